@@ -1,0 +1,139 @@
+// One depot for what is costly to load: single-flight, least-recently-used, with a budget in bytes.
+#pragma once
+
+#include <condition_variable>
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <unordered_map>
+#include <utility>
+
+namespace selenograph::dem {
+
+// Values are shared and immutable; an evicted value lives on until its last user lets go. A load that throws is not
+// remembered: the next caller tries again. Safe to call concurrently.
+template <typename Key, typename Value, typename Hash = std::hash<Key>>
+class Cache {
+ public:
+  using Pointer = std::shared_ptr<const Value>;
+  struct Loaded {
+    Pointer value;  // may be null: "nothing there" is remembered too
+    std::size_t bytes;
+  };
+
+  explicit Cache(std::size_t capacity_bytes) : capacity_(capacity_bytes) {}
+
+  // The value for `key`, loading it by `load() -> Loaded` if needed. Of several callers at once, one loads, the others wait.
+  template <typename Load>
+  Pointer get(const Key& key, Load&& load) {
+    std::shared_ptr<Flight> flight;
+    {
+      std::unique_lock lock(mutex_);
+      if (const auto found = entries_.find(key); found != entries_.end()) {
+        ++hits_;
+        order_.splice(order_.begin(), order_, found->second.place);
+        return found->second.value;
+      }
+      if (const auto flying = flights_.find(key); flying != flights_.end()) {
+        flight = flying->second;
+        landed_.wait(lock, [&] { return flight->done; });
+        if (flight->error) std::rethrow_exception(flight->error);
+        ++hits_;
+        return flight->value;
+      }
+      ++misses_;
+      flight = flights_[key] = std::make_shared<Flight>();
+    }
+    try {
+      Loaded loaded = load();
+      land(key, *flight, std::move(loaded));
+    } catch (...) {
+      fail(key, *flight, std::current_exception());
+      throw;
+    }
+    return flight->value;
+  }
+
+  void erase(const Key& key) {
+    std::lock_guard lock(mutex_);
+    if (const auto found = entries_.find(key); found != entries_.end()) drop(found);
+  }
+
+  std::size_t bytes() const { return locked(bytes_); }
+  std::size_t capacity() const { return capacity_; }
+  std::uint64_t hits() const { return locked(hits_); }
+  std::uint64_t misses() const { return locked(misses_); }
+  std::uint64_t evictions() const { return locked(evictions_); }
+
+ private:
+  struct Entry {
+    Pointer value;
+    std::size_t bytes;
+    typename std::list<Key>::iterator place;
+  };
+  struct Flight {
+    bool done = false;
+    Pointer value;
+    std::exception_ptr error;
+  };
+  using Entries = std::unordered_map<Key, Entry, Hash>;
+
+  template <typename T>
+  T locked(const T& value) const {
+    std::lock_guard lock(mutex_);
+    return value;
+  }
+
+  void land(const Key& key, Flight& flight, Loaded loaded) {
+    std::lock_guard lock(mutex_);
+    flight.value = loaded.value;
+    flight.done = true;
+    flights_.erase(key);
+    order_.push_front(key);
+    entries_[key] = {std::move(loaded.value), loaded.bytes, order_.begin()};
+    bytes_ += loaded.bytes;
+    evict();
+    landed_.notify_all();
+  }
+
+  void fail(const Key& key, Flight& flight, std::exception_ptr error) {
+    std::lock_guard lock(mutex_);
+    flight.error = std::move(error);
+    flight.done = true;
+    flights_.erase(key);
+    landed_.notify_all();
+  }
+
+  // What a frame holds stays in memory whether it is listed here or not, so dropping it would only hide it from the budget:
+  // entries in use are passed over.
+  void evict() {
+    auto place = order_.end();
+    while (bytes_ > capacity_ && place != order_.begin()) {
+      --place;
+      const auto found = entries_.find(*place);
+      if (found->second.value.use_count() > 1) continue;
+      ++place;
+      drop(found);
+      ++evictions_;
+    }
+  }
+
+  void drop(typename Entries::iterator entry) {
+    bytes_ -= entry->second.bytes;
+    order_.erase(entry->second.place);
+    entries_.erase(entry);
+  }
+
+  mutable std::mutex mutex_;
+  std::condition_variable landed_;
+  Entries entries_;
+  std::list<Key> order_;  // most recently used first
+  std::unordered_map<Key, std::shared_ptr<Flight>, Hash> flights_;
+  std::size_t capacity_, bytes_ = 0;
+  std::uint64_t hits_ = 0, misses_ = 0, evictions_ = 0;
+};
+
+}  // namespace selenograph::dem

@@ -1,0 +1,189 @@
+#include "dem/catalogue.h"
+
+#include <algorithm>
+#include <bit>
+#include <cctype>
+#include <cmath>
+#include <filesystem>
+#include <tuple>
+#include <unordered_set>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "dem/error.h"
+#include "dem/pds_label.h"
+
+namespace selenograph::dem {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kRows = 180, kColumns = 360;
+constexpr double kTouch_deg = 1e-9;  // 0.03 mm: borders that touch do so despite rounding
+
+std::string lower(std::string s) {
+  std::transform(s.begin(), s.end(), s.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return s;
+}
+
+// The files that inspection may find usable; `labelled` are the stems (in lower case) of the .lbl files of their
+// folder.
+bool is_candidate(const fs::path& file, const std::unordered_set<std::string>& labelled) {
+  const std::string extension = lower(file.extension().string());
+  if (extension == ".lbl" || extension == ".tif" || extension == ".tiff" || extension == ".vrt") return true;
+  if (extension != ".img") return false;
+  return !labelled.contains(lower((file.parent_path() / file.stem()).string())) && begins_with_pds_label(file.string());
+}
+
+// A label about something else than a map (a scene before projection, a table) is nobody's mistake in a folder.
+bool is_other_product(const std::string& path) {
+  const std::string extension = lower(fs::path(path).extension().string());
+  return (extension == ".lbl" || extension == ".img") && !describes_map(read_pds_label(path));
+}
+
+std::vector<std::string> files_below(const std::string& folder, std::vector<CatalogueProblem>& problems) {
+  std::vector<fs::path> files;
+  std::unordered_set<std::string> labelled;
+  std::error_code error;
+  auto entry = fs::recursive_directory_iterator(folder, fs::directory_options::skip_permission_denied, error);
+  for (; !error && entry != fs::recursive_directory_iterator(); entry.increment(error)) {
+    std::error_code not_a_file;
+    if (!entry->is_regular_file(not_a_file)) continue;
+    const fs::path& file = entry->path();
+    if (lower(file.extension().string()) == ".lbl") labelled.insert(lower((file.parent_path() / file.stem()).string()));
+    files.push_back(file);
+  }
+  if (error) problems.push_back({folder, "can't be searched: " + error.message()});
+  std::vector<std::string> candidates;
+  for (const fs::path& file : files)
+    if (is_candidate(file, labelled)) candidates.push_back(file.string());
+  std::sort(candidates.begin(), candidates.end());  // folders list in any order
+  return candidates;
+}
+
+double wrap_360(double deg) {
+  const double w = std::fmod(deg, 360.0);
+  return w < 0 ? w + 360 : w;
+}
+
+// Whether the arcs [west, east] share a longitude.
+bool longitudes_meet(double west_a, double east_a, double west_b, double east_b) {
+  return wrap_360(west_b - west_a + kTouch_deg) <= east_a - west_a + 2 * kTouch_deg ||
+         wrap_360(west_a - west_b + kTouch_deg) <= east_b - west_b + 2 * kTouch_deg;
+}
+
+// A box of latitudes and longitudes in the bucket grid.
+struct Cells {
+  int first_row, last_row, first_column, columns;
+};
+
+Cells cells_of(double south, double north, double west, double east) {
+  const auto row = [](double lat) { return std::clamp(static_cast<int>(std::floor(lat + 90)), 0, kRows - 1); };
+  Cells c{row(south - kTouch_deg), row(north + kTouch_deg), 0, kColumns};
+  const double from = std::floor(west - kTouch_deg), to = std::floor(east + kTouch_deg);
+  if (to - from + 1 >= kColumns) return c;
+  c.first_column = static_cast<int>(wrap_360(from + 180));
+  c.columns = static_cast<int>(to - from) + 1;
+  return c;
+}
+
+template <typename Visit>
+void for_each_cell(const Cells& c, Visit&& visit) {
+  for (int row = c.first_row; row <= c.last_row; ++row)
+    for (int k = 0; k < c.columns; ++k)
+      visit(static_cast<std::size_t>(row) * kColumns + static_cast<std::size_t>((c.first_column + k) % kColumns));
+}
+
+struct Box {
+  double south, north, west, east;
+};
+
+// Several, where the box reaches over a pole: what lies beyond it is on other longitudes.
+std::vector<Box> grown_boxes(double south, double north, double west, double east, double margin) {
+  std::vector<Box> boxes = {
+      {std::max(south - margin, -90.0), std::min(north + margin, 90.0), west - margin, east + margin}};
+  if (east - west + 2 * margin >= 360) boxes[0].west = -180, boxes[0].east = 180;
+  if (north + margin > 90) boxes.push_back({180 - north - margin, 90, -180, 180});
+  if (south - margin < -90) boxes.push_back({-90, -180 - south + margin, -180, 180});
+  return boxes;
+}
+
+bool touches(const Footprint& f, const Box& b) {
+  return f.south_deg <= b.north + kTouch_deg && f.north_deg >= b.south - kTouch_deg &&
+         longitudes_meet(f.west_deg, f.east_deg, b.west, b.east);
+}
+
+}  // namespace
+
+Catalogue::Catalogue(const std::vector<std::string>& paths) {
+  std::unordered_set<std::string> seen;  // a file may be given twice, or with its folder
+  const auto add = [&](const RasterInfo& info) {
+    if (seen.insert(fs::weakly_canonical(info.path).string()).second) rasters_.push_back(info);
+  };
+  for (const std::string& path : paths) {
+    std::error_code error;
+    if (!fs::is_directory(path, error)) {
+      add(inspect_raster(path));
+      continue;
+    }
+    for (const std::string& file : files_below(path, problems_)) {
+      try {
+        if (!is_other_product(file)) add(inspect_raster(file));
+      } catch (const DataError& e) {
+        std::string what = e.what();
+        if (what.starts_with(e.file() + ": ")) what.erase(0, e.file().size() + 2);
+        problems_.push_back({file, what});
+      }
+    }
+  }
+  index();
+}
+
+Catalogue::Catalogue(std::vector<RasterInfo> rasters) : rasters_(std::move(rasters)) { index(); }
+
+void Catalogue::index() {
+  std::sort(rasters_.begin(), rasters_.end(), [](const RasterInfo& a, const RasterInfo& b) {
+    return std::tie(b.post_spacing_m, a.name, a.path) < std::tie(a.post_spacing_m, b.name, b.path);
+  });
+  buckets_.assign(static_cast<std::size_t>(kRows) * kColumns, {});
+  for (std::size_t i = 0; i < rasters_.size(); ++i) {
+    const Footprint& f = rasters_[i].footprint;
+    for_each_cell(cells_of(f.south_deg, f.north_deg, f.west_deg, f.east_deg),
+                  [&](std::size_t cell) { buckets_[cell].push_back(static_cast<int>(i)); });
+  }
+}
+
+std::vector<int> Catalogue::touching(double south_deg, double north_deg, double west_deg, double east_deg,
+                                     double margin_deg) const {
+  std::vector<int> found;
+  for (const Box& box : grown_boxes(south_deg, north_deg, west_deg, east_deg, margin_deg))
+    for_each_cell(cells_of(box.south, box.north, box.west, box.east), [&](std::size_t cell) {
+      for (const int i : buckets_[cell])
+        if (touches(rasters_[static_cast<std::size_t>(i)].footprint, box)) found.push_back(i);
+    });
+  std::sort(found.begin(), found.end());
+  found.erase(std::unique(found.begin(), found.end()), found.end());
+  return found;
+}
+
+std::uint64_t Catalogue::fingerprint() const {
+  // Names and not folders: the same tiles give the same frames wherever they are mounted.
+  std::uint64_t hash = XXH64(nullptr, 0, rasters_.size());
+  for (const RasterInfo& r : rasters_) {
+    hash = XXH64(r.name.data(), r.name.size(), hash);
+    const Footprint& f = r.footprint;
+    const std::uint64_t facts[] = {r.bytes,
+                                   static_cast<std::uint64_t>(r.modified_ns),
+                                   static_cast<std::uint64_t>(r.width),
+                                   static_cast<std::uint64_t>(r.height),
+                                   std::bit_cast<std::uint64_t>(f.south_deg),
+                                   std::bit_cast<std::uint64_t>(f.north_deg),
+                                   std::bit_cast<std::uint64_t>(f.west_deg),
+                                   std::bit_cast<std::uint64_t>(f.east_deg)};
+    hash = XXH64(facts, sizeof facts, hash);
+  }
+  return hash;
+}
+
+}  // namespace selenograph::dem

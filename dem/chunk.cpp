@@ -1,0 +1,194 @@
+#include "dem/chunk.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <limits>
+#include <unordered_map>
+
+#include "dem/chunk_format.h"
+#include "dem/error.h"
+#include "dem/shading_normals.h"
+
+namespace selenograph::dem {
+namespace {
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+constexpr std::uint64_t kLargestHead = std::uint64_t{64} << 20;
+
+class File {
+ public:
+  File(const std::string& path, int flags) : path_(path), fd_(::open(path.c_str(), flags | O_CLOEXEC, 0644)) {
+    if (fd_ < 0) throw DataError(path, std::strerror(errno));
+  }
+  ~File() { ::close(fd_); }
+  File(const File&) = delete;
+  File& operator=(const File&) = delete;
+
+  std::string read(std::uint64_t offset, std::uint64_t size) const {
+    std::string bytes(size, '\0');
+    for (std::size_t done = 0; done < size;) {
+      const ssize_t n = ::pread(fd_, bytes.data() + done, size - done, static_cast<off_t>(offset + done));
+      if (n < 0 && errno == EINTR) continue;
+      if (n < 0) throw DataError(path_, std::strerror(errno));
+      if (n == 0) throw DataError(path_, "truncated pyramid file");
+      done += static_cast<std::size_t>(n);
+    }
+    return bytes;
+  }
+
+  void write(const std::string& bytes) const {
+    for (std::size_t done = 0; done < bytes.size();) {
+      const ssize_t n = ::write(fd_, bytes.data() + done, bytes.size() - done);
+      if (n < 0 && errno == EINTR) continue;
+      if (n < 0) throw DataError(path_, std::strerror(errno));
+      done += static_cast<std::size_t>(n);
+    }
+    if (::fsync(fd_) != 0) throw DataError(path_, std::strerror(errno));
+  }
+
+  std::uint64_t size() const { return static_cast<std::uint64_t>(::lseek(fd_, 0, SEEK_END)); }
+
+ private:
+  std::string path_;
+  int fd_;
+};
+
+// The header and index of a file, or an error: sizes are checked before anything is trusted.
+std::uint64_t head_bytes(const format::Header& header, std::uint64_t available, const std::string& name) {
+  if (std::memcmp(header.magic, format::kMagic, sizeof format::kMagic) != 0) throw DataError(name, "not a pyramid file of this version");
+  if (header.total_bytes != available)
+    throw DataError(name, fmt::format("truncated pyramid file: {} of {} bytes", available, header.total_bytes));
+  const std::uint64_t head = sizeof(format::Header) + std::uint64_t{header.records} * sizeof(Chunk::Record) + header.names_bytes;
+  if (head > available || head > kLargestHead) throw DataError(name, "damaged pyramid file: impossible index");
+  return head;
+}
+
+format::Header header_from(const std::string& bytes, const std::string& name) {
+  if (bytes.size() < sizeof(format::Header)) throw DataError(name, "truncated pyramid file");
+  format::Header header;
+  std::memcpy(&header, bytes.data(), sizeof header);
+  return header;
+}
+
+std::string label(const std::string& path, const ChunkPlan& plan) { return path.empty() ? "pyramid " + to_string(plan.node) : path; }
+
+}  // namespace
+
+std::shared_ptr<const Chunk> Chunk::open(const std::string& path, const ChunkPlan& plan, const Catalogue& catalogue) {
+  auto chunk = std::make_shared<Chunk>();
+  chunk->path_ = path;
+  const File file(path, O_RDONLY);
+  chunk->total_ = file.size();
+  const format::Header header = header_from(file.read(0, std::min<std::uint64_t>(chunk->total_, sizeof(format::Header))), path);
+  chunk->parse(file.read(0, head_bytes(header, chunk->total_, path)), plan, catalogue);
+  return chunk;
+}
+
+std::shared_ptr<const Chunk> Chunk::from_bytes(std::string bytes, const ChunkPlan& plan, const Catalogue& catalogue) {
+  auto chunk = std::make_shared<Chunk>();
+  chunk->bytes_ = std::move(bytes);
+  chunk->total_ = chunk->bytes_.size();
+  const std::string name = label({}, plan);
+  const std::uint64_t head = head_bytes(header_from(chunk->bytes_, name), chunk->total_, name);
+  chunk->parse(chunk->bytes_.substr(0, head), plan, catalogue);
+  return chunk;
+}
+
+void Chunk::parse(const std::string& head, const ChunkPlan& plan, const Catalogue& catalogue) {
+  const std::string name = label(path_, plan);
+  const format::Header header = header_from(head, name);
+  const char* index = head.data() + sizeof header;
+  if (XXH3_64bits(index, head.size() - sizeof header) != header.index_checksum) throw DataError(name, "damaged pyramid file: wrong checksum");
+  if (header.fingerprint != plan.fingerprint || BlockId{header.level, header.row, header.col} != plan.node || header.base_level != plan.base_level)
+    throw DataError(name, "pyramid was made from other sources");
+  quantisation_m_ = header.quantisation_m;
+  base_level_ = header.base_level;
+  for (std::uint32_t i = 0; i < header.records; ++i) {
+    Record record;
+    std::memcpy(&record, index + i * sizeof record, sizeof record);
+    if (record.offset > total_ || record.size > total_ - record.offset) throw DataError(name, "damaged pyramid file: impossible record");
+    records_[{record.level, record.row, record.col}] = record;
+  }
+  std::unordered_map<std::string, std::uint16_t> known;
+  for (std::size_t i = 0; i < catalogue.rasters().size(); ++i) known[catalogue.rasters()[i].path] = static_cast<std::uint16_t>(i);
+  const char* names = index + header.records * sizeof(Record);
+  for (const char* end = names + header.names_bytes; names < end; names += std::strlen(names) + 1) {
+    const auto found = known.find(names);
+    if (found == known.end()) throw DataError(name, "pyramid was made from other sources");
+    catalogue_index_.push_back(found->second);
+  }
+}
+
+const Chunk::Record* Chunk::find(const BlockId& id) const {
+  const auto found = records_.find(id);
+  return found == records_.end() ? nullptr : &found->second;
+}
+
+std::string Chunk::read(std::uint64_t offset, std::uint64_t size) const {
+  return path_.empty() ? bytes_.substr(offset, size) : File(path_, O_RDONLY).read(offset, size);
+}
+
+std::size_t Chunk::bytes() const { return sizeof(Chunk) + bytes_.capacity() + records_.size() * (sizeof(Record) + sizeof(BlockId) + 32); }
+
+std::shared_ptr<const Block> Chunk::load(const BlockId& id) const {
+  const std::string name = path_.empty() ? "pyramid" : path_;
+  const Record* record = find(id);
+  if (!record || (record->flags & kEmpty)) return nullptr;
+  const std::string bytes = read(record->offset, record->size);
+  if (XXH3_64bits(bytes.data(), bytes.size()) != record->checksum)
+    throw DataError(name, "damaged pyramid file: wrong checksum of block " + to_string(id));
+  auto block = std::make_shared<Block>();
+  block->id = id;
+  block->extent = extent_of(id);
+  block->error_m = record->error_m;
+  block->min_m = record->min_m, block->max_m = record->max_m;
+  fill_trigonometry(*block);
+  const auto side = static_cast<std::size_t>(block->side()), wide = side + 2 * kHalo;
+  const bool small = record->flags & kInt16;
+  const std::size_t heights_bytes = wide * wide * (small ? 2 : 4), sources = record->flags & kUniformSource ? 1 : side * side;
+  if (bytes.size() != heights_bytes + 2 * sources) throw DataError(name, "damaged pyramid file: impossible size of block " + to_string(id));
+  std::vector<float> heights(wide * wide);
+  if (small) {
+    std::vector<std::int16_t> raw(wide * wide);
+    std::memcpy(raw.data(), bytes.data(), heights_bytes);
+    for (std::size_t i = 0; i < raw.size(); ++i) heights[i] = raw[i] == format::kVoid16 ? kNaN : static_cast<float>(raw[i]);
+  } else {
+    std::memcpy(heights.data(), bytes.data(), heights_bytes);
+  }
+  block->sources.resize(sources);
+  std::memcpy(block->sources.data(), bytes.data() + heights_bytes, 2 * sources);
+  for (std::uint16_t& s : block->sources)
+    if ((s & kNoSource) < catalogue_index_.size()) s = static_cast<std::uint16_t>((s & kFilledBit) | catalogue_index_[s & kNoSource]);
+  for (std::size_t r = 0; r < side; ++r)
+    block->heights.insert(block->heights.end(), heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo),
+                          heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo + side));
+  // Filtered levels are no longer quantised.
+  fill_shading_normals(*block, heights, id.level >= base_level_ ? quantisation_m_ : 0);
+  return block;
+}
+
+void write_whole_file(const std::string& path, const std::string& bytes) {
+  static std::atomic<int> counter{0};
+  std::error_code ignored;
+  std::filesystem::create_directories(std::filesystem::path(path).parent_path(), ignored);
+  const std::string temporary = fmt::format("{}.tmp-{}-{}", path, ::getpid(), counter++);
+  try {
+    File(temporary, O_WRONLY | O_CREAT | O_TRUNC).write(bytes);
+    std::filesystem::rename(temporary, path);
+  } catch (const std::filesystem::filesystem_error& error) {
+    ::unlink(temporary.c_str());
+    throw DataError(path, error.code().message());
+  } catch (...) {
+    ::unlink(temporary.c_str());
+    throw;
+  }
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,76 @@
+// A piece of the pyramid: all blocks of one quadtree node, from its own level down to the posts, as one file.
+//
+// Level k keeps every 2^k-th position, low-pass filtered per octave by the binomial [1 2 1]/4 in both directions, so that a
+// coarse mesh is the band-limited surface. Each block stores the largest vertical distance from its surface to the finest
+// one (by the same triangles that are rendered), and the lowest and highest height.
+//
+// File: header, index of records, names of sources, records. Everything is little-endian and covered by XXH3 checksums. A
+// file appears whole or not at all (temporary name, fsync, rename).
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "dem/block.h"
+#include "dem/post_source.h"
+#include "dem/terrain.h"
+
+namespace selenograph::dem {
+
+// What a chunk is made of. Direct: its base level comes from the sources. Otherwise its base level is the top level of the
+// finer chunks beneath, which hold that level themselves.
+struct ChunkPlan {
+  BlockId node;
+  int base_level = 0;
+  bool direct = true;
+  std::uint64_t fingerprint = 0;  // of everything that the content depends on
+  bool exists = false;            // some source touches it
+  int coarsest_level() const { return node.level == kRootLevel ? 0 : node.level; }
+  int finest_level() const { return direct ? base_level : base_level - 1; }
+};
+
+class Chunk {
+ public:
+  struct Record {
+    std::int32_t level = 0, row = 0, col = 0;
+    std::uint32_t flags = 0;
+    std::uint64_t offset = 0, size = 0, checksum = 0;
+    double error_m = 0;
+    float min_m = 0, max_m = 0;
+  };
+  static constexpr std::uint32_t kInt16 = 1, kUniformSource = 2, kEmpty = 4;
+
+  // The bytes of a chunk file. `fine_block` gives the finer chunks' top blocks for a plan that is not direct.
+  static std::string build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
+                           const std::function<std::shared_ptr<const Block>(const BlockId&)>& fine_block);
+
+  // Throws DataError when the file is missing, damaged, or made of something else than the plan's fingerprint.
+  static std::shared_ptr<const Chunk> open(const std::string& path, const ChunkPlan& plan, const Catalogue& catalogue);
+  static std::shared_ptr<const Chunk> from_bytes(std::string bytes, const ChunkPlan& plan, const Catalogue& catalogue);
+
+  const Record* find(const BlockId& id) const;
+  // Null when the block is empty. Throws DataError when its record is damaged.
+  std::shared_ptr<const Block> load(const BlockId& id) const;
+  std::size_t bytes() const;
+
+ private:
+  void parse(const std::string& head, const ChunkPlan& plan, const Catalogue& catalogue);
+  std::string read(std::uint64_t offset, std::uint64_t size) const;
+
+  std::string path_;   // empty when the bytes are here
+  std::string bytes_;
+  std::uint64_t total_ = 0;
+  double quantisation_m_ = 0;
+  int base_level_ = 0;
+  std::vector<std::uint16_t> catalogue_index_;  // of the chunk's own source numbers
+  std::unordered_map<BlockId, Record, BlockIdHash> records_;
+};
+
+// Writes `bytes` under a temporary name, flushes and renames. Throws DataError naming the path.
+void write_whole_file(const std::string& path, const std::string& bytes);
+
+}  // namespace selenograph::dem

@@ -1,0 +1,64 @@
+// The bytes of a chunk file: see chunk.h. Shared by building and reading only.
+#pragma once
+
+#include <xxhash.h>
+
+#include <cstdint>
+#include <cstring>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "dem/chunk.h"
+
+namespace selenograph::dem::format {
+
+inline constexpr char kMagic[8] = {'S', 'G', 'P', 'Y', 'R', 'A', 'M', '1'};
+inline constexpr std::int16_t kVoid16 = -32768;
+
+struct Header {
+  char magic[8];
+  std::uint64_t total_bytes;
+  std::uint64_t fingerprint;
+  std::uint64_t index_checksum;  // over everything between the header and the first record
+  double quantisation_m;
+  std::int32_t level, row, col, base_level;
+  std::uint32_t records, names_bytes;
+};
+static_assert(std::is_trivially_copyable_v<Header> && std::is_trivially_copyable_v<Chunk::Record>);
+
+template <typename T>
+void append(std::string& out, const std::vector<T>& values) {
+  out.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
+}
+
+// `for_each` calls back with every (record, bytes), twice with the same order.
+template <typename ForEach>
+std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::vector<std::string>& paths, ForEach&& for_each) {
+  std::string names;
+  for (const std::string& path : paths) names.append(path.c_str(), path.size() + 1);
+  Header header{};
+  std::memcpy(header.magic, kMagic, sizeof kMagic);
+  header.fingerprint = plan.fingerprint;
+  header.quantisation_m = quantisation_m;
+  header.level = plan.node.level, header.row = plan.node.row, header.col = plan.node.col, header.base_level = plan.base_level;
+  header.names_bytes = static_cast<std::uint32_t>(names.size());
+  for_each([&](Chunk::Record&, std::string&) { ++header.records; });
+  std::uint64_t offset = sizeof(Header) + header.records * sizeof(Chunk::Record) + names.size();
+  std::string index;
+  for_each([&](Chunk::Record& record, std::string&) {
+    record.offset = offset;
+    offset += record.size;
+    index.append(reinterpret_cast<const char*>(&record), sizeof record);
+  });
+  index += names;
+  header.total_bytes = offset;
+  header.index_checksum = XXH3_64bits(index.data(), index.size());
+  std::string out(reinterpret_cast<const char*>(&header), sizeof header);
+  out.reserve(offset);
+  out += index;
+  for_each([&](Chunk::Record&, std::string& bytes) { out += bytes; });
+  return out;
+}
+
+}  // namespace selenograph::dem::format

@@ -1,0 +1,71 @@
+// The global mesh lattice: a vertex-centred geographic quadtree of blocks of 64 x 64 quads.
+//
+// Level n has posts at integer multiples of 2^-n degree, so every 2^n px/deg product has its posts on the vertices of level n.
+// Blocks of level 4 (16 px/deg, 4 degrees) tile the globe; finer levels split a block in four, coarser ones keep its footprint
+// and halve its quads. Towards the poles the longitude step doubles, so that quads keep an aspect of 1/4 to 1: by
+// 2^lon_shift, constant along a row of blocks, 0 within 75.5 degrees of the equator, and never past a block of 8 degrees.
+//
+// Positions are exact integers ("ticks" of 2^-20 degree): latitude from the south pole, longitude from -180 eastward. The
+// same place has the same tick at every level, hence the same sine and cosine, bit for bit.
+#pragma once
+
+#include <compare>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace selenograph::dem {
+
+inline constexpr int kRootLevel = 4;
+inline constexpr int kMaxLevel = 18;  // 0.12 m posts
+inline constexpr int kTickLevel = 20;
+inline constexpr std::int32_t kTicksPerDegree = 1 << kTickLevel;
+inline constexpr std::int32_t kLatTicks = 180 * kTicksPerDegree;
+inline constexpr std::int32_t kLonTicks = 360 * kTicksPerDegree;
+
+struct BlockId {
+  int level = 0, row = 0, col = 0;  // row 0 touches the south pole, column 0 starts at -180
+  auto operator<=>(const BlockId&) const = default;
+};
+
+std::string to_string(const BlockId& id);  // "L08 r123 c456"
+
+// Ticks of a block's south-west vertex, of one quad, and quads per side.
+struct BlockExtent {
+  std::int32_t lat0, lon0, lat_step, lon_step;
+  int quads;
+  std::int32_t lat1() const { return lat0 + quads * lat_step; }
+  std::int32_t lon1() const { return lon0 + quads * lon_step; }  // may equal kLonTicks, never exceeds it
+};
+
+int quads_per_side(int level);
+int rows_of(int level);
+int lon_shift(int level, int row);
+int columns_of(int level, int row);
+BlockExtent extent_of(const BlockId& id);
+
+BlockId parent_of(const BlockId& id);                   // level > 0
+std::vector<BlockId> children_of(const BlockId& id);    // 1 below the root level, else 2 to 4; south to north, west to east
+BlockId ancestor_of(const BlockId& id, int level);      // level <= id.level
+BlockId block_at(int level, std::int32_t lat_tick, std::int32_t lon_tick);  // the pole belongs to the last row
+
+std::int32_t wrap_lon(std::int64_t lon_tick);  // into [0, kLonTicks)
+inline double lat_deg_of(std::int32_t lat_tick) { return -90.0 + static_cast<double>(lat_tick) / kTicksPerDegree; }
+inline double lon_deg_of(std::int32_t lon_tick) { return -180.0 + static_cast<double>(lon_tick) / kTicksPerDegree; }
+
+// Post spacing along a meridian on the sphere, m.
+double post_spacing_m(int level);
+
+// Largest distance between a level's chords and the sphere beneath them, m: half a quad's diagonal, squared, over 2 R.
+double chord_sag_m(int level);
+
+struct BlockIdHash {
+  std::size_t operator()(const BlockId& id) const {
+    return std::hash<std::uint64_t>()((static_cast<std::uint64_t>(id.level) << 58) ^ (static_cast<std::uint64_t>(id.row) << 29) ^
+                                      static_cast<std::uint64_t>(id.col));
+  }
+};
+
+}  // namespace selenograph::dem

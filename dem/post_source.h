@@ -1,0 +1,67 @@
+// Finest posts over a window of the lattice, composed from every layer that covers it.
+//
+// The finest valid post wins; a void falls through to the layer below; what is still void between valid posts is filled by
+// interpolation and flagged. A product whose posts lie on the lattice is copied; any other is interpolated by a
+// Catmull-Rom bicubic kernel (bilinear beside voids), exact for a linear slope.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <list>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "dem/block.h"
+#include "dem/catalogue.h"
+
+namespace selenograph::dem {
+
+// A window of posts: rows of latitude ticks lat0 + r * lat_step, columns of longitude ticks lon0 + c * lon_step. It may reach
+// past a pole (rows continue on the opposite meridian) and around the globe.
+struct PostWindow {
+  std::int64_t lat0 = 0, lon0 = 0;
+  std::int32_t lat_step = 1, lon_step = 1;
+  int rows = 0, cols = 0;
+  std::size_t size() const { return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols); }
+};
+
+struct Posts {
+  std::vector<float> heights;          // m, NaN: no data
+  std::vector<std::uint16_t> sources;  // as in Block::sources
+};
+
+// A void is filled when valid posts lie on both of two opposite sides within this many posts.
+inline constexpr int kFillReach = 32;
+
+// Safe to call concurrently: keeps a pool of open files, each lent to one thread at a time.
+class PostSource {
+ public:
+  // `warn` hears of each file that is fallen through; without fall_through an unusable file throws DataError.
+  PostSource(const Catalogue& catalogue, bool fall_through, std::function<void(const std::string&)> warn);
+  ~PostSource();
+
+  // The lattice level that a source needs for its posts to be (nearly) vertices.
+  static int level_needed(const RasterInfo& info);
+
+  // Layers composed, voids not yet filled.
+  Posts compose(const PostWindow& window) const;
+  // Fills voids, in place. Needs kFillReach posts of context around what must be right.
+  static void fill_voids(const PostWindow& window, Posts& posts);
+
+ private:
+  class Pool;
+  class Mapping;
+  struct Patch;
+  void close_gaps(int source, Patch& patch) const;
+  void compose_rows(const PostWindow& window, int r0, int r1, Posts& posts) const;
+  bool add_layer(int source, const PostWindow& window, std::size_t offset, Posts& posts) const;
+  const Catalogue& catalogue_;
+  bool fall_through_;
+  std::function<void(const std::string&)> warn_;
+  std::unique_ptr<Pool> pool_;
+};
+
+}  // namespace selenograph::dem

@@ -1,0 +1,31 @@
+// Sample terrain: a convincing lunar landscape written in Kaguya's own on-disk format.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace selenograph::dem {
+
+// The default place was chosen by eye: a fresh crater of 31 km with a central peak, older flooded ones, highlands in
+// the north and the shore of a mare in the south-east.
+struct SampleOptions {
+  std::uint64_t seed = 2;
+  // South-west corner and size of the mosaic in whole 1-degree tiles (SLDEM2013 naming, DTM_MAP_01_N01E000N00E001SC).
+  int south_deg = -11, west_deg = 43;
+  int rows = 2, columns = 2;
+  // Posts per degree, a power of two. 4096 is SLDEM2013's own (7.4 m); the default keeps the sample small and quick.
+  int posts_per_degree = 1024;
+  // Also writes tiles on both sides of the 180th meridian (E179..E180, E180..E181), for tests of the seam.
+  bool date_line = false;
+};
+
+// Writes tiles (.img big-endian int16, .lbl detached PDS3 with CRLF) into `folder`, created if missing; returns the
+// label paths. Same options, same bytes. Each file appears whole (temporary name, then rename). `progress` gets 0..1,
+// from the calling thread. Tiles are drawn independently: a tile has the same bytes alone and in any mosaic, and its
+// neighbours meet it. Throws std::invalid_argument for impossible options, DataError where a file can't be written.
+std::vector<std::string> write_sample_terrain(const std::string& folder, const SampleOptions& options,
+                                              const std::function<void(double)>& progress = {});
+
+}  // namespace selenograph::dem

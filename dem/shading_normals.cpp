@@ -1,0 +1,77 @@
+#include "dem/shading_normals.h"
+
+#include <numbers>
+
+namespace selenograph::dem {
+namespace {
+
+struct Slope {
+  double along_row = 0, along_column = 0;  // m per post
+};
+
+// Least-squares plane through the valid posts of a (2 reach + 1)^2 window. Without voids the normal equations are diagonal.
+Slope fit_plane(const float* centre, int stride, int reach) {
+  double sx = 0, sy = 0, n = 0, sxx = 0, syy = 0, sxh = 0, syh = 0;
+  const double origin = static_cast<double>(*centre);
+  double sh = 0, sxy = 0;
+  for (int y = -reach; y <= reach; ++y)
+    for (int x = -reach; x <= reach; ++x) {
+      const double h = static_cast<double>(centre[y * stride + x]) - origin;
+      if (std::isnan(h)) continue;
+      n += 1, sx += x, sy += y, sxx += x * x, syy += y * y, sxy += x * y, sh += h, sxh += x * h, syh += y * h;
+    }
+  const double cxx = sxx - sx * sx / n, cyy = syy - sy * sy / n, cxy = sxy - sx * sy / n;
+  const double cxh = sxh - sx * sh / n, cyh = syh - sy * sh / n;
+  const double det = cxx * cyy - cxy * cxy;
+  if (!(det > 1e-9)) return {};
+  return {(cxh * cyy - cyh * cxy) / det, (cyh * cxx - cxh * cxy) / det};
+}
+
+// The same without voids, unrolled by the compiler: the common case, half of a block's loading time otherwise.
+template <int kReach>
+Slope fit_plane_full(const float* centre, int stride) {
+  float sxh = 0, syh = 0;
+  for (int y = -kReach; y <= kReach; ++y)
+    for (int x = -kReach; x <= kReach; ++x) {
+      const float h = centre[y * stride + x] - *centre;
+      sxh += static_cast<float>(x) * h, syh += static_cast<float>(y) * h;
+    }
+  constexpr double kSum = kReach == 1 ? 6 : 50;
+  return {static_cast<double>(sxh) / kSum, static_cast<double>(syh) / kSum};
+}
+
+int reach_for(double quantisation_m, double spacing_m) {
+  // Rounding is uniform noise of q / sqrt(12); the 3 x 3 plane's slope has that over sqrt(6) posts.
+  const double noise = quantisation_m / std::sqrt(12.0) / (std::sqrt(6.0) * spacing_m);
+  return noise > kQuantisationSlope ? 2 : 1;
+}
+
+}  // namespace
+
+void fill_shading_normals(Block& block, std::span<const float> heights, double quantisation_m) {
+  const int side = block.side(), stride = side + 2 * kHalo;
+  const int reach = reach_for(quantisation_m, post_spacing_m(block.id.level));
+  const double radians_per_tick = std::numbers::pi / 180 / kTicksPerDegree;
+  const double dlat = block.extent.lat_step * radians_per_tick, dlon = block.extent.lon_step * radians_per_tick;
+  block.normals.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+  bool full = true;
+  for (const float h : heights) full &= !std::isnan(h);
+  for (int r = 0; r < side; ++r)
+    for (int c = 0; c < side; ++c) {
+      const auto row = static_cast<std::size_t>(r), col = static_cast<std::size_t>(c);
+      const float* centre = heights.data() + (r + kHalo) * stride + c + kHalo;
+      const double cos_lat = block.cos_lat[row], sin_lat = block.sin_lat[row], cos_lon = block.cos_lon[col], sin_lon = block.sin_lon[col];
+      const Vec3 up(cos_lat * cos_lon, cos_lat * sin_lon, sin_lat), east(-sin_lon, cos_lon, 0);
+      const Vec3 north(-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat);
+      Vec3 normal = up;
+      if (cos_lat > 1e-9 && !std::isnan(*centre)) {  // at a pole east has no meaning: the vertical stands
+        const Slope s = full ? (reach == 1 ? fit_plane_full<1>(centre, stride) : fit_plane_full<2>(centre, stride))
+                             : fit_plane(centre, stride, reach);
+        const double radius = kMoonRadius_m + static_cast<double>(*centre);
+        normal = (up - east * (s.along_row / (radius * cos_lat * dlon)) - north * (s.along_column / (radius * dlat))).normalized();
+      }
+      block.normals[block.index(r, c)] = normal.cast<float>();
+    }
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,393 @@
+#include "dem/terrain.h"
+
+#include <GeographicLib/Math.hpp>
+#include <fmt/format.h>
+#include <signal.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <cmath>
+#include <filesystem>
+#include <mutex>
+#include <set>
+
+#include "dem/cache.h"
+#include "dem/chunk.h"
+#include "dem/error.h"
+#include "dem/post_source.h"
+#include "dem/surface.h"
+
+namespace selenograph::dem {
+namespace {
+
+// A chunk starts at one of these levels and reaches at most kChunkOctaves finer: one file stays below 100 MB, and a frame of a small
+// area of fine posts doesn't read the 4-degree tile around it.
+constexpr std::array<int, 3> kStrata{kRootLevel, 6, 12};
+constexpr int kChunkOctaves = 6;
+// Chords of this level stay within 2 mm of the sphere: coarser layers are subdivided to it where finest posts are asked for.
+constexpr int kSmoothLevel = 8;
+constexpr std::uint64_t kFormatVersion = 3;
+
+void hash_in(XXH3_state_t* state, const auto& value) { XXH3_64bits_update(state, &value, sizeof value); }
+
+// Left behind by a process that was killed while writing.
+void remove_stale_temporaries(const std::string& folder) {
+  std::error_code error;
+  for (std::filesystem::recursive_directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    const std::string name = it->path().filename().string();
+    const std::size_t at = name.find(".tmp-");
+    if (at == std::string::npos) continue;
+    const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + at + 5, nullptr, 10));
+    std::error_code ignored;
+    if (owner <= 0 || (::kill(owner, 0) != 0 && errno == ESRCH)) std::filesystem::remove(it->path(), ignored);
+  }
+}
+
+// A level beyond the posts: subdivided along the same triangles in latitude, longitude and height, so that the surface stays what it was
+// but follows the sphere.
+std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) {
+  auto block = std::make_shared<Block>();
+  block->id = id;
+  block->extent = extent_of(id);
+  block->error_m = 0;
+  fill_trigonometry(*block);
+  const BlockExtent &e = block->extent, &ce = coarse.extent;
+  block->sources.reserve(block->index(e.quads, e.quads) + 1);
+  float low = kHighestRelief_m, high = kLowestRelief_m;
+  bool any = false;
+  for (int r = 0; r <= e.quads; ++r)
+    for (int c = 0; c <= e.quads; ++c) {
+      const std::int32_t dy = e.lat0 + r * e.lat_step - ce.lat0, dx = e.lon0 + c * e.lon_step - ce.lon0;
+      const int cr = std::min(dy / ce.lat_step, ce.quads - 1), cc = std::min(dx / ce.lon_step, ce.quads - 1);
+      const double fy = static_cast<double>(dy) / ce.lat_step - cr, fx = static_cast<double>(dx) / ce.lon_step - cc;
+      const auto height = [&](int j, int i) { return static_cast<double>(coarse.heights[coarse.index(cr + j, cc + i)]); };
+      const auto normal = [&](int j, int i) { return coarse.normals[coarse.index(cr + j, cc + i)].cast<double>(); };
+      double h;
+      Vec3 n;
+      // Corners with weight zero may be void.
+      const auto mix = [](double wa, auto a, double wb, auto b, double wc, auto c3) {
+        decltype(a) sum = a * 0.0;
+        if (wa != 0) sum += wa * a;
+        if (wb != 0) sum += wb * b;
+        if (wc != 0) sum += wc * c3;
+        return sum;
+      };
+      if (fx + fy <= 1) {
+        const double w = 1 - fx - fy;
+        h = (w != 0 ? w * height(0, 0) : 0) + (fx != 0 ? fx * height(0, 1) : 0) + (fy != 0 ? fy * height(1, 0) : 0);
+        n = mix(w, Vec3(normal(0, 0)), fx, Vec3(normal(0, 1)), fy, Vec3(normal(1, 0)));
+      } else {
+        const double w = fx + fy - 1;
+        h = (w != 0 ? w * height(1, 1) : 0) + (1 - fx != 0 ? (1 - fx) * height(1, 0) : 0) + (1 - fy != 0 ? (1 - fy) * height(0, 1) : 0);
+        n = mix(w, Vec3(normal(1, 1)), 1 - fx, Vec3(normal(1, 0)), 1 - fy, Vec3(normal(0, 1)));
+      }
+      block->heights.push_back(static_cast<float>(h));
+      block->normals.push_back(n.normalized().cast<float>());
+      block->sources.push_back(coarse.source(cr + (fy > 0.5), cc + (fx > 0.5)));
+      if (std::isnan(h)) continue;
+      any = true;
+      low = std::min(low, static_cast<float>(h)), high = std::max(high, static_cast<float>(h));
+    }
+  if (!any) return nullptr;
+  if (std::all_of(block->sources.begin(), block->sources.end(), [&](std::uint16_t s) { return s == block->sources[0]; })) {
+    block->sources.resize(1);
+    block->sources.shrink_to_fit();
+  }
+  block->min_m = low, block->max_m = high;
+  return block;
+}
+
+}  // namespace
+
+void fill_trigonometry(Block& block) {
+  using GeographicLib::Math;
+  const BlockExtent& e = block.extent;
+  const auto n = static_cast<std::size_t>(e.quads) + 1;
+  for (auto* table : {&block.sin_lat, &block.cos_lat, &block.sin_lon, &block.cos_lon}) table->resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    // sincosd is exact at multiples of 90 degrees, and ticks make the same place the same number in every block.
+    Math::sincosd(lat_deg_of(e.lat0 + static_cast<std::int32_t>(i) * e.lat_step), block.sin_lat[i], block.cos_lat[i]);
+    Math::sincosd(lon_deg_of(wrap_lon(e.lon0 + static_cast<std::int64_t>(i) * e.lon_step)), block.sin_lon[i], block.cos_lon[i]);
+  }
+}
+
+struct Terrain::Impl {
+  Impl(Catalogue c, const TerrainOptions& o)
+      : catalogue(std::move(c)),
+        options(o),
+        source(catalogue, o.fall_through, [this](const std::string& text) { warn(text); }),
+        blocks(o.cache_bytes / 4 * 3),
+        chunks(o.cache_bytes / 4) {
+    if (!options.cache_dir.empty()) remove_stale_temporaries(options.cache_dir);
+    for (int row = 0; row < rows_of(0); ++row)
+      for (int col = 0; col < columns_of(0, row); ++col)
+        if (!touching({0, row, col}, 0).empty()) roots.push_back({0, row, col});
+  }
+
+  ChunkPlan plan(const BlockId& node, std::size_t stratum) {
+    {
+      std::lock_guard lock(mutex);
+      if (const auto found = plans.find(node); found != plans.end()) return found->second;
+    }
+    const ChunkPlan made = make_plan(node, stratum);
+    std::lock_guard lock(mutex);
+    return plans.emplace(node, made).first->second;
+  }
+
+  ChunkPlan make_plan(const BlockId& node, std::size_t stratum) const {
+    ChunkPlan plan;
+    plan.node = node;
+    const std::vector<int> layers = touching(node, 0);
+    plan.exists = !layers.empty();
+    int needed = node.level;
+    for (const int i : layers) needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
+    plan.direct = needed <= node.level + kChunkOctaves && (stratum + 1 == kStrata.size() || needed <= node.level + kChunkOctaves);
+    plan.base_level = plan.direct ? needed : kStrata[stratum + 1];
+    XXH3_state_t* state = XXH3_createState();
+    XXH3_64bits_reset(state);
+    hash_in(state, kFormatVersion);
+    hash_in(state, node);
+    hash_in(state, plan.base_level);
+    hash_in(state, options.fall_through);
+    // Context beyond the border (filter and void filling) comes from the neighbours.
+    for (const int i : touching(node, margin_deg(plan))) {
+      const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(i)];
+      XXH3_64bits_update(state, info.path.data(), info.path.size());
+      hash_in(state, info.bytes);
+      hash_in(state, info.modified_ns);
+    }
+    plan.fingerprint = XXH3_64bits_digest(state);
+    XXH3_freeState(state);
+    return plan;
+  }
+
+  static double margin_deg(const ChunkPlan& plan) {
+    const double halo = 3 * std::ldexp(1.0, plan.base_level - plan.node.level) + kFillReach;
+    return plan.direct ? halo / std::ldexp(1.0, plan.base_level) * 8 : extent_of(plan.node).quads;
+  }
+
+  std::vector<int> touching(const BlockId& id, double margin) const {
+    const BlockExtent e = extent_of(id);
+    const double west = static_cast<double>(e.lon0) / kTicksPerDegree - 180, east = static_cast<double>(e.lon1()) / kTicksPerDegree - 180;
+    return catalogue.touching(std::max(-90.0, lat_deg_of(e.lat0) - margin), std::min(90.0, lat_deg_of(e.lat1()) + margin), west - margin, east + margin);
+  }
+
+  // The chunk that holds a block; where the block is finer than the posts, the one that holds its finest ancestor.
+  ChunkPlan plan_for(const BlockId& id) {
+    for (std::size_t stratum = 0;; ++stratum) {
+      const BlockId node = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kStrata[stratum]);
+      const ChunkPlan found = plan(node, stratum);
+      if (found.direct || id.level <= found.finest_level()) return found;
+    }
+  }
+
+  int finest_posts(const BlockId& node, std::size_t stratum, const BlockId& id) {
+    const ChunkPlan here = plan(node, stratum);
+    if (!here.exists) return 0;
+    if (here.direct) return here.base_level;
+    if (id.level >= kStrata[stratum + 1]) return finest_posts(ancestor_of(id, kStrata[stratum + 1]), stratum + 1, id);
+    int needed = 0;
+    for (const int i : touching(id, 0)) needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
+    return std::max(needed, here.base_level);
+  }
+
+  std::shared_ptr<const Chunk> chunk(const ChunkPlan& plan) {
+    return chunks.get(plan.node, [&] {
+      std::shared_ptr<const Chunk> made = open_or_build(plan);
+      const std::size_t bytes = made->bytes();
+      return Cache<BlockId, Chunk, BlockIdHash>::Loaded{std::move(made), bytes};
+    });
+  }
+
+  std::string path_of(const ChunkPlan& plan) const {
+    return fmt::format("{}/pyramid/{:02}/{:06}-{:06}.sgp", options.cache_dir, plan.node.level, plan.node.row, plan.node.col);
+  }
+
+  std::shared_ptr<const Chunk> open_or_build(const ChunkPlan& plan) {
+    if (!options.cache_dir.empty() && std::filesystem::exists(path_of(plan))) {
+      try {
+        auto opened = Chunk::open(path_of(plan), plan, catalogue);
+        ++chunks_read;
+        return opened;
+      } catch (const DataError&) {
+        ++chunks_rejected;  // damaged or out of date: made again below
+      }
+    }
+    return build(plan);
+  }
+
+  std::shared_ptr<const Chunk> build(const ChunkPlan& plan) {
+    // One large build at a time: each uses all cores by itself and a few hundred MB.
+    std::unique_lock<std::mutex> turn;
+    if (plan.direct) turn = std::unique_lock(building);
+    std::string bytes = Chunk::build(plan, catalogue, source, [this](const BlockId& id) { return block(id); });
+    ++chunks_built;
+    if (!options.cache_dir.empty()) {
+      try {
+        write_whole_file(path_of(plan), bytes);
+        return Chunk::open(path_of(plan), plan, catalogue);
+      } catch (const DataError& error) {
+        // A full or read-only disk costs time, not answers.
+        warn(fmt::format("pyramid kept in memory only: {}", error.what()));
+      }
+    }
+    return Chunk::from_bytes(std::move(bytes), plan, catalogue);
+  }
+
+  std::shared_ptr<const Block> block(const BlockId& id) {
+    const ChunkPlan found = plan_for(id);
+    if (!found.exists) return nullptr;
+    return blocks.get(id, [&] {
+      std::shared_ptr<const Block> made = id.level > found.finest_level() ? finer_than_posts(id, found) : load(id, found);
+      const std::size_t bytes = made ? made->bytes() : sizeof(Block);
+      return Cache<BlockId, Block, BlockIdHash>::Loaded{std::move(made), bytes};
+    });
+  }
+
+  std::shared_ptr<const Block> finer_than_posts(const BlockId& id, const ChunkPlan& plan) {
+    const auto posts = block(ancestor_of(id, plan.base_level));
+    return posts ? subdivided(*posts, id) : nullptr;
+  }
+
+  std::shared_ptr<const Block> load(const BlockId& id, const ChunkPlan& plan) {
+    try {
+      return chunk(plan)->load(id);
+    } catch (const DataError&) {
+      // A damaged record: the file is not to be trusted any more. What can be built again is.
+      ++chunks_rejected;
+      chunks.erase(plan.node);
+      std::error_code ignored;
+      if (!options.cache_dir.empty()) std::filesystem::remove(path_of(plan), ignored);
+      return chunk(plan)->load(id);
+    }
+  }
+
+  void warn(const std::string& text) {
+    std::lock_guard lock(mutex);
+    warnings.insert(text);
+  }
+
+  Catalogue catalogue;
+  TerrainOptions options;
+  PostSource source;
+  Cache<BlockId, Block, BlockIdHash> blocks;
+  Cache<BlockId, Chunk, BlockIdHash> chunks;
+  std::atomic<std::uint64_t> chunks_built{0}, chunks_read{0}, chunks_rejected{0};
+  mutable std::mutex mutex;
+  std::mutex building;
+  std::unordered_map<BlockId, ChunkPlan, BlockIdHash> plans;
+  std::set<std::string> warnings;
+  std::vector<BlockId> roots;
+};
+
+Terrain::Terrain(Catalogue catalogue, const TerrainOptions& options) : impl_(std::make_unique<Impl>(std::move(catalogue), options)) {}
+Terrain::~Terrain() = default;
+
+const Catalogue& Terrain::catalogue() const { return impl_->catalogue; }
+
+const std::vector<BlockId>& Terrain::roots() const { return impl_->roots; }
+
+bool Terrain::has_data(const BlockId& id) const {
+  const BlockId root = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
+  return impl_->plan(root, 0).exists && !impl_->touching(id, 0).empty();
+}
+
+int Terrain::finest_level(const BlockId& id) const { return std::max(kSmoothLevel, posts_level(id)); }
+
+int Terrain::posts_level(const BlockId& id) const {
+  const BlockId root = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
+  return impl_->finest_posts(root, 0, id);
+}
+
+bool Terrain::node_is_cheap(const BlockId& id) const { return impl_->plan_for(id).direct; }
+
+NodeInfo Terrain::node(const BlockId& id) const {
+  const ChunkPlan plan = impl_->plan_for(id);
+  if (!plan.exists) return {};
+  const bool beyond = id.level > plan.finest_level();
+  const auto chunk = impl_->chunk(plan);
+  const Chunk::Record* record = chunk->find(beyond ? ancestor_of(id, plan.finest_level()) : id);
+  if (!record) throw DataError("pyramid " + to_string(plan.node), "block " + to_string(id) + " is missing");
+  return {beyond ? 0.0 : record->error_m, record->min_m, record->max_m, (record->flags & Chunk::kEmpty) != 0};
+}
+
+std::shared_ptr<const Block> Terrain::block(const BlockId& id) const { return impl_->block(id); }
+
+HeightAnswer Terrain::height(double lat_deg, double lon_deg) const {
+  HeightAnswer answer{lat_deg, wrap_lon_deg(lon_deg), std::nan(""), 0, -1, false};
+  const Vec3 direction = to_cartesian({lat_deg, lon_deg, 0}).normalized();
+  const double lat = (lat_deg + 90) * kTicksPerDegree, lon = (answer.lon_deg + 180) * kTicksPerDegree;
+  const BlockId probe = block_at(kMaxLevel, static_cast<std::int32_t>(std::clamp(lat, 0.0, kLatTicks - 1.0)), wrap_lon(static_cast<std::int64_t>(lon)));
+  if (!has_data(probe) && impl_->touching(probe, 0.3).empty()) return answer;
+  const int level = finest_level(probe);
+  const double step = std::ldexp(1.0, kTickLevel - level);
+  const double y = lat / step, x = lon / step;
+  // The quad that the place is in; beside an edge the neighbours too, because the mesh's edges are great circles, not parallels.
+  for (const int dy : {0, -1, 1})
+    for (const int dx : {0, -1, 1}) {
+      const double row = std::floor(y) + dy, col = std::floor(x) + dx;
+      if (row < 0 || row * step >= kLatTicks) continue;
+      const BlockId id = block_at(level, static_cast<std::int32_t>(row * step), wrap_lon(static_cast<std::int64_t>(col * step)));
+      const auto block = this->block(id);
+      if (!block) continue;
+      const BlockExtent& e = block->extent;
+      const int r = static_cast<int>((static_cast<std::int64_t>(row * step) - e.lat0) / e.lat_step);
+      const int c = static_cast<int>((wrap_lon(static_cast<std::int64_t>(col * step)) - e.lon0) / e.lon_step);
+      for (const bool upper : {false, true}) {
+        const QuadVertices q = vertices_of(r, c, upper);
+        const auto vertex = [&](int i) { return block->position(q.r[i], q.c[i], static_cast<double>(block->heights[block->index(q.r[i], q.c[i])])); };
+        const auto distance = radial_distance({vertex(0), vertex(1), vertex(2)}, direction, 1e-9);
+        if (!distance) continue;
+        answer.height_m = *distance - kMoonRadius_m;
+        const auto from = block->source(q.r[0], q.c[0]);
+        for (int i = 0; i < 3; ++i) answer.filled |= (block->source(q.r[i], q.c[i]) & kFilledBit) != 0;
+        answer.source = (from & kNoSource) == kNoSource ? -1 : from & kNoSource;
+        if (answer.source >= 0) answer.post_spacing_m = catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
+        return answer;
+      }
+    }
+  return answer;
+}
+
+std::vector<std::string> Terrain::warnings() const {
+  std::lock_guard lock(impl_->mutex);
+  return {impl_->warnings.begin(), impl_->warnings.end()};
+}
+
+CacheStatistics Terrain::statistics() const {
+  const Impl& i = *impl_;
+  return {i.blocks.bytes() + i.chunks.bytes(), i.blocks.capacity() + i.chunks.capacity(), i.blocks.hits(), i.blocks.misses(),
+          i.blocks.evictions() + i.chunks.evictions(), i.chunks_built, i.chunks_read, i.chunks_rejected};
+}
+
+std::vector<BlockId> Terrain::chunks_to_ingest() const {
+  std::vector<BlockId> found;
+  const std::function<void(const BlockId&, std::size_t)> visit = [&](const BlockId& node, std::size_t stratum) {
+    const ChunkPlan plan = impl_->plan(node, stratum);
+    if (!plan.exists) return;
+    if (!plan.direct) {
+      std::vector<BlockId> level{node};
+      while (level[0].level < plan.base_level) {
+        std::vector<BlockId> next;
+        for (const BlockId& id : level)
+          for (const BlockId& child : children_of(id)) next.push_back(child);
+        level = std::move(next);
+      }
+      for (const BlockId& child : level) visit(child, stratum + 1);
+    }
+    found.push_back(node);  // after the finer chunks that it is made of
+  };
+  for (const BlockId& root : impl_->roots) visit({kRootLevel, root.row, root.col}, 0);
+  return found;
+}
+
+void Terrain::ensure_chunk(const BlockId& node) const {
+  std::size_t stratum = 0;
+  while (kStrata[stratum] != node.level) ++stratum;
+  impl_->chunk(impl_->plan(node, stratum));
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,95 @@
+// The terrain as everything above sees it: blocks of posts at any level of detail, and heights at places.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "dem/block.h"
+#include "dem/catalogue.h"
+#include "dem/lattice.h"
+
+namespace selenograph::dem {
+
+struct TerrainOptions {
+  std::string cache_dir;  // where pyramids are kept; empty: nothing is written, everything is rebuilt when it is needed
+  std::size_t cache_bytes = std::size_t{1} << 30;  // memory for blocks and pyramids
+  // A corrupt, truncated or vanished file: an error that names it (false), or the layer below with a warning (true).
+  bool fall_through = false;
+};
+
+// What selection needs to know of a block before loading its posts.
+struct NodeInfo {
+  double error_m = 0;  // largest vertical distance from this level's surface to the finest one, within the block
+  float min_m = 0, max_m = 0;  // heights; of the finest surface and this level's
+  bool empty = true;           // not one valid post
+};
+
+// No lunar height is outside of this (relief: +10 786 m to -9 120 m); a post that is counts as void.
+inline constexpr float kLowestRelief_m = -12000.F, kHighestRelief_m = 13000.F;
+
+struct HeightAnswer {
+  double lat_deg = 0, lon_deg = 0;
+  double height_m = 0;        // NaN: no data here
+  double post_spacing_m = 0;  // of the source
+  int source = -1;            // index into catalogue().rasters(); -1: none
+  bool filled = false;        // interpolated across a void
+};
+
+struct CacheStatistics {
+  std::size_t bytes = 0, capacity_bytes = 0;
+  std::uint64_t hits = 0, misses = 0, evictions = 0, chunks_built = 0, chunks_read = 0, chunks_rejected = 0;
+};
+
+// const means safe to call concurrently.
+class Terrain {
+ public:
+  Terrain(Catalogue catalogue, const TerrainOptions& options);
+  ~Terrain();
+
+  const Catalogue& catalogue() const;
+
+  // The blocks of level 0 that have data: where a walk down the quadtree starts.
+  const std::vector<BlockId>& roots() const;
+  // False where no source comes near: nothing to load.
+  bool has_data(const BlockId& id) const;
+  // The level whose vertices are the posts (or, for coarse layers, fine enough that chords stay within millimetres of the
+  // sphere): the finest level worth asking for in this block's area.
+  int finest_level(const BlockId& id) const;
+  // The level of the posts themselves: finer blocks only follow the sphere more closely.
+  int posts_level(const BlockId& id) const;
+  // Whether node() can answer from the sources beneath the block's own surroundings. Where it can't (a coarse block over very
+  // fine posts), node() first has everything beneath built: ask only when the block is really wanted.
+  bool node_is_cheap(const BlockId& id) const;
+  NodeInfo node(const BlockId& id) const;
+  // Null when the block has not one valid post.
+  std::shared_ptr<const Block> block(const BlockId& id) const;
+
+  // On the finest surface, by the triangles that frames are made of.
+  HeightAnswer height(double lat_deg, double lon_deg) const;
+
+  // Warnings since the terrain was opened (unusable files that were fallen through), each once.
+  std::vector<std::string> warnings() const;
+  CacheStatistics statistics() const;
+
+  // Builds the pyramid of everything in the catalogue that is not yet on disk. Calls progress(done, total, name) after each
+  // chunk; stops early when it answers false. What is done stays done.
+  template <typename Progress>
+  void ingest(Progress&& progress) const {
+    const std::vector<BlockId> chunks = chunks_to_ingest();
+    for (std::size_t i = 0; i < chunks.size(); ++i) {
+      ensure_chunk(chunks[i]);
+      if (!progress(i + 1, chunks.size(), to_string(chunks[i]))) return;
+    }
+  }
+
+ private:
+  std::vector<BlockId> chunks_to_ingest() const;
+  void ensure_chunk(const BlockId& chunk) const;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace selenograph::dem

@@ -1,0 +1,32 @@
+// Where the Sun stands as seen from the Moon's surface at a UTC epoch, and the constant rotations between lunar body
+// frames.
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+
+#include "dem/geodesy.h"
+
+namespace selenograph::engine {
+
+struct SunPosition {
+  // Unit, MOON_ME, from the Moon's centre toward the Sun as it is seen there: light time and aberration (20 arcsec)
+  // included, since shadows follow the light that arrives. The Sun's parallax over the Moon's radius (2.4 arcsec) is
+  // not.
+  Vec3 direction;
+  double distance_au = 1;  // at the time the light left
+};
+
+// `utc` is ISO 8601 ("2026-11-20T00:00:00Z", fraction optional, Z or none), 1960 to 2099. Throws std::invalid_argument
+// that says what is wrong with it.
+//
+// Accuracy: 0.01 degrees in direction (the Sun's disc is 0.53 degrees wide), 1e-6 au in distance. The error budget is
+// at the definition; nearly all of it is the lunar rotation.
+SunPosition sun_at(const std::string& utc);
+
+enum class BodyFrame { moon_me, moon_pa_de421, moon_pa_de440 };
+
+// Rotates vectors of the named frame into MOON_ME (DE421). Published constant angles.
+Eigen::Matrix3d moon_me_from(BodyFrame frame);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,189 @@
+// What the engine is asked for and what it answers: trusted, resolved values only (checked by api/ on the way in).
+//
+// Frame MOON_ME, metres, double. Camera axes are OpenCV's: +x right, +y down, +z along the boresight; the centre of the
+// top-left pixel is (0, 0). `camera_from_moon` rotates MOON_ME vectors into camera axes.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "dem/geodesy.h"
+
+namespace selenograph::engine {
+
+// Brown-Conrady (Brown 1966; OpenCV's coefficients): with r^2 = x^2 + y^2 on the plane z = 1,
+//   x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
+//   y' = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y
+struct Distortion {
+  double k1 = 0, k2 = 0, k3 = 0, p1 = 0, p2 = 0;
+  bool none() const { return k1 == 0 && k2 == 0 && k3 == 0 && p1 == 0 && p2 == 0; }
+};
+
+struct Camera {
+  int width = 0, height = 0;
+  double fx = 0, fy = 0, cx = 0, cy = 0;  // pixels
+  Distortion distortion;
+};
+
+struct Pose {
+  Vec3 position_m = Vec3::Zero();
+  Eigen::Quaterniond camera_from_moon = Eigen::Quaterniond::Identity();  // unit
+};
+
+struct Sun {
+  Vec3 direction = Vec3::UnitX();  // unit, from the Moon toward the Sun
+  double distance_au = 1.0;
+  double angular_radius_deg = 0.0;  // 0: a point Sun, hard shadows
+};
+
+enum class ReflectanceModel {
+  lambert,          // rho / pi                                    paper eq. (4)
+  lommel_seeliger,  // rho / (2 pi) / (mu0 + mu)                   paper eq. (10)
+  lunar             // w * Lommel-Seeliger + (1 - w) * Lambert     paper 3.1
+};
+
+struct Reflectance {
+  ReflectanceModel model = ReflectanceModel::lunar;
+  double lommel_seeliger_weight = 1.0;
+  double rho = 0.12;
+};
+
+struct Accuracy {
+  // Bound, in pixels, on the projected vertical error of the mesh; post spacing is kept below twice this many pixels.
+  // 0: the finest posts everywhere.
+  double max_error_px = 0.5;
+  int samples_per_pixel = 1;  // radiance and image are means over a regular sub-pixel grid; must be a square number
+};
+
+// How radiance becomes digital numbers until there is a sensor model: DN = clamp(round(L / full_scale * (2^bits - 1))).
+struct ImageSettings {
+  int bit_depth = 8;                                          // 8 or 16
+  std::optional<double> full_scale_radiance_w_m2_sr;          // given exposure; automatic (largest radiance in the frame) if empty
+};
+
+// Products, in the order of the contract's table. Values are bits of a set.
+enum Product : std::uint32_t {
+  kImage = 1u << 0,
+  kRadiance = 1u << 1,
+  kDepth = 1u << 2,
+  kRange = 1u << 3,
+  kPosition = 1u << 4,
+  kGeodetic = 1u << 5,
+  kNormal = 1u << 6,
+  kAngles = 1u << 7,
+  kLit = 1u << 8,
+  kGsd = 1u << 9,
+  kSource = 1u << 10,
+};
+using ProductSet = std::uint32_t;
+
+// What a frame does when a DEM file that it needs is corrupt or gone.
+enum class OnDataError { fail, fall_through };
+
+struct FrameRequest {
+  Camera camera;
+  Pose pose;
+  Sun sun;
+  Reflectance reflectance;
+  Accuracy accuracy;
+  ImageSettings image;
+  ProductSet products = kRadiance;
+};
+
+// Arrays of height x width (x components), row 0 on top; empty unless asked for. Missing values as in the contract.
+struct FrameProducts {
+  std::vector<std::uint16_t> image;  // 8-bit images too: the encoder narrows
+  std::vector<float> radiance;       // W m-2 sr-1, band-integrated over the solar irradiance's band
+  std::vector<double> depth, range;  // m
+  std::vector<double> position;      // 3 per pixel, MOON_ME m
+  std::vector<double> geodetic;      // 3 per pixel: lat_deg, lon_deg, height_m
+  std::vector<float> normal;         // 3 per pixel, MOON_ME
+  std::vector<float> angles;         // 3 per pixel: incidence, emission, phase, degrees
+  std::vector<float> lit;
+  std::vector<float> gsd;            // m
+  std::vector<std::uint16_t> source;
+};
+
+// A DEM tile that the frame stands on; `source` indexes the list of these.
+struct SourceTile {
+  std::string name;
+  std::string path;
+  std::uint64_t version = 0;  // hash of path, size and modification time
+};
+
+struct StageTimes {
+  double select_ms = 0;   // level of detail, casters, block loading
+  double build_ms = 0;    // acceleration structure; 0 when the scene was warm
+  double visibility_ms = 0;  // rays, refinement, shadows and shading, in one pass over pixel tiles
+  double sensor_ms = 0;
+};
+
+struct FrameReport {
+  double lod_error_px = 0, lod_error_m = 0;  // bounds on the mesh's error in view
+  double min_post_spacing_m = 0, max_post_spacing_m = 0;
+  std::size_t triangles = 0;
+  double filled_fraction = 0;   // of all pixels: on posts that were filled by interpolation
+  double missing_fraction = 0;  // of all pixels: look at the Moon where there is no data
+  double hit_fraction = 0;
+  double solar_irradiance_w_m2 = 0;  // at the Moon, after 1/r^2
+  double full_scale_radiance_w_m2_sr = 0;  // that `image` was made with; 0 without image
+  std::vector<SourceTile> sources;
+  std::vector<std::string> warnings;  // e.g. a corrupt tile replaced by the layer below
+};
+
+struct Frame {
+  FrameProducts products;
+  FrameReport report;
+  StageTimes times;
+};
+
+// Polled between pixel tiles and between blocks being loaded; throws selenograph::Cancelled once it is time.
+class StopToken {
+ public:
+  using Clock = std::chrono::steady_clock;
+  StopToken() = default;  // never stops
+  explicit StopToken(Clock::time_point deadline) : deadline_(deadline) {}
+  StopToken(Clock::time_point deadline, const std::atomic<bool>* abandoned) : deadline_(deadline), abandoned_(abandoned) {}
+  bool stopped() const {
+    return (abandoned_ && abandoned_->load(std::memory_order_relaxed)) ||
+           (deadline_ != Clock::time_point::max() && Clock::now() >= deadline_);
+  }
+
+ private:
+  Clock::time_point deadline_ = Clock::time_point::max();
+  const std::atomic<bool>* abandoned_ = nullptr;
+};
+
+// POST /v1/rays.
+struct Ray {
+  Vec3 origin_m;
+  Vec3 direction;  // unit
+};
+struct RayHit {
+  bool hit = false;
+  double range_m = std::numeric_limits<double>::quiet_NaN();
+  Vec3 position_m = Vec3::Zero();
+  Vec3 normal = Vec3::Zero();
+  double lit = 0;  // meaningful when a Sun was given
+};
+
+// POST /v1/project.
+struct LandmarkQuery {
+  double lat_deg = 0, lon_deg = 0;
+  std::optional<double> height_m;  // empty: on the terrain
+};
+struct Landmark {
+  double x_px = 0, y_px = 0;  // NaN behind the camera
+  double range_m = 0;
+  double height_m = 0;  // NaN: no data there
+  bool in_frame = false, visible = false;
+  double lit = 0;
+};
+
+}  // namespace selenograph::engine

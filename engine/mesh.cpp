@@ -1,0 +1,128 @@
+#include "engine/mesh.h"
+
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace selenograph::engine {
+namespace {
+
+using dem::BlockExtent;
+using dem::BlockId;
+
+// The post of a block at a place, if its lattice has one there and it is valid.
+std::optional<float> post_at(const dem::Block& block, std::int64_t lat, std::int64_t lon) {
+  const BlockExtent& e = block.extent;
+  const std::int64_t dy = lat - e.lat0;
+  std::int64_t dx = dem::wrap_lon(lon) - e.lon0;
+  if (dx < 0) dx += dem::kLonTicks;  // the eastern edge of a block that ends at 180 degrees
+  if (dy < 0 || dy > std::int64_t{e.quads} * e.lat_step || dx > std::int64_t{e.quads} * e.lon_step || dy % e.lat_step || dx % e.lon_step) return std::nullopt;
+  const float h = block.heights[block.index(static_cast<int>(dy / e.lat_step), static_cast<int>(dx / e.lon_step))];
+  if (std::isnan(h)) return std::nullopt;
+  return h;
+}
+
+}  // namespace
+
+Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids) {
+  std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
+  // Isolated: see PostSource::compose.
+  tbb::this_task_arena::isolate([&] { tbb::parallel_for(std::size_t{0}, ids.size(), [&](std::size_t i) { loaded[i] = terrain.block(ids[i]); }); });
+  coarsest_ = dem::kMaxLevel;
+  for (auto& posts : loaded) {
+    if (!posts) continue;
+    coarsest_ = std::min(coarsest_, posts->id.level), finest_ = std::max(finest_, posts->id.level);
+    index_[posts->id] = static_cast<std::uint32_t>(blocks_.size());
+    blocks_.push_back({std::move(posts), {}, {1, 1, 1, 1}});
+  }
+  tbb::this_task_arena::isolate([&] { tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t i) { join(blocks_[i]); }); });
+}
+
+std::optional<std::uint32_t> Mesh::block_at(std::int64_t lat_tick, std::int64_t lon_tick, int finest_level) const {
+  if (lat_tick < 0 || lat_tick > dem::kLatTicks) return std::nullopt;
+  const auto lat = static_cast<std::int32_t>(lat_tick);
+  const std::int32_t lon = dem::wrap_lon(lon_tick);
+  for (int level = std::min(finest_, finest_level); level >= coarsest_; --level)
+    if (const auto found = index_.find(dem::block_at(level, lat, lon)); found != index_.end()) return found->second;
+  return std::nullopt;
+}
+
+void Mesh::join(MeshBlock& block) const {
+  const int side = block.posts->side();
+  block.vertices.resize(block.posts->heights.size());
+  for (int r = 0; r < side; ++r)
+    for (int c = 0; c < side; ++c) {
+      const std::size_t at = block.posts->index(r, c);
+      block.vertices[at] = block.posts->position(r, c, static_cast<double>(block.posts->heights[at]));
+    }
+  for (int edge = 0; edge < 4; ++edge) join_edge(block, edge);
+}
+
+// Edge 0 south, 1 north, 2 west, 3 east.
+void Mesh::join_edge(MeshBlock& block, int edge) const {
+  const dem::Block& own = *block.posts;
+  const BlockExtent& e = own.extent;
+  const bool along_lon = edge < 2;
+  const std::int32_t step = along_lon ? e.lon_step : e.lat_step;
+  const std::int64_t lat_out = edge == 0 ? std::int64_t{e.lat0} - 1 : edge == 1 ? std::int64_t{e.lat1()} : 0;
+  const std::int64_t lon_out = edge == 2 ? std::int64_t{e.lon0} - 1 : edge == 3 ? std::int64_t{e.lon1()} : 0;
+  const std::int64_t lat_edge = edge == 1 ? e.lat1() : e.lat0, lon_edge = edge == 3 ? e.lon1() : e.lon0;
+  // At a pole the edge is one point, the same in every block around it: nothing to join but that point's height.
+  const bool pole = along_lon && (lat_edge == 0 || lat_edge == dem::kLatTicks);
+  // A neighbour that is as coarse or coarser lies along the whole edge, so one look across decides; finer ones give way themselves.
+  std::optional<std::uint32_t> across;
+  if (!pole) across = along_lon ? block_at(lat_out, e.lon0) : block_at(e.lat0, lon_out);
+  const dem::Block* neighbour = across ? blocks_[*across].posts.get() : nullptr;
+  int stride = 1;
+  if (neighbour) stride = std::max(1, (along_lon ? neighbour->extent.lon_step : neighbour->extent.lat_step) / step);
+  block.stride[static_cast<std::size_t>(edge)] = std::min(stride, e.quads);
+  const bool neighbour_first = neighbour && neighbour->id < own.id;
+  const int remaining = block.stride[static_cast<std::size_t>(edge)];
+  for (int i = 0; i <= e.quads; ++i) {
+    const auto vertex = [&](int k) -> Vec3& { return block.vertices[along_lon ? own.index(edge == 0 ? 0 : e.quads, k) : own.index(k, edge == 2 ? 0 : e.quads)]; };
+    if (i % remaining != 0) {
+      vertex(i) = vertex(i - i % remaining);
+      continue;
+    }
+    const std::int64_t lat = along_lon ? lat_edge : e.lat0 + std::int64_t{i} * e.lat_step;
+    const std::int64_t lon = along_lon ? e.lon0 + std::int64_t{i} * e.lon_step : lon_edge;
+    const int r = along_lon ? (edge == 0 ? 0 : e.quads) : i, c = along_lon ? i : (edge == 2 ? 0 : e.quads);
+    float h = own.heights[own.index(r, c)];
+    if (i == 0 || i == e.quads) {
+      h = joined_height(own.id, lat, lon);
+    } else if (neighbour && (neighbour_first || std::isnan(h))) {
+      h = post_at(*neighbour, lat, lon).value_or(h);
+    }
+    vertex(i) = own.position(r, c, static_cast<double>(h));
+  }
+}
+
+// The height of a corner: of all blocks that meet there and have it, the first.
+float Mesh::joined_height(const BlockId& own, std::int64_t lat, std::int64_t lon) const {
+  std::optional<std::uint32_t> first;
+  float height = std::numeric_limits<float>::quiet_NaN();
+  const auto consider = [&](std::int64_t y, std::int64_t x) {
+    if (y < 0 || y >= dem::kLatTicks) return;
+    const auto at = block_at(y, x);
+    if (!at || (first && blocks_[*at].posts->id > blocks_[*first].posts->id)) return;
+    if (const auto h = post_at(*blocks_[*at].posts, lat, lon)) first = at, height = *h;
+  };
+  for (const int dy : {-1, 0})
+    for (const int dx : {-1, 0}) consider(lat + dy, lon + dx);
+  if (lat == 0 || lat == dem::kLatTicks) {  // a pole: every block around it holds the same raw post
+    const auto at = index_.find(own);
+    height = post_at(*blocks_[at->second].posts, lat, lon).value_or(height);
+  }
+  return height;
+}
+
+std::size_t Mesh::bytes() const {
+  std::size_t sum = sizeof(Mesh);
+  for (const MeshBlock& b : blocks_) sum += sizeof(MeshBlock) + b.vertices.size() * sizeof(Vec3);
+  return sum;
+}
+
+}  // namespace selenograph::engine

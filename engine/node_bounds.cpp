@@ -1,0 +1,46 @@
+#include "engine/node_bounds.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "dem/terrain.h"
+
+namespace selenograph::engine {
+
+NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m) {
+  const dem::BlockExtent e = dem::extent_of(id);
+  constexpr double kRadians = std::numbers::pi / 180;
+  const double south = dem::lat_deg_of(e.lat0) * kRadians, north = dem::lat_deg_of(e.lat1()) * kRadians;
+  const double west = dem::lon_deg_of(e.lon0) * kRadians, east = dem::lon_deg_of(e.lon1()) * kRadians;
+  NodeBounds b;
+  b.low_m = low_m, b.high_m = high_m;
+  std::size_t n = 0;
+  for (int j = 0; j < 3; ++j) {
+    const double lat = south + (north - south) * j / 2, cos_lat = std::cos(lat), sin_lat = std::sin(lat);
+    for (int i = 0; i < 3; ++i) {
+      const double lon = west + (east - west) * i / 2;
+      const Vec3 up(cos_lat * std::cos(lon), cos_lat * std::sin(lon), sin_lat);
+      b.points[n++] = up * (kMoonRadius_m + low_m);
+      b.points[n++] = up * (kMoonRadius_m + high_m);
+    }
+  }
+  const double step = std::max(north - south, (east - west) * std::max(std::cos(south), std::cos(north))) / 2;
+  b.bulge_m = (kMoonRadius_m + high_m) * step * step / 4;  // half a step's sagitta along both axes
+  b.centre = (b.points[8] + b.points[9]) / 2;
+  b.radius_m = 0;
+  for (const Vec3& p : b.points) b.radius_m = std::max(b.radius_m, (p - b.centre).norm());
+  b.radius_m += b.bulge_m;
+  return b;
+}
+
+bool below_horizon(const Vec3& from_m, const NodeBounds& b) {
+  const double core = kMoonRadius_m + dem::kLowestRelief_m, distance = from_m.norm();
+  if (distance <= core) return false;
+  // Angle at the Moon's centre from the viewer to the horizon, and from there to what just rises above it at the block's height.
+  const double reach = std::acos(core / distance) + std::acos(std::min(1.0, core / (kMoonRadius_m + b.high_m)));
+  const double to_centre = std::acos(std::clamp(from_m.dot(b.centre) / (distance * b.centre.norm()), -1.0, 1.0));
+  return to_centre - std::asin(std::min(1.0, b.radius_m / b.centre.norm())) > reach;
+}
+
+}  // namespace selenograph::engine

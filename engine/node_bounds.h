@@ -1,0 +1,26 @@
+// Where a block's terrain can be: a ball and a handful of points, from its footprint and lowest and highest height.
+#pragma once
+
+#include <array>
+
+#include "dem/geodesy.h"
+#include "dem/lattice.h"
+
+namespace selenograph::engine {
+
+struct NodeBounds {
+  // A 3 x 3 lattice over the footprint, at the lowest and at the highest height.
+  std::array<Vec3, 18> points;
+  // What the sphere bulges between those points, m.
+  double bulge_m;
+  Vec3 centre;
+  double radius_m;
+  double low_m, high_m;
+};
+
+NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m);
+
+// Whether the Moon's solid inside (everything deeper than the lowest relief) hides the whole ball from `from`.
+bool below_horizon(const Vec3& from_m, const NodeBounds& bounds);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,20 @@
+// Bidirectional reflectance distribution functions and radiance: SENSOR++ (Paproth et al.), section 2.2 and 3.1.
+#pragma once
+
+#include "engine/frame.h"
+
+namespace selenograph::engine {
+
+// Total solar irradiance at 1 au, W m-2, over all wavelengths: Kopp & Lean 2011 (1360.8 +- 0.5), rounded as IAU 2015 resolution B3 does.
+// "Band-integrated" radiance is therefore of the whole solar spectrum.
+inline constexpr double kSolarConstant_w_m2 = 1361.0;
+
+// f_r in sr-1. mu0 = cos(incidence) > 0, mu = cos(emission) >= 0; n.omega_i and n.omega_o of the paper.
+// At the limb and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound, but mu0 f_r, which is what radiance
+// is made of, stays finite and monotone: callers multiply by mu0 > 0.
+double brdf(const Reflectance& reflectance, double mu0, double mu);
+
+// Paper eq. (2) with tau = 1 and rho/pi replaced by f_r: L = E_sun mu0 f_r s, W m-2 sr-1; 0 where mu0 <= 0.
+double direct_radiance(const Reflectance& reflectance, double irradiance_w_m2, double mu0, double mu, double lit_fraction);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,52 @@
+// Embree behind one pair of files: which triangle does a ray meet first, and is the way to the Sun free.
+//
+// Vertices are float relative to an anchor near the scene; one GRID geometry per mesh block, ROBUST so that no ray slips
+// between triangles. Compiles against Embree 3.13; 4.x would be a matter of this pair.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+
+#include "engine/refine.h"
+
+namespace selenograph::engine {
+
+// Sixteen rays, structure of arrays; relative to the anchor, metres.
+struct alignas(64) RayPacket {
+  float ox[kPacket], oy[kPacket], oz[kPacket];
+  float dx[kPacket], dy[kPacket], dz[kPacket];
+  std::int32_t active[kPacket];  // -1: to be traced, 0: not
+  float near = 0;                // where to start looking, in units of the direction's length
+};
+
+class RayTracer {
+ public:
+  RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads);
+  ~RayTracer();
+  RayTracer(const RayTracer&) = delete;
+  RayTracer& operator=(const RayTracer&) = delete;
+
+  const Vec3& anchor() const { return anchor_; }
+
+  // The triangle that each ray meets first. Float decides which; where exactly is for refine.h.
+  // Sets `hit` and `triangle` of the points.
+  void intersect(const RayPacket& rays, SurfacePoints& points) const;
+
+  // blocked[i]: something stands in the way along the (common) direction toward the Sun. Only triangles that face away from
+  // the Sun count: a ray that leaves a closed surface and is stopped must enter it through one of those. That makes an
+  // offset needless: the ray's own triangle faces the Sun.
+  void occluded(const RayPacket& rays, const Vec3& sun_direction, bool blocked[kPacket]) const;
+
+  // The Embree scene, for the benchmark that compares with the bare kernel: RTCScene.
+  void* native_scene() const;
+  std::size_t bytes() const { return bytes_; }
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+  Vec3 anchor_;
+  std::size_t bytes_ = 0;
+};
+
+}  // namespace selenograph::engine

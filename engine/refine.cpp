@@ -1,0 +1,154 @@
+#include "engine/refine.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "engine/vectorise.h"
+
+namespace selenograph::engine {
+namespace {
+
+// Fraction of a triangle by which a point may lie outside of it and still be taken as on it: micrometres.
+constexpr double kOnEdge = 1e-9;
+
+struct alignas(64) Triangles {
+  double a[3][kPacket], b[3][kPacket], c[3][kPacket];
+};
+
+// Plane and ray, per lane: P = o + t d, weights v and w of b and c. A ray from below gets a distance of -1.
+SELENOGRAPH_VECTORISED
+void meet_all(const Triangles& t, const Rays& rays, SurfacePoints& p) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double bx = t.b[0][i] - t.a[0][i], by = t.b[1][i] - t.a[1][i], bz = t.b[2][i] - t.a[2][i];
+    const double cx = t.c[0][i] - t.a[0][i], cy = t.c[1][i] - t.a[1][i], cz = t.c[2][i] - t.a[2][i];
+    const double nx = by * cz - bz * cy, ny = bz * cx - bx * cz, nz = bx * cy - by * cx;
+    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
+    const double toward = nx * dx + ny * dy + nz * dz;
+    const double gap = nx * (t.a[0][i] - rays.ox[i]) + ny * (t.a[1][i] - rays.oy[i]) + nz * (t.a[2][i] - rays.oz[i]);
+    const double distance = gap / toward;
+    const double px = rays.ox[i] + distance * dx, py = rays.oy[i] + distance * dy, pz = rays.oz[i] + distance * dz;
+    const double ax = px - t.a[0][i], ay = py - t.a[1][i], az = pz - t.a[2][i];
+    const double scale = 1 / (nx * nx + ny * ny + nz * nz);
+    p.v[i] = (nx * (ay * cz - az * cy) + ny * (az * cx - ax * cz) + nz * (ax * cy - ay * cx)) * scale;
+    p.w[i] = (nx * (by * az - bz * ay) + ny * (bz * ax - bx * az) + nz * (bx * ay - by * ax)) * scale;
+    p.x[i] = px, p.y[i] = py, p.z[i] = pz;
+    p.nx[i] = nx, p.ny[i] = ny, p.nz[i] = nz;
+    p.distance[i] = toward < 0 ? distance : -1;
+  }
+}
+
+struct Candidate {
+  TriangleId triangle;
+  Vec3 position, facing;
+  double distance, v, w;
+  // How far outside of its triangle, in barycentric terms; negative inside.
+  double outside() const { return std::max({-v, -w, v + w - 1}); }
+};
+
+std::optional<Candidate> meet(const Mesh& mesh, const TriangleId& id, const Vec3& origin, const Vec3& direction) {
+  const dem::Triangle t = mesh.triangle(id);
+  const Vec3 ab = t.b - t.a, ac = t.c - t.a, normal = ab.cross(ac);
+  const double toward = normal.dot(direction);
+  if (!(toward < 0)) return std::nullopt;  // from below, along it, degenerate or without data
+  const double distance = normal.dot(t.a - origin) / toward;
+  const Vec3 position = origin + distance * direction, from_a = position - t.a;
+  const double area2 = normal.squaredNorm();
+  return Candidate{id, position, normal, distance, normal.dot(from_a.cross(ac)) / area2, normal.dot(ab.cross(from_a)) / area2};
+}
+
+// Searches around a guess that is off its triangle; the answer nearest to `near` along the ray wins.
+class Search {
+ public:
+  Search(const Mesh& mesh, const Vec3& origin, const Vec3& direction, double near) : mesh_(mesh), origin_(origin), direction_(direction), near_(near) {}
+
+  const std::optional<Candidate>& best() const { return best_; }
+
+  void quads_around(std::uint32_t block, int row, int col) {
+    const int quads = mesh_.blocks()[block].posts->extent.quads;
+    for (int r = std::max(0, row - 1); r <= std::min(quads - 1, row + 1); ++r)
+      for (int c = std::max(0, col - 1); c <= std::min(quads - 1, col + 1); ++c)
+        for (const bool upper : {false, true}) consider({block, static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c), upper});
+  }
+
+  // Blocks beside the place, and the quads of theirs that are nearest.
+  void blocks_around(const Vec3& place, std::uint32_t except) {
+    const dem::BlockExtent& e = mesh_.blocks()[except].posts->extent;
+    const Geographic g = to_geographic(place);
+    const auto lat = static_cast<std::int64_t>((g.lat_deg + 90) * dem::kTicksPerDegree), lon = static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree);
+    for (const int dy : {-1, 0, 1})
+      for (const int dx : {-1, 0, 1}) {
+        const std::int64_t y = lat + dy * e.lat_step, x = lon + dx * std::int64_t{e.lon_step};
+        const auto found = mesh_.block_at(y, x);
+        if (!found || *found == except) continue;
+        const dem::BlockExtent& n = mesh_.blocks()[*found].posts->extent;
+        quads_around(*found, static_cast<int>((y - n.lat0) / n.lat_step), (dem::wrap_lon(x) - n.lon0) / n.lon_step);
+      }
+  }
+
+ private:
+  void consider(const TriangleId& id) {
+    const auto p = meet(mesh_, id, origin_, direction_);
+    if (!p || p->outside() > kOnEdge) return;
+    if (!best_ || std::abs(p->distance - near_) < std::abs(best_->distance - near_)) best_ = p;
+  }
+
+  const Mesh& mesh_;
+  Vec3 origin_, direction_;
+  double near_;
+  std::optional<Candidate> best_;
+};
+
+void store(const Candidate& c, int i, SurfacePoints& p) {
+  p.triangle[i] = c.triangle;
+  p.x[i] = c.position.x(), p.y[i] = c.position.y(), p.z[i] = c.position.z();
+  p.nx[i] = c.facing.x(), p.ny[i] = c.facing.y(), p.nz[i] = c.facing.z();
+  p.distance[i] = c.distance, p.v[i] = c.v, p.w[i] = c.w;
+}
+
+// Off its triangle, or the quad's other half was meant.
+void correct(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
+  const Vec3 origin = rays.origin(i), direction = rays.direction(i);
+  TriangleId id = points.triangle[i];
+  auto guess = meet(mesh, id, origin, direction);
+  if (!guess) {
+    id.upper = !id.upper;
+    guess = meet(mesh, id, origin, direction);
+  }
+  if (!guess) {
+    points.hit[i] = false;
+    return;
+  }
+  Search search(mesh, origin, direction, guess->distance);
+  search.quads_around(id.block, id.r, id.c);
+  if (!search.best()) search.blocks_around(guess->position, id.block);
+  // Nothing nearby: the ray grazes an edge that float saw and double doesn't. The plane of the guess is within float's rounding.
+  store(search.best() ? *search.best() : *guess, i, points);
+  points.hit[i] = points.distance[i] > 0;
+}
+
+}  // namespace
+
+void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points) {
+  Triangles t;
+  for (int i = 0; i < kPacket; ++i) {
+    if (!points.hit[i]) {
+      for (int k = 0; k < 3; ++k) t.a[k][i] = t.b[k][i] = t.c[k][i] = 0;
+      continue;
+    }
+    const TriangleId& id = points.triangle[i];
+    const MeshBlock& block = mesh.blocks()[id.block];
+    const dem::QuadVertices q = dem::vertices_of(id.r, id.c, id.upper);
+    const Vec3 &a = block.vertex(q.r[0], q.c[0]), &b = block.vertex(q.r[1], q.c[1]), &c = block.vertex(q.r[2], q.c[2]);
+    for (int k = 0; k < 3; ++k) t.a[k][i] = a[k], t.b[k][i] = b[k], t.c[k][i] = c[k];
+  }
+  meet_all(t, rays, points);
+  for (int i = 0; i < kPacket; ++i) {
+    const bool on = points.distance[i] > 0 && points.v[i] >= -kOnEdge && points.w[i] >= -kOnEdge && points.v[i] + points.w[i] <= 1 + kOnEdge;
+    if (points.hit[i] && !on) correct(mesh, rays, i, points);
+  }
+}
+
+}  // namespace selenograph::engine

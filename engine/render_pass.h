@@ -1,0 +1,23 @@
+// Pixels of one frame: visibility, surface points, radiance, in tiles.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "engine/frame.h"
+#include "engine/scene.h"
+#include "engine/view.h"
+
+namespace selenograph::engine {
+
+struct PassCounts {
+  std::uint64_t hit = 0, missing = 0, filled = 0;
+  std::vector<char> sources;  // by catalogue index: 1 when some pixel sees it
+};
+
+// Fills the products that are asked for, sized and initialised here. `source` holds catalogue indices until the caller
+// numbers them. Parallel over tiles of pixels in the caller's task arena; stops between tiles.
+PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request, std::size_t catalogue_size, const StopToken& stop,
+                         FrameProducts& products);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,255 @@
+#include "engine/renderer.h"
+
+#include <fmt/format.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+
+#include "dem/cache.h"
+#include "dem/error.h"
+#include "engine/photometry.h"
+#include "engine/render_pass.h"
+#include "engine/scene.h"
+#include "engine/sensor.h"
+#include "engine/trace.h"
+
+namespace selenograph::engine {
+namespace {
+
+class Stopwatch {
+ public:
+  double lap_ms() {
+    const auto now = std::chrono::steady_clock::now();
+    const double ms = std::chrono::duration<double, std::milli>(now - start_).count();
+    start_ = now;
+    return ms;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+struct SceneKey {
+  std::uint64_t low, high;
+  bool operator==(const SceneKey&) const = default;
+};
+struct SceneKeyHash {
+  std::size_t operator()(const SceneKey& key) const { return key.low; }
+};
+
+SceneKey key_of(const Selection& selection, const Vec3& anchor) {
+  XXH3_state_t* state = XXH3_createState();
+  XXH3_128bits_reset(state);
+  XXH3_128bits_update(state, selection.blocks.data(), selection.blocks.size() * sizeof(dem::BlockId));
+  XXH3_128bits_update(state, anchor.data(), 3 * sizeof(double));
+  const XXH128_hash_t hash = XXH3_128bits_digest(state);
+  XXH3_freeState(state);
+  return {hash.low64, hash.high64};
+}
+
+// Numbers the tiles that the frame stands on, in the catalogue's order.
+void number_sources(const dem::Catalogue& catalogue, const std::vector<char>& seen, Frame& frame) {
+  std::vector<std::uint16_t> number(seen.size(), 65535);
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    if (!seen[i]) continue;
+    const dem::RasterInfo& info = catalogue.rasters()[i];
+    number[i] = static_cast<std::uint16_t>(frame.report.sources.size());
+    const std::string identity = fmt::format("{}:{}:{}", info.name, info.bytes, info.modified_ns);
+    frame.report.sources.push_back({info.name, info.path, XXH3_64bits(identity.data(), identity.size())});
+  }
+  for (std::uint16_t& s : frame.products.source)
+    if (s != 65535) s = number[s];
+}
+
+}  // namespace
+
+struct Renderer::Impl {
+  Impl(std::shared_ptr<dem::Terrain> t, const RendererOptions& o)
+      : terrain(std::move(t)),
+        threads(o.threads > 0 ? o.threads : tbb::this_task_arena::max_concurrency()),
+        arena(threads),
+        scenes(o.scene_bytes) {}
+
+  std::shared_ptr<const Scene> scene(const Selection& selection, const Vec3& anchor) {
+    return scenes.get(key_of(selection, anchor), [&] {
+      std::shared_ptr<const Scene> made;
+      // Isolated: a thread that waits here must not pick up a frame that waits for this very scene.
+      tbb::this_task_arena::isolate([&] { made = std::make_shared<const Scene>(*terrain, selection, anchor, threads); });
+      return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes()};
+    });
+  }
+
+  void refuse_underground(const Vec3& position) const {
+    const double height = position.norm() - kMoonRadius_m;
+    if (height > static_cast<double>(dem::kHighestRelief_m)) return;
+    const Geographic g = to_geographic(position);
+    const dem::HeightAnswer ground = terrain->height(g.lat_deg, g.lon_deg);
+    const double lowest = std::isnan(ground.height_m) ? static_cast<double>(dem::kLowestRelief_m) : ground.height_m;
+    if (height <= lowest)
+      throw std::invalid_argument(fmt::format("the camera is below the terrain: {:.3f} m above the sphere, ground at {:.3f} m", height, lowest));
+  }
+
+  Frame render(const FrameRequest& request, const StopToken& stop) {
+    Frame frame;
+    Stopwatch watch;
+    const View view(request.camera, request.pose);
+    refuse_underground(view.position());
+    const bool light = request.products & (kImage | kRadiance | kLit);
+    const Selection selection = select_for_view(*terrain, view, light ? &request.sun : nullptr, request.accuracy.max_error_px, stop);
+    frame.times.select_ms = watch.lap_ms();
+
+    const auto scene = this->scene(selection, anchor_for(view.position(), view.moon_from_camera().col(2)));
+    frame.times.build_ms = watch.lap_ms();
+
+    const PassCounts counts = render_pixels(*scene, view, request, terrain->catalogue().rasters().size(), stop, frame.products);
+    number_sources(terrain->catalogue(), counts.sources, frame);
+    frame.times.visibility_ms = watch.lap_ms();
+
+    if (request.products & kImage) frame.report.full_scale_radiance_w_m2_sr = expose(request.image, frame.products.radiance, frame.products.image);
+    if (!(request.products & kRadiance)) frame.products.radiance = {};
+    frame.times.sensor_ms = watch.lap_ms();
+
+    report(request, selection, *scene, counts, frame.report);
+    return frame;
+  }
+
+  void report(const FrameRequest& request, const Selection& selection, const Scene& scene, const PassCounts& counts, FrameReport& out) const {
+    const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
+    out.lod_error_px = selection.error_px, out.lod_error_m = selection.error_m;
+    out.min_post_spacing_m = selection.min_spacing_m, out.max_post_spacing_m = selection.max_spacing_m;
+    for (const MeshBlock& b : scene.mesh.blocks()) out.triangles += 2 * static_cast<std::size_t>(b.posts->extent.quads) * static_cast<std::size_t>(b.posts->extent.quads);
+    out.hit_fraction = static_cast<double>(counts.hit) / pixels;
+    out.missing_fraction = static_cast<double>(counts.missing) / pixels;
+    out.filled_fraction = static_cast<double>(counts.filled) / pixels;
+    out.solar_irradiance_w_m2 = kSolarConstant_w_m2 / (request.sun.distance_au * request.sun.distance_au);
+    out.warnings = terrain->warnings();
+  }
+
+  // Traces rays in packets against the finest terrain along them.
+  std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop) {
+    std::vector<RayHit> hits(rays.size());
+    const std::vector<Ray> list(rays.begin(), rays.end());
+    const auto primary = rays_scene(list, stop);
+    for_packets(rays.size(), stop, [&](std::size_t first, int count) {
+      Rays packet;
+      for (int i = 0; i < kPacket; ++i) {
+        const Ray& ray = list[first + static_cast<std::size_t>(std::min(i, count - 1))];
+        packet.set(i, ray.origin_m, ray.direction.normalized());
+        packet.valid[i] = i < count;
+      }
+      SurfacePoints points;
+      trace(*primary, packet, points);
+      for (int i = 0; i < count; ++i)
+        if (points.hit[i]) hits[first + static_cast<std::size_t>(i)] = {true, points.distance[i], points.position(i), points.facing(i).normalized(), 0};
+    });
+    if (sun) light(hits, *sun, stop);
+    return hits;
+  }
+
+  void light(std::vector<RayHit>& hits, const Sun& sun, const StopToken& stop) {
+    std::vector<Ray> to_sun;
+    std::vector<std::size_t> asked;
+    for (std::size_t i = 0; i < hits.size(); ++i)
+      if (hits[i].hit && hits[i].normal.dot(sun.direction) > 0) to_sun.push_back({hits[i].position_m, sun.direction}), asked.push_back(i);
+    if (to_sun.empty()) return;
+    const auto scene = rays_scene(to_sun, stop);
+    for_packets(to_sun.size(), stop, [&](std::size_t first, int count) {
+      SurfacePoints points;
+      bool wanted[kPacket] = {};
+      for (int i = 0; i < count; ++i) {
+        const RayHit& hit = hits[asked[first + static_cast<std::size_t>(i)]];
+        wanted[i] = true;
+        points.x[i] = hit.position_m.x(), points.y[i] = hit.position_m.y(), points.z[i] = hit.position_m.z();
+        points.nx[i] = hit.normal.x(), points.ny[i] = hit.normal.y(), points.nz[i] = hit.normal.z();
+      }
+      float lit[kPacket];
+      if (sun.angular_radius_deg > 0) sunlit_disc(*scene, points, wanted, sun.direction, sun.angular_radius_deg * std::numbers::pi / 180, lit);
+      else sunlit(*scene, points, wanted, sun.direction, lit);
+      for (int i = 0; i < count; ++i) hits[asked[first + static_cast<std::size_t>(i)]].lit = static_cast<double>(lit[i]);
+    });
+  }
+
+  std::shared_ptr<const Scene> rays_scene(const std::vector<Ray>& rays, const StopToken& stop) {
+    const Selection selection = select_for_rays(*terrain, rays, stop);
+    if (rays.empty()) return scene(selection, Vec3::Zero());
+    return scene(selection, anchor_for(rays[0].origin_m, rays[0].direction));
+  }
+
+  template <typename Work>
+  static void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
+    const std::size_t packets = (size + kPacket - 1) / kPacket;
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, packets, 16), [&](const tbb::blocked_range<std::size_t>& range) {
+      if (stop.stopped()) throw Cancelled();
+      for (std::size_t p = range.begin(); p < range.end(); ++p) work(p * kPacket, static_cast<int>(std::min<std::size_t>(kPacket, size - p * kPacket)));
+    });
+  }
+
+  std::vector<Landmark> project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
+                                const StopToken& stop) {
+    const View view(camera, pose);
+    refuse_underground(view.position());
+    std::vector<Landmark> answers(points.size());
+    std::vector<Ray> looks, lights;
+    std::vector<std::size_t> looked, lighted;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const LandmarkQuery& q = points[i];
+      Landmark& a = answers[i];
+      a.height_m = q.height_m.value_or(terrain->height(q.lat_deg, q.lon_deg).height_m);
+      a.x_px = a.y_px = a.range_m = std::nan("");
+      if (std::isnan(a.height_m)) continue;
+      const Vec3 place = to_cartesian({q.lat_deg, q.lon_deg, a.height_m});
+      a.range_m = (place - view.position()).norm();
+      if (sun) lights.push_back({above(place), sun->direction}), lighted.push_back(i);
+      const auto pixel = view.project(place);
+      if (!pixel) continue;
+      a.x_px = pixel->x, a.y_px = pixel->y;
+      a.in_frame = pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < camera.width - 0.5 && pixel->y < camera.height - 0.5;
+      if (a.in_frame) looks.push_back({view.position(), (place - view.position()).normalized()}), looked.push_back(i);
+    }
+    const std::vector<RayHit> seen = cast(looks, std::nullopt, stop);
+    for (std::size_t k = 0; k < seen.size(); ++k) {
+      // Visible unless something stands clearly nearer: the landmark itself is met at its own range.
+      Landmark& a = answers[looked[k]];
+      a.visible = !seen[k].hit || seen[k].range_m > a.range_m - slack_m(a.range_m);
+    }
+    const std::vector<RayHit> shades = cast(lights, std::nullopt, stop);
+    for (std::size_t k = 0; k < shades.size(); ++k) answers[lighted[k]].lit = shades[k].hit ? 0 : 1;
+    return answers;
+  }
+
+  // A landmark given on the terrain lies on the mesh to within rounding and the chords' sag (2 mm): it is lifted clear of both.
+  static Vec3 above(const Vec3& place) { return place * (1 + 0.01 / place.norm()); }
+  static double slack_m(double range_m) { return std::max(0.05, 1e-7 * range_m); }
+
+  std::shared_ptr<dem::Terrain> terrain;
+  int threads;
+  tbb::task_arena arena;
+  dem::Cache<SceneKey, Scene, SceneKeyHash> scenes;
+};
+
+Renderer::Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions& options) : impl_(std::make_unique<Impl>(std::move(terrain), options)) {}
+Renderer::~Renderer() = default;
+
+Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
+  return impl_->arena.execute([&] { return impl_->render(request, stop); });
+}
+
+std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop) const {
+  return impl_->arena.execute([&] { return impl_->cast(rays, sun, stop); });
+}
+
+std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
+                                        const StopToken& stop) const {
+  return impl_->arena.execute([&] { return impl_->project(camera, pose, points, sun, stop); });
+}
+
+const dem::Terrain& Renderer::terrain() const { return *impl_->terrain; }
+std::size_t Renderer::scene_bytes_in_use() const { return impl_->scenes.bytes(); }
+
+}  // namespace selenograph::engine

@@ -1,0 +1,47 @@
+// The render engine: frames, rays, landmarks.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "dem/terrain.h"
+#include "engine/frame.h"
+
+namespace selenograph::engine {
+
+struct RendererOptions {
+  // Worker threads per renderer; 0: all cores. The bytes of an answer don't depend on it.
+  int threads = 0;
+  // Bytes for acceleration structures that are kept between frames (least recently used go first).
+  std::size_t scene_bytes = std::size_t{512} << 20;
+};
+
+// const means safe to call concurrently.
+class Renderer {
+ public:
+  Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions& options);
+  ~Renderer();
+
+  // Throws std::invalid_argument when the camera is below the terrain, DataError when a needed file is unusable,
+  // Cancelled when `stop` says so. Same request, same terrain: same bytes.
+  Frame render(const FrameRequest& request, const StopToken& stop = {}) const;
+
+  // Arbitrary rays against the finest terrain.
+  std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop = {}) const;
+
+  // Where landmarks appear. in_frame: the pixel coordinates are within [-0.5, width-0.5) x [-0.5, height-0.5) and the point is
+  // in front of the camera; visible: in_frame and nothing stands between.
+  std::vector<Landmark> project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
+                                const std::optional<Sun>& sun, const StopToken& stop = {}) const;
+
+  const dem::Terrain& terrain() const;
+  std::size_t scene_bytes_in_use() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,30 @@
+// What visibility works on: a joined mesh and its acceleration structure, shared between frames that see the same terrain.
+#pragma once
+
+#include <memory>
+
+#include "engine/mesh.h"
+#include "engine/ray_tracer.h"
+#include "engine/selection.h"
+
+namespace selenograph::engine {
+
+struct Scene {
+  Scene(const dem::Terrain& terrain, const Selection& selection, const Vec3& anchor_m, int threads)
+      : mesh(terrain, selection.blocks), tracer(mesh, anchor_m, threads), shell_m(kMoonRadius_m + selection.highest_m + 1) {}
+
+  std::size_t bytes() const {
+    std::size_t posts = 0;
+    for (const MeshBlock& b : mesh.blocks()) posts += b.posts->bytes();
+    return mesh.bytes() + tracer.bytes() + posts;
+  }
+
+  Mesh mesh;
+  RayTracer tracer;
+  double shell_m;  // radius of a sphere around everything in it
+};
+
+// Near the camera, or, far away, near the surface in view; snapped to a lattice of 4096 m so that consecutive frames share it.
+Vec3 anchor_for(const Vec3& camera_m, const Vec3& boresight);
+
+}  // namespace selenograph::engine

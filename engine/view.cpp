@@ -1,0 +1,140 @@
+#include "engine/view.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace selenograph::engine {
+namespace {
+
+double radial(const Distortion& d, double r2) { return 1 + r2 * (d.k1 + r2 * (d.k2 + r2 * d.k3)); }
+
+// d(r * radial(r^2)) / dr: positive as long as the lens doesn't fold.
+double radial_slope(const Distortion& d, double r2) { return 1 + r2 * (3 * d.k1 + r2 * (5 * d.k2 + r2 * 7 * d.k3)); }
+
+// Smallest squared radius at which the distortion folds; infinite if it never does. 89.9 degrees off axis is far enough.
+double fold_radius2(const Distortion& d) {
+  constexpr double kFarthest = 330000.0;
+  if (d.none()) return std::numeric_limits<double>::infinity();
+  double low = 0;
+  for (double r = 0.002; r * r < kFarthest; r *= 1.01) {
+    if (radial_slope(d, r * r) <= 0) {
+      double high = r * r;
+      for (int i = 0; i < 60; ++i) (radial_slope(d, (low + high) / 2) > 0 ? low : high) = (low + high) / 2;
+      return low;
+    }
+    low = r * r;
+  }
+  return std::numeric_limits<double>::infinity();
+}
+
+}  // namespace
+
+View::View(const Camera& camera, const Pose& pose)
+    : camera_(camera), position_(pose.position_m), camera_from_moon_(pose.camera_from_moon.normalized().toRotationMatrix()) {
+  if (camera.width <= 0 || camera.height <= 0) throw std::invalid_argument("camera: image without pixels");
+  if (!(std::isfinite(camera.fx) && std::isfinite(camera.fy) && camera.fx > 0 && camera.fy > 0 && std::isfinite(camera.cx) && std::isfinite(camera.cy)))
+    throw std::invalid_argument("camera: focal lengths must be positive and finite");
+  if (!position_.allFinite() || !camera_from_moon_.allFinite()) throw std::invalid_argument("pose: not finite");
+  moon_from_camera_ = camera_from_moon_.transpose();
+  fold_r2_ = fold_radius2(camera_.distortion);
+  bound_image();
+}
+
+Eigen::Vector2d View::distorted(double x, double y) const {
+  const Distortion& d = camera_.distortion;
+  const double r2 = x * x + y * y, k = radial(d, r2);
+  return {x * k + 2 * d.p1 * x * y + d.p2 * (r2 + 2 * x * x), y * k + d.p1 * (r2 + 2 * y * y) + 2 * d.p2 * x * y};
+}
+
+// Newton's method with the exact Jacobian; converges quadratically, so that a failure within 50 steps means beyond the fold.
+std::optional<Eigen::Vector2d> View::undistorted(double xd, double yd) const {
+  const Distortion& d = camera_.distortion;
+  if (d.none()) return Eigen::Vector2d(xd, yd);
+  Eigen::Vector2d p(xd, yd);
+  const double limit = fold_r2_;
+  if (p.squaredNorm() > limit) p *= 0.9 * std::sqrt(limit / p.squaredNorm());
+  for (int i = 0; i < 50; ++i) {
+    const double x = p.x(), y = p.y(), r2 = x * x + y * y, k = radial(d, r2);
+    const double dk = 2 * (d.k1 + r2 * (2 * d.k2 + r2 * 3 * d.k3));  // d(radial)/d(r2), twice
+    const Eigen::Vector2d miss = distorted(x, y) - Eigen::Vector2d(xd, yd);
+    Eigen::Matrix2d jacobian;
+    jacobian << k + x * x * dk + 2 * d.p1 * y + 6 * d.p2 * x, x * y * dk + 2 * d.p1 * x + 2 * d.p2 * y,
+        x * y * dk + 2 * d.p1 * x + 2 * d.p2 * y, k + y * y * dk + 6 * d.p1 * y + 2 * d.p2 * x;
+    const double det = jacobian.determinant();
+    if (!(det > 1e-12)) return std::nullopt;
+    Eigen::Vector2d step = jacobian.inverse() * miss;
+    // Never past the fold in one leap.
+    const double longest = 0.5 * std::max(0.1, p.norm());
+    if (step.norm() > longest) step *= longest / step.norm();
+    p -= step;
+    if (p.squaredNorm() > limit) p *= std::sqrt(limit / p.squaredNorm());
+    if (step.norm() <= 1e-15 * (1 + p.norm())) break;
+  }
+  if ((distorted(p.x(), p.y()) - Eigen::Vector2d(xd, yd)).norm() > 1e-11 * (1 + std::hypot(xd, yd))) return std::nullopt;
+  return p;
+}
+
+std::optional<Vec3> View::ray(double x_px, double y_px) const {
+  const auto p = undistorted((x_px - camera_.cx) / camera_.fx, (y_px - camera_.cy) / camera_.fy);
+  if (!p) return std::nullopt;
+  return moon_from_camera_ * Vec3(p->x(), p->y(), 1);
+}
+
+std::optional<PixelXY> View::project(const Vec3& point_m) const {
+  const Vec3 c = camera_from_moon_ * (point_m - position_);
+  if (!(c.z() > 0)) return std::nullopt;
+  const double x = c.x() / c.z(), y = c.y() / c.z();
+  if (x * x + y * y > fold_r2_) return std::nullopt;
+  const Eigen::Vector2d d = distorted(x, y);
+  return PixelXY{camera_.fx * d.x() + camera_.cx, camera_.fy * d.y() + camera_.cy};
+}
+
+void View::bound_image() {
+  // The border of the image, half a pixel outside; a pixel without a ray (beyond the fold) bounds nothing.
+  const double w = camera_.width - 0.5, h = camera_.height - 0.5;
+  constexpr int kSamples = 64;
+  left_ = top_ = std::numeric_limits<double>::infinity();
+  right_ = bottom_ = -left_;
+  double sharpest = 0;
+  for (int j = 0; j <= kSamples; ++j)
+    for (int i = 0; i <= kSamples; ++i) {
+      const double u = -0.5 + (w + 0.5) * i / kSamples, v = -0.5 + (h + 0.5) * j / kSamples;
+      const auto p = undistorted((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy);
+      if (!p) continue;
+      left_ = std::min(left_, p->x()), right_ = std::max(right_, p->x());
+      top_ = std::min(top_, p->y()), bottom_ = std::max(bottom_, p->y());
+      // Pixels per radian, along the radius the larger one: on the plane z = 1 an angle covers (1 + r^2), the lens stretches on top.
+      const double r2 = p->squaredNorm(), stretch = std::max(std::abs(radial_slope(camera_.distortion, r2)), std::abs(radial(camera_.distortion, r2)));
+      sharpest = std::max(sharpest, std::max(camera_.fx, camera_.fy) * (1 + r2) * stretch);
+      stretched_focal_ = std::max(stretched_focal_, std::max(camera_.fx, camera_.fy) * stretch * 1.01);
+      widest_ = std::max(widest_, std::sqrt(r2));
+    }
+  pixels_per_radian_ = sharpest * 1.01;
+  if (left_ > right_) return;  // nothing has a ray: nothing is in view
+  const double mx = 0.02 * (right_ - left_) + 1e-9, my = 0.02 * (bottom_ - top_) + 1e-9;
+  left_ -= mx, right_ += mx, top_ -= my, bottom_ += my;
+}
+
+bool View::may_see(const Vec3& centre_m, double radius_m) const {
+  if (left_ > right_) return false;
+  const Vec3 c = camera_from_moon_ * (centre_m - position_);
+  if (c.z() < -radius_m) return false;
+  const auto outside = [&](double across, double slope, double sign) {
+    // Distance outside the plane through the camera whose slope is `slope`.
+    return sign * (across - slope * c.z()) / std::sqrt(1 + slope * slope) > radius_m;
+  };
+  return !(outside(c.x(), left_, -1) || outside(c.x(), right_, 1) || outside(c.y(), top_, -1) || outside(c.y(), bottom_, 1));
+}
+
+double View::pixels_per_metre(const Vec3& centre_m, double radius_m) const {
+  const Vec3 c = camera_from_moon_ * (centre_m - position_);
+  const double by_angle = pixels_per_radian_ / std::max(c.norm() - radius_m, 1e-3);
+  const double depth = c.z() - radius_m;
+  if (!(depth > 1e-3)) return by_angle;
+  // A displacement e moves the image point (x/z, y/z) by at most |e| sqrt(1 + r^2) / z.
+  const double r = std::min(widest_, (std::hypot(c.x(), c.y()) + radius_m) / depth);
+  return std::min(by_angle, stretched_focal_ * std::sqrt(1 + r * r) / depth);
+}
+
+}  // namespace selenograph::engine
