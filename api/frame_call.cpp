@@ -1,0 +1,106 @@
+// POST /v1/frames, from the body to the bytes of the answer.
+#include <fmt/format.h>
+
+#include <chrono>
+
+#include "api/arrays.h"
+#include "api/call.h"
+#include "api/encode.h"
+#include "api/frame_json.h"
+#include "api/metadata.h"
+#include "api/negotiate.h"
+#include "dem/error.h"
+
+namespace selenograph::api {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double ms_since(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+// https://www.w3.org/TR/server-timing/: durations in milliseconds.
+std::string server_timing(double parse_ms, const engine::StageTimes& times, double encode_ms) {
+  return fmt::format(
+      "parse;dur={:.3f}, select;dur={:.3f}, build;dur={:.3f}, visibility;dur={:.3f}, sensor;dur={:.3f}, "
+      "encode;dur={:.3f}",
+      parse_ms, times.select_ms, times.build_ms, times.visibility_ms, times.sensor_ms, encode_ms);
+}
+
+std::string encode(const std::vector<ArrayView>& arrays, Format format, const std::string& meta) {
+  const Attributes attributes{{"selenograph", meta}};
+  switch (format) {
+    case Format::npy:
+      return encode_npy(arrays.front());
+    case Format::npz:
+      return encode_npz(arrays, meta);
+    case Format::png:
+      return encode_png(arrays.front(), attributes);
+    case Format::tiff:
+      return encode_tiff(arrays.front(), attributes);
+    case Format::exr:
+      return encode_exr(arrays, attributes);
+    case Format::raw:
+      return encode_raw(arrays.front());
+  }
+  throw std::logic_error("no such format");
+}
+
+std::string shape(const ArrayView& array) {
+  return fmt::format("{},{}", array.height, array.width) +
+         (array.channels > 1 ? fmt::format(",{}", array.channels) : "");
+}
+
+// For representations without room for metadata of their own.
+void add_array_headers(Response& response, const ArrayView& array, const nlohmann::ordered_json& meta) {
+  response.headers.emplace_back("Selenograph-Product", array.name);
+  response.headers.emplace_back("Selenograph-Shape", shape(array));
+  response.headers.emplace_back("Selenograph-Dtype", numpy_descr(array.type));
+  response.headers.emplace_back("Selenograph-Meta", metadata_header(meta));
+}
+
+Response not_modified(const std::string& hash) {
+  Response response;
+  response.status = 304;
+  response.headers = {{"ETag", "\"" + hash + "\""}, {"Vary", "Accept"}};
+  return response;
+}
+
+Response answer(const FrameCall& call, const engine::Frame& frame, const Representation& representation,
+                const std::string& hash) {
+  Response response;
+  response.content_type = representation.media_type;
+  response.headers.emplace_back("Vary", "Accept");
+  // With a file fallen through the bytes are not those that the hash stands for.
+  if (frame.report.warnings.empty()) response.headers.emplace_back("ETag", "\"" + hash + "\"");
+  const nlohmann::ordered_json meta = metadata(call, frame.report, hash);
+  std::vector<std::uint8_t> narrowed;
+  const std::vector<ArrayView> arrays = arrays_of(frame, call.request, call.request.products, narrowed);
+  response.body = encode(arrays, representation.format, meta.dump(2, ' ', false, Json::error_handler_t::replace));
+  if (representation.format == Format::npy || representation.format == Format::raw) {
+    add_array_headers(response, arrays.front(), meta);
+  }
+  return response;
+}
+
+}  // namespace
+
+Response frame_call(const CallContext& context) {
+  const Clock::time_point start = Clock::now();
+  const FrameCall call = read_frame(json_body(context), context.limits);
+  const Representation& representation = negotiate(header(context.request, "accept"), call.request.products);
+  const std::string hash = content_hash(call, context.renderer.terrain().catalogue().fingerprint(), representation);
+  if (names_etag(header(context.request, "if-none-match"), hash)) return not_modified(hash);
+  const double parse_ms = ms_since(start);
+
+  const engine::Frame frame = refusing_at("/pose", [&] { return context.renderer.render(call.request, context.stop); });
+  if (context.stop.stopped()) throw Cancelled();
+
+  const Clock::time_point encode_start = Clock::now();
+  Response response = answer(call, frame, representation, hash);
+  response.headers.emplace_back("Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start)));
+  return response;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,176 @@
+#include "api/frame_json.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "api/arrays.h"
+#include "api/ranges.h"
+
+namespace selenograph::api {
+namespace {
+
+using OrderedJson = nlohmann::ordered_json;
+
+std::vector<std::pair<std::string_view, engine::Product>> product_words() {
+  std::vector<std::pair<std::string_view, engine::Product>> words;
+  for (const ProductName& row : product_names()) words.emplace_back(row.name, row.product);
+  return words;
+}
+
+engine::ProductSet read_products(const JsonReader& in) {
+  static const auto words = product_words();
+  engine::ProductSet products = 0;
+  in.elements(1, words.size(), [&](const JsonReader& element) {
+    const auto product = element.word(Words<engine::Product>(words));
+    if (!product) return;
+    if (products & *product) element.fail("is listed twice");
+    products |= *product;
+  });
+  return products;
+}
+
+engine::Reflectance read_reflectance(const JsonReader& in) {
+  engine::Reflectance reflectance;
+  if (!in.object({"model", "lommel_seeliger_weight", "rho"})) return reflectance;
+  reflectance.model = in.word("model", Words<engine::ReflectanceModel>(kReflectanceModels), reflectance.model);
+  reflectance.rho = in.number("rho", kUnitInterval, reflectance.rho);
+  reflectance.lommel_seeliger_weight =
+      in.number("lommel_seeliger_weight", kUnitInterval, reflectance.lommel_seeliger_weight);
+  if (reflectance.model != engine::ReflectanceModel::lunar && in.has("lommel_seeliger_weight")) {
+    in.fail("lommel_seeliger_weight", "belongs to the model \"lunar\"");
+  }
+  return reflectance;
+}
+
+engine::Reflectance read_surface(const JsonReader& in) {
+  if (!in.object({"reflectance"}) || !in.has("reflectance")) return {};
+  return read_reflectance(in.at("reflectance"));
+}
+
+engine::Accuracy read_accuracy(const JsonReader& in, const Limits& limits) {
+  engine::Accuracy accuracy;
+  if (!in.object({"max_error_px", "samples_per_pixel"})) return accuracy;
+  accuracy.max_error_px = in.number("max_error_px", kMaxError_px, accuracy.max_error_px);
+  accuracy.samples_per_pixel =
+      static_cast<int>(in.integer("samples_per_pixel", 1, limits.max_samples_per_pixel, accuracy.samples_per_pixel));
+  const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
+  if (side * side != accuracy.samples_per_pixel)
+    in.fail("samples_per_pixel", "must be a square number: 1, 4, 9, 16, ...");
+  return accuracy;
+}
+
+engine::ImageSettings read_image(const JsonReader& in) {
+  engine::ImageSettings image;
+  if (!in.object({"bit_depth", "full_scale_radiance"})) return image;
+  image.bit_depth = static_cast<int>(in.integer("bit_depth", 8, 16, image.bit_depth));
+  if (image.bit_depth != 8 && image.bit_depth != 16) in.fail("bit_depth", "must be 8 or 16");
+  if (in.has("full_scale_radiance")) {
+    const JsonReader scale = in.at("full_scale_radiance");
+    if (scale.value().is_number()) {
+      image.full_scale_radiance_w_m2_sr = scale.number(kFullScaleRadiance);
+    } else if (scale.value() != "auto") {
+      scale.fail("must be a number (W m-2 sr-1) or \"auto\"");
+    }
+  }
+  return image;
+}
+
+void require_sun(const JsonReader& in, engine::ProductSet products) {
+  for (const ProductName& row : product_names()) {
+    if (!(products & kNeedsSun & row.product)) continue;
+    in.fail("sun", "is required for the product \"" + std::string(row.name) + "\"");
+    return;
+  }
+}
+
+FrameCall read_members(const JsonReader& in, const Limits& limits) {
+  FrameCall call;
+  engine::FrameRequest& request = call.request;
+  if (!in.object({"camera", "pose", "sun", "surface", "accuracy", "image", "products"})) return call;
+  for (const std::string_view name : {"camera", "pose"}) {
+    if (!in.has(name)) in.fail(name, "is required");
+  }
+  if (in.has("camera")) request.camera = read_camera(in.at("camera"), limits);
+  if (in.has("pose")) request.pose = read_pose(in.at("pose"));
+  if (in.has("surface")) request.reflectance = read_surface(in.at("surface"));
+  if (in.has("accuracy")) request.accuracy = read_accuracy(in.at("accuracy"), limits);
+  if (in.has("image")) request.image = read_image(in.at("image"));
+  if (in.has("products")) request.products = read_products(in.at("products"));
+  call.sun_given = in.has("sun");
+  if (call.sun_given) {
+    request.sun = read_sun(in.at("sun"));
+  } else {
+    require_sun(in, request.products);
+  }
+  return call;
+}
+
+OrderedJson camera_json(const engine::Camera& camera) {
+  const engine::Distortion& d = camera.distortion;
+  return {{"model", "pinhole"},
+          {"width", camera.width},
+          {"height", camera.height},
+          {"fx", camera.fx},
+          {"fy", camera.fy},
+          {"cx", camera.cx},
+          {"cy", camera.cy},
+          {"distortion",
+           {{"model", "brown_conrady"}, {"k1", d.k1}, {"k2", d.k2}, {"k3", d.k3}, {"p1", d.p1}, {"p2", d.p2}}}};
+}
+
+OrderedJson vector_json(const Vec3& v) { return OrderedJson::array({v.x(), v.y(), v.z()}); }
+
+OrderedJson pose_json(const engine::Pose& pose) {
+  const Eigen::Quaterniond& q = pose.camera_from_moon;
+  return {{"frame", "MOON_ME"},
+          {"position_m", vector_json(pose.position_m)},
+          {"camera_from_moon", {{"w", q.w()}, {"x", q.x()}, {"y", q.y()}, {"z", q.z()}}},
+          {"axes", "opencv"}};
+}
+
+OrderedJson reflectance_json(const engine::Reflectance& reflectance) {
+  OrderedJson json;
+  for (const auto& [name, model] : kReflectanceModels) {
+    if (model == reflectance.model) json["model"] = name;
+  }
+  if (reflectance.model == engine::ReflectanceModel::lunar) {
+    json["lommel_seeliger_weight"] = reflectance.lommel_seeliger_weight;
+  }
+  json["rho"] = reflectance.rho;
+  return json;
+}
+
+OrderedJson image_json(const engine::ImageSettings& image) {
+  const auto& scale = image.full_scale_radiance_w_m2_sr;
+  return {{"bit_depth", image.bit_depth}, {"full_scale_radiance", scale ? OrderedJson(*scale) : OrderedJson("auto")}};
+}
+
+}  // namespace
+
+FrameCall read_frame(const Json& body, const Limits& limits) {
+  Findings findings;
+  const FrameCall call = read_members(JsonReader(body, findings), limits);
+  findings.throw_if_any();
+  return call;
+}
+
+OrderedJson resolved_json(const FrameCall& call) {
+  const engine::FrameRequest& request = call.request;
+  OrderedJson json{{"camera", camera_json(request.camera)}, {"pose", pose_json(request.pose)}};
+  if (call.sun_given) {
+    json["sun"] = {{"direction", vector_json(request.sun.direction)},
+                   {"distance_au", request.sun.distance_au},
+                   {"angular_radius_deg", request.sun.angular_radius_deg}};
+  }
+  json["surface"] = {{"reflectance", reflectance_json(request.reflectance)}};
+  json["accuracy"] = {{"max_error_px", request.accuracy.max_error_px},
+                      {"samples_per_pixel", request.accuracy.samples_per_pixel}};
+  if (request.products & engine::kImage) json["image"] = image_json(request.image);
+  json["products"] = OrderedJson::array();
+  for (const ProductName& row : product_names()) {
+    if (request.products & row.product) json["products"].push_back(row.name);
+  }
+  return json;
+}
+
+}  // namespace selenograph::api

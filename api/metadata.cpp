@@ -1,0 +1,120 @@
+#include "api/metadata.h"
+
+#include <fmt/format.h>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "engine/photometry.h"
+
+namespace selenograph::api {
+namespace {
+
+using OrderedJson = nlohmann::ordered_json;
+
+std::string hex(std::uint64_t x) { return fmt::format("{:016x}", x); }
+
+OrderedJson sources_json(const engine::FrameReport& report) {
+  OrderedJson sources = OrderedJson::array();
+  for (const engine::SourceTile& tile : report.sources) {
+    sources.push_back({{"name", tile.name}, {"version", hex(tile.version)}});
+  }
+  return sources;
+}
+
+OrderedJson irradiance_json(const engine::FrameReport& report) {
+  return {{"value_w_m2", report.solar_irradiance_w_m2},
+          {"band", "all wavelengths"},
+          {"source", fmt::format("{} W m-2 at 1 au (IAU 2015 resolution B3, after Kopp & Lean 2011), times 1/r^2",
+                                 engine::kSolarConstant_w_m2)}};
+}
+
+std::string compact(const OrderedJson& json) { return json.dump(-1, ' ', true, OrderedJson::error_handler_t::replace); }
+
+void omit(OrderedJson& metadata, const char* list) {
+  metadata[std::string(list) + "_omitted"] = metadata.at(list).size();
+  metadata[list] = OrderedJson::array();
+}
+
+}  // namespace
+
+std::string_view software_version() { return SELENOGRAPH_VERSION; }
+
+std::string content_hash(const FrameCall& call, std::uint64_t terrain_fingerprint,
+                         const Representation& representation) {
+  const OrderedJson what{{"request", resolved_json(call)},
+                         {"terrain", hex(terrain_fingerprint)},
+                         {"version", software_version()},
+                         {"representation", representation.media_type}};
+  const std::string text = what.dump();
+  const XXH128_hash_t hash = XXH3_128bits(text.data(), text.size());
+  return hex(hash.high64) + hex(hash.low64);
+}
+
+bool names_etag(const std::string& if_none_match, const std::string& hash) {
+  // A hash has no quote or comma in it, so looking for its quoted form is as good as taking the list apart.
+  return if_none_match == "*" || if_none_match.find("\"" + hash + "\"") != std::string::npos;
+}
+
+std::string_view normalisation(engine::ReflectanceModel model) {
+  switch (model) {
+    case engine::ReflectanceModel::lambert:
+      return "f_r = rho / pi (SENSOR++ eq. 4), per steradian; radiance = E_sun * mu0 * f_r * lit";
+    case engine::ReflectanceModel::lommel_seeliger:
+      return "f_r = rho / (2 pi) / (mu0 + mu) (SENSOR++ eq. 10 as printed), per steradian; radiance = E_sun * mu0 * "
+             "f_r * "
+             "lit; a quarter of Lambert's at mu0 = mu = 1";
+    case engine::ReflectanceModel::lunar:
+      return "f_r = w * rho / (2 pi) / (mu0 + mu) + (1 - w) * rho / pi, w = lommel_seeliger_weight (SENSOR++ 3.1, eqs. "
+             "10 and "
+             "4), per steradian; radiance = E_sun * mu0 * f_r * lit";
+  }
+  return "";
+}
+
+std::string_view normalisation_elsewhere() {
+  return "Tools differ by factors of 2, 4 and pi in what they call Lommel-Seeliger. Compare before comparing "
+         "radiances:\n"
+         "- here (SENSOR++ eq. 10): `f_r = rho/(2 pi) / (mu0 + mu)`; at mu0 = mu = 1 it is rho/(4 pi), a quarter of "
+         "Lambert's "
+         "rho/pi;\n"
+         "- Hapke, with an isotropic phase function and without multiple scattering: `f_r = w/(4 pi) / (mu0 + mu)`, "
+         "half of "
+         "ours for rho = w;\n"
+         "- lunar-Lambert as in McEwen (1991) and ISIS: `I/F = A (2 L mu0/(mu0 + mu) + (1 - L) mu0)`, that is "
+         "`f_r = 2 A L/pi / (mu0 + mu) + ...`, equal to Lambert at mu0 = mu = 1 and four times ours for rho = A;\n"
+         "- tools that answer I/F (radiance factor) are a factor of pi above the f_r * mu0 of their own equation.";
+}
+
+OrderedJson metadata(const FrameCall& call, const engine::FrameReport& report, const std::string& hash) {
+  const engine::ProductSet products = call.request.products;
+  OrderedJson meta{{"software", {{"name", "selenograph"}, {"version", software_version()}}},
+                   {"content_hash", hash},
+                   {"request", resolved_json(call)}};
+  if (call.sun_given) {
+    meta["reflectance"] = {{"normalisation", normalisation(call.request.reflectance.model)}};
+    meta["solar_irradiance"] = irradiance_json(report);
+  }
+  if (products & engine::kImage) meta["full_scale_radiance_w_m2_sr"] = report.full_scale_radiance_w_m2_sr;
+  meta["lod_error_px"] = report.lod_error_px;
+  meta["lod_error_m"] = report.lod_error_m;
+  meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
+  meta["triangles"] = report.triangles;
+  meta["hit_fraction"] = report.hit_fraction;
+  meta["filled_fraction"] = report.filled_fraction;
+  meta["missing_fraction"] = report.missing_fraction;
+  meta["sources"] = sources_json(report);
+  meta["warnings"] = report.warnings;
+  return meta;
+}
+
+std::string metadata_header(OrderedJson metadata) {
+  for (const char* list : {"sources", "warnings"}) {
+    std::string text = compact(metadata);
+    if (text.size() <= kMetaHeaderBytes) return text;
+    omit(metadata, list);
+  }
+  return compact(metadata);
+}
+
+}  // namespace selenograph::api

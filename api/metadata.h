@@ -1,0 +1,39 @@
+// What is said about a frame besides its pixels: meta.json, headers, content hash. Deterministic: no times, no
+// counters.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+
+#include "api/frame_json.h"
+#include "api/negotiate.h"
+#include "engine/frame.h"
+
+namespace selenograph::api {
+
+// 32 hexadecimal digits that stand for an answer's bytes: resolved request, terrain (Catalogue::fingerprint), software
+// version and representation go in. Known before anything is rendered, so that If-None-Match costs no frame.
+std::string content_hash(const FrameCall& call, std::uint64_t terrain_fingerprint,
+                         const Representation& representation);
+
+// True when an If-None-Match header names this hash's entity tag (weak tags count: RFC 9110, 13.1.2), or is "*".
+bool names_etag(const std::string& if_none_match, const std::string& hash);
+
+// The equation of a reflectance model as printed in the paper, and what it is not: other tools' factors.
+std::string_view normalisation(engine::ReflectanceModel model);
+// How other tools normalise Lommel-Seeliger, for the API document.
+std::string_view normalisation_elsewhere();
+
+nlohmann::ordered_json metadata(const FrameCall& call, const engine::FrameReport& report, const std::string& hash);
+
+// The same for the header `Selenograph-Meta`: compact, ASCII only, at most kMetaHeaderBytes. Where it would be longer,
+// the lists of sources and then of warnings are replaced by their lengths ("sources_omitted"): the other
+// representations have them.
+inline constexpr std::size_t kMetaHeaderBytes = 6000;  // HTTP libraries commonly refuse lines beyond 8192
+std::string metadata_header(nlohmann::ordered_json metadata);
+
+std::string_view software_version();
+
+}  // namespace selenograph::api

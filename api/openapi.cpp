@@ -1,0 +1,275 @@
+#include "api/openapi.h"
+
+#include "api/metadata.h"
+#include "api/negotiate.h"
+#include "api/problem.h"
+#include "api/routes.h"
+
+namespace selenograph::api {
+namespace {
+
+using OrderedJson = nlohmann::ordered_json;
+
+OrderedJson schema_ref(const std::string& name) { return {{"$ref", "#/components/schemas/" + name}}; }
+
+OrderedJson json_content(const std::string& schema) { return {{"application/json", {{"schema", schema_ref(schema)}}}}; }
+
+// 404 belongs to no path and 499 is never sent; both are in the table of info.description.
+bool answered_by_calls(const ErrorRow& row) { return row.status != 404 && row.status != 499; }
+
+bool only_with_body(int status) { return status == 413 || status == 415; }
+
+std::string response_name(int status) { return "Problem" + std::to_string(status); }
+
+// One response per status; codes that share a status are its examples.
+OrderedJson problem_responses() {
+  OrderedJson responses = OrderedJson::object();
+  for (const ErrorRow& row : error_table()) {
+    if (!answered_by_calls(row)) continue;
+    OrderedJson& response = responses[response_name(row.status)];
+    if (response.is_null()) {
+      response = {{"description", row.title},
+                  {"content", {{"application/problem+json", {{"schema", schema_ref("Problem")}}}}}};
+      if (row.status == 503) response["headers"]["Retry-After"] = {{"$ref", "#/components/headers/Retry-After"}};
+      if (row.status == 405) response["headers"]["Allow"] = {{"$ref", "#/components/headers/Allow"}};
+    }
+    response["content"]["application/problem+json"]["examples"][std::string(row.code)] = {
+        {"summary", row.meaning},
+        {"value",
+         {{"type", problem_type(row)}, {"title", row.title}, {"status", row.status}, {"detail", row.meaning}}}};
+  }
+  return responses;
+}
+
+void add_problems(OrderedJson& responses, const Route& route) {
+  for (const ErrorRow& row : error_table()) {
+    if (!answered_by_calls(row) || (only_with_body(row.status) && !route.admission)) continue;
+    if (route.call == Call::openapi && row.status == 422) continue;
+    if (route.call == Call::datasets && row.status == 422) continue;
+    responses[std::to_string(row.status)] = {{"$ref", "#/components/responses/" + response_name(row.status)}};
+  }
+}
+
+OrderedJson header(const char* description, const char* type = "string") {
+  return {{"description", description}, {"schema", {{"type", type}}}};
+}
+
+OrderedJson headers() {
+  OrderedJson all{
+      {"ETag",
+       header("Strong: stands for the answer's bytes. Absent when a warning says that a file was fallen through")},
+      {"Vary", header("Accept")},
+      {"Server-Timing", header("Durations in ms of queue, parse, select, build, visibility, sensor, encode")},
+      {"Selenograph-Product", header("Of npy and raw answers: the product")},
+      {"Selenograph-Shape", header("Of npy and raw answers: height,width or height,width,3")},
+      {"Selenograph-Dtype", header("Of npy and raw answers: NumPy's name, e.g. <f4")},
+      {"Retry-After", header("Seconds", "integer")},
+      {"Allow", header("The methods that the path has")}};
+  all["Selenograph-Meta"] = {{"description", "Of npy and raw answers: the frame's metadata, compact ASCII JSON"},
+                             {"content", json_content("FrameMetadata")}};
+  return all;
+}
+
+OrderedJson frame_answer() {
+  OrderedJson content = OrderedJson::object();
+  std::string description =
+      "The frame, as `Accept` asks. Without a preference: image alone as PNG, one product as .npy, several as .npz.\n";
+  for (const Representation& r : representations()) {
+    content[std::string(r.media_type)] = {{"schema", {{"type", "string"}, {"contentMediaType", r.media_type}}}};
+    description += "\n- `" + std::string(r.media_type) + "`: " + std::string(r.meaning);
+  }
+  OrderedJson answer{{"description", description}, {"headers", OrderedJson::object()}, {"content", content}};
+  for (const char* name : {"ETag", "Vary", "Server-Timing", "Selenograph-Product", "Selenograph-Shape",
+                           "Selenograph-Dtype", "Selenograph-Meta"}) {
+    answer["headers"][name] = {{"$ref", std::string("#/components/headers/") + name}};
+  }
+  return answer;
+}
+
+OrderedJson body(const std::string& schema, OrderedJson examples) {
+  OrderedJson json{{"required", true}, {"content", json_content(schema)}};
+  for (auto& [name, value] : examples.items()) {
+    json["content"]["application/json"]["examples"][name] = {{"value", value}};
+  }
+  return json;
+}
+
+OrderedJson parameter(const char* name, const char* in, const char* description, bool required, OrderedJson schema) {
+  return {
+      {"name", name}, {"in", in}, {"description", description}, {"required", required}, {"schema", std::move(schema)}};
+}
+
+OrderedJson timeout_parameter() { return {{"$ref", "#/components/parameters/Request-Timeout-Ms"}}; }
+
+void fill_frames(OrderedJson& operation) {
+  operation["description"] =
+      "A safe question asked with POST because it is long: nothing changes on the service, and the same question gives "
+      "the "
+      "same bytes. Therefore If-None-Match is answered with 304 as for GET, without rendering anything.";
+  operation["parameters"] = {timeout_parameter(), parameter("If-None-Match", "header", "ETags that the client has",
+                                                            false, {{"type", "string"}})};
+  operation["requestBody"] = body("FrameRequest", frame_examples());
+  operation["responses"]["200"] = frame_answer();
+  operation["responses"]["304"] = {{"description", "The client has this frame already"},
+                                   {"headers", {{"ETag", {{"$ref", "#/components/headers/ETag"}}}}}};
+}
+
+void fill_points(OrderedJson& operation, const char* request, const char* answer, const OrderedJson& example) {
+  operation["parameters"] = OrderedJson::array({timeout_parameter()});
+  operation["requestBody"] = body(request, {{"example", example}});
+  operation["responses"]["200"] = {{"description", "In the order of the request"}, {"content", json_content(answer)}};
+}
+
+OrderedJson place_parameters() {
+  const std::string place = "#/components/schemas/Place/properties/";
+  return {timeout_parameter(),
+          parameter("lat_deg", "query", "planetocentric latitude", true, {{"$ref", place + "lat_deg"}}),
+          parameter("lon_deg", "query", "east longitude", true, {{"$ref", place + "lon_deg"}})};
+}
+
+void fill(OrderedJson& operation, const Route& route) {
+  const OrderedJson frame = frame_examples()["nadir"];
+  const OrderedJson place{{"lat_deg", 26.1322}, {"lon_deg", 3.6339}};
+  switch (route.call) {
+    case Call::frames:
+      return fill_frames(operation);
+    case Call::rays:
+      return fill_points(operation, "RaysRequest", "RaysAnswer",
+                         {{"rays", {{{"origin_m", {1757400.0, 0.0, 0.0}}, {"direction", {-1.0, 0.0, 0.0}}}}}});
+    case Call::project:
+      return fill_points(operation, "ProjectRequest", "ProjectAnswer",
+                         {{"camera", frame["camera"]}, {"pose", frame["pose"]}, {"points", {place}}});
+    case Call::heights:
+      return fill_points(operation, "HeightsRequest", "HeightsAnswer", {{"points", {place}}});
+    case Call::height:
+      operation["parameters"] = place_parameters();
+      operation["responses"]["200"] = {{"description", "The height"}, {"content", json_content("Height")}};
+      return;
+    case Call::datasets:
+      operation["responses"]["200"] = {{"description", "The catalogue"}, {"content", json_content("Datasets")}};
+      return;
+    case Call::openapi:
+      operation["responses"]["200"] = {{"description", "OpenAPI 3.1"},
+                                       {"content", {{"application/json", {{"schema", {{"type", "object"}}}}}}}};
+      return;
+  }
+}
+
+const char* tag(Call call) {
+  switch (call) {
+    case Call::frames:
+      return "frames";
+    case Call::rays:
+    case Call::project:
+      return "geometry";
+    case Call::heights:
+    case Call::height:
+    case Call::datasets:
+      return "terrain";
+    case Call::openapi:
+      return "service";
+  }
+  return "";
+}
+
+void add_operator_paths(OrderedJson& paths) {
+  const auto add = [&](const char* path, const char* id, const char* summary, const char* answer, bool may_be_busy) {
+    OrderedJson operation{{"operationId", id}, {"summary", summary}, {"tags", {"service"}}};
+    operation["responses"]["200"] = {{"description", answer}};
+    if (may_be_busy) operation["responses"]["503"] = {{"description", "Not now: starting, or shutting down"}};
+    paths[path]["get"] = operation;
+  };
+  add("/health/live", "isLive", "Whether the process runs", "It does", false);
+  add("/health/ready", "isReady", "Whether requests are taken", "They are", true);
+  add("/metrics", "getMetrics", "Metrics for the operator", "Prometheus text format", false);
+}
+
+std::string description() {
+  std::string out =
+      "Frames of the Moon on request: what a camera at a pose sees under a Sun, with the truth behind each pixel.\n\n"
+      "Frame MOON_ME (mean Earth / polar axis, DE421), metres, degrees at this border; heights above the sphere of 1 "
+      "737 400 m. "
+      "Camera axes are OpenCV's, the centre of the top-left pixel is (0, 0).\n\n"
+      "## Reflectance\n\n" +
+      std::string(normalisation(engine::ReflectanceModel::lommel_seeliger)) + "\n\n" +
+      std::string(normalisation_elsewhere()) +
+      "\n\n## Errors\n\napplication/problem+json (RFC 9457):\n\n| code | status | meaning |\n|---|---|---|\n";
+  for (const ErrorRow& row : error_table()) {
+    out +=
+        "| `" + std::string(row.code) + "` | " + std::to_string(row.status) + " | " + std::string(row.meaning) + " |\n";
+  }
+  return out;
+}
+
+OrderedJson components(const Limits& limits) {
+  OrderedJson timeout =
+      parameter("Request-Timeout-Ms", "header",
+                "Gives up after so many milliseconds with 504. More than the service's own deadline counts as that",
+                false, {{"type", "integer"}, {"minimum", 1}, {"default", limits.default_deadline.count()}});
+  return {{"schemas", openapi_schemas(limits)},
+          {"responses", problem_responses()},
+          {"headers", headers()},
+          {"parameters", {{"Request-Timeout-Ms", timeout}}}};
+}
+
+}  // namespace
+
+OrderedJson frame_examples() {
+  const OrderedJson camera{{"width", 1024}, {"height", 1024}, {"fov_deg", 50.0}};
+  const OrderedJson site{{"lat_deg", 26.1322}, {"lon_deg", 3.6339}};
+  OrderedJson above = site, local = site;
+  above["height_m"] = 20000.0;
+  local.update({{"azimuth_deg", 90.0}, {"elevation_deg", 15.0}});
+  const OrderedJson nadir{{"camera", camera},
+                          {"pose", {{"geodetic", above}, {"nadir", {{"up_azimuth_deg", 0.0}}}}},
+                          {"sun", {{"local", local}}}};
+  const OrderedJson oblique{
+      {"camera", camera},
+      {"pose", {{"geodetic", {{"lat_deg", 25.0}, {"lon_deg", 2.5}, {"height_m", 30000.0}}}, {"look_at", site}}},
+      {"sun", {{"subsolar", {{"lat_deg", 1.5}, {"lon_deg", 60.0}}}}},
+      {"image", {{"bit_depth", 16}}},
+      {"products", {"image", "range", "position"}}};
+  const OrderedJson quaternion{
+      {"camera", {{"width", 640}, {"height", 480}, {"fx", 800.0}, {"fy", 800.0}, {"cx", 319.5}, {"cy", 239.5}}},
+      {"pose",
+       {{"frame", "MOON_PA_DE440"},
+        {"position_m", {1757400.0, 0.0, 0.0}},
+        {"camera_from_moon", {{"w", 0.5}, {"x", 0.5}, {"y", 0.5}, {"z", -0.5}}}}},
+      {"sun", {{"direction", {0.0, 1.0, 0.2}}, {"distance_au", 0.99}}},
+      {"surface", {{"reflectance", {{"model", "lunar"}, {"lommel_seeliger_weight", 0.7}, {"rho", 0.12}}}}},
+      {"accuracy", {{"max_error_px", 0.5}, {"samples_per_pixel", 4}}}};
+  return {{"nadir", nadir}, {"oblique", oblique}, {"quaternion", quaternion}};
+}
+
+OrderedJson openapi_paths() {
+  OrderedJson paths = OrderedJson::object();
+  for (const Route& route : kRoutes) {
+    OrderedJson operation{{"operationId", route.operation_id}, {"summary", route.summary}, {"tags", {tag(route.call)}}};
+    fill(operation, route);
+    add_problems(operation["responses"], route);
+    paths[std::string(route.path)][route.method == "GET" ? "get" : "post"] = operation;
+  }
+  add_operator_paths(paths);
+  return paths;
+}
+
+OrderedJson openapi_document(const Limits& limits) {
+  return {{"openapi", "3.1.0"},
+          {"info",
+           {{"title", "selenograph"},
+            {"version", software_version()},
+            {"summary", "Lunar frames for navigation"},
+            {"description", description()},
+            {"license", {{"name", "Apache-2.0"}, {"identifier", "Apache-2.0"}}}}},
+          {"servers", {{{"url", "/"}, {"description", "where this document came from"}}}},
+          {"security", OrderedJson::array()},
+          {"tags",
+           {{{"name", "frames"}, {"description", "Images and the truth behind each pixel"}},
+            {{"name", "geometry"}, {"description", "Rays and landmarks"}},
+            {{"name", "terrain"}, {"description", "Heights and the catalogue"}},
+            {{"name", "service"}, {"description", "For clients' tools and the operator"}}}},
+          {"paths", openapi_paths()},
+          {"components", components(limits)}};
+}
+
+}  // namespace selenograph::api

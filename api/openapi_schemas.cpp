@@ -1,0 +1,457 @@
+// The shapes of what comes in and goes out, as JSON Schema. Numbers' ranges are the parser's own objects.
+#include "api/arrays.h"
+#include "api/frame_json.h"
+#include "api/metadata.h"
+#include "api/openapi.h"
+#include "api/ranges.h"
+
+namespace selenograph::api {
+namespace {
+
+using OrderedJson = nlohmann::ordered_json;
+
+OrderedJson ref(const std::string& name) { return {{"$ref", "#/components/schemas/" + name}}; }
+
+OrderedJson number(const Range& range, const char* description) {
+  OrderedJson json{{"type", "number"}, {"description", description}};
+  if (range.min > kAnyNumber.min) json[range.min_open ? "exclusiveMinimum" : "minimum"] = range.min;
+  if (range.max < kAnyNumber.max) json[range.max_open ? "exclusiveMaximum" : "maximum"] = range.max;
+  return json;
+}
+
+OrderedJson number(const Range& range, const char* description, double fallback) {
+  OrderedJson json = number(range, description);
+  json["default"] = fallback;
+  return json;
+}
+
+OrderedJson number_or_null(const char* description) {
+  return {{"type", {"number", "null"}}, {"description", description}};
+}
+
+OrderedJson integer(std::int64_t min, std::int64_t max, const char* description) {
+  return {{"type", "integer"}, {"minimum", min}, {"maximum", max}, {"description", description}};
+}
+
+OrderedJson boolean(const char* description) { return {{"type", "boolean"}, {"description", description}}; }
+
+OrderedJson text(const char* description) { return {{"type", "string"}, {"description", description}}; }
+
+OrderedJson vector(const char* description, const Range& range = kAnyNumber) {
+  OrderedJson element = number(range, "");
+  element.erase("description");
+  return {{"type", "array"}, {"minItems", 3}, {"maxItems", 3}, {"items", element}, {"description", description}};
+}
+
+template <typename Table>
+OrderedJson words(const Table& table, const char* description) {
+  OrderedJson json{{"type", "string"}, {"enum", OrderedJson::array()}, {"description", description}};
+  for (const auto& [name, meaning] : table) json["enum"].push_back(name);
+  return json;
+}
+
+OrderedJson list(const OrderedJson& items, std::size_t most, const char* description) {
+  return {{"type", "array"}, {"minItems", 1}, {"maxItems", most}, {"items", items}, {"description", description}};
+}
+
+// An object of the request: unknown members are errors.
+OrderedJson closed(const char* description, OrderedJson properties, const std::vector<const char*>& required = {}) {
+  OrderedJson json{{"type", "object"}, {"description", description}, {"additionalProperties", false}};
+  json["properties"] = std::move(properties);
+  if (!required.empty()) json["required"] = required;
+  return json;
+}
+
+// An object of an answer: later versions may say more.
+OrderedJson open(const char* description, OrderedJson properties, const std::vector<const char*>& required) {
+  OrderedJson json = closed(description, std::move(properties), required);
+  json.erase("additionalProperties");
+  return json;
+}
+
+OrderedJson exactly_one(std::initializer_list<const char*> names) {
+  OrderedJson choices = OrderedJson::array();
+  for (const char* name : names) choices.push_back({{"required", {name}}});
+  return {{"oneOf", choices}};
+}
+
+OrderedJson none_of(std::initializer_list<const char*> names) {
+  OrderedJson choices = OrderedJson::array();
+  for (const char* name : names) choices.push_back({{"required", {name}}});
+  return {{"not", {{"anyOf", choices}}}};
+}
+
+OrderedJson with(OrderedJson json, const char* key, OrderedJson value) {
+  json[key] = std::move(value);
+  return json;
+}
+
+const char* meaning(engine::Product product) {
+  switch (product) {
+    case engine::kImage:
+      return "uint8 or uint16: digital numbers; 0 where nothing is hit";
+    case engine::kRadiance:
+      return "float32: at-sensor radiance, W m-2 sr-1; 0 where nothing is hit";
+    case engine::kDepth:
+      return "float64: distance along the boresight, m; NaN where nothing is hit";
+    case engine::kRange:
+      return "float64: Euclidean distance, m; NaN where nothing is hit";
+    case engine::kPosition:
+      return "float64 x 3: hit point in MOON_ME, m; NaN where nothing is hit";
+    case engine::kGeodetic:
+      return "float64 x 3: lat_deg, lon_deg, height_m of the hit point; NaN where nothing is hit";
+    case engine::kNormal:
+      return "float32 x 3: outward unit normal used for shading, MOON_ME; NaN where nothing is hit";
+    case engine::kAngles:
+      return "float32 x 3: incidence, emission, phase, degrees; NaN where nothing is hit";
+    case engine::kLit:
+      return "float32: lit fraction of the solar disc after self-shadowing; NaN where nothing is hit";
+    case engine::kGsd:
+      return "float32: post spacing of the mesh that was hit, m; NaN where nothing is hit";
+    case engine::kSource:
+      return "uint16: index into the frame's list of sources; 65535 where nothing is hit";
+  }
+  return "";
+}
+
+OrderedJson products_schema() {
+  OrderedJson names = OrderedJson::array();
+  std::string description = "What to render: arrays of height x width, row 0 on top.\n";
+  for (const ProductName& row : product_names()) {
+    names.push_back(row.name);
+    description += "\n- `" + std::string(row.name) + "` " + meaning(row.product);
+  }
+  return {{"type", "array"},         {"items", {{"type", "string"}, {"enum", names}}},
+          {"minItems", 1},           {"uniqueItems", true},
+          {"default", {"radiance"}}, {"description", description}};
+}
+
+// Without a Sun only products that need none.
+OrderedJson sun_where_needed() {
+  OrderedJson names = OrderedJson::array();
+  for (const ProductName& row : product_names()) {
+    if (!(row.product & kNeedsSun)) names.push_back(row.name);
+  }
+  const OrderedJson sunless{{"required", {"products"}}, {"properties", {{"products", {{"items", {{"enum", names}}}}}}}};
+  return OrderedJson::array({{{"required", {"sun"}}}, sunless});
+}
+
+void add_camera(OrderedJson& schemas, const Limits& limits) {
+  schemas["Distortion"] = closed(
+      "Brown-Conrady, OpenCV's coefficients, on the plane z = 1: x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 "
+      "(r^2 + "
+      "2 x^2), and y' alike.",
+      {{"model", {{"type", "string"}, {"const", "brown_conrady"}}},
+       {"k1", number(kDistortion, "radial, r^2", 0)},
+       {"k2", number(kDistortion, "radial, r^4", 0)},
+       {"k3", number(kDistortion, "radial, r^6", 0)},
+       {"p1", number(kDistortion, "tangential", 0)},
+       {"p2", number(kDistortion, "tangential", 0)}});
+  OrderedJson camera = closed(
+      "A pinhole. `fov_deg` excludes `fx`, `fy`, `cx`, `cy`. The centre of the top-left pixel is (0, 0). width x "
+      "height is "
+      "limited, too.",
+      {{"model", {{"type", "string"}, {"const", "pinhole"}}},
+       {"width", integer(1, limits.max_image_side, "pixels")},
+       {"height", integer(1, limits.max_image_side, "pixels")},
+       {"fov_deg", number(kFieldOfView_deg,
+                          "horizontal, full angle: fx = fy = (width/2) / tan(fov/2), principal point in the middle")},
+       {"fx", number(kFocalLength_px, "focal length, pixels")},
+       {"fy", number(kFocalLength_px, "focal length, pixels; default: fx")},
+       {"cx", number(kPrincipalPoint_px, "principal point, pixels; default: (width-1)/2")},
+       {"cy", number(kPrincipalPoint_px, "principal point, pixels; default: (height-1)/2")},
+       {"distortion", ref("Distortion")}},
+      {"width", "height"});
+  camera["oneOf"] = exactly_one({"fov_deg", "fx"})["oneOf"];
+  camera["dependentSchemas"] = {{"fov_deg", none_of({"fx", "fy", "cx", "cy"})}};
+  schemas["Camera"] = camera;
+}
+
+void add_places(OrderedJson& schemas) {
+  schemas["Place"] =
+      closed("A place on the Moon, MOON_ME, planetocentric latitude, longitude east-positive.",
+             {{"lat_deg", number(kLatitude_deg, "degrees")}, {"lon_deg", number(kLongitude_deg, "degrees")}},
+             {"lat_deg", "lon_deg"});
+  schemas["Geodetic"] = closed("A place and its height above the sphere of 1 737 400 m, MOON_ME.",
+                               {{"lat_deg", number(kLatitude_deg, "degrees")},
+                                {"lon_deg", number(kLongitude_deg, "degrees")},
+                                {"height_m", number(kHeight_m, "m")}},
+                               {"lat_deg", "lon_deg", "height_m"});
+  schemas["Quaternion"] = closed("A unit quaternion (its length within 0.001 of 1; it is normalised).",
+                                 {{"w", number(kAnyNumber, "scalar part")},
+                                  {"x", number(kAnyNumber, "")},
+                                  {"y", number(kAnyNumber, "")},
+                                  {"z", number(kAnyNumber, "")}},
+                                 {"w", "x", "y", "z"});
+}
+
+OrderedJson look_at_schema() {
+  const OrderedJson up{
+      {"oneOf", {{{"type", "string"}, {"const", "north"}}, vector("a MOON_ME vector")}},
+      {"default", "north"},
+      {"description",
+       "What is up in the image: the Moon's north (looking straight down: local north), or a MOON_ME vector"}};
+  return closed("Boresight through a place, which then appears at (cx, cy). MOON_ME whatever `frame` says.",
+                {{"lat_deg", number(kLatitude_deg, "degrees")},
+                 {"lon_deg", number(kLongitude_deg, "degrees")},
+                 {"height_m", number(kHeight_m, "above the sphere of 1 737 400 m, m", 0)},
+                 {"up", up}},
+                {"lat_deg", "lon_deg"});
+}
+
+void add_pose(OrderedJson& schemas) {
+  OrderedJson pose = closed(
+      "Where the camera is (`position_m` or `geodetic`) and how it is turned (one of `camera_from_moon`, "
+      "`moon_from_camera`, "
+      "`look_at`, `nadir`). `frame` applies to `position_m` and the quaternions; places in latitude and longitude, and "
+      "`look_at.up`, are MOON_ME always, so `geodetic` excludes the other frames. PA and ME differ by about 860 m.",
+      {{"frame", with(words(kBodyFrames, "body frame of position_m and of the quaternions"), "default", "MOON_ME")},
+       {"position_m", vector("Cartesian, m", kCoordinate_m)},
+       {"geodetic", ref("Geodetic")},
+       {"camera_from_moon", ref("Quaternion")},
+       {"moon_from_camera", ref("Quaternion")},
+       {"look_at", look_at_schema()},
+       {"nadir",
+        closed("Boresight to the Moon's centre.",
+               {{"up_azimuth_deg",
+                 number(kAzimuth_deg, "compass azimuth, clockwise from north, of the image's up direction (-y)", 0)}})},
+       {"axes",
+        with(words(kCameraAxes,
+                   "camera axes of the quaternions: opencv +x right, +y down, +z boresight; opengl +x right, +y up, -z "
+                   "boresight. Without meaning for look_at and nadir"),
+             "default", "opencv")}});
+  pose["allOf"] = {exactly_one({"position_m", "geodetic"}),
+                   exactly_one({"camera_from_moon", "moon_from_camera", "look_at", "nadir"})};
+  schemas["Pose"] = pose;
+}
+
+void add_sun(OrderedJson& schemas) {
+  OrderedJson sun = closed(
+      "Exactly one of direction, subsolar, local, utc. Always MOON_ME.",
+      {{"direction", vector("toward the Sun; any length but zero")},
+       {"subsolar", ref("Place")},
+       {"local", closed("as seen from a place on the sphere of 1 737 400 m",
+                        {{"lat_deg", number(kLatitude_deg, "degrees")},
+                         {"lon_deg", number(kLongitude_deg, "degrees")},
+                         {"azimuth_deg", number(kAzimuth_deg, "clockwise from north")},
+                         {"elevation_deg", number(kElevation_deg, "above the local horizontal")}},
+                        {"lat_deg", "lon_deg", "azimuth_deg", "elevation_deg"})},
+       {"utc", text("epoch, ISO 8601, e.g. 2026-11-20T00:00:00Z")},
+       {"distance_au", number(kDistance_au, "scales irradiance by 1/r^2; default: 1, or the ephemeris' with utc")},
+       {"angular_radius_deg", number(kAngularRadius_deg, "0: a point Sun with hard shadows", 0)}});
+  sun["oneOf"] = exactly_one({"direction", "subsolar", "local", "utc"})["oneOf"];
+  schemas["Sun"] = sun;
+}
+
+std::string reflectance_description() {
+  std::string out = "The BRDF f_r; radiance is E_sun * mu0 * f_r * lit.\n";
+  for (const auto& [name, model] : kReflectanceModels) {
+    out += "\n- `" + std::string(name) + "`: " + std::string(normalisation(model));
+  }
+  return out + "\n\n" + std::string(normalisation_elsewhere());
+}
+
+void add_surface(OrderedJson& schemas) {
+  const engine::Reflectance fallback;
+  OrderedJson reflectance = closed(
+      "", {{"model", with(words(kReflectanceModels, "which BRDF"), "default", "lunar")},
+           {"lommel_seeliger_weight",
+            number(kUnitInterval, "w of the model `lunar`, refused with the others", fallback.lommel_seeliger_weight)},
+           {"rho", number(kUnitInterval, "rho of the equations", fallback.rho)}});
+  reflectance["description"] = reflectance_description();
+  const OrderedJson unweighted{{"properties", {{"model", {{"enum", {"lambert", "lommel_seeliger"}}}}}},
+                               {"required", {"model"}}};
+  reflectance["if"] = unweighted;
+  reflectance["then"] = none_of({"lommel_seeliger_weight"});
+  schemas["Reflectance"] = reflectance;
+}
+
+void add_frame_request(OrderedJson& schemas, const Limits& limits) {
+  const engine::Accuracy accuracy;
+  const OrderedJson full_scale{
+      {"oneOf", {number(kFullScaleRadiance, "W m-2 sr-1"), {{"type", "string"}, {"const", "auto"}}}},
+      {"default", "auto"},
+      {"description", "radiance of the largest digital number; auto: the largest radiance in the frame"}};
+  OrderedJson samples = integer(1, limits.max_samples_per_pixel,
+                                "radiance and image are means over so many points of each pixel; a square number");
+  samples["default"] = accuracy.samples_per_pixel;
+  OrderedJson frame = closed(
+      "What to render. Unknown members are errors. `sun` is required for image, radiance, angles and lit.",
+      {{"camera", ref("Camera")},
+       {"pose", ref("Pose")},
+       {"sun", ref("Sun")},
+       {"surface", closed("The ground.", {{"reflectance", ref("Reflectance")}})},
+       {"accuracy",
+        closed("How exact, against how fast.",
+               {{"max_error_px",
+                 number(kMaxError_px, "bound on the mesh's projected error, pixels; 0: the finest posts everywhere",
+                        accuracy.max_error_px)},
+                {"samples_per_pixel", samples}})},
+       {"image", closed("How radiance becomes the digital numbers of the product `image`.",
+                        {{"bit_depth", {{"type", "integer"}, {"enum", {8, 16}}, {"default", 8}}},
+                         {"full_scale_radiance", full_scale}})},
+       {"products", products_schema()}},
+      {"camera", "pose"});
+  frame["anyOf"] = sun_where_needed();
+  schemas["FrameRequest"] = frame;
+}
+
+void add_metadata(OrderedJson& schemas) {
+  const OrderedJson source =
+      open("", {{"name", text("DEM tile")}, {"version", text("hash of path, size and modification time")}},
+           {"name", "version"});
+  schemas["FrameMetadata"] = open(
+      "What is said about a frame besides its pixels: meta.json in an .npz, the attribute `selenograph` of images, the "
+      "header "
+      "Selenograph-Meta elsewhere. The same request gives the same text.",
+      {{"software", {{"type", "object"}, {"description", "name and version"}}},
+       {"content_hash", text("the ETag without quotes")},
+       {"request", with(ref("FrameRequest"), "description",
+                        "The request as understood: pose in MOON_ME and opencv axes, intrinsics, Sun vector. A valid "
+                        "request itself")},
+       {"reflectance", {{"type", "object"}, {"description", "normalisation: the equation as printed in the paper"}}},
+       {"solar_irradiance",
+        {{"type", "object"}, {"description", "value_w_m2 at the Moon after 1/r^2, its band and source"}}},
+       {"full_scale_radiance_w_m2_sr", number(kAnyNumber, "that `image` was made with")},
+       {"lod_error_px", number(kAnyNumber, "level-of-detail error bound actually reached, pixels")},
+       {"lod_error_m", number(kAnyNumber, "the same in metres")},
+       {"post_spacing_m", {{"type", "object"}, {"description", "min and max over the mesh in view"}}},
+       {"triangles", {{"type", "integer"}, {"description", "of the scene"}}},
+       {"hit_fraction", number(kUnitInterval, "share of pixels that see the Moon")},
+       {"filled_fraction", number(kUnitInterval, "share of pixels on posts filled by interpolation")},
+       {"missing_fraction", number(kUnitInterval, "share of pixels that look at the Moon where there is no data")},
+       {"sources", {{"type", "array"}, {"items", source}, {"description", "what the product `source` indexes"}}},
+       {"sources_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}}},
+       {"warnings", {{"type", "array"}, {"items", {{"type", "string"}}}}}},
+      {"software", "content_hash", "request", "lod_error_px", "lod_error_m", "sources", "warnings"});
+}
+
+void add_rays(OrderedJson& schemas, std::size_t most) {
+  const OrderedJson ray = closed(
+      "", {{"origin_m", vector("MOON_ME, m", kCoordinate_m)}, {"direction", vector("MOON_ME; any length but zero")}},
+      {"origin_m", "direction"});
+  schemas["RaysRequest"] =
+      closed("Rays against the finest terrain.", {{"rays", list(ray, most, "rays")}, {"sun", ref("Sun")}}, {"rays"});
+  const OrderedJson hit = open("hit alone where nothing is hit",
+                               {{"hit", boolean("whether terrain was hit")},
+                                {"range_m", number_or_null("from the origin, m")},
+                                {"position_m", vector("MOON_ME, m")},
+                                {"normal", vector("outward unit normal, MOON_ME")},
+                                {"lit", number_or_null("lit fraction, when a Sun was given")}},
+                               {"hit"});
+  schemas["RaysAnswer"] = open("In the order of the request.", {{"rays", list(hit, most, "hits")}}, {"rays"});
+}
+
+void add_project(OrderedJson& schemas, std::size_t most) {
+  OrderedJson point = schemas["Geodetic"];
+  point["description"] = "Without height_m: on the terrain.";
+  point["required"] = {"lat_deg", "lon_deg"};
+  schemas["ProjectRequest"] = closed("Landmarks for a camera and pose.",
+                                     {{"camera", ref("Camera")},
+                                      {"pose", ref("Pose")},
+                                      {"sun", ref("Sun")},
+                                      {"points", list(point, most, "landmarks")}},
+                                     {"camera", "pose", "points"});
+  const OrderedJson seen = open("",
+                                {{"x_px", number_or_null("column; null behind the camera")},
+                                 {"y_px", number_or_null("row; null behind the camera")},
+                                 {"range_m", number_or_null("from the camera, m")},
+                                 {"height_m", number_or_null("that was used; null without data")},
+                                 {"in_frame", boolean("in front of the camera and within the image")},
+                                 {"visible", boolean("in_frame and nothing stands between")},
+                                 {"lit", number_or_null("lit fraction, when a Sun was given")},
+                                 {"reason", text("why a value is null")}},
+                                {"x_px", "y_px", "range_m", "height_m", "in_frame", "visible"});
+  schemas["ProjectAnswer"] =
+      open("In the order of the request.", {{"points", list(seen, most, "landmarks")}}, {"points"});
+}
+
+void add_heights(OrderedJson& schemas, std::size_t most) {
+  schemas["HeightsRequest"] = closed("Places.", {{"points", list(ref("Place"), most, "places")}}, {"points"});
+  schemas["Height"] = open("Terrain at a place, by the triangles that frames are made of.",
+                           {{"lat_deg", number(kLatitude_deg, "as asked")},
+                            {"lon_deg", number({-180, 180, false, true}, "as asked, in [-180, 180)")},
+                            {"height_m", number_or_null("above the sphere of 1 737 400 m; null without data")},
+                            {"post_spacing_m", number_or_null("of the tile")},
+                            {"source", text("tile name")},
+                            {"filled", boolean("interpolated across a void")},
+                            {"reason", text("why height_m is null")}},
+                           {"lat_deg", "lon_deg", "height_m"});
+  schemas["HeightsAnswer"] =
+      open("In the order of the request.", {{"points", list(ref("Height"), most, "places")}}, {"points"});
+}
+
+void add_datasets(OrderedJson& schemas) {
+  const OrderedJson footprint = open("of the posts, degrees",
+                                     {{"south_deg", number(kLatitude_deg, "")},
+                                      {"north_deg", number(kLatitude_deg, "")},
+                                      {"west_deg", number({-180, 180, false, true}, "")},
+                                      {"east_deg", number({-180, 540}, "west_deg < east_deg <= west_deg + 360")}},
+                                     {"south_deg", "north_deg", "west_deg", "east_deg"});
+  const OrderedJson dataset = open(
+      "One DEM tile.",
+      {{"name", text("what `source` lists")},
+       {"path", text("as opened")},
+       {"format", text("e.g. PDS3 Kaguya")},
+       {"projection", {{"type", "string"}, {"enum", {"geographic", "polar_stereographic"}}}},
+       {"width", integer(1, 1LL << 31, "posts")},
+       {"height", integer(1, 1LL << 31, "posts")},
+       {"footprint", footprint},
+       {"post_spacing_m", number(kAnyNumber, "along a meridian, m")},
+       {"posts_per_degree", number(kAnyNumber, "along a meridian")},
+       {"posts",
+        {{"type", "string"},
+         {"enum", {"copied", "resampled"}},
+         {"description", "copied: the mesh's vertices are the posts"}}},
+       {"datum", text("of the heights")},
+       {"quantisation_m", number(kAnyNumber, "step between heights; 0: floating point")},
+       {"gaps",
+        {{"type", "object"}, {"description", "void_value: what stands for a missing post, in file units; null: none"}}},
+       {"bytes", {{"type", "integer"}, {"description", "of the file with the posts"}}}},
+      {"name", "path", "footprint", "post_spacing_m", "posts", "datum", "gaps", "bytes"});
+  const OrderedJson problem =
+      open("", {{"path", text("file or folder")}, {"what", text("what is wrong with it")}}, {"path", "what"});
+  schemas["Datasets"] =
+      open("The catalogue, from coarse to fine.",
+           {{"fingerprint", text("changes when a file changes")},
+            {"datasets", {{"type", "array"}, {"items", dataset}}},
+            {"problems", {{"type", "array"}, {"items", problem}, {"description", "files that can't be used"}}}},
+           {"fingerprint", "datasets", "problems"});
+}
+
+void add_problem(OrderedJson& schemas) {
+  const OrderedJson finding = open(
+      "",
+      {{"pointer", text("JSON Pointer (RFC 6901) to the offending member")}, {"detail", text("what is wrong with it")}},
+      {"pointer", "detail"});
+  schemas["Problem"] =
+      open("RFC 9457.",
+           {{"type", {{"type", "string"}, {"format", "uri"}, {"description", "urn:selenograph:problem:CODE"}}},
+            {"title", text("the same for every problem of this type")},
+            {"status", integer(400, 599, "HTTP status")},
+            {"detail", text("about this one")},
+            {"errors", {{"type", "array"}, {"items", finding}}}},
+           {"type", "title", "status", "detail"});
+}
+
+}  // namespace
+
+OrderedJson openapi_schemas(const Limits& limits) {
+  const auto most = static_cast<std::size_t>(limits.max_rays);
+  OrderedJson schemas = OrderedJson::object();
+  add_camera(schemas, limits);
+  add_places(schemas);
+  add_pose(schemas);
+  add_sun(schemas);
+  add_surface(schemas);
+  add_frame_request(schemas, limits);
+  add_metadata(schemas);
+  add_rays(schemas, most);
+  add_project(schemas, most);
+  add_heights(schemas, most);
+  add_datasets(schemas);
+  add_problem(schemas);
+  return schemas;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,39 @@
+// POST /v1/rays, /v1/project, /v1/heights and GET /v1/height.
+#include "api/call.h"
+#include "api/points_json.h"
+#include "dem/error.h"
+
+namespace selenograph::api {
+
+Response rays_call(const CallContext& context) {
+  const RaysCall call = read_rays(json_body(context), context.limits);
+  const auto hits = refusing_at("/rays", [&] { return context.renderer.cast(call.rays, call.sun, context.stop); });
+  return json_response(rays_json(hits, call.sun.has_value()));
+}
+
+Response project_call(const CallContext& context) {
+  const ProjectCall call = read_project(json_body(context), context.limits);
+  const auto landmarks = refusing_at(
+      "/pose", [&] { return context.renderer.project(call.camera, call.pose, call.points, call.sun, context.stop); });
+  return json_response(
+      landmarks_json(landmarks, call.sun.has_value(), context.renderer.terrain().catalogue(), call.points));
+}
+
+Response heights_call(const CallContext& context) {
+  const std::vector<Geographic> places = read_heights(json_body(context), context.limits);
+  const dem::Terrain& terrain = context.renderer.terrain();
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const Geographic& place : places) {
+    if (context.stop.stopped()) throw Cancelled();
+    list.push_back(height_json(terrain.height(place.lat_deg, place.lon_deg), terrain.catalogue()));
+  }
+  return json_response(nlohmann::ordered_json{{"points", std::move(list)}});
+}
+
+Response height_call(const CallContext& context) {
+  const Geographic place = read_height_query(context.request.query);
+  const dem::Terrain& terrain = context.renderer.terrain();
+  return json_response(height_json(terrain.height(place.lat_deg, place.lon_deg), terrain.catalogue()));
+}
+
+}  // namespace selenograph::api

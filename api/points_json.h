@@ -1,0 +1,38 @@
+// Requests about rays and points: JSON -> engine types, and the answers back. Places are MOON_ME.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "api/frame_json.h"
+#include "dem/terrain.h"
+#include "engine/frame.h"
+
+namespace selenograph::api {
+
+struct RaysCall {
+  std::vector<engine::Ray> rays;
+  std::optional<engine::Sun> sun;
+};
+struct ProjectCall {
+  engine::Camera camera;
+  engine::Pose pose;
+  std::optional<engine::Sun> sun;
+  std::vector<engine::LandmarkQuery> points;
+};
+
+// Throw RequestError("invalid_request") with the faults found.
+RaysCall read_rays(const Json& body, const Limits& limits);
+ProjectCall read_project(const Json& body, const Limits& limits);
+std::vector<Geographic> read_heights(const Json& body, const Limits& limits);
+// Of a query string; its names are the pointers: "/lat_deg".
+Geographic read_height_query(const std::multimap<std::string, std::string>& query);
+
+// JSON has no NaN: a number that is not finite is null.
+nlohmann::ordered_json rays_json(std::span<const engine::RayHit> hits, bool sun_given);
+nlohmann::ordered_json landmarks_json(std::span<const engine::Landmark> landmarks, bool sun_given,
+                                      const dem::Catalogue& catalogue, std::span<const engine::LandmarkQuery> points);
+nlohmann::ordered_json height_json(const dem::HeightAnswer& answer, const dem::Catalogue& catalogue);
+
+}  // namespace selenograph::api

@@ -1,0 +1,134 @@
+#include "api/service.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <charconv>
+#include <mutex>
+#include <new>
+
+#include "api/call.h"
+#include "api/negotiate.h"
+#include "api/openapi.h"
+#include "api/problem.h"
+#include "api/routes.h"
+#include "dem/error.h"
+
+namespace selenograph::api {
+namespace {
+
+// Request-Timeout-Ms can shorten the service's deadline, not lengthen it.
+std::chrono::milliseconds time_allowed(const Request& request, const Limits& limits) {
+  const std::string text = header(request, "request-timeout-ms");
+  if (text.empty()) return limits.default_deadline;
+  std::int64_t ms = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), ms);
+  if (error != std::errc() || end != text.data() + text.size() || ms <= 0) {
+    throw RequestError("malformed_request", "Request-Timeout-Ms must be a whole number of milliseconds above 0");
+  }
+  return std::min(limits.default_deadline, std::chrono::milliseconds(ms));
+}
+
+const Route& route_of(const Request& request) {
+  bool known_path = false;
+  for (const Route& route : kRoutes) {
+    if (route.path != request.path) continue;
+    if (route.method == request.method) return route;
+    known_path = true;
+  }
+  if (known_path) throw RequestError("method_not_allowed", "this path has another method; see Allow");
+  throw RequestError("not_found", "nothing is here; GET /openapi.json lists what there is");
+}
+
+// Where there is GET the server answers HEAD with the same and no body.
+std::string allowed_methods(std::string_view path) {
+  std::string methods;
+  for (const Route& route : kRoutes) {
+    if (route.path == path)
+      methods += (methods.empty() ? "" : ", ") + std::string(route.method == "GET" ? "GET, HEAD" : route.method);
+  }
+  return methods;
+}
+
+bool client_has_left(const Request& request) {
+  return request.abandoned && request.abandoned->load(std::memory_order_relaxed);
+}
+
+}  // namespace
+
+struct Service::Impl {
+  std::shared_ptr<const engine::Renderer> renderer;
+  Limits limits;
+  std::string openapi;
+  // Made when first asked for: a catalogue of 64 800 tiles is 30 MB of text that most services never send.
+  mutable std::once_flag datasets_made;
+  mutable std::string datasets;
+
+  Response dispatch(const Request& request) const {
+    const Route& route = route_of(request);
+    if (route.call != Call::frames && !accepts(header(request, "accept"), "application/json")) {
+      throw RequestError("not_acceptable", "there is application/json; Accept does not allow it");
+    }
+    const CallContext context{*renderer, limits, request,
+                              engine::StopToken(request.received + time_allowed(request, limits), request.abandoned)};
+    switch (route.call) {
+      case Call::frames:
+        return frame_call(context);
+      case Call::rays:
+        return rays_call(context);
+      case Call::project:
+        return project_call(context);
+      case Call::heights:
+        return heights_call(context);
+      case Call::height:
+        return height_call(context);
+      case Call::datasets:
+        std::call_once(datasets_made, [&] { datasets = datasets_text(renderer->terrain().catalogue()); });
+        return json_response(datasets);
+      case Call::openapi:
+        return json_response(openapi);
+    }
+    throw std::logic_error("no such call");
+  }
+};
+
+Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits) : impl_(std::make_unique<Impl>()) {
+  impl_->renderer = std::move(renderer);
+  impl_->limits = limits;
+  impl_->openapi = openapi_document(limits).dump(2) + "\n";
+}
+
+Service::~Service() = default;
+
+Response Service::handle(const Request& request) const {
+  try {
+    return impl_->dispatch(request);
+  } catch (const RequestError& e) {
+    Response response = problem(e.code(), e.what(), e.findings());
+    if (e.code() == "method_not_allowed") response.headers.emplace_back("Allow", allowed_methods(request.path));
+    return response;
+  } catch (const DataError& e) {
+    return problem("terrain_data_error", e.what());
+  } catch (const Cancelled&) {
+    if (client_has_left(request)) return problem("client_gone", "the client left");
+    return problem("deadline_exceeded", "not ready in time; ask for less or allow more with Request-Timeout-Ms");
+  } catch (const std::bad_alloc&) {
+    return problem("internal", "not enough memory for this request");
+  } catch (const std::exception& e) {
+    // What it says is about our insides: for the operator, not for the client.
+    spdlog::error("{} {}: {}", request.method, request.path, e.what());
+    return problem("internal", "an unexpected fault");
+  } catch (...) {
+    return problem("internal", "an unexpected fault");
+  }
+}
+
+bool Service::needs_admission(const Request& request) {
+  return std::any_of(std::begin(kRoutes), std::end(kRoutes), [&](const Route& route) {
+    return route.admission && route.method == request.method && route.path == request.path;
+  });
+}
+
+const Limits& Service::limits() const { return impl_->limits; }
+
+}  // namespace selenograph::api

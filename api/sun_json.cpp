@@ -1,0 +1,60 @@
+// "sun": a direction toward the Sun, given in one of four ways.
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+
+#include "api/frame_json.h"
+#include "api/ranges.h"
+
+namespace selenograph::api {
+namespace {
+
+constexpr double kRadians = std::numbers::pi / 180;
+
+Vec3 read_direction(const JsonReader& in) {
+  const std::optional<Vec3> direction = direction_of(in.vector(kAnyNumber));
+  if (!direction && in.good()) in.fail("is zero: no direction");
+  return direction.value_or(Vec3::UnitX());
+}
+
+Vec3 read_local(const JsonReader& in) {
+  if (!in.object({"lat_deg", "lon_deg", "azimuth_deg", "elevation_deg"})) return Vec3::UnitX();
+  const Geographic place{in.number("lat_deg", kLatitude_deg), in.number("lon_deg", kLongitude_deg), 0};
+  const double azimuth = in.number("azimuth_deg", kAzimuth_deg) * kRadians;
+  const double elevation = in.number("elevation_deg", kElevation_deg) * kRadians;
+  const EastNorthUp local = local_axes(to_cartesian(place));
+  const Vec3 horizontal = std::cos(azimuth) * local.north + std::sin(azimuth) * local.east;
+  return (std::cos(elevation) * horizontal + std::sin(elevation) * local.up).normalized();
+}
+
+engine::SunPosition read_utc(const JsonReader& in) {
+  const std::optional<std::string> utc = in.text();
+  if (!utc) return {};
+  try {
+    return engine::sun_at(*utc);
+  } catch (const std::invalid_argument& e) {
+    in.fail(e.what());
+    return {};
+  }
+}
+
+}  // namespace
+
+engine::Sun read_sun(const JsonReader& in) {
+  engine::Sun sun;
+  if (!in.object({"direction", "subsolar", "local", "utc", "distance_au", "angular_radius_deg"})) return sun;
+  const std::string_view how = in.alternative({"direction", "subsolar", "local", "utc"}, true);
+  if (how == "direction") sun.direction = read_direction(in.at(how));
+  if (how == "subsolar") sun.direction = to_cartesian(read_place(in.at(how), false)).normalized();
+  if (how == "local") sun.direction = read_local(in.at(how));
+  if (how == "utc") {
+    const engine::SunPosition position = read_utc(in.at(how));
+    sun.direction = position.direction;
+    sun.distance_au = position.distance_au;
+  }
+  sun.distance_au = in.number("distance_au", kDistance_au, sun.distance_au);
+  sun.angular_radius_deg = in.number("angular_radius_deg", kAngularRadius_deg, 0);
+  return sun;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,38 @@
+// The commands of the executable. Each answers the process's exit status and throws what main() reports.
+#pragma once
+
+#include <string>
+
+#include "dem/sample_terrain.h"
+#include "server/config.h"
+
+namespace selenograph::server {
+
+struct RenderSettings {
+  TerrainSettings terrain;
+  LimitSettings limits;
+  std::string request;  // path, "-": stdin
+  std::string output;   // its extension is the format
+};
+
+struct InfoSettings {
+  TerrainSettings terrain;
+  bool json = false;
+};
+
+struct SampleSettings {
+  dem::SampleOptions options;
+  std::string folder;
+};
+
+void add_options(CLI::App& command, RenderSettings& settings);
+void add_options(CLI::App& command, InfoSettings& settings);
+void add_options(CLI::App& command, SampleSettings& settings);
+
+int serve(const ServeSettings& settings);
+int render(const RenderSettings& settings);
+int ingest(const TerrainSettings& settings);
+int info(const InfoSettings& settings);
+int sample(const SampleSettings& settings);
+
+}  // namespace selenograph::server

@@ -1,0 +1,94 @@
+// `selenograph info` and `selenograph sample`.
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "api/call.h"
+#include "server/commands.h"
+#include "server/coverage.h"
+#include "server/start.h"
+
+namespace selenograph::server {
+namespace {
+
+std::string box(const dem::Footprint& f) {
+  return fmt::format("{:8.3f}..{:8.3f} N {:9.3f}..{:9.3f} E", f.south_deg, f.north_deg, f.west_deg, f.east_deg);
+}
+
+void print_table(const dem::Catalogue& catalogue) {
+  fmt::print("{} DEM files, coarse to fine\n", catalogue.rasters().size());
+  for (const dem::RasterInfo& r : catalogue.rasters()) {
+    fmt::print("  {:<32} {}  {:8.2f} m/post  {:>6} x {:<6} {}, {}{}\n", r.name, box(r.footprint), r.post_spacing_m,
+               r.width, r.height, r.format, r.datum, r.lattice_level ? "" : ", resampled");
+  }
+  const auto gaps = uncovered(catalogue);
+  fmt::print("{} gaps within the area covered (whole degrees)\n", gaps.size());
+  for (const dem::Footprint& gap : gaps) fmt::print("  {}\n", box(gap));
+  if (!catalogue.problems().empty()) fmt::print("{} files that can't be used\n", catalogue.problems().size());
+  for (const dem::CatalogueProblem& problem : catalogue.problems())
+    fmt::print("  {}: {}\n", problem.path, problem.what);
+}
+
+// What /v1/datasets answers, and the gaps.
+void print_json(const dem::Catalogue& catalogue) {
+  auto json = nlohmann::ordered_json::parse(api::datasets_text(catalogue));
+  auto gaps = nlohmann::ordered_json::array();
+  for (const dem::Footprint& f : uncovered(catalogue)) {
+    gaps.push_back(
+        {{"south_deg", f.south_deg}, {"north_deg", f.north_deg}, {"west_deg", f.west_deg}, {"east_deg", f.east_deg}});
+  }
+  json["uncovered"] = std::move(gaps);
+  fmt::print("{}\n", json.dump(2));
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, InfoSettings& s) {
+  add_options(command, s.terrain);
+  command.add_flag("--json", s.json, "As JSON");
+}
+
+int info(const InfoSettings& settings) {
+  set_up_log(settings.terrain.log_level);
+  const dem::Catalogue catalogue(dem_paths(settings.terrain));
+  settings.json ? print_json(catalogue) : print_table(catalogue);
+  return 0;
+}
+
+void add_options(CLI::App& command, SampleSettings& s) {
+  command.add_option("folder", s.folder, "Where to write; made if missing")->required()->type_name("DIR");
+  command.add_option("--seed", s.options.seed, "Another seed, another landscape")->capture_default_str();
+  command.add_option("--south-deg", s.options.south_deg, "Southern border")
+      ->check(CLI::Range(-90, 89))
+      ->capture_default_str();
+  command.add_option("--west-deg", s.options.west_deg, "Western border")
+      ->check(CLI::Range(-180, 359))
+      ->capture_default_str();
+  command.add_option("--rows", s.options.rows, "Tiles from south to north")
+      ->check(CLI::Range(1, 180))
+      ->capture_default_str();
+  command.add_option("--columns", s.options.columns, "Tiles from west to east")
+      ->check(CLI::Range(1, 360))
+      ->capture_default_str();
+  command.add_option("--ppd", s.options.posts_per_degree, "Posts per degree, a power of two")
+      ->check(CLI::Range(16, 8192))
+      ->check([](const std::string& text) {
+        const long ppd = std::stol(text);
+        return (ppd & (ppd - 1)) == 0 ? std::string() : std::string("must be a power of two");
+      })
+      ->capture_default_str();
+  command.add_flag("--date-line", s.options.date_line, "Also tiles on both sides of the 180th meridian");
+}
+
+int sample(const SampleSettings& settings) {
+  const bool terminal = ::isatty(STDERR_FILENO) == 1;
+  const auto labels = dem::write_sample_terrain(settings.folder, settings.options, [&](double share) {
+    if (terminal) fmt::print(stderr, "\rwriting sample terrain {:3.0f}%{}", share * 100.0, share >= 1.0 ? "\n" : "");
+  });
+  for (const std::string& label : labels) fmt::print("{}\n", label);
+  return 0;
+}
+
+}  // namespace selenograph::server

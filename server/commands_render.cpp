@@ -1,0 +1,98 @@
+// `selenograph render`: the very bytes that the service would answer, without a socket.
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+
+#include "api/negotiate.h"
+#include "server/commands.h"
+#include "server/start.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string read_request(const std::string& path) {
+  if (path == "-") return {std::istreambuf_iterator<char>(std::cin), {}};
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw std::runtime_error(path + ": can't be read");
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+std::string media_type_for(const std::string& output) {
+  std::string extension = fs::path(output).extension().string();
+  if (!extension.empty()) extension.erase(0, 1);
+  if (extension == "tif") extension = "tiff";
+  std::string known;
+  for (const api::Representation& r : api::representations()) {
+    if (r.extension == extension) return std::string(r.media_type);
+    known += (known.empty() ? "." : ", .") + std::string(r.extension);
+  }
+  throw std::runtime_error(output + ": the name must end in one of " + known);
+}
+
+// Appears whole or not at all.
+void write_whole(const std::string& path, const std::string& bytes) {
+  const std::string temporary = path + ".part-" + std::to_string(::getpid());
+  std::ofstream file(temporary, std::ios::binary);
+  file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  file.close();
+  std::error_code error;
+  if (file) fs::rename(temporary, path, error);
+  if (file && !error) return;
+  const std::string why = error ? error.message() : "can't be written";
+  fs::remove(temporary, error);
+  throw std::runtime_error(path + ": " + why);
+}
+
+void print_problem(const api::Response& answer) {
+  const auto problem = nlohmann::json::parse(answer.body, nullptr, false);
+  if (!problem.is_object()) {
+    fmt::print(stderr, "error: status {}\n", answer.status);
+    return;
+  }
+  fmt::print(stderr, "error: {}: {}\n", problem.value("title", ""), problem.value("detail", ""));
+  for (const auto& finding : problem.value("errors", nlohmann::json::array())) {
+    fmt::print(stderr, "  {}: {}\n", finding.value("pointer", ""), finding.value("detail", ""));
+  }
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, RenderSettings& s) {
+  command.add_option("request", s.request, "JSON file as for POST /v1/frames; -: standard input")
+      ->required()
+      ->type_name("REQUEST.json");
+  command.add_option("-o,--output", s.output, "Frame to write: .png .tiff .exr .npy .npz .raw")
+      ->required()
+      ->type_name("OUT");
+  add_options(command, s.terrain);
+  add_options(command, s.limits);
+}
+
+int render(const RenderSettings& settings) {
+  set_up_log(settings.terrain.log_level);
+  api::Request request;
+  request.method = "POST";
+  request.path = "/v1/frames";
+  request.headers = {{"accept", media_type_for(settings.output)}, {"content-type", "application/json"}};
+  request.body = read_request(settings.request);
+  const api::Service service(make_renderer(settings.terrain), limits_from(settings.limits));
+  request.received = std::chrono::steady_clock::now();
+  const api::Response answer = service.handle(request);
+  if (answer.status != 200) {
+    print_problem(answer);
+    return 1;
+  }
+  write_whole(settings.output, answer.body);
+  fmt::print("{}: {} bytes\n", settings.output, answer.body.size());
+  return 0;
+}
+
+}  // namespace selenograph::server

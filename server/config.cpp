@@ -1,0 +1,217 @@
+#include "server/config.h"
+
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cstdlib>
+#include <map>
+
+namespace selenograph::server {
+namespace {
+
+using Values = std::map<std::string, std::vector<std::string>>;
+
+const std::set<std::string> kNotSettings{"help", "version", "config"};
+
+std::string scalar_text(const toml::node& node, const std::string& where) {
+  if (const auto* text = node.as_string()) return text->get();
+  if (const auto* number = node.as_integer()) return std::to_string(number->get());
+  if (const auto* truth = node.as_boolean()) return truth->get() ? "true" : "false";
+  if (const auto* number = node.as_floating_point()) {
+    std::ostringstream text;
+    text.precision(17);
+    text << number->get();
+    return text.str();
+  }
+  throw CLI::ValidationError(where, "must be a string, a number, true, false, or a list of these");
+}
+
+Values read_file(const std::string& path, const std::set<std::string>& known) {
+  const toml::parse_result parsed = [&] {
+    try {
+      return toml::parse_file(path);
+    } catch (const toml::parse_error& e) {
+      std::ostringstream what;
+      what << e.description() << " (line " << e.source().begin.line << ')';
+      throw CLI::ValidationError(path, what.str());
+    }
+  }();
+  Values values;
+  for (const auto& [key, node] : parsed) {
+    const std::string name(key.str()), where = path + ": " + name;
+    if (!known.count(name)) throw CLI::ValidationError(where, "is not an option of any command");
+    if (const toml::array* list = node.as_array()) {
+      values[name];
+      for (const toml::node& item : *list) values[name].push_back(scalar_text(item, where));
+    } else {
+      values[name] = {scalar_text(node, where)};
+    }
+  }
+  return values;
+}
+
+bool is_list(const CLI::Option& option) { return option.get_items_expected_max() > 1; }
+
+std::vector<std::string> split_list(const std::string& text) {
+  std::vector<std::string> parts;
+  std::istringstream in(text);
+  for (std::string part; std::getline(in, part, ':');) {
+    if (!part.empty()) parts.push_back(part);
+  }
+  return parts;
+}
+
+void set_option(CLI::Option& option, const std::vector<std::string>& values, const std::string& origin) {
+  if (values.size() != 1 && !is_list(option)) throw CLI::ValidationError(origin, "takes one value");
+  if (values.empty()) return;
+  try {
+    option.add_result(values);
+    option.run_callback();
+  } catch (const CLI::ParseError& e) {
+    throw CLI::ValidationError(origin, e.what());
+  }
+}
+
+std::string long_name(const CLI::Option& option) {
+  return option.get_lnames().empty() ? std::string() : option.get_lnames().front();
+}
+
+std::string config_path(CLI::App& command, const ReadVariable& variable) {
+  const CLI::Option* option = command.get_option_no_throw("--config");
+  if (!option) return {};
+  if (option->count() > 0) return option->as<std::string>();
+  return variable("SELENOGRAPH_CONFIG").value_or("");
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, TerrainSettings& s) {
+  s.cache_dir = default_cache_dir();
+  command.add_option("--config", "TOML file whose members are these options, e.g. cache-mb = 2048")->type_name("FILE");
+  command.add_option("--dem", s.dem, "DEM files and folders; without: sample terrain")
+      ->type_name("PATH")
+      ->expected(1, 1 << 20);
+  command.add_option("--cache-dir", s.cache_dir, "Folder for pyramids")->type_name("DIR")->capture_default_str();
+  command.add_option("--cache-mb", s.cache_mb, "Memory for terrain, MiB")
+      ->check(CLI::Range(16, 1 << 24))
+      ->capture_default_str();
+  command.add_option("--scene-mb", s.scene_mb, "Memory for acceleration structures, MiB")
+      ->check(CLI::Range(16, 1 << 24))
+      ->capture_default_str();
+  command.add_option("--threads", s.threads, "Render threads; 0: all cores")
+      ->check(CLI::Range(0, 4096))
+      ->capture_default_str();
+  command
+      .add_option("--on-data-error", s.on_data_error, "Corrupt or vanished DEM file: an error, or the layer below it")
+      ->check(CLI::IsMember({"fail", "fall-through"}))
+      ->capture_default_str();
+  command.add_option("--log-level", s.log_level)
+      ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
+      ->capture_default_str();
+}
+
+void add_options(CLI::App& command, LimitSettings& s) {
+  command.add_option("--deadline-s", s.deadline_s, "Time for one request; clients can ask for less")
+      ->check(CLI::Range(0.001, 86400.0))
+      ->capture_default_str();
+  command.add_option("--max-body-kb", s.max_body_kb, "Largest request body, KiB")
+      ->check(CLI::Range(1, 1 << 20))
+      ->capture_default_str();
+  command.add_option("--max-image-pixels", s.max_image_pixels, "Most pixels of one frame")
+      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 30))
+      ->capture_default_str();
+  command.add_option("--max-image-side", s.max_image_side, "Most pixels of one side")
+      ->check(CLI::Range(1, 65535))
+      ->capture_default_str();
+  command.add_option("--max-samples-per-pixel", s.max_samples_per_pixel)
+      ->check(CLI::Range(1, 65536))
+      ->capture_default_str();
+  command.add_option("--max-rays", s.max_rays, "Most rays or points of one request")
+      ->check(CLI::Range(1, 1 << 24))
+      ->capture_default_str();
+  command.add_option("--max-json-depth", s.max_json_depth, "Deepest nesting of a request")
+      ->check(CLI::Range(4, 256))
+      ->capture_default_str();
+}
+
+void add_options(CLI::App& command, ServeSettings& s) {
+  add_options(command, s.terrain);
+  add_options(command, s.limits);
+  command.add_option("--host", s.host, "Address to listen on; put a proxy in front of anything but loopback")
+      ->capture_default_str();
+  command.add_option("--port", s.port, "0: any free one; it is printed")
+      ->check(CLI::Range(0, 65535))
+      ->capture_default_str();
+  command.add_option("--max-frames", s.max_frames, "Requests in work at once; 0: as many as cores")
+      ->check(CLI::Range(0, 4096))
+      ->capture_default_str();
+  command.add_option("--max-waiting", s.max_waiting, "Requests that may wait for a place")
+      ->check(CLI::Range(0, 65536))
+      ->capture_default_str();
+  command.add_option("--max-connections", s.max_connections)->check(CLI::Range(4, 65536))->capture_default_str();
+  command.add_option("--idle-timeout-s", s.idle_timeout_s, "For a silent connection")
+      ->check(CLI::Range(0.1, 86400.0))
+      ->capture_default_str();
+  command.add_option("--receive-timeout-s", s.receive_timeout_s, "For a whole request to arrive")
+      ->check(CLI::Range(0.1, 86400.0))
+      ->capture_default_str();
+  command.add_flag("--trial", s.trial, "Start, check, quit");
+}
+
+api::Limits limits_from(const LimitSettings& s) {
+  api::Limits limits;
+  limits.max_body_bytes = s.max_body_kb << 10;
+  limits.max_json_depth = s.max_json_depth;
+  limits.max_image_side = s.max_image_side;
+  limits.max_image_pixels = s.max_image_pixels;
+  limits.max_samples_per_pixel = s.max_samples_per_pixel;
+  limits.max_rays = s.max_rays;
+  limits.default_deadline = std::chrono::milliseconds(static_cast<std::int64_t>(s.deadline_s * 1000.0));
+  return limits;
+}
+
+std::string default_cache_dir() {
+  if (const auto xdg = environment_variable("XDG_CACHE_HOME")) return *xdg + "/selenograph";
+  if (const auto home = environment_variable("HOME")) return *home + "/.cache/selenograph";
+  return "/tmp/selenograph-cache";
+}
+
+std::optional<std::string> environment_variable(const std::string& name) {
+  const char* value = std::getenv(name.c_str());
+  if (!value || !*value) return {};
+  return value;
+}
+
+std::string variable_name(const std::string& option) {
+  std::string name = "SELENOGRAPH_";
+  for (const char c : option) name += c == '-' ? '_' : static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  return name;
+}
+
+std::set<std::string> option_names(const CLI::App& command) {
+  std::set<std::string> names;
+  for (const CLI::Option* option : command.get_options()) {
+    const std::string name = long_name(*option);
+    if (!name.empty() && !kNotSettings.count(name)) names.insert(name);
+  }
+  return names;
+}
+
+void complete_from_environment_and_file(CLI::App& command, const std::set<std::string>& known,
+                                        const ReadVariable& variable) {
+  const std::string path = config_path(command, variable);
+  const Values file = path.empty() ? Values{} : read_file(path, known);
+  for (CLI::Option* option : command.get_options()) {
+    const std::string name = long_name(*option);
+    if (name.empty() || kNotSettings.count(name) || option->count() > 0) continue;
+    const std::string variable_of = variable_name(name);
+    if (const auto value = variable(variable_of)) {
+      set_option(*option, is_list(*option) ? split_list(*value) : std::vector{*value}, variable_of);
+    } else if (const auto found = file.find(name); found != file.end()) {
+      set_option(*option, found->second, path + ": " + name);
+    }
+  }
+}
+
+}  // namespace selenograph::server

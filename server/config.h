@@ -1,0 +1,76 @@
+// Settings from four places: command line, then environment, then configuration file, then the default.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <cstddef>
+#include <functional>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "api/service.h"
+
+namespace selenograph::server {
+
+// What every command that reads terrain can be told.
+struct TerrainSettings {
+  std::vector<std::string> dem;        // files and folders; empty: the sample terrain, made in the cache folder
+  std::string cache_dir;               // see default_cache_dir()
+  std::size_t cache_mb = 1024;         // memory for terrain blocks and pyramids, MiB
+  std::size_t scene_mb = 512;          // memory for acceleration structures kept between frames, MiB
+  int threads = 0;                     // 0: all cores
+  std::string on_data_error = "fail";  // or "fall-through"
+  std::string log_level = "info";      // debug, info, warning, error
+};
+
+struct LimitSettings {
+  double deadline_s = 60;
+  std::size_t max_body_kb = 4096;
+  std::int64_t max_image_pixels = std::int64_t{16} << 20;
+  int max_image_side = 8192;
+  int max_samples_per_pixel = 256;
+  int max_rays = 100000;
+  int max_json_depth = 16;
+};
+
+struct ServeSettings {
+  TerrainSettings terrain;
+  LimitSettings limits;
+  std::string host = "127.0.0.1";
+  int port = 8080;
+  int max_frames = 0;  // in work at once; 0: as many as cores
+  int max_waiting = 16;
+  int max_connections = 256;
+  double idle_timeout_s = 30, receive_timeout_s = 20;
+  bool trial = false;
+};
+
+void add_options(CLI::App& command, TerrainSettings& settings);
+void add_options(CLI::App& command, LimitSettings& settings);
+void add_options(CLI::App& command, ServeSettings& settings);
+
+api::Limits limits_from(const LimitSettings& settings);
+
+// $XDG_CACHE_HOME/selenograph, else ~/.cache/selenograph, else /tmp/selenograph-cache.
+std::string default_cache_dir();
+
+using ReadVariable = std::function<std::optional<std::string>(const std::string& name)>;
+std::optional<std::string> environment_variable(const std::string& name);
+
+// "--cache-mb" is SELENOGRAPH_CACHE_MB in the environment and `cache-mb` in the file.
+std::string variable_name(const std::string& option);
+
+// Gives every option of a parsed `command` that was not on the command line its value from the environment or, failing
+// that, from the TOML file named by --config or SELENOGRAPH_CONFIG. (CLI11 would let the file win over the
+// environment.)
+//  - Lists (`dem`) are separated by ':' in the environment, arrays in the file.
+//  - `known` holds the options of all commands: one file may serve them all. A member that no command has is an error.
+// Throws CLI::ParseError (as the command line does) naming the variable, or file and member.
+void complete_from_environment_and_file(CLI::App& command, const std::set<std::string>& known,
+                                        const ReadVariable& variable);
+
+// Long option names of a command, without "--"; help, version and config are not settings.
+std::set<std::string> option_names(const CLI::App& command);
+
+}  // namespace selenograph::server

@@ -1,0 +1,117 @@
+#include "server/front.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <utility>
+
+namespace selenograph::server {
+namespace {
+
+using Clock = Admission::Clock;
+
+bool is_own(const std::string& path) { return path == "/metrics" || path == "/health/live" || path == "/health/ready"; }
+
+api::Response text_answer(int status, std::string body, std::string content_type = "text/plain; charset=utf-8") {
+  api::Response answer;
+  answer.status = status;
+  answer.content_type = std::move(content_type);
+  answer.headers = {{"Cache-Control", "no-store"}};
+  answer.body = std::move(body);
+  return answer;
+}
+
+// The time in the queue is a stage like the service's own.
+void add_queue_time(api::Response& answer, Clock::duration waited) {
+  const std::string stage = fmt::format("queue;dur={:.3f}", std::chrono::duration<double, std::milli>(waited).count());
+  for (auto& [name, value] : answer.headers) {
+    if (name == "Server-Timing") {
+      value = stage + ", " + value;
+      return;
+    }
+  }
+}
+
+}  // namespace
+
+Clock::time_point deadline_of(const api::Request& request, const api::Limits& limits) {
+  std::chrono::milliseconds allowed = limits.default_deadline;
+  if (const auto asked = request.headers.find("request-timeout-ms"); asked != request.headers.end()) {
+    const std::string& text = asked->second;
+    std::int64_t ms = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), ms);
+    // What is no such number is for the service to refuse.
+    if (error == std::errc() && end == text.data() + text.size() && ms > 0)
+      allowed = std::min(allowed, std::chrono::milliseconds(ms));
+  }
+  return request.received + allowed;
+}
+
+Front::Front(const api::Service& service, Admission& admission, const Metrics& metrics, ReadGauges read_gauges)
+    : service_(service), admission_(admission), metrics_(metrics), read_gauges_(std::move(read_gauges)) {}
+
+void Front::begin_shutdown() {
+  ready_ = false;
+  admission_.close();
+}
+
+api::Response Front::handle(const api::Request& request) const {
+  if (is_own(request.path)) return own(request);
+  if (api::Service::needs_admission(request)) return admitted(request);
+  if (request.method != "HEAD") return service_.handle(request);
+  api::Request get = request;
+  get.method = "GET";
+  return service_.handle(get);
+}
+
+api::Response Front::own(const api::Request& request) const {
+  if (request.method != "GET" && request.method != "HEAD") {
+    api::Response answer = api::problem("method_not_allowed", "this path has GET only");
+    answer.headers.emplace_back("Allow", "GET, HEAD");
+    return answer;
+  }
+  if (request.path == "/metrics") return metrics_answer();
+  if (request.path == "/health/live" || ready_) return text_answer(200, "ok\n");
+  return text_answer(503, "shutting down\n");
+}
+
+api::Response Front::metrics_answer() const {
+  Gauges gauges;
+  gauges.ready = ready_;
+  gauges.frames_in_work = admission_.in_work();
+  gauges.frames_waiting = admission_.waiting();
+  gauges.max_in_work = admission_.max_in_work();
+  gauges.max_waiting = admission_.max_waiting();
+  read_gauges_(gauges);
+  return text_answer(200, metrics_.exposition(gauges), "text/plain; version=0.0.4; charset=utf-8");
+}
+
+api::Response Front::refused(const std::string& code, const std::string& detail) const {
+  api::Response answer = api::problem(code, detail);
+  answer.headers.emplace_back("Retry-After", std::to_string(admission_.retry_after_s()));
+  return answer;
+}
+
+api::Response Front::admitted(const api::Request& request) const {
+  const auto arrived = Clock::now();
+  const Admission::Entry entry = admission_.enter(deadline_of(request, service_.limits()), request.abandoned);
+  switch (entry.outcome) {
+    case Admission::Outcome::full:
+      return refused("busy", "all places in work and in the queue are taken");
+    case Admission::Outcome::closing:
+      return refused("shutting_down", "the service is about to stop");
+    case Admission::Outcome::expired:
+      return api::problem("deadline_exceeded", "no place came free in time");
+    case Admission::Outcome::abandoned:
+      return api::problem("client_gone", "the client left");
+    case Admission::Outcome::admitted:
+      break;
+  }
+  const auto waited = Clock::now() - arrived;
+  api::Response answer = service_.handle(request);
+  add_queue_time(answer, waited);
+  return answer;
+}
+
+}  // namespace selenograph::server

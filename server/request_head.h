@@ -1,0 +1,43 @@
+// The head of a request (request line and header lines) as it came over the wire, checked before the HTTP library sees
+// it.
+//
+// cpp-httplib 0.11.4 is lenient where leniency is dangerous behind a proxy (two lengths, folded lines, bare line
+// feeds), and it acts on headers that we don't offer (ranges, content codings). So a head is either refused here, or
+// rewritten to what the library may see.
+#pragma once
+
+#include <cstddef>
+#include <map>
+#include <string>
+#include <string_view>
+#include <variant>
+
+namespace selenograph::server {
+
+inline constexpr std::size_t kMaxHeadBytes = 16384;
+inline constexpr std::size_t kMaxTargetBytes = 2048;
+
+struct RequestHead {
+  std::string method;
+  std::string target;                               // as sent: path and query, free of control characters
+  std::multimap<std::string, std::string> headers;  // lower-case names; everything that was sent
+  std::string text;                                 // the head for the library, with its empty line
+  bool close = false;                               // the connection must end after the answer
+};
+
+// A refusal: a row of the api's error table and what to say.
+struct HeadProblem {
+  std::string error_code;
+  std::string detail;
+};
+
+// `raw` ends with the empty line ("\r\n\r\n"). Rules of RFC 9112, strictly:
+//  - Content-Length together with Transfer-Encoding, two of either, or another coding than `chunked`: refused;
+//  - a Content-Length above max_body_bytes: refused before a byte of the body is read;
+//  - Range and If-Range are left out (RFC 9110 14.2 allows a server to ignore them), so is Accept-Encoding: the same
+//    request gets the same bytes, whole and uncoded, and the ETag means those bytes;
+//  - a POST without any length has an empty body (the library would read until the client hangs up);
+//  - a body on another method is never read, therefore the connection ends with the answer.
+std::variant<RequestHead, HeadProblem> check_head(std::string_view raw, std::size_t max_body_bytes);
+
+}  // namespace selenograph::server

@@ -1,0 +1,28 @@
+// SIGTERM and SIGINT as an event to wait for.
+#pragma once
+
+#include <atomic>
+#include <future>
+#include <thread>
+
+namespace selenograph::server {
+
+// Make it before any other thread: these inherit the blocked signals. A second signal ends the process at once, and so
+// does the first while nobody is to be asked to finish anything: before arm().
+class ShutdownSignals {
+ public:
+  ShutdownSignals();
+  ~ShutdownSignals();
+
+  void arm() { armed_ = true; }
+  void wait() { first_.get_future().wait(); }  // until the first signal; once
+
+ private:
+  void run();
+  int signals_ = -1, wake_ = -1;
+  std::atomic<bool> armed_{false};
+  std::promise<void> first_;
+  std::thread thread_;
+};
+
+}  // namespace selenograph::server

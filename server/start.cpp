@@ -1,0 +1,64 @@
+#include "server/start.h"
+
+#include <fmt/format.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "dem/sample_terrain.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The last file to appear: an interrupted generation is simply done again (same seed, same bytes).
+constexpr const char* kComplete = "complete";
+
+std::string sample_folder(const std::string& cache_dir) {
+  const dem::SampleOptions options;
+  const std::string name =
+      fmt::format("sample-{}-{}-{}-{}", options.seed, options.south_deg, options.west_deg, options.posts_per_degree);
+  const fs::path folder = fs::path(cache_dir) / name;
+  if (fs::exists(folder / kComplete)) return folder.string();
+  spdlog::info("no --dem: writing sample terrain to {}", folder.string());
+  dem::write_sample_terrain(folder.string(), options);
+  std::ofstream(folder / kComplete) << "sample terrain, all files written\n";
+  return folder.string();
+}
+
+}  // namespace
+
+void set_up_log(const std::string& level) {
+  auto log = spdlog::stderr_color_mt("selenograph");
+  log->set_pattern("%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
+  log->set_level(spdlog::level::from_str(level));
+  spdlog::set_default_logger(std::move(log));
+}
+
+std::vector<std::string> dem_paths(const TerrainSettings& settings) {
+  return settings.dem.empty() ? std::vector{sample_folder(settings.cache_dir)} : settings.dem;
+}
+
+std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings) {
+  dem::Catalogue catalogue(dem_paths(settings));
+  spdlog::info("catalogue: {} DEM files", catalogue.rasters().size());
+  for (const dem::CatalogueProblem& problem : catalogue.problems())
+    spdlog::warn("not used: {}: {}", problem.path, problem.what);
+  dem::TerrainOptions options;
+  options.cache_dir = settings.cache_dir;
+  options.cache_bytes = settings.cache_mb << 20;
+  options.fall_through = settings.on_data_error == "fall-through";
+  return std::make_shared<dem::Terrain>(std::move(catalogue), options);
+}
+
+std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& settings) {
+  engine::RendererOptions options;
+  options.threads = settings.threads;
+  options.scene_bytes = settings.scene_mb << 20;
+  return std::make_shared<const engine::Renderer>(open_terrain(settings), options);
+}
+
+}  // namespace selenograph::server

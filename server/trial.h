@@ -1,0 +1,13 @@
+// `serve --trial`: asks a running service, over HTTP, for one of each.
+#pragma once
+
+#include <string>
+
+#include "dem/catalogue.h"
+
+namespace selenograph::server {
+
+// Prints one line per check to stdout. True when all passed.
+bool run_trial(const std::string& url, const dem::Catalogue& catalogue);
+
+}  // namespace selenograph::server

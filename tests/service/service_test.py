@@ -1,0 +1,779 @@
+#!/usr/bin/env python3
+"""Drives the real binary over HTTP against the contract. Python's standard library and NumPy only.
+
+SELENOGRAPH_BINARY names the executable. Sample terrain is generated into a temporary folder. Tests wait for states
+(metrics, completion), never for wall time, so that a busy machine makes them slow and not wrong.
+"""
+
+import concurrent.futures
+import http.client
+import io
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+import zipfile
+
+import numpy as np
+
+BINARY = os.environ.get("SELENOGRAPH_BINARY", "")
+PATIENCE_S = 120
+FOLDER = ""  # temporary; set by setUpModule
+DEM = ""
+
+PRODUCTS = {
+    "image": ("|u1", ()), "radiance": ("<f4", ()), "depth": ("<f8", ()), "range": ("<f8", ()), "position": ("<f8", (3,)),
+    "geodetic": ("<f8", (3,)), "normal": ("<f4", (3,)), "angles": ("<f4", (3,)), "lit": ("<f4", ()), "gsd": ("<f4", ()),
+    "source": ("<u2", ()),
+}
+WIDTH, HEIGHT = 48, 40
+PLACE = ("--south-deg", "-1", "--west-deg", "29")  # 2 x 2 tiles around 0 N 30 E
+
+
+def setUpModule():
+    global FOLDER, DEM
+    FOLDER = tempfile.mkdtemp(prefix="selenograph-service-test-")
+    DEM = os.path.join(FOLDER, "dem")
+    subprocess.run([BINARY, "sample", DEM, *PLACE, "--ppd", "256"], check=True, stdout=subprocess.DEVNULL)
+
+
+def tearDownModule():
+    for service in Service.started:  # those that a failed test left behind
+        if service.process.poll() is None:
+            service.process.kill()
+            service.process.wait()
+    shutil.rmtree(FOLDER, ignore_errors=True)
+
+
+def frame_request(products=("radiance",), width=WIDTH, height=HEIGHT, samples=1, **changes):
+    request = {
+        "camera": {"model": "pinhole", "width": width, "height": height, "fov_deg": 40.0},
+        "pose": {"geodetic": {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": 20000.0}, "nadir": {"up_azimuth_deg": 0.0}},
+        "sun": {"local": {"lat_deg": 0.0, "lon_deg": 30.0, "azimuth_deg": 90.0, "elevation_deg": 15.0}},
+        "accuracy": {"samples_per_pixel": samples},
+        "products": list(products),
+    }
+    request.update(changes)
+    return request
+
+
+def long_frame():
+    """A frame that no machine finishes within a test's other steps; always given up or past its deadline."""
+    return frame_request(width=4000, height=4000, samples=256)
+
+
+class Service:
+    """A running `selenograph serve`."""
+
+    started = []
+
+    def __init__(self, *options, cache="cache", dem=None):
+        command = [BINARY, "serve", "--port", "0", "--cache-dir", os.path.join(FOLDER, cache), *options, "--dem", dem or DEM]
+        self.log = tempfile.TemporaryFile()
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True)
+        Service.started.append(self)
+        line = self.process.stdout.readline()
+        found = re.search(r"listening on http://(\S+):(\d+)$", line.strip())
+        if not found:
+            self.process.kill()
+            raise RuntimeError(f"did not start: {line!r} {self.log_text()}")
+        self.host, self.port = found[1].strip("[]"), int(found[2])
+
+    def log_text(self):
+        self.log.seek(0)
+        return self.log.read().decode(errors="replace")
+
+    def connect(self, timeout=PATIENCE_S):
+        return http.client.HTTPConnection(self.host, self.port, timeout=timeout)
+
+    def ask(self, method, path, body=None, headers=None, connection=None):
+        """Returns (status, headers, body)."""
+        own = connection is None
+        connection = connection or self.connect()
+        connection.request(method, path, body=body, headers=headers or {})
+        answer = connection.getresponse()
+        content = answer.read()
+        if own:
+            connection.close()
+        return answer.status, answer.headers, content
+
+    def post(self, path, document, accept="*/*", **headers):
+        sent = {"Content-Type": "application/json", "Accept": accept}
+        sent.update({name.replace("_", "-"): value for name, value in headers.items()})
+        return self.ask("POST", path, json.dumps(document).encode(), sent)
+
+    def frame(self, request, accept="*/*", **headers):
+        return self.post("/v1/frames", request, accept, **headers)
+
+    def metric(self, name):
+        text = self.ask("GET", "/metrics")[2].decode()
+        found = re.search("^" + re.escape(name) + r" (\S+)$", text, re.M)
+        return float(found[1]) if found else None
+
+    def wait_for(self, name, value):
+        give_up = time.monotonic() + PATIENCE_S
+        while self.metric(name) != value:
+            if time.monotonic() > give_up:
+                raise AssertionError(f"{name} is {self.metric(name)}, never became {value}")
+            time.sleep(0.01)
+
+    def start_frame(self, request):
+        """Sends a request and does not wait; close() the connection to leave."""
+        connection = self.connect()
+        connection.request("POST", "/v1/frames", json.dumps(request).encode(),
+                           {"Content-Type": "application/json", "Accept": "application/x-npy"})
+        return connection
+
+    def raw(self, data):
+        """Sends bytes as they are; returns everything until the server closes."""
+        with socket.create_connection((self.host, self.port), timeout=PATIENCE_S) as s:
+            s.sendall(data)
+            received = b""
+            while True:
+                try:
+                    got = s.recv(65536)
+                except ConnectionResetError:
+                    break
+                if not got:
+                    break
+                received += got
+        return received
+
+    def stop(self):
+        if self.process.poll() is None:
+            self.process.terminate()
+        code = self.process.wait(PATIENCE_S)
+        self.process.stdout.close()
+        self.log.close()
+        return code
+
+
+class WithService(unittest.TestCase):
+    options = ()
+
+    @classmethod
+    def setUpClass(cls):
+        cls.service = Service(*cls.options)
+
+    @classmethod
+    def tearDownClass(cls):
+        code = cls.service.stop()
+        assert code == 0, f"exit status {code} after SIGTERM"
+
+    def problem(self, answer, status, pointer=None):
+        got, headers, body = answer
+        self.assertEqual(got, status, body[:500])
+        self.assertEqual(headers["Content-Type"], "application/problem+json")
+        self.assertNotIn("EXCEPTION_WHAT", headers)
+        document = json.loads(body)
+        self.assertEqual(document["status"], status)
+        for member in ("type", "title", "detail"):
+            self.assertTrue(document[member])
+        if pointer is not None:
+            self.assertIn(pointer, [error["pointer"] for error in document["errors"]])
+        return document
+
+    def ok(self, answer, content_type):
+        status, headers, body = answer
+        self.assertEqual(status, 200, body[:500])
+        self.assertEqual(headers["Content-Type"], content_type)
+        self.assertEqual(int(headers["Content-Length"]), len(body))
+        return body
+
+    def ok_json(self, answer):
+        return json.loads(self.ok(answer, "application/json"))
+
+
+class Frames(WithService):
+    def npy(self, name):
+        body = self.ok(self.service.frame(frame_request([name]), "application/x-npy"), "application/x-npy")
+        return np.load(io.BytesIO(body), allow_pickle=False)
+
+    def test_every_product_as_npy(self):
+        for name, (dtype, components) in PRODUCTS.items():
+            with self.subTest(product=name):
+                array = self.npy(name)
+                self.assertEqual(array.dtype, np.dtype(dtype))
+                self.assertEqual(array.shape, (HEIGHT, WIDTH) + components)
+
+    def test_every_product_as_raw_and_tiff(self):
+        for name, (dtype, components) in PRODUCTS.items():
+            with self.subTest(product=name):
+                array = self.npy(name)
+                status, headers, body = self.service.frame(frame_request([name]), "application/octet-stream")
+                self.assertEqual(status, 200)
+                self.assertEqual(body, array.tobytes())
+                self.assertEqual(np.dtype(headers["Selenograph-Dtype"]), np.dtype(dtype))
+                self.assertEqual(tuple(int(n) for n in headers["Selenograph-Shape"].split(",")), array.shape)
+                tiff = self.ok(self.service.frame(frame_request([name]), "image/tiff"), "image/tiff")
+                self.assertIn(tiff[:4], (b"II*\0", b"MM\0*", b"II+\0"))
+
+    def test_all_products_as_npz_with_metadata(self):
+        body = self.ok(self.service.frame(frame_request(PRODUCTS), "application/x-npz"), "application/x-npz")
+        with zipfile.ZipFile(io.BytesIO(body)) as archive:
+            self.assertIsNone(archive.testzip())
+            self.assertEqual(set(archive.namelist()), {name + ".npy" for name in PRODUCTS} | {"meta.json"})
+            meta = json.loads(archive.read("meta.json"))
+        self.assertIn("lod_error_px", json.dumps(meta))
+        arrays = np.load(io.BytesIO(body), allow_pickle=False)
+        for name in PRODUCTS:
+            np.testing.assert_array_equal(arrays[name], self.npy(name), err_msg=name)
+
+    def test_products_agree_with_each_other(self):
+        body = self.ok(self.service.frame(frame_request(PRODUCTS), "application/x-npz"), "application/x-npz")
+        a = np.load(io.BytesIO(body), allow_pickle=False)
+        hit = np.isfinite(a["range"])
+        self.assertGreater(hit.mean(), 0.9)  # nadir over terrain
+        self.assertTrue(np.all(a["range"][hit] >= a["depth"][hit] - 1e-6))
+        radius = np.linalg.norm(a["position"], axis=2)
+        np.testing.assert_allclose(radius[hit], 1737400.0 + a["geodetic"][..., 2][hit], atol=1e-3)
+        np.testing.assert_allclose(np.linalg.norm(a["normal"], axis=2)[hit], 1.0, atol=1e-5)
+        lat, lon = 0.1, 30.1
+        eye = (1737400.0 + 20000.0) * np.array([np.cos(np.radians(lat)) * np.cos(np.radians(lon)),
+                                               np.cos(np.radians(lat)) * np.sin(np.radians(lon)), np.sin(np.radians(lat))])
+        np.testing.assert_allclose(np.linalg.norm(a["position"] - eye, axis=2)[hit], a["range"][hit], atol=1e-3)
+        self.assertTrue(np.all((a["lit"][hit] >= 0) & (a["lit"][hit] <= 1)))
+        self.assertGreater(a["radiance"][hit].max(), 0)
+        self.assertTrue(np.all(a["radiance"][hit & (a["lit"] == 0)] == 0))
+        self.assertTrue(np.all(a["source"][~hit] == 65535))
+
+    def test_png_8_and_16_bit(self):
+        for bits in (8, 16):
+            with self.subTest(bits=bits):
+                request = frame_request(["image"])
+                request["image"] = {"bit_depth": bits}
+                png = self.ok(self.service.frame(request, "image/png"), "image/png")
+                self.assertEqual(png[:8], b"\x89PNG\r\n\x1a\n")
+                self.assertEqual(struct.unpack(">IIBB", png[16:26]), (WIDTH, HEIGHT, bits, 0))
+
+    def test_exr(self):
+        exr = self.ok(self.service.frame(frame_request(["radiance", "position", "source"]), "image/x-exr"), "image/x-exr")
+        self.assertEqual(exr[:4], b"\x76\x2f\x31\x01")
+        for channel in (b"radiance\0", b"position.x\0", b"source\0"):
+            self.assertIn(channel, exr[:4096])
+
+    def test_stages_are_timed(self):
+        _, headers, _ = self.service.frame(frame_request())
+        stages = [stage.split(";")[0].strip() for stage in headers["Server-Timing"].split(",")]
+        for stage in ("queue", "select", "build", "visibility"):
+            self.assertIn(stage, stages)
+        for stage in headers["Server-Timing"].split(","):
+            self.assertRegex(stage.strip(), r"^[a-z]+;dur=[0-9.]+$")
+
+    def test_etag(self):
+        status, headers, body = self.service.frame(frame_request())
+        etag = headers["ETag"]
+        self.assertRegex(etag, r'^"[0-9a-zA-Z]+"$')
+        self.assertEqual(self.service.frame(frame_request())[1]["ETag"], etag)
+        self.assertNotEqual(self.service.frame(frame_request(["depth"]))[1]["ETag"], etag)
+        self.assertNotEqual(self.service.frame(frame_request(), "application/octet-stream")[1]["ETag"], etag)
+        status, headers, body = self.service.frame(frame_request(), If_None_Match=etag)
+        self.assertEqual((status, body, headers["ETag"]), (304, b"", etag))
+        status, _, body = self.service.frame(frame_request(), If_None_Match='"other"')
+        self.assertEqual(status, 200)
+
+    def test_ranges_are_ignored(self):
+        whole = self.service.frame(frame_request())
+        for value in ("bytes=0-9", "bytes=5-", "bytes=0-1,4-5", "nonsense"):
+            status, headers, body = self.service.frame(frame_request(), Range=value)
+            self.assertEqual(status, 200)
+            self.assertEqual(body, whole[2])
+            self.assertNotIn("Content-Range", headers)
+
+    def test_codings_are_not_applied(self):
+        plain = self.service.ask("GET", "/openapi.json")
+        asked = self.service.ask("GET", "/openapi.json", headers={"Accept-Encoding": "gzip, br"})
+        self.assertNotIn("Content-Encoding", asked[1])
+        self.assertEqual(asked[2], plain[2])
+
+    def test_chunked_body_is_accepted(self):
+        parts = (json.dumps(frame_request()).encode()[i:i + 50] for i in range(0, 2000, 50))
+        status, _, body = self.service.ask("POST", "/v1/frames", (p for p in parts if p),
+                                           {"Content-Type": "application/json", "Accept": "application/x-npy"})
+        self.assertEqual(status, 200, body[:300])
+        self.assertEqual(body, self.service.frame(frame_request(), "application/x-npy")[2])
+
+    def test_one_connection_for_many_requests(self):
+        connection = self.service.connect()
+        for _ in range(20):
+            status, _, _ = self.service.ask("POST", "/v1/frames", json.dumps(frame_request()),
+                                            {"Content-Type": "application/json"}, connection)
+            self.assertEqual(status, 200)
+        connection.close()
+
+
+class OtherCalls(WithService):
+    def test_rays(self):
+        down = {"rays": [{"origin_m": [0, 0, 1.9e6], "direction": [0, 0, 1]}]}
+        self.assertFalse(self.ok_json(self.service.post("/v1/rays", down))["rays"][0]["hit"])
+        lat, lon = np.radians(0.1), np.radians(30.1)
+        up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+        request = {"rays": [{"origin_m": list(1757400.0 * up), "direction": list(-up)}],
+                   "sun": {"local": {"lat_deg": 0.1, "lon_deg": 30.1, "azimuth_deg": 90, "elevation_deg": 60}}}
+        ray = self.ok_json(self.service.post("/v1/rays", request))["rays"][0]
+        self.assertTrue(ray["hit"])
+        self.assertIn("lit", ray)
+        height = self.ok_json(self.service.ask("GET", "/v1/height?lat_deg=0.1&lon_deg=30.1"))["height_m"]
+        self.assertAlmostEqual(ray["range_m"], 20000.0 - height, delta=0.01)
+
+    def test_project(self):
+        request = {key: frame_request()[key] for key in ("camera", "pose", "sun")}
+        request["points"] = [{"lat_deg": 0.1, "lon_deg": 30.1}, {"lat_deg": 80.0, "lon_deg": -90.0, "height_m": 0.0}]
+        centre, behind = self.ok_json(self.service.post("/v1/project", request))["points"]
+        self.assertAlmostEqual(centre["x_px"], (WIDTH - 1) / 2, delta=1e-3)
+        self.assertAlmostEqual(centre["y_px"], (HEIGHT - 1) / 2, delta=1e-3)
+        self.assertTrue(centre["in_frame"] and centre["visible"])
+        self.assertFalse(behind["in_frame"] or behind["visible"])
+
+    def test_heights(self):
+        one = self.ok_json(self.service.ask("GET", "/v1/height?lat_deg=0.25&lon_deg=30.25"))
+        many = self.ok_json(self.service.post("/v1/heights", {"points": [{"lat_deg": 0.25, "lon_deg": 30.25}, {"lat_deg": -60, "lon_deg": 10}]}))
+        self.assertEqual(many["points"][0], one)
+        for member in ("lat_deg", "lon_deg", "height_m", "post_spacing_m", "source", "filled"):
+            self.assertIn(member, one)
+        self.assertIsNone(many["points"][1]["height_m"])
+
+    def test_datasets(self):
+        datasets = self.ok_json(self.service.ask("GET", "/v1/datasets"))["datasets"]
+        self.assertEqual(len(datasets), 4)
+        for member in ("name", "footprint", "post_spacing_m", "datum"):
+            self.assertIn(member, datasets[0])
+
+    def test_openapi_lists_every_call(self):
+        document = self.ok_json(self.service.ask("GET", "/openapi.json"))
+        self.assertTrue(document["openapi"].startswith("3.1"))
+        for path in ("/v1/frames", "/v1/rays", "/v1/project", "/v1/height", "/v1/heights", "/v1/datasets"):
+            self.assertIn(path, document["paths"])
+
+    def test_health(self):
+        for path in ("/health/live", "/health/ready"):
+            self.assertEqual(self.service.ask("GET", path)[0], 200)
+
+    def test_metrics(self):
+        self.service.frame(frame_request())
+        status, headers, body = self.service.ask("GET", "/metrics")
+        self.assertEqual(status, 200)
+        self.assertTrue(headers["Content-Type"].startswith("text/plain; version=0.0.4"))
+        text = body.decode()
+        self.assertRegex(text, r'selenograph_http_requests_total\{route="/v1/frames",method="POST",status="200"\} [1-9]')
+        self.assertRegex(text, r'selenograph_build_info\{version="[^"]+"\} 1')
+        self.assertGreater(self.service.metric("process_resident_memory_bytes"), 1e6)
+        families = re.findall(r"^# TYPE (\S+)", text, re.M)
+        self.assertEqual(len(families), len(set(families)))
+        if shutil.which("promtool"):
+            subprocess.run(["promtool", "check", "metrics"], input=body, check=True)
+
+    def test_head(self):
+        for path in ("/health/live", "/v1/datasets", "/openapi.json", "/metrics"):
+            status, headers, body = self.service.ask("HEAD", path)
+            self.assertEqual((status, body), (200, b""))
+            self.assertGreater(int(headers["Content-Length"]), 0)
+
+
+class Errors(WithService):
+    options = ("--max-body-kb", "64", "--max-image-pixels", "1000000", "--receive-timeout-s", "3")
+
+    def test_malformed_json(self):
+        for body in (b"", b"{", b"nonsense", b'{"camera": 1,}', b"\xff\xfe", b"[" * 1000):
+            self.problem(self.service.ask("POST", "/v1/frames", body, {"Content-Type": "application/json"}), 400)
+
+    def test_unknown_member_is_pointed_at(self):
+        request = frame_request()
+        request["camera"]["widht"] = 5
+        self.problem(self.service.frame(request), 422, "/camera/widht")
+
+    def test_impossible_values_are_pointed_at(self):
+        for path, value in ((("camera", "width"), 0), (("camera", "width"), 100000), (("camera", "fov_deg"), 200),
+                            (("accuracy", "max_error_px"), -1), (("sun", "direction"), [0, 0, 0])):
+            request = frame_request()
+            if path[0] == "sun":
+                request["sun"] = {}
+            request[path[0]][path[1]] = value
+            self.problem(self.service.frame(request), 422, "/" + "/".join(path))
+
+    def test_image_size_limit(self):
+        self.problem(self.service.frame(frame_request(width=1001, height=1000)), 422)
+        self.assertEqual(self.service.frame(frame_request(width=1000, height=1000))[0], 200)
+
+    def test_camera_below_terrain(self):
+        pose = {"geodetic": {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": -100000.0}, "nadir": {"up_azimuth_deg": 0.0}}
+        self.problem(self.service.frame(frame_request(pose=pose)), 422)
+
+    def test_wrong_type(self):
+        for content_type in ("text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x"):
+            self.problem(self.service.ask("POST", "/v1/frames", b"{}", {"Content-Type": content_type}), 415)
+        self.problem(self.service.ask("POST", "/v1/frames", b"{}", {"Content-Type": "application/json", "Content-Encoding": "gzip"}), 415)
+
+    def test_not_acceptable(self):
+        self.problem(self.service.frame(frame_request(), "text/html"), 406)
+
+    def test_not_found_and_wrong_method(self):
+        self.problem(self.service.ask("GET", "/nothing"), 404)
+        self.problem(self.service.ask("GET", "/v1/frames/../../etc/passwd"), 404)
+        self.problem(self.service.ask("POST", "/nothing", b"{}", {"Content-Type": "application/json"}), 404)
+        for method, path, allowed in (("GET", "/v1/frames", "POST"), ("POST", "/v1/datasets", "GET"), ("DELETE", "/v1/height", "GET"),
+                                      ("PUT", "/health/live", "GET")):
+            answer = self.service.ask(method, path, b"{}" if method != "GET" else None)
+            self.problem(answer, 405)
+            self.assertIn(allowed, answer[1]["Allow"])
+
+    def test_too_large_with_length(self):
+        self.problem(self.service.ask("POST", "/v1/frames", b" " * 70000, {"Content-Type": "application/json"}), 413)
+
+    def test_too_large_without_length(self):
+        self.problem(self.service.ask("POST", "/v1/frames", (b" " * 1000 for _ in range(100)), {"Content-Type": "application/json"}), 413)
+
+    def test_endless_chunk_header(self):
+        answer = self.service.raw(b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n" + b"0" * 400000)
+        self.assertRegex(answer, rb"^HTTP/1.1 4(00|13) ")
+
+    def test_malformed_http(self):
+        for request in (b"garbage\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", b"GET / HTTP/1.1\r\nHost: a\r\n folded\r\n\r\n",
+                        b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Length: 2\r\nContent-Length: 3\r\n\r\n{}",
+                        b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Length: 2\r\nTransfer-Encoding: chunked\r\n\r\n{}"):
+            self.assertTrue(self.service.raw(request).startswith(b"HTTP/1.1 400 "), request)
+        self.assertTrue(self.service.raw(b"GET /" + b"a" * 5000 + b" HTTP/1.1\r\nHost: a\r\n\r\n").startswith(b"HTTP/1.1 414 "))
+        self.assertTrue(self.service.raw(b"GET / HTTP/1.1\r\nHost: a\r\nX: " + b"a" * 50000 + b"\r\n\r\n").startswith(b"HTTP/1.1 431 "))
+
+    def test_requests_that_never_end_are_answered_408(self):
+        for start in (b"POST /v1/frames HTTP/1.1\r\nHost:", b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Length: 10\r\n\r\n{"):
+            self.assertTrue(self.service.raw(start).startswith(b"HTTP/1.1 408 "), start)
+
+    def test_a_body_on_get_is_no_second_request(self):
+        answer = self.service.raw(b"GET /health/live HTTP/1.1\r\nHost: a\r\nContent-Length: 44\r\n\r\n"
+                                  b"GET /health/ready HTTP/1.1\r\nHost: a\r\n\r\n    ")
+        self.assertEqual(answer.count(b"HTTP/1.1 "), 1)
+
+
+class SlowClients(WithService):
+    options = ("--max-connections", "24", "--receive-timeout-s", "600", "--idle-timeout-s", "600")
+
+    def test_idle_and_slow_clients_hold_up_nobody(self):
+        """More silent connections than there may be, none of which times out while the test runs."""
+        address = (self.service.host, self.service.port)
+        clients = []
+        for i in range(60):
+            client = socket.create_connection(address, timeout=PATIENCE_S)
+            if i % 3 == 1:
+                client.sendall(b"GET /health/live HT")
+            if i % 3 == 2:
+                client.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nContent-Length: 500\r\n\r\n{")
+            clients.append(client)
+        for _ in range(5):
+            self.assertEqual(self.service.ask("GET", "/health/ready")[0], 200)
+            self.assertEqual(self.service.frame(frame_request())[0], 200)
+        self.assertLessEqual(self.service.metric("selenograph_http_connections"), 24)
+        for client in clients:
+            client.close()
+
+    def test_a_reader_that_never_reads_holds_no_place(self):
+        reader = self.service.start_frame(frame_request(["position"], width=1500, height=1500))  # 54 MB: more than sockets hold
+        self.service.wait_for("selenograph_frames_in_work", 0)
+        self.assertEqual(self.service.frame(frame_request())[0], 200)
+        reader.close()
+
+
+class Busy(WithService):
+    options = ("--max-frames", "1", "--max-waiting", "1", "--max-image-pixels", "16000000", "--deadline-s", "3600")
+
+    def test_burst(self):
+        first = self.service.start_frame(long_frame())
+        self.service.wait_for("selenograph_frames_in_work", 1)
+        second = self.service.start_frame(long_frame())
+        self.service.wait_for("selenograph_frames_waiting", 1)
+
+        for path, document in (("/v1/frames", frame_request()), ("/v1/heights", {"points": [{"lat_deg": 0, "lon_deg": 30}]})):
+            answer = self.service.post(path, document)
+            self.problem(answer, 503)
+            self.assertGreaterEqual(int(answer[1]["Retry-After"]), 1)
+        for path in ("/health/live", "/health/ready", "/metrics", "/v1/datasets", "/openapi.json"):
+            self.assertEqual(self.service.ask("GET", path)[0], 200, path)
+
+        # Clients that leave free their places, in the queue as in work.
+        second.close()
+        self.service.wait_for("selenograph_frames_waiting", 0)
+        first.close()
+        self.service.wait_for("selenograph_frames_in_work", 0)
+        self.assertEqual(self.service.frame(frame_request())[0], 200)
+        self.assertGreaterEqual(self.service.metric('selenograph_errors_total{code="busy"}'), 2)
+        self.assertGreaterEqual(self.service.metric('selenograph_errors_total{code="client_gone"}'), 2)
+
+    def test_deadlines(self):
+        self.problem(self.service.frame(long_frame(), Request_Timeout_Ms="100"), 504)  # stopped at work
+        holder = self.service.start_frame(long_frame())
+        self.service.wait_for("selenograph_frames_in_work", 1)
+        self.problem(self.service.frame(frame_request(), Request_Timeout_Ms="100"), 504)  # stopped in the queue
+        holder.close()
+        self.service.wait_for("selenograph_frames_in_work", 0)
+        self.problem(self.service.frame(frame_request(), Request_Timeout_Ms="soon"), 400)
+
+
+class ServiceDeadline(WithService):
+    options = ("--deadline-s", "0.2", "--max-image-pixels", "16000000")
+
+    def test_the_services_own_deadline(self):
+        self.problem(self.service.frame(long_frame()), 504)
+        self.problem(self.service.frame(long_frame(), Request_Timeout_Ms="9999999"), 504)
+
+
+class Determinism(unittest.TestCase):
+    def test_same_bytes_on_any_number_of_threads_alone_and_under_load(self):
+        requests = [frame_request(PRODUCTS, width=200, height=150,
+                                  pose={"geodetic": {"lat_deg": 0.05 * i, "lon_deg": 30.0, "height_m": 15000.0},
+                                        "nadir": {"up_azimuth_deg": 10.0 * i}}) for i in range(6)]
+        answers = {}
+        for threads in (1, 2):
+            service = Service("--threads", str(threads), "--max-frames", "4", "--max-waiting", "100", cache=f"cache-{threads}")
+            alone = [service.frame(r, "application/x-npz") for r in requests]
+            with concurrent.futures.ThreadPoolExecutor(8) as pool:
+                loaded = list(pool.map(lambda r: service.frame(r, "application/x-npz"), requests * 4))
+            self.assertEqual([a[0] for a in alone + loaded], [200] * 30)
+            for i, answer in enumerate(loaded):
+                self.assertEqual(answer[2], alone[i % 6][2], f"request {i % 6}, {threads} threads, under load")
+                self.assertEqual(answer[1]["ETag"], alone[i % 6][1]["ETag"])
+            answers[threads] = [a[2] for a in alone]
+            self.assertEqual(service.stop(), 0)
+        self.assertEqual(answers[1], answers[2])
+
+
+class Shutdown(unittest.TestCase):
+    def frame_under_way(self, service, request):
+        pool = concurrent.futures.ThreadPoolExecutor(1)
+        frame = pool.submit(service.frame, request, "application/x-npy")
+        service.wait_for("selenograph_frames_in_work", 1)
+        return frame
+
+    def test_sigterm_finishes_what_runs(self):
+        for stop in (signal.SIGTERM, signal.SIGINT):
+            service = Service("--max-frames", "2", "--max-image-pixels", "16000000")
+            frame = self.frame_under_way(service, frame_request(width=1024, height=1024, samples=16))
+            service.process.send_signal(stop)
+            ready = 200
+            while ready == 200 and not frame.done():
+                try:
+                    ready = service.ask("GET", "/health/ready")[0]
+                except OSError:
+                    break
+            status, _, body = frame.result(PATIENCE_S)
+            self.assertEqual(status, 200)
+            self.assertEqual(np.load(io.BytesIO(body)).shape, (1024, 1024))
+            self.assertEqual(service.process.wait(PATIENCE_S), 0)
+            service.stop()
+
+    def test_while_shutting_down(self):
+        service = Service("--max-frames", "2", "--max-image-pixels", "16000000")
+        running = service.start_frame(long_frame())
+        service.wait_for("selenograph_frames_in_work", 1)
+        service.process.terminate()
+        service.wait_for("selenograph_ready", 0)
+        self.assertEqual(service.ask("GET", "/health/ready")[0], 503)
+        self.assertEqual(service.ask("GET", "/health/live")[0], 200)
+        status, headers, _ = service.frame(frame_request())
+        self.assertEqual(status, 503)
+        self.assertIn("Retry-After", headers)
+        self.assertIsNone(service.process.poll())
+        running.close()
+        self.assertEqual(service.process.wait(PATIENCE_S), 0)
+        service.stop()
+
+    def test_a_second_signal_quits_at_once(self):
+        service = Service("--max-image-pixels", "16000000", "--deadline-s", "3600")
+        running = service.start_frame(long_frame())
+        service.wait_for("selenograph_frames_in_work", 1)
+        service.process.terminate()
+        service.wait_for("selenograph_ready", 0)
+        service.process.terminate()
+        self.assertEqual(service.process.wait(PATIENCE_S), 128 + signal.SIGTERM)
+        running.close()
+        service.stop()
+
+    def test_idle_clients_do_not_delay_it(self):
+        service = Service("--idle-timeout-s", "3600", "--receive-timeout-s", "3600")
+        clients = [socket.create_connection((service.host, service.port)) for _ in range(5)]
+        clients[0].sendall(b"GET /")
+        service.wait_for("selenograph_http_connections", 6)
+        self.assertEqual(service.stop(), 0)
+        for client in clients:
+            client.close()
+
+
+def run(*arguments, **options):
+    return subprocess.run([BINARY, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S * 5, **options)
+
+
+class Commands(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.mkdtemp(dir=FOLDER)
+        self.cache = os.path.join(FOLDER, "cache")
+
+    def path(self, name, content=None):
+        path = os.path.join(self.folder, name)
+        if content is not None:
+            with open(path, "w") as file:
+                file.write(content)
+        return path
+
+    def test_help_and_version(self):
+        self.assertRegex(run("--version").stdout, r"\d+\.\d+")
+        for command in ((), ("serve",), ("render",), ("ingest",), ("sample",), ("info",)):
+            done = run(*command, "--help")
+            self.assertEqual(done.returncode, 0)
+            self.assertIn("--help", done.stdout)
+        for option in ("--dem", "--host", "--port", "--cache-dir", "--cache-mb", "--threads", "--trial", "--config"):
+            self.assertIn(option, run("serve", "--help").stdout)
+        self.assertNotEqual(run("serve", "--no-such-option").returncode, 0)
+        self.assertNotEqual(run().returncode, 0)
+
+    def test_trial(self):
+        done = run("serve", "--trial", "--port", "0", "--cache-dir", self.cache, "--dem", DEM)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        self.assertNotIn("FAILED", done.stdout)
+        self.assertRegex(done.stdout, r"ok +POST /v1/frames")
+
+    def test_trial_fails_on_a_damaged_catalogue(self):
+        damaged = os.path.join(self.folder, "damaged")
+        shutil.copytree(DEM, damaged)
+        image = next(name for name in sorted(os.listdir(damaged)) if name.endswith(".img"))
+        os.truncate(os.path.join(damaged, image), 1000)
+        done = run("serve", "--trial", "--port", "0", "--cache-dir", self.path("cache"), "--dem", damaged)
+        self.assertNotEqual(done.returncode, 0, done.stdout)
+        self.assertIn(image.split(".")[0], done.stdout + done.stderr)
+
+    def test_render_gives_the_bytes_of_the_service(self):
+        service = Service()
+        for extension, accept, products in (("npy", "application/x-npy", ["depth"]), ("npz", "application/x-npz", list(PRODUCTS)),
+                                            ("png", "image/png", ["image"]), ("tiff", "image/tiff", ["radiance"]),
+                                            ("exr", "image/x-exr", ["radiance", "normal"]), ("raw", "application/octet-stream", ["range"])):
+            with self.subTest(format=extension):
+                request = frame_request(products)
+                output = self.path("out." + extension)
+                done = run("render", self.path("request.json", json.dumps(request)), "-o", output, "--cache-dir", self.cache, "--dem", DEM)
+                self.assertEqual(done.returncode, 0, done.stderr)
+                status, _, body = service.frame(request, accept)
+                self.assertEqual(status, 200)
+                with open(output, "rb") as file:
+                    self.assertEqual(file.read(), body)
+        self.assertEqual([name for name in os.listdir(self.folder) if "part" in name], [])
+        self.assertEqual(service.stop(), 0)
+
+    def test_render_reports_what_is_wrong(self):
+        request = frame_request()
+        request["camera"]["widht"] = 1
+        done = run("render", self.path("bad.json", json.dumps(request)), "-o", self.path("out.npy"), "--cache-dir", self.cache, "--dem", DEM)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("/camera/widht", done.stderr)
+        self.assertFalse(os.path.exists(self.path("out.npy")))
+        done = run("render", self.path("good.json", json.dumps(frame_request())), "-o", self.path("out.jpg"), "--dem", DEM)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn(".npy", done.stderr)
+
+    def test_missing_dem_is_named(self):
+        done = run("serve", "--port", "0", "--cache-dir", self.cache, "--dem", "/no/such/tile.lbl")
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("/no/such/tile.lbl", done.stderr)
+
+    def test_port_in_use(self):
+        service = Service()
+        done = run("serve", "--port", str(service.port), "--cache-dir", self.cache, "--dem", DEM)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn(str(service.port), done.stderr)
+        self.assertEqual(service.stop(), 0)
+
+    def test_ipv6_loopback(self):
+        try:
+            socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+        except OSError:
+            self.skipTest("no IPv6 here")
+        service = Service("--host", "::1")
+        self.assertEqual(service.ask("GET", "/health/live")[0], 200)
+        self.assertEqual(service.stop(), 0)
+
+    def test_settings_from_file_and_environment(self):
+        taken = socket.create_server(("127.0.0.1", 0))  # a port that can't be had: the message tells which one was tried
+        port = str(taken.getsockname()[1])
+        config = self.path("config.toml", f'dem = ["{DEM}"]\ncache-dir = "{self.cache}"\nport = {port}\nhost = "127.0.0.1"\n')
+        environment = {key: value for key, value in os.environ.items() if not key.startswith("SELENOGRAPH_")}
+        done = run("serve", "--config", config, env=environment)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn(port, done.stderr)
+        done = run("serve", "--trial", "--config", config, env=dict(environment, SELENOGRAPH_PORT="0"))
+        self.assertEqual(done.returncode, 0, done.stderr)  # the environment beats the file
+        done = run("serve", "--trial", "--config", config, "--port", "0", env=dict(environment, SELENOGRAPH_PORT=port))
+        self.assertEqual(done.returncode, 0, done.stderr)  # the command line beats the environment
+        taken.close()
+
+    def test_unknown_settings_are_errors(self):
+        done = run("info", "--config", self.path("config.toml", "cache-md = 5\n"))
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn("cache-md", done.stderr + done.stdout)
+
+    def test_info(self):
+        done = run("info", "--dem", DEM)
+        self.assertEqual(done.returncode, 0)
+        self.assertIn("4 DEM files", done.stdout)
+        document = json.loads(run("info", "--json", "--dem", DEM).stdout)
+        self.assertEqual(len(document["datasets"]), 4)
+        self.assertEqual(document["uncovered"], [])
+
+    def test_info_shows_gaps(self):
+        wide = self.path("wide")
+        self.assertEqual(run("sample", wide, *PLACE, "--rows", "1", "--columns", "3", "--ppd", "64").returncode, 0)
+        for name in os.listdir(wide):
+            if "E030" in name and "E031" in name:
+                os.remove(os.path.join(wide, name))
+        document = json.loads(run("info", "--json", "--dem", wide).stdout)
+        self.assertEqual(len(document["datasets"]), 2)
+        self.assertEqual([(gap["west_deg"], gap["east_deg"]) for gap in document["uncovered"]], [(30.0, 31.0)])
+
+    def test_sample_is_deterministic(self):
+        def files(folder):
+            content = {}
+            for name in os.listdir(folder):
+                with open(os.path.join(folder, name), "rb") as file:
+                    content[name] = file.read()
+            return content
+
+        a, b, c = self.path("a"), self.path("b"), self.path("c")
+        for folder, seed in ((a, "7"), (b, "7"), (c, "8")):
+            self.assertEqual(run("sample", folder, "--ppd", "64", "--seed", seed).returncode, 0)
+        self.assertEqual(files(a), files(b))
+        self.assertNotEqual(files(a), files(c))
+
+    def test_ingest_and_again(self):
+        cache = self.path("cache")
+        first = run("ingest", "--cache-dir", cache, "--dem", DEM)
+        self.assertEqual(first.returncode, 0, first.stderr)
+        self.assertIn("100%", first.stderr)
+        again = run("ingest", "--cache-dir", cache, "--dem", DEM)
+        self.assertEqual(again.returncode, 0, again.stderr)
+        self.assertIn("nothing to do", again.stdout)
+
+    def test_ingest_can_be_interrupted_and_resumed(self):
+        dem, cache = self.path("dem"), self.path("cache")
+        self.assertEqual(run("sample", dem, "--ppd", "512").returncode, 0)
+        command = [BINARY, "ingest", "--cache-dir", cache, "--dem", dem]
+        with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+            line = process.stderr.readline()
+            while "chunks" not in line and line:  # the log before the first chunk
+                line = process.stderr.readline()
+            process.send_signal(signal.SIGINT)
+            _, rest = process.communicate(timeout=PATIENCE_S)
+        self.assertIn(process.returncode, (130, 0))  # 0: it was done before the signal came
+        if process.returncode == 130:
+            self.assertIn("run the same command to go on", rest)
+        done = run("ingest", "--cache-dir", cache, "--dem", dem)
+        self.assertEqual(done.returncode, 0, done.stderr)
+
+
+if __name__ == "__main__":
+    if not BINARY or not os.access(BINARY, os.X_OK):
+        sys.exit("set SELENOGRAPH_BINARY to the executable")
+    unittest.main(verbosity=2)

@@ -1,0 +1,31 @@
+// Real lunar data beside the project, where it is present.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <string>
+
+namespace selenograph::test {
+
+// $SELENOGRAPH_SHARED_DATA, else ../shared/data beside the source tree.
+std::string shared_data(const std::string& file);
+
+// A folder of its own for a test, removed with its owner.
+class TemporaryFolder {
+ public:
+  TemporaryFolder();
+  ~TemporaryFolder();
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  const std::string& path() const { return path_; }
+  std::string operator/(const std::string& name) const { return path_ + "/" + name; }
+
+ private:
+  std::string path_;
+};
+
+}  // namespace selenograph::test
+
+#define SELENOGRAPH_SKIP_WITHOUT(path) \
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << path << " is not here (set SELENOGRAPH_SHARED_DATA)"

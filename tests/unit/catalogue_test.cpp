@@ -1,0 +1,239 @@
+// Which files are found, in what order, and which of them lie where.
+#include "dem/catalogue.h"
+
+#include <gtest/gtest.h>
+#include <stdlib.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <numeric>
+#include <random>
+
+#include "dem/error.h"
+#include "dem/geodesy.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::dem {
+namespace {
+
+namespace fs = std::filesystem;
+using test::shared_data;
+
+// A tile of one degree, 8 x 8 posts, in Kaguya's format.
+std::string tile_label(const std::string& image_pointer, double south, double west) {
+  const auto line = [](const std::string& key, double v) { return key + " = " + std::to_string(v) + "\r\n"; };
+  return "PDS_VERSION_ID = \"PDS3\"\r\nMISSION_NAME = SELENE\r\nRECORD_BYTES = 1024\r\n^IMAGE = " + image_pointer +
+         "\r\n" +
+         "OBJECT = IMAGE_MAP_PROJECTION\r\nMAP_PROJECTION_TYPE = \"SIMPLE CYLINDRICAL\"\r\nMAP_RESOLUTION = 8\r\n" +
+         line("MAXIMUM_LATITUDE", south + 1) + line("MINIMUM_LATITUDE", south + 0.125) +
+         line("WESTERNMOST_LONGITUDE", west) + line("EASTERNMOST_LONGITUDE", west + 0.875) +
+         line("LINE_PROJECTION_OFFSET", 8 * (south + 1)) + line("SAMPLE_PROJECTION_OFFSET", -8 * west) +
+         "END_OBJECT\r\nOBJECT = IMAGE\r\nLINES = 8\r\nLINE_SAMPLES = 8\r\nSAMPLE_TYPE = MSB_INTEGER\r\n"
+         "SAMPLE_BITS = 16\r\nEND_OBJECT\r\nEND\r\n";
+}
+
+class CatalogueTest : public ::testing::Test {
+ protected:
+  CatalogueTest() {
+    std::string name = ::testing::TempDir() + "/catalogue_XXXXXX";
+    folder_ = ::mkdtemp(name.data());
+  }
+  ~CatalogueTest() override { fs::remove_all(folder_); }
+
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  void put(const std::string& name, const std::string& bytes) const {
+    fs::create_directories((folder_ / name).parent_path());
+    std::ofstream(folder_ / name, std::ios::binary) << bytes;
+  }
+  void put_tile(const std::string& stem, double south, double west, const char* label = ".lbl",
+                const char* data = ".img") const {
+    put(stem + label, tile_label("\"" + fs::path(stem).filename().string() + data + "\"", south, west));
+    put(stem + data, std::string(128, '\1'));
+  }
+
+  fs::path folder_;
+};
+
+std::vector<std::string> names(const Catalogue& c) {
+  std::vector<std::string> out;
+  for (const RasterInfo& r : c.rasters()) out.push_back(r.name);
+  return out;
+}
+
+RasterInfo tile(double south, double west, double size = 1, double spacing_m = 7.4, const std::string& name = "") {
+  RasterInfo r;
+  r.name = name;
+  r.path = name;
+  r.post_spacing_m = spacing_m;
+  r.footprint = {south, south + size - size / 4096, wrap_lon_deg(west), wrap_lon_deg(west) + size - size / 4096};
+  return r;
+}
+
+TEST_F(CatalogueTest, FindsWhatIsThere) {
+  put_tile("a/DTM_A", 0, 10);
+  put_tile("a/b/DTM_B", 0, 11, ".LBL", ".IMG");
+  std::string attached = tile_label("2", 0, 12);
+  attached.resize(1024, ' ');
+  put("a/attached.img", attached + std::string(128, '\1'));
+  put("a/notes.txt", "nothing");
+  put("a/DTM_A.jpg", "nothing");
+  put("a/lonely.img", "pixels without a label");
+  put("a/scene.lbl", "PDS_VERSION_ID = PDS3\n^IMAGE = \"scene.img\"\nOBJECT = IMAGE\nLINES = 3\nEND_OBJECT\nEND\n");
+  put("a/scene.img", "radiances");
+  const Catalogue c({path("a")});
+  EXPECT_EQ(names(c), (std::vector<std::string>{"DTM_A", "DTM_B", "attached"}));
+  EXPECT_TRUE(c.problems().empty()) << c.problems()[0].path << ": " << c.problems()[0].what;
+}
+
+TEST_F(CatalogueTest, UnusableCandidatesAreReportedAndTheRestStays) {
+  put_tile("good", 0, 10);
+  put_tile("short", 0, 11);
+  fs::resize_file(path("short.img"), 127);
+  put_tile("gone", 0, 12);
+  fs::remove(path("gone.img"));
+  put("garbage.lbl", "\x01\x02\x03");
+  put("empty.tif", "");
+  put("text.VRT", "no");
+  const Catalogue c({folder_.string()});
+  EXPECT_EQ(names(c), std::vector<std::string>{"good"});
+  std::vector<std::string> bad;
+  for (const auto& p : c.problems()) {
+    bad.push_back(fs::path(p.path).filename().string());
+    EXPECT_FALSE(p.what.empty());
+    EXPECT_EQ(p.what.find(folder_.string() + "/" + bad.back() + ": "), std::string::npos) << p.what;
+  }
+  EXPECT_EQ(bad, (std::vector<std::string>{"empty.tif", "garbage.lbl", "gone.lbl", "short.lbl", "text.VRT"}));
+}
+
+TEST_F(CatalogueTest, NamedFilesMustWork) {
+  put("garbage.lbl", "\x01\x02\x03");
+  EXPECT_THROW(Catalogue({path("garbage.lbl")}), DataError);
+  EXPECT_THROW(Catalogue({path("nowhere")}), DataError);
+  EXPECT_THROW(Catalogue(std::vector<std::string>{path("nowhere.tif")}), DataError);
+}
+
+TEST_F(CatalogueTest, AFileGivenTwiceIsOneEntry) {
+  put_tile("t", 0, 10);
+  EXPECT_EQ(Catalogue({path("t.lbl"), path("t.img"), folder_.string(),
+                       folder_.string() + "/../" + folder_.filename().string()})
+                .rasters()
+                .size(),
+            1u);
+}
+
+TEST(Catalogue, SortsFromCoarseToFineThenByName) {
+  const Catalogue c(std::vector<RasterInfo>{tile(0, 0, 1, 7, "b"), tile(0, 0, 1, 7, "a"), tile(0, 0, 1, 1900, "global"),
+                                            tile(0, 0, 1, 2, "site")});
+  EXPECT_EQ(names(c), (std::vector<std::string>{"global", "a", "b", "site"}));
+}
+
+TEST(Catalogue, HadleyAndTheGlobe) {
+  const std::string hadley = shared_data("hadley"), global = shared_data("global");
+  if (!fs::exists(hadley) || !fs::exists(global))
+    GTEST_SKIP() << hadley << " is not here (set SELENOGRAPH_SHARED_DATA)";
+  const Catalogue c({hadley, global, shared_data("ldem_4")});
+  EXPECT_EQ(c.rasters().size(), 18u);
+  EXPECT_TRUE(c.problems().empty());
+  EXPECT_EQ(c.rasters()[0].name, "LDEM_4");
+  EXPECT_EQ(c.rasters()[1].name, "GLD100_global_16ppd_m");
+  const std::vector<int> site = c.touching(26.13, 26.14, 3.63, 3.64);
+  ASSERT_EQ(site.size(), 3u);
+  EXPECT_EQ(c.rasters()[static_cast<std::size_t>(site[2])].name, "DTM_MAPs02_N27E003N24E006SC");
+  EXPECT_EQ(c.touching(-10, -9, 100, 101), (std::vector<int>{0, 1}));
+}
+
+// Every answer of the index against the plain definition.
+TEST(Catalogue, TouchingAgreesWithBruteForce) {
+  std::mt19937 random(7);
+  const auto uniform = [&](double a, double b) { return std::uniform_real_distribution<>(a, b)(random); };
+  std::vector<RasterInfo> rasters;
+  for (int i = 0; i < 300; ++i) {
+    RasterInfo r;
+    r.footprint.south_deg = uniform(-90, 89);
+    r.footprint.north_deg = std::min(90.0, r.footprint.south_deg + uniform(0, 5));
+    r.footprint.west_deg = uniform(-180, 180);
+    r.footprint.east_deg = r.footprint.west_deg + (i % 20 == 0 ? uniform(0, 360) : uniform(0, 5));
+    rasters.push_back(r);
+  }
+  const Catalogue c(rasters);
+  for (int k = 0; k < 2000; ++k) {
+    const double south = uniform(-85, 80), north = south + uniform(0, 4), west = uniform(-700, 700);
+    const double east = west + (k % 50 == 0 ? uniform(0, 500) : uniform(0, 4)), margin = k % 2 ? uniform(0, 1) : 0;
+    std::vector<int> expected;
+    for (std::size_t i = 0; i < c.rasters().size(); ++i) {
+      const Footprint& f = c.rasters()[i].footprint;
+      bool meets = false;
+      for (int turn = -4; turn <= 4; ++turn)
+        meets |= f.west_deg + 360 * turn <= east + margin && f.east_deg + 360 * turn >= west - margin;
+      if (meets && f.south_deg <= north + margin && f.north_deg >= south - margin)
+        expected.push_back(static_cast<int>(i));
+    }
+    ASSERT_EQ(c.touching(south, north, west, east, margin), expected) << south << " " << west << " " << margin;
+  }
+}
+
+TEST(Catalogue, DateLineAndPoles) {
+  const Catalogue c(std::vector<RasterInfo>{tile(0, 179, 1, 7, "E179"), tile(0, -180, 1, 7, "E180"),
+                                            tile(0, 359, 1, 7, "E359"), tile(89, 0, 1, 7, "N0"),
+                                            tile(89, 180, 1, 7, "N180")});
+  const auto found = [&](double south, double north, double west, double east, double margin = 0) {
+    std::string out;
+    for (const int i : c.touching(south, north, west, east, margin))
+      out += c.rasters()[static_cast<std::size_t>(i)].name + " ";
+    return out;
+  };
+  EXPECT_EQ(found(0.2, 0.4, 179.5, 180.5), "E179 E180 ");
+  EXPECT_EQ(found(0.2, 0.4, -180.5, -179.5), "E179 E180 ");
+  EXPECT_EQ(found(0.2, 0.4, 540.2, 540.4), "E180 ");
+  EXPECT_EQ(found(0.2, 0.4, -0.5, -0.4), "E359 ");
+  EXPECT_EQ(found(0.2, 0.4, 359.5, 359.6), "E359 ");
+  EXPECT_EQ(found(0.2, 0.4, 0.1, 0.2), "");
+  EXPECT_EQ(found(0.2, 0.4, 0.1, 0.2, 0.2), "E359 ");
+  EXPECT_EQ(found(0.2, 0.4, 180, 180, 0), "E180 ");
+  EXPECT_EQ(found(0.2, 0.4, 180, 180, 0.001), "E179 E180 ");
+  EXPECT_EQ(found(89.5, 90, 0, 0.5), "N0 ");
+  EXPECT_EQ(found(89.5, 90, 0, 0.5, 0.1), "N0 N180 ");  // grown over the pole
+  EXPECT_EQ(found(-90, 90, 0, 360), "E179 E180 E359 N0 N180 ");
+  EXPECT_EQ(found(-90, 90, -1000, 1000, 50), "E179 E180 E359 N0 N180 ");
+}
+
+TEST(Catalogue, WholeMoonOfTiles) {
+  std::vector<RasterInfo> tiles;
+  for (int south = -90; south < 90; ++south)
+    for (int west = 0; west < 360; ++west)
+      tiles.push_back(tile(south, west, 1, 7.4, std::to_string(south) + "_" + std::to_string(west)));
+  RasterInfo globe = tile(-90, -180, 1, 1900, "globe");
+  globe.footprint = {-90, 90, -180, 180};
+  tiles.push_back(globe);
+  const Catalogue c(std::move(tiles));
+  ASSERT_EQ(c.rasters().size(), 64801u);
+  std::size_t most = 0, total = 0;
+  for (int south = -89; south < 89; ++south)
+    for (int west = -180; west < 180; west += 7) {
+      const std::vector<int> hit = c.touching(south + 0.25, south + 0.75, west + 0.25, west + 0.75);
+      ASSERT_EQ(hit.size(), 2u);  // the globe and that tile
+      EXPECT_EQ(hit[0], 0);
+      most = std::max(most, c.touching(south, south + 1, west, west + 1, 0.01).size());
+      ++total;
+    }
+  EXPECT_EQ(most, 10u);  // the globe and 3 x 3 tiles
+  EXPECT_GT(total, 9000u);
+  EXPECT_EQ(c.touching(-90, 90, -180, 180).size(), 64801u);
+}
+
+TEST_F(CatalogueTest, FingerprintChangesWithTheFiles) {
+  put_tile("t", 0, 10);
+  const std::uint64_t before = Catalogue({folder_.string()}).fingerprint();
+  EXPECT_EQ(Catalogue({path("t.lbl")}).fingerprint(), before);
+  fs::last_write_time(path("t.img"), fs::last_write_time(path("t.img")) + std::chrono::seconds(2));
+  const std::uint64_t touched = Catalogue({folder_.string()}).fingerprint();
+  EXPECT_NE(touched, before);
+  put_tile("u", 0, 11);
+  EXPECT_NE(Catalogue({folder_.string()}).fingerprint(), touched);
+  EXPECT_NE(Catalogue(std::vector<RasterInfo>{}).fingerprint(), before);
+}
+
+}  // namespace
+}  // namespace selenograph::dem

@@ -1,0 +1,181 @@
+#include "server/config.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <map>
+
+namespace selenograph::server {
+namespace {
+
+class Config : public ::testing::Test {
+ protected:
+  Config() {
+    path_ = (std::filesystem::temp_directory_path() / ("selenograph-config-" + std::to_string(::getpid()) + ".toml"))
+                .string();
+    serve_ = app_.add_subcommand("serve");
+    add_options(*serve_, settings_);
+  }
+  ~Config() override { std::remove(path_.c_str()); }
+
+  void file(const std::string& text) { std::ofstream(path_) << text; }
+
+  // With --config when the test wrote a file.
+  void parse(std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), "serve");
+    if (std::filesystem::exists(path_)) arguments.insert(arguments.end(), {"--config", path_});
+    std::reverse(arguments.begin(), arguments.end());  // as CLI11 wants it
+    app_.parse(arguments);
+    std::set<std::string> known = option_names(*serve_);
+    known.insert("seed");  // an option of another command
+    complete_from_environment_and_file(*serve_, known, [this](const std::string& name) -> std::optional<std::string> {
+      const auto found = environment_.find(name);
+      if (found == environment_.end()) return {};
+      return found->second;
+    });
+  }
+
+  std::string failure(const std::vector<std::string>& arguments) {
+    try {
+      parse(arguments);
+    } catch (const CLI::ParseError& e) {
+      return e.what();
+    }
+    return {};
+  }
+
+  CLI::App app_;
+  CLI::App* serve_;
+  ServeSettings settings_;
+  std::string path_;
+  std::map<std::string, std::string> environment_;
+};
+
+TEST_F(Config, DefaultsAreLoopbackAndBounded) {
+  parse({});
+  EXPECT_EQ(settings_.host, "127.0.0.1");
+  EXPECT_EQ(settings_.port, 8080);
+  EXPECT_EQ(settings_.max_waiting, 16);
+  EXPECT_TRUE(settings_.terrain.dem.empty());
+}
+
+TEST_F(Config, FileBeatsDefault) {
+  file("port = 1111\nhost = \"::1\"\ndeadline-s = 2.5\ntrial = true\n");
+  parse({});
+  EXPECT_EQ(settings_.port, 1111);
+  EXPECT_EQ(settings_.host, "::1");
+  EXPECT_EQ(settings_.limits.deadline_s, 2.5);
+  EXPECT_TRUE(settings_.trial);
+}
+
+TEST_F(Config, EnvironmentBeatsFile) {
+  file("port = 1111\ncache-mb = 100\n");
+  environment_["SELENOGRAPH_PORT"] = "2222";
+  parse({});
+  EXPECT_EQ(settings_.port, 2222);
+  EXPECT_EQ(settings_.terrain.cache_mb, 100u);
+}
+
+TEST_F(Config, CommandLineBeatsEnvironmentAndFile) {
+  file("port = 1111\n");
+  environment_["SELENOGRAPH_PORT"] = "2222";
+  parse({"--port", "3333"});
+  EXPECT_EQ(settings_.port, 3333);
+}
+
+TEST_F(Config, CommandLineBeatsOthersEvenWithTheDefaultValue) {
+  environment_["SELENOGRAPH_PORT"] = "2222";
+  parse({"--port", "8080"});
+  EXPECT_EQ(settings_.port, 8080);
+}
+
+TEST_F(Config, ListsComeWholeFromOnePlace) {
+  file("dem = [\"a\", \"b\"]\n");
+  parse({});
+  EXPECT_EQ(settings_.terrain.dem, (std::vector<std::string>{"a", "b"}));
+}
+
+TEST_F(Config, ListsInTheEnvironmentAreSeparatedByColons) {
+  file("dem = [\"a\", \"b\"]\n");
+  environment_["SELENOGRAPH_DEM"] = "/x:/y y";
+  parse({});
+  EXPECT_EQ(settings_.terrain.dem, (std::vector<std::string>{"/x", "/y y"}));
+}
+
+TEST_F(Config, ListsOnTheCommandLineReplaceTheOthers) {
+  file("dem = [\"a\", \"b\"]\n");
+  parse({"--dem", "c"});
+  EXPECT_EQ(settings_.terrain.dem, (std::vector<std::string>{"c"}));
+}
+
+TEST_F(Config, TheFileCanBeNamedInTheEnvironment) {
+  const std::string other = path_ + ".other";
+  std::ofstream(other) << "port = 4444\n";
+  environment_["SELENOGRAPH_CONFIG"] = other;
+  parse({});
+  std::remove(other.c_str());
+  EXPECT_EQ(settings_.port, 4444);
+}
+
+TEST_F(Config, UnknownMembersAreErrorsThatNameFileAndMember) {
+  file("prot = 1111\n");
+  const std::string what = failure({});
+  EXPECT_NE(what.find("prot"), std::string::npos) << what;
+  EXPECT_NE(what.find(path_), std::string::npos) << what;
+}
+
+TEST_F(Config, MembersOfOtherCommandsAreAllowed) {
+  file("seed = 5\nport = 1111\n");
+  parse({});
+  EXPECT_EQ(settings_.port, 1111);
+}
+
+TEST_F(Config, ValuesAreCheckedWhereverTheyComeFrom) {
+  environment_["SELENOGRAPH_PORT"] = "99999";
+  EXPECT_NE(failure({}).find("SELENOGRAPH_PORT"), std::string::npos);
+}
+
+TEST_F(Config, ValuesOfTheFileAreChecked) {
+  file("on-data-error = \"ignore\"\n");
+  EXPECT_NE(failure({}).find("on-data-error"), std::string::npos);
+}
+
+TEST_F(Config, WordsThatAreNoNumbersAreErrors) {
+  environment_["SELENOGRAPH_THREADS"] = "many";
+  EXPECT_NE(failure({}).find("SELENOGRAPH_THREADS"), std::string::npos);
+}
+
+TEST_F(Config, TablesAndTypingMistakesAreErrors) {
+  file("[port]\nx = 1\n");
+  EXPECT_NE(failure({}).find("port"), std::string::npos);
+}
+
+TEST_F(Config, BrokenTomlSaysWhere) {
+  file("port = 1\nhost = \n");
+  EXPECT_NE(failure({}).find("line 2"), std::string::npos);
+}
+
+TEST_F(Config, ListForASingleValueIsAnError) {
+  file("port = [1, 2]\n");
+  EXPECT_NE(failure({}).find("one value"), std::string::npos);
+}
+
+TEST(ConfigNames, VariableNames) {
+  EXPECT_EQ(variable_name("cache-mb"), "SELENOGRAPH_CACHE_MB");
+  EXPECT_EQ(variable_name("dem"), "SELENOGRAPH_DEM");
+}
+
+TEST(ConfigLimits, DeadlineAndBody) {
+  LimitSettings settings;
+  settings.deadline_s = 0.25;
+  settings.max_body_kb = 2;
+  EXPECT_EQ(limits_from(settings).default_deadline, std::chrono::milliseconds(250));
+  EXPECT_EQ(limits_from(settings).max_body_bytes, 2048u);
+}
+
+}  // namespace
+}  // namespace selenograph::server

@@ -1,0 +1,419 @@
+#include "api/frame_json.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "api/points_json.h"
+
+namespace selenograph::api {
+namespace {
+
+constexpr double kRadians = std::numbers::pi / 180;
+
+Json minimal() {
+  return Json::parse(R"({
+    "camera": {"width": 1024, "height": 512, "fov_deg": 90},
+    "pose": {"geodetic": {"lat_deg": 26, "lon_deg": 3, "height_m": 20000}, "nadir": {}},
+    "sun": {"direction": [0, 1, 0.2]}
+  })");
+}
+
+// The minimal request with `patch` merged in (RFC 7396: null takes a member away).
+Json patched(const std::string& patch) {
+  Json body = minimal();
+  body.merge_patch(Json::parse(patch));
+  return body;
+}
+
+engine::FrameRequest accepted(const std::string& patch) { return read_frame(patched(patch), Limits{}).request; }
+
+// The pointers of the findings, "" when accepted; details on request.
+std::string refused(const std::string& patch, std::string* details = nullptr) {
+  try {
+    read_frame(patched(patch), Limits{});
+  } catch (const RequestError& e) {
+    EXPECT_EQ(e.code(), "invalid_request");
+    std::string pointers;
+    for (const Finding& f : e.findings()) {
+      pointers += (pointers.empty() ? "" : " ") + f.pointer;
+      if (details) *details += f.detail + "\n";
+    }
+    return pointers;
+  }
+  return "accepted";
+}
+
+// Where a MOON_ME point falls in the image: the pinhole equation, written down independently of the engine.
+Eigen::Vector2d pixel_of(const engine::FrameRequest& request, const Vec3& point_m) {
+  const Vec3 p = request.pose.camera_from_moon * (point_m - request.pose.position_m);
+  EXPECT_GT(p.z(), 0);
+  const engine::Camera& c = request.camera;
+  return {c.fx * p.x() / p.z() + c.cx, c.fy * p.y() / p.z() + c.cy};
+}
+
+void expect_same_attitude(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
+  EXPECT_LT(a.angularDistance(b), 1e-7);
+  EXPECT_LT((a.toRotationMatrix() - b.toRotationMatrix()).norm(), 1e-14);
+}
+
+TEST(FrameJson, DefaultsAreThoseOfTheContract) {
+  const engine::FrameRequest request = accepted("{}");
+  EXPECT_EQ(request.products, engine::kRadiance);
+  EXPECT_EQ(request.accuracy.max_error_px, 0.5);
+  EXPECT_EQ(request.accuracy.samples_per_pixel, 1);
+  EXPECT_EQ(request.reflectance.model, engine::ReflectanceModel::lunar);
+  EXPECT_EQ(request.reflectance.rho, 0.12);
+  EXPECT_EQ(request.sun.distance_au, 1);
+  EXPECT_EQ(request.sun.angular_radius_deg, 0);
+  EXPECT_EQ(request.image.bit_depth, 8);
+  EXPECT_FALSE(request.image.full_scale_radiance_w_m2_sr);
+  EXPECT_TRUE(request.camera.distortion.none());
+}
+
+TEST(CameraJson, FieldOfViewIsTheHorizontalFullAngle) {
+  const engine::Camera camera = accepted("{}").camera;
+  EXPECT_NEAR(camera.fx, 512, 1e-12);  // 90 degrees: half the width
+  EXPECT_EQ(camera.fy, camera.fx);
+  EXPECT_EQ(camera.cx, 511.5);
+  EXPECT_EQ(camera.cy, 255.5);
+}
+
+TEST(CameraJson, IntrinsicsAndTheirDefaults) {
+  const engine::Camera camera = accepted(R"({"camera": {"fov_deg": null, "fx": 800}})").camera;
+  EXPECT_EQ(camera.fy, 800);
+  EXPECT_EQ(camera.cx, 511.5);
+  const auto full = accepted(R"({"camera": {"fov_deg": null, "fx": 800, "fy": 801, "cx": 1.5, "cy": -2,
+                                 "distortion": {"model": "brown_conrady", "k1": 0.1, "p2": -0.01}}})")
+                        .camera;
+  EXPECT_EQ(full.cy, -2);
+  EXPECT_EQ(full.distortion.k1, 0.1);
+  EXPECT_EQ(full.distortion.p2, -0.01);
+}
+
+TEST(CameraJson, Refusals) {
+  std::string details;
+  EXPECT_EQ(refused(R"({"camera": {"fx": 800}})", &details), "/camera/fx");
+  EXPECT_NE(details.find("\"fov_deg\" and \"fx\""), std::string::npos) << details;
+  EXPECT_EQ(refused(R"({"camera": {"cy": 1}})"), "/camera/cy");
+  EXPECT_EQ(refused(R"({"camera": {"fov_deg": null}})"), "/camera");
+  EXPECT_EQ(refused(R"({"camera": {"fov_deg": 0}})"), "/camera/fov_deg");
+  EXPECT_EQ(refused(R"({"camera": {"fov_deg": 180}})"), "/camera/fov_deg");
+  EXPECT_EQ(refused(R"({"camera": {"fov_deg": 1e-300}})"), "/camera/fov_deg");
+  EXPECT_EQ(refused(R"({"camera": {"width": 0}})"), "/camera/width");
+  EXPECT_EQ(refused(R"({"camera": {"width": 1024.5}})"), "/camera/width");
+  EXPECT_EQ(refused(R"({"camera": {"width": 8193}})"), "/camera/width");
+  EXPECT_EQ(refused(R"({"camera": {"width": 8192, "height": 8192}})"), "/camera");
+  EXPECT_EQ(refused(R"({"camera": {"model": "fisheye"}})"), "/camera/model");
+  EXPECT_EQ(refused(R"({"camera": {"distortion": {"k4": 1}}})"), "/camera/distortion/k4");
+  EXPECT_EQ(refused(R"({"camera": null})"), "/camera");
+  EXPECT_EQ(refused(R"({"camera": {"widht": 3}})"), "/camera/widht");
+}
+
+TEST(PoseJson, NadirWithAzimuthZeroHasNorthUpAndEastRight) {
+  for (const double lat : {-60.0, 0.0, 26.0, 89.0}) {
+    const auto request = accepted(R"({"pose": {"geodetic": {"lat_deg": )" + std::to_string(lat) + "}}}");
+    const Vec3 below = to_cartesian({lat, 3, 0}), north = to_cartesian({lat + 0.01, 3, 0}),
+               east = to_cartesian({lat, 3.01, 0});
+    EXPECT_NEAR(pixel_of(request, below).x(), 511.5, 1e-6);
+    EXPECT_NEAR(pixel_of(request, below).y(), 255.5, 1e-6);
+    EXPECT_NEAR(pixel_of(request, north).x(), 511.5, 1e-6) << lat;
+    EXPECT_LT(pixel_of(request, north).y(), 250) << lat;
+    EXPECT_GT(pixel_of(request, east).x(), 511.6) << lat;
+  }
+}
+
+TEST(PoseJson, NadirUpAzimuthIsClockwiseFromNorth) {
+  const auto request = accepted(R"({"pose": {"nadir": {"up_azimuth_deg": 90}}})");
+  const Eigen::Vector2d east = pixel_of(request, to_cartesian({26, 3.01, 0}));
+  EXPECT_LT(east.y(), 250);  // east is up
+  EXPECT_NEAR(east.x(), 511.5, 0.1);
+}
+
+TEST(PoseJson, LookAtPutsItsTargetAtThePrincipalPoint) {
+  const auto request = accepted(R"({"camera": {"fov_deg": null, "fx": 900, "cx": 400, "cy": 100},
+    "pose": {"nadir": null, "look_at": {"lat_deg": 26.3, "lon_deg": 3.5, "height_m": -1900}}})");
+  const Eigen::Vector2d target = pixel_of(request, to_cartesian({26.3, 3.5, -1900}));
+  EXPECT_NEAR(target.x(), 400, 1e-6);
+  EXPECT_NEAR(target.y(), 100, 1e-6);
+  EXPECT_LT(pixel_of(request, to_cartesian({26.35, 3.5, -1900})).y(), 100);  // north of it is above it
+}
+
+TEST(PoseJson, LookAtStraightDownHasLocalNorthUp) {
+  const auto request = accepted(R"({"pose": {"nadir": null, "look_at": {"lat_deg": 26, "lon_deg": 3}}})");
+  expect_same_attitude(request.pose.camera_from_moon, accepted("{}").pose.camera_from_moon);
+  // At a pole, where the axis is the boresight, longitude 180 is up (as for nadir).
+  const std::string pole = R"({"geodetic": {"lat_deg": 90, "lon_deg": 0}, )";
+  const auto looking = accepted(R"({"pose": )" + pole + R"("nadir": null, "look_at": {"lat_deg": 90, "lon_deg": 0}}})");
+  expect_same_attitude(looking.pose.camera_from_moon,
+                       accepted(R"({"pose": )" + pole + R"("nadir": {}}})").pose.camera_from_moon);
+  EXPECT_LT(pixel_of(looking, to_cartesian({89.9, 180, 0})).y(), 255);
+}
+
+TEST(PoseJson, LookAtUpVector) {
+  // Above the equator at longitude 0, looking down -X with +Y (east) up.
+  const auto request = accepted(R"({"pose": {"geodetic": null, "position_m": [1757400, 0, 0], "nadir": null,
+                                    "look_at": {"lat_deg": 0, "lon_deg": 0, "up": [0, 1e300, 0]}}})");
+  Eigen::Matrix3d expected;
+  expected << 0, 0, -1, 0, -1, 0, -1, 0, 0;  // right is south, down is west
+  EXPECT_LT((request.pose.camera_from_moon.toRotationMatrix() - expected).norm(), 1e-14);
+}
+
+TEST(PoseJson, LookAtRefusals) {
+  const std::string down = R"({"pose": {"geodetic": null, "position_m": [1757400, 0, 0], "nadir": null, "look_at": )";
+  EXPECT_EQ(refused(down + R"({"lat_deg": 0, "lon_deg": 0, "up": [-3, 0, 0]}}})"), "/pose/look_at/up");
+  EXPECT_EQ(refused(down + R"({"lat_deg": 0, "lon_deg": 0, "up": [0, 0, 0]}}})"), "/pose/look_at/up");
+  EXPECT_EQ(refused(down + R"({"lat_deg": 0, "lon_deg": 0, "up": "south"}}})"), "/pose/look_at/up");
+  EXPECT_EQ(refused(down + R"({"lat_deg": 0, "lon_deg": 0, "height_m": 20000}}})"), "/pose/look_at");
+  EXPECT_EQ(refused(down + R"({"lat_deg": 91, "lon_deg": 0}}})"), "/pose/look_at/lat_deg");
+  // Due north along the axis from below the equator: north can't be up.
+  EXPECT_EQ(refused(R"({"pose": {"geodetic": null, "position_m": [1737400, 0, -50000], "nadir": null,
+                        "look_at": {"lat_deg": 0, "lon_deg": 0}}})"),
+            "/pose/look_at/up");
+}
+
+TEST(PoseJson, QuaternionsAreNamedByTheirDirection) {
+  // camera_from_moon of the contract's order of axes: +z of the camera is -X of the Moon, +y is -Z, +x is +Y.
+  Eigen::Matrix3d rotation;
+  rotation << 0, 1, 0, 0, 0, -1, -1, 0, 0;
+  const Eigen::Quaterniond q(rotation);
+  const auto text = [](const Eigen::Quaterniond& p) {
+    return Json{{"w", p.w()}, {"x", p.x()}, {"y", p.y()}, {"z", p.z()}}.dump();
+  };
+  const std::string start = R"({"pose": {"geodetic": null, "position_m": [1757400, 0, 0], "nadir": null, )";
+  const auto given = accepted(start + "\"camera_from_moon\": " + text(q) + "}}").pose.camera_from_moon;
+  const auto inverse = accepted(start + "\"moon_from_camera\": " + text(q.conjugate()) + "}}").pose.camera_from_moon;
+  const auto nadir = accepted(R"({"pose": {"geodetic": null, "position_m": [1757400, 0, 0]}})").pose.camera_from_moon;
+  expect_same_attitude(given, q);
+  expect_same_attitude(inverse, q);
+  expect_same_attitude(nadir, q);
+  // OpenGL's camera of the same view: x as before, y up (+Z of the Moon), z backwards (+X).
+  Eigen::Matrix3d opengl;
+  opengl << 0, 1, 0, 0, 0, 1, 1, 0, 0;
+  const Eigen::Quaterniond g(opengl);
+  const std::string axes = R"(, "axes": "opengl"}})";
+  expect_same_attitude(accepted(start + "\"camera_from_moon\": " + text(g) + axes).pose.camera_from_moon, q);
+  expect_same_attitude(accepted(start + "\"moon_from_camera\": " + text(g.conjugate()) + axes).pose.camera_from_moon,
+                       q);
+  // A sign that means nothing changes nothing, to the bit.
+  const Eigen::Quaterniond opposite(-q.w(), -q.x(), -q.y(), -q.z());
+  EXPECT_EQ(accepted(start + "\"camera_from_moon\": " + text(opposite) + "}}").pose.camera_from_moon.coeffs(),
+            given.coeffs());
+}
+
+TEST(PoseJson, AxesMeanNothingForLookAtAndNadir) {
+  expect_same_attitude(accepted(R"({"pose": {"axes": "opengl"}})").pose.camera_from_moon,
+                       accepted("{}").pose.camera_from_moon);
+}
+
+TEST(PoseJson, QuaternionLength) {
+  const auto with = [](const std::string& q) { return R"({"pose": {"nadir": null, "camera_from_moon": )" + q + "}}"; };
+  EXPECT_NEAR(accepted(with(R"({"w": 1.0009, "x": 0, "y": 0, "z": 0})")).pose.camera_from_moon.norm(), 1, 1e-15);
+  std::string details;
+  EXPECT_EQ(refused(with(R"({"w": 0, "x": 0, "y": 0, "z": 0})"), &details), "/pose/camera_from_moon");
+  EXPECT_EQ(details, "is zero: no attitude\n");
+  EXPECT_EQ(refused(with(R"({"w": 1.002, "x": 0, "y": 0, "z": 0})")), "/pose/camera_from_moon");
+  EXPECT_EQ(refused(with(R"({"w": 1e300, "x": 1e300, "y": 0, "z": 0})")), "/pose/camera_from_moon");
+  EXPECT_EQ(refused(with(R"({"w": 1, "x": 0, "y": 0})")), "/pose/camera_from_moon/z");
+  EXPECT_EQ(refused(with("[1, 0, 0, 0]")), "/pose/camera_from_moon");
+}
+
+TEST(PoseJson, PrincipalAxesMoveThePositionByTheirOffset) {
+  const std::string position = R"("geodetic": null, "position_m": [1737400, 0, 0], "nadir": {}}})";
+  const Vec3 me = accepted(R"({"pose": {"frame": "MOON_ME", )" + position).pose.position_m;
+  EXPECT_EQ(me, Vec3(1737400, 0, 0));
+  for (const std::string frame : {"MOON_PA_DE421", "MOON_PA_DE440"}) {
+    const Vec3 pa = accepted(R"({"pose": {"frame": ")" + frame + "\", " + position).pose.position_m;
+    EXPECT_NEAR(pa.norm(), 1737400, 1e-6);
+    EXPECT_GT((pa - me).norm(), 800) << frame;  // about 860 m on the surface
+    EXPECT_LT((pa - me).norm(), 950) << frame;
+  }
+}
+
+TEST(PoseJson, PrincipalAxesTurnAttitudeAndPositionAlike) {
+  // The same camera in both frames sees the same: what it has on its boresight stays there.
+  const std::string pose = R"("geodetic": null, "position_m": [1757400, 0, 0], "nadir": null,
+                              "camera_from_moon": {"w": 0.5, "x": 0.5, "y": -0.5, "z": -0.5}}})";
+  const auto me = accepted(R"({"pose": {"frame": "MOON_ME", )" + pose).pose;
+  const auto pa = accepted(R"({"pose": {"frame": "MOON_PA_DE421", )" + pose).pose;
+  EXPECT_LT((me.camera_from_moon * me.position_m - pa.camera_from_moon * pa.position_m).norm(), 1e-6);
+  EXPECT_GT(me.camera_from_moon.angularDistance(pa.camera_from_moon), 1e-4);
+}
+
+TEST(PoseJson, GeodeticIsNeverTakenForPrincipalAxes) {
+  EXPECT_EQ(refused(R"({"pose": {"frame": "MOON_PA_DE421"}})"), "/pose/geodetic");
+}
+
+TEST(PoseJson, AlternativesExcludeEachOther) {
+  std::string details;
+  EXPECT_EQ(refused(R"({"pose": {"position_m": [1757400, 0, 0]}})", &details), "/pose/geodetic");
+  EXPECT_NE(details.find("\"position_m\" and \"geodetic\""), std::string::npos) << details;
+  EXPECT_EQ(refused(R"({"pose": {"look_at": {"lat_deg": 0, "lon_deg": 0}}})"), "/pose/nadir");
+  EXPECT_EQ(refused(R"({"pose": {"nadir": null}})"), "/pose");
+  EXPECT_EQ(refused(R"({"pose": {"geodetic": null}})"), "/pose");
+  EXPECT_EQ(refused(R"({"pose": {"frame": "MOON_PA"}})"), "/pose/frame");
+}
+
+TEST(SunJson, EveryWayGivesTheSameDirection) {
+  const Vec3 expected = to_cartesian({10, 40, 0}).normalized();
+  const auto direction = [](const std::string& sun) {
+    return accepted(R"({"sun": {"direction": null, )" + sun + "}}").sun.direction;
+  };
+  EXPECT_LT((direction(R"("subsolar": {"lat_deg": 10, "lon_deg": 40})") - expected).norm(), 1e-15);
+  const Vec3 local = local_axes(expected).up;
+  EXPECT_LT(
+      (direction(R"("local": {"lat_deg": 10, "lon_deg": 40, "azimuth_deg": 0, "elevation_deg": 90})") - local).norm(),
+      1e-15);
+  EXPECT_EQ(direction(R"("subsolar": {"lat_deg": 0, "lon_deg": 360})"), Vec3::UnitX());
+}
+
+TEST(SunJson, LocalIsAzimuthClockwiseFromNorthAndElevation) {
+  const auto direction = [](const std::string& local) {
+    return accepted(R"({"sun": {"direction": null, "local": )" + local + "}}").sun.direction;
+  };
+  // At latitude 0, longitude 0: north +Z, east +Y, up +X.
+  EXPECT_LT((direction(R"({"lat_deg": 0, "lon_deg": 0, "azimuth_deg": 0, "elevation_deg": 0})") - Vec3::UnitZ()).norm(),
+            1e-15);
+  EXPECT_LT(
+      (direction(R"({"lat_deg": 0, "lon_deg": 0, "azimuth_deg": 90, "elevation_deg": 0})") - Vec3::UnitY()).norm(),
+      1e-15);
+  const Vec3 low = direction(R"({"lat_deg": 0, "lon_deg": 0, "azimuth_deg": 270, "elevation_deg": 15})");
+  EXPECT_LT((low - Vec3(std::sin(15 * kRadians), -std::cos(15 * kRadians), 0)).norm(), 1e-15);
+  EXPECT_LT((direction(R"({"lat_deg": 26, "lon_deg": 3, "azimuth_deg": 77, "elevation_deg": 90})") -
+             to_cartesian({26, 3, 0}).normalized())
+                .norm(),
+            1e-15);
+}
+
+TEST(SunJson, DirectionOfAnyLength) {
+  const Vec3 expected = Vec3(0, 1, 0.2).normalized();
+  for (const char* v : {"[0, 1, 0.2]", "[0, 1e-300, 0.2e-300]", "[0, 1e300, 0.2e300]", "[0, 5, 1]"}) {
+    EXPECT_LT((accepted(R"({"sun": {"direction": )" + std::string(v) + "}}").sun.direction - expected).norm(), 1e-15)
+        << v;
+  }
+  EXPECT_EQ(refused(R"({"sun": {"direction": [0, 0, 0]}})"), "/sun/direction");
+  EXPECT_EQ(refused(R"({"sun": {"direction": [0, 1e-999, 0]}})"), "/sun/direction");
+}
+
+TEST(SunJson, EpochGivesDirectionAndDistance) {
+  const std::string utc = R"({"sun": {"direction": null, "utc": "2026-11-20T00:00:00Z")";
+  const engine::SunPosition ephemeris = engine::sun_at("2026-11-20T00:00:00Z");
+  const engine::Sun sun = accepted(utc + "}}").sun;
+  EXPECT_EQ(sun.direction, ephemeris.direction);
+  EXPECT_EQ(sun.distance_au, ephemeris.distance_au);
+  EXPECT_EQ(accepted(utc + R"(, "distance_au": 1.5}})").sun.distance_au, 1.5);
+  EXPECT_EQ(refused(R"({"sun": {"direction": null, "utc": "yesterday"}})"), "/sun/utc");
+}
+
+TEST(SunJson, Refusals) {
+  EXPECT_EQ(refused(R"({"sun": {"subsolar": {"lat_deg": 0, "lon_deg": 0}}})"), "/sun/subsolar");
+  EXPECT_EQ(refused(R"({"sun": {"direction": null}})"), "/sun");
+  EXPECT_EQ(refused(R"({"sun": {"distance_au": 0}})"), "/sun/distance_au");
+  EXPECT_EQ(refused(R"({"sun": {"angular_radius_deg": 5.1}})"), "/sun/angular_radius_deg");
+  EXPECT_EQ(refused(R"({"sun": {"angular_radius_deg": -0.1}})"), "/sun/angular_radius_deg");
+}
+
+TEST(SunJson, IsRequiredForProductsThatNeedOneOnly) {
+  EXPECT_EQ(refused(R"({"sun": null})"), "/sun");
+  EXPECT_EQ(refused(R"({"sun": null, "products": ["range", "lit"]})"), "/sun");
+  EXPECT_FALSE(
+      read_frame(patched(R"({"sun": null, "products": ["range", "depth", "position", "geodetic", "normal", "gsd",
+                                      "source"]})"),
+                 Limits{})
+          .sun_given);
+}
+
+TEST(FrameJson, RemainingMembers) {
+  const auto request =
+      accepted(R"({"surface": {"reflectance": {"model": "lunar", "lommel_seeliger_weight": 0.25, "rho": 1}},
+    "accuracy": {"max_error_px": 0, "samples_per_pixel": 16}, "image": {"bit_depth": 16, "full_scale_radiance": 12.5},
+    "products": ["range", "image"]})");
+  EXPECT_EQ(request.reflectance.lommel_seeliger_weight, 0.25);
+  EXPECT_EQ(request.accuracy.samples_per_pixel, 16);
+  EXPECT_EQ(request.image.bit_depth, 16);
+  EXPECT_EQ(request.image.full_scale_radiance_w_m2_sr, 12.5);
+  EXPECT_EQ(request.products, engine::kRange | engine::kImage);
+  EXPECT_FALSE(accepted(R"({"image": {"full_scale_radiance": "auto"}})").image.full_scale_radiance_w_m2_sr);
+}
+
+TEST(FrameJson, RefusesRemainingMembers) {
+  EXPECT_EQ(refused(R"({"surface": {"reflectance": {"model": "hapke"}}})"), "/surface/reflectance/model");
+  EXPECT_EQ(refused(R"({"surface": {"reflectance": {"model": "lambert", "lommel_seeliger_weight": 1}}})"),
+            "/surface/reflectance/lommel_seeliger_weight");
+  EXPECT_EQ(refused(R"({"surface": {"reflectance": {"rho": 1.01}}})"), "/surface/reflectance/rho");
+  EXPECT_EQ(refused(R"({"accuracy": {"max_error_px": -1}})"), "/accuracy/max_error_px");
+  for (const char* n : {"2", "0", "1.5", "289"}) {
+    EXPECT_EQ(refused(R"({"accuracy": {"samples_per_pixel": )" + std::string(n) + "}}"), "/accuracy/samples_per_pixel")
+        << n;
+  }
+  EXPECT_EQ(refused(R"({"image": {"bit_depth": 12}})"), "/image/bit_depth");
+  EXPECT_EQ(refused(R"({"image": {"full_scale_radiance": 0}})"), "/image/full_scale_radiance");
+  EXPECT_EQ(refused(R"({"image": {"full_scale_radiance": "Auto"}})"), "/image/full_scale_radiance");
+  EXPECT_EQ(refused(R"({"products": []})"), "/products");
+  EXPECT_EQ(refused(R"({"products": ["range", "range"]})"), "/products/1");
+  EXPECT_EQ(refused(R"({"products": ["range", "Depth"]})"), "/products/1");
+  EXPECT_EQ(refused(R"({"products": "range"})"), "/products");
+  EXPECT_EQ(refused(R"({"seed": 3})"), "/seed");
+}
+
+TEST(FrameJson, ReportsEveryFaultAtOnce) {
+  EXPECT_EQ(refused(R"({"camera": {"width": -1}, "sun": {"angular_radius_deg": 9}, "products": ["x"]})"),
+            "/camera/width /products/0 /sun/angular_radius_deg");
+}
+
+TEST(FrameJson, TheResolvedRequestGivesTheSameFrame) {
+  const Json body = patched(R"({"pose": {"nadir": {"up_azimuth_deg": 33}}, "image": {"full_scale_radiance": 3},
+                                "surface": {"reflectance": {"model": "lommel_seeliger"}}, "products": ["range", "image"],
+                                "camera": {"distortion": {"k1": 0.1}}})");
+  const FrameCall once = read_frame(body, Limits{});
+  const Json resolved = resolved_json(once);
+  const FrameCall twice = read_frame(resolved, Limits{});
+  EXPECT_EQ(twice.request.camera.fx, once.request.camera.fx);
+  EXPECT_EQ(twice.request.camera.distortion.k1, 0.1);
+  EXPECT_EQ(twice.request.pose.position_m, once.request.pose.position_m);
+  EXPECT_LT((twice.request.pose.camera_from_moon.coeffs() - once.request.pose.camera_from_moon.coeffs()).norm(), 1e-15);
+  EXPECT_LT((twice.request.sun.direction - once.request.sun.direction).norm(), 1e-15);
+  EXPECT_EQ(twice.request.reflectance.model, engine::ReflectanceModel::lommel_seeliger);
+  EXPECT_EQ(twice.request.image.full_scale_radiance_w_m2_sr, 3);
+  EXPECT_EQ(twice.request.products, once.request.products);
+}
+
+TEST(PointsJson, RaysAndPlaces) {
+  const auto rays =
+      read_rays(Json::parse(R"({"rays": [{"origin_m": [1, 2, 3], "direction": [0, 0, -1e300]}]})"), Limits{});
+  ASSERT_EQ(rays.rays.size(), 1u);
+  EXPECT_EQ(rays.rays[0].direction, -Vec3::UnitZ());
+  EXPECT_FALSE(rays.sun);
+  Limits small;
+  small.max_rays = 1;
+  EXPECT_THROW(
+      read_heights(Json::parse(R"({"points": [{"lat_deg": 0, "lon_deg": 0}, {"lat_deg": 0, "lon_deg": 1}]})"), small),
+      RequestError);
+  EXPECT_THROW(read_rays(Json::parse(R"({"rays": [{"origin_m": [1, 2, 3], "direction": [0, 0, 0]}]})"), Limits{}),
+               RequestError);
+  EXPECT_EQ(read_height_query({{"lat_deg", "26.5"}, {"lon_deg", "-3"}}).lat_deg, 26.5);
+  for (const char* text : {"", "x", "1e999", "nan", "inf", "91", "1 "}) {
+    EXPECT_THROW(read_height_query({{"lat_deg", text}, {"lon_deg", "0"}}), RequestError) << text;
+  }
+  EXPECT_THROW(read_height_query({{"lat_deg", "1"}, {"lon_deg", "0"}, {"height", "0"}}), RequestError);
+}
+
+TEST(PointsJson, NumbersThatAreNoneAreNull) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const std::vector<engine::RayHit> hits{{}, {true, 5, Vec3(1, 2, 3), Vec3::UnitX(), 0.5}};
+  EXPECT_EQ(
+      rays_json(hits, true).dump(),
+      R"({"rays":[{"hit":false},{"hit":true,"range_m":5.0,"position_m":[1.0,2.0,3.0],"normal":[1.0,0.0,0.0],"lit":0.5}]})");
+  const dem::Catalogue nothing{std::vector<dem::RasterInfo>{}};
+  EXPECT_EQ(height_json({10, 190, nan, 0, -1, false}, nothing).dump(),
+            R"({"lat_deg":10.0,"lon_deg":-170.0,"height_m":null,"reason":"no dataset covers this place"})");
+  const std::vector<engine::Landmark> landmarks{{nan, nan, 100, 5, false, false, 0}};
+  const std::vector<engine::LandmarkQuery> points{{10, 20, 5.0}};
+  EXPECT_EQ(
+      landmarks_json(landmarks, false, nothing, points).dump(),
+      R"({"points":[{"x_px":null,"y_px":null,"range_m":100.0,"height_m":5.0,"in_frame":false,"visible":false,"reason":"behind the camera"}]})");
+}
+
+}  // namespace
+}  // namespace selenograph::api

@@ -1,0 +1,157 @@
+#include "api/openapi.h"
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "api/arrays.h"
+#include "api/frame_json.h"
+#include "api/negotiate.h"
+#include "api/points_json.h"
+#include "api/problem.h"
+#include "api/ranges.h"
+#include "api/routes.h"
+
+namespace selenograph::api {
+namespace {
+
+using OrderedJson = nlohmann::ordered_json;
+
+const OrderedJson& document() {
+  static const OrderedJson made = openapi_document(Limits{});
+  return made;
+}
+
+std::string operation_key(std::string_view method) { return method == "GET" ? "get" : "post"; }
+
+// Calls visit(key, value) for every member of every object in the document.
+template <typename Visit>
+void walk(const OrderedJson& json, Visit&& visit) {
+  if (json.is_object()) {
+    for (const auto& [key, value] : json.items()) visit(key, value);
+  }
+  if (json.is_structured()) {
+    for (const auto& value : json) walk(value, visit);
+  }
+}
+
+TEST(OpenApi, EveryReferenceResolves) {
+  int references = 0;
+  walk(document(), [&](const std::string& key, const OrderedJson& value) {
+    if (key != "$ref") return;
+    ++references;
+    const std::string target = value.get<std::string>();
+    ASSERT_EQ(target.substr(0, 2), "#/");
+    EXPECT_TRUE(document().contains(OrderedJson::json_pointer(target.substr(1)))) << target;
+  });
+  EXPECT_GT(references, 50);
+}
+
+TEST(OpenApi, EveryComponentIsReferredTo) {
+  const std::string text = document().dump();
+  for (const auto& [kind, parts] : document().at("components").items()) {
+    for (const auto& [name, part] : parts.items()) {
+      const std::string target = "\"#/components/" + kind + "/" + name;
+      const bool used = text.find(target + "\"") != std::string::npos || text.find(target + "/") != std::string::npos;
+      EXPECT_TRUE(used) << kind << " " << name;
+    }
+  }
+}
+
+TEST(OpenApi, EveryRouteIsThereWithItsProblems) {
+  for (const Route& route : kRoutes) {
+    const auto& path = document().at("paths").at(std::string(route.path));
+    const auto& operation = path.at(operation_key(route.method));
+    EXPECT_EQ(operation.at("operationId"), route.operation_id);
+    EXPECT_EQ(operation.contains("requestBody"), route.admission) << route.path;
+    for (const char* status : {"200", "406", "500", "503", "504"}) {
+      EXPECT_TRUE(operation.at("responses").contains(status)) << route.path << " " << status;
+    }
+    EXPECT_EQ(operation.at("responses").contains("415"), route.admission) << route.path;
+  }
+}
+
+TEST(OpenApi, NoPathThatIsNoRoute) {
+  for (const auto& [path, operations] : document().at("paths").items()) {
+    const bool route =
+        std::any_of(std::begin(kRoutes), std::end(kRoutes), [&](const Route& r) { return r.path == path; });
+    const bool operators = path.starts_with("/health/") || path == "/metrics";
+    EXPECT_TRUE(route || operators) << path;
+  }
+}
+
+TEST(OpenApi, EveryErrorIsInTheTableAndItsResponse) {
+  const std::string description = document().at("info").at("description");
+  for (const ErrorRow& row : error_table()) {
+    EXPECT_NE(description.find("| `" + std::string(row.code) + "` | " + std::to_string(row.status)), std::string::npos)
+        << row.code;
+    if (row.status == 404 || row.status == 499) continue;  // belong to no operation
+    const auto& response = document().at("components").at("responses").at("Problem" + std::to_string(row.status));
+    EXPECT_TRUE(response.at("content").at("application/problem+json").at("examples").contains(std::string(row.code)));
+  }
+}
+
+TEST(OpenApi, ProductsAndRepresentationsAreThoseOfTheTables) {
+  const auto& schema = document().at("components").at("schemas").at("FrameRequest").at("properties").at("products");
+  OrderedJson names = OrderedJson::array();
+  for (const ProductName& row : product_names()) {
+    names.push_back(row.name);
+    EXPECT_NE(schema.at("description").get<std::string>().find("`" + std::string(row.name) + "` "), std::string::npos);
+  }
+  EXPECT_EQ(schema.at("items").at("enum"), names);
+  const auto& content = document().at("paths").at("/v1/frames").at("post").at("responses").at("200").at("content");
+  EXPECT_EQ(content.size(), representations().size());
+  for (const Representation& r : representations()) EXPECT_TRUE(content.contains(std::string(r.media_type)));
+}
+
+TEST(OpenApi, RangesAreTheParsers) {
+  const auto& schemas = document().at("components").at("schemas");
+  const auto& fov = schemas.at("Camera").at("properties").at("fov_deg");
+  EXPECT_EQ(fov.at("exclusiveMinimum"), kFieldOfView_deg.min);
+  EXPECT_EQ(fov.at("exclusiveMaximum"), kFieldOfView_deg.max);
+  EXPECT_EQ(schemas.at("Camera").at("properties").at("width").at("maximum"), Limits{}.max_image_side);
+  EXPECT_EQ(schemas.at("Sun").at("properties").at("angular_radius_deg").at("maximum"), kAngularRadius_deg.max);
+}
+
+// Members of the closed request schemas must be exactly those that the parser knows: it names an unknown member of
+// each.
+TEST(OpenApi, RequestMembersAreTheParsers) {
+  const auto& properties = document().at("components").at("schemas").at("FrameRequest").at("properties");
+  Json body = frame_examples().at("nadir");
+  for (const auto& [name, schema] : properties.items()) {
+    body[name] = nullptr;  // of the wrong type, but known
+  }
+  try {
+    read_frame(body, Limits{});
+    FAIL();
+  } catch (const RequestError& e) {
+    EXPECT_EQ(e.findings().size(), properties.size());
+    for (const Finding& f : e.findings()) EXPECT_EQ(f.detail.find("unknown"), std::string::npos) << f.pointer;
+  }
+}
+
+TEST(OpenApi, ExamplesAreAccepted) {
+  for (const auto& [path, operations] : document().at("paths").items()) {
+    if (!operations.contains("post")) continue;
+    for (const auto& [name, example] :
+         operations.at("post").at("requestBody").at("content").at("application/json").at("examples").items()) {
+      SCOPED_TRACE(path + " " + name);
+      const Json body = example.at("value");
+      if (path == "/v1/frames") {
+        EXPECT_NO_THROW(read_frame(body, Limits{}));
+      }
+      if (path == "/v1/rays") {
+        EXPECT_NO_THROW(read_rays(body, Limits{}));
+      }
+      if (path == "/v1/project") {
+        EXPECT_NO_THROW(read_project(body, Limits{}));
+      }
+      if (path == "/v1/heights") {
+        EXPECT_NO_THROW(read_heights(body, Limits{}));
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::api

@@ -1,0 +1,321 @@
+// Labels only: syntax, and where each dialect puts its first post.
+#include "dem/pds_label.h"
+
+#include <gtest/gtest.h>
+#include <stdlib.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include "dem/error.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::dem {
+namespace {
+
+namespace fs = std::filesystem;
+using test::shared_data;
+
+class TempFolder {
+ public:
+  TempFolder() {
+    std::string name = ::testing::TempDir() + "/pds_label_XXXXXX";
+    path_ = ::mkdtemp(name.data());
+  }
+  ~TempFolder() { fs::remove_all(path_); }
+  fs::path operator/(const std::string& name) const { return path_ / name; }
+
+ private:
+  fs::path path_;
+};
+
+// A label of 30 x 30 posts at 10 per degree whose lines a test can replace.
+struct LabelText {
+  std::string pointer = "^IMAGE = (\"tile.img\", 1 <BYTES>)";
+  std::string map =
+      "MAP_RESOLUTION = 10.0 <pixel/deg>\nMAXIMUM_LATITUDE = 27.0\nMINIMUM_LATITUDE = 24.1\nWESTERNMOST_LONGITUDE = "
+      "3.0\n"
+      "EASTERNMOST_LONGITUDE = 5.9\nLINE_PROJECTION_OFFSET = 270.0\nSAMPLE_PROJECTION_OFFSET = -30.0\n";
+  std::string projection = "\"SIMPLE CYLINDRICAL\"";
+  std::string sample = "SAMPLE_TYPE = MSB_INTEGER\nSAMPLE_BITS = 16\n";
+  std::string image = "DUMMY = -9999\nUNIT = \"m\"\n";
+
+  std::string str() const {
+    return "PDS_VERSION_ID = PDS3\n" + pointer +
+           "\nOBJECT = IMAGE_MAP_PROJECTION\nMAP_PROJECTION_TYPE = " + projection + "\n" + map +
+           "END_OBJECT\nOBJECT = IMAGE\nLINES = 30\nLINE_SAMPLES = 30\n" + sample + image + "END_OBJECT\nEND\n";
+  }
+};
+
+class Product {
+ public:
+  PdsImage describe(const LabelText& text, std::size_t data_bytes = 1800, const std::string& data_name = "tile.img") {
+    std::ofstream(folder_ / data_name) << std::string(data_bytes, '\0');
+    std::ofstream(folder_ / "tile.lbl") << text.str();
+    const std::string path = (folder_ / "tile.lbl").string();
+    return describe_pds_image(read_pds_label(path), path);
+  }
+  std::string complaint(const LabelText& text, std::size_t data_bytes = 1800) {
+    try {
+      describe(text, data_bytes);
+    } catch (const DataError& e) {
+      EXPECT_EQ(e.file(), (folder_ / "tile.lbl").string());
+      return e.what();
+    }
+    return "no complaint";
+  }
+
+ private:
+  TempFolder folder_;
+};
+
+GeographicGrid geographic(const PdsImage& image) { return std::get<GeographicGrid>(image.grid); }
+
+TEST(PdsLabel, ReadsEveryFormOfValue) {
+  const PdsObject label = parse_pds_label(
+      "/* comment */\r\nPDS_VERSION_ID = PDS3\r\nA = \"two\r\n lines\" /* tail */\r\nB = (1, 2.5 <m>, 'x y')\r\n"
+      "C = {\"p, q\", r}\r\nD = +1737400.\r\nE = 16#FF#\r\nF = N/A <deg>\r\n^IMAGE = (\"x.img\",12)\r\n"
+      "G = long_-\r\n    word\r\nH = W/m**2/micron/sr /* open comment\r\nGROUP = inner\r\n a_b = "
+      "7\r\nEnd_Group\r\nEnd\r\n\x01\x02",
+      "t");
+  EXPECT_EQ(label.find("a")->text(), "two\r\n lines");
+  EXPECT_EQ(label.find("B")->number(1), 2.5);
+  EXPECT_EQ(label.find("B")->unit, "m");
+  EXPECT_EQ(label.find("B")->items.at(2), "x y");
+  EXPECT_EQ(label.find("C")->items, (std::vector<std::string>{"p, q", "r"}));
+  EXPECT_EQ(label.find("D")->number(), 1737400.0);
+  EXPECT_EQ(label.find("E")->number(), 255.0);
+  EXPECT_EQ(label.find("F")->number(), std::nullopt);
+  EXPECT_EQ(label.find("^image")->number(1), 12.0);
+  EXPECT_EQ(label.find("G")->text(), "long_word");
+  EXPECT_EQ(label.find("H")->text(), "W/m**2/micron/sr");
+  ASSERT_TRUE(label.find_object("INNER"));
+  EXPECT_EQ(label.find_deep("A_B")->number(), 7.0);
+  EXPECT_EQ(label.find("A_B"), nullptr);
+}
+
+TEST(PdsLabel, GarbageIsAnErrorThatNamesTheFile) {
+  for (const char* text :
+       {"", "hello world", "\x89PNG\r\n\x1a\n", "A = 1\n", "PDS_VERSION_ID = \"PDS3", "PDS_VERSION_ID = (1, 2",
+        "PDS_VERSION_ID = PDS3\nOBJECT = IMAGE\nLINES = 3\n", "PDS_VERSION_ID = PDS3\nEND_OBJECT\n",
+        "PDS_VERSION_ID = PDS3\nOBJECT = IMAGE\nEND\n", "PDS_VERSION_ID =", "PDS_VERSION_ID = PDS3\nA = <\n"}) {
+    try {
+      parse_pds_label(text, "folder/bad.lbl");
+      FAIL() << "accepted: " << text;
+    } catch (const DataError& e) {
+      EXPECT_EQ(e.file(), "folder/bad.lbl") << text;
+    }
+  }
+  std::string deep = "PDS_VERSION_ID = PDS3\n";
+  for (int i = 0; i < 100000; ++i) deep += "OBJECT = X\n";
+  EXPECT_THROW(parse_pds_label(deep, "deep"), DataError);
+  EXPECT_THROW(parse_pds_label("PDS_VERSION_ID = " + std::string(100000, '('), "deep"), DataError);
+  EXPECT_THROW(read_pds_label("/no/such/file.lbl"), DataError);
+  EXPECT_THROW(read_pds_label("/"), DataError);
+}
+
+TEST(PdsLabel, RealLabelsOfOtherProductsParse) {
+  const std::string folder = shared_data("labels");
+  SELENOGRAPH_SKIP_WITHOUT(folder);
+  int maps = 0, others = 0;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    if (!entry.is_regular_file()) continue;
+    const PdsObject label = read_pds_label(entry.path().string());
+    EXPECT_TRUE(label.find_object("IMAGE")) << entry.path();
+    (describes_map(label) ? maps : others) += 1;
+  }
+  EXPECT_EQ(others, 4);  // Level 2 scenes
+  EXPECT_EQ(maps, 3);    // two LOLA labels, one MI mosaic
+}
+
+// The dialects put their corner where their label prints it, whatever the sign of SAMPLE_PROJECTION_OFFSET.
+TEST(PdsLabel, VariantsAllFindTheirCorner) {
+  struct Case {
+    const char* name;
+    double lat, lon;
+  };
+  for (const Case& c : {Case{"A_neg_bytes", 27, 3}, Case{"B_pos_bytes", 27, 3}, Case{"C_neg_unquoted", 27, 3},
+                        Case{"D_neg_ptr1", 27, 303}, Case{"E_neg_name", -69, 303}}) {
+    const std::string path = shared_data("labels/variants/") + c.name + ".lbl";
+    SELENOGRAPH_SKIP_WITHOUT(path);
+    const PdsImage image = describe_pds_image(read_pds_label(path), path);
+    EXPECT_EQ(geographic(image).first_lat_deg, c.lat) << c.name;
+    EXPECT_EQ(geographic(image).first_lon_deg, c.lon) << c.name;
+    EXPECT_EQ(geographic(image).lat_posts_per_degree, 10) << c.name;
+    EXPECT_EQ(image.first_byte, 0u) << c.name;
+    EXPECT_EQ(image.voids, std::vector<double>{-9999}) << c.name;
+    EXPECT_FALSE(image.sample.little_endian) << c.name;
+    EXPECT_EQ(image.format, "PDS3 Kaguya");
+  }
+}
+
+TEST(PdsLabel, LolaIsPixelRegistered) {
+  const std::string path = shared_data("ldem_4/LDEM_4.LBL");
+  SELENOGRAPH_SKIP_WITHOUT(path);
+  const PdsImage image = describe_pds_image(read_pds_label(path), path);
+  EXPECT_EQ(geographic(image).first_lat_deg, 89.875);
+  EXPECT_EQ(geographic(image).first_lon_deg, 0.125);
+  EXPECT_EQ(image.scale, 0.5);
+  EXPECT_EQ(image.offset, 1737400);
+  EXPECT_TRUE(image.sample.little_endian);
+  EXPECT_TRUE(image.voids.empty());
+  EXPECT_EQ(image.format, "PDS3 LOLA");
+}
+
+TEST(PdsLabel, CornersDecideWhatOffsetsMean) {
+  struct Case {
+    const char* what;
+    const char* map;
+    double lat, lon;
+  };
+  const char* posts =
+      "MAXIMUM_LATITUDE=27.0\nMINIMUM_LATITUDE=24.1\nWESTERNMOST_LONGITUDE=3.0\nEASTERNMOST_LONGITUDE=5.9\n";
+  const char* edges = "MAXIMUM_LATITUDE=27\nMINIMUM_LATITUDE=24\nWESTERNMOST_LONGITUDE=3\nEASTERNMOST_LONGITUDE=6\n";
+  const char* corners =
+      "UPPER_LEFT_LATITUDE=27.0\nLOWER_LEFT_LATITUDE=24.1\nUPPER_LEFT_LONGITUDE=3.0\nUPPER_RIGHT_LONGITUDE=5.9\n";
+  const Case cases[] = {
+      {"posts, matching", "LINE_PROJECTION_OFFSET=270\nSAMPLE_PROJECTION_OFFSET=-30\n", 27, 3},
+      {"posts, mirrored", "LINE_PROJECTION_OFFSET=-270\nSAMPLE_PROJECTION_OFFSET=30\n", 27, 3},
+      {"posts, 1-based", "LINE_PROJECTION_OFFSET=271\nSAMPLE_PROJECTION_OFFSET=-29\n", 27, 3},
+      {"posts, no offsets", "", 27, 3},
+      {"posts, nonsense offsets", "LINE_PROJECTION_OFFSET=0\nSAMPLE_PROJECTION_OFFSET=777\n", 27, 3},
+      {"edges, area", "LINE_PROJECTION_OFFSET=269.5\nSAMPLE_PROJECTION_OFFSET=-30.5\n", 26.95, 3.05},
+      {"edges, area, 1-based", "LINE_PROJECTION_OFFSET=270.5\nSAMPLE_PROJECTION_OFFSET=-29.5\n", 26.95, 3.05},
+      {"edges, but posts on the corner", "LINE_PROJECTION_OFFSET=270\nSAMPLE_PROJECTION_OFFSET=-30\n", 27, 3},
+      {"edges, no offsets", "", 26.95, 3.05},
+      {"upper left", "LINE_PROJECTION_OFFSET=270\nSAMPLE_PROJECTION_OFFSET=30\n", 27, 3},
+      {"offsets alone", "LINE_PROJECTION_OFFSET=270\nSAMPLE_PROJECTION_OFFSET=-30\n", 27, 3},
+  };
+  Product product;
+  for (const Case& c : cases) {
+    const std::string what = c.what;
+    const char* bounds = what.starts_with("edges") ? edges : what.starts_with("posts") ? posts : corners;
+    LabelText text;
+    text.map = std::string("MAP_RESOLUTION=10\n") + c.map + (what == "offsets alone" ? "" : bounds);
+    const GeographicGrid g = geographic(product.describe(text));
+    EXPECT_NEAR(g.first_lat_deg, c.lat, 1e-12) << what;
+    EXPECT_NEAR(g.first_lon_deg, c.lon, 1e-12) << what;
+  }
+  LabelText wrong;
+  wrong.map = std::string("MAP_RESOLUTION=20\nLINE_PROJECTION_OFFSET=270\nSAMPLE_PROJECTION_OFFSET=-30\n") + posts;
+  EXPECT_NE(product.complaint(wrong).find("contradict"), std::string::npos);
+}
+
+TEST(PdsLabel, DateLineTilesKeepTheirLongitudes) {
+  Product product;
+  LabelText e359;  // SLDEM2013 writes E359..E000, the seamless set ..E360
+  e359.map =
+      "MAP_RESOLUTION=30\nMAXIMUM_LATITUDE=1\nMINIMUM_LATITUDE=0\nWESTERNMOST_LONGITUDE=359\nEASTERNMOST_LONGITUDE=0\n"
+      "LINE_PROJECTION_OFFSET=30\nSAMPLE_PROJECTION_OFFSET=-10770\n";
+  EXPECT_EQ(geographic(product.describe(e359)).first_lon_deg, 359);
+  LabelText e179;
+  e179.map =
+      "MAP_RESOLUTION=30\nMAXIMUM_LATITUDE=1\nMINIMUM_LATITUDE=0.033333\nWESTERNMOST_LONGITUDE=179\n"
+      "EASTERNMOST_LONGITUDE=179.966667\nLINE_PROJECTION_OFFSET=30\nSAMPLE_PROJECTION_OFFSET=-5370\n";
+  EXPECT_EQ(geographic(product.describe(e179)).first_lon_deg, 179);
+}
+
+TEST(PdsLabel, PrefersResolutionToARoundedScale) {
+  Product product;
+  LabelText both;
+  both.map += "MAP_SCALE = 3.03 <km/pixel>\n";
+  EXPECT_EQ(geographic(product.describe(both)).lat_posts_per_degree, 10);
+  LabelText scale;
+  scale.map.replace(scale.map.find("MAP_RESOLUTION"), std::string("MAP_RESOLUTION = 10.0 <pixel/deg>").size(),
+                    "MAP_SCALE = 3032.34 <m/pixel>");
+  EXPECT_EQ(geographic(product.describe(scale)).lat_posts_per_degree, 10);
+}
+
+TEST(PdsLabel, SampleTypes) {
+  Product product;
+  LabelText text;
+  const auto sample = [&](const std::string& type, int bits) {
+    text.sample = "SAMPLE_TYPE = " + type + "\nSAMPLE_BITS = " + std::to_string(bits) + "\n";
+    return product.describe(text, 30 * 30 * 8).sample;
+  };
+  EXPECT_FALSE(sample("\"MSB_INTEGER\"", 16).little_endian);
+  EXPECT_TRUE(sample("LSB_INTEGER", 16).little_endian);
+  EXPECT_FALSE(sample("LSB_UNSIGNED_INTEGER", 16).has_sign);
+  EXPECT_EQ(sample("SUN_INTEGER", 32).bytes, 4);
+  EXPECT_TRUE(sample("PC_REAL", 32).little_endian && sample("PC_REAL", 32).real);
+  EXPECT_TRUE(!sample("IEEE_REAL", 64).little_endian && sample("IEEE_REAL", 64).real);
+  EXPECT_THROW(sample("MSB_INTEGER", 8), DataError);
+  EXPECT_THROW(sample("VAX_REAL", 32), DataError);
+  EXPECT_THROW(sample("CHARACTER", 16), DataError);
+}
+
+TEST(PdsLabel, Voids) {
+  Product product;
+  LabelText text;
+  const auto voids = [&](const std::string& lines) {
+    text.image = lines;
+    return product.describe(text, 30 * 30 * 4).voids;
+  };
+  EXPECT_TRUE(voids("UNIT = m\n").empty());
+  EXPECT_TRUE(voids("DUMMY = \"N/A\"\n").empty());
+  EXPECT_EQ(voids("DUMMY = -9999\nMISSING_CONSTANT = -32768\n"), (std::vector<double>{-9999, -32768}));
+  EXPECT_EQ(voids("CORE_NULL = -32768\n"), std::vector<double>{-32768});
+  text.sample = "SAMPLE_TYPE = PC_REAL\nSAMPLE_BITS = 32\n";
+  EXPECT_EQ(voids("MISSING_CONSTANT = 16#FF7FFFFB#\n"), std::vector<double>{-3.40282265508890445e+38});
+}
+
+TEST(PdsLabel, PointersAndFiles) {
+  Product product;
+  LabelText text;
+  text.pointer = "RECORD_BYTES = 60\n^IMAGE = (\"TILE.IMG\", 3)";  // the file on disk is tile.img
+  const PdsImage image = product.describe(text, 1920);
+  EXPECT_EQ(image.first_byte, 120u);
+  EXPECT_EQ(fs::path(image.data_path).filename(), "tile.img");
+  EXPECT_NE(product.complaint(text, 1919).find("truncated"), std::string::npos);
+  text.pointer = "^IMAGE = (\"tile.img\", 121 <BYTES>)";
+  EXPECT_EQ(product.describe(text, 1920).first_byte, 120u);
+  text.pointer = "^IMAGE = \"other.img\"";
+  EXPECT_NE(product.complaint(text).find("other.img is missing"), std::string::npos);
+  text.pointer = "^IMAGE = (\"tile.img\", 3)";
+  EXPECT_NE(product.complaint(text).find("RECORD_BYTES"), std::string::npos);
+  text.pointer = "^IMAGE = (\"tile.img\", -5 <BYTES>)";
+  EXPECT_NE(product.complaint(text).find("^IMAGE"), std::string::npos);
+  EXPECT_NE(product.complaint(LabelText{}, 1799).find("tile.img is truncated"), std::string::npos);
+}
+
+TEST(PdsLabel, RefusesWhatItWouldGetWrong) {
+  Product product;
+  const auto with_map = [&](const std::string& line) {
+    LabelText text;
+    text.map += line;
+    return product.complaint(text);
+  };
+  EXPECT_NE(with_map("A_AXIS_RADIUS = 3396.0 <km>\n").find("1737.4"), std::string::npos);
+  EXPECT_NE(with_map("MAP_PROJECTION_ROTATION = 90\n").find("rotated"), std::string::npos);
+  EXPECT_NE(with_map("POSITIVE_LONGITUDE_DIRECTION = \"WEST\"\n").find("west"), std::string::npos);
+  LabelText sinusoidal;
+  sinusoidal.projection = "SINUSOIDAL";
+  EXPECT_NE(product.complaint(sinusoidal).find("SINUSOIDAL"), std::string::npos);
+  LabelText radiance;
+  radiance.image = "UNIT = \"W/m**2/micron/sr\"\n";
+  EXPECT_NE(product.complaint(radiance).find("not about heights"), std::string::npos);
+  LabelText bands;
+  bands.image = "BANDS = 9\n";
+  EXPECT_NE(product.complaint(bands).find("BANDS"), std::string::npos);
+}
+
+// LOLA's polar products: exact metres per pixel, and offsets that are half a pixel off in some releases.
+TEST(PdsLabel, PolarProductsAreSymmetric) {
+  Product product;
+  for (const char* offset : {"14.5", "15", "15.5"}) {
+    LabelText text;
+    text.projection = "\"POLAR STEREOGRAPHIC\"";
+    text.map =
+        std::string("CENTER_LATITUDE = -90\nCENTER_LONGITUDE = 0\nMAP_RESOLUTION = 1516.17\nMAP_SCALE = 20 <m/pix>\n") +
+        "LINE_PROJECTION_OFFSET = " + offset + "\nSAMPLE_PROJECTION_OFFSET = " + offset + "\n";
+    const auto g = std::get<PolarGrid>(product.describe(text).grid);
+    EXPECT_FALSE(g.north);
+    EXPECT_EQ(g.spacing_m, 20);
+    EXPECT_EQ(g.first_x_m, -290);
+    EXPECT_EQ(g.first_y_m, 290);
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::dem

@@ -1,0 +1,786 @@
+// Files to heights: every product's posts to half a pixel, values, voids, wrapping, poles and damage.
+#include "dem/raster.h"
+
+#include <gdal_priv.h>
+#include <gtest/gtest.h>
+#include <ogr_spatialref.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <thread>
+
+#include "dem/error.h"
+#include "dem/geodesy.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::dem {
+namespace {
+
+namespace fs = std::filesystem;
+using test::shared_data;
+
+constexpr const char* kMoon = "+proj=longlat +R=1737400 +no_defs";
+constexpr const char* kSouth = "+proj=stere +lat_0=-90 +lon_0=0 +R=1737400 +units=m +no_defs";
+
+class RasterTest : public ::testing::Test {
+ protected:
+  RasterTest() {
+    std::string name = ::testing::TempDir() + "/raster_XXXXXX";
+    folder_ = ::mkdtemp(name.data());
+  }
+  ~RasterTest() override { fs::remove_all(folder_); }
+  std::string file(const std::string& name) const { return (folder_ / name).string(); }
+
+  fs::path folder_;
+};
+
+OGRSpatialReference srs_of(const std::string& proj) {
+  OGRSpatialReference srs;
+  srs.SetFromUserInput(proj.c_str());
+  srs.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+  return srs;
+}
+
+struct Tif {
+  int width = 4, height = 4;
+  GDALDataType type = GDT_Int16;
+  std::string srs = kMoon;
+  double west = 0, north = 4, dx = 1, dy = -1;  // of the pixel's outer corner
+  std::vector<double> values = {};              // 100 * row + column where empty
+  std::optional<double> no_data = {}, scale = {}, offset = {};
+  const char* unit = nullptr;
+  int bands = 1;
+  const char* driver = "GTiff";
+  const char* area_or_point = nullptr;
+};
+
+void write(const std::string& path, Tif t) {
+  GDALAllRegister();
+  char** options = std::string(t.driver) == "GTiff" ? CSLSetNameValue(nullptr, "COMPRESS", "DEFLATE") : nullptr;
+  auto* d = GetGDALDriverManager()->GetDriverByName(t.driver)->Create(path.c_str(), t.width, t.height, t.bands, t.type,
+                                                                      options);
+  CSLDestroy(options);
+  ASSERT_TRUE(d) << path;
+  double transform[6] = {t.west, t.dx, 0, t.north, 0, t.dy};
+  if (t.area_or_point) d->SetMetadataItem("AREA_OR_POINT", t.area_or_point);
+  d->SetGeoTransform(transform);
+  const OGRSpatialReference srs = srs_of(t.srs);
+  d->SetSpatialRef(&srs);
+  if (t.values.empty())
+    for (int i = 0; i < t.width * t.height; ++i) t.values.push_back(100.0 * (i / t.width) + i % t.width);
+  GDALRasterBand* band = d->GetRasterBand(1);
+  if (t.no_data) band->SetNoDataValue(*t.no_data);
+  if (t.scale) band->SetScale(*t.scale);
+  if (t.offset) band->SetOffset(*t.offset);
+  if (t.unit) band->SetUnitType(t.unit);
+  ASSERT_EQ(
+      band->RasterIO(GF_Write, 0, 0, t.width, t.height, t.values.data(), t.width, t.height, GDT_Float64, 0, 0, nullptr),
+      CE_None);
+  GDALClose(d);
+}
+
+// A PDS3 product of heights 100 * row + column, in the samples that its label promises.
+struct Pds {
+  int width = 30, height = 30;
+  double ppd = 10, north = 27, west = 3;
+  std::string type = "MSB_INTEGER";
+  int bits = 16;
+  std::string extra = "DUMMY = -9999\n";
+  std::vector<double> values = {};
+  std::size_t attached_label_bytes = 0;  // not 0: label and pixels in one file, pixels in record 2
+};
+
+std::string sample_bytes(double value, const std::string& type, int bits) {
+  std::uint64_t pattern = 0;
+  if (type.find("REAL") == std::string::npos)
+    pattern = static_cast<std::uint64_t>(static_cast<std::int64_t>(value));
+  else if (bits == 32)
+    pattern = std::bit_cast<std::uint32_t>(static_cast<float>(value));
+  else
+    pattern = std::bit_cast<std::uint64_t>(value);
+  std::string out;
+  for (int b = 0; b < bits / 8; ++b) out += static_cast<char>(pattern >> (8 * b));
+  const bool little = type.starts_with("LSB") || type.starts_with("PC");
+  return little ? out : std::string(out.rbegin(), out.rend());
+}
+
+void write(const std::string& label_path, Pds p) {
+  const std::string data_path = fs::path(label_path).replace_extension(".img").string();
+  const std::string name = fs::path(data_path).filename().string();
+  const auto line = [](const std::string& key, double v) { return key + " = " + std::to_string(v) + "\r\n"; };
+  std::string label = "PDS_VERSION_ID = \"PDS3\"\r\nMISSION_NAME = \"SELENE\"\r\n";
+  if (p.attached_label_bytes)
+    label += line("RECORD_BYTES", static_cast<double>(p.attached_label_bytes)) + "^IMAGE = 2\r\n";
+  else
+    label += "^IMAGE = (\"" + name + "\", 1 <BYTES>)\r\n";
+  label += "OBJECT = IMAGE_MAP_PROJECTION\r\nMAP_PROJECTION_TYPE = \"SIMPLE CYLINDRICAL\"\r\n" +
+           line("MAP_RESOLUTION", p.ppd) + line("MAXIMUM_LATITUDE", p.north) +
+           line("MINIMUM_LATITUDE", p.north - (p.height - 1) / p.ppd) + line("WESTERNMOST_LONGITUDE", p.west) +
+           line("EASTERNMOST_LONGITUDE", p.west + (p.width - 1) / p.ppd) +
+           line("LINE_PROJECTION_OFFSET", p.north * p.ppd) + line("SAMPLE_PROJECTION_OFFSET", -p.west * p.ppd) +
+           "END_OBJECT = IMAGE_MAP_PROJECTION\r\nOBJECT = IMAGE\r\n" + line("LINES", p.height) +
+           line("LINE_SAMPLES", p.width) + "SAMPLE_TYPE = " + p.type + "\r\n" + line("SAMPLE_BITS", p.bits) + p.extra +
+           "END_OBJECT = IMAGE\r\nEND\r\n";
+  std::string pixels;
+  for (int i = 0; i < p.width * p.height; ++i) {
+    const double v = p.values.empty() ? 100.0 * (i / p.width) + i % p.width : p.values[static_cast<std::size_t>(i)];
+    pixels += sample_bytes(v, p.type, p.bits);
+  }
+  if (p.attached_label_bytes) {
+    label.resize(p.attached_label_bytes, ' ');
+    std::ofstream(label_path, std::ios::binary) << label << pixels;
+  } else {
+    std::ofstream(label_path, std::ios::binary) << label;
+    std::ofstream(data_path, std::ios::binary) << pixels;
+  }
+}
+
+std::vector<float> read(Raster& r, int x, int y, int w, int h) {
+  std::vector<float> out(static_cast<std::size_t>(w) * static_cast<std::size_t>(h), 12345);
+  r.read(x, y, w, h, out.data());
+  return out;
+}
+
+float post(Raster& r, int x, int y) { return read(r, x, y, 1, 1)[0]; }
+
+#define EXPECT_DATA_ERROR(statement, text)                                                       \
+  try {                                                                                          \
+    statement;                                                                                   \
+    FAIL() << "no DataError";                                                                    \
+  } catch (const DataError& e) {                                                                 \
+    EXPECT_NE(std::string(e.what()).find(text), std::string::npos) << "complaint: " << e.what(); \
+    EXPECT_NE(e.file().find(folder_.string()), std::string::npos) << e.file();                   \
+  }
+
+void expect_at(const RasterInfo& info, double lat, double lon, double x, double y, double tolerance = 0) {
+  const Raster raster(info);
+  for (const auto& p : {locate(info, lat, lon), raster.locate(lat, lon)}) {
+    EXPECT_NEAR(p.x, x, tolerance) << info.name << " at " << lat << " " << lon;
+    EXPECT_NEAR(p.y, y, tolerance) << info.name << " at " << lat << " " << lon;
+  }
+}
+
+// ---- the products at hand, half-pixel exact
+// ----------------------------------------------------------------------------
+
+TEST_F(RasterTest, KaguyaTile) {
+  const std::string path = shared_data("hadley/DTM_MAPs02_N30E003N27E006SC.lbl");
+  SELENOGRAPH_SKIP_WITHOUT(path);
+  const RasterInfo info = inspect_raster(path);
+  EXPECT_EQ(info.name, "DTM_MAPs02_N30E003N27E006SC");
+  EXPECT_EQ(info.format, "PDS3 Kaguya");
+  EXPECT_EQ(info.lattice_level, 8);
+  EXPECT_EQ(info.void_value, -9999);
+  EXPECT_EQ(info.quantisation_m, 1);
+  EXPECT_EQ(info.bytes, 768u * 768 * 2);
+  EXPECT_NEAR(info.post_spacing_m, 118.4505875943339, 1e-9);
+  EXPECT_EQ(info.footprint.north_deg, 30);
+  EXPECT_EQ(info.footprint.west_deg, 3);
+  EXPECT_EQ(info.footprint.south_deg, 27 + 1 / 256.0);
+  EXPECT_EQ(info.footprint.east_deg, 6 - 1 / 256.0);
+  EXPECT_FALSE(info.wraps_longitude);
+  expect_at(info, 30, 3, 0, 0);
+  expect_at(info, 28.5, 4.5 + 360, 384, 384);
+  expect_at(info, 27 + 1 / 256.0, 6 - 1 / 256.0, 767, 767);
+}
+
+TEST_F(RasterTest, HadleyTilesAgreeWithTheLandingSite) {
+  const std::string path = shared_data("hadley/DTM_MAPs02_N27E003N24E006SC.lbl");
+  SELENOGRAPH_SKIP_WITHOUT(path);
+  Raster raster(inspect_raster(path));
+  const auto p = raster.locate(26.1322, 3.6339);
+  EXPECT_NEAR(post(raster, static_cast<int>(std::lround(p.x)), static_cast<int>(std::lround(p.y))), -1922, 25);
+}
+
+TEST_F(RasterTest, KaguyaVariants) {
+  struct Case {
+    const char* name;
+    double lat, lon;
+  };
+  for (const Case& c : {Case{"A_neg_bytes", 27, 3}, Case{"B_pos_bytes", 27, 3}, Case{"C_neg_unquoted", 27, 3},
+                        Case{"D_neg_ptr1", 27, -57}, Case{"E_neg_name", -69, -57}}) {
+    const std::string path = shared_data("labels/variants/") + c.name + ".lbl";
+    SELENOGRAPH_SKIP_WITHOUT(path);
+    const RasterInfo info = inspect_raster(path);
+    EXPECT_EQ(info.lattice_level, std::nullopt);
+    expect_at(info, c.lat, c.lon, 0, 0);
+    expect_at(info, c.lat - 1, c.lon + 2, 20, 10, 1e-9);
+    Raster raster(info);
+    EXPECT_TRUE(std::isnan(post(raster, 0, 0)) && std::isnan(post(raster, 1, 1)));
+    EXPECT_EQ(post(raster, 2, 0), 2);
+    EXPECT_EQ(post(raster, 7, 13), 137);
+  }
+}
+
+TEST_F(RasterTest, LolaLdem4) {
+  const std::string path = shared_data("ldem_4/LDEM_4.LBL");
+  SELENOGRAPH_SKIP_WITHOUT(path);
+  const RasterInfo info = inspect_raster(path);
+  EXPECT_EQ(info.format, "PDS3 LOLA");
+  EXPECT_EQ(info.datum, "planetary radius, converted");
+  EXPECT_EQ(info.quantisation_m, 0.5);
+  EXPECT_TRUE(info.wraps_longitude);
+  EXPECT_EQ(info.lattice_level, std::nullopt);
+  EXPECT_EQ(info.void_value, std::nullopt);
+  EXPECT_EQ(info.footprint.north_deg, 89.875);
+  EXPECT_EQ(info.footprint.south_deg, -89.875);
+  EXPECT_EQ(info.footprint.west_deg, 0.125);
+  EXPECT_EQ(info.footprint.east_deg, 360.125);
+  expect_at(info, 89.875, 0.125, 0, 0);
+  expect_at(info, 0.125, -179.875, 720, 359);
+  expect_at(info, -89.875, -0.125, 1439, 719);
+  expect_at(info, 0.125, 0, 1439.5, 359);
+
+  Raster raster(info);  // against the file's own bytes: little-endian, half metres
+  std::ifstream file(shared_data("ldem_4/LDEM_4.IMG"), std::ios::binary);
+  std::vector<std::int16_t> dn(1440 * 720);
+  file.read(reinterpret_cast<char*>(dn.data()), static_cast<std::streamsize>(dn.size() * 2));
+  const std::vector<float> all = read(raster, 0, 0, 1440, 720);
+  for (std::size_t i = 0; i < all.size(); ++i) ASSERT_EQ(all[i], static_cast<float>(dn[i]) * 0.5f) << i;
+  EXPECT_EQ(*std::max_element(all.begin(), all.end()), 21008 * 0.5f);
+  EXPECT_EQ(post(raster, -1, -1), all[719]);  // over the pole: column -1 + 720 of row 0
+}
+
+TEST_F(RasterTest, GldGlobalGeoTiff) {
+  const std::string path = shared_data("global/GLD100_global_16ppd_m.tif");
+  SELENOGRAPH_SKIP_WITHOUT(path);
+  const RasterInfo info = inspect_raster(path);
+  EXPECT_EQ(info.format, "GTiff");
+  EXPECT_TRUE(info.wraps_longitude);
+  EXPECT_EQ(info.lattice_level, std::nullopt);  // pixel is area: half a post off the lattice
+  EXPECT_EQ(info.posts_per_degree, 16);
+  EXPECT_EQ(info.void_value, -32768);
+  expect_at(info, 90 - 1 / 32.0, 1 / 32.0, 0, 0);
+  expect_at(info, -90 + 1 / 32.0, -1 / 32.0, 5759, 2879);
+  expect_at(info, 0, 0, 5759.5, 1439.5);
+}
+
+// The same Moon at the same places, from four products: no product is half a pixel off. A shift of half a post in one
+// axis must make the agreement worse.
+TEST_F(RasterTest, ProductsAgreeOnTheTerrain) {
+  const std::string coarse = shared_data("global/GLD100_global_16ppd_m.tif");
+  const std::string fine = shared_data("hadley/DTM_MAPs02_N27E003N24E006SC.lbl");
+  SELENOGRAPH_SKIP_WITHOUT(coarse);
+  SELENOGRAPH_SKIP_WITHOUT(fine);
+  Raster global(inspect_raster(coarse)), tile(inspect_raster(fine));
+  // The mean of the 16 x 16 fine posts of a coarse pixel, were the tile shifted by that many fine posts.
+  const auto rms = [&](int shift_x, int shift_y) {
+    double sum = 0;
+    int n = 0;
+    for (int row = 2; row < 46; ++row)
+      for (int column = 2; column < 46; ++column, ++n) {
+        const auto p = global.locate(27 - (row + 0.5) / 16, 3 + (column + 0.5) / 16);
+        double mean = 0;
+        for (const float v : read(tile, column * 16 + shift_x, row * 16 + shift_y, 16, 16)) mean += v / 256;
+        const double d = mean - post(global, static_cast<int>(std::lround(p.x)), static_cast<int>(std::lround(p.y)));
+        sum += d * d;
+      }
+    return std::sqrt(sum / n);
+  };
+  const double here = rms(0, 0);
+  for (const auto& [x, y] : {std::pair{8, 0}, {-8, 0}, {0, 8}, {0, -8}})
+    EXPECT_GT(rms(x, y), 1.5 * here) << x << " " << y;
+}
+
+// ---- PDS3 values
+// -------------------------------------------------------------------------------------------------------
+
+TEST_F(RasterTest, PdsSampleTypesAndByteOrders) {
+  struct Case {
+    const char* type;
+    int bits;
+  };
+  for (const Case& c : {Case{"MSB_INTEGER", 16}, Case{"LSB_INTEGER", 16}, Case{"MSB_UNSIGNED_INTEGER", 16},
+                        Case{"LSB_INTEGER", 32}, Case{"MSB_INTEGER", 32}, Case{"PC_REAL", 32}, Case{"IEEE_REAL", 32},
+                        Case{"\"IEEE_REAL\"", 64}, Case{"PC_REAL", 64}}) {
+    Pds p;
+    p.type = c.type;
+    p.bits = c.bits;
+    Pds data = p;
+    std::erase(data.type, '"');
+    write(file("t.lbl"), data);
+    Raster raster(inspect_raster(file("t.lbl")));
+    EXPECT_EQ(post(raster, 5, 17), 1705) << c.type << c.bits;
+    EXPECT_EQ(raster.info().quantisation_m, std::string(c.type).find("REAL") == std::string::npos ? 1 : 0);
+  }
+}
+
+TEST_F(RasterTest, PdsWithoutDummyHasNoVoids) {
+  Pds p;
+  p.values.assign(900, -9999);
+  p.extra = "";
+  write(file("t.lbl"), p);
+  Raster raster(inspect_raster(file("t.lbl")));
+  EXPECT_EQ(raster.info().void_value, std::nullopt);
+  EXPECT_EQ(post(raster, 0, 0), -9999);
+  p.extra = "MISSING_CONSTANT = -9999\n";
+  write(file("v.lbl"), p);
+  Raster voids(inspect_raster(file("v.lbl")));
+  EXPECT_TRUE(std::isnan(post(voids, 0, 0)));
+}
+
+TEST_F(RasterTest, PdsKilometresOfRadius) {  // as SLDEM2015 has it
+  Pds p;
+  p.type = "PC_REAL";
+  p.bits = 32;
+  p.extra = "UNIT = KILOMETER\nSCALING_FACTOR = 1\nOFFSET = 1737.4\n";
+  p.values.assign(900, -1.5);
+  write(file("offset.lbl"), p);
+  Raster with_offset(inspect_raster(file("offset.lbl")));
+  EXPECT_FLOAT_EQ(post(with_offset, 3, 3), -1500);
+  EXPECT_EQ(with_offset.info().datum, "planetary radius, converted");
+  p.extra = "UNIT = KILOMETER\n";
+  p.values.assign(900, 1739.4);
+  write(file("plain.lbl"), p);
+  Raster plain(inspect_raster(file("plain.lbl")));
+  EXPECT_NEAR(post(plain, 3, 3), 2000, 0.1);  // float kilometres
+}
+
+TEST_F(RasterTest, PdsAttachedLabel) {
+  Pds p;
+  p.attached_label_bytes = 2048;
+  write(file("attached.img"), p);
+  Raster raster(inspect_raster(file("attached.img")));
+  EXPECT_EQ(post(raster, 29, 29), 2929);
+  EXPECT_EQ(raster.info().name, "attached");
+}
+
+TEST_F(RasterTest, PdsImageFindsItsLabel) {
+  write(file("t.lbl"), Pds{});
+  EXPECT_EQ(inspect_raster(file("t.img")).path, file("t.lbl"));
+}
+
+TEST_F(RasterTest, DateLineTiles) {
+  Pds p;
+  p.ppd = 32;
+  p.width = p.height = 32;
+  p.north = 1;
+  for (const double west : {179.0, 180.0, 359.0}) {
+    p.west = west;
+    write(file("t.lbl"), p);
+    const RasterInfo info = inspect_raster(file("t.lbl"));
+    EXPECT_EQ(info.lattice_level, 5);
+    EXPECT_EQ(info.footprint.west_deg, wrap_lon_deg(west));
+    EXPECT_EQ(info.footprint.east_deg, info.footprint.west_deg + 31 / 32.0);
+    expect_at(info, 1, west, 0, 0);
+    expect_at(info, 1, west - 360, 0, 0);
+    expect_at(info, 0.5, west + 1, 32, 16);  // the neighbour's first column is one post past the last
+    expect_at(info, 0.5, west - 1, -32, 16);
+  }
+}
+
+// ---- GeoTIFF and VRT
+// -----------------------------------------------------------------------------------------------------
+
+TEST_F(RasterTest, TypesScaleOffsetAndUnits) {
+  for (const GDALDataType type : {GDT_Int16, GDT_UInt16, GDT_Int32, GDT_Float32, GDT_Float64}) {
+    Tif t;
+    t.type = type;
+    write(file("t.tif"), t);
+    Raster raster(inspect_raster(file("t.tif")));
+    EXPECT_EQ(post(raster, 2, 3), 302) << GDALGetDataTypeName(type);
+  }
+  Tif half;
+  half.scale = 0.5;
+  half.offset = 1737400;
+  write(file("half.tif"), half);
+  Raster radius(inspect_raster(file("half.tif")));
+  EXPECT_EQ(post(radius, 3, 3), 151.5f);
+  EXPECT_EQ(radius.info().quantisation_m, 0.5);
+  EXPECT_EQ(radius.info().datum, "planetary radius, converted");
+  Tif km;
+  km.type = GDT_Float64;
+  km.unit = "km";
+  km.values.assign(16, 1737.4 + 2.5);
+  write(file("km.tif"), km);
+  Raster kilometres(inspect_raster(file("km.tif")));
+  EXPECT_NEAR(post(kilometres, 0, 0), 2500, 1e-3);
+  Tif feet;
+  feet.unit = "ft";
+  write(file("feet.tif"), feet);
+  EXPECT_DATA_ERROR(inspect_raster(file("feet.tif")), "unit 'ft'");
+}
+
+TEST_F(RasterTest, VoidsReadAsNan) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  Tif t;
+  t.type = GDT_Float32;
+  t.values.assign(16, 7);
+  t.values[1] = nan;
+  t.values[2] = -3.4028234663852886e+38;
+  t.no_data = -3.4028234663852886e+38;
+  write(file("t.tif"), t);
+  Raster raster(inspect_raster(file("t.tif")));
+  EXPECT_EQ(post(raster, 0, 0), 7);
+  EXPECT_TRUE(std::isnan(post(raster, 1, 0)));
+  EXPECT_TRUE(std::isnan(post(raster, 2, 0)));
+  t.no_data = nan;
+  t.values[2] = 0;
+  write(file("nan.tif"), t);
+  Raster by_nan(inspect_raster(file("nan.tif")));
+  EXPECT_TRUE(std::isnan(post(by_nan, 1, 0)));
+  EXPECT_EQ(post(by_nan, 2, 0), 0);
+}
+
+TEST_F(RasterTest, AreaOrPoint) {
+  // The same first post at (3.5 N, 0.5 E), written both ways: GDAL's transform is of corners in both cases.
+  for (const char* kind : {"Area", "Point"}) {
+    Tif t;
+    t.area_or_point = kind;
+    write(file("t.tif"), t);
+    expect_at(inspect_raster(file("t.tif")), 3.5, 0.5, 0, 0);
+  }
+}
+
+TEST_F(RasterTest, LatticeOnlyWherePostsAreMultiples) {
+  Tif t;
+  t.dx = 1 / 64.0;
+  t.dy = -1 / 64.0;
+  t.west = 10 - t.dx / 2;
+  t.north = 5 + t.dx / 2;
+  write(file("on.tif"), t);
+  EXPECT_EQ(inspect_raster(file("on.tif")).lattice_level, 6);
+  t.west += 1e-6;
+  write(file("off.tif"), t);
+  EXPECT_EQ(inspect_raster(file("off.tif")).lattice_level, std::nullopt);
+  t.west = 10 - t.dx / 2;
+  t.dy = -1 / 32.0;
+  write(file("oblong.tif"), t);
+  EXPECT_EQ(inspect_raster(file("oblong.tif")).lattice_level, std::nullopt);
+}
+
+TEST_F(RasterTest, SouthUpAndEastToWestAreTurned) {
+  Tif t;
+  t.north = 0;
+  t.dy = 1;
+  t.west = 4;
+  t.dx = -1;
+  write(file("turned.tif"), t);
+  const RasterInfo info = inspect_raster(file("turned.tif"));
+  expect_at(info, 3.5, 0.5, 0, 0);
+  Raster raster(info);
+  EXPECT_EQ(post(raster, 0, 0), 303);  // the file's last
+  EXPECT_EQ(read(raster, 1, 0, 2, 2), (std::vector<float>{302, 301, 202, 201}));
+}
+
+TEST_F(RasterTest, EquirectangularMetres) {
+  const double metres = kMoonRadius_m * M_PI / 180;
+  Tif t;
+  t.width = 36;
+  t.height = 18;
+  t.srs = "+proj=eqc +lat_ts=0 +lon_0=180 +R=1737400 +units=m +no_defs";
+  t.dx = std::round(10 * metres * 1e6) / 1e6;  // as printed with rounding
+  t.dy = -t.dx;
+  t.west = -18 * t.dx;
+  t.north = 9 * t.dx;
+  write(file("t.tif"), t);
+  const RasterInfo info = inspect_raster(file("t.tif"));
+  EXPECT_EQ(info.projection, Projection::geographic);
+  EXPECT_TRUE(info.wraps_longitude);
+  expect_at(info, 85, 5, 0, 0, 1e-7);
+  expect_at(info, 5, -175, 18, 8, 1e-7);
+  expect_at(info, -85, -5, 35, 17, 1e-7);
+
+  // A latitude of true scale: GDAL's own transformation is the judge.
+  t.srs = "+proj=eqc +lat_ts=30 +lon_0=20 +R=1737400 +units=m +no_defs";
+  t.width = t.height = 4;
+  t.dx = 1000;
+  t.dy = -1000;
+  t.west = 5000;
+  t.north = 905000;
+  write(file("ts.tif"), t);
+  const OGRSpatialReference from = srs_of(t.srs), to = srs_of(kMoon);
+  const std::unique_ptr<OGRCoordinateTransformation> transform(OGRCreateCoordinateTransformation(&from, &to));
+  double lon = 5000 + 2.5 * 1000, lat = 905000 - 1.5 * 1000;
+  ASSERT_TRUE(transform->Transform(1, &lon, &lat));
+  expect_at(inspect_raster(file("ts.tif")), lat, lon, 2, 1, 1e-6);
+}
+
+TEST_F(RasterTest, PolarStereographicAgreesWithGdal) {
+  const OGRSpatialReference geographic = srs_of(kMoon);
+  for (const char* proj : {kSouth, "+proj=stere +lat_0=90 +lon_0=0 +R=1737400 +units=m +no_defs",
+                           "+proj=stere +lat_0=90 +lon_0=135 +R=1737400 +units=m +x_0=1000 +y_0=-3000 +no_defs",
+                           "+proj=stere +lat_0=-90 +lat_ts=-71 +lon_0=20 +R=1737400 +units=m +no_defs"}) {
+    Tif t;
+    t.srs = proj;
+    t.width = 40;
+    t.height = 30;
+    t.dx = 5000;
+    t.dy = -5000;
+    t.west = -110000;
+    t.north = 60000;
+    write(file("p.tif"), t);
+    const RasterInfo info = inspect_raster(file("p.tif"));
+    EXPECT_EQ(info.projection, Projection::polar_stereographic);
+    const OGRSpatialReference plane = srs_of(proj);
+    const std::unique_ptr<OGRCoordinateTransformation> transform(
+        OGRCreateCoordinateTransformation(&plane, &geographic));
+    for (const auto& [column, row] : {std::pair{0, 0}, {39, 29}, {0, 29}, {23, 7}, {22, 11}}) {
+      double lon = t.west + (column + 0.5) * t.dx, lat = t.north + (row + 0.5) * t.dy;
+      ASSERT_TRUE(transform->Transform(1, &lon, &lat));
+      expect_at(info, lat, lon, column, row, 1e-6);
+      EXPECT_GE(lat, info.footprint.south_deg - 1e-9);
+      EXPECT_LE(lat, info.footprint.north_deg + 1e-9);
+    }
+    EXPECT_EQ(info.footprint.east_deg - info.footprint.west_deg, 360);
+    Raster raster(info);
+    EXPECT_EQ(post(raster, 23, 7), 723);
+    EXPECT_TRUE(std::isnan(post(raster, -1, 7)));
+    EXPECT_TRUE(std::isnan(post(raster, 23, -1)));
+  }
+}
+
+TEST_F(RasterTest, PolarFootprintBesideThePole) {
+  Tif t;
+  t.srs = kSouth;
+  t.dx = 1000;
+  t.dy = -1000;
+  t.west = -2000;  // X -1500 .. 1500, Y -20500 .. -23500: around longitude 180
+  t.north = -20000;
+  write(file("p.tif"), t);
+  const Footprint f = inspect_raster(file("p.tif")).footprint;
+  const double metres = kMoonRadius_m * M_PI / 180;
+  EXPECT_NEAR(f.south_deg, -90 + 20500 / metres, 1e-4);
+  EXPECT_NEAR(f.north_deg, -90 + std::hypot(1500, 23500) / metres, 1e-4);
+  const double half = std::atan2(1500, 20500) * 180 / M_PI;
+  EXPECT_NEAR(f.west_deg, 180 - half, 1e-9);
+  EXPECT_NEAR(f.east_deg, 180 + half, 1e-9);
+}
+
+TEST_F(RasterTest, PolarSpacing) {
+  Tif t;
+  t.srs = kSouth;
+  t.dx = 20;
+  t.dy = -20;
+  write(file("p.tif"), t);
+  const RasterInfo info = inspect_raster(file("p.tif"));
+  EXPECT_NEAR(info.post_spacing_m, 20, 1e-12);
+  EXPECT_NEAR(info.posts_per_degree, 1516.17, 0.01);  // as LOLA's labels round it
+  EXPECT_EQ(info.lattice_level, std::nullopt);
+}
+
+// ---- reading windows
+// -------------------------------------------------------------------------------------------------------
+
+TEST_F(RasterTest, WindowsOutsideAreNan) {
+  write(file("t.tif"), Tif{});
+  Raster raster(inspect_raster(file("t.tif")));
+  const std::vector<float> got = read(raster, -1, -1, 6, 6);
+  for (int j = 0; j < 6; ++j)
+    for (int i = 0; i < 6; ++i) {
+      const float v = got[static_cast<std::size_t>(6 * j + i)];
+      const bool inside = i > 0 && i < 5 && j > 0 && j < 5;
+      EXPECT_TRUE(inside ? v == static_cast<float>(100 * (j - 1) + i - 1) : std::isnan(v)) << i << " " << j << " " << v;
+    }
+  for (const float v : read(raster, 1000, 0, 3, 3)) EXPECT_TRUE(std::isnan(v));
+  for (const float v : read(raster, std::numeric_limits<int>::min(), std::numeric_limits<int>::max(), 3, 3))
+    EXPECT_TRUE(std::isnan(v));
+}
+
+class GlobalRaster : public RasterTest {
+ protected:
+  // 36 columns, first post at `west`; 18 rows of area registration or 19 with posts on both poles.
+  RasterInfo global(bool on_poles, double west, int extra_columns = 0) {
+    Tif t;
+    t.width = 36 + extra_columns;
+    t.height = on_poles ? 19 : 18;
+    t.dx = 10;
+    t.dy = -10;
+    t.west = west - 5;
+    t.north = on_poles ? 95 : 90;
+    write(file("g.tif"), t);
+    return inspect_raster(file("g.tif"));
+  }
+};
+
+TEST_F(GlobalRaster, Wraps) {
+  const RasterInfo info = global(false, 5);
+  EXPECT_TRUE(info.wraps_longitude);
+  Raster raster(info);
+  EXPECT_EQ(read(raster, -2, 3, 4, 1), (std::vector<float>{334, 335, 300, 301}));
+  EXPECT_EQ(read(raster, 35, 3, 2, 1), (std::vector<float>{335, 300}));
+  EXPECT_EQ(read(raster, 35 - 3600, 3, 2, 1), (std::vector<float>{335, 300}));
+  const std::vector<float> twice = read(raster, -36, 5, 108, 2);  // more than once around
+  for (std::size_t i = 0; i < 108; ++i) EXPECT_EQ(twice[108 + i], 600.f + static_cast<float>(i % 36));
+  for (double lon = -720; lon <= 720; lon += 2.5) {
+    const double x = locate(info, 0, lon).x;
+    EXPECT_GE(x, 0);
+    EXPECT_LT(x, 36);
+    EXPECT_NEAR(std::remainder(5 + 10 * x - lon, 360), 0, 1e-9);
+  }
+  EXPECT_EQ(locate(info, 0, std::nextafter(5.0, 0.0)).x < 36, true);
+}
+
+TEST_F(GlobalRaster, RepeatedMeridianIsDropped) {
+  const RasterInfo info = global(false, 0, 1);  // 0 .. 360 inclusive
+  EXPECT_EQ(info.width, 36);
+  EXPECT_TRUE(info.wraps_longitude);
+  Raster raster(info);
+  EXPECT_EQ(read(raster, 34, 3, 3, 1), (std::vector<float>{334, 335, 300}));
+}
+
+TEST_F(GlobalRaster, ContinuesOverThePoles) {
+  Raster area(global(false, 5));
+  EXPECT_EQ(read(area, 0, -2, 1, 4), (std::vector<float>{118, 18, 0, 100}));  // rows 1 and 0 of the opposite meridian
+  EXPECT_EQ(read(area, 20, 17, 1, 3), (std::vector<float>{1720, 1702, 1602}));
+  Raster points(global(true, -180));
+  EXPECT_EQ(read(points, 0, -2, 2, 3), (std::vector<float>{218, 219, 118, 119, 0, 1}));
+  EXPECT_EQ(read(points, -1, 18, 1, 2), (std::vector<float>{1835, 1717}));
+}
+
+TEST_F(GlobalRaster, ABeltHasNothingBetweenItAndThePole) {
+  Tif t;
+  t.width = 36;
+  t.height = 4;
+  t.dx = 10;
+  t.dy = -10;
+  t.north = 20;
+  write(file("belt.tif"), t);
+  Raster belt(inspect_raster(file("belt.tif")));
+  EXPECT_TRUE(belt.info().wraps_longitude);
+  EXPECT_TRUE(std::isnan(post(belt, 0, -1)) && std::isnan(post(belt, 0, 4)));
+  EXPECT_TRUE(std::isnan(post(belt, 0, -14)));
+  EXPECT_EQ(post(belt, 0, -15), 18);  // 165 N is 15 N on the other side
+}
+
+// ---- damage
+// ----------------------------------------------------------------------------------------------------------------
+
+TEST_F(RasterTest, MissingFiles) {
+  EXPECT_DATA_ERROR(inspect_raster(file("none.tif")), "missing");
+  EXPECT_DATA_ERROR(inspect_raster(file("none.lbl")), "missing");
+  write(file("t.lbl"), Pds{});
+  const RasterInfo info = inspect_raster(file("t.lbl"));
+  fs::remove(file("t.img"));
+  EXPECT_DATA_ERROR(inspect_raster(file("t.lbl")), "t.img is missing");
+  EXPECT_DATA_ERROR(Raster{info}, "t.img is missing");
+}
+
+TEST_F(RasterTest, TruncatedImage) {
+  write(file("t.lbl"), Pds{});
+  const RasterInfo info = inspect_raster(file("t.lbl"));
+  Raster open(info);
+  fs::resize_file(file("t.img"), 1799);
+  EXPECT_DATA_ERROR(inspect_raster(file("t.lbl")), "truncated");
+  EXPECT_DATA_ERROR(Raster{info}, "truncated");
+  EXPECT_DATA_ERROR(post(open, 0, 0), "truncated");  // never zeros
+}
+
+TEST_F(RasterTest, TruncatedGeoTiff) {
+  Tif t;
+  t.width = t.height = 300;
+  t.dx = 0.01;
+  t.dy = -0.01;
+  for (int i = 0; i < 90000; ++i) t.values.push_back((i * 7919LL) % 20011 - 10000.0);  // doesn't compress away
+  write(file("t.tif"), t);
+  const RasterInfo info = inspect_raster(file("t.tif"));
+  fs::resize_file(file("t.tif"), fs::file_size(file("t.tif")) / 2);
+  EXPECT_THROW(Raster{info}, DataError);
+  bool threw = false;
+  try {
+    Raster half(inspect_raster(file("t.tif")));  // the header may have survived; then the posts must complain
+    read(half, 0, 0, 300, 300);
+  } catch (const DataError& e) {
+    threw = true;
+    EXPECT_NE(std::string(e.what()).find("t.tif"), std::string::npos);
+  }
+  EXPECT_TRUE(threw);
+}
+
+TEST_F(RasterTest, ChangedSinceInspection) {
+  write(file("t.tif"), Tif{});
+  RasterInfo info = inspect_raster(file("t.tif"));
+  info.modified_ns -= 1;
+  EXPECT_DATA_ERROR(Raster{info}, "changed");
+  info = inspect_raster(file("t.tif"));
+  info.bytes += 1;
+  EXPECT_DATA_ERROR(Raster{info}, "changed");
+}
+
+TEST_F(RasterTest, Garbage) {
+  for (const char* name : {"g.lbl", "g.tif", "g.vrt", "g.img", "g.png"}) {
+    std::ofstream(file(name)) << "This is not a terrain model.";
+    EXPECT_THROW(inspect_raster(file(name)), DataError) << name;
+  }
+  EXPECT_DATA_ERROR(inspect_raster(file("g.lbl")), "not a valid PDS3 label");
+}
+
+TEST_F(RasterTest, RefusesWhatIsNoHeightMapOfTheMoon) {
+  const auto refused = [&](const Tif& t, const char* why) {
+    write(file("r.tif"), t);
+    EXPECT_DATA_ERROR(inspect_raster(file("r.tif")), why);
+  };
+  Tif earth;
+  earth.srs = "EPSG:4326";
+  refused(earth, "not the Moon's sphere");
+  Tif rgb;
+  rgb.bands = 3;
+  refused(rgb, "bands");
+  Tif bytes;
+  bytes.type = GDT_Byte;
+  refused(bytes, "Byte");
+  Tif mercator;
+  mercator.srs = "+proj=merc +R=1737400 +units=m +no_defs";
+  refused(mercator, "not supported");
+  Tif beyond;
+  beyond.north = 95;
+  refused(beyond, "beyond a pole");
+}
+
+TEST_F(RasterTest, VrtReadsItsSourcesAndNoticesTheirLoss) {
+  write(file("source.tif"), Tif{});
+  {
+    GDALAllRegister();
+    GDALDataset* source = GDALDataset::Open(file("source.tif").c_str());
+    ASSERT_TRUE(source);
+    GDALClose(GetGDALDriverManager()->GetDriverByName("VRT")->CreateCopy(file("v.vrt").c_str(), source, 0, nullptr,
+                                                                         nullptr, nullptr));
+    GDALClose(source);
+  }
+  const RasterInfo info = inspect_raster(file("v.vrt"));
+  EXPECT_EQ(info.format, "VRT");
+  EXPECT_EQ(info.bytes, fs::file_size(file("v.vrt")) + fs::file_size(file("source.tif")));
+  {
+    Raster raster(info);
+    EXPECT_EQ(post(raster, 2, 1), 102);
+  }
+  fs::remove(file("source.tif"));
+  EXPECT_DATA_ERROR(Raster{info}, "v.vrt");
+  try {
+    Raster raster(inspect_raster(file("v.vrt")));
+    post(raster, 2, 1);
+    FAIL() << "a VRT without its source gave posts";
+  } catch (const DataError&) {
+  }
+}
+
+// One file opened several times by one thread and read by as many others.
+TEST_F(RasterTest, OpenedHereReadElsewhere) {
+  write(file("t.lbl"), Pds{});
+  write(file("t.tif"), Tif{.width = 30, .height = 30, .north = 30});
+  for (const char* name : {"t.lbl", "t.tif"}) {
+    const RasterInfo info = inspect_raster(file(name));
+    std::vector<Raster> rasters;
+    for (int i = 0; i < 4; ++i) rasters.emplace_back(info);
+    std::vector<int> wrong(4);
+    std::vector<std::thread> threads;
+    for (std::size_t i = 0; i < 4; ++i)
+      threads.emplace_back([&, i] {
+        for (int k = 0; k < 2000; ++k) {
+          const int x = (k * 7 + static_cast<int>(i)) % 30, y = (k * 11) % 30;
+          wrong[i] += post(rasters[i], x, y) != static_cast<float>(100 * y + x);
+        }
+      });
+    for (auto& t : threads) t.join();
+    EXPECT_EQ(wrong, std::vector<int>(4, 0)) << name;
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::dem

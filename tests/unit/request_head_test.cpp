@@ -1,0 +1,92 @@
+#include "server/request_head.h"
+
+#include <gtest/gtest.h>
+
+namespace selenograph::server {
+namespace {
+
+constexpr std::size_t kMaxBody = 1000;
+
+std::string refusal(const std::string& raw) {
+  const auto checked = check_head(raw, kMaxBody);
+  const auto* problem = std::get_if<HeadProblem>(&checked);
+  return problem ? problem->error_code : "";
+}
+
+RequestHead accepted(const std::string& raw) {
+  auto checked = check_head(raw, kMaxBody);
+  const auto* problem = std::get_if<HeadProblem>(&checked);
+  EXPECT_EQ(problem, nullptr) << (problem ? problem->detail : "");
+  return problem ? RequestHead{} : std::get<RequestHead>(checked);
+}
+
+TEST(RequestHead, OrdinaryRequest) {
+  const RequestHead head =
+      accepted("POST /v1/frames?a=b HTTP/1.1\r\nHost: x\r\nContent-Length: 12\r\nAccept:  image/png \r\n\r\n");
+  EXPECT_EQ(head.method, "POST");
+  EXPECT_EQ(head.target, "/v1/frames?a=b");
+  EXPECT_EQ(head.headers.find("accept")->second, "image/png");
+  EXPECT_FALSE(head.close);
+  EXPECT_EQ(head.text, "POST /v1/frames?a=b HTTP/1.1\r\nhost: x\r\ncontent-length: 12\r\naccept: image/png\r\n\r\n");
+}
+
+TEST(RequestHead, RangesAndCodingsAreHiddenFromTheLibrary) {
+  const RequestHead head =
+      accepted("GET / HTTP/1.1\r\nHost: x\r\nRange: bytes=0-1\r\nIf-Range: \"a\"\r\nAccept-Encoding: gzip\r\n\r\n");
+  EXPECT_EQ(head.text, "GET / HTTP/1.1\r\nhost: x\r\n\r\n");
+  EXPECT_EQ(head.headers.count("range"), 1u);
+}
+
+TEST(RequestHead, BodiesWithoutLengthAreEmpty) {
+  EXPECT_NE(accepted("POST / HTTP/1.1\r\nHost: x\r\n\r\n").text.find("content-length: 0"), std::string::npos);
+  EXPECT_EQ(accepted("POST / HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n").text.find("content-length"),
+            std::string::npos);
+}
+
+TEST(RequestHead, ConnectionsEnd) {
+  EXPECT_TRUE(accepted("GET / HTTP/1.1\r\nHost: x\r\nConnection: Close\r\n\r\n").close);
+  EXPECT_TRUE(accepted("GET / HTTP/1.0\r\n\r\n").close);
+  EXPECT_TRUE(accepted("GET / HTTP/1.1\r\nHost: x\r\nContent-Length: 3\r\n\r\n").close) << "its body is never read";
+}
+
+TEST(RequestHead, AbsoluteFormMeansItsPath) {
+  EXPECT_EQ(accepted("GET http://h:1/a?b HTTP/1.1\r\nHost: h\r\n\r\n").target, "/a?b");
+  EXPECT_EQ(accepted("GET http://h HTTP/1.1\r\nHost: h\r\n\r\n").target, "/");
+}
+
+TEST(RequestHead, AmbiguousLengthsAreRefused) {
+  for (const char* lengths :
+       {"Content-Length: 1\r\nContent-Length: 1\r\n", "Content-Length: 1\r\nTransfer-Encoding: chunked\r\n",
+        "Content-Length: +1\r\n", "Content-Length: 1, 1\r\n", "Content-Length: \r\n", "Content-Length: 0x1\r\n",
+        "Transfer-Encoding: gzip, chunked\r\n", "Transfer-Encoding: chunked\r\nTransfer-Encoding: chunked\r\n",
+        "Content-Length : 1\r\n", "X: a\r\n Content-Length: 1\r\n"}) {
+    EXPECT_EQ(refusal(std::string("POST / HTTP/1.1\r\nHost: x\r\n") + lengths + "\r\n"), "malformed_request")
+        << lengths;
+  }
+}
+
+TEST(RequestHead, TooMuchIsRefused) {
+  EXPECT_EQ(refusal("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 1001\r\n\r\n"), "too_large");
+  EXPECT_EQ(refusal("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 99999999999999999999999\r\n\r\n"), "too_large");
+  EXPECT_EQ(refusal("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\n\r\n"), "");
+  EXPECT_EQ(refusal("GET /" + std::string(3000, 'a') + " HTTP/1.1\r\nHost: x\r\n\r\n"), "uri_too_long");
+}
+
+TEST(RequestHead, CodedBodiesAreRefused) {
+  EXPECT_EQ(refusal("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 1\r\nContent-Encoding: gzip\r\n\r\n"),
+            "unsupported_media_type");
+  EXPECT_EQ(refusal("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 1\r\nContent-Encoding: identity\r\n\r\n"), "");
+}
+
+TEST(RequestHead, NoiseIsRefused) {
+  for (const char* raw :
+       {"\r\n", "garbage\r\n\r\n", "GET / HTTP/2.0\r\nHost: x\r\n\r\n", "GET  HTTP/1.1\r\nHost: x\r\n\r\n",
+        "G@T / HTTP/1.1\r\nHost: x\r\n\r\n", "GET / HTTP/1.1\r\n\r\n", "GET / HTTP/1.1\r\nHost: x\r\nHost: y\r\n\r\n",
+        "GET /a b HTTP/1.1\r\nHost: x\r\n\r\n", "GET /\x01 HTTP/1.1\r\nHost: x\r\n\r\n",
+        "GET / HTTP/1.1\nHost: x\r\n\r\n", "GET / HTTP/1.1\r\nHost: x\r\nA: b\nC: d\r\n\r\n"}) {
+    EXPECT_EQ(refusal(raw), "malformed_request") << raw;
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::server
