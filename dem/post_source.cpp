@@ -274,48 +274,65 @@ bool PostSource::add_layer(int source, const PostWindow& window, std::size_t off
   return complete;
 }
 
+namespace {
+
+// Distance in posts to the nearest valid post in one direction along a row or column; 0: none within kFillReach.
+using Distances = std::vector<std::uint8_t>;
+static_assert(kFillReach < 256);
+
+// Follows `steps` lines at once, each moving by `advance` elements a step, neighbouring lines lying `apart` elements apart.
+Distances distances(const std::vector<float>& h, std::ptrdiff_t start, std::ptrdiff_t advance, int length, std::ptrdiff_t apart, int lines) {
+  Distances out(h.size(), 0);
+  tbb::this_task_arena::isolate([&] {
+    tbb::parallel_for(tbb::blocked_range<int>(0, lines, 256), [&](const tbb::blocked_range<int>& range) {
+      std::vector<std::uint8_t> since(static_cast<std::size_t>(range.size()), 0);  // posts since the last valid one, 0: too long ago
+      for (int step = 0; step < length; ++step)
+        for (int line = range.begin(); line < range.end(); ++line) {
+          const auto at = static_cast<std::size_t>(start + step * advance + line * apart);
+          std::uint8_t& s = since[static_cast<std::size_t>(line - range.begin())];
+          if (!std::isnan(h[at])) {
+            s = 1;
+          } else {
+            out[at] = s;
+            s = s == 0 || s == kFillReach ? 0 : static_cast<std::uint8_t>(s + 1);
+          }
+        }
+    });
+  });
+  return out;
+}
+
+}  // namespace
+
 void PostSource::fill_voids(const PostWindow& window, Posts& posts) {
   const std::vector<float>& h = posts.heights;
   if (std::none_of(h.begin(), h.end(), [](float v) { return std::isnan(v); })) return;
-  std::vector<float> filled = h;
   const int rows = window.rows, cols = window.cols;
-  const auto at = [&](int r, int c) { return static_cast<std::size_t>(r) * static_cast<std::size_t>(cols) + static_cast<std::size_t>(c); };
-  struct Found {
-    int distance = 0;
-    std::size_t index = 0;
-  };
-  const auto seek = [&](int r, int c, int dr, int dc) {
-    for (int d = 1; d <= kFillReach; ++d) {
-      r += dr, c += dc;
-      if (r < 0 || c < 0 || r >= rows || c >= cols) break;
-      if (!std::isnan(h[at(r, c)])) return Found{d, at(r, c)};
-    }
-    return Found{};
-  };
+  const std::ptrdiff_t row = cols, last = static_cast<std::ptrdiff_t>(h.size()) - 1;
+  const Distances west = distances(h, 0, 1, cols, row, rows), east = distances(h, last, -1, cols, -row, rows);
+  const Distances south = distances(h, 0, row, rows, 1, cols), north = distances(h, last, -row, rows, -1, cols);
+  // Values and sources of valid posts are only read, those of voids only written: one pass in place.
   tbb::this_task_arena::isolate([&] {
-    tbb::parallel_for(0, rows, [&](int r) {
-      for (int c = 0; c < cols; ++c) {
-        if (!std::isnan(h[at(r, c)])) continue;
+    tbb::parallel_for(std::size_t{0}, static_cast<std::size_t>(rows), [&](std::size_t r) {
+      for (std::size_t at = r * static_cast<std::size_t>(cols); at < (r + 1) * static_cast<std::size_t>(cols); ++at) {
         double sum = 0, weight = 0;
-        std::uint16_t source = kNoSource;
         int nearest = kFillReach + 1;
-        const auto pair = [&](int dr, int dc) {
-          const Found a = seek(r, c, dr, dc), b = seek(r, c, -dr, -dc);
-          if (!a.distance || !b.distance) return;
-          for (const Found& f : {a, b}) {
-            sum += static_cast<double>(h[f.index]) / f.distance, weight += 1.0 / f.distance;
-            if (f.distance < nearest) nearest = f.distance, source = posts.sources[f.index];
+        std::uint16_t source = kNoSource;
+        const auto between = [&](int before, int after, std::ptrdiff_t step) {
+          if (before == 0 || after == 0) return;
+          for (const auto& [distance, from] : {std::pair{before, static_cast<std::ptrdiff_t>(at) - before * step}, {after, static_cast<std::ptrdiff_t>(at) + after * step}}) {
+            sum += static_cast<double>(h[static_cast<std::size_t>(from)]) / distance, weight += 1.0 / distance;
+            if (distance < nearest) nearest = distance, source = posts.sources[static_cast<std::size_t>(from)];
           }
         };
-        pair(1, 0);
-        pair(0, 1);
+        between(west[at], east[at], 1);
+        between(south[at], north[at], row);
         if (weight == 0) continue;
-        filled[at(r, c)] = static_cast<float>(sum / weight);
-        posts.sources[at(r, c)] = static_cast<std::uint16_t>(source | kFilledBit);
+        posts.heights[at] = static_cast<float>(sum / weight);
+        posts.sources[at] = static_cast<std::uint16_t>(source | kFilledBit);
       }
     });
   });
-  posts.heights = std::move(filled);
 }
 
 }  // namespace selenograph::dem

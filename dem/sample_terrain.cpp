@@ -209,6 +209,8 @@ void TileTerrain::stamp(const CraterInBlock& c, const Window& block, std::vector
   const Window w = window_of(*c.crater, c.shape->reach_m());
   const EastNorthUp axes = local_axes(c.crater->center);
   const auto own = static_cast<std::size_t>(layer_of_octave(c.crater->octave));
+  // Relief of up to twice its own size goes too: the rim of a somewhat larger crater doesn't survive in a cavity.
+  const std::size_t oldest = std::max<std::size_t>(1, own - 1);
   for (int row = std::max(w.row0, block.row0); row < std::min(w.row1, block.row1); ++row) {
     for (int column = std::max(w.column0, block.column0); column < std::min(w.column1, block.column1); ++column) {
       const Vec3 away = (direction(row, column) - c.crater->center) * kMoonRadius_m;
@@ -221,7 +223,7 @@ void TileTerrain::stamp(const CraterInBlock& c, const Window& block, std::vector
       const CraterShape::Trace t = c.shape->trace(east * stretch, north * stretch);
       Layers& post = layers[static_cast<std::size_t>((row - block.row0) * kBlock + column - block.column0)];
       if (t.keep < 1) {
-        for (std::size_t i = own; i < post.m.size(); ++i) post.m[i] *= static_cast<float>(t.keep);
+        for (std::size_t i = oldest; i < post.m.size(); ++i) post.m[i] *= static_cast<float>(t.keep);
       }
       post.m[own] += static_cast<float>(t.height_m);
     }

@@ -88,6 +88,13 @@ void shade(const VertexNormals& n, const SurfacePoints& p, const Rays& rays, dou
   }
 }
 
+SELENOGRAPH_VECTORISED
+void radiances(const BrdfTerms& terms, double irradiance, const Shading& shading, const float* lit, float* out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i)
+    out[i] = static_cast<float>(direct_radiance(terms, irradiance, shading.mu0[i], shading.mu[i], static_cast<double>(lit[i])));
+}
+
 // Rays of 4 x 4 pixels of a camera without distortion: linear in the pixel's coordinates.
 SELENOGRAPH_VECTORISED
 void linear_rays(const double* first, const double* right, const double* down, const double* origin, double x, double y, Rays& rays) {
@@ -134,6 +141,7 @@ class Pass {
         stop_(stop),
         out_(out),
         irradiance_(kSolarConstant_w_m2 / (request.sun.distance_au * request.sun.distance_au)),
+        terms_(terms_of(request.reflectance)),
         catalogue_size_(catalogue_size) {
     const ProductSet want = request.products;
     wants_radiance_ = want & (kRadiance | kImage);
@@ -200,14 +208,14 @@ class Pass {
     Shading shading;
     const Vec3& sun = request_.sun.direction;
     shade(gather_normals(scene_.mesh, points), points, rays, sun.x(), sun.y(), sun.z(), shading);
-    float lit[kPacket] = {};
+    float lit[kPacket] = {}, radiance[kPacket];
     if (wants_light_) light(points, shading, lit);
+    if (weight > 0) radiances(terms_, irradiance_, shading, lit, radiance);
     for (int i = 0; i < kPacket; ++i) {
       if (counts && points.toward_moon[i]) ++counts->missing;
       if (!points.hit[i]) continue;
       const std::size_t at = static_cast<std::size_t>(y + i / kPacketSide) * static_cast<std::size_t>(request_.camera.width) + static_cast<std::size_t>(x + i % kPacketSide);
-      if (weight > 0)
-        out_.radiance[at] += weight * static_cast<float>(direct_radiance(request_.reflectance, irradiance_, shading.mu0[i], shading.mu[i], static_cast<double>(lit[i])));
+      if (weight > 0) out_.radiance[at] += weight * radiance[i];
       if (counts || store) account(points, i, at, counts);
       if (store && wants_geometry_) store_geometry(points, i, rays.direction(i), shading, lit[i], at);
     }
@@ -267,6 +275,7 @@ class Pass {
   const StopToken& stop_;
   FrameProducts& out_;
   double irradiance_;
+  BrdfTerms terms_;
   std::size_t catalogue_size_;
   bool wants_radiance_, wants_geometry_, wants_light_, linear_;
   int grid_;

@@ -1,12 +1,10 @@
 #!/usr/bin/env python3
 """Drives the real binary over HTTP against the contract. Python's standard library and NumPy only.
 
-SELENOGRAPH_BINARY names the executable. Sample terrain is generated into a temporary folder. Tests wait for states
-(metrics, completion), never for wall time, so that a busy machine makes them slow and not wrong.
+Tests wait for states (metrics, completion), never for wall time, so that a busy machine makes them slow and not wrong.
 """
 
 import concurrent.futures
-import http.client
 import io
 import json
 import os
@@ -16,17 +14,15 @@ import signal
 import socket
 import struct
 import subprocess
-import sys
 import tempfile
-import time
 import unittest
 import zipfile
 
 import numpy as np
 
-BINARY = os.environ.get("SELENOGRAPH_BINARY", "")
-PATIENCE_S = 120
-FOLDER = ""  # temporary; set by setUpModule
+import harness
+from harness import BINARY, HEIGHT, PATIENCE_S, PLACE, WIDTH, Service, WithService, frame_request, long_frame, run
+
 DEM = ""
 
 PRODUCTS = {
@@ -34,162 +30,16 @@ PRODUCTS = {
     "geodetic": ("<f8", (3,)), "normal": ("<f4", (3,)), "angles": ("<f4", (3,)), "lit": ("<f4", ()), "gsd": ("<f4", ()),
     "source": ("<u2", ()),
 }
-WIDTH, HEIGHT = 48, 40
-PLACE = ("--south-deg", "-1", "--west-deg", "29")  # 2 x 2 tiles around 0 N 30 E
 
 
 def setUpModule():
-    global FOLDER, DEM
-    FOLDER = tempfile.mkdtemp(prefix="selenograph-service-test-")
-    DEM = os.path.join(FOLDER, "dem")
-    subprocess.run([BINARY, "sample", DEM, *PLACE, "--ppd", "256"], check=True, stdout=subprocess.DEVNULL)
+    global DEM
+    harness.set_up()
+    DEM = harness.sample("dem", *PLACE, "--ppd", "256")
 
 
 def tearDownModule():
-    for service in Service.started:  # those that a failed test left behind
-        if service.process.poll() is None:
-            service.process.kill()
-            service.process.wait()
-    shutil.rmtree(FOLDER, ignore_errors=True)
-
-
-def frame_request(products=("radiance",), width=WIDTH, height=HEIGHT, samples=1, **changes):
-    request = {
-        "camera": {"model": "pinhole", "width": width, "height": height, "fov_deg": 40.0},
-        "pose": {"geodetic": {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": 20000.0}, "nadir": {"up_azimuth_deg": 0.0}},
-        "sun": {"local": {"lat_deg": 0.0, "lon_deg": 30.0, "azimuth_deg": 90.0, "elevation_deg": 15.0}},
-        "accuracy": {"samples_per_pixel": samples},
-        "products": list(products),
-    }
-    request.update(changes)
-    return request
-
-
-def long_frame():
-    """A frame that no machine finishes within a test's other steps; always given up or past its deadline."""
-    return frame_request(width=4000, height=4000, samples=256)
-
-
-class Service:
-    """A running `selenograph serve`."""
-
-    started = []
-
-    def __init__(self, *options, cache="cache", dem=None):
-        command = [BINARY, "serve", "--port", "0", "--cache-dir", os.path.join(FOLDER, cache), *options, "--dem", dem or DEM]
-        self.log = tempfile.TemporaryFile()
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True)
-        Service.started.append(self)
-        line = self.process.stdout.readline()
-        found = re.search(r"listening on http://(\S+):(\d+)$", line.strip())
-        if not found:
-            self.process.kill()
-            raise RuntimeError(f"did not start: {line!r} {self.log_text()}")
-        self.host, self.port = found[1].strip("[]"), int(found[2])
-
-    def log_text(self):
-        self.log.seek(0)
-        return self.log.read().decode(errors="replace")
-
-    def connect(self, timeout=PATIENCE_S):
-        return http.client.HTTPConnection(self.host, self.port, timeout=timeout)
-
-    def ask(self, method, path, body=None, headers=None, connection=None):
-        """Returns (status, headers, body)."""
-        own = connection is None
-        connection = connection or self.connect()
-        connection.request(method, path, body=body, headers=headers or {})
-        answer = connection.getresponse()
-        content = answer.read()
-        if own:
-            connection.close()
-        return answer.status, answer.headers, content
-
-    def post(self, path, document, accept="*/*", **headers):
-        sent = {"Content-Type": "application/json", "Accept": accept}
-        sent.update({name.replace("_", "-"): value for name, value in headers.items()})
-        return self.ask("POST", path, json.dumps(document).encode(), sent)
-
-    def frame(self, request, accept="*/*", **headers):
-        return self.post("/v1/frames", request, accept, **headers)
-
-    def metric(self, name):
-        text = self.ask("GET", "/metrics")[2].decode()
-        found = re.search("^" + re.escape(name) + r" (\S+)$", text, re.M)
-        return float(found[1]) if found else None
-
-    def wait_for(self, name, value):
-        give_up = time.monotonic() + PATIENCE_S
-        while self.metric(name) != value:
-            if time.monotonic() > give_up:
-                raise AssertionError(f"{name} is {self.metric(name)}, never became {value}")
-            time.sleep(0.01)
-
-    def start_frame(self, request):
-        """Sends a request and does not wait; close() the connection to leave."""
-        connection = self.connect()
-        connection.request("POST", "/v1/frames", json.dumps(request).encode(),
-                           {"Content-Type": "application/json", "Accept": "application/x-npy"})
-        return connection
-
-    def raw(self, data):
-        """Sends bytes as they are; returns everything until the server closes."""
-        with socket.create_connection((self.host, self.port), timeout=PATIENCE_S) as s:
-            s.sendall(data)
-            received = b""
-            while True:
-                try:
-                    got = s.recv(65536)
-                except ConnectionResetError:
-                    break
-                if not got:
-                    break
-                received += got
-        return received
-
-    def stop(self):
-        if self.process.poll() is None:
-            self.process.terminate()
-        code = self.process.wait(PATIENCE_S)
-        self.process.stdout.close()
-        self.log.close()
-        return code
-
-
-class WithService(unittest.TestCase):
-    options = ()
-
-    @classmethod
-    def setUpClass(cls):
-        cls.service = Service(*cls.options)
-
-    @classmethod
-    def tearDownClass(cls):
-        code = cls.service.stop()
-        assert code == 0, f"exit status {code} after SIGTERM"
-
-    def problem(self, answer, status, pointer=None):
-        got, headers, body = answer
-        self.assertEqual(got, status, body[:500])
-        self.assertEqual(headers["Content-Type"], "application/problem+json")
-        self.assertNotIn("EXCEPTION_WHAT", headers)
-        document = json.loads(body)
-        self.assertEqual(document["status"], status)
-        for member in ("type", "title", "detail"):
-            self.assertTrue(document[member])
-        if pointer is not None:
-            self.assertIn(pointer, [error["pointer"] for error in document["errors"]])
-        return document
-
-    def ok(self, answer, content_type):
-        status, headers, body = answer
-        self.assertEqual(status, 200, body[:500])
-        self.assertEqual(headers["Content-Type"], content_type)
-        self.assertEqual(int(headers["Content-Length"]), len(body))
-        return body
-
-    def ok_json(self, answer):
-        return json.loads(self.ok(answer, "application/json"))
+    harness.tear_down()
 
 
 class Frames(WithService):
@@ -605,14 +455,10 @@ class Shutdown(unittest.TestCase):
             client.close()
 
 
-def run(*arguments, **options):
-    return subprocess.run([BINARY, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S * 5, **options)
-
-
 class Commands(unittest.TestCase):
     def setUp(self):
-        self.folder = tempfile.mkdtemp(dir=FOLDER)
-        self.cache = os.path.join(FOLDER, "cache")
+        self.folder = tempfile.mkdtemp(dir=harness.path())
+        self.cache = harness.path("cache")
 
     def path(self, name, content=None):
         path = os.path.join(self.folder, name)
@@ -774,6 +620,4 @@ class Commands(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    if not BINARY or not os.access(BINARY, os.X_OK):
-        sys.exit("set SELENOGRAPH_BINARY to the executable")
-    unittest.main(verbosity=2)
+    harness.main()

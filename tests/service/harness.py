@@ -1,0 +1,217 @@
+"""What the service tests share: a temporary folder, the real binary as a process, requests and checks.
+
+SELENOGRAPH_BINARY names the executable. Python's standard library only. A test file calls set_up() and tear_down() from its
+setUpModule() and tearDownModule(), and main() at its end.
+"""
+
+import http.client
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+BINARY = os.environ.get("SELENOGRAPH_BINARY", "")
+PATIENCE_S = 120
+WIDTH, HEIGHT = 48, 40
+PLACE = ("--south-deg", "-1", "--west-deg", "29")  # 2 x 2 tiles around 0 N 30 E
+
+_folder = ""
+
+
+def set_up():
+    global _folder
+    _folder = tempfile.mkdtemp(prefix="selenograph-service-test-")
+
+
+def tear_down():
+    for service in Service.started:  # those that a failed test left behind
+        if service.process.poll() is None:
+            service.process.kill()
+            service.process.wait()
+        service.close()
+    shutil.rmtree(_folder, ignore_errors=True)
+
+
+def path(*parts):
+    """Below the temporary folder; an absolute path stays what it is."""
+    return os.path.join(_folder, *parts)
+
+
+def run(*arguments, **options):
+    """A command of the binary, to its end."""
+    return subprocess.run([BINARY, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S * 5,
+                          **options)
+
+
+def sample(name, *options):
+    """Writes sample terrain; returns its folder."""
+    folder = path(name)
+    subprocess.run([BINARY, "sample", folder, *options], check=True, stdout=subprocess.DEVNULL)
+    return folder
+
+
+def shared_data(name):
+    """A folder of the data beside the project; None where there is none."""
+    source = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+    base = os.environ.get("SELENOGRAPH_SHARED_DATA") or os.path.join(source, "..", "shared", "data")
+    folder = os.path.join(base, name)
+    return folder if os.path.isdir(folder) else None
+
+
+def frame_request(products=("radiance",), width=WIDTH, height=HEIGHT, samples=1, **changes):
+    request = {
+        "camera": {"model": "pinhole", "width": width, "height": height, "fov_deg": 40.0},
+        "pose": {"geodetic": {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": 20000.0}, "nadir": {"up_azimuth_deg": 0.0}},
+        "sun": {"local": {"lat_deg": 0.0, "lon_deg": 30.0, "azimuth_deg": 90.0, "elevation_deg": 15.0}},
+        "accuracy": {"samples_per_pixel": samples},
+        "products": list(products),
+    }
+    request.update(changes)
+    return request
+
+
+def long_frame():
+    """A frame that no machine finishes within a test's other steps; always given up or past its deadline."""
+    return frame_request(width=4000, height=4000, samples=256)
+
+
+class Service:
+    """A running `selenograph serve`."""
+
+    started = []
+
+    def __init__(self, *options, cache="cache", dem="dem"):
+        command = [BINARY, "serve", "--port", "0", "--cache-dir", path(cache), *options, "--dem", path(dem)]
+        self.log = tempfile.TemporaryFile()
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True)
+        Service.started.append(self)
+        line = self.process.stdout.readline()
+        found = re.search(r"listening on http://(\S+):(\d+)$", line.strip())
+        if not found:
+            self.process.kill()
+            raise RuntimeError(f"did not start: {line!r} {self.log_text()}")
+        self.host, self.port = found[1].strip("[]"), int(found[2])
+
+    def log_text(self):
+        self.log.seek(0)
+        return self.log.read().decode(errors="replace")
+
+    def connect(self, timeout=PATIENCE_S):
+        return http.client.HTTPConnection(self.host, self.port, timeout=timeout)
+
+    def ask(self, method, path, body=None, headers=None, connection=None):
+        """Returns (status, headers, body)."""
+        own = connection is None
+        connection = connection or self.connect()
+        connection.request(method, path, body=body, headers=headers or {})
+        answer = connection.getresponse()
+        content = answer.read()
+        if own:
+            connection.close()
+        return answer.status, answer.headers, content
+
+    def post(self, path, document, accept="*/*", **headers):
+        sent = {"Content-Type": "application/json", "Accept": accept}
+        sent.update({name.replace("_", "-"): value for name, value in headers.items()})
+        return self.ask("POST", path, json.dumps(document).encode(), sent)
+
+    def frame(self, request, accept="*/*", **headers):
+        return self.post("/v1/frames", request, accept, **headers)
+
+    def metric(self, name):
+        text = self.ask("GET", "/metrics")[2].decode()
+        found = re.search("^" + re.escape(name) + r" (\S+)$", text, re.M)
+        return float(found[1]) if found else None
+
+    def wait_for(self, name, value):
+        give_up = time.monotonic() + PATIENCE_S
+        while self.metric(name) != value:
+            if time.monotonic() > give_up:
+                raise AssertionError(f"{name} is {self.metric(name)}, never became {value}")
+            time.sleep(0.01)
+
+    def start_frame(self, request):
+        """Sends a request and does not wait; close() the connection to leave."""
+        connection = self.connect()
+        connection.request("POST", "/v1/frames", json.dumps(request).encode(),
+                           {"Content-Type": "application/json", "Accept": "application/x-npy"})
+        return connection
+
+    def raw(self, data):
+        """Sends bytes as they are; returns everything until the server closes."""
+        with socket.create_connection((self.host, self.port), timeout=PATIENCE_S) as s:
+            s.sendall(data)
+            received = b""
+            while True:
+                try:
+                    got = s.recv(65536)
+                except ConnectionResetError:
+                    break
+                if not got:
+                    break
+                received += got
+        return received
+
+    def stop(self):
+        if self.process.poll() is None:
+            self.process.terminate()
+        code = self.process.wait(PATIENCE_S)
+        self.close()
+        return code
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait(PATIENCE_S)
+        self.close()
+
+    def close(self):
+        self.process.stdout.close()
+        self.log.close()
+
+
+class WithService(unittest.TestCase):
+    options = ()
+
+    @classmethod
+    def setUpClass(cls):
+        cls.service = Service(*cls.options)
+
+    @classmethod
+    def tearDownClass(cls):
+        code = cls.service.stop()
+        assert code == 0, f"exit status {code} after SIGTERM"
+
+    def problem(self, answer, status, pointer=None):
+        got, headers, body = answer
+        self.assertEqual(got, status, body[:500])
+        self.assertEqual(headers["Content-Type"], "application/problem+json")
+        self.assertNotIn("EXCEPTION_WHAT", headers)
+        document = json.loads(body)
+        self.assertEqual(document["status"], status)
+        for member in ("type", "title", "detail"):
+            self.assertTrue(document[member])
+        if pointer is not None:
+            self.assertIn(pointer, [error["pointer"] for error in document["errors"]])
+        return document
+
+    def ok(self, answer, content_type):
+        status, headers, body = answer
+        self.assertEqual(status, 200, body[:500])
+        self.assertEqual(headers["Content-Type"], content_type)
+        self.assertEqual(int(headers["Content-Length"]), len(body))
+        return body
+
+    def ok_json(self, answer):
+        return json.loads(self.ok(answer, "application/json"))
+
+
+def main():
+    if not BINARY or not os.access(BINARY, os.X_OK):
+        sys.exit("set SELENOGRAPH_BINARY to the executable")
+    unittest.main(verbosity=2)
