@@ -17,7 +17,21 @@ OrderedJson json_content(const std::string& schema) { return {{"application/json
 // 404 belongs to no path and 499 is never sent; both are in the table of info.description.
 bool answered_by_calls(const ErrorRow& row) { return row.status != 404 && row.status != 499; }
 
-bool only_with_body(int status) { return status == 413 || status == 415; }
+// Whether a call can be answered with this status at all: what is documented is what a client must be ready for.
+bool can_answer(const Route& route, int status) {
+  const bool asks_terrain = route.call != Call::datasets && route.call != Call::openapi;
+  switch (status) {
+    case 413:
+    case 415:
+      return route.admission;  // those with a body
+    case 422:
+    case 500:
+    case 504:
+      return asks_terrain;
+    default:
+      return true;
+  }
+}
 
 std::string response_name(int status) { return "Problem" + std::to_string(status); }
 
@@ -43,9 +57,7 @@ OrderedJson problem_responses() {
 
 void add_problems(OrderedJson& responses, const Route& route) {
   for (const ErrorRow& row : error_table()) {
-    if (!answered_by_calls(row) || (only_with_body(row.status) && !route.admission)) continue;
-    if (route.call == Call::openapi && row.status == 422) continue;
-    if (route.call == Call::datasets && row.status == 422) continue;
+    if (!answered_by_calls(row) || !can_answer(route, row.status)) continue;
     responses[std::to_string(row.status)] = {{"$ref", "#/components/responses/" + response_name(row.status)}};
   }
 }
@@ -172,16 +184,30 @@ const char* tag(Call call) {
   return "";
 }
 
+OrderedJson text_answer(const char* description, const char* media_type) {
+  return {{"description", description}, {"content", {{media_type, {{"schema", {{"type", "string"}}}}}}}};
+}
+
+// Any path can answer so: the request never gets as far as a call, or there are too many connections.
+void add_http_problems(OrderedJson& responses) {
+  for (const int status : {400, 405, 408, 414, 431, 503}) {
+    responses[std::to_string(status)] = {{"$ref", "#/components/responses/" + response_name(status)}};
+  }
+}
+
 void add_operator_paths(OrderedJson& paths) {
-  const auto add = [&](const char* path, const char* id, const char* summary, const char* answer, bool may_be_busy) {
+  const auto add = [&](const char* path, const char* id, const char* summary, OrderedJson answer) {
     OrderedJson operation{{"operationId", id}, {"summary", summary}, {"tags", {"service"}}};
-    operation["responses"]["200"] = {{"description", answer}};
-    if (may_be_busy) operation["responses"]["503"] = {{"description", "Not now: starting, or shutting down"}};
+    operation["responses"]["200"] = std::move(answer);
+    add_http_problems(operation["responses"]);
     paths[path]["get"] = operation;
   };
-  add("/health/live", "isLive", "Whether the process runs", "It does", false);
-  add("/health/ready", "isReady", "Whether requests are taken", "They are", true);
-  add("/metrics", "getMetrics", "Metrics for the operator", "Prometheus text format", false);
+  add("/health/live", "isLive", "Whether the process runs", text_answer("It does", "text/plain"));
+  add("/health/ready", "isReady", "Whether requests are taken", text_answer("They are", "text/plain"));
+  OrderedJson not_now = text_answer("Shutting down, or too many connections", "text/plain");
+  not_now["content"]["application/problem+json"] = {{"schema", schema_ref("Problem")}};
+  paths["/health/ready"]["get"]["responses"]["503"] = not_now;
+  add("/metrics", "getMetrics", "Metrics for the operator", text_answer("Prometheus text format 0.0.4", "text/plain"));
 }
 
 std::string description() {

@@ -33,7 +33,9 @@ Response heights_call(const CallContext& context) {
 Response height_call(const CallContext& context) {
   const Geographic place = read_height_query(context.request.query);
   const dem::Terrain& terrain = context.renderer.terrain();
-  return json_response(height_json(terrain.height(place.lat_deg, place.lon_deg), terrain.catalogue()));
+  const dem::HeightAnswer height = terrain.height(place.lat_deg, place.lon_deg);  // may have built a pyramid first
+  if (context.stop.stopped()) throw Cancelled();
+  return json_response(height_json(height, terrain.catalogue()));
 }
 
 }  // namespace selenograph::api

@@ -99,9 +99,9 @@ class Cache {
     landed_.notify_all();
   }
 
-  void fail(const Key& key, Flight& flight, std::exception_ptr error) {
+  void fail(const Key& key, Flight& flight, const std::exception_ptr& error) {
     std::lock_guard lock(mutex_);
-    flight.error = std::move(error);
+    flight.error = error;
     flight.done = true;
     flights_.erase(key);
     landed_.notify_all();

@@ -105,7 +105,7 @@ void Chunk::parse(const std::string& head, const ChunkPlan& plan, const Catalogu
   const std::string name = label(path_, plan);
   const format::Header header = header_from(head, name);
   const char* index = head.data() + sizeof header;
-  if (XXH3_64bits(index, head.size() - sizeof header) != header.index_checksum) throw DataError(name, "damaged pyramid file: wrong checksum");
+  if (format::checksum_of_head(head) != header.head_checksum) throw DataError(name, "damaged pyramid file: wrong checksum");
   if (header.fingerprint != plan.fingerprint || BlockId{header.level, header.row, header.col} != plan.node || header.base_level != plan.base_level)
     throw DataError(name, "pyramid was made from other sources");
   quantisation_m_ = header.quantisation_m;
@@ -116,8 +116,8 @@ void Chunk::parse(const std::string& head, const ChunkPlan& plan, const Catalogu
     if (record.offset > total_ || record.size > total_ - record.offset) throw DataError(name, "damaged pyramid file: impossible record");
     records_[{record.level, record.row, record.col}] = record;
   }
-  std::unordered_map<std::string, std::uint16_t> known;
-  for (std::size_t i = 0; i < catalogue.rasters().size(); ++i) known[catalogue.rasters()[i].path] = static_cast<std::uint16_t>(i);
+  std::unordered_map<std::string, SourceMark> known;
+  for (std::size_t i = 0; i < catalogue.rasters().size(); ++i) known[catalogue.rasters()[i].path] = static_cast<SourceMark>(i);
   const char* names = index + header.records * sizeof(Record);
   for (const char* end = names + header.names_bytes; names < end; names += std::strlen(names) + 1) {
     const auto found = known.find(names);
@@ -153,7 +153,7 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id) const {
   const auto side = static_cast<std::size_t>(block->side()), wide = side + 2 * kHalo;
   const bool small = record->flags & kInt16;
   const std::size_t heights_bytes = wide * wide * (small ? 2 : 4), sources = record->flags & kUniformSource ? 1 : side * side;
-  if (bytes.size() != heights_bytes + 2 * sources) throw DataError(name, "damaged pyramid file: impossible size of block " + to_string(id));
+  if (bytes.size() != heights_bytes + sizeof(SourceMark) * sources) throw DataError(name, "damaged pyramid file: impossible size of block " + to_string(id));
   std::vector<float> heights(wide * wide);
   if (small) {
     std::vector<std::int16_t> raw(wide * wide);
@@ -163,9 +163,9 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id) const {
     std::memcpy(heights.data(), bytes.data(), heights_bytes);
   }
   block->sources.resize(sources);
-  std::memcpy(block->sources.data(), bytes.data() + heights_bytes, 2 * sources);
-  for (std::uint16_t& s : block->sources)
-    if ((s & kNoSource) < catalogue_index_.size()) s = static_cast<std::uint16_t>((s & kFilledBit) | catalogue_index_[s & kNoSource]);
+  std::memcpy(block->sources.data(), bytes.data() + heights_bytes, sizeof(SourceMark) * sources);
+  for (SourceMark& s : block->sources)
+    if ((s & kNoSource) < catalogue_index_.size()) s = (s & kFilledBit) | catalogue_index_[s & kNoSource];
   for (std::size_t r = 0; r < side; ++r)
     block->heights.insert(block->heights.end(), heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo),
                           heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo + side));

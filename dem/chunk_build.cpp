@@ -85,12 +85,25 @@ void paste(const Block& block, Grid& grid) {
     }
 }
 
+// What the finer chunks' top blocks leave out of the finest surface: largest distance, and how far it goes below and above them.
+struct LeftOut {
+  double error_m = 0;
+  float below_m = 0, above_m = 0;
+  void add(const Block& block) {
+    error_m = std::max(error_m, block.error_m);
+    float low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
+    for (const float h : block.heights)
+      if (!std::isnan(h)) low = std::min(low, h), high = std::max(high, h);
+    below_m = std::max(below_m, low - block.min_m), above_m = std::max(above_m, block.max_m - high);
+  }
+};
+
 Grid base_from_finer(const ChunkPlan& plan, const std::function<std::shared_ptr<const Block>(const BlockId&)>& fine_block,
-                     double& fine_error) {
+                     LeftOut& left_out) {
   Grid grid{plan.base_level, base_halo(plan), {}, {}};
   grid.window = window_of(plan.node, grid.level, grid.halo);
   const PostWindow& w = grid.window;
-  grid.posts = {std::vector<float>(w.size(), kNaN), std::vector<std::uint16_t>(w.size(), kNoSource)};
+  grid.posts = {std::vector<float>(w.size(), kNaN), std::vector<SourceMark>(w.size(), kNoSource)};
   const std::int32_t side = quads_per_side(grid.level) * w.lat_step;
   const std::int64_t south = std::max<std::int64_t>(0, w.lat0), north = std::min<std::int64_t>(kLatTicks - 1, w.lat0 + static_cast<std::int64_t>(w.rows) * w.lat_step);
   for (std::int64_t lat = south / side * side; lat <= north; lat += side) {
@@ -100,7 +113,7 @@ Grid base_from_finer(const ChunkPlan& plan, const std::function<std::shared_ptr<
       const BlockExtent e = extent_of(id);
       if (const auto block = fine_block(id)) {
         paste(*block, grid);
-        fine_error = std::max(fine_error, block->error_m);
+        left_out.add(*block);
       }
       lon += e.lon1() - wrap_lon(lon);
     }
@@ -124,7 +137,7 @@ Grid coarser(const BlockId& node, const Grid& fine) {
   Grid grid{fine.level - 1, std::max(kHalo, (fine.halo - 1) / 2), {}, {}};
   grid.window = window_of(node, grid.level, grid.halo);
   const int step_c = grid.window.lon_step / fine.window.lon_step;  // 1 where the longitude step is at its cap
-  grid.posts = {std::vector<float>(grid.window.size()), std::vector<std::uint16_t>(grid.window.size())};
+  grid.posts = {std::vector<float>(grid.window.size()), std::vector<SourceMark>(grid.window.size())};
   const bool voids = std::any_of(fine.posts.heights.begin(), fine.posts.heights.end(), [](float h) { return std::isnan(h); });
   tbb::this_task_arena::isolate([&] {
     tbb::parallel_for(0, grid.window.rows, [&](int r) {
@@ -209,7 +222,8 @@ Encoded encode(const Grid& grid, const Cut& cut, const Grid& base) {
   heights.reserve(static_cast<std::size_t>(wide) * static_cast<std::size_t>(wide));
   for (int r = -kHalo; r < side + kHalo; ++r)
     for (int c = -kHalo; c < side + kHalo; ++c) heights.push_back(grid.at(cut.r0 + r, cut.c0 + c * cut.stride_c));
-  std::vector<std::uint16_t> sources;
+  std::vector<SourceMark> sources;
+  sources.reserve(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
   bool any = false;
   for (int r = 0; r < side; ++r)
     for (int c = 0; c < side; ++c) {
@@ -225,12 +239,13 @@ Encoded encode(const Grid& grid, const Cut& cut, const Grid& base) {
   if (integers) {
     out.record.flags |= Chunk::kInt16;
     std::vector<std::int16_t> small;
+    small.reserve(heights.size());
     for (const float h : heights) small.push_back(std::isnan(h) ? format::kVoid16 : static_cast<std::int16_t>(h));
     format::append(out.bytes, small);
   } else {
     format::append(out.bytes, heights);
   }
-  if (std::all_of(sources.begin(), sources.end(), [&](std::uint16_t s) { return s == sources[0]; })) {
+  if (std::all_of(sources.begin(), sources.end(), [&](SourceMark s) { return s == sources[0]; })) {
     out.record.flags |= Chunk::kUniformSource;
     sources.resize(1);
   }
@@ -263,16 +278,16 @@ void encode_level(const Grid& grid, const Grid& base, const BlockId& node, std::
 
 // Source numbers of the catalogue become the chunk's own, which survive a change of other files in the catalogue.
 std::vector<std::string> localise(Posts& posts, const Catalogue& catalogue) {
-  std::vector<std::uint16_t> local(catalogue.rasters().size(), kNoSource);
+  std::vector<SourceMark> local(catalogue.rasters().size(), kNoSource);
   std::vector<std::string> paths;
-  for (std::uint16_t& s : posts.sources) {
-    const std::uint16_t index = s & kNoSource;
+  for (SourceMark& s : posts.sources) {
+    const SourceMark index = s & kNoSource;
     if (index == kNoSource) continue;
     if (local[index] == kNoSource) {
-      local[index] = static_cast<std::uint16_t>(paths.size());
+      local[index] = static_cast<SourceMark>(paths.size());
       paths.push_back(catalogue.rasters()[index].path);
     }
-    s = static_cast<std::uint16_t>((s & kFilledBit) | local[index]);
+    s = (s & kFilledBit) | local[index];
   }
   return paths;
 }
@@ -288,8 +303,8 @@ double quantisation_of(const std::vector<std::string>& paths, const Catalogue& c
 
 std::string Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
                          const std::function<std::shared_ptr<const Block>(const BlockId&)>& fine_block) {
-  double fine_error = 0;
-  Grid base = plan.direct ? direct_base(plan, source) : base_from_finer(plan, fine_block, fine_error);
+  LeftOut left_out;
+  Grid base = plan.direct ? direct_base(plan, source) : base_from_finer(plan, fine_block, left_out);
   const std::vector<std::string> paths = localise(base.posts, catalogue);
   std::vector<Encoded> encoded;
   if (plan.direct) encode_level(base, base, plan.node, encoded);
@@ -298,8 +313,11 @@ std::string Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, cons
     level = coarser(plan.node, n == base.level - 1 ? base : level);
     encode_level(level, base, plan.node, encoded);
   }
-  // The base of an indirect chunk is itself a band-limited surface: what it leaves out is added to the bound.
-  for (Encoded& e : encoded) e.record.error_m += fine_error;
+  // The base of an indirect chunk is itself a band-limited surface: what it leaves out is added to the bounds.
+  for (Encoded& e : encoded) {
+    e.record.error_m += left_out.error_m;
+    e.record.min_m -= left_out.below_m, e.record.max_m += left_out.above_m;
+  }
   return format::assemble(plan, quantisation_of(paths, catalogue), paths, [&](auto&& each) {
     for (Encoded& e : encoded) each(e.record, e.bytes);
   });

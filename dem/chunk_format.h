@@ -3,6 +3,7 @@
 
 #include <xxhash.h>
 
+#include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <string>
@@ -20,12 +21,18 @@ struct Header {
   char magic[8];
   std::uint64_t total_bytes;
   std::uint64_t fingerprint;
-  std::uint64_t index_checksum;  // over everything between the header and the first record
+  std::uint64_t head_checksum;  // over everything before the first record, itself taken as 0
   double quantisation_m;
   std::int32_t level, row, col, base_level;
   std::uint32_t records, names_bytes;
 };
 static_assert(std::is_trivially_copyable_v<Header> && std::is_trivially_copyable_v<Chunk::Record>);
+
+// `head` is the header and what follows it up to the first record.
+inline std::uint64_t checksum_of_head(std::string head) {
+  std::memset(head.data() + offsetof(Header, head_checksum), 0, sizeof(Header::head_checksum));
+  return XXH3_64bits(head.data(), head.size());
+}
 
 template <typename T>
 void append(std::string& out, const std::vector<T>& values) {
@@ -53,7 +60,7 @@ std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::ve
   });
   index += names;
   header.total_bytes = offset;
-  header.index_checksum = XXH3_64bits(index.data(), index.size());
+  header.head_checksum = checksum_of_head(std::string(reinterpret_cast<const char*>(&header), sizeof header) + index);
   std::string out(reinterpret_cast<const char*>(&header), sizeof header);
   out.reserve(offset);
   out += index;

@@ -68,6 +68,26 @@ float interpolate(const Patch& patch, double px, double py) {
   return std::isnan(sum) ? bilinear(patch, x, y, fx, fy) : static_cast<float>(sum);
 }
 
+// Beside a void or past the last row or column: less than a post from a valid one, along its slope. Without this a product whose posts are not
+// vertices would lose its outermost posts with the quads around them.
+template <typename Patch>
+float extended(const Patch& patch, double px, double py) {
+  const int x0 = static_cast<int>(std::floor(px)), y0 = static_cast<int>(std::floor(py));
+  float best = kNaN;
+  double nearest = std::numeric_limits<double>::infinity();
+  for (int y = y0; y <= y0 + 1; ++y)
+    for (int x = x0; x <= x0 + 1; ++x) {
+      const float h = patch.at(x, y);
+      const double dx = px - x, dy = py - y, distance = dx * dx + dy * dy;
+      if (std::isnan(h) || distance >= nearest) continue;
+      nearest = distance;
+      const auto slope = [h](float before, float after) { return !std::isnan(before) ? h - before : !std::isnan(after) ? after - h : 0.F; };
+      best = h + static_cast<float>(dx * static_cast<double>(slope(patch.at(x - 1, y), patch.at(x + 1, y))) +
+                                    dy * static_cast<double>(slope(patch.at(x, y - 1), patch.at(x, y + 1))));
+    }
+  return best;
+}
+
 }  // namespace
 
 // Open files, lent to one thread at a time; the least recently returned are closed past a limit.
@@ -101,17 +121,26 @@ class PostSource::Pool {
 };
 
 PostSource::PostSource(const Catalogue& catalogue, bool fall_through, std::function<void(const std::string&)> warn)
-    : catalogue_(catalogue), fall_through_(fall_through), warn_(std::move(warn)), pool_(std::make_unique<Pool>(catalogue)) {}
+    : catalogue_(catalogue), fall_through_(fall_through), warn_(std::move(warn)), pool_(std::make_unique<Pool>(catalogue)) {
+  // The contract's `source` has 16 bits. Wrong numbers would pass unnoticed: rather none at all.
+  constexpr std::size_t kMost = 65535;
+  if (catalogue.rasters().size() > kMost)
+    throw DataError("catalogue", fmt::format("{} tiles are more than the {} that can be told apart", catalogue.rasters().size(), kMost));
+  for (const RasterInfo& info : catalogue.rasters()) post_deg_ = std::max(post_deg_, 1 / info.posts_per_degree);
+}
 
 PostSource::~PostSource() = default;
 
 int PostSource::level_needed(const RasterInfo& info) {
   if (info.lattice_level) return std::clamp(*info.lattice_level, 0, kMaxLevel);
-  return std::clamp(static_cast<int>(std::ceil(std::log2(info.posts_per_degree) - 1e-9)), 0, kMaxLevel);
+  const double octaves = std::log2(info.posts_per_degree);
+  // 2^n px/deg that are not vertices of level n lie half a pixel off (pixel is area): they are vertices of the next level.
+  const bool half_pixel = info.projection == Projection::geographic && std::abs(octaves - std::round(octaves)) < 1e-9;
+  return std::clamp(static_cast<int>(std::ceil(octaves - 1e-9)) + (half_pixel ? 1 : 0), 0, kMaxLevel);
 }
 
 Posts PostSource::compose(const PostWindow& window) const {
-  Posts posts{std::vector<float>(window.size(), kNaN), std::vector<std::uint16_t>(window.size(), kNoSource)};
+  Posts posts{std::vector<float>(window.size(), kNaN), std::vector<SourceMark>(window.size(), kNoSource)};
   // Rows in strips: small reads, and a strip past a pole or on one is a window of its own.
   constexpr int kStrip = 256;
   const int strips = (window.rows + kStrip - 1) / kStrip;
@@ -144,9 +173,13 @@ void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& p
     const double west = static_cast<double>(part.lon0) / kTicksPerDegree - 180;
     const double east = west + static_cast<double>(part.cols - 1) * part.lon_step / kTicksPerDegree;
     const bool pole = z == 1 || z == 3;
-    const std::vector<int> layers = pole ? catalogue_.touching(south, north, -180, 180) : catalogue_.touching(south, north, west, east);
-    for (auto layer = layers.rbegin(); layer != layers.rend(); ++layer)
-      if (add_layer(*layer, part, offset, posts)) break;
+    // A file's kernel reaches a post beyond its outermost posts: to a pole that lies between posts, for one.
+    const std::vector<int> layers =
+        pole ? catalogue_.touching(south, north, -180, 180, post_deg_) : catalogue_.touching(south, north, west, east, post_deg_);
+    bool complete = false;
+    for (auto layer = layers.rbegin(); layer != layers.rend() && !complete; ++layer) complete = add_layer(*layer, part, offset, Reach::between_posts, posts);
+    for (auto layer = layers.rbegin(); layer != layers.rend() && !complete; ++layer)
+      if (!catalogue_.rasters()[static_cast<std::size_t>(*layer)].lattice_level) complete = add_layer(*layer, part, offset, Reach::beside_posts, posts);
     r0 = end;
   }
 }
@@ -238,7 +271,7 @@ void PostSource::close_gaps(int source, Patch& patch) const {
 }
 
 // Writes the layer's valid posts where there is none yet. True when nothing is left to fill.
-bool PostSource::add_layer(int source, const PostWindow& window, std::size_t offset, Posts& posts) const {
+bool PostSource::add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach, Posts& posts) const {
   const Mapping mapping(catalogue_.rasters()[static_cast<std::size_t>(source)], window);
   Patch patch = mapping.patch();
   if (patch.w == 0) return false;
@@ -247,6 +280,7 @@ bool PostSource::add_layer(int source, const PostWindow& window, std::size_t off
     close_gaps(source, patch);
   } catch (const DataError& error) {
     if (!fall_through_) throw;
+    ++times_fallen_through_;
     warn_(error.what());
     return false;
   }
@@ -258,12 +292,12 @@ bool PostSource::add_layer(int source, const PostWindow& window, std::size_t off
       if (posts.sources[at] != kNoSource) continue;
       const Raster::PostXY q = mapping.at(r, c);
       const bool inside = q.x >= patch.x0 + 1 && q.y >= patch.y0 + 1 && q.x <= patch.x0 + patch.w - 3 && q.y <= patch.y0 + patch.h - 3;
-      float h = inside ? interpolate(patch, q.x, q.y) : kNaN;
+      float h = !inside ? kNaN : reach == Reach::between_posts ? interpolate(patch, q.x, q.y) : extended(patch, q.x, q.y);
       if (h < kLowestRelief_m || h > kHighestRelief_m) h = kNaN, ++impossible;
       complete &= !std::isnan(h);
       if (std::isnan(h)) continue;
       posts.heights[at] = h;
-      posts.sources[at] = static_cast<std::uint16_t>(source);
+      posts.sources[at] = static_cast<SourceMark>(source) | (reach == Reach::beside_posts ? kFilledBit : 0);
     }
   if (impossible > 0)
     warn_(fmt::format("{}: posts outside of {} .. {} m taken as voids", catalogue_.rasters()[static_cast<std::size_t>(source)].path, kLowestRelief_m, kHighestRelief_m));
@@ -317,7 +351,7 @@ void PostSource::fill_voids(const PostWindow& window, Posts& posts) {
       for (std::size_t at = r * static_cast<std::size_t>(cols); at < (r + 1) * static_cast<std::size_t>(cols); ++at) {
         double sum = 0, weight = 0;
         int nearest = kFillReach + 1;
-        std::uint16_t source = kNoSource;
+        SourceMark source = kNoSource;
         const auto between = [&](int before, int after, std::ptrdiff_t step) {
           if (before == 0 || after == 0) return;
           for (const auto& [distance, from] : {std::pair{before, static_cast<std::ptrdiff_t>(at) - before * step}, {after, static_cast<std::ptrdiff_t>(at) + after * step}}) {
@@ -329,7 +363,7 @@ void PostSource::fill_voids(const PostWindow& window, Posts& posts) {
         between(south[at], north[at], row);
         if (weight == 0) continue;
         posts.heights[at] = static_cast<float>(sum / weight);
-        posts.sources[at] = static_cast<std::uint16_t>(source | kFilledBit);
+        posts.sources[at] = source | kFilledBit;
       }
     });
   });

@@ -5,6 +5,7 @@
 // Catmull-Rom bicubic kernel (bilinear beside voids), exact for a linear slope.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <list>
@@ -30,7 +31,7 @@ struct PostWindow {
 
 struct Posts {
   std::vector<float> heights;          // m, NaN: no data
-  std::vector<std::uint16_t> sources;  // as in Block::sources
+  std::vector<SourceMark> sources;  // as in Block::sources
 };
 
 // A void is filled when valid posts lie on both of two opposite sides within this many posts.
@@ -46,6 +47,9 @@ class PostSource {
   // The lattice level that a source needs for its posts to be (nearly) vertices.
   static int level_needed(const RasterInfo& info);
 
+  // How often an unusable file was fallen through: what is made meanwhile is a replacement.
+  std::uint64_t times_fallen_through() const { return times_fallen_through_; }
+
   // Layers composed, voids not yet filled.
   Posts compose(const PostWindow& window) const;
   // Fills voids, in place. Needs kFillReach posts of context around what must be right.
@@ -57,11 +61,14 @@ class PostSource {
   struct Patch;
   void close_gaps(int source, Patch& patch) const;
   void compose_rows(const PostWindow& window, int r0, int r1, Posts& posts) const;
-  bool add_layer(int source, const PostWindow& window, std::size_t offset, Posts& posts) const;
+  enum class Reach { between_posts, beside_posts };
+  bool add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach, Posts& posts) const;
   const Catalogue& catalogue_;
   bool fall_through_;
   std::function<void(const std::string&)> warn_;
   std::unique_ptr<Pool> pool_;
+  mutable std::atomic<std::uint64_t> times_fallen_through_{0};
+  double post_deg_ = 0;  // of the coarsest file
 };
 
 }  // namespace selenograph::dem

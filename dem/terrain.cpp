@@ -13,6 +13,7 @@
 #include <filesystem>
 #include <mutex>
 #include <set>
+#include <string_view>
 
 #include "dem/cache.h"
 #include "dem/chunk.h"
@@ -29,18 +30,20 @@ constexpr std::array<int, 3> kStrata{kRootLevel, 6, 12};
 constexpr int kChunkOctaves = 6;
 // Chords of this level stay within 2 mm of the sphere: coarser layers are subdivided to it where finest posts are asked for.
 constexpr int kSmoothLevel = 8;
-constexpr std::uint64_t kFormatVersion = 3;
+constexpr std::uint64_t kFormatVersion = 6;
 
 void hash_in(XXH3_state_t* state, const auto& value) { XXH3_64bits_update(state, &value, sizeof value); }
 
 // Left behind by a process that was killed while writing.
+// `folder` holds pyramids and nothing else.
 void remove_stale_temporaries(const std::string& folder) {
   std::error_code error;
   for (std::filesystem::recursive_directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
     const std::string name = it->path().filename().string();
-    const std::size_t at = name.find(".tmp-");
+    constexpr std::string_view kMark = ".sgp.tmp-";
+    const std::size_t at = name.find(kMark);
     if (at == std::string::npos) continue;
-    const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + at + 5, nullptr, 10));
+    const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + at + kMark.size(), nullptr, 10));
     std::error_code ignored;
     if (owner <= 0 || (::kill(owner, 0) != 0 && errno == ESRCH)) std::filesystem::remove(it->path(), ignored);
   }
@@ -92,7 +95,7 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
       low = std::min(low, static_cast<float>(h)), high = std::max(high, static_cast<float>(h));
     }
   if (!any) return nullptr;
-  if (std::all_of(block->sources.begin(), block->sources.end(), [&](std::uint16_t s) { return s == block->sources[0]; })) {
+  if (std::all_of(block->sources.begin(), block->sources.end(), [&](SourceMark s) { return s == block->sources[0]; })) {
     block->sources.resize(1);
     block->sources.shrink_to_fit();
   }
@@ -121,7 +124,7 @@ struct Terrain::Impl {
         source(catalogue, o.fall_through, [this](const std::string& text) { warn(text); }),
         blocks(o.cache_bytes / 4 * 3),
         chunks(o.cache_bytes / 4) {
-    if (!options.cache_dir.empty()) remove_stale_temporaries(options.cache_dir);
+    if (!options.cache_dir.empty()) remove_stale_temporaries(options.cache_dir + "/pyramid");
     for (int row = 0; row < rows_of(0); ++row)
       for (int col = 0; col < columns_of(0, row); ++col)
         if (!touching({0, row, col}, 0).empty()) roots.push_back({0, row, col});
@@ -172,7 +175,7 @@ struct Terrain::Impl {
   std::vector<int> touching(const BlockId& id, double margin) const {
     const BlockExtent e = extent_of(id);
     const double west = static_cast<double>(e.lon0) / kTicksPerDegree - 180, east = static_cast<double>(e.lon1()) / kTicksPerDegree - 180;
-    return catalogue.touching(std::max(-90.0, lat_deg_of(e.lat0) - margin), std::min(90.0, lat_deg_of(e.lat1()) + margin), west - margin, east + margin);
+    return catalogue.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), west, east, margin);  // over a pole too
   }
 
   // The chunk that holds a block; where the block is finer than the posts, the one that holds its finest ancestor.
@@ -223,9 +226,12 @@ struct Terrain::Impl {
     // One large build at a time: each uses all cores by itself and a few hundred MB.
     std::unique_lock<std::mutex> turn;
     if (plan.direct) turn = std::unique_lock(building);
+    const std::uint64_t fallen_through = plan.direct ? source.times_fallen_through() : 0;
     std::string bytes = Chunk::build(plan, catalogue, source, [this](const BlockId& id) { return block(id); });
     ++chunks_built;
-    if (!options.cache_dir.empty()) {
+    // A replacement for an unusable file isn't kept: the next start finds the file back, or warns again.
+    const bool replacement = source.times_fallen_through() != fallen_through;
+    if (!options.cache_dir.empty() && !replacement) {
       try {
         write_whole_file(path_of(plan), bytes);
         return Chunk::open(path_of(plan), plan, catalogue);
@@ -344,7 +350,7 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg) const {
         answer.height_m = *distance - kMoonRadius_m;
         const auto from = block->source(q.r[0], q.c[0]);
         for (int i = 0; i < 3; ++i) answer.filled |= (block->source(q.r[i], q.c[i]) & kFilledBit) != 0;
-        answer.source = (from & kNoSource) == kNoSource ? -1 : from & kNoSource;
+        answer.source = (from & kNoSource) == kNoSource ? -1 : static_cast<int>(from & kNoSource);
         if (answer.source >= 0) answer.post_spacing_m = catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
         return answer;
       }

@@ -79,6 +79,9 @@ void Mesh::join_edge(MeshBlock& block, int edge) const {
   int stride = 1;
   if (neighbour) stride = std::max(1, (along_lon ? neighbour->extent.lon_step : neighbour->extent.lat_step) / step);
   block.stride[static_cast<std::size_t>(edge)] = std::min(stride, e.quads);
+  // Where the longitude step halves towards the equator, several neighbours of one level share the edge: each vertex has its own.
+  const bool several = neighbour && along_lon &&
+                       dem::lon_shift(own.id.level, own.id.row + (edge == 1 ? 1 : -1)) < dem::lon_shift(own.id.level, own.id.row);
   const bool neighbour_first = neighbour && neighbour->id < own.id;
   const int remaining = block.stride[static_cast<std::size_t>(edge)];
   for (int i = 0; i <= e.quads; ++i) {
@@ -91,7 +94,7 @@ void Mesh::join_edge(MeshBlock& block, int edge) const {
     const std::int64_t lon = along_lon ? e.lon0 + std::int64_t{i} * e.lon_step : lon_edge;
     const int r = along_lon ? (edge == 0 ? 0 : e.quads) : i, c = along_lon ? i : (edge == 2 ? 0 : e.quads);
     float h = own.heights[own.index(r, c)];
-    if (i == 0 || i == e.quads) {
+    if (i == 0 || i == e.quads || several) {
       h = joined_height(own.id, lat, lon);
     } else if (neighbour && (neighbour_first || std::isnan(h))) {
       h = post_at(*neighbour, lat, lon).value_or(h);

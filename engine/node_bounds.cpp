@@ -25,8 +25,9 @@ NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m) {
       b.points[n++] = up * (kMoonRadius_m + high_m);
     }
   }
-  const double step = std::max(north - south, (east - west) * std::max(std::cos(south), std::cos(north))) / 2;
-  b.bulge_m = (kMoonRadius_m + high_m) * step * step / 4;  // half a step's sagitta along both axes
+  // Half a step's sagitta along both axes; a parallel's is R cos(lat) (step / 2)^2 / 2, which near a pole is the larger one.
+  const double step_lat = (north - south) / 2, step_lon = (east - west) / 2;
+  b.bulge_m = (kMoonRadius_m + high_m) * (step_lat * step_lat + std::max(std::cos(south), std::cos(north)) * step_lon * step_lon) / 8;
   b.centre = (b.points[8] + b.points[9]) / 2;
   b.radius_m = 0;
   for (const Vec3& p : b.points) b.radius_m = std::max(b.radius_m, (p - b.centre).norm());

@@ -38,4 +38,7 @@ struct alignas(64) SurfacePoints {
 // of an edge. Takes the hit back when the ray meets the surface from below (it came through a hole in the data).
 void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points);
 
+// The unit normal that shading uses at a point: those of the triangle's vertices (dem/shading_normals.h), weighted by its place.
+Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane);
+
 }  // namespace selenograph::engine

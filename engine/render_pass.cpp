@@ -109,7 +109,7 @@ void linear_rays(const double* first, const double* right, const double* down, c
 }
 
 struct SourceAt {
-  std::uint16_t index;  // of the catalogue; dem::kNoSource if none
+  dem::SourceMark index;  // of the catalogue; dem::kNoSource if none
   bool filled;
 };
 
@@ -117,13 +117,13 @@ struct SourceAt {
 SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   const TriangleId& t = p.triangle[lane];
   const dem::Block& block = *mesh.blocks()[t.block].posts;
-  if (block.sources.size() == 1) return {static_cast<std::uint16_t>(block.sources[0] & dem::kNoSource), (block.sources[0] & dem::kFilledBit) != 0};
+  if (block.sources.size() == 1) return {block.sources[0] & dem::kNoSource, (block.sources[0] & dem::kFilledBit) != 0};
   const dem::QuadVertices q = dem::vertices_of(t.r, t.c, t.upper);
   const double weights[3] = {1 - p.v[lane] - p.w[lane], p.v[lane], p.w[lane]};
   SourceAt at{dem::kNoSource, false};
   double heaviest = -1;
   for (int i = 0; i < 3; ++i) {
-    const std::uint16_t s = block.source(q.r[i], q.c[i]);
+    const dem::SourceMark s = block.source(q.r[i], q.c[i]);
     at.filled |= (s & dem::kFilledBit) != 0;
     if (weights[i] > heaviest) heaviest = weights[i], at.index = s & dem::kNoSource;
   }
@@ -233,7 +233,7 @@ class Pass {
   void account(const SurfacePoints& points, int i, std::size_t at, PassCounts* counts) {
     const SourceAt source = source_at(scene_.mesh, points, i);
     const bool known = source.index != dem::kNoSource;
-    if (!out_.source.empty() && known) out_.source[at] = source.index;
+    if (!out_.source.empty() && known) out_.source[at] = static_cast<std::uint16_t>(source.index);
     if (!counts) return;
     ++counts->hit;
     counts->filled += source.filled;

@@ -77,6 +77,12 @@ struct Renderer::Impl {
         scenes(o.scene_bytes) {}
 
   std::shared_ptr<const Scene> scene(const Selection& selection, const Vec3& anchor) {
+    // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
+    std::size_t needed = 0;
+    for (const dem::BlockId& id : selection.blocks) needed += scene_bytes_of(id);
+    if (needed > scenes.capacity())
+      throw std::invalid_argument(fmt::format("the view needs {} MB for its terrain, {} MB are allowed: ask for a larger max_error_px or a narrower view",
+                                              needed >> 20, scenes.capacity() >> 20));
     return scenes.get(key_of(selection, anchor), [&] {
       std::shared_ptr<const Scene> made;
       // Isolated: a thread that waits here must not pick up a frame that waits for this very scene.
@@ -131,54 +137,83 @@ struct Renderer::Impl {
     out.warnings = terrain->warnings();
   }
 
-  // Traces rays in packets against the finest terrain along them.
+  // Rays against the finest terrain along them.
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop) {
     std::vector<RayHit> hits(rays.size());
-    const std::vector<Ray> list(rays.begin(), rays.end());
-    const auto primary = rays_scene(list, stop);
-    for_packets(rays.size(), stop, [&](std::size_t first, int count) {
+    std::vector<Vec3> facing(rays.size());
+    in_batches({rays.begin(), rays.end()}, stop, [&](const Scene& scene, const std::vector<std::size_t>& batch, std::size_t first, int count) {
       Rays packet;
       for (int i = 0; i < kPacket; ++i) {
-        const Ray& ray = list[first + static_cast<std::size_t>(std::min(i, count - 1))];
+        const Ray& ray = rays[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]];
         packet.set(i, ray.origin_m, ray.direction.normalized());
         packet.valid[i] = i < count;
       }
       SurfacePoints points;
-      trace(*primary, packet, points);
-      for (int i = 0; i < count; ++i)
-        if (points.hit[i]) hits[first + static_cast<std::size_t>(i)] = {true, points.distance[i], points.position(i), points.facing(i).normalized(), 0};
+      trace(scene, packet, points);
+      for (int i = 0; i < count; ++i) {
+        if (!points.hit[i]) continue;
+        const std::size_t at = batch[first + static_cast<std::size_t>(i)];
+        hits[at] = {true, points.distance[i], points.position(i), shading_normal(scene.mesh, points, i), 0};
+        facing[at] = points.facing(i);
+      }
     });
-    if (sun) light(hits, *sun, stop);
+    if (sun) light(hits, facing, *sun, stop);
     return hits;
   }
 
-  void light(std::vector<RayHit>& hits, const Sun& sun, const StopToken& stop) {
+  void light(std::vector<RayHit>& hits, const std::vector<Vec3>& facing, const Sun& sun, const StopToken& stop) {
     std::vector<Ray> to_sun;
     std::vector<std::size_t> asked;
     for (std::size_t i = 0; i < hits.size(); ++i)
       if (hits[i].hit && hits[i].normal.dot(sun.direction) > 0) to_sun.push_back({hits[i].position_m, sun.direction}), asked.push_back(i);
-    if (to_sun.empty()) return;
-    const auto scene = rays_scene(to_sun, stop);
-    for_packets(to_sun.size(), stop, [&](std::size_t first, int count) {
+    in_batches(to_sun, stop, [&](const Scene& scene, const std::vector<std::size_t>& batch, std::size_t first, int count) {
       SurfacePoints points;
       bool wanted[kPacket] = {};
       for (int i = 0; i < count; ++i) {
-        const RayHit& hit = hits[asked[first + static_cast<std::size_t>(i)]];
+        const std::size_t at = asked[batch[first + static_cast<std::size_t>(i)]];
         wanted[i] = true;
-        points.x[i] = hit.position_m.x(), points.y[i] = hit.position_m.y(), points.z[i] = hit.position_m.z();
-        points.nx[i] = hit.normal.x(), points.ny[i] = hit.normal.y(), points.nz[i] = hit.normal.z();
+        points.x[i] = hits[at].position_m.x(), points.y[i] = hits[at].position_m.y(), points.z[i] = hits[at].position_m.z();
+        points.nx[i] = facing[at].x(), points.ny[i] = facing[at].y(), points.nz[i] = facing[at].z();
       }
       float lit[kPacket];
-      if (sun.angular_radius_deg > 0) sunlit_disc(*scene, points, wanted, sun.direction, sun.angular_radius_deg * std::numbers::pi / 180, lit);
-      else sunlit(*scene, points, wanted, sun.direction, lit);
-      for (int i = 0; i < count; ++i) hits[asked[first + static_cast<std::size_t>(i)]].lit = static_cast<double>(lit[i]);
+      if (sun.angular_radius_deg > 0) sunlit_disc(scene, points, wanted, sun.direction, sun.angular_radius_deg * std::numbers::pi / 180, lit);
+      else sunlit(scene, points, wanted, sun.direction, lit);
+      for (int i = 0; i < count; ++i) hits[asked[batch[first + static_cast<std::size_t>(i)]]].lit = static_cast<double>(lit[i]);
     });
   }
 
-  std::shared_ptr<const Scene> rays_scene(const std::vector<Ray>& rays, const StopToken& stop) {
-    const Selection selection = select_for_rays(*terrain, rays, stop);
-    if (rays.empty()) return scene(selection, Vec3::Zero());
-    return scene(selection, anchor_for(rays[0].origin_m, rays[0].direction));
+  // Work on packets of rays, as many batches of them as the terrain along them makes scenes of bearable size. Rays that enter the
+  // terrain near each other go together.
+  template <typename Work>
+  void in_batches(const std::vector<Ray>& rays, const StopToken& stop, Work&& work) {
+    std::vector<std::pair<dem::BlockId, std::size_t>> places;
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+      const Geographic g = to_geographic(anchor_for(rays[i].origin_m, rays[i].direction));
+      places.emplace_back(dem::block_at(6, static_cast<std::int32_t>((g.lat_deg + 90) * dem::kTicksPerDegree),
+                                        dem::wrap_lon(static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree))), i);
+    }
+    std::sort(places.begin(), places.end());
+    std::vector<std::size_t> order;
+    for (const auto& place : places) order.push_back(place.second);
+    batch(rays, std::move(order), stop, work);
+  }
+
+  template <typename Work>
+  void batch(const std::vector<Ray>& rays, std::vector<std::size_t> order, const StopToken& stop, Work& work) {
+    if (order.empty()) return;
+    std::vector<Ray> some;
+    for (const std::size_t i : order) some.push_back(rays[i]);
+    const std::size_t most = std::min(kMaxBlocks, scenes.capacity() / kSceneBytesPerBlock) / 4;
+    const auto selection = select_for_rays(*terrain, some, order.size() == 1 ? kMaxBlocks : most, stop);
+    if (!selection && order.size() == 1) throw std::invalid_argument("a ray runs along more terrain than fits");
+    if (!selection) {
+      const auto middle = order.begin() + static_cast<std::ptrdiff_t>(order.size() / 2);
+      batch(rays, {order.begin(), middle}, stop, work);
+      batch(rays, {middle, order.end()}, stop, work);
+      return;
+    }
+    const auto scene = this->scene(*selection, anchor_for(some[0].origin_m, some[0].direction));
+    for_packets(order.size(), stop, [&](std::size_t first, int count) { work(*scene, order, first, count); });
   }
 
   template <typename Work>
@@ -200,12 +235,14 @@ struct Renderer::Impl {
     for (std::size_t i = 0; i < points.size(); ++i) {
       const LandmarkQuery& q = points[i];
       Landmark& a = answers[i];
-      a.height_m = q.height_m.value_or(terrain->height(q.lat_deg, q.lon_deg).height_m);
+      const double ground = terrain->height(q.lat_deg, q.lon_deg).height_m;
+      a.height_m = q.height_m.value_or(ground);
       a.x_px = a.y_px = a.range_m = std::nan("");
       if (std::isnan(a.height_m)) continue;
       const Vec3 place = to_cartesian({q.lat_deg, q.lon_deg, a.height_m});
       a.range_m = (place - view.position()).norm();
-      if (sun) lights.push_back({above(place), sun->direction}), lighted.push_back(i);
+      const bool buried = a.height_m < ground - 0.01;  // a ray from below passes the surface unseen
+      if (sun && !buried) lights.push_back({above(place), sun->direction}), lighted.push_back(i);
       const auto pixel = view.project(place);
       if (!pixel) continue;
       a.x_px = pixel->x, a.y_px = pixel->y;

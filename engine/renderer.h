@@ -15,7 +15,7 @@ struct RendererOptions {
   // Worker threads per renderer; 0: all cores. The bytes of an answer don't depend on it.
   int threads = 0;
   // Bytes for acceleration structures that are kept between frames (least recently used go first).
-  std::size_t scene_bytes = std::size_t{512} << 20;
+  std::size_t scene_bytes = std::size_t{1} << 30;
 };
 
 // const means safe to call concurrently.

@@ -1,6 +1,7 @@
 // What visibility works on: a joined mesh and its acceleration structure, shared between frames that see the same terrain.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 
 #include "engine/mesh.h"
@@ -9,15 +10,27 @@
 
 namespace selenograph::engine {
 
+// What a scene holds of one block of 64 x 64 quads, about: vertices in double and in float, and Embree's 15 bytes a triangle.
+// The posts themselves are the terrain cache's.
+inline constexpr std::size_t kSceneBytesPerBlock = 65 * 65 * (sizeof(Vec3) + 12) + 2 * 64 * 64 * 15;
+// Coarse levels have fewer quads: the whole Moon from afar is thousands of small blocks.
+inline std::size_t scene_bytes_of(const dem::BlockId& id) {
+  const auto quads = static_cast<std::size_t>(dem::quads_per_side(id.level));
+  return (quads + 1) * (quads + 1) * (sizeof(Vec3) + 12) + 2 * quads * quads * 15;
+}
+
 struct Scene {
   Scene(const dem::Terrain& terrain, const Selection& selection, const Vec3& anchor_m, int threads)
-      : mesh(terrain, selection.blocks), tracer(mesh, anchor_m, threads), shell_m(kMoonRadius_m + selection.highest_m + 1) {}
+      : mesh(terrain, selection.blocks), tracer(mesh, anchor_m, threads), shell_m(kMoonRadius_m + highest_m(mesh) + 1) {}
 
-  std::size_t bytes() const {
-    std::size_t posts = 0;
-    for (const MeshBlock& b : mesh.blocks()) posts += b.posts->bytes();
-    return mesh.bytes() + tracer.bytes() + posts;
+  // From the blocks alone, not from how they were selected: scenes of the same blocks are the same scene.
+  static double highest_m(const Mesh& mesh) {
+    float highest = dem::kLowestRelief_m;
+    for (const MeshBlock& b : mesh.blocks()) highest = std::max(highest, b.posts->max_m);
+    return static_cast<double>(highest);
   }
+
+  std::size_t bytes() const { return mesh.bytes() + tracer.bytes(); }
 
   Mesh mesh;
   RayTracer tracer;

@@ -67,14 +67,16 @@ class ViewSelector {
       out_of_view_.push_back(id);
       return;
     }
-    const double sharpness = view_.pixels_per_metre(node->bounds.centre, node->bounds.radius_m);
+    const double sharpness = view_.pixels_per_metre(node->bounds.centre, node->bounds.radius_m, node->bounds.high_m + node->bounds.bulge_m);
     if (refine(id, sharpness)) {
       for (const BlockId& child : dem::children_of(id)) see(child);
       return;
     }
     choose(id, node->info);
     in_view_.push_back({node->bounds, sharpness});
-    const double error = terrain_.node(id).error_m + dem::chord_sag_m(id.level), spacing = dem::post_spacing_m(id.level);
+    // The finest surface is what errors are measured to: it has none.
+    const double error = id.level >= terrain_.finest_level(id) ? 0 : terrain_.node(id).error_m + dem::chord_sag_m(id.level);
+    const double spacing = dem::post_spacing_m(id.level);
     result_.error_m = std::max(result_.error_m, error);
     result_.error_px = std::max(result_.error_px, error * sharpness);
     result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
@@ -174,21 +176,23 @@ bool may_meet(const Ray& ray, const NodeBounds& b) {
   return (ray.origin_m + closest * ray.direction).norm() <= kMoonRadius_m + b.high_m + b.bulge_m + 1;
 }
 
-void follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std::vector<std::size_t>& some, const BlockId& id, Selection& out,
-            const StopToken& stop) {
-  check(out.blocks.size(), stop);
+// False once there are too many.
+bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std::vector<std::size_t>& some, const BlockId& id, std::size_t max_blocks,
+            Selection& out, const StopToken& stop) {
+  if (stop.stopped()) throw Cancelled();
   const auto node = known(terrain, id);
-  if (!node) return;
+  if (!node) return true;
   std::vector<std::size_t> meeting;
   for (const std::size_t i : some)
     if (may_meet(rays[i], node->bounds)) meeting.push_back(i);
-  if (meeting.empty()) return;
+  if (meeting.empty()) return true;
   if (id.level < terrain.finest_level(id)) {
-    for (const BlockId& child : dem::children_of(id)) follow(terrain, rays, meeting, child, out, stop);
-    return;
+    const std::vector<BlockId> children = dem::children_of(id);
+    return std::all_of(children.begin(), children.end(), [&](const BlockId& child) { return follow(terrain, rays, meeting, child, max_blocks, out, stop); });
   }
   out.blocks.push_back(id);
   out.highest_m = std::max(out.highest_m, static_cast<double>(node->info.max_m));
+  return out.blocks.size() <= max_blocks;
 }
 
 }  // namespace
@@ -197,11 +201,12 @@ Selection select_for_view(const dem::Terrain& terrain, const View& view, const S
   return ViewSelector(terrain, view, max_error_px, stop).select(sun);
 }
 
-Selection select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays, const StopToken& stop) {
+std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays, std::size_t max_blocks, const StopToken& stop) {
   Selection selection;
   std::vector<std::size_t> all(rays.size());
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
-  for (const BlockId& id : terrain.roots()) follow(terrain, rays, all, id, selection, stop);
+  for (const BlockId& id : terrain.roots())
+    if (!follow(terrain, rays, all, id, max_blocks, selection, stop)) return std::nullopt;
   std::sort(selection.blocks.begin(), selection.blocks.end());
   return selection;
 }

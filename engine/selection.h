@@ -6,6 +6,7 @@
 // reach what is, fine enough that its height error stays within the same bound at the nearest place it can shade.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "dem/terrain.h"
@@ -25,7 +26,8 @@ inline constexpr std::size_t kMaxBlocks = 6000;
 
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, double max_error_px, const StopToken& stop);
 
-// The finest blocks that rays may meet. Neighbours can differ in level where sources do: the mesh joins them all the same.
-Selection select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays, const StopToken& stop);
+// The finest blocks that rays may meet; empty when they are more than max_blocks. Neighbours can differ in level where sources do: the
+// mesh joins them all the same.
+std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays, std::size_t max_blocks, const StopToken& stop);
 
 }  // namespace selenograph::engine

@@ -47,6 +47,16 @@ Eigen::Vector2d View::distorted(double x, double y) const {
   return {x * k + 2 * d.p1 * x * y + d.p2 * (r2 + 2 * x * x), y * k + d.p1 * (r2 + 2 * y * y) + 2 * d.p2 * x * y};
 }
 
+Eigen::Matrix2d View::distortion_jacobian(double x, double y) const {
+  const Distortion& d = camera_.distortion;
+  const double r2 = x * x + y * y, k = radial(d, r2);
+  const double dk = 2 * (d.k1 + r2 * (2 * d.k2 + r2 * 3 * d.k3));  // d(radial)/d(r2), twice
+  const double mixed = x * y * dk + 2 * d.p1 * x + 2 * d.p2 * y;
+  Eigen::Matrix2d jacobian;
+  jacobian << k + x * x * dk + 2 * d.p1 * y + 6 * d.p2 * x, mixed, mixed, k + y * y * dk + 6 * d.p1 * y + 2 * d.p2 * x;
+  return jacobian;
+}
+
 // Newton's method with the exact Jacobian; converges quadratically, so that a failure within 50 steps means beyond the fold.
 std::optional<Eigen::Vector2d> View::undistorted(double xd, double yd) const {
   const Distortion& d = camera_.distortion;
@@ -55,12 +65,8 @@ std::optional<Eigen::Vector2d> View::undistorted(double xd, double yd) const {
   const double limit = fold_r2_;
   if (p.squaredNorm() > limit) p *= 0.9 * std::sqrt(limit / p.squaredNorm());
   for (int i = 0; i < 50; ++i) {
-    const double x = p.x(), y = p.y(), r2 = x * x + y * y, k = radial(d, r2);
-    const double dk = 2 * (d.k1 + r2 * (2 * d.k2 + r2 * 3 * d.k3));  // d(radial)/d(r2), twice
-    const Eigen::Vector2d miss = distorted(x, y) - Eigen::Vector2d(xd, yd);
-    Eigen::Matrix2d jacobian;
-    jacobian << k + x * x * dk + 2 * d.p1 * y + 6 * d.p2 * x, x * y * dk + 2 * d.p1 * x + 2 * d.p2 * y,
-        x * y * dk + 2 * d.p1 * x + 2 * d.p2 * y, k + y * y * dk + 6 * d.p1 * y + 2 * d.p2 * x;
+    const Eigen::Vector2d miss = distorted(p.x(), p.y()) - Eigen::Vector2d(xd, yd);
+    const Eigen::Matrix2d jacobian = distortion_jacobian(p.x(), p.y());
     const double det = jacobian.determinant();
     if (!(det > 1e-12)) return std::nullopt;
     Eigen::Vector2d step = jacobian.inverse() * miss;
@@ -91,27 +97,38 @@ std::optional<PixelXY> View::project(const Vec3& point_m) const {
 }
 
 void View::bound_image() {
-  // The border of the image, half a pixel outside; a pixel without a ray (beyond the fold) bounds nothing.
+  // The whole image to its border, half a pixel outside.
   const double w = camera_.width - 0.5, h = camera_.height - 0.5;
   constexpr int kSamples = 64;
   left_ = top_ = std::numeric_limits<double>::infinity();
   right_ = bottom_ = -left_;
   double sharpest = 0;
+  bool folds = false;
   for (int j = 0; j <= kSamples; ++j)
     for (int i = 0; i <= kSamples; ++i) {
       const double u = -0.5 + (w + 0.5) * i / kSamples, v = -0.5 + (h + 0.5) * j / kSamples;
       const auto p = undistorted((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy);
+      folds |= !p;
       if (!p) continue;
       left_ = std::min(left_, p->x()), right_ = std::max(right_, p->x());
       top_ = std::min(top_, p->y()), bottom_ = std::max(bottom_, p->y());
-      // Pixels per radian, along the radius the larger one: on the plane z = 1 an angle covers (1 + r^2), the lens stretches on top.
-      const double r2 = p->squaredNorm(), stretch = std::max(std::abs(radial_slope(camera_.distortion, r2)), std::abs(radial(camera_.distortion, r2)));
+      // Pixels per radian, along the radius the larger one: on the plane z = 1 an angle covers (1 + r^2), the lens stretches on top:
+      // by the larger eigenvalue of its symmetric Jacobian.
+      const Eigen::Matrix2d j2 = distortion_jacobian(p->x(), p->y());
+      const double r2 = p->squaredNorm(), half_trace = j2.trace() / 2;
+      const double stretch = std::abs(half_trace) + std::sqrt(std::max(0.0, half_trace * half_trace - j2.determinant()));
       sharpest = std::max(sharpest, std::max(camera_.fx, camera_.fy) * (1 + r2) * stretch);
       stretched_focal_ = std::max(stretched_focal_, std::max(camera_.fx, camera_.fy) * stretch * 1.01);
       widest_ = std::max(widest_, std::sqrt(r2));
     }
   pixels_per_radian_ = sharpest * 1.01;
   if (left_ > right_) return;  // nothing has a ray: nothing is in view
+  if (folds) {
+    // Towards the fold a pixel covers ever more: nothing between the samples bounds the view but the fold itself.
+    constexpr double kFarthestSlope = 1000;
+    widest_ = std::min(std::sqrt(fold_r2_), kFarthestSlope);
+    left_ = top_ = -widest_, right_ = bottom_ = widest_;
+  }
   const double mx = 0.02 * (right_ - left_) + 1e-9, my = 0.02 * (bottom_ - top_) + 1e-9;
   left_ -= mx, right_ += mx, top_ -= my, bottom_ += my;
 }
@@ -127,9 +144,11 @@ bool View::may_see(const Vec3& centre_m, double radius_m) const {
   return !(outside(c.x(), left_, -1) || outside(c.x(), right_, 1) || outside(c.y(), top_, -1) || outside(c.y(), bottom_, 1));
 }
 
-double View::pixels_per_metre(const Vec3& centre_m, double radius_m) const {
+double View::pixels_per_metre(const Vec3& centre_m, double radius_m, double highest_m) const {
   const Vec3 c = camera_from_moon_ * (centre_m - position_);
-  const double by_angle = pixels_per_radian_ / std::max(c.norm() - radius_m, 1e-3);
+  // From inside the ball there is still the height above all that is in it.
+  const double nearest = std::max(c.norm() - radius_m, position_.norm() - kMoonRadius_m - highest_m);
+  const double by_angle = pixels_per_radian_ / std::max(nearest, 1e-3);
   const double depth = c.z() - radius_m;
   if (!(depth > 1e-3)) return by_angle;
   // A displacement e moves the image point (x/z, y/z) by at most |e| sqrt(1 + r^2) / z.

@@ -31,8 +31,9 @@ class View {
   // Whether any part of a ball may be in the image.
   bool may_see(const Vec3& centre_m, double radius_m) const;
 
-  // Upper bound on pixels per metre, across the line of sight, for anything within the ball.
-  double pixels_per_metre(const Vec3& centre_m, double radius_m) const;
+  // Upper bound on pixels per metre, across the line of sight, for anything within the ball and not higher above the sphere
+  // than highest_m.
+  double pixels_per_metre(const Vec3& centre_m, double radius_m, double highest_m = std::numeric_limits<double>::infinity()) const;
 
   // The angle between neighbouring pixels at the sharpest place in the image, as pixels per radian.
   double pixels_per_radian() const { return pixels_per_radian_; }
@@ -41,6 +42,7 @@ class View {
   void bound_image();
   std::optional<Eigen::Vector2d> undistorted(double xd, double yd) const;
   Eigen::Vector2d distorted(double x, double y) const;
+  Eigen::Matrix2d distortion_jacobian(double x, double y) const;
 
   Camera camera_;
   Vec3 position_;

@@ -105,6 +105,12 @@ std::string on_the_wire(const api::Response& answer) {
   return text + "\r\n" + answer.body;
 }
 
+api::Response too_many_connections() {
+  api::Response answer = api::problem("busy", "too many connections");
+  answer.headers.emplace_back("Retry-After", "1");
+  return answer;
+}
+
 // The library's own refusals as rows of our table.
 api::Response refusal_for(int status) {
   switch (status) {
@@ -148,7 +154,7 @@ HttpServer::Impl::Impl(const HttpOptions& options_in, HttpServer::Handler handle
       handler(std::move(handler_in)),
       observer(std::move(observer_in)),
       listener(options.host, options.port, options.max_connections,
-               on_the_wire(api::problem("busy", "too many connections"))) {
+               on_the_wire(too_many_connections())) {
   set_up_library();
 }
 

@@ -1,0 +1,1366 @@
+#!/usr/bin/env python3
+"""Checks the numbers of the frame contract as a client would: from the answers alone, with its own mathematics.
+
+Nothing here knows how the service works. Expected values come from the text of the contract, from the files' own posts
+and from published formulae (named where they are used). SELENOGRAPH_BINARY names the executable. Real terrain is read
+from SELENOGRAPH_SHARED_DATA or, failing that, ../shared/data beside the repository; tests that need it skip without it.
+"""
+
+import glob
+import http.client
+import io
+import json
+import os
+import re
+import shutil
+import struct
+import subprocess
+import tempfile
+import unittest
+import zipfile
+import zlib
+
+import numpy as np
+
+BINARY = os.environ.get("SELENOGRAPH_BINARY", "")
+REPOSITORY = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+SHARED = os.environ.get("SELENOGRAPH_SHARED_DATA") or os.path.join(REPOSITORY, "..", "shared", "data")
+PATIENCE_S = 300
+RADIUS_M = 1737400.0
+ALL = ["image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source"]
+
+FOLDER = ""  # temporary; set by setUpModule
+RUNNING = {}  # name -> Service; started when first asked for
+
+
+def setUpModule():
+    global FOLDER
+    FOLDER = tempfile.mkdtemp(prefix="selenograph-contract-test-")
+
+
+def tearDownModule():
+    for service in RUNNING.values():
+        service.stop()
+    shutil.rmtree(FOLDER, ignore_errors=True)
+
+
+# --- the service under test ------------------------------------------------------------------------------------------
+
+
+class Service:
+    def __init__(self, name, dem):
+        command = [BINARY, "serve", "--port", "0", "--cache-dir", os.path.join(FOLDER, "cache-" + name), "--dem", *dem]
+        self.log = tempfile.TemporaryFile()
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True)
+        line = self.process.stdout.readline()
+        found = re.search(r"listening on http://\S+:(\d+)$", line.strip())
+        if not found:
+            self.process.kill()
+            raise RuntimeError(f"did not start: {line!r}")
+        self.port = int(found[1])
+
+    def stop(self):
+        self.process.terminate()
+        self.process.wait(PATIENCE_S)
+        self.process.stdout.close()
+        self.log.close()
+
+    def ask(self, method, path, body=None, **headers):
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
+        connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
+        answer = connection.getresponse()
+        content = answer.read()
+        connection.close()
+        return answer.status, answer.headers, content
+
+    def post(self, path, document, accept="*/*", **headers):
+        body = document if isinstance(document, bytes) else json.dumps(document).encode()
+        return self.ask("POST", path, body, Content_Type="application/json", Accept=accept, **headers)
+
+    def call(self, path, document):
+        status, _, body = self.post(path, document)
+        if status != 200:
+            raise AssertionError(f"{path}: {status} {body[:600]!r}")
+        return json.loads(body)
+
+    def frame(self, request):
+        """All products by name, and `meta`, `headers`."""
+        status, headers, body = self.post("/v1/frames", request, "application/x-npz")
+        if status != 200:
+            raise AssertionError(f"{status} {body[:600]!r}")
+        with zipfile.ZipFile(io.BytesIO(body)) as archive:
+            answer = {n[:-4]: np.load(io.BytesIO(archive.read(n))) for n in archive.namelist() if n.endswith(".npy")}
+            answer["meta"] = json.loads(archive.read("meta.json"))
+        answer["headers"] = headers
+        return answer
+
+    def places(self, lat_deg, lon_deg):
+        lat, lon = np.broadcast_arrays(np.asarray(lat_deg, float), np.asarray(lon_deg, float))
+        points = [{"lat_deg": float(a), "lon_deg": float(o)} for a, o in zip(lat.ravel(), lon.ravel())]
+        answers = []
+        for k in range(0, len(points), 20000):
+            answers += self.call("/v1/heights", {"points": points[k:k + 20000]})["points"]
+        return answers
+
+    def heights(self, lat_deg, lon_deg):
+        return np.array([np.nan if p["height_m"] is None else p["height_m"] for p in self.places(lat_deg, lon_deg)])
+
+    def rays(self, origins, directions, **more):
+        rays = [{"origin_m": list(map(float, o)), "direction": list(map(float, d))} for o, d in zip(origins, directions)]
+        return self.call("/v1/rays", {"rays": rays, **more})["rays"]
+
+
+def shared(*parts):
+    path = os.path.join(SHARED, *parts)
+    if not os.path.exists(path):
+        raise unittest.SkipTest(f"no {path}: set SELENOGRAPH_SHARED_DATA")
+    return path
+
+
+def service(name):
+    if name not in RUNNING:
+        if name == "sample":
+            folder = os.path.join(FOLDER, "sample")
+            subprocess.run([BINARY, "sample", folder, "--south-deg", "-1", "--west-deg", "29", "--ppd", "256"], check=True,
+                           stdout=subprocess.DEVNULL)
+            dem = [folder]
+        elif name == "layers":
+            dem = [shared("global"), shared("hadley")]
+        elif name == "variants":
+            dem = [shared("labels", "variants")]
+        elif name == "void":
+            dem = [os.path.join(FOLDER, "void")]
+        else:
+            dem = [shared(name)]
+        RUNNING[name] = Service(name, dem)
+    return RUNNING[name]
+
+
+# --- the client's own mathematics ------------------------------------------------------------------------------------
+
+
+def unit(v):
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def up_at(lat_deg, lon_deg):
+    lat, lon = np.radians(lat_deg), np.radians(lon_deg)
+    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat) + 0 * lon], -1)
+
+
+def east_north_up(lat_deg, lon_deg):
+    lat, lon = np.radians(lat_deg), np.radians(lon_deg)
+    east = np.array([-np.sin(lon), np.cos(lon), 0.0])
+    north = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
+    return east, north, up_at(lat_deg, lon_deg)
+
+
+def place(lat_deg, lon_deg, height_m):
+    return up_at(lat_deg, lon_deg) * (RADIUS_M + np.asarray(height_m))[..., None]
+
+
+def matrix(q):
+    """v' = q v q*, Hamilton's product."""
+    w, x, y, z = (q[k] for k in "wxyz")
+    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                     [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+
+
+def quaternion(r):
+    """Inverse of matrix(), by the eigenvector of Bar-Itzhack's matrix: no branches."""
+    k = np.array([[r[0, 0] - r[1, 1] - r[2, 2], r[1, 0] + r[0, 1], r[2, 0] + r[0, 2], r[2, 1] - r[1, 2]],
+                  [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], r[2, 1] + r[1, 2], r[0, 2] - r[2, 0]],
+                  [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], r[1, 0] - r[0, 1]],
+                  [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]]])
+    x, y, z, w = np.linalg.eigh(k)[1][:, -1]
+    return {"w": float(w), "x": float(x), "y": float(y), "z": float(z)}
+
+
+def camera_axes(boresight, up):
+    """camera_from_moon: rows are +x right, +y down, +z boresight."""
+    z = unit(boresight)
+    down = -unit(up - z * np.dot(up, z))
+    return np.array([np.cross(down, z), down, z])
+
+
+def frame_rotation(axis, angle_rad):
+    """The coordinates of a fixed vector in axes turned by the angle (the astronomers' R1, R2, R3)."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    i, j = [(1, 2), (2, 0), (0, 1)][axis - 1]
+    r = np.eye(3)
+    r[i, i] = r[j, j] = c
+    r[i, j], r[j, i] = s, -s
+    return r
+
+
+def distort(x, y, k1=0, k2=0, k3=0, p1=0, p2=0):
+    """OpenCV's documentation of projectPoints."""
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y)
+
+
+def undistort(xd, yd, **k):
+    x, y = xd.copy(), yd.copy()
+    for _ in range(200):  # fixed point with the identity as slope; the tests' distortions contract
+        ex, ey = distort(x, y, **k)
+        x, y = x + (xd - ex), y + (yd - ey)
+    return x, y
+
+
+def pixel_rays(camera):
+    """Camera-axes direction with z = 1 through the centre of each pixel."""
+    u, v = np.meshgrid(np.arange(camera["width"], dtype=float), np.arange(camera["height"], dtype=float))
+    k = {name: value for name, value in camera.get("distortion", {}).items() if name != "model"}
+    x, y = undistort((u - camera["cx"]) / camera["fx"], (v - camera["cy"]) / camera["fy"], **k)
+    return np.stack([x, y, np.ones_like(x)], -1)
+
+
+def sun_from_epoch(julian_day_tt):
+    """Sub-solar latitude, longitude (deg) and the Sun's distance (au): Meeus, Astronomical Algorithms, ch. 25, 47, 53.
+
+    Main terms only, no physical libration: good to about 0.05 degrees.
+    """
+    t = (julian_day_tt - 2451545.0) / 36525.0
+    sin = lambda degrees: np.sin(np.radians(degrees))
+    cos = lambda degrees: np.cos(np.radians(degrees))
+    m = 357.52911 + 35999.05029 * t
+    e = 0.016708634 - 0.000042037 * t
+    centre = (1.914602 - 0.004817 * t) * sin(m) + 0.019993 * sin(2 * m) + 0.00029 * sin(3 * m)
+    sun_longitude = 280.46646 + 36000.76983 * t + centre - 0.00569
+    distance_au = 1.000001018 * (1 - e * e) / (1 + e * cos(m + centre))
+    mean = 218.3164477 + 481267.88123421 * t
+    d, mm, f = 297.8501921 + 445267.1114034 * t, 134.9633964 + 477198.8675055 * t, 93.272095 + 483202.0175233 * t
+    moon_longitude = (mean + 6.288774 * sin(mm) + 1.274027 * sin(2 * d - mm) + 0.658314 * sin(2 * d) + 0.213618 * sin(2 * mm)
+                      - 0.185116 * sin(m) - 0.114332 * sin(2 * f))
+    moon_latitude = 5.128122 * sin(f) + 0.280602 * sin(mm + f) + 0.277693 * sin(mm - f) + 0.173237 * sin(2 * d - f)
+    moon_km = 385000.56 - 20905.355 * cos(mm) - 3699.111 * cos(2 * d - mm) - 2955.968 * cos(2 * d)
+    ratio = moon_km / (distance_au * 149597870.7)
+    longitude = sun_longitude + 180 + ratio * 57.296 * cos(moon_latitude) * sin(sun_longitude - moon_longitude)
+    latitude = ratio * moon_latitude
+    node, inclination = 125.0445479 - 1934.1362891 * t, 1.54242
+    w = longitude - node
+    a = np.degrees(np.arctan2(sin(w) * cos(latitude) * cos(inclination) - sin(latitude) * sin(inclination),
+                              cos(w) * cos(latitude)))
+    b = np.degrees(np.arcsin(-sin(w) * cos(latitude) * sin(inclination) - sin(latitude) * cos(inclination)))
+    return b, (a - f + 180) % 360 - 180, distance_au + ratio * distance_au * -cos(sun_longitude - moon_longitude)
+
+
+def lat_lon(v):
+    return np.degrees(np.arctan2(v[2], np.hypot(v[0], v[1]))), np.degrees(np.arctan2(v[1], v[0]))
+
+
+# --- requests --------------------------------------------------------------------------------------------------------
+
+LAT, LON = 0.05, 30.02  # the middle of the sample terrain
+SUN = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0, "elevation_deg": 20.0}}
+DISTORTION = {"model": "brown_conrady", "k1": -0.21, "k2": 0.06, "k3": -0.011, "p1": 0.0031, "p2": -0.0024}
+
+
+def request(products=("position",), lat=LAT, lon=LON, height=15000.0, width=64, rows=48, fov=50.0, **changes):
+    document = {"camera": {"width": width, "height": rows, "fov_deg": fov},
+                "pose": {"geodetic": {"lat_deg": lat, "lon_deg": lon, "height_m": height}, "nadir": {}},
+                "sun": SUN, "products": list(products)}
+    document.update(changes)
+    return document
+
+
+class Test(unittest.TestCase):
+    def close(self, got, wanted, tolerance, message=""):
+        worst = np.max(np.abs(np.asarray(got, float) - np.asarray(wanted, float)))
+        self.assertLessEqual(worst, tolerance, message)  # NaN fails, too
+
+    def resolved(self, name, document):
+        return service(name).frame(document)["meta"]["request"]
+
+    def attitude(self, pose):
+        document = request(width=2, rows=2)
+        document["pose"] = pose
+        got = self.resolved("sample", document)["pose"]
+        return np.array(got["position_m"]), matrix(got["camera_from_moon"])
+
+
+# --- the camera ------------------------------------------------------------------------------------------------------
+
+
+class Camera(Test):
+    HIGH = {"lat_deg": LAT, "lon_deg": LON, "height_m": 15000.0}
+
+    def test_field_of_view_is_horizontal_and_full(self):
+        camera = self.resolved("sample", request(width=64, rows=48, fov=50.0))["camera"]
+        focal = 32 / np.tan(np.radians(25))
+        self.close([camera[k] for k in ("fx", "fy", "cx", "cy")], [focal, focal, 31.5, 23.5], 1e-9)
+
+    def check_rays(self, camera, pose=None):
+        document = request(["position", "depth", "range", "geodetic"], camera=camera)
+        if pose:
+            document["pose"] = pose
+        f = service("sample").frame(document)
+        got = f["meta"]["request"]
+        resolved = dict(camera, **{k: got["camera"][k] for k in ("fx", "fy", "cx", "cy")})
+        origin, axes = np.array(got["pose"]["position_m"]), matrix(got["pose"]["camera_from_moon"])
+        rays = pixel_rays(resolved)
+        hit = np.isfinite(f["depth"])
+        self.assertGreater(hit.mean(), 0.99)
+        expected = origin + f["depth"][..., None] * (rays @ axes)  # rows of axes are the camera's axes in MOON_ME
+        self.close(f["position"][hit], expected[hit], 1e-4, "positions are not on the rays of their pixels")
+        self.close(f["range"][hit], np.linalg.norm(f["position"] - origin, axis=-1)[hit], 1e-6, "range is not Euclidean")
+        p, g = f["position"][hit], f["geodetic"][hit]
+        self.close(g[:, 2], np.linalg.norm(p, axis=-1) - RADIUS_M, 1e-6)
+        self.close(place(g[:, 0], g[:, 1], g[:, 2]), p, 1e-5, "geodetic and position differ")
+        return f
+
+    def test_every_pixel_of_a_pinhole(self):
+        self.check_rays({"width": 61, "height": 40, "fx": 70.0, "fy": 65.0, "cx": 25.25, "cy": 24.5})
+
+    def test_every_pixel_of_a_distorted_camera(self):
+        camera = {"width": 60, "height": 44, "fx": 55.0, "fy": 56.0, "cx": 28.0, "cy": 23.0, "distortion": DISTORTION}
+        self.check_rays(camera)
+
+    def test_every_pixel_of_an_oblique_view(self):
+        pose = {"geodetic": {"lat_deg": LAT - 0.3, "lon_deg": LON - 0.2, "height_m": 9000.0},
+                "look_at": {"lat_deg": LAT, "lon_deg": LON, "height_m": 0.0}}
+        camera = {"width": 40, "height": 30, "fov_deg": 25.0, "distortion": dict(DISTORTION, k1=0.1)}
+        self.check_rays(camera, pose)
+
+    def test_one_pixel_and_one_column(self):
+        f = service("sample").frame(request(["position"], width=1, rows=1))
+        self.close(unit(f["position"][0, 0]), up_at(LAT, LON), 1e-9, "the only pixel of a nadir camera looks at the nadir")
+        self.check_rays({"width": 1, "height": 40, "fx": 40.0, "fy": 40.0, "cx": 0.0, "cy": 19.5})
+
+    def test_nadir_and_its_azimuth(self):
+        east, north, up = east_north_up(LAT, LON)
+        for azimuth in (0.0, 35.0, 90.0, 180.0, 270.0, -90.0):
+            a = np.radians(azimuth)
+            position, axes = self.attitude({"geodetic": self.HIGH, "nadir": {"up_azimuth_deg": azimuth}})
+            self.close(position, up * (RADIUS_M + 15000), 1e-6)
+            self.close(axes, camera_axes(-up, np.cos(a) * north + np.sin(a) * east), 1e-12)
+        with self.subTest("the picture itself: with north up, row 0 is north and column 0 west"):
+            g = service("sample").frame(request(["geodetic"]))["geodetic"]
+            self.assertGreater(g[0, 32, 0], g[-1, 32, 0])
+            self.assertLess(g[24, 0, 1], g[24, -1, 1])
+
+    def test_look_at(self):
+        origin = place(LAT, LON, 15000.0)
+        target = {"lat_deg": LAT + 0.2, "lon_deg": LON + 0.3, "height_m": 250.0}
+        toward = place(target["lat_deg"], target["lon_deg"], 250.0) - origin
+        for up, vector in (("north", [0, 0, 1]), ([0.1, 3.0, -0.4], [0.1, 3.0, -0.4]), ([1e-200, 0, 0], [1, 0, 0])):
+            _, axes = self.attitude({"geodetic": self.HIGH, "look_at": dict(target, up=up)})
+            self.close(axes, camera_axes(toward, np.array(vector, float)), 1e-12, str(up))
+
+    def test_look_at_appears_at_the_principal_point(self):
+        camera = {"width": 64, "height": 48, "fx": 80.0, "fy": 80.0, "cx": 20.0, "cy": 31.0, "distortion": DISTORTION}
+        answer = service("sample").call("/v1/project", {
+            "camera": camera, "points": [{"lat_deg": 0.2, "lon_deg": 30.3, "height_m": 100.0}],
+            "pose": {"geodetic": self.HIGH, "look_at": {"lat_deg": 0.2, "lon_deg": 30.3, "height_m": 100.0}}})["points"][0]
+        self.close([answer["x_px"], answer["y_px"]], [20.0, 31.0], 1e-6)
+
+    def test_four_ways_to_say_the_same_attitude(self):
+        east, north, up = east_north_up(LAT, LON)
+        axes = camera_axes(-up + 0.2 * east, north)
+        q = quaternion(axes)
+        conjugate = {"w": q["w"], "x": -q["x"], "y": -q["y"], "z": -q["z"]}
+        opengl = np.diag([1.0, -1.0, -1.0])  # the same camera: y up, looking along -z
+        g = quaternion(opengl @ axes)
+        ways = {"camera_from_moon": q, "moon_from_camera": conjugate}
+        poses = [{name: value} for name, value in ways.items()]
+        poses.append({"camera_from_moon": g, "axes": "opengl"})
+        poses.append({"moon_from_camera": {"w": g["w"], "x": -g["x"], "y": -g["y"], "z": -g["z"]}, "axes": "opengl"})
+        poses.append({"camera_from_moon": {k: -v for k, v in q.items()}})
+        for pose in poses:
+            _, got = self.attitude({"geodetic": self.HIGH, **pose})
+            self.close(got, axes, 1e-12, str(pose))
+
+    def test_geodetic_and_position_are_the_same_place(self):
+        for lon in (LON, 200.0, -160.0, 360.0, -180.0):
+            a, _ = self.attitude({"geodetic": dict(self.HIGH, lon_deg=lon), "nadir": {}})
+            b, _ = self.attitude({"position_m": list(place(LAT, lon, 15000.0)), "nadir": {}})
+            self.close(a, b, 1e-6)
+
+    def test_principal_axis_frames(self):
+        # DE421: Williams, Boggs & Folkner (2008), JPL IOM 335-JW,DB,WF-20080314-001; DE440: Park et al. (2021), sec. 2.3.
+        second = np.radians(1 / 3600)
+        for frame, angles in (("MOON_PA_DE421", (67.92, 78.56, 0.30)), ("MOON_PA_DE440", (67.8526, 78.6944, 0.2785))):
+            z, y, x = (a * second for a in angles)
+            me_from_pa = frame_rotation(1, -x) @ frame_rotation(2, -y) @ frame_rotation(3, -z)
+            _, north, up = east_north_up(LAT, LON)
+            axes = camera_axes(-up, north)
+            position = place(LAT, LON, 15000.0)
+            got, attitude = self.attitude({"frame": frame, "position_m": list(position), "camera_from_moon": quaternion(axes)})
+            self.close(got, me_from_pa @ position, 0.1, frame)
+            self.close(attitude, axes @ me_from_pa.T, 1e-7, frame)
+            moved = np.linalg.norm(got - position)
+            self.assertTrue(500 < moved < 900, f"{frame}: moved by {moved} m")
+
+    def test_a_quaternion_nearly_of_length_one_is_normalised(self):
+        q = quaternion(camera_axes(-up_at(LAT, LON), np.array([0.0, 0.0, 1.0])))
+        _, exact = self.attitude({"geodetic": self.HIGH, "camera_from_moon": q})
+        _, rounded = self.attitude({"geodetic": self.HIGH, "camera_from_moon": {k: v * 1.0005 for k, v in q.items()}})
+        self.close(rounded, exact, 1e-12)
+
+
+# --- radiance, angles, lit -------------------------------------------------------------------------------------------
+
+
+class Radiance(Test):
+    PRODUCTS = ["radiance", "normal", "angles", "lit", "position", "image"]
+
+    def check(self, name, document, reflectance, sun=None):
+        f = service(name).frame(document)
+        meta = f["meta"]
+        s = unit(np.array(meta["request"]["sun"]["direction"])) if sun is None else sun
+        hit = np.isfinite(f["lit"])
+        n, p = f["normal"][hit].astype(float), f["position"][hit]
+        v = unit(np.array(meta["request"]["pose"]["position_m"]) - p)
+        mu0, mu = n @ s, np.sum(n * v, -1)
+        lit, radiance = f["lit"][hit].astype(float), f["radiance"][hit].astype(float)
+        e_sun = meta["solar_irradiance"]["value_w_m2"]
+        self.close(np.linalg.norm(n, axis=-1), 1, 1e-6, "normals are not of length one")
+        self.assertGreater(np.sum(n * unit(p), -1).min(), 0, "normals point inwards")
+        self.assertTrue(np.all((lit == 0) | (lit == 1)), "a point Sun leaves no half shadow")
+        self.assertTrue(np.all(lit[mu0 < -1e-6] == 0), "lit where the Sun is below the surface")
+        facing = mu > 1e-3  # the shading normal of a surface seen from its edge may face away
+        expected = np.where(mu0 > 0, e_sun * mu0 * reflectance(mu0, mu) * lit, 0)
+        self.close(radiance[facing], expected[facing], 1e-5 * e_sun, "radiance is not E_sun mu0 f_r lit")
+        self.assertTrue(np.all(np.isfinite(radiance)) and radiance.min() >= 0)
+        a = f["angles"][hit].astype(float)
+        self.close(np.cos(np.radians(a[:, 0])), mu0, 3e-6, "incidence")
+        self.close(np.cos(np.radians(a[:, 1])), mu, 3e-6, "emission")
+        self.close(np.cos(np.radians(a[:, 2])), v @ s, 3e-6, "phase")
+        self.assertGreater(lit.mean(), 0.02)
+        return f
+
+    def test_the_three_reflectances(self):
+        lambert = lambda mu0, mu: 0.2 / np.pi
+        seeliger = lambda mu0, mu: 0.2 / (2 * np.pi) / (mu0 + mu)
+        models = [({"model": "lambert", "rho": 0.2}, lambert), ({"model": "lommel_seeliger", "rho": 0.2}, seeliger)]
+        for w in (0.0, 0.35, 1.0):
+            models.append(({"model": "lunar", "lommel_seeliger_weight": w, "rho": 0.2},
+                           lambda mu0, mu, w=w: w * seeliger(mu0, mu) + (1 - w) * lambert(mu0, mu)))
+        for reflectance, f_r in models:
+            with self.subTest(reflectance):
+                f = self.check("sample", request(self.PRODUCTS, surface={"reflectance": reflectance}), f_r)
+                self.assertEqual(f["meta"]["request"]["surface"]["reflectance"]["rho"], 0.2)
+                self.assertIn("rho", f["meta"]["reflectance"]["normalisation"])
+
+    def test_an_oblique_view_at_a_low_sun(self):
+        document = request(self.PRODUCTS, sun={"local": dict(SUN["local"], elevation_deg=4.0)}, pose={
+            "geodetic": {"lat_deg": LAT - 0.3, "lon_deg": LON, "height_m": 4000.0}, "look_at": {"lat_deg": LAT, "lon_deg": LON}})
+        f = self.check("sample", document, lambda mu0, mu: 0.12 / (2 * np.pi) / (mu0 + mu))
+        self.assertLess(np.nanmean(f["lit"]), 0.98, "no shadow at 4 degrees")
+        self.assertLessEqual(f["radiance"].max(), f["meta"]["solar_irradiance"]["value_w_m2"] * 0.12 / (2 * np.pi) * 1.0001)
+
+    def test_distance_scales_irradiance(self):
+        at_one = service("sample").frame(request(["radiance"]))
+        self.assertAlmostEqual(at_one["meta"]["solar_irradiance"]["value_w_m2"], 1361, delta=10)
+        for au in (0.5, 1.0167, 2.0):
+            far = service("sample").frame(request(["radiance"], sun=dict(SUN, distance_au=au)))
+            self.close(far["radiance"] * au**2, at_one["radiance"], 1e-4)
+            self.assertAlmostEqual(far["meta"]["solar_irradiance"]["value_w_m2"] * au**2,
+                                   at_one["meta"]["solar_irradiance"]["value_w_m2"], places=6)
+
+    def test_image_is_radiance_to_full_scale(self):
+        for depth, top in ((8, 255), (16, 65535)):
+            f = service("sample").frame(request(["image", "radiance"], image={"bit_depth": depth, "full_scale_radiance": 15.0}))
+            self.assertEqual(f["image"].dtype, np.dtype("u1" if depth == 8 else "<u2"))
+            self.close(f["image"], np.minimum(f["radiance"] / 15.0, 1) * top, 1.0)
+
+    def test_penumbra_or_an_answer_that_says_no(self):
+        document = request(["lit", "normal"], sun=dict(SUN, angular_radius_deg=0.2666))
+        status, _, body = service("sample").post("/v1/frames", document, "application/x-npz")
+        if status != 200:  # not there yet: refused at the member, never a hard shadow in silence
+            self.assertEqual((status, json.loads(body)["errors"][0]["pointer"]), (422, "/sun/angular_radius_deg"))
+            return
+        lit = service("sample").frame(document)["lit"]
+        self.assertTrue(np.all((lit[np.isfinite(lit)] >= 0) & (lit[np.isfinite(lit)] <= 1)))
+
+
+class Sun(Test):
+    def direction(self, sun):
+        resolved = self.resolved("sample", request(["lit"], width=2, rows=2, sun=sun))["sun"]
+        return np.array(resolved["direction"]), resolved["distance_au"]
+
+    def test_direction_of_any_length(self):
+        v = np.array([0.3, 0.8, -0.1])
+        for scale in (1.0, 1e-9, 1.5e11, 1e-300, 1e300):
+            got, _ = self.direction({"direction": list(v * scale)})
+            self.close(got, unit(v), 1e-12, str(scale))
+
+    def test_subsolar_and_local(self):
+        got, _ = self.direction({"subsolar": {"lat_deg": 1.5, "lon_deg": 60.0}})
+        self.close(got, up_at(1.5, 60.0), 1e-14)
+        got, _ = self.direction({"subsolar": {"lat_deg": -1.5, "lon_deg": 300.0}})
+        self.close(got, up_at(-1.5, -60.0), 1e-14)
+        for lat, lon, azimuth, elevation in ((26.1322, 3.6339, 90, 15), (-80, 200, 300, 0.5), (10, -20, 0, -10), (0, 0, 45, 90)):
+            east, north, up = east_north_up(lat, lon)
+            a, e = np.radians(azimuth), np.radians(elevation)
+            expected = np.cos(e) * (np.sin(a) * east + np.cos(a) * north) + np.sin(e) * up
+            got, _ = self.direction({"local": {"lat_deg": lat, "lon_deg": lon, "azimuth_deg": azimuth, "elevation_deg": elevation}})
+            self.close(got, expected, 1e-14)
+
+    def test_the_client_s_own_ephemeris(self):
+        lat, lon, _ = sun_from_epoch(2448724.5)  # Meeus, example 53.a
+        self.close([lat, lon], [1.46, 67.89], 0.06)
+
+    def test_epoch(self):
+        for utc, julian_day in (("1992-04-12T00:00:00Z", 2448724.5), ("2010-06-21T12:00:00Z", 2455369.0),
+                                ("2026-11-20T00:00:00Z", 2461364.5), ("2031-03-03T06:00:00Z", 2462928.75)):
+            direction, distance = self.direction({"utc": utc})
+            lat, lon, au = sun_from_epoch(julian_day + 69 / 86400)
+            got_lat, got_lon = lat_lon(direction)
+            self.close(got_lat, lat, 0.06, utc)
+            self.close((got_lon - lon + 180) % 360 - 180, 0, 0.06, utc)
+            self.close(distance, au, 2e-4, utc)
+
+    def test_distance_given_beside_an_epoch_wins(self):
+        _, distance = self.direction({"utc": "2026-11-20T00:00:00Z", "distance_au": 1.3})
+        self.assertEqual(distance, 1.3)
+
+
+# --- rays and landmarks ----------------------------------------------------------------------------------------------
+
+
+class Geometry(Test):
+    def test_projection_of_every_pixel_s_position(self):
+        for distortion in ({"model": "brown_conrady"}, DISTORTION):
+            camera = {"width": 48, "height": 40, "fx": 45.0, "fy": 47.0, "cx": 22.0, "cy": 21.5, "distortion": distortion}
+            document = request(["geodetic", "range", "lit"], camera=camera, accuracy={"max_error_px": 0})
+            f = service("sample").frame(document)
+            g = f["geodetic"].reshape(-1, 3)
+            self.assertFalse(np.isnan(g).any())
+            points = [{"lat_deg": a, "lon_deg": o, "height_m": h} for a, o, h in g.tolist()]
+            answers = service("sample").call("/v1/project", {"camera": camera, "pose": document["pose"], "sun": SUN,
+                                                             "points": points})["points"]
+            v, u = np.mgrid[0:40, 0:48]
+            got = np.array([[p["x_px"], p["y_px"]] for p in answers])
+            self.close(got, np.stack([u.ravel(), v.ravel()], -1), 1e-6)
+            self.close([p["range_m"] for p in answers], f["range"].ravel(), 1e-5)
+            self.assertTrue(all(p["in_frame"] for p in answers))
+            self.assertEqual([k for k, p in enumerate(answers) if not p["visible"]], [], "a pixel's own point is hidden")
+            wrong = np.sum(np.array([p["lit"] for p in answers]) != f["lit"].ravel())
+            self.assertLessEqual(wrong, 2, "lit differs from the frame's")
+
+    def test_edges_of_the_frame(self):
+        """Pixel centres are integers, so that the frame reaches half a pixel beyond the outermost centres."""
+        document = request(["geodetic"], width=9, rows=7, fov=30.0, accuracy={"max_error_px": 0})
+        lat, lon, height = service("sample").frame(document)["geodetic"][0, 8]  # top right
+        focal = 4.5 / np.tan(np.radians(15))
+        for dx, dy, inside in ((0.49, 0, True), (0.51, 0, False), (0, -0.49, True), (0, -0.51, False)):
+            camera = {"width": 9, "height": 7, "fx": focal, "fy": focal, "cx": 4 + dx, "cy": 3 + dy}
+            p = service("sample").call("/v1/project", {
+                "camera": camera, "pose": document["pose"],
+                "points": [{"lat_deg": lat, "lon_deg": lon, "height_m": height}]})["points"][0]
+            self.close([p["x_px"], p["y_px"]], [8 + dx, dy], 1e-6)
+            self.assertEqual((p["in_frame"], p["visible"]), (inside, inside), (dx, dy))
+            self.assertNotIn("lit", p)
+
+    def test_hidden_points(self):
+        ground = service("sample").heights(LAT, LON)[0]
+        camera, pose = request()["camera"], request()["pose"]
+        points = [(LAT, LON, None), (LAT, LON, ground + 300), (LAT, LON, ground - 5), (-LAT, LON - 180, 0.0), (LAT, LON, 16000.0),
+                  (LAT, LON + 90, 0.0)]
+        documents = [{"lat_deg": a, "lon_deg": o, **({} if h is None else {"height_m": h})} for a, o, h in points]
+        on, above, below, far_side, behind, aside = service("sample").call(
+            "/v1/project", {"camera": camera, "pose": pose, "points": documents})["points"]
+        self.close(on["height_m"], ground, 1e-6)
+        self.close([on["x_px"], on["y_px"]], [31.5, 23.5], 1e-6)
+        self.assertEqual([p["visible"] for p in (on, above, below, far_side, behind, aside)],
+                         [True, True, False, False, False, False])
+        self.assertEqual([p["in_frame"] for p in (on, above, below, far_side)], [True] * 4, "in_frame says nothing of terrain")
+        self.assertEqual([behind["in_frame"], aside["in_frame"]], [False, False])
+        self.assertEqual([behind["x_px"], behind["y_px"]], [None, None])
+        self.close(far_side["range_m"], 2 * RADIUS_M + 15000, 1e-3)
+
+    def test_rays_agree_with_pixels(self):
+        document = request(["position", "range", "normal", "lit"], width=20, rows=16, accuracy={"max_error_px": 0})
+        f = service("sample").frame(document)
+        got = f["meta"]["request"]
+        origin, axes = np.array(got["pose"]["position_m"]), matrix(got["pose"]["camera_from_moon"])
+        directions = (pixel_rays(got["camera"]) @ axes).reshape(-1, 3)
+        for scale in (1.0, 1e-6, 1e6):
+            rays = service("sample").rays([origin] * len(directions), directions * scale, sun=SUN)
+            self.assertTrue(all(r["hit"] for r in rays))
+            self.close([r["range_m"] for r in rays], f["range"].ravel(), 1e-3)
+            self.close([r["position_m"] for r in rays], f["position"].reshape(-1, 3), 1e-3)
+            self.close(np.linalg.norm([r["normal"] for r in rays], axis=-1), 1, 1e-6)
+            self.close([r["normal"] for r in rays], f["normal"].reshape(-1, 3), 1e-5)
+            self.assertLessEqual(np.sum(np.array([r["lit"] for r in rays]) != f["lit"].ravel()), 1)
+
+    def test_rays_that_hit_nothing_say_only_that(self):
+        up = up_at(LAT, LON)
+        rays = service("sample").rays([up * (RADIUS_M + 5000)] * 2, [up, np.cross(up, [0, 0, 1])])
+        self.assertEqual(rays, [{"hit": False}, {"hit": False}])
+
+    def test_an_altimeter_reads_the_height(self):
+        rng = np.random.default_rng(5)
+        lat, lon = rng.uniform(-0.6, 0.6, 400), rng.uniform(29.4, 30.6, 400)
+        up = up_at(lat, lon)
+        rays = service("sample").rays(up * (RADIUS_M + 20000), -up)
+        self.close([20000 - r["range_m"] for r in rays], service("sample").heights(lat, lon), 1e-3)
+
+    def test_positions_lie_on_the_terrain(self):
+        """At max_error_px 0 within 1 cm; otherwise within the bound that the frame states."""
+        for error in (0, 0.5, 4):
+            f = service("sample").frame(request(["geodetic"], height=60000.0, fov=40.0, accuracy={"max_error_px": error}))
+            g = f["geodetic"][np.isfinite(f["geodetic"][..., 0])]
+            self.assertGreater(len(g), 0, f"max_error_px {error}: nothing is seen of the terrain below")
+            bound = 0.01 if error == 0 else f["meta"]["lod_error_m"] + 0.01
+            self.close(g[:, 2], service("sample").heights(g[:, 0], g[:, 1]), bound, f"max_error_px {error}")
+            self.assertLessEqual(f["meta"]["lod_error_px"], error + 1e-3)  # at 0 the rounding of stored heights is left
+
+
+# --- formats and metadata --------------------------------------------------------------------------------------------
+
+TYPES = {"image": ("|u1", 1), "radiance": ("<f4", 1), "depth": ("<f8", 1), "range": ("<f8", 1), "position": ("<f8", 3),
+         "geodetic": ("<f8", 3), "normal": ("<f4", 3), "angles": ("<f4", 3), "lit": ("<f4", 1), "gsd": ("<f4", 1),
+         "source": ("<u2", 1)}
+
+
+def read_png(data):
+    """Grey, not interlaced: RFC 2083's five filters undone."""
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    at, idat = 8, b""
+    while at < len(data):
+        length, kind = struct.unpack(">I4s", data[at:at + 8])
+        content = data[at + 8:at + 8 + length]
+        assert zlib.crc32(kind + content) == struct.unpack(">I", data[at + 8 + length:at + 12 + length])[0]
+        if kind == b"IHDR":
+            width, height, depth, colour, _, _, interlace = struct.unpack(">IIBBBBB", content)
+        idat += content if kind == b"IDAT" else b""
+        at += 12 + length
+    assert colour == 0 and interlace == 0
+    step = depth // 8
+    raw = np.frombuffer(zlib.decompress(idat), np.uint8).reshape(height, 1 + width * step)
+    rows, above = [], [0] * (width * step)
+    for line in raw.tolist():
+        kind, row = line[0], line[1:]
+        for i in range(len(row)):
+            a, b, c = (row[i - step] if i >= step else 0), above[i], (above[i - step] if i >= step else 0)
+            p = a + b - c
+            nearest = min(((abs(p - a), 0, a), (abs(p - b), 1, b), (abs(p - c), 2, c)))[2]
+            row[i] = (row[i] + [0, a, b, (a + b) // 2, nearest][kind]) & 255
+        rows.append(row)
+        above = row
+    return np.array(rows, np.uint8).view(">u2" if step == 2 else np.uint8).reshape(height, width)
+
+
+def read_tiff(data):
+    """Strips or tiles, plain or deflated, with or without the horizontal predictor; the first directory."""
+    order = {b"II": "<", b"MM": ">"}[data[:2]]
+    at = struct.unpack(order + "I", data[4:8])[0]
+    tags = {}
+    for k in range(struct.unpack(order + "H", data[at:at + 2])[0]):
+        tag, kind, count = struct.unpack(order + "HHI", data[at + 2 + 12 * k:at + 10 + 12 * k])
+        letter = {1: "B", 2: "c", 3: "H", 4: "I", 12: "d"}.get(kind)
+        if letter:
+            size = struct.calcsize(letter) * count
+            here = at + 10 + 12 * k
+            start = here if size <= 4 else struct.unpack(order + "I", data[here:here + 4])[0]
+            tags[tag] = struct.unpack(f"{order}{count}{letter}", data[start:start + size])
+    width, height, samples = tags[256][0], tags[257][0], tags.get(277, (1,))[0]
+    dtype = np.dtype(order + {1: "u", 2: "i", 3: "f"}[tags.get(339, (1,))[0]] + str(tags[258][0] // 8))
+    tile_w, tile_h = tags.get(322, (width,))[0], tags.get(323, tags.get(278, (height,)))[0]
+    offsets, counts = (tags[324], tags[325]) if 324 in tags else (tags[273], tags[279])
+    across = -(-width // tile_w)
+    out = np.zeros((-(-height // tile_h) * tile_h, across * tile_w, samples), dtype)
+    for k, (start, count) in enumerate(zip(offsets, counts)):
+        block = data[start:start + count]
+        block = zlib.decompress(block) if tags[259][0] in (8, 32946) else block
+        y, x = k // across * tile_h, k % across * tile_w
+        array = np.frombuffer(block, dtype).reshape(-1, tile_w, samples)
+        if tags.get(317, (1,))[0] == 2:
+            array = np.cumsum(array, axis=1, dtype=dtype)
+        out[y:y + len(array), x:x + tile_w] = array
+    description = b"".join(tags.get(270, ())).rstrip(b"\0").decode()
+    return out[:height, :width], description
+
+
+def read_exr(data):
+    """Scan lines, uncompressed or ZIP: channels by name, and the string attributes."""
+    assert data[:4] == b"\x76\x2f\x31\x01"
+    at, attributes, channels = 8, {}, []
+    while data[at]:
+        name, at = data[at:data.index(b"\0", at)].decode(), data.index(b"\0", at) + 1
+        kind, at = data[at:data.index(b"\0", at)].decode(), data.index(b"\0", at) + 1
+        size = struct.unpack("<i", data[at:at + 4])[0]
+        attributes[name] = (kind, data[at + 4:at + 4 + size])
+        at += 4 + size
+    listing = attributes["channels"][1]
+    k = 0
+    while listing[k]:
+        end = listing.index(b"\0", k)
+        channels.append((listing[k:end].decode(), {0: "<u4", 1: "<f2", 2: "<f4"}[struct.unpack("<i", listing[end + 1:end + 5])[0]]))
+        k = end + 17
+    x0, y0, x1, y1 = struct.unpack("<4i", attributes["dataWindow"][1])
+    width, height = x1 - x0 + 1, y1 - y0 + 1
+    compression = attributes["compression"][1][0]
+    lines = {0: 1, 2: 1, 3: 16}[compression]
+    arrays = {name: np.zeros((height, width), dtype) for name, dtype in channels}
+    offsets = struct.unpack(f"<{-(-height // lines)}Q", data[at + 1:at + 1 + 8 * -(-height // lines)])
+    for offset in offsets:
+        y, size = struct.unpack("<ii", data[offset:offset + 8])
+        block, rows = data[offset + 8:offset + 8 + size], min(lines, y1 - y + 1)
+        expected = rows * width * sum(np.dtype(d).itemsize for _, d in channels)
+        if compression and size < expected:
+            b = np.frombuffer(zlib.decompress(block), np.uint8).astype(np.int64)
+            b[1:] -= 128
+            b = np.cumsum(b) & 255
+            half = (len(b) + 1) // 2
+            merged = np.empty(len(b), np.uint8)
+            merged[0::2], merged[1::2] = b[:half], b[half:]
+            block = merged.tobytes()
+        k = 0
+        for row in range(rows):
+            for name, dtype in channels:
+                count = width * np.dtype(dtype).itemsize
+                arrays[name][y - y0 + row] = np.frombuffer(block[k:k + count], dtype)
+                k += count
+    return arrays, {n: v.decode() for n, (kind, v) in attributes.items() if kind == "string"}
+
+
+class Formats(Test):
+    @classmethod
+    def setUpClass(cls):
+        cls.document = request(ALL, width=24, rows=18, accuracy={"max_error_px": 0}, pose={
+            "geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": 8000.0},
+            "look_at": {"lat_deg": LAT, "lon_deg": LON + 4.0, "height_m": 6000.0}})  # half of it sky
+        cls.frame = service("sample").frame(cls.document)
+
+    def one(self, product, accept, **changes):
+        return service("sample").post("/v1/frames", dict(self.document, products=[product], **changes), accept)
+
+    def test_types_and_shapes(self):
+        for name, (dtype, samples) in TYPES.items():
+            self.assertEqual(self.frame[name].dtype.str, dtype, name)
+            self.assertEqual(self.frame[name].shape, (18, 24) if samples == 1 else (18, 24, 3), name)
+
+    def test_where_nothing_is_hit(self):
+        miss = np.isnan(self.frame["depth"])
+        self.assertTrue(0.05 < miss.mean() < 0.95, miss.mean())
+        for name in ("range", "position", "geodetic", "normal", "angles", "lit", "gsd"):
+            self.assertTrue(np.all(np.isnan(self.frame[name][miss])), name)
+            self.assertFalse(np.any(np.isnan(self.frame[name][~miss])), name)
+        self.assertTrue(np.all(self.frame["radiance"][miss] == 0) and np.all(self.frame["image"][miss] == 0))
+        self.assertTrue(np.all(self.frame["source"][miss] == 65535) and np.all(self.frame["source"][~miss] < 65535))
+        self.assertAlmostEqual(self.frame["meta"]["hit_fraction"], 1 - miss.mean(), places=6)
+
+    def test_npy_and_raw(self):
+        for name, (dtype, samples) in TYPES.items():
+            status, headers, body = self.one(name, "application/x-npy")
+            self.assertEqual((status, headers["Content-Type"]), (200, "application/x-npy"))
+            np.testing.assert_array_equal(np.load(io.BytesIO(body)), self.frame[name])
+            status, headers, body = self.one(name, "application/octet-stream")
+            self.assertEqual(status, 200)
+            shape = tuple(int(n) for n in headers["Selenograph-Shape"].split(","))
+            np.testing.assert_array_equal(np.frombuffer(body, headers["Selenograph-Dtype"]).reshape(shape), self.frame[name])
+            meta = json.loads(headers["Selenograph-Meta"])
+            self.assertEqual(headers["ETag"], '"%s"' % meta["content_hash"])
+            self.assertEqual(headers["Selenograph-Product"], name)
+
+    def test_tiff(self):
+        for name, (dtype, samples) in TYPES.items():
+            status, headers, body = self.one(name, "image/tiff")
+            self.assertEqual(status, 200, body[:300])
+            array, description = read_tiff(body)
+            self.assertEqual(array.dtype, np.dtype(dtype), name)
+            np.testing.assert_array_equal(array.reshape(self.frame[name].shape), self.frame[name])
+            self.assertEqual(headers["ETag"], '"%s"' % json.loads(description)["content_hash"])
+
+    def test_png(self):
+        for depth in (8, 16):
+            status, headers, body = self.one("image", "image/png", image={"bit_depth": depth})
+            self.assertEqual((status, headers["Content-Type"]), (200, "image/png"))
+            expected = service("sample").frame(dict(self.document, products=["image"], image={"bit_depth": depth}))["image"]
+            np.testing.assert_array_equal(read_png(body), expected)
+            self.assertIn(headers["ETag"].strip('"').encode(), body, "the metadata travel inside")
+
+    def test_exr(self):
+        status, headers, body = service("sample").post("/v1/frames", self.document, "image/x-exr")
+        self.assertEqual((status, headers["Content-Type"]), (200, "image/x-exr"))
+        channels, attributes = read_exr(body)
+        self.assertTrue(any('"content_hash"' in text for text in attributes.values()))
+        for name, (_, samples) in TYPES.items():
+            got = [c for c in channels if c.split(".")[0] == name and not c.endswith("residual")]
+            self.assertEqual(len(got), samples, f"{name}: {sorted(channels)}")
+            if samples == 1:
+                np.testing.assert_allclose(channels[got[0]].astype(float), self.frame[name].astype(float), rtol=1e-6)
+        for channel, column in (("position.x", 0), ("position.y", 1), ("position.z", 2)):
+            match = [c for c in channels if c.lower().startswith(channel) and not c.endswith("residual")]
+            self.assertEqual(len(match), 1, sorted(channels))
+            np.testing.assert_allclose(channels[match[0]], self.frame["position"][..., column], rtol=1e-6)
+
+    def test_what_a_format_can_not_hold(self):
+        for products, accept, wanted in ((["position"], "image/png", 422), (["lit", "gsd"], "application/x-npy", 422),
+                                         (["lit", "gsd"], "image/tiff", 422), (["lit"], "image/jpeg", 406)):
+            status, headers, _ = service("sample").post("/v1/frames", dict(self.document, products=products), accept)
+            self.assertEqual((status, headers["Content-Type"]), (wanted, "application/problem+json"))
+
+    def test_metadata(self):
+        meta = self.frame["meta"]
+        resolved = meta["request"]
+        self.assertEqual(resolved["pose"]["frame"], "MOON_ME")
+        self.assertEqual(set(resolved["camera"]) >= {"width", "height", "fx", "fy", "cx", "cy"}, True)
+        self.close(np.linalg.norm(resolved["sun"]["direction"]), 1, 1e-12)
+        self.assertEqual(resolved["surface"]["reflectance"], {"model": "lunar", "lommel_seeliger_weight": 1.0, "rho": 0.12})
+        self.assertGreater(len(meta["sources"]), 0)
+        for source in meta["sources"]:
+            self.assertTrue(source["name"].startswith("DTM_MAP") and source["version"])
+        self.assertLess(self.frame["source"][self.frame["source"] < 65535].max(), len(meta["sources"]))
+        self.assertLessEqual(meta["lod_error_px"], resolved["accuracy"]["max_error_px"] + 1e-3)
+        self.assertGreaterEqual(meta["lod_error_m"], 0)
+        self.assertTrue(meta["software"]["version"])
+        for share in ("filled_fraction", "missing_fraction"):
+            self.assertTrue(0 <= meta[share] <= 1)
+        self.assertEqual(self.frame["headers"]["ETag"], '"%s"' % meta["content_hash"])
+
+    def test_the_resolved_request_makes_the_same_frame(self):
+        again = service("sample").frame(self.frame["meta"]["request"])
+        for name in ALL:
+            np.testing.assert_allclose(again[name].astype(float), self.frame[name].astype(float), rtol=1e-6, atol=1e-9, err_msg=name)
+
+    def test_etag(self):
+        status, headers, body = service("sample").post("/v1/frames", self.document, "application/x-npz")
+        _, again, same = service("sample").post("/v1/frames", self.document, "application/x-npz")
+        self.assertEqual((headers["ETag"], body), (again["ETag"], same))
+        status, _, empty = service("sample").post("/v1/frames", self.document, "application/x-npz", If_None_Match=headers["ETag"])
+        self.assertEqual((status, empty), (304, b""))
+        _, other, _ = service("sample").post("/v1/frames", dict(self.document, camera=dict(self.document["camera"], fov_deg=50.1)),
+                                             "application/x-npz")
+        self.assertNotEqual(other["ETag"], headers["ETag"])
+
+    def test_server_timing(self):
+        timing = self.frame["headers"]["Server-Timing"]
+        stages = dict(re.fullmatch(r"(\w+);dur=([0-9.]+)", part.strip()).groups() for part in timing.split(","))
+        self.assertTrue(len(stages) >= 4 and all(float(d) >= 0 for d in stages.values()), timing)
+
+
+# --- errors ----------------------------------------------------------------------------------------------------------
+
+
+class Errors(Test):
+    GEODETIC = {"lat_deg": LAT, "lon_deg": LON, "height_m": 15000.0}
+    Q = {"w": 1, "x": 0, "y": 0, "z": 0}
+
+    def refused(self, document, status, pointer=None, words=(), path="/v1/frames"):
+        got, headers, body = service("sample").post(path, document)
+        self.assertEqual((got, headers["Content-Type"]), (status, "application/problem+json"), (document, body[:300]))
+        problem = json.loads(body)
+        self.assertEqual(problem["status"], status)
+        self.assertTrue({"type", "title", "detail"} <= set(problem))
+        if pointer is not None:
+            found = [e["detail"] for e in problem["errors"] if e["pointer"] in (pointer if isinstance(pointer, tuple) else (pointer,))]
+            self.assertTrue(found, problem)
+            for word in words:
+                self.assertIn(word, found[0])
+
+    def test_alternatives_name_both_members(self):
+        poses = {"position_m": [1757400.0, 0.0, 0.0], "geodetic": self.GEODETIC}
+        attitudes = {"camera_from_moon": self.Q, "moon_from_camera": self.Q, "nadir": {}, "look_at": {"lat_deg": 0.0, "lon_deg": 30.0}}
+        suns = {"direction": [1, 0, 0], "subsolar": {"lat_deg": 0, "lon_deg": 0}, "local": SUN["local"],
+                "utc": "2026-11-20T00:00:00Z"}
+        pairs = lambda d: [(a, b) for a in d for b in d if a < b]
+        for a, b in pairs(poses):
+            self.refused(request(pose={a: poses[a], b: poses[b], "nadir": {}}), 422, (f"/pose/{a}", f"/pose/{b}", "/pose"), (a, b))
+        for a, b in pairs(attitudes):
+            self.refused(request(pose={"geodetic": self.GEODETIC, a: attitudes[a], b: attitudes[b]}), 422,
+                         (f"/pose/{a}", f"/pose/{b}", "/pose"), (a, b))
+        for a, b in pairs(suns):
+            self.refused(request(sun={a: suns[a], b: suns[b]}), 422, (f"/sun/{a}", f"/sun/{b}", "/sun"), (a, b))
+        for name in ("fx", "fy", "cx", "cy"):
+            camera = {"width": 8, "height": 8, "fov_deg": 50.0, name: 10.0}
+            self.refused(request(camera=camera), 422, (f"/camera/{name}", "/camera/fov_deg", "/camera"), ("fov_deg", name))
+
+    def test_none_of_the_alternatives(self):
+        self.refused(request(pose={"nadir": {}}), 422, "/pose", ("position_m", "geodetic"))
+        self.refused(request(pose={"geodetic": self.GEODETIC}), 422, "/pose", ("nadir", "look_at"))
+        self.refused(request(sun={}), 422, "/sun", ("direction", "utc"))
+        self.refused(request(camera={"width": 8, "height": 8}), 422, "/camera", ("fov_deg", "fx"))
+
+    def test_unknown_members_everywhere(self):
+        base = request(["radiance"])
+        cases = {"/colour": dict(base, colour=1), "/camera/fov": dict(base, camera=dict(base["camera"], fov=1)),
+                 "/camera/distortion/k4": dict(base, camera=dict(base["camera"], distortion={"model": "brown_conrady", "k4": 1})),
+                 "/pose/roll": dict(base, pose=dict(base["pose"], roll=1)),
+                 "/pose/nadir/azimuth": dict(base, pose={"geodetic": self.GEODETIC, "nadir": {"azimuth": 1}}),
+                 "/pose/geodetic/alt": dict(base, pose={"geodetic": dict(self.GEODETIC, alt=1), "nadir": {}}),
+                 "/sun/elevation": dict(base, sun=dict(SUN, elevation=1)),
+                 "/sun/local/el": dict(base, sun={"local": dict(SUN["local"], el=1)}),
+                 "/surface/albedo": dict(base, surface={"albedo": 1}),
+                 "/surface/reflectance/w": dict(base, surface={"reflectance": {"w": 1}}),
+                 "/accuracy/samples": dict(base, accuracy={"samples": 1})}
+        for pointer, document in cases.items():
+            self.refused(document, 422, pointer)
+        self.refused(dict(base, products=["radiance", "albedo"]), 422, "/products/1")
+        self.refused({"points": [{"lat_deg": 0, "lon_deg": 0, "height": 0}]}, 422, "/points/0/height", path="/v1/heights")
+        self.refused({"rays": [{"origin_m": [0, 0, 2e6], "direction": [0, 0, -1], "max": 1}]}, 422, "/rays/0/max", path="/v1/rays")
+
+    def test_numbers_that_are_none(self):
+        text = json.dumps(request()).replace("15000.0", "%s")
+        for literal, status in (("NaN", 400), ("Infinity", 400), ("-Infinity", 400), ("1e999", 422), ('"15000"', 422),
+                                ("null", 422), ("true", 422), ("0x10", 400)):
+            pointer = "/pose/geodetic/height_m" if status == 422 else None
+            self.refused((text % literal).encode(), status, pointer)
+
+    def test_malformed_bodies(self):
+        for body in (b"", b"{", b'{"camera":}', b"\xff\xfe", b"{} {}"):
+            self.refused(body, 400)
+        for body in (b"[]", b"null", b'"frame"', b"3"):
+            self.refused(body, 422, "")
+        self.refused(b"[" * 100000 + b"]" * 100000, 400)
+        self.refused(json.dumps(request()).replace('"products"', '"camera": {}, "products"').encode(), 422, "/camera")
+
+    def test_impossible_poses_and_suns(self):
+        for q in (dict(self.Q, w=0), dict(self.Q, w=2), dict(self.Q, w=0.5)):
+            self.refused(request(pose={"geodetic": self.GEODETIC, "camera_from_moon": q}), 422, "/pose/camera_from_moon")
+        self.refused(request(sun={"direction": [0, 0, 0]}), 422, "/sun/direction")
+        self.refused(request(pose={"geodetic": dict(self.GEODETIC, lat_deg=90.01), "nadir": {}}), 422, "/pose/geodetic/lat_deg")
+        self.refused(request(pose={"position_m": [0, 0, 0], "nadir": {}}), 422)
+        here = {"lat_deg": LAT, "lon_deg": LON, "height_m": 15000.0}
+        self.refused(request(pose={"geodetic": self.GEODETIC, "look_at": here}), 422)
+        straight_down = {"lat_deg": LAT, "lon_deg": LON, "up": list(up_at(LAT, LON))}
+        self.refused(request(pose={"geodetic": self.GEODETIC, "look_at": straight_down}), 422)
+        self.refused(request(sun={"utc": "2026-13-20T00:00:00Z"}), 422, "/sun/utc")
+        self.refused(request(sun={"utc": "yesterday"}), 422, "/sun/utc")
+        self.refused(request(["radiance"], sun={"subsolar": {"lat_deg": 95, "lon_deg": 0}}), 422, "/sun/subsolar/lat_deg")
+
+    def test_a_camera_just_below_and_just_above_the_terrain(self):
+        rng = np.random.default_rng(11)
+        lat, lon = rng.uniform(-0.6, 0.6, 12), rng.uniform(29.4, 30.6, 12)
+        for a, o, h in zip(lat, lon, service("sample").heights(lat, lon)):
+            below = request(["range"], lat=a, lon=o, height=float(h) - 1)
+            self.refused(below, 422, ("/pose", "/pose/geodetic", "/pose/geodetic/height_m"))
+            f = service("sample").frame(request(["range"], lat=a, lon=o, height=float(h) + 1, width=1, rows=1))
+            self.close(f["range"], 1, 0.5)
+
+    def test_sizes(self):
+        for width, height in ((0, 8), (-1, 8), (1e9, 8), (100000, 100000), (8.5, 8)):
+            self.refused(request(camera={"width": width, "height": height, "fov_deg": 40.0}), 422)
+        for fov in (0, 180, -10, 400):
+            self.refused(request(camera={"width": 8, "height": 8, "fov_deg": fov}), 422, "/camera/fov_deg")
+        self.refused(b" " * (64 << 20), 413)
+
+    def test_content_type_and_methods(self):
+        status, headers, _ = service("sample").ask("POST", "/v1/frames", json.dumps(request()), Content_Type="text/plain")
+        self.assertEqual((status, headers["Content-Type"]), (415, "application/problem+json"))
+        status, headers, _ = service("sample").ask("GET", "/v1/frames")
+        self.assertEqual((status, headers["Content-Type"]), (405, "application/problem+json"))
+        for query in ("", "?lat_deg=1", "?lat_deg=1&lon_deg=x", "?lat_deg=91&lon_deg=0", "?lat_deg=nan&lon_deg=0",
+                      "?lat_deg=1&lon_deg=1&q=1"):
+            status, headers, _ = service("sample").ask("GET", "/v1/height" + query)
+            self.assertIn(status, (400, 422), query)
+            self.assertEqual(headers["Content-Type"], "application/problem+json")
+
+
+# --- terrain ---------------------------------------------------------------------------------------------------------
+
+
+def kaguya_posts(folder, pattern=r"N(\d\d)E(\d\d\d)([NS]\d\d)"):
+    """Tile name -> (top latitude, west longitude, heights), as the file names and the README of the data say."""
+    tiles = {}
+    for path in sorted(glob.glob(os.path.join(folder, "*.img"))):
+        found = re.search(pattern, path)
+        posts = np.fromfile(path, ">i2").astype(float)
+        tiles[os.path.basename(path)[:-4]] = (int(found[1]), int(found[2]), posts.reshape(int(len(posts)**0.5), -1))
+    return tiles
+
+
+class SampleTerrain(Test):
+    def test_posts_and_voids(self):
+        service("sample")
+        voids = 0
+        for name, (top, west, posts) in kaguya_posts(os.path.join(FOLDER, "sample")).items():
+            row, column = np.mgrid[0:256:5, 0:256:5]
+            row, column = row.ravel(), column.ravel()
+            answers = service("sample").places(top - row / 256, west + column / 256)
+            for answer, wanted in zip(answers, posts[row, column]):
+                if wanted != -9999:
+                    self.close(answer["height_m"], wanted, 0.01)
+            empty = np.argwhere(posts == -9999)
+            voids += len(empty)
+            for answer in service("sample").places(top - empty[:, 0] / 256, west + empty[:, 1] / 256):
+                if answer["height_m"] is None:
+                    self.assertTrue(answer["reason"])
+                else:
+                    self.assertTrue(answer["filled"], f"{name}: a void passes as data: {answer}")
+                    self.assertTrue(posts[posts > -9999].min() - 500 < answer["height_m"] < posts.max() + 500, answer)
+        self.assertGreater(voids, 0, "the sample terrain should have voids")
+
+    def test_single_and_batch_agree(self):
+        status, _, body = service("sample").ask("GET", f"/v1/height?lat_deg={LAT}&lon_deg={LON}")
+        self.assertEqual((status, json.loads(body)), (200, service("sample").places(LAT, LON)[0]))
+        nowhere = service("sample").places(50.0, 200.0)[0]
+        self.assertEqual((nowhere["lon_deg"], nowhere["height_m"]), (-160.0, None))
+        self.assertTrue(nowhere["reason"])
+
+
+class Hadley(Test):
+    @classmethod
+    def setUpClass(cls):
+        cls.tiles = kaguya_posts(shared("hadley"))
+        by_corner = {(top, west): posts for top, west, posts in cls.tiles.values()}
+        rows = [np.hstack([by_corner[top, west] for west in (0, 3, 6, 9)]) for top in (30, 27, 24, 21)]
+        cls.posts = np.vstack(rows)  # 3072 x 3072, the first at 30 N 0 E
+
+    def bilinear(self, lat, lon):
+        r, c = (30 - lat) * 256, lon * 256
+        i, j = np.clip(r.astype(int), 0, 3070), np.clip(c.astype(int), 0, 3070)
+        u, v, m = r - i, c - j, self.posts
+        return m[i, j] * (1 - u) * (1 - v) + m[i + 1, j] * u * (1 - v) + m[i, j + 1] * (1 - u) * v + m[i + 1, j + 1] * u * v
+
+    def test_heights_at_posts(self):
+        rng = np.random.default_rng(1)
+        for name, (top, west, posts) in self.tiles.items():
+            row = np.r_[rng.integers(0, 768, 100), 0, 0, 767, 767]
+            column = np.r_[rng.integers(0, 768, 100), 0, 767, 0, 767]
+            answers = service("hadley").places(top - row / 256, west + column / 256)
+            self.close([a["height_m"] for a in answers], posts[row, column], 0.01, name)
+            self.assertEqual({a["source"] for a in answers}, {name})
+            self.assertFalse(any(a["filled"] for a in answers))
+
+    def test_between_posts_and_between_tiles(self):
+        rng = np.random.default_rng(2)
+        r, c = rng.uniform(0, 3070, 3000), rng.uniform(0, 3070, 3000)
+        r[:800], c[800:1600] = 767 + rng.uniform(0, 1, 800), 1535 + rng.uniform(0, 1, 800)
+        got = service("hadley").heights(30 - r / 256, c / 256)
+        i, j = r.astype(int), c.astype(int)
+        corners = np.stack([self.posts[i, j], self.posts[i + 1, j], self.posts[i, j + 1], self.posts[i + 1, j + 1]])
+        self.assertTrue(np.all((got > corners.min(0) - 0.5) & (got < corners.max(0) + 0.5)), "outside of its four posts")
+        self.assertLess(np.sqrt(np.mean((got - self.bilinear(30 - r / 256, c / 256))**2)), 0.5)
+
+    def test_apollo_15(self):
+        self.close(service("hadley").heights(26.1322, 3.6339), -1922, 5)
+
+    def test_datasets(self):
+        status, _, body = service("hadley").ask("GET", "/v1/datasets")
+        listed = {d["name"]: d for d in json.loads(body)["datasets"]}
+        self.assertEqual(set(listed), set(self.tiles))
+        for name, (top, west, _) in self.tiles.items():
+            f = listed[name]["footprint"]
+            self.close([f["north_deg"], f["west_deg"], f["south_deg"], f["east_deg"]],
+                       [top, west, top - 767 / 256, west + 767 / 256], 1e-9)
+            self.close(listed[name]["post_spacing_m"], np.pi * RADIUS_M / 180 / 256, 1e-6)
+
+    def test_shadows_by_marching_over_the_posts(self):
+        azimuth, elevation = 90.0, 15.0
+        east, north, up = east_north_up(26.1322, 3.6339)
+        e = np.radians(elevation)
+        sun = np.cos(e) * east + np.sin(e) * up
+        f = service("hadley").frame(request(["position", "lit", "normal"], lat=26.1322, lon=3.6339, height=20000.0, width=64, rows=64,
+                                            sun={"local": {"lat_deg": 26.1322, "lon_deg": 3.6339, "azimuth_deg": azimuth,
+                                                           "elevation_deg": elevation}}, accuracy={"max_error_px": 0}))
+        p, lit = f["position"].reshape(-1, 3), f["lit"].ravel()
+        clearance = np.full(len(p), np.inf)
+        for s in np.arange(60.0, 40000.0, 30.0):  # the first 60 m are left to the slope of the surface itself
+            q = p + s * sun
+            lat = np.degrees(np.arctan2(q[:, 2], np.hypot(q[:, 0], q[:, 1])))
+            lon = np.degrees(np.arctan2(q[:, 1], q[:, 0]))
+            clearance = np.minimum(clearance, np.linalg.norm(q, axis=-1) - RADIUS_M - self.bilinear(lat, lon))
+        facing = f["normal"].reshape(-1, 3) @ sun
+        sure_shadow = (clearance < -8) | (facing < -0.02)
+        sure_light = (clearance > 12) & (facing > 0.1)
+        self.assertGreater(sure_shadow.sum(), 200)
+        self.assertGreater(sure_light.sum(), 2000)
+        self.assertLessEqual(np.sum(lit[sure_shadow] != 0) + np.sum(lit[sure_light] != 1), 2)
+
+    def test_visibility_behind_a_mountain(self):
+        camera = {"width": 400, "height": 300, "fov_deg": 45.0}
+        pose = {"geodetic": {"lat_deg": 25.6, "lon_deg": 2.9, "height_m": 1500.0},
+                "look_at": {"lat_deg": 26.0, "lon_deg": 4.2, "height_m": 0.0}}
+        seen = service("hadley").frame({"camera": camera, "pose": pose, "products": ["range"], "accuracy": {"max_error_px": 0}})["range"]
+        lat, lon = [a.ravel() for a in np.meshgrid(np.linspace(25.5, 26.6, 80), np.linspace(3.2, 5.0, 80))]
+        points = [{"lat_deg": a, "lon_deg": o} for a, o in zip(lat.tolist(), lon.tolist())]
+        answers = service("hadley").call("/v1/project", {"camera": camera, "pose": pose, "points": points})["points"]
+        hidden = shown = 0
+        for p in answers:
+            if not p["in_frame"]:
+                self.assertFalse(p["visible"])
+                continue
+            u, v = int(p["x_px"]), int(p["y_px"])
+            around = seen[max(v - 1, 0):v + 3, max(u - 1, 0):u + 3]
+            if np.isnan(around).any():  # a skyline: the nearest pixels say nothing about it
+                continue
+            if p["range_m"] > np.max(around) + 300:
+                hidden += 1
+                self.assertFalse(p["visible"], p)
+            elif np.max(around) - np.min(around) < 300 and abs(p["range_m"] - np.mean(around)) < 150:
+                shown += 1
+                self.assertTrue(p["visible"], p)
+        self.assertGreater(hidden, 50)
+        self.assertGreater(shown, 50)
+
+    def test_the_bound_of_a_lander(self):
+        """Near the ground the finest posts are all there is: the bound must say so, not be a division by nothing."""
+        for height in (5000.0, 0.0, -1500.0, -1800.0):
+            f = service("hadley").frame(request(["range", "gsd"], lat=26.1, lon=3.5, height=height, width=64, rows=64))
+            self.assertLessEqual(f["meta"]["lod_error_px"], 0.5, f"at {height} m, lod_error_m {f['meta']['lod_error_m']}")
+
+    def test_everything_in_the_files_can_be_seen(self):
+        """Rays and frames must show each place that has a height, up to the outermost posts."""
+        lat, lon = np.r_[18.05, 18.2, 24.9, 29.9, 24.0, 18.05], np.r_[5.3, 0.2, 11.8, 11.95, 0.05, 11.95]
+        heights = service("hadley").heights(lat, lon)
+        self.assertFalse(np.isnan(heights).any())
+        up = up_at(lat, lon)
+        rays = service("hadley").rays(up * (RADIUS_M + 20000), -up)
+        self.assertEqual([(a, o) for a, o, r in zip(lat, lon, rays) if not r["hit"]], [], "places with a height that rays pass")
+
+    def test_the_data_do_not_shrink_with_distance(self):
+        for height, fov in ((400000.0, 60.0), (3000000.0, 12.0)):
+            f = service("hadley").frame(request(["geodetic"], lat=24.0, lon=6.0, height=height, width=200, rows=200, fov=fov))
+            lat, lon = f["geodetic"][..., 0], f["geodetic"][..., 1]
+            edges = [np.nanmin(lat), np.nanmax(lat), np.nanmin(lon), np.nanmax(lon)]
+            self.close(edges, [18, 30, 0, 12], 0.3, f"from {height} m are seen {np.round(edges, 2)}, of 18..30 N and 0..12 E")
+
+
+class LabelVariants(Test):
+    """Each tile is a ramp, 10 * row + column, 10 posts per degree, with a void of 2 x 2 posts in its first corner."""
+
+    def test_ramps(self):
+        row, column = np.mgrid[0:30, 0:30]
+        for north, west in ((27.0, 3.0), (27.0, 303.0), (-69.0, 303.0)):
+            got = service("variants").heights(north - row / 10, west + column / 10).reshape(30, 30)
+            inner = np.s_[3:29, 3:29]  # 10 posts per degree are resampled: the posts beside a void may be lost with it
+            self.close(got[inner], (10 * row + column)[inner], 0.01, f"{north} {west}")
+            for answer in service("variants").places([north, north - 0.1], [west, west + 0.1]):
+                self.assertTrue(answer["height_m"] is None or answer["filled"], answer)
+
+    def test_each_variant_alone(self):
+        """A, B (the old sign of the offset) and C lie on the same place: only alone can each be wrong."""
+        for name in ("A_neg_bytes", "B_pos_bytes", "C_neg_unquoted"):
+            folder = os.path.join(FOLDER, name)
+            os.makedirs(folder, exist_ok=True)
+            for extension in (".lbl", ".img"):
+                shutil.copy(shared("labels", "variants", name + extension), folder)
+            alone = Service(name, [folder])
+            try:
+                got = alone.places([25.0, 24.5, 26.5], [5.0, 3.5, 5.8])
+                self.close([a["height_m"] for a in got], [220, 255, 78], 0.01)
+                self.assertEqual({a["source"] for a in got}, {name})
+            finally:
+                alone.stop()
+
+    def test_outermost_posts(self):
+        """Posts of a tile's north and west border have values also where no neighbour is.
+
+        South of the equator only every fifth: the mesh's edges are great circles, south of the parallel between vertices.
+        """
+        answers = service("variants").places([27.0, 26.0, 27.0, -69.0, -70.0], [4.0, 3.0, 304.1, 303.5, 303.0])
+        self.close([np.nan if a["height_m"] is None else a["height_m"] for a in answers], [10, 100, 11, 5, 100], 0.01)
+
+
+class Void(Test):
+    """A void too large to fill: null and a reason, in a tile made here."""
+
+    @classmethod
+    def setUpClass(cls):
+        with open(shared("labels", "variants", "A_neg_bytes.lbl"), newline="") as file:
+            label = file.read()
+        folder = os.path.join(FOLDER, "void")
+        os.makedirs(folder, exist_ok=True)
+        rng = np.random.default_rng(4)
+        cls.posts = rng.integers(-300, 300, (768, 768))
+        cls.posts[300:420, 300:420] = -9999
+        cls.posts[100:103, 100:103] = -9999
+        name = "DTM_MAPs02_N12E030N09E033SC"
+        values = {"LINE_LAST_PIXEL": 768, "SAMPLE_LAST_PIXEL": 768, "LINES": 768, "LINE_SAMPLES": 768,
+                  "MAP_RESOLUTION": "256 <pixel/deg>", "MAP_SCALE": f"{np.pi * 1737.4 / 180 / 256} <km/pixel>",
+                  "MAXIMUM_LATITUDE": "12 <deg>", "MINIMUM_LATITUDE": f"{12 - 767 / 256} <deg>",
+                  "WESTERNMOST_LONGITUDE": "30 <deg>", "EASTERNMOST_LONGITUDE": f"{30 + 767 / 256} <deg>",
+                  "LINE_PROJECTION_OFFSET": f"{12 * 256} <pixel>", "SAMPLE_PROJECTION_OFFSET": f"{-30 * 256} <pixel>"}
+        for key, value in values.items():
+            label = re.sub(r"(?m)^(\s*%s\s*=\s*)[^\r\n]*" % key, lambda m, v=value: m[1] + str(v), label)
+        with open(os.path.join(folder, name + ".lbl"), "w", newline="") as file:
+            file.write(label.replace("A_neg_bytes", name))
+        cls.posts.astype(">i2").tofile(os.path.join(folder, name + ".img"))
+
+    def at(self, row, column):
+        return service("void").places(12 - row / 256, 30 + column / 256)[0]
+
+    def test_a_large_void_is_null(self):
+        answer = self.at(360, 360)
+        self.assertIsNone(answer["height_m"])
+        self.assertTrue(answer["reason"])
+        self.close(self.at(299, 299)["height_m"], self.posts[299, 299], 0.01)
+        p = service("void").call("/v1/project", {"camera": {"width": 9, "height": 9, "fov_deg": 40.0},
+                                                "pose": {"geodetic": {"lat_deg": 10.6, "lon_deg": 31.4, "height_m": 20000.0}, "nadir": {}},
+                                                "points": [{"lat_deg": 12 - 360 / 256, "lon_deg": 30 + 360 / 256}]})["points"][0]
+        self.assertIsNone(p["height_m"])
+        self.assertTrue(p["reason"])
+        self.assertFalse(p["visible"])
+
+    def test_a_small_void_is_filled_and_says_so(self):
+        answer = self.at(101, 101)
+        self.assertTrue(answer["filled"])
+        self.assertTrue(-300 <= answer["height_m"] <= 300, answer)
+
+    def test_a_void_is_no_larger_in_frames_than_in_the_file(self):
+        for height, fov in ((60000.0, 60.0), (300000.0, 30.0)):
+            lat, lon = 12 - 360 / 256, 30 + 360 / 256
+            document = request(["position"], lat=lat, lon=lon, height=height, width=150, rows=150, fov=fov)
+            f = service("void").frame(document)
+            got = f["meta"]["request"]
+            origin = np.array(got["pose"]["position_m"])
+            rays = unit(pixel_rays(got["camera"]) @ matrix(got["pose"]["camera_from_moon"]))
+            along = rays @ origin
+            on_sphere = origin + (-along - np.sqrt(along**2 - origin @ origin + RADIUS_M**2))[..., None] * rays
+            row = (12 - np.degrees(np.arcsin(on_sphere[..., 2] / RADIUS_M))) * 256
+            column = (np.degrees(np.arctan2(on_sphere[..., 1], on_sphere[..., 0])) - 30) * 256
+            hit = np.isfinite(f["position"][..., 0])
+            out = np.maximum(np.maximum(299 - row, row - 420), np.maximum(299 - column, column - 420))  # posts beyond the void
+            edge = np.minimum(np.minimum(row, 767 - row), np.minimum(column, 767 - column))  # posts inside of the tile
+            slack = 6 + 2 * f["meta"]["post_spacing_m"]["max"] / 118.45
+            self.assertFalse(np.any(hit[(out < -slack) | (edge < -slack)]), "hits where there is no data")
+            seen = hit[(out > slack) & (edge > slack)]
+            self.assertTrue(np.all(seen), f"from {height} m {100 * np.mean(~seen):.0f} % of the pixels on valid posts see nothing")
+
+    def test_frames_over_both(self):
+        products = ["position", "source", "lit"]
+        sun = {"subsolar": {"lat_deg": 0.0, "lon_deg": 60.0}}
+        f = service("void").frame(request(products, lat=12 - 360 / 256, lon=30 + 360 / 256, height=10000.0, fov=30.0, sun=sun))
+        self.assertEqual((f["meta"]["missing_fraction"], f["meta"]["hit_fraction"]), (1.0, 0.0))
+        self.assertTrue(np.all(f["source"] == 65535))
+        f = service("void").frame(request(products, lat=12 - 101 / 256, lon=30 + 101 / 256, height=10000.0, fov=30.0, sun=sun))
+        self.assertEqual(f["meta"]["hit_fraction"], 1.0)
+        self.assertGreater(f["meta"]["filled_fraction"], 0.001)
+
+
+class WholeMoon:
+    """Shared by the two global products; `name` and `posts` come from the subclass."""
+
+    def test_heights_at_pixel_centres(self):
+        """Pixel is area: the value belongs to the centre, half a pixel inside the corner."""
+        rng = np.random.default_rng(3)
+        rows, columns = self.posts.shape
+        step = 360 / columns
+        row, column = rng.integers(0, int(55 / step), 3000), rng.integers(0, columns, 3000)
+        row[1500:] += int(80 / step)  # the north down to 35 N, the rest from 10 N: Hadley's finer tiles are between
+        got = service(self.name).heights(90 - (row + 0.5) * step, (column + 0.5) * step)
+        error = got - self.posts[row, column]
+        self.assertFalse(np.isnan(error).any())
+        share = f"rms {np.sqrt(np.mean(error**2)):.2f} m, 99 % {np.percentile(abs(error), 99):.1f} m"
+        # Poleward of 75.5 degrees the mesh gives up posts in longitude, where they lie closer than along a meridian.
+        polar = np.abs(90 - (row + 0.5) * step) > 75.5
+        self.assertLessEqual(np.abs(error[~polar]).max(), 0.01, share)
+        self.assertLessEqual(np.sqrt(np.mean(error[polar] ** 2)), 3, share)
+
+    def test_date_line_and_prime_meridian(self):
+        lat = np.array([-89.5, -60.3, 0.0, 12.34567, 85.0, 89.5])
+        for a, b in ((180, -180), (0, 360)):
+            self.close(service(self.name).heights(lat, a), service(self.name).heights(lat, b), 0)
+        for a, b in ((179.9999999, -179.9999999), (-1e-7, 1e-7), (359.9999999, 0)):
+            self.close(service(self.name).heights(lat, a), service(self.name).heights(lat, b), 0.01)
+        rows, columns = self.posts.shape
+        step = 360 / columns
+        for row in (rows // 5, rows // 2, rows - 40):  # between the last and the first column lies their mean, at least nearly
+            got = service(self.name).heights(90 - (row + 0.5) * step, 0.0)[0]
+            values = self.posts[row, [0, -1]]
+            self.assertTrue(values.min() - 60 <= got <= values.max() + 60, (got, values))
+
+    def test_poles_agree_from_every_longitude(self):
+        lon = np.array([-180, -179.99, -91.3, -45, 0, 0.001, 45, 90, 135, 180, 270.5, 360])
+        for lat in (90.0, -90.0):
+            heights = service(self.name).heights(lat, lon)
+            self.close(heights, heights[0], 0.01, f"{lat}: {heights}")
+
+    def test_rays_at_the_poles(self):
+        lon = np.arange(-180.0, 180.0, 15.0)
+        for lat in (90.0, 89.9999, 89.99, 89.9, -90.0, -89.9999, -89.99, -89.9):
+            up = up_at(np.full_like(lon, lat), lon)
+            rays = service(self.name).rays(up * (RADIUS_M + 20000), -up)
+            self.assertEqual([o for o, r in zip(lon, rays) if not r["hit"]], [], f"rays pass the Moon at {lat}")
+            self.close([20000 - r["range_m"] for r in rays], service(self.name).heights(lat, lon), 0.01, str(lat))
+
+    def test_frames_of_the_poles_have_no_hole(self):
+        for lat in (90.0, -90.0):
+            for height in (100000.0, 20000.0, 2000.0):
+                document = request(["range"], lat=lat, lon=0.0, height=height, width=150, rows=150, fov=30.0)
+                f = service(self.name).frame(document)
+                self.assertEqual(np.isnan(f["range"]).sum(), 0, f"holes at {lat} from {height} m")
+                self.assertLessEqual(f["meta"]["lod_error_px"], 0.5, f"{lat} {height}")
+
+
+class Ldem4(WholeMoon, Test):
+    name = "ldem_4"
+
+    @classmethod
+    def setUpClass(cls):  # the label: LSB_INTEGER, height = DN * 0.5, 720 x 1440, centre longitude 180
+        cls.posts = np.fromfile(shared("ldem_4", "LDEM_4.IMG"), "<i2").reshape(720, 1440) * 0.5
+
+    def test_datum(self):
+        self.assertIn("radius", json.loads(service(self.name).ask("GET", "/v1/datasets")[2])["datasets"][0]["datum"])
+
+
+class Layers(WholeMoon, Test):
+    """GLD100 of the whole Moon with Hadley's tiles in it."""
+
+    name = "layers"
+
+    @classmethod
+    def setUpClass(cls):
+        shared("hadley")
+        with open(shared("global", "GLD100_global_16ppd_m.tif"), "rb") as file:
+            cls.posts = read_tiff(file.read())[0][..., 0].astype(float)
+
+    def test_the_layers_show_the_same_place(self):
+        row, column = np.mgrid[60 * 16 + 2:72 * 16 - 2:7, 2:190:7]  # inside of Hadley's tiles
+        fine = service("layers").heights(90 - (row.ravel() + 0.5) / 16, (column.ravel() + 0.5) / 16)
+        self.assertLess(np.sqrt(np.mean((fine - self.posts[row, column].ravel())**2)), 60)
+
+    def test_the_finest_wins(self):
+        inside = service("layers").places([26.1322, 20.0], [3.6339, 10.0])
+        outside = service("layers").places([26.0, -40.0, 31.0], [13.0, 100.0, 3.0])
+        self.assertTrue(all(p["source"].startswith("DTM_MAPs02") for p in inside), inside)
+        self.assertTrue(all(p["source"].startswith("GLD100") for p in outside), outside)
+        self.close([inside[0]["height_m"]], service("hadley").heights(26.1322, 3.6339), 0.01)
+
+    def test_no_hole_along_the_seam(self):
+        for lat, lon, height in ((18.0, 6.0, 30000.0), (24.0, 12.0, 30000.0), (30.0, 0.0, 30000.0), (18.0, 12.0, 150000.0),
+                                 (24.0, 0.0, 8000.0)):
+            f = service("layers").frame(request(["geodetic", "source"], lat=lat, lon=lon, height=height, width=160, rows=160))
+            self.assertEqual(np.isnan(f["geodetic"]).sum(), 0, (lat, lon, height))
+            names = [s["name"] for s in f["meta"]["sources"]]
+            fine = np.array([n.startswith("DTM_MAPs02") for n in names])[f["source"]]
+            g = f["geodetic"]
+            within = (g[..., 0] > 18.02) & (g[..., 0] < 29.99) & (g[..., 1] > 0.01) & (g[..., 1] < 11.98)
+            beyond = (g[..., 0] < 17.9) | (g[..., 0] > 30.1) | (g[..., 1] < -0.1) | (g[..., 1] > 12.1)
+            self.assertTrue(np.all(fine[within]), f"{np.mean(fine[within])} of the pixels on Hadley's tiles name them")
+            self.assertFalse(np.any(fine[beyond]), "Hadley's tiles named beyond their edge")
+
+    def test_cameras_along_the_axes(self):
+        """Odd sizes: the central row and column look exactly along the coordinate axes."""
+        for lat, lon in ((0, 0), (0, 90), (0, 180), (0, -90), (0, 45), (90, 0), (-90, 0)):
+            for size, fov, height, azimuth in ((127, 30.0, 20000.0, 90.0), (151, 60.0, 200000.0, 90.0), (127, 30.0, 20000.0, 0.0)):
+                document = request(["range"], lat=lat, lon=lon, height=height, width=size, rows=size, fov=fov)
+                document["pose"]["nadir"] = {"up_azimuth_deg": azimuth}
+                holes = np.argwhere(np.isnan(service("layers").frame(document)["range"]))
+                self.assertEqual(holes.tolist(), [], f"rays pass the Moon at {lat} {lon} from {height} m, up {azimuth}")
+
+    def test_the_whole_moon_in_view(self):
+        height, size, fov = 4e8, 256, 0.6
+        f = service("layers").frame({"camera": {"width": size, "height": size, "fov_deg": fov}, "products": ["position", "lit", "geodetic"],
+                                     "pose": {"geodetic": {"lat_deg": 10.0, "lon_deg": 0.0, "height_m": height}, "nadir": {}},
+                                     "sun": {"subsolar": {"lat_deg": 0.0, "lon_deg": -80.0}}})
+        got = f["meta"]["request"]
+        origin = np.array(got["pose"]["position_m"])
+        rays = unit(pixel_rays(got["camera"]) @ matrix(got["pose"]["camera_from_moon"]))
+        nearest = np.linalg.norm(np.cross(origin, rays), axis=-1)  # each ray's distance from the Moon's centre
+        hit = np.isfinite(f["lit"])
+        self.assertTrue(np.all(hit[nearest < RADIUS_M - 9200]), "holes in the disc")
+        self.assertFalse(np.any(hit[nearest > RADIUS_M + 11000]), "hits beside the disc")
+        g = f["geodetic"][hit]
+        self.assertTrue(-9200 < g[:, 2].min() and g[:, 2].max() < 10800)
+        lit, lon = f["lit"][hit], g[:, 1]
+        self.assertGreater(lit[(lon < -20) & (np.abs(g[:, 0]) < 60)].mean(), 0.97)  # the terminator is at 10 E
+        self.assertEqual(lit[(lon > 30) & (np.abs(g[:, 0]) < 60)].sum(), 0)
+        self.assertLessEqual(f["meta"]["lod_error_px"], 0.5)
+
+    def test_a_lidar_over_the_whole_moon(self):
+        rng = np.random.default_rng(0)
+        z, lon = rng.uniform(-0.98, 0.98, 3000), rng.uniform(-180, 180, 3000)
+        up = up_at(np.degrees(np.arcsin(z)), lon)
+        rays = service("layers").rays(up * (RADIUS_M + 50000), -up)
+        self.assertTrue(all(r["hit"] for r in rays))
+
+
+if __name__ == "__main__":
+    unittest.main()

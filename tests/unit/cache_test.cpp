@@ -1,0 +1,171 @@
+// The depot's contract: one load per key in flight, least recently used goes first, what is in use stays, failures are
+// not remembered.
+#include "dem/cache.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace selenograph::dem {
+namespace {
+
+using Depot = Cache<int, int>;
+
+Depot::Loaded made(int value, std::size_t bytes) { return {std::make_shared<const int>(value), bytes}; }
+
+// Loads and lets go at once. True when it had to be loaded.
+bool touch(Depot& depot, int key, std::size_t bytes) {
+  bool loaded = false;
+  const auto value = depot.get(key, [&] {
+    loaded = true;
+    return made(key, bytes);
+  });
+  EXPECT_EQ(*value, key);
+  return loaded;
+}
+
+TEST(Cache, ManyThreadsOneLoad) {
+  Depot depot(1000);
+  std::atomic<int> loads{0}, started{0};
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 16; ++i)
+    threads.emplace_back([&] {
+      ++started;
+      const auto value = depot.get(1, [&] {
+        ++loads;
+        while (started < 16) std::this_thread::yield();
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        return made(42, 1);
+      });
+      EXPECT_EQ(*value, 42);
+    });
+  for (auto& t : threads) t.join();
+  EXPECT_EQ(loads, 1);
+  EXPECT_EQ(depot.misses(), 1U);
+  EXPECT_EQ(depot.hits(), 15U);
+}
+
+TEST(Cache, DifferentKeysLoadAtTheSameTime) {
+  Depot depot(1000);
+  std::atomic<int> inside{0};
+  const auto load = [&](int key) {
+    depot.get(key, [&] {
+      ++inside;
+      const auto limit = std::chrono::steady_clock::now() + std::chrono::seconds(10);
+      while (inside < 2 && std::chrono::steady_clock::now() < limit) std::this_thread::yield();
+      return made(key, 1);
+    });
+  };
+  std::thread other([&] { load(1); });
+  load(2);
+  other.join();
+  EXPECT_EQ(inside, 2);
+}
+
+TEST(Cache, LeastRecentlyUsedGoesFirst) {
+  Depot depot(30);
+  for (const int key : {1, 2, 3}) EXPECT_TRUE(touch(depot, key, 10));
+  EXPECT_FALSE(touch(depot, 1, 10));  // 2 is now the oldest
+  EXPECT_TRUE(touch(depot, 4, 10));
+  // A value that has just been loaded is held by its loader, so the eviction happens before: 2 is gone, the rest is
+  // here.
+  EXPECT_FALSE(touch(depot, 3, 10));
+  EXPECT_FALSE(touch(depot, 1, 10));
+  EXPECT_FALSE(touch(depot, 4, 10));
+  EXPECT_EQ(depot.evictions(), 1U);
+  EXPECT_TRUE(touch(depot, 2, 10));
+}
+
+TEST(Cache, BytesStayWithinTheBudget) {
+  Depot depot(100);
+  for (int key = 0; key < 1000; ++key) {
+    touch(depot, key, 7);
+    ASSERT_LE(depot.bytes(), 100U);
+  }
+  EXPECT_EQ(depot.bytes(), 98U);
+  EXPECT_EQ(depot.evictions(), 1000U - 14);
+}
+
+TEST(Cache, WhatIsInUseStays) {
+  Depot depot(30);
+  const auto held = depot.get(1, [] { return made(1, 20); });
+  for (const int key : {2, 3, 4}) touch(depot, key, 10);
+  EXPECT_FALSE(touch(depot, 1, 20));
+  EXPECT_EQ(*held, 1);
+}
+
+TEST(Cache, MoreThanTheBudgetIsDroppedOnceItIsFree) {
+  Depot depot(30);
+  {
+    const auto held = depot.get(1, [] { return made(1, 500); });
+    EXPECT_EQ(*held, 1);
+  }
+  touch(depot, 2, 10);
+  EXPECT_EQ(depot.bytes(), 10U);
+}
+
+TEST(Cache, FailuresAreTriedAgain) {
+  Depot depot(30);
+  int attempts = 0;
+  const auto load = [&]() -> Depot::Loaded {
+    if (++attempts < 3) throw std::runtime_error("disk");
+    return made(5, 1);
+  };
+  EXPECT_THROW(depot.get(1, load), std::runtime_error);
+  EXPECT_THROW(depot.get(1, load), std::runtime_error);
+  EXPECT_EQ(*depot.get(1, load), 5);
+  EXPECT_EQ(attempts, 3);
+}
+
+TEST(Cache, AFailureReachesAllThatWait) {
+  Depot depot(30);
+  std::atomic<int> loads{0}, failures{0}, started{0};
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 8; ++i)
+    threads.emplace_back([&] {
+      ++started;
+      try {
+        depot.get(1, [&]() -> Depot::Loaded {
+          ++loads;
+          while (started < 8) std::this_thread::yield();
+          std::this_thread::sleep_for(std::chrono::milliseconds(20));
+          throw std::runtime_error("disk");
+        });
+      } catch (const std::runtime_error&) {
+        ++failures;
+      }
+    });
+  for (auto& t : threads) t.join();
+  EXPECT_EQ(failures, 8);
+  EXPECT_LE(loads, 8);
+  EXPECT_TRUE(touch(depot, 1, 1)) << "the failure was remembered";
+}
+
+TEST(Cache, NothingThereIsRememberedToo) {
+  Depot depot(30);
+  int loads = 0;
+  for (int i = 0; i < 3; ++i)
+    EXPECT_EQ(depot.get(1,
+                        [&] {
+                          ++loads;
+                          return Depot::Loaded{nullptr, 1};
+                        }),
+              nullptr);
+  EXPECT_EQ(loads, 1);
+}
+
+TEST(Cache, ErasedIsLoadedAgain) {
+  Depot depot(30);
+  touch(depot, 1, 10);
+  depot.erase(1);
+  depot.erase(77);
+  EXPECT_EQ(depot.bytes(), 0U);
+  EXPECT_TRUE(touch(depot, 1, 10));
+}
+
+}  // namespace
+}  // namespace selenograph::dem

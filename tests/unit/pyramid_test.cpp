@@ -1,0 +1,467 @@
+// The pyramid: posts bit for bit at the finest level, slopes through every filter, honest error bounds, files that are
+// checked.
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <random>
+#include <set>
+
+#include "dem/chunk.h"
+#include "dem/chunk_format.h"
+#include "dem/error.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::dem {
+namespace {
+
+namespace fs = std::filesystem;
+using test::open_terrain;
+using test::TemporaryFolder;
+using test::write_float_tile;
+using test::write_kaguya_tile;
+
+double lat_of(const Block& b, int r) { return lat_deg_of(b.extent.lat0 + r * b.extent.lat_step); }
+double lon_of(const Block& b, int c) { return lon_deg_of(b.extent.lon0 + c * b.extent.lon_step); }
+
+// Integer noise that is the same for the same place.
+double noise(double lat, double lon) {
+  std::uint64_t x =
+      static_cast<std::uint64_t>(std::llround((lat + 90) * 4096) * 7919 + std::llround((lon + 360) * 4096)) *
+      0x9E3779B97F4A7C15ULL;
+  x ^= x >> 29, x *= 0xBF58476D1CE4E5B9ULL, x ^= x >> 32;
+  return static_cast<double>(x % 2000) - 1000;
+}
+
+std::vector<BlockId> blocks_with_data(const Terrain& terrain, int level) {
+  std::vector<BlockId> now = terrain.roots();
+  while (!now.empty() && now[0].level < level) {
+    std::vector<BlockId> next;
+    for (const BlockId& id : now)
+      for (const BlockId& child : children_of(id))
+        if (terrain.has_data(child)) next.push_back(child);
+    now = std::move(next);
+  }
+  return now;
+}
+
+TEST(Pyramid, TheFinestPostsAreTheFilesOnes) {
+  TemporaryFolder folder;
+  write_kaguya_tile(folder.path(), 12, 20, 2, 64, noise);
+  const auto terrain = open_terrain(folder.path());
+  std::size_t posts = 0;
+  for (const BlockId& id : blocks_with_data(*terrain, 6)) {
+    EXPECT_EQ(terrain->posts_level(id), 6);
+    const auto block = terrain->block(id);
+    if (!block) continue;
+    for (int r = 0; r <= 64; ++r)
+      for (int c = 0; c <= 64; ++c) {
+        const double lat = lat_of(*block, r), lon = lon_of(*block, c),
+                     h = static_cast<double>(block->heights[block->index(r, c)]);
+        const bool inside = lat > 10 && lat <= 12 && lon >= 20 && lon < 22;
+        ASSERT_EQ(!std::isnan(h), inside) << lat << ' ' << lon;
+        if (!inside) continue;
+        ASSERT_EQ(h, noise(lat, lon));
+        ASSERT_EQ(block->source(r, c), 0);
+        ++posts;
+      }
+  }
+  EXPECT_GE(posts, 128U * 128);
+}
+
+TEST(Pyramid, SlopesPassAllFilters) {
+  TemporaryFolder folder;
+  const auto slope = [](double lat, double lon) { return 64 * lat - 32 * lon + 16; };
+  write_float_tile(folder.path(), "t", {30, 0, 32, 32 * 32 + 1, 32 * 32 + 1}, slope);
+  const auto terrain = open_terrain(folder.path());
+  for (int level = 2; level <= 8; ++level) {
+    // Blocks in the middle: at the border the filter finds posts on one side only.
+    const BlockId id = block_at(level, static_cast<std::int32_t>(105.5 * kTicksPerDegree),
+                                static_cast<std::int32_t>(195.5 * kTicksPerDegree));
+    const auto block = terrain->block(id);
+    ASSERT_TRUE(block);
+    for (int r = 0; r <= block->extent.quads; ++r)
+      for (int c = 0; c <= block->extent.quads; ++c)
+        ASSERT_NEAR(static_cast<double>(block->heights[block->index(r, c)]),
+                    slope(lat_of(*block, r), lon_of(*block, c)), 1e-3)
+            << to_string(id);
+    EXPECT_LT(terrain->node(id).error_m, 1e-3);
+  }
+}
+
+TEST(Pyramid, AConstantIsAConstantEverywhereFromPoleToPole) {
+  TemporaryFolder folder;
+  test::write_global_tile(folder.path(), 2, [](double, double) { return -1234.0; });
+  const auto terrain = open_terrain(folder.path());
+  for (int level = 0; level <= 4; ++level) {
+    std::size_t blocks = 0;
+    for (const BlockId& id : blocks_with_data(*terrain, level)) {
+      ++blocks;
+      if (id.col % 9 != 0) continue;
+      const auto block = terrain->block(id);
+      ASSERT_TRUE(block) << to_string(id);
+      for (const float h : block->heights) ASSERT_EQ(h, -1234.F) << to_string(id);
+      EXPECT_EQ(terrain->node(id).error_m, 0);
+      EXPECT_EQ(terrain->node(id).min_m, -1234.F);
+      EXPECT_EQ(terrain->node(id).max_m, -1234.F);
+    }
+    std::size_t all = 0;
+    for (int row = 0; row < rows_of(level); ++row) all += static_cast<std::size_t>(columns_of(level, row));
+    EXPECT_EQ(blocks, all);
+    if (level == 1) level = 3;
+  }
+}
+
+// The height of a block's surface by its triangles, linear in latitude and longitude (the pyramid's own measure).
+double surface(const Block& b, double lat_tick, double lon_tick) {
+  const double y = (lat_tick - b.extent.lat0) / b.extent.lat_step, x = (lon_tick - b.extent.lon0) / b.extent.lon_step;
+  const int r = std::clamp(static_cast<int>(y), 0, b.extent.quads - 1),
+            c = std::clamp(static_cast<int>(x), 0, b.extent.quads - 1);
+  const double fy = y - r, fx = x - c;
+  const auto h = [&](int j, int i) { return static_cast<double>(b.heights[b.index(r + j, c + i)]); };
+  if (fx + fy <= 1) return h(0, 0) + fx * (h(0, 1) - h(0, 0)) + fy * (h(1, 0) - h(0, 0));
+  return h(1, 1) + (1 - fx) * (h(1, 0) - h(1, 1)) + (1 - fy) * (h(0, 1) - h(1, 1));
+}
+
+void expect_honest_bounds(const Terrain& terrain, double lat, double lon, int finest) {
+  std::mt19937 random(9);
+  for (int level = finest; level >= 1; --level) {
+    const BlockId id = block_at(level, static_cast<std::int32_t>((lat + 90) * kTicksPerDegree),
+                                static_cast<std::int32_t>((lon + 180) * kTicksPerDegree));
+    const auto block = terrain.block(id);
+    ASSERT_TRUE(block);
+    const NodeInfo info = terrain.node(id);
+    double worst = 0;
+    for (int i = 0; i < 20000; ++i) {
+      const auto y =
+          block->extent.lat0 +
+          static_cast<std::int32_t>(random() % static_cast<unsigned>(block->extent.lat1() - block->extent.lat0));
+      const auto x =
+          block->extent.lon0 +
+          static_cast<std::int32_t>(random() % static_cast<unsigned>(block->extent.lon1() - block->extent.lon0));
+      const auto fine = terrain.block(block_at(finest, y, x));
+      if (!fine) continue;  // beyond the tile
+      const double truth = surface(*fine, y, x), here = surface(*block, y, x);
+      if (std::isnan(truth) || std::isnan(here)) continue;
+      worst = std::max(worst, std::abs(truth - here));
+      ASSERT_LE(std::max(truth, here), static_cast<double>(info.max_m) + 1e-3);
+      ASSERT_GE(std::min(truth, here), static_cast<double>(info.min_m) - 1e-3);
+    }
+    EXPECT_LE(worst, info.error_m + 1e-3) << to_string(id);
+    if (level < finest) {
+      EXPECT_GE(worst, 0.2 * info.error_m) << to_string(id) << ": far too careful";
+    }
+  }
+}
+
+TEST(Pyramid, ErrorsAndHeightsAreBounded) {
+  TemporaryFolder folder;
+  write_float_tile(folder.path(), "t", {24, 0, 64, 16 * 64 + 1, 16 * 64 + 1}, noise);
+  expect_honest_bounds(*open_terrain(folder.path()), 18.3, 6.2, 6);
+}
+
+TEST(Pyramid, ErrorsAreBoundedNearThePole) {
+  TemporaryFolder folder;
+  write_float_tile(folder.path(), "t", {90, 0, 64, 16 * 64 + 1, 16 * 64 + 1}, noise);
+  expect_honest_bounds(*open_terrain(folder.path()), 79.5, 9.2, 6);
+}
+
+TEST(Pyramid, ErrorsAreBoundedThroughStackedChunks) {
+  // Posts of level 11 under a root at level 4: the root is made of the chunks beneath it.
+  TemporaryFolder folder;
+  write_kaguya_tile(folder.path(), 20, 1, 1, 2048, [](double lat, double lon) {
+    return std::round(300 * std::sin(lat * 300) * std::sin(lon * 200) + 0.02 * noise(lat, lon));
+  });
+  const auto terrain = open_terrain(folder.path());
+  expect_honest_bounds(*terrain, 19.5, 1.5, 11);
+}
+
+// Blocks of one level that touch, from whichever chunks: the posts on the common edge agree bit for bit.
+void expect_equal_edges(const Terrain& terrain, const BlockId& id) {
+  const auto a = terrain.block(id);
+  ASSERT_TRUE(a);
+  const BlockExtent& e = a->extent;
+  const auto compare = [&](const BlockId& other_id) {
+    const auto b = terrain.block(other_id);
+    if (!b) return;
+    for (int r = 0; r <= e.quads; ++r)
+      for (int c = 0; c <= e.quads; ++c) {
+        const std::int32_t dy = e.lat0 + r * e.lat_step - b->extent.lat0;
+        std::int32_t dx = wrap_lon(e.lon0 + std::int64_t{c} * e.lon_step) - b->extent.lon0;
+        if (dx < 0) dx += kLonTicks;
+        if (dy < 0 || dx > b->extent.quads * b->extent.lon_step || dy > b->extent.quads * b->extent.lat_step ||
+            dx % b->extent.lon_step)
+          continue;
+        const float x = a->heights[a->index(r, c)],
+                    y = b->heights[b->index(dy / b->extent.lat_step, dx / b->extent.lon_step)];
+        ASSERT_TRUE(x == y || (std::isnan(x) && std::isnan(y)))
+            << x << ' ' << y << ' ' << to_string(id) << " and " << to_string(other_id) << " at " << lat_of(*a, r) << ' '
+            << lon_of(*a, c);
+      }
+  };
+  compare(block_at(id.level, e.lat0, wrap_lon(std::int64_t{e.lon0} + e.lon1() - e.lon0)));
+  // Where the longitude step changes between chunks, the two filter along different steps; engine/mesh joins them.
+  if (e.lat1() < kLatTicks && block_at(id.level, e.lat1(), e.lon0).col == id.col)
+    compare(block_at(id.level, e.lat1(), e.lon0));
+}
+
+TEST(Pyramid, NeighbouringChunksAgreeOnTheirEdges) {
+  TemporaryFolder folder;
+  write_float_tile(folder.path(), "t", {24, -12, 64, 24 * 64 + 1, 24 * 64 + 1}, noise);
+  const auto terrain = open_terrain(folder.path());
+  for (int level = 3; level <= 6; ++level)
+    for (const BlockId& id : blocks_with_data(*terrain, level)) expect_equal_edges(*terrain, id);
+}
+
+TEST(Pyramid, NeighboursAgreeAroundTheDateLineAndThePole) {
+  TemporaryFolder folder;
+  test::write_global_tile(folder.path(), 4, noise);
+  const auto terrain = open_terrain(folder.path());
+  for (const int level : {2, 4})
+    for (const BlockId& id : blocks_with_data(*terrain, level)) {
+      const BlockExtent e = extent_of(id);
+      const bool pole = e.lat0 == 0 || e.lat1() == kLatTicks;
+      if (!pole && e.lon1() != kLonTicks) continue;
+      if (!pole) {
+        expect_equal_edges(*terrain, id);
+        continue;
+      }
+      const auto block = terrain->block(id);
+      const int r = e.lat0 == 0 ? 0 : e.quads;
+      for (int c = 0; c <= e.quads; ++c)
+        ASSERT_EQ(block->heights[block->index(r, c)], static_cast<float>(noise(e.lat0 == 0 ? -90 : 90, 0)))
+            << to_string(id);
+    }
+}
+
+TEST(Pyramid, TheSeamBetweenTilesIsOrdinaryTerrain) {
+  for (const int ppd : {32, 20}) {  // on the lattice, and beside it
+    TemporaryFolder folder;
+    const auto slope = [](double lat, double lon) { return std::round(160 * lat - 320 * lon); };
+    for (const int top : {11, 12})
+      for (const int west : {20, 21}) write_kaguya_tile(folder.path(), top, west, 1, ppd, slope);
+    const auto terrain = open_terrain(folder.path());
+    std::mt19937 random(4);
+    std::uniform_real_distribution<double> along(10.2, 11.8), across(-1.0, 1.0);
+    for (int i = 0; i < 2000; ++i) {
+      const double a = along(random), d = across(random) / ppd;
+      for (const auto& [lat, lon] : {std::pair(11 + d, a + 10), std::pair(a, 21 + d)}) {
+        const HeightAnswer answer = terrain->height(lat, lon);
+        ASSERT_FALSE(std::isnan(answer.height_m)) << lat << ' ' << lon << " at " << ppd << " px/deg";
+        ASSERT_FALSE(answer.filled) << lat << ' ' << lon << " at " << ppd << " px/deg";
+        ASSERT_NEAR(answer.height_m, 160 * lat - 320 * lon, 1);
+      }
+    }
+  }
+}
+
+TEST(Pyramid, VoidsAreFilledFlaggedOrMissing) {
+  TemporaryFolder folder;
+  const auto small_hole = [](double lat, double lon) { return std::hypot(lat - 11, lon - 21) < 0.3; };
+  const auto large_hole = [](double lat, double lon) { return lat < 9.5 && lon > 22.5 && lat > 8.2 && lon < 23.8; };
+  write_float_tile(
+      folder.path(), "t", {12, 20, 64, 4 * 64 + 1, 4 * 64 + 1},
+      [](double lat, double lon) { return 64 * lat + 32 * lon; },
+      [&](double lat, double lon) { return small_hole(lat, lon) || large_hole(lat, lon); });
+  const auto terrain = open_terrain(folder.path());
+  const HeightAnswer filled = terrain->height(11.01, 21.02), plain = terrain->height(10.2, 20.7),
+                     missing = terrain->height(8.85, 23.15);
+  EXPECT_TRUE(filled.filled);
+  EXPECT_NEAR(filled.height_m, 64 * 11.01 + 32 * 21.02, 0.1);
+  EXPECT_FALSE(plain.filled);
+  EXPECT_NEAR(plain.height_m, 64 * 10.2 + 32 * 20.7, 0.1);
+  EXPECT_TRUE(std::isnan(missing.height_m));
+  EXPECT_EQ(missing.source, -1);
+}
+
+class PyramidFile : public ::testing::Test {
+ protected:
+  PyramidFile() { write_kaguya_tile(folder_ / "dem", 12, 20, 2, 32, noise); }
+  std::shared_ptr<Terrain> open() const { return open_terrain(folder_ / "dem", folder_ / "cache"); }
+  std::vector<float> posts(const Terrain& terrain) const {
+    std::vector<float> all;
+    for (const BlockId& id : blocks_with_data(terrain, 5))
+      if (const auto block = terrain.block(id))
+        for (const float h : block->heights) all.push_back(std::isnan(h) ? -77777 : h);
+    return all;
+  }
+  std::vector<std::string> files() const {
+    std::vector<std::string> found;
+    for (const auto& entry : fs::recursive_directory_iterator(folder_ / "cache"))
+      if (entry.is_regular_file()) found.push_back(entry.path().string());
+    return found;
+  }
+  TemporaryFolder folder_;
+};
+
+TEST_F(PyramidFile, RoundTrip) {
+  const auto first = open();
+  const auto built = posts(*first);
+  EXPECT_GT(first->statistics().chunks_built, 0U);
+  const auto again = open();
+  EXPECT_EQ(posts(*again), built);
+  EXPECT_EQ(again->statistics().chunks_built, 0U);
+  EXPECT_GT(again->statistics().chunks_read, 0U);
+  for (const std::string& file : files()) EXPECT_EQ(file.find(".tmp-"), std::string::npos) << file;
+}
+
+TEST_F(PyramidFile, EveryRegionIsProtected) {
+  const Catalogue catalogue(std::vector<std::string>{folder_ / "dem"});
+  const PostSource source(catalogue, false, [](const std::string&) {});
+  ChunkPlan plan;
+  plan.node =
+      block_at(4, static_cast<std::int32_t>(101 * kTicksPerDegree), static_cast<std::int32_t>(201 * kTicksPerDegree));
+  plan.base_level = 5;
+  plan.fingerprint = 12345;
+  plan.exists = true;
+  const std::string good = Chunk::build(plan, catalogue, source, {});
+  const auto intact = Chunk::from_bytes(good, plan, catalogue);
+  std::vector<BlockId> ids{{4, plan.node.row, plan.node.col}, {2, plan.node.row, plan.node.col}};
+  for (const BlockId& child : children_of(plan.node)) ids.push_back(child);
+  const auto damaged = [&](const std::string& bytes) {
+    try {
+      const auto chunk = Chunk::from_bytes(bytes, plan, catalogue);
+      for (int level = 0; level <= 5; ++level)
+        for (const BlockId& id :
+             level == 5 ? children_of(plan.node) : std::vector<BlockId>{{level, plan.node.row, plan.node.col}})
+          chunk->load(id);
+      return false;
+    } catch (const DataError&) {
+      return true;
+    }
+  };
+  ASSERT_FALSE(damaged(good));
+  std::mt19937 random(2);
+  std::set<std::size_t> places;
+  for (std::size_t i = 0; i < sizeof(format::Header) + 800; ++i) places.insert(i);
+  for (int i = 0; i < 300; ++i) places.insert(random() % good.size());
+  places.insert(good.size() - 1);
+  for (const std::size_t at : places) {
+    std::string bad = good;
+    bad[at] = static_cast<char>(bad[at] ^ (1 << (at % 8)));
+    ASSERT_TRUE(damaged(bad)) << "byte " << at << " of " << good.size();
+  }
+  for (const std::size_t size : {std::size_t{0}, std::size_t{1}, sizeof(format::Header) - 1, sizeof(format::Header),
+                                 good.size() / 2, good.size() - 1})
+    EXPECT_TRUE(damaged(good.substr(0, size))) << size;
+  EXPECT_TRUE(damaged(good + "x"));
+}
+
+TEST_F(PyramidFile, DamageOnDiskIsRepaired) {
+  const auto right = posts(*open());
+  std::mt19937 random(3);
+  for (const std::string& file : files())
+    for (int i = 0; i < 6; ++i) {
+      const auto size = fs::file_size(file);
+      {
+        std::fstream f(file, std::ios::in | std::ios::out | std::ios::binary);
+        const auto at = static_cast<std::streamoff>(i == 0 ? 0 : random() % size);
+        f.seekg(at);
+        const int was = f.get();
+        f.seekp(at);
+        f.put(static_cast<char>(was ^ 0x55));
+      }
+      if (i == 5) fs::resize_file(file, size / 3);
+      const auto terrain = open();
+      ASSERT_EQ(posts(*terrain), right) << file;
+    }
+}
+
+TEST_F(PyramidFile, DamageWhileServingIsRepaired) {
+  const auto terrain = open_terrain(folder_ / "dem", folder_ / "cache");
+  const BlockId id = block_at(5, static_cast<std::int32_t>(101.5 * kTicksPerDegree),
+                              static_cast<std::int32_t>(201.5 * kTicksPerDegree));
+  terrain->node(id);  // the chunk is open, its block not yet read
+  for (const std::string& file : files()) std::ofstream(file, std::ios::binary) << "gone";
+  const auto block = terrain->block(id);
+  ASSERT_TRUE(block);
+  EXPECT_EQ(block->heights[block->index(5, 5)], static_cast<float>(noise(lat_of(*block, 5), lon_of(*block, 5))));
+  EXPECT_GT(terrain->statistics().chunks_rejected, 0U);
+}
+
+TEST_F(PyramidFile, AChangedSourceIsBuiltAgain) {
+  posts(*open());
+  write_kaguya_tile(folder_ / "dem", 12, 20, 2, 32, [](double, double) { return 5.0; });
+  fs::last_write_time(folder_ / "dem/DTM_MAP_02_N12E020N10E022SC.img",
+                      fs::file_time_type::clock::now() + std::chrono::seconds(5));
+  const auto terrain = open();
+  EXPECT_NEAR(terrain->height(11.3, 21.3).height_m, 5, 0.1);
+  EXPECT_GT(terrain->statistics().chunks_built, 0U);
+}
+
+TEST_F(PyramidFile, ATileBesideChangesTheEdge) {
+  posts(*open());
+  const auto before = open()->height(10.01, 21);
+  EXPECT_TRUE(std::isnan(before.height_m)) << "south of the last row";
+  write_kaguya_tile(folder_ / "dem", 10, 20, 2, 32, noise);
+  const auto after = open()->height(10.01, 21);
+  EXPECT_FALSE(std::isnan(after.height_m));
+  EXPECT_FALSE(after.filled);
+}
+
+TEST_F(PyramidFile, OnlyItsOwnStaleTemporariesAreRemoved) {
+  posts(*open());
+  const std::string pyramid = fs::path(files().at(0)).parent_path().string();
+  const auto put = [](const std::string& path) { std::ofstream(path) << "x"; };
+  // A process that is gone: forked, ended and waited for.
+  const pid_t gone = ::fork();
+  if (gone == 0) ::_exit(0);
+  ::waitpid(gone, nullptr, 0);
+  const std::string stale = pyramid + "/000001-000002.sgp.tmp-" + std::to_string(gone) + "-0";
+  const std::string alive = pyramid + "/000001-000002.sgp.tmp-" + std::to_string(::getpid()) + "-0";
+  const std::string foreign = folder_ / "cache/thesis.tmp-final.txt";
+  put(stale), put(alive), put(foreign);
+  open();
+  EXPECT_FALSE(fs::exists(stale));
+  EXPECT_TRUE(fs::exists(alive));
+  EXPECT_TRUE(fs::exists(foreign)) << "a file of somebody else was deleted";
+}
+
+TEST_F(PyramidFile, AReadOnlyFolderCostsTimeNotAnswers) {
+  std::ofstream(folder_ / "file") << "no folder";
+  const auto terrain = open_terrain(folder_ / "dem", (folder_ / "file") + "/cache");
+  EXPECT_FALSE(std::isnan(terrain->height(11, 21).height_m));
+  EXPECT_FALSE(terrain->warnings().empty());
+}
+
+TEST_F(PyramidFile, AFallThroughIsForgottenOnceTheFileIsBack) {
+  write_float_tile(folder_ / "dem", "below", {14, 18, 8, 49, 49}, [](double, double) { return 1.0; });
+  const std::string data = folder_ / "dem/DTM_MAP_02_N12E020N10E022SC.img";
+  const auto terrain = open_terrain(folder_ / "dem", folder_ / "cache", true);
+  fs::rename(data, data + ".away");
+  EXPECT_NEAR(terrain->height(11.5, 21.5).height_m, 1, 1e-3);
+  EXPECT_FALSE(terrain->warnings().empty());
+  fs::rename(data + ".away", data);
+  const auto later = open_terrain(folder_ / "dem", folder_ / "cache", true);
+  EXPECT_NEAR(later->height(11.5, 21.5).height_m, noise(11.5, 21.5), 1e-3)
+      << "the replacement was kept as if it were the tile";
+}
+
+TEST_F(PyramidFile, IngestDoesAllAheadAndResumes) {
+  const auto terrain = open();
+  std::size_t calls = 0;
+  terrain->ingest([&](std::size_t done, std::size_t total, const std::string&) {
+    EXPECT_EQ(done, ++calls);
+    EXPECT_LE(done, total);
+    return done < 1;
+  });
+  EXPECT_EQ(calls, 1U);
+  const auto resumed = open();
+  std::size_t total = 0;
+  resumed->ingest([&](std::size_t, std::size_t n, const std::string&) {
+    total = n;
+    return true;
+  });
+  EXPECT_EQ(resumed->statistics().chunks_built + resumed->statistics().chunks_read, total);
+  EXPECT_EQ(resumed->statistics().chunks_read, 1U);
+  const auto ready = open();
+  posts(*ready);
+  EXPECT_EQ(ready->statistics().chunks_built, 0U);
+}
+
+}  // namespace
+}  // namespace selenograph::dem

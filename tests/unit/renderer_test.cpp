@@ -1,0 +1,462 @@
+// Frames in closed form: over a smooth sphere every product has a formula.
+#include "engine/renderer.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <random>
+
+#include "dem/error.h"
+#include "engine/photometry.h"
+#include "engine/view.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::engine {
+namespace {
+
+using test::TemporaryFolder;
+
+constexpr double kPi = M_PI;
+
+Vec3 local_sun(double lat, double lon, double azimuth_deg, double elevation_deg) {
+  const EastNorthUp a = local_axes(to_cartesian({lat, lon, 0}));
+  const double az = azimuth_deg * kPi / 180, el = elevation_deg * kPi / 180;
+  return std::cos(el) * (std::sin(az) * a.east + std::cos(az) * a.north) + std::sin(el) * a.up;
+}
+
+// Looking along `boresight`, image up nearest to `up`.
+Pose looking(const Vec3& from, const Vec3& boresight, const Vec3& up) {
+  const Vec3 z = boresight.normalized(), x = z.cross(up).normalized();
+  Eigen::Matrix3d m;
+  m << x.transpose(), z.cross(x).transpose(), z.transpose();
+  return {from, Eigen::Quaterniond(m).normalized()};
+}
+
+FrameRequest nadir(double lat, double lon, double height_m, int size, double fov_deg) {
+  FrameRequest request;
+  const double f = size / 2.0 / std::tan(fov_deg * kPi / 360);
+  request.camera = {size, size, f, f, (size - 1) / 2.0, (size - 1) / 2.0, {}};
+  const Vec3 from = to_cartesian({lat, lon, height_m});
+  request.pose = looking(from, -from, local_axes(from).north);
+  request.sun.direction = local_sun(lat, lon, 90, 40);
+  request.products = kRadiance | kDepth | kRange | kPosition | kGeodetic | kNormal | kAngles | kLit | kGsd | kSource;
+  return request;
+}
+
+Vec3 at3(const std::vector<double>& v, std::size_t i) { return {v[3 * i], v[3 * i + 1], v[3 * i + 2]}; }
+Vec3 at3(const std::vector<float>& v, std::size_t i) {
+  return Eigen::Vector3f(v[3 * i], v[3 * i + 1], v[3 * i + 2]).cast<double>();
+}
+
+bool same_bytes(const FrameProducts& a, const FrameProducts& b) {
+  const auto same = [](const auto& x, const auto& y) {
+    return x.size() == y.size() && (x.empty() || std::memcmp(x.data(), y.data(), x.size() * sizeof x[0]) == 0);
+  };
+  return same(a.image, b.image) && same(a.radiance, b.radiance) && same(a.depth, b.depth) && same(a.range, b.range) &&
+         same(a.position, b.position) && same(a.geodetic, b.geodetic) && same(a.normal, b.normal) &&
+         same(a.angles, b.angles) && same(a.lit, b.lit) && same(a.gsd, b.gsd) && same(a.source, b.source);
+}
+
+// A sphere without relief, all around.
+class SmoothMoon : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    test::write_global_tile(*folder_ / "dem", 2, [](double, double) { return 0.0; });
+    terrain_ = test::open_terrain(*folder_ / "dem");
+    renderer_ = std::make_shared<Renderer>(terrain_, RendererOptions{2, std::size_t{512} << 20});
+  }
+  static void TearDownTestSuite() {
+    renderer_.reset(), terrain_.reset();
+    delete folder_;
+  }
+  static TemporaryFolder* folder_;
+  static std::shared_ptr<dem::Terrain> terrain_;
+  static std::shared_ptr<Renderer> renderer_;
+};
+TemporaryFolder* SmoothMoon::folder_ = nullptr;
+std::shared_ptr<dem::Terrain> SmoothMoon::terrain_;
+std::shared_ptr<Renderer> SmoothMoon::renderer_;
+
+TEST_F(SmoothMoon, EveryProductHasItsFormula) {
+  FrameRequest request = nadir(20, 30, 20000, 64, 50);
+  request.sun.distance_au = 1.01;
+  request.accuracy.max_error_px = 0;
+  const View view(request.camera, request.pose);
+  const Frame frame = renderer_->render(request);
+  const FrameProducts& p = frame.products;
+  ASSERT_EQ(frame.report.hit_fraction, 1);
+  EXPECT_EQ(frame.report.missing_fraction, 0);
+  EXPECT_EQ(frame.report.filled_fraction, 0);
+  EXPECT_NEAR(frame.report.solar_irradiance_w_m2, 1361 / (1.01 * 1.01), 1e-9);
+  ASSERT_EQ(frame.report.sources.size(), 1U);
+  EXPECT_EQ(frame.report.sources[0].name, "global");
+  for (std::size_t i = 0; i < p.depth.size(); ++i) {
+    const Vec3 ray = *view.ray(static_cast<double>(i % 64), static_cast<double>(i / 64)), from = view.position();
+    const double a = ray.squaredNorm(), b = from.dot(ray), c = from.squaredNorm() - kMoonRadius_m * kMoonRadius_m;
+    const double depth = (-b - std::sqrt(b * b - a * c)) / a;
+    // The finest mesh's chords lie up to 2 mm beneath the sphere; a ray's point with them.
+    ASSERT_NEAR(p.depth[i], depth, 0.004) << i;
+    ASSERT_NEAR(p.range[i], p.depth[i] * std::sqrt(a), 1e-8);
+    const Vec3 position = at3(p.position, i);
+    ASSERT_LT((position - (from + p.depth[i] * ray)).norm(), 1e-8);
+    const Geographic g = to_geographic(position);
+    ASSERT_NEAR(p.geodetic[3 * i], g.lat_deg, 1e-12);
+    ASSERT_NEAR(p.geodetic[3 * i + 1], g.lon_deg, 1e-12);
+    ASSERT_NEAR(p.geodetic[3 * i + 2], 0, 0.0025);
+    ASSERT_LE(p.geodetic[3 * i + 2], 1e-6);
+    const Vec3 normal = position.normalized();
+    ASSERT_LT((at3(p.normal, i) - normal).norm(), 1e-5);
+    const double mu0 = normal.dot(request.sun.direction), mu = -normal.dot(ray) / std::sqrt(a);
+    ASSERT_NEAR(static_cast<double>(p.radiance[i]), 1361 / (1.01 * 1.01) * mu0 * 0.12 / (2 * kPi) / (mu0 + mu), 1e-3);
+    ASSERT_NEAR(static_cast<double>(p.angles[3 * i]), std::acos(mu0) * 180 / kPi, 1e-3);
+    ASSERT_NEAR(std::cos(static_cast<double>(p.angles[3 * i + 1]) * kPi / 180), mu, 1e-5);
+    ASSERT_NEAR(static_cast<double>(p.angles[3 * i + 2]),
+                std::acos(-ray.normalized().dot(request.sun.direction)) * 180 / kPi, 1e-3);
+    ASSERT_EQ(p.lit[i], 1.F);
+    ASSERT_EQ(p.source[i], 0);
+    ASSERT_NEAR(static_cast<double>(p.gsd[i]), dem::post_spacing_m(8), 1e-3);
+  }
+}
+
+TEST_F(SmoothMoon, LitByDayAndDarkByNight) {
+  // Seen whole from far away, at several phases.
+  for (const double phase_deg : {0.0, 60.0, 120.0}) {
+    FrameRequest request = nadir(10, 30, 400000e3, 128, 0.5);
+    request.sun.direction = local_sun(10, 30, 70, 90 - phase_deg);
+    const Frame frame = renderer_->render(request);
+    const double post = frame.report.max_post_spacing_m / kMoonRadius_m;
+    std::size_t seen = 0, wrong = 0;
+    for (std::size_t i = 0; i < frame.products.lit.size(); ++i) {
+      if (std::isnan(frame.products.lit[i])) {
+        ASSERT_EQ(frame.products.radiance[i], 0.F);
+        continue;
+      }
+      ++seen;
+      const double mu0 = at3(frame.products.position, i).normalized().dot(request.sun.direction);
+      if (std::abs(mu0) < post) continue;  // within one post of the terminator
+      wrong += frame.products.lit[i] != (mu0 > 0 ? 1.F : 0.F);
+      ASSERT_EQ(frame.products.radiance[i] > 0, mu0 > 0);
+    }
+    EXPECT_EQ(wrong, 0U) << phase_deg;
+    EXPECT_GT(seen, 9000U);
+  }
+}
+
+TEST_F(SmoothMoon, AccurateNearAndFar) {
+  for (const double height : {2.0, 50.0, 1e3, 1e5, 1e7, 4e8}) {
+    FrameRequest request = nadir(-33, 100, height, 32, height > 1e6 ? 0.3 : 60);
+    request.accuracy.max_error_px = 0.25;
+    request.products = kPosition | kDepth;
+    const View view(request.camera, request.pose);
+    const Frame frame = renderer_->render(request);
+    for (std::size_t i = 0; i < frame.products.depth.size(); ++i) {
+      const Vec3 p = at3(frame.products.position, i);
+      if (std::isnan(p.x())) continue;
+      // On its ray: where it projects to is where it was asked for.
+      const auto pixel = view.project(p);
+      ASSERT_TRUE(pixel);
+      ASSERT_NEAR(pixel->x, static_cast<double>(i % 32), 1e-6) << height;
+      ASSERT_NEAR(pixel->y, static_cast<double>(i / 32), 1e-6) << height;
+      // On the terrain, within what was promised.
+      ASSERT_LE(p.norm() - kMoonRadius_m, 1e-6) << height;
+      ASSERT_GE(p.norm() - kMoonRadius_m, -std::max(frame.report.lod_error_m, 0.0022)) << height;
+    }
+    EXPECT_GT(frame.report.hit_fraction, 0.5);
+    // The chord of the finest level is all that a near camera can be off by.
+    EXPECT_LE(frame.report.lod_error_px, height >= 1e3 ? 0.25 : 1.3) << height;
+  }
+}
+
+TEST_F(SmoothMoon, OnlyWhatIsAskedFor) {
+  FrameRequest request = nadir(0, 0, 20000, 16, 40);
+  for (const Product wanted :
+       {kImage, kRadiance, kDepth, kRange, kPosition, kGeodetic, kNormal, kAngles, kLit, kGsd, kSource}) {
+    request.products = wanted;
+    const FrameProducts p = renderer_->render(request).products;
+    EXPECT_EQ(p.image.size(), wanted == kImage ? 256U : 0U);
+    EXPECT_EQ(p.radiance.size(), wanted == kRadiance ? 256U : 0U);
+    EXPECT_EQ(p.depth.size(), wanted == kDepth ? 256U : 0U);
+    EXPECT_EQ(p.range.size(), wanted == kRange ? 256U : 0U);
+    EXPECT_EQ(p.position.size(), wanted == kPosition ? 768U : 0U);
+    EXPECT_EQ(p.geodetic.size(), wanted == kGeodetic ? 768U : 0U);
+    EXPECT_EQ(p.normal.size(), wanted == kNormal ? 768U : 0U);
+    EXPECT_EQ(p.angles.size(), wanted == kAngles ? 768U : 0U);
+    EXPECT_EQ(p.lit.size(), wanted == kLit ? 256U : 0U);
+    EXPECT_EQ(p.gsd.size(), wanted == kGsd ? 256U : 0U);
+    EXPECT_EQ(p.source.size(), wanted == kSource ? 256U : 0U);
+  }
+}
+
+TEST_F(SmoothMoon, ProductsDontDependOnEachOther) {
+  FrameRequest request = nadir(0, 0, 20000, 24, 40);
+  const FrameProducts all = renderer_->render(request).products;
+  request.products = kRadiance;
+  EXPECT_EQ(renderer_->render(request).products.radiance, all.radiance);
+  request.products = kLit;
+  EXPECT_EQ(renderer_->render(request).products.lit, all.lit);
+  request.products = kDepth | kImage;
+  EXPECT_EQ(renderer_->render(request).products.depth, all.depth);
+}
+
+TEST_F(SmoothMoon, SamplesPerPixelAreAMean) {
+  // Over the limb: a pixel's radiance is the share of its samples that see the Moon times theirs.
+  FrameRequest request = nadir(0, 0, 400000e3, 24, 0.6);
+  request.sun.direction = local_sun(0, 0, 0, 90);
+  request.products = kRadiance;
+  request.accuracy.samples_per_pixel = 16;
+  const auto mean = renderer_->render(request).products.radiance;
+  // The same samples as pixels of a camera with four times the resolution.
+  FrameRequest fine = request;
+  fine.camera = {96,
+                 96,
+                 4 * request.camera.fx,
+                 4 * request.camera.fy,
+                 4 * (request.camera.cx + 0.5) - 0.5,
+                 4 * (request.camera.cy + 0.5) - 0.5,
+                 {}};
+  fine.accuracy.samples_per_pixel = 1;
+  fine.accuracy.max_error_px = 4 * request.accuracy.max_error_px;
+  const auto samples = renderer_->render(fine).products.radiance;
+  for (int y = 0; y < 24; ++y)
+    for (int x = 0; x < 24; ++x) {
+      double sum = 0;
+      for (int j = 0; j < 4; ++j)
+        for (int i = 0; i < 4; ++i)
+          sum += static_cast<double>(samples[static_cast<std::size_t>((4 * y + j) * 96 + 4 * x + i)]);
+      ASSERT_NEAR(static_cast<double>(mean[static_cast<std::size_t>(y * 24 + x)]), sum / 16, 1e-4 * sum / 16 + 1e-5)
+          << x << ' ' << y;
+    }
+}
+
+TEST_F(SmoothMoon, CancelledInTime) {
+  FrameRequest request = nadir(5, 5, 20000, 1024, 50);
+  request.accuracy.samples_per_pixel = 25;
+  EXPECT_THROW(renderer_->render(request, StopToken(StopToken::Clock::now())), Cancelled);
+  FrameRequest first = request;
+  first.accuracy.samples_per_pixel = 1, first.camera.width = first.camera.height = 8,
+  first.camera.cx = first.camera.cy = 511.5;
+  renderer_->render(first);
+  const auto start = StopToken::Clock::now();
+  EXPECT_THROW(renderer_->render(request, StopToken(start + std::chrono::milliseconds(30))), Cancelled);
+  EXPECT_LT(StopToken::Clock::now() - start, std::chrono::seconds(3));
+  const std::atomic<bool> abandoned{true};
+  EXPECT_THROW(renderer_->render(request, StopToken(StopToken::Clock::time_point::max(), &abandoned)), Cancelled);
+}
+
+TEST_F(SmoothMoon, CamerasBelowTheTerrainAreRefused) {
+  FrameRequest request = nadir(5, 5, -1, 16, 50);
+  EXPECT_THROW(renderer_->render(request), std::invalid_argument);
+  request.pose.position_m = Vec3::Zero();
+  EXPECT_THROW(renderer_->render(request), std::invalid_argument);
+  request = nadir(5, 5, 0.5, 16, 50);
+  EXPECT_NO_THROW(renderer_->render(request));
+}
+
+TEST_F(SmoothMoon, PixelsBeyondTheLensFoldAreMasked) {
+  FrameRequest request = nadir(0, 0, 20000, 101, 90);
+  request.camera.distortion.k1 = -0.45;  // see view_test: nothing lands farther out than 0.5738 focal lengths
+  const Frame frame = renderer_->render(request);
+  for (int y = 0; y < 101; ++y)
+    for (int x = 0; x < 101; ++x) {
+      const double r = std::hypot(x - 50, y - 50) / request.camera.fx;
+      if (std::abs(r - 0.5738) < 0.002) continue;
+      const auto i = static_cast<std::size_t>(y * 101 + x);
+      ASSERT_EQ(std::isnan(frame.products.depth[i]), r > 0.5738) << x << ' ' << y;
+      if (r > 0.5738) {
+        ASSERT_EQ(frame.products.radiance[i], 0.F);
+        ASSERT_EQ(frame.products.source[i], 65535);
+        ASSERT_TRUE(std::isnan(frame.products.lit[i]));
+      }
+    }
+}
+
+TEST_F(SmoothMoon, RaysMeetTheSphere) {
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal;
+  std::vector<Ray> rays;
+  for (int i = 0; i < 37; ++i) {
+    const Vec3 from = to_cartesian({-12 + 0.01 * i, 77, 1000});
+    rays.push_back(
+        {from, (-from.normalized() + 0.1 * Vec3(normal(random), normal(random), normal(random))).normalized()});
+  }
+  rays.push_back({to_cartesian({0, 0, 1000}), Vec3::UnitX()});  // into space
+  const auto hits = renderer_->cast(rays, Sun{local_sun(-12, 77, 0, 30), 1, 0});
+  for (std::size_t i = 0; i + 1 < rays.size(); ++i) {
+    const double b = rays[i].origin_m.dot(rays[i].direction),
+                 c = rays[i].origin_m.squaredNorm() - kMoonRadius_m * kMoonRadius_m;
+    ASSERT_TRUE(hits[i].hit);
+    ASSERT_NEAR(hits[i].range_m, -b - std::sqrt(b * b - c), 0.004);
+    ASSERT_LT((hits[i].normal - hits[i].position_m.normalized()).norm(), 1e-3);
+    ASSERT_EQ(hits[i].lit, 1);
+  }
+  EXPECT_FALSE(hits.back().hit);
+}
+
+TEST_F(SmoothMoon, LandmarksAreWhereTheyProject) {
+  const FrameRequest r = nadir(12, 40, 30000, 200, 60);
+  const View view(r.camera, r.pose);
+  std::vector<LandmarkQuery> queries{{12, 40, {}},         {12.2, 40.1, 0.0}, {12.2, 40.1, 500.0},
+                                     {12.1, 39.9, -500.0}, {12, 60, {}},      {-12, -140, {}}};
+  const auto marks = renderer_->project(r.camera, r.pose, queries, Sun{local_sun(12, 40, 90, 30), 1, 0});
+  EXPECT_NEAR(marks[0].x_px, 99.5, 1e-6);
+  EXPECT_NEAR(marks[0].y_px, 99.5, 1e-6);
+  EXPECT_NEAR(marks[0].range_m, 30000, 0.003);
+  EXPECT_NEAR(marks[0].height_m, 0, 0.003);
+  EXPECT_TRUE(marks[0].visible && marks[0].in_frame && marks[1].visible && marks[2].visible);
+  EXPECT_EQ(marks[0].lit, 1);
+  EXPECT_EQ(marks[2].lit, 1);
+  EXPECT_FALSE(marks[3].visible) << "underground";
+  EXPECT_EQ(marks[3].lit, 0);
+  EXPECT_FALSE(marks[4].in_frame || marks[4].visible);
+  EXPECT_FALSE(marks[5].visible);
+  EXPECT_EQ(marks[5].lit, 0) << "on the night side";
+}
+
+// One mountain on an otherwise smooth plain, finest posts of level 8 (474 m): a cone, 3 posts wide.
+class Mountain : public ::testing::Test {
+ protected:
+  static constexpr double kLat = 10, kLon = 30;
+  static double cone(double height, double lat, double lon) {
+    const double r_deg = std::hypot(lat - kLat, (lon - kLon) * std::cos(kLat * kPi / 180));
+    return std::max(0.0, height * (1 - r_deg / 0.02));
+  }
+  // Tiles of two degrees to both sides of longitude 30, level 8.
+  static std::shared_ptr<dem::Terrain> open(const TemporaryFolder& folder, double height) {
+    for (int k = 0; k < 3; ++k)
+      test::write_float_tile(folder.path(), "tile" + std::to_string(k), {12, 24.0 + 4 * k, 256, 4 * 256 + 1, 4 * 256},
+                             [=](double lat, double lon) { return cone(height, lat, lon); });
+    return test::open_terrain(folder.path());
+  }
+};
+
+TEST_F(Mountain, ThrowsItsShadowIntoViewFromOutside) {
+  for (const auto& [elevation, height] : {std::pair(2.0, 800.0), std::pair(5.0, 3000.0), std::pair(15.0, 5000.0)}) {
+    TemporaryFolder folder;
+    const Renderer renderer(open(folder, height), {2, std::size_t{512} << 20});
+    const Vec3 sun = local_sun(kLat, kLon, 90, elevation), top = to_cartesian({kLat, kLon, height});
+    // Tip of the shadow on the sphere. With curvature: at 2 degrees over flat ground it would be h / tan(el) = 22.9 km.
+    const double along = top.dot(sun), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
+    ASSERT_GT(root, 0);
+    const Vec3 tip = top - sun * (along - std::sqrt(root));
+    const double length = (tip - to_cartesian({kLat, kLon, 0})).norm();
+    EXPECT_GT(length, height / std::tan(elevation * kPi / 180));
+    // A camera over the tip that sees 2 km around it, and the mountain nowhere near.
+    ASSERT_GT(length, 9000);
+    const Geographic g = to_geographic(tip);
+    FrameRequest request = nadir(g.lat_deg, g.lon_deg, 2000, 128, 90);
+    request.sun.direction = sun;
+    request.accuracy.max_error_px = 0;
+    const Frame frame = renderer.render(request);
+    std::size_t shadowed = 0;
+    double farthest = 0;
+    for (std::size_t i = 0; i < frame.products.lit.size(); ++i) {
+      ASSERT_FALSE(std::isnan(frame.products.lit[i]));
+      if (frame.products.lit[i] > 0) continue;
+      ++shadowed;
+      farthest = std::max(farthest, (at3(frame.products.position, i) - to_cartesian({kLat, kLon, 0})).norm());
+    }
+    EXPECT_GT(shadowed, 30U) << elevation << " degrees: no shadow in view";
+    EXPECT_LE(farthest, length + 2) << elevation;
+    // Towards its tip the shadow gets narrower than a pixel: at this distance, for a cone; a mesh of a few posts is
+    // slimmer.
+    const double pixel = 4000.0 / 128, narrow = pixel / (2 * std::tan(elevation * kPi / 180) * 606 / height);
+    EXPECT_GE(farthest, length - 2 * narrow - 2 * pixel) << elevation;
+  }
+}
+
+TEST_F(Mountain, SeenFromTheSunNothingIsInShadow) {
+  TemporaryFolder folder;
+  const Renderer renderer(open(folder, 3000), {2, std::size_t{512} << 20});
+  for (const double elevation : {3.0, 15.0, 60.0}) {
+    const Vec3 sun = local_sun(kLat, kLon, 120, elevation), target = to_cartesian({kLat, kLon, 1500});
+    FrameRequest request = nadir(0, 0, 1, 256, 60);
+    // So far away that the rays are nearly parallel to the light: the Sun's own place.
+    const double distance = 3e9;
+    request.camera.fx = request.camera.fy = 256 / 6000.0 * distance;
+    request.pose = looking(target + sun * distance, -sun, local_axes(target).up);
+    request.sun.direction = sun;
+    request.products = kLit | kAngles;
+    request.accuracy.max_error_px = 0.5;
+    const Frame frame = renderer.render(request);
+    std::size_t dark = 0, seen = 0;
+    for (std::size_t i = 0; i < frame.products.lit.size(); ++i) {
+      if (std::isnan(frame.products.lit[i])) continue;
+      ++seen;
+      dark += frame.products.lit[i] == 0 && frame.products.angles[3 * i] < 89.9F;
+    }
+    EXPECT_GT(seen, 5000U);
+    // The rays spread by 1e-6 rad over 3 km: a few pixels graze an edge.
+    EXPECT_LE(dark, seen / 2000) << elevation;
+  }
+}
+
+TEST_F(Mountain, PenumbraGrowsMonotonously) {
+  TemporaryFolder folder;
+  const Renderer renderer(open(folder, 3000), {2, std::size_t{512} << 20});
+  const Vec3 sun = local_sun(kLat, kLon, 90, 5), top = to_cartesian({kLat, kLon, 3000});
+  const double along = top.dot(sun), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
+  const Geographic tip = to_geographic(top - sun * (along - std::sqrt(root)));
+  FrameRequest request = nadir(tip.lat_deg, tip.lon_deg, 10000, 96, 40);
+  request.sun.direction = sun;
+  request.accuracy.max_error_px = 0;
+  request.products = kLit;
+  double before = 1e9;
+  for (const double radius : {0.0, 0.1, 0.2666}) {
+    request.sun.angular_radius_deg = radius;
+    const auto lit = renderer.render(request).products.lit;
+    // Along the shadow's axis, from the mountain (east, right) to beyond the tip.
+    std::size_t partial = 0;
+    float last = 0;
+    for (int x = 95; x >= 0; --x) {
+      const float value = lit[static_cast<std::size_t>(48 * 96 + x)];
+      ASSERT_GE(value, 0.F);
+      ASSERT_LE(value, 1.F);
+      ASSERT_GE(value, last - 1.5F / 32) << "radius " << radius << ", column " << x;
+      last = std::max(last, value);
+      partial += value > 0 && value < 1;
+    }
+    EXPECT_EQ(partial > 0, radius > 0);
+    FrameRequest nearer = request;
+    nearer.pose = nadir(kLat, kLon - 0.2, 10000, 96, 40).pose;
+    double dark = 0;
+    for (const float v : renderer.render(nearer).products.lit) dark += v == 0;
+    EXPECT_LT(dark, before) << "a larger Sun leaves less full shadow";
+    before = dark;
+  }
+}
+
+TEST_F(Mountain, TheSameBytesWithOneThreadAndWithTwo) {
+  TemporaryFolder folder;
+  FrameRequest request = nadir(kLat, kLon - 0.1, 15000, 160, 60);
+  request.sun.direction = local_sun(kLat, kLon, 75, 8);
+  request.products |= kImage;
+  request.accuracy.samples_per_pixel = 4;
+  const auto terrain = open(folder, 3000);
+  const Renderer one(terrain, {1, std::size_t{512} << 20}), two(terrain, {2, std::size_t{512} << 20});
+  const Frame a = one.render(request), b = two.render(request);
+  EXPECT_TRUE(same_bytes(a.products, b.products));
+  // And whatever was rendered before, by a renderer whose caches hold other things.
+  FrameRequest other = request;
+  other.pose = nadir(kLat + 0.01, kLon - 0.12, 14000, 160, 60).pose;
+  other.products = kDepth;
+  const Renderer three(test::open_terrain(folder.path()), {2, std::size_t{64} << 20});
+  three.render(other);
+  EXPECT_TRUE(same_bytes(a.products, three.render(request).products));
+}
+
+TEST_F(Mountain, OutsideTheDataIsMissing) {
+  TemporaryFolder folder;
+  const Renderer renderer(open(folder, 3000), {2, std::size_t{512} << 20});
+  FrameRequest request = nadir(12, 30, 20000, 64, 50);  // the northern border crosses the image
+  const Frame frame = renderer.render(request);
+  EXPECT_NEAR(frame.report.missing_fraction, 0.5, 0.05);
+  EXPECT_NEAR(frame.report.hit_fraction + frame.report.missing_fraction, 1, 1e-12);
+  EXPECT_TRUE(std::isnan(frame.products.depth[32]));
+  EXPECT_FALSE(std::isnan(frame.products.depth[63 * 64 + 32]));
+}
+
+}  // namespace
+}  // namespace selenograph::engine

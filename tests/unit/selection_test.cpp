@@ -1,0 +1,189 @@
+// Which blocks a frame needs: errors bounded as promised, nothing overlapping, the same whatever was loaded before.
+#include "engine/selection.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <unordered_set>
+
+#include "dem/error.h"
+#include "engine/mesh.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::engine {
+namespace {
+
+using dem::BlockId;
+using test::TemporaryFolder;
+
+double rough(double lat, double lon) {
+  return 1500 * std::sin(lat * 6 + std::cos(lon * 3)) + 400 * std::cos(lon * 31 + lat * 13) +
+         90 * std::sin(lon * 171) * std::cos(lat * 203) + 20 * std::sin(lat * 900 + lon * 1100);
+}
+
+View view_from(const Vec3& from, const Vec3& target, double focal_px) {
+  const Vec3 z = (target - from).normalized(), x = z.cross(from.normalized() + Vec3(1e-3, 2e-3, 3e-3)).normalized();
+  Eigen::Matrix3d m;
+  m << x.transpose(), z.cross(x).transpose(), z.transpose();
+  return View({512, 512, focal_px, focal_px, 255.5, 255.5, {}}, {from, Eigen::Quaterniond(m).normalized()});
+}
+
+class SelectionTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    test::write_float_tile(folder_->path(), "t", {14, 22, 128, 8 * 128 + 1, 8 * 128 + 1}, rough);
+    terrain_ = open();
+  }
+  static void TearDownTestSuite() {
+    terrain_.reset();
+    delete folder_;
+  }
+  static std::shared_ptr<dem::Terrain> open() { return test::open_terrain(folder_->path()); }
+  static std::vector<View> views() {
+    return {view_from(to_cartesian({10, 26, 100000}), to_cartesian({10, 26, 0}), 1000),     // nadir
+            view_from(to_cartesian({9, 25, 20000}), to_cartesian({11, 27, 0}), 800),        // oblique
+            view_from(to_cartesian({10, 26, 5000}), to_cartesian({10.5, 27.5, 500}), 600),  // towards the horizon
+            view_from(to_cartesian({10, 26, 3e6}), to_cartesian({10, 26, 0}), 9000)};
+  }
+  static TemporaryFolder* folder_;
+  static std::shared_ptr<dem::Terrain> terrain_;
+};
+TemporaryFolder* SelectionTest::folder_ = nullptr;
+std::shared_ptr<dem::Terrain> SelectionTest::terrain_;
+
+// The height of a mesh of blocks in a direction from the centre; NaN where it has none.
+double height_of(const Mesh& mesh, double lat, double lon) {
+  const auto y = std::llround((lat + 90) * dem::kTicksPerDegree), x = std::llround((lon + 180) * dem::kTicksPerDegree);
+  const Vec3 direction = to_cartesian({lat, lon, 0}).normalized();
+  for (const std::int64_t dy : {0, -1, 1})
+    for (const std::int64_t dx : {0, -1, 1}) {
+      const auto at = mesh.block_at(y, x);
+      if (!at) return std::nan("");
+      const dem::BlockExtent& e = mesh.blocks()[*at].posts->extent;
+      const auto r = (y - e.lat0) / e.lat_step + dy, c = (x - e.lon0) / e.lon_step + dx;
+      if (r < 0 || c < 0 || r >= e.quads || c >= e.quads) continue;
+      for (const bool upper : {false, true})
+        if (const auto d = dem::radial_distance(
+                mesh.triangle({*at, static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c), upper}), direction,
+                1e-9))
+          return *d - kMoonRadius_m;
+    }
+  return std::nan("");
+}
+
+TEST_F(SelectionTest, TheReportedErrorHolds) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> any(0, 1);
+  for (const View& view : views())
+    for (const double allowed : {0.5, 2.0}) {
+      const Selection s = select_for_view(*terrain_, view, nullptr, allowed, {});
+      const Mesh mesh(*terrain_, s.blocks);
+      double worst = 0, worst_m = 0;
+      int compared = 0;
+      for (int i = 0; i < 6000; ++i) {
+        const double lat = 6.1 + 7.8 * any(random), lon = 22.1 + 7.8 * any(random);
+        const double truth = terrain_->height(lat, lon).height_m;
+        const Vec3 p = to_cartesian({lat, lon, truth});
+        const auto pixel = view.project(p);
+        if (!pixel || pixel->x < -0.5 || pixel->y < -0.5 || pixel->x > 511.5 || pixel->y > 511.5) continue;
+        if ((view.position() - p).dot(p) < 0) continue;  // on the far side of the horizon
+        const double drawn = height_of(mesh, lat, lon);
+        ASSERT_FALSE(std::isnan(drawn)) << "a hole at " << lat << ' ' << lon;
+        const auto moved = view.project(to_cartesian({lat, lon, drawn}));
+        ASSERT_TRUE(moved);
+        worst = std::max(worst, std::hypot(moved->x - pixel->x, moved->y - pixel->y));
+        worst_m = std::max(worst_m, std::abs(drawn - truth));
+        ++compared;
+      }
+      EXPECT_GT(compared, 100);
+      EXPECT_LE(worst, s.error_px + 1e-6);
+      // The reported sag of the chords (8 mm at the posts' level here) is that over level ground; on slopes of 45
+      // degrees it is threefold.
+      EXPECT_LE(worst_m, s.error_m + 2 * dem::chord_sag_m(7));
+    }
+}
+
+TEST_F(SelectionTest, ErrorsStayWithinWhatIsAllowedWherePostsPermit) {
+  for (const View& view : views())
+    for (const double allowed : {0.5, 1.0, 4.0}) {
+      const Selection s = select_for_view(*terrain_, view, nullptr, allowed, {});
+      EXPECT_LE(s.error_px, allowed);
+    }
+}
+
+TEST_F(SelectionTest, ZeroMeansTheFinestPosts) {
+  const Selection s = select_for_view(*terrain_, views()[1], nullptr, 0, {});
+  ASSERT_FALSE(s.blocks.empty());
+  for (const BlockId& id : s.blocks) EXPECT_EQ(id.level, 8);
+  EXPECT_EQ(s.min_spacing_m, s.max_spacing_m);
+}
+
+TEST_F(SelectionTest, NeighboursDifferByOneLevelAndNothingOverlaps) {
+  const Sun sun{Vec3(0.3, 0.9, 0.1).normalized(), 1, 0};
+  for (const View& view : views()) {
+    const Selection s = select_for_view(*terrain_, view, &sun, 0.5, {});
+    EXPECT_TRUE(std::is_sorted(s.blocks.begin(), s.blocks.end()));
+    const std::unordered_set<BlockId, dem::BlockIdHash> chosen(s.blocks.begin(), s.blocks.end());
+    ASSERT_EQ(chosen.size(), s.blocks.size());
+    for (const BlockId& id : s.blocks) {
+      for (BlockId up = id; up.level > 0;) {
+        up = dem::parent_of(up);
+        ASSERT_FALSE(chosen.contains(up)) << to_string(up) << " holds " << to_string(id);
+      }
+      const dem::BlockExtent e = dem::extent_of(id);
+      for (const std::int64_t y :
+           {std::int64_t{e.lat0} - 1, std::int64_t{e.lat0}, std::int64_t{e.lat1()} - 1, std::int64_t{e.lat1()}})
+        for (const std::int64_t x :
+             {std::int64_t{e.lon0} - 1, std::int64_t{e.lon0}, std::int64_t{e.lon1()} - 1, std::int64_t{e.lon1()}})
+          for (int level = id.level - 2; level >= 0; --level)
+            ASSERT_FALSE(chosen.contains(dem::block_at(level, static_cast<std::int32_t>(y), dem::wrap_lon(x))))
+                << to_string(id);
+    }
+  }
+}
+
+TEST_F(SelectionTest, TheSameWhateverIsLoaded) {
+  const Sun sun{Vec3(0.3, 0.9, 0.1).normalized(), 1, 0};
+  std::vector<std::vector<BlockId>> expected;
+  for (const View& view : views()) expected.push_back(select_for_view(*open(), view, &sun, 0.5, {}).blocks);
+  const auto warm = open();
+  const auto all = views();
+  for (std::size_t i = all.size(); i-- > 0;)
+    EXPECT_EQ(select_for_view(*warm, all[i], &sun, 0.5, {}).blocks, expected[i]);
+  for (std::size_t i = 0; i < all.size(); ++i)
+    EXPECT_EQ(select_for_view(*warm, all[i], &sun, 0.5, {}).blocks, expected[i]);
+}
+
+TEST_F(SelectionTest, TheSunOnlyAdds) {
+  const View view = views()[0];
+  const auto without = select_for_view(*terrain_, view, nullptr, 1, {}).blocks;
+  const Sun high{view.position().normalized(), 1, 0};
+  const Vec3 east = local_axes(view.position()).east;
+  const Sun low{(east + 0.03 * view.position().normalized()).normalized(), 1, 0};
+  EXPECT_GE(select_for_view(*terrain_, view, &high, 1, {}).blocks.size(), without.size());
+  EXPECT_GT(select_for_view(*terrain_, view, &low, 1, {}).blocks.size(), without.size());
+}
+
+TEST_F(SelectionTest, RaysFindTheFinestBlocksTheyMeet) {
+  const Vec3 from = to_cartesian({10, 26, 50000});
+  std::vector<Ray> rays{
+      {from, -from.normalized()}, {from, (to_cartesian({11, 27, 0}) - from).normalized()}, {from, from.normalized()}};
+  const Selection s = *select_for_rays(*terrain_, rays, 1000, {});
+  for (const BlockId& id : s.blocks) EXPECT_EQ(id.level, 8);
+  const Mesh mesh(*terrain_, s.blocks);
+  EXPECT_TRUE(mesh.block_at(std::llround(100 * dem::kTicksPerDegree), std::llround(206 * dem::kTicksPerDegree)));
+  EXPECT_TRUE(mesh.block_at(std::llround(101 * dem::kTicksPerDegree), std::llround(207 * dem::kTicksPerDegree)));
+  EXPECT_LT(s.blocks.size(), 20U);
+}
+
+TEST_F(SelectionTest, StopsWhenTold) {
+  EXPECT_THROW(select_for_view(*terrain_, views()[0], nullptr, 0, StopToken(StopToken::Clock::now())), Cancelled);
+}
+
+}  // namespace
+}  // namespace selenograph::engine

@@ -1,0 +1,52 @@
+// Exposure and quantisation by hand.
+#include "engine/sensor.h"
+
+#include <gtest/gtest.h>
+
+namespace selenograph::engine {
+namespace {
+
+using Image = std::vector<std::uint16_t>;
+
+TEST(Sensor, GivenExposure) {
+  Image image;
+  EXPECT_EQ(expose({8, 10.0}, {0.F, 2.F, 5.F, 10.F, 11.F, 1e30F}, image), 10);
+  EXPECT_EQ(image, (Image{0, 51, 128, 255, 255, 255}));  // 127.5 rounds to even
+  EXPECT_EQ(expose({16, 10.0}, {0.F, 2.F, 10.F, 20.F}, image), 10);
+  EXPECT_EQ(image, (Image{0, 13107, 65535, 65535}));
+}
+
+TEST(Sensor, AutomaticExposureFillsTheRange) {
+  Image image;
+  EXPECT_EQ(expose({8, {}}, {0.F, 0.5F, 4.F}, image), 4);
+  EXPECT_EQ(image, (Image{0, 32, 255}));
+}
+
+TEST(Sensor, DarkStaysDark) {
+  Image image{7};
+  EXPECT_EQ(expose({8, {}}, {0.F, 0.F, 0.F}, image), 0);
+  EXPECT_EQ(image, (Image{0, 0, 0}));
+  EXPECT_EQ(expose({16, 5.0}, {0.F}, image), 5);
+  EXPECT_EQ(image, (Image{0}));
+  EXPECT_EQ(expose({8, {}}, {}, image), 0);
+  EXPECT_TRUE(image.empty());
+}
+
+TEST(Sensor, MonotoneAndNeverOffByMoreThanHalfAStep) {
+  std::vector<float> radiance;
+  for (int i = 0; i <= 5000; ++i) radiance.push_back(static_cast<float>(i) * 0.01F);
+  for (const int bits : {8, 16}) {
+    Image image;
+    const double top = bits == 8 ? 255 : 65535;
+    const double full = expose({bits, {}}, radiance, image);
+    for (std::size_t i = 0; i < radiance.size(); ++i) {
+      ASSERT_NEAR(image[i], static_cast<double>(radiance[i]) / full * top, 0.5 + 1e-9);
+      if (i > 0) {
+        ASSERT_GE(image[i], image[i - 1]);
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::engine

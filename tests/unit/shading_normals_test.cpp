@@ -1,0 +1,121 @@
+// Least-squares normals: exact for planes in latitude and longitude, smooth on quantised slopes, vertical where nothing
+// is known.
+#include "dem/shading_normals.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <functional>
+#include <numbers>
+
+namespace selenograph::dem {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+
+struct Field {
+  Block block;
+  std::vector<float> heights;
+};
+
+// `height` takes rows and columns from the block's south-west post.
+Field field(int level, double lat, double lon, const std::function<double(int, int)>& height,
+            double quantisation_m = 0) {
+  Field f;
+  f.block.id = block_at(level, static_cast<std::int32_t>((lat + 90) * kTicksPerDegree),
+                        static_cast<std::int32_t>((lon + 180) * kTicksPerDegree));
+  f.block.extent = extent_of(f.block.id);
+  fill_trigonometry(f.block);
+  const int side = f.block.side();
+  for (int r = -kHalo; r < side + kHalo; ++r)
+    for (int c = -kHalo; c < side + kHalo; ++c) {
+      const float h = static_cast<float>(height(r, c));
+      f.heights.push_back(h);
+      if (r >= 0 && c >= 0 && r < side && c < side) f.block.heights.push_back(h);
+    }
+  fill_shading_normals(f.block, f.heights, quantisation_m);
+  return f;
+}
+
+Vec3 up(const Block& b, int r, int c) { return b.position(r, c, 0).normalized(); }
+double angle_deg(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)) / kDegree; }
+
+TEST(ShadingNormals, ASphereIsShadedByItsVertical) {
+  for (const double height : {0.0, -9000.0, 10000.0}) {
+    const Field f = field(8, 33, -120, [&](int, int) { return height; });
+    for (int r = 0; r <= 64; ++r)
+      for (int c = 0; c <= 64; ++c)
+        ASSERT_LT((f.block.normals[f.block.index(r, c)].cast<double>() - up(f.block, r, c)).norm(), 1.3e-7);
+  }
+}
+
+TEST(ShadingNormals, SlopesInClosedForm) {
+  // Rising a m per post northward and b m per post eastward: slopes a / (R dlat), b / (R cos(lat) dlon) at height 0.
+  for (const double lat : {0.5, 50.0, -72.0}) {
+    const double a = 3, b = -2;
+    const Field f = field(12, lat, 20, [&](int r, int c) { return a * (r - 10) + b * (c - 10); });
+    const Vec3 normal = f.block.normals[f.block.index(10, 10)].cast<double>();
+    const double at = lat_deg_of(f.block.extent.lat0 + 10 * f.block.extent.lat_step);
+    const EastNorthUp axes = local_axes(up(f.block, 10, 10));
+    const double step = kDegree / 4096 * kMoonRadius_m;
+    EXPECT_NEAR(normal.dot(axes.north) / normal.dot(axes.up), -a / step, 1e-6);
+    EXPECT_NEAR(normal.dot(axes.east) / normal.dot(axes.up),
+                -b / (step * std::cos(at * kDegree) * (f.block.extent.lon_step / f.block.extent.lat_step)), 1e-6);
+    EXPECT_NEAR(normal.norm(), 1, 1e-6);
+  }
+}
+
+TEST(ShadingNormals, QuantisedSlopesShowNoTerraces) {
+  // A slope of 0.04 m per post (a third of a degree) in whole metres: 1 m steps every 25 posts. Raw differences would
+  // be off by 7.4 degrees.
+  const auto ramp = [](int r, int) { return 0.04 * r; };
+  const Field exact = field(12, 10, 20, ramp), rounded = field(
+                                                   12, 10, 20, [&](int r, int c) { return std::round(ramp(r, c)); }, 1);
+  double worst = 0;
+  for (int r = 5; r < 60; ++r)
+    worst = std::max(worst, angle_deg(exact.block.normals[exact.block.index(r, 30)].cast<double>(),
+                                      rounded.block.normals[rounded.block.index(r, 30)].cast<double>()));
+  EXPECT_LT(worst, 2.1);  // the 5 x 5 plane's answer to a step: atan(6 * 5 / 50 ... ) in the worst phase
+  EXPECT_GT(worst, 0.1) << "nothing was quantised: the test tests nothing";
+}
+
+TEST(ShadingNormals, TheWiderStencilIsForCoarseStepsOnly) {
+  // A single raised post: the 3 x 3 stencil reaches one post far, the 5 x 5 two.
+  const auto spike = [](int r, int c) { return r == 30 && c == 30 ? 10.0 : 0.0; };
+  const auto moved = [](const Field& f, int c) {
+    return (f.block.normals[f.block.index(30, c)].cast<double>() - up(f.block, 30, c)).norm() > 1e-4;
+  };
+  const Field floats = field(12, 10, 20, spike), metres = field(12, 10, 20, spike, 1),
+              coarse = field(8, 10, 20, spike, 1);
+  EXPECT_TRUE(moved(floats, 31) && moved(metres, 31) && moved(metres, 32) && moved(coarse, 31));
+  EXPECT_FALSE(moved(floats, 32) || moved(coarse, 32) || moved(metres, 33));
+}
+
+TEST(ShadingNormals, VoidsAreLeftOut) {
+  // A plane stays exact beside voids as long as three posts span it; a lone post has its vertical.
+  const auto plane = [](int r, int c) { return 2.0 * r - 3.0 * c; };
+  const Field whole = field(12, 10, 20, plane);
+  const Field holes =
+      field(12, 10, 20, [&](int r, int c) { return (r + 2 * c) % 5 == 0 && r > 3 ? std::nan("") : plane(r, c); });
+  for (int r = 0; r <= 64; ++r)
+    for (int c = 0; c <= 64; ++c) {
+      const std::size_t at = whole.block.index(r, c);
+      if (!std::isnan(holes.block.heights[at])) {
+        ASSERT_LT((whole.block.normals[at] - holes.block.normals[at]).norm(), 1e-5F) << r << ' ' << c;
+      }
+    }
+  const Field lone = field(12, 10, 20, [&](int r, int c) { return r == 9 && c == 9 ? 100.0 : std::nan(""); });
+  EXPECT_LT((lone.block.normals[lone.block.index(9, 9)].cast<double>() - up(lone.block, 9, 9)).norm(), 1e-6);
+  for (const auto& n : lone.block.normals) ASSERT_TRUE(n.allFinite());
+}
+
+TEST(ShadingNormals, APoleHasTheVertical) {
+  const Field f = field(8, 89.99, 20, [](int r, int c) { return 5.0 * r + c; });
+  ASSERT_EQ(f.block.extent.lat1(), kLatTicks);
+  for (int c = 0; c <= 64; ++c)
+    ASSERT_LT((f.block.normals[f.block.index(64, c)].cast<double>() - Vec3::UnitZ()).norm(), 1e-6);
+}
+
+}  // namespace
+}  // namespace selenograph::dem

@@ -1,0 +1,210 @@
+// Heights at places: on the posts, on the triangles between them, at every border there is.
+#include "dem/terrain.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <random>
+
+#include "dem/surface.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::dem {
+namespace {
+
+using test::open_terrain;
+using test::TemporaryFolder;
+using test::write_float_tile;
+using test::write_kaguya_tile;
+
+double bumpy(double lat, double lon) {
+  return std::round(800 * std::sin(lat * 40) * std::cos(lon * 37) + 300 * std::sin(lon * 211));
+}
+
+// The height of the plane through three places in the direction of a fourth, by Cramer's rule: p = d * s with n . (p -
+// a) = 0.
+double plane_height(const Geographic& a, const Geographic& b, const Geographic& c, double lat, double lon) {
+  Eigen::Matrix<long double, 3, 3> m;  // nearly parallel columns
+  m << to_cartesian(a).cast<long double>(), to_cartesian(b).cast<long double>(), to_cartesian(c).cast<long double>();
+  // Weights w with m w = s * direction and sum(w) = 1.
+  const auto sum = (m.inverse() * to_cartesian({lat, lon, 0}).normalized().cast<long double>()).sum();
+  return static_cast<double>(1 / sum - static_cast<long double>(kMoonRadius_m));
+}
+
+TEST(Terrain, PostsAreExact) {
+  TemporaryFolder folder;
+  write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
+  const auto terrain = open_terrain(folder.path());
+  std::mt19937 random(1);
+  for (int i = 0; i < 3000; ++i) {
+    const double lat = 12 - static_cast<double>(random() % 512) / 256,
+                 lon = 20 + static_cast<double>(random() % 512) / 256;
+    const HeightAnswer answer = terrain->height(lat, lon);
+    ASSERT_NEAR(answer.height_m, bumpy(lat, lon), 2e-9) << lat << ' ' << lon;
+    ASSERT_EQ(answer.source, 0);
+    ASSERT_NEAR(answer.post_spacing_m, post_spacing_m(8), 1e-9);
+  }
+}
+
+TEST(Terrain, BetweenPostsPlaneTriangles) {
+  TemporaryFolder folder;
+  write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
+  const auto terrain = open_terrain(folder.path());
+  std::mt19937 random(2);
+  std::uniform_real_distribution<double> any(0.02, 0.98);
+  for (int i = 0; i < 3000; ++i) {
+    const double south = 12 - static_cast<double>(1 + random() % 511) / 256,
+                 west = 20 + static_cast<double>(random() % 511) / 256, step = 1.0 / 256;
+    const double fy = any(random), fx = any(random);
+    if (std::abs(fx + fy - 1) < 0.02) continue;  // the diagonal is a great circle: beside it lies the other triangle
+    const auto post = [&](int j, int k) {
+      return Geographic{south + j * step, west + k * step, bumpy(south + j * step, west + k * step)};
+    };
+    const double lat = south + fy * step, lon = west + fx * step;
+    const double expected = fx + fy < 1 ? plane_height(post(0, 0), post(0, 1), post(1, 0), lat, lon)
+                                        : plane_height(post(1, 1), post(1, 0), post(0, 1), lat, lon);
+    ASSERT_NEAR(terrain->height(lat, lon).height_m, expected, 1e-5) << lat << ' ' << lon;
+  }
+}
+
+TEST(Terrain, ContinuousAcrossEdgesOfQuadsBlocksAndChunks) {
+  TemporaryFolder folder;
+  write_kaguya_tile(folder.path(), 21, 19, 2, 256, bumpy);
+  const auto terrain = open_terrain(folder.path());
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> any(0.1, 1.9);
+  constexpr double kTiny = 1e-9;  // 0.03 mm
+  for (int i = 0; i < 2000; ++i) {
+    const double edge = static_cast<double>(8 + random() % 496) / 256, free = any(random);
+    // Slopes reach 10: no step of more than a millimetre.
+    ASSERT_NEAR(terrain->height(19 + edge - kTiny, 19 + free).height_m,
+                terrain->height(19 + edge + kTiny, 19 + free).height_m, 1e-3);
+    ASSERT_NEAR(terrain->height(19 + free, 19 + edge - kTiny).height_m,
+                terrain->height(19 + free, 19 + edge + kTiny).height_m, 1e-3);
+    ASSERT_FALSE(std::isnan(terrain->height(19 + edge, 19 + free).height_m));
+    ASSERT_FALSE(std::isnan(terrain->height(19 + free, 19 + edge).height_m));
+  }
+}
+
+TEST(Terrain, OutsideThereIsNothing) {
+  TemporaryFolder folder;
+  write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
+  const auto terrain = open_terrain(folder.path());
+  for (const auto& [lat, lon] :
+       {std::pair(12.01, 21.0), std::pair(11.0, 19.99), std::pair(11.0, 22.01), std::pair(-60.0, 100.0),
+        std::pair(90.0, 0.0), std::pair(-90.0, 0.0), std::pair(10.0, 21.0)}) {
+    const HeightAnswer answer = terrain->height(lat, lon);
+    EXPECT_TRUE(std::isnan(answer.height_m)) << lat << ' ' << lon;
+    EXPECT_EQ(answer.source, -1);
+    EXPECT_FALSE(answer.filled);
+  }
+  EXPECT_FALSE(terrain->has_data(block_at(8, 0, 0)));
+  EXPECT_EQ(terrain->block(block_at(8, 0, 0)), nullptr);
+}
+
+TEST(Terrain, LongitudesAreOneCircle) {
+  TemporaryFolder folder;
+  write_kaguya_tile(folder.path(), 2, 178, 2, 64, bumpy);
+  write_kaguya_tile(folder.path(), 2, 180, 2, 64, bumpy);
+  const auto terrain = open_terrain(folder.path());
+  for (double lon = 178.01; lon < 181.9; lon += 0.0371)
+    for (const double turn : {-720.0, -360.0, 360.0})
+      ASSERT_NEAR(terrain->height(1.3, lon).height_m, terrain->height(1.3, lon + turn).height_m, 1e-6) << lon;
+  EXPECT_NEAR(terrain->height(1.25, 180).height_m, bumpy(1.25, 180), 1e-8);
+  EXPECT_NEAR(terrain->height(1.25, -180).height_m, bumpy(1.25, 180), 1e-8);
+  EXPECT_FALSE(std::isnan(terrain->height(1.3, 180 - 1e-12).height_m));
+  EXPECT_GE(terrain->height(1.3, 180).lon_deg, -180);
+  EXPECT_LT(terrain->height(1.3, 180).lon_deg, 180);
+}
+
+TEST(Terrain, PolesHaveOneHeight) {
+  TemporaryFolder folder;
+  const auto height = [](double lat, double lon) {
+    return std::abs(lat) > 89.9 ? (lat > 0 ? 1500.0 : -2500.0)
+                                : 100 * std::sin(lon * M_PI / 180) + (lat > 0 ? 1500 : -2500);
+  };
+  test::write_global_tile(folder.path(), 4, height);
+  const auto terrain = open_terrain(folder.path());
+  for (double lon = -180; lon < 180; lon += 7.7) {
+    ASSERT_NEAR(terrain->height(90, lon).height_m, 1500, 1e-6) << lon;
+    ASSERT_NEAR(terrain->height(-90, lon).height_m, -2500, 1e-6) << lon;
+    ASSERT_NEAR(terrain->height(90 - 1e-7, lon).height_m, 1500, 1e-3) << lon;
+    ASSERT_NEAR(terrain->height(89.75, std::round(lon)).height_m, height(89.75, std::round(lon)), 8)
+        << lon;  // a post, or on a chord between two
+  }
+}
+
+TEST(Terrain, APoleBetweenPostsHasOneHeightToo) {
+  TemporaryFolder folder;
+  write_float_tile(folder.path(), "area", {90 - 0.125, 0.125, 4, 720, 1440}, [](double lat, double lon) {
+    return 500 * std::cos(lat * M_PI / 180) * std::cos(lon * M_PI / 180) + 3;
+  });
+  const auto terrain = open_terrain(folder.path());
+  for (double lon = -180; lon < 180; lon += 7.7)
+    for (const double pole : {-90.0, 90.0}) {
+      const HeightAnswer answer = terrain->height(pole, lon);
+      ASSERT_NEAR(answer.height_m, terrain->height(pole, 0).height_m, 1e-6) << lon;
+      ASSERT_NEAR(answer.height_m, 3, 0.1);
+      ASSERT_FALSE(answer.filled);
+    }
+}
+
+TEST(Terrain, SubdividedLevelsAreTheSameSurface) {
+  TemporaryFolder folder;
+  write_kaguya_tile(folder.path(), 12, 20, 2, 16, bumpy);  // level 4; the finest asked for is 8
+  const auto terrain = open_terrain(folder.path());
+  const BlockId coarse_id =
+      block_at(4, static_cast<std::int32_t>(101 * kTicksPerDegree), static_cast<std::int32_t>(201 * kTicksPerDegree));
+  EXPECT_EQ(terrain->posts_level(coarse_id), 4);
+  ASSERT_EQ(terrain->finest_level(coarse_id), 8);
+  const auto coarse = terrain->block(coarse_id);
+  std::size_t compared = 0;
+  for (int level = 5; level <= 9; ++level)
+    for (double lat = 10.1; lat < 12; lat += 0.37) {
+      const auto fine = terrain->block(block_at(level, static_cast<std::int32_t>((lat + 90) * kTicksPerDegree),
+                                                static_cast<std::int32_t>(201.1 * kTicksPerDegree)));
+      if (!fine) continue;
+      EXPECT_EQ(terrain->node(fine->id).error_m, 0);
+      for (int r = 0; r <= 64; ++r)
+        for (int c = 0; c <= 64; ++c) {
+          const float h = fine->heights[fine->index(r, c)];
+          const double y = static_cast<double>(fine->extent.lat0 + r * fine->extent.lat_step - coarse->extent.lat0) /
+                           coarse->extent.lat_step;
+          const double x = static_cast<double>(fine->extent.lon0 + c * fine->extent.lon_step - coarse->extent.lon0) /
+                           coarse->extent.lon_step;
+          const int cr = std::min(static_cast<int>(y), 63), cc = std::min(static_cast<int>(x), 63);
+          const double fy = y - cr, fx = x - cc;
+          const auto at = [&](int j, int i) {
+            return static_cast<double>(coarse->heights[coarse->index(cr + j, cc + i)]);
+          };
+          const double expected = fx + fy <= 1
+                                      ? at(0, 0) + fx * (at(0, 1) - at(0, 0)) + fy * (at(1, 0) - at(0, 0))
+                                      : at(1, 1) + (1 - fx) * (at(1, 0) - at(1, 1)) + (1 - fy) * (at(0, 1) - at(1, 1));
+          if (std::isnan(expected)) continue;
+          ASSERT_NEAR(static_cast<double>(h), expected, 1e-3);
+          ASSERT_NEAR(fine->normals[fine->index(r, c)].norm(), 1, 1e-5);
+          ++compared;
+        }
+    }
+  EXPECT_GT(compared, 5000U);
+}
+
+TEST(Terrain, DescribesItself) {
+  TemporaryFolder folder;
+  write_kaguya_tile(folder.path(), 13, 21, 2, 256, bumpy);
+  const auto terrain = open_terrain(folder.path());
+  ASSERT_EQ(terrain->roots().size(), 1U);
+  EXPECT_TRUE(terrain->has_data(terrain->roots()[0]));
+  EXPECT_TRUE(terrain->node_is_cheap(terrain->roots()[0]));
+  EXPECT_TRUE(terrain->warnings().empty());
+  terrain->height(12, 22);
+  const CacheStatistics statistics = terrain->statistics();
+  EXPECT_GT(statistics.bytes, 0U);
+  EXPECT_GT(statistics.misses, 0U);
+  EXPECT_EQ(statistics.chunks_rejected, 0U);
+}
+
+}  // namespace
+}  // namespace selenograph::dem
