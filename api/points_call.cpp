@@ -4,10 +4,19 @@
 #include "dem/error.h"
 
 namespace selenograph::api {
+namespace {
+
+// An answer that is ready too late is none: 504, as if the work had been stopped.
+void throw_if_stopped(const CallContext& context) {
+  if (context.stop.stopped()) throw Cancelled();
+}
+
+}  // namespace
 
 Response rays_call(const CallContext& context) {
   const RaysCall call = read_rays(json_body(context), context.limits);
   const auto hits = refusing_at("/rays", [&] { return context.renderer.cast(call.rays, call.sun, context.stop); });
+  throw_if_stopped(context);
   return json_response(rays_json(hits, call.sun.has_value()));
 }
 
@@ -15,6 +24,7 @@ Response project_call(const CallContext& context) {
   const ProjectCall call = read_project(json_body(context), context.limits);
   const auto landmarks = refusing_at(
       "/pose", [&] { return context.renderer.project(call.camera, call.pose, call.points, call.sun, context.stop); });
+  throw_if_stopped(context);
   return json_response(
       landmarks_json(landmarks, call.sun.has_value(), context.renderer.terrain().catalogue(), call.points));
 }
@@ -24,8 +34,8 @@ Response heights_call(const CallContext& context) {
   const dem::Terrain& terrain = context.renderer.terrain();
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
   for (const Geographic& place : places) {
-    if (context.stop.stopped()) throw Cancelled();
     list.push_back(height_json(terrain.height(place.lat_deg, place.lon_deg), terrain.catalogue()));
+    throw_if_stopped(context);
   }
   return json_response(nlohmann::ordered_json{{"points", std::move(list)}});
 }
@@ -34,7 +44,7 @@ Response height_call(const CallContext& context) {
   const Geographic place = read_height_query(context.request.query);
   const dem::Terrain& terrain = context.renderer.terrain();
   const dem::HeightAnswer height = terrain.height(place.lat_deg, place.lon_deg);  // may have built a pyramid first
-  if (context.stop.stopped()) throw Cancelled();
+  throw_if_stopped(context);
   return json_response(height_json(height, terrain.catalogue()));
 }
 

@@ -1,5 +1,5 @@
-// The service without a socket: a request in, an answer out. server/ maps HTTP onto it; `render` uses it directly, so that
-// both give the very same bytes.
+// The service without a socket: a request in, an answer out. server/ maps HTTP onto it; `render` uses it directly, so
+// that both give the very same bytes.
 #pragma once
 
 #include <atomic>
@@ -21,14 +21,14 @@ struct Limits {
   int max_image_side = 8192;
   std::int64_t max_image_pixels = std::int64_t{16} << 20;
   int max_samples_per_pixel = 256;
-  int max_rays = 100000;     // rays, points of one request
+  int max_rays = 100000;                              // rays, points of one request
   std::chrono::milliseconds default_deadline{60000};  // a client may ask for less: header `Request-Timeout-Ms`
 };
 
 // Header names are lower case.
 struct Request {
-  std::string method;  // "GET", "POST"
-  std::string path;    // "/v1/frames", without query
+  std::string method;                             // "GET", "POST"
+  std::string path;                               // "/v1/frames", without query
   std::multimap<std::string, std::string> query;  // decoded
   std::multimap<std::string, std::string> headers;
   std::string body;
@@ -51,10 +51,12 @@ class Service {
   Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits);
   ~Service();
 
-  // /v1/*, /openapi.json. Unknown paths 404, known path with a wrong method 405 with Allow. (Health and metrics are server/'s.)
+  // /v1/*, /openapi.json. Unknown paths 404, known path with a wrong method 405 with Allow. (Health and metrics are
+  // server/'s.)
   Response handle(const Request& request) const;
 
-  // True for calls that cost render time and therefore pass admission (POST frames, rays, project, heights); GETs don't.
+  // True for calls that cost render time and therefore pass admission (POST frames, rays, project, heights); GETs
+  // don't.
   static bool needs_admission(const Request& request);
 
   const Limits& limits() const;
@@ -64,8 +66,8 @@ class Service {
   std::unique_ptr<Impl> impl_;
 };
 
-// Request headers, the number of attempts and the like never leak into the answer: problem+json from the one error table.
-// Used by server/ for what happens before a request reaches the service (413, 503, 408 ...).
+// Request headers, the number of attempts and the like never leak into the answer: problem+json from the one error
+// table. Used by server/ for what happens before a request reaches the service (413, 503, 408 ...).
 Response problem(const std::string& error_code, const std::string& detail);
 
 }  // namespace selenograph::api

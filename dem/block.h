@@ -11,7 +11,8 @@
 
 namespace selenograph::dem {
 
-// Where a post comes from: an index into Catalogue::rasters() (64 800 tiles and more), or kNoSource, and whether it was filled.
+// Where a post comes from: an index into Catalogue::rasters() (64 800 tiles and more), or kNoSource, and whether it was
+// filled.
 using SourceMark = std::uint32_t;
 inline constexpr SourceMark kNoSource = 0x7fffffff;
 inline constexpr SourceMark kFilledBit = 0x80000000;
@@ -31,7 +32,9 @@ struct Block {
   std::vector<double> sin_lat, cos_lat, sin_lon, cos_lon;
 
   int side() const { return extent.quads + 1; }
-  std::size_t index(int r, int c) const { return static_cast<std::size_t>(r) * static_cast<std::size_t>(side()) + static_cast<std::size_t>(c); }
+  std::size_t index(int r, int c) const {
+    return static_cast<std::size_t>(r) * static_cast<std::size_t>(side()) + static_cast<std::size_t>(c);
+  }
   SourceMark source(int r, int c) const { return sources.size() == 1 ? sources[0] : sources[index(r, c)]; }
   Vec3 position(int r, int c, double height_m) const {
     const auto row = static_cast<std::size_t>(r), col = static_cast<std::size_t>(c);

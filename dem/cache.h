@@ -26,7 +26,8 @@ class Cache {
 
   explicit Cache(std::size_t capacity_bytes) : capacity_(capacity_bytes) {}
 
-  // The value for `key`, loading it by `load() -> Loaded` if needed. Of several callers at once, one loads, the others wait.
+  // The value for `key`, loading it by `load() -> Loaded` if needed. Of several callers at once, one loads, the others
+  // wait.
   template <typename Load>
   Pointer get(const Key& key, Load&& load) {
     std::shared_ptr<Flight> flight;
@@ -107,8 +108,8 @@ class Cache {
     landed_.notify_all();
   }
 
-  // What a frame holds stays in memory whether it is listed here or not, so dropping it would only hide it from the budget:
-  // entries in use are passed over.
+  // What a frame holds stays in memory whether it is listed here or not, so dropping it would only hide it from the
+  // budget: entries in use are passed over.
   void evict() {
     auto place = order_.end();
     while (bytes_ > capacity_ && place != order_.begin()) {

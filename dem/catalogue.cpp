@@ -133,7 +133,13 @@ Catalogue::Catalogue(const std::vector<std::string>& paths) {
       } catch (const DataError& e) {
         std::string what = e.what();
         if (what.starts_with(e.file() + ": ")) what.erase(0, e.file().size() + 2);
-        problems_.push_back({file, what});
+        problems_.push_back({file, what, false});
+        try {
+          add(inspect_damaged_raster(file));
+          problems_.back().located = true;
+        } catch (const DataError&) {
+          // Not even its place is known: the problem says so.
+        }
       }
     }
   }

@@ -13,6 +13,7 @@ namespace selenograph::dem {
 struct CatalogueProblem {
   std::string path;
   std::string what;
+  bool located = false;  // its label is legible: it is among the rasters, and fails where its posts are needed
 };
 
 class Catalogue {
@@ -30,7 +31,8 @@ class Catalogue {
   // Indices into rasters() of those whose footprint, grown by margin_deg, touches the box; ascending (coarse to fine).
   // west may be anything, east >= west; boxes of 360 degrees and more mean all longitudes.
   // Fast for 64 800 tiles (a 1-degree bucket grid).
-  std::vector<int> touching(double south_deg, double north_deg, double west_deg, double east_deg, double margin_deg = 0) const;
+  std::vector<int> touching(double south_deg, double north_deg, double west_deg, double east_deg,
+                            double margin_deg = 0) const;
 
   // Changes whenever a file, its size or its time changes. Part of every frame's content hash.
   std::uint64_t fingerprint() const;

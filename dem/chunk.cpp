@@ -62,10 +62,12 @@ class File {
 
 // The header and index of a file, or an error: sizes are checked before anything is trusted.
 std::uint64_t head_bytes(const format::Header& header, std::uint64_t available, const std::string& name) {
-  if (std::memcmp(header.magic, format::kMagic, sizeof format::kMagic) != 0) throw DataError(name, "not a pyramid file of this version");
+  if (std::memcmp(header.magic, format::kMagic, sizeof format::kMagic) != 0)
+    throw DataError(name, "not a pyramid file of this version");
   if (header.total_bytes != available)
     throw DataError(name, fmt::format("truncated pyramid file: {} of {} bytes", available, header.total_bytes));
-  const std::uint64_t head = sizeof(format::Header) + std::uint64_t{header.records} * sizeof(Chunk::Record) + header.names_bytes;
+  const std::uint64_t head =
+      sizeof(format::Header) + std::uint64_t{header.records} * sizeof(Chunk::Record) + header.names_bytes;
   if (head > available || head > kLargestHead) throw DataError(name, "damaged pyramid file: impossible index");
   return head;
 }
@@ -77,7 +79,9 @@ format::Header header_from(const std::string& bytes, const std::string& name) {
   return header;
 }
 
-std::string label(const std::string& path, const ChunkPlan& plan) { return path.empty() ? "pyramid " + to_string(plan.node) : path; }
+std::string label(const std::string& path, const ChunkPlan& plan) {
+  return path.empty() ? "pyramid " + to_string(plan.node) : path;
+}
 
 }  // namespace
 
@@ -86,7 +90,8 @@ std::shared_ptr<const Chunk> Chunk::open(const std::string& path, const ChunkPla
   chunk->path_ = path;
   const File file(path, O_RDONLY);
   chunk->total_ = file.size();
-  const format::Header header = header_from(file.read(0, std::min<std::uint64_t>(chunk->total_, sizeof(format::Header))), path);
+  const format::Header header =
+      header_from(file.read(0, std::min<std::uint64_t>(chunk->total_, sizeof(format::Header))), path);
   chunk->parse(file.read(0, head_bytes(header, chunk->total_, path)), plan, catalogue);
   return chunk;
 }
@@ -105,19 +110,23 @@ void Chunk::parse(const std::string& head, const ChunkPlan& plan, const Catalogu
   const std::string name = label(path_, plan);
   const format::Header header = header_from(head, name);
   const char* index = head.data() + sizeof header;
-  if (format::checksum_of_head(head) != header.head_checksum) throw DataError(name, "damaged pyramid file: wrong checksum");
-  if (header.fingerprint != plan.fingerprint || BlockId{header.level, header.row, header.col} != plan.node || header.base_level != plan.base_level)
+  if (format::checksum_of_head(head) != header.head_checksum)
+    throw DataError(name, "damaged pyramid file: wrong checksum");
+  if (header.fingerprint != plan.fingerprint || BlockId{header.level, header.row, header.col} != plan.node ||
+      header.base_level != plan.base_level)
     throw DataError(name, "pyramid was made from other sources");
   quantisation_m_ = header.quantisation_m;
   base_level_ = header.base_level;
   for (std::uint32_t i = 0; i < header.records; ++i) {
     Record record;
     std::memcpy(&record, index + i * sizeof record, sizeof record);
-    if (record.offset > total_ || record.size > total_ - record.offset) throw DataError(name, "damaged pyramid file: impossible record");
+    if (record.offset > total_ || record.size > total_ - record.offset)
+      throw DataError(name, "damaged pyramid file: impossible record");
     records_[{record.level, record.row, record.col}] = record;
   }
   std::unordered_map<std::string, SourceMark> known;
-  for (std::size_t i = 0; i < catalogue.rasters().size(); ++i) known[catalogue.rasters()[i].path] = static_cast<SourceMark>(i);
+  for (std::size_t i = 0; i < catalogue.rasters().size(); ++i)
+    known[catalogue.rasters()[i].path] = static_cast<SourceMark>(i);
   const char* names = index + header.records * sizeof(Record);
   for (const char* end = names + header.names_bytes; names < end; names += std::strlen(names) + 1) {
     const auto found = known.find(names);
@@ -135,7 +144,9 @@ std::string Chunk::read(std::uint64_t offset, std::uint64_t size) const {
   return path_.empty() ? bytes_.substr(offset, size) : File(path_, O_RDONLY).read(offset, size);
 }
 
-std::size_t Chunk::bytes() const { return sizeof(Chunk) + bytes_.capacity() + records_.size() * (sizeof(Record) + sizeof(BlockId) + 32); }
+std::size_t Chunk::bytes() const {
+  return sizeof(Chunk) + bytes_.capacity() + records_.size() * (sizeof(Record) + sizeof(BlockId) + 32);
+}
 
 std::shared_ptr<const Block> Chunk::load(const BlockId& id) const {
   const std::string name = path_.empty() ? "pyramid" : path_;
@@ -152,13 +163,16 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id) const {
   fill_trigonometry(*block);
   const auto side = static_cast<std::size_t>(block->side()), wide = side + 2 * kHalo;
   const bool small = record->flags & kInt16;
-  const std::size_t heights_bytes = wide * wide * (small ? 2 : 4), sources = record->flags & kUniformSource ? 1 : side * side;
-  if (bytes.size() != heights_bytes + sizeof(SourceMark) * sources) throw DataError(name, "damaged pyramid file: impossible size of block " + to_string(id));
+  const std::size_t heights_bytes = wide * wide * (small ? 2 : 4),
+                    sources = record->flags & kUniformSource ? 1 : side * side;
+  if (bytes.size() != heights_bytes + sizeof(SourceMark) * sources)
+    throw DataError(name, "damaged pyramid file: impossible size of block " + to_string(id));
   std::vector<float> heights(wide * wide);
   if (small) {
     std::vector<std::int16_t> raw(wide * wide);
     std::memcpy(raw.data(), bytes.data(), heights_bytes);
-    for (std::size_t i = 0; i < raw.size(); ++i) heights[i] = raw[i] == format::kVoid16 ? kNaN : static_cast<float>(raw[i]);
+    for (std::size_t i = 0; i < raw.size(); ++i)
+      heights[i] = raw[i] == format::kVoid16 ? kNaN : static_cast<float>(raw[i]);
   } else {
     std::memcpy(heights.data(), bytes.data(), heights_bytes);
   }
@@ -167,7 +181,8 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id) const {
   for (SourceMark& s : block->sources)
     if ((s & kNoSource) < catalogue_index_.size()) s = (s & kFilledBit) | catalogue_index_[s & kNoSource];
   for (std::size_t r = 0; r < side; ++r)
-    block->heights.insert(block->heights.end(), heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo),
+    block->heights.insert(block->heights.end(),
+                          heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo),
                           heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo + side));
   // Filtered levels are no longer quantised.
   fill_shading_normals(*block, heights, id.level >= base_level_ ? quantisation_m_ : 0);

@@ -1,11 +1,11 @@
 // A piece of the pyramid: all blocks of one quadtree node, from its own level down to the posts, as one file.
 //
-// Level k keeps every 2^k-th position, low-pass filtered per octave by the binomial [1 2 1]/4 in both directions, so that a
-// coarse mesh is the band-limited surface. Each block stores the largest vertical distance from its surface to the finest
-// one (by the same triangles that are rendered), and the lowest and highest height.
+// Level k keeps every 2^k-th position, low-pass filtered per octave by the binomial [1 2 1]/4 in both directions, so
+// that a coarse mesh is the band-limited surface. Each block stores the largest vertical distance from its surface to
+// the finest one (by the same triangles that are rendered), and the lowest and highest height.
 //
-// File: header, index of records, names of sources, records. Everything is little-endian and covered by XXH3 checksums. A
-// file appears whole or not at all (temporary name, fsync, rename).
+// File: header, index of records, names of sources, records. Everything is little-endian and covered by XXH3 checksums.
+// A file appears whole or not at all (temporary name, fsync, rename).
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,8 @@
 
 namespace selenograph::dem {
 
-// What a chunk is made of. Direct: its base level comes from the sources. Otherwise its base level is the top level of the
-// finer chunks beneath, which hold that level themselves.
+// What a chunk is made of. Direct: its base level comes from the sources. Otherwise its base level is the top level of
+// the finer chunks beneath, which hold that level themselves.
 struct ChunkPlan {
   BlockId node;
   int base_level = 0;
@@ -61,7 +61,7 @@ class Chunk {
   void parse(const std::string& head, const ChunkPlan& plan, const Catalogue& catalogue);
   std::string read(std::uint64_t offset, std::uint64_t size) const;
 
-  std::string path_;   // empty when the bytes are here
+  std::string path_;  // empty when the bytes are here
   std::string bytes_;
   std::uint64_t total_ = 0;
   double quantisation_m_ = 0;

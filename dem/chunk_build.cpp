@@ -28,10 +28,13 @@ struct Grid {
     r = std::clamp(r, 0, window.rows - 1), c = std::clamp(c, 0, window.cols - 1);
     return posts.heights[index(r, c)];
   }
-  std::size_t index(int r, int c) const { return static_cast<std::size_t>(r) * static_cast<std::size_t>(window.cols) + static_cast<std::size_t>(c); }
+  std::size_t index(int r, int c) const {
+    return static_cast<std::size_t>(r) * static_cast<std::size_t>(window.cols) + static_cast<std::size_t>(c);
+  }
 };
 
-// The longitude step of a level's grid: that of the chunk's rows nearest the equator, the finest that any block of it needs.
+// The longitude step of a level's grid: that of the chunk's rows nearest the equator, the finest that any block of it
+// needs.
 std::int32_t grid_lon_step(const BlockId& node, int level) {
   const BlockExtent e = extent_of(node);
   const std::int32_t nearest = std::clamp(kLatTicks / 2, e.lat0, e.lat1() - 1);
@@ -61,15 +64,16 @@ Grid direct_base(const ChunkPlan& plan, const PostSource& source) {
   return grid;
 }
 
-// Copies a finer chunk's top block into the grid. Near a pole its columns can be wider apart than the grid's: posts between are
-// interpolated along the row.
+// Copies a finer chunk's top block into the grid. Near a pole its columns can be wider apart than the grid's: posts
+// between are interpolated along the row.
 void paste(const Block& block, Grid& grid) {
   const BlockExtent& e = block.extent;
   const int stride = e.lon_step / grid.window.lon_step;
   const std::int64_t turn = std::llround(static_cast<double>(grid.window.lon0 - e.lon0) / kLonTicks);
   for (const std::int64_t shift : {turn - 1, turn, turn + 1})
     for (int r = 0; r <= e.quads; ++r) {
-      const std::int64_t row = (e.lat0 + static_cast<std::int64_t>(r) * e.lat_step - grid.window.lat0) / grid.window.lat_step;
+      const std::int64_t row =
+          (e.lat0 + static_cast<std::int64_t>(r) * e.lat_step - grid.window.lat0) / grid.window.lat_step;
       if (row < 0 || row >= grid.window.rows) continue;
       const std::int64_t col0 = (e.lon0 + shift * kLonTicks - grid.window.lon0) / grid.window.lon_step;
       for (int c = 0; c <= e.quads * stride; ++c) {
@@ -85,7 +89,8 @@ void paste(const Block& block, Grid& grid) {
     }
 }
 
-// What the finer chunks' top blocks leave out of the finest surface: largest distance, and how far it goes below and above them.
+// What the finer chunks' top blocks leave out of the finest surface: largest distance, and how far it goes below and
+// above them.
 struct LeftOut {
   double error_m = 0;
   float below_m = 0, above_m = 0;
@@ -98,14 +103,16 @@ struct LeftOut {
   }
 };
 
-Grid base_from_finer(const ChunkPlan& plan, const std::function<std::shared_ptr<const Block>(const BlockId&)>& fine_block,
-                     LeftOut& left_out) {
+Grid base_from_finer(const ChunkPlan& plan,
+                     const std::function<std::shared_ptr<const Block>(const BlockId&)>& fine_block, LeftOut& left_out) {
   Grid grid{plan.base_level, base_halo(plan), {}, {}};
   grid.window = window_of(plan.node, grid.level, grid.halo);
   const PostWindow& w = grid.window;
   grid.posts = {std::vector<float>(w.size(), kNaN), std::vector<SourceMark>(w.size(), kNoSource)};
   const std::int32_t side = quads_per_side(grid.level) * w.lat_step;
-  const std::int64_t south = std::max<std::int64_t>(0, w.lat0), north = std::min<std::int64_t>(kLatTicks - 1, w.lat0 + static_cast<std::int64_t>(w.rows) * w.lat_step);
+  const std::int64_t south = std::max<std::int64_t>(0, w.lat0),
+                     north =
+                         std::min<std::int64_t>(kLatTicks - 1, w.lat0 + static_cast<std::int64_t>(w.rows) * w.lat_step);
   for (std::int64_t lat = south / side * side; lat <= north; lat += side) {
     const std::int64_t east = w.lon0 + static_cast<std::int64_t>(w.cols) * w.lon_step;
     for (std::int64_t lon = w.lon0; lon < east;) {
@@ -138,7 +145,8 @@ Grid coarser(const BlockId& node, const Grid& fine) {
   grid.window = window_of(node, grid.level, grid.halo);
   const int step_c = grid.window.lon_step / fine.window.lon_step;  // 1 where the longitude step is at its cap
   grid.posts = {std::vector<float>(grid.window.size()), std::vector<SourceMark>(grid.window.size())};
-  const bool voids = std::any_of(fine.posts.heights.begin(), fine.posts.heights.end(), [](float h) { return std::isnan(h); });
+  const bool voids =
+      std::any_of(fine.posts.heights.begin(), fine.posts.heights.end(), [](float h) { return std::isnan(h); });
   tbb::this_task_arena::isolate([&] {
     tbb::parallel_for(0, grid.window.rows, [&](int r) {
       const int fr = fine.halo + 2 * (r - grid.halo);
@@ -174,9 +182,9 @@ Cut cut_of(const Grid& grid, const BlockId& id) {
           static_cast<int>((e.lon0 - grid.window.lon0) / grid.window.lon_step), e.lon_step / grid.window.lon_step};
 }
 
-// Largest vertical distance between a block's triangles and the base posts beneath. Linear in latitude and longitude within a
-// triangle (the chord's sag over the sphere is accounted for separately: lattice.h, chord_sag_m); the diagonal runs from
-// the south-east to the north-west corner, as in the rendered mesh.
+// Largest vertical distance between a block's triangles and the base posts beneath. Linear in latitude and longitude
+// within a triangle (the chord's sag over the sphere is accounted for separately: lattice.h, chord_sag_m); the diagonal
+// runs from the south-east to the north-west corner, as in the rendered mesh.
 void measure(const Grid& grid, const Cut& cut, const Grid& base, Chunk::Record& record) {
   const BlockExtent e = extent_of(cut.id);
   const int step_r = e.lat_step / base.window.lat_step, step_c = e.lon_step / base.window.lon_step;
@@ -186,8 +194,10 @@ void measure(const Grid& grid, const Cut& cut, const Grid& base, Chunk::Record& 
   const float inv_r = 1.F / static_cast<float>(step_r), inv_c = 1.F / static_cast<float>(step_c);
   for (int r = 0; r < e.quads; ++r)
     for (int c = 0; c < e.quads; ++c) {
-      const float h00 = grid.at(cut.r0 + r, cut.c0 + c * cut.stride_c), h10 = grid.at(cut.r0 + r, cut.c0 + (c + 1) * cut.stride_c);
-      const float h01 = grid.at(cut.r0 + r + 1, cut.c0 + c * cut.stride_c), h11 = grid.at(cut.r0 + r + 1, cut.c0 + (c + 1) * cut.stride_c);
+      const float h00 = grid.at(cut.r0 + r, cut.c0 + c * cut.stride_c),
+                  h10 = grid.at(cut.r0 + r, cut.c0 + (c + 1) * cut.stride_c);
+      const float h01 = grid.at(cut.r0 + r + 1, cut.c0 + c * cut.stride_c),
+                  h11 = grid.at(cut.r0 + r + 1, cut.c0 + (c + 1) * cut.stride_c);
       for (const float h : {h00, h10, h01, h11})
         if (!std::isnan(h)) low = std::min(low, h), high = std::max(high, h);
       for (int y = 0; y <= step_r; ++y) {
@@ -195,7 +205,8 @@ void measure(const Grid& grid, const Cut& cut, const Grid& base, Chunk::Record& 
         const float* row = &base.posts.heights[base.index(base_r0 + r * step_r + y, base_c0 + c * step_c)];
         for (int x = 0; x <= step_c; ++x) {
           const float fx = static_cast<float>(x) * inv_c, h = row[x];
-          const float lower = h00 + fx * (h10 - h00) + fy * (h01 - h00), upper = h11 + (1 - fx) * (h01 - h11) + (1 - fy) * (h10 - h11);
+          const float lower = h00 + fx * (h10 - h00) + fy * (h01 - h00),
+                      upper = h11 + (1 - fx) * (h01 - h11) + (1 - fy) * (h10 - h11);
           const float distance = std::abs(h - (fx + fy <= 1 ? lower : upper));
           // Comparisons with NaN are false: voids don't count.
           if (distance > worst) worst = distance;
@@ -235,7 +246,9 @@ Encoded encode(const Grid& grid, const Cut& cut, const Grid& base) {
     return out;
   }
   measure(grid, cut, base, out.record);
-  const bool integers = std::all_of(heights.begin(), heights.end(), [](float h) { return std::isnan(h) || (h == std::rint(h) && std::abs(h) < 32000); });
+  const bool integers = std::all_of(heights.begin(), heights.end(), [](float h) {
+    return std::isnan(h) || (h == std::rint(h) && std::abs(h) < 32000);
+  });
   if (integers) {
     out.record.flags |= Chunk::kInt16;
     std::vector<std::int16_t> small;
@@ -272,7 +285,8 @@ void encode_level(const Grid& grid, const Grid& base, const BlockId& node, std::
   const std::size_t first = out.size();
   out.resize(first + ids.size());
   tbb::this_task_arena::isolate([&] {
-    tbb::parallel_for(std::size_t{0}, ids.size(), [&](std::size_t i) { out[first + i] = encode(grid, cut_of(grid, ids[i]), base); });
+    tbb::parallel_for(std::size_t{0}, ids.size(),
+                      [&](std::size_t i) { out[first + i] = encode(grid, cut_of(grid, ids[i]), base); });
   });
 }
 

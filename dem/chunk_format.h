@@ -41,14 +41,16 @@ void append(std::string& out, const std::vector<T>& values) {
 
 // `for_each` calls back with every (record, bytes), twice with the same order.
 template <typename ForEach>
-std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::vector<std::string>& paths, ForEach&& for_each) {
+std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::vector<std::string>& paths,
+                     ForEach&& for_each) {
   std::string names;
   for (const std::string& path : paths) names.append(path.c_str(), path.size() + 1);
   Header header{};
   std::memcpy(header.magic, kMagic, sizeof kMagic);
   header.fingerprint = plan.fingerprint;
   header.quantisation_m = quantisation_m;
-  header.level = plan.node.level, header.row = plan.node.row, header.col = plan.node.col, header.base_level = plan.base_level;
+  header.level = plan.node.level, header.row = plan.node.row, header.col = plan.node.col,
+  header.base_level = plan.base_level;
   header.names_bytes = static_cast<std::uint32_t>(names.size());
   for_each([&](Chunk::Record&, std::string&) { ++header.records; });
   std::uint64_t offset = sizeof(Header) + header.records * sizeof(Chunk::Record) + names.size();

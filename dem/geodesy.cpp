@@ -3,7 +3,6 @@
 #include <Eigen/Geometry>
 #include <GeographicLib/Geocentric.hpp>
 #include <GeographicLib/Math.hpp>
-
 #include <cmath>
 
 namespace selenograph {

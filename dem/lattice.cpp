@@ -26,7 +26,8 @@ int rows_of(int level) { return kLatTicks / (quads_per_side(level) * lat_step_of
 int lon_shift(int level, int row) {
   const std::int32_t side = quads_per_side(level) * lat_step_of(level);
   const double south = std::abs(lat_deg_of(row * side)), north = std::abs(lat_deg_of((row + 1) * side));
-  const double nearest_equator = (row * side <= kLatTicks / 2 && (row + 1) * side >= kLatTicks / 2) ? 0 : std::min(south, north);
+  const double nearest_equator =
+      (row * side <= kLatTicks / 2 && (row + 1) * side >= kLatTicks / 2) ? 0 : std::min(south, north);
   const double aspect = std::cos(nearest_equator * std::numbers::pi / 180);
   const int cap = std::max(0, level - kRootLevel) + 1;  // blocks of 8 degrees: 45 around the globe
   int shift = 0;
@@ -34,7 +35,9 @@ int lon_shift(int level, int row) {
   return shift;
 }
 
-int columns_of(int level, int row) { return kLonTicks / ((quads_per_side(level) * lat_step_of(level)) << lon_shift(level, row)); }
+int columns_of(int level, int row) {
+  return kLonTicks / ((quads_per_side(level) * lat_step_of(level)) << lon_shift(level, row));
+}
 
 BlockExtent extent_of(const BlockId& id) {
   const int quads = quads_per_side(id.level);
@@ -54,7 +57,8 @@ std::vector<BlockId> children_of(const BlockId& id) {
   for (int row = 2 * id.row; row <= 2 * id.row + 1; ++row) {
     const BlockId first = block_at(id.level + 1, row * e.quads * (e.lat_step / 2), e.lon0);
     const BlockExtent c = extent_of(first);
-    for (int i = 0; i < (e.lon1() - e.lon0) / (c.lon1() - c.lon0); ++i) children.push_back({first.level, first.row, first.col + i});
+    for (int i = 0; i < (e.lon1() - e.lon0) / (c.lon1() - c.lon0); ++i)
+      children.push_back({first.level, first.row, first.col + i});
   }
   return children;
 }

@@ -1,12 +1,13 @@
 // The global mesh lattice: a vertex-centred geographic quadtree of blocks of 64 x 64 quads.
 //
-// Level n has posts at integer multiples of 2^-n degree, so every 2^n px/deg product has its posts on the vertices of level n.
-// Blocks of level 4 (16 px/deg, 4 degrees) tile the globe; finer levels split a block in four, coarser ones keep its footprint
-// and halve its quads. Towards the poles the longitude step doubles, so that quads keep an aspect of 1/4 to 1: by
-// 2^lon_shift, constant along a row of blocks, 0 within 75.5 degrees of the equator, and never past a block of 8 degrees.
+// Level n has posts at integer multiples of 2^-n degree, so every 2^n px/deg product has its posts on the vertices of
+// level n. Blocks of level 4 (16 px/deg, 4 degrees) tile the globe; finer levels split a block in four, coarser ones
+// keep its footprint and halve its quads. Towards the poles the longitude step doubles, so that quads keep an aspect of
+// 1/4 to 1: by 2^lon_shift, constant along a row of blocks, 0 within 75.5 degrees of the equator, and never past a
+// block of 8 degrees.
 //
-// Positions are exact integers ("ticks" of 2^-20 degree): latitude from the south pole, longitude from -180 eastward. The
-// same place has the same tick at every level, hence the same sine and cosine, bit for bit.
+// Positions are exact integers ("ticks" of 2^-20 degree): latitude from the south pole, longitude from -180 eastward.
+// The same place has the same tick at every level, hence the same sine and cosine, bit for bit.
 #pragma once
 
 #include <compare>
@@ -46,9 +47,10 @@ int lon_shift(int level, int row);
 int columns_of(int level, int row);
 BlockExtent extent_of(const BlockId& id);
 
-BlockId parent_of(const BlockId& id);                   // level > 0
-std::vector<BlockId> children_of(const BlockId& id);    // 1 below the root level, else 2 to 4; south to north, west to east
-BlockId ancestor_of(const BlockId& id, int level);      // level <= id.level
+BlockId parent_of(const BlockId& id);  // level > 0
+std::vector<BlockId> children_of(
+    const BlockId& id);                             // 1 below the root level, else 2 to 4; south to north, west to east
+BlockId ancestor_of(const BlockId& id, int level);  // level <= id.level
 BlockId block_at(int level, std::int32_t lat_tick, std::int32_t lon_tick);  // the pole belongs to the last row
 
 std::int32_t wrap_lon(std::int64_t lon_tick);  // into [0, kLonTicks)
@@ -63,8 +65,8 @@ double chord_sag_m(int level);
 
 struct BlockIdHash {
   std::size_t operator()(const BlockId& id) const {
-    return std::hash<std::uint64_t>()((static_cast<std::uint64_t>(id.level) << 58) ^ (static_cast<std::uint64_t>(id.row) << 29) ^
-                                      static_cast<std::uint64_t>(id.col));
+    return std::hash<std::uint64_t>()((static_cast<std::uint64_t>(id.level) << 58) ^
+                                      (static_cast<std::uint64_t>(id.row) << 29) ^ static_cast<std::uint64_t>(id.col));
   }
 };
 

@@ -1,5 +1,6 @@
 #include "dem/post_source.h"
 
+#include <fmt/format.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
@@ -8,8 +9,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-
-#include <fmt/format.h>
 
 #include "dem/error.h"
 #include "dem/terrain.h"
@@ -33,7 +32,8 @@ constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 // Catmull-Rom weights (Catmull & Rom 1974, tension 1/2) at fraction t between the middle two of four posts.
 std::array<double, 4> cubic_weights(double t) {
-  return {t * (-0.5 + t * (1.0 - 0.5 * t)), 1.0 + t * t * (-2.5 + 1.5 * t), t * (0.5 + t * (2.0 - 1.5 * t)), t * t * (-0.5 + 0.5 * t)};
+  return {t * (-0.5 + t * (1.0 - 0.5 * t)), 1.0 + t * t * (-2.5 + 1.5 * t), t * (0.5 + t * (2.0 - 1.5 * t)),
+          t * t * (-0.5 + 0.5 * t)};
 }
 
 template <typename Patch>
@@ -62,14 +62,15 @@ float interpolate(const Patch& patch, double px, double py) {
   double sum = 0;
   for (int j = 0; j < 4; ++j) {
     double row = 0;
-    for (int i = 0; i < 4; ++i) row += wx[static_cast<std::size_t>(i)] * static_cast<double>(patch.at(x - 1 + i, y - 1 + j));
+    for (int i = 0; i < 4; ++i)
+      row += wx[static_cast<std::size_t>(i)] * static_cast<double>(patch.at(x - 1 + i, y - 1 + j));
     sum += wy[static_cast<std::size_t>(j)] * row;
   }
   return std::isnan(sum) ? bilinear(patch, x, y, fx, fy) : static_cast<float>(sum);
 }
 
-// Beside a void or past the last row or column: less than a post from a valid one, along its slope. Without this a product whose posts are not
-// vertices would lose its outermost posts with the quads around them.
+// Beside a void or past the last row or column: less than a post from a valid one, along its slope. Without this a
+// product whose posts are not vertices would lose its outermost posts with the quads around them.
 template <typename Patch>
 float extended(const Patch& patch, double px, double py) {
   const int x0 = static_cast<int>(std::floor(px)), y0 = static_cast<int>(std::floor(py));
@@ -81,7 +82,9 @@ float extended(const Patch& patch, double px, double py) {
       const double dx = px - x, dy = py - y, distance = dx * dx + dy * dy;
       if (std::isnan(h) || distance >= nearest) continue;
       nearest = distance;
-      const auto slope = [h](float before, float after) { return !std::isnan(before) ? h - before : !std::isnan(after) ? after - h : 0.F; };
+      const auto slope = [h](float before, float after) {
+        return !std::isnan(before) ? h - before : !std::isnan(after) ? after - h : 0.F;
+      };
       best = h + static_cast<float>(dx * static_cast<double>(slope(patch.at(x - 1, y), patch.at(x + 1, y))) +
                                     dy * static_cast<double>(slope(patch.at(x, y - 1), patch.at(x, y + 1))));
     }
@@ -121,11 +124,15 @@ class PostSource::Pool {
 };
 
 PostSource::PostSource(const Catalogue& catalogue, bool fall_through, std::function<void(const std::string&)> warn)
-    : catalogue_(catalogue), fall_through_(fall_through), warn_(std::move(warn)), pool_(std::make_unique<Pool>(catalogue)) {
+    : catalogue_(catalogue),
+      fall_through_(fall_through),
+      warn_(std::move(warn)),
+      pool_(std::make_unique<Pool>(catalogue)) {
   // The contract's `source` has 16 bits. Wrong numbers would pass unnoticed: rather none at all.
   constexpr std::size_t kMost = 65535;
   if (catalogue.rasters().size() > kMost)
-    throw DataError("catalogue", fmt::format("{} tiles are more than the {} that can be told apart", catalogue.rasters().size(), kMost));
+    throw DataError("catalogue", fmt::format("{} tiles are more than the {} that can be told apart",
+                                             catalogue.rasters().size(), kMost));
   for (const RasterInfo& info : catalogue.rasters()) post_deg_ = std::max(post_deg_, 1 / info.posts_per_degree);
 }
 
@@ -134,7 +141,8 @@ PostSource::~PostSource() = default;
 int PostSource::level_needed(const RasterInfo& info) {
   if (info.lattice_level) return std::clamp(*info.lattice_level, 0, kMaxLevel);
   const double octaves = std::log2(info.posts_per_degree);
-  // 2^n px/deg that are not vertices of level n lie half a pixel off (pixel is area): they are vertices of the next level.
+  // 2^n px/deg that are not vertices of level n lie half a pixel off (pixel is area): they are vertices of the next
+  // level.
   const bool half_pixel = info.projection == Projection::geographic && std::abs(octaves - std::round(octaves)) < 1e-9;
   return std::clamp(static_cast<int>(std::ceil(octaves - 1e-9)) + (half_pixel ? 1 : 0), 0, kMaxLevel);
 }
@@ -146,15 +154,38 @@ Posts PostSource::compose(const PostWindow& window) const {
   const int strips = (window.rows + kStrip - 1) / kStrip;
   // Isolated: a thread that waits here must not pick up unrelated work that could wait for what this thread is loading.
   tbb::this_task_arena::isolate([&] {
-    tbb::parallel_for(0, strips, [&](int s) { compose_rows(window, s * kStrip, std::min(window.rows, (s + 1) * kStrip), posts); });
+    tbb::parallel_for(0, strips,
+                      [&](int s) { compose_rows(window, s * kStrip, std::min(window.rows, (s + 1) * kStrip), posts); });
   });
   return posts;
 }
 
-// Splits rows at the poles. At a pole a row is one point: it takes the value at longitude -180 of the finest layer there.
+namespace {
+
+// A pole that no file holds (tiles of one product end a post before the south pole) is one point all the same: the mean
+// of 16 posts around it, the same whatever window asks.
+void fill_pole(const PostSource& source, const PostWindow& pole, std::size_t offset, Posts& posts) {
+  PostWindow ring = pole;
+  ring.lat0 = pole.lat0 == 0 ? pole.lat_step : pole.lat0 - pole.lat_step;
+  ring.lon0 = 0, ring.cols = 16, ring.rows = 1, ring.lon_step = kLonTicks / ring.cols;
+  const Posts around = source.compose(ring);
+  double sum = 0;
+  for (const float h : around.heights) sum += static_cast<double>(h);
+  if (std::isnan(sum)) return;
+  std::fill_n(posts.heights.begin() + static_cast<std::ptrdiff_t>(offset), pole.cols,
+              static_cast<float>(sum / ring.cols));
+  std::fill_n(posts.sources.begin() + static_cast<std::ptrdiff_t>(offset), pole.cols, around.sources[0] | kFilledBit);
+}
+
+}  // namespace
+
+// Splits rows at the poles. At a pole a row is one point: it takes the value at longitude -180 of the finest layer
+// there.
 void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& posts) const {
   const auto lat_of = [&](int r) { return window.lat0 + static_cast<std::int64_t>(r) * window.lat_step; };
-  const auto zone = [&](int r) { return lat_of(r) <= 0 ? (lat_of(r) == 0 ? 1 : 0) : lat_of(r) < kLatTicks ? 2 : lat_of(r) == kLatTicks ? 3 : 4; };
+  const auto zone = [&](int r) {
+    return lat_of(r) <= 0 ? (lat_of(r) == 0 ? 1 : 0) : lat_of(r) < kLatTicks ? 2 : lat_of(r) == kLatTicks ? 3 : 4;
+  };
   while (r0 < r1) {
     int end = r0 + 1;
     while (end < r1 && zone(end) == zone(r0)) ++end;
@@ -168,18 +199,23 @@ void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& p
       part.lon0 += kLonTicks / 2;
     }
     const std::size_t offset = static_cast<std::size_t>(r0) * static_cast<std::size_t>(window.cols);
-    const double south = lat_deg_of(static_cast<std::int32_t>(std::min(part.lat0, part.lat0 + static_cast<std::int64_t>(part.rows - 1) * part.lat_step)));
-    const double north = lat_deg_of(static_cast<std::int32_t>(std::max(part.lat0, part.lat0 + static_cast<std::int64_t>(part.rows - 1) * part.lat_step)));
+    const double south = lat_deg_of(static_cast<std::int32_t>(
+        std::min(part.lat0, part.lat0 + static_cast<std::int64_t>(part.rows - 1) * part.lat_step)));
+    const double north = lat_deg_of(static_cast<std::int32_t>(
+        std::max(part.lat0, part.lat0 + static_cast<std::int64_t>(part.rows - 1) * part.lat_step)));
     const double west = static_cast<double>(part.lon0) / kTicksPerDegree - 180;
     const double east = west + static_cast<double>(part.cols - 1) * part.lon_step / kTicksPerDegree;
     const bool pole = z == 1 || z == 3;
     // A file's kernel reaches a post beyond its outermost posts: to a pole that lies between posts, for one.
-    const std::vector<int> layers =
-        pole ? catalogue_.touching(south, north, -180, 180, post_deg_) : catalogue_.touching(south, north, west, east, post_deg_);
+    const std::vector<int> layers = pole ? catalogue_.touching(south, north, -180, 180, post_deg_)
+                                         : catalogue_.touching(south, north, west, east, post_deg_);
     bool complete = false;
-    for (auto layer = layers.rbegin(); layer != layers.rend() && !complete; ++layer) complete = add_layer(*layer, part, offset, Reach::between_posts, posts);
     for (auto layer = layers.rbegin(); layer != layers.rend() && !complete; ++layer)
-      if (!catalogue_.rasters()[static_cast<std::size_t>(*layer)].lattice_level) complete = add_layer(*layer, part, offset, Reach::beside_posts, posts);
+      complete = add_layer(*layer, part, offset, Reach::between_posts, posts);
+    for (auto layer = layers.rbegin(); layer != layers.rend() && !complete; ++layer)
+      if (!catalogue_.rasters()[static_cast<std::size_t>(*layer)].lattice_level)
+        complete = add_layer(*layer, part, offset, Reach::beside_posts, posts);
+    if (pole && posts.sources[offset] == kNoSource) fill_pole(*this, part, offset, posts);
     r0 = end;
   }
 }
@@ -187,7 +223,8 @@ void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& p
 // Where a window's posts lie in a file. In a geographic file columns and rows are separable.
 class PostSource::Mapping {
  public:
-  Mapping(const RasterInfo& info, const PostWindow& window) : info_(info), window_(window), pole_(window.lat0 == 0 || window.lat0 == kLatTicks) {
+  Mapping(const RasterInfo& info, const PostWindow& window)
+      : info_(info), window_(window), pole_(window.lat0 == 0 || window.lat0 == kLatTicks) {
     if (info.projection != Projection::geographic) return;
     for (int c = 0; c < cols(); ++c) xs_.push_back(located(0, c).x);
     for (int r = 0; r < window.rows; ++r) ys_.push_back(located(r, 0).y);
@@ -213,7 +250,8 @@ class PostSource::Mapping {
       for (int r = 0; r < window_.rows; ++r)
         for (int c = 0; c < cols(); ++c) {
           const Raster::PostXY q = located(r, c);
-          if (q.x > -2 && q.y > -2 && q.x < info_.width + 1 && q.y < info_.height + 1) x.add(q.x, info_.width), y.add(q.y, info_.height);
+          if (q.x > -2 && q.y > -2 && q.x < info_.width + 1 && q.y < info_.height + 1)
+            x.add(q.x, info_.width), y.add(q.y, info_.height);
         }
     }
     if (x.low > x.high || y.low > y.high) return {0, 0, 0, 0, {}};
@@ -234,8 +272,11 @@ class PostSource::Mapping {
 
   Raster::PostXY located(int r, int c) const {
     // A tile that touches a pole holds the pole in each of its columns: any longitude it covers will do.
-    const double lon = pole_ ? info_.footprint.west_deg : lon_deg_of(wrap_lon(window_.lon0 + static_cast<std::int64_t>(c) * window_.lon_step));
-    return locate(info_, lat_deg_of(static_cast<std::int32_t>(window_.lat0 + static_cast<std::int64_t>(r) * window_.lat_step)), lon);
+    const double lon = pole_ ? info_.footprint.west_deg
+                             : lon_deg_of(wrap_lon(window_.lon0 + static_cast<std::int64_t>(c) * window_.lon_step));
+    return locate(info_,
+                  lat_deg_of(static_cast<std::int32_t>(window_.lat0 + static_cast<std::int64_t>(r) * window_.lat_step)),
+                  lon);
   }
 
   const RasterInfo& info_;
@@ -254,7 +295,9 @@ void PostSource::close_gaps(int source, Patch& patch) const {
   const double post_deg = 1 / info.posts_per_degree, globe = 360 * info.posts_per_degree;
   for (const int other : catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, 4 * post_deg)) {
     const RasterInfo& tile = catalogue_.rasters()[static_cast<std::size_t>(other)];
-    if (other == source || tile.projection != Projection::geographic || std::abs(tile.posts_per_degree / info.posts_per_degree - 1) > 1e-9) continue;
+    if (other == source || tile.projection != Projection::geographic ||
+        std::abs(tile.posts_per_degree / info.posts_per_degree - 1) > 1e-9)
+      continue;
     const double dx = std::remainder((tile.footprint.west_deg - f.west_deg) * info.posts_per_degree, globe);
     const double dy = (f.north_deg - tile.footprint.north_deg) * info.posts_per_degree;
     if (std::abs(dx - std::round(dx)) > 1e-3 || std::abs(dy - std::round(dy)) > 1e-3) continue;
@@ -262,7 +305,8 @@ void PostSource::close_gaps(int source, Patch& patch) const {
     const int x0 = std::max(patch.x0, ix), x1 = std::min(patch.x0 + patch.w, ix + tile.width);
     const int y0 = std::max(patch.y0, iy), y1 = std::min(patch.y0 + patch.h, iy + tile.height);
     if (x0 >= x1 || y0 >= y1) continue;
-    Patch piece{x0, y0, x1 - x0, y1 - y0, std::vector<float>(static_cast<std::size_t>(x1 - x0) * static_cast<std::size_t>(y1 - y0))};
+    Patch piece{x0, y0, x1 - x0, y1 - y0,
+                std::vector<float>(static_cast<std::size_t>(x1 - x0) * static_cast<std::size_t>(y1 - y0))};
     pool_->with(other, [&](Raster& raster) { raster.read(x0 - ix, y0 - iy, piece.w, piece.h, piece.posts.data()); });
     for (int y = y0; y < y1; ++y)
       for (int x = x0; x < x1; ++x)
@@ -288,11 +332,15 @@ bool PostSource::add_layer(int source, const PostWindow& window, std::size_t off
   std::size_t impossible = 0;
   for (int r = 0; r < window.rows; ++r)
     for (int c = 0; c < mapping.cols(); ++c) {
-      const std::size_t at = offset + static_cast<std::size_t>(r) * static_cast<std::size_t>(window.cols) + static_cast<std::size_t>(c);
+      const std::size_t at =
+          offset + static_cast<std::size_t>(r) * static_cast<std::size_t>(window.cols) + static_cast<std::size_t>(c);
       if (posts.sources[at] != kNoSource) continue;
       const Raster::PostXY q = mapping.at(r, c);
-      const bool inside = q.x >= patch.x0 + 1 && q.y >= patch.y0 + 1 && q.x <= patch.x0 + patch.w - 3 && q.y <= patch.y0 + patch.h - 3;
-      float h = !inside ? kNaN : reach == Reach::between_posts ? interpolate(patch, q.x, q.y) : extended(patch, q.x, q.y);
+      const bool inside =
+          q.x >= patch.x0 + 1 && q.y >= patch.y0 + 1 && q.x <= patch.x0 + patch.w - 3 && q.y <= patch.y0 + patch.h - 3;
+      float h = !inside                         ? kNaN
+                : reach == Reach::between_posts ? interpolate(patch, q.x, q.y)
+                                                : extended(patch, q.x, q.y);
       if (h < kLowestRelief_m || h > kHighestRelief_m) h = kNaN, ++impossible;
       complete &= !std::isnan(h);
       if (std::isnan(h)) continue;
@@ -300,7 +348,8 @@ bool PostSource::add_layer(int source, const PostWindow& window, std::size_t off
       posts.sources[at] = static_cast<SourceMark>(source) | (reach == Reach::beside_posts ? kFilledBit : 0);
     }
   if (impossible > 0)
-    warn_(fmt::format("{}: posts outside of {} .. {} m taken as voids", catalogue_.rasters()[static_cast<std::size_t>(source)].path, kLowestRelief_m, kHighestRelief_m));
+    warn_(fmt::format("{}: posts outside of {} .. {} m taken as voids",
+                      catalogue_.rasters()[static_cast<std::size_t>(source)].path, kLowestRelief_m, kHighestRelief_m));
   if (mapping.pole() && posts.sources[offset] != kNoSource) {
     std::fill_n(posts.heights.begin() + static_cast<std::ptrdiff_t>(offset), window.cols, posts.heights[offset]);
     std::fill_n(posts.sources.begin() + static_cast<std::ptrdiff_t>(offset), window.cols, posts.sources[offset]);
@@ -314,12 +363,15 @@ namespace {
 using Distances = std::vector<std::uint8_t>;
 static_assert(kFillReach < 256);
 
-// Follows `steps` lines at once, each moving by `advance` elements a step, neighbouring lines lying `apart` elements apart.
-Distances distances(const std::vector<float>& h, std::ptrdiff_t start, std::ptrdiff_t advance, int length, std::ptrdiff_t apart, int lines) {
+// Follows `steps` lines at once, each moving by `advance` elements a step, neighbouring lines lying `apart` elements
+// apart.
+Distances distances(const std::vector<float>& h, std::ptrdiff_t start, std::ptrdiff_t advance, int length,
+                    std::ptrdiff_t apart, int lines) {
   Distances out(h.size(), 0);
   tbb::this_task_arena::isolate([&] {
     tbb::parallel_for(tbb::blocked_range<int>(0, lines, 256), [&](const tbb::blocked_range<int>& range) {
-      std::vector<std::uint8_t> since(static_cast<std::size_t>(range.size()), 0);  // posts since the last valid one, 0: too long ago
+      std::vector<std::uint8_t> since(static_cast<std::size_t>(range.size()),
+                                      0);  // posts since the last valid one, 0: too long ago
       for (int step = 0; step < length; ++step)
         for (int line = range.begin(); line < range.end(); ++line) {
           const auto at = static_cast<std::size_t>(start + step * advance + line * apart);
@@ -354,7 +406,8 @@ void PostSource::fill_voids(const PostWindow& window, Posts& posts) {
         SourceMark source = kNoSource;
         const auto between = [&](int before, int after, std::ptrdiff_t step) {
           if (before == 0 || after == 0) return;
-          for (const auto& [distance, from] : {std::pair{before, static_cast<std::ptrdiff_t>(at) - before * step}, {after, static_cast<std::ptrdiff_t>(at) + after * step}}) {
+          for (const auto& [distance, from] : {std::pair{before, static_cast<std::ptrdiff_t>(at) - before * step},
+                                               {after, static_cast<std::ptrdiff_t>(at) + after * step}}) {
             sum += static_cast<double>(h[static_cast<std::size_t>(from)]) / distance, weight += 1.0 / distance;
             if (distance < nearest) nearest = distance, source = posts.sources[static_cast<std::size_t>(from)];
           }

@@ -1,7 +1,7 @@
 // Finest posts over a window of the lattice, composed from every layer that covers it.
 //
-// The finest valid post wins; a void falls through to the layer below; what is still void between valid posts is filled by
-// interpolation and flagged. A product whose posts lie on the lattice is copied; any other is interpolated by a
+// The finest valid post wins; a void falls through to the layer below; what is still void between valid posts is filled
+// by interpolation and flagged. A product whose posts lie on the lattice is copied; any other is interpolated by a
 // Catmull-Rom bicubic kernel (bilinear beside voids), exact for a linear slope.
 #pragma once
 
@@ -20,8 +20,8 @@
 
 namespace selenograph::dem {
 
-// A window of posts: rows of latitude ticks lat0 + r * lat_step, columns of longitude ticks lon0 + c * lon_step. It may reach
-// past a pole (rows continue on the opposite meridian) and around the globe.
+// A window of posts: rows of latitude ticks lat0 + r * lat_step, columns of longitude ticks lon0 + c * lon_step. It may
+// reach past a pole (rows continue on the opposite meridian) and around the globe.
 struct PostWindow {
   std::int64_t lat0 = 0, lon0 = 0;
   std::int32_t lat_step = 1, lon_step = 1;
@@ -30,7 +30,7 @@ struct PostWindow {
 };
 
 struct Posts {
-  std::vector<float> heights;          // m, NaN: no data
+  std::vector<float> heights;       // m, NaN: no data
   std::vector<SourceMark> sources;  // as in Block::sources
 };
 

@@ -377,10 +377,14 @@ void settle_grid(Source& s, const PostGrid& grid) {
 // ---- PDS3
 // ------------------------------------------------------------------------------------------------------------
 
-Source describe_pds(const std::string& label_path, const RasterInfo* known) {
+enum class Damage { refuse, describe };
+
+Source describe_pds(const std::string& label_path, const RasterInfo* known, Damage damage) {
   const PdsImage image = describe_pds_image(read_pds_label(label_path), label_path);
   if (image.row_bytes > std::numeric_limits<int>::max()) throw DataError(label_path, "its rows are too long");
-  const FileState label = must_exist(label_path, label_path), data = must_exist(image.data_path, label_path);
+  const FileState label = must_exist(label_path, label_path);
+  const bool gone = damage == Damage::describe && !file_state(image.data_path);
+  const FileState data = gone ? FileState{} : must_exist(image.data_path, label_path);
 
   Source s;
   s.info.path = label_path;
@@ -399,7 +403,11 @@ Source describe_pds(const std::string& label_path, const RasterInfo* known) {
   const std::uint64_t needed =
       image.first_byte + static_cast<std::uint64_t>(image.height - 1) * image.row_bytes + last_row;
   s.pds = PdsPixels{image.data_path, image.first_byte, image.row_bytes, needed, image.sample.little_endian};
-  settle_values(s, known);
+  if (damage == Damage::describe && data.bytes < needed)
+    s.info.damage = "its data file " + image.data_path + (gone ? " is missing" : " was truncated");
+  RasterInfo heights;  // can't be told from damaged data, and won't be needed
+  heights.datum = kHeightDatum;
+  settle_values(s, s.info.damage.empty() ? known : &heights);
   settle_grid(s, image.grid);
   return s;
 }
@@ -568,9 +576,9 @@ Source describe_gdal(const std::string& path, const RasterInfo* known) {
   return s;
 }
 
-Source describe(const std::string& path, const RasterInfo* known) {
+Source describe(const std::string& path, const RasterInfo* known, Damage damage = Damage::refuse) {
   must_exist(path, path);
-  if (const auto label = pds_label_of(path)) return describe_pds(*label, known);
+  if (const auto label = pds_label_of(path)) return describe_pds(*label, known, damage);
   return describe_gdal(path, known);
 }
 
@@ -580,6 +588,8 @@ Source describe(const std::string& path, const RasterInfo* known) {
 // ----------------------------------------------------------------------------------------------------------
 
 RasterInfo inspect_raster(const std::string& path) { return describe(path, nullptr).info; }
+
+RasterInfo inspect_damaged_raster(const std::string& path) { return describe(path, nullptr, Damage::describe).info; }
 
 Raster::PostXY locate(const RasterInfo& info, double lat_deg, double lon_deg) {
   if (info.projection == Projection::geographic) return locate_on(grid_of(info), info, lat_deg, lon_deg);
@@ -657,6 +667,7 @@ struct Raster::Impl {
 };
 
 Raster::Raster(const RasterInfo& info) {
+  if (!info.damage.empty()) throw DataError(info.path, info.damage);
   Source s = describe(info.path, &info);
   const RasterInfo& now = s.info;
   if (now.bytes != info.bytes || now.modified_ns != info.modified_ns || now.width != info.width ||

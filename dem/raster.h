@@ -1,9 +1,9 @@
 // One DEM file, opened for reading posts. All of GDAL is behind this pair of files.
 //
-// Pixel coordinates here are *post* coordinates: (x, y) = (0, 0) is the position of the first post, whatever the product's
-// registration (a pixel-is-area product's post lies at its pixel's centre). x grows along a row, y down the rows.
-// Heights are metres above the sphere of 1 737 400 m; products given as planetary radius are converted here; scale,
-// offset and byte order are obeyed; a void (DUMMY, NoData, NaN) reads as NaN.
+// Pixel coordinates here are *post* coordinates: (x, y) = (0, 0) is the position of the first post, whatever the
+// product's registration (a pixel-is-area product's post lies at its pixel's centre). x grows along a row, y down the
+// rows. Heights are metres above the sphere of 1 737 400 m; products given as planetary radius are converted here;
+// scale, offset and byte order are obeyed; a void (DUMMY, NoData, NaN) reads as NaN.
 #pragma once
 
 #include <cstddef>
@@ -23,9 +23,9 @@ struct Footprint {
 };
 
 struct RasterInfo {
-  std::string path;          // as opened (for PDS products, the label)
-  std::string name;          // file name without folder and extension: what `source` lists
-  std::string format;        // "PDS3 Kaguya", "PDS3 LOLA", "GTiff", ...
+  std::string path;    // as opened (for PDS products, the label)
+  std::string name;    // file name without folder and extension: what `source` lists
+  std::string format;  // "PDS3 Kaguya", "PDS3 LOLA", "GTiff", ...
   Projection projection = Projection::geographic;
   int width = 0, height = 0;
   double posts_per_degree = 0;   // along a meridian; for a projected raster at the centre of projection
@@ -34,15 +34,20 @@ struct RasterInfo {
   bool wraps_longitude = false;  // covers 360 degrees: x is periodic
   // When every post lies at an integer multiple of 2^-n degree (both axes): n. Posts are then copied, never resampled.
   std::optional<int> lattice_level;
-  std::string datum;             // e.g. "sphere 1737.4 km, height" or "planetary radius, converted"
-  double quantisation_m = 0;     // step between representable heights (1 for integer metres), 0 for float
+  std::string datum;                 // e.g. "sphere 1737.4 km, height" or "planetary radius, converted"
+  double quantisation_m = 0;         // step between representable heights (1 for integer metres), 0 for float
   std::optional<double> void_value;  // in file units
   std::uint64_t bytes = 0;           // size of the file(s) that hold the posts
   std::int64_t modified_ns = 0;      // newest modification time of label and data
+  std::string damage;                // why the posts can't be read although it is known where they lie; empty: they can
 };
 
 // Reads what a file says about itself without reading posts. Throws DataError naming the file.
 RasterInfo inspect_raster(const std::string& path);
+
+// The same for a file whose data are missing or too short, when its label still says what should be where: `damage`
+// tells. What needs its posts then fails by its name, instead of finding nothing there.
+RasterInfo inspect_damaged_raster(const std::string& path);
 
 // An open file. Not for use by two threads at once (GDAL's rule); open one per thread or take turns.
 class Raster {
@@ -60,9 +65,9 @@ class Raster {
   };
   PostXY locate(double lat_deg, double lon_deg) const;
 
-  // Reads columns x0 .. x0 + w-1 and rows y0 .. y0 + h-1 into heights[h][w] (row-major). Posts outside the file are NaN,
-  // except that x wraps on a raster that wraps, and rows just beyond a pole of a global raster continue on the opposite
-  // meridian. Throws DataError when the file can't be read.
+  // Reads columns x0 .. x0 + w-1 and rows y0 .. y0 + h-1 into heights[h][w] (row-major). Posts outside the file are
+  // NaN, except that x wraps on a raster that wraps, and rows just beyond a pole of a global raster continue on the
+  // opposite meridian. Throws DataError when the file can't be read.
   void read(int x0, int y0, int w, int h, float* heights_m);
 
  private:

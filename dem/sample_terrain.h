@@ -8,13 +8,13 @@
 
 namespace selenograph::dem {
 
-// The default place was chosen by eye: a fresh crater of 31 km with a central peak, older flooded ones, highlands in
-// the north and the shore of a mare in the south-east.
+// The default place was chosen by eye: a crater of 38 km with a central peak, cratered highlands around it and the
+// shore of a mare in the south-west.
 struct SampleOptions {
   std::uint64_t seed = 2;
   // South-west corner and size of the mosaic in whole 1-degree tiles (SLDEM2013 naming, DTM_MAP_01_N01E000N00E001SC).
-  int south_deg = -11, west_deg = 43;
-  int rows = 2, columns = 2;
+  int south_deg = -8, west_deg = 39;
+  int rows = 3, columns = 2;
   // Posts per degree, a power of two. 4096 is SLDEM2013's own (7.4 m); the default keeps the sample small and quick.
   int posts_per_degree = 1024;
   // Also writes tiles on both sides of the 180th meridian (E179..E180, E180..E181), for tests of the seam.

@@ -9,7 +9,8 @@ struct Slope {
   double along_row = 0, along_column = 0;  // m per post
 };
 
-// Least-squares plane through the valid posts of a (2 reach + 1)^2 window. Without voids the normal equations are diagonal.
+// Least-squares plane through the valid posts of a (2 reach + 1)^2 window. Without voids the normal equations are
+// diagonal.
 Slope fit_plane(const float* centre, int stride, int reach) {
   double sx = 0, sy = 0, n = 0, sxx = 0, syy = 0, sxh = 0, syh = 0;
   const double origin = static_cast<double>(*centre);
@@ -60,7 +61,8 @@ void fill_shading_normals(Block& block, std::span<const float> heights, double q
     for (int c = 0; c < side; ++c) {
       const auto row = static_cast<std::size_t>(r), col = static_cast<std::size_t>(c);
       const float* centre = heights.data() + (r + kHalo) * stride + c + kHalo;
-      const double cos_lat = block.cos_lat[row], sin_lat = block.sin_lat[row], cos_lon = block.cos_lon[col], sin_lon = block.sin_lon[col];
+      const double cos_lat = block.cos_lat[row], sin_lat = block.sin_lat[row], cos_lon = block.cos_lon[col],
+                   sin_lon = block.sin_lon[col];
       const Vec3 up(cos_lat * cos_lon, cos_lat * sin_lon, sin_lat), east(-sin_lon, cos_lon, 0);
       const Vec3 north(-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat);
       Vec3 normal = up;
@@ -68,7 +70,8 @@ void fill_shading_normals(Block& block, std::span<const float> heights, double q
         const Slope s = full ? (reach == 1 ? fit_plane_full<1>(centre, stride) : fit_plane_full<2>(centre, stride))
                              : fit_plane(centre, stride, reach);
         const double radius = kMoonRadius_m + static_cast<double>(*centre);
-        normal = (up - east * (s.along_row / (radius * cos_lat * dlon)) - north * (s.along_column / (radius * dlat))).normalized();
+        normal = (up - east * (s.along_row / (radius * cos_lat * dlon)) - north * (s.along_column / (radius * dlat)))
+                     .normalized();
       }
       block.normals[block.index(r, c)] = normal.cast<float>();
     }

@@ -1,10 +1,11 @@
 #include "dem/terrain.h"
 
-#include <GeographicLib/Math.hpp>
 #include <fmt/format.h>
 #include <signal.h>
+#include <unistd.h>
 #include <xxhash.h>
 
+#include <GeographicLib/Math.hpp>
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -14,6 +15,7 @@
 #include <mutex>
 #include <set>
 #include <string_view>
+#include <unordered_set>
 
 #include "dem/cache.h"
 #include "dem/chunk.h"
@@ -24,11 +26,12 @@
 namespace selenograph::dem {
 namespace {
 
-// A chunk starts at one of these levels and reaches at most kChunkOctaves finer: one file stays below 100 MB, and a frame of a small
-// area of fine posts doesn't read the 4-degree tile around it.
+// A chunk starts at one of these levels and reaches at most kChunkOctaves finer: one file stays below 100 MB, and a
+// frame of a small area of fine posts doesn't read the 4-degree tile around it.
 constexpr std::array<int, 3> kStrata{kRootLevel, 6, 12};
 constexpr int kChunkOctaves = 6;
-// Chords of this level stay within 2 mm of the sphere: coarser layers are subdivided to it where finest posts are asked for.
+// Chords of this level stay within 2 mm of the sphere: coarser layers are subdivided to it where finest posts are asked
+// for.
 constexpr int kSmoothLevel = 8;
 constexpr std::uint64_t kFormatVersion = 6;
 
@@ -45,12 +48,14 @@ void remove_stale_temporaries(const std::string& folder) {
     if (at == std::string::npos) continue;
     const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + at + kMark.size(), nullptr, 10));
     std::error_code ignored;
-    if (owner <= 0 || (::kill(owner, 0) != 0 && errno == ESRCH)) std::filesystem::remove(it->path(), ignored);
+    // Our own number: we have written nothing yet, so an earlier life has (in a container each is process 1).
+    const bool dead = owner <= 0 || owner == ::getpid() || (::kill(owner, 0) != 0 && errno == ESRCH);
+    if (dead) std::filesystem::remove(it->path(), ignored);
   }
 }
 
-// A level beyond the posts: subdivided along the same triangles in latitude, longitude and height, so that the surface stays what it was
-// but follows the sphere.
+// A level beyond the posts: subdivided along the same triangles in latitude, longitude and height, so that the surface
+// stays what it was but follows the sphere.
 std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) {
   auto block = std::make_shared<Block>();
   block->id = id;
@@ -66,7 +71,9 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
       const std::int32_t dy = e.lat0 + r * e.lat_step - ce.lat0, dx = e.lon0 + c * e.lon_step - ce.lon0;
       const int cr = std::min(dy / ce.lat_step, ce.quads - 1), cc = std::min(dx / ce.lon_step, ce.quads - 1);
       const double fy = static_cast<double>(dy) / ce.lat_step - cr, fx = static_cast<double>(dx) / ce.lon_step - cc;
-      const auto height = [&](int j, int i) { return static_cast<double>(coarse.heights[coarse.index(cr + j, cc + i)]); };
+      const auto height = [&](int j, int i) {
+        return static_cast<double>(coarse.heights[coarse.index(cr + j, cc + i)]);
+      };
       const auto normal = [&](int j, int i) { return coarse.normals[coarse.index(cr + j, cc + i)].cast<double>(); };
       double h;
       Vec3 n;
@@ -84,7 +91,8 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
         n = mix(w, Vec3(normal(0, 0)), fx, Vec3(normal(0, 1)), fy, Vec3(normal(1, 0)));
       } else {
         const double w = fx + fy - 1;
-        h = (w != 0 ? w * height(1, 1) : 0) + (1 - fx != 0 ? (1 - fx) * height(1, 0) : 0) + (1 - fy != 0 ? (1 - fy) * height(0, 1) : 0);
+        h = (w != 0 ? w * height(1, 1) : 0) + (1 - fx != 0 ? (1 - fx) * height(1, 0) : 0) +
+            (1 - fy != 0 ? (1 - fy) * height(0, 1) : 0);
         n = mix(w, Vec3(normal(1, 1)), 1 - fx, Vec3(normal(1, 0)), 1 - fy, Vec3(normal(0, 1)));
       }
       block->heights.push_back(static_cast<float>(h));
@@ -113,7 +121,8 @@ void fill_trigonometry(Block& block) {
   for (std::size_t i = 0; i < n; ++i) {
     // sincosd is exact at multiples of 90 degrees, and ticks make the same place the same number in every block.
     Math::sincosd(lat_deg_of(e.lat0 + static_cast<std::int32_t>(i) * e.lat_step), block.sin_lat[i], block.cos_lat[i]);
-    Math::sincosd(lon_deg_of(wrap_lon(e.lon0 + static_cast<std::int64_t>(i) * e.lon_step)), block.sin_lon[i], block.cos_lon[i]);
+    Math::sincosd(lon_deg_of(wrap_lon(e.lon0 + static_cast<std::int64_t>(i) * e.lon_step)), block.sin_lon[i],
+                  block.cos_lon[i]);
   }
 }
 
@@ -124,6 +133,12 @@ struct Terrain::Impl {
         source(catalogue, o.fall_through, [this](const std::string& text) { warn(text); }),
         blocks(o.cache_bytes / 4 * 3),
         chunks(o.cache_bytes / 4) {
+    // What a file that can't even be catalogued holds, and where, is unknown: any answer may lack it.
+    for (const CatalogueProblem& problem : catalogue.problems()) {
+      if (problem.located) continue;
+      if (!options.fall_through) throw DataError(problem.path, problem.what);
+      warn(problem.path + ": " + problem.what);
+    }
     if (!options.cache_dir.empty()) remove_stale_temporaries(options.cache_dir + "/pyramid");
     for (int row = 0; row < rows_of(0); ++row)
       for (int col = 0; col < columns_of(0, row); ++col)
@@ -146,8 +161,10 @@ struct Terrain::Impl {
     const std::vector<int> layers = touching(node, 0);
     plan.exists = !layers.empty();
     int needed = node.level;
-    for (const int i : layers) needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
-    plan.direct = needed <= node.level + kChunkOctaves && (stratum + 1 == kStrata.size() || needed <= node.level + kChunkOctaves);
+    for (const int i : layers)
+      needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
+    plan.direct =
+        needed <= node.level + kChunkOctaves && (stratum + 1 == kStrata.size() || needed <= node.level + kChunkOctaves);
     plan.base_level = plan.direct ? needed : kStrata[stratum + 1];
     XXH3_state_t* state = XXH3_createState();
     XXH3_64bits_reset(state);
@@ -174,14 +191,16 @@ struct Terrain::Impl {
 
   std::vector<int> touching(const BlockId& id, double margin) const {
     const BlockExtent e = extent_of(id);
-    const double west = static_cast<double>(e.lon0) / kTicksPerDegree - 180, east = static_cast<double>(e.lon1()) / kTicksPerDegree - 180;
+    const double west = static_cast<double>(e.lon0) / kTicksPerDegree - 180,
+                 east = static_cast<double>(e.lon1()) / kTicksPerDegree - 180;
     return catalogue.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), west, east, margin);  // over a pole too
   }
 
   // The chunk that holds a block; where the block is finer than the posts, the one that holds its finest ancestor.
   ChunkPlan plan_for(const BlockId& id) {
     for (std::size_t stratum = 0;; ++stratum) {
-      const BlockId node = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kStrata[stratum]);
+      const BlockId node =
+          id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kStrata[stratum]);
       const ChunkPlan found = plan(node, stratum);
       if (found.direct || id.level <= found.finest_level()) return found;
     }
@@ -193,7 +212,8 @@ struct Terrain::Impl {
     if (here.direct) return here.base_level;
     if (id.level >= kStrata[stratum + 1]) return finest_posts(ancestor_of(id, kStrata[stratum + 1]), stratum + 1, id);
     int needed = 0;
-    for (const int i : touching(id, 0)) needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
+    for (const int i : touching(id, 0))
+      needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
     return std::max(needed, here.base_level);
   }
 
@@ -206,11 +226,12 @@ struct Terrain::Impl {
   }
 
   std::string path_of(const ChunkPlan& plan) const {
-    return fmt::format("{}/pyramid/{:02}/{:06}-{:06}.sgp", options.cache_dir, plan.node.level, plan.node.row, plan.node.col);
+    return fmt::format("{}/pyramid/{:02}/{:06}-{:06}.sgp", options.cache_dir, plan.node.level, plan.node.row,
+                       plan.node.col);
   }
 
   std::shared_ptr<const Chunk> open_or_build(const ChunkPlan& plan) {
-    if (!options.cache_dir.empty() && std::filesystem::exists(path_of(plan))) {
+    if (!options.cache_dir.empty() && !is_distrusted(plan.node) && std::filesystem::exists(path_of(plan))) {
       try {
         auto opened = Chunk::open(path_of(plan), plan, catalogue);
         ++chunks_read;
@@ -247,7 +268,8 @@ struct Terrain::Impl {
     const ChunkPlan found = plan_for(id);
     if (!found.exists) return nullptr;
     return blocks.get(id, [&] {
-      std::shared_ptr<const Block> made = id.level > found.finest_level() ? finer_than_posts(id, found) : load(id, found);
+      std::shared_ptr<const Block> made =
+          id.level > found.finest_level() ? finer_than_posts(id, found) : load(id, found);
       const std::size_t bytes = made ? made->bytes() : sizeof(Block);
       return Cache<BlockId, Block, BlockIdHash>::Loaded{std::move(made), bytes};
     });
@@ -259,16 +281,31 @@ struct Terrain::Impl {
   }
 
   std::shared_ptr<const Block> load(const BlockId& id, const ChunkPlan& plan) {
+    const std::shared_ptr<const Chunk> opened = chunk(plan);
     try {
-      return chunk(plan)->load(id);
+      return opened->load(id);
     } catch (const DataError&) {
       // A damaged record: the file is not to be trusted any more. What can be built again is.
       ++chunks_rejected;
-      chunks.erase(plan.node);
-      std::error_code ignored;
-      if (!options.cache_dir.empty()) std::filesystem::remove(path_of(plan), ignored);
+      distrust(plan);
       return chunk(plan)->load(id);
     }
+  }
+
+  // Where the file can't be removed either (a read-only disk) it must not be opened again.
+  void distrust(const ChunkPlan& plan) {
+    std::error_code error;
+    if (!options.cache_dir.empty()) std::filesystem::remove(path_of(plan), error);
+    if (error) {
+      std::lock_guard lock(mutex);
+      distrusted.insert(plan.node);
+    }
+    chunks.erase(plan.node);
+  }
+
+  bool is_distrusted(const BlockId& node) const {
+    std::lock_guard lock(mutex);
+    return distrusted.contains(node);
   }
 
   void warn(const std::string& text) {
@@ -285,11 +322,13 @@ struct Terrain::Impl {
   mutable std::mutex mutex;
   std::mutex building;
   std::unordered_map<BlockId, ChunkPlan, BlockIdHash> plans;
+  std::unordered_set<BlockId, BlockIdHash> distrusted;  // nodes whose file is damaged and can't be removed
   std::set<std::string> warnings;
   std::vector<BlockId> roots;
 };
 
-Terrain::Terrain(Catalogue catalogue, const TerrainOptions& options) : impl_(std::make_unique<Impl>(std::move(catalogue), options)) {}
+Terrain::Terrain(Catalogue catalogue, const TerrainOptions& options)
+    : impl_(std::make_unique<Impl>(std::move(catalogue), options)) {}
 Terrain::~Terrain() = default;
 
 const Catalogue& Terrain::catalogue() const { return impl_->catalogue; }
@@ -326,17 +365,20 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg) const {
   HeightAnswer answer{lat_deg, wrap_lon_deg(lon_deg), std::nan(""), 0, -1, false};
   const Vec3 direction = to_cartesian({lat_deg, lon_deg, 0}).normalized();
   const double lat = (lat_deg + 90) * kTicksPerDegree, lon = (answer.lon_deg + 180) * kTicksPerDegree;
-  const BlockId probe = block_at(kMaxLevel, static_cast<std::int32_t>(std::clamp(lat, 0.0, kLatTicks - 1.0)), wrap_lon(static_cast<std::int64_t>(lon)));
+  const BlockId probe = block_at(kMaxLevel, static_cast<std::int32_t>(std::clamp(lat, 0.0, kLatTicks - 1.0)),
+                                 wrap_lon(static_cast<std::int64_t>(lon)));
   if (!has_data(probe) && impl_->touching(probe, 0.3).empty()) return answer;
   const int level = finest_level(probe);
   const double step = std::ldexp(1.0, kTickLevel - level);
   const double y = lat / step, x = lon / step;
-  // The quad that the place is in; beside an edge the neighbours too, because the mesh's edges are great circles, not parallels.
+  // The quad that the place is in; beside an edge the neighbours too, because the mesh's edges are great circles, not
+  // parallels.
   for (const int dy : {0, -1, 1})
     for (const int dx : {0, -1, 1}) {
       const double row = std::floor(y) + dy, col = std::floor(x) + dx;
       if (row < 0 || row * step >= kLatTicks) continue;
-      const BlockId id = block_at(level, static_cast<std::int32_t>(row * step), wrap_lon(static_cast<std::int64_t>(col * step)));
+      const BlockId id =
+          block_at(level, static_cast<std::int32_t>(row * step), wrap_lon(static_cast<std::int64_t>(col * step)));
       const auto block = this->block(id);
       if (!block) continue;
       const BlockExtent& e = block->extent;
@@ -344,14 +386,17 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg) const {
       const int c = static_cast<int>((wrap_lon(static_cast<std::int64_t>(col * step)) - e.lon0) / e.lon_step);
       for (const bool upper : {false, true}) {
         const QuadVertices q = vertices_of(r, c, upper);
-        const auto vertex = [&](int i) { return block->position(q.r[i], q.c[i], static_cast<double>(block->heights[block->index(q.r[i], q.c[i])])); };
+        const auto vertex = [&](int i) {
+          return block->position(q.r[i], q.c[i], static_cast<double>(block->heights[block->index(q.r[i], q.c[i])]));
+        };
         const auto distance = radial_distance({vertex(0), vertex(1), vertex(2)}, direction, 1e-9);
         if (!distance) continue;
         answer.height_m = *distance - kMoonRadius_m;
         const auto from = block->source(q.r[0], q.c[0]);
         for (int i = 0; i < 3; ++i) answer.filled |= (block->source(q.r[i], q.c[i]) & kFilledBit) != 0;
         answer.source = (from & kNoSource) == kNoSource ? -1 : static_cast<int>(from & kNoSource);
-        if (answer.source >= 0) answer.post_spacing_m = catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
+        if (answer.source >= 0)
+          answer.post_spacing_m = catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
         return answer;
       }
     }
@@ -365,8 +410,14 @@ std::vector<std::string> Terrain::warnings() const {
 
 CacheStatistics Terrain::statistics() const {
   const Impl& i = *impl_;
-  return {i.blocks.bytes() + i.chunks.bytes(), i.blocks.capacity() + i.chunks.capacity(), i.blocks.hits(), i.blocks.misses(),
-          i.blocks.evictions() + i.chunks.evictions(), i.chunks_built, i.chunks_read, i.chunks_rejected};
+  return {i.blocks.bytes() + i.chunks.bytes(),
+          i.blocks.capacity() + i.chunks.capacity(),
+          i.blocks.hits(),
+          i.blocks.misses(),
+          i.blocks.evictions() + i.chunks.evictions(),
+          i.chunks_built,
+          i.chunks_read,
+          i.chunks_rejected};
 }
 
 std::vector<BlockId> Terrain::chunks_to_ingest() const {

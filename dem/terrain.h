@@ -55,13 +55,13 @@ class Terrain {
   const std::vector<BlockId>& roots() const;
   // False where no source comes near: nothing to load.
   bool has_data(const BlockId& id) const;
-  // The level whose vertices are the posts (or, for coarse layers, fine enough that chords stay within millimetres of the
-  // sphere): the finest level worth asking for in this block's area.
+  // The level whose vertices are the posts (or, for coarse layers, fine enough that chords stay within millimetres of
+  // the sphere): the finest level worth asking for in this block's area.
   int finest_level(const BlockId& id) const;
   // The level of the posts themselves: finer blocks only follow the sphere more closely.
   int posts_level(const BlockId& id) const;
-  // Whether node() can answer from the sources beneath the block's own surroundings. Where it can't (a coarse block over very
-  // fine posts), node() first has everything beneath built: ask only when the block is really wanted.
+  // Whether node() can answer from the sources beneath the block's own surroundings. Where it can't (a coarse block
+  // over very fine posts), node() first has everything beneath built: ask only when the block is really wanted.
   bool node_is_cheap(const BlockId& id) const;
   NodeInfo node(const BlockId& id) const;
   // Null when the block has not one valid post.
@@ -74,8 +74,8 @@ class Terrain {
   std::vector<std::string> warnings() const;
   CacheStatistics statistics() const;
 
-  // Builds the pyramid of everything in the catalogue that is not yet on disk. Calls progress(done, total, name) after each
-  // chunk; stops early when it answers false. What is done stays done.
+  // Builds the pyramid of everything in the catalogue that is not yet on disk. Calls progress(done, total, name) after
+  // each chunk; stops early when it answers false. What is done stays done.
   template <typename Progress>
   void ingest(Progress&& progress) const {
     const std::vector<BlockId> chunks = chunks_to_ingest();

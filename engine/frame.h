@@ -63,8 +63,9 @@ struct Accuracy {
 
 // How radiance becomes digital numbers until there is a sensor model: DN = clamp(round(L / full_scale * (2^bits - 1))).
 struct ImageSettings {
-  int bit_depth = 8;                                          // 8 or 16
-  std::optional<double> full_scale_radiance_w_m2_sr;          // given exposure; automatic (largest radiance in the frame) if empty
+  int bit_depth = 8;  // 8 or 16
+  std::optional<double>
+      full_scale_radiance_w_m2_sr;  // given exposure; automatic (largest radiance in the frame) if empty
 };
 
 // Products, in the order of the contract's table. Values are bits of a set.
@@ -106,7 +107,7 @@ struct FrameProducts {
   std::vector<float> normal;         // 3 per pixel, MOON_ME
   std::vector<float> angles;         // 3 per pixel: incidence, emission, phase, degrees
   std::vector<float> lit;
-  std::vector<float> gsd;            // m
+  std::vector<float> gsd;  // m
   std::vector<std::uint16_t> source;
 };
 
@@ -118,8 +119,8 @@ struct SourceTile {
 };
 
 struct StageTimes {
-  double select_ms = 0;   // level of detail, casters, block loading
-  double build_ms = 0;    // acceleration structure; 0 when the scene was warm
+  double select_ms = 0;      // level of detail, casters, block loading
+  double build_ms = 0;       // acceleration structure; 0 when the scene was warm
   double visibility_ms = 0;  // rays, refinement, shadows and shading, in one pass over pixel tiles
   double sensor_ms = 0;
 };
@@ -131,7 +132,7 @@ struct FrameReport {
   double filled_fraction = 0;   // of all pixels: on posts that were filled by interpolation
   double missing_fraction = 0;  // of all pixels: look at the Moon where there is no data
   double hit_fraction = 0;
-  double solar_irradiance_w_m2 = 0;  // at the Moon, after 1/r^2
+  double solar_irradiance_w_m2 = 0;        // at the Moon, after 1/r^2
   double full_scale_radiance_w_m2_sr = 0;  // that `image` was made with; 0 without image
   std::vector<SourceTile> sources;
   std::vector<std::string> warnings;  // e.g. a corrupt tile replaced by the layer below
@@ -149,7 +150,8 @@ class StopToken {
   using Clock = std::chrono::steady_clock;
   StopToken() = default;  // never stops
   explicit StopToken(Clock::time_point deadline) : deadline_(deadline) {}
-  StopToken(Clock::time_point deadline, const std::atomic<bool>* abandoned) : deadline_(deadline), abandoned_(abandoned) {}
+  StopToken(Clock::time_point deadline, const std::atomic<bool>* abandoned)
+      : deadline_(deadline), abandoned_(abandoned) {}
   bool stopped() const {
     return (abandoned_ && abandoned_->load(std::memory_order_relaxed)) ||
            (deadline_ != Clock::time_point::max() && Clock::now() >= deadline_);

@@ -44,7 +44,8 @@ void LightGrid::add_receiver(const NodeBounds& bounds, double pixels_per_metre) 
 
 std::pair<int, int> LightGrid::cells(double low, double high, double origin, double size) const {
   const double scale = kSide / std::max(size, 1e-6);
-  return {static_cast<int>(std::clamp((low - origin) * scale, 0.0, kSide - 1.0)), static_cast<int>(std::clamp((high - origin) * scale, 0.0, kSide - 1.0))};
+  return {static_cast<int>(std::clamp((low - origin) * scale, 0.0, kSide - 1.0)),
+          static_cast<int>(std::clamp((high - origin) * scale, 0.0, kSide - 1.0))};
 }
 
 void LightGrid::finish() {

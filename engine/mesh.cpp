@@ -19,7 +19,9 @@ std::optional<float> post_at(const dem::Block& block, std::int64_t lat, std::int
   const std::int64_t dy = lat - e.lat0;
   std::int64_t dx = dem::wrap_lon(lon) - e.lon0;
   if (dx < 0) dx += dem::kLonTicks;  // the eastern edge of a block that ends at 180 degrees
-  if (dy < 0 || dy > std::int64_t{e.quads} * e.lat_step || dx > std::int64_t{e.quads} * e.lon_step || dy % e.lat_step || dx % e.lon_step) return std::nullopt;
+  if (dy < 0 || dy > std::int64_t{e.quads} * e.lat_step || dx > std::int64_t{e.quads} * e.lon_step || dy % e.lat_step ||
+      dx % e.lon_step)
+    return std::nullopt;
   const float h = block.heights[block.index(static_cast<int>(dy / e.lat_step), static_cast<int>(dx / e.lon_step))];
   if (std::isnan(h)) return std::nullopt;
   return h;
@@ -30,7 +32,9 @@ std::optional<float> post_at(const dem::Block& block, std::int64_t lat, std::int
 Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids) {
   std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
   // Isolated: see PostSource::compose.
-  tbb::this_task_arena::isolate([&] { tbb::parallel_for(std::size_t{0}, ids.size(), [&](std::size_t i) { loaded[i] = terrain.block(ids[i]); }); });
+  tbb::this_task_arena::isolate([&] {
+    tbb::parallel_for(std::size_t{0}, ids.size(), [&](std::size_t i) { loaded[i] = terrain.block(ids[i]); });
+  });
   coarsest_ = dem::kMaxLevel;
   for (auto& posts : loaded) {
     if (!posts) continue;
@@ -38,7 +42,8 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids) {
     index_[posts->id] = static_cast<std::uint32_t>(blocks_.size());
     blocks_.push_back({std::move(posts), {}, {1, 1, 1, 1}});
   }
-  tbb::this_task_arena::isolate([&] { tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t i) { join(blocks_[i]); }); });
+  tbb::this_task_arena::isolate(
+      [&] { tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t i) { join(blocks_[i]); }); });
 }
 
 std::optional<std::uint32_t> Mesh::block_at(std::int64_t lat_tick, std::int64_t lon_tick, int finest_level) const {
@@ -72,20 +77,25 @@ void Mesh::join_edge(MeshBlock& block, int edge) const {
   const std::int64_t lat_edge = edge == 1 ? e.lat1() : e.lat0, lon_edge = edge == 3 ? e.lon1() : e.lon0;
   // At a pole the edge is one point, the same in every block around it: nothing to join but that point's height.
   const bool pole = along_lon && (lat_edge == 0 || lat_edge == dem::kLatTicks);
-  // A neighbour that is as coarse or coarser lies along the whole edge, so one look across decides; finer ones give way themselves.
+  // A neighbour that is as coarse or coarser lies along the whole edge, so one look across decides; finer ones give way
+  // themselves.
   std::optional<std::uint32_t> across;
   if (!pole) across = along_lon ? block_at(lat_out, e.lon0) : block_at(e.lat0, lon_out);
   const dem::Block* neighbour = across ? blocks_[*across].posts.get() : nullptr;
   int stride = 1;
   if (neighbour) stride = std::max(1, (along_lon ? neighbour->extent.lon_step : neighbour->extent.lat_step) / step);
   block.stride[static_cast<std::size_t>(edge)] = std::min(stride, e.quads);
-  // Where the longitude step halves towards the equator, several neighbours of one level share the edge: each vertex has its own.
-  const bool several = neighbour && along_lon &&
-                       dem::lon_shift(own.id.level, own.id.row + (edge == 1 ? 1 : -1)) < dem::lon_shift(own.id.level, own.id.row);
+  // Where the longitude step halves towards the equator, several neighbours of one level share the edge: each vertex
+  // has its own.
+  const bool several =
+      neighbour && along_lon &&
+      dem::lon_shift(own.id.level, own.id.row + (edge == 1 ? 1 : -1)) < dem::lon_shift(own.id.level, own.id.row);
   const bool neighbour_first = neighbour && neighbour->id < own.id;
   const int remaining = block.stride[static_cast<std::size_t>(edge)];
   for (int i = 0; i <= e.quads; ++i) {
-    const auto vertex = [&](int k) -> Vec3& { return block.vertices[along_lon ? own.index(edge == 0 ? 0 : e.quads, k) : own.index(k, edge == 2 ? 0 : e.quads)]; };
+    const auto vertex = [&](int k) -> Vec3& {
+      return block.vertices[along_lon ? own.index(edge == 0 ? 0 : e.quads, k) : own.index(k, edge == 2 ? 0 : e.quads)];
+    };
     if (i % remaining != 0) {
       vertex(i) = vertex(i - i % remaining);
       continue;

@@ -1,8 +1,8 @@
 // Selected blocks joined to one continuous mesh without holes.
 //
-// Where blocks meet, every vertex on the common edge is the same one, bit for bit: the finer side gives up the vertices that
-// the coarser one lacks (they collapse onto the next one that it has), and heights on an edge are those of one of the
-// blocks, chosen the same way from either side: the coarsest, then the smallest id, among those with data there.
+// Where blocks meet, every vertex on the common edge is the same one, bit for bit: the finer side gives up the vertices
+// that the coarser one lacks (they collapse onto the next one that it has), and heights on an edge are those of one of
+// the blocks, chosen the same way from either side: the coarsest, then the smallest id, among those with data there.
 #pragma once
 
 #include <array>
@@ -19,8 +19,8 @@ namespace selenograph::engine {
 
 struct MeshBlock {
   std::shared_ptr<const dem::Block> posts;
-  // (quads + 1)^2, row-major from the south-west: MOON_ME, metres, double, as joined; NaN where there is no data. A vertex that has
-  // collapsed holds the place of the one that it has collapsed onto.
+  // (quads + 1)^2, row-major from the south-west: MOON_ME, metres, double, as joined; NaN where there is no data. A
+  // vertex that has collapsed holds the place of the one that it has collapsed onto.
   std::vector<Vec3> vertices;
   std::array<int, 4> stride{1, 1, 1, 1};  // south, north, west, east: every stride-th vertex of the edge remains
 
@@ -47,7 +47,8 @@ class Mesh {
   }
 
   // Index of the block that holds a place (ticks of the lattice).
-  std::optional<std::uint32_t> block_at(std::int64_t lat_tick, std::int64_t lon_tick, int finest_level = dem::kMaxLevel) const;
+  std::optional<std::uint32_t> block_at(std::int64_t lat_tick, std::int64_t lon_tick,
+                                        int finest_level = dem::kMaxLevel) const;
 
   std::size_t bytes() const;
 

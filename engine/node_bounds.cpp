@@ -25,9 +25,11 @@ NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m) {
       b.points[n++] = up * (kMoonRadius_m + high_m);
     }
   }
-  // Half a step's sagitta along both axes; a parallel's is R cos(lat) (step / 2)^2 / 2, which near a pole is the larger one.
+  // Half a step's sagitta along both axes; a parallel's is R cos(lat) (step / 2)^2 / 2, which near a pole is the larger
+  // one.
   const double step_lat = (north - south) / 2, step_lon = (east - west) / 2;
-  b.bulge_m = (kMoonRadius_m + high_m) * (step_lat * step_lat + std::max(std::cos(south), std::cos(north)) * step_lon * step_lon) / 8;
+  b.bulge_m = (kMoonRadius_m + high_m) *
+              (step_lat * step_lat + std::max(std::cos(south), std::cos(north)) * step_lon * step_lon) / 8;
   b.centre = (b.points[8] + b.points[9]) / 2;
   b.radius_m = 0;
   for (const Vec3& p : b.points) b.radius_m = std::max(b.radius_m, (p - b.centre).norm());
@@ -38,7 +40,8 @@ NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m) {
 bool below_horizon(const Vec3& from_m, const NodeBounds& b) {
   const double core = kMoonRadius_m + dem::kLowestRelief_m, distance = from_m.norm();
   if (distance <= core) return false;
-  // Angle at the Moon's centre from the viewer to the horizon, and from there to what just rises above it at the block's height.
+  // Angle at the Moon's centre from the viewer to the horizon, and from there to what just rises above it at the
+  // block's height.
   const double reach = std::acos(core / distance) + std::acos(std::min(1.0, core / (kMoonRadius_m + b.high_m)));
   const double to_centre = std::acos(std::clamp(from_m.dot(b.centre) / (distance * b.centre.norm()), -1.0, 1.0));
   return to_centre - std::asin(std::min(1.0, b.radius_m / b.centre.norm())) > reach;

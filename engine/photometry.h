@@ -5,8 +5,8 @@
 
 namespace selenograph::engine {
 
-// Total solar irradiance at 1 au, W m-2, over all wavelengths: Kopp & Lean 2011 (1360.8 +- 0.5), rounded as IAU 2015 resolution B3 does.
-// "Band-integrated" radiance is therefore of the whole solar spectrum.
+// Total solar irradiance at 1 au, W m-2, over all wavelengths: Kopp & Lean 2011 (1360.8 +- 0.5), rounded as IAU 2015
+// resolution B3 does. "Band-integrated" radiance is therefore of the whole solar spectrum.
 inline constexpr double kSolarConstant_w_m2 = 1361.0;
 
 // The BRDF's two constants: f_r = lommel_seeliger / (mu0 + mu) + lambert, sr-1.
@@ -17,18 +17,24 @@ struct BrdfTerms {
 BrdfTerms terms_of(const Reflectance& reflectance);
 
 // f_r in sr-1. mu0 = cos(incidence) > 0, mu = cos(emission) >= 0: n.omega_i and n.omega_o of the paper.
-// At the limb and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound, but mu0 f_r, which is what radiance
-// is made of, stays finite and monotone: callers multiply by mu0 > 0.
-inline double brdf(const BrdfTerms& terms, double mu0, double mu) { return terms.lommel_seeliger / (mu0 + mu) + terms.lambert; }
-inline double brdf(const Reflectance& reflectance, double mu0, double mu) { return brdf(terms_of(reflectance), mu0, mu); }
+// At the limb and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound, but mu0 f_r, which is what
+// radiance is made of, stays finite and monotone: callers multiply by mu0 > 0.
+inline double brdf(const BrdfTerms& terms, double mu0, double mu) {
+  return terms.lommel_seeliger / (mu0 + mu) + terms.lambert;
+}
+inline double brdf(const Reflectance& reflectance, double mu0, double mu) {
+  return brdf(terms_of(reflectance), mu0, mu);
+}
 
 // Paper eq. (2) with tau = 1 and rho/pi replaced by f_r: L = E_sun mu0 f_r s, W m-2 sr-1; 0 where mu0 <= 0.
-inline double direct_radiance(const BrdfTerms& terms, double irradiance_w_m2, double mu0, double mu, double lit_fraction) {
+inline double direct_radiance(const BrdfTerms& terms, double irradiance_w_m2, double mu0, double mu,
+                              double lit_fraction) {
   // A smoothed normal can lean a little away from a camera that sees the facet: grazing emission then.
   const double reflected = irradiance_w_m2 * mu0 * brdf(terms, mu0, mu > 0 ? mu : 0) * lit_fraction;
   return mu0 > 0 ? reflected : 0;
 }
-inline double direct_radiance(const Reflectance& reflectance, double irradiance_w_m2, double mu0, double mu, double lit_fraction) {
+inline double direct_radiance(const Reflectance& reflectance, double irradiance_w_m2, double mu0, double mu,
+                              double lit_fraction) {
   return direct_radiance(terms_of(reflectance), irradiance_w_m2, mu0, mu, lit_fraction);
 }
 

@@ -1,7 +1,5 @@
 #include "engine/ray_tracer.h"
 
-#include "engine/vectorise.h"
-
 #include <embree3/rtcore.h>
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
@@ -14,6 +12,8 @@
 #include <mutex>
 #include <stdexcept>
 
+#include "engine/vectorise.h"
+
 namespace selenograph::engine {
 namespace {
 
@@ -24,7 +24,8 @@ RTCDevice device(int threads) {
   std::lock_guard lock(mutex);
   RTCDevice& d = devices[threads];
   if (!d) d = rtcNewDevice(threads > 0 ? fmt::format("threads={}", threads).c_str() : nullptr);
-  if (!d) throw std::runtime_error(fmt::format("Embree: no device (error {})", static_cast<int>(rtcGetDeviceError(nullptr))));
+  if (!d)
+    throw std::runtime_error(fmt::format("Embree: no device (error {})", static_cast<int>(rtcGetDeviceError(nullptr))));
   return d;
 }
 
@@ -49,7 +50,8 @@ void ignore_sunlit_side(const RTCFilterFunctionNArguments* args) {
   }
   for (unsigned i = 0; i < args->N; ++i) {
     if (args->valid[i] != -1) continue;
-    const float facing = RTCHitN_Ng_x(args->hit, args->N, i) * context->sun[0] + RTCHitN_Ng_y(args->hit, args->N, i) * context->sun[1] +
+    const float facing = RTCHitN_Ng_x(args->hit, args->N, i) * context->sun[0] +
+                         RTCHitN_Ng_y(args->hit, args->N, i) * context->sun[1] +
                          RTCHitN_Ng_z(args->hit, args->N, i) * context->sun[2];
     if (facing >= 0) args->valid[i] = 0;
   }
@@ -64,19 +66,26 @@ bool complete(const MeshBlock& block) {
   return std::none_of(block.vertices.begin(), block.vertices.end(), [](const Vec3& v) { return std::isnan(v.x()); });
 }
 
-// Packets are traced as one bundle when their directions are alike. Embree 3.13's bundles lose hits when a direction's component is
-// (next to) zero for some rays and not for others, so a bundle must keep clear of zero in every component.
+// Smallest and largest value of one component over a packet.
+SELENOGRAPH_VECTORISED
+void range_of(const float* values, float& low, float& high) {
+  float least = values[0], most = values[0];
+  for (int i = 1; i < kPacket; ++i)
+    least = values[i] < least ? values[i] : least, most = values[i] > most ? values[i] : most;
+  low = least, high = most;
+}
+
+// Packets are traced as one bundle when their directions are alike. Embree 3.13's bundles lose hits when a direction's
+// component is (next to) zero for some rays and not for others, so a bundle must keep clear of zero in every component.
 bool bundled(const RayPacket& rays) {
   constexpr float kClear = 0x1p-10F;
-  float low[3] = {2, 2, 2}, high[3] = {-2, -2, -2};
-  for (int i = 0; i < kPacket; ++i) {
-    if (!rays.active[i]) continue;
-    const float d[3] = {rays.dx[i], rays.dy[i], rays.dz[i]};
-    const float size = std::max({std::abs(d[0]), std::abs(d[1]), std::abs(d[2])});
-    for (int k = 0; k < 3; ++k) low[k] = std::min(low[k], d[k] / size), high[k] = std::max(high[k], d[k] / size);
-  }
+  float low[3], high[3];
+  range_of(rays.dx, low[0], high[0]);
+  range_of(rays.dy, low[1], high[1]);
+  range_of(rays.dz, low[2], high[2]);
+  const float size = std::max({-low[0], -low[1], -low[2], high[0], high[1], high[2]});
   for (int k = 0; k < 3; ++k)
-    if (low[k] < kClear && high[k] > -kClear) return false;
+    if (!(low[k] > kClear * size || high[k] < -kClear * size)) return false;
   return true;
 }
 
@@ -86,10 +95,12 @@ RTCIntersectContextFlags coherence(const RayPacket& rays) {
 
 template <typename Packet>
 void set_rays(const RayPacket& in, Packet& out) {
-  std::memcpy(out.org_x, in.ox, sizeof in.ox), std::memcpy(out.org_y, in.oy, sizeof in.oy), std::memcpy(out.org_z, in.oz, sizeof in.oz);
-  std::memcpy(out.dir_x, in.dx, sizeof in.dx), std::memcpy(out.dir_y, in.dy, sizeof in.dy), std::memcpy(out.dir_z, in.dz, sizeof in.dz);
+  std::memcpy(out.org_x, in.ox, sizeof in.ox), std::memcpy(out.org_y, in.oy, sizeof in.oy),
+      std::memcpy(out.org_z, in.oz, sizeof in.oz);
+  std::memcpy(out.dir_x, in.dx, sizeof in.dx), std::memcpy(out.dir_y, in.dy, sizeof in.dy),
+      std::memcpy(out.dir_z, in.dz, sizeof in.dz);
   std::fill_n(out.tfar, kPacket, std::numeric_limits<float>::infinity());
-  std::fill_n(out.tnear, kPacket, in.near), std::fill_n(out.time, kPacket, 0.F);
+  std::memcpy(out.tnear, in.near, sizeof in.near), std::fill_n(out.time, kPacket, 0.F);
   std::fill_n(out.mask, kPacket, ~0U), std::fill_n(out.flags, kPacket, 0U);
 }
 
@@ -109,15 +120,19 @@ struct RayTracer::Impl {
   static RTCGeometry grid(RTCDevice dev, const MeshBlock& block, const Vec3& anchor) {
     const auto side = static_cast<std::size_t>(block.posts->side());
     RTCGeometry geometry = rtcNewGeometry(dev, RTC_GEOMETRY_TYPE_GRID);
-    auto* v = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), side * side));
+    auto* v = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                                          3 * sizeof(float), side * side));
     fill_vertices(block, anchor, v);
-    auto* one = static_cast<RTCGrid*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, sizeof(RTCGrid), 1));
+    auto* one = static_cast<RTCGrid*>(
+        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, sizeof(RTCGrid), 1));
     *one = {0, static_cast<unsigned>(side), static_cast<std::uint16_t>(side), static_cast<std::uint16_t>(side)};
     return geometry;
   }
 
-  // Embree drops a whole grid for one vertex that isn't finite: the valid triangles one by one, then. Null when there are none.
-  static RTCGeometry triangles(RTCDevice dev, const MeshBlock& block, std::uint32_t index, const Vec3& anchor, Numbering& out) {
+  // Embree drops a whole grid for one vertex that isn't finite: the valid triangles one by one, then. Null when there
+  // are none.
+  static RTCGeometry triangles(RTCDevice dev, const MeshBlock& block, std::uint32_t index, const Vec3& anchor,
+                               Numbering& out) {
     const int quads = block.posts->extent.quads;
     for (int r = 0; r < quads; ++r)
       for (int c = 0; c < quads; ++c)
@@ -125,14 +140,17 @@ struct RayTracer::Impl {
           const dem::QuadVertices q = dem::vertices_of(r, c, upper);
           bool valid = true;
           for (int i = 0; i < 3; ++i) valid &= !std::isnan(block.vertex(q.r[i], q.c[i]).x());
-          if (valid) out.triangles.push_back({index, static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c), upper});
+          if (valid)
+            out.triangles.push_back({index, static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c), upper});
         }
     const std::size_t count = out.triangles.size();
     if (count == 0) return nullptr;
     RTCGeometry geometry = rtcNewGeometry(dev, RTC_GEOMETRY_TYPE_TRIANGLE);
-    auto* v = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), block.vertices.size()));
+    auto* v = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                                          3 * sizeof(float), block.vertices.size()));
     fill_vertices(block, anchor, v);
-    auto* corners = static_cast<unsigned*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), count));
+    auto* corners = static_cast<unsigned*>(
+        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), count));
     for (const TriangleId& t : out.triangles) {
       const dem::QuadVertices q = dem::vertices_of(t.r, t.c, t.upper);
       for (int i = 0; i < 3; ++i) *corners++ = static_cast<unsigned>(block.posts->index(q.r[i], q.c[i]));
@@ -146,14 +164,16 @@ struct RayTracer::Impl {
     // A grid's u and v run over the whole grid. Rounding at a quad's border is for refine.h.
     const float u = hit.u[i] * static_cast<float>(n.quads), v = hit.v[i] * static_cast<float>(n.quads);
     const int c = std::clamp(static_cast<int>(u), 0, n.quads - 1), r = std::clamp(static_cast<int>(v), 0, n.quads - 1);
-    return {hit.geomID[i], static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c), (u - static_cast<float>(c)) + (v - static_cast<float>(r)) > 1.F};
+    return {hit.geomID[i], static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c),
+            (u - static_cast<float>(c)) + (v - static_cast<float>(r)) > 1.F};
   }
 
   RTCScene scene = nullptr;
   std::vector<Numbering> numbering;  // per geometry, which is per block
 };
 
-RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads) : impl_(std::make_unique<Impl>()), anchor_(anchor_m) {
+RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads)
+    : impl_(std::make_unique<Impl>()), anchor_(anchor_m) {
   const RTCDevice dev = device(threads);
   impl_->scene = rtcNewScene(dev);
   rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
@@ -165,7 +185,8 @@ RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads) : impl
       const MeshBlock& block = mesh.blocks()[i];
       const bool whole = complete(block);
       if (whole) impl_->numbering[i].quads = block.posts->extent.quads;
-      geometries[i] = whole ? impl_->grid(dev, block, anchor_) : impl_->triangles(dev, block, static_cast<std::uint32_t>(i), anchor_, impl_->numbering[i]);
+      geometries[i] = whole ? impl_->grid(dev, block, anchor_)
+                            : impl_->triangles(dev, block, static_cast<std::uint32_t>(i), anchor_, impl_->numbering[i]);
       if (!geometries[i]) return;
       rtcSetGeometryOccludedFilterFunction(geometries[i], ignore_sunlit_side);
       rtcCommitGeometry(geometries[i]);
@@ -175,7 +196,8 @@ RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads) : impl
       rtcAttachGeometryByID(impl_->scene, geometries[i], static_cast<unsigned>(i));
       rtcReleaseGeometry(geometries[i]);
       // Measured (Embree 3.13): 15 bytes a triangle in a grid, 83 by itself.
-      const std::size_t by_itself = impl_->numbering[i].triangles.size(), quads = static_cast<std::size_t>(impl_->numbering[i].quads);
+      const std::size_t by_itself = impl_->numbering[i].triangles.size(),
+                        quads = static_cast<std::size_t>(impl_->numbering[i].quads);
       bytes_ += mesh.blocks()[i].vertices.size() * 12 + 2 * quads * quads * 15 + by_itself * (83 + sizeof(TriangleId));
     }
     rtcCommitScene(impl_->scene);

@@ -1,7 +1,7 @@
 // Embree behind one pair of files: which triangle does a ray meet first, and is the way to the Sun free.
 //
-// Vertices are float relative to an anchor near the scene; one GRID geometry per mesh block, ROBUST so that no ray slips
-// between triangles. Compiles against Embree 3.13; 4.x would be a matter of this pair.
+// Vertices are float relative to an anchor near the scene; one GRID geometry per mesh block, ROBUST so that no ray
+// slips between triangles. Compiles against Embree 3.13; 4.x would be a matter of this pair.
 #pragma once
 
 #include <cstddef>
@@ -17,7 +17,7 @@ struct alignas(64) RayPacket {
   float ox[kPacket], oy[kPacket], oz[kPacket];
   float dx[kPacket], dy[kPacket], dz[kPacket];
   std::int32_t active[kPacket];  // -1: to be traced, 0: not
-  float near = 0;                // where to start looking, in units of the direction's length
+  float near[kPacket] = {};      // where to start looking, in units of the direction's length
 };
 
 class RayTracer {
@@ -33,9 +33,9 @@ class RayTracer {
   // Sets `hit` and `triangle` of the points.
   void intersect(const RayPacket& rays, SurfacePoints& points) const;
 
-  // blocked[i]: something stands in the way along the (common) direction toward the Sun. Only triangles that face away from
-  // the Sun count: a ray that leaves a closed surface and is stopped must enter it through one of those. That makes an
-  // offset needless: the ray's own triangle faces the Sun.
+  // blocked[i]: something stands in the way along the (common) direction toward the Sun. Only triangles that face away
+  // from the Sun count: a ray that leaves a closed surface and is stopped must enter it through one of those. That
+  // makes an offset needless: the ray's own triangle faces the Sun.
   void occluded(const RayPacket& rays, const Vec3& sun_direction, bool blocked[kPacket]) const;
 
   // The Embree scene, for the benchmark that compares with the bare kernel: RTCScene.

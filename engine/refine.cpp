@@ -12,6 +12,8 @@ namespace {
 
 // Fraction of a triangle by which a point may lie outside of it and still be taken as on it: micrometres.
 constexpr double kOnEdge = 1e-9;
+// The same for float, which may take a ray to hit a triangle that it passes by millimetres.
+constexpr double kBlur = 1e-3;
 
 struct alignas(64) Triangles {
   double a[3][kPacket], b[3][kPacket], c[3][kPacket];
@@ -56,49 +58,74 @@ std::optional<Candidate> meet(const Mesh& mesh, const TriangleId& id, const Vec3
   const double distance = normal.dot(t.a - origin) / toward;
   const Vec3 position = origin + distance * direction, from_a = position - t.a;
   const double area2 = normal.squaredNorm();
-  return Candidate{id, position, normal, distance, normal.dot(from_a.cross(ac)) / area2, normal.dot(ab.cross(from_a)) / area2};
+  return Candidate{
+      id, position, normal, distance, normal.dot(from_a.cross(ac)) / area2, normal.dot(ab.cross(from_a)) / area2};
 }
 
 // Searches around a guess that is off its triangle; the answer nearest to `near` along the ray wins.
 class Search {
  public:
-  Search(const Mesh& mesh, const Vec3& origin, const Vec3& direction, double near) : mesh_(mesh), origin_(origin), direction_(direction), near_(near) {}
+  Search(const Mesh& mesh, const Vec3& origin, const Vec3& direction, double near)
+      : mesh_(mesh), origin_(origin), direction_(direction), near_(near) {}
 
   const std::optional<Candidate>& best() const { return best_; }
+  // Failing that, the triangle that the ray misses by the least, if that is within float's rounding.
+  const std::optional<Candidate>& nearly() const { return nearly_; }
 
   void quads_around(std::uint32_t block, int row, int col) {
     const int quads = mesh_.blocks()[block].posts->extent.quads;
     for (int r = std::max(0, row - 1); r <= std::min(quads - 1, row + 1); ++r)
       for (int c = std::max(0, col - 1); c <= std::min(quads - 1, col + 1); ++c)
-        for (const bool upper : {false, true}) consider({block, static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c), upper});
+        for (const bool upper : {false, true})
+          consider({block, static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c), upper});
   }
 
   // Blocks beside the place, and the quads of theirs that are nearest.
   void blocks_around(const Vec3& place, std::uint32_t except) {
     const dem::BlockExtent& e = mesh_.blocks()[except].posts->extent;
     const Geographic g = to_geographic(place);
-    const auto lat = static_cast<std::int64_t>((g.lat_deg + 90) * dem::kTicksPerDegree), lon = static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree);
+    const auto lat = static_cast<std::int64_t>((g.lat_deg + 90) * dem::kTicksPerDegree),
+               lon = static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree);
     for (const int dy : {-1, 0, 1})
       for (const int dx : {-1, 0, 1}) {
-        const std::int64_t y = lat + dy * e.lat_step, x = lon + dx * std::int64_t{e.lon_step};
+        // A quarter of a quad: into the first quad of a neighbour, be it finer.
+        const std::int64_t y = lat + dy * (e.lat_step / 4), x = lon + dx * std::int64_t{e.lon_step / 4};
         const auto found = mesh_.block_at(y, x);
         if (!found || *found == except) continue;
         const dem::BlockExtent& n = mesh_.blocks()[*found].posts->extent;
         quads_around(*found, static_cast<int>((y - n.lat0) / n.lat_step), (dem::wrap_lon(x) - n.lon0) / n.lon_step);
       }
+    if (lat < e.lat_step || lat > dem::kLatTicks - e.lat_step) quads_at_pole(lat > e.lat_step);
   }
 
  private:
+  // Around a pole every block's last row meets in one vertex.
+  void quads_at_pole(bool north) {
+    for (std::uint32_t b = 0; b < mesh_.blocks().size(); ++b) {
+      const dem::BlockExtent& e = mesh_.blocks()[b].posts->extent;
+      if (north ? e.lat1() != dem::kLatTicks : e.lat0 != 0) continue;
+      const auto r = static_cast<std::uint16_t>(north ? e.quads - 1 : 0);
+      for (int c = 0; c < e.quads; ++c)
+        for (const bool upper : {false, true}) {
+          consider({b, r, static_cast<std::uint16_t>(c), upper});
+          if (best_) return;
+        }
+    }
+  }
+
   void consider(const TriangleId& id) {
     const auto p = meet(mesh_, id, origin_, direction_);
-    if (!p || p->outside() > kOnEdge) return;
+    if (!p) return;
+    const double outside = p->outside();
+    if (outside <= kBlur && (!nearly_ || outside < nearly_->outside())) nearly_ = p;
+    if (!(outside <= kOnEdge)) return;
     if (!best_ || std::abs(p->distance - near_) < std::abs(best_->distance - near_)) best_ = p;
   }
 
   const Mesh& mesh_;
   Vec3 origin_, direction_;
   double near_;
-  std::optional<Candidate> best_;
+  std::optional<Candidate> best_, nearly_;
 };
 
 void store(const Candidate& c, int i, SurfacePoints& p) {
@@ -117,16 +144,15 @@ void correct(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
     id.upper = !id.upper;
     guess = meet(mesh, id, origin, direction);
   }
-  if (!guess) {
-    points.hit[i] = false;
-    return;
-  }
-  Search search(mesh, origin, direction, guess->distance);
+  // Neither half: an outline seen edge-on or a quad that has collapsed. What the ray meets is beside it.
+  const Vec3 place = guess ? guess->position : mesh.triangle(id).a;
+  const double distance = guess ? guess->distance : (place - origin).dot(direction) / direction.squaredNorm();
+  Search search(mesh, origin, direction, distance);
   search.quads_around(id.block, id.r, id.c);
-  if (!search.best()) search.blocks_around(guess->position, id.block);
-  // Nothing nearby: the ray grazes an edge that float saw and double doesn't. The plane of the guess is within float's rounding.
-  store(search.best() ? *search.best() : *guess, i, points);
-  points.hit[i] = points.distance[i] > 0;
+  if (!search.best()) search.blocks_around(place, id.block);
+  const std::optional<Candidate>& found = search.best() ? search.best() : search.nearly();
+  points.hit[i] = found && found->distance > 0;
+  if (found) store(*found, i, points);
 }
 
 }  // namespace
@@ -146,7 +172,8 @@ void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points) {
   }
   meet_all(t, rays, points);
   for (int i = 0; i < kPacket; ++i) {
-    const bool on = points.distance[i] > 0 && points.v[i] >= -kOnEdge && points.w[i] >= -kOnEdge && points.v[i] + points.w[i] <= 1 + kOnEdge;
+    const bool on = points.distance[i] > 0 && points.v[i] >= -kOnEdge && points.w[i] >= -kOnEdge &&
+                    points.v[i] + points.w[i] <= 1 + kOnEdge;
     if (points.hit[i] && !on) correct(mesh, rays, i, points);
   }
 }

@@ -34,11 +34,13 @@ struct alignas(64) SurfacePoints {
   Vec3 facing(int i) const { return {nx[i], ny[i], nz[i]}; }
 };
 
-// Where hit[i] and triangle[i] are set: the ray's point on that triangle, or on its neighbour where float rounding chose the wrong side
-// of an edge. Takes the hit back when the ray meets the surface from below (it came through a hole in the data).
+// Where hit[i] and triangle[i] are set: the ray's point on that triangle, or on its neighbour where float rounding
+// chose the wrong side of an edge. Takes the hit back when the ray meets the surface from below (it came through a hole
+// in the data).
 void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points);
 
-// The unit normal that shading uses at a point: those of the triangle's vertices (dem/shading_normals.h), weighted by its place.
+// The unit normal that shading uses at a point: those of the triangle's vertices (dem/shading_normals.h), weighted by
+// its place.
 Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane);
 
 }  // namespace selenograph::engine

@@ -19,7 +19,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr int kTile = 32;    // pixels; a tile is one task
+constexpr int kTile = 32;  // pixels; a tile is one task
 constexpr int kPacketSide = 4;
 static_assert(kPacketSide * kPacketSide == kPacket);
 
@@ -33,7 +33,8 @@ void allocate(std::vector<T>& array, bool wanted, std::size_t size, T value) {
 }
 
 void allocate_all(const FrameRequest& request, FrameProducts& out) {
-  const std::size_t n = static_cast<std::size_t>(request.camera.width) * static_cast<std::size_t>(request.camera.height);
+  const std::size_t n =
+      static_cast<std::size_t>(request.camera.width) * static_cast<std::size_t>(request.camera.height);
   const ProductSet want = request.products;
   allocate(out.radiance, want & (kRadiance | kImage), n, 0.F);
   allocate(out.depth, want & kDepth, n, kNaN64);
@@ -49,8 +50,9 @@ void allocate_all(const FrameRequest& request, FrameProducts& out) {
 
 // Shading's view of a packet, per lane.
 struct alignas(64) Shading {
-  double nx[kPacket], ny[kPacket], nz[kPacket];  // unit smooth normal: vertex normals weighted by the place in the triangle
-  double mu0[kPacket], mu[kPacket];              // cosines of incidence and emission
+  double nx[kPacket], ny[kPacket],
+      nz[kPacket];                   // unit smooth normal: vertex normals weighted by the place in the triangle
+  double mu0[kPacket], mu[kPacket];  // cosines of incidence and emission
   Vec3 normal(int i) const { return {nx[i], ny[i], nz[i]}; }
 };
 
@@ -67,14 +69,19 @@ VertexNormals gather_normals(const Mesh& mesh, const SurfacePoints& p) {
     }
     const dem::Block& block = *mesh.blocks()[p.triangle[i].block].posts;
     const dem::QuadVertices q = dem::vertices_of(p.triangle[i].r, p.triangle[i].c, p.triangle[i].upper);
-    const Eigen::Vector3f &a = block.normals[block.index(q.r[0], q.c[0])], &b = block.normals[block.index(q.r[1], q.c[1])], &c = block.normals[block.index(q.r[2], q.c[2])];
-    for (int k = 0; k < 3; ++k) n.a[k][i] = static_cast<double>(a[k]), n.b[k][i] = static_cast<double>(b[k]), n.c[k][i] = static_cast<double>(c[k]);
+    const Eigen::Vector3f &a = block.normals[block.index(q.r[0], q.c[0])],
+                          &b = block.normals[block.index(q.r[1], q.c[1])],
+                          &c = block.normals[block.index(q.r[2], q.c[2])];
+    for (int k = 0; k < 3; ++k)
+      n.a[k][i] = static_cast<double>(a[k]), n.b[k][i] = static_cast<double>(b[k]),
+      n.c[k][i] = static_cast<double>(c[k]);
   }
   return n;
 }
 
 SELENOGRAPH_VECTORISED
-void shade(const VertexNormals& n, const SurfacePoints& p, const Rays& rays, double sx, double sy, double sz, Shading& out) {
+void shade(const VertexNormals& n, const SurfacePoints& p, const Rays& rays, double sx, double sy, double sz,
+           Shading& out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double v = p.v[i], w = p.w[i], u = 1 - v - w;
@@ -92,12 +99,14 @@ SELENOGRAPH_VECTORISED
 void radiances(const BrdfTerms& terms, double irradiance, const Shading& shading, const float* lit, float* out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i)
-    out[i] = static_cast<float>(direct_radiance(terms, irradiance, shading.mu0[i], shading.mu[i], static_cast<double>(lit[i])));
+    out[i] = static_cast<float>(
+        direct_radiance(terms, irradiance, shading.mu0[i], shading.mu[i], static_cast<double>(lit[i])));
 }
 
 // Rays of 4 x 4 pixels of a camera without distortion: linear in the pixel's coordinates.
 SELENOGRAPH_VECTORISED
-void linear_rays(const double* first, const double* right, const double* down, const double* origin, double x, double y, Rays& rays) {
+void linear_rays(const double* first, const double* right, const double* down, const double* origin, double x, double y,
+                 Rays& rays) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double px = x + (i & 3), py = y + (i >> 2);
@@ -134,7 +143,8 @@ double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)
 
 class Pass {
  public:
-  Pass(const Scene& scene, const View& view, const FrameRequest& request, std::size_t catalogue_size, const StopToken& stop, FrameProducts& out)
+  Pass(const Scene& scene, const View& view, const FrameRequest& request, std::size_t catalogue_size,
+       const StopToken& stop, FrameProducts& out)
       : scene_(scene),
         view_(view),
         request_(request),
@@ -157,7 +167,8 @@ class Pass {
   }
 
   PassCounts run() {
-    const int across = (request_.camera.width + kTile - 1) / kTile, along = (request_.camera.height + kTile - 1) / kTile;
+    const int across = (request_.camera.width + kTile - 1) / kTile,
+              along = (request_.camera.height + kTile - 1) / kTile;
     tbb::parallel_for(tbb::blocked_range<int>(0, across * along, 1), [&](const tbb::blocked_range<int>& range) {
       PassCounts counts;
       counts.sources.assign(catalogue_size_, 0);
@@ -183,7 +194,8 @@ class Pass {
         const float weight = 1.F / static_cast<float>(grid_ * grid_);
         for (int j = 0; j < grid_; ++j)
           for (int i = 0; i < grid_; ++i)
-            render_packet(x, y, (i + 0.5) / grid_ - 0.5, (j + 0.5) / grid_ - 0.5, false, weight, wants_geometry_ || i + j > 0 ? nullptr : &counts);
+            render_packet(x, y, (i + 0.5) / grid_ - 0.5, (j + 0.5) / grid_ - 0.5, false, weight,
+                          wants_geometry_ || i + j > 0 ? nullptr : &counts);
       }
   }
 
@@ -199,7 +211,8 @@ class Pass {
     }
   }
 
-  // 4 x 4 pixels from (x, y), each at an offset from its centre: geometry is stored if asked for, radiance added with a weight.
+  // 4 x 4 pixels from (x, y), each at an offset from its centre: geometry is stored if asked for, radiance added with a
+  // weight.
   void render_packet(int x, int y, double dx, double dy, bool store, float weight, PassCounts* counts) {
     Rays rays;
     aim(x, y, dx, dy, rays);
@@ -214,7 +227,9 @@ class Pass {
     for (int i = 0; i < kPacket; ++i) {
       if (counts && points.toward_moon[i]) ++counts->missing;
       if (!points.hit[i]) continue;
-      const std::size_t at = static_cast<std::size_t>(y + i / kPacketSide) * static_cast<std::size_t>(request_.camera.width) + static_cast<std::size_t>(x + i % kPacketSide);
+      const std::size_t at =
+          static_cast<std::size_t>(y + i / kPacketSide) * static_cast<std::size_t>(request_.camera.width) +
+          static_cast<std::size_t>(x + i % kPacketSide);
       if (weight > 0) out_.radiance[at] += weight * radiance[i];
       if (counts || store) account(points, i, at, counts);
       if (store && wants_geometry_) store_geometry(points, i, rays.direction(i), shading, lit[i], at);
@@ -240,7 +255,8 @@ class Pass {
     if (known) counts->sources[source.index] = 1;
   }
 
-  void store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit, std::size_t at) {
+  void store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit,
+                      std::size_t at) {
     const double length = direction.norm();
     const Vec3 position = p.position(i), normal = shading.normal(i);
     if (!out_.depth.empty()) out_.depth[at] = p.distance[i];  // the direction's component along the boresight is 1
@@ -259,7 +275,8 @@ class Pass {
       out_.angles[3 * at + 2] = static_cast<float>(angle_deg(to_camera.dot(request_.sun.direction)));
     }
     if (!out_.lit.empty()) out_.lit[at] = lit;
-    if (!out_.gsd.empty()) out_.gsd[at] = static_cast<float>(dem::post_spacing_m(scene_.mesh.blocks()[p.triangle[i].block].posts->id.level));
+    if (!out_.gsd.empty())
+      out_.gsd[at] = static_cast<float>(dem::post_spacing_m(scene_.mesh.blocks()[p.triangle[i].block].posts->id.level));
   }
 
   void merge(const PassCounts& counts) {
@@ -286,8 +303,8 @@ class Pass {
 
 }  // namespace
 
-PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request, std::size_t catalogue_size, const StopToken& stop,
-                         FrameProducts& products) {
+PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request, std::size_t catalogue_size,
+                         const StopToken& stop, FrameProducts& products) {
   allocate_all(request, products);
   return Pass(scene, view, request, catalogue_size, stop, products).run();
 }

@@ -17,7 +17,7 @@ struct PassCounts {
 
 // Fills the products that are asked for, sized and initialised here. `source` holds catalogue indices until the caller
 // numbers them. Parallel over tiles of pixels in the caller's task arena; stops between tiles.
-PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request, std::size_t catalogue_size, const StopToken& stop,
-                         FrameProducts& products);
+PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request, std::size_t catalogue_size,
+                         const StopToken& stop, FrameProducts& products);
 
 }  // namespace selenograph::engine

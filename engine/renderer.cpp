@@ -81,12 +81,14 @@ struct Renderer::Impl {
     std::size_t needed = 0;
     for (const dem::BlockId& id : selection.blocks) needed += scene_bytes_of(id);
     if (needed > scenes.capacity())
-      throw std::invalid_argument(fmt::format("the view needs {} MB for its terrain, {} MB are allowed: ask for a larger max_error_px or a narrower view",
-                                              needed >> 20, scenes.capacity() >> 20));
+      throw std::invalid_argument(fmt::format(
+          "the view needs {} MB for its terrain, {} MB are allowed: ask for a larger max_error_px or a narrower view",
+          needed >> 20, scenes.capacity() >> 20));
     return scenes.get(key_of(selection, anchor), [&] {
       std::shared_ptr<const Scene> made;
       // Isolated: a thread that waits here must not pick up a frame that waits for this very scene.
-      tbb::this_task_arena::isolate([&] { made = std::make_shared<const Scene>(*terrain, selection, anchor, threads); });
+      tbb::this_task_arena::isolate(
+          [&] { made = std::make_shared<const Scene>(*terrain, selection, anchor, threads); });
       return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes()};
     });
   }
@@ -98,7 +100,8 @@ struct Renderer::Impl {
     const dem::HeightAnswer ground = terrain->height(g.lat_deg, g.lon_deg);
     const double lowest = std::isnan(ground.height_m) ? static_cast<double>(dem::kLowestRelief_m) : ground.height_m;
     if (height <= lowest)
-      throw std::invalid_argument(fmt::format("the camera is below the terrain: {:.3f} m above the sphere, ground at {:.3f} m", height, lowest));
+      throw std::invalid_argument(fmt::format(
+          "the camera is below the terrain: {:.3f} m above the sphere, ground at {:.3f} m", height, lowest));
   }
 
   Frame render(const FrameRequest& request, const StopToken& stop) {
@@ -107,17 +110,22 @@ struct Renderer::Impl {
     const View view(request.camera, request.pose);
     refuse_underground(view.position());
     const bool light = request.products & (kImage | kRadiance | kLit);
-    const Selection selection = select_for_view(*terrain, view, light ? &request.sun : nullptr, request.accuracy.max_error_px, stop);
+    const Selection selection =
+        select_for_view(*terrain, view, light ? &request.sun : nullptr, request.accuracy.max_error_px, stop);
     frame.times.select_ms = watch.lap_ms();
 
     const auto scene = this->scene(selection, anchor_for(view.position(), view.moon_from_camera().col(2)));
     frame.times.build_ms = watch.lap_ms();
 
-    const PassCounts counts = render_pixels(*scene, view, request, terrain->catalogue().rasters().size(), stop, frame.products);
+    // Isolated: this thread must not take up another client's frame before its own is done.
+    const PassCounts counts = tbb::this_task_arena::isolate([&] {
+      return render_pixels(*scene, view, request, terrain->catalogue().rasters().size(), stop, frame.products);
+    });
     number_sources(terrain->catalogue(), counts.sources, frame);
     frame.times.visibility_ms = watch.lap_ms();
 
-    if (request.products & kImage) frame.report.full_scale_radiance_w_m2_sr = expose(request.image, frame.products.radiance, frame.products.image);
+    if (request.products & kImage)
+      frame.report.full_scale_radiance_w_m2_sr = expose(request.image, frame.products.radiance, frame.products.image);
     if (!(request.products & kRadiance)) frame.products.radiance = {};
     frame.times.sensor_ms = watch.lap_ms();
 
@@ -125,11 +133,14 @@ struct Renderer::Impl {
     return frame;
   }
 
-  void report(const FrameRequest& request, const Selection& selection, const Scene& scene, const PassCounts& counts, FrameReport& out) const {
+  void report(const FrameRequest& request, const Selection& selection, const Scene& scene, const PassCounts& counts,
+              FrameReport& out) const {
     const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
     out.lod_error_px = selection.error_px, out.lod_error_m = selection.error_m;
     out.min_post_spacing_m = selection.min_spacing_m, out.max_post_spacing_m = selection.max_spacing_m;
-    for (const MeshBlock& b : scene.mesh.blocks()) out.triangles += 2 * static_cast<std::size_t>(b.posts->extent.quads) * static_cast<std::size_t>(b.posts->extent.quads);
+    for (const MeshBlock& b : scene.mesh.blocks())
+      out.triangles +=
+          2 * static_cast<std::size_t>(b.posts->extent.quads) * static_cast<std::size_t>(b.posts->extent.quads);
     out.hit_fraction = static_cast<double>(counts.hit) / pixels;
     out.missing_fraction = static_cast<double>(counts.missing) / pixels;
     out.filled_fraction = static_cast<double>(counts.filled) / pixels;
@@ -141,22 +152,23 @@ struct Renderer::Impl {
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop) {
     std::vector<RayHit> hits(rays.size());
     std::vector<Vec3> facing(rays.size());
-    in_batches({rays.begin(), rays.end()}, stop, [&](const Scene& scene, const std::vector<std::size_t>& batch, std::size_t first, int count) {
-      Rays packet;
-      for (int i = 0; i < kPacket; ++i) {
-        const Ray& ray = rays[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]];
-        packet.set(i, ray.origin_m, ray.direction.normalized());
-        packet.valid[i] = i < count;
-      }
-      SurfacePoints points;
-      trace(scene, packet, points);
-      for (int i = 0; i < count; ++i) {
-        if (!points.hit[i]) continue;
-        const std::size_t at = batch[first + static_cast<std::size_t>(i)];
-        hits[at] = {true, points.distance[i], points.position(i), shading_normal(scene.mesh, points, i), 0};
-        facing[at] = points.facing(i);
-      }
-    });
+    in_batches({rays.begin(), rays.end()}, stop,
+               [&](const Scene& scene, const std::vector<std::size_t>& batch, std::size_t first, int count) {
+                 Rays packet;
+                 for (int i = 0; i < kPacket; ++i) {
+                   const Ray& ray = rays[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]];
+                   packet.set(i, ray.origin_m, ray.direction.normalized());
+                   packet.valid[i] = i < count;
+                 }
+                 SurfacePoints points;
+                 trace(scene, packet, points);
+                 for (int i = 0; i < count; ++i) {
+                   if (!points.hit[i]) continue;
+                   const std::size_t at = batch[first + static_cast<std::size_t>(i)];
+                   hits[at] = {true, points.distance[i], points.position(i), shading_normal(scene.mesh, points, i), 0};
+                   facing[at] = points.facing(i);
+                 }
+               });
     if (sun) light(hits, facing, *sun, stop);
     return hits;
   }
@@ -165,32 +177,40 @@ struct Renderer::Impl {
     std::vector<Ray> to_sun;
     std::vector<std::size_t> asked;
     for (std::size_t i = 0; i < hits.size(); ++i)
-      if (hits[i].hit && hits[i].normal.dot(sun.direction) > 0) to_sun.push_back({hits[i].position_m, sun.direction}), asked.push_back(i);
-    in_batches(to_sun, stop, [&](const Scene& scene, const std::vector<std::size_t>& batch, std::size_t first, int count) {
-      SurfacePoints points;
-      bool wanted[kPacket] = {};
-      for (int i = 0; i < count; ++i) {
-        const std::size_t at = asked[batch[first + static_cast<std::size_t>(i)]];
-        wanted[i] = true;
-        points.x[i] = hits[at].position_m.x(), points.y[i] = hits[at].position_m.y(), points.z[i] = hits[at].position_m.z();
-        points.nx[i] = facing[at].x(), points.ny[i] = facing[at].y(), points.nz[i] = facing[at].z();
-      }
-      float lit[kPacket];
-      if (sun.angular_radius_deg > 0) sunlit_disc(scene, points, wanted, sun.direction, sun.angular_radius_deg * std::numbers::pi / 180, lit);
-      else sunlit(scene, points, wanted, sun.direction, lit);
-      for (int i = 0; i < count; ++i) hits[asked[batch[first + static_cast<std::size_t>(i)]]].lit = static_cast<double>(lit[i]);
-    });
+      if (hits[i].hit && hits[i].normal.dot(sun.direction) > 0)
+        to_sun.push_back({hits[i].position_m, sun.direction}), asked.push_back(i);
+    in_batches(
+        to_sun, stop, [&](const Scene& scene, const std::vector<std::size_t>& batch, std::size_t first, int count) {
+          SurfacePoints points;
+          bool wanted[kPacket] = {};
+          for (int i = 0; i < count; ++i) {
+            const std::size_t at = asked[batch[first + static_cast<std::size_t>(i)]];
+            wanted[i] = true;
+            points.x[i] = hits[at].position_m.x(), points.y[i] = hits[at].position_m.y(),
+            points.z[i] = hits[at].position_m.z();
+            points.nx[i] = facing[at].x(), points.ny[i] = facing[at].y(), points.nz[i] = facing[at].z();
+          }
+          float lit[kPacket];
+          if (sun.angular_radius_deg > 0)
+            sunlit_disc(scene, points, wanted, sun.direction, sun.angular_radius_deg * std::numbers::pi / 180, lit);
+          else
+            sunlit(scene, points, wanted, sun.direction, lit);
+          for (int i = 0; i < count; ++i)
+            hits[asked[batch[first + static_cast<std::size_t>(i)]]].lit = static_cast<double>(lit[i]);
+        });
   }
 
-  // Work on packets of rays, as many batches of them as the terrain along them makes scenes of bearable size. Rays that enter the
-  // terrain near each other go together.
+  // Work on packets of rays, as many batches of them as the terrain along them makes scenes of bearable size. Rays that
+  // enter the terrain near each other go together.
   template <typename Work>
   void in_batches(const std::vector<Ray>& rays, const StopToken& stop, Work&& work) {
     std::vector<std::pair<dem::BlockId, std::size_t>> places;
     for (std::size_t i = 0; i < rays.size(); ++i) {
       const Geographic g = to_geographic(anchor_for(rays[i].origin_m, rays[i].direction));
-      places.emplace_back(dem::block_at(6, static_cast<std::int32_t>((g.lat_deg + 90) * dem::kTicksPerDegree),
-                                        dem::wrap_lon(static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree))), i);
+      places.emplace_back(
+          dem::block_at(6, static_cast<std::int32_t>((g.lat_deg + 90) * dem::kTicksPerDegree),
+                        dem::wrap_lon(static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree))),
+          i);
     }
     std::sort(places.begin(), places.end());
     std::vector<std::size_t> order;
@@ -219,20 +239,23 @@ struct Renderer::Impl {
   template <typename Work>
   static void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
     const std::size_t packets = (size + kPacket - 1) / kPacket;
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, packets, 16), [&](const tbb::blocked_range<std::size_t>& range) {
-      if (stop.stopped()) throw Cancelled();
-      for (std::size_t p = range.begin(); p < range.end(); ++p) work(p * kPacket, static_cast<int>(std::min<std::size_t>(kPacket, size - p * kPacket)));
-    });
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, packets, 16),
+                      [&](const tbb::blocked_range<std::size_t>& range) {
+                        if (stop.stopped()) throw Cancelled();
+                        for (std::size_t p = range.begin(); p < range.end(); ++p)
+                          work(p * kPacket, static_cast<int>(std::min<std::size_t>(kPacket, size - p * kPacket)));
+                      });
   }
 
-  std::vector<Landmark> project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
-                                const StopToken& stop) {
+  std::vector<Landmark> project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
+                                const std::optional<Sun>& sun, const StopToken& stop) {
     const View view(camera, pose);
     refuse_underground(view.position());
     std::vector<Landmark> answers(points.size());
     std::vector<Ray> looks, lights;
     std::vector<std::size_t> looked, lighted;
     for (std::size_t i = 0; i < points.size(); ++i) {
+      if (stop.stopped()) throw Cancelled();
       const LandmarkQuery& q = points[i];
       Landmark& a = answers[i];
       const double ground = terrain->height(q.lat_deg, q.lon_deg).height_m;
@@ -246,7 +269,8 @@ struct Renderer::Impl {
       const auto pixel = view.project(place);
       if (!pixel) continue;
       a.x_px = pixel->x, a.y_px = pixel->y;
-      a.in_frame = pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < camera.width - 0.5 && pixel->y < camera.height - 0.5;
+      a.in_frame =
+          pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < camera.width - 0.5 && pixel->y < camera.height - 0.5;
       if (a.in_frame) looks.push_back({view.position(), (place - view.position()).normalized()}), looked.push_back(i);
     }
     const std::vector<RayHit> seen = cast(looks, std::nullopt, stop);
@@ -260,7 +284,8 @@ struct Renderer::Impl {
     return answers;
   }
 
-  // A landmark given on the terrain lies on the mesh to within rounding and the chords' sag (2 mm): it is lifted clear of both.
+  // A landmark given on the terrain lies on the mesh to within rounding and the chords' sag (2 mm): it is lifted clear
+  // of both.
   static Vec3 above(const Vec3& place) { return place * (1 + 0.01 / place.norm()); }
   static double slack_m(double range_m) { return std::max(0.05, 1e-7 * range_m); }
 
@@ -270,19 +295,21 @@ struct Renderer::Impl {
   dem::Cache<SceneKey, Scene, SceneKeyHash> scenes;
 };
 
-Renderer::Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions& options) : impl_(std::make_unique<Impl>(std::move(terrain), options)) {}
+Renderer::Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions& options)
+    : impl_(std::make_unique<Impl>(std::move(terrain), options)) {}
 Renderer::~Renderer() = default;
 
 Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
   return impl_->arena.execute([&] { return impl_->render(request, stop); });
 }
 
-std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop) const {
+std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun,
+                                   const StopToken& stop) const {
   return impl_->arena.execute([&] { return impl_->cast(rays, sun, stop); });
 }
 
-std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
-                                        const StopToken& stop) const {
+std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
+                                        const std::optional<Sun>& sun, const StopToken& stop) const {
   return impl_->arena.execute([&] { return impl_->project(camera, pose, points, sun, stop); });
 }
 

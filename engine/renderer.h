@@ -31,8 +31,8 @@ class Renderer {
   // Arbitrary rays against the finest terrain.
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop = {}) const;
 
-  // Where landmarks appear. in_frame: the pixel coordinates are within [-0.5, width-0.5) x [-0.5, height-0.5) and the point is
-  // in front of the camera; visible: in_frame and nothing stands between.
+  // Where landmarks appear. in_frame: the pixel coordinates are within [-0.5, width-0.5) x [-0.5, height-0.5) and the
+  // point is in front of the camera; visible: in_frame and nothing stands between.
   std::vector<Landmark> project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
                                 const std::optional<Sun>& sun, const StopToken& stop = {}) const;
 

@@ -1,4 +1,5 @@
-// What visibility works on: a joined mesh and its acceleration structure, shared between frames that see the same terrain.
+// What visibility works on: a joined mesh and its acceleration structure, shared between frames that see the same
+// terrain.
 #pragma once
 
 #include <algorithm>
@@ -10,8 +11,8 @@
 
 namespace selenograph::engine {
 
-// What a scene holds of one block of 64 x 64 quads, about: vertices in double and in float, and Embree's 15 bytes a triangle.
-// The posts themselves are the terrain cache's.
+// What a scene holds of one block of 64 x 64 quads, about: vertices in double and in float, and Embree's 15 bytes a
+// triangle. The posts themselves are the terrain cache's.
 inline constexpr std::size_t kSceneBytesPerBlock = 65 * 65 * (sizeof(Vec3) + 12) + 2 * 64 * 64 * 15;
 // Coarse levels have fewer quads: the whole Moon from afar is thousands of small blocks.
 inline std::size_t scene_bytes_of(const dem::BlockId& id) {
@@ -21,7 +22,9 @@ inline std::size_t scene_bytes_of(const dem::BlockId& id) {
 
 struct Scene {
   Scene(const dem::Terrain& terrain, const Selection& selection, const Vec3& anchor_m, int threads)
-      : mesh(terrain, selection.blocks), tracer(mesh, anchor_m, threads), shell_m(kMoonRadius_m + highest_m(mesh) + 1) {}
+      : mesh(terrain, selection.blocks),
+        tracer(mesh, anchor_m, threads),
+        shell_m(kMoonRadius_m + highest_m(mesh) + 1) {}
 
   // From the blocks alone, not from how they were selected: scenes of the same blocks are the same scene.
   static double highest_m(const Mesh& mesh) {
@@ -37,7 +40,8 @@ struct Scene {
   double shell_m;  // radius of a sphere around everything in it
 };
 
-// Near the camera, or, far away, near the surface in view; snapped to a lattice of 4096 m so that consecutive frames share it.
+// Near the camera, or, far away, near the surface in view; snapped to a lattice of 4096 m so that consecutive frames
+// share it.
 Vec3 anchor_for(const Vec3& camera_m, const Vec3& boresight);
 
 }  // namespace selenograph::engine

@@ -33,7 +33,9 @@ std::optional<Known> known(const dem::Terrain& terrain, const BlockId& id) {
 void check(const std::size_t blocks, const StopToken& stop) {
   if (stop.stopped()) throw Cancelled();
   if (blocks > kMaxBlocks)
-    throw std::invalid_argument("the view needs more terrain than fits: ask for a larger max_error_px, a narrower field of view or a higher camera");
+    throw std::invalid_argument(
+        "the view needs more terrain than fits: ask for a larger max_error_px, a narrower field of view or a higher "
+        "camera");
 }
 
 class ViewSelector {
@@ -67,7 +69,8 @@ class ViewSelector {
       out_of_view_.push_back(id);
       return;
     }
-    const double sharpness = view_.pixels_per_metre(node->bounds.centre, node->bounds.radius_m, node->bounds.high_m + node->bounds.bulge_m);
+    const double sharpness =
+        view_.pixels_per_metre(node->bounds.centre, node->bounds.radius_m, node->bounds.high_m + node->bounds.bulge_m);
     if (refine(id, sharpness)) {
       for (const BlockId& child : dem::children_of(id)) see(child);
       return;
@@ -75,7 +78,8 @@ class ViewSelector {
     choose(id, node->info);
     in_view_.push_back({node->bounds, sharpness});
     // The finest surface is what errors are measured to: it has none.
-    const double error = id.level >= terrain_.finest_level(id) ? 0 : terrain_.node(id).error_m + dem::chord_sag_m(id.level);
+    const double error =
+        id.level >= terrain_.finest_level(id) ? 0 : terrain_.node(id).error_m + dem::chord_sag_m(id.level);
     const double spacing = dem::post_spacing_m(id.level);
     result_.error_m = std::max(result_.error_m, error);
     result_.error_px = std::max(result_.error_px, error * sharpness);
@@ -113,7 +117,8 @@ class ViewSelector {
     const bool finest = id.level >= terrain_.finest_level(id);
     // Large blocks overlap much that they don't shade: they are split until their bounds mean something.
     const bool coarse = id.level < dem::kRootLevel + 1 && !finest;
-    if (coarse || (!finest && (max_error_px_ == 0 || (terrain_.node(id).error_m + dem::chord_sag_m(id.level)) * sharpness > max_error_px_))) {
+    if (coarse || (!finest && (max_error_px_ == 0 ||
+                               (terrain_.node(id).error_m + dem::chord_sag_m(id.level)) * sharpness > max_error_px_))) {
       for (const BlockId& child : dem::children_of(id)) cast(child, grid);
       return;
     }
@@ -139,7 +144,8 @@ class ViewSelector {
       const auto look = [&](std::int64_t lat, std::int64_t lon) {
         if (lat < 0 || lat >= dem::kLatTicks) return;
         const std::int32_t y = static_cast<std::int32_t>(lat), x = dem::wrap_lon(lon);
-        for (const BlockId* wide = covering(y, x, id.level); wide && wide->level < id.level - 1; wide = covering(y, x, id.level)) {
+        for (const BlockId* wide = covering(y, x, id.level); wide && wide->level < id.level - 1;
+             wide = covering(y, x, id.level)) {
           const BlockId split = *wide;
           chosen_.erase(split);
           for (const BlockId& child : dem::children_of(split))
@@ -165,7 +171,8 @@ class ViewSelector {
   Selection result_;
 };
 
-// Whether a ray passes through a node: within its ball it must come below the highest and reach above the lowest height.
+// Whether a ray passes through a node: within its ball it must come below the highest and reach above the lowest
+// height.
 bool may_meet(const Ray& ray, const NodeBounds& b) {
   const Vec3 to = b.centre - ray.origin_m;
   const double along = to.dot(ray.direction), off2 = to.squaredNorm() - along * along, reach2 = b.radius_m * b.radius_m;
@@ -177,8 +184,8 @@ bool may_meet(const Ray& ray, const NodeBounds& b) {
 }
 
 // False once there are too many.
-bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std::vector<std::size_t>& some, const BlockId& id, std::size_t max_blocks,
-            Selection& out, const StopToken& stop) {
+bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std::vector<std::size_t>& some,
+            const BlockId& id, std::size_t max_blocks, Selection& out, const StopToken& stop) {
   if (stop.stopped()) throw Cancelled();
   const auto node = known(terrain, id);
   if (!node) return true;
@@ -188,7 +195,9 @@ bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std
   if (meeting.empty()) return true;
   if (id.level < terrain.finest_level(id)) {
     const std::vector<BlockId> children = dem::children_of(id);
-    return std::all_of(children.begin(), children.end(), [&](const BlockId& child) { return follow(terrain, rays, meeting, child, max_blocks, out, stop); });
+    return std::all_of(children.begin(), children.end(), [&](const BlockId& child) {
+      return follow(terrain, rays, meeting, child, max_blocks, out, stop);
+    });
   }
   out.blocks.push_back(id);
   out.highest_m = std::max(out.highest_m, static_cast<double>(node->info.max_m));
@@ -197,11 +206,13 @@ bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std
 
 }  // namespace
 
-Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, double max_error_px, const StopToken& stop) {
+Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, double max_error_px,
+                          const StopToken& stop) {
   return ViewSelector(terrain, view, max_error_px, stop).select(sun);
 }
 
-std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays, std::size_t max_blocks, const StopToken& stop) {
+std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
+                                         std::size_t max_blocks, const StopToken& stop) {
   Selection selection;
   std::vector<std::size_t> all(rays.size());
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;

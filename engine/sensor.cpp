@@ -13,7 +13,8 @@ double expose(const ImageSettings& settings, const std::vector<float>& radiance,
   if (!(full_scale > 0)) return full_scale;
   const double scale = top / full_scale;
   for (std::size_t i = 0; i < radiance.size(); ++i)
-    image[i] = static_cast<std::uint16_t>(std::clamp(std::nearbyint(static_cast<double>(radiance[i]) * scale), 0.0, top));
+    image[i] =
+        static_cast<std::uint16_t>(std::clamp(std::nearbyint(static_cast<double>(radiance[i]) * scale), 0.0, top));
   return full_scale;
 }
 

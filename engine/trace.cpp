@@ -14,7 +14,8 @@ namespace {
 
 constexpr double kLattice_m = 4096;
 
-// Distance (in the direction's lengths) at which a ray enters the sphere; 0 from inside, empty when it misses or leaves.
+// Distance (in the direction's lengths) at which a ray enters the sphere; 0 from inside, empty when it misses or
+// leaves.
 std::optional<double> enter_sphere(const Vec3& origin, const Vec3& direction, double radius) {
   const double outside = origin.squaredNorm() - radius * radius;
   if (outside <= 0) return 0.0;
@@ -24,7 +25,8 @@ std::optional<double> enter_sphere(const Vec3& origin, const Vec3& direction, do
   return outside / (-b + std::sqrt(root2));  // the stable form of the nearer root
 }
 
-// Per lane: entry into the sphere (or the start, inside of it), relative to the anchor, in float. `active` where there is one.
+// Per lane: entry into the sphere (or the start, inside of it), relative to the anchor, in float. `active` where there
+// is one.
 SELENOGRAPH_VECTORISED
 void start_rays(const Rays& rays, double radius, double ax, double ay, double az, RayPacket& packet) {
   const double radius2 = radius * radius;
@@ -36,17 +38,33 @@ void start_rays(const Rays& rays, double radius, double ax, double ay, double az
     const double entry = outside / (-b + std::sqrt(root2 > 0 ? root2 : 0));  // the stable form of the nearer root
     const bool inside = outside <= 0, meets = inside || (b < 0 && root2 >= 0);
     const double t = inside || !meets ? 0 : entry;
-    packet.ox[i] = static_cast<float>(ox + t * dx - ax), packet.oy[i] = static_cast<float>(oy + t * dy - ay), packet.oz[i] = static_cast<float>(oz + t * dz - az);
+    packet.ox[i] = static_cast<float>(ox + t * dx - ax), packet.oy[i] = static_cast<float>(oy + t * dy - ay),
+    packet.oz[i] = static_cast<float>(oz + t * dz - az);
     packet.dx[i] = static_cast<float>(dx), packet.dy[i] = static_cast<float>(dy), packet.dz[i] = static_cast<float>(dz);
     packet.active[i] = meets ? -1 : 0;
   }
 }
 
-// Whether the solid inside of the Moon (below all relief) stands between a point and the Sun.
-bool behind_core(const Vec3& p, const Vec3& sun) {
-  constexpr double kCore = kMoonRadius_m + dem::kLowestRelief_m;
-  const double b = p.dot(sun);
-  return b < 0 && p.squaredNorm() - b * b < kCore * kCore;
+// Per lane: the point, toward the Sun. `active` where the facet faces the Sun and the solid inside of the Moon (below
+// all relief) doesn't stand between. Within the coordinates' own rounding lies only the surface that the ray leaves;
+// found there and dropped for facing the Sun, it would keep Embree's packets from looking at the quad's other half. The
+// flatter the ray, the longer the way (`near`).
+SELENOGRAPH_VECTORISED
+void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, double sx, double sy, double sz,
+                       RayPacket& packet) {
+  constexpr double kCore2 = (kMoonRadius_m + dem::kLowestRelief_m) * (kMoonRadius_m + dem::kLowestRelief_m);
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double x = p.x[i], y = p.y[i], z = p.z[i], nx = p.nx[i], ny = p.ny[i], nz = p.nz[i];
+    const double facing = nx * sx + ny * sy + nz * sz, steepness = facing / std::sqrt(nx * nx + ny * ny + nz * nz);
+    const double along = x * sx + y * sy + z * sz;
+    const bool night = along < 0 && x * x + y * y + z * z - along * along < kCore2;
+    const double rx = x - ax, ry = y - ay, rz = z - az, size = std::abs(rx) + std::abs(ry) + std::abs(rz);
+    packet.ox[i] = static_cast<float>(rx), packet.oy[i] = static_cast<float>(ry), packet.oz[i] = static_cast<float>(rz);
+    packet.dx[i] = static_cast<float>(sx), packet.dy[i] = static_cast<float>(sy), packet.dz[i] = static_cast<float>(sz);
+    packet.near[i] = static_cast<float>(size * 0x1p-22 / (steepness > 1.0 / 64 ? steepness : 1.0 / 64));
+    packet.active[i] = facing > 0 && !night ? -1 : 0;
+  }
 }
 
 }  // namespace
@@ -57,6 +75,43 @@ Vec3 anchor_for(const Vec3& camera_m, const Vec3& boresight) {
   if (distance > 1.2 * kMoonRadius_m)
     if (const auto t = enter_sphere(camera_m, boresight, kMoonRadius_m)) near = camera_m + *t * boresight;
   return (near / kLattice_m).array().round() * kLattice_m;
+}
+
+// Embree's ROBUST grids lose about one in 3000 rays that pass exactly through an edge or a vertex. Aside by its own
+// rounding they don't: rays that are lost though they head for the Moon get four more looks. Where exactly they meet is
+// up to the ray itself, in double.
+void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, SurfacePoints& points) {
+  float farthest = 0;
+  for (int i = 0; i < kPacket; ++i)
+    if (packet.active[i])
+      farthest = std::max({farthest, std::abs(packet.ox[i]), std::abs(packet.oy[i]), std::abs(packet.oz[i])});
+  for (int k = 0; k < 4; ++k) {
+    RayPacket aside = packet;
+    bool any = false;
+    for (int i = 0; i < kPacket; ++i) {
+      aside.active[i] = points.toward_moon[i] && packet.active[i] ? -1 : 0;
+      if (!aside.active[i]) continue;
+      any = true;
+      const Vec3 d = rays.direction(i).normalized(),
+                 across = (std::abs(d.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(d).normalized();
+      const Vec3 shift =
+          static_cast<double>(farthest) * 0x1p-21 * (k < 2 ? across : d.cross(across)) * (k % 2 ? -1 : 1);
+      aside.ox[i] += static_cast<float>(shift.x()), aside.oy[i] += static_cast<float>(shift.y()),
+          aside.oz[i] += static_cast<float>(shift.z());
+    }
+    if (!any) return;
+    SurfacePoints again;
+    scene.tracer.intersect(aside, again);
+    refine(scene.mesh, rays, again);
+    for (int i = 0; i < kPacket; ++i) {
+      if (!aside.active[i] || !again.hit[i]) continue;
+      points.x[i] = again.x[i], points.y[i] = again.y[i], points.z[i] = again.z[i],
+      points.distance[i] = again.distance[i];
+      points.v[i] = again.v[i], points.w[i] = again.w[i], points.nx[i] = again.nx[i], points.ny[i] = again.ny[i],
+      points.nz[i] = again.nz[i];
+      points.triangle[i] = again.triangle[i], points.hit[i] = true, points.toward_moon[i] = false;
+    }
+  }
 }
 
 void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
@@ -73,40 +128,42 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
     scene.tracer.intersect(packet, points);
     refine(scene.mesh, rays, points);
   }
-  for (int i = 0; i < kPacket; ++i)
-    if (rays.valid[i] && !points.hit[i]) points.toward_moon[i] = enter_sphere(rays.origin(i), rays.direction(i), kMoonRadius_m).has_value();
+  int hits = 0, misses = 0, active = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    active += packet.active[i] != 0, hits += points.hit[i];
+    if (!rays.valid[i] || points.hit[i]) continue;
+    points.toward_moon[i] = enter_sphere(rays.origin(i), rays.direction(i), kMoonRadius_m).has_value();
+    misses += points.toward_moon[i];
+  }
+  // A whole packet that sees nothing looks at a place without data.
+  if (misses > 0 && active > 0 && (hits > 0 || active < kPacket)) look_again(scene, rays, packet, points);
 }
 
 void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit) {
   RayPacket packet;
   const Vec3& anchor = scene.tracer.anchor();
-  const float sx = static_cast<float>(sun.x()), sy = static_cast<float>(sun.y()), sz = static_cast<float>(sun.z());
+  start_shadow_rays(points, anchor.x(), anchor.y(), anchor.z(), sun.x(), sun.y(), sun.z(), packet);
   bool any = false;
-  float farthest = 0;
   for (int i = 0; i < kPacket; ++i) {
     lit[i] = 0;
-    const bool ask = wanted[i] && points.facing(i).dot(sun) > 0 && !behind_core(points.position(i), sun);
-    packet.active[i] = ask ? -1 : 0;
-    packet.ox[i] = ask ? static_cast<float>(points.x[i] - anchor.x()) : 0, packet.oy[i] = ask ? static_cast<float>(points.y[i] - anchor.y()) : 0;
-    packet.oz[i] = ask ? static_cast<float>(points.z[i] - anchor.z()) : 0;
-    packet.dx[i] = sx, packet.dy[i] = sy, packet.dz[i] = sz;
-    farthest = std::max({farthest, std::abs(packet.ox[i]), std::abs(packet.oy[i]), std::abs(packet.oz[i])});
-    any |= ask;
+    if (!wanted[i]) packet.active[i] = 0;
+    any |= packet.active[i] != 0;
   }
   if (!any) return;
-  // Within the coordinates' own rounding lies only the surface that the ray leaves: no need to have it found and dropped again.
-  packet.near = farthest * 0x1p-22F;
   bool blocked[kPacket];
   scene.tracer.occluded(packet, sun, blocked);
   for (int i = 0; i < kPacket; ++i) lit[i] = packet.active[i] && !blocked[i] ? 1.F : 0.F;
 }
 
-void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, double angular_radius_rad, float* lit) {
-  const Vec3 across = (std::abs(sun.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(sun).normalized(), up = sun.cross(across);
+void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun,
+                 double angular_radius_rad, float* lit) {
+  const Vec3 across = (std::abs(sun.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(sun).normalized(),
+             up = sun.cross(across);
   float sum[kPacket] = {};
   for (int k = 0; k < kDiscSamples; ++k) {
     // Vogel's sunflower (1979): equal areas, no two samples in line with a straight shadow edge.
-    const double r = angular_radius_rad * std::sqrt((k + 0.5) / kDiscSamples), turn = k * std::numbers::pi * (3 - std::sqrt(5.0));
+    const double r = angular_radius_rad * std::sqrt((k + 0.5) / kDiscSamples),
+                 turn = k * std::numbers::pi * (3 - std::sqrt(5.0));
     const Vec3 toward = (sun + std::tan(r) * (std::cos(turn) * across + std::sin(turn) * up)).normalized();
     float one[kPacket];
     sunlit(scene, points, wanted, toward, one);

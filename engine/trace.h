@@ -9,12 +9,13 @@ namespace selenograph::engine {
 // Where each valid ray first meets the surface.
 void trace(const Scene& scene, const Rays& rays, SurfacePoints& points);
 
-// Fraction 0 or 1 for each wanted point: does the Sun's centre reach it. Points on triangles that face away from it are dark
-// without asking.
+// Fraction 0 or 1 for each wanted point: does the Sun's centre reach it. Points on triangles that face away from it are
+// dark without asking.
 void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit);
 
 // The same for a disc of the given angular radius: the mean over kDiscSamples directions spread evenly over it.
 inline constexpr int kDiscSamples = 32;
-void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, double angular_radius_rad, float* lit);
+void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun,
+                 double angular_radius_rad, float* lit);
 
 }  // namespace selenograph::engine

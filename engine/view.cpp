@@ -12,7 +12,8 @@ double radial(const Distortion& d, double r2) { return 1 + r2 * (d.k1 + r2 * (d.
 // d(r * radial(r^2)) / dr: positive as long as the lens doesn't fold.
 double radial_slope(const Distortion& d, double r2) { return 1 + r2 * (3 * d.k1 + r2 * (5 * d.k2 + r2 * 7 * d.k3)); }
 
-// Smallest squared radius at which the distortion folds; infinite if it never does. 89.9 degrees off axis is far enough.
+// Smallest squared radius at which the distortion folds; infinite if it never does. 89.9 degrees off axis is far
+// enough.
 double fold_radius2(const Distortion& d) {
   constexpr double kFarthest = 330000.0;
   if (d.none()) return std::numeric_limits<double>::infinity();
@@ -31,9 +32,12 @@ double fold_radius2(const Distortion& d) {
 }  // namespace
 
 View::View(const Camera& camera, const Pose& pose)
-    : camera_(camera), position_(pose.position_m), camera_from_moon_(pose.camera_from_moon.normalized().toRotationMatrix()) {
+    : camera_(camera),
+      position_(pose.position_m),
+      camera_from_moon_(pose.camera_from_moon.normalized().toRotationMatrix()) {
   if (camera.width <= 0 || camera.height <= 0) throw std::invalid_argument("camera: image without pixels");
-  if (!(std::isfinite(camera.fx) && std::isfinite(camera.fy) && camera.fx > 0 && camera.fy > 0 && std::isfinite(camera.cx) && std::isfinite(camera.cy)))
+  if (!(std::isfinite(camera.fx) && std::isfinite(camera.fy) && camera.fx > 0 && camera.fy > 0 &&
+        std::isfinite(camera.cx) && std::isfinite(camera.cy)))
     throw std::invalid_argument("camera: focal lengths must be positive and finite");
   if (!position_.allFinite() || !camera_from_moon_.allFinite()) throw std::invalid_argument("pose: not finite");
   moon_from_camera_ = camera_from_moon_.transpose();
@@ -57,7 +61,8 @@ Eigen::Matrix2d View::distortion_jacobian(double x, double y) const {
   return jacobian;
 }
 
-// Newton's method with the exact Jacobian; converges quadratically, so that a failure within 50 steps means beyond the fold.
+// Newton's method with the exact Jacobian; converges quadratically, so that a failure within 50 steps means beyond the
+// fold.
 std::optional<Eigen::Vector2d> View::undistorted(double xd, double yd) const {
   const Distortion& d = camera_.distortion;
   if (d.none()) return Eigen::Vector2d(xd, yd);
@@ -77,7 +82,8 @@ std::optional<Eigen::Vector2d> View::undistorted(double xd, double yd) const {
     if (p.squaredNorm() > limit) p *= std::sqrt(limit / p.squaredNorm());
     if (step.norm() <= 1e-15 * (1 + p.norm())) break;
   }
-  if ((distorted(p.x(), p.y()) - Eigen::Vector2d(xd, yd)).norm() > 1e-11 * (1 + std::hypot(xd, yd))) return std::nullopt;
+  if ((distorted(p.x(), p.y()) - Eigen::Vector2d(xd, yd)).norm() > 1e-11 * (1 + std::hypot(xd, yd)))
+    return std::nullopt;
   return p;
 }
 
@@ -112,11 +118,12 @@ void View::bound_image() {
       if (!p) continue;
       left_ = std::min(left_, p->x()), right_ = std::max(right_, p->x());
       top_ = std::min(top_, p->y()), bottom_ = std::max(bottom_, p->y());
-      // Pixels per radian, along the radius the larger one: on the plane z = 1 an angle covers (1 + r^2), the lens stretches on top:
-      // by the larger eigenvalue of its symmetric Jacobian.
+      // Pixels per radian, along the radius the larger one: on the plane z = 1 an angle covers (1 + r^2), the lens
+      // stretches on top: by the larger eigenvalue of its symmetric Jacobian.
       const Eigen::Matrix2d j2 = distortion_jacobian(p->x(), p->y());
       const double r2 = p->squaredNorm(), half_trace = j2.trace() / 2;
-      const double stretch = std::abs(half_trace) + std::sqrt(std::max(0.0, half_trace * half_trace - j2.determinant()));
+      const double stretch =
+          std::abs(half_trace) + std::sqrt(std::max(0.0, half_trace * half_trace - j2.determinant()));
       sharpest = std::max(sharpest, std::max(camera_.fx, camera_.fy) * (1 + r2) * stretch);
       stretched_focal_ = std::max(stretched_focal_, std::max(camera_.fx, camera_.fy) * stretch * 1.01);
       widest_ = std::max(widest_, std::sqrt(r2));
@@ -141,7 +148,8 @@ bool View::may_see(const Vec3& centre_m, double radius_m) const {
     // Distance outside the plane through the camera whose slope is `slope`.
     return sign * (across - slope * c.z()) / std::sqrt(1 + slope * slope) > radius_m;
   };
-  return !(outside(c.x(), left_, -1) || outside(c.x(), right_, 1) || outside(c.y(), top_, -1) || outside(c.y(), bottom_, 1));
+  return !(outside(c.x(), left_, -1) || outside(c.x(), right_, 1) || outside(c.y(), top_, -1) ||
+           outside(c.y(), bottom_, 1));
 }
 
 double View::pixels_per_metre(const Vec3& centre_m, double radius_m, double highest_m) const {

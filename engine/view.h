@@ -21,8 +21,8 @@ class View {
   const Vec3& position() const { return position_; }
   const Eigen::Matrix3d& moon_from_camera() const { return moon_from_camera_; }
 
-  // Direction (MOON_ME) of a place in the image, scaled so that its component along the boresight is 1: a distance along
-  // it is the depth. Empty where the lens distortion has no inverse (beyond its fold): such a pixel sees nothing.
+  // Direction (MOON_ME) of a place in the image, scaled so that its component along the boresight is 1: a distance
+  // along it is the depth. Empty where the lens distortion has no inverse (beyond its fold): such a pixel sees nothing.
   std::optional<Vec3> ray(double x_px, double y_px) const;
 
   // Image place of a point; empty behind the camera or beyond the distortion's fold.
@@ -31,9 +31,10 @@ class View {
   // Whether any part of a ball may be in the image.
   bool may_see(const Vec3& centre_m, double radius_m) const;
 
-  // Upper bound on pixels per metre, across the line of sight, for anything within the ball and not higher above the sphere
-  // than highest_m.
-  double pixels_per_metre(const Vec3& centre_m, double radius_m, double highest_m = std::numeric_limits<double>::infinity()) const;
+  // Upper bound on pixels per metre, across the line of sight, for anything within the ball and not higher above the
+  // sphere than highest_m.
+  double pixels_per_metre(const Vec3& centre_m, double radius_m,
+                          double highest_m = std::numeric_limits<double>::infinity()) const;
 
   // The angle between neighbouring pixels at the sharpest place in the image, as pixels per radian.
   double pixels_per_radian() const { return pixels_per_radian_; }
@@ -50,7 +51,7 @@ class View {
   // Slopes x/z and y/z of the image's border, slightly outside.
   double left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
   double pixels_per_radian_ = 0, stretched_focal_ = 0;
-  double widest_ = 0;  // largest slope sqrt(x^2 + y^2) / z in the image
+  double widest_ = 0;   // largest slope sqrt(x^2 + y^2) / z in the image
   double fold_r2_ = 0;  // squared radius on the plane z = 1 up to which the radial distortion grows monotonically
 };
 

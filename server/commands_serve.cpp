@@ -9,6 +9,7 @@
 #include "api/metadata.h"
 #include "server/commands.h"
 #include "server/front.h"
+#include "server/heap_trim.h"
 #include "server/http_server.h"
 #include "server/shutdown_signals.h"
 #include "server/start.h"
@@ -31,6 +32,9 @@ HttpOptions http_options(const ServeSettings& s) {
   options.receive_timeout = milliseconds(s.receive_timeout_s);
   return options;
 }
+
+// A tenth of the budgets for terrain and acceleration structures.
+std::size_t heap_slack_bytes(const TerrainSettings& s) { return ((s.cache_mb + s.scene_mb) << 20) / 10; }
 
 int places_in_work(const ServeSettings& s) {
   return s.max_frames > 0 ? s.max_frames : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
@@ -61,6 +65,8 @@ int serve(const ServeSettings& settings) {
   ShutdownSignals signals;
   set_up_log(settings.terrain.log_level);
   const auto renderer = make_renderer(settings.terrain);
+  const HeapTrim trim([&] { return renderer->terrain().statistics().bytes + renderer->scene_bytes_in_use(); },
+                      heap_slack_bytes(settings.terrain));
   const api::Limits limits = limits_from(settings.limits);
   const api::Service service(renderer, limits);
   Admission admission(places_in_work(settings), settings.max_waiting);

@@ -15,11 +15,12 @@ namespace selenograph::server {
 
 // What every command that reads terrain can be told.
 struct TerrainSettings {
-  std::vector<std::string> dem;        // files and folders; empty: the sample terrain, made in the cache folder
-  std::string cache_dir;               // see default_cache_dir()
-  std::size_t cache_mb = 1024;         // memory for terrain blocks and pyramids, MiB
-  std::size_t scene_mb = 1024;         // memory for acceleration structures: of one frame at most, and kept between frames, MiB
-  int threads = 0;                     // 0: all cores
+  std::vector<std::string> dem;  // files and folders; empty: the sample terrain, made in the cache folder
+  std::string cache_dir;         // see default_cache_dir()
+  std::size_t cache_mb = 1024;   // memory for terrain blocks and pyramids, MiB
+  std::size_t scene_mb =
+      1024;         // memory for acceleration structures: of one frame at most, and kept between frames, MiB
+  int threads = 0;  // 0: all cores
   std::string on_data_error = "fail";  // or "fall-through"
   std::string log_level = "info";      // debug, info, warning, error
 };

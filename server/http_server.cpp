@@ -153,8 +153,7 @@ HttpServer::Impl::Impl(const HttpOptions& options_in, HttpServer::Handler handle
     : options(options_in),
       handler(std::move(handler_in)),
       observer(std::move(observer_in)),
-      listener(options.host, options.port, options.max_connections,
-               on_the_wire(too_many_connections())) {
+      listener(options.host, options.port, options.max_connections, on_the_wire(too_many_connections())) {
   set_up_library();
 }
 

@@ -1,6 +1,7 @@
 // The yardstick: what Embree alone needs for the primary and shadow rays of a frame, nothing else.
 //
-// Float throughout, a constant bias instead of exact shadows, geometric normals, no refinement, no products but one float per pixel.
+// Float throughout, a constant bias instead of exact shadows, geometric normals, no refinement, no products but one
+// float per pixel.
 #pragma once
 
 #include <embree3/rtcore.h>
@@ -19,7 +20,8 @@ class BareKernel {
   BareKernel(const BareKernel&) = delete;
   BareKernel& operator=(const BareKernel&) = delete;
 
-  // One frame of the (undistorted) view from inside or outside of the terrain's shell; `image` gets mu0 / (mu0 + mu) or 0.
+  // One frame of the (undistorted) view from inside or outside of the terrain's shell; `image` gets mu0 / (mu0 + mu) or
+  // 0.
   void render(const engine::View& view, const Vec3& sun, double shell_radius_m, std::vector<float>& image) const;
 
  private:

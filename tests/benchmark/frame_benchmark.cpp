@@ -2,8 +2,9 @@
 //
 //   build/selenograph_benchmark [--dem PATH]... [Google Benchmark options]
 //
-// Without --dem the sample terrain is generated into a temporary folder. Each benchmark's `ratio` counter is the median time of our warm frame
-// (1024 x 1024, radiance with hard shadows) over that of the bare kernel on the same mesh, camera and Sun.
+// Without --dem the sample terrain is generated into a temporary folder. Each benchmark's `ratio` counter is the median
+// time of our warm frame (1024 x 1024, radiance with hard shadows) over that of the bare kernel on the same mesh,
+// camera and Sun.
 #include <benchmark/benchmark.h>
 #include <fmt/format.h>
 #include <tbb/task_arena.h>
@@ -57,7 +58,8 @@ double milliseconds(Work&& work) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terrain, const Place& place, double height_m, double tilt_deg, double sun_deg) {
+void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terrain, const Place& place, double height_m,
+             double tilt_deg, double sun_deg) {
   const engine::FrameRequest r = request(place, height_m, tilt_deg, sun_deg);
   const engine::View view(r.camera, r.pose);
   const engine::Selection selection = engine::select_for_view(*terrain, view, &r.sun, r.accuracy.max_error_px, {});
@@ -94,8 +96,10 @@ int main(int argc, char** argv) {
   std::vector<std::string> paths;
   std::vector<char*> rest{argv[0]};
   for (int i = 1; i < argc; ++i) {
-    if (std::string(argv[i]) == "--dem" && i + 1 < argc) paths.emplace_back(argv[++i]);
-    else rest.push_back(argv[i]);
+    if (std::string(argv[i]) == "--dem" && i + 1 < argc)
+      paths.emplace_back(argv[++i]);
+    else
+      rest.push_back(argv[i]);
   }
   if (paths.empty()) {
     const std::string folder = (std::filesystem::temp_directory_path() / "selenograph-benchmark-terrain").string();

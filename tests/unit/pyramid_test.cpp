@@ -412,7 +412,7 @@ TEST_F(PyramidFile, OnlyItsOwnStaleTemporariesAreRemoved) {
   if (gone == 0) ::_exit(0);
   ::waitpid(gone, nullptr, 0);
   const std::string stale = pyramid + "/000001-000002.sgp.tmp-" + std::to_string(gone) + "-0";
-  const std::string alive = pyramid + "/000001-000002.sgp.tmp-" + std::to_string(::getpid()) + "-0";
+  const std::string alive = pyramid + "/000001-000002.sgp.tmp-" + std::to_string(::getppid()) + "-0";
   const std::string foreign = folder_ / "cache/thesis.tmp-final.txt";
   put(stale), put(alive), put(foreign);
   open();

@@ -323,10 +323,10 @@ class Mountain : public ::testing::Test {
     const double r_deg = std::hypot(lat - kLat, (lon - kLon) * std::cos(kLat * kPi / 180));
     return std::max(0.0, height * (1 - r_deg / 0.02));
   }
-  // Tiles of two degrees to both sides of longitude 30, level 8.
+  // Tiles of four degrees, level 8; the mountain stands a quarter of a degree east of a seam.
   static std::shared_ptr<dem::Terrain> open(const TemporaryFolder& folder, double height) {
     for (int k = 0; k < 3; ++k)
-      test::write_float_tile(folder.path(), "tile" + std::to_string(k), {12, 24.0 + 4 * k, 256, 4 * 256 + 1, 4 * 256},
+      test::write_float_tile(folder.path(), "tile" + std::to_string(k), {12, 21.75 + 4 * k, 256, 4 * 256 + 1, 4 * 256},
                              [=](double lat, double lon) { return cone(height, lat, lon); });
     return test::open_terrain(folder.path());
   }
@@ -350,6 +350,8 @@ TEST_F(Mountain, ThrowsItsShadowIntoViewFromOutside) {
     request.sun.direction = sun;
     request.accuracy.max_error_px = 0;
     const Frame frame = renderer.render(request);
+    ASSERT_EQ(frame.report.sources.size(), 1U);
+    EXPECT_EQ(frame.report.sources[0].name, "tile1") << "the mountain stands on tile2";
     std::size_t shadowed = 0;
     double farthest = 0;
     for (std::size_t i = 0; i < frame.products.lit.size(); ++i) {

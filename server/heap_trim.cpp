@@ -1,0 +1,44 @@
+#include "server/heap_trim.h"
+
+#include <malloc.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <fstream>
+#include <utility>
+
+namespace selenograph::server {
+namespace {
+
+// proc(5): statm holds pages, the second number those in memory.
+std::size_t resident_bytes() {
+  std::size_t size = 0, resident = 0;
+  std::ifstream("/proc/self/statm") >> size >> resident;
+  return resident * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+}
+
+}  // namespace
+
+HeapTrim::HeapTrim(std::function<std::size_t()> held_bytes, std::size_t slack_bytes)
+    : held_bytes_(std::move(held_bytes)),
+      slack_bytes_(slack_bytes),
+      start_bytes_(resident_bytes()),
+      thread_([this] { run(); }) {}
+
+HeapTrim::~HeapTrim() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  stop_.notify_one();
+  thread_.join();
+}
+
+void HeapTrim::run() {
+  std::unique_lock lock(mutex_);
+  while (!stop_.wait_for(lock, std::chrono::seconds(1), [this] { return stopping_; })) {
+    if (resident_bytes() > start_bytes_ + held_bytes_() + slack_bytes_) ::malloc_trim(0);
+  }
+}
+
+}  // namespace selenograph::server

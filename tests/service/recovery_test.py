@@ -1,0 +1,422 @@
+#!/usr/bin/env python3
+"""What is left of a pyramid by a killed process, a bad disk or an operator never changes an answer.
+
+Every round compares with the bytes that a clean cache gave. Python's standard library and NumPy only.
+"""
+
+import contextlib
+import io
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import time
+import unittest
+
+import numpy as np
+
+import harness
+from harness import BINARY, PATIENCE_S, Service, frame_request, run
+
+SEED = 20261120
+KILLS = 20
+PRODUCTS = ("radiance", "range", "normal", "lit", "source")
+SUN = {"local": {"lat_deg": 0.0, "lon_deg": 31.0, "azimuth_deg": 90.0, "elevation_deg": 15.0}}
+POINTS = [{"lat_deg": 0.05 + 0.09 * i, "lon_deg": 31.05 + 0.09 * ((3 * i) % 11)} for i in range(11)]
+
+DEM = ""
+ANSWERS = []  # what a clean cache gives
+FILES = {}    # the pyramid's files by name, as a clean cache gets them
+SERVED = set()  # names of those that ANSWERS need
+DURATION_S = {}  # of building the pyramid
+
+
+def frame_from(height_m, fov_deg, max_error_px):
+    request = frame_request(PRODUCTS, sun=SUN, accuracy={"max_error_px": max_error_px})
+    request["camera"]["fov_deg"] = fov_deg
+    request["pose"] = {"geodetic": {"lat_deg": 0.45, "lon_deg": 31.4, "height_m": height_m}, "nadir": {"up_azimuth_deg": 20.0}}
+    return request
+
+
+NEAR = frame_from(15e3, 30.0, 0)  # the posts themselves
+FAR = frame_from(1500e3, 4.0, 0.5)  # the coarse part of the pyramid
+
+
+def setUpModule():
+    global DEM, ANSWERS, FILES, SERVED
+    harness.set_up()
+    # One tile fine enough that coarse parts of the pyramid are made from finer ones.
+    DEM = harness.sample("dem", "--south-deg", "0", "--west-deg", "31", "--rows", "1", "--columns", "1", "--ppd", "2048")
+    started = time.monotonic()
+    assert run("ingest", "--cache-dir", harness.path("reference"), "--dem", DEM).returncode == 0
+    DURATION_S["ingest"] = time.monotonic() - started
+    FILES = files_of("reference")
+    assert len(FILES) > 3, FILES.keys()
+    service = Service(cache="clean")
+    started = time.monotonic()
+    ANSWERS = answers(service)
+    DURATION_S["serve"] = time.monotonic() - started
+    assert service.stop() == 0
+    SERVED = set(files_of("clean"))
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def answers(service):
+    frames = [service.frame(request, "application/x-npz") for request in (FAR, NEAR)]
+    heights = service.post("/v1/heights", {"points": POINTS})
+    assert [a[0] for a in (*frames, heights)] == [200] * 3, [a[2][:300] for a in (*frames, heights)]
+    return [a[2] for a in (*frames, heights)]
+
+
+def names_in(cache):
+    for folder, _, names in os.walk(harness.path(cache)):
+        for name in names:
+            yield os.path.relpath(os.path.join(folder, name), harness.path(cache))
+
+
+def files_of(cache):
+    found = {}
+    for name in names_in(cache):
+        if name.endswith(".sgp"):
+            with open(harness.path(cache, name), "rb") as file:
+                found[name] = file.read()
+    return found
+
+
+def temporaries(cache):
+    return [name for name in names_in(cache) if ".tmp-" in name]
+
+
+@contextlib.contextmanager
+def cache_folder(name, copy_of=None):
+    """A cache that is gone afterwards."""
+    folder = harness.path(name)
+    if copy_of:
+        shutil.copytree(harness.path(copy_of), folder)
+    else:
+        os.makedirs(folder)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder)
+
+
+class Recovery(unittest.TestCase):
+    def assert_same(self, got, wanted, what):
+        self.assertTrue(got == wanted, what)  # megabytes: not to be printed
+
+    def assert_complete(self, cache):
+        files = files_of(cache)
+        self.assertEqual(files.keys(), FILES.keys())
+        for name, content in files.items():
+            self.assert_same(content, FILES[name], f"{name} is not what a clean cache has")
+
+
+class Killed(Recovery):
+    def kill_ingest(self, cache, moment):
+        """True: it was killed before it was done."""
+        started = time.monotonic()
+        command = [BINARY, "ingest", "--cache-dir", harness.path(cache), "--dem", DEM]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+            try:
+                process.wait(moment * DURATION_S["ingest"])
+            except subprocess.TimeoutExpired:
+                process.kill()
+                return True
+        DURATION_S["ingest"] = min(DURATION_S["ingest"], time.monotonic() - started)  # the machine was busy before
+        return False
+
+    def kill_serve(self, cache, moment):
+        service = Service(cache=cache)
+        clients = [service.start_frame(FAR), service.start_frame(NEAR)]
+        time.sleep(moment * DURATION_S["serve"])
+        service.kill()
+        for client in clients:
+            client.close()
+        return not SERVED <= files_of(cache).keys()
+
+    def recover(self, cache):
+        for name, content in files_of(cache).items():
+            self.assert_same(content, FILES[name], f"{name}: a file appears whole or not at all")
+        service = Service(cache=cache)
+        self.assertEqual(temporaries(cache), [])
+        self.assert_same(answers(service), ANSWERS, "another answer than with a clean cache")
+        self.assertEqual(service.metric("selenograph_terrain_chunks_rejected_total"), 0)
+        self.assertEqual(service.stop(), 0)
+        self.assertEqual(run("ingest", "--cache-dir", harness.path(cache), "--dem", DEM).returncode, 0)
+        self.assert_complete(cache)
+        self.assertEqual(temporaries(cache), [])
+
+    def test_at_random_moments(self):
+        moments = random.Random(SEED)
+        unfinished = 0
+        for i in range(KILLS):
+            kill = self.kill_serve if i % 2 else self.kill_ingest
+            moment = (i // 2 + moments.random()) / (KILLS // 2)  # spread over the whole build
+            with self.subTest(kill=kill.__name__, moment=round(moment, 3)), cache_folder("killed") as cache:
+                unfinished += kill(cache, moment)
+                self.recover(cache)
+        print(f"{unfinished} of {KILLS} were killed before the pyramid was complete", end=" ", flush=True)
+        self.assertGreaterEqual(unfinished, KILLS // 4)  # else the moments were not what they are meant to be
+
+    def test_again_and_again_over_one_cache(self):
+        """Each life gets a little further, and the last one gets there."""
+        with cache_folder("mortal") as cache:
+            moments = random.Random(SEED + 1)
+            for _ in range(5):
+                self.kill_ingest(cache, 0.1 + 0.3 * moments.random())
+            self.recover(cache)
+
+    def test_in_the_middle_of_a_write(self):
+        with cache_folder("torn") as cache:
+            command = [BINARY, "ingest", "--cache-dir", cache, "--dem", DEM]
+            with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+                while process.poll() is None and not temporaries(cache):
+                    pass
+                process.kill()
+            self.recover(cache)
+
+    def dead_process(self):
+        process = subprocess.Popen(["true"])
+        process.wait()
+        return process.pid
+
+    def test_torn_files_of_the_dead_go_and_those_of_the_living_stay(self):
+        name = min(FILES)
+        with cache_folder("planted", copy_of="reference") as cache:
+            dead, living = (os.path.join(cache, f"{name}.tmp-{pid}-0") for pid in (self.dead_process(), os.getpid()))
+            for torn in (dead, living):
+                with open(torn, "wb") as file:
+                    file.write(FILES[name][:1000])
+            service = Service(cache=cache)
+            self.assertFalse(os.path.exists(dead))
+            self.assertTrue(os.path.exists(living))
+            self.assert_same(answers(service), ANSWERS, "another answer than with a clean cache")
+            self.assertEqual(service.stop(), 0)
+
+    def test_torn_file_of_an_earlier_process_with_the_same_number(self):
+        """In a container every life of the service is process 1."""
+        torn = harness.path("numbered", min(FILES) + ".tmp-{}-0")
+        with cache_folder("numbered", copy_of="reference") as cache:
+            command = [BINARY, "ingest", "--cache-dir", cache, "--dem", DEM]
+            plant = ["sh", "-c", f'echo torn > "{torn.format("$$")}" && exec "$@"', "sh", *command]
+            subprocess.run(plant, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            self.assertEqual(temporaries(cache), [])
+
+
+class Interrupted(Recovery):
+    def interrupt(self, cache, stop):
+        """Exit status of an ingest that got the signal after its first piece, and what it said then."""
+        command = [BINARY, "ingest", "--cache-dir", cache, "--dem", DEM]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            for line in process.stderr:
+                if " 1/" in line:
+                    break
+            process.send_signal(stop)
+            said = process.communicate(timeout=PATIENCE_S)[1]
+            return process.returncode, said
+
+    def assert_resumes(self, cache):
+        done = {name: os.stat(os.path.join(cache, name)) for name in files_of(cache)}
+        self.assertTrue(0 < len(done) < len(FILES), done.keys())
+        self.assertEqual(temporaries(cache), [])
+        self.assertEqual(run("ingest", "--cache-dir", cache, "--dem", DEM).returncode, 0)
+        self.assert_complete(cache)
+        for name, before in done.items():
+            after = os.stat(os.path.join(cache, name))
+            self.assertEqual((after.st_ino, after.st_mtime_ns), (before.st_ino, before.st_mtime_ns), f"{name} was made again")
+        self.assertIn("nothing to do", run("ingest", "--cache-dir", cache, "--dem", DEM).stdout)
+
+    def test_ingest_goes_on_where_it_was(self):
+        for stop in (signal.SIGINT, signal.SIGTERM):
+            for _ in range(10):  # on a busy machine it may be done before the signal comes
+                with self.subTest(signal=stop.name), cache_folder("interrupted") as cache:
+                    status, said = self.interrupt(cache, stop)
+                    if status == 0:
+                        continue
+                    self.assertEqual(status, 130, said)
+                    self.assertIn("run the same command to go on", said)
+                    self.assert_resumes(cache)
+                    break
+            else:
+                self.fail("it was always done before the signal came")
+
+
+def flipped(content, positions):
+    damaged = bytearray(content)
+    for position in positions:
+        damaged[position] ^= 0x10
+    return bytes(damaged)
+
+
+# dem/chunk_format.h. The header's last two numbers are those of index records and of bytes of names.
+HEADER_BYTES, RECORD_BYTES = 64, 56
+HEADER_FIELDS = (0, 8, 16, 24, 32, 39, 40, 44, 48, 52, 56, 60)
+
+
+def first_record(content):
+    records, names = (int.from_bytes(content[at:at + 4], "little") for at in (56, 60))
+    return HEADER_BYTES + records * RECORD_BYTES + names
+
+
+class Damaged(Recovery):
+    """Files of the pyramid that are not what was written."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.fine = max(FILES, key=lambda name: (name.split(os.sep)[1], len(FILES[name])))
+        cls.coarse = min(FILES)
+        cls.request = harness.path("near.json")
+        with open(cls.request, "w") as file:
+            json.dump(NEAR, file)
+
+    def render(self, cache, **options):
+        output = os.path.join(harness.path(), "damaged.npz")
+        done = run("render", self.request, "-o", output, "--cache-dir", cache, "--dem", DEM, **options)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with open(output, "rb") as file:
+            return file.read()
+
+    def damages(self, content):
+        """(what, bytes) with every kind of damage that is seen when a file is opened."""
+        index = first_record(content)
+        random_bytes = random.Random(SEED)
+        yield "empty", b""
+        for size in (1, HEADER_BYTES - 1, index - 1, index, len(content) - 1):
+            yield f"truncated to {size}", content[:size]
+        yield "grown", content + b"\0"
+        yield "zeros", bytes(len(content))
+        yield "noise behind the header", content[:HEADER_BYTES] + random_bytes.randbytes(len(content) - HEADER_BYTES)
+        for position in HEADER_FIELDS:
+            yield f"header byte {position}", flipped(content, [position])
+        for position in random_bytes.sample(range(HEADER_BYTES, index), 4):
+            yield f"index byte {position}", flipped(content, [position])
+
+    def test_seen_when_opened(self):
+        with cache_folder("damaged", copy_of="reference") as cache:
+            for what, damaged in self.damages(FILES[self.fine]):
+                with self.subTest(damage=what):
+                    with open(os.path.join(cache, self.fine), "wb") as file:
+                        file.write(damaged)
+                    self.assert_same(self.render(cache), ANSWERS[1], "another answer than with a clean cache")
+                    with open(os.path.join(cache, self.fine), "rb") as file:
+                        self.assert_same(file.read(), FILES[self.fine], "was not made again")
+
+    def test_in_every_record(self):
+        """Found only when a block is read: the service has opened the file by then."""
+        for name in (self.fine, self.coarse):
+            content = FILES[name]
+            with self.subTest(file=name), cache_folder("records", copy_of="reference") as cache:
+                with open(os.path.join(cache, name), "wb") as file:
+                    file.write(flipped(content, range(first_record(content), len(content), 64)))
+                service = Service(cache=cache)
+                self.assert_same(answers(service), ANSWERS, "another answer than with a clean cache")
+                self.assertGreaterEqual(service.metric("selenograph_terrain_chunks_rejected_total"), 1)
+                self.assertEqual(service.stop(), 0)
+                self.assert_complete(cache)
+
+    def test_while_the_service_runs(self):
+        """Files truncated, removed and overwritten under a service that has them open."""
+        with cache_folder("live", copy_of="reference") as cache:
+            service = Service(cache=cache)
+            self.assert_same(service.frame(FAR, "application/x-npz")[2], ANSWERS[0], "far")
+            for i, (name, content) in enumerate(sorted(FILES.items())):
+                path = os.path.join(cache, name)
+                if i % 3 == 0:
+                    os.truncate(path, len(content) // 3)
+                elif i % 3 == 1:
+                    os.remove(path)
+                else:
+                    with open(path, "r+b") as file:
+                        file.write(bytes(len(content)))
+            self.assert_same(answers(service), ANSWERS, "another answer than with a clean cache")
+            self.assertEqual(service.stop(), 0)
+
+    def test_of_another_place(self):
+        """A whole and sound file, but of another part of the pyramid."""
+        with cache_folder("swapped", copy_of="reference") as cache:
+            other = next(name for name in FILES if name != self.fine and os.path.dirname(name) == os.path.dirname(self.fine))
+            shutil.copyfile(os.path.join(cache, other), os.path.join(cache, self.fine))
+            self.assert_same(self.render(cache), ANSWERS[1], "another answer than with a clean cache")
+            self.assert_complete(cache)
+
+    def test_made_from_other_posts(self):
+        """A tile that changed makes its pyramid out of date; the old one is replaced."""
+        with cache_folder("outdated", copy_of="reference") as cache, cache_folder("changed", copy_of="dem") as dem:
+            image = next(os.path.join(dem, name) for name in os.listdir(dem) if name.endswith(".img"))
+            posts = np.fromfile(image, ">i2")
+            (posts + 100).astype(">i2").tofile(image)
+            before = [point["height_m"] for point in json.loads(ANSWERS[2])["points"]]
+            service = Service(cache=cache, dem=dem)
+            after = [point["height_m"] for point in json.loads(answers(service)[2])["points"]]
+            np.testing.assert_allclose(np.subtract(after, before), 100, atol=1e-3)
+            self.assertEqual(service.stop(), 0)
+
+
+class Sealed(unittest.TestCase):
+    """A cache that the service may not write, or not even read, costs time and not answers."""
+
+    def setUp(self):
+        # Root may do anything: the service then runs as nobody.
+        self.user = {"user": 65534, "group": 65534, "extra_groups": []} if os.geteuid() == 0 else {}
+        os.chmod(harness.path(), 0o755)
+        try:
+            able = run("--version", **self.user).returncode == 0
+        except PermissionError:
+            able = False
+        if not able:
+            self.skipTest("the executable can't be run by another user than root")
+
+    @contextlib.contextmanager
+    def sealed(self, cache, file_mode):
+        for folder, _, names in os.walk(cache, topdown=False):
+            for name in names:
+                os.chmod(os.path.join(folder, name), file_mode)
+            os.chmod(folder, 0o555)
+        try:
+            yield
+        finally:
+            for folder, _, _ in os.walk(cache):
+                os.chmod(folder, 0o755)
+
+    def assert_right(self, cache):
+        """Of the arrays, and not of the bytes: that a cache can't be written is among the frame's warnings."""
+        with cache_folder("output") as folder:
+            os.chmod(folder, 0o777)
+            request, output = os.path.join(folder, "near.json"), os.path.join(folder, "near.npz")
+            with open(request, "w") as file:
+                json.dump(NEAR, file)
+            done = run("render", request, "-o", output, "--cache-dir", cache, "--dem", DEM, **self.user)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            with np.load(output, allow_pickle=False) as got, np.load(io.BytesIO(ANSWERS[1]), allow_pickle=False) as wanted:
+                for name in PRODUCTS:
+                    np.testing.assert_array_equal(got[name], wanted[name], err_msg=name)
+
+    def test_complete(self):
+        with cache_folder("sealed", copy_of="reference") as cache, self.sealed(cache, 0o444):
+            self.assert_right(cache)
+
+    def test_unreadable(self):
+        with cache_folder("sealed", copy_of="reference") as cache, self.sealed(cache, 0):
+            self.assert_right(cache)
+
+    def test_empty(self):
+        with cache_folder("sealed") as cache, self.sealed(cache, 0):
+            self.assert_right(cache)
+
+    def test_damaged_records(self):
+        with cache_folder("sealed", copy_of="reference") as cache:
+            for name, content in FILES.items():
+                with open(os.path.join(cache, name), "wb") as file:
+                    file.write(flipped(content, range(first_record(content), len(content), 64)))
+            with self.sealed(cache, 0o444):
+                self.assert_right(cache)
+
+
+if __name__ == "__main__":
+    harness.main()
