@@ -218,6 +218,12 @@ class Pass {
     aim(x, y, dx, dy, rays);
     SurfacePoints points;
     trace(scene_, rays, points);
+    if (std::find(points.hit, points.hit + kPacket, true) == points.hit + kPacket) {
+      if (counts)
+        counts->missing +=
+            static_cast<std::uint64_t>(std::count(points.toward_moon, points.toward_moon + kPacket, true));
+      return;
+    }
     Shading shading;
     const Vec3& sun = request_.sun.direction;
     shade(gather_normals(scene_.mesh, points), points, rays, sun.x(), sun.y(), sun.z(), shading);

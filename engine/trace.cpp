@@ -28,7 +28,8 @@ std::optional<double> enter_sphere(const Vec3& origin, const Vec3& direction, do
 // Per lane: entry into the sphere (or the start, inside of it), relative to the anchor, in float. `active` where there
 // is one.
 SELENOGRAPH_VECTORISED
-void start_rays(const Rays& rays, double radius, double ax, double ay, double az, RayPacket& packet) {
+void start_rays(const Rays& rays, double radius, double ax, double ay, double az, RayPacket& packet,
+                std::int32_t* toward_moon) {
   const double radius2 = radius * radius;
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
@@ -42,6 +43,8 @@ void start_rays(const Rays& rays, double radius, double ax, double ay, double az
     packet.oz[i] = static_cast<float>(oz + t * dz - az);
     packet.dx[i] = static_cast<float>(dx), packet.dy[i] = static_cast<float>(dy), packet.dz[i] = static_cast<float>(dz);
     packet.active[i] = meets ? -1 : 0;
+    const double above = ox * ox + oy * oy + oz * oz - kMoonRadius_m * kMoonRadius_m;
+    toward_moon[i] = above <= 0 || (b < 0 && b * b - a * above >= 0) ? 1 : 0;
   }
 }
 
@@ -116,8 +119,9 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
 
 void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
   RayPacket packet;
+  alignas(64) std::int32_t toward_moon[kPacket];
   const Vec3& anchor = scene.tracer.anchor();
-  start_rays(rays, scene.shell_m, anchor.x(), anchor.y(), anchor.z(), packet);
+  start_rays(rays, scene.shell_m, anchor.x(), anchor.y(), anchor.z(), packet, toward_moon);
   bool any = false;
   for (int i = 0; i < kPacket; ++i) {
     if (!rays.valid[i]) packet.active[i] = 0;
@@ -126,13 +130,13 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
   }
   if (any) {
     scene.tracer.intersect(packet, points);
-    refine(scene.mesh, rays, points);
+    if (std::find(points.hit, points.hit + kPacket, true) != points.hit + kPacket) refine(scene.mesh, rays, points);
   }
   int hits = 0, misses = 0, active = 0;
   for (int i = 0; i < kPacket; ++i) {
     active += packet.active[i] != 0, hits += points.hit[i];
     if (!rays.valid[i] || points.hit[i]) continue;
-    points.toward_moon[i] = enter_sphere(rays.origin(i), rays.direction(i), kMoonRadius_m).has_value();
+    points.toward_moon[i] = toward_moon[i] != 0;
     misses += points.toward_moon[i];
   }
   // A whole packet that sees nothing looks at a place without data.
