@@ -598,6 +598,17 @@ Raster::PostXY locate(const RasterInfo& info, double lat_deg, double lon_deg) {
   return locate_on(*grid, lat_deg, lon_deg);
 }
 
+Geographic place_of_post(const RasterInfo& info, int x, int y) {
+  if (info.projection == Projection::geographic) {
+    const GeographicGrid g = grid_of(info);
+    return {g.first_lat_deg - y / g.lat_posts_per_degree, wrap_lon_deg(g.first_lon_deg + x / g.lon_posts_per_degree),
+            0};
+  }
+  auto grid = PolarGrids::all().get(info.path);
+  if (!grid) grid = std::get<PolarGrid>(describe(info.path, &info).grid);
+  return place_on(*grid, grid->first_x_m + x * grid->spacing_m, grid->first_y_m - y * grid->spacing_m);
+}
+
 struct Raster::Impl {
   explicit Impl(Source s) : source(std::move(s)) {
     if (const auto* g = std::get_if<GeographicGrid>(&source.grid)) find_mirrors(*g);

@@ -13,6 +13,8 @@
 #include <string>
 #include <vector>
 
+#include "dem/geodesy.h"
+
 namespace selenograph::dem {
 
 enum class Projection { geographic, polar_stereographic };
@@ -77,5 +79,8 @@ class Raster {
 
 // `locate` without an open file.
 Raster::PostXY locate(const RasterInfo& info, double lat_deg, double lon_deg);
+
+// The inverse: where a post is. height_m is 0.
+Geographic place_of_post(const RasterInfo& info, int x, int y);
 
 }  // namespace selenograph::dem

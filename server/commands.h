@@ -18,6 +18,7 @@ struct RenderSettings {
 struct InfoSettings {
   TerrainSettings terrain;
   bool json = false;
+  int resampling = 0;  // posts of each resampled file to compare with the mesh
 };
 
 struct SampleSettings {

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/call.h"
+#include "dem/resampling.h"
 #include "server/commands.h"
 #include "server/coverage.h"
 #include "server/start.h"
@@ -43,10 +44,25 @@ void print_json(const dem::Catalogue& catalogue) {
   fmt::print("{}\n", json.dump(2));
 }
 
+void print_resampling(const dem::Terrain& terrain, int posts) {
+  const auto& rasters = terrain.catalogue().rasters();
+  for (std::size_t i = 0; i < rasters.size(); ++i) {
+    if (rasters[i].lattice_level) continue;
+    const dem::ResamplingError e = dem::resampling_error(terrain, static_cast<int>(i), posts);
+    fmt::print("  {:<32} mesh against {} of its posts: rms {:.3f} m, worst {:.3f} m\n", rasters[i].name, e.posts,
+               e.rms_m, e.worst_m);
+  }
+}
+
 }  // namespace
 
 void add_options(CLI::App& command, InfoSettings& s) {
   add_options(command, s.terrain);
+  command
+      .add_option("--resampling", s.resampling,
+                  "Compare this many posts of each resampled file with the mesh (builds the pyramid)")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
   command.add_flag("--json", s.json, "As JSON");
 }
 
@@ -54,6 +70,7 @@ int info(const InfoSettings& settings) {
   set_up_log(settings.terrain.log_level);
   const dem::Catalogue catalogue(dem_paths(settings.terrain));
   settings.json ? print_json(catalogue) : print_table(catalogue);
+  if (settings.resampling > 0) print_resampling(*open_terrain(settings.terrain), settings.resampling);
   return 0;
 }
 
