@@ -184,9 +184,11 @@ struct Terrain::Impl {
     return plan;
   }
 
+  // How far beyond its border a chunk's content depends on sources, at most: blocks are up to 8 times as wide as high
+  // near a pole, and finer chunks look beyond their own borders too.
   static double margin_deg(const ChunkPlan& plan) {
     const double halo = 3 * std::ldexp(1.0, plan.base_level - plan.node.level) + kFillReach;
-    return plan.direct ? halo / std::ldexp(1.0, plan.base_level) * 8 : extent_of(plan.node).quads;
+    return 8 * halo / std::ldexp(1.0, plan.base_level) + (plan.direct ? 0 : 2);
   }
 
   std::vector<int> touching(const BlockId& id, double margin) const {

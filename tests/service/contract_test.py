@@ -121,7 +121,7 @@ def service(name):
     if name not in RUNNING:
         if name == "sample":
             folder = os.path.join(FOLDER, "sample")
-            subprocess.run([BINARY, "sample", folder, "--south-deg", "-1", "--west-deg", "29", "--ppd", "256"], check=True,
+            subprocess.run([BINARY, "sample", folder, "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--ppd", "256"], check=True,
                            stdout=subprocess.DEVNULL)
             dem = [folder]
         elif name == "layers":

@@ -19,7 +19,7 @@ import unittest
 BINARY = os.environ.get("SELENOGRAPH_BINARY", "")
 PATIENCE_S = 120
 WIDTH, HEIGHT = 48, 40
-PLACE = ("--south-deg", "-1", "--west-deg", "29")  # 2 x 2 tiles around 0 N 30 E
+PLACE = ("--south-deg", "-1", "--west-deg", "29", "--rows", "2")  # 2 x 2 tiles around 0 N 30 E
 
 _folder = ""
 
