@@ -39,6 +39,7 @@ ArrayView view(engine::Product product, const std::vector<Element>& data, const 
                            std::to_string(expected));
   }
   std::vector<std::string> channel_names;
+  channel_names.reserve(components.size() + 1);
   for (const std::string& component : components) channel_names.push_back(name + "." + component);
   if (components.empty()) channel_names.push_back(name);
   return {name_of(product), type_of(data), camera.height, camera.width, int(channels), data.data(), channel_names};

@@ -47,7 +47,7 @@ class Writer {
     check(output_->open("memory." + format_, spec));
   }
 
-  void write(OIIO::TypeDesc type, const void* pixels) { check(output_->write_image(type, pixels)); }
+  void write(const OIIO::TypeDesc& type, const void* pixels) { check(output_->write_image(type, pixels)); }
 
   // In the file's own element types, channel by channel.
   void write_rows(int first, int past_last, const void* pixels) {

@@ -128,6 +128,7 @@ std::string encode_npy(const ArrayView& array) {
 
 std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json) {
   std::vector<std::string> headers;  // all made before the first is pointed to
+  headers.reserve(arrays.size());
   for (const ArrayView& array : arrays) headers.push_back(npy_header(array));
   Source destination(zip_source_buffer_create(nullptr, 0, 0, nullptr));
   if (!destination) fail("no memory");

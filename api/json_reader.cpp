@@ -142,7 +142,7 @@ std::string wrong_range(const Range& range) {
   return what;
 }
 
-std::string with_suggestion(std::string what, std::string_view name, std::span<const std::string_view> known) {
+std::string with_suggestion(const std::string& what, std::string_view name, std::span<const std::string_view> known) {
   if (const auto meant = did_you_mean(name, known)) return what + "; did you mean \"" + std::string(*meant) + "\"?";
   return what + "; known here: " + (known.empty() ? "none" : quoted_list(known, ", "));
 }

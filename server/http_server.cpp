@@ -169,7 +169,7 @@ void HttpServer::Impl::set_up_library() {
   Post(R"([\s\S]*)", [this](const httplib::Request&, httplib::Response& out, const httplib::ContentReader& reader) {
     read_body(*current_call, out, reader);
   });
-  set_exception_handler([](const httplib::Request&, httplib::Response& out, std::exception_ptr) {
+  set_exception_handler([](const httplib::Request&, httplib::Response& out, const std::exception_ptr&) {
     current_call->close = true;
     hand_over(refusal_for(500), *current_call, out);
   });

@@ -571,7 +571,7 @@ class Commands(unittest.TestCase):
 
     def test_info_shows_gaps(self):
         wide = self.path("wide")
-        self.assertEqual(run("sample", wide, *PLACE, "--rows", "1", "--columns", "3", "--ppd", "64").returncode, 0)
+        self.assertEqual(run("sample", wide, "--south-deg", "-1", "--west-deg", "29", "--rows", "1", "--columns", "3", "--ppd", "64").returncode, 0)
         for name in os.listdir(wide):
             if "E030" in name and "E031" in name:
                 os.remove(os.path.join(wide, name))
