@@ -1,6 +1,4 @@
 // Builds a chunk: composes posts, filters octave by octave, measures each block's error.
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
 #include <xxhash.h>
 
 #include <algorithm>
@@ -11,6 +9,7 @@
 
 #include "dem/chunk.h"
 #include "dem/chunk_format.h"
+#include "dem/parallel.h"
 #include "dem/shading_normals.h"
 
 namespace selenograph::dem {
@@ -147,25 +146,24 @@ Grid coarser(const BlockId& node, const Grid& fine) {
   grid.posts = {std::vector<float>(grid.window.size()), std::vector<SourceMark>(grid.window.size())};
   const bool voids =
       std::any_of(fine.posts.heights.begin(), fine.posts.heights.end(), [](float h) { return std::isnan(h); });
-  tbb::this_task_arena::isolate([&] {
-    tbb::parallel_for(0, grid.window.rows, [&](int r) {
-      const int fr = fine.halo + 2 * (r - grid.halo);
-      const std::int64_t lat = grid.window.lat0 + static_cast<std::int64_t>(r) * grid.window.lat_step;
-      const bool pole = lat == 0 || lat == kLatTicks;  // one point: kept, so that every chunk around it agrees
-      for (int c = 0; c < grid.window.cols; ++c) {
-        const int fc = fine.halo + step_c * (c - grid.halo);
-        float h = fine.at(fr, fc);
-        if (!pole && voids) {
-          h = filtered_beside_voids(fine, fr, fc, step_c == 2);
-        } else if (!pole) {
-          const auto column = [&](int x) { return fine.at(fr - 1, x) + 2 * fine.at(fr, x) + fine.at(fr + 1, x); };
-          h = step_c == 2 ? (column(fc - 1) + 2 * column(fc) + column(fc + 1)) / 16 : column(fc) / 4;
-        }
-        grid.posts.heights[grid.index(r, c)] = h;
-        const int sr = std::clamp(fr, 0, fine.window.rows - 1), sc = std::clamp(fc, 0, fine.window.cols - 1);
-        grid.posts.sources[grid.index(r, c)] = fine.posts.sources[fine.index(sr, sc)];
+  in_parallel(static_cast<std::size_t>(grid.window.rows), [&](std::size_t row) {
+    const int r = static_cast<int>(row);
+    const int fr = fine.halo + 2 * (r - grid.halo);
+    const std::int64_t lat = grid.window.lat0 + static_cast<std::int64_t>(r) * grid.window.lat_step;
+    const bool pole = lat == 0 || lat == kLatTicks;  // one point: kept, so that every chunk around it agrees
+    for (int c = 0; c < grid.window.cols; ++c) {
+      const int fc = fine.halo + step_c * (c - grid.halo);
+      float h = fine.at(fr, fc);
+      if (!pole && voids) {
+        h = filtered_beside_voids(fine, fr, fc, step_c == 2);
+      } else if (!pole) {
+        const auto column = [&](int x) { return fine.at(fr - 1, x) + 2 * fine.at(fr, x) + fine.at(fr + 1, x); };
+        h = step_c == 2 ? (column(fc - 1) + 2 * column(fc) + column(fc + 1)) / 16 : column(fc) / 4;
       }
-    });
+      grid.posts.heights[grid.index(r, c)] = h;
+      const int sr = std::clamp(fr, 0, fine.window.rows - 1), sc = std::clamp(fc, 0, fine.window.cols - 1);
+      grid.posts.sources[grid.index(r, c)] = fine.posts.sources[fine.index(sr, sc)];
+    }
   });
   return grid;
 }
@@ -284,10 +282,7 @@ void encode_level(const Grid& grid, const Grid& base, const BlockId& node, std::
   const std::vector<BlockId> ids = blocks_of(node, grid.level);
   const std::size_t first = out.size();
   out.resize(first + ids.size());
-  tbb::this_task_arena::isolate([&] {
-    tbb::parallel_for(std::size_t{0}, ids.size(),
-                      [&](std::size_t i) { out[first + i] = encode(grid, cut_of(grid, ids[i]), base); });
-  });
+  in_parallel(ids.size(), [&](std::size_t i) { out[first + i] = encode(grid, cut_of(grid, ids[i]), base); });
 }
 
 // Source numbers of the catalogue become the chunk's own, which survive a change of other files in the catalogue.

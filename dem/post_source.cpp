@@ -1,9 +1,6 @@
 #include "dem/post_source.h"
 
 #include <fmt/format.h>
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <array>
@@ -11,6 +8,7 @@
 #include <limits>
 
 #include "dem/error.h"
+#include "dem/parallel.h"
 #include "dem/terrain.h"
 
 namespace selenograph::dem {
@@ -152,10 +150,9 @@ Posts PostSource::compose(const PostWindow& window) const {
   // Rows in strips: small reads, and a strip past a pole or on one is a window of its own.
   constexpr int kStrip = 256;
   const int strips = (window.rows + kStrip - 1) / kStrip;
-  // Isolated: a thread that waits here must not pick up unrelated work that could wait for what this thread is loading.
-  tbb::this_task_arena::isolate([&] {
-    tbb::parallel_for(0, strips,
-                      [&](int s) { compose_rows(window, s * kStrip, std::min(window.rows, (s + 1) * kStrip), posts); });
+  in_parallel(static_cast<std::size_t>(strips), [&](std::size_t strip) {
+    const int first = static_cast<int>(strip) * kStrip;
+    compose_rows(window, first, std::min(window.rows, first + kStrip), posts);
   });
   return posts;
 }
@@ -368,22 +365,19 @@ static_assert(kFillReach < 256);
 Distances distances(const std::vector<float>& h, std::ptrdiff_t start, std::ptrdiff_t advance, int length,
                     std::ptrdiff_t apart, int lines) {
   Distances out(h.size(), 0);
-  tbb::this_task_arena::isolate([&] {
-    tbb::parallel_for(tbb::blocked_range<int>(0, lines, 256), [&](const tbb::blocked_range<int>& range) {
-      std::vector<std::uint8_t> since(static_cast<std::size_t>(range.size()),
-                                      0);  // posts since the last valid one, 0: too long ago
-      for (int step = 0; step < length; ++step)
-        for (int line = range.begin(); line < range.end(); ++line) {
-          const auto at = static_cast<std::size_t>(start + step * advance + line * apart);
-          std::uint8_t& s = since[static_cast<std::size_t>(line - range.begin())];
-          if (!std::isnan(h[at])) {
-            s = 1;
-          } else {
-            out[at] = s;
-            s = s == 0 || s == kFillReach ? 0 : static_cast<std::uint8_t>(s + 1);
-          }
+  in_parallel_pieces(static_cast<std::size_t>(lines), 256, [&](std::size_t first, std::size_t past_last) {
+    std::vector<std::uint8_t> since(past_last - first, 0);  // posts since the last valid one, 0: too long ago
+    for (int step = 0; step < length; ++step)
+      for (std::size_t line = first; line < past_last; ++line) {
+        const auto at = static_cast<std::size_t>(start + step * advance + static_cast<std::ptrdiff_t>(line) * apart);
+        std::uint8_t& s = since[line - first];
+        if (!std::isnan(h[at])) {
+          s = 1;
+        } else {
+          out[at] = s;
+          s = s == 0 || s == kFillReach ? 0 : static_cast<std::uint8_t>(s + 1);
         }
-    });
+      }
   });
   return out;
 }
@@ -398,27 +392,25 @@ void PostSource::fill_voids(const PostWindow& window, Posts& posts) {
   const Distances west = distances(h, 0, 1, cols, row, rows), east = distances(h, last, -1, cols, -row, rows);
   const Distances south = distances(h, 0, row, rows, 1, cols), north = distances(h, last, -row, rows, -1, cols);
   // Values and sources of valid posts are only read, those of voids only written: one pass in place.
-  tbb::this_task_arena::isolate([&] {
-    tbb::parallel_for(std::size_t{0}, static_cast<std::size_t>(rows), [&](std::size_t r) {
-      for (std::size_t at = r * static_cast<std::size_t>(cols); at < (r + 1) * static_cast<std::size_t>(cols); ++at) {
-        double sum = 0, weight = 0;
-        int nearest = kFillReach + 1;
-        SourceMark source = kNoSource;
-        const auto between = [&](int before, int after, std::ptrdiff_t step) {
-          if (before == 0 || after == 0) return;
-          for (const auto& [distance, from] : {std::pair{before, static_cast<std::ptrdiff_t>(at) - before * step},
-                                               {after, static_cast<std::ptrdiff_t>(at) + after * step}}) {
-            sum += static_cast<double>(h[static_cast<std::size_t>(from)]) / distance, weight += 1.0 / distance;
-            if (distance < nearest) nearest = distance, source = posts.sources[static_cast<std::size_t>(from)];
-          }
-        };
-        between(west[at], east[at], 1);
-        between(south[at], north[at], row);
-        if (weight == 0) continue;
-        posts.heights[at] = static_cast<float>(sum / weight);
-        posts.sources[at] = source | kFilledBit;
-      }
-    });
+  in_parallel(static_cast<std::size_t>(rows), [&](std::size_t r) {
+    for (std::size_t at = r * static_cast<std::size_t>(cols); at < (r + 1) * static_cast<std::size_t>(cols); ++at) {
+      double sum = 0, weight = 0;
+      int nearest = kFillReach + 1;
+      SourceMark source = kNoSource;
+      const auto between = [&](int before, int after, std::ptrdiff_t step) {
+        if (before == 0 || after == 0) return;
+        for (const auto& [distance, from] : {std::pair{before, static_cast<std::ptrdiff_t>(at) - before * step},
+                                             {after, static_cast<std::ptrdiff_t>(at) + after * step}}) {
+          sum += static_cast<double>(h[static_cast<std::size_t>(from)]) / distance, weight += 1.0 / distance;
+          if (distance < nearest) nearest = distance, source = posts.sources[static_cast<std::size_t>(from)];
+        }
+      };
+      between(west[at], east[at], 1);
+      between(south[at], north[at], row);
+      if (weight == 0) continue;
+      posts.heights[at] = static_cast<float>(sum / weight);
+      posts.sources[at] = source | kFilledBit;
+    }
   });
 }
 

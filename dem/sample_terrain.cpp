@@ -1,7 +1,6 @@
 #include "dem/sample_terrain.h"
 
 #include <fmt/format.h>
-#include <tbb/parallel_for.h>
 
 #include <GeographicLib/Math.hpp>
 #include <algorithm>
@@ -16,6 +15,7 @@
 
 #include "dem/crater_profile.h"
 #include "dem/error.h"
+#include "dem/parallel.h"
 
 namespace selenograph::dem {
 namespace {
@@ -257,7 +257,8 @@ void TileTerrain::evaluate_block(const Window& block, const std::vector<int>& cr
 }
 
 void TileTerrain::evaluate_strip(int strip, std::vector<std::int16_t>& posts) const {
-  tbb::parallel_for(0, blocks_, [&](int b) {
+  in_parallel(static_cast<std::size_t>(blocks_), [&](std::size_t index) {
+    const int b = static_cast<int>(index);
     thread_local std::vector<Layers> layers;
     const Window block{strip * kBlock, std::min((strip + 1) * kBlock, size_), b * kBlock,
                        std::min((b + 1) * kBlock, size_)};

@@ -1,11 +1,10 @@
 #include "engine/mesh.h"
 
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
+
+#include "dem/parallel.h"
 
 namespace selenograph::engine {
 namespace {
@@ -31,10 +30,7 @@ std::optional<float> post_at(const dem::Block& block, std::int64_t lat, std::int
 
 Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids) {
   std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
-  // Isolated: see PostSource::compose.
-  tbb::this_task_arena::isolate([&] {
-    tbb::parallel_for(std::size_t{0}, ids.size(), [&](std::size_t i) { loaded[i] = terrain.block(ids[i]); });
-  });
+  in_parallel(ids.size(), [&](std::size_t i) { loaded[i] = terrain.block(ids[i]); });
   coarsest_ = dem::kMaxLevel;
   for (auto& posts : loaded) {
     if (!posts) continue;
@@ -42,8 +38,7 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids) {
     index_[posts->id] = static_cast<std::uint32_t>(blocks_.size());
     blocks_.push_back({std::move(posts), {}, {1, 1, 1, 1}});
   }
-  tbb::this_task_arena::isolate(
-      [&] { tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t i) { join(blocks_[i]); }); });
+  in_parallel(blocks_.size(), [&](std::size_t i) { join(blocks_[i]); });
 }
 
 std::optional<std::uint32_t> Mesh::block_at(std::int64_t lat_tick, std::int64_t lon_tick, int finest_level) const {

@@ -2,7 +2,6 @@
 
 #include <embree3/rtcore.h>
 #include <fmt/format.h>
-#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
@@ -12,6 +11,7 @@
 #include <mutex>
 #include <stdexcept>
 
+#include "dem/parallel.h"
 #include "engine/vectorise.h"
 
 namespace selenograph::engine {
@@ -180,28 +180,26 @@ RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads)
   const std::size_t blocks = mesh.blocks().size();
   std::vector<RTCGeometry> geometries(blocks);
   impl_->numbering.resize(blocks);
-  tbb::this_task_arena::isolate([&] {
-    tbb::parallel_for(std::size_t{0}, blocks, [&](std::size_t i) {
-      const MeshBlock& block = mesh.blocks()[i];
-      const bool whole = complete(block);
-      if (whole) impl_->numbering[i].quads = block.posts->extent.quads;
-      geometries[i] = whole ? impl_->grid(dev, block, anchor_)
-                            : impl_->triangles(dev, block, static_cast<std::uint32_t>(i), anchor_, impl_->numbering[i]);
-      if (!geometries[i]) return;
-      rtcSetGeometryOccludedFilterFunction(geometries[i], ignore_sunlit_side);
-      rtcCommitGeometry(geometries[i]);
-    });
-    for (std::size_t i = 0; i < blocks; ++i) {
-      if (!geometries[i]) continue;
-      rtcAttachGeometryByID(impl_->scene, geometries[i], static_cast<unsigned>(i));
-      rtcReleaseGeometry(geometries[i]);
-      // Measured (Embree 3.13): 15 bytes a triangle in a grid, 83 by itself.
-      const std::size_t by_itself = impl_->numbering[i].triangles.size(),
-                        quads = static_cast<std::size_t>(impl_->numbering[i].quads);
-      bytes_ += mesh.blocks()[i].vertices.size() * 12 + 2 * quads * quads * 15 + by_itself * (83 + sizeof(TriangleId));
-    }
-    rtcCommitScene(impl_->scene);
+  in_parallel(blocks, [&](std::size_t i) {
+    const MeshBlock& block = mesh.blocks()[i];
+    const bool whole = complete(block);
+    if (whole) impl_->numbering[i].quads = block.posts->extent.quads;
+    geometries[i] = whole ? impl_->grid(dev, block, anchor_)
+                          : impl_->triangles(dev, block, static_cast<std::uint32_t>(i), anchor_, impl_->numbering[i]);
+    if (!geometries[i]) return;
+    rtcSetGeometryOccludedFilterFunction(geometries[i], ignore_sunlit_side);
+    rtcCommitGeometry(geometries[i]);
   });
+  for (std::size_t i = 0; i < blocks; ++i) {
+    if (!geometries[i]) continue;
+    rtcAttachGeometryByID(impl_->scene, geometries[i], static_cast<unsigned>(i));
+    rtcReleaseGeometry(geometries[i]);
+    // Measured (Embree 3.13): 15 bytes a triangle in a grid, 83 by itself.
+    const std::size_t by_itself = impl_->numbering[i].triangles.size(),
+                      quads = static_cast<std::size_t>(impl_->numbering[i].quads);
+    bytes_ += mesh.blocks()[i].vertices.size() * 12 + 2 * quads * quads * 15 + by_itself * (83 + sizeof(TriangleId));
+  }
+  tbb::this_task_arena::isolate([&] { rtcCommitScene(impl_->scene); });
   if (const RTCError error = rtcGetDeviceError(dev); error != RTC_ERROR_NONE)
     throw std::runtime_error(fmt::format("Embree: building the scene failed (error {})", static_cast<int>(error)));
 }

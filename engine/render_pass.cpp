@@ -1,8 +1,5 @@
 #include "engine/render_pass.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -12,6 +9,7 @@
 #include <numbers>
 
 #include "dem/error.h"
+#include "dem/parallel.h"
 #include "engine/photometry.h"
 #include "engine/trace.h"
 #include "engine/vectorise.h"
@@ -169,10 +167,10 @@ class Pass {
   PassCounts run() {
     const int across = (request_.camera.width + kTile - 1) / kTile,
               along = (request_.camera.height + kTile - 1) / kTile;
-    tbb::parallel_for(tbb::blocked_range<int>(0, across * along, 1), [&](const tbb::blocked_range<int>& range) {
+    in_parallel_pieces(static_cast<std::size_t>(across * along), 1, [&](std::size_t first, std::size_t past_last) {
       PassCounts counts;
       counts.sources.assign(catalogue_size_, 0);
-      for (int tile = range.begin(); tile < range.end(); ++tile) {
+      for (int tile = static_cast<int>(first); tile < static_cast<int>(past_last); ++tile) {
         if (stop_.stopped()) throw Cancelled();
         render_tile(tile % across * kTile, tile / across * kTile, counts);
       }

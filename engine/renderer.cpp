@@ -1,8 +1,6 @@
 #include "engine/renderer.h"
 
 #include <fmt/format.h>
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 #include <xxhash.h>
 
@@ -13,6 +11,7 @@
 
 #include "dem/cache.h"
 #include "dem/error.h"
+#include "dem/parallel.h"
 #include "engine/photometry.h"
 #include "engine/render_pass.h"
 #include "engine/scene.h"
@@ -85,10 +84,7 @@ struct Renderer::Impl {
           "the view needs {} MB for its terrain, {} MB are allowed: ask for a larger max_error_px or a narrower view",
           needed >> 20, scenes.capacity() >> 20));
     return scenes.get(key_of(selection, anchor), [&] {
-      std::shared_ptr<const Scene> made;
-      // Isolated: a thread that waits here must not pick up a frame that waits for this very scene.
-      tbb::this_task_arena::isolate(
-          [&] { made = std::make_shared<const Scene>(*terrain, selection, anchor, threads); });
+      auto made = std::make_shared<const Scene>(*terrain, selection, anchor, threads);
       return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes()};
     });
   }
@@ -117,10 +113,8 @@ struct Renderer::Impl {
     const auto scene = this->scene(selection, anchor_for(view.position(), view.moon_from_camera().col(2)));
     frame.times.build_ms = watch.lap_ms();
 
-    // Isolated: this thread must not take up another client's frame before its own is done.
-    const PassCounts counts = tbb::this_task_arena::isolate([&] {
-      return render_pixels(*scene, view, request, terrain->catalogue().rasters().size(), stop, frame.products);
-    });
+    const PassCounts counts =
+        render_pixels(*scene, view, request, terrain->catalogue().rasters().size(), stop, frame.products);
     number_sources(terrain->catalogue(), counts.sources, frame);
     frame.times.visibility_ms = watch.lap_ms();
 
@@ -239,12 +233,11 @@ struct Renderer::Impl {
   template <typename Work>
   static void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
     const std::size_t packets = (size + kPacket - 1) / kPacket;
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, packets, 16),
-                      [&](const tbb::blocked_range<std::size_t>& range) {
-                        if (stop.stopped()) throw Cancelled();
-                        for (std::size_t p = range.begin(); p < range.end(); ++p)
-                          work(p * kPacket, static_cast<int>(std::min<std::size_t>(kPacket, size - p * kPacket)));
-                      });
+    in_parallel_pieces(packets, 16, [&](std::size_t first, std::size_t past_last) {
+      if (stop.stopped()) throw Cancelled();
+      for (std::size_t p = first; p < past_last; ++p)
+        work(p * kPacket, static_cast<int>(std::min<std::size_t>(kPacket, size - p * kPacket)));
+    });
   }
 
   std::vector<Landmark> project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
