@@ -50,6 +50,21 @@ void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) 
   detail::take_over(&token);
 }
 
+// body() in the arena, which may hand it to another thread.
+template <typename Body>
+auto in_arena(tbb::task_arena& arena, const Body& body) {
+  char token = 0;
+  detail::hand_over(&token);
+  auto result = arena.execute([&] {
+    detail::take_over(&token);
+    auto made = body();
+    detail::hand_over(&token);
+    return made;
+  });
+  detail::take_over(&token);
+  return result;
+}
+
 // body(i) for every i below count.
 template <typename Body>
 void in_parallel(std::size_t count, const Body& body) {

@@ -293,17 +293,17 @@ Renderer::Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions&
 Renderer::~Renderer() = default;
 
 Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
-  return impl_->arena.execute([&] { return impl_->render(request, stop); });
+  return in_arena(impl_->arena, [&] { return impl_->render(request, stop); });
 }
 
 std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun,
                                    const StopToken& stop) const {
-  return impl_->arena.execute([&] { return impl_->cast(rays, sun, stop); });
+  return in_arena(impl_->arena, [&] { return impl_->cast(rays, sun, stop); });
 }
 
 std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
                                         const std::optional<Sun>& sun, const StopToken& stop) const {
-  return impl_->arena.execute([&] { return impl_->project(camera, pose, points, sun, stop); });
+  return in_arena(impl_->arena, [&] { return impl_->project(camera, pose, points, sun, stop); });
 }
 
 const dem::Terrain& Renderer::terrain() const { return *impl_->terrain; }
