@@ -582,6 +582,11 @@ Source describe(const std::string& path, const RasterInfo* known, Damage damage 
   return describe_gdal(path, known);
 }
 
+PolarGrid polar_grid_of(const RasterInfo& info) {
+  const auto known = PolarGrids::all().get(info.path);
+  return known ? *known : std::get<PolarGrid>(describe(info.path, &info).grid);
+}
+
 }  // namespace
 
 // ---- public
@@ -593,9 +598,7 @@ RasterInfo inspect_damaged_raster(const std::string& path) { return describe(pat
 
 Raster::PostXY locate(const RasterInfo& info, double lat_deg, double lon_deg) {
   if (info.projection == Projection::geographic) return locate_on(grid_of(info), info, lat_deg, lon_deg);
-  auto grid = PolarGrids::all().get(info.path);
-  if (!grid) grid = std::get<PolarGrid>(describe(info.path, &info).grid);
-  return locate_on(*grid, lat_deg, lon_deg);
+  return locate_on(polar_grid_of(info), lat_deg, lon_deg);
 }
 
 Geographic place_of_post(const RasterInfo& info, int x, int y) {
@@ -604,9 +607,8 @@ Geographic place_of_post(const RasterInfo& info, int x, int y) {
     return {g.first_lat_deg - y / g.lat_posts_per_degree, wrap_lon_deg(g.first_lon_deg + x / g.lon_posts_per_degree),
             0};
   }
-  auto grid = PolarGrids::all().get(info.path);
-  if (!grid) grid = std::get<PolarGrid>(describe(info.path, &info).grid);
-  return place_on(*grid, grid->first_x_m + x * grid->spacing_m, grid->first_y_m - y * grid->spacing_m);
+  const PolarGrid grid = polar_grid_of(info);
+  return place_on(grid, grid.first_x_m + x * grid.spacing_m, grid.first_y_m - y * grid.spacing_m);
 }
 
 struct Raster::Impl {

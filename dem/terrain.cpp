@@ -163,8 +163,7 @@ struct Terrain::Impl {
     int needed = node.level;
     for (const int i : layers)
       needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
-    plan.direct =
-        needed <= node.level + kChunkOctaves && (stratum + 1 == kStrata.size() || needed <= node.level + kChunkOctaves);
+    plan.direct = needed <= node.level + kChunkOctaves;
     plan.base_level = plan.direct ? needed : kStrata[stratum + 1];
     XXH3_state_t* state = XXH3_createState();
     XXH3_64bits_reset(state);

@@ -84,9 +84,6 @@ enum Product : std::uint32_t {
 };
 using ProductSet = std::uint32_t;
 
-// What a frame does when a DEM file that it needs is corrupt or gone.
-enum class OnDataError { fail, fall_through };
-
 struct FrameRequest {
   Camera camera;
   Pose pose;

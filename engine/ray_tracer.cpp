@@ -206,8 +206,6 @@ RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads)
 
 RayTracer::~RayTracer() = default;
 
-void* RayTracer::native_scene() const { return impl_->scene; }
-
 void RayTracer::intersect(const RayPacket& rays, SurfacePoints& points) const {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);

@@ -38,8 +38,6 @@ class RayTracer {
   // makes an offset needless: the ray's own triangle faces the Sun.
   void occluded(const RayPacket& rays, const Vec3& sun_direction, bool blocked[kPacket]) const;
 
-  // The Embree scene, for the benchmark that compares with the bare kernel: RTCScene.
-  void* native_scene() const;
   std::size_t bytes() const { return bytes_; }
 
  private:

@@ -36,9 +36,6 @@ class View {
   double pixels_per_metre(const Vec3& centre_m, double radius_m,
                           double highest_m = std::numeric_limits<double>::infinity()) const;
 
-  // The angle between neighbouring pixels at the sharpest place in the image, as pixels per radian.
-  double pixels_per_radian() const { return pixels_per_radian_; }
-
  private:
   void bound_image();
   std::optional<Eigen::Vector2d> undistorted(double xd, double yd) const;
