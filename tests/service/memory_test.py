@@ -85,7 +85,9 @@ class Memory(unittest.TestCase):
         self.assertGreater(evictions, FRAMES, "the budget holds everything: nothing is tested")
         self.assertLessEqual(max(terrain), 1.1 * BUDGET_MB)
         self.assertLessEqual(max(scenes), 1.1 * BUDGET_MB)
-        self.assertLessEqual(statistics.median(second), 1.05 * statistics.median(first))
+        # Over 4000 frames the median of 250 wanders between 290 and 317 MiB without a trend: which free memory the allocator
+        # could give back. Ten per cent is what 60 KiB a frame would add, the size of one product.
+        self.assertLessEqual(statistics.median(second), 1.1 * statistics.median(first))
         self.assertLessEqual(max(second), 1.1 * max(first))
         self.assertLessEqual(max(resident), idle + 1.1 * 2 * BUDGET_MB + WORKING_MB)
 
