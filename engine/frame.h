@@ -126,6 +126,7 @@ struct FrameReport {
   double lod_error_px = 0, lod_error_m = 0;  // bounds on the mesh's error in view
   double min_post_spacing_m = 0, max_post_spacing_m = 0;
   std::size_t triangles = 0;
+  std::size_t scene_bytes = 0;  // of the mesh and its acceleration structure
   double filled_fraction = 0;   // of all pixels: on posts that were filled by interpolation
   double missing_fraction = 0;  // of all pixels: look at the Moon where there is no data
   double hit_fraction = 0;

@@ -135,6 +135,7 @@ struct Renderer::Impl {
     for (const MeshBlock& b : scene.mesh.blocks())
       out.triangles +=
           2 * static_cast<std::size_t>(b.posts->extent.quads) * static_cast<std::size_t>(b.posts->extent.quads);
+    out.scene_bytes = scene.bytes();
     out.hit_fraction = static_cast<double>(counts.hit) / pixels;
     out.missing_fraction = static_cast<double>(counts.missing) / pixels;
     out.filled_fraction = static_cast<double>(counts.filled) / pixels;
@@ -306,6 +307,7 @@ std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, 
   return in_arena(impl_->arena, [&] { return impl_->project(camera, pose, points, sun, stop); });
 }
 
+int Renderer::threads() const { return impl_->threads; }
 const dem::Terrain& Renderer::terrain() const { return *impl_->terrain; }
 std::size_t Renderer::scene_bytes_in_use() const { return impl_->scenes.bytes(); }
 

@@ -37,6 +37,7 @@ class Renderer {
                                 const std::optional<Sun>& sun, const StopToken& stop = {}) const;
 
   const dem::Terrain& terrain() const;
+  int threads() const;  // as many as work on a frame
   std::size_t scene_bytes_in_use() const;
 
  private:

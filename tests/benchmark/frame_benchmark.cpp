@@ -18,7 +18,7 @@
 #include "dem/sample_terrain.h"
 #include "engine/render_pass.h"
 #include "engine/scene.h"
-#include "tests/benchmark/bare_kernel.h"
+#include "engine/bare_kernel.h"
 
 namespace selenograph {
 namespace {
@@ -66,7 +66,7 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
   const Vec3 anchor = engine::anchor_for(view.position(), view.moon_from_camera().col(2));
   const int threads = tbb::this_task_arena::max_concurrency();
   const engine::Scene scene(*terrain, selection, anchor, threads);
-  const bench::BareKernel kernel(scene.mesh, anchor, threads);
+  const engine::BareKernel kernel(scene.mesh, anchor, threads);
   std::vector<float> image;
   std::vector<double> bare, ours;
   for (auto _ : state) {

@@ -1,5 +1,6 @@
-#include "tests/benchmark/bare_kernel.h"
+#include "engine/bare_kernel.h"
 
+#include <embree3/rtcore.h>
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
 
@@ -7,16 +8,28 @@
 #include <cmath>
 #include <limits>
 
-namespace selenograph::bench {
+namespace selenograph::engine {
 
-BareKernel::BareKernel(const engine::Mesh& mesh, const Vec3& anchor_m, int threads) : anchor_(anchor_m) {
-  device_ = rtcNewDevice(fmt::format("threads={}", threads).c_str());
-  scene_ = rtcNewScene(device_);
-  rtcSetSceneFlags(scene_, RTC_SCENE_FLAG_ROBUST);
-  for (const engine::MeshBlock& block : mesh.blocks()) {
+struct BareKernel::Native {
+  explicit Native(int threads)
+      : device(rtcNewDevice(fmt::format("threads={}", threads).c_str())), scene(rtcNewScene(device)) {}
+  ~Native() {
+    rtcReleaseScene(scene);
+    rtcReleaseDevice(device);
+  }
+  RTCDevice device;
+  RTCScene scene;
+};
+
+BareKernel::BareKernel(const Mesh& mesh, const Vec3& anchor_m, int threads)
+    : native_(std::make_unique<Native>(threads)), anchor_(anchor_m) {
+  RTCDevice device = native_->device;
+  RTCScene scene = native_->scene;
+  rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
+  for (const MeshBlock& block : mesh.blocks()) {
     const int side = block.posts->side();
     const auto count = static_cast<std::size_t>(side) * static_cast<std::size_t>(side);
-    RTCGeometry geometry = rtcNewGeometry(device_, RTC_GEOMETRY_TYPE_GRID);
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_GRID);
     auto* v =
         static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, count));
     auto* grid = static_cast<RTCGrid*>(
@@ -26,20 +39,16 @@ BareKernel::BareKernel(const engine::Mesh& mesh, const Vec3& anchor_m, int threa
       for (int c = 0; c < side; ++c)
         for (int k = 0; k < 3; ++k) *v++ = static_cast<float>((block.vertex(r, c) - anchor_)[k]);
     rtcCommitGeometry(geometry);
-    rtcAttachGeometry(scene_, geometry);
+    rtcAttachGeometry(scene, geometry);
     rtcReleaseGeometry(geometry);
   }
-  rtcCommitScene(scene_);
+  rtcCommitScene(scene);
 }
 
-BareKernel::~BareKernel() {
-  rtcReleaseScene(scene_);
-  rtcReleaseDevice(device_);
-}
+BareKernel::~BareKernel() = default;
 
-void BareKernel::render(const engine::View& view, const Vec3& sun, double shell_radius_m,
-                        std::vector<float>& image) const {
-  const engine::Camera& camera = view.camera();
+void BareKernel::render(const View& view, const Vec3& sun, double shell_radius_m, std::vector<float>& image) const {
+  const Camera& camera = view.camera();
   const int width = camera.width, height = camera.height;
   image.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
   const Eigen::Matrix3f m = view.moon_from_camera().cast<float>();
@@ -50,6 +59,7 @@ void BareKernel::render(const engine::View& view, const Vec3& sun, double shell_
   const double descent = -boresight.dot(view.position().normalized());
   const float skip = descent > 0.2 ? static_cast<float>(above / descent * 0.5) : 0.F;
   const Eigen::Vector3f o = (view.position() - anchor_).cast<float>(), s = sun.cast<float>();
+  RTCScene scene = native_->scene;
   constexpr int kTile = 32;
   const int across = width / kTile, along = height / kTile;
   tbb::parallel_for(0, across * along, [&](int tile) {
@@ -75,7 +85,7 @@ void BareKernel::render(const engine::View& view, const Vec3& sun, double shell_
           rh.ray.time[i] = 0, rh.ray.flags[i] = 0;
           rh.hit.geomID[i] = rh.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
         }
-        rtcIntersect16(valid, scene_, &context, &rh);
+        rtcIntersect16(valid, scene, &context, &rh);
         RTCRay16 shadow;
         constexpr float kBias = 0.05F;
         for (int i = 0; i < 16; ++i) {
@@ -88,7 +98,7 @@ void BareKernel::render(const engine::View& view, const Vec3& sun, double shell_
           shadow.tnear[i] = kBias, shadow.tfar[i] = std::numeric_limits<float>::infinity(), shadow.mask[i] = ~0U,
           shadow.time[i] = 0, shadow.flags[i] = 0;
         }
-        rtcOccluded16(valid, scene_, &context, &shadow);
+        rtcOccluded16(valid, scene, &context, &shadow);
         for (int i = 0; i < 16; ++i) {
           const float nx = rh.hit.Ng_x[i], ny = rh.hit.Ng_y[i], nz = rh.hit.Ng_z[i],
                       inv = 1 / std::sqrt(nx * nx + ny * ny + nz * nz);
@@ -102,4 +112,4 @@ void BareKernel::render(const engine::View& view, const Vec3& sun, double shell_
   });
 }
 
-}  // namespace selenograph::bench
+}  // namespace selenograph::engine

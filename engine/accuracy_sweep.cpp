@@ -1,0 +1,161 @@
+#include "engine/accuracy_sweep.h"
+
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <memory>
+
+#include "dem/error.h"
+#include "dem/parallel.h"
+#include "engine/bare_kernel.h"
+#include "engine/scene.h"
+
+namespace selenograph::engine {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+template <typename Work>
+double milliseconds(const Work& work) {
+  const auto start = Clock::now();
+  work();
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// The yardstick of one frame: the bare kernel on the finest mesh.
+class Yardstick {
+ public:
+  Yardstick(const Renderer& renderer, const FrameRequest& request, const StopToken& stop)
+      : arena_(renderer.threads()), view_(request.camera, request.pose), sun_(request.sun.direction) {
+    const Selection finest = select_for_view(renderer.terrain(), view_, &request.sun, 0, stop);
+    const Mesh mesh(renderer.terrain(), finest.blocks);
+    shell_m_ = kMoonRadius_m + Scene::highest_m(mesh) + 1;
+    kernel_ = std::make_unique<BareKernel>(mesh, anchor_for(view_.position(), view_.moon_from_camera().col(2)),
+                                           renderer.threads());
+  }
+
+  double ms() {
+    return milliseconds([&] {
+      in_arena(arena_, [&] {
+        kernel_->render(view_, sun_, shell_m_, image_);
+        return 0;
+      });
+    });
+  }
+
+ private:
+  tbb::task_arena arena_;
+  View view_;
+  Vec3 sun_;
+  double shell_m_ = 0;
+  std::unique_ptr<BareKernel> kernel_;
+  std::vector<float> image_;
+};
+
+// What one frame contributes to the row of each setting.
+class FrameSweep {
+ public:
+  FrameSweep(const Renderer& renderer, const FrameRequest& request, const SweepOptions& options, const StopToken& stop)
+      : renderer_(renderer), request_(request), options_(options), stop_(stop), view_(request.camera, request.pose) {}
+
+  // The truth: the finest posts, and many samples for radiance.
+  void prepare() {
+    reference_ = frame({0, options_.reference_samples}, kRadiance | kLit).products;
+    yardstick_ = std::make_unique<Yardstick>(renderer_, request_, stop_);
+  }
+
+  // `rows` and `errors` in the order of max_errors_px x samples_per_pixel, from `first`.
+  void measure(const Accuracy& setting, SweepRow& row, ErrorCollector& errors) {
+    const Frame measured = frame(setting, kRadiance | kLit | kPosition);
+    const FrameReport& report = measured.report;
+    errors.add_geometry(view_, renderer_.terrain(), measured.products.position, report.lod_error_m,
+                        report.lod_error_px);
+    errors.add_shadows(request_.camera.width, request_.camera.height, measured.products.lit, reference_.lit);
+    errors.add_radiance(measured.products.radiance, reference_.radiance);
+    row.triangles = std::max(row.triangles, report.triangles);
+    row.scene_bytes = std::max(row.scene_bytes, report.scene_bytes);
+    row.bound_px = std::max(row.bound_px, report.lod_error_px), row.bound_m = std::max(row.bound_m, report.lod_error_m);
+    time(setting, row);
+  }
+
+ private:
+  Frame frame(const Accuracy& setting, ProductSet products) const {
+    FrameRequest request = request_;
+    request.accuracy = setting;
+    request.products = products;
+    return renderer_.render(request, stop_);
+  }
+
+  // Alternating, so that what else the machine does falls on both.
+  void time(const Accuracy& setting, SweepRow& row) {
+    std::vector<double> ours, bare;
+    frame(setting, kRadiance);
+    for (int i = 0; i < options_.repetitions; ++i) {
+      bare.push_back(yardstick_->ms());
+      ours.push_back(milliseconds([&] { frame(setting, kRadiance); }));
+    }
+    row.frame_ms += median(ours), row.bare_ms += median(bare);
+  }
+
+  const Renderer& renderer_;
+  const FrameRequest& request_;
+  const SweepOptions& options_;
+  const StopToken& stop_;
+  View view_;
+  FrameProducts reference_;
+  std::unique_ptr<Yardstick> yardstick_;
+};
+
+std::vector<Accuracy> settings_of(const SweepOptions& options) {
+  std::vector<Accuracy> settings;
+  for (const double error : options.max_errors_px)
+    for (const int samples : options.samples_per_pixel) settings.push_back({error, samples});
+  return settings;
+}
+
+std::size_t frames_of(const std::vector<AccuracyScene>& scenes) {
+  std::size_t frames = 0;
+  for (const AccuracyScene& s : scenes) frames += s.frames.size();
+  return frames;
+}
+
+}  // namespace
+
+std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<AccuracyScene>& scenes,
+                            const SweepOptions& options, const SweepProgress& progress, const StopToken& stop) {
+  const std::vector<Accuracy> settings = settings_of(options);
+  const std::size_t total = frames_of(scenes) * (settings.size() + 1);
+  std::vector<SweepRow> rows;
+  std::size_t done = 0;
+  for (const AccuracyScene& scene : scenes) {
+    std::vector<SweepRow> of_scene;
+    std::vector<ErrorCollector> errors(settings.size());
+    for (const Accuracy& setting : settings) {
+      SweepRow& row = of_scene.emplace_back();
+      row.scene = scene.name, row.setting = setting, row.visibility = "raytrace";
+    }
+    for (const FrameRequest& request : scene.frames) {
+      FrameSweep frame(renderer, request, options, stop);
+      progress(done++, total, scene.name + ": reference");
+      frame.prepare();
+      for (std::size_t i = 0; i < settings.size(); ++i) {
+        progress(done++, total, scene.name);
+        frame.measure(settings[i], of_scene[i], errors[i]);
+      }
+    }
+    for (std::size_t i = 0; i < settings.size(); ++i) of_scene[i].errors = errors[i].result();
+    rows.insert(rows.end(), of_scene.begin(), of_scene.end());
+  }
+  progress(total, total, "done");
+  return rows;
+}
+
+}  // namespace selenograph::engine
