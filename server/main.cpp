@@ -4,6 +4,8 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <exception>
+#include <functional>
+#include <map>
 #include <string>
 
 #include "api/metadata.h"
@@ -22,21 +24,38 @@ struct Settings {
   SampleSettings sample;
 };
 
-std::set<std::string> options_of_all(const CLI::App& app) {
+// What each command does once its settings are complete.
+using Work = std::map<const CLI::App*, std::function<int()>>;
+
+template <typename SettingsOfCommand>
+void add(CLI::App& parent, Work& work, const char* name, const char* purpose, SettingsOfCommand& settings,
+         int (*command)(const SettingsOfCommand&)) {
+  CLI::App* added = parent.add_subcommand(name, purpose);
+  add_options(*added, settings);
+  work[added] = [&settings, command] { return command(settings); };
+}
+
+Work add_commands(CLI::App& app, Settings& s) {
+  Work work;
+  add(app, work, "serve", "Answers requests over HTTP", s.serve, serve);
+  add(app, work, "render", "Renders one request to a file", s.render, render);
+  add(app, work, "ingest", "Builds the terrain pyramid ahead", s.ingest, ingest);
+  add(app, work, "sample", "Writes sample terrain", s.sample, sample);
+  add(app, work, "info", "Lists the DEM files, their footprints and gaps", s.info, info);
+  return work;
+}
+
+std::set<std::string> options_of_all(const Work& work) {
   std::set<std::string> names;
-  for (const CLI::App* command : app.get_subcommands({})) names.merge(option_names(*command));
+  for (const auto& [command, unused] : work) names.merge(option_names(*command));
   return names;
 }
 
-int run(CLI::App& app, const Settings& s) {
-  CLI::App& command = *app.get_subcommands().front();
-  const std::string name = command.get_name();
-  complete_from_environment_and_file(command, options_of_all(app), environment_variable);
-  if (name == "serve") return serve(s.serve);
-  if (name == "render") return render(s.render);
-  if (name == "ingest") return ingest(s.ingest);
-  if (name == "info") return info(s.info);
-  return sample(s.sample);
+int run(CLI::App& app, const Work& work) {
+  CLI::App* command = &app;
+  while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
+  complete_from_environment_and_file(*command, options_of_all(work), environment_variable);
+  return work.at(command)();
 }
 
 }  // namespace
@@ -50,14 +69,10 @@ int main(int argc, char** argv) {
       "Every option is also a member of the TOML file given by --config, and SELENOGRAPH_<OPTION> in the environment:\n"
       "the command line wins over the environment, that over the file, that over the default.");
   Settings settings;
-  add_options(*app.add_subcommand("serve", "Answers requests over HTTP"), settings.serve);
-  add_options(*app.add_subcommand("render", "Renders one request to a file"), settings.render);
-  add_options(*app.add_subcommand("ingest", "Builds the terrain pyramid ahead"), settings.ingest);
-  add_options(*app.add_subcommand("sample", "Writes sample terrain"), settings.sample);
-  add_options(*app.add_subcommand("info", "Lists the DEM files, their footprints and gaps"), settings.info);
+  const Work work = add_commands(app, settings);
   try {
     app.parse(argc, argv);
-    return run(app, settings);
+    return run(app, work);
   } catch (const CLI::ParseError& e) {
     return app.exit(e);
   } catch (const std::exception& e) {
