@@ -49,10 +49,11 @@ engine::Reflectance read_surface(const JsonReader& in) {
 
 engine::Accuracy read_accuracy(const JsonReader& in, const Limits& limits) {
   engine::Accuracy accuracy;
-  if (!in.object({"max_error_px", "samples_per_pixel"})) return accuracy;
+  if (!in.object({"max_error_px", "samples_per_pixel", "max_shadow_error_px"})) return accuracy;
   accuracy.max_error_px = in.number("max_error_px", kMaxError_px, accuracy.max_error_px);
   accuracy.samples_per_pixel =
       static_cast<int>(in.integer("samples_per_pixel", 1, limits.max_samples_per_pixel, accuracy.samples_per_pixel));
+  accuracy.max_shadow_error_px = in.number("max_shadow_error_px", kMaxShadowError_px, accuracy.max_shadow_error_px);
   const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
   if (side * side != accuracy.samples_per_pixel)
     in.fail("samples_per_pixel", "must be a square number: 1, 4, 9, 16, ...");
@@ -164,7 +165,8 @@ OrderedJson resolved_json(const FrameCall& call) {
   }
   json["surface"] = {{"reflectance", reflectance_json(request.reflectance)}};
   json["accuracy"] = {{"max_error_px", request.accuracy.max_error_px},
-                      {"samples_per_pixel", request.accuracy.samples_per_pixel}};
+                      {"samples_per_pixel", request.accuracy.samples_per_pixel},
+                      {"max_shadow_error_px", request.accuracy.max_shadow_error_px}};
   if (request.products & engine::kImage) json["image"] = image_json(request.image);
   json["products"] = OrderedJson::array();
   for (const ProductName& row : product_names()) {

@@ -98,6 +98,7 @@ OrderedJson metadata(const FrameCall& call, const engine::FrameReport& report, c
   if (products & engine::kImage) meta["full_scale_radiance_w_m2_sr"] = report.full_scale_radiance_w_m2_sr;
   meta["lod_error_px"] = report.lod_error_px;
   meta["lod_error_m"] = report.lod_error_m;
+  meta["shadow_error_px"] = report.shadow_error_px;
   meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
   meta["triangles"] = report.triangles;
   meta["hit_fraction"] = report.hit_fraction;

@@ -25,6 +25,7 @@ inline constexpr Range kDistance_au{0.01, 100};
 inline constexpr Range kAngularRadius_deg{0, 5};
 inline constexpr Range kUnitInterval{0, 1};
 inline constexpr Range kMaxError_px{0, 100};
+inline constexpr Range kMaxShadowError_px{0, 1e6};
 inline constexpr Range kFullScaleRadiance{0, 1e12, true, false};
 
 // How far a quaternion's length may be from 1: room for rounding (and for float32), not for a forgotten normalisation.

@@ -18,6 +18,12 @@ class DataError : public std::runtime_error {
   std::string file_;
 };
 
+// A request needs more terrain at once than the memory that it may use holds.
+class TooMuchTerrain : public std::invalid_argument {
+ public:
+  using std::invalid_argument::invalid_argument;
+};
+
 // Work was given up because its deadline passed or its client left.
 class Cancelled : public std::runtime_error {
  public:

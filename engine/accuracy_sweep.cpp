@@ -30,12 +30,15 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
+// Where even the finest posts of all casters don't fit: much less than the edges that are measured.
+constexpr double kReferenceShadowError_px = 0.25;
+
 // The yardstick of one frame: the bare kernel on the finest mesh.
 class Yardstick {
  public:
-  Yardstick(const Renderer& renderer, const FrameRequest& request, const StopToken& stop)
+  Yardstick(const Renderer& renderer, const FrameRequest& request, const Accuracy& setting, const StopToken& stop)
       : arena_(renderer.threads()), view_(request.camera, request.pose), sun_(request.sun.direction) {
-    const Selection finest = select_for_view(renderer.terrain(), view_, &request.sun, 0, stop);
+    const Selection finest = select_for_view(renderer.terrain(), view_, &request.sun, setting, stop);
     const Mesh mesh(renderer.terrain(), finest.blocks);
     shell_m_ = kMoonRadius_m + Scene::highest_m(mesh) + 1;
     kernel_ = std::make_unique<BareKernel>(mesh, anchor_for(view_.position(), view_.moon_from_camera().col(2)),
@@ -68,11 +71,20 @@ class FrameSweep {
 
   // The truth: the finest posts, and many samples for radiance.
   void prepare() {
-    reference_ = frame({0, options_.reference_samples}, kRadiance | kLit).products;
-    yardstick_ = std::make_unique<Yardstick>(renderer_, request_, stop_);
+    for (double error = 0;; error = error > 0 ? 2 * error : 1.0 / 64) {
+      try {
+        const Accuracy setting{error, options_.reference_samples, kReferenceShadowError_px};
+        reference_ = frame(setting, kRadiance | kLit).products;
+        yardstick_ = std::make_unique<Yardstick>(renderer_, request_, setting, stop_);
+        reference_max_error_px_ = error;
+        return;
+      } catch (const TooMuchTerrain&) {
+        if (error >= 4) throw;
+      }
+    }
   }
 
-  // `rows` and `errors` in the order of max_errors_px x samples_per_pixel, from `first`.
+  // Throws TooMuchTerrain where the setting's terrain doesn't fit.
   void measure(const Accuracy& setting, SweepRow& row, ErrorCollector& errors) {
     const Frame measured = frame(setting, kRadiance | kLit | kPosition);
     const FrameReport& report = measured.report;
@@ -80,9 +92,11 @@ class FrameSweep {
                         report.lod_error_px);
     errors.add_shadows(request_.camera.width, request_.camera.height, measured.products.lit, reference_.lit);
     errors.add_radiance(measured.products.radiance, reference_.radiance);
+    row.reference_max_error_px = std::max(row.reference_max_error_px, reference_max_error_px_);
     row.triangles = std::max(row.triangles, report.triangles);
     row.scene_bytes = std::max(row.scene_bytes, report.scene_bytes);
     row.bound_px = std::max(row.bound_px, report.lod_error_px), row.bound_m = std::max(row.bound_m, report.lod_error_m);
+    row.shadow_bound_px = std::max(row.shadow_bound_px, report.shadow_error_px);
     time(setting, row);
   }
 
@@ -111,13 +125,25 @@ class FrameSweep {
   const StopToken& stop_;
   View view_;
   FrameProducts reference_;
+  double reference_max_error_px_ = 0;
   std::unique_ptr<Yardstick> yardstick_;
 };
+
+bool measured(FrameSweep& frame, const Accuracy& setting, SweepRow& row, ErrorCollector& errors) {
+  try {
+    frame.measure(setting, row, errors);
+    return true;
+  } catch (const TooMuchTerrain&) {
+    return false;
+  }
+}
 
 std::vector<Accuracy> settings_of(const SweepOptions& options) {
   std::vector<Accuracy> settings;
   for (const double error : options.max_errors_px)
-    for (const int samples : options.samples_per_pixel) settings.push_back({error, samples});
+    for (const int samples : options.samples_per_pixel)
+      settings.push_back({.max_error_px = error, .samples_per_pixel = samples});
+  for (const double shadows : options.max_shadow_errors_px) settings.push_back({.max_shadow_error_px = shadows});
   return settings;
 }
 
@@ -138,6 +164,7 @@ std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<Accuracy
   for (const AccuracyScene& scene : scenes) {
     std::vector<SweepRow> of_scene;
     std::vector<ErrorCollector> errors(settings.size());
+    std::vector<char> fits(settings.size(), 1);
     for (const Accuracy& setting : settings) {
       SweepRow& row = of_scene.emplace_back();
       row.scene = scene.name, row.setting = setting, row.visibility = "raytrace";
@@ -148,11 +175,14 @@ std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<Accuracy
       frame.prepare();
       for (std::size_t i = 0; i < settings.size(); ++i) {
         progress(done++, total, scene.name);
-        frame.measure(settings[i], of_scene[i], errors[i]);
+        if (fits[i]) fits[i] = measured(frame, settings[i], of_scene[i], errors[i]);
       }
     }
-    for (std::size_t i = 0; i < settings.size(); ++i) of_scene[i].errors = errors[i].result();
-    rows.insert(rows.end(), of_scene.begin(), of_scene.end());
+    for (std::size_t i = 0; i < settings.size(); ++i) {
+      if (!fits[i]) continue;
+      of_scene[i].errors = errors[i].result();
+      rows.push_back(of_scene[i]);
+    }
   }
   progress(total, total, "done");
   return rows;

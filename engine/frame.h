@@ -59,6 +59,11 @@ struct Accuracy {
   // 0: the finest posts everywhere.
   double max_error_px = 0.5;
   int samples_per_pixel = 1;  // radiance and image are means over a regular sub-pixel grid; must be a square number
+  // Aim, in pixels, for how far a shadow's edge on level ground is displaced by the mesh's error: vertical error over
+  // the tangent of the Sun's elevation. Where not even this much more terrain fits, it gives way: the frame reports
+  // what was reached.
+  double max_shadow_error_px = kDefaultShadowError_px;
+  static constexpr double kDefaultShadowError_px = 16;
 };
 
 // How radiance becomes digital numbers until there is a sensor model: DN = clamp(round(L / full_scale * (2^bits - 1))).
@@ -124,6 +129,7 @@ struct StageTimes {
 
 struct FrameReport {
   double lod_error_px = 0, lod_error_m = 0;  // bounds on the mesh's error in view
+  double shadow_error_px = 0;                // bound on the displacement of shadow edges on level ground; 0 without Sun
   double min_post_spacing_m = 0, max_post_spacing_m = 0;
   std::size_t triangles = 0;
   std::size_t scene_bytes = 0;  // of the mesh and its acceleration structure

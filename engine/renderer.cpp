@@ -76,13 +76,6 @@ struct Renderer::Impl {
         scenes(o.scene_bytes) {}
 
   std::shared_ptr<const Scene> scene(const Selection& selection, const Vec3& anchor) {
-    // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
-    std::size_t needed = 0;
-    for (const dem::BlockId& id : selection.blocks) needed += scene_bytes_of(id);
-    if (needed > scenes.capacity())
-      throw std::invalid_argument(fmt::format(
-          "the view needs {} MB for its terrain, {} MB are allowed: ask for a larger max_error_px or a narrower view",
-          needed >> 20, scenes.capacity() >> 20));
     return scenes.get(key_of(selection, anchor), [&] {
       auto made = std::make_shared<const Scene>(*terrain, selection, anchor, threads);
       return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes()};
@@ -107,7 +100,7 @@ struct Renderer::Impl {
     refuse_underground(view.position());
     const bool light = request.products & (kImage | kRadiance | kLit);
     const Selection selection =
-        select_for_view(*terrain, view, light ? &request.sun : nullptr, request.accuracy.max_error_px, stop);
+        select_for_view(*terrain, view, light ? &request.sun : nullptr, request.accuracy, stop, scenes.capacity());
     frame.times.select_ms = watch.lap_ms();
 
     const auto scene = this->scene(selection, anchor_for(view.position(), view.moon_from_camera().col(2)));
@@ -131,6 +124,7 @@ struct Renderer::Impl {
               FrameReport& out) const {
     const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
     out.lod_error_px = selection.error_px, out.lod_error_m = selection.error_m;
+    out.shadow_error_px = selection.shadow_error_px;
     out.min_post_spacing_m = selection.min_spacing_m, out.max_post_spacing_m = selection.max_spacing_m;
     for (const MeshBlock& b : scene.mesh.blocks())
       out.triangles +=
@@ -218,9 +212,10 @@ struct Renderer::Impl {
     if (order.empty()) return;
     std::vector<Ray> some;
     for (const std::size_t i : order) some.push_back(rays[i]);
-    const std::size_t most = std::min(kMaxBlocks, scenes.capacity() / kSceneBytesPerBlock) / 4;
-    const auto selection = select_for_rays(*terrain, some, order.size() == 1 ? kMaxBlocks : most, stop);
-    if (!selection && order.size() == 1) throw std::invalid_argument("a ray runs along more terrain than fits");
+    // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
+    const std::size_t most = std::min(kMaxBlocks, scenes.capacity() / kSceneBytesPerBlock);
+    const auto selection = select_for_rays(*terrain, some, order.size() == 1 ? most : most / 4, stop);
+    if (!selection && order.size() == 1) throw TooMuchTerrain("a ray runs along more terrain than fits");
     if (!selection) {
       const auto middle = order.begin() + static_cast<std::ptrdiff_t>(order.size() / 2);
       batch(rays, {order.begin(), middle}, stop, work);

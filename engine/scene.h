@@ -11,15 +11,6 @@
 
 namespace selenograph::engine {
 
-// What a scene holds of one block of 64 x 64 quads, about: vertices in double and in float, and Embree's 15 bytes a
-// triangle. The posts themselves are the terrain cache's.
-inline constexpr std::size_t kSceneBytesPerBlock = 65 * 65 * (sizeof(Vec3) + 12) + 2 * 64 * 64 * 15;
-// Coarse levels have fewer quads: the whole Moon from afar is thousands of small blocks.
-inline std::size_t scene_bytes_of(const dem::BlockId& id) {
-  const auto quads = static_cast<std::size_t>(dem::quads_per_side(id.level));
-  return (quads + 1) * (quads + 1) * (sizeof(Vec3) + 12) + 2 * quads * quads * 15;
-}
-
 struct Scene {
   Scene(const dem::Terrain& terrain, const Selection& selection, const Vec3& anchor_m, int threads)
       : mesh(terrain, selection.blocks),

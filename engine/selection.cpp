@@ -1,10 +1,13 @@
 #include "engine/selection.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <unordered_set>
+#include <utility>
 
 #include "dem/error.h"
 #include "engine/light_grid.h"
@@ -33,67 +36,85 @@ std::optional<Known> known(const dem::Terrain& terrain, const BlockId& id) {
 void check(const std::size_t blocks, const StopToken& stop) {
   if (stop.stopped()) throw Cancelled();
   if (blocks > kMaxBlocks)
-    throw std::invalid_argument(
+    throw TooMuchTerrain(
         "the view needs more terrain than fits: ask for a larger max_error_px, a narrower field of view or a higher "
         "camera");
 }
 
+// 1 / tan of the Sun's elevation over the lowest place of a node: how far a shadow's edge on level ground moves per
+// metre of height. Below a hundredth of a degree shadows have no edge to speak of; at a high Sun slopes still move
+// them.
+double shadow_gain(const NodeBounds& b, const Vec3& sun) {
+  constexpr double kLeast = 1, kMost = 5700;
+  const double up = std::asin(std::clamp(sun.dot(b.centre) / b.centre.norm(), -1.0, 1.0));
+  const double lowest = up - std::asin(std::min(1.0, b.radius_m / b.centre.norm()));
+  return lowest <= 0 ? kMost : std::clamp(1 / std::tan(lowest), kLeast, kMost);
+}
+
 class ViewSelector {
  public:
-  ViewSelector(const dem::Terrain& terrain, const View& view, double max_error_px, const StopToken& stop)
-      : terrain_(terrain), view_(view), max_error_px_(max_error_px), stop_(stop) {
-    result_.min_spacing_m = std::numeric_limits<double>::infinity();
-  }
+  ViewSelector(const dem::Terrain& terrain, const View& view, const Accuracy& accuracy, std::size_t max_bytes,
+               const StopToken& stop)
+      : terrain_(terrain), view_(view), accuracy_(accuracy), max_bytes_(max_bytes), stop_(stop) {}
 
   Selection select(const Sun* sun) {
     for (const BlockId& id : terrain_.roots()) see(id);
-    if (sun) add_casters(sun->direction);
+    if (sun) sharpen_shadows(sun->direction);
+    for (const Seen& s : seen_) choose(s.id, s.info);
     balance();
+    report();
     result_.blocks.assign(chosen_.begin(), chosen_.end());
     std::sort(result_.blocks.begin(), result_.blocks.end());
-    if (in_view_.empty()) result_.min_spacing_m = 0;
+    check_size();
     return std::move(result_);
   }
 
  private:
-  struct InView {
+  struct Seen {
+    BlockId id;
+    dem::NodeInfo info;
     NodeBounds bounds;
     double pixels_per_metre;
   };
 
-  void see(const BlockId& id) {
-    check(chosen_.size(), stop_);
+  std::optional<Seen> look_at(const BlockId& id) {
+    check(chosen_.size() + seen_.size(), stop_);
     const auto node = known(terrain_, id);
-    if (!node) return;
-    if (!view_.may_see(node->bounds.centre, node->bounds.radius_m) || below_horizon(view_.position(), node->bounds)) {
+    if (!node) return std::nullopt;
+    const NodeBounds& b = node->bounds;
+    if (!view_.may_see(b.centre, b.radius_m) || below_horizon(view_.position(), b)) {
       out_of_view_.push_back(id);
-      return;
+      return std::nullopt;
     }
-    const double sharpness =
-        view_.pixels_per_metre(node->bounds.centre, node->bounds.radius_m, node->bounds.high_m + node->bounds.bulge_m);
-    if (refine(id, sharpness)) {
+    return Seen{id, node->info, b, view_.pixels_per_metre(b.centre, b.radius_m, b.high_m + b.bulge_m)};
+  }
+
+  void see(const BlockId& id) {
+    const auto node = look_at(id);
+    if (!node) return;
+    if (refine(id, node->pixels_per_metre)) {
       for (const BlockId& child : dem::children_of(id)) see(child);
       return;
     }
-    choose(id, node->info);
-    in_view_.push_back({node->bounds, sharpness});
-    // The finest surface is what errors are measured to: it has none.
-    const double error =
-        id.level >= terrain_.finest_level(id) ? 0 : terrain_.node(id).error_m + dem::chord_sag_m(id.level);
-    const double spacing = dem::post_spacing_m(id.level);
-    result_.error_m = std::max(result_.error_m, error);
-    result_.error_px = std::max(result_.error_px, error * sharpness);
-    result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
-    result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
+    seen_.push_back(*node);
+  }
+
+  bool finest(const BlockId& id) const { return id.level >= terrain_.finest_level(id); }
+
+  // The finest surface is what errors are measured to: it has none.
+  double error_m(const BlockId& id) const {
+    return finest(id) ? 0 : terrain_.node(id).error_m + dem::chord_sag_m(id.level);
   }
 
   bool refine(const BlockId& id, double pixels_per_metre) const {
-    if (id.level >= terrain_.finest_level(id)) return false;
-    if (max_error_px_ == 0) return true;
+    if (finest(id)) return false;
+    const double allowed = accuracy_.max_error_px;
+    if (allowed == 0) return true;
     const bool coarser_than_posts = id.level < terrain_.posts_level(id);
-    if (coarser_than_posts && dem::post_spacing_m(id.level) * pixels_per_metre > 2 * max_error_px_) return true;
-    if (dem::chord_sag_m(id.level) * pixels_per_metre > max_error_px_) return true;
-    return (terrain_.node(id).error_m + dem::chord_sag_m(id.level)) * pixels_per_metre > max_error_px_;
+    if (coarser_than_posts && dem::post_spacing_m(id.level) * pixels_per_metre > 2 * allowed) return true;
+    // Without asking for the posts' own error, which may have to be computed, where the sag alone is too much.
+    if (dem::chord_sag_m(id.level) * pixels_per_metre > allowed) return true;
+    return error_m(id) * pixels_per_metre > allowed;
   }
 
   void choose(const BlockId& id, const dem::NodeInfo& info) {
@@ -101,28 +122,71 @@ class ViewSelector {
     result_.highest_m = std::max(result_.highest_m, static_cast<double>(info.max_m));
   }
 
-  void add_casters(const Vec3& sun) {
+  // Refines what can throw a shadow into view, in view itself or not.
+  void sharpen_shadows(const Vec3& sun) {
     LightGrid grid(sun);
-    for (const InView& v : in_view_) grid.add_receiver(v.bounds, v.pixels_per_metre);
+    for (const Seen& s : seen_) grid.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun));
     grid.finish();
-    for (const BlockId& id : out_of_view_) cast(id, grid);
+    for (const Seen& s : std::exchange(seen_, {})) sharpen(s, grid);
+    for (const BlockId& id : std::exchange(out_of_view_, {})) cast(id, grid);
+  }
+
+  // What a block's error does to shadow edges, pixels; whether that is too much and finer posts would help.
+  bool blurs_shadows(const BlockId& id, double displaced_pixels_per_metre) {
+    if (displaced_pixels_per_metre == 0 || finest(id)) return false;
+    if (accuracy_.max_error_px == 0) return true;
+    const double displaced = error_m(id) * displaced_pixels_per_metre;
+    if (displaced > accuracy_.max_shadow_error_px) return true;
+    result_.shadow_error_px = std::max(result_.shadow_error_px, displaced);
+    return false;
+  }
+
+  void sharpen(const Seen& seen, const LightGrid& grid) {
+    if (!blurs_shadows(seen.id, grid.shaded_pixels_per_metre(seen.bounds))) {
+      seen_.push_back(seen);
+      return;
+    }
+    for (const BlockId& child : dem::children_of(seen.id))
+      if (const auto node = look_at(child)) sharpen(*node, grid);
   }
 
   void cast(const BlockId& id, const LightGrid& grid) {
-    check(chosen_.size(), stop_);
+    check(chosen_.size() + seen_.size(), stop_);
     const auto node = known(terrain_, id);
     if (!node) return;
-    const double sharpness = grid.shaded_pixels_per_metre(node->bounds);
-    if (sharpness == 0) return;
-    const bool finest = id.level >= terrain_.finest_level(id);
+    const double displaced = grid.shaded_pixels_per_metre(node->bounds);
+    if (displaced == 0) return;
     // Large blocks overlap much that they don't shade: they are split until their bounds mean something.
-    const bool coarse = id.level < dem::kRootLevel + 1 && !finest;
-    if (coarse || (!finest && (max_error_px_ == 0 ||
-                               (terrain_.node(id).error_m + dem::chord_sag_m(id.level)) * sharpness > max_error_px_))) {
+    const bool coarse = id.level < dem::kRootLevel + 1 && !finest(id);
+    if (coarse || blurs_shadows(id, displaced)) {
       for (const BlockId& child : dem::children_of(id)) cast(child, grid);
       return;
     }
     choose(id, node->info);
+  }
+
+  // Bounds over what is in view.
+  void report() {
+    if (!seen_.empty()) result_.min_spacing_m = std::numeric_limits<double>::infinity();
+    for (const Seen& s : seen_) {
+      // Split by a finer neighbour, a block at its finest follows the sphere more closely than the finest surface does.
+      const bool split = finest(s.id) && !chosen_.contains(s.id);
+      const double error = split ? dem::chord_sag_m(s.id.level) : error_m(s.id),
+                   spacing = dem::post_spacing_m(s.id.level);
+      result_.error_m = std::max(result_.error_m, error);
+      result_.error_px = std::max(result_.error_px, error * s.pixels_per_metre);
+      result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
+      result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
+    }
+  }
+
+  void check_size() const {
+    std::size_t needed = 0;
+    for (const BlockId& id : result_.blocks) needed += scene_bytes_of(id);
+    if (needed > max_bytes_)
+      throw TooMuchTerrain(fmt::format(
+          "the view needs {} MB for its terrain, {} MB are allowed: ask for a larger max_error_px or a narrower view",
+          needed >> 20, max_bytes_ >> 20));
   }
 
   // The chosen block that holds a place, at `level` or coarser.
@@ -163,10 +227,11 @@ class ViewSelector {
 
   const dem::Terrain& terrain_;
   const View& view_;
-  double max_error_px_;
+  const Accuracy& accuracy_;
+  std::size_t max_bytes_;
   const StopToken& stop_;
   Chosen chosen_;
-  std::vector<InView> in_view_;
+  std::vector<Seen> seen_;
   std::vector<BlockId> out_of_view_;
   Selection result_;
 };
@@ -206,9 +271,20 @@ bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std
 
 }  // namespace
 
-Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, double max_error_px,
-                          const StopToken& stop) {
-  return ViewSelector(terrain, view, max_error_px, stop).select(sun);
+Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
+                          const StopToken& stop, std::size_t max_bytes) {
+  // An aim of a hundred pixels and more is none.
+  constexpr double kNoAim_px = 100;
+  Accuracy asked = accuracy;
+  for (;;) {
+    try {
+      return ViewSelector(terrain, view, asked, max_bytes, stop).select(sun);
+    } catch (const TooMuchTerrain&) {
+      const bool gives_way = sun && asked.max_error_px > 0 && asked.max_shadow_error_px < kNoAim_px;
+      if (!gives_way) throw;
+      asked.max_shadow_error_px = std::max(2 * asked.max_shadow_error_px, 1.0 / 16);
+    }
+  }
 }
 
 std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,

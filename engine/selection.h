@@ -3,10 +3,12 @@
 // A function of the request and the terrain only, never of what happens to be loaded: the same request selects the same
 // blocks. A block in view is refined until its posts are at most 2 max_error_px pixels apart and its vertical error (to
 // the finest surface, plus the chord's sag) projects to at most max_error_px. Terrain that is not in view is kept where
-// its shadow can reach what is, fine enough that its height error stays within the same bound at the nearest place it
-// can shade.
+// its shadow can reach what is. All terrain that can throw a shadow into view is refined until its vertical error moves
+// a shadow's edge on level ground by at most max_shadow_error_px: that is the error over the tangent of the Sun's
+// elevation where the shadow falls.
 #pragma once
 
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -18,15 +20,27 @@ namespace selenograph::engine {
 struct Selection {
   std::vector<dem::BlockId> blocks;  // sorted; neighbouring levels differ by at most one
   double error_px = 0, error_m = 0;  // bounds over the blocks in view
+  double shadow_error_px = 0;        // bound on the displacement of shadow edges on level ground
   double min_spacing_m = 0, max_spacing_m = 0;
   double highest_m = 0;  // no block reaches higher
 };
 
-// Past this many blocks (a million quads per 256) a request is refused: std::invalid_argument.
+// What a scene holds of one block of 64 x 64 quads, about: vertices in double and in float, and Embree's 15 bytes a
+// triangle. The posts themselves are the terrain cache's.
+inline constexpr std::size_t kSceneBytesPerBlock = 65 * 65 * (sizeof(Vec3) + 12) + 2 * 64 * 64 * 15;
+// Coarse levels have fewer quads: the whole Moon from afar is thousands of small blocks.
+inline std::size_t scene_bytes_of(const dem::BlockId& id) {
+  const auto quads = static_cast<std::size_t>(dem::quads_per_side(id.level));
+  return (quads + 1) * (quads + 1) * (sizeof(Vec3) + 12) + 2 * quads * quads * 15;
+}
+
+// Past this many blocks (a million quads per 256) a request is refused: TooMuchTerrain.
 inline constexpr std::size_t kMaxBlocks = 6000;
 
-Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, double max_error_px,
-                          const StopToken& stop);
+// `sun` null: shadows don't matter. Throws TooMuchTerrain when the scene would take more than max_bytes even without
+// the aim for shadows, which gives way by factors of two until it fits.
+Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
+                          const StopToken& stop, std::size_t max_bytes = std::numeric_limits<std::size_t>::max());
 
 // The finest blocks that rays may meet; empty when they are more than max_blocks. Neighbours can differ in level where
 // sources do: the mesh joins them all the same.

@@ -16,9 +16,9 @@
 #include <numbers>
 
 #include "dem/sample_terrain.h"
+#include "engine/bare_kernel.h"
 #include "engine/render_pass.h"
 #include "engine/scene.h"
-#include "engine/bare_kernel.h"
 
 namespace selenograph {
 namespace {
@@ -62,7 +62,7 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
              double tilt_deg, double sun_deg) {
   const engine::FrameRequest r = request(place, height_m, tilt_deg, sun_deg);
   const engine::View view(r.camera, r.pose);
-  const engine::Selection selection = engine::select_for_view(*terrain, view, &r.sun, r.accuracy.max_error_px, {});
+  const engine::Selection selection = engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {});
   const Vec3 anchor = engine::anchor_for(view.position(), view.moon_from_camera().col(2));
   const int threads = tbb::this_task_arena::max_concurrency();
   const engine::Scene scene(*terrain, selection, anchor, threads);
@@ -73,7 +73,7 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
     bare.push_back(milliseconds([&] { kernel.render(view, r.sun.direction, scene.shell_m, image); }));
     // All that a warm frame does but for looking up its scene: choosing blocks, rays, refinement, shadows, radiance.
     ours.push_back(milliseconds([&] {
-      benchmark::DoNotOptimize(engine::select_for_view(*terrain, view, &r.sun, r.accuracy.max_error_px, {}));
+      benchmark::DoNotOptimize(engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {}));
       engine::FrameProducts products;
       engine::render_pixels(scene, view, r, terrain->catalogue().rasters().size(), {}, products);
       benchmark::DoNotOptimize(products.radiance.data());

@@ -107,7 +107,7 @@ Selection seen_from(const dem::Terrain& terrain, const Vec3& position, double ma
   Eigen::Matrix3d camera_from_moon;
   camera_from_moon << axes.east.transpose(), -axes.north.transpose(), -axes.up.transpose();
   const View view({512, 512, 100, 100, 255.5, 255.5, {}}, {position, Eigen::Quaterniond(camera_from_moon)});
-  return select_for_view(terrain, view, nullptr, max_error_px, StopToken());
+  return select_for_view(terrain, view, nullptr, {.max_error_px = max_error_px}, StopToken());
 }
 
 // ---- seams of a scene ----------------------------------------------------------------------------------------------

@@ -327,10 +327,11 @@ TEST(SunJson, IsRequiredForProductsThatNeedOneOnly) {
 TEST(FrameJson, RemainingMembers) {
   const auto request =
       accepted(R"({"surface": {"reflectance": {"model": "lunar", "lommel_seeliger_weight": 0.25, "rho": 1}},
-    "accuracy": {"max_error_px": 0, "samples_per_pixel": 16}, "image": {"bit_depth": 16, "full_scale_radiance": 12.5},
+    "accuracy": {"max_error_px": 0, "samples_per_pixel": 16, "max_shadow_error_px": 2}, "image": {"bit_depth": 16, "full_scale_radiance": 12.5},
     "products": ["range", "image"]})");
   EXPECT_EQ(request.reflectance.lommel_seeliger_weight, 0.25);
   EXPECT_EQ(request.accuracy.samples_per_pixel, 16);
+  EXPECT_EQ(request.accuracy.max_shadow_error_px, 2);
   EXPECT_EQ(request.image.bit_depth, 16);
   EXPECT_EQ(request.image.full_scale_radiance_w_m2_sr, 12.5);
   EXPECT_EQ(request.products, engine::kRange | engine::kImage);
@@ -343,6 +344,7 @@ TEST(FrameJson, RefusesRemainingMembers) {
             "/surface/reflectance/lommel_seeliger_weight");
   EXPECT_EQ(refused(R"({"surface": {"reflectance": {"rho": 1.01}}})"), "/surface/reflectance/rho");
   EXPECT_EQ(refused(R"({"accuracy": {"max_error_px": -1}})"), "/accuracy/max_error_px");
+  EXPECT_EQ(refused(R"({"accuracy": {"max_shadow_error_px": -1}})"), "/accuracy/max_shadow_error_px");
   for (const char* n : {"2", "0", "1.5", "289"}) {
     EXPECT_EQ(refused(R"({"accuracy": {"samples_per_pixel": )" + std::string(n) + "}}"), "/accuracy/samples_per_pixel")
         << n;

@@ -219,6 +219,7 @@ TEST_F(SmoothMoon, SamplesPerPixelAreAMean) {
                  {}};
   fine.accuracy.samples_per_pixel = 1;
   fine.accuracy.max_error_px = 4 * request.accuracy.max_error_px;
+  fine.accuracy.max_shadow_error_px = 4 * request.accuracy.max_shadow_error_px;
   const auto samples = renderer_->render(fine).products.radiance;
   for (int y = 0; y < 24; ++y)
     for (int x = 0; x < 24; ++x) {

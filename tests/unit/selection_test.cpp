@@ -81,7 +81,7 @@ TEST_F(SelectionTest, TheReportedErrorHolds) {
   std::uniform_real_distribution<double> any(0, 1);
   for (const View& view : views())
     for (const double allowed : {0.5, 2.0}) {
-      const Selection s = select_for_view(*terrain_, view, nullptr, allowed, {});
+      const Selection s = select_for_view(*terrain_, view, nullptr, {.max_error_px = allowed}, {});
       const Mesh mesh(*terrain_, s.blocks);
       double worst = 0, worst_m = 0;
       int compared = 0;
@@ -111,13 +111,13 @@ TEST_F(SelectionTest, TheReportedErrorHolds) {
 TEST_F(SelectionTest, ErrorsStayWithinWhatIsAllowedWherePostsPermit) {
   for (const View& view : views())
     for (const double allowed : {0.5, 1.0, 4.0}) {
-      const Selection s = select_for_view(*terrain_, view, nullptr, allowed, {});
+      const Selection s = select_for_view(*terrain_, view, nullptr, {.max_error_px = allowed}, {});
       EXPECT_LE(s.error_px, allowed);
     }
 }
 
 TEST_F(SelectionTest, ZeroMeansTheFinestPosts) {
-  const Selection s = select_for_view(*terrain_, views()[1], nullptr, 0, {});
+  const Selection s = select_for_view(*terrain_, views()[1], nullptr, {.max_error_px = 0}, {});
   ASSERT_FALSE(s.blocks.empty());
   for (const BlockId& id : s.blocks) EXPECT_EQ(id.level, 8);
   EXPECT_EQ(s.min_spacing_m, s.max_spacing_m);
@@ -126,7 +126,7 @@ TEST_F(SelectionTest, ZeroMeansTheFinestPosts) {
 TEST_F(SelectionTest, NeighboursDifferByOneLevelAndNothingOverlaps) {
   const Sun sun{Vec3(0.3, 0.9, 0.1).normalized(), 1, 0};
   for (const View& view : views()) {
-    const Selection s = select_for_view(*terrain_, view, &sun, 0.5, {});
+    const Selection s = select_for_view(*terrain_, view, &sun, {.max_error_px = 0.5}, {});
     EXPECT_TRUE(std::is_sorted(s.blocks.begin(), s.blocks.end()));
     const std::unordered_set<BlockId, dem::BlockIdHash> chosen(s.blocks.begin(), s.blocks.end());
     ASSERT_EQ(chosen.size(), s.blocks.size());
@@ -150,23 +150,24 @@ TEST_F(SelectionTest, NeighboursDifferByOneLevelAndNothingOverlaps) {
 TEST_F(SelectionTest, TheSameWhateverIsLoaded) {
   const Sun sun{Vec3(0.3, 0.9, 0.1).normalized(), 1, 0};
   std::vector<std::vector<BlockId>> expected;
-  for (const View& view : views()) expected.push_back(select_for_view(*open(), view, &sun, 0.5, {}).blocks);
+  for (const View& view : views())
+    expected.push_back(select_for_view(*open(), view, &sun, {.max_error_px = 0.5}, {}).blocks);
   const auto warm = open();
   const auto all = views();
   for (std::size_t i = all.size(); i-- > 0;)
-    EXPECT_EQ(select_for_view(*warm, all[i], &sun, 0.5, {}).blocks, expected[i]);
+    EXPECT_EQ(select_for_view(*warm, all[i], &sun, {.max_error_px = 0.5}, {}).blocks, expected[i]);
   for (std::size_t i = 0; i < all.size(); ++i)
-    EXPECT_EQ(select_for_view(*warm, all[i], &sun, 0.5, {}).blocks, expected[i]);
+    EXPECT_EQ(select_for_view(*warm, all[i], &sun, {.max_error_px = 0.5}, {}).blocks, expected[i]);
 }
 
 TEST_F(SelectionTest, TheSunOnlyAdds) {
   const View view = views()[0];
-  const auto without = select_for_view(*terrain_, view, nullptr, 1, {}).blocks;
+  const auto without = select_for_view(*terrain_, view, nullptr, {.max_error_px = 1}, {}).blocks;
   const Sun high{view.position().normalized(), 1, 0};
   const Vec3 east = local_axes(view.position()).east;
   const Sun low{(east + 0.03 * view.position().normalized()).normalized(), 1, 0};
-  EXPECT_GE(select_for_view(*terrain_, view, &high, 1, {}).blocks.size(), without.size());
-  EXPECT_GT(select_for_view(*terrain_, view, &low, 1, {}).blocks.size(), without.size());
+  EXPECT_GE(select_for_view(*terrain_, view, &high, {.max_error_px = 1}, {}).blocks.size(), without.size());
+  EXPECT_GT(select_for_view(*terrain_, view, &low, {.max_error_px = 1}, {}).blocks.size(), without.size());
 }
 
 TEST_F(SelectionTest, RaysFindTheFinestBlocksTheyMeet) {
@@ -182,7 +183,8 @@ TEST_F(SelectionTest, RaysFindTheFinestBlocksTheyMeet) {
 }
 
 TEST_F(SelectionTest, StopsWhenTold) {
-  EXPECT_THROW(select_for_view(*terrain_, views()[0], nullptr, 0, StopToken(StopToken::Clock::now())), Cancelled);
+  EXPECT_THROW(select_for_view(*terrain_, views()[0], nullptr, {.max_error_px = 0}, StopToken(StopToken::Clock::now())),
+               Cancelled);
 }
 
 }  // namespace
