@@ -25,6 +25,15 @@ struct MeshBlock {
   std::array<int, 4> stride{1, 1, 1, 1};  // south, north, west, east: every stride-th vertex of the edge remains
 
   const Vec3& vertex(int r, int c) const { return vertices[posts->index(r, c)]; }
+  // For shading; a vertex that has collapsed has the normal of the one that it has collapsed onto.
+  const Eigen::Vector3f& normal(int r, int c) const {
+    const int quads = posts->extent.quads;
+    if (r == 0) c -= c % stride[0];
+    if (r == quads) c -= c % stride[1];
+    if (c == 0) r -= r % stride[2];
+    if (c == quads) r -= r % stride[3];
+    return posts->normals[posts->index(r, c)];
+  }
 };
 
 // A triangle of the mesh: block, quad (south-west vertex) and which half (dem/surface.h).

@@ -12,42 +12,26 @@
 #include "engine/view.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
+#include "tests/support/views.h"
 
 namespace selenograph::engine {
 namespace {
 
+using test::at3;
+using test::local_sun;
+using test::looking;
 using test::TemporaryFolder;
 
 constexpr double kPi = M_PI;
 
-Vec3 local_sun(double lat, double lon, double azimuth_deg, double elevation_deg) {
-  const EastNorthUp a = local_axes(to_cartesian({lat, lon, 0}));
-  const double az = azimuth_deg * kPi / 180, el = elevation_deg * kPi / 180;
-  return std::cos(el) * (std::sin(az) * a.east + std::cos(az) * a.north) + std::sin(el) * a.up;
-}
-
-// Looking along `boresight`, image up nearest to `up`.
-Pose looking(const Vec3& from, const Vec3& boresight, const Vec3& up) {
-  const Vec3 z = boresight.normalized(), x = z.cross(up).normalized();
-  Eigen::Matrix3d m;
-  m << x.transpose(), z.cross(x).transpose(), z.transpose();
-  return {from, Eigen::Quaterniond(m).normalized()};
-}
-
 FrameRequest nadir(double lat, double lon, double height_m, int size, double fov_deg) {
   FrameRequest request;
-  const double f = size / 2.0 / std::tan(fov_deg * kPi / 360);
-  request.camera = {size, size, f, f, (size - 1) / 2.0, (size - 1) / 2.0, {}};
+  request.camera = test::square_camera(size, fov_deg);
   const Vec3 from = to_cartesian({lat, lon, height_m});
   request.pose = looking(from, -from, local_axes(from).north);
   request.sun.direction = local_sun(lat, lon, 90, 40);
   request.products = kRadiance | kDepth | kRange | kPosition | kGeodetic | kNormal | kAngles | kLit | kGsd | kSource;
   return request;
-}
-
-Vec3 at3(const std::vector<double>& v, std::size_t i) { return {v[3 * i], v[3 * i + 1], v[3 * i + 2]}; }
-Vec3 at3(const std::vector<float>& v, std::size_t i) {
-  return Eigen::Vector3f(v[3 * i], v[3 * i + 1], v[3 * i + 2]).cast<double>();
 }
 
 bool same_bytes(const FrameProducts& a, const FrameProducts& b) {

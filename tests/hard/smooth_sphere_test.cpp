@@ -1,0 +1,323 @@
+// The Moon without relief: light and shadow, radiance and limb have formulas, at every pixel.
+//
+// The mesh is of chords, so its surface lies between the sphere and the sphere lowered by the chords' sag: never above,
+// never deeper than what the frame promises (2 mm on the finest level). What a ray meets therefore lies between its
+// meetings with those two spheres, and every product between the formula's values there. That is the tolerance.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "dem/lattice.h"
+#include "dem/terrain.h"
+#include "engine/renderer.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+#include "tests/support/views.h"
+
+namespace selenograph::test {
+namespace {
+
+constexpr double kFinestSag_m = 0.0021;  // of level 8
+
+class SmoothSphere : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    write_global_tile(folder_->path(), 1, [](double, double) { return 0.0; });
+    renderer_ = new engine::Renderer(open_terrain(folder_->path()), {1, std::size_t{512} << 20});
+  }
+  static void TearDownTestSuite() {
+    delete renderer_, delete folder_;
+    renderer_ = nullptr, folder_ = nullptr;
+  }
+  static const engine::Renderer& renderer() { return *renderer_; }
+
+ private:
+  static inline TemporaryFolder* folder_ = nullptr;
+  static inline engine::Renderer* renderer_ = nullptr;
+};
+
+// Distance along a unit direction to the sphere that is lowered by `sag_m`; empty where the ray passes it.
+std::optional<double> meet_sphere(const Vec3& from, const Vec3& direction, double sag_m) {
+  const double radius = kMoonRadius_m - sag_m, b = from.dot(direction), c = from.squaredNorm() - radius * radius;
+  const double root2 = b * b - c;
+  if (b >= 0 || root2 < 0) return std::nullopt;
+  return c / (-b + std::sqrt(root2));
+}
+
+Vec3 ray_of(const engine::FrameRequest& q, int pixel) {
+  const engine::Camera& c = q.camera;
+  return (q.pose.camera_from_moon.conjugate() *
+          Vec3((pixel % c.width - c.cx) / c.fx, (pixel / c.width - c.cy) / c.fy, 1))
+      .normalized();
+}
+
+// ---- shadows -------------------------------------------------------------------------------------------------------
+
+TEST_F(SmoothSphere, HasNoShadowButTheNight) {
+  // Within one post of the terminator a facet may face the other way; nowhere else.
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> unit(0, 1);
+  fmt::print("{:<12} {:>8} {:>12} {:>14} {:>14}\n", "max_error_px", "pixels", "post m", "dark by day", "lit by night");
+  struct Setting {
+    double max_error_px, highest_m;
+  };
+  for (const auto& [max_error_px, highest_m] :
+       {Setting{0, 1e5}, Setting{0.01, 1e6}, Setting{0.5, 4e8}, Setting{4, 4e8}}) {
+    std::size_t seen = 0, dark = 0, lit = 0;
+    double coarsest = 0, day_m = 0, night_m = 0;
+    for (int k = 0; k < 24; ++k) {
+      // A place on the terminator, seen from 1 to 400 000 km; every tenth one at a pole.
+      const double lat = k % 10 == 0 ? 90 : k % 10 == 1 ? -90 : std::asin(2 * unit(random) - 1) / kDegree;
+      const double lon = 360 * unit(random), azimuth = 360 * unit(random);
+      const double height = 1000 * std::pow(highest_m / 1000, unit(random));
+      engine::FrameRequest q;
+      q.camera = square_camera(32, height > 1e6 ? 30 * 1.7e6 / height * unit(random) : 60);
+      const Vec3 from = to_cartesian({lat, lon, height});
+      q.pose = looking(from, -from, local_axes(from).north);
+      q.sun.direction = local_sun(lat, lon, azimuth, 0.2 * (unit(random) - 0.5) * std::min(1.0, height / 1e5));
+      q.accuracy.max_error_px = max_error_px;
+      q.products = engine::kLit | engine::kPosition | engine::kRadiance | engine::kGsd;
+      const engine::Frame frame = renderer().render(q);
+      for (std::size_t i = 0; i < frame.products.lit.size(); ++i) {
+        if (std::isnan(frame.products.lit[i])) continue;
+        ++seen;
+        const double sun_m = at3(frame.products.position, i).normalized().dot(q.sun.direction) * kMoonRadius_m;
+        const double post_m = static_cast<double>(frame.products.gsd[i]);
+        coarsest = std::max(coarsest, post_m);
+        if (frame.products.lit[i] == 0) day_m = std::max(day_m, sun_m / post_m);
+        if (frame.products.lit[i] != 0) night_m = std::max(night_m, -sun_m / post_m);
+        dark += frame.products.lit[i] == 0 && sun_m > post_m;
+        lit += frame.products.lit[i] != 0 && sun_m < -post_m;
+        EXPECT_EQ(frame.products.radiance[i] > 0, frame.products.lit[i] > 0);
+      }
+    }
+    fmt::print("{:<12} {:8} {:12.0f} {:8} {:5.2f} {:8} {:5.2f}   (farthest from the terminator, posts)\n", max_error_px,
+               seen, coarsest, dark, day_m, lit, night_m);
+    EXPECT_GT(seen, 15000U);
+    EXPECT_EQ(dark, 0U);
+    EXPECT_EQ(lit, 0U);
+    EXPECT_GT(day_m, 0) << "the terminator is in view";
+  }
+}
+
+// ---- radiance ------------------------------------------------------------------------------------------------------
+
+double radiance_formula(const Vec3& normal, const Vec3& direction, const Vec3& sun) {
+  const double mu0 = normal.dot(sun), mu = -normal.dot(direction);
+  return mu0 > 0 ? 1361.0 * mu0 * 0.12 / (2 * std::numbers::pi) / (mu0 + mu) : 0;
+}
+
+struct Envelope {
+  double low = 1e300, high = -1e300;
+};
+
+// The formula's values between the ray's meetings with the sphere and with the sphere lowered by the sag.
+Envelope radiance_between(const Vec3& from, const Vec3& direction, const Vec3& sun, double sag_m) {
+  Envelope e;
+  for (int k = 0; k <= 8; ++k) {
+    const auto t = meet_sphere(from, direction, sag_m * k / 8);
+    if (!t) break;
+    const double value = radiance_formula((from + *t * direction).normalized(), direction, sun);
+    e.low = std::min(e.low, value), e.high = std::max(e.high, value);
+  }
+  return e;
+}
+
+struct RadianceView {
+  const char* name;
+  double lat_deg, lon_deg, height_m, off_nadir_deg, fov_deg, sun_azimuth_deg, sun_elevation_deg, max_error_px;
+};
+
+engine::FrameRequest request_of(const RadianceView& v) {
+  engine::FrameRequest q;
+  q.camera = square_camera(128, v.fov_deg);
+  const Vec3 from = to_cartesian({v.lat_deg, v.lon_deg, v.height_m});
+  const EastNorthUp axes = local_axes(from);
+  const double tilt = v.off_nadir_deg * kDegree;
+  q.pose = looking(from, std::sin(tilt) * axes.east - std::cos(tilt) * axes.up, axes.north);
+  q.sun.direction = local_sun(v.lat_deg, v.lon_deg, v.sun_azimuth_deg, v.sun_elevation_deg);
+  q.accuracy.max_error_px = v.max_error_px;
+  q.products = engine::kRadiance | engine::kLit;
+  return q;
+}
+
+TEST_F(SmoothSphere, RadianceIsTheFormulaAtEveryPixel) {
+  const RadianceView views[] = {{"nadir, 20 km", 20, 30, 2e4, 0, 50, 90, 40, 0},
+                                {"nadir, 20 km, default", 20, 30, 2e4, 0, 50, 90, 40, 0.5},
+                                {"limb, 20 km", -40, 77, 2e4, 78, 30, 200, 5, 0.01},
+                                {"terminator, 100 km", 5, -120, 1e5, 0, 60, 270, 0.5, 0.01},
+                                {"north pole, 20 km", 89.95, 10, 2e4, 0, 60, 30, 2, 0},
+                                {"south pole, 300 m", -90, 0, 300, 0, 60, 30, 20, 0},
+                                {"whole, 400 000 km", 10, 30, 4e8, 0, 0.52, 60, 35, 0.1},
+                                {"whole, default", 10, 30, 4e8, 0, 0.52, 60, 35, 0.5},
+                                {"full Moon", 10, 30, 4e8, 0, 0.52, 0, 90, 0.1}};
+  fmt::print("{:<24} {:>7} {:>8} {:>12} {:>16} {:>9}\n", "view", "pixels", "sag m", "off sphere", "outside envelope",
+             "at seams");
+  for (const RadianceView& v : views) {
+    SCOPED_TRACE(v.name);
+    const engine::FrameRequest q = request_of(v);
+    const Vec3 from = q.pose.position_m;
+    const engine::Frame frame = renderer().render(q);
+    const double sag_m = std::max(kFinestSag_m, frame.report.lod_error_m);
+    // float holds 6e-8 of a value; the normals' components and the radiance are floats. Cosines are off by as much, the
+    // radiance by d ln L / d mu0 + d ln L / d mu < 1 / mu0 + 1 / (mu0 + mu) of it.
+    constexpr double kFloat = 3e-7;
+    // Where levels meet, a collapsed vertex is still shaded with the normal of the place that it has left, up to half a
+    // coarse post away: a few pixels of a frame of several levels.
+    std::size_t lit = 0, at_seams = 0;
+    double relative = 0, outside = 0;
+    for (int i = 0; i < 128 * 128; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      const Vec3 direction = ray_of(q, i);
+      const auto sphere = meet_sphere(from, direction, 0), lowered = meet_sphere(from, direction, sag_m);
+      const bool hit = !std::isnan(frame.products.lit[at]);
+      ASSERT_TRUE(sphere || !hit) << "beyond the limb, pixel " << i;
+      ASSERT_TRUE(hit || !lowered) << "a hole, pixel " << i;
+      if (!lowered) continue;
+      const double radiance = static_cast<double>(frame.products.radiance[at]);
+      const Vec3 normal = (from + *sphere * direction).normalized();
+      const double mu0 = normal.dot(q.sun.direction), mu = -normal.dot(direction);
+      if (mu0 * kMoonRadius_m < frame.report.max_post_spacing_m) continue;  // what the night does is tested above
+      ++lit;
+      relative = std::max(relative, std::abs(radiance / radiance_formula(normal, direction, q.sun.direction) - 1));
+      const Envelope e = radiance_between(from, direction, q.sun.direction, sag_m);
+      const double off = std::max({0.0, e.low - radiance, radiance - e.high}) / e.high;
+      outside = std::max(outside, off);
+      const double sensitivity = 1 + 1 / mu0 + 1 / (mu0 + mu);
+      at_seams += off > kFloat * sensitivity;
+      ASSERT_LE(off, (kFloat + frame.report.max_post_spacing_m / kMoonRadius_m / 2) * sensitivity) << "pixel " << i;
+    }
+    fmt::print("{:<24} {:7} {:8.2g} {:12.1e} {:16.1e} {:9}\n", v.name, lit, sag_m, relative, outside, at_seams);
+    EXPECT_GT(lit, 1000U);
+    EXPECT_LE(at_seams * 1000, lit);
+  }
+}
+
+TEST_F(SmoothSphere, NormalsHoldWhereTheLatticeChangesItsStep) {
+  // Rows of level 8 (0.25 degrees) whose step of longitude is twice that of the row below: vertices collapse there.
+  std::vector<engine::Ray> rays;
+  for (const double lat : {-86.5, -75.75, 75.75, 83.0, 88.25})
+    for (int i = 0; i < 4000; ++i) {
+      const Vec3 from = to_cartesian({lat + 0.002 * (i % 101 - 50), 0.0021 * i, 1000});
+      rays.push_back({from, -from.normalized()});
+    }
+  double off = 0;
+  for (const engine::RayHit& hit : renderer().cast(rays, {})) {
+    ASSERT_TRUE(hit.hit);
+    off = std::max(off, (hit.normal - hit.position_m.normalized()).norm());
+  }
+  fmt::print("normals off the vertical by at most {:.1e} rad\n", off);
+  // Between posts of 1.9 km normals are interpolated along parallels, which curve.
+  EXPECT_LT(off, 1e-6);
+}
+
+// ---- limb ----------------------------------------------------------------------------------------------------------
+
+struct LimbView {
+  const char* name;
+  double height_m, fov_deg;
+  bool at_limb;  // the boresight passes the Moon by a tenth of the image; else it points at the Moon's centre
+};
+
+// How far, in pixels of the camera, a direction lies outside of the tangent cone (half angle asin(R / d)): the limb.
+double pixels_outside_limb(const engine::FrameRequest& q, const Vec3& direction) {
+  const Vec3 down = -q.pose.position_m.normalized();
+  const Vec3 boresight = q.pose.camera_from_moon.conjugate() * Vec3::UnitZ();
+  const double angle = std::atan2(direction.cross(down).norm(), direction.dot(down));
+  const double along = direction.dot(boresight);
+  return (angle - std::asin(kMoonRadius_m / q.pose.position_m.norm())) * q.camera.fx / (along * along);
+}
+
+// A magnifying glass: the same camera with `magnification` times the focal length, its principal point moved so that a
+// place of the original image lies in the middle. The error bound grows along, so the mesh stays the same.
+engine::FrameRequest magnified(const engine::FrameRequest& q, double x, double y, int size, double magnification) {
+  engine::FrameRequest m = q;
+  m.camera.width = m.camera.height = size;
+  m.camera.fx *= magnification, m.camera.fy *= magnification;
+  m.camera.cx = (size - 1) / 2.0 - (x - q.camera.cx) * magnification;
+  m.camera.cy = (size - 1) / 2.0 - (y - q.camera.cy) * magnification;
+  m.accuracy.max_error_px *= magnification;
+  return m;
+}
+
+struct LimbError {
+  double px = 0, promised_px = 0;
+  std::size_t triangles = 0;
+  // Of hits and misses on the wrong side of the limb, the farthest; seen through the glass at one place of the limb.
+  void look(const engine::Renderer& renderer, const engine::FrameRequest& q, const Eigen::Vector2d& place) {
+    constexpr int kGlass = 64;
+    const double magnification = kGlass / std::max(0.04, 2 * q.accuracy.max_error_px);
+    const engine::FrameRequest m = magnified(q, place.x(), place.y(), kGlass, magnification);
+    const engine::Frame frame = renderer.render(m);
+    promised_px = std::max(promised_px, frame.report.lod_error_px / magnification);
+    triangles = std::max(triangles, frame.report.triangles);
+    std::size_t hits = 0;
+    for (int i = 0; i < kGlass * kGlass; ++i) {
+      const double outside = pixels_outside_limb(q, ray_of(m, i));
+      const bool hit = !std::isnan(frame.products.depth[static_cast<std::size_t>(i)]);
+      hits += hit;
+      px = std::max(px, hit ? outside : -outside);
+    }
+    EXPECT_GT(hits, kGlass * kGlass / 8) << "the limb is in the glass";
+    EXPECT_LT(hits, kGlass * kGlass * 7 / 8);
+  }
+};
+
+// The limb's place in the image on the way out from the Moon's centre, at an angle in the image.
+Eigen::Vector2d limb_at(const engine::FrameRequest& q, double angle) {
+  const Vec3 position = q.pose.position_m, down = -position.normalized();
+  const Vec3 side = q.pose.camera_from_moon.conjugate() * Vec3(std::cos(angle), std::sin(angle), 0);
+  const Vec3 across = (side - side.dot(down) * down).normalized();
+  const double half = std::asin(kMoonRadius_m / position.norm());
+  const Vec3 c = q.pose.camera_from_moon * (std::cos(half) * down + std::sin(half) * across);
+  return {q.camera.fx * c.x() / c.z() + q.camera.cx, q.camera.fy * c.y() / c.z() + q.camera.cy};
+}
+
+TEST_F(SmoothSphere, LimbIsWhereTheTangentConeIs) {
+  const LimbView views[] = {
+      {"whole Moon, 400 000 km", 4e8, 0.55, false}, {"whole Moon, 4000 km", 4e6, 40, false},
+      {"horizon, 100 km", 1e5, 150, false},         {"horizon, 20 km, 5 deg", 2e4, 5, true},
+      {"limb, 4000 km, 0.1 deg", 4e6, 0.1, true},   {"limb, 400 000 km, 0.01 deg", 4e8, 0.01, true}};
+  fmt::print("{:<28} {:>12} {:>9} {:>9} {:>12} {:>10}\n", "view", "max_error_px", "m/pixel", "limb px", "promised px",
+             "triangles");
+  for (const LimbView& v : views)
+    for (const double max_error_px : {0.0, 0.01, 0.5}) {
+      SCOPED_TRACE(fmt::format("{}, max_error_px {}", v.name, max_error_px));
+      engine::FrameRequest q;
+      q.camera = square_camera(1024, v.fov_deg);
+      const Vec3 from = to_cartesian({33, -70, v.height_m});
+      const EastNorthUp axes = local_axes(from);
+      const double half = std::asin(kMoonRadius_m / from.norm()), tilt = half + 0.1 * v.fov_deg * kDegree;
+      q.pose = looking(from, v.at_limb ? Vec3(std::sin(tilt) * axes.east - std::cos(tilt) * axes.up) : Vec3(-from),
+                       axes.north);
+      q.accuracy.max_error_px = max_error_px;
+      q.products = engine::kDepth;
+      LimbError limb;
+      const Vec3 toward_limb = q.pose.camera_from_moon * axes.east;
+      for (int k = 0; k < (v.at_limb ? 5 : 16); ++k) {
+        // All around; or along the piece of limb that is in the image.
+        const double angle = v.at_limb ? std::atan2(toward_limb.y(), toward_limb.x()) +
+                                             (k - 2) * 0.1 * v.fov_deg * kDegree / std::sin(half)
+                                       : 0.1 + k * kDegree * 22.5;
+        limb.look(renderer(), q, limb_at(q, angle));
+      }
+      const double limb_m = std::cos(half) * from.norm();
+      fmt::print("{:<28} {:12} {:9.3g} {:9.5f} {:12.5f} {:10}\n", v.name, max_error_px, limb_m / q.camera.fx, limb.px,
+                 limb.promised_px, limb.triangles);
+      EXPECT_LE(limb.px, std::max(0.01, limb.promised_px));
+      if (max_error_px <= 0.01) {
+        EXPECT_LE(limb.px, 0.01);
+      }
+    }
+}
+
+}  // namespace
+}  // namespace selenograph::test

@@ -1,0 +1,41 @@
+// Cameras, Suns and pixels as tests set them up: the same few lines for every test that renders.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "engine/frame.h"
+
+namespace selenograph::test {
+
+inline constexpr double kDegree = std::numbers::pi / 180;
+
+// Direction toward a Sun that stands at a compass azimuth and an elevation over a place of the sphere.
+inline Vec3 local_sun(double lat_deg, double lon_deg, double azimuth_deg, double elevation_deg) {
+  const EastNorthUp a = local_axes(to_cartesian({lat_deg, lon_deg, 0}));
+  const double az = azimuth_deg * kDegree, el = elevation_deg * kDegree;
+  return std::cos(el) * (std::sin(az) * a.east + std::cos(az) * a.north) + std::sin(el) * a.up;
+}
+
+// Looking along `boresight`, image up nearest to `up`.
+inline engine::Pose looking(const Vec3& from_m, const Vec3& boresight, const Vec3& up) {
+  const Vec3 z = boresight.normalized(), x = z.cross(up).normalized();
+  Eigen::Matrix3d m;
+  m << x.transpose(), z.cross(x).transpose(), z.transpose();
+  return {from_m, Eigen::Quaterniond(m).normalized()};
+}
+
+// Square, symmetric; `fov_deg` is the full angle.
+inline engine::Camera square_camera(int size, double fov_deg) {
+  const double f = size / 2.0 / std::tan(fov_deg * kDegree / 2);
+  return {size, size, f, f, (size - 1) / 2.0, (size - 1) / 2.0, {}};
+}
+
+template <typename T>
+Vec3 at3(const std::vector<T>& v, std::size_t i) {
+  return {static_cast<double>(v[3 * i]), static_cast<double>(v[3 * i + 1]), static_cast<double>(v[3 * i + 2])};
+}
+
+}  // namespace selenograph::test
