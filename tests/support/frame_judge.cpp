@@ -60,7 +60,7 @@ class Trial {
     const bool hit = !std::isnan(depth);
     if (hit) judge_position(at, direction, distance, found);
     if (hit != (truth.hit == Verdict::yes) || (hit && std::abs(truth.distance_m - distance) > kJudgeTolerance_m)) {
-      ++(at_outline(eye, direction, truth.distance_m, distance) ? found.outlines : found.unexplained);
+      ++(at_outline(judge_, eye, direction, truth.distance_m, distance) ? found.outlines : found.unexplained);
       return;
     }
     if (!hit) return;
@@ -81,22 +81,6 @@ class Trial {
     }
     found.off_terrain_m = std::max(found.off_terrain_m, std::abs(*height));
     found.off_terrain += std::abs(*height) > kJudgeTolerance_m;
-  }
-
-  // Whether judge and engine see two sides of an outline: of the rays that pass the nearer point 2 cm above and below,
-  // one meets the surface (about) where the engine did, and the other one far from there.
-  bool at_outline(const Vec3& eye, const Vec3& direction, double truth_m, double engine_m) const {
-    const double engine = std::isnan(engine_m) ? std::numeric_limits<double>::infinity() : engine_m;
-    constexpr double kSame_m = 10, kOther_m = 15;
-    if (!(std::abs(truth_m - engine) > kOther_m)) return false;
-    const Vec3 near = eye + std::min(truth_m, engine) * direction;
-    for (const double offset_m : {0.02, -0.02}) {
-      const FirstHit beside = judge_.first_hit(eye, toward(eye, near + offset_m * near.normalized()));
-      const double seen =
-          beside.hit == Verdict::yes && beside.from_above ? beside.distance_m : std::numeric_limits<double>::infinity();
-      if (seen == engine || std::abs(seen - engine) < kSame_m) return true;
-    }
-    return false;
   }
 
   void judge_light(std::size_t at, const Vec3& point, const Face& face, Findings& found) const {
@@ -124,6 +108,20 @@ class Trial {
 };
 
 }  // namespace
+
+bool at_outline(const Judge& judge, const Vec3& eye, const Vec3& direction, double truth_m, double engine_m) {
+  const double engine = std::isnan(engine_m) ? std::numeric_limits<double>::infinity() : engine_m;
+  constexpr double kSame_m = 10, kOther_m = 15;
+  if (!(std::abs(truth_m - engine) > kOther_m)) return false;
+  const Vec3 near = eye + std::min(truth_m, engine) * direction;
+  for (const double offset_m : {0.02, -0.02}) {
+    const FirstHit beside = judge.first_hit(eye, toward(eye, near + offset_m * near.normalized()));
+    const double seen =
+        beside.hit == Verdict::yes && beside.from_above ? beside.distance_m : std::numeric_limits<double>::infinity();
+    if (seen == engine || std::abs(seen - engine) < kSame_m) return true;
+  }
+  return false;
+}
 
 Scenery::Scenery(const std::string& folder)
     : judge(std::make_unique<Judge>(folder)),

@@ -38,6 +38,11 @@ struct Findings {
 
 Findings judged(const Judge& judge, const engine::FrameRequest& request, const engine::Frame& frame);
 
+// Whether a judge and an engine (NaN: nothing) that disagree on a distance see two sides of an outline: of the rays
+// that pass the nearer point 2 cm above and below, one meets the surface (about) where the engine did, and the other
+// one far from there.
+bool at_outline(const Judge& judge, const Vec3& eye, const Vec3& direction, double truth_m, double engine_m);
+
 // Two lines on standard output.
 void report(const std::string& name, const Findings& found);
 
