@@ -127,12 +127,12 @@ TEST(PhotometryLimits, NoPixelOfTheMoonsDiscIsNotANumber) {
     write_global_tile(
         folder.path(), 2, relief ? HeightFunction(waves) : [](double, double) { return 0.0; });
     const engine::Renderer renderer(open_terrain(folder.path()), engine::RendererOptions{});
-    for (const double phase_deg : {0.0, 60.0, 90.0, 150.0, 179.5, 180.0})
+    for (const double phase_deg : {0.0, 90.0, 150.0, 180.0})
       for (const Reflectance& model :
            {Reflectance{ReflectanceModel::lommel_seeliger, 1, 1}, Reflectance{ReflectanceModel::lambert, 1, 1},
             Reflectance{ReflectanceModel::lunar, 0.35, 1}}) {
         const Vec3 sun = local_direction(to_cartesian({10, 30, 0}), 70, 90 - phase_deg);
-        engine::FrameRequest request = nadir_view({10, 30, 400000e3}, 128, 0.5, sun);
+        engine::FrameRequest request = nadir_view({10, 30, 400000e3}, 96, 0.5, sun);
         request.accuracy.max_error_px = 0.5;
         request.reflectance = model;
         request.products |= engine::kAngles;
@@ -157,8 +157,8 @@ TEST(PhotometryLimits, NoPixelOfTheMoonsDiscIsNotANumber) {
   }
   fmt::print("{} pixels: {} bright, {} within 5 degrees of grazing; none negative, infinite or not a number\n", pixels,
              bright, grazing);
-  EXPECT_GT(bright, 50000u);
-  EXPECT_GT(grazing, 20000u);
+  EXPECT_GT(bright, 20000u);
+  EXPECT_GT(grazing, 10000u);
 }
 
 }  // namespace

@@ -83,22 +83,45 @@ class Trial {
     found.off_terrain += std::abs(*height) > kJudgeTolerance_m;
   }
 
+  // Whether a face is lit at a point of it.
+  Verdict lit_on(const Face& face, const Vec3& point, double mu0) const {
+    const Vec3& sun = request_.sun.direction;
+    if (mu0 <= 0 || judge_.vertices(face)->normal().dot(sun) <= 0) return Verdict::no;
+    const Verdict blocked = judge_.sun_blocked(point, face, sun);
+    return blocked == Verdict::unknown ? blocked : blocked == Verdict::yes ? Verdict::no : Verdict::yes;
+  }
+
+  // Whether the point lies on the edge of another face too (within a micrometre), which has the other answer: then
+  // either is right.
+  bool on_edge_to(Verdict other_answer, const Face& face, const Vec3& point, double mu0) const {
+    const EastNorthUp axes = local_axes(point);
+    for (const double angle : {0.3, 1.9, 3.4, 5.0}) {
+      const Vec3 beside = point + 1e-6 * (std::cos(angle) * axes.east + std::sin(angle) * axes.north);
+      const FirstHit hit = judge_.first_hit(beside + axes.up, -axes.up);
+      if (hit.hit == Verdict::yes && hit.face != face && lit_on(hit.face, point, mu0) == other_answer) return true;
+    }
+    return false;
+  }
+
   void judge_light(std::size_t at, const Vec3& point, const Face& face, Findings& found) const {
     const Vec3& sun = request_.sun.direction;
     const Vec3 shading(products_.normal[3 * at], products_.normal[3 * at + 1], products_.normal[3 * at + 2]);
     const double mu0 = shading.dot(sun);
     if (std::abs(mu0) < 1e-6) return;  // the sign is beyond the float of `normal`
-    const bool faces_sun = mu0 > 0 && judge_.vertices(face)->normal().dot(sun) > 0;
-    const Verdict blocked = faces_sun ? judge_.sun_blocked(point, face, sun) : Verdict::yes;
-    if (blocked == Verdict::unknown) {
+    const Verdict lit = lit_on(face, point, mu0), engine = products_.lit[at] != 0 ? Verdict::yes : Verdict::no;
+    if (lit == Verdict::unknown) {
       ++found.unknown;
       return;
     }
-    const bool wrong = (products_.lit[at] != 0) != (blocked == Verdict::no);
+    if (lit != engine && on_edge_to(engine, face, point, mu0)) {
+      ++found.edges;
+      return;
+    }
+    const bool faces_sun = mu0 > 0 && judge_.vertices(face)->normal().dot(sun) > 0;
     const bool grazing = faces_sun && judge_.grazes(point, face, sun, kGrazing_m);
     ++(grazing ? found.grazing : found.flags);
-    found.lit += blocked == Verdict::no;
-    if (wrong) ++(grazing ? found.wrong_grazing : found.wrong);
+    found.lit += lit == Verdict::yes;
+    if (lit != engine) ++(grazing ? found.wrong_grazing : found.wrong);
   }
 
   const Judge& judge_;
@@ -131,7 +154,7 @@ Scenery::Scenery(const std::string& folder)
 void Findings::add(const Findings& o) {
   pixels += o.pixels, hits += o.hits, unknown += o.unknown, off_ray += o.off_ray, off_terrain += o.off_terrain;
   outlines += o.outlines, unexplained += o.unexplained, flags += o.flags, grazing += o.grazing, wrong += o.wrong;
-  wrong_grazing += o.wrong_grazing, lit += o.lit;
+  wrong_grazing += o.wrong_grazing, lit += o.lit, edges += o.edges;
   off_ray_m = std::max(off_ray_m, o.off_ray_m), off_terrain_m = std::max(off_terrain_m, o.off_terrain_m),
   depth_m = std::max(depth_m, o.depth_m);
 }
@@ -145,8 +168,8 @@ void report(const std::string& name, const Findings& f) {
       "{:<33} hits {:5}  off ray {:.1e} m  off terrain {:.1e} m  depth {:.1e} m  outlines {} unexplained {} unknown "
       "{}\n",
       name, f.hits, f.off_ray_m, f.off_terrain_m, f.depth_m, f.outlines, f.unexplained, f.unknown);
-  fmt::print("{:<33} lit {:5}  flags {:5} wrong {}  within 1 m of grazing {:4} wrong {}\n", "", f.lit, f.flags, f.wrong,
-             f.grazing, f.wrong_grazing);
+  fmt::print("{:<33} lit {:5}  flags {:5} wrong {}  within 1 m of grazing {:4} wrong {}  on edges, either {}\n", "",
+             f.lit, f.flags, f.wrong, f.grazing, f.wrong_grazing, f.edges);
 }
 
 }  // namespace selenograph::test

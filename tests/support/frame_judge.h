@@ -32,6 +32,7 @@ struct Findings {
   std::uint64_t off_ray = 0, off_terrain = 0;   // more than the tolerance
   std::uint64_t outlines = 0, unexplained = 0;  // another first hit: beyond an outline that float blurs; or not
   std::uint64_t lit = 0, flags = 0, grazing = 0, wrong = 0, wrong_grazing = 0;
+  std::uint64_t edges = 0;  // lit or not, depending on which of the faces that meet there one asks
   double off_ray_m = 0, off_terrain_m = 0, depth_m = 0;  // the largest
   void add(const Findings& o);
 };
