@@ -17,8 +17,8 @@ struct BrdfTerms {
 BrdfTerms terms_of(const Reflectance& reflectance);
 
 // f_r in sr-1. mu0 = cos(incidence) > 0, mu = cos(emission) >= 0: n.omega_i and n.omega_o of the paper.
-// At the limb and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound, but mu0 f_r, which is what
-// radiance is made of, stays finite and monotone: callers multiply by mu0 > 0.
+// At the limb and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound (and overflows for denormal
+// cosines), but mu0 f_r, which is what radiance is made of, stays finite and monotone.
 inline double brdf(const BrdfTerms& terms, double mu0, double mu) {
   return terms.lommel_seeliger / (mu0 + mu) + terms.lambert;
 }
@@ -30,8 +30,10 @@ inline double brdf(const Reflectance& reflectance, double mu0, double mu) {
 inline double direct_radiance(const BrdfTerms& terms, double irradiance_w_m2, double mu0, double mu,
                               double lit_fraction) {
   // A smoothed normal can lean a little away from a camera that sees the facet: grazing emission then.
-  const double reflected = irradiance_w_m2 * mu0 * brdf(terms, mu0, mu > 0 ? mu : 0) * lit_fraction;
-  return mu0 > 0 ? reflected : 0;
+  const double emission = mu > 0 ? mu : 0;
+  // mu0 f_r with mu0 / (mu0 + mu) formed first: at most 1, however small both are.
+  const double mu0_brdf = terms.lommel_seeliger * (mu0 / (mu0 + emission)) + terms.lambert * mu0;
+  return mu0 > 0 ? irradiance_w_m2 * mu0_brdf * lit_fraction : 0;
 }
 inline double direct_radiance(const Reflectance& reflectance, double irradiance_w_m2, double mu0, double mu,
                               double lit_fraction) {

@@ -32,28 +32,34 @@ RTCDevice device(int threads) {
 struct SunContext {
   RTCIntersectContext embree;  // first member: Embree hands its address to the filter
   float sun[3];
+  float rounding_m;
 };
 
-// Drops candidates that face the Sun.
-SELENOGRAPH_VECTORISED
-void ignore_sunlit_side16(const float* nx, const float* ny, const float* nz, const float* sun, int* valid) {
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) valid[i] = nx[i] * sun[0] + ny[i] * sun[1] + nz[i] * sun[2] >= 0 ? 0 : valid[i];
+// Whether a candidate is the surface that the ray leaves: it faces the Sun, and its plane is within the rounding.
+inline bool is_left(float nx, float ny, float nz, const SunContext& c, float distance) {
+  const float facing = nx * c.sun[0] + ny * c.sun[1] + nz * c.sun[2], beneath = distance * facing;
+  return facing >= 0 && beneath * beneath <= c.rounding_m * c.rounding_m * (nx * nx + ny * ny + nz * nz);
 }
 
-void ignore_sunlit_side(const RTCFilterFunctionNArguments* args) {
-  const auto* context = reinterpret_cast<const SunContext*>(args->context);
+SELENOGRAPH_VECTORISED
+void ignore_left_side16(const float* nx, const float* ny, const float* nz, const float* distance,
+                        const SunContext& context, int* valid) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) valid[i] = is_left(nx[i], ny[i], nz[i], context, distance[i]) ? 0 : valid[i];
+}
+
+void ignore_left_side(const RTCFilterFunctionNArguments* args) {
+  const auto& context = *reinterpret_cast<const SunContext*>(args->context);
   if (args->N == kPacket) {
     const float* n = &RTCHitN_Ng_x(args->hit, kPacket, 0);
-    ignore_sunlit_side16(n, n + kPacket, n + 2 * kPacket, context->sun, args->valid);
+    ignore_left_side16(n, n + kPacket, n + 2 * kPacket, &RTCRayN_tfar(args->ray, kPacket, 0), context, args->valid);
     return;
   }
   for (unsigned i = 0; i < args->N; ++i) {
     if (args->valid[i] != -1) continue;
-    const float facing = RTCHitN_Ng_x(args->hit, args->N, i) * context->sun[0] +
-                         RTCHitN_Ng_y(args->hit, args->N, i) * context->sun[1] +
-                         RTCHitN_Ng_z(args->hit, args->N, i) * context->sun[2];
-    if (facing >= 0) args->valid[i] = 0;
+    if (is_left(RTCHitN_Ng_x(args->hit, args->N, i), RTCHitN_Ng_y(args->hit, args->N, i),
+                RTCHitN_Ng_z(args->hit, args->N, i), context, RTCRayN_tfar(args->ray, args->N, i)))
+      args->valid[i] = 0;
   }
 }
 
@@ -187,7 +193,7 @@ RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads)
     geometries[i] = whole ? impl_->grid(dev, block, anchor_)
                           : impl_->triangles(dev, block, static_cast<std::uint32_t>(i), anchor_, impl_->numbering[i]);
     if (!geometries[i]) return;
-    rtcSetGeometryOccludedFilterFunction(geometries[i], ignore_sunlit_side);
+    rtcSetGeometryOccludedFilterFunction(geometries[i], ignore_left_side);
     rtcCommitGeometry(geometries[i]);
   });
   for (std::size_t i = 0; i < blocks; ++i) {
@@ -222,11 +228,13 @@ void RayTracer::intersect(const RayPacket& rays, SurfacePoints& points) const {
   }
 }
 
-void RayTracer::occluded(const RayPacket& rays, const Vec3& sun_direction, bool blocked[kPacket]) const {
+void RayTracer::occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m,
+                         bool blocked[kPacket]) const {
   SunContext context;
   rtcInitIntersectContext(&context.embree);
   context.embree.flags = coherence(rays);
   for (int k = 0; k < 3; ++k) context.sun[k] = static_cast<float>(sun_direction[k]);
+  context.rounding_m = rounding_m;
   RTCRay16 shadow;
   set_rays(rays, shadow);
   rtcOccluded16(rays.active, impl_->scene, &context.embree, &shadow);

@@ -33,10 +33,11 @@ class RayTracer {
   // Sets `hit` and `triangle` of the points.
   void intersect(const RayPacket& rays, SurfacePoints& points) const;
 
-  // blocked[i]: something stands in the way along the (common) direction toward the Sun. Only triangles that face away
-  // from the Sun count: a ray that leaves a closed surface and is stopped must enter it through one of those. That
-  // makes an offset needless: the ray's own triangle faces the Sun.
-  void occluded(const RayPacket& rays, const Vec3& sun_direction, bool blocked[kPacket]) const;
+  // blocked[i]: something stands in the way along the (common, unit) direction toward the Sun. Triangles that face the
+  // Sun don't count where they are the surface that the ray leaves: where it starts less than `rounding_m` beneath
+  // their plane. That makes an offset needless. From deeper beneath one it comes out of the ground, wherever it went
+  // in: next to where it starts, perhaps, in a crease.
+  void occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m, bool blocked[kPacket]) const;
 
   std::size_t bytes() const { return bytes_; }
 

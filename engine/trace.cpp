@@ -13,6 +13,8 @@ namespace selenograph::engine {
 namespace {
 
 constexpr double kLattice_m = 4096;
+// What float leaves open of a point and of the plane it lies on, as a share of its coordinates.
+constexpr float kRounding = 0x1p-22F;
 
 // Distance (in the direction's lengths) at which a ray enters the sphere; 0 from inside, empty when it misses or
 // leaves.
@@ -49,9 +51,9 @@ void start_rays(const Rays& rays, double radius, double ax, double ay, double az
 }
 
 // Per lane: the point, toward the Sun. `active` where the facet faces the Sun and the solid inside of the Moon (below
-// all relief) doesn't stand between. Within the coordinates' own rounding lies only the surface that the ray leaves;
-// found there and dropped for facing the Sun, it would keep Embree's packets from looking at the quad's other half. The
-// flatter the ray, the longer the way (`near`).
+// all relief) doesn't stand between. Within the coordinates' own rounding lies the surface that the ray leaves; found
+// there and dropped, it would keep Embree's packets from looking at the quad's other half. The flatter the ray, the
+// longer the way (`near`). (What rises within that way is met where the ray comes out of it.)
 SELENOGRAPH_VECTORISED
 void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, double sx, double sy, double sz,
                        RayPacket& packet) {
@@ -65,7 +67,8 @@ void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, 
     const double rx = x - ax, ry = y - ay, rz = z - az, size = std::abs(rx) + std::abs(ry) + std::abs(rz);
     packet.ox[i] = static_cast<float>(rx), packet.oy[i] = static_cast<float>(ry), packet.oz[i] = static_cast<float>(rz);
     packet.dx[i] = static_cast<float>(sx), packet.dy[i] = static_cast<float>(sy), packet.dz[i] = static_cast<float>(sz);
-    packet.near[i] = static_cast<float>(size * 0x1p-22 / (steepness > 1.0 / 64 ? steepness : 1.0 / 64));
+    packet.near[i] =
+        static_cast<float>(size * static_cast<double>(kRounding) / (steepness > 1.0 / 64 ? steepness : 1.0 / 64));
     packet.active[i] = facing > 0 && !night ? -1 : 0;
   }
 }
@@ -152,14 +155,17 @@ void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted,
   const Vec3& anchor = scene.tracer.anchor();
   start_shadow_rays(points, anchor.x(), anchor.y(), anchor.z(), sun.x(), sun.y(), sun.z(), packet);
   bool any = false;
+  float size = 0;
   for (int i = 0; i < kPacket; ++i) {
     lit[i] = 0;
     if (!wanted[i]) packet.active[i] = 0;
-    any |= packet.active[i] != 0;
+    if (!packet.active[i]) continue;
+    any = true;
+    size = std::max(size, std::abs(packet.ox[i]) + std::abs(packet.oy[i]) + std::abs(packet.oz[i]));
   }
   if (!any) return;
   bool blocked[kPacket];
-  scene.tracer.occluded(packet, sun, blocked);
+  scene.tracer.occluded(packet, sun, size * kRounding, blocked);
   for (int i = 0; i < kPacket; ++i) lit[i] = packet.active[i] && !blocked[i] ? 1.F : 0.F;
 }
 

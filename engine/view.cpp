@@ -5,34 +5,10 @@
 #include <stdexcept>
 
 namespace selenograph::engine {
-namespace {
-
-double radial(const Distortion& d, double r2) { return 1 + r2 * (d.k1 + r2 * (d.k2 + r2 * d.k3)); }
-
-// d(r * radial(r^2)) / dr: positive as long as the lens doesn't fold.
-double radial_slope(const Distortion& d, double r2) { return 1 + r2 * (3 * d.k1 + r2 * (5 * d.k2 + r2 * 7 * d.k3)); }
-
-// Smallest squared radius at which the distortion folds; infinite if it never does. 89.9 degrees off axis is far
-// enough.
-double fold_radius2(const Distortion& d) {
-  constexpr double kFarthest = 330000.0;
-  if (d.none()) return std::numeric_limits<double>::infinity();
-  double low = 0;
-  for (double r = 0.002; r * r < kFarthest; r *= 1.01) {
-    if (radial_slope(d, r * r) <= 0) {
-      double high = r * r;
-      for (int i = 0; i < 60; ++i) (radial_slope(d, (low + high) / 2) > 0 ? low : high) = (low + high) / 2;
-      return low;
-    }
-    low = r * r;
-  }
-  return std::numeric_limits<double>::infinity();
-}
-
-}  // namespace
 
 View::View(const Camera& camera, const Pose& pose)
     : camera_(camera),
+      lens_(camera.distortion),
       position_(pose.position_m),
       camera_from_moon_(pose.camera_from_moon.normalized().toRotationMatrix()) {
   if (camera.width <= 0 || camera.height <= 0) throw std::invalid_argument("camera: image without pixels");
@@ -41,54 +17,11 @@ View::View(const Camera& camera, const Pose& pose)
     throw std::invalid_argument("camera: focal lengths must be positive and finite");
   if (!position_.allFinite() || !camera_from_moon_.allFinite()) throw std::invalid_argument("pose: not finite");
   moon_from_camera_ = camera_from_moon_.transpose();
-  fold_r2_ = fold_radius2(camera_.distortion);
   bound_image();
 }
 
-Eigen::Vector2d View::distorted(double x, double y) const {
-  const Distortion& d = camera_.distortion;
-  const double r2 = x * x + y * y, k = radial(d, r2);
-  return {x * k + 2 * d.p1 * x * y + d.p2 * (r2 + 2 * x * x), y * k + d.p1 * (r2 + 2 * y * y) + 2 * d.p2 * x * y};
-}
-
-Eigen::Matrix2d View::distortion_jacobian(double x, double y) const {
-  const Distortion& d = camera_.distortion;
-  const double r2 = x * x + y * y, k = radial(d, r2);
-  const double dk = 2 * (d.k1 + r2 * (2 * d.k2 + r2 * 3 * d.k3));  // d(radial)/d(r2), twice
-  const double mixed = x * y * dk + 2 * d.p1 * x + 2 * d.p2 * y;
-  Eigen::Matrix2d jacobian;
-  jacobian << k + x * x * dk + 2 * d.p1 * y + 6 * d.p2 * x, mixed, mixed, k + y * y * dk + 6 * d.p1 * y + 2 * d.p2 * x;
-  return jacobian;
-}
-
-// Newton's method with the exact Jacobian; converges quadratically, so that a failure within 50 steps means beyond the
-// fold.
-std::optional<Eigen::Vector2d> View::undistorted(double xd, double yd) const {
-  const Distortion& d = camera_.distortion;
-  if (d.none()) return Eigen::Vector2d(xd, yd);
-  Eigen::Vector2d p(xd, yd);
-  const double limit = fold_r2_;
-  if (p.squaredNorm() > limit) p *= 0.9 * std::sqrt(limit / p.squaredNorm());
-  for (int i = 0; i < 50; ++i) {
-    const Eigen::Vector2d miss = distorted(p.x(), p.y()) - Eigen::Vector2d(xd, yd);
-    const Eigen::Matrix2d jacobian = distortion_jacobian(p.x(), p.y());
-    const double det = jacobian.determinant();
-    if (!(det > 1e-12)) return std::nullopt;
-    Eigen::Vector2d step = jacobian.inverse() * miss;
-    // Never past the fold in one leap.
-    const double longest = 0.5 * std::max(0.1, p.norm());
-    if (step.norm() > longest) step *= longest / step.norm();
-    p -= step;
-    if (p.squaredNorm() > limit) p *= std::sqrt(limit / p.squaredNorm());
-    if (step.norm() <= 1e-15 * (1 + p.norm())) break;
-  }
-  if ((distorted(p.x(), p.y()) - Eigen::Vector2d(xd, yd)).norm() > 1e-11 * (1 + std::hypot(xd, yd)))
-    return std::nullopt;
-  return p;
-}
-
 std::optional<Vec3> View::ray(double x_px, double y_px) const {
-  const auto p = undistorted((x_px - camera_.cx) / camera_.fx, (y_px - camera_.cy) / camera_.fy);
+  const auto p = lens_.undistorted((x_px - camera_.cx) / camera_.fx, (y_px - camera_.cy) / camera_.fy);
   if (!p) return std::nullopt;
   return moon_from_camera_ * Vec3(p->x(), p->y(), 1);
 }
@@ -97,8 +30,8 @@ std::optional<PixelXY> View::project(const Vec3& point_m) const {
   const Vec3 c = camera_from_moon_ * (point_m - position_);
   if (!(c.z() > 0)) return std::nullopt;
   const double x = c.x() / c.z(), y = c.y() / c.z();
-  if (x * x + y * y > fold_r2_) return std::nullopt;
-  const Eigen::Vector2d d = distorted(x, y);
+  if (!lens_.holds(x, y)) return std::nullopt;
+  const Eigen::Vector2d d = lens_.distorted(x, y);
   return PixelXY{camera_.fx * d.x() + camera_.cx, camera_.fy * d.y() + camera_.cy};
 }
 
@@ -113,14 +46,14 @@ void View::bound_image() {
   for (int j = 0; j <= kSamples; ++j)
     for (int i = 0; i <= kSamples; ++i) {
       const double u = -0.5 + (w + 0.5) * i / kSamples, v = -0.5 + (h + 0.5) * j / kSamples;
-      const auto p = undistorted((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy);
+      const auto p = lens_.undistorted((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy);
       folds |= !p;
       if (!p) continue;
       left_ = std::min(left_, p->x()), right_ = std::max(right_, p->x());
       top_ = std::min(top_, p->y()), bottom_ = std::max(bottom_, p->y());
       // Pixels per radian, along the radius the larger one: on the plane z = 1 an angle covers (1 + r^2), the lens
       // stretches on top: by the larger eigenvalue of its symmetric Jacobian.
-      const Eigen::Matrix2d j2 = distortion_jacobian(p->x(), p->y());
+      const Eigen::Matrix2d j2 = lens_.jacobian(p->x(), p->y());
       const double r2 = p->squaredNorm(), half_trace = j2.trace() / 2;
       const double stretch =
           std::abs(half_trace) + std::sqrt(std::max(0.0, half_trace * half_trace - j2.determinant()));
@@ -133,7 +66,7 @@ void View::bound_image() {
   if (folds) {
     // Towards the fold a pixel covers ever more: nothing between the samples bounds the view but the fold itself.
     constexpr double kFarthestSlope = 1000;
-    widest_ = std::min(std::sqrt(fold_r2_), kFarthestSlope);
+    widest_ = std::min(lens_.reach(), kFarthestSlope);
     left_ = top_ = -widest_, right_ = bottom_ = widest_;
   }
   const double mx = 0.02 * (right_ - left_) + 1e-9, my = 0.02 * (bottom_ - top_) + 1e-9;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "engine/frame.h"
+#include "engine/lens.h"
 
 namespace selenograph::engine {
 
@@ -38,18 +39,15 @@ class View {
 
  private:
   void bound_image();
-  std::optional<Eigen::Vector2d> undistorted(double xd, double yd) const;
-  Eigen::Vector2d distorted(double x, double y) const;
-  Eigen::Matrix2d distortion_jacobian(double x, double y) const;
 
   Camera camera_;
+  Lens lens_;
   Vec3 position_;
   Eigen::Matrix3d camera_from_moon_, moon_from_camera_;
   // Slopes x/z and y/z of the image's border, slightly outside.
   double left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
   double pixels_per_radian_ = 0, stretched_focal_ = 0;
-  double widest_ = 0;   // largest slope sqrt(x^2 + y^2) / z in the image
-  double fold_r2_ = 0;  // squared radius on the plane z = 1 up to which the radial distortion grows monotonically
+  double widest_ = 0;  // largest slope sqrt(x^2 + y^2) / z in the image
 };
 
 }  // namespace selenograph::engine

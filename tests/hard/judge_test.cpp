@@ -6,14 +6,11 @@
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_reduce.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <memory>
 #include <numbers>
 #include <random>
@@ -21,8 +18,7 @@
 #include <vector>
 
 #include "dem/sample_terrain.h"
-#include "dem/terrain.h"
-#include "engine/renderer.h"
+#include "tests/support/frame_judge.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
 
@@ -31,8 +27,6 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr int kSide = 256;  // pixels
-constexpr double kTolerance_m = 0.01;
-constexpr double kGrazing_m = 1.0;
 constexpr double kSunElevations_deg[] = {3, 15, 45};
 
 // ---- the judge itself ----------------------------------------------------------------------------------------------
@@ -137,18 +131,6 @@ TEST(JudgeOfAPlain, DoesNotKnowVoids) {
 
 // ---- frames against the judge --------------------------------------------------------------------------------------
 
-struct Scenery {
-  std::unique_ptr<Judge> judge;
-  std::shared_ptr<dem::Terrain> terrain;
-  std::unique_ptr<engine::Renderer> renderer;
-
-  explicit Scenery(const std::string& folder)
-      : judge(std::make_unique<Judge>(folder)),
-        terrain(
-            std::make_shared<dem::Terrain>(dem::Catalogue(std::vector<std::string>{folder}), dem::TerrainOptions{})),
-        renderer(std::make_unique<engine::Renderer>(terrain, engine::RendererOptions{})) {}
-};
-
 struct Look {
   const char* name;
   double lat_deg, lon_deg, height_m;
@@ -181,141 +163,6 @@ engine::FrameRequest request_for(const Look& look, double sun_elevation_deg, dou
 
 // Off-nadir angle of the horizon of the sphere through the ground.
 double horizon_deg(double height_m) { return std::asin(kMoonRadius_m / (kMoonRadius_m + height_m)) / kDegree; }
-
-struct Findings {
-  std::uint64_t pixels = 0, hits = 0, unknown = 0;
-  std::uint64_t off_ray = 0, off_terrain = 0;   // more than the tolerance
-  std::uint64_t outlines = 0, unexplained = 0;  // another first hit: beyond an outline that float blurs; or not
-  std::uint64_t lit = 0, flags = 0, grazing = 0, wrong = 0, wrong_grazing = 0;
-  double off_ray_m = 0, off_terrain_m = 0, depth_m = 0;  // the largest
-  void add(const Findings& o) {
-    pixels += o.pixels, hits += o.hits, unknown += o.unknown, off_ray += o.off_ray, off_terrain += o.off_terrain;
-    outlines += o.outlines, unexplained += o.unexplained, flags += o.flags, grazing += o.grazing, wrong += o.wrong;
-    wrong_grazing += o.wrong_grazing, lit += o.lit;
-    off_ray_m = std::max(off_ray_m, o.off_ray_m), off_terrain_m = std::max(off_terrain_m, o.off_terrain_m),
-    depth_m = std::max(depth_m, o.depth_m);
-  }
-};
-
-// One frame, pixel by pixel.
-class Trial {
- public:
-  Trial(const Judge& judge, const engine::FrameRequest& request, const engine::Frame& frame)
-      : judge_(judge),
-        request_(request),
-        products_(frame.products),
-        moon_from_camera_(request.pose.camera_from_moon.conjugate().toRotationMatrix()) {}
-
-  Findings hear() const {
-    return tbb::parallel_reduce(
-        tbb::blocked_range<int>(0, kSide * kSide, 64), Findings{},
-        [&](const tbb::blocked_range<int>& range, Findings found) {
-          for (int i = range.begin(); i < range.end(); ++i) judge_pixel(i, found);
-          return found;
-        },
-        [](Findings a, const Findings& b) {
-          a.add(b);
-          return a;
-        });
-  }
-
- private:
-  // Scaled so that its length along the boresight is 1, as in the contract of `depth`.
-  Vec3 ray(int pixel) const {
-    const engine::Camera& c = request_.camera;
-    return moon_from_camera_ * Vec3((pixel % kSide - c.cx) / c.fx, (pixel / kSide - c.cy) / c.fy, 1);
-  }
-
-  void judge_pixel(int pixel, Findings& found) const {
-    ++found.pixels;
-    const auto at = static_cast<std::size_t>(pixel);
-    const Vec3 along = ray(pixel), direction = along.normalized(), &eye = request_.pose.position_m;
-    FirstHit truth = judge_.first_hit(eye, direction);
-    if (truth.hit == Verdict::unknown) {
-      ++found.unknown;
-      return;
-    }
-    if (truth.hit == Verdict::yes && !truth.from_above)
-      truth = {};  // through the mosaic's rim: the engine has no surface there
-    const double depth = products_.depth[at], distance = depth * along.norm();
-    const bool hit = !std::isnan(depth);
-    if (hit) judge_position(at, direction, distance, found);
-    if (hit != (truth.hit == Verdict::yes) || (hit && std::abs(truth.distance_m - distance) > kTolerance_m)) {
-      ++(at_outline(eye, direction, truth.distance_m, distance) ? found.outlines : found.unexplained);
-      return;
-    }
-    if (!hit) return;
-    found.depth_m = std::max(found.depth_m, std::abs(truth.distance_m - distance));
-    judge_light(at, eye + truth.distance_m * direction, truth.face, found);
-  }
-
-  void judge_position(std::size_t at, const Vec3& direction, double distance, Findings& found) const {
-    ++found.hits;
-    const Vec3 position(products_.position[3 * at], products_.position[3 * at + 1], products_.position[3 * at + 2]);
-    const double off_ray = (position - request_.pose.position_m - distance * direction).norm();
-    found.off_ray_m = std::max(found.off_ray_m, off_ray);
-    found.off_ray += off_ray > kTolerance_m;
-    const auto height = judge_.height_above_surface(position);
-    if (!height) {
-      ++found.unknown;
-      return;
-    }
-    found.off_terrain_m = std::max(found.off_terrain_m, std::abs(*height));
-    found.off_terrain += std::abs(*height) > kTolerance_m;
-  }
-
-  // Whether judge and engine see two sides of an outline: of the rays that pass the nearer point 2 cm above and below,
-  // one meets the surface (about) where the engine did, and the other one far from there.
-  bool at_outline(const Vec3& eye, const Vec3& direction, double truth_m, double engine_m) const {
-    const double engine = std::isnan(engine_m) ? std::numeric_limits<double>::infinity() : engine_m;
-    constexpr double kSame_m = 10, kOther_m = 15;
-    if (!(std::abs(truth_m - engine) > kOther_m)) return false;
-    const Vec3 near = eye + std::min(truth_m, engine) * direction;
-    for (const double offset_m : {0.02, -0.02}) {
-      const FirstHit beside = judge_.first_hit(eye, toward(eye, near + offset_m * near.normalized()));
-      const double seen =
-          beside.hit == Verdict::yes && beside.from_above ? beside.distance_m : std::numeric_limits<double>::infinity();
-      if (seen == engine || std::abs(seen - engine) < kSame_m) return true;
-    }
-    return false;
-  }
-
-  void judge_light(std::size_t at, const Vec3& point, const Face& face, Findings& found) const {
-    const Vec3& sun = request_.sun.direction;
-    const Vec3 shading(products_.normal[3 * at], products_.normal[3 * at + 1], products_.normal[3 * at + 2]);
-    const double mu0 = shading.dot(sun);
-    if (std::abs(mu0) < 1e-6) return;  // the sign is beyond the float of `normal`
-    const bool faces_sun = mu0 > 0 && judge_.vertices(face)->normal().dot(sun) > 0;
-    const Verdict blocked = faces_sun ? judge_.sun_blocked(point, face, sun) : Verdict::yes;
-    if (blocked == Verdict::unknown) {
-      ++found.unknown;
-      return;
-    }
-    const bool wrong = (products_.lit[at] != 0) != (blocked == Verdict::no);
-    const bool grazing = faces_sun && judge_.grazes(point, face, sun, kGrazing_m);
-    ++(grazing ? found.grazing : found.flags);
-    found.lit += blocked == Verdict::no;
-    if (wrong) ++(grazing ? found.wrong_grazing : found.wrong);
-  }
-
-  const Judge& judge_;
-  const engine::FrameRequest& request_;
-  const engine::FrameProducts& products_;
-  Eigen::Matrix3d moon_from_camera_;
-};
-
-Findings judged(const Judge& judge, const engine::FrameRequest& request, const engine::Frame& frame) {
-  return Trial(judge, request, frame).hear();
-}
-
-void report(const std::string& name, const Findings& f) {
-  fmt::print(
-      "{:<33} hits {:5}  off ray {:.1e} m  off terrain {:.1e} m  depth {:.1e} m  outlines {} unexplained {} unknown "
-      "{}\n",
-      name, f.hits, f.off_ray_m, f.off_terrain_m, f.depth_m, f.outlines, f.unexplained, f.unknown);
-  fmt::print("{:<33} lit {:5}  flags {:5} wrong {}  within 1 m of grazing {:4} wrong {}\n", "", f.lit, f.flags, f.wrong,
-             f.grazing, f.wrong_grazing);
-}
 
 void expect_agreement(const Findings& f, double least_hit_share) {
   EXPECT_GT(static_cast<double>(f.hits), least_hit_share * static_cast<double>(f.pixels))

@@ -1,0 +1,296 @@
+// Suns where formulas have their corners: in the zenith, at a pole, on the horizon and below it, and as vectors of any
+// length.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <numbers>
+#include <string>
+
+#include "api/frame_json.h"
+#include "api/service.h"
+#include "dem/lattice.h"
+#include "engine/photometry.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/frame_judge.h"
+#include "tests/support/hard_views.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::test {
+namespace {
+
+using engine::Frame;
+using engine::FrameRequest;
+
+// ---- a sphere without relief ---------------------------------------------------------------------------------------
+
+class SmoothMoonUnder : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    write_global_tile(folder_->path(), 2, [](double, double) { return 0.0; });
+    renderer_ = std::make_shared<engine::Renderer>(open_terrain(folder_->path()), engine::RendererOptions{});
+  }
+  static void TearDownTestSuite() {
+    renderer_.reset();
+    delete folder_;
+    folder_ = nullptr;
+  }
+
+  // A facet's own normal is up to half a post's angle off the sphere's: within that of the terminator it decides.
+  static double post_rad() { return dem::post_spacing_m(8) / kMoonRadius_m; }
+
+  struct Light {
+    std::size_t lit = 0, dark = 0, near_terminator = 0;
+    double worst_radiance = 0;  // W m-2 sr-1, against the formula
+  };
+
+  // Each pixel against the sphere: lit by day, dark by night, radiance equal to the formula.
+  static Light expect_formula(const FrameRequest& request) {
+    const Frame frame = renderer_->render(request);
+    Light light;
+    EXPECT_EQ(frame.report.hit_fraction, 1);
+    for (std::size_t i = 0; i < frame.products.lit.size(); ++i) {
+      const Vec3 point = component(frame.products.position, i), up = point.normalized();
+      const double mu0 = up.dot(request.sun.direction), mu = up.dot((request.pose.position_m - point).normalized()),
+                   radiance = static_cast<double>(frame.products.radiance[i]);
+      const double expected = engine::direct_radiance(request.reflectance, engine::kSolarConstant_w_m2, mu0, mu, 1);
+      EXPECT_TRUE(std::isfinite(radiance) && radiance >= 0) << "pixel " << i;
+      ++(frame.products.lit[i] > 0 ? light.lit : light.dark);
+      if (std::abs(mu0) < post_rad()) {
+        ++light.near_terminator;
+        // Dark, or as bright as a place within a post may be.
+        EXPECT_LE(radiance,
+                  engine::direct_radiance(request.reflectance, engine::kSolarConstant_w_m2, mu0 + post_rad(), mu, 1));
+        continue;
+      }
+      EXPECT_EQ(frame.products.lit[i], mu0 > 0 ? 1.F : 0.F) << "pixel " << i;
+      if (mu0 < 0) {
+        EXPECT_EQ(frame.products.radiance[i], 0.F);
+      }
+      light.worst_radiance = std::max(light.worst_radiance, std::abs(radiance - expected));
+    }
+    // `normal` is float: 6e-8 of the cosines, of at most 26 W m-2 sr-1. Between posts normals are weighted means of
+    // neighbours', 1e-8 short of the sphere's curvature.
+    EXPECT_LT(light.worst_radiance, 1e-4);
+    return light;
+  }
+
+  static void print(const std::string& name, const Light& light) {
+    fmt::print("{:<34} lit {:5} dark {:5} within a post of the terminator {:4}  radiance off by {:.1e} W m-2 sr-1\n",
+               name, light.lit, light.dark, light.near_terminator, light.worst_radiance);
+  }
+
+  static inline TemporaryFolder* folder_ = nullptr;
+  static inline std::shared_ptr<engine::Renderer> renderer_;
+};
+
+TEST_F(SmoothMoonUnder, ASunInTheZenith) {
+  for (const Geographic& place :
+       {Geographic{0, 0, 20000}, {37, 120, 20000}, {-89.999, 30, 20000}, {90, 0, 20000}, {0, 180, 2}}) {
+    const Light light = expect_formula(nadir_view(place, 65, 50, to_cartesian(place).normalized()));
+    EXPECT_EQ(light.dark, 0u);
+    print(fmt::format("zenith over {} {}", place.lat_deg, place.lon_deg), light);
+  }
+}
+
+TEST_F(SmoothMoonUnder, ASunOverAPole) {
+  for (const double north : {1.0, -1.0}) {
+    const Vec3 sun(0, 0, north);
+    const Light day = expect_formula(nadir_view({90 * north, 0, 20000}, 65, 50, sun)),
+                night = expect_formula(nadir_view({-90 * north, 0, 20000}, 65, 50, sun)),
+                equator = expect_formula(nadir_view({0, 77, 200000}, 65, 50, sun));
+    EXPECT_EQ(day.dark, 0u);
+    EXPECT_EQ(night.lit, 0u);
+    EXPECT_GT(equator.near_terminator, 0u);
+    // The terminator is the equator, which is the image's middle row.
+    EXPECT_NEAR(static_cast<double>(equator.lit), 65 * 32.5, 65.0);
+    print("sub-solar pole", day), print("the other pole", night), print("the equator", equator);
+  }
+}
+
+TEST_F(SmoothMoonUnder, ASunBelowTheHorizon) {
+  const Geographic place{12, -140, 20000};
+  for (const double elevation : {-0.01, -1.0, -10.0, -45.0, -90.0}) {
+    const Light light = expect_formula(nadir_view(place, 65, 50, local_direction(to_cartesian(place), 200, elevation)));
+    // 9 km are 0.3 degrees.
+    if (elevation <= -1) {
+      EXPECT_EQ(light.lit, 0u);
+    }
+    print(fmt::format("{} degrees below the horizon", -elevation), light);
+  }
+}
+
+// mu0 = 0, as exactly as it can be: the terminator runs through the centres of the middle row or column of pixels.
+TEST_F(SmoothMoonUnder, ASunExactlyOnTheHorizon) {
+  struct Case {
+    const char* name;
+    Geographic place;
+    Vec3 sun;
+    bool along_row;
+  };
+  for (const Case& c : {Case{"north, seen from the equator", {0, 0, 20000}, Vec3::UnitZ(), true},
+                        Case{"south, seen from the equator", {0, 90, 20000}, -Vec3::UnitZ(), true},
+                        Case{"east", {0, 0, 20000}, Vec3::UnitY(), false},
+                        Case{"west, at 180 degrees", {0, 180, 20000}, Vec3::UnitY(), false},
+                        Case{"at the north pole", {90, 0, 20000}, Vec3::UnitY(), false}}) {
+    SCOPED_TRACE(c.name);
+    const FrameRequest request = nadir_view(c.place, 65, 50, c.sun);
+    print(fmt::format("Sun on the horizon, {}", c.name), expect_formula(request));
+    const Frame frame = renderer_->render(request);
+    double brightest = 0;
+    for (std::size_t k = 0; k < 65; ++k) {
+      const std::size_t i = c.along_row ? 32 * 65 + k : k * 65 + 32;
+      ASSERT_NEAR(component(frame.products.position, i).dot(c.sun), 0, 1e-6);
+      brightest = std::max(brightest, static_cast<double>(frame.products.radiance[i]));
+    }
+    // mu0 itself is what float leaves of zero: 1e-7 of E rho / 2 pi.
+    EXPECT_LT(brightest, 1e-5);
+  }
+}
+
+// ---- relief --------------------------------------------------------------------------------------------------------
+
+class CragsUnder : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    write_kaguya_tile(folder_->path(), 1, 29, 2, 256, crags);
+    scenery_ = new Scenery(folder_->path());
+  }
+  static void TearDownTestSuite() {
+    delete scenery_;
+    delete folder_;
+    scenery_ = nullptr, folder_ = nullptr;
+  }
+  static Findings expect_judged(const std::string& name, const FrameRequest& request) {
+    SCOPED_TRACE(name);
+    const Findings found = judged(*scenery_->judge, request, scenery_->renderer->render(request));
+    report(name, found);
+    EXPECT_EQ(found.off_ray + found.off_terrain + found.unexplained, 0u);
+    // A ray that goes into the ground within the rounding of its start (centimetres) is found out where it comes out
+    // again. Under a Sun below the horizon it doesn't.
+    EXPECT_LE(found.wrong, request.sun.direction.dot(request.pose.position_m) < 0 ? 1u : 0u);
+    return found;
+  }
+  static inline TemporaryFolder* folder_ = nullptr;
+  static inline Scenery* scenery_ = nullptr;
+};
+
+TEST_F(CragsUnder, ASunInTheZenithLeavesNoShadow) {
+  const Geographic place{0, 30, 20000};
+  const Findings found =
+      expect_judged("crags, Sun in the zenith", nadir_view(place, 96, 50, to_cartesian(place).normalized()));
+  EXPECT_EQ(found.lit, found.hits) << "no slope is as steep as the Sun is high";
+}
+
+TEST_F(CragsUnder, ASunOnTheHorizonAndALittleBelow) {
+  const Geographic place{0, 30, 20000};
+  for (const double elevation : {1.0, 0.0, -0.5})
+    expect_judged(fmt::format("crags, Sun at {} deg", elevation),
+                  nadir_view(place, 96, 50, local_direction(to_cartesian(place), 70, elevation)));
+}
+
+// Regional data under a Sun below the horizon. Where there are data they shade each other; outside of them nothing
+// does but the solid Moon beneath all relief (12 km below the datum, seen 6.7 degrees below the horizon). So slopes
+// beside the rim that face the Sun are lit down to there, as the judge has it too, and none below.
+TEST_F(CragsUnder, ASunFarBelowTheHorizonAtTheRimOfTheData) {
+  const Geographic inside{0, 30, 20000}, rim{0, 30.9, 20000};
+  for (const double elevation : {-2.0, -5.0}) {
+    const Vec3 at_rim = to_cartesian(rim);
+    const Findings middle = expect_judged(fmt::format("crags, Sun at {} deg, inside", elevation),
+                                          nadir_view(inside, 96, 50, local_direction(at_rim, 90, elevation))),
+                   outermost = expect_judged(fmt::format("crags, Sun at {} deg, at the rim", elevation),
+                                             nadir_view(rim, 96, 25, local_direction(at_rim, 90, elevation)));
+    EXPECT_EQ(middle.lit, 0u);
+    EXPECT_LT(outermost.lit * 10, outermost.hits);
+  }
+  for (const double elevation : {-7.5, -15.0, -30.0, -89.0}) {
+    const FrameRequest request = nadir_view(rim, 96, 25, local_direction(to_cartesian(rim), 90, elevation));
+    const Frame frame = scenery_->renderer->render(request);
+    std::size_t lit = 0;
+    for (std::size_t i = 0; i < frame.products.lit.size(); ++i)
+      lit += frame.products.lit[i] > 0 || frame.products.radiance[i] != 0;
+    EXPECT_EQ(lit, 0u) << elevation;
+    EXPECT_GT(frame.report.hit_fraction, 0.8);
+  }
+}
+
+// ---- vectors of any length, through the JSON door ------------------------------------------------------------------
+
+std::string frame_body(const std::string& sun_direction, const char* product) {
+  return R"({"camera": {"width": 64, "height": 64, "fov_deg": 50},
+             "pose": {"geodetic": {"lat_deg": 0, "lon_deg": 30, "height_m": 20000}, "nadir": {}},
+             "sun": {"direction": )" +
+         sun_direction + R"(}, "accuracy": {"max_error_px": 0}, "products": [")" + product + "\"]}";
+}
+
+std::string text_of(const Vec3& v) { return fmt::format("[{:.17g}, {:.17g}, {:.17g}]", v.x(), v.y(), v.z()); }
+
+Vec3 read_direction(const std::string& text) {
+  const api::Json body = api::parse_json(frame_body(text, "lit"), 16);
+  return api::read_frame(body, api::Limits{}).request.sun.direction;
+}
+
+// Scaling by a power of two rounds nothing, and neither does a vector along an axis: same bits. Any other factor
+// rounds each component once, as does dividing by the largest: a few 1e-16.
+TEST(SunVectors, OfAnyLengthAreOneDirection) {
+  const Vec3 sun = local_direction(to_cartesian({0, 30, 0}), 115, 7);
+  double worst = 0;
+  for (const Vec3& v : {sun, Vec3(0.3, 0.8, -0.1), Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(1e-9, 1, 1e-16)}) {
+    const Vec3 unit = read_direction(text_of(v));
+    EXPECT_NEAR(unit.norm(), 1, 3e-16);
+    for (const int exponent : {-900, -60, 60, 1000})
+      EXPECT_EQ(read_direction(text_of(v * std::ldexp(1.0, exponent))), unit) << exponent;
+    for (const double scale : {1e-300, 1e-200, 1e-3, 7.0, 1e200, 1e300, 1.7e308})
+      worst = std::max(worst, (read_direction(text_of(v * scale)) - unit).norm());
+  }
+  fmt::print("Sun vectors scaled by 1e-300 to 1.7e308: off by {:.1e} rad at most\n", worst);
+  EXPECT_LE(worst, 5e-16);
+  for (const double length : {5e-324, 1e-310, 1e-300, 1e300, 1.7976931348623157e308}) {
+    EXPECT_EQ(read_direction(text_of(length * Vec3::UnitY())), Vec3::UnitY()) << length;
+    EXPECT_LE((read_direction(text_of(length * Vec3(0, 1, -1))) - Vec3(0, 1, -1).normalized()).norm(), 2e-16);
+  }
+}
+
+TEST_F(CragsUnder, SunVectorsOfAnyLengthGiveTheSameFrame) {
+  const api::Service service(std::shared_ptr<const engine::Renderer>(scenery_->renderer.get(), [](const auto*) {}),
+                             api::Limits{});
+  const auto bytes = [&](const Vec3& sun, const char* product) {
+    api::Request request{"POST",
+                         "/v1/frames",
+                         {},
+                         {{"accept", "application/octet-stream"}, {"content-type", "application/json"}},
+                         frame_body(text_of(sun), product)};
+    const api::Response response = service.handle(request);
+    EXPECT_EQ(response.status, 200) << response.body;
+    return response.body;
+  };
+  const Vec3 sun = local_direction(to_cartesian({0, 30, 0}), 115, 7);
+  for (const char* product : {"radiance", "lit"}) {
+    const std::string unit = bytes(sun, product);
+    ASSERT_EQ(unit.size(), 64u * 64 * 4);
+    EXPECT_EQ(bytes(std::ldexp(1.0, -990) * sun, product), unit);
+    EXPECT_EQ(bytes(std::ldexp(1.0, 990) * sun, product), unit);
+    for (const double scale : {1e-300, 1e300}) {
+      const std::string scaled = bytes(scale * sun, product);
+      std::size_t different = 0;
+      double worst = 0;
+      for (std::size_t i = 0; i < 64 * 64; ++i) {
+        float a, b;
+        std::memcpy(&a, &unit[4 * i], 4), std::memcpy(&b, &scaled[4 * i], 4);
+        different += a != b;
+        worst = std::max(worst, static_cast<double>(std::abs(a - b)));
+      }
+      fmt::print("Sun vector times {:g}, {}: {} of 4096 pixels differ, by {:.1e} at most\n", scale, product, different,
+                 worst);
+      // The last bit of a float of at most 26 W m-2 sr-1; a shadow's edge would have to lie within 1e-16 of a pixel.
+      EXPECT_LE(worst, 2e-6);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::test
