@@ -314,6 +314,7 @@ int JsonReader::word_index(const std::vector<std::string_view>& names) const {
 }
 
 std::optional<Vec3> direction_of(const Vec3& v) {
+  if (is_unit(v)) return v;
   const double largest = v.cwiseAbs().maxCoeff();
   if (!(largest > 0) || !std::isfinite(largest)) return std::nullopt;
   // Division first: squares of 1e300 or 1e-300 don't fit. Each component is divided on its own because the reciprocal

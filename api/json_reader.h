@@ -1,6 +1,7 @@
 // Untrusted JSON -> checked values. Everything that a client sends crosses into typed values here and nowhere else.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <initializer_list>
 #include <limits>
@@ -110,6 +111,13 @@ class JsonReader {
   std::string_view key_;
   std::size_t index_ = 0;
 };
+
+// Whether a vector is of unit length but for the rounding of having been normalised before. Then it is kept as it is:
+// doing it twice would move the last bit, and a resolved request would no longer resolve to itself.
+template <typename Vector>
+bool is_unit(const Vector& v) {
+  return std::abs(v.squaredNorm() - 1) <= 8 * std::numeric_limits<double>::epsilon();
+}
 
 // A vector's direction whatever its length (1e-300 and 1e300 alike); empty for zero.
 std::optional<Vec3> direction_of(const Vec3& v);

@@ -36,7 +36,7 @@ Eigen::Quaterniond read_quaternion(const JsonReader& in) {
   } else if (!(std::abs(length - 1) <= kQuaternionTolerance)) {
     in.fail(fmt::format("has length {:.6g}; a unit quaternion is needed (within {})", length, kQuaternionTolerance));
   } else {
-    return Eigen::Quaterniond(Eigen::Vector4d(xyzw / length));
+    return Eigen::Quaterniond(is_unit(xyzw) ? xyzw : Eigen::Vector4d(xyzw / length));
   }
   return Eigen::Quaterniond::Identity();
 }
@@ -101,21 +101,30 @@ Eigen::Quaterniond read_nadir(const JsonReader& in, const Vec3& position_m) {
   return camera_looking(-local.up, up).value_or(fallback);
 }
 
-Vec3 read_position(const JsonReader& in, engine::BodyFrame frame) {
-  const std::string_view how = in.alternative({"position_m", "geodetic"}, true);
-  if (how == "position_m") return engine::moon_me_from(frame) * in.at(how).vector(kCoordinate_m);
-  if (how != "geodetic") return Vec3::Zero();
+Vec3 read_geodetic(const JsonReader& in, engine::BodyFrame frame) {
   if (frame != engine::BodyFrame::moon_me) {
     // The two frames are 860 m apart: taking one for the other silently is the one mistake not to make.
-    in.fail(how, "is MOON_ME always; with another frame give position_m");
+    in.fail("is MOON_ME always; with another frame give position_m");
   }
-  return to_cartesian(read_place(in.at(how), true));
+  return to_cartesian(read_place(in, true));
+}
+
+Vec3 read_position(const JsonReader& in, engine::BodyFrame frame) {
+  const std::string_view how = in.alternative({"position_m", "geodetic"}, true);
+  if (how.empty()) return Vec3::Zero();
+  const Vec3 position_m = how == "position_m" ? Vec3(engine::moon_me_from(frame) * in.at(how).vector(kCoordinate_m))
+                                              : read_geodetic(in.at(how), frame);
+  // Turning it or adding the Moon's radius can take it out of the range that it must be in to be a request again.
+  if (in.good() && !(position_m.cwiseAbs().maxCoeff() <= kCoordinate_m.max)) {
+    in.fail(how, fmt::format("lies more than {} m from the Moon's centre along an axis of MOON_ME", kCoordinate_m.max));
+  }
+  return position_m;
 }
 
 // Of q and -q, which are one attitude, the one whose first component of w, x, y, z that is not zero is positive: one
 // attitude has one text and one content hash.
 Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
-  q.normalize();
+  if (!is_unit(q.coeffs())) q.normalize();
   for (const double component : {q.w(), q.x(), q.y(), q.z()}) {
     if (component == 0) continue;
     if (component < 0) q.coeffs() = -q.coeffs();

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <cmath>
@@ -77,6 +78,15 @@ format::Header header_from(const std::string& bytes, const std::string& name) {
   format::Header header;
   std::memcpy(&header, bytes.data(), sizeof header);
   return header;
+}
+
+// Selection and visibility rely on a block's bounds and error: heights within finite bounds, or none.
+void check_heights(const Block& block, const std::string& name) {
+  const bool bounded = std::isfinite(block.min_m) && std::isfinite(block.max_m) && std::isfinite(block.error_m) &&
+                       block.error_m >= 0 && std::all_of(block.heights.begin(), block.heights.end(), [&](float h) {
+                         return std::isnan(h) || (h >= block.min_m && h <= block.max_m);
+                       });
+  if (!bounded) throw DataError(name, "damaged pyramid file: impossible heights in block " + to_string(block.id));
 }
 
 std::string label(const std::string& path, const ChunkPlan& plan) {
@@ -178,12 +188,17 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id) const {
   }
   block->sources.resize(sources);
   std::memcpy(block->sources.data(), bytes.data() + heights_bytes, sizeof(SourceMark) * sources);
-  for (SourceMark& s : block->sources)
-    if ((s & kNoSource) < catalogue_index_.size()) s = (s & kFilledBit) | catalogue_index_[s & kNoSource];
+  for (SourceMark& s : block->sources) {
+    const SourceMark index = s & kNoSource;
+    if (index == kNoSource) continue;
+    if (index >= catalogue_index_.size()) throw DataError(name, "damaged pyramid file: a source that it doesn't name");
+    s = (s & kFilledBit) | catalogue_index_[index];
+  }
   for (std::size_t r = 0; r < side; ++r)
     block->heights.insert(block->heights.end(),
                           heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo),
                           heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo + side));
+  check_heights(*block, name);
   // Filtered levels are no longer quantised.
   fill_shading_normals(*block, heights, id.level >= base_level_ ? quantisation_m_ : 0);
   return block;

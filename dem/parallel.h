@@ -2,68 +2,74 @@
 //
 // Isolated: a thread that waits here for the loop's end doesn't pick up unrelated work meanwhile, which could be
 // another client's frame or could wait for the very thing that this thread is loading.
+//
+// Under ThreadSanitizer the loops run on plain threads. Debian's oneTBB is not instrumented: with it every hand-over
+// between tasks looks like a race, and suppressing those would hide the races of the loops' bodies with them.
 #pragma once
 
+#ifdef __SANITIZE_THREAD__
+#include <algorithm>
+#include <atomic>
+#include <exception>
+#include <mutex>
+#include <thread>
+#include <vector>
+#else
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#endif
 #include <tbb/task_arena.h>
 
 #include <cstddef>
 
-#ifdef __SANITIZE_THREAD__
-extern "C" {
-void __tsan_acquire(void*);
-void __tsan_release(void*);
-}
-#endif
-
 namespace selenograph {
-namespace detail {
 
-// Debian's oneTBB is not instrumented: ThreadSanitizer is told here what a loop's start and end order.
-inline void hand_over([[maybe_unused]] void* token) {
 #ifdef __SANITIZE_THREAD__
-  __tsan_release(token);
-#endif
-}
-inline void take_over([[maybe_unused]] void* token) {
-#ifdef __SANITIZE_THREAD__
-  __tsan_acquire(token);
-#endif
+inline constexpr std::size_t kThreadsOfALoop = 4;
+
+template <typename Body>
+void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
+  std::atomic<std::size_t> next{0};
+  std::mutex mutex;
+  std::exception_ptr thrown;
+  const auto work = [&] {
+    try {
+      // Relaxed: pieces of one loop must not order each other.
+      for (std::size_t first; (first = next.fetch_add(grain, std::memory_order_relaxed)) < count;)
+        body(first, std::min(first + grain, count));
+    } catch (...) {
+      const std::lock_guard lock(mutex);
+      thrown = std::current_exception();
+      next.store(count, std::memory_order_relaxed);
+    }
+  };
+  std::vector<std::thread> helpers;
+  for (std::size_t i = 1; i < std::min(kThreadsOfALoop, (count + grain - 1) / grain); ++i) helpers.emplace_back(work);
+  work();
+  for (std::thread& helper : helpers) helper.join();
+  if (thrown) std::rethrow_exception(thrown);
 }
 
-}  // namespace detail
-
+template <typename Body>
+auto in_arena(tbb::task_arena&, const Body& body) {
+  return body();
+}
+#else
 // body(first, past_last) for pieces of 0 .. count, of at least `grain`.
 template <typename Body>
 void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
-  char token = 0;
-  detail::hand_over(&token);
   tbb::this_task_arena::isolate([&] {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, grain),
-                      [&](const tbb::blocked_range<std::size_t>& piece) {
-                        detail::take_over(&token);
-                        body(piece.begin(), piece.end());
-                        detail::hand_over(&token);
-                      });
+                      [&](const tbb::blocked_range<std::size_t>& piece) { body(piece.begin(), piece.end()); });
   });
-  detail::take_over(&token);
 }
 
 // body() in the arena, which may hand it to another thread.
 template <typename Body>
 auto in_arena(tbb::task_arena& arena, const Body& body) {
-  char token = 0;
-  detail::hand_over(&token);
-  auto result = arena.execute([&] {
-    detail::take_over(&token);
-    auto made = body();
-    detail::hand_over(&token);
-    return made;
-  });
-  detail::take_over(&token);
-  return result;
+  return arena.execute(body);
 }
+#endif
 
 // body(i) for every i below count.
 template <typename Body>

@@ -20,6 +20,7 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kLongestLabel = 1 << 20;
 constexpr int kDeepestObject = 32;
+constexpr std::uint64_t kFarthestByte = 1'000'000'000'000'000;  // of a file: what is added to it stays within 64 bits
 constexpr double kMetresPerDegree = kMoonRadius_m * std::numbers::pi / 180.0;
 
 char upper(char c) { return static_cast<char>(std::toupper(static_cast<unsigned char>(c))); }
@@ -208,18 +209,23 @@ class Parser {
   std::size_t at_ = 0;
 };
 
+// 16#FF7FFFFB#: a whole number in another base.
+std::optional<std::uint64_t> parse_based(std::string_view s) {
+  const std::size_t hash = s.find('#');
+  if (hash == std::string_view::npos || s.size() <= hash + 2 || s.back() != '#') return std::nullopt;
+  int base = 0;
+  std::uint64_t bits = 0;
+  const std::string_view digits = s.substr(hash + 1, s.size() - hash - 2);
+  std::from_chars(s.data(), s.data() + hash, base);
+  if (base < 2 || base > 16) return std::nullopt;
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), bits, base);
+  if (error != std::errc() || end != digits.data() + digits.size()) return std::nullopt;
+  return bits;
+}
+
 std::optional<double> parse_number(std::string_view s) {
   if (!s.empty() && s.front() == '+') s.remove_prefix(1);
-  if (const std::size_t hash = s.find('#'); hash != std::string_view::npos && s.size() > hash + 2) {
-    int base = 0;
-    std::uint64_t bits = 0;
-    const std::string_view digits = s.substr(hash + 1, s.size() - hash - 2);
-    std::from_chars(s.data(), s.data() + hash, base);
-    if (base < 2 || base > 16 || s.back() != '#') return std::nullopt;
-    const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), bits, base);
-    if (error != std::errc() || end != digits.data() + digits.size()) return std::nullopt;
-    return static_cast<double>(bits);
-  }
+  if (const auto bits = parse_based(s)) return static_cast<double>(*bits);
   double x = 0;
   const auto [end, error] = std::from_chars(s.data(), s.data() + s.size(), x);
   if (error != std::errc() || end != s.data() + s.size() || !std::isfinite(x)) return std::nullopt;
@@ -285,10 +291,10 @@ double unit_in_metres(const Reader& image) {
 
 // A bit pattern such as 16#FF7FFFFB# stands for the real number with those bits.
 double void_of(const std::string& text, const PdsSample& sample, double number) {
-  if (!sample.real || text.find('#') == std::string::npos) return number;
-  const auto bits = static_cast<std::uint64_t>(number);
-  return sample.bytes == 4 ? static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(bits)))
-                           : std::bit_cast<double>(bits);
+  const auto bits = sample.real ? parse_based(text) : std::nullopt;
+  if (!bits) return number;
+  return sample.bytes == 4 ? static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(*bits)))
+                           : std::bit_cast<double>(*bits);
 }
 
 std::vector<double> void_values(const Reader& image, const PdsSample& sample) {
@@ -324,10 +330,13 @@ void find_pixels(const Reader& label, const std::string& label_path, PdsImage& o
   const std::size_t place = attached ? 0 : 1;
   if (place >= pointer->items.size()) return;
   const auto start = pointer->number(place);
-  if (!start || *start < 1 || *start > 1e15 || *start != std::floor(*start)) label.fail("^IMAGE has no valid position");
+  if (!start || *start < 1 || *start > kFarthestByte || *start != std::floor(*start))
+    label.fail("^IMAGE has no valid position");
   const auto before = static_cast<std::uint64_t>(*start) - 1;
   const bool bytes = upper(pointer->unit).starts_with("BYTE");
-  out.first_byte = bytes || before == 0 ? before : before * static_cast<std::uint64_t>(label.count("RECORD_BYTES"));
+  const auto record = static_cast<std::uint64_t>(bytes || before == 0 ? 1 : label.count("RECORD_BYTES"));
+  if (before > kFarthestByte / record) label.fail("^IMAGE has no valid position");
+  out.first_byte = before * record;
 }
 
 void check_data_size(const std::string& label_path, const PdsImage& image) {

@@ -653,7 +653,9 @@ struct Raster::Impl {
       for (int i = 0; i < w; ++i, ++sample) {
         const auto row = static_cast<std::size_t>(s.flip_y ? h - 1 - j : j);
         const auto column = static_cast<std::size_t>(s.flip_x ? w - 1 - i : i);
-        if (!is_void(s, *sample)) out[row * stride + column] = static_cast<float>(*sample * s.scale + s.offset_m);
+        const double height_m = *sample * s.scale + s.offset_m;
+        if (!is_void(s, *sample) && std::abs(height_m) <= kFarthestHeight_m)
+          out[row * stride + column] = static_cast<float>(height_m);
       }
   }
 

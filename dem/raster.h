@@ -3,7 +3,7 @@
 // Pixel coordinates here are *post* coordinates: (x, y) = (0, 0) is the position of the first post, whatever the
 // product's registration (a pixel-is-area product's post lies at its pixel's centre). x grows along a row, y down the
 // rows. Heights are metres above the sphere of 1 737 400 m; products given as planetary radius are converted here;
-// scale, offset and byte order are obeyed; a void (DUMMY, NoData, NaN) reads as NaN.
+// scale, offset and byte order are obeyed; a void (DUMMY, NoData, NaN, what can't be a height) reads as NaN.
 #pragma once
 
 #include <cstddef>
@@ -16,6 +16,10 @@
 #include "dem/geodesy.h"
 
 namespace selenograph::dem {
+
+// The Moon's heights lie between -9.1 and +10.8 km. What a file says beyond this is none (infinity, a DUMMY that nobody
+// declared, a wrong unit) and reads as a void.
+inline constexpr double kFarthestHeight_m = 1e5;
 
 enum class Projection { geographic, polar_stereographic };
 

@@ -1,0 +1,154 @@
+// The body of a POST, through the reader of every call: what comes out is what the engine trusts.
+#include <algorithm>
+#include <stdexcept>
+#include <string>
+
+#include "api/frame_json.h"
+#include "api/points_json.h"
+#include "api/problem.h"
+#include "api/ranges.h"
+#include "engine/view.h"
+#include "tests/fuzz/fuzz.h"
+
+namespace selenograph::fuzz {
+namespace {
+
+using api::Json;
+
+const api::Limits kLimits;
+
+bool is_unit(const Vec3& v) { return std::abs(v.norm() - 1) < 1e-12; }
+
+bool is_place(double lat_deg, double lon_deg) {
+  return api::kLatitude_deg.contains(lat_deg) && api::kLongitude_deg.contains(lon_deg);
+}
+
+bool is_coordinate(const Vec3& v) {
+  return api::kCoordinate_m.contains(v.x()) && api::kCoordinate_m.contains(v.y()) && api::kCoordinate_m.contains(v.z());
+}
+
+// A refusal tells the client where: each pointer is one (RFC 6901) and leads into the document, at most one member past
+// what is there.
+void check_refusal(const api::RequestError& refusal, const Json* document) {
+  require(refusal.code() == "invalid_request" || (!document && refusal.code() == "malformed_json"),
+          "the client is told its fault");
+  for (const api::Finding& finding : refusal.findings()) {
+    require(!finding.detail.empty(), "a finding says what is wrong");
+    const Json::json_pointer pointer(finding.pointer);
+    require(!document || pointer.empty() || document->contains(pointer.parent_pointer()),
+            "the pointer leads somewhere:", finding.pointer);
+  }
+  const api::Response answer = api::problem(refusal.code(), refusal.what(), refusal.findings());
+  require(answer.status >= 400 && answer.status < 500, "a refusal is a 4xx");
+  require(Json::parse(answer.body).at("status") == answer.status, "a refusal is JSON");
+}
+
+void check_camera(const engine::Camera& c) {
+  require(c.width >= 1 && c.height >= 1 && c.width <= kLimits.max_image_side && c.height <= kLimits.max_image_side &&
+              std::int64_t{c.width} * c.height <= kLimits.max_image_pixels,
+          "the image is within its limits");
+  require(api::kFocalLength_px.contains(c.fx) && api::kFocalLength_px.contains(c.fy), "focal lengths are in range");
+  require(std::isfinite(c.cx) && std::isfinite(c.cy), "the principal point is finite");
+  const engine::Distortion& d = c.distortion;
+  for (const double k : {d.k1, d.k2, d.k3, d.p1, d.p2}) require(api::kDistortion.contains(k), "distortion is in range");
+}
+
+void check_pose(const engine::Pose& pose) {
+  require(is_coordinate(pose.position_m), "the position is in range");
+  require(std::abs(pose.camera_from_moon.norm() - 1) < 1e-12, "the attitude is a unit quaternion");
+  require(pose.camera_from_moon.w() >= 0, "one attitude, one quaternion");
+}
+
+void check_sun(const engine::Sun& sun) {
+  require(is_unit(sun.direction), "the Sun is a direction");
+  require(api::kDistance_au.contains(sun.distance_au) && api::kAngularRadius_deg.contains(sun.angular_radius_deg),
+          "the Sun is in range");
+}
+
+// Pixels to directions and back, where the lens has an inverse.
+void check_view(const engine::Camera& camera, const engine::Pose& pose) {
+  const engine::View view(camera, {Vec3::Zero(), pose.camera_from_moon});
+  for (const double x : {0.0, 0.5 * (camera.width - 1), camera.width - 1.0})
+    for (const double y : {0.0, camera.height - 1.0}) {
+      const auto ray = view.ray(x, y);
+      if (!ray) continue;
+      require(ray->allFinite(), "a ray is finite");
+      require(std::abs((view.moon_from_camera().transpose() * *ray).z() - 1) < 1e-6 * ray->norm(), "its depth is 1");
+    }
+}
+
+void check_frame(const Json& document) {
+  const api::FrameCall call = api::read_frame(document, kLimits);
+  const engine::FrameRequest& request = call.request;
+  check_camera(request.camera);
+  check_pose(request.pose);
+  if (call.sun_given) check_sun(request.sun);
+  require(request.products != 0, "something is asked for");
+  require(call.sun_given || !(request.products & api::kNeedsSun), "no light without a Sun");
+  const int samples = request.accuracy.samples_per_pixel, side = static_cast<int>(std::lround(std::sqrt(samples)));
+  require(samples >= 1 && samples <= kLimits.max_samples_per_pixel && side * side == samples, "samples are a square");
+  require(api::kMaxError_px.contains(request.accuracy.max_error_px), "the error bound is in range");
+  require(api::kUnitInterval.contains(request.reflectance.rho) &&
+              api::kUnitInterval.contains(request.reflectance.lommel_seeliger_weight),
+          "reflectance is in range");
+  // The answer's metadata hold the request as it was understood: sent back, it must mean the same.
+  const std::string resolved = api::resolved_json(call).dump();
+  try {
+    const std::string again =
+        api::resolved_json(api::read_frame(api::parse_json(resolved, kLimits.max_json_depth), kLimits)).dump();
+    require(again == resolved, "a resolved request resolves to itself:", resolved + "\n" + again);
+  } catch (const api::RequestError& refusal) {
+    require(false, "a resolved request is a valid one:",
+            resolved + "\n" + api::problem(refusal.code(), refusal.what(), refusal.findings()).body);
+  }
+  check_view(request.camera, request.pose);
+}
+
+void check_rays(const Json& document) {
+  const api::RaysCall call = api::read_rays(document, kLimits);
+  require(!call.rays.empty() && call.rays.size() <= static_cast<std::size_t>(kLimits.max_rays),
+          "some rays, not too many");
+  for (const engine::Ray& ray : call.rays)
+    require(is_coordinate(ray.origin_m) && is_unit(ray.direction), "a ray is one");
+  if (call.sun) check_sun(*call.sun);
+}
+
+void check_project(const Json& document) {
+  const api::ProjectCall call = api::read_project(document, kLimits);
+  check_camera(call.camera);
+  check_pose(call.pose);
+  if (call.sun) check_sun(*call.sun);
+  for (const engine::LandmarkQuery& point : call.points) {
+    require(is_place(point.lat_deg, point.lon_deg), "a landmark is a place");
+    require(!point.height_m || api::kHeight_m.contains(*point.height_m), "its height is in range");
+  }
+}
+
+void check_heights(const Json& document) {
+  for (const Geographic& place : api::read_heights(document, kLimits))
+    require(is_place(place.lat_deg, place.lon_deg), "a place is one");
+}
+
+}  // namespace
+}  // namespace selenograph::fuzz
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace selenograph;
+  api::Json document;
+  try {
+    document = api::parse_json(fuzz::text_of(data, size), fuzz::kLimits.max_json_depth);
+  } catch (const api::RequestError& refusal) {
+    fuzz::check_refusal(refusal, nullptr);
+    return 0;
+  }
+  fuzz::require(api::parse_json(document.dump(), fuzz::kLimits.max_json_depth) == document,
+                "JSON that was read is written and read again");
+  for (const auto check : {fuzz::check_frame, fuzz::check_rays, fuzz::check_project, fuzz::check_heights}) {
+    try {
+      check(document);
+    } catch (const api::RequestError& refusal) {
+      fuzz::check_refusal(refusal, &document);
+    }
+  }
+  return 0;
+}

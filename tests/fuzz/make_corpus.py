@@ -1,0 +1,268 @@
+#!/usr/bin/env python3
+"""Writes the seeds of the fuzz targets: small inputs that reach each branch once. Run it after adding one; commit both.
+
+Standard library only. Inputs that fuzzing itself found worth keeping lie beside them as found-*; this leaves them alone.
+"""
+
+import itertools
+import json
+import os
+import struct
+
+HERE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "corpus")
+
+
+def write(target, name, content):
+    os.makedirs(os.path.join(HERE, target), exist_ok=True)
+    with open(os.path.join(HERE, target, name), "wb") as file:
+        file.write(content if isinstance(content, bytes) else content.encode())
+
+
+# --- JSON ------------------------------------------------------------------------------------------------------------
+
+CAMERAS = {
+    "fov": {"model": "pinhole", "width": 8, "height": 6, "fov_deg": 40.0},
+    "intrinsics": {"width": 8, "height": 6, "fx": 9.5, "fy": 9, "cx": 3.5, "cy": 2},
+    "lens": {"width": 8, "height": 6, "fx": 9.5,
+             "distortion": {"model": "brown_conrady", "k1": -0.2, "k2": 0.03, "k3": -1e-3, "p1": 1e-4, "p2": -1e-4}},
+}
+POSES = {
+    "nadir": {"geodetic": {"lat_deg": 26.1, "lon_deg": 3.6, "height_m": 20000}, "nadir": {"up_azimuth_deg": 30}},
+    "look-at": {"position_m": [1757400, 0, 1000.5], "look_at": {"lat_deg": 1, "lon_deg": 359, "height_m": -50, "up": "north"}},
+    "look-at-vector": {"position_m": [0, 1757400, 0], "look_at": {"lat_deg": 0, "lon_deg": 90.5, "up": [0, 1e-300, 1e300]}},
+    "quaternion": {"frame": "MOON_PA_DE440", "position_m": [1757400, 0, 0], "camera_from_moon": {"w": -0.5, "x": 0.5, "y": 0.5, "z": 0.5}},
+    "inverse": {"frame": "MOON_PA_DE421", "position_m": [-1e12, 1, 2], "axes": "opengl",
+                "moon_from_camera": {"w": 0.70710678, "x": 0, "y": -0.70710678, "z": 0}},
+}
+SUNS = {
+    "direction": {"direction": [0, 1, 0.2], "distance_au": 1.01, "angular_radius_deg": 0.2666},
+    "subsolar": {"subsolar": {"lat_deg": 1.5, "lon_deg": 60}},
+    "local": {"local": {"lat_deg": 26, "lon_deg": 3, "azimuth_deg": 90, "elevation_deg": 15}},
+    "utc": {"utc": "2026-11-20T00:00:00.5Z"},
+}
+OTHERS = {
+    "none": {},
+    "lunar": {"surface": {"reflectance": {"model": "lunar", "lommel_seeliger_weight": 0.7, "rho": 0.12}},
+              "accuracy": {"max_error_px": 0.5, "samples_per_pixel": 16}, "products": ["radiance", "image", "lit"],
+              "image": {"bit_depth": 16, "full_scale_radiance": 55.5}},
+    "lambert": {"surface": {"reflectance": {"model": "lambert"}}, "image": {"full_scale_radiance": "auto"},
+                "products": ["depth", "range", "position", "geodetic", "normal", "angles", "gsd", "source"]},
+}
+WRONG = {
+    "twice": '{"products": ["depth"], "products": ["depth"]}',
+    "nan": '{"camera": NaN}',
+    "overflow": '{"rays": [{"origin_m": [1e999, 0, 0], "direction": [0, 0, 1]}]}',
+    "deep": "[" * 20 + "]" * 20,
+    "unicode": '{"c\\u00e4m\\ud83c\\udf19": "\\\\/~", "a/b~c": [null, true, false, -0.0, 1E-400]}',
+    "misspelt": '{"camra": {}, "pose": {"position": [1, 2, 3]}, "sun": 7, "products": ["raidance", "lit", "lit"]}',
+    "both": '{"camera": {"width": 8, "height": 8, "fov_deg": 5, "fx": 6}, "pose": {"nadir": {}, "look_at": {}}, "sun": {}}',
+    "truncated": '{"camera": {"width": 8, "hei',
+}
+
+
+def write_json():
+    kinds = itertools.zip_longest(CAMERAS.items(), POSES.items(), SUNS.items(), OTHERS.items())
+    chosen = [list(CAMERAS.items())[0], list(POSES.items())[0], list(SUNS.items())[0], list(OTHERS.items())[0]]
+    for row in kinds:
+        chosen = [new or old for new, old in zip(row, chosen)]
+        names, (camera, pose, sun, other) = zip(*chosen)
+        frame = {"camera": camera, "pose": pose, "sun": sun, **other}
+        write("json_request", "frame-" + "-".join(names) + ".json", json.dumps(frame))
+        project = {"camera": camera, "pose": pose, "points": [{"lat_deg": 26, "lon_deg": -3}, {"lat_deg": 1, "lon_deg": 2, "height_m": 3}]}
+        write("json_request", f"project-{names[1]}.json", json.dumps(project))
+    rays = {"rays": [{"origin_m": [1757400, 0, 0], "direction": [-1, 0, 1e-9]}], "sun": SUNS["direction"]}
+    write("json_request", "rays.json", json.dumps(rays))
+    write("json_request", "heights.json", json.dumps({"points": [{"lat_deg": -90, "lon_deg": 360}, {"lat_deg": 0.5, "lon_deg": -180}]}))
+    for name, text in WRONG.items():
+        write("json_request", f"wrong-{name}.json", text)
+
+
+# --- PDS3 ------------------------------------------------------------------------------------------------------------
+
+KAGUYA = """PDS_VERSION_ID = "PDS3" /* a comment */
+MISSION_NAME = "SELENE"
+^IMAGE = ("tile.img", 1 <BYTES>)
+OBJECT = IMAGE
+  LINES = {rows}
+  LINE_SAMPLES = {columns}
+  SAMPLE_TYPE = {type}
+  SAMPLE_BITS = {bits}
+  UNIT = {unit}
+  DUMMY = -9999
+END_OBJECT = IMAGE
+OBJECT = IMAGE_MAP_PROJECTION
+  MAP_PROJECTION_TYPE = "SIMPLE CYLINDRICAL"
+  A_AXIS_RADIUS = 1737.400 <km>
+  CENTER_LATITUDE = 0 <deg>
+  CENTER_LONGITUDE = 0 <deg>
+  MAP_RESOLUTION = {ppd} <pixel/deg>
+  MAXIMUM_LATITUDE = {north} <deg>
+  MINIMUM_LATITUDE = {south} <deg>
+  WESTERNMOST_LONGITUDE = {west} <deg>
+  EASTERNMOST_LONGITUDE = {east} <deg>
+  LINE_PROJECTION_OFFSET = {line_offset} <pixel>
+  SAMPLE_PROJECTION_OFFSET = {sample_offset} <pixel>
+END_OBJECT = IMAGE_MAP_PROJECTION
+END
+"""
+LOLA = """PDS_VERSION_ID = PDS3
+RECORD_BYTES = 16
+^IMAGE = {pointer}
+INSTRUMENT_ID = "LOLA"
+OBJECT = IMAGE
+LINES = 4
+LINE_SAMPLES = 8
+SAMPLE_TYPE = LSB_INTEGER
+SAMPLE_BITS = 16
+UNIT = KILOMETER
+SCALING_FACTOR = 0.0005
+OFFSET = 1737.4
+MISSING_CONSTANT = -32768
+END_OBJECT
+OBJECT = IMAGE_MAP_PROJECTION
+MAP_PROJECTION_TYPE = SIMPLE_CYLINDRICAL
+MAP_SCALE = 1364.555 <KM/PIXEL>
+CENTER_LONGITUDE = 180
+MAXIMUM_LATITUDE = 90
+MINIMUM_LATITUDE = -90
+WESTERNMOST_LONGITUDE = 0
+EASTERNMOST_LONGITUDE = 360
+LINE_PROJECTION_OFFSET = 1.5
+SAMPLE_PROJECTION_OFFSET = 3.5
+END_OBJECT
+END
+"""
+POLAR = """PDS_VERSION_ID = PDS3
+^IMAGE = "TILE.IMG"
+OBJECT = IMAGE
+LINES = 4
+LINE_SAMPLES = 4
+SAMPLE_TYPE = PC_REAL
+SAMPLE_BITS = 32
+MISSING_CONSTANT = 16#FF7FFFFB#
+END_OBJECT
+OBJECT = IMAGE_MAP_PROJECTION
+MAP_PROJECTION_TYPE = "POLAR STEREOGRAPHIC"
+CENTER_LATITUDE = {pole}
+CENTER_LONGITUDE = 0
+MAP_SCALE = 20 <km/pixel>
+LINE_PROJECTION_OFFSET = {offset}
+SAMPLE_PROJECTION_OFFSET = {offset}
+END_OBJECT
+END
+"""
+PADDED = """PDS_VERSION_ID = PDS3
+^IMAGE = 41
+RECORD_BYTES = 20
+OBJECT = IMAGE
+LINES = 3
+LINE_SAMPLES = 2
+SAMPLE_TYPE = IEEE_REAL
+SAMPLE_BITS = 64
+LINE_PREFIX_BYTES = 2
+LINE_SUFFIX_BYTES = 2
+INVALID_CONSTANT = (16#FFEFFFFFFFFFFFFF#, -1.5E+3, 'N/A')
+END_OBJECT
+GROUP = IMAGE_MAP_PROJECTION
+MAP_PROJECTION_TYPE = EQUIRECTANGULAR
+MAP_RESOLUTION = 16
+LINE_PROJECTION_OFFSET = 32
+SAMPLE_PROJECTION_OFFSET = -48
+NOTE = {"a", b, (c <m>,
+ "d")}
+LONG = half_-
+  other
+END_GROUP
+END
+"""
+
+
+def kaguya(**changes):
+    values = dict(rows=6, columns=6, type="MSB_INTEGER", bits=16, unit='"m"', ppd=16, north=2, west=3, sign=-1)
+    values.update(changes)
+    v, step = values, 1 / values["ppd"]
+    v.setdefault("south", v["north"] - (v["rows"] - 1) * step)
+    v.setdefault("east", v["west"] + (v["columns"] - 1) * step)
+    v.setdefault("line_offset", v["north"] * v["ppd"])
+    v.setdefault("sample_offset", v["sign"] * v["west"] * v["ppd"])
+    return KAGUYA.format(**v).replace("\n", "\r\n").encode() + b"\0"
+
+
+def write_pds():
+    posts = [(-1) ** i * 37 * i if i % 7 else -9999 for i in range(36)]
+    big = struct.pack(">36h", *posts)
+    write("pds_tile", "kaguya.lbl", kaguya() + big)
+    write("pds_tile", "kaguya-old-sign.lbl", kaguya(sign=1) + big)
+    write("pds_tile", "kaguya-lattice-no.lbl", kaguya(ppd=10) + big)
+    write("pds_tile", "kaguya-date-line.lbl", kaguya(west=359.9375) + big)
+    write("pds_tile", "kaguya-unsigned.lbl", kaguya(type="LSB_UNSIGNED_INTEGER", bits=32) + struct.pack("<36I", *range(36)))
+    write("pds_tile", "kaguya-real.lbl", kaguya(type="PC_REAL", bits=32, unit="N/A") + struct.pack("<36f", *map(float, posts)))
+    write("pds_tile", "kaguya-not-finite.lbl", kaguya(type="PC_REAL", bits=32) + struct.pack("<36f", *[float("nan"), float("inf"), 1e30] * 12))
+    write("pds_tile", "kaguya-truncated.lbl", kaguya() + big[:-1])
+    write("pds_tile", "lola-global.lbl", LOLA.format(pointer='("tile.img", 2)').encode() + b"\0" + struct.pack("<40h", *range(-20, 20)))
+    attached = LOLA.format(pointer="700 <BYTES>").encode().ljust(699)
+    write("pds_tile", "lola-attached.lbl", attached + struct.pack("<32h", *range(32)))
+    for pole, offset in ((90, 2), (-90, -5.5)):
+        label = POLAR.format(pole=pole, offset=offset).encode() + b"\0"
+        write("pds_tile", f"polar{pole:+}.lbl", label + struct.pack("<16f", *[100.5 * i for i in range(16)]))
+    label = PADDED.encode().ljust(800)
+    write("pds_tile", "padded.lbl", label + b"".join(b"xx" + struct.pack(">2d", i, -i) + b"yy" for i in range(3)))
+    write("pds_tile", "not-a-map.lbl", 'CCSD3ZF PDS_VERSION_ID = PDS3\nOBJECT = IMAGE\nA = "open\nEND')
+
+
+# --- pyramid ---------------------------------------------------------------------------------------------------------
+
+INT16, UNIFORM, EMPTY = 1, 2, 4
+HALO, VOID = 2, -32768
+
+
+def pyramid(row, kinds, names=b"a.lbl\0b.lbl\0"):
+    """A file as dem/chunk_format.h has it; checksums are left 0: the target makes them right."""
+    records = []
+    for level, flags in kinds:
+        side = (4 << level) + 1
+        wide = side + 2 * HALO
+        heights = [(7 * i * i) % 301 - 150 for i in range(wide * wide)]
+        heights[wide * HALO + HALO] = VOID if flags & INT16 else float("nan")
+        sources = [i % 2 for i in range(1 if flags & UNIFORM else side * side)]
+        content = struct.pack(f"<{len(heights)}{'h' if flags & INT16 else 'f'}", *heights) + struct.pack(f"<{len(sources)}I", *sources)
+        records.append((level, flags, b"" if flags & EMPTY else content))
+    index, offset = b"", 64 + 56 * len(records) + len(names)
+    for level, flags, content in records:
+        index += struct.pack("<iiiIQQQdff", level, row, 3, flags, offset, len(content), 0, 12.5, -150, 150)
+        offset += len(content)
+    header = struct.pack("<8sQQQdiiiiII", b"SGPYRAM1", offset, 12345, 0, 1.0, 4, row, 3, 2, len(records), len(names))
+    return header + index + names + b"".join(content for _, _, content in records)
+
+
+def write_pyramid():
+    write("pyramid_file", "equator", pyramid(23, [(0, INT16), (1, UNIFORM), (2, INT16 | UNIFORM)]))
+    write("pyramid_file", "pole", pyramid(0, [(0, 0), (1, INT16), (2, EMPTY)]))
+    write("pyramid_file", "one-name", pyramid(23, [(0, INT16 | UNIFORM)], b"b.lbl\0"))
+    write("pyramid_file", "foreign-name", pyramid(23, [(0, INT16)], b"c.lbl\0"))
+    write("pyramid_file", "nothing", pyramid(23, []))
+
+
+# --- HTTP ------------------------------------------------------------------------------------------------------------
+
+
+def write_heads():
+    heads = {
+        "get": ("GET /v1/height?lat_deg=1&lon_deg=2 HTTP/1.1", "Host: x", "Accept-Encoding: gzip", "Range: bytes=0-1", "Accept:  */* "),
+        "post": ("POST /v1/frames HTTP/1.1", "Host: [::1]:8080", "Content-Type: application/json", "Content-Length: 12", "Connection: close"),
+        "chunked": ("POST http://h/v1/rays HTTP/1.1", "Host: h", "Transfer-Encoding: chunked", "Content-Encoding: identity"),
+        "old": ("GET / HTTP/1.0",),
+        "two-lengths": ("POST / HTTP/1.1", "Host: x", "Content-Length: 1", "Transfer-Encoding: chunked"),
+        "folded": ("GET / HTTP/1.1", "Host: x", "X: a", " b"),
+        "too-long": ("POST / HTTP/1.1", "Host: x", "Content-Length: 99999999999999999999"),
+        "noise": ("G@T / HTTP/2.0", "Host : x", "\x01: \n"),
+    }
+    for name, lines in heads.items():
+        write("request_head", name, "\r\n".join(lines))
+
+
+if __name__ == "__main__":
+    write_json()
+    write_pds()
+    write_pyramid()
+    write_heads()

@@ -1,0 +1,156 @@
+// A pyramid file. The input is read as it is (its checksums are hardly ever right) and once more with everything made
+// right that keeps a damaged file from the parser behind: magic, sizes, plan and checksums.
+#include <xxhash.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "dem/catalogue.h"
+#include "dem/chunk.h"
+#include "dem/chunk_format.h"
+#include "dem/error.h"
+#include "tests/fuzz/fuzz.h"
+
+namespace selenograph::fuzz {
+namespace {
+
+using namespace dem;
+using format::Header;
+
+const Catalogue& catalogue() {
+  static const Catalogue two = [] {
+    RasterInfo a, b;
+    a.path = "a.lbl", b.path = "b.lbl";
+    return Catalogue(std::vector<RasterInfo>{a, b});
+  }();
+  return two;
+}
+
+// Small blocks, of which all levels fit into a few kilobytes: beside a pole or the equator, as the file's row says.
+ChunkPlan plan_for(const Header& header) {
+  ChunkPlan plan;
+  plan.node = {kRootLevel, header.row % 2 == 0 ? 0 : rows_of(kRootLevel) / 2, 3};
+  plan.base_level = 2;
+  plan.direct = false;
+  plan.fingerprint = 12345;
+  plan.exists = true;
+  return plan;
+}
+
+Header header_of(const std::string& bytes) {
+  Header header{};
+  std::memcpy(&header, bytes.data(), std::min(bytes.size(), sizeof header));
+  return header;
+}
+
+std::string repaired(std::string bytes, const ChunkPlan& plan) {
+  if (bytes.size() < sizeof(Header)) return bytes;
+  Header header = header_of(bytes);
+  std::memcpy(header.magic, format::kMagic, sizeof format::kMagic);
+  header.total_bytes = bytes.size();
+  header.fingerprint = plan.fingerprint;
+  header.level = plan.node.level, header.row = plan.node.row, header.col = plan.node.col;
+  header.base_level = plan.base_level;
+  const std::uint64_t head =
+      sizeof(Header) + std::uint64_t{header.records} * sizeof(Chunk::Record) + header.names_bytes;
+  std::memcpy(bytes.data(), &header, sizeof header);
+  if (head > bytes.size()) return bytes;
+  for (std::uint32_t i = 0; i < header.records; ++i) {
+    char* const at = bytes.data() + sizeof(Header) + i * sizeof(Chunk::Record);
+    Chunk::Record record;
+    std::memcpy(&record, at, sizeof record);
+    if (record.offset > bytes.size() || record.size > bytes.size() - record.offset) continue;
+    record.checksum = XXH3_64bits(bytes.data() + record.offset, record.size);
+    std::memcpy(at, &record, sizeof record);
+  }
+  header.head_checksum = format::checksum_of_head(bytes.substr(0, head));
+  std::memcpy(bytes.data(), &header, sizeof header);
+  return bytes;
+}
+
+void check_block(const Block& block) {
+  const auto posts = static_cast<std::size_t>(block.side()) * static_cast<std::size_t>(block.side());
+  require(block.heights.size() == posts && block.normals.size() == posts, "a block has its posts");
+  require(block.sources.size() == 1 || block.sources.size() == posts, "and their sources");
+  require(std::isfinite(block.error_m) && block.error_m >= 0, "an error is a distance");
+  require(std::isfinite(block.min_m) && std::isfinite(block.max_m), "bounds are finite");
+  for (const float h : block.heights)
+    require(std::isnan(h) || (h >= block.min_m && h <= block.max_m), "heights are within bounds");
+  for (const Eigen::Vector3f& n : block.normals) require(std::abs(n.norm() - 1) < 1e-4F, "a normal is a direction");
+  for (const SourceMark s : block.sources)
+    require((s & kNoSource) == kNoSource || (s & kNoSource) < catalogue().rasters().size(),
+            "a source is in the catalogue");
+}
+
+bool same(const Block& a, const Block& b) {
+  const auto same_bits = [](float x, float y) {
+    return std::bit_cast<std::uint32_t>(x) == std::bit_cast<std::uint32_t>(y);
+  };
+  return a.error_m == b.error_m && a.min_m == b.min_m && a.max_m == b.max_m && a.sources == b.sources &&
+         a.normals == b.normals &&
+         std::equal(a.heights.begin(), a.heights.end(), b.heights.begin(), b.heights.end(), same_bits);
+}
+
+// The names are those that check_round_trip writes.
+bool names_both(const std::string& file) {
+  constexpr std::string_view kNames("a.lbl\0b.lbl\0", 12);
+  const Header header = header_of(file);
+  return header.names_bytes == kNames.size() &&
+         std::string_view(file).substr(sizeof header + header.records * sizeof(Chunk::Record), kNames.size()) == kNames;
+}
+
+struct Loaded {
+  Chunk::Record record;
+  std::string bytes;
+  std::shared_ptr<const Block> block;
+};
+
+// Every block that the chunk gives; a damaged one must say so.
+std::vector<Loaded> load_all(const Chunk& chunk, const std::string& file, const ChunkPlan& plan) {
+  std::vector<Loaded> loaded;
+  for (int level = 0; level <= plan.base_level; ++level) {
+    const BlockId id{level, plan.node.row, plan.node.col};
+    const Chunk::Record* record = chunk.find(id);
+    if (!record) continue;
+    try {
+      const auto block = chunk.load(id);
+      if (block) check_block(*block);
+      loaded.push_back({*record, file.substr(record->offset, record->size), block});
+    } catch (const DataError&) {
+    }
+  }
+  return loaded;
+}
+
+// What was read, written anew, reads the same.
+void check_round_trip(std::vector<Loaded> loaded, const Header& header, const ChunkPlan& plan) {
+  const std::string file = format::assemble(plan, header.quantisation_m, {"a.lbl", "b.lbl"}, [&](auto&& each) {
+    for (Loaded& l : loaded) each(l.record, l.bytes);
+  });
+  const auto chunk = Chunk::from_bytes(file, plan, catalogue());
+  for (const Loaded& l : loaded) {
+    const auto again = chunk->load({l.record.level, l.record.row, l.record.col});
+    require(!again == !l.block && (!again || same(*again, *l.block)), "what is written reads the same");
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::fuzz
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace selenograph;
+  const std::string input(fuzz::text_of(data, size));
+  const dem::ChunkPlan plan = fuzz::plan_for(fuzz::header_of(input));
+  for (const std::string& file : {input, fuzz::repaired(input, plan)}) {
+    try {
+      const auto chunk = dem::Chunk::from_bytes(file, plan, fuzz::catalogue());
+      const std::vector<fuzz::Loaded> loaded = fuzz::load_all(*chunk, file, plan);
+      if (fuzz::names_both(file)) fuzz::check_round_trip(loaded, fuzz::header_of(file), plan);
+    } catch (const DataError&) {
+    }
+  }
+  return 0;
+}
