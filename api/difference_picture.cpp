@@ -58,11 +58,11 @@ void put(std::vector<std::uint8_t>& rgb, const Colour& c) {
   for (const double v : {c.r, c.g, c.b}) rgb.push_back(static_cast<std::uint8_t>(std::lround(255 * v)));
 }
 
-// One, two or five times a power of ten: the first that is not below.
+// One, two, three or five times a power of ten: the first that is not below.
 double rounded_up(double x) {
   if (!(x > 0)) return 1e-9;
   const double power = std::pow(10.0, std::floor(std::log10(x)));
-  for (const double digit : {1.0, 2.0, 5.0})
+  for (const double digit : {1.0, 2.0, 3.0, 5.0})
     if (digit * power >= x * (1 - 1e-9)) return digit * power;
   return 10 * power;
 }
