@@ -139,6 +139,19 @@ const Representation& representation(Format format) {
 
 bool accepts(const std::string& accept, std::string_view media_type) { return Accept(accept).q(media_type) > 0; }
 
+std::string_view choose(const std::string& accept, std::span<const Alternative> alternatives) {
+  const Accept allowed(accept);
+  const Alternative* best = nullptr;
+  double best_q = 0;
+  std::string all;
+  for (const Alternative& a : alternatives) {
+    all += (all.empty() ? "" : ", ") + std::string(a.media_type);
+    if (const double q = allowed.q(a.media_type); q > best_q) best = &a, best_q = q;
+  }
+  if (!best) throw RequestError("not_acceptable", "there is " + all + "; Accept allows none of them");
+  return best->media_type;
+}
+
 const Representation& negotiate(const std::string& accept, engine::ProductSet products) {
   const Accept allowed(accept);
   const Representation* best = nullptr;

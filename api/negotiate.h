@@ -25,6 +25,20 @@ struct Representation {
 std::span<const Representation> representations();
 const Representation& representation(Format format);
 
+// One of the forms of an answer other than a frame.
+struct Alternative {
+  std::string_view media_type;
+  std::string_view meaning;
+};
+// Those of a round trip, in the order of the server's preference.
+inline constexpr Alternative kRoundTripAnswers[] = {
+    {"application/json", "the statistics"},
+    {"image/png", "the map of differences with colour bar and histogram"},
+    {"image/tiff", "the differences as GeoTIFF: float32 metres, NaN where nothing was compared"},
+};
+// The one that `accept` gives the most weight, among equals the first. Throws RequestError "not_acceptable".
+std::string_view choose(const std::string& accept, std::span<const Alternative> alternatives);
+
 // "application/json" and the like: does `accept` allow it? Empty means anything.
 bool accepts(const std::string& accept, std::string_view media_type);
 

@@ -139,6 +139,34 @@ OrderedJson place_parameters() {
           parameter("lon_deg", "query", "east longitude", true, {{"$ref", place + "lon_deg"}})};
 }
 
+void fill_round_trip(OrderedJson& operation, const OrderedJson& place) {
+  operation["description"] =
+      "The check of the SENSOR++ paper (section 4, figure 5) on the finest tile that holds a place. Mode exact sends "
+      "rays through the tile's posts: what differs is the engine's. Mode camera renders frames and resamples what "
+      "their "
+      "pixels see to the posts: what differs is the engine's and the sampling's.";
+  operation["parameters"] = OrderedJson::array({timeout_parameter()});
+  operation["requestBody"] = body("RoundTripRequest", {{"exact", {{"center", place}}},
+                                                       {"camera",
+                                                        {{"center", place},
+                                                         {"mode", "camera"},
+                                                         {"height_m", 20000.0},
+                                                         {"posts", 64},
+                                                         {"footprint_ratio", 1.0},
+                                                         {"max_error_px", 0.0}}}});
+  std::string description = "As `Accept` asks; without a preference the first.\n";
+  OrderedJson content = OrderedJson::object();
+  for (const Alternative& a : kRoundTripAnswers) {
+    const std::string media_type(a.media_type);
+    content[media_type] = {{"schema", media_type == "application/json"
+                                          ? schema_ref("RoundTripAnswer")
+                                          : OrderedJson{{"type", "string"}, {"contentMediaType", media_type}}}};
+    description += "\n- `" + media_type + "`: " + std::string(a.meaning);
+  }
+  operation["responses"]["200"] = {{"description", description}, {"content", content}};
+  operation["responses"]["200"]["headers"]["Vary"] = {{"$ref", "#/components/headers/Vary"}};
+}
+
 void fill(OrderedJson& operation, const Route& route) {
   const OrderedJson frame = frame_examples()["nadir"];
   const OrderedJson place{{"lat_deg", 26.1322}, {"lon_deg", 3.6339}};
@@ -160,6 +188,8 @@ void fill(OrderedJson& operation, const Route& route) {
     case Call::datasets:
       operation["responses"]["200"] = {{"description", "The catalogue"}, {"content", json_content("Datasets")}};
       return;
+    case Call::verify_round_trip:
+      return fill_round_trip(operation, place);
     case Call::openapi:
       operation["responses"]["200"] = {{"description", "OpenAPI 3.1"},
                                        {"content", {{"application/json", {{"schema", {{"type", "object"}}}}}}}};
@@ -178,6 +208,8 @@ const char* tag(Call call) {
     case Call::height:
     case Call::datasets:
       return "terrain";
+    case Call::verify_round_trip:
+      return "verification";
     case Call::openapi:
       return "service";
   }
@@ -293,6 +325,7 @@ OrderedJson openapi_document(const Limits& limits) {
            {{{"name", "frames"}, {"description", "Images and the truth behind each pixel"}},
             {{"name", "geometry"}, {"description", "Rays and landmarks"}},
             {{"name", "terrain"}, {"description", "Heights and the catalogue"}},
+            {{"name", "verification"}, {"description", "How true the answers are"}},
             {{"name", "service"}, {"description", "For clients' tools and the operator"}}}},
           {"paths", openapi_paths()},
           {"components", components(limits)}};

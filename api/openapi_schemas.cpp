@@ -4,6 +4,7 @@
 #include "api/metadata.h"
 #include "api/openapi.h"
 #include "api/ranges.h"
+#include "api/round_trip_json.h"
 
 namespace selenograph::api {
 namespace {
@@ -426,6 +427,74 @@ void add_datasets(OrderedJson& schemas) {
            {"fingerprint", "datasets", "problems"});
 }
 
+OrderedJson group_of_differences(OrderedJson more, const char* description) {
+  more["posts"] = integer(0, 1LL << 62, "compared");
+  more["mean_m"] = number_or_null("extracted minus original");
+  more["mean_absolute_m"] = number_or_null("mean of the differences' sizes");
+  more["rms_m"] = number_or_null("root of the mean square");
+  more["standard_error_m"] = number_or_null("of the mean, from its scatter over squares of 32 x 32 posts");
+  more["z"] = number_or_null("mean over standard error: above 3 in size by chance once in 370");
+  return open(description, std::move(more), {"posts", "mean_m", "mean_absolute_m", "rms_m", "standard_error_m", "z"});
+}
+
+OrderedJson difference_schema() {
+  const OrderedJson percentile =
+      open("", {{"percent", number({0, 100}, "")}, {"value_m", number_or_null("")}}, {"percent", "value_m"});
+  const OrderedJson list{{"type", "array"}, {"items", percentile}};
+  return group_of_differences(
+      {{"median_m", number_or_null("")},
+       {"median_absolute_m", number_or_null("")},
+       {"standard_deviation_m", number_or_null("")},
+       {"percentiles", list},
+       {"absolute_percentiles", list},
+       {"worst",
+        {{"type", {"object", "null"}}, {"description", "difference_m, lat_deg, lon_deg, original_m of the largest"}}}},
+      "All posts.");
+}
+
+void add_round_trip(OrderedJson& schemas, const Limits& limits) {
+  OrderedJson posts = integer(1, most_posts(limits), "along each side of the window; fewer where the tile ends");
+  posts["default"] = default_posts(limits);
+  OrderedJson mode = words(kRoundTripModes, "");
+  mode["default"] = "exact";
+  schemas["RoundTripRequest"] =
+      closed("A DEM's way into images and back.",
+             {{"center", with(ref("Place"), "description", "The finest tile that holds it is compared")},
+              {"height_m", number(kStationHeight_m, "of the cameras above the ground, m", 20000)},
+              {"mode", mode},
+              {"posts", posts},
+              {"footprint_ratio", number(kFootprintRatio, "pixel footprint over post spacing, mode camera", 1)},
+              {"max_error_px", number(kMaxError_px, "of the frames, mode camera; 0: the finest posts", 0)}},
+             {"center"});
+  const OrderedJson quadrants{{"type", "array"},
+                              {"items", group_of_differences({{"name", text("NW, NE, SW, SE")}}, "Of the window.")}};
+  const OrderedJson slopes{
+      {"type", "array"},
+      {"items", group_of_differences({{"from_deg", number(kAnyNumber, "")}, {"to_deg", number(kAnyNumber, "")}},
+                                     "Posts on ground of such slopes.")}};
+  schemas["RoundTripAnswer"] =
+      open("Extracted minus original heights.",
+           {{"tile", {{"type", "object"}, {"description", "name, post_spacing_m, quantisation_m, posts"}}},
+            {"mode", words(kRoundTripModes, "")},
+            {"center", ref("Place")},
+            {"height_m", number(kStationHeight_m, "of the cameras above the ground")},
+            {"footprint_ratio", number(kFootprintRatio, "as asked; mode camera")},
+            {"pixel_footprint_m", number(kAnyNumber, "straight below a camera; mode camera")},
+            {"max_error_px", number(kMaxError_px, "as asked; mode camera")},
+            {"window", {{"type", "object"}, {"description", "rows, columns, and the bounds of the posts"}}},
+            {"stations", integer(0, 1LL << 62, "camera positions")},
+            {"counts",
+             {{"type", "object"},
+              {"description",
+               "posts = compared + hidden (nearer terrain before them) + missed (nothing met: beside voids, beyond the "
+               "last tile) + elsewhere (under a finer tile) + voids"}}},
+            {"difference", difference_schema()},
+            {"quadrants", quadrants},
+            {"slopes", slopes},
+            {"software", text("name and version")}},
+           {"tile", "mode", "center", "height_m", "window", "stations", "counts", "difference", "quadrants", "slopes"});
+}
+
 void add_problem(OrderedJson& schemas) {
   const OrderedJson finding = open(
       "",
@@ -457,6 +526,7 @@ OrderedJson openapi_schemas(const Limits& limits) {
   add_project(schemas, most);
   add_heights(schemas, most);
   add_datasets(schemas);
+  add_round_trip(schemas, limits);
   add_problem(schemas);
   return schemas;
 }

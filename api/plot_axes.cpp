@@ -203,16 +203,15 @@ void PlotAxes::draw_curve(Canvas& canvas, std::span<const Point> data, const Cur
   std::vector<Point> points;
   for (const Point& p : data)
     if (std::isfinite(p.x) && std::isfinite(p.y)) points.push_back(at(p.x, p.y));
-  // A marker on the frame's edge shows whole.
-  const double room = style.marker_size;
-  const Rectangle around{area_.x - room, area_.y - room, area_.width + 2 * room, area_.height + 2 * room};
   if (style.width > 0)
     canvas.clipped(area_, [&] {
       canvas.polyline(points, {.colour = style.colour, .width = style.width, .dashes = style.dashes});
     });
-  canvas.clipped(around, [&] {
-    for (const Point& p : points) canvas.marker(style.marker, p, style.marker_size, style.colour);
-  });
+  // A marker on the frame shows whole; one beyond it not at all.
+  const auto within = [](double at, double from, double to) { return at > from - 0.5 && at < to + 0.5; };
+  for (const Point& p : points)
+    if (within(p.x, area_.x, area_.right()) && within(p.y, area_.y, area_.bottom()))
+      canvas.marker(style.marker, p, style.marker_size, style.colour);
 }
 
 void draw_legend(Canvas& canvas, Point corner, std::span<const LegendEntry> entries) {

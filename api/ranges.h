@@ -26,6 +26,9 @@ inline constexpr Range kAngularRadius_deg{0, 5};
 inline constexpr Range kUnitInterval{0, 1};
 inline constexpr Range kMaxError_px{0, 100};
 inline constexpr Range kMaxShadowError_px{0, 1e6};
+// Cameras of a round trip: from a metre above the ground to beyond the Earth.
+inline constexpr Range kStationHeight_m{1, 1e9};
+inline constexpr Range kFootprintRatio{0.1, 10};
 inline constexpr Range kFullScaleRadiance{0, 1e12, true, false};
 
 // How far a quaternion's length may be from 1: room for rounding (and for float32), not for a forgotten normalisation.

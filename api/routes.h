@@ -6,7 +6,7 @@
 
 namespace selenograph::api {
 
-enum class Call { frames, rays, project, heights, height, datasets, openapi };
+enum class Call { frames, rays, project, heights, height, datasets, verify_round_trip, openapi };
 
 struct Route {
   Call call;
@@ -23,6 +23,8 @@ inline constexpr Route kRoutes[] = {
     {Call::heights, "POST", "/v1/heights", true, "getHeights", "Terrain heights at places"},
     {Call::height, "GET", "/v1/height", false, "getHeight", "Terrain height at one place"},
     {Call::datasets, "GET", "/v1/datasets", false, "listDatasets", "The catalogue of DEM tiles"},
+    {Call::verify_round_trip, "POST", "/v1/verify/roundtrip", true, "verifyRoundTrip",
+     "Extracts a DEM from what cameras see and compares it with its original"},
     {Call::openapi, "GET", "/openapi.json", false, "getOpenapi", "This document"},
 };
 

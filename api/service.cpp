@@ -50,6 +50,9 @@ std::string allowed_methods(std::string_view path) {
   return methods;
 }
 
+// The others negotiate.
+bool answers_json_alone(Call call) { return call != Call::frames && call != Call::verify_round_trip; }
+
 bool client_has_left(const Request& request) {
   return request.abandoned && request.abandoned->load(std::memory_order_relaxed);
 }
@@ -66,7 +69,7 @@ struct Service::Impl {
 
   Response dispatch(const Request& request) const {
     const Route& route = route_of(request);
-    if (route.call != Call::frames && !accepts(header(request, "accept"), "application/json")) {
+    if (answers_json_alone(route.call) && !accepts(header(request, "accept"), "application/json")) {
       throw RequestError("not_acceptable", "there is application/json; Accept does not allow it");
     }
     const CallContext context{*renderer, limits, request,
@@ -85,6 +88,8 @@ struct Service::Impl {
       case Call::datasets:
         std::call_once(datasets_made, [&] { datasets = datasets_text(renderer->terrain().catalogue()); });
         return json_response(datasets);
+      case Call::verify_round_trip:
+        return verify_round_trip_call(context);
       case Call::openapi:
         return json_response(openapi);
     }

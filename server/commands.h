@@ -4,6 +4,7 @@
 #include <string>
 
 #include "dem/sample_terrain.h"
+#include "engine/round_trip.h"
 #include "server/config.h"
 
 namespace selenograph::server {
@@ -26,14 +27,24 @@ struct SampleSettings {
   std::string folder;
 };
 
+struct VerifyRoundTripSettings {
+  TerrainSettings terrain;
+  std::string center;                // "LAT,LON", degrees; the request's own place is filled in from it
+  std::string mode = "both";         // or "exact", "camera"
+  engine::RoundTripRequest request;  // its mode is each of those in turn
+  std::string output;                // folder
+};
+
 void add_options(CLI::App& command, RenderSettings& settings);
 void add_options(CLI::App& command, InfoSettings& settings);
 void add_options(CLI::App& command, SampleSettings& settings);
+void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
 
 int serve(const ServeSettings& settings);
 int render(const RenderSettings& settings);
 int ingest(const TerrainSettings& settings);
 int info(const InfoSettings& settings);
 int sample(const SampleSettings& settings);
+int verify_round_trip(const VerifyRoundTripSettings& settings);
 
 }  // namespace selenograph::server

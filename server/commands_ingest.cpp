@@ -1,12 +1,11 @@
 // `selenograph ingest`: builds the pyramid ahead. What is done stays done, so it can be interrupted and resumed.
 #include <fmt/format.h>
-#include <unistd.h>
 
-#include <chrono>
 #include <csignal>
 #include <cstdio>
 
 #include "server/commands.h"
+#include "server/output.h"
 #include "server/start.h"
 
 namespace selenograph::server {
@@ -23,29 +22,6 @@ void finish_chunk_on_signal() {
   ::sigaction(SIGTERM, &action, nullptr);
 }
 
-class ProgressBar {
- public:
-  void show(std::size_t done, std::size_t total, const std::string& name) {
-    const int percent = static_cast<int>(100 * done / total);
-    if (!terminal_ && percent < last_percent_ + 5 && done != total) return;
-    last_percent_ = percent;
-    constexpr int kWidth = 30;
-    const std::string bar(static_cast<std::size_t>(kWidth * percent / 100), '#');
-    const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - start_;
-    const double left_s = spent.count() / static_cast<double>(done) * static_cast<double>(total - done);
-    fmt::print(stderr, "{}[{:<{}}] {:3}%  {}/{} chunks  {:.0f} s left  {}{}", terminal_ ? "\r\033[K" : "", bar, kWidth,
-               percent, done, total, left_s, name, terminal_ && done != total ? "" : "\n");
-  }
-  void end_line() const {
-    if (terminal_) fmt::print(stderr, "\n");
-  }
-
- private:
-  const bool terminal_ = ::isatty(STDERR_FILENO) == 1;
-  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-  int last_percent_ = -5;
-};
-
 }  // namespace
 
 int ingest(const TerrainSettings& settings) {
@@ -57,7 +33,7 @@ int ingest(const TerrainSettings& settings) {
   terrain->ingest([&](std::size_t d, std::size_t t, const std::string& name) {
     done = d;
     total = t;
-    bar.show(d, t, name);
+    bar.show(static_cast<double>(d) / static_cast<double>(t), fmt::format("{}/{} chunks  {}", d, t, name));
     return interrupted == 0;
   });
   for (const std::string& warning : terrain->warnings()) fmt::print(stderr, "warning: {}\n", warning);

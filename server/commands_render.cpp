@@ -1,6 +1,5 @@
 // `selenograph render`: the very bytes that the service would answer, without a socket.
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -11,6 +10,7 @@
 
 #include "api/negotiate.h"
 #include "server/commands.h"
+#include "server/output.h"
 #include "server/start.h"
 
 namespace selenograph::server {
@@ -35,20 +35,6 @@ std::string media_type_for(const std::string& output) {
     known += (known.empty() ? "." : ", .") + std::string(r.extension);
   }
   throw std::runtime_error(output + ": the name must end in one of " + known);
-}
-
-// Appears whole or not at all.
-void write_whole(const std::string& path, const std::string& bytes) {
-  const std::string temporary = path + ".part-" + std::to_string(::getpid());
-  std::ofstream file(temporary, std::ios::binary);
-  file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  file.close();
-  std::error_code error;
-  if (file) fs::rename(temporary, path, error);
-  if (file && !error) return;
-  const std::string why = error ? error.message() : "can't be written";
-  fs::remove(temporary, error);
-  throw std::runtime_error(path + ": " + why);
 }
 
 void print_problem(const api::Response& answer) {

@@ -1,4 +1,4 @@
-// The executable: `selenograph serve | render | ingest | sample | info`.
+// The executable: `selenograph serve | render | ingest | sample | info | verify roundtrip`.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -22,6 +22,7 @@ struct Settings {
   TerrainSettings ingest;
   InfoSettings info;
   SampleSettings sample;
+  VerifyRoundTripSettings verify_round_trip;
 };
 
 // What each command does once its settings are complete.
@@ -42,6 +43,10 @@ Work add_commands(CLI::App& app, Settings& s) {
   add(app, work, "ingest", "Builds the terrain pyramid ahead", s.ingest, ingest);
   add(app, work, "sample", "Writes sample terrain", s.sample, sample);
   add(app, work, "info", "Lists the DEM files, their footprints and gaps", s.info, info);
+  CLI::App& verify = *app.add_subcommand("verify", "Shows how true the answers are");
+  verify.require_subcommand(1);
+  add(verify, work, "roundtrip", "Extracts a DEM from what cameras see and compares it with its original",
+      s.verify_round_trip, verify_round_trip);
   return work;
 }
 

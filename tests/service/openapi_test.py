@@ -174,6 +174,10 @@ class EveryAnswer(Documented):
                 self.check(operation, operation.ask(service, If_None_Match=etag), 304)
 
     def representations(self, service):
+        round_trip = next(o for o in self.operations if o.path == "/v1/verify/roundtrip")
+        for media_type in round_trip.responses["200"]["content"]:
+            headers, _ = self.check(round_trip, round_trip.ask(service, Accept=media_type), 200)
+            self.assertEqual(headers["Content-Type"], media_type)
         frames = next(o for o in self.operations if o.path == "/v1/frames")
         for media_type in frames.responses["200"]["content"]:
             body = dict(frames.small(), products=["image" if media_type == "image/png" else "range"])

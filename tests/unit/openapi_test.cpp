@@ -10,6 +10,7 @@
 #include "api/points_json.h"
 #include "api/problem.h"
 #include "api/ranges.h"
+#include "api/round_trip_json.h"
 #include "api/routes.h"
 
 namespace selenograph::api {
@@ -149,6 +150,9 @@ TEST(OpenApi, ExamplesAreAccepted) {
       }
       if (path == "/v1/project") {
         EXPECT_NO_THROW(read_project(body, Limits{}));
+      }
+      if (path == "/v1/verify/roundtrip") {
+        EXPECT_NO_THROW(read_round_trip(body, Limits{}));
       }
       if (path == "/v1/heights") {
         EXPECT_NO_THROW(read_heights(body, Limits{}));

@@ -1,0 +1,146 @@
+#include "api/round_trip_json.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "api/frame_json.h"
+#include "api/metadata.h"
+#include "api/ranges.h"
+
+namespace selenograph::api {
+namespace {
+
+using OrderedJson = nlohmann::ordered_json;
+
+OrderedJson number_json(double x) { return std::isfinite(x) ? OrderedJson(x) : OrderedJson(nullptr); }
+
+OrderedJson group_json(const engine::GroupStatistics& g) {
+  return {{"posts", g.posts},
+          {"mean_m", number_json(g.mean_m)},
+          {"mean_absolute_m", number_json(g.mean_absolute_m)},
+          {"rms_m", number_json(g.rms_m)},
+          {"standard_error_m", number_json(g.standard_error_m)},
+          {"z", number_json(g.z)}};
+}
+
+OrderedJson percentiles_json(const std::vector<engine::Percentile>& percentiles) {
+  OrderedJson list = OrderedJson::array();
+  for (const engine::Percentile& p : percentiles)
+    list.push_back({{"percent", p.percent}, {"value_m", number_json(p.value_m)}});
+  return list;
+}
+
+OrderedJson worst_json(const engine::RoundTrip& trip, const engine::DifferenceStatistics& s) {
+  if (s.worst_row < 0) return nullptr;
+  const Geographic g = trip.window.place(s.worst_row, s.worst_col);
+  const auto original = trip.original_m[trip.window.index(s.worst_row, s.worst_col)];
+  return {{"difference_m", s.worst_m},
+          {"lat_deg", g.lat_deg},
+          {"lon_deg", g.lon_deg},
+          {"original_m", static_cast<double>(original)}};
+}
+
+OrderedJson difference_json(const engine::RoundTrip& trip, const engine::DifferenceStatistics& s) {
+  OrderedJson json = group_json(s.all);
+  json["median_m"] = number_json(s.median_m);
+  json["median_absolute_m"] = number_json(s.median_absolute_m);
+  json["standard_deviation_m"] = number_json(s.standard_deviation_m);
+  json["percentiles"] = percentiles_json(s.percentiles);
+  json["absolute_percentiles"] = percentiles_json(s.absolute_percentiles);
+  json["worst"] = worst_json(trip, s);
+  return json;
+}
+
+OrderedJson window_json(const engine::PostWindow& w) {
+  const Geographic first = w.place(0, 0), last = w.place(w.height - 1, w.width - 1);
+  return {{"rows", w.height},          {"columns", w.width},
+          {"south_deg", last.lat_deg}, {"north_deg", first.lat_deg},
+          {"west_deg", first.lon_deg}, {"east_deg", last.lon_deg < first.lon_deg ? last.lon_deg + 360 : last.lon_deg}};
+}
+
+}  // namespace
+
+std::string_view mode_name(engine::RoundTripMode mode) {
+  return std::find_if(std::begin(kRoundTripModes), std::end(kRoundTripModes),
+                      [&](const auto& row) { return row.second == mode; })
+      ->first;
+}
+
+int most_posts(const Limits& limits) {
+  return std::max(1, static_cast<int>(std::sqrt(static_cast<double>(limits.max_rays))));
+}
+
+int default_posts(const Limits& limits) { return std::min(256, most_posts(limits)); }
+
+engine::RoundTripRequest read_round_trip(const Json& body, const Limits& limits) {
+  Findings findings;
+  const JsonReader in(body, findings);
+  engine::RoundTripRequest request;
+  if (in.object({"center", "height_m", "mode", "posts", "footprint_ratio", "max_error_px"})) {
+    if (in.has("center")) {
+      const Geographic place = read_place(in.at("center"), false);
+      request.lat_deg = place.lat_deg, request.lon_deg = place.lon_deg;
+    } else {
+      in.fail("center", "is required");
+    }
+    request.height_m = in.number("height_m", kStationHeight_m, request.height_m);
+    request.mode = in.word("mode", Words<engine::RoundTripMode>(kRoundTripModes), request.mode);
+    request.posts = static_cast<int>(in.integer("posts", 1, most_posts(limits), default_posts(limits)));
+    request.footprint_ratio = in.number("footprint_ratio", kFootprintRatio, request.footprint_ratio);
+    request.max_error_px = in.number("max_error_px", kMaxError_px, request.max_error_px);
+  }
+  findings.throw_if_any();
+  return request;
+}
+
+OrderedJson round_trip_json(const engine::RoundTripRequest& request, const engine::RoundTrip& trip,
+                            const engine::DifferenceStatistics& s) {
+  const dem::RasterInfo& tile = trip.window.tile;
+  OrderedJson json{{"tile",
+                    {{"name", tile.name},
+                     {"post_spacing_m", tile.post_spacing_m},
+                     {"quantisation_m", tile.quantisation_m},
+                     {"posts", tile.lattice_level ? "copied" : "resampled"}}},
+                   {"mode", mode_name(request.mode)},
+                   {"center", {{"lat_deg", request.lat_deg}, {"lon_deg", request.lon_deg}}},
+                   {"height_m", request.height_m}};
+  if (request.mode == engine::RoundTripMode::camera) {
+    json["footprint_ratio"] = request.footprint_ratio;
+    json["pixel_footprint_m"] = trip.pixel_footprint_m;
+    json["max_error_px"] = request.max_error_px;
+  }
+  json["window"] = window_json(trip.window);
+  json["stations"] = trip.stations;
+  json["counts"] = {{"posts", trip.window.size()}, {"compared", trip.compared},   {"hidden", trip.hidden},
+                    {"missed", trip.missed},       {"elsewhere", trip.elsewhere}, {"voids", trip.voids}};
+  json["difference"] = difference_json(trip, s);
+  json["quadrants"] = OrderedJson::array();
+  for (const engine::Quadrant& q : s.quadrants) {
+    json["quadrants"].push_back({{"name", q.name}});
+    json["quadrants"].back().update(group_json(q.statistics));
+  }
+  json["slopes"] = OrderedJson::array();
+  for (const engine::SlopeClass& c : s.slopes) {
+    json["slopes"].push_back({{"from_deg", c.from_deg}, {"to_deg", c.to_deg}});
+    json["slopes"].back().update(group_json(c.statistics));
+  }
+  json["software"] = fmt::format("selenograph {}", software_version());
+  return json;
+}
+
+std::string round_trip_title(const engine::RoundTripRequest& request, const engine::RoundTrip& trip) {
+  const std::string pixels = request.mode == engine::RoundTripMode::camera
+                                 ? fmt::format(", pixels of {:.3g} m", trip.pixel_footprint_m)
+                                 : std::string();
+  return fmt::format("{}, mode {}, posts of {:.3g} m, from {:g} km{}", trip.window.tile.name, mode_name(request.mode),
+                     trip.window.tile.post_spacing_m, request.height_m / 1000, pixels);
+}
+
+dem::PostGrid grid_of(const engine::PostWindow& w) {
+  const Geographic first = w.place(0, 0);
+  return {first.lat_deg, first.lon_deg, w.lat_step_deg(), w.lon_step_deg(), w.width, w.height};
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,35 @@
+// A round trip's request and its figures as JSON: for POST /v1/verify/roundtrip and for `selenograph verify roundtrip`.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "api/json_reader.h"
+#include "api/service.h"
+#include "dem/raster_writer.h"
+#include "engine/difference_statistics.h"
+
+namespace selenograph::api {
+
+// Name and mode, for error messages, files and titles.
+inline constexpr std::pair<std::string_view, engine::RoundTripMode> kRoundTripModes[] = {
+    {"exact", engine::RoundTripMode::exact}, {"camera", engine::RoundTripMode::camera}};
+std::string_view mode_name(engine::RoundTripMode mode);
+
+// Posts along the side of a request's window: as many posts as rays are allowed.
+int most_posts(const Limits& limits);
+int default_posts(const Limits& limits);
+
+// Throws RequestError.
+engine::RoundTripRequest read_round_trip(const Json& body, const Limits& limits);
+
+nlohmann::ordered_json round_trip_json(const engine::RoundTripRequest& request, const engine::RoundTrip& trip,
+                                       const engine::DifferenceStatistics& statistics);
+
+// "DTM_MAP_01_N01E000N00E001SC, mode exact, from 20 km"
+std::string round_trip_title(const engine::RoundTripRequest& request, const engine::RoundTrip& trip);
+
+// Where the window's posts lie.
+dem::PostGrid grid_of(const engine::PostWindow& window);
+
+}  // namespace selenograph::api

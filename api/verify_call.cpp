@@ -1,0 +1,52 @@
+// POST /v1/verify/roundtrip.
+#include "api/call.h"
+#include "api/difference_picture.h"
+#include "api/negotiate.h"
+#include "api/round_trip_json.h"
+#include "dem/error.h"
+
+namespace selenograph::api {
+namespace {
+
+// Which member the engine's refusal is about.
+const char* pointer_for(const std::string& refusal) {
+  for (const auto& [words, pointer] :
+       {std::pair{"larger height", "/height_m"}, std::pair{"larger footprint", "/footprint_ratio"},
+        std::pair{"max_error_px", "/max_error_px"}}) {
+    if (refusal.find(words) != std::string::npos) return pointer;
+  }
+  return "/center";
+}
+
+engine::RoundTrip made(const CallContext& context, const engine::RoundTripRequest& request) {
+  try {
+    return engine::round_trip(context.renderer, request, {}, context.stop);
+  } catch (const std::invalid_argument& e) {
+    throw RequestError("invalid_request", e.what(), {{pointer_for(e.what()), e.what()}});
+  }
+}
+
+}  // namespace
+
+Response verify_round_trip_call(const CallContext& context) {
+  const std::string_view media_type =
+      choose(header(context.request, "accept"), std::span<const Alternative>(kRoundTripAnswers));
+  const engine::RoundTripRequest request = read_round_trip(json_body(context), context.limits);
+  const engine::RoundTrip trip = made(context, request);
+  Response response;
+  response.content_type = media_type;
+  if (media_type == "image/tiff") {
+    response.body = dem::geotiff_bytes(grid_of(trip.window), trip.difference_m, "extracted - original");
+  } else {
+    const engine::DifferenceStatistics statistics = engine::statistics_of(trip);
+    if (media_type == "image/png")
+      response.body = difference_picture(trip, statistics, round_trip_title(request, trip)).png(1.5);
+    else
+      response = json_response(round_trip_json(request, trip, statistics));
+  }
+  response.headers.emplace_back("Vary", "Accept");
+  if (context.stop.stopped()) throw Cancelled();
+  return response;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,27 @@
+// What commands leave behind: whole files, and a line that shows how far they are.
+#pragma once
+
+#include <chrono>
+#include <string>
+
+namespace selenograph::server {
+
+// Appears whole or not at all. Throws std::runtime_error naming the file.
+void write_whole(const std::string& path, const std::string& bytes);
+
+// On stderr: one line that is rewritten on a terminal, a line every five percent elsewhere.
+class ProgressBar {
+ public:
+  ProgressBar();
+  // share 0..1.
+  void show(double share, const std::string& detail);
+  // After work that ended early.
+  void end_line() const;
+
+ private:
+  const bool terminal_;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  int last_percent_ = -5;
+};
+
+}  // namespace selenograph::server

@@ -1,0 +1,136 @@
+#!/usr/bin/env python3
+"""The DEM round trip over HTTP and on the command line: the same figures, pictures that are pictures, refusals that point.
+
+What the figures must be is tests/hard/round_trip_test.cpp's matter. Python's standard library only.
+"""
+
+import json
+import os
+import struct
+import unittest
+
+import harness
+from harness import Service
+
+PLACE = ("--south-deg", "25", "--west-deg", "2", "--rows", "2", "--columns", "2", "--ppd", "256")
+CENTER = {"lat_deg": 26.1322, "lon_deg": 3.6339}
+CALL = "/v1/verify/roundtrip"
+EXACT = {"center": CENTER, "posts": 100}
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("dem", *PLACE)
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def ask(service, body, accept="application/json"):
+    headers = {"Content-Type": "application/json", "Accept": accept}
+    return service.ask("POST", CALL, json.dumps(body).encode(), headers)
+
+
+def png_size(content):
+    assert content[:8] == b"\x89PNG\r\n\x1a\n", content[:16]
+    return struct.unpack(">II", content[16:24])
+
+
+class OverHttp(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.service = Service()
+
+    @classmethod
+    def tearDownClass(cls):
+        assert cls.service.stop() == 0
+
+    def figures(self, body):
+        status, headers, content = ask(self.service, body)
+        self.assertEqual(status, 200, content)
+        self.assertEqual(headers["Content-Type"], "application/json")
+        self.assertEqual(headers["Vary"], "Accept")
+        return json.loads(content)
+
+    def test_exact(self):
+        answer = self.figures(EXACT)
+        self.assertEqual(answer["tile"]["name"], "DTM_MAP_01_N27E003N26E004SC")
+        self.assertEqual((answer["mode"], answer["height_m"]), ("exact", 20000))
+        self.assertEqual((answer["window"]["rows"], answer["window"]["columns"]), (100, 100))
+        counts = answer["counts"]
+        self.assertEqual(counts["posts"], 10000)
+        self.assertEqual(counts["posts"], sum(counts.values()) - counts["posts"])
+        self.assertGreater(counts["compared"], 9900)
+        self.assertLess(abs(answer["difference"]["mean_m"]), 1e-3)
+        self.assertLess(abs(answer["difference"]["worst"]["difference_m"]), 1e-2)
+        self.assertEqual({q["name"] for q in answer["quadrants"]}, {"NW", "NE", "SW", "SE"})
+        self.assertEqual(sum(q["posts"] for q in answer["quadrants"]), counts["compared"])
+
+    def test_camera(self):
+        answer = self.figures(dict(EXACT, mode="camera", footprint_ratio=0.5, height_m=15000))
+        self.assertAlmostEqual(answer["pixel_footprint_m"], answer["tile"]["post_spacing_m"] / 2)
+        self.assertLess(abs(answer["difference"]["mean_m"]), 0.1)
+        self.assertGreater(answer["difference"]["mean_absolute_m"], 1e-3)
+
+    def test_same_question_same_answer(self):
+        for accept in ("application/json", "image/png", "image/tiff"):
+            first, second = ask(self.service, EXACT, accept), ask(self.service, EXACT, accept)
+            self.assertEqual(first[0], 200)
+            self.assertEqual(first[2], second[2], accept)
+
+    def test_picture_and_raster(self):
+        _, headers, content = ask(self.service, EXACT, "image/png")
+        self.assertEqual(headers["Content-Type"], "image/png")
+        self.assertEqual(png_size(content), (1500, 840))
+        _, headers, content = ask(self.service, EXACT, "image/tiff")
+        self.assertEqual(headers["Content-Type"], "image/tiff")
+        self.assertEqual(content[:4], b"II*\0")
+
+    def test_refusals_point_at_members(self):
+        for body, pointer in (({}, "/center"),
+                              (dict(EXACT, posts=317), "/posts"),
+                              (dict(EXACT, mode="both"), "/mode"),
+                              (dict(EXACT, hieght_m=1), "/hieght_m"),
+                              (dict(EXACT, center={"lat_deg": -60, "lon_deg": 100}), "/center"),
+                              (dict(EXACT, mode="camera", height_m=500), "/height_m")):
+            with self.subTest(body=body):
+                status, _, content = ask(self.service, body)
+                self.assertEqual(status, 422, content)
+                self.assertEqual(json.loads(content)["errors"][0]["pointer"], pointer)
+        self.assertEqual(ask(self.service, EXACT, "text/html")[0], 406)
+
+
+class OnTheCommandLine(unittest.TestCase):
+    def verify(self, *options, center="26.1322,3.6339"):
+        return harness.run("verify", "roundtrip", "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"),
+                           "--center", center, "--posts", "100", "-o", harness.path("out"), *options)
+
+    def test_both_modes_are_written_and_are_the_services(self):
+        done = self.verify()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("posts compared", done.stdout)
+        service = Service()
+        for mode in ("exact", "camera"):
+            folder = harness.path("out", mode)
+            self.assertEqual(sorted(os.listdir(folder)), ["difference.png", "difference.tif", "extracted.tif", "statistics.json"])
+            with open(os.path.join(folder, "statistics.json")) as file:
+                written = json.load(file)
+            with open(os.path.join(folder, "difference.png"), "rb") as file:
+                self.assertEqual(png_size(file.read()), (1500, 840))
+            self.assertEqual(json.loads(ask(service, dict(EXACT, mode=mode))[2]), written)
+        self.assertEqual(service.stop(), 0)
+
+    def test_what_cannot_be_is_said(self):
+        for center, options, status, words in (("95,3", (), None, "latitude and longitude"),
+                                               ("26.1 3.6", (), None, "latitude and longitude"),
+                                               ("26.1,3.6", ("--mode", "nearly"), None, "--mode"),
+                                               ("-60,100", (), 1, "no tile holds")):
+            done = self.verify(*options, center=center)
+            self.assertEqual(done.returncode, status or done.returncode)
+            self.assertNotEqual(done.returncode, 0)
+            self.assertIn(words, done.stderr + done.stdout)
+
+
+if __name__ == "__main__":
+    harness.main()

@@ -1,0 +1,87 @@
+#include "api/round_trip_json.h"
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "api/difference_picture.h"
+#include "api/negotiate.h"
+
+namespace selenograph::api {
+namespace {
+
+engine::RoundTripRequest read(const char* text) { return read_round_trip(Json::parse(text), Limits{}); }
+
+std::string pointer_of(const char* text) {
+  try {
+    read(text);
+  } catch (const RequestError& e) {
+    return e.findings().empty() ? e.code() : e.findings().front().pointer;
+  }
+  return "accepted";
+}
+
+TEST(RoundTripJson, DefaultsAreTheDocumented) {
+  const engine::RoundTripRequest r = read(R"({"center": {"lat_deg": 26.1, "lon_deg": 3.6}})");
+  EXPECT_EQ(r.lat_deg, 26.1);
+  EXPECT_EQ(r.lon_deg, 3.6);
+  EXPECT_EQ(r.height_m, 20000);
+  EXPECT_EQ(r.mode, engine::RoundTripMode::exact);
+  EXPECT_EQ(r.posts, 256);
+  EXPECT_EQ(r.footprint_ratio, 1);
+}
+
+TEST(RoundTripJson, WhatIsRefusedIsPointedAt) {
+  EXPECT_EQ(pointer_of(R"({})"), "/center");
+  EXPECT_EQ(pointer_of(R"({"center": {"lat_deg": 91, "lon_deg": 0}})"), "/center/lat_deg");
+  EXPECT_EQ(pointer_of(R"({"center": {"lat_deg": 1, "lon_deg": 0}, "mode": "both"})"), "/mode");
+  EXPECT_EQ(pointer_of(R"({"center": {"lat_deg": 1, "lon_deg": 0}, "posts": 317})"), "/posts");
+  EXPECT_EQ(pointer_of(R"({"center": {"lat_deg": 1, "lon_deg": 0}, "posts": 316})"), "accepted");
+  EXPECT_EQ(pointer_of(R"({"center": {"lat_deg": 1, "lon_deg": 0}, "footprint_ratio": 0.01})"), "/footprint_ratio");
+  EXPECT_EQ(pointer_of(R"({"center": {"lat_deg": 1, "lon_deg": 0}, "hight_m": 1})"), "/hight_m");
+}
+
+TEST(RoundTripJson, PostsFollowFromTheRaysThatAreAllowed) {
+  Limits limits;
+  limits.max_rays = 10000;
+  EXPECT_EQ(most_posts(limits), 100);
+  EXPECT_EQ(default_posts(limits), 100);
+}
+
+TEST(RoundTripJson, AnswersAreChosenByWeight) {
+  const std::span<const Alternative> all(kRoundTripAnswers);
+  EXPECT_EQ(choose("", all), "application/json");
+  EXPECT_EQ(choose("*/*", all), "application/json");
+  EXPECT_EQ(choose("image/*", all), "image/png");
+  EXPECT_EQ(choose("application/json;q=0.5, image/tiff", all), "image/tiff");
+  EXPECT_THROW(choose("text/html", all), RequestError);
+}
+
+TEST(DifferencePicture, LengthsHaveTheUnitThatSuitsThem) {
+  EXPECT_EQ(length_text(0), "0 m");
+  EXPECT_EQ(length_text(-0.25), "\u22120.25 m");
+  EXPECT_EQ(length_text(0.0123), "12.3 mm");
+  EXPECT_EQ(length_text(4.66e-10), "0.466 nm");
+  EXPECT_EQ(length_text(-3e-12), "\u22123 pm");
+  EXPECT_EQ(length_text(std::nan("")), "none");
+}
+
+TEST(DifferencePicture, TellsTitleUnitAndWorst) {
+  engine::RoundTrip trip;
+  engine::PostWindow& w = trip.window;
+  w.width = w.tile.width = 40, w.height = w.tile.height = 30;
+  w.tile.posts_per_degree = 16;
+  w.tile.footprint = {0, 29 / 16.0, 10, 10 + 39 / 16.0};
+  trip.original_m.assign(w.size(), 5.F);
+  trip.difference_m.assign(w.size(), 0.001F);
+  trip.difference_m[w.index(3, 4)] = -0.0125F;
+  trip.difference_m[w.index(0, 0)] = std::numeric_limits<float>::quiet_NaN();
+  trip.compared = w.size() - 1;
+  const std::string svg = difference_picture(trip, engine::statistics_of(trip), "a tile & its name").svg();
+  for (const char* text : {"a tile &amp; its name", "1199 of 1200 posts compared", "extracted − original, mm",
+                           "−12.5 mm at 1.6250°, 10.2500°", "mean in the SW"})
+    EXPECT_NE(svg.find(text), std::string::npos) << text;
+}
+
+}  // namespace
+}  // namespace selenograph::api
