@@ -84,12 +84,26 @@ Response answer(const FrameCall& call, const engine::Frame& frame, const Represe
   return response;
 }
 
+// Puts the setting that the budget allows into the request; what is said about it in a header. Not in the metadata: the
+// same setting asked for by its numbers has the same bytes and the same ETag.
+std::string choose_within_budget(FrameCall& call, const CallContext& context) {
+  if (!call.budget_ms) return {};
+  const engine::BudgetChoice choice = refusing_at("/pose", [&] {
+    return context.renderer.choose(call.request, *call.budget_ms, context.limits.max_samples_per_pixel, context.stop);
+  });
+  call.request.accuracy = choice.accuracy;
+  return fmt::format("budget_ms={:g}, predicted_ms={:.3f}, fits={}, max_error_px={:g}, samples_per_pixel={}",
+                     *call.budget_ms, choice.predicted_ms, choice.fits ? 1 : 0, choice.accuracy.max_error_px,
+                     choice.accuracy.samples_per_pixel);
+}
+
 }  // namespace
 
 Response frame_call(const CallContext& context) {
   const Clock::time_point start = Clock::now();
-  const FrameCall call = read_frame(json_body(context), context.limits);
+  FrameCall call = read_frame(json_body(context), context.limits);
   const Representation& representation = negotiate(header(context.request, "accept"), call.request.products);
+  const std::string budget = choose_within_budget(call, context);
   const std::string hash = content_hash(call, context.renderer.terrain().catalogue().fingerprint(), representation);
   if (names_etag(header(context.request, "if-none-match"), hash)) return not_modified(hash);
   const double parse_ms = ms_since(start);
@@ -99,6 +113,7 @@ Response frame_call(const CallContext& context) {
 
   const Clock::time_point encode_start = Clock::now();
   Response response = answer(call, frame, representation, hash);
+  if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
   response.headers.emplace_back("Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start)));
   return response;
 }

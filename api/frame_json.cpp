@@ -47,9 +47,17 @@ engine::Reflectance read_surface(const JsonReader& in) {
   return read_reflectance(in.at("reflectance"));
 }
 
+// A budget chooses what it would exclude otherwise.
+std::optional<double> read_budget(const JsonReader& in) {
+  if (!in.has("budget_ms")) return std::nullopt;
+  for (const std::string_view name : {"max_error_px", "samples_per_pixel", "max_shadow_error_px"})
+    if (in.has(name)) in.fail("budget_ms", "chooses the accuracy: not together with \"" + std::string(name) + "\"");
+  return in.number("budget_ms", kBudget_ms, 0);
+}
+
 engine::Accuracy read_accuracy(const JsonReader& in, const Limits& limits) {
   engine::Accuracy accuracy;
-  if (!in.object({"max_error_px", "samples_per_pixel", "max_shadow_error_px"})) return accuracy;
+  if (!in.object({"max_error_px", "samples_per_pixel", "max_shadow_error_px", "budget_ms"})) return accuracy;
   accuracy.max_error_px = in.number("max_error_px", kMaxError_px, accuracy.max_error_px);
   accuracy.samples_per_pixel =
       static_cast<int>(in.integer("samples_per_pixel", 1, limits.max_samples_per_pixel, accuracy.samples_per_pixel));
@@ -94,7 +102,10 @@ FrameCall read_members(const JsonReader& in, const Limits& limits) {
   if (in.has("camera")) request.camera = read_camera(in.at("camera"), limits);
   if (in.has("pose")) request.pose = read_pose(in.at("pose"));
   if (in.has("surface")) request.reflectance = read_surface(in.at("surface"));
-  if (in.has("accuracy")) request.accuracy = read_accuracy(in.at("accuracy"), limits);
+  if (in.has("accuracy")) {
+    request.accuracy = read_accuracy(in.at("accuracy"), limits);
+    if (in.at("accuracy").value().is_object()) call.budget_ms = read_budget(in.at("accuracy"));
+  }
   if (in.has("image")) request.image = read_image(in.at("image"));
   if (in.has("products")) request.products = read_products(in.at("products"));
   call.sun_given = in.has("sun");

@@ -39,6 +39,8 @@ inline constexpr engine::ProductSet kNeedsSun = engine::kImage | engine::kRadian
 
 struct FrameCall {
   engine::FrameRequest request;
+  // Time for which the accuracy is to be chosen; empty: `request.accuracy` was given or is the default.
+  std::optional<double> budget_ms;
   bool sun_given = false;  // false: no product needs one, request.sun means nothing
 };
 

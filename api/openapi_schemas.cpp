@@ -292,6 +292,11 @@ void add_frame_request(OrderedJson& schemas, const Limits& limits) {
                         "aim for how far the mesh's error displaces a shadow's edge on level ground, pixels; gives way "
                         "where the terrain that it takes doesn't fit: `shadow_error_px` says what was reached",
                         accuracy.max_shadow_error_px)},
+                {"budget_ms",
+                 number(kBudget_ms,
+                        "instead of the others: the best of them that is predicted to take no longer, on terrain in "
+                        "memory. The metadata's request says what was chosen, the header Selenograph-Budget what was "
+                        "predicted; asked for by its numbers the choice gives the same bytes")},
                 {"samples_per_pixel", samples}})},
        {"image", closed("How radiance becomes the digital numbers of the product `image`.",
                         {{"bit_depth", {{"type", "integer"}, {"enum", {8, 16}}, {"default", 8}}},

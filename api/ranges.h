@@ -25,6 +25,7 @@ inline constexpr Range kDistance_au{0.01, 100};
 inline constexpr Range kAngularRadius_deg{0, 5};
 inline constexpr Range kUnitInterval{0, 1};
 inline constexpr Range kMaxError_px{0, 100};
+inline constexpr Range kBudget_ms{0, 3.6e6, true, false};
 inline constexpr Range kMaxShadowError_px{0, 1e6};
 // Cameras of a round trip: from a metre above the ground to beyond the Earth.
 inline constexpr Range kStationHeight_m{1, 1e9};

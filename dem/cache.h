@@ -58,6 +58,12 @@ class Cache {
     return flight->value;
   }
 
+  // Without loading, and without counting as a use.
+  bool holds(const Key& key) const {
+    std::lock_guard lock(mutex_);
+    return entries_.count(key) > 0;
+  }
+
   void erase(const Key& key) {
     std::lock_guard lock(mutex_);
     if (const auto found = entries_.find(key); found != entries_.end()) drop(found);

@@ -73,7 +73,8 @@ struct Renderer::Impl {
       : terrain(std::move(t)),
         threads(o.threads > 0 ? o.threads : tbb::this_task_arena::max_concurrency()),
         arena(threads),
-        scenes(o.scene_bytes) {}
+        scenes(o.scene_bytes),
+        speed(threads) {}
 
   std::shared_ptr<const Scene> scene(const Selection& selection, const Vec3& anchor) {
     return scenes.get(key_of(selection, anchor), [&] {
@@ -93,17 +94,67 @@ struct Renderer::Impl {
           "the camera is below the terrain: {:.3f} m above the sphere, ground at {:.3f} m", height, lowest));
   }
 
+  Selection select(const View& view, const FrameRequest& request, const Accuracy& accuracy,
+                   const StopToken& stop) const {
+    const bool light = request.products & (kImage | kRadiance | kLit);
+    return select_for_view(*terrain, view, light ? &request.sun : nullptr, accuracy, stop, scenes.capacity());
+  }
+
+  static Vec3 anchor_of(const View& view) { return anchor_for(view.position(), view.moon_from_camera().col(2)); }
+
+  static double triangles_of(const Selection& selection) {
+    double triangles = 0;
+    for (const dem::BlockId& id : selection.blocks)
+      triangles += 2.0 * dem::quads_per_side(id.level) * dem::quads_per_side(id.level);
+    return triangles;
+  }
+
+  BudgetChoice choose(const FrameRequest& request, double budget_ms, int max_samples, const StopToken& stop) {
+    const View view(request.camera, request.pose);
+    refuse_underground(view.position());
+    Stopwatch watch;
+    double spent_ms = 0;
+    std::optional<BudgetChoice> best;
+    for (const double error_px : kBudgetErrors_px) {
+      Accuracy setting{.max_error_px = error_px};
+      std::optional<Selection> selection;
+      try {
+        selection = select(view, request, setting, stop);
+      } catch (const TooMuchTerrain&) {
+        if (!best) throw;
+        break;
+      }
+      const double select_ms = watch.lap_ms();
+      spent_ms += select_ms;
+      const bool build = !scenes.holds(key_of(*selection, anchor_of(view)));
+      bool any = false;
+      for (const int samples : kBudgetSamples) {
+        if (samples > max_samples) break;
+        setting.samples_per_pixel = samples;
+        // Selected once to choose, once to render.
+        const double ms =
+            spent_ms + select_ms + speed.predicted_ms(work_of(request, setting, triangles_of(*selection), build));
+        const bool fits = ms <= budget_ms;
+        any |= fits;
+        if (!best || (fits && expected_error(setting) < expected_error(best->accuracy)))
+          best = BudgetChoice{setting, ms, fits};
+      }
+      if (!any) break;  // finer terrain takes longer still
+    }
+    return *best;
+  }
+
   Frame render(const FrameRequest& request, const StopToken& stop) {
     Frame frame;
     Stopwatch watch;
     const View view(request.camera, request.pose);
     refuse_underground(view.position());
-    const bool light = request.products & (kImage | kRadiance | kLit);
-    const Selection selection =
-        select_for_view(*terrain, view, light ? &request.sun : nullptr, request.accuracy, stop, scenes.capacity());
+    const Selection selection = select(view, request, request.accuracy, stop);
     frame.times.select_ms = watch.lap_ms();
 
-    const auto scene = this->scene(selection, anchor_for(view.position(), view.moon_from_camera().col(2)));
+    const Vec3 anchor = anchor_of(view);
+    const bool build = !scenes.holds(key_of(selection, anchor));
+    const auto scene = this->scene(selection, anchor);
     frame.times.build_ms = watch.lap_ms();
 
     const PassCounts counts =
@@ -116,6 +167,7 @@ struct Renderer::Impl {
     if (!(request.products & kRadiance)) frame.products.radiance = {};
     frame.times.sensor_ms = watch.lap_ms();
 
+    speed.learn(work_of(request, request.accuracy, triangles_of(selection), build), frame.times);
     report(request, selection, *scene, counts, frame.report);
     return frame;
   }
@@ -282,6 +334,7 @@ struct Renderer::Impl {
   int threads;
   tbb::task_arena arena;
   dem::Cache<SceneKey, Scene, SceneKeyHash> scenes;
+  SpeedGauge speed;
 };
 
 Renderer::Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions& options)
@@ -290,6 +343,11 @@ Renderer::~Renderer() = default;
 
 Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
   return in_arena(impl_->arena, [&] { return impl_->render(request, stop); });
+}
+
+BudgetChoice Renderer::choose(const FrameRequest& request, double budget_ms, int max_samples,
+                              const StopToken& stop) const {
+  return in_arena(impl_->arena, [&] { return impl_->choose(request, budget_ms, max_samples, stop); });
 }
 
 std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun,

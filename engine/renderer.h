@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "dem/terrain.h"
+#include "engine/budget.h"
 #include "engine/frame.h"
 
 namespace selenograph::engine {
@@ -27,6 +28,11 @@ class Renderer {
   // Throws std::invalid_argument when the camera is below the terrain, TooMuchTerrain (one, too), DataError when a
   // needed file is unusable, Cancelled when `stop` says so. Same request, same terrain: same bytes.
   Frame render(const FrameRequest& request, const StopToken& stop = {}) const;
+
+  // The truest setting for this request (whose own `accuracy` doesn't matter) that is predicted to take no longer than
+  // budget_ms on terrain that is in memory, with no more than max_samples per pixel; the coarsest if none. The time
+  // spent on choosing counts. Throws as render does.
+  BudgetChoice choose(const FrameRequest& request, double budget_ms, int max_samples, const StopToken& stop = {}) const;
 
   // Arbitrary rays against the finest terrain.
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop = {}) const;

@@ -35,10 +35,20 @@ struct VerifyRoundTripSettings {
   std::string output;                // folder
 };
 
+struct VerifyAccuracySettings {
+  TerrainSettings terrain;
+  std::string center, polar_center;  // "LAT,LON", degrees; empty: see the options
+  int size_px = 512;
+  int repetitions = 7;
+  int reference_samples = 256;
+  std::string output;  // folder
+};
+
 void add_options(CLI::App& command, RenderSettings& settings);
 void add_options(CLI::App& command, InfoSettings& settings);
 void add_options(CLI::App& command, SampleSettings& settings);
 void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
+void add_options(CLI::App& command, VerifyAccuracySettings& settings);
 
 int serve(const ServeSettings& settings);
 int render(const RenderSettings& settings);
@@ -46,5 +56,6 @@ int ingest(const TerrainSettings& settings);
 int info(const InfoSettings& settings);
 int sample(const SampleSettings& settings);
 int verify_round_trip(const VerifyRoundTripSettings& settings);
+int verify_accuracy(const VerifyAccuracySettings& settings);
 
 }  // namespace selenograph::server

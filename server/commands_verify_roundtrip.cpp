@@ -1,7 +1,6 @@
 // `selenograph verify roundtrip`: a DEM's way into images and back, as figures, pictures and rasters.
 #include <fmt/format.h>
 
-#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -11,26 +10,13 @@
 #include "api/round_trip_json.h"
 #include "server/commands.h"
 #include "server/output.h"
+#include "server/place.h"
 #include "server/start.h"
 
 namespace selenograph::server {
 namespace {
 
 namespace fs = std::filesystem;
-
-// "26.1,3.6" as latitude and longitude.
-std::optional<Geographic> place_of(const std::string& text) {
-  const char *at = text.data(), *const end = text.data() + text.size();
-  double parts[2];
-  for (int i = 0; i < 2; ++i) {
-    if (i == 1 && (at == end || *at++ != ',')) return std::nullopt;
-    const auto [next, error] = std::from_chars(at, end, parts[i]);
-    if (error != std::errc()) return std::nullopt;
-    at = next;
-  }
-  const bool good = at == end && std::abs(parts[0]) <= 90 && parts[1] >= -180 && parts[1] <= 360;
-  return good ? std::optional(Geographic{parts[0], parts[1], 0}) : std::nullopt;
-}
 
 struct Verified {
   engine::RoundTripRequest request;
@@ -106,12 +92,7 @@ void print_summary(const std::vector<Verified>& all) {
 }  // namespace
 
 void add_options(CLI::App& command, VerifyRoundTripSettings& s) {
-  command.add_option("--center", s.center, "Place on the tile: the finest one there is compared")
-      ->required()
-      ->type_name("LAT,LON")
-      ->check([](const std::string& text) {
-        return place_of(text) ? std::string() : std::string("must be latitude and longitude in degrees: 26.1,3.6");
-      });
+  add_place(command, "--center", s.center, "Place on the tile: the finest one there is compared")->required();
   command.add_option("--height-m", s.request.height_m, "Cameras above the ground")
       ->check(CLI::Range(1.0, 1e9))
       ->capture_default_str();

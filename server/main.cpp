@@ -1,4 +1,4 @@
-// The executable: `selenograph serve | render | ingest | sample | info | verify roundtrip`.
+// The executable: `selenograph serve | render | ingest | sample | info | verify roundtrip | verify accuracy`.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -23,6 +23,7 @@ struct Settings {
   InfoSettings info;
   SampleSettings sample;
   VerifyRoundTripSettings verify_round_trip;
+  VerifyAccuracySettings verify_accuracy;
 };
 
 // What each command does once its settings are complete.
@@ -47,6 +48,8 @@ Work add_commands(CLI::App& app, Settings& s) {
   verify.require_subcommand(1);
   add(verify, work, "roundtrip", "Extracts a DEM from what cameras see and compares it with its original",
       s.verify_round_trip, verify_round_trip);
+  add(verify, work, "accuracy", "Measures speed against error, on named scenes for every setting", s.verify_accuracy,
+      verify_accuracy);
   return work;
 }
 

@@ -17,19 +17,18 @@ namespace fs = std::filesystem;
 // The last file to appear: an interrupted generation is simply done again (same seed, same bytes).
 constexpr const char* kComplete = "complete";
 
-std::string sample_folder(const std::string& cache_dir) {
-  const dem::SampleOptions options;
-  const std::string name =
-      fmt::format("sample-{}-{}-{}-{}", options.seed, options.south_deg, options.west_deg, options.posts_per_degree);
+}  // namespace
+
+std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions& options) {
+  const std::string name = fmt::format("sample-{}-{}-{}-{}x{}-{}", options.seed, options.south_deg, options.west_deg,
+                                       options.rows, options.columns, options.posts_per_degree);
   const fs::path folder = fs::path(cache_dir) / name;
   if (fs::exists(folder / kComplete)) return folder.string();
-  spdlog::info("no --dem: writing sample terrain to {}", folder.string());
+  spdlog::info("writing sample terrain to {}", folder.string());
   dem::write_sample_terrain(folder.string(), options);
   std::ofstream(folder / kComplete) << "sample terrain, all files written\n";
   return folder.string();
 }
-
-}  // namespace
 
 void set_up_log(const std::string& level) {
   auto log = spdlog::stderr_color_mt("selenograph");
@@ -39,7 +38,7 @@ void set_up_log(const std::string& level) {
 }
 
 std::vector<std::string> dem_paths(const TerrainSettings& settings) {
-  return settings.dem.empty() ? std::vector{sample_folder(settings.cache_dir)} : settings.dem;
+  return settings.dem.empty() ? std::vector{sample_folder(settings.cache_dir, {})} : settings.dem;
 }
 
 std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings) {

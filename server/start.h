@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "dem/sample_terrain.h"
 #include "dem/terrain.h"
 #include "engine/renderer.h"
 #include "server/config.h"
@@ -14,7 +15,10 @@ namespace selenograph::server {
 // To stderr, so that stdout stays for results.
 void set_up_log(const std::string& level);
 
-// settings.dem, or the folder of the sample terrain in the cache folder, written there when it is not yet complete.
+// Sample terrain in a folder of the cache folder, written there when it is not yet complete.
+std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions& options);
+
+// settings.dem, or the folder of the default sample terrain.
 std::vector<std::string> dem_paths(const TerrainSettings& settings);
 
 // These throw DataError and say in the log what was found, and what could not be used.

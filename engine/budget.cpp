@@ -1,0 +1,51 @@
+#include "engine/budget.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace selenograph::engine {
+namespace {
+
+// Before anything is known: a core of a server of 2024. Wrong by a factor of a few elsewhere, for a few frames.
+constexpr double kMsPerRay = 6e-6, kMsPerTriangle = 40e-6;
+
+double ray_units(const FrameWork& work) { return work.rays * std::log2(2 + work.triangles); }
+
+// Towards what was measured, an eighth of the way: one frame that waited for the disk isn't the machine's speed.
+void approach(std::atomic<double>& value, double measured) {
+  const double old = value.load(std::memory_order_relaxed);
+  value.store(old + (std::clamp(measured, old / 4, old * 4) - old) / 8, std::memory_order_relaxed);
+}
+
+}  // namespace
+
+FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, double triangles, bool build) {
+  const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
+  const bool radiance = request.products & (kImage | kRadiance);
+  const bool geometry = request.products & ~static_cast<ProductSet>(kImage | kRadiance);
+  const double samples = !radiance ? 1 : accuracy.samples_per_pixel + (accuracy.samples_per_pixel > 1 && geometry);
+  const bool shadows = radiance || (request.products & kLit);
+  // A disc's rays stop at the first that decide nothing: about half of 32 count.
+  const double per_sample = 1 + (!shadows ? 0 : request.sun.angular_radius_deg > 0 ? 16 : 1);
+  return {pixels * samples * per_sample, triangles, build};
+}
+
+SpeedGauge::SpeedGauge(int threads) : ms_per_ray_(kMsPerRay / threads), ms_per_triangle_(kMsPerTriangle / threads) {}
+
+double SpeedGauge::predicted_ms(const FrameWork& work) const {
+  return ray_units(work) * ms_per_ray_.load(std::memory_order_relaxed) +
+         (work.build ? work.triangles * ms_per_triangle_.load(std::memory_order_relaxed) : 0);
+}
+
+void SpeedGauge::learn(const FrameWork& work, const StageTimes& times) {
+  if (work.rays > 0) approach(ms_per_ray_, times.visibility_ms / ray_units(work));
+  if (work.build && work.triangles > 0) approach(ms_per_triangle_, times.build_ms / work.triangles);
+}
+
+double expected_error(const Accuracy& accuracy) {
+  // Fitted by eye to the table of `verify accuracy`, scenes nadir and descent.
+  constexpr double kPerErrorPixel = 0.06, kOfOneSample = 0.035;
+  return std::hypot(kPerErrorPixel * accuracy.max_error_px, kOfOneSample * std::pow(accuracy.samples_per_pixel, -0.75));
+}
+
+}  // namespace selenograph::engine

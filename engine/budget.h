@@ -1,0 +1,50 @@
+// Which setting a time budget allows: `"accuracy": {"budget_ms": N}`.
+//
+// How long a frame takes is predicted from its rays and triangles and from how fast this process has been so far; how
+// true it will be, from what `selenograph verify accuracy` measures. So the choice depends on the machine and its load:
+// what was chosen is reported, and asked for by its numbers it gives the same bytes.
+#pragma once
+
+#include <array>
+#include <atomic>
+
+#include "engine/frame.h"
+
+namespace selenograph::engine {
+
+struct BudgetChoice {
+  Accuracy accuracy;
+  double predicted_ms = 0;
+  bool fits = false;  // false: even the coarsest setting is predicted to take longer
+};
+
+// What a frame will cost.
+struct FrameWork {
+  double rays = 0;  // of all samples, shadow rays counted as one more
+  double triangles = 0;
+  bool build = false;  // its acceleration structure is yet to be made
+};
+FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, double triangles, bool build);
+
+// Learns from each frame what rays and triangles cost. Safe to use concurrently: a lost update is a frame not learnt
+// from.
+class SpeedGauge {
+ public:
+  explicit SpeedGauge(int threads);
+  double predicted_ms(const FrameWork& work) const;
+  void learn(const FrameWork& work, const StageTimes& times);
+
+ private:
+  // Milliseconds per ray and doubling of the triangles, and per triangle built.
+  std::atomic<double> ms_per_ray_, ms_per_triangle_;
+};
+
+// The levels of detail and samples that are chosen from; each finer than the one before.
+inline constexpr std::array<double, 6> kBudgetErrors_px{4, 2, 1, 0.5, 0.25, 0.125};
+inline constexpr std::array<int, 3> kBudgetSamples{1, 4, 16};
+
+// RMS radiance error to expect, relative to the sunlit mean: terrain too smooth, and pixels that are points where they
+// should be areas.
+double expected_error(const Accuracy& accuracy);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,103 @@
+// Time budgets: what is predicted, what is learnt, what is chosen.
+#include "engine/budget.h"
+
+#include <gtest/gtest.h>
+
+#include "dem/error.h"
+#include "engine/renderer.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+#include "tests/support/views.h"
+
+namespace selenograph::engine {
+namespace {
+
+FrameRequest small_frame() {
+  FrameRequest request;
+  request.camera = {64, 48, 60, 60, 31.5, 23.5, {}};
+  request.products = kRadiance;
+  return request;
+}
+
+TEST(FrameWork, CountsRays) {
+  FrameRequest request = small_frame();
+  const double pixels = 64 * 48;
+  EXPECT_EQ(work_of(request, {}, 10, true).rays, 2 * pixels) << "one to the ground, one to the Sun";
+  EXPECT_EQ(work_of(request, {.samples_per_pixel = 4}, 10, true).rays, 8 * pixels);
+  request.products = kRange;
+  EXPECT_EQ(work_of(request, {.samples_per_pixel = 4}, 10, true).rays, pixels) << "geometry is of pixel centres";
+  request.products = kRange | kRadiance;
+  EXPECT_EQ(work_of(request, {.samples_per_pixel = 4}, 10, true).rays, 10 * pixels);
+  request.sun.angular_radius_deg = 0.27;
+  EXPECT_GT(work_of(request, {.samples_per_pixel = 4}, 10, true).rays, 50 * pixels);
+}
+
+TEST(SpeedGauge, LearnsWhatFramesTake) {
+  SpeedGauge gauge(2);
+  const FrameWork warm{1e6, 1e6, false}, cold{1e6, 1e6, true};
+  EXPECT_GT(gauge.predicted_ms(cold), gauge.predicted_ms(warm));
+  for (int i = 0; i < 200; ++i) gauge.learn(cold, {.build_ms = 300, .visibility_ms = 40});
+  EXPECT_NEAR(gauge.predicted_ms(warm), 40, 0.01);
+  EXPECT_NEAR(gauge.predicted_ms(cold), 340, 0.01);
+  EXPECT_NEAR(gauge.predicted_ms({2e6, 1e6, false}), 80, 0.02) << "in proportion to the rays";
+  gauge.learn(warm, {.visibility_ms = 1e9});
+  EXPECT_LT(gauge.predicted_ms(warm), 60) << "one frame that waited isn't the machine's speed";
+}
+
+TEST(ExpectedError, FallsWithDetailAndSamples) {
+  for (std::size_t i = 1; i < kBudgetErrors_px.size(); ++i) {
+    EXPECT_LT(kBudgetErrors_px[i], kBudgetErrors_px[i - 1]);
+    EXPECT_LT(expected_error({.max_error_px = kBudgetErrors_px[i]}),
+              expected_error({.max_error_px = kBudgetErrors_px[i - 1]}));
+  }
+  for (std::size_t i = 1; i < kBudgetSamples.size(); ++i)
+    EXPECT_LT(expected_error({.samples_per_pixel = kBudgetSamples[i]}),
+              expected_error({.samples_per_pixel = kBudgetSamples[i - 1]}));
+}
+
+class Budget : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    test::write_float_tile(folder_.path(), "t", {12, 22, 128, 4 * 128 + 1, 4 * 128 + 1}, [](double lat, double lon) {
+      return 800 * std::sin(lat * 40) * std::cos(lon * 37) + 60 * std::sin(lat * 310 + lon * 290);
+    });
+    renderer_ =
+        std::make_unique<Renderer>(test::open_terrain(folder_.path()), RendererOptions{2, std::size_t{256} << 20});
+    request_ = small_frame();
+    request_.pose = test::looking(to_cartesian({10, 24, 60000}), -to_cartesian({10, 24, 1}), Vec3::UnitZ());
+    request_.sun.direction = request_.pose.position_m.normalized();
+    for (int i = 0; i < 30; ++i) renderer_->render(request_);  // how fast is it?
+  }
+  test::TemporaryFolder folder_;
+  std::unique_ptr<Renderer> renderer_;
+  FrameRequest request_;
+};
+
+TEST_F(Budget, AnHourBuysTheBest) {
+  const BudgetChoice choice = renderer_->choose(request_, 3.6e6, 256);
+  EXPECT_TRUE(choice.fits);
+  EXPECT_EQ(choice.accuracy.max_error_px, kBudgetErrors_px.back());
+  EXPECT_EQ(choice.accuracy.samples_per_pixel, kBudgetSamples.back());
+  EXPECT_EQ(renderer_->choose(request_, 3.6e6, 4).accuracy.samples_per_pixel, 4) << "no more than the service allows";
+}
+
+TEST_F(Budget, NothingBuysTheCoarsestAndSaysSo) {
+  const BudgetChoice choice = renderer_->choose(request_, 1e-6, 256);
+  EXPECT_FALSE(choice.fits);
+  EXPECT_GT(choice.predicted_ms, 1e-6);
+  EXPECT_EQ(choice.accuracy.max_error_px, kBudgetErrors_px.front());
+  EXPECT_EQ(choice.accuracy.samples_per_pixel, 1);
+}
+
+TEST_F(Budget, MoreTimeIsNeverSpentOnLess) {
+  double error = 1e9;
+  for (double ms = 0.05; ms < 1e5; ms *= 4) {
+    const BudgetChoice choice = renderer_->choose(request_, ms, 256);
+    if (choice.fits) EXPECT_LE(choice.predicted_ms, ms);
+    EXPECT_LE(expected_error(choice.accuracy), error * 1.0001) << ms;
+    error = expected_error(choice.accuracy);
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::engine
