@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 
 #include "engine/vectorise.h"
@@ -50,11 +51,13 @@ struct Candidate {
   double outside() const { return std::max({-v, -w, v + w - 1}); }
 };
 
-std::optional<Candidate> meet(const Mesh& mesh, const TriangleId& id, const Vec3& origin, const Vec3& direction) {
+// Where the ray meets the triangle's plane, if it comes from above (toward < 0) or if it comes from below.
+std::optional<Candidate> cross(const Mesh& mesh, const TriangleId& id, const Vec3& origin, const Vec3& direction,
+                               bool from_below) {
   const dem::Triangle t = mesh.triangle(id);
   const Vec3 ab = t.b - t.a, ac = t.c - t.a, normal = ab.cross(ac);
   const double toward = normal.dot(direction);
-  if (!(toward < 0)) return std::nullopt;  // from below, along it, degenerate or without data
+  if (!(from_below ? toward > 0 : toward < 0)) return std::nullopt;  // or along it, degenerate or without data
   const double distance = normal.dot(t.a - origin) / toward;
   const Vec3 position = origin + distance * direction, from_a = position - t.a;
   const double area2 = normal.squaredNorm();
@@ -62,11 +65,25 @@ std::optional<Candidate> meet(const Mesh& mesh, const TriangleId& id, const Vec3
       id, position, normal, distance, normal.dot(from_a.cross(ac)) / area2, normal.dot(ab.cross(from_a)) / area2};
 }
 
-// Searches around a guess that is off its triangle; the answer nearest to `near` along the ray wins.
+std::optional<Candidate> meet(const Mesh& mesh, const TriangleId& id, const Vec3& origin, const Vec3& direction) {
+  return cross(mesh, id, origin, direction, false);
+}
+
+// How far a ray can see at most: where it crosses the triangle that float found from below, if it does. Over an outline
+// it has met the surface's other side just before; else it came through a hole in the data, and whatever lies behind
+// isn't to be seen.
+double end_of_sight(const Mesh& mesh, const TriangleId& id, const Vec3& origin, const Vec3& direction) {
+  const auto below = cross(mesh, id, origin, direction, true);
+  if (!below || !(below->outside() <= 0)) return std::numeric_limits<double>::infinity();
+  return below->distance + 1e-6 + 1e-14 * below->distance;  // more than double rounds
+}
+
+// Searches around a guess that is off its triangle; the answer nearest to `near` along the ray wins. None is farther
+// than `farthest`.
 class Search {
  public:
-  Search(const Mesh& mesh, const Vec3& origin, const Vec3& direction, double near)
-      : mesh_(mesh), origin_(origin), direction_(direction), near_(near) {}
+  Search(const Mesh& mesh, const Vec3& origin, const Vec3& direction, double near, double farthest)
+      : mesh_(mesh), origin_(origin), direction_(direction), near_(near), farthest_(farthest) {}
 
   const std::optional<Candidate>& best() const { return best_; }
   // Failing that, the triangle that the ray misses by the least, if that is within float's rounding.
@@ -115,7 +132,7 @@ class Search {
 
   void consider(const TriangleId& id) {
     const auto p = meet(mesh_, id, origin_, direction_);
-    if (!p) return;
+    if (!p || p->distance > farthest_) return;
     const double outside = p->outside();
     if (outside <= kBlur && (!nearly_ || outside < nearly_->outside())) nearly_ = p;
     if (!(outside <= kOnEdge)) return;
@@ -124,7 +141,7 @@ class Search {
 
   const Mesh& mesh_;
   Vec3 origin_, direction_;
-  double near_;
+  double near_, farthest_;
   std::optional<Candidate> best_, nearly_;
 };
 
@@ -147,7 +164,7 @@ void correct(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
   // Neither half: an outline seen edge-on or a quad that has collapsed. What the ray meets is beside it.
   const Vec3 place = guess ? guess->position : mesh.triangle(id).a;
   const double distance = guess ? guess->distance : (place - origin).dot(direction) / direction.squaredNorm();
-  Search search(mesh, origin, direction, distance);
+  Search search(mesh, origin, direction, distance, end_of_sight(mesh, points.triangle[i], origin, direction));
   search.quads_around(id.block, id.r, id.c);
   if (!search.best()) search.blocks_around(place, id.block);
   const std::optional<Candidate>& found = search.best() ? search.best() : search.nearly();

@@ -22,6 +22,7 @@
 #include "dem/terrain.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
+#include "tests/support/judge.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"
 
@@ -192,6 +193,42 @@ TEST(HadleyFromTheSun, NothingIsInShadow) {
   Sunlight light(folder, {23.5, 25.5, 4, 8});
   light.cast_parallel_rays("hadley");
   light.look("hadley");
+}
+
+// A mosaic's rim is open: a low Sun shines beneath the surface there. What it meets from beneath is not to be seen.
+TEST(RimFromTheSun, WhatIsMetFromBeneathIsNoSurface) {
+  TemporaryFolder folder;
+  dem::SampleOptions options;
+  options.south_deg = -8, options.west_deg = 39, options.rows = options.columns = 1, options.posts_per_degree = 256;
+  dem::write_sample_terrain(folder.path(), options);
+  const Judge judge(folder.path());
+  const engine::Renderer renderer(open_terrain(folder.path()), {1, std::size_t{512} << 20});
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> unit(0, 1);
+  std::size_t above = 0, beneath = 0, wrong = 0, shadowed = 0;
+  for (int k = 0; k < 40; ++k) {
+    const double lat = -7.9 + 0.8 * unit(random), lon = 39.1 + 0.8 * unit(random);
+    const Vec3 sun = local_sun(lat, lon, 360 * unit(random), 0.5 + 4 * unit(random)).normalized();
+    const Vec3 target = to_cartesian({lat, lon, 0}), u = sun.unitOrthogonal(), v = sun.cross(u);
+    std::vector<engine::Ray> rays;
+    for (int i = 0; i < 1000; ++i)
+      rays.push_back({target + 1e5 * sun + 2000 * (unit(random) - 0.5) * u + 2000 * (unit(random) - 0.5) * v, -sun});
+    const auto hits = renderer.cast(rays, engine::Sun{sun, 1, 0});
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+      const FirstHit truth = judge.first_hit(rays[i].origin_m, rays[i].direction);
+      if (truth.hit == Verdict::unknown) continue;  // by a void
+      const bool hit = truth.hit == Verdict::yes && truth.from_above;
+      above += hit, beneath += truth.hit == Verdict::yes && !truth.from_above;
+      wrong += hits[i].hit != hit;
+      shadowed += hits[i].hit && hits[i].lit == 0 && hits[i].normal.dot(sun) > 0;
+    }
+  }
+  fmt::print("rim: {} rays from above, {} from beneath: {} answered otherwise, {} points in shadow\n", above, beneath,
+             wrong, shadowed);
+  EXPECT_GT(above, 1000U);
+  EXPECT_GT(beneath, 1000U);
+  EXPECT_LE(wrong * 10'000, above + beneath) << "outlines within float's rounding";
+  EXPECT_LE(shadowed * 10'000, above);
 }
 
 }  // namespace
