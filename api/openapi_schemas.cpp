@@ -437,7 +437,7 @@ OrderedJson group_of_differences(OrderedJson more, const char* description) {
   more["mean_m"] = number_or_null("extracted minus original");
   more["mean_absolute_m"] = number_or_null("mean of the differences' sizes");
   more["rms_m"] = number_or_null("root of the mean square");
-  more["standard_error_m"] = number_or_null("of the mean, from its scatter over squares of 32 x 32 posts");
+  more["standard_error_m"] = number_or_null("of the mean, from its scatter over squares of 32 x 32 posts or more");
   more["z"] = number_or_null("mean over standard error: above 3 in size by chance once in 370");
   return open(description, std::move(more), {"posts", "mean_m", "mean_absolute_m", "rms_m", "standard_error_m", "z"});
 }

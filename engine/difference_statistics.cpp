@@ -10,7 +10,11 @@ namespace selenograph::engine {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-constexpr int kSquare = 32;
+
+// A square should be larger than what neighbouring differences have in common: craters, mostly. A large window affords
+// larger squares, and keeps a thousand of them.
+int square_side(const PostWindow& w) { return std::max(32, std::max(w.width, w.height) / 32); }
+
 // What is left when a radius is rounded to double, 2^-32 m apart at this size (rms of a uniform distribution). It leans
 // to one side in one region and to the other in the next, so that no number of posts averages it out.
 constexpr double kRounding_m = 0x1p-32 * 0.28867513459481287;
@@ -19,11 +23,12 @@ constexpr double kSlopeStep_deg = 5;
 // Sums over squares of a window, in the order of the window's posts: one row of squares is open at a time.
 class Group {
  public:
-  explicit Group(const PostWindow& window) : open_(static_cast<std::size_t>((window.width + kSquare - 1) / kSquare)) {}
+  explicit Group(const PostWindow& window)
+      : side_(square_side(window)), open_(static_cast<std::size_t>((window.width + side_ - 1) / side_)) {}
 
   void add(int row, int col, double value) {
-    if (row / kSquare != row_of_squares_) close(row / kSquare);
-    Sum& square = open_[static_cast<std::size_t>(col / kSquare)];
+    if (row / side_ != row_of_squares_) close(row / side_);
+    Sum& square = open_[static_cast<std::size_t>(col / side_)];
     square.count += 1;
     square.sum += value;
     absolute_ += std::abs(value);
@@ -64,7 +69,7 @@ class Group {
     row_of_squares_ = next;
   }
 
-  int row_of_squares_ = -1;
+  int side_, row_of_squares_ = -1;
   std::vector<Sum> open_, closed_;
   double absolute_ = 0, squares_ = 0;
 };

@@ -12,8 +12,11 @@ namespace selenograph::engine {
 // Of some of the differences. NaN where there are too few to say.
 //
 // Neighbouring differences are not independent, so the standard error comes from the scatter of the means over squares
-// of 32 x 32 posts, each weighted by its posts; z = mean / standard error. Without a bias |z| is above 3 in one group
-// of 370.
+// of 32 x 32 posts (more in windows above 1024), each weighted by its posts, and is no smaller than double's rounding
+// of a radius (0.07 nm). z = mean / standard error: without a bias |z| is above 3 in one group of 370.
+//
+// In mode camera a plane between pixels lies above a post in a hollow and below one on a rise: groups of posts that
+// have their ground's shape in common (a slope class is such a group, a quadrant within one crater, too) lean by that.
 struct GroupStatistics {
   std::size_t posts = 0;
   double mean_m = 0, mean_absolute_m = 0, rms_m = 0;

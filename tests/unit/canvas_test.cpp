@@ -8,6 +8,7 @@
 #include <array>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <vector>
 
 namespace selenograph::api {
@@ -146,6 +147,21 @@ TEST(Canvas, SamePngEveryTime) {
     return canvas.png(2);
   };
   EXPECT_EQ(drawn(), drawn());
+}
+
+TEST(Canvas, SameFromEveryThread) {
+  const auto drawn = [] {
+    Canvas canvas(200, 60);
+    for (int i = 0; i < 50; ++i)
+      canvas.text({5.0 + i, 5.0 + i}, "text " + std::to_string(i), {.size = 8.0 + i % 7, .bold = i % 2 == 0});
+    return canvas.png();
+  };
+  const std::string expected = drawn();
+  std::vector<std::string> answers(8);
+  std::vector<std::thread> threads;
+  for (std::string& answer : answers) threads.emplace_back([&] { answer = drawn(); });
+  for (std::thread& thread : threads) thread.join();
+  for (const std::string& answer : answers) EXPECT_EQ(answer, expected);
 }
 
 TEST(Canvas, RefusesSizesThatAreNone) {
