@@ -65,11 +65,10 @@ VertexNormals gather_normals(const Mesh& mesh, const SurfacePoints& p) {
       for (int k = 0; k < 3; ++k) n.a[k][i] = n.b[k][i] = n.c[k][i] = 0;
       continue;
     }
-    const dem::Block& block = *mesh.blocks()[p.triangle[i].block].posts;
+    const MeshBlock& block = mesh.blocks()[p.triangle[i].block];
     const dem::QuadVertices q = dem::vertices_of(p.triangle[i].r, p.triangle[i].c, p.triangle[i].upper);
-    const Eigen::Vector3f &a = block.normals[block.index(q.r[0], q.c[0])],
-                          &b = block.normals[block.index(q.r[1], q.c[1])],
-                          &c = block.normals[block.index(q.r[2], q.c[2])];
+    const Eigen::Vector3f &a = block.normal(q.r[0], q.c[0]), &b = block.normal(q.r[1], q.c[1]),
+                          &c = block.normal(q.r[2], q.c[2]);
     for (int k = 0; k < 3; ++k)
       n.a[k][i] = static_cast<double>(a[k]), n.b[k][i] = static_cast<double>(b[k]),
       n.c[k][i] = static_cast<double>(c[k]);

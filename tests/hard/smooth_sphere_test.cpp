@@ -95,7 +95,7 @@ TEST_F(SmoothSphere, HasNoShadowButTheNight) {
         if (frame.products.lit[i] == 0) day_m = std::max(day_m, sun_m / post_m);
         if (frame.products.lit[i] != 0) night_m = std::max(night_m, -sun_m / post_m);
         dark += frame.products.lit[i] == 0 && sun_m > post_m;
-        lit += frame.products.lit[i] != 0 && sun_m < -post_m;
+        lit += frame.products.lit[i] != 0 && sun_m < 0;
         EXPECT_EQ(frame.products.radiance[i] > 0, frame.products.lit[i] > 0);
       }
     }
@@ -159,8 +159,7 @@ TEST_F(SmoothSphere, RadianceIsTheFormulaAtEveryPixel) {
                                 {"whole, 400 000 km", 10, 30, 4e8, 0, 0.52, 60, 35, 0.1},
                                 {"whole, default", 10, 30, 4e8, 0, 0.52, 60, 35, 0.5},
                                 {"full Moon", 10, 30, 4e8, 0, 0.52, 0, 90, 0.1}};
-  fmt::print("{:<24} {:>7} {:>8} {:>12} {:>16} {:>9}\n", "view", "pixels", "sag m", "off sphere", "outside envelope",
-             "at seams");
+  fmt::print("{:<24} {:>7} {:>8} {:>12} {:>16}\n", "view", "pixels", "sag m", "off sphere", "outside envelope");
   for (const RadianceView& v : views) {
     SCOPED_TRACE(v.name);
     const engine::FrameRequest q = request_of(v);
@@ -170,9 +169,7 @@ TEST_F(SmoothSphere, RadianceIsTheFormulaAtEveryPixel) {
     // float holds 6e-8 of a value; the normals' components and the radiance are floats. Cosines are off by as much, the
     // radiance by d ln L / d mu0 + d ln L / d mu < 1 / mu0 + 1 / (mu0 + mu) of it.
     constexpr double kFloat = 3e-7;
-    // Where levels meet, a collapsed vertex is still shaded with the normal of the place that it has left, up to half a
-    // coarse post away: a few pixels of a frame of several levels.
-    std::size_t lit = 0, at_seams = 0;
+    std::size_t lit = 0;
     double relative = 0, outside = 0;
     for (int i = 0; i < 128 * 128; ++i) {
       const auto at = static_cast<std::size_t>(i);
@@ -191,13 +188,10 @@ TEST_F(SmoothSphere, RadianceIsTheFormulaAtEveryPixel) {
       const Envelope e = radiance_between(from, direction, q.sun.direction, sag_m);
       const double off = std::max({0.0, e.low - radiance, radiance - e.high}) / e.high;
       outside = std::max(outside, off);
-      const double sensitivity = 1 + 1 / mu0 + 1 / (mu0 + mu);
-      at_seams += off > kFloat * sensitivity;
-      ASSERT_LE(off, (kFloat + frame.report.max_post_spacing_m / kMoonRadius_m / 2) * sensitivity) << "pixel " << i;
+      ASSERT_LE(off, kFloat * (1 + 1 / mu0 + 1 / (mu0 + mu))) << "pixel " << i;
     }
-    fmt::print("{:<24} {:7} {:8.2g} {:12.1e} {:16.1e} {:9}\n", v.name, lit, sag_m, relative, outside, at_seams);
+    fmt::print("{:<24} {:7} {:8.2g} {:12.1e} {:16.1e}\n", v.name, lit, sag_m, relative, outside);
     EXPECT_GT(lit, 1000U);
-    EXPECT_LE(at_seams * 1000, lit);
   }
 }
 
