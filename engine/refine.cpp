@@ -195,13 +195,14 @@ void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points) {
   }
 }
 
-Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane) {
+Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane, const Vec3& direction) {
   const TriangleId& t = points.triangle[lane];
   const MeshBlock& block = mesh.blocks()[t.block];
   const dem::QuadVertices q = dem::vertices_of(t.r, t.c, t.upper);
   const auto at = [&](int i) -> Vec3 { return block.normal(q.r[i], q.c[i]).cast<double>(); };
   const double v = points.v[lane], w = points.w[lane];
-  return ((1 - v - w) * at(0) + v * at(1) + w * at(2)).normalized();
+  const Vec3 smooth = (1 - v - w) * at(0) + v * at(1) + w * at(2);
+  return (smooth.dot(direction) < 0 ? smooth : points.facing(lane)).normalized();
 }
 
 }  // namespace selenograph::engine

@@ -40,7 +40,7 @@ struct alignas(64) SurfacePoints {
 void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points);
 
 // The unit normal that shading uses at a point: those of the triangle's vertices (dem/shading_normals.h), weighted by
-// its place.
-Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane);
+// its place. Where that leans away from whoever looks along `direction`, who sees the facet all the same: the facet's.
+Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane, const Vec3& direction);
 
 }  // namespace selenograph::engine

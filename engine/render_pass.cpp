@@ -82,8 +82,13 @@ void shade(const VertexNormals& n, const SurfacePoints& p, const Rays& rays, dou
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double v = p.v[i], w = p.w[i], u = 1 - v - w;
-    const double x = u * n.a[0][i] + v * n.b[0][i] + w * n.c[0][i], y = u * n.a[1][i] + v * n.b[1][i] + w * n.c[1][i];
-    const double z = u * n.a[2][i] + v * n.b[2][i] + w * n.c[2][i];
+    const double smooth_x = u * n.a[0][i] + v * n.b[0][i] + w * n.c[0][i];
+    const double smooth_y = u * n.a[1][i] + v * n.b[1][i] + w * n.c[1][i];
+    const double smooth_z = u * n.a[2][i] + v * n.b[2][i] + w * n.c[2][i];
+    // What is seen faces the camera. Where the smooth normal doesn't, the facet's own does: otherwise slopes seen at
+    // grazing angles had black specks at opposition.
+    const bool away = smooth_x * rays.dx[i] + smooth_y * rays.dy[i] + smooth_z * rays.dz[i] >= 0;
+    const double x = away ? p.nx[i] : smooth_x, y = away ? p.ny[i] : smooth_y, z = away ? p.nz[i] : smooth_z;
     const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
     const double unit = 1 / std::sqrt(x * x + y * y + z * z), back = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
     out.nx[i] = x * unit, out.ny[i] = y * unit, out.nz[i] = z * unit;

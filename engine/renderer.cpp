@@ -206,7 +206,8 @@ struct Renderer::Impl {
                  for (int i = 0; i < count; ++i) {
                    if (!points.hit[i]) continue;
                    const std::size_t at = batch[first + static_cast<std::size_t>(i)];
-                   hits[at] = {true, points.distance[i], points.position(i), shading_normal(scene.mesh, points, i), 0};
+                   hits[at] = {true, points.distance[i], points.position(i),
+                               shading_normal(scene.mesh, points, i, packet.direction(i)), 0};
                    facing[at] = points.facing(i);
                  }
                });
