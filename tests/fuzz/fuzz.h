@@ -19,7 +19,7 @@ inline std::string_view text_of(const std::uint8_t* data, std::size_t size) {
 }
 
 // A broken promise ends the run as a crash does, and libFuzzer keeps the input.
-inline void require(bool kept, std::string_view promise, std::string_view detail = {}) {
+inline void require(bool kept, std::string_view promise, std::string_view detail = "") {
   if (kept) return;
   std::fprintf(stderr, "broken promise: %.*s %.*s\n", static_cast<int>(promise.size()), promise.data(),
                static_cast<int>(detail.size()), detail.data());

@@ -374,8 +374,9 @@ TEST(FrameJson, TheResolvedRequestGivesTheSameFrame) {
   EXPECT_EQ(twice.request.camera.fx, once.request.camera.fx);
   EXPECT_EQ(twice.request.camera.distortion.k1, 0.1);
   EXPECT_EQ(twice.request.pose.position_m, once.request.pose.position_m);
-  EXPECT_LT((twice.request.pose.camera_from_moon.coeffs() - once.request.pose.camera_from_moon.coeffs()).norm(), 1e-15);
-  EXPECT_LT((twice.request.sun.direction - once.request.sun.direction).norm(), 1e-15);
+  EXPECT_EQ(twice.request.pose.camera_from_moon.coeffs(), once.request.pose.camera_from_moon.coeffs());
+  EXPECT_EQ(twice.request.sun.direction, once.request.sun.direction);
+  EXPECT_EQ(resolved_json(twice).dump(), resolved_json(once).dump());
   EXPECT_EQ(twice.request.reflectance.model, engine::ReflectanceModel::lommel_seeliger);
   EXPECT_EQ(twice.request.image.full_scale_radiance_w_m2_sr, 3);
   EXPECT_EQ(twice.request.products, once.request.products);

@@ -250,7 +250,7 @@ TEST(PdsLabel, Voids) {
   LabelText text;
   const auto voids = [&](const std::string& lines) {
     text.image = lines;
-    return product.describe(text, 30 * 30 * 4).voids;
+    return product.describe(text, 30 * 30 * 8).voids;
   };
   EXPECT_TRUE(voids("UNIT = m\n").empty());
   EXPECT_TRUE(voids("DUMMY = \"N/A\"\n").empty());
@@ -258,6 +258,8 @@ TEST(PdsLabel, Voids) {
   EXPECT_EQ(voids("CORE_NULL = -32768\n"), std::vector<double>{-32768});
   text.sample = "SAMPLE_TYPE = PC_REAL\nSAMPLE_BITS = 32\n";
   EXPECT_EQ(voids("MISSING_CONSTANT = 16#FF7FFFFB#\n"), std::vector<double>{-3.40282265508890445e+38});
+  text.sample = "SAMPLE_TYPE = IEEE_REAL\nSAMPLE_BITS = 64\n";
+  EXPECT_EQ(voids("MISSING_CONSTANT = 16#FFEFFFFFFFFFFFFB#\n"), std::vector<double>{-0x1.ffffffffffffbp+1023});
 }
 
 TEST(PdsLabel, PointersAndFiles) {
@@ -274,6 +276,8 @@ TEST(PdsLabel, PointersAndFiles) {
   EXPECT_NE(product.complaint(text).find("other.img is missing"), std::string::npos);
   text.pointer = "^IMAGE = (\"tile.img\", 3)";
   EXPECT_NE(product.complaint(text).find("RECORD_BYTES"), std::string::npos);
+  text.pointer = "RECORD_BYTES = 1073741824\n^IMAGE = (\"tile.img\", 17179869185)";  // 2^64 bytes
+  EXPECT_NE(product.complaint(text).find("^IMAGE"), std::string::npos);
   text.pointer = "^IMAGE = (\"tile.img\", -5 <BYTES>)";
   EXPECT_NE(product.complaint(text).find("^IMAGE"), std::string::npos);
   EXPECT_NE(product.complaint(LabelText{}, 1799).find("tile.img is truncated"), std::string::npos);

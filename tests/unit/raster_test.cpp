@@ -428,6 +428,21 @@ TEST_F(RasterTest, VoidsReadAsNan) {
   EXPECT_EQ(post(by_nan, 2, 0), 0);
 }
 
+TEST_F(RasterTest, WhatIsNoHeightOnTheMoonIsVoid) {
+  Tif t;
+  t.type = GDT_Float32;
+  t.values.assign(16, 7);
+  t.values[1] = std::numeric_limits<double>::infinity();
+  t.values[2] = -1e30;
+  t.values[3] = -kFarthestHeight_m;
+  write(file("t.tif"), t);
+  Raster raster(inspect_raster(file("t.tif")));
+  EXPECT_EQ(post(raster, 0, 0), 7);
+  EXPECT_TRUE(std::isnan(post(raster, 1, 0)));
+  EXPECT_TRUE(std::isnan(post(raster, 2, 0)));
+  EXPECT_EQ(post(raster, 3, 0), -kFarthestHeight_m);
+}
+
 TEST_F(RasterTest, AreaOrPoint) {
   // The same first post at (3.5 N, 0.5 E), written both ways: GDAL's transform is of corners in both cases.
   for (const char* kind : {"Area", "Point"}) {
