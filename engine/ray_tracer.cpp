@@ -36,16 +36,19 @@ struct SunContext {
 };
 
 // Whether a candidate is the surface that the ray leaves: it faces the Sun, and its plane is within the rounding.
-inline bool is_left(float nx, float ny, float nz, const SunContext& c, float distance) {
-  const float facing = nx * c.sun[0] + ny * c.sun[1] + nz * c.sun[2], beneath = distance * facing;
-  return facing >= 0 && beneath * beneath <= c.rounding_m * c.rounding_m * (nx * nx + ny * ny + nz * nz);
+inline bool is_left(float nx, float ny, float nz, float sx, float sy, float sz, float distance, float rounding2) {
+  const float facing = nx * sx + ny * sy + nz * sz, beneath = distance * facing;
+  return (facing >= 0) & (beneath * beneath <= rounding2 * (nx * nx + ny * ny + nz * nz));
 }
 
 SELENOGRAPH_VECTORISED
 void ignore_left_side16(const float* nx, const float* ny, const float* nz, const float* distance,
                         const SunContext& context, int* valid) {
+  const float sx = context.sun[0], sy = context.sun[1], sz = context.sun[2],
+              rounding2 = context.rounding_m * context.rounding_m;
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) valid[i] = is_left(nx[i], ny[i], nz[i], context, distance[i]) ? 0 : valid[i];
+  for (int i = 0; i < kPacket; ++i)
+    valid[i] = is_left(nx[i], ny[i], nz[i], sx, sy, sz, distance[i], rounding2) ? 0 : valid[i];
 }
 
 void ignore_left_side(const RTCFilterFunctionNArguments* args) {
@@ -58,7 +61,8 @@ void ignore_left_side(const RTCFilterFunctionNArguments* args) {
   for (unsigned i = 0; i < args->N; ++i) {
     if (args->valid[i] != -1) continue;
     if (is_left(RTCHitN_Ng_x(args->hit, args->N, i), RTCHitN_Ng_y(args->hit, args->N, i),
-                RTCHitN_Ng_z(args->hit, args->N, i), context, RTCRayN_tfar(args->ray, args->N, i)))
+                RTCHitN_Ng_z(args->hit, args->N, i), context.sun[0], context.sun[1], context.sun[2],
+                RTCRayN_tfar(args->ray, args->N, i), context.rounding_m * context.rounding_m))
       args->valid[i] = 0;
   }
 }
