@@ -276,7 +276,7 @@ TEST(PdsLabel, PointersAndFiles) {
   EXPECT_NE(product.complaint(text).find("other.img is missing"), std::string::npos);
   text.pointer = "^IMAGE = (\"tile.img\", 3)";
   EXPECT_NE(product.complaint(text).find("RECORD_BYTES"), std::string::npos);
-  text.pointer = "RECORD_BYTES = 1073741824\n^IMAGE = (\"tile.img\", 17179869185)";  // 2^64 bytes
+  text.pointer = "RECORD_BYTES = 536870912\n^IMAGE = (\"tile.img\", 34359738369)";  // 2^64 bytes
   EXPECT_NE(product.complaint(text).find("^IMAGE"), std::string::npos);
   text.pointer = "^IMAGE = (\"tile.img\", -5 <BYTES>)";
   EXPECT_NE(product.complaint(text).find("^IMAGE"), std::string::npos);
