@@ -116,7 +116,7 @@ TEST(PhotometryLimits, EnergyIsConservedDownToGrazingIncidence) {
 // ---- whole frames --------------------------------------------------------------------------------------------------
 
 double waves(double lat_deg, double lon_deg) {
-  return 2000 * std::sin(1.3 * lat_deg) * std::sin(1.1 * lon_deg) * std::cos(lat_deg * kRadiansPerDegree);
+  return 2000 * std::sin(1.3 * lat_deg) * std::sin(1.1 * lon_deg) * std::cos(lat_deg * kDegree);
 }
 
 // All of the Moon in one frame, smooth and with relief, at all phases: limb, terminator and their meeting points.
@@ -149,7 +149,7 @@ TEST(PhotometryLimits, NoPixelOfTheMoonsDiscIsNotANumber) {
           for (std::size_t k = 3 * i; k < 3 * i + 3; ++k)
             ASSERT_TRUE(p.angles[k] >= 0 && p.angles[k] <= 180) << phase_deg << " pixel " << i;
           ASSERT_TRUE(p.lit[i] == 0.F || p.lit[i] == 1.F);
-          ASSERT_NEAR(component(p.normal, i).norm(), 1, 1e-6);
+          ASSERT_NEAR(at3(p.normal, i).norm(), 1, 1e-6);
           bright += p.radiance[i] > 0;
           grazing += p.angles[3 * i] > 85 || p.angles[3 * i + 1] > 85;
         }

@@ -26,10 +26,6 @@ namespace {
 using engine::Frame;
 using engine::FrameRequest;
 
-Vec3 ground_sun(double lat_deg, double lon_deg, double azimuth_deg, double elevation_deg) {
-  return local_direction(to_cartesian({lat_deg, lon_deg, 0}), azimuth_deg, elevation_deg);
-}
-
 Findings expect_judged(const std::string& name, const Scenery& scenery, const FrameRequest& request) {
   SCOPED_TRACE(name);
   const Findings found = judged(*scenery.judge, request, scenery.renderer->render(request));
@@ -56,12 +52,12 @@ TEST(HardTerrain, TheDateLineThroughTheImageCentre) {
   for (const double lon : {180.0, -180.0})
     for (const int side : {80, 81}) {  // the line between two columns of pixels, and through the middle of one
       const Findings found = expect_judged(fmt::format("date line as {}, {} px", lon, side), scenery,
-                                           nadir_view({40.5, lon, 12000}, side, 70, ground_sun(40.5, 180, 100, 8)));
+                                           nadir_view({40.5, lon, 12000}, side, 70, local_sun(40.5, 180, 100, 8)));
       EXPECT_EQ(found.hits, found.pixels) << "no hole";
     }
   const Findings along =
       expect_judged("along the date line", scenery,
-                    look_at(to_cartesian({40.5, 180, 0}), 180, 12, 15000, 81, 20, ground_sun(40.5, 180, 270, 5)));
+                    look_at(to_cartesian({40.5, 180, 0}), 180, 12, 15000, 81, 20, local_sun(40.5, 180, 270, 5)));
   EXPECT_GT(along.hits * 4, along.pixels * 3);
 }
 
@@ -154,7 +150,7 @@ TEST(HardTerrain, BothPolesInPlaneTriangles) {
     const double pole = north ? 90 : -90;
     // Straight above, so that the middle of the image is the pole itself, turned so that its columns aren't meridians;
     // and from aside, 25 degrees high.
-    const Vec3 sun = ground_sun(pole, 0, 75, 6), place = to_cartesian({pole, 0, 0}),
+    const Vec3 sun = local_sun(pole, 0, 75, 6), place = to_cartesian({pole, 0, 0}),
                above = to_cartesian({pole, 0, 6000});
     for (const auto& [name, request] :
          {std::pair("above", square_view(looking(above, -above, local_direction(above, 33, 0)), 23, 40, sun)),
@@ -172,9 +168,9 @@ TEST(HardTerrain, BothPolesInPlaneTriangles) {
         ASSERT_TRUE(std::isfinite(truth.distance_m)) << "the cap is too small for the view";
         ASSERT_FALSE(std::isnan(frame.products.depth[i])) << "a hole at pixel " << x << ' ' << y;
         ++hits;
-        const Vec3 point = component(frame.products.position, i);
+        const Vec3 point = at3(frame.products.position, i);
         worst = std::max(worst, (point - (eye + truth.distance_m * direction)).norm());
-        const bool faces = truth.normal.dot(sun) > 0 && component(frame.products.normal, i).dot(sun) > 0;
+        const bool faces = truth.normal.dot(sun) > 0 && at3(frame.products.normal, i).dot(sun) > 0;
         const bool free = faces && !std::isfinite(cap.first(point, sun, 1e-4).distance_m);
         if (point.head<2>().norm() < 1e-6) continue;  // on the pole: any of thousands of triangles
         lit += free, wrong += free != (frame.products.lit[i] > 0);
@@ -200,7 +196,7 @@ TEST(HardTerrain, BothPolesInOneView) {
   const engine::Renderer renderer(open_terrain(folder.path()), engine::RendererOptions{});
   for (const double lon : {180.0, 77.7}) {
     constexpr std::size_t kWidth = 32, kHeight = 3072;
-    FrameRequest request = nadir_view({0, lon, 400e6}, kHeight, 0.52, ground_sun(0, lon, 90, 60));
+    FrameRequest request = nadir_view({0, lon, 400e6}, kHeight, 0.52, local_sun(0, lon, 90, 60));
     request.camera.width = kWidth, request.camera.cx = (kWidth - 1) / 2.0;
     request.accuracy.max_error_px = 0.25;
     const Frame frame = renderer.render(request);
@@ -208,8 +204,8 @@ TEST(HardTerrain, BothPolesInOneView) {
     double worst_m = 0, north = -1e9, south = 1e9;
     for (std::size_t y = 0; y < kHeight / 2; ++y)
       for (std::size_t x = 0; x < kWidth; ++x) {
-        const Vec3 up = component(frame.products.position, y * kWidth + x),
-                   down = component(frame.products.position, (kHeight - 1 - y) * kWidth + x);
+        const Vec3 up = at3(frame.products.position, y * kWidth + x),
+                   down = at3(frame.products.position, (kHeight - 1 - y) * kWidth + x);
         if (std::isnan(up.x()) != std::isnan(down.x())) ++unpaired;
         if (std::isnan(up.x()) || std::isnan(down.x())) continue;
         ++seen;
@@ -256,7 +252,7 @@ TEST(HardTerrain, FourLevelsInOneCorner) {
   const double k = 180 / (std::numbers::pi * kMoonRadius_m), bend = 60 * (20 * 20 + 18 * 18) * k * k,
                post = dem::post_spacing_m(8), tolerance_m = bend * post * post / 4 + dem::chord_sag_m(8);
   for (const bool nadir : {true, false}) {
-    const Vec3 corner = to_cartesian({kLat, kLon, 500}), sun = ground_sun(kLat, kLon, 60, 30);
+    const Vec3 corner = to_cartesian({kLat, kLon, 500}), sun = local_sun(kLat, kLon, 60, 30);
     FrameRequest request =
         nadir ? nadir_view({kLat, kLon, 4000}, 121, 60, sun) : look_at(corner, 45, 35, 4000, 121, 30, sun);
     request.products |= engine::kSource | engine::kGsd | engine::kGeodetic;
@@ -327,7 +323,7 @@ TEST(HardTerrain, AMissingNeighbourTile) {
   write_kaguya_tile(folder.path(), 10, 21, 1, 256, crags);
   const Scenery scenery(folder.path());
   for (const double elevation : {30.0, 4.0}) {
-    const FrameRequest request = nadir_view({10, 21, 15000}, 96, 70, ground_sun(10, 21, 40, elevation));
+    const FrameRequest request = nadir_view({10, 21, 15000}, 96, 70, local_sun(10, 21, 40, elevation));
     const Findings found = expect_judged(fmt::format("missing tile, Sun at {} deg", elevation), scenery, request);
     EXPECT_EQ(found.unknown, 0u);
     const Frame frame = scenery.renderer->render(request);
@@ -348,7 +344,7 @@ TEST(HardTerrain, AVoidOfOnePost) {
   TemporaryFolder folder;
   write_kaguya_tile(folder.path(), 11, 20, 1, 256, crags, is_void);
   const Scenery scenery(folder.path());
-  FrameRequest request = nadir_view({kLat, kLon, 1500}, 97, 40, ground_sun(kLat, kLon, 40, 12));
+  FrameRequest request = nadir_view({kLat, kLon, 1500}, 97, 40, local_sun(kLat, kLon, 40, 12));
   request.products |= engine::kSource;
   const Findings found = expect_judged("void of one post", scenery, request);
   EXPECT_GT(found.unknown, 0u) << "the judge doesn't know voids";
@@ -363,7 +359,7 @@ TEST(HardTerrain, AVoidOfOnePost) {
   }
   for (std::size_t i = 0; i < frame.products.depth.size(); ++i) {
     ASSERT_EQ(frame.products.source[i], 0) << "a filled post names its neighbour's tile";
-    const Vec3 p = component(frame.products.position, i);
+    const Vec3 p = at3(frame.products.position, i);
     const Geographic g = to_geographic(p);
     const double u = (g.lon_deg - kLon) * 256, v = (g.lat_deg - kLat) * 256,
                  out = std::max({std::abs(u), std::abs(v), std::abs(u + v)});
@@ -395,7 +391,7 @@ TEST(HardTerrain, AVoidOfAWholeTile) {
       write_kaguya_tile(folder.path(), top, west, 1, 256, crags,
                         [=](double, double) { return top == 11 && west == 21; });
   const Scenery scenery(folder.path());
-  const FrameRequest request = nadir_view({10.5, 21.5, 40000}, 120, 70, ground_sun(10.5, 21.5, 300, 10));
+  const FrameRequest request = nadir_view({10.5, 21.5, 40000}, 120, 70, local_sun(10.5, 21.5, 300, 10));
   const Frame frame = scenery.renderer->render(request);
   std::size_t inside = 0, holes_outside = 0, made_up = 0;
   double worst = 0;
@@ -409,7 +405,7 @@ TEST(HardTerrain, AVoidOfAWholeTile) {
     made_up += deep > 4 && hit;
     holes_outside += deep < -4 && !hit;
     if (!hit) continue;
-    const auto height = scenery.judge->height_above_surface(component(frame.products.position, i));
+    const auto height = scenery.judge->height_above_surface(at3(frame.products.position, i));
     if (height) worst = std::max(worst, std::abs(*height));
   }
   fmt::print("void of a whole tile: {} pixels in it, {} of them made up, {} holes outside, others within {:.1e} m\n",
@@ -454,7 +450,7 @@ TEST(HardTerrain, SpikesBetweenNeighbouringPosts) {
   const Scenery scenery(folder.path());
   const Vec3 middle = to_cartesian({10.5, 20.5, 0});
   for (const double elevation : {3.0, 25.0, 89.0}) {
-    const Vec3 sun = ground_sun(10.5, 20.5, 250, elevation);
+    const Vec3 sun = local_sun(10.5, 20.5, 250, elevation);
     const Findings nadir = expect_judged(fmt::format("spikes, nadir, Sun at {} deg", elevation), scenery,
                                          nadir_view({10.5, 20.5, 14000}, 96, 30, sun)),
                    oblique = expect_judged(fmt::format("spikes, oblique, Sun at {} deg", elevation), scenery,
@@ -465,7 +461,7 @@ TEST(HardTerrain, SpikesBetweenNeighbouringPosts) {
   // From half a kilometre above the plain, among them.
   expect_judged("among the spikes", scenery,
                 square_view(looking(to_cartesian({10.5, 20.47, 500}), local_direction(middle, 80, 20), middle), 96, 90,
-                            ground_sun(10.5, 20.5, 250, 25)));
+                            local_sun(10.5, 20.5, 250, 25)));
 }
 
 // A plateau 8000 m above the plain, with walls one post wide along a meridian, along a parallel and aslant.
@@ -480,7 +476,7 @@ TEST(HardTerrain, Walls) {
   const Scenery scenery(folder.path());
   const Vec3 corner = to_cartesian({10.5, 20.5, 4000});
   for (const auto& [azimuth, elevation] : {std::pair(260.0, 20.0), {80.0, 20.0}, {0.0, 60.0}}) {
-    const Vec3 sun = ground_sun(10.5, 20.5, azimuth, elevation);
+    const Vec3 sun = local_sun(10.5, 20.5, azimuth, elevation);
     expect_judged(fmt::format("wall from above, Sun {} {}", azimuth, elevation), scenery,
                   nadir_view({10.5, 20.5, 15000}, 96, 50, sun));
     const Findings facing = expect_judged(fmt::format("wall from the front, Sun {} {}", azimuth, elevation), scenery,
@@ -491,7 +487,7 @@ TEST(HardTerrain, Walls) {
   }
   expect_judged("wall from its edge, down", scenery,
                 square_view(looking(to_cartesian({10.52, 20.5003, 8060}), -corner, local_axes(corner).north), 96, 120,
-                            ground_sun(10.5, 20.5, 260, 20)));
+                            local_sun(10.5, 20.5, 260, 20)));
 }
 
 }  // namespace

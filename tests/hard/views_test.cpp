@@ -284,10 +284,10 @@ TEST_F(HardViews, FramesThroughFoldedLenses) {
           continue;
         }
         ++hits;
-        const Vec3 c = camera_from_moon * (component(frame.products.position, i) - request.pose.position_m);
+        const Vec3 c = camera_from_moon * (at3(frame.products.position, i) - request.pose.position_m);
         const auto [fx, fy] = lens.forward(c.x() / c.z(), c.y() / c.z());
         worst_px = std::max(worst_px, request.camera.fx * std::hypot(fx - xd, fy - yd));
-        const auto height = judge().height_above_surface(component(frame.products.position, i));
+        const auto height = judge().height_above_surface(at3(frame.products.position, i));
         ASSERT_TRUE(height.has_value());
         ASSERT_NEAR(*height, 0, 1e-6);
       }
