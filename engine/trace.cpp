@@ -13,7 +13,7 @@ namespace selenograph::engine {
 namespace {
 
 constexpr double kLattice_m = 4096;
-// What float leaves open of a point and of the plane it lies on, as a share of its coordinates.
+// What float leaves open of a point and of the plane it lies on, as a share of the largest coordinates.
 constexpr float kRounding = 0x1p-22F;
 
 // Distance (in the direction's lengths) at which a ray enters the sphere; 0 from inside, empty when it misses or
@@ -56,19 +56,23 @@ void start_rays(const Rays& rays, double radius, double ax, double ay, double az
 // longer the way (`near`). (What rises within that way is met where the ray comes out of it.)
 SELENOGRAPH_VECTORISED
 void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, double sx, double sy, double sz,
-                       RayPacket& packet) {
+                       RayPacket& packet, float* rounding_m) {
   constexpr double kCore2 = (kMoonRadius_m + dem::kLowestRelief_m) * (kMoonRadius_m + dem::kLowestRelief_m);
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double x = p.x[i], y = p.y[i], z = p.z[i], nx = p.nx[i], ny = p.ny[i], nz = p.nz[i];
-    const double facing = nx * sx + ny * sy + nz * sz, steepness = facing / std::sqrt(nx * nx + ny * ny + nz * nz);
+    const double area = std::sqrt(nx * nx + ny * ny + nz * nz), facing = nx * sx + ny * sy + nz * sz;
+    const double steepness = facing / area;
     const double along = x * sx + y * sy + z * sz;
     const bool night = along < 0 && x * x + y * y + z * z - along * along < kCore2;
-    const double rx = x - ax, ry = y - ay, rz = z - az, size = std::abs(rx) + std::abs(ry) + std::abs(rz);
+    // Next to the anchor the triangle's vertices are farther from it than the point.
+    const double rx = x - ax, ry = y - ay, rz = z - az,
+                 size = std::abs(rx) + std::abs(ry) + std::abs(rz) + 4 * std::sqrt(area),
+                 rounding = size * static_cast<double>(kRounding);
+    rounding_m[i] = static_cast<float>(rounding);
     packet.ox[i] = static_cast<float>(rx), packet.oy[i] = static_cast<float>(ry), packet.oz[i] = static_cast<float>(rz);
     packet.dx[i] = static_cast<float>(sx), packet.dy[i] = static_cast<float>(sy), packet.dz[i] = static_cast<float>(sz);
-    packet.near[i] =
-        static_cast<float>(size * static_cast<double>(kRounding) / (steepness > 1.0 / 64 ? steepness : 1.0 / 64));
+    packet.near[i] = static_cast<float>(rounding / (steepness > 1.0 / 64 ? steepness : 1.0 / 64));
     packet.active[i] = facing > 0 && !night ? -1 : 0;
   }
 }
@@ -152,20 +156,21 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
 
 void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit) {
   RayPacket packet;
+  alignas(64) float rounding_m[kPacket];
   const Vec3& anchor = scene.tracer.anchor();
-  start_shadow_rays(points, anchor.x(), anchor.y(), anchor.z(), sun.x(), sun.y(), sun.z(), packet);
+  start_shadow_rays(points, anchor.x(), anchor.y(), anchor.z(), sun.x(), sun.y(), sun.z(), packet, rounding_m);
   bool any = false;
-  float size = 0;
+  float largest_m = 0;
   for (int i = 0; i < kPacket; ++i) {
     lit[i] = 0;
     if (!wanted[i]) packet.active[i] = 0;
     if (!packet.active[i]) continue;
     any = true;
-    size = std::max(size, std::abs(packet.ox[i]) + std::abs(packet.oy[i]) + std::abs(packet.oz[i]));
+    largest_m = std::max(largest_m, rounding_m[i]);
   }
   if (!any) return;
   bool blocked[kPacket];
-  scene.tracer.occluded(packet, sun, size * kRounding, blocked);
+  scene.tracer.occluded(packet, sun, largest_m, blocked);
   for (int i = 0; i < kPacket; ++i) lit[i] = packet.active[i] && !blocked[i] ? 1.F : 0.F;
 }
 
