@@ -151,6 +151,32 @@ TEST_F(SmoothMoonUnder, ASunExactlyOnTheHorizon) {
   }
 }
 
+// The place where coordinates are smallest: the scene's anchor itself (a multiple of 4096 m in x, y and z), where it
+// happens to lie on the surface. What float leaves open there is not a share of the point's coordinates but of its
+// triangle's.
+TEST_F(SmoothMoonUnder, NextToTheAnchor) {
+  constexpr double kLattice_m = 4096;
+  std::size_t places = 0, pixels = 0;
+  for (double x = 20 * kLattice_m; x < 400 * kLattice_m && places < 6; x += kLattice_m)
+    for (double y = 3 * kLattice_m; y < 100 * kLattice_m && places < 6; y += kLattice_m) {
+      const double z2 = kMoonRadius_m * kMoonRadius_m - x * x - y * y;
+      if (z2 <= 0) continue;
+      const Vec3 anchor(x, y, std::round(std::sqrt(z2) / kLattice_m) * kLattice_m);
+      if (std::abs(anchor.norm() - kMoonRadius_m) > 2) continue;
+      ++places;
+      Geographic above = to_geographic(anchor);
+      above.height_m = 1000;
+      for (const double elevation : {1.0, 10.0, 35.0, 60.0, 89.0}) {
+        const Light light =
+            expect_formula(nadir_view(above, 65, 30, local_direction(anchor, 37 * elevation, elevation)));
+        EXPECT_EQ(light.dark, 0u) << "a flat place has no shadow";
+        pixels += light.lit;
+      }
+    }
+  fmt::print("{} places beside their anchor: {} pixels, all lit\n", places, pixels);
+  EXPECT_EQ(places, 6u);
+}
+
 // ---- relief --------------------------------------------------------------------------------------------------------
 
 class CragsUnder : public ::testing::Test {
