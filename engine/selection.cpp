@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <unordered_map>
 #include <unordered_set>
 #include <utility>
 
@@ -178,6 +179,14 @@ class ViewSelector {
       result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
       result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
     }
+    for (const BlockId& id : chosen_)
+      if (const auto seen = in_view_.find(id); seen != in_view_.end())
+        around(id, [&](std::int32_t lat, std::int32_t lon) {
+          const BlockId* neighbour = covering(lat, lon, id.level);
+          const double error = neighbour ? edge_error_m(id, *neighbour) : 0;
+          result_.error_m = std::max(result_.error_m, error);
+          result_.error_px = std::max(result_.error_px, error * seen->second);
+        });
   }
 
   void check_size() const {
@@ -196,32 +205,61 @@ class ViewSelector {
     return nullptr;
   }
 
-  // Splits blocks until neighbours differ by at most one level, so that edges join vertex by vertex.
+  // visit(latitude, longitude) just outside of each side's middle and of each corner.
+  template <typename Visit>
+  static void around(const BlockId& id, const Visit& visit) {
+    const dem::BlockExtent e = dem::extent_of(id);
+    const std::int64_t south = e.lat0 - 1, north = e.lat1(), west = std::int64_t{e.lon0} - 1, east = e.lon1();
+    const std::int64_t mid_lat = (e.lat0 + e.lat1()) / 2, mid_lon = (std::int64_t{e.lon0} + e.lon1()) / 2;
+    for (const std::int64_t lat : {south, mid_lat, north}) {
+      if (lat < 0 || lat >= dem::kLatTicks) continue;
+      for (const std::int64_t lon : {west, mid_lon, east})
+        if (lat != mid_lat || lon != mid_lon) visit(static_cast<std::int32_t>(lat), dem::wrap_lon(lon));
+    }
+  }
+
+  // What the joined edge takes over from a coarser neighbour out of view, m. (One in view has bounds of its own.)
+  double edge_error_m(const BlockId& id, const BlockId& neighbour) const {
+    return neighbour.level < id.level && in_view_.contains(id) && !in_view_.contains(neighbour) ? error_m(neighbour)
+                                                                                                : 0;
+  }
+
+  bool must_split(const BlockId& neighbour, const BlockId& id) const {
+    if (neighbour.level < id.level - 1) return true;
+    const double error = edge_error_m(id, neighbour);
+    return error > 0 && error * in_view_.at(id) > accuracy_.max_error_px;
+  }
+
+  // Splits blocks until neighbours differ by at most one level, so that edges join vertex by vertex, and until no edge
+  // in view is worse than what is promised.
   void balance() {
+    for (const Seen& s : seen_) in_view_[s.id] = s.pixels_per_metre;
     std::vector<BlockId> todo(chosen_.begin(), chosen_.end());
     std::sort(todo.begin(), todo.end());
     while (!todo.empty()) {
       const BlockId id = todo.back();
       todo.pop_back();
       if (!chosen_.contains(id)) continue;
-      const dem::BlockExtent e = dem::extent_of(id);
-      const auto look = [&](std::int64_t lat, std::int64_t lon) {
-        if (lat < 0 || lat >= dem::kLatTicks) return;
-        const std::int32_t y = static_cast<std::int32_t>(lat), x = dem::wrap_lon(lon);
-        for (const BlockId* wide = covering(y, x, id.level); wide && wide->level < id.level - 1;
-             wide = covering(y, x, id.level)) {
-          const BlockId split = *wide;
-          chosen_.erase(split);
-          for (const BlockId& child : dem::children_of(split))
-            if (const auto node = known(terrain_, child)) choose(child, node->info), todo.push_back(child);
-        }
-      };
-      const std::int64_t south = e.lat0 - 1, north = e.lat1(), west = std::int64_t{e.lon0} - 1, east = e.lon1();
-      const std::int64_t mid_lat = (e.lat0 + e.lat1()) / 2, mid_lon = (std::int64_t{e.lon0} + e.lon1()) / 2;
-      for (const std::int64_t lat : {south, mid_lat, north})
-        for (const std::int64_t lon : {west, mid_lon, east})
-          if (lat != mid_lat || lon != mid_lon) look(lat, lon);
+      around(id, [&](std::int32_t lat, std::int32_t lon) {
+        for (const BlockId* wide = covering(lat, lon, id.level); wide && must_split(*wide, id);
+             wide = covering(lat, lon, id.level))
+          split(*wide, todo);
+      });
       check(chosen_.size(), stop_);
+    }
+  }
+
+  // By value: the block is on its way out of the set that holds it.
+  void split(const BlockId id, std::vector<BlockId>& todo) {
+    const auto seen = in_view_.find(id);
+    const double sharpness = seen == in_view_.end() ? 0 : seen->second;
+    chosen_.erase(id);
+    for (const BlockId& child : dem::children_of(id)) {
+      const auto node = known(terrain_, child);
+      if (!node) continue;
+      choose(child, node->info);
+      todo.push_back(child);
+      if (sharpness > 0) in_view_[child] = sharpness;
     }
   }
 
@@ -232,6 +270,7 @@ class ViewSelector {
   const StopToken& stop_;
   Chosen chosen_;
   std::vector<Seen> seen_;
+  std::unordered_map<BlockId, double, dem::BlockIdHash> in_view_;  // pixels per metre; parts of what was split, too
   std::vector<BlockId> out_of_view_;
   Selection result_;
 };

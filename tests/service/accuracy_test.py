@@ -1,0 +1,132 @@
+#!/usr/bin/env python3
+"""Accuracy by request: time budgets, aims for shadow edges, and the command that measures what they cost.
+
+Python's standard library only.
+"""
+
+import csv
+import io
+import json
+import os
+import re
+import unittest
+import xml.etree.ElementTree
+import zipfile
+
+import harness
+from harness import Service, frame_request, run
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("dem", *harness.PLACE, "--ppd", "256")
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def with_accuracy(**accuracy):
+    return frame_request(["radiance"], accuracy=accuracy)
+
+
+def meta_of(body):
+    with zipfile.ZipFile(io.BytesIO(body)) as archive:
+        return json.loads(archive.read("meta.json"))
+
+
+class Budgets(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.service = Service()
+
+    @classmethod
+    def tearDownClass(cls):
+        assert cls.service.stop() == 0
+
+    def chosen(self, budget_ms):
+        """The metadata, and the header as numbers."""
+        status, headers, body = self.service.frame(with_accuracy(budget_ms=budget_ms), "application/x-npz")
+        self.assertEqual(status, 200, body[:300])
+        said = {key: float(value) for key, value in re.findall(r"(\w+)=([0-9.e+-]+)", headers["Selenograph-Budget"])}
+        return meta_of(body), said, headers["ETag"], body
+
+    def test_much_time_buys_much(self):
+        meta, said, _, _ = self.chosen(3.6e6)
+        accuracy = meta["request"]["accuracy"]
+        self.assertEqual(said["fits"], 1)
+        self.assertEqual((accuracy["max_error_px"], accuracy["samples_per_pixel"]), (0.125, 16))
+        self.assertEqual((said["max_error_px"], said["samples_per_pixel"]), (0.125, 16))
+        self.assertLessEqual(said["predicted_ms"], said["budget_ms"])
+
+    def test_no_time_buys_the_coarsest(self):
+        meta, said, _, _ = self.chosen(1e-6)
+        self.assertEqual(said["fits"], 0)
+        self.assertGreater(said["predicted_ms"], said["budget_ms"])
+        self.assertEqual(meta["request"]["accuracy"]["samples_per_pixel"], 1)
+        self.assertGreater(meta["request"]["accuracy"]["max_error_px"], 1)
+
+    def test_what_was_chosen_gives_the_same_bytes_by_its_numbers(self):
+        meta, _, etag, body = self.chosen(50)
+        self.assertNotIn("budget_ms", meta["request"]["accuracy"])
+        status, headers, again = self.service.frame(meta["request"], "application/x-npz")
+        self.assertEqual(status, 200)
+        self.assertEqual((headers["ETag"], again), (etag, body))
+        self.assertNotIn("Selenograph-Budget", headers)
+
+    def test_a_budget_and_what_it_chooses_exclude_each_other(self):
+        for name, value in (("max_error_px", 1), ("samples_per_pixel", 4), ("max_shadow_error_px", 2)):
+            status, _, body = self.service.frame(with_accuracy(budget_ms=20, **{name: value}))
+            self.assertEqual(status, 422)
+            errors = json.loads(body)["errors"]
+            self.assertEqual([e["pointer"] for e in errors], ["/accuracy/budget_ms"])
+            self.assertIn(name, errors[0]["detail"])
+        for value in (0, -1, "20", None):
+            status, _, body = self.service.frame(with_accuracy(budget_ms=value))
+            self.assertEqual((status, json.loads(body)["errors"][0]["pointer"]), (422, "/accuracy/budget_ms"), value)
+
+    def test_shadows_finer_on_demand(self):
+        low = {"local": {"lat_deg": 0.1, "lon_deg": 30.1, "azimuth_deg": 90.0, "elevation_deg": 2.0}}
+        triangles, bounds = [], []
+        for aim in (1e6, 1):
+            request = frame_request(["radiance"], sun=low, accuracy={"max_error_px": 2, "max_shadow_error_px": aim})
+            meta = meta_of(self.service.frame(request, "application/x-npz")[2])
+            triangles.append(meta["triangles"])
+            bounds.append(meta["shadow_error_px"])
+            self.assertLessEqual(meta["shadow_error_px"], aim)
+        self.assertGreater(triangles[1], triangles[0])
+        self.assertGreater(bounds[0], bounds[1])
+
+
+class VerifyAccuracy(unittest.TestCase):
+    def test_measures_what_it_says(self):
+        output = harness.path("accuracy")
+        done = run("verify", "accuracy", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "64", "--repetitions", "1",
+                   "--reference-samples", "16", "--cache-dir", harness.path("cache"), "--log-level", "error", "-o", output)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(sorted(os.listdir(output)), ["accuracy.csv", "accuracy.md", "accuracy.png", "accuracy.svg"])
+        with open(os.path.join(output, "accuracy.csv"), newline="") as file:
+            rows = list(csv.DictReader(file))
+        self.assertEqual({row["scene"] for row in rows}, {"nadir", "oblique", "limb", "descent"})  # no place for the polar one
+        for row in rows:
+            self.assertGreater(float(row["time_ratio"]), 0)
+            self.assertEqual(float(row["within_lod_error_px"]), 1, row)
+        nadir = {(row["max_error_px"], row["samples_per_pixel"]): row for row in rows if row["scene"] == "nadir"}
+        coarse, finest, smooth = nadir["4", "1"], nadir["0", "1"], nadir["0", "16"]
+        self.assertEqual(float(finest["wrong_shadow_flags"]), 0)
+        self.assertLess(float(finest["geometric_worst_m"]), 1e-6)
+        self.assertGreater(float(coarse["geometric_worst_m"]), 1)
+        self.assertGreater(float(coarse["wrong_shadow_flags"]), 0)
+        self.assertLess(int(float(coarse["triangles"])), int(float(finest["triangles"])))
+        # 16 samples are the reference's own: what is left is nothing.
+        self.assertEqual(float(smooth["radiance_rms"]), 0)
+        self.assertGreater(float(finest["radiance_rms"]), 0.005)
+        xml.etree.ElementTree.parse(os.path.join(output, "accuracy.svg"))
+        with open(os.path.join(output, "accuracy.png"), "rb") as file:
+            self.assertEqual(file.read(8), b"\x89PNG\r\n\x1a\n")
+        with open(os.path.join(output, "accuracy.md")) as file:
+            self.assertEqual(file.read().count("\n## "), 4)
+
+
+if __name__ == "__main__":
+    harness.main()
