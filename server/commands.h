@@ -38,8 +38,8 @@ struct VerifyRoundTripSettings {
 struct VerifyAccuracySettings {
   TerrainSettings terrain;
   std::string center, polar_center;  // "LAT,LON", degrees; empty: see the options
-  int size_px = 512;
-  int repetitions = 7;
+  int size_px = 256;
+  int repetitions = 5;
   int reference_samples = 256;
   std::string output;  // folder
 };
