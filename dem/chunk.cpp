@@ -80,13 +80,21 @@ format::Header header_from(const std::string& bytes, const std::string& name) {
   return header;
 }
 
-// Selection and visibility rely on a block's bounds and error: heights within finite bounds, or none.
-void check_heights(const Block& block, const std::string& name) {
-  const bool bounded = std::isfinite(block.min_m) && std::isfinite(block.max_m) && std::isfinite(block.error_m) &&
-                       block.error_m >= 0 && std::all_of(block.heights.begin(), block.heights.end(), [&](float h) {
-                         return std::isnan(h) || (h >= block.min_m && h <= block.max_m);
-                       });
-  if (!bounded) throw DataError(name, "damaged pyramid file: impossible heights in block " + to_string(block.id));
+// What the interpolation of posts can make of heights that a raster may have: the weights of the bicubic kernel add up
+// to 25/16 without their signs.
+constexpr double kFarthestOfBlock_m = 2 * kFarthestHeight_m;
+
+// Selection and visibility rely on a block's bounds and error, shading on its halo: heights, or none. `with_halo` are
+// the posts of the block and around it.
+void check_heights(const Block& block, const std::vector<float>& with_halo, const std::string& name) {
+  const auto is_height = [](float h) { return std::abs(h) <= kFarthestOfBlock_m; };
+  const bool heights =
+      std::all_of(with_halo.begin(), with_halo.end(), [&](float h) { return std::isnan(h) || is_height(h); });
+  const bool bounded = is_height(block.min_m) && is_height(block.max_m) &&
+                       std::all_of(block.heights.begin(), block.heights.end(),
+                                   [&](float h) { return std::isnan(h) || (h >= block.min_m && h <= block.max_m); });
+  if (!heights || !bounded || !(block.error_m >= 0 && std::isfinite(block.error_m)))
+    throw DataError(name, "damaged pyramid file: impossible heights in block " + to_string(block.id));
 }
 
 std::string label(const std::string& path, const ChunkPlan& plan) {
@@ -125,6 +133,8 @@ void Chunk::parse(const std::string& head, const ChunkPlan& plan, const Catalogu
   if (header.fingerprint != plan.fingerprint || BlockId{header.level, header.row, header.col} != plan.node ||
       header.base_level != plan.base_level)
     throw DataError(name, "pyramid was made from other sources");
+  if (!(header.quantisation_m >= 0 && std::isfinite(header.quantisation_m)))
+    throw DataError(name, "damaged pyramid file: impossible quantisation");
   quantisation_m_ = header.quantisation_m;
   base_level_ = header.base_level;
   for (std::uint32_t i = 0; i < header.records; ++i) {
@@ -198,7 +208,7 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id) const {
     block->heights.insert(block->heights.end(),
                           heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo),
                           heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo + side));
-  check_heights(*block, name);
+  check_heights(*block, heights, name);
   // Filtered levels are no longer quantised.
   fill_shading_normals(*block, heights, id.level >= base_level_ ? quantisation_m_ : 0);
   return block;

@@ -209,6 +209,8 @@ bool holds_radii(Source& s) {
 
 // `known`: what an earlier inspection found, so that opening needs no second look at the samples.
 void settle_values(Source& s, const RasterInfo* known) {
+  if (!std::isfinite(s.scale) || !std::isfinite(s.offset_m))
+    throw DataError(s.info.path, "its scale or offset is beyond the range of double");
   const bool radii = known ? known->datum == kRadiusDatum : holds_radii(s);
   if (radii) s.offset_m -= kMoonRadius_m;
   s.info.datum = radii ? kRadiusDatum : kHeightDatum;
@@ -262,7 +264,9 @@ void settle_geographic(Source& s, GeographicGrid g) {
   info.projection = Projection::geographic;
   info.posts_per_degree = g.lat_posts_per_degree;
   info.post_spacing_m = kMetresPerDegree / g.lat_posts_per_degree;
-  info.footprint = {std::max(south, -90.0), std::min(g.first_lat_deg, 90.0), g.first_lon_deg, g.first_lon_deg + across};
+  // A row within the slack beyond a pole lies on it.
+  const auto on_sphere = [](double lat_deg) { return std::clamp(lat_deg, -90.0, 90.0); };
+  info.footprint = {on_sphere(south), on_sphere(g.first_lat_deg), g.first_lon_deg, g.first_lon_deg + across};
   s.grid = g;
 }
 
