@@ -43,9 +43,12 @@ void SpeedGauge::learn(const FrameWork& work, const StageTimes& times) {
 }
 
 double expected_error(const Accuracy& accuracy) {
-  // Fitted by eye to the table of `verify accuracy`, scenes nadir and descent.
-  constexpr double kPerErrorPixel = 0.06, kOfOneSample = 0.035;
-  return std::hypot(kPerErrorPixel * accuracy.max_error_px, kOfOneSample * std::pow(accuracy.samples_per_pixel, -0.75));
+  // Fitted by eye to the table of `verify accuracy`, scenes nadir and descent: of coarse terrain slopes are missing, of
+  // fine terrain one sample picks single slopes out of many.
+  const double error_px = std::max(accuracy.max_error_px, 1.0 / 64);
+  const double smooth = 0.055 * error_px;
+  const double one_sample = 0.033 * std::pow(0.5 / error_px, 0.45);
+  return std::hypot(smooth, one_sample * std::pow(accuracy.samples_per_pixel, -0.7));
 }
 
 }  // namespace selenograph::engine

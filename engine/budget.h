@@ -44,7 +44,7 @@ inline constexpr std::array<double, 6> kBudgetErrors_px{4, 2, 1, 0.5, 0.25, 0.12
 inline constexpr std::array<int, 3> kBudgetSamples{1, 4, 16};
 
 // RMS radiance error to expect, relative to the sunlit mean: terrain too smooth, and pixels that are points where they
-// should be areas.
+// should be areas. With one sample per pixel terrain finer than about the default only aliases more.
 double expected_error(const Accuracy& accuracy);
 
 }  // namespace selenograph::engine
