@@ -186,6 +186,8 @@ void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points) {
     const dem::QuadVertices q = dem::vertices_of(id.r, id.c, id.upper);
     const Vec3 &a = block.vertex(q.r[0], q.c[0]), &b = block.vertex(q.r[1], q.c[1]), &c = block.vertex(q.r[2], q.c[2]);
     for (int k = 0; k < 3; ++k) t.a[k][i] = a[k], t.b[k][i] = b[k], t.c[k][i] = c[k];
+    // Shading reads these next; asked for now, they come along with the vertices.
+    for (int k = 0; k < 3; ++k) __builtin_prefetch(&block.posts->normals[block.posts->index(q.r[k], q.c[k])]);
   }
   meet_all(t, rays, points);
   for (int i = 0; i < kPacket; ++i) {

@@ -216,6 +216,12 @@ class Pass {
   // 4 x 4 pixels from (x, y), each at an offset from its centre: geometry is stored if asked for, radiance added with a
   // weight.
   void render_packet(int x, int y, double dx, double dy, bool store, float weight, PassCounts* counts) {
+    if (weight > 0)  // memory fetches the rows while rays are traced
+      for (int row = y; row < std::min(y + kPacketSide, request_.camera.height); ++row)
+        __builtin_prefetch(
+            &out_.radiance[static_cast<std::size_t>(row) * static_cast<std::size_t>(request_.camera.width) +
+                           static_cast<std::size_t>(x)],
+            1);
     Rays rays;
     aim(x, y, dx, dy, rays);
     SurfacePoints points;
