@@ -41,8 +41,7 @@ class Yardstick {
     const Selection finest = select_for_view(renderer.terrain(), view_, &request.sun, setting, stop);
     const Mesh mesh(renderer.terrain(), finest.blocks);
     shell_m_ = kMoonRadius_m + Scene::highest_m(mesh) + 1;
-    kernel_ = std::make_unique<BareKernel>(mesh, anchor_for(view_.position(), view_.moon_from_camera().col(2)),
-                                           renderer.threads());
+    kernel_ = std::make_unique<BareKernel>(mesh, anchor_for(view_.position(), view_.middle()), renderer.threads());
   }
 
   double ms() {

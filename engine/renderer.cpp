@@ -100,7 +100,7 @@ struct Renderer::Impl {
     return select_for_view(*terrain, view, light ? &request.sun : nullptr, accuracy, stop, scenes.capacity());
   }
 
-  static Vec3 anchor_of(const View& view) { return anchor_for(view.position(), view.moon_from_camera().col(2)); }
+  static Vec3 anchor_of(const View& view) { return anchor_for(view.position(), view.middle()); }
 
   static double triangles_of(const Selection& selection) {
     double triangles = 0;

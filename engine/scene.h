@@ -31,8 +31,8 @@ struct Scene {
   double shell_m;  // radius of a sphere around everything in it
 };
 
-// Near the camera, or, far away, near the surface in view; snapped to a lattice of 4096 m so that consecutive frames
-// share it.
-Vec3 anchor_for(const Vec3& camera_m, const Vec3& boresight);
+// Near the camera, or, far away, near the surface in the view's middle; snapped to a lattice of 4096 m so that
+// consecutive frames share it.
+Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle);
 
 }  // namespace selenograph::engine

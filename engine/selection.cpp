@@ -52,6 +52,11 @@ double shadow_gain(const NodeBounds& b, const Vec3& sun) {
   return lowest <= 0 ? kMost : std::clamp(1 / std::tan(lowest), kLeast, kMost);
 }
 
+// Split by a finer neighbour, a block at its finest follows the sphere more closely than the finest surface does: along
+// a slope m by the chords' sag times 1 + 2 m^2, because heights linear in the angle aren't linear along the chord. For
+// slopes of up to 60 degrees.
+double subdivision_error_m(int level) { return 7 * dem::chord_sag_m(level); }
+
 class ViewSelector {
  public:
   ViewSelector(const dem::Terrain& terrain, const View& view, const Accuracy& accuracy, std::size_t max_bytes,
@@ -170,9 +175,8 @@ class ViewSelector {
   void report() {
     if (!seen_.empty()) result_.min_spacing_m = std::numeric_limits<double>::infinity();
     for (const Seen& s : seen_) {
-      // Split by a finer neighbour, a block at its finest follows the sphere more closely than the finest surface does.
       const bool split = finest(s.id) && !chosen_.contains(s.id);
-      const double error = split ? dem::chord_sag_m(s.id.level) : error_m(s.id),
+      const double error = split ? subdivision_error_m(s.id.level) : error_m(s.id),
                    spacing = dem::post_spacing_m(s.id.level);
       result_.error_m = std::max(result_.error_m, error);
       result_.error_px = std::max(result_.error_px, error * s.pixels_per_metre);

@@ -79,14 +79,14 @@ void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, 
 
 }  // namespace
 
-Vec3 anchor_for(const Vec3& camera_m, const Vec3& boresight) {
+Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle) {
   const double distance = camera_m.norm();
   Vec3 near = camera_m * (kMoonRadius_m / distance);
-  const double ahead = -camera_m.dot(boresight);
+  const double ahead = -camera_m.dot(middle);
   if (distance > 1.2 * kMoonRadius_m && ahead > 0) {
-    // Past the limb: the surface that the boresight passes closest, which is what a telescope may have in view.
-    const auto t = enter_sphere(camera_m, boresight, kMoonRadius_m);
-    near = t ? Vec3(camera_m + *t * boresight) : Vec3((camera_m + ahead * boresight).normalized() * kMoonRadius_m);
+    // Past the limb: the surface that the middle passes closest, which is what a telescope may have in view.
+    const auto t = enter_sphere(camera_m, middle, kMoonRadius_m);
+    near = t ? Vec3(camera_m + *t * middle) : Vec3((camera_m + ahead * middle).normalized() * kMoonRadius_m);
   }
   return (near / kLattice_m).array().round() * kLattice_m;
 }

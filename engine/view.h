@@ -21,6 +21,8 @@ class View {
   const Camera& camera() const { return camera_; }
   const Vec3& position() const { return position_; }
   const Eigen::Matrix3d& moon_from_camera() const { return moon_from_camera_; }
+  // Unit direction of the middle of what is in the image: not the boresight, where the image is a crop of a larger one.
+  Vec3 middle() const { return (moon_from_camera_ * Vec3((left_ + right_) / 2, (top_ + bottom_) / 2, 1)).normalized(); }
 
   // Direction (MOON_ME) of a place in the image, scaled so that its component along the boresight is 1: a distance
   // along it is the depth. Empty where the lens distortion has no inverse (beyond its fold): such a pixel sees nothing.

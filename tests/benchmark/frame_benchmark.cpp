@@ -63,7 +63,7 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
   const engine::FrameRequest r = request(place, height_m, tilt_deg, sun_deg);
   const engine::View view(r.camera, r.pose);
   const engine::Selection selection = engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {});
-  const Vec3 anchor = engine::anchor_for(view.position(), view.moon_from_camera().col(2));
+  const Vec3 anchor = engine::anchor_for(view.position(), view.middle());
   const int threads = tbb::this_task_arena::max_concurrency();
   const engine::Scene scene(*terrain, selection, anchor, threads);
   const engine::BareKernel kernel(scene.mesh, anchor, threads);
