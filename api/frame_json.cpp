@@ -95,7 +95,7 @@ void require_sun(const JsonReader& in, engine::ProductSet products) {
 FrameCall read_members(const JsonReader& in, const Limits& limits) {
   FrameCall call;
   engine::FrameRequest& request = call.request;
-  if (!in.object({"camera", "pose", "sun", "surface", "accuracy", "image", "products"})) return call;
+  if (!in.object({"camera", "pose", "sun", "surface", "accuracy", "image", "visibility", "products"})) return call;
   for (const std::string_view name : {"camera", "pose"}) {
     if (!in.has(name)) in.fail(name, "is required");
   }
@@ -107,12 +107,18 @@ FrameCall read_members(const JsonReader& in, const Limits& limits) {
     if (in.at("accuracy").value().is_object()) call.budget_ms = read_budget(in.at("accuracy"));
   }
   if (in.has("image")) request.image = read_image(in.at("image"));
+  request.visibility = in.word("visibility", Words<engine::Visibility>(kVisibilities), request.visibility);
   if (in.has("products")) request.products = read_products(in.at("products"));
   call.sun_given = in.has("sun");
   if (call.sun_given) {
     request.sun = read_sun(in.at("sun"));
   } else {
     require_sun(in, request.products);
+  }
+  if (request.visibility == engine::Visibility::zbuffer) {
+    if (!request.camera.distortion.none()) in.fail("visibility", "zbuffer is not yet for cameras with distortion");
+    if (request.sun.angular_radius_deg > 0)
+      in.fail("visibility", "zbuffer is not yet for a Sun with an angular radius");
   }
   return call;
 }
@@ -159,6 +165,12 @@ OrderedJson image_json(const engine::ImageSettings& image) {
 
 }  // namespace
 
+std::string_view visibility_name(engine::Visibility visibility) {
+  for (const auto& [name, value] : kVisibilities)
+    if (value == visibility) return name;
+  return "";
+}
+
 FrameCall read_frame(const Json& body, const Limits& limits) {
   Findings findings;
   const FrameCall call = read_members(JsonReader(body, findings), limits);
@@ -175,6 +187,7 @@ OrderedJson resolved_json(const FrameCall& call) {
                    {"angular_radius_deg", request.sun.angular_radius_deg}};
   }
   json["surface"] = {{"reflectance", reflectance_json(request.reflectance)}};
+  json["visibility"] = visibility_name(request.visibility);
   json["accuracy"] = {{"max_error_px", request.accuracy.max_error_px},
                       {"samples_per_pixel", request.accuracy.samples_per_pixel},
                       {"max_shadow_error_px", request.accuracy.max_shadow_error_px}};

@@ -28,6 +28,12 @@ inline constexpr std::pair<std::string_view, CameraAxes> kCameraAxes[] = {
     {"opengl", CameraAxes::opengl},
 };
 
+inline constexpr std::pair<std::string_view, engine::Visibility> kVisibilities[] = {
+    {"auto", engine::Visibility::automatic},
+    {"zbuffer", engine::Visibility::zbuffer},
+    {"raytrace", engine::Visibility::raytrace}};
+std::string_view visibility_name(engine::Visibility visibility);
+
 inline constexpr std::pair<std::string_view, engine::ReflectanceModel> kReflectanceModels[] = {
     {"lambert", engine::ReflectanceModel::lambert},
     {"lommel_seeliger", engine::ReflectanceModel::lommel_seeliger},

@@ -96,6 +96,7 @@ OrderedJson metadata(const FrameCall& call, const engine::FrameReport& report, c
     meta["solar_irradiance"] = irradiance_json(report);
   }
   if (products & engine::kImage) meta["full_scale_radiance_w_m2_sr"] = report.full_scale_radiance_w_m2_sr;
+  meta["visibility"] = visibility_name(report.visibility);
   meta["lod_error_px"] = report.lod_error_px;
   meta["lod_error_m"] = report.lod_error_m;
   meta["shadow_error_px"] = report.shadow_error_px;

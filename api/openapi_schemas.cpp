@@ -301,6 +301,12 @@ void add_frame_request(OrderedJson& schemas, const Limits& limits) {
        {"image", closed("How radiance becomes the digital numbers of the product `image`.",
                         {{"bit_depth", {{"type", "integer"}, {"enum", {8, 16}}, {"default", 8}}},
                          {"full_scale_radiance", full_scale}})},
+       {"visibility",
+        with(words(kVisibilities,
+                   "how to find what each pixel sees and whether the Sun reaches it: auto (as yet raytrace), zbuffer "
+                   "(z-buffer and irregular shadow map, several times as fast; for a camera without distortion under a "
+                   "Sun without an angular radius) or raytrace. All are exact; the metadata says which it was"),
+             "default", "auto")},
        {"products", products_schema()}},
       {"camera", "pose"});
   frame["anyOf"] = sun_where_needed();
@@ -324,6 +330,7 @@ void add_metadata(OrderedJson& schemas) {
        {"solar_irradiance",
         {{"type", "object"}, {"description", "value_w_m2 at the Moon after 1/r^2, its band and source"}}},
        {"full_scale_radiance_w_m2_sr", number(kAnyNumber, "that `image` was made with")},
+       {"visibility", with(words(kVisibilities, "that the frame was made with"), "enum", {"zbuffer", "raytrace"})},
        {"lod_error_px", number(kAnyNumber, "level-of-detail error bound actually reached, pixels")},
        {"lod_error_m", number(kAnyNumber, "the same in metres")},
        {"shadow_error_px",

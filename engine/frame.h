@@ -66,6 +66,13 @@ struct Accuracy {
   static constexpr double kDefaultShadowError_px = 16;
 };
 
+// How the engine finds what each pixel sees and whether the Sun reaches it.
+enum class Visibility {
+  automatic,  // rays, as yet
+  zbuffer,    // z-buffer and irregular shadow map: pinholes under a point Sun; where it can't, rays
+  raytrace    // Embree
+};
+
 // How radiance becomes digital numbers until there is a sensor model: DN = clamp(round(L / full_scale * (2^bits - 1))).
 struct ImageSettings {
   int bit_depth = 8;  // 8 or 16
@@ -96,6 +103,7 @@ struct FrameRequest {
   Reflectance reflectance;
   Accuracy accuracy;
   ImageSettings image;
+  Visibility visibility = Visibility::automatic;
   ProductSet products = kRadiance;
 };
 
@@ -128,8 +136,9 @@ struct StageTimes {
 };
 
 struct FrameReport {
-  double lod_error_px = 0, lod_error_m = 0;  // bounds on the mesh's error in view
-  double shadow_error_px = 0;                // bound on the displacement of shadow edges on level ground; 0 without Sun
+  Visibility visibility = Visibility::raytrace;  // that the frame was made with
+  double lod_error_px = 0, lod_error_m = 0;      // bounds on the mesh's error in view
+  double shadow_error_px = 0;  // bound on the displacement of shadow edges on level ground; 0 without Sun
   double min_post_spacing_m = 0, max_post_spacing_m = 0;
   std::size_t triangles = 0;
   std::size_t scene_bytes = 0;  // of the mesh and its acceleration structure

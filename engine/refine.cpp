@@ -197,6 +197,16 @@ void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points) {
   }
 }
 
+bool buried(const Mesh& mesh, const TriangleId& beside, const Vec3& place) {
+  // Looking down from a kilometre above: how far is it to the surface?
+  constexpr double kAbove_m = 1000;
+  const Vec3 down = -place.normalized(), origin = place - kAbove_m * down;
+  Search search(mesh, origin, down, kAbove_m, std::numeric_limits<double>::infinity());
+  search.quads_around(beside.block, beside.r, beside.c);
+  if (!search.best()) search.blocks_around(place, beside.block);
+  return search.best() && search.best()->distance < kAbove_m - 1e-9;
+}
+
 Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane, const Vec3& direction) {
   const TriangleId& t = points.triangle[lane];
   const MeshBlock& block = mesh.blocks()[t.block];

@@ -11,6 +11,8 @@
 #include "dem/error.h"
 #include "dem/parallel.h"
 #include "engine/photometry.h"
+#include "engine/raster_kernels.h"
+#include "engine/shadow_map.h"
 #include "engine/trace.h"
 #include "engine/vectorise.h"
 
@@ -141,6 +143,32 @@ SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   return at;
 }
 
+// Scratch memory between frames: as many as frames have been drawn at once.
+template <typename Scratch>
+class Pool {
+ public:
+  std::unique_ptr<Scratch> take() {
+    std::lock_guard lock(mutex_);
+    if (free_.empty()) return std::make_unique<Scratch>();
+    auto one = std::move(free_.back());
+    free_.pop_back();
+    return one;
+  }
+  void give(std::unique_ptr<Scratch> one) {
+    std::lock_guard lock(mutex_);
+    free_.push_back(std::move(one));
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<Scratch>> free_;
+};
+
+Pool<LightScratch>& light_scratch() {
+  static Pool<LightScratch> pool;
+  return pool;
+}
+
 double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)) * kDegrees; }
 
 class Pass {
@@ -169,6 +197,10 @@ class Pass {
   }
 
   PassCounts run() {
+    if (scene_.raster) {
+      run_raster();
+      return std::move(total_);
+    }
     const int across = (request_.camera.width + kTile - 1) / kTile,
               along = (request_.camera.height + kTile - 1) / kTile;
     in_parallel_pieces(static_cast<std::size_t>(across * along), 1, [&](std::size_t first, std::size_t past_last) {
@@ -200,6 +232,259 @@ class Pass {
                           wants_geometry_ || i + j > 0 ? nullptr : &counts);
       }
   }
+
+  // ---- z-buffer and shadow map
+  // ---------------------------------------------------------------------------------------
+
+  // A sub-pixel sample of every pixel at once.
+  struct Layer {
+    double dx, dy;
+    bool store;
+    float weight;
+    bool count;
+  };
+
+  // Where a strip may be in the image, in pixels; empty when it can't be in view. `wide`: not all of its vertices
+  // are plain in every tile.
+  struct StripBox {
+    int x0 = 1, x1 = 0, y0 = 1, y1 = 0;
+    bool wide = false;
+  };
+
+  static constexpr int kWide = 128, kHigh = 64;   // pixels of a tile
+  static constexpr int kAhead = 2 * kPacketSide;  // pixels, of asking memory
+
+  static std::uint32_t triangle_at(const TileBuffer& buffer, const TileView& view, int x, int y) {
+    if (x >= view.width || y >= view.height) return kNoTriangle;
+    return buffer
+        .triangle[static_cast<std::size_t>(y) * static_cast<std::size_t>(view.width) + static_cast<std::size_t>(x)];
+  }
+  static constexpr float kNear_m = 0.01F;
+  static constexpr double kFar_m = 500e3;
+
+  TileView tile_view(double x0, double y0, int width, int height) const {
+    TileView t{};
+    const Camera& c = view_.camera();
+    const Eigen::Matrix3d m = view_.moon_from_camera().transpose();
+    const Vec3 eye = view_.position() - scene_.anchor;
+    const bool far = eye.norm() > kFar_m;
+    const Vec3 rows[3] = {m.row(0).transpose() * c.fx + m.row(2).transpose() * (c.cx - x0),
+                          m.row(1).transpose() * c.fy + m.row(2).transpose() * (c.cy - y0), m.row(2).transpose()};
+    Vec3 pivot = Vec3::Zero();
+    for (int k = 0; k < 3; ++k) {
+      if (!far) pivot[k] = static_cast<double>(static_cast<float>(eye[k]));
+      t.pivot[k] = static_cast<float>(pivot[k]);
+      for (int i = 0; i < 3; ++i) t.row[k][i] = static_cast<float>(rows[k][i]);
+    }
+    for (int k = 0; k < 3; ++k) t.offset[k] = static_cast<float>(rows[k].dot(pivot - eye));
+    t.near0 = far ? 0.F : 1.F, t.near1 = far ? 1.F : 0.F;
+    t.width = width, t.height = height, t.least_depth = kNear_m;
+    return t;
+  }
+
+  StripBox box_of(const Strip& s, const TileView& whole) const {
+    StripBox box;
+    float low[2] = {1e30F, 1e30F}, high[2] = {-1e30F, -1e30F};
+    int behind = 0;
+    for (int corner = 0; corner < 8; ++corner) {
+      float p[3];
+      for (int k = 0; k < 3; ++k) {
+        p[k] = s.centre[k] - whole.pivot[k];
+        for (int e = 0; e < 3; ++e) p[k] += corner >> e & 1 ? s.half[e][k] : -s.half[e][k];
+      }
+      const auto dot = [&](int k) {
+        return whole.row[k][0] * p[0] + whole.row[k][1] * p[1] + whole.row[k][2] * p[2] + whole.offset[k];
+      };
+      const float z = dot(2);
+      if (!(z > 2 * kNear_m)) {
+        ++behind;
+        continue;
+      }
+      for (int k = 0; k < 2; ++k) low[k] = std::min(low[k], dot(k) / z), high[k] = std::max(high[k], dot(k) / z);
+    }
+    if (behind == 8) return box;
+    const float w = static_cast<float>(request_.camera.width - 1), h = static_cast<float>(request_.camera.height - 1);
+    // Tiles have pixels of their own, up to an image's size away from the image's.
+    const float most = 0.9F * kFarAside_px - std::max(w, h);
+    box.wide = behind > 0 || std::max({-low[0], -low[1], high[0], high[1]}) > most;
+    if (behind > 0) low[0] = low[1] = 0, high[0] = w, high[1] = h;  // anywhere
+    constexpr float kSlack = 0.05F;
+    box.x0 = static_cast<int>(std::floor(std::clamp(low[0] - kSlack, 0.F, w + 1))),
+    box.x1 = static_cast<int>(std::ceil(std::clamp(high[0] + kSlack, -1.F, w)));
+    box.y0 = static_cast<int>(std::floor(std::clamp(low[1] - kSlack, 0.F, h + 1))),
+    box.y1 = static_cast<int>(std::ceil(std::clamp(high[1] + kSlack, -1.F, h)));
+    return box;
+  }
+
+  // Whether a strip's box lies beyond one side of the tile, wherever the eye is.
+  static bool beside(const Strip& s, const TileView& t) {
+    int left = 0, right = 0, above = 0, below = 0;
+    for (int corner = 0; corner < 8; ++corner) {
+      float p[3];
+      for (int k = 0; k < 3; ++k) {
+        p[k] = s.centre[k] - t.pivot[k];
+        for (int e = 0; e < 3; ++e) p[k] += corner >> e & 1 ? s.half[e][k] : -s.half[e][k];
+      }
+      const auto dot = [&](int k) {
+        return t.row[k][0] * p[0] + t.row[k][1] * p[1] + t.row[k][2] * p[2] + t.offset[k];
+      };
+      const float x = dot(0), y = dot(1), z = dot(2);
+      left += x<-z, right += x> static_cast<float>(t.width) * z;
+      above += y<-z, below += y> static_cast<float>(t.height) * z;
+    }
+    return left == 8 || right == 8 || above == 8 || below == 8;
+  }
+
+  void run_raster() {
+    if (wants_light_) shadows_ = std::make_unique<ShadowMap>(*scene_.raster, request_.sun.direction);
+    if (grid_ == 1) {
+      draw({0, 0, true, wants_radiance_ ? 1.F : 0.F, true});
+      return;
+    }
+    if (wants_geometry_) draw({0, 0, true, 0.F, true});
+    if (!wants_radiance_) return;
+    const float weight = 1.F / static_cast<float>(grid_ * grid_);
+    for (int j = 0; j < grid_; ++j)
+      for (int i = 0; i < grid_; ++i)
+        draw({(i + 0.5) / grid_ - 0.5, (j + 0.5) / grid_ - 0.5, false, weight, !wants_geometry_ && i + j == 0});
+  }
+
+  void draw(const Layer& layer) {
+    const RasterMesh& mesh = *scene_.raster;
+    const int width = request_.camera.width, height = request_.camera.height;
+    const int across = (width + kWide - 1) / kWide, along = (height + kHigh - 1) / kHigh;
+    const TileView whole = tile_view(layer.dx, layer.dy, width, height);
+    std::vector<StripBox> boxes(mesh.strips().size());
+    in_parallel_pieces(boxes.size(), 256, [&](std::size_t first, std::size_t past_last) {
+      for (std::size_t i = first; i < past_last; ++i) boxes[i] = box_of(mesh.strips()[i], whole);
+    });
+    std::vector<std::vector<std::uint32_t>> bins(static_cast<std::size_t>(across * along));
+    for (std::size_t i = 0; i < boxes.size(); ++i) {
+      const StripBox& b = boxes[i];
+      if (b.x0 > b.x1 || b.y0 > b.y1) continue;
+      for (int ty = b.y0 / kHigh; ty <= b.y1 / kHigh; ++ty)
+        for (int tx = b.x0 / kWide; tx <= b.x1 / kWide; ++tx)
+          bins[static_cast<std::size_t>(ty * across + tx)].push_back(static_cast<std::uint32_t>(i));
+    }
+    std::unique_ptr<LightScratch> scratch = light_scratch().take();
+    scratch->tiles.resize(bins.size());
+    if (layer.weight > 0 && !layer.store)
+      layer_.assign(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), 0.F);
+    in_parallel_pieces(bins.size(), 1, [&](std::size_t first, std::size_t past_last) {
+      PassCounts counts;
+      counts.sources.assign(catalogue_size_, 0);
+      thread_local TileBuffer buffer;
+      for (std::size_t tile = first; tile < past_last; ++tile) {
+        if (stop_.stopped()) throw Cancelled();
+        const int x0 = static_cast<int>(tile) % across * kWide, y0 = static_cast<int>(tile) / across * kHigh;
+        const TileView view =
+            tile_view(x0 + layer.dx, y0 + layer.dy, std::min(kWide, width - x0), std::min(kHigh, height - y0));
+        buffer.clear(view.width, view.height);
+        for (const std::uint32_t s : bins[tile]) {
+          const Strip& strip = mesh.strips()[s];
+          if (boxes[s].wide && beside(strip, view)) continue;
+          draw_strip(mesh.blocks()[strip.block], strip, view, boxes[s].wide, buffer);
+        }
+        LightSamples& samples = scratch->tiles[tile];
+        samples.clear(static_cast<std::size_t>(kWide * kHigh));
+        for (int y = 0; y < view.height; y += kPacketSide)
+          for (int x = 0; x < view.width; x += kPacketSide) {
+            for (int i = 0; i < kPacket; ++i) {
+              const std::uint32_t ahead = triangle_at(buffer, view, x + kAhead + i % kPacketSide, y + i / kPacketSide);
+              if (ahead != kNoTriangle) prefetch(scene_.mesh, unpacked_triangle(ahead));
+            }
+            resolve(buffer, view, x0, y0, x, y, layer, layer.count ? &counts : nullptr, samples);
+          }
+      }
+      merge(counts);
+    });
+    if (shadows_ && (layer.weight > 0 || (layer.store && (request_.products & kLit)))) {
+      shadows_->cast(*scratch, stop_);
+      std::vector<float>& radiance = layer.store ? out_.radiance : layer_;
+      in_parallel(scratch->shadowed.size(), [&](std::size_t band) {
+        for (const std::uint32_t at : scratch->shadowed[band]) {
+          if (layer.weight > 0) radiance[at] = 0;
+          if (layer.store && !out_.lit.empty()) out_.lit[at] = 0;
+        }
+      });
+    }
+    light_scratch().give(std::move(scratch));
+    if (layer.weight > 0 && !layer.store)
+      in_parallel_pieces(layer_.size(), 65536, [&](std::size_t first, std::size_t past_last) {
+        for (std::size_t i = first; i < past_last; ++i) out_.radiance[i] += layer.weight * layer_[i];
+      });
+  }
+
+  // 4 x 4 pixels of a drawn tile: as render_packet, but lit until the shadow map says otherwise.
+  void resolve(const TileBuffer& buffer, const TileView& view, int x0, int y0, int x, int y, const Layer& layer,
+               PassCounts* counts, LightSamples& samples) {
+    Rays rays;
+    aim(x0 + x, y0 + y, layer.dx, layer.dy, rays);
+    SurfacePoints points;
+    bool any = false, all = true;
+    for (int i = 0; i < kPacket; ++i) {
+      const std::uint32_t id = triangle_at(buffer, view, x + i % kPacketSide, y + i / kPacketSide);
+      points.hit[i] = id != kNoTriangle, points.toward_moon[i] = false;
+      if (points.hit[i]) points.triangle[i] = unpacked_triangle(id);
+      any |= points.hit[i], all &= points.hit[i];
+    }
+    if (any) refine(scene_.mesh, rays, points);
+    for (int i = 0; i < kPacket; ++i) all &= points.hit[i];
+    if (counts && !all) {
+      find_missing(rays, points);
+      counts->missing += static_cast<std::uint64_t>(std::count(points.toward_moon, points.toward_moon + kPacket, true));
+    }
+    if (!any) return;
+    Shading shading;
+    const Vec3& sun = request_.sun.direction;
+    shade(gather_normals(scene_.mesh, points), points, rays, sun.x(), sun.y(), sun.z(), shading);
+    float lit[kPacket] = {}, radiance[kPacket];
+    std::int32_t facing[kPacket];
+    if (wants_light_) {
+      facing_sun(points, sun, facing);
+      for (int i = 0; i < kPacket; ++i) lit[i] = points.hit[i] && shading.mu0[i] > 0 && facing[i] ? 1.F : 0.F;
+    }
+    std::uint32_t pixel[kPacket];
+    for (int i = 0; i < kPacket; ++i)
+      pixel[i] =
+          static_cast<std::uint32_t>((y0 + y + i / kPacketSide) * request_.camera.width + x0 + x + i % kPacketSide);
+    if (wants_light_) add_samples(points, pixel, lit, samples);
+    if (layer.weight > 0) radiances(terms_, irradiance_, shading, lit, radiance);
+    std::vector<float>& target = layer.store ? out_.radiance : layer_;
+    const bool accounted = out_.source.empty() && account_all(points, counts);
+    for (int i = 0; i < kPacket; ++i) {
+      if (!points.hit[i]) continue;
+      const std::size_t at = pixel[i];
+      if (layer.weight > 0) target[at] = radiance[i];
+      if (!accounted && (counts || layer.store)) account(points, i, at, counts);
+      if (layer.store && wants_geometry_) store_geometry(points, i, rays.direction(i), shading, lit[i], at);
+    }
+  }
+
+  // Samples of the lit lanes. On an edge of its triangle float can't tell a ridge, whose far side lies beneath the
+  // point, from a crease, where it rises above it: there double looks whether the Sun's ray goes into the ground at
+  // once, and the sample is taken that little way up the ray.
+  void add_samples(const SurfacePoints& p, const std::uint32_t* pixel, float* lit, LightSamples& samples) const {
+    constexpr double kEdge = 1e-5;
+    constexpr float kStep_m = 0.01F;
+    LightLanes lanes;
+    shadows_->place(p, lanes);
+    for (int i = 0; i < kPacket; ++i) {
+      if (!(lit[i] > 0)) continue;
+      float up = 0;
+      if (std::min({p.v[i], p.w[i], 1 - p.v[i] - p.w[i]}) <= kEdge) {
+        up = kStep_m;
+        if (buried(scene_.mesh, p.triangle[i], p.position(i) + static_cast<double>(kStep_m) * request_.sun.direction)) {
+          lit[i] = 0;
+          continue;
+        }
+      }
+      samples.add({lanes.u[i], lanes.v[i], lanes.d[i] + up, pixel[i]});
+    }
+  }
+
+  // ---- both
+  // ----------------------------------------------------------------------------------------------------------
 
   void aim(int x, int y, double dx, double dy, Rays& rays) const {
     if (linear_) linear_rays(first_.data(), right_.data(), down_.data(), view_.position().data(), x + dx, y + dy, rays);
@@ -259,6 +544,27 @@ class Pass {
       sunlit(scene_, points, wanted, request_.sun.direction, lit);
   }
 
+  // All at once where they are of blocks with one source each; false if they aren't.
+  bool account_all(const SurfacePoints& points, PassCounts* counts) const {
+    if (!counts) return true;
+    std::uint32_t last = kNoTriangle;
+    std::uint64_t hits = 0, filled = 0;
+    dem::SourceMark mark = 0;
+    for (int i = 0; i < kPacket; ++i) {
+      if (!points.hit[i]) continue;
+      if (points.triangle[i].block != last) {
+        last = points.triangle[i].block;
+        const dem::Block& block = *scene_.mesh.blocks()[last].posts;
+        if (block.sources.size() != 1) return false;
+        mark = block.sources[0];
+        if (const dem::SourceMark index = mark & dem::kNoSource; index != dem::kNoSource) counts->sources[index] = 1;
+      }
+      ++hits, filled += (mark & dem::kFilledBit) != 0;
+    }
+    counts->hit += hits, counts->filled += filled;
+    return true;
+  }
+
   void account(const SurfacePoints& points, int i, std::size_t at, PassCounts* counts) {
     const SourceAt source = source_at(scene_.mesh, points, i);
     const bool known = source.index != dem::kNoSource;
@@ -311,6 +617,8 @@ class Pass {
   bool wants_radiance_, wants_geometry_, wants_light_, linear_;
   int grid_;
   Vec3 first_, right_, down_;
+  std::unique_ptr<ShadowMap> shadows_;
+  std::vector<float> layer_;  // radiance of one sub-pixel sample
   std::mutex mutex_;
   PassCounts total_;
 };

@@ -42,11 +42,12 @@ struct SceneKeyHash {
   std::size_t operator()(const SceneKey& key) const { return key.low; }
 };
 
-SceneKey key_of(const Selection& selection, const Vec3& anchor) {
+SceneKey key_of(const Selection& selection, const Vec3& anchor, Visibility visibility) {
   XXH3_state_t* state = XXH3_createState();
   XXH3_128bits_reset(state);
   XXH3_128bits_update(state, selection.blocks.data(), selection.blocks.size() * sizeof(dem::BlockId));
   XXH3_128bits_update(state, anchor.data(), 3 * sizeof(double));
+  XXH3_128bits_update(state, &visibility, sizeof visibility);
   const XXH128_hash_t hash = XXH3_128bits_digest(state);
   XXH3_freeState(state);
   return {hash.low64, hash.high64};
@@ -74,11 +75,12 @@ struct Renderer::Impl {
         threads(o.threads > 0 ? o.threads : tbb::this_task_arena::max_concurrency()),
         arena(threads),
         scenes(o.scene_bytes),
-        speed(threads) {}
+        speed_of_rays(threads),
+        speed_of_zbuffer(threads) {}
 
-  std::shared_ptr<const Scene> scene(const Selection& selection, const Vec3& anchor) {
-    return scenes.get(key_of(selection, anchor), [&] {
-      auto made = std::make_shared<const Scene>(*terrain, selection, anchor, threads);
+  std::shared_ptr<const Scene> scene(const Selection& selection, const Vec3& anchor, Visibility visibility) {
+    return scenes.get(key_of(selection, anchor, visibility), [&] {
+      auto made = std::make_shared<const Scene>(*terrain, selection, anchor, threads, visibility);
       return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes()};
     });
   }
@@ -102,11 +104,21 @@ struct Renderer::Impl {
 
   static Vec3 anchor_of(const View& view) { return anchor_for(view.position(), view.middle()); }
 
+  // The z-buffer draws pinholes under a point Sun; all else is for rays.
+  static Visibility visibility_of(const FrameRequest& request) {
+    const bool drawable = request.camera.distortion.none() && request.sun.angular_radius_deg == 0;
+    return request.visibility == Visibility::zbuffer && drawable ? Visibility::zbuffer : Visibility::raytrace;
+  }
+
   static double triangles_of(const Selection& selection) {
     double triangles = 0;
     for (const dem::BlockId& id : selection.blocks)
       triangles += 2.0 * dem::quads_per_side(id.level) * dem::quads_per_side(id.level);
     return triangles;
+  }
+
+  SpeedGauge& speed_of(Visibility visibility) {
+    return visibility == Visibility::zbuffer ? speed_of_zbuffer : speed_of_rays;
   }
 
   BudgetChoice choose(const FrameRequest& request, double budget_ms, int max_samples, const StopToken& stop) {
@@ -126,14 +138,15 @@ struct Renderer::Impl {
       }
       const double select_ms = watch.lap_ms();
       spent_ms += select_ms;
-      const bool build = !scenes.holds(key_of(*selection, anchor_of(view)));
+      const bool build = !scenes.holds(key_of(*selection, anchor_of(view), visibility_of(request)));
       bool any = false;
       for (const int samples : kBudgetSamples) {
         if (samples > max_samples) break;
         setting.samples_per_pixel = samples;
         // Selected once to choose, once to render.
         const double ms =
-            spent_ms + select_ms + speed.predicted_ms(work_of(request, setting, triangles_of(*selection), build));
+            spent_ms + select_ms +
+            speed_of(visibility_of(request)).predicted_ms(work_of(request, setting, triangles_of(*selection), build));
         const bool fits = ms <= budget_ms;
         any |= fits;
         if (!best || (fits && expected_error(setting) < expected_error(best->accuracy)))
@@ -153,8 +166,9 @@ struct Renderer::Impl {
     frame.times.select_ms = watch.lap_ms();
 
     const Vec3 anchor = anchor_of(view);
-    const bool build = !scenes.holds(key_of(selection, anchor));
-    const auto scene = this->scene(selection, anchor);
+    const Visibility visibility = visibility_of(request);
+    const bool build = !scenes.holds(key_of(selection, anchor, visibility));
+    const auto scene = this->scene(selection, anchor, visibility);
     frame.times.build_ms = watch.lap_ms();
 
     const PassCounts counts =
@@ -167,7 +181,8 @@ struct Renderer::Impl {
     if (!(request.products & kRadiance)) frame.products.radiance = {};
     frame.times.sensor_ms = watch.lap_ms();
 
-    speed.learn(work_of(request, request.accuracy, triangles_of(selection), build), frame.times);
+    speed_of(visibility).learn(work_of(request, request.accuracy, triangles_of(selection), build), frame.times);
+    frame.report.visibility = visibility;
     report(request, selection, *scene, counts, frame.report);
     return frame;
   }
@@ -275,7 +290,7 @@ struct Renderer::Impl {
       batch(rays, {middle, order.end()}, stop, work);
       return;
     }
-    const auto scene = this->scene(*selection, anchor_for(some[0].origin_m, some[0].direction));
+    const auto scene = this->scene(*selection, anchor_for(some[0].origin_m, some[0].direction), Visibility::raytrace);
     for_packets(order.size(), stop, [&](std::size_t first, int count) { work(*scene, order, first, count); });
   }
 
@@ -335,7 +350,7 @@ struct Renderer::Impl {
   int threads;
   tbb::task_arena arena;
   dem::Cache<SceneKey, Scene, SceneKeyHash> scenes;
-  SpeedGauge speed;
+  SpeedGauge speed_of_rays, speed_of_zbuffer;
 };
 
 Renderer::Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions& options)

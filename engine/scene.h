@@ -5,17 +5,24 @@
 #include <algorithm>
 #include <memory>
 
+#include "engine/frame.h"
 #include "engine/mesh.h"
+#include "engine/raster_mesh.h"
 #include "engine/ray_tracer.h"
 #include "engine/selection.h"
 
 namespace selenograph::engine {
 
 struct Scene {
-  Scene(const dem::Terrain& terrain, const Selection& selection, const Vec3& anchor_m, int threads)
-      : mesh(terrain, selection.blocks),
-        tracer(mesh, anchor_m, threads),
-        shell_m(kMoonRadius_m + highest_m(mesh) + 1) {}
+  // For one of the two ways to see: the other's structure is not made.
+  Scene(const dem::Terrain& terrain, const Selection& selection, const Vec3& anchor_m, int threads,
+        Visibility visibility = Visibility::raytrace)
+      : mesh(terrain, selection.blocks), shell_m(kMoonRadius_m + highest_m(mesh) + 1), anchor(anchor_m) {
+    if (visibility == Visibility::zbuffer)
+      raster = std::make_unique<RasterMesh>(mesh, anchor_m);
+    else
+      tracer = std::make_unique<RayTracer>(mesh, anchor_m, threads);
+  }
 
   // From the blocks alone, not from how they were selected: scenes of the same blocks are the same scene.
   static double highest_m(const Mesh& mesh) {
@@ -24,11 +31,13 @@ struct Scene {
     return static_cast<double>(highest);
   }
 
-  std::size_t bytes() const { return mesh.bytes() + tracer.bytes(); }
+  std::size_t bytes() const { return mesh.bytes() + (tracer ? tracer->bytes() : 0) + (raster ? raster->bytes() : 0); }
 
   Mesh mesh;
-  RayTracer tracer;
+  std::unique_ptr<RayTracer> tracer;
+  std::unique_ptr<RasterMesh> raster;
   double shell_m;  // radius of a sphere around everything in it
+  Vec3 anchor;     // of both structures' float coordinates
 };
 
 // Near the camera, or, far away, near the surface in the view's middle; snapped to a lattice of 4096 m so that

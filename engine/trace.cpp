@@ -77,6 +77,18 @@ void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, 
   }
 }
 
+// Per lane: 1 where the point's facet faces the Sun and the solid inside of the Moon doesn't stand between.
+SELENOGRAPH_VECTORISED
+void face_the_sun(const SurfacePoints& p, double sx, double sy, double sz, std::int32_t* facing) {
+  constexpr double kCore2 = (kMoonRadius_m + dem::kLowestRelief_m) * (kMoonRadius_m + dem::kLowestRelief_m);
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double x = p.x[i], y = p.y[i], z = p.z[i], along = x * sx + y * sy + z * sz;
+    const bool night = along < 0 && x * x + y * y + z * z - along * along < kCore2;
+    facing[i] = p.nx[i] * sx + p.ny[i] * sy + p.nz[i] * sz > 0 && !night ? 1 : 0;
+  }
+}
+
 }  // namespace
 
 Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle) {
@@ -115,7 +127,7 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
     }
     if (!any) return;
     SurfacePoints again;
-    scene.tracer.intersect(aside, again);
+    scene.tracer->intersect(aside, again);
     refine(scene.mesh, rays, again);
     for (int i = 0; i < kPacket; ++i) {
       if (!aside.active[i] || !again.hit[i]) continue;
@@ -131,7 +143,7 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
 void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
   RayPacket packet;
   alignas(64) std::int32_t toward_moon[kPacket];
-  const Vec3& anchor = scene.tracer.anchor();
+  const Vec3& anchor = scene.anchor;
   start_rays(rays, scene.shell_m, anchor.x(), anchor.y(), anchor.z(), packet, toward_moon);
   bool any = false;
   for (int i = 0; i < kPacket; ++i) {
@@ -140,7 +152,7 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
     points.hit[i] = points.toward_moon[i] = false;
   }
   if (any) {
-    scene.tracer.intersect(packet, points);
+    scene.tracer->intersect(packet, points);
     if (std::find(points.hit, points.hit + kPacket, true) != points.hit + kPacket) refine(scene.mesh, rays, points);
   }
   int hits = 0, misses = 0, active = 0;
@@ -154,10 +166,24 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
   if (misses > 0 && active > 0 && (hits > 0 || active < kPacket)) look_again(scene, rays, packet, points);
 }
 
+void find_missing(const Rays& rays, SurfacePoints& points) {
+  for (int i = 0; i < kPacket; ++i) {
+    points.toward_moon[i] = false;
+    if (!rays.valid[i] || points.hit[i]) continue;
+    const Vec3 o = rays.origin(i), d = rays.direction(i);
+    const double above = o.squaredNorm() - kMoonRadius_m * kMoonRadius_m, a = d.squaredNorm(), b = o.dot(d);
+    points.toward_moon[i] = above <= 0 || (b < 0 && b * b - a * above >= 0);
+  }
+}
+
+void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t* facing) {
+  face_the_sun(points, sun.x(), sun.y(), sun.z(), facing);
+}
+
 void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit) {
   RayPacket packet;
   alignas(64) float rounding_m[kPacket];
-  const Vec3& anchor = scene.tracer.anchor();
+  const Vec3& anchor = scene.anchor;
   start_shadow_rays(points, anchor.x(), anchor.y(), anchor.z(), sun.x(), sun.y(), sun.z(), packet, rounding_m);
   bool any = false;
   float largest_m = 0;
@@ -170,7 +196,7 @@ void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted,
   }
   if (!any) return;
   bool blocked[kPacket];
-  scene.tracer.occluded(packet, sun, largest_m, blocked);
+  scene.tracer->occluded(packet, sun, largest_m, blocked);
   for (int i = 0; i < kPacket; ++i) lit[i] = packet.active[i] && !blocked[i] ? 1.F : 0.F;
 }
 

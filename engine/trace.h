@@ -9,6 +9,13 @@ namespace selenograph::engine {
 // Where each valid ray first meets the surface.
 void trace(const Scene& scene, const Rays& rays, SurfacePoints& points);
 
+// Sets `toward_moon` of the valid rays without a hit.
+void find_missing(const Rays& rays, SurfacePoints& points);
+
+// facing[i]: 1 where a point's triangle faces the Sun and the Moon's inside (below all relief) isn't in between, else
+// 0.
+void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t facing[kPacket]);
+
 // Fraction 0 or 1 for each wanted point: does the Sun's centre reach it. Points on triangles that face away from it are
 // dark without asking.
 void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit);

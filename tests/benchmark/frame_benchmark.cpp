@@ -66,18 +66,21 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
   const Vec3 anchor = engine::anchor_for(view.position(), view.middle());
   const int threads = tbb::this_task_arena::max_concurrency();
   const engine::Scene scene(*terrain, selection, anchor, threads);
+  const engine::Scene raster_scene(*terrain, selection, anchor, threads, engine::Visibility::zbuffer);
   const engine::BareKernel kernel(scene.mesh, anchor, threads);
   std::vector<float> image;
-  std::vector<double> bare, ours;
+  std::vector<double> bare, ours, zbuffer;
   for (auto _ : state) {
     bare.push_back(milliseconds([&] { kernel.render(view, r.sun.direction, scene.shell_m, image); }));
     // All that a warm frame does but for looking up its scene: choosing blocks, rays, refinement, shadows, radiance.
-    ours.push_back(milliseconds([&] {
+    const auto frame = [&](const engine::Scene& warm) {
       benchmark::DoNotOptimize(engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {}));
       engine::FrameProducts products;
-      engine::render_pixels(scene, view, r, terrain->catalogue().rasters().size(), {}, products);
+      engine::render_pixels(warm, view, r, terrain->catalogue().rasters().size(), {}, products);
       benchmark::DoNotOptimize(products.radiance.data());
-    }));
+    };
+    ours.push_back(milliseconds([&] { frame(scene); }));
+    zbuffer.push_back(milliseconds([&] { frame(raster_scene); }));
     state.SetIterationTime(ours.back() / 1000);
   }
   double triangles = 0;
@@ -85,6 +88,8 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
   state.counters["bare_ms"] = median(bare);
   state.counters["ours_ms"] = median(ours);
   state.counters["ratio"] = median(ours) / median(bare);
+  state.counters["zbuffer_ms"] = median(zbuffer);
+  state.counters["gain"] = median(ours) / median(zbuffer);
   state.counters["Mtriangles"] = triangles / 1e6;
 }
 

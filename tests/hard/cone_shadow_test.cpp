@@ -49,7 +49,7 @@ Shadow shadow_of(double height_m, double elevation_deg, double azimuth_deg) {
 
 engine::FrameRequest over_the_tip(const Shadow& s, double pixel_m) {
   const double altitude_m = 1000 * pixel_m;
-  engine::FrameRequest q;
+  engine::FrameRequest q = blank_request();
   q.camera = {kWidth, kHeight, altitude_m / pixel_m, altitude_m / pixel_m, kTip, kMiddleRow, {}};
   // Image right: away from the Sun.
   const Vec3 up = s.tip.normalized(), across = up.cross(s.sun).normalized();

@@ -97,7 +97,7 @@ class Distances : public ::testing::Test {
       const Geographic g = to_geographic(position);
       position = to_cartesian({g.lat_deg, g.lon_deg, ground_m(position) + height_m});
     }
-    engine::FrameRequest q;
+    engine::FrameRequest q = blank_request();
     q.camera = square_camera(kSide, std::min(60.0, 2 * std::atan(5000 / height_m) / kDegree));
     q.pose = looking(position, boresight, axes.north);
     q.accuracy.max_error_px = 0;

@@ -118,7 +118,7 @@ class Sunlight {
 
  private:
   static engine::FrameRequest from_the_sun(const Aim& aim, double width_m, double distance_m) {
-    engine::FrameRequest q;
+    engine::FrameRequest q = blank_request();
     const double f = kSide / width_m * distance_m;
     q.camera = {kSide, kSide, f, f, (kSide - 1) / 2.0, (kSide - 1) / 2.0, {}};
     q.pose = looking(aim.target + distance_m * aim.sun, -aim.sun, local_axes(aim.target).north);

@@ -21,6 +21,7 @@
 #include "tests/support/frame_judge.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
+#include "tests/support/views.h"
 
 namespace selenograph::test {
 namespace {
@@ -139,7 +140,7 @@ struct Look {
 };
 
 engine::FrameRequest request_for(const Look& look, double sun_elevation_deg, double sun_azimuth_deg) {
-  engine::FrameRequest q;
+  engine::FrameRequest q = blank_request();
   q.camera.width = q.camera.height = kSide;
   q.camera.fx = q.camera.fy = kSide / 2.0 / std::tan(look.fov_deg / 2 * kDegree);
   q.camera.cx = q.camera.cy = (kSide - 1) / 2.0;

@@ -546,7 +546,7 @@ TEST_F(SampleSeams, AreFoundOpenWhereBlocksAreMissing) {
     std::erase(selection.blocks, dem::block_at(9, static_cast<std::int32_t>((90 - 9.95) * dem::kTicksPerDegree),
                                                static_cast<std::int32_t>((180 + lon_deg) * dem::kTicksPerDegree)));
   ASSERT_EQ(selection.blocks.size(), before - 2);
-  const Scene torn(terrain(), selection, whole.tracer.anchor(), 0);
+  const Scene torn(terrain(), selection, whole.anchor, 0);
   EXPECT_GT(shoot(torn, {&seams.all}, 200'000).passed, 0);
 }
 

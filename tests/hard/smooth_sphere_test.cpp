@@ -78,7 +78,7 @@ TEST_F(SmoothSphere, HasNoShadowButTheNight) {
       const double lat = k % 10 == 0 ? 90 : k % 10 == 1 ? -90 : std::asin(2 * unit(random) - 1) / kDegree;
       const double lon = 360 * unit(random), azimuth = 360 * unit(random);
       const double height = 1000 * std::pow(highest_m / 1000, unit(random));
-      engine::FrameRequest q;
+      engine::FrameRequest q = blank_request();
       q.camera = square_camera(32, height > 1e6 ? 30 * 1.7e6 / height * unit(random) : 60);
       const Vec3 from = to_cartesian({lat, lon, height});
       q.pose = looking(from, -from, local_axes(from).north);
@@ -137,7 +137,7 @@ struct RadianceView {
 };
 
 engine::FrameRequest request_of(const RadianceView& v) {
-  engine::FrameRequest q;
+  engine::FrameRequest q = blank_request();
   q.camera = square_camera(128, v.fov_deg);
   const Vec3 from = to_cartesian({v.lat_deg, v.lon_deg, v.height_m});
   const EastNorthUp axes = local_axes(from);
@@ -285,7 +285,7 @@ TEST_F(SmoothSphere, LimbIsWhereTheTangentConeIs) {
   for (const LimbView& v : views)
     for (const double max_error_px : {0.0, 0.01, 0.5}) {
       SCOPED_TRACE(fmt::format("{}, max_error_px {}", v.name, max_error_px));
-      engine::FrameRequest q;
+      engine::FrameRequest q = blank_request();
       q.camera = square_camera(1024, v.fov_deg);
       const Vec3 from = to_cartesian({33, -70, v.height_m});
       const EastNorthUp axes = local_axes(from);

@@ -172,7 +172,8 @@ TEST(HardTerrain, BothPolesInPlaneTriangles) {
         worst = std::max(worst, (point - (eye + truth.distance_m * direction)).norm());
         const bool faces = truth.normal.dot(sun) > 0 && at3(frame.products.normal, i).dot(sun) > 0;
         const bool free = faces && !std::isfinite(cap.first(point, sun, 1e-4).distance_m);
-        if (point.head<2>().norm() < 1e-6) continue;  // on the pole: any of thousands of triangles
+        if (std::abs(truth.normal.dot(sun)) < 2e-4) continue;  // within centimetres of grazing
+        if (point.head<2>().norm() < 1e-6) continue;           // on the pole: any of thousands of triangles
         lit += free, wrong += free != (frame.products.lit[i] > 0);
       }
       fmt::print("{} pole {:10}  hits {:4}  off by {:.1e} m at most  lit {:4}  wrong {}\n", north ? "north" : "south",

@@ -18,7 +18,7 @@ inline Vec3 local_direction(const Vec3& place, double azimuth_deg, double elevat
 
 // Of the finest posts, with all that a judge wants to know.
 inline engine::FrameRequest square_view(const engine::Pose& pose, int side, double fov_deg, const Vec3& sun) {
-  engine::FrameRequest request;
+  engine::FrameRequest request = blank_request();
   request.camera = square_camera(side, fov_deg);
   request.pose = pose;
   request.sun.direction = sun;

@@ -3,7 +3,9 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <cstdlib>
 #include <numbers>
+#include <string_view>
 #include <vector>
 
 #include "engine/frame.h"
@@ -31,6 +33,16 @@ inline engine::Pose looking(const Vec3& from_m, const Vec3& boresight, const Vec
 inline engine::Camera square_camera(int size, double fov_deg) {
   const double f = size / 2.0 / std::tan(fov_deg * kDegree / 2);
   return {size, size, f, f, (size - 1) / 2.0, (size - 1) / 2.0, {}};
+}
+
+// A request to fill in. The hard cases are tested once as a client's would be and once with the visibility that the
+// environment names.
+inline engine::FrameRequest blank_request() {
+  engine::FrameRequest request;
+  const char* named = std::getenv("SELENOGRAPH_TEST_VISIBILITY");
+  if (named && std::string_view(named) == "zbuffer") request.visibility = engine::Visibility::zbuffer;
+  if (named && std::string_view(named) == "raytrace") request.visibility = engine::Visibility::raytrace;
+  return request;
 }
 
 template <typename T>

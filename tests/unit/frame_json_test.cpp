@@ -336,6 +336,9 @@ TEST(FrameJson, RemainingMembers) {
   EXPECT_EQ(request.image.full_scale_radiance_w_m2_sr, 12.5);
   EXPECT_EQ(request.products, engine::kRange | engine::kImage);
   EXPECT_FALSE(accepted(R"({"image": {"full_scale_radiance": "auto"}})").image.full_scale_radiance_w_m2_sr);
+  EXPECT_EQ(accepted("{}").visibility, engine::Visibility::automatic);
+  EXPECT_EQ(accepted(R"({"visibility": "zbuffer"})").visibility, engine::Visibility::zbuffer);
+  EXPECT_EQ(accepted(R"({"visibility": "raytrace"})").visibility, engine::Visibility::raytrace);
 }
 
 TEST(FrameJson, RefusesRemainingMembers) {
@@ -343,6 +346,9 @@ TEST(FrameJson, RefusesRemainingMembers) {
   EXPECT_EQ(refused(R"({"surface": {"reflectance": {"model": "lambert", "lommel_seeliger_weight": 1}}})"),
             "/surface/reflectance/lommel_seeliger_weight");
   EXPECT_EQ(refused(R"({"surface": {"reflectance": {"rho": 1.01}}})"), "/surface/reflectance/rho");
+  EXPECT_EQ(refused(R"({"visibility": "fast"})"), "/visibility");
+  EXPECT_EQ(refused(R"({"visibility": "zbuffer", "sun": {"direction": [1, 0, 0], "angular_radius_deg": 0.27}})"),
+            "/visibility");
   EXPECT_EQ(refused(R"({"accuracy": {"max_error_px": -1}})"), "/accuracy/max_error_px");
   EXPECT_EQ(refused(R"({"accuracy": {"max_shadow_error_px": -1}})"), "/accuracy/max_shadow_error_px");
   for (const char* n : {"2", "0", "1.5", "289"}) {

@@ -1,0 +1,74 @@
+// The two inner loops of rasterisation, for every vector width that the machine may have (Highway, chosen at run time).
+//
+// Both are exact where it counts: a shared edge is evaluated from the same end in the same order for either triangle,
+// so that no sample falls between two of them.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "engine/raster_mesh.h"
+
+namespace selenograph::engine {
+
+// From places relative to the anchor to pixels of one tile: x / z and y / z of row . (p - pivot) + offset.
+//
+// The pivot is near whatever is near: the eye; or, from far away, the anchor, because what float would round off a
+// place relative to the eye is tens of metres at 400 000 km. Nearness is a growing function of 1 / depth, and linear in
+// it (so that it is linear in the image): (near0 - near1 row[2] . (p - pivot)) / depth.
+struct TileView {
+  float pivot[3];   // relative to the anchor, metres
+  float row[3][3];  // focal lengths and the tile's corner included
+  float offset[3];
+  float near0, near1;
+  int width, height;
+  float least_depth;  // metres
+};
+inline constexpr float kFarthest = -2;  // less than any nearness
+
+// Nearest triangle of each pixel of a tile, row by row.
+struct TileBuffer {
+  std::vector<float> nearness;  // kFarthest: nothing
+  std::vector<std::uint32_t> triangle;
+  void clear(int width, int height);
+};
+
+// A vertex that float can have in pixels: in front of the eye, and not too far outside of the tile.
+inline constexpr float kFarAside_px = 16384;
+inline bool is_plain(float depth, float x, float y, float least_depth) {
+  return depth >= least_depth && std::abs(x) <= kFarAside_px && std::abs(y) <= kFarAside_px;
+}
+
+// Draws the strip's triangles, whichever way they face. All of its vertices are plain, unless it is `wide`: then each
+// triangle is drawn by itself, in double.
+void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& view, bool wide, TileBuffer& out);
+
+// Rows of cells of samples under the Sun, one band of them: the samples of a row lie one after the other, those of a
+// cell too. u, v across the Sun's direction, d toward the Sun, metres.
+struct LightBand {
+  float u0, v0;        // of the first cell's corner (v0: of the band's)
+  float per_u, per_v;  // cells per metre
+  int columns, rows;
+  std::vector<std::uint32_t> start;  // columns * rows + 1
+  std::vector<float> u, v, d;        // padded by 16; infinite d: in shadow
+  // Least d of kCoarse cells of a row together, for a quick look.
+  static constexpr int kCoarse = 16;
+  int coarse_columns = 0;
+  std::vector<float> least;
+};
+
+// Light space: u x v = toward the Sun.
+struct LightAxes {
+  float u[3], v[3], d[3];
+};
+
+// Puts the samples into shadow that lie under triangles of the strip that face away from the Sun.
+void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band);
+void cast_wall(const Wall& wall, const LightAxes& axes, LightBand& band);
+
+// The vector widths that this build and machine have, widest first, and the one in use.
+const char* raster_target();
+
+}  // namespace selenograph::engine

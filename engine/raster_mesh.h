@@ -1,0 +1,61 @@
+// The mesh as rasterisers want it: float relative to an anchor, structure of arrays, in strips with tight bounds.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "engine/mesh.h"
+
+namespace selenograph::engine {
+
+// A triangle in 32 bits: block, quad's row and column, half.
+inline constexpr std::uint32_t kNoTriangle = 0xffffffff;
+inline std::uint32_t packed_triangle(std::uint32_t block, int r, int c, bool upper) {
+  return block << 13 | static_cast<std::uint32_t>(r) << 7 | static_cast<std::uint32_t>(c) << 1 | (upper ? 1U : 0U);
+}
+inline TriangleId unpacked_triangle(std::uint32_t id) {
+  return {id >> 13, static_cast<std::uint16_t>(id >> 7 & 63), static_cast<std::uint16_t>(id >> 1 & 63), (id & 1) != 0};
+}
+
+// Vertices of one block, rows from the south, `stride` floats apart; what lies beyond the last column is NaN.
+struct RasterBlock {
+  const float *x = nullptr, *y = nullptr, *z = nullptr;  // relative to the anchor, metres
+  int quads = 0, stride = 0;
+};
+
+// Some rows of quads of a block, in a box along the block's own axes (east, north, up at its middle).
+struct Strip {
+  std::uint32_t block;
+  int first_row, rows;
+  float centre[3];   // of the box, relative to the anchor
+  float half[3][3];  // half its edges: east, north, up
+};
+
+// Triangles under the border of the data, down to below all relief: with them every ray that goes into the ground does
+// so through a triangle that it meets from outside. Shadows rely on that.
+struct Wall {
+  float a[3], b[3], c[3];  // counter-clockwise from outside, relative to the anchor
+};
+
+class RasterMesh {
+ public:
+  RasterMesh(const Mesh& mesh, const Vec3& anchor_m);
+
+  const Vec3& anchor() const { return anchor_; }
+  const std::vector<RasterBlock>& blocks() const { return blocks_; }
+  const std::vector<Strip>& strips() const { return strips_; }
+  const std::vector<Wall>& walls() const { return walls_; }
+  std::size_t bytes() const;
+
+ private:
+  void add_walls(const Mesh& mesh);
+
+  Vec3 anchor_;
+  std::vector<std::vector<float>> vertices_;  // per block: x, y, z
+  std::vector<RasterBlock> blocks_;
+  std::vector<Strip> strips_;
+  std::vector<Wall> walls_;
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,220 @@
+#include "engine/shadow_map.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "dem/error.h"
+#include "dem/parallel.h"
+#include "engine/vectorise.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr int kBandRows = 64;
+
+struct Grid {
+  float u0, v0, per_u, per_v;
+  int columns, bands;
+  int column_of(float u) const {
+    return static_cast<int>(std::min(std::max(std::floor((u - u0) * per_u), 0.F), static_cast<float>(columns - 1)));
+  }
+  // Of the band that begins at v0 + band * kBandRows / per_v: as the kernel counts.
+  float band_start(int band) const { return v0 + static_cast<float>(band) * (static_cast<float>(kBandRows) / per_v); }
+  int band_of(float v) const {
+    int band = static_cast<int>((v - v0) * per_v / kBandRows);
+    band = std::clamp(band, 0, bands - 1);
+    while (band > 0 && v < band_start(band)) --band;
+    while (band + 1 < bands && v >= band_start(band + 1)) ++band;
+    return band;
+  }
+  int row_in(int band, float v) const {
+    return static_cast<int>(
+        std::min(std::max(std::floor((v - band_start(band)) * per_v), 0.F), static_cast<float>(kBandRows - 1)));
+  }
+};
+
+// About one sample a cell.
+Grid grid_over(const std::vector<LightSamples>& tiles) {
+  constexpr float kInfinite = std::numeric_limits<float>::infinity();
+  float u0 = kInfinite, u1 = -kInfinite, v0 = kInfinite, v1 = -kInfinite;
+  std::size_t n = 0;
+  for (const LightSamples& t : tiles) {
+    n += t.count;
+    u0 = std::min(u0, t.low[0]), u1 = std::max(u1, t.high[0]), v0 = std::min(v0, t.low[1]),
+    v1 = std::max(v1, t.high[1]);
+  }
+  Grid g{u0, v0, 1, 1, 1, 0};
+  if (n == 0) return g;
+  // A little room, and no axis shorter than a thousandth of the other.
+  const float least = std::max(1e-3F * std::max(u1 - u0, v1 - v0), 1e-3F);
+  const float across = std::max(u1 - u0, least) * 1.001F, along = std::max(v1 - v0, least) * 1.001F;
+  const float cell = std::sqrt(across * along / static_cast<float>(n));
+  g.columns = std::max(1, static_cast<int>(std::ceil(across / cell)));
+  const int rows = std::max(1, static_cast<int>(std::ceil(along / cell)));
+  g.bands = (rows + kBandRows - 1) / kBandRows;
+  g.per_u = static_cast<float>(g.columns) / across;
+  g.per_v = static_cast<float>(rows) / along;
+  return g;
+}
+
+SELENOGRAPH_VECTORISED
+void into_light(const SurfacePoints& p, const double* anchor, const double* u, const double* v, const double* d,
+                LightLanes& out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double x = p.x[i] - anchor[0], y = p.y[i] - anchor[1], z = p.z[i] - anchor[2];
+    out.u[i] = static_cast<float>(u[0] * x + u[1] * y + u[2] * z);
+    out.v[i] = static_cast<float>(v[0] * x + v[1] * y + v[2] * z);
+    out.d[i] = static_cast<float>(d[0] * x + d[1] * y + d[2] * z);
+  }
+}
+
+// One band's samples in cells; a thread's own, kept from band to band and frame to frame.
+struct BandScratch {
+  LightBand band;
+  std::vector<std::uint32_t> cell, pixel, next;
+};
+
+}  // namespace
+
+ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& sun) : mesh_(mesh), d_(sun) {
+  // Rows along the Sun's azimuth: relief moves samples along them.
+  const Vec3 up = mesh.anchor().normalized(), across = up.cross(sun);
+  v_ = (across.norm() > 1e-6 ? across : (std::abs(sun.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(sun))
+           .normalized();
+  u_ = v_.cross(sun).normalized();
+  for (int k = 0; k < 3; ++k)
+    axes_.u[k] = static_cast<float>(u_[k]), axes_.v[k] = static_cast<float>(v_[k]),
+    axes_.d[k] = static_cast<float>(d_[k]);
+  casters_.resize(mesh.strips().size());
+  in_parallel(casters_.size(), [&](std::size_t i) {
+    const Strip& s = mesh.strips()[i];
+    const auto range = [&](const float* axis, float& low, float& high) {
+      float middle = 0, reach = 0;
+      for (int k = 0; k < 3; ++k) middle += axis[k] * s.centre[k];
+      for (const auto& half : s.half) reach += std::abs(axis[0] * half[0] + axis[1] * half[1] + axis[2] * half[2]);
+      reach += 1e-6F * std::abs(middle);
+      low = middle - reach, high = middle + reach;
+    };
+    Caster& c = casters_[i];
+    float unused;
+    range(axes_.u, c.u_low, c.u_high), range(axes_.v, c.v_low, c.v_high), range(axes_.d, unused, c.d_high);
+  });
+}
+
+void LightSamples::clear(std::size_t capacity) {
+  if (list.size() < capacity) list.resize(capacity);
+  count = 0;
+  low[0] = low[1] = std::numeric_limits<float>::infinity(), high[0] = high[1] = -low[0];
+}
+
+std::size_t LightScratch::bytes() const {
+  std::size_t sum = 0;
+  for (const auto& t : tiles) sum += t.list.capacity() * sizeof(LightSample);
+  for (const auto& s : sorted) sum += s.capacity() * sizeof(LightSample);
+  for (const auto& f : first) sum += f.capacity() * sizeof(std::uint32_t);
+  for (const auto& s : shadowed) sum += s.capacity() * sizeof(std::uint32_t);
+  return sum;
+}
+
+void ShadowMap::place(const SurfacePoints& points, LightLanes& lanes) const {
+  into_light(points, mesh_.anchor().data(), u_.data(), v_.data(), d_.data(), lanes);
+}
+
+void ShadowMap::cast(LightScratch& scratch, const StopToken& stop) const {
+  const Grid g = grid_over(scratch.tiles);
+  const auto bands = static_cast<std::size_t>(g.bands);
+  const std::size_t tiles = scratch.tiles.size();
+  if (scratch.shadowed.size() < bands) scratch.shadowed.resize(bands);
+  for (auto& list : scratch.shadowed) list.clear();
+  if (bands == 0) return;
+  scratch.sorted.resize(tiles), scratch.first.resize(tiles);
+  in_parallel(tiles, [&](std::size_t i) {
+    const LightSamples& tile = scratch.tiles[i];
+    std::vector<std::uint32_t>& start = scratch.first[i];
+    start.assign(bands + 1, 0);
+    thread_local std::vector<std::uint16_t> band;
+    thread_local std::vector<std::uint32_t> next;
+    band.resize(tile.count);
+    for (std::size_t k = 0; k < tile.count; ++k) {
+      band[k] = static_cast<std::uint16_t>(g.band_of(tile.list[k].v));
+      ++start[band[k] + 1U];
+    }
+    for (std::size_t b = 0; b < bands; ++b) start[b + 1] += start[b];
+    std::vector<LightSample>& sorted = scratch.sorted[i];
+    if (sorted.size() < tile.count) sorted.resize(tile.list.size());
+    next.assign(start.begin(), start.end() - 1);
+    for (std::size_t k = 0; k < tile.count; ++k) sorted[next[band[k]]++] = tile.list[k];
+  });
+  in_parallel(bands, [&](std::size_t b) {
+    if (stop.stopped()) throw Cancelled();
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < tiles; ++i) n += scratch.first[i][b + 1] - scratch.first[i][b];
+    if (n == 0) return;
+    thread_local BandScratch own;
+    LightBand& band = own.band;
+    band.u0 = g.u0, band.v0 = g.band_start(static_cast<int>(b)), band.per_u = g.per_u, band.per_v = g.per_v;
+    band.columns = g.columns, band.rows = kBandRows;
+    const std::size_t cells = static_cast<std::size_t>(g.columns) * kBandRows;
+    band.start.assign(cells + 1, 0);
+    own.cell.resize(n), own.pixel.resize(n);
+    std::size_t k = 0;
+    for (std::size_t i = 0; i < tiles; ++i)
+      for (std::uint32_t at = scratch.first[i][b]; at < scratch.first[i][b + 1]; ++at, ++k) {
+        const LightSample& s = scratch.sorted[i][at];
+        own.cell[k] = static_cast<std::uint32_t>(g.row_in(static_cast<int>(b), s.v) * g.columns + g.column_of(s.u));
+        ++band.start[own.cell[k] + 1];
+      }
+    for (std::size_t c = 0; c < cells; ++c) band.start[c + 1] += band.start[c];
+    own.next.assign(band.start.begin(), band.start.end() - 1);
+    constexpr float kInfinite = std::numeric_limits<float>::infinity();
+    band.u.resize(n + 16), band.v.resize(n + 16), band.d.resize(n + 16);
+    for (std::size_t i = n; i < n + 16; ++i) band.u[i] = band.v[i] = 0, band.d[i] = kInfinite;
+    k = 0;
+    for (std::size_t i = 0; i < tiles; ++i)
+      for (std::uint32_t at = scratch.first[i][b]; at < scratch.first[i][b + 1]; ++at, ++k) {
+        const LightSample& s = scratch.sorted[i][at];
+        const std::uint32_t to = own.next[own.cell[k]]++;
+        band.u[to] = s.u, band.v[to] = s.v, band.d[to] = s.d, own.pixel[to] = s.pixel;
+      }
+    band.coarse_columns = (g.columns + LightBand::kCoarse - 1) / LightBand::kCoarse;
+    band.least.assign(static_cast<std::size_t>(band.coarse_columns) * kBandRows, kInfinite);
+    float lowest = kInfinite;
+    for (int r = 0; r < kBandRows; ++r)
+      for (int q = 0; q < band.coarse_columns; ++q) {
+        const std::size_t row = static_cast<std::size_t>(r) * static_cast<std::size_t>(g.columns);
+        float& least = band.least[static_cast<std::size_t>(r) * static_cast<std::size_t>(band.coarse_columns) +
+                                  static_cast<std::size_t>(q)];
+        const auto begin = static_cast<std::size_t>(q * LightBand::kCoarse),
+                   end = static_cast<std::size_t>(std::min(g.columns, (q + 1) * LightBand::kCoarse));
+        for (std::uint32_t at = band.start[row + begin]; at < band.start[row + end]; ++at)
+          least = std::min(least, band.d[at]);
+        lowest = std::min(lowest, least);
+      }
+    const float v_end = band.v0 + static_cast<float>(kBandRows) / band.per_v,
+                u_end = band.u0 + static_cast<float>(band.columns) / band.per_u;
+    for (std::size_t s = 0; s < casters_.size(); ++s) {
+      const Caster& c = casters_[s];
+      if (c.v_high < band.v0 || c.v_low > v_end || c.u_high < band.u0 || c.u_low > u_end || !(c.d_high > lowest))
+        continue;
+      // Anything beneath it that it could shade?
+      const auto column = [&](float u) { return g.column_of(u) / LightBand::kCoarse; };
+      const auto row = [&](float v) { return g.row_in(static_cast<int>(b), v); };
+      bool above = false;
+      for (int r = row(c.v_low); r <= row(c.v_high) && !above; ++r)
+        for (int q = column(c.u_low); q <= column(c.u_high) && !above; ++q)
+          above = band.least[static_cast<std::size_t>(r) * static_cast<std::size_t>(band.coarse_columns) +
+                             static_cast<std::size_t>(q)] < c.d_high;
+      if (!above) continue;
+      const Strip& strip = mesh_.strips()[s];
+      cast_strip(mesh_.blocks()[strip.block], strip, axes_, band);
+    }
+    for (const Wall& wall : mesh_.walls()) cast_wall(wall, axes_, band);
+    for (std::size_t i = 0; i < n; ++i)
+      if (band.d[i] == kInfinite) scratch.shadowed[b].push_back(own.pixel[i]);
+  });
+}
+
+}  // namespace selenograph::engine
