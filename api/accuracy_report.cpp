@@ -131,6 +131,7 @@ void draw_scene(Canvas& canvas, const PlotAxes& axes, const std::vector<Point>& 
 
 Axis error_axis(const std::vector<SweepRow>& rows, const Panel& panel) {
   std::vector<double> errors;
+  errors.reserve(rows.size());
   for (const SweepRow& r : rows) errors.push_back(panel.error(r));
   // Rounding is no error worth four decades of paper.
   const double largest = *std::max_element(errors.begin(), errors.end());

@@ -36,8 +36,9 @@ double SplitMix::uniform() { return static_cast<double>(next() >> 11) * 0x1p-53;
 
 int SplitMix::poisson(double mean) {
   const double limit = std::exp(-mean);
+  double product = uniform();
   int count = 0;
-  for (double product = uniform(); product > limit; product *= uniform()) ++count;
+  while (product > limit) product *= uniform(), ++count;
   return count;
 }
 

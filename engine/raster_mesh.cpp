@@ -159,7 +159,8 @@ void RasterMesh::add_walls(const Mesh& mesh) {
 
 std::size_t RasterMesh::bytes() const {
   std::size_t sum = sizeof(RasterMesh) + strips_.size() * sizeof(Strip) + walls_.size() * sizeof(Wall);
-  for (const auto& v : vertices_) sum += sizeof v + sizeof(RasterBlock) + v.size() * sizeof(float);
+  for (const auto& floats : vertices_)
+    sum += sizeof(std::vector<float>) + sizeof(RasterBlock) + floats.size() * sizeof(float);
   return sum;
 }
 

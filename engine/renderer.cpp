@@ -271,6 +271,7 @@ struct Renderer::Impl {
     }
     std::sort(places.begin(), places.end());
     std::vector<std::size_t> order;
+    order.reserve(places.size());
     for (const auto& place : places) order.push_back(place.second);
     batch(rays, std::move(order), stop, work);
   }
@@ -279,6 +280,7 @@ struct Renderer::Impl {
   void batch(const std::vector<Ray>& rays, std::vector<std::size_t> order, const StopToken& stop, Work& work) {
     if (order.empty()) return;
     std::vector<Ray> some;
+    some.reserve(order.size());
     for (const std::size_t i : order) some.push_back(rays[i]);
     // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
     const std::size_t most = std::min(kMaxBlocks, scenes.capacity() / kSceneBytesPerBlock);

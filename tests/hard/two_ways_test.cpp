@@ -1,0 +1,151 @@
+// The z-buffer against rays, pixel by pixel: the same points, the same shadows; where they differ on a shadow, the
+// double-precision judge says who is right.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dem/sample_terrain.h"
+#include "engine/accuracy_scenes.h"
+#include "tests/support/frame_judge.h"
+#include "tests/support/hard_views.h"
+#include "tests/support/tiles.h"
+
+namespace selenograph::test {
+namespace {
+
+constexpr int kSide = 384;
+constexpr double kGrazingEnough_m = 0.02;
+
+struct Disputes {
+  std::size_t pixels = 0, points = 0, flags = 0, zbuffer_wrong = 0, rays_wrong = 0, grazing = 0;
+  void add(const Disputes& o) {
+    pixels += o.pixels, points += o.points, flags += o.flags;
+    zbuffer_wrong += o.zbuffer_wrong, rays_wrong += o.rays_wrong, grazing += o.grazing;
+  }
+};
+
+class TwoWays : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    dem::SampleOptions options;
+    options.south_deg = -11, options.west_deg = 43, options.rows = 2, options.columns = 2;
+    options.posts_per_degree = 1024;
+    dem::write_sample_terrain(folder_->path(), options);
+    scenery_ = new Scenery(folder_->path());
+  }
+  static void TearDownTestSuite() {
+    delete scenery_;
+    delete folder_;
+    scenery_ = nullptr, folder_ = nullptr;
+  }
+
+  // Judged where the frames ask for the finest posts, which are the judge's.
+  static Disputes compare(const std::string& name, engine::FrameRequest request) {
+    request.products = engine::kDepth | engine::kPosition | engine::kLit;
+    request.visibility = engine::Visibility::raytrace;
+    const engine::Frame rays = scenery_->renderer->render(request);
+    request.visibility = engine::Visibility::zbuffer;
+    const engine::Frame drawn = scenery_->renderer->render(request);
+    EXPECT_EQ(rays.report.visibility, engine::Visibility::raytrace);
+    EXPECT_EQ(drawn.report.visibility, engine::Visibility::zbuffer);
+    EXPECT_GT(drawn.report.hit_fraction, 0.3) << name;
+    EXPECT_EQ(rays.report.sources.size(), drawn.report.sources.size());
+    Disputes d;
+    const auto &a = rays.products, &b = drawn.products;
+    d.pixels = a.depth.size();
+    for (std::size_t i = 0; i < d.pixels; ++i) {
+      const bool same = std::isnan(a.depth[i]) ? std::isnan(b.depth[i]) : std::abs(a.depth[i] - b.depth[i]) <= 0.01;
+      d.points += !same;
+      if (!same || std::isnan(a.depth[i]) || a.lit[i] == b.lit[i]) continue;
+      ++d.flags;
+      if (request.accuracy.max_error_px > 0) continue;
+      const Vec3 eye = request.pose.position_m, direction = (at3(b.position, i) - eye).normalized();
+      const FirstHit truth = scenery_->judge->first_hit(eye, direction);
+      if (truth.hit != Verdict::yes) continue;
+      const Vec3 point = eye + truth.distance_m * direction;
+      if (scenery_->judge->grazes(point, truth.face, request.sun.direction, kGrazingEnough_m)) {
+        ++d.grazing;
+        continue;
+      }
+      const bool free = scenery_->judge->sun_blocked(point, truth.face, request.sun.direction) == Verdict::no;
+      d.zbuffer_wrong += free != (b.lit[i] > 0), d.rays_wrong += free != (a.lit[i] > 0);
+    }
+    fmt::print(
+        "{:<28} {} pixels: {} points differ, {} shadow flags: {} within 2 cm of grazing, z-buffer wrong {}, rays {}\n",
+        name, d.pixels, d.points, d.flags, d.grazing, d.zbuffer_wrong, d.rays_wrong);
+    EXPECT_LE(d.points * 1000, d.pixels) << name;
+    EXPECT_LE(d.flags * 1000, d.pixels) << name;
+    return d;
+  }
+
+  static const Scenery& scenery() { return *scenery_; }
+
+ private:
+  static inline TemporaryFolder* folder_ = nullptr;
+  static inline Scenery* scenery_ = nullptr;
+};
+
+TEST_F(TwoWays, AgreeOnTheScenesOfVerifyAccuracy) {
+  for (const double error_px : {0.5, 2.0})
+    for (const engine::AccuracyScene& scene :
+         engine::accuracy_scenes(scenery().renderer->terrain(), {-10, 44, 0}, std::nullopt, kSide))
+      for (engine::FrameRequest request : scene.frames) {
+        request.accuracy.max_error_px = error_px;
+        compare(fmt::format("{}, {} px", scene.name, error_px), request);
+      }
+}
+
+TEST_F(TwoWays, TheJudgeSidesWithTheZBufferAtLeastAsOften) {
+  Disputes all;
+  const Vec3 from = to_cartesian({-10, 44, 20000});
+  for (const double elevation : {3.0, 15.0, 45.0})
+    for (const double tilt : {0.0, 60.0}) {
+      engine::FrameRequest request = square_view(engine::tilted_pose(from, tilt), kSide, tilt > 0 ? 25 : 50,
+                                                 engine::sun_over(from, 115, elevation));
+      all.add(compare(fmt::format("tilt {} deg, Sun {} deg", tilt, elevation), request));
+    }
+  EXPECT_LE(all.zbuffer_wrong, all.rays_wrong);
+  EXPECT_LE(all.zbuffer_wrong * 10000, all.pixels);
+}
+
+TEST_F(TwoWays, SubPixelSamplesAreTheSameMean) {
+  const Vec3 from = to_cartesian({-10, 44, 20000});
+  engine::FrameRequest request = nadir_view({-10, 44, 20000}, 96, 20, engine::sun_over(from, 100, 12));
+  request.products = engine::kRadiance | engine::kLit;
+  request.accuracy = {.max_error_px = 0.25, .samples_per_pixel = 16};
+  request.visibility = engine::Visibility::raytrace;
+  const engine::Frame rays = scenery().renderer->render(request);
+  request.visibility = engine::Visibility::zbuffer;
+  const engine::Frame drawn = scenery().renderer->render(request);
+  std::size_t different = 0;
+  for (std::size_t i = 0; i < rays.products.radiance.size(); ++i)
+    different += rays.products.radiance[i] != drawn.products.radiance[i];
+  fmt::print("16 samples: {} of {} pixels differ\n", different, rays.products.radiance.size());
+  EXPECT_LE(different * 100, rays.products.radiance.size());
+  EXPECT_GT(*std::max_element(drawn.products.radiance.begin(), drawn.products.radiance.end()), 0);
+}
+
+// The same bytes whatever the threads.
+TEST_F(TwoWays, TheZBufferIsDeterministic) {
+  engine::FrameRequest request =
+      nadir_view({-10, 44, 20000}, 200, 40, engine::sun_over(to_cartesian({-10, 44, 0}), 100, 8));
+  request.visibility = engine::Visibility::zbuffer;
+  const engine::Frame first = scenery().renderer->render(request);
+  const engine::Renderer alone(scenery().terrain, {1, std::size_t{256} << 20});
+  for (const engine::Renderer* renderer : {scenery().renderer.get(), &alone})
+    for (int i = 0; i < 3; ++i) {
+      const engine::Frame again = renderer->render(request);
+      EXPECT_EQ(again.products.radiance, first.products.radiance);
+      EXPECT_EQ(again.products.depth, first.products.depth);
+      EXPECT_EQ(again.products.lit, first.products.lit);
+    }
+}
+
+}  // namespace
+}  // namespace selenograph::test
