@@ -296,9 +296,11 @@ HWY_INLINE void shade(const Triangles& t, int c0, int c1, int r0, int r1, LightB
 HWY_INLINE void cast(const VF* u, const VF* v, const VF* d, bool upper, MF valid, LightBand& band, float v_end) {
   const VF u_low = hn::Min(u[0], hn::Min(u[1], u[2])), u_high = hn::Max(u[0], hn::Max(u[1], u[2])),
            v_low = hn::Min(v[0], hn::Min(v[1], v[2])), v_high = hn::Max(v[0], hn::Max(v[1], v[2]));
-  MF active = hn::And(valid, hn::And(hn::Ge(v_high, all(band.v0)), hn::Le(v_low, all(v_end))));
+  MF active =
+      hn::And(valid, hn::And(hn::Ge(v_high, all(band.v0 - band.margin_m)), hn::Le(v_low, all(v_end + band.margin_m))));
   const float u_end = band.u0 + static_cast<float>(band.columns) / band.per_u;
-  active = hn::And(active, hn::And(hn::Ge(u_high, all(band.u0)), hn::Le(u_low, all(u_end))));
+  active =
+      hn::And(active, hn::And(hn::Ge(u_high, all(band.u0 - band.margin_m)), hn::Le(u_low, all(u_end + band.margin_m))));
   if (hn::AllFalse(f, active)) return;
   VF area;
   Triangles t = set_up(upper, u[0], v[0], d[0], u[1], v[1], d[1], u[2], v[2], d[2], area);

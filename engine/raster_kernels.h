@@ -51,6 +51,7 @@ struct LightBand {
   float u0, v0;        // of the first cell's corner (v0: of the band's)
   float per_u, per_v;  // cells per metre
   int columns, rows;
+  float margin_m;                    // how far beside the band, by rounding, samples of it may lie
   std::vector<std::uint32_t> start;  // columns * rows + 1
   std::vector<float> u, v, d;        // padded by 16; infinite d: in shadow
   // Least d of kCoarse cells of a row together, for a quick look.

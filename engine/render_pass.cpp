@@ -121,6 +121,16 @@ void linear_rays(const double* first, const double* right, const double* down, c
   }
 }
 
+// Whether all lanes are lit, and none lies within a share `edge` of its triangle's edges.
+SELENOGRAPH_VECTORISED
+bool none_at_edges(const SurfacePoints& p, const float* lit, double edge) {
+  int some = 0;
+  for (int i = 0; i < kPacket; ++i)
+    some |= (lit[i] > 0 ? 0 : 1) | (p.v[i] <= edge ? 1 : 0) | (p.w[i] <= edge ? 1 : 0) |
+            (1 - p.v[i] - p.w[i] <= edge ? 1 : 0);
+  return some == 0;
+}
+
 struct SourceAt {
   dem::SourceMark index;  // of the catalogue; dem::kNoSource if none
   bool filled;
@@ -233,8 +243,7 @@ class Pass {
       }
   }
 
-  // ---- z-buffer and shadow map
-  // ---------------------------------------------------------------------------------------
+  // ---- z-buffer and shadow map ----------------------------------------------------------------------------------
 
   // A sub-pixel sample of every pixel at once.
   struct Layer {
@@ -395,6 +404,7 @@ class Pass {
             }
             resolve(buffer, view, x0, y0, x, y, layer, layer.count ? &counts : nullptr, samples);
           }
+        samples.bound();
       }
       merge(counts);
     });
@@ -469,6 +479,10 @@ class Pass {
     constexpr float kStep_m = 0.01F;
     LightLanes lanes;
     shadows_->place(p, lanes);
+    if (none_at_edges(p, lit, kEdge)) {
+      samples.add_all(lanes, pixel);
+      return;
+    }
     for (int i = 0; i < kPacket; ++i) {
       if (!(lit[i] > 0)) continue;
       float up = 0;
@@ -479,12 +493,11 @@ class Pass {
           continue;
         }
       }
-      samples.add({lanes.u[i], lanes.v[i], lanes.d[i] + up, pixel[i]});
+      samples.add(lanes.u[i], lanes.v[i], lanes.d[i] + up, pixel[i]);
     }
   }
 
-  // ---- both
-  // ----------------------------------------------------------------------------------------------------------
+  // ---- both ---------------------------------------------------------------------------------------------------
 
   void aim(int x, int y, double dx, double dy, Rays& rays) const {
     if (linear_) linear_rays(first_.data(), right_.data(), down_.data(), view_.position().data(), x + dx, y + dy, rays);

@@ -17,18 +17,12 @@ constexpr int kBandRows = 64;
 struct Grid {
   float u0, v0, per_u, per_v;
   int columns, bands;
+  float bands_per_v() const { return per_v / kBandRows; }
   int column_of(float u) const {
     return static_cast<int>(std::min(std::max(std::floor((u - u0) * per_u), 0.F), static_cast<float>(columns - 1)));
   }
   // Of the band that begins at v0 + band * kBandRows / per_v: as the kernel counts.
   float band_start(int band) const { return v0 + static_cast<float>(band) * (static_cast<float>(kBandRows) / per_v); }
-  int band_of(float v) const {
-    int band = static_cast<int>((v - v0) * per_v / kBandRows);
-    band = std::clamp(band, 0, bands - 1);
-    while (band > 0 && v < band_start(band)) --band;
-    while (band + 1 < bands && v >= band_start(band + 1)) ++band;
-    return band;
-  }
   int row_in(int band, float v) const {
     return static_cast<int>(
         std::min(std::max(std::floor((v - band_start(band)) * per_v), 0.F), static_cast<float>(kBandRows - 1)));
@@ -71,6 +65,38 @@ void into_light(const SurfacePoints& p, const double* anchor, const double* u, c
   }
 }
 
+// Which band a sample is in: rounding may put one that is on a border into either, row_in() keeps it in the band's
+// rows. The casters of both bands are tested, as far as they reach beyond the border by rounding.
+SELENOGRAPH_VECTORISED
+void bands_of(const float* v, std::size_t n, float v0, float bands_per_v, int bands, std::int32_t* out) {
+  const auto last = static_cast<float>(bands - 1);
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (std::size_t i = 0; i < n; ++i) {
+    const float at = (v[i] - v0) * bands_per_v, low = at > 0 ? at : 0;
+    out[i] = static_cast<std::int32_t>(low < last ? low : last);  // towards zero, which is down
+  }
+}
+
+SELENOGRAPH_VECTORISED
+void cells_of(const float* u, const float* v, std::size_t n, float u0, float v0, float per_u, float per_v, int columns,
+              std::uint32_t* out) {
+  const auto last_column = static_cast<float>(columns - 1), last_row = static_cast<float>(kBandRows - 1);
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (std::size_t i = 0; i < n; ++i) {
+    float column = (u[i] - u0) * per_u, row = (v[i] - v0) * per_v;
+    column = column > 0 ? column : 0, row = row > 0 ? row : 0;
+    column = column < last_column ? column : last_column, row = row < last_row ? row : last_row;
+    out[i] = static_cast<std::uint32_t>(static_cast<std::int32_t>(row) * columns + static_cast<std::int32_t>(column));
+  }
+}
+
+SELENOGRAPH_VECTORISED
+void range_of(const float* x, std::size_t n, float& low, float& high) {
+  float least = x[0], most = x[0];
+  for (std::size_t i = 1; i < n; ++i) least = x[i] < least ? x[i] : least, most = x[i] > most ? x[i] : most;
+  low = least, high = most;
+}
+
 // One band's samples in cells; a thread's own, kept from band to band and frame to frame.
 struct BandScratch {
   LightBand band;
@@ -104,16 +130,21 @@ ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& sun) : mesh_(mesh), d_(
   });
 }
 
-void LightSamples::clear(std::size_t capacity) {
-  if (list.size() < capacity) list.resize(capacity);
-  count = 0;
+void LightSamples::make_room(std::size_t capacity) {
+  if (u.size() >= capacity) return;
+  u.resize(capacity), v.resize(capacity), d.resize(capacity), pixel.resize(capacity);
+}
+
+void LightSamples::bound() {
   low[0] = low[1] = std::numeric_limits<float>::infinity(), high[0] = high[1] = -low[0];
+  if (count == 0) return;
+  range_of(u.data(), count, low[0], high[0]), range_of(v.data(), count, low[1], high[1]);
 }
 
 std::size_t LightScratch::bytes() const {
   std::size_t sum = 0;
-  for (const auto& t : tiles) sum += t.list.capacity() * sizeof(LightSample);
-  for (const auto& s : sorted) sum += s.capacity() * sizeof(LightSample);
+  for (const auto& t : tiles) sum += t.bytes();
+  for (const auto& s : sorted) sum += s.bytes();
   for (const auto& f : first) sum += f.capacity() * sizeof(std::uint32_t);
   for (const auto& s : shadowed) sum += s.capacity() * sizeof(std::uint32_t);
   return sum;
@@ -135,18 +166,19 @@ void ShadowMap::cast(LightScratch& scratch, const StopToken& stop) const {
     const LightSamples& tile = scratch.tiles[i];
     std::vector<std::uint32_t>& start = scratch.first[i];
     start.assign(bands + 1, 0);
-    thread_local std::vector<std::uint16_t> band;
+    thread_local std::vector<std::int32_t> band;
     thread_local std::vector<std::uint32_t> next;
     band.resize(tile.count);
-    for (std::size_t k = 0; k < tile.count; ++k) {
-      band[k] = static_cast<std::uint16_t>(g.band_of(tile.list[k].v));
-      ++start[band[k] + 1U];
-    }
+    bands_of(tile.v.data(), tile.count, g.v0, g.bands_per_v(), g.bands, band.data());
+    for (std::size_t k = 0; k < tile.count; ++k) ++start[static_cast<std::size_t>(band[k]) + 1];
     for (std::size_t b = 0; b < bands; ++b) start[b + 1] += start[b];
-    std::vector<LightSample>& sorted = scratch.sorted[i];
-    if (sorted.size() < tile.count) sorted.resize(tile.list.size());
+    LightSamples& sorted = scratch.sorted[i];
+    sorted.make_room(tile.u.size());
     next.assign(start.begin(), start.end() - 1);
-    for (std::size_t k = 0; k < tile.count; ++k) sorted[next[band[k]]++] = tile.list[k];
+    for (std::size_t k = 0; k < tile.count; ++k) {
+      const std::size_t to = next[static_cast<std::size_t>(band[k])]++;
+      sorted.u[to] = tile.u[k], sorted.v[to] = tile.v[k], sorted.d[to] = tile.d[k], sorted.pixel[to] = tile.pixel[k];
+    }
   });
   in_parallel(bands, [&](std::size_t b) {
     if (stop.stopped()) throw Cancelled();
@@ -157,28 +189,35 @@ void ShadowMap::cast(LightScratch& scratch, const StopToken& stop) const {
     LightBand& band = own.band;
     band.u0 = g.u0, band.v0 = g.band_start(static_cast<int>(b)), band.per_u = g.per_u, band.per_v = g.per_v;
     band.columns = g.columns, band.rows = kBandRows;
+    const float v_end = band.v0 + static_cast<float>(kBandRows) / band.per_v,
+                u_end = band.u0 + static_cast<float>(band.columns) / band.per_u;
+    band.margin_m = 0x1p-20F * std::max({std::abs(band.u0), std::abs(u_end), std::abs(band.v0), std::abs(v_end)});
     const std::size_t cells = static_cast<std::size_t>(g.columns) * kBandRows;
     band.start.assign(cells + 1, 0);
     own.cell.resize(n), own.pixel.resize(n);
     std::size_t k = 0;
-    for (std::size_t i = 0; i < tiles; ++i)
-      for (std::uint32_t at = scratch.first[i][b]; at < scratch.first[i][b + 1]; ++at, ++k) {
-        const LightSample& s = scratch.sorted[i][at];
-        own.cell[k] = static_cast<std::uint32_t>(g.row_in(static_cast<int>(b), s.v) * g.columns + g.column_of(s.u));
-        ++band.start[own.cell[k] + 1];
-      }
+    for (std::size_t i = 0; i < tiles; ++i) {
+      const LightSamples& sorted = scratch.sorted[i];
+      const std::size_t first = scratch.first[i][b], here = scratch.first[i][b + 1] - first;
+      cells_of(sorted.u.data() + first, sorted.v.data() + first, here, band.u0, band.v0, band.per_u, band.per_v,
+               band.columns, own.cell.data() + k);
+      k += here;
+    }
+    for (const std::uint32_t cell : own.cell) ++band.start[cell + 1];
     for (std::size_t c = 0; c < cells; ++c) band.start[c + 1] += band.start[c];
     own.next.assign(band.start.begin(), band.start.end() - 1);
     constexpr float kInfinite = std::numeric_limits<float>::infinity();
     band.u.resize(n + 16), band.v.resize(n + 16), band.d.resize(n + 16);
     for (std::size_t i = n; i < n + 16; ++i) band.u[i] = band.v[i] = 0, band.d[i] = kInfinite;
     k = 0;
-    for (std::size_t i = 0; i < tiles; ++i)
+    for (std::size_t i = 0; i < tiles; ++i) {
+      const LightSamples& sorted = scratch.sorted[i];
       for (std::uint32_t at = scratch.first[i][b]; at < scratch.first[i][b + 1]; ++at, ++k) {
-        const LightSample& s = scratch.sorted[i][at];
         const std::uint32_t to = own.next[own.cell[k]]++;
-        band.u[to] = s.u, band.v[to] = s.v, band.d[to] = s.d, own.pixel[to] = s.pixel;
+        band.u[to] = sorted.u[at], band.v[to] = sorted.v[at], band.d[to] = sorted.d[at],
+        own.pixel[to] = sorted.pixel[at];
       }
+    }
     band.coarse_columns = (g.columns + LightBand::kCoarse - 1) / LightBand::kCoarse;
     band.least.assign(static_cast<std::size_t>(band.coarse_columns) * kBandRows, kInfinite);
     float lowest = kInfinite;
@@ -193,11 +232,10 @@ void ShadowMap::cast(LightScratch& scratch, const StopToken& stop) const {
           least = std::min(least, band.d[at]);
         lowest = std::min(lowest, least);
       }
-    const float v_end = band.v0 + static_cast<float>(kBandRows) / band.per_v,
-                u_end = band.u0 + static_cast<float>(band.columns) / band.per_u;
     for (std::size_t s = 0; s < casters_.size(); ++s) {
       const Caster& c = casters_[s];
-      if (c.v_high < band.v0 || c.v_low > v_end || c.u_high < band.u0 || c.u_low > u_end || !(c.d_high > lowest))
+      if (c.v_high < band.v0 - band.margin_m || c.v_low > v_end + band.margin_m || c.u_high < band.u0 - band.margin_m ||
+          c.u_low > u_end + band.margin_m || !(c.d_high > lowest))
         continue;
       // Anything beneath it that it could shade?
       const auto column = [&](float u) { return g.column_of(u) / LightBand::kCoarse; };

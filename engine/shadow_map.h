@@ -14,34 +14,38 @@
 
 namespace selenograph::engine {
 
-// A surface point that faces the Sun, in light space.
-struct LightSample {
-  float u, v, d;
-  std::uint32_t pixel;
-};
-
 // Sixteen surface points in light space.
 struct LightLanes {
   alignas(64) float u[kPacket], v[kPacket], d[kPacket];
 };
 
-// Samples of one tile, and the box that they lie in.
+// Surface points that face the Sun, in light space, and the pixels that see them; structure of arrays, the first
+// `count`.
 struct LightSamples {
-  std::vector<LightSample> list;  // the first `count`
+  std::vector<float> u, v, d;
+  std::vector<std::uint32_t> pixel;
   std::size_t count = 0;
-  float low[2], high[2];  // u, v
-  void clear(std::size_t capacity);
-  void add(const LightSample& s) {
-    list[count++] = s;
-    low[0] = std::min(low[0], s.u), high[0] = std::max(high[0], s.u);
-    low[1] = std::min(low[1], s.v), high[1] = std::max(high[1], s.v);
+  float low[2], high[2];  // u, v: see bound()
+
+  void make_room(std::size_t capacity);
+  void clear(std::size_t capacity) { make_room(capacity), count = 0; }
+  void add(float su, float sv, float sd, std::uint32_t at) {
+    u[count] = su, v[count] = sv, d[count] = sd, pixel[count++] = at;
   }
+  void add_all(const LightLanes& lanes, const std::uint32_t* at) {
+    std::copy_n(lanes.u, kPacket, &u[count]), std::copy_n(lanes.v, kPacket, &v[count]);
+    std::copy_n(lanes.d, kPacket, &d[count]), std::copy_n(at, kPacket, &pixel[count]);
+    count += kPacket;
+  }
+  // Sets low and high.
+  void bound();
+  std::size_t bytes() const { return 16 * u.capacity(); }
 };
 
 // What a map needs while it works; kept from frame to frame.
 struct LightScratch {
   std::vector<LightSamples> tiles;
-  std::vector<std::vector<LightSample>> sorted;      // each tile's, by band
+  std::vector<LightSamples> sorted;                  // each tile's, by band
   std::vector<std::vector<std::uint32_t>> first;     // of each band, per tile
   std::vector<std::vector<std::uint32_t>> shadowed;  // pixels, per band
   std::size_t bytes() const;
