@@ -51,7 +51,8 @@ class Mixture:
         products, accept = self.random.choice([
             (["radiance"], "application/octet-stream"), (["image"], "image/png"), (["depth"], "application/x-npy"),
             (["position", "lit", "source"], "application/x-npz"), (["normal"], "image/tiff"), (["angles", "gsd"], "image/x-exr")])
-        return self.post("/v1/frames", dict(self.scene(), products=products), accept)
+        visibility = self.random.choice(["auto", "zbuffer", "raytrace"])
+        return self.post("/v1/frames", dict(self.scene(), products=products, visibility=visibility), accept)
 
     def rays(self):
         rays = []

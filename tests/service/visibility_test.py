@@ -1,0 +1,71 @@
+#!/usr/bin/env python3
+"""Two ways to see, by request: the same frames, and the metadata says which it was."""
+
+import io
+import json
+import unittest
+import zipfile
+
+import numpy as np
+
+import harness
+from harness import WithService, frame_request
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("dem", *harness.PLACE, "--ppd", "256")
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+class Visibility(WithService):
+    def frame(self, **members):
+        low = {"local": {"lat_deg": 0.1, "lon_deg": 30.1, "azimuth_deg": 90.0, "elevation_deg": 4.0}}
+        request = frame_request(["radiance", "depth", "position", "lit", "source"], 200, 150, sun=low, **members)
+        status, headers, body = self.service.frame(request, "application/x-npz")
+        self.assertEqual(status, 200, body[:300])
+        with zipfile.ZipFile(io.BytesIO(body)) as archive:
+            meta = json.loads(archive.read("meta.json"))
+        return np.load(io.BytesIO(body)), meta, headers["ETag"]
+
+    def test_the_same_frame(self):
+        rays, rays_meta, rays_etag = self.frame(visibility="raytrace")
+        drawn, drawn_meta, drawn_etag = self.frame(visibility="zbuffer")
+        self.assertEqual((rays_meta["visibility"], drawn_meta["visibility"]), ("raytrace", "zbuffer"))
+        self.assertEqual((rays_meta["request"]["visibility"], drawn_meta["request"]["visibility"]), ("raytrace", "zbuffer"))
+        self.assertNotEqual(rays_etag, drawn_etag)
+        for key in ("lod_error_px", "shadow_error_px", "triangles", "hit_fraction", "sources"):
+            self.assertEqual(rays_meta[key], drawn_meta[key], key)
+        self.assertGreater(np.mean(rays["lit"] == 0), 0.02, "there are shadows")
+        self.assertGreater(np.mean(rays["lit"] == 1), 0.02, "and light")
+        pixels = rays["depth"].size
+        self.assertLess(np.sum(np.abs(rays["depth"] - drawn["depth"]) > 0.01), 0.001 * pixels)
+        self.assertLess(np.sum(rays["lit"] != drawn["lit"]), 0.001 * pixels)
+        self.assertLess(np.sum(rays["radiance"] != drawn["radiance"]), 0.001 * pixels)
+
+    def test_the_same_bytes_again(self):
+        request = frame_request(["radiance", "lit"], visibility="zbuffer")
+        first = self.service.frame(request, "application/x-npz")[2]
+        for _ in range(3):
+            self.assertEqual(self.service.frame(request, "application/x-npz")[2], first)
+
+    def test_auto_says_which(self):
+        _, meta, _ = self.frame()
+        self.assertEqual(meta["request"]["visibility"], "auto")
+        self.assertIn(meta["visibility"], ("zbuffer", "raytrace"))
+
+    def test_what_it_cannot_draw(self):
+        lens = frame_request(["radiance"], visibility="zbuffer")
+        lens["camera"]["distortion"] = {"model": "brown_conrady", "k1": -0.1}
+        self.problem(self.service.frame(lens), 422, "/visibility")
+        disc = frame_request(["radiance"], visibility="zbuffer")
+        disc["sun"]["angular_radius_deg"] = 0.27
+        self.problem(self.service.frame(disc), 422, "/visibility")
+        self.problem(self.service.frame(frame_request(["radiance"], visibility="quick")), 422, "/visibility")
+
+
+if __name__ == "__main__":
+    harness.main()
