@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 
+#include "api/frame_json.h"
 #include "api/plot_axes.h"
 
 namespace selenograph::api {
@@ -55,23 +56,25 @@ const std::vector<Column>& columns() {
 std::string markdown_row(const SweepRow& r) {
   const engine::ErrorMeasures& e = r.errors;
   return fmt::format(
-      "| {:g} | {:g} | {} | {:.2f} | {:.2f} | {:.0f} | {:.2f} | {:.3f} / {:.3f} / {:.3f} | {:.2g} / {:.2g} / {:.2g} | "
+      "| {} | {:g} | {:g} | {} | {:.2f} | {:.2f} | {:.0f} | {:.2f} | {:.3f} / {:.3f} / {:.3f} | {:.2g} / {:.2g} / "
+      "{:.2g} | "
       "{:.2f} "
       "/ {:.1f} | "
       "{:.3f} / {:.1f} / {:.1f} | {:.3f} |\n",
-      r.setting.max_error_px, r.setting.max_shadow_error_px, r.setting.samples_per_pixel, r.ratio(),
-      static_cast<double>(r.triangles) / 1e6, static_cast<double>(r.scene_bytes) / 1048576.0, r.bound_px,
+      visibility_name(r.visibility), r.setting.max_error_px, r.setting.max_shadow_error_px, r.setting.samples_per_pixel,
+      r.ratio(), static_cast<double>(r.triangles) / 1e6, static_cast<double>(r.scene_bytes) / 1048576.0, r.bound_px,
       e.geometric_px.median, e.geometric_px.p999, e.geometric_px.worst, e.geometric_m.median, e.geometric_m.p999,
       e.geometric_m.worst, 100 * e.radiance_rms, 100 * e.radiance_p999, e.shadow_edge_mean_px, e.shadow_edge_px.p999,
       e.shadow_edge_px.worst, 100 * e.wrong_shadow_flags);
 }
 
 constexpr const char* kMarkdownHead =
-    "| max_error_px | max_shadow_error_px | samples | time / bare kernel | Mtriangles | MiB | bound px | geometric "
+    "| visibility | max_error_px | max_shadow_error_px | samples | time / bare kernel | Mtriangles | MiB | bound px | "
+    "geometric "
     "error px: median / 99.9 % "
     "/ "
     "worst | m: median / 99.9 % / worst | radiance %: RMS / 99.9 % | shadow edge px: mean / 99.9 % / worst | wrong "
-    "shadow flags % |\n|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
+    "shadow flags % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
 
 struct Panel {
   std::string title, label;
@@ -100,19 +103,20 @@ std::vector<std::string> scene_names(const std::vector<SweepRow>& rows) {
 constexpr double kTitle_pt = 13;
 constexpr Marker kMarkers[] = {Marker::circle, Marker::square, Marker::diamond, Marker::triangle, Marker::cross};
 
-CurveStyle style_of(std::size_t scene) {
+CurveStyle style_of(std::size_t scene, engine::Visibility method = engine::Visibility::raytrace) {
   CurveStyle style;
+  if (method == engine::Visibility::zbuffer) style.dashes = {4, 3}, style.marker_size = 4;
   style.colour = kPalette[scene % std::size(kPalette)];
   style.marker = kMarkers[scene % std::size(kMarkers)];
   return style;
 }
 
-// Points of one scene in one panel: time against error, the error no lower than the axis begins.
-std::vector<Point> points_of(const std::vector<SweepRow>& rows, const std::string& scene, const Panel& panel,
-                             double floor) {
+// Points of one scene and one way to see in one panel: time against error, the error no lower than the axis begins.
+std::vector<Point> points_of(const std::vector<SweepRow>& rows, const std::string& scene, engine::Visibility method,
+                             const Panel& panel, double floor) {
   std::vector<Point> points;
   for (const SweepRow& r : rows)
-    if (r.scene == scene && (panel.all_samples || r.setting.samples_per_pixel == 1))
+    if (r.scene == scene && r.visibility == method && (panel.all_samples || r.setting.samples_per_pixel == 1))
       points.push_back({r.ratio(), std::max(floor, panel.error(r))});
   return points;
 }
@@ -148,7 +152,8 @@ void draw_panel(Canvas& canvas, const Rectangle& area, const std::vector<SweepRo
   axes.draw_grid(canvas);
   const std::vector<std::string> scenes = scene_names(rows);
   for (std::size_t i = 0; i < scenes.size(); ++i)
-    draw_scene(canvas, axes, points_of(rows, scenes[i], panel, axes.y_axis().min), style_of(i));
+    for (const engine::Visibility method : {engine::Visibility::raytrace, engine::Visibility::zbuffer})
+      draw_scene(canvas, axes, points_of(rows, scenes[i], method, panel, axes.y_axis().min), style_of(i, method));
   axes.draw_frame(canvas);
   TextStyle title;
   title.size = kTitle_pt, title.bold = true;
@@ -171,7 +176,7 @@ std::string accuracy_csv(const std::vector<SweepRow>& rows) {
   for (const Column& c : columns()) csv += fmt::format(",{}", c.name);
   csv += '\n';
   for (const SweepRow& r : rows) {
-    csv += r.scene + "," + r.visibility;
+    csv += r.scene + "," + std::string(visibility_name(r.visibility));
     for (const Column& c : columns()) csv += fmt::format(",{:.9g}", c.value(r));
     csv += '\n';
   }
@@ -202,14 +207,17 @@ Canvas accuracy_plot(const std::vector<SweepRow>& rows, const std::string& machi
   std::vector<LegendEntry> legend;
   const std::vector<std::string> scenes = scene_names(rows);
   for (std::size_t i = 0; i < scenes.size(); ++i) legend.push_back({scenes[i], style_of(i)});
+  CurveStyle dashed = style_of(0, engine::Visibility::zbuffer);
+  dashed.colour = kPaleInk, dashed.marker = Marker::none;
+  legend.push_back({"by z-buffer", dashed});
   draw_legend(canvas, {60 + kPanel - 6, 46}, legend);
   TextStyle note;
   note.colour = kPaleInk;
-  canvas.text(
-      {60, kHeight - 28},
-      "Lines: Pareto front of each scene (pale: settings that another one beats). Left to right: max_error_px from "
-      "coarse to fine; for radiance also samples per pixel. On the lower edge: no measurable error.",
-      note);
+  canvas.text({60, kHeight - 28},
+              "Lines: Pareto front of each scene and way to see (pale: settings that another one beats). Left to "
+              "right: max_error_px from "
+              "coarse to fine; for radiance also samples per pixel. On the lower edge: no measurable error.",
+              note);
   canvas.text({60, kHeight - 12}, "Measured on " + machine + ".", note);
   return canvas;
 }

@@ -33,6 +33,11 @@ double median(std::vector<double> values) {
 // Where even the finest posts of all casters don't fit: much less than the edges that are measured.
 constexpr double kReferenceShadowError_px = 0.25;
 
+struct Setting {
+  Accuracy accuracy;
+  Visibility visibility;
+};
+
 // The yardstick of one frame: the bare kernel on the finest mesh.
 class Yardstick {
  public:
@@ -73,7 +78,7 @@ class FrameSweep {
     for (double error = 0;; error = error > 0 ? 2 * error : 1.0 / 64) {
       try {
         const Accuracy setting{error, options_.reference_samples, kReferenceShadowError_px};
-        reference_ = frame(setting, kRadiance | kLit).products;
+        reference_ = frame({setting, Visibility::raytrace}, kRadiance | kLit).products;
         yardstick_ = std::make_unique<Yardstick>(renderer_, request_, setting, stop_);
         reference_max_error_px_ = error;
         return;
@@ -84,7 +89,7 @@ class FrameSweep {
   }
 
   // Throws TooMuchTerrain where the setting's terrain doesn't fit.
-  void measure(const Accuracy& setting, SweepRow& row, ErrorCollector& errors) {
+  void measure(const Setting& setting, SweepRow& row, ErrorCollector& errors) {
     const Frame measured = frame(setting, kRadiance | kLit | kPosition);
     const FrameReport& report = measured.report;
     errors.add_geometry(view_, renderer_.terrain(), measured.products.position, report.lod_error_m,
@@ -100,15 +105,15 @@ class FrameSweep {
   }
 
  private:
-  Frame frame(const Accuracy& setting, ProductSet products) const {
+  Frame frame(const Setting& setting, ProductSet products) const {
     FrameRequest request = request_;
-    request.accuracy = setting;
+    request.accuracy = setting.accuracy, request.visibility = setting.visibility;
     request.products = products;
     return renderer_.render(request, stop_);
   }
 
   // Alternating, so that what else the machine does falls on both.
-  void time(const Accuracy& setting, SweepRow& row) {
+  void time(const Setting& setting, SweepRow& row) {
     std::vector<double> ours, bare;
     frame(setting, kRadiance);
     for (int i = 0; i < options_.repetitions; ++i) {
@@ -128,7 +133,7 @@ class FrameSweep {
   std::unique_ptr<Yardstick> yardstick_;
 };
 
-bool measured(FrameSweep& frame, const Accuracy& setting, SweepRow& row, ErrorCollector& errors) {
+bool measured(FrameSweep& frame, const Setting& setting, SweepRow& row, ErrorCollector& errors) {
   try {
     frame.measure(setting, row, errors);
     return true;
@@ -137,12 +142,15 @@ bool measured(FrameSweep& frame, const Accuracy& setting, SweepRow& row, ErrorCo
   }
 }
 
-std::vector<Accuracy> settings_of(const SweepOptions& options) {
-  std::vector<Accuracy> settings;
-  for (const double error : options.max_errors_px)
-    for (const int samples : options.samples_per_pixel)
-      settings.push_back({.max_error_px = error, .samples_per_pixel = samples});
-  for (const double shadows : options.max_shadow_errors_px) settings.push_back({.max_shadow_error_px = shadows});
+std::vector<Setting> settings_of(const SweepOptions& options) {
+  std::vector<Setting> settings;
+  for (const Visibility method : options.methods) {
+    for (const double error : options.max_errors_px)
+      for (const int samples : options.samples_per_pixel)
+        settings.push_back({{.max_error_px = error, .samples_per_pixel = samples}, method});
+    for (const double shadows : options.max_shadow_errors_px)
+      settings.push_back({{.max_shadow_error_px = shadows}, method});
+  }
   return settings;
 }
 
@@ -156,7 +164,7 @@ std::size_t frames_of(const std::vector<AccuracyScene>& scenes) {
 
 std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<AccuracyScene>& scenes,
                             const SweepOptions& options, const SweepProgress& progress, const StopToken& stop) {
-  const std::vector<Accuracy> settings = settings_of(options);
+  const std::vector<Setting> settings = settings_of(options);
   const std::size_t total = frames_of(scenes) * (settings.size() + 1);
   std::vector<SweepRow> rows;
   std::size_t done = 0;
@@ -164,9 +172,9 @@ std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<Accuracy
     std::vector<SweepRow> of_scene;
     std::vector<ErrorCollector> errors(settings.size());
     std::vector<char> fits(settings.size(), 1);
-    for (const Accuracy& setting : settings) {
+    for (const Setting& setting : settings) {
       SweepRow& row = of_scene.emplace_back();
-      row.scene = scene.name, row.setting = setting, row.visibility = "raytrace";
+      row.scene = scene.name, row.setting = setting.accuracy, row.visibility = setting.visibility;
     }
     for (const FrameRequest& request : scene.frames) {
       FrameSweep frame(renderer, request, options, stop);

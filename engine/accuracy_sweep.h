@@ -14,6 +14,7 @@ namespace selenograph::engine {
 struct SweepOptions {
   std::vector<double> max_errors_px = {4, 2, 1, 0.5, 0.25, 0.125, 0};
   std::vector<int> samples_per_pixel = {1, 4, 16};
+  std::vector<Visibility> methods = {Visibility::raytrace, Visibility::zbuffer};
   std::vector<double> max_shadow_errors_px = {64, 4, 1};  // besides the default: with the default of everything else
   int reference_samples = 256;
   int repetitions = 7;  // of each time measurement; the median counts
@@ -24,7 +25,7 @@ struct SweepOptions {
 struct SweepRow {
   std::string scene;
   Accuracy setting;
-  std::string visibility;  // the method
+  Visibility visibility = Visibility::raytrace;
   double frame_ms = 0;
   double bare_ms = 0;           // the bare kernel on the finest mesh, one sample per pixel, alternating with the frames
   std::size_t triangles = 0;    // the most of one frame

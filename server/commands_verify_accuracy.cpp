@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "api/accuracy_report.h"
+#include "api/frame_json.h"
 #include "engine/accuracy_sweep.h"
 #include "server/commands.h"
 #include "server/output.h"
@@ -65,12 +66,12 @@ std::string machine() {
 }
 
 void print_summary(const std::vector<engine::SweepRow>& rows) {
-  fmt::print("{:<10}{:>14}{:>9}{:>9}{:>14}{:>16}{:>14}\n", "scene", "max_error_px", "samples", "time", "points px",
-             "shadow edge px", "radiance %");
+  fmt::print("{:<10}{:<10}{:>14}{:>9}{:>9}{:>14}{:>16}{:>14}\n", "scene", "visibility", "max_error_px", "samples",
+             "time", "points px", "shadow edge px", "radiance %");
   for (const engine::SweepRow& r : rows)
-    fmt::print("{:<10}{:>14g}{:>9}{:>9.2f}{:>14.3f}{:>16.3f}{:>14.2f}\n", r.scene, r.setting.max_error_px,
-               r.setting.samples_per_pixel, r.ratio(), r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px,
-               100 * r.errors.radiance_rms);
+    fmt::print("{:<10}{:<10}{:>14g}{:>9}{:>9.2f}{:>14.3f}{:>16.3f}{:>14.2f}\n", r.scene,
+               api::visibility_name(r.visibility), r.setting.max_error_px, r.setting.samples_per_pixel, r.ratio(),
+               r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px, 100 * r.errors.radiance_rms);
 }
 
 }  // namespace

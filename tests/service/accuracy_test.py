@@ -111,21 +111,26 @@ class VerifyAccuracy(unittest.TestCase):
         for row in rows:
             self.assertGreater(float(row["time_ratio"]), 0)
             self.assertEqual(float(row["within_lod_error_px"]), 1, row)
-        nadir = {(row["max_error_px"], row["samples_per_pixel"]): row for row in rows if row["scene"] == "nadir"}
+        self.assertEqual({row["visibility"] for row in rows}, {"raytrace", "zbuffer"})
+        for method in ("raytrace", "zbuffer"):
+            self.check_nadir([row for row in rows if (row["scene"], row["visibility"]) == ("nadir", method)])
+        xml.etree.ElementTree.parse(os.path.join(output, "accuracy.svg"))
+        with open(os.path.join(output, "accuracy.png"), "rb") as file:
+            self.assertEqual(file.read(8), b"\x89PNG\r\n\x1a\n")
+        with open(os.path.join(output, "accuracy.md")) as file:
+            self.assertEqual(file.read().count("\n## "), 4)
+
+    def check_nadir(self, rows):
+        nadir = {(row["max_error_px"], row["samples_per_pixel"]): row for row in rows}
         coarse, finest, smooth = nadir["4", "1"], nadir["0", "1"], nadir["0", "16"]
         self.assertEqual(float(finest["wrong_shadow_flags"]), 0)
         self.assertLess(float(finest["geometric_worst_m"]), 1e-6)
         self.assertGreater(float(coarse["geometric_worst_m"]), 1)
         self.assertGreater(float(coarse["wrong_shadow_flags"]), 0)
         self.assertLess(int(float(coarse["triangles"])), int(float(finest["triangles"])))
-        # 16 samples are the reference's own: what is left is nothing.
-        self.assertEqual(float(smooth["radiance_rms"]), 0)
+        # 16 samples are the reference's own: what is left is nothing, or a shadow flag that the two ways disagree on.
+        self.assertLessEqual(float(smooth["radiance_rms"]), 0 if smooth["visibility"] == "raytrace" else 1e-3)
         self.assertGreater(float(finest["radiance_rms"]), 0.005)
-        xml.etree.ElementTree.parse(os.path.join(output, "accuracy.svg"))
-        with open(os.path.join(output, "accuracy.png"), "rb") as file:
-            self.assertEqual(file.read(8), b"\x89PNG\r\n\x1a\n")
-        with open(os.path.join(output, "accuracy.md")) as file:
-            self.assertEqual(file.read().count("\n## "), 4)
 
 
 if __name__ == "__main__":

@@ -115,7 +115,7 @@ TEST(ParetoFront, WhatNothingBeats) {
 
 std::vector<engine::SweepRow> two_rows() {
   std::vector<engine::SweepRow> rows(2);
-  for (engine::SweepRow& r : rows) r.scene = "nadir", r.visibility = "raytrace", r.bare_ms = 10, r.frame_ms = 5;
+  for (engine::SweepRow& r : rows) r.scene = "nadir", r.bare_ms = 10, r.frame_ms = 5;
   rows[1].setting.max_error_px = 0.25, rows[1].frame_ms = 20;
   rows[0].errors.radiance_rms = 0.04, rows[1].errors.radiance_rms = 0.01;
   return rows;
