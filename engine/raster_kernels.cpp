@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
 #undef HWY_TARGET_INCLUDE
@@ -84,9 +83,6 @@ HWY_INLINE VF value(const Triangles& t, VF x, VF y) {
 }
 
 // One triangle of many, broadcast.
-struct Scalars {
-  float v[17];
-};
 HWY_INLINE void store(const Triangles& t, float* out, std::size_t lanes) {
   for (int k = 0; k < 3; ++k) {
     hn::StoreU(t.ox[k], f, out + (4 * k + 0) * lanes), hn::StoreU(t.oy[k], f, out + (4 * k + 1) * lanes);
@@ -293,14 +289,13 @@ HWY_INLINE void shade(const Triangles& t, int c0, int c1, int r0, int r1, LightB
 }
 
 // Casts those triangles of a vector that face away from the Sun: whose area is negative.
-HWY_INLINE void cast(const VF* u, const VF* v, const VF* d, bool upper, MF valid, LightBand& band, float v_end) {
+HWY_INLINE void cast(const VF* u, const VF* v, const VF* d, bool upper, MF valid, LightBand& band) {
   const VF u_low = hn::Min(u[0], hn::Min(u[1], u[2])), u_high = hn::Max(u[0], hn::Max(u[1], u[2])),
            v_low = hn::Min(v[0], hn::Min(v[1], v[2])), v_high = hn::Max(v[0], hn::Max(v[1], v[2]));
-  MF active =
-      hn::And(valid, hn::And(hn::Ge(v_high, all(band.v0 - band.margin_m)), hn::Le(v_low, all(v_end + band.margin_m))));
-  const float u_end = band.u0 + static_cast<float>(band.columns) / band.per_u;
-  active =
-      hn::And(active, hn::And(hn::Ge(u_high, all(band.u0 - band.margin_m)), hn::Le(u_low, all(u_end + band.margin_m))));
+  MF active = hn::And(
+      valid, hn::And(hn::Ge(v_high, all(band.v0 - band.margin_m)), hn::Le(v_low, all(band.v_end() + band.margin_m))));
+  active = hn::And(
+      active, hn::And(hn::Ge(u_high, all(band.u0 - band.margin_m)), hn::Le(u_low, all(band.u_end() + band.margin_m))));
   if (hn::AllFalse(f, active)) return;
   VF area;
   Triangles t = set_up(upper, u[0], v[0], d[0], u[1], v[1], d[1], u[2], v[2], d[2], area);
@@ -319,20 +314,14 @@ HWY_INLINE void cast(const VF* u, const VF* v, const VF* d, bool upper, MF valid
   store(t, stored, lanes);
   for (std::size_t k = 0; k < lanes; ++k) {
     if (!mask[k]) continue;
-    // Nothing below it that isn't dark already?
-    bool above = false;
-    for (int r = r0[k]; r <= r1[k] && !above; ++r)
-      for (int q = c0[k] / LightBand::kCoarse; q <= c1[k] / LightBand::kCoarse && !above; ++q)
-        above = band.least[static_cast<std::size_t>(r) * static_cast<std::size_t>(band.coarse_columns) +
-                           static_cast<std::size_t>(q)] < highest[k];
-    if (above) shade(broadcast(stored, lanes, k), c0[k], c1[k], r0[k], r1[k], band);
+    if (band.any_below(c0[k], c1[k], r0[k], r1[k], highest[k]))
+      shade(broadcast(stored, lanes, k), c0[k], c1[k], r0[k], r1[k], band);
   }
 }
 
 void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, LightBand& band) {
   Lighted rows[2];
   const int lanes = static_cast<int>(hn::Lanes(f));
-  const float v_end = band.v0 + static_cast<float>(band.rows) / band.per_v;
   light_row(b, strip.first_row, axes, rows[0]);
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r) {
     const Lighted &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
@@ -346,23 +335,20 @@ void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, 
       const VF ad = hn::Load(f, south.d + c), bd = hn::LoadU(f, south.d + c + 1), cd = hn::Load(f, north.d + c),
                dd = hn::LoadU(f, north.d + c + 1);
       const VF lu[3] = {au, bu, cu}, lv[3] = {av, bv, cv}, ld[3] = {ad, bd, cd};
-      cast(lu, lv, ld, false, hn::And(diagonal, number(au)), band, v_end);
+      cast(lu, lv, ld, false, hn::And(diagonal, number(au)), band);
       const VF uu[3] = {du, bu, cu}, uv[3] = {dv, bv, cv}, ud[3] = {dd, bd, cd};
-      cast(uu, uv, ud, true, hn::And(diagonal, number(du)), band, v_end);
+      cast(uu, uv, ud, true, hn::And(diagonal, number(du)), band);
     }
   }
 }
 
 void CastWall(const Wall& wall, const LightAxes& axes, LightBand& band) {
-  const float v_end = band.v0 + static_cast<float>(band.rows) / band.per_v;
   const auto dot = [](const float* a, const float* p) { return all(a[0] * p[0] + a[1] * p[1] + a[2] * p[2]); };
   const VF u[3] = {dot(axes.u, wall.a), dot(axes.u, wall.b), dot(axes.u, wall.c)},
            v[3] = {dot(axes.v, wall.a), dot(axes.v, wall.b), dot(axes.v, wall.c)},
            d[3] = {dot(axes.d, wall.a), dot(axes.d, wall.b), dot(axes.d, wall.c)};
-  cast(u, v, d, false, hn::FirstN(f, 1), band, v_end);
+  cast(u, v, d, false, hn::FirstN(f, 1), band);
 }
-
-const char* Target() { return hwy::TargetName(HWY_TARGET); }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
@@ -373,7 +359,6 @@ namespace selenograph::engine {
 HWY_EXPORT(DrawStrip);
 HWY_EXPORT(CastStrip);
 HWY_EXPORT(CastWall);
-HWY_EXPORT(Target);
 
 void TileBuffer::clear(int width, int height) {
   const std::size_t n = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
@@ -518,8 +503,6 @@ void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& a
 void cast_wall(const Wall& wall, const LightAxes& axes, LightBand& band) {
   HWY_DYNAMIC_DISPATCH(CastWall)(wall, axes, band);
 }
-
-const char* raster_target() { return HWY_DYNAMIC_DISPATCH(Target)(); }
 
 }  // namespace selenograph::engine
 #endif  // HWY_ONCE

@@ -58,6 +58,20 @@ struct LightBand {
   static constexpr int kCoarse = 16;
   int coarse_columns = 0;
   std::vector<float> least;
+
+  float u_end() const { return u0 + static_cast<float>(columns) / per_u; }
+  float v_end() const { return v0 + static_cast<float>(rows) / per_v; }
+  float& least_of(int row, int coarse_column) {
+    return least[static_cast<std::size_t>(row) * static_cast<std::size_t>(coarse_columns) +
+                 static_cast<std::size_t>(coarse_column)];
+  }
+  // Whether anything in a box of cells (columns c0 to c1, rows r0 to r1) may lie below d_m and isn't dark already.
+  bool any_below(int c0, int c1, int r0, int r1, float d_m) {
+    for (int r = r0; r <= r1; ++r)
+      for (int q = c0 / kCoarse; q <= c1 / kCoarse; ++q)
+        if (least_of(r, q) < d_m) return true;
+    return false;
+  }
 };
 
 // Light space: u x v = toward the Sun.
@@ -68,8 +82,5 @@ struct LightAxes {
 // Puts the samples into shadow that lie under triangles of the strip that face away from the Sun.
 void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band);
 void cast_wall(const Wall& wall, const LightAxes& axes, LightBand& band);
-
-// The vector widths that this build and machine have, widest first, and the one in use.
-const char* raster_target();
 
 }  // namespace selenograph::engine

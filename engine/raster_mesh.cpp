@@ -75,12 +75,12 @@ RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m) : anchor_(anchor_
     }
   });
   for (const auto& s : strips) strips_.insert(strips_.end(), s.begin(), s.end());
-  add_walls(mesh);
+  add_walls();
 }
 
 // Edges of valid triangles that no other one shares. Inside of a block they are beside voids; on its border they are
 // where the edge of no other block is the same, vertex by vertex.
-void RasterMesh::add_walls(const Mesh& mesh) {
+void RasterMesh::add_walls() {
   struct Edge {
     std::array<float, 6> from_to;
     bool operator==(const Edge&) const = default;
@@ -105,7 +105,6 @@ void RasterMesh::add_walls(const Mesh& mesh) {
       const Edge e{{b.x[p], b.y[p], b.z[p], b.x[q], b.y[q], b.z[q]}};
       if (!std::equal(e.from_to.begin(), e.from_to.begin() + 3, e.from_to.begin() + 3)) open[i].push_back(e);
     };
-    const MeshBlock& block = mesh.blocks()[i];
     bool whole = true;
     for (int r = 0; r <= b.quads && whole; ++r)
       for (int c = 0; c <= b.quads; ++c) whole &= present(r, c);
@@ -121,7 +120,6 @@ void RasterMesh::add_walls(const Mesh& mesh) {
         if (upper && !triangle(r, c + 1, false)) add(r, c + 1, r + 1, c + 1);
         if (upper && !lower) add(r + 1, c, r, c + 1);
       }
-    (void)block;
   });
   std::unordered_map<Edge, int, Hash> edges;
   for (const auto& list : open)

@@ -49,7 +49,7 @@ class RasterMesh {
   std::size_t bytes() const;
 
  private:
-  void add_walls(const Mesh& mesh);
+  void add_walls();
 
   Vec3 anchor_;
   std::vector<std::vector<float>> vertices_;  // per block: x, y, z

@@ -42,16 +42,6 @@ void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points);
 // Whether a place next to a triangle of the mesh lies below the surface.
 bool buried(const Mesh& mesh, const TriangleId& beside, const Vec3& place);
 
-// Asks memory for what refining and shading a triangle read.
-inline void prefetch(const Mesh& mesh, const TriangleId& id) {
-  const MeshBlock& block = mesh.blocks()[id.block];
-  for (int r = 0; r < 2; ++r) {
-    const std::size_t at = block.posts->index(id.r + r, id.c);
-    __builtin_prefetch(&block.vertices[at]);
-    __builtin_prefetch(&block.posts->normals[at]);
-  }
-}
-
 // The unit normal that shading uses at a point: those of the triangle's vertices (dem/shading_normals.h), weighted by
 // its place. Where that leans away from whoever looks along `direction`, who sees the facet all the same: the facet's.
 Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane, const Vec3& direction);

@@ -213,12 +213,13 @@ class Pass {
     }
     const int across = (request_.camera.width + kTile - 1) / kTile,
               along = (request_.camera.height + kTile - 1) / kTile;
+    const std::vector<Layer> all = layers();
     in_parallel_pieces(static_cast<std::size_t>(across * along), 1, [&](std::size_t first, std::size_t past_last) {
       PassCounts counts;
       counts.sources.assign(catalogue_size_, 0);
       for (int tile = static_cast<int>(first); tile < static_cast<int>(past_last); ++tile) {
         if (stop_.stopped()) throw Cancelled();
-        render_tile(tile % across * kTile, tile / across * kTile, counts);
+        render_tile(tile % across * kTile, tile / across * kTile, all, counts);
       }
       merge(counts);
     });
@@ -226,32 +227,34 @@ class Pass {
   }
 
  private:
-  void render_tile(int x0, int y0, PassCounts& counts) {
-    for (int y = y0; y < std::min(y0 + kTile, request_.camera.height); y += kPacketSide)
-      for (int x = x0; x < std::min(x0 + kTile, request_.camera.width); x += kPacketSide) {
-        if (grid_ == 1) {
-          render_packet(x, y, 0, 0, true, wants_radiance_ ? 1.F : 0.F, &counts);
-          continue;
-        }
-        if (wants_geometry_) render_packet(x, y, 0, 0, true, 0.F, &counts);
-        if (!wants_radiance_) continue;
-        const float weight = 1.F / static_cast<float>(grid_ * grid_);
-        for (int j = 0; j < grid_; ++j)
-          for (int i = 0; i < grid_; ++i)
-            render_packet(x, y, (i + 0.5) / grid_ - 0.5, (j + 0.5) / grid_ - 0.5, false, weight,
-                          wants_geometry_ || i + j > 0 ? nullptr : &counts);
-      }
-  }
-
-  // ---- z-buffer and shadow map ----------------------------------------------------------------------------------
-
-  // A sub-pixel sample of every pixel at once.
+  // A sub-pixel sample of every pixel, at an offset from its centre: geometry is stored if asked for, radiance added
+  // with a weight, light looked for where either wants it, hits counted once.
   struct Layer {
     double dx, dy;
     bool store;
     float weight;
-    bool count;
+    bool light, count;
   };
+
+  std::vector<Layer> layers() const {
+    if (grid_ == 1) return {{0, 0, true, wants_radiance_ ? 1.F : 0.F, wants_light_, true}};
+    std::vector<Layer> layers;
+    if (wants_geometry_) layers.push_back({0, 0, true, 0.F, (request_.products & kLit) != 0, true});
+    if (!wants_radiance_) return layers;
+    const float weight = 1.F / static_cast<float>(grid_ * grid_);
+    for (int j = 0; j < grid_; ++j)
+      for (int i = 0; i < grid_; ++i)
+        layers.push_back({(i + 0.5) / grid_ - 0.5, (j + 0.5) / grid_ - 0.5, false, weight, true, layers.empty()});
+    return layers;
+  }
+
+  void render_tile(int x0, int y0, const std::vector<Layer>& layers, PassCounts& counts) {
+    for (int y = y0; y < std::min(y0 + kTile, request_.camera.height); y += kPacketSide)
+      for (int x = x0; x < std::min(x0 + kTile, request_.camera.width); x += kPacketSide)
+        for (const Layer& layer : layers) render_packet(x, y, layer, layer.count ? &counts : nullptr);
+  }
+
+  // ---- z-buffer and shadow map ----------------------------------------------------------------------------------
 
   // Where a strip may be in the image, in pixels; empty when it can't be in view. `wide`: not all of its vertices
   // are plain in every tile.
@@ -260,8 +263,7 @@ class Pass {
     bool wide = false;
   };
 
-  static constexpr int kWide = 128, kHigh = 64;   // pixels of a tile
-  static constexpr int kAhead = 2 * kPacketSide;  // pixels, of asking memory
+  static constexpr int kWide = 128, kHigh = 64;  // pixels of a tile
 
   static std::uint32_t triangle_at(const TileBuffer& buffer, const TileView& view, int x, int y) {
     if (x >= view.width || y >= view.height) return kNoTriangle;
@@ -291,25 +293,34 @@ class Pass {
     return t;
   }
 
+  // A corner of a strip's box: x / z and y / z are its pixels.
+  struct Corner {
+    float x, y, z;
+  };
+  static Corner corner_of(const Strip& s, int corner, const TileView& view) {
+    float p[3];
+    for (int k = 0; k < 3; ++k) {
+      p[k] = s.centre[k] - view.pivot[k];
+      for (int e = 0; e < 3; ++e) p[k] += corner >> e & 1 ? s.half[e][k] : -s.half[e][k];
+    }
+    const auto dot = [&](int k) {
+      return view.row[k][0] * p[0] + view.row[k][1] * p[1] + view.row[k][2] * p[2] + view.offset[k];
+    };
+    return {dot(0), dot(1), dot(2)};
+  }
+
   StripBox box_of(const Strip& s, const TileView& whole) const {
     StripBox box;
     float low[2] = {1e30F, 1e30F}, high[2] = {-1e30F, -1e30F};
     int behind = 0;
     for (int corner = 0; corner < 8; ++corner) {
-      float p[3];
-      for (int k = 0; k < 3; ++k) {
-        p[k] = s.centre[k] - whole.pivot[k];
-        for (int e = 0; e < 3; ++e) p[k] += corner >> e & 1 ? s.half[e][k] : -s.half[e][k];
-      }
-      const auto dot = [&](int k) {
-        return whole.row[k][0] * p[0] + whole.row[k][1] * p[1] + whole.row[k][2] * p[2] + whole.offset[k];
-      };
-      const float z = dot(2);
-      if (!(z > 2 * kNear_m)) {
+      const Corner c = corner_of(s, corner, whole);
+      if (!(c.z > 2 * kNear_m)) {
         ++behind;
         continue;
       }
-      for (int k = 0; k < 2; ++k) low[k] = std::min(low[k], dot(k) / z), high[k] = std::max(high[k], dot(k) / z);
+      const float px[2] = {c.x / c.z, c.y / c.z};
+      for (int k = 0; k < 2; ++k) low[k] = std::min(low[k], px[k]), high[k] = std::max(high[k], px[k]);
     }
     if (behind == 8) return box;
     const float w = static_cast<float>(request_.camera.width - 1), h = static_cast<float>(request_.camera.height - 1);
@@ -329,33 +340,16 @@ class Pass {
   static bool beside(const Strip& s, const TileView& t) {
     int left = 0, right = 0, above = 0, below = 0;
     for (int corner = 0; corner < 8; ++corner) {
-      float p[3];
-      for (int k = 0; k < 3; ++k) {
-        p[k] = s.centre[k] - t.pivot[k];
-        for (int e = 0; e < 3; ++e) p[k] += corner >> e & 1 ? s.half[e][k] : -s.half[e][k];
-      }
-      const auto dot = [&](int k) {
-        return t.row[k][0] * p[0] + t.row[k][1] * p[1] + t.row[k][2] * p[2] + t.offset[k];
-      };
-      const float x = dot(0), y = dot(1), z = dot(2);
-      left += x<-z, right += x> static_cast<float>(t.width) * z;
-      above += y<-z, below += y> static_cast<float>(t.height) * z;
+      const auto [x, y, z] = corner_of(s, corner, t);
+      left += x < -z ? 1 : 0, right += x > static_cast<float>(t.width) * z ? 1 : 0;
+      above += y < -z ? 1 : 0, below += y > static_cast<float>(t.height) * z ? 1 : 0;
     }
     return left == 8 || right == 8 || above == 8 || below == 8;
   }
 
   void run_raster() {
     if (wants_light_) shadows_ = std::make_unique<ShadowMap>(*scene_.raster, request_.sun.direction);
-    if (grid_ == 1) {
-      draw({0, 0, true, wants_radiance_ ? 1.F : 0.F, true});
-      return;
-    }
-    if (wants_geometry_) draw({0, 0, true, 0.F, true});
-    if (!wants_radiance_) return;
-    const float weight = 1.F / static_cast<float>(grid_ * grid_);
-    for (int j = 0; j < grid_; ++j)
-      for (int i = 0; i < grid_; ++i)
-        draw({(i + 0.5) / grid_ - 0.5, (j + 0.5) / grid_ - 0.5, false, weight, !wants_geometry_ && i + j == 0});
+    for (const Layer& layer : layers()) draw(layer);
   }
 
   void draw(const Layer& layer) {
@@ -397,18 +391,13 @@ class Pass {
         LightSamples& samples = scratch->tiles[tile];
         samples.clear(static_cast<std::size_t>(kWide * kHigh));
         for (int y = 0; y < view.height; y += kPacketSide)
-          for (int x = 0; x < view.width; x += kPacketSide) {
-            for (int i = 0; i < kPacket; ++i) {
-              const std::uint32_t ahead = triangle_at(buffer, view, x + kAhead + i % kPacketSide, y + i / kPacketSide);
-              if (ahead != kNoTriangle) prefetch(scene_.mesh, unpacked_triangle(ahead));
-            }
+          for (int x = 0; x < view.width; x += kPacketSide)
             resolve(buffer, view, x0, y0, x, y, layer, layer.count ? &counts : nullptr, samples);
-          }
         samples.bound();
       }
       merge(counts);
     });
-    if (shadows_ && (layer.weight > 0 || (layer.store && (request_.products & kLit)))) {
+    if (layer.light) {
       shadows_->cast(*scratch, stop_);
       std::vector<float>& radiance = layer.store ? out_.radiance : layer_;
       in_parallel(scratch->shadowed.size(), [&](std::size_t band) {
@@ -450,7 +439,7 @@ class Pass {
     shade(gather_normals(scene_.mesh, points), points, rays, sun.x(), sun.y(), sun.z(), shading);
     float lit[kPacket] = {}, radiance[kPacket];
     std::int32_t facing[kPacket];
-    if (wants_light_) {
+    if (layer.light) {
       facing_sun(points, sun, facing);
       for (int i = 0; i < kPacket; ++i) lit[i] = points.hit[i] && shading.mu0[i] > 0 && facing[i] ? 1.F : 0.F;
     }
@@ -458,7 +447,7 @@ class Pass {
     for (int i = 0; i < kPacket; ++i)
       pixel[i] =
           static_cast<std::uint32_t>((y0 + y + i / kPacketSide) * request_.camera.width + x0 + x + i % kPacketSide);
-    if (wants_light_) add_samples(points, pixel, lit, samples);
+    if (layer.light) add_samples(points, pixel, lit, samples);
     if (layer.weight > 0) radiances(terms_, irradiance_, shading, lit, radiance);
     std::vector<float>& target = layer.store ? out_.radiance : layer_;
     const bool accounted = out_.source.empty() && account_all(points, counts);
@@ -511,17 +500,16 @@ class Pass {
     }
   }
 
-  // 4 x 4 pixels from (x, y), each at an offset from its centre: geometry is stored if asked for, radiance added with a
-  // weight.
-  void render_packet(int x, int y, double dx, double dy, bool store, float weight, PassCounts* counts) {
-    if (weight > 0)  // memory fetches the rows while rays are traced
+  // 4 x 4 pixels from (x, y).
+  void render_packet(int x, int y, const Layer& layer, PassCounts* counts) {
+    if (layer.weight > 0)  // memory fetches the rows while rays are traced
       for (int row = y; row < std::min(y + kPacketSide, request_.camera.height); ++row)
         __builtin_prefetch(
             &out_.radiance[static_cast<std::size_t>(row) * static_cast<std::size_t>(request_.camera.width) +
                            static_cast<std::size_t>(x)],
             1);
     Rays rays;
-    aim(x, y, dx, dy, rays);
+    aim(x, y, layer.dx, layer.dy, rays);
     SurfacePoints points;
     trace(scene_, rays, points);
     if (std::find(points.hit, points.hit + kPacket, true) == points.hit + kPacket) {
@@ -534,17 +522,17 @@ class Pass {
     const Vec3& sun = request_.sun.direction;
     shade(gather_normals(scene_.mesh, points), points, rays, sun.x(), sun.y(), sun.z(), shading);
     float lit[kPacket] = {}, radiance[kPacket];
-    if (wants_light_) light(points, shading, lit);
-    if (weight > 0) radiances(terms_, irradiance_, shading, lit, radiance);
+    if (layer.light) light(points, shading, lit);
+    if (layer.weight > 0) radiances(terms_, irradiance_, shading, lit, radiance);
     for (int i = 0; i < kPacket; ++i) {
       if (counts && points.toward_moon[i]) ++counts->missing;
       if (!points.hit[i]) continue;
       const std::size_t at =
           static_cast<std::size_t>(y + i / kPacketSide) * static_cast<std::size_t>(request_.camera.width) +
           static_cast<std::size_t>(x + i % kPacketSide);
-      if (weight > 0) out_.radiance[at] += weight * radiance[i];
-      if (counts || store) account(points, i, at, counts);
-      if (store && wants_geometry_) store_geometry(points, i, rays.direction(i), shading, lit[i], at);
+      if (layer.weight > 0) out_.radiance[at] += layer.weight * radiance[i];
+      if (counts || layer.store) account(points, i, at, counts);
+      if (layer.store && wants_geometry_) store_geometry(points, i, rays.direction(i), shading, lit[i], at);
     }
   }
 

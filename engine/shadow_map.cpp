@@ -7,6 +7,7 @@
 
 #include "dem/error.h"
 #include "dem/parallel.h"
+#include "engine/trace.h"
 #include "engine/vectorise.h"
 
 namespace selenograph::engine {
@@ -65,8 +66,7 @@ void into_light(const SurfacePoints& p, const double* anchor, const double* u, c
   }
 }
 
-// Which band a sample is in: rounding may put one that is on a border into either, row_in() keeps it in the band's
-// rows. The casters of both bands are tested, as far as they reach beyond the border by rounding.
+// Which band a sample is in. Rounding may put one that is on a border into either: the bands' margin allows for that.
 SELENOGRAPH_VECTORISED
 void bands_of(const float* v, std::size_t n, float v0, float bands_per_v, int bands, std::int32_t* out) {
   const auto last = static_cast<float>(bands - 1);
@@ -108,8 +108,7 @@ struct BandScratch {
 ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& sun) : mesh_(mesh), d_(sun) {
   // Rows along the Sun's azimuth: relief moves samples along them.
   const Vec3 up = mesh.anchor().normalized(), across = up.cross(sun);
-  v_ = (across.norm() > 1e-6 ? across : (std::abs(sun.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(sun))
-           .normalized();
+  v_ = across.norm() > 1e-6 ? across.normalized() : any_across(sun);
   u_ = v_.cross(sun).normalized();
   for (int k = 0; k < 3; ++k)
     axes_.u[k] = static_cast<float>(u_[k]), axes_.v[k] = static_cast<float>(v_[k]),
@@ -139,15 +138,6 @@ void LightSamples::bound() {
   low[0] = low[1] = std::numeric_limits<float>::infinity(), high[0] = high[1] = -low[0];
   if (count == 0) return;
   range_of(u.data(), count, low[0], high[0]), range_of(v.data(), count, low[1], high[1]);
-}
-
-std::size_t LightScratch::bytes() const {
-  std::size_t sum = 0;
-  for (const auto& t : tiles) sum += t.bytes();
-  for (const auto& s : sorted) sum += s.bytes();
-  for (const auto& f : first) sum += f.capacity() * sizeof(std::uint32_t);
-  for (const auto& s : shadowed) sum += s.capacity() * sizeof(std::uint32_t);
-  return sum;
 }
 
 void ShadowMap::place(const SurfacePoints& points, LightLanes& lanes) const {
@@ -189,8 +179,7 @@ void ShadowMap::cast(LightScratch& scratch, const StopToken& stop) const {
     LightBand& band = own.band;
     band.u0 = g.u0, band.v0 = g.band_start(static_cast<int>(b)), band.per_u = g.per_u, band.per_v = g.per_v;
     band.columns = g.columns, band.rows = kBandRows;
-    const float v_end = band.v0 + static_cast<float>(kBandRows) / band.per_v,
-                u_end = band.u0 + static_cast<float>(band.columns) / band.per_u;
+    const float u_end = band.u_end(), v_end = band.v_end();
     band.margin_m = 0x1p-20F * std::max({std::abs(band.u0), std::abs(u_end), std::abs(band.v0), std::abs(v_end)});
     const std::size_t cells = static_cast<std::size_t>(g.columns) * kBandRows;
     band.start.assign(cells + 1, 0);
@@ -224,8 +213,7 @@ void ShadowMap::cast(LightScratch& scratch, const StopToken& stop) const {
     for (int r = 0; r < kBandRows; ++r)
       for (int q = 0; q < band.coarse_columns; ++q) {
         const std::size_t row = static_cast<std::size_t>(r) * static_cast<std::size_t>(g.columns);
-        float& least = band.least[static_cast<std::size_t>(r) * static_cast<std::size_t>(band.coarse_columns) +
-                                  static_cast<std::size_t>(q)];
+        float& least = band.least_of(r, q);
         const auto begin = static_cast<std::size_t>(q * LightBand::kCoarse),
                    end = static_cast<std::size_t>(std::min(g.columns, (q + 1) * LightBand::kCoarse));
         for (std::uint32_t at = band.start[row + begin]; at < band.start[row + end]; ++at)
@@ -238,14 +226,8 @@ void ShadowMap::cast(LightScratch& scratch, const StopToken& stop) const {
           c.u_low > u_end + band.margin_m || !(c.d_high > lowest))
         continue;
       // Anything beneath it that it could shade?
-      const auto column = [&](float u) { return g.column_of(u) / LightBand::kCoarse; };
       const auto row = [&](float v) { return g.row_in(static_cast<int>(b), v); };
-      bool above = false;
-      for (int r = row(c.v_low); r <= row(c.v_high) && !above; ++r)
-        for (int q = column(c.u_low); q <= column(c.u_high) && !above; ++q)
-          above = band.least[static_cast<std::size_t>(r) * static_cast<std::size_t>(band.coarse_columns) +
-                             static_cast<std::size_t>(q)] < c.d_high;
-      if (!above) continue;
+      if (!band.any_below(g.column_of(c.u_low), g.column_of(c.u_high), row(c.v_low), row(c.v_high), c.d_high)) continue;
       const Strip& strip = mesh_.strips()[s];
       cast_strip(mesh_.blocks()[strip.block], strip, axes_, band);
     }

@@ -39,7 +39,6 @@ struct LightSamples {
   }
   // Sets low and high.
   void bound();
-  std::size_t bytes() const { return 16 * u.capacity(); }
 };
 
 // What a map needs while it works; kept from frame to frame.
@@ -48,7 +47,6 @@ struct LightScratch {
   std::vector<LightSamples> sorted;                  // each tile's, by band
   std::vector<std::vector<std::uint32_t>> first;     // of each band, per tile
   std::vector<std::vector<std::uint32_t>> shadowed;  // pixels, per band
-  std::size_t bytes() const;
 };
 
 class ShadowMap {

@@ -27,6 +27,18 @@ std::optional<double> enter_sphere(const Vec3& origin, const Vec3& direction, do
   return outside / (-b + std::sqrt(root2));  // the stable form of the nearer root
 }
 
+// Whether a ray from `outside` (squared distance from the centre less the datum's radius squared) meets the datum; a:
+// its direction squared, b: origin . direction.
+inline bool meets_datum(double outside, double a, double b) {
+  return outside <= 0 || (b < 0 && b * b - a * outside >= 0);
+}
+
+// Whether the solid inside of the Moon (below all relief) stands between a place and the Sun; `along`: place . Sun.
+inline bool by_night(double x, double y, double z, double along) {
+  constexpr double kCore2 = (kMoonRadius_m + dem::kLowestRelief_m) * (kMoonRadius_m + dem::kLowestRelief_m);
+  return along < 0 && x * x + y * y + z * z - along * along < kCore2;
+}
+
 // Per lane: entry into the sphere (or the start, inside of it), relative to the anchor, in float. `active` where there
 // is one.
 SELENOGRAPH_VECTORISED
@@ -46,7 +58,7 @@ void start_rays(const Rays& rays, double radius, double ax, double ay, double az
     packet.dx[i] = static_cast<float>(dx), packet.dy[i] = static_cast<float>(dy), packet.dz[i] = static_cast<float>(dz);
     packet.active[i] = meets ? -1 : 0;
     const double above = ox * ox + oy * oy + oz * oz - kMoonRadius_m * kMoonRadius_m;
-    toward_moon[i] = above <= 0 || (b < 0 && b * b - a * above >= 0) ? 1 : 0;
+    toward_moon[i] = meets_datum(above, a, b) ? 1 : 0;
   }
 }
 
@@ -57,14 +69,13 @@ void start_rays(const Rays& rays, double radius, double ax, double ay, double az
 SELENOGRAPH_VECTORISED
 void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, double sx, double sy, double sz,
                        RayPacket& packet, float* rounding_m) {
-  constexpr double kCore2 = (kMoonRadius_m + dem::kLowestRelief_m) * (kMoonRadius_m + dem::kLowestRelief_m);
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double x = p.x[i], y = p.y[i], z = p.z[i], nx = p.nx[i], ny = p.ny[i], nz = p.nz[i];
     const double area = std::sqrt(nx * nx + ny * ny + nz * nz), facing = nx * sx + ny * sy + nz * sz;
     const double steepness = facing / area;
     const double along = x * sx + y * sy + z * sz;
-    const bool night = along < 0 && x * x + y * y + z * z - along * along < kCore2;
+    const bool night = by_night(x, y, z, along);
     // Next to the anchor the triangle's vertices are farther from it than the point.
     const double rx = x - ax, ry = y - ay, rz = z - az,
                  size = std::abs(rx) + std::abs(ry) + std::abs(rz) + 4 * std::sqrt(area),
@@ -80,11 +91,10 @@ void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, 
 // Per lane: 1 where the point's facet faces the Sun and the solid inside of the Moon doesn't stand between.
 SELENOGRAPH_VECTORISED
 void face_the_sun(const SurfacePoints& p, double sx, double sy, double sz, std::int32_t* facing) {
-  constexpr double kCore2 = (kMoonRadius_m + dem::kLowestRelief_m) * (kMoonRadius_m + dem::kLowestRelief_m);
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double x = p.x[i], y = p.y[i], z = p.z[i], along = x * sx + y * sy + z * sz;
-    const bool night = along < 0 && x * x + y * y + z * z - along * along < kCore2;
+    const bool night = by_night(x, y, z, along);
     facing[i] = p.nx[i] * sx + p.ny[i] * sy + p.nz[i] * sz > 0 && !night ? 1 : 0;
   }
 }
@@ -118,8 +128,7 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
       aside.active[i] = points.toward_moon[i] && packet.active[i] ? -1 : 0;
       if (!aside.active[i]) continue;
       any = true;
-      const Vec3 d = rays.direction(i).normalized(),
-                 across = (std::abs(d.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(d).normalized();
+      const Vec3 d = rays.direction(i).normalized(), across = any_across(d);
       const Vec3 shift =
           static_cast<double>(farthest) * 0x1p-21 * (k < 2 ? across : d.cross(across)) * (k % 2 ? -1 : 1);
       aside.ox[i] += static_cast<float>(shift.x()), aside.oy[i] += static_cast<float>(shift.y()),
@@ -172,7 +181,7 @@ void find_missing(const Rays& rays, SurfacePoints& points) {
     if (!rays.valid[i] || points.hit[i]) continue;
     const Vec3 o = rays.origin(i), d = rays.direction(i);
     const double above = o.squaredNorm() - kMoonRadius_m * kMoonRadius_m, a = d.squaredNorm(), b = o.dot(d);
-    points.toward_moon[i] = above <= 0 || (b < 0 && b * b - a * above >= 0);
+    points.toward_moon[i] = meets_datum(above, a, b);
   }
 }
 
@@ -202,8 +211,7 @@ void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted,
 
 void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun,
                  double angular_radius_rad, float* lit) {
-  const Vec3 across = (std::abs(sun.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(sun).normalized(),
-             up = sun.cross(across);
+  const Vec3 across = any_across(sun), up = sun.cross(across);
   float sum[kPacket] = {};
   for (int k = 0; k < kDiscSamples; ++k) {
     // Vogel's sunflower (1979): equal areas, no two samples in line with a straight shadow edge.

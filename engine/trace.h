@@ -1,10 +1,18 @@
 // Rays against a scene, exactly: the shell is entered in double, float finds the triangle, double finds the point.
 #pragma once
 
+#include <Eigen/Geometry>
+#include <cmath>
+
 #include "engine/refine.h"
 #include "engine/scene.h"
 
 namespace selenograph::engine {
+
+// A unit vector across a unit vector.
+inline Vec3 any_across(const Vec3& d) {
+  return (std::abs(d.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(d).normalized();
+}
 
 // Where each valid ray first meets the surface.
 void trace(const Scene& scene, const Rays& rays, SurfacePoints& points);

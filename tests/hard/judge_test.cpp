@@ -17,8 +17,8 @@
 #include <string>
 #include <vector>
 
-#include "dem/sample_terrain.h"
 #include "tests/support/frame_judge.h"
+#include "tests/support/sample_scenery.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
 #include "tests/support/views.h"
@@ -194,29 +194,9 @@ void judge_views(const Scenery& scenery, const std::vector<Look>& looks) {
   EXPECT_GT((all.hits - all.lit) * 10, all.hits);
 }
 
-// 2 x 2 tiles at 30 m posts, made once.
-class SampleFrames : public ::testing::Test {
+class SampleFrames : public SampleScenery {
  protected:
-  static void SetUpTestSuite() {
-    folder_ = new TemporaryFolder;
-    dem::SampleOptions options;
-    options.south_deg = -11, options.west_deg = 43, options.rows = 2, options.columns = 2;
-    options.posts_per_degree = 1024;
-    dem::write_sample_terrain(folder_->path(), options);
-    scenery_ = new Scenery(folder_->path());
-  }
-  static void TearDownTestSuite() {
-    delete scenery_;
-    delete folder_;
-    scenery_ = nullptr, folder_ = nullptr;
-  }
-  static std::string folder() { return folder_->path(); }
-  static const Scenery& scenery() { return *scenery_; }
   static Look nadir() { return {"sample nadir 20 km", -10.0, 44.0, 20000, 0, 0, 50}; }
-
- private:
-  static inline TemporaryFolder* folder_ = nullptr;
-  static inline Scenery* scenery_ = nullptr;
 };
 
 TEST_F(SampleFrames, AgreeWithTheJudge) {

@@ -9,11 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "dem/sample_terrain.h"
 #include "engine/accuracy_scenes.h"
-#include "tests/support/frame_judge.h"
 #include "tests/support/hard_views.h"
-#include "tests/support/shared_data.h"
+#include "tests/support/sample_scenery.h"
 #include "tests/support/tiles.h"
 
 namespace selenograph::test {
@@ -30,29 +28,15 @@ struct Disputes {
   }
 };
 
-class TwoWays : public ::testing::Test {
+class TwoWays : public SampleScenery {
  protected:
-  static void SetUpTestSuite() {
-    folder_ = new TemporaryFolder;
-    dem::SampleOptions options;
-    options.south_deg = -11, options.west_deg = 43, options.rows = 2, options.columns = 2;
-    options.posts_per_degree = 1024;
-    dem::write_sample_terrain(folder_->path(), options);
-    scenery_ = new Scenery(folder_->path());
-  }
-  static void TearDownTestSuite() {
-    delete scenery_;
-    delete folder_;
-    scenery_ = nullptr, folder_ = nullptr;
-  }
-
   // Judged where the frames ask for the finest posts, which are the judge's.
   static Disputes compare(const std::string& name, engine::FrameRequest request) {
     request.products = engine::kDepth | engine::kPosition | engine::kLit;
     request.visibility = engine::Visibility::raytrace;
-    const engine::Frame rays = scenery_->renderer->render(request);
+    const engine::Frame rays = scenery().renderer->render(request);
     request.visibility = engine::Visibility::zbuffer;
-    const engine::Frame drawn = scenery_->renderer->render(request);
+    const engine::Frame drawn = scenery().renderer->render(request);
     EXPECT_EQ(rays.report.visibility, engine::Visibility::raytrace);
     EXPECT_EQ(drawn.report.visibility, engine::Visibility::zbuffer);
     EXPECT_GT(drawn.report.hit_fraction, 0.05) << name;
@@ -67,14 +51,14 @@ class TwoWays : public ::testing::Test {
       ++d.flags;
       if (request.accuracy.max_error_px > 0) continue;
       const Vec3 eye = request.pose.position_m, direction = (at3(b.position, i) - eye).normalized();
-      const FirstHit truth = scenery_->judge->first_hit(eye, direction);
+      const FirstHit truth = scenery().judge->first_hit(eye, direction);
       if (truth.hit != Verdict::yes) continue;
       const Vec3 point = eye + truth.distance_m * direction;
-      if (scenery_->judge->grazes(point, truth.face, request.sun.direction, kGrazingEnough_m)) {
+      if (scenery().judge->grazes(point, truth.face, request.sun.direction, kGrazingEnough_m)) {
         ++d.grazing;
         continue;
       }
-      const bool free = scenery_->judge->sun_blocked(point, truth.face, request.sun.direction) == Verdict::no;
+      const bool free = scenery().judge->sun_blocked(point, truth.face, request.sun.direction) == Verdict::no;
       d.zbuffer_wrong += free != (b.lit[i] > 0), d.rays_wrong += free != (a.lit[i] > 0);
     }
     fmt::print(
@@ -84,12 +68,6 @@ class TwoWays : public ::testing::Test {
     EXPECT_LE(d.flags * 1000, d.pixels) << name;
     return d;
   }
-
-  static const Scenery& scenery() { return *scenery_; }
-
- private:
-  static inline TemporaryFolder* folder_ = nullptr;
-  static inline Scenery* scenery_ = nullptr;
 };
 
 TEST_F(TwoWays, AgreeOnTheScenesOfVerifyAccuracy) {

@@ -14,7 +14,7 @@ import xml.etree.ElementTree
 import zipfile
 
 import harness
-from harness import Service, frame_request, run
+from harness import WithService, frame_request, run
 
 
 def setUpModule():
@@ -35,15 +35,7 @@ def meta_of(body):
         return json.loads(archive.read("meta.json"))
 
 
-class Budgets(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        cls.service = Service()
-
-    @classmethod
-    def tearDownClass(cls):
-        assert cls.service.stop() == 0
-
+class Budgets(WithService):
     def chosen(self, budget_ms):
         """The metadata, and the header as numbers."""
         status, headers, body = self.service.frame(with_accuracy(budget_ms=budget_ms), "application/x-npz")

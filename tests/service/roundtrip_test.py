@@ -10,7 +10,7 @@ import struct
 import unittest
 
 import harness
-from harness import Service
+from harness import Service, WithService
 
 PLACE = ("--south-deg", "25", "--west-deg", "2", "--rows", "2", "--columns", "2", "--ppd", "256")
 CENTER = {"lat_deg": 26.1322, "lon_deg": 3.6339}
@@ -37,15 +37,7 @@ def png_size(content):
     return struct.unpack(">II", content[16:24])
 
 
-class OverHttp(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        cls.service = Service()
-
-    @classmethod
-    def tearDownClass(cls):
-        assert cls.service.stop() == 0
-
+class OverHttp(WithService):
     def figures(self, body):
         status, headers, content = ask(self.service, body)
         self.assertEqual(status, 200, content)
