@@ -121,8 +121,8 @@ Vec3 read_position(const JsonReader& in, engine::BodyFrame frame) {
   return position_m;
 }
 
-// Of q and -q, which are one attitude, the one whose first component of w, x, y, z that is not zero is positive: one
-// attitude has one text and one content hash.
+// Of q and -q, which are one attitude, the one whose first component of w, x, y, z that is not zero is positive, and no
+// zero negative: one attitude has one text and one content hash.
 Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
   if (!is_unit(q.coeffs())) q.normalize();
   for (const double component : {q.w(), q.x(), q.y(), q.z()}) {
@@ -130,6 +130,7 @@ Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
     if (component < 0) q.coeffs() = -q.coeffs();
     break;
   }
+  q.coeffs().array() += 0.0;  // -0 + 0 is 0
   return q;
 }
 

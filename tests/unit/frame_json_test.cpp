@@ -200,6 +200,9 @@ TEST(PoseJson, QuaternionsAreNamedByTheirDirection) {
   const Eigen::Quaterniond opposite(-q.w(), -q.x(), -q.y(), -q.z());
   EXPECT_EQ(accepted(start + "\"camera_from_moon\": " + text(opposite) + "}}").pose.camera_from_moon.coeffs(),
             given.coeffs());
+  const std::string zeros = R"("camera_from_moon": {"w": 0.0, "x": -0.0, "y": -1, "z": -0.0}}})";
+  const auto without_sign = accepted(start + zeros).pose.camera_from_moon;
+  for (const double c : without_sign.coeffs()) EXPECT_FALSE(std::signbit(c)) << without_sign;
 }
 
 TEST(PoseJson, AxesMeanNothingForLookAtAndNadir) {
