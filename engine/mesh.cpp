@@ -1,8 +1,11 @@
 #include "engine/mesh.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
 
 #include "dem/parallel.h"
 
@@ -28,15 +31,24 @@ std::optional<float> post_at(const dem::Block& block, std::int64_t lat, std::int
 
 }  // namespace
 
+MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block) : posts(std::move(block)), side(posts->side()) {
+  vertices.resize(posts->heights.size());
+  for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = {posts->heights[i], posts->normals[i]};
+  for (std::size_t i = 0; i < posts->sin_lat.size(); ++i) rows.push_back({posts->sin_lat[i], posts->cos_lat[i]});
+  for (std::size_t i = 0; i < posts->sin_lon.size(); ++i) columns.push_back({posts->sin_lon[i], posts->cos_lon[i]});
+}
+
 Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids) {
   std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
   in_parallel(ids.size(), [&](std::size_t i) { loaded[i] = terrain.block(ids[i]); });
+  if (ids.size() > TriangleId::kMostBlocks)
+    throw std::length_error(fmt::format("mesh: {} blocks are more than {}", ids.size(), TriangleId::kMostBlocks));
   coarsest_ = dem::kMaxLevel;
   for (auto& posts : loaded) {
     if (!posts) continue;
     coarsest_ = std::min(coarsest_, posts->id.level), finest_ = std::max(finest_, posts->id.level);
     index_[posts->id] = static_cast<std::uint32_t>(blocks_.size());
-    blocks_.push_back({std::move(posts), {}, {1, 1, 1, 1}});
+    blocks_.emplace_back(std::move(posts));
   }
   in_parallel(blocks_.size(), [&](std::size_t i) { join(blocks_[i]); });
 }
@@ -51,13 +63,6 @@ std::optional<std::uint32_t> Mesh::block_at(std::int64_t lat_tick, std::int64_t 
 }
 
 void Mesh::join(MeshBlock& block) const {
-  const int side = block.posts->side();
-  block.vertices.resize(block.posts->heights.size());
-  for (int r = 0; r < side; ++r)
-    for (int c = 0; c < side; ++c) {
-      const std::size_t at = block.posts->index(r, c);
-      block.vertices[at] = block.posts->position(r, c, static_cast<double>(block.posts->heights[at]));
-    }
   for (int edge = 0; edge < 4; ++edge) join_edge(block, edge);
 }
 
@@ -80,6 +85,7 @@ void Mesh::join_edge(MeshBlock& block, int edge) const {
   int stride = 1;
   if (neighbour) stride = std::max(1, (along_lon ? neighbour->extent.lon_step : neighbour->extent.lat_step) / step);
   block.stride[static_cast<std::size_t>(edge)] = std::min(stride, e.quads);
+  block.collapses |= std::min(stride, e.quads) > 1;
   // Where the longitude step halves towards the equator, several neighbours of one level share the edge: each vertex
   // has its own.
   const bool several =
@@ -88,7 +94,7 @@ void Mesh::join_edge(MeshBlock& block, int edge) const {
   const bool neighbour_first = neighbour && neighbour->id < own.id;
   const int remaining = block.stride[static_cast<std::size_t>(edge)];
   for (int i = 0; i <= e.quads; ++i) {
-    const auto vertex = [&](int k) -> Vec3& {
+    const auto vertex = [&](int k) -> MeshVertex& {
       return block.vertices[along_lon ? own.index(edge == 0 ? 0 : e.quads, k) : own.index(k, edge == 2 ? 0 : e.quads)];
     };
     if (i % remaining != 0) {
@@ -104,7 +110,7 @@ void Mesh::join_edge(MeshBlock& block, int edge) const {
     } else if (neighbour && (neighbour_first || std::isnan(h))) {
       h = post_at(*neighbour, lat, lon).value_or(h);
     }
-    vertex(i) = own.position(r, c, static_cast<double>(h));
+    vertex(i).height_m = h;
   }
 }
 
@@ -129,7 +135,7 @@ float Mesh::joined_height(const BlockId& own, std::int64_t lat, std::int64_t lon
 
 std::size_t Mesh::bytes() const {
   std::size_t sum = sizeof(Mesh);
-  for (const MeshBlock& b : blocks_) sum += sizeof(MeshBlock) + b.vertices.size() * sizeof(Vec3);
+  for (const MeshBlock& b : blocks_) sum += sizeof(MeshBlock) + b.vertices.size() * sizeof(MeshVertex) + (b.rows.size() + b.columns.size()) * sizeof(MeshBlock::Turn);
   return sum;
 }
 

@@ -6,6 +6,8 @@
 #pragma once
 
 #include <array>
+#include <cmath>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <unordered_map>
@@ -17,41 +19,87 @@
 
 namespace selenograph::engine {
 
-struct MeshBlock {
-  std::shared_ptr<const dem::Block> posts;
-  // (quads + 1)^2, row-major from the south-west: MOON_ME, metres, double, as joined; NaN where there is no data. A
-  // vertex that has collapsed holds the place of the one that it has collapsed onto.
-  std::vector<Vec3> vertices;
-  std::array<int, 4> stride{1, 1, 1, 1};  // south, north, west, east: every stride-th vertex of the edge remains
+// What the lattice doesn't say of a vertex.
+struct alignas(16) MeshVertex {
+  float height_m;           // above the sphere; NaN where there is no data
+  Eigen::Vector3f normal;   // unit, MOON_ME, for shading
+};
+static_assert(sizeof(MeshVertex) == 16);
 
-  const Vec3& vertex(int r, int c) const { return vertices[posts->index(r, c)]; }
-  // For shading; a vertex that has collapsed has the normal of the one that it has collapsed onto.
-  const Eigen::Vector3f& normal(int r, int c) const {
+struct MeshBlock {
+  // Sine and cosine of a row's latitude or of a column's longitude.
+  struct alignas(16) Turn {
+    double sin, cos;
+  };
+
+  explicit MeshBlock(std::shared_ptr<const dem::Block> block);
+
+  std::shared_ptr<const dem::Block> posts;
+  int side;  // quads + 1
+  // (quads + 1)^2, row-major from the south-west, as joined. A vertex that has collapsed holds height and normal of the
+  // one that it has collapsed onto.
+  std::vector<MeshVertex> vertices;
+  std::vector<Turn> rows, columns;
+  std::array<int, 4> stride{1, 1, 1, 1};  // south, north, west, east: every stride-th vertex of the edge remains
+  bool collapses = false;                 // any of them isn't 1
+
+  // Row and column of the vertex that remains of this one.
+  std::array<int, 2> remaining(int r, int c) const {
     const int quads = posts->extent.quads;
     if (r == 0) c -= c % stride[0];
     if (r == quads) c -= c % stride[1];
     if (c == 0) r -= r % stride[2];
     if (c == quads) r -= r % stride[3];
-    return posts->normals[posts->index(r, c)];
+    return {r, c};
   }
+  // Whether a quad touches the block's border.
+  bool on_border(int r, int c) const {
+    const int last = posts->extent.quads - 1;
+    return r == 0 || c == 0 || r == last || c == last;
+  }
+
+  // MOON_ME, metres; NaN where there is no data.
+  Vec3 vertex(int r, int c) const {
+    const auto [row, column] = remaining(r, c);
+    return posts->position(row, column, static_cast<double>(vertices[posts->index(r, c)].height_m));
+  }
+  bool present(int r, int c) const { return !std::isnan(vertices[posts->index(r, c)].height_m); }
+  const Eigen::Vector3f& normal(int r, int c) const { return vertices[posts->index(r, c)].normal; }
 };
 
 // A triangle of the mesh: block, quad (south-west vertex) and which half (dem/surface.h).
-struct TriangleId {
-  std::uint32_t block = 0;
-  std::uint16_t r = 0, c = 0;
-  bool upper = false;
+class TriangleId {
+ public:
+  static constexpr std::uint32_t kMostBlocks = 1U << 19;
+
+  TriangleId() = default;
+  explicit TriangleId(std::uint32_t packed) : packed_(packed) {}
+  TriangleId(std::uint32_t block, int r, int c, bool upper)
+      : packed_(block << 13 | static_cast<std::uint32_t>(r) << 7 | static_cast<std::uint32_t>(c) << 1 |
+                (upper ? 1U : 0U)) {}
+
+  std::uint32_t packed() const { return packed_; }
+  std::uint32_t block() const { return packed_ >> 13; }
+  int r() const { return static_cast<int>(packed_ >> 7 & 63); }
+  int c() const { return static_cast<int>(packed_ >> 1 & 63); }
+  bool upper() const { return (packed_ & 1) != 0; }
+  TriangleId other_half() const { return TriangleId(packed_ ^ 1); }
+  dem::QuadVertices vertices() const { return dem::vertices_of(r(), c(), upper()); }
+
+ private:
+  std::uint32_t packed_ = 0;
 };
 
 class Mesh {
  public:
-  // `blocks` sorted; those without a single valid post are left out. Loads in parallel; throws what the terrain throws.
+  // `blocks` sorted, at most TriangleId::kMostBlocks; those without a single valid post are left out. Loads in parallel;
+  // throws what the terrain throws.
   Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks);
 
   const std::vector<MeshBlock>& blocks() const { return blocks_; }
   dem::Triangle triangle(const TriangleId& id) const {
-    const dem::QuadVertices q = dem::vertices_of(id.r, id.c, id.upper);
-    const MeshBlock& b = blocks_[id.block];
+    const dem::QuadVertices q = id.vertices();
+    const MeshBlock& b = blocks_[id.block()];
     return {b.vertex(q.r[0], q.c[0]), b.vertex(q.r[1], q.c[1]), b.vertex(q.r[2], q.c[2])};
   }
 

@@ -237,7 +237,7 @@ void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, T
       if (hn::AllFalse(f, hn::Or(seen, any_void))) continue;
       const VF aw = hn::Load(f, south.w + c), bw = hn::LoadU(f, south.w + c + 1), cw = hn::Load(f, north.w + c),
                dw = hn::LoadU(f, north.w + c + 1);
-      const VI name = hn::Add(hn::Set(i32, static_cast<std::int32_t>(packed_triangle(strip.block, r, c, false))),
+      const VI name = hn::Add(hn::Set(i32, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),
                               hn::ShiftLeft<1>(hn::Iota(i32, 0)));
       const VF lx[3] = {ax, bx, cx}, ly[3] = {ay, by, cy}, lw[3] = {aw, bw, cw};
       draw(lx, ly, lw, false, name, lower, view, out);
@@ -362,8 +362,8 @@ HWY_EXPORT(CastWall);
 
 void TileBuffer::clear(int width, int height) {
   const std::size_t n = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  nearness.assign(n + 16, kFarthest);  // vectors reach beyond the last pixel
-  triangle.assign(n + 16, kNoTriangle);
+  nearness.assign(n + 48, kFarthest);  // vectors reach beyond the last pixel
+  triangle.assign(n + 48, kNoTriangle);
 }
 
 namespace {
@@ -376,19 +376,19 @@ class WideDrawer {
   WideDrawer(const RasterBlock& block, const TileView& view, TileBuffer& out) : block_(block), view_(view), out_(out) {}
 
   void draw(const TriangleId& id) {
-    const dem::QuadVertices q = dem::vertices_of(id.r, id.c, id.upper);
+    const dem::QuadVertices q = id.vertices();
     // Corners a (or d), b, c as in whole strips.
-    const Corner a = corner(q.r[0], q.c[0]), b = corner(q.r[id.upper ? 2 : 1], q.c[id.upper ? 2 : 1]),
-                 c = corner(q.r[id.upper ? 1 : 2], q.c[id.upper ? 1 : 2]);
+    const Corner a = corner(q.r[0], q.c[0]), b = corner(q.r[id.upper() ? 2 : 1], q.c[id.upper() ? 2 : 1]),
+                 c = corner(q.r[id.upper() ? 1 : 2], q.c[id.upper() ? 1 : 2]);
     if (std::isnan(a.z) || std::isnan(b.z) || std::isnan(c.z)) return;
     if (outside(a, b, c)) return;
-    const Edge edges[3] = {id.upper ? edge(c, a) : edge(a, b), id.upper ? edge(b, a) : edge(a, c), edge(b, c)};
+    const Edge edges[3] = {id.upper() ? edge(c, a) : edge(a, b), id.upper() ? edge(b, a) : edge(a, c), edge(b, c)};
     // Twice the volume over the triangle, and the edges' signs inside: as `turn` has them.
     const double volume = a.x * (b.y * c.z - b.z * c.y) - a.y * (b.x * c.z - b.z * c.x) + a.z * (b.x * c.y - b.y * c.x);
     if (volume == 0) return;
-    const bool positive = (volume > 0) != id.upper;  // of a, b, c; of d, c, b
-    const bool flip[3] = {id.upper ? positive : !positive, id.upper ? !positive : positive,
-                          id.upper ? positive : !positive};
+    const bool positive = (volume > 0) != id.upper();  // of a, b, c; of d, c, b
+    const bool flip[3] = {id.upper() ? positive : !positive, id.upper() ? !positive : positive,
+                          id.upper() ? positive : !positive};
     // 1 / depth at a pixel: the sum of the three weights.
     const Plane n[3] = {plane(b, c), plane(c, a), plane(a, b)};
     const double ix = (n[0].x + n[1].x + n[2].x) / volume, iy = (n[0].y + n[1].y + n[2].y) / volume,
@@ -400,7 +400,7 @@ class WideDrawer {
       y0 = std::max(y0, static_cast<int>(std::ceil(std::min({a.py, b.py, c.py}))));
       y1 = std::min(y1, static_cast<int>(std::floor(std::max({a.py, b.py, c.py}))));
     }
-    const std::uint32_t name = packed_triangle(id.block, id.r, id.c, id.upper);
+    const std::uint32_t name = id.packed();
     for (int y = y0; y <= y1; ++y)
       for (int x = x0; x <= x1; ++x) {
         bool in = true;
@@ -493,7 +493,7 @@ void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& vi
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r)
     for (int c = 0; c < block.quads; ++c)
       for (const bool upper : {false, true})
-        drawer.draw({strip.block, static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c), upper});
+        drawer.draw({strip.block, r, c, upper});
 }
 
 void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band) {

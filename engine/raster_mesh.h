@@ -9,14 +9,7 @@
 
 namespace selenograph::engine {
 
-// A triangle in 32 bits: block, quad's row and column, half.
-inline constexpr std::uint32_t kNoTriangle = 0xffffffff;
-inline std::uint32_t packed_triangle(std::uint32_t block, int r, int c, bool upper) {
-  return block << 13 | static_cast<std::uint32_t>(r) << 7 | static_cast<std::uint32_t>(c) << 1 | (upper ? 1U : 0U);
-}
-inline TriangleId unpacked_triangle(std::uint32_t id) {
-  return {id >> 13, static_cast<std::uint16_t>(id >> 7 & 63), static_cast<std::uint16_t>(id >> 1 & 63), (id & 1) != 0};
-}
+inline constexpr std::uint32_t kNoTriangle = 0xffffffff;  // instead of TriangleId::packed()
 
 // Vertices of one block, rows from the south, `stride` floats apart; what lies beyond the last column is NaN.
 struct RasterBlock {

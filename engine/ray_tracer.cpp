@@ -68,12 +68,16 @@ void ignore_left_side(const RTCFilterFunctionNArguments* args) {
 }
 
 void fill_vertices(const MeshBlock& block, const Vec3& anchor, float* out) {
-  for (const Vec3& vertex : block.vertices)
-    for (int k = 0; k < 3; ++k) *out++ = static_cast<float>((vertex - anchor)[k]);
+  for (int r = 0; r < block.posts->side(); ++r)
+    for (int c = 0; c < block.posts->side(); ++c) {
+      const Vec3 vertex = block.vertex(r, c) - anchor;
+      for (int k = 0; k < 3; ++k) *out++ = static_cast<float>(vertex[k]);
+    }
 }
 
 bool complete(const MeshBlock& block) {
-  return std::none_of(block.vertices.begin(), block.vertices.end(), [](const Vec3& v) { return std::isnan(v.x()); });
+  return std::none_of(block.vertices.begin(), block.vertices.end(),
+                      [](const MeshVertex& v) { return std::isnan(v.height_m); });
 }
 
 // Smallest and largest value of one component over a packet.
@@ -149,9 +153,9 @@ struct RayTracer::Impl {
         for (const bool upper : {false, true}) {
           const dem::QuadVertices q = dem::vertices_of(r, c, upper);
           bool valid = true;
-          for (int i = 0; i < 3; ++i) valid &= !std::isnan(block.vertex(q.r[i], q.c[i]).x());
+          for (int i = 0; i < 3; ++i) valid &= block.present(q.r[i], q.c[i]);
           if (valid)
-            out.triangles.push_back({index, static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c), upper});
+            out.triangles.emplace_back(index, r, c, upper);
         }
     const std::size_t count = out.triangles.size();
     if (count == 0) return nullptr;
@@ -162,7 +166,7 @@ struct RayTracer::Impl {
     auto* corners = static_cast<unsigned*>(
         rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), count));
     for (const TriangleId& t : out.triangles) {
-      const dem::QuadVertices q = dem::vertices_of(t.r, t.c, t.upper);
+      const dem::QuadVertices q = t.vertices();
       for (int i = 0; i < 3; ++i) *corners++ = static_cast<unsigned>(block.posts->index(q.r[i], q.c[i]));
     }
     return geometry;
@@ -174,8 +178,7 @@ struct RayTracer::Impl {
     // A grid's u and v run over the whole grid. Rounding at a quad's border is for refine.h.
     const float u = hit.u[i] * static_cast<float>(n.quads), v = hit.v[i] * static_cast<float>(n.quads);
     const int c = std::clamp(static_cast<int>(u), 0, n.quads - 1), r = std::clamp(static_cast<int>(v), 0, n.quads - 1);
-    return {hit.geomID[i], static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c),
-            (u - static_cast<float>(c)) + (v - static_cast<float>(r)) > 1.F};
+    return {hit.geomID[i], r, c, (u - static_cast<float>(c)) + (v - static_cast<float>(r)) > 1.F};
   }
 
   RTCScene scene = nullptr;

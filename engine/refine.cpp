@@ -16,13 +16,9 @@ constexpr double kOnEdge = 1e-9;
 // The same for float, which may take a ray to hit a triangle that it passes by millimetres.
 constexpr double kBlur = 1e-3;
 
-struct alignas(64) Triangles {
-  double a[3][kPacket], b[3][kPacket], c[3][kPacket];
-};
-
 // Plane and ray, per lane: P = o + t d, weights v and w of b and c. A ray from below gets a distance of -1.
 SELENOGRAPH_VECTORISED
-void meet_all(const Triangles& t, const Rays& rays, SurfacePoints& p) {
+void meet_all(const Facets& t, const Rays& rays, SurfacePoints& p) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double bx = t.b[0][i] - t.a[0][i], by = t.b[1][i] - t.a[1][i], bz = t.b[2][i] - t.a[2][i];
@@ -94,7 +90,7 @@ class Search {
     for (int r = std::max(0, row - 1); r <= std::min(quads - 1, row + 1); ++r)
       for (int c = std::max(0, col - 1); c <= std::min(quads - 1, col + 1); ++c)
         for (const bool upper : {false, true})
-          consider({block, static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(c), upper});
+          consider({block, r, c, upper});
   }
 
   // Blocks beside the place, and the quads of theirs that are nearest.
@@ -121,10 +117,10 @@ class Search {
     for (std::uint32_t b = 0; b < mesh_.blocks().size(); ++b) {
       const dem::BlockExtent& e = mesh_.blocks()[b].posts->extent;
       if (north ? e.lat1() != dem::kLatTicks : e.lat0 != 0) continue;
-      const auto r = static_cast<std::uint16_t>(north ? e.quads - 1 : 0);
+      const int r = north ? e.quads - 1 : 0;
       for (int c = 0; c < e.quads; ++c)
         for (const bool upper : {false, true}) {
-          consider({b, r, static_cast<std::uint16_t>(c), upper});
+          consider({b, r, c, upper});
           if (best_) return;
         }
     }
@@ -158,15 +154,15 @@ void correct(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
   TriangleId id = points.triangle[i];
   auto guess = meet(mesh, id, origin, direction);
   if (!guess) {
-    id.upper = !id.upper;
+    id = id.other_half();
     guess = meet(mesh, id, origin, direction);
   }
   // Neither half: an outline seen edge-on or a quad that has collapsed. What the ray meets is beside it.
   const Vec3 place = guess ? guess->position : mesh.triangle(id).a;
   const double distance = guess ? guess->distance : (place - origin).dot(direction) / direction.squaredNorm();
   Search search(mesh, origin, direction, distance, end_of_sight(mesh, points.triangle[i], origin, direction));
-  search.quads_around(id.block, id.r, id.c);
-  if (!search.best()) search.blocks_around(place, id.block);
+  search.quads_around(id.block(), id.r(), id.c());
+  if (!search.best()) search.blocks_around(place, id.block());
   const std::optional<Candidate>& found = search.best() ? search.best() : search.nearly();
   points.hit[i] = found && found->distance > 0;
   if (found) store(*found, i, points);
@@ -174,27 +170,19 @@ void correct(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
 
 }  // namespace
 
-void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points) {
-  Triangles t;
-  for (int i = 0; i < kPacket; ++i) {
-    if (!points.hit[i]) {
-      for (int k = 0; k < 3; ++k) t.a[k][i] = t.b[k][i] = t.c[k][i] = 0;
-      continue;
-    }
-    const TriangleId& id = points.triangle[i];
-    const MeshBlock& block = mesh.blocks()[id.block];
-    const dem::QuadVertices q = dem::vertices_of(id.r, id.c, id.upper);
-    const Vec3 &a = block.vertex(q.r[0], q.c[0]), &b = block.vertex(q.r[1], q.c[1]), &c = block.vertex(q.r[2], q.c[2]);
-    for (int k = 0; k < 3; ++k) t.a[k][i] = a[k], t.b[k][i] = b[k], t.c[k][i] = c[k];
-    // Shading reads these next; asked for now, they come along with the vertices.
-    for (int k = 0; k < 3; ++k) __builtin_prefetch(&block.posts->normals[block.posts->index(q.r[k], q.c[k])]);
-  }
-  meet_all(t, rays, points);
+void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets) {
+  gather(mesh, points.triangle, facets);
+  meet_all(facets, rays, points);
+  unsigned off = 0;
   for (int i = 0; i < kPacket; ++i) {
     const bool on = points.distance[i] > 0 && points.v[i] >= -kOnEdge && points.w[i] >= -kOnEdge &&
                     points.v[i] + points.w[i] <= 1 + kOnEdge;
-    if (points.hit[i] && !on) correct(mesh, rays, i, points);
+    off |= (points.hit[i] && !on ? 1U : 0U) << i;
   }
+  if (off == 0) return;
+  for (int i = 0; i < kPacket; ++i)
+    if (off >> i & 1) correct(mesh, rays, i, points);
+  gather(mesh, points.triangle, facets);
 }
 
 bool buried(const Mesh& mesh, const TriangleId& beside, const Vec3& place) {
@@ -202,15 +190,15 @@ bool buried(const Mesh& mesh, const TriangleId& beside, const Vec3& place) {
   constexpr double kAbove_m = 1000;
   const Vec3 down = -place.normalized(), origin = place - kAbove_m * down;
   Search search(mesh, origin, down, kAbove_m, std::numeric_limits<double>::infinity());
-  search.quads_around(beside.block, beside.r, beside.c);
-  if (!search.best()) search.blocks_around(place, beside.block);
+  search.quads_around(beside.block(), beside.r(), beside.c());
+  if (!search.best()) search.blocks_around(place, beside.block());
   return search.best() && search.best()->distance < kAbove_m - 1e-9;
 }
 
 Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane, const Vec3& direction) {
   const TriangleId& t = points.triangle[lane];
-  const MeshBlock& block = mesh.blocks()[t.block];
-  const dem::QuadVertices q = dem::vertices_of(t.r, t.c, t.upper);
+  const MeshBlock& block = mesh.blocks()[t.block()];
+  const dem::QuadVertices q = t.vertices();
   const auto at = [&](int i) -> Vec3 { return block.normal(q.r[i], q.c[i]).cast<double>(); };
   const double v = points.v[lane], w = points.w[lane];
   const Vec3 smooth = (1 - v - w) * at(0) + v * at(1) + w * at(2);

@@ -3,11 +3,9 @@
 
 #include <cstdint>
 
-#include "engine/mesh.h"
+#include "engine/facets.h"
 
 namespace selenograph::engine {
-
-inline constexpr int kPacket = 16;
 
 // Sixteen rays in double, structure of arrays. Directions need not be unit: distances come in their lengths.
 struct alignas(64) Rays {
@@ -27,7 +25,7 @@ struct alignas(64) SurfacePoints {
   double distance[kPacket];                      // along the ray, in its direction's lengths
   double v[kPacket], w[kPacket];                 // barycentric weights of the triangle's second and third vertex
   double nx[kPacket], ny[kPacket], nz[kPacket];  // the triangle's outward normal, not normalised
-  TriangleId triangle[kPacket];
+  TriangleId triangle[kPacket];  // some triangle, too, where there's no hit
   bool hit[kPacket];
   bool toward_moon[kPacket];  // no hit, but the ray meets the datum sphere: for want of data
   Vec3 position(int i) const { return {x[i], y[i], z[i]}; }
@@ -37,7 +35,8 @@ struct alignas(64) SurfacePoints {
 // Where hit[i] and triangle[i] are set: the ray's point on that triangle, or on its neighbour where float rounding
 // chose the wrong side of an edge. Takes the hit back when the ray meets the surface from below (it came through a hole
 // in the data).
-void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points);
+// `facets`: the triangles that the points are on, at last.
+void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets);
 
 // Whether a place next to a triangle of the mesh lies below the surface.
 bool buried(const Mesh& mesh, const TriangleId& beside, const Vec3& place);

@@ -56,37 +56,15 @@ struct alignas(64) Shading {
   Vec3 normal(int i) const { return {nx[i], ny[i], nz[i]}; }
 };
 
-struct alignas(64) VertexNormals {
-  double a[3][kPacket], b[3][kPacket], c[3][kPacket];
-};
-
-VertexNormals gather_normals(const Mesh& mesh, const SurfacePoints& p) {
-  VertexNormals n;
-  for (int i = 0; i < kPacket; ++i) {
-    if (!p.hit[i]) {
-      for (int k = 0; k < 3; ++k) n.a[k][i] = n.b[k][i] = n.c[k][i] = 0;
-      continue;
-    }
-    const MeshBlock& block = mesh.blocks()[p.triangle[i].block];
-    const dem::QuadVertices q = dem::vertices_of(p.triangle[i].r, p.triangle[i].c, p.triangle[i].upper);
-    const Eigen::Vector3f &a = block.normal(q.r[0], q.c[0]), &b = block.normal(q.r[1], q.c[1]),
-                          &c = block.normal(q.r[2], q.c[2]);
-    for (int k = 0; k < 3; ++k)
-      n.a[k][i] = static_cast<double>(a[k]), n.b[k][i] = static_cast<double>(b[k]),
-      n.c[k][i] = static_cast<double>(c[k]);
-  }
-  return n;
-}
-
 SELENOGRAPH_VECTORISED
-void shade(const VertexNormals& n, const SurfacePoints& p, const Rays& rays, double sx, double sy, double sz,
+void shade(const Facets& n, const SurfacePoints& p, const Rays& rays, double sx, double sy, double sz,
            Shading& out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double v = p.v[i], w = p.w[i], u = 1 - v - w;
-    const double smooth_x = u * n.a[0][i] + v * n.b[0][i] + w * n.c[0][i];
-    const double smooth_y = u * n.a[1][i] + v * n.b[1][i] + w * n.c[1][i];
-    const double smooth_z = u * n.a[2][i] + v * n.b[2][i] + w * n.c[2][i];
+    const double smooth_x = u * static_cast<double>(n.normal_a[0][i]) + v * static_cast<double>(n.normal_b[0][i]) + w * static_cast<double>(n.normal_c[0][i]);
+    const double smooth_y = u * static_cast<double>(n.normal_a[1][i]) + v * static_cast<double>(n.normal_b[1][i]) + w * static_cast<double>(n.normal_c[1][i]);
+    const double smooth_z = u * static_cast<double>(n.normal_a[2][i]) + v * static_cast<double>(n.normal_b[2][i]) + w * static_cast<double>(n.normal_c[2][i]);
     // What is seen faces the camera. Where the smooth normal doesn't, the facet's own does: otherwise slopes seen at
     // grazing angles had black specks at opposition.
     const bool away = smooth_x * rays.dx[i] + smooth_y * rays.dy[i] + smooth_z * rays.dz[i] >= 0;
@@ -107,18 +85,28 @@ void radiances(const BrdfTerms& terms, double irradiance, const Shading& shading
         direct_radiance(terms, irradiance, shading.mu0[i], shading.mu[i], static_cast<double>(lit[i])));
 }
 
-// Rays of 4 x 4 pixels of a camera without distortion: linear in the pixel's coordinates.
-SELENOGRAPH_VECTORISED
-void linear_rays(const double* first, const double* right, const double* down, const double* origin, double x, double y,
-                 Rays& rays) {
+// How sixteen pixels lie together: rays that are traced are bundled best in a square, pixels drawn lie in a row.
+enum class Shape { square, row };
+constexpr int across(Shape shape) { return shape == Shape::square ? kPacketSide : kPacket; }
+
+// Rays of a camera without distortion: linear in the pixel's coordinates.
+template <Shape shape>
+SELENOGRAPH_VECTORISED void linear_rays(const double* first, const double* right, const double* down,
+                                        const double* origin, double x, double y, Rays& rays) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const double px = x + (i & 3), py = y + (i >> 2);
+    const double px = x + i % across(shape), py = y + i / across(shape);
     rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
     rays.dx[i] = first[0] + right[0] * px + down[0] * py;
     rays.dy[i] = first[1] + right[1] * px + down[1] * py;
     rays.dz[i] = first[2] + right[2] * px + down[2] * py;
   }
+}
+
+SELENOGRAPH_VECTORISED
+void lit_lanes(const bool* hit, const Shading& shading, const std::int32_t* facing, float* lit) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) lit[i] = hit[i] && facing[i] && shading.mu0[i] > 0 ? 1.F : 0.F;
 }
 
 // Whether all lanes are lit, and none lies within a share `edge` of its triangle's edges.
@@ -139,9 +127,9 @@ struct SourceAt {
 // The tile of the nearest vertex; filled when any vertex of the triangle is.
 SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   const TriangleId& t = p.triangle[lane];
-  const dem::Block& block = *mesh.blocks()[t.block].posts;
+  const dem::Block& block = *mesh.blocks()[t.block()].posts;
   if (block.sources.size() == 1) return {block.sources[0] & dem::kNoSource, (block.sources[0] & dem::kFilledBit) != 0};
-  const dem::QuadVertices q = dem::vertices_of(t.r, t.c, t.upper);
+  const dem::QuadVertices q = t.vertices();
   const double weights[3] = {1 - p.v[lane] - p.w[lane], p.v[lane], p.w[lane]};
   SourceAt at{dem::kNoSource, false};
   double heaviest = -1;
@@ -265,11 +253,6 @@ class Pass {
 
   static constexpr int kWide = 128, kHigh = 64;  // pixels of a tile
 
-  static std::uint32_t triangle_at(const TileBuffer& buffer, const TileView& view, int x, int y) {
-    if (x >= view.width || y >= view.height) return kNoTriangle;
-    return buffer
-        .triangle[static_cast<std::size_t>(y) * static_cast<std::size_t>(view.width) + static_cast<std::size_t>(x)];
-  }
   static constexpr float kNear_m = 0.01F;
   static constexpr double kFar_m = 500e3;
 
@@ -390,8 +373,8 @@ class Pass {
         }
         LightSamples& samples = scratch->tiles[tile];
         samples.clear(static_cast<std::size_t>(kWide * kHigh));
-        for (int y = 0; y < view.height; y += kPacketSide)
-          for (int x = 0; x < view.width; x += kPacketSide)
+        for (int y = 0; y < view.height; ++y)
+          for (int x = 0; x < view.width; x += kPacket)
             resolve(buffer, view, x0, y0, x, y, layer, layer.count ? &counts : nullptr, samples);
         samples.bound();
       }
@@ -414,46 +397,55 @@ class Pass {
       });
   }
 
-  // 4 x 4 pixels of a drawn tile: as render_packet, but lit until the shadow map says otherwise.
+  // Sixteen pixels in a row of a drawn tile: as render_packet, but lit until the shadow map says otherwise.
   void resolve(const TileBuffer& buffer, const TileView& view, int x0, int y0, int x, int y, const Layer& layer,
                PassCounts* counts, LightSamples& samples) {
+    const std::uint32_t* ids =
+        &buffer.triangle[static_cast<std::size_t>(y) * static_cast<std::size_t>(view.width) +
+                         static_cast<std::size_t>(x)];
     Rays rays;
-    aim(x0 + x, y0 + y, layer.dx, layer.dy, rays);
+    aim<Shape::row>(x0 + x, y0 + y, layer.dx, layer.dy, rays);
     SurfacePoints points;
-    bool any = false, all = true;
+    const int inside = std::min(kPacket, view.width - x);
+    for (int i = 0; i < kPacket; ++i)
+      if (ids[i + 32] != kNoTriangle) prefetch(scene_.mesh, TriangleId(ids[i + 32]));
+    unsigned hits = 0;
     for (int i = 0; i < kPacket; ++i) {
-      const std::uint32_t id = triangle_at(buffer, view, x + i % kPacketSide, y + i / kPacketSide);
-      points.hit[i] = id != kNoTriangle, points.toward_moon[i] = false;
-      if (points.hit[i]) points.triangle[i] = unpacked_triangle(id);
-      any |= points.hit[i], all &= points.hit[i];
+      const bool hit = i < inside && ids[i] != kNoTriangle;
+      points.triangle[i] = TriangleId(hit ? ids[i] : 0), points.hit[i] = hit;
+      hits |= (hit ? 1U : 0U) << i;
     }
-    if (any) refine(scene_.mesh, rays, points);
-    for (int i = 0; i < kPacket; ++i) all &= points.hit[i];
+    Facets facets;
+    if (hits) refine(scene_.mesh, rays, points, facets);
+    const bool all = hits == 0xffff && std::find(points.hit, points.hit + kPacket, false) == points.hit + kPacket;
     if (counts && !all) {
       find_missing(rays, points);
       counts->missing += static_cast<std::uint64_t>(std::count(points.toward_moon, points.toward_moon + kPacket, true));
     }
-    if (!any) return;
+    if (!hits) return;
     Shading shading;
     const Vec3& sun = request_.sun.direction;
-    shade(gather_normals(scene_.mesh, points), points, rays, sun.x(), sun.y(), sun.z(), shading);
-    float lit[kPacket] = {}, radiance[kPacket];
-    std::int32_t facing[kPacket];
+    shade(facets, points, rays, sun.x(), sun.y(), sun.z(), shading);
+    alignas(64) float lit[kPacket] = {}, radiance[kPacket];
+    const std::size_t first =
+        static_cast<std::size_t>(y0 + y) * static_cast<std::size_t>(request_.camera.width) +
+        static_cast<std::size_t>(x0 + x);
     if (layer.light) {
+      alignas(64) std::int32_t facing[kPacket];
       facing_sun(points, sun, facing);
-      for (int i = 0; i < kPacket; ++i) lit[i] = points.hit[i] && shading.mu0[i] > 0 && facing[i] ? 1.F : 0.F;
+      lit_lanes(points.hit, shading, facing, lit);
+      add_samples(points, static_cast<std::uint32_t>(first), lit, samples);
     }
-    std::uint32_t pixel[kPacket];
-    for (int i = 0; i < kPacket; ++i)
-      pixel[i] =
-          static_cast<std::uint32_t>((y0 + y + i / kPacketSide) * request_.camera.width + x0 + x + i % kPacketSide);
-    if (layer.light) add_samples(points, pixel, lit, samples);
     if (layer.weight > 0) radiances(terms_, irradiance_, shading, lit, radiance);
     std::vector<float>& target = layer.store ? out_.radiance : layer_;
     const bool accounted = out_.source.empty() && account_all(points, counts);
+    if (all && accounted && !(layer.store && wants_geometry_)) {
+      if (layer.weight > 0) std::copy_n(radiance, kPacket, &target[first]);
+      return;
+    }
     for (int i = 0; i < kPacket; ++i) {
       if (!points.hit[i]) continue;
-      const std::size_t at = pixel[i];
+      const std::size_t at = first + static_cast<std::size_t>(i);
       if (layer.weight > 0) target[at] = radiance[i];
       if (!accounted && (counts || layer.store)) account(points, i, at, counts);
       if (layer.store && wants_geometry_) store_geometry(points, i, rays.direction(i), shading, lit[i], at);
@@ -463,13 +455,13 @@ class Pass {
   // Samples of the lit lanes. On an edge of its triangle float can't tell a ridge, whose far side lies beneath the
   // point, from a crease, where it rises above it: there double looks whether the Sun's ray goes into the ground at
   // once, and the sample is taken that little way up the ray.
-  void add_samples(const SurfacePoints& p, const std::uint32_t* pixel, float* lit, LightSamples& samples) const {
+  void add_samples(const SurfacePoints& p, std::uint32_t first_pixel, float* lit, LightSamples& samples) const {
     constexpr double kEdge = 1e-5;
     constexpr float kStep_m = 0.01F;
     LightLanes lanes;
     shadows_->place(p, lanes);
     if (none_at_edges(p, lit, kEdge)) {
-      samples.add_all(lanes, pixel);
+      samples.add_all(lanes, first_pixel);
       return;
     }
     for (int i = 0; i < kPacket; ++i) {
@@ -482,16 +474,18 @@ class Pass {
           continue;
         }
       }
-      samples.add(lanes.u[i], lanes.v[i], lanes.d[i] + up, pixel[i]);
+      samples.add(lanes.u[i], lanes.v[i], lanes.d[i] + up, first_pixel + static_cast<std::uint32_t>(i));
     }
   }
 
   // ---- both ---------------------------------------------------------------------------------------------------
 
+  template <Shape shape>
   void aim(int x, int y, double dx, double dy, Rays& rays) const {
-    if (linear_) linear_rays(first_.data(), right_.data(), down_.data(), view_.position().data(), x + dx, y + dy, rays);
+    if (linear_)
+      linear_rays<shape>(first_.data(), right_.data(), down_.data(), view_.position().data(), x + dx, y + dy, rays);
     for (int i = 0; i < kPacket; ++i) {
-      const int px = x + i % kPacketSide, py = y + i / kPacketSide;
+      const int px = x + i % across(shape), py = y + i / across(shape);
       rays.valid[i] = px < request_.camera.width && py < request_.camera.height;
       if (linear_) continue;
       const auto direction = rays.valid[i] ? view_.ray(px + dx, py + dy) : std::nullopt;
@@ -509,9 +503,10 @@ class Pass {
                            static_cast<std::size_t>(x)],
             1);
     Rays rays;
-    aim(x, y, layer.dx, layer.dy, rays);
+    aim<Shape::square>(x, y, layer.dx, layer.dy, rays);
     SurfacePoints points;
-    trace(scene_, rays, points);
+    Facets facets;
+    trace(scene_, rays, points, facets);
     if (std::find(points.hit, points.hit + kPacket, true) == points.hit + kPacket) {
       if (counts)
         counts->missing +=
@@ -520,7 +515,7 @@ class Pass {
     }
     Shading shading;
     const Vec3& sun = request_.sun.direction;
-    shade(gather_normals(scene_.mesh, points), points, rays, sun.x(), sun.y(), sun.z(), shading);
+    shade(facets, points, rays, sun.x(), sun.y(), sun.z(), shading);
     float lit[kPacket] = {}, radiance[kPacket];
     if (layer.light) light(points, shading, lit);
     if (layer.weight > 0) radiances(terms_, irradiance_, shading, lit, radiance);
@@ -553,8 +548,8 @@ class Pass {
     dem::SourceMark mark = 0;
     for (int i = 0; i < kPacket; ++i) {
       if (!points.hit[i]) continue;
-      if (points.triangle[i].block != last) {
-        last = points.triangle[i].block;
+      if (points.triangle[i].block() != last) {
+        last = points.triangle[i].block();
         const dem::Block& block = *scene_.mesh.blocks()[last].posts;
         if (block.sources.size() != 1) return false;
         mark = block.sources[0];
@@ -597,7 +592,7 @@ class Pass {
     }
     if (!out_.lit.empty()) out_.lit[at] = lit;
     if (!out_.gsd.empty())
-      out_.gsd[at] = static_cast<float>(dem::post_spacing_m(scene_.mesh.blocks()[p.triangle[i].block].posts->id.level));
+      out_.gsd[at] = static_cast<float>(dem::post_spacing_m(scene_.mesh.blocks()[p.triangle[i].block()].posts->id.level));
   }
 
   void merge(const PassCounts& counts) {

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <numeric>
 #include <vector>
 
 #include "engine/frame.h"
@@ -32,9 +33,10 @@ struct LightSamples {
   void add(float su, float sv, float sd, std::uint32_t at) {
     u[count] = su, v[count] = sv, d[count] = sd, pixel[count++] = at;
   }
-  void add_all(const LightLanes& lanes, const std::uint32_t* at) {
+  // Of pixels in a row.
+  void add_all(const LightLanes& lanes, std::uint32_t first) {
     std::copy_n(lanes.u, kPacket, &u[count]), std::copy_n(lanes.v, kPacket, &v[count]);
-    std::copy_n(lanes.d, kPacket, &d[count]), std::copy_n(at, kPacket, &pixel[count]);
+    std::copy_n(lanes.d, kPacket, &d[count]), std::iota(&pixel[count], &pixel[count] + kPacket, first);
     count += kPacket;
   }
   // Sets low and high.

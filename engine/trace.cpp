@@ -116,7 +116,7 @@ Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle) {
 // Embree's ROBUST grids lose about one in 3000 rays that pass exactly through an edge or a vertex. Aside by its own
 // rounding they don't: rays that are lost though they head for the Moon get four more looks. Where exactly they meet is
 // up to the ray itself, in double.
-void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, SurfacePoints& points) {
+void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, SurfacePoints& points, Facets& facets) {
   float farthest = 0;
   for (int i = 0; i < kPacket; ++i)
     if (packet.active[i])
@@ -134,10 +134,10 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
       aside.ox[i] += static_cast<float>(shift.x()), aside.oy[i] += static_cast<float>(shift.y()),
           aside.oz[i] += static_cast<float>(shift.z());
     }
-    if (!any) return;
+    if (!any) break;
     SurfacePoints again;
     scene.tracer->intersect(aside, again);
-    refine(scene.mesh, rays, again);
+    refine(scene.mesh, rays, again, facets);
     for (int i = 0; i < kPacket; ++i) {
       if (!aside.active[i] || !again.hit[i]) continue;
       points.x[i] = again.x[i], points.y[i] = again.y[i], points.z[i] = again.z[i],
@@ -147,9 +147,10 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
       points.triangle[i] = again.triangle[i], points.hit[i] = true, points.toward_moon[i] = false;
     }
   }
+  gather(scene.mesh, points.triangle, facets);
 }
 
-void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
+void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& facets) {
   RayPacket packet;
   alignas(64) std::int32_t toward_moon[kPacket];
   const Vec3& anchor = scene.anchor;
@@ -162,7 +163,7 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
   }
   if (any) {
     scene.tracer->intersect(packet, points);
-    if (std::find(points.hit, points.hit + kPacket, true) != points.hit + kPacket) refine(scene.mesh, rays, points);
+    if (std::find(points.hit, points.hit + kPacket, true) != points.hit + kPacket) refine(scene.mesh, rays, points, facets);
   }
   int hits = 0, misses = 0, active = 0;
   for (int i = 0; i < kPacket; ++i) {
@@ -172,7 +173,7 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
     misses += points.toward_moon[i];
   }
   // A whole packet that sees nothing looks at a place without data.
-  if (misses > 0 && active > 0 && (hits > 0 || active < kPacket)) look_again(scene, rays, packet, points);
+  if (misses > 0 && active > 0 && (hits > 0 || active < kPacket)) look_again(scene, rays, packet, points, facets);
 }
 
 void find_missing(const Rays& rays, SurfacePoints& points) {

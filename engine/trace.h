@@ -14,8 +14,12 @@ inline Vec3 any_across(const Vec3& d) {
   return (std::abs(d.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(d).normalized();
 }
 
-// Where each valid ray first meets the surface.
-void trace(const Scene& scene, const Rays& rays, SurfacePoints& points);
+// Where each valid ray first meets the surface; `facets`: the triangles there, if any is hit.
+void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& facets);
+inline void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
+  Facets facets;
+  trace(scene, rays, points, facets);
+}
 
 // Sets `toward_moon` of the valid rays without a hit.
 void find_missing(const Rays& rays, SurfacePoints& points);
