@@ -68,7 +68,7 @@ RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m) : anchor_(anchor_
             static_cast<std::size_t>(r) * static_cast<std::size_t>(stride) + static_cast<std::size_t>(c);
         for (std::size_t k = 0; k < 3; ++k) xyz[k * plane + at] = static_cast<float>(v[static_cast<Eigen::Index>(k)]);
       }
-    blocks_[i] = {xyz, xyz + plane, xyz + 2 * plane, quads, stride};
+    blocks_[i] = {xyz, xyz + plane, xyz + 2 * plane, quads, stride, block.vertices.data()};
     for (int r = 0; r < quads; r += kStripRows) {
       const Strip s = strip_of(block, static_cast<std::uint32_t>(i), r, std::min(kStripRows, quads - r), anchor_);
       if (s.rows > 0) strips[i].push_back(s);

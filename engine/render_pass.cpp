@@ -407,8 +407,6 @@ class Pass {
     aim<Shape::row>(x0 + x, y0 + y, layer.dx, layer.dy, rays);
     SurfacePoints points;
     const int inside = std::min(kPacket, view.width - x);
-    for (int i = 0; i < kPacket; ++i)
-      if (ids[i + 32] != kNoTriangle) prefetch(scene_.mesh, TriangleId(ids[i + 32]));
     unsigned hits = 0;
     for (int i = 0; i < kPacket; ++i) {
       const bool hit = i < inside && ids[i] != kNoTriangle;
