@@ -73,7 +73,7 @@ void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
     const int upper = id.upper() ? 1 : 0, r0 = id.r() + upper, r1 = id.r() + 1 - upper, c0 = id.c() + upper,
               c1 = id.c() + 1 - upper;
     const auto copy = [&](int corner, int r, int c) {
-      std::memcpy(&raw.vertex[corner][i], block.vertices.data() + r * block.side + c, sizeof(MeshVertex));
+      std::memcpy(static_cast<void*>(&raw.vertex[corner][i]), block.vertices.data() + r * block.side + c, sizeof(MeshVertex));
     };
     copy(0, r0, c0), copy(1, r0, c1), copy(2, r1, c0);
     raw.rows[i][0] = block.rows[static_cast<std::size_t>(r0)], raw.rows[i][1] = block.rows[static_cast<std::size_t>(r1)];

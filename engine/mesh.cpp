@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 #include "dem/parallel.h"
 
@@ -36,6 +37,14 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block) : posts(std::move(
   for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = {posts->heights[i], posts->normals[i]};
   for (std::size_t i = 0; i < posts->sin_lat.size(); ++i) rows.push_back({posts->sin_lat[i], posts->cos_lat[i]});
   for (std::size_t i = 0; i < posts->sin_lon.size(); ++i) columns.push_back({posts->sin_lon[i], posts->cos_lon[i]});
+  const int quads = posts->extent.quads;
+  source = posts->source(quads / 2, quads / 2);
+  if (posts->sources.size() == 1) return;
+  mixed.assign(static_cast<std::size_t>(quads), 0);
+  for (int r = 0; r < quads; ++r)
+    for (int c = 0; c < quads; ++c)
+      for (const auto& [dr, dc] : {std::pair{0, 0}, {0, 1}, {1, 0}, {1, 1}})
+        if (posts->source(r + dr, c + dc) != source) mixed[static_cast<std::size_t>(r)] |= std::uint64_t{1} << c;
 }
 
 Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids) {
@@ -135,7 +144,7 @@ float Mesh::joined_height(const BlockId& own, std::int64_t lat, std::int64_t lon
 
 std::size_t Mesh::bytes() const {
   std::size_t sum = sizeof(Mesh);
-  for (const MeshBlock& b : blocks_) sum += sizeof(MeshBlock) + b.vertices.size() * sizeof(MeshVertex) + (b.rows.size() + b.columns.size()) * sizeof(MeshBlock::Turn);
+  for (const MeshBlock& b : blocks_) sum += sizeof(MeshBlock) + b.vertices.size() * sizeof(MeshVertex) + (b.rows.size() + b.columns.size()) * sizeof(MeshBlock::Turn) + b.mixed.size() * sizeof(std::uint64_t);
   return sum;
 }
 

@@ -43,6 +43,11 @@ struct MeshBlock {
   std::array<int, 4> stride{1, 1, 1, 1};  // south, north, west, east: every stride-th vertex of the edge remains
   bool collapses = false;                 // any of them isn't 1
 
+  // Where the posts have one source, and are all filled or none: that mark. Else that of its middle, and which quads
+  // have another or several, a bit for each column.
+  dem::SourceMark source;
+  std::vector<std::uint64_t> mixed;  // per row of quads; empty where there are none
+
   // Row and column of the vertex that remains of this one.
   std::array<int, 2> remaining(int r, int c) const {
     const int quads = posts->extent.quads;

@@ -352,6 +352,35 @@ void CastWall(const Wall& wall, const LightAxes& axes, LightBand& band) {
   cast(u, v, d, false, hn::FirstN(f, 1), band);
 }
 
+void RangeOf(const float* x, std::size_t n, float& low, float& high) {
+  const std::size_t lanes = hn::Lanes(f);
+  VF least = all(x[0]), most = least;
+  std::size_t k = 0;
+  for (; k + lanes <= n; k += lanes) {
+    const VF v = hn::LoadU(f, x + k);
+    least = hn::Min(least, v), most = hn::Max(most, v);
+  }
+  low = hn::GetLane(hn::MinOfLanes(f, least)), high = hn::GetLane(hn::MaxOfLanes(f, most));
+  for (; k < n; ++k) low = std::min(low, x[k]), high = std::max(high, x[k]);
+}
+
+void FindLeast(LightBand& band, int c0, int c1, int r0, int r1) {
+  const std::size_t lanes = hn::Lanes(f);
+  for (int r = r0; r <= r1; ++r) {
+    const std::uint32_t* start = &band.start[static_cast<std::size_t>(r) * static_cast<std::size_t>(band.columns)];
+    for (int q = c0 / LightBand::kCoarse; q <= c1 / LightBand::kCoarse; ++q) {
+      const std::size_t first = start[q * LightBand::kCoarse],
+                        past_last = start[std::min(band.columns, (q + 1) * LightBand::kCoarse)];
+      VF least = all(std::numeric_limits<float>::infinity());
+      std::size_t k = first;
+      for (; k + lanes <= past_last; k += lanes) least = hn::Min(least, hn::LoadU(f, band.d.data() + k));
+      if (k < past_last)
+        least = hn::Min(least, hn::IfThenElse(hn::FirstN(f, past_last - k), hn::LoadU(f, band.d.data() + k), least));
+      band.least_of(r, q) = hn::GetLane(hn::MinOfLanes(f, least));
+    }
+  }
+}
+
 }  // namespace selenograph::engine::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -361,6 +390,8 @@ namespace selenograph::engine {
 HWY_EXPORT(DrawStrip);
 HWY_EXPORT(CastStrip);
 HWY_EXPORT(CastWall);
+HWY_EXPORT(FindLeast);
+HWY_EXPORT(RangeOf);
 
 void TileBuffer::clear(int width, int height) {
   const std::size_t n = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
@@ -500,6 +531,14 @@ void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& vi
 
 void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band) {
   HWY_DYNAMIC_DISPATCH(CastStrip)(block, strip, axes, band);
+}
+
+void range_of(const float* x, std::size_t n, float& low, float& high) {
+  HWY_DYNAMIC_DISPATCH(RangeOf)(x, n, low, high);
+}
+
+void find_least(LightBand& band, int c0, int c1, int r0, int r1) {
+  HWY_DYNAMIC_DISPATCH(FindLeast)(band, c0, c1, r0, r1);
 }
 
 void cast_wall(const Wall& wall, const LightAxes& axes, LightBand& band) {

@@ -54,7 +54,7 @@ struct LightBand {
   float margin_m;                    // how far beside the band, by rounding, samples of it may lie
   std::vector<std::uint32_t> start;  // columns * rows + 1
   std::vector<float> u, v, d;        // padded by 16; infinite d: in shadow
-  // Least d of kCoarse cells of a row together, for a quick look.
+  // Least d of kCoarse cells of a row together, for a quick look: see find_least.
   static constexpr int kCoarse = 16;
   int coarse_columns = 0;
   std::vector<float> least;
@@ -78,6 +78,12 @@ struct LightBand {
 struct LightAxes {
   float u[3], v[3], d[3];
 };
+
+// Smallest and largest of n > 0 values.
+void range_of(const float* x, std::size_t n, float& low, float& high);
+
+// Sets band.least for a box of cells (columns c0 to c1, rows r0 to r1).
+void find_least(LightBand& band, int c0, int c1, int r0, int r1);
 
 // Puts the samples into shadow that lie under triangles of the strip that face away from the Sun.
 void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band);

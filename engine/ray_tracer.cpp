@@ -12,6 +12,7 @@
 #include <stdexcept>
 
 #include "dem/parallel.h"
+#include "engine/raster_kernels.h"
 #include "engine/vectorise.h"
 
 namespace selenograph::engine {
@@ -80,23 +81,14 @@ bool complete(const MeshBlock& block) {
                       [](const MeshVertex& v) { return std::isnan(v.height_m); });
 }
 
-// Smallest and largest value of one component over a packet.
-SELENOGRAPH_VECTORISED
-void range_of(const float* values, float& low, float& high) {
-  float least = values[0], most = values[0];
-  for (int i = 1; i < kPacket; ++i)
-    least = values[i] < least ? values[i] : least, most = values[i] > most ? values[i] : most;
-  low = least, high = most;
-}
-
 // Packets are traced as one bundle when their directions are alike. Embree 3.13's bundles lose hits when a direction's
 // component is (next to) zero for some rays and not for others, so a bundle must keep clear of zero in every component.
 bool bundled(const RayPacket& rays) {
   constexpr float kClear = 0x1p-10F;
   float low[3], high[3];
-  range_of(rays.dx, low[0], high[0]);
-  range_of(rays.dy, low[1], high[1]);
-  range_of(rays.dz, low[2], high[2]);
+  range_of(rays.dx, kPacket, low[0], high[0]);
+  range_of(rays.dy, kPacket, low[1], high[1]);
+  range_of(rays.dz, kPacket, low[2], high[2]);
   const float size = std::max({-low[0], -low[1], -low[2], high[0], high[1], high[2]});
   for (int k = 0; k < 3; ++k)
     if (!(low[k] > kClear * size || high[k] < -kClear * size)) return false;

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <mutex>
@@ -415,7 +416,9 @@ class Pass {
     }
     Facets facets;
     if (hits) refine(scene_.mesh, rays, points, facets);
-    const bool all = hits == 0xffff && std::find(points.hit, points.hit + kPacket, false) == points.hit + kPacket;
+    hits = 0;
+    for (int i = 0; i < kPacket; ++i) hits |= (points.hit[i] ? 1U : 0U) << i;
+    const bool all = hits == 0xffff;
     if (counts && !all) {
       find_missing(rays, points);
       counts->missing += static_cast<std::uint64_t>(std::count(points.toward_moon, points.toward_moon + kPacket, true));
@@ -436,8 +439,10 @@ class Pass {
     }
     if (layer.weight > 0) radiances(terms_, irradiance_, shading, lit, radiance);
     std::vector<float>& target = layer.store ? out_.radiance : layer_;
-    const bool accounted = out_.source.empty() && account_all(points, counts);
-    if (all && accounted && !(layer.store && wants_geometry_)) {
+    unsigned left = hits;  // to be accounted for
+    if (out_.source.empty()) left = counts ? account_all(points, hits, counts) : 0;
+    const bool stores = layer.store && wants_geometry_;
+    if (all && left == 0 && !stores) {
       if (layer.weight > 0) std::copy_n(radiance, kPacket, &target[first]);
       return;
     }
@@ -445,8 +450,8 @@ class Pass {
       if (!points.hit[i]) continue;
       const std::size_t at = first + static_cast<std::size_t>(i);
       if (layer.weight > 0) target[at] = radiance[i];
-      if (!accounted && (counts || layer.store)) account(points, i, at, counts);
-      if (layer.store && wants_geometry_) store_geometry(points, i, rays.direction(i), shading, lit[i], at);
+      if (left >> i & 1 && (counts || layer.store)) account(points, i, at, counts);
+      if (stores) store_geometry(points, i, rays.direction(i), shading, lit[i], at);
     }
   }
 
@@ -538,25 +543,27 @@ class Pass {
       sunlit(scene_, points, wanted, request_.sun.direction, lit);
   }
 
-  // All at once where they are of blocks with one source each; false if they aren't.
-  bool account_all(const SurfacePoints& points, PassCounts* counts) const {
-    if (!counts) return true;
+  // All at once but for quads of several sources, whose lanes are left: a bit for each.
+  unsigned account_all(const SurfacePoints& points, unsigned hits, PassCounts* counts) const {
     std::uint32_t last = kNoTriangle;
-    std::uint64_t hits = 0, filled = 0;
-    dem::SourceMark mark = 0;
-    for (int i = 0; i < kPacket; ++i) {
-      if (!points.hit[i]) continue;
-      if (points.triangle[i].block() != last) {
-        last = points.triangle[i].block();
-        const dem::Block& block = *scene_.mesh.blocks()[last].posts;
-        if (block.sources.size() != 1) return false;
-        mark = block.sources[0];
-        if (const dem::SourceMark index = mark & dem::kNoSource; index != dem::kNoSource) counts->sources[index] = 1;
+    const MeshBlock* block = nullptr;
+    unsigned left = 0, filled = 0;
+    for (unsigned todo = hits; todo != 0; todo &= todo - 1) {
+      const int i = std::countr_zero(todo);
+      const TriangleId id = points.triangle[i];
+      if (id.block() != last) {
+        last = id.block();
+        block = &scene_.mesh.blocks()[last];
       }
-      ++hits, filled += (mark & dem::kFilledBit) != 0;
+      const bool one = block->mixed.empty() || !(block->mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1);
+      if (!one) left |= 1U << i;
+      if (one && block->source & dem::kFilledBit) filled |= 1U << i;
+      if (const dem::SourceMark index = block->source & dem::kNoSource; one && index != dem::kNoSource)
+        counts->sources[index] = 1;
     }
-    counts->hit += hits, counts->filled += filled;
-    return true;
+    counts->hit += static_cast<std::uint64_t>(std::popcount(hits & ~left));
+    counts->filled += static_cast<std::uint64_t>(std::popcount(filled));
+    return left;
   }
 
   void account(const SurfacePoints& points, int i, std::size_t at, PassCounts* counts) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "dem/error.h"
 #include "dem/parallel.h"
@@ -30,7 +31,8 @@ struct Grid {
   }
 };
 
-// About one sample a cell.
+// About one sample a cell. Cells are higher than wide: a triangle then covers fewer rows, and more samples in each.
+constexpr float kFlatness = 2;
 Grid grid_over(const std::vector<LightSamples>& tiles) {
   constexpr float kInfinite = std::numeric_limits<float>::infinity();
   float u0 = kInfinite, u1 = -kInfinite, v0 = kInfinite, v1 = -kInfinite;
@@ -46,8 +48,8 @@ Grid grid_over(const std::vector<LightSamples>& tiles) {
   const float least = std::max(1e-3F * std::max(u1 - u0, v1 - v0), 1e-3F);
   const float across = std::max(u1 - u0, least) * 1.001F, along = std::max(v1 - v0, least) * 1.001F;
   const float cell = std::sqrt(across * along / static_cast<float>(n));
-  g.columns = std::max(1, static_cast<int>(std::ceil(across / cell)));
-  const int rows = std::max(1, static_cast<int>(std::ceil(along / cell)));
+  g.columns = std::max(1, static_cast<int>(std::ceil(across / cell * kFlatness)));
+  const int rows = std::max(1, static_cast<int>(std::ceil(along / cell / kFlatness)));
   g.bands = (rows + kBandRows - 1) / kBandRows;
   g.per_u = static_cast<float>(g.columns) / across;
   g.per_v = static_cast<float>(rows) / along;
@@ -90,13 +92,6 @@ void cells_of(const float* u, const float* v, std::size_t n, float u0, float v0,
   }
 }
 
-SELENOGRAPH_VECTORISED
-void range_of(const float* x, std::size_t n, float& low, float& high) {
-  float least = x[0], most = x[0];
-  for (std::size_t i = 1; i < n; ++i) least = x[i] < least ? x[i] : least, most = x[i] > most ? x[i] : most;
-  low = least, high = most;
-}
-
 // One band's samples in cells; a thread's own, kept from band to band and frame to frame.
 struct BandScratch {
   LightBand band;
@@ -127,6 +122,24 @@ ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& sun) : mesh_(mesh), d_(
     float unused;
     range(axes_.u, c.u_low, c.u_high), range(axes_.v, c.v_low, c.v_high), range(axes_.d, unused, c.d_high);
   });
+  sort_casters();
+  for (const Wall& wall : mesh.walls()) {
+    const auto v = [&](const float* p) { return axes_.v[0] * p[0] + axes_.v[1] * p[1] + axes_.v[2] * p[2]; };
+    const float a = v(wall.a), b = v(wall.b), c = v(wall.c);
+    walls_.push_back({std::min({a, b, c}), std::max({a, b, c})});
+  }
+}
+
+// While the Sun is low, what reaches highest toward it first: it darkens most, and what is dark need not be asked again.
+// (Measured: a tenth less at 3 degrees, a tenth more at 15, where the order in memory matters more.)
+void ShadowMap::sort_casters() {
+  constexpr double kLow = 0.1;  // sine of the Sun's elevation
+  ordered_ = mesh_.anchor().normalized().dot(d_) < kLow;
+  order_.resize(casters_.size());
+  std::iota(order_.begin(), order_.end(), 0U);
+  if (ordered_)
+    std::sort(order_.begin(), order_.end(),
+              [&](std::uint32_t a, std::uint32_t b) { return casters_[a].d_high > casters_[b].d_high; });
 }
 
 void LightSamples::make_room(std::size_t capacity) {
@@ -137,7 +150,8 @@ void LightSamples::make_room(std::size_t capacity) {
 void LightSamples::bound() {
   low[0] = low[1] = std::numeric_limits<float>::infinity(), high[0] = high[1] = -low[0];
   if (count == 0) return;
-  range_of(u.data(), count, low[0], high[0]), range_of(v.data(), count, low[1], high[1]);
+  range_of(u.data(), count, low[0], high[0]);
+  range_of(v.data(), count, low[1], high[1]);
 }
 
 void ShadowMap::place(const SurfacePoints& points, LightLanes& lanes) const {
@@ -208,30 +222,29 @@ void ShadowMap::cast(LightScratch& scratch, const StopToken& stop) const {
       }
     }
     band.coarse_columns = (g.columns + LightBand::kCoarse - 1) / LightBand::kCoarse;
-    band.least.assign(static_cast<std::size_t>(band.coarse_columns) * kBandRows, kInfinite);
-    float lowest = kInfinite;
-    for (int r = 0; r < kBandRows; ++r)
-      for (int q = 0; q < band.coarse_columns; ++q) {
-        const std::size_t row = static_cast<std::size_t>(r) * static_cast<std::size_t>(g.columns);
-        float& least = band.least_of(r, q);
-        const auto begin = static_cast<std::size_t>(q * LightBand::kCoarse),
-                   end = static_cast<std::size_t>(std::min(g.columns, (q + 1) * LightBand::kCoarse));
-        for (std::uint32_t at = band.start[row + begin]; at < band.start[row + end]; ++at)
-          least = std::min(least, band.d[at]);
-        lowest = std::min(lowest, least);
-      }
-    for (std::size_t s = 0; s < casters_.size(); ++s) {
+    band.least.resize(static_cast<std::size_t>(band.coarse_columns) * kBandRows);
+    find_least(band, 0, g.columns - 1, 0, kBandRows - 1);
+    const float lowest = *std::min_element(band.least.begin(), band.least.end());
+    for (const std::uint32_t s : order_) {
       const Caster& c = casters_[s];
+      if (!(c.d_high > lowest)) {
+        if (ordered_) break;
+        continue;
+      }
       if (c.v_high < band.v0 - band.margin_m || c.v_low > v_end + band.margin_m || c.u_high < band.u0 - band.margin_m ||
-          c.u_low > u_end + band.margin_m || !(c.d_high > lowest))
+          c.u_low > u_end + band.margin_m)
         continue;
       // Anything beneath it that it could shade?
       const auto row = [&](float v) { return g.row_in(static_cast<int>(b), v); };
-      if (!band.any_below(g.column_of(c.u_low), g.column_of(c.u_high), row(c.v_low), row(c.v_high), c.d_high)) continue;
+      const int c0 = g.column_of(c.u_low), c1 = g.column_of(c.u_high), r0 = row(c.v_low), r1 = row(c.v_high);
+      if (!band.any_below(c0, c1, r0, r1, c.d_high)) continue;
       const Strip& strip = mesh_.strips()[s];
       cast_strip(mesh_.blocks()[strip.block], strip, axes_, band);
+      if (ordered_) find_least(band, c0, c1, r0, r1);
     }
-    for (const Wall& wall : mesh_.walls()) cast_wall(wall, axes_, band);
+    for (std::size_t w = 0; w < walls_.size(); ++w)
+      if (walls_[w].high >= band.v0 - band.margin_m && walls_[w].low <= v_end + band.margin_m)
+        cast_wall(mesh_.walls()[w], axes_, band);
     for (std::size_t i = 0; i < n; ++i)
       if (band.d[i] == kInfinite) scratch.shadowed[b].push_back(own.pixel[i]);
   });

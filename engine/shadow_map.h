@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <numeric>
 #include <vector>
 
 #include "engine/frame.h"
@@ -36,7 +35,9 @@ struct LightSamples {
   // Of pixels in a row.
   void add_all(const LightLanes& lanes, std::uint32_t first) {
     std::copy_n(lanes.u, kPacket, &u[count]), std::copy_n(lanes.v, kPacket, &v[count]);
-    std::copy_n(lanes.d, kPacket, &d[count]), std::iota(&pixel[count], &pixel[count] + kPacket, first);
+    std::copy_n(lanes.d, kPacket, &d[count]);
+    std::uint32_t* p = &pixel[count];
+    for (std::uint32_t i = 0; i < kPacket; ++i) p[i] = first + i;
     count += kPacket;
   }
   // Sets low and high.
@@ -67,10 +68,18 @@ class ShadowMap {
     float v_low, v_high, u_low, u_high, d_high;
   };
 
+  void sort_casters();
+
   const RasterMesh& mesh_;
   Vec3 u_, v_, d_;
   LightAxes axes_;
-  std::vector<Caster> casters_;  // per strip
+  std::vector<Caster> casters_;       // per strip
+  std::vector<std::uint32_t> order_;  // in which they cast
+  bool ordered_ = false;              // from the highest
+  struct Range {
+    float low, high;
+  };
+  std::vector<Range> walls_;  // in v
 };
 
 }  // namespace selenograph::engine
