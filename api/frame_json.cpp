@@ -115,11 +115,6 @@ FrameCall read_members(const JsonReader& in, const Limits& limits) {
   } else {
     require_sun(in, request.products);
   }
-  if (request.visibility == engine::Visibility::zbuffer) {
-    if (!request.camera.distortion.none()) in.fail("visibility", "zbuffer is not yet for cameras with distortion");
-    if (request.sun.angular_radius_deg > 0)
-      in.fail("visibility", "zbuffer is not yet for a Sun with an angular radius");
-  }
   return call;
 }
 

@@ -69,6 +69,13 @@ class Cache {
     if (const auto found = entries_.find(key); found != entries_.end()) drop(found);
   }
 
+  // Bytes held elsewhere on the same budget: this much less may be kept here.
+  void reserve(std::size_t bytes) {
+    std::lock_guard lock(mutex_);
+    reserved_ = bytes;
+    evict();
+  }
+
   std::size_t bytes() const { return locked(bytes_); }
   std::size_t capacity() const { return capacity_; }
   std::uint64_t hits() const { return locked(hits_); }
@@ -118,7 +125,7 @@ class Cache {
   // budget: entries in use are passed over.
   void evict() {
     auto place = order_.end();
-    while (bytes_ > capacity_ && place != order_.begin()) {
+    while (bytes_ + reserved_ > capacity_ && place != order_.begin()) {
       --place;
       const auto found = entries_.find(*place);
       if (found->second.value.use_count() > 1) continue;
@@ -139,7 +146,7 @@ class Cache {
   Entries entries_;
   std::list<Key> order_;  // most recently used first
   std::unordered_map<Key, std::shared_ptr<Flight>, Hash> flights_;
-  std::size_t capacity_, bytes_ = 0;
+  std::size_t capacity_, bytes_ = 0, reserved_ = 0;
   std::uint64_t hits_ = 0, misses_ = 0, evictions_ = 0;
 };
 

@@ -36,7 +36,7 @@ void PlaceVertices(const RawFacets& raw, Facets& out) {
     V sin_lat[2], cos_lat[2], sin_lon[2], cos_lon[2];
     hn::LoadInterleaved4(d, &raw.rows[i][0].sin, sin_lat[0], cos_lat[0], sin_lat[1], cos_lat[1]);
     hn::LoadInterleaved4(d, &raw.columns[i][0].sin, sin_lon[0], cos_lon[0], sin_lon[1], cos_lon[1]);
-    const auto place = [&](int corner, int row, int column, double (*at)[kPacket], float (*normal)[kPacket]) {
+    const auto place = [&](int corner, int row, int column, double(*at)[kPacket], float(*normal)[kPacket]) {
       hn::Vec<decltype(f)> height, x, y, z;
       hn::LoadInterleaved4(f, &raw.vertex[corner][i].height_m, height, x, y, z);
       hn::Store(x, f, normal[0] + i), hn::Store(y, f, normal[1] + i), hn::Store(z, f, normal[2] + i);
@@ -73,10 +73,12 @@ void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
     const int upper = id.upper() ? 1 : 0, r0 = id.r() + upper, r1 = id.r() + 1 - upper, c0 = id.c() + upper,
               c1 = id.c() + 1 - upper;
     const auto copy = [&](int corner, int r, int c) {
-      std::memcpy(static_cast<void*>(&raw.vertex[corner][i]), block.vertices.data() + r * block.side + c, sizeof(MeshVertex));
+      std::memcpy(static_cast<void*>(&raw.vertex[corner][i]), block.vertices.data() + r * block.side + c,
+                  sizeof(MeshVertex));
     };
     copy(0, r0, c0), copy(1, r0, c1), copy(2, r1, c0);
-    raw.rows[i][0] = block.rows[static_cast<std::size_t>(r0)], raw.rows[i][1] = block.rows[static_cast<std::size_t>(r1)];
+    raw.rows[i][0] = block.rows[static_cast<std::size_t>(r0)],
+    raw.rows[i][1] = block.rows[static_cast<std::size_t>(r1)];
     raw.columns[i][0] = block.columns[static_cast<std::size_t>(c0)],
     raw.columns[i][1] = block.columns[static_cast<std::size_t>(c1)];
     if (block.collapses && block.on_border(id.r(), id.c())) collapsed |= 1U << i;

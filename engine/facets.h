@@ -8,7 +8,7 @@ namespace selenograph::engine {
 inline constexpr int kPacket = 16;
 
 struct alignas(64) Facets {
-  double a[3][kPacket], b[3][kPacket], c[3][kPacket];           // vertices, MOON_ME, metres
+  double a[3][kPacket], b[3][kPacket], c[3][kPacket];                      // vertices, MOON_ME, metres
   float normal_a[3][kPacket], normal_b[3][kPacket], normal_c[3][kPacket];  // theirs, for shading
 };
 

@@ -144,7 +144,9 @@ float Mesh::joined_height(const BlockId& own, std::int64_t lat, std::int64_t lon
 
 std::size_t Mesh::bytes() const {
   std::size_t sum = sizeof(Mesh);
-  for (const MeshBlock& b : blocks_) sum += sizeof(MeshBlock) + b.vertices.size() * sizeof(MeshVertex) + (b.rows.size() + b.columns.size()) * sizeof(MeshBlock::Turn) + b.mixed.size() * sizeof(std::uint64_t);
+  for (const MeshBlock& b : blocks_)
+    sum += sizeof(MeshBlock) + b.vertices.size() * sizeof(MeshVertex) +
+           (b.rows.size() + b.columns.size()) * sizeof(MeshBlock::Turn) + b.mixed.size() * sizeof(std::uint64_t);
   return sum;
 }
 

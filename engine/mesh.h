@@ -21,8 +21,8 @@ namespace selenograph::engine {
 
 // What the lattice doesn't say of a vertex.
 struct alignas(16) MeshVertex {
-  float height_m;           // above the sphere; NaN where there is no data
-  Eigen::Vector3f normal;   // unit, MOON_ME, for shading
+  float height_m;          // above the sphere; NaN where there is no data
+  Eigen::Vector3f normal;  // unit, MOON_ME, for shading
 };
 static_assert(sizeof(MeshVertex) == 16);
 
@@ -97,8 +97,8 @@ class TriangleId {
 
 class Mesh {
  public:
-  // `blocks` sorted, at most TriangleId::kMostBlocks; those without a single valid post are left out. Loads in parallel;
-  // throws what the terrain throws.
+  // `blocks` sorted, at most TriangleId::kMostBlocks; those without a single valid post are left out. Loads in
+  // parallel; throws what the terrain throws.
   Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks);
 
   const std::vector<MeshBlock>& blocks() const { return blocks_; }

@@ -126,19 +126,23 @@ HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view,
 }
 
 // A large triangle: its box row by row.
-HWY_NOINLINE void fill(const Triangles& t, int x0, int x1, int y0, int y1, std::uint32_t id, int width,
+HWY_NOINLINE void fill(const Triangles& t, int x0, int x1, int y0, int y1, std::uint32_t id, const TileView& view,
                        TileBuffer& out) {
+  const int width = view.width;
   const int lanes = static_cast<int>(hn::Lanes(f));
   const VF ramp = hn::Iota(f, 0.F);
   const VI name = hn::Set(i32, static_cast<std::int32_t>(id));
   for (int y = y0; y <= y1; ++y) {
-    const VF vy = all(static_cast<float>(y));
+    const VF py = all(static_cast<float>(y));
     for (int x = x0; x <= x1; x += lanes) {
-      const VF vx = hn::Add(all(static_cast<float>(x)), ramp);
-      MF m = hn::And(inside(t, vx, vy), hn::Le(vx, all(static_cast<float>(x1))));
+      const VF px = hn::Add(all(static_cast<float>(x)), ramp);
+      const std::size_t at =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+      const VF vx = view.sample_x ? hn::LoadU(f, view.sample_x + at) : px,
+               vy = view.sample_y ? hn::LoadU(f, view.sample_y + at) : py;
+      MF m = hn::And(inside(t, vx, vy), hn::Le(px, all(static_cast<float>(x1))));
       if (hn::AllFalse(f, m)) continue;
-      float* depth = out.nearness.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
-                     static_cast<std::size_t>(x);
+      float* depth = out.nearness.data() + at;
       auto* ids = reinterpret_cast<std::int32_t*>(out.triangle.data() + (depth - out.nearness.data()));
       const VF w = value(t, vx, vy), old = hn::LoadU(f, depth);
       m = hn::And(m, hn::Gt(w, old));
@@ -149,19 +153,24 @@ HWY_NOINLINE void fill(const Triangles& t, int x0, int x1, int y0, int y1, std::
 }
 
 // Sixteen small triangles at once, each walking through its own box.
-HWY_INLINE void walk(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, VI ids, int width, TileBuffer& out) {
+template <bool kSamples>
+HWY_INLINE void walk(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, VI ids, const TileView& view,
+                     TileBuffer& out) {
   VF x = x0, y = y0;
   alignas(64) std::int32_t at[16] = {}, id[16] = {};
   alignas(64) float w[16] = {};
-  const VF one = all(1.F), columns = all(static_cast<float>(width));
+  const VF one = all(1.F), columns = all(static_cast<float>(view.width));
   while (!hn::AllFalse(f, active)) {
-    const MF hit = hn::And(active, inside(t, x, y));
+    const VI place = hn::ConvertTo(i32, hn::IfThenElseZero(active, hn::Add(hn::Mul(y, columns), x)));
+    VF sx = x, sy = y;
+    if constexpr (kSamples)
+      sx = hn::GatherIndex(f, view.sample_x, place), sy = hn::GatherIndex(f, view.sample_y, place);
+    const MF hit = hn::And(active, inside(t, sx, sy));
     if (!hn::AllFalse(f, hit)) {
-      const VI place = hn::ConvertTo(i32, hn::Add(hn::Mul(y, columns), x));
       const auto hit_i = hn::RebindMask(i32, hit);
       const std::size_t n = hn::CompressStore(place, hit_i, i32, at);
       hn::CompressStore(ids, hit_i, i32, id);
-      hn::CompressStore(value(t, x, y), hit, f, w);
+      hn::CompressStore(value(t, sx, sy), hit, f, w);
       for (std::size_t k = 0; k < n; ++k) {
         const auto p = static_cast<std::size_t>(at[k]);
         if (w[k] > out.nearness[p]) out.nearness[p] = w[k], out.triangle[p] = static_cast<std::uint32_t>(id[k]);
@@ -181,10 +190,11 @@ HWY_INLINE void draw(const VF* x, const VF* y, const VF* w, bool upper, VI ids, 
                      TileBuffer& out) {
   // x[0]: a or d; 1: b; 2: c
   const VF right = all(static_cast<float>(view.width - 1)), bottom = all(static_cast<float>(view.height - 1));
-  const VF x0 = hn::Max(hn::Ceil(hn::Min(x[0], hn::Min(x[1], x[2]))), hn::Zero(f)),
-           x1 = hn::Min(hn::Floor(hn::Max(x[0], hn::Max(x[1], x[2]))), right),
-           y0 = hn::Max(hn::Ceil(hn::Min(y[0], hn::Min(y[1], y[2]))), hn::Zero(f)),
-           y1 = hn::Min(hn::Floor(hn::Max(y[0], hn::Max(y[1], y[2]))), bottom);
+  const VF aside = all(view.slack[0]), above = all(view.slack[1]);
+  const VF x0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(x[0], hn::Min(x[1], x[2])), aside)), hn::Zero(f)),
+           x1 = hn::Min(hn::Floor(hn::Add(hn::Max(x[0], hn::Max(x[1], x[2])), aside)), right),
+           y0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(y[0], hn::Min(y[1], y[2])), above)), hn::Zero(f)),
+           y1 = hn::Min(hn::Floor(hn::Add(hn::Max(y[0], hn::Max(y[1], y[2])), above)), bottom);
   MF active = hn::And(valid, hn::And(hn::Le(x0, x1), hn::Le(y0, y1)));
   if (hn::AllFalse(f, active)) return;
   VF area;
@@ -205,11 +215,13 @@ HWY_INLINE void draw(const VF* x, const VF* y, const VF* w, bool upper, VI ids, 
     for (std::size_t k = 0; k < lanes; ++k)
       if (mask[k])
         fill(broadcast(stored, lanes, k), static_cast<int>(box[0][k]), static_cast<int>(box[1][k]),
-             static_cast<int>(box[2][k]), static_cast<int>(box[3][k]), static_cast<std::uint32_t>(id[k]), view.width,
-             out);
+             static_cast<int>(box[2][k]), static_cast<int>(box[3][k]), static_cast<std::uint32_t>(id[k]), view, out);
     active = hn::AndNot(large, active);
   }
-  walk(t, active, x0, x1, y0, y1, ids, view.width, out);
+  if (view.sample_x)
+    walk<true>(t, active, x0, x1, y0, y1, ids, view, out);
+  else
+    walk<false>(t, active, x0, x1, y0, y1, ids, view, out);
 }
 
 HWY_INLINE MF number(VF x) { return hn::Eq(x, x); }
@@ -218,7 +230,8 @@ void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, T
   Projected rows[2];
   const int lanes = static_cast<int>(hn::Lanes(f));
   project_row(b, strip.first_row, view, rows[0]);
-  const VF right = all(static_cast<float>(view.width - 1)), bottom = all(static_cast<float>(view.height - 1));
+  const VF left = all(-view.slack[0]), right = all(static_cast<float>(view.width - 1) + view.slack[0]),
+           top = all(-view.slack[1]), bottom = all(static_cast<float>(view.height - 1) + view.slack[1]);
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r) {
     const Projected &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
     project_row(b, r + 1, view, rows[(r + 1 - strip.first_row) & 1]);
@@ -229,14 +242,13 @@ void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, T
                dy = hn::LoadU(f, north.y + c + 1);
       const MF diagonal = hn::And(number(bx), number(cx)), lower = hn::And(diagonal, number(ax)),
                upper = hn::And(diagonal, number(dx));
-      const MF seen = hn::And(hn::And(hn::Ge(hn::Max(hn::Max(ax, bx), hn::Max(cx, dx)), hn::Zero(f)),
+      const MF seen = hn::And(hn::And(hn::Ge(hn::Max(hn::Max(ax, bx), hn::Max(cx, dx)), left),
                                       hn::Le(hn::Min(hn::Min(ax, bx), hn::Min(cx, dx)), right)),
-                              hn::And(hn::Ge(hn::Max(hn::Max(ay, by), hn::Max(cy, dy)), hn::Zero(f)),
+                              hn::And(hn::Ge(hn::Max(hn::Max(ay, by), hn::Max(cy, dy)), top),
                                       hn::Le(hn::Min(hn::Min(ay, by), hn::Min(cy, dy)), bottom)));
       const MF any_void = hn::Not(hn::And(lower, upper));
       if (hn::AllFalse(f, hn::Or(seen, any_void))) continue;
-      for (int k = 0; k < lanes; k += 4)
-        __builtin_prefetch(b.vertices + (r + 1) * (b.quads + 1) + c + k, 0, 2);
+      for (int k = 0; k < lanes; k += 4) __builtin_prefetch(b.vertices + (r + 1) * (b.quads + 1) + c + k, 0, 2);
       const VF aw = hn::Load(f, south.w + c), bw = hn::LoadU(f, south.w + c + 1), cw = hn::Load(f, north.w + c),
                dw = hn::LoadU(f, north.w + c + 1);
       const VI name = hn::Add(hn::Set(i32, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),
@@ -395,8 +407,8 @@ HWY_EXPORT(RangeOf);
 
 void TileBuffer::clear(int width, int height) {
   const std::size_t n = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  nearness.assign(n + 48, kFarthest);  // vectors reach beyond the last pixel
-  triangle.assign(n + 48, kNoTriangle);
+  nearness.assign(n + kTilePadding, kFarthest);  // vectors reach beyond the last pixel
+  triangle.assign(n + kTilePadding, kNoTriangle);
 }
 
 namespace {
@@ -428,24 +440,27 @@ class WideDrawer {
                  i1 = (n[0].one + n[1].one + n[2].one) / volume;
     int x0 = 0, x1 = view_.width - 1, y0 = 0, y1 = view_.height - 1;
     if (a.plain && b.plain && c.plain) {
-      x0 = std::max(x0, static_cast<int>(std::ceil(std::min({a.px, b.px, c.px}))));
-      x1 = std::min(x1, static_cast<int>(std::floor(std::max({a.px, b.px, c.px}))));
-      y0 = std::max(y0, static_cast<int>(std::ceil(std::min({a.py, b.py, c.py}))));
-      y1 = std::min(y1, static_cast<int>(std::floor(std::max({a.py, b.py, c.py}))));
+      const auto [aside, above] = view_.slack;
+      x0 = std::max(x0, static_cast<int>(std::ceil(std::min({a.px, b.px, c.px}) - aside)));
+      x1 = std::min(x1, static_cast<int>(std::floor(std::max({a.px, b.px, c.px}) + aside)));
+      y0 = std::max(y0, static_cast<int>(std::ceil(std::min({a.py, b.py, c.py}) - above)));
+      y1 = std::min(y1, static_cast<int>(std::floor(std::max({a.py, b.py, c.py}) + above)));
     }
     const std::uint32_t name = id.packed();
     for (int y = y0; y <= y1; ++y)
       for (int x = x0; x <= x1; ++x) {
+        const std::size_t at =
+            static_cast<std::size_t>(y) * static_cast<std::size_t>(view_.width) + static_cast<std::size_t>(x);
+        const float sx = view_.sample_x ? view_.sample_x[at] : static_cast<float>(x),
+                    sy = view_.sample_y ? view_.sample_y[at] : static_cast<float>(y);
         bool in = true;
-        for (int k = 0; k < 3 && in; ++k) in = edges[k].positive_or_zero(x, y, flip[k]);
+        for (int k = 0; k < 3 && in; ++k) in = edges[k].positive_or_zero(sx, sy, flip[k]);
         if (!in) continue;
-        const double inverse = ix * x + iy * y + i1;
+        const double inverse = ix * static_cast<double>(sx) + iy * static_cast<double>(sy) + i1;
         if (!(inverse > 0)) continue;
         const auto nearness =
             static_cast<float>(static_cast<double>(view_.near0) * inverse -
                                static_cast<double>(view_.near1) * (1 - static_cast<double>(view_.offset[2]) * inverse));
-        const std::size_t at =
-            static_cast<std::size_t>(y) * static_cast<std::size_t>(view_.width) + static_cast<std::size_t>(x);
         if (nearness > out_.nearness[at]) out_.nearness[at] = nearness, out_.triangle[at] = name;
       }
   }
@@ -464,12 +479,12 @@ class WideDrawer {
     bool plain;
     float ox, oy, ex, ey;
     Plane plane;
-    bool positive_or_zero(int x, int y, bool flip) const {
+    bool positive_or_zero(float x, float y, bool flip) const {
       if (plain) {
-        const float e = ex * (static_cast<float>(y) - oy) - ey * (static_cast<float>(x) - ox);
+        const float e = ex * (y - oy) - ey * (x - ox);
         return flip ? e <= 0 : e >= 0;
       }
-      const double e = plane.x * x + plane.y * y + plane.one;
+      const double e = plane.x * static_cast<double>(x) + plane.y * static_cast<double>(y) + plane.one;
       return flip ? e <= 0 : e >= 0;
     }
   };
@@ -504,10 +519,13 @@ class WideDrawer {
   // Beyond one side of the tile with all corners?
   bool outside(const Corner& a, const Corner& b, const Corner& c) const {
     const auto all_of = [&](auto&& beyond) { return beyond(a) && beyond(b) && beyond(c); };
-    const double w = view_.width, h = view_.height;
-    return all_of([](const Corner& p) { return p.z <= 0; }) || all_of([](const Corner& p) { return p.x < -p.z; }) ||
+    const double aside = static_cast<double>(view_.slack[0]), above = static_cast<double>(view_.slack[1]);
+    const double w = view_.width + aside, h = view_.height + above;
+    return all_of([](const Corner& p) { return p.z <= 0; }) ||
+           all_of([&](const Corner& p) { return p.x < -(1 + aside) * p.z; }) ||
            all_of([&](const Corner& p) { return p.x > w * p.z; }) ||
-           all_of([](const Corner& p) { return p.y < -p.z; }) || all_of([&](const Corner& p) { return p.y > h * p.z; });
+           all_of([&](const Corner& p) { return p.y < -(1 + above) * p.z; }) ||
+           all_of([&](const Corner& p) { return p.y > h * p.z; });
   }
 
   const RasterBlock& block_;
@@ -525,8 +543,7 @@ void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& vi
   WideDrawer drawer(block, view, out);
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r)
     for (int c = 0; c < block.quads; ++c)
-      for (const bool upper : {false, true})
-        drawer.draw({strip.block, r, c, upper});
+      for (const bool upper : {false, true}) drawer.draw({strip.block, r, c, upper});
 }
 
 void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band) {

@@ -25,14 +25,22 @@ struct TileView {
   float near0, near1;
   int width, height;
   float least_depth;  // metres
+  // Where the samples are, row by row, and how far from their pixels at most; null: they are the pixels. NaN: none.
+  const float *sample_x, *sample_y;
+  float slack[2];
 };
-inline constexpr float kFarthest = -2;  // less than any nearness
+inline constexpr std::size_t kTilePadding = 16;  // beyond the last pixel: vectors reach there
+inline constexpr float kFarthest = -2;           // less than any nearness
 
 // Nearest triangle of each pixel of a tile, row by row.
 struct TileBuffer {
   std::vector<float> nearness;  // kFarthest: nothing
   std::vector<std::uint32_t> triangle;
+  std::vector<float> sample_x, sample_y;  // for TileView
   void clear(int width, int height);
+  std::size_t bytes() const {
+    return 4 * (nearness.capacity() + triangle.capacity() + sample_x.capacity() + sample_y.capacity());
+  }
 };
 
 // A vertex that float can have in pixels: in front of the eye, and not too far outside of the tile.

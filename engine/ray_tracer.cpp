@@ -146,8 +146,7 @@ struct RayTracer::Impl {
           const dem::QuadVertices q = dem::vertices_of(r, c, upper);
           bool valid = true;
           for (int i = 0; i < 3; ++i) valid &= block.present(q.r[i], q.c[i]);
-          if (valid)
-            out.triangles.emplace_back(index, r, c, upper);
+          if (valid) out.triangles.emplace_back(index, r, c, upper);
         }
     const std::size_t count = out.triangles.size();
     if (count == 0) return nullptr;

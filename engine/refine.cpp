@@ -89,8 +89,7 @@ class Search {
     const int quads = mesh_.blocks()[block].posts->extent.quads;
     for (int r = std::max(0, row - 1); r <= std::min(quads - 1, row + 1); ++r)
       for (int c = std::max(0, col - 1); c <= std::min(quads - 1, col + 1); ++c)
-        for (const bool upper : {false, true})
-          consider({block, r, c, upper});
+        for (const bool upper : {false, true}) consider({block, r, c, upper});
   }
 
   // Blocks beside the place, and the quads of theirs that are nearest.

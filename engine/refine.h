@@ -25,7 +25,7 @@ struct alignas(64) SurfacePoints {
   double distance[kPacket];                      // along the ray, in its direction's lengths
   double v[kPacket], w[kPacket];                 // barycentric weights of the triangle's second and third vertex
   double nx[kPacket], ny[kPacket], nz[kPacket];  // the triangle's outward normal, not normalised
-  TriangleId triangle[kPacket];  // some triangle, too, where there's no hit
+  TriangleId triangle[kPacket];                  // some triangle, too, where there's no hit
   bool hit[kPacket];
   bool toward_moon[kPacket];  // no hit, but the ray meets the datum sphere: for want of data
   Vec3 position(int i) const { return {x[i], y[i], z[i]}; }

@@ -15,9 +15,14 @@ struct PassCounts {
   std::vector<char> sources;  // by catalogue index: 1 when some pixel sees it
 };
 
+struct FrameScratch;
+struct PixelRays;
+
 // Fills the products that are asked for, sized and initialised here. `source` holds catalogue indices until the caller
-// numbers them. Parallel over tiles of pixels in the caller's task arena; stops between tiles.
-PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request, std::size_t catalogue_size,
-                         const StopToken& stop, FrameProducts& products);
+// numbers them. `rays`: of the pixels' centres, where the camera has distortion. Parallel over tiles of pixels in the
+// caller's task arena; stops between tiles.
+PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request, const PixelRays& rays,
+                         std::size_t catalogue_size, const StopToken& stop, FrameScratch& scratch,
+                         FrameProducts& products);
 
 }  // namespace selenograph::engine

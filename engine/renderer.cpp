@@ -5,6 +5,7 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <stdexcept>
@@ -13,6 +14,9 @@
 #include "dem/error.h"
 #include "dem/parallel.h"
 #include "engine/photometry.h"
+#include "engine/pixel_rays.h"
+#include "engine/pool.h"
+#include "engine/raster_pass.h"
 #include "engine/render_pass.h"
 #include "engine/scene.h"
 #include "engine/sensor.h"
@@ -34,6 +38,9 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
+// Measured (tests/benchmark, `auto`): see engine/README.md.
+constexpr double kTrianglesPerPixel = 64;
+
 struct SceneKey {
   std::uint64_t low, high;
   bool operator==(const SceneKey&) const = default;
@@ -52,6 +59,26 @@ SceneKey key_of(const Selection& selection, const Vec3& anchor, Visibility visib
   XXH3_freeState(state);
   return {hash.low64, hash.high64};
 }
+
+// What a lens makes of pixels doesn't depend on where the camera is.
+using LensKey = std::array<double, 11>;
+LensKey key_of(const Camera& c) {
+  const Distortion& d = c.distortion;
+  return {static_cast<double>(c.width),
+          static_cast<double>(c.height),
+          c.fx,
+          c.fy,
+          c.cx,
+          c.cy,
+          d.k1,
+          d.k2,
+          d.k3,
+          d.p1,
+          d.p2};
+}
+struct LensKeyHash {
+  std::size_t operator()(const LensKey& key) const { return XXH3_64bits(key.data(), sizeof key); }
+};
 
 // Numbers the tiles that the frame stands on, in the catalogue's order.
 void number_sources(const dem::Catalogue& catalogue, const std::vector<char>& seen, Frame& frame) {
@@ -75,6 +102,7 @@ struct Renderer::Impl {
         threads(o.threads > 0 ? o.threads : tbb::this_task_arena::max_concurrency()),
         arena(threads),
         scenes(o.scene_bytes),
+        lenses(o.scene_bytes / 8),
         speed_of_rays(threads),
         speed_of_zbuffer(threads) {}
 
@@ -104,10 +132,27 @@ struct Renderer::Impl {
 
   static Vec3 anchor_of(const View& view) { return anchor_for(view.position(), view.middle()); }
 
-  // The z-buffer draws pinholes under a point Sun; all else is for rays.
-  static Visibility visibility_of(const FrameRequest& request) {
-    const bool drawable = request.camera.distortion.none() && request.sun.angular_radius_deg == 0;
-    return request.visibility == Visibility::zbuffer && drawable ? Visibility::zbuffer : Visibility::raytrace;
+  // The z-buffer's time grows with the triangles, that of rays with the pixels: a tiny image of much terrain is for
+  // rays. From the request and the terrain alone, so that the same request gives the same bytes.
+  static Visibility visibility_of(const FrameRequest& request, const Selection& selection) {
+    if (request.visibility != Visibility::automatic) return request.visibility;
+    const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
+    return triangles_of(selection) > kTrianglesPerPixel * pixels ? Visibility::raytrace : Visibility::zbuffer;
+  }
+
+  std::shared_ptr<const PixelRays> lens_of(const Camera& camera) {
+    if (camera.distortion.none()) return std::make_shared<const PixelRays>();
+    return lenses.get(key_of(camera), [&] {
+      auto made = std::make_shared<const PixelRays>(camera, 0, 0);
+      return dem::Cache<LensKey, PixelRays, LensKeyHash>::Loaded{made, made->bytes()};
+    });
+  }
+
+  // Scratch memory and lenses are on the scenes' budget. A frame much larger than the others leaves its scratch memory
+  // behind only if that is a small part of it.
+  void settle() {
+    if (scratch.bytes() > scenes.capacity() / 4) scratch.clear();
+    scenes.reserve(scratch.bytes() + lenses.bytes());
   }
 
   static double triangles_of(const Selection& selection) {
@@ -138,15 +183,15 @@ struct Renderer::Impl {
       }
       const double select_ms = watch.lap_ms();
       spent_ms += select_ms;
-      const bool build = !scenes.holds(key_of(*selection, anchor_of(view), visibility_of(request)));
+      const Visibility visibility = visibility_of(request, *selection);
+      const bool build = !scenes.holds(key_of(*selection, anchor_of(view), visibility));
       bool any = false;
       for (const int samples : kBudgetSamples) {
         if (samples > max_samples) break;
         setting.samples_per_pixel = samples;
         // Selected once to choose, once to render.
-        const double ms =
-            spent_ms + select_ms +
-            speed_of(visibility_of(request)).predicted_ms(work_of(request, setting, triangles_of(*selection), build));
+        const double ms = spent_ms + select_ms +
+                          speed_of(visibility).predicted_ms(work_of(request, setting, triangles_of(*selection), build));
         const bool fits = ms <= budget_ms;
         any |= fits;
         if (!best || (fits && expected_error(setting) < expected_error(best->accuracy)))
@@ -166,13 +211,19 @@ struct Renderer::Impl {
     frame.times.select_ms = watch.lap_ms();
 
     const Vec3 anchor = anchor_of(view);
-    const Visibility visibility = visibility_of(request);
+    const Visibility visibility = visibility_of(request, selection);
     const bool build = !scenes.holds(key_of(selection, anchor, visibility));
     const auto scene = this->scene(selection, anchor, visibility);
     frame.times.build_ms = watch.lap_ms();
 
-    const PassCounts counts =
-        render_pixels(*scene, view, request, terrain->catalogue().rasters().size(), stop, frame.products);
+    const auto rays = lens_of(request.camera);
+    PassCounts counts;
+    {
+      const Pool<FrameScratch>::Lease lease(scratch);
+      counts = render_pixels(*scene, view, request, *rays, terrain->catalogue().rasters().size(), stop, *lease,
+                             frame.products);
+    }
+    settle();
     number_sources(terrain->catalogue(), counts.sources, frame);
     frame.times.visibility_ms = watch.lap_ms();
 
@@ -352,6 +403,8 @@ struct Renderer::Impl {
   int threads;
   tbb::task_arena arena;
   dem::Cache<SceneKey, Scene, SceneKeyHash> scenes;
+  dem::Cache<LensKey, PixelRays, LensKeyHash> lenses;
+  Pool<FrameScratch> scratch;
   SpeedGauge speed_of_rays, speed_of_zbuffer;
 };
 
@@ -380,6 +433,8 @@ std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, 
 
 int Renderer::threads() const { return impl_->threads; }
 const dem::Terrain& Renderer::terrain() const { return *impl_->terrain; }
-std::size_t Renderer::scene_bytes_in_use() const { return impl_->scenes.bytes(); }
+std::size_t Renderer::scene_bytes_in_use() const {
+  return impl_->scenes.bytes() + impl_->lenses.bytes() + impl_->scratch.bytes();
+}
 
 }  // namespace selenograph::engine

@@ -15,7 +15,8 @@ namespace selenograph::engine {
 struct RendererOptions {
   // Worker threads per renderer; 0: all cores. The bytes of an answer don't depend on it.
   int threads = 0;
-  // Bytes for acceleration structures that are kept between frames (least recently used go first).
+  // Bytes for what is kept between frames: acceleration structures (least recently used go first), scratch memory and
+  // lenses.
   std::size_t scene_bytes = std::size_t{1} << 30;
 };
 

@@ -25,7 +25,8 @@ struct Selection {
   double highest_m = 0;  // no block reaches higher
 };
 
-// What a scene holds of one block of 64 x 64 quads, about: vertices, those in float, and Embree's 15 bytes a triangle. The posts themselves are the terrain cache's.
+// What a scene holds of one block of 64 x 64 quads, about: vertices, those in float, and Embree's 15 bytes a triangle.
+// The posts themselves are the terrain cache's.
 inline constexpr std::size_t kSceneBytesPerVertex = 16 + 12;
 inline constexpr std::size_t kSceneBytesPerBlock = 65 * 65 * (kSceneBytesPerVertex) + 2 * 64 * 64 * 15;
 // Coarse levels have fewer quads: the whole Moon from afar is thousands of small blocks.

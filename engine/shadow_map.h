@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "engine/frame.h"
+#include "engine/pool.h"
 #include "engine/raster_kernels.h"
 #include "engine/refine.h"
 
@@ -24,11 +25,15 @@ struct LightLanes {
 struct LightSamples {
   std::vector<float> u, v, d;
   std::vector<std::uint32_t> pixel;
+  std::vector<std::uint32_t> faces;  // of the Sun's disc, directions that the facet faces: a bit each
   std::size_t count = 0;
   float low[2], high[2];  // u, v: see bound()
 
-  void make_room(std::size_t capacity);
-  void clear(std::size_t capacity) { make_room(capacity), count = 0; }
+  void make_room(std::size_t capacity, bool of_disc = false);
+  void clear(std::size_t capacity, bool of_disc = false) { make_room(capacity, of_disc), count = 0; }
+  // Before the sample is added that it is of.
+  void add_face(std::int32_t bits) { faces[count] = static_cast<std::uint32_t>(bits); }
+  void add_faces(const std::int32_t* bits) { std::copy_n(bits, kPacket, &faces[count]); }
   void add(float su, float sv, float sd, std::uint32_t at) {
     u[count] = su, v[count] = sv, d[count] = sd, pixel[count++] = at;
   }
@@ -42,14 +47,25 @@ struct LightSamples {
   }
   // Sets low and high.
   void bound();
+  std::size_t bytes() const {
+    return 4 * (u.capacity() + v.capacity() + d.capacity() + pixel.capacity() + faces.capacity());
+  }
+};
+
+// One band's samples in cells.
+struct BandScratch {
+  LightBand band;
+  std::vector<std::uint32_t> cell, pixel, next;
+  std::size_t bytes() const;
 };
 
 // What a map needs while it works; kept from frame to frame.
 struct LightScratch {
-  std::vector<LightSamples> tiles;
+  Pool<BandScratch> bands;                           // one per thread
   std::vector<LightSamples> sorted;                  // each tile's, by band
   std::vector<std::vector<std::uint32_t>> first;     // of each band, per tile
   std::vector<std::vector<std::uint32_t>> shadowed;  // pixels, per band
+  std::size_t bytes() const;
 };
 
 class ShadowMap {
@@ -59,9 +75,12 @@ class ShadowMap {
 
   void place(const SurfacePoints& points, LightLanes& lanes) const;
 
-  // From scratch.tiles to scratch.shadowed: the pixels of all samples in shadow, in any order. Parallel; stops between
-  // bands.
-  void cast(LightScratch& scratch, const StopToken& stop) const;
+  // Samples that were placed in another map of the same mesh, in this one: those that face one of the directions of
+  // the mask.
+  void turn(const ShadowMap& other, const LightSamples& placed, std::uint32_t mask, LightSamples& out) const;
+
+  // The pixels of all samples in shadow, in any order, to scratch.shadowed. Parallel; stops between bands.
+  void cast(const std::vector<LightSamples>& samples, LightScratch& scratch, const StopToken& stop) const;
 
  private:
   struct Caster {

@@ -163,7 +163,8 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& 
   }
   if (any) {
     scene.tracer->intersect(packet, points);
-    if (std::find(points.hit, points.hit + kPacket, true) != points.hit + kPacket) refine(scene.mesh, rays, points, facets);
+    if (std::find(points.hit, points.hit + kPacket, true) != points.hit + kPacket)
+      refine(scene.mesh, rays, points, facets);
   }
   int hits = 0, misses = 0, active = 0;
   for (int i = 0; i < kPacket; ++i) {
@@ -210,15 +211,23 @@ void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted,
   for (int i = 0; i < kPacket; ++i) lit[i] = packet.active[i] && !blocked[i] ? 1.F : 0.F;
 }
 
-void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun,
-                 double angular_radius_rad, float* lit) {
+std::array<Vec3, kDiscSamples> disc_directions(const Vec3& sun, double angular_radius_rad) {
   const Vec3 across = any_across(sun), up = sun.cross(across);
-  float sum[kPacket] = {};
+  std::array<Vec3, kDiscSamples> directions;
   for (int k = 0; k < kDiscSamples; ++k) {
     // Vogel's sunflower (1979): equal areas, no two samples in line with a straight shadow edge.
     const double r = angular_radius_rad * std::sqrt((k + 0.5) / kDiscSamples),
                  turn = k * std::numbers::pi * (3 - std::sqrt(5.0));
-    const Vec3 toward = (sun + std::tan(r) * (std::cos(turn) * across + std::sin(turn) * up)).normalized();
+    directions[static_cast<std::size_t>(k)] =
+        (sun + std::tan(r) * (std::cos(turn) * across + std::sin(turn) * up)).normalized();
+  }
+  return directions;
+}
+
+void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun,
+                 double angular_radius_rad, float* lit) {
+  float sum[kPacket] = {};
+  for (const Vec3& toward : disc_directions(sun, angular_radius_rad)) {
     float one[kPacket];
     sunlit(scene, points, wanted, toward, one);
     for (int i = 0; i < kPacket; ++i) sum[i] += one[i];

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <array>
 #include <cmath>
 
 #include "engine/refine.h"
@@ -34,6 +35,7 @@ void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted,
 
 // The same for a disc of the given angular radius: the mean over kDiscSamples directions spread evenly over it.
 inline constexpr int kDiscSamples = 32;
+std::array<Vec3, kDiscSamples> disc_directions(const Vec3& sun, double angular_radius_rad);
 void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun,
                  double angular_radius_rad, float* lit);
 

@@ -20,8 +20,12 @@ View::View(const Camera& camera, const Pose& pose)
   bound_image();
 }
 
+std::optional<Eigen::Vector2d> View::undistorted(double x_px, double y_px) const {
+  return lens_.undistorted((x_px - camera_.cx) / camera_.fx, (y_px - camera_.cy) / camera_.fy);
+}
+
 std::optional<Vec3> View::ray(double x_px, double y_px) const {
-  const auto p = lens_.undistorted((x_px - camera_.cx) / camera_.fx, (y_px - camera_.cy) / camera_.fy);
+  const auto p = undistorted(x_px, y_px);
   if (!p) return std::nullopt;
   return moon_from_camera_ * Vec3(p->x(), p->y(), 1);
 }

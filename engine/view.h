@@ -28,6 +28,10 @@ class View {
   // along it is the depth. Empty where the lens distortion has no inverse (beyond its fold): such a pixel sees nothing.
   std::optional<Vec3> ray(double x_px, double y_px) const;
 
+  // The same on the camera's plane z = 1.
+  std::optional<Eigen::Vector2d> undistorted(double x_px, double y_px) const;
+  const Lens& lens() const { return lens_; }
+
   // Image place of a point; empty behind the camera or beyond the distortion's fold.
   std::optional<PixelXY> project(const Vec3& point_m) const;
 

@@ -110,6 +110,60 @@ TEST_F(TwoWays, SubPixelSamplesAreTheSameMean) {
   EXPECT_GT(*std::max_element(drawn.products.radiance.begin(), drawn.products.radiance.end()), 0);
 }
 
+// A lens's pixels are where the lens puts them, to either.
+TEST_F(TwoWays, AgreeThroughLenses) {
+  const Vec3 from = to_cartesian({-10, 44, 20000});
+  const auto through = [&](const char* name, double fov_deg, double tilt_deg, const engine::Distortion& lens) {
+    engine::FrameRequest request =
+        square_view(engine::tilted_pose(from, tilt_deg), kSide, fov_deg, engine::sun_over(from, 115, 15));
+    request.camera.distortion = lens;
+    request.accuracy.max_error_px = 1;
+    return compare(name, request);
+  };
+  through("barrel", 60, 0, {-0.3, 0.1, -0.01, 0, 0});
+  through("pincushion", 60, 0, {0.3, 0.05, 0, 0, 0});
+  through("tangential", 60, 30, {-0.1, 0.01, 0, 0.02, -0.03});
+  through("strong barrel, oblique", 100, 60, {-0.12, 0.006, 0, 0, 0});
+  // Folds within the image: there's nothing in its corners.
+  through("folded", 90, 0, {-0.35, 0, 0, 0, 0});
+}
+
+TEST_F(TwoWays, AgreeOnThePenumbra) {
+  const Vec3 from = to_cartesian({-10, 44, 20000});
+  std::size_t partial = 0, different = 0, pixels = 0;
+  double worst = 0;
+  for (const double elevation : {2.0, 15.0})
+    for (const double tilt : {0.0, 60.0}) {
+      engine::FrameRequest request = square_view(engine::tilted_pose(from, tilt), kSide, tilt > 0 ? 25 : 50,
+                                                 engine::sun_over(from, 115, elevation));
+      request.sun.angular_radius_deg = 0.2666;
+      request.products = engine::kRadiance | engine::kLit;
+      request.visibility = engine::Visibility::raytrace;
+      const engine::Frame rays = scenery().renderer->render(request);
+      request.visibility = engine::Visibility::zbuffer;
+      const engine::Frame drawn = scenery().renderer->render(request);
+      EXPECT_EQ(drawn.report.visibility, engine::Visibility::zbuffer);
+      pixels += rays.products.lit.size();
+      std::size_t here = 0;
+      for (std::size_t i = 0; i < rays.products.lit.size(); ++i) {
+        const float a = rays.products.lit[i], b = drawn.products.lit[i];
+        if (std::isnan(a) || std::isnan(b)) continue;
+        partial += a > 0 && a < 1;
+        here += a != b;
+        worst = std::max(worst, static_cast<double>(std::abs(a - b)));
+        if (b > 0)
+          EXPECT_NEAR(drawn.products.radiance[i] * a, rays.products.radiance[i] * b, 2e-6 * drawn.products.radiance[i]);
+        else
+          EXPECT_EQ(drawn.products.radiance[i], 0);
+      }
+      different += here;
+      fmt::print("penumbra, tilt {} deg, Sun {} deg: {} pixels differ\n", tilt, elevation, here);
+    }
+  fmt::print("penumbra: {} of {} pixels in part, {} differ, at most by {:.3f}\n", partial, pixels, different, worst);
+  EXPECT_GT(partial * 200, pixels);
+  EXPECT_LE(different * 1000, pixels);
+}
+
 // The same bytes whatever the threads.
 TEST_F(TwoWays, TheZBufferIsDeterministic) {
   engine::FrameRequest request =

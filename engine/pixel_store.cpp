@@ -1,0 +1,268 @@
+#include "engine/pixel_store.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <optional>
+
+#include "engine/vectorise.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
+constexpr double kNaN64 = std::numeric_limits<double>::quiet_NaN();
+constexpr double kDegrees = 180 / std::numbers::pi;
+
+template <typename T>
+void allocate(std::vector<T>& array, bool wanted, std::size_t size, T value) {
+  if (wanted) array.assign(size, value);
+}
+
+void allocate_all(const FrameRequest& request, FrameProducts& out) {
+  const std::size_t n =
+      static_cast<std::size_t>(request.camera.width) * static_cast<std::size_t>(request.camera.height);
+  const ProductSet want = request.products;
+  allocate(out.radiance, want & (kRadiance | kImage), n, 0.F);
+  allocate(out.depth, want & kDepth, n, kNaN64);
+  allocate(out.range, want & kRange, n, kNaN64);
+  allocate(out.position, want & kPosition, 3 * n, kNaN64);
+  allocate(out.geodetic, want & kGeodetic, 3 * n, kNaN64);
+  allocate(out.normal, want & kNormal, 3 * n, kNaN32);
+  allocate(out.angles, want & kAngles, 3 * n, kNaN32);
+  allocate(out.lit, want & kLit, n, kNaN32);
+  allocate(out.gsd, want & kGsd, n, kNaN32);
+  allocate(out.source, want & kSource, n, std::uint16_t{65535});
+}
+
+SELENOGRAPH_VECTORISED
+void shade_lanes(const Facets& n, const SurfacePoints& p, const Rays& rays, double sx, double sy, double sz,
+                 Shading& out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double v = p.v[i], w = p.w[i], u = 1 - v - w;
+    const double smooth_x = u * static_cast<double>(n.normal_a[0][i]) + v * static_cast<double>(n.normal_b[0][i]) +
+                            w * static_cast<double>(n.normal_c[0][i]);
+    const double smooth_y = u * static_cast<double>(n.normal_a[1][i]) + v * static_cast<double>(n.normal_b[1][i]) +
+                            w * static_cast<double>(n.normal_c[1][i]);
+    const double smooth_z = u * static_cast<double>(n.normal_a[2][i]) + v * static_cast<double>(n.normal_b[2][i]) +
+                            w * static_cast<double>(n.normal_c[2][i]);
+    // What is seen faces the camera. Where the smooth normal doesn't, the facet's own does: otherwise slopes seen at
+    // grazing angles had black specks at opposition.
+    const bool away = smooth_x * rays.dx[i] + smooth_y * rays.dy[i] + smooth_z * rays.dz[i] >= 0;
+    const double x = away ? p.nx[i] : smooth_x, y = away ? p.ny[i] : smooth_y, z = away ? p.nz[i] : smooth_z;
+    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
+    const double unit = 1 / std::sqrt(x * x + y * y + z * z), back = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
+    out.nx[i] = x * unit, out.ny[i] = y * unit, out.nz[i] = z * unit;
+    out.mu0[i] = (x * sx + y * sy + z * sz) * unit;
+    out.mu[i] = (x * dx + y * dy + z * dz) * unit * back;
+  }
+}
+
+SELENOGRAPH_VECTORISED
+void radiances_of(const BrdfTerms& terms, double irradiance, const Shading& shading, const float* lit, float* out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i)
+    out[i] = static_cast<float>(
+        direct_radiance(terms, irradiance, shading.mu0[i], shading.mu[i], static_cast<double>(lit[i])));
+}
+
+constexpr int across(Shape shape) { return shape == Shape::square ? kPacketSide : kPacket; }
+
+// Rays of a camera without distortion: linear in the pixel's coordinates.
+template <Shape shape>
+SELENOGRAPH_VECTORISED void linear_rays(const double* first, const double* right, const double* down,
+                                        const double* origin, double x, double y, Rays& rays) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double px = x + i % across(shape), py = y + i / across(shape);
+    rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+    rays.dx[i] = first[0] + right[0] * px + down[0] * py;
+    rays.dy[i] = first[1] + right[1] * px + down[1] * py;
+    rays.dz[i] = first[2] + right[2] * px + down[2] * py;
+  }
+}
+
+// The same from places on the camera's plane z = 1; `m`: MOON_ME from camera, by columns.
+SELENOGRAPH_VECTORISED
+void lens_rays(const double* x, const double* y, const double* m, const double* origin, Rays& rays) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+    rays.dx[i] = m[0] * x[i] + m[3] * y[i] + m[6];
+    rays.dy[i] = m[1] * x[i] + m[4] * y[i] + m[7];
+    rays.dz[i] = m[2] * x[i] + m[5] * y[i] + m[8];
+  }
+}
+
+struct SourceAt {
+  dem::SourceMark index;  // of the catalogue; dem::kNoSource if none
+  bool filled;
+};
+
+// The tile of the nearest vertex; filled when any vertex of the triangle is.
+SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
+  const TriangleId& t = p.triangle[lane];
+  const dem::Block& block = *mesh.blocks()[t.block()].posts;
+  if (block.sources.size() == 1) return {block.sources[0] & dem::kNoSource, (block.sources[0] & dem::kFilledBit) != 0};
+  const dem::QuadVertices q = t.vertices();
+  const double weights[3] = {1 - p.v[lane] - p.w[lane], p.v[lane], p.w[lane]};
+  SourceAt at{dem::kNoSource, false};
+  double heaviest = -1;
+  for (int i = 0; i < 3; ++i) {
+    const dem::SourceMark s = block.source(q.r[i], q.c[i]);
+    at.filled |= (s & dem::kFilledBit) != 0;
+    if (weights[i] > heaviest) heaviest = weights[i], at.index = s & dem::kNoSource;
+  }
+  return at;
+}
+
+double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)) * kDegrees; }
+
+}  // namespace
+
+PixelStore::PixelStore(const Mesh& mesh, const View& view, const FrameRequest& request, const PixelRays& rays,
+                       std::size_t catalogue_size, FrameProducts& out)
+    : mesh_(mesh),
+      view_(view),
+      request_(request),
+      centres_(rays),
+      catalogue_size_(catalogue_size),
+      out_(out),
+      irradiance_(kSolarConstant_w_m2 / (request.sun.distance_au * request.sun.distance_au)),
+      terms_(terms_of(request.reflectance)) {
+  const ProductSet want = request.products;
+  wants_radiance_ = want & (kRadiance | kImage);
+  wants_geometry_ = want & ~static_cast<ProductSet>(kRadiance | kImage);
+  wants_light_ = wants_radiance_ || (want & kLit);
+  grid_ = static_cast<int>(std::lround(std::sqrt(request.accuracy.samples_per_pixel)));
+  total_ = counts();
+  // Without distortion a pixel's ray is linear in its coordinates.
+  const Camera& c = view.camera();
+  linear_ = c.distortion.none();
+  const Eigen::Matrix3d& m = view.moon_from_camera();
+  right_ = m.col(0) / c.fx, down_ = m.col(1) / c.fy, first_ = m.col(2) - right_ * c.cx - down_ * c.cy;
+  allocate_all(request, out);
+}
+
+PassCounts PixelStore::counts() const {
+  PassCounts counts;
+  counts.sources.assign(catalogue_size_, 0);
+  return counts;
+}
+
+std::vector<Layer> PixelStore::layers() const {
+  if (grid_ == 1) return {{0, 0, true, wants_radiance_ ? 1.F : 0.F, wants_light_, true}};
+  std::vector<Layer> layers;
+  if (wants_geometry_) layers.push_back({0, 0, true, 0.F, (request_.products & kLit) != 0, true});
+  if (!wants_radiance_) return layers;
+  const float weight = 1.F / static_cast<float>(grid_ * grid_);
+  for (int j = 0; j < grid_; ++j)
+    for (int i = 0; i < grid_; ++i)
+      layers.push_back({(i + 0.5) / grid_ - 0.5, (j + 0.5) / grid_ - 0.5, false, weight, true, layers.empty()});
+  return layers;
+}
+
+void PixelStore::aim(Shape shape, int x, int y, const Layer& layer, const PixelRays* rays, Rays& out) const {
+  const Camera& camera = request_.camera;
+  const int wide = across(shape);
+  for (int i = 0; i < kPacket; ++i) out.valid[i] = x + i % wide < camera.width && y + i / wide < camera.height;
+  if (linear_) {
+    const auto linear = shape == Shape::row ? linear_rays<Shape::row> : linear_rays<Shape::square>;
+    linear(first_.data(), right_.data(), down_.data(), view_.position().data(), x + layer.dx, y + layer.dy, out);
+    return;
+  }
+  alignas(64) double px[kPacket], py[kPacket];
+  for (int i = 0; i < kPacket; ++i) {
+    px[i] = py[i] = 0;
+    if (!out.valid[i]) continue;
+    const int column = x + i % wide, row = y + i / wide;
+    if (rays) {
+      const std::size_t at =
+          static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(column);
+      px[i] = rays->x[at], py[i] = rays->y[at];
+    } else if (const auto p = view_.undistorted(column + layer.dx, row + layer.dy)) {
+      px[i] = p->x(), py[i] = p->y();
+    } else {
+      px[i] = kNaN64;
+    }
+    out.valid[i] = !std::isnan(px[i]);
+    if (!out.valid[i]) px[i] = py[i] = 0;
+  }
+  lens_rays(px, py, view_.moon_from_camera().data(), view_.position().data(), out);
+}
+
+void PixelStore::shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const {
+  const Vec3& sun = request_.sun.direction;
+  shade_lanes(facets, points, rays, sun.x(), sun.y(), sun.z(), out);
+}
+
+void PixelStore::radiances(const Shading& shading, const float* lit, float* out) const {
+  radiances_of(terms_, irradiance_, shading, lit, out);
+}
+
+std::uint32_t PixelStore::account_all(const SurfacePoints& points, std::uint32_t hits, PassCounts* counts) const {
+  std::uint32_t last = kNoTriangle;
+  const MeshBlock* block = nullptr;
+  std::uint32_t left = 0, filled = 0;
+  for (std::uint32_t todo = hits; todo != 0; todo &= todo - 1) {
+    const int i = std::countr_zero(todo);
+    const TriangleId id = points.triangle[i];
+    if (id.block() != last) {
+      last = id.block();
+      block = &mesh_.blocks()[last];
+    }
+    const bool one = block->mixed.empty() || !(block->mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1);
+    if (!one) left |= 1U << i;
+    if (one && block->source & dem::kFilledBit) filled |= 1U << i;
+    if (const dem::SourceMark index = block->source & dem::kNoSource; one && index != dem::kNoSource)
+      counts->sources[index] = 1;
+  }
+  counts->hit += static_cast<std::uint64_t>(std::popcount(hits & ~left));
+  counts->filled += static_cast<std::uint64_t>(std::popcount(filled));
+  return left;
+}
+
+void PixelStore::account(const SurfacePoints& points, int i, std::size_t at, PassCounts* counts) const {
+  const SourceAt source = source_at(mesh_, points, i);
+  const bool known = source.index != dem::kNoSource;
+  if (!out_.source.empty() && known) out_.source[at] = static_cast<std::uint16_t>(source.index);
+  if (!counts) return;
+  ++counts->hit;
+  counts->filled += source.filled;
+  if (known) counts->sources[source.index] = 1;
+}
+
+void PixelStore::store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit,
+                                std::size_t at) const {
+  const double length = direction.norm();
+  const Vec3 position = p.position(i), normal = shading.normal(i);
+  if (!out_.depth.empty()) out_.depth[at] = p.distance[i];  // the direction's component along the boresight is 1
+  if (!out_.range.empty()) out_.range[at] = p.distance[i] * length;
+  if (!out_.position.empty()) std::copy_n(position.data(), 3, &out_.position[3 * at]);
+  if (!out_.geodetic.empty()) {
+    const Geographic g = to_geographic(position);
+    out_.geodetic[3 * at] = g.lat_deg, out_.geodetic[3 * at + 1] = g.lon_deg, out_.geodetic[3 * at + 2] = g.height_m;
+  }
+  if (!out_.normal.empty())
+    for (int k = 0; k < 3; ++k) out_.normal[3 * at + static_cast<std::size_t>(k)] = static_cast<float>(normal[k]);
+  if (!out_.angles.empty()) {
+    const Vec3 to_camera = -direction / length;
+    out_.angles[3 * at] = static_cast<float>(angle_deg(shading.mu0[i]));
+    out_.angles[3 * at + 1] = static_cast<float>(angle_deg(shading.mu[i]));
+    out_.angles[3 * at + 2] = static_cast<float>(angle_deg(to_camera.dot(request_.sun.direction)));
+  }
+  if (!out_.lit.empty()) out_.lit[at] = lit;
+  if (!out_.gsd.empty())
+    out_.gsd[at] = static_cast<float>(dem::post_spacing_m(mesh_.blocks()[p.triangle[i].block()].posts->id.level));
+}
+
+void PixelStore::merge(const PassCounts& counts) {
+  std::lock_guard lock(mutex_);
+  total_.hit += counts.hit, total_.missing += counts.missing, total_.filled += counts.filled;
+  for (std::size_t i = 0; i < counts.sources.size(); ++i)
+    if (counts.sources[i]) total_.sources[i] = 1;
+}
+
+}  // namespace selenograph::engine

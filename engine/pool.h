@@ -1,0 +1,67 @@
+// Scratch memory that is used again: as much as has ever been in use at once.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <utility>
+#include <vector>
+
+namespace selenograph::engine {
+
+// Safe to use concurrently. One lease per task, not per pixel: it takes a lock.
+template <typename Scratch>
+class Pool {
+ public:
+  class Lease {
+   public:
+    explicit Lease(Pool& pool) : pool_(pool), scratch_(pool.take()) {}
+    ~Lease() { pool_.give(std::move(scratch_)); }
+    Lease(const Lease&) = delete;
+    Lease& operator=(const Lease&) = delete;
+    Scratch& operator*() const { return *scratch_; }
+    Scratch* operator->() const { return scratch_.get(); }
+
+   private:
+    Pool& pool_;
+    std::unique_ptr<Scratch> scratch_;
+  };
+
+  // What isn't lent now.
+  std::size_t bytes() const {
+    std::lock_guard lock(mutex_);
+    std::size_t sum = 0;
+    for (const auto& one : free_) sum += one->bytes();
+    return sum;
+  }
+  void clear() {
+    std::lock_guard lock(mutex_);
+    free_.clear();
+  }
+
+ private:
+  std::unique_ptr<Scratch> take() {
+    {
+      std::lock_guard lock(mutex_);
+      if (!free_.empty()) {
+        auto one = std::move(free_.back());
+        free_.pop_back();
+        return one;
+      }
+    }
+    return std::make_unique<Scratch>();
+  }
+  void give(std::unique_ptr<Scratch> one) {
+    std::lock_guard lock(mutex_);
+    free_.push_back(std::move(one));
+  }
+
+  mutable std::mutex mutex_;
+  std::vector<std::unique_ptr<Scratch>> free_;
+};
+
+template <typename T>
+std::size_t bytes_of(const std::vector<T>& array) {
+  return array.capacity() * sizeof(T);
+}
+
+}  // namespace selenograph::engine
