@@ -1,12 +1,15 @@
-// How near a frame comes to what Embree alone needs for its rays: both in one process, alternating, medians.
+// What a frame costs by either way to see, and how near rays come to what Embree alone needs: all in one process,
+// alternating, medians.
 //
-//   build/selenograph_benchmark [--dem PATH]... [Google Benchmark options]
+//   build/selenograph_benchmark [--dem PATH]... [--target NAME] [Google Benchmark options]
 //
-// Without --dem the sample terrain is generated into a temporary folder. Each benchmark's `ratio` counter is the median
-// time of our warm frame (1024 x 1024, radiance with hard shadows) over that of the bare kernel on the same mesh,
-// camera and Sun.
+// Without --dem the sample terrain is generated into a temporary folder. Frames are 1024 x 1024 but where the name says
+// otherwise, radiance with exact shadows, warm. Counters: rays_ms and zbuffer_ms, and their ratio, `gain`; bare_ms, the
+// time of the bare kernel on the same mesh, camera and Sun, and `ratio`, rays_ms over it. --target: the vectors to use
+// at most (AVX3, AVX2, SSE4, ...), for the z-buffer; Embree chooses its own.
 #include <benchmark/benchmark.h>
 #include <fmt/format.h>
+#include <hwy/targets.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
@@ -14,6 +17,9 @@
 #include <cmath>
 #include <filesystem>
 #include <numbers>
+#include <string>
+#include <string_view>
+#include <vector>
 
 #include "dem/sample_terrain.h"
 #include "engine/bare_kernel.h"
@@ -31,19 +37,33 @@ struct Place {
   double lat_deg, lon_deg;
 };
 
-// What of the whole request is measured: 1024 x 1024 pixels, 50 degrees wide.
-engine::FrameRequest request(const Place& place, double height_m, double tilt_deg, double sun_deg) {
+// A frame 50 degrees wide.
+struct Setting {
+  const char* name;
+  double height_m, tilt_deg, sun_deg;
+  int side = 1024;
+  double max_error_px = engine::Accuracy{}.max_error_px;
+  double angular_radius_deg = 0;
+  bool lens = false, build = false;  // build: the scene is made anew in every frame
+  int frames = 21;
+};
+
+engine::FrameRequest request(const Place& place, const Setting& setting) {
   constexpr double kRadians = std::numbers::pi / 180;
   engine::FrameRequest r;
-  const double f = 512 / std::tan(25 * kRadians);
-  r.camera = {1024, 1024, f, f, 511.5, 511.5, {}};
-  const Vec3 position = to_cartesian({place.lat_deg, place.lon_deg, height_m});
+  const double f = setting.side / 2.0 / std::tan(25 * kRadians), middle = (setting.side - 1) / 2.0;
+  r.camera = {setting.side, setting.side, f, f, middle, middle, {}};
+  if (setting.lens) r.camera.distortion = {-0.25, 0.08, 0, 1e-3, -1e-3};
+  const Vec3 position = to_cartesian({place.lat_deg, place.lon_deg, setting.height_m});
   const EastNorthUp axes = local_axes(position);
-  const Vec3 z = -axes.up * std::cos(tilt_deg * kRadians) + axes.north * std::sin(tilt_deg * kRadians), x = axes.east;
+  const double tilt = setting.tilt_deg * kRadians, sun = setting.sun_deg * kRadians;
+  const Vec3 z = -axes.up * std::cos(tilt) + axes.north * std::sin(tilt), x = axes.east;
   Eigen::Matrix3d rows;
   rows << x.transpose(), z.cross(x).transpose(), z.transpose();
   r.pose = {position, Eigen::Quaterniond(rows)};
-  r.sun.direction = axes.up * std::sin(sun_deg * kRadians) + axes.east * std::cos(sun_deg * kRadians);
+  r.sun.direction = axes.up * std::sin(sun) + axes.east * std::cos(sun);
+  r.sun.angular_radius_deg = setting.angular_radius_deg;
+  r.accuracy.max_error_px = setting.max_error_px;
   r.products = engine::kRadiance;
   return r;
 }
@@ -60,41 +80,89 @@ double milliseconds(Work&& work) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terrain, const Place& place, double height_m,
-             double tilt_deg, double sun_deg) {
-  const engine::FrameRequest r = request(place, height_m, tilt_deg, sun_deg);
+void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terrain, const Place& place,
+             const Setting& setting) {
+  const engine::FrameRequest r = request(place, setting);
   const engine::View view(r.camera, r.pose);
   const engine::Selection selection = engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {});
   const Vec3 anchor = engine::anchor_for(view.position(), view.middle());
   const int threads = tbb::this_task_arena::max_concurrency();
-  const engine::Scene scene(*terrain, selection, anchor, threads);
-  const engine::Scene raster_scene(*terrain, selection, anchor, threads, engine::Visibility::zbuffer);
-  const engine::BareKernel kernel(scene.mesh, anchor, threads);
+  const auto scene_of = [&](engine::Visibility visibility) {
+    return std::make_unique<engine::Scene>(*terrain, selection, anchor, threads, visibility);
+  };
+  const auto ray_scene = scene_of(engine::Visibility::raytrace), raster_scene = scene_of(engine::Visibility::zbuffer);
+  const engine::PixelRays pixel_rays(r.camera, 0, 0);
   engine::FrameScratch scratch;
-  std::vector<float> image;
-  std::vector<double> bare, ours, zbuffer;
-  for (auto _ : state) {
-    if (getenv("ONLY")) bare.push_back(1); else bare.push_back(milliseconds([&] { kernel.render(view, r.sun.direction, scene.shell_m, image); }));
-    // All that a warm frame does but for looking up its scene: choosing blocks, rays, refinement, shadows, radiance.
-    const auto frame = [&](const engine::Scene& warm) {
+  // All that a frame does but for looking up its scene: choosing blocks, visibility, refinement, shadows, radiance.
+  const auto frame_ms = [&](const engine::Scene* warm, engine::Visibility visibility) {
+    return milliseconds([&] {
       benchmark::DoNotOptimize(engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {}));
+      const auto made = setting.build ? scene_of(visibility) : nullptr;
       engine::FrameProducts products;
-      engine::render_pixels(warm, view, r, {}, terrain->catalogue().rasters().size(), {}, scratch, products);
+      engine::render_pixels(made ? *made : *warm, view, r, pixel_rays, terrain->catalogue().rasters().size(), {},
+                            scratch, products);
       benchmark::DoNotOptimize(products.radiance.data());
-    };
-    if (getenv("ONLY")) ours.push_back(1); else ours.push_back(milliseconds([&] { frame(scene); }));
-    if (getenv("ONLY")) for (int k = 0; k < 20; ++k) frame(raster_scene);
-    zbuffer.push_back(milliseconds([&] { frame(raster_scene); }));
-    state.SetIterationTime(ours.back() / 1000);
+    });
+  };
+  const bool plain = !setting.build && !setting.lens && setting.angular_radius_deg == 0;
+  const engine::BareKernel kernel(ray_scene->mesh, anchor, threads);
+  std::vector<float> image;
+  std::vector<double> bare, rays, zbuffer;
+  for (auto _ : state) {
+    if (plain) bare.push_back(milliseconds([&] { kernel.render(view, r.sun.direction, ray_scene->shell_m, image); }));
+    rays.push_back(frame_ms(ray_scene.get(), engine::Visibility::raytrace));
+    zbuffer.push_back(frame_ms(raster_scene.get(), engine::Visibility::zbuffer));
+    state.SetIterationTime(zbuffer.back() / 1000);
   }
   double triangles = 0;
-  for (const auto& b : scene.mesh.blocks()) triangles += 2.0 * b.posts->extent.quads * b.posts->extent.quads;
-  state.counters["bare_ms"] = median(bare);
-  state.counters["ours_ms"] = median(ours);
-  state.counters["ratio"] = median(ours) / median(bare);
+  for (const auto& b : ray_scene->mesh.blocks()) triangles += 2.0 * b.posts->extent.quads * b.posts->extent.quads;
+  if (plain) {
+    state.counters["bare_ms"] = median(bare);
+    state.counters["ratio"] = median(rays) / median(bare);
+  }
+  state.counters["rays_ms"] = median(rays);
   state.counters["zbuffer_ms"] = median(zbuffer);
-  state.counters["gain"] = median(ours) / median(zbuffer);
+  state.counters["gain"] = median(rays) / median(zbuffer);
   state.counters["Mtriangles"] = triangles / 1e6;
+}
+
+constexpr double kSunRadius_deg = 0.2666;
+constexpr Setting kSettings[] = {
+    {.name = "nadir/sun3", .height_m = 30000, .tilt_deg = 0, .sun_deg = 3},
+    {.name = "nadir/sun15", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15},
+    {.name = "nadir/sun45", .height_m = 30000, .tilt_deg = 0, .sun_deg = 45},
+    {.name = "oblique60/sun3", .height_m = 20000, .tilt_deg = 60, .sun_deg = 3},
+    {.name = "oblique60/sun15", .height_m = 20000, .tilt_deg = 60, .sun_deg = 15},
+    {.name = "oblique60/sun45", .height_m = 20000, .tilt_deg = 60, .sun_deg = 45},
+    {.name = "nadir/finer", .height_m = 60000, .tilt_deg = 0, .sun_deg = 15, .max_error_px = 0.02},
+    {.name = "nadir/coarser", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15, .max_error_px = 4},
+    {.name = "nadir/256", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15, .side = 256},
+    {.name = "nadir/256_dense", .height_m = 60000, .tilt_deg = 0, .sun_deg = 15, .side = 256, .max_error_px = 0.02},
+    {.name = "nadir/64_dense", .height_m = 60000, .tilt_deg = 0, .sun_deg = 15, .side = 64, .max_error_px = 0.02},
+    {.name = "nadir/lens", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15, .lens = true},
+    {.name = "nadir/build", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15, .build = true},
+    {.name = "nadir/penumbra",
+     .height_m = 30000,
+     .tilt_deg = 0,
+     .sun_deg = 15,
+     .angular_radius_deg = kSunRadius_deg,
+     .frames = 5},
+    {.name = "oblique60/penumbra",
+     .height_m = 20000,
+     .tilt_deg = 60,
+     .sun_deg = 15,
+     .angular_radius_deg = kSunRadius_deg,
+     .frames = 5},
+};
+
+// The vectors that Highway may choose from: those and whatever is older.
+bool use_at_most(std::string_view name) {
+  std::int64_t wanted = 0;
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets())
+    if (name == hwy::TargetName(target)) wanted = target;
+  if (wanted == 0) return false;
+  hwy::DisableTargets(wanted - 1);  // a newer target has a lower bit
+  return true;
 }
 
 }  // namespace
@@ -105,10 +173,18 @@ int main(int argc, char** argv) {
   std::vector<std::string> paths;
   std::vector<char*> rest{argv[0]};
   for (int i = 1; i < argc; ++i) {
-    if (std::string(argv[i]) == "--dem" && i + 1 < argc)
+    if (std::string_view(argv[i]) == "--dem" && i + 1 < argc) {
       paths.emplace_back(argv[++i]);
-    else
+    } else if (std::string_view(argv[i]) == "--target" && i + 1 < argc) {
+      if (use_at_most(argv[++i])) continue;
+      fmt::print(stderr, "--target: {} is none of", argv[i]);
+      for (const std::int64_t target : hwy::SupportedAndGeneratedTargets())
+        fmt::print(stderr, " {}", hwy::TargetName(target));
+      fmt::print(stderr, "\n");
+      return 2;
+    } else {
       rest.push_back(argv[i]);
+    }
   }
   if (paths.empty()) {
     const std::string folder = (std::filesystem::temp_directory_path() / "selenograph-benchmark-terrain").string();
@@ -124,13 +200,12 @@ int main(int argc, char** argv) {
     west = std::min(west, info.footprint.west_deg), east = std::max(east, info.footprint.east_deg);
   }
   const Place centre{(south + north) / 2, (west + east) / 2};
-  for (const auto& [name, height, tilt] : {std::tuple{"nadir", 30000.0, 0.0}, {"oblique60", 20000.0, 60.0}})
-    for (const double sun : {3.0, 15.0, 45.0})
-      benchmark::RegisterBenchmark(fmt::format("{}/sun{}", name, sun).c_str(),
-                                   [=](benchmark::State& state) { compare(state, terrain, centre, height, tilt, sun); })
-          ->Unit(benchmark::kMillisecond)
-          ->UseManualTime()
-          ->Iterations(21);
+  for (const Setting& setting : kSettings)
+    benchmark::RegisterBenchmark(setting.name,
+                                 [=](benchmark::State& state) { compare(state, terrain, centre, setting); })
+        ->Unit(benchmark::kMillisecond)
+        ->UseManualTime()
+        ->Iterations(setting.frames);
   int count = static_cast<int>(rest.size());
   benchmark::Initialize(&count, rest.data());
   benchmark::RunSpecifiedBenchmarks();
