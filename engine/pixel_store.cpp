@@ -164,20 +164,21 @@ std::vector<Layer> PixelStore::layers() const {
   return layers;
 }
 
-void PixelStore::aim(Shape shape, int x, int y, const Layer& layer, const PixelRays* rays, Rays& out) const {
+template <Shape shape>
+void PixelStore::aim_shape(int x, int y, const Layer& layer, const PixelRays* rays, Rays& out) const {
+  constexpr int kAcross = across(shape);
   const Camera& camera = request_.camera;
-  const int wide = across(shape);
-  for (int i = 0; i < kPacket; ++i) out.valid[i] = x + i % wide < camera.width && y + i / wide < camera.height;
+  for (int i = 0; i < kPacket; ++i) out.valid[i] = x + i % kAcross < camera.width && y + i / kAcross < camera.height;
   if (linear_) {
-    const auto linear = shape == Shape::row ? linear_rays<Shape::row> : linear_rays<Shape::square>;
-    linear(first_.data(), right_.data(), down_.data(), view_.position().data(), x + layer.dx, y + layer.dy, out);
+    linear_rays<shape>(first_.data(), right_.data(), down_.data(), view_.position().data(), x + layer.dx, y + layer.dy,
+                       out);
     return;
   }
   alignas(64) double px[kPacket], py[kPacket];
   for (int i = 0; i < kPacket; ++i) {
     px[i] = py[i] = 0;
     if (!out.valid[i]) continue;
-    const int column = x + i % wide, row = y + i / wide;
+    const int column = x + i % kAcross, row = y + i / kAcross;
     if (rays) {
       const std::size_t at =
           static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(column);
@@ -191,6 +192,13 @@ void PixelStore::aim(Shape shape, int x, int y, const Layer& layer, const PixelR
     if (!out.valid[i]) px[i] = py[i] = 0;
   }
   lens_rays(px, py, view_.moon_from_camera().data(), view_.position().data(), out);
+}
+
+void PixelStore::aim(Shape shape, int x, int y, const Layer& layer, const PixelRays* rays, Rays& out) const {
+  if (shape == Shape::row)
+    aim_shape<Shape::row>(x, y, layer, rays, out);
+  else
+    aim_shape<Shape::square>(x, y, layer, rays, out);
 }
 
 void PixelStore::shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const {

@@ -78,6 +78,9 @@ class PixelStore {
   PassCounts take_total() { return std::move(total_); }
 
  private:
+  template <Shape shape>
+  void aim_shape(int x, int y, const Layer& layer, const PixelRays* rays, Rays& out) const;
+
   const Mesh& mesh_;
   const View& view_;
   const FrameRequest& request_;

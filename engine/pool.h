@@ -1,8 +1,10 @@
 // Scratch memory that is used again: as much as has ever been in use at once.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <mutex>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -30,7 +32,7 @@ class Pool {
   std::size_t bytes() const {
     std::lock_guard lock(mutex_);
     std::size_t sum = 0;
-    for (const auto& one : free_) sum += one->bytes();
+    for (const Free& one : free_) sum += one.scratch->bytes();
     return sum;
   }
   void clear() {
@@ -39,24 +41,33 @@ class Pool {
   }
 
  private:
+  struct Free {
+    std::unique_ptr<Scratch> scratch;
+    std::thread::id user;
+  };
+
+  // Rather what this thread had before: it may still be in its caches.
   std::unique_ptr<Scratch> take() {
+    std::unique_ptr<Scratch> one;
     {
       std::lock_guard lock(mutex_);
       if (!free_.empty()) {
-        auto one = std::move(free_.back());
-        free_.pop_back();
-        return one;
+        auto mine = std::find_if(free_.begin(), free_.end(),
+                                 [](const Free& f) { return f.user == std::this_thread::get_id(); });
+        if (mine == free_.end()) --mine;
+        one = std::move(mine->scratch);
+        free_.erase(mine);
       }
     }
-    return std::make_unique<Scratch>();
+    return one ? std::move(one) : std::make_unique<Scratch>();
   }
   void give(std::unique_ptr<Scratch> one) {
     std::lock_guard lock(mutex_);
-    free_.push_back(std::move(one));
+    free_.push_back({std::move(one), std::this_thread::get_id()});
   }
 
   mutable std::mutex mutex_;
-  std::vector<std::unique_ptr<Scratch>> free_;
+  std::vector<Free> free_;
 };
 
 template <typename T>

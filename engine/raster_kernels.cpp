@@ -161,14 +161,18 @@ HWY_INLINE void walk(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, 
   alignas(64) float w[16] = {};
   const VF one = all(1.F), columns = all(static_cast<float>(view.width));
   while (!hn::AllFalse(f, active)) {
-    const VI place = hn::ConvertTo(i32, hn::IfThenElseZero(active, hn::Add(hn::Mul(y, columns), x)));
+    const auto place = [&] {
+      return hn::ConvertTo(i32, hn::IfThenElseZero(active, hn::Add(hn::Mul(y, columns), x)));
+    };
     VF sx = x, sy = y;
-    if constexpr (kSamples)
-      sx = hn::GatherIndex(f, view.sample_x, place), sy = hn::GatherIndex(f, view.sample_y, place);
+    if constexpr (kSamples) {
+      const VI at_sample = place();
+      sx = hn::GatherIndex(f, view.sample_x, at_sample), sy = hn::GatherIndex(f, view.sample_y, at_sample);
+    }
     const MF hit = hn::And(active, inside(t, sx, sy));
     if (!hn::AllFalse(f, hit)) {
       const auto hit_i = hn::RebindMask(i32, hit);
-      const std::size_t n = hn::CompressStore(place, hit_i, i32, at);
+      const std::size_t n = hn::CompressStore(place(), hit_i, i32, at);
       hn::CompressStore(ids, hit_i, i32, id);
       hn::CompressStore(value(t, sx, sy), hit, f, w);
       for (std::size_t k = 0; k < n; ++k) {

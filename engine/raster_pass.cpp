@@ -19,10 +19,23 @@ namespace {
 
 // Pixels of a tile. A lens's are smaller: the nearer to affine, the fewer samples a triangle is tested at in vain.
 constexpr int kWide = 128, kHigh = 64, kLensSide = 32;
+static_assert(kWide % kPacket == 0 && kLensSide % kPacket == 0, "lanes beyond a tile are beyond the image");
 
 constexpr float kNear_m = 0.01F;
 constexpr double kFar_m = 500e3;
 constexpr float kSlack_px = 0.05F;
+
+// The first `inside` lanes have a triangle, or none.
+SELENOGRAPH_VECTORISED
+void take_triangles(const std::uint32_t* ids, int inside, SurfacePoints& points) {
+  static_assert(sizeof(TriangleId) == sizeof(std::uint32_t));
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const bool hit = i < inside && ids[i] != kNoTriangle;
+    points.triangle[i] = TriangleId(hit ? ids[i] : 0);
+    points.hit[i] = hit;
+  }
+}
 
 SELENOGRAPH_VECTORISED
 void lit_lanes(const bool* hit, const Shading& shading, const std::int32_t* facing, float* lit) {
@@ -289,14 +302,8 @@ class RasterPass {
     Rays rays;
     store_.aim(Shape::row, tile.x0 + x, tile.y0 + y, layer, bends_ ? &layer_rays : nullptr, rays);
     SurfacePoints points;
-    const int inside = std::min(kPacket, tile.width - x);
-    bool any = false;
-    for (int i = 0; i < kPacket; ++i) {
-      const bool hit = i < inside && ids[i] != kNoTriangle;
-      points.triangle[i] = TriangleId(hit ? ids[i] : 0), points.hit[i] = hit;
-      any |= hit;
-      rays.valid[i] &= i < inside;
-    }
+    take_triangles(ids, std::min(kPacket, tile.width - x), points);
+    const bool any = std::find(points.hit, points.hit + kPacket, true) != points.hit + kPacket;
     Facets facets;
     if (any) refine(store_.mesh(), rays, points, facets);
     const std::uint32_t hits = hit_bits(points);
