@@ -39,6 +39,19 @@ void meet_all(const Facets& t, const Rays& rays, SurfacePoints& p) {
   }
 }
 
+// Lanes with a hit whose point isn't on its triangle.
+SELENOGRAPH_VECTORISED
+bool any_off(const SurfacePoints& p, std::int32_t* off) {
+  int any = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    const int on = (p.distance[i] > 0 ? 1 : 0) & (p.v[i] >= -kOnEdge ? 1 : 0) & (p.w[i] >= -kOnEdge ? 1 : 0) &
+                   (p.v[i] + p.w[i] <= 1 + kOnEdge ? 1 : 0);
+    off[i] = p.hit[i] ? 1 - on : 0;
+    any |= off[i];
+  }
+  return any != 0;
+}
+
 struct Candidate {
   TriangleId triangle;
   Vec3 position, facing;
@@ -172,15 +185,10 @@ void correct(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
 void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets) {
   gather(mesh, points.triangle, facets);
   meet_all(facets, rays, points);
-  unsigned off = 0;
-  for (int i = 0; i < kPacket; ++i) {
-    const bool on = points.distance[i] > 0 && points.v[i] >= -kOnEdge && points.w[i] >= -kOnEdge &&
-                    points.v[i] + points.w[i] <= 1 + kOnEdge;
-    off |= (points.hit[i] && !on ? 1U : 0U) << i;
-  }
-  if (off == 0) return;
+  alignas(64) std::int32_t off[kPacket];
+  if (!any_off(points, off)) return;
   for (int i = 0; i < kPacket; ++i)
-    if (off >> i & 1) correct(mesh, rays, i, points);
+    if (off[i]) correct(mesh, rays, i, points);
   gather(mesh, points.triangle, facets);
 }
 
