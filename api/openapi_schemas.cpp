@@ -303,9 +303,9 @@ void add_frame_request(OrderedJson& schemas, const Limits& limits) {
                          {"full_scale_radiance", full_scale}})},
        {"visibility",
         with(words(kVisibilities,
-                   "how to find what each pixel sees and whether the Sun reaches it: auto (as yet raytrace), zbuffer "
-                   "(z-buffer and irregular shadow map, several times as fast; for a camera without distortion under a "
-                   "Sun without an angular radius) or raytrace. All are exact; the metadata says which it was"),
+                   "how to find what each pixel sees and whether the Sun reaches it: zbuffer (z-buffer and irregular "
+                   "shadow map, several times as fast but for tiny images), raytrace, or auto, which of the two is "
+                   "faster by the request and the terrain alone. All are exact; the metadata says which it was"),
              "default", "auto")},
        {"products", products_schema()}},
       {"camera", "pose"});

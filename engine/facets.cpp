@@ -58,12 +58,6 @@ namespace selenograph::engine {
 
 HWY_EXPORT(PlaceVertices);
 
-void prefetch(const Mesh& mesh, const TriangleId& id) {
-  const MeshBlock& block = mesh.blocks()[id.block()];
-  const MeshVertex* corner = block.vertices.data() + id.r() * block.side + id.c();
-  __builtin_prefetch(corner), __builtin_prefetch(corner + block.side);
-}
-
 void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
   RawFacets raw;
   unsigned collapsed = 0;  // lanes whose vertices may lie elsewhere than their row and column say

@@ -12,10 +12,7 @@ struct alignas(64) Facets {
   float normal_a[3][kPacket], normal_b[3][kPacket], normal_c[3][kPacket];  // theirs, for shading
 };
 
-// Asks memory for what `gather` will read of a triangle.
-void prefetch(const Mesh& mesh, const TriangleId& id);
-
-// The triangles' vertices are those of Mesh::triangle, bit for bit.
+// For a mesh that has triangles. The triangles' vertices are those of Mesh::triangle, bit for bit.
 void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out);
 
 }  // namespace selenograph::engine

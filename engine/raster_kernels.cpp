@@ -161,9 +161,7 @@ HWY_INLINE void walk(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, 
   alignas(64) float w[16] = {};
   const VF one = all(1.F), columns = all(static_cast<float>(view.width));
   while (!hn::AllFalse(f, active)) {
-    const auto place = [&] {
-      return hn::ConvertTo(i32, hn::IfThenElseZero(active, hn::Add(hn::Mul(y, columns), x)));
-    };
+    const auto place = [&] { return hn::ConvertTo(i32, hn::IfThenElseZero(active, hn::Add(hn::Mul(y, columns), x))); };
     VF sx = x, sy = y;
     if constexpr (kSamples) {
       const VI at_sample = place();

@@ -183,6 +183,8 @@ void correct(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
 }  // namespace
 
 void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets) {
+  // An empty mesh has not even a triangle for the lanes without a hit.
+  if (std::find(points.hit, points.hit + kPacket, true) == points.hit + kPacket) return;
   gather(mesh, points.triangle, facets);
   meet_all(facets, rays, points);
   alignas(64) std::int32_t off[kPacket];

@@ -38,9 +38,6 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-// Measured (tests/benchmark, `auto`): see engine/README.md.
-constexpr double kTrianglesPerPixel = 64;
-
 struct SceneKey {
   std::uint64_t low, high;
   bool operator==(const SceneKey&) const = default;
@@ -132,14 +129,6 @@ struct Renderer::Impl {
 
   static Vec3 anchor_of(const View& view) { return anchor_for(view.position(), view.middle()); }
 
-  // The z-buffer's time grows with the triangles, that of rays with the pixels: a tiny image of much terrain is for
-  // rays. From the request and the terrain alone, so that the same request gives the same bytes.
-  static Visibility visibility_of(const FrameRequest& request, const Selection& selection) {
-    if (request.visibility != Visibility::automatic) return request.visibility;
-    const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
-    return triangles_of(selection) > kTrianglesPerPixel * pixels ? Visibility::raytrace : Visibility::zbuffer;
-  }
-
   std::shared_ptr<const PixelRays> lens_of(const Camera& camera) {
     if (camera.distortion.none()) return std::make_shared<const PixelRays>();
     return lenses.get(key_of(camera), [&] {
@@ -153,13 +142,6 @@ struct Renderer::Impl {
   void settle() {
     if (scratch.bytes() > scenes.capacity() / 4) scratch.clear();
     scenes.reserve(scratch.bytes() + lenses.bytes());
-  }
-
-  static double triangles_of(const Selection& selection) {
-    double triangles = 0;
-    for (const dem::BlockId& id : selection.blocks)
-      triangles += 2.0 * dem::quads_per_side(id.level) * dem::quads_per_side(id.level);
-    return triangles;
   }
 
   SpeedGauge& speed_of(Visibility visibility) {
@@ -183,7 +165,7 @@ struct Renderer::Impl {
       }
       const double select_ms = watch.lap_ms();
       spent_ms += select_ms;
-      const Visibility visibility = visibility_of(request, *selection);
+      const Visibility visibility = visibility_for(request, view, *selection);
       const bool build = !scenes.holds(key_of(*selection, anchor_of(view), visibility));
       bool any = false;
       for (const int samples : kBudgetSamples) {
@@ -211,7 +193,7 @@ struct Renderer::Impl {
     frame.times.select_ms = watch.lap_ms();
 
     const Vec3 anchor = anchor_of(view);
-    const Visibility visibility = visibility_of(request, selection);
+    const Visibility visibility = visibility_for(request, view, selection);
     const bool build = !scenes.holds(key_of(selection, anchor, visibility));
     const auto scene = this->scene(selection, anchor, visibility);
     frame.times.build_ms = watch.lap_ms();

@@ -40,8 +40,4 @@ struct Scene {
   Vec3 anchor;     // of both structures' float coordinates
 };
 
-// Near the camera, or, far away, near the surface in the view's middle; snapped to a lattice of 4096 m so that
-// consecutive frames share it.
-Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle);
-
 }  // namespace selenograph::engine

@@ -341,4 +341,25 @@ std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std:
   return selection;
 }
 
+double triangles_of(const Selection& selection) {
+  double triangles = 0;
+  for (const BlockId& id : selection.blocks)
+    triangles += 2.0 * dem::quads_per_side(id.level) * dem::quads_per_side(id.level);
+  return triangles;
+}
+
+Visibility visibility_for(const FrameRequest& request, const View& view, const Selection& selection) {
+  if (request.visibility != Visibility::automatic) return request.visibility;
+  // Triangles per pixel where both take equally long: selenograph_benchmark --benchmark_filter=dense. Under a low Sun
+  // triangles shade more samples; of the Sun's disc rays ask little where there are few pixels.
+  constexpr double kDisc = 260, kLowSun = 550, kElse = 850, kLow = 0.1;
+  double most = kElse;
+  if (request.sun.angular_radius_deg > 0)
+    most = kDisc;
+  else if (anchor_for(view.position(), view.middle()).normalized().dot(request.sun.direction) < kLow)
+    most = kLowSun;
+  const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
+  return triangles_of(selection) > most * pixels ? Visibility::raytrace : Visibility::zbuffer;
+}
+
 }  // namespace selenograph::engine

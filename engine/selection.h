@@ -48,4 +48,15 @@ Selection select_for_view(const dem::Terrain& terrain, const View& view, const S
 std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
                                          std::size_t max_blocks, const StopToken& stop);
 
+double triangles_of(const Selection& selection);
+
+// Which way the frame is seen, where the request leaves it open: by z-buffer, whose time grows with the triangles, but
+// tiny images of much terrain by rays, whose time grows with the pixels. From the request and the terrain alone, so
+// that the same request gives the same bytes.
+Visibility visibility_for(const FrameRequest& request, const View& view, const Selection& selection);
+
+// Of a frame's float coordinates: near the camera, or, far away, near the surface in the view's middle; snapped to a
+// lattice of 4096 m so that consecutive frames share it.
+Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle);
+
 }  // namespace selenograph::engine

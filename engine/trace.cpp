@@ -121,6 +121,7 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
   for (int i = 0; i < kPacket; ++i)
     if (packet.active[i])
       farthest = std::max({farthest, std::abs(packet.ox[i]), std::abs(packet.oy[i]), std::abs(packet.oz[i])});
+  bool found = false;
   for (int k = 0; k < 4; ++k) {
     RayPacket aside = packet;
     bool any = false;
@@ -140,6 +141,7 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
     refine(scene.mesh, rays, again, facets);
     for (int i = 0; i < kPacket; ++i) {
       if (!aside.active[i] || !again.hit[i]) continue;
+      found = true;
       points.x[i] = again.x[i], points.y[i] = again.y[i], points.z[i] = again.z[i],
       points.distance[i] = again.distance[i];
       points.v[i] = again.v[i], points.w[i] = again.w[i], points.nx[i] = again.nx[i], points.ny[i] = again.ny[i],
@@ -147,7 +149,7 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
       points.triangle[i] = again.triangle[i], points.hit[i] = true, points.toward_moon[i] = false;
     }
   }
-  gather(scene.mesh, points.triangle, facets);
+  if (found) gather(scene.mesh, points.triangle, facets);
 }
 
 void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& facets) {

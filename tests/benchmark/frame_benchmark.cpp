@@ -5,7 +5,8 @@
 //
 // Without --dem the sample terrain is generated into a temporary folder. Frames are 1024 x 1024 but where the name says
 // otherwise, radiance with exact shadows, warm. Counters: rays_ms and zbuffer_ms, and their ratio, `gain`; bare_ms, the
-// time of the bare kernel on the same mesh, camera and Sun, and `ratio`, rays_ms over it. --target: the vectors to use
+// time of the bare kernel on the same mesh, camera and Sun, and `ratio`, rays_ms over it; auto_loss: how much slower
+// than the faster way the one is that "auto" chooses. --target: the vectors to use
 // at most (AVX3, AVX2, SSE4, ...), for the z-buffer; Embree chooses its own.
 #include <benchmark/benchmark.h>
 #include <fmt/format.h>
@@ -123,6 +124,8 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
   state.counters["rays_ms"] = median(rays);
   state.counters["zbuffer_ms"] = median(zbuffer);
   state.counters["gain"] = median(rays) / median(zbuffer);
+  const bool drawn = engine::visibility_for(r, view, selection) == engine::Visibility::zbuffer;
+  state.counters["auto_loss"] = (drawn ? median(zbuffer) : median(rays)) / std::min(median(zbuffer), median(rays)) - 1;
   state.counters["Mtriangles"] = triangles / 1e6;
 }
 
@@ -137,8 +140,6 @@ constexpr Setting kSettings[] = {
     {.name = "nadir/finer", .height_m = 60000, .tilt_deg = 0, .sun_deg = 15, .max_error_px = 0.02},
     {.name = "nadir/coarser", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15, .max_error_px = 4},
     {.name = "nadir/256", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15, .side = 256},
-    {.name = "nadir/256_dense", .height_m = 60000, .tilt_deg = 0, .sun_deg = 15, .side = 256, .max_error_px = 0.02},
-    {.name = "nadir/64_dense", .height_m = 60000, .tilt_deg = 0, .sun_deg = 15, .side = 64, .max_error_px = 0.02},
     {.name = "nadir/lens", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15, .lens = true},
     {.name = "nadir/build", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15, .build = true},
     {.name = "nadir/penumbra",
@@ -151,6 +152,50 @@ constexpr Setting kSettings[] = {
      .height_m = 20000,
      .tilt_deg = 60,
      .sun_deg = 15,
+     .angular_radius_deg = kSunRadius_deg,
+     .frames = 5},
+    {.name = "dense/256/sun3", .height_m = 60000, .tilt_deg = 0, .sun_deg = 3, .side = 256, .max_error_px = 0.02},
+    {.name = "dense/256/sun15", .height_m = 60000, .tilt_deg = 0, .sun_deg = 15, .side = 256, .max_error_px = 0.02},
+    {.name = "dense/256/sun45", .height_m = 60000, .tilt_deg = 0, .sun_deg = 45, .side = 256, .max_error_px = 0.02},
+    {.name = "dense/256/penumbra",
+     .height_m = 60000,
+     .tilt_deg = 0,
+     .sun_deg = 15,
+     .side = 256,
+     .max_error_px = 0.02,
+     .angular_radius_deg = kSunRadius_deg,
+     .frames = 5},
+    {.name = "dense/160/sun3", .height_m = 60000, .tilt_deg = 0, .sun_deg = 3, .side = 160, .max_error_px = 0.02},
+    {.name = "dense/160/sun15", .height_m = 60000, .tilt_deg = 0, .sun_deg = 15, .side = 160, .max_error_px = 0.02},
+    {.name = "dense/160/sun45", .height_m = 60000, .tilt_deg = 0, .sun_deg = 45, .side = 160, .max_error_px = 0.02},
+    {.name = "dense/160/penumbra",
+     .height_m = 60000,
+     .tilt_deg = 0,
+     .sun_deg = 15,
+     .side = 160,
+     .max_error_px = 0.02,
+     .angular_radius_deg = kSunRadius_deg,
+     .frames = 5},
+    {.name = "dense/112/sun3", .height_m = 60000, .tilt_deg = 0, .sun_deg = 3, .side = 112, .max_error_px = 0.02},
+    {.name = "dense/112/sun15", .height_m = 60000, .tilt_deg = 0, .sun_deg = 15, .side = 112, .max_error_px = 0.02},
+    {.name = "dense/112/sun45", .height_m = 60000, .tilt_deg = 0, .sun_deg = 45, .side = 112, .max_error_px = 0.02},
+    {.name = "dense/112/penumbra",
+     .height_m = 60000,
+     .tilt_deg = 0,
+     .sun_deg = 15,
+     .side = 112,
+     .max_error_px = 0.02,
+     .angular_radius_deg = kSunRadius_deg,
+     .frames = 5},
+    {.name = "dense/64/sun3", .height_m = 60000, .tilt_deg = 0, .sun_deg = 3, .side = 64, .max_error_px = 0.02},
+    {.name = "dense/64/sun15", .height_m = 60000, .tilt_deg = 0, .sun_deg = 15, .side = 64, .max_error_px = 0.02},
+    {.name = "dense/64/sun45", .height_m = 60000, .tilt_deg = 0, .sun_deg = 45, .side = 64, .max_error_px = 0.02},
+    {.name = "dense/64/penumbra",
+     .height_m = 60000,
+     .tilt_deg = 0,
+     .sun_deg = 15,
+     .side = 64,
+     .max_error_px = 0.02,
      .angular_radius_deg = kSunRadius_deg,
      .frames = 5},
 };

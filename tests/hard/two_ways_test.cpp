@@ -2,9 +2,11 @@
 // double-precision judge says who is right.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <memory>
 #include <string>
 #include <vector>
@@ -162,6 +164,55 @@ TEST_F(TwoWays, AgreeOnThePenumbra) {
   fmt::print("penumbra: {} of {} pixels in part, {} differ, at most by {:.3f}\n", partial, pixels, different, worst);
   EXPECT_GT(partial * 200, pixels);
   EXPECT_LE(different * 1000, pixels);
+}
+
+// Whatever vectors a machine has, down to none.
+TEST_F(TwoWays, AgreeForEveryWidthOfVectors) {
+  const Vec3 from = to_cartesian({-10, 44, 20000});
+  std::vector<engine::FrameRequest> requests;
+  for (const double tilt : {0.0, 60.0})
+    requests.push_back(
+        square_view(engine::tilted_pose(from, tilt), 192, tilt > 0 ? 25 : 50, engine::sun_over(from, 115, 8)));
+  requests.push_back(requests[1]);
+  requests.back().camera.distortion = {-0.3, 0.1, -0.01, 0, 0};
+  // Two metres above the ground, where triangles are clipped.
+  const double ground_m = scenery().terrain->height(-10, 44).height_m;
+  requests.push_back(square_view(engine::tilted_pose(to_cartesian({-10, 44, ground_m + 2}), 80), 192, 60,
+                                 engine::sun_over(from, 115, 8)));
+  std::vector<engine::Frame> rays, first;
+  for (engine::FrameRequest& r : requests) {
+    r.products = engine::kDepth | engine::kLit | engine::kRadiance;
+    r.accuracy.max_error_px = 1;
+    r.visibility = engine::Visibility::raytrace;
+    rays.push_back(scenery().renderer->render(r));
+    r.visibility = engine::Visibility::zbuffer;
+  }
+  const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
+  std::int64_t newer = 0;  // a newer target has a lower bit
+  for (const std::int64_t target : targets) {
+    hwy::DisableTargets(newer);
+    newer |= target;
+    std::size_t points = 0, flags = 0, other_bytes = 0;
+    for (std::size_t i = 0; i < requests.size(); ++i) {
+      const engine::FrameProducts drawn = scenery().renderer->render(requests[i]).products, &seen = rays[i].products;
+      for (std::size_t k = 0; k < drawn.depth.size(); ++k) {
+        const bool both_miss = std::isnan(drawn.depth[k]) && std::isnan(seen.depth[k]);
+        points += !both_miss && !(std::abs(drawn.depth[k] - seen.depth[k]) <= 0.01);
+        flags += !both_miss && drawn.lit[k] != seen.lit[k];
+      }
+      if (target == targets.front()) first.push_back({drawn, {}, {}});
+      for (std::size_t k = 0; k < drawn.depth.size(); ++k)
+        other_bytes += std::memcmp(&drawn.radiance[k], &first[i].products.radiance[k], sizeof(float)) != 0;
+    }
+    fmt::print("{}: {} points and {} flags not as by rays, {} pixels not as by {}\n", hwy::TargetName(target), points,
+               flags, other_bytes, hwy::TargetName(targets.front()));
+    const std::size_t pixels = requests.size() * first[0].products.depth.size();
+    EXPECT_LE(points * 10000, pixels) << hwy::TargetName(target);
+    EXPECT_LE(flags * 1000, pixels) << hwy::TargetName(target);
+    EXPECT_LE(other_bytes * 10000, pixels) << hwy::TargetName(target);
+  }
+  hwy::DisableTargets(0);
+  EXPECT_GE(targets.size(), 2u) << "one of them without vectors";
 }
 
 // The same bytes whatever the threads.

@@ -55,15 +55,32 @@ class Visibility(WithService):
     def test_auto_says_which(self):
         _, meta, _ = self.frame()
         self.assertEqual(meta["request"]["visibility"], "auto")
-        self.assertIn(meta["visibility"], ("zbuffer", "raytrace"))
+        self.assertEqual(meta["visibility"], "zbuffer")
 
-    def test_what_it_cannot_draw(self):
-        lens = frame_request(["radiance"], visibility="zbuffer")
-        lens["camera"]["distortion"] = {"model": "brown_conrady", "k1": -0.1}
-        self.problem(self.service.frame(lens), 422, "/visibility")
-        disc = frame_request(["radiance"], visibility="zbuffer")
-        disc["sun"]["angular_radius_deg"] = 0.27
-        self.problem(self.service.frame(disc), 422, "/visibility")
+    def test_auto_sees_a_tiny_image_of_much_terrain_by_rays(self):
+        request = frame_request(["radiance"], 8, 8, accuracy={"max_error_px": 0.001})
+        _, headers, _ = self.service.frame(request, "application/octet-stream")
+        self.assertEqual(json.loads(headers["Selenograph-Meta"])["visibility"], "raytrace")
+
+    def test_lens_and_disc(self):
+        request = frame_request(["depth", "lit"], 200, 150)
+        request["camera"]["distortion"] = {"model": "brown_conrady", "k1": -0.2, "p1": 0.01}
+        request["sun"] = {
+            "local": {"lat_deg": 0.1, "lon_deg": 30.1, "azimuth_deg": 90.0, "elevation_deg": 4.0},
+            "angular_radius_deg": 0.27,
+        }
+        arrays = []
+        for way in ("raytrace", "zbuffer"):
+            status, _, body = self.service.frame(dict(request, visibility=way), "application/x-npz")
+            self.assertEqual(status, 200, body[:300])
+            arrays.append(np.load(io.BytesIO(body)))
+        rays, drawn = arrays
+        pixels = rays["depth"].size
+        self.assertGreater(np.sum((rays["lit"] > 0) & (rays["lit"] < 1)), 0.002 * pixels, "there is penumbra")
+        self.assertLess(np.sum(np.abs(rays["depth"] - drawn["depth"]) > 0.01), 0.001 * pixels)
+        self.assertLess(np.sum(np.abs(rays["lit"] - drawn["lit"]) > 0.05), 0.001 * pixels)
+
+    def test_nothing_else(self):
         self.problem(self.service.frame(frame_request(["radiance"], visibility="quick")), 422, "/visibility")
 
 

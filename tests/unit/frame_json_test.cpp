@@ -350,8 +350,6 @@ TEST(FrameJson, RefusesRemainingMembers) {
             "/surface/reflectance/lommel_seeliger_weight");
   EXPECT_EQ(refused(R"({"surface": {"reflectance": {"rho": 1.01}}})"), "/surface/reflectance/rho");
   EXPECT_EQ(refused(R"({"visibility": "fast"})"), "/visibility");
-  EXPECT_EQ(refused(R"({"visibility": "zbuffer", "sun": {"direction": [1, 0, 0], "angular_radius_deg": 0.27}})"),
-            "/visibility");
   EXPECT_EQ(refused(R"({"accuracy": {"max_error_px": -1}})"), "/accuracy/max_error_px");
   EXPECT_EQ(refused(R"({"accuracy": {"max_shadow_error_px": -1}})"), "/accuracy/max_shadow_error_px");
   for (const char* n : {"2", "0", "1.5", "289"}) {
