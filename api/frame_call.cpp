@@ -22,10 +22,14 @@ double ms_since(Clock::time_point start) {
 
 // https://www.w3.org/TR/server-timing/: durations in milliseconds.
 std::string server_timing(double parse_ms, const engine::StageTimes& times, double encode_ms) {
+  std::string drawn;
+  if (times.draw_ms > 0)
+    drawn = fmt::format("draw;dur={:.3f}, resolve;dur={:.3f}, shadow;dur={:.3f}, ", times.draw_ms, times.resolve_ms,
+                        times.shadow_ms);
   return fmt::format(
-      "parse;dur={:.3f}, select;dur={:.3f}, build;dur={:.3f}, visibility;dur={:.3f}, sensor;dur={:.3f}, "
+      "parse;dur={:.3f}, select;dur={:.3f}, build;dur={:.3f}, visibility;dur={:.3f}, {}sensor;dur={:.3f}, "
       "encode;dur={:.3f}",
-      parse_ms, times.select_ms, times.build_ms, times.visibility_ms, times.sensor_ms, encode_ms);
+      parse_ms, times.select_ms, times.build_ms, times.visibility_ms, drawn, times.sensor_ms, encode_ms);
 }
 
 std::string encode(const std::vector<ArrayView>& arrays, Format format, const std::string& meta) {

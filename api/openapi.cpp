@@ -71,7 +71,8 @@ OrderedJson headers() {
       {"ETag",
        header("Strong: stands for the answer's bytes. Absent when a warning says that a file was fallen through")},
       {"Vary", header("Accept")},
-      {"Server-Timing", header("Durations in ms of queue, parse, select, build, visibility, sensor, encode")},
+      {"Server-Timing", header("Durations in ms of queue, parse, select, build, visibility (of which, by z-buffer, "
+                               "draw, resolve and shadow), sensor, encode")},
       {"Selenograph-Product", header("Of npy and raw answers: the product")},
       {"Selenograph-Shape", header("Of npy and raw answers: height,width or height,width,3")},
       {"Selenograph-Dtype", header("Of npy and raw answers: NumPy's name, e.g. <f4")},

@@ -131,7 +131,9 @@ struct SourceTile {
 struct StageTimes {
   double select_ms = 0;      // level of detail, casters, block loading
   double build_ms = 0;       // acceleration structure; 0 when the scene was warm
-  double visibility_ms = 0;  // rays, refinement, shadows and shading, in one pass over pixel tiles
+  double visibility_ms = 0;  // what each pixel sees, refined, lit and shaded
+  // Of that, by z-buffer: drawing triangles, refining and shading points, casting shadows. Rays do all at once.
+  double draw_ms = 0, resolve_ms = 0, shadow_ms = 0;
   double sensor_ms = 0;
 };
 

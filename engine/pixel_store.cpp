@@ -268,6 +268,7 @@ void PixelStore::store_geometry(const SurfacePoints& p, int i, const Vec3& direc
 
 void PixelStore::merge(const PassCounts& counts) {
   std::lock_guard lock(mutex_);
+  total_.draw_ms += counts.draw_ms, total_.resolve_ms += counts.resolve_ms, total_.shadow_ms += counts.shadow_ms;
   total_.hit += counts.hit, total_.missing += counts.missing, total_.filled += counts.filled;
   for (std::size_t i = 0; i < counts.sources.size(); ++i)
     if (counts.sources[i]) total_.sources[i] = 1;

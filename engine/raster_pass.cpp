@@ -5,12 +5,14 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <mutex>
 #include <numbers>
 #include <optional>
 #include <span>
 
 #include "dem/error.h"
 #include "dem/parallel.h"
+#include "engine/stopwatch.h"
 #include "engine/trace.h"
 #include "engine/vectorise.h"
 
@@ -260,24 +262,38 @@ class RasterPass {
                height = static_cast<std::size_t>(request_.camera.height);
     scratch_.samples.resize(scratch_.tiles.size());
     if (layer.weight > 0 && !layer.store) scratch_.layer.assign(width * height, 0.F);
+    Stopwatch watch;
+    std::mutex mutex;
+    double draw_ms = 0, resolve_ms = 0;  // of all threads
     in_parallel_pieces(scratch_.tiles.size(), 1, [&](std::size_t first, std::size_t past_last) {
       PassCounts counts = store_.counts();
+      double draws_ms = 0, resolves_ms = 0;
       const Pool<TileBuffer>::Lease buffer(scratch_.buffers);
       for (std::size_t i = first; i < past_last; ++i) {
         if (stop_.stopped()) throw Cancelled();
-        draw_tile(scratch_.tiles[i], layer, rays, *buffer, layer.count ? &counts : nullptr, scratch_.samples[i]);
+        Stopwatch lap;
+        draw_tile(scratch_.tiles[i], layer, rays, *buffer);
+        draws_ms += lap.lap_ms();
+        resolve_tile(scratch_.tiles[i], layer, rays, *buffer, layer.count ? &counts : nullptr, scratch_.samples[i]);
+        resolves_ms += lap.lap_ms();
       }
       store_.merge(counts);
+      std::lock_guard lock(mutex);
+      draw_ms += draws_ms, resolve_ms += resolves_ms;
     });
+    PassCounts times = store_.counts();
+    const double tiles_ms = watch.lap_ms(), work_ms = std::max(draw_ms + resolve_ms, 1e-9);
+    times.draw_ms = tiles_ms * draw_ms / work_ms, times.resolve_ms = tiles_ms * resolve_ms / work_ms;
     if (layer.light) cast_shadows(layer);
+    times.shadow_ms = watch.lap_ms();
+    store_.merge(times);
     if (layer.weight > 0 && !layer.store)
       in_parallel_pieces(scratch_.layer.size(), 65536, [&](std::size_t first, std::size_t past_last) {
         for (std::size_t i = first; i < past_last; ++i) out_.radiance[i] += layer.weight * scratch_.layer[i];
       });
   }
 
-  void draw_tile(const ImageTile& tile, const Layer& layer, const PixelRays& rays, TileBuffer& buffer,
-                 PassCounts* counts, LightSamples& samples) {
+  void draw_tile(const ImageTile& tile, const Layer& layer, const PixelRays& rays, TileBuffer& buffer) const {
     const TileView view = bends_ ? lens_view(tile, rays, buffer)
                                  : plain_view(tile.x0 + layer.dx, tile.y0 + layer.dy, tile.width, tile.height);
     buffer.clear(tile.width, tile.height);
@@ -287,6 +303,10 @@ class RasterPass {
       if ((wide || bends_) && beside(strip, view)) continue;
       draw_strip(mesh_.blocks()[strip.block], strip, view, wide, buffer);
     }
+  }
+
+  void resolve_tile(const ImageTile& tile, const Layer& layer, const PixelRays& rays, const TileBuffer& buffer,
+                    PassCounts* counts, LightSamples& samples) {
     samples.clear(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height) + kPacket,
                   disc_.has_value());
     for (int y = 0; y < tile.height; ++y)

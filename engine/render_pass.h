@@ -12,7 +12,8 @@ namespace selenograph::engine {
 
 struct PassCounts {
   std::uint64_t hit = 0, missing = 0, filled = 0;
-  std::vector<char> sources;  // by catalogue index: 1 when some pixel sees it
+  std::vector<char> sources;                          // by catalogue index: 1 when some pixel sees it
+  double draw_ms = 0, resolve_ms = 0, shadow_ms = 0;  // as in StageTimes
 };
 
 struct FrameScratch;

@@ -20,23 +20,11 @@
 #include "engine/render_pass.h"
 #include "engine/scene.h"
 #include "engine/sensor.h"
+#include "engine/stopwatch.h"
 #include "engine/trace.h"
 
 namespace selenograph::engine {
 namespace {
-
-class Stopwatch {
- public:
-  double lap_ms() {
-    const auto now = std::chrono::steady_clock::now();
-    const double ms = std::chrono::duration<double, std::milli>(now - start_).count();
-    start_ = now;
-    return ms;
-  }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
 
 struct SceneKey {
   std::uint64_t low, high;
@@ -208,6 +196,8 @@ struct Renderer::Impl {
     settle();
     number_sources(terrain->catalogue(), counts.sources, frame);
     frame.times.visibility_ms = watch.lap_ms();
+    frame.times.draw_ms = counts.draw_ms, frame.times.resolve_ms = counts.resolve_ms;
+    frame.times.shadow_ms = counts.shadow_ms;
 
     if (request.products & kImage)
       frame.report.full_scale_radiance_w_m2_sr = expose(request.image, frame.products.radiance, frame.products.image);
