@@ -1,6 +1,10 @@
 #include "engine/facets.h"
 
+#include <cstddef>
+#include <cstdint>
 #include <cstring>
+
+#include "engine/vectorise.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/facets.cpp"
@@ -58,24 +62,69 @@ namespace selenograph::engine {
 
 HWY_EXPORT(PlaceVertices);
 
+namespace {
+
+// Where in its block's tables a triangle's corners are: bytes.
+struct alignas(64) Places {
+  std::uint32_t row[2][kPacket], column[2][kPacket], vertex[3][kPacket];
+};
+
+// Of triangles in blocks of the same side. Returns whether they are in one block: most packets are, and then nothing
+// keeps the lanes from being fetched at once.
+SELENOGRAPH_VECTORISED
+bool find_places(const TriangleId* ids, std::uint32_t side, Places& out) {
+  const std::uint32_t first = ids[0].packed();
+  std::uint32_t other = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    const std::uint32_t id = ids[i].packed();
+    const std::uint32_t upper = id & 1, r = id >> 7 & 63, c = id >> 1 & 63;
+    const std::uint32_t r0 = r + upper, r1 = r + 1 - upper, c0 = c + upper, c1 = c + 1 - upper;
+    constexpr std::uint32_t kTurn = sizeof(MeshBlock::Turn), kVertex = sizeof(MeshVertex);
+    out.row[0][i] = kTurn * r0, out.row[1][i] = kTurn * r1;
+    out.column[0][i] = kTurn * c0, out.column[1][i] = kTurn * c1;
+    out.vertex[0][i] = kVertex * (r0 * side + c0), out.vertex[1][i] = kVertex * (r0 * side + c1);
+    out.vertex[2][i] = kVertex * (r1 * side + c0);
+    other |= id ^ first;
+  }
+  return TriangleId(other).block() == 0;
+}
+
+// Lanes from first to past_last, all in one block.
+void copy_lanes(const MeshBlock& block, const Places& at, int first, int past_last, RawFacets& raw) {
+  const auto* vertices = reinterpret_cast<const std::byte*>(block.vertices.data());
+  const auto* rows = reinterpret_cast<const std::byte*>(block.rows.data());
+  const auto* columns = reinterpret_cast<const std::byte*>(block.columns.data());
+  for (int i = first; i < past_last; ++i) {
+    for (int k = 0; k < 3; ++k)
+      std::memcpy(static_cast<void*>(&raw.vertex[k][i]), vertices + at.vertex[k][i], sizeof(MeshVertex));
+    for (int k = 0; k < 2; ++k) {
+      std::memcpy(&raw.rows[i][k], rows + at.row[k][i], sizeof(MeshBlock::Turn));
+      std::memcpy(&raw.columns[i][k], columns + at.column[k][i], sizeof(MeshBlock::Turn));
+    }
+  }
+}
+
+}  // namespace
+
 void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
   RawFacets raw;
+  Places at;
   unsigned collapsed = 0;  // lanes whose vertices may lie elsewhere than their row and column say
-  for (int i = 0; i < kPacket; ++i) {
-    const TriangleId id = ids[i];
-    const MeshBlock& block = mesh.blocks()[id.block()];
-    const int upper = id.upper() ? 1 : 0, r0 = id.r() + upper, r1 = id.r() + 1 - upper, c0 = id.c() + upper,
-              c1 = id.c() + 1 - upper;
-    const auto copy = [&](int corner, int r, int c) {
-      std::memcpy(static_cast<void*>(&raw.vertex[corner][i]), block.vertices.data() + r * block.side + c,
-                  sizeof(MeshVertex));
-    };
-    copy(0, r0, c0), copy(1, r0, c1), copy(2, r1, c0);
-    raw.rows[i][0] = block.rows[static_cast<std::size_t>(r0)],
-    raw.rows[i][1] = block.rows[static_cast<std::size_t>(r1)];
-    raw.columns[i][0] = block.columns[static_cast<std::size_t>(c0)],
-    raw.columns[i][1] = block.columns[static_cast<std::size_t>(c1)];
-    if (block.collapses && block.on_border(id.r(), id.c())) collapsed |= 1U << i;
+  const auto note = [&](const MeshBlock& block, int i) {
+    if (block.on_border(ids[i].r(), ids[i].c())) collapsed |= 1U << i;
+  };
+  const MeshBlock& first = mesh.blocks()[ids[0].block()];
+  if (find_places(ids, static_cast<std::uint32_t>(first.side), at)) {
+    copy_lanes(first, at, 0, kPacket, raw);
+    for (int i = 0; i < kPacket && first.collapses; ++i) note(first, i);
+  } else {
+    int side = first.side;
+    for (int i = 0; i < kPacket; ++i) {
+      const MeshBlock& block = mesh.blocks()[ids[i].block()];
+      if (block.side != side) find_places(ids, static_cast<std::uint32_t>(side = block.side), at);
+      copy_lanes(block, at, i, i + 1, raw);
+      if (block.collapses) note(block, i);
+    }
   }
   HWY_DYNAMIC_DISPATCH(PlaceVertices)(raw, out);
   for (int i = 0; collapsed != 0; ++i, collapsed >>= 1) {

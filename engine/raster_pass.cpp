@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <mutex>
 #include <numbers>
@@ -27,16 +28,21 @@ constexpr float kNear_m = 0.01F;
 constexpr double kFar_m = 500e3;
 constexpr float kSlack_px = 0.05F;
 
-// The first `inside` lanes have a triangle, or none.
+// The first `inside` lanes have a triangle, or none. In whole vectors: what is stored in pieces and then loaded whole
+// waits until all stores before it are through.
 SELENOGRAPH_VECTORISED
 void take_triangles(const std::uint32_t* ids, int inside, SurfacePoints& points) {
-  static_assert(sizeof(TriangleId) == sizeof(std::uint32_t));
+  static_assert(sizeof(TriangleId) == sizeof(std::uint32_t) && sizeof(bool) == 1);
+  alignas(64) std::uint32_t taken[kPacket];
+  alignas(16) std::uint8_t hit[kPacket];
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) {
-    const bool hit = i < inside && ids[i] != kNoTriangle;
-    points.triangle[i] = TriangleId(hit ? ids[i] : 0);
-    points.hit[i] = hit;
-  }
+  for (int i = 0; i < kPacket; ++i) taken[i] = i < inside ? ids[i] : kNoTriangle;
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) hit[i] = taken[i] != kNoTriangle ? 1 : 0;
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) taken[i] = taken[i] != kNoTriangle ? taken[i] : 0;
+  std::memcpy(static_cast<void*>(points.triangle), taken, sizeof taken);
+  std::memcpy(points.hit, hit, sizeof hit);
 }
 
 SELENOGRAPH_VECTORISED
