@@ -250,7 +250,7 @@ void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, T
                                       hn::Le(hn::Min(hn::Min(ay, by), hn::Min(cy, dy)), bottom)));
       const MF any_void = hn::Not(hn::And(lower, upper));
       if (hn::AllFalse(f, hn::Or(seen, any_void))) continue;
-      for (int k = 0; k < lanes; k += 4) __builtin_prefetch(b.vertices + (r + 1) * (b.quads + 1) + c + k, 0, 2);
+      for (int k = 0; k < lanes; k += 4) __builtin_prefetch(b.vertices + (r + 1) * (b.quads + 1) + c + k, 0, 3);
       const VF aw = hn::Load(f, south.w + c), bw = hn::LoadU(f, south.w + c + 1), cw = hn::Load(f, north.w + c),
                dw = hn::LoadU(f, north.w + c + 1);
       const VI name = hn::Add(hn::Set(i32, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),

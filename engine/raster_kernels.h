@@ -29,7 +29,7 @@ struct TileView {
   const float *sample_x, *sample_y;
   float slack[2];
 };
-inline constexpr std::size_t kTilePadding = 16;  // beyond the last pixel: vectors reach there
+inline constexpr std::size_t kTilePadding = 32;  // beyond the last pixel: vectors reach there, and a look ahead
 inline constexpr float kFarthest = -2;           // less than any nearness
 
 // Nearest triangle of each pixel of a tile, row by row.

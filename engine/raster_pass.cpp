@@ -330,6 +330,7 @@ class RasterPass {
     SurfacePoints points;
     take_triangles(ids, std::min(kPacket, tile.width - x), points);
     const bool any = std::find(points.hit, points.hit + kPacket, true) != points.hit + kPacket;
+    prefetch_next(ids + kPacket);
     Facets facets;
     if (any) refine(store_.mesh(), rays, points, facets);
     const std::uint32_t hits = hit_bits(points);
@@ -360,6 +361,18 @@ class RasterPass {
       if (layer.weight > 0) target[at] = radiance[i];
       if (left >> i & 1 && (counts || layer.store)) store_.account(points, i, at, counts);
       if (stores) store_.store_geometry(points, i, rays.direction(i), shading, lit[i], at);
+    }
+  }
+
+  // Asks memory for what the next pixels' triangles are made of: a third of the time would go by waiting for it. Every
+  // second one will do, neighbours share cache lines.
+  void prefetch_next(const std::uint32_t* ids) const {
+    for (int i = 0; i < kPacket; i += 2) {
+      if (ids[i] == kNoTriangle) continue;
+      const TriangleId id(ids[i]);
+      const MeshBlock& block = store_.mesh().blocks()[id.block()];
+      const MeshVertex* corner = block.vertices.data() + id.r() * block.side + id.c();
+      __builtin_prefetch(corner), __builtin_prefetch(corner + block.side);
     }
   }
 
