@@ -96,6 +96,13 @@ void lens_rays(const double* x, const double* y, const double* m, const double* 
   }
 }
 
+SELENOGRAPH_VECTORISED
+bool in_one_block(const TriangleId* ids) {
+  std::uint32_t other = 0;
+  for (int i = 0; i < kPacket; ++i) other |= ids[i].packed() ^ ids[0].packed();
+  return TriangleId(other).block() == 0;
+}
+
 struct SourceAt {
   dem::SourceMark index;  // of the catalogue; dem::kNoSource if none
   bool filled;
@@ -211,24 +218,29 @@ void PixelStore::radiances(const Shading& shading, const float* lit, float* out)
 }
 
 std::uint32_t PixelStore::account_all(const SurfacePoints& points, std::uint32_t hits, PassCounts* counts) const {
-  std::uint32_t last = kNoTriangle;
-  const MeshBlock* block = nullptr;
-  std::uint32_t left = 0, filled = 0;
-  for (std::uint32_t todo = hits; todo != 0; todo &= todo - 1) {
-    const int i = std::countr_zero(todo);
-    const TriangleId id = points.triangle[i];
-    if (id.block() != last) {
-      last = id.block();
-      block = &mesh_.blocks()[last];
-    }
-    const bool one = block->mixed.empty() || !(block->mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1);
-    if (!one) left |= 1U << i;
-    if (one && block->source & dem::kFilledBit) filled |= 1U << i;
-    if (const dem::SourceMark index = block->source & dem::kNoSource; one && index != dem::kNoSource)
+  const auto add = [&](const MeshBlock& block, std::uint64_t lanes) {
+    counts->hit += lanes;
+    if (block.source & dem::kFilledBit) counts->filled += lanes;
+    if (const dem::SourceMark index = block.source & dem::kNoSource; index != dem::kNoSource)
       counts->sources[index] = 1;
+  };
+  // Most packets are in one block of one source.
+  constexpr std::uint32_t kAll = 0xffff;
+  const MeshBlock& first = mesh_.blocks()[points.triangle[0].block()];
+  if (hits == kAll && first.mixed.empty() && in_one_block(points.triangle)) {
+    add(first, kPacket);
+    return 0;
   }
-  counts->hit += static_cast<std::uint64_t>(std::popcount(hits & ~left));
-  counts->filled += static_cast<std::uint64_t>(std::popcount(filled));
+  std::uint32_t left = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    if (!(hits >> i & 1)) continue;
+    const TriangleId id = points.triangle[i];
+    const MeshBlock& block = mesh_.blocks()[id.block()];
+    if (!block.mixed.empty() && block.mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1)
+      left |= 1U << i;
+    else
+      add(block, 1);
+  }
   return left;
 }
 

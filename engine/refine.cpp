@@ -16,9 +16,10 @@ constexpr double kOnEdge = 1e-9;
 // The same for float, which may take a ray to hit a triangle that it passes by millimetres.
 constexpr double kBlur = 1e-3;
 
-// Plane and ray, per lane: P = o + t d, weights v and w of b and c. A ray from below gets a distance of -1.
+// Plane and ray, per lane: P = o + t d, weights v and w of b and c. A ray from below gets a distance of -1. off: 1
+// where that isn't on the triangle, else 0.
 SELENOGRAPH_VECTORISED
-void meet_all(const Facets& t, const Rays& rays, SurfacePoints& p) {
+void meet_all(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double bx = t.b[0][i] - t.a[0][i], by = t.b[1][i] - t.a[1][i], bz = t.b[2][i] - t.a[2][i];
@@ -31,24 +32,22 @@ void meet_all(const Facets& t, const Rays& rays, SurfacePoints& p) {
     const double px = rays.ox[i] + distance * dx, py = rays.oy[i] + distance * dy, pz = rays.oz[i] + distance * dz;
     const double ax = px - t.a[0][i], ay = py - t.a[1][i], az = pz - t.a[2][i];
     const double scale = 1 / (nx * nx + ny * ny + nz * nz);
-    p.v[i] = (nx * (ay * cz - az * cy) + ny * (az * cx - ax * cz) + nz * (ax * cy - ay * cx)) * scale;
-    p.w[i] = (nx * (by * az - bz * ay) + ny * (bz * ax - bx * az) + nz * (bx * ay - by * ax)) * scale;
+    const double v = (nx * (ay * cz - az * cy) + ny * (az * cx - ax * cz) + nz * (ax * cy - ay * cx)) * scale;
+    const double w = (nx * (by * az - bz * ay) + ny * (bz * ax - bx * az) + nz * (bx * ay - by * ax)) * scale;
     p.x[i] = px, p.y[i] = py, p.z[i] = pz;
     p.nx[i] = nx, p.ny[i] = ny, p.nz[i] = nz;
-    p.distance[i] = toward < 0 ? distance : -1;
+    p.v[i] = v, p.w[i] = w;
+    const double seen = toward < 0 ? distance : -1;
+    p.distance[i] = seen;
+    const bool on = seen > 0 && v >= -kOnEdge && w >= -kOnEdge && v + w <= 1 + kOnEdge;
+    off[i] = on ? 0 : 1;
   }
 }
 
-// Lanes with a hit whose point isn't on its triangle.
 SELENOGRAPH_VECTORISED
-bool any_off(const SurfacePoints& p, std::int32_t* off) {
-  int any = 0;
-  for (int i = 0; i < kPacket; ++i) {
-    const int on = (p.distance[i] > 0 ? 1 : 0) & (p.v[i] >= -kOnEdge ? 1 : 0) & (p.w[i] >= -kOnEdge ? 1 : 0) &
-                   (p.v[i] + p.w[i] <= 1 + kOnEdge ? 1 : 0);
-    off[i] = p.hit[i] ? 1 - on : 0;
-    any |= off[i];
-  }
+bool any_of(const std::int64_t* off, const bool* hit) {
+  std::int64_t any = 0;
+  for (int i = 0; i < kPacket; ++i) any |= off[i] & static_cast<std::int64_t>(hit[i]);
   return any != 0;
 }
 
@@ -186,11 +185,11 @@ void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& f
   // An empty mesh has not even a triangle for the lanes without a hit.
   if (std::find(points.hit, points.hit + kPacket, true) == points.hit + kPacket) return;
   gather(mesh, points.triangle, facets);
-  meet_all(facets, rays, points);
-  alignas(64) std::int32_t off[kPacket];
-  if (!any_off(points, off)) return;
+  alignas(64) std::int64_t off[kPacket];
+  meet_all(facets, rays, points, off);
+  if (!any_of(off, points.hit)) return;
   for (int i = 0; i < kPacket; ++i)
-    if (off[i]) correct(mesh, rays, i, points);
+    if (points.hit[i] && off[i]) correct(mesh, rays, i, points);
   gather(mesh, points.triangle, facets);
 }
 
