@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <stdexcept>
 #include <utility>
@@ -32,12 +33,33 @@ std::optional<float> post_at(const dem::Block& block, std::int64_t lat, std::int
 
 }  // namespace
 
-MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block) : posts(std::move(block)), side(posts->side()) {
+bool BlockBorder::operator==(const BlockBorder& other) const {
+  if (stride != other.stride) return false;
+  for (std::size_t edge = 0; edge < 4; ++edge)
+    if (height[edge].size() != other.height[edge].size() ||
+        std::memcmp(height[edge].data(), other.height[edge].data(), height[edge].size() * sizeof(float)) != 0)
+      return false;
+  return true;
+}
+
+MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined)
+    : posts(std::move(block)),
+      border(std::move(joined)),
+      side(posts->side()),
+      collapses(border.stride != std::array{1, 1, 1, 1}) {
   vertices.resize(posts->heights.size());
   for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = {posts->heights[i], posts->normals[i]};
+  const int quads = posts->extent.quads;
+  for (std::size_t edge = 0; edge < 4; ++edge)
+    for (int i = 0; i <= quads; ++i) {
+      const auto place = [&](int k) {
+        return edge < 2 ? posts->index(edge == 0 ? 0 : quads, k) : posts->index(k, edge == 2 ? 0 : quads);
+      };
+      vertices[place(i)] = {border.height[edge][static_cast<std::size_t>(i)],
+                            posts->normals[place(i - i % border.stride[edge])]};
+    }
   for (std::size_t i = 0; i < posts->sin_lat.size(); ++i) rows.push_back({posts->sin_lat[i], posts->cos_lat[i]});
   for (std::size_t i = 0; i < posts->sin_lon.size(); ++i) columns.push_back({posts->sin_lon[i], posts->cos_lon[i]});
-  const int quads = posts->extent.quads;
   source = posts->source(quads / 2, quads / 2);
   if (posts->sources.size() == 1) return;
   mixed.assign(static_cast<std::size_t>(quads), 0);
@@ -47,7 +69,12 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block) : posts(std::move(
         if (posts->source(r + dr, c + dc) != source) mixed[static_cast<std::size_t>(r)] |= std::uint64_t{1} << c;
 }
 
-Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids) {
+std::size_t MeshBlock::bytes() const {
+  return sizeof(MeshBlock) + vertices.size() * sizeof(MeshVertex) + (rows.size() + columns.size()) * sizeof(Turn) +
+         mixed.size() * sizeof(std::uint64_t) + 4 * static_cast<std::size_t>(side) * sizeof(float);
+}
+
+Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before) {
   std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
   in_parallel(ids.size(), [&](std::size_t i) { loaded[i] = terrain.block(ids[i]); });
   if (ids.size() > TriangleId::kMostBlocks)
@@ -56,10 +83,22 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids) {
   for (auto& posts : loaded) {
     if (!posts) continue;
     coarsest_ = std::min(coarsest_, posts->id.level), finest_ = std::max(finest_, posts->id.level);
-    index_[posts->id] = static_cast<std::uint32_t>(blocks_.size());
-    blocks_.emplace_back(std::move(posts));
+    index_[posts->id] = static_cast<std::uint32_t>(posts_.size());
+    posts_.push_back(std::move(posts));
   }
-  in_parallel(blocks_.size(), [&](std::size_t i) { join(blocks_[i]); });
+  blocks_.resize(posts_.size());
+  in_parallel(blocks_.size(), [&](std::size_t i) {
+    BlockBorder border = border_of(*posts_[i]);
+    if (before) {
+      const auto found = before->index_.find(posts_[i]->id);
+      const auto same = found == before->index_.end() ? nullptr : before->blocks_[found->second];
+      if (same && same->posts == posts_[i] && same->border == border) {
+        blocks_[i] = same;
+        return;
+      }
+    }
+    blocks_[i] = std::make_shared<const MeshBlock>(posts_[i], std::move(border));
+  });
 }
 
 std::optional<std::uint32_t> Mesh::block_at(std::int64_t lat_tick, std::int64_t lon_tick, int finest_level) const {
@@ -71,13 +110,13 @@ std::optional<std::uint32_t> Mesh::block_at(std::int64_t lat_tick, std::int64_t 
   return std::nullopt;
 }
 
-void Mesh::join(MeshBlock& block) const {
-  for (int edge = 0; edge < 4; ++edge) join_edge(block, edge);
+BlockBorder Mesh::border_of(const dem::Block& block) const {
+  BlockBorder border;
+  for (int edge = 0; edge < 4; ++edge) join_edge(block, edge, border);
+  return border;
 }
 
-// Edge 0 south, 1 north, 2 west, 3 east.
-void Mesh::join_edge(MeshBlock& block, int edge) const {
-  const dem::Block& own = *block.posts;
+void Mesh::join_edge(const dem::Block& own, int edge, BlockBorder& out) const {
   const BlockExtent& e = own.extent;
   const bool along_lon = edge < 2;
   const std::int32_t step = along_lon ? e.lon_step : e.lat_step;
@@ -90,24 +129,22 @@ void Mesh::join_edge(MeshBlock& block, int edge) const {
   // themselves.
   std::optional<std::uint32_t> across;
   if (!pole) across = along_lon ? block_at(lat_out, e.lon0) : block_at(e.lat0, lon_out);
-  const dem::Block* neighbour = across ? blocks_[*across].posts.get() : nullptr;
+  const dem::Block* neighbour = across ? posts_[*across].get() : nullptr;
   int stride = 1;
   if (neighbour) stride = std::max(1, (along_lon ? neighbour->extent.lon_step : neighbour->extent.lat_step) / step);
-  block.stride[static_cast<std::size_t>(edge)] = std::min(stride, e.quads);
-  block.collapses |= std::min(stride, e.quads) > 1;
+  out.stride[static_cast<std::size_t>(edge)] = std::min(stride, e.quads);
   // Where the longitude step halves towards the equator, several neighbours of one level share the edge: each vertex
   // has its own.
   const bool several =
       neighbour && along_lon &&
       dem::lon_shift(own.id.level, own.id.row + (edge == 1 ? 1 : -1)) < dem::lon_shift(own.id.level, own.id.row);
   const bool neighbour_first = neighbour && neighbour->id < own.id;
-  const int remaining = block.stride[static_cast<std::size_t>(edge)];
+  const int remaining = out.stride[static_cast<std::size_t>(edge)];
+  std::vector<float>& heights = out.height[static_cast<std::size_t>(edge)];
+  heights.reserve(static_cast<std::size_t>(e.quads) + 1);
   for (int i = 0; i <= e.quads; ++i) {
-    const auto vertex = [&](int k) -> MeshVertex& {
-      return block.vertices[along_lon ? own.index(edge == 0 ? 0 : e.quads, k) : own.index(k, edge == 2 ? 0 : e.quads)];
-    };
     if (i % remaining != 0) {
-      vertex(i) = vertex(i - i % remaining);
+      heights.push_back(heights.back());
       continue;
     }
     const std::int64_t lat = along_lon ? lat_edge : e.lat0 + std::int64_t{i} * e.lat_step;
@@ -119,7 +156,7 @@ void Mesh::join_edge(MeshBlock& block, int edge) const {
     } else if (neighbour && (neighbour_first || std::isnan(h))) {
       h = post_at(*neighbour, lat, lon).value_or(h);
     }
-    vertex(i).height_m = h;
+    heights.push_back(h);
   }
 }
 
@@ -130,23 +167,21 @@ float Mesh::joined_height(const BlockId& own, std::int64_t lat, std::int64_t lon
   const auto consider = [&](std::int64_t y, std::int64_t x) {
     if (y < 0 || y >= dem::kLatTicks) return;
     const auto at = block_at(y, x);
-    if (!at || (first && blocks_[*at].posts->id > blocks_[*first].posts->id)) return;
-    if (const auto h = post_at(*blocks_[*at].posts, lat, lon)) first = at, height = *h;
+    if (!at || (first && posts_[*at]->id > posts_[*first]->id)) return;
+    if (const auto h = post_at(*posts_[*at], lat, lon)) first = at, height = *h;
   };
   for (const int dy : {-1, 0})
     for (const int dx : {-1, 0}) consider(lat + dy, lon + dx);
   if (lat == 0 || lat == dem::kLatTicks) {  // a pole: every block around it holds the same raw post
     const auto at = index_.find(own);
-    height = post_at(*blocks_[at->second].posts, lat, lon).value_or(height);
+    height = post_at(*posts_[at->second], lat, lon).value_or(height);
   }
   return height;
 }
 
 std::size_t Mesh::bytes() const {
   std::size_t sum = sizeof(Mesh);
-  for (const MeshBlock& b : blocks_)
-    sum += sizeof(MeshBlock) + b.vertices.size() * sizeof(MeshVertex) +
-           (b.rows.size() + b.columns.size()) * sizeof(MeshBlock::Turn) + b.mixed.size() * sizeof(std::uint64_t);
+  for (const auto& b : blocks_) sum += b->bytes();
   return sum;
 }
 

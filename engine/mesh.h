@@ -10,6 +10,8 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <ranges>
+#include <span>
 #include <unordered_map>
 #include <vector>
 
@@ -26,22 +28,30 @@ struct alignas(16) MeshVertex {
 };
 static_assert(sizeof(MeshVertex) == 16);
 
+// A block's border as joined: edge 0 south, 1 north, 2 west, 3 east, from west or south.
+struct BlockBorder {
+  std::array<int, 4> stride{1, 1, 1, 1};     // every stride-th vertex of the edge remains
+  std::array<std::vector<float>, 4> height;  // of the vertices that remain, and between them of the last one that does
+  bool operator==(const BlockBorder& other) const;  // bit for bit
+};
+
+// Immutable, shared between the meshes of frames that have it and its surroundings in common.
 struct MeshBlock {
   // Sine and cosine of a row's latitude or of a column's longitude.
   struct alignas(16) Turn {
     double sin, cos;
   };
 
-  explicit MeshBlock(std::shared_ptr<const dem::Block> block);
+  MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined);
 
   std::shared_ptr<const dem::Block> posts;
+  BlockBorder border;
   int side;  // quads + 1
   // (quads + 1)^2, row-major from the south-west, as joined. A vertex that has collapsed holds height and normal of the
   // one that it has collapsed onto.
   std::vector<MeshVertex> vertices;
   std::vector<Turn> rows, columns;
-  std::array<int, 4> stride{1, 1, 1, 1};  // south, north, west, east: every stride-th vertex of the edge remains
-  bool collapses = false;                 // any of them isn't 1
+  bool collapses;  // some vertices of the border have
 
   // Where the posts have one source, and are all filled or none: that mark. Else that of its middle, and which quads
   // have another or several, a bit for each column.
@@ -51,6 +61,7 @@ struct MeshBlock {
   // Row and column of the vertex that remains of this one.
   std::array<int, 2> remaining(int r, int c) const {
     const int quads = posts->extent.quads;
+    const std::array<int, 4>& stride = border.stride;
     if (r == 0) c -= c % stride[0];
     if (r == quads) c -= c % stride[1];
     if (c == 0) r -= r % stride[2];
@@ -70,6 +81,7 @@ struct MeshBlock {
   }
   bool present(int r, int c) const { return !std::isnan(vertices[posts->index(r, c)].height_m); }
   const Eigen::Vector3f& normal(int r, int c) const { return vertices[posts->index(r, c)].normal; }
+  std::size_t bytes() const;
 };
 
 // A triangle of the mesh: block, quad (south-west vertex) and which half (dem/surface.h).
@@ -99,12 +111,18 @@ class Mesh {
  public:
   // `blocks` sorted, at most TriangleId::kMostBlocks; those without a single valid post are left out. Loads in
   // parallel; throws what the terrain throws.
-  Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks);
+  // `before`: a mesh whose blocks are taken over where they and their joints are the same; may be null.
+  Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks, const Mesh* before = nullptr);
 
-  const std::vector<MeshBlock>& blocks() const { return blocks_; }
+  // Random access to const MeshBlock&.
+  auto blocks() const {
+    return std::views::transform(std::span(blocks_),
+                                 [](const std::shared_ptr<const MeshBlock>& b) -> const MeshBlock& { return *b; });
+  }
+  std::shared_ptr<const MeshBlock> share(std::size_t block) const { return blocks_[block]; }
   dem::Triangle triangle(const TriangleId& id) const {
     const dem::QuadVertices q = id.vertices();
-    const MeshBlock& b = blocks_[id.block()];
+    const MeshBlock& b = *blocks_[id.block()];
     return {b.vertex(q.r[0], q.c[0]), b.vertex(q.r[1], q.c[1]), b.vertex(q.r[2], q.c[2])};
   }
 
@@ -115,11 +133,12 @@ class Mesh {
   std::size_t bytes() const;
 
  private:
-  void join(MeshBlock& block) const;
-  void join_edge(MeshBlock& block, int edge) const;
+  BlockBorder border_of(const dem::Block& block) const;
+  void join_edge(const dem::Block& block, int edge, BlockBorder& out) const;
   float joined_height(const dem::BlockId& own, std::int64_t lat, std::int64_t lon) const;
 
-  std::vector<MeshBlock> blocks_;
+  std::vector<std::shared_ptr<const dem::Block>> posts_;  // of blocks_
+  std::vector<std::shared_ptr<const MeshBlock>> blocks_;
   std::unordered_map<dem::BlockId, std::uint32_t, dem::BlockIdHash> index_;
   int coarsest_ = 0, finest_ = 0;
 };

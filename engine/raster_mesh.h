@@ -1,8 +1,10 @@
 // The mesh as rasterisers want it: float relative to an anchor, structure of arrays, in strips with tight bounds.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "engine/mesh.h"
@@ -32,9 +34,24 @@ struct Wall {
   float a[3], b[3], c[3];  // counter-clockwise from outside, relative to the anchor
 };
 
+// What is drawn of one block of a mesh; immutable, shared like it.
+struct RasterPiece {
+  std::shared_ptr<const MeshBlock> of;
+  std::vector<float> xyz;  // x, y, z one after the other
+  RasterBlock block;
+  std::vector<Strip> strips;  // of block 0
+  // Edges of triangles that no other triangle of the block shares: beside voids, and along each side of the block.
+  // from, to; the triangle is on the left. A side's mark is the same for whatever runs along it the other way.
+  using Edge = std::array<float, 6>;
+  std::vector<Edge> inside;
+  std::array<std::vector<Edge>, 4> along;
+  std::array<std::uint64_t, 4> mark;
+};
+
 class RasterMesh {
  public:
-  RasterMesh(const Mesh& mesh, const Vec3& anchor_m);
+  // `before`: one whose pieces are taken over where the mesh's blocks and the anchor are the same; may be null.
+  RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh* before = nullptr);
 
   const Vec3& anchor() const { return anchor_; }
   const std::vector<RasterBlock>& blocks() const { return blocks_; }
@@ -46,7 +63,7 @@ class RasterMesh {
   void add_walls();
 
   Vec3 anchor_;
-  std::vector<std::vector<float>> vertices_;  // per block: x, y, z
+  std::vector<std::shared_ptr<const RasterPiece>> pieces_;  // per block
   std::vector<RasterBlock> blocks_;
   std::vector<Strip> strips_;
   std::vector<Wall> walls_;

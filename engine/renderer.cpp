@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <mutex>
 #include <numbers>
 #include <stdexcept>
 
@@ -91,9 +92,20 @@ struct Renderer::Impl {
         speed_of_rays(threads),
         speed_of_zbuffer(threads) {}
 
+  // The last scene that was made, if it is still in use or in the cache: a moving camera has most of it in common.
+  std::shared_ptr<const Scene> latest() const {
+    std::lock_guard lock(latest_mutex);
+    return latest_scene.lock();
+  }
+
   std::shared_ptr<const Scene> scene(const Selection& selection, const Vec3& anchor, Visibility visibility) {
     return scenes.get(key_of(selection, anchor, visibility), [&] {
-      auto made = std::make_shared<const Scene>(*terrain, selection, anchor, threads, visibility);
+      const auto before = latest();
+      auto made = std::make_shared<const Scene>(*terrain, selection, anchor, threads, visibility, before.get());
+      {
+        std::lock_guard lock(latest_mutex);
+        latest_scene = made;
+      }
       return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes()};
     });
   }
@@ -377,6 +389,8 @@ struct Renderer::Impl {
   dem::Cache<SceneKey, Scene, SceneKeyHash> scenes;
   dem::Cache<LensKey, PixelRays, LensKeyHash> lenses;
   Pool<FrameScratch> scratch;
+  mutable std::mutex latest_mutex;
+  std::weak_ptr<const Scene> latest_scene;
   SpeedGauge speed_of_rays, speed_of_zbuffer;
 };
 

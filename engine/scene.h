@@ -14,12 +14,15 @@
 namespace selenograph::engine {
 
 struct Scene {
-  // For one of the two ways to see: the other's structure is not made.
+  // For one of the two ways to see: the other's structure is not made. `before`: a scene from which is taken over what
+  // hasn't changed; may be null.
   Scene(const dem::Terrain& terrain, const Selection& selection, const Vec3& anchor_m, int threads,
-        Visibility visibility = Visibility::raytrace)
-      : mesh(terrain, selection.blocks), shell_m(kMoonRadius_m + highest_m(mesh) + 1), anchor(anchor_m) {
+        Visibility visibility = Visibility::raytrace, const Scene* before = nullptr)
+      : mesh(terrain, selection.blocks, before ? &before->mesh : nullptr),
+        shell_m(kMoonRadius_m + highest_m(mesh) + 1),
+        anchor(anchor_m) {
     if (visibility == Visibility::zbuffer)
-      raster = std::make_unique<RasterMesh>(mesh, anchor_m);
+      raster = std::make_unique<RasterMesh>(mesh, anchor_m, before ? before->raster.get() : nullptr);
     else
       tracer = std::make_unique<RayTracer>(mesh, anchor_m, threads);
   }

@@ -281,7 +281,7 @@ std::size_t differing_vertices(const Mesh& mesh) {
     for (std::size_t i = 0; i < o.vertices.size(); ++i) {
       const std::size_t side = static_cast<std::size_t>(b.posts->extent.quads), edge = i / side;
       static constexpr std::array<std::size_t, 4> kStrideOf{0, 3, 1, 2};  // outline: south, east, north, west
-      const std::size_t stride = static_cast<std::size_t>(b.stride[kStrideOf[edge]]);
+      const std::size_t stride = static_cast<std::size_t>(b.border.stride[kStrideOf[edge]]);
       if (i % side % stride != 0 || !finite(o.vertices[i])) continue;
       const bool pole = o.ticks[i].lat == 0 || o.ticks[i].lat == kLatTicks;
       const auto [at, fresh] =

@@ -5,9 +5,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <set>
 #include <unordered_map>
 
+#include "engine/raster_mesh.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 
@@ -197,6 +199,59 @@ TEST_F(MeshTest, TwoLayersOfPostsJoinAtTheirBorder) {
                          [](double lat, double lon) { return std::hypot(lat - 10, lon - 12) < 0.7; });
   const auto terrain = test::open_terrain(folder.path());
   EXPECT_EQ(open_edges(Mesh(*terrain, box(5, 6, 14, 4, 16, pseudo_random)), border(6, 14, 4, 16)), 0U);
+}
+
+// A mesh that takes over blocks of another one, and its drawn form, are what they are when made from nothing.
+TEST_F(MeshTest, TakenOverIsTheSame) {
+  const Vec3 anchor = to_cartesian({6, 24, 0});
+  const auto other_halves = [](const BlockId& id) { return !pseudo_random(id); };
+  const std::vector<std::vector<BlockId>> steps{box(5, 2, 10, 20, 28, pseudo_random),
+                                                box(5, 2, 10, 22, 30, pseudo_random),  // a step east
+                                                box(5, 2, 10, 22, 30, other_halves),   // other levels: all joints anew
+                                                box(5, 4, 12, 22, 30, other_halves)};
+  std::unique_ptr<Mesh> before;
+  std::unique_ptr<RasterMesh> drawn_before;
+  std::size_t shared = 0, made = 0;
+  for (const auto& blocks : steps) {
+    auto mesh = std::make_unique<Mesh>(*terrain_, blocks, before.get());
+    auto drawn = std::make_unique<RasterMesh>(*mesh, anchor, drawn_before.get());
+    const Mesh fresh(*terrain_, blocks);
+    const RasterMesh fresh_drawn(fresh, anchor);
+    ASSERT_EQ(mesh->blocks().size(), fresh.blocks().size());
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+      const MeshBlock &a = mesh->blocks()[i], &b = fresh.blocks()[i];
+      bool known = false;
+      for (std::size_t k = 0; before && k < before->blocks().size(); ++k) known |= before->share(k) == mesh->share(i);
+      ++(known ? shared : made);
+      ASSERT_EQ(a.posts->id, b.posts->id);
+      ASSERT_TRUE(a.border == b.border);
+      ASSERT_EQ(std::memcmp(a.vertices.data(), b.vertices.data(), a.vertices.size() * sizeof(MeshVertex)), 0);
+      const RasterBlock &x = drawn->blocks()[i], &y = fresh_drawn.blocks()[i];
+      ASSERT_EQ(std::memcmp(x.x, y.x, sizeof(float) * 3 * static_cast<std::size_t>(x.stride * (x.quads + 1))), 0);
+    }
+    ASSERT_EQ(drawn->strips().size(), fresh_drawn.strips().size());
+    EXPECT_EQ(std::memcmp(drawn->strips().data(), fresh_drawn.strips().data(), drawn->strips().size() * sizeof(Strip)),
+              0);
+    ASSERT_EQ(drawn->walls().size(), fresh_drawn.walls().size());
+    EXPECT_EQ(std::memcmp(drawn->walls().data(), fresh_drawn.walls().data(), drawn->walls().size() * sizeof(Wall)), 0);
+    before = std::move(mesh), drawn_before = std::move(drawn);
+  }
+  EXPECT_GT(shared, 20U);
+  EXPECT_GT(made, 60U);
+  const RasterMesh elsewhere(*before, anchor + Vec3(4096, 0, 0), drawn_before.get());
+  EXPECT_NE(elsewhere.blocks()[0].x[0], drawn_before->blocks()[0].x[0]) << "of another anchor";
+}
+
+// Walls stand under the border of the data and nowhere else: as many as that border has edges, two each.
+TEST_F(MeshTest, WallsStandUnderTheBorderAlone) {
+  for (const auto& split : {std::function<bool(const BlockId&)>([](const BlockId&) { return false; }),
+                            std::function<bool(const BlockId&)>(pseudo_random)}) {
+    const Mesh mesh(*terrain_, box(5, 2, 10, 20, 28, split));
+    const RasterMesh drawn(mesh, to_cartesian({6, 24, 0}));
+    const std::size_t edges = open_edges(mesh, [](const Geographic&) { return false; });
+    EXPECT_GT(edges, 200U);
+    EXPECT_EQ(drawn.walls().size(), edges) << "which are counted in both directions";
+  }
 }
 
 }  // namespace
