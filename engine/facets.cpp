@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstring>
 
+#include "engine/vector_targets.h"
 #include "engine/vectorise.h"
 
 #undef HWY_TARGET_INCLUDE

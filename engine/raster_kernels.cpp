@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "engine/vector_targets.h"
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/raster_kernels.cpp"
 #include <hwy/foreach_target.h>
@@ -29,6 +31,8 @@ HWY_INLINE VF all(float x) { return hn::Set(f, x); }
 // Three edges of a triangle, each from an end of its own, turned so that inside is where all are positive or zero; and
 // a plane over them.
 struct Triangles {
+  // Written here so that it's compiled for the target, as the compiler's own wouldn't be.
+  HWY_INLINE Triangles() {}  // NOLINT(modernize-use-equals-default)
   VF ox[3], oy[3], ex[3], ey[3];
   VF px, py, p, gx, gy;  // value p at (px, py), and its gradient
 };
