@@ -46,16 +46,18 @@ struct Setting {
   double max_error_px = engine::Accuracy{}.max_error_px;
   double angular_radius_deg = 0;
   bool lens = false, build = false;  // build: the scene is made anew in every frame
+  bool above_ground = false;         // height_m is; else above the sphere
   int frames = 21;
 };
 
-engine::FrameRequest request(const Place& place, const Setting& setting) {
+engine::FrameRequest request(const dem::Terrain& terrain, const Place& place, const Setting& setting) {
   constexpr double kRadians = std::numbers::pi / 180;
   engine::FrameRequest r;
   const double f = setting.side / 2.0 / std::tan(25 * kRadians), middle = (setting.side - 1) / 2.0;
   r.camera = {setting.side, setting.side, f, f, middle, middle, {}};
   if (setting.lens) r.camera.distortion = {-0.25, 0.08, 0, 1e-3, -1e-3};
-  const Vec3 position = to_cartesian({place.lat_deg, place.lon_deg, setting.height_m});
+  const double ground_m = setting.above_ground ? terrain.height(place.lat_deg, place.lon_deg).height_m : 0;
+  const Vec3 position = to_cartesian({place.lat_deg, place.lon_deg, ground_m + setting.height_m});
   const EastNorthUp axes = local_axes(position);
   const double tilt = setting.tilt_deg * kRadians, sun = setting.sun_deg * kRadians;
   const Vec3 z = -axes.up * std::cos(tilt) + axes.north * std::sin(tilt), x = axes.east;
@@ -83,7 +85,7 @@ double milliseconds(Work&& work) {
 
 void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terrain, const Place& place,
              const Setting& setting) {
-  const engine::FrameRequest r = request(place, setting);
+  const engine::FrameRequest r = request(*terrain, place, setting);
   const engine::View view(r.camera, r.pose);
   const engine::Selection selection = engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {});
   const Vec3 anchor = engine::anchor_for(view.position(), view.middle());
@@ -142,6 +144,8 @@ constexpr Setting kSettings[] = {
     {.name = "nadir/256", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15, .side = 256},
     {.name = "nadir/lens", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15, .lens = true},
     {.name = "nadir/build", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15, .build = true},
+    {.name = "ground/2m", .height_m = 2, .tilt_deg = 85, .sun_deg = 15, .above_ground = true},
+    {.name = "ground/200m", .height_m = 200, .tilt_deg = 85, .sun_deg = 15, .above_ground = true},
     {.name = "nadir/penumbra",
      .height_m = 30000,
      .tilt_deg = 0,
