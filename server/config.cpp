@@ -96,7 +96,8 @@ void add_options(CLI::App& command, TerrainSettings& s) {
   command.add_option("--cache-mb", s.cache_mb, "Memory for terrain, MiB")
       ->check(CLI::Range(16, 1 << 24))
       ->capture_default_str();
-  command.add_option("--scene-mb", s.scene_mb, "Memory for acceleration structures, MiB")
+  command
+      .add_option("--scene-mb", s.scene_mb, "Memory for acceleration structures and what frames are drawn with, MiB")
       ->check(CLI::Range(16, 1 << 24))
       ->capture_default_str();
   command.add_option("--threads", s.threads, "Render threads; 0: all cores")

@@ -83,8 +83,8 @@ void write_gauges(Exposition& out, const Gauges& g) {
   out.single("selenograph_frames_in_work_limit", "gauge", "Places for requests in work.", g.max_in_work);
   out.single("selenograph_frames_waiting_limit", "gauge", "Places in the queue.", g.max_waiting);
   out.single("selenograph_http_connections", "gauge", "Open client connections.", g.connections);
-  out.single("selenograph_scene_bytes", "gauge", "Bytes of acceleration structures held between frames.",
-             g.scene_bytes);
+  out.single("selenograph_scene_bytes", "gauge",
+             "Bytes of acceleration structures, lenses and scratch memory held between frames.", g.scene_bytes);
   out.single("selenograph_terrain_warnings", "gauge", "Unusable DEM files that were fallen through.",
              g.terrain_warnings);
 }
