@@ -10,8 +10,6 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
-#include <ranges>
-#include <span>
 #include <unordered_map>
 #include <vector>
 
@@ -84,6 +82,37 @@ struct MeshBlock {
   std::size_t bytes() const;
 };
 
+// Blocks that are shared, as if they were in an array. (No std::views: Clang 14 and GCC 12's library disagree on them.)
+class MeshBlocks {
+ public:
+  using Shared = std::vector<std::shared_ptr<const MeshBlock>>;
+  explicit MeshBlocks(const Shared& blocks) : blocks_(&blocks) {}
+
+  class Iterator {
+   public:
+    explicit Iterator(Shared::const_iterator at) : at_(at) {}
+    const MeshBlock& operator*() const { return **at_; }
+    Iterator& operator++() {
+      ++at_;
+      return *this;
+    }
+    bool operator==(const Iterator&) const = default;
+
+   private:
+    Shared::const_iterator at_;
+  };
+  Iterator begin() const { return Iterator(blocks_->begin()); }
+  Iterator end() const { return Iterator(blocks_->end()); }
+  std::size_t size() const { return blocks_->size(); }
+  bool empty() const { return blocks_->empty(); }
+  const MeshBlock& front() const { return *blocks_->front(); }
+  const MeshBlock& back() const { return *blocks_->back(); }
+  const MeshBlock& operator[](std::size_t i) const { return *(*blocks_)[i]; }
+
+ private:
+  const Shared* blocks_;
+};
+
 // A triangle of the mesh: block, quad (south-west vertex) and which half (dem/surface.h).
 class TriangleId {
  public:
@@ -114,11 +143,7 @@ class Mesh {
   // `before`: a mesh whose blocks are taken over where they and their joints are the same; may be null.
   Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks, const Mesh* before = nullptr);
 
-  // Random access to const MeshBlock&.
-  auto blocks() const {
-    return std::views::transform(std::span(blocks_),
-                                 [](const std::shared_ptr<const MeshBlock>& b) -> const MeshBlock& { return *b; });
-  }
+  MeshBlocks blocks() const { return MeshBlocks(blocks_); }
   std::shared_ptr<const MeshBlock> share(std::size_t block) const { return blocks_[block]; }
   dem::Triangle triangle(const TriangleId& id) const {
     const dem::QuadVertices q = id.vertices();

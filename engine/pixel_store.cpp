@@ -76,7 +76,8 @@ SELENOGRAPH_VECTORISED void linear_rays(const double* first, const double* right
                                         const double* origin, double x, double y, Rays& rays) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const double px = x + i % across(shape), py = y + i / across(shape);
+    const int column = i % across(shape), row = i / across(shape);
+    const double px = x + column, py = y + row;
     rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
     rays.dx[i] = first[0] + right[0] * px + down[0] * py;
     rays.dy[i] = first[1] + right[1] * px + down[1] * py;
