@@ -16,7 +16,9 @@ class Pool {
  public:
   class Lease {
    public:
-    explicit Lease(Pool& pool) : pool_(pool), scratch_(pool.take()) {}
+    explicit Lease(Pool& pool) : pool_(pool), scratch_(pool.take_free()) {
+      if (!scratch_) scratch_ = std::make_unique<Scratch>();
+    }
     ~Lease() { pool_.give(std::move(scratch_)); }
     Lease(const Lease&) = delete;
     Lease& operator=(const Lease&) = delete;
@@ -46,20 +48,16 @@ class Pool {
     std::thread::id user;
   };
 
-  // Rather what this thread had before: it may still be in its caches.
-  std::unique_ptr<Scratch> take() {
-    std::unique_ptr<Scratch> one;
-    {
-      std::lock_guard lock(mutex_);
-      if (!free_.empty()) {
-        auto mine = std::find_if(free_.begin(), free_.end(),
-                                 [](const Free& f) { return f.user == std::this_thread::get_id(); });
-        if (mine == free_.end()) --mine;
-        one = std::move(mine->scratch);
-        free_.erase(mine);
-      }
-    }
-    return one ? std::move(one) : std::make_unique<Scratch>();
+  // Rather what this thread had before: it may still be in its caches. Null when there's nothing free.
+  std::unique_ptr<Scratch> take_free() {
+    std::lock_guard lock(mutex_);
+    if (free_.empty()) return nullptr;
+    auto mine =
+        std::find_if(free_.begin(), free_.end(), [](const Free& f) { return f.user == std::this_thread::get_id(); });
+    if (mine == free_.end()) --mine;
+    std::unique_ptr<Scratch> one = std::move(mine->scratch);
+    free_.erase(mine);
+    return one;
   }
   void give(std::unique_ptr<Scratch> one) {
     std::lock_guard lock(mutex_);
