@@ -70,12 +70,10 @@ struct alignas(64) Places {
   std::uint32_t row[2][kPacket], column[2][kPacket], vertex[3][kPacket];
 };
 
-// Of triangles in blocks of the same side. Returns whether they are in one block: most packets are, and then nothing
-// keeps the lanes from being fetched at once.
+// Of triangles in blocks of the same side.
 SELENOGRAPH_VECTORISED
-bool find_places(const TriangleId* ids, std::uint32_t side, Places& out) {
-  const std::uint32_t first = ids[0].packed();
-  std::uint32_t other = 0;
+void find_places(const TriangleId* ids, std::uint32_t side, Places& out) {
+  SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const std::uint32_t id = ids[i].packed();
     const std::uint32_t upper = id & 1, r = id >> 7 & 63, c = id >> 1 & 63;
@@ -85,9 +83,7 @@ bool find_places(const TriangleId* ids, std::uint32_t side, Places& out) {
     out.column[0][i] = kTurn * c0, out.column[1][i] = kTurn * c1;
     out.vertex[0][i] = kVertex * (r0 * side + c0), out.vertex[1][i] = kVertex * (r0 * side + c1);
     out.vertex[2][i] = kVertex * (r1 * side + c0);
-    other |= id ^ first;
   }
-  return TriangleId(other).block() == 0;
 }
 
 // Lanes from first to past_last, all in one block.
@@ -107,6 +103,13 @@ void copy_lanes(const MeshBlock& block, const Places& at, int first, int past_la
 
 }  // namespace
 
+SELENOGRAPH_VECTORISED
+bool in_one_block(const TriangleId ids[kPacket]) {
+  std::uint32_t other = 0;
+  for (int i = 0; i < kPacket; ++i) other |= ids[i].packed() ^ ids[0].packed();
+  return TriangleId(other).block() == 0;
+}
+
 void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
   RawFacets raw;
   Places at;
@@ -115,7 +118,9 @@ void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
     if (block.on_border(ids[i].r(), ids[i].c())) collapsed |= 1U << i;
   };
   const MeshBlock& first = mesh.blocks()[ids[0].block()];
-  if (find_places(ids, static_cast<std::uint32_t>(first.side), at)) {
+  find_places(ids, static_cast<std::uint32_t>(first.side), at);
+  // Most packets are, and then nothing keeps the lanes from being fetched at once.
+  if (in_one_block(ids)) {
     copy_lanes(first, at, 0, kPacket, raw);
     for (int i = 0; i < kPacket && first.collapses; ++i) note(first, i);
   } else {

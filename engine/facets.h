@@ -12,6 +12,8 @@ struct alignas(64) Facets {
   float normal_a[3][kPacket], normal_b[3][kPacket], normal_c[3][kPacket];  // theirs, for shading
 };
 
+bool in_one_block(const TriangleId ids[kPacket]);
+
 // For a mesh that has triangles. The triangles' vertices are those of Mesh::triangle, bit for bit.
 void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out);
 

@@ -97,13 +97,6 @@ void lens_rays(const double* x, const double* y, const double* m, const double* 
   }
 }
 
-SELENOGRAPH_VECTORISED
-bool in_one_block(const TriangleId* ids) {
-  std::uint32_t other = 0;
-  for (int i = 0; i < kPacket; ++i) other |= ids[i].packed() ^ ids[0].packed();
-  return TriangleId(other).block() == 0;
-}
-
 struct SourceAt {
   dem::SourceMark index;  // of the catalogue; dem::kNoSource if none
   bool filled;

@@ -287,7 +287,7 @@ class RasterPass {
       std::lock_guard lock(mutex);
       draw_ms += draws_ms, resolve_ms += resolves_ms;
     });
-    PassCounts times = store_.counts();
+    PassCounts times;  // and nothing seen
     const double tiles_ms = watch.lap_ms(), work_ms = std::max(draw_ms + resolve_ms, 1e-9);
     times.draw_ms = tiles_ms * draw_ms / work_ms, times.resolve_ms = tiles_ms * resolve_ms / work_ms;
     if (layer.light) cast_shadows(layer);

@@ -28,11 +28,11 @@ struct Selection {
 // What a scene holds of one block of 64 x 64 quads, about: vertices, those in float, and Embree's 15 bytes a triangle.
 // The posts themselves are the terrain cache's.
 inline constexpr std::size_t kSceneBytesPerVertex = 16 + 12;
-inline constexpr std::size_t kSceneBytesPerBlock = 65 * 65 * (kSceneBytesPerVertex) + 2 * 64 * 64 * 15;
+inline constexpr std::size_t kSceneBytesPerBlock = 65 * 65 * kSceneBytesPerVertex + 2 * 64 * 64 * 15;
 // Coarse levels have fewer quads: the whole Moon from afar is thousands of small blocks.
 inline std::size_t scene_bytes_of(const dem::BlockId& id) {
   const auto quads = static_cast<std::size_t>(dem::quads_per_side(id.level));
-  return (quads + 1) * (quads + 1) * (kSceneBytesPerVertex) + 2 * quads * quads * 15;
+  return (quads + 1) * (quads + 1) * kSceneBytesPerVertex + 2 * quads * quads * 15;
 }
 
 // Past this many blocks (a million quads per 256) a request is refused: TooMuchTerrain.
