@@ -16,11 +16,13 @@
 #define SELENOGRAPH_ENGINE_RAW_FACETS
 namespace selenograph::engine {
 
-// As they lie in the mesh, one triangle after the other. Its corners are (row 0, column 0), (row 0, column 1) and
-// (row 1, column 0), whichever half of a quad it is.
+// As they lie in the mesh, one triangle after the other. Rows and columns are the quad's, in order. The triangle's
+// corners are (row 0, column 0), (row 0, column 1) and (row 1, column 0) of its half of the quad: the upper half counts
+// from the other end.
 struct alignas(64) RawFacets {
   MeshVertex vertex[3][kPacket];
   MeshBlock::Turn rows[kPacket][2], columns[kPacket][2];
+  double upper[kPacket];  // 1 or 0
 };
 
 }  // namespace selenograph::engine
@@ -41,6 +43,11 @@ void PlaceVertices(const RawFacets& raw, Facets& out) {
     V sin_lat[2], cos_lat[2], sin_lon[2], cos_lon[2];
     hn::LoadInterleaved4(d, &raw.rows[i][0].sin, sin_lat[0], cos_lat[0], sin_lat[1], cos_lat[1]);
     hn::LoadInterleaved4(d, &raw.columns[i][0].sin, sin_lon[0], cos_lon[0], sin_lon[1], cos_lon[1]);
+    const auto upper = hn::Ne(hn::Load(d, raw.upper + i), hn::Zero(d));
+    for (V* ends : {sin_lat, cos_lat, sin_lon, cos_lon}) {
+      const V first = ends[0];
+      ends[0] = hn::IfThenElse(upper, ends[1], first), ends[1] = hn::IfThenElse(upper, first, ends[1]);
+    }
     const auto place = [&](int corner, int row, int column, double(*at)[kPacket], float(*normal)[kPacket]) {
       hn::Vec<decltype(f)> height, x, y, z;
       hn::LoadInterleaved4(f, &raw.vertex[corner][i].height_m, height, x, y, z);
@@ -65,28 +72,28 @@ HWY_EXPORT(PlaceVertices);
 
 namespace {
 
-// Where in its block's tables a triangle's corners are: bytes.
+// Where in its block's tables a triangle's quad and corners are: bytes.
 struct alignas(64) Places {
-  std::uint32_t row[2][kPacket], column[2][kPacket], vertex[3][kPacket];
+  std::uint32_t row[kPacket], column[kPacket], vertex[3][kPacket];
 };
 
 // Of triangles in blocks of the same side.
 SELENOGRAPH_VECTORISED
-void find_places(const TriangleId* ids, std::uint32_t side, Places& out) {
+void find_places(const TriangleId* ids, std::uint32_t side, Places& out, double* upper_half) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const std::uint32_t id = ids[i].packed();
     const std::uint32_t upper = id & 1, r = id >> 7 & 63, c = id >> 1 & 63;
     const std::uint32_t r0 = r + upper, r1 = r + 1 - upper, c0 = c + upper, c1 = c + 1 - upper;
     constexpr std::uint32_t kTurn = sizeof(MeshBlock::Turn), kVertex = sizeof(MeshVertex);
-    out.row[0][i] = kTurn * r0, out.row[1][i] = kTurn * r1;
-    out.column[0][i] = kTurn * c0, out.column[1][i] = kTurn * c1;
+    upper_half[i] = static_cast<double>(upper), out.row[i] = kTurn * r, out.column[i] = kTurn * c;
     out.vertex[0][i] = kVertex * (r0 * side + c0), out.vertex[1][i] = kVertex * (r0 * side + c1);
     out.vertex[2][i] = kVertex * (r1 * side + c0);
   }
 }
 
 // Lanes from first to past_last, all in one block.
+SELENOGRAPH_VECTORISED
 void copy_lanes(const MeshBlock& block, const Places& at, int first, int past_last, RawFacets& raw) {
   const auto* vertices = reinterpret_cast<const std::byte*>(block.vertices.data());
   const auto* rows = reinterpret_cast<const std::byte*>(block.rows.data());
@@ -94,10 +101,8 @@ void copy_lanes(const MeshBlock& block, const Places& at, int first, int past_la
   for (int i = first; i < past_last; ++i) {
     for (int k = 0; k < 3; ++k)
       std::memcpy(static_cast<void*>(&raw.vertex[k][i]), vertices + at.vertex[k][i], sizeof(MeshVertex));
-    for (int k = 0; k < 2; ++k) {
-      std::memcpy(&raw.rows[i][k], rows + at.row[k][i], sizeof(MeshBlock::Turn));
-      std::memcpy(&raw.columns[i][k], columns + at.column[k][i], sizeof(MeshBlock::Turn));
-    }
+    std::memcpy(raw.rows[i], rows + at.row[i], sizeof raw.rows[i]);
+    std::memcpy(raw.columns[i], columns + at.column[i], sizeof raw.columns[i]);
   }
 }
 
@@ -118,7 +123,7 @@ void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
     if (block.on_border(ids[i].r(), ids[i].c())) collapsed |= 1U << i;
   };
   const MeshBlock& first = mesh.blocks()[ids[0].block()];
-  find_places(ids, static_cast<std::uint32_t>(first.side), at);
+  find_places(ids, static_cast<std::uint32_t>(first.side), at, raw.upper);
   // Most packets are, and then nothing keeps the lanes from being fetched at once.
   if (in_one_block(ids)) {
     copy_lanes(first, at, 0, kPacket, raw);
@@ -127,7 +132,7 @@ void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
     int side = first.side;
     for (int i = 0; i < kPacket; ++i) {
       const MeshBlock& block = mesh.blocks()[ids[i].block()];
-      if (block.side != side) find_places(ids, static_cast<std::uint32_t>(side = block.side), at);
+      if (block.side != side) find_places(ids, static_cast<std::uint32_t>(side = block.side), at, raw.upper);
       copy_lanes(block, at, i, i + 1, raw);
       if (block.collapses) note(block, i);
     }

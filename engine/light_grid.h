@@ -36,7 +36,7 @@ class LightGrid {
   bool in_night(const NodeBounds& bounds) const;
   std::pair<int, int> cells(double low, double high, double origin, double size) const;
 
-  static constexpr int kSide = 256;
+  static constexpr int kSide = 128;
   Vec3 sun_, u_, v_;
   Extent all_;
   std::vector<Receiver> receivers_;

@@ -15,12 +15,16 @@ NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m) {
   const double west = dem::lon_deg_of(e.lon0) * kRadians, east = dem::lon_deg_of(e.lon1()) * kRadians;
   NodeBounds b;
   b.low_m = low_m, b.high_m = high_m;
+  double cos_lon[3], sin_lon[3];
+  for (int i = 0; i < 3; ++i) {
+    const double lon = west + (east - west) * i / 2;
+    cos_lon[i] = std::cos(lon), sin_lon[i] = std::sin(lon);
+  }
   std::size_t n = 0;
   for (int j = 0; j < 3; ++j) {
     const double lat = south + (north - south) * j / 2, cos_lat = std::cos(lat), sin_lat = std::sin(lat);
     for (int i = 0; i < 3; ++i) {
-      const double lon = west + (east - west) * i / 2;
-      const Vec3 up(cos_lat * std::cos(lon), cos_lat * std::sin(lon), sin_lat);
+      const Vec3 up(cos_lat * cos_lon[i], cos_lat * sin_lon[i], sin_lat);
       b.points[n++] = up * (kMoonRadius_m + low_m);
       b.points[n++] = up * (kMoonRadius_m + high_m);
     }

@@ -169,7 +169,10 @@ template <Shape shape>
 void PixelStore::aim_shape(int x, int y, const Layer& layer, const PixelRays* rays, Rays& out) const {
   constexpr int kAcross = across(shape);
   const Camera& camera = request_.camera;
-  for (int i = 0; i < kPacket; ++i) out.valid[i] = x + i % kAcross < camera.width && y + i / kAcross < camera.height;
+  if (x + kAcross <= camera.width && y + kPacket / kAcross <= camera.height)
+    std::fill_n(out.valid, kPacket, true);
+  else
+    for (int i = 0; i < kPacket; ++i) out.valid[i] = x + i % kAcross < camera.width && y + i / kAcross < camera.height;
   if (linear_) {
     linear_rays<shape>(first_.data(), right_.data(), down_.data(), view_.position().data(), x + layer.dx, y + layer.dy,
                        out);

@@ -1,9 +1,7 @@
 // What sixteen pixels go through whichever way they are seen: where they look, how they are lit, where it is stored.
 #pragma once
 
-#include <bit>
 #include <cstdint>
-#include <cstring>
 #include <mutex>
 #include <vector>
 
@@ -38,17 +36,6 @@ struct alignas(64) Shading {
   double mu0[kPacket], mu[kPacket];  // cosines of incidence and emission
   Vec3 normal(int i) const { return {nx[i], ny[i], nz[i]}; }
 };
-
-inline std::uint32_t hit_bits(const SurfacePoints& points) {
-  // Eight bools at a time: each is a byte of 0 or 1, and the product moves them next to each other into the top byte.
-  static_assert(sizeof(bool) == 1 && kPacket == 16);
-  const auto eight = [](const bool* hit) {
-    std::uint64_t bytes;
-    std::memcpy(&bytes, hit, sizeof bytes);
-    return static_cast<std::uint32_t>(bytes * 0x0102040810204080U >> 56);
-  };
-  return eight(points.hit) | eight(points.hit + 8) << 8;
-}
 
 class PixelStore {
  public:

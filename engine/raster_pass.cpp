@@ -27,6 +27,7 @@ static_assert(kWide % kPacket == 0 && kLensSide % kPacket == 0, "lanes beyond a 
 constexpr float kNear_m = 0.01F;
 constexpr double kFar_m = 500e3;
 constexpr float kSlack_px = 0.05F;
+constexpr double kEdge = 1e-5;  // share of a triangle that counts as its edge, where light is looked at in double
 
 // The first `inside` lanes have a triangle, or none. In whole vectors: what is stored in pieces and then loaded whole
 // waits until all stores before it are through.
@@ -45,19 +46,16 @@ void take_triangles(const std::uint32_t* ids, int inside, SurfacePoints& points)
   std::memcpy(points.hit, hit, sizeof hit);
 }
 
+// Where a point is lit as far as it is alone with the Sun. Returns whether all lanes are, with none within a share
+// `kEdge` of its triangle's edges.
 SELENOGRAPH_VECTORISED
-void lit_lanes(const bool* hit, const Shading& shading, const std::int32_t* facing, float* lit) {
+bool lit_lanes(const SurfacePoints& p, const Shading& shading, const std::int32_t* facing, float* lit) {
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) lit[i] = hit[i] && facing[i] && shading.mu0[i] > 0 ? 1.F : 0.F;
-}
-
-// Whether all lanes are lit, and none lies within a share `edge` of its triangle's edges.
-SELENOGRAPH_VECTORISED
-bool none_at_edges(const SurfacePoints& p, const float* lit, double edge) {
+  for (int i = 0; i < kPacket; ++i) lit[i] = p.hit[i] && facing[i] && shading.mu0[i] > 0 ? 1.F : 0.F;
   int some = 0;
   for (int i = 0; i < kPacket; ++i)
-    some |= (lit[i] > 0 ? 0 : 1) | (p.v[i] <= edge ? 1 : 0) | (p.w[i] <= edge ? 1 : 0) |
-            (1 - p.v[i] - p.w[i] <= edge ? 1 : 0);
+    some |= (lit[i] > 0 ? 0 : 1) | (p.v[i] <= kEdge ? 1 : 0) | (p.w[i] <= kEdge ? 1 : 0) |
+            (1 - p.v[i] - p.w[i] <= kEdge ? 1 : 0);
   return some == 0;
 }
 
@@ -329,10 +327,9 @@ class RasterPass {
     store_.aim(Shape::row, tile.x0 + x, tile.y0 + y, layer, bends_ ? &layer_rays : nullptr, rays);
     SurfacePoints points;
     take_triangles(ids, std::min(kPacket, tile.width - x), points);
-    const bool any = std::find(points.hit, points.hit + kPacket, true) != points.hit + kPacket;
     prefetch_next(ids + kPacket);
     Facets facets;
-    if (any) refine(store_.mesh(), rays, points, facets);
+    refine(store_.mesh(), rays, points, facets);
     const std::uint32_t hits = hit_bits(points);
     const bool all = hits == 0xffff;
     if (counts && !all) {
@@ -385,20 +382,19 @@ class RasterPass {
       disc_->faced_by(points, facing);
     else
       facing_sun(points, request_.sun.direction, facing);
-    lit_lanes(points.hit, shading, facing, lit);
-    add_samples(points, facing, first_pixel, lit, samples);
+    const bool plain = lit_lanes(points, shading, facing, lit);
+    add_samples(points, facing, first_pixel, lit, plain, samples);
   }
 
-  // Samples of the lit lanes. On an edge of its triangle float can't tell a ridge, whose far side lies beneath the
-  // point, from a crease, where it rises above it: there double looks whether the Sun's ray goes into the ground at
-  // once, and the sample is taken that little way up the ray.
+  // Samples of the lit lanes. `plain`: all are lit, none is on an edge of its triangle. There float can't tell a ridge,
+  // whose far side lies beneath the point, from a crease, where it rises above it: double looks whether the Sun's ray
+  // goes into the ground at once, and the sample is taken that little way up the ray.
   void add_samples(const SurfacePoints& p, const std::int32_t* facing, std::uint32_t first_pixel, float* lit,
-                   LightSamples& samples) const {
-    constexpr double kEdge = 1e-5;
+                   bool plain, LightSamples& samples) const {
     constexpr float kStep_m = 0.01F;
     LightLanes lanes;
     shadows_->place(p, lanes);
-    if (none_at_edges(p, lit, kEdge)) {
+    if (plain) {
       if (disc_) samples.add_faces(facing);
       samples.add_all(lanes, first_pixel);
       return;

@@ -17,9 +17,9 @@ constexpr double kOnEdge = 1e-9;
 constexpr double kBlur = 1e-3;
 
 // Plane and ray, per lane: P = o + t d, weights v and w of b and c. A ray from below gets a distance of -1. off: 1
-// where that isn't on the triangle, else 0.
+// where that isn't on the triangle though the lane has one, else 0. Returns whether any is.
 SELENOGRAPH_VECTORISED
-void meet_all(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+bool meet_all(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double bx = t.b[0][i] - t.a[0][i], by = t.b[1][i] - t.a[1][i], bz = t.b[2][i] - t.a[2][i];
@@ -42,12 +42,8 @@ void meet_all(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t*
     const bool on = seen > 0 && v >= -kOnEdge && w >= -kOnEdge && v + w <= 1 + kOnEdge;
     off[i] = on ? 0 : 1;
   }
-}
-
-SELENOGRAPH_VECTORISED
-bool any_of(const std::int64_t* off, const bool* hit) {
   std::int64_t any = 0;
-  for (int i = 0; i < kPacket; ++i) any |= off[i] & static_cast<std::int64_t>(hit[i]);
+  for (int i = 0; i < kPacket; ++i) any |= off[i] &= static_cast<std::int64_t>(p.hit[i]);
   return any != 0;
 }
 
@@ -183,13 +179,12 @@ void correct(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
 
 void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets) {
   // An empty mesh has not even a triangle for the lanes without a hit.
-  if (std::find(points.hit, points.hit + kPacket, true) == points.hit + kPacket) return;
+  if (hit_bits(points) == 0) return;
   gather(mesh, points.triangle, facets);
   alignas(64) std::int64_t off[kPacket];
-  meet_all(facets, rays, points, off);
-  if (!any_of(off, points.hit)) return;
+  if (!meet_all(facets, rays, points, off)) return;
   for (int i = 0; i < kPacket; ++i)
-    if (points.hit[i] && off[i]) correct(mesh, rays, i, points);
+    if (off[i]) correct(mesh, rays, i, points);
   gather(mesh, points.triangle, facets);
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <cstring>
 
 #include "engine/facets.h"
 
@@ -31,6 +32,18 @@ struct alignas(64) SurfacePoints {
   Vec3 position(int i) const { return {x[i], y[i], z[i]}; }
   Vec3 facing(int i) const { return {nx[i], ny[i], nz[i]}; }
 };
+
+// A bit for each lane that hits.
+inline std::uint32_t hit_bits(const SurfacePoints& points) {
+  // Eight bools at a time: each is a byte of 0 or 1, and the product moves them next to each other into the top byte.
+  static_assert(sizeof(bool) == 1 && kPacket == 16);
+  const auto eight = [](const bool* hit) {
+    std::uint64_t bytes;
+    std::memcpy(&bytes, hit, sizeof bytes);
+    return static_cast<std::uint32_t>(bytes * 0x0102040810204080U >> 56);
+  };
+  return eight(points.hit) | eight(points.hit + 8) << 8;
+}
 
 // Where hit[i] and triangle[i] are set: the ray's point on that triangle, or on its neighbour where float rounding
 // chose the wrong side of an edge. Takes the hit back when the ray meets the surface from below (it came through a hole

@@ -23,7 +23,12 @@ HeapTrim::HeapTrim(std::function<std::size_t()> held_bytes, std::size_t slack_by
     : held_bytes_(std::move(held_bytes)),
       slack_bytes_(slack_bytes),
       start_bytes_(resident_bytes()),
-      thread_([this] { run(); }) {}
+      thread_([this] { run(); }) {
+  // What a frame gives back, the next one takes: going through the system and its zeroed pages in between costs half a
+  // millisecond of 20.
+  ::mallopt(M_MMAP_THRESHOLD, 64 << 20);
+  ::mallopt(M_TRIM_THRESHOLD, 512 << 20);
+}
 
 HeapTrim::~HeapTrim() {
   {
