@@ -33,10 +33,14 @@ inline bool meets_datum(double outside, double a, double b) {
   return outside <= 0 || (b < 0 && b * b - a * outside >= 0);
 }
 
-// Whether the solid inside of the Moon (below all relief) stands between a place and the Sun; `along`: place . Sun.
-inline bool by_night(double x, double y, double z, double along) {
+// More than 0 where a triangle faces the Sun and the solid inside of the Moon (below all relief) isn't in between; for
+// loops over lanes: one number chosen by another becomes vectors, `and` doesn't.
+inline double toward_sun(const SurfacePoints& p, int i, double sx, double sy, double sz) {
   constexpr double kCore2 = (kMoonRadius_m + dem::kLowestRelief_m) * (kMoonRadius_m + dem::kLowestRelief_m);
-  return along < 0 && x * x + y * y + z * z - along * along < kCore2;
+  const double x = p.x[i], y = p.y[i], z = p.z[i], along = x * sx + y * sy + z * sz;
+  const double off_axis2 = x * x + y * y + z * z - along * along, behind2 = along < 0 ? off_axis2 : kCore2;
+  const double toward = p.nx[i] * sx + p.ny[i] * sy + p.nz[i] * sz;
+  return behind2 < kCore2 ? 0 : toward;
 }
 
 // Per lane: entry into the sphere (or the start, inside of it), relative to the anchor, in float. `active` where there
@@ -74,8 +78,6 @@ void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, 
     const double x = p.x[i], y = p.y[i], z = p.z[i], nx = p.nx[i], ny = p.ny[i], nz = p.nz[i];
     const double area = std::sqrt(nx * nx + ny * ny + nz * nz), facing = nx * sx + ny * sy + nz * sz;
     const double steepness = facing / area;
-    const double along = x * sx + y * sy + z * sz;
-    const bool night = by_night(x, y, z, along);
     // Next to the anchor the triangle's vertices are farther from it than the point.
     const double rx = x - ax, ry = y - ay, rz = z - az,
                  size = std::abs(rx) + std::abs(ry) + std::abs(rz) + 4 * std::sqrt(area),
@@ -84,7 +86,7 @@ void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, 
     packet.ox[i] = static_cast<float>(rx), packet.oy[i] = static_cast<float>(ry), packet.oz[i] = static_cast<float>(rz);
     packet.dx[i] = static_cast<float>(sx), packet.dy[i] = static_cast<float>(sy), packet.dz[i] = static_cast<float>(sz);
     packet.near[i] = static_cast<float>(rounding / (steepness > 1.0 / 64 ? steepness : 1.0 / 64));
-    packet.active[i] = facing > 0 && !night ? -1 : 0;
+    packet.active[i] = toward_sun(p, i, sx, sy, sz) > 0 ? -1 : 0;
   }
 }
 
@@ -92,11 +94,7 @@ void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, 
 SELENOGRAPH_VECTORISED
 void face_the_sun(const SurfacePoints& p, double sx, double sy, double sz, std::int32_t* facing) {
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) {
-    const double x = p.x[i], y = p.y[i], z = p.z[i], along = x * sx + y * sy + z * sz;
-    const bool night = by_night(x, y, z, along);
-    facing[i] = p.nx[i] * sx + p.ny[i] * sy + p.nz[i] * sz > 0 && !night ? 1 : 0;
-  }
+  for (int i = 0; i < kPacket; ++i) facing[i] = toward_sun(p, i, sx, sy, sz) > 0 ? 1 : 0;
 }
 
 }  // namespace
