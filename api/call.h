@@ -4,6 +4,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "api/assets.h"
 #include "api/json_reader.h"
 #include "api/service.h"
 #include "engine/renderer.h"
@@ -13,6 +14,7 @@ namespace selenograph::api {
 struct CallContext {
   const engine::Renderer& renderer;
   const Limits& limits;
+  const Assets& assets;
   const Request& request;
   engine::StopToken stop;
 };

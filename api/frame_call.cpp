@@ -105,7 +105,7 @@ std::string choose_within_budget(FrameCall& call, const CallContext& context) {
 
 Response frame_call(const CallContext& context) {
   const Clock::time_point start = Clock::now();
-  FrameCall call = read_frame(json_body(context), context.limits);
+  FrameCall call = read_frame(json_body(context), context.limits, context.assets);
   const Representation& representation = negotiate(header(context.request, "accept"), call.request.products);
   const std::string budget = choose_within_budget(call, context);
   const std::string hash = content_hash(call, context.renderer.terrain().catalogue().fingerprint(), representation);

@@ -1,10 +1,13 @@
 #include "api/frame_json.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
 #include "api/arrays.h"
 #include "api/ranges.h"
+#include "api/surface_json.h"
 
 namespace selenograph::api {
 namespace {
@@ -27,24 +30,6 @@ engine::ProductSet read_products(const JsonReader& in) {
     products |= *product;
   });
   return products;
-}
-
-engine::Reflectance read_reflectance(const JsonReader& in) {
-  engine::Reflectance reflectance;
-  if (!in.object({"model", "lommel_seeliger_weight", "rho"})) return reflectance;
-  reflectance.model = in.word("model", Words<engine::ReflectanceModel>(kReflectanceModels), reflectance.model);
-  reflectance.rho = in.number("rho", kUnitInterval, reflectance.rho);
-  reflectance.lommel_seeliger_weight =
-      in.number("lommel_seeliger_weight", kUnitInterval, reflectance.lommel_seeliger_weight);
-  if (reflectance.model != engine::ReflectanceModel::lunar && in.has("lommel_seeliger_weight")) {
-    in.fail("lommel_seeliger_weight", "belongs to the model \"lunar\"");
-  }
-  return reflectance;
-}
-
-engine::Reflectance read_surface(const JsonReader& in) {
-  if (!in.object({"reflectance"}) || !in.has("reflectance")) return {};
-  return read_reflectance(in.at("reflectance"));
 }
 
 // A budget chooses what it would exclude otherwise.
@@ -84,6 +69,54 @@ engine::ImageSettings read_image(const JsonReader& in) {
   return image;
 }
 
+// Either a rectangle or a curve.
+std::optional<engine::Band> read_band(const JsonReader& in) {
+  if (!in.object({"center_um", "width_um", "response"})) return std::nullopt;
+  const std::string_view form = in.alternative({"center_um", "response"}, true);
+  if (form.empty()) return std::nullopt;
+  if (form == "response" && in.has("width_um")) in.fail("width_um", "belongs to \"center_um\", not to \"response\"");
+  std::vector<engine::ResponsePoint> curve;
+  if (form == "response")
+    in.at("response").elements(2, kMaxResponsePoints, [&](const JsonReader& point) {
+      std::vector<double> pair;
+      point.elements(
+          2, 2, [&](const JsonReader& x) { pair.push_back(x.number(pair.empty() ? kWavelength_um : kUnitInterval)); });
+      if (pair.size() == 2) curve.push_back({pair[0], pair[1]});
+    });
+  const double center_um = form == "response" ? 1 : in.number("center_um", kWavelength_um),
+               width_um = form == "response" ? 1 : in.number("width_um", kWavelength_um);
+  if (!in.good()) return std::nullopt;
+  if (form != "response" && !kWavelength_um.contains(center_um + width_um / 2))
+    in.fail("width_um", fmt::format("the band must end at {} um or before", kWavelength_um.max));
+  try {
+    return form == "response" ? engine::Band(std::move(curve)) : engine::Band(center_um, width_um);
+  } catch (const std::invalid_argument& e) {
+    in.fail(form == "response" ? form : "width_um", e.what());
+    return std::nullopt;
+  }
+}
+
+void read_atmosphere(const JsonReader& in, const Assets& assets, FrameCall& call) {
+  if (!in.object({"name"})) return;
+  if (!in.has("name")) return in.fail("name", "is required");
+  const JsonReader named = in.at("name");
+  const std::optional<std::string> name = named.text();
+  if (!name) return;
+  call.request.atmosphere = assets.atmosphere(*name);
+  if (call.request.atmosphere) {
+    call.atmosphere_name = *name;
+    try {
+      if (call.request.band) call.request.atmosphere->over(*call.request.band, 0);
+    } catch (const std::invalid_argument& e) {
+      in.fail(e.what());
+    }
+    return;
+  }
+  std::string known;
+  for (const std::string& other : assets.names("atmospheres")) known += (known.empty() ? "" : ", ") + other;
+  named.fail("no such atmosphere; the service has " + (known.empty() ? "none" : known));
+}
+
 void require_sun(const JsonReader& in, engine::ProductSet products) {
   for (const ProductName& row : product_names()) {
     if (!(products & kNeedsSun & row.product)) continue;
@@ -92,16 +125,23 @@ void require_sun(const JsonReader& in, engine::ProductSet products) {
   }
 }
 
-FrameCall read_members(const JsonReader& in, const Limits& limits) {
+FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets& assets) {
   FrameCall call;
   engine::FrameRequest& request = call.request;
-  if (!in.object({"camera", "pose", "sun", "surface", "accuracy", "image", "visibility", "products"})) return call;
+  if (!in.object(
+          {"camera", "pose", "sun", "surface", "band", "atmosphere", "accuracy", "image", "visibility", "products"}))
+    return call;
   for (const std::string_view name : {"camera", "pose"}) {
     if (!in.has(name)) in.fail(name, "is required");
   }
   if (in.has("camera")) request.camera = read_camera(in.at("camera"), limits);
   if (in.has("pose")) request.pose = read_pose(in.at("pose"));
-  if (in.has("surface")) request.reflectance = read_surface(in.at("surface"));
+  if (in.has("surface")) read_surface(in.at("surface"), request);
+  if (in.has("band")) request.band = read_band(in.at("band"));
+  if (in.has("atmosphere")) {
+    if (!in.has("band")) in.fail("atmosphere", "needs a \"band\"");
+    read_atmosphere(in.at("atmosphere"), assets, call);
+  }
   if (in.has("accuracy")) {
     request.accuracy = read_accuracy(in.at("accuracy"), limits);
     if (in.at("accuracy").value().is_object()) call.budget_ms = read_budget(in.at("accuracy"));
@@ -141,16 +181,10 @@ OrderedJson pose_json(const engine::Pose& pose) {
           {"axes", "opencv"}};
 }
 
-OrderedJson reflectance_json(const engine::Reflectance& reflectance) {
-  OrderedJson json;
-  for (const auto& [name, model] : kReflectanceModels) {
-    if (model == reflectance.model) json["model"] = name;
-  }
-  if (reflectance.model == engine::ReflectanceModel::lunar) {
-    json["lommel_seeliger_weight"] = reflectance.lommel_seeliger_weight;
-  }
-  json["rho"] = reflectance.rho;
-  return json;
+OrderedJson band_json(const engine::Band& band) {
+  OrderedJson curve = OrderedJson::array();
+  for (const engine::ResponsePoint& p : band.response()) curve.push_back({p.wavelength_um, p.response});
+  return {{"response", curve}};
 }
 
 OrderedJson image_json(const engine::ImageSettings& image) {
@@ -166,9 +200,9 @@ std::string_view visibility_name(engine::Visibility visibility) {
   return "";
 }
 
-FrameCall read_frame(const Json& body, const Limits& limits) {
+FrameCall read_frame(const Json& body, const Limits& limits, const Assets& assets) {
   Findings findings;
-  const FrameCall call = read_members(JsonReader(body, findings), limits);
+  const FrameCall call = read_members(JsonReader(body, findings), limits, assets);
   findings.throw_if_any();
   return call;
 }
@@ -181,7 +215,9 @@ OrderedJson resolved_json(const FrameCall& call) {
                    {"distance_au", request.sun.distance_au},
                    {"angular_radius_deg", request.sun.angular_radius_deg}};
   }
-  json["surface"] = {{"reflectance", reflectance_json(request.reflectance)}};
+  json["surface"] = surface_json(request);
+  if (request.band) json["band"] = band_json(*request.band);
+  if (request.atmosphere) json["atmosphere"] = {{"name", call.atmosphere_name}};
   json["visibility"] = visibility_name(request.visibility);
   json["accuracy"] = {{"max_error_px", request.accuracy.max_error_px},
                       {"samples_per_pixel", request.accuracy.samples_per_pixel},

@@ -10,6 +10,7 @@
 #include <string_view>
 #include <utility>
 
+#include "api/assets.h"
 #include "api/json_reader.h"
 #include "engine/ephemeris.h"
 #include "engine/frame.h"
@@ -34,12 +35,6 @@ inline constexpr std::pair<std::string_view, engine::Visibility> kVisibilities[]
     {"raytrace", engine::Visibility::raytrace}};
 std::string_view visibility_name(engine::Visibility visibility);
 
-inline constexpr std::pair<std::string_view, engine::ReflectanceModel> kReflectanceModels[] = {
-    {"lambert", engine::ReflectanceModel::lambert},
-    {"lommel_seeliger", engine::ReflectanceModel::lommel_seeliger},
-    {"lunar", engine::ReflectanceModel::lunar},
-};
-
 // Products that can't be made without a Sun.
 inline constexpr engine::ProductSet kNeedsSun = engine::kImage | engine::kRadiance | engine::kAngles | engine::kLit;
 
@@ -47,11 +42,12 @@ struct FrameCall {
   engine::FrameRequest request;
   // Time for which the accuracy is to be chosen; empty: `request.accuracy` was given or is the default.
   std::optional<double> budget_ms;
-  bool sun_given = false;  // false: no product needs one, request.sun means nothing
+  std::string atmosphere_name;  // that request.atmosphere was found by
+  bool sun_given = false;       // false: no product needs one, request.sun means nothing
 };
 
 // Throws RequestError("invalid_request") with every fault found.
-FrameCall read_frame(const Json& body, const Limits& limits);
+FrameCall read_frame(const Json& body, const Limits& limits, const Assets& assets = Assets());
 
 // The parts, for calls that take a camera, a pose or a Sun on their own. Faults go to the reader's findings.
 engine::Camera read_camera(const JsonReader& in, const Limits& limits);

@@ -22,11 +22,21 @@ OrderedJson sources_json(const engine::FrameReport& report) {
   return sources;
 }
 
-OrderedJson irradiance_json(const engine::FrameReport& report) {
-  return {{"value_w_m2", report.solar_irradiance_w_m2},
-          {"band", "all wavelengths"},
-          {"source", fmt::format("{} W m-2 at 1 au (IAU 2015 resolution B3, after Kopp & Lean 2011), times 1/r^2",
-                                 engine::kSolarConstant_w_m2)}};
+// E_sun tau of eq. (2).
+OrderedJson irradiance_json(const engine::FrameRequest& request, const engine::FrameReport& report) {
+  if (!request.band)
+    return {{"value_w_m2", report.radiance.direct_w_m2},
+            {"band", "all wavelengths"},
+            {"source", fmt::format("{} W m-2 at 1 au (IAU 2015 resolution B3, after Kopp & Lean 2011), times 1/r^2",
+                                   engine::kSolarConstant_w_m2)}};
+  return {
+      {"value_w_m2", report.radiance.direct_w_m2},
+      {"band", fmt::format("centre {:.6g} um, width {:.6g} um", request.band->center_um(), request.band->width_um())},
+      {"source", request.atmosphere
+                     ? "the atmosphere's table: E_sun tau, times 1/r^2"
+                     : fmt::format("ASTM E-490-00a (2000), 1 nm to 2 nm resolution below 2.5 um, scaled to {} W m-2 at "
+                                   "1 au, times 1/r^2",
+                                   engine::kSolarConstant_w_m2)}};
 }
 
 std::string compact(const OrderedJson& json) { return json.dump(-1, ' ', true, OrderedJson::error_handler_t::replace); }
@@ -44,6 +54,7 @@ std::string content_hash(const FrameCall& call, std::uint64_t terrain_fingerprin
                          const Representation& representation) {
   const OrderedJson what{{"request", resolved_json(call)},
                          {"terrain", hex(terrain_fingerprint)},
+                         {"atmosphere", hex(Assets::fingerprint(call.request.atmosphere.get()))},
                          {"version", software_version()},
                          {"representation", representation.media_type}};
   const std::string text = what.dump();
@@ -62,27 +73,46 @@ std::string_view normalisation(engine::ReflectanceModel model) {
       return "f_r = rho / pi (SENSOR++ eq. 4), per steradian; radiance = E_sun * mu0 * f_r * lit";
     case engine::ReflectanceModel::lommel_seeliger:
       return "f_r = rho / (2 pi) / (mu0 + mu) (SENSOR++ eq. 10 as printed), per steradian; radiance = E_sun * mu0 * "
-             "f_r * "
-             "lit; a quarter of Lambert's at mu0 = mu = 1";
+             "f_r * lit; a quarter of Lambert's at mu0 = mu = 1";
     case engine::ReflectanceModel::lunar:
       return "f_r = w * rho / (2 pi) / (mu0 + mu) + (1 - w) * rho / pi, w = lommel_seeliger_weight (SENSOR++ 3.1, eqs. "
-             "10 and "
-             "4), per steradian; radiance = E_sun * mu0 * f_r * lit";
+             "10 and 4), per steradian; radiance = E_sun * mu0 * f_r * lit";
+    case engine::ReflectanceModel::blinn_phong:
+      return "f_r = rho / (8 pi) * (p + 4) (p + 2) / (p + 2^(-p/2)) * (n.h)^p, p = shininess, h halfway between Sun "
+             "and "
+             "camera (SENSOR++ eq. 11), per steradian; radiance = E_sun * mu0 * f_r * lit; reflects at most rho of "
+             "what arrives, exactly rho from the zenith";
+    case engine::ReflectanceModel::lunar_lambert:
+      return "f_r = rho / pi * (2 L / (mu0 + mu) + 1 - L), L = limb_darkening, or, left out, 1 - 0.019 g + 0.242e-3 "
+             "g^2 "
+             "- 1.46e-6 g^3 of the phase angle g in degrees, not below 0 (McEwen 1991, 1996), per steradian; radiance "
+             "= E_sun * mu0 * f_r * lit; equal to Lambert at mu0 = mu = 1, four times lommel_seeliger for L = 1: rho "
+             "is a normal albedo";
+    case engine::ReflectanceModel::hapke:
+      return "f_r = w / (4 pi) / (mu0' + mu') * ((1 + B(g)) p(g) + H(mu0') H(mu') - 1) * S * mu0' / mu0, H(x) = (1 + "
+             "2x) / (1 + 2x sqrt(1 - w)), B(g) = b0 / (1 + tan(g/2) / h), mu0', mu' and S of roughness theta_bar "
+             "(Hapke 1981, 1984), per steradian: Hapke's bidirectional reflectance is mu0 f_r, I/F is pi mu0 f_r; "
+             "radiance = E_sun * mu0 * f_r * lit";
   }
   return "";
 }
 
 std::string_view normalisation_elsewhere() {
-  return "Tools differ by factors of 2, 4 and pi in what they call Lommel-Seeliger. Compare before comparing "
+  return "Tools differ by factors of 2, 4 and pi in what they call by the same name. Compare before comparing "
          "radiances:\n"
-         "- here (SENSOR++ eq. 10): `f_r = rho/(2 pi) / (mu0 + mu)`; at mu0 = mu = 1 it is rho/(4 pi), a quarter of "
-         "Lambert's "
-         "rho/pi;\n"
+         "- Lommel-Seeliger here (SENSOR++ eq. 10): `f_r = rho/(2 pi) / (mu0 + mu)`; at mu0 = mu = 1 it is rho/(4 pi), "
+         "a quarter of Lambert's rho/pi;\n"
          "- Hapke, with an isotropic phase function and without multiple scattering: `f_r = w/(4 pi) / (mu0 + mu)`, "
-         "half of "
-         "ours for rho = w;\n"
-         "- lunar-Lambert as in McEwen (1991) and ISIS: `I/F = A (2 L mu0/(mu0 + mu) + (1 - L) mu0)`, that is "
-         "`f_r = 2 A L/pi / (mu0 + mu) + ...`, equal to Lambert at mu0 = mu = 1 and four times ours for rho = A;\n"
+         "half of `lommel_seeliger` for rho = w;\n"
+         "- lunar-Lambert in ISIS's photomet is divided by its own value at mu0 = mu = 1 where an albedo is asked for, "
+         "and Hapke there is the radiance factor I/F = pi mu0 f_r;\n"
+         "- lunar-Lambert elsewhere is also written `A (L mu0/(mu0 + mu) + (1 - L) mu0)`, without the 2: half of ours "
+         "for "
+         "L = 1;\n"
+         "- Hapke's double Henyey-Greenstein function has its lobes' weights as (1 + c)/2 and (1 - c)/2 here (Hapke "
+         "2012), as c and 1 - c in ISIS (Hg2) and in Hapke 1993, and either sign of b for backward;\n"
+         "- Blinn-Phong in graphics is normalised by (p + 8)/(8 pi) (an approximation) or (p + 2)/(2 pi), or not at "
+         "all: eq. 11's factor is exact for a Sun in the zenith;\n"
          "- tools that answer I/F (radiance factor) are a factor of pi above the f_r * mu0 of their own equation.";
 }
 
@@ -93,7 +123,10 @@ OrderedJson metadata(const FrameCall& call, const engine::FrameReport& report, c
                    {"request", resolved_json(call)}};
   if (call.sun_given) {
     meta["reflectance"] = {{"normalisation", normalisation(call.request.reflectance.model)}};
-    meta["solar_irradiance"] = irradiance_json(report);
+  }
+  if (products & (engine::kImage | engine::kRadiance)) {
+    meta["solar_irradiance"] = irradiance_json(call.request, report);
+    meta["radiance_terms"] = report.radiance.names();
   }
   if (products & engine::kImage) meta["full_scale_radiance_w_m2_sr"] = report.full_scale_radiance_w_m2_sr;
   meta["visibility"] = visibility_name(report.visibility);

@@ -5,6 +5,7 @@
 #include "api/openapi.h"
 #include "api/ranges.h"
 #include "api/round_trip_json.h"
+#include "api/surface_json.h"
 
 namespace selenograph::api {
 namespace {
@@ -252,19 +253,59 @@ std::string reflectance_description() {
   return out + "\n\n" + std::string(normalisation_elsewhere());
 }
 
-void add_surface(OrderedJson& schemas) {
+// Members of other models are refused; the model that is left out is the default.
+OrderedJson only_its_own(engine::ReflectanceModel model) {
   const engine::Reflectance fallback;
-  OrderedJson reflectance = closed(
-      "", {{"model", with(words(kReflectanceModels, "which BRDF"), "default", "lunar")},
-           {"lommel_seeliger_weight",
-            number(kUnitInterval, "w of the model `lunar`, refused with the others", fallback.lommel_seeliger_weight)},
-           {"rho", number(kUnitInterval, "rho of the equations", fallback.rho)}});
+  OrderedJson is_it{{"properties", {{"model", {{"const", name_of(model)}}}}}};
+  if (model != fallback.model) is_it["required"] = {"model"};
+  OrderedJson foreign = OrderedJson::array();
+  const auto refuse = [&](std::string_view name) { foreign.push_back({{"required", {name}}}); };
+  for (const ReflectanceMember& member : reflectance_members())
+    if (!member.belongs_to(model)) refuse(member.name);
+  if (model != engine::ReflectanceModel::lunar_lambert) refuse("limb_darkening");
+  if (model != engine::ReflectanceModel::hapke) refuse("phase_function");
+  OrderedJson then{{"not", {{"anyOf", foreign}}}};
+  if (model == engine::ReflectanceModel::lunar_lambert)
+    then["properties"] = {{"rho", {{"maximum", kLunarLambertMaxRho}}}};
+  return {{"if", is_it}, {"then", then}};
+}
+
+void add_surface(OrderedJson& schemas) {
+  engine::Reflectance fallback;
+  OrderedJson reflectance =
+      closed("", {{"model", with(words(kReflectanceModels, "which BRDF"), "default", name_of(fallback.model))}});
+  for (const ReflectanceMember& member : reflectance_members())
+    reflectance["properties"][std::string(member.name)] = number(member.range, member.description, member.of(fallback));
+  reflectance["properties"]["limb_darkening"] =
+      number(kUnitInterval, "L of `lunar_lambert`; left out: McEwen's function of the phase angle");
+  reflectance["properties"]["phase_function"] =
+      with(words(kPhaseFunctions,
+                 "of `hapke`: 1 + b cos g + c (3 cos^2 g - 1)/2, or two lobes of width b, weighted by c; "
+                 "negative nowhere"),
+           "default", kPhaseFunctions[0].first);
   reflectance["description"] = reflectance_description();
-  const OrderedJson unweighted{{"properties", {{"model", {{"enum", {"lambert", "lommel_seeliger"}}}}}},
-                               {"required", {"model"}}};
-  reflectance["if"] = unweighted;
-  reflectance["then"] = none_of({"lommel_seeliger_weight"});
+  reflectance["allOf"] = OrderedJson::array();
+  for (const auto& [name, model] : kReflectanceModels) reflectance["allOf"].push_back(only_its_own(model));
   schemas["Reflectance"] = reflectance;
+}
+
+void add_band(OrderedJson& schemas) {
+  OrderedJson point{{"type", "array"},
+                    {"prefixItems", {number(kWavelength_um, "um"), number(kUnitInterval, "response")}},
+                    {"minItems", 2},
+                    {"maxItems", 2}};
+  OrderedJson curve = list(point, kMaxResponsePoints,
+                           "[wavelength in um, response] at rising wavelengths; linear in between, 0 outside");
+  curve["minItems"] = 2;
+  OrderedJson band = closed(
+      "The spectral channel that radiance is integrated over: center and width, or a response curve. Left out: all "
+      "wavelengths.",
+      {{"center_um", number(kWavelength_um, "um")},
+       {"width_um", number(kWavelength_um, "um, below twice the center")},
+       {"response", curve}});
+  band["oneOf"] = {{{"required", {"center_um", "width_um"}}}, {{"required", {"response"}}}};
+  band["dependentSchemas"] = {{"response", none_of({"center_um", "width_um"})}};
+  schemas["Band"] = band;
 }
 
 void add_frame_request(OrderedJson& schemas, const Limits& limits) {
@@ -281,7 +322,21 @@ void add_frame_request(OrderedJson& schemas, const Limits& limits) {
       {{"camera", ref("Camera")},
        {"pose", ref("Pose")},
        {"sun", ref("Sun")},
-       {"surface", closed("The ground.", {{"reflectance", ref("Reflectance")}})},
+       {"surface",
+        closed(
+            "The ground.",
+            {{"reflectance", ref("Reflectance")},
+             {"temperature_k",
+              number(
+                  kTemperature_k,
+                  "of the surface: it emits B(T) (1 - rho) (SENSOR++ eq. 3); 0: nothing. Not with `hapke`, which has "
+                  "no rho",
+                  0)}})},
+       {"band", ref("Band")},
+       {"atmosphere",
+        closed("A table that the operator put into the assets folder: transmittance, irradiance and path radiance by "
+               "wavelength, computed elsewhere. Needs a `band` within it.",
+               {{"name", text("of atmospheres/NAME.csv")}}, {"name"})},
        {"accuracy",
         closed("How exact, against how fast.",
                {{"max_error_px",
@@ -532,6 +587,7 @@ OrderedJson openapi_schemas(const Limits& limits) {
   add_pose(schemas);
   add_sun(schemas);
   add_surface(schemas);
+  add_band(schemas);
   add_frame_request(schemas, limits);
   add_metadata(schemas);
   add_rays(schemas, most);

@@ -10,7 +10,6 @@
 namespace selenograph::api {
 namespace {
 
-constexpr double kRadians = std::numbers::pi / 180;
 // Sine of the angle between boresight and up below which the roll would be decided by rounding.
 constexpr double kDegenerate = 1e-8;
 

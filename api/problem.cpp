@@ -8,7 +8,7 @@
 namespace selenograph::api {
 namespace {
 
-constexpr std::array<ErrorRow, 17> kTable{{
+constexpr std::array<ErrorRow, 18> kTable{{
     {"malformed_request", 400, "Malformed request", "malformed_request",
      "The request line, a header or a query parameter can't be understood."},
     {"malformed_json", 400, "Malformed JSON", "malformed_json",
@@ -33,6 +33,10 @@ constexpr std::array<ErrorRow, 17> kTable{{
     {"terrain_data_error", 500, "Terrain data unusable", "terrain_data_error",
      "A DEM file that this call needs is missing, truncated or corrupt; `detail` names it. Asking again does not help: "
      "the operator must mend the file."},
+    {"asset_error", 500, "Asset unusable", "asset_error",
+     "A file of the assets folder that the request names can't be used; `detail` names file and line. The operator "
+     "must "
+     "mend it."},
     {"busy", 503, "Busy", "busy",
      "As many requests are in work and waiting as the service holds; `Retry-After` says when to come back."},
     {"shutting_down", 503, "Shutting down", "shutting_down",

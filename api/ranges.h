@@ -1,9 +1,13 @@
 // The numbers that a request may hold. The parser checks against these objects and the API document prints them.
 #pragma once
 
+#include <numbers>
+
 #include "api/json_reader.h"
 
 namespace selenograph::api {
+
+inline constexpr double kRadians = std::numbers::pi / 180;  // per degree: degrees outside, radians inside
 
 inline constexpr Range kAnyNumber{};
 inline constexpr Range kLatitude_deg{-90, 90};
@@ -24,6 +28,15 @@ inline constexpr Range kDistortion{-1e6, 1e6};
 inline constexpr Range kDistance_au{0.01, 100};
 inline constexpr Range kAngularRadius_deg{0, 5};
 inline constexpr Range kUnitInterval{0, 1};
+inline constexpr Range kWavelength_um{0, 1e4, true, false};
+inline constexpr std::size_t kMaxResponsePoints = 10000;
+inline constexpr Range kTemperature_k{0, 1e4};
+inline constexpr Range kShininess{0, 1e6};
+inline constexpr Range kOppositionAmplitude{0, 10};
+inline constexpr Range kOppositionWidth{0, 10, true, false};
+inline constexpr Range kPhaseB{-1, 1, true, true};
+inline constexpr Range kPhaseC{-2, 3};
+inline constexpr Range kRoughness_deg{0, 60, false, true};
 inline constexpr Range kMaxError_px{0, 100};
 inline constexpr Range kBudget_ms{0, 3.6e6, true, false};
 inline constexpr Range kMaxShadowError_px{0, 1e6};

@@ -60,8 +60,11 @@ bool client_has_left(const Request& request) {
 }  // namespace
 
 struct Service::Impl {
+  explicit Impl(const std::string& assets_folder) : assets(assets_folder) {}
+
   std::shared_ptr<const engine::Renderer> renderer;
   Limits limits;
+  Assets assets;
   std::string openapi;
   // Made when first asked for: a catalogue of 64 800 tiles is 30 MB of text that most services never send.
   mutable std::once_flag datasets_made;
@@ -72,7 +75,7 @@ struct Service::Impl {
     if (answers_json_alone(route.call) && !accepts(header(request, "accept"), "application/json")) {
       throw RequestError("not_acceptable", "there is application/json; Accept does not allow it");
     }
-    const CallContext context{*renderer, limits, request,
+    const CallContext context{*renderer, limits, assets, request,
                               engine::StopToken(request.received + time_allowed(request, limits), request.abandoned)};
     switch (route.call) {
       case Call::frames:
@@ -97,7 +100,8 @@ struct Service::Impl {
   }
 };
 
-Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits) : impl_(std::make_unique<Impl>()) {
+Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder)
+    : impl_(std::make_unique<Impl>(assets_folder)) {
   impl_->renderer = std::move(renderer);
   impl_->limits = limits;
   impl_->openapi = openapi_document(limits).dump(2) + "\n";

@@ -48,7 +48,8 @@ struct Response {
 // const means safe to call concurrently. `handle` never throws.
 class Service {
  public:
-  Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits);
+  // `assets_folder`: see Assets; empty: none.
+  Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder = {});
   ~Service();
 
   // /v1/*, /openapi.json. Unknown paths 404, known path with a wrong method 405 with Allow. (Health and metrics are

@@ -9,8 +9,6 @@
 namespace selenograph::api {
 namespace {
 
-constexpr double kRadians = std::numbers::pi / 180;
-
 Vec3 read_direction(const JsonReader& in) {
   const std::optional<Vec3> direction = direction_of(in.vector(kAnyNumber));
   if (!direction && in.good()) in.fail("is zero: no direction");

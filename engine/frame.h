@@ -9,13 +9,18 @@
 #include <chrono>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "dem/geodesy.h"
+#include "engine/spectrum.h"
 
 namespace selenograph::engine {
+
+class Atmosphere;
 
 // Brown-Conrady (Brown 1966; OpenCV's coefficients): with r^2 = x^2 + y^2 on the plane z = 1,
 //   x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
@@ -43,15 +48,41 @@ struct Sun {
 };
 
 enum class ReflectanceModel {
-  lambert,          // rho / pi                                    paper eq. (4)
-  lommel_seeliger,  // rho / (2 pi) / (mu0 + mu)                   paper eq. (10)
-  lunar             // w * Lommel-Seeliger + (1 - w) * Lambert     paper 3.1
+  lambert,          // rho / pi                                             paper eq. (4)
+  lommel_seeliger,  // rho / (2 pi) / (mu0 + mu)                            paper eq. (10)
+  lunar,            // w * Lommel-Seeliger + (1 - w) * Lambert              paper 3.1
+  blinn_phong,      // normalised by its exponent                           paper eq. (11)
+  lunar_lambert,    // rho / pi (2 L / (mu0 + mu) + 1 - L)                  McEwen 1991
+  hapke             // with the opposition surge and macroscopic roughness  Hapke 1984
+};
+
+// Of particles, p(g): sums to 4 pi over all directions.
+enum class PhaseFunction {
+  legendre,                 // 1 + b cos g + c (3 cos^2 g - 1) / 2
+  double_henyey_greenstein  // a lobe back to the Sun of weight (1 + c) / 2 and one forward of (1 - c) / 2, both of
+                            // width b
+};
+
+// Defaults: the whole Moon in the visible, Helfenstein & Veverka (Icarus 72, 342, 1987), table II, whose S(0) = 0.71 is
+// b0 w p(0).
+struct HapkeParameters {
+  double w = 0.21;   // single-scattering albedo
+  double b0 = 2.01;  // amplitude and
+  double h = 0.07;   // angular width of the opposition surge
+  PhaseFunction phase_function = PhaseFunction::legendre;
+  double b = 0.29, c = 0.39;
+  double theta_bar_deg = 20;  // mean slope of the roughness that the mesh doesn't resolve
 };
 
 struct Reflectance {
   ReflectanceModel model = ReflectanceModel::lunar;
-  double lommel_seeliger_weight = 1.0;
-  double rho = 0.12;
+  double lommel_seeliger_weight = 1.0;  // of lunar
+  double rho = 0.12;                    // of all but hapke
+  double shininess = 100;               // p of blinn_phong
+  // L of lunar_lambert. Empty: 1 - 0.019 g + 0.242e-3 g^2 - 1.46e-6 g^3, not below 0, g: phase in degrees (McEwen, LPSC
+  // XXVII, 841, 1996), which is the Moon's.
+  std::optional<double> limb_darkening{};
+  HapkeParameters hapke{};
 };
 
 struct Accuracy {
@@ -101,6 +132,9 @@ struct FrameRequest {
   Pose pose;
   Sun sun;
   Reflectance reflectance;
+  std::optional<Band> band;                      // that radiance is integrated over; empty: all wavelengths
+  double temperature_k = 0;                      // of the surface; 0: nothing is emitted
+  std::shared_ptr<const Atmosphere> atmosphere;  // null: none
   Accuracy accuracy;
   ImageSettings image;
   Visibility visibility = Visibility::automatic;
@@ -128,6 +162,20 @@ struct SourceTile {
   std::uint64_t version = 0;  // hash of path, size and modification time
 };
 
+// At-sensor radiance is the sum of its components, SENSOR++ eq. (1): what all pixels of a frame share of them,
+// integrated over its band.
+struct RadianceTerms {
+  double direct_w_m2 = 0;  // E_sun tau of eq. (2): times mu0 f_r s is L_dir
+  // The others of eq. (1), W m-2 sr-1: of whatever is hit, in the Sun or not. Empty: not asked for.
+  std::optional<double> indirect, scattered, emitted, thermal_path;
+
+  double base_w_m2_sr() const {
+    return indirect.value_or(0) + scattered.value_or(0) + emitted.value_or(0) + thermal_path.value_or(0);
+  }
+  // "direct" and those that were evaluated.
+  std::vector<std::string_view> names() const;
+};
+
 struct StageTimes {
   double select_ms = 0;      // level of detail, casters, block loading
   double build_ms = 0;       // acceleration structure; 0 when the scene was warm
@@ -147,7 +195,7 @@ struct FrameReport {
   double filled_fraction = 0;   // of all pixels: on posts that were filled by interpolation
   double missing_fraction = 0;  // of all pixels: look at the Moon where there is no data
   double hit_fraction = 0;
-  double solar_irradiance_w_m2 = 0;        // at the Moon, after 1/r^2
+  RadianceTerms radiance;                  // of frames with radiance or image
   double full_scale_radiance_w_m2_sr = 0;  // that `image` was made with; 0 without image
   std::vector<SourceTile> sources;
   std::vector<std::string> warnings;  // e.g. a corrupt tile replaced by the layer below

@@ -13,7 +13,7 @@ BrdfTerms terms_of(const Reflectance& reflectance) {
       return {0, lambert};
     case ReflectanceModel::lommel_seeliger:
       return {lommel_seeliger, 0};
-    case ReflectanceModel::lunar:  // section 3.1: weighted average of both
+    default:  // lunar, section 3.1: weighted average of both
       break;
   }
   return {w * lommel_seeliger, (1 - w) * lambert};

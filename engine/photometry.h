@@ -1,4 +1,4 @@
-// Bidirectional reflectance distribution functions and radiance: SENSOR++ (Paproth et al.), section 2.2 and 3.1.
+// The Moon's reflectance and radiance: SENSOR++ (Paproth et al.), section 2.2 and 3.1. Other models are in brdf.h.
 #pragma once
 
 #include "engine/frame.h"
@@ -13,7 +13,13 @@ inline constexpr double kSolarConstant_w_m2 = 1361.0;
 struct BrdfTerms {
   double lommel_seeliger = 0;  // w rho / (2 pi), eq. (10)
   double lambert = 0;          // (1 - w) rho / pi, eq. (4)
+
+  // mu0 f_r, with mu0 / (mu0 + mu) formed first: at most 1, however small both are.
+  double times_mu0(double mu0, double mu, double = 1) const {
+    return lommel_seeliger * (mu0 / (mu0 + mu)) + lambert * mu0;
+  }
 };
+// Of a model that is nothing else: lambert, lommel_seeliger, lunar.
 BrdfTerms terms_of(const Reflectance& reflectance);
 
 // f_r in sr-1. mu0 = cos(incidence) > 0, mu = cos(emission) >= 0: n.omega_i and n.omega_o of the paper.
@@ -31,8 +37,8 @@ inline double direct_radiance(const BrdfTerms& terms, double irradiance_w_m2, do
                               double lit_fraction) {
   // A smoothed normal can lean a little away from a camera that sees the facet: grazing emission then.
   const double emission = mu > 0 ? mu : 0;
-  // mu0 f_r with mu0 / (mu0 + mu) formed first: at most 1, however small both are.
-  const double mu0_brdf = terms.lommel_seeliger * (mu0 / (mu0 + emission)) + terms.lambert * mu0;
+  // Before the question, not after it: a loop over lanes becomes vectors then.
+  const double mu0_brdf = terms.times_mu0(mu0, emission);
   return mu0 > 0 ? irradiance_w_m2 * mu0_brdf * lit_fraction : 0;
 }
 inline double direct_radiance(const Reflectance& reflectance, double irradiance_w_m2, double mu0, double mu,

@@ -123,16 +123,17 @@ double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)
 
 }  // namespace
 
-PixelStore::PixelStore(const Mesh& mesh, const View& view, const FrameRequest& request, const PixelRays& rays,
-                       std::size_t catalogue_size, FrameProducts& out)
+PixelStore::PixelStore(const Mesh& mesh, const View& view, const FrameRequest& request, const RadianceTerms& radiance,
+                       const PixelRays& rays, std::size_t catalogue_size, FrameProducts& out)
     : mesh_(mesh),
       view_(view),
       request_(request),
       centres_(rays),
       catalogue_size_(catalogue_size),
       out_(out),
-      irradiance_(kSolarConstant_w_m2 / (request.sun.distance_au * request.sun.distance_au)),
-      terms_(terms_of(request.reflectance)) {
+      irradiance_(radiance.direct_w_m2),
+      base_(static_cast<float>(radiance.base_w_m2_sr())),
+      brdf_(request.reflectance) {
   const ProductSet want = request.products;
   wants_radiance_ = want & (kRadiance | kImage);
   wants_geometry_ = want & ~static_cast<ProductSet>(kRadiance | kImage);
@@ -210,8 +211,20 @@ void PixelStore::shade(const Facets& facets, const SurfacePoints& points, const 
   shade_lanes(facets, points, rays, sun.x(), sun.y(), sun.z(), out);
 }
 
-void PixelStore::radiances(const Shading& shading, const float* lit, float* out) const {
-  radiances_of(terms_, irradiance_, shading, lit, out);
+void PixelStore::radiances(const Shading& shading, const Rays& rays, const float* lit, float* out) const {
+  if (const BrdfTerms* terms = brdf_.terms()) {
+    radiances_of(*terms, irradiance_, shading, lit, out);
+  } else {
+    for (int i = 0; i < kPacket; ++i) out[i] = lit[i] > 0 ? direct(shading, rays.direction(i), lit[i], i) : 0;
+  }
+  if (base_ == 0) return;
+  for (int i = 0; i < kPacket; ++i) out[i] += base_;  // eq. (1)
+}
+
+float PixelStore::direct(const Shading& shading, const Vec3& direction, float lit, int i) const {
+  const double cos_phase = -direction.dot(request_.sun.direction) / direction.norm();
+  return static_cast<float>(
+      direct_radiance(brdf_, irradiance_, shading.mu0[i], shading.mu[i], cos_phase, static_cast<double>(lit)));
 }
 
 std::uint32_t PixelStore::account_all(const SurfacePoints& points, std::uint32_t hits, PassCounts* counts) const {

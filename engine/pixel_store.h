@@ -5,9 +5,9 @@
 #include <mutex>
 #include <vector>
 
+#include "engine/brdf.h"
 #include "engine/facets.h"
 #include "engine/frame.h"
-#include "engine/photometry.h"
 #include "engine/pixel_rays.h"
 #include "engine/refine.h"
 #include "engine/render_pass.h"
@@ -40,8 +40,8 @@ struct alignas(64) Shading {
 class PixelStore {
  public:
   // Sizes and initialises the products that are asked for. `rays`: of the pixels' centres, where there is distortion.
-  PixelStore(const Mesh& mesh, const View& view, const FrameRequest& request, const PixelRays& rays,
-             std::size_t catalogue_size, FrameProducts& out);
+  PixelStore(const Mesh& mesh, const View& view, const FrameRequest& request, const RadianceTerms& radiance,
+             const PixelRays& rays, std::size_t catalogue_size, FrameProducts& out);
 
   const FrameRequest& request() const { return request_; }
   const View& view() const { return view_; }
@@ -57,7 +57,9 @@ class PixelStore {
   const PixelRays& centres() const { return centres_; }
 
   void shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const;
-  void radiances(const Shading& shading, const float* lit, float* out) const;
+  void radiances(const Shading& shading, const Rays& rays, const float* lit, float* out) const;
+  // What is hit has this without sunlight.
+  float base_radiance() const { return base_; }
 
   PassCounts counts() const;
   // Lanes at once but for those on quads of several sources, which are left: a bit for each.
@@ -71,6 +73,7 @@ class PixelStore {
   PassCounts take_total() { return std::move(total_); }
 
  private:
+  float direct(const Shading& shading, const Vec3& direction, float lit, int lane) const;
   template <Shape shape>
   void aim_shape(int x, int y, const Layer& layer, const PixelRays* rays, Rays& out) const;
 
@@ -81,7 +84,8 @@ class PixelStore {
   std::size_t catalogue_size_;
   FrameProducts& out_;
   double irradiance_;
-  BrdfTerms terms_;
+  float base_;
+  Brdf brdf_;
   bool wants_radiance_, wants_geometry_, wants_light_, linear_;
   int grid_;
   Vec3 first_, right_, down_;

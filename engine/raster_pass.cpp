@@ -343,7 +343,7 @@ class RasterPass {
     const std::size_t first = static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(request_.camera.width) +
                               static_cast<std::size_t>(tile.x0 + x);
     if (layer.light) light(points, shading, static_cast<std::uint32_t>(first), lit, samples);
-    if (layer.weight > 0) store_.radiances(shading, lit, radiance);
+    if (layer.weight > 0) store_.radiances(shading, rays, lit, radiance);
     std::vector<float>& target = radiance_of(layer);
     std::uint32_t left = hits;  // to be accounted for
     if (out_.source.empty()) left = counts ? store_.account_all(points, hits, counts) : 0;
@@ -417,11 +417,12 @@ class RasterPass {
 
   void cast_shadows(const Layer& layer) {
     std::vector<float>& radiance = radiance_of(layer);
+    const float base = store_.base_radiance();
     if (!disc_) {
       shadows_->cast(scratch_.samples, scratch_.light, stop_);
       in_parallel(scratch_.light.shadowed.size(), [&](std::size_t band) {
         for (const std::uint32_t at : scratch_.light.shadowed[band]) {
-          if (layer.weight > 0) radiance[at] = 0;
+          if (layer.weight > 0) radiance[at] = base;
           if (layer.store && !out_.lit.empty()) out_.lit[at] = 0;
         }
       });
@@ -434,7 +435,7 @@ class RasterPass {
       for (std::size_t k = 0; k < samples.count; ++k) {
         const std::uint32_t at = samples.pixel[k];
         const float share = disc_->lit_share(samples.faces[k], scratch_.disc.dark[at]);
-        if (layer.weight > 0) radiance[at] *= share;
+        if (layer.weight > 0) radiance[at] = base + (radiance[at] - base) * share;
         if (layer.store && !out_.lit.empty()) out_.lit[at] = share;
       }
     });

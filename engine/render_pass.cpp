@@ -64,7 +64,7 @@ class RayPass {
     store_.shade(facets, points, rays, shading);
     float lit[kPacket] = {}, radiance[kPacket];
     if (layer.light) light(points, shading, lit);
-    if (layer.weight > 0) store_.radiances(shading, lit, radiance);
+    if (layer.weight > 0) store_.radiances(shading, rays, lit, radiance);
     for (int i = 0; i < kPacket; ++i) {
       if (counts && points.toward_moon[i]) ++counts->missing;
       if (!points.hit[i]) continue;
@@ -94,10 +94,10 @@ class RayPass {
 
 }  // namespace
 
-PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request, const PixelRays& rays,
-                         std::size_t catalogue_size, const StopToken& stop, FrameScratch& scratch,
-                         FrameProducts& products) {
-  PixelStore store(scene.mesh, view, request, rays, catalogue_size, products);
+PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request,
+                         const RadianceTerms& radiance, const PixelRays& rays, std::size_t catalogue_size,
+                         const StopToken& stop, FrameScratch& scratch, FrameProducts& products) {
+  PixelStore store(scene.mesh, view, request, radiance, rays, catalogue_size, products);
   if (scene.raster)
     draw_pixels(*scene.raster, store, stop, scratch);
   else

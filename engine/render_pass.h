@@ -22,8 +22,8 @@ struct PixelRays;
 // Fills the products that are asked for, sized and initialised here. `source` holds catalogue indices until the caller
 // numbers them. `rays`: of the pixels' centres, where the camera has distortion. Parallel over tiles of pixels in the
 // caller's task arena; stops between tiles.
-PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request, const PixelRays& rays,
-                         std::size_t catalogue_size, const StopToken& stop, FrameScratch& scratch,
-                         FrameProducts& products);
+PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request,
+                         const RadianceTerms& radiance, const PixelRays& rays, std::size_t catalogue_size,
+                         const StopToken& stop, FrameScratch& scratch, FrameProducts& products);
 
 }  // namespace selenograph::engine

@@ -14,9 +14,9 @@
 #include "dem/cache.h"
 #include "dem/error.h"
 #include "dem/parallel.h"
-#include "engine/photometry.h"
 #include "engine/pixel_rays.h"
 #include "engine/pool.h"
+#include "engine/radiometry.h"
 #include "engine/raster_pass.h"
 #include "engine/render_pass.h"
 #include "engine/scene.h"
@@ -189,6 +189,7 @@ struct Renderer::Impl {
     Stopwatch watch;
     const View view(request.camera, request.pose);
     refuse_underground(view.position());
+    const RadianceTerms radiance = radiance_terms(request);
     const Selection selection = select(view, request, request.accuracy, stop);
     frame.times.select_ms = watch.lap_ms();
 
@@ -202,8 +203,8 @@ struct Renderer::Impl {
     PassCounts counts;
     {
       const Pool<FrameScratch>::Lease lease(scratch);
-      counts = render_pixels(*scene, view, request, *rays, terrain->catalogue().rasters().size(), stop, *lease,
-                             frame.products);
+      counts = render_pixels(*scene, view, request, radiance, *rays, terrain->catalogue().rasters().size(), stop,
+                             *lease, frame.products);
     }
     settle();
     number_sources(terrain->catalogue(), counts.sources, frame);
@@ -218,6 +219,7 @@ struct Renderer::Impl {
 
     speed_of(visibility).learn(work_of(request, request.accuracy, triangles_of(selection), build), frame.times);
     frame.report.visibility = visibility;
+    frame.report.radiance = radiance;
     report(request, selection, *scene, counts, frame.report);
     return frame;
   }
@@ -235,7 +237,6 @@ struct Renderer::Impl {
     out.hit_fraction = static_cast<double>(counts.hit) / pixels;
     out.missing_fraction = static_cast<double>(counts.missing) / pixels;
     out.filled_fraction = static_cast<double>(counts.filled) / pixels;
-    out.solar_irradiance_w_m2 = kSolarConstant_w_m2 / (request.sun.distance_au * request.sun.distance_au);
     out.warnings = terrain->warnings();
   }
 

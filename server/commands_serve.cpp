@@ -68,7 +68,7 @@ int serve(const ServeSettings& settings) {
   const HeapTrim trim([&] { return renderer->terrain().statistics().bytes + renderer->scene_bytes_in_use(); },
                       heap_slack_bytes(settings.terrain));
   const api::Limits limits = limits_from(settings.limits);
-  const api::Service service(renderer, limits);
+  const api::Service service(renderer, limits, settings.terrain.assets_dir);
   Admission admission(places_in_work(settings), settings.max_waiting);
   Metrics metrics{std::string(api::software_version())};
   const HttpServer* http = nullptr;

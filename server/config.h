@@ -19,8 +19,9 @@ struct TerrainSettings {
   std::string cache_dir;         // see default_cache_dir()
   std::size_t cache_mb = 1024;   // memory for terrain blocks and pyramids, MiB
   std::size_t scene_mb =
-      1024;         // memory for acceleration structures: of one frame at most, and kept between frames, MiB
-  int threads = 0;  // 0: all cores
+      1024;                // memory for acceleration structures: of one frame at most, and kept between frames, MiB
+  int threads = 0;         // 0: all cores
+  std::string assets_dir;  // atmospheres and the like that requests name; empty: none
   std::string on_data_error = "fail";  // or "fall-through"
   std::string log_level = "info";      // debug, info, warning, error
 };

@@ -25,6 +25,7 @@
 #include "dem/sample_terrain.h"
 #include "engine/bare_kernel.h"
 #include "engine/pixel_rays.h"
+#include "engine/radiometry.h"
 #include "engine/raster_pass.h"
 #include "engine/render_pass.h"
 #include "engine/scene.h"
@@ -102,8 +103,8 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
       benchmark::DoNotOptimize(engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {}));
       const auto made = setting.build ? scene_of(visibility) : nullptr;
       engine::FrameProducts products;
-      engine::render_pixels(made ? *made : *warm, view, r, pixel_rays, terrain->catalogue().rasters().size(), {},
-                            scratch, products);
+      engine::render_pixels(made ? *made : *warm, view, r, engine::radiance_terms(r), pixel_rays,
+                            terrain->catalogue().rasters().size(), {}, scratch, products);
       benchmark::DoNotOptimize(products.radiance.data());
     });
   };

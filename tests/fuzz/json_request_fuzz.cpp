@@ -7,6 +7,8 @@
 #include "api/points_json.h"
 #include "api/problem.h"
 #include "api/ranges.h"
+#include "engine/brdf.h"
+#include "engine/radiometry.h"
 #include "engine/view.h"
 #include "tests/fuzz/fuzz.h"
 
@@ -91,6 +93,12 @@ void check_frame(const Json& document) {
   require(api::kUnitInterval.contains(request.reflectance.rho) &&
               api::kUnitInterval.contains(request.reflectance.lommel_seeliger_weight),
           "reflectance is in range");
+  const engine::RadianceTerms terms = engine::radiance_terms(request);
+  require(terms.direct_w_m2 >= 0 && std::isfinite(terms.direct_w_m2) && terms.base_w_m2_sr() >= 0 &&
+              std::isfinite(terms.base_w_m2_sr()),
+          "radiance is finite");
+  const double reflected = engine::Brdf(request.reflectance).times_mu0(0.5, 0.7, 0.3);
+  require(reflected >= 0 && std::isfinite(reflected), "reflectance is finite");
   // The answer's metadata hold the request as it was understood: sent back, it must mean the same.
   const std::string resolved = api::resolved_json(call).dump();
   try {

@@ -345,7 +345,7 @@ TEST(FrameJson, RemainingMembers) {
 }
 
 TEST(FrameJson, RefusesRemainingMembers) {
-  EXPECT_EQ(refused(R"({"surface": {"reflectance": {"model": "hapke"}}})"), "/surface/reflectance/model");
+  EXPECT_EQ(refused(R"({"surface": {"reflectance": {"model": "minnaert"}}})"), "/surface/reflectance/model");
   EXPECT_EQ(refused(R"({"surface": {"reflectance": {"model": "lambert", "lommel_seeliger_weight": 1}}})"),
             "/surface/reflectance/lommel_seeliger_weight");
   EXPECT_EQ(refused(R"({"surface": {"reflectance": {"rho": 1.01}}})"), "/surface/reflectance/rho");
@@ -366,6 +366,64 @@ TEST(FrameJson, RefusesRemainingMembers) {
   EXPECT_EQ(refused(R"({"seed": 3})"), "/seed");
 }
 
+TEST(FrameJson, Reflectances) {
+  const auto reflectance = [](const std::string& json) {
+    return accepted(R"({"surface": {"reflectance": )" + json + "}}").reflectance;
+  };
+  EXPECT_EQ(reflectance(R"({"model": "blinn_phong", "rho": 0.8, "shininess": 50})").shininess, 50);
+  EXPECT_FALSE(reflectance(R"({"model": "lunar_lambert"})").limb_darkening);
+  EXPECT_EQ(reflectance(R"({"model": "lunar_lambert", "limb_darkening": 0.3, "rho": 0.25})").limb_darkening, 0.3);
+  const engine::HapkeParameters moon = reflectance(R"({"model": "hapke"})").hapke;
+  EXPECT_EQ(moon.w, 0.21);
+  EXPECT_EQ(moon.theta_bar_deg, 20);
+  const engine::HapkeParameters lobes =
+      reflectance(R"({"model": "hapke", "w": 0.4, "b0": 1.5, "h": 0.1, "b": 0.25, "c": 0.3,
+      "phase_function": "double_henyey_greenstein", "theta_bar_deg": 0})")
+          .hapke;
+  EXPECT_EQ(lobes.phase_function, engine::PhaseFunction::double_henyey_greenstein);
+  EXPECT_EQ(lobes.b0, 1.5);
+  EXPECT_EQ(lobes.theta_bar_deg, 0);
+}
+
+// Every model's members, and no other's.
+TEST(FrameJson, ReflectancesRefuseForeignMembers) {
+  const auto refused_in = [](const std::string& json) {
+    return refused(R"({"surface": {"reflectance": )" + json + "}}");
+  };
+  const std::string at = "/surface/reflectance/";
+  EXPECT_EQ(refused_in(R"({"shininess": 3})"), at + "shininess");  // the default is "lunar"
+  EXPECT_EQ(refused_in(R"({"model": "hapke", "rho": 0.2})"), at + "rho");
+  EXPECT_EQ(refused_in(R"({"model": "blinn_phong", "w": 0.2})"), at + "w");
+  EXPECT_EQ(refused_in(R"({"model": "lambert", "limb_darkening": 0.2})"), at + "limb_darkening");
+  EXPECT_EQ(refused_in(R"({"model": "lunar", "phase_function": "legendre"})"), at + "phase_function");
+  EXPECT_EQ(refused_in(R"({"model": "lunar_lambert", "rho": 0.3})"), at + "rho");  // would reflect more than arrives
+  EXPECT_EQ(refused_in(R"({"model": "hapke", "h": 0})"), at + "h");
+  EXPECT_EQ(refused_in(R"({"model": "hapke", "b": 0.9, "c": 2})"), at + "c");  // p(g) < 0 somewhere
+  EXPECT_EQ(refused_in(R"({"model": "blinn_phong", "shininess": -1})"), at + "shininess");
+  EXPECT_EQ(refused(R"({"surface": {"temperature_k": 300, "reflectance": {"model": "hapke"}}})"),
+            "/surface/temperature_k");
+}
+
+TEST(FrameJson, BandsAndTemperatures) {
+  const auto box = accepted(R"({"band": {"center_um": 0.65, "width_um": 0.1}, "surface": {"temperature_k": 350}})");
+  ASSERT_TRUE(box.band);
+  EXPECT_NEAR(box.band->center_um(), 0.65, 1e-15);
+  EXPECT_EQ(box.temperature_k, 350);
+  EXPECT_EQ(accepted(R"({"band": {"response": [[0.5, 0], [0.6, 1], [0.7, 0]]}})").band->response().size(), 3U);
+  EXPECT_FALSE(accepted("{}").band);
+  EXPECT_EQ(refused(R"({"band": {}})"), "/band");
+  EXPECT_EQ(refused(R"({"band": {"center_um": 0.65}})"), "/band/width_um");
+  EXPECT_EQ(refused(R"({"band": {"center_um": 0.65, "width_um": 1.4}})"), "/band/width_um");
+  EXPECT_EQ(refused(R"({"band": {"center_um": 1, "width_um": 0.1, "response": [[1, 1], [2, 1]]}})"), "/band/response");
+  EXPECT_EQ(refused(R"({"band": {"width_um": 0.1, "response": [[1, 1], [2, 1]]}})"), "/band/width_um");
+  EXPECT_EQ(refused(R"({"band": {"response": [[2, 1], [1, 1]]}})"), "/band/response");
+  EXPECT_EQ(refused(R"({"band": {"response": [[1, 1], [2, 2]]}})"), "/band/response/1/1");
+  EXPECT_EQ(refused(R"({"band": {"response": [[1, 1, 1], [2, 1]]}})"), "/band/response/0");
+  EXPECT_EQ(refused(R"({"atmosphere": {"name": "earth"}})"), "/atmosphere /atmosphere/name");
+  EXPECT_EQ(refused(R"({"atmosphere": {"name": "../earth"}, "band": {"center_um": 1, "width_um": 0.1}})"),
+            "/atmosphere/name");
+}
+
 TEST(FrameJson, ReportsEveryFaultAtOnce) {
   EXPECT_EQ(refused(R"({"camera": {"width": -1}, "sun": {"angular_radius_deg": 9}, "products": ["x"]})"),
             "/camera/width /products/0 /sun/angular_radius_deg");
@@ -373,7 +431,8 @@ TEST(FrameJson, ReportsEveryFaultAtOnce) {
 
 TEST(FrameJson, TheResolvedRequestGivesTheSameFrame) {
   const Json body = patched(R"({"pose": {"nadir": {"up_azimuth_deg": 33}}, "image": {"full_scale_radiance": 3},
-                                "surface": {"reflectance": {"model": "lommel_seeliger"}}, "products": ["range", "image"],
+                                "surface": {"reflectance": {"model": "lommel_seeliger"}, "temperature_k": 250},
+                                "band": {"response": [[0.41, 0.1], [0.73, 0.9]]}, "products": ["range", "image"],
                                 "camera": {"distortion": {"k1": 0.1}}})");
   const FrameCall once = read_frame(body, Limits{});
   const Json resolved = resolved_json(once);
@@ -387,6 +446,14 @@ TEST(FrameJson, TheResolvedRequestGivesTheSameFrame) {
   EXPECT_EQ(twice.request.reflectance.model, engine::ReflectanceModel::lommel_seeliger);
   EXPECT_EQ(twice.request.image.full_scale_radiance_w_m2_sr, 3);
   EXPECT_EQ(twice.request.products, once.request.products);
+  for (const char* model : {R"({"model": "hapke", "b0": 1.1, "phase_function": "double_henyey_greenstein", "b": 0.2})",
+                            R"({"model": "blinn_phong", "shininess": 33})", R"({"model": "lunar_lambert"})",
+                            R"({"model": "lunar_lambert", "limb_darkening": 0.4})"}) {
+    const FrameCall call = read_frame(patched(R"({"surface": {"reflectance": )" + std::string(model) + "}}"), Limits{});
+    const auto json = resolved_json(call);
+    EXPECT_EQ(resolved_json(read_frame(Json(json), Limits{})).dump(), json.dump());
+    EXPECT_GT(json.at("surface").at("reflectance").size(), 1U);
+  }
 }
 
 TEST(PointsJson, RaysAndPlaces) {

@@ -74,7 +74,7 @@ TEST_F(SmoothMoon, EveryProductHasItsFormula) {
   ASSERT_EQ(frame.report.hit_fraction, 1);
   EXPECT_EQ(frame.report.missing_fraction, 0);
   EXPECT_EQ(frame.report.filled_fraction, 0);
-  EXPECT_NEAR(frame.report.solar_irradiance_w_m2, 1361 / (1.01 * 1.01), 1e-9);
+  EXPECT_NEAR(frame.report.radiance.direct_w_m2, 1361 / (1.01 * 1.01), 1e-9);
   ASSERT_EQ(frame.report.sources.size(), 1U);
   EXPECT_EQ(frame.report.sources[0].name, "global");
   for (std::size_t i = 0; i < p.depth.size(); ++i) {

@@ -1,0 +1,48 @@
+// What the ground reflects: JSON <-> engine::Reflectance, and the one table of which member belongs to which model.
+#pragma once
+
+#include <span>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "api/json_reader.h"
+#include "engine/frame.h"
+
+namespace selenograph::api {
+
+inline constexpr std::pair<std::string_view, engine::ReflectanceModel> kReflectanceModels[] = {
+    {"lambert", engine::ReflectanceModel::lambert},
+    {"lommel_seeliger", engine::ReflectanceModel::lommel_seeliger},
+    {"lunar", engine::ReflectanceModel::lunar},
+    {"blinn_phong", engine::ReflectanceModel::blinn_phong},
+    {"lunar_lambert", engine::ReflectanceModel::lunar_lambert},
+    {"hapke", engine::ReflectanceModel::hapke},
+};
+std::string_view name_of(engine::ReflectanceModel model);
+
+inline constexpr std::pair<std::string_view, engine::PhaseFunction> kPhaseFunctions[] = {
+    {"legendre", engine::PhaseFunction::legendre},
+    {"double_henyey_greenstein", engine::PhaseFunction::double_henyey_greenstein},
+};
+
+// A number of some of the models.
+struct ReflectanceMember {
+  std::string_view name;
+  Range range;
+  std::vector<engine::ReflectanceModel> models;
+  const char* description;
+  double& (*of)(engine::Reflectance& reflectance);
+  bool belongs_to(engine::ReflectanceModel model) const;
+};
+std::span<const ReflectanceMember> reflectance_members();
+
+// Above this lunar-Lambert, whose rho is a normal albedo, would reflect more than arrives: 4 rho L towards grazing
+// incidence.
+inline constexpr double kLunarLambertMaxRho = 0.25;
+
+// Fills in reflectance and temperature.
+void read_surface(const JsonReader& in, engine::FrameRequest& request);
+nlohmann::ordered_json surface_json(const engine::FrameRequest& request);
+
+}  // namespace selenograph::api

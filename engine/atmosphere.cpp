@@ -1,0 +1,106 @@
+#include "engine/atmosphere.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <fstream>
+#include <stdexcept>
+#include <string_view>
+
+#include "dem/error.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr std::string_view kHeader =
+    "wavelength_um,transmittance,e_sun_w_m2_um,l_ind_w_m2_sr_um,l_sc_w_m2_sr_um,l_th_w_m2_sr_um";
+
+AtmosphereRow between(const AtmosphereRow& a, const AtmosphereRow& b, double wavelength_um) {
+  const double share = (wavelength_um - a.wavelength_um) / (b.wavelength_um - a.wavelength_um);
+  const auto mix = [share](double x, double y) { return x + share * (y - x); };
+  return {wavelength_um,
+          mix(a.transmittance, b.transmittance),
+          mix(a.irradiance_w_m2_um, b.irradiance_w_m2_um),
+          mix(a.indirect_w_m2_sr_um, b.indirect_w_m2_sr_um),
+          mix(a.scattered_w_m2_sr_um, b.scattered_w_m2_sr_um),
+          mix(a.thermal_path_w_m2_sr_um, b.thermal_path_w_m2_sr_um)};
+}
+
+AtmosphereRow parse_row(std::string_view line) {
+  double numbers[6];
+  const char* at = line.data();
+  const char* const end = line.data() + line.size();
+  for (int i = 0; i < 6; ++i) {
+    const auto [next, error] = std::from_chars(at, end, numbers[i]);
+    if (error != std::errc() || (i < 5 ? next == end || *next != ',' : next != end))
+      throw std::invalid_argument("six numbers separated by commas are expected");
+    if (!(numbers[i] >= 0 && numbers[i] < 1e12)) throw std::invalid_argument("a number is negative or too large");
+    at = next + 1;
+  }
+  if (numbers[1] > 1) throw std::invalid_argument("transmittance is above 1");
+  return {numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]};
+}
+
+}  // namespace
+
+Atmosphere Atmosphere::read(const std::string& path) {
+  std::ifstream file(path);
+  if (!file) throw DataError(path, "can't be read");
+  std::vector<AtmosphereRow> rows;
+  bool header = false;
+  std::string line;
+  for (int number = 1; std::getline(file, line); ++number) {
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (line.empty() || line.front() == '#') continue;
+    const auto fail = [&](const std::string& what) { throw DataError(path, fmt::format("line {}: {}", number, what)); };
+    if (!header) {
+      if (line != kHeader) fail(fmt::format("the header must be {}", kHeader));
+      header = true;
+      continue;
+    }
+    try {
+      rows.push_back(parse_row(line));
+    } catch (const std::invalid_argument& e) {
+      fail(e.what());
+    }
+    if (rows.size() > 1 && !(rows.back().wavelength_um > rows[rows.size() - 2].wavelength_um))
+      fail("wavelengths must rise");
+  }
+  if (file.bad()) throw DataError(path, "can't be read to its end");
+  if (rows.size() < 2) throw DataError(path, "has fewer than two rows");
+  return Atmosphere(std::move(rows));
+}
+
+Atmosphere::InBand Atmosphere::over(const Band& band, double temperature_k) const {
+  const double first = band.response().front().wavelength_um, last = band.response().back().wavelength_um;
+  if (first < rows_.front().wavelength_um || last > rows_.back().wavelength_um)
+    throw std::invalid_argument(fmt::format("the band, {} to {} um, isn't within the atmosphere's table, {} to {} um",
+                                            first, last, rows_.front().wavelength_um, rows_.back().wavelength_um));
+  const auto at = [this](double w) {
+    const auto next = std::upper_bound(rows_.begin() + 1, rows_.end() - 1, w,
+                                       [](double x, const AtmosphereRow& r) { return x < r.wavelength_um; });
+    return between(*(next - 1), *next, w);
+  };
+  std::vector<double> table;
+  for (const AtmosphereRow& r : rows_) table.push_back(r.wavelength_um);
+  const std::vector<double> points = band.breakpoints(table);
+  InBand sum{};
+  for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+    // Simpson's rule: exact for products of three linear functions.
+    const double from = points[i], to = points[i + 1], middle = (from + to) / 2;
+    for (const auto& [w, weight] : {std::pair{from, 1.0}, {middle, 4.0}, {to, 1.0}}) {
+      const AtmosphereRow row = at(w);
+      const double share = weight * (to - from) / 6 * band.response_at(w);
+      sum.direct_w_m2 += share * row.irradiance_w_m2_um * row.transmittance;
+      sum.indirect_w_m2_sr += share * row.indirect_w_m2_sr_um;
+      sum.scattered_w_m2_sr += share * row.scattered_w_m2_sr_um;
+      sum.thermal_path_w_m2_sr += share * row.thermal_path_w_m2_sr_um;
+    }
+  }
+  sum.emitted_w_m2_sr =
+      integrate_planck(points, temperature_k, [&](double w) { return band.response_at(w) * at(w).transmittance; });
+  return sum;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,27 @@
+// The Sun's spectral irradiance outside of any atmosphere.
+//
+// ASTM E-490-00a, "Standard Solar Constant and Zero Air Mass Solar Spectral Irradiance Tables" (2000), as distributed
+// by NREL (e490_00a_am0): 1697 wavelengths from 0.1195 to 1000 um, 1 nm apart up to 0.63 um, 2 nm to 2.5 um, 20 nm to 5
+// um, coarser beyond; linear in between. The table's total is 1366.1 W m-2, the solar constant of its time: its shape
+// is kept and its scale is set to kSolarConstant_w_m2.
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+namespace selenograph::engine {
+
+struct SpectralSample {
+  double wavelength_um;
+  double irradiance_w_m2_um;
+};
+
+inline constexpr std::size_t kAstmE490Size = 1697;
+extern const SpectralSample kAstmE490[kAstmE490Size];
+// As integrated linearly.
+inline constexpr double kAstmE490Total_w_m2 = 1366.0908;
+
+// At 1 au, W m-2 um-1; 0 outside of the table.
+double solar_irradiance_w_m2_um(double wavelength_um);
+
+}  // namespace selenograph::engine

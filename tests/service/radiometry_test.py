@@ -1,0 +1,168 @@
+#!/usr/bin/env python3
+"""Equations (1) to (4), (10), (11) of SENSOR++ pixel by pixel, over HTTP: every product against every other."""
+
+import io
+import json
+import os
+import shutil
+import unittest
+
+import numpy as np
+
+import harness
+from harness import frame_request
+
+ASSETS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "assets")
+PRODUCTS = ["radiance", "angles", "lit"]
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
+    shutil.copytree(ASSETS, harness.path("assets"))
+    RadiometryTest.service = harness.Service("--assets-dir", harness.path("assets"))
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def hapke(mu0, mu, g, w=0.21, b0=2.01, h=0.07, b=0.29, c=0.39):
+    """mu0 f_r without roughness: Hapke 1981."""
+    p = 1 + b * np.cos(g) + c * (1.5 * np.cos(g) ** 2 - 0.5)
+    surge = b0 / (1 + np.tan(g / 2) / h)
+    many = lambda x: (1 + 2 * x) / (1 + 2 * x * np.sqrt(1 - w))
+    return w / (4 * np.pi) * mu0 / (mu0 + mu) * ((1 + surge) * p + many(mu0) * many(mu) - 1)
+
+
+class RadiometryTest(unittest.TestCase):
+    def frame(self, **changes):
+        products = changes.pop("products", PRODUCTS)
+        status, headers, body = self.service.frame(frame_request(products, **changes), "application/x-npz")
+        self.assertEqual(status, 200, body[:500])
+        arrays = np.load(io.BytesIO(body))
+        frame = {name: arrays[name] for name in arrays.files if name != "meta.json"}
+        frame["meta"], frame["headers"] = json.loads(bytes(arrays["meta.json"]) if "meta.json" in arrays.files else "{}"), headers
+        return frame
+
+    def refusal(self, **changes):
+        status, _, body = self.service.frame(frame_request(["radiance"], **changes))
+        self.assertEqual(status, 422, body[:300])
+        return [e["pointer"] for e in json.loads(body)["errors"]]
+
+    def check(self, reflectance, mu0_f_r):
+        for visibility in ("zbuffer", "raytrace"):
+            with self.subTest(reflectance=reflectance, visibility=visibility):
+                f = self.frame(surface={"reflectance": reflectance}, visibility=visibility)
+                i, e, g = np.radians(f["angles"].astype(float)).transpose(2, 0, 1)
+                mu0, mu, lit = np.cos(i), np.cos(e), f["lit"].astype(float)
+                sure = (mu0 > 0.02) & (mu > 0.02)
+                expected = 1361 * mu0_f_r(mu0, mu, g) * lit
+                self.assertGreater(sure.mean(), 0.7)
+                self.assertLess(np.abs(f["radiance"] - expected)[sure].max(), 2e-5 * expected[sure].max())
+                self.assertEqual(f["meta"]["radiance_terms"], ["direct"])
+                for name, value in reflectance.items():
+                    self.assertEqual(f["meta"]["request"]["surface"]["reflectance"][name], value)
+
+    def test_blinn_phong(self):
+        def equation_11(p):
+            return lambda mu0, mu, g: mu0 * 0.4 / (8 * np.pi) * (p + 4) * (p + 2) / (p + 2 ** (-p / 2)) * np.minimum(
+                1, (mu0 + mu) / np.sqrt(2 + 2 * np.cos(g))) ** p
+
+        for p in (0.0, 3.0, 40.0):
+            self.check({"model": "blinn_phong", "rho": 0.4, "shininess": p}, equation_11(p))
+
+    def test_lunar_lambert(self):
+        def law(weight):
+            return lambda mu0, mu, g: 0.12 / np.pi * (2 * weight(g) * mu0 / (mu0 + mu) + (1 - weight(g)) * mu0)
+
+        degrees = np.degrees
+        self.check({"model": "lunar_lambert", "rho": 0.12}, law(
+            lambda g: np.maximum(0, 1 - 0.019 * degrees(g) + 0.242e-3 * degrees(g) ** 2 - 1.46e-6 * degrees(g) ** 3)))
+        self.check({"model": "lunar_lambert", "rho": 0.12, "limb_darkening": 0.25}, law(lambda g: 0.25))
+
+    def test_hapke(self):
+        self.check({"model": "hapke", "theta_bar_deg": 0.0}, hapke)
+        self.check({"model": "hapke", "theta_bar_deg": 0.0, "w": 0.5, "b0": 0.0},
+                   lambda mu0, mu, g: hapke(mu0, mu, g, w=0.5, b0=0))
+
+    def test_both_ways_see_the_same_rough_surface(self):
+        both = [self.frame(surface={"reflectance": {"model": "hapke"}}, visibility=v) for v in ("zbuffer", "raytrace")]
+        same = both[0]["lit"] == both[1]["lit"]
+        self.assertGreater(same.mean(), 0.999)
+        self.assertLess(np.abs(both[0]["radiance"] - both[1]["radiance"])[same].max(), 1e-5)
+
+    # Eq. (3): everything warm emits, in the Sun or not; with sub-pixel samples and the Sun's disc, too.
+    def test_a_warm_surface_emits_in_the_shadow_as_well(self):
+        emitted = 0.88 * 5.670374419e-8 * 310 ** 4 / np.pi
+        for visibility in ("zbuffer", "raytrace"):
+            for radius, samples in ((0.0, 1), (0.0, 4), (0.27, 1)):
+                with self.subTest(visibility=visibility, radius=radius, samples=samples):
+                    sun = dict(frame_request()["sun"], angular_radius_deg=radius)
+                    cold, warm = (self.frame(surface={"temperature_k": t}, visibility=visibility, samples=samples, sun=sun)
+                                  for t in (0.0, 310.0))
+                    self.assertGreater((cold["radiance"] == 0).mean(), 0.02, "some shadow")
+                    # both in float
+                    self.assertLess(np.abs(warm["radiance"] - cold["radiance"] - emitted).max(), 3e-5)
+                    self.assertEqual(warm["meta"]["radiance_terms"], ["direct", "emitted"])
+        lit_or_not = warm["radiance"][cold["radiance"] == 0]
+        self.assertLess(np.abs(lit_or_not - emitted).max(), 1e-5)
+
+    def test_a_band_scales_sunlight(self):
+        all_of_it = self.frame()
+        band = self.frame(band={"center_um": 0.65, "width_um": 0.1})
+        irradiance = band["meta"]["solar_irradiance"]["value_w_m2"]
+        self.assertTrue(150 < irradiance < 165, irradiance)  # 1.57 W m-2 nm-1 there
+        self.assertTrue(np.allclose(band["radiance"], all_of_it["radiance"] * (irradiance / 1361), rtol=1e-6))
+        curve = self.frame(band={"response": [[0.6, 1.0], [0.7, 1.0]]})
+        self.assertTrue(np.allclose(curve["radiance"], band["radiance"], rtol=1e-6))
+        again = self.frame(**{k: v for k, v in band["meta"]["request"].items() if k not in ("products",)})
+        self.assertTrue(np.array_equal(again["radiance"], band["radiance"]))
+
+    # Eq. (1) with all of its terms.
+    def test_an_atmosphere(self):
+        band = {"center_um": 0.55, "width_um": 0.1}
+        plain = self.frame(band=band)
+        hazy = self.frame(band=band, atmosphere={"name": "made-up-clear-sky"}, surface={"temperature_k": 290.0})
+        self.assertEqual(hazy["meta"]["radiance_terms"], ["direct", "indirect", "scattered", "emitted", "thermal_path"])
+        rows = np.loadtxt(os.path.join(ASSETS, "atmospheres", "made-up-clear-sky.csv"), delimiter=",", skiprows=9)
+        w = np.linspace(0.5, 0.6, 20001)
+        tau, sun, indirect, scattered = (np.interp(w, rows[:, 0], rows[:, k]) for k in (1, 2, 3, 4))
+        direct, base = np.trapz(tau * sun, w), np.trapz(indirect + scattered, w)  # nothing thermal in the visible
+        self.assertAlmostEqual(hazy["meta"]["solar_irradiance"]["value_w_m2"] / direct, 1, 6)
+        expected = plain["radiance"] * (direct / plain["meta"]["solar_irradiance"]["value_w_m2"]) + base
+        self.assertTrue(np.allclose(hazy["radiance"], expected, rtol=2e-6))
+
+    def test_atmospheres_are_named_by_the_operator(self):
+        band = {"center_um": 0.55, "width_um": 0.1}
+        for name in ("none-such", "../atmospheres/made-up-clear-sky", "/etc/passwd", "", "."):
+            self.assertEqual(self.refusal(band=band, atmosphere={"name": name}), ["/atmosphere/name"], name)
+        self.assertEqual(self.refusal(atmosphere={"name": "made-up-clear-sky"}), ["/atmosphere"])
+        self.assertEqual(self.refusal(band={"center_um": 20.0, "width_um": 1.0}, atmosphere={"name": "made-up-clear-sky"}),
+                         ["/atmosphere"])
+
+    # The table is part of what the ETag stands for, and a broken one is said to be.
+    def test_a_table_that_changes(self):
+        path = os.path.join(harness.path("assets"), "atmospheres", "changing.csv")
+        table = ["wavelength_um,transmittance,e_sun_w_m2_um,l_ind_w_m2_sr_um,l_sc_w_m2_sr_um,l_th_w_m2_sr_um",
+                 "0.4,0.5,1000,1,1,0", "0.8,0.5,1000,1,1,0"]
+        asked = dict(band={"center_um": 0.55, "width_um": 0.1}, atmosphere={"name": "changing"})
+        tags, brightest = [], []
+        for scattered in ("1", "7"):
+            with open(path, "w") as file:
+                file.write("\n".join(table).replace(",1,0", f",{scattered},0") + "\n")
+            os.utime(path, ns=(len(tags) + 1, len(tags) + 1))
+            frame = self.frame(**asked)
+            tags.append(frame["headers"]["ETag"]), brightest.append(float(frame["radiance"].min()))
+        self.assertNotEqual(tags[0], tags[1])
+        self.assertAlmostEqual(brightest[1] - brightest[0], 0.6, 5)
+        with open(path, "w") as file:
+            file.write(table[0] + "\n0.4,2,1000,1,1,0\n")
+        status, _, body = self.service.frame(frame_request(["radiance"], **asked))
+        self.assertEqual(status, 500)
+        self.assertIn("changing.csv: line 2", json.loads(body)["detail"])
+        self.assertTrue(json.loads(body)["type"].endswith(":asset_error"))
+
+
+if __name__ == "__main__":
+    unittest.main()

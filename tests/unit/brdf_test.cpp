@@ -1,0 +1,198 @@
+// Every reflectance model: the paper's conditions (5) to (7), values by hand and by other tools.
+#include "engine/brdf.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+#include <string>
+#include <vector>
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+constexpr double kRadians = kPi / 180;
+
+Reflectance blinn_phong(double p, double rho = 0.3) {
+  Reflectance r{ReflectanceModel::blinn_phong};
+  r.shininess = p, r.rho = rho;
+  return r;
+}
+Reflectance lunar_lambert(std::optional<double> weight, double rho = 0.12) {
+  Reflectance r{ReflectanceModel::lunar_lambert};
+  r.limb_darkening = weight, r.rho = rho;
+  return r;
+}
+Reflectance hapke(const HapkeParameters& parameters) {
+  Reflectance r{ReflectanceModel::hapke};
+  r.hapke = parameters;
+  return r;
+}
+HapkeParameters henyey_greenstein(double w, double b0, double h, double b, double c, double theta_bar_deg) {
+  return {w, b0, h, PhaseFunction::double_henyey_greenstein, b, c, theta_bar_deg};
+}
+
+struct Case {
+  std::string name;
+  Reflectance reflectance;
+  double most;  // of directional-hemispherical reflectance
+};
+std::vector<Case> cases() {
+  std::vector<Case> all{{"lambert", {ReflectanceModel::lambert}, 0.12},
+                        {"lommel_seeliger", {ReflectanceModel::lommel_seeliger}, 0.12},
+                        {"lunar", {ReflectanceModel::lunar, 0.35}, 0.12},
+                        {"lunar_lambert, McEwen", lunar_lambert({}), 4 * 0.12},
+                        {"lunar_lambert, L = 1", lunar_lambert(1, 0.25), 1},
+                        {"hapke, the Moon", hapke({}), 1},
+                        {"hapke, smooth", hapke({.theta_bar_deg = 0}), 1},
+                        {"hapke, two lobes", hapke(henyey_greenstein(0.35, 1.9, 0.08, 0.24, 0.3, 23.4)), 1},
+                        {"hapke, rough and bright", hapke(henyey_greenstein(0.9, 0.5, 0.3, 0.2, -0.3, 45)), 1}};
+  for (const double p : {0.0, 0.5, 1.0, 10.0, 100.0, 1000.0})
+    all.push_back({"blinn_phong " + std::to_string(p), blinn_phong(p), 0.3});
+  return all;
+}
+
+struct Geometry {
+  double mu0, mu, cos_phase;
+};
+Geometry degrees(double incidence, double emission, double phase) {
+  return {std::cos(incidence * kRadians), std::cos(emission * kRadians), std::cos(phase * kRadians)};
+}
+Geometry azimuth(double mu0, double mu, double cos_azimuth) {
+  return {mu0, mu, mu0 * mu + std::sqrt((1 - mu0 * mu0) * (1 - mu * mu)) * cos_azimuth};
+}
+double f_r(const Reflectance& r, const Geometry& g) { return Brdf(r)(g.mu0, g.mu, g.cos_phase); }
+double radiance_factor(const Reflectance& r, const Geometry& g) {
+  return kPi * Brdf(r).times_mu0(g.mu0, g.mu, g.cos_phase);
+}
+
+TEST(Brdf, TheLinearModelsAreTheFastOnes) {
+  for (const Reflectance& r : {Reflectance{ReflectanceModel::lambert}, Reflectance{ReflectanceModel::lommel_seeliger},
+                               Reflectance{ReflectanceModel::lunar, 0.3, 0.2}}) {
+    ASSERT_TRUE(Brdf(r).terms());
+    EXPECT_EQ(f_r(r, {0.5, 0.7, 0.1}), brdf(r, 0.5, 0.7));
+    EXPECT_EQ(direct_radiance(Brdf(r), 1361, 0.5, -0.1, 0.3, 0.5), direct_radiance(r, 1361, 0.5, -0.1, 0.5));
+  }
+  EXPECT_FALSE(Brdf(blinn_phong(1)).terms());
+  EXPECT_FALSE(Brdf(lunar_lambert({})).terms());
+  EXPECT_FALSE(Brdf(hapke({})).terms());
+}
+
+// Eq. (11).
+TEST(Brdf, BlinnPhongByHand) {
+  EXPECT_NEAR(f_r(blinn_phong(0), degrees(20, 70, 50)), 0.3 / kPi, 1e-15);  // "becomes Equation (4) for p = 0"
+  // Sun and camera 30 degrees to either side: the halfway vector is the normal. (14 * 12) / (10 + 1/32) = 16.747664...
+  EXPECT_NEAR(f_r(blinn_phong(10), degrees(30, 30, 60)), 0.3 / (8 * kPi) * 16.747663551401868, 1e-13);
+  // Both at 40 degrees in the same place: halfway there, too.
+  EXPECT_NEAR(f_r(blinn_phong(10), degrees(40, 40, 0)),
+              0.3 / (8 * kPi) * 16.747663551401868 * std::pow(std::cos(40 * kRadians), 10), 1e-13);
+  // Opposite each other on the horizon: no halfway vector, nothing reflected.
+  EXPECT_EQ(Brdf(blinn_phong(10)).times_mu0(0, 0, -1), 0);
+}
+
+// ISIS 3 photomet (public domain), unit tests of its LunarLambert: divided by the value at mu0 = mu = 1.
+TEST(Brdf, LunarLambertAgreesWithIsis) {
+  for (const auto& [weight, expected] : {std::pair{1.0, 0.898979}, {0.0, 0.707107}, {0.5, 0.803043}}) {
+    const Reflectance r = lunar_lambert(weight);
+    EXPECT_NEAR(radiance_factor(r, degrees(45, 30, 60)) / radiance_factor(r, degrees(0, 0, 0)), expected, 1e-6);
+  }
+  EXPECT_NEAR(radiance_factor(lunar_lambert(0.3), degrees(0, 0, 0)), 0.12, 1e-15);  // rho is a normal albedo
+}
+
+// LunarLambertMcEwen there: L(30) = 1 - 0.57 + 0.2178 - 0.03942.
+TEST(Brdf, McEwensWeightFollowsThePhase) {
+  const Geometry g = degrees(45, 30, 30);
+  EXPECT_NEAR(f_r(lunar_lambert({}), g), f_r(lunar_lambert(0.60838), g), 1e-14);
+  const Geometry opposition = degrees(50, 50, 0);
+  EXPECT_NEAR(f_r(lunar_lambert({}), opposition), f_r(lunar_lambert(1), opposition), 1e-14);
+  const Geometry forward = degrees(80, 80, 160);  // the polynomial is below 0 beyond 105 degrees
+  EXPECT_EQ(f_r(lunar_lambert({}), forward), f_r(lunar_lambert(0), forward));
+}
+
+// Radiance factors of ISIS 3 photomet, unit tests of its HapkeHen and HapkeLeg: (phase, incidence, emission) of (0, 0,
+// 0) and (60, 45, 30) degrees. Its Hg2 is (1 + c) / 2 here.
+TEST(Brdf, HapkeAgreesWithIsis) {
+  const Reflectance isotropic = hapke(henyey_greenstein(0.5, 0, 1, 0, 0, 0)),
+                    rough = hapke(henyey_greenstein(0.52, 1, 1, 0.213, 1, 30)),
+                    legendre = hapke({0.52, 1, 1, PhaseFunction::legendre, 0, 0, 30});
+  EXPECT_NEAR(radiance_factor(isotropic, degrees(0, 0, 0)), 0.09650974233026809, 1e-15);
+  EXPECT_NEAR(radiance_factor(isotropic, degrees(45, 30, 60)), 0.08328830919316457, 1e-15);
+  EXPECT_NEAR(radiance_factor(rough, degrees(0, 0, 0)), 0.28604794646042775, 1e-14);
+  EXPECT_NEAR(radiance_factor(rough, degrees(45, 30, 60)), 0.1341996835824601, 1e-14);
+  EXPECT_NEAR(radiance_factor(legendre, degrees(45, 30, 60)), 0.11152494713005053, 1e-14);
+}
+
+// What Helfenstein & Veverka's Moon looks like: normal albedo around 0.13, and a surge of tens of percent in the last
+// seven degrees.
+TEST(Brdf, TheMoonsOppositionSurge) {
+  const Reflectance moon = hapke({});
+  const double full = radiance_factor(moon, degrees(0, 0, 0)), seven = radiance_factor(moon, degrees(7, 0, 7)),
+               ninety = radiance_factor(moon, degrees(60, 30, 90));
+  EXPECT_GT(full, 0.1);
+  EXPECT_LT(full, 0.16);
+  EXPECT_GT(full / seven, 1.25);
+  EXPECT_LT(full / seven, 1.6);
+  EXPECT_LT(ninety, 0.2 * full);
+}
+
+TEST(Brdf, PositiveEquation5) {
+  for (const auto& [name, r, most] : cases())
+    for (double mu0 = 1e-6; mu0 <= 1; mu0 *= 3)
+      for (double mu = 0; mu <= 1; mu += 0.05)
+        for (const double cos_azimuth : {-1.0, -0.3, 0.0, 0.8, 1.0}) {
+          const double f = f_r(r, azimuth(mu0, mu, cos_azimuth));
+          EXPECT_TRUE(f >= 0 && std::isfinite(f)) << name << ' ' << mu0 << ' ' << mu << ' ' << cos_azimuth << ' ' << f;
+        }
+}
+
+TEST(Brdf, ReciprocalEquation6) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> cosine(1e-6, 1), around(-1, 1);
+  for (const auto& [name, r, most] : cases())
+    for (int i = 0; i < 2000; ++i) {
+      const double a = cosine(random), b = cosine(random), turn = around(random);
+      const double there = f_r(r, azimuth(a, b, turn)), back = f_r(r, azimuth(b, a, turn));
+      EXPECT_NEAR(there, back, 1e-9 * there + 1e-300) << name << ' ' << a << ' ' << b << ' ' << turn;
+    }
+}
+
+// The integral of f_r mu over the hemisphere; midpoints in mu^2 / 2 and azimuth.
+double directional_hemispherical(const Reflectance& reflectance, double mu0) {
+  constexpr int kSteps = 1000, kTurns = 400;
+  const Brdf brdf(reflectance);
+  double sum = 0;
+  for (int i = 0; i < kSteps; ++i) {
+    const double mu = std::sqrt((i + 0.5) / kSteps);
+    for (int k = 0; k < kTurns; ++k) {
+      const Geometry g = azimuth(mu0, mu, std::cos(kPi * (k + 0.5) / kTurns));
+      sum += brdf(g.mu0, g.mu, g.cos_phase);
+    }
+  }
+  return kPi * sum / kSteps / kTurns;
+}
+
+TEST(Brdf, EnergyEquation7) {
+  for (const auto& [name, r, most] : cases())
+    for (const double mu0 : {1e-3, 0.1, 0.4, 0.8, 1.0})
+      EXPECT_LE(directional_hemispherical(r, mu0), most * (1 + 1e-3)) << name << ' ' << mu0;
+}
+
+// Eq. (11)'s factor is what makes it rho for a Sun in the zenith.
+TEST(Brdf, BlinnPhongReflectsRhoFromTheZenith) {
+  for (const double p : {0.0, 1.0, 10.0, 100.0})
+    EXPECT_NEAR(directional_hemispherical(blinn_phong(p), 1), 0.3, 1e-4) << p;
+}
+
+TEST(Brdf, DarkWithoutSun) {
+  for (const auto& [name, r, most] : cases()) {
+    EXPECT_EQ(direct_radiance(Brdf(r), 1361, 0, 0.5, 0.1, 1), 0) << name;
+    EXPECT_EQ(direct_radiance(Brdf(r), 1361, -0.1, 0, 0.1, 1), 0) << name;
+    EXPECT_EQ(direct_radiance(Brdf(r), 1361, 0.5, 0.5, 0.1, 0), 0) << name;
+    EXPECT_GE(direct_radiance(Brdf(r), 1361, 0.5, -0.01, 0.1, 1), 0) << name;
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::engine
