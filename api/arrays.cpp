@@ -51,7 +51,7 @@ ArrayView view_of(engine::Product product, const engine::Frame& frame, const eng
   const engine::Camera& camera = request.camera;
   switch (product) {
     case engine::kImage:
-      if (request.image.bit_depth != 8) return view(product, p.image, camera);
+      if (image_bits(request) != 8) return view(product, p.image, camera);
       narrowed.resize(p.image.size());
       std::transform(p.image.begin(), p.image.end(), narrowed.begin(),
                      [](std::uint16_t number) { return static_cast<std::uint8_t>(number); });

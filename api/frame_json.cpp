@@ -7,6 +7,7 @@
 
 #include "api/arrays.h"
 #include "api/ranges.h"
+#include "api/sensor_json.h"
 #include "api/surface_json.h"
 
 namespace selenograph::api {
@@ -128,8 +129,8 @@ void require_sun(const JsonReader& in, engine::ProductSet products) {
 FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets& assets) {
   FrameCall call;
   engine::FrameRequest& request = call.request;
-  if (!in.object(
-          {"camera", "pose", "sun", "surface", "band", "atmosphere", "accuracy", "image", "visibility", "products"}))
+  if (!in.object({"camera", "pose", "sun", "surface", "band", "atmosphere", "accuracy", "image", "sensor", "visibility",
+                  "products"}))
     return call;
   for (const std::string_view name : {"camera", "pose"}) {
     if (!in.has(name)) in.fail(name, "is required");
@@ -147,6 +148,11 @@ FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets&
     if (in.at("accuracy").value().is_object()) call.budget_ms = read_budget(in.at("accuracy"));
   }
   if (in.has("image")) request.image = read_image(in.at("image"));
+  if (in.has("sensor")) {
+    if (in.has("image")) in.fail("image", "is exposure without a sensor: not together with \"sensor\"");
+    if (!in.has("band")) in.fail("sensor", "needs a \"band\": which photons it counts");
+    request.sensor = read_sensor(in.at("sensor"));
+  }
   request.visibility = in.word("visibility", Words<engine::Visibility>(kVisibilities), request.visibility);
   if (in.has("products")) request.products = read_products(in.at("products"));
   call.sun_given = in.has("sun");
@@ -222,7 +228,12 @@ OrderedJson resolved_json(const FrameCall& call) {
   json["accuracy"] = {{"max_error_px", request.accuracy.max_error_px},
                       {"samples_per_pixel", request.accuracy.samples_per_pixel},
                       {"max_shadow_error_px", request.accuracy.max_shadow_error_px}};
-  if (request.products & engine::kImage) json["image"] = image_json(request.image);
+  if (request.products & engine::kImage) {
+    if (request.sensor)
+      json["sensor"] = sensor_json(*request.sensor);
+    else
+      json["image"] = image_json(request.image);
+  }
   json["products"] = OrderedJson::array();
   for (const ProductName& row : product_names()) {
     if (request.products & row.product) json["products"].push_back(row.name);

@@ -273,6 +273,14 @@ std::int64_t JsonReader::integer(std::string_view name, std::int64_t min, std::i
   return has(name) ? at(name).integer(min, max) : fallback;
 }
 
+bool JsonReader::flag(std::string_view name, bool fallback) const {
+  if (!has(name)) return fallback;
+  const JsonReader member = at(name);
+  if (member.value().is_boolean()) return member.value().get<bool>();
+  member.fail("must be true or false");
+  return fallback;
+}
+
 std::optional<std::string> JsonReader::text() const {
   if (value_->is_string()) return value_->get<std::string>();
   fail("must be a string");

@@ -72,6 +72,7 @@ class JsonReader {
   double number(std::string_view name, const Range& range, double fallback) const;  // optional
   std::int64_t integer(std::string_view name, std::int64_t min, std::int64_t max) const;
   std::int64_t integer(std::string_view name, std::int64_t min, std::int64_t max, std::int64_t fallback) const;
+  bool flag(std::string_view name, bool fallback) const;  // optional
   std::optional<std::string> text() const;
   // [x, y, z], each within range.
   Vec3 vector(const Range& range) const;

@@ -128,7 +128,11 @@ OrderedJson metadata(const FrameCall& call, const engine::FrameReport& report, c
     meta["solar_irradiance"] = irradiance_json(call.request, report);
     meta["radiance_terms"] = report.radiance.names();
   }
-  if (products & engine::kImage) meta["full_scale_radiance_w_m2_sr"] = report.full_scale_radiance_w_m2_sr;
+  if (products & engine::kImage) {
+    meta["full_scale_radiance_w_m2_sr"] = report.full_scale_radiance_w_m2_sr;
+    if (call.request.sensor)
+      meta["point_spread"] = {{"margin_px", report.margin_px}, {"captured_fraction", report.captured_fraction}};
+  }
   meta["visibility"] = visibility_name(report.visibility);
   meta["lod_error_px"] = report.lod_error_px;
   meta["lod_error_m"] = report.lod_error_m;

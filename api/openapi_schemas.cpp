@@ -5,6 +5,7 @@
 #include "api/openapi.h"
 #include "api/ranges.h"
 #include "api/round_trip_json.h"
+#include "api/sensor_json.h"
 #include "api/surface_json.h"
 
 namespace selenograph::api {
@@ -308,6 +309,65 @@ void add_band(OrderedJson& schemas) {
   schemas["Band"] = band;
 }
 
+OrderedJson pairs(const Range& first, const Range& second, std::size_t most, const char* description) {
+  return list(
+      {{"type", "array"}, {"prefixItems", {number(first, ""), number(second, "")}}, {"minItems", 2}, {"maxItems", 2}},
+      most, description);
+}
+
+// The member that a model needs, and that the others refuse.
+OrderedJson owned_by(const char* model, const char* member) {
+  return {{"if", {{"properties", {{"model", {{"const", model}}}}}}},
+          {"then", {{"required", {member}}}},
+          {"else", none_of({member})}};
+}
+
+void add_sensor(OrderedJson& schemas) {
+  const engine::Detector fallback;
+  OrderedJson spread = closed(
+      "How light spreads over pixels, applied in radiance; the frame is rendered with a margin, so that the border is "
+      "as "
+      "exact as the middle.",
+      {{"model", words(kPointSpreads, "airy: of f_number at the band's center wavelength")},
+       {"sigma_px", number(kSigma_px, "of `gaussian`")},
+       {"kernel", list(list(number({0, 1e9}, "weight"), kMaxKernelSide, "a row"), kMaxKernelSide,
+                       "of `kernel`: as measured; as many columns as rows, an odd number; normalised to 1")}},
+      {"model"});
+  spread["allOf"] = {owned_by("gaussian", "sigma_px"), owned_by("kernel", "kernel")};
+  OrderedJson vignetting = closed(
+      "Transmission of the optics by the angle from the boresight.",
+      {{"model", words(kVignettings, "which")},
+       {"table", pairs(kOffBoresight_deg, kUnitInterval, kMaxVignettingPoints,
+                       "of `table`: [degrees, transmission], angles rising; linear in between, constant beyond")}},
+      {"model"});
+  vignetting["allOf"] = {owned_by("table", "table")};
+  OrderedJson detector = closed("A quantum detector: SENSOR++ eq. (8), and its electronics.", OrderedJson::object(),
+                                {"pixel_pitch_um", "quantum_efficiency", "integration_time_s", "gain_e_dn"});
+  for (const DetectorMember& member : detector_members()) {
+    OrderedJson& schema = detector["properties"][std::string(member.name)];
+    if (!member.of)
+      schema = with(integer(1, 16, member.description), "default", fallback.bit_depth);
+    else
+      schema = member.required ? number(member.range, member.description)
+                               : number(member.range, member.description, fallback.*member.of);
+  }
+  detector["properties"]["photon_noise"] =
+      with(boolean("photons and dark electrons arrive one by one: Poisson"), "default", fallback.photon_noise);
+  schemas["Sensor"] = closed(
+      "Makes `image` from radiance: vignetting, point spread, electrons (SENSOR++ eq. 8), smear, PRNU, dark current, "
+      "photon "
+      "noise, full well, DSNU, read noise, gain, offset, digital numbers. Needs a `band`; excludes `image`. Noise is a "
+      "function of seed, frame, pixel and source: the same request gives the same bytes.",
+      {{"optics",
+        closed("",
+               {{"f_number", number(kFNumber, "of the optics")}, {"point_spread", spread}, {"vignetting", vignetting}},
+               {"f_number"})},
+       {"detector", detector},
+       {"seed", with(integer(0, kMaxSeed, "one detector's: its fixed pattern follows from it"), "default", 0)},
+       {"frame", with(integer(0, kMaxSeed, "another frame has other noise"), "default", 0)}},
+      {"optics", "detector"});
+}
+
 void add_frame_request(OrderedJson& schemas, const Limits& limits) {
   const engine::Accuracy accuracy;
   const OrderedJson full_scale{
@@ -356,6 +416,7 @@ void add_frame_request(OrderedJson& schemas, const Limits& limits) {
        {"image", closed("How radiance becomes the digital numbers of the product `image`.",
                         {{"bit_depth", {{"type", "integer"}, {"enum", {8, 16}}, {"default", 8}}},
                          {"full_scale_radiance", full_scale}})},
+       {"sensor", ref("Sensor")},
        {"visibility",
         with(words(kVisibilities,
                    "how to find what each pixel sees and whether the Sun reaches it: zbuffer (z-buffer and irregular "
@@ -365,6 +426,8 @@ void add_frame_request(OrderedJson& schemas, const Limits& limits) {
        {"products", products_schema()}},
       {"camera", "pose"});
   frame["anyOf"] = sun_where_needed();
+  frame["dependentRequired"] = {{"sensor", {"band"}}, {"atmosphere", {"band"}}};
+  frame["dependentSchemas"] = {{"sensor", none_of({"image"})}};
   schemas["FrameRequest"] = frame;
 }
 
@@ -385,6 +448,13 @@ void add_metadata(OrderedJson& schemas) {
        {"solar_irradiance",
         {{"type", "object"}, {"description", "value_w_m2 at the Moon after 1/r^2, its band and source"}}},
        {"full_scale_radiance_w_m2_sr", number(kAnyNumber, "that `image` was made with")},
+       {"radiance_terms", list(text("direct, indirect, scattered, emitted, thermal_path"), 5,
+                               "components of radiance that were evaluated: SENSOR++ eq. (1)")},
+       {"point_spread",
+        {{"type", "object"},
+         {"description",
+          "of an image by a sensor: margin_px that was rendered around it (the shares of pixels below count "
+          "it), captured_fraction of a point's light within the kernel"}}},
        {"visibility", with(words(kVisibilities, "that the frame was made with"), "enum", {"zbuffer", "raytrace"})},
        {"lod_error_px", number(kAnyNumber, "level-of-detail error bound actually reached, pixels")},
        {"lod_error_m", number(kAnyNumber, "the same in metres")},
@@ -588,6 +658,7 @@ OrderedJson openapi_schemas(const Limits& limits) {
   add_sun(schemas);
   add_surface(schemas);
   add_band(schemas);
+  add_sensor(schemas);
   add_frame_request(schemas, limits);
   add_metadata(schemas);
   add_rays(schemas, most);

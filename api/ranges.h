@@ -31,6 +31,9 @@ inline constexpr Range kUnitInterval{0, 1};
 inline constexpr Range kWavelength_um{0, 1e4, true, false};
 inline constexpr std::size_t kMaxResponsePoints = 10000;
 inline constexpr Range kTemperature_k{0, 1e4};
+inline constexpr Range kFNumber{0.1, 1000};
+inline constexpr Range kSigma_px{0.01, 7};  // its kernel reaches 4.5 of these
+inline constexpr Range kOffBoresight_deg{0, 90};
 inline constexpr Range kShininess{0, 1e6};
 inline constexpr Range kOppositionAmplitude{0, 10};
 inline constexpr Range kOppositionWidth{0, 10, true, false};

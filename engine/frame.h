@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "dem/geodesy.h"
+#include "engine/sensor_model.h"
 #include "engine/spectrum.h"
 
 namespace selenograph::engine {
@@ -99,12 +100,12 @@ struct Accuracy {
 
 // How the engine finds what each pixel sees and whether the Sun reaches it.
 enum class Visibility {
-  automatic,  // rays, as yet
-  zbuffer,    // z-buffer and irregular shadow map: pinholes under a point Sun; where it can't, rays
+  automatic,  // by what the frame has: see visibility_for
+  zbuffer,    // z-buffer and irregular shadow map
   raytrace    // Embree
 };
 
-// How radiance becomes digital numbers until there is a sensor model: DN = clamp(round(L / full_scale * (2^bits - 1))).
+// How radiance becomes digital numbers without a sensor's model: DN = clamp(round(L / full_scale * (2^bits - 1))).
 struct ImageSettings {
   int bit_depth = 8;  // 8 or 16
   std::optional<double>
@@ -137,9 +138,15 @@ struct FrameRequest {
   std::shared_ptr<const Atmosphere> atmosphere;  // null: none
   Accuracy accuracy;
   ImageSettings image;
+  std::optional<SensorModel> sensor;  // that makes the image, of the band; empty: ImageSettings alone
   Visibility visibility = Visibility::automatic;
   ProductSet products = kRadiance;
 };
+
+// Of the image's numbers as they are stored: 8 or 16.
+inline int image_bits(const FrameRequest& request) {
+  return (request.sensor ? request.sensor->detector.bit_depth : request.image.bit_depth) <= 8 ? 8 : 16;
+}
 
 // Arrays of height x width (x components), row 0 on top; empty unless asked for. Missing values as in the contract.
 struct FrameProducts {
@@ -197,6 +204,8 @@ struct FrameReport {
   double hit_fraction = 0;
   RadianceTerms radiance;                  // of frames with radiance or image
   double full_scale_radiance_w_m2_sr = 0;  // that `image` was made with; 0 without image
+  int margin_px = 0;             // rendered around the image for what spreads into it; shares of pixels count it
+  double captured_fraction = 1;  // of a point's light, within the point spread's kernel
   std::vector<SourceTile> sources;
   std::vector<std::string> warnings;  // e.g. a corrupt tile replaced by the layer below
 };

@@ -185,6 +185,35 @@ struct Renderer::Impl {
   }
 
   Frame render(const FrameRequest& request, const StopToken& stop) {
+    if (request.sensor && request.products & kImage) return render_sensed(request, stop);
+    Frame frame = render_scene(request, stop);
+    Stopwatch watch;
+    if (request.products & kImage)
+      frame.report.full_scale_radiance_w_m2_sr = expose(request.image, frame.products.radiance, frame.products.image);
+    if (!(request.products & kRadiance)) frame.products.radiance = {};
+    frame.times.sensor_ms = watch.lap_ms();
+    return frame;
+  }
+
+  Frame render_sensed(const FrameRequest& request, const StopToken& stop) {
+    const Sensor sensor(request);
+    FrameRequest wide = request;
+    wide.camera = with_margin(request.camera, sensor.margin_px());
+    Frame frame = render_scene(wide, stop);
+    Stopwatch watch;
+    FrameProducts& products = frame.products;
+    std::vector<float> light = request.products & kRadiance ? products.radiance : std::move(products.radiance);
+    if (!(request.products & kRadiance)) products.radiance.clear();
+    sensor.image(View(wide.camera, wide.pose), *lens_of(wide.camera), std::move(light), products.image);
+    crop(products, wide.camera, sensor.margin_px());
+    frame.report.full_scale_radiance_w_m2_sr = sensor.full_scale_radiance_w_m2_sr();
+    frame.report.margin_px = sensor.margin_px(), frame.report.captured_fraction = sensor.captured();
+    frame.times.sensor_ms = watch.lap_ms();
+    return frame;
+  }
+
+  // All products but the image, and the radiance that it is made from.
+  Frame render_scene(const FrameRequest& request, const StopToken& stop) {
     Frame frame;
     Stopwatch watch;
     const View view(request.camera, request.pose);
@@ -211,11 +240,6 @@ struct Renderer::Impl {
     frame.times.visibility_ms = watch.lap_ms();
     frame.times.draw_ms = counts.draw_ms, frame.times.resolve_ms = counts.resolve_ms;
     frame.times.shadow_ms = counts.shadow_ms;
-
-    if (request.products & kImage)
-      frame.report.full_scale_radiance_w_m2_sr = expose(request.image, frame.products.radiance, frame.products.image);
-    if (!(request.products & kRadiance)) frame.products.radiance = {};
-    frame.times.sensor_ms = watch.lap_ms();
 
     speed_of(visibility).learn(work_of(request, request.accuracy, triangles_of(selection), build), frame.times);
     frame.report.visibility = visibility;

@@ -424,6 +424,61 @@ TEST(FrameJson, BandsAndTemperatures) {
             "/atmosphere/name");
 }
 
+constexpr const char* kSensor = R"({"band": {"center_um": 0.65, "width_um": 0.3}, "products": ["image"], "sensor": {
+    "optics": {"f_number": 5.6, "point_spread": {"model": "gaussian", "sigma_px": 0.6}, "vignetting": {"model": "cos4"}},
+    "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.004, "full_well_e": 13500,
+                 "dark_current_e_s": 125, "read_noise_e": 13, "prnu": 0.01, "dsnu_e": 3, "gain_e_dn": 3.3, "offset_dn": 60,
+                 "bit_depth": 12, "dead_fraction": 1e-5, "hot_fraction": 1e-4, "hot_current_e_s": 1e5, "smear_time_s": 0,
+                 "photon_noise": true}, "seed": 3, "frame": 9007199254740992}})";
+
+TEST(FrameJson, Sensors) {
+  const auto request = accepted(kSensor);
+  ASSERT_TRUE(request.sensor);
+  EXPECT_EQ(request.sensor->optics.f_number, 5.6);
+  EXPECT_EQ(request.sensor->optics.point_spread.sigma_px, 0.6);
+  EXPECT_EQ(request.sensor->optics.vignetting.model, engine::Vignetting::Model::cos4);
+  EXPECT_EQ(request.sensor->detector.full_well_e, 13500);
+  EXPECT_EQ(request.sensor->detector.bit_depth, 12);
+  EXPECT_EQ(request.sensor->frame, std::uint64_t{1} << 53);
+  EXPECT_EQ(engine::image_bits(request), 16);
+  const auto json = resolved_json(read_frame(patched(kSensor), Limits{}));
+  EXPECT_EQ(resolved_json(read_frame(Json(json), Limits{})).dump(), json.dump());
+  EXPECT_FALSE(json.contains("image"));
+}
+
+TEST(FrameJson, RefusesSensors) {
+  const auto changed = [](const std::string& change) {
+    Json patch = Json::parse(kSensor);
+    patch.merge_patch(Json::parse(change));
+    return refused(patch.dump());
+  };
+  EXPECT_EQ(changed(R"({"band": null})"), "/sensor");
+  EXPECT_EQ(changed(R"({"image": {"bit_depth": 8}})"), "/image");
+  EXPECT_EQ(changed(R"({"sensor": {"optics": null}})"), "/sensor/optics");
+  EXPECT_EQ(changed(R"({"sensor": {"detector": {"gain_e_dn": null}}})"), "/sensor/detector/gain_e_dn");
+  EXPECT_EQ(changed(R"({"sensor": {"detector": {"gain_e_dn": 0}}})"), "/sensor/detector/gain_e_dn");
+  EXPECT_EQ(changed(R"({"sensor": {"detector": {"bit_depth": 17}}})"), "/sensor/detector/bit_depth");
+  EXPECT_EQ(changed(R"({"sensor": {"detector": {"photon_noise": 1}}})"), "/sensor/detector/photon_noise");
+  EXPECT_EQ(changed(R"({"sensor": {"detector": {"quantum_efficiency": 1.1}}})"), "/sensor/detector/quantum_efficiency");
+  EXPECT_EQ(changed(R"({"sensor": {"detector": {"dead_fraction": 0.9, "hot_fraction": 0.2}}})"),
+            "/sensor/detector/hot_fraction");
+  EXPECT_EQ(changed(R"({"sensor": {"optics": {"point_spread": {"sigma_px": null}}}})"),
+            "/sensor/optics/point_spread/sigma_px");
+  EXPECT_EQ(changed(R"({"sensor": {"optics": {"point_spread": {"model": "airy"}}}})"),
+            "/sensor/optics/point_spread/sigma_px");
+  const std::string at = "/sensor/optics/point_spread/kernel";
+  for (const char* kernel : {"[[1, 2], [3, 4]]", "[[1, 2, 3]]", "[[0]]", "[[1, 1, 1], [1, 1, 1], [1, 1]]"})
+    EXPECT_EQ(changed(R"({"sensor": {"optics": {"point_spread": {"model": "kernel", "sigma_px": null, "kernel": )" +
+                      std::string(kernel) + "}}}}"),
+              at)
+        << kernel;
+  EXPECT_EQ(changed(R"({"sensor": {"optics": {"vignetting": {"model": "table", "table": [[0, 1], [0, 0.9]]}}}})"),
+            "/sensor/optics/vignetting/table");
+  EXPECT_EQ(changed(R"({"sensor": {"optics": {"vignetting": {"model": "table"}}}})"),
+            "/sensor/optics/vignetting/table");
+  EXPECT_EQ(changed(R"({"sensor": {"frame": -1}})"), "/sensor/frame");
+}
+
 TEST(FrameJson, ReportsEveryFaultAtOnce) {
   EXPECT_EQ(refused(R"({"camera": {"width": -1}, "sun": {"angular_radius_deg": 9}, "products": ["x"]})"),
             "/camera/width /products/0 /sun/angular_radius_deg");

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <set>
 #include <string>
 
 #include "api/arrays.h"
@@ -130,8 +131,12 @@ TEST(OpenApi, RequestMembersAreTheParsers) {
     read_frame(body, Limits{});
     FAIL();
   } catch (const RequestError& e) {
-    EXPECT_EQ(e.findings().size(), properties.size());
-    for (const Finding& f : e.findings()) EXPECT_EQ(f.detail.find("unknown"), std::string::npos) << f.pointer;
+    std::set<std::string> pointers;
+    for (const Finding& f : e.findings()) {
+      EXPECT_EQ(f.detail.find("unknown"), std::string::npos) << f.pointer;
+      pointers.insert(f.pointer);
+    }
+    EXPECT_EQ(pointers.size(), properties.size());
   }
 }
 

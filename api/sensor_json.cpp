@@ -1,0 +1,188 @@
+#include "api/sensor_json.h"
+
+#include <array>
+
+#include "api/ranges.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::Detector;
+using engine::PointSpread;
+using engine::Vignetting;
+using OrderedJson = nlohmann::ordered_json;
+
+constexpr Range kAboveZero{0, 1e9, true, false};
+constexpr Range kNotNegative{0, 1e9};
+
+constexpr std::array<DetectorMember, 15> kMembers{{
+    {"pixel_pitch_um", {0, 1e4, true, false}, true, "p of SENSOR++ eq. (8)", &Detector::pixel_pitch_um},
+    {"quantum_efficiency", kUnitInterval, true, "eta of eq. (8): of optics and detector",
+     &Detector::quantum_efficiency},
+    {"integration_time_s", {0, 1e5, true, false}, true, "t of eq. (8)", &Detector::integration_time_s},
+    {"full_well_e", kNotNegative, false, "electrons that a pixel holds; 0: any number", &Detector::full_well_e},
+    {"dark_current_e_s", kNotNegative, false, "electrons per second and pixel", &Detector::dark_current_e_s},
+    {"smear_time_s", kNotNegative, false,
+     "electronic smear of frame transfer without a shutter: how long a row passes each row of the image",
+     &Detector::smear_time_s},
+    {"read_noise_e", kNotNegative, false, "standard deviation", &Detector::read_noise_e},
+    {"prnu", kUnitInterval, false,
+     "photo response non-uniformity: relative standard deviation of the pixels' responses", &Detector::prnu},
+    {"dsnu_e", kNotNegative, false, "dark signal non-uniformity: standard deviation of the pixels' offsets",
+     &Detector::dsnu_e},
+    {"dead_fraction", kUnitInterval, false, "share of the pixels that see nothing", &Detector::dead_fraction},
+    {"hot_fraction", kUnitInterval, false, "share of the pixels whose dark current is higher", &Detector::hot_fraction},
+    {"hot_current_e_s", kNotNegative, false, "by this much", &Detector::hot_current_e_s},
+    {"gain_e_dn", kAboveZero, true, "electrons per digital number", &Detector::gain_e_dn},
+    {"offset_dn", {0, 65535}, false, "digital number of no electrons", &Detector::offset_dn},
+    {"bit_depth",
+     {1, 16},
+     false,
+     "digital numbers from 0 to 2^bit_depth - 1; the image is uint8 up to 8, else uint16",
+     nullptr},
+}};
+
+// [[a, b], ...] with a and b in their ranges.
+std::vector<std::pair<double, double>> read_pairs(const JsonReader& in, std::size_t most, const Range& first,
+                                                  const Range& second) {
+  std::vector<std::pair<double, double>> pairs;
+  in.elements(1, most, [&](const JsonReader& point) {
+    std::vector<double> pair;
+    point.elements(2, 2, [&](const JsonReader& x) { pair.push_back(x.number(pair.empty() ? first : second)); });
+    if (pair.size() == 2) pairs.emplace_back(pair[0], pair[1]);
+  });
+  return pairs;
+}
+
+void refuse_unless(const JsonReader& in, bool belongs, std::string_view member, std::string_view model) {
+  if (!belongs && in.has(member)) in.fail(member, "belongs to the model \"" + std::string(model) + "\"");
+  if (belongs && !in.has(member)) in.fail(member, "is required for the model \"" + std::string(model) + "\"");
+}
+
+void read_kernel(const JsonReader& in, PointSpread& spread) {
+  std::size_t rows = 0;
+  double sum = 0;
+  in.elements(1, kMaxKernelSide, [&](const JsonReader& row) {
+    ++rows;
+    row.elements(1, kMaxKernelSide, [&](const JsonReader& weight) {
+      spread.kernel.push_back(weight.number(kNotNegative));
+      sum += spread.kernel.back();
+    });
+  });
+  if (!in.good()) return;
+  spread.side = static_cast<int>(rows);
+  if (rows % 2 == 0 || spread.kernel.size() != rows * rows) in.fail("must have as many columns as rows, an odd number");
+  if (!(sum > 0)) in.fail("must not be 0 everywhere");
+}
+
+PointSpread read_point_spread(const JsonReader& in) {
+  PointSpread spread;
+  if (!in.object({"model", "sigma_px", "kernel"})) return spread;
+  if (!in.has("model")) in.fail("model", "is required");
+  spread.model = in.word("model", Words<PointSpread::Model>(kPointSpreads), spread.model);
+  const bool gaussian = spread.model == PointSpread::Model::gaussian,
+             kernel = spread.model == PointSpread::Model::kernel;
+  refuse_unless(in, gaussian, "sigma_px", "gaussian");
+  refuse_unless(in, kernel, "kernel", "kernel");
+  if (gaussian && in.has("sigma_px")) spread.sigma_px = in.number("sigma_px", kSigma_px);
+  if (kernel && in.has("kernel")) read_kernel(in.at("kernel"), spread);
+  return spread;
+}
+
+Vignetting read_vignetting(const JsonReader& in) {
+  Vignetting vignetting;
+  if (!in.object({"model", "table"})) return vignetting;
+  if (!in.has("model")) in.fail("model", "is required");
+  vignetting.model = in.word("model", Words<Vignetting::Model>(kVignettings), vignetting.model);
+  const bool table = vignetting.model == Vignetting::Model::table;
+  refuse_unless(in, table, "table", "table");
+  if (!table || !in.has("table")) return vignetting;
+  for (const auto& [angle_deg, transmission] :
+       read_pairs(in.at("table"), kMaxVignettingPoints, kOffBoresight_deg, kUnitInterval)) {
+    if (!vignetting.table.empty() && !(angle_deg > vignetting.table.back().angle_deg))
+      in.fail("table", "its angles must rise");
+    vignetting.table.push_back({angle_deg, transmission});
+  }
+  return vignetting;
+}
+
+engine::Optics read_optics(const JsonReader& in) {
+  engine::Optics optics;
+  if (!in.object({"f_number", "point_spread", "vignetting"})) return optics;
+  optics.f_number = in.number("f_number", kFNumber);
+  if (in.has("point_spread")) optics.point_spread = read_point_spread(in.at("point_spread"));
+  if (in.has("vignetting")) optics.vignetting = read_vignetting(in.at("vignetting"));
+  return optics;
+}
+
+Detector read_detector(const JsonReader& in) {
+  Detector detector;
+  if (!in.object({"pixel_pitch_um", "quantum_efficiency", "integration_time_s", "full_well_e", "dark_current_e_s",
+                  "smear_time_s", "photon_noise", "read_noise_e", "prnu", "dsnu_e", "dead_fraction", "hot_fraction",
+                  "hot_current_e_s", "gain_e_dn", "offset_dn", "bit_depth"}))
+    return detector;
+  for (const DetectorMember& member : kMembers) {
+    if (!member.of) continue;
+    double& value = detector.*member.of;
+    value = member.required ? in.number(member.name, member.range) : in.number(member.name, member.range, value);
+  }
+  detector.bit_depth = static_cast<int>(in.integer("bit_depth", 1, 16, detector.bit_depth));
+  detector.photon_noise = in.flag("photon_noise", detector.photon_noise);
+  if (detector.dead_fraction + detector.hot_fraction > 1) in.fail("hot_fraction", "is more than what isn't dead");
+  return detector;
+}
+
+OrderedJson point_spread_json(const PointSpread& spread) {
+  OrderedJson json;
+  for (const auto& [name, model] : kPointSpreads)
+    if (model == spread.model) json["model"] = name;
+  if (spread.model == PointSpread::Model::gaussian) json["sigma_px"] = spread.sigma_px;
+  if (spread.model == PointSpread::Model::kernel) {
+    json["kernel"] = OrderedJson::array();
+    for (auto row = spread.kernel.begin(); row != spread.kernel.end(); row += spread.side)
+      json["kernel"].push_back(std::vector<double>(row, row + spread.side));
+  }
+  return json;
+}
+
+OrderedJson vignetting_json(const Vignetting& vignetting) {
+  OrderedJson json;
+  for (const auto& [name, model] : kVignettings)
+    if (model == vignetting.model) json["model"] = name;
+  if (vignetting.model == Vignetting::Model::table)
+    for (const auto& p : vignetting.table) json["table"].push_back({p.angle_deg, p.transmission});
+  return json;
+}
+
+}  // namespace
+
+std::span<const DetectorMember> detector_members() { return kMembers; }
+
+engine::SensorModel read_sensor(const JsonReader& in) {
+  engine::SensorModel sensor;
+  if (!in.object({"optics", "detector", "seed", "frame"})) return sensor;
+  for (const std::string_view name : {"optics", "detector"})
+    if (!in.has(name)) in.fail(name, "is required");
+  if (in.has("optics")) sensor.optics = read_optics(in.at("optics"));
+  if (in.has("detector")) sensor.detector = read_detector(in.at("detector"));
+  sensor.seed = static_cast<std::uint64_t>(in.integer("seed", 0, kMaxSeed, 0));
+  sensor.frame = static_cast<std::uint64_t>(in.integer("frame", 0, kMaxSeed, 0));
+  return sensor;
+}
+
+OrderedJson sensor_json(const engine::SensorModel& sensor) {
+  OrderedJson detector;
+  for (const DetectorMember& member : kMembers)
+    if (member.of) detector[std::string(member.name)] = sensor.detector.*member.of;
+  detector["bit_depth"] = sensor.detector.bit_depth;
+  detector["photon_noise"] = sensor.detector.photon_noise;
+  return {{"optics",
+           {{"f_number", sensor.optics.f_number},
+            {"point_spread", point_spread_json(sensor.optics.point_spread)},
+            {"vignetting", vignetting_json(sensor.optics.vignetting)}}},
+          {"detector", detector},
+          {"seed", sensor.seed},
+          {"frame", sensor.frame}};
+}
+
+}  // namespace selenograph::api

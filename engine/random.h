@@ -1,0 +1,32 @@
+// Random numbers that are functions of where they are used: nothing is drawn in an order, so any thread may make any of
+// them. Bits from Philox4x32-10 (Salmon, Moraes, Dror, Shaw: Parallel random numbers: as easy as 1, 2, 3, SC'11). Every
+// operation is exact or IEEE-rounded, and so are the bytes on every machine.
+#pragma once
+
+#include <cstdint>
+
+namespace selenograph::engine {
+
+enum class RandomSource : std::uint32_t {
+  exposure = 0,      // new in every frame: photons, reading
+  fixed_pattern = 1  // the detector's own, the same in every frame
+};
+
+inline constexpr int kDraw = 64;  // pixels at a time
+
+// Four words of 32 random bits for each of kDraw pixels from `pixel` on: words[word][pixel].
+struct RandomWords {
+  alignas(64) std::uint32_t word[4][kDraw];
+};
+void draw(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uint32_t pixel, RandomWords& out);
+
+// Standard normal, by the inverse of its distribution function (Wichura, AS 241, PPND7, Appl. Statist. 37, 477, 1988):
+// 1e-6 of the probability in either tail, within 6.3 standard deviations.
+void normals(const std::uint32_t bits[kDraw], float out[kDraw]);
+
+// Poisson, by the inverse of its distribution function: exactly below a mean of kExactPoisson, above by its asymptotic
+// expansion (Giles, ACM TOMS 42(1), 7, 2016, eq. 7), whose probabilities are within 5e-5. 0 for means of 0 and less.
+inline constexpr float kExactPoisson = 10;
+void poisson(const std::uint32_t bits[kDraw], const float mean[kDraw], float out[kDraw]);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,121 @@
+#!/usr/bin/env python3
+"""The product `image` of a sensor, over HTTP: against radiance, against itself, against statistics."""
+
+import copy
+import io
+import json
+import unittest
+
+import numpy as np
+
+import harness
+from harness import frame_request
+
+BAND = {"center_um": 0.65, "width_um": 0.3}
+SENSOR = {
+    "optics": {"f_number": 4.0, "point_spread": {"model": "none"}, "vignetting": {"model": "none"}},
+    "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.004, "photon_noise": False,
+                 "gain_e_dn": 2.0, "offset_dn": 60.0, "bit_depth": 16},
+}
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
+    SensorTest.service = harness.Service()
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+class SensorTest(unittest.TestCase):
+    def frame(self, optics={}, detector={}, products=("image", "radiance"), **changes):
+        sensor = copy.deepcopy(SENSOR)
+        sensor["optics"].update(optics), sensor["detector"].update(detector)
+        sensor.update({name: changes.pop(name) for name in ("seed", "frame") if name in changes})
+        document = frame_request(products, **{"band": BAND, "sensor": sensor, **changes})
+        status, headers, body = self.service.frame(document, "application/x-npz")
+        self.assertEqual(status, 200, body[:500])
+        arrays = np.load(io.BytesIO(body))
+        frame = {name: arrays[name] for name in arrays.files if name != "meta.json"}
+        frame["meta"], frame["bytes"] = json.loads(bytes(arrays["meta.json"])), body
+        return frame
+
+    # Eq. (8), gain and offset, pixel by pixel.
+    def test_digital_numbers_are_equation_8(self):
+        f = self.frame()
+        electrons = 0.004 * np.pi * 5.5e-6 ** 2 / (4 * 4.0 ** 2) * 0.4 * 0.65e-6 / (6.62607015e-34 * 299792458.0)
+        expected = f["radiance"].astype(float) * electrons / 2 + 60
+        self.assertEqual(f["image"].dtype, np.uint16)
+        self.assertLess(np.abs(f["image"] - np.clip(expected, 0, 65535)).max(), 0.51)
+        self.assertAlmostEqual(f["meta"]["full_scale_radiance_w_m2_sr"] * electrons / 2 + 60, 65535, 3)
+        self.assertGreater(f["image"].max(), 1000)
+
+    def test_eight_bits_are_bytes(self):
+        f = self.frame(detector={"bit_depth": 8, "gain_e_dn": 40.0, "offset_dn": 5.0})
+        self.assertEqual(f["image"].dtype, np.uint8)
+        self.assertEqual(f["image"].min(), 5)
+
+    # Light from outside of the image: the border is that of a larger image.
+    def test_point_spread_knows_what_is_beyond_the_border(self):
+        spread = {"point_spread": {"model": "gaussian", "sigma_px": 2.0}}
+        request = frame_request()
+        small = self.frame(optics=spread, products=("image", "radiance", "position", "lit"))
+        w, h = request["camera"]["width"], request["camera"]["height"]
+        fx = 0.5 * w / np.tan(np.radians(request["camera"]["fov_deg"] / 2))
+        large_camera = {"width": w + 40, "height": h + 40, "fx": fx, "fy": fx, "cx": (w + 39) / 2, "cy": (h + 39) / 2}
+        large = self.frame(optics=spread, products=("image", "radiance", "position", "lit"), camera=large_camera)
+        inner = (slice(20, -20), slice(20, -20))
+        for product in ("radiance", "position", "lit"):
+            self.assertEqual(small[product].shape[:2], (h, w))
+        self.assertTrue(np.allclose(small["position"], large["position"][inner], atol=1e-6))
+        difference = small["image"].astype(int) - large["image"][inner]
+        # Both choose their terrain by themselves: a few pixels see another level of detail.
+        self.assertLess(np.mean(np.abs(difference) > 2), 0.02)
+        self.assertEqual(small["meta"]["point_spread"]["margin_px"], 9)
+        sharp = self.frame()
+        self.assertLess(small["image"].std(), sharp["image"].std())
+        self.assertAlmostEqual(small["image"].mean() / sharp["image"].mean(), 1, 1)
+
+    def test_vignetting_dims_the_corners_alone(self):
+        even, dim = self.frame(), self.frame(optics={"vignetting": {"model": "cos4"}})
+        h, w = even["image"].shape
+        request = frame_request()
+        f = 0.5 * w / np.tan(np.radians(request["camera"]["fov_deg"] / 2))
+        y, x = np.mgrid[:h, :w]
+        cos2 = 1 / (1 + ((x - (w - 1) / 2) ** 2 + (y - (h - 1) / 2) ** 2) / f ** 2)
+        self.assertLess(np.abs((even["image"] - 60.0) * cos2 ** 2 + 60 - dim["image"]).max(), 1.01)
+
+    NOISY = {"photon_noise": True, "read_noise_e": 12.0, "prnu": 0.01, "dsnu_e": 4.0, "dark_current_e_s": 500.0,
+             "full_well_e": 100000.0, "hot_fraction": 0.001, "hot_current_e_s": 1e6, "dead_fraction": 0.001}
+
+    def test_the_same_request_has_the_same_bytes(self):
+        one = self.frame(detector=self.NOISY, seed=5, frame=8)
+        self.assertEqual(one["bytes"], self.frame(detector=self.NOISY, seed=5, frame=8)["bytes"])
+        for other in (self.frame(detector=self.NOISY, seed=5, frame=9), self.frame(detector=self.NOISY, seed=6, frame=8)):
+            self.assertTrue(np.array_equal(one["radiance"], other["radiance"]))
+            self.assertLess((one["image"] == other["image"]).mean(), 0.2)
+
+    def test_noise_has_the_variance_of_its_sources(self):
+        noisy = {"photon_noise": True, "read_noise_e": 12.0}
+        clean = self.frame()["image"].astype(float)
+        frames = [self.frame(detector=noisy, frame=k, products=("image",))["image"] for k in range(24)]
+        stack = np.array(frames, dtype=float)
+        expected = ((clean - 60) * 2 + 144) / 4 + 1 / 12
+        lit = clean > 200
+        self.assertGreater(lit.mean(), 0.5)
+        self.assertAlmostEqual((stack.var(axis=0, ddof=1)[lit] / expected[lit]).mean(), 1, 1)
+        error = np.sqrt(expected[lit].mean() / (24 * lit.sum()))
+        self.assertLess(abs((stack.mean(axis=0) - clean)[lit].mean()), 5 * error)
+
+    def test_png_holds_the_digital_numbers(self):
+        document = frame_request(["image"], band=BAND, sensor=SENSOR)
+        status, headers, body = self.service.frame(document, "image/png")
+        self.assertEqual(status, 200, body[:300])
+        self.assertEqual(body[:8], b"\x89PNG\r\n\x1a\n")
+        self.assertEqual(body[24], 16)  # bits
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,134 @@
+// Point spread and vignetting against closed forms.
+#include "engine/optics.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+PointSpread gaussian(double sigma_px) {
+  PointSpread spread;
+  spread.model = PointSpread::Model::gaussian, spread.sigma_px = sigma_px;
+  return spread;
+}
+PointSpread airy() {
+  PointSpread spread;
+  spread.model = PointSpread::Model::airy;
+  return spread;
+}
+
+double sum_of(const SpreadKernel& kernel) {
+  double sum = 0;
+  for (int y = -kernel.radius(); y <= kernel.radius(); ++y)
+    for (int x = -kernel.radius(); x <= kernel.radius(); ++x) sum += kernel.weight(x, y);
+  return sum;
+}
+
+TEST(PointSpread, GaussiansHaveTheirWidth) {
+  for (const double sigma : {0.3, 0.6, 1.5, 7.0}) {
+    const SpreadKernel kernel(gaussian(sigma), 4, 5, 0.6);
+    EXPECT_NEAR(sum_of(kernel), 1, 1e-6);
+    EXPECT_GT(kernel.captured(), 1 - 1e-5);
+    double second = 0;
+    for (int y = -kernel.radius(); y <= kernel.radius(); ++y)
+      for (int x = -kernel.radius(); x <= kernel.radius(); ++x) second += kernel.weight(x, y) * x * x;
+    const double middle = std::erf(0.5 / (sigma * std::numbers::sqrt2));
+    EXPECT_NEAR(kernel.weight(0, 0), middle * middle, 2e-5);
+    if (sigma > 1) {  // a pixel's own width adds to it
+      EXPECT_NEAR(second, sigma * sigma + 1.0 / 12, 2e-3 * sigma * sigma);
+    }
+    EXPECT_EQ(kernel.weight(1, 2), kernel.weight(-2, 1));
+  }
+}
+
+// lambda N = 2 um: encircled energy 1 - J0^2 - J1^2 of v = pi r / (lambda N) (Born & Wolf 8.5.2), for pixels fine
+// enough to make up a circle.
+TEST(PointSpread, AiryEncirclesItsEnergy) {
+  const SpreadKernel kernel(airy(), 4, 0.25, 0.5);  // lambda N is 8 pixels
+  EXPECT_EQ(kernel.radius(), SpreadKernel::kMaxRadius);
+  double within = 0;
+  for (int y = -14; y <= 14; ++y)
+    for (int x = -14; x <= 14; ++x)
+      if (std::hypot(x, y) <= 9.76) within += kernel.weight(x, y) * kernel.captured();
+  EXPECT_NEAR(within, 0.838, 0.006);             // the first dark ring, 1.22 lambda N, holds 83.8 %
+  const SpreadKernel coarse(airy(), 4, 4, 0.5);  // lambda N is half a pixel
+  EXPECT_NEAR(sum_of(coarse), 1, 1e-6);
+  EXPECT_NEAR(coarse.captured(), 0.985, 0.01);
+  EXPECT_GT(coarse.weight(0, 0), 0.6);
+}
+
+// Everything that the kernel holds arrives, wherever a point is, and turned the right way.
+TEST(PointSpread, AMeasuredKernelIsLeftByAPoint) {
+  PointSpread spread;
+  spread.model = PointSpread::Model::kernel;
+  spread.side = 3, spread.kernel = {1, 2, 3, 4, 20, 5, 6, 7, 2};
+  const SpreadKernel kernel(spread, 4, 5, 0.6);
+  std::vector<float> in(7 * 6, 0.F), out;  // 5 x 4 and a border of one
+  in[2 * 7 + 3] = 100.F;                   // pixel (2, 1)
+  kernel.apply(in, 5, 4, out);
+  for (int y = 0; y < 4; ++y)
+    for (int x = 0; x < 5; ++x) {
+      const int dx = x - 2, dy = y - 1;
+      const double expected =
+          std::abs(dx) > 1 || std::abs(dy) > 1 ? 0 : 2 * spread.kernel[static_cast<std::size_t>((dy + 1) * 3 + dx + 1)];
+      EXPECT_NEAR(static_cast<double>(out[static_cast<std::size_t>(y * 5 + x)]), expected, 1e-4) << x << ' ' << y;
+    }
+}
+
+TEST(PointSpread, EvenLightStaysEvenUpToTheBorder) {
+  for (const PointSpread& spread : {gaussian(1.2), airy()}) {
+    const SpreadKernel kernel(spread, 5.6, 5, 0.6);
+    const int r = kernel.radius();
+    const std::vector<float> in(static_cast<std::size_t>((40 + 2 * r) * (30 + 2 * r)), 5.F);
+    std::vector<float> out;
+    kernel.apply(in, 40, 30, out);
+    ASSERT_EQ(out.size(), 1200U);
+    for (const float x : out) EXPECT_NEAR(static_cast<double>(x), 5, 2e-5);
+  }
+}
+
+// A straight edge becomes the error function.
+TEST(PointSpread, AnEdgeIsBlurredToTheClosedForm) {
+  const double sigma = 1.5;
+  const SpreadKernel kernel(gaussian(sigma), 4, 5, 0.6);
+  const int r = kernel.radius(), wide = 41 + 2 * r;
+  std::vector<float> in(static_cast<std::size_t>(wide * (5 + 2 * r))), out;
+  for (std::size_t i = 0; i < in.size(); ++i) in[i] = static_cast<int>(i) % wide < r + 20 ? 1.F : 0.F;
+  kernel.apply(in, 41, 5, out);
+  for (int x = 0; x < 41; ++x) {
+    // Pixels up to 19, the differences of whose shares add up.
+    const double expected = 0.5 * std::erfc((x - 19.5) / (sigma * std::numbers::sqrt2));
+    EXPECT_NEAR(static_cast<double>(out[static_cast<std::size_t>(2 * 41 + x)]), expected, 2e-5) << x;
+  }
+}
+
+TEST(Vignetting, FollowsTheAngle) {
+  Camera camera;
+  camera.width = 101, camera.height = 81, camera.fx = camera.fy = 60, camera.cx = 50, camera.cy = 40;
+  const View view(camera, {Vec3(2e6, 0, 0), Eigen::Quaterniond::Identity()});
+  Vignetting cos4, table;
+  cos4.model = Vignetting::Model::cos4;
+  table.model = Vignetting::Model::table;
+  table.table = {{5, 1}, {25, 0.8}, {35, 0.2}};
+  std::vector<float> a(101 * 81, 2.F), b = a;
+  vignette(cos4, view, {}, a), vignette(table, view, {}, b);
+  for (int y = 0; y < 81; ++y)
+    for (int x = 0; x < 101; ++x) {
+      const double angle = std::atan(std::hypot(x - 50, y - 40) / 60.0), degrees = angle * 180 / kPi;
+      const double expected = degrees < 5    ? 1
+                              : degrees < 25 ? 1 - 0.2 * (degrees - 5) / 20
+                              : degrees < 35 ? 0.8 - 0.6 * (degrees - 25) / 10
+                                             : 0.2;
+      EXPECT_NEAR(a[static_cast<std::size_t>(y * 101 + x)], 2 * std::pow(std::cos(angle), 4), 1e-6);
+      EXPECT_NEAR(b[static_cast<std::size_t>(y * 101 + x)], 2 * expected, 1e-6);
+    }
+}
+
+}  // namespace
+}  // namespace selenograph::engine
