@@ -25,6 +25,7 @@ Response project_call(const CallContext& context);
 Response heights_call(const CallContext& context);
 Response height_call(const CallContext& context);
 Response verify_round_trip_call(const CallContext& context);
+Response verify_mertis_call(const CallContext& context);
 
 // The catalogue as JSON text: tiles, footprints, resolution, datum, gaps, and files that could not be used.
 std::string datasets_text(const dem::Catalogue& catalogue);

@@ -19,15 +19,16 @@ bool answered_by_calls(const ErrorRow& row) { return row.status != 404 && row.st
 
 // Whether a call can be answered with this status at all: what is documented is what a client must be ready for.
 bool can_answer(const Route& route, int status) {
-  const bool asks_terrain = route.call != Call::datasets && route.call != Call::openapi;
+  const bool computes = route.call != Call::datasets && route.call != Call::openapi;
   switch (status) {
     case 413:
     case 415:
       return route.admission;  // those with a body
     case 422:
-    case 500:
     case 504:
-      return asks_terrain;
+      return computes;
+    case 500:
+      return computes && route.call != Call::verify_mertis;  // those that read terrain
     default:
       return true;
   }
@@ -191,6 +192,8 @@ void fill(OrderedJson& operation, const Route& route) {
       return;
     case Call::verify_round_trip:
       return fill_round_trip(operation, place);
+    case Call::verify_mertis:
+      return fill_points(operation, "MertisRequest", "MertisAnswer", {{"temperatures_k", {350, 500}}});
     case Call::openapi:
       operation["responses"]["200"] = {{"description", "OpenAPI 3.1"},
                                        {"content", {{"application/json", {{"schema", {{"type", "object"}}}}}}}};
@@ -210,6 +213,7 @@ const char* tag(Call call) {
     case Call::datasets:
       return "terrain";
     case Call::verify_round_trip:
+    case Call::verify_mertis:
       return "verification";
     case Call::openapi:
       return "service";

@@ -1,6 +1,7 @@
 // The shapes of what comes in and goes out, as JSON Schema. Numbers' ranges are the parser's own objects.
 #include "api/arrays.h"
 #include "api/frame_json.h"
+#include "api/mertis_json.h"
 #include "api/metadata.h"
 #include "api/openapi.h"
 #include "api/ranges.h"
@@ -368,6 +369,43 @@ void add_sensor(OrderedJson& schemas) {
       {"optics", "detector"});
 }
 
+void add_mertis(OrderedJson& schemas) {
+  const MertisCall fallback;
+  const engine::Spectrometer& s = fallback.spectrometer;
+  OrderedJson eta{{"oneOf",
+                   {number(kUnitInterval, "at all wavelengths"),
+                    pairs(kWavelength_um, kUnitInterval, 1000, "[um, eta], wavelengths rising")}},
+                  {"description", "of optics and grating"}};
+  eta["default"] = s.efficiency[0].efficiency;
+  schemas["MertisRequest"] = closed(
+      "A spectrometer that looks at blackbodies: SENSOR++ eqs. (3), (9), (12). What is left out is MERTIS, or assumed: "
+      "the "
+      "answer says what.",
+      {{"description", text("of a file; ignored")},
+       {"first_um", number(kWavelength_um, "where the first channel begins", s.first_um)},
+       {"last_um", number(kWavelength_um, "where the last one ends", s.last_um)},
+       {"channels", with(integer(1, kMaxChannels, "of equal width"), "default", s.channels)},
+       {"pixel_pitch_um", number({0, 1e4, true, false}, "p", s.pixel_pitch_um)},
+       {"f_number", number(kFNumber, "f_#", s.f_number)},
+       {"efficiency", eta},
+       {"noise_equivalent_power_w", number({0, 1, true, false}, "NEP of a pixel, W", s.noise_equivalent_power_w)},
+       {"temperatures_k",
+        with(list(number({1, 1e4}, "K"), 16, "of the blackbodies"), "default", fallback.temperatures_k)}});
+  OrderedJson channel{{"type", "object"},
+                      {"description",
+                       "center_um, width_um, radiance_w_m2_sr_um (B(T)), flux_w (eq. 9), noise_equivalent_power_w, "
+                       "signal_to_noise (eq. 12), width_error: of L Delta lambda against the integral, relative"}};
+  OrderedJson spectrum =
+      open("", {{"temperature_k", number(kAnyNumber, "K")}, {"channels", {{"type", "array"}, {"items", channel}}}},
+           {"temperature_k", "channels"});
+  schemas["MertisAnswer"] =
+      open("Per temperature and channel.",
+           {{"instrument", with(ref("MertisRequest"), "description", "as understood")},
+            {"assumptions_of_the_defaults", {{"type", "array"}, {"items", text("an assumption")}}},
+            {"spectra", {{"type", "array"}, {"items", spectrum}}}},
+           {"instrument", "assumptions_of_the_defaults", "spectra"});
+}
+
 void add_frame_request(OrderedJson& schemas, const Limits& limits) {
   const engine::Accuracy accuracy;
   const OrderedJson full_scale{
@@ -659,6 +697,7 @@ OrderedJson openapi_schemas(const Limits& limits) {
   add_surface(schemas);
   add_band(schemas);
   add_sensor(schemas);
+  add_mertis(schemas);
   add_frame_request(schemas, limits);
   add_metadata(schemas);
   add_rays(schemas, most);

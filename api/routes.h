@@ -6,7 +6,7 @@
 
 namespace selenograph::api {
 
-enum class Call { frames, rays, project, heights, height, datasets, verify_round_trip, openapi };
+enum class Call { frames, rays, project, heights, height, datasets, verify_round_trip, verify_mertis, openapi };
 
 struct Route {
   Call call;
@@ -25,6 +25,8 @@ inline constexpr Route kRoutes[] = {
     {Call::datasets, "GET", "/v1/datasets", false, "listDatasets", "The catalogue of DEM tiles"},
     {Call::verify_round_trip, "POST", "/v1/verify/roundtrip", true, "verifyRoundTrip",
      "Extracts a DEM from what cameras see and compares it with its original"},
+    {Call::verify_mertis, "POST", "/v1/verify/mertis", true, "verifyMertis",
+     "What a thermal imaging spectrometer measures of blackbodies"},
     {Call::openapi, "GET", "/openapi.json", false, "getOpenapi", "This document"},
 };
 

@@ -93,6 +93,8 @@ struct Service::Impl {
         return json_response(datasets);
       case Call::verify_round_trip:
         return verify_round_trip_call(context);
+      case Call::verify_mertis:
+        return verify_mertis_call(context);
       case Call::openapi:
         return json_response(openapi);
     }

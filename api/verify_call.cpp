@@ -1,6 +1,7 @@
-// POST /v1/verify/roundtrip.
+// POST /v1/verify/roundtrip and /v1/verify/mertis.
 #include "api/call.h"
 #include "api/difference_picture.h"
+#include "api/mertis_json.h"
 #include "api/negotiate.h"
 #include "api/round_trip_json.h"
 #include "dem/error.h"
@@ -47,6 +48,10 @@ Response verify_round_trip_call(const CallContext& context) {
   response.headers.emplace_back("Vary", "Accept");
   if (context.stop.stopped()) throw Cancelled();
   return response;
+}
+
+Response verify_mertis_call(const CallContext& context) {
+  return json_response(mertis_json(read_mertis(json_body(context)), context.stop));
 }
 
 }  // namespace selenograph::api

@@ -44,11 +44,17 @@ struct VerifyAccuracySettings {
   std::string output;  // folder
 };
 
+struct VerifyMertisSettings {
+  std::string instrument;  // JSON file; empty: MERTIS as the paper prints it and as is assumed
+  std::string output;      // folder
+};
+
 void add_options(CLI::App& command, RenderSettings& settings);
 void add_options(CLI::App& command, InfoSettings& settings);
 void add_options(CLI::App& command, SampleSettings& settings);
 void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
 void add_options(CLI::App& command, VerifyAccuracySettings& settings);
+void add_options(CLI::App& command, VerifyMertisSettings& settings);
 
 int serve(const ServeSettings& settings);
 int render(const RenderSettings& settings);
@@ -57,5 +63,6 @@ int info(const InfoSettings& settings);
 int sample(const SampleSettings& settings);
 int verify_round_trip(const VerifyRoundTripSettings& settings);
 int verify_accuracy(const VerifyAccuracySettings& settings);
+int verify_mertis(const VerifyMertisSettings& settings);
 
 }  // namespace selenograph::server

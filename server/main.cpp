@@ -1,4 +1,4 @@
-// The executable: `selenograph serve | render | ingest | sample | info | verify roundtrip | verify accuracy`.
+// The executable: `selenograph serve | render | ingest | sample | info | verify roundtrip | accuracy | mertis`.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -24,6 +24,7 @@ struct Settings {
   SampleSettings sample;
   VerifyRoundTripSettings verify_round_trip;
   VerifyAccuracySettings verify_accuracy;
+  VerifyMertisSettings verify_mertis;
 };
 
 // What each command does once its settings are complete.
@@ -50,6 +51,8 @@ Work add_commands(CLI::App& app, Settings& s) {
       s.verify_round_trip, verify_round_trip);
   add(verify, work, "accuracy", "Measures speed against error, on named scenes for every setting", s.verify_accuracy,
       verify_accuracy);
+  add(verify, work, "mertis", "Flux and signal to noise of a thermal imaging spectrometer", s.verify_mertis,
+      verify_mertis);
   return work;
 }
 

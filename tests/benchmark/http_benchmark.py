@@ -50,8 +50,8 @@ def main():
             connection.request("POST", "/v1/frames", body=body, headers=headers)
             answer = connection.getresponse()
             assert answer.status == 200, answer.read(300)
-            assert answer.length == len(frame), answer.length
-            view = memoryview(frame)
+            assert 1024 * 1024 <= answer.length <= len(frame), answer.length
+            view = memoryview(frame)[:answer.length]
             while view:
                 view = view[answer.readinto(view):]
             wait = 1000 * (time.perf_counter() - start)

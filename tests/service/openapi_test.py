@@ -233,6 +233,7 @@ class EveryAnswer(Documented):
         slow = {"/v1/frames": frame_request(width=4000, height=4000, samples=256, pose=self.frame_pose()),
                 "/v1/rays": {"rays": [{"origin_m": [1757400.0, i, 0.0], "direction": [-1.0, 0.0, 0.0]} for i in range(20000)]},
                 "/v1/heights": {"points": points},
+                "/v1/verify/mertis": {"channels": 10000, "temperatures_k": [300.0] * 16},
                 "/v1/project": {"camera": frame_request()["camera"], "pose": self.frame_pose(), "points": points}}
         for operation in self.each(504):
             if operation.path in slow:

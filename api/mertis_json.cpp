@@ -1,0 +1,171 @@
+#include "api/mertis_json.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "api/plot_axes.h"
+#include "api/ranges.h"
+#include "dem/error.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::SpectrometerChannel;
+using OrderedJson = nlohmann::ordered_json;
+
+constexpr Range kPitch_um{0, 1e4, true, false};
+constexpr Range kPower_w{0, 1, true, false};
+constexpr Range kBlackbody_k{1, 1e4};
+
+void read_efficiency(const JsonReader& in, engine::Spectrometer& s) {
+  if (in.value().is_number()) {
+    const double eta = in.number(kUnitInterval);
+    s.efficiency = {{s.first_um, eta}};
+    return;
+  }
+  s.efficiency.clear();
+  in.elements(1, 1000, [&](const JsonReader& point) {
+    std::vector<double> pair;
+    point.elements(
+        2, 2, [&](const JsonReader& x) { pair.push_back(x.number(pair.empty() ? kWavelength_um : kUnitInterval)); });
+    if (pair.size() != 2) return;
+    if (!s.efficiency.empty() && !(pair[0] > s.efficiency.back().wavelength_um)) point.fail("wavelengths must rise");
+    s.efficiency.push_back({pair[0], pair[1]});
+  });
+}
+
+MertisCall read_members(const JsonReader& in) {
+  MertisCall call;
+  engine::Spectrometer& s = call.spectrometer;
+  if (!in.object({"description", "first_um", "last_um", "channels", "pixel_pitch_um", "f_number", "efficiency",
+                  "noise_equivalent_power_w", "temperatures_k"}))
+    return call;
+  if (in.has("description")) in.at("description").text();
+  s.first_um = in.number("first_um", kWavelength_um, s.first_um);
+  s.last_um = in.number("last_um", kWavelength_um, s.last_um);
+  if (!(s.last_um > s.first_um)) in.fail("last_um", "must be above first_um");
+  s.channels = static_cast<int>(in.integer("channels", 1, kMaxChannels, s.channels));
+  s.pixel_pitch_um = in.number("pixel_pitch_um", kPitch_um, s.pixel_pitch_um);
+  s.f_number = in.number("f_number", kFNumber, s.f_number);
+  if (in.has("efficiency")) read_efficiency(in.at("efficiency"), s);
+  s.noise_equivalent_power_w = in.number("noise_equivalent_power_w", kPower_w, s.noise_equivalent_power_w);
+  if (in.has("temperatures_k")) {
+    call.temperatures_k.clear();
+    in.at("temperatures_k").elements(1, 16, [&](const JsonReader& t) {
+      call.temperatures_k.push_back(t.number(kBlackbody_k));
+    });
+  }
+  return call;
+}
+
+OrderedJson instrument_json(const MertisCall& call) {
+  const engine::Spectrometer& s = call.spectrometer;
+  OrderedJson efficiency = OrderedJson::array();
+  for (const engine::EfficiencyPoint& p : s.efficiency) efficiency.push_back({p.wavelength_um, p.efficiency});
+  return {{"first_um", s.first_um},
+          {"last_um", s.last_um},
+          {"channels", s.channels},
+          {"pixel_pitch_um", s.pixel_pitch_um},
+          {"f_number", s.f_number},
+          {"efficiency", efficiency},
+          {"noise_equivalent_power_w", s.noise_equivalent_power_w},
+          {"temperatures_k", call.temperatures_k}};
+}
+
+constexpr const char* kAssumptions[] = {
+    "SENSOR++ prints 80 channels from 7 to 14 um and equations (3), (9) and (12); it doesn't print what follows",
+    "channels of equal width",
+    "f/2 and pixels of 35 um (Hiesinger, Helbert et al. 2010)",
+    "efficiency of optics and grating 0.3 at all wavelengths",
+    "noise-equivalent power 1 pW per channel, after averaging over frames",
+    "blackbodies of 350 and 500 K",
+};
+
+// Curves of one number over wavelength, one per temperature.
+template <typename Value>
+void draw_panel(Canvas& canvas, const Rectangle& area, const MertisCall& call, const char* label, const Value& value) {
+  std::vector<double> all;
+  std::vector<std::vector<Point>> curves;
+  for (const double kelvin : call.temperatures_k) {
+    curves.emplace_back();
+    for (const SpectrometerChannel& c : engine::look_at_blackbody(call.spectrometer, kelvin))
+      curves.back().push_back({c.center_um, value(c)}), all.push_back(value(c));
+  }
+  const Axis wavelength{.min = call.spectrometer.first_um, .max = call.spectrometer.last_um, .label = "wavelength, µm"};
+  const PlotAxes axes(area, wavelength, axis_around(all, Scale::logarithmic, label));
+  axes.draw_grid(canvas);
+  std::vector<LegendEntry> legend;
+  for (std::size_t i = 0; i < curves.size(); ++i) {
+    CurveStyle style;
+    style.colour = kPalette[i % std::size(kPalette)];
+    axes.draw_curve(canvas, curves[i], style);
+    legend.push_back({fmt::format("blackbody of {:g} K", call.temperatures_k[i]), style});
+  }
+  axes.draw_frame(canvas);
+  draw_legend(canvas, {area.right() - 8, area.y + 8}, legend);
+}
+
+}  // namespace
+
+MertisCall read_mertis(const Json& body) {
+  Findings findings;
+  MertisCall call = read_members(JsonReader(body, findings));
+  findings.throw_if_any();
+  return call;
+}
+
+OrderedJson mertis_json(const MertisCall& call, const engine::StopToken& stop) {
+  OrderedJson spectra = OrderedJson::array();
+  for (const double kelvin : call.temperatures_k) {
+    if (stop.stopped()) throw Cancelled();
+    OrderedJson channels = OrderedJson::array();
+    for (const SpectrometerChannel& c : engine::look_at_blackbody(call.spectrometer, kelvin))
+      channels.push_back({{"center_um", c.center_um},
+                          {"width_um", c.width_um},
+                          {"radiance_w_m2_sr_um", c.radiance_w_m2_sr_um},
+                          {"flux_w", c.flux_w},
+                          {"noise_equivalent_power_w", call.spectrometer.noise_equivalent_power_w},
+                          {"signal_to_noise", c.signal_to_noise},
+                          {"width_error", c.width_error}});
+    spectra.push_back({{"temperature_k", kelvin}, {"channels", channels}});
+  }
+  return {{"instrument", instrument_json(call)}, {"assumptions_of_the_defaults", kAssumptions}, {"spectra", spectra}};
+}
+
+std::string mertis_csv(const MertisCall& call) {
+  std::string csv = "# SENSOR++ equations (3), (9), (12)\n";
+  for (const char* assumption : kAssumptions) csv += fmt::format("# defaults: {}\n", assumption);
+  csv +=
+      "temperature_k,channel,center_um,width_um,efficiency,radiance_w_m2_sr_um,flux_w,noise_equivalent_power_w,"
+      "signal_to_noise,width_error\n";
+  for (const double kelvin : call.temperatures_k) {
+    int channel = 0;
+    for (const SpectrometerChannel& c : engine::look_at_blackbody(call.spectrometer, kelvin))
+      csv += fmt::format("{:g},{},{:.9g},{:.9g},{:.6g},{:.9g},{:.9g},{:g},{:.9g},{:.3e}\n", kelvin, ++channel,
+                         c.center_um, c.width_um, c.efficiency, c.radiance_w_m2_sr_um, c.flux_w,
+                         call.spectrometer.noise_equivalent_power_w, c.signal_to_noise, c.width_error);
+  }
+  return csv;
+}
+
+Canvas mertis_plot(const MertisCall& call) {
+  Canvas canvas(880, 400);
+  TextStyle title;
+  title.size = 13, title.bold = true;
+  canvas.text({70, 26}, "Radiant flux per channel, eq. (9)", title);
+  canvas.text({500, 26}, "Signal to noise, eq. (12)", title);
+  draw_panel(canvas, {70, 40, 330, 290}, call, "flux, W", [](const SpectrometerChannel& c) { return c.flux_w; });
+  draw_panel(canvas, {500, 40, 340, 290}, call, "SNR", [](const SpectrometerChannel& c) { return c.signal_to_noise; });
+  TextStyle small;
+  small.size = 9, small.colour = kPaleInk;
+  const engine::Spectrometer& s = call.spectrometer;
+  canvas.text({70, 386},
+              fmt::format("{} channels, {:g} to {:g} µm; f/{:g}, pixels of {:g} µm, NEP {:g} W. What SENSOR++ doesn't "
+                          "print is assumed: see the CSV's head.",
+                          s.channels, s.first_um, s.last_um, s.f_number, s.pixel_pitch_um, s.noise_equivalent_power_w),
+              small);
+  return canvas;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,33 @@
+// A spectrometer's request and its channels, as JSON, CSV and picture: for POST /v1/verify/mertis and for `selenograph
+// verify mertis`.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "api/canvas.h"
+#include "api/json_reader.h"
+#include "engine/frame.h"
+#include "engine/spectrometer.h"
+
+namespace selenograph::api {
+
+inline constexpr int kMaxChannels = 10000;
+
+struct MertisCall {
+  engine::Spectrometer spectrometer;
+  std::vector<double> temperatures_k{350, 500};  // assumed: of the paper's figure 6 there is no number in the text
+};
+
+// Throws RequestError with every fault found. Every member may be left out: MERTIS.
+MertisCall read_mertis(const Json& body);
+
+// The instrument as understood, what was assumed, and per temperature and channel what the equations give.
+// Stops between temperatures.
+nlohmann::ordered_json mertis_json(const MertisCall& call, const engine::StopToken& stop = {});
+
+// One row per channel and temperature.
+std::string mertis_csv(const MertisCall& call);
+Canvas mertis_plot(const MertisCall& call);
+
+}  // namespace selenograph::api
