@@ -1,7 +1,10 @@
 #include "api/assets.h"
 
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 
 #define XXH_INLINE_ALL
 #include <xxhash.h>
@@ -14,6 +17,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr int kMaxAssetDepth = 16;
+
 // Names come from clients: nothing that could lead out of the folder.
 bool is_plain(std::string_view name) {
   return !name.empty() && name.size() <= 100 && name.front() != '.' &&
@@ -25,25 +30,46 @@ bool is_plain(std::string_view name) {
 
 }  // namespace
 
-std::shared_ptr<const engine::Atmosphere> Assets::atmosphere(std::string_view name) const {
+template <typename T, typename Read>
+std::shared_ptr<const T> Assets::find(Files<T>& files, const char* kind, const char* extension, std::string_view name,
+                                      const Read& read) const {
   if (folder_.empty() || !is_plain(name)) return nullptr;
-  const fs::path path = fs::path(folder_) / "atmospheres" / (std::string(name) + ".csv");
+  const fs::path path = fs::path(folder_) / kind / (std::string(name) + extension);
   std::error_code error;
   const auto modified = fs::last_write_time(path, error);
   if (error) return nullptr;
   const Stamp stamp{std::chrono::duration_cast<std::chrono::nanoseconds>(modified.time_since_epoch()).count(),
                     fs::file_size(path, error)};
   const std::lock_guard lock(mutex_);
-  if (const auto found = atmospheres_.find(name); found != atmospheres_.end() && found->second.stamp == stamp)
-    return found->second.atmosphere;
-  std::shared_ptr<const engine::Atmosphere> read;
+  if (const auto found = files.find(name); found != files.end() && found->second.stamp == stamp)
+    return found->second.content;
+  std::shared_ptr<const T> content;
   try {
-    read = std::make_shared<const engine::Atmosphere>(engine::Atmosphere::read(path.string()));
+    content = std::make_shared<const T>(read(path.string()));
   } catch (const DataError& e) {
     throw RequestError("asset_error", e.what());
   }
-  atmospheres_.insert_or_assign(std::string(name), Read{stamp, read});
-  return read;
+  files.insert_or_assign(std::string(name), Known<T>{stamp, content});
+  return content;
+}
+
+std::shared_ptr<const engine::Atmosphere> Assets::atmosphere(std::string_view name) const {
+  return find(atmospheres_, "atmospheres", ".csv", name, engine::Atmosphere::read);
+}
+
+std::shared_ptr<const Json> Assets::camera(std::string_view name) const {
+  return find(cameras_, "cameras", ".json", name, [](const std::string& path) {
+    std::ifstream file(path, std::ios::binary);
+    const std::string text{std::istreambuf_iterator<char>(file), {}};
+    if (!file) throw DataError(path, "can't be read");
+    try {
+      Json json = parse_json(text, kMaxAssetDepth);
+      if (!json.is_object()) throw DataError(path, "must be a JSON object");
+      return json;
+    } catch (const RequestError& e) {
+      throw DataError(path, e.what());
+    }
+  });
 }
 
 std::vector<std::string> Assets::names(std::string_view kind) const {

@@ -1,6 +1,7 @@
 // Files that requests name: what the operator put into the assets folder, one subfolder per kind.
 #pragma once
 
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -8,21 +9,24 @@
 #include <string_view>
 #include <vector>
 
+#include "api/json_reader.h"
 #include "engine/atmosphere.h"
 
 namespace selenograph::api {
 
-// const means safe to call concurrently. A file that changed is read again.
+// const means safe to call concurrently. A file that changed is read again. Null: there is no such file. They throw
+// RequestError("asset_error") naming the file when it can't be used.
 class Assets {
  public:
   // Empty: there are none.
   explicit Assets(std::string folder = {}) : folder_(std::move(folder)) {}
 
-  // atmospheres/NAME.csv, as engine::Atmosphere::read says; null when there is no such file. Throws DataError naming
-  // the file when it can't be used.
+  // atmospheres/NAME.csv, as engine::Atmosphere::read says.
   std::shared_ptr<const engine::Atmosphere> atmosphere(std::string_view name) const;
+  // cameras/NAME.json: an object. What its members are is the request's matter.
+  std::shared_ptr<const Json> camera(std::string_view name) const;
 
-  // Of the files of a kind ("atmospheres"), without their extension; sorted.
+  // Of the files of a kind ("atmospheres", "cameras"), without their extension; sorted.
   std::vector<std::string> names(std::string_view kind) const;
 
   // Of what an atmosphere was read from, so that a frame's ETag changes with it; 0 for null.
@@ -34,14 +38,22 @@ class Assets {
     std::uintmax_t bytes;
     bool operator==(const Stamp&) const = default;
   };
-  struct Read {
+  template <typename T>
+  struct Known {
     Stamp stamp;
-    std::shared_ptr<const engine::Atmosphere> atmosphere;
+    std::shared_ptr<const T> content;
   };
+  template <typename T>
+  using Files = std::map<std::string, Known<T>, std::less<>>;
+
+  template <typename T, typename Read>
+  std::shared_ptr<const T> find(Files<T>& files, const char* kind, const char* extension, std::string_view name,
+                                const Read& read) const;
 
   std::string folder_;
   mutable std::mutex mutex_;
-  mutable std::map<std::string, Read, std::less<>> atmospheres_;
+  mutable Files<engine::Atmosphere> atmospheres_;
+  mutable Files<Json> cameras_;
 };
 
 }  // namespace selenograph::api

@@ -97,6 +97,12 @@ std::optional<engine::Band> read_band(const JsonReader& in) {
   }
 }
 
+std::string listed(const std::vector<std::string>& names) {
+  std::string list;
+  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
+  return list.empty() ? "none" : list;
+}
+
 void read_atmosphere(const JsonReader& in, const Assets& assets, FrameCall& call) {
   if (!in.object({"name"})) return;
   if (!in.has("name")) return in.fail("name", "is required");
@@ -113,9 +119,7 @@ void read_atmosphere(const JsonReader& in, const Assets& assets, FrameCall& call
     }
     return;
   }
-  std::string known;
-  for (const std::string& other : assets.names("atmospheres")) known += (known.empty() ? "" : ", ") + other;
-  named.fail("no such atmosphere; the service has " + (known.empty() ? "none" : known));
+  named.fail("no such atmosphere; the service has " + listed(assets.names("atmospheres")));
 }
 
 void require_sun(const JsonReader& in, engine::ProductSet products) {
@@ -129,9 +133,10 @@ void require_sun(const JsonReader& in, engine::ProductSet products) {
 FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets& assets) {
   FrameCall call;
   engine::FrameRequest& request = call.request;
-  if (!in.object({"camera", "pose", "sun", "surface", "band", "atmosphere", "accuracy", "image", "sensor", "visibility",
-                  "products"}))
+  if (!in.object({"camera", "pose", "sun", "surface", "band", "atmosphere", "accuracy", "image", "sensor",
+                  "camera_preset", "visibility", "products"}))
     return call;
+  if (in.has("camera_preset")) in.fail("camera_preset", "must be a string");  // else it is resolved by now
   for (const std::string_view name : {"camera", "pose"}) {
     if (!in.has(name)) in.fail(name, "is required");
   }
@@ -162,6 +167,46 @@ FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets&
     require_sun(in, request.products);
   }
   return call;
+}
+
+// A preset's faults are the operator's: they are told with the file's name.
+void check_preset(const Json& preset, const std::string& name, const Limits& limits) {
+  Findings findings;
+  const JsonReader in(preset, findings);
+  if (in.object({"description", "camera", "band", "sensor"})) {
+    if (in.has("description")) in.at("description").text();
+    if (in.has("camera")) read_camera(in.at("camera"), limits);
+    if (in.has("band")) read_band(in.at("band"));
+    if (in.has("sensor")) read_sensor(in.at("sensor"));
+  }
+  try {
+    findings.throw_if_any();
+  } catch (const RequestError& e) {
+    throw RequestError("asset_error",
+                       fmt::format("cameras/{}.json: {}: {}", name, e.findings()[0].pointer, e.findings()[0].detail));
+  }
+}
+
+// The request with the preset's members where it has none of its own; of the sensor, member by member.
+Json with_preset(const Json& body, const Limits& limits, const Assets& assets) {
+  Findings findings;
+  const JsonReader in(body, findings);
+  const JsonReader named = in.at("camera_preset");
+  const std::string name = named.text().value_or("");
+  const std::shared_ptr<const Json> preset = assets.camera(name);
+  if (!preset && findings.empty()) named.fail("no such preset; the service has " + listed(assets.names("cameras")));
+  findings.throw_if_any();
+  check_preset(*preset, name, limits);
+  Json merged = body;
+  merged.erase("camera_preset");
+  for (const char* member : {"camera", "band"})
+    if (preset->contains(member) && !merged.contains(member)) merged[member] = preset->at(member);
+  if (preset->contains("sensor")) {
+    Json sensor = preset->at("sensor");
+    if (merged.contains("sensor")) sensor.merge_patch(merged["sensor"]);
+    merged["sensor"] = sensor;
+  }
+  return merged;
 }
 
 OrderedJson camera_json(const engine::Camera& camera) {
@@ -207,6 +252,8 @@ std::string_view visibility_name(engine::Visibility visibility) {
 }
 
 FrameCall read_frame(const Json& body, const Limits& limits, const Assets& assets) {
+  if (body.is_object() && body.contains("camera_preset") && body.at("camera_preset").is_string())
+    return read_frame(with_preset(body, limits, assets), limits, assets);
   Findings findings;
   const FrameCall call = read_members(JsonReader(body, findings), limits, assets);
   findings.throw_if_any();

@@ -455,6 +455,12 @@ void add_frame_request(OrderedJson& schemas, const Limits& limits) {
                         {{"bit_depth", {{"type", "integer"}, {"enum", {8, 16}}, {"default", 8}}},
                          {"full_scale_radiance", full_scale}})},
        {"sensor", ref("Sensor")},
+       {"camera_preset",
+        text(
+            "of cameras/NAME.json in the operator's assets folder: its camera and band where the request has none, its "
+            "sensor, of which the request's own members replace those that it has. The metadata's request says what "
+            "came "
+            "of it")},
        {"visibility",
         with(words(kVisibilities,
                    "how to find what each pixel sees and whether the Sun reaches it: zbuffer (z-buffer and irregular "
@@ -462,9 +468,14 @@ void add_frame_request(OrderedJson& schemas, const Limits& limits) {
                    "faster by the request and the terrain alone. All are exact; the metadata says which it was"),
              "default", "auto")},
        {"products", products_schema()}},
-      {"camera", "pose"});
+      {"pose"});
+  frame["allOf"] = {{{"anyOf", {{{"required", {"camera"}}}, {{"required", {"camera_preset"}}}}}}};
   frame["anyOf"] = sun_where_needed();
-  frame["dependentRequired"] = {{"sensor", {"band"}}, {"atmosphere", {"band"}}};
+  const auto needs_band = [](const char* member) -> OrderedJson {
+    return {{"if", {{"required", {member}}}},
+            {"then", {{"anyOf", {{{"required", {"band"}}}, {{"required", {"camera_preset"}}}}}}}};
+  };
+  frame["allOf"].push_back(needs_band("sensor")), frame["allOf"].push_back(needs_band("atmosphere"));
   frame["dependentSchemas"] = {{"sensor", none_of({"image"})}};
   schemas["FrameRequest"] = frame;
 }

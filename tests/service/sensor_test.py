@@ -4,6 +4,8 @@
 import copy
 import io
 import json
+import os
+import shutil
 import unittest
 
 import numpy as np
@@ -21,8 +23,10 @@ SENSOR = {
 
 def setUpModule():
     harness.set_up()
+    shutil.copytree(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "assets"),
+                    harness.path("assets"))
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
-    SensorTest.service = harness.Service()
+    SensorTest.service = harness.Service("--assets-dir", harness.path("assets"))
 
 
 def tearDownModule():
@@ -108,6 +112,36 @@ class SensorTest(unittest.TestCase):
         self.assertAlmostEqual((stack.var(axis=0, ddof=1)[lit] / expected[lit]).mean(), 1, 1)
         error = np.sqrt(expected[lit].mean() / (24 * lit.sum()))
         self.assertLess(abs((stack.mean(axis=0) - clean)[lit].mean()), 5 * error)
+
+    # A file that users copy and edit; a request may change any member of it.
+    def test_presets(self):
+        path = os.path.join(harness.path("assets"), "cameras")
+        with open(os.path.join(path, "navigation-camera.json")) as file:
+            preset = json.load(file)
+        del preset["description"]
+        request = frame_request(["image"])
+        del request["camera"]
+        tags = []
+        for changes in ({"camera_preset": "navigation-camera"}, preset,
+                        {"camera_preset": "navigation-camera", "sensor": {"detector": {"integration_time_s": 0.002}, "frame": 4}},
+                        dict(preset, sensor=dict(preset["sensor"], frame=4, detector=dict(preset["sensor"]["detector"], integration_time_s=0.002)))):
+            status, headers, body = self.service.frame(dict(request, **changes), "image/png")
+            self.assertEqual(status, 200, body[:300])
+            tags.append((headers["ETag"], body))
+        self.assertEqual(tags[0], tags[1])
+        self.assertEqual(tags[2], tags[3])
+        self.assertNotEqual(tags[0], tags[2])
+        status, _, body = self.service.frame(dict(request, camera_preset="none-such"))
+        self.assertEqual((status, [e["pointer"] for e in json.loads(body)["errors"]]), (422, ["/camera_preset"]))
+        self.assertIn("navigation-camera", json.loads(body)["detail"])
+        for text, said in (('{"sensor": {"optics": {"f_number": 0}}}', "/sensor"), ("[]", "object"), ("{", "parse error"),
+                           ('{"pose": {}}', "pose")):
+            with open(os.path.join(path, "broken.json"), "w") as file:
+                file.write(text)
+            status, _, body = self.service.frame(dict(request, camera_preset="broken"))
+            self.assertEqual(status, 500, text)
+            self.assertIn("broken.json", json.loads(body)["detail"])
+            self.assertIn(said, json.loads(body)["detail"])
 
     def test_png_holds_the_digital_numbers(self):
         document = frame_request(["image"], band=BAND, sensor=SENSOR)
