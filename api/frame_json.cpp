@@ -267,6 +267,7 @@ OrderedJson resolved_json(const FrameCall& call) {
     json["sun"] = {{"direction", vector_json(request.sun.direction)},
                    {"distance_au", request.sun.distance_au},
                    {"angular_radius_deg", request.sun.angular_radius_deg}};
+    if (request.sun.limb_darkening > 0) json["sun"]["limb_darkening"] = request.sun.limb_darkening;
   }
   json["surface"] = surface_json(request);
   if (request.band) json["band"] = band_json(*request.band);

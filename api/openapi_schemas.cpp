@@ -242,7 +242,12 @@ void add_sun(OrderedJson& schemas) {
                         {"lat_deg", "lon_deg", "azimuth_deg", "elevation_deg"})},
        {"utc", text("epoch, ISO 8601, e.g. 2026-11-20T00:00:00Z")},
        {"distance_au", number(kDistance_au, "scales irradiance by 1/r^2; default: 1, or the ephemeris' with utc")},
-       {"angular_radius_deg", number(kAngularRadius_deg, "0: a point Sun with hard shadows", 0)}});
+       {"angular_radius_deg", number(kAngularRadius_deg, "0: a point Sun with hard shadows", 0)},
+       {"limb_darkening",
+        number(kUnitInterval,
+               "u of the disc's brightness 1 - u (1 - cos), cos of the angle from the Sun's own vertical; "
+               "about 0.6 in the visible",
+               0)}});
   sun["oneOf"] = exactly_one({"direction", "subsolar", "local", "utc"})["oneOf"];
   schemas["Sun"] = sun;
 }

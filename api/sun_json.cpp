@@ -40,7 +40,8 @@ engine::SunPosition read_utc(const JsonReader& in) {
 
 engine::Sun read_sun(const JsonReader& in) {
   engine::Sun sun;
-  if (!in.object({"direction", "subsolar", "local", "utc", "distance_au", "angular_radius_deg"})) return sun;
+  if (!in.object({"direction", "subsolar", "local", "utc", "distance_au", "angular_radius_deg", "limb_darkening"}))
+    return sun;
   const std::string_view how = in.alternative({"direction", "subsolar", "local", "utc"}, true);
   if (how == "direction") sun.direction = read_direction(in.at(how));
   if (how == "subsolar") sun.direction = to_cartesian(read_place(in.at(how), false)).normalized();
@@ -52,6 +53,7 @@ engine::Sun read_sun(const JsonReader& in) {
   }
   sun.distance_au = in.number("distance_au", kDistance_au, sun.distance_au);
   sun.angular_radius_deg = in.number("angular_radius_deg", kAngularRadius_deg, 0);
+  sun.limb_darkening = in.number("limb_darkening", kUnitInterval, 0);
   return sun;
 }
 

@@ -111,8 +111,7 @@ class RasterPass {
         bends_(!request_.camera.distortion.none()) {
     if (!store.wants_light()) return;
     shadows_.emplace(mesh, request_.sun.direction);
-    if (request_.sun.angular_radius_deg > 0)
-      disc_.emplace(request_.sun.direction, request_.sun.angular_radius_deg * std::numbers::pi / 180);
+    if (request_.sun.angular_radius_deg > 0) disc_.emplace(request_.sun);
   }
 
   void run() {

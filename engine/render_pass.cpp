@@ -82,7 +82,7 @@ class RayPass {
     bool wanted[kPacket];
     for (int i = 0; i < kPacket; ++i) wanted[i] = points.hit[i] && shading.mu0[i] > 0;
     if (request_.sun.angular_radius_deg > 0)
-      sunlit_disc(scene_, points, wanted, request_.sun.direction, request_.sun.angular_radius_deg / kDegrees, lit);
+      sunlit_disc(scene_, points, wanted, request_.sun, lit);
     else
       sunlit(scene_, points, wanted, request_.sun.direction, lit);
   }

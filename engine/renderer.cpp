@@ -296,25 +296,25 @@ struct Renderer::Impl {
     for (std::size_t i = 0; i < hits.size(); ++i)
       if (hits[i].hit && hits[i].normal.dot(sun.direction) > 0)
         to_sun.push_back({hits[i].position_m, sun.direction}), asked.push_back(i);
-    in_batches(
-        to_sun, stop, [&](const Scene& scene, const std::vector<std::size_t>& batch, std::size_t first, int count) {
-          SurfacePoints points;
-          bool wanted[kPacket] = {};
-          for (int i = 0; i < count; ++i) {
-            const std::size_t at = asked[batch[first + static_cast<std::size_t>(i)]];
-            wanted[i] = true;
-            points.x[i] = hits[at].position_m.x(), points.y[i] = hits[at].position_m.y(),
-            points.z[i] = hits[at].position_m.z();
-            points.nx[i] = facing[at].x(), points.ny[i] = facing[at].y(), points.nz[i] = facing[at].z();
-          }
-          float lit[kPacket];
-          if (sun.angular_radius_deg > 0)
-            sunlit_disc(scene, points, wanted, sun.direction, sun.angular_radius_deg * std::numbers::pi / 180, lit);
-          else
-            sunlit(scene, points, wanted, sun.direction, lit);
-          for (int i = 0; i < count; ++i)
-            hits[asked[batch[first + static_cast<std::size_t>(i)]]].lit = static_cast<double>(lit[i]);
-        });
+    in_batches(to_sun, stop,
+               [&](const Scene& scene, const std::vector<std::size_t>& batch, std::size_t first, int count) {
+                 SurfacePoints points;
+                 bool wanted[kPacket] = {};
+                 for (int i = 0; i < count; ++i) {
+                   const std::size_t at = asked[batch[first + static_cast<std::size_t>(i)]];
+                   wanted[i] = true;
+                   points.x[i] = hits[at].position_m.x(), points.y[i] = hits[at].position_m.y(),
+                   points.z[i] = hits[at].position_m.z();
+                   points.nx[i] = facing[at].x(), points.ny[i] = facing[at].y(), points.nz[i] = facing[at].z();
+                 }
+                 float lit[kPacket];
+                 if (sun.angular_radius_deg > 0)
+                   sunlit_disc(scene, points, wanted, sun, lit);
+                 else
+                   sunlit(scene, points, wanted, sun.direction, lit);
+                 for (int i = 0; i < count; ++i)
+                   hits[asked[batch[first + static_cast<std::size_t>(i)]]].lit = static_cast<double>(lit[i]);
+               });
   }
 
   // Work on packets of rays, as many batches of them as the terrain along them makes scenes of bearable size. Rays that

@@ -45,7 +45,7 @@ std::size_t DiscScratch::bytes() const {
   return sum;
 }
 
-SunDisc::SunDisc(const Vec3& sun, double angular_radius_rad) : directions_(disc_directions(sun, angular_radius_rad)) {}
+SunDisc::SunDisc(const Sun& sun) : directions_(disc_directions(sun)) {}
 
 void SunDisc::faced_by(const SurfacePoints& points, std::int32_t faces[kPacket]) const {
   std::uint32_t bits[kPacket] = {};

@@ -24,7 +24,7 @@ struct DiscScratch {
 class SunDisc {
  public:
   // `sun`: unit, toward the disc's middle.
-  SunDisc(const Vec3& sun, double angular_radius_rad);
+  explicit SunDisc(const Sun& sun);
 
   // Per lane the directions that its facet faces, a bit each.
   void faced_by(const SurfacePoints& points, std::int32_t faces[kPacket]) const;

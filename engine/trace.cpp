@@ -211,23 +211,37 @@ void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted,
   for (int i = 0; i < kPacket; ++i) lit[i] = packet.active[i] && !blocked[i] ? 1.F : 0.F;
 }
 
-std::array<Vec3, kDiscSamples> disc_directions(const Vec3& sun, double angular_radius_rad) {
-  const Vec3 across = any_across(sun), up = sun.cross(across);
+namespace {
+
+// (r / R)^2 within which lies a share of a disc's light, whose brightness is 1 - u (1 - sqrt(1 - (r / R)^2)).
+double radius2_of(double share, double u) {
+  if (u == 0) return share;
+  const auto light_within = [u](double s) { return (1 - u) * s + u * (2.0 / 3) * (1 - std::pow(1 - s, 1.5)); };
+  const double wanted = share * (1 - u / 3);
+  double low = 0, high = 1;
+  for (int i = 0; i < 60; ++i) (light_within((low + high) / 2) < wanted ? low : high) = (low + high) / 2;
+  return (low + high) / 2;
+}
+
+}  // namespace
+
+std::array<Vec3, kDiscSamples> disc_directions(const Sun& sun) {
+  const Vec3 across = any_across(sun.direction), up = sun.direction.cross(across);
   std::array<Vec3, kDiscSamples> directions;
   for (int k = 0; k < kDiscSamples; ++k) {
-    // Vogel's sunflower (1979): equal areas, no two samples in line with a straight shadow edge.
-    const double r = angular_radius_rad * std::sqrt((k + 0.5) / kDiscSamples),
+    // Vogel's sunflower (1979): equal light, no two samples in line with a straight shadow edge.
+    const double r = sun.angular_radius_deg * (std::numbers::pi / 180) *
+                     std::sqrt(radius2_of((k + 0.5) / kDiscSamples, sun.limb_darkening)),
                  turn = k * std::numbers::pi * (3 - std::sqrt(5.0));
     directions[static_cast<std::size_t>(k)] =
-        (sun + std::tan(r) * (std::cos(turn) * across + std::sin(turn) * up)).normalized();
+        (sun.direction + std::tan(r) * (std::cos(turn) * across + std::sin(turn) * up)).normalized();
   }
   return directions;
 }
 
-void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun,
-                 double angular_radius_rad, float* lit) {
+void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Sun& sun, float* lit) {
   float sum[kPacket] = {};
-  for (const Vec3& toward : disc_directions(sun, angular_radius_rad)) {
+  for (const Vec3& toward : disc_directions(sun)) {
     float one[kPacket];
     sunlit(scene, points, wanted, toward, one);
     for (int i = 0; i < kPacket; ++i) sum[i] += one[i];

@@ -33,10 +33,9 @@ void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t facin
 // dark without asking.
 void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit);
 
-// The same for a disc of the given angular radius: the mean over kDiscSamples directions spread evenly over it.
+// The same for the Sun's disc: the mean over kDiscSamples directions, spread over it as its light is.
 inline constexpr int kDiscSamples = 32;
-std::array<Vec3, kDiscSamples> disc_directions(const Vec3& sun, double angular_radius_rad);
-void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun,
-                 double angular_radius_rad, float* lit);
+std::array<Vec3, kDiscSamples> disc_directions(const Sun& sun);
+void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Sun& sun, float* lit);
 
 }  // namespace selenograph::engine

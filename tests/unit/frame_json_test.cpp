@@ -315,6 +315,8 @@ TEST(SunJson, Refusals) {
   EXPECT_EQ(refused(R"({"sun": {"distance_au": 0}})"), "/sun/distance_au");
   EXPECT_EQ(refused(R"({"sun": {"angular_radius_deg": 5.1}})"), "/sun/angular_radius_deg");
   EXPECT_EQ(refused(R"({"sun": {"angular_radius_deg": -0.1}})"), "/sun/angular_radius_deg");
+  EXPECT_EQ(refused(R"({"sun": {"limb_darkening": 1.1}})"), "/sun/limb_darkening");
+  EXPECT_EQ(accepted(R"({"sun": {"limb_darkening": 0.6}})").sun.limb_darkening, 0.6);
 }
 
 TEST(SunJson, IsRequiredForProductsThatNeedOneOnly) {
