@@ -301,7 +301,32 @@ OrderedJson frame_examples() {
       {"sun", {{"direction", {0.0, 1.0, 0.2}}, {"distance_au", 0.99}}},
       {"surface", {{"reflectance", {{"model", "lunar"}, {"lommel_seeliger_weight", 0.7}, {"rho", 0.12}}}}},
       {"accuracy", {{"max_error_px", 0.5}, {"samples_per_pixel", 4}}}};
-  return {{"nadir", nadir}, {"oblique", oblique}, {"quaternion", quaternion}};
+  OrderedJson sensed = nadir;
+  sensed["band"] = {{"center_um", 0.65}, {"width_um", 0.2}};
+  sensed["surface"] = {{"reflectance", {{"model", "hapke"}, {"theta_bar_deg", 10.0}}}};
+  sensed["sensor"] = {{"optics",
+                       {{"f_number", 5.6},
+                        {"point_spread", {{"model", "gaussian"}, {"sigma_px", 0.6}}},
+                        {"vignetting", {{"model", "cos4"}}}}},
+                      {"detector",
+                       {{"pixel_pitch_um", 5.5},
+                        {"quantum_efficiency", 0.4},
+                        {"integration_time_s", 0.002},
+                        {"full_well_e", 13500.0},
+                        {"read_noise_e", 13.0},
+                        {"prnu", 0.01},
+                        {"gain_e_dn", 3.4},
+                        {"offset_dn", 40.0},
+                        {"bit_depth", 12}}},
+                      {"seed", 1},
+                      {"frame", 17}};
+  sensed["products"] = {"image"};
+  OrderedJson warm = oblique;
+  warm.erase("image");
+  warm["band"] = {{"response", {{8.0, 0.0}, {9.0, 1.0}, {12.0, 1.0}, {13.0, 0.0}}}};
+  warm["surface"] = {{"reflectance", {{"model", "lambert"}, {"rho", 0.1}}}, {"temperature_k", 350.0}};
+  warm["products"] = {"radiance", "lit"};
+  return {{"nadir", nadir}, {"oblique", oblique}, {"quaternion", quaternion}, {"sensor", sensed}, {"thermal", warm}};
 }
 
 OrderedJson openapi_paths() {
