@@ -369,6 +369,13 @@ void add_sensor(OrderedJson& schemas) {
                {{"f_number", number(kFNumber, "of the optics")}, {"point_spread", spread}, {"vignetting", vignetting}},
                {"f_number"})},
        {"detector", detector},
+       {"motion",
+        closed("During the exposure, of which the pose is the middle: light is averaged over so many moments. Other "
+               "products "
+               "are those of the pose.",
+               {{"angular_rate_deg_s", vector("of the camera, about its own axes (opencv)", kAngularRate_deg_s)},
+                {"velocity_m_s", vector("MOON_ME", kVelocity_m_s)},
+                {"samples", with(integer(1, kMaxMotionSamples, "moments"), "default", engine::Motion().samples)}})},
        {"seed", with(integer(0, kMaxSeed, "one detector's: its fixed pattern follows from it"), "default", 0)},
        {"frame", with(integer(0, kMaxSeed, "another frame has other noise"), "default", 0)}},
       {"optics", "detector"});

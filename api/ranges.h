@@ -33,6 +33,8 @@ inline constexpr std::size_t kMaxResponsePoints = 10000;
 inline constexpr Range kTemperature_k{0, 1e4};
 inline constexpr Range kFNumber{0.1, 1000};
 inline constexpr Range kSigma_px{0.01, 7};  // its kernel reaches 4.5 of these
+inline constexpr Range kAngularRate_deg_s{-3600, 3600};
+inline constexpr Range kVelocity_m_s{-1e6, 1e6};
 inline constexpr Range kOffBoresight_deg{0, 90};
 inline constexpr Range kShininess{0, 1e6};
 inline constexpr Range kOppositionAmplitude{0, 10};

@@ -106,6 +106,15 @@ Vignetting read_vignetting(const JsonReader& in) {
   return vignetting;
 }
 
+engine::Motion read_motion(const JsonReader& in) {
+  engine::Motion motion;
+  if (!in.object({"angular_rate_deg_s", "velocity_m_s", "samples"})) return motion;
+  if (in.has("angular_rate_deg_s")) motion.angular_rate_deg_s = in.at("angular_rate_deg_s").vector(kAngularRate_deg_s);
+  if (in.has("velocity_m_s")) motion.velocity_m_s = in.at("velocity_m_s").vector(kVelocity_m_s);
+  motion.samples = static_cast<int>(in.integer("samples", 1, kMaxMotionSamples, motion.samples));
+  return motion;
+}
+
 engine::Optics read_optics(const JsonReader& in) {
   engine::Optics optics;
   if (!in.object({"f_number", "point_spread", "vignetting"})) return optics;
@@ -160,11 +169,12 @@ std::span<const DetectorMember> detector_members() { return kMembers; }
 
 engine::SensorModel read_sensor(const JsonReader& in) {
   engine::SensorModel sensor;
-  if (!in.object({"optics", "detector", "seed", "frame"})) return sensor;
+  if (!in.object({"optics", "detector", "motion", "seed", "frame"})) return sensor;
   for (const std::string_view name : {"optics", "detector"})
     if (!in.has(name)) in.fail(name, "is required");
   if (in.has("optics")) sensor.optics = read_optics(in.at("optics"));
   if (in.has("detector")) sensor.detector = read_detector(in.at("detector"));
+  if (in.has("motion")) sensor.motion = read_motion(in.at("motion"));
   sensor.seed = static_cast<std::uint64_t>(in.integer("seed", 0, kMaxSeed, 0));
   sensor.frame = static_cast<std::uint64_t>(in.integer("frame", 0, kMaxSeed, 0));
   return sensor;
@@ -176,13 +186,18 @@ OrderedJson sensor_json(const engine::SensorModel& sensor) {
     if (member.of) detector[std::string(member.name)] = sensor.detector.*member.of;
   detector["bit_depth"] = sensor.detector.bit_depth;
   detector["photon_noise"] = sensor.detector.photon_noise;
-  return {{"optics",
-           {{"f_number", sensor.optics.f_number},
-            {"point_spread", point_spread_json(sensor.optics.point_spread)},
-            {"vignetting", vignetting_json(sensor.optics.vignetting)}}},
-          {"detector", detector},
-          {"seed", sensor.seed},
-          {"frame", sensor.frame}};
+  OrderedJson json{{"optics",
+                    {{"f_number", sensor.optics.f_number},
+                     {"point_spread", point_spread_json(sensor.optics.point_spread)},
+                     {"vignetting", vignetting_json(sensor.optics.vignetting)}}},
+                   {"detector", detector}};
+  if (const engine::Motion& m = sensor.motion; !m.none())
+    json["motion"] = {
+        {"angular_rate_deg_s", {m.angular_rate_deg_s.x(), m.angular_rate_deg_s.y(), m.angular_rate_deg_s.z()}},
+        {"velocity_m_s", {m.velocity_m_s.x(), m.velocity_m_s.y(), m.velocity_m_s.z()}},
+        {"samples", m.samples}};
+  json["seed"] = sensor.seed, json["frame"] = sensor.frame;
+  return json;
 }
 
 }  // namespace selenograph::api

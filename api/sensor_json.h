@@ -30,6 +30,7 @@ inline constexpr std::pair<std::string_view, engine::Vignetting::Model> kVignett
     {"table", engine::Vignetting::Model::table},
 };
 inline constexpr std::int64_t kMaxSeed = std::int64_t{1} << 53;  // what JSON's numbers hold exactly everywhere
+inline constexpr int kMaxMotionSamples = 256;
 inline constexpr std::size_t kMaxKernelSide = 65;
 inline constexpr std::size_t kMaxVignettingPoints = 1000;
 

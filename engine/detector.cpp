@@ -64,6 +64,7 @@ std::vector<float> smear_of(const Detector& d, double per_radiance, const std::v
   for (std::size_t y = 0; y < static_cast<std::size_t>(height); ++y)
     for (std::size_t x = 0; x < sums.size(); ++x) sums[x] += static_cast<double>(radiance[y * sums.size() + x]);
   std::vector<float> smear;
+  smear.reserve(sums.size());
   for (const double sum : sums)
     smear.push_back(static_cast<float>(sum * per_radiance * d.smear_time_s / d.integration_time_s));
   return smear;

@@ -204,12 +204,33 @@ struct Renderer::Impl {
     FrameProducts& products = frame.products;
     std::vector<float> light = request.products & kRadiance ? products.radiance : std::move(products.radiance);
     if (!(request.products & kRadiance)) products.radiance.clear();
+    if (!request.sensor->motion.none()) light = radiance_in_motion(wide, stop, frame.times);
+    watch.lap_ms();
     sensor.image(View(wide.camera, wide.pose), *lens_of(wide.camera), std::move(light), products.image);
     crop(products, wide.camera, sensor.margin_px());
     frame.report.full_scale_radiance_w_m2_sr = sensor.full_scale_radiance_w_m2_sr();
     frame.report.margin_px = sensor.margin_px(), frame.report.captured_fraction = sensor.captured();
     frame.times.sensor_ms = watch.lap_ms();
     return frame;
+  }
+
+  // The mean over the exposure; its time counts as visibility.
+  std::vector<float> radiance_in_motion(FrameRequest request, const StopToken& stop, StageTimes& times) {
+    const Motion& motion = request.sensor->motion;
+    const Pose middle = request.pose;
+    request.products = kRadiance;
+    std::vector<float> mean;
+    for (int k = 0; k < motion.samples; ++k) {
+      const double moment = (k + 0.5) / motion.samples - 0.5;
+      request.pose = moved(middle, motion, moment * request.sensor->detector.integration_time_s);
+      const Frame frame = render_scene(request, stop);
+      times.visibility_ms += frame.times.visibility_ms, times.select_ms += frame.times.select_ms;
+      times.build_ms += frame.times.build_ms;
+      mean.resize(frame.products.radiance.size(), 0.F);
+      const float share = 1.F / static_cast<float>(motion.samples);
+      for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += share * frame.products.radiance[i];
+    }
+    return mean;
   }
 
   // All products but the image, and the radiance that it is made from.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "engine/detector.h"
 
@@ -42,6 +43,17 @@ void Sensor::image(const View& view, const PixelRays& rays, std::vector<float> r
     radiance.swap(spread);
   }
   detect(sensor, request_.band->center_um(), radiance, width, height, image);
+}
+
+Pose moved(const Pose& pose, const Motion& motion, double seconds) {
+  const Vec3 turn = motion.angular_rate_deg_s * (std::numbers::pi / 180 * seconds);
+  const double angle = turn.norm();
+  Pose later = pose;
+  later.position_m += motion.velocity_m_s * seconds;
+  // Seen from the camera the Moon turns the other way.
+  if (angle > 0)
+    later.camera_from_moon = (Eigen::AngleAxisd(-angle, turn / angle) * pose.camera_from_moon).normalized();
+  return later;
 }
 
 Camera with_margin(Camera camera, int margin_px) {

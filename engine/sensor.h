@@ -34,6 +34,9 @@ class Sensor {
   SpreadKernel kernel_;
 };
 
+// The pose so many seconds later.
+Pose moved(const Pose& pose, const Motion& motion, double seconds);
+
 // The camera with so many pixels more on each side.
 Camera with_margin(Camera camera, int margin_px);
 // Takes them away again from all products.

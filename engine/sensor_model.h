@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "dem/geodesy.h"
+
 namespace selenograph::engine {
 
 // How much of a point's light arrives in each pixel around it.
@@ -58,9 +60,19 @@ struct Detector {
   int bit_depth = 8;  // 1 to 16: digital numbers from 0 to 2^bit_depth - 1
 };
 
+// What the camera does while it is exposed, from half the integration time before the pose's moment to half after it:
+// light is averaged over so many moments in between.
+struct Motion {
+  Vec3 angular_rate_deg_s = Vec3::Zero();  // of the camera, about its own axes
+  Vec3 velocity_m_s = Vec3::Zero();        // MOON_ME
+  int samples = 9;
+  bool none() const { return angular_rate_deg_s.isZero(0) && velocity_m_s.isZero(0); }
+};
+
 struct SensorModel {
   Optics optics;
   Detector detector;
+  Motion motion;
   std::uint64_t seed = 0;   // one detector's: its fixed pattern follows from it
   std::uint64_t frame = 0;  // another one has other noise
 };

@@ -113,6 +113,34 @@ class SensorTest(unittest.TestCase):
         error = np.sqrt(expected[lit].mean() / (24 * lit.sum()))
         self.assertLess(abs((stack.mean(axis=0) - clean)[lit].mean()), 5 * error)
 
+    # The mean of frames at the moments between, of which a client can ask for each by itself.
+    def test_motion_is_the_mean_of_moments(self):
+        still = self.frame(products=("image", "radiance"))
+        pose = still["meta"]["request"]["pose"]
+        q = np.array([pose["camera_from_moon"][k] for k in "wxyz"])
+        rate, velocity, t, n = np.array([3.0, -20.0, 40.0]), np.array([400.0, 900.0, -1500.0]), 0.05, 4
+
+        def at(seconds):
+            turn = np.radians(rate) * seconds
+            angle = np.linalg.norm(turn)
+            w, v = np.cos(angle / 2), -np.sin(angle / 2) * turn / angle
+            product = np.append(w * q[0] - v @ q[1:], w * q[1:] + q[0] * v + np.cross(v, q[1:]))
+            return {"frame": "MOON_ME", "position_m": list(np.array(pose["position_m"]) + velocity * seconds), "axes": "opencv",
+                    "camera_from_moon": dict(zip("wxyz", product / np.linalg.norm(product)))}
+
+        detector = {"integration_time_s": t, "gain_e_dn": 25.0}
+        document = frame_request(["image"], band=BAND, sensor=dict(
+            SENSOR, detector=dict(SENSOR["detector"], **detector),
+            motion={"angular_rate_deg_s": list(rate), "velocity_m_s": list(velocity), "samples": n}))
+        status, _, body = self.service.frame(document, "application/x-npz")
+        self.assertEqual(status, 200, body[:300])
+        blurred = np.load(io.BytesIO(body))["image"].astype(float)
+        moments = [self.frame(detector=detector, pose=at(((k + 0.5) / n - 0.5) * t))["image"].astype(float) for k in range(n)]
+        self.assertLess(np.abs(blurred - np.mean(moments, axis=0)).max(), 1.01)
+        self.assertGreater(np.abs(moments[0] - moments[-1]).max(), 100)
+        at_rest = self.frame(detector=detector)["image"].astype(float)
+        self.assertGreater(np.abs(blurred - at_rest).max(), 30)
+
     # A file that users copy and edit; a request may change any member of it.
     def test_presets(self):
         path = os.path.join(harness.path("assets"), "cameras")

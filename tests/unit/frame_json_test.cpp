@@ -446,6 +446,14 @@ TEST(FrameJson, Sensors) {
   const auto json = resolved_json(read_frame(patched(kSensor), Limits{}));
   EXPECT_EQ(resolved_json(read_frame(Json(json), Limits{})).dump(), json.dump());
   EXPECT_FALSE(json.contains("image"));
+  EXPECT_TRUE(request.sensor->motion.none());
+  Json moving = Json::parse(kSensor);
+  moving["sensor"]["motion"] =
+      Json::parse(R"({"angular_rate_deg_s": [0, 1, 0.5], "velocity_m_s": [1, 2, 3], "samples": 5})");
+  const auto moved = resolved_json(read_frame(patched(moving.dump()), Limits{}));
+  EXPECT_EQ(resolved_json(read_frame(Json(moved), Limits{})).dump(), moved.dump());
+  EXPECT_EQ(moved.at("sensor").at("motion").at("samples"), 5);
+  EXPECT_EQ(accepted(moving.dump()).sensor->motion.velocity_m_s, Vec3(1, 2, 3));
 }
 
 TEST(FrameJson, RefusesSensors) {
