@@ -6,8 +6,8 @@
 // Without --dem the sample terrain is generated into a temporary folder. Frames are 1024 x 1024 but where the name says
 // otherwise, radiance with exact shadows, warm. Counters: rays_ms and zbuffer_ms, and their ratio, `gain`; bare_ms, the
 // time of the bare kernel on the same mesh, camera and Sun, and `ratio`, rays_ms over it; auto_loss: how much slower
-// than the faster way the one is that "auto" chooses. --target: the vectors to use
-// at most (AVX3, AVX2, SSE4, ...), for the z-buffer; Embree chooses its own.
+// than the faster way the one is that "auto" chooses. adds/...: what radiometry and sensor cost beside the plain frame.
+// --target: the vectors to use at most (AVX3, AVX2, SSE4, ...), for the z-buffer; Embree chooses its own.
 #include <benchmark/benchmark.h>
 #include <fmt/format.h>
 #include <hwy/targets.h>
@@ -23,11 +23,13 @@
 #include <vector>
 
 #include "dem/sample_terrain.h"
+#include "engine/atmosphere.h"
 #include "engine/bare_kernel.h"
 #include "engine/pixel_rays.h"
 #include "engine/radiometry.h"
 #include "engine/raster_pass.h"
 #include "engine/render_pass.h"
+#include "engine/renderer.h"
 #include "engine/scene.h"
 
 namespace selenograph {
@@ -130,6 +132,69 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
   const bool drawn = engine::visibility_for(r, view, selection) == engine::Visibility::zbuffer;
   state.counters["auto_loss"] = (drawn ? median(zbuffer) : median(rays)) / std::min(median(zbuffer), median(rays)) - 1;
   state.counters["Mtriangles"] = triangles / 1e6;
+}
+
+// What a request adds to the lander's frame, by z-buffer, alternating with it: "cost nothing in scenes that don't need
+// it".
+struct Addition {
+  const char* name;
+  void (*add)(engine::FrameRequest& request);
+};
+
+engine::SensorModel noisy_sensor() {
+  engine::SensorModel s;
+  s.optics.f_number = 5.6;
+  engine::Detector& d = s.detector;
+  d.pixel_pitch_um = 5.5, d.quantum_efficiency = 0.4, d.integration_time_s = 0.002, d.full_well_e = 13500;
+  d.dark_current_e_s = 125, d.read_noise_e = 13, d.prnu = 0.01, d.dsnu_e = 4, d.gain_e_dn = 3.4, d.bit_depth = 12;
+  return s;
+}
+
+void add_model(engine::FrameRequest& r, engine::ReflectanceModel model) { r.reflectance.model = model; }
+
+const Addition kAdditions[] = {
+    {"nothing", [](engine::FrameRequest&) {}},
+    {"band", [](engine::FrameRequest& r) { r.band.emplace(0.65, 0.3); }},
+    {"temperature", [](engine::FrameRequest& r) { r.band.emplace(10, 1), r.temperature_k = 350; }},
+    {"atmosphere",
+     [](engine::FrameRequest& r) {
+       r.band.emplace(0.65, 0.3);
+       r.atmosphere = std::make_shared<engine::Atmosphere>(
+           std::vector<engine::AtmosphereRow>{{0.4, 0.7, 1500, 5, 20, 0}, {0.9, 0.9, 900, 1, 2, 0}});
+     }},
+    {"blinn_phong", [](engine::FrameRequest& r) { add_model(r, engine::ReflectanceModel::blinn_phong); }},
+    {"lunar_lambert", [](engine::FrameRequest& r) { add_model(r, engine::ReflectanceModel::lunar_lambert); }},
+    {"hapke", [](engine::FrameRequest& r) { add_model(r, engine::ReflectanceModel::hapke); }},
+    {"noise", [](engine::FrameRequest& r) { r.band.emplace(0.65, 0.3), r.sensor = noisy_sensor(); }},
+    {"noise_and_point_spread",
+     [](engine::FrameRequest& r) {
+       r.band.emplace(0.65, 0.3), r.sensor = noisy_sensor();
+       r.sensor->optics.point_spread = {engine::PointSpread::Model::gaussian, 0.6, {}, 0};
+       r.sensor->optics.vignetting.model = engine::Vignetting::Model::cos4;
+     }},
+};
+
+void add(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terrain, const Place& place,
+         const Addition& addition) {
+  const engine::FrameRequest plain =
+      request(*terrain, place, {.name = "", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15});
+  engine::FrameRequest more = plain;
+  addition.add(more);
+  if (more.sensor) more.products = engine::kImage;
+  const engine::Renderer renderer(terrain, {});
+  std::vector<double> without, with, sensor;
+  renderer.render(plain), renderer.render(more);
+  for (auto _ : state) {
+    without.push_back(milliseconds([&] { benchmark::DoNotOptimize(renderer.render(plain)); }));
+    engine::Frame frame;
+    with.push_back(milliseconds([&] { frame = renderer.render(more); }));
+    sensor.push_back(frame.times.sensor_ms / frame.times.visibility_ms);
+    state.SetIterationTime(with.back() / 1000);
+  }
+  state.counters["plain_ms"] = median(without);
+  state.counters["ms"] = median(with);
+  state.counters["ratio"] = median(with) / median(without);
+  if (more.sensor) state.counters["sensor_over_visibility"] = median(sensor);
 }
 
 constexpr double kSunRadius_deg = 0.2666;
@@ -256,6 +321,12 @@ int main(int argc, char** argv) {
         ->Unit(benchmark::kMillisecond)
         ->UseManualTime()
         ->Iterations(setting.frames);
+  for (const Addition& addition : kAdditions)
+    benchmark::RegisterBenchmark((std::string("adds/") + addition.name).c_str(),
+                                 [=](benchmark::State& state) { add(state, terrain, centre, addition); })
+        ->Unit(benchmark::kMillisecond)
+        ->UseManualTime()
+        ->Iterations(41);
   int count = static_cast<int>(rest.size());
   benchmark::Initialize(&count, rest.data());
   benchmark::RunSpecifiedBenchmarks();
