@@ -93,7 +93,7 @@ OrderedJson with(OrderedJson json, const char* key, OrderedJson value) {
 const char* meaning(engine::Product product) {
   switch (product) {
     case engine::kImage:
-      return "uint8 or uint16: digital numbers; 0 where nothing is hit";
+      return "uint8 or uint16: digital numbers; 0, or a sensor's own offset and noise, where nothing is hit";
     case engine::kRadiance:
       return "float32: at-sensor radiance, W m-2 sr-1; 0 where nothing is hit";
     case engine::kDepth:

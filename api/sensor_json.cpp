@@ -17,7 +17,10 @@ constexpr Range kNotNegative{0, 1e9};
 
 constexpr std::array<DetectorMember, 15> kMembers{{
     {"pixel_pitch_um", {0, 1e4, true, false}, true, "p of SENSOR++ eq. (8)", &Detector::pixel_pitch_um},
-    {"quantum_efficiency", kUnitInterval, true, "eta of eq. (8): of optics and detector",
+    {"quantum_efficiency",
+     {0, 1, true, false},
+     true,
+     "eta of eq. (8): of optics and detector",
      &Detector::quantum_efficiency},
     {"integration_time_s", {0, 1e5, true, false}, true, "t of eq. (8)", &Detector::integration_time_s},
     {"full_well_e", kNotNegative, false, "electrons that a pixel holds; 0: any number", &Detector::full_well_e},

@@ -470,6 +470,7 @@ TEST(FrameJson, RefusesSensors) {
   EXPECT_EQ(changed(R"({"sensor": {"detector": {"bit_depth": 17}}})"), "/sensor/detector/bit_depth");
   EXPECT_EQ(changed(R"({"sensor": {"detector": {"photon_noise": 1}}})"), "/sensor/detector/photon_noise");
   EXPECT_EQ(changed(R"({"sensor": {"detector": {"quantum_efficiency": 1.1}}})"), "/sensor/detector/quantum_efficiency");
+  EXPECT_EQ(changed(R"({"sensor": {"detector": {"quantum_efficiency": 0}}})"), "/sensor/detector/quantum_efficiency");
   EXPECT_EQ(changed(R"({"sensor": {"detector": {"dead_fraction": 0.9, "hot_fraction": 0.2}}})"),
             "/sensor/detector/hot_fraction");
   EXPECT_EQ(changed(R"({"sensor": {"optics": {"point_spread": {"sigma_px": null}}}})"),
