@@ -79,10 +79,7 @@ std::optional<engine::Band> read_band(const JsonReader& in) {
   std::vector<engine::ResponsePoint> curve;
   if (form == "response")
     in.at("response").elements(2, kMaxResponsePoints, [&](const JsonReader& point) {
-      std::vector<double> pair;
-      point.elements(
-          2, 2, [&](const JsonReader& x) { pair.push_back(x.number(pair.empty() ? kWavelength_um : kUnitInterval)); });
-      if (pair.size() == 2) curve.push_back({pair[0], pair[1]});
+      if (const auto p = point.pair(kWavelength_um, kUnitInterval)) curve.push_back({p->first, p->second});
     });
   const double center_um = form == "response" ? 1 : in.number("center_um", kWavelength_um),
                width_um = form == "response" ? 1 : in.number("width_um", kWavelength_um);
@@ -245,11 +242,7 @@ OrderedJson image_json(const engine::ImageSettings& image) {
 
 }  // namespace
 
-std::string_view visibility_name(engine::Visibility visibility) {
-  for (const auto& [name, value] : kVisibilities)
-    if (value == visibility) return name;
-  return "";
-}
+std::string_view visibility_name(engine::Visibility visibility) { return word_of(kVisibilities, visibility); }
 
 FrameCall read_frame(const Json& body, const Limits& limits, const Assets& assets) {
   if (body.is_object() && body.contains("camera_preset") && body.at("camera_preset").is_string())

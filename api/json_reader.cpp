@@ -287,6 +287,13 @@ std::optional<std::string> JsonReader::text() const {
   return std::nullopt;
 }
 
+std::optional<std::pair<double, double>> JsonReader::pair(const Range& first, const Range& second) const {
+  std::vector<double> numbers;
+  elements(2, 2, [&](const JsonReader& x) { numbers.push_back(x.number(numbers.empty() ? first : second)); });
+  if (numbers.size() != 2) return std::nullopt;
+  return std::pair(numbers[0], numbers[1]);
+}
+
 Vec3 JsonReader::vector(const Range& range) const {
   Vec3 v = Vec3::Zero();
   if (!value_->is_array() || value_->size() != 3) {

@@ -38,6 +38,14 @@ struct Range {
 template <typename T>
 using Words = std::span<const std::pair<std::string_view, T>>;
 
+// The word for a value in a table like those; empty for a value that has none.
+template <typename Table, typename T>
+constexpr std::string_view word_of(const Table& table, const T& value) {
+  for (const auto& [word, meaning] : table)
+    if (meaning == value) return word;
+  return {};
+}
+
 // "a", "b" or "c".
 std::string quoted_list(std::span<const std::string_view> names, std::string_view last_separator);
 
@@ -74,6 +82,8 @@ class JsonReader {
   std::int64_t integer(std::string_view name, std::int64_t min, std::int64_t max, std::int64_t fallback) const;
   bool flag(std::string_view name, bool fallback) const;  // optional
   std::optional<std::string> text() const;
+  // [a, b], each within its range; empty, and reported, when it isn't two numbers.
+  std::optional<std::pair<double, double>> pair(const Range& first, const Range& second) const;
   // [x, y, z], each within range.
   Vec3 vector(const Range& range) const;
 

@@ -26,12 +26,10 @@ void read_efficiency(const JsonReader& in, engine::Spectrometer& s) {
   }
   s.efficiency.clear();
   in.elements(1, 1000, [&](const JsonReader& point) {
-    std::vector<double> pair;
-    point.elements(
-        2, 2, [&](const JsonReader& x) { pair.push_back(x.number(pair.empty() ? kWavelength_um : kUnitInterval)); });
-    if (pair.size() != 2) return;
-    if (!s.efficiency.empty() && !(pair[0] > s.efficiency.back().wavelength_um)) point.fail("wavelengths must rise");
-    s.efficiency.push_back({pair[0], pair[1]});
+    const auto p = point.pair(kWavelength_um, kUnitInterval);
+    if (!p) return;
+    if (!s.efficiency.empty() && !(p->first > s.efficiency.back().wavelength_um)) point.fail("wavelengths must rise");
+    s.efficiency.push_back({p->first, p->second});
   });
 }
 

@@ -62,11 +62,7 @@ OrderedJson window_json(const engine::PostWindow& w) {
 
 }  // namespace
 
-std::string_view mode_name(engine::RoundTripMode mode) {
-  return std::find_if(std::begin(kRoundTripModes), std::end(kRoundTripModes),
-                      [&](const auto& row) { return row.second == mode; })
-      ->first;
-}
+std::string_view mode_name(engine::RoundTripMode mode) { return word_of(kRoundTripModes, mode); }
 
 int most_posts(const Limits& limits) {
   return std::max(1, static_cast<int>(std::sqrt(static_cast<double>(limits.max_rays))));

@@ -45,18 +45,6 @@ constexpr std::array<DetectorMember, 15> kMembers{{
      nullptr},
 }};
 
-// [[a, b], ...] with a and b in their ranges.
-std::vector<std::pair<double, double>> read_pairs(const JsonReader& in, std::size_t most, const Range& first,
-                                                  const Range& second) {
-  std::vector<std::pair<double, double>> pairs;
-  in.elements(1, most, [&](const JsonReader& point) {
-    std::vector<double> pair;
-    point.elements(2, 2, [&](const JsonReader& x) { pair.push_back(x.number(pair.empty() ? first : second)); });
-    if (pair.size() == 2) pairs.emplace_back(pair[0], pair[1]);
-  });
-  return pairs;
-}
-
 void refuse_unless(const JsonReader& in, bool belongs, std::string_view member, std::string_view model) {
   if (!belongs && in.has(member)) in.fail(member, "belongs to the model \"" + std::string(model) + "\"");
   if (belongs && !in.has(member)) in.fail(member, "is required for the model \"" + std::string(model) + "\"");
@@ -100,12 +88,14 @@ Vignetting read_vignetting(const JsonReader& in) {
   const bool table = vignetting.model == Vignetting::Model::table;
   refuse_unless(in, table, "table", "table");
   if (!table || !in.has("table")) return vignetting;
-  for (const auto& [angle_deg, transmission] :
-       read_pairs(in.at("table"), kMaxVignettingPoints, kOffBoresight_deg, kUnitInterval)) {
-    if (!vignetting.table.empty() && !(angle_deg > vignetting.table.back().angle_deg))
+  const JsonReader points = in.at("table");
+  points.elements(1, kMaxVignettingPoints, [&](const JsonReader& point) {
+    const auto p = point.pair(kOffBoresight_deg, kUnitInterval);
+    if (!p) return;
+    if (!vignetting.table.empty() && !(p->first > vignetting.table.back().angle_deg))
       in.fail("table", "its angles must rise");
-    vignetting.table.push_back({angle_deg, transmission});
-  }
+    vignetting.table.push_back({p->first, p->second});
+  });
   return vignetting;
 }
 
@@ -145,9 +135,7 @@ Detector read_detector(const JsonReader& in) {
 }
 
 OrderedJson point_spread_json(const PointSpread& spread) {
-  OrderedJson json;
-  for (const auto& [name, model] : kPointSpreads)
-    if (model == spread.model) json["model"] = name;
+  OrderedJson json{{"model", word_of(kPointSpreads, spread.model)}};
   if (spread.model == PointSpread::Model::gaussian) json["sigma_px"] = spread.sigma_px;
   if (spread.model == PointSpread::Model::kernel) {
     json["kernel"] = OrderedJson::array();
@@ -158,9 +146,7 @@ OrderedJson point_spread_json(const PointSpread& spread) {
 }
 
 OrderedJson vignetting_json(const Vignetting& vignetting) {
-  OrderedJson json;
-  for (const auto& [name, model] : kVignettings)
-    if (model == vignetting.model) json["model"] = name;
+  OrderedJson json{{"model", word_of(kVignettings, vignetting.model)}};
   if (vignetting.model == Vignetting::Model::table)
     for (const auto& p : vignetting.table) json["table"].push_back({p.angle_deg, p.transmission});
   return json;

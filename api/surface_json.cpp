@@ -111,18 +111,13 @@ nlohmann::ordered_json reflectance_json(const Reflectance& reflectance) {
   if (reflectance.model == ReflectanceModel::lunar_lambert && reflectance.limb_darkening)
     json["limb_darkening"] = *reflectance.limb_darkening;
   if (reflectance.model == ReflectanceModel::hapke)
-    for (const auto& [name, function] : kPhaseFunctions)
-      if (function == reflectance.hapke.phase_function) json["phase_function"] = name;
+    json["phase_function"] = word_of(kPhaseFunctions, reflectance.hapke.phase_function);
   return json;
 }
 
 }  // namespace
 
-std::string_view name_of(ReflectanceModel model) {
-  for (const auto& [name, value] : kReflectanceModels)
-    if (value == model) return name;
-  return "";
-}
+std::string_view name_of(ReflectanceModel model) { return word_of(kReflectanceModels, model); }
 
 bool ReflectanceMember::belongs_to(ReflectanceModel model) const {
   return std::find(models.begin(), models.end(), model) != models.end();

@@ -2,13 +2,13 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <charconv>
 #include <fstream>
 #include <stdexcept>
 #include <string_view>
 
 #include "dem/error.h"
+#include "engine/interpolate.h"
 
 namespace selenograph::engine {
 namespace {
@@ -16,15 +16,14 @@ namespace {
 constexpr std::string_view kHeader =
     "wavelength_um,transmittance,e_sun_w_m2_um,l_ind_w_m2_sr_um,l_sc_w_m2_sr_um,l_th_w_m2_sr_um";
 
-AtmosphereRow between(const AtmosphereRow& a, const AtmosphereRow& b, double wavelength_um) {
-  const double share = (wavelength_um - a.wavelength_um) / (b.wavelength_um - a.wavelength_um);
-  const auto mix = [share](double x, double y) { return x + share * (y - x); };
+AtmosphereRow row_at(const std::vector<AtmosphereRow>& rows, double wavelength_um) {
+  const auto s = segment_at(rows, wavelength_um, &AtmosphereRow::wavelength_um);
   return {wavelength_um,
-          mix(a.transmittance, b.transmittance),
-          mix(a.irradiance_w_m2_um, b.irradiance_w_m2_um),
-          mix(a.indirect_w_m2_sr_um, b.indirect_w_m2_sr_um),
-          mix(a.scattered_w_m2_sr_um, b.scattered_w_m2_sr_um),
-          mix(a.thermal_path_w_m2_sr_um, b.thermal_path_w_m2_sr_um)};
+          s.between(s.a.transmittance, s.b.transmittance),
+          s.between(s.a.irradiance_w_m2_um, s.b.irradiance_w_m2_um),
+          s.between(s.a.indirect_w_m2_sr_um, s.b.indirect_w_m2_sr_um),
+          s.between(s.a.scattered_w_m2_sr_um, s.b.scattered_w_m2_sr_um),
+          s.between(s.a.thermal_path_w_m2_sr_um, s.b.thermal_path_w_m2_sr_um)};
 }
 
 AtmosphereRow parse_row(std::string_view line) {
@@ -77,11 +76,7 @@ Atmosphere::InBand Atmosphere::over(const Band& band, double temperature_k) cons
   if (first < rows_.front().wavelength_um || last > rows_.back().wavelength_um)
     throw std::invalid_argument(fmt::format("the band, {} to {} um, isn't within the atmosphere's table, {} to {} um",
                                             first, last, rows_.front().wavelength_um, rows_.back().wavelength_um));
-  const auto at = [this](double w) {
-    const auto next = std::upper_bound(rows_.begin() + 1, rows_.end() - 1, w,
-                                       [](double x, const AtmosphereRow& r) { return x < r.wavelength_um; });
-    return between(*(next - 1), *next, w);
-  };
+  const auto at = [this](double w) { return row_at(rows_, w); };
   std::vector<double> table;
   for (const AtmosphereRow& r : rows_) table.push_back(r.wavelength_um);
   const std::vector<double> points = band.breakpoints(table);

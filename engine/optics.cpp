@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "dem/parallel.h"
+#include "engine/interpolate.h"
 #include "engine/vectorise.h"
 
 namespace selenograph::engine {
@@ -119,12 +120,7 @@ void vignette(const Vignetting& vignetting, const View& view, const PixelRays& r
   const auto transmission = [&](double tan2) {
     if (vignetting.model == Vignetting::Model::cos4) return 1 / ((1 + tan2) * (1 + tan2));  // cos^4 of the angle
     const double angle_deg = std::atan(std::sqrt(tan2)) * (180 / std::numbers::pi);
-    const auto& table = vignetting.table;
-    const auto next = std::find_if(table.begin(), table.end(), [&](const auto& p) { return p.angle_deg > angle_deg; });
-    if (next == table.begin()) return table.front().transmission;
-    if (next == table.end()) return table.back().transmission;
-    const auto &a = *(next - 1), &b = *next;
-    return a.transmission + (angle_deg - a.angle_deg) / (b.angle_deg - a.angle_deg) * (b.transmission - a.transmission);
+    return interpolated(vignetting.table, angle_deg, &Vignetting::Point::angle_deg, &Vignetting::Point::transmission);
   };
   in_parallel_pieces(height, kRows, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t y = first; y < past_last; ++y)

@@ -204,7 +204,7 @@ struct Renderer::Impl {
     FrameProducts& products = frame.products;
     std::vector<float> light = request.products & kRadiance ? products.radiance : std::move(products.radiance);
     if (!(request.products & kRadiance)) products.radiance.clear();
-    if (!request.sensor->motion.none()) light = radiance_in_motion(wide, stop, frame.times);
+    if (!request.sensor->motion.none()) light = radiance_in_motion(wide, light, stop, frame.times);
     watch.lap_ms();
     sensor.image(View(wide.camera, wide.pose), *lens_of(wide.camera), std::move(light), products.image);
     crop(products, wide.camera, sensor.margin_px());
@@ -214,21 +214,28 @@ struct Renderer::Impl {
     return frame;
   }
 
-  // The mean over the exposure; its time counts as visibility.
-  std::vector<float> radiance_in_motion(FrameRequest request, const StopToken& stop, StageTimes& times) {
+  // The mean over the exposure, whose middle is rendered already; its time counts as visibility.
+  std::vector<float> radiance_in_motion(FrameRequest request, const std::vector<float>& in_the_middle,
+                                        const StopToken& stop, StageTimes& times) {
     const Motion& motion = request.sensor->motion;
     const Pose middle = request.pose;
     request.products = kRadiance;
-    std::vector<float> mean;
+    std::vector<float> mean(in_the_middle.size(), 0.F);
+    const float share = 1.F / static_cast<float>(motion.samples);
+    const auto add = [&](const std::vector<float>& radiance) {
+      for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += share * radiance[i];
+    };
     for (int k = 0; k < motion.samples; ++k) {
       const double moment = (k + 0.5) / motion.samples - 0.5;
+      if (moment == 0) {
+        add(in_the_middle);
+        continue;
+      }
       request.pose = moved(middle, motion, moment * request.sensor->detector.integration_time_s);
       const Frame frame = render_scene(request, stop);
       times.visibility_ms += frame.times.visibility_ms, times.select_ms += frame.times.select_ms;
       times.build_ms += frame.times.build_ms;
-      mean.resize(frame.products.radiance.size(), 0.F);
-      const float share = 1.F / static_cast<float>(motion.samples);
-      for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += share * frame.products.radiance[i];
+      add(frame.products.radiance);
     }
     return mean;
   }

@@ -1,32 +1,18 @@
 #include "engine/spectrometer.h"
 
-#include <algorithm>
-
 #include "engine/detector.h"
+#include "engine/interpolate.h"
 #include "engine/spectrum.h"
 
 namespace selenograph::engine {
-namespace {
-
-double efficiency_at(const std::vector<EfficiencyPoint>& table, double wavelength_um) {
-  const auto next = std::find_if(table.begin(), table.end(),
-                                 [&](const EfficiencyPoint& p) { return p.wavelength_um > wavelength_um; });
-  if (next == table.begin()) return table.front().efficiency;
-  if (next == table.end()) return table.back().efficiency;
-  const EfficiencyPoint &a = *(next - 1), &b = *next;
-  return a.efficiency +
-         (wavelength_um - a.wavelength_um) / (b.wavelength_um - a.wavelength_um) * (b.efficiency - a.efficiency);
-}
-
-}  // namespace
-
 std::vector<SpectrometerChannel> look_at_blackbody(const Spectrometer& s, double temperature_k) {
   std::vector<SpectrometerChannel> channels;
   const double width = (s.last_um - s.first_um) / s.channels;
   for (int i = 0; i < s.channels; ++i) {
     SpectrometerChannel c{};
     c.center_um = s.first_um + (i + 0.5) * width, c.width_um = width;
-    c.efficiency = efficiency_at(s.efficiency, c.center_um);
+    c.efficiency =
+        interpolated(s.efficiency, c.center_um, &EfficiencyPoint::wavelength_um, &EfficiencyPoint::efficiency);
     c.radiance_w_m2_sr_um = planck_w_m2_sr_um(c.center_um, temperature_k);                                 // eq. (3)
     c.flux_w = radiant_flux_w(s.pixel_pitch_um, s.f_number, c.efficiency, c.radiance_w_m2_sr_um * width);  // eq. (9)
     c.signal_to_noise = signal_to_noise(c.flux_w, s.noise_equivalent_power_w);                             // eq. (12)

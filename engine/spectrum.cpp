@@ -5,6 +5,7 @@
 #include <iterator>
 #include <stdexcept>
 
+#include "engine/interpolate.h"
 #include "engine/photometry.h"
 #include "engine/solar_spectrum.h"
 
@@ -71,11 +72,8 @@ void Band::measure() {
 
 double Band::response_at(double wavelength_um) const {
   if (!(wavelength_um >= response_.front().wavelength_um && wavelength_um <= response_.back().wavelength_um)) return 0;
-  const auto next = std::upper_bound(response_.begin() + 1, response_.end() - 1, wavelength_um,
-                                     [](double w, const ResponsePoint& p) { return w < p.wavelength_um; });
-  const ResponsePoint &a = *(next - 1), &b = *next;
-  const double share = (wavelength_um - a.wavelength_um) / (b.wavelength_um - a.wavelength_um);
-  return a.response + share * (b.response - a.response);
+  const auto s = segment_at(response_, wavelength_um, &ResponsePoint::wavelength_um);
+  return s.between(s.a.response, s.b.response);
 }
 
 std::vector<double> Band::breakpoints(const std::vector<double>& table_um) const {
