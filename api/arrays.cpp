@@ -8,7 +8,7 @@
 namespace selenograph::api {
 namespace {
 
-constexpr std::array<ProductName, 11> kProducts = {{
+constexpr std::array<ProductName, 12> kProducts = {{
     {engine::kImage, "image"},
     {engine::kRadiance, "radiance"},
     {engine::kDepth, "depth"},
@@ -20,6 +20,7 @@ constexpr std::array<ProductName, 11> kProducts = {{
     {engine::kLit, "lit"},
     {engine::kGsd, "gsd"},
     {engine::kSource, "source"},
+    {engine::kObjectId, "object_id"},
 }};
 
 ElementType type_of(const std::vector<std::uint8_t>&) { return ElementType::uint8; }
@@ -76,6 +77,8 @@ ArrayView view_of(engine::Product product, const engine::Frame& frame, const eng
       return view(product, p.gsd, camera);
     case engine::kSource:
       return view(product, p.source, camera);
+    case engine::kObjectId:
+      return view(product, p.object_id, camera);
   }
   throw std::logic_error("unknown product");
 }

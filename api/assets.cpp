@@ -72,6 +72,12 @@ std::shared_ptr<const Json> Assets::camera(std::string_view name) const {
   });
 }
 
+std::shared_ptr<const engine::ObjectMesh> Assets::object(std::string_view name) const {
+  for (const char* extension : {".obj", ".ply", ".gltf", ".glb"})
+    if (auto mesh = find(objects_, "objects", extension, name, engine::ObjectMesh::read)) return mesh;
+  return nullptr;
+}
+
 std::vector<std::string> Assets::names(std::string_view kind) const {
   std::vector<std::string> names;
   if (folder_.empty()) return names;
@@ -79,7 +85,14 @@ std::vector<std::string> Assets::names(std::string_view kind) const {
   for (const fs::directory_entry& entry : fs::directory_iterator(fs::path(folder_) / kind, error))
     if (is_plain(entry.path().stem().string())) names.push_back(entry.path().stem().string());
   std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
   return names;
+}
+
+std::string listed(const std::vector<std::string>& names) {
+  std::string list;
+  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
+  return list.empty() ? "none" : list;
 }
 
 std::uint64_t Assets::fingerprint(const engine::Atmosphere* atmosphere) {

@@ -11,6 +11,7 @@
 
 #include "api/json_reader.h"
 #include "engine/atmosphere.h"
+#include "engine/object_mesh.h"
 
 namespace selenograph::api {
 
@@ -26,7 +27,10 @@ class Assets {
   // cameras/NAME.json: an object. What its members are is the request's matter.
   std::shared_ptr<const Json> camera(std::string_view name) const;
 
-  // Of the files of a kind ("atmospheres", "cameras"), without their extension; sorted.
+  // objects/NAME.obj, .ply, .gltf or .glb, the first of these that there is.
+  std::shared_ptr<const engine::ObjectMesh> object(std::string_view name) const;
+
+  // Of the files of a kind ("atmospheres", "cameras", "objects"), without their extension; sorted.
   std::vector<std::string> names(std::string_view kind) const;
 
   // Of what an atmosphere was read from, so that a frame's ETag changes with it; 0 for null.
@@ -54,6 +58,10 @@ class Assets {
   mutable std::mutex mutex_;
   mutable Files<engine::Atmosphere> atmospheres_;
   mutable Files<Json> cameras_;
+  mutable Files<engine::ObjectMesh> objects_;
 };
+
+// "a, b, c" or "none".
+std::string listed(const std::vector<std::string>& names);
 
 }  // namespace selenograph::api

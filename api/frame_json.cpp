@@ -94,12 +94,6 @@ std::optional<engine::Band> read_band(const JsonReader& in) {
   }
 }
 
-std::string listed(const std::vector<std::string>& names) {
-  std::string list;
-  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
-  return list.empty() ? "none" : list;
-}
-
 void read_atmosphere(const JsonReader& in, const Assets& assets, FrameCall& call) {
   if (!in.object({"name"})) return;
   if (!in.has("name")) return in.fail("name", "is required");
@@ -130,8 +124,8 @@ void require_sun(const JsonReader& in, engine::ProductSet products) {
 FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets& assets) {
   FrameCall call;
   engine::FrameRequest& request = call.request;
-  if (!in.object({"camera", "pose", "sun", "surface", "band", "atmosphere", "accuracy", "image", "sensor",
-                  "camera_preset", "visibility", "products"}))
+  if (!in.object({"camera", "pose", "sun", "surface", "band", "atmosphere", "objects", "terrain", "accuracy", "image",
+                  "sensor", "camera_preset", "visibility", "products"}))
     return call;
   if (in.has("camera_preset")) in.fail("camera_preset", "must be a string");  // else it is resolved by now
   for (const std::string_view name : {"camera", "pose"}) {
@@ -139,12 +133,18 @@ FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets&
   }
   if (in.has("camera")) request.camera = read_camera(in.at("camera"), limits);
   if (in.has("pose")) request.pose = read_pose(in.at("pose"));
-  if (in.has("surface")) read_surface(in.at("surface"), request);
+  if (in.has("surface")) {
+    const engine::Material ground = read_material(in.at("surface"));
+    request.reflectance = ground.reflectance, request.temperature_k = ground.temperature_k;
+  }
   if (in.has("band")) request.band = read_band(in.at("band"));
   if (in.has("atmosphere")) {
     if (!in.has("band")) in.fail("atmosphere", "needs a \"band\"");
     read_atmosphere(in.at("atmosphere"), assets, call);
   }
+  if (in.has("objects")) read_objects(in.at("objects"), assets, request, call.objects);
+  request.terrain = in.flag("terrain", true);
+  if (!request.terrain && !in.has("objects")) in.fail("terrain", "without terrain and \"objects\" there is nothing");
   if (in.has("accuracy")) {
     request.accuracy = read_accuracy(in.at("accuracy"), limits);
     if (in.at("accuracy").value().is_object()) call.budget_ms = read_budget(in.at("accuracy"));
@@ -156,6 +156,8 @@ FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets&
     request.sensor = read_sensor(in.at("sensor"));
   }
   request.visibility = in.word("visibility", Words<engine::Visibility>(kVisibilities), request.visibility);
+  if (!request.terrain && request.visibility == engine::Visibility::zbuffer)
+    in.fail("visibility", "\"zbuffer\" draws terrain, and there is none");
   if (in.has("products")) request.products = read_products(in.at("products"));
   call.sun_given = in.has("sun");
   if (call.sun_given) {
@@ -221,11 +223,14 @@ OrderedJson camera_json(const engine::Camera& camera) {
 
 OrderedJson vector_json(const Vec3& v) { return OrderedJson::array({v.x(), v.y(), v.z()}); }
 
+OrderedJson quaternion_json(const Eigen::Quaterniond& q) {
+  return {{"w", q.w()}, {"x", q.x()}, {"y", q.y()}, {"z", q.z()}};
+}
+
 OrderedJson pose_json(const engine::Pose& pose) {
-  const Eigen::Quaterniond& q = pose.camera_from_moon;
   return {{"frame", "MOON_ME"},
           {"position_m", vector_json(pose.position_m)},
-          {"camera_from_moon", {{"w", q.w()}, {"x", q.x()}, {"y", q.y()}, {"z", q.z()}}},
+          {"camera_from_moon", quaternion_json(pose.camera_from_moon)},
           {"axes", "opencv"}};
 }
 
@@ -243,6 +248,12 @@ OrderedJson image_json(const engine::ImageSettings& image) {
 }  // namespace
 
 std::string_view visibility_name(engine::Visibility visibility) { return word_of(kVisibilities, visibility); }
+
+OrderedJson object_pose_json(const engine::SceneObject& object) {
+  return {{"frame", "MOON_ME"},
+          {"position_m", vector_json(object.position_m)},
+          {"moon_from_object", quaternion_json(object.moon_from_object)}};
+}
 
 FrameCall read_frame(const Json& body, const Limits& limits, const Assets& assets) {
   if (body.is_object() && body.contains("camera_preset") && body.at("camera_preset").is_string())
@@ -262,9 +273,11 @@ OrderedJson resolved_json(const FrameCall& call) {
                    {"angular_radius_deg", request.sun.angular_radius_deg}};
     if (request.sun.limb_darkening > 0) json["sun"]["limb_darkening"] = request.sun.limb_darkening;
   }
-  json["surface"] = surface_json(request);
+  json["surface"] = material_json({request.reflectance, request.temperature_k});
   if (request.band) json["band"] = band_json(*request.band);
   if (request.atmosphere) json["atmosphere"] = {{"name", call.atmosphere_name}};
+  if (!call.objects.empty()) json["objects"] = objects_json(request, call.objects);
+  if (!request.terrain) json["terrain"] = false;
   json["visibility"] = visibility_name(request.visibility);
   json["accuracy"] = {{"max_error_px", request.accuracy.max_error_px},
                       {"samples_per_pixel", request.accuracy.samples_per_pixel},

@@ -12,6 +12,7 @@
 
 #include "api/assets.h"
 #include "api/json_reader.h"
+#include "api/objects_json.h"
 #include "engine/ephemeris.h"
 #include "engine/frame.h"
 
@@ -43,7 +44,8 @@ struct FrameCall {
   // Time for which the accuracy is to be chosen; empty: `request.accuracy` was given or is the default.
   std::optional<double> budget_ms;
   std::string atmosphere_name;  // that request.atmosphere was found by
-  bool sun_given = false;       // false: no product needs one, request.sun means nothing
+  std::vector<ObjectCall> objects;
+  bool sun_given = false;  // false: no product needs one, request.sun means nothing
 };
 
 // Throws RequestError("invalid_request") with every fault found.
@@ -53,6 +55,9 @@ FrameCall read_frame(const Json& body, const Limits& limits, const Assets& asset
 engine::Camera read_camera(const JsonReader& in, const Limits& limits);
 engine::Pose read_pose(const JsonReader& in);
 engine::Sun read_sun(const JsonReader& in);
+// Fills in position and attitude.
+void read_object_pose(const JsonReader& in, engine::SceneObject& object);
+nlohmann::ordered_json object_pose_json(const engine::SceneObject& object);
 // {"lat_deg", "lon_deg"} and, where `with_height`, "height_m" (`height_fallback_m` if left out, required when that is
 // empty).
 Geographic read_place(const JsonReader& in, bool with_height, std::optional<double> height_fallback_m = std::nullopt);

@@ -111,9 +111,11 @@ const char* meaning(engine::Product product) {
     case engine::kLit:
       return "float32: lit fraction of the solar disc after self-shadowing; NaN where nothing is hit";
     case engine::kGsd:
-      return "float32: post spacing of the mesh that was hit, m; NaN where nothing is hit";
+      return "float32: post spacing of the mesh that was hit, m; NaN where nothing is hit, or an object";
     case engine::kSource:
-      return "uint16: index into the frame's list of sources; 65535 where nothing is hit";
+      return "uint16: index into the frame's list of sources; 65535 where nothing is hit, or an object";
+    case engine::kObjectId:
+      return "uint16: index into the request's objects; 65535 where none is hit";
   }
   return "";
 }
@@ -294,6 +296,43 @@ void add_surface(OrderedJson& schemas) {
   reflectance["allOf"] = OrderedJson::array();
   for (const auto& [name, model] : kReflectanceModels) reflectance["allOf"].push_back(only_its_own(model));
   schemas["Reflectance"] = reflectance;
+  schemas["Material"] = closed(
+      "What a surface is made of.",
+      {{"reflectance", ref("Reflectance")},
+       {"temperature_k",
+        number(
+            kTemperature_k,
+            "of the surface: it emits B(T) (1 - rho) (SENSOR++ eq. 3); 0: nothing. Not with `hapke`, which has no rho",
+            0)}});
+}
+
+void add_objects(OrderedJson& schemas) {
+  OrderedJson pose = closed(
+      "Where an object's origin is and how its own axes, which are its file's, are turned.",
+      {{"frame", with(words(kBodyFrames, "body frame of position_m and of the quaternions"), "default", "MOON_ME")},
+       {"position_m", vector("Cartesian, m", kCoordinate_m)},
+       {"geodetic", ref("Geodetic")},
+       {"moon_from_object", ref("Quaternion")},
+       {"object_from_moon", ref("Quaternion")},
+       {"upright",
+        closed("its z axis away from the Moon's centre",
+               {{"azimuth_deg", number(kAzimuth_deg, "compass azimuth of its x axis, clockwise from north", 0)}})}});
+  pose["allOf"] = {exactly_one({"position_m", "geodetic"}),
+                   exactly_one({"moon_from_object", "object_from_moon", "upright"})};
+  schemas["ObjectPose"] = pose;
+  schemas["Object"] = closed(
+      "A triangle mesh that the operator put into the assets folder, from either side. It throws shadows on the "
+      "terrain "
+      "and on objects and receives them. `/v1/rays` and `/v1/project` know terrain only.",
+      {{"mesh", text("of objects/NAME.obj, .ply, .gltf or .glb")},
+       {"pose", ref("ObjectPose")},
+       {"scale", number(kScale, "metres per unit of the file", 1)},
+       {"material", with(ref("Material"), "description", "of all parts but those in part_materials")},
+       {"part_materials",
+        {{"type", "object"},
+         {"additionalProperties", ref("Material")},
+         {"description", "by the name that the file gives to a part's material"}}}},
+      {"mesh", "pose", "material"});
 }
 
 void add_band(OrderedJson& schemas) {
@@ -432,16 +471,9 @@ void add_frame_request(OrderedJson& schemas, const Limits& limits) {
       {{"camera", ref("Camera")},
        {"pose", ref("Pose")},
        {"sun", ref("Sun")},
-       {"surface",
-        closed(
-            "The ground.",
-            {{"reflectance", ref("Reflectance")},
-             {"temperature_k",
-              number(
-                  kTemperature_k,
-                  "of the surface: it emits B(T) (1 - rho) (SENSOR++ eq. 3); 0: nothing. Not with `hapke`, which has "
-                  "no rho",
-                  0)}})},
+       {"surface", with(ref("Material"), "description", "The ground")},
+       {"objects", list(ref("Object"), kMaxObjects, "what is there besides terrain; `object_id` indexes this")},
+       {"terrain", with(boolean("false: the objects are alone, without the Moon"), "default", true)},
        {"band", ref("Band")},
        {"atmosphere",
         closed("A table that the operator put into the assets folder: transmittance, irradiance and path radiance by "
@@ -523,7 +555,10 @@ void add_metadata(OrderedJson& schemas) {
         number(kAnyNumber, "bound on how far the mesh's error displaces a shadow's edge on level ground, pixels")},
        {"post_spacing_m", {{"type", "object"}, {"description", "min and max over the mesh in view"}}},
        {"triangles", {{"type", "integer"}, {"description", "of the scene"}}},
-       {"hit_fraction", number(kUnitInterval, "share of pixels that see the Moon")},
+       {"hit_fraction", number(kUnitInterval, "share of pixels that see the Moon or an object")},
+       {"object_fraction", number(kUnitInterval, "share of pixels that see an object")},
+       {"objects",
+        {{"type", "array"}, {"description", "of each object: mesh, version (hash of its content), triangles, parts"}}},
        {"filled_fraction", number(kUnitInterval, "share of pixels on posts filled by interpolation")},
        {"missing_fraction", number(kUnitInterval, "share of pixels that look at the Moon where there is no data")},
        {"sources", {{"type", "array"}, {"items", source}, {"description", "what the product `source` indexes"}}},
@@ -718,6 +753,7 @@ OrderedJson openapi_schemas(const Limits& limits) {
   add_pose(schemas);
   add_sun(schemas);
   add_surface(schemas);
+  add_objects(schemas);
   add_band(schemas);
   add_sensor(schemas);
   add_mertis(schemas);

@@ -100,6 +100,23 @@ Eigen::Quaterniond read_nadir(const JsonReader& in, const Vec3& position_m) {
   return camera_looking(-local.up, up).value_or(fallback);
 }
 
+// moon_from_object of an object that stands: its z up, its x toward an azimuth.
+Eigen::Quaterniond read_upright(const JsonReader& in, const Vec3& position_m) {
+  if (!in.object({"azimuth_deg"})) return Eigen::Quaterniond::Identity();
+  const double azimuth = in.number("azimuth_deg", kAzimuth_deg, 0) * kRadians;
+  if (!in.good()) return Eigen::Quaterniond::Identity();
+  if (position_m.norm() == 0) {
+    in.fail("has no direction from the Moon's centre");
+    return Eigen::Quaterniond::Identity();
+  }
+  const EastNorthUp local = local_axes(position_m);
+  Eigen::Matrix3d moon_from_object;
+  moon_from_object.col(0) = std::cos(azimuth) * local.north + std::sin(azimuth) * local.east;
+  moon_from_object.col(2) = local.up;
+  moon_from_object.col(1) = local.up.cross(Vec3(moon_from_object.col(0)));
+  return Eigen::Quaterniond(moon_from_object).normalized();
+}
+
 Vec3 read_geodetic(const JsonReader& in, engine::BodyFrame frame) {
   if (frame != engine::BodyFrame::moon_me) {
     // The two frames are 860 m apart: taking one for the other silently is the one mistake not to make.
@@ -154,6 +171,20 @@ Geographic read_place(const JsonReader& in, bool with_height, std::optional<doub
   place.height_m =
       height_fallback_m ? in.number("height_m", kHeight_m, *height_fallback_m) : in.number("height_m", kHeight_m);
   return place;
+}
+
+void read_object_pose(const JsonReader& in, engine::SceneObject& object) {
+  if (!in.object({"frame", "position_m", "geodetic", "moon_from_object", "object_from_moon", "upright"})) return;
+  const auto frame = in.word("frame", Words<engine::BodyFrame>(kBodyFrames), engine::BodyFrame::moon_me);
+  object.position_m = read_position(in, frame);
+  const std::string_view how = in.alternative({"moon_from_object", "object_from_moon", "upright"}, true);
+  if (how == "upright") {
+    object.moon_from_object = canonical(read_upright(in.at(how), object.position_m));
+  } else if (!how.empty()) {
+    const Eigen::Quaterniond given = read_quaternion(in.at(how)),
+                             body_from_object = how == "object_from_moon" ? given.conjugate() : given;
+    object.moon_from_object = canonical(Eigen::Quaterniond(engine::moon_me_from(frame)) * body_from_object);
+  }
 }
 
 engine::Pose read_pose(const JsonReader& in) {

@@ -128,17 +128,19 @@ std::span<const ReflectanceMember> reflectance_members() {
   return members;
 }
 
-void read_surface(const JsonReader& in, engine::FrameRequest& request) {
-  if (!in.object({"reflectance", "temperature_k"})) return;
-  if (in.has("reflectance")) request.reflectance = read_reflectance(in.at("reflectance"));
-  request.temperature_k = in.number("temperature_k", kTemperature_k, 0);
-  if (request.temperature_k > 0 && request.reflectance.model == ReflectanceModel::hapke)
+engine::Material read_material(const JsonReader& in) {
+  engine::Material material;
+  if (!in.object({"reflectance", "temperature_k"})) return material;
+  if (in.has("reflectance")) material.reflectance = read_reflectance(in.at("reflectance"));
+  material.temperature_k = in.number("temperature_k", kTemperature_k, 0);
+  if (material.temperature_k > 0 && material.reflectance.model == ReflectanceModel::hapke)
     in.fail("temperature_k", "emission is B(T) (1 - rho), and the model \"hapke\" has no rho");
+  return material;
 }
 
-nlohmann::ordered_json surface_json(const engine::FrameRequest& request) {
-  nlohmann::ordered_json json{{"reflectance", reflectance_json(request.reflectance)}};
-  if (request.temperature_k > 0) json["temperature_k"] = request.temperature_k;
+nlohmann::ordered_json material_json(const engine::Material& material) {
+  nlohmann::ordered_json json{{"reflectance", reflectance_json(material.reflectance)}};
+  if (material.temperature_k > 0) json["temperature_k"] = material.temperature_k;
   return json;
 }
 

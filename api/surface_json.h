@@ -41,8 +41,8 @@ std::span<const ReflectanceMember> reflectance_members();
 // incidence.
 inline constexpr double kLunarLambertMaxRho = 0.25;
 
-// Fills in reflectance and temperature.
-void read_surface(const JsonReader& in, engine::FrameRequest& request);
-nlohmann::ordered_json surface_json(const engine::FrameRequest& request);
+// {"reflectance", "temperature_k"}.
+engine::Material read_material(const JsonReader& in);
+nlohmann::ordered_json material_json(const engine::Material& material);
 
 }  // namespace selenograph::api

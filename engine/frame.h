@@ -22,6 +22,7 @@
 namespace selenograph::engine {
 
 class Atmosphere;
+class ObjectMesh;
 
 // Brown-Conrady (Brown 1966; OpenCV's coefficients): with r^2 = x^2 + y^2 on the plane z = 1,
 //   x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
@@ -89,6 +90,21 @@ struct Reflectance {
   HapkeParameters hapke{};
 };
 
+// What a surface is made of.
+struct Material {
+  Reflectance reflectance;
+  double temperature_k = 0;  // 0: nothing is emitted
+};
+
+// A triangle mesh that isn't terrain. Both of its sides are surface. It throws shadows and receives them.
+struct SceneObject {
+  std::shared_ptr<const ObjectMesh> mesh;
+  Vec3 position_m = Vec3::Zero();                                        // of the mesh's origin
+  Eigen::Quaterniond moon_from_object = Eigen::Quaterniond::Identity();  // unit; the mesh's axes are its file's
+  double scale = 1;                                                      // metres per unit of the file
+  std::vector<Material> materials;                                       // one for each of the mesh's parts
+};
+
 struct Accuracy {
   // Bound, in pixels, on the projected vertical error of the mesh; post spacing is kept below twice this many pixels.
   // 0: the finest posts everywhere.
@@ -128,6 +144,7 @@ enum Product : std::uint32_t {
   kLit = 1u << 8,
   kGsd = 1u << 9,
   kSource = 1u << 10,
+  kObjectId = 1u << 11,
 };
 using ProductSet = std::uint32_t;
 
@@ -139,6 +156,8 @@ struct FrameRequest {
   std::optional<Band> band;                      // that radiance is integrated over; empty: all wavelengths
   double temperature_k = 0;                      // of the surface; 0: nothing is emitted
   std::shared_ptr<const Atmosphere> atmosphere;  // null: none
+  std::vector<SceneObject> objects;
+  bool terrain = true;  // false: the objects are alone, without the Moon
   Accuracy accuracy;
   ImageSettings image;
   std::optional<SensorModel> sensor;  // that makes the image, of the band; empty: ImageSettings alone
@@ -163,6 +182,7 @@ struct FrameProducts {
   std::vector<float> lit;
   std::vector<float> gsd;  // m
   std::vector<std::uint16_t> source;
+  std::vector<std::uint16_t> object_id;  // index into FrameRequest::objects; 65535: terrain, or nothing
 };
 
 // A DEM tile that the frame stands on; `source` indexes the list of these.
@@ -201,12 +221,13 @@ struct FrameReport {
   double shadow_error_px = 0;  // bound on the displacement of shadow edges on level ground; 0 without Sun
   double min_post_spacing_m = 0, max_post_spacing_m = 0;
   std::size_t triangles = 0;
-  std::size_t scene_bytes = 0;  // of the mesh and its acceleration structure
-  double filled_fraction = 0;   // of all pixels: on posts that were filled by interpolation
-  double missing_fraction = 0;  // of all pixels: look at the Moon where there is no data
-  double hit_fraction = 0;
-  RadianceTerms radiance;                  // of frames with radiance or image
-  double full_scale_radiance_w_m2_sr = 0;  // that `image` was made with; 0 without image
+  std::size_t scene_bytes = 0;                   // of the mesh and its acceleration structure
+  double filled_fraction = 0;                    // of all pixels: on posts that were filled by interpolation
+  double missing_fraction = 0;                   // of all pixels: look at the Moon where there is no data
+  double hit_fraction = 0, object_fraction = 0;  // of all pixels: see anything; see an object
+  RadianceTerms radiance;                        // of the terrain in frames with radiance or image
+  bool objects_emit = false;                     // some material of theirs does
+  double full_scale_radiance_w_m2_sr = 0;        // that `image` was made with; 0 without image
   int margin_px = 0;             // rendered around the image for what spreads into it; shares of pixels count it
   double captured_fraction = 1;  // of a point's light, within the point spread's kernel
   std::vector<SourceTile> sources;

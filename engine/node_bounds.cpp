@@ -51,4 +51,14 @@ bool below_horizon(const Vec3& from_m, const NodeBounds& b) {
   return to_centre - std::asin(std::min(1.0, b.radius_m / b.centre.norm())) > reach;
 }
 
+NodeBounds bounds_around(const Vec3& centre_m, double radius_m) {
+  NodeBounds bounds;
+  bounds.points.fill(centre_m);
+  bounds.bulge_m = radius_m;
+  bounds.centre = centre_m, bounds.radius_m = radius_m;
+  const double height = centre_m.norm() - kMoonRadius_m;
+  bounds.low_m = height - radius_m, bounds.high_m = height + radius_m;
+  return bounds;
+}
+
 }  // namespace selenograph::engine

@@ -20,6 +20,9 @@ struct NodeBounds {
 
 NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m);
 
+// Of a ball that isn't terrain; all of its points are the centre, and it bulges by its radius.
+NodeBounds bounds_around(const Vec3& centre_m, double radius_m);
+
 // Whether the Moon's solid inside (everything deeper than the lowest relief) hides the whole ball from `from`.
 bool below_horizon(const Vec3& from_m, const NodeBounds& bounds);
 

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <optional>
 
+#include "engine/objects_in_frame.h"
 #include "engine/vectorise.h"
 
 namespace selenograph::engine {
@@ -34,6 +35,7 @@ void allocate_all(const FrameRequest& request, FrameProducts& out) {
   allocate(out.lit, want & kLit, n, kNaN32);
   allocate(out.gsd, want & kGsd, n, kNaN32);
   allocate(out.source, want & kSource, n, std::uint16_t{65535});
+  allocate(out.object_id, want & kObjectId, n, kNoObject);
 }
 
 SELENOGRAPH_VECTORISED
@@ -266,6 +268,33 @@ void PixelStore::account(const SurfacePoints& points, int i, std::size_t at, Pas
 
 void PixelStore::store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit,
                                 std::size_t at) const {
+  const auto spacing_m = static_cast<float>(dem::post_spacing_m(mesh_.blocks()[p.triangle[i].block()].posts->id.level));
+  store_point(p, i, direction, shading, lit, spacing_m, at);
+}
+
+void PixelStore::store_objects(const ObjectsInFrame& objects, const ObjectLanes& lanes, const Rays& rays,
+                               const float* lit, Shape shape, int x, int y, const Layer& layer, float weight,
+                               std::vector<float>& target, std::vector<float>& bases, PassCounts* counts) const {
+  float radiance[kPacket], base[kPacket];
+  if (weight > 0) objects.radiances(lanes, rays, lit, radiance, base);
+  for (int i = 0; i < kPacket; ++i) {
+    if (!lanes.points.hit[i]) continue;
+    const std::size_t at =
+        static_cast<std::size_t>(y + i / across(shape)) * static_cast<std::size_t>(request_.camera.width) +
+        static_cast<std::size_t>(x + i % across(shape));
+    if (weight > 0) {
+      target[at] += weight * radiance[i];
+      if (!bases.empty()) bases[at] = base[i];
+    }
+    if (counts) ++counts->hit, ++counts->on_object;
+    if (!layer.store) continue;
+    if (!out_.object_id.empty()) out_.object_id[at] = lanes.object[i];
+    if (wants_geometry_) store_point(lanes.points, i, rays.direction(i), lanes.shading, lit[i], kNaN32, at);
+  }
+}
+
+void PixelStore::store_point(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit,
+                             float spacing_m, std::size_t at) const {
   const double length = direction.norm();
   const Vec3 position = p.position(i), normal = shading.normal(i);
   if (!out_.depth.empty()) out_.depth[at] = p.distance[i];  // the direction's component along the boresight is 1
@@ -284,14 +313,14 @@ void PixelStore::store_geometry(const SurfacePoints& p, int i, const Vec3& direc
     out_.angles[3 * at + 2] = static_cast<float>(angle_deg(to_camera.dot(request_.sun.direction)));
   }
   if (!out_.lit.empty()) out_.lit[at] = lit;
-  if (!out_.gsd.empty())
-    out_.gsd[at] = static_cast<float>(dem::post_spacing_m(mesh_.blocks()[p.triangle[i].block()].posts->id.level));
+  if (!out_.gsd.empty()) out_.gsd[at] = spacing_m;
 }
 
 void PixelStore::merge(const PassCounts& counts) {
   std::lock_guard lock(mutex_);
   total_.draw_ms += counts.draw_ms, total_.resolve_ms += counts.resolve_ms, total_.shadow_ms += counts.shadow_ms;
   total_.hit += counts.hit, total_.missing += counts.missing, total_.filled += counts.filled;
+  total_.on_object += counts.on_object;
   for (std::size_t i = 0; i < counts.sources.size(); ++i)
     if (counts.sources[i]) total_.sources[i] = 1;
 }

@@ -37,6 +37,9 @@ struct alignas(64) Shading {
   Vec3 normal(int i) const { return {nx[i], ny[i], nz[i]}; }
 };
 
+class ObjectsInFrame;
+struct ObjectLanes;
+
 class PixelStore {
  public:
   // Sizes and initialises the products that are asked for. `rays`: of the pixels' centres, where there is distortion.
@@ -68,11 +71,19 @@ class PixelStore {
   void account(const SurfacePoints& points, int lane, std::size_t pixel, PassCounts* counts) const;
   void store_geometry(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
                       std::size_t pixel) const;
+  // Lanes that see an object; those of the packet that begins at pixel (x, y). What radiance there is goes to `target`,
+  // and without the Sun to `bases` where that isn't empty.
+  void store_objects(const ObjectsInFrame& objects, const ObjectLanes& lanes, const Rays& rays, const float* lit,
+                     Shape shape, int x, int y, const Layer& layer, float weight, std::vector<float>& target,
+                     std::vector<float>& bases, PassCounts* counts) const;
 
   void merge(const PassCounts& counts);
   PassCounts take_total() { return std::move(total_); }
 
  private:
+  // Of terrain or of an object; `spacing_m`: NaN on an object.
+  void store_point(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
+                   float spacing_m, std::size_t pixel) const;
   float direct(const Shading& shading, const Vec3& direction, float lit, int lane) const;
   template <Shape shape>
   void aim_shape(int x, int y, const Layer& layer, const PixelRays* rays, Rays& out) const;

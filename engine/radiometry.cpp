@@ -13,9 +13,9 @@ namespace {
 constexpr double kStefanBoltzmann_w_m2_k4 = 5.670374419e-8;  // CODATA 2018
 
 // B(T), W m-2 sr-1, in the band or over all wavelengths.
-double blackbody(const FrameRequest& request) {
-  if (request.band) return request.band->planck_w_m2_sr(request.temperature_k);
-  return kStefanBoltzmann_w_m2_k4 * std::pow(request.temperature_k, 4) / std::numbers::pi;
+double blackbody(const FrameRequest& request, double temperature_k) {
+  if (request.band) return request.band->planck_w_m2_sr(temperature_k);
+  return kStefanBoltzmann_w_m2_k4 * std::pow(temperature_k, 4) / std::numbers::pi;
 }
 
 }  // namespace
@@ -29,24 +29,24 @@ std::vector<std::string_view> RadianceTerms::names() const {
   return names;
 }
 
-RadianceTerms radiance_terms(const FrameRequest& request) {
+RadianceTerms radiance_terms(const FrameRequest& request, const Material& material) {
   const double sunlight = 1 / (request.sun.distance_au * request.sun.distance_au);
-  const double emissivity = 1 - request.reflectance.rho;  // eq. (3)
+  const double emissivity = 1 - material.reflectance.rho;  // eq. (3)
   RadianceTerms terms;
   if (request.atmosphere) {
     if (!request.band) throw std::invalid_argument("an atmosphere needs a band");
-    const Atmosphere::InBand in = request.atmosphere->over(*request.band, request.temperature_k);
+    const Atmosphere::InBand in = request.atmosphere->over(*request.band, material.temperature_k);
     terms.direct_w_m2 = sunlight * in.direct_w_m2;  // eq. (2)
     terms.indirect = sunlight * in.indirect_w_m2_sr;
     terms.scattered = sunlight * in.scattered_w_m2_sr;
     terms.thermal_path = in.thermal_path_w_m2_sr;
-    if (request.temperature_k > 0) terms.emitted = in.emitted_w_m2_sr * emissivity;  // eq. (3)
+    if (material.temperature_k > 0) terms.emitted = in.emitted_w_m2_sr * emissivity;  // eq. (3)
     return terms;
   }
   // tau = 1
   terms.direct_w_m2 =
-      sunlight * (request.band ? request.band->solar_irradiance_w_m2() : kSolarConstant_w_m2);  // eq. (2)
-  if (request.temperature_k > 0) terms.emitted = blackbody(request) * emissivity;               // eq. (3)
+      sunlight * (request.band ? request.band->solar_irradiance_w_m2() : kSolarConstant_w_m2);              // eq. (2)
+  if (material.temperature_k > 0) terms.emitted = blackbody(request, material.temperature_k) * emissivity;  // eq. (3)
   return terms;
 }
 

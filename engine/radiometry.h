@@ -8,6 +8,10 @@ namespace selenograph::engine {
 
 // Throws std::invalid_argument for an atmosphere without a band or with one that reaches beyond
 // its table.
-RadianceTerms radiance_terms(const FrameRequest& request);
+RadianceTerms radiance_terms(const FrameRequest& request, const Material& material);
+// Of the terrain.
+inline RadianceTerms radiance_terms(const FrameRequest& request) {
+  return radiance_terms(request, {request.reflectance, request.temperature_k});
+}
 
 }  // namespace selenograph::engine

@@ -13,6 +13,7 @@
 
 #include "dem/error.h"
 #include "dem/parallel.h"
+#include "engine/objects_in_frame.h"
 #include "engine/stopwatch.h"
 #include "engine/trace.h"
 #include "engine/vectorise.h"
@@ -100,9 +101,11 @@ bool is_wide(const Strip& s, const TileView& t) {
 
 class RasterPass {
  public:
-  RasterPass(const RasterMesh& mesh, PixelStore& store, const StopToken& stop, FrameScratch& scratch)
+  RasterPass(const RasterMesh& mesh, PixelStore& store, const ObjectsInFrame& objects, const StopToken& stop,
+             FrameScratch& scratch)
       : mesh_(mesh),
         store_(store),
+        objects_(objects),
         view_(store.view()),
         request_(store.request()),
         out_(store.out()),
@@ -265,6 +268,8 @@ class RasterPass {
                height = static_cast<std::size_t>(request_.camera.height);
     scratch_.samples.resize(scratch_.tiles.size());
     if (layer.weight > 0 && !layer.store) scratch_.layer.assign(width * height, 0.F);
+    scratch_.bases.clear();
+    if (layer.weight > 0 && !objects_.empty()) scratch_.bases.assign(width * height, store_.base_radiance());
     Stopwatch watch;
     std::mutex mutex;
     double draw_ms = 0, resolve_ms = 0;  // of all threads
@@ -329,6 +334,7 @@ class RasterPass {
     prefetch_next(ids + kPacket);
     Facets facets;
     refine(store_.mesh(), rays, points, facets);
+    if (!objects_.empty()) resolve_objects(tile.x0 + x, tile.y0 + y, layer, rays, points, counts, samples);
     const std::uint32_t hits = hit_bits(points);
     const bool all = hits == 0xffff;
     if (counts && !all) {
@@ -341,7 +347,7 @@ class RasterPass {
     alignas(64) float lit[kPacket] = {}, radiance[kPacket];
     const std::size_t first = static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(request_.camera.width) +
                               static_cast<std::size_t>(tile.x0 + x);
-    if (layer.light) light(points, shading, static_cast<std::uint32_t>(first), lit, samples);
+    if (layer.light) light(points, shading, nullptr, static_cast<std::uint32_t>(first), lit, samples);
     if (layer.weight > 0) store_.radiances(shading, rays, lit, radiance);
     std::vector<float>& target = radiance_of(layer);
     std::uint32_t left = hits;  // to be accounted for
@@ -360,6 +366,20 @@ class RasterPass {
     }
   }
 
+  // Those of the packet's pixels that see objects; they are no longer terrain's. Their points are samples of the shadow
+  // map like any others.
+  void resolve_objects(int x, int y, const Layer& layer, Rays& rays, SurfacePoints& points, PassCounts* counts,
+                       LightSamples& samples) {
+    ObjectLanes lanes;
+    if (objects_.meet(rays, points, lanes) == 0) return;
+    alignas(64) float lit[kPacket] = {};
+    const std::size_t first =
+        static_cast<std::size_t>(y) * static_cast<std::size_t>(request_.camera.width) + static_cast<std::size_t>(x);
+    if (layer.light) light(lanes.points, lanes.shading, lanes.object, static_cast<std::uint32_t>(first), lit, samples);
+    store_.store_objects(objects_, lanes, rays, lit, Shape::row, x, y, layer, layer.weight > 0 ? 1.F : 0.F,
+                         radiance_of(layer), scratch_.bases, counts);
+  }
+
   // Asks memory for what the next pixels' triangles are made of: a third of the time would go by waiting for it. Every
   // second one will do, neighbours share cache lines.
   void prefetch_next(const std::uint32_t* ids) const {
@@ -374,15 +394,30 @@ class RasterPass {
 
   std::vector<float>& radiance_of(const Layer& layer) { return layer.store ? out_.radiance : scratch_.layer; }
 
-  void light(const SurfacePoints& points, const Shading& shading, std::uint32_t first_pixel, float* lit,
-             LightSamples& samples) const {
+  // `own`: objects that the points are on; null on terrain.
+  void light(const SurfacePoints& points, const Shading& shading, const std::uint16_t* own, std::uint32_t first_pixel,
+             float* lit, LightSamples& samples) const {
     alignas(64) std::int32_t facing[kPacket];
     if (disc_)
       disc_->faced_by(points, facing);
     else
       facing_sun(points, request_.sun.direction, facing);
+    if (!objects_.empty()) shade_by_objects(points, own, facing);
     const bool plain = lit_lanes(points, shading, facing, lit);
     add_samples(points, facing, first_pixel, lit, plain, samples);
+  }
+
+  // What an object blocks counts as not faced.
+  void shade_by_objects(const SurfacePoints& points, const std::uint16_t* own, std::int32_t* facing) const {
+    const auto shade = [&](const Vec3& sun, int bit) {
+      std::uint32_t asking = 0;
+      for (int i = 0; i < kPacket; ++i) asking |= points.hit[i] && facing[i] >> bit & 1 ? 1U << i : 0U;
+      const std::uint32_t blocked = objects_.blocked(points, own, asking, sun);
+      for (int i = 0; i < kPacket; ++i)
+        if (blocked >> i & 1) facing[i] &= ~static_cast<std::int32_t>(1U << bit);
+    };
+    if (!disc_) return shade(request_.sun.direction, 0);
+    for (int k = 0; k < kDiscSamples; ++k) shade(disc_->directions()[static_cast<std::size_t>(k)], k);
   }
 
   // Samples of the lit lanes. `plain`: all are lit, none is on an edge of its triangle. There float can't tell a ridge,
@@ -416,12 +451,13 @@ class RasterPass {
 
   void cast_shadows(const Layer& layer) {
     std::vector<float>& radiance = radiance_of(layer);
-    const float base = store_.base_radiance();
+    const float everywhere = store_.base_radiance();
+    const auto base_of = [&](std::uint32_t at) { return scratch_.bases.empty() ? everywhere : scratch_.bases[at]; };
     if (!disc_) {
       shadows_->cast(scratch_.samples, scratch_.light, stop_);
       in_parallel(scratch_.light.shadowed.size(), [&](std::size_t band) {
         for (const std::uint32_t at : scratch_.light.shadowed[band]) {
-          if (layer.weight > 0) radiance[at] = base;
+          if (layer.weight > 0) radiance[at] = base_of(at);
           if (layer.store && !out_.lit.empty()) out_.lit[at] = 0;
         }
       });
@@ -434,7 +470,7 @@ class RasterPass {
       for (std::size_t k = 0; k < samples.count; ++k) {
         const std::uint32_t at = samples.pixel[k];
         const float share = disc_->lit_share(samples.faces[k], scratch_.disc.dark[at]);
-        if (layer.weight > 0) radiance[at] = base + (radiance[at] - base) * share;
+        if (layer.weight > 0) radiance[at] = base_of(at) + (radiance[at] - base_of(at)) * share;
         if (layer.store && !out_.lit.empty()) out_.lit[at] = share;
       }
     });
@@ -442,6 +478,7 @@ class RasterPass {
 
   const RasterMesh& mesh_;
   PixelStore& store_;
+  const ObjectsInFrame& objects_;
   const View& view_;
   const FrameRequest& request_;
   FrameProducts& out_;
@@ -455,15 +492,16 @@ class RasterPass {
 }  // namespace
 
 std::size_t FrameScratch::bytes() const {
-  std::size_t sum = sizeof(FrameScratch) + bytes_of(boxes) + bytes_of(tiles) + bytes_of(layer) + light.bytes() +
-                    disc.bytes() + buffers.bytes();
+  std::size_t sum = sizeof(FrameScratch) + bytes_of(boxes) + bytes_of(tiles) + bytes_of(layer) + bytes_of(bases) +
+                    light.bytes() + disc.bytes() + buffers.bytes();
   for (const ImageTile& tile : tiles) sum += bytes_of(tile.strips);
   for (const LightSamples& s : samples) sum += s.bytes();
   return sum;
 }
 
-void draw_pixels(const RasterMesh& mesh, PixelStore& store, const StopToken& stop, FrameScratch& scratch) {
-  RasterPass(mesh, store, stop, scratch).run();
+void draw_pixels(const RasterMesh& mesh, PixelStore& store, const ObjectsInFrame& objects, const StopToken& stop,
+                 FrameScratch& scratch) {
+  RasterPass(mesh, store, objects, stop, scratch).run();
 }
 
 }  // namespace selenograph::engine

@@ -40,6 +40,7 @@ struct FrameScratch {
   std::vector<ImageTile> tiles;
   std::vector<LightSamples> samples;  // per tile
   std::vector<float> layer;           // radiance of one sub-pixel sample
+  std::vector<float> bases;           // per pixel, without the Sun; empty: the same everywhere
   LightScratch light;
   DiscScratch disc;
   Pool<TileBuffer> buffers;  // one per thread
@@ -47,6 +48,7 @@ struct FrameScratch {
 };
 
 // Parallel over tiles in the caller's task arena; stops between tiles and between bands of the shadow map.
-void draw_pixels(const RasterMesh& mesh, PixelStore& store, const StopToken& stop, FrameScratch& scratch);
+void draw_pixels(const RasterMesh& mesh, PixelStore& store, const ObjectsInFrame& objects, const StopToken& stop,
+                 FrameScratch& scratch);
 
 }  // namespace selenograph::engine

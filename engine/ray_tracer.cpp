@@ -1,34 +1,16 @@
 #include "engine/ray_tracer.h"
 
-#include <embree3/rtcore.h>
-#include <fmt/format.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <limits>
-#include <mutex>
-#include <stdexcept>
 
 #include "dem/parallel.h"
-#include "engine/raster_kernels.h"
+#include "engine/embree_packets.h"
 #include "engine/vectorise.h"
 
 namespace selenograph::engine {
 namespace {
-
-// One device per thread count for the whole process: a device owns worker threads.
-RTCDevice device(int threads) {
-  static std::mutex mutex;
-  static std::unordered_map<int, RTCDevice> devices;
-  std::lock_guard lock(mutex);
-  RTCDevice& d = devices[threads];
-  if (!d) d = rtcNewDevice(threads > 0 ? fmt::format("threads={}", threads).c_str() : nullptr);
-  if (!d)
-    throw std::runtime_error(fmt::format("Embree: no device (error {})", static_cast<int>(rtcGetDeviceError(nullptr))));
-  return d;
-}
 
 struct SunContext {
   RTCIntersectContext embree;  // first member: Embree hands its address to the filter
@@ -79,35 +61,6 @@ void fill_vertices(const MeshBlock& block, const Vec3& anchor, float* out) {
 bool complete(const MeshBlock& block) {
   return std::none_of(block.vertices.begin(), block.vertices.end(),
                       [](const MeshVertex& v) { return std::isnan(v.height_m); });
-}
-
-// Packets are traced as one bundle when their directions are alike. Embree 3.13's bundles lose hits when a direction's
-// component is (next to) zero for some rays and not for others, so a bundle must keep clear of zero in every component.
-bool bundled(const RayPacket& rays) {
-  constexpr float kClear = 0x1p-10F;
-  float low[3], high[3];
-  range_of(rays.dx, kPacket, low[0], high[0]);
-  range_of(rays.dy, kPacket, low[1], high[1]);
-  range_of(rays.dz, kPacket, low[2], high[2]);
-  const float size = std::max({-low[0], -low[1], -low[2], high[0], high[1], high[2]});
-  for (int k = 0; k < 3; ++k)
-    if (!(low[k] > kClear * size || high[k] < -kClear * size)) return false;
-  return true;
-}
-
-RTCIntersectContextFlags coherence(const RayPacket& rays) {
-  return bundled(rays) ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-}
-
-template <typename Packet>
-void set_rays(const RayPacket& in, Packet& out) {
-  std::memcpy(out.org_x, in.ox, sizeof in.ox), std::memcpy(out.org_y, in.oy, sizeof in.oy),
-      std::memcpy(out.org_z, in.oz, sizeof in.oz);
-  std::memcpy(out.dir_x, in.dx, sizeof in.dx), std::memcpy(out.dir_y, in.dy, sizeof in.dy),
-      std::memcpy(out.dir_z, in.dz, sizeof in.dz);
-  std::fill_n(out.tfar, kPacket, std::numeric_limits<float>::infinity());
-  std::memcpy(out.tnear, in.near, sizeof in.near), std::fill_n(out.time, kPacket, 0.F);
-  std::fill_n(out.mask, kPacket, ~0U), std::fill_n(out.flags, kPacket, 0U);
 }
 
 }  // namespace
@@ -178,7 +131,7 @@ struct RayTracer::Impl {
 
 RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads)
     : impl_(std::make_unique<Impl>()), anchor_(anchor_m) {
-  const RTCDevice dev = device(threads);
+  const RTCDevice dev = embree_device(threads);
   impl_->scene = rtcNewScene(dev);
   rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
   const std::size_t blocks = mesh.blocks().size();
@@ -204,8 +157,7 @@ RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads)
     bytes_ += mesh.blocks()[i].vertices.size() * 12 + 2 * quads * quads * 15 + by_itself * (83 + sizeof(TriangleId));
   }
   tbb::this_task_arena::isolate([&] { rtcCommitScene(impl_->scene); });
-  if (const RTCError error = rtcGetDeviceError(dev); error != RTC_ERROR_NONE)
-    throw std::runtime_error(fmt::format("Embree: building the scene failed (error {})", static_cast<int>(error)));
+  check_embree(dev);
 }
 
 RayTracer::~RayTracer() = default;
@@ -215,9 +167,7 @@ void RayTracer::intersect(const RayPacket& rays, SurfacePoints& points) const {
   rtcInitIntersectContext(&context);
   context.flags = coherence(rays);
   RTCRayHit16 rh;
-  set_rays(rays, rh.ray);
-  std::fill_n(rh.hit.geomID, kPacket, RTC_INVALID_GEOMETRY_ID);
-  std::fill_n(rh.hit.instID[0], kPacket, RTC_INVALID_GEOMETRY_ID);
+  set_hits(rays, rh);
   rtcIntersect16(rays.active, impl_->scene, &context, &rh);
   for (int i = 0; i < kPacket; ++i) {
     points.hit[i] = rays.active[i] && rh.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;

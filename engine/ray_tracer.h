@@ -1,4 +1,5 @@
-// Embree behind one pair of files: which triangle does a ray meet first, and is the way to the Sun free.
+// Embree behind one pair of files (object_tracer.h is for objects): which triangle of the terrain does a ray meet
+// first, and is the way to the Sun free.
 //
 // Vertices are float relative to an anchor near the scene; one GRID geometry per mesh block, ROBUST so that no ray
 // slips between triangles. Compiles against Embree 3.13; 4.x would be a matter of this pair.

@@ -1,10 +1,12 @@
 #include "engine/render_pass.h"
 
 #include <algorithm>
+#include <array>
 #include <numbers>
 
 #include "dem/error.h"
 #include "dem/parallel.h"
+#include "engine/objects_in_frame.h"
 #include "engine/pixel_store.h"
 #include "engine/raster_pass.h"
 #include "engine/trace.h"
@@ -17,7 +19,10 @@ constexpr double kDegrees = 180 / std::numbers::pi;
 
 class RayPass {
  public:
-  RayPass(const Scene& scene, PixelStore& store) : scene_(scene), store_(store), request_(store.request()) {}
+  RayPass(const Scene& scene, PixelStore& store, const ObjectsInFrame& objects)
+      : scene_(scene), store_(store), objects_(objects), request_(store.request()) {
+    if (request_.sun.angular_radius_deg > 0) disc_ = disc_directions(request_.sun);
+  }
 
   void run(const StopToken& stop) {
     const int across = (request_.camera.width + kTile - 1) / kTile,
@@ -54,8 +59,9 @@ class RayPass {
     SurfacePoints points;
     Facets facets;
     trace(scene_, rays, points, facets);
+    if (!objects_.empty()) render_objects(x, y, layer, rays, points, counts);
     if (std::find(points.hit, points.hit + kPacket, true) == points.hit + kPacket) {
-      if (counts)
+      if (counts && request_.terrain)
         counts->missing +=
             static_cast<std::uint64_t>(std::count(points.toward_moon, points.toward_moon + kPacket, true));
       return;
@@ -63,7 +69,7 @@ class RayPass {
     Shading shading;
     store_.shade(facets, points, rays, shading);
     float lit[kPacket] = {}, radiance[kPacket];
-    if (layer.light) light(points, shading, lit);
+    if (layer.light) light(points, shading, nullptr, lit);
     if (layer.weight > 0) store_.radiances(shading, rays, lit, radiance);
     for (int i = 0; i < kPacket; ++i) {
       if (counts && points.toward_moon[i]) ++counts->missing;
@@ -78,30 +84,60 @@ class RayPass {
     }
   }
 
-  void light(const SurfacePoints& points, const Shading& shading, float* lit) const {
+  // The packet's pixels that see objects; those are no longer terrain's.
+  void render_objects(int x, int y, const Layer& layer, Rays& rays, SurfacePoints& points, PassCounts* counts) {
+    ObjectLanes lanes;
+    if (objects_.meet(rays, points, lanes) == 0) return;
+    float lit[kPacket] = {};
+    if (layer.light) light(lanes.points, lanes.shading, lanes.object, lit);
+    std::vector<float> no_bases;
+    store_.store_objects(objects_, lanes, rays, lit, Shape::square, x, y, layer, layer.weight, store_.out().radiance,
+                         no_bases, counts);
+  }
+
+  // `own`: objects that the points are on; null on terrain.
+  void light(const SurfacePoints& points, const Shading& shading, const std::uint16_t* own, float* lit) const {
     bool wanted[kPacket];
     for (int i = 0; i < kPacket; ++i) wanted[i] = points.hit[i] && shading.mu0[i] > 0;
+    const auto toward = [&](const Vec3& sun, float* out) { light_from(points, wanted, own, sun, out); };
     if (request_.sun.angular_radius_deg > 0)
-      sunlit_disc(scene_, points, wanted, request_.sun, lit);
+      mean_over_disc(disc_, toward, lit);
     else
-      sunlit(scene_, points, wanted, request_.sun.direction, lit);
+      toward(request_.sun.direction, lit);
+  }
+
+  void light_from(const SurfacePoints& points, const bool* wanted, const std::uint16_t* own, const Vec3& sun,
+                  float* lit) const {
+    if (request_.terrain)
+      sunlit(scene_, points, wanted, sun, lit);
+    else
+      for (int i = 0; i < kPacket; ++i) lit[i] = wanted[i] && points.facing(i).dot(sun) > 0 ? 1.F : 0.F;
+    if (objects_.empty()) return;
+    std::uint32_t asking = 0;
+    for (int i = 0; i < kPacket; ++i) asking |= lit[i] > 0 ? 1U << i : 0U;
+    const std::uint32_t blocked = objects_.blocked(points, own, asking, sun);
+    for (int i = 0; i < kPacket; ++i)
+      if (blocked >> i & 1) lit[i] = 0;
   }
 
   const Scene& scene_;
   PixelStore& store_;
+  const ObjectsInFrame& objects_;
   const FrameRequest& request_;
+  std::array<Vec3, kDiscSamples> disc_;  // of a Sun that has one
 };
 
 }  // namespace
 
 PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request,
-                         const RadianceTerms& radiance, const PixelRays& rays, std::size_t catalogue_size,
-                         const StopToken& stop, FrameScratch& scratch, FrameProducts& products) {
+                         const RadianceTerms& radiance, const PixelRays& rays, const ObjectsInFrame& objects,
+                         std::size_t catalogue_size, const StopToken& stop, FrameScratch& scratch,
+                         FrameProducts& products) {
   PixelStore store(scene.mesh, view, request, radiance, rays, catalogue_size, products);
   if (scene.raster)
-    draw_pixels(*scene.raster, store, stop, scratch);
+    draw_pixels(*scene.raster, store, objects, stop, scratch);
   else
-    RayPass(scene, store).run(stop);
+    RayPass(scene, store, objects).run(stop);
   return store.take_total();
 }
 

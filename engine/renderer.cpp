@@ -14,6 +14,7 @@
 #include "dem/cache.h"
 #include "dem/error.h"
 #include "dem/parallel.h"
+#include "engine/objects_in_frame.h"
 #include "engine/pixel_rays.h"
 #include "engine/pool.h"
 #include "engine/radiometry.h"
@@ -110,6 +111,9 @@ struct Renderer::Impl {
     });
   }
 
+  void refuse_underground(const FrameRequest& request) const {
+    if (request.terrain) refuse_underground(request.pose.position_m);
+  }
   void refuse_underground(const Vec3& position) const {
     const double height = position.norm() - kMoonRadius_m;
     if (height > static_cast<double>(dem::kHighestRelief_m)) return;
@@ -123,8 +127,10 @@ struct Renderer::Impl {
 
   Selection select(const View& view, const FrameRequest& request, const Accuracy& accuracy,
                    const StopToken& stop) const {
+    if (!request.terrain) return {};
     const bool light = request.products & (kImage | kRadiance | kLit);
-    return select_for_view(*terrain, view, light ? &request.sun : nullptr, accuracy, stop, scenes.capacity());
+    return select_for_view(*terrain, view, light ? &request.sun : nullptr, accuracy, stop, scenes.capacity(),
+                           balls_around(request.objects));
   }
 
   static Vec3 anchor_of(const View& view) { return anchor_for(view.position(), view.middle()); }
@@ -150,7 +156,7 @@ struct Renderer::Impl {
 
   BudgetChoice choose(const FrameRequest& request, double budget_ms, int max_samples, const StopToken& stop) {
     const View view(request.camera, request.pose);
-    refuse_underground(view.position());
+    refuse_underground(request);
     Stopwatch watch;
     double spent_ms = 0;
     std::optional<BudgetChoice> best;
@@ -245,7 +251,8 @@ struct Renderer::Impl {
     Frame frame;
     Stopwatch watch;
     const View view(request.camera, request.pose);
-    refuse_underground(view.position());
+    refuse_underground(request);
+    const ObjectsInFrame objects(request, view);
     const RadianceTerms radiance = radiance_terms(request);
     const Selection selection = select(view, request, request.accuracy, stop);
     frame.times.select_ms = watch.lap_ms();
@@ -260,8 +267,8 @@ struct Renderer::Impl {
     PassCounts counts;
     {
       const Pool<FrameScratch>::Lease lease(scratch);
-      counts = render_pixels(*scene, view, request, radiance, *rays, terrain->catalogue().rasters().size(), stop,
-                             *lease, frame.products);
+      counts = render_pixels(*scene, view, request, radiance, *rays, objects, terrain->catalogue().rasters().size(),
+                             stop, *lease, frame.products);
     }
     settle();
     number_sources(terrain->catalogue(), counts.sources, frame);
@@ -271,7 +278,7 @@ struct Renderer::Impl {
 
     speed_of(visibility).learn(work_of(request, request.accuracy, triangles_of(selection), build), frame.times);
     frame.report.visibility = visibility;
-    frame.report.radiance = radiance;
+    frame.report.radiance = radiance, frame.report.objects_emit = objects.emit();
     report(request, selection, *scene, counts, frame.report);
     return frame;
   }
@@ -287,6 +294,7 @@ struct Renderer::Impl {
           2 * static_cast<std::size_t>(b.posts->extent.quads) * static_cast<std::size_t>(b.posts->extent.quads);
     out.scene_bytes = scene.bytes();
     out.hit_fraction = static_cast<double>(counts.hit) / pixels;
+    out.object_fraction = static_cast<double>(counts.on_object) / pixels;
     out.missing_fraction = static_cast<double>(counts.missing) / pixels;
     out.filled_fraction = static_cast<double>(counts.filled) / pixels;
     out.warnings = terrain->warnings();

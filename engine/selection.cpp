@@ -60,8 +60,13 @@ double subdivision_error_m(int level) { return 7 * dem::chord_sag_m(level); }
 class ViewSelector {
  public:
   ViewSelector(const dem::Terrain& terrain, const View& view, const Accuracy& accuracy, std::size_t max_bytes,
-               const StopToken& stop)
-      : terrain_(terrain), view_(view), accuracy_(accuracy), max_bytes_(max_bytes), stop_(stop) {}
+               const StopToken& stop, const std::vector<Ball>& receivers)
+      : terrain_(terrain),
+        view_(view),
+        accuracy_(accuracy),
+        max_bytes_(max_bytes),
+        stop_(stop),
+        receivers_(receivers) {}
 
   Selection select(const Sun* sun) {
     for (const BlockId& id : terrain_.roots()) see(id);
@@ -128,10 +133,19 @@ class ViewSelector {
     result_.highest_m = std::max(result_.highest_m, static_cast<double>(info.max_m));
   }
 
+  // Pixels per metre: an object next to the camera doesn't ask for terrain finer than there is.
+  static constexpr double kSharpest = 1;
+
   // Refines what can throw a shadow into view, in view itself or not.
   void sharpen_shadows(const Vec3& sun) {
     LightGrid grid(sun);
     for (const Seen& s : seen_) grid.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun));
+    for (const Ball& ball : receivers_) {
+      if (!view_.may_see(ball.centre_m, ball.radius_m)) continue;
+      const NodeBounds bounds = bounds_around(ball.centre_m, ball.radius_m);
+      const double sharpness = std::min(kSharpest, view_.pixels_per_metre(ball.centre_m, ball.radius_m));
+      grid.add_receiver(bounds, sharpness * shadow_gain(bounds, sun));
+    }
     grid.finish();
     for (const Seen& s : std::exchange(seen_, {})) sharpen(s, grid);
     for (const BlockId& id : std::exchange(out_of_view_, {})) cast(id, grid);
@@ -272,6 +286,7 @@ class ViewSelector {
   const Accuracy& accuracy_;
   std::size_t max_bytes_;
   const StopToken& stop_;
+  const std::vector<Ball>& receivers_;
   Chosen chosen_;
   std::vector<Seen> seen_;
   std::unordered_map<BlockId, double, dem::BlockIdHash> in_view_;  // pixels per metre; parts of what was split, too
@@ -315,13 +330,13 @@ bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std
 }  // namespace
 
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
-                          const StopToken& stop, std::size_t max_bytes) {
+                          const StopToken& stop, std::size_t max_bytes, const std::vector<Ball>& receivers) {
   // An aim of a hundred pixels and more is none.
   constexpr double kNoAim_px = 100;
   Accuracy asked = accuracy;
   for (;;) {
     try {
-      return ViewSelector(terrain, view, asked, max_bytes, stop).select(sun);
+      return ViewSelector(terrain, view, asked, max_bytes, stop, receivers).select(sun);
     } catch (const TooMuchTerrain&) {
       const bool gives_way = sun && asked.max_error_px > 0 && asked.max_shadow_error_px < kNoAim_px;
       if (!gives_way) throw;
@@ -349,6 +364,7 @@ double triangles_of(const Selection& selection) {
 }
 
 Visibility visibility_for(const FrameRequest& request, const View& view, const Selection& selection) {
+  if (!request.terrain) return Visibility::raytrace;  // nothing to draw
   if (request.visibility != Visibility::automatic) return request.visibility;
   // Triangles per pixel where both take equally long: selenograph_benchmark --benchmark_filter=dense. Under a low Sun
   // triangles shade more samples; of the Sun's disc rays ask little where there are few pixels.

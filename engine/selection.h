@@ -38,10 +38,18 @@ inline std::size_t scene_bytes_of(const dem::BlockId& id) {
 // Past this many blocks (a million quads per 256) a request is refused: TooMuchTerrain.
 inline constexpr std::size_t kMaxBlocks = 6000;
 
-// `sun` null: shadows don't matter. Throws TooMuchTerrain when the scene would take more than max_bytes even without
-// the aim for shadows, which gives way by factors of two until it fits.
+// What isn't terrain but receives its shadows.
+struct Ball {
+  Vec3 centre_m;
+  double radius_m;
+};
+
+// `sun` null: shadows don't matter. `receivers`: besides the terrain; what of them is in view. Throws TooMuchTerrain
+// when the scene would take more than max_bytes even without the aim for shadows, which gives way by factors of two
+// until it fits.
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
-                          const StopToken& stop, std::size_t max_bytes = std::numeric_limits<std::size_t>::max());
+                          const StopToken& stop, std::size_t max_bytes = std::numeric_limits<std::size_t>::max(),
+                          const std::vector<Ball>& receivers = {});
 
 // The finest blocks that rays may meet; empty when they are more than max_blocks. Neighbours can differ in level where
 // sources do: the mesh joins them all the same.

@@ -81,7 +81,7 @@ void crop(FrameProducts& p, const Camera& wide, int margin_px) {
   if (margin_px == 0) return;
   const auto one = [&](auto& array) { crop_array(array, 1, wide, margin_px); };
   const auto three = [&](auto& array) { crop_array(array, 3, wide, margin_px); };
-  one(p.radiance), one(p.depth), one(p.range), one(p.lit), one(p.gsd), one(p.source);
+  one(p.radiance), one(p.depth), one(p.range), one(p.lit), one(p.gsd), one(p.source), one(p.object_id);
   three(p.position), three(p.geodetic), three(p.normal), three(p.angles);
 }
 

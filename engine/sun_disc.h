@@ -25,6 +25,7 @@ class SunDisc {
  public:
   // `sun`: unit, toward the disc's middle.
   explicit SunDisc(const Sun& sun);
+  const std::array<Vec3, kDiscSamples>& directions() const { return directions_; }
 
   // Per lane the directions that its facet faces, a bit each.
   void faced_by(const SurfacePoints& points, std::int32_t faces[kPacket]) const;

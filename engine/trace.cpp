@@ -240,13 +240,8 @@ std::array<Vec3, kDiscSamples> disc_directions(const Sun& sun) {
 }
 
 void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Sun& sun, float* lit) {
-  float sum[kPacket] = {};
-  for (const Vec3& toward : disc_directions(sun)) {
-    float one[kPacket];
-    sunlit(scene, points, wanted, toward, one);
-    for (int i = 0; i < kPacket; ++i) sum[i] += one[i];
-  }
-  for (int i = 0; i < kPacket; ++i) lit[i] = sum[i] / kDiscSamples;
+  mean_over_disc(
+      disc_directions(sun), [&](const Vec3& toward, float* one) { sunlit(scene, points, wanted, toward, one); }, lit);
 }
 
 }  // namespace selenograph::engine

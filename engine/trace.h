@@ -36,6 +36,17 @@ void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted,
 // The same for the Sun's disc: the mean over kDiscSamples directions, spread over it as its light is.
 inline constexpr int kDiscSamples = 32;
 std::array<Vec3, kDiscSamples> disc_directions(const Sun& sun);
+// The mean of what sunlit_toward(direction, lit of the lanes) says of each direction.
+template <typename SunlitToward>
+void mean_over_disc(const std::array<Vec3, kDiscSamples>& directions, const SunlitToward& sunlit_toward, float* lit) {
+  float sum[kPacket] = {};
+  for (const Vec3& toward : directions) {
+    float one[kPacket];
+    sunlit_toward(toward, one);
+    for (int i = 0; i < kPacket; ++i) sum[i] += one[i];
+  }
+  for (int i = 0; i < kPacket; ++i) lit[i] = sum[i] / kDiscSamples;
+}
 void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Sun& sun, float* lit);
 
 }  // namespace selenograph::engine

@@ -25,6 +25,7 @@
 #include "dem/sample_terrain.h"
 #include "engine/atmosphere.h"
 #include "engine/bare_kernel.h"
+#include "engine/objects_in_frame.h"
 #include "engine/pixel_rays.h"
 #include "engine/radiometry.h"
 #include "engine/raster_pass.h"
@@ -106,7 +107,8 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
       const auto made = setting.build ? scene_of(visibility) : nullptr;
       engine::FrameProducts products;
       engine::render_pixels(made ? *made : *warm, view, r, engine::radiance_terms(r), pixel_rays,
-                            terrain->catalogue().rasters().size(), {}, scratch, products);
+                            engine::ObjectsInFrame(r, view), terrain->catalogue().rasters().size(), {}, scratch,
+                            products);
       benchmark::DoNotOptimize(products.radiance.data());
     });
   };

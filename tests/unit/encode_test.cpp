@@ -133,7 +133,7 @@ TEST(Arrays, NamesAreThoseOfTheContractInItsOrder) {
     EXPECT_EQ(name_of(entry.product), entry.name);
   }
   EXPECT_EQ(names, (std::vector<std::string>{"image", "radiance", "depth", "range", "position", "geodetic", "normal",
-                                             "angles", "lit", "gsd", "source"}));
+                                             "angles", "lit", "gsd", "source", "object_id"}));
   EXPECT_EQ(product_called("Radiance"), std::nullopt);
   EXPECT_EQ(product_called(""), std::nullopt);
 }
@@ -383,7 +383,8 @@ TEST(Exr, HasAllProductsAsNamedChannels) {
                                           "angles.phase_deg",
                                           "lit",
                                           "gsd",
-                                          "source"}));
+                                          "source",
+                                          "object_id"}));
   EXPECT_EQ(image.spec.get_string_attribute("selenograph"), kMeta);
 }
 

@@ -1,0 +1,39 @@
+// A triangle mesh that isn't terrain, as its file says: corners, triangles and which part of the object each is of.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "dem/geodesy.h"
+
+namespace selenograph::engine {
+
+// In the file's own coordinates and units.
+struct ObjectCorner {
+  Eigen::Vector3f place;
+  Eigen::Vector3f normal;  // for shading; zero: the facet's
+};
+
+struct ObjectTriangle {
+  std::array<std::uint32_t, 3> corner;  // of ObjectShape::corners
+  std::uint32_t part;                   // of ObjectShape::parts
+};
+
+struct ObjectShape {
+  std::vector<ObjectCorner> corners;
+  std::vector<ObjectTriangle> triangles;
+  std::vector<std::string> parts;  // the file's materials by name; at least one
+
+  Vec3 place(const ObjectTriangle& t, int k) const {
+    return corners[t.corner[static_cast<std::size_t>(k)]].place.cast<double>();
+  }
+};
+
+// OBJ, PLY, glTF (.gltf, .glb), or whatever else the library (Assimp) reads. Polygons become triangles; nodes'
+// transforms are applied; points, lines and triangles without area are left out. Normals are kept where the file has
+// them. Throws DataError naming the file when it can't be read, holds no triangle, or a number that isn't finite.
+ObjectShape read_object_shape(const std::string& path);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,59 @@
+#include "engine/object_tracer.h"
+
+#include <tbb/task_arena.h>
+
+#include "engine/embree_packets.h"
+
+namespace selenograph::engine {
+
+struct ObjectTracer::Impl {
+  ~Impl() {
+    if (scene) rtcReleaseScene(scene);
+  }
+  RTCScene scene = nullptr;
+};
+
+ObjectTracer::ObjectTracer(const ObjectShape& shape) : impl_(std::make_unique<Impl>()) {
+  const RTCDevice device = embree_device(0);
+  impl_->scene = rtcNewScene(device);
+  rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
+  RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+  auto* places = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                                             3 * sizeof(float), shape.corners.size()));
+  for (const ObjectCorner& corner : shape.corners) places = std::copy_n(corner.place.data(), 3, places);
+  auto* indices = static_cast<unsigned*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                                                 3 * sizeof(unsigned), shape.triangles.size()));
+  for (const ObjectTriangle& t : shape.triangles) indices = std::copy_n(t.corner.data(), 3, indices);
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometry(impl_->scene, geometry);
+  rtcReleaseGeometry(geometry);
+  tbb::this_task_arena::isolate([&] { rtcCommitScene(impl_->scene); });
+  check_embree(device);
+}
+
+ObjectTracer::~ObjectTracer() = default;
+ObjectTracer::ObjectTracer(ObjectTracer&&) noexcept = default;
+ObjectTracer& ObjectTracer::operator=(ObjectTracer&&) noexcept = default;
+
+void ObjectTracer::intersect(const RayPacket& rays, std::uint32_t triangle[kPacket]) const {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = coherence(rays);
+  RTCRayHit16 rh;
+  set_hits(rays, rh);
+  rtcIntersect16(rays.active, impl_->scene, &context, &rh);
+  for (int i = 0; i < kPacket; ++i)
+    triangle[i] = rays.active[i] && rh.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID ? rh.hit.primID[i] : kNone;
+}
+
+void ObjectTracer::occluded(const RayPacket& rays, bool blocked[kPacket]) const {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = coherence(rays);
+  RTCRay16 shadow;
+  set_rays(rays, shadow);
+  rtcOccluded16(rays.active, impl_->scene, &context, &shadow);
+  for (int i = 0; i < kPacket; ++i) blocked[i] = rays.active[i] && shadow.tfar[i] < 0;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,128 @@
+// Meshes from files in the formats that people have.
+#include "engine/object_shape.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cstring>
+#include <fstream>
+
+#include "dem/error.h"
+#include "engine/object_mesh.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::engine {
+namespace {
+
+class ObjectShapes : public ::testing::Test {
+ protected:
+  std::string write(const std::string& name, const std::string& text) {
+    std::ofstream(folder_ / name, std::ios::binary) << text;
+    return folder_ / name;
+  }
+  test::TemporaryFolder folder_;
+};
+
+double area_of(const ObjectShape& shape, std::uint32_t part) {
+  double area = 0;
+  for (const ObjectTriangle& t : shape.triangles)
+    if (t.part == part) {
+      const Vec3 a = shape.place(t, 0);
+      area += (shape.place(t, 1) - a).cross(Vec3(shape.place(t, 2) - a)).norm() / 2;
+    }
+  return area;
+}
+
+std::uint32_t part_called(const ObjectShape& shape, const std::string& name) {
+  for (std::uint32_t i = 0; i < shape.parts.size(); ++i)
+    if (shape.parts[i] == name) return i;
+  ADD_FAILURE() << "no part " << name;
+  return 0;
+}
+
+TEST_F(ObjectShapes, TheSatelliteHasItsPartsAndTheirAreas) {
+  const ObjectMesh mesh = ObjectMesh::read(SELENOGRAPH_SOURCE_DIR "/deploy/assets/objects/satellite.obj");
+  const ObjectShape& shape = mesh.shape();
+  EXPECT_EQ(shape.triangles.size(), 7U * 12);
+  // Two boxes of 0.04 x 6 x 2.2.
+  EXPECT_NEAR(area_of(shape, part_called(shape, "panel")), 2 * 2 * (0.04 * 6 + 6 * 2.2 + 0.04 * 2.2), 1e-4);
+  // 2 x 2 x 3, three struts.
+  EXPECT_NEAR(area_of(shape, part_called(shape, "body")),
+              2 * (4 + 6 + 6) + 2 * 2 * (0.12 * 0.12 + 2 * 0.12 * 0.8) + 2 * (0.01 + 2 * 0.06), 1e-4);
+  // From (-1, -7.8, -1.5) to (1, 7.8, 2.15).
+  EXPECT_NEAR((mesh.centre() - Vec3(0, 0, 0.325)).norm(), 0, 1e-6);
+  EXPECT_GT(mesh.radius(), 7.8);
+}
+
+TEST_F(ObjectShapes, PolygonsOfAnObjBecomeTriangles) {
+  const ObjectShape shape = read_object_shape(write("a.obj", "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 0 1 0\nf 1 2 3 4\n"));
+  EXPECT_EQ(shape.triangles.size(), 2U);
+  EXPECT_NEAR(area_of(shape, shape.triangles[0].part), 2, 1e-6);
+  EXPECT_EQ(shape.corners[0].normal.norm(), 0) << "the file has none";
+}
+
+TEST_F(ObjectShapes, NormalsAreKept) {
+  const ObjectShape shape =
+      read_object_shape(write("n.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0.6 0.8\nvn 0 0 2\nf 1//1 2//1 3//2\n"));
+  ASSERT_EQ(shape.triangles.size(), 1U);
+  for (const ObjectCorner& c : shape.corners) EXPECT_NEAR(c.normal.norm(), 1, 1e-6);
+  EXPECT_NEAR(shape.corners[shape.triangles[0].corner[0]].normal.y(), 0.6, 1e-6);
+}
+
+TEST_F(ObjectShapes, Ply) {
+  const ObjectShape shape = read_object_shape(write(
+      "a.ply",
+      "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
+      "property list uchar int vertex_indices\nend_header\n0 0 0\n3 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 2 3\n"));
+  EXPECT_EQ(shape.triangles.size(), 2U);
+  EXPECT_EQ(shape.parts.size(), 1U);
+  EXPECT_NEAR(area_of(shape, 0), 2, 1e-6);
+}
+
+// A triangle in a buffer inside the file, on a node that is moved and scaled.
+TEST_F(ObjectShapes, GltfWithANodesTransform) {
+  const ObjectShape shape = read_object_shape(write("a.gltf", R"({
+    "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+    "nodes": [{"mesh": 0, "translation": [10, 0, 0], "scale": [2, 2, 2]}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+    "materials": [{"name": "foil"}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}],
+    "buffers": [{"byteLength": 36, "uri":
+      "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]})"));
+  ASSERT_EQ(shape.triangles.size(), 1U);
+  const std::uint32_t foil = part_called(shape, "foil");
+  EXPECT_NEAR(area_of(shape, foil), 2, 1e-6);
+  EXPECT_NEAR(shape.place(shape.triangles[0], 0).x(), 10, 1e-6);
+}
+
+TEST_F(ObjectShapes, BadFilesAreNamed) {
+  const auto refused = [&](const std::string& path) -> std::string {
+    try {
+      read_object_shape(path);
+    } catch (const DataError& e) {
+      EXPECT_EQ(e.file(), path);
+      return e.what();
+    }
+    return "";
+  };
+  EXPECT_NE(refused(folder_ / "missing.obj"), "");
+  EXPECT_NE(refused(write("noise.ply", "no ply at all")), "");
+  EXPECT_NE(refused(write("noise.glb", std::string("glTF\2\0\0\0\xff\xff\xff\xff", 12))), "");
+  EXPECT_NE(refused(write("empty.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n")), "");
+  EXPECT_NE(refused(write("flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")), "") << "without area";
+  EXPECT_NE(refused(write("nan.obj", "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")), "");
+  EXPECT_NE(refused(write("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")), "");
+}
+
+// The bytes that a frame depends on, and no others.
+TEST_F(ObjectShapes, FingerprintsTellShapesApart) {
+  const std::string text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n";
+  const std::uint64_t one = ObjectMesh::read(write("1.obj", text)).fingerprint();
+  EXPECT_EQ(ObjectMesh::read(write("2.obj", "# again\n" + text)).fingerprint(), one);
+  EXPECT_NE(ObjectMesh::read(write("3.obj", "v 0 0 0\nv 1 0 0\nv 0 1.5 0\nusemtl a\nf 1 2 3\n")).fingerprint(), one);
+  EXPECT_NE(ObjectMesh::read(write("4.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl b\nf 1 2 3\n")).fingerprint(), one);
+}
+
+}  // namespace
+}  // namespace selenograph::engine
