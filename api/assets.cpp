@@ -1,15 +1,17 @@
 #include "api/assets.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
 #include "api/problem.h"
+#include "api/ranges.h"
 #include "dem/error.h"
 
 namespace selenograph::api {
@@ -18,6 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kMaxAssetDepth = 16;
+constexpr int kMaxBands = 1000;
 
 // Names come from clients: nothing that could lead out of the folder.
 bool is_plain(std::string_view name) {
@@ -26,6 +29,31 @@ bool is_plain(std::string_view name) {
            return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
                   c == '.';
          });
+}
+
+Json read_object_file(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  if (!file) throw DataError(path, "can't be read");
+  try {
+    Json json = parse_json(text, kMaxAssetDepth);
+    if (!json.is_object()) throw DataError(path, "must be a JSON object");
+    return json;
+  } catch (const RequestError& e) {
+    throw DataError(path, e.what());
+  }
+}
+
+dem::Footprint read_extent(const JsonReader& in) {
+  dem::Footprint f;
+  if (!in.object({"south_deg", "north_deg", "west_deg", "east_deg"})) return f;
+  f = {in.number("south_deg", kLatitude_deg), in.number("north_deg", kLatitude_deg),
+       in.number("west_deg", kLongitude_deg), in.number("east_deg", kLongitude_deg)};
+  if (!in.good()) return f;
+  if (!(f.south_deg < f.north_deg)) in.fail("south_deg", "must be below north_deg");
+  if (!(f.west_deg < f.east_deg && f.east_deg <= f.west_deg + 360))
+    in.fail("west_deg", "must be below east_deg, by 360 at most");
+  return f;
 }
 
 }  // namespace
@@ -58,18 +86,45 @@ std::shared_ptr<const engine::Atmosphere> Assets::atmosphere(std::string_view na
 }
 
 std::shared_ptr<const Json> Assets::camera(std::string_view name) const {
-  return find(cameras_, "cameras", ".json", name, [](const std::string& path) {
-    std::ifstream file(path, std::ios::binary);
-    const std::string text{std::istreambuf_iterator<char>(file), {}};
-    if (!file) throw DataError(path, "can't be read");
-    try {
-      Json json = parse_json(text, kMaxAssetDepth);
-      if (!json.is_object()) throw DataError(path, "must be a JSON object");
-      return json;
-    } catch (const RequestError& e) {
-      throw DataError(path, e.what());
-    }
-  });
+  return find(cameras_, "cameras", ".json", name, read_object_file);
+}
+
+std::shared_ptr<const dem::ValueMap> Assets::map(std::string_view name) const {
+  const auto open = [](const std::string& path) { return dem::ValueMap(read_map_file(path)); };
+  auto map = find(maps_, "maps", ".json", name, open);
+  if (!map || map->current()) return map;
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto found = maps_.find(name); found != maps_.end()) maps_.erase(found);
+  }
+  return find(maps_, "maps", ".json", name, open);
+}
+
+dem::ValueMapOptions read_map_file(const std::string& path) {
+  const Json json = read_object_file(path);
+  Findings findings;
+  const JsonReader in(json, findings);
+  dem::ValueMapOptions map;
+  if (in.object({"file", "bands", "extent", "scale", "offset", "no_data", "low", "high", "description"})) {
+    if (!in.has("file")) in.fail("file", "is required");
+    if (in.has("file")) map.path = (fs::path(path).parent_path() / in.at("file").text().value_or("")).string();
+    if (in.has("bands"))
+      in.at("bands").elements(1, kMaxBands, [&](const JsonReader& band) {
+        map.bands.push_back(static_cast<int>(band.number(Range{1, kMaxBands})));
+      });
+    if (in.has("extent")) map.extent = read_extent(in.at("extent"));
+    map.scale = in.number("scale", kAnyNumber, map.scale), map.offset = in.number("offset", kAnyNumber, map.offset);
+    if (in.has("no_data")) map.no_data = in.number("no_data", kAnyNumber);
+    map.low = in.number("low", kAnyNumber, map.low), map.high = in.number("high", kAnyNumber, map.high);
+    if (map.low > map.high) in.fail("low", "is above \"high\"");
+    if (in.has("description")) in.at("description").text();
+  }
+  try {
+    findings.throw_if_any();
+  } catch (const RequestError& e) {
+    throw DataError(path, fmt::format("{}: {}", e.findings()[0].pointer, e.findings()[0].detail));
+  }
+  return map;
 }
 
 std::shared_ptr<const engine::ObjectMesh> Assets::object(std::string_view name) const {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "api/json_reader.h"
+#include "dem/value_map.h"
 #include "engine/atmosphere.h"
 #include "engine/object_mesh.h"
 
@@ -30,7 +31,10 @@ class Assets {
   // objects/NAME.obj, .ply, .gltf or .glb, the first of these that there is.
   std::shared_ptr<const engine::ObjectMesh> object(std::string_view name) const;
 
-  // Of the files of a kind ("atmospheres", "cameras", "objects"), without their extension; sorted.
+  // maps/NAME.json, as read_map_file says; opened again when its raster has changed.
+  std::shared_ptr<const dem::ValueMap> map(std::string_view name) const;
+
+  // Of the files of a kind ("atmospheres", "cameras", "objects", "maps"), without their extension; sorted.
   std::vector<std::string> names(std::string_view kind) const;
 
   // Of what an atmosphere was read from, so that a frame's ETag changes with it; 0 for null.
@@ -59,7 +63,19 @@ class Assets {
   mutable Files<engine::Atmosphere> atmospheres_;
   mutable Files<Json> cameras_;
   mutable Files<engine::ObjectMesh> objects_;
+  mutable Files<dem::ValueMap> maps_;
 };
+
+// A map's description:
+//   {"file": "RASTER",                     whatever GDAL opens; a relative path starts at the description's folder
+//    "bands": [1, 2, 3],                   whose mean counts; left out: all but alpha
+//    "extent": {"south_deg", "north_deg", "west_deg", "east_deg"},   of a raster that doesn't say where it lies
+//    "scale": 1, "offset": 0,              value = scale * sample + offset
+//    "no_data": N,                         a sample that is no value, besides the file's own
+//    "low": L, "high": H,                  values are clamped
+//    "description": "..."}
+// Throws DataError naming the description or the raster.
+dem::ValueMapOptions read_map_file(const std::string& path);
 
 // "a, b, c" or "none".
 std::string listed(const std::vector<std::string>& names);

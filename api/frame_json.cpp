@@ -133,10 +133,7 @@ FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets&
   }
   if (in.has("camera")) request.camera = read_camera(in.at("camera"), limits);
   if (in.has("pose")) request.pose = read_pose(in.at("pose"));
-  if (in.has("surface")) {
-    const engine::Material ground = read_material(in.at("surface"));
-    request.reflectance = ground.reflectance, request.temperature_k = ground.temperature_k;
-  }
+  if (in.has("surface")) read_surface(in.at("surface"), assets, request, call.surface);
   if (in.has("band")) request.band = read_band(in.at("band"));
   if (in.has("atmosphere")) {
     if (!in.has("band")) in.fail("atmosphere", "needs a \"band\"");
@@ -273,7 +270,7 @@ OrderedJson resolved_json(const FrameCall& call) {
                    {"angular_radius_deg", request.sun.angular_radius_deg}};
     if (request.sun.limb_darkening > 0) json["sun"]["limb_darkening"] = request.sun.limb_darkening;
   }
-  json["surface"] = material_json({request.reflectance, request.temperature_k});
+  json["surface"] = surface_json(request, call.surface);
   if (request.band) json["band"] = band_json(*request.band);
   if (request.atmosphere) json["atmosphere"] = {{"name", call.atmosphere_name}};
   if (!call.objects.empty()) json["objects"] = objects_json(request, call.objects);

@@ -13,6 +13,7 @@
 #include "api/assets.h"
 #include "api/json_reader.h"
 #include "api/objects_json.h"
+#include "api/surface_json.h"
 #include "engine/ephemeris.h"
 #include "engine/frame.h"
 
@@ -44,6 +45,7 @@ struct FrameCall {
   // Time for which the accuracy is to be chosen; empty: `request.accuracy` was given or is the default.
   std::optional<double> budget_ms;
   std::string atmosphere_name;  // that request.atmosphere was found by
+  SurfaceCall surface;
   std::vector<ObjectCall> objects;
   bool sun_given = false;  // false: no product needs one, request.sun means nothing
 };

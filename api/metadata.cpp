@@ -55,6 +55,7 @@ std::string content_hash(const FrameCall& call, std::uint64_t terrain_fingerprin
   const OrderedJson what{{"request", resolved_json(call)},
                          {"terrain", hex(terrain_fingerprint)},
                          {"objects", objects_metadata(call.request, call.objects)},
+                         {"maps", maps_metadata(call.request, call.surface)},
                          {"atmosphere", hex(Assets::fingerprint(call.request.atmosphere.get()))},
                          {"version", software_version()},
                          {"representation", representation.media_type}};
@@ -128,7 +129,7 @@ OrderedJson metadata(const FrameCall& call, const engine::FrameReport& report, c
   if (products & (engine::kImage | engine::kRadiance)) {
     meta["solar_irradiance"] = irradiance_json(call.request, report);
     meta["radiance_terms"] = report.radiance.names();
-    if (report.objects_emit && !report.radiance.emitted) meta["radiance_terms"].push_back("emitted");
+    if (report.emits_elsewhere && !report.radiance.emitted) meta["radiance_terms"].push_back("emitted");
   }
   if (products & engine::kImage) {
     meta["full_scale_radiance_w_m2_sr"] = report.full_scale_radiance_w_m2_sr;
@@ -142,6 +143,7 @@ OrderedJson metadata(const FrameCall& call, const engine::FrameReport& report, c
   meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
   meta["triangles"] = report.triangles;
   meta["hit_fraction"] = report.hit_fraction;
+  if (const OrderedJson maps = maps_metadata(call.request, call.surface); !maps.empty()) meta["maps"] = maps;
   if (!call.objects.empty()) {
     meta["object_fraction"] = report.object_fraction;
     meta["objects"] = objects_metadata(call.request, call.objects);

@@ -8,6 +8,7 @@
 #include "api/round_trip_json.h"
 #include "api/sensor_json.h"
 #include "api/surface_json.h"
+#include "engine/brdf.h"
 
 namespace selenograph::api {
 namespace {
@@ -275,7 +276,7 @@ OrderedJson only_its_own(engine::ReflectanceModel model) {
   if (model != engine::ReflectanceModel::hapke) refuse("phase_function");
   OrderedJson then{{"not", {{"anyOf", foreign}}}};
   if (model == engine::ReflectanceModel::lunar_lambert)
-    then["properties"] = {{"rho", {{"maximum", kLunarLambertMaxRho}}}};
+    then["properties"] = {{"rho", {{"maximum", engine::kLunarLambertMaxRho}}}};
   return {{"if", is_it}, {"then", then}};
 }
 
@@ -304,6 +305,20 @@ void add_surface(OrderedJson& schemas) {
             kTemperature_k,
             "of the surface: it emits B(T) (1 - rho) (SENSOR++ eq. 3); 0: nothing. Not with `hapke`, which has no rho",
             0)}});
+}
+
+void add_ground(OrderedJson& schemas) {
+  OrderedJson ground = schemas["Material"];
+  ground["description"] =
+      "The ground: what it is made of, or maps of it that the operator put into the assets folder. "
+      "A map's mean over a pixel's footprint counts.";
+  ground["properties"]["albedo_maps"] =
+      list(text("of maps/NAME.json"), kMaxMaps,
+           "rho, from the first of these that has a value at a place; where none has, the reflectance's. At most 0.25 "
+           "counts for `lunar_lambert`. Not with `hapke`");
+  ground["properties"]["temperature_maps"] =
+      list(text("of maps/NAME.json"), kMaxMaps, "K, in the same way; where none has a value, temperature_k");
+  schemas["Surface"] = ground;
 }
 
 void add_objects(OrderedJson& schemas) {
@@ -471,7 +486,7 @@ void add_frame_request(OrderedJson& schemas, const Limits& limits) {
       {{"camera", ref("Camera")},
        {"pose", ref("Pose")},
        {"sun", ref("Sun")},
-       {"surface", with(ref("Material"), "description", "The ground")},
+       {"surface", ref("Surface")},
        {"objects", list(ref("Object"), kMaxObjects, "what is there besides terrain; `object_id` indexes this")},
        {"terrain", with(boolean("false: the objects are alone, without the Moon"), "default", true)},
        {"band", ref("Band")},
@@ -556,6 +571,7 @@ void add_metadata(OrderedJson& schemas) {
        {"post_spacing_m", {{"type", "object"}, {"description", "min and max over the mesh in view"}}},
        {"triangles", {{"type", "integer"}, {"description", "of the scene"}}},
        {"hit_fraction", number(kUnitInterval, "share of pixels that see the Moon or an object")},
+       {"maps", {{"type", "array"}, {"description", "of each map of the ground: name and version"}}},
        {"object_fraction", number(kUnitInterval, "share of pixels that see an object")},
        {"objects",
         {{"type", "array"}, {"description", "of each object: mesh, version (hash of its content), triangles, parts"}}},
@@ -753,6 +769,7 @@ OrderedJson openapi_schemas(const Limits& limits) {
   add_pose(schemas);
   add_sun(schemas);
   add_surface(schemas);
+  add_ground(schemas);
   add_objects(schemas);
   add_band(schemas);
   add_sensor(schemas);

@@ -14,6 +14,8 @@ namespace {
 using engine::Reflectance;
 using engine::ReflectanceModel;
 
+constexpr const char* kNoRho = "the model \"hapke\" has no rho, which albedo is and emission, B(T) (1 - rho), needs";
+
 std::vector<ReflectanceMember> make_members() {
   using M = ReflectanceModel;
   return {
@@ -95,10 +97,10 @@ Reflectance read_reflectance(const JsonReader& in) {
     value = in.number(member.name, member.range, value);
   }
   if (in.has("limb_darkening")) reflectance.limb_darkening = in.number("limb_darkening", kUnitInterval);
-  if (reflectance.model == ReflectanceModel::lunar_lambert && reflectance.rho > kLunarLambertMaxRho)
+  if (reflectance.model == ReflectanceModel::lunar_lambert && reflectance.rho > engine::kLunarLambertMaxRho)
     in.fail("rho", fmt::format("must be at most {} for \"lunar_lambert\", whose rho is a normal albedo: more would "
                                "reflect more than arrives",
-                               kLunarLambertMaxRho));
+                               engine::kLunarLambertMaxRho));
   if (reflectance.model == ReflectanceModel::hapke) read_hapke(in, reflectance.hapke);
   return reflectance;
 }
@@ -128,20 +130,66 @@ std::span<const ReflectanceMember> reflectance_members() {
   return members;
 }
 
-engine::Material read_material(const JsonReader& in) {
+namespace {
+
+engine::Material read_members(const JsonReader& in) {
   engine::Material material;
-  if (!in.object({"reflectance", "temperature_k"})) return material;
   if (in.has("reflectance")) material.reflectance = read_reflectance(in.at("reflectance"));
   material.temperature_k = in.number("temperature_k", kTemperature_k, 0);
   if (material.temperature_k > 0 && material.reflectance.model == ReflectanceModel::hapke)
-    in.fail("temperature_k", "emission is B(T) (1 - rho), and the model \"hapke\" has no rho");
+    in.fail("temperature_k", kNoRho);
   return material;
+}
+
+void read_maps(const JsonReader& in, const Assets& assets, std::vector<std::shared_ptr<const dem::ValueMap>>& maps,
+               std::vector<std::string>& names) {
+  in.elements(1, kMaxMaps, [&](const JsonReader& element) {
+    const std::optional<std::string> name = element.text();
+    if (!name) return;
+    auto map = assets.map(*name);
+    if (!map) return element.fail("no such map; the service has " + listed(assets.names("maps")));
+    maps.push_back(std::move(map)), names.push_back(*name);
+  });
+}
+
+}  // namespace
+
+engine::Material read_material(const JsonReader& in) {
+  return in.object({"reflectance", "temperature_k"}) ? read_members(in) : engine::Material();
+}
+
+void read_surface(const JsonReader& in, const Assets& assets, engine::FrameRequest& request, SurfaceCall& call) {
+  if (!in.object({"reflectance", "temperature_k", "albedo_maps", "temperature_maps"})) return;
+  const engine::Material ground = read_members(in);
+  request.reflectance = ground.reflectance, request.temperature_k = ground.temperature_k;
+  for (const char* maps : {"albedo_maps", "temperature_maps"})
+    if (in.has(maps) && ground.reflectance.model == ReflectanceModel::hapke) in.fail(maps, kNoRho);
+  if (in.has("albedo_maps")) read_maps(in.at("albedo_maps"), assets, request.albedo_maps, call.albedo_maps);
+  if (in.has("temperature_maps"))
+    read_maps(in.at("temperature_maps"), assets, request.temperature_maps, call.temperature_maps);
 }
 
 nlohmann::ordered_json material_json(const engine::Material& material) {
   nlohmann::ordered_json json{{"reflectance", reflectance_json(material.reflectance)}};
   if (material.temperature_k > 0) json["temperature_k"] = material.temperature_k;
   return json;
+}
+
+nlohmann::ordered_json surface_json(const engine::FrameRequest& request, const SurfaceCall& call) {
+  nlohmann::ordered_json json = material_json({request.reflectance, request.temperature_k});
+  if (!call.albedo_maps.empty()) json["albedo_maps"] = call.albedo_maps;
+  if (!call.temperature_maps.empty()) json["temperature_maps"] = call.temperature_maps;
+  return json;
+}
+
+nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceCall& call) {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  const auto add = [&](const auto& maps, const std::vector<std::string>& names) {
+    for (std::size_t i = 0; i < maps.size(); ++i)
+      list.push_back({{"name", names[i]}, {"version", fmt::format("{:016x}", maps[i]->fingerprint())}});
+  };
+  add(request.albedo_maps, call.albedo_maps), add(request.temperature_maps, call.temperature_maps);
+  return list;
 }
 
 }  // namespace selenograph::api

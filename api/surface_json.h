@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "api/assets.h"
 #include "api/json_reader.h"
 #include "engine/frame.h"
 
@@ -37,12 +38,20 @@ struct ReflectanceMember {
 };
 std::span<const ReflectanceMember> reflectance_members();
 
-// Above this lunar-Lambert, whose rho is a normal albedo, would reflect more than arrives: 4 rho L towards grazing
-// incidence.
-inline constexpr double kLunarLambertMaxRho = 0.25;
-
-// {"reflectance", "temperature_k"}.
+// {"reflectance", "temperature_k"}, of an object.
 engine::Material read_material(const JsonReader& in);
 nlohmann::ordered_json material_json(const engine::Material& material);
+
+// What a ground's maps were called by.
+struct SurfaceCall {
+  std::vector<std::string> albedo_maps, temperature_maps;
+};
+inline constexpr std::size_t kMaxMaps = 16;  // of a kind
+
+// The same and {"albedo_maps", "temperature_maps"}, of the ground. Fills in the request.
+void read_surface(const JsonReader& in, const Assets& assets, engine::FrameRequest& request, SurfaceCall& call);
+nlohmann::ordered_json surface_json(const engine::FrameRequest& request, const SurfaceCall& call);
+// Of a frame's metadata: each map's name and version.
+nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceCall& call);
 
 }  // namespace selenograph::api

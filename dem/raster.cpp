@@ -1,9 +1,7 @@
 #include "dem/raster.h"
 
-#include <gdal_priv.h>
 #include <ogr_spatialref.h>
 #include <rawdataset.h>
-#include <sys/stat.h>
 
 #include <algorithm>
 #include <bit>
@@ -17,6 +15,7 @@
 #include <unordered_map>
 
 #include "dem/error.h"
+#include "dem/gdal_manners.h"
 #include "dem/geodesy.h"
 #include "dem/pds_label.h"
 
@@ -32,28 +31,6 @@ constexpr const char* kHeightDatum = "sphere 1737.4 km, height";
 constexpr const char* kRadiusDatum = "planetary radius, converted";
 
 // ---- GDAL's manners ------------------------------------------------------------------------------------------------
-
-void register_gdal() {
-  static std::once_flag once;
-  std::call_once(once, [] { GDALAllRegister(); });
-}
-
-// Keeps GDAL's complaints off stderr and hands them to our exceptions. For this thread, while it lives.
-class QuietGdal {
- public:
-  QuietGdal() {
-    CPLPushErrorHandler(CPLQuietErrorHandler);
-    CPLErrorReset();
-  }
-  ~QuietGdal() { CPLPopErrorHandler(); }
-  QuietGdal(const QuietGdal&) = delete;
-  QuietGdal& operator=(const QuietGdal&) = delete;
-
-  std::string complaint() const {
-    const std::string text = CPLGetLastErrorMsg();
-    return text.empty() ? "GDAL gives no reason" : text;
-  }
-};
 
 // While opening, for this thread: no listing of the folder per file (64 800 tiles), and no source datasets shared
 // between two VRTs opened by one thread, since those may later be read by different threads.
@@ -71,27 +48,7 @@ class OpenOptions {
   }
 };
 
-struct DatasetCloser {
-  void operator()(GDALDataset* d) const {
-    const QuietGdal quiet;
-    GDALClose(d);
-  }
-};
-using DatasetPtr = std::unique_ptr<GDALDataset, DatasetCloser>;
-
 // ---- files ---------------------------------------------------------------------------------------------------------
-
-struct FileState {
-  std::uint64_t bytes = 0;
-  std::int64_t modified_ns = 0;
-};
-
-std::optional<FileState> file_state(const std::string& path) {
-  struct stat s {};
-  if (::stat(path.c_str(), &s) != 0 || !S_ISREG(s.st_mode)) return std::nullopt;
-  return FileState{static_cast<std::uint64_t>(s.st_size),
-                   static_cast<std::int64_t>(s.st_mtim.tv_sec) * 1'000'000'000 + s.st_mtim.tv_nsec};
-}
 
 FileState must_exist(const std::string& path, const std::string& named) {
   if (const auto state = file_state(path)) return *state;

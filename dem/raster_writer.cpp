@@ -14,6 +14,7 @@
 #include <system_error>
 
 #include "dem/error.h"
+#include "dem/gdal_manners.h"
 #include "dem/geodesy.h"
 
 namespace selenograph::dem {
@@ -36,10 +37,6 @@ OGRSpatialReference moon() {
   return srs;
 }
 
-struct CloseDataset {
-  void operator()(GDALDataset* d) const { GDALClose(d); }
-};
-
 void describe(GDALDataset& dataset, const PostGrid& g, const std::string& name, const std::string& path) {
   // From the outer corner of the first pixel.
   double transform[] = {
@@ -57,12 +54,12 @@ void create(const std::string& path, const PostGrid& g, std::span<const float> v
   if (g.width < 1 || g.height < 1 ||
       values.size() != static_cast<std::size_t>(g.width) * static_cast<std::size_t>(g.height))
     throw std::invalid_argument("a grid's values don't match its size");
-  GDALAllRegister();
+  register_gdal();
   const CPLErrorHandlerPusher quiet(CPLQuietErrorHandler);
   CPLErrorReset();
   const char* const options[] = {"COMPRESS=DEFLATE", "PREDICTOR=3", "BIGTIFF=IF_SAFER", nullptr};
   GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("GTiff");
-  const std::unique_ptr<GDALDataset, CloseDataset> dataset(
+  const DatasetPtr dataset(
       driver->Create(path.c_str(), g.width, g.height, 1, GDT_Float32, const_cast<char**>(options)));
   if (!dataset) throw DataError(path, complaint());
   describe(*dataset, g, name, path);

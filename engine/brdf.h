@@ -15,6 +15,10 @@ struct BlinnPhong {
   double times_mu0(double mu0, double mu, double cos_phase) const;
 };
 
+// Above this lunar-Lambert, whose rho is a normal albedo, would reflect more than arrives: 4 rho L towards grazing
+// incidence.
+inline constexpr double kLunarLambertMaxRho = 0.25;
+
 // McEwen, Icarus 92, 298, 1991, with the weight's phase dependence of his fit to the Moon (1996), or a constant one.
 struct LunarLambert {
   double lambert;  // rho / pi

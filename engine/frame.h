@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "dem/geodesy.h"
+#include "dem/value_map.h"
 #include "engine/sensor_model.h"
 #include "engine/spectrum.h"
 
@@ -153,8 +154,11 @@ struct FrameRequest {
   Pose pose;
   Sun sun;
   Reflectance reflectance;
-  std::optional<Band> band;                      // that radiance is integrated over; empty: all wavelengths
-  double temperature_k = 0;                      // of the surface; 0: nothing is emitted
+  std::optional<Band> band;  // that radiance is integrated over; empty: all wavelengths
+  double temperature_k = 0;  // of the surface; 0: nothing is emitted
+  // Of the ground: rho (not of hapke, which has none) and temperature in K. The first that has a value at a place
+  // decides; where none has, the numbers above.
+  std::vector<std::shared_ptr<const dem::ValueMap>> albedo_maps, temperature_maps;
   std::shared_ptr<const Atmosphere> atmosphere;  // null: none
   std::vector<SceneObject> objects;
   bool terrain = true;  // false: the objects are alone, without the Moon
@@ -226,7 +230,7 @@ struct FrameReport {
   double missing_fraction = 0;                   // of all pixels: look at the Moon where there is no data
   double hit_fraction = 0, object_fraction = 0;  // of all pixels: see anything; see an object
   RadianceTerms radiance;                        // of the terrain in frames with radiance or image
-  bool objects_emit = false;                     // some material of theirs does
+  bool emits_elsewhere = false;                  // an object's material does, or the ground by a map of temperatures
   double full_scale_radiance_w_m2_sr = 0;        // that `image` was made with; 0 without image
   int margin_px = 0;             // rendered around the image for what spreads into it; shares of pixels count it
   double captured_fraction = 1;  // of a point's light, within the point spread's kernel

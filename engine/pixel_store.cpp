@@ -138,6 +138,8 @@ PixelStore::PixelStore(const Mesh& mesh, const View& view, const FrameRequest& r
       brdf_(request.reflectance) {
   const ProductSet want = request.products;
   wants_radiance_ = want & (kRadiance | kImage);
+  if (wants_radiance_ && !(request.albedo_maps.empty() && request.temperature_maps.empty()))
+    mapped_.emplace(request, view);
   wants_geometry_ = want & ~static_cast<ProductSet>(kRadiance | kImage);
   wants_light_ = wants_radiance_ || (want & kLit);
   grid_ = static_cast<int>(std::lround(std::sqrt(request.accuracy.samples_per_pixel)));
@@ -213,7 +215,9 @@ void PixelStore::shade(const Facets& facets, const SurfacePoints& points, const 
   shade_lanes(facets, points, rays, sun.x(), sun.y(), sun.z(), out);
 }
 
-void PixelStore::radiances(const Shading& shading, const Rays& rays, const float* lit, float* out) const {
+void PixelStore::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
+                           Sampler& sampler, float* out, float* base) const {
+  if (mapped_) return mapped_->radiances(points, shading, rays, lit, sampler, out, base);
   if (const BrdfTerms* terms = brdf_.terms()) {
     radiances_of(*terms, irradiance_, shading, lit, out);
   } else {

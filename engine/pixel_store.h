@@ -8,6 +8,7 @@
 #include "engine/brdf.h"
 #include "engine/facets.h"
 #include "engine/frame.h"
+#include "engine/mapped_surface.h"
 #include "engine/pixel_rays.h"
 #include "engine/refine.h"
 #include "engine/render_pass.h"
@@ -60,7 +61,12 @@ class PixelStore {
   const PixelRays& centres() const { return centres_; }
 
   void shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const;
-  void radiances(const Shading& shading, const Rays& rays, const float* lit, float* out) const;
+  // `sampler`: of the task that calls; `base`: written where the ground is mapped.
+  using Sampler = MappedSurface::Sampler;
+  Sampler sampler() const { return mapped_ ? mapped_->sampler() : Sampler(); }
+  bool mapped() const { return mapped_.has_value(); }
+  void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
+                 Sampler& sampler, float* out, float* base) const;
   // What is hit has this without sunlight.
   float base_radiance() const { return base_; }
 
@@ -97,6 +103,7 @@ class PixelStore {
   double irradiance_;
   float base_;
   Brdf brdf_;
+  std::optional<MappedSurface> mapped_;
   bool wants_radiance_, wants_geometry_, wants_light_, linear_;
   int grid_;
   Vec3 first_, right_, down_;

@@ -269,7 +269,8 @@ class RasterPass {
     scratch_.samples.resize(scratch_.tiles.size());
     if (layer.weight > 0 && !layer.store) scratch_.layer.assign(width * height, 0.F);
     scratch_.bases.clear();
-    if (layer.weight > 0 && !objects_.empty()) scratch_.bases.assign(width * height, store_.base_radiance());
+    if (layer.weight > 0 && (store_.mapped() || !objects_.empty()))
+      scratch_.bases.assign(width * height, store_.base_radiance());
     Stopwatch watch;
     std::mutex mutex;
     double draw_ms = 0, resolve_ms = 0;  // of all threads
@@ -317,14 +318,15 @@ class RasterPass {
                     PassCounts* counts, LightSamples& samples) {
     samples.clear(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height) + kPacket,
                   disc_.has_value());
+    PixelStore::Sampler sampler = store_.sampler();
     for (int y = 0; y < tile.height; ++y)
-      for (int x = 0; x < tile.width; x += kPacket) resolve(tile, buffer, x, y, layer, rays, counts, samples);
+      for (int x = 0; x < tile.width; x += kPacket) resolve(tile, buffer, x, y, layer, rays, counts, samples, sampler);
     samples.bound();
   }
 
   // Sixteen pixels in a row of a drawn tile: seen, and lit until the shadow map says otherwise.
   void resolve(const ImageTile& tile, const TileBuffer& buffer, int x, int y, const Layer& layer,
-               const PixelRays& layer_rays, PassCounts* counts, LightSamples& samples) {
+               const PixelRays& layer_rays, PassCounts* counts, LightSamples& samples, PixelStore::Sampler& sampler) {
     const std::uint32_t* ids = &buffer.triangle[static_cast<std::size_t>(y) * static_cast<std::size_t>(tile.width) +
                                                 static_cast<std::size_t>(x)];
     Rays rays;
@@ -344,16 +346,17 @@ class RasterPass {
     if (!hits) return;
     Shading shading;
     store_.shade(facets, points, rays, shading);
-    alignas(64) float lit[kPacket] = {}, radiance[kPacket];
+    alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
     const std::size_t first = static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(request_.camera.width) +
                               static_cast<std::size_t>(tile.x0 + x);
     if (layer.light) light(points, shading, nullptr, static_cast<std::uint32_t>(first), lit, samples);
-    if (layer.weight > 0) store_.radiances(shading, rays, lit, radiance);
+    if (layer.weight > 0) store_.radiances(points, shading, rays, lit, sampler, radiance, base);
+    const bool bases = layer.weight > 0 && store_.mapped();
     std::vector<float>& target = radiance_of(layer);
     std::uint32_t left = hits;  // to be accounted for
     if (out_.source.empty()) left = counts ? store_.account_all(points, hits, counts) : 0;
     const bool stores = layer.store && store_.wants_geometry();
-    if (all && left == 0 && !stores) {
+    if (all && left == 0 && !stores && !bases) {
       if (layer.weight > 0) std::copy_n(radiance, kPacket, &target[first]);
       return;
     }
@@ -361,6 +364,7 @@ class RasterPass {
       if (!points.hit[i]) continue;
       const std::size_t at = first + static_cast<std::size_t>(i);
       if (layer.weight > 0) target[at] = radiance[i];
+      if (bases) scratch_.bases[at] = base[i];
       if (left >> i & 1 && (counts || layer.store)) store_.account(points, i, at, counts);
       if (stores) store_.store_geometry(points, i, rays.direction(i), shading, lit[i], at);
     }

@@ -30,23 +30,24 @@ class RayPass {
     const std::vector<Layer> all = store_.layers();
     in_parallel_pieces(static_cast<std::size_t>(across * along), 1, [&](std::size_t first, std::size_t past_last) {
       PassCounts counts = store_.counts();
+      PixelStore::Sampler sampler = store_.sampler();
       for (int tile = static_cast<int>(first); tile < static_cast<int>(past_last); ++tile) {
         if (stop.stopped()) throw Cancelled();
-        render_tile(tile % across * kTile, tile / across * kTile, all, counts);
+        render_tile(tile % across * kTile, tile / across * kTile, all, counts, sampler);
       }
       store_.merge(counts);
     });
   }
 
  private:
-  void render_tile(int x0, int y0, const std::vector<Layer>& layers, PassCounts& counts) {
+  void render_tile(int x0, int y0, const std::vector<Layer>& layers, PassCounts& counts, PixelStore::Sampler& sampler) {
     for (int y = y0; y < std::min(y0 + kTile, request_.camera.height); y += kPacketSide)
       for (int x = x0; x < std::min(x0 + kTile, request_.camera.width); x += kPacketSide)
-        for (const Layer& layer : layers) render_packet(x, y, layer, layer.count ? &counts : nullptr);
+        for (const Layer& layer : layers) render_packet(x, y, layer, layer.count ? &counts : nullptr, sampler);
   }
 
   // 4 x 4 pixels from (x, y).
-  void render_packet(int x, int y, const Layer& layer, PassCounts* counts) {
+  void render_packet(int x, int y, const Layer& layer, PassCounts* counts, PixelStore::Sampler& sampler) {
     if (layer.weight > 0)  // memory fetches the rows while rays are traced
       for (int row = y; row < std::min(y + kPacketSide, request_.camera.height); ++row)
         __builtin_prefetch(
@@ -68,9 +69,9 @@ class RayPass {
     }
     Shading shading;
     store_.shade(facets, points, rays, shading);
-    float lit[kPacket] = {}, radiance[kPacket];
+    float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
     if (layer.light) light(points, shading, nullptr, lit);
-    if (layer.weight > 0) store_.radiances(shading, rays, lit, radiance);
+    if (layer.weight > 0) store_.radiances(points, shading, rays, lit, sampler, radiance, base);
     for (int i = 0; i < kPacket; ++i) {
       if (counts && points.toward_moon[i]) ++counts->missing;
       if (!points.hit[i]) continue;

@@ -278,7 +278,8 @@ struct Renderer::Impl {
 
     speed_of(visibility).learn(work_of(request, request.accuracy, triangles_of(selection), build), frame.times);
     frame.report.visibility = visibility;
-    frame.report.radiance = radiance, frame.report.objects_emit = objects.emit();
+    frame.report.radiance = radiance,
+    frame.report.emits_elsewhere = objects.emit() || !request.temperature_maps.empty();
     report(request, selection, *scene, counts, frame.report);
     return frame;
   }

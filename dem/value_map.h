@@ -1,0 +1,78 @@
+// A raster of some quantity over the Moon's surface (albedo, temperature), filtered to whatever a pixel covers of it.
+// With raster.h and raster_writer.h the only files that know GDAL.
+//
+// Level 0 of its pyramid is the raster; a texel of level n is the mean of the 2 x 2 texels of level n - 1 that have a
+// value, or the raster's own overview of that size. Tiles of levels are made when they are needed.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "dem/raster.h"
+
+namespace selenograph::dem {
+
+struct ValueMapOptions {
+  std::string path;        // whatever GDAL opens
+  std::vector<int> bands;  // from 1: the value is their mean; empty: all but alpha
+  // Of a raster that doesn't say where it lies: its outer borders, row 0 in the north.
+  std::optional<Footprint> extent;
+  double scale = 1, offset = 0;   // value = scale * sample + offset, after what the file itself says
+  std::optional<double> no_data;  // a sample that is none, besides the file's own
+  double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();  // values are clamped
+};
+
+// const means safe to call concurrently.
+class ValueMap {
+ public:
+  // Throws DataError naming the file: it can't be opened, doesn't say where it lies, isn't the Moon's sphere. Projected
+  // rasters are warped to degrees on the way.
+  explicit ValueMap(const ValueMapOptions& options);
+  ~ValueMap();
+  ValueMap(ValueMap&&) noexcept;
+
+  // Of the file's path, size and modification time, and of the options.
+  std::uint64_t fingerprint() const;
+  // Whether the file is still the one that was opened.
+  bool current() const;
+
+  // What a pixel covers: a parallelogram around a place, by its sides in metres (east, north).
+  struct Footprint2 {
+    double lat_deg, lon_deg;
+    std::array<double, 2> a_m, b_m;
+  };
+
+  // For one thread: remembers the tiles that it used last.
+  class Sampler {
+   public:
+    explicit Sampler(const ValueMap& map) : map_(&map) {}
+    // The mean over the footprint, of up to 16 probes along its longer side; NaN where half of it or more has no value.
+    // Throws DataError when the file can't be read.
+    double mean(const Footprint2& footprint);
+
+   private:
+    struct Held {
+      int level = -1, tx = 0, ty = 0;
+      std::shared_ptr<const std::vector<float>> tile;
+    };
+    struct Sum {
+      double value, weight;
+    };
+    Sum bilinear(double x, double y, int level);
+    float texel(int x, int y, int level);
+
+    const ValueMap* map_;
+    std::array<Held, 16> held_;
+  };
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace selenograph::dem

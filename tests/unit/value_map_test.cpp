@@ -1,0 +1,234 @@
+// Maps with values in closed form: what a pixel's footprint gets of them.
+#include "dem/value_map.h"
+
+#include <gdal_priv.h>
+#include <gtest/gtest.h>
+#include <ogr_spatialref.h>
+
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <numbers>
+#include <thread>
+
+#include "dem/error.h"
+#include "dem/raster_writer.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::dem {
+namespace {
+
+constexpr double kMetresPerDegree = kMoonRadius_m * std::numbers::pi / 180;
+
+using Value = std::function<double(double lat_deg, double lon_deg)>;
+
+class ValueMaps : public ::testing::Test {
+ protected:
+  // `across` x `down` texels over a rectangle given by its outer borders.
+  std::string write(const std::string& name, const Footprint& f, int across, int down, const Value& value) {
+    const double dx = (f.east_deg - f.west_deg) / across, dy = (f.north_deg - f.south_deg) / down;
+    std::vector<float> values;
+    for (int y = 0; y < down; ++y)
+      for (int x = 0; x < across; ++x)
+        values.push_back(static_cast<float>(value(f.north_deg - (y + 0.5) * dy, f.west_deg + (x + 0.5) * dx)));
+    write_geotiff(folder_ / name, {f.north_deg - dy / 2, f.west_deg + dx / 2, dy, dx, across, down}, values, "value");
+    return folder_ / name;
+  }
+  ValueMap open(const std::string& path) {
+    ValueMapOptions options;
+    options.path = path;
+    return ValueMap(options);
+  }
+  test::TemporaryFolder folder_;
+};
+
+// A square of so many metres.
+double mean(const ValueMap& map, double lat_deg, double lon_deg, double side_m = 1) {
+  return ValueMap::Sampler(map).mean({lat_deg, lon_deg, {side_m, 0}, {0, side_m}});
+}
+
+TEST_F(ValueMaps, AreLinearBetweenTexels) {
+  const auto plane = [](double lat, double lon) { return 0.1 + 0.01 * lat - 0.003 * lon; };
+  const ValueMap map = open(write("plane.tif", {-5, 5, 20, 30}, 100, 100, plane));
+  for (double lat = -4.9; lat < 4.9; lat += 0.37)
+    for (double lon = 20.1; lon < 29.9; lon += 0.29) ASSERT_NEAR(mean(map, lat, lon), plane(lat, lon), 2e-8);
+  EXPECT_NEAR(mean(map, 1, 25 - 360), plane(1, 25), 2e-8) << "by any turn";
+  EXPECT_TRUE(std::isnan(mean(map, 5.2, 25)));
+  EXPECT_TRUE(std::isnan(mean(map, 0, 19.8)));
+  EXPECT_TRUE(std::isnan(mean(map, 0, 30.2)));
+}
+
+TEST_F(ValueMaps, FinePatternsBecomeTheirMean) {
+  // Texels of 0.01 degrees (303 m), each the other colour than its neighbours.
+  const ValueMap map = open(write("board.tif", {0, 4, 0, 4}, 400, 400, [](double lat, double lon) {
+    return (static_cast<int>(std::floor(lat * 100)) + static_cast<int>(std::floor(lon * 100))) % 2 ? 0.9 : 0.1;
+  }));
+  for (double lat = 1; lat < 3; lat += 0.0731)
+    for (double lon = 1; lon < 3; lon += 0.0617)
+      for (const double side_m : {700.0, 3000.0, 11000.0})
+        ASSERT_NEAR(mean(map, lat, lon, side_m), 0.5, side_m < 1000 ? 0.03 : 1e-6);
+}
+
+// A wave of length l seen by a square of side s keeps sin(pi s / l) / (pi s / l) of its height.
+TEST_F(ValueMaps, AFootprintIsAMeanOverItsArea) {
+  const double length_deg = 0.8;
+  const ValueMap map = open(write("wave.tif", {0, 8, 0, 8}, 800, 800, [&](double, double lon) {
+    return 0.5 + 0.4 * std::sin(2 * std::numbers::pi * lon / length_deg);
+  }));
+  for (const double share : {0.05, 0.1, 0.2, 0.3, 0.5}) {
+    const double lat = 4, lon = 3 * length_deg + length_deg / 4;  // a crest
+    const double east_m = share * length_deg * kMetresPerDegree * std::cos(lat * std::numbers::pi / 180);
+    const double kept = (ValueMap::Sampler(map).mean({lat, lon, {east_m, 0}, {0, east_m}}) - 0.5) / 0.4;
+    const double x = std::numbers::pi * share;
+    EXPECT_NEAR(kept, std::sin(x) / x, 0.02) << share;
+  }
+}
+
+// Seen obliquely a footprint is long and narrow: along the stripes it must not wash them out, across it must.
+TEST_F(ValueMaps, LongFootprintsAreFilteredAlongThemselves) {
+  const auto stripes = [](double, double lon) { return std::fmod(lon, 0.08) < 0.04 ? 0.8 : 0.2; };
+  const ValueMap map = open(write("stripes.tif", {0, 4, 0, 4}, 400, 400, stripes));
+  const double texel_m = 0.01 * kMetresPerDegree;
+  ValueMap::Sampler sampler(map);
+  EXPECT_NEAR(sampler.mean({2, 2.02, {texel_m, 0}, {0, 14 * texel_m}}), 0.8, 0.02);
+  EXPECT_NEAR(sampler.mean({2, 2.02, {0, 14 * texel_m}, {texel_m, 0}}), 0.8, 0.02);
+  EXPECT_NEAR(sampler.mean({2, 2.02, {16 * texel_m, 0}, {0, texel_m}}), 0.5, 0.02);
+  // Diagonally, six stripes.
+  EXPECT_NEAR(sampler.mean({2, 2.02, {11.3 * texel_m, 11.3 * texel_m}, {0.7 * texel_m, -0.7 * texel_m}}), 0.5, 0.1);
+}
+
+TEST_F(ValueMaps, AGlobalMapHasNoSeam) {
+  const auto smooth = [](double lat, double lon) {
+    return 0.5 + 0.3 * std::cos(lat * std::numbers::pi / 180) * std::cos((lon - 170) * std::numbers::pi / 180);
+  };
+  // 720 columns halve to an odd number: the seam of coarse levels is between texels of unlike width.
+  for (const double west : {-180.0, 0.0}) {
+    const ValueMap map = open(write("global" + std::to_string(static_cast<int>(west)) + ".tif",
+                                    {-90, 90, west, west + 360}, 720, 360, smooth));
+    for (const double lon : {-180.0, -179.9, 179.9, 180.0, 0.0, -0.1, 0.1, 359.9})
+      for (const double side_m : {1.0, 60e3, 400e3})
+        ASSERT_NEAR(mean(map, 10, lon, side_m), smooth(10, lon), 0.004) << lon;
+    for (const double lat : {89.0, 89.9, 90.0, -90.0, -76.0})
+      for (const double side_m : {1000.0, 60e3}) ASSERT_NEAR(mean(map, lat, 33, side_m), smooth(lat, 33), 0.006) << lat;
+  }
+}
+
+TEST_F(ValueMaps, WhatHasNoValueIsLeftOut) {
+  const ValueMap map =
+      open(write("hole.tif", {0, 4, 0, 4}, 400, 400, [](double lat, double) { return lat > 2 ? std::nan("") : 0.3; }));
+  EXPECT_TRUE(std::isnan(mean(map, 2.5, 2)));
+  EXPECT_NEAR(mean(map, 1.5, 2), 0.3, 1e-6);
+  EXPECT_NEAR(mean(map, 1.996, 2), 0.3, 1e-6) << "half a texel from the border";
+  EXPECT_NEAR(mean(map, 1.9, 2, 20000), 0.3, 1e-6) << "a large pixel over the border";
+}
+
+void with_gdal(const std::string& driver, const std::string& path, int across, int down, int bands, GDALDataType type,
+               const std::function<void(GDALDataset&)>& fill) {
+  GDALAllRegister();
+  GDALDataset* d =
+      GetGDALDriverManager()->GetDriverByName(driver.c_str())->Create(path.c_str(), across, down, bands, type, nullptr);
+  ASSERT_NE(d, nullptr);
+  fill(*d);
+  GDALClose(d);
+}
+
+TEST_F(ValueMaps, TheFilesOwnOverviewsAreUsed) {
+  const std::string path = write("overview.tif", {0, 4, 0, 4}, 512, 512, [](double, double) { return 0.2; });
+  GDALDataset* d = static_cast<GDALDataset*>(GDALOpen(path.c_str(), GA_Update));
+  int factor = 4;
+  ASSERT_EQ(d->BuildOverviews("AVERAGE", 1, &factor, 0, nullptr, nullptr, nullptr), CE_None);
+  std::vector<float> other(128 * 128, 0.7F);
+  ASSERT_EQ(d->GetRasterBand(1)->GetOverview(0)->RasterIO(GF_Write, 0, 0, 128, 128, other.data(), 128, 128, GDT_Float32,
+                                                          0, 0, nullptr),
+            CE_None);
+  GDALClose(d);
+  const ValueMap map = open(path);
+  const double texel_m = 4.0 / 512 * kMetresPerDegree;
+  EXPECT_NEAR(mean(map, 2, 2, texel_m), 0.2, 1e-6);
+  EXPECT_NEAR(mean(map, 2, 2, 8 * texel_m), 0.7, 1e-3);
+  EXPECT_NEAR(mean(map, 2, 2, 40 * texel_m), 0.7, 1e-3) << "levels above are made of it";
+}
+
+// A picture that says nothing of itself: extent, bands and scale are told.
+TEST_F(ValueMaps, PicturesAreTakenAsTold) {
+  const std::string path = folder_ / "picture.tif";
+  with_gdal("GTiff", path, 40, 20, 3, GDT_Byte, [](GDALDataset& d) {
+    for (int b = 1; b <= 3; ++b) {
+      std::vector<std::uint8_t> samples(800, static_cast<std::uint8_t>(60 * b));
+      samples[0] = 255;
+      ASSERT_EQ(d.GetRasterBand(b)->RasterIO(GF_Write, 0, 0, 40, 20, samples.data(), 40, 20, GDT_Byte, 0, 0, nullptr),
+                CE_None);
+    }
+  });
+  ValueMapOptions told;
+  told.path = path;
+  EXPECT_THROW(ValueMap{told}, DataError) << "where is it?";
+  told.extent = Footprint{-10, 10, 350, 390};
+  told.scale = 0.001, told.offset = 0.05;
+  EXPECT_NEAR(mean(ValueMap(told), 0, 10), 0.17, 1e-6) << "mean of 60, 120, 180";
+  told.bands = {3};
+  EXPECT_NEAR(mean(ValueMap(told), 0, -5), 0.23, 1e-6);
+  EXPECT_NEAR(mean(ValueMap(told), 9.5, 350.5), 0.305, 1e-6);
+  const std::uint64_t fingerprint = ValueMap(told).fingerprint();
+  told.high = 0.25;
+  EXPECT_NEAR(mean(ValueMap(told), 9.5, 350.5), 0.25, 1e-6);
+  EXPECT_NE(ValueMap(told).fingerprint(), fingerprint);
+  told.no_data = 180;
+  EXPECT_TRUE(std::isnan(mean(ValueMap(told), 0, 10)));
+  told.bands = {4};
+  EXPECT_THROW(ValueMap{told}, DataError);
+}
+
+// In metres around the south pole; beyond the square there is nothing.
+TEST_F(ValueMaps, ProjectedRastersAreWarped) {
+  const std::string path = folder_ / "polar.tif";
+  const double half_m = 200e3, spacing_m = 2000;
+  with_gdal("GTiff", path, 200, 200, 1, GDT_Float32, [&](GDALDataset& d) {
+    OGRSpatialReference srs;
+    ASSERT_EQ(srs.SetFromUserInput("+proj=stere +lat_0=-90 +lon_0=0 +k=1 +R=1737400 +units=m +no_defs"), OGRERR_NONE);
+    double t[] = {-half_m, spacing_m, 0, half_m, 0, -spacing_m};
+    ASSERT_EQ(d.SetGeoTransform(t), CE_None);
+    ASSERT_EQ(d.SetSpatialRef(&srs), CE_None);
+    std::vector<float> samples;
+    for (int y = 0; y < 200; ++y)
+      for (int x = 0; x < 200; ++x) {
+        const double x_m = -half_m + (x + 0.5) * spacing_m, y_m = half_m - (y + 0.5) * spacing_m;
+        const double colatitude = 2 * std::atan(std::hypot(x_m, y_m) / (2 * kMoonRadius_m));
+        samples.push_back(static_cast<float>(colatitude * 180 / std::numbers::pi * 0.01 + 0.1 * (x_m > 0)));
+      }
+    ASSERT_EQ(
+        d.GetRasterBand(1)->RasterIO(GF_Write, 0, 0, 200, 200, samples.data(), 200, 200, GDT_Float32, 0, 0, nullptr),
+        CE_None);
+  });
+  const ValueMap map = open(path);
+  EXPECT_NEAR(mean(map, -86, 90), 0.14, 1e-3);  // x grows toward 90 E
+  EXPECT_NEAR(mean(map, -86, -90), 0.04, 1e-3);
+  EXPECT_NEAR(mean(map, -88.5, 30), 0.115, 1e-3);
+  EXPECT_TRUE(std::isnan(mean(map, -80, 45)));
+  EXPECT_TRUE(std::isnan(mean(map, 10, 45)));
+}
+
+TEST_F(ValueMaps, OtherBodiesAndDamagedFilesAreRefused) {
+  EXPECT_THROW(open(folder_ / "missing.tif"), DataError);
+  std::ofstream(folder_ / "noise.tif") << "no picture";
+  EXPECT_THROW(open(folder_ / "noise.tif"), DataError);
+  const std::string earth = folder_ / "earth.tif";
+  with_gdal("GTiff", earth, 10, 10, 1, GDT_Float32, [](GDALDataset& d) {
+    OGRSpatialReference srs;
+    srs.SetWellKnownGeogCS("WGS84");
+    double t[] = {0, 1, 0, 10, 0, -1};
+    d.SetGeoTransform(t), d.SetSpatialRef(&srs);
+  });
+  EXPECT_THROW(open(earth), DataError);
+  const std::string path = write("changing.tif", {0, 4, 0, 4}, 400, 400, [](double, double) { return 0.2; });
+  const ValueMap map = open(path);
+  EXPECT_TRUE(map.current());
+  std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  write("changing.tif", {0, 4, 0, 4}, 400, 400, [](double, double) { return 0.4; });
+  EXPECT_FALSE(map.current());
+  EXPECT_THROW(mean(map, 2, 2), DataError) << "half of one file and half of another";
+  EXPECT_NEAR(mean(open(path), 2, 2), 0.4, 1e-6);
+}
+
+}  // namespace
+}  // namespace selenograph::dem
