@@ -68,15 +68,19 @@ std::shared_ptr<const T> Assets::find(Files<T>& files, const char* kind, const c
   if (error) return nullptr;
   const Stamp stamp{std::chrono::duration_cast<std::chrono::nanoseconds>(modified.time_since_epoch()).count(),
                     fs::file_size(path, error)};
-  const std::lock_guard lock(mutex_);
-  if (const auto found = files.find(name); found != files.end() && found->second.stamp == stamp)
-    return found->second.content;
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto found = files.find(name); found != files.end() && found->second.stamp == stamp)
+      return found->second.content;
+  }
+  // Without the lock: nobody waits for a large file but those who want it.
   std::shared_ptr<const T> content;
   try {
     content = std::make_shared<const T>(read(path.string()));
   } catch (const DataError& e) {
     throw RequestError("asset_error", e.what());
   }
+  const std::lock_guard lock(mutex_);
   files.insert_or_assign(std::string(name), Known<T>{stamp, content});
   return content;
 }

@@ -321,12 +321,41 @@ OrderedJson frame_examples() {
                       {"seed", 1},
                       {"frame", 17}};
   sensed["products"] = {"image"};
+  // A satellite alone, its panels' glint toward the camera: SENSOR++ figure 4.
+  const OrderedJson panel{{"reflectance", {{"model", "blinn_phong"}, {"rho", 0.4}, {"shininess", 300.0}}}};
+  const OrderedJson body{{"reflectance", {{"model", "lambert"}, {"rho", 0.3}}}};
+  const OrderedJson satellite{
+      {"mesh", "satellite"},
+      {"pose",
+       {{"position_m", {1837400.0, 60.0, 0.0}},
+        {"moon_from_object", {{"w", 0.407232}, {"x", 0.425716}, {"y", -0.721573}, {"z", -0.363676}}}}},
+      {"material", body},
+      {"part_materials", {{"panel", panel}}}};
+  const OrderedJson debris{
+      {"camera", {{"width", 768}, {"height", 512}, {"fov_deg", 16.0}}},
+      {"pose",
+       {{"position_m", {1837400.0, 0.0, 0.0}},
+        {"camera_from_moon", {{"w", 0.5}, {"x", 0.5}, {"y", 0.5}, {"z", 0.5}}}}},
+      {"sun", {{"direction", {-0.55, -0.65, 0.5}}}},
+      {"objects", {satellite}},
+      {"terrain", false},
+      {"products", {"radiance", "object_id"}}};
+  OrderedJson over_the_terrain = nadir;
+  over_the_terrain["surface"] = {{"reflectance", {{"model", "lunar_lambert"}, {"rho", 0.11}}},
+                                 {"albedo_maps", {"made-up-albedo"}}};
+  over_the_terrain["objects"] = {{{"mesh", "satellite"},
+                                  {"pose", {{"geodetic", above}, {"upright", {{"azimuth_deg", 60.0}}}}},
+                                  {"scale", 2.0},
+                                  {"material", body}}};
+  over_the_terrain["objects"][0]["pose"]["geodetic"]["height_m"] = 19500.0;
+  over_the_terrain["products"] = {"image", "object_id"};
   OrderedJson warm = oblique;
   warm.erase("image");
   warm["band"] = {{"response", {{8.0, 0.0}, {9.0, 1.0}, {12.0, 1.0}, {13.0, 0.0}}}};
   warm["surface"] = {{"reflectance", {{"model", "lambert"}, {"rho", 0.1}}}, {"temperature_k", 350.0}};
   warm["products"] = {"radiance", "lit"};
-  return {{"nadir", nadir}, {"oblique", oblique}, {"quaternion", quaternion}, {"sensor", sensed}, {"thermal", warm}};
+  return {{"nadir", nadir},   {"oblique", oblique}, {"quaternion", quaternion}, {"sensor", sensed},
+          {"thermal", warm}, {"debris", debris},   {"over_the_terrain", over_the_terrain}};
 }
 
 OrderedJson openapi_paths() {

@@ -25,7 +25,8 @@ from harness import PATIENCE_S, Service, frame_request
 # Where the document's examples look at.
 PLACE = ("--south-deg", "25", "--west-deg", "2", "--rows", "2", "--columns", "2", "--ppd", "64")
 DAMAGED = "DTM_MAP_01_N27E003N26E004SC"
-SMALL_LIMITS = ("--max-body-kb", "4096", "--receive-timeout-s", "1", "--max-image-pixels", "16000000")
+ASSETS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "assets")
+SMALL_LIMITS = ("--max-body-kb", "4096", "--receive-timeout-s", "1", "--max-image-pixels", "16000000", "--assets-dir", ASSETS)
 
 DOCUMENT = {}
 

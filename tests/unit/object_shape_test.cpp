@@ -108,6 +108,12 @@ TEST_F(ObjectShapes, BadFilesAreNamed) {
   };
   EXPECT_NE(refused(folder_ / "missing.obj"), "");
   EXPECT_NE(refused(write("noise.ply", "no ply at all")), "");
+  EXPECT_NE(refused(write("header.ply", "ply\nformat ascii 1.0\nelement vertex 9\n")), "");
+  EXPECT_NE(refused(write("cut.ply",
+                          "ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\nproperty "
+                          "float y\nproperty float z\nelement face 2\nproperty list uchar int "
+                          "vertex_indices\nend_header\n1234567")),
+            "");
   EXPECT_NE(refused(write("noise.glb", std::string("glTF\2\0\0\0\xff\xff\xff\xff", 12))), "");
   EXPECT_NE(refused(write("empty.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n")), "");
   EXPECT_NE(refused(write("flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")), "") << "without area";

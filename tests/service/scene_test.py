@@ -1,0 +1,263 @@
+#!/usr/bin/env python3
+"""Objects and maps of the ground, over HTTP: what a client asks for by name is what the folder holds."""
+
+import io
+import json
+import os
+import shutil
+import struct
+import subprocess
+import time
+import unittest
+import zlib
+
+import numpy as np
+
+import harness
+from harness import frame_request
+
+REPOSITORY = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
+SATELLITE = {"mesh": "satellite", "scale": 60,
+             "pose": {"geodetic": {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": 19000}, "upright": {"azimuth_deg": 30}},
+             "material": {"reflectance": {"model": "lambert", "rho": 0.3}},
+             "part_materials": {"panel": {"reflectance": {"model": "blinn_phong", "rho": 0.4, "shininess": 100}}}}
+WIDE = {"camera": {"width": 96, "height": 96, "fov_deg": 60}}
+
+
+def asset(*parts):
+    return harness.path("assets", *parts)
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
+    shutil.copytree(os.path.join(REPOSITORY, "deploy", "assets"), harness.path("assets"))
+    SceneTest.service = harness.Service("--assets-dir", harness.path("assets"))
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def write_grey(path, rows):
+    """An 8-bit grey PNG."""
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    height, width = rows.shape
+    data = b"".join(b"\0" + row.astype(np.uint8).tobytes() for row in rows)
+    with open(path, "wb") as f:
+        f.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)) +
+                chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b""))
+
+
+class SceneTest(unittest.TestCase):
+    def ask(self, products, accept="application/x-npz", **changes):
+        status, headers, body = self.service.frame(frame_request(products, **changes), accept)
+        self.assertEqual(status, 200, body[:500])
+        return headers, body
+
+    def frame(self, products, **changes):
+        headers, body = self.ask(products, **changes)
+        arrays = np.load(io.BytesIO(body))
+        frame = {name: arrays[name] for name in products}
+        frame["meta"], frame["headers"] = json.loads(bytes(arrays["meta.json"])), headers
+        return frame
+
+    def refusal(self, **changes):
+        status, _, body = self.service.frame(frame_request(["radiance"], **changes))
+        self.assertEqual(status, 422, body[:300])
+        errors = json.loads(body)["errors"]
+        return [e["pointer"] for e in errors], " ".join(e["detail"] for e in errors)
+
+    def unusable(self, **changes):
+        status, _, body = self.service.frame(frame_request(["radiance"], **changes))
+        self.assertEqual(status, 500, body[:300])
+        problem = json.loads(body)
+        self.assertTrue(problem["type"].endswith("asset_error"), problem)
+        return problem["detail"]
+
+    # --- objects
+
+    def test_an_object_is_in_the_frame_and_in_what_is_said_of_it(self):
+        f = self.frame(["radiance", "object_id", "source", "gsd", "range"], objects=[SATELLITE], **WIDE)
+        on = f["object_id"] == 0
+        self.assertTrue(set(np.unique(f["object_id"])) == {0, 65535})
+        self.assertGreater(on.sum(), 100)
+        self.assertTrue(np.all(f["source"][on] == 65535) and np.all(np.isnan(f["gsd"][on])))
+        self.assertLess(np.nanmax(f["range"][on]), 1800)
+        self.assertAlmostEqual(f["meta"]["object_fraction"], on.mean(), places=12)
+        self.assertEqual(f["meta"]["objects"][0]["mesh"], "satellite")
+        self.assertEqual(f["meta"]["objects"][0]["triangles"], 84)
+        self.assertEqual(set(f["meta"]["objects"][0]["parts"]), {"body", "panel", "antenna"})
+
+    def test_what_was_understood_is_a_request_for_the_same_bytes(self):
+        request = frame_request(["radiance", "object_id"], objects=[
+            SATELLITE, SATELLITE | {"pose": {"frame": "MOON_PA_DE440", "position_m": [1.51e6, 8.7e5, 3000],
+                                             "object_from_moon": {"w": 0.5, "x": 0.5, "y": -0.5, "z": 0.5}}}],
+            surface={"reflectance": {"model": "lambert"}, "albedo_maps": ["made-up-albedo"]}, **WIDE)
+        first = self.service.frame(request, "application/x-npz")
+        self.assertEqual(first[0], 200, first[2][:300])
+        understood = json.loads(bytes(np.load(io.BytesIO(first[2]))["meta.json"]))["request"]
+        again = self.service.frame(understood, "application/x-npz")
+        self.assertEqual(first[2], again[2])
+        self.assertEqual(first[1]["etag"], again[1]["etag"])
+
+    def test_the_frames_etag_is_of_the_meshs_content(self):
+        mesh = asset("objects", "plate.obj")
+        plate = "v -5 -5 0\nv 5 -5 0\nv 5 5 0\nv -5 5 0\nf 1 2 3 4\n"
+        objects = [SATELLITE | {"mesh": "plate", "part_materials": {}}]
+        def etag(text):
+            time.sleep(0.02)
+            with open(mesh, "w") as f:
+                f.write(text)
+            return self.ask(["radiance"], objects=objects)[0]["etag"]
+        first = etag(plate)
+        self.assertEqual(etag(plate), first)
+        self.assertNotEqual(etag(plate.replace("5 5 0", "5 6 0")), first)
+
+    def test_the_mesh_formats_are_read(self):
+        plate = [(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)]
+        with open(asset("objects", "square.ply"), "w") as f:
+            f.write("ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+                    "element face 1\nproperty list uchar int vertex_indices\nend_header\n" +
+                    "".join("%g %g %g\n" % p for p in plate) + "4 0 1 2 3\n")
+        data = struct.pack("<12f", *sum(plate, ())) + struct.pack("<6H", 0, 1, 2, 0, 2, 3)
+        gltf = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+                "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+                "accessors": [{"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-5, -5, 0], "max": [5, 5, 0]},
+                              {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"}],
+                "bufferViews": [{"buffer": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 12}],
+                "buffers": [{"byteLength": 60}]}
+        text = json.dumps(gltf).encode()
+        text += b" " * (-len(text) % 4)
+        with open(asset("objects", "quad.glb"), "wb") as f:
+            f.write(struct.pack("<III", 0x46546C67, 2, 12 + 8 + len(text) + 8 + len(data)) +
+                    struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(data), 0x004E4942) + data)
+        seen = [self.frame(["object_id"], objects=[SATELLITE | {"mesh": name, "part_materials": {}}], **WIDE)["object_id"]
+                for name in ("square", "quad")]
+        self.assertGreater((seen[0] == 0).sum(), 100)
+        self.assertTrue(np.array_equal(*seen))
+
+    def test_an_exr_keeps_the_glints_range(self):
+        with open(os.path.join(REPOSITORY, "deploy", "debris-request.json")) as f:
+            debris = json.load(f)
+        debris["camera"] = {"width": 192, "height": 128, "fov_deg": 16}
+        debris["products"] = ["radiance", "object_id", "position", "normal"]
+        debris["accuracy"] = {"samples_per_pixel": 1}
+        status, _, body = self.service.frame(debris, "image/x-exr")
+        self.assertEqual((status, body[:4]), (200, b"\x76\x2f\x31\x01"))
+        status, _, body = self.service.frame(debris, "application/x-npz")
+        arrays = np.load(io.BytesIO(body))
+        bright = arrays["radiance"][arrays["object_id"] == 0]
+        self.assertGreater(bright.max(), 100 * np.median(bright[bright < 100]), "the panels against the body")
+        meta = json.loads(bytes(arrays["meta.json"]))
+        self.assertEqual((meta["visibility"], meta["missing_fraction"], meta["sources"]), ("raytrace", 0, []))
+        # Eq. (11) wherever it is bright, from where the pixel's ray ends.
+        panel = arrays["radiance"] > 200
+        self.assertGreater(panel.sum(), 2000)
+        sun = np.array([-0.55, -0.65, 0.5]) / np.linalg.norm([-0.55, -0.65, 0.5])
+        eye = np.array(debris["pose"]["position_m"]) - arrays["position"][panel]
+        halfway = sun + eye / np.linalg.norm(eye, axis=-1, keepdims=True)
+        halfway /= np.linalg.norm(halfway, axis=-1, keepdims=True)
+        normal = arrays["normal"][panel].astype(float)
+        p, rho = 300, 0.4
+        expected = 1361 * (normal @ sun) * rho / (8 * np.pi) * (p + 4) * (p + 2) / (p + 2 ** (-p / 2)) * np.sum(normal * halfway, -1) ** p
+        self.assertTrue(np.allclose(arrays["radiance"][panel], expected, rtol=1e-4))
+
+    def test_the_documented_commands_make_pictures(self):
+        for name in ("debris", "mapped"):
+            picture = harness.path(name + ".png")
+            done = subprocess.run([harness.BINARY, "render", os.path.join(REPOSITORY, "deploy", name + "-request.json"), "-o", picture,
+                                   "--assets-dir", os.path.join(REPOSITORY, "deploy", "assets"), "--dem", harness.path("dem"),
+                                   "--cache-dir", harness.path("cache")], capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertGreater(os.path.getsize(picture), 1000)
+
+    def test_wrong_objects_are_refused_by_their_member(self):
+        self.assertIn("satellite", self.refusal(objects=[SATELLITE | {"mesh": "no-such"}])[1])
+        self.assertEqual(self.refusal(objects=[SATELLITE | {"mesh": "../cameras/navigation-camera"}])[0], ["/objects/0/mesh"])
+        pointers, detail = self.refusal(objects=[SATELLITE, SATELLITE | {"part_materials": {"wing": {}}}])
+        self.assertEqual(pointers, ["/objects/1/part_materials"])
+        self.assertIn("panel", detail)
+        self.assertEqual(self.refusal(objects=[{k: v for k, v in SATELLITE.items() if k != "material"}])[0], ["/objects/0/material"])
+        self.assertEqual(self.refusal(objects=[SATELLITE | {"scale": 0}])[0], ["/objects/0/scale"])
+        self.assertEqual(self.refusal(objects=[SATELLITE | {"pose": {"position_m": [1, 2, 3]}}])[0], ["/objects/0/pose"])
+        self.assertEqual(self.refusal(objects=[])[0], ["/objects"])
+        self.assertEqual(self.refusal(objects=[SATELLITE] * 101)[0], ["/objects"])
+        self.assertEqual(self.refusal(terrain=False)[0], ["/terrain"])
+        self.assertEqual(self.refusal(terrain=False, objects=[SATELLITE], visibility="zbuffer")[0], ["/visibility"])
+        self.assertEqual(self.refusal(objects=[SATELLITE | {"material": {"reflectance": {"model": "lambert"}, "albedo_maps": ["made-up-albedo"]}}])[0],
+                         ["/objects/0/material/albedo_maps"])
+
+    def test_a_damaged_mesh_is_the_operators_fault(self):
+        with open(asset("objects", "damaged.ply"), "w") as f:
+            f.write("ply\nformat ascii 1.0\nelement vertex 9\n")
+        self.assertIn("damaged.ply", self.unusable(objects=[SATELLITE | {"mesh": "damaged", "part_materials": {}}]))
+
+    # --- maps
+
+    def test_the_grounds_albedo_is_the_maps(self):
+        # A degree across: dark in the west, bright in the east.
+        write_grey(asset("maps", "halves.png"), np.tile(np.repeat([40, 200], 32), (64, 1)))
+        with open(asset("maps", "halves.json"), "w") as f:
+            json.dump({"file": "halves.png", "extent": {"south_deg": -0.4, "north_deg": 0.6, "west_deg": 29.6, "east_deg": 30.6},
+                       "scale": 0.001}, f)
+        for visibility in ("zbuffer", "raytrace"):
+            f = self.frame(["radiance", "geodetic", "angles", "lit"], visibility=visibility,
+                           surface={"reflectance": {"model": "lambert", "rho": 0.5}, "albedo_maps": ["halves", "made-up-albedo"]})
+            mu0 = np.cos(np.radians(f["angles"][..., 0].astype(float)))
+            albedo = f["radiance"] / np.maximum(1e-9, 1361 / np.pi * mu0 * f["lit"])
+            lon = f["geodetic"][..., 1]
+            sure = (f["lit"] == 1) & (mu0 > 0.02)
+            west, east = sure & (lon < 30.09), sure & (lon > 30.11)
+            self.assertTrue(west.sum() > 100 and east.sum() > 100)
+            self.assertTrue(np.allclose(albedo[west], 0.04, rtol=2e-4) and np.allclose(albedo[east], 0.2, rtol=2e-4))
+            self.assertEqual([m["name"] for m in f["meta"]["maps"]], ["halves", "made-up-albedo"])
+
+    def test_a_map_that_changes_is_another_map(self):
+        def answer(level):
+            time.sleep(0.02)
+            write_grey(asset("maps", "changing.png"), np.full((8, 8), level))
+            headers, body = self.ask(["radiance"], accept="application/x-npy",
+                                     surface={"reflectance": {"model": "lambert"}, "albedo_maps": ["changing"]})
+            return headers["etag"], np.load(io.BytesIO(body)).max()
+        with open(asset("maps", "changing.json"), "w") as f:
+            json.dump({"file": "changing.png", "extent": {"south_deg": -9, "north_deg": 9, "west_deg": 20, "east_deg": 40}, "scale": 0.001}, f)
+        (first, dark), (second, bright) = answer(50), answer(150)
+        self.assertNotEqual(first, second)
+        self.assertAlmostEqual(bright / dark, 3, places=5)
+
+    def test_temperatures_of_a_map_are_emitted(self):
+        write_grey(asset("maps", "warm.png"), np.tile(np.linspace(20, 40, 64), (64, 1)))
+        with open(asset("maps", "warm.json"), "w") as f:
+            json.dump({"file": "warm.png", "extent": {"south_deg": -1, "north_deg": 1, "west_deg": 29, "east_deg": 31}, "scale": 10}, f)
+        f = self.frame(["radiance", "geodetic"], band={"center_um": 10, "width_um": 0.1}, sun={"direction": [-1, 0, 0]},
+                       surface={"reflectance": {"model": "lambert", "rho": 0.1}, "temperature_maps": ["warm"]})
+        self.assertIn("emitted", f["meta"]["radiance_terms"])
+        lon = f["geodetic"][..., 1]
+        # 10 K steps of the samples between linearly; Planck at 10 um, W m-2 sr-1 in 0.1 um.
+        texels = 10 * np.linspace(20, 40, 64).astype(np.uint8).astype(float)
+        kelvin = np.interp((lon - 29) / 2 * 64 - 0.5, np.arange(64), texels)
+        planck = 1.191042972e8 / 10 ** 5 / (np.exp(14387.76878 / (10 * kelvin)) - 1) * 0.1
+        self.assertTrue(np.allclose(f["radiance"], 0.9 * planck, rtol=5e-4))
+
+    def test_wrong_maps_are_refused(self):
+        self.assertIn("made-up-albedo", self.refusal(surface={"albedo_maps": ["no-such"]})[1])
+        self.assertEqual(self.refusal(surface={"albedo_maps": []})[0], ["/surface/albedo_maps"])
+        self.assertEqual(self.refusal(surface={"albedo_maps": "made-up-albedo"})[0], ["/surface/albedo_maps"])
+        for maps in ("albedo_maps", "temperature_maps"):
+            self.assertEqual(self.refusal(surface={"reflectance": {"model": "hapke"}, maps: ["made-up-albedo"]})[0], ["/surface/" + maps])
+
+    def test_a_damaged_map_is_the_operators_fault(self):
+        for name, text in (("vanished", '{"file": "nothing.tif"}'), ("misspelt", '{"file": "made-up-albedo.asc", "scales": 2}'),
+                           ("nowhere", '{"file": "halves.png"}'), ("noise", "not JSON"), ("list", "[]"), ("fileless", "{}"),
+                           ("inside-out", '{"file": "made-up-albedo.asc", "extent": {"south_deg": 5, "north_deg": 1, "west_deg": 0, "east_deg": 9}}')):
+            write_grey(asset("maps", "halves.png"), np.zeros((4, 4)))
+            with open(asset("maps", name + ".json"), "w") as f:
+                f.write(text)
+            with self.subTest(name=name):
+                self.assertRegex(self.unusable(surface={"albedo_maps": [name]}), name + r"\.json|nothing\.tif|halves\.png")
+
+
+if __name__ == "__main__":
+    unittest.main()
