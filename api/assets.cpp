@@ -13,6 +13,7 @@
 #include "api/problem.h"
 #include "api/ranges.h"
 #include "dem/error.h"
+#include "engine/csv.h"
 
 namespace selenograph::api {
 namespace {
@@ -91,6 +92,14 @@ std::shared_ptr<const engine::Atmosphere> Assets::atmosphere(std::string_view na
 
 std::shared_ptr<const Json> Assets::camera(std::string_view name) const {
   return find(cameras_, "cameras", ".json", name, read_object_file);
+}
+
+std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::string_view name) const {
+  return find(kernels_, "kernels", ".csv", name, [](const std::string& path) {
+    std::vector<std::vector<double>> rows;
+    engine::each_csv_line(path, [&](std::string_view line) { rows.push_back(engine::csv_numbers(line)); });
+    return rows;
+  });
 }
 
 std::shared_ptr<const dem::ValueMap> Assets::map(std::string_view name) const {

@@ -34,7 +34,10 @@ class Assets {
   // maps/NAME.json, as read_map_file says; opened again when its raster has changed.
   std::shared_ptr<const dem::ValueMap> map(std::string_view name) const;
 
-  // Of the files of a kind ("atmospheres", "cameras", "objects", "maps"), without their extension; sorted.
+  // kernels/NAME.csv: rows of weights.
+  std::shared_ptr<const std::vector<std::vector<double>>> kernel(std::string_view name) const;
+
+  // Of the files of a kind ("atmospheres", "cameras", "kernels", "maps", "objects"), without their extension; sorted.
   std::vector<std::string> names(std::string_view kind) const;
 
   // Of what an atmosphere was read from, so that a frame's ETag changes with it; 0 for null.
@@ -64,6 +67,7 @@ class Assets {
   mutable Files<Json> cameras_;
   mutable Files<engine::ObjectMesh> objects_;
   mutable Files<dem::ValueMap> maps_;
+  mutable Files<std::vector<std::vector<double>>> kernels_;
 };
 
 // A map's description:

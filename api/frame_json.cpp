@@ -150,7 +150,7 @@ FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets&
   if (in.has("sensor")) {
     if (in.has("image")) in.fail("image", "is exposure without a sensor: not together with \"sensor\"");
     if (!in.has("band")) in.fail("sensor", "needs a \"band\": which photons it counts");
-    request.sensor = read_sensor(in.at("sensor"));
+    request.sensor = read_sensor(in.at("sensor"), assets);
   }
   request.visibility = in.word("visibility", Words<engine::Visibility>(kVisibilities), request.visibility);
   if (!request.terrain && request.visibility == engine::Visibility::zbuffer)
@@ -166,14 +166,14 @@ FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets&
 }
 
 // A preset's faults are the operator's: they are told with the file's name.
-void check_preset(const Json& preset, const std::string& name, const Limits& limits) {
+void check_preset(const Json& preset, const std::string& name, const Limits& limits, const Assets& assets) {
   Findings findings;
   const JsonReader in(preset, findings);
   if (in.object({"description", "camera", "band", "sensor"})) {
     if (in.has("description")) in.at("description").text();
     if (in.has("camera")) read_camera(in.at("camera"), limits);
     if (in.has("band")) read_band(in.at("band"));
-    if (in.has("sensor")) read_sensor(in.at("sensor"));
+    if (in.has("sensor")) read_sensor(in.at("sensor"), assets);
   }
   try {
     findings.throw_if_any();
@@ -192,7 +192,7 @@ Json with_preset(const Json& body, const Limits& limits, const Assets& assets) {
   const std::shared_ptr<const Json> preset = assets.camera(name);
   if (!preset && findings.empty()) named.fail("no such preset; the service has " + listed(assets.names("cameras")));
   findings.throw_if_any();
-  check_preset(*preset, name, limits);
+  check_preset(*preset, name, limits, assets);
   Json merged = body;
   merged.erase("camera_preset");
   for (const char* member : {"camera", "band"})

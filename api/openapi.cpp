@@ -334,8 +334,7 @@ OrderedJson frame_examples() {
   const OrderedJson debris{
       {"camera", {{"width", 768}, {"height", 512}, {"fov_deg", 16.0}}},
       {"pose",
-       {{"position_m", {1837400.0, 0.0, 0.0}},
-        {"camera_from_moon", {{"w", 0.5}, {"x", 0.5}, {"y", 0.5}, {"z", 0.5}}}}},
+       {{"position_m", {1837400.0, 0.0, 0.0}}, {"camera_from_moon", {{"w", 0.5}, {"x", 0.5}, {"y", 0.5}, {"z", 0.5}}}}},
       {"sun", {{"direction", {-0.55, -0.65, 0.5}}}},
       {"objects", {satellite}},
       {"terrain", false},
@@ -354,8 +353,13 @@ OrderedJson frame_examples() {
   warm["band"] = {{"response", {{8.0, 0.0}, {9.0, 1.0}, {12.0, 1.0}, {13.0, 0.0}}}};
   warm["surface"] = {{"reflectance", {{"model", "lambert"}, {"rho", 0.1}}}, {"temperature_k", 350.0}};
   warm["products"] = {"radiance", "lit"};
-  return {{"nadir", nadir},   {"oblique", oblique}, {"quaternion", quaternion}, {"sensor", sensed},
-          {"thermal", warm}, {"debris", debris},   {"over_the_terrain", over_the_terrain}};
+  return {{"nadir", nadir},
+          {"oblique", oblique},
+          {"quaternion", quaternion},
+          {"sensor", sensed},
+          {"thermal", warm},
+          {"debris", debris},
+          {"over_the_terrain", over_the_terrain}};
 }
 
 OrderedJson openapi_paths() {

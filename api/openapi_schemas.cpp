@@ -390,8 +390,14 @@ void add_sensor(OrderedJson& schemas) {
       "exact as the middle.",
       {{"model", words(kPointSpreads, "airy: of f_number at the band's center wavelength")},
        {"sigma_px", number(kSigma_px, "of `gaussian`")},
-       {"kernel", list(list(number({0, 1e9}, "weight"), kMaxKernelSide, "a row"), kMaxKernelSide,
-                       "of `kernel`: as measured; as many columns as rows, an odd number; normalised to 1")}},
+       {"kernel",
+        {{"anyOf",
+          {list(list(number({0, 1e9}, "weight"), kMaxKernelSide, "a row"), kMaxKernelSide, "rows"),
+           text("of kernels/NAME.csv in the operator's assets folder, which holds the same rows")}},
+         {"description",
+          "of `kernel`: as measured; as many columns as rows, an odd number; normalised to 1. The metadata's request "
+          "has "
+          "its rows"}}}},
       {"model"});
   spread["allOf"] = {owned_by("gaussian", "sigma_px"), owned_by("kernel", "kernel")};
   OrderedJson vignetting = closed(

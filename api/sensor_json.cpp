@@ -1,5 +1,7 @@
 #include "api/sensor_json.h"
 
+#include <fmt/format.h>
+
 #include <array>
 
 #include "api/ranges.h"
@@ -50,23 +52,43 @@ void refuse_unless(const JsonReader& in, bool belongs, std::string_view member, 
   if (belongs && !in.has(member)) in.fail(member, "is required for the model \"" + std::string(model) + "\"");
 }
 
-void read_kernel(const JsonReader& in, PointSpread& spread) {
-  std::size_t rows = 0;
-  double sum = 0;
+using Rows = std::vector<std::vector<double>>;
+
+Rows read_rows(const JsonReader& in) {
+  Rows rows;
   in.elements(1, kMaxKernelSide, [&](const JsonReader& row) {
-    ++rows;
-    row.elements(1, kMaxKernelSide, [&](const JsonReader& weight) {
-      spread.kernel.push_back(weight.number(kNotNegative));
-      sum += spread.kernel.back();
-    });
+    rows.emplace_back();
+    row.elements(1, kMaxKernelSide,
+                 [&](const JsonReader& weight) { rows.back().push_back(weight.number(kNotNegative)); });
   });
+  return rows;
+}
+
+// In the request, or a file of the assets folder by name.
+void read_kernel(const JsonReader& in, const Assets& assets, PointSpread& spread) {
+  std::shared_ptr<const Rows> rows;
+  if (in.value().is_string()) {
+    rows = assets.kernel(*in.text());
+    if (!rows) return in.fail("no such kernel; the service has " + listed(assets.names("kernels")));
+  } else {
+    rows = std::make_shared<const Rows>(read_rows(in));
+  }
   if (!in.good()) return;
-  spread.side = static_cast<int>(rows);
-  if (rows % 2 == 0 || spread.kernel.size() != rows * rows) in.fail("must have as many columns as rows, an odd number");
+  double sum = 0;
+  bool fits = rows->size() % 2 == 1 && rows->size() <= kMaxKernelSide;
+  for (const std::vector<double>& row : *rows) {
+    fits &= row.size() == rows->size();
+    for (const double weight : row) fits &= kNotNegative.contains(weight), sum += weight;
+    spread.kernel.insert(spread.kernel.end(), row.begin(), row.end());
+  }
+  spread.side = static_cast<int>(rows->size());
+  if (!fits)
+    in.fail(fmt::format("must have as many columns as rows, an odd number up to {}, and no negative weight",
+                        kMaxKernelSide));
   if (!(sum > 0)) in.fail("must not be 0 everywhere");
 }
 
-PointSpread read_point_spread(const JsonReader& in) {
+PointSpread read_point_spread(const JsonReader& in, const Assets& assets) {
   PointSpread spread;
   if (!in.object({"model", "sigma_px", "kernel"})) return spread;
   if (!in.has("model")) in.fail("model", "is required");
@@ -76,7 +98,7 @@ PointSpread read_point_spread(const JsonReader& in) {
   refuse_unless(in, gaussian, "sigma_px", "gaussian");
   refuse_unless(in, kernel, "kernel", "kernel");
   if (gaussian && in.has("sigma_px")) spread.sigma_px = in.number("sigma_px", kSigma_px);
-  if (kernel && in.has("kernel")) read_kernel(in.at("kernel"), spread);
+  if (kernel && in.has("kernel")) read_kernel(in.at("kernel"), assets, spread);
   return spread;
 }
 
@@ -108,11 +130,11 @@ engine::Motion read_motion(const JsonReader& in) {
   return motion;
 }
 
-engine::Optics read_optics(const JsonReader& in) {
+engine::Optics read_optics(const JsonReader& in, const Assets& assets) {
   engine::Optics optics;
   if (!in.object({"f_number", "point_spread", "vignetting"})) return optics;
   optics.f_number = in.number("f_number", kFNumber);
-  if (in.has("point_spread")) optics.point_spread = read_point_spread(in.at("point_spread"));
+  if (in.has("point_spread")) optics.point_spread = read_point_spread(in.at("point_spread"), assets);
   if (in.has("vignetting")) optics.vignetting = read_vignetting(in.at("vignetting"));
   return optics;
 }
@@ -156,12 +178,12 @@ OrderedJson vignetting_json(const Vignetting& vignetting) {
 
 std::span<const DetectorMember> detector_members() { return kMembers; }
 
-engine::SensorModel read_sensor(const JsonReader& in) {
+engine::SensorModel read_sensor(const JsonReader& in, const Assets& assets) {
   engine::SensorModel sensor;
   if (!in.object({"optics", "detector", "motion", "seed", "frame"})) return sensor;
   for (const std::string_view name : {"optics", "detector"})
     if (!in.has(name)) in.fail(name, "is required");
-  if (in.has("optics")) sensor.optics = read_optics(in.at("optics"));
+  if (in.has("optics")) sensor.optics = read_optics(in.at("optics"), assets);
   if (in.has("detector")) sensor.detector = read_detector(in.at("detector"));
   if (in.has("motion")) sensor.motion = read_motion(in.at("motion"));
   sensor.seed = static_cast<std::uint64_t>(in.integer("seed", 0, kMaxSeed, 0));

@@ -4,6 +4,7 @@
 #include <span>
 #include <string_view>
 
+#include "api/assets.h"
 #include "api/json_reader.h"
 #include "engine/frame.h"
 
@@ -34,7 +35,7 @@ inline constexpr int kMaxMotionSamples = 256;
 inline constexpr std::size_t kMaxKernelSide = 65;
 inline constexpr std::size_t kMaxVignettingPoints = 1000;
 
-engine::SensorModel read_sensor(const JsonReader& in);
+engine::SensorModel read_sensor(const JsonReader& in, const Assets& assets);
 nlohmann::ordered_json sensor_json(const engine::SensorModel& sensor);
 
 }  // namespace selenograph::api

@@ -2,12 +2,11 @@
 
 #include <fmt/format.h>
 
-#include <charconv>
-#include <fstream>
 #include <stdexcept>
 #include <string_view>
 
 #include "dem/error.h"
+#include "engine/csv.h"
 #include "engine/interpolate.h"
 
 namespace selenograph::engine {
@@ -27,16 +26,10 @@ AtmosphereRow row_at(const std::vector<AtmosphereRow>& rows, double wavelength_u
 }
 
 AtmosphereRow parse_row(std::string_view line) {
-  double numbers[6];
-  const char* at = line.data();
-  const char* const end = line.data() + line.size();
-  for (int i = 0; i < 6; ++i) {
-    const auto [next, error] = std::from_chars(at, end, numbers[i]);
-    if (error != std::errc() || (i < 5 ? next == end || *next != ',' : next != end))
-      throw std::invalid_argument("six numbers separated by commas are expected");
-    if (!(numbers[i] >= 0 && numbers[i] < 1e12)) throw std::invalid_argument("a number is negative or too large");
-    at = next + 1;
-  }
+  const std::vector<double> numbers = csv_numbers(line);
+  if (numbers.size() != 6) throw std::invalid_argument("six numbers separated by commas are expected");
+  for (const double number : numbers)
+    if (!(number >= 0 && number < 1e12)) throw std::invalid_argument("a number is negative or too large");
   if (numbers[1] > 1) throw std::invalid_argument("transmittance is above 1");
   return {numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]};
 }
@@ -44,29 +37,18 @@ AtmosphereRow parse_row(std::string_view line) {
 }  // namespace
 
 Atmosphere Atmosphere::read(const std::string& path) {
-  std::ifstream file(path);
-  if (!file) throw DataError(path, "can't be read");
   std::vector<AtmosphereRow> rows;
   bool header = false;
-  std::string line;
-  for (int number = 1; std::getline(file, line); ++number) {
-    if (!line.empty() && line.back() == '\r') line.pop_back();
-    if (line.empty() || line.front() == '#') continue;
-    const auto fail = [&](const std::string& what) { throw DataError(path, fmt::format("line {}: {}", number, what)); };
+  each_csv_line(path, [&](std::string_view line) {
     if (!header) {
-      if (line != kHeader) fail(fmt::format("the header must be {}", kHeader));
+      if (line != kHeader) throw std::invalid_argument(fmt::format("the header must be {}", kHeader));
       header = true;
-      continue;
+      return;
     }
-    try {
-      rows.push_back(parse_row(line));
-    } catch (const std::invalid_argument& e) {
-      fail(e.what());
-    }
+    rows.push_back(parse_row(line));
     if (rows.size() > 1 && !(rows.back().wavelength_um > rows[rows.size() - 2].wavelength_um))
-      fail("wavelengths must rise");
-  }
-  if (file.bad()) throw DataError(path, "can't be read to its end");
+      throw std::invalid_argument("wavelengths must rise");
+  });
   if (rows.size() < 2) throw DataError(path, "has fewer than two rows");
   return Atmosphere(std::move(rows));
 }

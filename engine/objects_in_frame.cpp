@@ -33,26 +33,52 @@ Entry enter_ball(const Vec3& from_centre, const Vec3& direction, double radius) 
   return {true, std::max(0.0, closest - half)};
 }
 
-// Whether a packet of rays from one place may meet a ball.
-bool may_meet(const Rays& rays, const Ball& ball) {
-  Vec3 sum = Vec3::Zero();
-  double scale = 0;
+// Around a packet's rays, which all come from one place.
+class Cone {
+ public:
+  explicit Cone(const Rays& rays) {
+    Vec3 unit[kPacket], sum = Vec3::Zero();
+    for (int i = 0; i < kPacket; ++i) {
+      if (!rays.valid[i]) continue;
+      unit[i] = rays.direction(i).normalized(), sum += unit[i];
+      apex_ = rays.origin(i), empty_ = false;
+    }
+    middle_ = sum.normalized();
+    double widest2 = 0;
+    for (int i = 0; i < kPacket; ++i)
+      if (rays.valid[i]) widest2 = std::max(widest2, (unit[i] - middle_).squaredNorm());
+    spread_ = angle_of_chord(std::sqrt(widest2));
+  }
+
+  bool may_meet(const Ball& ball) const {
+    if (empty_) return false;
+    const Vec3 to = ball.centre_m - apex_;
+    const double distance = to.norm();
+    if (distance <= ball.radius_m) return true;
+    return angle_of_chord((to / distance - middle_).norm()) <= spread_ + std::asin(ball.radius_m / distance) + 1e-12;
+  }
+
+ private:
+  static double angle_of_chord(double chord) { return 2 * std::asin(std::min(1.0, chord / 2)); }
+
+  Vec3 apex_ = Vec3::Zero(), middle_;
+  double spread_;
+  bool empty_ = true;
+};
+
+// Around the points of some lanes.
+Ball ball_around(const SurfacePoints& points, std::uint32_t lanes) {
+  Eigen::AlignedBox3d box;
   for (int i = 0; i < kPacket; ++i)
-    if (rays.valid[i]) sum += rays.direction(i), scale += 1;
-  if (scale == 0) return false;
-  const Vec3 middle = sum.normalized();
-  double widest2 = 0;
-  int one = -1;
-  for (int i = 0; i < kPacket; ++i)
-    if (rays.valid[i]) widest2 = std::max(widest2, (rays.direction(i).normalized() - middle).squaredNorm()), one = i;
-  const Vec3 to = ball.centre_m - rays.origin(one);
-  const double distance = to.norm();
-  if (distance <= ball.radius_m) return true;
-  // Angles by chords: c = 2 sin(angle / 2).
-  const double chord = (to / distance - middle).norm();
-  const double off = 2 * std::asin(std::min(1.0, chord / 2)),
-               spread = 2 * std::asin(std::min(1.0, std::sqrt(widest2) / 2));
-  return off <= spread + std::asin(ball.radius_m / distance) + 1e-12;
+    if (lanes >> i & 1) box.extend(points.position(i));
+  return {box.center(), box.diagonal().norm() / 2};
+}
+
+// Whether rays toward a (unit) direction from within one ball may meet another.
+bool may_block(const Ball& from, const Vec3& toward, const Ball& ball) {
+  const Vec3 to = ball.centre_m - from.centre_m;
+  const double along = to.dot(toward), reach = from.radius_m + ball.radius_m;
+  return along >= -reach && (to - along * toward).squaredNorm() <= reach * reach;
 }
 
 void set_lane(RayPacket& packet, int i, const Vec3& origin, const Vec3& direction) {
@@ -94,6 +120,7 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const View& view) : 
     p.position = object.position_m;
     p.ball = balls[placed_.size()];
     p.in_view = view.may_see(p.ball.centre_m, p.ball.radius_m);
+    any_in_view_ |= p.in_view;
     for (const Material& material : object.materials) {
       const RadianceTerms terms = radiance_terms(request, material);
       p.finishes.push_back({Brdf(material.reflectance), terms.direct_w_m2, static_cast<float>(terms.base_w_m2_sr())});
@@ -103,13 +130,15 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const View& view) : 
 }
 
 std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const {
+  if (!any_in_view_) return 0;
   double nearest[kPacket];
   for (int i = 0; i < kPacket; ++i) {
     nearest[i] = terrain.hit[i] ? terrain.distance[i] : std::numeric_limits<double>::infinity();
     out.object[i] = kNoObject;
   }
+  const Cone cone(rays);
   for (std::size_t k = 0; k < placed_.size(); ++k)
-    if (placed_[k].in_view && may_meet(rays, placed_[k].ball))
+    if (placed_[k].in_view && cone.may_meet(placed_[k].ball))
       look(placed_[k], static_cast<std::uint16_t>(k), rays, nearest, out);
   std::uint32_t lanes = 0;
   for (int i = 0; i < kPacket; ++i) {
@@ -192,8 +221,11 @@ void ObjectsInFrame::store(const Placed& object, std::uint16_t index, std::uint3
 std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,
                                       const Vec3& sun) const {
   std::uint32_t blocked = 0;
+  if (asking == 0) return 0;
+  const Ball from = ball_around(points, asking);
   for (std::size_t k = 0; k < placed_.size() && asking != 0; ++k) {
     const Placed& object = placed_[k];
+    if (!may_block(from, sun, object.ball)) continue;
     RayPacket packet;
     std::uint32_t active = 0;
     for (int i = 0; i < kPacket; ++i) {

@@ -73,6 +73,7 @@ class ObjectsInFrame {
 
   const FrameRequest& request_;
   std::vector<Placed> placed_;
+  bool any_in_view_ = false;
 };
 
 }  // namespace selenograph::engine

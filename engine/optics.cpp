@@ -55,14 +55,19 @@ SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pi
       // Midpoints, several to a ring and to a pixel.
       const int fine = std::max(5, static_cast<int>(std::ceil(4 / unit_px / std::numbers::pi)) | 1);
       const int side = 2 * radius_ + 1;
-      std::vector<double> weights;
-      for (int y = -radius_; y <= radius_; ++y)
-        for (int x = -radius_; x <= radius_; ++x) {
+      std::vector<double> weights(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+      // An eighth of it says the rest.
+      for (int y = 0; y <= radius_; ++y)
+        for (int x = y; x <= radius_; ++x) {
           double sum = 0;
           for (int j = 0; j < fine; ++j)
             for (int i = 0; i < fine; ++i)
               sum += airy(std::hypot(x + (i + 0.5) / fine - 0.5, y + (j + 0.5) / fine - 0.5) / unit_px);
-          weights.push_back(sum / (fine * fine * unit_px * unit_px));
+          for (const int a : {-x, x})
+            for (const int b : {-y, y})
+              weights[static_cast<std::size_t>((b + radius_) * side + a + radius_)] =
+                  weights[static_cast<std::size_t>((a + radius_) * side + b + radius_)] =
+                      sum / (fine * fine * unit_px * unit_px);
         }
       captured_ = 0;
       for (const double w : weights) captured_ += w;

@@ -92,7 +92,7 @@ void add_options(CLI::App& command, TerrainSettings& s) {
   command.add_option("--dem", s.dem, "DEM files and folders; without: sample terrain")
       ->type_name("PATH")
       ->expected(1, 1 << 20);
-  command.add_option("--assets-dir", s.assets_dir, "Folder of files that requests name: atmospheres/NAME.csv")
+  command.add_option("--assets-dir", s.assets_dir, "Folder of files that requests name: see deploy/README.md")
       ->type_name("DIR")
       ->check(CLI::ExistingDirectory);
   command.add_option("--cache-dir", s.cache_dir, "Folder for pyramids")->type_name("DIR")->capture_default_str();

@@ -14,6 +14,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -22,9 +23,11 @@
 #include <string_view>
 #include <vector>
 
+#include "dem/raster_writer.h"
 #include "dem/sample_terrain.h"
 #include "engine/atmosphere.h"
 #include "engine/bare_kernel.h"
+#include "engine/object_mesh.h"
 #include "engine/objects_in_frame.h"
 #include "engine/pixel_rays.h"
 #include "engine/radiometry.h"
@@ -152,6 +155,48 @@ engine::SensorModel noisy_sensor() {
   return s;
 }
 
+// A map of the whole Moon, 3.8 km to a texel.
+std::shared_ptr<const dem::ValueMap> grey_map() {
+  constexpr int kAcross = 2880, kDown = 1440;
+  static const auto map = [] {
+    const std::string path = std::filesystem::temp_directory_path() / "selenograph-benchmark-albedo.tif";
+    std::vector<float> values(static_cast<std::size_t>(kAcross) * kDown);
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = 0.1F + 0.001F * static_cast<float>(i % 97);
+    dem::write_geotiff(path, {90 - 0.0625, -180 + 0.0625, 0.125, 0.125, kAcross, kDown}, values, "albedo");
+    dem::ValueMapOptions options;
+    options.path = path;
+    return std::make_shared<const dem::ValueMap>(options);
+  }();
+  return map;
+}
+
+// A box of 40 m, so far in front of the camera (or behind it).
+engine::SceneObject box_below(const engine::FrameRequest& r, double ahead_m) {
+  engine::ObjectShape shape;
+  for (int i = 0; i < 8; ++i)
+    shape.corners.push_back({{i & 1 ? 20.F : -20.F, i & 2 ? 20.F : -20.F, i & 4 ? 20.F : -20.F}, {0, 0, 0}});
+  for (const auto& t : {std::array<std::uint32_t, 3>{0, 1, 3},
+                        {0, 3, 2},
+                        {4, 5, 7},
+                        {4, 7, 6},
+                        {0, 1, 5},
+                        {0, 5, 4},
+                        {2, 3, 7},
+                        {2, 7, 6},
+                        {0, 2, 6},
+                        {0, 6, 4},
+                        {1, 3, 7},
+                        {1, 7, 5}})
+    shape.triangles.push_back({t, 0});
+  shape.parts = {"box"};
+  const Vec3 boresight = r.pose.camera_from_moon.conjugate() * Vec3::UnitZ();
+  return {std::make_shared<const engine::ObjectMesh>(shape),
+          r.pose.position_m + ahead_m * boresight,
+          Eigen::Quaterniond(0.8, 0.36, 0.48, 0),
+          1,
+          {engine::Material()}};
+}
+
 void add_model(engine::FrameRequest& r, engine::ReflectanceModel model) { r.reflectance.model = model; }
 
 const Addition kAdditions[] = {
@@ -167,6 +212,9 @@ const Addition kAdditions[] = {
     {"blinn_phong", [](engine::FrameRequest& r) { add_model(r, engine::ReflectanceModel::blinn_phong); }},
     {"lunar_lambert", [](engine::FrameRequest& r) { add_model(r, engine::ReflectanceModel::lunar_lambert); }},
     {"hapke", [](engine::FrameRequest& r) { add_model(r, engine::ReflectanceModel::hapke); }},
+    {"albedo_map", [](engine::FrameRequest& r) { r.albedo_maps = {grey_map()}; }},
+    {"object_in_view", [](engine::FrameRequest& r) { r.objects = {box_below(r, 300)}; }},
+    {"object_out_of_view", [](engine::FrameRequest& r) { r.objects = {box_below(r, -300)}; }},
     {"noise", [](engine::FrameRequest& r) { r.band.emplace(0.65, 0.3), r.sensor = noisy_sensor(); }},
     {"noise_and_point_spread",
      [](engine::FrameRequest& r) {

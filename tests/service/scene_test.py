@@ -194,6 +194,29 @@ class SceneTest(unittest.TestCase):
             f.write("ply\nformat ascii 1.0\nelement vertex 9\n")
         self.assertIn("damaged.ply", self.unusable(objects=[SATELLITE | {"mesh": "damaged", "part_materials": {}}]))
 
+    # --- a measured point spread
+
+    def test_a_kernels_file_is_the_kernel(self):
+        def sensed(kernel):
+            return {"band": {"center_um": 0.65, "width_um": 0.2}, "sensor": {
+                "optics": {"f_number": 5.6, "point_spread": {"model": "kernel", "kernel": kernel}},
+                "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.001, "gain_e_dn": 2, "bit_depth": 12}}}
+        with open(asset("kernels", "made-up-coma.csv")) as f:
+            rows = [[float(x) for x in line.split(",")] for line in f if not line.startswith("#")]
+        named, given = self.frame(["image"], **sensed("made-up-coma")), self.frame(["image"], **sensed(rows))
+        self.assertTrue(np.array_equal(named["image"], given["image"]))
+        self.assertEqual(named["meta"], given["meta"])
+        self.assertFalse(np.array_equal(named["image"], self.frame(["image"], **sensed([[1]]))["image"]))
+        self.assertIn("made-up-coma", self.refusal(**sensed("no-such"))[1])
+        for name, text in (("ragged", "1,2,3\n4,5,6\n7,8\n"), ("even", "1,2\n3,4\n"), ("negative", "-1\n"), ("dark", "0\n"), ("empty", "# none\n")):
+            with open(asset("kernels", name + ".csv"), "w") as f:
+                f.write(text)
+            with self.subTest(name=name):
+                self.assertEqual(set(self.refusal(**sensed(name))[0]), {"/sensor/optics/point_spread/kernel"})
+        with open(asset("kernels", "words.csv"), "w") as f:
+            f.write("1,2,3\n4,five,6\n7,8,9\n")
+        self.assertIn("words.csv: line 2", self.unusable(**sensed("words")))
+
     # --- maps
 
     def test_the_grounds_albedo_is_the_maps(self):

@@ -58,6 +58,7 @@ engine::Frame sample_frame() {
   p.lit = values<float>(1, 0, 1.0 / 64, nanf);
   p.gsd = values<float>(1, 7.4f, 0.1, nanf);
   p.source = values<std::uint16_t>(1, 0, 1800, 65535);
+  p.object_id = values<std::uint16_t>(1, 1, 1700, 65535);
   return frame;
 }
 
@@ -69,7 +70,7 @@ engine::FrameRequest sample_request(int bit_depth) {
   return request;
 }
 
-constexpr engine::ProductSet kAll = (1u << 11) - 1;
+constexpr engine::ProductSet kAll = (1u << 12) - 1;
 
 // A frame with its views.
 struct Sample {
@@ -149,7 +150,7 @@ TEST(Arrays, TypesAndShapesAreThoseOfTheContract) {
   }
   EXPECT_EQ(seen, (std::vector<std::string>{"image <u2 1", "radiance <f4 1", "depth <f8 1", "range <f8 1",
                                             "position <f8 3", "geodetic <f8 3", "normal <f4 3", "angles <f4 3",
-                                            "lit <f4 1", "gsd <f4 1", "source <u2 1"}));
+                                            "lit <f4 1", "gsd <f4 1", "source <u2 1", "object_id <u2 1"}));
 }
 
 TEST(Arrays, GiveOnlyWhatIsWanted) {

@@ -558,5 +558,67 @@ TEST(PointsJson, NumbersThatAreNoneAreNull) {
       R"({"points":[{"x_px":null,"y_px":null,"range_m":100.0,"height_m":5.0,"in_frame":false,"visible":false,"reason":"behind the camera"}]})");
 }
 
+// --- objects
+
+FrameCall with_objects(const std::string& pose) {
+  const Assets assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets");
+  const Json object{{"mesh", "satellite"},
+                    {"pose", Json::parse(pose)},
+                    {"scale", 3},
+                    {"material", {{"reflectance", {{"model", "lambert"}, {"rho", 0.3}}}, {"temperature_k", 280}}},
+                    {"part_materials", {{"panel", {{"reflectance", {{"model", "blinn_phong"}}}}}}}};
+  Json body = minimal();
+  body["objects"] = {object};
+  return read_frame(body, Limits{}, assets);
+}
+
+TEST(Objects, PosesInEveryFormAreOnePose) {
+  const Vec3 place = to_cartesian({26, 3, 500});
+  const EastNorthUp local = local_axes(place);
+  const engine::SceneObject up =
+      with_objects(R"({"geodetic": {"lat_deg": 26, "lon_deg": 3, "height_m": 500}, "upright": {"azimuth_deg": 90}})")
+          .request.objects[0];
+  EXPECT_LT((up.position_m - place).norm(), 1e-9);
+  EXPECT_LT((up.moon_from_object * Vec3::UnitX() - local.east).norm(), 1e-12);
+  EXPECT_LT((up.moon_from_object * Vec3::UnitY() - local.north).norm(), 1e-12);
+  EXPECT_LT((up.moon_from_object * Vec3::UnitZ() - local.up).norm(), 1e-12);
+
+  const char* q = R"({"w": 0.6, "x": 0, "y": 0.8, "z": 0})";
+  const auto quaternion = [&](const std::string& name, const std::string& frame) {
+    return with_objects(R"({"frame": ")" + frame + R"(", "position_m": [1737400, 5, 6], ")" + name + "\": " + q + "}")
+        .request.objects[0];
+  };
+  const engine::SceneObject forward = quaternion("moon_from_object", "MOON_ME"),
+                            back = quaternion("object_from_moon", "MOON_ME"),
+                            other = quaternion("moon_from_object", "MOON_PA_DE440");
+  expect_same_attitude(forward.moon_from_object, Eigen::Quaterniond(0.6, 0, 0.8, 0));
+  expect_same_attitude(back.moon_from_object, Eigen::Quaterniond(0.6, 0, -0.8, 0));
+  const Eigen::Matrix3d me_from_pa = engine::moon_me_from(engine::BodyFrame::moon_pa_de440);
+  EXPECT_LT((other.position_m - me_from_pa * Vec3(1737400, 5, 6)).norm(), 1e-9);
+  EXPECT_LT((other.moon_from_object * Vec3::UnitX() - me_from_pa * (forward.moon_from_object * Vec3::UnitX())).norm(),
+            1e-12);
+}
+
+TEST(Objects, MaterialsAreByPart) {
+  const FrameCall call = with_objects(R"({"position_m": [1737400, 0, 0], "upright": {}})");
+  const engine::SceneObject& o = call.request.objects[0];
+  EXPECT_EQ(o.scale, 3);
+  ASSERT_EQ(o.materials.size(), o.mesh->shape().parts.size());
+  for (std::size_t i = 0; i < o.materials.size(); ++i) {
+    const bool panel = o.mesh->shape().parts[i] == "panel";
+    EXPECT_EQ(o.materials[i].reflectance.model,
+              panel ? engine::ReflectanceModel::blinn_phong : engine::ReflectanceModel::lambert);
+    EXPECT_EQ(o.materials[i].temperature_k, panel ? 0 : 280);
+  }
+}
+
+TEST(Objects, WhatWasUnderstoodIsUnderstoodAgain) {
+  const Assets assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets");
+  const std::string first = resolved_json(with_objects(R"({"frame": "MOON_PA_DE421", "position_m": [1737400, 5, 6],
+                                                           "object_from_moon": {"w": -0.6, "x": 0, "y": 0.8, "z": 0}})"))
+                                .dump();
+  EXPECT_EQ(resolved_json(read_frame(parse_json(first, 16), Limits{}, assets)).dump(), first);
+}
+
 }  // namespace
 }  // namespace selenograph::api

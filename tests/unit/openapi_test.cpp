@@ -149,7 +149,7 @@ TEST(OpenApi, ExamplesAreAccepted) {
       SCOPED_TRACE(path + " " + name);
       const Json body = example.at("value");
       if (path == "/v1/frames") {
-        EXPECT_NO_THROW(read_frame(body, Limits{}));
+        EXPECT_NO_THROW(read_frame(body, Limits{}, Assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets")));
       }
       if (path == "/v1/rays") {
         EXPECT_NO_THROW(read_rays(body, Limits{}));
