@@ -49,6 +49,8 @@ struct DegreeGrid {
   double west_deg, north_deg, dx_deg, dy_deg;
 };
 
+double length_of(const std::array<double, 2>& v) { return std::sqrt(v[0] * v[0] + v[1] * v[1]); }
+
 // Probes along one side of a footprint.
 struct Probes {
   int count;
@@ -59,7 +61,7 @@ struct Probes {
 // A probe is a mean itself: of a texel's square and of what lies between texels, which together vary by t^2 / 4. So
 // that all probes together vary by side^2 / 12 as the side does, they lie a little closer together.
 Probes probes_along(const std::array<double, 2>& side, int level) {
-  const double texel = std::ldexp(1.0, level), length = std::hypot(side[0], side[1]);
+  const double texel = std::ldexp(1.0, level), length = length_of(side);
   const double left = length * length - 3 * texel * texel;
   if (left <= 0) return {1, {0, 0}, {0, 0}};
   const int count = std::clamp(static_cast<int>(std::ceil(length / texel)), 2, kMostProbes);
@@ -274,6 +276,12 @@ std::uint64_t ValueMap::fingerprint() const {
   return XXH3_64bits(identity.data(), identity.size());
 }
 
+const std::vector<float>& ValueMap::Sampler::tile(int tx, int ty, int level) {
+  Held& held = held_[static_cast<std::size_t>((tx & 1) | (ty & 1) << 1 | (level & 3) << 2)];
+  if (held.level != level || held.tx != tx || held.ty != ty) held = {level, tx, ty, map_->impl_->tile({level, tx, ty})};
+  return *held.tile;
+}
+
 float ValueMap::Sampler::texel(int x, int y, int level) {
   const Impl& map = *map_->impl_;
   const int w = map.level_width(level);
@@ -284,16 +292,24 @@ float ValueMap::Sampler::texel(int x, int y, int level) {
   if (y == -1 && map.grid.north_deg > 90 - 1e-9) y = 0;
   if (y == h && map.grid.north_deg - map.height * map.grid.dy_deg < -90 + 1e-9) y = h - 1;
   if (y < 0 || y >= h) return kNone;
-  const int tx = x / kTile, ty = y / kTile;
-  Held& held = held_[static_cast<std::size_t>((tx & 1) | (ty & 1) << 1 | (level & 3) << 2)];
-  if (held.level != level || held.tx != tx || held.ty != ty) held = {level, tx, ty, map.tile({level, tx, ty})};
-  return (*held.tile)[static_cast<std::size_t>((y % kTile) * kTile + x % kTile)];
+  return tile(x / kTile, y / kTile, level)[static_cast<std::size_t>((y % kTile) * kTile + x % kTile)];
 }
 
 // x, y: in texels of level 0.
 ValueMap::Sampler::Sum ValueMap::Sampler::bilinear(double x, double y, int level) {
   const double shrink = std::ldexp(1.0, -level), xn = (x + 0.5) * shrink - 0.5, yn = (y + 0.5) * shrink - 0.5;
   const double x0 = std::floor(xn), y0 = std::floor(yn), fx = xn - x0, fy = yn - y0;
+  // Mostly all four are in one tile, and have values.
+  const int left = static_cast<int>(x0), top = static_cast<int>(y0), in_x = left % kTile, in_y = top % kTile;
+  const Impl& map = *map_->impl_;
+  if (left >= 0 && top >= 0 && in_x < kTile - 1 && in_y < kTile - 1 && left + 1 < map.level_width(level) &&
+      top + 1 < map.level_height(level)) {
+    const float* t = tile(left / kTile, top / kTile, level).data() + in_y * kTile + in_x;
+    const double upper = (1 - fx) * static_cast<double>(t[0]) + fx * static_cast<double>(t[1]),
+                 lower = (1 - fx) * static_cast<double>(t[kTile]) + fx * static_cast<double>(t[kTile + 1]),
+                 value = (1 - fy) * upper + fy * lower;
+    if (!std::isnan(value)) return {value, 1};
+  }
   Sum sum{0, 0};
   for (const int dy : {0, 1})
     for (const int dx : {0, 1}) {
@@ -316,14 +332,19 @@ double ValueMap::Sampler::mean(const Footprint2& f) {
   const double across =
       polar ? 1 / texel_m : 1 / (g.dx_deg * kMetresPerDegree * std::cos(f.lat_deg * std::numbers::pi / 180));
   const std::array<double, 2> a{f.a_m[0] * across, -f.a_m[1] / texel_m}, b{f.b_m[0] * across, -f.b_m[1] / texel_m};
-  const double a_length = std::hypot(a[0], a[1]), b_length = std::hypot(b[0], b[1]);
+  const double a_length = length_of(a), b_length = length_of(b);
   // Texels of half the shorter side at most, as far as the longer one allows: a probe is made of few texels, and many
   // probes make the footprint.
   const double size = std::max({std::min(a_length, b_length), std::max(a_length, b_length) / (kMostProbes / 2), 2.0});
-  const int level = std::min(static_cast<int>(std::log2(size / 2)), map.levels - 1);
+  const int level = size < 4 ? 0 : std::min(static_cast<int>(std::log2(size / 2)), map.levels - 1);
   const Probes along_a = probes_along(a, level), along_b = probes_along(b, level);
-  const Touching plane(f.lat_deg, f.lon_deg, texel_m);
   const Texel middle = map.texel_of(f.lat_deg, f.lon_deg);
+  if (along_a.count == 1 && along_b.count == 1) {
+    const Sum one = bilinear(middle.x, middle.y, level);
+    return one.weight >= 0.5 ? one.value / one.weight : std::nan("");
+  }
+  std::optional<Touching> plane;
+  if (polar) plane.emplace(f.lat_deg, f.lon_deg, texel_m);
   Sum sum{0, 0};
   for (int j = 0; j < along_b.count; ++j)
     for (int i = 0; i < along_a.count; ++i) {
@@ -331,7 +352,7 @@ double ValueMap::Sampler::mean(const Footprint2& f) {
       const auto [bx, by] = along_b.at(j);
       Texel probe{middle.x + ax + bx, middle.y + ay + by};
       if (polar) {
-        const Geographic place = plane.place(ax + bx, ay + by);
+        const Geographic place = plane->place(ax + bx, ay + by);
         probe = map.texel_of(place.lat_deg, place.lon_deg);
       }
       const Sum one = bilinear(probe.x, probe.y, level);

@@ -64,6 +64,7 @@ class ValueMap {
       double value, weight;
     };
     Sum bilinear(double x, double y, int level);
+    const std::vector<float>& tile(int tx, int ty, int level);
     float texel(int x, int y, int level);
 
     const ValueMap* map_;

@@ -372,8 +372,9 @@ class RasterPass {
 
   // Those of the packet's pixels that see objects; they are no longer terrain's. Their points are samples of the shadow
   // map like any others.
-  void resolve_objects(int x, int y, const Layer& layer, Rays& rays, SurfacePoints& points, PassCounts* counts,
-                       LightSamples& samples) {
+  // Never inlined, nor is shade_by_objects: frames without objects have the same code as ever.
+  [[gnu::noinline]] void resolve_objects(int x, int y, const Layer& layer, Rays& rays, SurfacePoints& points,
+                                         PassCounts* counts, LightSamples& samples) {
     ObjectLanes lanes;
     if (objects_.meet(rays, points, lanes) == 0) return;
     alignas(64) float lit[kPacket] = {};
@@ -412,7 +413,8 @@ class RasterPass {
   }
 
   // What an object blocks counts as not faced.
-  void shade_by_objects(const SurfacePoints& points, const std::uint16_t* own, std::int32_t* facing) const {
+  [[gnu::noinline]] void shade_by_objects(const SurfacePoints& points, const std::uint16_t* own,
+                                          std::int32_t* facing) const {
     const auto shade = [&](const Vec3& sun, int bit) {
       std::uint32_t asking = 0;
       for (int i = 0; i < kPacket; ++i) asking |= points.hit[i] && facing[i] >> bit & 1 ? 1U << i : 0U;

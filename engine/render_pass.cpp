@@ -86,7 +86,8 @@ class RayPass {
   }
 
   // The packet's pixels that see objects; those are no longer terrain's.
-  void render_objects(int x, int y, const Layer& layer, Rays& rays, SurfacePoints& points, PassCounts* counts) {
+  [[gnu::noinline]] void render_objects(int x, int y, const Layer& layer, Rays& rays, SurfacePoints& points,
+                                        PassCounts* counts) {
     ObjectLanes lanes;
     if (objects_.meet(rays, points, lanes) == 0) return;
     float lit[kPacket] = {};
