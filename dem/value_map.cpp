@@ -335,7 +335,7 @@ double ValueMap::Sampler::mean(const Footprint2& f) {
   const double a_length = length_of(a), b_length = length_of(b);
   // Texels of half the shorter side at most, as far as the longer one allows: a probe is made of few texels, and many
   // probes make the footprint.
-  const double size = std::max({std::min(a_length, b_length), std::max(a_length, b_length) / (kMostProbes / 2), 2.0});
+  const double size = std::max({std::min(a_length, b_length), std::max(a_length, b_length) / (0.5 * kMostProbes), 2.0});
   const int level = size < 4 ? 0 : std::min(static_cast<int>(std::log2(size / 2)), map.levels - 1);
   const Probes along_a = probes_along(a, level), along_b = probes_along(b, level);
   const Texel middle = map.texel_of(f.lat_deg, f.lon_deg);

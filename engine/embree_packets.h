@@ -17,7 +17,7 @@ RTCDevice embree_device(int threads);
 // Throws std::runtime_error when the device has an error: memory, most likely.
 void check_embree(RTCDevice device);
 
-// How packets are traced: as one bundle when their directions are alike.
+// How a packet is traced: as one bundle when its directions are alike.
 RTCIntersectContextFlags coherence(const RayPacket& rays);
 
 template <typename Packet>
@@ -31,11 +31,24 @@ void set_rays(const RayPacket& in, Packet& out) {
   std::fill_n(out.mask, kPacket, ~0U), std::fill_n(out.flags, kPacket, 0U);
 }
 
-// Sets the hits' fields to none.
-inline void set_hits(const RayPacket& in, RTCRayHit16& out) {
-  set_rays(in, out.ray);
+// What each ray meets first; a geomID of RTC_INVALID_GEOMETRY_ID: nothing.
+inline void intersect(RTCScene scene, const RayPacket& rays, RTCRayHit16& out) {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = coherence(rays);
+  set_rays(rays, out.ray);
   std::fill_n(out.hit.geomID, kPacket, RTC_INVALID_GEOMETRY_ID);
   std::fill_n(out.hit.instID[0], kPacket, RTC_INVALID_GEOMETRY_ID);
+  rtcIntersect16(rays.active, scene, &context, &out);
+}
+
+// Whether anything that the context's filter lets count stands in each active ray's way.
+inline void occluded(RTCScene scene, const RayPacket& rays, RTCIntersectContext& context, bool blocked[kPacket]) {
+  context.flags = coherence(rays);
+  RTCRay16 shadow;
+  set_rays(rays, shadow);
+  rtcOccluded16(rays.active, scene, &context, &shadow);
+  for (int i = 0; i < kPacket; ++i) blocked[i] = rays.active[i] && shadow.tfar[i] < 0;
 }
 
 }  // namespace selenograph::engine

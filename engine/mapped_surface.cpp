@@ -29,7 +29,9 @@ Material black(double temperature_k) {
 }  // namespace
 
 EmissionTable::EmissionTable(const FrameRequest& request) {
-  for (double t = kColdest_k; t < kHottest_k * kStep; t *= kStep) {
+  const int steps = static_cast<int>(std::log(kHottest_k / kColdest_k) / std::log(kStep)) + 1;
+  for (int i = 0; i <= steps; ++i) {
+    const double t = kColdest_k * std::pow(kStep, i);
     const double b = radiance_terms(request, black(t)).emitted.value_or(0);
     inverse_k_.push_back(1 / t), log_.push_back(std::log(std::max(b, 1e-300)));
   }

@@ -36,12 +36,8 @@ ObjectTracer::ObjectTracer(ObjectTracer&&) noexcept = default;
 ObjectTracer& ObjectTracer::operator=(ObjectTracer&&) noexcept = default;
 
 void ObjectTracer::intersect(const RayPacket& rays, std::uint32_t triangle[kPacket]) const {
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  context.flags = coherence(rays);
   RTCRayHit16 rh;
-  set_hits(rays, rh);
-  rtcIntersect16(rays.active, impl_->scene, &context, &rh);
+  engine::intersect(impl_->scene, rays, rh);
   for (int i = 0; i < kPacket; ++i)
     triangle[i] = rays.active[i] && rh.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID ? rh.hit.primID[i] : kNone;
 }
@@ -49,11 +45,7 @@ void ObjectTracer::intersect(const RayPacket& rays, std::uint32_t triangle[kPack
 void ObjectTracer::occluded(const RayPacket& rays, bool blocked[kPacket]) const {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  context.flags = coherence(rays);
-  RTCRay16 shadow;
-  set_rays(rays, shadow);
-  rtcOccluded16(rays.active, impl_->scene, &context, &shadow);
-  for (int i = 0; i < kPacket; ++i) blocked[i] = rays.active[i] && shadow.tfar[i] < 0;
+  engine::occluded(impl_->scene, rays, context, blocked);
 }
 
 }  // namespace selenograph::engine

@@ -163,12 +163,8 @@ RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads)
 RayTracer::~RayTracer() = default;
 
 void RayTracer::intersect(const RayPacket& rays, SurfacePoints& points) const {
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  context.flags = coherence(rays);
   RTCRayHit16 rh;
-  set_hits(rays, rh);
-  rtcIntersect16(rays.active, impl_->scene, &context, &rh);
+  engine::intersect(impl_->scene, rays, rh);
   for (int i = 0; i < kPacket; ++i) {
     points.hit[i] = rays.active[i] && rh.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
     if (!points.hit[i]) continue;
@@ -180,13 +176,9 @@ void RayTracer::occluded(const RayPacket& rays, const Vec3& sun_direction, float
                          bool blocked[kPacket]) const {
   SunContext context;
   rtcInitIntersectContext(&context.embree);
-  context.embree.flags = coherence(rays);
   for (int k = 0; k < 3; ++k) context.sun[k] = static_cast<float>(sun_direction[k]);
   context.rounding_m = rounding_m;
-  RTCRay16 shadow;
-  set_rays(rays, shadow);
-  rtcOccluded16(rays.active, impl_->scene, &context.embree, &shadow);
-  for (int i = 0; i < kPacket; ++i) blocked[i] = rays.active[i] && shadow.tfar[i] < 0;
+  engine::occluded(impl_->scene, rays, context.embree, blocked);
 }
 
 }  // namespace selenograph::engine
