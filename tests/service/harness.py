@@ -18,6 +18,7 @@ import unittest
 
 BINARY = os.environ.get("SELENOGRAPH_BINARY", "")
 PATIENCE_S = 120
+REPOSITORY = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 WIDTH, HEIGHT = 48, 40
 PLACE = ("--south-deg", "-1", "--west-deg", "29", "--rows", "2")  # 2 x 2 tiles around 0 N 30 E
 
@@ -53,6 +54,17 @@ def sample(name, *options):
     """Writes sample terrain; returns its folder."""
     folder = path(name)
     subprocess.run([BINARY, "sample", folder, *options], check=True, stdout=subprocess.DEVNULL)
+    return folder
+
+
+def assets():
+    """A copy of deploy/assets to change, and a map of everywhere; returns the folder."""
+    folder = path("assets")
+    shutil.copytree(os.path.join(REPOSITORY, "deploy", "assets"), folder)
+    with open(os.path.join(folder, "maps", "everywhere.asc"), "w") as f:
+        f.write("ncols 4\nnrows 2\nxllcorner -180\nyllcorner -90\ncellsize 90\n0.1 0.2 0.3 0.2\n0.2 0.1 0.2 0.3\n")
+    with open(os.path.join(folder, "maps", "everywhere.json"), "w") as f:
+        json.dump({"file": "everywhere.asc", "extent": {"south_deg": -90, "north_deg": 90, "west_deg": -180, "east_deg": 180}}, f)
     return folder
 
 

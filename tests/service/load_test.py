@@ -23,6 +23,7 @@ MEBI = 1 << 20
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE)
+    harness.assets()
 
 
 def tearDownModule():
@@ -37,7 +38,7 @@ class Load(unittest.TestCase):
 
     def alone(self, requests):
         """One client, budgets for everything."""
-        service = Service("--log-level", "warning")
+        service = Service("--log-level", "warning", "--assets-dir", harness.path("assets"))
         connection = service.connect()
         answers = [self.ask(service, connection, request) for request in requests]
         connection.close()
@@ -69,7 +70,7 @@ class Load(unittest.TestCase):
         requests = [mixture.next() for _ in range(REQUESTS)]
         expected = self.alone(requests)
         # A cache folder of its own: pyramids are built while several clients wait for the same and for other ones.
-        service = Service("--cache-mb", str(BUDGET_MB), "--scene-mb", str(BUDGET_MB), "--max-frames", "4", "--log-level", "warning",
+        service = Service("--assets-dir", harness.path("assets"), "--cache-mb", str(BUDGET_MB), "--scene-mb", str(BUDGET_MB), "--max-frames", "4", "--log-level", "warning",
                           cache="cache-load")
         start = threading.Barrier(CLIENTS)
         with concurrent.futures.ThreadPoolExecutor(CLIENTS) as pool:

@@ -1,4 +1,5 @@
-"""Well-formed requests of every kind, for tests that send many at once. Needs terrain from harness.sample() with PLACE."""
+"""Well-formed requests of every kind, for tests that send many at once. Needs terrain from harness.sample() with PLACE and the
+folder of harness.assets()."""
 
 import json
 import math
@@ -47,12 +48,24 @@ class Mixture:
     def post(path, document, accept="application/json"):
         return "POST", path, {"Content-Type": "application/json", "Accept": accept}, json.dumps(document).encode()
 
+    def things(self, scene):
+        """A satellite below the camera, maps of the ground, both or none."""
+        more = {}
+        if self.random.random() < 0.3:
+            place = dict(scene["pose"]["geodetic"], height_m=scene["pose"]["geodetic"]["height_m"] - self.random.uniform(50, 3000))
+            more["objects"] = [{"mesh": "satellite", "scale": self.random.uniform(1, 100), "pose": {"geodetic": place, "upright": {}},
+                                "material": {"reflectance": {"model": "lambert"}}}]
+        if self.random.random() < 0.3:
+            more["surface"] = {"albedo_maps": ["made-up-albedo", "everywhere"]}
+        return more
+
     def frame(self):
         products, accept = self.random.choice([
             (["radiance"], "application/octet-stream"), (["image"], "image/png"), (["depth"], "application/x-npy"),
             (["position", "lit", "source"], "application/x-npz"), (["normal"], "image/tiff"), (["angles", "gsd"], "image/x-exr")])
         visibility = self.random.choice(["auto", "zbuffer", "raytrace"])
-        return self.post("/v1/frames", dict(self.scene(), products=products, visibility=visibility), accept)
+        scene = self.scene()
+        return self.post("/v1/frames", dict(scene, products=products, visibility=visibility, **self.things(scene)), accept)
 
     def rays(self):
         rays = []

@@ -4,7 +4,6 @@
 import io
 import json
 import os
-import shutil
 import unittest
 
 import numpy as np
@@ -12,15 +11,13 @@ import numpy as np
 import harness
 from harness import frame_request
 
-ASSETS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "assets")
 PRODUCTS = ["radiance", "angles", "lit"]
 
 
 def setUpModule():
     harness.set_up()
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
-    shutil.copytree(ASSETS, harness.path("assets"))
-    RadiometryTest.service = harness.Service("--assets-dir", harness.path("assets"))
+    RadiometryTest.service = harness.Service("--assets-dir", harness.assets())
 
 
 def tearDownModule():
@@ -125,7 +122,7 @@ class RadiometryTest(unittest.TestCase):
         plain = self.frame(band=band)
         hazy = self.frame(band=band, atmosphere={"name": "made-up-clear-sky"}, surface={"temperature_k": 290.0})
         self.assertEqual(hazy["meta"]["radiance_terms"], ["direct", "indirect", "scattered", "emitted", "thermal_path"])
-        rows = np.loadtxt(os.path.join(ASSETS, "atmospheres", "made-up-clear-sky.csv"), delimiter=",", skiprows=9)
+        rows = np.loadtxt(harness.path("assets", "atmospheres", "made-up-clear-sky.csv"), delimiter=",", skiprows=9)
         w = np.linspace(0.5, 0.6, 20001)
         tau, sun, indirect, scattered = (np.interp(w, rows[:, 0], rows[:, k]) for k in (1, 2, 3, 4))
         direct, base = np.trapz(tau * sun, w), np.trapz(indirect + scattered, w)  # nothing thermal in the visible

@@ -4,7 +4,6 @@
 import io
 import json
 import os
-import shutil
 import struct
 import subprocess
 import time
@@ -14,9 +13,8 @@ import zlib
 import numpy as np
 
 import harness
-from harness import frame_request
+from harness import REPOSITORY, frame_request
 
-REPOSITORY = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 SATELLITE = {"mesh": "satellite", "scale": 60,
              "pose": {"geodetic": {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": 19000}, "upright": {"azimuth_deg": 30}},
              "material": {"reflectance": {"model": "lambert", "rho": 0.3}},
@@ -31,8 +29,7 @@ def asset(*parts):
 def setUpModule():
     harness.set_up()
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
-    shutil.copytree(os.path.join(REPOSITORY, "deploy", "assets"), harness.path("assets"))
-    SceneTest.service = harness.Service("--assets-dir", harness.path("assets"))
+    SceneTest.service = harness.Service("--assets-dir", harness.assets())
 
 
 def tearDownModule():

@@ -5,7 +5,6 @@ import copy
 import io
 import json
 import os
-import shutil
 import unittest
 
 import numpy as np
@@ -23,8 +22,7 @@ SENSOR = {
 
 def setUpModule():
     harness.set_up()
-    shutil.copytree(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "assets"),
-                    harness.path("assets"))
+    harness.assets()
     harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
     SensorTest.service = harness.Service("--assets-dir", harness.path("assets"))
 

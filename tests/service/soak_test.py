@@ -36,6 +36,7 @@ LONG = 5000  # requests from which on a trend of memory shows
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE)
+    harness.assets()
 
 
 def tearDownModule():
@@ -140,7 +141,7 @@ REFUSED = {
 
 class Soak(unittest.TestCase):
     def setUp(self):
-        self.service = Service("--cache-mb", str(BUDGET_MB), "--scene-mb", str(BUDGET_MB), "--receive-timeout-s", "1",
+        self.service = Service("--assets-dir", harness.path("assets"), "--cache-mb", str(BUDGET_MB), "--scene-mb", str(BUDGET_MB), "--receive-timeout-s", "1",
                                "--idle-timeout-s", "5", "--max-waiting", "64", "--max-body-kb", "600", "--log-level", "error")
         mixture = Mixture(seed=2, most_pixels_a_side=64)
         self.wellformed = [mixture.next() for _ in range(DIFFERENT)]
