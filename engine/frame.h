@@ -16,9 +16,12 @@
 #include <vector>
 
 #include "dem/geodesy.h"
-#include "dem/value_map.h"
 #include "engine/sensor_model.h"
 #include "engine/spectrum.h"
+
+namespace selenograph::dem {
+class ValueMap;
+}
 
 namespace selenograph::engine {
 

@@ -27,7 +27,8 @@ ObjectTracer::ObjectTracer(const ObjectShape& shape) : impl_(std::make_unique<Im
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(impl_->scene, geometry);
   rtcReleaseGeometry(geometry);
-  tbb::this_task_arena::isolate([&] { rtcCommitScene(impl_->scene); });
+  // By the thread that reads the file, alone: once per file, and frames in work keep theirs.
+  tbb::task_arena(1).execute([&] { rtcCommitScene(impl_->scene); });
   check_embree(device);
 }
 

@@ -277,18 +277,18 @@ void PixelStore::store_geometry(const SurfacePoints& p, int i, const Vec3& direc
 }
 
 void PixelStore::store_objects(const ObjectsInFrame& objects, const ObjectLanes& lanes, const Rays& rays,
-                               const float* lit, Shape shape, int x, int y, const Layer& layer, float weight,
-                               std::vector<float>& target, std::vector<float>& bases, PassCounts* counts) const {
+                               const float* lit, Shape shape, int x, int y, const Layer& layer, const Target& target,
+                               PassCounts* counts) const {
   float radiance[kPacket], base[kPacket];
-  if (weight > 0) objects.radiances(lanes, rays, lit, radiance, base);
+  if (target.weight > 0) objects.radiances(lanes, rays, lit, radiance, base);
   for (int i = 0; i < kPacket; ++i) {
     if (!lanes.points.hit[i]) continue;
     const std::size_t at =
         static_cast<std::size_t>(y + i / across(shape)) * static_cast<std::size_t>(request_.camera.width) +
         static_cast<std::size_t>(x + i % across(shape));
-    if (weight > 0) {
-      target[at] += weight * radiance[i];
-      if (!bases.empty()) bases[at] = base[i];
+    if (target.weight > 0) {
+      target.radiance[at] += target.weight * radiance[i];
+      if (target.bases) (*target.bases)[at] = base[i];
     }
     if (counts) ++counts->hit, ++counts->on_object;
     if (!layer.store) continue;

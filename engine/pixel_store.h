@@ -30,6 +30,13 @@ struct Layer {
   bool light, count;
 };
 
+// Where radiance is added with a weight, if that isn't 0, and, unless null, what of it is left without the Sun.
+struct Target {
+  std::vector<float>& radiance;
+  float weight;
+  std::vector<float>* bases;
+};
+
 // Shading's view of a packet, per lane.
 struct alignas(64) Shading {
   double nx[kPacket], ny[kPacket],
@@ -77,11 +84,9 @@ class PixelStore {
   void account(const SurfacePoints& points, int lane, std::size_t pixel, PassCounts* counts) const;
   void store_geometry(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
                       std::size_t pixel) const;
-  // Lanes that see an object; those of the packet that begins at pixel (x, y). What radiance there is goes to `target`,
-  // and without the Sun to `bases` where that isn't empty.
+  // Lanes that see an object, of the packet that begins at pixel (x, y).
   void store_objects(const ObjectsInFrame& objects, const ObjectLanes& lanes, const Rays& rays, const float* lit,
-                     Shape shape, int x, int y, const Layer& layer, float weight, std::vector<float>& target,
-                     std::vector<float>& bases, PassCounts* counts) const;
+                     Shape shape, int x, int y, const Layer& layer, const Target& target, PassCounts* counts) const;
 
   void merge(const PassCounts& counts);
   PassCounts take_total() { return std::move(total_); }

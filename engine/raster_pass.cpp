@@ -381,8 +381,8 @@ class RasterPass {
     const std::size_t first =
         static_cast<std::size_t>(y) * static_cast<std::size_t>(request_.camera.width) + static_cast<std::size_t>(x);
     if (layer.light) light(lanes.points, lanes.shading, lanes.object, static_cast<std::uint32_t>(first), lit, samples);
-    store_.store_objects(objects_, lanes, rays, lit, Shape::row, x, y, layer, layer.weight > 0 ? 1.F : 0.F,
-                         radiance_of(layer), scratch_.bases, counts);
+    store_.store_objects(objects_, lanes, rays, lit, Shape::row, x, y, layer,
+                         {radiance_of(layer), layer.weight > 0 ? 1.F : 0.F, &scratch_.bases}, counts);
   }
 
   // Asks memory for what the next pixels' triangles are made of: a third of the time would go by waiting for it. Every

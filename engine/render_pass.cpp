@@ -92,9 +92,8 @@ class RayPass {
     if (objects_.meet(rays, points, lanes) == 0) return;
     float lit[kPacket] = {};
     if (layer.light) light(lanes.points, lanes.shading, lanes.object, lit);
-    std::vector<float> no_bases;
-    store_.store_objects(objects_, lanes, rays, lit, Shape::square, x, y, layer, layer.weight, store_.out().radiance,
-                         no_bases, counts);
+    store_.store_objects(objects_, lanes, rays, lit, Shape::square, x, y, layer,
+                         {store_.out().radiance, layer.weight, nullptr}, counts);
   }
 
   // `own`: objects that the points are on; null on terrain.

@@ -25,6 +25,7 @@
 
 #include "dem/raster_writer.h"
 #include "dem/sample_terrain.h"
+#include "dem/value_map.h"
 #include "engine/atmosphere.h"
 #include "engine/bare_kernel.h"
 #include "engine/object_mesh.h"

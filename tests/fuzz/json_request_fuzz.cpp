@@ -18,6 +18,7 @@ namespace {
 using api::Json;
 
 const api::Limits kLimits;
+const api::Assets kAssets(SELENOGRAPH_SOURCE_DIR "/deploy/assets");
 
 bool is_unit(const Vec3& v) { return std::abs(v.norm() - 1) < 1e-12; }
 
@@ -79,8 +80,15 @@ void check_view(const engine::Camera& camera, const engine::Pose& pose) {
     }
 }
 
+void check_object(const engine::SceneObject& object) {
+  require(is_coordinate(object.position_m), "an object's position is in range");
+  require(std::abs(object.moon_from_object.norm() - 1) < 1e-12, "an object's attitude is a unit quaternion");
+  require(api::kScale.contains(object.scale), "an object has a size");
+  require(object.mesh && object.materials.size() == object.mesh->shape().parts.size(), "each part has its material");
+}
+
 void check_frame(const Json& document) {
-  const api::FrameCall call = api::read_frame(document, kLimits);
+  const api::FrameCall call = api::read_frame(document, kLimits, kAssets);
   const engine::FrameRequest& request = call.request;
   check_camera(request.camera);
   check_pose(request.pose);
@@ -103,13 +111,15 @@ void check_frame(const Json& document) {
   const std::string resolved = api::resolved_json(call).dump();
   try {
     const std::string again =
-        api::resolved_json(api::read_frame(api::parse_json(resolved, kLimits.max_json_depth), kLimits)).dump();
+        api::resolved_json(api::read_frame(api::parse_json(resolved, kLimits.max_json_depth), kLimits, kAssets)).dump();
     require(again == resolved, "a resolved request resolves to itself:", resolved + "\n" + again);
   } catch (const api::RequestError& refusal) {
     require(false, "a resolved request is a valid one:",
             resolved + "\n" + api::problem(refusal.code(), refusal.what(), refusal.findings()).body);
   }
   check_view(request.camera, request.pose);
+  for (const engine::SceneObject& object : request.objects) check_object(object);
+  require(request.terrain || !request.objects.empty(), "something is there");
 }
 
 void check_rays(const Json& document) {

@@ -47,6 +47,14 @@ OTHERS = {
               "image": {"bit_depth": 16, "full_scale_radiance": 55.5}},
     "lambert": {"surface": {"reflectance": {"model": "lambert"}}, "image": {"full_scale_radiance": "auto"},
                 "products": ["depth", "range", "position", "geodetic", "normal", "angles", "gsd", "source"]},
+    "objects": {"surface": {"reflectance": {"model": "lunar_lambert", "rho": 0.2}, "albedo_maps": ["made-up-albedo"],
+                            "temperature_k": 250.5, "temperature_maps": ["made-up-albedo"]},
+                "objects": [{"mesh": "satellite", "scale": 2.5, "material": {"reflectance": {"model": "lambert"}, "temperature_k": 300},
+                             "pose": {"geodetic": {"lat_deg": 1, "lon_deg": 2, "height_m": 3}, "upright": {"azimuth_deg": 4}},
+                             "part_materials": {"panel": {"reflectance": {"model": "blinn_phong", "shininess": 50}}, "body": {}}},
+                            {"mesh": "satellite", "material": {}, "pose": {"frame": "MOON_PA_DE421", "position_m": [1, 2, 3],
+                             "object_from_moon": {"w": 0, "x": -0.6, "y": 0.8, "z": 0}}}],
+                "terrain": False, "products": ["object_id", "radiance"]},
 }
 WRONG = {
     "twice": '{"products": ["depth"], "products": ["depth"]}',
