@@ -19,14 +19,20 @@ std::uint64_t fingerprint_of(const ObjectShape& shape) {
   return hash;
 }
 
+Vec3 middle_of(const ObjectShape& shape) {
+  Eigen::AlignedBox3d box;
+  for (const ObjectTriangle& t : shape.triangles)
+    for (int k = 0; k < 3; ++k) box.extend(shape.place(t, k));
+  return box.center();
+}
+
 }  // namespace
 
 ObjectMesh::ObjectMesh(ObjectShape shape)
-    : shape_(std::move(shape)), tracer_(shape_), fingerprint_(fingerprint_of(shape_)) {
-  Eigen::AlignedBox3d box;
-  for (const ObjectTriangle& t : shape_.triangles)
-    for (int k = 0; k < 3; ++k) box.extend(shape_.place(t, k));
-  centre_ = box.center();
+    : shape_(std::move(shape)),
+      centre_(middle_of(shape_)),
+      tracer_(shape_, centre_),
+      fingerprint_(fingerprint_of(shape_)) {
   for (const ObjectTriangle& t : shape_.triangles)
     for (int k = 0; k < 3; ++k) radius_ = std::max(radius_, (shape_.place(t, k) - centre_).norm());
 }

@@ -23,9 +23,9 @@ class ObjectMesh {
 
  private:
   ObjectShape shape_;
-  ObjectTracer tracer_;
   Vec3 centre_;
   double radius_ = 0;
+  ObjectTracer tracer_;
   std::uint64_t fingerprint_;
 };
 

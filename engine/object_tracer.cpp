@@ -13,14 +13,17 @@ struct ObjectTracer::Impl {
   RTCScene scene = nullptr;
 };
 
-ObjectTracer::ObjectTracer(const ObjectShape& shape) : impl_(std::make_unique<Impl>()) {
+ObjectTracer::ObjectTracer(const ObjectShape& shape, const Vec3& middle) : impl_(std::make_unique<Impl>()) {
   const RTCDevice device = embree_device(0);
   impl_->scene = rtcNewScene(device);
   rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
   RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
   auto* places = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                                              3 * sizeof(float), shape.corners.size()));
-  for (const ObjectCorner& corner : shape.corners) places = std::copy_n(corner.place.data(), 3, places);
+  for (const ObjectCorner& corner : shape.corners) {
+    const Eigen::Vector3f place = (corner.place.cast<double>() - middle).cast<float>();
+    places = std::copy_n(place.data(), 3, places);
+  }
   auto* indices = static_cast<unsigned*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
                                                                  3 * sizeof(unsigned), shape.triangles.size()));
   for (const ObjectTriangle& t : shape.triangles) indices = std::copy_n(t.corner.data(), 3, indices);

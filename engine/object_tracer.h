@@ -1,5 +1,5 @@
-// Embree for an object's triangles, in the object's own coordinates: which one does a ray meet first, and does any
-// stand in a ray's way. From either side.
+// Embree for an object's triangles, in the object's own coordinates from the middle of the object: which one does a ray
+// meet first, and does any stand in a ray's way. From either side.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,8 @@ class ObjectTracer {
  public:
   static constexpr std::uint32_t kNone = ~0U;
 
-  explicit ObjectTracer(const ObjectShape& shape);
+  // `middle`: in the shape's coordinates; rays are relative to it.
+  ObjectTracer(const ObjectShape& shape, const Vec3& middle);
   ~ObjectTracer();
   ObjectTracer(ObjectTracer&&) noexcept;
   ObjectTracer& operator=(ObjectTracer&&) noexcept;

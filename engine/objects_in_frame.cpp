@@ -171,7 +171,7 @@ void ObjectsInFrame::look(const Placed& object, std::uint16_t index, const Rays&
     const Vec3 origin = rays.origin(i), direction = rays.direction(i);
     const Entry entry = enter_ball(origin - object.ball.centre_m, direction, object.ball.radius_m);
     if (!entry.meets || entry.distance >= nearest[i]) continue;
-    set_lane(packet, i, object.inside(origin + entry.distance * direction), object.object_from_moon * direction);
+    set_lane(packet, i, object.from_middle(origin + entry.distance * direction), object.object_from_moon * direction);
     active |= 1U << i;
   }
   if (active == 0) return;
@@ -233,7 +233,7 @@ std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::ui
       const Vec3 place = points.position(i);
       const Entry entry = enter_ball(place - object.ball.centre_m, sun, object.ball.radius_m);
       if (!entry.meets) continue;
-      set_lane(packet, i, object.inside(place + entry.distance * sun), object.object_from_moon * sun);
+      set_lane(packet, i, object.from_middle(place + entry.distance * sun), object.object_from_moon * sun);
       if (own && own[i] == k)
         packet.near[i] =
             static_cast<float>(object.ball.radius_m * kRounding / std::max(1.0 / 64, points.facing(i).dot(sun)));

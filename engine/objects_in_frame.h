@@ -65,6 +65,7 @@ class ObjectsInFrame {
     bool in_view;
     std::vector<Finish> finishes;  // per part
     Vec3 inside(const Vec3& place) const { return object_from_moon * (place - position); }
+    Vec3 from_middle(const Vec3& place) const { return object_from_moon * (place - ball.centre_m); }
   };
 
   void look(const Placed& object, std::uint16_t index, const Rays& rays, double* nearest, ObjectLanes& out) const;

@@ -290,6 +290,31 @@ TEST_F(ObjectsOverTerrain, FarAwayCostsNoAccuracy) {
     }
 }
 
+// A file whose coordinates begin far from the object: float has less of them for it, its rays and shadows don't.
+TEST_F(ObjectsOverTerrain, FarFromItsOwnOriginItIsTheSame) {
+  ObjectShape shape = read_object_shape(kSatellite);
+  // What is left of the corners there: the same shape at both places.
+  const Eigen::Vector3f away(4096, -2048, 1024);
+  for (ObjectCorner& corner : shape.corners) corner.place += away;
+  ObjectShape near = shape;
+  for (ObjectCorner& corner : near.corners) corner.place -= away;
+  FrameRequest r = request(10, 14);
+  r.objects.resize(1);
+  SceneObject& object = r.objects[0];
+  object.mesh = std::make_shared<const ObjectMesh>(near);
+  const FrameProducts here = scenery().renderer->render(r).products;
+  object.mesh = std::make_shared<const ObjectMesh>(shape);
+  object.position_m -= object.moon_from_object * Vec3(object.scale * away.cast<double>());
+  const FrameProducts there = scenery().renderer->render(r).products;
+  EXPECT_EQ(here.object_id, there.object_id);
+  EXPECT_EQ(differing(here.lit, there.lit), 0U);
+  for (std::size_t i = 0; i < here.range.size(); ++i) {
+    if (!std::isnan(here.range[i])) {
+      ASSERT_NEAR(here.range[i], there.range[i], 1e-6);
+    }
+  }
+}
+
 // Round the clock: a sheet's both sides are surface, and neither shines through.
 TEST_F(ObjectsOverTerrain, ASheetHasTwoSides) {
   ObjectShape shape;
