@@ -104,6 +104,7 @@ void fill_idle(RayPacket& packet, std::uint32_t active) {
 
 std::vector<Ball> balls_around(const std::vector<SceneObject>& objects) {
   std::vector<Ball> balls;
+  balls.reserve(objects.size());
   for (const SceneObject& o : objects)
     balls.push_back({o.position_m + o.moon_from_object * Vec3(o.scale * o.mesh->centre()),
                      o.scale * o.mesh->radius() * (1 + kMargin)});
