@@ -57,6 +57,13 @@ dem::Footprint read_extent(const JsonReader& in) {
   return f;
 }
 
+// Whether what a file led to is still what was read: of most, the file itself is all there is.
+template <typename T>
+bool current(const T&) {
+  return true;
+}
+bool current(const dem::ValueMap& map) { return map.current(); }
+
 }  // namespace
 
 template <typename T, typename Read>
@@ -71,7 +78,8 @@ std::shared_ptr<const T> Assets::find(Files<T>& files, const char* kind, const c
                     fs::file_size(path, error)};
   {
     const std::lock_guard lock(mutex_);
-    if (const auto found = files.find(name); found != files.end() && found->second.stamp == stamp)
+    if (const auto found = files.find(name);
+        found != files.end() && found->second.stamp == stamp && current(*found->second.content))
       return found->second.content;
   }
   // Without the lock: nobody waits for a large file but those who want it.
@@ -103,14 +111,7 @@ std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::stri
 }
 
 std::shared_ptr<const dem::ValueMap> Assets::map(std::string_view name) const {
-  const auto open = [](const std::string& path) { return dem::ValueMap(read_map_file(path)); };
-  auto map = find(maps_, "maps", ".json", name, open);
-  if (!map || map->current()) return map;
-  {
-    const std::lock_guard lock(mutex_);
-    if (const auto found = maps_.find(name); found != maps_.end()) maps_.erase(found);
-  }
-  return find(maps_, "maps", ".json", name, open);
+  return find(maps_, "maps", ".json", name, [](const std::string& path) { return dem::ValueMap(read_map_file(path)); });
 }
 
 dem::ValueMapOptions read_map_file(const std::string& path) {

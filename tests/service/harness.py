@@ -68,6 +68,12 @@ def assets():
     return folder
 
 
+def service_with_assets():
+    """Small sample terrain around 0 N 30 E, a copy of the assets to change, and a service of both."""
+    sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
+    return Service("--assets-dir", assets())
+
+
 def shared_data(name):
     """A folder of the data beside the project; None where there is none."""
     source = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))

@@ -16,8 +16,7 @@ PRODUCTS = ["radiance", "angles", "lit"]
 
 def setUpModule():
     harness.set_up()
-    harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
-    RadiometryTest.service = harness.Service("--assets-dir", harness.assets())
+    RadiometryTest.service = harness.service_with_assets()
 
 
 def tearDownModule():

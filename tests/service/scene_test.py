@@ -28,8 +28,7 @@ def asset(*parts):
 
 def setUpModule():
     harness.set_up()
-    harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
-    SceneTest.service = harness.Service("--assets-dir", harness.assets())
+    SceneTest.service = harness.service_with_assets()
 
 
 def tearDownModule():

@@ -22,9 +22,7 @@ SENSOR = {
 
 def setUpModule():
     harness.set_up()
-    harness.assets()
-    harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
-    SensorTest.service = harness.Service("--assets-dir", harness.path("assets"))
+    SensorTest.service = harness.service_with_assets()
 
 
 def tearDownModule():
