@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "api/canvas.h"
-#include "engine/accuracy_sweep.h"
+#include "engine/verify/accuracy_sweep.h"
 
 namespace selenograph::api {
 

@@ -8,7 +8,8 @@
 #include <vector>
 
 #include "api/encode.h"
-#include "engine/frame.h"
+#include "engine/frame/frame.h"
+#include "engine/frame/request.h"
 
 namespace selenograph::api {
 

@@ -13,7 +13,7 @@
 #include "api/problem.h"
 #include "api/ranges.h"
 #include "dem/error.h"
-#include "engine/csv.h"
+#include "engine/support/csv.h"
 
 namespace selenograph::api {
 namespace {

@@ -11,8 +11,8 @@
 
 #include "api/json_reader.h"
 #include "dem/value_map.h"
-#include "engine/atmosphere.h"
-#include "engine/object_mesh.h"
+#include "engine/radiometry/atmosphere.h"
+#include "engine/visibility/object_mesh.h"
 
 namespace selenograph::api {
 

@@ -16,7 +16,7 @@ struct CallContext {
   const Limits& limits;
   const Assets& assets;
   const Request& request;
-  engine::StopToken stop;
+  StopToken stop;
 };
 
 Response frame_call(const CallContext& context);

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "api/canvas.h"
-#include "engine/difference_statistics.h"
+#include "engine/verify/difference_statistics.h"
 
 namespace selenograph::api {
 

@@ -7,8 +7,6 @@
 #include <utility>
 #include <vector>
 
-#include "engine/frame.h"
-
 namespace selenograph::api {
 
 enum class ElementType { uint8, uint16, float32, float64 };

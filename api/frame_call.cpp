@@ -113,7 +113,7 @@ Response frame_call(const CallContext& context) {
   const double parse_ms = ms_since(start);
 
   const engine::Frame frame = refusing_at("/pose", [&] { return context.renderer.render(call.request, context.stop); });
-  if (context.stop.stopped()) throw Cancelled();
+  context.stop.check();
 
   const Clock::time_point encode_start = Clock::now();
   Response response = answer(call, frame, representation, hash);

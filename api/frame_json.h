@@ -14,8 +14,8 @@
 #include "api/json_reader.h"
 #include "api/objects_json.h"
 #include "api/surface_json.h"
-#include "engine/ephemeris.h"
-#include "engine/frame.h"
+#include "engine/frame/request.h"
+#include "engine/radiometry/ephemeris.h"
 
 namespace selenograph::api {
 

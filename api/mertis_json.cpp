@@ -113,10 +113,10 @@ MertisCall read_mertis(const Json& body) {
   return call;
 }
 
-OrderedJson mertis_json(const MertisCall& call, const engine::StopToken& stop) {
+OrderedJson mertis_json(const MertisCall& call, const StopToken& stop) {
   OrderedJson spectra = OrderedJson::array();
   for (const double kelvin : call.temperatures_k) {
-    if (stop.stopped()) throw Cancelled();
+    stop.check();
     OrderedJson channels = OrderedJson::array();
     for (const SpectrometerChannel& c : engine::look_at_blackbody(call.spectrometer, kelvin))
       channels.push_back({{"center_um", c.center_um},

@@ -7,8 +7,8 @@
 
 #include "api/canvas.h"
 #include "api/json_reader.h"
-#include "engine/frame.h"
-#include "engine/spectrometer.h"
+#include "dem/stop_token.h"
+#include "engine/sensor/spectrometer.h"
 
 namespace selenograph::api {
 
@@ -24,7 +24,7 @@ MertisCall read_mertis(const Json& body);
 
 // The instrument as understood, what was assumed, and per temperature and channel what the equations give.
 // Stops between temperatures.
-nlohmann::ordered_json mertis_json(const MertisCall& call, const engine::StopToken& stop = {});
+nlohmann::ordered_json mertis_json(const MertisCall& call, const StopToken& stop = {});
 
 // One row per channel and temperature.
 std::string mertis_csv(const MertisCall& call);

@@ -5,7 +5,7 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
-#include "engine/photometry.h"
+#include "engine/radiometry/photometry.h"
 
 namespace selenograph::api {
 namespace {

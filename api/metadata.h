@@ -9,7 +9,8 @@
 
 #include "api/frame_json.h"
 #include "api/negotiate.h"
-#include "engine/frame.h"
+#include "engine/frame/report.h"
+#include "engine/frame/surface.h"
 
 namespace selenograph::api {
 

@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include "engine/frame.h"
+#include "engine/frame/products.h"
 
 namespace selenograph::api {
 

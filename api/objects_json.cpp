@@ -7,7 +7,7 @@
 #include "api/frame_json.h"
 #include "api/ranges.h"
 #include "api/surface_json.h"
-#include "engine/object_mesh.h"
+#include "engine/visibility/object_mesh.h"
 
 namespace selenograph::api {
 namespace {

@@ -8,7 +8,7 @@
 #include "api/round_trip_json.h"
 #include "api/sensor_json.h"
 #include "api/surface_json.h"
-#include "engine/brdf.h"
+#include "engine/radiometry/brdf.h"
 
 namespace selenograph::api {
 namespace {

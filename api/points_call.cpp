@@ -7,9 +7,7 @@ namespace selenograph::api {
 namespace {
 
 // An answer that is ready too late is none: 504, as if the work had been stopped.
-void throw_if_stopped(const CallContext& context) {
-  if (context.stop.stopped()) throw Cancelled();
-}
+void throw_if_stopped(const CallContext& context) { context.stop.check(); }
 
 }  // namespace
 

@@ -7,7 +7,10 @@
 
 #include "api/frame_json.h"
 #include "dem/terrain.h"
-#include "engine/frame.h"
+#include "engine/frame/camera.h"
+#include "engine/frame/pose.h"
+#include "engine/frame/queries.h"
+#include "engine/frame/sun.h"
 
 namespace selenograph::api {
 

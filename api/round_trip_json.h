@@ -7,7 +7,7 @@
 #include "api/json_reader.h"
 #include "api/service.h"
 #include "dem/raster_writer.h"
-#include "engine/difference_statistics.h"
+#include "engine/verify/difference_statistics.h"
 
 namespace selenograph::api {
 

@@ -6,7 +6,7 @@
 
 #include "api/assets.h"
 #include "api/json_reader.h"
-#include "engine/frame.h"
+#include "engine/frame/sensor_model.h"
 
 namespace selenograph::api {
 

@@ -76,7 +76,7 @@ struct Service::Impl {
       throw RequestError("not_acceptable", "there is application/json; Accept does not allow it");
     }
     const CallContext context{*renderer, limits, assets, request,
-                              engine::StopToken(request.received + time_allowed(request, limits), request.abandoned)};
+                              StopToken(request.received + time_allowed(request, limits), request.abandoned)};
     switch (route.call) {
       case Call::frames:
         return frame_call(context);

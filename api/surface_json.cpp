@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "api/ranges.h"
-#include "engine/brdf.h"
+#include "engine/radiometry/brdf.h"
 
 namespace selenograph::api {
 namespace {

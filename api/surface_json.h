@@ -8,7 +8,7 @@
 
 #include "api/assets.h"
 #include "api/json_reader.h"
-#include "engine/frame.h"
+#include "engine/frame/request.h"
 
 namespace selenograph::api {
 

@@ -46,7 +46,7 @@ Response verify_round_trip_call(const CallContext& context) {
       response = json_response(round_trip_json(request, trip, statistics));
   }
   response.headers.emplace_back("Vary", "Accept");
-  if (context.stop.stopped()) throw Cancelled();
+  context.stop.check();
   return response;
 }
 

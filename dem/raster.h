@@ -1,5 +1,5 @@
 // One DEM file, opened for reading posts. All of GDAL is behind this pair of files, raster_writer.h's and
-// value_map.h's.
+// value_map.h's, which share gdal_manners.h.
 //
 // Pixel coordinates here are *post* coordinates: (x, y) = (0, 0) is the position of the first post, whatever the
 // product's registration (a pixel-is-area product's post lies at its pixel's centre). x grows along a row, y down the

@@ -2,7 +2,6 @@
 
 #include <cpl_vsi.h>
 #include <fmt/format.h>
-#include <gdal_priv.h>
 #include <ogr_spatialref.h>
 #include <unistd.h>
 
@@ -55,8 +54,7 @@ void create(const std::string& path, const PostGrid& g, std::span<const float> v
       values.size() != static_cast<std::size_t>(g.width) * static_cast<std::size_t>(g.height))
     throw std::invalid_argument("a grid's values don't match its size");
   register_gdal();
-  const CPLErrorHandlerPusher quiet(CPLQuietErrorHandler);
-  CPLErrorReset();
+  const QuietGdal quiet;
   const char* const options[] = {"COMPRESS=DEFLATE", "PREDICTOR=3", "BIGTIFF=IF_SAFER", nullptr};
   GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("GTiff");
   const DatasetPtr dataset(

@@ -1,7 +1,6 @@
 #include "dem/value_map.h"
 
 #include <fmt/format.h>
-#include <gdal_priv.h>
 #include <gdal_utils.h>
 #include <ogr_spatialref.h>
 

@@ -8,7 +8,8 @@
 #include <array>
 #include <atomic>
 
-#include "engine/frame.h"
+#include "engine/frame/report.h"
+#include "engine/frame/request.h"
 
 namespace selenograph::engine {
 

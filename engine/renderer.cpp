@@ -14,16 +14,16 @@
 #include "dem/cache.h"
 #include "dem/error.h"
 #include "dem/parallel.h"
-#include "engine/objects_in_frame.h"
-#include "engine/pixel_rays.h"
-#include "engine/pool.h"
-#include "engine/radiometry.h"
-#include "engine/raster_pass.h"
-#include "engine/render_pass.h"
-#include "engine/scene.h"
-#include "engine/sensor.h"
-#include "engine/stopwatch.h"
-#include "engine/trace.h"
+#include "engine/camera/pixel_rays.h"
+#include "engine/radiometry/radiometry.h"
+#include "engine/sensor/sensor.h"
+#include "engine/support/pool.h"
+#include "engine/support/stopwatch.h"
+#include "engine/visibility/objects_in_frame.h"
+#include "engine/visibility/raytrace/trace.h"
+#include "engine/visibility/render_pass.h"
+#include "engine/visibility/scene.h"
+#include "engine/visibility/zbuffer/raster_pass.h"
 
 namespace selenograph::engine {
 namespace {
@@ -397,7 +397,7 @@ struct Renderer::Impl {
   static void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
     const std::size_t packets = (size + kPacket - 1) / kPacket;
     in_parallel_pieces(packets, 16, [&](std::size_t first, std::size_t past_last) {
-      if (stop.stopped()) throw Cancelled();
+      stop.check();
       for (std::size_t p = first; p < past_last; ++p)
         work(p * kPacket, static_cast<int>(std::min<std::size_t>(kPacket, size - p * kPacket)));
     });
@@ -411,7 +411,7 @@ struct Renderer::Impl {
     std::vector<Ray> looks, lights;
     std::vector<std::size_t> looked, lighted;
     for (std::size_t i = 0; i < points.size(); ++i) {
-      if (stop.stopped()) throw Cancelled();
+      stop.check();
       const LandmarkQuery& q = points[i];
       Landmark& a = answers[i];
       const double ground = terrain->height(q.lat_deg, q.lon_deg).height_m;

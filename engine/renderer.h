@@ -6,9 +6,12 @@
 #include <span>
 #include <vector>
 
+#include "dem/stop_token.h"
 #include "dem/terrain.h"
 #include "engine/budget.h"
-#include "engine/frame.h"
+#include "engine/frame/frame.h"
+#include "engine/frame/queries.h"
+#include "engine/frame/request.h"
 
 namespace selenograph::engine {
 

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "dem/sample_terrain.h"
-#include "engine/round_trip.h"
+#include "engine/verify/round_trip.h"
 #include "server/config.h"
 
 namespace selenograph::server {

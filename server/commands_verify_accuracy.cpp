@@ -8,7 +8,7 @@
 
 #include "api/accuracy_report.h"
 #include "api/frame_json.h"
-#include "engine/accuracy_sweep.h"
+#include "engine/verify/accuracy_sweep.h"
 #include "server/commands.h"
 #include "server/output.h"
 #include "server/place.h"

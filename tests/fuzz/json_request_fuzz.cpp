@@ -7,9 +7,9 @@
 #include "api/points_json.h"
 #include "api/problem.h"
 #include "api/ranges.h"
-#include "engine/brdf.h"
-#include "engine/radiometry.h"
-#include "engine/view.h"
+#include "engine/camera/view.h"
+#include "engine/radiometry/brdf.h"
+#include "engine/radiometry/radiometry.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace selenograph::fuzz {

@@ -7,8 +7,8 @@
 #include <limits>
 #include <optional>
 
-#include "engine/object_mesh.h"
-#include "engine/view.h"
+#include "engine/camera/view.h"
+#include "engine/visibility/object_mesh.h"
 #include "tests/support/sample_scenery.h"
 #include "tests/support/views.h"
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <random>
 
-#include "engine/trace.h"
+#include "engine/visibility/raytrace/trace.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

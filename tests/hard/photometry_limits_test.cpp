@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "engine/photometry.h"
+#include "engine/radiometry/photometry.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/hard_views.h"

@@ -5,7 +5,7 @@
 // to one side by more than three standard errors. The mean of the differences' sizes is not below 10 cm at this
 // sampling (0.25 m and 0.55 m): a plane between three pixels cuts off what a post stands out from its neighbours. It
 // shrinks in proportion to the pixels, which is tested instead.
-#include "engine/round_trip.h"
+#include "engine/verify/round_trip.h"
 
 #include <gtest/gtest.h>
 
@@ -15,7 +15,7 @@
 
 #include "dem/error.h"
 #include "dem/sample_terrain.h"
-#include "engine/difference_statistics.h"
+#include "engine/verify/difference_statistics.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"

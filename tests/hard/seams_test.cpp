@@ -27,10 +27,10 @@
 
 #include "dem/sample_terrain.h"
 #include "dem/terrain.h"
-#include "engine/scene.h"
-#include "engine/selection.h"
-#include "engine/trace.h"
-#include "engine/view.h"
+#include "engine/camera/view.h"
+#include "engine/scene/selection.h"
+#include "engine/visibility/raytrace/trace.h"
+#include "engine/visibility/scene.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
 

@@ -12,7 +12,7 @@
 #include "api/frame_json.h"
 #include "api/service.h"
 #include "dem/lattice.h"
-#include "engine/photometry.h"
+#include "engine/radiometry/photometry.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/frame_judge.h"
 #include "tests/support/hard_views.h"

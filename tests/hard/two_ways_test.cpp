@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "engine/accuracy_scenes.h"
+#include "engine/verify/accuracy_scenes.h"
 #include "tests/support/hard_views.h"
 #include "tests/support/sample_scenery.h"
 #include "tests/support/tiles.h"

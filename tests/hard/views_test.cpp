@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "engine/view.h"
+#include "engine/camera/view.h"
 #include "tests/support/frame_judge.h"
 #include "tests/support/hard_views.h"
 #include "tests/support/shared_data.h"

@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "engine/frame.h"
+#include "engine/frame/request.h"
 
 namespace selenograph::test {
 

@@ -1,5 +1,5 @@
 // Every reflectance model: the paper's conditions (5) to (7), values by hand and by other tools.
-#include "engine/brdf.h"
+#include "engine/radiometry/brdf.h"
 
 #include <gtest/gtest.h>
 

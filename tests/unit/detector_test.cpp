@@ -1,5 +1,5 @@
 // Equations (8), (9) and (12) by hand, and the statistics of a detector's images.
-#include "engine/detector.h"
+#include "engine/sensor/detector.h"
 
 #include <gtest/gtest.h>
 

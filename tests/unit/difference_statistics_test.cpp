@@ -1,4 +1,4 @@
-#include "engine/difference_statistics.h"
+#include "engine/verify/difference_statistics.h"
 
 #include <gtest/gtest.h>
 

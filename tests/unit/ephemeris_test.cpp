@@ -1,4 +1,4 @@
-#include "engine/ephemeris.h"
+#include "engine/radiometry/ephemeris.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Errors by hand: shadow edges, radiance, and points against terrain.
-#include "engine/error_measures.h"
+#include "engine/verify/error_measures.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Who can shade whom: conservative against brute force, and not useless.
-#include "engine/light_grid.h"
+#include "engine/scene/light_grid.h"
 
 #include <gtest/gtest.h>
 

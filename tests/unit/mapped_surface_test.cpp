@@ -1,5 +1,5 @@
 // Grounds by maps, over a smooth sphere: the same equations with the map's numbers in them.
-#include "engine/mapped_surface.h"
+#include "engine/radiometry/mapped_surface.h"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,8 @@
 #include <random>
 
 #include "dem/raster_writer.h"
-#include "engine/atmosphere.h"
-#include "engine/radiometry.h"
+#include "engine/radiometry/atmosphere.h"
+#include "engine/radiometry/radiometry.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
@@ -126,7 +126,7 @@ TEST_F(MappedGround, TheGroundEmitsByItsTemperatureAndAlbedo) {
       r.sun.angular_radius_deg = radius_deg;
       r.albedo_maps = {albedo_}, r.temperature_maps = {kelvin_};
       each(r, [&](double lat, double lon, double, double, double, double radiance) {
-        const double expected = r.band->planck_w_m2_sr(kelvin(lon)) * (1 - rho(lat));
+        const double expected = planck_w_m2_sr(*r.band, kelvin(lon)) * (1 - rho(lat));
         ASSERT_NEAR(radiance, expected, 1e-4 * expected);
       });
       EXPECT_TRUE(renderer_->render(r).report.emits_elsewhere);

@@ -1,5 +1,5 @@
 // One continuous mesh: where blocks meet, they meet in the same vertices, bit for bit.
-#include "engine/mesh.h"
+#include "engine/scene/mesh.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <set>
 #include <unordered_map>
 
-#include "engine/raster_mesh.h"
+#include "engine/scene/raster_mesh.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

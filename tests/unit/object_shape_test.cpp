@@ -1,5 +1,5 @@
 // Meshes from files in the formats that people have.
-#include "engine/object_shape.h"
+#include "engine/visibility/object_shape.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <fstream>
 
 #include "dem/error.h"
-#include "engine/object_mesh.h"
+#include "engine/visibility/object_mesh.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::engine {

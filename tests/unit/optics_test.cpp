@@ -1,5 +1,5 @@
 // Point spread and vignetting against closed forms.
-#include "engine/optics.h"
+#include "engine/sensor/optics.h"
 
 #include <gtest/gtest.h>
 

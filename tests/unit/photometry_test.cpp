@@ -1,5 +1,5 @@
 // The paper's conditions (5) to (7) on reflectance, and values by hand.
-#include "engine/photometry.h"
+#include "engine/radiometry/photometry.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Equations (1) to (3): which components a request has, and how large they are.
-#include "engine/radiometry.h"
+#include "engine/radiometry/radiometry.h"
 
 #include <gtest/gtest.h>
 
@@ -9,8 +9,8 @@
 #include <stdexcept>
 
 #include "dem/error.h"
-#include "engine/atmosphere.h"
-#include "engine/photometry.h"
+#include "engine/radiometry/atmosphere.h"
+#include "engine/radiometry/photometry.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::engine {
@@ -60,7 +60,7 @@ TEST(RadianceTerms, AnAtmosphereAddsAndTakesAway) {
   EXPECT_NEAR(*terms.indirect, 0.4 * 0.5 / 4, 1e-15);
   EXPECT_NEAR(*terms.scattered, 0.2 * 0.5 / 4, 1e-15);
   EXPECT_NEAR(*terms.thermal_path, 3 * 0.5, 1e-14);  // its own light
-  EXPECT_NEAR(*terms.emitted, 0.7 * 0.6 * Band(10, 0.5).planck_w_m2_sr(290), 1e-10);
+  EXPECT_NEAR(*terms.emitted, 0.7 * 0.6 * planck_w_m2_sr(Band(10, 0.5), 290), 1e-10);
   request.temperature_k = 0;
   EXPECT_EQ(radiance_terms(request).names(), (Names{"direct", "indirect", "scattered", "thermal_path"}));
   request.band = Band(8.9, 0.5);

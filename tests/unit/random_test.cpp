@@ -1,5 +1,5 @@
 // Counter-based random numbers: known answers, distributions, independence.
-#include "engine/random.h"
+#include "engine/sensor/random.h"
 
 #include <gtest/gtest.h>
 

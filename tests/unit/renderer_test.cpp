@@ -8,8 +8,8 @@
 #include <random>
 
 #include "dem/error.h"
-#include "engine/photometry.h"
-#include "engine/view.h"
+#include "engine/camera/view.h"
+#include "engine/radiometry/photometry.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"

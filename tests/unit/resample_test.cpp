@@ -1,4 +1,4 @@
-#include "engine/resample.h"
+#include "engine/verify/resample.h"
 
 #include <gtest/gtest.h>
 

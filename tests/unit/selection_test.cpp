@@ -1,5 +1,5 @@
 // Which blocks a frame needs: errors bounded as promised, nothing overlapping, the same whatever was loaded before.
-#include "engine/selection.h"
+#include "engine/scene/selection.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 #include <unordered_set>
 
 #include "dem/error.h"
-#include "engine/mesh.h"
+#include "engine/scene/mesh.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

@@ -1,5 +1,5 @@
 // Exposure and quantisation by hand.
-#include "engine/sensor.h"
+#include "engine/sensor/sensor.h"
 
 #include <gtest/gtest.h>
 

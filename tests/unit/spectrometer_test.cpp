@@ -1,12 +1,12 @@
 // MERTIS: values by hand, and what must hold whatever was assumed.
-#include "engine/spectrometer.h"
+#include "engine/sensor/spectrometer.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <numbers>
 
-#include "engine/spectrum.h"
+#include "engine/radiometry/spectrum.h"
 
 namespace selenograph::engine {
 namespace {

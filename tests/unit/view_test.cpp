@@ -1,5 +1,5 @@
 // Cameras: rays and projection undo each other, folds answer nothing, bounds bound.
-#include "engine/view.h"
+#include "engine/camera/view.h"
 
 #include <gtest/gtest.h>
 

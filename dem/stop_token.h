@@ -1,0 +1,32 @@
+// How long work may take: until a deadline, and while somebody waits for it.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+
+#include "dem/error.h"
+
+namespace selenograph {
+
+// Polled wherever a loop's length depends on a request: check() throws Cancelled once it is time.
+class StopToken {
+ public:
+  using Clock = std::chrono::steady_clock;
+  StopToken() = default;  // never stops
+  explicit StopToken(Clock::time_point deadline) : deadline_(deadline) {}
+  StopToken(Clock::time_point deadline, const std::atomic<bool>* abandoned)
+      : deadline_(deadline), abandoned_(abandoned) {}
+  bool stopped() const {
+    return (abandoned_ && abandoned_->load(std::memory_order_relaxed)) ||
+           (deadline_ != Clock::time_point::max() && Clock::now() >= deadline_);
+  }
+  void check() const {
+    if (stopped()) throw Cancelled();
+  }
+
+ private:
+  Clock::time_point deadline_ = Clock::time_point::max();
+  const std::atomic<bool>* abandoned_ = nullptr;
+};
+
+}  // namespace selenograph

@@ -1,0 +1,104 @@
+#include "engine/camera/view.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace selenograph::engine {
+
+View::View(const Camera& camera, const Pose& pose)
+    : camera_(camera),
+      lens_(camera.distortion),
+      position_(pose.position_m),
+      camera_from_moon_(pose.camera_from_moon.normalized().toRotationMatrix()) {
+  if (camera.width <= 0 || camera.height <= 0) throw std::invalid_argument("camera: image without pixels");
+  if (!(std::isfinite(camera.fx) && std::isfinite(camera.fy) && camera.fx > 0 && camera.fy > 0 &&
+        std::isfinite(camera.cx) && std::isfinite(camera.cy)))
+    throw std::invalid_argument("camera: focal lengths must be positive and finite");
+  if (!position_.allFinite() || !camera_from_moon_.allFinite()) throw std::invalid_argument("pose: not finite");
+  moon_from_camera_ = camera_from_moon_.transpose();
+  bound_image();
+}
+
+std::optional<Eigen::Vector2d> View::undistorted(double x_px, double y_px) const {
+  return lens_.undistorted((x_px - camera_.cx) / camera_.fx, (y_px - camera_.cy) / camera_.fy);
+}
+
+std::optional<Vec3> View::ray(double x_px, double y_px) const {
+  const auto p = undistorted(x_px, y_px);
+  if (!p) return std::nullopt;
+  return moon_from_camera_ * Vec3(p->x(), p->y(), 1);
+}
+
+std::optional<PixelXY> View::project(const Vec3& point_m) const {
+  const Vec3 c = camera_from_moon_ * (point_m - position_);
+  if (!(c.z() > 0)) return std::nullopt;
+  const double x = c.x() / c.z(), y = c.y() / c.z();
+  if (!lens_.holds(x, y)) return std::nullopt;
+  const Eigen::Vector2d d = lens_.distorted(x, y);
+  return PixelXY{camera_.fx * d.x() + camera_.cx, camera_.fy * d.y() + camera_.cy};
+}
+
+void View::bound_image() {
+  // The whole image to its border, half a pixel outside.
+  const double w = camera_.width - 0.5, h = camera_.height - 0.5;
+  constexpr int kSamples = 64;
+  left_ = top_ = std::numeric_limits<double>::infinity();
+  right_ = bottom_ = -left_;
+  double sharpest = 0;
+  bool folds = false;
+  for (int j = 0; j <= kSamples; ++j)
+    for (int i = 0; i <= kSamples; ++i) {
+      const double u = -0.5 + (w + 0.5) * i / kSamples, v = -0.5 + (h + 0.5) * j / kSamples;
+      const auto p = lens_.undistorted((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy);
+      folds |= !p;
+      if (!p) continue;
+      left_ = std::min(left_, p->x()), right_ = std::max(right_, p->x());
+      top_ = std::min(top_, p->y()), bottom_ = std::max(bottom_, p->y());
+      // Pixels per radian, along the radius the larger one: on the plane z = 1 an angle covers (1 + r^2), the lens
+      // stretches on top: by the larger eigenvalue of its symmetric Jacobian.
+      const Eigen::Matrix2d j2 = lens_.jacobian(p->x(), p->y());
+      const double r2 = p->squaredNorm(), half_trace = j2.trace() / 2;
+      const double stretch =
+          std::abs(half_trace) + std::sqrt(std::max(0.0, half_trace * half_trace - j2.determinant()));
+      sharpest = std::max(sharpest, std::max(camera_.fx, camera_.fy) * (1 + r2) * stretch);
+      stretched_focal_ = std::max(stretched_focal_, std::max(camera_.fx, camera_.fy) * stretch * 1.01);
+      widest_ = std::max(widest_, std::sqrt(r2));
+    }
+  pixels_per_radian_ = sharpest * 1.01;
+  if (left_ > right_) return;  // nothing has a ray: nothing is in view
+  if (folds) {
+    // Towards the fold a pixel covers ever more: nothing between the samples bounds the view but the fold itself.
+    constexpr double kFarthestSlope = 1000;
+    widest_ = std::min(lens_.reach(), kFarthestSlope);
+    left_ = top_ = -widest_, right_ = bottom_ = widest_;
+  }
+  const double mx = 0.02 * (right_ - left_) + 1e-9, my = 0.02 * (bottom_ - top_) + 1e-9;
+  left_ -= mx, right_ += mx, top_ -= my, bottom_ += my;
+}
+
+bool View::may_see(const Vec3& centre_m, double radius_m) const {
+  if (left_ > right_) return false;
+  const Vec3 c = camera_from_moon_ * (centre_m - position_);
+  if (c.z() < -radius_m) return false;
+  const auto outside = [&](double across, double slope, double sign) {
+    // Distance outside the plane through the camera whose slope is `slope`.
+    return sign * (across - slope * c.z()) / std::sqrt(1 + slope * slope) > radius_m;
+  };
+  return !(outside(c.x(), left_, -1) || outside(c.x(), right_, 1) || outside(c.y(), top_, -1) ||
+           outside(c.y(), bottom_, 1));
+}
+
+double View::pixels_per_metre(const Vec3& centre_m, double radius_m, double highest_m) const {
+  const Vec3 c = camera_from_moon_ * (centre_m - position_);
+  // From inside the ball there is still the height above all that is in it.
+  const double nearest = std::max(c.norm() - radius_m, position_.norm() - kMoonRadius_m - highest_m);
+  const double by_angle = pixels_per_radian_ / std::max(nearest, 1e-3);
+  const double depth = c.z() - radius_m;
+  if (!(depth > 1e-3)) return by_angle;
+  // A displacement e moves the image point (x/z, y/z) by at most |e| sqrt(1 + r^2) / z.
+  const double r = std::min(widest_, (std::hypot(c.x(), c.y()) + radius_m) / depth);
+  return std::min(by_angle, stretched_focal_ * std::sqrt(1 + r * r) / depth);
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,60 @@
+// One camera at one place: pixels <-> directions, and what lies in view.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "engine/camera/lens.h"
+#include "engine/frame/camera.h"
+#include "engine/frame/pose.h"
+
+namespace selenograph::engine {
+
+struct PixelXY {
+  double x, y;
+};
+
+class View {
+ public:
+  // Throws std::invalid_argument for a camera or pose that can't be.
+  View(const Camera& camera, const Pose& pose);
+
+  const Camera& camera() const { return camera_; }
+  const Vec3& position() const { return position_; }
+  const Eigen::Matrix3d& moon_from_camera() const { return moon_from_camera_; }
+  // Unit direction of the middle of what is in the image: not the boresight, where the image is a crop of a larger one.
+  Vec3 middle() const { return (moon_from_camera_ * Vec3((left_ + right_) / 2, (top_ + bottom_) / 2, 1)).normalized(); }
+
+  // Direction (MOON_ME) of a place in the image, scaled so that its component along the boresight is 1: a distance
+  // along it is the depth. Empty where the lens distortion has no inverse (beyond its fold): such a pixel sees nothing.
+  std::optional<Vec3> ray(double x_px, double y_px) const;
+
+  // The same on the camera's plane z = 1.
+  std::optional<Eigen::Vector2d> undistorted(double x_px, double y_px) const;
+  const Lens& lens() const { return lens_; }
+
+  // Image place of a point; empty behind the camera or beyond the distortion's fold.
+  std::optional<PixelXY> project(const Vec3& point_m) const;
+
+  // Whether any part of a ball may be in the image.
+  bool may_see(const Vec3& centre_m, double radius_m) const;
+
+  // Upper bound on pixels per metre, across the line of sight, for anything within the ball and not higher above the
+  // sphere than highest_m.
+  double pixels_per_metre(const Vec3& centre_m, double radius_m,
+                          double highest_m = std::numeric_limits<double>::infinity()) const;
+
+ private:
+  void bound_image();
+
+  Camera camera_;
+  Lens lens_;
+  Vec3 position_;
+  Eigen::Matrix3d camera_from_moon_, moon_from_camera_;
+  // Slopes x/z and y/z of the image's border, slightly outside.
+  double left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
+  double pixels_per_radian_ = 0, stretched_focal_ = 0;
+  double widest_ = 0;  // largest slope sqrt(x^2 + y^2) / z in the image
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,38 @@
+// Spectral channels: SENSOR++ (Paproth et al.), section 2.2. Wavelengths in micrometres. Integrals over them are in
+// radiometry/spectrum.h.
+#pragma once
+
+#include <vector>
+
+namespace selenograph::engine {
+
+struct ResponsePoint {
+  double wavelength_um;
+  double response;  // 0 to 1
+};
+
+// A spectral channel: linear between the points of its response curve, 0 outside of it.
+class Band {
+ public:
+  // Response 1 from center - width / 2 to center + width / 2. Throws std::invalid_argument unless 0 < width < 2 center.
+  Band(double center_um, double width_um);
+  // Throws std::invalid_argument unless there are two points or more at rising wavelengths above 0, none of whose
+  // responses is negative and not all 0.
+  explicit Band(std::vector<ResponsePoint> response);
+
+  const std::vector<ResponsePoint>& response() const { return response_; }
+  // The response's centre of gravity, and its integral: what eqs. (8) and (9) call lambda and Delta lambda.
+  double center_um() const { return center_um_; }
+  double width_um() const { return width_um_; }
+  double response_at(double wavelength_um) const;
+  // The curve's wavelengths and those of a table that lie between them, rising.
+  std::vector<double> breakpoints(const std::vector<double>& table_um = {}) const;
+
+ private:
+  void measure();
+
+  std::vector<ResponsePoint> response_;
+  double center_um_ = 0, width_um_ = 0;
+};
+
+}  // namespace selenograph::engine

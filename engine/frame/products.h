@@ -1,0 +1,42 @@
+// What a frame can hold for each pixel.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+namespace selenograph::engine {
+
+// Products, in the order of the contract's table. Values are bits of a set.
+enum Product : std::uint32_t {
+  kImage = 1u << 0,
+  kRadiance = 1u << 1,
+  kDepth = 1u << 2,
+  kRange = 1u << 3,
+  kPosition = 1u << 4,
+  kGeodetic = 1u << 5,
+  kNormal = 1u << 6,
+  kAngles = 1u << 7,
+  kLit = 1u << 8,
+  kGsd = 1u << 9,
+  kSource = 1u << 10,
+  kObjectId = 1u << 11,
+};
+
+using ProductSet = std::uint32_t;
+
+// Arrays of height x width (x components), row 0 on top; empty unless asked for. Missing values as in the contract.
+struct FrameProducts {
+  std::vector<std::uint16_t> image;  // 8-bit images too: the encoder narrows
+  std::vector<float> radiance;       // W m-2 sr-1, band-integrated over the solar irradiance's band
+  std::vector<double> depth, range;  // m
+  std::vector<double> position;      // 3 per pixel, MOON_ME m
+  std::vector<double> geodetic;      // 3 per pixel: lat_deg, lon_deg, height_m
+  std::vector<float> normal;         // 3 per pixel, MOON_ME
+  std::vector<float> angles;         // 3 per pixel: incidence, emission, phase, degrees
+  std::vector<float> lit;
+  std::vector<float> gsd;  // m
+  std::vector<std::uint16_t> source;
+  std::vector<std::uint16_t> object_id;  // index into FrameRequest::objects; 65535: terrain, or nothing
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,39 @@
+// Rays and landmarks: POST /v1/rays and POST /v1/project.
+#pragma once
+
+#include <limits>
+#include <optional>
+
+#include "dem/geodesy.h"
+
+namespace selenograph::engine {
+
+// A ray of POST /v1/rays.
+struct Ray {
+  Vec3 origin_m;
+  Vec3 direction;  // unit
+};
+
+struct RayHit {
+  bool hit = false;
+  double range_m = std::numeric_limits<double>::quiet_NaN();
+  Vec3 position_m = Vec3::Zero();
+  Vec3 normal = Vec3::Zero();
+  double lit = 0;  // meaningful when a Sun was given
+};
+
+// A point of POST /v1/project.
+struct LandmarkQuery {
+  double lat_deg = 0, lon_deg = 0;
+  std::optional<double> height_m;  // empty: on the terrain
+};
+
+struct Landmark {
+  double x_px = 0, y_px = 0;  // NaN behind the camera
+  double range_m = 0;
+  double height_m = 0;  // NaN: no data there
+  bool in_frame = false, visible = false;
+  double lit = 0;
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,63 @@
+// What is said about a frame besides its pixels.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "engine/frame/request.h"
+
+namespace selenograph::engine {
+
+// A DEM tile that the frame stands on; `source` indexes the list of these.
+struct SourceTile {
+  std::string name;
+  std::string path;
+  std::uint64_t version = 0;  // hash of path, size and modification time
+};
+
+// At-sensor radiance is the sum of its components, SENSOR++ eq. (1): what all pixels of a frame share of them,
+// integrated over its band.
+struct RadianceTerms {
+  double direct_w_m2 = 0;  // E_sun tau of eq. (2): times mu0 f_r s is L_dir
+  // The others of eq. (1), W m-2 sr-1: of whatever is hit, in the Sun or not. Empty: not asked for.
+  std::optional<double> indirect, scattered, emitted, thermal_path;
+
+  double base_w_m2_sr() const {
+    return indirect.value_or(0) + scattered.value_or(0) + emitted.value_or(0) + thermal_path.value_or(0);
+  }
+  // "direct" and those that were evaluated.
+  std::vector<std::string_view> names() const;
+};
+
+struct StageTimes {
+  double select_ms = 0;      // level of detail, casters, block loading
+  double build_ms = 0;       // acceleration structure; 0 when the scene was warm
+  double visibility_ms = 0;  // what each pixel sees, refined, lit and shaded
+  // Of that, by z-buffer: drawing triangles, refining and shading points, casting shadows. Rays do all at once.
+  double draw_ms = 0, resolve_ms = 0, shadow_ms = 0;
+  double sensor_ms = 0;
+};
+
+struct FrameReport {
+  Visibility visibility = Visibility::raytrace;  // that the frame was made with
+  double lod_error_px = 0, lod_error_m = 0;      // bounds on the mesh's error in view
+  double shadow_error_px = 0;  // bound on the displacement of shadow edges on level ground; 0 without Sun
+  double min_post_spacing_m = 0, max_post_spacing_m = 0;
+  std::size_t triangles = 0;
+  std::size_t scene_bytes = 0;                   // of the mesh and its acceleration structure
+  double filled_fraction = 0;                    // of all pixels: on posts that were filled by interpolation
+  double missing_fraction = 0;                   // of all pixels: look at the Moon where there is no data
+  double hit_fraction = 0, object_fraction = 0;  // of all pixels: see anything; see an object
+  RadianceTerms radiance;                        // of the terrain in frames with radiance or image
+  bool emits_elsewhere = false;                  // an object's material does, or the ground by a map of temperatures
+  double full_scale_radiance_w_m2_sr = 0;        // that `image` was made with; 0 without image
+  int margin_px = 0;             // rendered around the image for what spreads into it; shares of pixels count it
+  double captured_fraction = 1;  // of a point's light, within the point spread's kernel
+  std::vector<SourceTile> sources;
+  std::vector<std::string> warnings;  // e.g. a corrupt tile replaced by the layer below
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,17 @@
+// The Sun as a frame sees it: a direction, a distance, a disc or a point.
+#pragma once
+
+#include "dem/geodesy.h"
+
+namespace selenograph::engine {
+
+struct Sun {
+  Vec3 direction = Vec3::UnitX();  // unit, from the Moon toward the Sun
+  double distance_au = 1.0;
+  double angular_radius_deg = 0.0;  // 0: a point Sun, hard shadows
+  // u of the disc's brightness 1 - u (1 - mu), mu: cosine of the angle from the Sun's own vertical; 0: even. About 0.6
+  // in the visible.
+  double limb_darkening = 0.0;
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,53 @@
+// Reflectance models and materials: SENSOR++ (Paproth et al.), sections 2.2 and 3.1, and two that planetary science
+// uses.
+#pragma once
+
+#include <optional>
+
+namespace selenograph::engine {
+
+enum class ReflectanceModel {
+  lambert,          // rho / pi                                             paper eq. (4)
+  lommel_seeliger,  // rho / (2 pi) / (mu0 + mu)                            paper eq. (10)
+  lunar,            // w * Lommel-Seeliger + (1 - w) * Lambert              paper 3.1
+  blinn_phong,      // normalised by its exponent                           paper eq. (11)
+  lunar_lambert,    // rho / pi (2 L / (mu0 + mu) + 1 - L)                  McEwen 1991
+  hapke             // with the opposition surge and macroscopic roughness  Hapke 1984
+};
+
+// Of particles, p(g): sums to 4 pi over all directions.
+enum class PhaseFunction {
+  legendre,                 // 1 + b cos g + c (3 cos^2 g - 1) / 2
+  double_henyey_greenstein  // a lobe back to the Sun of weight (1 + c) / 2 and one forward of (1 - c) / 2, both of
+                            // width b
+};
+
+// Defaults: the whole Moon in the visible, Helfenstein & Veverka (Icarus 72, 342, 1987), table II, whose S(0) = 0.71 is
+// b0 w p(0).
+struct HapkeParameters {
+  double w = 0.21;   // single-scattering albedo
+  double b0 = 2.01;  // amplitude and
+  double h = 0.07;   // angular width of the opposition surge
+  PhaseFunction phase_function = PhaseFunction::legendre;
+  double b = 0.29, c = 0.39;
+  double theta_bar_deg = 20;  // mean slope of the roughness that the mesh doesn't resolve
+};
+
+struct Reflectance {
+  ReflectanceModel model = ReflectanceModel::lunar;
+  double lommel_seeliger_weight = 1.0;  // of lunar
+  double rho = 0.12;                    // of all but hapke
+  double shininess = 100;               // p of blinn_phong
+  // L of lunar_lambert. Empty: 1 - 0.019 g + 0.242e-3 g^2 - 1.46e-6 g^3, not below 0, g: phase in degrees (McEwen, LPSC
+  // XXVII, 841, 1996), which is the Moon's.
+  std::optional<double> limb_darkening{};
+  HapkeParameters hapke{};
+};
+
+// What a surface is made of.
+struct Material {
+  Reflectance reflectance;
+  double temperature_k = 0;  // 0: nothing is emitted
+};
+
+}  // namespace selenograph::engine

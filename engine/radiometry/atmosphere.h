@@ -1,0 +1,44 @@
+// What an atmosphere does to radiance, computed elsewhere (SENSOR++ section 2.2: MODTRAN), as a table over wavelength.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "engine/radiometry/spectrum.h"
+
+namespace selenograph::engine {
+
+struct AtmosphereRow {
+  double wavelength_um;
+  double transmittance;            // tau, surface to sensor, 0 to 1
+  double irradiance_w_m2_um;       // E_sun at the surface, on a plane across the sunlight
+  double indirect_w_m2_sr_um;      // L_ind
+  double scattered_w_m2_sr_um;     // L_sc
+  double thermal_path_w_m2_sr_um;  // L_th
+};
+
+// For one viewing geometry and one surface, those that it was computed for; at 1 au.
+class Atmosphere {
+ public:
+  // A CSV file whose first line that isn't a comment (#) is
+  //   wavelength_um,transmittance,e_sun_w_m2_um,l_ind_w_m2_sr_um,l_sc_w_m2_sr_um,l_th_w_m2_sr_um
+  // and then two rows or more at rising wavelengths. Throws DataError naming file and line.
+  static Atmosphere read(const std::string& path);
+
+  explicit Atmosphere(std::vector<AtmosphereRow> rows) : rows_(std::move(rows)) {}
+  const std::vector<AtmosphereRow>& rows() const { return rows_; }
+
+  // Integrals over a band that lies within the table; exact for a table that is linear in between. Throws
+  // std::invalid_argument when it doesn't lie within.
+  struct InBand {
+    double direct_w_m2;  // of E_sun tau
+    double indirect_w_m2_sr, scattered_w_m2_sr, thermal_path_w_m2_sr;
+    double emitted_w_m2_sr;  // of B(T) tau
+  };
+  InBand over(const Band& band, double temperature_k) const;
+
+ private:
+  std::vector<AtmosphereRow> rows_;
+};
+
+}  // namespace selenograph::engine

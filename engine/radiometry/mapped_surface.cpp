@@ -1,0 +1,111 @@
+#include "engine/radiometry/mapped_surface.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "engine/radiometry/radiometry.h"
+#include "engine/visibility/pixel_store.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kDegrees = 180 / std::numbers::pi;
+// Steps of 1.5 %: 500 temperatures.
+constexpr double kColdest_k = 5, kHottest_k = 1e4, kStep = 1.015;
+
+Reflectance with_rho(Reflectance reflectance, double rho) {
+  reflectance.rho = rho;
+  return reflectance;
+}
+
+Material black(double temperature_k) {
+  Material material;
+  material.reflectance.rho = 0, material.temperature_k = temperature_k;
+  return material;
+}
+
+}  // namespace
+
+EmissionTable::EmissionTable(const FrameRequest& request) {
+  const int steps = static_cast<int>(std::log(kHottest_k / kColdest_k) / std::log(kStep)) + 1;
+  for (int i = 0; i <= steps; ++i) {
+    const double t = kColdest_k * std::pow(kStep, i);
+    const double b = radiance_terms(request, black(t)).emitted.value_or(0);
+    inverse_k_.push_back(1 / t), log_.push_back(std::log(std::max(b, 1e-300)));
+  }
+}
+
+double EmissionTable::operator()(double temperature_k) const {
+  if (!(temperature_k >= kColdest_k)) return 0;
+  const double t = std::min(temperature_k, kHottest_k);
+  const auto at = std::min(static_cast<std::size_t>(std::log(t / kColdest_k) / std::log(kStep)), log_.size() - 2);
+  const double share = (1 / t - inverse_k_[at]) / (inverse_k_[at + 1] - inverse_k_[at]);
+  return std::exp(log_[at] + share * (log_[at + 1] - log_[at]));
+}
+
+double first_value(std::vector<dem::ValueMap::Sampler>& maps, const dem::ValueMap::Footprint2& footprint,
+                   double fallback) {
+  for (dem::ValueMap::Sampler& map : maps)
+    if (const double value = map.mean(footprint); !std::isnan(value)) return value;
+  return fallback;
+}
+
+MappedSurface::MappedSurface(const FrameRequest& request, const View& view)
+    : request_(request), whole_(with_rho(request.reflectance, 1)) {
+  const RadianceTerms terms = radiance_terms(request, black(0));
+  direct_w_m2_ = terms.direct_w_m2, path_w_m2_sr_ = terms.base_w_m2_sr();
+  most_rho_ = request.reflectance.model == ReflectanceModel::lunar_lambert ? kLunarLambertMaxRho : 1;
+  if (request.temperature_k > 0 || !request.temperature_maps.empty())
+    emission_ = std::make_unique<const EmissionTable>(request);
+  const Eigen::Matrix3d& m = view.moon_from_camera();
+  const double samples = std::sqrt(request.accuracy.samples_per_pixel);
+  right_ = m.col(0) / (view.camera().fx * samples), down_ = m.col(1) / (view.camera().fy * samples);
+}
+
+MappedSurface::Sampler MappedSurface::sampler() const {
+  Sampler sampler;
+  for (const auto& map : request_.albedo_maps) sampler.albedo.emplace_back(*map);
+  for (const auto& map : request_.temperature_maps) sampler.temperature.emplace_back(*map);
+  return sampler;
+}
+
+// What the pixel's rays meet of the facet's plane: Igehy, Tracing ray differentials (SIGGRAPH 1999). The lens's own
+// stretch is left out.
+dem::ValueMap::Footprint2 MappedSurface::footprint(const SurfacePoints& points, int i, const Vec3& direction) const {
+  const Vec3 place = points.position(i), facing = points.facing(i);
+  const double toward = facing.dot(direction);
+  const auto side = [&](const Vec3& step) -> Vec3 {
+    return points.distance[i] * (step - direction * (facing.dot(step) / toward));
+  };
+  const Vec3 a = side(right_), b = side(down_);
+  // On the sphere by hand: a texel isn't a matter of the last digits, and to_geographic took a third of the time.
+  const double ring = std::max(std::sqrt(place.x() * place.x() + place.y() * place.y()), 1e-6),
+               radius = std::sqrt(ring * ring + place.z() * place.z());
+  const Vec3 east(-place.y() / ring, place.x() / ring, 0), north = (place / radius).cross(east);
+  return {std::atan2(place.z(), ring) * kDegrees,
+          std::atan2(place.y(), place.x()) * kDegrees,
+          {a.dot(east), a.dot(north)},
+          {b.dot(east), b.dot(north)}};
+}
+
+void MappedSurface::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
+                              Sampler& sampler, float* out, float* base) const {
+  for (int i = 0; i < kPacket; ++i) {
+    if (!points.hit[i]) continue;
+    const Vec3 direction = rays.direction(i);
+    const dem::ValueMap::Footprint2 pixel = footprint(points, i, direction);
+    const double rho = std::clamp(first_value(sampler.albedo, pixel, request_.reflectance.rho), 0.0, most_rho_);
+    double dark = path_w_m2_sr_;
+    if (emission_)  // eq. (3)
+      dark += (*emission_)(first_value(sampler.temperature, pixel, request_.temperature_k)) * (1 - rho);
+    const double cos_phase = -direction.dot(request_.sun.direction) / direction.norm();
+    // Eq. (2): all models that have a rho are proportional to it.
+    const double direct = rho * direct_radiance(whole_, direct_w_m2_, shading.mu0[i], shading.mu[i], cos_phase,
+                                                static_cast<double>(lit[i]));
+    base[i] = static_cast<float>(dark), out[i] = static_cast<float>(dark + direct);
+  }
+}
+
+}  // namespace selenograph::engine

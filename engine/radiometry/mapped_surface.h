@@ -1,0 +1,59 @@
+// A ground whose albedo or temperature is a map: what the map says of each pixel's footprint, and the radiance of it.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "dem/value_map.h"
+#include "engine/camera/pixel_rays.h"
+#include "engine/camera/view.h"
+#include "engine/frame/request.h"
+#include "engine/radiometry/brdf.h"
+#include "engine/visibility/refine.h"
+
+namespace selenograph::engine {
+
+struct Shading;
+
+// B(T) tau in the frame's band over all temperatures: SENSOR++ eq. (3) but for 1 - rho. Its logarithm is interpolated
+// over 1 / T, along which it is nearly straight: to 8e-5 of itself in a band, 1.5e-4 over all wavelengths
+// (tests/unit/mapped_surface_test.cpp).
+class EmissionTable {
+ public:
+  explicit EmissionTable(const FrameRequest& request);
+  double operator()(double temperature_k) const;  // W m-2 sr-1; 0 below 5 K
+
+ private:
+  std::vector<double> inverse_k_, log_;
+};
+
+class MappedSurface {
+ public:
+  // `request` outlives it.
+  MappedSurface(const FrameRequest& request, const View& view);
+
+  // For one task.
+  struct Sampler {
+    std::vector<dem::ValueMap::Sampler> albedo, temperature;
+  };
+  Sampler sampler() const;
+
+  // Per lane that hits, W m-2 sr-1: with the Sun, and what is left without it.
+  void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
+                 Sampler& sampler, float* out, float* base) const;
+
+ private:
+  dem::ValueMap::Footprint2 footprint(const SurfacePoints& points, int lane, const Vec3& direction) const;
+
+  const FrameRequest& request_;
+  Brdf whole_;  // of rho = 1
+  double direct_w_m2_, path_w_m2_sr_, most_rho_;
+  std::unique_ptr<const EmissionTable> emission_;
+  Vec3 right_, down_;  // from one sample's ray to the next one's
+};
+
+// The first map that has a value decides; `fallback` where none has.
+double first_value(std::vector<dem::ValueMap::Sampler>& maps, const dem::ValueMap::Footprint2& footprint,
+                   double fallback);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,77 @@
+#include "engine/radiometry/spectrum.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+#include "engine/radiometry/photometry.h"
+#include "engine/radiometry/solar_spectrum.h"
+#include "engine/support/interpolate.h"
+
+namespace selenograph::engine {
+namespace {
+
+// Gauss-Legendre with eight points; exact for polynomials of degree 15.
+template <typename Function>
+double gauss(double from, double to, const Function& f) {
+  constexpr double kAt[4] = {0.1834346424956498, 0.5255324099163290, 0.7966664774136267, 0.9602898564975363};
+  constexpr double kWeight[4] = {0.3626837833783620, 0.3137066458778873, 0.2223810344533745, 0.1012285362903763};
+  const double middle = (from + to) / 2, half = (to - from) / 2;
+  double sum = 0;
+  for (int i = 0; i < 4; ++i) sum += kWeight[i] * (f(middle - half * kAt[i]) + f(middle + half * kAt[i]));
+  return sum * half;
+}
+
+}  // namespace
+
+double planck_w_m2_sr_um(double wavelength_um, double temperature_k) {
+  if (!(temperature_k > 0)) return 0;
+  const double m = wavelength_um * 1e-6;
+  const double x = kPlanck_j_s * kSpeedOfLight_m_s / (m * kBoltzmann_j_k * temperature_k);
+  // 2 h c^2 / lambda^5 / (exp(x) - 1), per metre; 1e-6 of that per micrometre
+  return 1e-6 * 2 * kPlanck_j_s * kSpeedOfLight_m_s * kSpeedOfLight_m_s / (m * m * m * m * m) / std::expm1(x);
+}
+
+double solar_irradiance_w_m2(const Band& band) {
+  static const std::vector<double> table = [] {
+    std::vector<double> wavelengths;
+    for (const SpectralSample& s : kAstmE490) wavelengths.push_back(s.wavelength_um);
+    return wavelengths;
+  }();
+  const std::vector<double> points = band.breakpoints(table);
+  double sum = 0;
+  for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+    const double from = points[i], to = points[i + 1];
+    if (from < table.front() || to > table.back()) continue;
+    sum += integral_of_product(to - from, band.response_at(from), band.response_at(to), solar_irradiance_w_m2_um(from),
+                               solar_irradiance_w_m2_um(to));
+  }
+  return sum;
+}
+
+double integrate_planck(const std::vector<double>& breakpoints_um, double temperature_k,
+                        const std::function<double(double)>& weight) {
+  if (!(temperature_k > 0)) return 0;
+  double sum = 0;
+  for (std::size_t i = 0; i + 1 < breakpoints_um.size(); ++i) {
+    const double first = breakpoints_um[i], last = breakpoints_um[i + 1];
+    // B changes by a moderate factor from piece to piece: half an octave of wavelength, less where exp(-x) is steep.
+    const double x = kPlanck_j_s * kSpeedOfLight_m_s * 1e6 / (first * kBoltzmann_j_k * temperature_k);
+    const double octaves = std::log2(last / first);
+    const int pieces = std::clamp(static_cast<int>(std::ceil(octaves * (2 + x / 4))), 1, 4096);
+    const double ratio = std::exp2(octaves / pieces);
+    double from = first;
+    for (int k = 0; k < pieces; ++k) {
+      const double to = k + 1 == pieces ? last : from * ratio;
+      sum += gauss(from, to, [&](double w) { return weight(w) * planck_w_m2_sr_um(w, temperature_k); });
+      from = to;
+    }
+  }
+  return sum;
+}
+
+double planck_w_m2_sr(const Band& band, double temperature_k) {
+  return integrate_planck(band.breakpoints(), temperature_k, [&band](double w) { return band.response_at(w); });
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,188 @@
+#include "engine/scene/mesh.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <stdexcept>
+#include <utility>
+
+#include "dem/parallel.h"
+
+namespace selenograph::engine {
+namespace {
+
+using dem::BlockExtent;
+using dem::BlockId;
+
+// The post of a block at a place, if its lattice has one there and it is valid.
+std::optional<float> post_at(const dem::Block& block, std::int64_t lat, std::int64_t lon) {
+  const BlockExtent& e = block.extent;
+  const std::int64_t dy = lat - e.lat0;
+  std::int64_t dx = dem::wrap_lon(lon) - e.lon0;
+  if (dx < 0) dx += dem::kLonTicks;  // the eastern edge of a block that ends at 180 degrees
+  if (dy < 0 || dy > std::int64_t{e.quads} * e.lat_step || dx > std::int64_t{e.quads} * e.lon_step || dy % e.lat_step ||
+      dx % e.lon_step)
+    return std::nullopt;
+  const float h = block.heights[block.index(static_cast<int>(dy / e.lat_step), static_cast<int>(dx / e.lon_step))];
+  if (std::isnan(h)) return std::nullopt;
+  return h;
+}
+
+}  // namespace
+
+bool BlockBorder::operator==(const BlockBorder& other) const {
+  if (stride != other.stride) return false;
+  for (std::size_t edge = 0; edge < 4; ++edge)
+    if (height[edge].size() != other.height[edge].size() ||
+        std::memcmp(height[edge].data(), other.height[edge].data(), height[edge].size() * sizeof(float)) != 0)
+      return false;
+  return true;
+}
+
+MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined)
+    : posts(std::move(block)),
+      border(std::move(joined)),
+      side(posts->side()),
+      collapses(border.stride != std::array{1, 1, 1, 1}) {
+  vertices.resize(posts->heights.size());
+  for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = {posts->heights[i], posts->normals[i]};
+  const int quads = posts->extent.quads;
+  for (std::size_t edge = 0; edge < 4; ++edge)
+    for (int i = 0; i <= quads; ++i) {
+      const auto place = [&](int k) {
+        return edge < 2 ? posts->index(edge == 0 ? 0 : quads, k) : posts->index(k, edge == 2 ? 0 : quads);
+      };
+      vertices[place(i)] = {border.height[edge][static_cast<std::size_t>(i)],
+                            posts->normals[place(i - i % border.stride[edge])]};
+    }
+  for (std::size_t i = 0; i < posts->sin_lat.size(); ++i) rows.push_back({posts->sin_lat[i], posts->cos_lat[i]});
+  for (std::size_t i = 0; i < posts->sin_lon.size(); ++i) columns.push_back({posts->sin_lon[i], posts->cos_lon[i]});
+  source = posts->source(quads / 2, quads / 2);
+  if (posts->sources.size() == 1) return;
+  mixed.assign(static_cast<std::size_t>(quads), 0);
+  for (int r = 0; r < quads; ++r)
+    for (int c = 0; c < quads; ++c)
+      for (const auto& [dr, dc] : {std::pair{0, 0}, {0, 1}, {1, 0}, {1, 1}})
+        if (posts->source(r + dr, c + dc) != source) mixed[static_cast<std::size_t>(r)] |= std::uint64_t{1} << c;
+}
+
+std::size_t MeshBlock::bytes() const {
+  return sizeof(MeshBlock) + vertices.size() * sizeof(MeshVertex) + (rows.size() + columns.size()) * sizeof(Turn) +
+         mixed.size() * sizeof(std::uint64_t) + 4 * static_cast<std::size_t>(side) * sizeof(float);
+}
+
+Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before) {
+  std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
+  in_parallel(ids.size(), [&](std::size_t i) { loaded[i] = terrain.block(ids[i]); });
+  if (ids.size() > TriangleId::kMostBlocks)
+    throw std::length_error(fmt::format("mesh: {} blocks are more than {}", ids.size(), TriangleId::kMostBlocks));
+  coarsest_ = dem::kMaxLevel;
+  for (auto& posts : loaded) {
+    if (!posts) continue;
+    coarsest_ = std::min(coarsest_, posts->id.level), finest_ = std::max(finest_, posts->id.level);
+    index_[posts->id] = static_cast<std::uint32_t>(posts_.size());
+    posts_.push_back(std::move(posts));
+  }
+  blocks_.resize(posts_.size());
+  in_parallel(blocks_.size(), [&](std::size_t i) {
+    BlockBorder border = border_of(*posts_[i]);
+    if (before) {
+      const auto found = before->index_.find(posts_[i]->id);
+      const auto same = found == before->index_.end() ? nullptr : before->blocks_[found->second];
+      if (same && same->posts == posts_[i] && same->border == border) {
+        blocks_[i] = same;
+        return;
+      }
+    }
+    blocks_[i] = std::make_shared<const MeshBlock>(posts_[i], std::move(border));
+  });
+}
+
+std::optional<std::uint32_t> Mesh::block_at(std::int64_t lat_tick, std::int64_t lon_tick, int finest_level) const {
+  if (lat_tick < 0 || lat_tick > dem::kLatTicks) return std::nullopt;
+  const auto lat = static_cast<std::int32_t>(lat_tick);
+  const std::int32_t lon = dem::wrap_lon(lon_tick);
+  for (int level = std::min(finest_, finest_level); level >= coarsest_; --level)
+    if (const auto found = index_.find(dem::block_at(level, lat, lon)); found != index_.end()) return found->second;
+  return std::nullopt;
+}
+
+BlockBorder Mesh::border_of(const dem::Block& block) const {
+  BlockBorder border;
+  for (int edge = 0; edge < 4; ++edge) join_edge(block, edge, border);
+  return border;
+}
+
+void Mesh::join_edge(const dem::Block& own, int edge, BlockBorder& out) const {
+  const BlockExtent& e = own.extent;
+  const bool along_lon = edge < 2;
+  const std::int32_t step = along_lon ? e.lon_step : e.lat_step;
+  const std::int64_t lat_out = edge == 0 ? std::int64_t{e.lat0} - 1 : edge == 1 ? std::int64_t{e.lat1()} : 0;
+  const std::int64_t lon_out = edge == 2 ? std::int64_t{e.lon0} - 1 : edge == 3 ? std::int64_t{e.lon1()} : 0;
+  const std::int64_t lat_edge = edge == 1 ? e.lat1() : e.lat0, lon_edge = edge == 3 ? e.lon1() : e.lon0;
+  // At a pole the edge is one point, the same in every block around it: nothing to join but that point's height.
+  const bool pole = along_lon && (lat_edge == 0 || lat_edge == dem::kLatTicks);
+  // A neighbour that is as coarse or coarser lies along the whole edge, so one look across decides; finer ones give way
+  // themselves.
+  std::optional<std::uint32_t> across;
+  if (!pole) across = along_lon ? block_at(lat_out, e.lon0) : block_at(e.lat0, lon_out);
+  const dem::Block* neighbour = across ? posts_[*across].get() : nullptr;
+  int stride = 1;
+  if (neighbour) stride = std::max(1, (along_lon ? neighbour->extent.lon_step : neighbour->extent.lat_step) / step);
+  out.stride[static_cast<std::size_t>(edge)] = std::min(stride, e.quads);
+  // Where the longitude step halves towards the equator, several neighbours of one level share the edge: each vertex
+  // has its own.
+  const bool several =
+      neighbour && along_lon &&
+      dem::lon_shift(own.id.level, own.id.row + (edge == 1 ? 1 : -1)) < dem::lon_shift(own.id.level, own.id.row);
+  const bool neighbour_first = neighbour && neighbour->id < own.id;
+  const int remaining = out.stride[static_cast<std::size_t>(edge)];
+  std::vector<float>& heights = out.height[static_cast<std::size_t>(edge)];
+  heights.reserve(static_cast<std::size_t>(e.quads) + 1);
+  for (int i = 0; i <= e.quads; ++i) {
+    if (i % remaining != 0) {
+      heights.push_back(heights.back());
+      continue;
+    }
+    const std::int64_t lat = along_lon ? lat_edge : e.lat0 + std::int64_t{i} * e.lat_step;
+    const std::int64_t lon = along_lon ? e.lon0 + std::int64_t{i} * e.lon_step : lon_edge;
+    const int r = along_lon ? (edge == 0 ? 0 : e.quads) : i, c = along_lon ? i : (edge == 2 ? 0 : e.quads);
+    float h = own.heights[own.index(r, c)];
+    if (i == 0 || i == e.quads || several) {
+      h = joined_height(own.id, lat, lon);
+    } else if (neighbour && (neighbour_first || std::isnan(h))) {
+      h = post_at(*neighbour, lat, lon).value_or(h);
+    }
+    heights.push_back(h);
+  }
+}
+
+// The height of a corner: of all blocks that meet there and have it, the first.
+float Mesh::joined_height(const BlockId& own, std::int64_t lat, std::int64_t lon) const {
+  std::optional<std::uint32_t> first;
+  float height = std::numeric_limits<float>::quiet_NaN();
+  const auto consider = [&](std::int64_t y, std::int64_t x) {
+    if (y < 0 || y >= dem::kLatTicks) return;
+    const auto at = block_at(y, x);
+    if (!at || (first && posts_[*at]->id > posts_[*first]->id)) return;
+    if (const auto h = post_at(*posts_[*at], lat, lon)) first = at, height = *h;
+  };
+  for (const int dy : {-1, 0})
+    for (const int dx : {-1, 0}) consider(lat + dy, lon + dx);
+  if (lat == 0 || lat == dem::kLatTicks) {  // a pole: every block around it holds the same raw post
+    const auto at = index_.find(own);
+    height = post_at(*posts_[at->second], lat, lon).value_or(height);
+  }
+  return height;
+}
+
+std::size_t Mesh::bytes() const {
+  std::size_t sum = sizeof(Mesh);
+  for (const auto& b : blocks_) sum += b->bytes();
+  return sum;
+}
+
+}  // namespace selenograph::engine

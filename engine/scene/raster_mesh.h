@@ -1,0 +1,72 @@
+// The mesh as rasterisers want it: float relative to an anchor, structure of arrays, in strips with tight bounds.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "engine/scene/mesh.h"
+
+namespace selenograph::engine {
+
+inline constexpr std::uint32_t kNoTriangle = 0xffffffff;  // instead of TriangleId::packed()
+
+// Vertices of one block, rows from the south, `stride` floats apart; what lies beyond the last column is NaN.
+struct RasterBlock {
+  const float *x = nullptr, *y = nullptr, *z = nullptr;  // relative to the anchor, metres
+  int quads = 0, stride = 0;
+  const MeshVertex* vertices = nullptr;
+};
+
+// Some rows of quads of a block, in a box along the block's own axes (east, north, up at its middle).
+struct Strip {
+  std::uint32_t block;
+  int first_row, rows;
+  float centre[3];   // of the box, relative to the anchor
+  float half[3][3];  // half its edges: east, north, up
+};
+
+// Triangles under the border of the data, down to below all relief: with them every ray that goes into the ground does
+// so through a triangle that it meets from outside. Shadows rely on that.
+struct Wall {
+  float a[3], b[3], c[3];  // counter-clockwise from outside, relative to the anchor
+};
+
+// What is drawn of one block of a mesh; immutable, shared like it.
+struct RasterPiece {
+  std::shared_ptr<const MeshBlock> of;
+  std::vector<float> xyz;  // x, y, z one after the other
+  RasterBlock block;
+  std::vector<Strip> strips;  // of block 0
+  // Edges of triangles that no other triangle of the block shares: beside voids, and along each side of the block.
+  // from, to; the triangle is on the left. A side's mark is the same for whatever runs along it the other way.
+  using Edge = std::array<float, 6>;
+  std::vector<Edge> inside;
+  std::array<std::vector<Edge>, 4> along;
+  std::array<std::uint64_t, 4> mark;
+};
+
+class RasterMesh {
+ public:
+  // `before`: one whose pieces are taken over where the mesh's blocks and the anchor are the same; may be null.
+  RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh* before = nullptr);
+
+  const Vec3& anchor() const { return anchor_; }
+  const std::vector<RasterBlock>& blocks() const { return blocks_; }
+  const std::vector<Strip>& strips() const { return strips_; }
+  const std::vector<Wall>& walls() const { return walls_; }
+  std::size_t bytes() const;
+
+ private:
+  void add_walls();
+
+  Vec3 anchor_;
+  std::vector<std::shared_ptr<const RasterPiece>> pieces_;  // per block
+  std::vector<RasterBlock> blocks_;
+  std::vector<Strip> strips_;
+  std::vector<Wall> walls_;
+};
+
+}  // namespace selenograph::engine

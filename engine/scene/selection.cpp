@@ -1,0 +1,381 @@
+#include "engine/scene/selection.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <unordered_map>
+#include <unordered_set>
+#include <utility>
+
+#include "dem/error.h"
+#include "engine/scene/light_grid.h"
+#include "engine/scene/node_bounds.h"
+
+namespace selenograph::engine {
+namespace {
+
+using dem::BlockId;
+using Chosen = std::unordered_set<BlockId, dem::BlockIdHash>;
+
+struct Known {
+  dem::NodeInfo info;
+  NodeBounds bounds;
+};
+
+// Heights of a node; lunar relief's own bounds where the true ones would cost building everything beneath.
+std::optional<Known> known(const dem::Terrain& terrain, const BlockId& id) {
+  if (!terrain.has_data(id)) return std::nullopt;
+  dem::NodeInfo info{0, dem::kLowestRelief_m, dem::kHighestRelief_m, false};
+  if (terrain.node_is_cheap(id)) info = terrain.node(id);
+  if (info.empty) return std::nullopt;
+  return Known{info, bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m))};
+}
+
+void check(const std::size_t blocks, const StopToken& stop) {
+  stop.check();
+  if (blocks > kMaxBlocks)
+    throw TooMuchTerrain(
+        "the view needs more terrain than fits: ask for a larger max_error_px, a narrower field of view or a higher "
+        "camera");
+}
+
+// 1 / tan of the Sun's elevation over the lowest place of a node: how far a shadow's edge on level ground moves per
+// metre of height. Below a hundredth of a degree shadows have no edge to speak of; at a high Sun slopes still move
+// them.
+double shadow_gain(const NodeBounds& b, const Vec3& sun) {
+  constexpr double kLeast = 1, kMost = 5700;
+  const double up = std::asin(std::clamp(sun.dot(b.centre) / b.centre.norm(), -1.0, 1.0));
+  const double lowest = up - std::asin(std::min(1.0, b.radius_m / b.centre.norm()));
+  return lowest <= 0 ? kMost : std::clamp(1 / std::tan(lowest), kLeast, kMost);
+}
+
+// Split by a finer neighbour, a block at its finest follows the sphere more closely than the finest surface does: along
+// a slope m by the chords' sag times 1 + 2 m^2, because heights linear in the angle aren't linear along the chord. For
+// slopes of up to 60 degrees.
+double subdivision_error_m(int level) { return 7 * dem::chord_sag_m(level); }
+
+class ViewSelector {
+ public:
+  ViewSelector(const dem::Terrain& terrain, const View& view, const Accuracy& accuracy, std::size_t max_bytes,
+               const StopToken& stop, const std::vector<Ball>& receivers)
+      : terrain_(terrain),
+        view_(view),
+        accuracy_(accuracy),
+        max_bytes_(max_bytes),
+        stop_(stop),
+        receivers_(receivers) {}
+
+  Selection select(const Sun* sun) {
+    for (const BlockId& id : terrain_.roots()) see(id);
+    if (sun) sharpen_shadows(sun->direction);
+    for (const Seen& s : seen_) choose(s.id, s.info);
+    balance();
+    report();
+    result_.blocks.assign(chosen_.begin(), chosen_.end());
+    std::sort(result_.blocks.begin(), result_.blocks.end());
+    check_size();
+    return std::move(result_);
+  }
+
+ private:
+  struct Seen {
+    BlockId id;
+    dem::NodeInfo info;
+    NodeBounds bounds;
+    double pixels_per_metre;
+  };
+
+  std::optional<Seen> look_at(const BlockId& id) {
+    check(chosen_.size() + seen_.size(), stop_);
+    const auto node = known(terrain_, id);
+    if (!node) return std::nullopt;
+    const NodeBounds& b = node->bounds;
+    if (!view_.may_see(b.centre, b.radius_m) || below_horizon(view_.position(), b)) {
+      out_of_view_.push_back(id);
+      return std::nullopt;
+    }
+    return Seen{id, node->info, b, view_.pixels_per_metre(b.centre, b.radius_m, b.high_m + b.bulge_m)};
+  }
+
+  void see(const BlockId& id) {
+    const auto node = look_at(id);
+    if (!node) return;
+    if (refine(id, node->pixels_per_metre)) {
+      for (const BlockId& child : dem::children_of(id)) see(child);
+      return;
+    }
+    seen_.push_back(*node);
+  }
+
+  bool finest(const BlockId& id) const { return id.level >= terrain_.finest_level(id); }
+
+  // The finest surface is what errors are measured to: it has none.
+  double error_m(const BlockId& id) const {
+    return finest(id) ? 0 : terrain_.node(id).error_m + dem::chord_sag_m(id.level);
+  }
+
+  bool refine(const BlockId& id, double pixels_per_metre) const {
+    if (finest(id)) return false;
+    const double allowed = accuracy_.max_error_px;
+    if (allowed == 0) return true;
+    const bool coarser_than_posts = id.level < terrain_.posts_level(id);
+    if (coarser_than_posts && dem::post_spacing_m(id.level) * pixels_per_metre > 2 * allowed) return true;
+    // Without asking for the posts' own error, which may have to be computed, where the sag alone is too much.
+    if (dem::chord_sag_m(id.level) * pixels_per_metre > allowed) return true;
+    return error_m(id) * pixels_per_metre > allowed;
+  }
+
+  void choose(const BlockId& id, const dem::NodeInfo& info) {
+    chosen_.insert(id);
+    result_.highest_m = std::max(result_.highest_m, static_cast<double>(info.max_m));
+  }
+
+  // Pixels per metre: an object next to the camera doesn't ask for terrain finer than there is.
+  static constexpr double kSharpest = 1;
+
+  // Refines what can throw a shadow into view, in view itself or not.
+  void sharpen_shadows(const Vec3& sun) {
+    LightGrid grid(sun);
+    for (const Seen& s : seen_) grid.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun));
+    for (const Ball& ball : receivers_) {
+      if (!view_.may_see(ball.centre_m, ball.radius_m)) continue;
+      const NodeBounds bounds = bounds_around(ball.centre_m, ball.radius_m);
+      const double sharpness = std::min(kSharpest, view_.pixels_per_metre(ball.centre_m, ball.radius_m));
+      grid.add_receiver(bounds, sharpness * shadow_gain(bounds, sun));
+    }
+    grid.finish();
+    for (const Seen& s : std::exchange(seen_, {})) sharpen(s, grid);
+    for (const BlockId& id : std::exchange(out_of_view_, {})) cast(id, grid);
+  }
+
+  // What a block's error does to shadow edges, pixels; whether that is too much and finer posts would help.
+  bool blurs_shadows(const BlockId& id, double displaced_pixels_per_metre) {
+    if (displaced_pixels_per_metre == 0 || finest(id)) return false;
+    if (accuracy_.max_error_px == 0) return true;
+    const double displaced = error_m(id) * displaced_pixels_per_metre;
+    if (displaced > accuracy_.max_shadow_error_px) return true;
+    result_.shadow_error_px = std::max(result_.shadow_error_px, displaced);
+    return false;
+  }
+
+  void sharpen(const Seen& seen, const LightGrid& grid) {
+    if (!blurs_shadows(seen.id, grid.shaded_pixels_per_metre(seen.bounds))) {
+      seen_.push_back(seen);
+      return;
+    }
+    for (const BlockId& child : dem::children_of(seen.id))
+      if (const auto node = look_at(child)) sharpen(*node, grid);
+  }
+
+  void cast(const BlockId& id, const LightGrid& grid) {
+    check(chosen_.size() + seen_.size(), stop_);
+    const auto node = known(terrain_, id);
+    if (!node) return;
+    const double displaced = grid.shaded_pixels_per_metre(node->bounds);
+    if (displaced == 0) return;
+    // Large blocks overlap much that they don't shade: they are split until their bounds mean something.
+    const bool coarse = id.level < dem::kRootLevel + 1 && !finest(id);
+    if (coarse || blurs_shadows(id, displaced)) {
+      for (const BlockId& child : dem::children_of(id)) cast(child, grid);
+      return;
+    }
+    choose(id, node->info);
+  }
+
+  // Bounds over what is in view.
+  void report() {
+    if (!seen_.empty()) result_.min_spacing_m = std::numeric_limits<double>::infinity();
+    for (const Seen& s : seen_) {
+      const bool split = finest(s.id) && !chosen_.contains(s.id);
+      const double error = split ? subdivision_error_m(s.id.level) : error_m(s.id),
+                   spacing = dem::post_spacing_m(s.id.level);
+      result_.error_m = std::max(result_.error_m, error);
+      result_.error_px = std::max(result_.error_px, error * s.pixels_per_metre);
+      result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
+      result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
+    }
+    for (const BlockId& id : chosen_)
+      if (const auto seen = in_view_.find(id); seen != in_view_.end())
+        around(id, [&](std::int32_t lat, std::int32_t lon) {
+          const BlockId* neighbour = covering(lat, lon, id.level);
+          const double error = neighbour ? edge_error_m(id, *neighbour) : 0;
+          result_.error_m = std::max(result_.error_m, error);
+          result_.error_px = std::max(result_.error_px, error * seen->second);
+        });
+  }
+
+  void check_size() const {
+    std::size_t needed = 0;
+    for (const BlockId& id : result_.blocks) needed += scene_bytes_of(id);
+    if (needed > max_bytes_)
+      throw TooMuchTerrain(fmt::format(
+          "the view needs {} MB for its terrain, {} MB are allowed: ask for a larger max_error_px or a narrower view",
+          needed >> 20, max_bytes_ >> 20));
+  }
+
+  // The chosen block that holds a place, at `level` or coarser.
+  const BlockId* covering(std::int32_t lat, std::int32_t lon, int level) const {
+    for (int n = level; n >= 0; --n)
+      if (const auto found = chosen_.find(dem::block_at(n, lat, lon)); found != chosen_.end()) return &*found;
+    return nullptr;
+  }
+
+  // visit(latitude, longitude) just outside of each side's middle and of each corner.
+  template <typename Visit>
+  static void around(const BlockId& id, const Visit& visit) {
+    const dem::BlockExtent e = dem::extent_of(id);
+    const std::int64_t south = e.lat0 - 1, north = e.lat1(), west = std::int64_t{e.lon0} - 1, east = e.lon1();
+    const std::int64_t mid_lat = (e.lat0 + e.lat1()) / 2, mid_lon = (std::int64_t{e.lon0} + e.lon1()) / 2;
+    for (const std::int64_t lat : {south, mid_lat, north}) {
+      if (lat < 0 || lat >= dem::kLatTicks) continue;
+      for (const std::int64_t lon : {west, mid_lon, east})
+        if (lat != mid_lat || lon != mid_lon) visit(static_cast<std::int32_t>(lat), dem::wrap_lon(lon));
+    }
+  }
+
+  // What the joined edge takes over from a coarser neighbour out of view, m. (One in view has bounds of its own.)
+  double edge_error_m(const BlockId& id, const BlockId& neighbour) const {
+    return neighbour.level < id.level && in_view_.contains(id) && !in_view_.contains(neighbour) ? error_m(neighbour)
+                                                                                                : 0;
+  }
+
+  bool must_split(const BlockId& neighbour, const BlockId& id) const {
+    if (neighbour.level < id.level - 1) return true;
+    const double error = edge_error_m(id, neighbour);
+    return error > 0 && error * in_view_.at(id) > accuracy_.max_error_px;
+  }
+
+  // Splits blocks until neighbours differ by at most one level, so that edges join vertex by vertex, and until no edge
+  // in view is worse than what is promised.
+  void balance() {
+    for (const Seen& s : seen_) in_view_[s.id] = s.pixels_per_metre;
+    std::vector<BlockId> todo(chosen_.begin(), chosen_.end());
+    std::sort(todo.begin(), todo.end());
+    while (!todo.empty()) {
+      const BlockId id = todo.back();
+      todo.pop_back();
+      if (!chosen_.contains(id)) continue;
+      around(id, [&](std::int32_t lat, std::int32_t lon) {
+        for (const BlockId* wide = covering(lat, lon, id.level); wide && must_split(*wide, id);
+             wide = covering(lat, lon, id.level))
+          split(*wide, todo);
+      });
+      check(chosen_.size(), stop_);
+    }
+  }
+
+  // By value: the block is on its way out of the set that holds it.
+  void split(const BlockId id, std::vector<BlockId>& todo) {
+    const auto seen = in_view_.find(id);
+    const double sharpness = seen == in_view_.end() ? 0 : seen->second;
+    chosen_.erase(id);
+    for (const BlockId& child : dem::children_of(id)) {
+      const auto node = known(terrain_, child);
+      if (!node) continue;
+      choose(child, node->info);
+      todo.push_back(child);
+      if (sharpness > 0) in_view_[child] = sharpness;
+    }
+  }
+
+  const dem::Terrain& terrain_;
+  const View& view_;
+  const Accuracy& accuracy_;
+  std::size_t max_bytes_;
+  const StopToken& stop_;
+  const std::vector<Ball>& receivers_;
+  Chosen chosen_;
+  std::vector<Seen> seen_;
+  std::unordered_map<BlockId, double, dem::BlockIdHash> in_view_;  // pixels per metre; parts of what was split, too
+  std::vector<BlockId> out_of_view_;
+  Selection result_;
+};
+
+// Whether a ray passes through a node: within its ball it must come below the highest and reach above the lowest
+// height.
+bool may_meet(const Ray& ray, const NodeBounds& b) {
+  const Vec3 to = b.centre - ray.origin_m;
+  const double along = to.dot(ray.direction), off2 = to.squaredNorm() - along * along, reach2 = b.radius_m * b.radius_m;
+  if (off2 > reach2) return false;
+  const double half = std::sqrt(reach2 - off2), t0 = std::max(0.0, along - half), t1 = along + half;
+  if (t1 < 0) return false;
+  const double closest = std::clamp(-ray.origin_m.dot(ray.direction), t0, t1);
+  return (ray.origin_m + closest * ray.direction).norm() <= kMoonRadius_m + b.high_m + b.bulge_m + 1;
+}
+
+// False once there are too many.
+bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std::vector<std::size_t>& some,
+            const BlockId& id, std::size_t max_blocks, Selection& out, const StopToken& stop) {
+  stop.check();
+  const auto node = known(terrain, id);
+  if (!node) return true;
+  std::vector<std::size_t> meeting;
+  for (const std::size_t i : some)
+    if (may_meet(rays[i], node->bounds)) meeting.push_back(i);
+  if (meeting.empty()) return true;
+  if (id.level < terrain.finest_level(id)) {
+    const std::vector<BlockId> children = dem::children_of(id);
+    return std::all_of(children.begin(), children.end(), [&](const BlockId& child) {
+      return follow(terrain, rays, meeting, child, max_blocks, out, stop);
+    });
+  }
+  out.blocks.push_back(id);
+  out.highest_m = std::max(out.highest_m, static_cast<double>(node->info.max_m));
+  return out.blocks.size() <= max_blocks;
+}
+
+}  // namespace
+
+Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
+                          const StopToken& stop, std::size_t max_bytes, const std::vector<Ball>& receivers) {
+  // An aim of a hundred pixels and more is none.
+  constexpr double kNoAim_px = 100;
+  Accuracy asked = accuracy;
+  for (;;) {
+    try {
+      return ViewSelector(terrain, view, asked, max_bytes, stop, receivers).select(sun);
+    } catch (const TooMuchTerrain&) {
+      const bool gives_way = sun && asked.max_error_px > 0 && asked.max_shadow_error_px < kNoAim_px;
+      if (!gives_way) throw;
+      asked.max_shadow_error_px = std::max(2 * asked.max_shadow_error_px, 1.0 / 16);
+    }
+  }
+}
+
+std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
+                                         std::size_t max_blocks, const StopToken& stop) {
+  Selection selection;
+  std::vector<std::size_t> all(rays.size());
+  for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
+  for (const BlockId& id : terrain.roots())
+    if (!follow(terrain, rays, all, id, max_blocks, selection, stop)) return std::nullopt;
+  std::sort(selection.blocks.begin(), selection.blocks.end());
+  return selection;
+}
+
+double triangles_of(const Selection& selection) {
+  double triangles = 0;
+  for (const BlockId& id : selection.blocks)
+    triangles += 2.0 * dem::quads_per_side(id.level) * dem::quads_per_side(id.level);
+  return triangles;
+}
+
+Visibility visibility_for(const FrameRequest& request, const View& view, const Selection& selection) {
+  if (!request.terrain) return Visibility::raytrace;  // nothing to draw
+  if (request.visibility != Visibility::automatic) return request.visibility;
+  // Triangles per pixel where both take equally long: selenograph_benchmark --benchmark_filter=dense. Under a low Sun
+  // triangles shade more samples; of the Sun's disc rays ask little where there are few pixels.
+  constexpr double kDisc = 260, kLowSun = 550, kElse = 850, kLow = 0.1;
+  double most = kElse;
+  if (request.sun.angular_radius_deg > 0)
+    most = kDisc;
+  else if (anchor_for(view.position(), view.middle()).normalized().dot(request.sun.direction) < kLow)
+    most = kLowSun;
+  const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
+  return triangles_of(selection) > most * pixels ? Visibility::raytrace : Visibility::zbuffer;
+}
+
+}  // namespace selenograph::engine

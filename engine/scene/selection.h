@@ -1,0 +1,75 @@
+// Which blocks a frame needs, and how fine: level of detail by error, casters outside the view.
+//
+// A function of the request and the terrain only, never of what happens to be loaded: the same request selects the same
+// blocks. A block in view is refined until its posts are at most 2 max_error_px pixels apart and its vertical error (to
+// the finest surface, plus the chord's sag) projects to at most max_error_px. Terrain that is not in view is kept where
+// its shadow can reach what is. All terrain that can throw a shadow into view is refined until its vertical error moves
+// a shadow's edge on level ground by at most max_shadow_error_px: that is the error over the tangent of the Sun's
+// elevation where the shadow falls.
+#pragma once
+
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "dem/stop_token.h"
+#include "dem/terrain.h"
+#include "engine/camera/view.h"
+#include "engine/frame/accuracy.h"
+#include "engine/frame/queries.h"
+#include "engine/frame/request.h"
+#include "engine/frame/sun.h"
+
+namespace selenograph::engine {
+
+struct Selection {
+  std::vector<dem::BlockId> blocks;  // sorted; neighbouring levels differ by at most one
+  double error_px = 0, error_m = 0;  // bounds over the blocks in view
+  double shadow_error_px = 0;        // bound on the displacement of shadow edges on level ground
+  double min_spacing_m = 0, max_spacing_m = 0;
+  double highest_m = 0;  // no block reaches higher
+};
+
+// What a scene holds of one block of 64 x 64 quads, about: vertices, those in float, and Embree's 15 bytes a triangle.
+// The posts themselves are the terrain cache's.
+inline constexpr std::size_t kSceneBytesPerVertex = 16 + 12;
+inline constexpr std::size_t kSceneBytesPerBlock = 65 * 65 * kSceneBytesPerVertex + 2 * 64 * 64 * 15;
+// Coarse levels have fewer quads: the whole Moon from afar is thousands of small blocks.
+inline std::size_t scene_bytes_of(const dem::BlockId& id) {
+  const auto quads = static_cast<std::size_t>(dem::quads_per_side(id.level));
+  return (quads + 1) * (quads + 1) * kSceneBytesPerVertex + 2 * quads * quads * 15;
+}
+
+// Past this many blocks (a million quads per 256) a request is refused: TooMuchTerrain.
+inline constexpr std::size_t kMaxBlocks = 6000;
+
+// What isn't terrain but receives its shadows.
+struct Ball {
+  Vec3 centre_m;
+  double radius_m;
+};
+
+// `sun` null: shadows don't matter. `receivers`: besides the terrain; what of them is in view. Throws TooMuchTerrain
+// when the scene would take more than max_bytes even without the aim for shadows, which gives way by factors of two
+// until it fits.
+Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
+                          const StopToken& stop, std::size_t max_bytes = std::numeric_limits<std::size_t>::max(),
+                          const std::vector<Ball>& receivers = {});
+
+// The finest blocks that rays may meet; empty when they are more than max_blocks. Neighbours can differ in level where
+// sources do: the mesh joins them all the same.
+std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
+                                         std::size_t max_blocks, const StopToken& stop);
+
+double triangles_of(const Selection& selection);
+
+// Which way the frame is seen, where the request leaves it open: by z-buffer, whose time grows with the triangles, but
+// tiny images of much terrain by rays, whose time grows with the pixels. From the request and the terrain alone, so
+// that the same request gives the same bytes.
+Visibility visibility_for(const FrameRequest& request, const View& view, const Selection& selection);
+
+// Of a frame's float coordinates: near the camera, or, far away, near the surface in the view's middle; snapped to a
+// lattice of 4096 m so that consecutive frames share it.
+Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,158 @@
+#include "engine/sensor/detector.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "dem/parallel.h"
+#include "engine/radiometry/spectrum.h"
+#include "engine/sensor/random.h"
+#include "engine/support/vectorise.h"
+
+namespace selenograph::engine {
+namespace {
+
+// A detector's numbers as its pixels need them.
+struct PixelModel {
+  float electrons_per_radiance, dark, hot, prnu, dsnu, read_noise, full_well, per_electron, offset, top;
+};
+
+// 2^32 times a share of the pixels.
+std::uint32_t threshold(double fraction) {
+  return static_cast<std::uint32_t>(std::min(std::llround(fraction * 0x1p32), 0xffffffffLL));
+}
+
+// Mean electrons, and the pixels' own offsets.
+SELENOGRAPH_VECTORISED
+void expose_lanes(const PixelModel& m, const float* radiance, const float* smear, const float* response,
+                  const float* offsets, const float* hot, const float* alive, float* mean, float* fixed) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kDraw; ++i) {
+    const float gain = 1 + m.prnu * response[i];
+    const float signal = (radiance[i] * m.electrons_per_radiance + smear[i]) * (gain > 0 ? gain : 0) * alive[i];
+    mean[i] = signal + m.dark + m.hot * hot[i];
+    fixed[i] = m.dsnu * offsets[i];
+  }
+}
+
+SELENOGRAPH_VECTORISED
+void read_lanes(const PixelModel& m, const float* electrons, const float* fixed, const float* noise,
+                std::uint16_t* numbers) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kDraw; ++i) {
+    const float held = electrons[i] < m.full_well ? electrons[i] : m.full_well;
+    const float read = held + fixed[i] + m.read_noise * noise[i];
+    const float dn = std::floor(read * m.per_electron + m.offset + 0.5F);
+    const float low = dn > 0 ? dn : 0, clamped = low < m.top ? low : m.top;
+    numbers[i] = static_cast<std::uint16_t>(static_cast<std::int32_t>(clamped));
+  }
+}
+
+SELENOGRAPH_VECTORISED
+void find_defects(const std::uint32_t* bits, std::uint32_t dead, std::uint32_t dead_or_hot, float* alive, float* hot) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kDraw; ++i) {
+    alive[i] = bits[i] < dead ? 0.F : 1.F;
+    hot[i] = bits[i] >= dead && bits[i] < dead_or_hot ? 1.F : 0.F;
+  }
+}
+
+// What a row passes on its way out of the image: its column's light, all rows' alike.
+std::vector<float> smear_of(const Detector& d, double per_radiance, const std::vector<float>& radiance, int width,
+                            int height) {
+  std::vector<double> sums(static_cast<std::size_t>(width), 0);
+  for (std::size_t y = 0; y < static_cast<std::size_t>(height); ++y)
+    for (std::size_t x = 0; x < sums.size(); ++x) sums[x] += static_cast<double>(radiance[y * sums.size() + x]);
+  std::vector<float> smear;
+  smear.reserve(sums.size());
+  for (const double sum : sums)
+    smear.push_back(static_cast<float>(sum * per_radiance * d.smear_time_s / d.integration_time_s));
+  return smear;
+}
+
+class Chain {
+ public:
+  Chain(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height)
+      : sensor_(sensor), radiance_(radiance), width_(static_cast<std::size_t>(width)) {
+    const Detector& d = sensor.detector;
+    const double per_radiance = electrons_per_radiance(sensor.optics, d, wavelength_um);
+    model_ = {static_cast<float>(per_radiance),
+              static_cast<float>(d.dark_current_e_s * d.integration_time_s),
+              static_cast<float>(d.hot_current_e_s * d.integration_time_s),
+              static_cast<float>(d.prnu),
+              static_cast<float>(d.dsnu_e),
+              static_cast<float>(d.read_noise_e),
+              d.full_well_e > 0 ? static_cast<float>(d.full_well_e) : 1e30F,
+              static_cast<float>(1 / d.gain_e_dn),
+              static_cast<float>(d.offset_dn),
+              static_cast<float>((1 << d.bit_depth) - 1)};
+    if (d.smear_time_s > 0) smear_ = smear_of(d, per_radiance, radiance, width, height);
+    dead_ = threshold(d.dead_fraction), dead_or_hot_ = threshold(d.dead_fraction + d.hot_fraction);
+    has_pattern_ = d.prnu > 0 || d.dsnu_e > 0 || dead_or_hot_ > 0;
+    has_noise_ = d.photon_noise || d.read_noise_e > 0;
+  }
+
+  // Pixels from `first` on, kDraw of them or fewer.
+  void run(std::size_t first, std::size_t count, std::uint16_t* image) const {
+    Lanes light{}, smear{}, response{}, offsets{}, hot{}, alive, mean, counted, fixed, noise{};
+    std::copy_n(&radiance_[first], count, light.at);
+    if (!smear_.empty())
+      for (std::size_t i = 0; i < count; ++i) smear.at[i] = smear_[(first + i) % width_];
+    std::fill_n(alive.at, kDraw, 1.F);
+    const auto pixel = static_cast<std::uint32_t>(first);
+    RandomWords words;
+    if (has_pattern_) {
+      draw(sensor_.seed, 0, RandomSource::fixed_pattern, pixel, words);
+      if (sensor_.detector.prnu > 0) normals(words.word[0], response.at);
+      if (sensor_.detector.dsnu_e > 0) normals(words.word[1], offsets.at);
+      if (dead_or_hot_ > 0) find_defects(words.word[2], dead_, dead_or_hot_, alive.at, hot.at);
+    }
+    expose_lanes(model_, light.at, smear.at, response.at, offsets.at, hot.at, alive.at, mean.at, fixed.at);
+    if (has_noise_) draw(sensor_.seed, sensor_.frame, RandomSource::exposure, pixel, words);
+    if (sensor_.detector.photon_noise) poisson(words.word[0], mean.at, counted.at);
+    if (sensor_.detector.read_noise_e > 0) normals(words.word[1], noise.at);
+    alignas(64) std::uint16_t numbers[kDraw];
+    read_lanes(model_, sensor_.detector.photon_noise ? counted.at : mean.at, fixed.at, noise.at, numbers);
+    std::copy_n(numbers, count, image + first);
+  }
+
+ private:
+  struct Lanes {
+    alignas(64) float at[kDraw];
+  };
+
+  const SensorModel& sensor_;
+  const std::vector<float>& radiance_;
+  std::size_t width_;
+  PixelModel model_;
+  std::vector<float> smear_;
+  std::uint32_t dead_, dead_or_hot_;
+  bool has_pattern_, has_noise_;
+};
+
+}  // namespace
+
+double electrons_per_radiance(const Optics& optics, const Detector& d, double wavelength_um) {
+  const double p = d.pixel_pitch_um * 1e-6, lambda = wavelength_um * 1e-6;
+  return d.integration_time_s * std::numbers::pi * p * p / (4 * optics.f_number * optics.f_number) *
+         d.quantum_efficiency * lambda / (kPlanck_j_s * kSpeedOfLight_m_s);  // eq. (8)
+}
+
+double radiant_flux_w(double pixel_pitch_um, double f_number, double efficiency, double radiance_w_m2_sr) {
+  const double p = pixel_pitch_um * 1e-6;
+  return std::numbers::pi / 4 * p * p / (f_number * f_number) * efficiency * radiance_w_m2_sr;  // eq. (9)
+}
+
+void detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,
+            std::vector<std::uint16_t>& image) {
+  const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+  image.resize(pixels);
+  const Chain chain(sensor, wavelength_um, radiance, width, height);
+  constexpr std::size_t kLanes = kDraw;
+  in_parallel_pieces((pixels + kLanes - 1) / kLanes, 64, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t k = first; k < past_last; ++k)
+      chain.run(k * kLanes, std::min(kLanes, pixels - k * kLanes), image.data());
+  });
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,32 @@
+// Radiance to electrons, flux and digital numbers: SENSOR++ (Paproth et al.), equations (8), (9) and (12).
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "engine/frame/sensor_model.h"
+
+namespace selenograph::engine {
+
+// Paper eq. (8): electrons that a quantum detector counts in its integration time, n_el = t pi p^2 / (4 f_#^2) eta L
+// lambda / (h c) Delta lambda, for L Delta lambda = 1 W m-2 sr-1 at wavelength lambda. Delta lambda << lambda: a wide
+// band is counted as if all of it had its center's photons.
+double electrons_per_radiance(const Optics& optics, const Detector& detector, double wavelength_um);
+
+// Paper eq. (9): radiant flux on a detector's pixel, W: Phi = pi / 4 p^2 / f_#^2 eta L Delta lambda.
+// `radiance_w_m2_sr`: L Delta lambda; `efficiency`: eta, of optics, filters and, in a spectrometer, the grating.
+double radiant_flux_w(double pixel_pitch_um, double f_number, double efficiency, double radiance_w_m2_sr);
+
+// Paper eq. (12), of a bolometer with a noise-equivalent power.
+inline double signal_to_noise(double flux_w, double noise_equivalent_power_w) {
+  return flux_w / noise_equivalent_power_w;
+}
+
+// Digital numbers of a frame of width x height; `radiance`: after the optics. Parallel; the same numbers give the same
+// image however many threads there are.
+//   electrons = min(full well, Poisson(signal (1 + PRNU) + smear + dark)) + DSNU + read noise
+//   DN = clamp(round(electrons / gain + offset))
+void detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,
+            std::vector<std::uint16_t>& image);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,141 @@
+#include "engine/sensor/optics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "dem/parallel.h"
+#include "engine/support/interpolate.h"
+#include "engine/support/vectorise.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr std::size_t kRows = 16;  // of a parallel piece
+
+// out[i] += weight in[i]
+SELENOGRAPH_VECTORISED
+void add_weighted(const float* in, float weight, std::size_t count, float* out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (std::size_t i = 0; i < count; ++i) out[i] += weight * in[i];
+}
+
+std::vector<float> gaussian(double sigma_px, int radius, double& captured) {
+  std::vector<float> weights;
+  const auto below = [&](double x) { return 0.5 * std::erfc(-x / (sigma_px * std::numbers::sqrt2)); };
+  const double sum = below(radius + 0.5) - below(-radius - 0.5);
+  for (int i = -radius; i <= radius; ++i)
+    weights.push_back(static_cast<float>((below(i + 0.5) - below(i - 0.5)) / sum));
+  captured = sum * sum;
+  return weights;
+}
+
+// Born & Wolf, Principles of Optics, 8.5.2: (2 J1(v) / v)^2, normalised to all of the light; v: at a distance in units
+// of lambda N / pi.
+double airy(double v) {
+  const double bessel = v > 1e-6 ? 2 * std::cyl_bessel_j(1.0, v) / v : 1;
+  return bessel * bessel / (4 * std::numbers::pi);
+}
+
+}  // namespace
+
+SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um) {
+  switch (spread.model) {
+    case PointSpread::Model::none:
+      row_ = {1.F};
+      return;
+    case PointSpread::Model::gaussian:
+      radius_ = std::min(kMaxRadius, static_cast<int>(std::ceil(4.5 * spread.sigma_px)));
+      row_ = gaussian(spread.sigma_px, radius_, captured_);
+      return;
+    case PointSpread::Model::airy: {
+      const double unit_px = wavelength_um * f_number / std::numbers::pi / pixel_pitch_um;
+      // Rings are a lambda N wide: 12 of them hold 98.3 % of the light, as far as that fits.
+      radius_ = std::clamp(static_cast<int>(std::ceil(12 * std::numbers::pi * unit_px)), 1, kMaxRadius);
+      // Midpoints, several to a ring and to a pixel.
+      const int fine = std::max(5, static_cast<int>(std::ceil(4 / unit_px / std::numbers::pi)) | 1);
+      const int side = 2 * radius_ + 1;
+      std::vector<double> weights(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+      // An eighth of it says the rest.
+      for (int y = 0; y <= radius_; ++y)
+        for (int x = y; x <= radius_; ++x) {
+          double sum = 0;
+          for (int j = 0; j < fine; ++j)
+            for (int i = 0; i < fine; ++i)
+              sum += airy(std::hypot(x + (i + 0.5) / fine - 0.5, y + (j + 0.5) / fine - 0.5) / unit_px);
+          for (const int a : {-x, x})
+            for (const int b : {-y, y})
+              weights[static_cast<std::size_t>((b + radius_) * side + a + radius_)] =
+                  weights[static_cast<std::size_t>((a + radius_) * side + b + radius_)] =
+                      sum / (fine * fine * unit_px * unit_px);
+        }
+      captured_ = 0;
+      for (const double w : weights) captured_ += w;
+      kernel_.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+      std::transform(weights.begin(), weights.end(), kernel_.begin(),
+                     [this](double w) { return static_cast<float>(w / captured_); });
+      return;
+    }
+    case PointSpread::Model::kernel: {
+      radius_ = spread.side / 2;
+      double sum = 0;
+      for (const double w : spread.kernel) sum += w;
+      for (const double w : spread.kernel) kernel_.push_back(static_cast<float>(w / sum));
+      return;
+    }
+  }
+}
+
+double SpreadKernel::weight(int dx, int dy) const {
+  if (std::abs(dx) > radius_ || std::abs(dy) > radius_) return 0;
+  const auto column = static_cast<std::size_t>(dx + radius_), row = static_cast<std::size_t>(dy + radius_);
+  if (!row_.empty()) return static_cast<double>(row_[column]) * static_cast<double>(row_[row]);
+  return static_cast<double>(kernel_[row * static_cast<std::size_t>(2 * radius_ + 1) + column]);
+}
+
+void SpreadKernel::apply(const std::vector<float>& in, int width, int height, std::vector<float>& out) const {
+  const auto w = static_cast<std::size_t>(width), h = static_cast<std::size_t>(height),
+             r = static_cast<std::size_t>(radius_), side = 2 * r + 1, wide = w + 2 * r;
+  out.assign(w * h, 0.F);
+  if (row_.empty()) {
+    in_parallel_pieces(h, kRows, [&](std::size_t first, std::size_t past_last) {
+      for (std::size_t y = first; y < past_last; ++y)
+        for (std::size_t j = 0; j < side; ++j)
+          for (std::size_t i = 0; i < side; ++i)  // what spreads by (dx, dy) comes from the other side
+            add_weighted(&in[(y + j) * wide + i], kernel_[(side - 1 - j) * side + side - 1 - i], w, &out[y * w]);
+    });
+    return;
+  }
+  std::vector<float> across(w * (h + 2 * r), 0.F);
+  in_parallel_pieces(h + 2 * r, kRows, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t y = first; y < past_last; ++y)
+      for (std::size_t i = 0; i < side; ++i) add_weighted(&in[y * wide + i], row_[i], w, &across[y * w]);
+  });
+  in_parallel_pieces(h, kRows, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t y = first; y < past_last; ++y)
+      for (std::size_t j = 0; j < side; ++j) add_weighted(&across[(y + j) * w], row_[j], w, &out[y * w]);
+  });
+}
+
+void vignette(const Vignetting& vignetting, const View& view, const PixelRays& rays, std::vector<float>& radiance) {
+  if (vignetting.model == Vignetting::Model::none) return;
+  const Camera& c = view.camera();
+  const auto width = static_cast<std::size_t>(c.width), height = static_cast<std::size_t>(c.height);
+  const bool bends = !rays.x.empty();
+  const auto transmission = [&](double tan2) {
+    if (vignetting.model == Vignetting::Model::cos4) return 1 / ((1 + tan2) * (1 + tan2));  // cos^4 of the angle
+    const double angle_deg = std::atan(std::sqrt(tan2)) * (180 / std::numbers::pi);
+    return interpolated(vignetting.table, angle_deg, &Vignetting::Point::angle_deg, &Vignetting::Point::transmission);
+  };
+  in_parallel_pieces(height, kRows, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t y = first; y < past_last; ++y)
+      for (std::size_t x = 0; x < width; ++x) {
+        const std::size_t at = y * width + x;
+        const double px = bends ? rays.x[at] : (static_cast<double>(x) - c.cx) / c.fx,
+                     py = bends ? rays.y[at] : (static_cast<double>(y) - c.cy) / c.fy, tan2 = px * px + py * py;
+        if (!std::isnan(tan2)) radiance[at] *= static_cast<float>(transmission(tan2));
+      }
+  });
+}
+
+}  // namespace selenograph::engine

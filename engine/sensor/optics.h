@@ -1,0 +1,41 @@
+// What optics do to radiance before the detector sees it: point spread and vignetting.
+#pragma once
+
+#include <vector>
+
+#include "engine/camera/pixel_rays.h"
+#include "engine/camera/view.h"
+#include "engine/frame/sensor_model.h"
+
+namespace selenograph::engine {
+
+// A normalised kernel of (2 radius + 1)^2 weights, or, where it is a product, of one row and one column of them.
+class SpreadKernel {
+ public:
+  static constexpr int kMaxRadius = 32;
+
+  // For a wavelength and a detector's pitch. Cut off where the rest is below 1e-5 (Gaussian) or the radius reaches
+  // kMaxRadius (Airy, whose wings fall with the distance only): `captured` says what share is within.
+  SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um);
+
+  int radius() const { return radius_; }
+  double captured() const { return captured_; }
+  // Of a pixel (dx, dy) away from the point.
+  double weight(int dx, int dy) const;
+
+  // `in`: (width + 2 radius) x (height + 2 radius), an image with the border that light comes from; `out`: width x
+  // height.
+  void apply(const std::vector<float>& in, int width, int height, std::vector<float>& out) const;
+
+ private:
+  int radius_ = 0;
+  double captured_ = 1;
+  std::vector<float> row_;     // separable: 2 radius + 1, for both directions
+  std::vector<float> kernel_;  // else
+};
+
+// Multiplies by the transmission at each pixel's angle from the boresight. `rays`: of the pixels' centres, where there
+// is distortion.
+void vignette(const Vignetting& vignetting, const View& view, const PixelRays& rays, std::vector<float>& radiance);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,93 @@
+#include "engine/sensor/random.h"
+
+#include <Random123/philox.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "engine/support/vectorise.h"
+
+namespace selenograph::engine {
+namespace {
+
+// For normal numbers above 0; to 2 units in the last place.
+inline float logarithm(float x) {
+  const auto bits = std::bit_cast<std::uint32_t>(x);
+  const float mantissa = std::bit_cast<float>((bits & 0x007fffffU) | 0x3f800000U);  // 1 to 2
+  const bool upper = mantissa > 1.41421356F;
+  const float m = upper ? mantissa * 0.5F : mantissa;
+  const float exponent = static_cast<float>(static_cast<std::int32_t>(bits >> 23) - 127) + (upper ? 1.F : 0.F);
+  const float s = (m - 1) / (m + 1), s2 = s * s;
+  const float series = s * (2 + s2 * (2.F / 3 + s2 * (2.F / 5 + s2 * (2.F / 7 + s2 * (2.F / 9)))));
+  return exponent * 0.693147181F + series;
+}
+
+// Of (bits + 1/2) / 2^32.
+inline float normal_of(std::uint32_t bits) {
+  const bool high = bits >> 31 != 0;
+  const std::uint32_t from_end = high ? ~bits : bits;  // below 2^31: int's conversion is the one that vectors have
+  const float p = (static_cast<float>(static_cast<std::int32_t>(from_end)) + 0.5F) * 0x1p-32F;  // above 0, at most 1/2
+  const float q = 0.5F - p;
+  const float r = 0.180625F - q * q;
+  const float middle = q * (((59.109374720F * r + 159.29113202F) * r + 50.434271938F) * r + 3.3871327179F) /
+                       (((67.187563600F * r + 78.757757664F) * r + 17.895169469F) * r + 1);
+  const float t = std::sqrt(-logarithm(p)) - 1.6F;
+  const float tail = (((0.17023821103F * t + 1.3067284816F) * t + 2.7568153900F) * t + 1.4234372777F) /
+                     ((0.12021132975F * t + 0.73700164250F) * t + 1);
+  const float x = q <= 0.425F ? middle : tail;
+  return high ? x : -x;
+}
+
+// By adding up probabilities until they exceed u.
+float few(std::uint32_t bits, float mean) {
+  const double u = (static_cast<double>(bits) + 0.5) * 0x1p-32;
+  double probability = std::exp(-static_cast<double>(mean)), sum = probability;
+  int k = 0;
+  while (sum < u && k < 200) probability *= static_cast<double>(mean) / ++k, sum += probability;
+  return static_cast<float>(k);
+}
+
+SELENOGRAPH_VECTORISED
+int many(const std::uint32_t* bits, const float* mean, float* out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kDraw; ++i) {
+    const float m = mean[i] > kExactPoisson ? mean[i] : kExactPoisson;
+    const float w = normal_of(bits[i]), w2 = w * w, root = std::sqrt(m);
+    const float x = m + root * w + (1.F / 3 + w2 / 6) - w * (1.F / 36 + w2 / 72) / root +
+                    (-8.F / 405 + w2 * (7.F / 810 + w2 / 270)) / m;
+    const float whole = std::floor(x);
+    out[i] = whole > 0 ? whole : 0;
+  }
+  int left = 0;
+  for (int i = 0; i < kDraw; ++i) left |= mean[i] < kExactPoisson ? 1 : 0;
+  return left;
+}
+
+}  // namespace
+
+SELENOGRAPH_VECTORISED
+void draw(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uint32_t pixel, RandomWords& out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (std::uint32_t i = 0; i < kDraw; ++i) {
+    const philox4x32_ctr_t counter{{pixel + i, static_cast<std::uint32_t>(frame),
+                                    static_cast<std::uint32_t>(frame >> 32), static_cast<std::uint32_t>(source)}};
+    const philox4x32_key_t key{{static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)}};
+    const philox4x32_ctr_t words = philox4x32(counter, key);
+    for (int k = 0; k < 4; ++k) out.word[k][i] = words.v[k];
+  }
+}
+
+SELENOGRAPH_VECTORISED
+void normals(const std::uint32_t bits[kDraw], float out[kDraw]) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kDraw; ++i) out[i] = normal_of(bits[i]);
+}
+
+void poisson(const std::uint32_t bits[kDraw], const float mean[kDraw], float out[kDraw]) {
+  if (!many(bits, mean, out)) return;
+  for (int i = 0; i < kDraw; ++i)
+    if (mean[i] < kExactPoisson) out[i] = mean[i] > 0 ? few(bits[i], mean[i]) : 0;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,44 @@
+#include "engine/support/csv.h"
+
+#include <fmt/format.h>
+
+#include <charconv>
+#include <fstream>
+#include <stdexcept>
+
+#include "dem/error.h"
+
+namespace selenograph::engine {
+
+void each_csv_line(const std::string& path, const std::function<void(std::string_view)>& each) {
+  std::ifstream file(path);
+  if (!file) throw DataError(path, "can't be read");
+  std::string line;
+  for (int number = 1; std::getline(file, line); ++number) {
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (line.empty() || line.front() == '#') continue;
+    try {
+      each(line);
+    } catch (const std::invalid_argument& e) {
+      throw DataError(path, fmt::format("line {}: {}", number, e.what()));
+    }
+  }
+  if (file.bad()) throw DataError(path, "can't be read to its end");
+}
+
+std::vector<double> csv_numbers(std::string_view line) {
+  std::vector<double> numbers;
+  const char* at = line.data();
+  const char* const end = line.data() + line.size();
+  for (;;) {
+    double number = 0;
+    const auto [next, error] = std::from_chars(at, end, number);
+    if (error != std::errc() || (next != end && *next != ','))
+      throw std::invalid_argument("numbers separated by commas are expected");
+    numbers.push_back(number);
+    if (next == end) return numbers;
+    at = next + 1;
+  }
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,74 @@
+#include "engine/verify/accuracy_scenes.h"
+
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kRadians = std::numbers::pi / 180;
+constexpr double kFieldOfView_deg = 50;
+
+Camera square_camera(int side_px) {
+  const double f = side_px / 2.0 / std::tan(kFieldOfView_deg / 2 * kRadians), centre = (side_px - 1) / 2.0;
+  return {side_px, side_px, f, f, centre, centre, {}};
+}
+
+struct Seat {
+  const dem::Terrain& terrain;
+  Geographic place;
+  int side_px;
+
+  FrameRequest frame(double height_m, double tilt_deg, double sun_azimuth_deg, double sun_elevation_deg) const {
+    const double ground = terrain.height(place.lat_deg, place.lon_deg).height_m;
+    if (std::isnan(ground)) throw std::invalid_argument("no terrain where the scenes are to be seen");
+    FrameRequest request;
+    request.camera = square_camera(side_px);
+    request.pose = tilted_pose(to_cartesian({place.lat_deg, place.lon_deg, ground + height_m}), tilt_deg);
+    request.sun.direction = sun_over(request.pose.position_m, sun_azimuth_deg, sun_elevation_deg);
+    return request;
+  }
+};
+
+// From straight down to the sphere's horizon.
+double horizon_tilt_deg(double height_m) { return std::asin(kMoonRadius_m / (kMoonRadius_m + height_m)) / kRadians; }
+
+}  // namespace
+
+Pose tilted_pose(const Vec3& position_m, double tilt_deg) {
+  const EastNorthUp axes = local_axes(position_m);
+  const Vec3 z = -axes.up * std::cos(tilt_deg * kRadians) + axes.north * std::sin(tilt_deg * kRadians), x = axes.east;
+  Eigen::Matrix3d rows;
+  rows << x.transpose(), z.cross(x).transpose(), z.transpose();
+  return {position_m, Eigen::Quaterniond(rows)};
+}
+
+Vec3 sun_over(const Vec3& place_m, double azimuth_deg, double elevation_deg) {
+  const EastNorthUp axes = local_axes(place_m);
+  const Vec3 level = axes.north * std::cos(azimuth_deg * kRadians) + axes.east * std::sin(azimuth_deg * kRadians);
+  return axes.up * std::sin(elevation_deg * kRadians) + level * std::cos(elevation_deg * kRadians);
+}
+
+std::vector<AccuracyScene> accuracy_scenes(const dem::Terrain& terrain, const Geographic& place,
+                                           const std::optional<Geographic>& polar_place, int side_px) {
+  const Seat seat{terrain, place, side_px};
+  std::vector<AccuracyScene> scenes;
+  scenes.push_back({"nadir", "straight down from 20 km, Sun 15 degrees high", {seat.frame(20e3, 0, 90, 15)}});
+  scenes.push_back(
+      {"oblique", "60 degrees from the nadir, from 20 km, Sun 15 degrees high", {seat.frame(20e3, 60, 90, 15)}});
+  scenes.push_back({"limb",
+                    "towards the horizon from 20 km, Sun 15 degrees high",
+                    {seat.frame(20e3, horizon_tilt_deg(20e3), 90, 15)}});
+  if (polar_place)
+    scenes.push_back({"polar",
+                      "straight down from 20 km near a pole, Sun 2 degrees high",
+                      {Seat{terrain, *polar_place, side_px}.frame(20e3, 0, 90, 2)}});
+  AccuracyScene descent{
+      "descent", "straight down from 100 km, 32, 10, 3.2, 1 km, 320 and 100 m, Sun 10 degrees high", {}};
+  for (int i = 0; i < 7; ++i) descent.frames.push_back(seat.frame(100e3 * std::pow(10, -0.5 * i), 0, 90, 10));
+  scenes.push_back(std::move(descent));
+  return scenes;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,29 @@
+// The views on which speed is measured against error: what a lander sees on its way down.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "dem/terrain.h"
+#include "engine/frame/request.h"
+
+namespace selenograph::engine {
+
+struct AccuracyScene {
+  std::string name, what;
+  std::vector<FrameRequest> frames;  // accuracy and products are the sweep's to choose
+};
+
+// Square frames of side_px pixels, 50 degrees wide; heights above the ground at the place. The low Sun of the polar
+// scene needs no pole, but terrain where such a Sun is the usual one; without a place for it there is no such scene.
+std::vector<AccuracyScene> accuracy_scenes(const dem::Terrain& terrain, const Geographic& place,
+                                           const std::optional<Geographic>& polar_place, int side_px);
+
+// The camera above a place whose boresight is tilted from the nadir towards north, east to the right.
+Pose tilted_pose(const Vec3& position_m, double tilt_deg);
+
+// Direction toward a Sun at an azimuth (clockwise from north) and elevation over a place's local horizontal.
+Vec3 sun_over(const Vec3& place_m, double azimuth_deg, double elevation_deg);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,198 @@
+#include "engine/verify/accuracy_sweep.h"
+
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <memory>
+
+#include "dem/error.h"
+#include "dem/parallel.h"
+#include "engine/verify/bare_kernel.h"
+#include "engine/visibility/scene.h"
+
+namespace selenograph::engine {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+template <typename Work>
+double milliseconds(const Work& work) {
+  const auto start = Clock::now();
+  work();
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// Where even the finest posts of all casters don't fit: much less than the edges that are measured.
+constexpr double kReferenceShadowError_px = 0.25;
+
+struct Setting {
+  Accuracy accuracy;
+  Visibility visibility;
+};
+
+// The yardstick of one frame: the bare kernel on the finest mesh.
+class Yardstick {
+ public:
+  Yardstick(const Renderer& renderer, const FrameRequest& request, const Accuracy& setting, const StopToken& stop)
+      : arena_(renderer.threads()), view_(request.camera, request.pose), sun_(request.sun.direction) {
+    const Selection finest = select_for_view(renderer.terrain(), view_, &request.sun, setting, stop);
+    const Mesh mesh(renderer.terrain(), finest.blocks);
+    shell_m_ = kMoonRadius_m + Scene::highest_m(mesh) + 1;
+    kernel_ = std::make_unique<BareKernel>(mesh, anchor_for(view_.position(), view_.middle()), renderer.threads());
+  }
+
+  double ms() {
+    return milliseconds([&] {
+      in_arena(arena_, [&] {
+        kernel_->render(view_, sun_, shell_m_, image_);
+        return 0;
+      });
+    });
+  }
+
+ private:
+  tbb::task_arena arena_;
+  View view_;
+  Vec3 sun_;
+  double shell_m_ = 0;
+  std::unique_ptr<BareKernel> kernel_;
+  std::vector<float> image_;
+};
+
+// What one frame contributes to the row of each setting.
+class FrameSweep {
+ public:
+  FrameSweep(const Renderer& renderer, const FrameRequest& request, const SweepOptions& options, const StopToken& stop)
+      : renderer_(renderer), request_(request), options_(options), stop_(stop), view_(request.camera, request.pose) {}
+
+  // The truth: the finest posts, and many samples for radiance.
+  void prepare() {
+    for (double error = 0;; error = error > 0 ? 2 * error : 1.0 / 64) {
+      try {
+        const Accuracy setting{error, options_.reference_samples, kReferenceShadowError_px};
+        reference_ = frame({setting, Visibility::raytrace}, kRadiance | kLit).products;
+        yardstick_ = std::make_unique<Yardstick>(renderer_, request_, setting, stop_);
+        reference_max_error_px_ = error;
+        return;
+      } catch (const TooMuchTerrain&) {
+        if (error >= 4) throw;
+      }
+    }
+  }
+
+  // Throws TooMuchTerrain where the setting's terrain doesn't fit.
+  void measure(const Setting& setting, SweepRow& row, ErrorCollector& errors) {
+    const Frame measured = frame(setting, kRadiance | kLit | kPosition);
+    const FrameReport& report = measured.report;
+    errors.add_geometry(view_, renderer_.terrain(), measured.products.position, report.lod_error_m,
+                        report.lod_error_px);
+    errors.add_shadows(request_.camera.width, request_.camera.height, measured.products.lit, reference_.lit);
+    errors.add_radiance(measured.products.radiance, reference_.radiance);
+    row.reference_max_error_px = std::max(row.reference_max_error_px, reference_max_error_px_);
+    row.triangles = std::max(row.triangles, report.triangles);
+    row.scene_bytes = std::max(row.scene_bytes, report.scene_bytes);
+    row.bound_px = std::max(row.bound_px, report.lod_error_px), row.bound_m = std::max(row.bound_m, report.lod_error_m);
+    row.shadow_bound_px = std::max(row.shadow_bound_px, report.shadow_error_px);
+    time(setting, row);
+  }
+
+ private:
+  Frame frame(const Setting& setting, ProductSet products) const {
+    FrameRequest request = request_;
+    request.accuracy = setting.accuracy, request.visibility = setting.visibility;
+    request.products = products;
+    return renderer_.render(request, stop_);
+  }
+
+  // Alternating, so that what else the machine does falls on both.
+  void time(const Setting& setting, SweepRow& row) {
+    std::vector<double> ours, bare;
+    frame(setting, kRadiance);
+    for (int i = 0; i < options_.repetitions; ++i) {
+      bare.push_back(yardstick_->ms());
+      ours.push_back(milliseconds([&] { frame(setting, kRadiance); }));
+    }
+    row.frame_ms += median(ours), row.bare_ms += median(bare);
+  }
+
+  const Renderer& renderer_;
+  const FrameRequest& request_;
+  const SweepOptions& options_;
+  const StopToken& stop_;
+  View view_;
+  FrameProducts reference_;
+  double reference_max_error_px_ = 0;
+  std::unique_ptr<Yardstick> yardstick_;
+};
+
+bool measured(FrameSweep& frame, const Setting& setting, SweepRow& row, ErrorCollector& errors) {
+  try {
+    frame.measure(setting, row, errors);
+    return true;
+  } catch (const TooMuchTerrain&) {
+    return false;
+  }
+}
+
+std::vector<Setting> settings_of(const SweepOptions& options) {
+  std::vector<Setting> settings;
+  for (const Visibility method : options.methods) {
+    for (const double error : options.max_errors_px)
+      for (const int samples : options.samples_per_pixel)
+        settings.push_back({{.max_error_px = error, .samples_per_pixel = samples}, method});
+    for (const double shadows : options.max_shadow_errors_px)
+      settings.push_back({{.max_shadow_error_px = shadows}, method});
+  }
+  return settings;
+}
+
+std::size_t frames_of(const std::vector<AccuracyScene>& scenes) {
+  std::size_t frames = 0;
+  for (const AccuracyScene& s : scenes) frames += s.frames.size();
+  return frames;
+}
+
+}  // namespace
+
+std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<AccuracyScene>& scenes,
+                            const SweepOptions& options, const SweepProgress& progress, const StopToken& stop) {
+  const std::vector<Setting> settings = settings_of(options);
+  const std::size_t total = frames_of(scenes) * (settings.size() + 1);
+  std::vector<SweepRow> rows;
+  std::size_t done = 0;
+  for (const AccuracyScene& scene : scenes) {
+    std::vector<SweepRow> of_scene;
+    std::vector<ErrorCollector> errors(settings.size());
+    std::vector<char> fits(settings.size(), 1);
+    for (const Setting& setting : settings) {
+      SweepRow& row = of_scene.emplace_back();
+      row.scene = scene.name, row.setting = setting.accuracy, row.visibility = setting.visibility;
+    }
+    for (const FrameRequest& request : scene.frames) {
+      FrameSweep frame(renderer, request, options, stop);
+      progress(done++, total, scene.name + ": reference");
+      frame.prepare();
+      for (std::size_t i = 0; i < settings.size(); ++i) {
+        progress(done++, total, scene.name);
+        if (fits[i]) fits[i] = measured(frame, settings[i], of_scene[i], errors[i]);
+      }
+    }
+    for (std::size_t i = 0; i < settings.size(); ++i) {
+      if (!fits[i]) continue;
+      of_scene[i].errors = errors[i].result();
+      rows.push_back(of_scene[i]);
+    }
+  }
+  progress(total, total, "done");
+  return rows;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,310 @@
+#include "engine/verify/round_trip.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+
+#include "dem/error.h"
+#include "engine/verify/resample.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+// How far from the vertical a camera looks, towards the middles of its image's sides: as ordinary cameras do.
+constexpr double kHalfAngle_deg = 15;
+// Posts along a side of what one frame covers, at most: a frame of the size that cameras have.
+constexpr int kMostPostsPerFrame = 1000;
+constexpr std::size_t kRaysAtOnce = 65536;
+// Pixels beyond the outermost posts, so that these lie between pixels.
+constexpr int kMargin_px = 2;
+constexpr std::int64_t kMostPixels = std::int64_t{1} << 25;
+// A plane through pixels that see ground this many footprints apart spans something hidden. Visible ground can be
+// stretched so by tilt: 20 degrees off the vertical, a slope of 60 degrees facing away is seen 2.7 times as long.
+constexpr double kStretched = 4;
+
+const dem::RasterInfo& finest_tile(const dem::Catalogue& catalogue, const RoundTripRequest& request, int& index) {
+  const std::vector<int> found = catalogue.touching(request.lat_deg, request.lat_deg, request.lon_deg, request.lon_deg);
+  if (found.empty())
+    throw std::invalid_argument(
+        fmt::format("no tile holds latitude {}, longitude {} degrees", request.lat_deg, request.lon_deg));
+  index = found.back();
+  const dem::RasterInfo& tile = catalogue.rasters()[static_cast<std::size_t>(index)];
+  if (tile.projection != dem::Projection::geographic)
+    throw std::invalid_argument(tile.name + " is not in geographic coordinates: round trips are for tiles that are");
+  return tile;
+}
+
+PostWindow window_around(const dem::RasterInfo& tile, const RoundTripRequest& request) {
+  const auto centre = dem::locate(tile, request.lat_deg, request.lon_deg);
+  const auto first = [&](double at, int size, int wanted) {
+    return std::clamp(static_cast<int>(std::lround(at)) - wanted / 2, 0, size - wanted);
+  };
+  PostWindow w{tile};
+  w.width = request.posts > 0 ? std::min(request.posts, tile.width) : tile.width;
+  w.height = request.posts > 0 ? std::min(request.posts, tile.height) : tile.height;
+  w.x0 = first(centre.x, tile.width, w.width);
+  w.y0 = first(centre.y, tile.height, w.height);
+  return w;
+}
+
+// Camera axes looking straight down, image up to the north: +x east, +y south, +z down.
+Pose looking_down(const Vec3& position) {
+  const EastNorthUp local = local_axes(position);
+  Eigen::Matrix3d camera_from_moon;
+  camera_from_moon << local.east.transpose(), -local.north.transpose(), -local.up.transpose();
+  return {position, Eigen::Quaterniond(camera_from_moon).normalized()};
+}
+
+// Rows and columns [r0, r1) x [c0, c1) of a window: what one camera position serves.
+struct Patch {
+  int r0, c0, r1, c1;
+};
+
+// Slopes x/z and y/z under which a camera sees a patch.
+struct Slopes {
+  double left = INFINITY, right = -INFINITY, top = INFINITY, bottom = -INFINITY;
+  void add(const Vec3& in_camera) {
+    const double x = in_camera.x() / in_camera.z(), y = in_camera.y() / in_camera.z();
+    left = std::min(left, x), right = std::max(right, x);
+    top = std::min(top, y), bottom = std::max(bottom, y);
+  }
+};
+
+class Comparison {
+ public:
+  Comparison(const Renderer& renderer, const RoundTripRequest& request, const Progress& progress, const StopToken& stop)
+      : renderer_(renderer), request_(request), progress_(progress), stop_(stop) {
+    const dem::Catalogue& catalogue = renderer.terrain().catalogue();
+    out_.window = window_around(finest_tile(catalogue, request, tile_index_), request);
+    read_original();
+    find_finer_layers(catalogue);
+  }
+
+  RoundTrip run() {
+    if (request_.mode == RoundTripMode::camera) out_.pixel_footprint_m = request_.footprint_ratio * spacing_m();
+    const std::vector<Patch> patches = this->patches();
+    for (std::size_t i = 0; i < patches.size(); ++i) {
+      stop_.check();
+      request_.mode == RoundTripMode::exact ? cast_through_posts(patches[i]) : photograph(patches[i]);
+      if (progress_) progress_(static_cast<double>(i + 1) / static_cast<double>(patches.size()));
+    }
+    send();
+    return std::move(out_);
+  }
+
+ private:
+  double spacing_m() const { return out_.window.tile.post_spacing_m; }
+
+  void read_original() {
+    const PostWindow& w = out_.window;
+    dem::Raster raster(w.tile);
+    out_.original_m.resize(w.size());
+    raster.read(w.x0, w.y0, w.width, w.height, out_.original_m.data());
+    out_.difference_m.assign(w.size(), std::numeric_limits<float>::quiet_NaN());
+  }
+
+  // Only where a finer tile comes near is it worth asking at every post what is seen there.
+  void find_finer_layers(const dem::Catalogue& catalogue) {
+    const PostWindow& w = out_.window;
+    const Geographic first = w.place(0, 0), last = w.place(w.height - 1, w.width - 1);
+    const double east = last.lon_deg < first.lon_deg ? last.lon_deg + 360 : last.lon_deg;
+    const std::vector<int> near = catalogue.touching(last.lat_deg, first.lat_deg, first.lon_deg, east, 1e-3);
+    finer_layers_ = !near.empty() && near.back() > tile_index_;
+  }
+
+  // Patches about as wide as high on the ground.
+  std::vector<Patch> patches() const {
+    const PostWindow& w = out_.window;
+    const double side_m = 2 * std::tan(kHalfAngle_deg * kDegree) * request_.height_m;
+    const double rows = std::clamp(side_m / spacing_m(), 1.0, static_cast<double>(kMostPostsPerFrame));
+    if (request_.mode == RoundTripMode::camera && side_m < 8 * out_.pixel_footprint_m)
+      throw std::invalid_argument(
+          fmt::format("cameras at {} m see less than 8 pixels of {:.3g} m: give a larger height", request_.height_m,
+                      out_.pixel_footprint_m));
+    const Geographic middle = w.place(w.height / 2, w.width / 2);
+    const double narrower = std::max(0.05, std::cos(middle.lat_deg * kDegree));
+    const int high = static_cast<int>(rows), wide = std::max(high, static_cast<int>(rows / narrower));
+    std::vector<Patch> all;
+    for (int r = 0; r < w.height; r += high)
+      for (int c = 0; c < w.width; c += wide)
+        all.push_back({r, c, std::min(r + high, w.height), std::min(c + wide, w.width)});
+    return all;
+  }
+
+  Vec3 camera_above(const Patch& p) {
+    const PostWindow& w = out_.window;
+    const Geographic nw = w.place(p.r0, p.c0), se = w.place(p.r1 - 1, p.c1 - 1);
+    const double east = se.lon_deg < nw.lon_deg ? se.lon_deg + 360 : se.lon_deg;
+    Geographic g{(nw.lat_deg + se.lat_deg) / 2, (nw.lon_deg + east) / 2, 0};
+    const double ground = renderer_.terrain().height(g.lat_deg, g.lon_deg).height_m;
+    g.height_m = (std::isnan(ground) ? 0 : ground) + request_.height_m;
+    ++out_.stations;
+    return to_cartesian(g);
+  }
+
+  // Whether the tile's own value is what is to be seen at a post; counts those where not.
+  bool comparable(int row, int col) {
+    if (std::isnan(out_.original_m[out_.window.index(row, col)])) {
+      ++out_.voids;
+      return false;
+    }
+    if (!finer_layers_) return true;
+    const Geographic g = out_.window.place(row, col);
+    const bool seen = renderer_.terrain().height(g.lat_deg, g.lon_deg).source == tile_index_;
+    if (!seen) ++out_.elsewhere;
+    return seen;
+  }
+
+  Vec3 post(int row, int col) const {
+    Geographic g = out_.window.place(row, col);
+    g.height_m = static_cast<double>(out_.original_m[out_.window.index(row, col)]);
+    return to_cartesian(g);
+  }
+
+  // Rays from several stations go together: a station may serve few posts.
+  void cast_through_posts(const Patch& p) {
+    const Vec3 camera = camera_above(p);
+    for (int r = p.r0; r < p.r1; ++r)
+      for (int c = p.c0; c < p.c1; ++c) {
+        if (!comparable(r, c)) continue;
+        rays_.push_back({camera, (post(r, c) - camera).normalized()});
+        aims_.push_back({r, c});
+        if (rays_.size() == kRaysAtOnce) send();
+      }
+  }
+
+  void send() {
+    const std::vector<RayHit> hits = renderer_.cast(rays_, std::nullopt, stop_);
+    for (std::size_t i = 0; i < hits.size(); ++i) {
+      if (hits[i].hit)
+        note(aims_[i], to_geographic(hits[i].position_m));
+      else
+        ++out_.missed;
+    }
+    rays_.clear();
+    aims_.clear();
+  }
+
+  struct Aim {
+    int row, col;
+  };
+
+  void note(const Aim& aim, const Geographic& met) {
+    const PostWindow& w = out_.window;
+    const auto at = dem::locate(w.tile, met.lat_deg, met.lon_deg);
+    double dx = at.x - (w.x0 + aim.col);
+    const double dy = at.y - (w.y0 + aim.row);
+    if (w.tile.wraps_longitude) dx = std::remainder(dx, w.tile.width);
+    if (std::abs(dx) > 0.5 || std::abs(dy) > 0.5)
+      ++out_.hidden;
+    else
+      note(aim, met.height_m);
+  }
+
+  void note(const Aim& aim, double height_m) {
+    const std::size_t i = out_.window.index(aim.row, aim.col);
+    out_.difference_m[i] = static_cast<float>(height_m - static_cast<double>(out_.original_m[i]));
+    ++out_.compared;
+  }
+
+  void photograph(const Patch& p) {
+    const Pose pose = looking_down(camera_above(p));
+    Slopes slopes;
+    bool any = false;
+    for (int r = p.r0; r < p.r1; ++r)
+      for (int c = p.c0; c < p.c1; ++c) {
+        if (std::isnan(out_.original_m[out_.window.index(r, c)])) continue;
+        const Vec3 seen = pose.camera_from_moon * (post(r, c) - pose.position_m);
+        // Ground close beneath the camera or above it would make the image endless: it is missed.
+        if (seen.z() < 0.1 * request_.height_m) continue;
+        slopes.add(seen);
+        any = true;
+      }
+    if (any)
+      compare(p, seen_by(frame_request(pose, slopes)));
+    else
+      for (int r = p.r0; r < p.r1; ++r)
+        for (int c = p.c0; c < p.c1; ++c)
+          if (comparable(r, c)) ++out_.missed;
+  }
+
+  // A camera whose image holds these slopes. The additive recurrence of the plastic number (Roberts 2018) shifts pixels
+  // against posts from frame to frame, so that none of their phases is preferred.
+  FrameRequest frame_request(const Pose& pose, const Slopes& s) const {
+    FrameRequest frame;
+    Camera& camera = frame.camera;
+    camera.fx = camera.fy = request_.height_m / out_.pixel_footprint_m;
+    const auto k = static_cast<double>(out_.stations);
+    const double u = std::fmod(0.7548776662466927 * k, 1.0), v = std::fmod(0.5698402909980532 * k, 1.0);
+    const double width = std::ceil((s.right - s.left) * camera.fx) + 2 * kMargin_px + 1;
+    const double height = std::ceil((s.bottom - s.top) * camera.fy) + 2 * kMargin_px + 1;
+    if (width * height > static_cast<double>(kMostPixels))
+      throw std::invalid_argument(fmt::format("frames of {} x {} pixels: ask for a larger footprint", width, height));
+    camera.width = static_cast<int>(width);
+    camera.height = static_cast<int>(height);
+    camera.cx = kMargin_px + u - s.left * camera.fx;
+    camera.cy = kMargin_px + v - s.top * camera.fy;
+    frame.pose = pose;
+    frame.accuracy.max_error_px = request_.max_error_px;
+    frame.products = kGeodetic;
+    return frame;
+  }
+
+  struct SeenImage {
+    int width, height;
+    std::vector<SeenPoint> points;
+  };
+
+  SeenImage seen_by(const FrameRequest& request) const {
+    const Frame frame = renderer_.render(request, stop_);
+    const std::vector<double>& geodetic = frame.products.geodetic;
+    SeenImage image{request.camera.width, request.camera.height, {}};
+    image.points.reserve(geodetic.size() / 3);
+    for (std::size_t i = 0; i + 2 < geodetic.size(); i += 3) {
+      const auto at = dem::locate(out_.window.tile, geodetic[i], geodetic[i + 1]);
+      image.points.push_back({at.x, at.y, geodetic[i + 2]});
+    }
+    return image;
+  }
+
+  void compare(const Patch& p, const SeenImage& image) {
+    const PostWindow& w = out_.window;
+    const PostRectangle posts{w.x0 + p.c0, w.y0 + p.r0, p.c1 - p.c0, p.r1 - p.r0};
+    const double poleward = std::max(std::abs(w.place(p.r0, p.c0).lat_deg), std::abs(w.place(p.r1 - 1, p.c0).lat_deg));
+    const double widest = kStretched * request_.footprint_ratio;
+    const std::vector<double> heights = resample(image.points, image.width, image.height, posts,
+                                                 widest / std::max(0.01, std::cos(poleward * kDegree)), widest);
+    std::size_t i = 0;
+    for (int r = p.r0; r < p.r1; ++r)
+      for (int c = p.c0; c < p.c1; ++c, ++i) {
+        if (!comparable(r, c)) continue;
+        if (std::isnan(heights[i]))
+          ++out_.missed;
+        else
+          note(Aim{r, c}, heights[i]);
+      }
+  }
+
+  const Renderer& renderer_;
+  const RoundTripRequest& request_;
+  const Progress& progress_;
+  const StopToken& stop_;
+  int tile_index_ = -1;
+  bool finer_layers_ = false;
+  std::vector<Ray> rays_;
+  std::vector<Aim> aims_;
+  RoundTrip out_;
+};
+
+}  // namespace
+
+RoundTrip round_trip(const Renderer& renderer, const RoundTripRequest& request, const Progress& progress,
+                     const StopToken& stop) {
+  return Comparison(renderer, request, progress, stop).run();
+}
+
+}  // namespace selenograph::engine

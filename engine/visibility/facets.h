@@ -1,0 +1,20 @@
+// Sixteen triangles of the mesh at a time, structure of arrays.
+#pragma once
+
+#include "engine/scene/mesh.h"
+
+namespace selenograph::engine {
+
+inline constexpr int kPacket = 16;
+
+struct alignas(64) Facets {
+  double a[3][kPacket], b[3][kPacket], c[3][kPacket];                      // vertices, MOON_ME, metres
+  float normal_a[3][kPacket], normal_b[3][kPacket], normal_c[3][kPacket];  // theirs, for shading
+};
+
+bool in_one_block(const TriangleId ids[kPacket]);
+
+// For a mesh that has triangles. The triangles' vertices are those of Mesh::triangle, bit for bit.
+void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out);
+
+}  // namespace selenograph::engine

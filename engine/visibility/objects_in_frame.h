@@ -1,0 +1,80 @@
+// Objects over the terrain, or alone: what of them a packet of pixels sees, where they stand in the Sun's way, how they
+// shine.
+//
+// Rays are moved into an object's own coordinates in double and start on the ball around it; there float decides which
+// triangle is met and double where. So an object's place costs no accuracy: in lunar orbit, on the ground, or next to
+// the Earth.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "engine/camera/view.h"
+#include "engine/frame/request.h"
+#include "engine/radiometry/brdf.h"
+#include "engine/scene/selection.h"
+#include "engine/visibility/pixel_store.h"
+#include "engine/visibility/refine.h"
+
+namespace selenograph::engine {
+
+inline constexpr std::uint16_t kNoObject = 65535;
+
+// Sixteen pixels, as far as they see objects.
+struct ObjectLanes {
+  // As terrain's are, but `triangle`; on no triangle's edge. The facet's normal is unit and faces the camera.
+  SurfacePoints points;
+  Shading shading;
+  std::uint16_t object[kPacket];  // of FrameRequest::objects; kNoObject
+  std::uint32_t part[kPacket];
+};
+
+std::vector<Ball> balls_around(const std::vector<SceneObject>& objects);
+
+class ObjectsInFrame {
+ public:
+  // `request` and `view` outlive it.
+  ObjectsInFrame(const FrameRequest& request, const View& view);
+
+  bool empty() const { return placed_.empty(); }
+
+  // Where an object is nearer than the terrain: a bit for each lane, which the terrain and its rays lose.
+  std::uint32_t meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const;
+
+  // Lanes from whose points an object blocks the way toward the Sun, of those that ask: a bit for each. `own`: objects
+  // that the points are on; null: on terrain.
+  std::uint32_t blocked(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,
+                        const Vec3& sun) const;
+
+  // Whether any material emits.
+  bool emit() const;
+  // Per lane, W m-2 sr-1: with the Sun, and what is left without it.
+  void radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit, float* out, float* base) const;
+
+ private:
+  struct Finish {
+    Brdf brdf;
+    double direct_w_m2;
+    float base;
+  };
+  struct Placed {
+    const ObjectMesh* mesh;
+    Eigen::Matrix3d moon_from_object, object_from_moon;  // the latter with the scale
+    Vec3 position;                                       // MOON_ME, m
+    Ball ball;
+    bool in_view;
+    std::vector<Finish> finishes;  // per part
+    Vec3 inside(const Vec3& place) const { return object_from_moon * (place - position); }
+    Vec3 from_middle(const Vec3& place) const { return object_from_moon * (place - ball.centre_m); }
+  };
+
+  void look(const Placed& object, std::uint16_t index, const Rays& rays, double* nearest, ObjectLanes& out) const;
+  void store(const Placed& object, std::uint16_t index, std::uint32_t triangle, const Rays& rays, int lane,
+             double* nearest, ObjectLanes& out) const;
+
+  const FrameRequest& request_;
+  std::vector<Placed> placed_;
+  bool any_in_view_ = false;
+};
+
+}  // namespace selenograph::engine

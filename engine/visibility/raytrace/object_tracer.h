@@ -1,0 +1,35 @@
+// Embree for an object's triangles, in the object's own coordinates from the middle of the object: which one does a ray
+// meet first, and does any stand in a ray's way. From either side.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "engine/visibility/object_shape.h"
+#include "engine/visibility/raytrace/ray_tracer.h"
+
+namespace selenograph::engine {
+
+class ObjectTracer {
+ public:
+  static constexpr std::uint32_t kNone = ~0U;
+
+  // `middle`: in the shape's coordinates; rays are relative to it.
+  ObjectTracer(const ObjectShape& shape, const Vec3& middle);
+  ~ObjectTracer();
+  ObjectTracer(ObjectTracer&&) noexcept;
+  ObjectTracer& operator=(ObjectTracer&&) noexcept;
+
+  // Index of the triangle that each active ray meets first, or kNone.
+  void intersect(const RayPacket& rays, std::uint32_t triangle[kPacket]) const;
+  // Whether each active ray meets any.
+  void occluded(const RayPacket& rays, bool blocked[kPacket]) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,52 @@
+// Rays against a scene, exactly: the shell is entered in double, float finds the triangle, double finds the point.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <cmath>
+
+#include "engine/visibility/refine.h"
+#include "engine/visibility/scene.h"
+
+namespace selenograph::engine {
+
+// A unit vector across a unit vector.
+inline Vec3 any_across(const Vec3& d) {
+  return (std::abs(d.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(d).normalized();
+}
+
+// Where each valid ray first meets the surface; `facets`: the triangles there, if any is hit.
+void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& facets);
+inline void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
+  Facets facets;
+  trace(scene, rays, points, facets);
+}
+
+// Sets `toward_moon` of the valid rays without a hit.
+void find_missing(const Rays& rays, SurfacePoints& points);
+
+// facing[i]: 1 where a point's triangle faces the Sun and the Moon's inside (below all relief) isn't in between, else
+// 0.
+void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t facing[kPacket]);
+
+// Fraction 0 or 1 for each wanted point: does the Sun's centre reach it. Points on triangles that face away from it are
+// dark without asking.
+void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit);
+
+// The same for the Sun's disc: the mean over kDiscSamples directions, spread over it as its light is.
+inline constexpr int kDiscSamples = 32;
+std::array<Vec3, kDiscSamples> disc_directions(const Sun& sun);
+// The mean of what sunlit_toward(direction, lit of the lanes) says of each direction.
+template <typename SunlitToward>
+void mean_over_disc(const std::array<Vec3, kDiscSamples>& directions, const SunlitToward& sunlit_toward, float* lit) {
+  float sum[kPacket] = {};
+  for (const Vec3& toward : directions) {
+    float one[kPacket];
+    sunlit_toward(toward, one);
+    for (int i = 0; i < kPacket; ++i) sum[i] += one[i];
+  }
+  for (int i = 0; i < kPacket; ++i) lit[i] = sum[i] / kDiscSamples;
+}
+void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Sun& sun, float* lit);
+
+}  // namespace selenograph::engine

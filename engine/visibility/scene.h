@@ -1,0 +1,46 @@
+// What visibility works on: a joined mesh and its acceleration structure, shared between frames that see the same
+// terrain.
+#pragma once
+
+#include <algorithm>
+#include <memory>
+
+#include "engine/frame/request.h"
+#include "engine/scene/mesh.h"
+#include "engine/scene/raster_mesh.h"
+#include "engine/scene/selection.h"
+#include "engine/visibility/raytrace/ray_tracer.h"
+
+namespace selenograph::engine {
+
+struct Scene {
+  // For one of the two ways to see: the other's structure is not made. `before`: a scene from which is taken over what
+  // hasn't changed; may be null.
+  Scene(const dem::Terrain& terrain, const Selection& selection, const Vec3& anchor_m, int threads,
+        Visibility visibility = Visibility::raytrace, const Scene* before = nullptr)
+      : mesh(terrain, selection.blocks, before ? &before->mesh : nullptr),
+        shell_m(kMoonRadius_m + highest_m(mesh) + 1),
+        anchor(anchor_m) {
+    if (visibility == Visibility::zbuffer)
+      raster = std::make_unique<RasterMesh>(mesh, anchor_m, before ? before->raster.get() : nullptr);
+    else
+      tracer = std::make_unique<RayTracer>(mesh, anchor_m, threads);
+  }
+
+  // From the blocks alone, not from how they were selected: scenes of the same blocks are the same scene.
+  static double highest_m(const Mesh& mesh) {
+    float highest = dem::kLowestRelief_m;
+    for (const MeshBlock& b : mesh.blocks()) highest = std::max(highest, b.posts->max_m);
+    return static_cast<double>(highest);
+  }
+
+  std::size_t bytes() const { return mesh.bytes() + (tracer ? tracer->bytes() : 0) + (raster ? raster->bytes() : 0); }
+
+  Mesh mesh;
+  std::unique_ptr<RayTracer> tracer;
+  std::unique_ptr<RasterMesh> raster;
+  double shell_m;  // radius of a sphere around everything in it
+  Vec3 anchor;     // of both structures' float coordinates
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,572 @@
+#include "engine/visibility/zbuffer/raster_kernels.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "engine/support/vector_targets.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/visibility/zbuffer/raster_kernels.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+using F = hn::CappedTag<float, 16>;
+using I = hn::RebindToSigned<F>;
+using VF = hn::Vec<F>;
+using VI = hn::Vec<I>;
+using MF = hn::Mask<F>;
+
+constexpr F f;
+constexpr I i32;
+constexpr int kMostColumns = 96;  // of a row of vertices, padding included
+
+HWY_INLINE VF all(float x) { return hn::Set(f, x); }
+
+// Three edges of a triangle, each from an end of its own, turned so that inside is where all are positive or zero; and
+// a plane over them.
+struct Triangles {
+  // Written here so that it's compiled for the target, as the compiler's own wouldn't be.
+  HWY_INLINE Triangles() {}  // NOLINT(modernize-use-equals-default)
+  VF ox[3], oy[3], ex[3], ey[3];
+  VF px, py, p, gx, gy;  // value p at (px, py), and its gradient
+};
+
+// Corners a, b, c of the quad's lower half (south-west, south-east, north-west) or, for the upper half, north-east d in
+// place of a: edges run eastward, northward and along the diagonal from b to c, in either.
+HWY_INLINE Triangles set_up(bool upper, VF ax, VF ay, VF a, VF bx, VF by, VF b, VF cx, VF cy, VF c, VF& area) {
+  Triangles t;
+  // lower: a -> b, a -> c, b -> c; upper: c -> a, b -> a, b -> c.
+  if (!upper) {
+    t.ox[0] = ax, t.oy[0] = ay, t.ex[0] = hn::Sub(bx, ax), t.ey[0] = hn::Sub(by, ay);
+    t.ox[1] = ax, t.oy[1] = ay, t.ex[1] = hn::Sub(cx, ax), t.ey[1] = hn::Sub(cy, ay);
+  } else {
+    t.ox[0] = cx, t.oy[0] = cy, t.ex[0] = hn::Sub(ax, cx), t.ey[0] = hn::Sub(ay, cy);
+    t.ox[1] = bx, t.oy[1] = by, t.ex[1] = hn::Sub(ax, bx), t.ey[1] = hn::Sub(ay, by);
+  }
+  t.ox[2] = bx, t.oy[2] = by, t.ex[2] = hn::Sub(cx, bx), t.ey[2] = hn::Sub(cy, by);
+  area = hn::Sub(hn::Mul(t.ex[0], t.ey[1]), hn::Mul(t.ey[0], t.ex[1]));
+  // Differences from the corner where the first two edges meet.
+  const VF d1 = upper ? hn::Sub(c, a) : hn::Sub(b, a), d2 = upper ? hn::Sub(b, a) : hn::Sub(c, a);
+  const VF x1 = upper ? hn::Neg(t.ex[0]) : t.ex[0], y1 = upper ? hn::Neg(t.ey[0]) : t.ey[0];
+  const VF x2 = upper ? hn::Neg(t.ex[1]) : t.ex[1], y2 = upper ? hn::Neg(t.ey[1]) : t.ey[1];
+  const VF scale = hn::Div(all(1.F), area);
+  t.gx = hn::Mul(hn::Sub(hn::Mul(d1, y2), hn::Mul(d2, y1)), scale);
+  t.gy = hn::Mul(hn::Sub(hn::Mul(d2, x1), hn::Mul(d1, x2)), scale);
+  t.px = ax, t.py = ay, t.p = a;
+  // Which side is inside, seen from outside counter-clockwise: left of the first edge of the lower half, right of the
+  // second, left of the third; the other way round for the upper one.
+  return t;
+}
+
+// Turns the edges: `positive` where the triangle's area is.
+HWY_INLINE void turn(Triangles& t, bool upper, MF positive) {
+  const MF flip_first = upper ? positive : hn::Not(positive), flip_second = upper ? hn::Not(positive) : positive;
+  t.ex[0] = hn::IfThenElse(flip_first, hn::Neg(t.ex[0]), t.ex[0]);
+  t.ey[0] = hn::IfThenElse(flip_first, hn::Neg(t.ey[0]), t.ey[0]);
+  t.ex[1] = hn::IfThenElse(flip_second, hn::Neg(t.ex[1]), t.ex[1]);
+  t.ey[1] = hn::IfThenElse(flip_second, hn::Neg(t.ey[1]), t.ey[1]);
+  t.ex[2] = hn::IfThenElse(flip_first, hn::Neg(t.ex[2]), t.ex[2]);
+  t.ey[2] = hn::IfThenElse(flip_first, hn::Neg(t.ey[2]), t.ey[2]);
+}
+
+HWY_INLINE MF inside(const Triangles& t, VF x, VF y) {
+  const auto edge = [&](int k) {
+    return hn::Ge(hn::Sub(hn::Mul(t.ex[k], hn::Sub(y, t.oy[k])), hn::Mul(t.ey[k], hn::Sub(x, t.ox[k]))), hn::Zero(f));
+  };
+  return hn::And(edge(0), hn::And(edge(1), edge(2)));
+}
+
+HWY_INLINE VF value(const Triangles& t, VF x, VF y) {
+  return hn::Add(t.p, hn::Add(hn::Mul(t.gx, hn::Sub(x, t.px)), hn::Mul(t.gy, hn::Sub(y, t.py))));
+}
+
+// One triangle of many, broadcast.
+HWY_INLINE void store(const Triangles& t, float* out, std::size_t lanes) {
+  for (int k = 0; k < 3; ++k) {
+    hn::StoreU(t.ox[k], f, out + (4 * k + 0) * lanes), hn::StoreU(t.oy[k], f, out + (4 * k + 1) * lanes);
+    hn::StoreU(t.ex[k], f, out + (4 * k + 2) * lanes), hn::StoreU(t.ey[k], f, out + (4 * k + 3) * lanes);
+  }
+  hn::StoreU(t.px, f, out + 12 * lanes), hn::StoreU(t.py, f, out + 13 * lanes), hn::StoreU(t.p, f, out + 14 * lanes);
+  hn::StoreU(t.gx, f, out + 15 * lanes), hn::StoreU(t.gy, f, out + 16 * lanes);
+}
+HWY_INLINE Triangles broadcast(const float* in, std::size_t lanes, std::size_t lane) {
+  Triangles t;
+  const auto at = [&](int k) { return all(in[static_cast<std::size_t>(k) * lanes + lane]); };
+  for (int k = 0; k < 3; ++k)
+    t.ox[k] = at(4 * k), t.oy[k] = at(4 * k + 1), t.ex[k] = at(4 * k + 2), t.ey[k] = at(4 * k + 3);
+  t.px = at(12), t.py = at(13), t.p = at(14), t.gx = at(15), t.gy = at(16);
+  return t;
+}
+
+// ---- the view ------------------------------------------------------------------------------------------------------
+
+struct Projected {
+  alignas(64) float x[kMostColumns], y[kMostColumns], w[kMostColumns];  // pixels, pixels, nearness
+};
+
+HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view, Projected& out) {
+  const std::size_t first = static_cast<std::size_t>(row) * static_cast<std::size_t>(b.stride);
+  const auto dot = [&](int k, VF x, VF y, VF z) {
+    return hn::Add(hn::Mul(all(view.row[k][0]), x),
+                   hn::Add(hn::Mul(all(view.row[k][1]), y), hn::Mul(all(view.row[k][2]), z)));
+  };
+  const VF near0 = all(view.near0), near1 = all(view.near1);
+  for (int c = 0; c < b.stride; c += static_cast<int>(hn::Lanes(f))) {
+    const std::size_t at = first + static_cast<std::size_t>(c);
+    const VF x = hn::Sub(hn::LoadU(f, b.x + at), all(view.pivot[0])),
+             y = hn::Sub(hn::LoadU(f, b.y + at), all(view.pivot[1])),
+             z = hn::Sub(hn::LoadU(f, b.z + at), all(view.pivot[2]));
+    const VF along = dot(2, x, y, z), inverse = hn::Div(all(1.F), hn::Add(along, all(view.offset[2])));
+    hn::Store(hn::Mul(hn::Add(dot(0, x, y, z), all(view.offset[0])), inverse), f, out.x + c);
+    hn::Store(hn::Mul(hn::Add(dot(1, x, y, z), all(view.offset[1])), inverse), f, out.y + c);
+    hn::Store(hn::Mul(hn::Sub(near0, hn::Mul(near1, along)), inverse), f, out.w + c);
+  }
+}
+
+// A large triangle: its box row by row.
+HWY_NOINLINE void fill(const Triangles& t, int x0, int x1, int y0, int y1, std::uint32_t id, const TileView& view,
+                       TileBuffer& out) {
+  const int width = view.width;
+  const int lanes = static_cast<int>(hn::Lanes(f));
+  const VF ramp = hn::Iota(f, 0.F);
+  const VI name = hn::Set(i32, static_cast<std::int32_t>(id));
+  for (int y = y0; y <= y1; ++y) {
+    const VF py = all(static_cast<float>(y));
+    for (int x = x0; x <= x1; x += lanes) {
+      const VF px = hn::Add(all(static_cast<float>(x)), ramp);
+      const std::size_t at =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+      const VF vx = view.sample_x ? hn::LoadU(f, view.sample_x + at) : px,
+               vy = view.sample_y ? hn::LoadU(f, view.sample_y + at) : py;
+      MF m = hn::And(inside(t, vx, vy), hn::Le(px, all(static_cast<float>(x1))));
+      if (hn::AllFalse(f, m)) continue;
+      float* depth = out.nearness.data() + at;
+      auto* ids = reinterpret_cast<std::int32_t*>(out.triangle.data() + (depth - out.nearness.data()));
+      const VF w = value(t, vx, vy), old = hn::LoadU(f, depth);
+      m = hn::And(m, hn::Gt(w, old));
+      hn::BlendedStore(w, m, f, depth);
+      hn::BlendedStore(name, hn::RebindMask(i32, m), i32, ids);
+    }
+  }
+}
+
+// Sixteen small triangles at once, each walking through its own box.
+template <bool kSamples>
+HWY_INLINE void walk(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, VI ids, const TileView& view,
+                     TileBuffer& out) {
+  VF x = x0, y = y0;
+  alignas(64) std::int32_t at[16] = {}, id[16] = {};
+  alignas(64) float w[16] = {};
+  const VF one = all(1.F), columns = all(static_cast<float>(view.width));
+  while (!hn::AllFalse(f, active)) {
+    const auto place = [&] { return hn::ConvertTo(i32, hn::IfThenElseZero(active, hn::Add(hn::Mul(y, columns), x))); };
+    VF sx = x, sy = y;
+    if constexpr (kSamples) {
+      const VI at_sample = place();
+      sx = hn::GatherIndex(f, view.sample_x, at_sample), sy = hn::GatherIndex(f, view.sample_y, at_sample);
+    }
+    const MF hit = hn::And(active, inside(t, sx, sy));
+    if (!hn::AllFalse(f, hit)) {
+      const auto hit_i = hn::RebindMask(i32, hit);
+      const std::size_t n = hn::CompressStore(place(), hit_i, i32, at);
+      hn::CompressStore(ids, hit_i, i32, id);
+      hn::CompressStore(value(t, sx, sy), hit, f, w);
+      for (std::size_t k = 0; k < n; ++k) {
+        const auto p = static_cast<std::size_t>(at[k]);
+        if (w[k] > out.nearness[p]) out.nearness[p] = w[k], out.triangle[p] = static_cast<std::uint32_t>(id[k]);
+      }
+    }
+    x = hn::Add(x, one);
+    const MF next = hn::Gt(x, x1);
+    x = hn::IfThenElse(next, x0, x);
+    y = hn::IfThenElse(next, hn::Add(y, one), y);
+    active = hn::And(active, hn::Le(y, y1));
+  }
+}
+
+constexpr float kSmall = 24;  // pixels of a box that is walked through
+
+HWY_INLINE void draw(const VF* x, const VF* y, const VF* w, bool upper, VI ids, MF valid, const TileView& view,
+                     TileBuffer& out) {
+  // x[0]: a or d; 1: b; 2: c
+  const VF right = all(static_cast<float>(view.width - 1)), bottom = all(static_cast<float>(view.height - 1));
+  const VF aside = all(view.slack[0]), above = all(view.slack[1]);
+  const VF x0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(x[0], hn::Min(x[1], x[2])), aside)), hn::Zero(f)),
+           x1 = hn::Min(hn::Floor(hn::Add(hn::Max(x[0], hn::Max(x[1], x[2])), aside)), right),
+           y0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(y[0], hn::Min(y[1], y[2])), above)), hn::Zero(f)),
+           y1 = hn::Min(hn::Floor(hn::Add(hn::Max(y[0], hn::Max(y[1], y[2])), above)), bottom);
+  MF active = hn::And(valid, hn::And(hn::Le(x0, x1), hn::Le(y0, y1)));
+  if (hn::AllFalse(f, active)) return;
+  VF area;
+  Triangles t = set_up(upper, x[0], y[0], w[0], x[1], y[1], w[1], x[2], y[2], w[2], area);
+  active = hn::And(active, hn::Ne(area, hn::Zero(f)));
+  // Pixels' rows run down, so what is counter-clockwise from outside is clockwise here; `turn` asks for the sign alone.
+  turn(t, upper, hn::Gt(area, hn::Zero(f)));
+  const VF pixels = hn::Mul(hn::Add(hn::Sub(x1, x0), all(1.F)), hn::Add(hn::Sub(y1, y0), all(1.F)));
+  const MF large = hn::And(active, hn::Gt(pixels, all(kSmall)));
+  if (!hn::AllFalse(f, large)) {
+    const std::size_t lanes = hn::Lanes(f);
+    alignas(64) float stored[17 * 16], box[4][16];
+    alignas(64) std::int32_t id[16], mask[16];
+    store(t, stored, lanes);
+    hn::Store(x0, f, box[0]), hn::Store(x1, f, box[1]), hn::Store(y0, f, box[2]), hn::Store(y1, f, box[3]);
+    hn::Store(ids, i32, id);
+    hn::Store(hn::IfThenElse(hn::RebindMask(i32, large), hn::Set(i32, 1), hn::Zero(i32)), i32, mask);
+    for (std::size_t k = 0; k < lanes; ++k)
+      if (mask[k])
+        fill(broadcast(stored, lanes, k), static_cast<int>(box[0][k]), static_cast<int>(box[1][k]),
+             static_cast<int>(box[2][k]), static_cast<int>(box[3][k]), static_cast<std::uint32_t>(id[k]), view, out);
+    active = hn::AndNot(large, active);
+  }
+  if (view.sample_x)
+    walk<true>(t, active, x0, x1, y0, y1, ids, view, out);
+  else
+    walk<false>(t, active, x0, x1, y0, y1, ids, view, out);
+}
+
+HWY_INLINE MF number(VF x) { return hn::Eq(x, x); }
+
+void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, TileBuffer& out) {
+  Projected rows[2];
+  const int lanes = static_cast<int>(hn::Lanes(f));
+  project_row(b, strip.first_row, view, rows[0]);
+  const VF left = all(-view.slack[0]), right = all(static_cast<float>(view.width - 1) + view.slack[0]),
+           top = all(-view.slack[1]), bottom = all(static_cast<float>(view.height - 1) + view.slack[1]);
+  for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r) {
+    const Projected &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
+    project_row(b, r + 1, view, rows[(r + 1 - strip.first_row) & 1]);
+    for (int c = 0; c < b.quads; c += lanes) {
+      const VF ax = hn::Load(f, south.x + c), bx = hn::LoadU(f, south.x + c + 1), cx = hn::Load(f, north.x + c),
+               dx = hn::LoadU(f, north.x + c + 1);
+      const VF ay = hn::Load(f, south.y + c), by = hn::LoadU(f, south.y + c + 1), cy = hn::Load(f, north.y + c),
+               dy = hn::LoadU(f, north.y + c + 1);
+      const MF diagonal = hn::And(number(bx), number(cx)), lower = hn::And(diagonal, number(ax)),
+               upper = hn::And(diagonal, number(dx));
+      const MF seen = hn::And(hn::And(hn::Ge(hn::Max(hn::Max(ax, bx), hn::Max(cx, dx)), left),
+                                      hn::Le(hn::Min(hn::Min(ax, bx), hn::Min(cx, dx)), right)),
+                              hn::And(hn::Ge(hn::Max(hn::Max(ay, by), hn::Max(cy, dy)), top),
+                                      hn::Le(hn::Min(hn::Min(ay, by), hn::Min(cy, dy)), bottom)));
+      const MF any_void = hn::Not(hn::And(lower, upper));
+      if (hn::AllFalse(f, hn::Or(seen, any_void))) continue;
+      for (int k = 0; k < lanes; k += 4) __builtin_prefetch(b.vertices + (r + 1) * (b.quads + 1) + c + k, 0, 3);
+      const VF aw = hn::Load(f, south.w + c), bw = hn::LoadU(f, south.w + c + 1), cw = hn::Load(f, north.w + c),
+               dw = hn::LoadU(f, north.w + c + 1);
+      const VI name = hn::Add(hn::Set(i32, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),
+                              hn::ShiftLeft<1>(hn::Iota(i32, 0)));
+      const VF lx[3] = {ax, bx, cx}, ly[3] = {ay, by, cy}, lw[3] = {aw, bw, cw};
+      draw(lx, ly, lw, false, name, lower, view, out);
+      const VF ux[3] = {dx, bx, cx}, uy[3] = {dy, by, cy}, uw[3] = {dw, bw, cw};
+      draw(ux, uy, uw, true, hn::Add(name, hn::Set(i32, 1)), upper, view, out);
+    }
+  }
+}
+
+// ---- the Sun -------------------------------------------------------------------------------------------------------
+
+struct Lighted {
+  alignas(64) float u[kMostColumns], v[kMostColumns], d[kMostColumns];
+};
+
+HWY_INLINE void light_row(const RasterBlock& b, int row, const LightAxes& axes, Lighted& out) {
+  const std::size_t first = static_cast<std::size_t>(row) * static_cast<std::size_t>(b.stride);
+  for (int c = 0; c < b.stride; c += static_cast<int>(hn::Lanes(f))) {
+    const std::size_t at = first + static_cast<std::size_t>(c);
+    const VF x = hn::LoadU(f, b.x + at), y = hn::LoadU(f, b.y + at), z = hn::LoadU(f, b.z + at);
+    const auto dot = [&](const float* a) {
+      return hn::Add(hn::Mul(all(a[0]), x), hn::Add(hn::Mul(all(a[1]), y), hn::Mul(all(a[2]), z)));
+    };
+    hn::Store(dot(axes.u), f, out.u + c), hn::Store(dot(axes.v), f, out.v + c), hn::Store(dot(axes.d), f, out.d + c);
+  }
+}
+
+HWY_INLINE VI cells(VF x, float first, float per_metre, int last) {
+  const VF at = hn::Floor(hn::Mul(hn::Sub(x, all(first)), all(per_metre)));
+  return hn::ConvertTo(i32, hn::Min(hn::Max(at, hn::Zero(f)), all(static_cast<float>(last))));
+}
+
+// The samples under one triangle.
+HWY_INLINE void shade(const Triangles& t, int c0, int c1, int r0, int r1, LightBand& band) {
+  const std::size_t lanes = hn::Lanes(f);
+  const VF dark = all(std::numeric_limits<float>::infinity());
+  for (int r = r0; r <= r1; ++r) {
+    const std::size_t row = static_cast<std::size_t>(r) * static_cast<std::size_t>(band.columns);
+    const std::size_t first = band.start[row + static_cast<std::size_t>(c0)],
+                      past_last = band.start[row + static_cast<std::size_t>(c1) + 1];
+    for (std::size_t k = first; k < past_last; k += lanes) {
+      const VF u = hn::LoadU(f, band.u.data() + k), v = hn::LoadU(f, band.v.data() + k),
+               d = hn::LoadU(f, band.d.data() + k);
+      const MF m = hn::And(inside(t, u, v), hn::Gt(value(t, u, v), d));
+      if (hn::AllFalse(f, m)) continue;
+      hn::BlendedStore(dark, m, f, band.d.data() + k);
+    }
+  }
+}
+
+// Casts those triangles of a vector that face away from the Sun: whose area is negative.
+HWY_INLINE void cast(const VF* u, const VF* v, const VF* d, bool upper, MF valid, LightBand& band) {
+  const VF u_low = hn::Min(u[0], hn::Min(u[1], u[2])), u_high = hn::Max(u[0], hn::Max(u[1], u[2])),
+           v_low = hn::Min(v[0], hn::Min(v[1], v[2])), v_high = hn::Max(v[0], hn::Max(v[1], v[2]));
+  MF active = hn::And(
+      valid, hn::And(hn::Ge(v_high, all(band.v0 - band.margin_m)), hn::Le(v_low, all(band.v_end() + band.margin_m))));
+  active = hn::And(
+      active, hn::And(hn::Ge(u_high, all(band.u0 - band.margin_m)), hn::Le(u_low, all(band.u_end() + band.margin_m))));
+  if (hn::AllFalse(f, active)) return;
+  VF area;
+  Triangles t = set_up(upper, u[0], v[0], d[0], u[1], v[1], d[1], u[2], v[2], d[2], area);
+  active = hn::And(active, hn::Lt(area, hn::Zero(f)));
+  if (hn::AllFalse(f, active)) return;
+  turn(t, upper, hn::Gt(area, hn::Zero(f)));
+  const std::size_t lanes = hn::Lanes(f);
+  alignas(64) std::int32_t c0[16], c1[16], r0[16], r1[16], mask[16];
+  alignas(64) float stored[17 * 16], highest[16];
+  hn::Store(cells(u_low, band.u0, band.per_u, band.columns - 1), i32, c0);
+  hn::Store(cells(u_high, band.u0, band.per_u, band.columns - 1), i32, c1);
+  hn::Store(cells(v_low, band.v0, band.per_v, band.rows - 1), i32, r0);
+  hn::Store(cells(v_high, band.v0, band.per_v, band.rows - 1), i32, r1);
+  hn::Store(hn::IfThenElse(hn::RebindMask(i32, active), hn::Set(i32, 1), hn::Zero(i32)), i32, mask);
+  hn::Store(hn::Max(d[0], hn::Max(d[1], d[2])), f, highest);
+  store(t, stored, lanes);
+  for (std::size_t k = 0; k < lanes; ++k) {
+    if (!mask[k]) continue;
+    if (band.any_below(c0[k], c1[k], r0[k], r1[k], highest[k]))
+      shade(broadcast(stored, lanes, k), c0[k], c1[k], r0[k], r1[k], band);
+  }
+}
+
+void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, LightBand& band) {
+  Lighted rows[2];
+  const int lanes = static_cast<int>(hn::Lanes(f));
+  light_row(b, strip.first_row, axes, rows[0]);
+  for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r) {
+    const Lighted &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
+    light_row(b, r + 1, axes, rows[(r + 1 - strip.first_row) & 1]);
+    for (int c = 0; c < b.quads; c += lanes) {
+      const VF au = hn::Load(f, south.u + c), bu = hn::LoadU(f, south.u + c + 1), cu = hn::Load(f, north.u + c),
+               du = hn::LoadU(f, north.u + c + 1);
+      const VF av = hn::Load(f, south.v + c), bv = hn::LoadU(f, south.v + c + 1), cv = hn::Load(f, north.v + c),
+               dv = hn::LoadU(f, north.v + c + 1);
+      const MF diagonal = hn::And(number(bu), number(cu));
+      const VF ad = hn::Load(f, south.d + c), bd = hn::LoadU(f, south.d + c + 1), cd = hn::Load(f, north.d + c),
+               dd = hn::LoadU(f, north.d + c + 1);
+      const VF lu[3] = {au, bu, cu}, lv[3] = {av, bv, cv}, ld[3] = {ad, bd, cd};
+      cast(lu, lv, ld, false, hn::And(diagonal, number(au)), band);
+      const VF uu[3] = {du, bu, cu}, uv[3] = {dv, bv, cv}, ud[3] = {dd, bd, cd};
+      cast(uu, uv, ud, true, hn::And(diagonal, number(du)), band);
+    }
+  }
+}
+
+void CastWall(const Wall& wall, const LightAxes& axes, LightBand& band) {
+  const auto dot = [](const float* a, const float* p) { return all(a[0] * p[0] + a[1] * p[1] + a[2] * p[2]); };
+  const VF u[3] = {dot(axes.u, wall.a), dot(axes.u, wall.b), dot(axes.u, wall.c)},
+           v[3] = {dot(axes.v, wall.a), dot(axes.v, wall.b), dot(axes.v, wall.c)},
+           d[3] = {dot(axes.d, wall.a), dot(axes.d, wall.b), dot(axes.d, wall.c)};
+  cast(u, v, d, false, hn::FirstN(f, 1), band);
+}
+
+void RangeOf(const float* x, std::size_t n, float& low, float& high) {
+  const std::size_t lanes = hn::Lanes(f);
+  VF least = all(x[0]), most = least;
+  std::size_t k = 0;
+  for (; k + lanes <= n; k += lanes) {
+    const VF v = hn::LoadU(f, x + k);
+    least = hn::Min(least, v), most = hn::Max(most, v);
+  }
+  low = hn::GetLane(hn::MinOfLanes(f, least)), high = hn::GetLane(hn::MaxOfLanes(f, most));
+  for (; k < n; ++k) low = std::min(low, x[k]), high = std::max(high, x[k]);
+}
+
+void FindLeast(LightBand& band, int c0, int c1, int r0, int r1) {
+  const std::size_t lanes = hn::Lanes(f);
+  for (int r = r0; r <= r1; ++r) {
+    const std::uint32_t* start = &band.start[static_cast<std::size_t>(r) * static_cast<std::size_t>(band.columns)];
+    for (int q = c0 / LightBand::kCoarse; q <= c1 / LightBand::kCoarse; ++q) {
+      const std::size_t first = start[q * LightBand::kCoarse],
+                        past_last = start[std::min(band.columns, (q + 1) * LightBand::kCoarse)];
+      VF least = all(std::numeric_limits<float>::infinity());
+      std::size_t k = first;
+      for (; k + lanes <= past_last; k += lanes) least = hn::Min(least, hn::LoadU(f, band.d.data() + k));
+      if (k < past_last)
+        least = hn::Min(least, hn::IfThenElse(hn::FirstN(f, past_last - k), hn::LoadU(f, band.d.data() + k), least));
+      band.least_of(r, q) = hn::GetLane(hn::MinOfLanes(f, least));
+    }
+  }
+}
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(DrawStrip);
+HWY_EXPORT(CastStrip);
+HWY_EXPORT(CastWall);
+HWY_EXPORT(FindLeast);
+HWY_EXPORT(RangeOf);
+
+void TileBuffer::clear(int width, int height) {
+  const std::size_t n = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+  nearness.assign(n + kTilePadding, kFarthest);  // vectors reach beyond the last pixel
+  triangle.assign(n + kTilePadding, kNoTriangle);
+}
+
+namespace {
+
+// Triangles too large, too near or partly behind the eye for pixels in float: homogeneous edges in double (Olano and
+// Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997), without any clipping. An edge between two
+// vertices that whole strips can have, too, is tested as they test it, so that both meet bit for bit.
+class WideDrawer {
+ public:
+  WideDrawer(const RasterBlock& block, const TileView& view, TileBuffer& out) : block_(block), view_(view), out_(out) {}
+
+  void draw(const TriangleId& id) {
+    const dem::QuadVertices q = id.vertices();
+    // Corners a (or d), b, c as in whole strips.
+    const Corner a = corner(q.r[0], q.c[0]), b = corner(q.r[id.upper() ? 2 : 1], q.c[id.upper() ? 2 : 1]),
+                 c = corner(q.r[id.upper() ? 1 : 2], q.c[id.upper() ? 1 : 2]);
+    if (std::isnan(a.z) || std::isnan(b.z) || std::isnan(c.z)) return;
+    if (outside(a, b, c)) return;
+    const Edge edges[3] = {id.upper() ? edge(c, a) : edge(a, b), id.upper() ? edge(b, a) : edge(a, c), edge(b, c)};
+    // Twice the volume over the triangle, and the edges' signs inside: as `turn` has them.
+    const double volume = a.x * (b.y * c.z - b.z * c.y) - a.y * (b.x * c.z - b.z * c.x) + a.z * (b.x * c.y - b.y * c.x);
+    if (volume == 0) return;
+    const bool positive = (volume > 0) != id.upper();  // of a, b, c; of d, c, b
+    const bool flip[3] = {id.upper() ? positive : !positive, id.upper() ? !positive : positive,
+                          id.upper() ? positive : !positive};
+    // 1 / depth at a pixel: the sum of the three weights.
+    const Plane n[3] = {plane(b, c), plane(c, a), plane(a, b)};
+    const double ix = (n[0].x + n[1].x + n[2].x) / volume, iy = (n[0].y + n[1].y + n[2].y) / volume,
+                 i1 = (n[0].one + n[1].one + n[2].one) / volume;
+    int x0 = 0, x1 = view_.width - 1, y0 = 0, y1 = view_.height - 1;
+    if (a.plain && b.plain && c.plain) {
+      const auto [aside, above] = view_.slack;
+      x0 = std::max(x0, static_cast<int>(std::ceil(std::min({a.px, b.px, c.px}) - aside)));
+      x1 = std::min(x1, static_cast<int>(std::floor(std::max({a.px, b.px, c.px}) + aside)));
+      y0 = std::max(y0, static_cast<int>(std::ceil(std::min({a.py, b.py, c.py}) - above)));
+      y1 = std::min(y1, static_cast<int>(std::floor(std::max({a.py, b.py, c.py}) + above)));
+    }
+    const std::uint32_t name = id.packed();
+    for (int y = y0; y <= y1; ++y)
+      for (int x = x0; x <= x1; ++x) {
+        const std::size_t at =
+            static_cast<std::size_t>(y) * static_cast<std::size_t>(view_.width) + static_cast<std::size_t>(x);
+        const float sx = view_.sample_x ? view_.sample_x[at] : static_cast<float>(x),
+                    sy = view_.sample_y ? view_.sample_y[at] : static_cast<float>(y);
+        bool in = true;
+        for (int k = 0; k < 3 && in; ++k) in = edges[k].positive_or_zero(sx, sy, flip[k]);
+        if (!in) continue;
+        const double inverse = ix * static_cast<double>(sx) + iy * static_cast<double>(sy) + i1;
+        if (!(inverse > 0)) continue;
+        const auto nearness =
+            static_cast<float>(static_cast<double>(view_.near0) * inverse -
+                               static_cast<double>(view_.near1) * (1 - static_cast<double>(view_.offset[2]) * inverse));
+        if (nearness > out_.nearness[at]) out_.nearness[at] = nearness, out_.triangle[at] = name;
+      }
+  }
+
+ private:
+  struct Corner {
+    double x, y, z;  // x / z and y / z are pixels
+    float px, py;
+    bool plain;  // whole strips can have it
+  };
+  // e(x, y) = x . x + y . y + one
+  struct Plane {
+    double x, y, one;
+  };
+  struct Edge {
+    bool plain;
+    float ox, oy, ex, ey;
+    Plane plane;
+    bool positive_or_zero(float x, float y, bool flip) const {
+      if (plain) {
+        const float e = ex * (y - oy) - ey * (x - ox);
+        return flip ? e <= 0 : e >= 0;
+      }
+      const double e = plane.x * static_cast<double>(x) + plane.y * static_cast<double>(y) + plane.one;
+      return flip ? e <= 0 : e >= 0;
+    }
+  };
+
+  Corner corner(int r, int c) const {
+    const std::size_t at =
+        static_cast<std::size_t>(r) * static_cast<std::size_t>(block_.stride) + static_cast<std::size_t>(c);
+    const float x = block_.x[at] - view_.pivot[0], y = block_.y[at] - view_.pivot[1], z = block_.z[at] - view_.pivot[2];
+    const auto dot = [&](int k) {
+      return (view_.row[k][0] * x + (view_.row[k][1] * y + view_.row[k][2] * z)) + view_.offset[k];
+    };
+    Corner out{};
+    const float h[3] = {dot(0), dot(1), dot(2)}, inverse = 1 / h[2];
+    out.x = static_cast<double>(h[0]), out.y = static_cast<double>(h[1]), out.z = static_cast<double>(h[2]);
+    out.px = h[0] * inverse, out.py = h[1] * inverse;
+    out.plain = is_plain(h[2], out.px, out.py, view_.least_depth);
+    return out;
+  }
+
+  static Plane plane(const Corner& p, const Corner& q) {
+    return {p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x};
+  }
+
+  static Edge edge(const Corner& p, const Corner& q) {
+    Edge e{};
+    e.plain = p.plain && q.plain;
+    e.ox = p.px, e.oy = p.py, e.ex = q.px - p.px, e.ey = q.py - p.py;
+    e.plane = plane(p, q);
+    return e;
+  }
+
+  // Beyond one side of the tile with all corners?
+  bool outside(const Corner& a, const Corner& b, const Corner& c) const {
+    const auto all_of = [&](auto&& beyond) { return beyond(a) && beyond(b) && beyond(c); };
+    const double aside = static_cast<double>(view_.slack[0]), above = static_cast<double>(view_.slack[1]);
+    const double w = view_.width + aside, h = view_.height + above;
+    return all_of([](const Corner& p) { return p.z <= 0; }) ||
+           all_of([&](const Corner& p) { return p.x < -(1 + aside) * p.z; }) ||
+           all_of([&](const Corner& p) { return p.x > w * p.z; }) ||
+           all_of([&](const Corner& p) { return p.y < -(1 + above) * p.z; }) ||
+           all_of([&](const Corner& p) { return p.y > h * p.z; });
+  }
+
+  const RasterBlock& block_;
+  const TileView& view_;
+  TileBuffer& out_;
+};
+
+}  // namespace
+
+void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& view, bool wide, TileBuffer& out) {
+  if (!wide) {
+    HWY_DYNAMIC_DISPATCH(DrawStrip)(block, strip, view, out);
+    return;
+  }
+  WideDrawer drawer(block, view, out);
+  for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r)
+    for (int c = 0; c < block.quads; ++c)
+      for (const bool upper : {false, true}) drawer.draw({strip.block, r, c, upper});
+}
+
+void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band) {
+  HWY_DYNAMIC_DISPATCH(CastStrip)(block, strip, axes, band);
+}
+
+void range_of(const float* x, std::size_t n, float& low, float& high) {
+  HWY_DYNAMIC_DISPATCH(RangeOf)(x, n, low, high);
+}
+
+void find_least(LightBand& band, int c0, int c1, int r0, int r1) {
+  HWY_DYNAMIC_DISPATCH(FindLeast)(band, c0, c1, r0, r1);
+}
+
+void cast_wall(const Wall& wall, const LightAxes& axes, LightBand& band) {
+  HWY_DYNAMIC_DISPATCH(CastWall)(wall, axes, band);
+}
+
+}  // namespace selenograph::engine
+#endif  // HWY_ONCE

@@ -1,0 +1,100 @@
+// The two inner loops of rasterisation, for every vector width that the machine may have (Highway, chosen at run time).
+//
+// Both are exact where it counts: a shared edge is evaluated from the same end in the same order for either triangle,
+// so that no sample falls between two of them.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "engine/scene/raster_mesh.h"
+
+namespace selenograph::engine {
+
+// From places relative to the anchor to pixels of one tile: x / z and y / z of row . (p - pivot) + offset.
+//
+// The pivot is near whatever is near: the eye; or, from far away, the anchor, because what float would round off a
+// place relative to the eye is tens of metres at 400 000 km. Nearness is a growing function of 1 / depth, and linear in
+// it (so that it is linear in the image): (near0 - near1 row[2] . (p - pivot)) / depth.
+struct TileView {
+  float pivot[3];   // relative to the anchor, metres
+  float row[3][3];  // focal lengths and the tile's corner included
+  float offset[3];
+  float near0, near1;
+  int width, height;
+  float least_depth;  // metres
+  // Where the samples are, row by row, and how far from their pixels at most; null: they are the pixels. NaN: none.
+  const float *sample_x, *sample_y;
+  float slack[2];
+};
+inline constexpr std::size_t kTilePadding = 32;  // beyond the last pixel: vectors reach there, and a look ahead
+inline constexpr float kFarthest = -2;           // less than any nearness
+
+// Nearest triangle of each pixel of a tile, row by row.
+struct TileBuffer {
+  std::vector<float> nearness;  // kFarthest: nothing
+  std::vector<std::uint32_t> triangle;
+  std::vector<float> sample_x, sample_y;  // for TileView
+  void clear(int width, int height);
+  std::size_t bytes() const {
+    return 4 * (nearness.capacity() + triangle.capacity() + sample_x.capacity() + sample_y.capacity());
+  }
+};
+
+// A vertex that float can have in pixels: in front of the eye, and not too far outside of the tile.
+inline constexpr float kFarAside_px = 16384;
+inline bool is_plain(float depth, float x, float y, float least_depth) {
+  return depth >= least_depth && std::abs(x) <= kFarAside_px && std::abs(y) <= kFarAside_px;
+}
+
+// Draws the strip's triangles, whichever way they face. All of its vertices are plain, unless it is `wide`: then each
+// triangle is drawn by itself, in double.
+void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& view, bool wide, TileBuffer& out);
+
+// Rows of cells of samples under the Sun, one band of them: the samples of a row lie one after the other, those of a
+// cell too. u, v across the Sun's direction, d toward the Sun, metres.
+struct LightBand {
+  float u0, v0;        // of the first cell's corner (v0: of the band's)
+  float per_u, per_v;  // cells per metre
+  int columns, rows;
+  float margin_m;                    // how far beside the band, by rounding, samples of it may lie
+  std::vector<std::uint32_t> start;  // columns * rows + 1
+  std::vector<float> u, v, d;        // padded by 16; infinite d: in shadow
+  // Least d of kCoarse cells of a row together, for a quick look: see find_least.
+  static constexpr int kCoarse = 16;
+  int coarse_columns = 0;
+  std::vector<float> least;
+
+  float u_end() const { return u0 + static_cast<float>(columns) / per_u; }
+  float v_end() const { return v0 + static_cast<float>(rows) / per_v; }
+  float& least_of(int row, int coarse_column) {
+    return least[static_cast<std::size_t>(row) * static_cast<std::size_t>(coarse_columns) +
+                 static_cast<std::size_t>(coarse_column)];
+  }
+  // Whether anything in a box of cells (columns c0 to c1, rows r0 to r1) may lie below d_m and isn't dark already.
+  bool any_below(int c0, int c1, int r0, int r1, float d_m) {
+    for (int r = r0; r <= r1; ++r)
+      for (int q = c0 / kCoarse; q <= c1 / kCoarse; ++q)
+        if (least_of(r, q) < d_m) return true;
+    return false;
+  }
+};
+
+// Light space: u x v = toward the Sun.
+struct LightAxes {
+  float u[3], v[3], d[3];
+};
+
+// Smallest and largest of n > 0 values.
+void range_of(const float* x, std::size_t n, float& low, float& high);
+
+// Sets band.least for a box of cells (columns c0 to c1, rows r0 to r1).
+void find_least(LightBand& band, int c0, int c1, int r0, int r1);
+
+// Puts the samples into shadow that lie under triangles of the strip that face away from the Sun.
+void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band);
+void cast_wall(const Wall& wall, const LightAxes& axes, LightBand& band);
+
+}  // namespace selenograph::engine

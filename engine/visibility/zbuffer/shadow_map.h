@@ -1,0 +1,104 @@
+// The irregular shadow map (Johnson, Lee, Burns, Mark: The irregular Z-buffer, ACM TOG 24(4), 2005): every surface
+// point is a sample, and each triangle that may shade is tested against exactly the samples beneath it. No resolution,
+// no bias: under a closed surface only what faces away from the Sun needs to cast, and a point never lies on such a
+// facet.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "dem/stop_token.h"
+#include "engine/support/pool.h"
+#include "engine/visibility/refine.h"
+#include "engine/visibility/zbuffer/raster_kernels.h"
+
+namespace selenograph::engine {
+
+// Sixteen surface points in light space.
+struct LightLanes {
+  alignas(64) float u[kPacket], v[kPacket], d[kPacket];
+};
+
+// Surface points that face the Sun, in light space, and the pixels that see them; structure of arrays, the first
+// `count`.
+struct LightSamples {
+  std::vector<float> u, v, d;
+  std::vector<std::uint32_t> pixel;
+  std::vector<std::uint32_t> faces;  // of the Sun's disc, directions that the facet faces: a bit each
+  std::size_t count = 0;
+  float low[2], high[2];  // u, v: see bound()
+
+  void make_room(std::size_t capacity, bool of_disc = false);
+  void clear(std::size_t capacity, bool of_disc = false) { make_room(capacity, of_disc), count = 0; }
+  // Before the sample is added that it is of.
+  void add_face(std::int32_t bits) { faces[count] = static_cast<std::uint32_t>(bits); }
+  void add_faces(const std::int32_t* bits) { std::copy_n(bits, kPacket, &faces[count]); }
+  void add(float su, float sv, float sd, std::uint32_t at) {
+    u[count] = su, v[count] = sv, d[count] = sd, pixel[count++] = at;
+  }
+  // Of pixels in a row.
+  void add_all(const LightLanes& lanes, std::uint32_t first) {
+    std::copy_n(lanes.u, kPacket, &u[count]), std::copy_n(lanes.v, kPacket, &v[count]);
+    std::copy_n(lanes.d, kPacket, &d[count]);
+    std::uint32_t* p = &pixel[count];
+    for (std::uint32_t i = 0; i < kPacket; ++i) p[i] = first + i;
+    count += kPacket;
+  }
+  // Sets low and high.
+  void bound();
+  std::size_t bytes() const {
+    return 4 * (u.capacity() + v.capacity() + d.capacity() + pixel.capacity() + faces.capacity());
+  }
+};
+
+// One band's samples in cells.
+struct BandScratch {
+  LightBand band;
+  std::vector<std::uint32_t> cell, pixel, next;
+  std::size_t bytes() const;
+};
+
+// What a map needs while it works; kept from frame to frame.
+struct LightScratch {
+  Pool<BandScratch> bands;                           // one per thread
+  std::vector<LightSamples> sorted;                  // each tile's, by band
+  std::vector<std::vector<std::uint32_t>> first;     // of each band, per tile
+  std::vector<std::vector<std::uint32_t>> shadowed;  // pixels, per band
+  std::size_t bytes() const;
+};
+
+class ShadowMap {
+ public:
+  // `sun`: unit, toward it.
+  ShadowMap(const RasterMesh& mesh, const Vec3& sun);
+
+  void place(const SurfacePoints& points, LightLanes& lanes) const;
+
+  // Samples that were placed in another map of the same mesh, in this one: those that face one of the directions of
+  // the mask.
+  void turn(const ShadowMap& other, const LightSamples& placed, std::uint32_t mask, LightSamples& out) const;
+
+  // The pixels of all samples in shadow, in any order, to scratch.shadowed. Parallel; stops between bands.
+  void cast(const std::vector<LightSamples>& samples, LightScratch& scratch, const StopToken& stop) const;
+
+ private:
+  struct Caster {
+    float v_low, v_high, u_low, u_high, d_high;
+  };
+
+  void sort_casters();
+
+  const RasterMesh& mesh_;
+  Vec3 u_, v_, d_;
+  LightAxes axes_;
+  std::vector<Caster> casters_;       // per strip
+  std::vector<std::uint32_t> order_;  // in which they cast
+  bool ordered_ = false;              // from the highest
+  struct Range {
+    float low, high;
+  };
+  std::vector<Range> walls_;  // in v
+};
+
+}  // namespace selenograph::engine
