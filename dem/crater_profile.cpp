@@ -9,7 +9,6 @@ namespace selenograph::dem {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr double kDegree = kPi / 180;
 
 // Outline irregularity lets r / (R outline) stay below the profile's reach a little farther out.
 constexpr double kOutlineMargin = 1.15;
@@ -158,7 +157,7 @@ struct CellGrid {
   double south_deg(int band) const { return -90 + band * height_deg; }
   int columns(int band) const {
     const double middle = south_deg(band) + height_deg / 2;
-    return std::max(1, static_cast<int>(std::lround(360 / height_deg * std::cos(middle * kDegree))));
+    return std::max(1, static_cast<int>(std::lround(360 / height_deg * std::cos(middle * kRadiansPerDegree))));
   }
 };
 
@@ -166,7 +165,8 @@ struct Cell {
   double south_deg, north_deg, west_deg, east_deg;
   double area_km2() const {
     const double r = to_km(kMoonRadius_m);
-    return r * r * (east_deg - west_deg) * kDegree * (std::sin(north_deg * kDegree) - std::sin(south_deg * kDegree));
+    return r * r * (east_deg - west_deg) * kRadiansPerDegree *
+           (std::sin(north_deg * kRadiansPerDegree) - std::sin(south_deg * kRadiansPerDegree));
   }
 };
 
@@ -194,8 +194,9 @@ void draw_cell(const OctaveOfSizes& sizes, const Cell& cell, bool before_maria, 
     c.octave = sizes.octave;
     const double u = random.uniform(std::exp2(-slope), 1.0);
     c.diameter_m = 1e3 * sizes.low_km * std::pow(u, -1 / slope);
-    const double z = random.uniform(std::sin(cell.south_deg * kDegree), std::sin(cell.north_deg * kDegree));
-    c.lat_deg = std::asin(std::clamp(z, -1.0, 1.0)) / kDegree;
+    const double z =
+        random.uniform(std::sin(cell.south_deg * kRadiansPerDegree), std::sin(cell.north_deg * kRadiansPerDegree));
+    c.lat_deg = std::asin(std::clamp(z, -1.0, 1.0)) / kRadiansPerDegree;
     c.lon_deg = wrap_lon_deg(random.uniform(cell.west_deg, cell.east_deg));
     c.center = to_cartesian({c.lat_deg, c.lon_deg, 0}) / kMoonRadius_m;
     draw_age(c, before_maria, random.uniform());
@@ -207,11 +208,13 @@ void draw_cell(const OctaveOfSizes& sizes, const Cell& cell, bool before_maria, 
 // Half-width in longitude of a cap around a point at this latitude; 180 when it holds the pole.
 double cap_half_width_deg(double lat_deg, double radius_deg) {
   if (std::abs(lat_deg) + radius_deg >= 90) return 180;
-  return std::asin(std::sin(radius_deg * kDegree) / std::cos(lat_deg * kDegree)) / kDegree;
+  return std::asin(std::sin(radius_deg * kRadiansPerDegree) / std::cos(lat_deg * kRadiansPerDegree)) /
+         kRadiansPerDegree;
 }
 
 bool reaches(const Crater& crater, const GeographicBox& box) {
-  const double reach_deg = crater_reach_radii(crater.diameter_m) * crater.diameter_m / 2 / kMoonRadius_m / kDegree;
+  const double reach_deg =
+      crater_reach_radii(crater.diameter_m) * crater.diameter_m / 2 / kMoonRadius_m / kRadiansPerDegree;
   if (crater.lat_deg < box.south_deg - reach_deg || crater.lat_deg > box.north_deg + reach_deg) return false;
   const double half = (box.east_deg - box.west_deg) / 2;
   const double away = std::abs(wrap_lon_deg(crater.lon_deg - (box.west_deg + half)));
@@ -222,7 +225,8 @@ void draw_octave(int octave, const GeographicBox& box, std::uint64_t seed, doubl
                  std::vector<Crater>& craters) {
   const OctaveOfSizes sizes(octave);
   const CellGrid grid(8e3 * sizes.high_km);
-  const double reach_deg = crater_reach_radii(1e3 * sizes.high_km) * 500 * sizes.high_km / kMoonRadius_m / kDegree;
+  const double reach_deg =
+      crater_reach_radii(1e3 * sizes.high_km) * 500 * sizes.high_km / kMoonRadius_m / kRadiansPerDegree;
   const double margin_deg = cap_half_width_deg(std::max(std::abs(box.south_deg), std::abs(box.north_deg)), reach_deg);
   const auto band_of = [&](double lat) {
     return std::clamp(static_cast<int>(std::floor((lat + 90) / grid.height_deg)), 0, grid.bands - 1);

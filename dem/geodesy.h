@@ -5,6 +5,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <numbers>
 
 namespace selenograph {
 
@@ -12,6 +13,12 @@ using Vec3 = Eigen::Vector3d;
 
 // Mean lunar radius, the vertical datum of Kaguya and LOLA products (IAU WGCCRE 2009, Archinal et al. 2011, table 5).
 inline constexpr double kMoonRadius_m = 1737400.0;
+
+// The one door between degrees (outside, and in every name that ends in _deg) and radians (in arithmetic only).
+inline constexpr double kRadiansPerDegree = std::numbers::pi / 180;
+inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
+// Along a great circle of the sphere: a degree of latitude everywhere, a degree of longitude at the equator.
+inline constexpr double kMetresPerDegree = kMoonRadius_m * kRadiansPerDegree;
 
 struct Geographic {
   double lat_deg = 0;

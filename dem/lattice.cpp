@@ -29,7 +29,7 @@ int lon_shift(int level, int row) {
   const double nearest_equator =
       (row * side <= kLatTicks / 2 && (row + 1) * side >= kLatTicks / 2) ? 0 : std::min(south, north);
   if (nearest_equator < 75) return 0;  // cos > 1/4, without asking for it: this is asked for every block all the time
-  const double aspect = std::cos(nearest_equator * std::numbers::pi / 180);
+  const double aspect = std::cos(nearest_equator * kRadiansPerDegree);
   const int cap = std::max(0, level - kRootLevel) + 1;  // blocks of 8 degrees: 45 around the globe
   int shift = 0;
   while (shift < cap && std::ldexp(aspect, shift + 1) <= 0.5) ++shift;
@@ -80,7 +80,7 @@ std::int32_t wrap_lon(std::int64_t lon_tick) {
   return static_cast<std::int32_t>(wrapped < 0 ? wrapped + kLonTicks : wrapped);
 }
 
-double post_spacing_m(int level) { return kMoonRadius_m * std::numbers::pi / 180 / std::ldexp(1.0, level); }
+double post_spacing_m(int level) { return kMetresPerDegree / std::ldexp(1.0, level); }
 
 double chord_sag_m(int level) {
   const double half_diagonal = post_spacing_m(level) / std::numbers::sqrt2;

@@ -8,7 +8,6 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
-#include <numbers>
 
 #include "dem/error.h"
 #include "dem/geodesy.h"
@@ -21,7 +20,6 @@ namespace fs = std::filesystem;
 constexpr std::size_t kLongestLabel = 1 << 20;
 constexpr int kDeepestObject = 32;
 constexpr std::uint64_t kFarthestByte = 1'000'000'000'000'000;  // of a file: what is added to it stays within 64 bits
-constexpr double kMetresPerDegree = kMoonRadius_m * std::numbers::pi / 180.0;
 
 char upper(char c) { return static_cast<char>(std::toupper(static_cast<unsigned char>(c))); }
 

@@ -10,7 +10,6 @@
 #include <filesystem>
 #include <limits>
 #include <mutex>
-#include <numbers>
 #include <shared_mutex>
 #include <unordered_map>
 
@@ -24,8 +23,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kDegree = std::numbers::pi / 180.0;
-constexpr double kMetresPerDegree = kMoonRadius_m * kDegree;
 constexpr double kNoRadiusBelow_m = 1.6e6;  // heights are within 11 km of zero, radii within 11 km of 1737.4 km
 constexpr const char* kHeightDatum = "sphere 1737.4 km, height";
 constexpr const char* kRadiusDatum = "planetary radius, converted";
@@ -258,9 +255,9 @@ Raster::PostXY locate_on(const GeographicGrid& g, const RasterInfo& info, double
 
 // Forward, Snyder (1987) 21-5, 21-6, 21-9, 21-10 on the sphere.
 Raster::PostXY locate_on(const PolarGrid& g, double lat_deg, double lon_deg) {
-  const double colatitude = (90 - (g.north ? lat_deg : -lat_deg)) * kDegree;
+  const double colatitude = (90 - (g.north ? lat_deg : -lat_deg)) * kRadiansPerDegree;
   const double rho_m = 2 * kMoonRadius_m * g.scale * std::tan(colatitude / 2);
-  const double turn = (lon_deg - g.central_lon_deg) * kDegree;
+  const double turn = (lon_deg - g.central_lon_deg) * kRadiansPerDegree;
   const double x_m = rho_m * std::sin(turn);
   const double y_m = (g.north ? -1 : 1) * rho_m * std::cos(turn);
   return {(x_m - g.first_x_m) / g.spacing_m, (g.first_y_m - y_m) / g.spacing_m};
@@ -268,8 +265,8 @@ Raster::PostXY locate_on(const PolarGrid& g, double lat_deg, double lon_deg) {
 
 // Inverse, Snyder (1987) 21-15 and 20-16 on the sphere.
 Geographic place_on(const PolarGrid& g, double x_m, double y_m) {
-  const double colatitude = 2 * std::atan(std::hypot(x_m, y_m) / (2 * kMoonRadius_m * g.scale)) / kDegree;
-  const double turn = std::atan2(x_m, g.north ? -y_m : y_m) / kDegree;
+  const double colatitude = 2 * std::atan(std::hypot(x_m, y_m) / (2 * kMoonRadius_m * g.scale)) / kRadiansPerDegree;
+  const double turn = std::atan2(x_m, g.north ? -y_m : y_m) / kRadiansPerDegree;
   return {g.north ? 90 - colatitude : colatitude - 90, wrap_lon_deg(g.central_lon_deg + turn), 0};
 }
 
@@ -449,7 +446,7 @@ void undo_rounding(GeographicGrid& g) {
 
 GeographicGrid grid_in_metres(const OGRSpatialReference& srs, const Plane& p) {
   const double unit_m = srs.GetLinearUnits();
-  const double shrink = std::cos(srs.GetNormProjParm(SRS_PP_STANDARD_PARALLEL_1, 0) * kDegree);
+  const double shrink = std::cos(srs.GetNormProjParm(SRS_PP_STANDARD_PARALLEL_1, 0) * kRadiansPerDegree);
   const double lat0 = srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 0);
   const double lon0 = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0);
   const double x_m = (p.first_x - srs.GetProjParm(SRS_PP_FALSE_EASTING, 0)) * unit_m;
@@ -467,7 +464,7 @@ PolarGrid grid_on_pole(const OGRSpatialReference& srs, const Plane& p, const std
   PolarGrid g;
   g.north = lat > 0;
   // A latitude of true scale short of the pole: k0 = (1 + sin lat) / 2 on the sphere (Snyder 1987, 21-7).
-  g.scale = srs.GetNormProjParm(SRS_PP_SCALE_FACTOR, 1) * (1 + std::sin(std::abs(lat) * kDegree)) / 2;
+  g.scale = srs.GetNormProjParm(SRS_PP_SCALE_FACTOR, 1) * (1 + std::sin(std::abs(lat) * kRadiansPerDegree)) / 2;
   g.central_lon_deg = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0);
   g.first_x_m = (p.first_x - srs.GetProjParm(SRS_PP_FALSE_EASTING, 0)) * unit_m;
   g.first_y_m = (p.first_y - srs.GetProjParm(SRS_PP_FALSE_NORTHING, 0)) * unit_m;
@@ -482,7 +479,8 @@ PostGrid find_grid(Source& s) {
   const Plane plane = find_plane(s);
   const double prime_deg = srs->GetPrimeMeridian();
   if (srs->IsGeographic()) {
-    if (std::abs(srs->GetAngularUnits() / kDegree - 1) > 1e-9) throw DataError(s.info.path, "is not in degrees");
+    if (std::abs(srs->GetAngularUnits() / kRadiansPerDegree - 1) > 1e-9)
+      throw DataError(s.info.path, "is not in degrees");
     return grid_in_degrees(plane, prime_deg);
   }
   if (prime_deg != 0) throw DataError(s.info.path, "a projected raster with its own prime meridian is not supported");

@@ -9,7 +9,6 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
-#include <numbers>
 #include <optional>
 #include <stdexcept>
 
@@ -20,8 +19,6 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-constexpr double kDegree = kPi / 180;
 constexpr std::int16_t kDummy = -9999;
 constexpr int kBlock = 64;  // posts; one block's layers fit into a core's second-level cache
 
@@ -168,7 +165,7 @@ TileTerrain::TileTerrain(const Tile& tile, std::uint64_t seed)
     columns_.push_back(lon);
   }
   // Below three posts a crater is not a shape any more.
-  const double smallest_m = 3 * tile.step_deg() * kDegree * kMoonRadius_m;
+  const double smallest_m = 3 * tile.step_deg() * kRadiansPerDegree * kMoonRadius_m;
   const double west = tile.west_deg, south = tile.south_deg;
   craters_ = craters_reaching({south, south + 1, west, west + 1}, seed, smallest_m);
   shapes_.reserve(craters_.size());
@@ -177,13 +174,15 @@ TileTerrain::TileTerrain(const Tile& tile, std::uint64_t seed)
 }
 
 TileTerrain::Window TileTerrain::window_of(const Crater& crater, double reach_m) const {
-  const double reach_deg = reach_m / kMoonRadius_m / kDegree;
+  const double reach_deg = reach_m / kMoonRadius_m / kRadiansPerDegree;
   const double ppd = size_;
   const auto post = [&](double x) { return static_cast<int>(std::clamp(x, -1.0, ppd + 1)); };
   Window w{post((tile_.top_deg() - crater.lat_deg - reach_deg) * ppd),
            post((tile_.top_deg() - crater.lat_deg + reach_deg) * ppd) + 2, 0, size_};
   if (std::abs(crater.lat_deg) + reach_deg < 90) {
-    const double half_deg = std::asin(std::sin(reach_deg * kDegree) / std::cos(crater.lat_deg * kDegree)) / kDegree;
+    const double half_deg =
+        std::asin(std::sin(reach_deg * kRadiansPerDegree) / std::cos(crater.lat_deg * kRadiansPerDegree)) /
+        kRadiansPerDegree;
     // Relative to the tile's middle, so that the wrap is far from every crater that matters, the widest ones excepted.
     const double middle = wrap_lon_deg(crater.lon_deg - tile_.west_deg - 0.5) + 0.5;
     if (half_deg < 90) w.column0 = post((middle - half_deg) * ppd), w.column1 = post((middle + half_deg) * ppd) + 2;
@@ -431,7 +430,7 @@ void write_projection(Label& label, const Tile& tile) {
   label.integer("SAMPLE_LAST_PIXEL", tile.posts_per_degree);
   label.real("MAP_PROJECTION_ROTATION", 0, " <deg>");
   label.real("MAP_RESOLUTION", ppd, " <pixel/deg>");
-  label.member("MAP_SCALE", fmt::format("{:.16f} <km/pixel>", kMoonRadius_m * 1e-3 * kDegree / ppd));
+  label.member("MAP_SCALE", fmt::format("{:.16f} <km/pixel>", kMoonRadius_m * 1e-3 * kRadiansPerDegree / ppd));
   label.real("MAXIMUM_LATITUDE", tile.top_deg(), " <deg>");
   label.real("MINIMUM_LATITUDE", tile.south_deg + tile.step_deg(), " <deg>");
   label.real("EASTERNMOST_LONGITUDE", tile.west_deg + 1 - tile.step_deg(), " <deg>");

@@ -1,7 +1,5 @@
 #include "dem/shading_normals.h"
 
-#include <numbers>
-
 namespace selenograph::dem {
 namespace {
 
@@ -52,7 +50,7 @@ int reach_for(double quantisation_m, double spacing_m) {
 void fill_shading_normals(Block& block, std::span<const float> heights, double quantisation_m) {
   const int side = block.side(), stride = side + 2 * kHalo;
   const int reach = reach_for(quantisation_m, post_spacing_m(block.id.level));
-  const double radians_per_tick = std::numbers::pi / 180 / kTicksPerDegree;
+  const double radians_per_tick = kRadiansPerDegree / kTicksPerDegree;
   const double dlat = block.extent.lat_step * radians_per_tick, dlon = block.extent.lon_step * radians_per_tick;
   block.normals.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
   bool full = true;

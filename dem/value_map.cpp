@@ -10,11 +10,11 @@
 #include <algorithm>
 #include <cmath>
 #include <mutex>
-#include <numbers>
 
 #include "dem/cache.h"
 #include "dem/error.h"
 #include "dem/gdal_manners.h"
+#include "dem/geodesy.h"
 
 namespace selenograph::dem {
 namespace {
@@ -323,13 +323,12 @@ ValueMap::Sampler::Sum ValueMap::Sampler::bilinear(double x, double y, int level
 double ValueMap::Sampler::mean(const Footprint2& f) {
   const Impl& map = *map_->impl_;
   const DegreeGrid& g = map.grid;
-  constexpr double kMetresPerDegree = kMoonRadius_m * std::numbers::pi / 180;
   const bool polar = std::abs(f.lat_deg) > kPolar_deg;
   // Sides in texels. Near a pole a row's texels are many for little ground: there, texels along a meridian count, and
   // probes lie on the plane that touches the sphere.
   const double texel_m = g.dy_deg * kMetresPerDegree;
   const double across =
-      polar ? 1 / texel_m : 1 / (g.dx_deg * kMetresPerDegree * std::cos(f.lat_deg * std::numbers::pi / 180));
+      polar ? 1 / texel_m : 1 / (g.dx_deg * kMetresPerDegree * std::cos(f.lat_deg * kRadiansPerDegree));
   const std::array<double, 2> a{f.a_m[0] * across, -f.a_m[1] / texel_m}, b{f.b_m[0] * across, -f.b_m[1] / texel_m};
   const double a_length = length_of(a), b_length = length_of(b);
   // Texels of half the shorter side at most, as far as the longer one allows: a probe is made of few texels, and many

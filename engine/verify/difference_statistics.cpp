@@ -130,7 +130,6 @@ void add_quadrants(const RoundTrip& trip, DifferenceStatistics& out) {
 void add_slopes(const RoundTrip& trip, DifferenceStatistics& out) {
   const PostWindow& w = trip.window;
   std::vector<Group> groups(static_cast<std::size_t>(90 / kSlopeStep_deg) + 1, Group(w));
-  constexpr double kMetresPerDegree = kMoonRadius_m * std::numbers::pi / 180;
   const double north_m = kMetresPerDegree * w.lat_step_deg(), along_equator_m = kMetresPerDegree * w.lon_step_deg();
   each_difference(trip, [&](int r, int c, double d) {
     const double east_m = along_equator_m * std::cos(w.place(r, 0).lat_deg * std::numbers::pi / 180);

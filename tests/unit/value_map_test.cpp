@@ -18,7 +18,6 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr double kMetresPerDegree = kMoonRadius_m * std::numbers::pi / 180;
 
 using Value = std::function<double(double lat_deg, double lon_deg)>;
 
