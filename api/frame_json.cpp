@@ -94,17 +94,17 @@ std::optional<engine::Band> read_band(const JsonReader& in) {
   }
 }
 
-void read_atmosphere(const JsonReader& in, const Assets& assets, FrameCall& call) {
+void read_atmosphere(const JsonReader& in, const Assets& assets, FrameQuery& query) {
   if (!in.object({"name"})) return;
   if (!in.has("name")) return in.fail("name", "is required");
   const JsonReader named = in.at("name");
   const std::optional<std::string> name = named.text();
   if (!name) return;
-  call.request.atmosphere = assets.atmosphere(*name);
-  if (call.request.atmosphere) {
-    call.atmosphere_name = *name;
+  query.request.atmosphere = assets.atmosphere(*name);
+  if (query.request.atmosphere) {
+    query.atmosphere_name = *name;
     try {
-      if (call.request.band) call.request.atmosphere->over(*call.request.band, 0);
+      if (query.request.band) query.request.atmosphere->over(*query.request.band, 0);
     } catch (const std::invalid_argument& e) {
       in.fail(e.what());
     }
@@ -121,30 +121,30 @@ void require_sun(const JsonReader& in, engine::ProductSet products) {
   }
 }
 
-FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets& assets) {
-  FrameCall call;
-  engine::FrameRequest& request = call.request;
+FrameQuery read_members(const JsonReader& in, const Limits& limits, const Assets& assets) {
+  FrameQuery query;
+  engine::FrameRequest& request = query.request;
   if (!in.object({"camera", "pose", "sun", "surface", "band", "atmosphere", "objects", "terrain", "accuracy", "image",
                   "sensor", "camera_preset", "visibility", "products"}))
-    return call;
+    return query;
   if (in.has("camera_preset")) in.fail("camera_preset", "must be a string");  // else it is resolved by now
   for (const std::string_view name : {"camera", "pose"}) {
     if (!in.has(name)) in.fail(name, "is required");
   }
   if (in.has("camera")) request.camera = read_camera(in.at("camera"), limits);
   if (in.has("pose")) request.pose = read_pose(in.at("pose"));
-  if (in.has("surface")) read_surface(in.at("surface"), assets, request, call.surface);
+  if (in.has("surface")) read_surface(in.at("surface"), assets, request, query.surface);
   if (in.has("band")) request.band = read_band(in.at("band"));
   if (in.has("atmosphere")) {
     if (!in.has("band")) in.fail("atmosphere", "needs a \"band\"");
-    read_atmosphere(in.at("atmosphere"), assets, call);
+    read_atmosphere(in.at("atmosphere"), assets, query);
   }
-  if (in.has("objects")) read_objects(in.at("objects"), assets, request, call.objects);
+  if (in.has("objects")) read_objects(in.at("objects"), assets, request, query.objects);
   request.terrain = in.flag("terrain", true);
   if (!request.terrain && !in.has("objects")) in.fail("terrain", "without terrain and \"objects\" there is nothing");
   if (in.has("accuracy")) {
     request.accuracy = read_accuracy(in.at("accuracy"), limits);
-    if (in.at("accuracy").value().is_object()) call.budget_ms = read_budget(in.at("accuracy"));
+    if (in.at("accuracy").value().is_object()) query.budget_ms = read_budget(in.at("accuracy"));
   }
   if (in.has("image")) request.image = read_image(in.at("image"));
   if (in.has("sensor")) {
@@ -156,13 +156,13 @@ FrameCall read_members(const JsonReader& in, const Limits& limits, const Assets&
   if (!request.terrain && request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "\"zbuffer\" draws terrain, and there is none");
   if (in.has("products")) request.products = read_products(in.at("products"));
-  call.sun_given = in.has("sun");
-  if (call.sun_given) {
+  query.sun_given = in.has("sun");
+  if (query.sun_given) {
     request.sun = read_sun(in.at("sun"));
   } else {
     require_sun(in, request.products);
   }
-  return call;
+  return query;
 }
 
 // A preset's faults are the operator's: they are told with the file's name.
@@ -252,28 +252,28 @@ OrderedJson object_pose_json(const engine::SceneObject& object) {
           {"moon_from_object", quaternion_json(object.moon_from_object)}};
 }
 
-FrameCall read_frame(const Json& body, const Limits& limits, const Assets& assets) {
+FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets) {
   if (body.is_object() && body.contains("camera_preset") && body.at("camera_preset").is_string())
     return read_frame(with_preset(body, limits, assets), limits, assets);
   Findings findings;
-  const FrameCall call = read_members(JsonReader(body, findings), limits, assets);
+  const FrameQuery query = read_members(JsonReader(body, findings), limits, assets);
   findings.throw_if_any();
-  return call;
+  return query;
 }
 
-OrderedJson resolved_json(const FrameCall& call) {
-  const engine::FrameRequest& request = call.request;
+OrderedJson resolved_json(const FrameQuery& query) {
+  const engine::FrameRequest& request = query.request;
   OrderedJson json{{"camera", camera_json(request.camera)}, {"pose", pose_json(request.pose)}};
-  if (call.sun_given) {
+  if (query.sun_given) {
     json["sun"] = {{"direction", vector_json(request.sun.direction)},
                    {"distance_au", request.sun.distance_au},
                    {"angular_radius_deg", request.sun.angular_radius_deg}};
     if (request.sun.limb_darkening > 0) json["sun"]["limb_darkening"] = request.sun.limb_darkening;
   }
-  json["surface"] = surface_json(request, call.surface);
+  json["surface"] = surface_json(request, query.surface);
   if (request.band) json["band"] = band_json(*request.band);
-  if (request.atmosphere) json["atmosphere"] = {{"name", call.atmosphere_name}};
-  if (!call.objects.empty()) json["objects"] = objects_json(request, call.objects);
+  if (request.atmosphere) json["atmosphere"] = {{"name", query.atmosphere_name}};
+  if (!query.objects.empty()) json["objects"] = objects_json(request, query.objects);
   if (!request.terrain) json["terrain"] = false;
   json["visibility"] = visibility_name(request.visibility);
   json["accuracy"] = {{"max_error_px", request.accuracy.max_error_px},

@@ -40,18 +40,18 @@ std::string_view visibility_name(engine::Visibility visibility);
 // Products that can't be made without a Sun.
 inline constexpr engine::ProductSet kNeedsSun = engine::kImage | engine::kRadiance | engine::kAngles | engine::kLit;
 
-struct FrameCall {
+struct FrameQuery {
   engine::FrameRequest request;
   // Time for which the accuracy is to be chosen; empty: `request.accuracy` was given or is the default.
   std::optional<double> budget_ms;
   std::string atmosphere_name;  // that request.atmosphere was found by
-  SurfaceCall surface;
-  std::vector<ObjectCall> objects;
+  SurfaceQuery surface;
+  std::vector<ObjectQuery> objects;
   bool sun_given = false;  // false: no product needs one, request.sun means nothing
 };
 
 // Throws RequestError("invalid_request") with every fault found.
-FrameCall read_frame(const Json& body, const Limits& limits, const Assets& assets = Assets());
+FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets = Assets());
 
 // The parts, for calls that take a camera, a pose or a Sun on their own. Faults go to the reader's findings.
 engine::Camera read_camera(const JsonReader& in, const Limits& limits);
@@ -67,6 +67,6 @@ Geographic read_place(const JsonReader& in, bool with_height, std::optional<doub
 // The request as it was understood: pose in MOON_ME and OpenCV axes, intrinsics in pixels, a Sun vector. A valid
 // request itself: sent back to the service it gives the same frame. Same meaning, same text, so it is also what ETag is
 // made from.
-nlohmann::ordered_json resolved_json(const FrameCall& call);
+nlohmann::ordered_json resolved_json(const FrameQuery& query);
 
 }  // namespace selenograph::api

@@ -33,12 +33,12 @@ void read_efficiency(const JsonReader& in, engine::Spectrometer& s) {
   });
 }
 
-MertisCall read_members(const JsonReader& in) {
-  MertisCall call;
-  engine::Spectrometer& s = call.spectrometer;
+MertisQuery read_members(const JsonReader& in) {
+  MertisQuery query;
+  engine::Spectrometer& s = query.spectrometer;
   if (!in.object({"description", "first_um", "last_um", "channels", "pixel_pitch_um", "f_number", "efficiency",
                   "noise_equivalent_power_w", "temperatures_k"}))
-    return call;
+    return query;
   if (in.has("description")) in.at("description").text();
   s.first_um = in.number("first_um", kWavelength_um, s.first_um);
   s.last_um = in.number("last_um", kWavelength_um, s.last_um);
@@ -49,16 +49,16 @@ MertisCall read_members(const JsonReader& in) {
   if (in.has("efficiency")) read_efficiency(in.at("efficiency"), s);
   s.noise_equivalent_power_w = in.number("noise_equivalent_power_w", kPower_w, s.noise_equivalent_power_w);
   if (in.has("temperatures_k")) {
-    call.temperatures_k.clear();
+    query.temperatures_k.clear();
     in.at("temperatures_k").elements(1, 16, [&](const JsonReader& t) {
-      call.temperatures_k.push_back(t.number(kBlackbody_k));
+      query.temperatures_k.push_back(t.number(kBlackbody_k));
     });
   }
-  return call;
+  return query;
 }
 
-OrderedJson instrument_json(const MertisCall& call) {
-  const engine::Spectrometer& s = call.spectrometer;
+OrderedJson instrument_json(const MertisQuery& query) {
+  const engine::Spectrometer& s = query.spectrometer;
   OrderedJson efficiency = OrderedJson::array();
   for (const engine::EfficiencyPoint& p : s.efficiency) efficiency.push_back({p.wavelength_um, p.efficiency});
   return {{"first_um", s.first_um},
@@ -68,7 +68,7 @@ OrderedJson instrument_json(const MertisCall& call) {
           {"f_number", s.f_number},
           {"efficiency", efficiency},
           {"noise_equivalent_power_w", s.noise_equivalent_power_w},
-          {"temperatures_k", call.temperatures_k}};
+          {"temperatures_k", query.temperatures_k}};
 }
 
 constexpr const char* kAssumptions[] = {
@@ -82,15 +82,17 @@ constexpr const char* kAssumptions[] = {
 
 // Curves of one number over wavelength, one per temperature.
 template <typename Value>
-void draw_panel(Canvas& canvas, const Rectangle& area, const MertisCall& call, const char* label, const Value& value) {
+void draw_panel(Canvas& canvas, const Rectangle& area, const MertisQuery& query, const char* label,
+                const Value& value) {
   std::vector<double> all;
   std::vector<std::vector<Point>> curves;
-  for (const double kelvin : call.temperatures_k) {
+  for (const double kelvin : query.temperatures_k) {
     curves.emplace_back();
-    for (const SpectrometerChannel& c : engine::look_at_blackbody(call.spectrometer, kelvin))
+    for (const SpectrometerChannel& c : engine::look_at_blackbody(query.spectrometer, kelvin))
       curves.back().push_back({c.center_um, value(c)}), all.push_back(value(c));
   }
-  const Axis wavelength{.min = call.spectrometer.first_um, .max = call.spectrometer.last_um, .label = "wavelength, µm"};
+  const Axis wavelength{
+      .min = query.spectrometer.first_um, .max = query.spectrometer.last_um, .label = "wavelength, µm"};
   const PlotAxes axes(area, wavelength, axis_around(all, Scale::logarithmic, label));
   axes.draw_grid(canvas);
   std::vector<LegendEntry> legend;
@@ -98,7 +100,7 @@ void draw_panel(Canvas& canvas, const Rectangle& area, const MertisCall& call, c
     CurveStyle style;
     style.colour = kPalette[i % std::size(kPalette)];
     axes.draw_curve(canvas, curves[i], style);
-    legend.push_back({fmt::format("blackbody of {:g} K", call.temperatures_k[i]), style});
+    legend.push_back({fmt::format("blackbody of {:g} K", query.temperatures_k[i]), style});
   }
   axes.draw_frame(canvas);
   draw_legend(canvas, {area.right() - 8, area.y + 8}, legend);
@@ -106,58 +108,58 @@ void draw_panel(Canvas& canvas, const Rectangle& area, const MertisCall& call, c
 
 }  // namespace
 
-MertisCall read_mertis(const Json& body) {
+MertisQuery read_mertis(const Json& body) {
   Findings findings;
-  MertisCall call = read_members(JsonReader(body, findings));
+  MertisQuery query = read_members(JsonReader(body, findings));
   findings.throw_if_any();
-  return call;
+  return query;
 }
 
-OrderedJson mertis_json(const MertisCall& call, const StopToken& stop) {
+OrderedJson mertis_json(const MertisQuery& query, const StopToken& stop) {
   OrderedJson spectra = OrderedJson::array();
-  for (const double kelvin : call.temperatures_k) {
+  for (const double kelvin : query.temperatures_k) {
     stop.check();
     OrderedJson channels = OrderedJson::array();
-    for (const SpectrometerChannel& c : engine::look_at_blackbody(call.spectrometer, kelvin))
+    for (const SpectrometerChannel& c : engine::look_at_blackbody(query.spectrometer, kelvin))
       channels.push_back({{"center_um", c.center_um},
                           {"width_um", c.width_um},
                           {"radiance_w_m2_sr_um", c.radiance_w_m2_sr_um},
                           {"flux_w", c.flux_w},
-                          {"noise_equivalent_power_w", call.spectrometer.noise_equivalent_power_w},
+                          {"noise_equivalent_power_w", query.spectrometer.noise_equivalent_power_w},
                           {"signal_to_noise", c.signal_to_noise},
                           {"width_error", c.width_error}});
     spectra.push_back({{"temperature_k", kelvin}, {"channels", channels}});
   }
-  return {{"instrument", instrument_json(call)}, {"assumptions_of_the_defaults", kAssumptions}, {"spectra", spectra}};
+  return {{"instrument", instrument_json(query)}, {"assumptions_of_the_defaults", kAssumptions}, {"spectra", spectra}};
 }
 
-std::string mertis_csv(const MertisCall& call) {
+std::string mertis_csv(const MertisQuery& query) {
   std::string csv = "# SENSOR++ equations (3), (9), (12)\n";
   for (const char* assumption : kAssumptions) csv += fmt::format("# defaults: {}\n", assumption);
   csv +=
       "temperature_k,channel,center_um,width_um,efficiency,radiance_w_m2_sr_um,flux_w,noise_equivalent_power_w,"
       "signal_to_noise,width_error\n";
-  for (const double kelvin : call.temperatures_k) {
+  for (const double kelvin : query.temperatures_k) {
     int channel = 0;
-    for (const SpectrometerChannel& c : engine::look_at_blackbody(call.spectrometer, kelvin))
+    for (const SpectrometerChannel& c : engine::look_at_blackbody(query.spectrometer, kelvin))
       csv += fmt::format("{:g},{},{:.9g},{:.9g},{:.6g},{:.9g},{:.9g},{:g},{:.9g},{:.3e}\n", kelvin, ++channel,
                          c.center_um, c.width_um, c.efficiency, c.radiance_w_m2_sr_um, c.flux_w,
-                         call.spectrometer.noise_equivalent_power_w, c.signal_to_noise, c.width_error);
+                         query.spectrometer.noise_equivalent_power_w, c.signal_to_noise, c.width_error);
   }
   return csv;
 }
 
-Canvas mertis_plot(const MertisCall& call) {
+Canvas mertis_plot(const MertisQuery& query) {
   Canvas canvas(880, 400);
   TextStyle title;
   title.size = 13, title.bold = true;
   canvas.text({70, 26}, "Radiant flux per channel, eq. (9)", title);
   canvas.text({500, 26}, "Signal to noise, eq. (12)", title);
-  draw_panel(canvas, {70, 40, 330, 290}, call, "flux, W", [](const SpectrometerChannel& c) { return c.flux_w; });
-  draw_panel(canvas, {500, 40, 340, 290}, call, "SNR", [](const SpectrometerChannel& c) { return c.signal_to_noise; });
+  draw_panel(canvas, {70, 40, 330, 290}, query, "flux, W", [](const SpectrometerChannel& c) { return c.flux_w; });
+  draw_panel(canvas, {500, 40, 340, 290}, query, "SNR", [](const SpectrometerChannel& c) { return c.signal_to_noise; });
   TextStyle small;
   small.size = 9, small.colour = kPaleInk;
-  const engine::Spectrometer& s = call.spectrometer;
+  const engine::Spectrometer& s = query.spectrometer;
   canvas.text({70, 386},
               fmt::format("{} channels, {:g} to {:g} µm; f/{:g}, pixels of {:g} µm, NEP {:g} W. What SENSOR++ doesn't "
                           "print is assumed: see the CSV's head.",

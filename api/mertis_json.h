@@ -14,20 +14,20 @@ namespace selenograph::api {
 
 inline constexpr int kMaxChannels = 10000;
 
-struct MertisCall {
+struct MertisQuery {
   engine::Spectrometer spectrometer;
   std::vector<double> temperatures_k{350, 500};  // assumed: of the paper's figure 6 there is no number in the text
 };
 
 // Throws RequestError with every fault found. Every member may be left out: MERTIS.
-MertisCall read_mertis(const Json& body);
+MertisQuery read_mertis(const Json& body);
 
 // The instrument as understood, what was assumed, and per temperature and channel what the equations give.
 // Stops between temperatures.
-nlohmann::ordered_json mertis_json(const MertisCall& call, const StopToken& stop = {});
+nlohmann::ordered_json mertis_json(const MertisQuery& query, const StopToken& stop = {});
 
 // One row per channel and temperature.
-std::string mertis_csv(const MertisCall& call);
-Canvas mertis_plot(const MertisCall& call);
+std::string mertis_csv(const MertisQuery& query);
+Canvas mertis_plot(const MertisQuery& query);
 
 }  // namespace selenograph::api

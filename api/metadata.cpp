@@ -50,13 +50,13 @@ void omit(OrderedJson& metadata, const char* list) {
 
 std::string_view software_version() { return SELENOGRAPH_VERSION; }
 
-std::string content_hash(const FrameCall& call, std::uint64_t terrain_fingerprint,
+std::string content_hash(const FrameQuery& query, std::uint64_t terrain_fingerprint,
                          const Representation& representation) {
-  const OrderedJson what{{"request", resolved_json(call)},
+  const OrderedJson what{{"request", resolved_json(query)},
                          {"terrain", hex(terrain_fingerprint)},
-                         {"objects", objects_metadata(call.request, call.objects)},
-                         {"maps", maps_metadata(call.request, call.surface)},
-                         {"atmosphere", hex(Assets::fingerprint(call.request.atmosphere.get()))},
+                         {"objects", objects_metadata(query.request, query.objects)},
+                         {"maps", maps_metadata(query.request, query.surface)},
+                         {"atmosphere", hex(Assets::fingerprint(query.request.atmosphere.get()))},
                          {"version", software_version()},
                          {"representation", representation.media_type}};
   const std::string text = what.dump();
@@ -76,7 +76,7 @@ std::string_view normalisation(engine::ReflectanceModel model) {
     case engine::ReflectanceModel::lommel_seeliger:
       return "f_r = rho / (2 pi) / (mu0 + mu) (SENSOR++ eq. 10 as printed), per steradian; radiance = E_sun * mu0 * "
              "f_r * lit; a quarter of Lambert's at mu0 = mu = 1";
-    case engine::ReflectanceModel::lunar:
+    case engine::ReflectanceModel::lommel_seeliger_lambert:
       return "f_r = w * rho / (2 pi) / (mu0 + mu) + (1 - w) * rho / pi, w = lommel_seeliger_weight (SENSOR++ 3.1, eqs. "
              "10 and 4), per steradian; radiance = E_sun * mu0 * f_r * lit";
     case engine::ReflectanceModel::blinn_phong:
@@ -118,22 +118,22 @@ std::string_view normalisation_elsewhere() {
          "- tools that answer I/F (radiance factor) are a factor of pi above the f_r * mu0 of their own equation.";
 }
 
-OrderedJson metadata(const FrameCall& call, const engine::FrameReport& report, const std::string& hash) {
-  const engine::ProductSet products = call.request.products;
+OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const std::string& hash) {
+  const engine::ProductSet products = query.request.products;
   OrderedJson meta{{"software", {{"name", "selenograph"}, {"version", software_version()}}},
                    {"content_hash", hash},
-                   {"request", resolved_json(call)}};
-  if (call.sun_given) {
-    meta["reflectance"] = {{"normalisation", normalisation(call.request.reflectance.model)}};
+                   {"request", resolved_json(query)}};
+  if (query.sun_given) {
+    meta["reflectance"] = {{"normalisation", normalisation(query.request.reflectance.model)}};
   }
   if (products & (engine::kImage | engine::kRadiance)) {
-    meta["solar_irradiance"] = irradiance_json(call.request, report);
+    meta["solar_irradiance"] = irradiance_json(query.request, report);
     meta["radiance_terms"] = report.radiance.names();
     if (report.emits_elsewhere && !report.radiance.emitted) meta["radiance_terms"].push_back("emitted");
   }
   if (products & engine::kImage) {
     meta["full_scale_radiance_w_m2_sr"] = report.full_scale_radiance_w_m2_sr;
-    if (call.request.sensor)
+    if (query.request.sensor)
       meta["point_spread"] = {{"margin_px", report.margin_px}, {"captured_fraction", report.captured_fraction}};
   }
   meta["visibility"] = visibility_name(report.visibility);
@@ -143,10 +143,10 @@ OrderedJson metadata(const FrameCall& call, const engine::FrameReport& report, c
   meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
   meta["triangles"] = report.triangles;
   meta["hit_fraction"] = report.hit_fraction;
-  if (const OrderedJson maps = maps_metadata(call.request, call.surface); !maps.empty()) meta["maps"] = maps;
-  if (!call.objects.empty()) {
+  if (const OrderedJson maps = maps_metadata(query.request, query.surface); !maps.empty()) meta["maps"] = maps;
+  if (!query.objects.empty()) {
     meta["object_fraction"] = report.object_fraction;
-    meta["objects"] = objects_metadata(call.request, call.objects);
+    meta["objects"] = objects_metadata(query.request, query.objects);
   }
   meta["filled_fraction"] = report.filled_fraction;
   meta["missing_fraction"] = report.missing_fraction;

@@ -16,7 +16,7 @@ namespace selenograph::api {
 
 // 32 hexadecimal digits that stand for an answer's bytes: resolved request, terrain (Catalogue::fingerprint), software
 // version and representation go in. Known before anything is rendered, so that If-None-Match costs no frame.
-std::string content_hash(const FrameCall& call, std::uint64_t terrain_fingerprint,
+std::string content_hash(const FrameQuery& query, std::uint64_t terrain_fingerprint,
                          const Representation& representation);
 
 // True when an If-None-Match header names this hash's entity tag (weak tags count: RFC 9110, 13.1.2), or is "*".
@@ -27,7 +27,7 @@ std::string_view normalisation(engine::ReflectanceModel model);
 // How other tools normalise Lommel-Seeliger, for the API document.
 std::string_view normalisation_elsewhere();
 
-nlohmann::ordered_json metadata(const FrameCall& call, const engine::FrameReport& report, const std::string& hash);
+nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameReport& report, const std::string& hash);
 
 // The same for the header `Selenograph-Meta`: compact, ASCII only, at most kMetaHeaderBytes. Where it would be longer,
 // the lists of sources and then of warnings are replaced by their lengths ("sources_omitted"): the other

@@ -19,7 +19,7 @@ bool answered_by_calls(const ErrorRow& row) { return row.status != 404 && row.st
 
 // Whether a call can be answered with this status at all: what is documented is what a client must be ready for.
 bool can_answer(const Route& route, int status) {
-  const bool computes = route.call != Call::datasets && route.call != Call::openapi;
+  const bool computes = route.endpoint != Endpoint::datasets && route.endpoint != Endpoint::openapi;
   switch (status) {
     case 413:
     case 415:
@@ -28,7 +28,7 @@ bool can_answer(const Route& route, int status) {
     case 504:
       return computes;
     case 500:
-      return computes && route.call != Call::verify_mertis;  // those that read terrain
+      return computes && route.endpoint != Endpoint::verify_mertis;  // those that read terrain
     default:
       return true;
   }
@@ -172,50 +172,50 @@ void fill_round_trip(OrderedJson& operation, const OrderedJson& place) {
 void fill(OrderedJson& operation, const Route& route) {
   const OrderedJson frame = frame_examples()["nadir"];
   const OrderedJson place{{"lat_deg", 26.1322}, {"lon_deg", 3.6339}};
-  switch (route.call) {
-    case Call::frames:
+  switch (route.endpoint) {
+    case Endpoint::frames:
       return fill_frames(operation);
-    case Call::rays:
+    case Endpoint::rays:
       return fill_points(operation, "RaysRequest", "RaysAnswer",
                          {{"rays", {{{"origin_m", {1757400.0, 0.0, 0.0}}, {"direction", {-1.0, 0.0, 0.0}}}}}});
-    case Call::project:
+    case Endpoint::project:
       return fill_points(operation, "ProjectRequest", "ProjectAnswer",
                          {{"camera", frame["camera"]}, {"pose", frame["pose"]}, {"points", {place}}});
-    case Call::heights:
+    case Endpoint::heights:
       return fill_points(operation, "HeightsRequest", "HeightsAnswer", {{"points", {place}}});
-    case Call::height:
+    case Endpoint::height:
       operation["parameters"] = place_parameters();
       operation["responses"]["200"] = {{"description", "The height"}, {"content", json_content("Height")}};
       return;
-    case Call::datasets:
+    case Endpoint::datasets:
       operation["responses"]["200"] = {{"description", "The catalogue"}, {"content", json_content("Datasets")}};
       return;
-    case Call::verify_round_trip:
+    case Endpoint::verify_round_trip:
       return fill_round_trip(operation, place);
-    case Call::verify_mertis:
+    case Endpoint::verify_mertis:
       return fill_points(operation, "MertisRequest", "MertisAnswer", {{"temperatures_k", {350, 500}}});
-    case Call::openapi:
+    case Endpoint::openapi:
       operation["responses"]["200"] = {{"description", "OpenAPI 3.1"},
                                        {"content", {{"application/json", {{"schema", {{"type", "object"}}}}}}}};
       return;
   }
 }
 
-const char* tag(Call call) {
-  switch (call) {
-    case Call::frames:
+const char* tag(Endpoint endpoint) {
+  switch (endpoint) {
+    case Endpoint::frames:
       return "frames";
-    case Call::rays:
-    case Call::project:
+    case Endpoint::rays:
+    case Endpoint::project:
       return "geometry";
-    case Call::heights:
-    case Call::height:
-    case Call::datasets:
+    case Endpoint::heights:
+    case Endpoint::height:
+    case Endpoint::datasets:
       return "terrain";
-    case Call::verify_round_trip:
-    case Call::verify_mertis:
+    case Endpoint::verify_round_trip:
+    case Endpoint::verify_mertis:
       return "verification";
-    case Call::openapi:
+    case Endpoint::openapi:
       return "service";
   }
   return "";
@@ -365,7 +365,8 @@ OrderedJson frame_examples() {
 OrderedJson openapi_paths() {
   OrderedJson paths = OrderedJson::object();
   for (const Route& route : kRoutes) {
-    OrderedJson operation{{"operationId", route.operation_id}, {"summary", route.summary}, {"tags", {tag(route.call)}}};
+    OrderedJson operation{
+        {"operationId", route.operation_id}, {"summary", route.summary}, {"tags", {tag(route.endpoint)}}};
     fill(operation, route);
     add_problems(operation["responses"], route);
     paths[std::string(route.path)][route.method == "GET" ? "get" : "post"] = operation;

@@ -442,7 +442,7 @@ void add_sensor(OrderedJson& schemas) {
 }
 
 void add_mertis(OrderedJson& schemas) {
-  const MertisCall fallback;
+  const MertisQuery fallback;
   const engine::Spectrometer& s = fallback.spectrometer;
   OrderedJson eta{{"oneOf",
                    {number(kUnitInterval, "at all wavelengths"),

@@ -68,33 +68,33 @@ const char* why_no_height(double lat_deg, double lon_deg, const dem::Catalogue& 
 
 }  // namespace
 
-RaysCall read_rays(const Json& body, const Limits& limits) {
+RaysQuery read_rays(const Json& body, const Limits& limits) {
   Findings findings;
   const JsonReader in(body, findings);
-  RaysCall call;
+  RaysQuery query;
   if (in.object({"rays", "sun"})) {
-    read_list(in, "rays", limits, [&](const JsonReader& ray) { call.rays.push_back(read_ray(ray)); });
-    call.sun = read_optional_sun(in);
+    read_list(in, "rays", limits, [&](const JsonReader& ray) { query.rays.push_back(read_ray(ray)); });
+    query.sun = read_optional_sun(in);
   }
   findings.throw_if_any();
-  return call;
+  return query;
 }
 
-ProjectCall read_project(const Json& body, const Limits& limits) {
+ProjectQuery read_project(const Json& body, const Limits& limits) {
   Findings findings;
   const JsonReader in(body, findings);
-  ProjectCall call;
+  ProjectQuery query;
   if (in.object({"camera", "pose", "sun", "points"})) {
     for (const std::string_view name : {"camera", "pose"}) {
       if (!in.has(name)) in.fail(name, "is required");
     }
-    if (in.has("camera")) call.camera = read_camera(in.at("camera"), limits);
-    if (in.has("pose")) call.pose = read_pose(in.at("pose"));
-    call.sun = read_optional_sun(in);
-    read_list(in, "points", limits, [&](const JsonReader& point) { call.points.push_back(read_landmark(point)); });
+    if (in.has("camera")) query.camera = read_camera(in.at("camera"), limits);
+    if (in.has("pose")) query.pose = read_pose(in.at("pose"));
+    query.sun = read_optional_sun(in);
+    read_list(in, "points", limits, [&](const JsonReader& point) { query.points.push_back(read_landmark(point)); });
   }
   findings.throw_if_any();
-  return call;
+  return query;
 }
 
 std::vector<Geographic> read_heights(const Json& body, const Limits& limits) {

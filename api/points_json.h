@@ -14,11 +14,11 @@
 
 namespace selenograph::api {
 
-struct RaysCall {
+struct RaysQuery {
   std::vector<engine::Ray> rays;
   std::optional<engine::Sun> sun;
 };
-struct ProjectCall {
+struct ProjectQuery {
   engine::Camera camera;
   engine::Pose pose;
   std::optional<engine::Sun> sun;
@@ -26,8 +26,8 @@ struct ProjectCall {
 };
 
 // Throw RequestError("invalid_request") with the faults found.
-RaysCall read_rays(const Json& body, const Limits& limits);
-ProjectCall read_project(const Json& body, const Limits& limits);
+RaysQuery read_rays(const Json& body, const Limits& limits);
+ProjectQuery read_project(const Json& body, const Limits& limits);
 std::vector<Geographic> read_heights(const Json& body, const Limits& limits);
 // Of a query string; its names are the pointers: "/lat_deg".
 Geographic read_height_query(const std::multimap<std::string, std::string>& query);

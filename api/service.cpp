@@ -7,7 +7,7 @@
 #include <mutex>
 #include <new>
 
-#include "api/call.h"
+#include "api/endpoint.h"
 #include "api/negotiate.h"
 #include "api/openapi.h"
 #include "api/problem.h"
@@ -51,7 +51,9 @@ std::string allowed_methods(std::string_view path) {
 }
 
 // The others negotiate.
-bool answers_json_alone(Call call) { return call != Call::frames && call != Call::verify_round_trip; }
+bool answers_json_alone(Endpoint endpoint) {
+  return endpoint != Endpoint::frames && endpoint != Endpoint::verify_round_trip;
+}
 
 bool client_has_left(const Request& request) {
   return request.abandoned && request.abandoned->load(std::memory_order_relaxed);
@@ -72,33 +74,33 @@ struct Service::Impl {
 
   Response dispatch(const Request& request) const {
     const Route& route = route_of(request);
-    if (answers_json_alone(route.call) && !accepts(header(request, "accept"), "application/json")) {
+    if (answers_json_alone(route.endpoint) && !accepts(header(request, "accept"), "application/json")) {
       throw RequestError("not_acceptable", "there is application/json; Accept does not allow it");
     }
-    const CallContext context{*renderer, limits, assets, request,
-                              StopToken(request.received + time_allowed(request, limits), request.abandoned)};
-    switch (route.call) {
-      case Call::frames:
-        return frame_call(context);
-      case Call::rays:
-        return rays_call(context);
-      case Call::project:
-        return project_call(context);
-      case Call::heights:
-        return heights_call(context);
-      case Call::height:
-        return height_call(context);
-      case Call::datasets:
+    const EndpointContext context{*renderer, limits, assets, request,
+                                  StopToken(request.received + time_allowed(request, limits), request.abandoned)};
+    switch (route.endpoint) {
+      case Endpoint::frames:
+        return answer_frames(context);
+      case Endpoint::rays:
+        return answer_rays(context);
+      case Endpoint::project:
+        return answer_project(context);
+      case Endpoint::heights:
+        return answer_heights(context);
+      case Endpoint::height:
+        return answer_height(context);
+      case Endpoint::datasets:
         std::call_once(datasets_made, [&] { datasets = datasets_text(renderer->terrain().catalogue()); });
         return json_response(datasets);
-      case Call::verify_round_trip:
-        return verify_round_trip_call(context);
-      case Call::verify_mertis:
-        return verify_mertis_call(context);
-      case Call::openapi:
+      case Endpoint::verify_round_trip:
+        return answer_verify_round_trip(context);
+      case Endpoint::verify_mertis:
+        return answer_verify_mertis(context);
+      case Endpoint::openapi:
         return json_response(openapi);
     }
-    throw std::logic_error("no such call");
+    throw std::logic_error("no such endpoint");
   }
 };
 

@@ -21,12 +21,12 @@ std::vector<ReflectanceMember> make_members() {
   return {
       {"rho",
        kUnitInterval,
-       {M::lambert, M::lommel_seeliger, M::lunar, M::blinn_phong, M::lunar_lambert},
+       {M::lambert, M::lommel_seeliger, M::lommel_seeliger_lambert, M::blinn_phong, M::lunar_lambert},
        "rho of the equations",
        [](Reflectance& r) -> double& { return r.rho; }},
       {"lommel_seeliger_weight",
        kUnitInterval,
-       {M::lunar},
+       {M::lommel_seeliger_lambert},
        "w of the weighted average",
        [](Reflectance& r) -> double& { return r.lommel_seeliger_weight; }},
       {"shininess",
@@ -158,15 +158,15 @@ engine::Material read_material(const JsonReader& in) {
   return in.object({"reflectance", "temperature_k"}) ? read_members(in) : engine::Material();
 }
 
-void read_surface(const JsonReader& in, const Assets& assets, engine::FrameRequest& request, SurfaceCall& call) {
+void read_surface(const JsonReader& in, const Assets& assets, engine::FrameRequest& request, SurfaceQuery& query) {
   if (!in.object({"reflectance", "temperature_k", "albedo_maps", "temperature_maps"})) return;
   const engine::Material ground = read_members(in);
   request.reflectance = ground.reflectance, request.temperature_k = ground.temperature_k;
   for (const char* maps : {"albedo_maps", "temperature_maps"})
     if (in.has(maps) && ground.reflectance.model == ReflectanceModel::hapke) in.fail(maps, kNoRho);
-  if (in.has("albedo_maps")) read_maps(in.at("albedo_maps"), assets, request.albedo_maps, call.albedo_maps);
+  if (in.has("albedo_maps")) read_maps(in.at("albedo_maps"), assets, request.albedo_maps, query.albedo_maps);
   if (in.has("temperature_maps"))
-    read_maps(in.at("temperature_maps"), assets, request.temperature_maps, call.temperature_maps);
+    read_maps(in.at("temperature_maps"), assets, request.temperature_maps, query.temperature_maps);
 }
 
 nlohmann::ordered_json material_json(const engine::Material& material) {
@@ -175,20 +175,20 @@ nlohmann::ordered_json material_json(const engine::Material& material) {
   return json;
 }
 
-nlohmann::ordered_json surface_json(const engine::FrameRequest& request, const SurfaceCall& call) {
+nlohmann::ordered_json surface_json(const engine::FrameRequest& request, const SurfaceQuery& query) {
   nlohmann::ordered_json json = material_json({request.reflectance, request.temperature_k});
-  if (!call.albedo_maps.empty()) json["albedo_maps"] = call.albedo_maps;
-  if (!call.temperature_maps.empty()) json["temperature_maps"] = call.temperature_maps;
+  if (!query.albedo_maps.empty()) json["albedo_maps"] = query.albedo_maps;
+  if (!query.temperature_maps.empty()) json["temperature_maps"] = query.temperature_maps;
   return json;
 }
 
-nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceCall& call) {
+nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceQuery& query) {
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
   const auto add = [&](const auto& maps, const std::vector<std::string>& names) {
     for (std::size_t i = 0; i < maps.size(); ++i)
       list.push_back({{"name", names[i]}, {"version", fmt::format("{:016x}", maps[i]->fingerprint())}});
   };
-  add(request.albedo_maps, call.albedo_maps), add(request.temperature_maps, call.temperature_maps);
+  add(request.albedo_maps, query.albedo_maps), add(request.temperature_maps, query.temperature_maps);
   return list;
 }
 

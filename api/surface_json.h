@@ -15,7 +15,7 @@ namespace selenograph::api {
 inline constexpr std::pair<std::string_view, engine::ReflectanceModel> kReflectanceModels[] = {
     {"lambert", engine::ReflectanceModel::lambert},
     {"lommel_seeliger", engine::ReflectanceModel::lommel_seeliger},
-    {"lunar", engine::ReflectanceModel::lunar},
+    {"lunar", engine::ReflectanceModel::lommel_seeliger_lambert},
     {"blinn_phong", engine::ReflectanceModel::blinn_phong},
     {"lunar_lambert", engine::ReflectanceModel::lunar_lambert},
     {"hapke", engine::ReflectanceModel::hapke},
@@ -43,15 +43,15 @@ engine::Material read_material(const JsonReader& in);
 nlohmann::ordered_json material_json(const engine::Material& material);
 
 // What a ground's maps were called by.
-struct SurfaceCall {
+struct SurfaceQuery {
   std::vector<std::string> albedo_maps, temperature_maps;
 };
 inline constexpr std::size_t kMaxMaps = 16;  // of a kind
 
 // The same and {"albedo_maps", "temperature_maps"}, of the ground. Fills in the request.
-void read_surface(const JsonReader& in, const Assets& assets, engine::FrameRequest& request, SurfaceCall& call);
-nlohmann::ordered_json surface_json(const engine::FrameRequest& request, const SurfaceCall& call);
+void read_surface(const JsonReader& in, const Assets& assets, engine::FrameRequest& request, SurfaceQuery& query);
+nlohmann::ordered_json surface_json(const engine::FrameRequest& request, const SurfaceQuery& query);
 // Of a frame's metadata: each map's name and version.
-nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceCall& call);
+nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceQuery& query);
 
 }  // namespace selenograph::api

@@ -40,7 +40,7 @@ int places_in_work(const ServeSettings& s) {
   return s.max_frames > 0 ? s.max_frames : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-void note(Metrics& metrics, const Exchange& e) {
+void note(Metrics& metrics, const AccessRecord& e) {
   const std::string_view route = route_label(e.path);
   metrics.count_answer(route, method_label(e.method), e.status, e.seconds, e.bytes);
   if (!e.error_code.empty()) metrics.count_error(e.error_code);
@@ -80,7 +80,7 @@ int serve(const ServeSettings& settings) {
   });
   HttpServer server(
       http_options(settings), [&](const api::Request& request) { return front.handle(request); },
-      [&](const Exchange& exchange) { note(metrics, exchange); });
+      [&](const AccessRecord& record) { note(metrics, record); });
   http = &server;
   signals.arm();
   std::thread accepting([&] { server.run(); });

@@ -15,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-api::MertisCall read_instrument(const std::string& path) {
+api::MertisQuery read_instrument(const std::string& path) {
   if (path.empty()) return {};
   std::ifstream file(path, std::ios::binary);
   if (!file) throw std::runtime_error(path + ": can't be read");
@@ -38,19 +38,19 @@ void add_options(CLI::App& command, VerifyMertisSettings& s) {
 }
 
 int verify_mertis(const VerifyMertisSettings& settings) {
-  const api::MertisCall call = read_instrument(settings.instrument);
+  const api::MertisQuery query = read_instrument(settings.instrument);
   const fs::path folder = settings.output;
   fs::create_directories(folder);
-  const api::Canvas plot = api::mertis_plot(call);
-  write_whole((folder / "mertis.csv").string(), api::mertis_csv(call));
+  const api::Canvas plot = api::mertis_plot(query);
+  write_whole((folder / "mertis.csv").string(), api::mertis_csv(query));
   write_whole((folder / "mertis.svg").string(), plot.svg());
   write_whole((folder / "mertis.png").string(), plot.png(1.5));
   fmt::print("{:>14}{:>12}{:>16}{:>16}\n", "temperature K", "channels", "least SNR", "largest SNR");
-  for (const double kelvin : call.temperatures_k) {
+  for (const double kelvin : query.temperatures_k) {
     double least = 1e300, largest = 0;
-    for (const auto& c : engine::look_at_blackbody(call.spectrometer, kelvin))
+    for (const auto& c : engine::look_at_blackbody(query.spectrometer, kelvin))
       least = std::min(least, c.signal_to_noise), largest = std::max(largest, c.signal_to_noise);
-    fmt::print("{:>14g}{:>12}{:>16.1f}{:>16.1f}\n", kelvin, call.spectrometer.channels, least, largest);
+    fmt::print("{:>14g}{:>12}{:>16.1f}{:>16.1f}\n", kelvin, query.spectrometer.channels, least, largest);
   }
   fmt::print("{}: mertis.csv, mertis.svg, mertis.png\n", settings.output);
   return 0;

@@ -26,7 +26,7 @@ constexpr auto kLinger = std::chrono::milliseconds(2000);
 std::size_t raw_bound(std::size_t max_body_bytes) { return 2 * max_body_bytes + 65536; }
 
 // A request under way on a connection.
-struct Call {
+struct Exchange {
   Connection& connection;
   const Clock::time_point receive_deadline;
   std::size_t raw_body_left;  // bytes that may still come
@@ -38,13 +38,13 @@ struct Call {
   bool timed_out = false, too_long = false;
   api::Request request{};
   std::atomic<bool> abandoned{false};
-  Exchange exchange{};
+  AccessRecord record{};
 };
 
 // What httplib reads from and writes to: the checked head, then the body straight from the connection.
-class CallStream : public httplib::Stream {
+class ExchangeStream : public httplib::Stream {
  public:
-  explicit CallStream(Call& call) : call_(call) {}
+  explicit ExchangeStream(Exchange& exchange) : exchange_(exchange) {}
 
   bool is_readable() const override { return true; }
   bool is_writable() const override { return true; }
@@ -53,41 +53,41 @@ class CallStream : public httplib::Stream {
   void get_local_ip_and_port(std::string&, int&) const override {}
 
   ssize_t read(char* to, std::size_t size) override {
-    if (call_.head_read < call_.head.size()) {
-      size = call_.head.copy(to, size, call_.head_read);
-      call_.head_read += size;
+    if (exchange_.head_read < exchange_.head.size()) {
+      size = exchange_.head.copy(to, size, exchange_.head_read);
+      exchange_.head_read += size;
       return static_cast<ssize_t>(size);
     }
-    if (call_.connection.unread().empty() && !receive()) return -1;
-    call_.too_long = call_.too_long || call_.raw_body_left == 0;
-    if (call_.too_long) return -1;
-    size = call_.connection.unread().copy(to, std::min(size, call_.raw_body_left));
-    call_.connection.consume(size);
-    call_.raw_body_left -= size;
+    if (exchange_.connection.unread().empty() && !receive()) return -1;
+    exchange_.too_long = exchange_.too_long || exchange_.raw_body_left == 0;
+    if (exchange_.too_long) return -1;
+    size = exchange_.connection.unread().copy(to, std::min(size, exchange_.raw_body_left));
+    exchange_.connection.consume(size);
+    exchange_.raw_body_left -= size;
     return static_cast<ssize_t>(size);
   }
 
   ssize_t write(const char* bytes, std::size_t size) override {
-    return call_.connection.write({bytes, size}) ? static_cast<ssize_t>(size) : -1;
+    return exchange_.connection.write({bytes, size}) ? static_cast<ssize_t>(size) : -1;
   }
 
  private:
   bool receive() {
-    if (!call_.connection.flush()) return false;  // a "100 Continue" that the client waits for
-    const Connection::Read got = call_.connection.fill(call_.receive_deadline);
-    call_.timed_out = got == Connection::Read::timed_out;
+    if (!exchange_.connection.flush()) return false;  // a "100 Continue" that the client waits for
+    const Connection::Read got = exchange_.connection.fill(exchange_.receive_deadline);
+    exchange_.timed_out = got == Connection::Read::timed_out;
     return got == Connection::Read::data;
   }
 
-  Call& call_;
+  Exchange& exchange_;
 };
 
 // httplib's handlers are shared by all connections and get its own request only; each runs on its connection's thread.
-thread_local Call* current_call = nullptr;
+thread_local Exchange* current_exchange = nullptr;
 
-void hand_over(api::Response&& answer, Call& call, httplib::Response& out) {
-  call.answered = true;
-  call.exchange.error_code = answer.error_code;
+void hand_over(api::Response&& answer, Exchange& exchange, httplib::Response& out) {
+  exchange.answered = true;
+  exchange.record.error_code = answer.error_code;
   out.status = answer.status;
   for (const auto& [name, value] : answer.headers) out.set_header(name, value);
   if (!answer.content_type.empty()) out.set_header("Content-Type", answer.content_type);
@@ -136,11 +136,11 @@ struct HttpServer::Impl : private httplib::Server {
   void serve(Connection& connection);
   bool serve_one(Connection& connection);
   bool receive_head(Connection& connection, std::size_t& head_bytes, Clock::time_point& deadline);
-  bool exchange(Call& call, RequestHead&& head);
+  bool process(Exchange& exchange, RequestHead&& head);
   bool refuse(Connection& connection, const HeadProblem& why);
   void set_up_library();
-  void read_body(Call& call, httplib::Response& out, const httplib::ContentReader& reader);
-  void answer(Call& call, httplib::Response& out);
+  void read_body(Exchange& exchange, httplib::Response& out, const httplib::ContentReader& reader);
+  void answer(Exchange& exchange, httplib::Response& out);
 
   const HttpOptions options;
   const HttpServer::Handler handler;
@@ -163,59 +163,59 @@ void HttpServer::Impl::set_up_library() {
   // Everything without a body is answered before httplib looks for files or matches patterns.
   set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& out) {
     if (request.method == "POST") return HandlerResponse::Unhandled;
-    answer(*current_call, out);
+    answer(*current_exchange, out);
     return HandlerResponse::Handled;
   });
   Post(R"([\s\S]*)", [this](const httplib::Request&, httplib::Response& out, const httplib::ContentReader& reader) {
-    read_body(*current_call, out, reader);
+    read_body(*current_exchange, out, reader);
   });
   set_exception_handler([](const httplib::Request&, httplib::Response& out, const std::exception_ptr&) {
-    current_call->close = true;
-    hand_over(refusal_for(500), *current_call, out);
+    current_exchange->close = true;
+    hand_over(refusal_for(500), *current_exchange, out);
   });
   set_error_handler([](const httplib::Request&, httplib::Response& out) {
-    if (current_call->answered) return;
-    current_call->close = true;
-    hand_over(refusal_for(out.status), *current_call, out);
+    if (current_exchange->answered) return;
+    current_exchange->close = true;
+    hand_over(refusal_for(out.status), *current_exchange, out);
   });
   set_post_routing_handler([](const httplib::Request&, httplib::Response& out) {
     if (out.status == 304) out.headers.erase("Content-Length");  // httplib says 0; it would mean the representation's
     out.headers.erase("Keep-Alive");                             // promises a bound on requests that there isn't
     out.headers.erase("Connection");
-    if (current_call->close) out.set_header("Connection", "close");
+    if (current_exchange->close) out.set_header("Connection", "close");
   });
   set_logger([](const httplib::Request&, const httplib::Response& out) {
-    current_call->exchange.status = out.status;
-    current_call->exchange.bytes = out.body.size();
+    current_exchange->record.status = out.status;
+    current_exchange->record.bytes = out.body.size();
   });
 }
 
-void HttpServer::Impl::read_body(Call& call, httplib::Response& out, const httplib::ContentReader& reader) {
-  std::string& body = call.request.body;
+void HttpServer::Impl::read_body(Exchange& exchange, httplib::Response& out, const httplib::ContentReader& reader) {
+  std::string& body = exchange.request.body;
   const bool whole = reader([&](const char* data, std::size_t size) {
-    call.too_long = call.too_long || size > options.max_body_bytes - body.size();
-    if (!call.too_long) body.append(data, size);
-    return !call.too_long;
+    exchange.too_long = exchange.too_long || size > options.max_body_bytes - body.size();
+    if (!exchange.too_long) body.append(data, size);
+    return !exchange.too_long;
   });
-  if (whole) return answer(call, out);
-  call.close = true;
+  if (whole) return answer(exchange, out);
+  exchange.close = true;
   const std::string most = std::to_string(options.max_body_bytes);
-  hand_over(call.too_long    ? api::problem("too_large", "the body is longer than " + most + " bytes")
-            : call.timed_out ? api::problem("request_timeout", "the request did not arrive in time")
-                             : api::problem("malformed_request", "the body ends early or is not well chunked"),
-            call, out);
+  hand_over(exchange.too_long    ? api::problem("too_large", "the body is longer than " + most + " bytes")
+            : exchange.timed_out ? api::problem("request_timeout", "the request did not arrive in time")
+                                 : api::problem("malformed_request", "the body ends early or is not well chunked"),
+            exchange, out);
 }
 
-void HttpServer::Impl::answer(Call& call, httplib::Response& out) {
-  if (!call.connection.begin_work()) {  // given up a moment ago: nobody to answer
-    call.close = true;
-    return hand_over(api::problem("busy", "the connection was given up"), call, out);
+void HttpServer::Impl::answer(Exchange& exchange, httplib::Response& out) {
+  if (!exchange.connection.begin_work()) {  // given up a moment ago: nobody to answer
+    exchange.close = true;
+    return hand_over(api::problem("busy", "the connection was given up"), exchange, out);
   }
-  call.request.received = Clock::now();
-  call.request.abandoned = &call.abandoned;
-  const DepartureWatch::Guard watch(departures, call.connection.fd(), &call.abandoned);
-  call.close = call.close || listener.stopping();
-  hand_over(handler(call.request), call, out);
+  exchange.request.received = Clock::now();
+  exchange.request.abandoned = &exchange.abandoned;
+  const DepartureWatch::Guard watch(departures, exchange.connection.fd(), &exchange.abandoned);
+  exchange.close = exchange.close || listener.stopping();
+  hand_over(handler(exchange.request), exchange, out);
 }
 
 void HttpServer::Impl::serve(Connection& connection) {
@@ -235,9 +235,9 @@ bool HttpServer::Impl::serve_one(Connection& connection) {
   connection.consume(head_bytes);
   if (const auto* problem = std::get_if<HeadProblem>(&checked)) return refuse(connection, *problem);
 
-  Call call{connection, deadline, raw_bound(options.max_body_bytes)};
-  const bool delivered = exchange(call, std::get<RequestHead>(std::move(checked)));
-  if (delivered && !call.close) return true;
+  Exchange exchange{connection, deadline, raw_bound(options.max_body_bytes)};
+  const bool delivered = process(exchange, std::get<RequestHead>(std::move(checked)));
+  if (delivered && !exchange.close) return true;
   connection.end_work();
   if (delivered) connection.linger(kLinger);
   return false;
@@ -266,27 +266,27 @@ bool HttpServer::Impl::receive_head(Connection& connection, std::size_t& head_by
   }
 }
 
-bool HttpServer::Impl::exchange(Call& call, RequestHead&& head) {
+bool HttpServer::Impl::process(Exchange& exchange, RequestHead&& head) {
   const auto started = Clock::now();
-  call.exchange.method = call.request.method = head.method;
-  call.exchange.target = head.target;
-  call.head = std::move(head.text);
-  call.close = head.close;
-  call.request.headers = std::move(head.headers);
-  current_call = &call;
-  CallStream stream(call);
+  exchange.record.method = exchange.request.method = head.method;
+  exchange.record.target = head.target;
+  exchange.head = std::move(head.text);
+  exchange.close = head.close;
+  exchange.request.headers = std::move(head.headers);
+  current_exchange = &exchange;
+  ExchangeStream stream(exchange);
   bool closed = false;
-  const bool written = process_request(stream, call.close, closed, [&](httplib::Request& request) {
-    call.parsed = true;
-    call.exchange.path = call.request.path = request.path;
-    call.request.query = request.params;
+  const bool written = process_request(stream, exchange.close, closed, [&](httplib::Request& request) {
+    exchange.parsed = true;
+    exchange.record.path = exchange.request.path = request.path;
+    exchange.request.query = request.params;
     request.headers.erase("Content-Type");  // forms and multipart bodies mean nothing here
   });
-  current_call = nullptr;
-  call.close = call.close || closed || !call.parsed;
-  const bool delivered = written && call.connection.flush();
-  call.exchange.seconds = std::chrono::duration<double>(Clock::now() - started).count();
-  observer(call.exchange);
+  current_exchange = nullptr;
+  exchange.close = exchange.close || closed || !exchange.parsed;
+  const bool delivered = written && exchange.connection.flush();
+  exchange.record.seconds = std::chrono::duration<double>(Clock::now() - started).count();
+  observer(exchange.record);
   return delivered;
 }
 
@@ -294,7 +294,7 @@ bool HttpServer::Impl::exchange(Call& call, RequestHead&& head) {
 bool HttpServer::Impl::refuse(Connection& connection, const HeadProblem& why) {
   const api::Response answer = api::problem(why.error_code, why.detail);
   if (connection.write(on_the_wire(answer)) && connection.flush()) connection.linger(kLinger);
-  Exchange refused;
+  AccessRecord refused;
   refused.status = answer.status;
   refused.bytes = answer.body.size();
   refused.error_code = answer.error_code;

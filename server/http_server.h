@@ -20,7 +20,7 @@ struct HttpOptions {
 };
 
 // One request answered, for the log and the metrics. `path` is without query; empty when the request could not be read.
-struct Exchange {
+struct AccessRecord {
   std::string method, path;
   std::string target;  // as sent, free of control characters
   int status = 0;
@@ -41,7 +41,7 @@ struct Exchange {
 class HttpServer {
  public:
   using Handler = std::function<api::Response(const api::Request&)>;  // gets HEAD as "HEAD"; its body is not sent then
-  using Observer = std::function<void(const Exchange&)>;
+  using Observer = std::function<void(const AccessRecord&)>;
 
   // Binds at once; throws std::runtime_error when it can't.
   HttpServer(const HttpOptions& options, Handler handler, Observer observer);

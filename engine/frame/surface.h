@@ -7,12 +7,12 @@
 namespace selenograph::engine {
 
 enum class ReflectanceModel {
-  lambert,          // rho / pi                                             paper eq. (4)
-  lommel_seeliger,  // rho / (2 pi) / (mu0 + mu)                            paper eq. (10)
-  lunar,            // w * Lommel-Seeliger + (1 - w) * Lambert              paper 3.1
-  blinn_phong,      // normalised by its exponent                           paper eq. (11)
-  lunar_lambert,    // rho / pi (2 L / (mu0 + mu) + 1 - L)                  McEwen 1991
-  hapke             // with the opposition surge and macroscopic roughness  Hapke 1984
+  lambert,                  // rho / pi                                           paper eq. (4)
+  lommel_seeliger,          // rho / (2 pi) / (mu0 + mu)                          paper eq. (10)
+  lommel_seeliger_lambert,  // "lunar": w * Lommel-Seeliger + (1 - w) * Lambert   paper 3.1
+  blinn_phong,              // normalised by its exponent                         paper eq. (11)
+  lunar_lambert,            // rho / pi (2 L / (mu0 + mu) + 1 - L)                McEwen 1991
+  hapke                     // with the opposition surge and macroscopic roughness  Hapke 1984
 };
 
 // Of particles, p(g): sums to 4 pi over all directions.
@@ -34,8 +34,8 @@ struct HapkeParameters {
 };
 
 struct Reflectance {
-  ReflectanceModel model = ReflectanceModel::lunar;
-  double lommel_seeliger_weight = 1.0;  // of lunar
+  ReflectanceModel model = ReflectanceModel::lommel_seeliger_lambert;
+  double lommel_seeliger_weight = 1.0;  // w of lommel_seeliger_lambert
   double rho = 0.12;                    // of all but hapke
   double shininess = 100;               // p of blinn_phong
   // L of lunar_lambert. Empty: 1 - 0.019 g + 0.242e-3 g^2 - 1.46e-6 g^3, not below 0, g: phase in degrees (McEwen, LPSC

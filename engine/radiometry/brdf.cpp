@@ -30,7 +30,7 @@ Model model_of(const Reflectance& r) {
       return Hapke(r.hapke);
     case ReflectanceModel::lambert:
     case ReflectanceModel::lommel_seeliger:
-    case ReflectanceModel::lunar:
+    case ReflectanceModel::lommel_seeliger_lambert:
       break;
   }
   return terms_of(r);

@@ -88,13 +88,13 @@ void check_object(const engine::SceneObject& object) {
 }
 
 void check_frame(const Json& document) {
-  const api::FrameCall call = api::read_frame(document, kLimits, kAssets);
-  const engine::FrameRequest& request = call.request;
+  const api::FrameQuery query = api::read_frame(document, kLimits, kAssets);
+  const engine::FrameRequest& request = query.request;
   check_camera(request.camera);
   check_pose(request.pose);
-  if (call.sun_given) check_sun(request.sun);
+  if (query.sun_given) check_sun(request.sun);
   require(request.products != 0, "something is asked for");
-  require(call.sun_given || !(request.products & api::kNeedsSun), "no light without a Sun");
+  require(query.sun_given || !(request.products & api::kNeedsSun), "no light without a Sun");
   const int samples = request.accuracy.samples_per_pixel, side = static_cast<int>(std::lround(std::sqrt(samples)));
   require(samples >= 1 && samples <= kLimits.max_samples_per_pixel && side * side == samples, "samples are a square");
   require(api::kMaxError_px.contains(request.accuracy.max_error_px), "the error bound is in range");
@@ -108,7 +108,7 @@ void check_frame(const Json& document) {
   const double reflected = engine::Brdf(request.reflectance).times_mu0(0.5, 0.7, 0.3);
   require(reflected >= 0 && std::isfinite(reflected), "reflectance is finite");
   // The answer's metadata hold the request as it was understood: sent back, it must mean the same.
-  const std::string resolved = api::resolved_json(call).dump();
+  const std::string resolved = api::resolved_json(query).dump();
   try {
     const std::string again =
         api::resolved_json(api::read_frame(api::parse_json(resolved, kLimits.max_json_depth), kLimits, kAssets)).dump();
@@ -123,20 +123,20 @@ void check_frame(const Json& document) {
 }
 
 void check_rays(const Json& document) {
-  const api::RaysCall call = api::read_rays(document, kLimits);
-  require(!call.rays.empty() && call.rays.size() <= static_cast<std::size_t>(kLimits.max_rays),
+  const api::RaysQuery query = api::read_rays(document, kLimits);
+  require(!query.rays.empty() && query.rays.size() <= static_cast<std::size_t>(kLimits.max_rays),
           "some rays, not too many");
-  for (const engine::Ray& ray : call.rays)
+  for (const engine::Ray& ray : query.rays)
     require(is_coordinate(ray.origin_m) && is_unit(ray.direction), "a ray is one");
-  if (call.sun) check_sun(*call.sun);
+  if (query.sun) check_sun(*query.sun);
 }
 
 void check_project(const Json& document) {
-  const api::ProjectCall call = api::read_project(document, kLimits);
-  check_camera(call.camera);
-  check_pose(call.pose);
-  if (call.sun) check_sun(*call.sun);
-  for (const engine::LandmarkQuery& point : call.points) {
+  const api::ProjectQuery query = api::read_project(document, kLimits);
+  check_camera(query.camera);
+  check_pose(query.pose);
+  if (query.sun) check_sun(*query.sun);
+  for (const engine::LandmarkQuery& point : query.points) {
     require(is_place(point.lat_deg, point.lon_deg), "a landmark is a place");
     require(!point.height_m || api::kHeight_m.contains(*point.height_m), "its height is in range");
   }

@@ -36,7 +36,7 @@ std::vector<Reflectance> models() {
     all.push_back({ReflectanceModel::lambert, 1, rho});
     all.push_back({ReflectanceModel::lommel_seeliger, 1, rho});
     for (const double weight : {0.0, kDenormal, 0.35, kJustBelowOne, 1.0})
-      all.push_back({ReflectanceModel::lunar, weight, rho});
+      all.push_back({ReflectanceModel::lommel_seeliger_lambert, weight, rho});
   }
   return all;
 }
@@ -130,7 +130,7 @@ TEST(PhotometryLimits, NoPixelOfTheMoonsDiscIsNotANumber) {
     for (const double phase_deg : {0.0, 90.0, 150.0, 180.0})
       for (const Reflectance& model :
            {Reflectance{ReflectanceModel::lommel_seeliger, 1, 1}, Reflectance{ReflectanceModel::lambert, 1, 1},
-            Reflectance{ReflectanceModel::lunar, 0.35, 1}}) {
+            Reflectance{ReflectanceModel::lommel_seeliger_lambert, 0.35, 1}}) {
         const Vec3 sun = local_direction(to_cartesian({10, 30, 0}), 70, 90 - phase_deg);
         engine::FrameRequest request = nadir_view({10, 30, 400000e3}, 96, 0.5, sun);
         request.accuracy.max_error_px = 0.5;

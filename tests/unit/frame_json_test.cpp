@@ -63,7 +63,7 @@ TEST(FrameJson, DefaultsAreThoseOfTheContract) {
   EXPECT_EQ(request.products, engine::kRadiance);
   EXPECT_EQ(request.accuracy.max_error_px, 0.5);
   EXPECT_EQ(request.accuracy.samples_per_pixel, 1);
-  EXPECT_EQ(request.reflectance.model, engine::ReflectanceModel::lunar);
+  EXPECT_EQ(request.reflectance.model, engine::ReflectanceModel::lommel_seeliger_lambert);
   EXPECT_EQ(request.reflectance.rho, 0.12);
   EXPECT_EQ(request.sun.distance_au, 1);
   EXPECT_EQ(request.sun.angular_radius_deg, 0);
@@ -500,9 +500,9 @@ TEST(FrameJson, TheResolvedRequestGivesTheSameFrame) {
                                 "surface": {"reflectance": {"model": "lommel_seeliger"}, "temperature_k": 250},
                                 "band": {"response": [[0.41, 0.1], [0.73, 0.9]]}, "products": ["range", "image"],
                                 "camera": {"distortion": {"k1": 0.1}}})");
-  const FrameCall once = read_frame(body, Limits{});
+  const FrameQuery once = read_frame(body, Limits{});
   const Json resolved = resolved_json(once);
-  const FrameCall twice = read_frame(resolved, Limits{});
+  const FrameQuery twice = read_frame(resolved, Limits{});
   EXPECT_EQ(twice.request.camera.fx, once.request.camera.fx);
   EXPECT_EQ(twice.request.camera.distortion.k1, 0.1);
   EXPECT_EQ(twice.request.pose.position_m, once.request.pose.position_m);
@@ -515,8 +515,9 @@ TEST(FrameJson, TheResolvedRequestGivesTheSameFrame) {
   for (const char* model : {R"({"model": "hapke", "b0": 1.1, "phase_function": "double_henyey_greenstein", "b": 0.2})",
                             R"({"model": "blinn_phong", "shininess": 33})", R"({"model": "lunar_lambert"})",
                             R"({"model": "lunar_lambert", "limb_darkening": 0.4})"}) {
-    const FrameCall call = read_frame(patched(R"({"surface": {"reflectance": )" + std::string(model) + "}}"), Limits{});
-    const auto json = resolved_json(call);
+    const FrameQuery query =
+        read_frame(patched(R"({"surface": {"reflectance": )" + std::string(model) + "}}"), Limits{});
+    const auto json = resolved_json(query);
     EXPECT_EQ(resolved_json(read_frame(Json(json), Limits{})).dump(), json.dump());
     EXPECT_GT(json.at("surface").at("reflectance").size(), 1U);
   }
@@ -560,7 +561,7 @@ TEST(PointsJson, NumbersThatAreNoneAreNull) {
 
 // --- objects
 
-FrameCall with_objects(const std::string& pose) {
+FrameQuery with_objects(const std::string& pose) {
   const Assets assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets");
   const Json object{{"mesh", "satellite"},
                     {"pose", Json::parse(pose)},
@@ -600,8 +601,8 @@ TEST(Objects, PosesInEveryFormAreOnePose) {
 }
 
 TEST(Objects, MaterialsAreByPart) {
-  const FrameCall call = with_objects(R"({"position_m": [1737400, 0, 0], "upright": {}})");
-  const engine::SceneObject& o = call.request.objects[0];
+  const FrameQuery query = with_objects(R"({"position_m": [1737400, 0, 0], "upright": {}})");
+  const engine::SceneObject& o = query.request.objects[0];
   EXPECT_EQ(o.scale, 3);
   ASSERT_EQ(o.materials.size(), o.mesh->shape().parts.size());
   for (std::size_t i = 0; i < o.materials.size(); ++i) {

@@ -69,11 +69,12 @@ TEST(OpenApi, EveryRouteIsThereWithItsProblems) {
     for (const char* status : {"200", "400", "406", "503"}) {
       EXPECT_TRUE(operation.at("responses").contains(status)) << route.path << " " << status;
     }
-    const bool computes = route.call != Call::datasets && route.call != Call::openapi;
+    const bool computes = route.endpoint != Endpoint::datasets && route.endpoint != Endpoint::openapi;
     for (const char* status : {"422", "504"}) {
       EXPECT_EQ(operation.at("responses").contains(status), computes) << route.path << " " << status;
     }
-    EXPECT_EQ(operation.at("responses").contains("500"), computes && route.call != Call::verify_mertis) << route.path;
+    EXPECT_EQ(operation.at("responses").contains("500"), computes && route.endpoint != Endpoint::verify_mertis)
+        << route.path;
     EXPECT_EQ(operation.at("responses").contains("415"), route.admission) << route.path;
   }
 }

@@ -13,9 +13,12 @@ namespace {
 constexpr double kPi = std::numbers::pi;
 
 std::vector<Reflectance> models() {
-  return {{ReflectanceModel::lambert, 1, 0.12}, {ReflectanceModel::lommel_seeliger, 1, 0.12},
-          {ReflectanceModel::lunar, 0, 0.3},    {ReflectanceModel::lunar, 0.35, 0.12},
-          {ReflectanceModel::lunar, 1, 1},      {ReflectanceModel::lambert, 1, 1}};
+  return {{ReflectanceModel::lambert, 1, 0.12},
+          {ReflectanceModel::lommel_seeliger, 1, 0.12},
+          {ReflectanceModel::lommel_seeliger_lambert, 0, 0.3},
+          {ReflectanceModel::lommel_seeliger_lambert, 0.35, 0.12},
+          {ReflectanceModel::lommel_seeliger_lambert, 1, 1},
+          {ReflectanceModel::lambert, 1, 1}};
 }
 
 TEST(Photometry, ValuesByHand) {
@@ -24,7 +27,8 @@ TEST(Photometry, ValuesByHand) {
   // Sun and camera in the zenith: rho / (2 pi) / 2 = 0.12 / (4 pi), a quarter of Lambert.
   EXPECT_NEAR(brdf(seeliger, 1, 1), 0.00954929658551372, 1e-16);
   EXPECT_NEAR(brdf(seeliger, 0.5, 1), 0.12 / (2 * kPi) / 1.5, 1e-16);
-  EXPECT_NEAR(brdf({ReflectanceModel::lunar, 0.25, 0.12}, 0.5, 1), 0.25 * 0.12 / (3 * kPi) + 0.75 * 0.12 / kPi, 1e-16);
+  EXPECT_NEAR(brdf({ReflectanceModel::lommel_seeliger_lambert, 0.25, 0.12}, 0.5, 1),
+              0.25 * 0.12 / (3 * kPi) + 0.75 * 0.12 / kPi, 1e-16);
   // Overhead Sun at 1 au, nadir: 1361 * 0.12 / (4 pi) = 12.9966 W m-2 sr-1.
   EXPECT_NEAR(direct_radiance(seeliger, 1361, 1, 1, 1), 12.996592652884, 1e-10);
   EXPECT_NEAR(direct_radiance(lambert, 1361, 0.5, 0.2, 0.25), 1361 * 0.5 * 0.12 / kPi * 0.25, 1e-12);
@@ -33,9 +37,10 @@ TEST(Photometry, ValuesByHand) {
 TEST(Photometry, TheWeightedAverageHasBothEnds) {
   for (const double mu0 : {0.01, 0.4, 1.0})
     for (const double mu : {0.02, 0.7}) {
-      EXPECT_EQ(brdf({ReflectanceModel::lunar, 1, 0.2}, mu0, mu),
+      EXPECT_EQ(brdf({ReflectanceModel::lommel_seeliger_lambert, 1, 0.2}, mu0, mu),
                 brdf({ReflectanceModel::lommel_seeliger, 0.5, 0.2}, mu0, mu));
-      EXPECT_EQ(brdf({ReflectanceModel::lunar, 0, 0.2}, mu0, mu), brdf({ReflectanceModel::lambert, 0.5, 0.2}, mu0, mu));
+      EXPECT_EQ(brdf({ReflectanceModel::lommel_seeliger_lambert, 0, 0.2}, mu0, mu),
+                brdf({ReflectanceModel::lambert, 0.5, 0.2}, mu0, mu));
     }
 }
 

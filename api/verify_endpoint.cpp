@@ -1,6 +1,6 @@
 // POST /v1/verify/roundtrip and /v1/verify/mertis.
-#include "api/call.h"
 #include "api/difference_picture.h"
+#include "api/endpoint.h"
 #include "api/mertis_json.h"
 #include "api/negotiate.h"
 #include "api/round_trip_json.h"
@@ -19,7 +19,7 @@ const char* pointer_for(const std::string& refusal) {
   return "/center";
 }
 
-engine::RoundTrip made(const CallContext& context, const engine::RoundTripRequest& request) {
+engine::RoundTrip made(const EndpointContext& context, const engine::RoundTripRequest& request) {
   try {
     return engine::round_trip(context.renderer, request, {}, context.stop);
   } catch (const std::invalid_argument& e) {
@@ -29,7 +29,7 @@ engine::RoundTrip made(const CallContext& context, const engine::RoundTripReques
 
 }  // namespace
 
-Response verify_round_trip_call(const CallContext& context) {
+Response answer_verify_round_trip(const EndpointContext& context) {
   const std::string_view media_type =
       choose(header(context.request, "accept"), std::span<const Alternative>(kRoundTripAnswers));
   const engine::RoundTripRequest request = read_round_trip(json_body(context), context.limits);
@@ -50,7 +50,7 @@ Response verify_round_trip_call(const CallContext& context) {
   return response;
 }
 
-Response verify_mertis_call(const CallContext& context) {
+Response answer_verify_mertis(const EndpointContext& context) {
   return json_response(mertis_json(read_mertis(json_body(context)), context.stop));
 }
 

@@ -4,8 +4,8 @@
 #include <chrono>
 
 #include "api/arrays.h"
-#include "api/call.h"
 #include "api/encode.h"
+#include "api/endpoint.h"
 #include "api/frame_json.h"
 #include "api/metadata.h"
 #include "api/negotiate.h"
@@ -71,16 +71,16 @@ Response not_modified(const std::string& hash) {
   return response;
 }
 
-Response answer(const FrameCall& call, const engine::Frame& frame, const Representation& representation,
+Response answer(const FrameQuery& query, const engine::Frame& frame, const Representation& representation,
                 const std::string& hash) {
   Response response;
   response.content_type = representation.media_type;
   response.headers.emplace_back("Vary", "Accept");
   // With a file fallen through the bytes are not those that the hash stands for.
   if (frame.report.warnings.empty()) response.headers.emplace_back("ETag", "\"" + hash + "\"");
-  const nlohmann::ordered_json meta = metadata(call, frame.report, hash);
+  const nlohmann::ordered_json meta = metadata(query, frame.report, hash);
   std::vector<std::uint8_t> narrowed;
-  const std::vector<ArrayView> arrays = arrays_of(frame, call.request, call.request.products, narrowed);
+  const std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
   response.body = encode(arrays, representation.format, meta.dump(2, ' ', false, Json::error_handler_t::replace));
   if (representation.format == Format::npy || representation.format == Format::raw) {
     add_array_headers(response, arrays.front(), meta);
@@ -90,33 +90,34 @@ Response answer(const FrameCall& call, const engine::Frame& frame, const Represe
 
 // Puts the setting that the budget allows into the request; what is said about it in a header. Not in the metadata: the
 // same setting asked for by its numbers has the same bytes and the same ETag.
-std::string choose_within_budget(FrameCall& call, const CallContext& context) {
-  if (!call.budget_ms) return {};
+std::string choose_within_budget(FrameQuery& query, const EndpointContext& context) {
+  if (!query.budget_ms) return {};
   const engine::BudgetChoice choice = refusing_at("/pose", [&] {
-    return context.renderer.choose(call.request, *call.budget_ms, context.limits.max_samples_per_pixel, context.stop);
+    return context.renderer.choose(query.request, *query.budget_ms, context.limits.max_samples_per_pixel, context.stop);
   });
-  call.request.accuracy = choice.accuracy;
+  query.request.accuracy = choice.accuracy;
   return fmt::format("budget_ms={:g}, predicted_ms={:.3f}, fits={}, max_error_px={:g}, samples_per_pixel={}",
-                     *call.budget_ms, choice.predicted_ms, choice.fits ? 1 : 0, choice.accuracy.max_error_px,
+                     *query.budget_ms, choice.predicted_ms, choice.fits ? 1 : 0, choice.accuracy.max_error_px,
                      choice.accuracy.samples_per_pixel);
 }
 
 }  // namespace
 
-Response frame_call(const CallContext& context) {
+Response answer_frames(const EndpointContext& context) {
   const Clock::time_point start = Clock::now();
-  FrameCall call = read_frame(json_body(context), context.limits, context.assets);
-  const Representation& representation = negotiate(header(context.request, "accept"), call.request.products);
-  const std::string budget = choose_within_budget(call, context);
-  const std::string hash = content_hash(call, context.renderer.terrain().catalogue().fingerprint(), representation);
+  FrameQuery query = read_frame(json_body(context), context.limits, context.assets);
+  const Representation& representation = negotiate(header(context.request, "accept"), query.request.products);
+  const std::string budget = choose_within_budget(query, context);
+  const std::string hash = content_hash(query, context.renderer.terrain().catalogue().fingerprint(), representation);
   if (names_etag(header(context.request, "if-none-match"), hash)) return not_modified(hash);
   const double parse_ms = ms_since(start);
 
-  const engine::Frame frame = refusing_at("/pose", [&] { return context.renderer.render(call.request, context.stop); });
+  const engine::Frame frame =
+      refusing_at("/pose", [&] { return context.renderer.render(query.request, context.stop); });
   context.stop.check();
 
   const Clock::time_point encode_start = Clock::now();
-  Response response = answer(call, frame, representation, hash);
+  Response response = answer(query, frame, representation, hash);
   if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
   response.headers.emplace_back("Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start)));
   return response;

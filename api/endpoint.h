@@ -1,4 +1,5 @@
-// What every call is made with, and the calls. Each answers or throws; service.cpp turns what is thrown into problems.
+// What every endpoint is given, and the endpoints. Each answers or throws; service.cpp turns what is thrown into
+// problems.
 #pragma once
 
 #include <stdexcept>
@@ -11,7 +12,7 @@
 
 namespace selenograph::api {
 
-struct CallContext {
+struct EndpointContext {
   const engine::Renderer& renderer;
   const Limits& limits;
   const Assets& assets;
@@ -19,13 +20,13 @@ struct CallContext {
   StopToken stop;
 };
 
-Response frame_call(const CallContext& context);
-Response rays_call(const CallContext& context);
-Response project_call(const CallContext& context);
-Response heights_call(const CallContext& context);
-Response height_call(const CallContext& context);
-Response verify_round_trip_call(const CallContext& context);
-Response verify_mertis_call(const CallContext& context);
+Response answer_frames(const EndpointContext& context);
+Response answer_rays(const EndpointContext& context);
+Response answer_project(const EndpointContext& context);
+Response answer_heights(const EndpointContext& context);
+Response answer_height(const EndpointContext& context);
+Response answer_verify_round_trip(const EndpointContext& context);
+Response answer_verify_mertis(const EndpointContext& context);
 
 // The catalogue as JSON text: tiles, footprints, resolution, datum, gaps, and files that could not be used.
 std::string datasets_text(const dem::Catalogue& catalogue);
@@ -34,7 +35,7 @@ std::string datasets_text(const dem::Catalogue& catalogue);
 std::string header(const Request& request, const std::string& name);
 
 // The body, which must be JSON within the limits. Throws RequestError.
-Json json_body(const CallContext& context);
+Json json_body(const EndpointContext& context);
 
 // The engine's refusal of a request whose every member is possible but that is not as a whole. `pointer` is the member
 // that it is about unless its text names another.

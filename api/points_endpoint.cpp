@@ -1,5 +1,5 @@
 // POST /v1/rays, /v1/project, /v1/heights and GET /v1/height.
-#include "api/call.h"
+#include "api/endpoint.h"
 #include "api/points_json.h"
 #include "dem/error.h"
 
@@ -7,27 +7,28 @@ namespace selenograph::api {
 namespace {
 
 // An answer that is ready too late is none: 504, as if the work had been stopped.
-void throw_if_stopped(const CallContext& context) { context.stop.check(); }
+void throw_if_stopped(const EndpointContext& context) { context.stop.check(); }
 
 }  // namespace
 
-Response rays_call(const CallContext& context) {
-  const RaysCall call = read_rays(json_body(context), context.limits);
-  const auto hits = refusing_at("/rays", [&] { return context.renderer.cast(call.rays, call.sun, context.stop); });
+Response answer_rays(const EndpointContext& context) {
+  const RaysQuery query = read_rays(json_body(context), context.limits);
+  const auto hits = refusing_at("/rays", [&] { return context.renderer.cast(query.rays, query.sun, context.stop); });
   throw_if_stopped(context);
-  return json_response(rays_json(hits, call.sun.has_value()));
+  return json_response(rays_json(hits, query.sun.has_value()));
 }
 
-Response project_call(const CallContext& context) {
-  const ProjectCall call = read_project(json_body(context), context.limits);
-  const auto landmarks = refusing_at(
-      "/pose", [&] { return context.renderer.project(call.camera, call.pose, call.points, call.sun, context.stop); });
+Response answer_project(const EndpointContext& context) {
+  const ProjectQuery query = read_project(json_body(context), context.limits);
+  const auto landmarks = refusing_at("/pose", [&] {
+    return context.renderer.project(query.camera, query.pose, query.points, query.sun, context.stop);
+  });
   throw_if_stopped(context);
   return json_response(
-      landmarks_json(landmarks, call.sun.has_value(), context.renderer.terrain().catalogue(), call.points));
+      landmarks_json(landmarks, query.sun.has_value(), context.renderer.terrain().catalogue(), query.points));
 }
 
-Response heights_call(const CallContext& context) {
+Response answer_heights(const EndpointContext& context) {
   const std::vector<Geographic> places = read_heights(json_body(context), context.limits);
   const dem::Terrain& terrain = context.renderer.terrain();
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
@@ -38,7 +39,7 @@ Response heights_call(const CallContext& context) {
   return json_response(nlohmann::ordered_json{{"points", std::move(list)}});
 }
 
-Response height_call(const CallContext& context) {
+Response answer_height(const EndpointContext& context) {
   const Geographic place = read_height_query(context.request.query);
   const dem::Terrain& terrain = context.renderer.terrain();
   const dem::HeightAnswer height = terrain.height(place.lat_deg, place.lon_deg);  // may have built a pyramid first

@@ -1,7 +1,7 @@
 // GET /v1/datasets.
 #include <fmt/format.h>
 
-#include "api/call.h"
+#include "api/endpoint.h"
 
 namespace selenograph::api {
 namespace {

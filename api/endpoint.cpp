@@ -1,4 +1,4 @@
-#include "api/call.h"
+#include "api/endpoint.h"
 
 #include "api/problem.h"
 
@@ -22,7 +22,7 @@ std::string header(const Request& request, const std::string& name) {
   return joined;
 }
 
-Json json_body(const CallContext& context) {
+Json json_body(const EndpointContext& context) {
   const Request& request = context.request;
   if (!says_json(header(request, "content-type"))) {
     throw RequestError("unsupported_media_type", "the body must be application/json");
