@@ -1,4 +1,4 @@
-// Embree for an object's triangles, in the object's own coordinates from the middle of the object: which one does a ray
+// An object's triangles, in the object's own coordinates from the middle of the object: which one does a ray
 // meet first, and does any stand in a ray's way. From either side.
 #pragma once
 
@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "engine/visibility/object_shape.h"
-#include "engine/visibility/raytrace/ray_tracer.h"
+#include "engine/visibility/raytrace/embree.h"
 
 namespace selenograph::engine {
 
@@ -18,9 +18,6 @@ class ObjectTracer {
 
   // `middle`: in the shape's coordinates; rays are relative to it.
   ObjectTracer(const ObjectShape& shape, const Vec3& middle);
-  ~ObjectTracer();
-  ObjectTracer(ObjectTracer&&) noexcept;
-  ObjectTracer& operator=(ObjectTracer&&) noexcept;
 
   // Index of the triangle that each active ray meets first, or kNone.
   void intersect(const RayPacket& rays, std::uint32_t triangle[kPacket]) const;
@@ -28,8 +25,7 @@ class ObjectTracer {
   void occluded(const RayPacket& rays, bool blocked[kPacket]) const;
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  std::unique_ptr<EmbreeScene> scene_;
 };
 
 }  // namespace selenograph::engine

@@ -7,13 +7,11 @@
 
 #include "dem/parallel.h"
 #include "engine/support/vectorise.h"
-#include "engine/visibility/raytrace/embree_packets.h"
 
 namespace selenograph::engine {
 namespace {
 
 struct SunContext {
-  RTCIntersectContext embree;  // first member: Embree hands its address to the filter
   float sun[3];
   float rounding_m;
 };
@@ -34,23 +32,17 @@ void ignore_left_side16(const float* nx, const float* ny, const float* nz, const
     valid[i] = is_left(nx[i], ny[i], nz[i], sx, sy, sz, distance[i], rounding2) ? 0 : valid[i];
 }
 
-void ignore_left_side(const RTCFilterFunctionNArguments* args) {
-  const auto& context = *reinterpret_cast<const SunContext*>(args->context);
-  if (args->N == kPacket) {
-    const float* n = &RTCHitN_Ng_x(args->hit, kPacket, 0);
-    ignore_left_side16(n, n + kPacket, n + 2 * kPacket, &RTCRayN_tfar(args->ray, kPacket, 0), context, args->valid);
-    return;
-  }
-  for (unsigned i = 0; i < args->N; ++i) {
-    if (args->valid[i] != -1) continue;
-    if (is_left(RTCHitN_Ng_x(args->hit, args->N, i), RTCHitN_Ng_y(args->hit, args->N, i),
-                RTCHitN_Ng_z(args->hit, args->N, i), context.sun[0], context.sun[1], context.sun[2],
-                RTCRayN_tfar(args->ray, args->N, i), context.rounding_m * context.rounding_m))
-      args->valid[i] = 0;
-  }
+void ignore_left_side(const Occluders& occluders, const SunContext& context) {
+  const Occluders& o = occluders;
+  if (o.count == kPacket) return ignore_left_side16(o.nx, o.ny, o.nz, o.distance, context, o.valid);
+  for (std::size_t i = 0; i < o.count; ++i)
+    if (o.valid[i] == -1 && is_left(o.nx[i], o.ny[i], o.nz[i], context.sun[0], context.sun[1], context.sun[2],
+                                    o.distance[i], context.rounding_m * context.rounding_m))
+      o.valid[i] = 0;
 }
 
-void fill_vertices(const MeshBlock& block, const Vec3& anchor, float* out) {
+void fill_vertices(const MeshBlock& block, const Vec3& anchor, std::span<float> vertices) {
+  float* out = vertices.data();
   for (int r = 0; r < block.posts->side(); ++r)
     for (int c = 0; c < block.posts->side(); ++c) {
       const Vec3 vertex = block.vertex(r, c) - anchor;
@@ -63,6 +55,20 @@ bool complete(const MeshBlock& block) {
                       [](const MeshVertex& v) { return std::isnan(v.height_m); });
 }
 
+std::vector<TriangleId> valid_triangles(const MeshBlock& block, std::uint32_t index) {
+  std::vector<TriangleId> valid;
+  const int quads = block.posts->extent.quads;
+  for (int r = 0; r < quads; ++r)
+    for (int c = 0; c < quads; ++c)
+      for (const bool upper : {false, true}) {
+        const dem::QuadVertices q = dem::vertices_of(r, c, upper);
+        bool present = true;
+        for (int i = 0; i < 3; ++i) present &= block.present(q.r[i], q.c[i]);
+        if (present) valid.emplace_back(index, r, c, upper);
+      }
+  return valid;
+}
+
 }  // namespace
 
 struct RayTracer::Impl {
@@ -72,113 +78,72 @@ struct RayTracer::Impl {
     std::vector<TriangleId> triangles;  // a block with voids: by primitive
   };
 
-  ~Impl() {
-    if (scene) rtcReleaseScene(scene);
-  }
+  Impl(const Mesh& mesh, int threads)
+      : scene(mesh.blocks().size(), threads, EmbreeScene::Filters::on_occlusion), numbering(mesh.blocks().size()) {}
 
-  static RTCGeometry grid(RTCDevice dev, const MeshBlock& block, const Vec3& anchor) {
-    const auto side = static_cast<std::size_t>(block.posts->side());
-    RTCGeometry geometry = rtcNewGeometry(dev, RTC_GEOMETRY_TYPE_GRID);
-    auto* v = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                                          3 * sizeof(float), side * side));
-    fill_vertices(block, anchor, v);
-    auto* one = static_cast<RTCGrid*>(
-        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, sizeof(RTCGrid), 1));
-    *one = {0, static_cast<unsigned>(side), static_cast<std::uint16_t>(side), static_cast<std::uint16_t>(side)};
-    return geometry;
-  }
-
-  // Embree drops a whole grid for one vertex that isn't finite: the valid triangles one by one, then. Null when there
-  // are none.
-  static RTCGeometry triangles(RTCDevice dev, const MeshBlock& block, std::uint32_t index, const Vec3& anchor,
-                               Numbering& out) {
-    const int quads = block.posts->extent.quads;
-    for (int r = 0; r < quads; ++r)
-      for (int c = 0; c < quads; ++c)
-        for (const bool upper : {false, true}) {
-          const dem::QuadVertices q = dem::vertices_of(r, c, upper);
-          bool valid = true;
-          for (int i = 0; i < 3; ++i) valid &= block.present(q.r[i], q.c[i]);
-          if (valid) out.triangles.emplace_back(index, r, c, upper);
-        }
-    const std::size_t count = out.triangles.size();
-    if (count == 0) return nullptr;
-    RTCGeometry geometry = rtcNewGeometry(dev, RTC_GEOMETRY_TYPE_TRIANGLE);
-    auto* v = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                                          3 * sizeof(float), block.vertices.size()));
-    fill_vertices(block, anchor, v);
-    auto* corners = static_cast<unsigned*>(
-        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), count));
-    for (const TriangleId& t : out.triangles) {
-      const dem::QuadVertices q = t.vertices();
-      for (int i = 0; i < 3; ++i) *corners++ = static_cast<unsigned>(block.posts->index(q.r[i], q.c[i]));
+  void set_block(const MeshBlock& block, std::size_t index, const Vec3& anchor) {
+    const auto vertices = [&](std::span<float> out) { fill_vertices(block, anchor, out); };
+    Numbering& n = numbering[index];
+    if (complete(block)) {
+      n.quads = block.posts->extent.quads;
+      return scene.set_grid(index, block.posts->side(), vertices);
     }
-    return geometry;
+    // Embree drops a whole grid for one vertex that isn't finite: the valid triangles one by one, then.
+    n.triangles = valid_triangles(block, static_cast<std::uint32_t>(index));
+    if (n.triangles.empty()) return;
+    scene.set_triangles(index, block.vertices.size(), n.triangles.size(), vertices, [&](std::span<std::uint32_t> out) {
+      std::uint32_t* corners = out.data();
+      for (const TriangleId& t : n.triangles) {
+        const dem::QuadVertices q = t.vertices();
+        for (int i = 0; i < 3; ++i) *corners++ = static_cast<std::uint32_t>(block.posts->index(q.r[i], q.c[i]));
+      }
+    });
   }
 
-  TriangleId triangle_of(const RTCHit16& hit, int i) const {
-    const Numbering& n = numbering[hit.geomID[i]];
-    if (n.quads == 0) return n.triangles[hit.primID[i]];
+  TriangleId triangle_of(const RayHits& hits, int i) const {
+    const Numbering& n = numbering[hits.geometry[i]];
+    if (n.quads == 0) return n.triangles[hits.primitive[i]];
     // A grid's u and v run over the whole grid. Rounding at a quad's border is for refine.h.
-    const float u = hit.u[i] * static_cast<float>(n.quads), v = hit.v[i] * static_cast<float>(n.quads);
+    const float u = hits.u[i] * static_cast<float>(n.quads), v = hits.v[i] * static_cast<float>(n.quads);
     const int c = std::clamp(static_cast<int>(u), 0, n.quads - 1), r = std::clamp(static_cast<int>(v), 0, n.quads - 1);
-    return {hit.geomID[i], r, c, (u - static_cast<float>(c)) + (v - static_cast<float>(r)) > 1.F};
+    return {hits.geometry[i], r, c, (u - static_cast<float>(c)) + (v - static_cast<float>(r)) > 1.F};
   }
 
-  RTCScene scene = nullptr;
+  EmbreeScene scene;
   std::vector<Numbering> numbering;  // per geometry, which is per block
 };
 
 RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads)
-    : impl_(std::make_unique<Impl>()), anchor_(anchor_m) {
-  const RTCDevice dev = embree_device(threads);
-  impl_->scene = rtcNewScene(dev);
-  rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
+    : impl_(std::make_unique<Impl>(mesh, threads)), anchor_(anchor_m) {
   const std::size_t blocks = mesh.blocks().size();
-  std::vector<RTCGeometry> geometries(blocks);
-  impl_->numbering.resize(blocks);
-  in_parallel(blocks, [&](std::size_t i) {
-    const MeshBlock& block = mesh.blocks()[i];
-    const bool whole = complete(block);
-    if (whole) impl_->numbering[i].quads = block.posts->extent.quads;
-    geometries[i] = whole ? impl_->grid(dev, block, anchor_)
-                          : impl_->triangles(dev, block, static_cast<std::uint32_t>(i), anchor_, impl_->numbering[i]);
-    if (!geometries[i]) return;
-    rtcSetGeometryOccludedFilterFunction(geometries[i], ignore_left_side);
-    rtcCommitGeometry(geometries[i]);
-  });
+  in_parallel(blocks, [&](std::size_t i) { impl_->set_block(mesh.blocks()[i], i, anchor_); });
   for (std::size_t i = 0; i < blocks; ++i) {
-    if (!geometries[i]) continue;
-    rtcAttachGeometryByID(impl_->scene, geometries[i], static_cast<unsigned>(i));
-    rtcReleaseGeometry(geometries[i]);
     // Measured (Embree 3.13): 15 bytes a triangle in a grid, 83 by itself.
     const std::size_t by_itself = impl_->numbering[i].triangles.size(),
                       quads = static_cast<std::size_t>(impl_->numbering[i].quads);
+    if (by_itself + quads == 0) continue;
     bytes_ += mesh.blocks()[i].vertices.size() * 12 + 2 * quads * quads * 15 + by_itself * (83 + sizeof(TriangleId));
   }
-  tbb::this_task_arena::isolate([&] { rtcCommitScene(impl_->scene); });
-  check_embree(dev);
+  tbb::this_task_arena::isolate([&] { impl_->scene.build(); });
 }
 
 RayTracer::~RayTracer() = default;
 
 void RayTracer::intersect(const RayPacket& rays, SurfacePoints& points) const {
-  RTCRayHit16 rh;
-  engine::intersect(impl_->scene, rays, rh);
+  RayHits hits;
+  impl_->scene.intersect(rays, hits);
   for (int i = 0; i < kPacket; ++i) {
-    points.hit[i] = rays.active[i] && rh.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
-    if (!points.hit[i]) continue;
-    points.triangle[i] = impl_->triangle_of(rh.hit, i);
+    points.hit[i] = rays.active[i] && hits.geometry[i] != RayHits::kNone;
+    if (points.hit[i]) points.triangle[i] = impl_->triangle_of(hits, i);
   }
 }
 
 void RayTracer::occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m,
                          bool blocked[kPacket]) const {
   SunContext context;
-  rtcInitIntersectContext(&context.embree);
   for (int k = 0; k < 3; ++k) context.sun[k] = static_cast<float>(sun_direction[k]);
   context.rounding_m = rounding_m;
-  engine::occluded(impl_->scene, rays, context.embree, blocked);
+  impl_->scene.occluded(rays, blocked, [&](const Occluders& occluders) { ignore_left_side(occluders, context); });
 }
 
 }  // namespace selenograph::engine

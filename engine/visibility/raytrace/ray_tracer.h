@@ -1,25 +1,16 @@
-// Embree behind one pair of files (object_tracer.h is for objects): which triangle of the terrain does a ray meet
-// first, and is the way to the Sun free.
+// Which triangle of the terrain does a ray meet first, and is the way to the Sun free.
 //
-// Vertices are float relative to an anchor near the scene; one GRID geometry per mesh block, ROBUST so that no ray
-// slips between triangles. Compiles against Embree 3.13; 4.x would be a matter of this pair.
+// Vertices are float relative to an anchor near the scene; one grid geometry per mesh block.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 
+#include "engine/visibility/raytrace/embree.h"
 #include "engine/visibility/refine.h"
 
 namespace selenograph::engine {
-
-// Sixteen rays, structure of arrays; relative to the anchor, metres.
-struct alignas(64) RayPacket {
-  float ox[kPacket], oy[kPacket], oz[kPacket];
-  float dx[kPacket], dy[kPacket], dz[kPacket];
-  std::int32_t active[kPacket];  // -1: to be traced, 0: not
-  float near[kPacket] = {};      // where to start looking, in units of the direction's length
-};
 
 class RayTracer {
  public:
