@@ -276,12 +276,20 @@ bool HttpServer::Impl::process(Exchange& exchange, RequestHead&& head) {
   current_exchange = &exchange;
   ExchangeStream stream(exchange);
   bool closed = false;
-  const bool written = process_request(stream, exchange.close, closed, [&](httplib::Request& request) {
+  const auto take_target = [&](httplib::Request& request) {
     exchange.parsed = true;
     exchange.record.path = exchange.request.path = request.path;
     exchange.request.query = request.params;
     request.headers.erase("Content-Type");  // forms and multipart bodies mean nothing here
-  });
+  };
+  // cpp-httplib 0.18 also takes the addresses of both ends, only to pass them on.
+  const auto process_in = [&](auto& library) {
+    if constexpr (requires { library.process_request(stream, exchange.close, closed, take_target); })
+      return library.process_request(stream, exchange.close, closed, take_target);
+    else
+      return library.process_request(stream, "", 0, "", 0, exchange.close, closed, take_target);
+  };
+  const bool written = process_in(*this);
   current_exchange = nullptr;
   exchange.close = exchange.close || closed || !exchange.parsed;
   const bool delivered = written && exchange.connection.flush();
