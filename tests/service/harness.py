@@ -25,17 +25,27 @@ PLACE = ("--south-deg", "-1", "--west-deg", "29", "--rows", "2")  # 2 x 2 tiles 
 _folder = ""
 
 
-def set_up():
+def use(folder):
+    """Everything goes below this folder."""
     global _folder
-    _folder = tempfile.mkdtemp(prefix="selenograph-service-test-")
+    os.makedirs(folder, exist_ok=True)
+    _folder = folder
 
 
-def tear_down():
+def set_up():
+    use(tempfile.mkdtemp(prefix="selenograph-service-test-"))
+
+
+def stop_all():
     for service in Service.started:  # those that a failed test left behind
         if service.process.poll() is None:
             service.process.kill()
             service.process.wait()
         service.close()
+
+
+def tear_down():
+    stop_all()
     shutil.rmtree(_folder, ignore_errors=True)
 
 
@@ -104,8 +114,8 @@ class Service:
 
     started = []
 
-    def __init__(self, *options, cache="cache", dem="dem"):
-        command = [BINARY, "serve", "--port", "0", "--cache-dir", path(cache), *options, "--dem", path(dem)]
+    def __init__(self, *options, cache="cache", dem="dem", binary=None):
+        command = [binary or BINARY, "serve", "--port", "0", "--cache-dir", path(cache), *options, "--dem", path(dem)]
         self.log = tempfile.TemporaryFile()
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True)
         Service.started.append(self)
