@@ -11,11 +11,15 @@
 
 namespace selenograph::dem {
 
-// Where a post comes from: an index into Catalogue::rasters() (64 800 tiles and more), or kNoSource, and whether it was
-// filled.
+// A file, by its place in Catalogue::rasters(): 64 800 Kaguya tiles and more. kNoSource: none.
+using SourceIndex = std::uint32_t;
+inline constexpr SourceIndex kNoSource = 0x7fffffff;
+
+// Where a post comes from: a SourceIndex, with kFilledBit where the post was interpolated across no-data.
 using SourceMark = std::uint32_t;
-inline constexpr SourceMark kNoSource = 0x7fffffff;
 inline constexpr SourceMark kFilledBit = 0x80000000;
+inline constexpr SourceIndex source_of(SourceMark mark) { return mark & ~kFilledBit; }
+inline constexpr bool is_filled(SourceMark mark) { return (mark & kFilledBit) != 0; }
 
 // Immutable once made, shared between frames. Arrays are (quads + 1)^2, row 0 in the south, column 0 in the west.
 struct Block {
@@ -23,11 +27,9 @@ struct Block {
   BlockExtent extent{};
   std::vector<float> heights;            // m above the sphere; NaN: no data
   std::vector<Eigen::Vector3f> normals;  // unit, MOON_ME, for shading: see shading_normals.h
-  // Index into Catalogue::rasters(), with kFilledBit where the post was interpolated across a void. One value when the
-  // whole block has the same, else one per post.
-  std::vector<SourceMark> sources;
-  double error_m = 0;          // as in NodeInfo
-  float min_m = 0, max_m = 0;  // of the heights here and of the finest surface beneath
+  std::vector<SourceMark> sources;       // one when the whole block has the same, else one per post
+  double error_m = 0;                    // as in NodeInfo
+  float min_m = 0, max_m = 0;            // of the heights here and of the finest surface beneath
   // Separable sines and cosines of rows and columns: the bulk conversion to Cartesian.
   std::vector<double> sin_lat, cos_lat, sin_lon, cos_lon;
 

@@ -5,6 +5,7 @@
 #include <cctype>
 #include <cmath>
 #include <filesystem>
+#include <numeric>
 #include <tuple>
 #include <unordered_set>
 
@@ -152,12 +153,23 @@ void Catalogue::index() {
   std::sort(rasters_.begin(), rasters_.end(), [](const RasterInfo& a, const RasterInfo& b) {
     return std::tie(b.post_spacing_m, a.name, a.path) < std::tie(a.post_spacing_m, b.name, b.path);
   });
+  by_path_.resize(rasters_.size());
+  std::iota(by_path_.begin(), by_path_.end(), SourceIndex{0});
+  std::stable_sort(by_path_.begin(), by_path_.end(),
+                   [&](SourceIndex a, SourceIndex b) { return rasters_[a].path < rasters_[b].path; });
   buckets_.assign(static_cast<std::size_t>(kRows) * kColumns, {});
   for (std::size_t i = 0; i < rasters_.size(); ++i) {
     const Footprint& f = rasters_[i].footprint;
     for_each_cell(cells_of(f.south_deg, f.north_deg, f.west_deg, f.east_deg),
                   [&](std::size_t cell) { buckets_[cell].push_back(static_cast<int>(i)); });
   }
+}
+
+std::optional<SourceIndex> Catalogue::find(const std::string& path) const {
+  const auto found = std::lower_bound(by_path_.begin(), by_path_.end(), path,
+                                      [&](SourceIndex i, const std::string& p) { return rasters_[i].path < p; });
+  if (found == by_path_.end() || rasters_[*found].path != path) return std::nullopt;
+  return *found;
 }
 
 std::vector<int> Catalogue::touching(double south_deg, double north_deg, double west_deg, double east_deg,

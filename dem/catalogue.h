@@ -2,9 +2,11 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "dem/block.h"
 #include "dem/raster.h"
 
 namespace selenograph::dem {
@@ -28,6 +30,9 @@ class Catalogue {
   const std::vector<RasterInfo>& rasters() const { return rasters_; }
   const std::vector<CatalogueProblem>& problems() const { return problems_; }
 
+  // The index in rasters() of the file of that path.
+  std::optional<SourceIndex> find(const std::string& path) const;
+
   // Indices into rasters() of those whose footprint, grown by margin_deg, touches the box; ascending (coarse to fine).
   // west may be anything, east >= west; boxes of 360 degrees and more mean all longitudes.
   // Fast for 64 800 tiles (a 1-degree bucket grid).
@@ -41,6 +46,7 @@ class Catalogue {
   void index();
   std::vector<RasterInfo> rasters_;
   std::vector<CatalogueProblem> problems_;
+  std::vector<SourceIndex> by_path_;       // ascending by path
   std::vector<std::vector<int>> buckets_;  // 180 x 360 cells of one degree, row 0 at the south pole, column 0 at -180
 };
 

@@ -11,7 +11,6 @@
 #include <cstring>
 #include <filesystem>
 #include <limits>
-#include <unordered_map>
 
 #include "dem/chunk_format.h"
 #include "dem/error.h"
@@ -144,14 +143,11 @@ void Chunk::parse(const std::string& head, const ChunkPlan& plan, const Catalogu
       throw DataError(name, "damaged pyramid file: impossible record");
     records_[{record.level, record.row, record.col}] = record;
   }
-  std::unordered_map<std::string, SourceMark> known;
-  for (std::size_t i = 0; i < catalogue.rasters().size(); ++i)
-    known[catalogue.rasters()[i].path] = static_cast<SourceMark>(i);
   const char* names = index + header.records * sizeof(Record);
   for (const char* end = names + header.names_bytes; names < end; names += std::strlen(names) + 1) {
-    const auto found = known.find(names);
-    if (found == known.end()) throw DataError(name, "pyramid was made from other sources");
-    catalogue_index_.push_back(found->second);
+    const auto found = catalogue.find(names);
+    if (!found) throw DataError(name, "pyramid was made from other sources");
+    catalogue_index_.push_back(*found);
   }
 }
 
@@ -199,7 +195,7 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id) const {
   block->sources.resize(sources);
   std::memcpy(block->sources.data(), bytes.data() + heights_bytes, sizeof(SourceMark) * sources);
   for (SourceMark& s : block->sources) {
-    const SourceMark index = s & kNoSource;
+    const SourceIndex index = source_of(s);
     if (index == kNoSource) continue;
     if (index >= catalogue_index_.size()) throw DataError(name, "damaged pyramid file: a source that it doesn't name");
     s = (s & kFilledBit) | catalogue_index_[index];

@@ -66,7 +66,7 @@ class Chunk {
   std::uint64_t total_ = 0;
   double quantisation_m_ = 0;
   int base_level_ = 0;
-  std::vector<SourceMark> catalogue_index_;  // of the chunk's own source numbers
+  std::vector<SourceIndex> catalogue_index_;  // of the chunk's own source numbers
   std::unordered_map<BlockId, Record, BlockIdHash> records_;
 };
 

@@ -286,26 +286,19 @@ void encode_level(const Grid& grid, const Grid& base, const BlockId& node, std::
 }
 
 // Source numbers of the catalogue become the chunk's own, which survive a change of other files in the catalogue.
-std::vector<std::string> localise(Posts& posts, const Catalogue& catalogue) {
-  std::vector<SourceMark> local(catalogue.rasters().size(), kNoSource);
-  std::vector<std::string> paths;
+std::vector<const RasterInfo*> localise(Posts& posts, const Catalogue& catalogue) {
+  std::vector<SourceIndex> local(catalogue.rasters().size(), kNoSource);
+  std::vector<const RasterInfo*> sources;
   for (SourceMark& s : posts.sources) {
-    const SourceMark index = s & kNoSource;
+    const SourceIndex index = source_of(s);
     if (index == kNoSource) continue;
     if (local[index] == kNoSource) {
-      local[index] = static_cast<SourceMark>(paths.size());
-      paths.push_back(catalogue.rasters()[index].path);
+      local[index] = static_cast<SourceIndex>(sources.size());
+      sources.push_back(&catalogue.rasters()[index]);
     }
     s = (s & kFilledBit) | local[index];
   }
-  return paths;
-}
-
-double quantisation_of(const std::vector<std::string>& paths, const Catalogue& catalogue) {
-  double step = 0;
-  for (const RasterInfo& info : catalogue.rasters())
-    if (std::find(paths.begin(), paths.end(), info.path) != paths.end()) step = std::max(step, info.quantisation_m);
-  return step;
+  return sources;
 }
 
 }  // namespace
@@ -314,7 +307,9 @@ std::string Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, cons
                          const std::function<std::shared_ptr<const Block>(const BlockId&)>& fine_block) {
   LeftOut left_out;
   Grid base = plan.direct ? direct_base(plan, source) : base_from_finer(plan, fine_block, left_out);
-  const std::vector<std::string> paths = localise(base.posts, catalogue);
+  const std::vector<const RasterInfo*> sources = localise(base.posts, catalogue);
+  double quantisation_m = 0;
+  for (const RasterInfo* info : sources) quantisation_m = std::max(quantisation_m, info->quantisation_m);
   std::vector<Encoded> encoded;
   if (plan.direct) encode_level(base, base, plan.node, encoded);
   Grid level;
@@ -327,7 +322,7 @@ std::string Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, cons
     e.record.error_m += left_out.error_m;
     e.record.min_m -= left_out.below_m, e.record.max_m += left_out.above_m;
   }
-  return format::assemble(plan, quantisation_of(paths, catalogue), paths, [&](auto&& each) {
+  return format::assemble(plan, quantisation_m, sources, [&](auto&& each) {
     for (Encoded& e : encoded) each(e.record, e.bytes);
   });
 }

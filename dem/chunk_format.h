@@ -41,10 +41,10 @@ void append(std::string& out, const std::vector<T>& values) {
 
 // `for_each` calls back with every (record, bytes), twice with the same order.
 template <typename ForEach>
-std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::vector<std::string>& paths,
+std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::vector<const RasterInfo*>& sources,
                      ForEach&& for_each) {
   std::string names;
-  for (const std::string& path : paths) names.append(path.c_str(), path.size() + 1);
+  for (const RasterInfo* info : sources) names.append(info->path.c_str(), info->path.size() + 1);
   Header header{};
   std::memcpy(header.magic, kMagic, sizeof kMagic);
   header.fingerprint = plan.fingerprint;

@@ -126,11 +126,6 @@ PostSource::PostSource(const Catalogue& catalogue, bool fall_through, std::funct
       fall_through_(fall_through),
       warn_(std::move(warn)),
       pool_(std::make_unique<Pool>(catalogue)) {
-  // The contract's `source` has 16 bits. Wrong numbers would pass unnoticed: rather none at all.
-  constexpr std::size_t kMost = 65535;
-  if (catalogue.rasters().size() > kMost)
-    throw DataError("catalogue", fmt::format("{} tiles are more than the {} that can be told apart",
-                                             catalogue.rasters().size(), kMost));
   for (const RasterInfo& info : catalogue.rasters()) post_deg_ = std::max(post_deg_, 1 / info.posts_per_degree);
 }
 

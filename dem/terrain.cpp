@@ -393,9 +393,9 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg) const {
         const auto distance = radial_distance({vertex(0), vertex(1), vertex(2)}, direction, 1e-9);
         if (!distance) continue;
         answer.height_m = *distance - kMoonRadius_m;
-        const auto from = block->source(q.r[0], q.c[0]);
-        for (int i = 0; i < 3; ++i) answer.filled |= (block->source(q.r[i], q.c[i]) & kFilledBit) != 0;
-        answer.source = (from & kNoSource) == kNoSource ? -1 : static_cast<int>(from & kNoSource);
+        const SourceIndex from = source_of(block->source(q.r[0], q.c[0]));
+        for (int i = 0; i < 3; ++i) answer.filled |= is_filled(block->source(q.r[i], q.c[i]));
+        answer.source = from == kNoSource ? -1 : static_cast<int>(from);
         if (answer.source >= 0)
           answer.post_spacing_m = catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
         return answer;

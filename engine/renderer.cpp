@@ -19,6 +19,7 @@
 #include "engine/sensor/sensor.h"
 #include "engine/support/pool.h"
 #include "engine/support/stopwatch.h"
+#include "engine/visibility/frame_sources.h"
 #include "engine/visibility/objects_in_frame.h"
 #include "engine/visibility/raytrace/trace.h"
 #include "engine/visibility/render_pass.h"
@@ -67,18 +68,13 @@ struct LensKeyHash {
   std::size_t operator()(const LensKey& key) const { return XXH3_64bits(key.data(), sizeof key); }
 };
 
-// Numbers the tiles that the frame stands on, in the catalogue's order.
-void number_sources(const dem::Catalogue& catalogue, const std::vector<char>& seen, Frame& frame) {
-  std::vector<std::uint16_t> number(seen.size(), 65535);
-  for (std::size_t i = 0; i < seen.size(); ++i) {
-    if (!seen[i]) continue;
+// The tiles that the frame stands on, in the catalogue's order.
+void list_sources(const dem::Catalogue& catalogue, const FrameSources& seen, Frame& frame) {
+  for (const dem::SourceIndex i : seen.settle(frame.products.source)) {
     const dem::RasterInfo& info = catalogue.rasters()[i];
-    number[i] = static_cast<std::uint16_t>(frame.report.sources.size());
     const std::string identity = fmt::format("{}:{}:{}", info.name, info.bytes, info.modified_ns);
     frame.report.sources.push_back({info.name, info.path, XXH3_64bits(identity.data(), identity.size())});
   }
-  for (std::uint16_t& s : frame.products.source)
-    if (s != 65535) s = number[s];
 }
 
 }  // namespace
@@ -265,13 +261,13 @@ struct Renderer::Impl {
 
     const auto rays = lens_of(request.camera);
     PassCounts counts;
+    FrameSources sources(terrain->catalogue().rasters().size());
     {
       const Pool<FrameScratch>::Lease lease(scratch);
-      counts = render_pixels(*scene, view, request, radiance, *rays, objects, terrain->catalogue().rasters().size(),
-                             stop, *lease, frame.products);
+      counts = render_pixels(*scene, view, request, radiance, *rays, objects, sources, stop, *lease, frame.products);
     }
     settle();
-    number_sources(terrain->catalogue(), counts.sources, frame);
+    list_sources(terrain->catalogue(), sources, frame);
     frame.times.visibility_ms = watch.lap_ms();
     frame.times.draw_ms = counts.draw_ms, frame.times.resolve_ms = counts.resolve_ms;
     frame.times.shadow_ms = counts.shadow_ms;

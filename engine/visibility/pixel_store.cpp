@@ -34,7 +34,7 @@ void allocate_all(const FrameRequest& request, FrameProducts& out) {
   allocate(out.angles, want & kAngles, 3 * n, kNaN32);
   allocate(out.lit, want & kLit, n, kNaN32);
   allocate(out.gsd, want & kGsd, n, kNaN32);
-  allocate(out.source, want & kSource, n, std::uint16_t{65535});
+  allocate(out.source, want & kSource, n, FrameSources::kNone);
   allocate(out.object_id, want & kObjectId, n, kNoObject);
 }
 
@@ -100,7 +100,7 @@ void lens_rays(const double* x, const double* y, const double* m, const double* 
 }
 
 struct SourceAt {
-  dem::SourceMark index;  // of the catalogue; dem::kNoSource if none
+  dem::SourceIndex index;  // dem::kNoSource if none
   bool filled;
 };
 
@@ -108,15 +108,15 @@ struct SourceAt {
 SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   const TriangleId& t = p.triangle[lane];
   const dem::Block& block = *mesh.blocks()[t.block()].posts;
-  if (block.sources.size() == 1) return {block.sources[0] & dem::kNoSource, (block.sources[0] & dem::kFilledBit) != 0};
+  if (block.sources.size() == 1) return {dem::source_of(block.sources[0]), dem::is_filled(block.sources[0])};
   const dem::QuadVertices q = t.vertices();
   const double weights[3] = {1 - p.v[lane] - p.w[lane], p.v[lane], p.w[lane]};
   SourceAt at{dem::kNoSource, false};
   double heaviest = -1;
   for (int i = 0; i < 3; ++i) {
     const dem::SourceMark s = block.source(q.r[i], q.c[i]);
-    at.filled |= (s & dem::kFilledBit) != 0;
-    if (weights[i] > heaviest) heaviest = weights[i], at.index = s & dem::kNoSource;
+    at.filled |= dem::is_filled(s);
+    if (weights[i] > heaviest) heaviest = weights[i], at.index = dem::source_of(s);
   }
   return at;
 }
@@ -126,12 +126,12 @@ double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)
 }  // namespace
 
 PixelStore::PixelStore(const Mesh& mesh, const View& view, const FrameRequest& request, const RadianceTerms& radiance,
-                       const PixelRays& rays, std::size_t catalogue_size, FrameProducts& out)
+                       const PixelRays& rays, FrameSources& sources, FrameProducts& out)
     : mesh_(mesh),
       view_(view),
       request_(request),
       centres_(rays),
-      catalogue_size_(catalogue_size),
+      sources_(sources),
       out_(out),
       irradiance_(radiance.direct_w_m2),
       base_(static_cast<float>(radiance.base_w_m2_sr())),
@@ -143,19 +143,12 @@ PixelStore::PixelStore(const Mesh& mesh, const View& view, const FrameRequest& r
   wants_geometry_ = want & ~static_cast<ProductSet>(kRadiance | kImage);
   wants_light_ = wants_radiance_ || (want & kLit);
   grid_ = static_cast<int>(std::lround(std::sqrt(request.accuracy.samples_per_pixel)));
-  total_ = counts();
   // Without distortion a pixel's ray is linear in its coordinates.
   const Camera& c = view.camera();
   linear_ = c.distortion.none();
   const Eigen::Matrix3d& m = view.moon_from_camera();
   right_ = m.col(0) / c.fx, down_ = m.col(1) / c.fy, first_ = m.col(2) - right_ * c.cx - down_ * c.cy;
   allocate_all(request, out);
-}
-
-PassCounts PixelStore::counts() const {
-  PassCounts counts;
-  counts.sources.assign(catalogue_size_, 0);
-  return counts;
 }
 
 std::vector<Layer> PixelStore::layers() const {
@@ -236,9 +229,8 @@ float PixelStore::direct(const Shading& shading, const Vec3& direction, float li
 std::uint32_t PixelStore::account_all(const SurfacePoints& points, std::uint32_t hits, PassCounts* counts) const {
   const auto add = [&](const MeshBlock& block, std::uint64_t lanes) {
     counts->hit += lanes;
-    if (block.source & dem::kFilledBit) counts->filled += lanes;
-    if (const dem::SourceMark index = block.source & dem::kNoSource; index != dem::kNoSource)
-      counts->sources[index] = 1;
+    if (dem::is_filled(block.source)) counts->filled += lanes;
+    if (const dem::SourceIndex index = dem::source_of(block.source); index != dem::kNoSource) sources_.number(index);
   };
   // Most packets are in one block of one source.
   constexpr std::uint32_t kAll = 0xffff;
@@ -263,11 +255,11 @@ std::uint32_t PixelStore::account_all(const SurfacePoints& points, std::uint32_t
 void PixelStore::account(const SurfacePoints& points, int i, std::size_t at, PassCounts* counts) const {
   const SourceAt source = source_at(mesh_, points, i);
   const bool known = source.index != dem::kNoSource;
-  if (!out_.source.empty() && known) out_.source[at] = static_cast<std::uint16_t>(source.index);
+  if (!out_.source.empty() && known) out_.source[at] = sources_.product_number(source.index);
   if (!counts) return;
   ++counts->hit;
   counts->filled += source.filled;
-  if (known) counts->sources[source.index] = 1;
+  if (known) sources_.number(source.index);
 }
 
 void PixelStore::store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit,
@@ -325,8 +317,6 @@ void PixelStore::merge(const PassCounts& counts) {
   total_.draw_ms += counts.draw_ms, total_.resolve_ms += counts.resolve_ms, total_.shadow_ms += counts.shadow_ms;
   total_.hit += counts.hit, total_.missing += counts.missing, total_.filled += counts.filled;
   total_.on_object += counts.on_object;
-  for (std::size_t i = 0; i < counts.sources.size(); ++i)
-    if (counts.sources[i]) total_.sources[i] = 1;
 }
 
 }  // namespace selenograph::engine

@@ -12,6 +12,7 @@
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/mapped_surface.h"
 #include "engine/visibility/facets.h"
+#include "engine/visibility/frame_sources.h"
 #include "engine/visibility/refine.h"
 #include "engine/visibility/render_pass.h"
 
@@ -53,7 +54,7 @@ class PixelStore {
  public:
   // Sizes and initialises the products that are asked for. `rays`: of the pixels' centres, where there is distortion.
   PixelStore(const Mesh& mesh, const View& view, const FrameRequest& request, const RadianceTerms& radiance,
-             const PixelRays& rays, std::size_t catalogue_size, FrameProducts& out);
+             const PixelRays& rays, FrameSources& sources, FrameProducts& out);
 
   const FrameRequest& request() const { return request_; }
   const View& view() const { return view_; }
@@ -78,7 +79,6 @@ class PixelStore {
   // What is hit has this without sunlight.
   float base_radiance() const { return base_; }
 
-  PassCounts counts() const;
   // Lanes at once but for those on quads of several sources, which are left: a bit for each.
   std::uint32_t account_all(const SurfacePoints& points, std::uint32_t hits, PassCounts* counts) const;
   // One lane; `counts` may be null.
@@ -104,7 +104,7 @@ class PixelStore {
   const View& view_;
   const FrameRequest& request_;
   const PixelRays& centres_;
-  std::size_t catalogue_size_;
+  FrameSources& sources_;
   FrameProducts& out_;
   double irradiance_;
   float base_;

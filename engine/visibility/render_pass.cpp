@@ -6,6 +6,7 @@
 
 #include "dem/error.h"
 #include "dem/parallel.h"
+#include "engine/visibility/frame_sources.h"
 #include "engine/visibility/objects_in_frame.h"
 #include "engine/visibility/pixel_store.h"
 #include "engine/visibility/raytrace/trace.h"
@@ -29,7 +30,7 @@ class RayPass {
               along = (request_.camera.height + kTile - 1) / kTile;
     const std::vector<Layer> all = store_.layers();
     in_parallel_pieces(static_cast<std::size_t>(across * along), 1, [&](std::size_t first, std::size_t past_last) {
-      PassCounts counts = store_.counts();
+      PassCounts counts;
       PixelStore::Sampler sampler = store_.sampler();
       for (int tile = static_cast<int>(first); tile < static_cast<int>(past_last); ++tile) {
         stop.check();
@@ -132,9 +133,8 @@ class RayPass {
 
 PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request,
                          const RadianceTerms& radiance, const PixelRays& rays, const ObjectsInFrame& objects,
-                         std::size_t catalogue_size, const StopToken& stop, FrameScratch& scratch,
-                         FrameProducts& products) {
-  PixelStore store(scene.mesh, view, request, radiance, rays, catalogue_size, products);
+                         FrameSources& sources, const StopToken& stop, FrameScratch& scratch, FrameProducts& products) {
+  PixelStore store(scene.mesh, view, request, radiance, rays, sources, products);
   if (scene.raster)
     draw_pixels(*scene.raster, store, objects, stop, scratch);
   else

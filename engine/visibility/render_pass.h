@@ -14,20 +14,19 @@ namespace selenograph::engine {
 
 struct PassCounts {
   std::uint64_t hit = 0, missing = 0, filled = 0, on_object = 0;
-  std::vector<char> sources;                          // by catalogue index: 1 when some pixel sees it
   double draw_ms = 0, resolve_ms = 0, shadow_ms = 0;  // as in StageTimes
 };
 
+class FrameSources;
 class ObjectsInFrame;
 struct FrameScratch;
 struct PixelRays;
 
-// Fills the products that are asked for, sized and initialised here. `source` holds catalogue indices until the caller
-// numbers them. `rays`: of the pixels' centres, where the camera has distortion. Parallel over tiles of pixels in the
-// caller's task arena; stops between tiles.
+// Fills the products that are asked for, sized and initialised here. `source` holds the numbers of `sources`
+// until that settles them. `rays`: of the pixels' centres, where the camera has distortion. Parallel over tiles of
+// pixels in the caller's task arena; stops between tiles.
 PassCounts render_pixels(const Scene& scene, const View& view, const FrameRequest& request,
                          const RadianceTerms& radiance, const PixelRays& rays, const ObjectsInFrame& objects,
-                         std::size_t catalogue_size, const StopToken& stop, FrameScratch& scratch,
-                         FrameProducts& products);
+                         FrameSources& sources, const StopToken& stop, FrameScratch& scratch, FrameProducts& products);
 
 }  // namespace selenograph::engine

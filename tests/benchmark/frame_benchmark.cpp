@@ -31,6 +31,7 @@
 #include "engine/radiometry/radiometry.h"
 #include "engine/renderer.h"
 #include "engine/verify/bare_kernel.h"
+#include "engine/visibility/frame_sources.h"
 #include "engine/visibility/object_mesh.h"
 #include "engine/visibility/objects_in_frame.h"
 #include "engine/visibility/render_pass.h"
@@ -110,9 +111,9 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
       benchmark::DoNotOptimize(engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {}));
       const auto made = setting.build ? scene_of(visibility) : nullptr;
       engine::FrameProducts products;
+      engine::FrameSources sources(terrain->catalogue().rasters().size());
       engine::render_pixels(made ? *made : *warm, view, r, engine::radiance_terms(r), pixel_rays,
-                            engine::ObjectsInFrame(r, view), terrain->catalogue().rasters().size(), {}, scratch,
-                            products);
+                            engine::ObjectsInFrame(r, view), sources, {}, scratch, products);
       benchmark::DoNotOptimize(products.radiance.data());
     });
   };

@@ -32,7 +32,7 @@ struct Layers {
   explicit Layers(const std::string& folder, bool fall_through = false)
       : catalogue(std::vector<std::string>{folder}),
         source(catalogue, fall_through, [this](const std::string& text) { warnings.push_back(text); }) {}
-  std::string name(SourceMark s) const { return catalogue.rasters()[s & kNoSource].name; }
+  std::string name(SourceMark s) const { return catalogue.rasters()[source_of(s)].name; }
   Catalogue catalogue;
   std::vector<std::string> warnings;
   PostSource source;
@@ -104,8 +104,8 @@ TEST(PostSource, VoidsInASlopeAreFilledExactlyAndFlagged) {
       const double lat = 10 + r / 16.0, lon = 20 + c / 16.0;
       const auto at = static_cast<std::size_t>(r) * 33 + static_cast<std::size_t>(c);
       ASSERT_NEAR(posts.heights[at], slope(lat, lon), 1e-3);
-      ASSERT_EQ((posts.sources[at] & kFilledBit) != 0, hole(lat, lon));
-      ASSERT_EQ(posts.sources[at] & kNoSource, 0);
+      ASSERT_EQ(is_filled(posts.sources[at]), hole(lat, lon));
+      ASSERT_EQ(source_of(posts.sources[at]), 0);
       filled += hole(lat, lon);
     }
   EXPECT_GT(filled, 50);

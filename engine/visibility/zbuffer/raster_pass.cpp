@@ -275,7 +275,7 @@ class RasterPass {
     std::mutex mutex;
     double draw_ms = 0, resolve_ms = 0;  // of all threads
     in_parallel_pieces(scratch_.tiles.size(), 1, [&](std::size_t first, std::size_t past_last) {
-      PassCounts counts = store_.counts();
+      PassCounts counts;
       double draws_ms = 0, resolves_ms = 0;
       const Pool<TileBuffer>::Lease buffer(scratch_.buffers);
       for (std::size_t i = first; i < past_last; ++i) {

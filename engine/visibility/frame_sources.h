@@ -1,0 +1,42 @@
+// The catalogue's files that a frame sees, and their numbers in its `source` product.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "dem/block.h"
+
+namespace selenograph::engine {
+
+// Pixels are drawn at once and meet sources in any order: each new one gets the next number, which `settle` replaces by
+// its place in the catalogue's order. A catalogue may hold more sources than 16 bits can tell apart; a frame may not
+// see that many.
+class FrameSources {
+ public:
+  static constexpr std::uint16_t kNone = 65535;  // in the product
+
+  explicit FrameSources(std::size_t catalogue_size);
+
+  // Of a source that a pixel sees. Safe to call concurrently.
+  std::uint32_t number(dem::SourceIndex source) {
+    const std::uint32_t known = number_plus_one_[source].load(std::memory_order_relaxed);
+    return (known != 0 ? known : add(source)) - 1;
+  }
+  // The same for the product. Throws TooMuchTerrain when it doesn't fit into that.
+  std::uint16_t product_number(dem::SourceIndex source);
+
+  // Once all pixels are drawn: what was seen, ascending. The product's numbers become indices into that.
+  std::vector<dem::SourceIndex> settle(std::vector<std::uint16_t>& product) const;
+
+ private:
+  std::uint32_t add(dem::SourceIndex source);
+
+  std::unique_ptr<std::atomic<std::uint32_t>[]> number_plus_one_;  // by catalogue index; 0: not seen yet
+  std::mutex mutex_;
+  std::vector<dem::SourceIndex> seen_;  // by number
+};
+
+}  // namespace selenograph::engine
