@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "api/call.h"
+#include "api/endpoint.h"
 #include "dem/resampling.h"
 #include "server/commands.h"
 #include "server/coverage.h"
