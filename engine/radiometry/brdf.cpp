@@ -19,21 +19,26 @@ double lunar_weight(double phase_deg) {
 
 using Model = std::variant<BrdfTerms, BlinnPhong, LunarLambert, Hapke>;
 Model model_of(const Reflectance& r) {
+  const double lommel_seeliger = r.rho / (2 * kPi);  // eq. (10)
+  const double lambert = r.rho / kPi;                // eq. (4)
+  const double w = r.lommel_seeliger_weight;
   switch (r.model) {
+    case ReflectanceModel::lambert:
+      return BrdfTerms{0, lambert};
+    case ReflectanceModel::lommel_seeliger:
+      return BrdfTerms{lommel_seeliger, 0};
+    case ReflectanceModel::lommel_seeliger_lambert:
+      return BrdfTerms{w * lommel_seeliger, (1 - w) * lambert};  // section 3.1
     case ReflectanceModel::blinn_phong: {
       const double p = r.shininess;
       return BlinnPhong{r.rho * (p + 4) * (p + 2) / (8 * kPi * (p + std::exp2(-p / 2))), p};  // eq. (11)
     }
     case ReflectanceModel::lunar_lambert:
-      return LunarLambert{r.rho / kPi, r.limb_darkening};
+      return LunarLambert{lambert, r.limb_darkening};
     case ReflectanceModel::hapke:
       return Hapke(r.hapke);
-    case ReflectanceModel::lambert:
-    case ReflectanceModel::lommel_seeliger:
-    case ReflectanceModel::lommel_seeliger_lambert:
-      break;
   }
-  return terms_of(r);
+  throw std::logic_error("no such reflectance model");
 }
 
 }  // namespace
@@ -45,12 +50,12 @@ double BlinnPhong::times_mu0(double mu0, double mu, double cos_phase) const {
 }
 
 double LunarLambert::times_mu0(double mu0, double mu, double cos_phase) const {
-  const double l = weight ? *weight : lunar_weight(std::acos(std::clamp(cos_phase, -1.0, 1.0)) * (180 / kPi));
+  const double l = weight ? *weight : lunar_weight(std::acos(std::clamp(cos_phase, -1.0, 1.0)) * kDegreesPerRadian);
   return lambert * (2 * l * (mu0 / (mu0 + mu)) + (1 - l) * mu0);
 }
 
 Hapke::Hapke(const HapkeParameters& parameters) : parameters_(parameters), root_(std::sqrt(1 - parameters.w)) {
-  tan_theta_ = std::tan(parameters.theta_bar_deg * (kPi / 180));
+  tan_theta_ = std::tan(parameters.theta_bar_deg * kRadiansPerDegree);
   cot_theta_ = tan_theta_ > 0 ? 1 / tan_theta_ : 0;
   chi_ = 1 / std::sqrt(1 + kPi * tan_theta_ * tan_theta_);
 }

@@ -4,6 +4,7 @@
 
 #include <variant>
 
+#include "engine/frame/surface.h"
 #include "engine/radiometry/photometry.h"
 
 namespace selenograph::engine {

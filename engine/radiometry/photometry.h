@@ -1,8 +1,6 @@
 // The Moon's reflectance and radiance: SENSOR++ (Paproth et al.), section 2.2 and 3.1. Other models are in brdf.h.
 #pragma once
 
-#include "engine/frame/surface.h"
-
 namespace selenograph::engine {
 
 // Total solar irradiance at 1 au, W m-2, over all wavelengths: Kopp & Lean 2011 (1360.8 +- 0.5), rounded as IAU 2015
@@ -14,23 +12,13 @@ struct BrdfTerms {
   double lommel_seeliger = 0;  // w rho / (2 pi), eq. (10)
   double lambert = 0;          // (1 - w) rho / pi, eq. (4)
 
-  // mu0 f_r, with mu0 / (mu0 + mu) formed first: at most 1, however small both are.
+  // mu0 f_r, sr-1. mu0 = cos(incidence) > 0, mu = cos(emission) >= 0: n.omega_i and n.omega_o of the paper. At the limb
+  // and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound, but mu0 f_r, which is what radiance is made
+  // of, stays finite: mu0 / (mu0 + mu) is formed first and is at most 1, however small both are.
   double times_mu0(double mu0, double mu, double = 1) const {
     return lommel_seeliger * (mu0 / (mu0 + mu)) + lambert * mu0;
   }
 };
-// Of a model that is nothing else: lambert, lommel_seeliger, lunar.
-BrdfTerms terms_of(const Reflectance& reflectance);
-
-// f_r in sr-1. mu0 = cos(incidence) > 0, mu = cos(emission) >= 0: n.omega_i and n.omega_o of the paper.
-// At the limb and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound (and overflows for denormal
-// cosines), but mu0 f_r, which is what radiance is made of, stays finite and monotone.
-inline double brdf(const BrdfTerms& terms, double mu0, double mu) {
-  return terms.lommel_seeliger / (mu0 + mu) + terms.lambert;
-}
-inline double brdf(const Reflectance& reflectance, double mu0, double mu) {
-  return brdf(terms_of(reflectance), mu0, mu);
-}
 
 // Paper eq. (2) with tau = 1 and rho/pi replaced by f_r: L = E_sun mu0 f_r s, W m-2 sr-1; 0 where mu0 <= 0.
 inline double direct_radiance(const BrdfTerms& terms, double irradiance_w_m2, double mu0, double mu,
@@ -40,10 +28,6 @@ inline double direct_radiance(const BrdfTerms& terms, double irradiance_w_m2, do
   // Before the question, not after it: a loop over lanes becomes vectors then.
   const double mu0_brdf = terms.times_mu0(mu0, emission);
   return mu0 > 0 ? irradiance_w_m2 * mu0_brdf * lit_fraction : 0;
-}
-inline double direct_radiance(const Reflectance& reflectance, double irradiance_w_m2, double mu0, double mu,
-                              double lit_fraction) {
-  return direct_radiance(terms_of(reflectance), irradiance_w_m2, mu0, mu, lit_fraction);
 }
 
 }  // namespace selenograph::engine

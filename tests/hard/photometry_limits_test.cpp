@@ -15,6 +15,7 @@
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/hard_views.h"
+#include "tests/support/reflectance.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::test {
@@ -53,12 +54,12 @@ TEST(PhotometryLimits, ReflectanceIsPositiveFiniteAndReciprocal) {
   for (const Reflectance& model : models())
     for (const double mu0 : kCosines)
       for (const double mu : kCosines) {
-        const double f = engine::brdf(model, mu0, mu);
+        const double f = test::brdf(model, mu0, mu);
         ++cases;
         EXPECT_GT(f, 0) << mu0 << ' ' << mu;
-        EXPECT_EQ(f, engine::brdf(model, mu, mu0)) << mu0 << ' ' << mu;
+        EXPECT_EQ(f, test::brdf(model, mu, mu0)) << mu0 << ' ' << mu;
         overflows += std::isinf(f);
-        EXPECT_EQ(std::isinf(f), std::isinf(engine::terms_of(model).lommel_seeliger / (mu0 + mu)));
+        EXPECT_EQ(std::isinf(f), std::isinf(test::terms_of(model).lommel_seeliger / (mu0 + mu)));
         if (mu0 + mu >= kSmallest) {
           EXPECT_TRUE(std::isfinite(f)) << mu0 << ' ' << mu;
         }
@@ -74,7 +75,7 @@ TEST(PhotometryLimits, RadianceIsFiniteAndBoundedWhereReflectanceIsNot) {
   for (const Reflectance& model : models())
     for (const double mu0 : kCosines)
       for (const double mu : {0.0, kDenormal, 1e-320, kSmallest, 1e-300, 1e-20, 1e-9, 0.5, 1.0}) {
-        const double radiance = engine::direct_radiance(model, kIrradiance, mu0, mu, 1);
+        const double radiance = test::direct_radiance(model, kIrradiance, mu0, mu, 1);
         const double w = seeliger_share(model);
         const double bound = kIrradiance * model.rho * (w / (2 * kPi) + (1 - w) * mu0 / kPi) * (1 + 4e-16);
         EXPECT_GE(radiance, 0) << mu0 << ' ' << mu;
@@ -95,7 +96,7 @@ double directional_hemispherical(const Reflectance& model, double mu0) {
   for (int i = 0; i <= steps; ++i) {
     const double mu = mu0 * std::expm1(i * h), slope = mu0 * std::exp(i * h);
     const double weight = i == 0 || i == steps ? 1 : i % 2 ? 4 : 2;
-    sum += weight * engine::brdf(model, mu0, mu) * mu * slope;
+    sum += weight * test::brdf(model, mu0, mu) * mu * slope;
   }
   return 2 * kPi * sum * h / 3;
 }

@@ -16,6 +16,7 @@
 #include "tests/support/float_tiles.h"
 #include "tests/support/frame_judge.h"
 #include "tests/support/hard_views.h"
+#include "tests/support/reflectance.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::test {
@@ -56,14 +57,14 @@ class SmoothMoonUnder : public ::testing::Test {
       const Vec3 point = at3(frame.products.position, i), up = point.normalized();
       const double mu0 = up.dot(request.sun.direction), mu = up.dot((request.pose.position_m - point).normalized()),
                    radiance = static_cast<double>(frame.products.radiance[i]);
-      const double expected = engine::direct_radiance(request.reflectance, engine::kSolarConstant_w_m2, mu0, mu, 1);
+      const double expected = test::direct_radiance(request.reflectance, engine::kSolarConstant_w_m2, mu0, mu, 1);
       EXPECT_TRUE(std::isfinite(radiance) && radiance >= 0) << "pixel " << i;
       ++(frame.products.lit[i] > 0 ? light.lit : light.dark);
       if (std::abs(mu0) < post_rad()) {
         ++light.near_terminator;
         // Dark, or as bright as a place within a post may be.
         EXPECT_LE(radiance,
-                  engine::direct_radiance(request.reflectance, engine::kSolarConstant_w_m2, mu0 + post_rad(), mu, 1));
+                  test::direct_radiance(request.reflectance, engine::kSolarConstant_w_m2, mu0 + post_rad(), mu, 1));
         continue;
       }
       EXPECT_EQ(frame.products.lit[i], mu0 > 0 ? 1.F : 0.F) << "pixel " << i;

@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/reflectance.h"
+
 namespace selenograph::engine {
 namespace {
 
@@ -72,8 +74,8 @@ TEST(Brdf, TheLinearModelsAreTheFastOnes) {
   for (const Reflectance& r : {Reflectance{ReflectanceModel::lambert}, Reflectance{ReflectanceModel::lommel_seeliger},
                                Reflectance{ReflectanceModel::lommel_seeliger_lambert, 0.3, 0.2}}) {
     ASSERT_TRUE(Brdf(r).terms());
-    EXPECT_EQ(f_r(r, {0.5, 0.7, 0.1}), brdf(r, 0.5, 0.7));
-    EXPECT_EQ(direct_radiance(Brdf(r), 1361, 0.5, -0.1, 0.3, 0.5), direct_radiance(r, 1361, 0.5, -0.1, 0.5));
+    EXPECT_EQ(f_r(r, {0.5, 0.7, 0.1}), test::brdf(r, 0.5, 0.7));
+    EXPECT_EQ(direct_radiance(Brdf(r), 1361, 0.5, -0.1, 0.3, 0.5), test::direct_radiance(r, 1361, 0.5, -0.1, 0.5));
   }
   EXPECT_FALSE(Brdf(blinn_phong(1)).terms());
   EXPECT_FALSE(Brdf(lunar_lambert({})).terms());

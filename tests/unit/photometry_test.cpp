@@ -7,6 +7,8 @@
 #include <numbers>
 #include <random>
 
+#include "tests/support/reflectance.h"
+
 namespace selenograph::engine {
 namespace {
 
@@ -23,31 +25,31 @@ std::vector<Reflectance> models() {
 
 TEST(Photometry, ValuesByHand) {
   const Reflectance lambert{ReflectanceModel::lambert, 1, 0.12}, seeliger{ReflectanceModel::lommel_seeliger, 1, 0.12};
-  EXPECT_NEAR(brdf(lambert, 0.3, 0.9), 0.03819718634205488, 1e-16);  // 0.12 / pi
+  EXPECT_NEAR(test::brdf(lambert, 0.3, 0.9), 0.03819718634205488, 1e-16);  // 0.12 / pi
   // Sun and camera in the zenith: rho / (2 pi) / 2 = 0.12 / (4 pi), a quarter of Lambert.
-  EXPECT_NEAR(brdf(seeliger, 1, 1), 0.00954929658551372, 1e-16);
-  EXPECT_NEAR(brdf(seeliger, 0.5, 1), 0.12 / (2 * kPi) / 1.5, 1e-16);
-  EXPECT_NEAR(brdf({ReflectanceModel::lommel_seeliger_lambert, 0.25, 0.12}, 0.5, 1),
+  EXPECT_NEAR(test::brdf(seeliger, 1, 1), 0.00954929658551372, 1e-16);
+  EXPECT_NEAR(test::brdf(seeliger, 0.5, 1), 0.12 / (2 * kPi) / 1.5, 1e-16);
+  EXPECT_NEAR(test::brdf({ReflectanceModel::lommel_seeliger_lambert, 0.25, 0.12}, 0.5, 1),
               0.25 * 0.12 / (3 * kPi) + 0.75 * 0.12 / kPi, 1e-16);
   // Overhead Sun at 1 au, nadir: 1361 * 0.12 / (4 pi) = 12.9966 W m-2 sr-1.
-  EXPECT_NEAR(direct_radiance(seeliger, 1361, 1, 1, 1), 12.996592652884, 1e-10);
-  EXPECT_NEAR(direct_radiance(lambert, 1361, 0.5, 0.2, 0.25), 1361 * 0.5 * 0.12 / kPi * 0.25, 1e-12);
+  EXPECT_NEAR(test::direct_radiance(seeliger, 1361, 1, 1, 1), 12.996592652884, 1e-10);
+  EXPECT_NEAR(test::direct_radiance(lambert, 1361, 0.5, 0.2, 0.25), 1361 * 0.5 * 0.12 / kPi * 0.25, 1e-12);
 }
 
 TEST(Photometry, TheWeightedAverageHasBothEnds) {
   for (const double mu0 : {0.01, 0.4, 1.0})
     for (const double mu : {0.02, 0.7}) {
-      EXPECT_EQ(brdf({ReflectanceModel::lommel_seeliger_lambert, 1, 0.2}, mu0, mu),
-                brdf({ReflectanceModel::lommel_seeliger, 0.5, 0.2}, mu0, mu));
-      EXPECT_EQ(brdf({ReflectanceModel::lommel_seeliger_lambert, 0, 0.2}, mu0, mu),
-                brdf({ReflectanceModel::lambert, 0.5, 0.2}, mu0, mu));
+      EXPECT_EQ(test::brdf({ReflectanceModel::lommel_seeliger_lambert, 1, 0.2}, mu0, mu),
+                test::brdf({ReflectanceModel::lommel_seeliger, 0.5, 0.2}, mu0, mu));
+      EXPECT_EQ(test::brdf({ReflectanceModel::lommel_seeliger_lambert, 0, 0.2}, mu0, mu),
+                test::brdf({ReflectanceModel::lambert, 0.5, 0.2}, mu0, mu));
     }
 }
 
 TEST(Photometry, PositiveEquation5) {
   for (const auto& model : models())
     for (double mu0 = 1e-6; mu0 <= 1; mu0 *= 3)
-      for (double mu = 0; mu <= 1; mu += 0.05) EXPECT_GT(brdf(model, mu0, mu), 0);
+      for (double mu = 0; mu <= 1; mu += 0.05) EXPECT_GT(test::brdf(model, mu0, mu), 0);
 }
 
 TEST(Photometry, ReciprocalEquation6) {
@@ -56,7 +58,7 @@ TEST(Photometry, ReciprocalEquation6) {
   for (const auto& model : models())
     for (int i = 0; i < 1000; ++i) {
       const double a = any(random), b = any(random);
-      EXPECT_EQ(brdf(model, a, b), brdf(model, b, a));
+      EXPECT_EQ(test::brdf(model, a, b), test::brdf(model, b, a));
     }
 }
 
@@ -66,7 +68,7 @@ double directional_hemispherical(const Reflectance& model, double mu0) {
   double sum = 0;
   for (int i = 0; i < kSteps; ++i) {
     const double mu = (i + 0.5) / kSteps;
-    sum += brdf(model, mu0, mu) * mu;
+    sum += test::brdf(model, mu0, mu) * mu;
   }
   return 2 * kPi * sum / kSteps;
 }
@@ -90,7 +92,7 @@ TEST(Photometry, FiniteAndMonotoneTowardsLimbAndTerminator) {
   for (const double mu : {0.0, 1e-300, 1e-12, 0.3, 1.0}) {
     double before = 0;
     for (double mu0 = 1e-300; mu0 <= 1; mu0 *= 10) {
-      const double radiance = direct_radiance(seeliger, 1361, mu0, mu, 1);
+      const double radiance = test::direct_radiance(seeliger, 1361, mu0, mu, 1);
       ASSERT_TRUE(std::isfinite(radiance));
       EXPECT_GE(radiance, before * (1 - 1e-15)) << mu0 << ' ' << mu;
       before = radiance;
@@ -98,16 +100,17 @@ TEST(Photometry, FiniteAndMonotoneTowardsLimbAndTerminator) {
   }
   for (const double mu0 : {0.2, 1.0})
     for (double mu = 0.1; mu <= 1; mu += 0.1)
-      EXPECT_LT(direct_radiance(seeliger, 1361, mu0, mu, 1), direct_radiance(seeliger, 1361, mu0, mu - 0.1, 1));
+      EXPECT_LT(test::direct_radiance(seeliger, 1361, mu0, mu, 1),
+                test::direct_radiance(seeliger, 1361, mu0, mu - 0.1, 1));
 }
 
 TEST(Photometry, DarkWithoutSun) {
   for (const auto& model : models()) {
-    EXPECT_EQ(direct_radiance(model, 1361, 0, 0.5, 1), 0);
-    EXPECT_EQ(direct_radiance(model, 1361, -0.1, 0, 1), 0);
-    EXPECT_EQ(direct_radiance(model, 1361, std::nan(""), 0.5, 1), 0);
-    EXPECT_EQ(direct_radiance(model, 1361, 0.5, 0.5, 0), 0);
-    EXPECT_EQ(direct_radiance(model, 1361, 0.5, -0.01, 1), direct_radiance(model, 1361, 0.5, 0, 1));
+    EXPECT_EQ(test::direct_radiance(model, 1361, 0, 0.5, 1), 0);
+    EXPECT_EQ(test::direct_radiance(model, 1361, -0.1, 0, 1), 0);
+    EXPECT_EQ(test::direct_radiance(model, 1361, std::nan(""), 0.5, 1), 0);
+    EXPECT_EQ(test::direct_radiance(model, 1361, 0.5, 0.5, 0), 0);
+    EXPECT_EQ(test::direct_radiance(model, 1361, 0.5, -0.01, 1), test::direct_radiance(model, 1361, 0.5, 0, 1));
   }
 }
 
