@@ -7,6 +7,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -41,9 +42,13 @@ struct Response {
   std::string content_type;
   std::vector<std::pair<std::string, std::string>> headers;  // without Content-Type and Content-Length
   std::string body;
-  // The row of the error table that this is, for metrics; empty on success.
+  // Code of the row of the error table, the metrics' label; empty on success.
   std::string error_code;
 };
+
+// How long a request may take: the service's own limit, or less if the client asks so by Request-Timeout-Ms. Empty when
+// that header is no whole number of milliseconds above 0.
+std::optional<std::chrono::milliseconds> time_allowed(const Request& request, const Limits& limits);
 
 // const means safe to call concurrently. `handle` never throws.
 class Service {
@@ -56,8 +61,7 @@ class Service {
   // server/'s.)
   Response handle(const Request& request) const;
 
-  // True for calls that cost render time and therefore pass admission (POST frames, rays, project, heights); GETs
-  // don't.
+  // True for requests that cost render time and therefore pass admission control: every POST. GETs don't.
   static bool needs_admission(const Request& request);
 
   const Limits& limits() const;
@@ -67,8 +71,8 @@ class Service {
   std::unique_ptr<Impl> impl_;
 };
 
-// Request headers, the number of attempts and the like never leak into the answer: problem+json from the one error
-// table. Used by server/ for what happens before a request reaches the service (413, 503, 408 ...).
+// An application/problem+json answer from the error table. server/ uses it for what happens before a request reaches
+// the service (408, 413, 503 ...).
 Response problem(const std::string& error_code, const std::string& detail);
 
 }  // namespace selenograph::api

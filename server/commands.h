@@ -11,7 +11,7 @@ namespace selenograph::server {
 
 struct RenderSettings {
   TerrainSettings terrain;
-  LimitSettings limits;
+  api::Limits limits;
   std::string request;  // path, "-": stdin
   std::string output;   // its extension is the format
 };

@@ -18,19 +18,13 @@
 namespace selenograph::server {
 namespace {
 
-std::chrono::milliseconds milliseconds(double seconds) {
-  return std::chrono::milliseconds(static_cast<std::int64_t>(seconds * 1000.0));
-}
-
 HttpOptions http_options(const ServeSettings& s) {
-  HttpOptions options;
-  options.host = s.host;
-  options.port = s.port;
-  options.max_connections = s.max_connections;
-  options.max_body_bytes = s.limits.max_body_kb << 10;
-  options.idle_timeout = milliseconds(s.idle_timeout_s);
-  options.receive_timeout = milliseconds(s.receive_timeout_s);
-  return options;
+  return {.host = s.host,
+          .port = s.port,
+          .max_connections = s.max_connections,
+          .max_body_bytes = s.limits.max_body_bytes,
+          .idle_timeout = milliseconds(s.idle_timeout_s),
+          .receive_timeout = milliseconds(s.receive_timeout_s)};
 }
 
 // A tenth of the budgets for terrain and acceleration structures.
@@ -67,7 +61,7 @@ int serve(const ServeSettings& settings) {
   const auto renderer = make_renderer(settings.terrain);
   const HeapTrim trim([&] { return renderer->terrain().statistics().bytes + renderer->scene_bytes_in_use(); },
                       heap_slack_bytes(settings.terrain));
-  const api::Limits limits = limits_from(settings.limits);
+  const api::Limits& limits = settings.limits;
   const api::Service service(renderer, limits, settings.terrain.assets_dir);
   Admission admission(places_in_work(settings), settings.max_waiting);
   Metrics metrics{std::string(api::software_version())};

@@ -1,5 +1,6 @@
 #include "server/config.h"
 
+#include <fmt/format.h>
 #include <toml++/toml.h>
 
 #include <algorithm>
@@ -115,13 +116,19 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       ->capture_default_str();
 }
 
-void add_options(CLI::App& command, LimitSettings& s) {
-  command.add_option("--deadline-s", s.deadline_s, "Time for one request; clients can ask for less")
+void add_options(CLI::App& command, api::Limits& s) {
+  const std::chrono::duration<double> deadline = s.default_deadline;
+  command
+      .add_option_function<double>(
+          "--deadline-s", [&s](double seconds) { s.default_deadline = milliseconds(seconds); },
+          "Time for one request; clients can ask for less")
       ->check(CLI::Range(0.001, 86400.0))
-      ->capture_default_str();
-  command.add_option("--max-body-kb", s.max_body_kb, "Largest request body, KiB")
+      ->default_str(fmt::format("{:g}", deadline.count()));
+  command
+      .add_option_function<std::size_t>(
+          "--max-body-kb", [&s](std::size_t kib) { s.max_body_bytes = kib << 10; }, "Largest request body, KiB")
       ->check(CLI::Range(1, 1 << 20))
-      ->capture_default_str();
+      ->default_str(std::to_string(s.max_body_bytes >> 10));
   command.add_option("--max-image-pixels", s.max_image_pixels, "Most pixels of one frame")
       ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 30))
       ->capture_default_str();
@@ -163,16 +170,8 @@ void add_options(CLI::App& command, ServeSettings& s) {
   command.add_flag("--trial", s.trial, "Start, check, quit");
 }
 
-api::Limits limits_from(const LimitSettings& s) {
-  api::Limits limits;
-  limits.max_body_bytes = s.max_body_kb << 10;
-  limits.max_json_depth = s.max_json_depth;
-  limits.max_image_side = s.max_image_side;
-  limits.max_image_pixels = s.max_image_pixels;
-  limits.max_samples_per_pixel = s.max_samples_per_pixel;
-  limits.max_rays = s.max_rays;
-  limits.default_deadline = std::chrono::milliseconds(static_cast<std::int64_t>(s.deadline_s * 1000.0));
-  return limits;
+std::chrono::milliseconds milliseconds(double seconds) {
+  return std::chrono::milliseconds(static_cast<std::int64_t>(seconds * 1000.0));
 }
 
 std::string default_cache_dir() {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <chrono>
 #include <cstddef>
 #include <functional>
 #include <optional>
@@ -13,32 +14,22 @@
 
 namespace selenograph::server {
 
-// What every command that reads terrain can be told.
+// Settings of every command that reads terrain.
 struct TerrainSettings {
   std::vector<std::string> dem;  // files and folders; empty: the sample terrain, made in the cache folder
   std::string cache_dir;         // see default_cache_dir()
-  std::size_t cache_mb = 1024;   // memory for terrain blocks and pyramids, MiB
-  std::size_t scene_mb =
-      1024;                // memory for acceleration structures: of one frame at most, and kept between frames, MiB
-  int threads = 0;         // 0: all cores
-  std::string assets_dir;  // atmospheres and the like that requests name; empty: none
+  std::size_t cache_mb = dem::TerrainOptions{}.cache_bytes >> 20;  // memory for terrain blocks and pyramids, MiB
+  // Memory for acceleration structures: of one frame at most, and kept between frames, MiB.
+  std::size_t scene_mb = engine::RendererOptions{}.scene_bytes >> 20;
+  int threads = 0;                     // 0: all cores
+  std::string assets_dir;              // atmospheres and the like that requests name; empty: none
   std::string on_data_error = "fail";  // or "fall-through"
   std::string log_level = "info";      // debug, info, warning, error
 };
 
-struct LimitSettings {
-  double deadline_s = 60;
-  std::size_t max_body_kb = 4096;
-  std::int64_t max_image_pixels = std::int64_t{16} << 20;
-  int max_image_side = 8192;
-  int max_samples_per_pixel = 256;
-  int max_rays = 100000;
-  int max_json_depth = 16;
-};
-
 struct ServeSettings {
   TerrainSettings terrain;
-  LimitSettings limits;
+  api::Limits limits;
   std::string host = "127.0.0.1";
   int port = 8080;
   int max_frames = 0;  // in work at once; 0: as many as cores
@@ -49,10 +40,11 @@ struct ServeSettings {
 };
 
 void add_options(CLI::App& command, TerrainSettings& settings);
-void add_options(CLI::App& command, LimitSettings& settings);
+void add_options(CLI::App& command, api::Limits& limits);
 void add_options(CLI::App& command, ServeSettings& settings);
 
-api::Limits limits_from(const LimitSettings& settings);
+// Settings are in seconds.
+std::chrono::milliseconds milliseconds(double seconds);
 
 // $XDG_CACHE_HOME/selenograph, else ~/.cache/selenograph, else /tmp/selenograph-cache.
 std::string default_cache_dir();

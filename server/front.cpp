@@ -2,8 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-#include <charconv>
 #include <utility>
 
 namespace selenograph::server {
@@ -33,20 +31,12 @@ void add_queue_time(api::Response& answer, Clock::duration waited) {
   }
 }
 
-}  // namespace
-
+// What is no time is for the service to refuse.
 Clock::time_point deadline_of(const api::Request& request, const api::Limits& limits) {
-  std::chrono::milliseconds allowed = limits.default_deadline;
-  if (const auto asked = request.headers.find("request-timeout-ms"); asked != request.headers.end()) {
-    const std::string& text = asked->second;
-    std::int64_t ms = 0;
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), ms);
-    // What is no such number is for the service to refuse.
-    if (error == std::errc() && end == text.data() + text.size() && ms > 0)
-      allowed = std::min(allowed, std::chrono::milliseconds(ms));
-  }
-  return request.received + allowed;
+  return request.received + api::time_allowed(request, limits).value_or(limits.default_deadline);
 }
+
+}  // namespace
 
 Front::Front(const api::Service& service, Admission& admission, const Metrics& metrics, ReadGauges read_gauges)
     : service_(service), admission_(admission), metrics_(metrics), read_gauges_(std::move(read_gauges)) {}

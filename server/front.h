@@ -37,7 +37,4 @@ class Front {
   std::atomic<bool> ready_{true};
 };
 
-// When a request's time is up: the service's own limit, or less if the client asks so by Request-Timeout-Ms.
-Admission::Clock::time_point deadline_of(const api::Request& request, const api::Limits& limits);
-
 }  // namespace selenograph::server

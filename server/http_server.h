@@ -11,12 +11,12 @@
 namespace selenograph::server {
 
 struct HttpOptions {
-  std::string host = "127.0.0.1";  // loopback: a proxy belongs in front of anything wider
-  int port = 8080;                 // 0: any free one
-  int max_connections = 256;       // when reached, the connection that has waited longest for its client goes
-  std::size_t max_body_bytes = std::size_t{4} << 20;
-  std::chrono::milliseconds idle_timeout{30000};     // between requests of one connection
-  std::chrono::milliseconds receive_timeout{20000};  // for a whole request, first byte to last, however it dribbles
+  std::string host;     // loopback: a proxy belongs in front of anything wider
+  int port;             // 0: any free one
+  int max_connections;  // when reached, the connection that has waited longest for its client goes
+  std::size_t max_body_bytes;
+  std::chrono::milliseconds idle_timeout;     // between requests of one connection
+  std::chrono::milliseconds receive_timeout;  // for a whole request, first byte to last, however it dribbles
 };
 
 // One request answered, for the log and the metrics. `path` is without query; empty when the request could not be read.

@@ -1,4 +1,4 @@
-// What commands leave behind: whole files, and a line that shows how far they are.
+// Output of commands: files written whole, and a progress line.
 #pragma once
 
 #include <chrono>

@@ -7,8 +7,8 @@
 
 namespace selenograph::server {
 
-// Make it before any other thread: these inherit the blocked signals. A second signal ends the process at once, and so
-// does the first while nobody is to be asked to finish anything: before arm().
+// Make it before any other thread: these inherit the blocked signals. A second signal ends the process at once; before
+// arm(), while there is nothing to finish, the first does.
 class ShutdownSignals {
  public:
   ShutdownSignals();

@@ -1,4 +1,4 @@
-// From settings to the things that commands work with.
+// Terrain, renderer and log as the settings say.
 #pragma once
 
 #include <memory>

@@ -1,4 +1,4 @@
-// `serve --trial`: asks a running service, over HTTP, for one of each.
+// `serve --trial`: one request over HTTP to each kind of endpoint of a running service.
 #pragma once
 
 #include <string>

@@ -170,11 +170,29 @@ TEST(ConfigNames, VariableNames) {
 }
 
 TEST(ConfigLimits, DeadlineAndBody) {
-  LimitSettings settings;
-  settings.deadline_s = 0.25;
-  settings.max_body_kb = 2;
-  EXPECT_EQ(limits_from(settings).default_deadline, std::chrono::milliseconds(250));
-  EXPECT_EQ(limits_from(settings).max_body_bytes, 2048u);
+  api::Limits limits;
+  CLI::App command;
+  add_options(command, limits);
+  command.parse("--deadline-s 0.25 --max-body-kb 2");
+  EXPECT_EQ(limits.default_deadline, std::chrono::milliseconds(250));
+  EXPECT_EQ(limits.max_body_bytes, 2048u);
+}
+
+// What --help says is what the service does without options.
+TEST(ConfigLimits, DefaultsAreTheServices) {
+  const api::Limits untouched;
+  api::Limits limits;
+  CLI::App command;
+  add_options(command, limits);
+  for (const auto& [option, value] :
+       {std::pair<std::string, double>{"--deadline-s", 1e-3 * static_cast<double>(untouched.default_deadline.count())},
+        {"--max-body-kb", static_cast<double>(untouched.max_body_bytes) / 1024},
+        {"--max-image-pixels", static_cast<double>(untouched.max_image_pixels)},
+        {"--max-image-side", untouched.max_image_side},
+        {"--max-samples-per-pixel", untouched.max_samples_per_pixel},
+        {"--max-rays", untouched.max_rays},
+        {"--max-json-depth", untouched.max_json_depth}})
+    EXPECT_EQ(std::stod(command.get_option(option)->get_default_str()), value) << option;
 }
 
 }  // namespace
