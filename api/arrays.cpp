@@ -94,13 +94,6 @@ std::string_view name_of(engine::Product product) {
   throw std::logic_error("unknown product");
 }
 
-std::optional<engine::Product> product_called(std::string_view name) {
-  for (const ProductName& entry : kProducts) {
-    if (entry.name == name) return entry.product;
-  }
-  return std::nullopt;
-}
-
 std::vector<ArrayView> arrays_of(const engine::Frame& frame, const engine::FrameRequest& request,
                                  engine::ProductSet wanted, std::vector<std::uint8_t>& narrowed) {
   std::vector<ArrayView> arrays;

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -22,7 +21,6 @@ struct ProductName {
 std::span<const ProductName> product_names();
 
 std::string_view name_of(engine::Product product);
-std::optional<engine::Product> product_called(std::string_view name);
 
 // The wanted products in the table's order, whatever the order of asking. The views point into `frame` and, for an
 // 8-bit image, into `narrowed`, which is filled here (the engine counts in 16 bits): both must outlive them. Throws

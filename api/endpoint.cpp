@@ -1,7 +1,5 @@
 #include "api/endpoint.h"
 
-#include "api/problem.h"
-
 namespace selenograph::api {
 namespace {
 
@@ -32,14 +30,6 @@ Json json_body(const EndpointContext& context) {
                                         std::to_string(context.limits.max_body_bytes) + " are taken");
   }
   return parse_json(request.body, context.limits.max_json_depth);
-}
-
-RequestError engine_refusal(const char* pointer, const std::invalid_argument& refusal) {
-  const std::string what = refusal.what();
-  // More terrain in view than fits is a matter of accuracy; all else that only the engine can see is one of where the
-  // camera is.
-  if (what.find("max_error_px") != std::string::npos) pointer = "/accuracy/max_error_px";
-  return RequestError("invalid_request", what, {{pointer, what}});
 }
 
 Response json_response(std::string text) {

@@ -2,12 +2,15 @@
 // problems.
 #pragma once
 
-#include <stdexcept>
+#include <initializer_list>
 #include <string>
+#include <string_view>
 
 #include "api/assets.h"
 #include "api/json_reader.h"
+#include "api/problem.h"
 #include "api/service.h"
+#include "dem/error.h"
 #include "engine/renderer.h"
 
 namespace selenograph::api {
@@ -37,17 +40,21 @@ std::string header(const Request& request, const std::string& name);
 // The body, which must be JSON within the limits. Throws RequestError.
 Json json_body(const EndpointContext& context);
 
-// The engine's refusal of a request whose every member is possible but that is not as a whole. `pointer` is the member
-// that it is about unless its text names another.
-RequestError engine_refusal(const char* pointer, const std::invalid_argument& refusal);
+// Where a member that the engine can object to (ImpossibleRequest::member) stands in an endpoint's request.
+struct MemberPointer {
+  std::string_view member, pointer;
+};
 
-// Does `work` and turns the engine's refusal into an error of the request.
+// Does `work`. The engine's refusal of a request whose every member is possible but that is not as a whole becomes an
+// error of that member, or of `else_pointer` when it names none.
 template <typename Work>
-auto refusing_at(const char* pointer, Work&& work) {
+auto with_refusals_at(std::initializer_list<MemberPointer> members, std::string_view else_pointer, Work&& work) {
   try {
     return work();
-  } catch (const std::invalid_argument& e) {
-    throw engine_refusal(pointer, e);
+  } catch (const ImpossibleRequest& e) {
+    for (const MemberPointer& m : members)
+      if (m.member == e.member()) else_pointer = m.pointer;
+    throw RequestError("invalid_request", e.what(), {{std::string(else_pointer), e.what()}});
   }
 }
 

@@ -64,6 +64,9 @@ void add_array_headers(Response& response, const ArrayView& array, const nlohman
   response.headers.emplace_back("Selenograph-Meta", metadata_header(meta));
 }
 
+// The engine's refusals are of where the camera is, but for those that name a member.
+constexpr std::initializer_list<MemberPointer> kRefusable = {{"max_error_px", "/accuracy/max_error_px"}};
+
 Response not_modified(const std::string& hash) {
   Response response;
   response.status = 304;
@@ -92,7 +95,7 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
 // same setting asked for by its numbers has the same bytes and the same ETag.
 std::string choose_within_budget(FrameQuery& query, const EndpointContext& context) {
   if (!query.budget_ms) return {};
-  const engine::BudgetChoice choice = refusing_at("/pose", [&] {
+  const engine::BudgetChoice choice = with_refusals_at(kRefusable, "/pose", [&] {
     return context.renderer.choose(query.request, *query.budget_ms, context.limits.max_samples_per_pixel, context.stop);
   });
   query.request.accuracy = choice.accuracy;
@@ -113,7 +116,7 @@ Response answer_frames(const EndpointContext& context) {
   const double parse_ms = ms_since(start);
 
   const engine::Frame frame =
-      refusing_at("/pose", [&] { return context.renderer.render(query.request, context.stop); });
+      with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.render(query.request, context.stop); });
   context.stop.check();
 
   const Clock::time_point encode_start = Clock::now();

@@ -88,7 +88,7 @@ std::optional<engine::Band> read_band(const JsonReader& in) {
     in.fail("width_um", fmt::format("the band must end at {} um or before", kWavelength_um.max));
   try {
     return form == "response" ? engine::Band(std::move(curve)) : engine::Band(center_um, width_um);
-  } catch (const std::invalid_argument& e) {
+  } catch (const ImpossibleRequest& e) {
     in.fail(form == "response" ? form : "width_um", e.what());
     return std::nullopt;
   }
@@ -105,7 +105,7 @@ void read_atmosphere(const JsonReader& in, const Assets& assets, FrameQuery& que
     query.atmosphere_name = *name;
     try {
       if (query.request.band) query.request.atmosphere->over(*query.request.band, 0);
-    } catch (const std::invalid_argument& e) {
+    } catch (const ImpossibleRequest& e) {
       in.fail(e.what());
     }
     return;

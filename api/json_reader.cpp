@@ -101,10 +101,10 @@ class Builder final : public nlohmann::json_sax<Json> {
       const Level& level = levels_[i];
       if (level.value->is_object()) {
         if (level.key.size() > kLongestName) return out;
-        out += "/" + escaped(level.key);
+        out += '/' + escaped(level.key);
       } else {
         // The element in work is in the array already, unless it is the one to come.
-        out += "/" + std::to_string(level.value->size() - (i + 1 < levels_.size() ? 1 : 0));
+        out += '/' + std::to_string(level.value->size() - (i + 1 < levels_.size() ? 1 : 0));
       }
     }
     return out;
@@ -159,7 +159,7 @@ std::string quoted_list(std::span<const std::string_view> names, std::string_vie
   std::string out;
   for (std::size_t i = 0; i < names.size(); ++i) {
     if (i > 0) out += i + 1 == names.size() ? last_separator : ", ";
-    out += "\"" + std::string(names[i]) + "\"";
+    out += '"' + std::string(names[i]) + '"';
   }
   return out;
 }

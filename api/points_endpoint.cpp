@@ -13,14 +13,15 @@ void throw_if_stopped(const EndpointContext& context) { context.stop.check(); }
 
 Response answer_rays(const EndpointContext& context) {
   const RaysQuery query = read_rays(json_body(context), context.limits);
-  const auto hits = refusing_at("/rays", [&] { return context.renderer.cast(query.rays, query.sun, context.stop); });
+  const auto hits =
+      with_refusals_at({}, "/rays", [&] { return context.renderer.cast(query.rays, query.sun, context.stop); });
   throw_if_stopped(context);
   return json_response(rays_json(hits, query.sun.has_value()));
 }
 
 Response answer_project(const EndpointContext& context) {
   const ProjectQuery query = read_project(json_body(context), context.limits);
-  const auto landmarks = refusing_at("/pose", [&] {
+  const auto landmarks = with_refusals_at({}, "/pose", [&] {
     return context.renderer.project(query.camera, query.pose, query.points, query.sun, context.stop);
   });
   throw_if_stopped(context);

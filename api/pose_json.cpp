@@ -89,7 +89,7 @@ Eigen::Quaterniond read_look_at(const JsonReader& in, const Vec3& position_m) {
 Eigen::Quaterniond read_nadir(const JsonReader& in, const Vec3& position_m) {
   const Eigen::Quaterniond fallback = Eigen::Quaterniond::Identity();
   if (!in.object({"up_azimuth_deg"})) return fallback;
-  const double azimuth = in.number("up_azimuth_deg", kAzimuth_deg, 0) * kRadians;
+  const double azimuth = in.number("up_azimuth_deg", kAzimuth_deg, 0) * kRadiansPerDegree;
   if (!in.good()) return fallback;
   if (position_m.norm() == 0) {
     in.fail("has no direction from the Moon's centre");
@@ -103,7 +103,7 @@ Eigen::Quaterniond read_nadir(const JsonReader& in, const Vec3& position_m) {
 // moon_from_object of an object that stands: its z up, its x toward an azimuth.
 Eigen::Quaterniond read_upright(const JsonReader& in, const Vec3& position_m) {
   if (!in.object({"azimuth_deg"})) return Eigen::Quaterniond::Identity();
-  const double azimuth = in.number("azimuth_deg", kAzimuth_deg, 0) * kRadians;
+  const double azimuth = in.number("azimuth_deg", kAzimuth_deg, 0) * kRadiansPerDegree;
   if (!in.good()) return Eigen::Quaterniond::Identity();
   if (position_m.norm() == 0) {
     in.fail("has no direction from the Moon's centre");

@@ -1,49 +1,65 @@
 #include "api/problem.h"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <array>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <utility>
+
+#include "api/routes.h"
+#include "dem/error.h"
 
 namespace selenograph::api {
 namespace {
 
 constexpr std::array<ErrorRow, 18> kTable{{
-    {"malformed_request", 400, "Malformed request", "malformed_request",
+    {"malformed_request", 400, "Malformed request",
      "The request line, a header or a query parameter can't be understood."},
-    {"malformed_json", 400, "Malformed JSON", "malformed_json",
+    {"malformed_json", 400, "Malformed JSON",
      "The body is not JSON text (RFC 8259), or is nested deeper than the service accepts."},
-    {"not_found", 404, "Not found", "not_found", "There is nothing at this path."},
-    {"method_not_allowed", 405, "Method not allowed", "method_not_allowed",
+    {"not_found", 404, "Not found", "There is nothing at this path."},
+    {"method_not_allowed", 405, "Method not allowed",
      "The path exists but not with this method; `Allow` lists those that it has."},
-    {"not_acceptable", 406, "No such representation", "not_acceptable",
+    {"not_acceptable", 406, "No such representation",
      "Nothing in `Accept` is a representation that this call has; `detail` lists those that there are."},
-    {"request_timeout", 408, "Request too slow", "request_timeout", "The request did not arrive in time."},
-    {"too_large", 413, "Body too large", "too_large", "The body is larger than the service accepts."},
-    {"uri_too_long", 414, "URI too long", "uri_too_long", "The request target is longer than the service accepts."},
-    {"unsupported_media_type", 415, "Unsupported media type", "unsupported_media_type",
-     "The body must be `application/json`."},
-    {"invalid_request", 422, "Invalid request", "invalid_request",
+    {"request_timeout", 408, "Request too slow", "The request did not arrive in time."},
+    {"too_large", 413, "Body too large", "The body is larger than the service accepts."},
+    {"uri_too_long", 414, "URI too long", "The request target is longer than the service accepts."},
+    {"unsupported_media_type", 415, "Unsupported media type", "The body must be `application/json`."},
+    {"invalid_request", 422, "Invalid request",
      "Well-formed JSON that asks for something impossible; `errors` points at each offending member."},
-    {"headers_too_large", 431, "Headers too large", "headers_too_large",
-     "The request's headers are larger than the service accepts."},
-    {"client_gone", 499, "Client closed the connection", "client_gone",
+    {"headers_too_large", 431, "Headers too large", "The request's headers are larger than the service accepts."},
+    {"client_gone", 499, "Client closed the connection",
      "The client left before its answer was ready. Seen in metrics only."},
-    {"internal", 500, "Internal error", "internal", "A fault of the service itself."},
-    {"terrain_data_error", 500, "Terrain data unusable", "terrain_data_error",
+    {"internal", 500, "Internal error", "A fault of the service itself."},
+    {"terrain_data_error", 500, "Terrain data unusable",
      "A DEM file that this call needs is missing, truncated or corrupt; `detail` names it. Asking again does not help: "
      "the operator must mend the file."},
-    {"asset_error", 500, "Asset unusable", "asset_error",
+    {"asset_error", 500, "Asset unusable",
      "A file of the assets folder that the request names can't be used; `detail` names file and line. The operator "
-     "must "
-     "mend it."},
-    {"busy", 503, "Busy", "busy",
+     "must mend it."},
+    {"busy", 503, "Busy",
      "As many requests are in work and waiting as the service holds; `Retry-After` says when to come back."},
-    {"shutting_down", 503, "Shutting down", "shutting_down",
-     "The service finishes what it has and accepts nothing new."},
-    {"deadline_exceeded", 504, "Deadline exceeded", "deadline_exceeded",
+    {"shutting_down", 503, "Shutting down", "The service finishes what it has and accepts nothing new."},
+    {"deadline_exceeded", 504, "Deadline exceeded",
      "The answer was not ready within the service's deadline or the request's `Request-Timeout-Ms`."},
 }};
+
+// Where there is GET the server answers HEAD with the same and no body.
+std::string allowed_methods(std::string_view path) {
+  std::string methods;
+  for (const Route& route : kRoutes) {
+    if (route.path == path)
+      methods += (methods.empty() ? "" : ", ") + std::string(route.method == "GET" ? "GET, HEAD" : route.method);
+  }
+  return methods;
+}
+
+bool client_has_left(const Request& request) {
+  return request.abandoned && request.abandoned->load(std::memory_order_relaxed);
+}
 
 }  // namespace
 
@@ -91,6 +107,30 @@ Response problem(const std::string& code, const std::string& detail, const std::
   response.body = body.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
   response.error_code = row.code;
   return response;
+}
+
+Response answer_or_problem(const Request& request, const std::function<Response()>& work) {
+  try {
+    return work();
+  } catch (const RequestError& e) {
+    Response response = problem(e.code(), e.what(), e.findings());
+    if (e.code() == "method_not_allowed") response.headers.emplace_back("Allow", allowed_methods(request.path));
+    return response;
+  } catch (const ImpossibleRequest& e) {
+    return problem("invalid_request", e.what());
+  } catch (const DataError& e) {
+    return problem("terrain_data_error", e.what());
+  } catch (const Cancelled&) {
+    if (client_has_left(request)) return problem("client_gone", "the client left");
+    return problem("deadline_exceeded", "not ready in time; ask for less or allow more with Request-Timeout-Ms");
+  } catch (const std::bad_alloc&) {
+    return problem("internal", "not enough memory for this request");
+  } catch (const std::exception& e) {
+    spdlog::error("{} {}: {}", request.method, request.path, e.what());
+    return problem("internal", "an unexpected fault");
+  } catch (...) {
+    return problem("internal", "an unexpected fault");
+  }
 }
 
 Response problem(const std::string& error_code, const std::string& detail) { return problem(error_code, detail, {}); }

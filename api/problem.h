@@ -1,7 +1,8 @@
-// What can go wrong, in one table: error code, HTTP status, title, metric. Nothing about errors lives anywhere else.
+// What can go wrong, in one table: error code, HTTP status, title. Nothing about errors lives anywhere else.
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -13,10 +14,9 @@
 namespace selenograph::api {
 
 struct ErrorRow {
-  std::string_view code;     // what code says, and the end of the problem's `type`
+  std::string_view code;     // the end of the problem's `type`, and the label of the Prometheus counter
   int status;                // HTTP
   std::string_view title;    // the problem's `title`: the same words every time
-  std::string_view metric;   // label of the Prometheus counter
   std::string_view meaning;  // one sentence for the API document
 };
 
@@ -64,5 +64,11 @@ class RequestError : public std::runtime_error {
 // application/problem+json (RFC 9457) with `errors` when there are findings. Never throws on what a client may have
 // sent, bytes that are no UTF-8 included. `problem(code, detail)` without findings is declared in service.h.
 Response problem(const std::string& code, const std::string& detail, const std::vector<Finding>& findings);
+
+// What `work` answers, or the problem that what it throws is. A RequestError is the row that it names, an
+// ImpossibleRequest "invalid_request", a DataError "terrain_data_error", Cancelled "client_gone" or
+// "deadline_exceeded". All else, a library's std::invalid_argument among it, is "internal": what it says is logged for
+// the operator and not sent. Never throws.
+Response answer_or_problem(const Request& request, const std::function<Response()>& work);
 
 }  // namespace selenograph::api

@@ -7,8 +7,6 @@
 
 namespace selenograph::api {
 
-inline constexpr double kRadians = std::numbers::pi / 180;  // per degree: degrees outside, radians inside
-
 inline constexpr Range kAnyNumber{};
 inline constexpr Range kLatitude_deg{-90, 90};
 inline constexpr Range kLongitude_deg{-180, 360};

@@ -1,7 +1,5 @@
 #include "api/service.h"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <charconv>
 #include <mutex>
@@ -17,18 +15,6 @@
 namespace selenograph::api {
 namespace {
 
-// Request-Timeout-Ms can shorten the service's deadline, not lengthen it.
-std::chrono::milliseconds time_allowed(const Request& request, const Limits& limits) {
-  const std::string text = header(request, "request-timeout-ms");
-  if (text.empty()) return limits.default_deadline;
-  std::int64_t ms = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), ms);
-  if (error != std::errc() || end != text.data() + text.size() || ms <= 0) {
-    throw RequestError("malformed_request", "Request-Timeout-Ms must be a whole number of milliseconds above 0");
-  }
-  return std::min(limits.default_deadline, std::chrono::milliseconds(ms));
-}
-
 const Route& route_of(const Request& request) {
   bool known_path = false;
   for (const Route& route : kRoutes) {
@@ -40,23 +26,9 @@ const Route& route_of(const Request& request) {
   throw RequestError("not_found", "nothing is here; GET /openapi.json lists what there is");
 }
 
-// Where there is GET the server answers HEAD with the same and no body.
-std::string allowed_methods(std::string_view path) {
-  std::string methods;
-  for (const Route& route : kRoutes) {
-    if (route.path == path)
-      methods += (methods.empty() ? "" : ", ") + std::string(route.method == "GET" ? "GET, HEAD" : route.method);
-  }
-  return methods;
-}
-
 // The others negotiate.
 bool answers_json_alone(Endpoint endpoint) {
   return endpoint != Endpoint::frames && endpoint != Endpoint::verify_round_trip;
-}
-
-bool client_has_left(const Request& request) {
-  return request.abandoned && request.abandoned->load(std::memory_order_relaxed);
 }
 
 }  // namespace
@@ -77,8 +49,11 @@ struct Service::Impl {
     if (answers_json_alone(route.endpoint) && !accepts(header(request, "accept"), "application/json")) {
       throw RequestError("not_acceptable", "there is application/json; Accept does not allow it");
     }
+    const auto allowed = time_allowed(request, limits);
+    if (!allowed)
+      throw RequestError("malformed_request", "Request-Timeout-Ms must be a whole number of milliseconds above 0");
     const EndpointContext context{*renderer, limits, assets, request,
-                                  StopToken(request.received + time_allowed(request, limits), request.abandoned)};
+                                  StopToken(request.received + *allowed, request.abandoned)};
     switch (route.endpoint) {
       case Endpoint::frames:
         return answer_frames(context);
@@ -104,6 +79,15 @@ struct Service::Impl {
   }
 };
 
+std::optional<std::chrono::milliseconds> time_allowed(const Request& request, const Limits& limits) {
+  const std::string text = header(request, "request-timeout-ms");
+  if (text.empty()) return limits.default_deadline;
+  std::int64_t ms = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), ms);
+  if (error != std::errc() || end != text.data() + text.size() || ms <= 0) return std::nullopt;
+  return std::min(limits.default_deadline, std::chrono::milliseconds(ms));
+}
+
 Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder)
     : impl_(std::make_unique<Impl>(assets_folder)) {
   impl_->renderer = std::move(renderer);
@@ -114,26 +98,7 @@ Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits
 Service::~Service() = default;
 
 Response Service::handle(const Request& request) const {
-  try {
-    return impl_->dispatch(request);
-  } catch (const RequestError& e) {
-    Response response = problem(e.code(), e.what(), e.findings());
-    if (e.code() == "method_not_allowed") response.headers.emplace_back("Allow", allowed_methods(request.path));
-    return response;
-  } catch (const DataError& e) {
-    return problem("terrain_data_error", e.what());
-  } catch (const Cancelled&) {
-    if (client_has_left(request)) return problem("client_gone", "the client left");
-    return problem("deadline_exceeded", "not ready in time; ask for less or allow more with Request-Timeout-Ms");
-  } catch (const std::bad_alloc&) {
-    return problem("internal", "not enough memory for this request");
-  } catch (const std::exception& e) {
-    // What it says is about our insides: for the operator, not for the client.
-    spdlog::error("{} {}: {}", request.method, request.path, e.what());
-    return problem("internal", "an unexpected fault");
-  } catch (...) {
-    return problem("internal", "an unexpected fault");
-  }
+  return answer_or_problem(request, [&] { return impl_->dispatch(request); });
 }
 
 bool Service::needs_admission(const Request& request) {

@@ -1,7 +1,6 @@
 // "sun": a direction toward the Sun, given in one of four ways.
 #include <cmath>
 #include <numbers>
-#include <stdexcept>
 
 #include "api/frame_json.h"
 #include "api/ranges.h"
@@ -18,11 +17,9 @@ Vec3 read_direction(const JsonReader& in) {
 Vec3 read_local(const JsonReader& in) {
   if (!in.object({"lat_deg", "lon_deg", "azimuth_deg", "elevation_deg"})) return Vec3::UnitX();
   const Geographic place{in.number("lat_deg", kLatitude_deg), in.number("lon_deg", kLongitude_deg), 0};
-  const double azimuth = in.number("azimuth_deg", kAzimuth_deg) * kRadians;
-  const double elevation = in.number("elevation_deg", kElevation_deg) * kRadians;
-  const EastNorthUp local = local_axes(to_cartesian(place));
-  const Vec3 horizontal = std::cos(azimuth) * local.north + std::sin(azimuth) * local.east;
-  return (std::cos(elevation) * horizontal + std::sin(elevation) * local.up).normalized();
+  const double azimuth_deg = in.number("azimuth_deg", kAzimuth_deg);
+  const double elevation_deg = in.number("elevation_deg", kElevation_deg);
+  return engine::sun_direction(to_cartesian(place), azimuth_deg, elevation_deg);
 }
 
 engine::SunPosition read_utc(const JsonReader& in) {
@@ -30,7 +27,7 @@ engine::SunPosition read_utc(const JsonReader& in) {
   if (!utc) return {};
   try {
     return engine::sun_at(*utc);
-  } catch (const std::invalid_argument& e) {
+  } catch (const ImpossibleRequest& e) {
     in.fail(e.what());
     return {};
   }

@@ -79,7 +79,7 @@ void read_hapke(const JsonReader& in, engine::HapkeParameters& hapke) {
   hapke.phase_function = in.word("phase_function", Words<engine::PhaseFunction>(kPhaseFunctions), hapke.phase_function);
   if (!in.good()) return;
   for (int phase_deg = 0; phase_deg <= 180; ++phase_deg)
-    if (engine::phase_function(hapke, std::cos(phase_deg * kRadians)) < 0) {
+    if (engine::phase_function(hapke, std::cos(phase_deg * kRadiansPerDegree)) < 0) {
       in.fail("c", fmt::format("with this b the phase function is negative at {} degrees", phase_deg));
       return;
     }

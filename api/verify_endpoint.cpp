@@ -9,22 +9,10 @@
 namespace selenograph::api {
 namespace {
 
-// Which member the engine's refusal is about.
-const char* pointer_for(const std::string& refusal) {
-  for (const auto& [words, pointer] :
-       {std::pair{"larger height", "/height_m"}, std::pair{"larger footprint", "/footprint_ratio"},
-        std::pair{"max_error_px", "/max_error_px"}}) {
-    if (refusal.find(words) != std::string::npos) return pointer;
-  }
-  return "/center";
-}
-
 engine::RoundTrip made(const EndpointContext& context, const engine::RoundTripRequest& request) {
-  try {
-    return engine::round_trip(context.renderer, request, {}, context.stop);
-  } catch (const std::invalid_argument& e) {
-    throw RequestError("invalid_request", e.what(), {{pointer_for(e.what()), e.what()}});
-  }
+  return with_refusals_at(
+      {{"height_m", "/height_m"}, {"footprint_ratio", "/footprint_ratio"}, {"max_error_px", "/max_error_px"}},
+      "/center", [&] { return engine::round_trip(context.renderer, request, {}, context.stop); });
 }
 
 }  // namespace

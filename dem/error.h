@@ -18,10 +18,23 @@ class DataError : public std::runtime_error {
   std::string file_;
 };
 
-// A request needs more terrain at once than the memory that it may use holds.
-class TooMuchTerrain : public std::invalid_argument {
+// A well-formed request that can't be served as it stands: whoever sent it must change it. Only this type becomes the
+// client's fault. A library's std::invalid_argument is a fault of ours.
+class ImpossibleRequest : public std::runtime_error {
  public:
-  using std::invalid_argument::invalid_argument;
+  // `member`: which member of the engine's request to change, e.g. "max_error_px"; empty: none in particular.
+  explicit ImpossibleRequest(const std::string& what_is_wrong, std::string member = {})
+      : std::runtime_error(what_is_wrong), member_(std::move(member)) {}
+  const std::string& member() const { return member_; }
+
+ private:
+  std::string member_;
+};
+
+// A request needs more terrain at once than the memory that it may use holds.
+class TooMuchTerrain : public ImpossibleRequest {
+ public:
+  using ImpossibleRequest::ImpossibleRequest;
 };
 
 // Work was given up because its deadline passed or its client left.

@@ -9,7 +9,6 @@
 #include <cmath>
 #include <mutex>
 #include <numbers>
-#include <stdexcept>
 
 #include "dem/cache.h"
 #include "dem/error.h"
@@ -117,7 +116,7 @@ struct Renderer::Impl {
     const dem::HeightAnswer ground = terrain->height(g.lat_deg, g.lon_deg);
     const double lowest = std::isnan(ground.height_m) ? static_cast<double>(dem::kLowestRelief_m) : ground.height_m;
     if (height <= lowest)
-      throw std::invalid_argument(fmt::format(
+      throw ImpossibleRequest(fmt::format(
           "the camera is below the terrain: {:.3f} m above the sphere, ground at {:.3f} m", height, lowest));
   }
 

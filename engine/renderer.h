@@ -29,7 +29,7 @@ class Renderer {
   Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions& options);
   ~Renderer();
 
-  // Throws std::invalid_argument when the camera is below the terrain, TooMuchTerrain (one, too), DataError when a
+  // Throws ImpossibleRequest when the camera is below the terrain, TooMuchTerrain (one, too), DataError when a
   // needed file is unusable, Cancelled when `stop` says so. Same request, same terrain: same bytes.
   Frame render(const FrameRequest& request, const StopToken& stop = {}) const;
 

@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
+
+#include "dem/error.h"
 
 namespace selenograph::engine {
 
@@ -11,11 +12,11 @@ View::View(const Camera& camera, const Pose& pose)
       lens_(camera.distortion),
       position_(pose.position_m),
       camera_from_moon_(pose.camera_from_moon.normalized().toRotationMatrix()) {
-  if (camera.width <= 0 || camera.height <= 0) throw std::invalid_argument("camera: image without pixels");
+  if (camera.width <= 0 || camera.height <= 0) throw ImpossibleRequest("camera: image without pixels");
   if (!(std::isfinite(camera.fx) && std::isfinite(camera.fy) && camera.fx > 0 && camera.fy > 0 &&
         std::isfinite(camera.cx) && std::isfinite(camera.cy)))
-    throw std::invalid_argument("camera: focal lengths must be positive and finite");
-  if (!position_.allFinite() || !camera_from_moon_.allFinite()) throw std::invalid_argument("pose: not finite");
+    throw ImpossibleRequest("camera: focal lengths must be positive and finite");
+  if (!position_.allFinite() || !camera_from_moon_.allFinite()) throw ImpossibleRequest("pose: not finite");
   moon_from_camera_ = camera_from_moon_.transpose();
   bound_image();
 }

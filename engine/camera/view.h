@@ -16,7 +16,7 @@ struct PixelXY {
 
 class View {
  public:
-  // Throws std::invalid_argument for a camera or pose that can't be.
+  // Throws ImpossibleRequest for a camera or pose that can't be.
   View(const Camera& camera, const Pose& pose);
 
   const Camera& camera() const { return camera_; }

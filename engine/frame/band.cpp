@@ -1,9 +1,9 @@
 #include "engine/frame/band.h"
 
 #include <algorithm>
-#include <stdexcept>
 #include <utility>
 
+#include "dem/error.h"
 #include "engine/support/interpolate.h"
 
 namespace selenograph::engine {
@@ -12,21 +12,20 @@ Band::Band(double center_um, double width_um)
     : response_{{center_um - width_um / 2, 1}, {center_um + width_um / 2, 1}} {
   const double first = response_[0].wavelength_um, last = response_[1].wavelength_um;
   if (!(width_um > 0 && first > 0 && last > first))
-    throw std::invalid_argument("a band's width must be above 0 and below twice its center");
+    throw ImpossibleRequest("a band's width must be above 0 and below twice its center");
   measure();
 }
 
 Band::Band(std::vector<ResponsePoint> response) : response_(std::move(response)) {
-  if (response_.size() < 2) throw std::invalid_argument("a response curve needs two points");
+  if (response_.size() < 2) throw ImpossibleRequest("a response curve needs two points");
   double before = 0;
   for (const ResponsePoint& p : response_) {
-    if (!(p.wavelength_um > before))
-      throw std::invalid_argument("a response curve's wavelengths must rise, from above 0");
-    if (!(p.response >= 0)) throw std::invalid_argument("a response must not be negative");
+    if (!(p.wavelength_um > before)) throw ImpossibleRequest("a response curve's wavelengths must rise, from above 0");
+    if (!(p.response >= 0)) throw ImpossibleRequest("a response must not be negative");
     before = p.wavelength_um;
   }
   measure();
-  if (!(width_um_ > 0)) throw std::invalid_argument("a response curve must not be 0 everywhere");
+  if (!(width_um_ > 0)) throw ImpossibleRequest("a response curve must not be 0 everywhere");
 }
 
 void Band::measure() {

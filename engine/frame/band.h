@@ -14,9 +14,9 @@ struct ResponsePoint {
 // A spectral channel: linear between the points of its response curve, 0 outside of it.
 class Band {
  public:
-  // Response 1 from center - width / 2 to center + width / 2. Throws std::invalid_argument unless 0 < width < 2 center.
+  // Response 1 from center - width / 2 to center + width / 2. Throws ImpossibleRequest unless 0 < width < 2 center.
   Band(double center_um, double width_um);
-  // Throws std::invalid_argument unless there are two points or more at rising wavelengths above 0, none of whose
+  // Throws ImpossibleRequest unless there are two points or more at rising wavelengths above 0, none of whose
   // responses is negative and not all 0.
   explicit Band(std::vector<ResponsePoint> response);
 

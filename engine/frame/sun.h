@@ -14,4 +14,8 @@ struct Sun {
   double limb_darkening = 0.0;
 };
 
+// Unit vector toward a Sun that stands at a compass azimuth (clockwise from north) and an elevation over the local
+// horizontal of a place.
+Vec3 sun_direction(const Vec3& place_m, double azimuth_deg, double elevation_deg);
+
 }  // namespace selenograph::engine

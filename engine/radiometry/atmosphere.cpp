@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <stdexcept>
 #include <string_view>
 
 #include "dem/error.h"
@@ -27,10 +26,10 @@ AtmosphereRow row_at(const std::vector<AtmosphereRow>& rows, double wavelength_u
 
 AtmosphereRow parse_row(std::string_view line) {
   const std::vector<double> numbers = csv_numbers(line);
-  if (numbers.size() != 6) throw std::invalid_argument("six numbers separated by commas are expected");
+  if (numbers.size() != 6) throw BadLine("six numbers separated by commas are expected");
   for (const double number : numbers)
-    if (!(number >= 0 && number < 1e12)) throw std::invalid_argument("a number is negative or too large");
-  if (numbers[1] > 1) throw std::invalid_argument("transmittance is above 1");
+    if (!(number >= 0 && number < 1e12)) throw BadLine("a number is negative or too large");
+  if (numbers[1] > 1) throw BadLine("transmittance is above 1");
   return {numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]};
 }
 
@@ -41,13 +40,13 @@ Atmosphere Atmosphere::read(const std::string& path) {
   bool header = false;
   each_csv_line(path, [&](std::string_view line) {
     if (!header) {
-      if (line != kHeader) throw std::invalid_argument(fmt::format("the header must be {}", kHeader));
+      if (line != kHeader) throw BadLine(fmt::format("the header must be {}", kHeader));
       header = true;
       return;
     }
     rows.push_back(parse_row(line));
     if (rows.size() > 1 && !(rows.back().wavelength_um > rows[rows.size() - 2].wavelength_um))
-      throw std::invalid_argument("wavelengths must rise");
+      throw BadLine("wavelengths must rise");
   });
   if (rows.size() < 2) throw DataError(path, "has fewer than two rows");
   return Atmosphere(std::move(rows));
@@ -56,8 +55,8 @@ Atmosphere Atmosphere::read(const std::string& path) {
 Atmosphere::InBand Atmosphere::over(const Band& band, double temperature_k) const {
   const double first = band.response().front().wavelength_um, last = band.response().back().wavelength_um;
   if (first < rows_.front().wavelength_um || last > rows_.back().wavelength_um)
-    throw std::invalid_argument(fmt::format("the band, {} to {} um, isn't within the atmosphere's table, {} to {} um",
-                                            first, last, rows_.front().wavelength_um, rows_.back().wavelength_um));
+    throw ImpossibleRequest(fmt::format("the band, {} to {} um, isn't within the atmosphere's table, {} to {} um",
+                                        first, last, rows_.front().wavelength_um, rows_.back().wavelength_um));
   const auto at = [this](double w) { return row_at(rows_, w); };
   std::vector<double> table;
   for (const AtmosphereRow& r : rows_) table.push_back(r.wavelength_um);

@@ -29,7 +29,7 @@ class Atmosphere {
   const std::vector<AtmosphereRow>& rows() const { return rows_; }
 
   // Integrals over a band that lies within the table; exact for a table that is linear in between. Throws
-  // std::invalid_argument when it doesn't lie within.
+  // ImpossibleRequest when it doesn't lie within.
   struct InBand {
     double direct_w_m2;  // of E_sun tau
     double indirect_w_m2_sr, scattered_w_m2_sr, thermal_path_w_m2_sr;

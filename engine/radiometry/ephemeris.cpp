@@ -17,8 +17,9 @@
 #include <array>
 #include <cmath>
 #include <optional>
-#include <stdexcept>
 #include <string_view>
+
+#include "dem/error.h"
 
 namespace selenograph::engine {
 namespace {
@@ -34,8 +35,8 @@ struct JulianDate {
 
 [[noreturn]] void reject(const std::string& utc, const std::string& why) {
   constexpr std::size_t kLongestEcho = 40;  // what a stranger sent is not thrown back at any length
-  throw std::invalid_argument("not a UTC epoch like 2026-11-20T00:00:00Z" +
-                              (utc.size() <= kLongestEcho ? ": \"" + utc + "\"" : std::string()) + ": " + why);
+  throw ImpossibleRequest("not a UTC epoch like 2026-11-20T00:00:00Z" +
+                          (utc.size() <= kLongestEcho ? ": \"" + utc + "\"" : std::string()) + ": " + why);
 }
 
 struct DateTime {

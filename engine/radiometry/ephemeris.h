@@ -17,7 +17,7 @@ struct SunPosition {
   double distance_au = 1;  // at the time the light left
 };
 
-// `utc` is ISO 8601 ("2026-11-20T00:00:00Z", fraction optional, Z or none), 1960 to 2099. Throws std::invalid_argument
+// `utc` is ISO 8601 ("2026-11-20T00:00:00Z", fraction optional, Z or none), 1960 to 2099. Throws ImpossibleRequest
 // that says what is wrong with it.
 //
 // Accuracy: 0.01 degrees in direction (the Sun's disc is 0.53 degrees wide), 1e-6 au in distance. The error budget is

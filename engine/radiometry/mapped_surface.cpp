@@ -11,7 +11,6 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kDegrees = 180 / std::numbers::pi;
 // Steps of 1.5 %: 500 temperatures.
 constexpr double kColdest_k = 5, kHottest_k = 1e4, kStep = 1.015;
 
@@ -84,8 +83,8 @@ dem::ValueMap::Footprint2 MappedSurface::footprint(const SurfacePoints& points, 
   const double ring = std::max(std::sqrt(place.x() * place.x() + place.y() * place.y()), 1e-6),
                radius = std::sqrt(ring * ring + place.z() * place.z());
   const Vec3 east(-place.y() / ring, place.x() / ring, 0), north = (place / radius).cross(east);
-  return {std::atan2(place.z(), ring) * kDegrees,
-          std::atan2(place.y(), place.x()) * kDegrees,
+  return {std::atan2(place.z(), ring) * kDegreesPerRadian,
+          std::atan2(place.y(), place.x()) * kDegreesPerRadian,
           {a.dot(east), a.dot(north)},
           {b.dot(east), b.dot(north)}};
 }

@@ -2,8 +2,8 @@
 
 #include <cmath>
 #include <numbers>
-#include <stdexcept>
 
+#include "dem/error.h"
 #include "engine/radiometry/atmosphere.h"
 #include "engine/radiometry/photometry.h"
 
@@ -34,7 +34,7 @@ RadianceTerms radiance_terms(const FrameRequest& request, const Material& materi
   const double emissivity = 1 - material.reflectance.rho;  // eq. (3)
   RadianceTerms terms;
   if (request.atmosphere) {
-    if (!request.band) throw std::invalid_argument("an atmosphere needs a band");
+    if (!request.band) throw ImpossibleRequest("an atmosphere needs a band");
     const Atmosphere::InBand in = request.atmosphere->over(*request.band, material.temperature_k);
     terms.direct_w_m2 = sunlight * in.direct_w_m2;  // eq. (2)
     terms.indirect = sunlight * in.indirect_w_m2_sr;

@@ -7,7 +7,7 @@
 
 namespace selenograph::engine {
 
-// Throws std::invalid_argument for an atmosphere without a band or with one that reaches beyond
+// Throws ImpossibleRequest for an atmosphere without a band or with one that reaches beyond
 // its table.
 RadianceTerms radiance_terms(const FrameRequest& request, const Material& material);
 // Of the terrain.

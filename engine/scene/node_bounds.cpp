@@ -10,9 +10,9 @@ namespace selenograph::engine {
 
 NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m) {
   const dem::BlockExtent e = dem::extent_of(id);
-  constexpr double kRadians = std::numbers::pi / 180;
-  const double south = dem::lat_deg_of(e.lat0) * kRadians, north = dem::lat_deg_of(e.lat1()) * kRadians;
-  const double west = dem::lon_deg_of(e.lon0) * kRadians, east = dem::lon_deg_of(e.lon1()) * kRadians;
+  const double south = dem::lat_deg_of(e.lat0) * kRadiansPerDegree,
+               north = dem::lat_deg_of(e.lat1()) * kRadiansPerDegree;
+  const double west = dem::lon_deg_of(e.lon0) * kRadiansPerDegree, east = dem::lon_deg_of(e.lon1()) * kRadiansPerDegree;
   NodeBounds b;
   b.low_m = low_m, b.high_m = high_m;
   double cos_lon[3], sin_lon[3];

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
@@ -39,7 +38,8 @@ void check(const std::size_t blocks, const StopToken& stop) {
   if (blocks > kMaxBlocks)
     throw TooMuchTerrain(
         "the view needs more terrain than fits: ask for a larger max_error_px, a narrower field of view or a higher "
-        "camera");
+        "camera",
+        "max_error_px");
 }
 
 // 1 / tan of the Sun's elevation over the lowest place of a node: how far a shadow's edge on level ground moves per
@@ -211,9 +211,10 @@ class ViewSelector {
     std::size_t needed = 0;
     for (const BlockId& id : result_.blocks) needed += scene_bytes_of(id);
     if (needed > max_bytes_)
-      throw TooMuchTerrain(fmt::format(
-          "the view needs {} MB for its terrain, {} MB are allowed: ask for a larger max_error_px or a narrower view",
-          needed >> 20, max_bytes_ >> 20));
+      throw TooMuchTerrain(fmt::format("the view needs {} MB for its terrain, {} MB are allowed: ask for a larger "
+                                       "max_error_px or a narrower view",
+                                       needed >> 20, max_bytes_ >> 20),
+                           "max_error_px");
   }
 
   // The chosen block that holds a place, at `level` or coarser.

@@ -124,7 +124,7 @@ void vignette(const Vignetting& vignetting, const View& view, const PixelRays& r
   const bool bends = !rays.x.empty();
   const auto transmission = [&](double tan2) {
     if (vignetting.model == Vignetting::Model::cos4) return 1 / ((1 + tan2) * (1 + tan2));  // cos^4 of the angle
-    const double angle_deg = std::atan(std::sqrt(tan2)) * (180 / std::numbers::pi);
+    const double angle_deg = std::atan(std::sqrt(tan2)) * kDegreesPerRadian;
     return interpolated(vignetting.table, angle_deg, &Vignetting::Point::angle_deg, &Vignetting::Point::transmission);
   };
   in_parallel_pieces(height, kRows, [&](std::size_t first, std::size_t past_last) {

@@ -46,7 +46,7 @@ void Sensor::image(const View& view, const PixelRays& rays, std::vector<float> r
 }
 
 Pose moved(const Pose& pose, const Motion& motion, double seconds) {
-  const Vec3 turn = motion.angular_rate_deg_s * (std::numbers::pi / 180 * seconds);
+  const Vec3 turn = motion.angular_rate_deg_s * (kRadiansPerDegree * seconds);
   const double angle = turn.norm();
   Pose later = pose;
   later.position_m += motion.velocity_m_s * seconds;

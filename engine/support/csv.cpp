@@ -4,7 +4,6 @@
 
 #include <charconv>
 #include <fstream>
-#include <stdexcept>
 
 #include "dem/error.h"
 
@@ -19,7 +18,7 @@ void each_csv_line(const std::string& path, const std::function<void(std::string
     if (line.empty() || line.front() == '#') continue;
     try {
       each(line);
-    } catch (const std::invalid_argument& e) {
+    } catch (const BadLine& e) {
       throw DataError(path, fmt::format("line {}: {}", number, e.what()));
     }
   }
@@ -34,7 +33,7 @@ std::vector<double> csv_numbers(std::string_view line) {
     double number = 0;
     const auto [next, error] = std::from_chars(at, end, number);
     if (error != std::errc() || (next != end && *next != ','))
-      throw std::invalid_argument("numbers separated by commas are expected");
+      throw BadLine("numbers separated by commas are expected");
     numbers.push_back(number);
     if (next == end) return numbers;
     at = next + 1;

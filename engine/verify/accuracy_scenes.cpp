@@ -2,16 +2,16 @@
 
 #include <cmath>
 #include <numbers>
-#include <stdexcept>
+
+#include "dem/error.h"
 
 namespace selenograph::engine {
 namespace {
 
-constexpr double kRadians = std::numbers::pi / 180;
 constexpr double kFieldOfView_deg = 50;
 
 Camera square_camera(int side_px) {
-  const double f = side_px / 2.0 / std::tan(kFieldOfView_deg / 2 * kRadians), centre = (side_px - 1) / 2.0;
+  const double f = side_px / 2.0 / std::tan(kFieldOfView_deg / 2 * kRadiansPerDegree), centre = (side_px - 1) / 2.0;
   return {side_px, side_px, f, f, centre, centre, {}};
 }
 
@@ -22,32 +22,30 @@ struct Seat {
 
   FrameRequest frame(double height_m, double tilt_deg, double sun_azimuth_deg, double sun_elevation_deg) const {
     const double ground = terrain.height(place.lat_deg, place.lon_deg).height_m;
-    if (std::isnan(ground)) throw std::invalid_argument("no terrain where the scenes are to be seen");
+    if (std::isnan(ground)) throw ImpossibleRequest("no terrain where the scenes are to be seen");
     FrameRequest request;
     request.camera = square_camera(side_px);
     request.pose = tilted_pose(to_cartesian({place.lat_deg, place.lon_deg, ground + height_m}), tilt_deg);
-    request.sun.direction = sun_over(request.pose.position_m, sun_azimuth_deg, sun_elevation_deg);
+    request.sun.direction = sun_direction(request.pose.position_m, sun_azimuth_deg, sun_elevation_deg);
     return request;
   }
 };
 
 // From straight down to the sphere's horizon.
-double horizon_tilt_deg(double height_m) { return std::asin(kMoonRadius_m / (kMoonRadius_m + height_m)) / kRadians; }
+double horizon_tilt_deg(double height_m) {
+  return std::asin(kMoonRadius_m / (kMoonRadius_m + height_m)) * kDegreesPerRadian;
+}
 
 }  // namespace
 
 Pose tilted_pose(const Vec3& position_m, double tilt_deg) {
   const EastNorthUp axes = local_axes(position_m);
-  const Vec3 z = -axes.up * std::cos(tilt_deg * kRadians) + axes.north * std::sin(tilt_deg * kRadians), x = axes.east;
+  const Vec3 z = -axes.up * std::cos(tilt_deg * kRadiansPerDegree) +
+                 axes.north * std::sin(tilt_deg * kRadiansPerDegree),
+             x = axes.east;
   Eigen::Matrix3d rows;
   rows << x.transpose(), z.cross(x).transpose(), z.transpose();
   return {position_m, Eigen::Quaterniond(rows)};
-}
-
-Vec3 sun_over(const Vec3& place_m, double azimuth_deg, double elevation_deg) {
-  const EastNorthUp axes = local_axes(place_m);
-  const Vec3 level = axes.north * std::cos(azimuth_deg * kRadians) + axes.east * std::sin(azimuth_deg * kRadians);
-  return axes.up * std::sin(elevation_deg * kRadians) + level * std::cos(elevation_deg * kRadians);
 }
 
 std::vector<AccuracyScene> accuracy_scenes(const dem::Terrain& terrain, const Geographic& place,

@@ -23,7 +23,4 @@ std::vector<AccuracyScene> accuracy_scenes(const dem::Terrain& terrain, const Ge
 // The camera above a place whose boresight is tilted from the nadir towards north, east to the right.
 Pose tilted_pose(const Vec3& position_m, double tilt_deg);
 
-// Direction toward a Sun at an azimuth (clockwise from north) and elevation over a place's local horizontal.
-Vec3 sun_over(const Vec3& place_m, double azimuth_deg, double elevation_deg);
-
 }  // namespace selenograph::engine

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <stdexcept>
 
 #include "dem/error.h"
 #include "engine/verify/resample.h"
@@ -13,7 +12,6 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 // How far from the vertical a camera looks, towards the middles of its image's sides: as ordinary cameras do.
 constexpr double kHalfAngle_deg = 15;
 // Posts along a side of what one frame covers, at most: a frame of the size that cameras have.
@@ -29,12 +27,12 @@ constexpr double kStretched = 4;
 const dem::RasterInfo& finest_tile(const dem::Catalogue& catalogue, const RoundTripRequest& request, int& index) {
   const std::vector<int> found = catalogue.touching(request.lat_deg, request.lat_deg, request.lon_deg, request.lon_deg);
   if (found.empty())
-    throw std::invalid_argument(
+    throw ImpossibleRequest(
         fmt::format("no tile holds latitude {}, longitude {} degrees", request.lat_deg, request.lon_deg));
   index = found.back();
   const dem::RasterInfo& tile = catalogue.rasters()[static_cast<std::size_t>(index)];
   if (tile.projection != dem::Projection::geographic)
-    throw std::invalid_argument(tile.name + " is not in geographic coordinates: round trips are for tiles that are");
+    throw ImpossibleRequest(tile.name + " is not in geographic coordinates: round trips are for tiles that are");
   return tile;
 }
 
@@ -119,14 +117,14 @@ class Comparison {
   // Patches about as wide as high on the ground.
   std::vector<Patch> patches() const {
     const PostWindow& w = out_.window;
-    const double side_m = 2 * std::tan(kHalfAngle_deg * kDegree) * request_.height_m;
+    const double side_m = 2 * std::tan(kHalfAngle_deg * kRadiansPerDegree) * request_.height_m;
     const double rows = std::clamp(side_m / spacing_m(), 1.0, static_cast<double>(kMostPostsPerFrame));
     if (request_.mode == RoundTripMode::camera && side_m < 8 * out_.pixel_footprint_m)
-      throw std::invalid_argument(
-          fmt::format("cameras at {} m see less than 8 pixels of {:.3g} m: give a larger height", request_.height_m,
-                      out_.pixel_footprint_m));
+      throw ImpossibleRequest(fmt::format("cameras at {} m see less than 8 pixels of {:.3g} m: give a larger height",
+                                          request_.height_m, out_.pixel_footprint_m),
+                              "height_m");
     const Geographic middle = w.place(w.height / 2, w.width / 2);
-    const double narrower = std::max(0.05, std::cos(middle.lat_deg * kDegree));
+    const double narrower = std::max(0.05, std::cos(middle.lat_deg * kRadiansPerDegree));
     const int high = static_cast<int>(rows), wide = std::max(high, static_cast<int>(rows / narrower));
     std::vector<Patch> all;
     for (int r = 0; r < w.height; r += high)
@@ -243,7 +241,8 @@ class Comparison {
     const double width = std::ceil((s.right - s.left) * camera.fx) + 2 * kMargin_px + 1;
     const double height = std::ceil((s.bottom - s.top) * camera.fy) + 2 * kMargin_px + 1;
     if (width * height > static_cast<double>(kMostPixels))
-      throw std::invalid_argument(fmt::format("frames of {} x {} pixels: ask for a larger footprint", width, height));
+      throw ImpossibleRequest(fmt::format("frames of {} x {} pixels: ask for a larger footprint", width, height),
+                              "footprint_ratio");
     camera.width = static_cast<int>(width);
     camera.height = static_cast<int>(height);
     camera.cx = kMargin_px + u - s.left * camera.fx;
@@ -276,8 +275,9 @@ class Comparison {
     const PostRectangle posts{w.x0 + p.c0, w.y0 + p.r0, p.c1 - p.c0, p.r1 - p.r0};
     const double poleward = std::max(std::abs(w.place(p.r0, p.c0).lat_deg), std::abs(w.place(p.r1 - 1, p.c0).lat_deg));
     const double widest = kStretched * request_.footprint_ratio;
-    const std::vector<double> heights = resample(image.points, image.width, image.height, posts,
-                                                 widest / std::max(0.01, std::cos(poleward * kDegree)), widest);
+    const std::vector<double> heights =
+        resample(image.points, image.width, image.height, posts,
+                 widest / std::max(0.01, std::cos(poleward * kRadiansPerDegree)), widest);
     std::size_t i = 0;
     for (int r = p.r0; r < p.r1; ++r)
       for (int c = p.c0; c < p.c1; ++c, ++i) {

@@ -63,7 +63,7 @@ struct RoundTrip {
 // Told the share that is done, 0..1, from the calling thread.
 using Progress = std::function<void(double share)>;
 
-// Takes 8 bytes per post of the window, and what one station needs on top. Throws std::invalid_argument where no tile
+// Takes 8 bytes per post of the window, and what one station needs on top. Throws ImpossibleRequest where no tile
 // is, the tile is not in geographic coordinates, or the cameras stand too low for its spacing; DataError and Cancelled
 // as Renderer does.
 RoundTrip round_trip(const Renderer& renderer, const RoundTripRequest& request, const Progress& progress = {},

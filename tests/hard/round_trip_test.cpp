@@ -237,10 +237,10 @@ TEST(RoundTrip, RefusesWhatCannotBe) {
   const test::TemporaryFolder folder;
   test::write_kaguya_tile(folder.path(), 2, 10, 2, 64, [](double, double) { return 0; });
   const auto renderer = renderer_over(folder.path());
-  EXPECT_THROW(round_trip(*renderer, around(50, 50, 10)), std::invalid_argument);
+  EXPECT_THROW(round_trip(*renderer, around(50, 50, 10)), ImpossibleRequest);
   RoundTripRequest low = around(1, 11, 10, RoundTripMode::camera);
   low.height_m = 500;
-  EXPECT_THROW(round_trip(*renderer, low), std::invalid_argument);
+  EXPECT_THROW(round_trip(*renderer, low), ImpossibleRequest);
   const StopToken now(StopToken::Clock::now());
   EXPECT_THROW(round_trip(*renderer, around(1, 11, 100), {}, now), Cancelled);
 }

@@ -130,13 +130,10 @@ TEST(Arrays, NamesAreThoseOfTheContractInItsOrder) {
   std::vector<std::string> names;
   for (const ProductName& entry : product_names()) {
     names.emplace_back(entry.name);
-    EXPECT_EQ(product_called(entry.name), entry.product);
     EXPECT_EQ(name_of(entry.product), entry.name);
   }
   EXPECT_EQ(names, (std::vector<std::string>{"image", "radiance", "depth", "range", "position", "geodetic", "normal",
                                              "angles", "lit", "gsd", "source", "object_id"}));
-  EXPECT_EQ(product_called("Radiance"), std::nullopt);
-  EXPECT_EQ(product_called(""), std::nullopt);
 }
 
 TEST(Arrays, TypesAndShapesAreThoseOfTheContract) {

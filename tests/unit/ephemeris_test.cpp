@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <stdexcept>
 #include <string>
 
 #include "dem/geodesy.h"
@@ -31,7 +30,7 @@ LocalSun sun_over(double lat_deg, double lon_deg, const std::string& utc) {
 std::string complaint_about(const std::string& utc) {
   try {
     sun_at(utc);
-  } catch (const std::invalid_argument& e) {
+  } catch (const ImpossibleRequest& e) {
     return e.what();
   }
   return "accepted";

@@ -1,18 +1,26 @@
 #include "api/problem.h"
 
 #include <gtest/gtest.h>
+#include <spdlog/sinks/ostream_sink.h>
+#include <spdlog/spdlog.h>
 
+#include <atomic>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <sstream>
+#include <stdexcept>
+
+#include "api/endpoint.h"
+#include "dem/error.h"
 
 namespace selenograph::api {
 namespace {
 
-TEST(ErrorTable, CodesAndMetricsAreUniqueAndStatusesAreErrors) {
-  std::set<std::string_view> codes, metrics;
+TEST(ErrorTable, CodesAreUniqueAndStatusesAreErrors) {
+  std::set<std::string_view> codes;
   for (const ErrorRow& row : error_table()) {
     EXPECT_TRUE(codes.insert(row.code).second) << row.code;
-    EXPECT_TRUE(metrics.insert(row.metric).second) << row.metric;
     EXPECT_GE(row.status, 400) << row.code;
     EXPECT_LT(row.status, 600) << row.code;
     EXPECT_FALSE(row.title.empty() || row.meaning.empty()) << row.code;
@@ -73,6 +81,78 @@ TEST(Findings, OneIsNamedInTheDetailAndManyAreCounted) {
     EXPECT_EQ(e.findings().size(), Findings::kMost);
     EXPECT_STREQ(e.what(), "20 or more members are at fault; see errors");
   }
+}
+
+// Of each kind of exception what a client is told: by its type, whatever its text says.
+struct Thrown {
+  const char* what;
+  std::function<Response()> work;
+  int status;
+  const char* code;
+};
+
+template <typename Error, typename... Arguments>
+std::function<Response()> throwing(Arguments... arguments) {
+  return [=]() -> Response { throw Error(arguments...); };
+}
+
+TEST(AnswerOrProblem, TypesDecideTheStatus) {
+  const std::string text = "ask for a larger max_error_px";
+  for (const Thrown& t : {Thrown{"RequestError", throwing<RequestError>("too_large", text), 413, "too_large"},
+                          {"ImpossibleRequest", throwing<ImpossibleRequest>(text), 422, "invalid_request"},
+                          {"TooMuchTerrain", throwing<TooMuchTerrain>(text), 422, "invalid_request"},
+                          {"DataError", throwing<DataError>("tile.img", text), 500, "terrain_data_error"},
+                          {"Cancelled", throwing<Cancelled>(), 504, "deadline_exceeded"},
+                          {"std::bad_alloc", throwing<std::bad_alloc>(), 500, "internal"},
+                          {"std::invalid_argument", throwing<std::invalid_argument>(text), 500, "internal"},
+                          {"std::out_of_range", throwing<std::out_of_range>(text), 500, "internal"},
+                          {"int", [](auto...) -> Response { throw 1; }, 500, "internal"}}) {
+    const Response response = answer_or_problem(Request{}, t.work);
+    EXPECT_EQ(response.status, t.status) << t.what;
+    EXPECT_EQ(response.error_code, t.code) << t.what;
+    EXPECT_EQ(response.body.find("max_error_px") == std::string::npos,
+              response.error_code == "internal" || t.status == 504)
+        << t.what;
+  }
+}
+
+TEST(AnswerOrProblem, WhatClientsAreNotToldIsLogged) {
+  std::ostringstream log;
+  const auto before = spdlog::default_logger();
+  spdlog::set_default_logger(
+      std::make_shared<spdlog::logger>("test", std::make_shared<spdlog::sinks::ostream_sink_mt>(log)));
+  answer_or_problem(Request{.method = "POST", .path = "/v1/frames"}, throwing<std::invalid_argument>("stoi"));
+  spdlog::set_default_logger(before);
+  EXPECT_NE(log.str().find("POST /v1/frames: stoi"), std::string::npos) << log.str();
+}
+
+TEST(AnswerOrProblem, CancelledForAClientThatLeftIsNotTheDeadline) {
+  const std::atomic<bool> left{true};
+  EXPECT_EQ(answer_or_problem(Request{.abandoned = &left}, throwing<Cancelled>()).status, 499);
+}
+
+TEST(AnswerOrProblem, AWrongMethodNamesTheRightOnes) {
+  const Response response =
+      answer_or_problem(Request{.path = "/v1/height"}, throwing<RequestError>("method_not_allowed", "no"));
+  ASSERT_EQ(response.headers.size(), 1u);
+  EXPECT_EQ(response.headers[0].second, "GET, HEAD");
+}
+
+std::string pointer_of(const std::function<int()>& work) {
+  try {
+    with_refusals_at({{"max_error_px", "/accuracy/max_error_px"}}, "/pose", work);
+  } catch (const RequestError& e) {
+    return e.findings().at(0).pointer;
+  }
+  return "none";
+}
+
+TEST(WithRefusalsAt, PointsAtTheMemberThatTheEngineNames) {
+  EXPECT_EQ(pointer_of([]() -> int { throw TooMuchTerrain("too much", "max_error_px"); }), "/accuracy/max_error_px");
+  EXPECT_EQ(pointer_of([]() -> int { throw ImpossibleRequest("max_error_px is not what this is about"); }), "/pose");
+  EXPECT_EQ(pointer_of([]() -> int { throw ImpossibleRequest("elsewhere", "height_m"); }), "/pose");
+  EXPECT_EQ(pointer_of([] { return 1; }), "none");
+  EXPECT_THROW(pointer_of([]() -> int { throw std::invalid_argument("max_error_px"); }), std::invalid_argument);
 }
 
 }  // namespace

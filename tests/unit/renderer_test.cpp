@@ -233,9 +233,9 @@ TEST_F(SmoothMoon, CancelledInTime) {
 
 TEST_F(SmoothMoon, CamerasBelowTheTerrainAreRefused) {
   FrameRequest request = nadir(5, 5, -1, 16, 50);
-  EXPECT_THROW(renderer_->render(request), std::invalid_argument);
+  EXPECT_THROW(renderer_->render(request), ImpossibleRequest);
   request.pose.position_m = Vec3::Zero();
-  EXPECT_THROW(renderer_->render(request), std::invalid_argument);
+  EXPECT_THROW(renderer_->render(request), ImpossibleRequest);
   request = nadir(5, 5, 0.5, 16, 50);
   EXPECT_NO_THROW(renderer_->render(request));
 }

@@ -18,7 +18,6 @@
 namespace selenograph::dem {
 namespace {
 
-
 using Value = std::function<double(double lat_deg, double lon_deg)>;
 
 class ValueMaps : public ::testing::Test {

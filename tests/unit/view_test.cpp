@@ -167,8 +167,8 @@ TEST(View, ImpossibleCamerasAreRefused) {
   for (const Camera& bad :
        {Camera{0, 10, 1, 1, 0, 0, {}}, Camera{10, -1, 1, 1, 0, 0, {}}, Camera{10, 10, 0, 1, 0, 0, {}},
         Camera{10, 10, 1, std::nan(""), 0, 0, {}}, Camera{10, 10, 1, 1, INFINITY, 0, {}}})
-    EXPECT_THROW(View(bad, pose), std::invalid_argument);
-  EXPECT_THROW(View(plain(), Pose{{std::nan(""), 0, 0}, Eigen::Quaterniond::Identity()}), std::invalid_argument);
+    EXPECT_THROW(View(bad, pose), ImpossibleRequest);
+  EXPECT_THROW(View(plain(), Pose{{std::nan(""), 0, 0}, Eigen::Quaterniond::Identity()}), ImpossibleRequest);
 }
 
 }  // namespace

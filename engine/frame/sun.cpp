@@ -1,0 +1,14 @@
+#include "engine/frame/sun.h"
+
+#include <cmath>
+
+namespace selenograph::engine {
+
+Vec3 sun_direction(const Vec3& place_m, double azimuth_deg, double elevation_deg) {
+  const double azimuth = azimuth_deg * kRadiansPerDegree, elevation = elevation_deg * kRadiansPerDegree;
+  const EastNorthUp local = local_axes(place_m);
+  const Vec3 horizontal = std::cos(azimuth) * local.north + std::sin(azimuth) * local.east;
+  return (std::cos(elevation) * horizontal + std::sin(elevation) * local.up).normalized();
+}
+
+}  // namespace selenograph::engine
