@@ -2,7 +2,7 @@
 // problems.
 #pragma once
 
-#include <initializer_list>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -48,7 +48,7 @@ struct MemberPointer {
 // Does `work`. The engine's refusal of a request whose every member is possible but that is not as a whole becomes an
 // error of that member, or of `else_pointer` when it names none.
 template <typename Work>
-auto with_refusals_at(std::initializer_list<MemberPointer> members, std::string_view else_pointer, Work&& work) {
+auto with_refusals_at(std::span<const MemberPointer> members, std::string_view else_pointer, Work&& work) {
   try {
     return work();
   } catch (const ImpossibleRequest& e) {

@@ -65,7 +65,7 @@ void add_array_headers(Response& response, const ArrayView& array, const nlohman
 }
 
 // The engine's refusals are of where the camera is, but for those that name a member.
-constexpr std::initializer_list<MemberPointer> kRefusable = {{"max_error_px", "/accuracy/max_error_px"}};
+constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"}};
 
 Response not_modified(const std::string& hash) {
   Response response;

@@ -9,6 +9,7 @@
 #include "api/ranges.h"
 #include "api/sensor_json.h"
 #include "api/surface_json.h"
+#include "dem/error.h"
 
 namespace selenograph::api {
 namespace {

@@ -4,6 +4,7 @@
 
 #include "api/frame_json.h"
 #include "api/ranges.h"
+#include "dem/error.h"
 
 namespace selenograph::api {
 namespace {

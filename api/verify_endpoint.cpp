@@ -10,9 +10,10 @@ namespace selenograph::api {
 namespace {
 
 engine::RoundTrip made(const EndpointContext& context, const engine::RoundTripRequest& request) {
-  return with_refusals_at(
-      {{"height_m", "/height_m"}, {"footprint_ratio", "/footprint_ratio"}, {"max_error_px", "/max_error_px"}},
-      "/center", [&] { return engine::round_trip(context.renderer, request, {}, context.stop); });
+  constexpr MemberPointer kRefusable[] = {
+      {"height_m", "/height_m"}, {"footprint_ratio", "/footprint_ratio"}, {"max_error_px", "/max_error_px"}};
+  return with_refusals_at(kRefusable, "/center",
+                          [&] { return engine::round_trip(context.renderer, request, {}, context.stop); });
 }
 
 }  // namespace

@@ -3,7 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <stdexcept>
 #include <utility>
+#include <variant>
+
+#include "dem/geodesy.h"
 
 namespace selenograph::engine {
 namespace {
@@ -17,31 +21,38 @@ double lunar_weight(double phase_deg) {
   return std::max(0.0, 1 + phase_deg * (-0.019 + phase_deg * (0.242e-3 - phase_deg * 1.46e-6)));
 }
 
-using Model = std::variant<BrdfTerms, BlinnPhong, LunarLambert, Hapke>;
-Model model_of(const Reflectance& r) {
-  const double lommel_seeliger = r.rho / (2 * kPi);  // eq. (10)
-  const double lambert = r.rho / kPi;                // eq. (4)
-  const double w = r.lommel_seeliger_weight;
-  switch (r.model) {
-    case ReflectanceModel::lambert:
-      return BrdfTerms{0, lambert};
-    case ReflectanceModel::lommel_seeliger:
-      return BrdfTerms{lommel_seeliger, 0};
-    case ReflectanceModel::lommel_seeliger_lambert:
-      return BrdfTerms{w * lommel_seeliger, (1 - w) * lambert};  // section 3.1
-    case ReflectanceModel::blinn_phong: {
-      const double p = r.shininess;
-      return BlinnPhong{r.rho * (p + 4) * (p + 2) / (8 * kPi * (p + std::exp2(-p / 2))), p};  // eq. (11)
-    }
-    case ReflectanceModel::lunar_lambert:
-      return LunarLambert{lambert, r.limb_darkening};
-    case ReflectanceModel::hapke:
-      return Hapke(r.hapke);
-  }
-  throw std::logic_error("no such reflectance model");
-}
+// Paper eq. (11). The halfway vector's cosine follows from the others: (mu0 + mu) / |omega_i + omega_o|.
+struct BlinnPhong {
+  double factor;  // rho (p + 4) (p + 2) / (8 pi (p + 2^(-p / 2)))
+  double p;
+  double times_mu0(double mu0, double mu, double cos_phase) const;
+};
 
-}  // namespace
+// McEwen, Icarus 92, 298, 1991, with the weight's phase dependence of his fit to the Moon (1996), or a constant one.
+struct LunarLambert {
+  double lambert;  // rho / pi
+  std::optional<double> weight;
+  double times_mu0(double mu0, double mu, double cos_phase) const;
+};
+
+// Hapke, Icarus 59, 41, 1984 (roughness: eqs. 47 to 59) on JGR 86, 3039, 1981 with H(x) = (1 + 2x) / (1 + 2x sqrt(1 -
+// w)), 4 % from the exact one at most: lunar parameters were fitted with it.
+class Hapke {
+ public:
+  explicit Hapke(const HapkeParameters& parameters);
+  double times_mu0(double mu0, double mu, double cos_phase) const;
+
+ private:
+  struct Tilted {
+    double mu0, mu, shadowing;  // effective cosines; S
+  };
+  double multiple(double x) const { return (1 + 2 * x) / (1 + 2 * x * root_); }
+  double scattering(double cos_phase) const;
+  Tilted tilted(double mu0, double mu, double cos_phase) const;
+
+  HapkeParameters parameters_;
+  double root_, tan_theta_, cot_theta_, chi_;
+};
 
 double BlinnPhong::times_mu0(double mu0, double mu, double cos_phase) const {
   const double sum = std::sqrt(std::max(0.0, 2 * (1 + cos_phase)));  // |omega_i + omega_o|
@@ -58,13 +69,6 @@ Hapke::Hapke(const HapkeParameters& parameters) : parameters_(parameters), root_
   tan_theta_ = std::tan(parameters.theta_bar_deg * kRadiansPerDegree);
   cot_theta_ = tan_theta_ > 0 ? 1 / tan_theta_ : 0;
   chi_ = 1 / std::sqrt(1 + kPi * tan_theta_ * tan_theta_);
-}
-
-double phase_function(const HapkeParameters& k, double cos_phase) {
-  if (k.phase_function == PhaseFunction::legendre)
-    return 1 + k.b * cos_phase + k.c * (1.5 * cos_phase * cos_phase - 0.5);
-  const auto lobe = [&](double x) { return (1 - k.b * k.b) / std::pow(1 + k.b * k.b - 2 * k.b * x, 1.5); };
-  return (1 + k.c) / 2 * lobe(cos_phase) + (1 - k.c) / 2 * lobe(-cos_phase);
 }
 
 // (1 + B(g)) p(g)
@@ -115,10 +119,54 @@ double Hapke::times_mu0(double mu0, double mu, double cos_phase) const {
   return parameters_.w / (4 * kPi) * (t.mu0 / (t.mu0 + t.mu)) * terms * t.shadowing;
 }
 
-Brdf::Brdf(const Reflectance& reflectance) : model_(model_of(reflectance)) {}
+using AnyModel = std::variant<BrdfTerms, BlinnPhong, LunarLambert, Hapke>;
+AnyModel model_of(const Reflectance& r) {
+  const double lommel_seeliger = r.rho / (2 * kPi);  // eq. (10)
+  const double lambert = r.rho / kPi;                // eq. (4)
+  const double w = r.lommel_seeliger_weight;
+  switch (r.model) {
+    case ReflectanceModel::lambert:
+      return BrdfTerms{0, lambert};
+    case ReflectanceModel::lommel_seeliger:
+      return BrdfTerms{lommel_seeliger, 0};
+    case ReflectanceModel::lommel_seeliger_lambert:
+      return BrdfTerms{w * lommel_seeliger, (1 - w) * lambert};  // section 3.1
+    case ReflectanceModel::blinn_phong: {
+      const double p = r.shininess;
+      return BlinnPhong{r.rho * (p + 4) * (p + 2) / (8 * kPi * (p + std::exp2(-p / 2))), p};  // eq. (11)
+    }
+    case ReflectanceModel::lunar_lambert:
+      return LunarLambert{lambert, r.limb_darkening};
+    case ReflectanceModel::hapke:
+      return Hapke(r.hapke);
+  }
+  throw std::logic_error("no such reflectance model");
+}
+
+}  // namespace
+
+double phase_function(const HapkeParameters& k, double cos_phase) {
+  if (k.phase_function == PhaseFunction::legendre)
+    return 1 + k.b * cos_phase + k.c * (1.5 * cos_phase * cos_phase - 0.5);
+  const auto lobe = [&](double x) { return (1 - k.b * k.b) / std::pow(1 + k.b * k.b - 2 * k.b * x, 1.5); };
+  return (1 + k.c) / 2 * lobe(cos_phase) + (1 - k.c) / 2 * lobe(-cos_phase);
+}
+
+struct Brdf::Model {
+  AnyModel is;
+};
+
+Brdf::Brdf(const Reflectance& reflectance) {
+  AnyModel model = model_of(reflectance);
+  if (const auto* terms = std::get_if<BrdfTerms>(&model))
+    terms_ = *terms;
+  else
+    model_ = std::make_shared<const Model>(Model{std::move(model)});
+}
 
 double Brdf::times_mu0(double mu0, double mu, double cos_phase) const {
-  return std::visit([&](const auto& model) { return model.times_mu0(mu0, mu, cos_phase); }, model_);
+  if (terms_) return terms_->times_mu0(mu0, mu, cos_phase);
+  return std::visit([&](const auto& model) { return model.times_mu0(mu0, mu, cos_phase); }, model_->is);
 }
 
 double direct_radiance(const Brdf& brdf, double irradiance_w_m2, double mu0, double mu, double cos_phase,

@@ -68,7 +68,7 @@ TEST_F(Config, FileBeatsDefault) {
   parse({});
   EXPECT_EQ(settings_.port, 1111);
   EXPECT_EQ(settings_.host, "::1");
-  EXPECT_EQ(settings_.limits.deadline_s, 2.5);
+  EXPECT_EQ(settings_.limits.default_deadline, std::chrono::milliseconds(2500));
   EXPECT_TRUE(settings_.trial);
 }
 

@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <string>
 
+#include "dem/error.h"
 #include "dem/geodesy.h"
 
 namespace selenograph::engine {

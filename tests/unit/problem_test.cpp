@@ -121,26 +121,33 @@ TEST(AnswerOrProblem, WhatClientsAreNotToldIsLogged) {
   const auto before = spdlog::default_logger();
   spdlog::set_default_logger(
       std::make_shared<spdlog::logger>("test", std::make_shared<spdlog::sinks::ostream_sink_mt>(log)));
-  answer_or_problem(Request{.method = "POST", .path = "/v1/frames"}, throwing<std::invalid_argument>("stoi"));
+  Request request;
+  request.method = "POST", request.path = "/v1/frames";
+  answer_or_problem(request, throwing<std::invalid_argument>("stoi"));
   spdlog::set_default_logger(before);
   EXPECT_NE(log.str().find("POST /v1/frames: stoi"), std::string::npos) << log.str();
 }
 
 TEST(AnswerOrProblem, CancelledForAClientThatLeftIsNotTheDeadline) {
   const std::atomic<bool> left{true};
-  EXPECT_EQ(answer_or_problem(Request{.abandoned = &left}, throwing<Cancelled>()).status, 499);
+  Request request;
+  request.abandoned = &left;
+  EXPECT_EQ(answer_or_problem(request, throwing<Cancelled>()).status, 499);
 }
 
 TEST(AnswerOrProblem, AWrongMethodNamesTheRightOnes) {
-  const Response response =
-      answer_or_problem(Request{.path = "/v1/height"}, throwing<RequestError>("method_not_allowed", "no"));
+  Request request;
+  request.path = "/v1/height";
+  const Response response = answer_or_problem(request, throwing<RequestError>("method_not_allowed", "no"));
   ASSERT_EQ(response.headers.size(), 1u);
   EXPECT_EQ(response.headers[0].second, "GET, HEAD");
 }
 
+constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"}};
+
 std::string pointer_of(const std::function<int()>& work) {
   try {
-    with_refusals_at({{"max_error_px", "/accuracy/max_error_px"}}, "/pose", work);
+    with_refusals_at(kRefusable, "/pose", work);
   } catch (const RequestError& e) {
     return e.findings().at(0).pointer;
   }

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <random>
 
+#include "dem/error.h"
+
 namespace selenograph::engine {
 namespace {
 
