@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <tuple>
 #include <vector>
 
 namespace selenograph::engine {
@@ -38,5 +39,12 @@ struct FrameProducts {
   std::vector<std::uint16_t> source;
   std::vector<std::uint16_t> object_id;  // index into FrameRequest::objects; 65535: terrain, or nothing
 };
+
+// References to all arrays of a frame's products, const or not: an array that is left out here doesn't compile.
+template <typename Products>
+auto all_arrays(Products& products) {
+  auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id] = products;
+  return std::tie(image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id);
+}
 
 }  // namespace selenograph::engine

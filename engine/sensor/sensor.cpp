@@ -64,9 +64,12 @@ Camera with_margin(Camera camera, int margin_px) {
 
 namespace {
 
+// An array that has no margin (the image, which is made without) is left as it is.
 template <typename T>
-void crop_array(std::vector<T>& array, std::size_t channels, const Camera& wide, int margin_px) {
-  if (array.empty()) return;
+void crop_array(std::vector<T>& array, const Camera& wide, int margin_px) {
+  const std::size_t channels =
+      array.size() / (static_cast<std::size_t>(wide.width) * static_cast<std::size_t>(wide.height));
+  if (channels == 0) return;
   const auto margin = static_cast<std::size_t>(margin_px), stride = channels * static_cast<std::size_t>(wide.width),
              row = stride - 2 * margin * channels, rows = static_cast<std::size_t>(wide.height) - 2 * margin;
   for (std::size_t y = 0; y < rows; ++y)
@@ -77,12 +80,9 @@ void crop_array(std::vector<T>& array, std::size_t channels, const Camera& wide,
 
 }  // namespace
 
-void crop(FrameProducts& p, const Camera& wide, int margin_px) {
+void crop(FrameProducts& products, const Camera& wide, int margin_px) {
   if (margin_px == 0) return;
-  const auto one = [&](auto& array) { crop_array(array, 1, wide, margin_px); };
-  const auto three = [&](auto& array) { crop_array(array, 3, wide, margin_px); };
-  one(p.radiance), one(p.depth), one(p.range), one(p.lit), one(p.gsd), one(p.source), one(p.object_id);
-  three(p.position), three(p.geodetic), three(p.normal), three(p.angles);
+  std::apply([&](auto&... array) { (crop_array(array, wide, margin_px), ...); }, all_arrays(products));
 }
 
 }  // namespace selenograph::engine

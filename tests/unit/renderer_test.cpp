@@ -38,9 +38,11 @@ bool same_bytes(const FrameProducts& a, const FrameProducts& b) {
   const auto same = [](const auto& x, const auto& y) {
     return x.size() == y.size() && (x.empty() || std::memcmp(x.data(), y.data(), x.size() * sizeof x[0]) == 0);
   };
-  return same(a.image, b.image) && same(a.radiance, b.radiance) && same(a.depth, b.depth) && same(a.range, b.range) &&
-         same(a.position, b.position) && same(a.geodetic, b.geodetic) && same(a.normal, b.normal) &&
-         same(a.angles, b.angles) && same(a.lit, b.lit) && same(a.gsd, b.gsd) && same(a.source, b.source);
+  return std::apply(
+      [&](const auto&... of_a) {
+        return std::apply([&](const auto&... of_b) { return (same(of_a, of_b) && ...); }, all_arrays(b));
+      },
+      all_arrays(a));
 }
 
 // A sphere without relief, all around.
