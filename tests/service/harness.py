@@ -114,8 +114,10 @@ class Service:
 
     started = []
 
-    def __init__(self, *options, cache="cache", dem="dem", binary=None):
-        command = [binary or BINARY, "serve", "--port", "0", "--cache-dir", path(cache), *options, "--dem", path(dem)]
+    def __init__(self, *more, cache="cache", dem="dem", binary=None, options=None):
+        """With `more` options; or with these `options` alone."""
+        options = options or ["--port", "0", "--cache-dir", path(cache), *more, "--dem", path(dem)]
+        command = [binary or BINARY, "serve", *options]
         self.log = tempfile.TemporaryFile()
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True)
         Service.started.append(self)
