@@ -1,10 +1,10 @@
-// What `verify accuracy` leaves behind: the sweep's rows as CSV and Markdown, and as a picture.
+// What `verify accuracy` leaves behind: the sweep's rows as CSV and Markdown, and what they belong to as JSON.
 #pragma once
 
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
-#include "api/canvas.h"
 #include "engine/verify/accuracy_sweep.h"
 
 namespace selenograph::api {
@@ -16,11 +16,7 @@ std::string accuracy_csv(const std::vector<engine::SweepRow>& rows);
 std::string accuracy_markdown(const std::vector<engine::SweepRow>& rows,
                               const std::vector<engine::AccuracyScene>& scenes, const std::string& machine);
 
-// Error against time, one curve per scene; rows that no other of their scene beats in both are drawn filled (the Pareto
-// front). Errors of zero lie on the axis.
-Canvas accuracy_plot(const std::vector<engine::SweepRow>& rows, const std::string& machine);
-
-// Of rows of one scene: true where no other row is at most as slow and strictly truer, or as true and strictly faster.
-std::vector<bool> pareto_front(const std::vector<double>& times, const std::vector<double>& errors);
+// The machine, the scenes in words, and the default setting: what a reader of the CSV needs besides.
+nlohmann::ordered_json accuracy_json(const std::vector<engine::AccuracyScene>& scenes, const std::string& machine);
 
 }  // namespace selenograph::api

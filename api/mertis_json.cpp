@@ -4,7 +4,6 @@
 
 #include <algorithm>
 
-#include "api/plot_axes.h"
 #include "api/ranges.h"
 #include "dem/error.h"
 
@@ -80,32 +79,6 @@ constexpr const char* kAssumptions[] = {
     "blackbodies of 350 and 500 K",
 };
 
-// Curves of one number over wavelength, one per temperature.
-template <typename Value>
-void draw_panel(Canvas& canvas, const Rectangle& area, const MertisQuery& query, const char* label,
-                const Value& value) {
-  std::vector<double> all;
-  std::vector<std::vector<Point>> curves;
-  for (const double kelvin : query.temperatures_k) {
-    curves.emplace_back();
-    for (const SpectrometerChannel& c : engine::look_at_blackbody(query.spectrometer, kelvin))
-      curves.back().push_back({c.center_um, value(c)}), all.push_back(value(c));
-  }
-  const Axis wavelength{
-      .min = query.spectrometer.first_um, .max = query.spectrometer.last_um, .label = "wavelength, µm"};
-  const PlotAxes axes(area, wavelength, axis_around(all, Scale::logarithmic, label));
-  axes.draw_grid(canvas);
-  std::vector<LegendEntry> legend;
-  for (std::size_t i = 0; i < curves.size(); ++i) {
-    CurveStyle style;
-    style.colour = kPalette[i % std::size(kPalette)];
-    axes.draw_curve(canvas, curves[i], style);
-    legend.push_back({fmt::format("blackbody of {:g} K", query.temperatures_k[i]), style});
-  }
-  axes.draw_frame(canvas);
-  draw_legend(canvas, {area.right() - 8, area.y + 8}, legend);
-}
-
 }  // namespace
 
 MertisQuery read_mertis(const Json& body) {
@@ -147,25 +120,6 @@ std::string mertis_csv(const MertisQuery& query) {
                          query.spectrometer.noise_equivalent_power_w, c.signal_to_noise, c.width_error);
   }
   return csv;
-}
-
-Canvas mertis_plot(const MertisQuery& query) {
-  Canvas canvas(880, 400);
-  TextStyle title;
-  title.size = 13, title.bold = true;
-  canvas.text({70, 26}, "Radiant flux per channel, eq. (9)", title);
-  canvas.text({500, 26}, "Signal to noise, eq. (12)", title);
-  draw_panel(canvas, {70, 40, 330, 290}, query, "flux, W", [](const SpectrometerChannel& c) { return c.flux_w; });
-  draw_panel(canvas, {500, 40, 340, 290}, query, "SNR", [](const SpectrometerChannel& c) { return c.signal_to_noise; });
-  TextStyle small;
-  small.size = 9, small.colour = kPaleInk;
-  const engine::Spectrometer& s = query.spectrometer;
-  canvas.text({70, 386},
-              fmt::format("{} channels, {:g} to {:g} µm; f/{:g}, pixels of {:g} µm, NEP {:g} W. What SENSOR++ doesn't "
-                          "print is assumed: see the CSV's head.",
-                          s.channels, s.first_um, s.last_um, s.f_number, s.pixel_pitch_um, s.noise_equivalent_power_w),
-              small);
-  return canvas;
 }
 
 }  // namespace selenograph::api

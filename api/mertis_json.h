@@ -1,11 +1,10 @@
-// A spectrometer's request and its channels, as JSON, CSV and picture: for POST /v1/verify/mertis and for `selenograph
+// A spectrometer's request and its channels, as JSON and CSV: for POST /v1/verify/mertis and for `selenograph
 // verify mertis`.
 #pragma once
 
 #include <string>
 #include <vector>
 
-#include "api/canvas.h"
 #include "api/json_reader.h"
 #include "dem/stop_token.h"
 #include "engine/sensor/spectrometer.h"
@@ -28,6 +27,5 @@ nlohmann::ordered_json mertis_json(const MertisQuery& query, const StopToken& st
 
 // One row per channel and temperature.
 std::string mertis_csv(const MertisQuery& query);
-Canvas mertis_plot(const MertisQuery& query);
 
 }  // namespace selenograph::api

@@ -33,7 +33,6 @@ struct Alternative {
 // Those of a round trip, in the order of the server's preference.
 inline constexpr Alternative kRoundTripAnswers[] = {
     {"application/json", "the statistics"},
-    {"image/png", "the map of differences with colour bar and histogram"},
     {"image/tiff", "the differences as GeoTIFF: float32 metres, NaN where nothing was compared"},
 };
 // The one that `accept` gives the most weight, among equals the first. Throws RequestError "not_acceptable".

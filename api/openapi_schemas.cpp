@@ -744,10 +744,15 @@ void add_round_trip(OrderedJson& schemas, const Limits& limits) {
                "posts = compared + hidden (nearer terrain before them) + missed (nothing met: beside voids, beyond the "
                "last tile) + elsewhere (under a finer tile) + voids"}}},
             {"difference", difference_schema()},
+            {"histogram",
+             {{"type", "object"},
+              {"description",
+               "counts of posts in classes of equal width between from_m and to_m; posts below and above them"}}},
             {"quadrants", quadrants},
             {"slopes", slopes},
             {"software", text("name and version")}},
-           {"tile", "mode", "center", "height_m", "window", "stations", "counts", "difference", "quadrants", "slopes"});
+           {"tile", "mode", "center", "height_m", "window", "stations", "counts", "difference", "histogram",
+            "quadrants", "slopes"});
 }
 
 void add_problem(OrderedJson& schemas) {

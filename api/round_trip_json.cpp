@@ -112,6 +112,11 @@ OrderedJson round_trip_json(const engine::RoundTripRequest& request, const engin
   json["counts"] = {{"posts", trip.window.size()}, {"compared", trip.compared},   {"hidden", trip.hidden},
                     {"missed", trip.missed},       {"elsewhere", trip.elsewhere}, {"voids", trip.voids}};
   json["difference"] = difference_json(trip, s);
+  json["histogram"] = {{"from_m", -s.histogram.reach_m},
+                       {"to_m", s.histogram.reach_m},
+                       {"counts", s.histogram.counts},
+                       {"below", s.histogram.below},
+                       {"above", s.histogram.above}};
   json["quadrants"] = OrderedJson::array();
   for (const engine::Quadrant& q : s.quadrants) {
     json["quadrants"].push_back({{"name", q.name}});
@@ -126,12 +131,15 @@ OrderedJson round_trip_json(const engine::RoundTripRequest& request, const engin
   return json;
 }
 
-std::string round_trip_title(const engine::RoundTripRequest& request, const engine::RoundTrip& trip) {
-  const std::string pixels = request.mode == engine::RoundTripMode::camera
-                                 ? fmt::format(", pixels of {:.3g} m", trip.pixel_footprint_m)
-                                 : std::string();
-  return fmt::format("{}, mode {}, posts of {:.3g} m, from {:g} km{}", trip.window.tile.name, mode_name(request.mode),
-                     trip.window.tile.post_spacing_m, request.height_m / 1000, pixels);
+std::string length_text(double length_m) {
+  if (std::isnan(length_m)) return "none";
+  if (length_m == 0) return "0 m";
+  constexpr std::pair<const char*, double> kUnits[] = {
+      {"pm", 1e-12}, {"nm", 1e-9}, {"µm", 1e-6}, {"mm", 1e-3}, {"m", 1}};
+  auto unit = kUnits[0];
+  for (const auto& larger : kUnits)
+    if (std::abs(length_m) >= 0.1 * larger.second) unit = larger;
+  return fmt::format("{}{:.3g} {}", length_m < 0 ? "\u2212" : "", std::abs(length_m) / unit.second, unit.first);
 }
 
 dem::PostGrid grid_of(const engine::PostWindow& w) {

@@ -26,8 +26,8 @@ engine::RoundTripRequest read_round_trip(const Json& body, const Limits& limits)
 nlohmann::ordered_json round_trip_json(const engine::RoundTripRequest& request, const engine::RoundTrip& trip,
                                        const engine::DifferenceStatistics& statistics);
 
-// "DTM_MAP_01_N01E000N00E001SC, mode exact, from 20 km"
-std::string round_trip_title(const engine::RoundTripRequest& request, const engine::RoundTrip& trip);
+// A length with three digits in the unit that suits it: "0.0831 nm", "−1.27 mm", "8.16 m"; "none" for NaN.
+std::string length_text(double length_m);
 
 // Where the window's posts lie.
 dem::PostGrid grid_of(const engine::PostWindow& window);

@@ -1,5 +1,4 @@
 // POST /v1/verify/roundtrip and /v1/verify/mertis.
-#include "api/difference_picture.h"
 #include "api/endpoint.h"
 #include "api/mertis_json.h"
 #include "api/negotiate.h"
@@ -28,11 +27,7 @@ Response answer_verify_round_trip(const EndpointContext& context) {
   if (media_type == "image/tiff") {
     response.body = dem::geotiff_bytes(grid_of(trip.window), trip.difference_m, "extracted - original");
   } else {
-    const engine::DifferenceStatistics statistics = engine::statistics_of(trip);
-    if (media_type == "image/png")
-      response.body = difference_picture(trip, statistics, round_trip_title(request, trip)).png(1.5);
-    else
-      response = json_response(round_trip_json(request, trip, statistics));
+    response = json_response(round_trip_json(request, trip, engine::statistics_of(trip)));
   }
   response.headers.emplace_back("Vary", "Accept");
   context.stop.check();

@@ -1,4 +1,4 @@
-// `selenograph verify accuracy`: what a frame costs and how true it is, for every setting, as tables and a picture.
+// `selenograph verify accuracy`: what a frame costs and how true it is, for every setting, as tables.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -107,13 +107,11 @@ int verify_accuracy(const VerifyAccuracySettings& settings) {
       });
   const fs::path folder = settings.output;
   fs::create_directories(folder);
-  const api::Canvas plot = api::accuracy_plot(rows, machine());
   write_whole((folder / "accuracy.csv").string(), api::accuracy_csv(rows));
   write_whole((folder / "accuracy.md").string(), api::accuracy_markdown(rows, scenes, machine()));
-  write_whole((folder / "accuracy.svg").string(), plot.svg());
-  write_whole((folder / "accuracy.png").string(), plot.png(1.5));
+  write_json((folder / "accuracy.json").string(), api::accuracy_json(scenes, machine()));
   print_summary(rows);
-  fmt::print("{}: accuracy.csv, accuracy.md, accuracy.svg, accuracy.png\n", settings.output);
+  fmt::print("{0}: accuracy.csv, accuracy.json, accuracy.md; pictures: deploy/plot {0}\n", settings.output);
   return 0;
 }
 

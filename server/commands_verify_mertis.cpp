@@ -1,4 +1,4 @@
-// `selenograph verify mertis`: what a thermal imaging spectrometer measures of blackbodies, as table and picture.
+// `selenograph verify mertis`: what a thermal imaging spectrometer measures of blackbodies, as tables.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -41,10 +41,8 @@ int verify_mertis(const VerifyMertisSettings& settings) {
   const api::MertisQuery query = read_instrument(settings.instrument);
   const fs::path folder = settings.output;
   fs::create_directories(folder);
-  const api::Canvas plot = api::mertis_plot(query);
   write_whole((folder / "mertis.csv").string(), api::mertis_csv(query));
-  write_whole((folder / "mertis.svg").string(), plot.svg());
-  write_whole((folder / "mertis.png").string(), plot.png(1.5));
+  write_json((folder / "mertis.json").string(), api::mertis_json(query));
   fmt::print("{:>14}{:>12}{:>16}{:>16}\n", "temperature K", "channels", "least SNR", "largest SNR");
   for (const double kelvin : query.temperatures_k) {
     double least = 1e300, largest = 0;
@@ -52,7 +50,7 @@ int verify_mertis(const VerifyMertisSettings& settings) {
       least = std::min(least, c.signal_to_noise), largest = std::max(largest, c.signal_to_noise);
     fmt::print("{:>14g}{:>12}{:>16.1f}{:>16.1f}\n", kelvin, query.spectrometer.channels, least, largest);
   }
-  fmt::print("{}: mertis.csv, mertis.svg, mertis.png\n", settings.output);
+  fmt::print("{0}: mertis.csv, mertis.json; picture: deploy/plot {0}\n", settings.output);
   return 0;
 }
 

@@ -1,4 +1,4 @@
-// `selenograph verify roundtrip`: a DEM's way into images and back, as figures, pictures and rasters.
+// `selenograph verify roundtrip`: a DEM's way into images and back, as figures and rasters.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -6,7 +6,6 @@
 #include <filesystem>
 #include <vector>
 
-#include "api/difference_picture.h"
 #include "api/round_trip_json.h"
 #include "server/commands.h"
 #include "server/output.h"
@@ -45,12 +44,7 @@ Verified verify(const engine::Renderer& renderer, const engine::RoundTripRequest
   const fs::path folder = output / mode;
   fs::create_directories(folder);
   write_rasters(folder, v.trip);
-  write_whole((folder / "difference.png").string(),
-              api::difference_picture(v.trip, v.statistics, api::round_trip_title(request, v.trip)).png(1.5));
-  write_whole((folder / "statistics.json").string(),
-              api::round_trip_json(request, v.trip, v.statistics)
-                      .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) +
-                  "\n");
+  write_json((folder / "statistics.json").string(), api::round_trip_json(request, v.trip, v.statistics));
   // Only figures are wanted from here on.
   v.trip.original_m = {};
   v.trip.difference_m = {};
@@ -130,7 +124,8 @@ int verify_round_trip(const VerifyRoundTripSettings& settings) {
     all.push_back(verify(*renderer, request, settings.output));
   }
   print_summary(all);
-  fmt::print("{}: difference.png, difference.tif, extracted.tif, statistics.json of each mode\n", settings.output);
+  fmt::print("{0}: difference.tif, extracted.tif, statistics.json of each mode; pictures: deploy/plot {0}/MODE\n",
+             settings.output);
   return 0;
 }
 

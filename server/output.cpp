@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <system_error>
 
@@ -24,6 +25,10 @@ void write_whole(const std::string& path, const std::string& bytes) {
   const std::string why = error ? error.message() : "can't be written";
   fs::remove(temporary, error);
   throw std::runtime_error(path + ": " + why);
+}
+
+void write_json(const std::string& path, const nlohmann::ordered_json& json) {
+  write_whole(path, json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
 }
 
 ProgressBar::ProgressBar() : terminal_(::isatty(STDERR_FILENO) == 1) {}

@@ -94,6 +94,15 @@ double percentile(const std::vector<float>& sorted, double percent) {
   return low + (at - static_cast<double>(below)) * (high - low);
 }
 
+// One, two, three or five times a power of ten: the first that is not below. A nanometre where all is zero.
+double rounded_up(double x) {
+  if (!(x > 0)) return 1e-9;
+  const double power = std::pow(10.0, std::floor(std::log10(x)));
+  for (const double digit : {1.0, 2.0, 3.0, 5.0})
+    if (digit * power >= x * (1 - 1e-9)) return digit * power;
+  return 10 * power;
+}
+
 void add_percentiles(const RoundTrip& trip, DifferenceStatistics& out) {
   std::vector<float> values;
   values.reserve(trip.compared);
@@ -106,6 +115,7 @@ void add_percentiles(const RoundTrip& trip, DifferenceStatistics& out) {
   std::sort(values.begin(), values.end());
   out.median_absolute_m = percentile(values, 50);
   for (const double p : {50.0, 95.0, 99.0, 99.9}) out.absolute_percentiles.push_back({p, percentile(values, p)});
+  out.histogram.reach_m = rounded_up(percentile(values, 99.5));
 }
 
 // Calls visit(row, col, difference) for all that were compared.
@@ -115,6 +125,18 @@ void each_difference(const RoundTrip& trip, Visit&& visit) {
   for (int r = 0; r < w.height; ++r)
     for (int c = 0; c < w.width; ++c)
       if (const float d = trip.difference_m[w.index(r, c)]; !std::isnan(d)) visit(r, c, static_cast<double>(d));
+}
+
+void add_histogram(const RoundTrip& trip, Histogram& out) {
+  const double width_m = 2 * out.reach_m / static_cast<double>(out.counts.size());
+  each_difference(trip, [&](int, int, double d) {
+    if (d < -out.reach_m)
+      ++out.below;
+    else if (d > out.reach_m)
+      ++out.above;
+    else
+      ++out.counts[std::min(static_cast<std::size_t>((d + out.reach_m) / width_m), out.counts.size() - 1)];
+  });
 }
 
 void add_quadrants(const RoundTrip& trip, DifferenceStatistics& out) {
@@ -161,6 +183,7 @@ DifferenceStatistics statistics_of(const RoundTrip& trip) {
   const auto n = static_cast<double>(out.all.posts);
   out.standard_deviation_m = n > 1 ? std::sqrt(around_mean / (n - 1)) : kNan;
   add_percentiles(trip, out);
+  add_histogram(trip, out.histogram);
   add_quadrants(trip, out);
   add_slopes(trip, out);
   return out;

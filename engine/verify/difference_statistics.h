@@ -39,12 +39,22 @@ struct Percentile {
   double percent, value_m;
 };
 
+// Counts in classes of equal width over [-reach_m, reach_m]. The number of classes is odd: zero is in the middle of
+// one.
+struct Histogram {
+  double reach_m =
+      0;  // the 99.5th percentile of the absolute differences, rounded up to 1, 2, 3 or 5 times a power of ten
+  std::array<std::size_t, 61> counts{};
+  std::size_t below = 0, above = 0;
+};
+
 struct DifferenceStatistics {
   GroupStatistics all;
   double median_m = 0, median_absolute_m = 0, standard_deviation_m = 0;
   double worst_m = 0;  // signed, largest in size
   int worst_row = -1, worst_col = -1;
   std::vector<Percentile> percentiles, absolute_percentiles;
+  Histogram histogram;
   std::array<Quadrant, 4> quadrants;
   std::vector<SlopeClass> slopes;
 };

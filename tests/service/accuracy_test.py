@@ -10,7 +10,6 @@ import json
 import os
 import re
 import unittest
-import xml.etree.ElementTree
 import zipfile
 
 import harness
@@ -96,7 +95,7 @@ class VerifyAccuracy(unittest.TestCase):
         done = run("verify", "accuracy", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "64", "--repetitions", "1",
                    "--reference-samples", "16", "--cache-dir", harness.path("cache"), "--log-level", "error", "-o", output)
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertEqual(sorted(os.listdir(output)), ["accuracy.csv", "accuracy.md", "accuracy.png", "accuracy.svg"])
+        self.assertEqual(sorted(os.listdir(output)), ["accuracy.csv", "accuracy.json", "accuracy.md"])
         with open(os.path.join(output, "accuracy.csv"), newline="") as file:
             rows = list(csv.DictReader(file))
         self.assertEqual({row["scene"] for row in rows}, {"nadir", "oblique", "limb", "descent"})  # no place for the polar one
@@ -106,9 +105,10 @@ class VerifyAccuracy(unittest.TestCase):
         self.assertEqual({row["visibility"] for row in rows}, {"raytrace", "zbuffer"})
         for method in ("raytrace", "zbuffer"):
             self.check_nadir([row for row in rows if (row["scene"], row["visibility"]) == ("nadir", method)])
-        xml.etree.ElementTree.parse(os.path.join(output, "accuracy.svg"))
-        with open(os.path.join(output, "accuracy.png"), "rb") as file:
-            self.assertEqual(file.read(8), b"\x89PNG\r\n\x1a\n")
+        with open(os.path.join(output, "accuracy.json")) as file:
+            facts = json.load(file)
+        self.assertEqual([scene["name"] for scene in facts["scenes"]], ["nadir", "oblique", "limb", "descent"])
+        self.assertEqual(facts["default"], {"max_error_px": 0.5, "max_shadow_error_px": 16, "samples_per_pixel": 1})
         with open(os.path.join(output, "accuracy.md")) as file:
             self.assertEqual(file.read().count("\n## "), 4)
 

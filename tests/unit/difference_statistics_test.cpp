@@ -48,6 +48,28 @@ TEST(DifferenceStatistics, KnownNumbers) {
   EXPECT_NEAR(s.percentiles[4].value_m, 3.7, 1e-12);
 }
 
+TEST(DifferenceStatistics, HistogramIsCentredOnZero) {
+  // 1000 values: the 99.5th percentile of their size is 0.1999, rounded up to 0.2; one lies beyond on each side.
+  const DifferenceStatistics s = statistics_of(trip_of(1000, 1, [](int, int c) {
+    if (c < 2) return c == 0 ? -9.F : 9.F;
+    if (c < 300) return -0.14F;
+    return c < 500 ? 0.F : 0.1999F;
+  }));
+  const Histogram& h = s.histogram;
+  EXPECT_EQ(h.reach_m, 0.2);
+  EXPECT_EQ(h.below, 1u);
+  EXPECT_EQ(h.above, 1u);
+  EXPECT_EQ(h.counts[30], 200u) << "zero is in the middle class";
+  EXPECT_EQ(h.counts[60], 500u);
+  EXPECT_EQ(h.counts[9], 298u) << "(-0.14 + 0.2) / 0.4 x 61 = 9.15";
+}
+
+TEST(DifferenceStatistics, HistogramOfNothing) {
+  const DifferenceStatistics s = statistics_of(trip_of(3, 1, [](int, int) { return kVoid; }));
+  EXPECT_GT(s.histogram.reach_m, 0);
+  EXPECT_EQ(s.histogram.below + s.histogram.above + s.histogram.counts[30], 0u);
+}
+
 TEST(DifferenceStatistics, WorstIsLargestInSize) {
   const DifferenceStatistics s =
       statistics_of(trip_of(8, 8, [](int r, int c) { return r == 5 && c == 2 ? -9.F : 8.F; }));

@@ -107,12 +107,6 @@ TEST(GeometricErrors, AreThePointsDistancesFromTheTerrain) {
 namespace selenograph::api {
 namespace {
 
-TEST(ParetoFront, WhatNothingBeats) {
-  EXPECT_EQ(pareto_front({1, 2, 3, 4}, {4, 3, 3.5, 1}), (std::vector<bool>{true, true, false, true}));
-  EXPECT_EQ(pareto_front({1, 1}, {2, 2}), (std::vector<bool>{true, true})) << "equals don't beat each other";
-  EXPECT_EQ(pareto_front({1, 1}, {2, 3}), (std::vector<bool>{true, false}));
-}
-
 std::vector<engine::SweepRow> two_rows() {
   std::vector<engine::SweepRow> rows(2);
   for (engine::SweepRow& r : rows) r.scene = "nadir", r.bare_ms = 10, r.frame_ms = 5;
@@ -139,10 +133,11 @@ TEST(AccuracyReport, MarkdownHasARowForEachSetting) {
   EXPECT_NE(text.find("a machine"), std::string::npos);
 }
 
-TEST(AccuracyReport, ThePlotSaysWhatItShows) {
-  const std::string svg = accuracy_plot(two_rows(), "a machine").svg();
-  for (const char* words : {"Shadow edges", "Radiance", "nadir", "a machine", "bare kernel"})
-    EXPECT_NE(svg.find(words), std::string::npos) << words;
+TEST(AccuracyReport, JsonSaysWhatTheRowsBelongTo) {
+  const nlohmann::ordered_json json = accuracy_json({{"nadir", "straight down", {}}}, "a machine");
+  EXPECT_EQ(json["machine"], "a machine");
+  EXPECT_EQ(json["scenes"][0]["description"], "straight down");
+  EXPECT_EQ(json["default"]["max_error_px"], engine::Accuracy{}.max_error_px);
 }
 
 }  // namespace

@@ -4,7 +4,6 @@
 
 #include <string>
 
-#include "api/difference_picture.h"
 #include "api/negotiate.h"
 
 namespace selenograph::api {
@@ -52,12 +51,13 @@ TEST(RoundTripJson, AnswersAreChosenByWeight) {
   const std::span<const Alternative> all(kRoundTripAnswers);
   EXPECT_EQ(choose("", all), "application/json");
   EXPECT_EQ(choose("*/*", all), "application/json");
-  EXPECT_EQ(choose("image/*", all), "image/png");
+  EXPECT_EQ(choose("image/*", all), "image/tiff");
   EXPECT_EQ(choose("application/json;q=0.5, image/tiff", all), "image/tiff");
   EXPECT_THROW(choose("text/html", all), RequestError);
+  EXPECT_THROW(choose("image/png", all), RequestError);
 }
 
-TEST(DifferencePicture, LengthsHaveTheUnitThatSuitsThem) {
+TEST(RoundTripJson, LengthsHaveTheUnitThatSuitsThem) {
   EXPECT_EQ(length_text(0), "0 m");
   EXPECT_EQ(length_text(-0.25), "\u22120.25 m");
   EXPECT_EQ(length_text(0.0123), "12.3 mm");
@@ -66,10 +66,11 @@ TEST(DifferencePicture, LengthsHaveTheUnitThatSuitsThem) {
   EXPECT_EQ(length_text(std::nan("")), "none");
 }
 
-TEST(DifferencePicture, TellsTitleUnitAndWorst) {
+TEST(RoundTripJson, HoldsWhatAPictureNeeds) {
   engine::RoundTrip trip;
   engine::PostWindow& w = trip.window;
   w.width = w.tile.width = 40, w.height = w.tile.height = 30;
+  w.tile.name = "a tile & its name";
   w.tile.posts_per_degree = 16;
   w.tile.footprint = {0, 29 / 16.0, 10, 10 + 39 / 16.0};
   trip.original_m.assign(w.size(), 5.F);
@@ -77,10 +78,18 @@ TEST(DifferencePicture, TellsTitleUnitAndWorst) {
   trip.difference_m[w.index(3, 4)] = -0.0125F;
   trip.difference_m[w.index(0, 0)] = std::numeric_limits<float>::quiet_NaN();
   trip.compared = w.size() - 1;
-  const std::string svg = difference_picture(trip, engine::statistics_of(trip), "a tile & its name").svg();
-  for (const char* text : {"a tile &amp; its name", "1199 of 1200 posts compared", "extracted − original, mm",
-                           "−12.5 mm at 1.6250°, 10.2500°", "mean in the SW"})
-    EXPECT_NE(svg.find(text), std::string::npos) << text;
+  const Json json = round_trip_json({}, trip, engine::statistics_of(trip));
+  EXPECT_EQ(json["tile"]["name"], "a tile & its name");
+  EXPECT_EQ(json["counts"]["compared"], 1199);
+  EXPECT_EQ(json["window"]["north_deg"], 29 / 16.0);
+  EXPECT_NEAR(json["difference"]["worst"]["difference_m"].get<double>(), -0.0125, 1e-9);
+  EXPECT_EQ(json["difference"]["worst"]["lat_deg"], 26 / 16.0);
+  EXPECT_EQ(json["quadrants"].size(), 4u);
+  const Json& histogram = json["histogram"];
+  EXPECT_EQ(histogram["from_m"], -0.002) << "0.001 in float is a little more than 1e-3";
+  EXPECT_EQ(histogram["to_m"], 0.002);
+  EXPECT_EQ(histogram["below"], 1);
+  EXPECT_EQ(histogram["counts"].get<std::vector<int>>()[45], 1198);
 }
 
 }  // namespace
