@@ -124,7 +124,7 @@ int verify_round_trip(const VerifyRoundTripSettings& settings) {
     all.push_back(verify(*renderer, request, settings.output));
   }
   print_summary(all);
-  fmt::print("{0}: difference.tif, extracted.tif, statistics.json of each mode; pictures: deploy/plot {0}/MODE\n",
+  fmt::print("{0}: difference.tif, extracted.tif, statistics.json of each mode; pictures: deploy/plot {0}\n",
              settings.output);
   return 0;
 }
