@@ -18,7 +18,7 @@ OrderedJson dataset_json(const dem::RasterInfo& raster) {
       {"name", raster.name},
       {"path", raster.path},
       {"format", raster.format},
-      {"projection", projection_name(raster.projection)},
+      {"projection", projection_name(raster.projection())},
       {"width", raster.width},
       {"height", raster.height},
       {"footprint",

@@ -142,7 +142,7 @@ std::string length_text(double length_m) {
   return fmt::format("{}{:.3g} {}", length_m < 0 ? "\u2212" : "", std::abs(length_m) / unit.second, unit.first);
 }
 
-dem::PostGrid grid_of(const engine::PostWindow& w) {
+dem::GeotiffGrid grid_of(const engine::PostWindow& w) {
   const Geographic first = w.place(0, 0);
   return {first.lat_deg, first.lon_deg, w.lat_step_deg(), w.lon_step_deg(), w.width, w.height};
 }

@@ -6,7 +6,7 @@
 
 #include "api/json_reader.h"
 #include "api/service.h"
-#include "dem/raster_writer.h"
+#include "dem/gdal/geotiff_writer.h"
 #include "engine/verify/difference_statistics.h"
 
 namespace selenograph::api {
@@ -30,6 +30,6 @@ nlohmann::ordered_json round_trip_json(const engine::RoundTripRequest& request, 
 std::string length_text(double length_m);
 
 // Where the window's posts lie.
-dem::PostGrid grid_of(const engine::PostWindow& window);
+dem::GeotiffGrid grid_of(const engine::PostWindow& window);
 
 }  // namespace selenograph::api

@@ -1,4 +1,4 @@
-// One block of the mesh: posts of one level over one footprint, with what shading and truth need of them.
+// One block of the mesh: the posts of one level over one quadtree node, with shading normals and sources.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,4 +1,4 @@
-// One depot for what is costly to load: single-flight, least-recently-used, with a budget in bytes.
+// A single-flight LRU cache with a budget in bytes: of several callers who miss the same key, one loads.
 #pragma once
 
 #include <condition_variable>
@@ -58,7 +58,7 @@ class Cache {
     return flight->value;
   }
 
-  // Without loading, and without counting as a use.
+  // Neither loads nor counts as a use.
   bool holds(const Key& key) const {
     std::lock_guard lock(mutex_);
     return entries_.count(key) > 0;
@@ -121,8 +121,8 @@ class Cache {
     landed_.notify_all();
   }
 
-  // What a frame holds stays in memory whether it is listed here or not, so dropping it would only hide it from the
-  // budget: entries in use are passed over.
+  // Entries in use are passed over: they stay in memory anyway, and dropping them would only hide them from the
+  // budget.
   void evict() {
     auto place = order_.end();
     while (bytes_ + reserved_ > capacity_ && place != order_.begin()) {

@@ -13,6 +13,8 @@
 #include <xxhash.h>
 
 #include "dem/error.h"
+#include "dem/files.h"
+#include "dem/gdal/raster.h"
 #include "dem/pds_label.h"
 
 namespace selenograph::dem {
@@ -31,16 +33,23 @@ std::string lower(std::string s) {
 // The files that inspection may find usable; `labelled` are the stems (in lower case) of the .lbl files of their
 // folder.
 bool is_candidate(const fs::path& file, const std::unordered_set<std::string>& labelled) {
-  const std::string extension = lower(file.extension().string());
-  if (extension == ".lbl" || extension == ".tif" || extension == ".tiff" || extension == ".vrt") return true;
-  if (extension != ".img") return false;
-  return !labelled.contains(lower((file.parent_path() / file.stem()).string())) && begins_with_pds_label(file.string());
+  switch (kind_of(file)) {
+    case FileKind::pds_label:
+    case FileKind::georeferenced:
+      return true;
+    case FileKind::pds_image:
+      return !labelled.contains(lower((file.parent_path() / file.stem()).string())) &&
+             begins_with_pds_label(file.string());
+    case FileKind::other:
+      return false;
+  }
+  return false;
 }
 
 // A label about something else than a map (a scene before projection, a table) is nobody's mistake in a folder.
 bool is_other_product(const std::string& path) {
-  const std::string extension = lower(fs::path(path).extension().string());
-  return (extension == ".lbl" || extension == ".img") && !describes_map(read_pds_label(path));
+  const FileKind kind = kind_of(path);
+  return (kind == FileKind::pds_label || kind == FileKind::pds_image) && !describes_map(read_pds_label(path));
 }
 
 std::vector<std::string> files_below(const std::string& folder, std::vector<CatalogueProblem>& problems) {
@@ -52,7 +61,7 @@ std::vector<std::string> files_below(const std::string& folder, std::vector<Cata
     std::error_code not_a_file;
     if (!entry->is_regular_file(not_a_file)) continue;
     const fs::path& file = entry->path();
-    if (lower(file.extension().string()) == ".lbl") labelled.insert(lower((file.parent_path() / file.stem()).string()));
+    if (kind_of(file) == FileKind::pds_label) labelled.insert(lower((file.parent_path() / file.stem()).string()));
     files.push_back(file);
   }
   if (error) problems.push_back({folder, "can't be searched: " + error.message()});

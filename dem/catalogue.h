@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "dem/block.h"
-#include "dem/raster.h"
+#include "dem/raster_info.h"
 
 namespace selenograph::dem {
 

@@ -7,7 +7,7 @@
 
 namespace selenograph {
 
-// A DEM file is missing, truncated, corrupt or says things that can't be. `file` is the path as the user gave it.
+// A DEM file is missing, truncated, corrupt or contradicts itself. `file` is the path as the user gave it.
 class DataError : public std::runtime_error {
  public:
   DataError(std::string file, const std::string& what_is_wrong)

@@ -46,11 +46,6 @@ BlockExtent extent_of(const BlockId& id) {
   return {id.row * quads * lat_step, id.col * quads * lon_step, lat_step, lon_step, quads};
 }
 
-BlockId parent_of(const BlockId& id) {
-  const BlockExtent e = extent_of(id);
-  return block_at(id.level - 1, e.lat0, e.lon0);
-}
-
 std::vector<BlockId> children_of(const BlockId& id) {
   if (id.level < kRootLevel) return {{id.level + 1, id.row, id.col}};
   const BlockExtent e = extent_of(id);

@@ -47,7 +47,6 @@ int lon_shift(int level, int row);
 int columns_of(int level, int row);
 BlockExtent extent_of(const BlockId& id);
 
-BlockId parent_of(const BlockId& id);  // level > 0
 std::vector<BlockId> children_of(
     const BlockId& id);                             // 1 below the root level, else 2 to 4; south to north, west to east
 BlockId ancestor_of(const BlockId& id, int level);  // level <= id.level

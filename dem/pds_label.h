@@ -10,8 +10,9 @@
 #include <string>
 #include <string_view>
 #include <utility>
-#include <variant>
 #include <vector>
+
+#include "dem/post_grid.h"
 
 namespace selenograph::dem {
 
@@ -44,24 +45,6 @@ PdsObject read_pds_label(const std::string& path);
 bool begins_with_pds_label(const std::string& path);
 // Whether it is about a map: an IMAGE and an IMAGE_MAP_PROJECTION.
 bool describes_map(const PdsObject& label);
-
-// Posts at latitude first_lat - row / ppd and longitude first_lon + column / ppd, degrees.
-struct GeographicGrid {
-  double first_lat_deg = 0, first_lon_deg = 0;
-  double lat_posts_per_degree = 0, lon_posts_per_degree = 0;
-};
-
-// Posts at X = first_x + column * spacing, Y = first_y - row * spacing in a polar stereographic plane of the sphere.
-// Snyder, Map Projections - A Working Manual (USGS PP 1395, 1987), equations 21-5 to 21-12:
-// X = rho sin(lon - lon0), Y = -+ rho cos(lon - lon0) (north -, south +), rho = 2 R k0 tan(colatitude / 2).
-struct PolarGrid {
-  bool north = true;
-  double central_lon_deg = 0;
-  double scale = 1;  // k0, at the pole
-  double first_x_m = 0, first_y_m = 0, spacing_m = 0;
-};
-
-using PostGrid = std::variant<GeographicGrid, PolarGrid>;
 
 struct PdsSample {
   int bytes = 2;

@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "dem/error.h"
+#include "dem/gdal/raster.h"
 #include "dem/parallel.h"
 #include "dem/terrain.h"
 
@@ -136,7 +137,7 @@ int PostSource::level_needed(const RasterInfo& info) {
   const double octaves = std::log2(info.posts_per_degree);
   // 2^n px/deg that are not vertices of level n lie half a pixel off (pixel is area): they are vertices of the next
   // level.
-  const bool half_pixel = info.projection == Projection::geographic && std::abs(octaves - std::round(octaves)) < 1e-9;
+  const bool half_pixel = info.projection() == Projection::geographic && std::abs(octaves - std::round(octaves)) < 1e-9;
   return std::clamp(static_cast<int>(std::ceil(octaves - 1e-9)) + (half_pixel ? 1 : 0), 0, kMaxLevel);
 }
 
@@ -217,7 +218,7 @@ class PostSource::Mapping {
  public:
   Mapping(const RasterInfo& info, const PostWindow& window)
       : info_(info), window_(window), pole_(window.lat0 == 0 || window.lat0 == kLatTicks) {
-    if (info.projection != Projection::geographic) return;
+    if (info.projection() != Projection::geographic) return;
     for (int c = 0; c < cols(); ++c) xs_.push_back(located(0, c).x);
     for (int r = 0; r < window.rows; ++r) ys_.push_back(located(r, 0).y);
     if (info.wraps_longitude)
@@ -227,7 +228,7 @@ class PostSource::Mapping {
 
   int cols() const { return pole_ ? 1 : window_.cols; }
   bool pole() const { return pole_; }
-  Raster::PostXY at(int r, int c) const {
+  PostXY at(int r, int c) const {
     if (!xs_.empty()) return {xs_[static_cast<std::size_t>(c)], ys_[static_cast<std::size_t>(r)]};
     return located(r, c);
   }
@@ -241,7 +242,7 @@ class PostSource::Mapping {
     } else {
       for (int r = 0; r < window_.rows; ++r)
         for (int c = 0; c < cols(); ++c) {
-          const Raster::PostXY q = located(r, c);
+          const PostXY q = located(r, c);
           if (q.x > -2 && q.y > -2 && q.x < info_.width + 1 && q.y < info_.height + 1)
             x.add(q.x, info_.width), y.add(q.y, info_.height);
         }
@@ -262,7 +263,7 @@ class PostSource::Mapping {
     }
   };
 
-  Raster::PostXY located(int r, int c) const {
+  PostXY located(int r, int c) const {
     // A tile that touches a pole holds the pole in each of its columns: any longitude it covers will do.
     const double lon = pole_ ? info_.footprint.west_deg
                              : lon_deg_of(wrap_lon(window_.lon0 + static_cast<std::int64_t>(c) * window_.lon_step));
@@ -281,13 +282,13 @@ class PostSource::Mapping {
 // neighbours there, so posts that the patch lacks are taken from the tiles beside it that continue its grid.
 void PostSource::close_gaps(int source, Patch& patch) const {
   const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(source)];
-  if (info.projection != Projection::geographic || info.lattice_level || info.wraps_longitude) return;
+  if (info.projection() != Projection::geographic || info.lattice_level || info.wraps_longitude) return;
   if (std::none_of(patch.posts.begin(), patch.posts.end(), [](float h) { return std::isnan(h); })) return;
   const Footprint& f = info.footprint;
   const double post_deg = 1 / info.posts_per_degree, globe = 360 * info.posts_per_degree;
   for (const int other : catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, 4 * post_deg)) {
     const RasterInfo& tile = catalogue_.rasters()[static_cast<std::size_t>(other)];
-    if (other == source || tile.projection != Projection::geographic ||
+    if (other == source || tile.projection() != Projection::geographic ||
         std::abs(tile.posts_per_degree / info.posts_per_degree - 1) > 1e-9)
       continue;
     const double dx = std::remainder((tile.footprint.west_deg - f.west_deg) * info.posts_per_degree, globe);
@@ -327,7 +328,7 @@ bool PostSource::add_layer(int source, const PostWindow& window, std::size_t off
       const std::size_t at =
           offset + static_cast<std::size_t>(r) * static_cast<std::size_t>(window.cols) + static_cast<std::size_t>(c);
       if (posts.sources[at] != kNoSource) continue;
-      const Raster::PostXY q = mapping.at(r, c);
+      const PostXY q = mapping.at(r, c);
       const bool inside =
           q.x >= patch.x0 + 1 && q.y >= patch.y0 + 1 && q.x <= patch.x0 + patch.w - 3 && q.y <= patch.y0 + patch.h - 3;
       float h = !inside                         ? kNaN

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dem/raster.h"
+#include "dem/gdal/raster.h"
 
 namespace selenograph::dem {
 

@@ -16,7 +16,8 @@ namespace selenograph::dem {
 struct TerrainOptions {
   std::string cache_dir;  // where pyramids are kept; empty: nothing is written, everything is rebuilt when it is needed
   std::size_t cache_bytes = std::size_t{1} << 30;  // memory for blocks and pyramids
-  // A corrupt, truncated or vanished file: an error that names it (false), or the layer below with a warning (true).
+  // A corrupt, truncated or missing file: an error that names it (false), or the next coarser layer and a warning
+  // (true).
   bool fall_through = false;
 };
 
@@ -27,7 +28,7 @@ struct NodeInfo {
   bool empty = true;           // not one valid post
 };
 
-// No lunar height is outside of this (relief: +10 786 m to -9 120 m); a post that is counts as void.
+// No lunar height is outside of this (relief: +10 786 m to -9 120 m); a post that is counts as no-data.
 inline constexpr float kLowestRelief_m = -12000.F, kHighestRelief_m = 13000.F;
 
 struct HeightAnswer {
@@ -35,7 +36,7 @@ struct HeightAnswer {
   double height_m = 0;        // NaN: no data here
   double post_spacing_m = 0;  // of the source
   int source = -1;            // index into catalogue().rasters(); -1: none
-  bool filled = false;        // interpolated across a void
+  bool filled = false;        // interpolated across no-data
 };
 
 struct CacheStatistics {
@@ -70,7 +71,7 @@ class Terrain {
   // On the finest surface, by the triangles that frames are made of.
   HeightAnswer height(double lat_deg, double lon_deg) const;
 
-  // Warnings since the terrain was opened (unusable files that were fallen through), each once.
+  // Warnings since the terrain was opened (unusable files that a coarser layer replaced), each once.
   std::vector<std::string> warnings() const;
   CacheStatistics statistics() const;
 

@@ -1,19 +1,15 @@
 #include "dem/value_map.h"
 
 #include <fmt/format.h>
-#include <gdal_utils.h>
-#include <ogr_spatialref.h>
 
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
 #include <algorithm>
 #include <cmath>
-#include <mutex>
 
 #include "dem/cache.h"
-#include "dem/error.h"
-#include "dem/gdal_manners.h"
+#include "dem/gdal/value_raster.h"
 #include "dem/geodesy.h"
 
 namespace selenograph::dem {
@@ -24,7 +20,6 @@ constexpr std::size_t kTexels = static_cast<std::size_t>(kTile) * kTile;
 constexpr std::size_t kCacheBytes = std::size_t{128} << 20;  // per map
 constexpr int kMostProbes = 16;                              // along a side
 constexpr double kPolar_deg = 75;
-constexpr double kRadiusTolerance_m = 1000;  // spheres of the Moon that are in use differ by less
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 
 struct TileKey {
@@ -33,19 +28,6 @@ struct TileKey {
 };
 struct TileKeyHash {
   std::size_t operator()(const TileKey& key) const { return XXH3_64bits(&key, sizeof key); }
-};
-
-// Latitude and longitude in degrees on the Moon's sphere, longitude first.
-OGRSpatialReference degrees_like(const OGRSpatialReference& srs) {
-  OGRSpatialReference degrees;
-  degrees.CopyGeogCSFrom(&srs);
-  degrees.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
-  return degrees;
-}
-
-// From pixel corners to degrees: x grows east by dx, y south by dy.
-struct DegreeGrid {
-  double west_deg, north_deg, dx_deg, dy_deg;
 };
 
 double length_of(const std::array<double, 2>& v) { return std::sqrt(v[0] * v[0] + v[1] * v[1]); }
@@ -92,82 +74,17 @@ struct Texel {
 }  // namespace
 
 struct ValueMap::Impl {
-  explicit Impl(const ValueMapOptions& o) : options(o), tiles(kCacheBytes) {
-    register_gdal();
-    state = file_state(options.path);
-    if (!state) throw DataError(options.path, "is missing or not a file");
-    const QuietGdal quiet;
-    dataset.reset(static_cast<GDALDataset*>(GDALOpenEx(
-        options.path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, nullptr, nullptr, nullptr)));
-    if (!dataset) throw DataError(options.path, "can't be opened: " + quiet.complaint());
-    lie();
-    width = dataset->GetRasterXSize(), height = dataset->GetRasterYSize();
-    wraps = std::abs(width * grid.dx_deg - 360) < 0.5 * grid.dx_deg;
+  explicit Impl(const ValueMapOptions& o) : options(o), file(o), tiles(kCacheBytes) {
+    width = file.width(), height = file.height();
+    wraps = std::abs(width * file.grid().dx_deg - 360) < 0.5 * file.grid().dx_deg;
     while (std::max(level_width(levels - 1), level_height(levels - 1)) > 1) ++levels;
-    choose_bands();
-    find_overviews();
-  }
-
-  // Where the raster lies.
-  void lie() {
-    double t[6];
-    const bool placed = dataset->GetGeoTransform(t) == CE_None;
-    if (options.extent) {
-      const Footprint& e = *options.extent;
-      const int w = dataset->GetRasterXSize(), h = dataset->GetRasterYSize();
-      grid = {e.west_deg, e.north_deg, (e.east_deg - e.west_deg) / w, (e.north_deg - e.south_deg) / h};
-      return;
-    }
-    const OGRSpatialReference* srs = dataset->GetSpatialRef();
-    if (!placed || !srs) throw DataError(options.path, "doesn't say where it lies: give its extent");
-    if (std::abs(srs->GetSemiMajor() - kMoonRadius_m) > kRadiusTolerance_m)
-      throw DataError(options.path, fmt::format("its sphere of {} m is not the Moon's", srs->GetSemiMajor()));
-    if (!srs->IsGeographic() || t[1] <= 0 || t[5] >= 0 || t[2] != 0 || t[4] != 0) warp(*srs);
-    if (dataset->GetGeoTransform(t) != CE_None) throw DataError(options.path, "has no geotransform");
-    grid = {t[0], t[3], t[1], -t[5]};
-  }
-
-  void warp(const OGRSpatialReference& srs) {
-    char* wkt = nullptr;
-    degrees_like(srs).exportToWkt(&wkt);
-    // Alpha: what the warped rectangle holds beyond the raster is no value.
-    const char* const words[] = {"-of", "VRT", "-t_srs", wkt, "-dstalpha", "-r", "bilinear", nullptr};
-    const QuietGdal quiet;
-    GDALWarpAppOptions* how = GDALWarpAppOptionsNew(const_cast<char**>(words), nullptr);
-    GDALDatasetH source = dataset.get();
-    auto* warped = static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, how, nullptr));
-    GDALWarpAppOptionsFree(how);
-    CPLFree(wkt);
-    if (!warped) throw DataError(options.path, "can't be warped to degrees: " + quiet.complaint());
-    unwarped = std::move(dataset);
-    dataset.reset(warped);
-  }
-
-  void choose_bands() {
-    if (options.bands.empty())
-      for (int b = 1; b <= dataset->GetRasterCount(); ++b)
-        if (dataset->GetRasterBand(b)->GetColorInterpretation() != GCI_AlphaBand) options.bands.push_back(b);
-    for (const int b : options.bands)
-      if (b < 1 || b > dataset->GetRasterCount())
-        throw DataError(options.path, fmt::format("has no band {}, only {}", b, dataset->GetRasterCount()));
-    if (options.bands.empty()) throw DataError(options.path, "has no band of values");
-  }
-
-  // Of each level, the index of the file's overview of that size; -1: none.
-  void find_overviews() {
-    overviews.assign(static_cast<std::size_t>(levels), -1);
-    GDALRasterBand& band = *dataset->GetRasterBand(options.bands[0]);
-    for (int i = 0; i < band.GetOverviewCount(); ++i) {
-      GDALRasterBand* overview = band.GetOverview(i);
-      for (int n = 1; overview && n < levels; ++n)
-        if (overview->GetXSize() == level_width(n) && overview->GetYSize() == level_height(n))
-          overviews[static_cast<std::size_t>(n)] = i;
-    }
+    for (int n = 1; n < levels; ++n) overviews.push_back(file.overview_of_size(level_width(n), level_height(n)));
   }
 
   Texel texel_of(double lat_deg, double lon_deg) const {
-    const double turned = lon_deg - 360 * std::floor((lon_deg - grid.west_deg) / 360);
-    return {(turned - grid.west_deg) / grid.dx_deg - 0.5, (grid.north_deg - lat_deg) / grid.dy_deg - 0.5};
+    const double turned = lon_deg - 360 * std::floor((lon_deg - file.grid().west_deg) / 360);
+    return {(turned - file.grid().west_deg) / file.grid().dx_deg - 0.5,
+            (file.grid().north_deg - lat_deg) / file.grid().dy_deg - 0.5};
   }
 
   int level_width(int level) const { return 1 + ((width - 1) >> level); }
@@ -188,35 +105,12 @@ struct ValueMap::Impl {
   void read(const TileKey& key, std::vector<float>& out) const {
     const int x0 = key.tx * kTile, y0 = key.ty * kTile, w = std::min(kTile, level_width(key.level) - x0),
               h = std::min(kTile, level_height(key.level) - y0);
-    std::vector<double> samples(kTexels), sum(kTexels, 0);
-    std::vector<std::uint8_t> mask(kTexels, 255);
-    const std::lock_guard lock(file_mutex);
-    if (!current()) throw DataError(options.path, "has changed since it was opened");
-    const QuietGdal quiet;
-    for (const int b : options.bands) {
-      GDALRasterBand* band = dataset->GetRasterBand(b);
-      const double scale = band->GetScale(), offset = band->GetOffset();
-      if (key.level > 0) band = band->GetOverview(overviews[static_cast<std::size_t>(key.level)]);
-      if (!band || band->RasterIO(GF_Read, x0, y0, w, h, samples.data(), w, h, GDT_Float64, 0, kTile * sizeof(double),
-                                  nullptr) != CE_None)
-        throw DataError(options.path, "can't be read: " + quiet.complaint());
-      // NoData, alpha or a mask, whatever the file has.
-      if ((band->GetMaskFlags() & GMF_ALL_VALID) == 0 &&
-          band->GetMaskBand()->RasterIO(GF_Read, x0, y0, w, h, mask.data(), w, h, GDT_Byte, 0, kTile, nullptr) !=
-              CE_None)
-        throw DataError(options.path, "its mask can't be read: " + quiet.complaint());
-      for (int y = 0; y < h; ++y)
-        for (int x = 0; x < w; ++x) {
-          const auto at = static_cast<std::size_t>(y * kTile + x);
-          const double s = samples[at];
-          const bool nothing = mask[at] == 0 || !std::isfinite(s) || (options.no_data && s == *options.no_data);
-          sum[at] += nothing ? std::nan("") : s * scale + offset;
-        }
-    }
+    std::vector<double> samples(kTexels);
+    file.read(overviews[static_cast<std::size_t>(key.level)], {x0, y0, w, h}, kTile, samples.data());
     for (int y = 0; y < h; ++y)
       for (int x = 0; x < w; ++x) {
         const auto at = static_cast<std::size_t>(y * kTile + x);
-        const double value = options.scale * (sum[at] / static_cast<double>(options.bands.size())) + options.offset;
+        const double value = options.scale * samples[at] + options.offset;
         if (!std::isnan(value)) out[at] = static_cast<float>(std::clamp(value, options.low, options.high));
       }
   }
@@ -241,19 +135,11 @@ struct ValueMap::Impl {
       }
   }
 
-  bool current() const {
-    const auto now = file_state(options.path);
-    return now && now->bytes == state->bytes && now->modified_ns == state->modified_ns;
-  }
-
   ValueMapOptions options;
-  std::optional<FileState> state;
-  DatasetPtr unwarped, dataset;  // the former outlives the latter
-  DegreeGrid grid{};
+  ValueRaster file;
   int width = 0, height = 0, levels = 1;
   bool wraps = false;
-  std::vector<int> overviews;
-  mutable std::mutex file_mutex;  // GDAL's datasets are for one thread at a time
+  std::vector<int> overviews{-1};  // of each level, the file's overview of that size; -1: none
   mutable Cache<TileKey, std::vector<float>, TileKeyHash> tiles;
 };
 
@@ -261,13 +147,13 @@ ValueMap::ValueMap(const ValueMapOptions& options) : impl_(std::make_unique<Impl
 ValueMap::~ValueMap() = default;
 ValueMap::ValueMap(ValueMap&&) noexcept = default;
 
-bool ValueMap::current() const { return impl_->current(); }
+bool ValueMap::current() const { return impl_->file.current(); }
 
 std::uint64_t ValueMap::fingerprint() const {
   const ValueMapOptions& o = impl_->options;
   std::string identity =
-      fmt::format("{}:{}:{}:{:a}:{:a}:{:a}:{:a}:{}", o.path, impl_->state->bytes, impl_->state->modified_ns, o.scale,
-                  o.offset, o.low, o.high, fmt::join(o.bands, ","));
+      fmt::format("{}:{}:{}:{:a}:{:a}:{:a}:{:a}:{}", o.path, impl_->file.state().bytes, impl_->file.state().modified_ns,
+                  o.scale, o.offset, o.low, o.high, fmt::join(impl_->file.bands(), ","));
   if (o.no_data) identity += fmt::format(":{:a}", *o.no_data);
   if (o.extent)
     identity += fmt::format(":{:a}:{:a}:{:a}:{:a}", o.extent->west_deg, o.extent->east_deg, o.extent->south_deg,
@@ -288,8 +174,8 @@ float ValueMap::Sampler::texel(int x, int y, int level) {
   if (x < 0 || x >= w) return kNone;
   // Above a map's first row there is nothing; but above the pole's there is the pole's.
   const int h = map.level_height(level);
-  if (y == -1 && map.grid.north_deg > 90 - 1e-9) y = 0;
-  if (y == h && map.grid.north_deg - map.height * map.grid.dy_deg < -90 + 1e-9) y = h - 1;
+  if (y == -1 && map.file.grid().north_deg > 90 - 1e-9) y = 0;
+  if (y == h && map.file.grid().north_deg - map.height * map.file.grid().dy_deg < -90 + 1e-9) y = h - 1;
   if (y < 0 || y >= h) return kNone;
   return tile(x / kTile, y / kTile, level)[static_cast<std::size_t>((y % kTile) * kTile + x % kTile)];
 }
@@ -322,7 +208,7 @@ ValueMap::Sampler::Sum ValueMap::Sampler::bilinear(double x, double y, int level
 
 double ValueMap::Sampler::mean(const Footprint2& f) {
   const Impl& map = *map_->impl_;
-  const DegreeGrid& g = map.grid;
+  const ValueRaster::Grid& g = map.file.grid();
   const bool polar = std::abs(f.lat_deg) > kPolar_deg;
   // Sides in texels. Near a pole a row's texels are many for little ground: there, texels along a meridian count, and
   // probes lie on the plane that touches the sphere.

@@ -1,5 +1,4 @@
-// A raster of some quantity over the Moon's surface (albedo, temperature), filtered to whatever a pixel covers of it.
-// With raster.h and raster_writer.h the only files that know GDAL.
+// A map of a quantity over the Moon's surface (albedo, temperature), averaged over a pixel's footprint.
 //
 // Level 0 of its pyramid is the raster; a texel of level n is the mean of the 2 x 2 texels of level n - 1 that have a
 // value, or the raster's own overview of that size. Tiles of levels are made when they are needed.
@@ -13,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/raster.h"
+#include "dem/raster_info.h"
 
 namespace selenograph::dem {
 

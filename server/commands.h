@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "dem/sample_terrain.h"
+#include "dem/sample/sample_terrain.h"
 #include "engine/verify/round_trip.h"
 #include "server/config.h"
 

@@ -25,7 +25,7 @@ struct Verified {
 };
 
 void write_rasters(const fs::path& folder, const engine::RoundTrip& trip) {
-  const dem::PostGrid grid = api::grid_of(trip.window);
+  const dem::GeotiffGrid grid = api::grid_of(trip.window);
   dem::write_geotiff((folder / "difference.tif").string(), grid, trip.difference_m, "extracted - original");
   std::vector<float> extracted = trip.original_m;
   for (std::size_t i = 0; i < extracted.size(); ++i)

@@ -7,7 +7,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "dem/sample_terrain.h"
+#include "dem/sample/sample_terrain.h"
 
 namespace selenograph::server {
 namespace {

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/sample_terrain.h"
+#include "dem/sample/sample_terrain.h"
 #include "dem/terrain.h"
 #include "engine/renderer.h"
 #include "server/config.h"

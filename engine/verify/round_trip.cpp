@@ -31,7 +31,7 @@ const dem::RasterInfo& finest_tile(const dem::Catalogue& catalogue, const RoundT
         fmt::format("no tile holds latitude {}, longitude {} degrees", request.lat_deg, request.lon_deg));
   index = found.back();
   const dem::RasterInfo& tile = catalogue.rasters()[static_cast<std::size_t>(index)];
-  if (tile.projection != dem::Projection::geographic)
+  if (tile.projection() != dem::Projection::geographic)
     throw ImpossibleRequest(tile.name + " is not in geographic coordinates: round trips are for tiles that are");
   return tile;
 }

@@ -13,7 +13,7 @@
 #include <functional>
 #include <vector>
 
-#include "dem/raster.h"
+#include "dem/gdal/raster.h"
 #include "engine/renderer.h"
 
 namespace selenograph::engine {

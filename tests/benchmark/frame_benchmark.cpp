@@ -23,8 +23,8 @@
 #include <string_view>
 #include <vector>
 
-#include "dem/raster_writer.h"
-#include "dem/sample_terrain.h"
+#include "dem/gdal/geotiff_writer.h"
+#include "dem/sample/sample_terrain.h"
 #include "dem/value_map.h"
 #include "engine/camera/pixel_rays.h"
 #include "engine/radiometry/atmosphere.h"

@@ -9,7 +9,7 @@
 
 #include "dem/error.h"
 #include "dem/pds_label.h"
-#include "dem/raster.h"
+#include "dem/gdal/raster.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/shared_data.h"
 
@@ -44,8 +44,8 @@ void check_places(const RasterInfo& info) {
     for (const int y : {0, info.height - 1}) {
       const Geographic place = place_of_post(info, x, y);
       require(std::isfinite(place.lat_deg) && place.lon_deg >= -180 && place.lon_deg < 180, "a post is at a place");
-      if (std::abs(place.lat_deg) > 89.9 || info.projection != Projection::geographic) continue;
-      const Raster::PostXY back = locate(info, place.lat_deg, place.lon_deg);
+      if (std::abs(place.lat_deg) > 89.9 || info.projection() != Projection::geographic) continue;
+      const PostXY back = locate(info, place.lat_deg, place.lon_deg);
       const double period = info.wraps_longitude ? info.width : 360 * info.posts_per_degree;
       require(std::abs(std::remainder(back.x - x, period)) < tolerance && std::abs(back.y - y) < tolerance,
               "places lead back to posts");

@@ -18,7 +18,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/sample_terrain.h"
+#include "dem/sample/sample_terrain.h"
 #include "dem/terrain.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"

@@ -14,7 +14,7 @@
 #include <numbers>
 
 #include "dem/error.h"
-#include "dem/sample_terrain.h"
+#include "dem/sample/sample_terrain.h"
 #include "engine/verify/difference_statistics.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

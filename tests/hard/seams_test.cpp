@@ -25,7 +25,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/sample_terrain.h"
+#include "dem/sample/sample_terrain.h"
 #include "dem/terrain.h"
 #include "engine/camera/view.h"
 #include "engine/scene/selection.h"

@@ -5,7 +5,7 @@
 
 #include <string>
 
-#include "dem/sample_terrain.h"
+#include "dem/sample/sample_terrain.h"
 #include "tests/support/frame_judge.h"
 #include "tests/support/shared_data.h"
 

@@ -57,7 +57,7 @@ TEST(Lattice, ChildrenTileTheirParent) {
           ASSERT_TRUE(c.lat0 >= p.lat0 && c.lat1() <= p.lat1() && c.lon0 >= p.lon0 && c.lon1() <= p.lon1())
               << to_string(child);
           ASSERT_LT(before, child);  // distinct blocks of one level can't overlap
-          ASSERT_EQ(parent_of(child), parent);
+          ASSERT_EQ(ancestor_of(child, parent.level), parent);
           before = child;
           sum += area(c);
         }
@@ -72,7 +72,7 @@ TEST(Lattice, AncestorsAreParentsOfParents) {
                                   static_cast<int>(random() % static_cast<unsigned>(kLonTicks)));
     BlockId id = leaf;
     while (id.level > 0) {
-      const BlockId parent = parent_of(id);
+      const BlockId parent = ancestor_of(id, id.level - 1);
       ASSERT_EQ(ancestor_of(leaf, parent.level), parent);
       const auto children = children_of(parent);
       ASSERT_NE(std::find(children.begin(), children.end(), id), children.end()) << to_string(id);

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <random>
 
-#include "dem/raster_writer.h"
+#include "dem/gdal/geotiff_writer.h"
 #include "engine/radiometry/atmosphere.h"
 #include "engine/radiometry/radiometry.h"
 #include "engine/renderer.h"

@@ -1,5 +1,5 @@
 // Files to heights: every product's posts to half a pixel, values, voids, wrapping, poles and damage.
-#include "dem/raster.h"
+#include "dem/gdal/raster.h"
 
 #include <gdal_priv.h>
 #include <gtest/gtest.h>
@@ -496,7 +496,7 @@ TEST_F(RasterTest, EquirectangularMetres) {
   t.north = 9 * t.dx;
   write(file("t.tif"), t);
   const RasterInfo info = inspect_raster(file("t.tif"));
-  EXPECT_EQ(info.projection, Projection::geographic);
+  EXPECT_EQ(info.projection(), Projection::geographic);
   EXPECT_TRUE(info.wraps_longitude);
   expect_at(info, 85, 5, 0, 0, 1e-7);
   expect_at(info, 5, -175, 18, 8, 1e-7);
@@ -532,7 +532,7 @@ TEST_F(RasterTest, PolarStereographicAgreesWithGdal) {
     t.north = 60000;
     write(file("p.tif"), t);
     const RasterInfo info = inspect_raster(file("p.tif"));
-    EXPECT_EQ(info.projection, Projection::polar_stereographic);
+    EXPECT_EQ(info.projection(), Projection::polar_stereographic);
     const OGRSpatialReference plane = srs_of(proj);
     const std::unique_ptr<OGRCoordinateTransformation> transform(
         OGRCreateCoordinateTransformation(&plane, &geographic));

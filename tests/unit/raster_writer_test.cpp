@@ -1,4 +1,4 @@
-#include "dem/raster_writer.h"
+#include "dem/gdal/geotiff_writer.h"
 
 #include <gtest/gtest.h>
 
@@ -10,13 +10,13 @@
 #include <vector>
 
 #include "dem/error.h"
-#include "dem/raster.h"
+#include "dem/gdal/raster.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {
 namespace {
 
-constexpr PostGrid kGrid{-7.25, 39.5, 1.0 / 1024, 1.0 / 1024, 5, 3};
+constexpr GeotiffGrid kGrid{-7.25, 39.5, 1.0 / 1024, 1.0 / 1024, 5, 3};
 
 std::vector<float> values() {
   std::vector<float> v;
@@ -30,7 +30,7 @@ TEST(RasterWriter, PostsAreReadBackWhereTheyWere) {
   const std::string path = folder / "difference.tif";
   write_geotiff(path, kGrid, values(), "difference");
   const RasterInfo info = inspect_raster(path);
-  EXPECT_EQ(info.projection, Projection::geographic);
+  EXPECT_EQ(info.projection(), Projection::geographic);
   EXPECT_DOUBLE_EQ(info.posts_per_degree, 1024);
   EXPECT_EQ(info.lattice_level, 10) << "post = pixel centre";
   Raster raster(info);

@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "dem/raster.h"
+#include "dem/gdal/raster.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 
@@ -19,7 +19,7 @@ TEST(Resampling, PlaceOfPostIsTheInverseOfLocate) {
   for (const int y : {0, 7, 30})
     for (const int x : {0, 13, 40}) {
       const Geographic g = place_of_post(info, x, y);
-      const Raster::PostXY back = locate(info, g.lat_deg, g.lon_deg);
+      const PostXY back = locate(info, g.lat_deg, g.lon_deg);
       EXPECT_NEAR(back.x, x, 1e-9);
       EXPECT_NEAR(back.y, y, 1e-9);
     }

@@ -1,5 +1,5 @@
 // The sample terrain: Kaguya's format to the byte, seams that can't be told from the inside, craters as in the papers.
-#include "dem/sample_terrain.h"
+#include "dem/sample/sample_terrain.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -15,7 +15,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/crater_profile.h"
+#include "dem/sample/crater_profile.h"
 #include "dem/error.h"
 
 namespace selenograph::dem {

@@ -12,7 +12,7 @@
 #include <thread>
 
 #include "dem/error.h"
-#include "dem/raster_writer.h"
+#include "dem/gdal/geotiff_writer.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {

@@ -1,4 +1,4 @@
-#include "dem/sample_terrain.h"
+#include "dem/sample/sample_terrain.h"
 
 #include <fmt/format.h>
 
@@ -12,9 +12,9 @@
 #include <optional>
 #include <stdexcept>
 
-#include "dem/crater_profile.h"
 #include "dem/error.h"
 #include "dem/parallel.h"
+#include "dem/sample/crater_profile.h"
 
 namespace selenograph::dem {
 namespace {

@@ -1,4 +1,4 @@
-// Posts -> GeoTIFF, as GIS programs open it in place. With raster.h the only files that know GDAL.
+// Posts -> GeoTIFF, as GIS programs open it in place.
 #pragma once
 
 #include <span>
@@ -8,7 +8,7 @@ namespace selenograph::dem {
 
 // A rectangle of posts on the Moon's sphere of 1 737 400 m: latitude and longitude of the first (north-westernmost)
 // post and the steps to its neighbours, southwards and eastwards. Degrees.
-struct PostGrid {
+struct GeotiffGrid {
   double north_deg = 0, west_deg = 0;
   double lat_step_deg = 0, lon_step_deg = 0;
   int width = 0, height = 0;
@@ -16,10 +16,10 @@ struct PostGrid {
 
 // float32, row 0 in the north, a post at each pixel's centre; NaN is declared as NoData. `name` describes the band.
 // The file appears whole or not at all (temporary name, then rename). Throws DataError naming it.
-void write_geotiff(const std::string& path, const PostGrid& grid, std::span<const float> values,
+void write_geotiff(const std::string& path, const GeotiffGrid& grid, std::span<const float> values,
                    const std::string& name);
 
 // The same in memory.
-std::string geotiff_bytes(const PostGrid& grid, std::span<const float> values, const std::string& name);
+std::string geotiff_bytes(const GeotiffGrid& grid, std::span<const float> values, const std::string& name);
 
 }  // namespace selenograph::dem

@@ -1,16 +1,15 @@
-// How GDAL behaves here: for the files that know it.
+// GDAL as it is used here. Within dem/gdal/ only: no other folder includes a header of GDAL.
 #pragma once
 
 #include <gdal_priv.h>
+#include <ogr_spatialref.h>
 
-#include <cstdint>
 #include <memory>
-#include <optional>
 #include <string>
 
 namespace selenograph::dem {
 
-// Once per process.
+// Before anything else of GDAL; works once per process.
 void register_gdal();
 
 // Keeps GDAL's complaints off stderr and hands them to our exceptions. For this thread, while it lives.
@@ -37,12 +36,5 @@ struct DatasetCloser {
   }
 };
 using DatasetPtr = std::unique_ptr<GDALDataset, DatasetCloser>;
-
-struct FileState {
-  std::uint64_t bytes = 0;
-  std::int64_t modified_ns = 0;
-};
-// Empty: not there, or not a file.
-std::optional<FileState> file_state(const std::string& path);
 
 }  // namespace selenograph::dem

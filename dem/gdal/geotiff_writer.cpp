@@ -1,8 +1,7 @@
-#include "dem/raster_writer.h"
+#include "dem/gdal/geotiff_writer.h"
 
 #include <cpl_vsi.h>
 #include <fmt/format.h>
-#include <ogr_spatialref.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -13,7 +12,7 @@
 #include <system_error>
 
 #include "dem/error.h"
-#include "dem/gdal_manners.h"
+#include "dem/gdal/library.h"
 #include "dem/geodesy.h"
 
 namespace selenograph::dem {
@@ -36,7 +35,7 @@ OGRSpatialReference moon() {
   return srs;
 }
 
-void describe(GDALDataset& dataset, const PostGrid& g, const std::string& name, const std::string& path) {
+void describe(GDALDataset& dataset, const GeotiffGrid& g, const std::string& name, const std::string& path) {
   // From the outer corner of the first pixel.
   double transform[] = {
       g.west_deg - g.lon_step_deg / 2, g.lon_step_deg, 0, g.north_deg + g.lat_step_deg / 2, 0, -g.lat_step_deg};
@@ -49,7 +48,7 @@ void describe(GDALDataset& dataset, const PostGrid& g, const std::string& name, 
   band->SetUnitType("m");
 }
 
-void create(const std::string& path, const PostGrid& g, std::span<const float> values, const std::string& name) {
+void create(const std::string& path, const GeotiffGrid& g, std::span<const float> values, const std::string& name) {
   if (g.width < 1 || g.height < 1 ||
       values.size() != static_cast<std::size_t>(g.width) * static_cast<std::size_t>(g.height))
     throw std::invalid_argument("a grid's values don't match its size");
@@ -71,7 +70,7 @@ void create(const std::string& path, const PostGrid& g, std::span<const float> v
 
 }  // namespace
 
-void write_geotiff(const std::string& path, const PostGrid& grid, std::span<const float> values,
+void write_geotiff(const std::string& path, const GeotiffGrid& grid, std::span<const float> values,
                    const std::string& name) {
   const std::string temporary = fmt::format("{}.part-{}", path, ::getpid());
   std::error_code error;
@@ -88,7 +87,7 @@ void write_geotiff(const std::string& path, const PostGrid& grid, std::span<cons
   throw DataError(path, why);
 }
 
-std::string geotiff_bytes(const PostGrid& grid, std::span<const float> values, const std::string& name) {
+std::string geotiff_bytes(const GeotiffGrid& grid, std::span<const float> values, const std::string& name) {
   static std::atomic<unsigned> made{0};
   const std::string path = fmt::format("/vsimem/selenograph/{}.tif", made++);
   struct Unlink {

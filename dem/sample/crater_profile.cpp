@@ -1,4 +1,4 @@
-#include "dem/crater_profile.h"
+#include "dem/sample/crater_profile.h"
 
 #include <algorithm>
 #include <array>

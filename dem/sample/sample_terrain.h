@@ -1,4 +1,4 @@
-// Sample terrain: a convincing lunar landscape written in Kaguya's own on-disk format.
+// Sample terrain: a synthetic lunar landscape, written as SLDEM2013 tiles (PDS3).
 #pragma once
 
 #include <cstdint>

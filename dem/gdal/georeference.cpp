@@ -1,0 +1,111 @@
+#include "dem/gdal/georeference.h"
+
+#include <cmath>
+
+#include "dem/error.h"
+
+namespace selenograph::dem {
+namespace {
+
+void check_sphere(const OGRSpatialReference& srs, const std::string& path) {
+  const double a = srs.GetSemiMajor(), b = srs.GetSemiMinor();
+  if (std::abs(a - kMoonRadius_m) > 0.5 || std::abs(b - kMoonRadius_m) > 0.5)
+    throw DataError(path, "its ellipsoid of " + std::to_string(a) + " x " + std::to_string(b) +
+                              " m is not the Moon's sphere of 1737400 m");
+}
+
+// First post and (positive) spacing in the units of the coordinate system. Rasters stored the other way round are
+// flipped.
+struct Plane {
+  double first_x = 0, first_y = 0, dx = 0, dy = 0;
+  bool flip_x = false, flip_y = false;
+};
+
+Plane find_plane(GDALDataset& dataset, const std::string& path) {
+  double t[6];
+  if (dataset.GetGeoTransform(t) != CE_None) throw DataError(path, "has no geotransform");
+  if (t[2] != 0 || t[4] != 0) throw DataError(path, "is rotated or sheared; warp it to north-up first");
+  if (!(std::isfinite(t[0]) && std::isfinite(t[3]) && std::abs(t[1]) > 0 && std::abs(t[5]) > 0))
+    throw DataError(path, "has an impossible geotransform");
+  const bool flip_x = t[1]<0, flip_y = t[5]> 0;
+  // GDAL's transform is of pixel corners whatever AREA_OR_POINT says (it moves PixelIsPoint files itself): posts are
+  // the centres.
+  const double column = flip_x ? dataset.GetRasterXSize() - 0.5 : 0.5,
+               row = flip_y ? dataset.GetRasterYSize() - 0.5 : 0.5;
+  return {t[0] + column * t[1], t[3] + row * t[5], std::abs(t[1]), std::abs(t[5]), flip_x, flip_y};
+}
+
+GeographicGrid grid_in_degrees(const Plane& p, double lon0_deg) {
+  return {p.first_y, p.first_x + lon0_deg, 1 / p.dy, 1 / p.dx};
+}
+
+// Pixel sizes and origins in metres are degrees that somebody multiplied and rounded. Where whole posts per degree and
+// half posts of position are that near, they were meant: without this no file in metres would wrap or meet its
+// neighbour.
+void undo_rounding(GeographicGrid& g) {
+  for (double* ppd : {&g.lat_posts_per_degree, &g.lon_posts_per_degree})
+    if (std::abs(*ppd / std::round(*ppd) - 1) < 2e-7) *ppd = std::round(*ppd);
+  const auto to_half_post = [](double& deg, double ppd) {
+    const double nearest = std::round(deg * ppd * 2) / 2;
+    if (std::abs(deg * ppd - nearest) < 0.02) deg = nearest / ppd;
+  };
+  to_half_post(g.first_lat_deg, g.lat_posts_per_degree);
+  to_half_post(g.first_lon_deg, g.lon_posts_per_degree);
+}
+
+GeographicGrid grid_in_metres(const OGRSpatialReference& srs, const Plane& p) {
+  const double unit_m = srs.GetLinearUnits();
+  const double shrink = std::cos(srs.GetNormProjParm(SRS_PP_STANDARD_PARALLEL_1, 0) * kRadiansPerDegree);
+  const double lat0 = srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 0);
+  const double lon0 = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0);
+  const double x_m = (p.first_x - srs.GetProjParm(SRS_PP_FALSE_EASTING, 0)) * unit_m;
+  const double y_m = (p.first_y - srs.GetProjParm(SRS_PP_FALSE_NORTHING, 0)) * unit_m;
+  GeographicGrid g{lat0 + y_m / kMetresPerDegree, lon0 + x_m / (kMetresPerDegree * shrink),
+                   kMetresPerDegree / (p.dy * unit_m), kMetresPerDegree * shrink / (p.dx * unit_m)};
+  undo_rounding(g);
+  return g;
+}
+
+PolarGrid grid_on_pole(const OGRSpatialReference& srs, const Plane& p, const std::string& path) {
+  if (std::abs(p.dx / p.dy - 1) > 1e-9) throw DataError(path, "a polar raster must have square pixels");
+  const double unit_m = srs.GetLinearUnits();
+  const double lat = srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 90);
+  PolarGrid g;
+  g.north = lat > 0;
+  // A latitude of true scale short of the pole: k0 = (1 + sin lat) / 2 on the sphere (Snyder 1987, 21-7).
+  g.scale = srs.GetNormProjParm(SRS_PP_SCALE_FACTOR, 1) * (1 + std::sin(std::abs(lat) * kRadiansPerDegree)) / 2;
+  g.central_lon_deg = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0);
+  g.first_x_m = (p.first_x - srs.GetProjParm(SRS_PP_FALSE_EASTING, 0)) * unit_m;
+  g.first_y_m = (p.first_y - srs.GetProjParm(SRS_PP_FALSE_NORTHING, 0)) * unit_m;
+  g.spacing_m = p.dx * unit_m;
+  return g;
+}
+
+PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, const std::string& path) {
+  const double prime_deg = srs.GetPrimeMeridian();
+  if (srs.IsGeographic()) {
+    if (std::abs(srs.GetAngularUnits() / kRadiansPerDegree - 1) > 1e-9) throw DataError(path, "is not in degrees");
+    return grid_in_degrees(plane, prime_deg);
+  }
+  if (prime_deg != 0) throw DataError(path, "a projected raster with its own prime meridian is not supported");
+  const char* name = srs.GetAttrValue("PROJECTION");
+  const std::string projection = name ? name : "none";
+  if (EQUAL(projection.c_str(), SRS_PT_EQUIRECTANGULAR)) return grid_in_metres(srs, plane);
+  const bool at_pole = std::abs(std::abs(srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 0)) - 90) < 1e-9;
+  if (EQUAL(projection.c_str(), SRS_PT_POLAR_STEREOGRAPHIC) ||
+      (EQUAL(projection.c_str(), SRS_PT_STEREOGRAPHIC) && at_pole))
+    return grid_on_pole(srs, plane, path);
+  throw DataError(path, "its projection '" + projection + "' is not supported; warp it to degrees first");
+}
+
+}  // namespace
+
+Georeference georeference_of(GDALDataset& dataset, const std::string& path) {
+  const OGRSpatialReference* srs = dataset.GetSpatialRef();
+  if (!srs) throw DataError(path, "has no coordinate system");
+  check_sphere(*srs, path);
+  const Plane plane = find_plane(dataset, path);
+  return {grid_of(*srs, plane, path), plane.flip_x, plane.flip_y};
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,127 @@
+#include "dem/gdal/raster.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "dem/error.h"
+#include "dem/gdal/raster_file.h"
+
+namespace selenograph::dem {
+
+RasterInfo inspect_raster(const std::string& path) { return describe_raster_file(path, nullptr, Damage::refuse).info; }
+
+RasterInfo inspect_damaged_raster(const std::string& path) {
+  return describe_raster_file(path, nullptr, Damage::describe).info;
+}
+
+struct Raster::Impl {
+  explicit Impl(RasterFile f) : file(std::move(f)) {
+    if (const auto* g = std::get_if<GeographicGrid>(&file.info.grid)) find_mirrors(*g);
+  }
+
+  // On a global raster row r beyond a pole is row mirror - r on the opposite meridian. Not so when the poles lie
+  // elsewhere than on a row or half-way between two, or when no column is opposite.
+  void find_mirrors(const GeographicGrid& g) {
+    const RasterInfo& info = file.info;
+    if (!info.wraps_longitude || info.width % 2 != 0) return;
+    const auto whole = [](double x) -> std::optional<std::int64_t> {
+      return std::abs(x - std::round(x)) < 1e-6 ? std::optional<std::int64_t>(std::llround(x)) : std::nullopt;
+    };
+    north_mirror = whole(2 * (g.first_lat_deg - 90) * g.lat_posts_per_degree);
+    south_mirror = whole(2 * (g.first_lat_deg + 90) * g.lat_posts_per_degree);
+  }
+
+  struct Row {
+    std::int64_t row = -1;  // -1: outside
+    bool opposite = false;
+
+    bool operator==(const Row&) const = default;
+  };
+  Row row_at(std::int64_t y) const {
+    const std::int64_t height = file.info.height;
+    if (y >= 0 && y < height) return {y, false};
+    const auto& mirror = y < 0 ? north_mirror : south_mirror;
+    if (!mirror) return {};
+    const std::int64_t row = *mirror - y;
+    return row >= 0 && row < height ? Row{row, true} : Row{};
+  }
+
+  // Posts that all lie in the file. `stride` counts floats from one row of `out` to the next.
+  void read_inside(int x, int y, int w, int h, float* out, std::size_t stride) {
+    scratch.resize(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
+    read_samples(file, file.flip_x ? file.file_width - x - w : x, file.flip_y ? file.file_height - y - h : y, w, h,
+                 scratch.data());
+    const double* sample = scratch.data();
+    for (int j = 0; j < h; ++j)
+      for (int i = 0; i < w; ++i, ++sample) {
+        const auto row = static_cast<std::size_t>(file.flip_y ? h - 1 - j : j);
+        const auto column = static_cast<std::size_t>(file.flip_x ? w - 1 - i : i);
+        const double height_m = *sample * file.scale + file.offset_m;
+        if (!is_void(file, *sample) && std::abs(height_m) <= kFarthestHeight_m)
+          out[row * stride + column] = static_cast<float>(height_m);
+      }
+  }
+
+  // Any columns of rows that lie in the file.
+  void read_rows(std::int64_t x0, int y, int w, int h, float* out) {
+    const std::int64_t width = file.info.width;
+    const auto stride = static_cast<std::size_t>(w);
+    if (!file.info.wraps_longitude) {
+      const std::int64_t from = std::max<std::int64_t>(x0, 0), to = std::min(x0 + w, width);
+      if (from < to) read_inside(static_cast<int>(from), y, static_cast<int>(to - from), h, out + (from - x0), stride);
+      return;
+    }
+    for (std::int64_t done = 0; done < w;) {
+      const std::int64_t x = ((x0 + done) % width + width) % width;
+      const std::int64_t count = std::min(width - x, w - done);
+      read_inside(static_cast<int>(x), y, static_cast<int>(count), h, out + done, stride);
+      done += count;
+    }
+  }
+
+  RasterFile file;
+  std::optional<std::int64_t> north_mirror, south_mirror;
+  std::vector<double> scratch;
+};
+
+Raster::Raster(const RasterInfo& info) {
+  if (!info.damage.empty()) throw DataError(info.path, info.damage);
+  RasterFile file = describe_raster_file(info.path, &info, Damage::refuse);
+  const RasterInfo& now = file.info;
+  if (now.bytes != info.bytes || now.modified_ns != info.modified_ns || now.width != info.width ||
+      now.height != info.height)
+    throw DataError(info.path, "has changed since it was catalogued");
+  open_band(file);
+  impl_ = std::make_unique<Impl>(std::move(file));
+}
+
+Raster::~Raster() = default;
+Raster::Raster(Raster&&) noexcept = default;
+Raster& Raster::operator=(Raster&&) noexcept = default;
+
+const RasterInfo& Raster::info() const { return impl_->file.info; }
+
+void Raster::read(int x0, int y0, int w, int h, float* heights_m) {
+  if (w <= 0 || h <= 0) return;
+  const auto width = static_cast<std::size_t>(w);
+  std::fill_n(heights_m, width * static_cast<std::size_t>(h), std::numeric_limits<float>::quiet_NaN());
+  for (int j = 0; j < h;) {
+    const Impl::Row row = impl_->row_at(static_cast<std::int64_t>(y0) + j);
+    int count = 1;
+    // Rows that follow each other in the file are read together; mirrored ones run backwards, one at a time.
+    while (!row.opposite && row.row >= 0 && j + count < h &&
+           impl_->row_at(static_cast<std::int64_t>(y0) + j + count) == Impl::Row{row.row + count, false})
+      ++count;
+    if (row.row >= 0) {
+      const std::int64_t turn = row.opposite ? impl_->file.info.width / 2 : 0;
+      impl_->read_rows(x0 + turn, static_cast<int>(row.row), w, count, heights_m + static_cast<std::size_t>(j) * width);
+    }
+    j += count;
+  }
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,238 @@
+#include "dem/gdal/raster_file.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+
+#include "dem/error.h"
+#include "dem/files.h"
+#include "dem/gdal/georeference.h"
+#include "dem/pds_label.h"
+
+namespace selenograph::dem {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kNoRadiusBelow_m = 1.6e6;  // heights are within 11 km of zero, radii within 11 km of 1737.4 km
+constexpr const char* kHeightDatum = "sphere 1737.4 km, height";
+constexpr const char* kRadiusDatum = "planetary radius, converted";
+
+// While opening, for this thread: no listing of the folder per file (64 800 tiles), and no source datasets shared
+// between two VRTs opened by one thread, since those may later be read by different threads.
+class OpenOptions {
+ public:
+  OpenOptions() { set("TRUE", "FALSE"); }
+  ~OpenOptions() { set(nullptr, nullptr); }
+  OpenOptions(const OpenOptions&) = delete;
+  OpenOptions& operator=(const OpenOptions&) = delete;
+
+ private:
+  static void set(const char* no_listing, const char* share) {
+    CPLSetThreadLocalConfigOption("GDAL_DISABLE_READDIR_ON_OPEN", no_listing);
+    CPLSetThreadLocalConfigOption("VRT_SHARED_SOURCE", share);
+  }
+};
+
+FileState must_exist(const std::string& path, const std::string& named) {
+  if (const auto state = file_state(path)) return *state;
+  throw DataError(named, path == named ? "is missing or not a file" : "its file " + path + " is missing");
+}
+
+// The label, when `path` is a PDS3 product: itself, or the sibling of a bare .img. Nothing for other files.
+std::optional<std::string> pds_label_of(const std::string& path) {
+  const FileKind kind = kind_of(path);
+  if (kind == FileKind::pds_label || begins_with_pds_label(path)) return path;
+  return kind == FileKind::pds_image ? label_beside(path) : std::nullopt;
+}
+
+bool is_integer(GDALDataType type) { return GDALDataTypeIsInteger(type) != 0; }
+
+GDALDataType gdal_type(const PdsSample& s) {
+  if (s.real) return s.bytes == 4 ? GDT_Float32 : GDT_Float64;
+  if (s.bytes == 2) return s.has_sign ? GDT_Int16 : GDT_UInt16;
+  return s.has_sign ? GDT_Int32 : GDT_UInt32;
+}
+
+// GDAL fills what is missing at the end of a raw file with zeros; we never do.
+void check_still_there(const RasterFile& s) {
+  if (!s.pds) return;
+  const auto state = file_state(s.pds->data_path);
+  if (!state || state->bytes < s.pds->bytes_needed)
+    throw DataError(s.info.path, "its data file " + s.pds->data_path + (state ? " was truncated" : " vanished"));
+}
+
+// Whether the samples are radii: by the offset, else (where the type can hold a radius at all) by the median of a few.
+bool holds_radii(RasterFile& s) {
+  if (s.offset_m > kNoRadiusBelow_m) return true;
+  const bool narrow = is_integer(s.type) && GDALGetDataTypeSizeBytes(s.type) <= 2;
+  if (narrow && std::abs(s.scale) * 65535 + s.offset_m < kNoRadiusBelow_m) return false;
+  open_band(s);
+  constexpr int kAcross = 6;
+  std::vector<double> heights;
+  for (int i = 0; i < kAcross * kAcross; ++i) {
+    const auto pick = [](int n, int k) { return static_cast<int>((2LL * k + 1) * n / (2 * kAcross)); };
+    double sample = 0;
+    read_samples(s, pick(s.file_width, i % kAcross), pick(s.file_height, i / kAcross), 1, 1, &sample);
+    if (!is_void(s, sample)) heights.push_back(sample * s.scale + s.offset_m);
+  }
+  if (heights.empty()) return false;
+  const auto middle = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2);
+  std::nth_element(heights.begin(), middle, heights.end());
+  return *middle > kNoRadiusBelow_m;
+}
+
+// `known`: what an earlier inspection found, so that opening needs no second look at the samples.
+void settle_values(RasterFile& s, const RasterInfo* known) {
+  if (!std::isfinite(s.scale) || !std::isfinite(s.offset_m))
+    throw DataError(s.info.path, "its scale or offset is beyond the range of double");
+  const bool radii = known ? known->datum == kRadiusDatum : holds_radii(s);
+  if (radii) s.offset_m -= kMoonRadius_m;
+  s.info.datum = radii ? kRadiusDatum : kHeightDatum;
+  s.info.quantisation_m = is_integer(s.type) ? std::abs(s.scale) : 0;
+  if (!s.voids.empty()) s.info.void_value = s.voids.front();
+}
+
+RasterFile describe_pds(const std::string& label_path, const RasterInfo* known, Damage damage) {
+  const PdsImage image = describe_pds_image(read_pds_label(label_path), label_path);
+  if (image.row_bytes > std::numeric_limits<int>::max()) throw DataError(label_path, "its rows are too long");
+  const FileState label = must_exist(label_path, label_path);
+  const bool gone = damage == Damage::describe && !file_state(image.data_path);
+  const FileState data = gone ? FileState{} : must_exist(image.data_path, label_path);
+
+  RasterFile s;
+  s.info.path = label_path;
+  s.info.name = fs::path(label_path).stem().string();
+  s.info.format = image.format;
+  s.info.width = s.file_width = image.width;
+  s.info.height = s.file_height = image.height;
+  s.info.bytes = data.bytes;
+  s.info.modified_ns = std::max(label.modified_ns, data.modified_ns);
+  s.type = gdal_type(image.sample);
+  s.scale = image.scale * image.unit_m;
+  s.offset_m = image.offset * image.unit_m;
+  s.voids = image.voids;
+  const std::uint64_t last_row =
+      static_cast<std::uint64_t>(image.width) * static_cast<std::uint64_t>(image.sample.bytes);
+  const std::uint64_t needed =
+      image.first_byte + static_cast<std::uint64_t>(image.height - 1) * image.row_bytes + last_row;
+  s.pds = PdsPixels{image.data_path, image.first_byte, image.row_bytes, needed, image.sample.little_endian};
+  if (damage == Damage::describe && data.bytes < needed)
+    s.info.damage = "its data file " + image.data_path + (gone ? " is missing" : " was truncated");
+  RasterInfo heights;  // can't be told from damaged data, and won't be needed
+  heights.datum = kHeightDatum;
+  settle_values(s, s.info.damage.empty() ? known : &heights);
+  set_grid(s.info, image.grid);
+  return s;
+}
+
+DatasetPtr open_dataset(const std::string& path) {
+  register_gdal();
+  const QuietGdal quiet;
+  const OpenOptions options;
+  // Other drivers are left out: their georeferencing of lunar products has not been judged.
+  const char* const drivers[] = {"GTiff", "VRT", nullptr};
+  DatasetPtr dataset(static_cast<GDALDataset*>(
+      GDALOpenEx(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, drivers, nullptr, nullptr)));
+  if (!dataset) throw DataError(path, "can't be opened: " + quiet.complaint());
+  return dataset;
+}
+
+// The file and, for a VRT, everything that it reads; not the caches that GDAL tools leave beside it.
+void note_files(RasterInfo& info, GDALDataset& dataset) {
+  char** files = dataset.GetFileList();
+  for (int i = 0; files && files[i]; ++i) {
+    const std::string file = files[i];
+    if (file.ends_with(".aux.xml") || file.ends_with(".ovr")) continue;
+    const auto state = file_state(file);
+    if (!state) continue;
+    info.bytes += state->bytes;
+    info.modified_ns = std::max(info.modified_ns, state->modified_ns);
+  }
+  CSLDestroy(files);
+}
+
+double unit_in_metres(const std::string& unit, const std::string& path) {
+  const auto is = [&](const char* name) { return EQUAL(unit.c_str(), name); };
+  if (unit.empty() || is("m") || is("metre") || is("metres") || is("meter") || is("meters")) return 1;
+  if (is("km") || is("kilometre") || is("kilometres") || is("kilometer") || is("kilometers")) return 1000;
+  throw DataError(path, "its unit '" + unit + "' is no height");
+}
+
+void find_values(RasterFile& s, const RasterInfo* known) {
+  if (s.dataset->GetRasterCount() != 1)
+    throw DataError(s.info.path, "has " + std::to_string(s.dataset->GetRasterCount()) + " bands; a height map has one");
+  s.band = s.dataset->GetRasterBand(1);
+  s.type = s.band->GetRasterDataType();
+  if (s.type != GDT_Int16 && s.type != GDT_UInt16 && s.type != GDT_Int32 && s.type != GDT_UInt32 &&
+      s.type != GDT_Float32 && s.type != GDT_Float64)
+    throw DataError(s.info.path, std::string("samples of type ") + GDALGetDataTypeName(s.type) + " are not heights");
+  const double unit_m = unit_in_metres(s.band->GetUnitType(), s.info.path);
+  s.scale = s.band->GetScale() * unit_m;
+  s.offset_m = s.band->GetOffset() * unit_m;
+  if (s.scale == 0) throw DataError(s.info.path, "its scale is zero");
+  int has_void = 0;
+  const double void_value = s.band->GetNoDataValue(&has_void);
+  if (has_void) s.voids.push_back(void_value);
+  settle_values(s, known);
+}
+
+RasterFile describe_gdal(const std::string& path, const RasterInfo* known) {
+  must_exist(path, path);
+  RasterFile s;
+  s.dataset = open_dataset(path);
+  const QuietGdal quiet;
+  s.info.path = path;
+  s.info.name = fs::path(path).stem().string();
+  s.info.format = s.dataset->GetDriverName();
+  s.info.width = s.file_width = s.dataset->GetRasterXSize();
+  s.info.height = s.file_height = s.dataset->GetRasterYSize();
+  note_files(s.info, *s.dataset);
+  find_values(s, known);
+  const Georeference place = georeference_of(*s.dataset, path);
+  s.flip_x = place.flip_x, s.flip_y = place.flip_y;
+  set_grid(s.info, place.grid);
+  return s;
+}
+
+}  // namespace
+
+RasterFile describe_raster_file(const std::string& path, const RasterInfo* known, Damage damage) {
+  must_exist(path, path);
+  if (const auto label = pds_label_of(path)) return describe_pds(*label, known, damage);
+  return describe_gdal(path, known);
+}
+
+// GDAL's own raw band with a file handle of ours, read-only: a VRT over raw data would open the file for writing and
+// share the handle with every other VRT of this thread.
+void open_band(RasterFile& s) {
+  if (s.band) return;
+  VSILFILE* file = VSIFOpenL(s.pds->data_path.c_str(), "rb");
+  if (!file) throw DataError(s.info.path, "its data file " + s.pds->data_path + " can't be opened");
+  const auto order =
+      s.pds->little_endian ? RawRasterBand::ByteOrder::ORDER_LITTLE_ENDIAN : RawRasterBand::ByteOrder::ORDER_BIG_ENDIAN;
+  s.raw = std::make_unique<RawRasterBand>(file, s.pds->first_byte, GDALGetDataTypeSizeBytes(s.type),
+                                          static_cast<int>(s.pds->row_bytes), s.type, order, s.file_width,
+                                          s.file_height, RawRasterBand::OwnFP::YES);
+  s.band = s.raw.get();
+}
+
+void read_samples(RasterFile& s, int x, int y, int w, int h, double* out) {
+  const QuietGdal quiet;
+  check_still_there(s);
+  const CPLErr error = s.band->RasterIO(GF_Read, x, y, w, h, out, w, h, GDT_Float64, 0, 0, nullptr);
+  if (error != CE_None) throw DataError(s.info.path, "can't be read: " + quiet.complaint());
+}
+
+bool is_void(const RasterFile& s, double sample) {
+  if (std::isnan(sample)) return true;
+  for (const double v : s.voids) {
+    if (sample == v) return true;
+    // A NoData such as -3.4028234663852886e+38 is printed in decimal: it means the nearest float.
+    if (s.type == GDT_Float32 && static_cast<float>(sample) == static_cast<float>(v)) return true;
+  }
+  return false;
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,51 @@
+// A DEM file as GDAL reads it: pixels as they are stored, and how they become heights. Within dem/gdal/ only.
+#pragma once
+
+#include <rawdataset.h>
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "dem/gdal/library.h"
+#include "dem/raster_info.h"
+
+namespace selenograph::dem {
+
+struct PdsPixels {
+  std::string data_path;
+  std::uint64_t first_byte = 0, row_bytes = 0, bytes_needed = 0;
+  bool little_endian = false;
+};
+
+struct RasterFile {
+  RasterInfo info;
+  GDALDataType type = GDT_Unknown;
+  // height_m = sample * scale + offset
+  double scale = 1, offset_m = 0;
+  std::vector<double> voids;
+  bool flip_x = false, flip_y = false;  // stored east to west, south to north
+  int file_width = 0, file_height = 0;
+  std::optional<PdsPixels> pds;
+  DatasetPtr dataset;                  // of everything that isn't PDS3
+  std::unique_ptr<RawRasterBand> raw;  // of PDS3, once open
+  GDALRasterBand* band = nullptr;
+};
+
+// Whether a file whose data are missing or too short is an error, or described as far as its label goes.
+enum class Damage { refuse, describe };
+
+// `known`: what an earlier inspection found, so that opening needs no second look at the samples; may be null.
+RasterFile describe_raster_file(const std::string& path, const RasterInfo* known, Damage damage);
+
+// Opens the band of a PDS3 file that was only described so far.
+void open_band(RasterFile& file);
+
+// File pixels (x, y, w, h) as double, row-major.
+void read_samples(RasterFile& file, int x, int y, int w, int h, double* out);
+
+bool is_void(const RasterFile& file, double sample);
+
+}  // namespace selenograph::dem

@@ -1,0 +1,158 @@
+#include "dem/gdal/value_raster.h"
+
+#include <fmt/format.h>
+#include <gdal_utils.h>
+
+#include <cmath>
+#include <cstdint>
+#include <mutex>
+#include <optional>
+
+#include "dem/error.h"
+#include "dem/gdal/library.h"
+#include "dem/value_map.h"
+
+namespace selenograph::dem {
+namespace {
+
+constexpr double kRadiusTolerance_m = 1000;  // spheres of the Moon that are in use differ by less
+
+// Latitude and longitude in degrees on the Moon's sphere, longitude first.
+OGRSpatialReference degrees_like(const OGRSpatialReference& srs) {
+  OGRSpatialReference degrees;
+  degrees.CopyGeogCSFrom(&srs);
+  degrees.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+  return degrees;
+}
+
+}  // namespace
+
+struct ValueRaster::Impl {
+  explicit Impl(const ValueMapOptions& options) : path(options.path), no_data(options.no_data), bands(options.bands) {
+    register_gdal();
+    const auto found = file_state(path);
+    if (!found) throw DataError(path, "is missing or not a file");
+    state = *found;
+    const QuietGdal quiet;
+    dataset.reset(static_cast<GDALDataset*>(GDALOpenEx(
+        path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, nullptr, nullptr, nullptr)));
+    if (!dataset) throw DataError(path, "can't be opened: " + quiet.complaint());
+    find_grid(options.extent);
+    choose_bands();
+  }
+
+  void find_grid(const std::optional<Footprint>& extent) {
+    double t[6];
+    const bool placed = dataset->GetGeoTransform(t) == CE_None;
+    if (extent) {
+      const int w = dataset->GetRasterXSize(), h = dataset->GetRasterYSize();
+      grid = {extent->west_deg, extent->north_deg, (extent->east_deg - extent->west_deg) / w,
+              (extent->north_deg - extent->south_deg) / h};
+      return;
+    }
+    const OGRSpatialReference* srs = dataset->GetSpatialRef();
+    if (!placed || !srs) throw DataError(path, "doesn't say where it lies: give its extent");
+    if (std::abs(srs->GetSemiMajor() - kMoonRadius_m) > kRadiusTolerance_m)
+      throw DataError(path, fmt::format("its sphere of {} m is not the Moon's", srs->GetSemiMajor()));
+    if (!srs->IsGeographic() || t[1] <= 0 || t[5] >= 0 || t[2] != 0 || t[4] != 0) warp(*srs);
+    if (dataset->GetGeoTransform(t) != CE_None) throw DataError(path, "has no geotransform");
+    grid = {t[0], t[3], t[1], -t[5]};
+  }
+
+  void warp(const OGRSpatialReference& srs) {
+    char* wkt = nullptr;
+    degrees_like(srs).exportToWkt(&wkt);
+    // Alpha: what the warped rectangle holds beyond the raster is no value.
+    const char* const words[] = {"-of", "VRT", "-t_srs", wkt, "-dstalpha", "-r", "bilinear", nullptr};
+    const QuietGdal quiet;
+    GDALWarpAppOptions* how = GDALWarpAppOptionsNew(const_cast<char**>(words), nullptr);
+    GDALDatasetH source = dataset.get();
+    auto* warped = static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, how, nullptr));
+    GDALWarpAppOptionsFree(how);
+    CPLFree(wkt);
+    if (!warped) throw DataError(path, "can't be warped to degrees: " + quiet.complaint());
+    unwarped = std::move(dataset);
+    dataset.reset(warped);
+  }
+
+  void choose_bands() {
+    if (bands.empty())
+      for (int b = 1; b <= dataset->GetRasterCount(); ++b)
+        if (dataset->GetRasterBand(b)->GetColorInterpretation() != GCI_AlphaBand) bands.push_back(b);
+    for (const int b : bands)
+      if (b < 1 || b > dataset->GetRasterCount())
+        throw DataError(path, fmt::format("has no band {}, only {}", b, dataset->GetRasterCount()));
+    if (bands.empty()) throw DataError(path, "has no band of values");
+  }
+
+  bool current() const {
+    const auto now = file_state(path);
+    return now && now->bytes == state.bytes && now->modified_ns == state.modified_ns;
+  }
+
+  // One band's samples and where they are none.
+  void read_band(int b, int overview, const Window& w, double* samples, std::uint8_t* mask) const {
+    const QuietGdal quiet;
+    GDALRasterBand* band = dataset->GetRasterBand(b);
+    if (overview >= 0) band = band->GetOverview(overview);
+    if (!band || band->RasterIO(GF_Read, w.x, w.y, w.width, w.height, samples, w.width, w.height, GDT_Float64, 0, 0,
+                                nullptr) != CE_None)
+      throw DataError(path, "can't be read: " + quiet.complaint());
+    // NoData, alpha or a mask, whatever the file has.
+    if ((band->GetMaskFlags() & GMF_ALL_VALID) == 0 &&
+        band->GetMaskBand()->RasterIO(GF_Read, w.x, w.y, w.width, w.height, mask, w.width, w.height, GDT_Byte, 0, 0,
+                                      nullptr) != CE_None)
+      throw DataError(path, "its mask can't be read: " + quiet.complaint());
+  }
+
+  std::string path;
+  std::optional<double> no_data;
+  std::vector<int> bands;
+  FileState state;
+  DatasetPtr unwarped, dataset;  // the former outlives the latter
+  Grid grid{};
+  mutable std::mutex mutex;  // GDAL's datasets are for one thread at a time
+};
+
+ValueRaster::ValueRaster(const ValueMapOptions& options) : impl_(std::make_unique<Impl>(options)) {}
+ValueRaster::~ValueRaster() = default;
+
+int ValueRaster::width() const { return impl_->dataset->GetRasterXSize(); }
+int ValueRaster::height() const { return impl_->dataset->GetRasterYSize(); }
+const ValueRaster::Grid& ValueRaster::grid() const { return impl_->grid; }
+const std::vector<int>& ValueRaster::bands() const { return impl_->bands; }
+const FileState& ValueRaster::state() const { return impl_->state; }
+bool ValueRaster::current() const { return impl_->current(); }
+
+int ValueRaster::overview_of_size(int width, int height) const {
+  GDALRasterBand& band = *impl_->dataset->GetRasterBand(impl_->bands[0]);
+  // Of several, the last.
+  for (int i = band.GetOverviewCount() - 1; i >= 0; --i)
+    if (GDALRasterBand* overview = band.GetOverview(i))
+      if (overview->GetXSize() == width && overview->GetYSize() == height) return i;
+  return -1;
+}
+
+void ValueRaster::read(int overview, const Window& w, int stride, double* out) const {
+  const auto size = static_cast<std::size_t>(w.width) * static_cast<std::size_t>(w.height);
+  std::vector<double> samples(size), sum(size, 0);
+  std::vector<std::uint8_t> mask(size, 255);
+  const std::lock_guard lock(impl_->mutex);
+  if (!impl_->current()) throw DataError(impl_->path, "has changed since it was opened");
+  for (const int b : impl_->bands) {
+    impl_->read_band(b, overview, w, samples.data(), mask.data());
+    GDALRasterBand& band = *impl_->dataset->GetRasterBand(b);
+    const double scale = band.GetScale(), offset = band.GetOffset();
+    for (std::size_t i = 0; i < size; ++i) {
+      const double s = samples[i];
+      const bool nothing = mask[i] == 0 || !std::isfinite(s) || (impl_->no_data && s == *impl_->no_data);
+      sum[i] += nothing ? std::nan("") : s * scale + offset;
+    }
+  }
+  for (int y = 0; y < w.height; ++y)
+    for (int x = 0; x < w.width; ++x)
+      out[static_cast<std::size_t>(y) * static_cast<std::size_t>(stride) + static_cast<std::size_t>(x)] =
+          sum[static_cast<std::size_t>(y * w.width + x)] / static_cast<double>(impl_->bands.size());
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,50 @@
+// A raster of values in degrees, whatever GDAL opens: bands averaged, no-data as NaN.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dem/files.h"
+
+namespace selenograph::dem {
+
+struct ValueMapOptions;
+
+// Safe to call concurrently; reads take turns.
+class ValueRaster {
+ public:
+  // From pixel corners to degrees: x grows east by dx, y south by dy.
+  struct Grid {
+    double west_deg, north_deg, dx_deg, dy_deg;
+  };
+  struct Window {
+    int x, y, width, height;
+  };
+
+  // Throws DataError naming the file: it can't be opened, doesn't say where it lies, isn't the Moon's sphere. Projected
+  // rasters are warped to degrees on the way.
+  explicit ValueRaster(const ValueMapOptions& options);
+  ~ValueRaster();
+
+  int width() const;
+  int height() const;
+  const Grid& grid() const;
+  const std::vector<int>& bands() const;  // that are averaged, from 1
+  // Of the file when it was opened, and whether it is still that.
+  const FileState& state() const;
+  bool current() const;
+
+  // The index of the overview of that size; -1: there is none.
+  int overview_of_size(int width, int height) const;
+  // The mean of the bands, after what the file says of scale and offset; NaN where one has no value. Of an overview, or
+  // of the raster (-1). `stride` counts values from one row of `out` to the next. Throws DataError when the file can't
+  // be read or isn't what it was.
+  void read(int overview, const Window& window, int stride, double* out) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace selenograph::dem
