@@ -366,7 +366,7 @@ double posts_per_degree(const Reader& map) {
     const auto scale = map_scale_m(map);
     if (!scale || *scale <= 0) map.fail("MAP_RESOLUTION and MAP_SCALE are both missing");
     ppd = kMetresPerDegree / *scale;
-    if (std::abs(ppd / std::round(ppd) - 1) < 5e-5) ppd = std::round(ppd);
+    if (std::abs(ppd / std::round(ppd) - 1) < 5e-5) ppd = std::round(ppd);  // a scale of five digits
   }
   if (!(ppd > 1e-3 && ppd < 1e9)) map.fail("MAP_RESOLUTION is impossible");
   return ppd;
@@ -396,6 +396,7 @@ std::optional<double> first_post(const Axis& a) {
   if (a.offset) candidates = {-*a.offset, 1 - *a.offset, *a.offset, *a.offset - 1};
   if (!a.first || !a.last) return a.offset ? std::optional(-*a.offset) : std::nullopt;
 
+  // The conventions differ by half a post at least; printed decimals are off by much less than the tolerances here.
   const double span = *a.last - *a.first;
   std::vector<double> targets;
   if (std::abs(span - (a.count - 1)) < 0.3) targets = {*a.first};

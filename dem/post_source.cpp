@@ -92,7 +92,11 @@ float extended(const Patch& patch, double px, double py) {
 
 }  // namespace
 
-// Open files, lent to one thread at a time; the least recently returned are closed past a limit.
+// Enough for the tiles that one chunk and its neighbours touch (4 x 4 degrees of 1-degree tiles), few against the limit
+// of 1024 descriptors.
+constexpr std::size_t kIdleFiles = 32;
+
+// Open files, lent to one thread at a time; the least recently returned are closed past kIdleFiles.
 class PostSource::Pool {
  public:
   explicit Pool(const Catalogue& catalogue) : catalogue_(catalogue) {}
@@ -104,7 +108,7 @@ class PostSource::Pool {
     use(*raster);  // a file that fails isn't kept
     std::lock_guard lock(mutex_);
     idle_.emplace_front(source, std::move(raster));
-    if (idle_.size() > 32) idle_.pop_back();
+    if (idle_.size() > kIdleFiles) idle_.pop_back();
   }
 
  private:

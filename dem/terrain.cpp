@@ -33,6 +33,7 @@ constexpr int kChunkOctaves = 6;
 // Chords of this level stay within 2 mm of the sphere: coarser layers are subdivided to it where finest posts are asked
 // for.
 constexpr int kSmoothLevel = 8;
+// Raised when the same sources give other files: those in cache folders are then built anew.
 constexpr std::uint64_t kFormatVersion = 6;
 
 void hash_in(XXH3_state_t* state, const auto& value) { XXH3_64bits_update(state, &value, sizeof value); }
@@ -368,7 +369,9 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg) const {
   const double lat = (lat_deg + 90) * kTicksPerDegree, lon = (answer.lon_deg + 180) * kTicksPerDegree;
   const BlockId probe = block_at(kMaxLevel, static_cast<std::int32_t>(std::clamp(lat, 0.0, kLatTicks - 1.0)),
                                  wrap_lon(static_cast<std::int64_t>(lon)));
-  if (!has_data(probe) && impl_->touching(probe, 0.3).empty()) return answer;
+  // More than a block of kSmoothLevel (0.25 degrees), the largest that is looked into below.
+  constexpr double kFarFromAnyFile_deg = 0.3;
+  if (!has_data(probe) && impl_->touching(probe, kFarFromAnyFile_deg).empty()) return answer;
   const int level = finest_level(probe);
   const double step = std::ldexp(1.0, kTickLevel - level);
   const double y = lat / step, x = lon / step;

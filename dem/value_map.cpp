@@ -19,7 +19,7 @@ constexpr int kTile = 128;  // texels along a tile's side
 constexpr std::size_t kTexels = static_cast<std::size_t>(kTile) * kTile;
 constexpr std::size_t kCacheBytes = std::size_t{128} << 20;  // per map
 constexpr int kMostProbes = 16;                              // along a side
-constexpr double kPolar_deg = 75;
+constexpr double kPolar_deg = 75;  // beyond, a texel is about a quarter as wide as high, or less
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 
 struct TileKey {

@@ -41,7 +41,7 @@ GeographicGrid grid_in_degrees(const Plane& p, double lon0_deg) {
 
 // Pixel sizes and origins in metres are degrees that somebody multiplied and rounded. Where whole posts per degree and
 // half posts of position are that near, they were meant: without this no file in metres would wrap or meet its
-// neighbour.
+// neighbour. (2e-7: sizes of seven digits; 0.02: of a post.)
 void undo_rounding(GeographicGrid& g) {
   for (double* ppd : {&g.lat_posts_per_degree, &g.lon_posts_per_degree})
     if (std::abs(*ppd / std::round(*ppd) - 1) < 2e-7) *ppd = std::round(*ppd);

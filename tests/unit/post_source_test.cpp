@@ -9,6 +9,7 @@
 #include <random>
 
 #include "dem/error.h"
+#include "dem/gdal/raster.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

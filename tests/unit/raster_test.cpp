@@ -160,7 +160,7 @@ float post(Raster& r, int x, int y) { return read(r, x, y, 1, 1)[0]; }
 
 void expect_at(const RasterInfo& info, double lat, double lon, double x, double y, double tolerance = 0) {
   const Raster raster(info);
-  for (const auto& p : {locate(info, lat, lon), raster.locate(lat, lon)}) {
+  for (const auto& p : {locate(info, lat, lon), locate(raster.info(), lat, lon)}) {
     EXPECT_NEAR(p.x, x, tolerance) << info.name << " at " << lat << " " << lon;
     EXPECT_NEAR(p.y, y, tolerance) << info.name << " at " << lat << " " << lon;
   }
@@ -194,7 +194,7 @@ TEST_F(RasterTest, HadleyTilesAgreeWithTheLandingSite) {
   const std::string path = shared_data("hadley/DTM_MAPs02_N27E003N24E006SC.lbl");
   SELENOGRAPH_SKIP_WITHOUT(path);
   Raster raster(inspect_raster(path));
-  const auto p = raster.locate(26.1322, 3.6339);
+  const auto p = locate(raster.info(), 26.1322, 3.6339);
   EXPECT_NEAR(post(raster, static_cast<int>(std::lround(p.x)), static_cast<int>(std::lround(p.y))), -1922, 25);
 }
 
@@ -275,7 +275,7 @@ TEST_F(RasterTest, ProductsAgreeOnTheTerrain) {
     int n = 0;
     for (int row = 2; row < 46; ++row)
       for (int column = 2; column < 46; ++column, ++n) {
-        const auto p = global.locate(27 - (row + 0.5) / 16, 3 + (column + 0.5) / 16);
+        const auto p = locate(global.info(), 27 - (row + 0.5) / 16, 3 + (column + 0.5) / 16);
         double mean = 0;
         for (const float v : read(tile, column * 16 + shift_x, row * 16 + shift_y, 16, 16)) mean += v / 256;
         const double d = mean - post(global, static_cast<int>(std::lround(p.x)), static_cast<int>(std::lround(p.y)));

@@ -1,5 +1,3 @@
-#include "dem/gdal/geotiff_writer.h"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -10,6 +8,7 @@
 #include <vector>
 
 #include "dem/error.h"
+#include "dem/gdal/geotiff_writer.h"
 #include "dem/gdal/raster.h"
 #include "tests/support/shared_data.h"
 
@@ -36,7 +35,7 @@ TEST(RasterWriter, PostsAreReadBackWhereTheyWere) {
   Raster raster(info);
   for (int r = 0; r < 3; ++r)
     for (int c = 0; c < 5; ++c) {
-      const auto at = raster.locate(-7.25 - r / 1024.0, 39.5 + c / 1024.0);
+      const auto at = locate(raster.info(), -7.25 - r / 1024.0, 39.5 + c / 1024.0);
       EXPECT_NEAR(at.x, c, 1e-9);
       EXPECT_NEAR(at.y, r, 1e-9);
       float read = 0;

@@ -132,7 +132,7 @@ TEST_F(SelectionTest, NeighboursDifferByOneLevelAndNothingOverlaps) {
     ASSERT_EQ(chosen.size(), s.blocks.size());
     for (const BlockId& id : s.blocks) {
       for (BlockId up = id; up.level > 0;) {
-        up = dem::parent_of(up);
+        up = dem::ancestor_of(up, up.level - 1);
         ASSERT_FALSE(chosen.contains(up)) << to_string(up) << " holds " << to_string(id);
       }
       const dem::BlockExtent e = dem::extent_of(id);
