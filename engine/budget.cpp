@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/frame/needs.h"
+
 namespace selenograph::engine {
 namespace {
 
@@ -21,12 +23,10 @@ void approach(std::atomic<double>& value, double measured) {
 
 FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, double triangles, bool build) {
   const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
-  const bool radiance = request.products & (kImage | kRadiance);
-  const bool geometry = request.products & ~static_cast<ProductSet>(kImage | kRadiance);
-  const double samples = !radiance ? 1 : accuracy.samples_per_pixel + (accuracy.samples_per_pixel > 1 && geometry);
-  const bool shadows = radiance || (request.products & kLit);
+  const bool centres_too = accuracy.samples_per_pixel > 1 && wants_geometry(request);
+  const double samples = !wants_radiance(request) ? 1 : accuracy.samples_per_pixel + centres_too;
   // A disc's rays stop at the first that decide nothing: about half of 32 count.
-  const double per_sample = 1 + (!shadows ? 0 : request.sun.angular_radius_deg > 0 ? 16 : 1);
+  const double per_sample = 1 + (!wants_light(request) ? 0 : request.sun.angular_radius_deg > 0 ? 16 : 1);
   return {pixels * samples * per_sample, triangles, build};
 }
 

@@ -3,10 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "engine/radiometry/radiometry.h"
-#include "engine/visibility/pixel_store.h"
 
 namespace selenograph::engine {
 namespace {
@@ -73,10 +71,10 @@ MappedSurface::Sampler MappedSurface::sampler() const {
 // What the pixel's rays meet of the facet's plane: Igehy, Tracing ray differentials (SIGGRAPH 1999). The lens's own
 // stretch is left out.
 dem::ValueMap::Footprint2 MappedSurface::footprint(const SurfacePoints& points, int i, const Vec3& direction) const {
-  const Vec3 place = points.position(i), facing = points.facing(i);
-  const double toward = facing.dot(direction);
+  const Vec3 place = points.position(i), facet = points.facet_normal(i);
+  const double toward = facet.dot(direction);
   const auto side = [&](const Vec3& step) -> Vec3 {
-    return points.distance[i] * (step - direction * (facing.dot(step) / toward));
+    return points.distance[i] * (step - direction * (facet.dot(step) / toward));
   };
   const Vec3 a = side(right_), b = side(down_);
   // On the sphere by hand: a texel isn't a matter of the last digits, and to_geographic took a third of the time.

@@ -5,15 +5,12 @@
 #include <vector>
 
 #include "dem/value_map.h"
-#include "engine/camera/pixel_rays.h"
 #include "engine/camera/view.h"
 #include "engine/frame/request.h"
 #include "engine/radiometry/brdf.h"
-#include "engine/visibility/refine.h"
+#include "engine/support/packet.h"
 
 namespace selenograph::engine {
-
-struct Shading;
 
 // B(T) tau in the frame's band over all temperatures: SENSOR++ eq. (3) but for 1 - rho. Its logarithm is interpolated
 // over 1 / T, along which it is nearly straight: to 8e-5 of itself in a band, 1.5e-4 over all wavelengths

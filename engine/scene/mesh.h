@@ -16,6 +16,7 @@
 #include "dem/block.h"
 #include "dem/surface.h"
 #include "dem/terrain.h"
+#include "engine/support/triangle_id.h"
 
 namespace selenograph::engine {
 
@@ -111,29 +112,6 @@ class MeshBlocks {
 
  private:
   const Shared* blocks_;
-};
-
-// A triangle of the mesh: block, quad (south-west vertex) and which half (dem/surface.h).
-class TriangleId {
- public:
-  static constexpr std::uint32_t kMostBlocks = 1U << 19;
-
-  TriangleId() = default;
-  explicit TriangleId(std::uint32_t packed) : packed_(packed) {}
-  TriangleId(std::uint32_t block, int r, int c, bool upper)
-      : packed_(block << 13 | static_cast<std::uint32_t>(r) << 7 | static_cast<std::uint32_t>(c) << 1 |
-                (upper ? 1U : 0U)) {}
-
-  std::uint32_t packed() const { return packed_; }
-  std::uint32_t block() const { return packed_ >> 13; }
-  int r() const { return static_cast<int>(packed_ >> 7 & 63); }
-  int c() const { return static_cast<int>(packed_ >> 1 & 63); }
-  bool upper() const { return (packed_ & 1) != 0; }
-  TriangleId other_half() const { return TriangleId(packed_ ^ 1); }
-  dem::QuadVertices vertices() const { return dem::vertices_of(r(), c(), upper()); }
-
- private:
-  std::uint32_t packed_ = 0;
 };
 
 class Mesh {

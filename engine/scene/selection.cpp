@@ -260,9 +260,9 @@ class ViewSelector {
       todo.pop_back();
       if (!chosen_.contains(id)) continue;
       around(id, [&](std::int32_t lat, std::int32_t lon) {
-        for (const BlockId* wide = covering(lat, lon, id.level); wide && must_split(*wide, id);
-             wide = covering(lat, lon, id.level))
-          split(*wide, todo);
+        for (const BlockId* coarser = covering(lat, lon, id.level); coarser && must_split(*coarser, id);
+             coarser = covering(lat, lon, id.level))
+          split(*coarser, todo);
       });
       check(chosen_.size(), stop_);
     }
@@ -328,6 +328,20 @@ bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std
   return out.blocks.size() <= max_blocks;
 }
 
+// Consecutive frames share an anchor: it is snapped to a lattice.
+constexpr double kAnchorLattice_m = 4096;
+
+// Distance (in the direction's lengths) at which a ray enters the sphere; 0 from inside, empty when it misses or
+// leaves.
+std::optional<double> enter_sphere(const Vec3& origin, const Vec3& direction, double radius) {
+  const double outside = origin.squaredNorm() - radius * radius;
+  if (outside <= 0) return 0.0;
+  const double a = direction.squaredNorm(), b = origin.dot(direction);
+  const double root2 = b * b - a * outside;
+  if (b >= 0 || root2 < 0) return std::nullopt;
+  return outside / (-b + std::sqrt(root2));  // the stable form of the nearer root
+}
+
 }  // namespace
 
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
@@ -377,6 +391,29 @@ Visibility visibility_for(const FrameRequest& request, const View& view, const S
     most = kLowSun;
   const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
   return triangles_of(selection) > most * pixels ? Visibility::raytrace : Visibility::zbuffer;
+}
+
+Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle) {
+  const double distance = camera_m.norm();
+  Vec3 near = camera_m * (kMoonRadius_m / distance);
+  const double ahead = -camera_m.dot(middle);
+  if (distance > 1.2 * kMoonRadius_m && ahead > 0) {
+    // Past the limb: the surface that the middle passes closest, which is what a telescope may have in view.
+    const auto t = enter_sphere(camera_m, middle, kMoonRadius_m);
+    near = t ? Vec3(camera_m + *t * middle) : Vec3((camera_m + ahead * middle).normalized() * kMoonRadius_m);
+  }
+  return (near / kAnchorLattice_m).array().round() * kAnchorLattice_m;
+}
+
+void refuse_underground(const dem::Terrain& terrain, const Vec3& position_m) {
+  const double height = position_m.norm() - kMoonRadius_m;
+  if (height > static_cast<double>(dem::kHighestRelief_m)) return;
+  const Geographic g = to_geographic(position_m);
+  const dem::HeightAnswer ground = terrain.height(g.lat_deg, g.lon_deg);
+  const double lowest = std::isnan(ground.height_m) ? static_cast<double>(dem::kLowestRelief_m) : ground.height_m;
+  if (height <= lowest)
+    throw ImpossibleRequest(
+        fmt::format("the camera is below the terrain: {:.3f} m above the sphere, ground at {:.3f} m", height, lowest));
 }
 
 }  // namespace selenograph::engine

@@ -72,4 +72,7 @@ Visibility visibility_for(const FrameRequest& request, const View& view, const S
 // lattice of 4096 m so that consecutive frames share it.
 Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle);
 
+// Throws ImpossibleRequest for a camera that is below the terrain.
+void refuse_underground(const dem::Terrain& terrain, const Vec3& position_m);
+
 }  // namespace selenograph::engine

@@ -66,12 +66,12 @@ namespace {
 
 // An array that has no margin (the image, which is made without) is left as it is.
 template <typename T>
-void crop_array(std::vector<T>& array, const Camera& wide, int margin_px) {
+void crop_array(std::vector<T>& array, const Camera& camera, int margin_px) {
   const std::size_t channels =
-      array.size() / (static_cast<std::size_t>(wide.width) * static_cast<std::size_t>(wide.height));
+      array.size() / (static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height));
   if (channels == 0) return;
-  const auto margin = static_cast<std::size_t>(margin_px), stride = channels * static_cast<std::size_t>(wide.width),
-             row = stride - 2 * margin * channels, rows = static_cast<std::size_t>(wide.height) - 2 * margin;
+  const auto margin = static_cast<std::size_t>(margin_px), stride = channels * static_cast<std::size_t>(camera.width),
+             row = stride - 2 * margin * channels, rows = static_cast<std::size_t>(camera.height) - 2 * margin;
   for (std::size_t y = 0; y < rows; ++y)
     std::copy_n(array.begin() + static_cast<std::ptrdiff_t>((y + margin) * stride + margin * channels), row,
                 array.begin() + static_cast<std::ptrdiff_t>(y * row));
@@ -80,9 +80,9 @@ void crop_array(std::vector<T>& array, const Camera& wide, int margin_px) {
 
 }  // namespace
 
-void crop(FrameProducts& products, const Camera& wide, int margin_px) {
+void crop(FrameProducts& products, const Camera& camera, int margin_px) {
   if (margin_px == 0) return;
-  std::apply([&](auto&... array) { (crop_array(array, wide, margin_px), ...); }, all_arrays(products));
+  std::apply([&](auto&... array) { (crop_array(array, camera, margin_px), ...); }, all_arrays(products));
 }
 
 }  // namespace selenograph::engine

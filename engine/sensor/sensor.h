@@ -39,7 +39,7 @@ Pose moved(const Pose& pose, const Motion& motion, double seconds);
 
 // The camera with so many pixels more on each side.
 Camera with_margin(Camera camera, int margin_px);
-// Takes them away again from all products.
-void crop(FrameProducts& products, const Camera& wide, int margin_px);
+// Takes them away again from all products. `camera`: with the margin.
+void crop(FrameProducts& products, const Camera& camera, int margin_px);
 
 }  // namespace selenograph::engine

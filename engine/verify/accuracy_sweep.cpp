@@ -9,6 +9,7 @@
 
 #include "dem/error.h"
 #include "dem/parallel.h"
+#include "engine/scene/selection.h"
 #include "engine/verify/bare_kernel.h"
 #include "engine/visibility/scene.h"
 

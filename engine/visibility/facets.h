@@ -2,10 +2,9 @@
 #pragma once
 
 #include "engine/scene/mesh.h"
+#include "engine/support/packet.h"
 
 namespace selenograph::engine {
-
-inline constexpr int kPacket = 16;
 
 struct alignas(64) Facets {
   double a[3][kPacket], b[3][kPacket], c[3][kPacket];                      // vertices, MOON_ME, metres

@@ -237,7 +237,7 @@ std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::ui
       set_lane(packet, i, object.from_middle(place + entry.distance * sun), object.object_from_moon * sun);
       if (own && own[i] == k)
         packet.near[i] =
-            static_cast<float>(object.ball.radius_m * kRounding / std::max(1.0 / 64, points.facing(i).dot(sun)));
+            static_cast<float>(object.ball.radius_m * kRounding / std::max(1.0 / 64, points.facet_normal(i).dot(sun)));
       active |= 1U << i;
     }
     if (active == 0) continue;

@@ -13,8 +13,7 @@
 #include "engine/frame/request.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/scene/selection.h"
-#include "engine/visibility/pixel_store.h"
-#include "engine/visibility/refine.h"
+#include "engine/support/packet.h"
 
 namespace selenograph::engine {
 

@@ -205,7 +205,7 @@ Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane, con
   const auto at = [&](int i) -> Vec3 { return block.normal(q.r[i], q.c[i]).cast<double>(); };
   const double v = points.v[lane], w = points.w[lane];
   const Vec3 smooth = (1 - v - w) * at(0) + v * at(1) + w * at(2);
-  return (smooth.dot(direction) < 0 ? smooth : points.facing(lane)).normalized();
+  return (smooth.dot(direction) < 0 ? smooth : points.facet_normal(lane)).normalized();
 }
 
 }  // namespace selenograph::engine

@@ -4,27 +4,33 @@
 
 #include <algorithm>
 #include <memory>
+#include <vector>
 
 #include "engine/frame/request.h"
 #include "engine/scene/mesh.h"
 #include "engine/scene/raster_mesh.h"
-#include "engine/scene/selection.h"
 #include "engine/visibility/raytrace/ray_tracer.h"
 
 namespace selenograph::engine {
 
+// All that a scene depends on: of equal content, one is kept.
+struct SceneContent {
+  std::vector<dem::BlockId> blocks;  // as selected: sorted
+  Vec3 anchor_m = Vec3::Zero();      // of its float coordinates
+  Visibility visibility = Visibility::raytrace;
+};
+
 struct Scene {
-  // For one of the two ways to see: the other's structure is not made. `before`: a scene from which is taken over what
-  // hasn't changed; may be null.
-  Scene(const dem::Terrain& terrain, const Selection& selection, const Vec3& anchor_m, int threads,
-        Visibility visibility = Visibility::raytrace, const Scene* before = nullptr)
-      : mesh(terrain, selection.blocks, before ? &before->mesh : nullptr),
+  // For one of the two visibility algorithms: the other's structure is not made. `before`: a scene whose unchanged
+  // blocks are reused; may be null.
+  Scene(const dem::Terrain& terrain, const SceneContent& content, int threads, const Scene* before = nullptr)
+      : mesh(terrain, content.blocks, before ? &before->mesh : nullptr),
         shell_m(kMoonRadius_m + highest_m(mesh) + 1),
-        anchor(anchor_m) {
-    if (visibility == Visibility::zbuffer)
-      raster = std::make_unique<RasterMesh>(mesh, anchor_m, before ? before->raster.get() : nullptr);
+        anchor(content.anchor_m) {
+    if (content.visibility == Visibility::zbuffer)
+      raster = std::make_unique<RasterMesh>(mesh, anchor, before ? before->raster.get() : nullptr);
     else
-      tracer = std::make_unique<RayTracer>(mesh, anchor_m, threads);
+      tracer = std::make_unique<RayTracer>(mesh, anchor, threads);
   }
 
   // From the blocks alone, not from how they were selected: scenes of the same blocks are the same scene.

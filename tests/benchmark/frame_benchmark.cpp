@@ -26,17 +26,11 @@
 #include "dem/gdal/geotiff_writer.h"
 #include "dem/sample/sample_terrain.h"
 #include "dem/value_map.h"
-#include "engine/camera/pixel_rays.h"
 #include "engine/radiometry/atmosphere.h"
-#include "engine/radiometry/radiometry.h"
+#include "engine/render_frame.h"
 #include "engine/renderer.h"
 #include "engine/verify/bare_kernel.h"
-#include "engine/visibility/frame_sources.h"
 #include "engine/visibility/object_mesh.h"
-#include "engine/visibility/objects_in_frame.h"
-#include "engine/visibility/render_pass.h"
-#include "engine/visibility/scene.h"
-#include "engine/visibility/zbuffer/raster_pass.h"
 
 namespace selenograph {
 namespace {
@@ -99,23 +93,17 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
   const engine::Selection selection = engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {});
   const Vec3 anchor = engine::anchor_for(view.position(), view.middle());
   const int threads = tbb::this_task_arena::max_concurrency();
-  const auto scene_of = [&](engine::Visibility visibility) {
-    return std::make_unique<engine::Scene>(*terrain, selection, anchor, threads, visibility);
+  engine::RenderCache kept(terrain, std::size_t{1} << 36, threads);
+  const auto content_of = [&](engine::Visibility visibility) {
+    return engine::SceneContent{selection.blocks, anchor, visibility};
   };
-  const auto ray_scene = scene_of(engine::Visibility::raytrace), raster_scene = scene_of(engine::Visibility::zbuffer);
-  const engine::PixelRays pixel_rays(r.camera, 0, 0);
-  engine::FrameScratch scratch;
-  // All that a frame does but for looking up its scene: choosing blocks, visibility, refinement, shadows, radiance.
-  const auto frame_ms = [&](const engine::Scene* warm, engine::Visibility visibility) {
-    return milliseconds([&] {
-      benchmark::DoNotOptimize(engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {}));
-      const auto made = setting.build ? scene_of(visibility) : nullptr;
-      engine::FrameProducts products;
-      engine::FrameSources sources(terrain->catalogue().rasters().size());
-      engine::render_pixels(made ? *made : *warm, view, r, engine::radiance_terms(r), pixel_rays,
-                            engine::ObjectsInFrame(r, view), sources, {}, scratch, products);
-      benchmark::DoNotOptimize(products.radiance.data());
-    });
+  const auto ray_scene = kept.scene(content_of(engine::Visibility::raytrace));
+  kept.scene(content_of(engine::Visibility::zbuffer));
+  const auto frame_ms = [&](engine::Visibility visibility) {
+    engine::FrameRequest asked = r;
+    asked.visibility = visibility;
+    if (setting.build) kept.forget(content_of(visibility));
+    return milliseconds([&] { benchmark::DoNotOptimize(engine::render_frame(asked, *terrain, kept, {})); });
   };
   const bool plain = !setting.build && !setting.lens && setting.angular_radius_deg == 0;
   const engine::BareKernel kernel(ray_scene->mesh, anchor, threads);
@@ -123,8 +111,8 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
   std::vector<double> bare, rays, zbuffer;
   for (auto _ : state) {
     if (plain) bare.push_back(milliseconds([&] { kernel.render(view, r.sun.direction, ray_scene->shell_m, image); }));
-    rays.push_back(frame_ms(ray_scene.get(), engine::Visibility::raytrace));
-    zbuffer.push_back(frame_ms(raster_scene.get(), engine::Visibility::zbuffer));
+    rays.push_back(frame_ms(engine::Visibility::raytrace));
+    zbuffer.push_back(frame_ms(engine::Visibility::zbuffer));
     state.SetIterationTime(zbuffer.back() / 1000);
   }
   double triangles = 0;

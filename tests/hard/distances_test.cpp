@@ -14,7 +14,7 @@
 
 #include "dem/terrain.h"
 #include "engine/renderer.h"
-#include "engine/visibility/scene.h"
+#include "engine/scene/selection.h"
 #include "tests/support/judge.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <random>
 
+#include "engine/scene/selection.h"
 #include "engine/visibility/raytrace/trace.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
@@ -47,7 +48,7 @@ TEST(Packets, LoseNoRayAlongTheAxes) {
   for (int axis = 0; axis < 6; ++axis) {
     Vec3 up = Vec3::Zero();
     up[axis / 2] = axis % 2 ? -1 : 1;
-    const Scene scene(terrain, around(up, 4, 0.15), up * kMoonRadius_m, 2);
+    const Scene scene(terrain, {around(up, 4, 0.15).blocks, up * kMoonRadius_m}, 2);
     int lost = 0;
     for (int p = 0; p < 20000; ++p) {
       Rays rays;

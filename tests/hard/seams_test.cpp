@@ -385,7 +385,7 @@ struct Wanted {
 
 void expect_closed(const std::string& name, const dem::Terrain& terrain, const Selection& selection,
                    const Vec3& anchor_at, double margin_m, const std::vector<Wanted>& wanted) {
-  const Scene scene(terrain, selection, anchor_for(anchor_at, -anchor_at.normalized()), 0);
+  const Scene scene(terrain, {selection.blocks, anchor_for(anchor_at, -anchor_at.normalized())}, 0);
   const Matching edges = match_edges(scene.mesh);
   EXPECT_EQ(edges.unmatched, 0u);
   EXPECT_EQ(edges.twofold, 0u);
@@ -506,8 +506,9 @@ TEST_F(PolarSeams, South) { expect_closed_cap("south pole", false); }
 
 // Up to its outermost posts a mosaic is there: the middles of all triangles whose posts are valid are met from above.
 TEST_F(SampleSeams, TheMosaicReachesItsRim) {
-  const Scene scene(terrain(), selection_of(terrain(), blocks_in(9, -11, -9, 43, 45)),
-                    anchor_for(middle(), -middle().normalized()), 0);
+  const Scene scene(
+      terrain(),
+      {selection_of(terrain(), blocks_in(9, -11, -9, 43, 45)).blocks, anchor_for(middle(), -middle().normalized())}, 0);
   std::vector<Vec3> middles;
   for (std::uint32_t b = 0; b < scene.mesh.blocks().size(); ++b) {
     const int quads = scene.mesh.blocks()[b].posts->extent.quads;
@@ -539,14 +540,14 @@ TEST_F(SampleSeams, TheMosaicReachesItsRim) {
 // The test of the test: with two neighbouring blocks left out, rays at the edge that was between them pass.
 TEST_F(SampleSeams, AreFoundOpenWhereBlocksAreMissing) {
   Selection selection = selection_of(terrain(), blocks_in(9, -11, -9, 43, 45));
-  const Scene whole(terrain(), selection, anchor_for(middle(), -middle().normalized()), 0);
+  const Scene whole(terrain(), {selection.blocks, anchor_for(middle(), -middle().normalized())}, 0);
   const Seams seams = seams_of(whole.mesh, kMosaicMargin_m);
   const std::size_t before = selection.blocks.size();
   for (const double lon_deg : {44.05, 44.15})
     std::erase(selection.blocks, dem::block_at(9, static_cast<std::int32_t>((90 - 9.95) * dem::kTicksPerDegree),
                                                static_cast<std::int32_t>((180 + lon_deg) * dem::kTicksPerDegree)));
   ASSERT_EQ(selection.blocks.size(), before - 2);
-  const Scene torn(terrain(), selection, whole.anchor, 0);
+  const Scene torn(terrain(), {selection.blocks, whole.anchor}, 0);
   EXPECT_GT(shoot(torn, {&seams.all}, 200'000).passed, 0);
 }
 

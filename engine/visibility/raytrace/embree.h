@@ -7,7 +7,7 @@
 #include <memory>
 #include <span>
 
-#include "engine/visibility/facets.h"
+#include "engine/support/packet.h"
 
 namespace selenograph::engine {
 

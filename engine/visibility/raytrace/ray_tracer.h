@@ -7,8 +7,9 @@
 #include <cstdint>
 #include <memory>
 
+#include "engine/scene/mesh.h"
+#include "engine/support/packet.h"
 #include "engine/visibility/raytrace/embree.h"
-#include "engine/visibility/refine.h"
 
 namespace selenograph::engine {
 

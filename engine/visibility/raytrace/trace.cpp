@@ -12,20 +12,8 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kLattice_m = 4096;
 // What float leaves open of a point and of the plane it lies on, as a share of the largest coordinates.
 constexpr float kRounding = 0x1p-22F;
-
-// Distance (in the direction's lengths) at which a ray enters the sphere; 0 from inside, empty when it misses or
-// leaves.
-std::optional<double> enter_sphere(const Vec3& origin, const Vec3& direction, double radius) {
-  const double outside = origin.squaredNorm() - radius * radius;
-  if (outside <= 0) return 0.0;
-  const double a = direction.squaredNorm(), b = origin.dot(direction);
-  const double root2 = b * b - a * outside;
-  if (b >= 0 || root2 < 0) return std::nullopt;
-  return outside / (-b + std::sqrt(root2));  // the stable form of the nearer root
-}
 
 // Whether a ray from `outside` (squared distance from the centre less the datum's radius squared) meets the datum; a:
 // its direction squared, b: origin . direction.
@@ -98,18 +86,6 @@ void face_the_sun(const SurfacePoints& p, double sx, double sy, double sz, std::
 }
 
 }  // namespace
-
-Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle) {
-  const double distance = camera_m.norm();
-  Vec3 near = camera_m * (kMoonRadius_m / distance);
-  const double ahead = -camera_m.dot(middle);
-  if (distance > 1.2 * kMoonRadius_m && ahead > 0) {
-    // Past the limb: the surface that the middle passes closest, which is what a telescope may have in view.
-    const auto t = enter_sphere(camera_m, middle, kMoonRadius_m);
-    near = t ? Vec3(camera_m + *t * middle) : Vec3((camera_m + ahead * middle).normalized() * kMoonRadius_m);
-  }
-  return (near / kLattice_m).array().round() * kLattice_m;
-}
 
 // Embree's ROBUST grids lose about one in 3000 rays that pass exactly through an edge or a vertex. Aside by its own
 // rounding they don't: rays that are lost though they head for the Moon get four more looks. Where exactly they meet is

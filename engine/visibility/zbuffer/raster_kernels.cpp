@@ -422,9 +422,10 @@ namespace {
 // Triangles too large, too near or partly behind the eye for pixels in float: homogeneous edges in double (Olano and
 // Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997), without any clipping. An edge between two
 // vertices that whole strips can have, too, is tested as they test it, so that both meet bit for bit.
-class WideDrawer {
+class HomogeneousDrawer {
  public:
-  WideDrawer(const RasterBlock& block, const TileView& view, TileBuffer& out) : block_(block), view_(view), out_(out) {}
+  HomogeneousDrawer(const RasterBlock& block, const TileView& view, TileBuffer& out)
+      : block_(block), view_(view), out_(out) {}
 
   void draw(const TriangleId& id) {
     const dem::QuadVertices q = id.vertices();
@@ -445,7 +446,7 @@ class WideDrawer {
     const double ix = (n[0].x + n[1].x + n[2].x) / volume, iy = (n[0].y + n[1].y + n[2].y) / volume,
                  i1 = (n[0].one + n[1].one + n[2].one) / volume;
     int x0 = 0, x1 = view_.width - 1, y0 = 0, y1 = view_.height - 1;
-    if (a.plain && b.plain && c.plain) {
+    if (a.in_guard_band && b.in_guard_band && c.in_guard_band) {
       const auto [aside, above] = view_.slack;
       x0 = std::max(x0, static_cast<int>(std::ceil(std::min({a.px, b.px, c.px}) - aside)));
       x1 = std::min(x1, static_cast<int>(std::floor(std::max({a.px, b.px, c.px}) + aside)));
@@ -475,18 +476,18 @@ class WideDrawer {
   struct Corner {
     double x, y, z;  // x / z and y / z are pixels
     float px, py;
-    bool plain;  // whole strips can have it
+    bool in_guard_band;  // only then px and py are of use
   };
   // e(x, y) = x . x + y . y + one
   struct Plane {
     double x, y, one;
   };
   struct Edge {
-    bool plain;
+    bool in_guard_band;  // both ends
     float ox, oy, ex, ey;
     Plane plane;
     bool positive_or_zero(float x, float y, bool flip) const {
-      if (plain) {
+      if (in_guard_band) {
         const float e = ex * (y - oy) - ey * (x - ox);
         return flip ? e <= 0 : e >= 0;
       }
@@ -506,7 +507,7 @@ class WideDrawer {
     const float h[3] = {dot(0), dot(1), dot(2)}, inverse = 1 / h[2];
     out.x = static_cast<double>(h[0]), out.y = static_cast<double>(h[1]), out.z = static_cast<double>(h[2]);
     out.px = h[0] * inverse, out.py = h[1] * inverse;
-    out.plain = is_plain(h[2], out.px, out.py, view_.least_depth);
+    out.in_guard_band = engine::in_guard_band(h[2], out.px, out.py, view_.least_depth);
     return out;
   }
 
@@ -516,7 +517,7 @@ class WideDrawer {
 
   static Edge edge(const Corner& p, const Corner& q) {
     Edge e{};
-    e.plain = p.plain && q.plain;
+    e.in_guard_band = p.in_guard_band && q.in_guard_band;
     e.ox = p.px, e.oy = p.py, e.ex = q.px - p.px, e.ey = q.py - p.py;
     e.plane = plane(p, q);
     return e;
@@ -541,12 +542,13 @@ class WideDrawer {
 
 }  // namespace
 
-void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& view, bool wide, TileBuffer& out) {
-  if (!wide) {
+void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& view, bool leaves_guard_band,
+                TileBuffer& out) {
+  if (!leaves_guard_band) {
     HWY_DYNAMIC_DISPATCH(DrawStrip)(block, strip, view, out);
     return;
   }
-  WideDrawer drawer(block, view, out);
+  HomogeneousDrawer drawer(block, view, out);
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r)
     for (int c = 0; c < block.quads; ++c)
       for (const bool upper : {false, true}) drawer.draw({strip.block, r, c, upper});

@@ -43,15 +43,17 @@ struct TileBuffer {
   }
 };
 
-// A vertex that float can have in pixels: in front of the eye, and not too far outside of the tile.
+// The guard band: in front of the eye and not too far beside the tile. There a vertex has a place in pixels that float
+// can hold.
 inline constexpr float kFarAside_px = 16384;
-inline bool is_plain(float depth, float x, float y, float least_depth) {
+inline bool in_guard_band(float depth, float x, float y, float least_depth) {
   return depth >= least_depth && std::abs(x) <= kFarAside_px && std::abs(y) <= kFarAside_px;
 }
 
-// Draws the strip's triangles, whichever way they face. All of its vertices are plain, unless it is `wide`: then each
-// triangle is drawn by itself, in double.
-void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& view, bool wide, TileBuffer& out);
+// Draws the strip's triangles, whichever way they face. All of its vertices are in the guard band, unless it
+// `leaves_guard_band`: then each triangle is drawn by itself, by homogeneous edges in double.
+void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& view, bool leaves_guard_band,
+                TileBuffer& out);
 
 // Rows of cells of samples under the Sun, one band of them: the samples of a row lie one after the other, those of a
 // cell too. u, v across the Sun's direction, d toward the Sun, metres.

@@ -1,45 +1,31 @@
 // Frames by z-buffer and irregular shadow map: strips of the mesh are drawn into tiles of the image, each pixel's point
 // is refined in double by the code that rays use, and shadows are cast on exactly these points.
-//
-// A lens bends what the image plane shows straight. Its pixels are then samples in the plane before the lens: each tile
-// has an affine map from that plane to its pixels, close enough that a sample lies within a fraction of a pixel of its
-// place in the tile (TileView::slack), and triangles, which an affine map leaves triangles, are tested at the samples
-// themselves. So the z-buffer is exact at the centres of a distorted image's pixels, too.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
-#include "engine/scene/raster_mesh.h"
+#include "engine/camera/packet_rays.h"
+#include "engine/frame/report.h"
 #include "engine/support/pool.h"
-#include "engine/visibility/pixel_store.h"
+#include "engine/support/stopwatch.h"
+#include "engine/visibility/frame_job.h"
+#include "engine/visibility/frame_writer.h"
+#include "engine/visibility/shading.h"
+#include "engine/visibility/zbuffer/image_tiles.h"
 #include "engine/visibility/zbuffer/raster_kernels.h"
 #include "engine/visibility/zbuffer/shadow_map.h"
 #include "engine/visibility/zbuffer/sun_disc.h"
 
 namespace selenograph::engine {
 
-// Where a strip may be in the image, in pixels of the camera without its lens; empty when it can't be in view. `wide`:
-// not all of its vertices are plain in every tile.
-struct StripBox {
-  float low[2], high[2];
-  bool wide;
-  bool empty() const { return !(low[0] <= high[0] && low[1] <= high[1]); }
-};
-
-// One tile of the image.
-struct ImageTile {
-  int x0, y0, width, height;
-  float low[2], high[2];              // of its samples, in pixels of the camera without its lens
-  std::vector<std::uint32_t> strips;  // that may be in it
-};
-
 // All that a frame needs while it is drawn; kept from frame to frame.
 struct FrameScratch {
   std::vector<StripBox> boxes;
   std::vector<ImageTile> tiles;
   std::vector<LightSamples> samples;  // per tile
-  std::vector<float> layer;           // radiance of one sub-pixel sample
+  std::vector<float> radiance;        // of one sub-pixel sample
   std::vector<float> bases;           // per pixel, without the Sun; empty: the same everywhere
   LightScratch light;
   DiscScratch disc;
@@ -47,8 +33,66 @@ struct FrameScratch {
   std::size_t bytes() const;
 };
 
-// Parallel over tiles in the caller's task arena; stops between tiles and between bands of the shadow map.
-void draw_pixels(const RasterMesh& mesh, PixelStore& store, const ObjectsInFrame& objects, const StopToken& stop,
-                 FrameScratch& scratch);
+class RasterPass {
+ public:
+  RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& scratch, StageTimes& times);
+
+  // One sample of all pixels; it goes through the stages at once. Between them a point is no more than its place under
+  // the Sun (FrameScratch::samples) and its radiance with the Sun in view and without it: the shadow map needs all
+  // points before it can answer for any.
+  struct Pixels {
+    explicit Pixels(const SubpixelSample& of) : sample(of) {}
+    const SubpixelSample& sample;
+    Stopwatch watch;
+  };
+
+  // stages(*this, pixels) for each sample.
+  template <typename Stages>
+  void for_pixels(const Stages& stages) {
+    for (const SubpixelSample& sample : samples_of(request_)) {
+      Pixels pixels(sample);
+      stages(*this, pixels);
+    }
+  }
+
+  // The stages, in order. Parallel over tiles in the caller's task arena; stops between tiles and between bands of the
+  // shadow map.
+  void find_points(Pixels& pixels);
+  void find_light(Pixels& pixels);
+  void find_radiance(Pixels& pixels);
+  void write_products(Pixels& pixels);
+
+ private:
+  struct Row;  // of a tile, sixteen pixels
+
+  void resolve_tile(const ImageTile& tile, const TileBuffer& buffer, const SubpixelSample& sample,
+                    const PixelRays& lens, PixelCounts& counts, LightSamples& samples);
+  void resolve(const Row& row, const std::uint32_t* triangles, PixelCounts& counts, LightSamples& samples,
+               PacketShader::Sampler& sampler);
+  void resolve_objects(const Row& row, Rays& rays, SurfacePoints& points, PixelCounts& counts, LightSamples& samples);
+  void prefetch(const std::uint32_t* triangles) const;
+  void place_under_sun(const SurfacePoints& points, const Shading& shading, const std::uint16_t* own,
+                       std::size_t first_pixel, float* lit, LightSamples& samples) const;
+  void shade_by_objects(const SurfacePoints& points, const std::uint16_t* own, std::int32_t* facing) const;
+  void add_samples(const SurfacePoints& points, const std::int32_t* facing, std::uint32_t first_pixel, float* lit,
+                   bool all_inside, LightSamples& samples) const;
+  template <typename Work>
+  void for_shaded(const Work& work) const;
+  std::vector<float>& radiance_of(const SubpixelSample& sample) {
+    return sample.store ? writer_.out().radiance : scratch_.radiance;
+  }
+
+  const FrameJob& job_;
+  const FrameRequest& request_;
+  const RasterMesh& mesh_;
+  FrameWriter& writer_;
+  FrameScratch& scratch_;
+  StageTimes& times_;
+  ImageTiling tiling_;
+  PacketRays rays_;
+  PacketShader shader_;
+  std::optional<ShadowMap> shadows_;
+  std::optional<SunDisc> disc_;
+};
 
 }  // namespace selenograph::engine

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "dem/stop_token.h"
+#include "engine/support/packet.h"
 #include "engine/support/pool.h"
-#include "engine/visibility/refine.h"
 #include "engine/visibility/zbuffer/raster_kernels.h"
 
 namespace selenograph::engine {

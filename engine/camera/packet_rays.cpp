@@ -1,0 +1,86 @@
+#include "engine/camera/packet_rays.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "engine/support/vectorise.h"
+
+namespace selenograph::engine {
+namespace {
+
+// Rays of a camera without distortion: linear in the pixel's coordinates.
+template <PacketShape shape>
+SELENOGRAPH_VECTORISED void linear_rays(const double* first, const double* right, const double* down,
+                                        const double* origin, double x, double y, Rays& rays) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const int column = i % pixels_across(shape), row = i / pixels_across(shape);
+    const double px = x + column, py = y + row;
+    rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+    rays.dx[i] = first[0] + right[0] * px + down[0] * py;
+    rays.dy[i] = first[1] + right[1] * px + down[1] * py;
+    rays.dz[i] = first[2] + right[2] * px + down[2] * py;
+  }
+}
+
+// The same from places on the camera's plane z = 1; `m`: MOON_ME from camera, by columns.
+SELENOGRAPH_VECTORISED
+void lens_rays(const double* x, const double* y, const double* m, const double* origin, Rays& rays) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+    rays.dx[i] = m[0] * x[i] + m[3] * y[i] + m[6];
+    rays.dy[i] = m[1] * x[i] + m[4] * y[i] + m[7];
+    rays.dz[i] = m[2] * x[i] + m[5] * y[i] + m[8];
+  }
+}
+
+}  // namespace
+
+PacketRays::PacketRays(const View& view) : view_(view), linear_(view.camera().distortion.none()) {
+  const Camera& c = view.camera();
+  const Eigen::Matrix3d& m = view.moon_from_camera();
+  right_ = m.col(0) / c.fx, down_ = m.col(1) / c.fy, first_ = m.col(2) - right_ * c.cx - down_ * c.cy;
+}
+
+template <PacketShape shape>
+void PacketRays::aim_shape(int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) const {
+  constexpr int kAcross = pixels_across(shape);
+  const Camera& camera = view_.camera();
+  if (x + kAcross <= camera.width && y + kPacket / kAcross <= camera.height)
+    std::fill_n(out.valid, kPacket, true);
+  else
+    for (int i = 0; i < kPacket; ++i) out.valid[i] = x + i % kAcross < camera.width && y + i / kAcross < camera.height;
+  if (linear_) {
+    linear_rays<shape>(first_.data(), right_.data(), down_.data(), view_.position().data(), x + dx, y + dy, out);
+    return;
+  }
+  alignas(64) double px[kPacket], py[kPacket];
+  for (int i = 0; i < kPacket; ++i) {
+    px[i] = py[i] = 0;
+    if (!out.valid[i]) continue;
+    const int column = x + i % kAcross, row = y + i / kAcross;
+    if (lens) {
+      const std::size_t at =
+          static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(column);
+      px[i] = lens->x[at], py[i] = lens->y[at];
+    } else if (const auto p = view_.undistorted(column + dx, row + dy)) {
+      px[i] = p->x(), py[i] = p->y();
+    } else {
+      px[i] = std::numeric_limits<double>::quiet_NaN();
+    }
+    out.valid[i] = !std::isnan(px[i]);
+    if (!out.valid[i]) px[i] = py[i] = 0;
+  }
+  lens_rays(px, py, view_.moon_from_camera().data(), view_.position().data(), out);
+}
+
+void PacketRays::aim(PacketShape shape, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) const {
+  if (shape == PacketShape::row)
+    aim_shape<PacketShape::row>(x, y, dx, dy, lens, out);
+  else
+    aim_shape<PacketShape::square>(x, y, dx, dy, lens, out);
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,17 @@
+// Which accuracy a frame gets that has a budget of time.
+#pragma once
+
+#include "dem/stop_token.h"
+#include "dem/terrain.h"
+#include "engine/budget.h"
+#include "engine/render_cache.h"
+
+namespace selenograph::engine {
+
+// The setting with the least expected error that is predicted to take no longer than budget_ms, with no more than
+// max_samples per pixel; the coarsest if none. The time spent on choosing counts. In the caller's task arena; throws as
+// Renderer::choose does.
+BudgetChoice choose_accuracy(const FrameRequest& request, double budget_ms, int max_samples,
+                             const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
+
+}  // namespace selenograph::engine

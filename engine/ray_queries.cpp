@@ -1,0 +1,181 @@
+#include "engine/ray_queries.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "dem/error.h"
+#include "dem/parallel.h"
+#include "engine/camera/view.h"
+#include "engine/scene/selection.h"
+#include "engine/visibility/raytrace/trace.h"
+#include "engine/visibility/refine.h"
+
+namespace selenograph::engine {
+namespace {
+
+template <typename Work>
+void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
+  const std::size_t packets = (size + kPacket - 1) / kPacket;
+  in_parallel_pieces(packets, 16, [&](std::size_t first, std::size_t past_last) {
+    stop.check();
+    for (std::size_t p = first; p < past_last; ++p)
+      work(p * kPacket, static_cast<int>(std::min<std::size_t>(kPacket, size - p * kPacket)));
+  });
+}
+
+class RayCaster {
+ public:
+  RayCaster(const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop)
+      : terrain_(terrain), kept_(kept), stop_(stop) {}
+
+  std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun) {
+    std::vector<RayHit> hits(rays.size());
+    std::vector<Vec3> facets(rays.size());  // their normals, as in SurfacePoints
+    in_batches({rays.begin(), rays.end()}, [&](const Scene& scene, const Batch& batch, std::size_t first, int count) {
+      Rays packet;
+      for (int i = 0; i < kPacket; ++i) {
+        const Ray& ray = rays[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]];
+        packet.set(i, ray.origin_m, ray.direction.normalized());
+        packet.valid[i] = i < count;
+      }
+      SurfacePoints points;
+      trace(scene, packet, points);
+      for (int i = 0; i < count; ++i) {
+        if (!points.hit[i]) continue;
+        const std::size_t at = batch[first + static_cast<std::size_t>(i)];
+        hits[at] = {true, points.distance[i], points.position(i),
+                    shading_normal(scene.mesh, points, i, packet.direction(i)), 0};
+        facets[at] = points.facet_normal(i);
+      }
+    });
+    if (sun) light(hits, facets, *sun);
+    return hits;
+  }
+
+ private:
+  using Batch = std::vector<std::size_t>;  // indices of rays
+
+  void light(std::vector<RayHit>& hits, const std::vector<Vec3>& facets, const Sun& sun) {
+    std::vector<Ray> to_sun;
+    std::vector<std::size_t> asked;
+    for (std::size_t i = 0; i < hits.size(); ++i)
+      if (hits[i].hit && hits[i].normal.dot(sun.direction) > 0)
+        to_sun.push_back({hits[i].position_m, sun.direction}), asked.push_back(i);
+    in_batches(to_sun, [&](const Scene& scene, const Batch& batch, std::size_t first, int count) {
+      SurfacePoints points;
+      bool wanted[kPacket] = {};
+      for (int i = 0; i < count; ++i) {
+        const std::size_t at = asked[batch[first + static_cast<std::size_t>(i)]];
+        wanted[i] = true;
+        points.x[i] = hits[at].position_m.x(), points.y[i] = hits[at].position_m.y(),
+        points.z[i] = hits[at].position_m.z();
+        points.nx[i] = facets[at].x(), points.ny[i] = facets[at].y(), points.nz[i] = facets[at].z();
+      }
+      float lit[kPacket];
+      if (sun.angular_radius_deg > 0)
+        sunlit_disc(scene, points, wanted, sun, lit);
+      else
+        sunlit(scene, points, wanted, sun.direction, lit);
+      for (int i = 0; i < count; ++i)
+        hits[asked[batch[first + static_cast<std::size_t>(i)]]].lit = static_cast<double>(lit[i]);
+    });
+  }
+
+  // work(scene, batch, first, count) on packets of rays, as many batches of them as the terrain along them makes scenes
+  // of bearable size. Rays that enter the terrain near each other go together.
+  template <typename Work>
+  void in_batches(const std::vector<Ray>& rays, Work&& work) {
+    std::vector<std::pair<dem::BlockId, std::size_t>> places;
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+      const Geographic g = to_geographic(anchor_for(rays[i].origin_m, rays[i].direction));
+      places.emplace_back(
+          dem::block_at(6, static_cast<std::int32_t>((g.lat_deg + 90) * dem::kTicksPerDegree),
+                        dem::wrap_lon(static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree))),
+          i);
+    }
+    std::sort(places.begin(), places.end());
+    Batch order;
+    order.reserve(places.size());
+    for (const auto& place : places) order.push_back(place.second);
+    split(rays, std::move(order), work);
+  }
+
+  template <typename Work>
+  void split(const std::vector<Ray>& rays, Batch batch, Work& work) {
+    if (batch.empty()) return;
+    std::vector<Ray> some;
+    some.reserve(batch.size());
+    for (const std::size_t i : batch) some.push_back(rays[i]);
+    // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
+    const std::size_t most = std::min(kMaxBlocks, kept_.capacity() / kSceneBytesPerBlock);
+    const auto selection = select_for_rays(terrain_, some, batch.size() == 1 ? most : most / 4, stop_);
+    if (!selection && batch.size() == 1) throw TooMuchTerrain("a ray runs along more terrain than fits");
+    if (!selection) {
+      const auto middle = batch.begin() + static_cast<std::ptrdiff_t>(batch.size() / 2);
+      split(rays, {batch.begin(), middle}, work);
+      split(rays, {middle, batch.end()}, work);
+      return;
+    }
+    const auto scene =
+        kept_.scene({selection->blocks, anchor_for(some[0].origin_m, some[0].direction), Visibility::raytrace});
+    for_packets(batch.size(), stop_, [&](std::size_t first, int count) { work(*scene, batch, first, count); });
+  }
+
+  const dem::Terrain& terrain_;
+  RenderCache& kept_;
+  const StopToken& stop_;
+};
+
+// A landmark given on the terrain lies on the mesh to within rounding and the chords' sag (2 mm): it is lifted clear of
+// both.
+Vec3 above(const Vec3& place) { return place * (1 + 0.01 / place.norm()); }
+double slack_m(double range_m) { return std::max(0.05, 1e-7 * range_m); }
+
+}  // namespace
+
+std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::optional<Sun>& sun, const dem::Terrain& terrain,
+                              RenderCache& kept, const StopToken& stop) {
+  return RayCaster(terrain, kept, stop).cast(rays, sun);
+}
+
+std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
+                                        const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
+                                        const StopToken& stop) {
+  const View view(camera, pose);
+  refuse_underground(terrain, view.position());
+  RayCaster caster(terrain, kept, stop);
+  std::vector<Landmark> answers(points.size());
+  std::vector<Ray> looks, lights;
+  std::vector<std::size_t> looked, lighted;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    stop.check();
+    const LandmarkQuery& q = points[i];
+    Landmark& a = answers[i];
+    const double ground = terrain.height(q.lat_deg, q.lon_deg).height_m;
+    a.height_m = q.height_m.value_or(ground);
+    a.x_px = a.y_px = a.range_m = std::nan("");
+    if (std::isnan(a.height_m)) continue;
+    const Vec3 place = to_cartesian({q.lat_deg, q.lon_deg, a.height_m});
+    a.range_m = (place - view.position()).norm();
+    const bool buried = a.height_m < ground - 0.01;  // a ray from below passes the surface unseen
+    if (sun && !buried) lights.push_back({above(place), sun->direction}), lighted.push_back(i);
+    const auto pixel = view.project(place);
+    if (!pixel) continue;
+    a.x_px = pixel->x, a.y_px = pixel->y;
+    a.in_frame =
+        pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < camera.width - 0.5 && pixel->y < camera.height - 0.5;
+    if (a.in_frame) looks.push_back({view.position(), (place - view.position()).normalized()}), looked.push_back(i);
+  }
+  const std::vector<RayHit> seen = caster.cast(looks, std::nullopt);
+  for (std::size_t k = 0; k < seen.size(); ++k) {
+    // Visible unless something stands clearly nearer: the landmark itself is met at its own range.
+    Landmark& a = answers[looked[k]];
+    a.visible = !seen[k].hit || seen[k].range_m > a.range_m - slack_m(a.range_m);
+  }
+  const std::vector<RayHit> shades = caster.cast(lights, std::nullopt);
+  for (std::size_t k = 0; k < shades.size(); ++k) answers[lighted[k]].lit = shades[k].hit ? 0 : 1;
+  return answers;
+}
+
+}  // namespace selenograph::engine

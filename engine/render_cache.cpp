@@ -1,0 +1,79 @@
+#include "engine/render_cache.h"
+
+#include <xxhash.h>
+
+#include <type_traits>
+
+namespace selenograph::engine {
+
+// The structured bindings name every member: one more, and they don't compile until it is part of the key.
+
+RenderCache::SceneKey RenderCache::key_of(const SceneContent& content) {
+  const auto& [blocks, anchor_m, visibility] = content;
+  static_assert(std::has_unique_object_representations_v<dem::BlockId>);
+  XXH3_state_t* state = XXH3_createState();
+  XXH3_128bits_reset(state);
+  XXH3_128bits_update(state, blocks.data(), blocks.size() * sizeof(dem::BlockId));
+  XXH3_128bits_update(state, anchor_m.data(), 3 * sizeof(double));
+  XXH3_128bits_update(state, &visibility, sizeof visibility);
+  const XXH128_hash_t hash = XXH3_128bits_digest(state);
+  XXH3_freeState(state);
+  return {hash.low64, hash.high64};
+}
+
+RenderCache::LensKey RenderCache::key_of(const Camera& camera) {
+  const auto& [width, height, fx, fy, cx, cy, distortion] = camera;
+  const auto& [k1, k2, k3, p1, p2] = distortion;
+  return {static_cast<double>(width), static_cast<double>(height), fx, fy, cx, cy, k1, k2, k3, p1, p2};
+}
+
+std::size_t RenderCache::LensKeyHash::operator()(const LensKey& key) const {
+  return XXH3_64bits(key.data(), sizeof key);
+}
+
+RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads)
+    : terrain_(std::move(terrain)),
+      threads_(threads),
+      scenes_(bytes),
+      lenses_(bytes / 8),
+      speed_of_rays_(threads),
+      speed_of_zbuffer_(threads) {}
+
+std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content) {
+  return scenes_.get(key_of(content), [&] {
+    std::shared_ptr<const Scene> before;
+    {
+      const std::lock_guard lock(latest_mutex_);
+      before = latest_.lock();
+    }
+    auto made = std::make_shared<const Scene>(*terrain_, content, threads_, before.get());
+    {
+      const std::lock_guard lock(latest_mutex_);
+      latest_ = made;
+    }
+    return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes()};
+  });
+}
+
+bool RenderCache::holds(const SceneContent& content) const { return scenes_.holds(key_of(content)); }
+
+void RenderCache::forget(const SceneContent& content) {
+  scenes_.erase(key_of(content));
+  const std::lock_guard lock(latest_mutex_);
+  latest_.reset();
+}
+
+std::shared_ptr<const PixelRays> RenderCache::lens(const Camera& camera) {
+  if (camera.distortion.none()) return std::make_shared<const PixelRays>();
+  return lenses_.get(key_of(camera), [&] {
+    auto made = std::make_shared<const PixelRays>(camera, 0, 0);
+    return dem::Cache<LensKey, PixelRays, LensKeyHash>::Loaded{made, made->bytes()};
+  });
+}
+
+void RenderCache::settle() {
+  if (scratch_.bytes() > scenes_.capacity() / 4) scratch_.clear();
+  scenes_.reserve(scratch_.bytes() + lenses_.bytes());
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,74 @@
+// What is kept from frame to frame, on one budget in bytes: scenes, lenses, scratch memory; and how fast frames have
+// been.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+
+#include "dem/cache.h"
+#include "dem/terrain.h"
+#include "engine/budget.h"
+#include "engine/camera/pixel_rays.h"
+#include "engine/support/pool.h"
+#include "engine/visibility/scene.h"
+#include "engine/visibility/zbuffer/raster_pass.h"
+
+namespace selenograph::engine {
+
+// Safe to use concurrently.
+class RenderCache {
+ public:
+  // `threads`: that work on a frame.
+  RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads);
+
+  std::shared_ptr<const Scene> scene(const SceneContent& content);
+  bool holds(const SceneContent& content) const;
+  void forget(const SceneContent& content);
+
+  // Where the camera's pixels look; empty without distortion.
+  std::shared_ptr<const PixelRays> lens(const Camera& camera);
+
+  // Leases are to be short: what is lent is not on the budget.
+  Pool<FrameScratch>& scratch() { return scratch_; }
+  // After a lease has ended. Scratch memory and lenses are on the scenes' budget. A frame much larger than the others
+  // leaves its scratch memory behind only if that is a small part of it.
+  void settle();
+
+  SpeedGauge& speed(Visibility visibility) {
+    return visibility == Visibility::zbuffer ? speed_of_zbuffer_ : speed_of_rays_;
+  }
+
+  std::size_t capacity() const { return scenes_.capacity(); }
+  std::size_t bytes() const { return scenes_.bytes() + lenses_.bytes() + scratch_.bytes(); }
+
+ private:
+  struct SceneKey {
+    std::uint64_t low, high;
+    bool operator==(const SceneKey&) const = default;
+  };
+  struct SceneKeyHash {
+    std::size_t operator()(const SceneKey& key) const { return key.low; }
+  };
+  // What a lens makes of pixels doesn't depend on where the camera is.
+  using LensKey = std::array<double, 11>;
+  struct LensKeyHash {
+    std::size_t operator()(const LensKey& key) const;
+  };
+  static SceneKey key_of(const SceneContent& content);
+  static LensKey key_of(const Camera& camera);
+
+  std::shared_ptr<const dem::Terrain> terrain_;
+  int threads_;
+  dem::Cache<SceneKey, Scene, SceneKeyHash> scenes_;
+  dem::Cache<LensKey, PixelRays, LensKeyHash> lenses_;
+  Pool<FrameScratch> scratch_;
+  // The last scene that was made, if it is still in use or kept: a moving camera has most of it in common.
+  std::mutex latest_mutex_;
+  std::weak_ptr<const Scene> latest_;
+  SpeedGauge speed_of_rays_, speed_of_zbuffer_;
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,164 @@
+#include "engine/render_frame.h"
+
+#include <fmt/format.h>
+#include <xxhash.h>
+
+#include <cmath>
+
+#include "engine/frame/needs.h"
+#include "engine/radiometry/radiometry.h"
+#include "engine/sensor/sensor.h"
+#include "engine/support/stopwatch.h"
+#include "engine/visibility/frame_writer.h"
+#include "engine/visibility/raytrace/ray_pass.h"
+
+namespace selenograph::engine {
+namespace {
+
+// The frame's own list of sources, in the catalogue's order, and `source` as indices into it.
+void list_sources(const dem::Catalogue& catalogue, const FrameSources& sources, Frame& frame) {
+  for (const dem::SourceIndex raster : sources.settle(frame.products.source)) {
+    const dem::RasterInfo& info = catalogue.rasters()[raster];
+    const std::string identity = fmt::format("{}:{}:{}", info.name, info.bytes, info.modified_ns);
+    frame.report.sources.push_back({info.name, info.path, XXH3_64bits(identity.data(), identity.size())});
+  }
+}
+
+void report_scene(const Selection& selection, const Scene& scene, FrameReport& out) {
+  out.lod_error_px = selection.error_px, out.lod_error_m = selection.error_m;
+  out.shadow_error_px = selection.shadow_error_px;
+  out.min_post_spacing_m = selection.min_spacing_m, out.max_post_spacing_m = selection.max_spacing_m;
+  for (const MeshBlock& b : scene.mesh.blocks())
+    out.triangles +=
+        2 * static_cast<std::size_t>(b.posts->extent.quads) * static_cast<std::size_t>(b.posts->extent.quads);
+  out.scene_bytes = scene.bytes();
+}
+
+void report_pixels(const Camera& camera, const PixelCounts& counts, FrameReport& out) {
+  const double pixels = static_cast<double>(camera.width) * camera.height;
+  out.hit_fraction = static_cast<double>(counts.hit) / pixels;
+  out.object_fraction = static_cast<double>(counts.on_object) / pixels;
+  out.missing_fraction = static_cast<double>(counts.missing) / pixels;
+  out.filled_fraction = static_cast<double>(counts.filled) / pixels;
+}
+
+// Radiance as a mean over the exposure, whose middle is rendered already. The time of the others counts as if it were
+// the frame's own.
+std::vector<float> radiance_in_motion(FrameRequest request, const std::vector<float>& in_the_middle,
+                                      const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
+                                      StageTimes& times) {
+  const Motion& motion = request.sensor->motion;
+  const Pose middle = request.pose;
+  request.products = kRadiance;
+  std::vector<float> mean(in_the_middle.size(), 0.F);
+  const float share = 1.F / static_cast<float>(motion.samples);
+  const auto add = [&](const std::vector<float>& radiance) {
+    for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += share * radiance[i];
+  };
+  for (int k = 0; k < motion.samples; ++k) {
+    const double moment = (k + 0.5) / motion.samples - 0.5;
+    if (moment == 0) {
+      add(in_the_middle);
+      continue;
+    }
+    request.pose = moved(middle, motion, moment * request.sensor->detector.integration_time_s);
+    const Frame frame = render_frame(request, terrain, kept, stop);
+    times.visibility_ms += frame.times.visibility_ms, times.select_ms += frame.times.select_ms;
+    times.build_ms += frame.times.build_ms;
+    add(frame.products.radiance);
+  }
+  return mean;
+}
+
+// The image by a sensor's model, of a frame that was rendered with its margin, which all products lose.
+void capture(const Sensor& sensor, const FrameRequest& request, const View& view, const PixelRays& lens,
+             std::vector<float> radiance, Frame& frame) {
+  sensor.image(view, lens, std::move(radiance), frame.products.image);
+  crop(frame.products, request.camera, sensor.margin_px());
+  frame.report.full_scale_radiance_w_m2_sr = sensor.full_scale_radiance_w_m2_sr();
+  frame.report.margin_px = sensor.margin_px(), frame.report.captured_fraction = sensor.captured();
+}
+
+}  // namespace
+
+Selection select_blocks(const FrameRequest& request, const View& view, const Accuracy& accuracy,
+                        const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop) {
+  if (!request.terrain) return {};
+  return select_for_view(terrain, view, wants_light(request) ? &request.sun : nullptr, accuracy, stop, kept.capacity(),
+                         balls_around(request.objects));
+}
+
+SceneContent content_of(const FrameRequest& request, const View& view, const Selection& selection) {
+  return {selection.blocks, anchor_for(view.position(), view.middle()), visibility_for(request, view, selection)};
+}
+
+Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
+  // A sensor's model sees a little more than its image shows.
+  std::optional<Sensor> sensor;
+  if (asked.sensor && asked.products & kImage) sensor.emplace(asked);
+  FrameRequest request = asked;
+  if (sensor) request.camera = with_margin(asked.camera, sensor->margin_px());
+
+  Frame frame;
+  Stopwatch watch;
+  const View view(request.camera, request.pose);
+  if (request.terrain) refuse_underground(terrain, view.position());
+  const ObjectsInFrame objects(request, view);
+  const RadianceTerms radiance = radiance_terms(request);
+
+  // Selection: which blocks of the terrain, how fine; what may shade them.
+  const Selection selection = select_blocks(request, view, request.accuracy, terrain, kept, stop);
+  frame.times.select_ms = watch.lap_ms();
+
+  // Scene: the blocks as one mesh, with what the visibility algorithm needs of it.
+  const SceneContent content = content_of(request, view, selection);
+  const bool build = !kept.holds(content);
+  const std::shared_ptr<const Scene> scene = kept.scene(content);
+  frame.times.build_ms = watch.lap_ms();
+
+  // Visible points, light, radiance, products. Each of sixteen pixels at a time by rays, of all pixels by z-buffer.
+  const auto stages = [](auto& algorithm, auto& pixels) {
+    algorithm.find_points(pixels);
+    algorithm.find_light(pixels);
+    algorithm.find_radiance(pixels);
+    algorithm.write_products(pixels);
+  };
+  const std::shared_ptr<const PixelRays> lens = kept.lens(request.camera);
+  const FrameJob job{request, view, *scene, objects, radiance, *lens, stop};
+  FrameWriter writer(request, scene->mesh, terrain.catalogue().rasters().size(), frame.products);
+  if (scene->raster) {
+    const Pool<FrameScratch>::Lease scratch(kept.scratch());
+    RasterPass(job, writer, *scratch, frame.times).for_pixels(stages);
+  } else {
+    RayPass(job, writer).for_pixels(stages);
+  }
+  kept.settle();
+  list_sources(terrain.catalogue(), writer.sources(), frame);
+  frame.times.visibility_ms = watch.lap_ms();
+  kept.speed(content.visibility).learn(work_of(request, request.accuracy, triangles_of(selection), build), frame.times);
+
+  // Sensor: from radiance to digital numbers.
+  std::vector<float>& pixels = frame.products.radiance;
+  if (sensor) {
+    std::vector<float> captured = request.products & kRadiance ? pixels : std::move(pixels);
+    if (!request.sensor->motion.none())
+      captured = radiance_in_motion(request, captured, terrain, kept, stop, frame.times);
+    watch.lap_ms();
+    if (!(request.products & kRadiance)) pixels.clear();
+    capture(*sensor, request, view, *lens, std::move(captured), frame);
+  } else if (request.products & kImage) {
+    frame.report.full_scale_radiance_w_m2_sr = expose(request.image, pixels, frame.products.image);
+  }
+  if (!(request.products & kRadiance)) pixels = {};
+  frame.times.sensor_ms = watch.lap_ms();
+
+  frame.report.visibility = content.visibility;
+  frame.report.radiance = radiance;
+  frame.report.emits_elsewhere = objects.emit() || !request.temperature_maps.empty();
+  report_scene(selection, *scene, frame.report);
+  report_pixels(request.camera, writer.counts(), frame.report);
+  frame.report.warnings = terrain.warnings();
+  return frame;
+}
+
+}  // namespace selenograph::engine

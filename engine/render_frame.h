@@ -1,0 +1,23 @@
+// The one function that renders a frame and names its stages.
+#pragma once
+
+#include "dem/stop_token.h"
+#include "dem/terrain.h"
+#include "engine/frame/frame.h"
+#include "engine/frame/request.h"
+#include "engine/render_cache.h"
+#include "engine/scene/selection.h"
+
+namespace selenograph::engine {
+
+// Throws as Renderer::render does. In the caller's task arena.
+Frame render_frame(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
+
+// The first stage: which blocks of the terrain, how fine. None where the objects are alone.
+Selection select_blocks(const FrameRequest& request, const View& view, const Accuracy& accuracy,
+                        const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop);
+
+// What the frame's scene is made of.
+SceneContent content_of(const FrameRequest& request, const View& view, const Selection& selection);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,36 @@
+// What the pixels of one frame are made from.
+#pragma once
+
+#include <vector>
+
+#include "dem/stop_token.h"
+#include "engine/camera/pixel_rays.h"
+#include "engine/camera/view.h"
+#include "engine/frame/report.h"
+#include "engine/frame/request.h"
+#include "engine/visibility/objects_in_frame.h"
+#include "engine/visibility/scene.h"
+
+namespace selenograph::engine {
+
+struct FrameJob {
+  const FrameRequest& request;
+  const View& view;
+  const Scene& scene;
+  const ObjectsInFrame& objects;
+  const RadianceTerms& radiance;  // of the terrain
+  const PixelRays& centres;       // of the pixels' centres, where the camera has distortion
+  const StopToken& stop;
+};
+
+// One sample of every pixel, at an offset from its centre: geometry is stored if asked for, radiance added with a
+// weight, light looked for where either wants it, hits counted once.
+struct SubpixelSample {
+  double dx, dy;
+  bool store;
+  float weight;
+  bool light, count;
+};
+std::vector<SubpixelSample> samples_of(const FrameRequest& request);
+
+}  // namespace selenograph::engine

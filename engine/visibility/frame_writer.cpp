@@ -1,0 +1,151 @@
+#include "engine/visibility/frame_writer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "engine/frame/needs.h"
+#include "engine/visibility/facets.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
+constexpr double kNaN64 = std::numeric_limits<double>::quiet_NaN();
+
+template <typename T>
+void allocate(std::vector<T>& array, bool wanted, std::size_t size, T value) {
+  if (wanted) array.assign(size, value);
+}
+
+void allocate_all(const FrameRequest& request, FrameProducts& out) {
+  const std::size_t n =
+      static_cast<std::size_t>(request.camera.width) * static_cast<std::size_t>(request.camera.height);
+  const ProductSet want = request.products;
+  allocate(out.radiance, want & (kRadiance | kImage), n, 0.F);
+  allocate(out.depth, want & kDepth, n, kNaN64);
+  allocate(out.range, want & kRange, n, kNaN64);
+  allocate(out.position, want & kPosition, 3 * n, kNaN64);
+  allocate(out.geodetic, want & kGeodetic, 3 * n, kNaN64);
+  allocate(out.normal, want & kNormal, 3 * n, kNaN32);
+  allocate(out.angles, want & kAngles, 3 * n, kNaN32);
+  allocate(out.lit, want & kLit, n, kNaN32);
+  allocate(out.gsd, want & kGsd, n, kNaN32);
+  allocate(out.source, want & kSource, n, FrameSources::kNone);
+  allocate(out.object_id, want & kObjectId, n, kNoObject);
+}
+
+struct SourceAt {
+  dem::SourceIndex index;  // dem::kNoSource if none
+  bool filled;
+};
+
+// The tile of the nearest vertex; filled when any vertex of the triangle is.
+SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
+  const TriangleId& t = p.triangle[lane];
+  const dem::Block& block = *mesh.blocks()[t.block()].posts;
+  if (block.sources.size() == 1) return {dem::source_of(block.sources[0]), dem::is_filled(block.sources[0])};
+  const dem::QuadVertices q = t.vertices();
+  const double weights[3] = {1 - p.v[lane] - p.w[lane], p.v[lane], p.w[lane]};
+  SourceAt at{dem::kNoSource, false};
+  double heaviest = -1;
+  for (int i = 0; i < 3; ++i) {
+    const dem::SourceMark s = block.source(q.r[i], q.c[i]);
+    at.filled |= dem::is_filled(s);
+    if (weights[i] > heaviest) heaviest = weights[i], at.index = dem::source_of(s);
+  }
+  return at;
+}
+
+double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)) * kDegreesPerRadian; }
+
+}  // namespace
+
+FrameWriter::FrameWriter(const FrameRequest& request, const Mesh& mesh, std::size_t catalogue_size, FrameProducts& out)
+    : request_(request),
+      mesh_(mesh),
+      out_(out),
+      wants_geometry_(engine::wants_geometry(request)),
+      sources_(catalogue_size) {
+  allocate_all(request, out);
+}
+
+std::uint32_t FrameWriter::account_all(const SurfacePoints& points, std::uint32_t hits, PixelCounts& counts) {
+  const auto add = [&](const MeshBlock& block, std::uint64_t lanes) {
+    counts.hit += lanes;
+    if (dem::is_filled(block.source)) counts.filled += lanes;
+    if (const dem::SourceIndex index = dem::source_of(block.source); index != dem::kNoSource) sources_.number(index);
+  };
+  // Most packets are in one block of one source.
+  const MeshBlock& first = mesh_.blocks()[points.triangle[0].block()];
+  if (hits == kAllLanes && first.mixed.empty() && in_one_block(points.triangle)) {
+    add(first, kPacket);
+    return 0;
+  }
+  std::uint32_t left = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    if (!(hits >> i & 1)) continue;
+    const TriangleId id = points.triangle[i];
+    const MeshBlock& block = mesh_.blocks()[id.block()];
+    if (!block.mixed.empty() && block.mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1)
+      left |= 1U << i;
+    else
+      add(block, 1);
+  }
+  return left;
+}
+
+void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, PixelCounts& counts) {
+  const SourceAt source = source_at(mesh_, points, i);
+  if (source.index != dem::kNoSource) {
+    if (out_.source.empty())
+      sources_.number(source.index);
+    else
+      out_.source[at] = sources_.product_number(source.index);
+  }
+  ++counts.hit;
+  counts.filled += source.filled;
+}
+
+void FrameWriter::store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading,
+                                 float lit, std::size_t at) const {
+  const auto spacing_m = static_cast<float>(dem::post_spacing_m(mesh_.blocks()[p.triangle[i].block()].posts->id.level));
+  store_point(p, i, direction, shading, lit, spacing_m, at);
+}
+
+void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& direction, float lit,
+                               std::size_t at) const {
+  if (!out_.object_id.empty()) out_.object_id[at] = lanes.object[i];
+  if (wants_geometry_) store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, at);
+}
+
+void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit,
+                              float spacing_m, std::size_t at) const {
+  const double length = direction.norm();
+  const Vec3 position = p.position(i), normal = shading.normal(i);
+  if (!out_.depth.empty()) out_.depth[at] = p.distance[i];  // the direction's component along the boresight is 1
+  if (!out_.range.empty()) out_.range[at] = p.distance[i] * length;
+  if (!out_.position.empty()) std::copy_n(position.data(), 3, &out_.position[3 * at]);
+  if (!out_.geodetic.empty()) {
+    const Geographic g = to_geographic(position);
+    out_.geodetic[3 * at] = g.lat_deg, out_.geodetic[3 * at + 1] = g.lon_deg, out_.geodetic[3 * at + 2] = g.height_m;
+  }
+  if (!out_.normal.empty())
+    for (int k = 0; k < 3; ++k) out_.normal[3 * at + static_cast<std::size_t>(k)] = static_cast<float>(normal[k]);
+  if (!out_.angles.empty()) {
+    const Vec3 to_camera = -direction / length;
+    out_.angles[3 * at] = static_cast<float>(angle_deg(shading.mu0[i]));
+    out_.angles[3 * at + 1] = static_cast<float>(angle_deg(shading.mu[i]));
+    out_.angles[3 * at + 2] = static_cast<float>(angle_deg(to_camera.dot(request_.sun.direction)));
+  }
+  if (!out_.lit.empty()) out_.lit[at] = lit;
+  if (!out_.gsd.empty()) out_.gsd[at] = spacing_m;
+}
+
+void FrameWriter::merge(const PixelCounts& counts) {
+  const std::lock_guard lock(mutex_);
+  total_.hit += counts.hit, total_.missing += counts.missing, total_.filled += counts.filled;
+  total_.on_object += counts.on_object;
+}
+
+}  // namespace selenograph::engine

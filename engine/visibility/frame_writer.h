@@ -1,0 +1,58 @@
+// What writes the frame: the products of pixels that see something, and what is counted of them.
+#pragma once
+
+#include <cstdint>
+#include <mutex>
+
+#include "engine/camera/packet_rays.h"
+#include "engine/frame/products.h"
+#include "engine/frame/request.h"
+#include "engine/scene/mesh.h"
+#include "engine/support/packet.h"
+#include "engine/visibility/frame_sources.h"
+#include "engine/visibility/objects_in_frame.h"
+
+namespace selenograph::engine {
+
+struct PixelCounts {
+  std::uint64_t hit = 0, missing = 0, filled = 0, on_object = 0;
+};
+
+class FrameWriter {
+ public:
+  // Sizes and initialises the products that are asked for. `request` and `mesh` outlive it.
+  FrameWriter(const FrameRequest& request, const Mesh& mesh, std::size_t catalogue_size, FrameProducts& out);
+
+  FrameProducts& out() const { return out_; }
+  bool wants_geometry() const { return wants_geometry_; }
+
+  // Counts the lanes that hit at once but for those on quads of several sources, which are left: a bit for each.
+  std::uint32_t account_all(const SurfacePoints& points, std::uint32_t hits, PixelCounts& counts);
+  // One lane: its source and counts.
+  void account(const SurfacePoints& points, int lane, std::size_t pixel, PixelCounts& counts);
+  void store_geometry(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
+                      std::size_t pixel) const;
+  // Of a lane that sees an object.
+  void store_object(const ObjectLanes& lanes, int lane, const Vec3& direction, float lit, std::size_t pixel) const;
+
+  // Safe to call concurrently.
+  void merge(const PixelCounts& counts);
+
+  const PixelCounts& counts() const { return total_; }
+  const FrameSources& sources() const { return sources_; }
+
+ private:
+  // Of terrain or of an object; `spacing_m`: NaN on an object.
+  void store_point(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
+                   float spacing_m, std::size_t pixel) const;
+
+  const FrameRequest& request_;
+  const Mesh& mesh_;
+  FrameProducts& out_;
+  bool wants_geometry_;
+  FrameSources sources_;
+  std::mutex mutex_;
+  PixelCounts total_;
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,91 @@
+// Frames by rays: what each pixel sees and whether the Sun reaches it is asked of Embree, sixteen pixels at a time.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <vector>
+
+#include "dem/parallel.h"
+#include "engine/camera/packet_rays.h"
+#include "engine/visibility/frame_job.h"
+#include "engine/visibility/frame_writer.h"
+#include "engine/visibility/raytrace/trace.h"
+#include "engine/visibility/shading.h"
+
+namespace selenograph::engine {
+
+class RayPass {
+ public:
+  RayPass(const FrameJob& job, FrameWriter& writer);
+
+  // What a task has to itself.
+  struct Task {
+    PixelCounts counts;
+    PacketShader::Sampler sampler;
+  };
+
+  // One sample of 4 x 4 pixels, from (x, y); it goes through the stages at once. What a stage finds, the next ones use.
+  struct Packet {
+    // (Written out: the arrays needn't be zeroed.)
+    Packet(int x0, int y0, const SubpixelSample& of, Task& by) : x(x0), y(y0), sample(of), task(by) {}
+
+    int x, y;
+    const SubpixelSample& sample;
+    Task& task;
+    Rays rays;
+    // Lanes that see terrain, and those that see objects: a bit each.
+    std::uint32_t on_terrain, on_object;
+    SurfacePoints points;
+    Shading shading;
+    float lit[kPacket], radiance[kPacket];
+    ObjectLanes objects;
+    float object_lit[kPacket], object_radiance[kPacket];
+  };
+
+  // stages(*this, packet) for all packets of all samples. Parallel; stops between tiles.
+  template <typename Stages>
+  void for_pixels(const Stages& stages) {
+    const Camera& camera = job_.request.camera;
+    const int across = (camera.width + kTile - 1) / kTile, along = (camera.height + kTile - 1) / kTile;
+    const std::vector<SubpixelSample> samples = samples_of(job_.request);
+    in_parallel_pieces(static_cast<std::size_t>(across * along), 1, [&](std::size_t first, std::size_t past_last) {
+      Task task{{}, shader_.sampler()};
+      for (int tile = static_cast<int>(first); tile < static_cast<int>(past_last); ++tile) {
+        job_.stop.check();
+        const int x0 = tile % across * kTile, y0 = tile / across * kTile;
+        for (int y = y0; y < std::min(y0 + kTile, camera.height); y += kPacketSide)
+          for (int x = x0; x < std::min(x0 + kTile, camera.width); x += kPacketSide)
+            for (const SubpixelSample& sample : samples) {
+              Packet packet(x, y, sample, task);
+              stages(*this, packet);
+            }
+      }
+      writer_.merge(task.counts);
+    });
+  }
+
+  // The stages, in order.
+  void find_points(Packet& packet) const;
+  void find_light(Packet& packet) const;
+  void find_radiance(Packet& packet) const;
+  void write_products(Packet& packet) const;
+
+ private:
+  static constexpr int kTile = 32;  // pixels; a tile is one task
+
+  void find_objects(Packet& packet) const;
+  void write_objects(Packet& packet) const;
+  void light(const SurfacePoints& points, const Shading& shading, const std::uint16_t* own, float* lit) const;
+  void light_from(const SurfacePoints& points, const bool* wanted, const std::uint16_t* own, const Vec3& sun,
+                  float* lit) const;
+  std::size_t pixel_of(const Packet& packet, int lane) const;
+
+  const FrameJob& job_;
+  const FrameRequest& request_;
+  FrameWriter& writer_;
+  PacketRays rays_;
+  PacketShader shader_;
+  std::array<Vec3, kDiscSamples> disc_;  // of a Sun that has one
+};
+
+}  // namespace selenograph::engine

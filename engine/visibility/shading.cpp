@@ -1,0 +1,77 @@
+#include "engine/visibility/shading.h"
+
+#include <cmath>
+
+#include "engine/frame/needs.h"
+#include "engine/support/vectorise.h"
+
+namespace selenograph::engine {
+namespace {
+
+SELENOGRAPH_VECTORISED
+void shade_lanes(const Facets& n, const SurfacePoints& p, const Rays& rays, double sx, double sy, double sz,
+                 Shading& out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double v = p.v[i], w = p.w[i], u = 1 - v - w;
+    const double smooth_x = u * static_cast<double>(n.normal_a[0][i]) + v * static_cast<double>(n.normal_b[0][i]) +
+                            w * static_cast<double>(n.normal_c[0][i]);
+    const double smooth_y = u * static_cast<double>(n.normal_a[1][i]) + v * static_cast<double>(n.normal_b[1][i]) +
+                            w * static_cast<double>(n.normal_c[1][i]);
+    const double smooth_z = u * static_cast<double>(n.normal_a[2][i]) + v * static_cast<double>(n.normal_b[2][i]) +
+                            w * static_cast<double>(n.normal_c[2][i]);
+    // What is seen faces the camera. Where the smooth normal doesn't, the facet's own does: otherwise slopes seen at
+    // grazing angles had black specks at opposition.
+    const bool away = smooth_x * rays.dx[i] + smooth_y * rays.dy[i] + smooth_z * rays.dz[i] >= 0;
+    const double x = away ? p.nx[i] : smooth_x, y = away ? p.ny[i] : smooth_y, z = away ? p.nz[i] : smooth_z;
+    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
+    const double unit = 1 / std::sqrt(x * x + y * y + z * z), back = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
+    out.nx[i] = x * unit, out.ny[i] = y * unit, out.nz[i] = z * unit;
+    out.mu0[i] = (x * sx + y * sy + z * sz) * unit;
+    out.mu[i] = (x * dx + y * dy + z * dz) * unit * back;
+  }
+}
+
+SELENOGRAPH_VECTORISED
+void radiances_of(const BrdfTerms& terms, double irradiance, const Shading& shading, const float* lit, float* out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i)
+    out[i] = static_cast<float>(
+        direct_radiance(terms, irradiance, shading.mu0[i], shading.mu[i], static_cast<double>(lit[i])));
+}
+
+}  // namespace
+
+PacketShader::PacketShader(const FrameRequest& request, const View& view, const RadianceTerms& terms)
+    : request_(request),
+      irradiance_(terms.direct_w_m2),
+      base_(static_cast<float>(terms.base_w_m2_sr())),
+      brdf_(request.reflectance) {
+  if (wants_radiance(request) && !(request.albedo_maps.empty() && request.temperature_maps.empty()))
+    mapped_.emplace(request, view);
+}
+
+void PacketShader::shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const {
+  const Vec3& sun = request_.sun.direction;
+  shade_lanes(facets, points, rays, sun.x(), sun.y(), sun.z(), out);
+}
+
+void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
+                             Sampler& sampler, float* out, float* base) const {
+  if (mapped_) return mapped_->radiances(points, shading, rays, lit, sampler, out, base);
+  if (const BrdfTerms* terms = brdf_.terms()) {
+    radiances_of(*terms, irradiance_, shading, lit, out);
+  } else {
+    for (int i = 0; i < kPacket; ++i) out[i] = lit[i] > 0 ? direct(shading, rays.direction(i), lit[i], i) : 0;
+  }
+  if (base_ == 0) return;
+  for (int i = 0; i < kPacket; ++i) out[i] += base_;  // eq. (1)
+}
+
+float PacketShader::direct(const Shading& shading, const Vec3& direction, float lit, int i) const {
+  const double cos_phase = -direction.dot(request_.sun.direction) / direction.norm();
+  return static_cast<float>(
+      direct_radiance(brdf_, irradiance_, shading.mu0[i], shading.mu[i], cos_phase, static_cast<double>(lit)));
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,216 @@
+#include "engine/visibility/zbuffer/image_tiles.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <span>
+
+#include "dem/parallel.h"
+#include "engine/support/packet.h"
+
+namespace selenograph::engine {
+namespace {
+
+// Pixels of a tile. A lens's are smaller: the nearer to affine, the fewer samples a triangle is tested at in vain.
+constexpr int kTileWidth = 128, kTileHeight = 64, kLensTileSide = 32;
+static_assert(kTileWidth % kPacket == 0 && kLensTileSide % kPacket == 0, "lanes beyond a tile are beyond the image");
+
+constexpr float kNear_m = 0.01F;
+constexpr double kFar_m = 500e3;
+constexpr float kSlack_px = 0.05F;
+
+// A corner of a strip's box: x / z and y / z are its pixels.
+struct Corner {
+  float x, y, z;
+};
+Corner corner_of(const Strip& s, int corner, const TileView& view) {
+  float p[3];
+  for (int k = 0; k < 3; ++k) {
+    p[k] = s.centre[k] - view.pivot[k];
+    for (int e = 0; e < 3; ++e) p[k] += corner >> e & 1 ? s.half[e][k] : -s.half[e][k];
+  }
+  const auto dot = [&](int k) {
+    return view.row[k][0] * p[0] + view.row[k][1] * p[1] + view.row[k][2] * p[2] + view.offset[k];
+  };
+  return {dot(0), dot(1), dot(2)};
+}
+
+// Whether a strip's box lies beyond one side of the tile, wherever the eye is.
+bool beside(const Strip& s, const TileView& t) {
+  int left = 0, right = 0, above = 0, below = 0;
+  const float before_x = -1 - t.slack[0], past_x = static_cast<float>(t.width) + t.slack[0], before_y = -1 - t.slack[1],
+              past_y = static_cast<float>(t.height) + t.slack[1];
+  for (int corner = 0; corner < 8; ++corner) {
+    const auto [x, y, z] = corner_of(s, corner, t);
+    left += x < before_x * z ? 1 : 0, right += x > past_x * z ? 1 : 0;
+    above += y < before_y * z ? 1 : 0, below += y > past_y * z ? 1 : 0;
+  }
+  return left == 8 || right == 8 || above == 8 || below == 8;
+}
+
+// Whether some of a strip's vertices may lie outside of a tile's guard band.
+bool leaves_guard_band(const Strip& s, const TileView& t) {
+  constexpr float kMost = 0.9F * kFarAside_px;
+  for (int corner = 0; corner < 8; ++corner) {
+    const auto [x, y, z] = corner_of(s, corner, t);
+    if (!(z > 2 * kNear_m && std::abs(x) <= kMost * z && std::abs(y) <= kMost * z)) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+ImageTiling::ImageTiling(const RasterMesh& mesh, const View& view)
+    : mesh_(mesh), view_(view), camera_(view.camera()), bends_(!view.camera().distortion.none()) {}
+
+// From places relative to the anchor to a tile's pixels: pixel = a (x / z, y / z) + b, in the camera's axes.
+TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const {
+  TileView t{};
+  const Eigen::Matrix3d m = view_.moon_from_camera().transpose();
+  const Vec3 eye = view_.position() - mesh_.anchor();
+  const bool far = eye.norm() > kFar_m;
+  const Vec3 x = m.row(0), y = m.row(1), z = m.row(2);
+  const Vec3 rows[3] = {x * a(0, 0) + y * a(0, 1) + z * b.x(), x * a(1, 0) + y * a(1, 1) + z * b.y(), z};
+  Vec3 pivot = Vec3::Zero();
+  for (int k = 0; k < 3; ++k) {
+    if (!far) pivot[k] = static_cast<double>(static_cast<float>(eye[k]));
+    t.pivot[k] = static_cast<float>(pivot[k]);
+    for (int i = 0; i < 3; ++i) t.row[k][i] = static_cast<float>(rows[k][i]);
+  }
+  for (int k = 0; k < 3; ++k) t.offset[k] = static_cast<float>(rows[k].dot(pivot - eye));
+  t.near0 = far ? 0.F : 1.F, t.near1 = far ? 1.F : 0.F;
+  t.width = width, t.height = height, t.least_depth = kNear_m;
+  return t;
+}
+
+TileView ImageTiling::undistorted_view(double x0, double y0, int width, int height) const {
+  return tile_view(Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal(), {camera_.cx - x0, camera_.cy - y0}, width,
+                   height);
+}
+
+// Through the lens: the affine map that fits at the tile's middle, and where each pixel's sample is then.
+TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer) const {
+  const auto at = [&](int x, int y) {
+    return static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(camera_.width) +
+           static_cast<std::size_t>(tile.x0 + x);
+  };
+  // The valid pixel nearest to the middle.
+  int best_x = -1, best_y = -1, least = std::numeric_limits<int>::max();
+  for (int y = 0; y < tile.height; ++y)
+    for (int x = 0; x < tile.width; ++x) {
+      const int from_middle = std::abs(2 * x - tile.width) + std::abs(2 * y - tile.height);
+      if (from_middle < least && !std::isnan(rays.x[at(x, y)])) best_x = x, best_y = y, least = from_middle;
+    }
+  const std::size_t n = static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height);
+  constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+  buffer.sample_x.assign(n + kTilePadding, kNone), buffer.sample_y.assign(n + kTilePadding, kNone);
+  if (best_x < 0) return tile_view(Eigen::Matrix2d::Zero(), {0, 0}, 0, 0);
+  const Eigen::Vector2d middle(rays.x[at(best_x, best_y)], rays.y[at(best_x, best_y)]);
+  const Eigen::Matrix2d a =
+      Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal() * view_.lens().jacobian(middle.x(), middle.y());
+  const Eigen::Vector2d b = Eigen::Vector2d(best_x, best_y) - a * middle;
+  TileView view = tile_view(a, b, tile.width, tile.height);
+  for (int y = 0; y < tile.height; ++y)
+    for (int x = 0; x < tile.width; ++x) {
+      const Eigen::Vector2d p = a * Eigen::Vector2d(rays.x[at(x, y)], rays.y[at(x, y)]) + b;
+      if (std::isnan(p.x())) continue;
+      const std::size_t k =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(tile.width) + static_cast<std::size_t>(x);
+      buffer.sample_x[k] = static_cast<float>(p.x()), buffer.sample_y[k] = static_cast<float>(p.y());
+      view.slack[0] = std::max(view.slack[0], std::abs(buffer.sample_x[k] - static_cast<float>(x)));
+      view.slack[1] = std::max(view.slack[1], std::abs(buffer.sample_y[k] - static_cast<float>(y)));
+    }
+  view.sample_x = buffer.sample_x.data(), view.sample_y = buffer.sample_y.data();
+  return view;
+}
+
+StripBox ImageTiling::box_of(const Strip& s, const TileView& whole) const {
+  constexpr float kAnywhere = std::numeric_limits<float>::infinity();
+  StripBox box{{kAnywhere, kAnywhere}, {-kAnywhere, -kAnywhere}, false};
+  int behind = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Corner c = corner_of(s, corner, whole);
+    if (!(c.z > 2 * kNear_m)) {
+      ++behind;
+      continue;
+    }
+    const float px[2] = {c.x / c.z, c.y / c.z};
+    for (int k = 0; k < 2; ++k) box.low[k] = std::min(box.low[k], px[k]), box.high[k] = std::max(box.high[k], px[k]);
+  }
+  if (behind == 8) return box;
+  // Tiles have pixels of their own, up to an image's size away from the image's.
+  const float most = 0.9F * kFarAside_px - static_cast<float>(std::max(camera_.width, camera_.height));
+  box.leaves_guard_band = behind > 0 || std::max({-box.low[0], -box.low[1], box.high[0], box.high[1]}) > most;
+  for (int k = 0; k < 2; ++k) {
+    if (behind > 0) box.low[k] = -kAnywhere, box.high[k] = kAnywhere;
+    box.low[k] -= kSlack_px, box.high[k] += kSlack_px;
+  }
+  return box;
+}
+
+void ImageTiling::bound(ImageTile& tile, const PixelRays& rays) const {
+  tile.low[0] = static_cast<float>(tile.x0), tile.high[0] = static_cast<float>(tile.x0 + tile.width - 1);
+  tile.low[1] = static_cast<float>(tile.y0), tile.high[1] = static_cast<float>(tile.y0 + tile.height - 1);
+  if (!bends_) return;
+  tile.low[0] = tile.low[1] = std::numeric_limits<float>::infinity(), tile.high[0] = tile.high[1] = -tile.low[0];
+  for (int y = tile.y0; y < tile.y0 + tile.height; ++y)
+    for (int x = tile.x0; x < tile.x0 + tile.width; ++x) {
+      const std::size_t at =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(camera_.width) + static_cast<std::size_t>(x);
+      if (std::isnan(rays.x[at])) continue;
+      const float p[2] = {static_cast<float>(rays.x[at] * camera_.fx + camera_.cx),
+                          static_cast<float>(rays.y[at] * camera_.fy + camera_.cy)};
+      for (int k = 0; k < 2; ++k)
+        tile.low[k] = std::min(tile.low[k], p[k]), tile.high[k] = std::max(tile.high[k], p[k]);
+    }
+}
+
+void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<StripBox>& boxes,
+                      std::vector<ImageTile>& tiles) const {
+  const int width = camera_.width, height = camera_.height;
+  const int tile_width = bends_ ? kLensTileSide : kTileWidth, tile_height = bends_ ? kLensTileSide : kTileHeight;
+  const int across = (width + tile_width - 1) / tile_width, along = (height + tile_height - 1) / tile_height;
+  const TileView whole = undistorted_view(dx, dy, width, height);
+  boxes.resize(mesh_.strips().size());
+  in_parallel_pieces(boxes.size(), 256, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t i = first; i < past_last; ++i) boxes[i] = box_of(mesh_.strips()[i], whole);
+  });
+  tiles.resize(static_cast<std::size_t>(across) * static_cast<std::size_t>(along));
+  in_parallel(static_cast<std::size_t>(along), [&](std::size_t row) {
+    const auto row_tiles =
+        std::span(tiles).subspan(row * static_cast<std::size_t>(across), static_cast<std::size_t>(across));
+    float low = std::numeric_limits<float>::infinity(), high_end = -low;
+    for (std::size_t column = 0; column < row_tiles.size(); ++column) {
+      ImageTile& tile = row_tiles[column];
+      tile.x0 = static_cast<int>(column) * tile_width, tile.y0 = static_cast<int>(row) * tile_height;
+      tile.width = std::min(tile_width, width - tile.x0), tile.height = std::min(tile_height, height - tile.y0);
+      tile.strips.clear();
+      bound(tile, rays);
+      low = std::min(low, tile.low[1]), high_end = std::max(high_end, tile.high[1]);
+    }
+    for (std::size_t i = 0; i < boxes.size(); ++i) {
+      const StripBox& b = boxes[i];
+      if (b.empty() || b.high[1] < low || b.low[1] > high_end) continue;
+      for (ImageTile& tile : row_tiles)
+        if (b.low[0] <= tile.high[0] && b.high[0] >= tile.low[0] && b.low[1] <= tile.high[1] &&
+            b.high[1] >= tile.low[1])
+          tile.strips.push_back(static_cast<std::uint32_t>(i));
+    }
+  });
+}
+
+void ImageTiling::draw(const ImageTile& tile, double dx, double dy, const PixelRays& rays,
+                       const std::vector<StripBox>& boxes, TileBuffer& buffer) const {
+  const TileView view =
+      bends_ ? lens_view(tile, rays, buffer) : undistorted_view(tile.x0 + dx, tile.y0 + dy, tile.width, tile.height);
+  buffer.clear(tile.width, tile.height);
+  for (const std::uint32_t s : tile.strips) {
+    const Strip& strip = mesh_.strips()[s];
+    const bool leaves = bends_ ? leaves_guard_band(strip, view) : boxes[s].leaves_guard_band;
+    if ((leaves || bends_) && beside(strip, view)) continue;
+    draw_strip(mesh_.blocks()[strip.block], strip, view, leaves, buffer);
+  }
+}
+
+}  // namespace selenograph::engine
