@@ -8,98 +8,146 @@
 namespace selenograph::api {
 namespace {
 
-constexpr std::array<ProductName, 12> kProducts = {{
-    {engine::kImage, "image"},
-    {engine::kRadiance, "radiance"},
-    {engine::kDepth, "depth"},
-    {engine::kRange, "range"},
-    {engine::kPosition, "position"},
-    {engine::kGeodetic, "geodetic"},
-    {engine::kNormal, "normal"},
-    {engine::kAngles, "angles"},
-    {engine::kLit, "lit"},
-    {engine::kGsd, "gsd"},
-    {engine::kSource, "source"},
-    {engine::kObjectId, "object_id"},
-}};
+using engine::FrameProducts;
+
+const std::array<ProductRow, 12>& table() {
+  static const std::array<ProductRow, 12> rows{{
+      {engine::kImage,
+       "image",
+       &FrameProducts::image,
+       {},
+       true,
+       "digital numbers; 0, or a sensor's own offset and noise, where nothing is hit"},
+      {engine::kRadiance,
+       "radiance",
+       &FrameProducts::radiance,
+       {},
+       true,
+       "at-sensor radiance, W m-2 sr-1; 0 where nothing is hit"},
+      {engine::kDepth,
+       "depth",
+       &FrameProducts::depth,
+       {},
+       false,
+       "distance along the boresight, m; NaN where nothing is hit"},
+      {engine::kRange, "range", &FrameProducts::range, {}, false, "Euclidean distance, m; NaN where nothing is hit"},
+      {engine::kPosition,
+       "position",
+       &FrameProducts::position,
+       {"x", "y", "z"},
+       false,
+       "hit point in MOON_ME, m; NaN where nothing is hit"},
+      {engine::kGeodetic,
+       "geodetic",
+       &FrameProducts::geodetic,
+       {"lat_deg", "lon_deg", "height_m"},
+       false,
+       "lat_deg, lon_deg, height_m of the hit point; NaN where nothing is hit"},
+      {engine::kNormal,
+       "normal",
+       &FrameProducts::normal,
+       {"x", "y", "z"},
+       false,
+       "outward unit normal used for shading, MOON_ME; NaN where nothing is hit"},
+      {engine::kAngles,
+       "angles",
+       &FrameProducts::angles,
+       {"incidence_deg", "emission_deg", "phase_deg"},
+       true,
+       "incidence, emission, phase, degrees; NaN where nothing is hit"},
+      {engine::kLit,
+       "lit",
+       &FrameProducts::lit,
+       {},
+       true,
+       "lit fraction of the solar disc after self-shadowing; NaN where nothing is hit"},
+      {engine::kGsd,
+       "gsd",
+       &FrameProducts::gsd,
+       {},
+       false,
+       "post spacing of the mesh that was hit, m; NaN where nothing is hit, or an object"},
+      {engine::kSource,
+       "source",
+       &FrameProducts::source,
+       {},
+       false,
+       "index into the frame's list of sources; 65535 where nothing is hit, or an object"},
+      {engine::kObjectId,
+       "object_id",
+       &FrameProducts::object_id,
+       {},
+       false,
+       "index into the request's objects; 65535 where none is hit"},
+  }};
+  return rows;
+}
+
+const ProductRow& row_of(engine::Product product) {
+  for (const ProductRow& row : table())
+    if (row.product == product) return row;
+  throw std::logic_error("unknown product");
+}
 
 ElementType type_of(const std::vector<std::uint8_t>&) { return ElementType::uint8; }
 ElementType type_of(const std::vector<std::uint16_t>&) { return ElementType::uint16; }
 ElementType type_of(const std::vector<float>&) { return ElementType::float32; }
 ElementType type_of(const std::vector<double>&) { return ElementType::float64; }
 
-// Components are the names behind the dot; without any the array has the product's name for its only channel.
 template <typename Element>
-ArrayView view(engine::Product product, const std::vector<Element>& data, const engine::Camera& camera,
-               const std::vector<std::string>& components = {}) {
-  const std::string name(name_of(product));
-  const std::size_t channels = std::max<std::size_t>(components.size(), 1);
+ArrayView view(const ProductRow& row, const std::vector<Element>& data, const engine::Camera& camera) {
+  const std::string name(row.name);
+  const std::size_t channels = std::max<std::size_t>(row.components.size(), 1);
   const std::size_t expected = std::size_t(camera.height) * std::size_t(camera.width) * channels;
   if (data.size() != expected) {
     throw std::logic_error("the frame has " + std::to_string(data.size()) + " elements of " + name + ", not " +
                            std::to_string(expected));
   }
   std::vector<std::string> channel_names;
-  channel_names.reserve(components.size() + 1);
-  for (const std::string& component : components) channel_names.push_back(name + "." + component);
-  if (components.empty()) channel_names.push_back(name);
-  return {name_of(product), type_of(data), camera.height, camera.width, int(channels), data.data(), channel_names};
+  channel_names.reserve(channels);
+  for (const std::string_view component : row.components) channel_names.push_back(name + "." + std::string(component));
+  if (row.components.empty()) channel_names.push_back(name);
+  return {row.name, type_of(data), camera.height, camera.width, int(channels), data.data(), channel_names};
 }
 
-ArrayView view_of(engine::Product product, const engine::Frame& frame, const engine::FrameRequest& request,
+ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engine::FrameRequest& request,
                   std::vector<std::uint8_t>& narrowed) {
-  const engine::FrameProducts& p = frame.products;
-  const engine::Camera& camera = request.camera;
-  switch (product) {
-    case engine::kImage:
-      if (image_bits(request) != 8) return view(product, p.image, camera);
-      narrowed.resize(p.image.size());
-      std::transform(p.image.begin(), p.image.end(), narrowed.begin(),
-                     [](std::uint16_t number) { return static_cast<std::uint8_t>(number); });
-      return view(product, narrowed, camera);
-    case engine::kRadiance:
-      return view(product, p.radiance, camera);
-    case engine::kDepth:
-      return view(product, p.depth, camera);
-    case engine::kRange:
-      return view(product, p.range, camera);
-    case engine::kPosition:
-      return view(product, p.position, camera, {"x", "y", "z"});
-    case engine::kGeodetic:
-      return view(product, p.geodetic, camera, {"lat_deg", "lon_deg", "height_m"});
-    case engine::kNormal:
-      return view(product, p.normal, camera, {"x", "y", "z"});
-    case engine::kAngles:
-      return view(product, p.angles, camera, {"incidence_deg", "emission_deg", "phase_deg"});
-    case engine::kLit:
-      return view(product, p.lit, camera);
-    case engine::kGsd:
-      return view(product, p.gsd, camera);
-    case engine::kSource:
-      return view(product, p.source, camera);
-    case engine::kObjectId:
-      return view(product, p.object_id, camera);
+  if (row.product == engine::kImage && image_bits(request) == 8) {
+    const std::vector<std::uint16_t>& image = frame.products.image;
+    narrowed.resize(image.size());
+    std::transform(image.begin(), image.end(), narrowed.begin(),
+                   [](std::uint16_t number) { return static_cast<std::uint8_t>(number); });
+    return view(row, narrowed, request.camera);
   }
-  throw std::logic_error("unknown product");
+  return std::visit([&](const auto elements) { return view(row, frame.products.*elements, request.camera); },
+                    row.elements);
 }
 
 }  // namespace
 
-std::span<const ProductName> product_names() { return kProducts; }
+std::span<const ProductRow> products() { return table(); }
 
-std::string_view name_of(engine::Product product) {
-  for (const ProductName& entry : kProducts) {
-    if (entry.product == product) return entry.name;
-  }
-  throw std::logic_error("unknown product");
+std::string type_text(const ProductRow& row) {
+  if (row.product == engine::kImage) return "uint8 or uint16";
+  static constexpr std::string_view kTypes[] = {"uint16", "float32", "float64"};  // in the order of ProductElements
+  return std::string(kTypes[row.elements.index()]) +
+         (row.components.empty() ? "" : " x " + std::to_string(row.components.size()));
 }
+
+engine::ProductSet products_that_need_a_sun() {
+  engine::ProductSet set = 0;
+  for (const ProductRow& row : table())
+    if (row.needs_sun) set |= row.product;
+  return set;
+}
+
+std::string_view name_of(engine::Product product) { return row_of(product).name; }
 
 std::vector<ArrayView> arrays_of(const engine::Frame& frame, const engine::FrameRequest& request,
                                  engine::ProductSet wanted, std::vector<std::uint8_t>& narrowed) {
   std::vector<ArrayView> arrays;
-  for (const ProductName& entry : kProducts) {
-    if (wanted & entry.product) arrays.push_back(view_of(entry.product, frame, request, narrowed));
-  }
+  for (const ProductRow& row : table())
+    if (wanted & row.product) arrays.push_back(view_of(row, frame, request, narrowed));
   return arrays;
 }
 

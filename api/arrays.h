@@ -1,9 +1,11 @@
-// A frame's products as named arrays: the one table of product names, and the views that the encoders take.
+// A frame's products as named arrays: the one table of products, and the views that the encoders take.
 #pragma once
 
 #include <cstdint>
 #include <span>
+#include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
 #include "api/encode.h"
@@ -12,13 +14,28 @@
 
 namespace selenograph::api {
 
-struct ProductName {
+// Where a frame has a product's elements, whose type is the product's.
+using ProductElements =
+    std::variant<std::vector<std::uint16_t> engine::FrameProducts::*, std::vector<float> engine::FrameProducts::*,
+                 std::vector<double> engine::FrameProducts::*>;
+
+struct ProductRow {
   engine::Product product;
   std::string_view name;  // as in requests, .npz members and channel names: "radiance"
+  ProductElements elements;
+  std::vector<std::string_view> components;  // behind the dot in channel names; empty: one channel
+  bool needs_sun;
+  std::string_view meaning;  // unit, and the value where nothing is hit
 };
 
-// Every product, in the order of the contract's table.
-std::span<const ProductName> product_names();
+// Every product, in the order of the contract's table. What a product is stands here and nowhere else in api/.
+std::span<const ProductRow> products();
+
+// "float64 x 3"; an image is "uint8 or uint16".
+std::string type_text(const ProductRow& row);
+
+// Products that can't be made without a Sun.
+engine::ProductSet products_that_need_a_sun();
 
 std::string_view name_of(engine::Product product);
 

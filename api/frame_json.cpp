@@ -18,7 +18,7 @@ using OrderedJson = nlohmann::ordered_json;
 
 std::vector<std::pair<std::string_view, engine::Product>> product_words() {
   std::vector<std::pair<std::string_view, engine::Product>> words;
-  for (const ProductName& row : product_names()) words.emplace_back(row.name, row.product);
+  for (const ProductRow& row : products()) words.emplace_back(row.name, row.product);
   return words;
 }
 
@@ -114,9 +114,9 @@ void read_atmosphere(const JsonReader& in, const Assets& assets, FrameQuery& que
   named.fail("no such atmosphere; the service has " + listed(assets.names("atmospheres")));
 }
 
-void require_sun(const JsonReader& in, engine::ProductSet products) {
-  for (const ProductName& row : product_names()) {
-    if (!(products & kNeedsSun & row.product)) continue;
+void require_sun(const JsonReader& in, engine::ProductSet wanted) {
+  for (const ProductRow& row : products()) {
+    if (!row.needs_sun || !(wanted & row.product)) continue;
     in.fail("sun", "is required for the product \"" + std::string(row.name) + "\"");
     return;
   }
@@ -287,7 +287,7 @@ OrderedJson resolved_json(const FrameQuery& query) {
       json["image"] = image_json(request.image);
   }
   json["products"] = OrderedJson::array();
-  for (const ProductName& row : product_names()) {
+  for (const ProductRow& row : products()) {
     if (request.products & row.product) json["products"].push_back(row.name);
   }
   return json;

@@ -37,9 +37,6 @@ inline constexpr std::pair<std::string_view, engine::Visibility> kVisibilities[]
     {"raytrace", engine::Visibility::raytrace}};
 std::string_view visibility_name(engine::Visibility visibility);
 
-// Products that can't be made without a Sun.
-inline constexpr engine::ProductSet kNeedsSun = engine::kImage | engine::kRadiance | engine::kAngles | engine::kLit;
-
 struct FrameQuery {
   engine::FrameRequest request;
   // Time for which the accuracy is to be chosen; empty: `request.accuracy` was given or is the default.

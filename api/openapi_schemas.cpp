@@ -91,42 +91,12 @@ OrderedJson with(OrderedJson json, const char* key, OrderedJson value) {
   return json;
 }
 
-const char* meaning(engine::Product product) {
-  switch (product) {
-    case engine::kImage:
-      return "uint8 or uint16: digital numbers; 0, or a sensor's own offset and noise, where nothing is hit";
-    case engine::kRadiance:
-      return "float32: at-sensor radiance, W m-2 sr-1; 0 where nothing is hit";
-    case engine::kDepth:
-      return "float64: distance along the boresight, m; NaN where nothing is hit";
-    case engine::kRange:
-      return "float64: Euclidean distance, m; NaN where nothing is hit";
-    case engine::kPosition:
-      return "float64 x 3: hit point in MOON_ME, m; NaN where nothing is hit";
-    case engine::kGeodetic:
-      return "float64 x 3: lat_deg, lon_deg, height_m of the hit point; NaN where nothing is hit";
-    case engine::kNormal:
-      return "float32 x 3: outward unit normal used for shading, MOON_ME; NaN where nothing is hit";
-    case engine::kAngles:
-      return "float32 x 3: incidence, emission, phase, degrees; NaN where nothing is hit";
-    case engine::kLit:
-      return "float32: lit fraction of the solar disc after self-shadowing; NaN where nothing is hit";
-    case engine::kGsd:
-      return "float32: post spacing of the mesh that was hit, m; NaN where nothing is hit, or an object";
-    case engine::kSource:
-      return "uint16: index into the frame's list of sources; 65535 where nothing is hit, or an object";
-    case engine::kObjectId:
-      return "uint16: index into the request's objects; 65535 where none is hit";
-  }
-  return "";
-}
-
 OrderedJson products_schema() {
   OrderedJson names = OrderedJson::array();
   std::string description = "What to render: arrays of height x width, row 0 on top.\n";
-  for (const ProductName& row : product_names()) {
+  for (const ProductRow& row : products()) {
     names.push_back(row.name);
-    description += "\n- `" + std::string(row.name) + "` " + meaning(row.product);
+    description += "\n- `" + std::string(row.name) + "` " + type_text(row) + ": " + std::string(row.meaning);
   }
   return {{"type", "array"},         {"items", {{"type", "string"}, {"enum", names}}},
           {"minItems", 1},           {"uniqueItems", true},
@@ -136,8 +106,8 @@ OrderedJson products_schema() {
 // Without a Sun only products that need none.
 OrderedJson sun_where_needed() {
   OrderedJson names = OrderedJson::array();
-  for (const ProductName& row : product_names()) {
-    if (!(row.product & kNeedsSun)) names.push_back(row.name);
+  for (const ProductRow& row : products()) {
+    if (!row.needs_sun) names.push_back(row.name);
   }
   const OrderedJson sunless{{"required", {"products"}}, {"properties", {{"products", {{"items", {{"enum", names}}}}}}}};
   return OrderedJson::array({{{"required", {"sun"}}}, sunless});

@@ -128,7 +128,7 @@ Image read_back(const std::string& bytes, const std::string& format) {
 
 TEST(Arrays, NamesAreThoseOfTheContractInItsOrder) {
   std::vector<std::string> names;
-  for (const ProductName& entry : product_names()) {
+  for (const ProductRow& entry : products()) {
     names.emplace_back(entry.name);
     EXPECT_EQ(name_of(entry.product), entry.name);
   }

@@ -102,7 +102,7 @@ TEST(OpenApi, EveryErrorIsInTheTableAndItsResponse) {
 TEST(OpenApi, ProductsAndRepresentationsAreThoseOfTheTables) {
   const auto& schema = document().at("components").at("schemas").at("FrameRequest").at("properties").at("products");
   OrderedJson names = OrderedJson::array();
-  for (const ProductName& row : product_names()) {
+  for (const ProductRow& row : products()) {
     names.push_back(row.name);
     EXPECT_NE(schema.at("description").get<std::string>().find("`" + std::string(row.name) + "` "), std::string::npos);
   }
