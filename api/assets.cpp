@@ -124,7 +124,7 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
     if (in.has("file")) map.path = (fs::path(path).parent_path() / in.at("file").text().value_or("")).string();
     if (in.has("bands"))
       in.at("bands").elements(1, kMaxBands, [&](const JsonReader& band) {
-        map.bands.push_back(static_cast<int>(band.number(Range{1, kMaxBands})));
+        map.bands.push_back(static_cast<int>(band.number(Range{1, kMaxBands}).value_or(1)));
       });
     if (in.has("extent")) map.extent = read_extent(in.at("extent"));
     map.scale = in.number("scale", kAnyNumber, map.scale), map.offset = in.number("offset", kAnyNumber, map.offset);

@@ -6,113 +6,160 @@
 #include <cmath>
 
 #include "api/arrays.h"
+#include "api/band_json.h"
 #include "api/ranges.h"
 #include "api/sensor_json.h"
-#include "api/surface_json.h"
 #include "dem/error.h"
 
 namespace selenograph::api {
 namespace {
 
-using OrderedJson = nlohmann::ordered_json;
+// --- products
 
-std::vector<std::pair<std::string_view, engine::Product>> product_words() {
-  std::vector<std::pair<std::string_view, engine::Product>> words;
-  for (const ProductRow& row : products()) words.emplace_back(row.name, row.product);
+struct Products {
+  using Value = engine::ProductSet;
+  std::optional<Value> read(const JsonReader& in, const ReadContext&) const;
+  OrderedJson write(Value set) const;
+  OrderedJson schema(const Limits&) const;
+};
+
+Words<engine::Product> product_words() {
+  static const auto words = [] {
+    std::vector<std::pair<std::string_view, engine::Product>> list;
+    for (const ProductRow& row : products()) list.emplace_back(row.name, row.product);
+    return list;
+  }();
   return words;
 }
 
-engine::ProductSet read_products(const JsonReader& in) {
-  static const auto words = product_words();
-  engine::ProductSet products = 0;
-  in.elements(1, words.size(), [&](const JsonReader& element) {
-    const auto product = element.word(Words<engine::Product>(words));
+std::optional<engine::ProductSet> Products::read(const JsonReader& in, const ReadContext&) const {
+  const std::size_t before = in.faults();
+  engine::ProductSet set = 0;
+  in.elements(1, products().size(), [&](const JsonReader& element) {
+    const auto product = element.word(product_words());
     if (!product) return;
-    if (products & *product) element.fail("is listed twice");
-    products |= *product;
+    if (set & *product) element.fail("is listed twice");
+    set |= *product;
   });
-  return products;
+  return in.faults() == before ? std::optional(set) : std::nullopt;
 }
 
-// A budget chooses what it would exclude otherwise.
-std::optional<double> read_budget(const JsonReader& in) {
-  if (!in.has("budget_ms")) return std::nullopt;
-  for (const std::string_view name : {"max_error_px", "samples_per_pixel", "max_shadow_error_px"})
-    if (in.has(name)) in.fail("budget_ms", "chooses the accuracy: not together with \"" + std::string(name) + "\"");
-  return in.number("budget_ms", kBudget_ms, 0);
+OrderedJson Products::write(engine::ProductSet set) const {
+  OrderedJson names = OrderedJson::array();
+  for (const ProductRow& row : products())
+    if (set & row.product) names.push_back(row.name);
+  return names;
 }
 
-engine::Accuracy read_accuracy(const JsonReader& in, const Limits& limits) {
-  engine::Accuracy accuracy;
-  if (!in.object({"max_error_px", "samples_per_pixel", "max_shadow_error_px", "budget_ms"})) return accuracy;
-  accuracy.max_error_px = in.number("max_error_px", kMaxError_px, accuracy.max_error_px);
-  accuracy.samples_per_pixel =
-      static_cast<int>(in.integer("samples_per_pixel", 1, limits.max_samples_per_pixel, accuracy.samples_per_pixel));
-  accuracy.max_shadow_error_px = in.number("max_shadow_error_px", kMaxShadowError_px, accuracy.max_shadow_error_px);
-  const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
-  if (side * side != accuracy.samples_per_pixel)
-    in.fail("samples_per_pixel", "must be a square number: 1, 4, 9, 16, ...");
-  return accuracy;
+OrderedJson Products::schema(const Limits& limits) const {
+  OrderedJson json = array_schema(Word<engine::Product>{product_words()}.schema(limits), 1, products().size());
+  json["uniqueItems"] = true;
+  std::string each;
+  for (const ProductRow& row : products())
+    each += fmt::format("\n- `{}` {}: {}", row.name, type_text(row), row.meaning);
+  json["description"] = each;
+  return json;
 }
 
-engine::ImageSettings read_image(const JsonReader& in) {
-  engine::ImageSettings image;
-  if (!in.object({"bit_depth", "full_scale_radiance"})) return image;
-  image.bit_depth = static_cast<int>(in.integer("bit_depth", 8, 16, image.bit_depth));
-  if (image.bit_depth != 8 && image.bit_depth != 16) in.fail("bit_depth", "must be 8 or 16");
-  if (in.has("full_scale_radiance")) {
-    const JsonReader scale = in.at("full_scale_radiance");
-    if (scale.value().is_number()) {
-      image.full_scale_radiance_w_m2_sr = scale.number(kFullScaleRadiance);
-    } else if (scale.value() != "auto") {
-      scale.fail("must be a number (W m-2 sr-1) or \"auto\"");
-    }
-  }
-  return image;
-}
+// --- the small objects
 
-// Either a rectangle or a curve.
-std::optional<engine::Band> read_band(const JsonReader& in) {
-  if (!in.object({"center_um", "width_um", "response"})) return std::nullopt;
-  const std::string_view form = in.alternative({"center_um", "response"}, true);
-  if (form.empty()) return std::nullopt;
-  if (form == "response" && in.has("width_um")) in.fail("width_um", "belongs to \"center_um\", not to \"response\"");
-  std::vector<engine::ResponsePoint> curve;
-  if (form == "response")
-    in.at("response").elements(2, kMaxResponsePoints, [&](const JsonReader& point) {
-      if (const auto p = point.pair(kWavelength_um, kUnitInterval)) curve.push_back({p->first, p->second});
+struct AccuracyForm : engine::Accuracy {
+  std::optional<double> budget_ms;
+};
+
+std::int64_t most_samples(const Limits& limits) { return limits.max_samples_per_pixel; }
+
+const Members<AccuracyForm>& accuracy_members() {
+  static const auto table = made<Members<AccuracyForm>>("Accuracy", "How exact, against how fast.", [](auto& m) {
+    m.add("max_error_px", &AccuracyForm::max_error_px, Number{kMaxError_px, "px"},
+          "bound on the mesh's projected error; 0: the finest posts everywhere");
+    m.add("samples_per_pixel", &AccuracyForm::samples_per_pixel, Integer{1, most_samples},
+          "radiance and image are means over so many points of each pixel; a square number");
+    m.add(
+        "max_shadow_error_px", &AccuracyForm::max_shadow_error_px, Number{{0, 1e6}, "px"},
+        "aim for how far the mesh's error displaces a shadow's edge on level ground; gives way where the terrain that "
+        "it takes doesn't fit: `shadow_error_px` says what was reached");
+    m.add("budget_ms", &AccuracyForm::budget_ms, Number{{0, 3.6e6, true, false}, "ms"},
+          "instead of the others: the best of them that is predicted to take no longer, on terrain in memory. The "
+          "metadata's request says what was chosen, the header Selenograph-Budget what was predicted; asked for by its "
+          "numbers the choice gives the same bytes");
+    for (const char* chosen : {"max_error_px", "samples_per_pixel", "max_shadow_error_px"})
+      m.excludes(chosen, {"budget_ms"}, "a budget chooses the accuracy");
+    m.check([](const JsonReader& in, AccuracyForm& accuracy, const ReadContext&) {
+      const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
+      if (side * side != accuracy.samples_per_pixel)
+        in.fail("samples_per_pixel", "must be a square number: 1, 4, 9, 16, ...");
     });
-  const double center_um = form == "response" ? 1 : in.number("center_um", kWavelength_um),
-               width_um = form == "response" ? 1 : in.number("width_um", kWavelength_um);
-  if (!in.good()) return std::nullopt;
-  if (form != "response" && !kWavelength_um.contains(center_um + width_um / 2))
-    in.fail("width_um", fmt::format("the band must end at {} um or before", kWavelength_um.max));
-  try {
-    return form == "response" ? engine::Band(std::move(curve)) : engine::Band(center_um, width_um);
-  } catch (const ImpossibleRequest& e) {
-    in.fail(form == "response" ? form : "width_um", e.what());
-    return std::nullopt;
-  }
+  });
+  return *table;
 }
 
-void read_atmosphere(const JsonReader& in, const Assets& assets, FrameQuery& query) {
-  if (!in.object({"name"})) return;
-  if (!in.has("name")) return in.fail("name", "is required");
-  const JsonReader named = in.at("name");
-  const std::optional<std::string> name = named.text();
-  if (!name) return;
-  query.request.atmosphere = assets.atmosphere(*name);
-  if (query.request.atmosphere) {
-    query.atmosphere_name = *name;
-    try {
-      if (query.request.band) query.request.atmosphere->over(*query.request.band, 0);
-    } catch (const ImpossibleRequest& e) {
-      in.fail(e.what());
-    }
-    return;
-  }
-  named.fail("no such atmosphere; the service has " + listed(assets.names("atmospheres")));
+const Members<engine::ImageSettings>& image_members() {
+  using engine::ImageSettings;
+  static const auto table = made<Members<ImageSettings>>(
+      "ImageSettings", "How radiance becomes the digital numbers of the product `image`.", [](auto& m) {
+        m.add("bit_depth", &ImageSettings::bit_depth, Choice{{8, 16}}, "of the digital numbers");
+        m.add("full_scale_radiance", &ImageSettings::full_scale_radiance_w_m2_sr,
+              NumberOr{{0, 1e12, true, false}, "auto", "W m-2 sr-1"},
+              "radiance of the largest digital number; auto: the largest radiance in the frame");
+      });
+  return *table;
 }
+
+struct AtmosphereForm {
+  Named<engine::Atmosphere> table;
+};
+
+const Members<AtmosphereForm>& atmosphere_members() {
+  static const auto table = made<Members<AtmosphereForm>>(
+      "Atmosphere",
+      "A table that the operator put into the assets folder: transmittance, irradiance and path radiance by "
+      "wavelength, "
+      "computed elsewhere. Needs a `band` within it.",
+      [](auto& m) {
+        m.add("name", &AtmosphereForm::table, Asset{&Assets::atmosphere, "atmosphere", "atmospheres"},
+              "of atmospheres/NAME.csv")
+            .required();
+      });
+  return *table;
+}
+
+// --- the frame
+
+// Where the query has what the engine's request has no place for.
+const auto sun_field =
+    Property{[](const FrameQuery& q) { return q.sun_given ? std::optional(q.request.sun) : std::nullopt; },
+             [](FrameQuery& q, const engine::Sun& sun) { q.request.sun = sun, q.sun_given = true; }};
+const auto surface_field =
+    Property{[](const FrameQuery& q) { return std::optional(ground_of(q.request, q.surface)); },
+             [](FrameQuery& q, const Ground& ground) { set_ground(q.request, q.surface, ground); }};
+const auto atmosphere_field =
+    Property{[](const FrameQuery& q) {
+               return q.request.atmosphere ? std::optional(AtmosphereForm{{q.atmosphere_name, q.request.atmosphere}})
+                                           : std::nullopt;
+             },
+             [](FrameQuery& q, const AtmosphereForm& form) {
+               q.request.atmosphere = form.table.content, q.atmosphere_name = form.table.name;
+             }};
+const auto objects_field = Property{[](const FrameQuery& q) {
+                                      std::vector<PlacedObject> list;
+                                      for (std::size_t i = 0; i < q.objects.size(); ++i)
+                                        list.push_back({q.request.objects[i], q.objects[i]});
+                                      return list.empty() ? std::nullopt : std::optional(std::move(list));
+                                    },
+                                    [](FrameQuery& q, const std::vector<PlacedObject>& list) {
+                                      for (const auto& [object, query] : list)
+                                        q.request.objects.push_back(object), q.objects.push_back(query);
+                                    }};
+// A budget is gone when its choice was made.
+const auto accuracy_field =
+    Property{[](const FrameQuery& q) {
+               return std::optional(AccuracyForm{q.request.accuracy, std::nullopt});
+             },
+             [](FrameQuery& q, const AccuracyForm& form) { q.request.accuracy = form, q.budget_ms = form.budget_ms; }};
+// A request has none by the time that it is read: it was replaced by what it stands for.
+const auto preset_field =
+    Property{[](const FrameQuery&) { return std::optional<std::string>(); }, [](FrameQuery&, const std::string&) {}};
 
 void require_sun(const JsonReader& in, engine::ProductSet wanted) {
   for (const ProductRow& row : products()) {
@@ -122,60 +169,57 @@ void require_sun(const JsonReader& in, engine::ProductSet wanted) {
   }
 }
 
-FrameQuery read_members(const JsonReader& in, const Limits& limits, const Assets& assets) {
-  FrameQuery query;
-  engine::FrameRequest& request = query.request;
-  if (!in.object({"camera", "pose", "sun", "surface", "band", "atmosphere", "objects", "terrain", "accuracy", "image",
-                  "sensor", "camera_preset", "visibility", "products"}))
-    return query;
-  if (in.has("camera_preset")) in.fail("camera_preset", "must be a string");  // else it is resolved by now
-  for (const std::string_view name : {"camera", "pose"}) {
-    if (!in.has(name)) in.fail(name, "is required");
+// Without a Sun only products that need none.
+OrderedJson sun_where_needed(const Limits&) {
+  OrderedJson names = OrderedJson::array();
+  for (const ProductRow& row : products())
+    if (!row.needs_sun) names.push_back(row.name);
+  const OrderedJson sunless{{"required", {"products"}}, {"properties", {{"products", {{"items", {{"enum", names}}}}}}}};
+  return {{"anyOf", OrderedJson::array({{{"required", {"sun"}}}, sunless})}};
+}
+
+void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
+  const engine::FrameRequest& request = query.request;
+  if (request.atmosphere && request.band) {
+    try {
+      request.atmosphere->over(*request.band, 0);
+    } catch (const ImpossibleRequest& e) {
+      in.fail("atmosphere", e.what());
+    }
   }
-  if (in.has("camera")) request.camera = read_camera(in.at("camera"), limits);
-  if (in.has("pose")) request.pose = read_pose(in.at("pose"));
-  if (in.has("surface")) read_surface(in.at("surface"), assets, request, query.surface);
-  if (in.has("band")) request.band = read_band(in.at("band"));
-  if (in.has("atmosphere")) {
-    if (!in.has("band")) in.fail("atmosphere", "needs a \"band\"");
-    read_atmosphere(in.at("atmosphere"), assets, query);
-  }
-  if (in.has("objects")) read_objects(in.at("objects"), assets, request, query.objects);
-  request.terrain = in.flag("terrain", true);
   if (!request.terrain && !in.has("objects")) in.fail("terrain", "without terrain and \"objects\" there is nothing");
-  if (in.has("accuracy")) {
-    request.accuracy = read_accuracy(in.at("accuracy"), limits);
-    if (in.at("accuracy").value().is_object()) query.budget_ms = read_budget(in.at("accuracy"));
-  }
-  if (in.has("image")) request.image = read_image(in.at("image"));
-  if (in.has("sensor")) {
-    if (in.has("image")) in.fail("image", "is exposure without a sensor: not together with \"sensor\"");
-    if (!in.has("band")) in.fail("sensor", "needs a \"band\": which photons it counts");
-    request.sensor = read_sensor(in.at("sensor"), assets);
-  }
-  request.visibility = in.word("visibility", Words<engine::Visibility>(kVisibilities), request.visibility);
   if (!request.terrain && request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "\"zbuffer\" draws terrain, and there is none");
-  if (in.has("products")) request.products = read_products(in.at("products"));
-  query.sun_given = in.has("sun");
-  if (query.sun_given) {
-    request.sun = read_sun(in.at("sun"));
-  } else {
-    require_sun(in, request.products);
-  }
-  return query;
+  if (!in.has("sun")) require_sun(in, request.products);
+}
+
+bool has_image_by_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && q.request.sensor; }
+bool has_image_without_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && !q.request.sensor; }
+
+// --- presets
+
+struct Preset {
+  std::optional<std::string> description;
+  std::optional<engine::Camera> camera;
+  std::optional<engine::Band> band;
+  std::optional<engine::SensorModel> sensor;
+};
+
+const Members<Preset>& preset_members() {
+  static const auto table =
+      made<Members<Preset>>("CameraPreset", "cameras/NAME.json of the assets folder.", [](auto& m) {
+        m.add("description", &Preset::description, Text{}, "of the camera; ignored");
+        m.add("camera", &Preset::camera, Object{camera_members()}, "where the request has none");
+        m.add("band", &Preset::band, Object{band_members()}, "where the request has none");
+        m.add("sensor", &Preset::sensor, Object{sensor_members()}, "whose members the request's own replace");
+      });
+  return *table;
 }
 
 // A preset's faults are the operator's: they are told with the file's name.
-void check_preset(const Json& preset, const std::string& name, const Limits& limits, const Assets& assets) {
+void check_preset(const Json& preset, const std::string& name, const ReadContext& context) {
   Findings findings;
-  const JsonReader in(preset, findings);
-  if (in.object({"description", "camera", "band", "sensor"})) {
-    if (in.has("description")) in.at("description").text();
-    if (in.has("camera")) read_camera(in.at("camera"), limits);
-    if (in.has("band")) read_band(in.at("band"));
-    if (in.has("sensor")) read_sensor(in.at("sensor"), assets);
-  }
+  preset_members().read(JsonReader(preset, findings), context);
   try {
     findings.throw_if_any();
   } catch (const RequestError& e) {
@@ -185,15 +229,16 @@ void check_preset(const Json& preset, const std::string& name, const Limits& lim
 }
 
 // The request with the preset's members where it has none of its own; of the sensor, member by member.
-Json with_preset(const Json& body, const Limits& limits, const Assets& assets) {
+Json with_preset(const Json& body, const ReadContext& context) {
   Findings findings;
   const JsonReader in(body, findings);
   const JsonReader named = in.at("camera_preset");
   const std::string name = named.text().value_or("");
-  const std::shared_ptr<const Json> preset = assets.camera(name);
-  if (!preset && findings.empty()) named.fail("no such preset; the service has " + listed(assets.names("cameras")));
+  const std::shared_ptr<const Json> preset = context.assets.camera(name);
+  if (!preset && findings.empty())
+    named.fail("no such preset; the service has " + listed(context.assets.names("cameras")));
   findings.throw_if_any();
-  check_preset(*preset, name, limits, assets);
+  check_preset(*preset, name, context);
   Json merged = body;
   merged.erase("camera_preset");
   for (const char* member : {"camera", "band"})
@@ -206,91 +251,76 @@ Json with_preset(const Json& body, const Limits& limits, const Assets& assets) {
   return merged;
 }
 
-OrderedJson camera_json(const engine::Camera& camera) {
-  const engine::Distortion& d = camera.distortion;
-  return {{"model", "pinhole"},
-          {"width", camera.width},
-          {"height", camera.height},
-          {"fx", camera.fx},
-          {"fy", camera.fy},
-          {"cx", camera.cx},
-          {"cy", camera.cy},
-          {"distortion",
-           {{"model", "brown_conrady"}, {"k1", d.k1}, {"k2", d.k2}, {"k3", d.k3}, {"p1", d.p1}, {"p2", d.p2}}}};
-}
-
-OrderedJson vector_json(const Vec3& v) { return OrderedJson::array({v.x(), v.y(), v.z()}); }
-
-OrderedJson quaternion_json(const Eigen::Quaterniond& q) {
-  return {{"w", q.w()}, {"x", q.x()}, {"y", q.y()}, {"z", q.z()}};
-}
-
-OrderedJson pose_json(const engine::Pose& pose) {
-  return {{"frame", "MOON_ME"},
-          {"position_m", vector_json(pose.position_m)},
-          {"camera_from_moon", quaternion_json(pose.camera_from_moon)},
-          {"axes", "opencv"}};
-}
-
-OrderedJson band_json(const engine::Band& band) {
-  OrderedJson curve = OrderedJson::array();
-  for (const engine::ResponsePoint& p : band.response()) curve.push_back({p.wavelength_um, p.response});
-  return {{"response", curve}};
-}
-
-OrderedJson image_json(const engine::ImageSettings& image) {
-  const auto& scale = image.full_scale_radiance_w_m2_sr;
-  return {{"bit_depth", image.bit_depth}, {"full_scale_radiance", scale ? OrderedJson(*scale) : OrderedJson("auto")}};
-}
-
 }  // namespace
 
 std::string_view visibility_name(engine::Visibility visibility) { return word_of(kVisibilities, visibility); }
 
-OrderedJson object_pose_json(const engine::SceneObject& object) {
-  return {{"frame", "MOON_ME"},
-          {"position_m", vector_json(object.position_m)},
-          {"moon_from_object", quaternion_json(object.moon_from_object)}};
+const Members<FrameQuery>& frame_members() {
+  static const auto table = made<Members<FrameQuery>>(
+      "FrameRequest",
+      "What to render. Unknown members are errors. `sun` is required for image, radiance, angles and lit.",
+      [](auto& m) {
+        // The order is that of the resolved request, whose text the ETag is made from.
+        m.add(
+            "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
+            "projection and image size; required unless `camera_preset` has one");
+        m.add(
+             "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
+             "where the camera is and where it looks")
+            .required();
+        m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
+        m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
+        m.add(
+            "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
+            "spectral channel; left out: all wavelengths");
+        m.add("atmosphere", atmosphere_field, Object{atmosphere_members()}, "left out: none");
+        m.add("objects", objects_field, List{Object{object_members()}, 1, kMaxObjects},
+              "what is there besides terrain; `object_id` indexes this");
+        m.add(
+             "terrain", [](auto& q) -> auto& { return q.request.terrain; }, Flag{},
+             "false: the objects are alone, without the Moon")
+            .written_if([](const FrameQuery& q) { return !q.request.terrain; });
+        m.add(
+            "visibility", [](auto& q) -> auto& { return q.request.visibility; }, Word{kVisibilities},
+            "visibility algorithm: zbuffer (z-buffer and irregular shadow map, several times as fast but for tiny "
+            "images), raytrace, or auto, which of the two is faster by the request and the terrain alone. Both are "
+            "exact; the metadata says which it was");
+        m.add("accuracy", accuracy_field, Object{accuracy_members()}, "level of detail and samples");
+        m.add(
+             "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
+             "makes `image` as a detector does")
+            .written_if(has_image_by_sensor);
+        m.add(
+             "image", [](auto& q) -> auto& { return q.request.image; }, Object{image_members()},
+             "makes `image` without a sensor's model")
+            .written_if(has_image_without_sensor);
+        m.add("camera_preset", preset_field, Text{},
+              "name of cameras/NAME.json in the operator's assets folder: its camera and band where the request has "
+              "none, its sensor, of which the request's own members replace those that it has. The metadata's request "
+              "says what came of it");
+        m.add(
+            "products", [](auto& q) -> auto& { return q.request.products; }, Products{},
+            "what to render: arrays of height x width, row 0 on top");
+        m.any_of({"camera", "camera_preset"});
+        m.excludes("sensor", {"image"}, "that is exposure without a sensor");
+        m.needs("sensor", {"band", "camera_preset"}, "which photons it counts");
+        m.needs("atmosphere", {"band", "camera_preset"});
+        m.check(check_frame);
+        m.also(sun_where_needed);
+      });
+  return *table;
 }
 
 FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets) {
+  const ReadContext context{limits, assets};
   if (body.is_object() && body.contains("camera_preset") && body.at("camera_preset").is_string())
-    return read_frame(with_preset(body, limits, assets), limits, assets);
+    return read_frame(with_preset(body, context), limits, assets);
   Findings findings;
-  const FrameQuery query = read_members(JsonReader(body, findings), limits, assets);
+  std::optional<FrameQuery> query = frame_members().read(JsonReader(body, findings), context);
   findings.throw_if_any();
-  return query;
+  return std::move(*query);
 }
 
-OrderedJson resolved_json(const FrameQuery& query) {
-  const engine::FrameRequest& request = query.request;
-  OrderedJson json{{"camera", camera_json(request.camera)}, {"pose", pose_json(request.pose)}};
-  if (query.sun_given) {
-    json["sun"] = {{"direction", vector_json(request.sun.direction)},
-                   {"distance_au", request.sun.distance_au},
-                   {"angular_radius_deg", request.sun.angular_radius_deg}};
-    if (request.sun.limb_darkening > 0) json["sun"]["limb_darkening"] = request.sun.limb_darkening;
-  }
-  json["surface"] = surface_json(request, query.surface);
-  if (request.band) json["band"] = band_json(*request.band);
-  if (request.atmosphere) json["atmosphere"] = {{"name", query.atmosphere_name}};
-  if (!query.objects.empty()) json["objects"] = objects_json(request, query.objects);
-  if (!request.terrain) json["terrain"] = false;
-  json["visibility"] = visibility_name(request.visibility);
-  json["accuracy"] = {{"max_error_px", request.accuracy.max_error_px},
-                      {"samples_per_pixel", request.accuracy.samples_per_pixel},
-                      {"max_shadow_error_px", request.accuracy.max_shadow_error_px}};
-  if (request.products & engine::kImage) {
-    if (request.sensor)
-      json["sensor"] = sensor_json(*request.sensor);
-    else
-      json["image"] = image_json(request.image);
-  }
-  json["products"] = OrderedJson::array();
-  for (const ProductRow& row : products()) {
-    if (request.products & row.product) json["products"].push_back(row.name);
-  }
-  return json;
-}
+OrderedJson resolved_json(const FrameQuery& query) { return frame_members().write(query); }
 
 }  // namespace selenograph::api

@@ -190,7 +190,7 @@ void JsonReader::fail(std::string_view member, std::string detail) const {
   findings_->add(pointer() + "/" + escaped(member), std::move(detail));
 }
 
-bool JsonReader::object(std::initializer_list<std::string_view> members) const {
+bool JsonReader::object(std::span<const std::string_view> members) const {
   if (!value_->is_object()) {
     fail("must be an object");
     return false;
@@ -211,7 +211,7 @@ bool JsonReader::has(std::string_view name) const { return value_->is_object() &
 
 JsonReader JsonReader::at(std::string_view name) const { return JsonReader(value_->find(name).value(), this, name, 0); }
 
-std::string_view JsonReader::alternative(std::initializer_list<std::string_view> names, bool required) const {
+std::string_view JsonReader::alternative(std::span<const std::string_view> names, bool required) const {
   std::vector<std::string_view> given;
   for (const std::string_view name : names) {
     if (has(name)) given.push_back(name);
@@ -225,7 +225,7 @@ std::string_view JsonReader::alternative(std::initializer_list<std::string_view>
   return "";
 }
 
-double JsonReader::number(const Range& range) const {
+std::optional<double> JsonReader::number(const Range& range) const {
   const double x = value_->is_number() ? value_->get<double>() : 0.0;
   if (!value_->is_number()) {
     fail("must be a number");
@@ -233,25 +233,23 @@ double JsonReader::number(const Range& range) const {
     fail("must be finite");
   } else if (!range.contains(x)) {
     fail(wrong_range(range));
+  } else {
+    return x;
   }
-  return x;
-}
-
-bool JsonReader::require(std::string_view name) const {
-  if (has(name)) return true;
-  if (value_->is_object()) fail(name, "is required");
-  return false;
+  return std::nullopt;
 }
 
 double JsonReader::number(std::string_view name, const Range& range) const {
-  return require(name) ? at(name).number(range) : 0.0;
+  if (has(name)) return at(name).number(range).value_or(0);
+  if (value_->is_object()) fail(name, "is required");
+  return 0;
 }
 
 double JsonReader::number(std::string_view name, const Range& range, double fallback) const {
-  return has(name) ? at(name).number(range) : fallback;
+  return has(name) ? at(name).number(range).value_or(fallback) : fallback;
 }
 
-std::int64_t JsonReader::integer(std::int64_t min, std::int64_t max) const {
+std::optional<std::int64_t> JsonReader::integer(std::int64_t min, std::int64_t max) const {
   // 1024.0 is an integer in JSON Schema, and what some languages write.
   const double x = value_->is_number() ? value_->get<double>() : 0.5;
   if (x != std::floor(x)) {
@@ -261,24 +259,13 @@ std::int64_t JsonReader::integer(std::int64_t min, std::int64_t max) const {
   } else {
     return static_cast<std::int64_t>(x);
   }
-  return min;
+  return std::nullopt;
 }
 
-std::int64_t JsonReader::integer(std::string_view name, std::int64_t min, std::int64_t max) const {
-  return require(name) ? at(name).integer(min, max) : min;
-}
-
-std::int64_t JsonReader::integer(std::string_view name, std::int64_t min, std::int64_t max,
-                                 std::int64_t fallback) const {
-  return has(name) ? at(name).integer(min, max) : fallback;
-}
-
-bool JsonReader::flag(std::string_view name, bool fallback) const {
-  if (!has(name)) return fallback;
-  const JsonReader member = at(name);
-  if (member.value().is_boolean()) return member.value().get<bool>();
-  member.fail("must be true or false");
-  return fallback;
+std::optional<bool> JsonReader::boolean() const {
+  if (value_->is_boolean()) return value_->get<bool>();
+  fail("must be true or false");
+  return std::nullopt;
 }
 
 std::optional<std::string> JsonReader::text() const {
@@ -289,8 +276,10 @@ std::optional<std::string> JsonReader::text() const {
 
 std::optional<std::pair<double, double>> JsonReader::pair(const Range& first, const Range& second) const {
   std::vector<double> numbers;
-  elements(2, 2, [&](const JsonReader& x) { numbers.push_back(x.number(numbers.empty() ? first : second)); });
-  if (numbers.size() != 2) return std::nullopt;
+  const std::size_t before = faults();
+  elements(2, 2,
+           [&](const JsonReader& x) { numbers.push_back(x.number(numbers.empty() ? first : second).value_or(0)); });
+  if (faults() != before || numbers.size() != 2) return std::nullopt;
   return std::pair(numbers[0], numbers[1]);
 }
 
@@ -301,7 +290,7 @@ Vec3 JsonReader::vector(const Range& range) const {
     return v;
   }
   Eigen::Index i = 0;
-  elements(3, 3, [&](const JsonReader& element) { v[i++] = element.number(range); });
+  elements(3, 3, [&](const JsonReader& element) { v[i++] = element.number(range).value_or(0); });
   return v;
 }
 

@@ -62,25 +62,33 @@ class JsonReader {
   std::string pointer() const;
   const Json& value() const { return *value_; }
   bool good() const { return findings_->empty(); }
+  // Found so far, of this reader and all others of the request.
+  std::size_t faults() const { return findings_->seen(); }
   void fail(std::string detail) const;
   // About a member, present or not.
   void fail(std::string_view member, std::string detail) const;
 
   // True for an object; reports when it is none and each member that is not one of these.
-  bool object(std::initializer_list<std::string_view> members) const;
+  bool object(std::span<const std::string_view> members) const;
+  bool object(std::initializer_list<std::string_view> members) const {
+    return object(std::span<const std::string_view>(members.begin(), members.size()));
+  }
   bool has(std::string_view name) const;
   JsonReader at(std::string_view name) const;  // must have it; `name` must outlive the reader
 
   // Of members that exclude each other: the one given. Two are an error that names both, as is none when `required`.
   // Answers "" then.
-  std::string_view alternative(std::initializer_list<std::string_view> names, bool required) const;
+  std::string_view alternative(std::span<const std::string_view> names, bool required) const;
+  std::string_view alternative(std::initializer_list<std::string_view> names, bool required) const {
+    return alternative(std::span<const std::string_view>(names.begin(), names.size()), required);
+  }
 
-  double number(const Range& range) const;
+  // The value itself; nothing where it is none, or out of range, which is reported.
+  std::optional<double> number(const Range& range) const;
+  std::optional<std::int64_t> integer(std::int64_t min, std::int64_t max) const;
+  std::optional<bool> boolean() const;
   double number(std::string_view name, const Range& range) const;                   // required
   double number(std::string_view name, const Range& range, double fallback) const;  // optional
-  std::int64_t integer(std::string_view name, std::int64_t min, std::int64_t max) const;
-  std::int64_t integer(std::string_view name, std::int64_t min, std::int64_t max, std::int64_t fallback) const;
-  bool flag(std::string_view name, bool fallback) const;  // optional
   std::optional<std::string> text() const;
   // [a, b], each within its range; empty, and reported, when it isn't two numbers.
   std::optional<std::pair<double, double>> pair(const Range& first, const Range& second) const;
@@ -95,10 +103,6 @@ class JsonReader {
     const int found = word_index(names);
     return found < 0 ? std::nullopt : std::optional<T>(words[static_cast<std::size_t>(found)].second);
   }
-  template <typename T>
-  T word(std::string_view name, Words<T> words, T fallback) const {
-    return has(name) ? at(name).word(words).value_or(fallback) : fallback;
-  }
 
   // Calls each(reader) for the elements of an array of min..max elements; reports and calls nothing otherwise.
   template <typename Each>
@@ -111,9 +115,7 @@ class JsonReader {
   JsonReader(const Json& value, const JsonReader* parent, std::string_view key, std::size_t index)
       : value_(&value), findings_(parent->findings_), parent_(parent), key_(key), index_(index) {}
   bool array(std::size_t min, std::size_t max) const;
-  bool require(std::string_view name) const;
   int word_index(const std::vector<std::string_view>& names) const;
-  std::int64_t integer(std::int64_t min, std::int64_t max) const;
 
   const Json* value_;
   Findings* findings_;

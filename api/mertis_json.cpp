@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "api/member_kinds.h"
 #include "api/ranges.h"
 #include "dem/error.h"
 
@@ -11,63 +12,29 @@ namespace selenograph::api {
 namespace {
 
 using engine::SpectrometerChannel;
-using OrderedJson = nlohmann::ordered_json;
-
-constexpr Range kPitch_um{0, 1e4, true, false};
-constexpr Range kPower_w{0, 1, true, false};
-constexpr Range kBlackbody_k{1, 1e4};
-
-void read_efficiency(const JsonReader& in, engine::Spectrometer& s) {
-  if (in.value().is_number()) {
-    const double eta = in.number(kUnitInterval);
-    s.efficiency = {{s.first_um, eta}};
-    return;
+// A number at all wavelengths, or a curve. A number is a curve of one point, which check_mertis puts at first_um.
+struct Efficiency {
+  using Value = std::vector<engine::EfficiencyPoint>;
+  std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
+    if (!in.value().is_number()) return kCurve.read(in, context);
+    const auto eta = in.number(kUnitInterval);
+    return eta ? std::optional(Value{{0, *eta}}) : std::nullopt;
   }
-  s.efficiency.clear();
-  in.elements(1, 1000, [&](const JsonReader& point) {
-    const auto p = point.pair(kWavelength_um, kUnitInterval);
-    if (!p) return;
-    if (!s.efficiency.empty() && !(p->first > s.efficiency.back().wavelength_um)) point.fail("wavelengths must rise");
-    s.efficiency.push_back({p->first, p->second});
-  });
-}
+  OrderedJson write(const Value& curve) const { return kCurve.write(curve); }
+  OrderedJson schema(const Limits& limits) const {
+    return {{"oneOf", {number_schema(kUnitInterval), kCurve.schema(limits)}}};
+  }
+  OrderedJson fallback() const { return engine::Spectrometer().efficiency[0].efficiency; }
+  static inline const auto kCurve = List{Pair<engine::EfficiencyPoint>{kWavelength_um, kUnitInterval}, 1, 1000};
+};
 
-MertisQuery read_members(const JsonReader& in) {
-  MertisQuery query;
+void check_mertis(const JsonReader& in, MertisQuery& query, const ReadContext&) {
   engine::Spectrometer& s = query.spectrometer;
-  if (!in.object({"description", "first_um", "last_um", "channels", "pixel_pitch_um", "f_number", "efficiency",
-                  "noise_equivalent_power_w", "temperatures_k"}))
-    return query;
-  if (in.has("description")) in.at("description").text();
-  s.first_um = in.number("first_um", kWavelength_um, s.first_um);
-  s.last_um = in.number("last_um", kWavelength_um, s.last_um);
   if (!(s.last_um > s.first_um)) in.fail("last_um", "must be above first_um");
-  s.channels = static_cast<int>(in.integer("channels", 1, kMaxChannels, s.channels));
-  s.pixel_pitch_um = in.number("pixel_pitch_um", kPitch_um, s.pixel_pitch_um);
-  s.f_number = in.number("f_number", kFNumber, s.f_number);
-  if (in.has("efficiency")) read_efficiency(in.at("efficiency"), s);
-  s.noise_equivalent_power_w = in.number("noise_equivalent_power_w", kPower_w, s.noise_equivalent_power_w);
-  if (in.has("temperatures_k")) {
-    query.temperatures_k.clear();
-    in.at("temperatures_k").elements(1, 16, [&](const JsonReader& t) {
-      query.temperatures_k.push_back(t.number(kBlackbody_k));
-    });
-  }
-  return query;
-}
-
-OrderedJson instrument_json(const MertisQuery& query) {
-  const engine::Spectrometer& s = query.spectrometer;
-  OrderedJson efficiency = OrderedJson::array();
-  for (const engine::EfficiencyPoint& p : s.efficiency) efficiency.push_back({p.wavelength_um, p.efficiency});
-  return {{"first_um", s.first_um},
-          {"last_um", s.last_um},
-          {"channels", s.channels},
-          {"pixel_pitch_um", s.pixel_pitch_um},
-          {"f_number", s.f_number},
-          {"efficiency", efficiency},
-          {"noise_equivalent_power_w", s.noise_equivalent_power_w},
-          {"temperatures_k", query.temperatures_k}};
+  if (in.has("efficiency") && in.at("efficiency").value().is_number()) s.efficiency[0].wavelength_um = s.first_um;
+  for (std::size_t i = 1; i < s.efficiency.size(); ++i)
+    if (!(s.efficiency[i].wavelength_um > s.efficiency[i - 1].wavelength_um))
+      return in.fail("efficiency", "wavelengths must rise");
 }
 
 constexpr const char* kAssumptions[] = {
@@ -81,11 +48,42 @@ constexpr const char* kAssumptions[] = {
 
 }  // namespace
 
+const Members<MertisQuery>& mertis_members() {
+  static const auto table = made<Members<MertisQuery>>(
+      "MertisRequest",
+      "A spectrometer that looks at blackbodies: SENSOR++ eqs. (3), (9), (12). What is left out is MERTIS, or assumed: "
+      "the answer says what.",
+      [](auto& m) {
+        using engine::Spectrometer;
+        const auto of = [](auto Spectrometer::*field) {
+          return [field](auto& query) -> auto& { return query.spectrometer.*field; };
+        };
+        m.add("description",
+              Property{[](const MertisQuery&) { return std::optional<std::string>(); },
+                       [](MertisQuery&, const std::string&) {}},
+              Text{}, "of a file; ignored");
+        m.add("first_um", of(&Spectrometer::first_um), Number{kWavelength_um, "um"}, "where the first channel begins");
+        m.add("last_um", of(&Spectrometer::last_um), Number{kWavelength_um, "um"}, "where the last one ends");
+        m.add("channels", of(&Spectrometer::channels), Integer{1, kMaxChannels}, "of equal width");
+        m.add("pixel_pitch_um", of(&Spectrometer::pixel_pitch_um), Number{{0, 1e4, true, false}, "um"}, "p");
+        m.add("f_number", of(&Spectrometer::f_number), Number{kFNumber}, "f_#");
+        m.add("efficiency", of(&Spectrometer::efficiency), Efficiency{},
+              "eta of optics and grating: at all wavelengths, or [um, eta], wavelengths rising");
+        m.add("noise_equivalent_power_w", of(&Spectrometer::noise_equivalent_power_w), Number{{0, 1, true, false}, "W"},
+              "NEP of a pixel");
+        m.add("temperatures_k", &MertisQuery::temperatures_k, List{Number{{1, 1e4}}, 1, 16, "K"}, "of the blackbodies");
+        m.check(check_mertis);
+      });
+  return *table;
+}
+
 MertisQuery read_mertis(const Json& body) {
+  const Limits limits;
+  const Assets none;
   Findings findings;
-  MertisQuery query = read_members(JsonReader(body, findings));
+  auto query = mertis_members().read(JsonReader(body, findings), {limits, none});
   findings.throw_if_any();
-  return query;
+  return std::move(*query);
 }
 
 OrderedJson mertis_json(const MertisQuery& query, const StopToken& stop) {
@@ -103,7 +101,9 @@ OrderedJson mertis_json(const MertisQuery& query, const StopToken& stop) {
                           {"width_error", c.width_error}});
     spectra.push_back({{"temperature_k", kelvin}, {"channels", channels}});
   }
-  return {{"instrument", instrument_json(query)}, {"assumptions_of_the_defaults", kAssumptions}, {"spectra", spectra}};
+  return {{"instrument", mertis_members().write(query)},
+          {"assumptions_of_the_defaults", kAssumptions},
+          {"spectra", spectra}};
 }
 
 std::string mertis_csv(const MertisQuery& query) {

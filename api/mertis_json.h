@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "api/json_reader.h"
+#include "api/members.h"
 #include "dem/stop_token.h"
 #include "engine/sensor/spectrometer.h"
 
@@ -18,6 +18,7 @@ struct MertisQuery {
   std::vector<double> temperatures_k{350, 500};  // assumed: of the paper's figure 6 there is no number in the text
 };
 
+const Members<MertisQuery>& mertis_members();
 // Throws RequestError with every fault found. Every member may be left out: MERTIS.
 MertisQuery read_mertis(const Json& body);
 

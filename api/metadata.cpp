@@ -10,8 +10,6 @@
 namespace selenograph::api {
 namespace {
 
-using OrderedJson = nlohmann::ordered_json;
-
 std::string hex(std::uint64_t x) { return fmt::format("{:016x}", x); }
 
 OrderedJson sources_json(const engine::FrameReport& report) {
@@ -67,55 +65,6 @@ std::string content_hash(const FrameQuery& query, std::uint64_t terrain_fingerpr
 bool names_etag(const std::string& if_none_match, const std::string& hash) {
   // A hash has no quote or comma in it, so looking for its quoted form is as good as taking the list apart.
   return if_none_match == "*" || if_none_match.find("\"" + hash + "\"") != std::string::npos;
-}
-
-std::string_view normalisation(engine::ReflectanceModel model) {
-  switch (model) {
-    case engine::ReflectanceModel::lambert:
-      return "f_r = rho / pi (SENSOR++ eq. 4), per steradian; radiance = E_sun * mu0 * f_r * lit";
-    case engine::ReflectanceModel::lommel_seeliger:
-      return "f_r = rho / (2 pi) / (mu0 + mu) (SENSOR++ eq. 10 as printed), per steradian; radiance = E_sun * mu0 * "
-             "f_r * lit; a quarter of Lambert's at mu0 = mu = 1";
-    case engine::ReflectanceModel::lommel_seeliger_lambert:
-      return "f_r = w * rho / (2 pi) / (mu0 + mu) + (1 - w) * rho / pi, w = lommel_seeliger_weight (SENSOR++ 3.1, eqs. "
-             "10 and 4), per steradian; radiance = E_sun * mu0 * f_r * lit";
-    case engine::ReflectanceModel::blinn_phong:
-      return "f_r = rho / (8 pi) * (p + 4) (p + 2) / (p + 2^(-p/2)) * (n.h)^p, p = shininess, h halfway between Sun "
-             "and "
-             "camera (SENSOR++ eq. 11), per steradian; radiance = E_sun * mu0 * f_r * lit; reflects at most rho of "
-             "what arrives, exactly rho from the zenith";
-    case engine::ReflectanceModel::lunar_lambert:
-      return "f_r = rho / pi * (2 L / (mu0 + mu) + 1 - L), L = limb_darkening, or, left out, 1 - 0.019 g + 0.242e-3 "
-             "g^2 "
-             "- 1.46e-6 g^3 of the phase angle g in degrees, not below 0 (McEwen 1991, 1996), per steradian; radiance "
-             "= E_sun * mu0 * f_r * lit; equal to Lambert at mu0 = mu = 1, four times lommel_seeliger for L = 1: rho "
-             "is a normal albedo";
-    case engine::ReflectanceModel::hapke:
-      return "f_r = w / (4 pi) / (mu0' + mu') * ((1 + B(g)) p(g) + H(mu0') H(mu') - 1) * S * mu0' / mu0, H(x) = (1 + "
-             "2x) / (1 + 2x sqrt(1 - w)), B(g) = b0 / (1 + tan(g/2) / h), mu0', mu' and S of roughness theta_bar "
-             "(Hapke 1981, 1984), per steradian: Hapke's bidirectional reflectance is mu0 f_r, I/F is pi mu0 f_r; "
-             "radiance = E_sun * mu0 * f_r * lit";
-  }
-  return "";
-}
-
-std::string_view normalisation_elsewhere() {
-  return "Tools differ by factors of 2, 4 and pi in what they call by the same name. Compare before comparing "
-         "radiances:\n"
-         "- Lommel-Seeliger here (SENSOR++ eq. 10): `f_r = rho/(2 pi) / (mu0 + mu)`; at mu0 = mu = 1 it is rho/(4 pi), "
-         "a quarter of Lambert's rho/pi;\n"
-         "- Hapke, with an isotropic phase function and without multiple scattering: `f_r = w/(4 pi) / (mu0 + mu)`, "
-         "half of `lommel_seeliger` for rho = w;\n"
-         "- lunar-Lambert in ISIS's photomet is divided by its own value at mu0 = mu = 1 where an albedo is asked for, "
-         "and Hapke there is the radiance factor I/F = pi mu0 f_r;\n"
-         "- lunar-Lambert elsewhere is also written `A (L mu0/(mu0 + mu) + (1 - L) mu0)`, without the 2: half of ours "
-         "for "
-         "L = 1;\n"
-         "- Hapke's double Henyey-Greenstein function has its lobes' weights as (1 + c)/2 and (1 - c)/2 here (Hapke "
-         "2012), as c and 1 - c in ISIS (Hg2) and in Hapke 1993, and either sign of b for backward;\n"
-         "- Blinn-Phong in graphics is normalised by (p + 8)/(8 pi) (an approximation) or (p + 2)/(2 pi), or not at "
-         "all: eq. 11's factor is exact for a Sun in the zenith;\n"
-         "- tools that answer I/F (radiance factor) are a factor of pi above the f_r * mu0 of their own equation.";
 }
 
 OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const std::string& hash) {

@@ -22,11 +22,6 @@ std::string content_hash(const FrameQuery& query, std::uint64_t terrain_fingerpr
 // True when an If-None-Match header names this hash's entity tag (weak tags count: RFC 9110, 13.1.2), or is "*".
 bool names_etag(const std::string& if_none_match, const std::string& hash);
 
-// The equation of a reflectance model as printed in its paper, and the factors by which other tools differ.
-std::string_view normalisation(engine::ReflectanceModel model);
-// How other tools normalise Lommel-Seeliger, for the API document.
-std::string_view normalisation_elsewhere();
-
 nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameReport& report, const std::string& hash);
 
 // The same for the header `Selenograph-Meta`: compact, ASCII only, at most kMetaHeaderBytes. Where it would be longer,

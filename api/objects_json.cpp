@@ -4,86 +4,65 @@
 
 #include <algorithm>
 
-#include "api/frame_json.h"
-#include "api/ranges.h"
 #include "api/surface_json.h"
 #include "engine/visibility/object_mesh.h"
 
 namespace selenograph::api {
 namespace {
 
-using OrderedJson = nlohmann::ordered_json;
-
 std::string quoted(const std::vector<std::string>& names) {
   const std::vector<std::string_view> views(names.begin(), names.end());
   return quoted_list(views, " and ");
 }
 
-void read_part_materials(const JsonReader& in, const engine::ObjectMesh& mesh, ObjectQuery& query,
-                         engine::SceneObject& object) {
-  if (!in.value().is_object()) return in.fail("must be an object: a material for each part that has its own");
-  const std::vector<std::string>& parts = mesh.shape().parts;
-  for (const auto& [name, value] : in.value().items()) {
-    if (std::find(parts.begin(), parts.end(), name) == parts.end()) {
-      in.fail(fmt::format("has no part \"{}\"; the mesh's are {}", name, quoted(parts)));
-      continue;
-    }
-    const engine::Material material = read_material(in.at(name));
+std::optional<PlacedObject> resolve_object(const JsonReader& in, const ObjectForm& form, const ReadContext&) {
+  const std::size_t before = in.faults();
+  const std::vector<std::string>& parts = form.mesh.content->shape().parts;
+  std::vector<engine::Material> materials(parts.size(), form.material);
+  for (const auto& [name, material] : form.part_materials) {
+    if (std::find(parts.begin(), parts.end(), name) == parts.end())
+      in.fail("part_materials", fmt::format("has no part \"{}\"; the mesh's are {}", name, quoted(parts)));
     for (std::size_t i = 0; i < parts.size(); ++i)
-      if (parts[i] == name) object.materials[i] = material;
-    query.part_materials[name] = material;
+      if (parts[i] == name) materials[i] = material;
   }
+  if (in.faults() != before) return std::nullopt;
+  return PlacedObject{
+      {form.mesh.content, form.pose.position_m, form.pose.moon_from_object, form.scale, std::move(materials)},
+      {form.mesh.name, form.material, form.part_materials}};
 }
 
-std::shared_ptr<const engine::ObjectMesh> read_mesh(const JsonReader& in, const Assets& assets, ObjectQuery& query) {
-  if (!in.has("mesh")) {
-    in.fail("mesh", "is required");
-    return nullptr;
-  }
-  const JsonReader named = in.at("mesh");
-  const auto name = named.text();
-  if (!name) return nullptr;
-  query.mesh = *name;
-  auto mesh = assets.object(*name);
-  if (!mesh) named.fail("no such mesh; the service has " + listed(assets.names("objects")));
-  return mesh;
-}
-
-void read_object(const JsonReader& in, const Assets& assets, engine::SceneObject& object, ObjectQuery& query) {
-  if (!in.object({"mesh", "pose", "scale", "material", "part_materials"})) return;
-  object.mesh = read_mesh(in, assets, query);
-  object.scale = in.number("scale", kScale, 1);
-  if (!in.has("pose")) in.fail("pose", "is required");
-  if (in.has("pose")) read_object_pose(in.at("pose"), object);
-  if (!in.has("material")) in.fail("material", "is required");
-  if (in.has("material")) query.material = read_material(in.at("material"));
-  if (!object.mesh) return;
-  object.materials.assign(object.mesh->shape().parts.size(), query.material);
-  if (in.has("part_materials")) read_part_materials(in.at("part_materials"), *object.mesh, query, object);
+ObjectForm form_of(const PlacedObject& placed) {
+  const auto& [object, query] = placed;
+  return {{query.mesh, object.mesh},
+          {object.position_m, object.moon_from_object},
+          object.scale,
+          query.material,
+          query.part_materials};
 }
 
 }  // namespace
 
-void read_objects(const JsonReader& in, const Assets& assets, engine::FrameRequest& request,
-                  std::vector<ObjectQuery>& queries) {
-  in.elements(1, kMaxObjects, [&](const JsonReader& element) {
-    read_object(element, assets, request.objects.emplace_back(), queries.emplace_back());
-  });
-}
-
-OrderedJson objects_json(const engine::FrameRequest& request, const std::vector<ObjectQuery>& queries) {
-  OrderedJson list = OrderedJson::array();
-  for (std::size_t i = 0; i < queries.size(); ++i) {
-    const engine::SceneObject& object = request.objects[i];
-    OrderedJson json{{"mesh", queries[i].mesh},
-                     {"pose", object_pose_json(object)},
-                     {"scale", object.scale},
-                     {"material", material_json(queries[i].material)}};
-    for (const auto& [part, material] : queries[i].part_materials)
-      json["part_materials"][part] = material_json(material);
-    list.push_back(std::move(json));
-  }
-  return list;
+const Members<ObjectForm, PlacedObject>& object_members() {
+  static const auto table = made<Members<ObjectForm, PlacedObject>>(
+      "Object",
+      "A triangle mesh that the operator put into the assets folder, from either side. It throws shadows on the "
+      "terrain "
+      "and on objects and receives them. `/v1/rays` and `/v1/project` know terrain only.",
+      [](auto& m) {
+        m.add("mesh", &ObjectForm::mesh, Asset{&Assets::object, "mesh", "objects"},
+              "name of objects/NAME.obj, .ply, .gltf or .glb")
+            .required();
+        m.add("pose", &ObjectForm::pose, Object{object_pose_members()}, "where it is").required();
+        m.add("scale", &ObjectForm::scale, Number{kScale, "m"}, "one unit of the file");
+        m.add("material", &ObjectForm::material, Object{material_members()}, "of all parts but those in part_materials")
+            .required();
+        m.add("part_materials", &ObjectForm::part_materials, Map{Object{material_members()}},
+              "by the name that the file gives to a part's material")
+            .written_if([](const ObjectForm& form) { return !form.part_materials.empty(); });
+        m.resolve(resolve_object);
+        m.unresolve(form_of);
+      });
+  return *table;
 }
 
 OrderedJson objects_metadata(const engine::FrameRequest& request, const std::vector<ObjectQuery>& queries) {

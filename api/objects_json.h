@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "api/assets.h"
-#include "api/json_reader.h"
+#include "api/member_kinds.h"
+#include "api/pose_json.h"
 #include "engine/frame/request.h"
 
 namespace selenograph::api {
@@ -21,10 +21,19 @@ struct ObjectQuery {
   std::map<std::string, engine::Material> part_materials;
 };
 
-// Fills request.objects and, one for each, `queries`.
-void read_objects(const JsonReader& in, const Assets& assets, engine::FrameRequest& request,
-                  std::vector<ObjectQuery>& queries);
-nlohmann::ordered_json objects_json(const engine::FrameRequest& request, const std::vector<ObjectQuery>& queries);
+struct ObjectForm {
+  Named<engine::ObjectMesh> mesh;
+  ObjectPose pose;
+  double scale = 1;
+  engine::Material material;
+  std::map<std::string, engine::Material> part_materials;
+};
+// An object as the engine has it, and as it was asked for.
+struct PlacedObject {
+  engine::SceneObject object;
+  ObjectQuery query;
+};
+const Members<ObjectForm, PlacedObject>& object_members();
 
 // Of a frame's metadata: each object's mesh, its version and size.
 nlohmann::ordered_json objects_metadata(const engine::FrameRequest& request, const std::vector<ObjectQuery>& queries);

@@ -4,11 +4,10 @@
 #include "api/negotiate.h"
 #include "api/problem.h"
 #include "api/routes.h"
+#include "api/surface_json.h"
 
 namespace selenograph::api {
 namespace {
-
-using OrderedJson = nlohmann::ordered_json;
 
 OrderedJson schema_ref(const std::string& name) { return {{"$ref", "#/components/schemas/" + name}}; }
 

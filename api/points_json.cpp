@@ -3,55 +3,54 @@
 #include <charconv>
 #include <cmath>
 
+#include "api/member_kinds.h"
+#include "api/pose_json.h"
 #include "api/ranges.h"
 
 namespace selenograph::api {
 namespace {
 
-using OrderedJson = nlohmann::ordered_json;
-
-OrderedJson vector_json(const Vec3& v) { return OrderedJson::array({v.x(), v.y(), v.z()}); }
-
 OrderedJson number_json(double x) { return std::isfinite(x) ? OrderedJson(x) : OrderedJson(nullptr); }
 
-std::size_t most(const Limits& limits) { return static_cast<std::size_t>(limits.max_rays); }
+std::int64_t most(const Limits& limits) { return limits.max_rays; }
 
-std::optional<engine::Sun> read_optional_sun(const JsonReader& in) {
-  return in.has("sun") ? std::optional(read_sun(in.at("sun"))) : std::nullopt;
+const Members<engine::Ray>& ray_members() {
+  using engine::Ray;
+  static const auto table = made<Members<Ray>>("Ray", "A ray from a point.", [](auto& m) {
+    m.add("origin_m", &Ray::origin_m, Vector{kCoordinate_m, "m"}, "MOON_ME").required();
+    m.add("direction", &Ray::direction, Vector{kAnyNumber}, "MOON_ME; any length but zero").required();
+    m.resolve([](const JsonReader& in, Ray& ray, const ReadContext&) -> std::optional<Ray> {
+      const std::optional<Vec3> direction = direction_of(ray.direction);
+      if (direction) return Ray{ray.origin_m, *direction};
+      in.fail("direction", "is no direction: three numbers, not all zero");
+      return std::nullopt;
+    });
+  });
+  return *table;
 }
 
-engine::Ray read_ray(const JsonReader& in) {
-  engine::Ray ray{Vec3::Zero(), Vec3::UnitX()};
-  if (!in.object({"origin_m", "direction"})) return ray;
-  if (in.has("origin_m")) ray.origin_m = in.at("origin_m").vector(kCoordinate_m);
-  if (in.has("direction")) {
-    const std::optional<Vec3> direction = direction_of(in.at("direction").vector(kAnyNumber));
-    if (!direction) in.fail("direction", "is no direction: three numbers, not all zero");
-    ray.direction = direction.value_or(Vec3::UnitX());
-  }
-  for (const std::string_view name : {"origin_m", "direction"}) {
-    if (!in.has(name)) in.fail(name, "is required");
-  }
-  return ray;
+const Members<engine::LandmarkQuery>& landmark_members() {
+  using engine::LandmarkQuery;
+  static const auto table =
+      made<Members<LandmarkQuery>>("Landmark", "A place, on the terrain or at a height.", [](auto& m) {
+        add_latitude_and_longitude(m);
+        m.add("height_m", &LandmarkQuery::height_m, Number{kHeight_m, "m"},
+              "above the sphere of 1 737 400 m; left out: on the terrain");
+      });
+  return *table;
 }
 
-engine::LandmarkQuery read_landmark(const JsonReader& in) {
-  engine::LandmarkQuery query;
-  if (!in.object({"lat_deg", "lon_deg", "height_m"})) return query;
-  query.lat_deg = in.number("lat_deg", kLatitude_deg);
-  query.lon_deg = in.number("lon_deg", kLongitude_deg);
-  if (in.has("height_m")) query.height_m = in.number("height_m", kHeight_m);
-  return query;
-}
+struct HeightsForm {
+  std::vector<Geographic> points;
+};
 
-// A list of this name, which must be there and not be empty.
-template <typename Each>
-void read_list(const JsonReader& in, std::string_view name, const Limits& limits, Each&& each) {
-  if (in.has(name)) {
-    in.at(name).elements(1, most(limits), each);
-  } else {
-    in.fail(name, "is required");
-  }
+template <typename M>
+auto checked(const M& members, const Json& body, const Limits& limits) {
+  const Assets none;
+  Findings findings;
+  auto value = members.read(JsonReader(body, findings), {limits, none});
+  findings.throw_if_any();
+  return std::move(*value);
 }
 
 // A query string's text as the JSON value it stands for: a number where it reads as one.
@@ -68,56 +67,53 @@ const char* why_no_height(double lat_deg, double lon_deg, const dem::Catalogue& 
 
 }  // namespace
 
-RaysQuery read_rays(const Json& body, const Limits& limits) {
-  Findings findings;
-  const JsonReader in(body, findings);
-  RaysQuery query;
-  if (in.object({"rays", "sun"})) {
-    read_list(in, "rays", limits, [&](const JsonReader& ray) { query.rays.push_back(read_ray(ray)); });
-    query.sun = read_optional_sun(in);
-  }
-  findings.throw_if_any();
-  return query;
+const Members<RaysQuery>& rays_members() {
+  static const auto table = made<Members<RaysQuery>>("RaysRequest", "Rays against the finest terrain.", [](auto& m) {
+    m.add("rays", &RaysQuery::rays, List{Object{ray_members()}, 1, most}, "the rays").required();
+    m.add("sun", &RaysQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
+  });
+  return *table;
 }
 
-ProjectQuery read_project(const Json& body, const Limits& limits) {
-  Findings findings;
-  const JsonReader in(body, findings);
-  ProjectQuery query;
-  if (in.object({"camera", "pose", "sun", "points"})) {
-    for (const std::string_view name : {"camera", "pose"}) {
-      if (!in.has(name)) in.fail(name, "is required");
-    }
-    if (in.has("camera")) query.camera = read_camera(in.at("camera"), limits);
-    if (in.has("pose")) query.pose = read_pose(in.at("pose"));
-    query.sun = read_optional_sun(in);
-    read_list(in, "points", limits, [&](const JsonReader& point) { query.points.push_back(read_landmark(point)); });
-  }
-  findings.throw_if_any();
-  return query;
+const Members<ProjectQuery>& project_members() {
+  static const auto table =
+      made<Members<ProjectQuery>>("ProjectRequest", "Landmarks for a camera and a pose.", [](auto& m) {
+        m.add("camera", &ProjectQuery::camera, Object{camera_members()}, "projection and image size").required();
+        m.add("pose", &ProjectQuery::pose, Object{pose_members()}, "where the camera is and where it looks").required();
+        m.add("sun", &ProjectQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
+        m.add("points", &ProjectQuery::points, List{Object{landmark_members()}, 1, most}, "the landmarks").required();
+      });
+  return *table;
 }
+
+namespace {
+
+const Members<HeightsForm>& heights_form() {
+  static const auto table = made<Members<HeightsForm>>("HeightsRequest", "Places on the terrain.", [](auto& m) {
+    m.add("points", &HeightsForm::points, List{Object{place_members()}, 1, most}, "the places").required();
+  });
+  return *table;
+}
+
+}  // namespace
+
+const MemberTable& heights_members() { return heights_form(); }
+
+RaysQuery read_rays(const Json& body, const Limits& limits) { return checked(rays_members(), body, limits); }
+
+ProjectQuery read_project(const Json& body, const Limits& limits) { return checked(project_members(), body, limits); }
 
 std::vector<Geographic> read_heights(const Json& body, const Limits& limits) {
-  Findings findings;
-  const JsonReader in(body, findings);
-  std::vector<Geographic> places;
-  if (in.object({"points"})) {
-    read_list(in, "points", limits, [&](const JsonReader& point) { places.push_back(read_place(point, false)); });
-  }
-  findings.throw_if_any();
-  return places;
+  return checked(heights_form(), body, limits).points;
 }
 
 Geographic read_height_query(const std::multimap<std::string, std::string>& query) {
-  Findings findings;
   Json object = Json::object();
   for (const auto& [name, text] : query) {
     if (query.count(name) > 1) throw RequestError("invalid_request", "a query parameter is given twice");
     object[name] = number_or_text(text);
   }
-  const Geographic place = read_place(JsonReader(object, findings), false);
-  findings.throw_if_any();
-  return place;
+  return checked(place_members(), object, Limits{});
 }
 
 OrderedJson rays_json(std::span<const engine::RayHit> hits, bool sun_given) {

@@ -5,7 +5,9 @@
 #include <span>
 #include <vector>
 
-#include "api/frame_json.h"
+#include "api/camera_json.h"
+#include "api/pose_json.h"
+#include "api/sun_json.h"
 #include "dem/terrain.h"
 #include "engine/frame/camera.h"
 #include "engine/frame/pose.h"
@@ -24,6 +26,10 @@ struct ProjectQuery {
   std::optional<engine::Sun> sun;
   std::vector<engine::LandmarkQuery> points;
 };
+
+const Members<RaysQuery>& rays_members();
+const Members<ProjectQuery>& project_members();
+const MemberTable& heights_members();
 
 // Throw RequestError("invalid_request") with the faults found.
 RaysQuery read_rays(const Json& body, const Limits& limits);

@@ -1,11 +1,8 @@
-// "pose": where the camera is and how it is turned, in whichever way the client knows it.
+#include "api/pose_json.h"
+
 #include <fmt/format.h>
 
 #include <cmath>
-#include <numbers>
-
-#include "api/frame_json.h"
-#include "api/ranges.h"
 
 namespace selenograph::api {
 namespace {
@@ -22,22 +19,6 @@ std::optional<Eigen::Quaterniond> camera_looking(const Vec3& boresight, const Ve
   camera_from_moon.row(1) = boresight.cross(right.normalized());
   camera_from_moon.row(2) = boresight;
   return Eigen::Quaterniond(camera_from_moon).normalized();
-}
-
-Eigen::Quaterniond read_quaternion(const JsonReader& in) {
-  if (!in.object({"w", "x", "y", "z"})) return Eigen::Quaterniond::Identity();
-  const Eigen::Vector4d xyzw(in.number("x", kAnyNumber), in.number("y", kAnyNumber), in.number("z", kAnyNumber),
-                             in.number("w", kAnyNumber));
-  if (!in.good()) return Eigen::Quaterniond::Identity();
-  const double length = xyzw.stableNorm();
-  if (length == 0) {
-    in.fail("is zero: no attitude");
-  } else if (!(std::abs(length - 1) <= kQuaternionTolerance)) {
-    in.fail(fmt::format("has length {:.6g}; a unit quaternion is needed (within {})", length, kQuaternionTolerance));
-  } else {
-    return Eigen::Quaterniond(is_unit(xyzw) ? xyzw : Eigen::Vector4d(xyzw / length));
-  }
-  return Eigen::Quaterniond::Identity();
 }
 
 // camera_from_moon in OpenCV axes and MOON_ME, from a quaternion in the client's axes and body frame.
@@ -58,83 +39,125 @@ std::optional<Eigen::Quaterniond> camera_north_up(const Vec3& boresight, const V
   return camera_looking(boresight, local_axes(target_m).north);
 }
 
-std::optional<Vec3> read_up(const JsonReader& in) {
-  if (in.value().is_string()) {
-    if (in.value() != "north") in.fail("must be \"north\" or a vector [x, y, z] in MOON_ME");
+// "north" or a direction.
+struct Up {
+  using Value = std::optional<Vec3>;
+  std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
+    if (in.value().is_string()) {
+      if (in.value() == "north") return Value();
+      in.fail("must be \"north\" or a vector [x, y, z] in MOON_ME");
+      return std::nullopt;
+    }
+    const std::size_t before = in.faults();
+    const std::optional<Vec3> up = direction_of(in.vector(kAnyNumber));
+    if (in.faults() != before) return std::nullopt;
+    if (up) return up;
+    in.fail("is zero: no direction");
     return std::nullopt;
   }
-  const std::optional<Vec3> up = direction_of(in.vector(kAnyNumber));
-  if (!up && in.good()) in.fail("is zero: no direction");
-  return up;
+  OrderedJson write(const Value& up) const { return up ? vector_json(*up) : OrderedJson("north"); }
+  OrderedJson schema(const Limits& limits) const {
+    return {{"oneOf", {{{"type", "string"}, {"const", "north"}}, Vector{kAnyNumber}.schema(limits)}}};
+  }
+};
+
+std::optional<Eigen::Quaterniond> resolve_unit(const JsonReader& in, const QuaternionForm& form, const ReadContext&) {
+  const Eigen::Vector4d xyzw(form.x, form.y, form.z, form.w);
+  const double length = xyzw.stableNorm();
+  if (length == 0) {
+    in.fail("is zero: no attitude");
+  } else if (!(std::abs(length - 1) <= kQuaternionTolerance)) {
+    in.fail(fmt::format("has length {:.6g}; a unit quaternion is needed (within {})", length, kQuaternionTolerance));
+  } else {
+    return Eigen::Quaterniond(is_unit(xyzw) ? xyzw : Eigen::Vector4d(xyzw / length));
+  }
+  return std::nullopt;
 }
 
-Eigen::Quaterniond read_look_at(const JsonReader& in, const Vec3& position_m) {
-  const Eigen::Quaterniond fallback = Eigen::Quaterniond::Identity();
-  if (!in.object({"lat_deg", "lon_deg", "height_m", "up"})) return fallback;
-  const Geographic place{in.number("lat_deg", kLatitude_deg), in.number("lon_deg", kLongitude_deg),
-                         in.number("height_m", kHeight_m, 0)};
-  const std::optional<Vec3> up = in.has("up") ? read_up(in.at("up")) : std::nullopt;
-  if (!in.good()) return fallback;
-  const Vec3 target_m = to_cartesian(place);
+const Members<QuaternionForm, Eigen::Quaterniond>& quaternion_members() {
+  static const auto table = made<Members<QuaternionForm, Eigen::Quaterniond>>(
+      "Quaternion", "A unit quaternion (its length within 0.001 of 1; it is normalised).", [](auto& m) {
+        m.add("w", &QuaternionForm::w, Number{kAnyNumber}, "scalar part").required();
+        m.add("x", &QuaternionForm::x, Number{kAnyNumber}, "vector part").required();
+        m.add("y", &QuaternionForm::y, Number{kAnyNumber}, "vector part").required();
+        m.add("z", &QuaternionForm::z, Number{kAnyNumber}, "vector part").required();
+        m.resolve(resolve_unit);
+        m.unresolve([](const Eigen::Quaterniond& q) { return QuaternionForm{q.w(), q.x(), q.y(), q.z()}; });
+      });
+  return *table;
+}
+
+// The rows of a PositionForm, and that one of the two ways is needed.
+template <typename Form, typename Value>
+void add_position(Members<Form, Value>& m) {
+  m.add("frame", &Form::frame, Word{kBodyFrames}, "body frame of position_m and of the quaternions");
+  m.add("position_m", &Form::position_m, Vector{kCoordinate_m, "m"}, "Cartesian position");
+  m.add("geodetic", &Form::geodetic, Object{geodetic_members()}, "position in MOON_ME; not with another `frame`");
+  m.exactly_one({"position_m", "geodetic"});
+}
+
+std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& form) {
+  if (form.geodetic && form.frame != engine::BodyFrame::moon_me) {
+    // The two frames are 860 m apart: taking one for the other silently is the one mistake not to make.
+    in.fail("geodetic", "is MOON_ME always; with another frame give position_m");
+    return std::nullopt;
+  }
+  const Vec3 position_m =
+      form.position_m ? Vec3(engine::moon_me_from(form.frame) * *form.position_m) : to_cartesian(*form.geodetic);
+  // Turning it or adding the Moon's radius can take it out of the range that it must be in to be a request again.
+  if (position_m.cwiseAbs().maxCoeff() <= kCoordinate_m.max) return position_m;
+  in.fail(form.position_m ? "position_m" : "geodetic",
+          fmt::format("lies more than {} m from the Moon's centre along an axis of MOON_ME", kCoordinate_m.max));
+  return std::nullopt;
+}
+
+// --- cameras
+
+const Members<LookAt>& look_at_members() {
+  static const auto table = made<Members<LookAt>>(
+      "LookAt", "Boresight through a place, which then appears at (cx, cy). MOON_ME whatever `frame` says.",
+      [](auto& m) {
+        add_latitude_and_longitude(m);
+        m.add("height_m", &LookAt::height_m, Number{kHeight_m, "m"}, "above the sphere of 1 737 400 m");
+        m.add("up", &LookAt::up, Up{},
+              "up in the image: the Moon's north (local north where the boresight is vertical), or a MOON_ME vector");
+      });
+  return *table;
+}
+
+const Members<Nadir>& nadir_members() {
+  static const auto table = made<Members<Nadir>>("Nadir", "Boresight to the Moon's centre.", [](auto& m) {
+    m.add("up_azimuth_deg", &Nadir::up_azimuth_deg, Number{kAzimuth_deg, "deg"},
+          "compass azimuth, clockwise from north, of the image's up direction (-y)");
+  });
+  return *table;
+}
+
+std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& form, const Vec3& position_m) {
+  const Vec3 target_m = to_cartesian({form.lat_deg, form.lon_deg, form.height_m});
   const std::optional<Vec3> boresight = direction_of(target_m - position_m);
   if (!boresight) {
     in.fail("is where the camera is: no direction");
-    return fallback;
+    return std::nullopt;
   }
-  const auto attitude = up ? camera_looking(*boresight, *up) : camera_north_up(*boresight, target_m);
-  if (!attitude) in.fail("up", up ? "is along the boresight" : "\"north\" is along the boresight: give a vector");
-  return attitude.value_or(fallback);
+  const auto attitude = form.up ? camera_looking(*boresight, *form.up) : camera_north_up(*boresight, target_m);
+  if (!attitude) in.fail("up", form.up ? "is along the boresight" : "\"north\" is along the boresight: give a vector");
+  return attitude;
 }
 
-Eigen::Quaterniond read_nadir(const JsonReader& in, const Vec3& position_m) {
-  const Eigen::Quaterniond fallback = Eigen::Quaterniond::Identity();
-  if (!in.object({"up_azimuth_deg"})) return fallback;
-  const double azimuth = in.number("up_azimuth_deg", kAzimuth_deg, 0) * kRadiansPerDegree;
-  if (!in.good()) return fallback;
-  if (position_m.norm() == 0) {
-    in.fail("has no direction from the Moon's centre");
-    return fallback;
-  }
-  const EastNorthUp local = local_axes(position_m);
-  const Vec3 up = std::cos(azimuth) * local.north + std::sin(azimuth) * local.east;
-  return camera_looking(-local.up, up).value_or(fallback);
+// Local axes at a position, which must not be the Moon's centre.
+std::optional<EastNorthUp> axes_at(const JsonReader& in, const Vec3& position_m) {
+  if (position_m.norm() > 0) return local_axes(position_m);
+  in.fail("has no direction from the Moon's centre");
+  return std::nullopt;
 }
 
-// moon_from_object of an object that stands: its z up, its x toward an azimuth.
-Eigen::Quaterniond read_upright(const JsonReader& in, const Vec3& position_m) {
-  if (!in.object({"azimuth_deg"})) return Eigen::Quaterniond::Identity();
-  const double azimuth = in.number("azimuth_deg", kAzimuth_deg, 0) * kRadiansPerDegree;
-  if (!in.good()) return Eigen::Quaterniond::Identity();
-  if (position_m.norm() == 0) {
-    in.fail("has no direction from the Moon's centre");
-    return Eigen::Quaterniond::Identity();
-  }
-  const EastNorthUp local = local_axes(position_m);
-  Eigen::Matrix3d moon_from_object;
-  moon_from_object.col(0) = std::cos(azimuth) * local.north + std::sin(azimuth) * local.east;
-  moon_from_object.col(2) = local.up;
-  moon_from_object.col(1) = local.up.cross(Vec3(moon_from_object.col(0)));
-  return Eigen::Quaterniond(moon_from_object).normalized();
-}
-
-Vec3 read_geodetic(const JsonReader& in, engine::BodyFrame frame) {
-  if (frame != engine::BodyFrame::moon_me) {
-    // The two frames are 860 m apart: taking one for the other silently is the one mistake not to make.
-    in.fail("is MOON_ME always; with another frame give position_m");
-  }
-  return to_cartesian(read_place(in, true));
-}
-
-Vec3 read_position(const JsonReader& in, engine::BodyFrame frame) {
-  const std::string_view how = in.alternative({"position_m", "geodetic"}, true);
-  if (how.empty()) return Vec3::Zero();
-  const Vec3 position_m = how == "position_m" ? Vec3(engine::moon_me_from(frame) * in.at(how).vector(kCoordinate_m))
-                                              : read_geodetic(in.at(how), frame);
-  // Turning it or adding the Moon's radius can take it out of the range that it must be in to be a request again.
-  if (in.good() && !(position_m.cwiseAbs().maxCoeff() <= kCoordinate_m.max)) {
-    in.fail(how, fmt::format("lies more than {} m from the Moon's centre along an axis of MOON_ME", kCoordinate_m.max));
-  }
-  return position_m;
+std::optional<Eigen::Quaterniond> look_down(const JsonReader& in, const Nadir& form, const Vec3& position_m) {
+  const auto local = axes_at(in, position_m);
+  if (!local) return std::nullopt;
+  const double azimuth = form.up_azimuth_deg * kRadiansPerDegree;
+  const Vec3 up = std::cos(azimuth) * local->north + std::sin(azimuth) * local->east;
+  return camera_looking(-local->up, up).value_or(Eigen::Quaterniond::Identity());
 }
 
 // Of q and -q, which are one attitude, the one whose first component of w, x, y, z that is not zero is positive, and no
@@ -150,54 +173,124 @@ Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
   return q;
 }
 
-Eigen::Quaterniond read_attitude(const JsonReader& in, const Vec3& position_m, engine::BodyFrame frame,
-                                 CameraAxes axes) {
-  const std::string_view how = in.alternative({"camera_from_moon", "moon_from_camera", "look_at", "nadir"}, true);
-  if (how == "look_at") return read_look_at(in.at(how), position_m);
-  if (how == "nadir") return read_nadir(in.at(how), position_m);
-  if (how.empty()) return Eigen::Quaterniond::Identity();
-  const Eigen::Quaterniond given = read_quaternion(in.at(how));
-  return resolve_quaternion(how == "moon_from_camera" ? given.conjugate() : given, axes, engine::moon_me_from(frame));
+std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& form, const ReadContext&) {
+  const std::optional<Vec3> position_m = resolve_position(in, form);
+  if (!position_m) return std::nullopt;
+  std::optional<Eigen::Quaterniond> attitude;
+  if (form.look_at) {
+    attitude = look_at(in.at("look_at"), *form.look_at, *position_m);
+  } else if (form.nadir) {
+    attitude = look_down(in.at("nadir"), *form.nadir, *position_m);
+  } else {
+    attitude = resolve_quaternion(form.camera_from_moon ? *form.camera_from_moon : form.moon_from_camera->conjugate(),
+                                  form.axes, engine::moon_me_from(form.frame));
+  }
+  if (!attitude) return std::nullopt;
+  return engine::Pose{*position_m, canonical(*attitude)};
+}
+
+PoseForm form_of(const engine::Pose& pose) {
+  PoseForm form;
+  form.position_m = pose.position_m;
+  form.camera_from_moon = pose.camera_from_moon;
+  return form;
+}
+
+// --- objects
+
+const Members<Upright>& upright_members() {
+  static const auto table =
+      made<Members<Upright>>("Upright", "The object's z axis points away from the Moon's centre.", [](auto& m) {
+        m.add("azimuth_deg", &Upright::azimuth_deg, Number{kAzimuth_deg, "deg"},
+              "compass azimuth of its x axis, clockwise from north");
+      });
+  return *table;
+}
+
+std::optional<Eigen::Quaterniond> stand(const JsonReader& in, const Upright& form, const Vec3& position_m) {
+  const auto local = axes_at(in, position_m);
+  if (!local) return std::nullopt;
+  const double azimuth = form.azimuth_deg * kRadiansPerDegree;
+  Eigen::Matrix3d moon_from_object;
+  moon_from_object.col(0) = std::cos(azimuth) * local->north + std::sin(azimuth) * local->east;
+  moon_from_object.col(2) = local->up;
+  moon_from_object.col(1) = local->up.cross(Vec3(moon_from_object.col(0)));
+  return Eigen::Quaterniond(moon_from_object).normalized();
+}
+
+std::optional<ObjectPose> resolve_object_pose(const JsonReader& in, const ObjectPoseForm& form, const ReadContext&) {
+  const std::optional<Vec3> position_m = resolve_position(in, form);
+  if (!position_m) return std::nullopt;
+  if (form.upright) {
+    const auto attitude = stand(in.at("upright"), *form.upright, *position_m);
+    if (!attitude) return std::nullopt;
+    return ObjectPose{*position_m, canonical(*attitude)};
+  }
+  const Eigen::Quaterniond body_from_object =
+      form.moon_from_object ? *form.moon_from_object : form.object_from_moon->conjugate();
+  return ObjectPose{*position_m, canonical(Eigen::Quaterniond(engine::moon_me_from(form.frame)) * body_from_object)};
+}
+
+ObjectPoseForm form_of(const ObjectPose& pose) {
+  ObjectPoseForm form;
+  form.position_m = pose.position_m;
+  form.moon_from_object = pose.moon_from_object;
+  return form;
 }
 
 }  // namespace
 
-Geographic read_place(const JsonReader& in, bool with_height, std::optional<double> height_fallback_m) {
-  Geographic place;
-  if (with_height ? !in.object({"lat_deg", "lon_deg", "height_m"}) : !in.object({"lat_deg", "lon_deg"})) return place;
-  place.lat_deg = in.number("lat_deg", kLatitude_deg);
-  place.lon_deg = in.number("lon_deg", kLongitude_deg);
-  if (!with_height) return place;
-  place.height_m =
-      height_fallback_m ? in.number("height_m", kHeight_m, *height_fallback_m) : in.number("height_m", kHeight_m);
-  return place;
+const Members<Geographic>& place_members() {
+  static const auto table =
+      made<Members<Geographic>>("Place", "A place on the Moon.", [](auto& m) { add_latitude_and_longitude(m); });
+  return *table;
 }
 
-void read_object_pose(const JsonReader& in, engine::SceneObject& object) {
-  if (!in.object({"frame", "position_m", "geodetic", "moon_from_object", "object_from_moon", "upright"})) return;
-  const auto frame = in.word("frame", Words<engine::BodyFrame>(kBodyFrames), engine::BodyFrame::moon_me);
-  object.position_m = read_position(in, frame);
-  const std::string_view how = in.alternative({"moon_from_object", "object_from_moon", "upright"}, true);
-  if (how == "upright") {
-    object.moon_from_object = canonical(read_upright(in.at(how), object.position_m));
-  } else if (!how.empty()) {
-    const Eigen::Quaterniond given = read_quaternion(in.at(how)),
-                             body_from_object = how == "object_from_moon" ? given.conjugate() : given;
-    object.moon_from_object = canonical(Eigen::Quaterniond(engine::moon_me_from(frame)) * body_from_object);
-  }
+const Members<Geographic>& geodetic_members() {
+  static const auto table = made<Members<Geographic>>("Geodetic", "A place and its height.", [](auto& m) {
+    add_latitude_and_longitude(m);
+    m.add("height_m", &Geographic::height_m, Number{kHeight_m, "m"}, "above the sphere of 1 737 400 m").required();
+  });
+  return *table;
 }
 
-engine::Pose read_pose(const JsonReader& in) {
-  engine::Pose pose;
-  if (!in.object(
-          {"frame", "position_m", "geodetic", "camera_from_moon", "moon_from_camera", "look_at", "nadir", "axes"})) {
-    return pose;
-  }
-  const auto frame = in.word("frame", Words<engine::BodyFrame>(kBodyFrames), engine::BodyFrame::moon_me);
-  const auto axes = in.word("axes", Words<CameraAxes>(kCameraAxes), CameraAxes::opencv);
-  pose.position_m = read_position(in, frame);
-  pose.camera_from_moon = canonical(read_attitude(in, pose.position_m, frame, axes));
-  return pose;
+const Members<PoseForm, engine::Pose>& pose_members() {
+  static const auto table = made<Members<PoseForm, engine::Pose>>(
+      "Pose",
+      "Where the camera is (`position_m` or `geodetic`) and how it is turned (one of `camera_from_moon`, "
+      "`moon_from_camera`, `look_at`, `nadir`). `frame` applies to `position_m` and the quaternions; places in "
+      "latitude and longitude, and `look_at.up`, are MOON_ME always, so `geodetic` excludes the other frames. PA and "
+      "ME differ by about 860 m.",
+      [](auto& m) {
+        add_position(m);
+        m.add("camera_from_moon", &PoseForm::camera_from_moon, Object{quaternion_members()},
+              "rotates vectors of `frame` into camera axes");
+        m.add("moon_from_camera", &PoseForm::moon_from_camera, Object{quaternion_members()}, "the inverse");
+        m.add("look_at", &PoseForm::look_at, Object{look_at_members()}, "boresight through a place");
+        m.add("nadir", &PoseForm::nadir, Object{nadir_members()}, "boresight to the Moon's centre");
+        m.add("axes", &PoseForm::axes, Word{kCameraAxes},
+              "camera axes of the quaternions: opencv +x right, +y down, +z boresight; opengl +x right, +y up, -z "
+              "boresight. Without meaning for look_at and nadir");
+        m.exactly_one({"camera_from_moon", "moon_from_camera", "look_at", "nadir"});
+        m.resolve(resolve_pose);
+        m.unresolve([](const engine::Pose& pose) { return form_of(pose); });
+      });
+  return *table;
+}
+
+const Members<ObjectPoseForm, ObjectPose>& object_pose_members() {
+  static const auto table = made<Members<ObjectPoseForm, ObjectPose>>(
+      "ObjectPose", "Where an object's origin is and how its own axes, which are its file's, are turned.", [](auto& m) {
+        add_position(m);
+        m.add("moon_from_object", &ObjectPoseForm::moon_from_object, Object{quaternion_members()},
+              "rotates vectors of the object's axes into `frame`");
+        m.add("object_from_moon", &ObjectPoseForm::object_from_moon, Object{quaternion_members()}, "the inverse");
+        m.add("upright", &ObjectPoseForm::upright, Object{upright_members()}, "its z axis is the local vertical");
+        m.exactly_one({"moon_from_object", "object_from_moon", "upright"});
+        m.resolve(resolve_object_pose);
+        m.unresolve([](const ObjectPose& pose) { return form_of(pose); });
+      });
+  return *table;
 }
 
 }  // namespace selenograph::api

@@ -76,6 +76,7 @@ const ErrorRow& error_row(std::string_view code) {
 std::string problem_type(const ErrorRow& row) { return "urn:selenograph:problem:" + std::string(row.code); }
 
 void Findings::add(std::string pointer, std::string detail) {
+  ++seen_;
   if (!full()) kept_.push_back({std::move(pointer), std::move(detail)});
 }
 

@@ -41,12 +41,14 @@ class Findings {
   void add(std::string pointer, std::string detail);
   bool empty() const { return kept_.empty(); }
   bool full() const { return kept_.size() >= kMost; }
+  std::size_t seen() const { return seen_; }  // kept or not
   const std::vector<Finding>& kept() const { return kept_; }
   // Throws RequestError("invalid_request") when there is one.
   void throw_if_any() const;
 
  private:
   std::vector<Finding> kept_;
+  std::size_t seen_ = 0;
 };
 
 // A request that can't be served, and why. The only exception by which api/ refuses what a client sent.

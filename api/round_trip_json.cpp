@@ -5,14 +5,13 @@
 #include <algorithm>
 #include <cmath>
 
-#include "api/frame_json.h"
+#include "api/member_kinds.h"
 #include "api/metadata.h"
+#include "api/pose_json.h"
 #include "api/ranges.h"
 
 namespace selenograph::api {
 namespace {
-
-using OrderedJson = nlohmann::ordered_json;
 
 OrderedJson number_json(double x) { return std::isfinite(x) ? OrderedJson(x) : OrderedJson(nullptr); }
 
@@ -62,6 +61,10 @@ OrderedJson window_json(const engine::PostWindow& w) {
 
 }  // namespace
 
+namespace {
+std::int64_t posts_allowed(const Limits& limits) { return most_posts(limits); }
+}  // namespace
+
 std::string_view mode_name(engine::RoundTripMode mode) { return word_of(kRoundTripModes, mode); }
 
 int most_posts(const Limits& limits) {
@@ -70,25 +73,38 @@ int most_posts(const Limits& limits) {
 
 int default_posts(const Limits& limits) { return std::min(256, most_posts(limits)); }
 
+const Members<engine::RoundTripRequest>& round_trip_members() {
+  using Trip = engine::RoundTripRequest;
+  static const auto table = made<Members<Trip>>("RoundTripRequest", "A DEM's way into images and back.", [](auto& m) {
+    m.start_from([](const Limits& limits) {
+      Trip request;
+      request.posts = default_posts(limits);
+      return request;
+    });
+    m.add("center",
+          Property{[](const Trip& r) {
+                     return std::optional(Geographic{r.lat_deg, r.lon_deg, 0});
+                   },
+                   [](Trip& r, const Geographic& g) { r.lat_deg = g.lat_deg, r.lon_deg = g.lon_deg; }},
+          Object{place_members()}, "the finest tile that holds it is compared")
+        .required();
+    m.add("height_m", &Trip::height_m, Number{kStationHeight_m, "m"}, "of the cameras above the ground");
+    m.add("mode", &Trip::mode, Word{kRoundTripModes}, "exact: rays through the posts; camera: frames");
+    m.add("posts", &Trip::posts, Integer{1, posts_allowed}, "along each side of the window; fewer where the tile ends");
+    m.add("footprint_ratio", &Trip::footprint_ratio, Number{kFootprintRatio},
+          "pixel footprint over post spacing, mode camera");
+    m.add("max_error_px", &Trip::max_error_px, Number{kMaxError_px, "px"},
+          "of the frames, mode camera; 0: the finest posts");
+  });
+  return *table;
+}
+
 engine::RoundTripRequest read_round_trip(const Json& body, const Limits& limits) {
+  const Assets none;
   Findings findings;
-  const JsonReader in(body, findings);
-  engine::RoundTripRequest request;
-  if (in.object({"center", "height_m", "mode", "posts", "footprint_ratio", "max_error_px"})) {
-    if (in.has("center")) {
-      const Geographic place = read_place(in.at("center"), false);
-      request.lat_deg = place.lat_deg, request.lon_deg = place.lon_deg;
-    } else {
-      in.fail("center", "is required");
-    }
-    request.height_m = in.number("height_m", kStationHeight_m, request.height_m);
-    request.mode = in.word("mode", Words<engine::RoundTripMode>(kRoundTripModes), request.mode);
-    request.posts = static_cast<int>(in.integer("posts", 1, most_posts(limits), default_posts(limits)));
-    request.footprint_ratio = in.number("footprint_ratio", kFootprintRatio, request.footprint_ratio);
-    request.max_error_px = in.number("max_error_px", kMaxError_px, request.max_error_px);
-  }
+  const auto request = round_trip_members().read(JsonReader(body, findings), {limits, none});
   findings.throw_if_any();
-  return request;
+  return *request;
 }
 
 OrderedJson round_trip_json(const engine::RoundTripRequest& request, const engine::RoundTrip& trip,

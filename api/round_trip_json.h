@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
-#include "api/json_reader.h"
+#include "api/members.h"
 #include "api/service.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "engine/verify/difference_statistics.h"
@@ -20,6 +20,7 @@ std::string_view mode_name(engine::RoundTripMode mode);
 int most_posts(const Limits& limits);
 int default_posts(const Limits& limits);
 
+const Members<engine::RoundTripRequest>& round_trip_members();
 // Throws RequestError.
 engine::RoundTripRequest read_round_trip(const Json& body, const Limits& limits);
 

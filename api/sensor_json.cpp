@@ -2,213 +2,202 @@
 
 #include <fmt/format.h>
 
-#include <array>
-
+#include "api/member_kinds.h"
 #include "api/ranges.h"
 
 namespace selenograph::api {
 namespace {
 
 using engine::Detector;
+using engine::Motion;
+using engine::Optics;
 using engine::PointSpread;
+using engine::SensorModel;
 using engine::Vignetting;
-using OrderedJson = nlohmann::ordered_json;
 
 constexpr Range kAboveZero{0, 1e9, true, false};
 constexpr Range kNotNegative{0, 1e9};
+constexpr std::int64_t kMaxSeed = std::int64_t{1} << 53;  // what JSON's numbers hold exactly everywhere
+constexpr std::size_t kMaxKernelSide = 65;
 
-constexpr std::array<DetectorMember, 15> kMembers{{
-    {"pixel_pitch_um", {0, 1e4, true, false}, true, "p of SENSOR++ eq. (8)", &Detector::pixel_pitch_um},
-    {"quantum_efficiency",
-     {0, 1, true, false},
-     true,
-     "eta of eq. (8): of optics and detector",
-     &Detector::quantum_efficiency},
-    {"integration_time_s", {0, 1e5, true, false}, true, "t of eq. (8)", &Detector::integration_time_s},
-    {"full_well_e", kNotNegative, false, "electrons that a pixel holds; 0: any number", &Detector::full_well_e},
-    {"dark_current_e_s", kNotNegative, false, "electrons per second and pixel", &Detector::dark_current_e_s},
-    {"smear_time_s", kNotNegative, false,
-     "electronic smear of frame transfer without a shutter: how long a row passes each row of the image",
-     &Detector::smear_time_s},
-    {"read_noise_e", kNotNegative, false, "standard deviation", &Detector::read_noise_e},
-    {"prnu", kUnitInterval, false,
-     "photo response non-uniformity: relative standard deviation of the pixels' responses", &Detector::prnu},
-    {"dsnu_e", kNotNegative, false, "dark signal non-uniformity: standard deviation of the pixels' offsets",
-     &Detector::dsnu_e},
-    {"dead_fraction", kUnitInterval, false, "share of the pixels that see nothing", &Detector::dead_fraction},
-    {"hot_fraction", kUnitInterval, false, "share of the pixels whose dark current is higher", &Detector::hot_fraction},
-    {"hot_current_e_s", kNotNegative, false, "by this much", &Detector::hot_current_e_s},
-    {"gain_e_dn", kAboveZero, true, "electrons per digital number", &Detector::gain_e_dn},
-    {"offset_dn", {0, 65535}, false, "digital number of no electrons", &Detector::offset_dn},
-    {"bit_depth",
-     {1, 16},
-     false,
-     "digital numbers from 0 to 2^bit_depth - 1; the image is uint8 up to 8, else uint16",
-     nullptr},
-}};
-
-void refuse_unless(const JsonReader& in, bool belongs, std::string_view member, std::string_view model) {
-  if (!belongs && in.has(member)) in.fail(member, "belongs to the model \"" + std::string(model) + "\"");
-  if (belongs && !in.has(member)) in.fail(member, "is required for the model \"" + std::string(model) + "\"");
-}
+constexpr std::pair<std::string_view, PointSpread::Model> kPointSpreads[] = {
+    {"none", PointSpread::Model::none},
+    {"gaussian", PointSpread::Model::gaussian},
+    {"airy", PointSpread::Model::airy},
+    {"kernel", PointSpread::Model::kernel},
+};
+constexpr std::pair<std::string_view, Vignetting::Model> kVignettings[] = {
+    {"none", Vignetting::Model::none},
+    {"cos4", Vignetting::Model::cos4},
+    {"table", Vignetting::Model::table},
+};
 
 using Rows = std::vector<std::vector<double>>;
 
-Rows read_rows(const JsonReader& in) {
-  Rows rows;
-  in.elements(1, kMaxKernelSide, [&](const JsonReader& row) {
-    rows.emplace_back();
-    row.elements(1, kMaxKernelSide,
-                 [&](const JsonReader& weight) { rows.back().push_back(weight.number(kNotNegative)); });
-  });
-  return rows;
-}
+// Rows of weights: in the request, or a file of the assets folder by name.
+struct Kernel {
+  using Value = Rows;
+  std::optional<Rows> read(const JsonReader& in, const ReadContext& context) const;
+  OrderedJson write(const Rows& rows) const { return rows; }
+  OrderedJson schema(const Limits& limits) const { return {{"anyOf", {kRows.schema(limits), {{"type", "string"}}}}}; }
+  static inline const auto kRows = List{List{Number{kNotNegative}, 1, kMaxKernelSide}, 1, kMaxKernelSide};
+};
 
-// In the request, or a file of the assets folder by name.
-void read_kernel(const JsonReader& in, const Assets& assets, PointSpread& spread) {
-  std::shared_ptr<const Rows> rows;
+std::optional<Rows> Kernel::read(const JsonReader& in, const ReadContext& context) const {
+  const std::size_t before = in.faults();
+  std::optional<Rows> rows;
   if (in.value().is_string()) {
-    rows = assets.kernel(*in.text());
-    if (!rows) return in.fail("no such kernel; the service has " + listed(assets.names("kernels")));
+    const auto file = Asset{&Assets::kernel, "kernel", "kernels"}.read(in, context);
+    if (file) rows = *file->content;
   } else {
-    rows = std::make_shared<const Rows>(read_rows(in));
+    rows = kRows.read(in, context);
   }
-  if (!in.good()) return;
+  if (!rows || in.faults() != before) return std::nullopt;
   double sum = 0;
   bool fits = rows->size() % 2 == 1 && rows->size() <= kMaxKernelSide;
   for (const std::vector<double>& row : *rows) {
     fits &= row.size() == rows->size();
     for (const double weight : row) fits &= kNotNegative.contains(weight), sum += weight;
-    spread.kernel.insert(spread.kernel.end(), row.begin(), row.end());
   }
-  spread.side = static_cast<int>(rows->size());
   if (!fits)
     in.fail(fmt::format("must have as many columns as rows, an odd number up to {}, and no negative weight",
                         kMaxKernelSide));
   if (!(sum > 0)) in.fail("must not be 0 everywhere");
+  return rows;
 }
 
-PointSpread read_point_spread(const JsonReader& in, const Assets& assets) {
-  PointSpread spread;
-  if (!in.object({"model", "sigma_px", "kernel"})) return spread;
-  if (!in.has("model")) in.fail("model", "is required");
-  spread.model = in.word("model", Words<PointSpread::Model>(kPointSpreads), spread.model);
-  const bool gaussian = spread.model == PointSpread::Model::gaussian,
-             kernel = spread.model == PointSpread::Model::kernel;
-  refuse_unless(in, gaussian, "sigma_px", "gaussian");
-  refuse_unless(in, kernel, "kernel", "kernel");
-  if (gaussian && in.has("sigma_px")) spread.sigma_px = in.number("sigma_px", kSigma_px);
-  if (kernel && in.has("kernel")) read_kernel(in.at("kernel"), assets, spread);
-  return spread;
+// The engine has the rows one after the other.
+const auto kernel_field =
+    Property{[](const PointSpread& spread) -> std::optional<Rows> {
+               Rows rows;
+               for (auto row = spread.kernel.begin(); row != spread.kernel.end(); row += spread.side)
+                 rows.emplace_back(row, row + spread.side);
+               return rows.empty() ? std::nullopt : std::optional(std::move(rows));
+             },
+             [](PointSpread& spread, const Rows& rows) {
+               spread.side = static_cast<int>(rows.size());
+               for (const std::vector<double>& row : rows)
+                 spread.kernel.insert(spread.kernel.end(), row.begin(), row.end());
+             }};
+
+const Members<PointSpread>& point_spread_members() {
+  static const auto table = made<Members<PointSpread>>(
+      "PointSpread",
+      "How light spreads over pixels, applied in radiance; the frame is rendered with a margin, so that the border is "
+      "as exact as the middle.",
+      [](auto& m) {
+        m.add("model", &PointSpread::model, Word{kPointSpreads}, "airy: of f_number at the band's center wavelength")
+            .required();
+        m.set_model("model");
+        // The kernel of the largest reaches 4.5 times as far.
+        m.add("sigma_px", &PointSpread::sigma_px, Number{{0.01, 7}, "px"}, "standard deviation")
+            .required()
+            .of({"gaussian"});
+        m.add(
+             "kernel", kernel_field, Kernel{},
+             "as measured, rows of weights, or the name of kernels/NAME.csv, which holds such rows; as many columns as "
+             "rows, an odd number; normalised to 1. The metadata's request has its rows")
+            .required()
+            .of({"kernel"});
+      });
+  return *table;
 }
 
-Vignetting read_vignetting(const JsonReader& in) {
-  Vignetting vignetting;
-  if (!in.object({"model", "table"})) return vignetting;
-  if (!in.has("model")) in.fail("model", "is required");
-  vignetting.model = in.word("model", Words<Vignetting::Model>(kVignettings), vignetting.model);
-  const bool table = vignetting.model == Vignetting::Model::table;
-  refuse_unless(in, table, "table", "table");
-  if (!table || !in.has("table")) return vignetting;
-  const JsonReader points = in.at("table");
-  points.elements(1, kMaxVignettingPoints, [&](const JsonReader& point) {
-    const auto p = point.pair(kOffBoresight_deg, kUnitInterval);
-    if (!p) return;
-    if (!vignetting.table.empty() && !(p->first > vignetting.table.back().angle_deg))
-      in.fail("table", "its angles must rise");
-    vignetting.table.push_back({p->first, p->second});
+const Members<Vignetting>& vignetting_members() {
+  static const auto table = made<Members<Vignetting>>(
+      "Vignetting", "Transmission of the optics by the angle from the boresight.", [](auto& m) {
+        m.add("model", &Vignetting::model, Word{kVignettings}, "which function").required();
+        m.set_model("model");
+        m.add("table", &Vignetting::table, List{Pair<Vignetting::Point>{{0, 90}, kUnitInterval}, 1, 1000},
+              "[degrees, transmission], angles rising; linear in between, constant beyond")
+            .required()
+            .of({"table"});
+        m.check([](const JsonReader& in, Vignetting& vignetting, const ReadContext&) {
+          for (std::size_t i = 1; i < vignetting.table.size(); ++i)
+            if (!(vignetting.table[i].angle_deg > vignetting.table[i - 1].angle_deg))
+              return in.fail("table", "its angles must rise");
+        });
+      });
+  return *table;
+}
+
+const Members<Optics>& optics_members() {
+  static const auto table = made<Members<Optics>>("Optics", "Optics: f-number, point spread, vignetting.", [](auto& m) {
+    m.add("f_number", &Optics::f_number, Number{kFNumber}, "focal length over aperture").required();
+    m.add("point_spread", &Optics::point_spread, Object{point_spread_members()}, "left out: none");
+    m.add("vignetting", &Optics::vignetting, Object{vignetting_members()}, "left out: none");
   });
-  return vignetting;
+  return *table;
 }
 
-engine::Motion read_motion(const JsonReader& in) {
-  engine::Motion motion;
-  if (!in.object({"angular_rate_deg_s", "velocity_m_s", "samples"})) return motion;
-  if (in.has("angular_rate_deg_s")) motion.angular_rate_deg_s = in.at("angular_rate_deg_s").vector(kAngularRate_deg_s);
-  if (in.has("velocity_m_s")) motion.velocity_m_s = in.at("velocity_m_s").vector(kVelocity_m_s);
-  motion.samples = static_cast<int>(in.integer("samples", 1, kMaxMotionSamples, motion.samples));
-  return motion;
+const Members<Detector>& detector_members() {
+  static const auto table = made<
+      Members<Detector>>("Detector", "A quantum detector: SENSOR++ eq. (8), and its electronics.", [](auto& m) {
+    m.add("pixel_pitch_um", &Detector::pixel_pitch_um, Number{{0, 1e4, true, false}, "um"}, "p of eq. (8)").required();
+    m.add("quantum_efficiency", &Detector::quantum_efficiency, Number{{0, 1, true, false}},
+          "eta of eq. (8): of optics and detector")
+        .required();
+    m.add("integration_time_s", &Detector::integration_time_s, Number{{0, 1e5, true, false}, "s"}, "t of eq. (8)")
+        .required();
+    m.add("full_well_e", &Detector::full_well_e, Number{kNotNegative, "e"}, "that a pixel holds; 0: any number");
+    m.add("dark_current_e_s", &Detector::dark_current_e_s, Number{kNotNegative, "e/s"}, "of each pixel");
+    m.add("smear_time_s", &Detector::smear_time_s, Number{kNotNegative, "s"},
+          "electronic smear of frame transfer without a shutter: how long a row passes each row of the image");
+    m.add("read_noise_e", &Detector::read_noise_e, Number{kNotNegative, "e"}, "standard deviation");
+    m.add("prnu", &Detector::prnu, Number{kUnitInterval},
+          "photo response non-uniformity: relative standard deviation of the pixels' responses");
+    m.add("dsnu_e", &Detector::dsnu_e, Number{kNotNegative, "e"},
+          "dark signal non-uniformity: standard deviation of the pixels' offsets");
+    m.add("dead_fraction", &Detector::dead_fraction, Number{kUnitInterval}, "share of the pixels without response");
+    m.add("hot_fraction", &Detector::hot_fraction, Number{kUnitInterval},
+          "share of the pixels whose dark current is higher");
+    m.add("hot_current_e_s", &Detector::hot_current_e_s, Number{kNotNegative, "e/s"}, "by this much");
+    m.add("gain_e_dn", &Detector::gain_e_dn, Number{kAboveZero, "e/DN"}, "electrons per digital number").required();
+    m.add("offset_dn", &Detector::offset_dn, Number{{0, 65535}, "DN"}, "digital number of no electrons");
+    m.add("bit_depth", &Detector::bit_depth, Integer{1, 16},
+          "digital numbers from 0 to 2^bit_depth - 1; the image is uint8 up to 8, else uint16");
+    m.add("photon_noise", &Detector::photon_noise, Flag{},
+          "photons and dark electrons arrive one by one: Poisson statistics");
+    m.check([](const JsonReader& in, Detector& detector, const ReadContext&) {
+      if (detector.dead_fraction + detector.hot_fraction > 1) in.fail("hot_fraction", "is more than what isn't dead");
+    });
+  });
+  return *table;
 }
 
-engine::Optics read_optics(const JsonReader& in, const Assets& assets) {
-  engine::Optics optics;
-  if (!in.object({"f_number", "point_spread", "vignetting"})) return optics;
-  optics.f_number = in.number("f_number", kFNumber);
-  if (in.has("point_spread")) optics.point_spread = read_point_spread(in.at("point_spread"), assets);
-  if (in.has("vignetting")) optics.vignetting = read_vignetting(in.at("vignetting"));
-  return optics;
-}
-
-Detector read_detector(const JsonReader& in) {
-  Detector detector;
-  if (!in.object({"pixel_pitch_um", "quantum_efficiency", "integration_time_s", "full_well_e", "dark_current_e_s",
-                  "smear_time_s", "photon_noise", "read_noise_e", "prnu", "dsnu_e", "dead_fraction", "hot_fraction",
-                  "hot_current_e_s", "gain_e_dn", "offset_dn", "bit_depth"}))
-    return detector;
-  for (const DetectorMember& member : kMembers) {
-    if (!member.of) continue;
-    double& value = detector.*member.of;
-    value = member.required ? in.number(member.name, member.range) : in.number(member.name, member.range, value);
-  }
-  detector.bit_depth = static_cast<int>(in.integer("bit_depth", 1, 16, detector.bit_depth));
-  detector.photon_noise = in.flag("photon_noise", detector.photon_noise);
-  if (detector.dead_fraction + detector.hot_fraction > 1) in.fail("hot_fraction", "is more than what isn't dead");
-  return detector;
-}
-
-OrderedJson point_spread_json(const PointSpread& spread) {
-  OrderedJson json{{"model", word_of(kPointSpreads, spread.model)}};
-  if (spread.model == PointSpread::Model::gaussian) json["sigma_px"] = spread.sigma_px;
-  if (spread.model == PointSpread::Model::kernel) {
-    json["kernel"] = OrderedJson::array();
-    for (auto row = spread.kernel.begin(); row != spread.kernel.end(); row += spread.side)
-      json["kernel"].push_back(std::vector<double>(row, row + spread.side));
-  }
-  return json;
-}
-
-OrderedJson vignetting_json(const Vignetting& vignetting) {
-  OrderedJson json{{"model", word_of(kVignettings, vignetting.model)}};
-  if (vignetting.model == Vignetting::Model::table)
-    for (const auto& p : vignetting.table) json["table"].push_back({p.angle_deg, p.transmission});
-  return json;
+const Members<Motion>& motion_members() {
+  static const auto table = made<Members<Motion>>(
+      "Motion",
+      "During the exposure, of which the pose is the middle: light is averaged over so many moments. Other products "
+      "are "
+      "those of the pose.",
+      [](auto& m) {
+        m.add("angular_rate_deg_s", &Motion::angular_rate_deg_s, Vector{{-3600, 3600}, "deg/s"},
+              "of the camera, about its own axes (opencv)");
+        m.add("velocity_m_s", &Motion::velocity_m_s, Vector{{-1e6, 1e6}, "m/s"}, "of the camera, MOON_ME");
+        m.add("samples", &Motion::samples, Integer{1, 256}, "moments");
+      });
+  return *table;
 }
 
 }  // namespace
 
-std::span<const DetectorMember> detector_members() { return kMembers; }
-
-engine::SensorModel read_sensor(const JsonReader& in, const Assets& assets) {
-  engine::SensorModel sensor;
-  if (!in.object({"optics", "detector", "motion", "seed", "frame"})) return sensor;
-  for (const std::string_view name : {"optics", "detector"})
-    if (!in.has(name)) in.fail(name, "is required");
-  if (in.has("optics")) sensor.optics = read_optics(in.at("optics"), assets);
-  if (in.has("detector")) sensor.detector = read_detector(in.at("detector"));
-  if (in.has("motion")) sensor.motion = read_motion(in.at("motion"));
-  sensor.seed = static_cast<std::uint64_t>(in.integer("seed", 0, kMaxSeed, 0));
-  sensor.frame = static_cast<std::uint64_t>(in.integer("frame", 0, kMaxSeed, 0));
-  return sensor;
-}
-
-OrderedJson sensor_json(const engine::SensorModel& sensor) {
-  OrderedJson detector;
-  for (const DetectorMember& member : kMembers)
-    if (member.of) detector[std::string(member.name)] = sensor.detector.*member.of;
-  detector["bit_depth"] = sensor.detector.bit_depth;
-  detector["photon_noise"] = sensor.detector.photon_noise;
-  OrderedJson json{{"optics",
-                    {{"f_number", sensor.optics.f_number},
-                     {"point_spread", point_spread_json(sensor.optics.point_spread)},
-                     {"vignetting", vignetting_json(sensor.optics.vignetting)}}},
-                   {"detector", detector}};
-  if (const engine::Motion& m = sensor.motion; !m.none())
-    json["motion"] = {
-        {"angular_rate_deg_s", {m.angular_rate_deg_s.x(), m.angular_rate_deg_s.y(), m.angular_rate_deg_s.z()}},
-        {"velocity_m_s", {m.velocity_m_s.x(), m.velocity_m_s.y(), m.velocity_m_s.z()}},
-        {"samples", m.samples}};
-  json["seed"] = sensor.seed, json["frame"] = sensor.frame;
-  return json;
+const Members<SensorModel>& sensor_members() {
+  static const auto table = made<Members<SensorModel>>(
+      "Sensor",
+      "Makes `image` from radiance: vignetting, point spread, electrons (SENSOR++ eq. 8), smear, PRNU, dark current, "
+      "photon noise, full well, DSNU, read noise, gain, offset, digital numbers. Needs a `band`; excludes `image`. "
+      "Noise is a function of seed, frame, pixel and source: the same request gives the same bytes.",
+      [](auto& m) {
+        m.add("optics", &SensorModel::optics, Object{optics_members()}, "from radiance to irradiance").required();
+        m.add("detector", &SensorModel::detector, Object{detector_members()}, "from irradiance to digital numbers")
+            .required();
+        m.add("motion", &SensorModel::motion, Object{motion_members()}, "left out: none")
+            .written_if([](const SensorModel& sensor) { return !sensor.motion.none(); });
+        m.add("seed", &SensorModel::seed, Integer{0, kMaxSeed}, "of the detector: its fixed pattern follows from it");
+        m.add("frame", &SensorModel::frame, Integer{0, kMaxSeed}, "number of the frame: another one has other noise");
+      });
+  return *table;
 }
 
 }  // namespace selenograph::api

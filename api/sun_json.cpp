@@ -1,58 +1,87 @@
-// "sun": a direction toward the Sun, given in one of four ways.
-#include <cmath>
-#include <numbers>
+#include "api/sun_json.h"
 
-#include "api/frame_json.h"
+#include "api/member_kinds.h"
+#include "api/pose_json.h"
 #include "api/ranges.h"
 #include "dem/error.h"
+#include "engine/radiometry/ephemeris.h"
 
 namespace selenograph::api {
 namespace {
 
-Vec3 read_direction(const JsonReader& in) {
-  const std::optional<Vec3> direction = direction_of(in.vector(kAnyNumber));
-  if (!direction && in.good()) in.fail("is zero: no direction");
-  return direction.value_or(Vec3::UnitX());
+using engine::Sun;
+
+const Members<SunLocal>& local_members() {
+  static const auto table =
+      made<Members<SunLocal>>("SunLocal", "The Sun as seen from a place on the sphere of 1 737 400 m.", [](auto& m) {
+        add_latitude_and_longitude(m);
+        m.add("azimuth_deg", &SunLocal::azimuth_deg, Number{kAzimuth_deg, "deg"}, "clockwise from north").required();
+        m.add("elevation_deg", &SunLocal::elevation_deg, Number{kElevation_deg, "deg"}, "above the local horizontal")
+            .required();
+      });
+  return *table;
 }
 
-Vec3 read_local(const JsonReader& in) {
-  if (!in.object({"lat_deg", "lon_deg", "azimuth_deg", "elevation_deg"})) return Vec3::UnitX();
-  const Geographic place{in.number("lat_deg", kLatitude_deg), in.number("lon_deg", kLongitude_deg), 0};
-  const double azimuth_deg = in.number("azimuth_deg", kAzimuth_deg);
-  const double elevation_deg = in.number("elevation_deg", kElevation_deg);
-  return engine::sun_direction(to_cartesian(place), azimuth_deg, elevation_deg);
-}
-
-engine::SunPosition read_utc(const JsonReader& in) {
-  const std::optional<std::string> utc = in.text();
-  if (!utc) return {};
-  try {
-    return engine::sun_at(*utc);
-  } catch (const ImpossibleRequest& e) {
-    in.fail(e.what());
-    return {};
+std::optional<Sun> resolve_sun(const JsonReader& in, const SunForm& form, const ReadContext&) {
+  Sun sun;
+  if (form.direction) {
+    const std::optional<Vec3> direction = direction_of(*form.direction);
+    if (!direction) {
+      in.fail("direction", "is zero: no direction");
+      return std::nullopt;
+    }
+    sun.direction = *direction;
   }
+  if (form.subsolar) sun.direction = to_cartesian(*form.subsolar).normalized();
+  if (const auto& l = form.local)
+    sun.direction = engine::sun_direction(to_cartesian({l->lat_deg, l->lon_deg, 0}), l->azimuth_deg, l->elevation_deg);
+  if (form.utc) {
+    try {
+      const engine::SunPosition position = engine::sun_at(*form.utc);
+      sun.direction = position.direction;
+      sun.distance_au = position.distance_au;
+    } catch (const ImpossibleRequest& e) {
+      in.fail("utc", e.what());
+      return std::nullopt;
+    }
+  }
+  sun.distance_au = form.distance_au.value_or(sun.distance_au);
+  sun.angular_radius_deg = form.angular_radius_deg;
+  sun.limb_darkening = form.limb_darkening;
+  return sun;
+}
+
+SunForm form_of(const Sun& sun) {
+  SunForm form;
+  form.direction = sun.direction;
+  form.distance_au = sun.distance_au;
+  form.angular_radius_deg = sun.angular_radius_deg;
+  form.limb_darkening = sun.limb_darkening;
+  return form;
 }
 
 }  // namespace
 
-engine::Sun read_sun(const JsonReader& in) {
-  engine::Sun sun;
-  if (!in.object({"direction", "subsolar", "local", "utc", "distance_au", "angular_radius_deg", "limb_darkening"}))
-    return sun;
-  const std::string_view how = in.alternative({"direction", "subsolar", "local", "utc"}, true);
-  if (how == "direction") sun.direction = read_direction(in.at(how));
-  if (how == "subsolar") sun.direction = to_cartesian(read_place(in.at(how), false)).normalized();
-  if (how == "local") sun.direction = read_local(in.at(how));
-  if (how == "utc") {
-    const engine::SunPosition position = read_utc(in.at(how));
-    sun.direction = position.direction;
-    sun.distance_au = position.distance_au;
-  }
-  sun.distance_au = in.number("distance_au", kDistance_au, sun.distance_au);
-  sun.angular_radius_deg = in.number("angular_radius_deg", kAngularRadius_deg, 0);
-  sun.limb_darkening = in.number("limb_darkening", kUnitInterval, 0);
-  return sun;
+const Members<SunForm, Sun>& sun_members() {
+  static const auto table = made<Members<SunForm, Sun>>(
+      "Sun", "Exactly one of direction, subsolar, local, utc. Always MOON_ME.", [](auto& m) {
+        m.add("direction", &SunForm::direction, Vector{kAnyNumber}, "toward the Sun; any length but zero");
+        m.add("subsolar", &SunForm::subsolar, Object{place_members()}, "the sub-solar point");
+        m.add("local", &SunForm::local, Object{local_members()}, "azimuth and elevation at a place");
+        m.add("utc", &SunForm::utc, Text{}, "epoch, ISO 8601, e.g. 2026-11-20T00:00:00Z");
+        m.add("distance_au", &SunForm::distance_au, Number{kDistance_au, "au"},
+              "scales irradiance by 1/r^2; default: 1, or the ephemeris' with utc");
+        m.add("angular_radius_deg", &SunForm::angular_radius_deg, Number{kAngularRadius_deg, "deg"},
+              "of the solar disc; 0: a point Sun with hard shadows");
+        m.add("limb_darkening", &SunForm::limb_darkening, Number{kUnitInterval},
+              "u of the disc's brightness 1 - u (1 - cos), cos of the angle from the Sun's own vertical; about 0.6 in "
+              "the visible")
+            .written_if([](const SunForm& form) { return form.limb_darkening > 0; });
+        m.exactly_one({"direction", "subsolar", "local", "utc"});
+        m.resolve(resolve_sun);
+        m.unresolve(form_of);
+      });
+  return *table;
 }
 
 }  // namespace selenograph::api

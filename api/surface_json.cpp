@@ -11,175 +11,200 @@
 namespace selenograph::api {
 namespace {
 
+using engine::Material;
 using engine::Reflectance;
 using engine::ReflectanceModel;
 
+constexpr ReflectanceRow kReflectanceModels[] = {
+    {"lambert", ReflectanceModel::lambert,
+     "f_r = rho / pi (SENSOR++ eq. 4), per steradian; radiance = E_sun * mu0 * f_r * lit"},
+    {"lommel_seeliger", ReflectanceModel::lommel_seeliger,
+     "f_r = rho / (2 pi) / (mu0 + mu) (SENSOR++ eq. 10 as printed), per steradian; radiance = E_sun * mu0 * f_r * "
+     "lit; a quarter of Lambert's at mu0 = mu = 1"},
+    {"lunar", ReflectanceModel::lommel_seeliger_lambert,
+     "f_r = w * rho / (2 pi) / (mu0 + mu) + (1 - w) * rho / pi, w = lommel_seeliger_weight (SENSOR++ 3.1, eqs. 10 "
+     "and 4), per steradian; radiance = E_sun * mu0 * f_r * lit"},
+    {"blinn_phong", ReflectanceModel::blinn_phong,
+     "f_r = rho / (8 pi) * (p + 4) (p + 2) / (p + 2^(-p/2)) * (n.h)^p, p = shininess, h halfway between Sun and "
+     "camera (SENSOR++ eq. 11), per steradian; radiance = E_sun * mu0 * f_r * lit; reflects at most rho of what "
+     "arrives, exactly rho from the zenith"},
+    {"lunar_lambert", ReflectanceModel::lunar_lambert,
+     "f_r = rho / pi * (2 L / (mu0 + mu) + 1 - L), L = limb_darkening, or, left out, 1 - 0.019 g + 0.242e-3 g^2 - "
+     "1.46e-6 g^3 of the phase angle g in degrees, not below 0 (McEwen 1991, 1996), per steradian; radiance = "
+     "E_sun * mu0 * f_r * lit; equal to Lambert at mu0 = mu = 1, four times lommel_seeliger for L = 1: rho is a "
+     "normal albedo"},
+    {"hapke", ReflectanceModel::hapke,
+     "f_r = w / (4 pi) / (mu0' + mu') * ((1 + B(g)) p(g) + H(mu0') H(mu') - 1) * S * mu0' / mu0, H(x) = (1 + 2x) / "
+     "(1 + 2x sqrt(1 - w)), B(g) = b0 / (1 + tan(g/2) / h), mu0', mu' and S of roughness theta_bar (Hapke 1981, "
+     "1984), per steradian: Hapke's bidirectional reflectance is mu0 f_r, I/F is pi mu0 f_r; radiance = E_sun * "
+     "mu0 * f_r * lit"},
+};
+
+constexpr std::pair<std::string_view, engine::PhaseFunction> kPhaseFunctions[] = {
+    {"legendre", engine::PhaseFunction::legendre},
+    {"double_henyey_greenstein", engine::PhaseFunction::double_henyey_greenstein},
+};
+
 constexpr const char* kNoRho = "the model \"hapke\" has no rho, which albedo is and emission, B(T) (1 - rho), needs";
 
-std::vector<ReflectanceMember> make_members() {
-  using M = ReflectanceModel;
-  return {
-      {"rho",
-       kUnitInterval,
-       {M::lambert, M::lommel_seeliger, M::lommel_seeliger_lambert, M::blinn_phong, M::lunar_lambert},
-       "rho of the equations",
-       [](Reflectance& r) -> double& { return r.rho; }},
-      {"lommel_seeliger_weight",
-       kUnitInterval,
-       {M::lommel_seeliger_lambert},
-       "w of the weighted average",
-       [](Reflectance& r) -> double& { return r.lommel_seeliger_weight; }},
-      {"shininess",
-       kShininess,
-       {M::blinn_phong},
-       "p of the equation: 0 is Lambert, a mirror has a large one",
-       [](Reflectance& r) -> double& { return r.shininess; }},
-      {"w", kUnitInterval, {M::hapke}, "single-scattering albedo", [](Reflectance& r) -> double& { return r.hapke.w; }},
-      {"b0",
-       kOppositionAmplitude,
-       {M::hapke},
-       "amplitude of the opposition surge, B_0",
-       [](Reflectance& r) -> double& { return r.hapke.b0; }},
-      {"h",
-       kOppositionWidth,
-       {M::hapke},
-       "angular width of the opposition surge",
-       [](Reflectance& r) -> double& { return r.hapke.h; }},
-      {"b", kPhaseB, {M::hapke}, "b of the phase function", [](Reflectance& r) -> double& { return r.hapke.b; }},
-      {"c", kPhaseC, {M::hapke}, "c of the phase function", [](Reflectance& r) -> double& { return r.hapke.c; }},
-      {"theta_bar_deg",
-       kRoughness_deg,
-       {M::hapke},
-       "mean slope of the roughness that the mesh doesn't resolve",
-       [](Reflectance& r) -> double& { return r.hapke.theta_bar_deg; }},
-  };
+Words<ReflectanceModel> model_words() {
+  static const auto words = [] {
+    std::vector<std::pair<std::string_view, ReflectanceModel>> list;
+    for (const ReflectanceRow& row : kReflectanceModels) list.emplace_back(row.word, row.model);
+    return list;
+  }();
+  return words;
 }
 
-// Members that are no plain numbers, and whose they are.
-constexpr std::pair<std::string_view, ReflectanceModel> kOthers[] = {
-    {"limb_darkening", ReflectanceModel::lunar_lambert}, {"phase_function", ReflectanceModel::hapke}};
-
-std::string models_with(const ReflectanceMember& member) {
-  std::string names;
-  for (const ReflectanceModel model : member.models)
-    names += fmt::format("{}\"{}\"", names.empty() ? "" : ", ", name_of(model));
-  return names;
+std::string reflectance_description() {
+  std::string out = "The BRDF f_r; radiance is E_sun * mu0 * f_r * lit.\n";
+  for (const ReflectanceRow& row : kReflectanceModels) out += fmt::format("\n- `{}`: {}", row.word, row.normalisation);
+  return out + "\n\n" + std::string(normalisation_elsewhere());
 }
 
-void refuse_foreign_members(const JsonReader& in, ReflectanceModel model) {
-  for (const ReflectanceMember& member : reflectance_members())
-    if (!member.belongs_to(model) && in.has(member.name))
-      in.fail(member.name, fmt::format("belongs to {}, not to \"{}\"", models_with(member), name_of(model)));
-  for (const auto& [name, owner] : kOthers)
-    if (owner != model && in.has(name))
-      in.fail(name, fmt::format("belongs to \"{}\", not to \"{}\"", name_of(owner), name_of(model)));
-}
-
-void read_hapke(const JsonReader& in, engine::HapkeParameters& hapke) {
-  hapke.phase_function = in.word("phase_function", Words<engine::PhaseFunction>(kPhaseFunctions), hapke.phase_function);
-  if (!in.good()) return;
-  for (int phase_deg = 0; phase_deg <= 180; ++phase_deg)
-    if (engine::phase_function(hapke, std::cos(phase_deg * kRadiansPerDegree)) < 0) {
-      in.fail("c", fmt::format("with this b the phase function is negative at {} degrees", phase_deg));
-      return;
-    }
-}
-
-Reflectance read_reflectance(const JsonReader& in) {
-  Reflectance reflectance;
-  if (!in.object({"model", "rho", "lommel_seeliger_weight", "shininess", "limb_darkening", "w", "b0", "h",
-                  "phase_function", "b", "c", "theta_bar_deg"}))
-    return reflectance;
-  reflectance.model = in.word("model", Words<ReflectanceModel>(kReflectanceModels), reflectance.model);
-  refuse_foreign_members(in, reflectance.model);
-  for (const ReflectanceMember& member : reflectance_members()) {
-    double& value = member.of(reflectance);
-    value = in.number(member.name, member.range, value);
-  }
-  if (in.has("limb_darkening")) reflectance.limb_darkening = in.number("limb_darkening", kUnitInterval);
+void check_reflectance(const JsonReader& in, Reflectance& reflectance, const ReadContext&) {
   if (reflectance.model == ReflectanceModel::lunar_lambert && reflectance.rho > engine::kLunarLambertMaxRho)
     in.fail("rho", fmt::format("must be at most {} for \"lunar_lambert\", whose rho is a normal albedo: more would "
                                "reflect more than arrives",
                                engine::kLunarLambertMaxRho));
-  if (reflectance.model == ReflectanceModel::hapke) read_hapke(in, reflectance.hapke);
-  return reflectance;
+  if (reflectance.model != ReflectanceModel::hapke || !in.good()) return;
+  for (int phase_deg = 0; phase_deg <= 180; ++phase_deg)
+    if (engine::phase_function(reflectance.hapke, std::cos(phase_deg * kRadiansPerDegree)) < 0)
+      return in.fail("c", fmt::format("with this b the phase function is negative at {} degrees", phase_deg));
 }
 
-nlohmann::ordered_json reflectance_json(const Reflectance& reflectance) {
-  nlohmann::ordered_json json{{"model", name_of(reflectance.model)}};
-  Reflectance copy = reflectance;
-  for (const ReflectanceMember& member : reflectance_members())
-    if (member.belongs_to(reflectance.model)) json[std::string(member.name)] = member.of(copy);
-  if (reflectance.model == ReflectanceModel::lunar_lambert && reflectance.limb_darkening)
-    json["limb_darkening"] = *reflectance.limb_darkening;
-  if (reflectance.model == ReflectanceModel::hapke)
-    json["phase_function"] = word_of(kPhaseFunctions, reflectance.hapke.phase_function);
-  return json;
+OrderedJson rho_of_lunar_lambert(const Limits&) {
+  return {{"if", {{"properties", {{"model", {{"const", "lunar_lambert"}}}}}, {"required", {"model"}}}},
+          {"then", {{"properties", {{"rho", {{"maximum", engine::kLunarLambertMaxRho}}}}}}}};
 }
 
-}  // namespace
-
-std::string_view name_of(ReflectanceModel model) { return word_of(kReflectanceModels, model); }
-
-bool ReflectanceMember::belongs_to(ReflectanceModel model) const {
-  return std::find(models.begin(), models.end(), model) != models.end();
+const Members<Reflectance>& reflectance_members() {
+  static const auto table = made<Members<Reflectance>>("Reflectance", reflectance_description(), [](auto& m) {
+    m.add("model", &Reflectance::model, Word<ReflectanceModel>{model_words()}, "which BRDF");
+    m.set_model("model");
+    m.add("rho", &Reflectance::rho, Number{kUnitInterval}, "rho of the equations")
+        .of({"lambert", "lommel_seeliger", "lunar", "blinn_phong", "lunar_lambert"});
+    m.add("lommel_seeliger_weight", &Reflectance::lommel_seeliger_weight, Number{kUnitInterval},
+          "w of the weighted average")
+        .of({"lunar"});
+    m.add("shininess", &Reflectance::shininess, Number{{0, 1e6}},
+          "p of the equation: 0 is Lambert, a mirror has a large one")
+        .of({"blinn_phong"});
+    m.add("limb_darkening", &Reflectance::limb_darkening, Number{kUnitInterval},
+          "L of the equation; left out: McEwen's function of the phase angle")
+        .of({"lunar_lambert"});
+    const auto of_hapke = [&m](std::string_view name, auto engine::HapkeParameters::*field, auto kind,
+                               std::string text) {
+      m.add(
+           name, [field](auto& r) -> auto& { return r.hapke.*field; }, kind, std::move(text))
+          .of({"hapke"});
+    };
+    using Hapke = engine::HapkeParameters;
+    of_hapke("w", &Hapke::w, Number{kUnitInterval}, "single-scattering albedo");
+    of_hapke("b0", &Hapke::b0, Number{{0, 10}}, "amplitude of the opposition surge, B_0");
+    of_hapke("h", &Hapke::h, Number{{0, 10, true, false}}, "angular width of the opposition surge");
+    of_hapke("b", &Hapke::b, Number{{-1, 1, true, true}}, "b of the phase function");
+    of_hapke("c", &Hapke::c, Number{{-2, 3}}, "c of the phase function");
+    of_hapke("theta_bar_deg", &Hapke::theta_bar_deg, Number{{0, 60, false, true}, "deg"},
+             "mean slope of the roughness below the mesh's resolution");
+    of_hapke("phase_function", &Hapke::phase_function, Word{kPhaseFunctions},
+             "1 + b cos g + c (3 cos^2 g - 1)/2, or two lobes of width b, weighted by c; negative nowhere");
+    m.check(check_reflectance);
+    m.also(rho_of_lunar_lambert);
+  });
+  return *table;
 }
 
-std::span<const ReflectanceMember> reflectance_members() {
-  static const std::vector<ReflectanceMember> members = make_members();
-  return members;
+// The rows of a material, in a form that is one.
+template <typename Form>
+void add_material(Members<Form>& m) {
+  m.add("reflectance", &Form::reflectance, Object{reflectance_members()}, "the BRDF and its parameters");
+  m.add("temperature_k", &Form::temperature_k, Number{kTemperature_k, "K"},
+        "it emits B(T) (1 - rho) (SENSOR++ eq. 3); 0: nothing. Not with `hapke`, which has no rho")
+      .written_if([](const Form& form) { return form.temperature_k > 0; });
 }
 
-namespace {
-
-engine::Material read_members(const JsonReader& in) {
-  engine::Material material;
-  if (in.has("reflectance")) material.reflectance = read_reflectance(in.at("reflectance"));
-  material.temperature_k = in.number("temperature_k", kTemperature_k, 0);
+void check_material(const JsonReader& in, const Material& material) {
   if (material.temperature_k > 0 && material.reflectance.model == ReflectanceModel::hapke)
     in.fail("temperature_k", kNoRho);
-  return material;
 }
 
-void read_maps(const JsonReader& in, const Assets& assets, std::vector<std::shared_ptr<const dem::ValueMap>>& maps,
-               std::vector<std::string>& names) {
-  in.elements(1, kMaxMaps, [&](const JsonReader& element) {
-    const std::optional<std::string> name = element.text();
-    if (!name) return;
-    auto map = assets.map(*name);
-    if (!map) return element.fail("no such map; the service has " + listed(assets.names("maps")));
-    maps.push_back(std::move(map)), names.push_back(*name);
-  });
-}
+const Asset<dem::ValueMap> kMap{&Assets::map, "map", "maps"};
 
 }  // namespace
 
-engine::Material read_material(const JsonReader& in) {
-  return in.object({"reflectance", "temperature_k"}) ? read_members(in) : engine::Material();
+std::span<const ReflectanceRow> reflectance_models() { return kReflectanceModels; }
+
+std::string_view normalisation(ReflectanceModel model) {
+  for (const ReflectanceRow& row : kReflectanceModels)
+    if (row.model == model) return row.normalisation;
+  return "";
 }
 
-void read_surface(const JsonReader& in, const Assets& assets, engine::FrameRequest& request, SurfaceQuery& query) {
-  if (!in.object({"reflectance", "temperature_k", "albedo_maps", "temperature_maps"})) return;
-  const engine::Material ground = read_members(in);
+std::string_view normalisation_elsewhere() {
+  return "Tools differ by factors of 2, 4 and pi in what they call by the same name. Compare before comparing "
+         "radiances:\n"
+         "- Lommel-Seeliger here (SENSOR++ eq. 10): `f_r = rho/(2 pi) / (mu0 + mu)`; at mu0 = mu = 1 it is rho/(4 "
+         "pi), a quarter of Lambert's rho/pi;\n"
+         "- Hapke, with an isotropic phase function and without multiple scattering: `f_r = w/(4 pi) / (mu0 + "
+         "mu)`, half of `lommel_seeliger` for rho = w;\n"
+         "- lunar-Lambert in ISIS's photomet is divided by its own value at mu0 = mu = 1 where an albedo is asked "
+         "for, and Hapke there is the radiance factor I/F = pi mu0 f_r;\n"
+         "- lunar-Lambert elsewhere is also written `A (L mu0/(mu0 + mu) + (1 - L) mu0)`, without the 2: half of "
+         "ours for L = 1;\n"
+         "- Hapke's double Henyey-Greenstein function has its lobes' weights as (1 + c)/2 and (1 - c)/2 here "
+         "(Hapke 2012), as c and 1 - c in ISIS (Hg2) and in Hapke 1993, and either sign of b for backward;\n"
+         "- Blinn-Phong in graphics is normalised by (p + 8)/(8 pi) (an approximation) or (p + 2)/(2 pi), or not "
+         "at all: eq. 11's factor is exact for a Sun in the zenith;\n"
+         "- tools that answer I/F (radiance factor) are a factor of pi above the f_r * mu0 of their own equation.";
+}
+
+const Members<Material>& material_members() {
+  static const auto table = made<Members<Material>>("Material", "What a surface is made of.", [](auto& m) {
+    add_material(m);
+    m.check([](const JsonReader& in, Material& material, const ReadContext&) { check_material(in, material); });
+  });
+  return *table;
+}
+
+const Members<Ground>& ground_members() {
+  static const auto table = made<Members<Ground>>(
+      "Surface",
+      "The ground: what it is made of, or maps of it that the operator put into the assets folder. A map's mean over a "
+      "pixel's footprint counts.",
+      [](auto& m) {
+        add_material(m);
+        m.add("albedo_maps", &Ground::albedo_maps, List{kMap, 1, kMaxMaps},
+              "names of maps/NAME.json: rho, from the first of these that has a value at a place; where none has, the "
+              "reflectance's. At most 0.25 counts for `lunar_lambert`. Not with `hapke`")
+            .written_if([](const Ground& ground) { return !ground.albedo_maps.empty(); });
+        m.add("temperature_maps", &Ground::temperature_maps, List{kMap, 1, kMaxMaps, "K"},
+              "names of maps/NAME.json: in the same way; where none has a value, temperature_k")
+            .written_if([](const Ground& ground) { return !ground.temperature_maps.empty(); });
+        m.check([](const JsonReader& in, Ground& ground, const ReadContext&) {
+          check_material(in, ground);
+          for (const char* maps : {"albedo_maps", "temperature_maps"})
+            if (in.has(maps) && ground.reflectance.model == ReflectanceModel::hapke) in.fail(maps, kNoRho);
+        });
+      });
+  return *table;
+}
+
+Ground ground_of(const engine::FrameRequest& request, const SurfaceQuery& query) {
+  Ground ground{{request.reflectance, request.temperature_k}, {}, {}};
+  for (std::size_t i = 0; i < query.albedo_maps.size(); ++i)
+    ground.albedo_maps.push_back({query.albedo_maps[i], request.albedo_maps[i]});
+  for (std::size_t i = 0; i < query.temperature_maps.size(); ++i)
+    ground.temperature_maps.push_back({query.temperature_maps[i], request.temperature_maps[i]});
+  return ground;
+}
+
+void set_ground(engine::FrameRequest& request, SurfaceQuery& query, const Ground& ground) {
   request.reflectance = ground.reflectance, request.temperature_k = ground.temperature_k;
-  for (const char* maps : {"albedo_maps", "temperature_maps"})
-    if (in.has(maps) && ground.reflectance.model == ReflectanceModel::hapke) in.fail(maps, kNoRho);
-  if (in.has("albedo_maps")) read_maps(in.at("albedo_maps"), assets, request.albedo_maps, query.albedo_maps);
-  if (in.has("temperature_maps"))
-    read_maps(in.at("temperature_maps"), assets, request.temperature_maps, query.temperature_maps);
-}
-
-nlohmann::ordered_json material_json(const engine::Material& material) {
-  nlohmann::ordered_json json{{"reflectance", reflectance_json(material.reflectance)}};
-  if (material.temperature_k > 0) json["temperature_k"] = material.temperature_k;
-  return json;
-}
-
-nlohmann::ordered_json surface_json(const engine::FrameRequest& request, const SurfaceQuery& query) {
-  nlohmann::ordered_json json = material_json({request.reflectance, request.temperature_k});
-  if (!query.albedo_maps.empty()) json["albedo_maps"] = query.albedo_maps;
-  if (!query.temperature_maps.empty()) json["temperature_maps"] = query.temperature_maps;
-  return json;
+  for (const auto& [name, map] : ground.albedo_maps)
+    query.albedo_maps.push_back(name), request.albedo_maps.push_back(map);
+  for (const auto& [name, map] : ground.temperature_maps)
+    query.temperature_maps.push_back(name), request.temperature_maps.push_back(map);
 }
 
 nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceQuery& query) {

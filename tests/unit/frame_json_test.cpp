@@ -492,7 +492,7 @@ TEST(FrameJson, RefusesSensors) {
 
 TEST(FrameJson, ReportsEveryFaultAtOnce) {
   EXPECT_EQ(refused(R"({"camera": {"width": -1}, "sun": {"angular_radius_deg": 9}, "products": ["x"]})"),
-            "/camera/width /products/0 /sun/angular_radius_deg");
+            "/camera/width /sun/angular_radius_deg /products/0");
 }
 
 TEST(FrameJson, TheResolvedRequestGivesTheSameFrame) {

@@ -86,7 +86,7 @@ TEST(JsonReader, ChecksTypesAndRanges) {
   EXPECT_EQ(findings_of(R"({"a": "5"})", number), "/a: must be a number\n");
   EXPECT_EQ(findings_of(R"({"a": true})", number), "/a: must be a number\n");
   EXPECT_EQ(findings_of(R"({})", number), "/a: is required\n");
-  const auto integer = [](const JsonReader& in) { in.integer("a", 1, 10); };
+  const auto integer = [](const JsonReader& in) { in.at("a").integer(1, 10); };
   EXPECT_EQ(findings_of(R"({"a": 10.0})", integer), "");
   EXPECT_EQ(findings_of(R"({"a": 1.5})", integer), "/a: must be an integer\n");
   EXPECT_EQ(findings_of(R"({"a": 1e300})", integer), "/a: must be at least 1 and at most 10\n");
@@ -118,7 +118,7 @@ TEST(JsonReader, AlternativesExcludeEachOther) {
 TEST(JsonReader, WordsGetASuggestion) {
   static constexpr std::pair<std::string_view, int> kWords[] = {{"opencv", 1}, {"opengl", 2}};
   int meaning = 0;
-  const auto read = [&](const JsonReader& in) { meaning = in.word("axes", Words<int>(kWords), 1); };
+  const auto read = [&](const JsonReader& in) { meaning = in.at("axes").word(Words<int>(kWords)).value_or(1); };
   EXPECT_EQ(findings_of(R"({"axes": "opengl"})", read), "");
   EXPECT_EQ(meaning, 2);
   EXPECT_EQ(findings_of(R"({"axes": "blender"})", read), "/axes: must be \"opencv\" or \"opengl\"\n");

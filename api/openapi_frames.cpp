@@ -1,0 +1,54 @@
+// The schemas of what POST /v1/frames answers besides arrays.
+#include "api/frame_json.h"
+#include "api/openapi_parts.h"
+#include "api/ranges.h"
+
+namespace selenograph::api {
+
+using namespace schema;
+
+void add_frame_answers(OrderedJson& schemas) {
+  const OrderedJson source =
+      object("", {{"name", text("DEM tile")}, {"version", text("hash of path, size and modification time")}},
+             {"name", "version"});
+  schemas["FrameMetadata"] = object(
+      "What is said about a frame besides its pixels: meta.json in an .npz, the attribute `selenograph` of images, the "
+      "header "
+      "Selenograph-Meta elsewhere. The same request gives the same text.",
+      {{"software", {{"type", "object"}, {"description", "name and version"}}},
+       {"content_hash", text("the ETag without quotes")},
+       {"request", with(ref("FrameRequest"), "description",
+                        "The request as understood: pose in MOON_ME and opencv axes, intrinsics, Sun vector. A valid "
+                        "request itself")},
+       {"reflectance", {{"type", "object"}, {"description", "normalisation: the equation as printed in the paper"}}},
+       {"solar_irradiance",
+        {{"type", "object"}, {"description", "value_w_m2 at the Moon after 1/r^2, its band and source"}}},
+       {"full_scale_radiance_w_m2_sr", number(kAnyNumber, "that `image` was made with")},
+       {"radiance_terms", list(text("direct, indirect, scattered, emitted, thermal_path"), 5,
+                               "components of radiance that were evaluated: SENSOR++ eq. (1)")},
+       {"point_spread",
+        {{"type", "object"},
+         {"description",
+          "of an image by a sensor: margin_px that was rendered around it (the shares of pixels below count "
+          "it), captured_fraction of a point's light within the kernel"}}},
+       {"visibility", with(words(kVisibilities, "that the frame was made with"), "enum", {"zbuffer", "raytrace"})},
+       {"lod_error_px", number(kAnyNumber, "level-of-detail error bound actually reached, pixels")},
+       {"lod_error_m", number(kAnyNumber, "the same in metres")},
+       {"shadow_error_px",
+        number(kAnyNumber, "bound on how far the mesh's error displaces a shadow's edge on level ground, pixels")},
+       {"post_spacing_m", {{"type", "object"}, {"description", "min and max over the mesh in view"}}},
+       {"triangles", {{"type", "integer"}, {"description", "of the scene"}}},
+       {"hit_fraction", number(kUnitInterval, "share of pixels that see the Moon or an object")},
+       {"maps", {{"type", "array"}, {"description", "of each map of the ground: name and version"}}},
+       {"object_fraction", number(kUnitInterval, "share of pixels that see an object")},
+       {"objects",
+        {{"type", "array"}, {"description", "of each object: mesh, version (hash of its content), triangles, parts"}}},
+       {"filled_fraction", number(kUnitInterval, "share of pixels on posts filled by interpolation")},
+       {"missing_fraction", number(kUnitInterval, "share of pixels that look at the Moon where there is no data")},
+       {"sources", {{"type", "array"}, {"items", source}, {"description", "what the product `source` indexes"}}},
+       {"sources_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}}},
+       {"warnings", {{"type", "array"}, {"items", {{"type", "string"}}}}}},
+      {"software", "content_hash", "request", "lod_error_px", "lod_error_m", "sources", "warnings"});
+}
+
+}  // namespace selenograph::api

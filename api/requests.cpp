@@ -1,0 +1,65 @@
+#include "api/requests.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "api/arrays.h"
+#include "api/frame_json.h"
+#include "api/mertis_json.h"
+#include "api/points_json.h"
+#include "api/round_trip_json.h"
+
+namespace selenograph::api {
+namespace {
+
+struct RequestBody {
+  const char* path;
+  const MemberTable& members;
+};
+
+std::vector<RequestBody> bodies() {
+  return {{"/v1/frames", frame_members()},
+          {"/v1/rays", rays_members()},
+          {"/v1/project", project_members()},
+          {"/v1/heights", heights_members()},
+          {"/v1/verify/roundtrip", round_trip_members()},
+          {"/v1/verify/mertis", mertis_members()}};
+}
+
+void add_with_parts(std::vector<const MemberTable*>& tables, const MemberTable& table) {
+  if (std::find(tables.begin(), tables.end(), &table) != tables.end()) return;
+  tables.push_back(&table);
+  for (const MemberRow& row : table.rows())
+    for (const MemberTable* part : row.objects) add_with_parts(tables, *part);
+}
+
+std::string products_markdown() {
+  std::string out = "## Products\n\nArrays of height x width, row 0 on top.\n\n| name | type | |\n|---|---|---|\n";
+  for (const ProductRow& row : products())
+    out += fmt::format("| `{}` | {} | {} |\n", row.name, type_text(row), row.meaning);
+  return out;
+}
+
+}  // namespace
+
+std::vector<const MemberTable*> request_tables() {
+  std::vector<const MemberTable*> tables;
+  for (const RequestBody& body : bodies()) add_with_parts(tables, body.members);
+  return tables;
+}
+
+std::string requests_markdown() {
+  std::string out =
+      "# Members of the requests\n\n"
+      "Made from the tables that requests are read with; a test holds this file to them. Limits are the defaults: a\n"
+      "service's own are in its `/openapi.json`. Unknown members are errors. Angles are in degrees, lengths in "
+      "metres,\n"
+      "places in MOON_ME.\n\n| call | body |\n|---|---|\n";
+  for (const RequestBody& body : bodies()) out += fmt::format("| `POST {}` | {} |\n", body.path, link_to(body.members));
+  out += "\n" + products_markdown() + "\n## Objects\n";
+  for (const MemberTable* table : request_tables()) out += "\n" + table->markdown(Limits{});
+  return out;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,25 @@
+// "sun": a direction toward the Sun, given in one of four ways.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "api/members.h"
+#include "engine/frame/sun.h"
+
+namespace selenograph::api {
+
+struct SunLocal {
+  double lat_deg = 0, lon_deg = 0, azimuth_deg = 0, elevation_deg = 0;
+};
+struct SunForm {
+  std::optional<Vec3> direction;
+  std::optional<Geographic> subsolar;
+  std::optional<SunLocal> local;
+  std::optional<std::string> utc;
+  std::optional<double> distance_au;
+  double angular_radius_deg = 0, limb_darkening = 0;
+};
+const Members<SunForm, engine::Sun>& sun_members();
+
+}  // namespace selenograph::api
