@@ -7,14 +7,8 @@
 
 namespace selenograph::test {
 
-// A compass azimuth (clockwise from north) and an elevation at a place, as a unit vector.
-inline Vec3 local_direction(const Vec3& place, double azimuth_deg, double elevation_deg) {
-  const EastNorthUp axes = local_axes(place);
-  const double azimuth = azimuth_deg * kDegree, elevation = elevation_deg * kDegree;
-  return (std::cos(elevation) * (std::sin(azimuth) * axes.east + std::cos(azimuth) * axes.north) +
-          std::sin(elevation) * axes.up)
-      .normalized();
-}
+// A compass azimuth (clockwise from north) and an elevation at a place, as a unit vector: of a Sun or of a boresight.
+constexpr auto local_direction = engine::sun_direction;
 
 // Of the finest posts, with all that a judge wants to know.
 inline engine::FrameRequest square_view(const engine::Pose& pose, int side, double fov_deg, const Vec3& sun) {

@@ -8,6 +8,7 @@
 #include <random>
 
 #include "dem/terrain.h"
+#include "engine/frame/sun.h"
 
 namespace selenograph::engine {
 namespace {
@@ -19,9 +20,7 @@ dem::BlockId block(int level, double lat, double lon) {
 
 // The Sun at an azimuth (from north, clockwise) and elevation over a place.
 Vec3 sun_over(double lat, double lon, double azimuth_deg, double elevation_deg) {
-  const EastNorthUp a = local_axes(to_cartesian({lat, lon, 0}));
-  const double az = azimuth_deg * M_PI / 180, el = elevation_deg * M_PI / 180;
-  return std::cos(el) * (std::sin(az) * a.east + std::cos(az) * a.north) + std::sin(el) * a.up;
+  return sun_direction(to_cartesian({lat, lon, 0}), azimuth_deg, elevation_deg);
 }
 
 TEST(NodeBoundsTest, HoldEveryPlaceOfTheBlock) {
