@@ -21,14 +21,9 @@ RenderCache::SceneKey RenderCache::key_of(const SceneContent& content) {
   return {hash.low64, hash.high64};
 }
 
-RenderCache::LensKey RenderCache::key_of(const Camera& camera) {
-  const auto& [width, height, fx, fy, cx, cy, distortion] = camera;
-  const auto& [k1, k2, k3, p1, p2] = distortion;
-  return {static_cast<double>(width), static_cast<double>(height), fx, fy, cx, cy, k1, k2, k3, p1, p2};
-}
-
-std::size_t RenderCache::LensKeyHash::operator()(const LensKey& key) const {
-  return XXH3_64bits(key.data(), sizeof key);
+std::size_t RenderCache::CameraHash::operator()(const Camera& c) const {
+  const std::array numbers{static_cast<double>(c.width), static_cast<double>(c.height), c.fx, c.fy, c.cx, c.cy};
+  return XXH3_64bits(numbers.data(), sizeof numbers);
 }
 
 RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads)
@@ -64,10 +59,10 @@ void RenderCache::forget(const SceneContent& content) {
 }
 
 std::shared_ptr<const PixelRays> RenderCache::lens(const Camera& camera) {
-  if (camera.distortion.none()) return std::make_shared<const PixelRays>();
-  return lenses_.get(key_of(camera), [&] {
+  if (camera.rectilinear()) return std::make_shared<const PixelRays>();
+  return lenses_.get(camera, [&] {
     auto made = std::make_shared<const PixelRays>(camera, 0, 0);
-    return dem::Cache<LensKey, PixelRays, LensKeyHash>::Loaded{made, made->bytes()};
+    return dem::Cache<Camera, PixelRays, CameraHash>::Loaded{made, made->bytes()};
   });
 }
 

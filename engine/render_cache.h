@@ -52,18 +52,16 @@ class RenderCache {
   struct SceneKeyHash {
     std::size_t operator()(const SceneKey& key) const { return key.low; }
   };
-  // What a lens makes of pixels doesn't depend on where the camera is.
-  using LensKey = std::array<double, 11>;
-  struct LensKeyHash {
-    std::size_t operator()(const LensKey& key) const;
+  // Of what most cameras differ in; whether they are the same is decided by all members.
+  struct CameraHash {
+    std::size_t operator()(const Camera& camera) const;
   };
   static SceneKey key_of(const SceneContent& content);
-  static LensKey key_of(const Camera& camera);
 
   std::shared_ptr<const dem::Terrain> terrain_;
   int threads_;
   dem::Cache<SceneKey, Scene, SceneKeyHash> scenes_;
-  dem::Cache<LensKey, PixelRays, LensKeyHash> lenses_;
+  dem::Cache<Camera, PixelRays, CameraHash> lenses_;  // where pixels look doesn't depend on the pose
   Pool<FrameScratch> scratch_;
   // The last scene that was made, if it is still in use or kept: a moving camera has most of it in common.
   std::mutex latest_mutex_;

@@ -125,7 +125,7 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   };
   const std::shared_ptr<const PixelRays> lens = kept.lens(request.camera);
   const FrameJob job{request, view, *scene, objects, radiance, *lens, stop};
-  FrameWriter writer(request, scene->mesh, terrain.catalogue().rasters().size(), frame.products);
+  FrameWriter writer(request, view, scene->mesh, terrain.catalogue().rasters().size(), frame.products);
   if (scene->raster) {
     const Pool<FrameScratch>::Lease scratch(kept.scratch());
     RasterPass(job, writer, *scratch, frame.times).for_pixels(stages);

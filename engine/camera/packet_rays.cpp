@@ -24,7 +24,7 @@ SELENOGRAPH_VECTORISED void linear_rays(const double* first, const double* right
   }
 }
 
-// The same from places on the camera's plane z = 1; `m`: MOON_ME from camera, by columns.
+// The same from places on a pinhole's plane z = 1; `m`: MOON_ME from camera, by columns.
 SELENOGRAPH_VECTORISED
 void lens_rays(const double* x, const double* y, const double* m, const double* origin, Rays& rays) {
   SELENOGRAPH_INDEPENDENT_LANES
@@ -36,9 +36,20 @@ void lens_rays(const double* x, const double* y, const double* m, const double* 
   }
 }
 
+// The same from unit directions in camera axes.
+void fisheye_rays(const double* x, const double* y, const double* z, const double* m, const double* origin,
+                  Rays& rays) {
+  for (int i = 0; i < kPacket; ++i) {
+    rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+    rays.dx[i] = m[0] * x[i] + m[3] * y[i] + m[6] * z[i];
+    rays.dy[i] = m[1] * x[i] + m[4] * y[i] + m[7] * z[i];
+    rays.dz[i] = m[2] * x[i] + m[5] * y[i] + m[8] * z[i];
+  }
+}
+
 }  // namespace
 
-PacketRays::PacketRays(const View& view) : view_(view), linear_(view.camera().distortion.none()) {
+PacketRays::PacketRays(const View& view) : view_(view), linear_(view.camera().rectilinear()) {
   const Camera& c = view.camera();
   const Eigen::Matrix3d& m = view.moon_from_camera();
   right_ = m.col(0) / c.fx, down_ = m.col(1) / c.fy, first_ = m.col(2) - right_ * c.cx - down_ * c.cy;
@@ -56,24 +67,29 @@ void PacketRays::aim_shape(int x, int y, double dx, double dy, const PixelRays* 
     linear_rays<shape>(first_.data(), right_.data(), down_.data(), view_.position().data(), x + dx, y + dy, out);
     return;
   }
-  alignas(64) double px[kPacket], py[kPacket];
+  alignas(64) double px[kPacket], py[kPacket], pz[kPacket];
   for (int i = 0; i < kPacket; ++i) {
-    px[i] = py[i] = 0;
+    px[i] = py[i] = 0, pz[i] = 1;
     if (!out.valid[i]) continue;
     const int column = x + i % kAcross, row = y + i / kAcross;
     if (lens) {
       const std::size_t at =
           static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(column);
       px[i] = lens->x[at], py[i] = lens->y[at];
-    } else if (const auto p = view_.undistorted(column + dx, row + dy)) {
-      px[i] = p->x(), py[i] = p->y();
+      if (!lens->z.empty()) pz[i] = lens->z[at];
+    } else if (const auto d = view_.projection().direction(column + dx, row + dy)) {
+      px[i] = d->x(), py[i] = d->y(), pz[i] = d->z();
     } else {
       px[i] = std::numeric_limits<double>::quiet_NaN();
     }
     out.valid[i] = !std::isnan(px[i]);
-    if (!out.valid[i]) px[i] = py[i] = 0;
+    if (!out.valid[i]) px[i] = py[i] = 0, pz[i] = 1;
   }
-  lens_rays(px, py, view_.moon_from_camera().data(), view_.position().data(), out);
+  const double *m = view_.moon_from_camera().data(), *origin = view_.position().data();
+  if (view_.projection().fisheye())
+    fisheye_rays(px, py, pz, m, origin, out);
+  else
+    lens_rays(px, py, m, origin, out);
 }
 
 void PacketRays::aim(PacketShape shape, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) const {

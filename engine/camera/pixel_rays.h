@@ -1,4 +1,5 @@
-// Where each pixel of a camera looks, solved once for a lens: the place on the plane z = 1 that the lens maps to it.
+// Where each pixel of a camera looks, solved once for a lens: the place on the plane z = 1 that the lens maps to it, or
+// a unit direction where a camera looks past that plane.
 #pragma once
 
 #include <cstddef>
@@ -13,9 +14,12 @@ struct PixelRays {
   // Of the places (x + dx, y + dy) of all pixels. Parallel.
   PixelRays(const Camera& camera, double dx, double dy);
 
-  // Row-major; NaN where the lens has folded: nothing is seen there. Empty for a camera without distortion.
-  std::vector<double> x, y;
-  std::size_t bytes() const { return sizeof(PixelRays) + (x.capacity() + y.capacity()) * sizeof(double); }
+  // Row-major; NaN where the lens images nothing. Empty for a rectilinear camera. `z`: of unit directions; empty where
+  // it is 1 everywhere.
+  std::vector<double> x, y, z;
+  std::size_t bytes() const {
+    return sizeof(PixelRays) + (x.capacity() + y.capacity() + z.capacity()) * sizeof(double);
+  }
 };
 
 }  // namespace selenograph::engine

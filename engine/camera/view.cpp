@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "dem/error.h"
 
@@ -9,7 +10,7 @@ namespace selenograph::engine {
 
 View::View(const Camera& camera, const Pose& pose)
     : camera_(camera),
-      lens_(camera.distortion),
+      projection_(camera),
       position_(pose.position_m),
       camera_from_moon_(pose.camera_from_moon.normalized().toRotationMatrix()) {
   if (camera.width <= 0 || camera.height <= 0) throw ImpossibleRequest("camera: image without pixels");
@@ -18,26 +19,25 @@ View::View(const Camera& camera, const Pose& pose)
     throw ImpossibleRequest("camera: focal lengths must be positive and finite");
   if (!position_.allFinite() || !camera_from_moon_.allFinite()) throw ImpossibleRequest("pose: not finite");
   moon_from_camera_ = camera_from_moon_.transpose();
-  bound_image();
+  if (projection_.fisheye())
+    bound_fisheye_image();
+  else
+    bound_image();
 }
 
-std::optional<Eigen::Vector2d> View::undistorted(double x_px, double y_px) const {
-  return lens_.undistorted((x_px - camera_.cx) / camera_.fx, (y_px - camera_.cy) / camera_.fy);
+Vec3 View::middle() const {
+  if (projection_.fisheye())
+    return ray((camera_.width - 1) / 2.0, (camera_.height - 1) / 2.0).value_or(Vec3(moon_from_camera_.col(2)));
+  return (moon_from_camera_ * Vec3((left_ + right_) / 2, (top_ + bottom_) / 2, 1)).normalized();
 }
 
 std::optional<Vec3> View::ray(double x_px, double y_px) const {
-  const auto p = undistorted(x_px, y_px);
-  if (!p) return std::nullopt;
-  return moon_from_camera_ * Vec3(p->x(), p->y(), 1);
+  const auto d = projection_.direction(x_px, y_px);
+  return d ? std::optional<Vec3>(moon_from_camera_ * *d) : std::nullopt;
 }
 
 std::optional<PixelXY> View::project(const Vec3& point_m) const {
-  const Vec3 c = camera_from_moon_ * (point_m - position_);
-  if (!(c.z() > 0)) return std::nullopt;
-  const double x = c.x() / c.z(), y = c.y() / c.z();
-  if (!lens_.holds(x, y)) return std::nullopt;
-  const Eigen::Vector2d d = lens_.distorted(x, y);
-  return PixelXY{camera_.fx * d.x() + camera_.cx, camera_.fy * d.y() + camera_.cy};
+  return projection_.image(camera_from_moon_ * (point_m - position_));
 }
 
 void View::bound_image() {
@@ -46,19 +46,20 @@ void View::bound_image() {
   constexpr int kSamples = 64;
   left_ = top_ = std::numeric_limits<double>::infinity();
   right_ = bottom_ = -left_;
+  const Lens& lens = projection_.lens();
   double sharpest = 0;
   bool folds = false;
   for (int j = 0; j <= kSamples; ++j)
     for (int i = 0; i <= kSamples; ++i) {
       const double u = -0.5 + (w + 0.5) * i / kSamples, v = -0.5 + (h + 0.5) * j / kSamples;
-      const auto p = lens_.undistorted((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy);
+      const auto p = lens.undistorted((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy);
       folds |= !p;
       if (!p) continue;
       left_ = std::min(left_, p->x()), right_ = std::max(right_, p->x());
       top_ = std::min(top_, p->y()), bottom_ = std::max(bottom_, p->y());
       // Pixels per radian, along the radius the larger one: on the plane z = 1 an angle covers (1 + r^2), the lens
       // stretches on top: by the larger eigenvalue of its symmetric Jacobian.
-      const Eigen::Matrix2d j2 = lens_.jacobian(p->x(), p->y());
+      const Eigen::Matrix2d j2 = lens.jacobian(p->x(), p->y());
       const double r2 = p->squaredNorm(), half_trace = j2.trace() / 2;
       const double stretch =
           std::abs(half_trace) + std::sqrt(std::max(0.0, half_trace * half_trace - j2.determinant()));
@@ -71,16 +72,32 @@ void View::bound_image() {
   if (folds) {
     // Towards the fold a pixel covers ever more: nothing between the samples bounds the view but the fold itself.
     constexpr double kFarthestSlope = 1000;
-    widest_ = std::min(lens_.reach(), kFarthestSlope);
+    widest_ = std::min(lens.reach(), kFarthestSlope);
     left_ = top_ = -widest_, right_ = bottom_ = widest_;
   }
   const double mx = 0.02 * (right_ - left_) + 1e-9, my = 0.02 * (bottom_ - top_) + 1e-9;
   left_ -= mx, right_ += mx, top_ -= my, bottom_ += my;
 }
 
+void View::bound_fisheye_image() {
+  // The border's corner that is farthest from the principal point has the largest angle.
+  const double x = std::max(camera_.cx + 0.5, camera_.width - 0.5 - camera_.cx) / camera_.fx,
+               y = std::max(camera_.cy + 0.5, camera_.height - 0.5 - camera_.cy) / camera_.fy;
+  widest_theta_ = projection_.fisheye()->angle(std::hypot(x, y)).value_or(projection_.fisheye()->limit());
+}
+
+bool View::fisheye_may_see(const Vec3& in_camera_m, double radius_m) const {
+  const double distance = in_camera_m.norm();
+  if (distance <= radius_m) return true;
+  const double theta = std::acos(std::clamp(in_camera_m.z() / distance, -1.0, 1.0));
+  constexpr double kRounding = 1e-7;  // of acos next to the boresight
+  return theta - std::asin(radius_m / distance) <= widest_theta_ + kRounding;
+}
+
 bool View::may_see(const Vec3& centre_m, double radius_m) const {
-  if (left_ > right_) return false;
   const Vec3 c = camera_from_moon_ * (centre_m - position_);
+  if (projection_.fisheye()) return fisheye_may_see(c, radius_m);
+  if (left_ > right_) return false;
   if (c.z() < -radius_m) return false;
   const auto outside = [&](double across, double slope, double sign) {
     // Distance outside the plane through the camera whose slope is `slope`.
@@ -94,6 +111,12 @@ double View::pixels_per_metre(const Vec3& centre_m, double radius_m, double high
   const Vec3 c = camera_from_moon_ * (centre_m - position_);
   // From inside the ball there is still the height above all that is in it.
   const double nearest = std::max(c.norm() - radius_m, position_.norm() - kMoonRadius_m - highest_m);
+  if (projection_.fisheye()) {
+    const double theta = std::atan2(std::hypot(c.x(), c.y()), c.z()),
+                 reach = radius_m < c.norm() ? std::asin(radius_m / c.norm()) : std::numbers::pi;
+    const double scale = projection_.fisheye()->largest_scale(theta - reach, std::min(theta + reach, widest_theta_));
+    return std::max(camera_.fx, camera_.fy) * scale / std::max(nearest, 1e-3);
+  }
   const double by_angle = pixels_per_radian_ / std::max(nearest, 1e-3);
   const double depth = c.z() - radius_m;
   if (!(depth > 1e-3)) return by_angle;

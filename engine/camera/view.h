@@ -4,15 +4,11 @@
 #include <optional>
 #include <vector>
 
-#include "engine/camera/lens.h"
+#include "engine/camera/projection.h"
 #include "engine/frame/camera.h"
 #include "engine/frame/pose.h"
 
 namespace selenograph::engine {
-
-struct PixelXY {
-  double x, y;
-};
 
 class View {
  public:
@@ -23,17 +19,20 @@ class View {
   const Vec3& position() const { return position_; }
   const Eigen::Matrix3d& moon_from_camera() const { return moon_from_camera_; }
   // Unit direction of the middle of what is in the image: not the boresight, where the image is a crop of a larger one.
-  Vec3 middle() const { return (moon_from_camera_ * Vec3((left_ + right_) / 2, (top_ + bottom_) / 2, 1)).normalized(); }
+  Vec3 middle() const;
 
-  // Direction (MOON_ME) of a place in the image, scaled so that its component along the boresight is 1: a distance
-  // along it is the depth. Empty where the lens distortion has no inverse (beyond its fold): such a pixel sees nothing.
+  // Direction (MOON_ME) of a place in the image, scaled as Projection::direction says. Empty where the lens images
+  // nothing: such a pixel sees nothing.
   std::optional<Vec3> ray(double x_px, double y_px) const;
 
-  // The same on the camera's plane z = 1.
-  std::optional<Eigen::Vector2d> undistorted(double x_px, double y_px) const;
-  const Lens& lens() const { return lens_; }
+  // The distance along the boresight of a point at `distance` along such a ray.
+  double depth(const Vec3& ray, double distance) const {
+    return projection_.fisheye() ? distance * moon_from_camera_.col(2).dot(ray) : distance;
+  }
 
-  // Image place of a point; empty behind the camera or beyond the distortion's fold.
+  const Projection& projection() const { return projection_; }
+
+  // Image place of a point; empty behind a pinhole and where the lens images nothing.
   std::optional<PixelXY> project(const Vec3& point_m) const;
 
   // Whether any part of a ball may be in the image.
@@ -46,15 +45,18 @@ class View {
 
  private:
   void bound_image();
+  void bound_fisheye_image();
+  bool fisheye_may_see(const Vec3& in_camera_m, double radius_m) const;
 
   Camera camera_;
-  Lens lens_;
+  Projection projection_;
   Vec3 position_;
   Eigen::Matrix3d camera_from_moon_, moon_from_camera_;
   // Slopes x/z and y/z of the image's border, slightly outside.
   double left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
   double pixels_per_radian_ = 0, stretched_focal_ = 0;
-  double widest_ = 0;  // largest slope sqrt(x^2 + y^2) / z in the image
+  double widest_ = 0;        // largest slope sqrt(x^2 + y^2) / z in the image
+  double widest_theta_ = 0;  // of a fisheye: largest angle from the boresight in the image
 };
 
 }  // namespace selenograph::engine

@@ -59,6 +59,7 @@ MappedSurface::MappedSurface(const FrameRequest& request, const View& view)
   const Eigen::Matrix3d& m = view.moon_from_camera();
   const double samples = std::sqrt(request.accuracy.samples_per_pixel);
   right_ = m.col(0) / (view.camera().fx * samples), down_ = m.col(1) / (view.camera().fy * samples);
+  if (view.projection().fisheye()) fisheye_boresight_ = m.col(2), angle_ = 1 / (view.camera().fx * samples);
 }
 
 MappedSurface::Sampler MappedSurface::sampler() const {
@@ -76,7 +77,12 @@ dem::ValueMap::Footprint2 MappedSurface::footprint(const SurfacePoints& points, 
   const auto side = [&](const Vec3& step) -> Vec3 {
     return points.distance[i] * (step - direction * (facet.dot(step) / toward));
   };
-  const Vec3 a = side(right_), b = side(down_);
+  Vec3 right = right_, down = down_;
+  if (fisheye_boresight_) {  // away from the boresight, and around it
+    const Vec3 around = fisheye_boresight_->cross(direction);
+    if (around.norm() > 1e-9) right = angle_ * around.normalized(), down = right.cross(direction);
+  }
+  const Vec3 a = side(right), b = side(down);
   // On the sphere by hand: a texel isn't a matter of the last digits, and to_geographic took a third of the time.
   const double ring = std::max(std::sqrt(place.x() * place.x() + place.y() * place.y()), 1e-6),
                radius = std::sqrt(ring * ring + place.z() * place.z());

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "dem/value_map.h"
@@ -47,6 +48,9 @@ class MappedSurface {
   double direct_w_m2_, path_w_m2_sr_, most_rho_;
   std::unique_ptr<const EmissionTable> emission_;
   Vec3 right_, down_;  // from one sample's ray to the next one's
+  // Of a fisheye's rays, which are unit vectors: its boresight, and the angle from one sample to the next on it.
+  std::optional<Vec3> fisheye_boresight_;
+  double angle_ = 0;
 };
 
 // The first map that has a value decides; `fallback` where none has.

@@ -380,6 +380,11 @@ double triangles_of(const Selection& selection) {
 
 Visibility visibility_for(const FrameRequest& request, const View& view, const Selection& selection) {
   if (!request.terrain) return Visibility::raytrace;  // nothing to draw
+  if (request.camera.model == CameraModel::fisheye) {
+    if (request.visibility == Visibility::zbuffer)
+      throw ImpossibleRequest("a fisheye is rendered by ray tracing: the z-buffer draws onto a plane", "visibility");
+    return Visibility::raytrace;
+  }
   if (request.visibility != Visibility::automatic) return request.visibility;
   // Triangles per pixel where both take equally long: selenograph_benchmark --benchmark_filter=dense. Under a low Sun
   // triangles shade more samples; of the Sun's disc rays ask little where there are few pixels.

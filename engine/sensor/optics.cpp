@@ -122,18 +122,29 @@ void vignette(const Vignetting& vignetting, const View& view, const PixelRays& r
   const Camera& c = view.camera();
   const auto width = static_cast<std::size_t>(c.width), height = static_cast<std::size_t>(c.height);
   const bool bends = !rays.x.empty();
-  const auto transmission = [&](double tan2) {
-    if (vignetting.model == Vignetting::Model::cos4) return 1 / ((1 + tan2) * (1 + tan2));  // cos^4 of the angle
-    const double angle_deg = std::atan(std::sqrt(tan2)) * kDegreesPerRadian;
+  const auto of_angle = [&](double radians) {
+    const double angle_deg = radians * (180 / std::numbers::pi);
     return interpolated(vignetting.table, angle_deg, &Vignetting::Point::angle_deg, &Vignetting::Point::transmission);
+  };
+  const bool cos4 = vignetting.model == Vignetting::Model::cos4;
+  // Of places on the plane z = 1.
+  const auto of_tangent2 = [&](double tan2) {
+    return cos4 ? 1 / ((1 + tan2) * (1 + tan2)) : of_angle(std::atan(std::sqrt(tan2)));
+  };
+  // Of unit directions. From behind the aperture's plane cos^4 leaves nothing.
+  const auto of_direction = [&](double x, double y, double z) {
+    const double cosine = std::max(z, 0.0);
+    return cos4 ? cosine * cosine * cosine * cosine : of_angle(std::atan2(std::hypot(x, y), z));
   };
   in_parallel_pieces(height, kRows, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t y = first; y < past_last; ++y)
       for (std::size_t x = 0; x < width; ++x) {
         const std::size_t at = y * width + x;
         const double px = bends ? rays.x[at] : (static_cast<double>(x) - c.cx) / c.fx,
-                     py = bends ? rays.y[at] : (static_cast<double>(y) - c.cy) / c.fy, tan2 = px * px + py * py;
-        if (!std::isnan(tan2)) radiance[at] *= static_cast<float>(transmission(tan2));
+                     py = bends ? rays.y[at] : (static_cast<double>(y) - c.cy) / c.fy;
+        if (std::isnan(px)) continue;
+        radiance[at] *=
+            static_cast<float>(rays.z.empty() ? of_tangent2(px * px + py * py) : of_direction(px, py, rays.z[at]));
       }
   });
 }

@@ -62,7 +62,7 @@ bool leaves_guard_band(const Strip& s, const TileView& t) {
 }  // namespace
 
 ImageTiling::ImageTiling(const RasterMesh& mesh, const View& view)
-    : mesh_(mesh), view_(view), camera_(view.camera()), bends_(!view.camera().distortion.none()) {}
+    : mesh_(mesh), view_(view), camera_(view.camera()), bends_(!view.camera().rectilinear()) {}
 
 // From places relative to the anchor to a tile's pixels: pixel = a (x / z, y / z) + b, in the camera's axes.
 TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const {
@@ -108,7 +108,7 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
   if (best_x < 0) return tile_view(Eigen::Matrix2d::Zero(), {0, 0}, 0, 0);
   const Eigen::Vector2d middle(rays.x[at(best_x, best_y)], rays.y[at(best_x, best_y)]);
   const Eigen::Matrix2d a =
-      Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal() * view_.lens().jacobian(middle.x(), middle.y());
+      Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal() * view_.projection().lens().jacobian(middle.x(), middle.y());
   const Eigen::Vector2d b = Eigen::Vector2d(best_x, best_y) - a * middle;
   TileView view = tile_view(a, b, tile.width, tile.height);
   for (int y = 0; y < tile.height; ++y)

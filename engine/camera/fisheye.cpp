@@ -1,0 +1,67 @@
+#include "engine/camera/fisheye.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace selenograph::engine {
+
+Fisheye::Fisheye(const FisheyeDistortion& distortion) : d_(distortion) {
+  // A polynomial of the fourth degree in theta^2 has no two roots between neighbouring steps that matter: a slope that
+  // dips below zero for less than a thousandth of the field of view folds less than a pixel.
+  constexpr int kSteps = 4096;
+  for (int i = 1; i <= kSteps; ++i) {
+    double good = kWidest * (i - 1) / kSteps, bad = kWidest * i / kSteps;
+    if (slope(bad) > 0) continue;
+    for (int k = 0; k < 60; ++k) (slope((good + bad) / 2) > 0 ? good : bad) = (good + bad) / 2;
+    limit_ = good;
+    return;
+  }
+}
+
+double Fisheye::radius(double theta) const {
+  const double t = theta * theta;
+  return theta * (1 + t * (d_.k1 + t * (d_.k2 + t * (d_.k3 + t * d_.k4))));
+}
+
+double Fisheye::slope(double theta) const {
+  const double t = theta * theta;
+  return 1 + t * (3 * d_.k1 + t * (5 * d_.k2 + t * (7 * d_.k3 + t * 9 * d_.k4)));
+}
+
+// Newton's method between brackets: the radius grows up to the limit.
+std::optional<double> Fisheye::angle(double wanted) const {
+  double low = 0, high = limit_;
+  if (!(wanted <= radius(high))) return std::nullopt;
+  double theta = std::min(wanted, high);
+  for (int i = 0; i < 200 && high - low > 1e-16 * high; ++i) {
+    const double miss = radius(theta) - wanted;
+    (miss > 0 ? high : low) = theta;
+    const double next = theta - miss / slope(theta);
+    if (std::abs(next - theta) <= 1e-16 * theta) break;
+    theta = next > low && next < high ? next : (low + high) / 2;
+  }
+  return theta;
+}
+
+std::optional<Vec3> Fisheye::direction(double x, double y) const {
+  const double r = std::hypot(x, y);
+  const auto theta = angle(r);
+  if (!theta) return std::nullopt;
+  const double across = r > 0 ? std::sin(*theta) / r : 1;
+  return Vec3(across * x, across * y, std::cos(*theta));
+}
+
+double Fisheye::largest_scale(double from_theta, double to_theta) const {
+  const double from = std::clamp(from_theta, 0.0, limit_), to = std::clamp(to_theta, 0.0, limit_);
+  // Both scales are smooth; 2 % cover what lies between the samples (tests/unit/fisheye_test.cpp).
+  constexpr int kSamples = 32;
+  double largest = 0;
+  for (int i = 0; i <= kSamples; ++i) {
+    const double theta = from + (to - from) * i / kSamples;
+    const double tangential = theta > 0 ? radius(theta) / std::sin(theta) : 1;
+    largest = std::max({largest, slope(theta), tangential});
+  }
+  return 1.02 * largest;
+}
+
+}  // namespace selenograph::engine
