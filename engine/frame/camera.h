@@ -30,9 +30,9 @@ enum class CameraModel {
 struct Camera {
   int width = 0, height = 0;
   double fx = 0, fy = 0, cx = 0, cy = 0;  // pixels
-  Distortion distortion;                  // of a pinhole
+  Distortion distortion{};                // of a pinhole
   CameraModel model = CameraModel::pinhole;
-  FisheyeDistortion fisheye;
+  FisheyeDistortion fisheye{};
   // Straight lines are imaged as straight lines: a pixel's direction is linear in its coordinates.
   bool rectilinear() const { return model == CameraModel::pinhole && distortion.none(); }
   bool operator==(const Camera&) const = default;
