@@ -1,4 +1,4 @@
-// "camera": a pinhole camera by field of view or by intrinsics.
+// "camera": a pinhole or a fisheye, by field of view or by intrinsics.
 #pragma once
 
 #include <optional>
@@ -8,10 +8,16 @@
 
 namespace selenograph::api {
 
+struct DistortionForm {
+  engine::CameraModel model = engine::CameraModel::pinhole;  // that it belongs to
+  double k1 = 0, k2 = 0, k3 = 0, k4 = 0, p1 = 0, p2 = 0;
+};
+
 struct CameraForm {
+  engine::CameraModel model = engine::CameraModel::pinhole;
   int width = 0, height = 0;
   std::optional<double> fov_deg, fx, fy, cx, cy;
-  engine::Distortion distortion;
+  std::optional<DistortionForm> distortion;
 };
 const Members<CameraForm, engine::Camera>& camera_members();
 

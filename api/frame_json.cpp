@@ -190,6 +190,8 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   if (!request.terrain && !in.has("objects")) in.fail("terrain", "without terrain and \"objects\" there is nothing");
   if (!request.terrain && request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "\"zbuffer\" draws terrain, and there is none");
+  if (request.camera.model == engine::CameraModel::fisheye && request.visibility == engine::Visibility::zbuffer)
+    in.fail("visibility", "a fisheye is rendered by \"raytrace\": \"zbuffer\" draws onto a plane");
   if (!in.has("sun")) require_sun(in, request.products);
 }
 

@@ -16,6 +16,7 @@ inline constexpr Range kHeight_m{-50e3, 1e12};
 inline constexpr Range kCoordinate_m{-1e12, 1e12};
 
 inline constexpr Range kFieldOfView_deg{0, 180, true, true};
+inline constexpr Range kFisheyeFieldOfView_deg{0, 358, true, false};  // to engine::Fisheye::kWidest
 // One pixel seen as anything from nearly a half-space to a nanoradian. A field of view must come out in here, too.
 inline constexpr Range kFocalLength_px{1e-6, 1e9};
 inline constexpr Range kPrincipalPoint_px{-1e6, 1e6};

@@ -92,6 +92,21 @@ TEST(CameraJson, IntrinsicsAndTheirDefaults) {
   EXPECT_EQ(full.distortion.p2, -0.01);
 }
 
+TEST(CameraJson, Fisheye) {
+  const engine::Camera equidistant = accepted(R"({"camera": {"model": "fisheye", "fov_deg": 270}})").camera;
+  EXPECT_EQ(equidistant.model, engine::CameraModel::fisheye);
+  EXPECT_NEAR(equidistant.fx, 512 / (0.75 * std::numbers::pi), 1e-12);
+  const char* const request = R"({"camera": {"model": "fisheye", "fov_deg": 120, "distortion":
+      {"model": "kannala_brandt", "k1": 0.1, "k2": 0.01, "k3": -0.001, "k4": 0.0001}}})";
+  const engine::Camera lens = accepted(request).camera;
+  const double theta = std::numbers::pi / 3, t = theta * theta;
+  EXPECT_NEAR(lens.fx, 512 / (theta * (1 + t * (0.1 + t * (0.01 + t * (-0.001 + t * 0.0001))))), 1e-11);
+  const auto resolved = resolved_json(read_frame(patched(request), Limits()));
+  EXPECT_EQ(resolved["camera"]["distortion"].dump(),
+            R"({"model":"kannala_brandt","k1":0.1,"k2":0.01,"k3":-0.001,"k4":0.0001})");
+  EXPECT_EQ(read_frame(parse_json(resolved.dump(), 16), Limits()).request.camera, lens);
+}
+
 TEST(CameraJson, Refusals) {
   std::string details;
   EXPECT_EQ(refused(R"({"camera": {"fx": 800}})", &details), "/camera/fx");
@@ -105,7 +120,17 @@ TEST(CameraJson, Refusals) {
   EXPECT_EQ(refused(R"({"camera": {"width": 1024.5}})"), "/camera/width");
   EXPECT_EQ(refused(R"({"camera": {"width": 8193}})"), "/camera/width");
   EXPECT_EQ(refused(R"({"camera": {"width": 8192, "height": 8192}})"), "/camera");
-  EXPECT_EQ(refused(R"({"camera": {"model": "fisheye"}})"), "/camera/model");
+  EXPECT_EQ(refused(R"({"camera": {"model": "orthographic"}})"), "/camera/model");
+  EXPECT_EQ(refused(R"({"camera": {"model": "fisheye", "fov_deg": 359}})"), "/camera/fov_deg");
+  EXPECT_EQ(refused(R"({"camera": {"model": "fisheye", "distortion": {"k1": 1}}})"), "/camera/distortion");
+  EXPECT_EQ(refused(R"({"camera": {"distortion": {"model": "kannala_brandt"}}})"), "/camera/distortion");
+  EXPECT_EQ(refused(R"({"camera": {"model": "fisheye", "distortion": {"model": "kannala_brandt", "p1": 1}}})"),
+            "/camera/distortion/p1");
+  // The slope 1 + 3 k1 theta^2 is 0 at 74 degrees.
+  EXPECT_EQ(refused(R"({"camera": {"model": "fisheye", "fov_deg": 150,
+                                   "distortion": {"model": "kannala_brandt", "k1": -0.2}}})"),
+            "/camera/fov_deg");
+  EXPECT_EQ(refused(R"({"camera": {"model": "fisheye"}, "visibility": "zbuffer"})"), "/visibility");
   EXPECT_EQ(refused(R"({"camera": {"distortion": {"k4": 1}}})"), "/camera/distortion/k4");
   EXPECT_EQ(refused(R"({"camera": null})"), "/camera");
   EXPECT_EQ(refused(R"({"camera": {"widht": 3}})"), "/camera/widht");
