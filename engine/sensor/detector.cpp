@@ -7,54 +7,81 @@
 #include "dem/parallel.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/sensor/random.h"
-#include "engine/support/vectorise.h"
+#include "engine/support/vector_targets.h"
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/sensor/detector.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#ifndef SELENOGRAPH_ENGINE_DETECTOR_SHARED
+#define SELENOGRAPH_ENGINE_DETECTOR_SHARED
 namespace selenograph::engine {
-namespace {
 
 // A detector's numbers as its pixels need them.
 struct PixelModel {
   float electrons_per_radiance, dark, hot, prnu, dsnu, read_noise, full_well, per_electron, offset, top;
 };
 
-// 2^32 times a share of the pixels.
-std::uint32_t threshold(double fraction) {
-  return static_cast<std::uint32_t>(std::min(std::llround(fraction * 0x1p32), 0xffffffffLL));
-}
+// What becomes of kDraw pixels on their way through the detector.
+struct alignas(64) PixelLanes {
+  float radiance[kDraw], smear[kDraw];                             // smear: electrons
+  float response[kDraw], offset[kDraw], hot[kDraw], alive[kDraw];  // the detector's fixed pattern
+  float mean[kDraw], counted[kDraw], fixed[kDraw], noise[kDraw];   // electrons; noise: standard normal
+  std::uint16_t numbers[kDraw];
+};
+
+}  // namespace selenograph::engine
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
 
 // Mean electrons, and the pixels' own offsets.
-SELENOGRAPH_VECTORISED
-void expose_lanes(const PixelModel& m, const float* radiance, const float* smear, const float* response,
-                  const float* offsets, const float* hot, const float* alive, float* mean, float* fixed) {
+void ExposeLanes(const PixelModel& m, PixelLanes& p) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kDraw; ++i) {
-    const float gain = 1 + m.prnu * response[i];
-    const float signal = (radiance[i] * m.electrons_per_radiance + smear[i]) * (gain > 0 ? gain : 0) * alive[i];
-    mean[i] = signal + m.dark + m.hot * hot[i];
-    fixed[i] = m.dsnu * offsets[i];
+    const float gain = 1 + m.prnu * p.response[i];
+    const float signal = (p.radiance[i] * m.electrons_per_radiance + p.smear[i]) * (gain > 0 ? gain : 0) * p.alive[i];
+    p.mean[i] = signal + m.dark + m.hot * p.hot[i];
+    p.fixed[i] = m.dsnu * p.offset[i];
   }
 }
 
-SELENOGRAPH_VECTORISED
-void read_lanes(const PixelModel& m, const float* electrons, const float* fixed, const float* noise,
-                std::uint16_t* numbers) {
+void ReadLanes(const PixelModel& m, const float* electrons, PixelLanes& p) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kDraw; ++i) {
     const float held = electrons[i] < m.full_well ? electrons[i] : m.full_well;
-    const float read = held + fixed[i] + m.read_noise * noise[i];
+    const float read = held + p.fixed[i] + m.read_noise * p.noise[i];
     const float dn = std::floor(read * m.per_electron + m.offset + 0.5F);
     const float low = dn > 0 ? dn : 0, clamped = low < m.top ? low : m.top;
-    numbers[i] = static_cast<std::uint16_t>(static_cast<std::int32_t>(clamped));
+    p.numbers[i] = static_cast<std::uint16_t>(static_cast<std::int32_t>(clamped));
   }
 }
 
-SELENOGRAPH_VECTORISED
-void find_defects(const std::uint32_t* bits, std::uint32_t dead, std::uint32_t dead_or_hot, float* alive, float* hot) {
+void FindDefects(const std::uint32_t* bits, std::uint32_t dead, std::uint32_t dead_or_hot, PixelLanes& p) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kDraw; ++i) {
-    alive[i] = bits[i] < dead ? 0.F : 1.F;
-    hot[i] = bits[i] >= dead && bits[i] < dead_or_hot ? 1.F : 0.F;
+    p.alive[i] = bits[i] < dead ? 0.F : 1.F;
+    p.hot[i] = bits[i] >= dead && bits[i] < dead_or_hot ? 1.F : 0.F;
   }
+}
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(ExposeLanes);
+HWY_EXPORT(ReadLanes);
+HWY_EXPORT(FindDefects);
+
+namespace {
+
+// 2^32 times a share of the pixels.
+std::uint32_t threshold(double fraction) {
+  return static_cast<std::uint32_t>(std::min(std::llround(fraction * 0x1p32), 0xffffffffLL));
 }
 
 // What a row passes on its way out of the image: its column's light, all rows' alike.
@@ -94,33 +121,28 @@ class Chain {
 
   // Pixels from `first` on, kDraw of them or fewer.
   void run(std::size_t first, std::size_t count, std::uint16_t* image) const {
-    Lanes light{}, smear{}, response{}, offsets{}, hot{}, alive, mean, counted, fixed, noise{};
-    std::copy_n(&radiance_[first], count, light.at);
+    PixelLanes p{};
+    std::copy_n(&radiance_[first], count, p.radiance);
     if (!smear_.empty())
-      for (std::size_t i = 0; i < count; ++i) smear.at[i] = smear_[(first + i) % width_];
-    std::fill_n(alive.at, kDraw, 1.F);
+      for (std::size_t i = 0; i < count; ++i) p.smear[i] = smear_[(first + i) % width_];
+    std::fill_n(p.alive, kDraw, 1.F);
     const auto pixel = static_cast<std::uint32_t>(first);
     RandomWords words;
     if (has_pattern_) {
       draw(sensor_.seed, 0, RandomSource::fixed_pattern, pixel, words);
-      if (sensor_.detector.prnu > 0) normals(words.word[0], response.at);
-      if (sensor_.detector.dsnu_e > 0) normals(words.word[1], offsets.at);
-      if (dead_or_hot_ > 0) find_defects(words.word[2], dead_, dead_or_hot_, alive.at, hot.at);
+      if (sensor_.detector.prnu > 0) normals(words.word[0], p.response);
+      if (sensor_.detector.dsnu_e > 0) normals(words.word[1], p.offset);
+      if (dead_or_hot_ > 0) HWY_DYNAMIC_DISPATCH(FindDefects)(words.word[2], dead_, dead_or_hot_, p);
     }
-    expose_lanes(model_, light.at, smear.at, response.at, offsets.at, hot.at, alive.at, mean.at, fixed.at);
+    HWY_DYNAMIC_DISPATCH(ExposeLanes)(model_, p);
     if (has_noise_) draw(sensor_.seed, sensor_.frame, RandomSource::exposure, pixel, words);
-    if (sensor_.detector.photon_noise) poisson(words.word[0], mean.at, counted.at);
-    if (sensor_.detector.read_noise_e > 0) normals(words.word[1], noise.at);
-    alignas(64) std::uint16_t numbers[kDraw];
-    read_lanes(model_, sensor_.detector.photon_noise ? counted.at : mean.at, fixed.at, noise.at, numbers);
-    std::copy_n(numbers, count, image + first);
+    if (sensor_.detector.photon_noise) poisson(words.word[0], p.mean, p.counted);
+    if (sensor_.detector.read_noise_e > 0) normals(words.word[1], p.noise);
+    HWY_DYNAMIC_DISPATCH(ReadLanes)(model_, sensor_.detector.photon_noise ? p.counted : p.mean, p);
+    std::copy_n(p.numbers, count, image + first);
   }
 
  private:
-  struct Lanes {
-    alignas(64) float at[kDraw];
-  };
-
   const SensorModel& sensor_;
   const std::vector<float>& radiance_;
   std::size_t width_;
@@ -156,3 +178,4 @@ void detect(const SensorModel& sensor, double wavelength_um, const std::vector<f
 }
 
 }  // namespace selenograph::engine
+#endif  // HWY_ONCE

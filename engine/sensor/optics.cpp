@@ -6,19 +6,37 @@
 
 #include "dem/parallel.h"
 #include "engine/support/interpolate.h"
-#include "engine/support/vectorise.h"
+#include "engine/support/vector_targets.h"
 
-namespace selenograph::engine {
-namespace {
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/sensor/optics.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
 
-constexpr std::size_t kRows = 16;  // of a parallel piece
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
 
 // out[i] += weight in[i]
-SELENOGRAPH_VECTORISED
-void add_weighted(const float* in, float weight, std::size_t count, float* out) {
+void AddWeighted(const float* in, float weight, std::size_t count, float* out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (std::size_t i = 0; i < count; ++i) out[i] += weight * in[i];
 }
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(AddWeighted);
+
+namespace {
+
+void add_weighted(const float* in, float weight, std::size_t count, float* out) {
+  HWY_DYNAMIC_DISPATCH(AddWeighted)(in, weight, count, out);
+}
+
+constexpr std::size_t kRows = 16;  // of a parallel piece
 
 std::vector<float> gaussian(double sigma_px, int radius, double& captured) {
   std::vector<float> weights;
@@ -150,3 +168,4 @@ void vignette(const Vignetting& vignetting, const View& view, const PixelRays& r
 }
 
 }  // namespace selenograph::engine
+#endif  // HWY_ONCE

@@ -6,10 +6,15 @@
 #include <bit>
 #include <cmath>
 
-#include "engine/support/vectorise.h"
+#include "engine/support/vector_targets.h"
 
-namespace selenograph::engine {
-namespace {
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/sensor/random.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
 
 // For normal numbers above 0; to 2 units in the last place.
 inline float logarithm(float x) {
@@ -39,17 +44,7 @@ inline float normal_of(std::uint32_t bits) {
   return high ? x : -x;
 }
 
-// By adding up probabilities until they exceed u.
-float few(std::uint32_t bits, float mean) {
-  const double u = (static_cast<double>(bits) + 0.5) * 0x1p-32;
-  double probability = std::exp(-static_cast<double>(mean)), sum = probability;
-  int k = 0;
-  while (sum < u && k < 200) probability *= static_cast<double>(mean) / ++k, sum += probability;
-  return static_cast<float>(k);
-}
-
-SELENOGRAPH_VECTORISED
-int many(const std::uint32_t* bits, const float* mean, float* out) {
+int PoissonOfLargeMeans(const std::uint32_t* bits, const float* mean, float* out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kDraw; ++i) {
     const float m = mean[i] > kExactPoisson ? mean[i] : kExactPoisson;
@@ -64,10 +59,7 @@ int many(const std::uint32_t* bits, const float* mean, float* out) {
   return left;
 }
 
-}  // namespace
-
-SELENOGRAPH_VECTORISED
-void draw(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uint32_t pixel, RandomWords& out) {
+void Draw(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uint32_t pixel, RandomWords& out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (std::uint32_t i = 0; i < kDraw; ++i) {
     const philox4x32_ctr_t counter{{pixel + i, static_cast<std::uint32_t>(frame),
@@ -78,16 +70,45 @@ void draw(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uin
   }
 }
 
-SELENOGRAPH_VECTORISED
-void normals(const std::uint32_t bits[kDraw], float out[kDraw]) {
+void Normals(const std::uint32_t bits[kDraw], float out[kDraw]) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kDraw; ++i) out[i] = normal_of(bits[i]);
 }
 
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(PoissonOfLargeMeans);
+HWY_EXPORT(Draw);
+HWY_EXPORT(Normals);
+
+namespace {
+
+// By adding up probabilities until they exceed u.
+float few(std::uint32_t bits, float mean) {
+  const double u = (static_cast<double>(bits) + 0.5) * 0x1p-32;
+  double probability = std::exp(-static_cast<double>(mean)), sum = probability;
+  int k = 0;
+  while (sum < u && k < 200) probability *= static_cast<double>(mean) / ++k, sum += probability;
+  return static_cast<float>(k);
+}
+
+}  // namespace
+
+void draw(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uint32_t pixel, RandomWords& out) {
+  HWY_DYNAMIC_DISPATCH(Draw)(seed, frame, source, pixel, out);
+}
+
+void normals(const std::uint32_t bits[kDraw], float out[kDraw]) { HWY_DYNAMIC_DISPATCH(Normals)(bits, out); }
+
 void poisson(const std::uint32_t bits[kDraw], const float mean[kDraw], float out[kDraw]) {
-  if (!many(bits, mean, out)) return;
+  if (!HWY_DYNAMIC_DISPATCH(PoissonOfLargeMeans)(bits, mean, out)) return;
   for (int i = 0; i < kDraw; ++i)
     if (mean[i] < kExactPoisson) out[i] = mean[i] > 0 ? few(bits[i], mean[i]) : 0;
 }
 
 }  // namespace selenograph::engine
+#endif  // HWY_ONCE

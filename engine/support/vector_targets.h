@@ -1,6 +1,19 @@
-// Which vectors kernels are compiled for; before any of Highway's headers.
+// Loops over lanes for every vector width that a machine may have, chosen at run time: Highway's foreach_target.h
+// compiles a file once per width. Include this before any of Highway's headers.
+//
+// Most of these loops are plain C++ that the compiler vectorises for each width. No lane depends on another and nothing
+// is contracted to fused multiply-add (-ffp-contract=off), so every width gives the same bits.
 #pragma once
 
 // Vectors without a size at compile time (SVE, RVV) can't be members of structures or of arrays, as they are here: such
 // machines use NEON, or none.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
+
+// Before a loop over lanes: its iterations don't touch each other's memory.
+#if defined(__clang__)
+#define SELENOGRAPH_INDEPENDENT_LANES _Pragma("clang loop vectorize(assume_safety)")
+#elif defined(__GNUC__)
+#define SELENOGRAPH_INDEPENDENT_LANES _Pragma("GCC ivdep")
+#else
+#define SELENOGRAPH_INDEPENDENT_LANES
+#endif

@@ -5,7 +5,6 @@
 #include <cstring>
 
 #include "engine/support/vector_targets.h"
-#include "engine/support/vectorise.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/visibility/facets.cpp"
@@ -25,6 +24,11 @@ struct alignas(64) RawFacets {
   double upper[kPacket];  // 1 or 0
 };
 
+// Where in its block's tables a triangle's quad and corners are: bytes.
+struct alignas(64) Places {
+  std::uint32_t row[kPacket], column[kPacket], vertex[3][kPacket];
+};
+
 }  // namespace selenograph::engine
 #endif
 
@@ -33,7 +37,7 @@ namespace selenograph::engine::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-void PlaceVertices(const RawFacets& raw, Facets& out) {
+HWY_INLINE void place_vertices(const RawFacets& raw, Facets& out) {
   constexpr hn::CappedTag<double, 8> d;
   constexpr hn::Rebind<float, decltype(d)> f;
   using V = hn::Vec<decltype(d)>;
@@ -62,24 +66,8 @@ void PlaceVertices(const RawFacets& raw, Facets& out) {
   }
 }
 
-}  // namespace selenograph::engine::HWY_NAMESPACE
-HWY_AFTER_NAMESPACE();
-
-#if HWY_ONCE
-namespace selenograph::engine {
-
-HWY_EXPORT(PlaceVertices);
-
-namespace {
-
-// Where in its block's tables a triangle's quad and corners are: bytes.
-struct alignas(64) Places {
-  std::uint32_t row[kPacket], column[kPacket], vertex[3][kPacket];
-};
-
 // Of triangles in blocks of the same side.
-SELENOGRAPH_VECTORISED
-void find_places(const TriangleId* ids, std::uint32_t side, Places& out, double* upper_half) {
+HWY_INLINE void find_places(const TriangleId* ids, std::uint32_t side, Places& out, double* upper_half) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const std::uint32_t id = ids[i].packed();
@@ -93,8 +81,7 @@ void find_places(const TriangleId* ids, std::uint32_t side, Places& out, double*
 }
 
 // Lanes from first to past_last, all in one block.
-SELENOGRAPH_VECTORISED
-void copy_lanes(const MeshBlock& block, const Places& at, int first, int past_last, RawFacets& raw) {
+HWY_INLINE void copy_lanes(const MeshBlock& block, const Places& at, int first, int past_last, RawFacets& raw) {
   const auto* vertices = reinterpret_cast<const std::byte*>(block.vertices.data());
   const auto* rows = reinterpret_cast<const std::byte*>(block.rows.data());
   const auto* columns = reinterpret_cast<const std::byte*>(block.columns.data());
@@ -106,19 +93,11 @@ void copy_lanes(const MeshBlock& block, const Places& at, int first, int past_la
   }
 }
 
-}  // namespace
-
-SELENOGRAPH_VECTORISED
-bool in_one_block(const TriangleId ids[kPacket]) {
-  std::uint32_t other = 0;
-  for (int i = 0; i < kPacket; ++i) other |= ids[i].packed() ^ ids[0].packed();
-  return TriangleId(other).block() == 0;
-}
-
-void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
+// Returns, a bit each, the lanes whose vertices may lie elsewhere than their row and column say.
+unsigned Gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
   RawFacets raw;
   Places at;
-  unsigned collapsed = 0;  // lanes whose vertices may lie elsewhere than their row and column say
+  unsigned collapsed = 0;
   const auto note = [&](const MeshBlock& block, int i) {
     if (block.on_border(ids[i].r(), ids[i].c())) collapsed |= 1U << i;
   };
@@ -137,7 +116,20 @@ void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
       if (block.collapses) note(block, i);
     }
   }
-  HWY_DYNAMIC_DISPATCH(PlaceVertices)(raw, out);
+  place_vertices(raw, out);
+  return collapsed;
+}
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(Gather);
+
+void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
+  unsigned collapsed = HWY_DYNAMIC_DISPATCH(Gather)(mesh, ids, out);
   for (int i = 0; collapsed != 0; ++i, collapsed >>= 1) {
     if (!(collapsed & 1)) continue;
     const dem::Triangle t = mesh.triangle(ids[i]);

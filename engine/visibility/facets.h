@@ -1,6 +1,8 @@
 // Sixteen triangles of the mesh at a time, structure of arrays.
 #pragma once
 
+#include <cstdint>
+
 #include "engine/scene/mesh.h"
 #include "engine/support/packet.h"
 
@@ -11,7 +13,11 @@ struct alignas(64) Facets {
   float normal_a[3][kPacket], normal_b[3][kPacket], normal_c[3][kPacket];  // theirs, for shading
 };
 
-bool in_one_block(const TriangleId ids[kPacket]);
+inline bool in_one_block(const TriangleId ids[kPacket]) {
+  std::uint32_t other = 0;
+  for (int i = 0; i < kPacket; ++i) other |= ids[i].packed() ^ ids[0].packed();
+  return TriangleId(other).block() == 0;
+}
 
 // For a mesh that has triangles. The triangles' vertices are those of Mesh::triangle, bit for bit.
 void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out);

@@ -6,20 +6,29 @@
 #include <limits>
 #include <optional>
 
-#include "engine/support/vectorise.h"
+#include "engine/support/vector_targets.h"
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/visibility/refine.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#ifndef SELENOGRAPH_ENGINE_REFINE_SHARED
+#define SELENOGRAPH_ENGINE_REFINE_SHARED
 namespace selenograph::engine {
-namespace {
 
 // Fraction of a triangle by which a point may lie outside of it and still be taken as on it: micrometres.
 constexpr double kOnEdge = 1e-9;
-// The same for float, which may take a ray to hit a triangle that it passes by millimetres.
-constexpr double kBlur = 1e-3;
+
+}  // namespace selenograph::engine
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
 
 // Plane and ray, per lane: P = o + t d, weights v and w of b and c. A ray from below gets a distance of -1. off: 1
 // where that isn't on the triangle though the lane has one, else 0. Returns whether any is.
-SELENOGRAPH_VECTORISED
-bool meet_all(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+bool MeetPlanes(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double bx = t.b[0][i] - t.a[0][i], by = t.b[1][i] - t.a[1][i], bz = t.b[2][i] - t.a[2][i];
@@ -46,6 +55,19 @@ bool meet_all(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t*
   for (int i = 0; i < kPacket; ++i) any |= off[i] &= static_cast<std::int64_t>(p.hit[i]);
   return any != 0;
 }
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(MeetPlanes);
+
+namespace {
+
+// The same for float, which may take a ray to hit a triangle that it passes by millimetres.
+constexpr double kBlur = 1e-3;
 
 struct Candidate {
   TriangleId triangle;
@@ -182,7 +204,7 @@ void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& f
   if (hit_bits(points) == 0) return;
   gather(mesh, points.triangle, facets);
   alignas(64) std::int64_t off[kPacket];
-  if (!meet_all(facets, rays, points, off)) return;
+  if (!HWY_DYNAMIC_DISPATCH(MeetPlanes)(facets, rays, points, off)) return;
   for (int i = 0; i < kPacket; ++i)
     if (off[i]) correct(mesh, rays, i, points);
   gather(mesh, points.triangle, facets);
@@ -209,3 +231,4 @@ Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane, con
 }
 
 }  // namespace selenograph::engine
+#endif  // HWY_ONCE

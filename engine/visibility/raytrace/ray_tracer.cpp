@@ -6,10 +6,16 @@
 #include <cmath>
 
 #include "dem/parallel.h"
-#include "engine/support/vectorise.h"
+#include "engine/support/vector_targets.h"
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/visibility/raytrace/ray_tracer.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#ifndef SELENOGRAPH_ENGINE_RAY_TRACER_SHARED
+#define SELENOGRAPH_ENGINE_RAY_TRACER_SHARED
 namespace selenograph::engine {
-namespace {
 
 struct SunContext {
   float sun[3];
@@ -22,9 +28,15 @@ inline bool is_left(float nx, float ny, float nz, float sx, float sy, float sz, 
   return (facing >= 0) & (beneath * beneath <= rounding2 * (nx * nx + ny * ny + nz * nz));
 }
 
-SELENOGRAPH_VECTORISED
-void ignore_left_side16(const float* nx, const float* ny, const float* nz, const float* distance,
-                        const SunContext& context, int* valid) {
+}  // namespace selenograph::engine
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
+
+void IgnoreLeftSide16(const Occluders& o, const SunContext& context) {
+  const float *nx = o.nx, *ny = o.ny, *nz = o.nz, *distance = o.distance;
+  int* valid = o.valid;
   const float sx = context.sun[0], sy = context.sun[1], sz = context.sun[2],
               rounding2 = context.rounding_m * context.rounding_m;
   SELENOGRAPH_INDEPENDENT_LANES
@@ -32,9 +44,18 @@ void ignore_left_side16(const float* nx, const float* ny, const float* nz, const
     valid[i] = is_left(nx[i], ny[i], nz[i], sx, sy, sz, distance[i], rounding2) ? 0 : valid[i];
 }
 
-void ignore_left_side(const Occluders& occluders, const SunContext& context) {
-  const Occluders& o = occluders;
-  if (o.count == kPacket) return ignore_left_side16(o.nx, o.ny, o.nz, o.distance, context, o.valid);
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(IgnoreLeftSide16);
+
+namespace {
+
+void ignore_left_side(const Occluders& o, const SunContext& context) {
+  if (o.count == kPacket) return HWY_DYNAMIC_DISPATCH(IgnoreLeftSide16)(o, context);
   for (std::size_t i = 0; i < o.count; ++i)
     if (o.valid[i] == -1 && is_left(o.nx[i], o.ny[i], o.nz[i], context.sun[0], context.sun[1], context.sun[2],
                                     o.distance[i], context.rounding_m * context.rounding_m))
@@ -147,3 +168,4 @@ void RayTracer::occluded(const RayPacket& rays, const Vec3& sun_direction, float
 }
 
 }  // namespace selenograph::engine
+#endif  // HWY_ONCE

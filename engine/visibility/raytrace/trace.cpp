@@ -7,19 +7,31 @@
 #include <numbers>
 #include <optional>
 
-#include "engine/support/vectorise.h"
+#include "engine/support/vector_targets.h"
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/visibility/raytrace/trace.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#ifndef SELENOGRAPH_ENGINE_TRACE_SHARED
+#define SELENOGRAPH_ENGINE_TRACE_SHARED
 namespace selenograph::engine {
-namespace {
-
-// What float leaves open of a point and of the plane it lies on, as a share of the largest coordinates.
-constexpr float kRounding = 0x1p-22F;
 
 // Whether a ray from `outside` (squared distance from the centre less the datum's radius squared) meets the datum; a:
 // its direction squared, b: origin . direction.
 inline bool meets_datum(double outside, double a, double b) {
   return outside <= 0 || (b < 0 && b * b - a * outside >= 0);
 }
+
+}  // namespace selenograph::engine
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
+
+// What float leaves open of a point and of the plane it lies on, as a share of the largest coordinates.
+constexpr float kRounding = 0x1p-22F;
 
 // More than 0 where a triangle faces the Sun and the solid inside of the Moon (below all relief) isn't in between; for
 // loops over lanes: one number chosen by another becomes vectors, `and` doesn't.
@@ -33,10 +45,8 @@ inline double toward_sun(const SurfacePoints& p, int i, double sx, double sy, do
 
 // Per lane: entry into the sphere (or the start, inside of it), relative to the anchor, in float. `active` where there
 // is one.
-SELENOGRAPH_VECTORISED
-void start_rays(const Rays& rays, double radius, double ax, double ay, double az, RayPacket& packet,
-                std::int32_t* toward_moon) {
-  const double radius2 = radius * radius;
+void StartRays(const Rays& rays, double radius, const Vec3& anchor, RayPacket& packet, std::int32_t* toward_moon) {
+  const double radius2 = radius * radius, ax = anchor.x(), ay = anchor.y(), az = anchor.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double ox = rays.ox[i], oy = rays.oy[i], oz = rays.oz[i], dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
@@ -58,9 +68,9 @@ void start_rays(const Rays& rays, double radius, double ax, double ay, double az
 // all relief) doesn't stand between. Within the coordinates' own rounding lies the surface that the ray leaves; found
 // there and dropped, it would keep Embree's packets from looking at the quad's other half. The flatter the ray, the
 // longer the way (`near`). (What rises within that way is met where the ray comes out of it.)
-SELENOGRAPH_VECTORISED
-void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, double sx, double sy, double sz,
-                       RayPacket& packet, float* rounding_m) {
+void StartShadowRays(const SurfacePoints& p, const Vec3& anchor, const Vec3& sun, RayPacket& packet,
+                     float* rounding_m) {
+  const double ax = anchor.x(), ay = anchor.y(), az = anchor.z(), sx = sun.x(), sy = sun.y(), sz = sun.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double x = p.x[i], y = p.y[i], z = p.z[i], nx = p.nx[i], ny = p.ny[i], nz = p.nz[i];
@@ -79,13 +89,21 @@ void start_shadow_rays(const SurfacePoints& p, double ax, double ay, double az, 
 }
 
 // Per lane: 1 where the point's facet faces the Sun and the solid inside of the Moon doesn't stand between.
-SELENOGRAPH_VECTORISED
-void face_the_sun(const SurfacePoints& p, double sx, double sy, double sz, std::int32_t* facing) {
+void FaceTheSun(const SurfacePoints& p, const Vec3& sun, std::int32_t* facing) {
+  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) facing[i] = toward_sun(p, i, sx, sy, sz) > 0 ? 1 : 0;
 }
 
-}  // namespace
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(StartRays);
+HWY_EXPORT(StartShadowRays);
+HWY_EXPORT(FaceTheSun);
 
 // Embree's ROBUST grids lose about one in 3000 rays that pass exactly through an edge or a vertex. Aside by its own
 // rounding they don't: rays that are lost though they head for the Moon get four more looks. Where exactly they meet is
@@ -129,8 +147,7 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
 void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& facets) {
   RayPacket packet;
   alignas(64) std::int32_t toward_moon[kPacket];
-  const Vec3& anchor = scene.anchor;
-  start_rays(rays, scene.shell_m, anchor.x(), anchor.y(), anchor.z(), packet, toward_moon);
+  HWY_DYNAMIC_DISPATCH(StartRays)(rays, scene.shell_m, scene.anchor, packet, toward_moon);
   bool any = false;
   for (int i = 0; i < kPacket; ++i) {
     if (!rays.valid[i]) packet.active[i] = 0;
@@ -164,14 +181,13 @@ void find_missing(const Rays& rays, SurfacePoints& points) {
 }
 
 void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t* facing) {
-  face_the_sun(points, sun.x(), sun.y(), sun.z(), facing);
+  HWY_DYNAMIC_DISPATCH(FaceTheSun)(points, sun, facing);
 }
 
 void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit) {
   RayPacket packet;
   alignas(64) float rounding_m[kPacket];
-  const Vec3& anchor = scene.anchor;
-  start_shadow_rays(points, anchor.x(), anchor.y(), anchor.z(), sun.x(), sun.y(), sun.z(), packet, rounding_m);
+  HWY_DYNAMIC_DISPATCH(StartShadowRays)(points, scene.anchor, sun, packet, rounding_m);
   bool any = false;
   float largest_m = 0;
   for (int i = 0; i < kPacket; ++i) {
@@ -221,3 +237,4 @@ void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wa
 }
 
 }  // namespace selenograph::engine
+#endif  // HWY_ONCE

@@ -8,13 +8,85 @@
 
 #include "dem/error.h"
 #include "dem/parallel.h"
-#include "engine/support/vectorise.h"
+#include "engine/support/vector_targets.h"
 #include "engine/visibility/raytrace/trace.h"
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/visibility/zbuffer/shadow_map.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#ifndef SELENOGRAPH_ENGINE_SHADOW_MAP_SHARED
+#define SELENOGRAPH_ENGINE_SHADOW_MAP_SHARED
 namespace selenograph::engine {
-namespace {
 
 constexpr int kBandRows = 64;
+
+}  // namespace selenograph::engine
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
+
+void IntoLight(const SurfacePoints& p, const double* anchor, const double* u, const double* v, const double* d,
+               LightLanes& out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double x = p.x[i] - anchor[0], y = p.y[i] - anchor[1], z = p.z[i] - anchor[2];
+    out.u[i] = static_cast<float>(u[0] * x + u[1] * y + u[2] * z);
+    out.v[i] = static_cast<float>(v[0] * x + v[1] * y + v[2] * z);
+    out.d[i] = static_cast<float>(d[0] * x + d[1] * y + d[2] * z);
+  }
+}
+
+// Light coordinates from those of another direction; m: 3 x 3, by rows.
+void TurnAll(const LightSamples& in, const double* m, LightSamples& out) {
+  const float *u = in.u.data(), *v = in.v.data(), *d = in.d.data();
+  float *to_u = out.u.data(), *to_v = out.v.data(), *to_d = out.d.data();
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (std::size_t i = 0; i < in.count; ++i) {
+    const double a = static_cast<double>(u[i]), b = static_cast<double>(v[i]), c = static_cast<double>(d[i]);
+    to_u[i] = static_cast<float>(m[0] * a + m[1] * b + m[2] * c);
+    to_v[i] = static_cast<float>(m[3] * a + m[4] * b + m[5] * c);
+    to_d[i] = static_cast<float>(m[6] * a + m[7] * b + m[8] * c);
+  }
+}
+
+// Which band a sample is in. Rounding may put one that is on a border into either: the bands' margin allows for that.
+void BandsOf(const float* v, std::size_t n, float v0, float bands_per_v, int bands, std::uint32_t* out) {
+  const auto last = static_cast<float>(bands - 1);
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (std::size_t i = 0; i < n; ++i) {
+    const float at = (v[i] - v0) * bands_per_v, low = at > 0 ? at : 0;
+    // Towards zero, which is down.
+    out[i] = static_cast<std::uint32_t>(static_cast<std::int32_t>(low < last ? low : last));
+  }
+}
+
+void CellsOf(const float* u, const float* v, std::size_t n, float u0, float v0, float per_u, float per_v, int columns,
+             std::uint32_t* out) {
+  const auto last_column = static_cast<float>(columns - 1), last_row = static_cast<float>(kBandRows - 1);
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (std::size_t i = 0; i < n; ++i) {
+    float column = (u[i] - u0) * per_u, row = (v[i] - v0) * per_v;
+    column = column > 0 ? column : 0, row = row > 0 ? row : 0;
+    column = column < last_column ? column : last_column, row = row < last_row ? row : last_row;
+    out[i] = static_cast<std::uint32_t>(static_cast<std::int32_t>(row) * columns + static_cast<std::int32_t>(column));
+  }
+}
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(IntoLight);
+HWY_EXPORT(TurnAll);
+HWY_EXPORT(BandsOf);
+HWY_EXPORT(CellsOf);
+
+namespace {
 
 struct Grid {
   float u0, v0, per_u, per_v;
@@ -54,57 +126,6 @@ Grid grid_over(const std::vector<LightSamples>& tiles) {
   g.per_u = static_cast<float>(g.columns) / across;
   g.per_v = static_cast<float>(rows) / along;
   return g;
-}
-
-SELENOGRAPH_VECTORISED
-void into_light(const SurfacePoints& p, const double* anchor, const double* u, const double* v, const double* d,
-                LightLanes& out) {
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) {
-    const double x = p.x[i] - anchor[0], y = p.y[i] - anchor[1], z = p.z[i] - anchor[2];
-    out.u[i] = static_cast<float>(u[0] * x + u[1] * y + u[2] * z);
-    out.v[i] = static_cast<float>(v[0] * x + v[1] * y + v[2] * z);
-    out.d[i] = static_cast<float>(d[0] * x + d[1] * y + d[2] * z);
-  }
-}
-
-// Light coordinates from those of another direction; m: 3 x 3, by rows.
-SELENOGRAPH_VECTORISED
-void turn_all(const LightSamples& in, const double* m, LightSamples& out) {
-  const float *u = in.u.data(), *v = in.v.data(), *d = in.d.data();
-  float *to_u = out.u.data(), *to_v = out.v.data(), *to_d = out.d.data();
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (std::size_t i = 0; i < in.count; ++i) {
-    const double a = static_cast<double>(u[i]), b = static_cast<double>(v[i]), c = static_cast<double>(d[i]);
-    to_u[i] = static_cast<float>(m[0] * a + m[1] * b + m[2] * c);
-    to_v[i] = static_cast<float>(m[3] * a + m[4] * b + m[5] * c);
-    to_d[i] = static_cast<float>(m[6] * a + m[7] * b + m[8] * c);
-  }
-}
-
-// Which band a sample is in. Rounding may put one that is on a border into either: the bands' margin allows for that.
-SELENOGRAPH_VECTORISED
-void bands_of(const float* v, std::size_t n, float v0, float bands_per_v, int bands, std::uint32_t* out) {
-  const auto last = static_cast<float>(bands - 1);
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (std::size_t i = 0; i < n; ++i) {
-    const float at = (v[i] - v0) * bands_per_v, low = at > 0 ? at : 0;
-    // Towards zero, which is down.
-    out[i] = static_cast<std::uint32_t>(static_cast<std::int32_t>(low < last ? low : last));
-  }
-}
-
-SELENOGRAPH_VECTORISED
-void cells_of(const float* u, const float* v, std::size_t n, float u0, float v0, float per_u, float per_v, int columns,
-              std::uint32_t* out) {
-  const auto last_column = static_cast<float>(columns - 1), last_row = static_cast<float>(kBandRows - 1);
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (std::size_t i = 0; i < n; ++i) {
-    float column = (u[i] - u0) * per_u, row = (v[i] - v0) * per_v;
-    column = column > 0 ? column : 0, row = row > 0 ? row : 0;
-    column = column < last_column ? column : last_column, row = row < last_row ? row : last_row;
-    out[i] = static_cast<std::uint32_t>(static_cast<std::int32_t>(row) * columns + static_cast<std::int32_t>(column));
-  }
 }
 
 }  // namespace
@@ -178,7 +199,7 @@ void LightSamples::bound() {
 }
 
 void ShadowMap::place(const SurfacePoints& points, LightLanes& lanes) const {
-  into_light(points, mesh_.anchor().data(), u_.data(), v_.data(), d_.data(), lanes);
+  HWY_DYNAMIC_DISPATCH(IntoLight)(points, mesh_.anchor().data(), u_.data(), v_.data(), d_.data(), lanes);
 }
 
 void ShadowMap::turn(const ShadowMap& other, const LightSamples& placed, std::uint32_t mask, LightSamples& out) const {
@@ -187,7 +208,7 @@ void ShadowMap::turn(const ShadowMap& other, const LightSamples& placed, std::ui
   const Vec3 *to[3] = {&u_, &v_, &d_}, *from[3] = {&other.u_, &other.v_, &other.d_};
   for (int r = 0; r < 3; ++r)
     for (int c = 0; c < 3; ++c) m(r, c) = to[r]->dot(*from[c]);
-  turn_all(placed, m.data(), out);
+  HWY_DYNAMIC_DISPATCH(TurnAll)(placed, m.data(), out);
   for (std::size_t k = 0; k < placed.count; ++k) {
     out.u[out.count] = out.u[k], out.v[out.count] = out.v[k], out.d[out.count] = out.d[k];
     out.pixel[out.count] = placed.pixel[k];
@@ -211,7 +232,7 @@ void ShadowMap::cast(const std::vector<LightSamples>& samples, LightScratch& scr
     const Pool<BandScratch>::Lease own(scratch.bands);
     std::vector<std::uint32_t>&band = own->cell, &next = own->next;
     band.resize(tile.count);
-    bands_of(tile.v.data(), tile.count, g.v0, g.bands_per_v(), g.bands, band.data());
+    HWY_DYNAMIC_DISPATCH(BandsOf)(tile.v.data(), tile.count, g.v0, g.bands_per_v(), g.bands, band.data());
     for (std::size_t k = 0; k < tile.count; ++k) ++start[band[k] + 1];
     for (std::size_t b = 0; b < bands; ++b) start[b + 1] += start[b];
     LightSamples& sorted = scratch.sorted[i];
@@ -241,8 +262,9 @@ void ShadowMap::cast(const std::vector<LightSamples>& samples, LightScratch& scr
     for (std::size_t i = 0; i < tiles; ++i) {
       const LightSamples& sorted = scratch.sorted[i];
       const std::size_t first = scratch.first[i][b], here = scratch.first[i][b + 1] - first;
-      cells_of(sorted.u.data() + first, sorted.v.data() + first, here, band.u0, band.v0, band.per_u, band.per_v,
-               band.columns, own.cell.data() + k);
+      HWY_DYNAMIC_DISPATCH(CellsOf)
+      (sorted.u.data() + first, sorted.v.data() + first, here, band.u0, band.v0, band.per_u, band.per_v, band.columns,
+       own.cell.data() + k);
       k += here;
     }
     for (const std::uint32_t cell : own.cell) ++band.start[cell + 1];
@@ -290,3 +312,4 @@ void ShadowMap::cast(const std::vector<LightSamples>& samples, LightScratch& scr
 }
 
 }  // namespace selenograph::engine
+#endif  // HWY_ONCE
