@@ -13,7 +13,9 @@ constexpr double kMsPerRay = 6e-6, kMsPerTriangle = 40e-6;
 
 double ray_units(const FrameWork& work) { return work.rays * std::log2(2 + work.triangles); }
 
-// Towards what was measured, an eighth of the way: one frame that waited for the disk isn't the machine's speed.
+// Moves an eighth of the way toward what was measured, which counts as at most four times off: one frame that waited
+// for the disk changes the estimate by less than 3/8, and eight frames of another speed by two thirds of the
+// difference.
 void approach(std::atomic<double>& value, double measured) {
   const double old = value.load(std::memory_order_relaxed);
   value.store(old + (std::clamp(measured, old / 4, old * 4) - old) / 8, std::memory_order_relaxed);
@@ -45,7 +47,7 @@ void SpeedGauge::learn(const FrameWork& work, const StageTimes& times) {
 double expected_error(const Accuracy& accuracy) {
   // Fitted by eye to the table of `verify accuracy`, scenes nadir and descent: of coarse terrain slopes are missing, of
   // fine terrain one sample picks single slopes out of many.
-  const double error_px = std::max(accuracy.max_error_px, 1.0 / 64);
+  const double error_px = std::max(accuracy.max_error_px, 1.0 / 64);  // 0 asks for the finest: not to divide by it
   const double smooth = 0.055 * error_px;
   const double one_sample = 0.033 * std::pow(0.5 / error_px, 0.45);
   return std::hypot(smooth, one_sample * std::pow(accuracy.samples_per_pixel, -0.7));

@@ -4,15 +4,20 @@
 #include <cmath>
 #include <limits>
 
-#include "engine/support/vectorise.h"
+#include "engine/support/vector_targets.h"
 
-namespace selenograph::engine {
-namespace {
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/camera/packet_rays.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
 
 // Rays of a camera without distortion: linear in the pixel's coordinates.
 template <PacketShape shape>
-SELENOGRAPH_VECTORISED void linear_rays(const double* first, const double* right, const double* down,
-                                        const double* origin, double x, double y, Rays& rays) {
+HWY_INLINE void linear_rays(const Vec3& first, const Vec3& right, const Vec3& down, const Vec3& origin, double x,
+                            double y, Rays& rays) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const int column = i % pixels_across(shape), row = i / pixels_across(shape);
@@ -24,9 +29,18 @@ SELENOGRAPH_VECTORISED void linear_rays(const double* first, const double* right
   }
 }
 
+void LinearRow(const Vec3& first, const Vec3& right, const Vec3& down, const Vec3& origin, double x, double y,
+               Rays& rays) {
+  linear_rays<PacketShape::row>(first, right, down, origin, x, y, rays);
+}
+
+void LinearSquare(const Vec3& first, const Vec3& right, const Vec3& down, const Vec3& origin, double x, double y,
+                  Rays& rays) {
+  linear_rays<PacketShape::square>(first, right, down, origin, x, y, rays);
+}
+
 // The same from places on a pinhole's plane z = 1; `m`: MOON_ME from camera, by columns.
-SELENOGRAPH_VECTORISED
-void lens_rays(const double* x, const double* y, const double* m, const double* origin, Rays& rays) {
+void LensRays(const double* x, const double* y, const double* m, const double* origin, Rays& rays) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
@@ -35,6 +49,18 @@ void lens_rays(const double* x, const double* y, const double* m, const double* 
     rays.dz[i] = m[2] * x[i] + m[5] * y[i] + m[8];
   }
 }
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(LinearRow);
+HWY_EXPORT(LinearSquare);
+HWY_EXPORT(LensRays);
+
+namespace {
 
 // The same from unit directions in camera axes.
 void fisheye_rays(const double* x, const double* y, const double* z, const double* m, const double* origin,
@@ -64,7 +90,9 @@ void PacketRays::aim_shape(int x, int y, double dx, double dy, const PixelRays* 
   else
     for (int i = 0; i < kPacket; ++i) out.valid[i] = x + i % kAcross < camera.width && y + i / kAcross < camera.height;
   if (linear_) {
-    linear_rays<shape>(first_.data(), right_.data(), down_.data(), view_.position().data(), x + dx, y + dy, out);
+    const auto& linear =
+        shape == PacketShape::row ? HWY_DYNAMIC_DISPATCH(LinearRow) : HWY_DYNAMIC_DISPATCH(LinearSquare);
+    linear(first_, right_, down_, view_.position(), x + dx, y + dy, out);
     return;
   }
   alignas(64) double px[kPacket], py[kPacket], pz[kPacket];
@@ -89,7 +117,7 @@ void PacketRays::aim_shape(int x, int y, double dx, double dy, const PixelRays* 
   if (view_.projection().fisheye())
     fisheye_rays(px, py, pz, m, origin, out);
   else
-    lens_rays(px, py, m, origin, out);
+    HWY_DYNAMIC_DISPATCH(LensRays)(px, py, m, origin, out);
 }
 
 void PacketRays::aim(PacketShape shape, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) const {
@@ -100,3 +128,4 @@ void PacketRays::aim(PacketShape shape, int x, int y, double dx, double dy, cons
 }
 
 }  // namespace selenograph::engine
+#endif  // HWY_ONCE

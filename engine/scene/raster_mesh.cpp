@@ -17,7 +17,7 @@ namespace {
 constexpr int kStripRows = 16;
 constexpr int kLanes = 16;  // the widest vector
 
-// Where walls end: below all relief.
+// Where skirts end: below all relief.
 constexpr double kFoot_m = kMoonRadius_m + 2 * dem::kLowestRelief_m;
 
 Strip strip_of(const MeshBlock& block, int first_row, int rows, const Vec3& anchor) {
@@ -139,13 +139,13 @@ RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh*
       strips_.push_back(s);
     }
   }
-  add_walls();
+  add_skirts();
 }
 
 // Under edges of triangles that no other one shares. Inside of a block they are beside voids; on its border they are
 // where the edge of no other block is the same, vertex by vertex: most sides have their like in the neighbour as a
 // whole, and only what is left is looked at edge by edge.
-void RasterMesh::add_walls() {
+void RasterMesh::add_skirts() {
   std::unordered_map<std::uint64_t, int> sides;
   for (const auto& piece : pieces_)
     for (std::size_t side = 0; side < 4; ++side)
@@ -176,19 +176,19 @@ void RasterMesh::add_walls() {
         const Vec3 top = anchor_ + Vec3(e[3 * k], e[3 * k + 1], e[3 * k + 2]);
         foot[k] = top * (kFoot_m / top.norm()) - anchor_;
       }
-      // The triangle lies to the left of its edge, so the outside of the wall is to the right.
-      Wall one{}, other{};
+      // The triangle lies to the left of its edge, so the outside of the skirt is to the right.
+      Skirt one{}, other{};
       for (std::size_t k = 0; k < 3; ++k) {
         const auto i = static_cast<Eigen::Index>(k);
         one.a[k] = e[3 + k], one.b[k] = e[k], one.c[k] = static_cast<float>(foot[0][i]);
         other.a[k] = e[3 + k], other.b[k] = static_cast<float>(foot[0][i]), other.c[k] = static_cast<float>(foot[1][i]);
       }
-      walls_.push_back(one), walls_.push_back(other);
+      skirts_.push_back(one), skirts_.push_back(other);
     }
 }
 
 std::size_t RasterMesh::bytes() const {
-  std::size_t sum = sizeof(RasterMesh) + strips_.size() * sizeof(Strip) + walls_.size() * sizeof(Wall);
+  std::size_t sum = sizeof(RasterMesh) + strips_.size() * sizeof(Strip) + skirts_.size() * sizeof(Skirt);
   for (const auto& piece : pieces_) {
     sum += sizeof(RasterPiece) + sizeof(RasterBlock) + piece->xyz.size() * sizeof(float) +
            piece->strips.size() * sizeof(Strip) + piece->inside.size() * sizeof(Edge);

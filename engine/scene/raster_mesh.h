@@ -28,9 +28,9 @@ struct Strip {
   float half[3][3];  // half its edges: east, north, up
 };
 
-// Triangles under the border of the data, down to below all relief: with them every ray that goes into the ground does
-// so through a triangle that it meets from outside. Shadows rely on that.
-struct Wall {
+// A triangle of the skirts at data boundaries, which reach down to below all relief: with them every ray that goes into
+// the ground does so through a triangle that it meets from outside. Shadows rely on that.
+struct Skirt {
   float a[3], b[3], c[3];  // counter-clockwise from outside, relative to the anchor
 };
 
@@ -56,17 +56,17 @@ class RasterMesh {
   const Vec3& anchor() const { return anchor_; }
   const std::vector<RasterBlock>& blocks() const { return blocks_; }
   const std::vector<Strip>& strips() const { return strips_; }
-  const std::vector<Wall>& walls() const { return walls_; }
+  const std::vector<Skirt>& skirts() const { return skirts_; }
   std::size_t bytes() const;
 
  private:
-  void add_walls();
+  void add_skirts();
 
   Vec3 anchor_;
   std::vector<std::shared_ptr<const RasterPiece>> pieces_;  // per block
   std::vector<RasterBlock> blocks_;
   std::vector<Strip> strips_;
-  std::vector<Wall> walls_;
+  std::vector<Skirt> skirts_;
 };
 
 }  // namespace selenograph::engine

@@ -386,14 +386,16 @@ Visibility visibility_for(const FrameRequest& request, const View& view, const S
     return Visibility::raytrace;
   }
   if (request.visibility != Visibility::automatic) return request.visibility;
-  // Triangles per pixel where both take equally long: selenograph_benchmark --benchmark_filter=dense. Under a low Sun
-  // triangles shade more samples; of the Sun's disc rays ask little where there are few pixels.
-  constexpr double kDisc = 260, kLowSun = 550, kElse = 850, kLow = 0.1;
-  double most = kElse;
+  // Triangles per pixel where both take equally long, measured by selenograph_benchmark --benchmark_filter=dense, whose
+  // Suns are at 3, 15 and 45 degrees and at 15 with its disc. Under a low Sun triangles shade more samples; of the
+  // Sun's disc rays ask little where there are few pixels.
+  constexpr double kMostWithDisc = 260, kMostAtLowSun = 550, kMost = 850;
+  constexpr double kLow = 0.1;  // sine of the Sun's elevation, as where the shadow map's order changes
+  double most = kMost;
   if (request.sun.angular_radius_deg > 0)
-    most = kDisc;
+    most = kMostWithDisc;
   else if (anchor_for(view.position(), view.middle()).normalized().dot(request.sun.direction) < kLow)
-    most = kLowSun;
+    most = kMostAtLowSun;
   const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
   return triangles_of(selection) > most * pixels ? Visibility::raytrace : Visibility::zbuffer;
 }

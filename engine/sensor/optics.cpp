@@ -113,21 +113,22 @@ double SpreadKernel::weight(int dx, int dy) const {
 
 void SpreadKernel::apply(const std::vector<float>& in, int width, int height, std::vector<float>& out) const {
   const auto w = static_cast<std::size_t>(width), h = static_cast<std::size_t>(height),
-             r = static_cast<std::size_t>(radius_), side = 2 * r + 1, wide = w + 2 * r;
+             r = static_cast<std::size_t>(radius_), side = 2 * r + 1, padded_width = w + 2 * r;
   out.assign(w * h, 0.F);
   if (row_.empty()) {
     in_parallel_pieces(h, kRows, [&](std::size_t first, std::size_t past_last) {
       for (std::size_t y = first; y < past_last; ++y)
         for (std::size_t j = 0; j < side; ++j)
           for (std::size_t i = 0; i < side; ++i)  // what spreads by (dx, dy) comes from the other side
-            add_weighted(&in[(y + j) * wide + i], kernel_[(side - 1 - j) * side + side - 1 - i], w, &out[y * w]);
+            add_weighted(&in[(y + j) * padded_width + i], kernel_[(side - 1 - j) * side + side - 1 - i], w,
+                         &out[y * w]);
     });
     return;
   }
   std::vector<float> across(w * (h + 2 * r), 0.F);
   in_parallel_pieces(h + 2 * r, kRows, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t y = first; y < past_last; ++y)
-      for (std::size_t i = 0; i < side; ++i) add_weighted(&in[y * wide + i], row_[i], w, &across[y * w]);
+      for (std::size_t i = 0; i < side; ++i) add_weighted(&in[y * padded_width + i], row_[i], w, &across[y * w]);
   });
   in_parallel_pieces(h, kRows, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t y = first; y < past_last; ++y)

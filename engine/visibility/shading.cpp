@@ -3,14 +3,18 @@
 #include <cmath>
 
 #include "engine/frame/needs.h"
-#include "engine/support/vectorise.h"
+#include "engine/support/vector_targets.h"
 
-namespace selenograph::engine {
-namespace {
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/visibility/shading.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
 
-SELENOGRAPH_VECTORISED
-void shade_lanes(const Facets& n, const SurfacePoints& p, const Rays& rays, double sx, double sy, double sz,
-                 Shading& out) {
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
+
+void ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const Vec3& sun, Shading& out) {
+  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double v = p.v[i], w = p.w[i], u = 1 - v - w;
@@ -32,15 +36,21 @@ void shade_lanes(const Facets& n, const SurfacePoints& p, const Rays& rays, doub
   }
 }
 
-SELENOGRAPH_VECTORISED
-void radiances_of(const BrdfTerms& terms, double irradiance, const Shading& shading, const float* lit, float* out) {
+void RadiancesOf(const BrdfTerms& terms, double irradiance, const Shading& shading, const float* lit, float* out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i)
     out[i] = static_cast<float>(
         direct_radiance(terms, irradiance, shading.mu0[i], shading.mu[i], static_cast<double>(lit[i])));
 }
 
-}  // namespace
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(ShadeLanes);
+HWY_EXPORT(RadiancesOf);
 
 PacketShader::PacketShader(const FrameRequest& request, const View& view, const RadianceTerms& terms)
     : request_(request),
@@ -52,15 +62,14 @@ PacketShader::PacketShader(const FrameRequest& request, const View& view, const 
 }
 
 void PacketShader::shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const {
-  const Vec3& sun = request_.sun.direction;
-  shade_lanes(facets, points, rays, sun.x(), sun.y(), sun.z(), out);
+  HWY_DYNAMIC_DISPATCH(ShadeLanes)(facets, points, rays, request_.sun.direction, out);
 }
 
 void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                              Sampler& sampler, float* out, float* base) const {
   if (mapped_) return mapped_->radiances(points, shading, rays, lit, sampler, out, base);
   if (const BrdfTerms* terms = brdf_.terms()) {
-    radiances_of(*terms, irradiance_, shading, lit, out);
+    HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, lit, out);
   } else {
     for (int i = 0; i < kPacket; ++i) out[i] = lit[i] > 0 ? direct(shading, rays.direction(i), lit[i], i) : 0;
   }
@@ -75,3 +84,4 @@ float PacketShader::direct(const Shading& shading, const Vec3& direction, float 
 }
 
 }  // namespace selenograph::engine
+#endif  // HWY_ONCE

@@ -232,8 +232,9 @@ TEST_F(MeshTest, TakenOverIsTheSame) {
     ASSERT_EQ(drawn->strips().size(), fresh_drawn.strips().size());
     EXPECT_EQ(std::memcmp(drawn->strips().data(), fresh_drawn.strips().data(), drawn->strips().size() * sizeof(Strip)),
               0);
-    ASSERT_EQ(drawn->walls().size(), fresh_drawn.walls().size());
-    EXPECT_EQ(std::memcmp(drawn->walls().data(), fresh_drawn.walls().data(), drawn->walls().size() * sizeof(Wall)), 0);
+    ASSERT_EQ(drawn->skirts().size(), fresh_drawn.skirts().size());
+    EXPECT_EQ(std::memcmp(drawn->skirts().data(), fresh_drawn.skirts().data(), drawn->skirts().size() * sizeof(Skirt)),
+              0);
     before = std::move(mesh), drawn_before = std::move(drawn);
   }
   EXPECT_GT(shared, 20U);
@@ -242,15 +243,15 @@ TEST_F(MeshTest, TakenOverIsTheSame) {
   EXPECT_NE(elsewhere.blocks()[0].x[0], drawn_before->blocks()[0].x[0]) << "of another anchor";
 }
 
-// Walls stand under the border of the data and nowhere else: as many as that border has edges, two each.
-TEST_F(MeshTest, WallsStandUnderTheBorderAlone) {
+// Skirts hang under the border of the data and nowhere else: as many as that border has edges, two each.
+TEST_F(MeshTest, SkirtsHangUnderTheBorderAlone) {
   for (const auto& split : {std::function<bool(const BlockId&)>([](const BlockId&) { return false; }),
                             std::function<bool(const BlockId&)>(pseudo_random)}) {
     const Mesh mesh(*terrain_, box(5, 2, 10, 20, 28, split));
     const RasterMesh drawn(mesh, to_cartesian({6, 24, 0}));
     const std::size_t edges = open_edges(mesh, [](const Geographic&) { return false; });
     EXPECT_GT(edges, 200U);
-    EXPECT_EQ(drawn.walls().size(), edges) << "which are counted in both directions";
+    EXPECT_EQ(drawn.skirts().size(), edges) << "which are counted in both directions";
   }
 }
 

@@ -11,6 +11,7 @@
 #include "engine/camera/view.h"
 #include "engine/radiometry/photometry.h"
 #include "tests/support/float_tiles.h"
+#include "tests/support/same_bytes.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"
 
@@ -20,6 +21,7 @@ namespace {
 using test::at3;
 using test::local_sun;
 using test::looking;
+using test::same_bytes;
 using test::TemporaryFolder;
 
 constexpr double kPi = M_PI;
@@ -32,17 +34,6 @@ FrameRequest nadir(double lat, double lon, double height_m, int size, double fov
   request.sun.direction = local_sun(lat, lon, 90, 40);
   request.products = kRadiance | kDepth | kRange | kPosition | kGeodetic | kNormal | kAngles | kLit | kGsd | kSource;
   return request;
-}
-
-bool same_bytes(const FrameProducts& a, const FrameProducts& b) {
-  const auto same = [](const auto& x, const auto& y) {
-    return x.size() == y.size() && (x.empty() || std::memcmp(x.data(), y.data(), x.size() * sizeof x[0]) == 0);
-  };
-  return std::apply(
-      [&](const auto&... of_a) {
-        return std::apply([&](const auto&... of_b) { return (same(of_a, of_b) && ...); }, all_arrays(b));
-      },
-      all_arrays(a));
 }
 
 // A sphere without relief, all around.

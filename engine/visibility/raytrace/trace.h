@@ -29,8 +29,8 @@ void find_missing(const Rays& rays, SurfacePoints& points);
 // 0.
 void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t facing[kPacket]);
 
-// Fraction 0 or 1 for each wanted point: does the Sun's centre reach it. Points on triangles that face away from it are
-// dark without asking.
+// Fraction 0 or 1 for each wanted point: does the Sun's centre reach it. Back-facing facets
+// are unlit; no shadow ray is cast from them.
 void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit);
 
 // The same for the Sun's disc: the mean over kDiscSamples directions, spread over it as its light is.

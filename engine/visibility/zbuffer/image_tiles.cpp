@@ -49,9 +49,10 @@ bool beside(const Strip& s, const TileView& t) {
   return left == 8 || right == 8 || above == 8 || below == 8;
 }
 
-// Whether some of a strip's vertices may lie outside of a tile's guard band.
+// Whether some of a strip's vertices may lie outside of a tile's guard band. A tenth of it and half of the depth are
+// left for what float rounds off.
 bool leaves_guard_band(const Strip& s, const TileView& t) {
-  constexpr float kMost = 0.9F * kFarAside_px;
+  constexpr float kMost = 0.9F * kGuardBand_px;
   for (int corner = 0; corner < 8; ++corner) {
     const auto [x, y, z] = corner_of(s, corner, t);
     if (!(z > 2 * kNear_m && std::abs(x) <= kMost * z && std::abs(y) <= kMost * z)) return true;
@@ -140,7 +141,7 @@ StripBox ImageTiling::box_of(const Strip& s, const TileView& whole) const {
   }
   if (behind == 8) return box;
   // Tiles have pixels of their own, up to an image's size away from the image's.
-  const float most = 0.9F * kFarAside_px - static_cast<float>(std::max(camera_.width, camera_.height));
+  const float most = 0.9F * kGuardBand_px - static_cast<float>(std::max(camera_.width, camera_.height));
   box.leaves_guard_band = behind > 0 || std::max({-box.low[0], -box.low[1], box.high[0], box.high[1]}) > most;
   for (int k = 0; k < 2; ++k) {
     if (behind > 0) box.low[k] = -kAnywhere, box.high[k] = kAnywhere;

@@ -3,14 +3,18 @@
 #include <cstring>
 
 #include "engine/scene/raster_mesh.h"
-#include "engine/support/vectorise.h"
+#include "engine/support/vector_targets.h"
 
-namespace selenograph::engine {
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/visibility/zbuffer/pixel_kernels.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
 
-// In whole vectors: what is stored in pieces and then loaded whole
-// waits until all stores before it are through.
-SELENOGRAPH_VECTORISED
-void take_triangles(const std::uint32_t* ids, int inside, SurfacePoints& points) {
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
+
+// In whole vectors: what is stored in pieces and then loaded whole waits until all stores before it are through.
+void TakeTriangles(const std::uint32_t* ids, int inside, SurfacePoints& points) {
   static_assert(sizeof(TriangleId) == sizeof(std::uint32_t) && sizeof(bool) == 1);
   alignas(64) std::uint32_t taken[kPacket];
   alignas(16) std::uint8_t hit[kPacket];
@@ -24,8 +28,7 @@ void take_triangles(const std::uint32_t* ids, int inside, SurfacePoints& points)
   std::memcpy(points.hit, hit, sizeof hit);
 }
 
-SELENOGRAPH_VECTORISED
-bool lit_lanes(const SurfacePoints& p, const Shading& shading, const std::int32_t* facing, float* lit) {
+bool LitLanes(const SurfacePoints& p, const Shading& shading, const std::int32_t* facing, float* lit) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) lit[i] = p.hit[i] && facing[i] && shading.mu0[i] > 0 ? 1.F : 0.F;
   int some = 0;
@@ -35,4 +38,22 @@ bool lit_lanes(const SurfacePoints& p, const Shading& shading, const std::int32_
   return some == 0;
 }
 
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(TakeTriangles);
+HWY_EXPORT(LitLanes);
+
+void take_triangles(const std::uint32_t* ids, int inside, SurfacePoints& points) {
+  HWY_DYNAMIC_DISPATCH(TakeTriangles)(ids, inside, points);
+}
+
+bool lit_lanes(const SurfacePoints& points, const Shading& shading, const std::int32_t* facing, float* lit) {
+  return HWY_DYNAMIC_DISPATCH(LitLanes)(points, shading, facing, lit);
+}
+
 }  // namespace selenograph::engine
+#endif  // HWY_ONCE

@@ -25,6 +25,12 @@ using MF = hn::Mask<F>;
 constexpr F f;
 constexpr I i32;
 constexpr int kMostColumns = 96;  // of a row of vertices, padding included
+// Quads of a row are drawn in groups of the widest vectors' lanes, all lower triangles before all upper ones, so that
+// what is equally near is met in the same order at every width.
+constexpr int kGroup = 16;
+constexpr int kVectors = kGroup / static_cast<int>(hn::MaxLanes(f));  // of a group
+// Where a triangle's place in its group stands in TriangleId::packed().
+constexpr std::uint32_t kPlaceInGroup = (kGroup - 1) << 1;
 
 HWY_INLINE VF all(float x) { return hn::Set(f, x); }
 
@@ -129,6 +135,12 @@ HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view,
   }
 }
 
+// Of equally near triangles the one of an earlier group wins, which is drawn already; of the same group and half the
+// first, whichever of them is drawn first.
+HWY_INLINE bool precedes(std::uint32_t id, std::uint32_t drawn) {
+  return ((id ^ drawn) & ~kPlaceInGroup) == 0 && id < drawn;
+}
+
 // A large triangle: its box row by row.
 HWY_NOINLINE void fill(const Triangles& t, int x0, int x1, int y0, int y1, std::uint32_t id, const TileView& view,
                        TileBuffer& out) {
@@ -149,7 +161,13 @@ HWY_NOINLINE void fill(const Triangles& t, int x0, int x1, int y0, int y1, std::
       float* depth = out.nearness.data() + at;
       auto* ids = reinterpret_cast<std::int32_t*>(out.triangle.data() + (depth - out.nearness.data()));
       const VF w = value(t, vx, vy), old = hn::LoadU(f, depth);
+      const MF equal = hn::And(m, hn::Eq(w, old));
       m = hn::And(m, hn::Gt(w, old));
+      if (HWY_UNLIKELY(!hn::AllFalse(f, equal))) {
+        const VI drawn = hn::LoadU(i32, ids);
+        const auto same_group = hn::Eq(hn::AndNot(hn::Set(i32, kPlaceInGroup), hn::Xor(name, drawn)), hn::Zero(i32));
+        m = hn::Or(m, hn::And(equal, hn::RebindMask(f, hn::And(same_group, hn::Lt(name, drawn)))));
+      }
       hn::BlendedStore(w, m, f, depth);
       hn::BlendedStore(name, hn::RebindMask(i32, m), i32, ids);
     }
@@ -179,7 +197,11 @@ HWY_INLINE void walk(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, 
       hn::CompressStore(value(t, sx, sy), hit, f, w);
       for (std::size_t k = 0; k < n; ++k) {
         const auto p = static_cast<std::size_t>(at[k]);
-        if (w[k] > out.nearness[p]) out.nearness[p] = w[k], out.triangle[p] = static_cast<std::uint32_t>(id[k]);
+        const auto name = static_cast<std::uint32_t>(id[k]);
+        if (w[k] > out.nearness[p])
+          out.nearness[p] = w[k], out.triangle[p] = name;
+        else if (HWY_UNLIKELY(w[k] == out.nearness[p]) && precedes(name, out.triangle[p]))
+          out.triangle[p] = name;
       }
     }
     x = hn::Add(x, one);
@@ -232,6 +254,36 @@ HWY_INLINE void draw(const VF* x, const VF* y, const VF* w, bool upper, VI ids, 
 
 HWY_INLINE MF number(VF x) { return hn::Eq(x, x); }
 
+// A vector of quads: corners a (south-west), b (south-east), c (north-west), d (north-east).
+struct Quads {
+  HWY_INLINE Quads() {}  // NOLINT(modernize-use-equals-default): as Triangles'
+  VF x[4], y[4], w[4];   // pixels, pixels, nearness
+  MF lower, upper;       // whether their triangles have all vertices
+  VI name;               // of the lower triangles
+  bool seen;
+};
+
+// From column c on. Whether any of them may be in the tile.
+HWY_INLINE bool load(const Projected& south, const Projected& north, int c, VF left, VF right, VF top, VF bottom,
+                     Quads& q) {
+  const auto corners = [&](const float* a, const float* b, VF* out) {
+    out[0] = hn::Load(f, a + c), out[1] = hn::LoadU(f, a + c + 1);
+    out[2] = hn::Load(f, b + c), out[3] = hn::LoadU(f, b + c + 1);
+  };
+  corners(south.x, north.x, q.x), corners(south.y, north.y, q.y);
+  const auto reaches = [](const VF* v, VF low, VF high) {
+    return hn::And(hn::Ge(hn::Max(hn::Max(v[0], v[1]), hn::Max(v[2], v[3])), low),
+                   hn::Le(hn::Min(hn::Min(v[0], v[1]), hn::Min(v[2], v[3])), high));
+  };
+  const MF diagonal = hn::And(number(q.x[1]), number(q.x[2]));
+  q.lower = hn::And(diagonal, number(q.x[0])), q.upper = hn::And(diagonal, number(q.x[3]));
+  const MF seen = hn::And(reaches(q.x, left, right), reaches(q.y, top, bottom));
+  const MF any_void = hn::Not(hn::And(q.lower, q.upper));
+  if (hn::AllFalse(f, hn::Or(seen, any_void))) return false;
+  corners(south.w, north.w, q.w);
+  return true;
+}
+
 void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, TileBuffer& out) {
   Projected rows[2];
   const int lanes = static_cast<int>(hn::Lanes(f));
@@ -241,28 +293,23 @@ void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, T
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r) {
     const Projected &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
     project_row(b, r + 1, view, rows[(r + 1 - strip.first_row) & 1]);
-    for (int c = 0; c < b.quads; c += lanes) {
-      const VF ax = hn::Load(f, south.x + c), bx = hn::LoadU(f, south.x + c + 1), cx = hn::Load(f, north.x + c),
-               dx = hn::LoadU(f, north.x + c + 1);
-      const VF ay = hn::Load(f, south.y + c), by = hn::LoadU(f, south.y + c + 1), cy = hn::Load(f, north.y + c),
-               dy = hn::LoadU(f, north.y + c + 1);
-      const MF diagonal = hn::And(number(bx), number(cx)), lower = hn::And(diagonal, number(ax)),
-               upper = hn::And(diagonal, number(dx));
-      const MF seen = hn::And(hn::And(hn::Ge(hn::Max(hn::Max(ax, bx), hn::Max(cx, dx)), left),
-                                      hn::Le(hn::Min(hn::Min(ax, bx), hn::Min(cx, dx)), right)),
-                              hn::And(hn::Ge(hn::Max(hn::Max(ay, by), hn::Max(cy, dy)), top),
-                                      hn::Le(hn::Min(hn::Min(ay, by), hn::Min(cy, dy)), bottom)));
-      const MF any_void = hn::Not(hn::And(lower, upper));
-      if (hn::AllFalse(f, hn::Or(seen, any_void))) continue;
-      for (int k = 0; k < lanes; k += 4) __builtin_prefetch(b.vertices + (r + 1) * (b.quads + 1) + c + k, 0, 3);
-      const VF aw = hn::Load(f, south.w + c), bw = hn::LoadU(f, south.w + c + 1), cw = hn::Load(f, north.w + c),
-               dw = hn::LoadU(f, north.w + c + 1);
-      const VI name = hn::Add(hn::Set(i32, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),
-                              hn::ShiftLeft<1>(hn::Iota(i32, 0)));
-      const VF lx[3] = {ax, bx, cx}, ly[3] = {ay, by, cy}, lw[3] = {aw, bw, cw};
-      draw(lx, ly, lw, false, name, lower, view, out);
-      const VF ux[3] = {dx, bx, cx}, uy[3] = {dy, by, cy}, uw[3] = {dw, bw, cw};
-      draw(ux, uy, uw, true, hn::Add(name, hn::Set(i32, 1)), upper, view, out);
+    for (int first = 0; first < b.quads; first += kGroup) {
+      Quads group[kVectors];
+      for (int k = 0; k < kVectors; ++k) {
+        const int c = first + k * lanes;
+        Quads& q = group[k];
+        q.seen = c < b.quads && load(south, north, c, left, right, top, bottom, q);
+        if (!q.seen) continue;
+        for (int i = 0; i < lanes; i += 4) __builtin_prefetch(b.vertices + (r + 1) * (b.quads + 1) + c + i, 0, 3);
+        q.name = hn::Add(hn::Set(i32, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),
+                         hn::ShiftLeft<1>(hn::Iota(i32, 0)));
+        draw(q.x, q.y, q.w, false, q.name, q.lower, view, out);
+      }
+      for (Quads& q : group) {
+        if (!q.seen) continue;
+        q.x[0] = q.x[3], q.y[0] = q.y[3], q.w[0] = q.w[3];
+        draw(q.x, q.y, q.w, true, hn::Add(q.name, hn::Set(i32, 1)), q.upper, view, out);
+      }
     }
   }
 }
@@ -362,11 +409,11 @@ void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, 
   }
 }
 
-void CastWall(const Wall& wall, const LightAxes& axes, LightBand& band) {
+void CastSkirt(const Skirt& skirt, const LightAxes& axes, LightBand& band) {
   const auto dot = [](const float* a, const float* p) { return all(a[0] * p[0] + a[1] * p[1] + a[2] * p[2]); };
-  const VF u[3] = {dot(axes.u, wall.a), dot(axes.u, wall.b), dot(axes.u, wall.c)},
-           v[3] = {dot(axes.v, wall.a), dot(axes.v, wall.b), dot(axes.v, wall.c)},
-           d[3] = {dot(axes.d, wall.a), dot(axes.d, wall.b), dot(axes.d, wall.c)};
+  const VF u[3] = {dot(axes.u, skirt.a), dot(axes.u, skirt.b), dot(axes.u, skirt.c)},
+           v[3] = {dot(axes.v, skirt.a), dot(axes.v, skirt.b), dot(axes.v, skirt.c)},
+           d[3] = {dot(axes.d, skirt.a), dot(axes.d, skirt.b), dot(axes.d, skirt.c)};
   cast(u, v, d, false, hn::FirstN(f, 1), band);
 }
 
@@ -407,7 +454,7 @@ namespace selenograph::engine {
 
 HWY_EXPORT(DrawStrip);
 HWY_EXPORT(CastStrip);
-HWY_EXPORT(CastWall);
+HWY_EXPORT(CastSkirt);
 HWY_EXPORT(FindLeast);
 HWY_EXPORT(RangeOf);
 
@@ -421,7 +468,7 @@ namespace {
 
 // Triangles too large, too near or partly behind the eye for pixels in float: homogeneous edges in double (Olano and
 // Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997), without any clipping. An edge between two
-// vertices that whole strips can have, too, is tested as they test it, so that both meet bit for bit.
+// vertices inside the guard band is tested in float as whole strips test it, so that both meet bit for bit.
 class HomogeneousDrawer {
  public:
   HomogeneousDrawer(const RasterBlock& block, const TileView& view, TileBuffer& out)
@@ -566,8 +613,8 @@ void find_least(LightBand& band, int c0, int c1, int r0, int r1) {
   HWY_DYNAMIC_DISPATCH(FindLeast)(band, c0, c1, r0, r1);
 }
 
-void cast_wall(const Wall& wall, const LightAxes& axes, LightBand& band) {
-  HWY_DYNAMIC_DISPATCH(CastWall)(wall, axes, band);
+void cast_skirt(const Skirt& skirt, const LightAxes& axes, LightBand& band) {
+  HWY_DYNAMIC_DISPATCH(CastSkirt)(skirt, axes, band);
 }
 
 }  // namespace selenograph::engine

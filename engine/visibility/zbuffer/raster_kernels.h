@@ -44,14 +44,15 @@ struct TileBuffer {
 };
 
 // The guard band: in front of the eye and not too far beside the tile. There a vertex has a place in pixels that float
-// can hold.
-inline constexpr float kFarAside_px = 16384;
+// can hold: at 16 384 pixels to 1/512.
+inline constexpr float kGuardBand_px = 16384;
 inline bool in_guard_band(float depth, float x, float y, float least_depth) {
-  return depth >= least_depth && std::abs(x) <= kFarAside_px && std::abs(y) <= kFarAside_px;
+  return depth >= least_depth && std::abs(x) <= kGuardBand_px && std::abs(y) <= kGuardBand_px;
 }
 
 // Draws the strip's triangles, whichever way they face. All of its vertices are in the guard band, unless it
-// `leaves_guard_band`: then each triangle is drawn by itself, by homogeneous edges in double.
+// `leaves_guard_band`: then each triangle is drawn by itself, by homogeneous edges in double. The nearest triangle
+// wins; of several that are equally near, one and the same at every vector width.
 void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& view, bool leaves_guard_band,
                 TileBuffer& out);
 
@@ -97,6 +98,6 @@ void find_least(LightBand& band, int c0, int c1, int r0, int r1);
 
 // Puts the samples into shadow that lie under triangles of the strip that face away from the Sun.
 void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band);
-void cast_wall(const Wall& wall, const LightAxes& axes, LightBand& band);
+void cast_skirt(const Skirt& skirt, const LightAxes& axes, LightBand& band);
 
 }  // namespace selenograph::engine

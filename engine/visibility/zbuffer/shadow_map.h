@@ -2,6 +2,8 @@
 // point is a sample, and each triangle that may shade is tested against exactly the samples beneath it. No resolution,
 // no bias: under a closed surface only what faces away from the Sun needs to cast, and a point never lies on such a
 // facet.
+//
+// Samples are sorted into bands of the Sun's view and then into the cells of a band; each band is a task.
 #pragma once
 
 #include <algorithm>
@@ -83,22 +85,32 @@ class ShadowMap {
   void cast(const std::vector<LightSamples>& samples, LightScratch& scratch, const StopToken& stop) const;
 
  private:
+  // A strip as seen from the Sun.
   struct Caster {
     float v_low, v_high, u_low, u_high, d_high;
   };
+  struct Grid;
 
-  void sort_casters();
+  static Grid grid_over(const std::vector<LightSamples>& tiles);
+  static void sort_by_band(const Grid& grid, const LightSamples& tile, BandScratch& own, LightSamples& sorted,
+                           std::vector<std::uint32_t>& first);
+  static void sort_by_cell(const Grid& grid, std::size_t band, const LightScratch& scratch, std::size_t count,
+                           BandScratch& own);
+  Caster caster_of(const Strip& strip) const;
+  void order_casters();
+  void cast_strips(const Grid& grid, int band_index, LightBand& band) const;
+  void cast_skirts(LightBand& band) const;
 
   const RasterMesh& mesh_;
   Vec3 u_, v_, d_;
   LightAxes axes_;
   std::vector<Caster> casters_;       // per strip
   std::vector<std::uint32_t> order_;  // in which they cast
-  bool ordered_ = false;              // from the highest
+  bool descending_ = false;           // in height toward the Sun
   struct Range {
     float low, high;
   };
-  std::vector<Range> walls_;  // in v
+  std::vector<Range> skirts_;  // in v
 };
 
 }  // namespace selenograph::engine

@@ -10,36 +10,37 @@
 namespace selenograph::engine {
 namespace {
 
-// Of the spiral: its first point and its last turn, around the rim.
+// Of the spiral of directions: its first point and the last eight, which are around the rim (successive points of
+// Vogel's spiral are 137.5 degrees apart: the largest gap between eight of them is 53).
 constexpr int kRim = 8;
 constexpr std::uint32_t kScouts = 1U | ((1U << kRim) - 1U) << (kDiscSamples - kRim);
-constexpr int kMargin_px = 2;  // around what is in doubt
+constexpr int kMargin_px = 2;  // around what is in doubt: a penumbra narrower than a pixel may show in one of two
 static_assert(kDiscSamples == 32, "a bit for each");
 
 // All pixels within the margin of one that is in doubt, by rows and then by columns.
-void widen(int width, int height, const std::vector<std::uint8_t>& doubt, std::vector<std::uint8_t>& wider,
+void widen(int width, int height, const std::vector<std::uint8_t>& doubt, std::vector<std::uint8_t>& along_rows,
            std::vector<std::uint8_t>& out) {
   const auto w = static_cast<std::size_t>(width);
-  wider.assign(doubt.size(), 0), out.assign(doubt.size(), 0);
+  along_rows.assign(doubt.size(), 0), out.assign(doubt.size(), 0);
   in_parallel(static_cast<std::size_t>(height), [&](std::size_t y) {
     for (int x = 0; x < width; ++x) {
       if (!doubt[y * w + static_cast<std::size_t>(x)]) continue;
       for (int to = std::max(0, x - kMargin_px); to <= std::min(width - 1, x + kMargin_px); ++to)
-        wider[y * w + static_cast<std::size_t>(to)] = 1;
+        along_rows[y * w + static_cast<std::size_t>(to)] = 1;
     }
   });
   in_parallel(static_cast<std::size_t>(height), [&](std::size_t y) {
     const std::size_t from = y < kMargin_px ? 0 : y - kMargin_px,
                       to = std::min(static_cast<std::size_t>(height) - 1, y + kMargin_px);
     for (std::size_t row = from; row <= to; ++row)
-      for (std::size_t x = 0; x < w; ++x) out[y * w + x] |= wider[row * w + x];
+      for (std::size_t x = 0; x < w; ++x) out[y * w + x] |= along_rows[row * w + x];
   });
 }
 
 }  // namespace
 
 std::size_t DiscScratch::bytes() const {
-  std::size_t sum = bytes_of(dark) + bytes_of(doubt) + bytes_of(wider) + bytes_of(around);
+  std::size_t sum = bytes_of(dark) + bytes_of(doubt) + bytes_of(along_rows) + bytes_of(around);
   for (const auto* list : {&turned, &doubtful})
     for (const LightSamples& s : *list) sum += s.bytes();
   return sum;
@@ -89,7 +90,7 @@ void SunDisc::cast(const RasterMesh& mesh, const ShadowMap& middle, int width, i
     }
   });
   std::vector<std::uint8_t>& doubt = scratch.around;
-  widen(width, height, first, scratch.wider, doubt);
+  widen(width, height, first, scratch.along_rows, doubt);
   scratch.doubtful.resize(samples.size());
   in_parallel(samples.size(), [&](std::size_t i) {
     const LightSamples& tile = samples[i];

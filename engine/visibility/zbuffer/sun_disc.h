@@ -1,8 +1,8 @@
 // The Sun's disc by shadow maps: how much of it each point sees.
 //
-// The share is a mean over kDiscSamples directions, the same ones that rays use. A point that sees the middle of the
-// disc and all of its rim sees all of it, and one that sees nothing of these sees nothing: as far as that can be told
-// from one point. Where they disagree, and a few pixels around, all directions are asked.
+// The visible share is a mean over kDiscSamples directions, the same ones that rays use. Nine of them are cast for
+// every point: the middle of the disc and its rim. Where all nine are free the disc counts as visible, where none is as
+// hidden; where they disagree, and a few pixels around, the other directions are cast, too.
 #pragma once
 
 #include <array>
@@ -16,8 +16,8 @@ namespace selenograph::engine {
 
 struct DiscScratch {
   std::vector<LightSamples> turned, doubtful;
-  std::vector<std::uint8_t> dark;                  // per pixel: how many directions are blocked
-  std::vector<std::uint8_t> doubt, wider, around;  // per pixel
+  std::vector<std::uint8_t> dark;                       // per pixel: how many directions are blocked
+  std::vector<std::uint8_t> doubt, along_rows, around;  // per pixel; the latter two: within a margin of doubt
   std::size_t bytes() const;
 };
 
