@@ -295,6 +295,8 @@ void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, T
     project_row(b, r + 1, view, rows[(r + 1 - strip.first_row) & 1]);
     for (int first = 0; first < b.quads; first += kGroup) {
       Quads group[kVectors];
+      // Not unrolled: `draw` is long, and inlined for the sake of the widest vectors, of which there is one in a group.
+#pragma GCC unroll 1
       for (int k = 0; k < kVectors; ++k) {
         const int c = first + k * lanes;
         Quads& q = group[k];
@@ -305,6 +307,7 @@ void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, T
                          hn::ShiftLeft<1>(hn::Iota(i32, 0)));
         draw(q.x, q.y, q.w, false, q.name, q.lower, view, out);
       }
+#pragma GCC unroll 1
       for (Quads& q : group) {
         if (!q.seen) continue;
         q.x[0] = q.x[3], q.y[0] = q.y[3], q.w[0] = q.w[3];
