@@ -39,7 +39,7 @@ class Grid {
  public:
   Grid(int quads, int rows, const std::function<Point(int row, int column)>& vertex)
       : rows_(rows),
-        stride_((quads + 1 + 15) / 16 * 16),
+        stride_((quads + 1) / 16 * 16 + 16),
         xyz_(),
         vertices_(static_cast<std::size_t>((quads + 1) * (rows + 1))) {
     for (auto& axis : xyz_) axis.assign(static_cast<std::size_t>(stride_ * (rows + 1)) + 16, kNone);
