@@ -18,8 +18,7 @@ RoundTrip trip_of(
   RoundTrip trip;
   PostWindow& w = trip.window;
   w.tile.width = width, w.tile.height = height;
-  w.tile.posts_per_degree = 1024;
-  w.tile.footprint = {0, (height - 1) / 1024.0, 10, 10 + (width - 1) / 1024.0};
+  dem::set_grid(w.tile, dem::GeographicGrid{(height - 1) / 1024.0, 10, 1024, 1024});
   w.width = width, w.height = height;
   for (int r = 0; r < height; ++r)
     for (int c = 0; c < width; ++c) {

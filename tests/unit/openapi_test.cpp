@@ -116,7 +116,9 @@ TEST(OpenApi, RangesAreTheParsers) {
   const auto& schemas = document().at("components").at("schemas");
   const auto& fov = schemas.at("Camera").at("properties").at("fov_deg");
   EXPECT_EQ(fov.at("exclusiveMinimum"), kFieldOfView_deg.min);
-  EXPECT_EQ(fov.at("exclusiveMaximum"), kFieldOfView_deg.max);
+  EXPECT_EQ(fov.at("maximum"), kFisheyeFieldOfView_deg.max);
+  EXPECT_EQ(schemas.at("Camera").at("allOf").at(0).at("else").at("properties").at("fov_deg").at("exclusiveMaximum"),
+            kFieldOfView_deg.max);
   EXPECT_EQ(schemas.at("Camera").at("properties").at("width").at("maximum"), Limits{}.max_image_side);
   EXPECT_EQ(schemas.at("Sun").at("properties").at("angular_radius_deg").at("maximum"), kAngularRadius_deg.max);
 }

@@ -71,8 +71,7 @@ TEST(RoundTripJson, HoldsWhatAPictureNeeds) {
   engine::PostWindow& w = trip.window;
   w.width = w.tile.width = 40, w.height = w.tile.height = 30;
   w.tile.name = "a tile & its name";
-  w.tile.posts_per_degree = 16;
-  w.tile.footprint = {0, 29 / 16.0, 10, 10 + 39 / 16.0};
+  dem::set_grid(w.tile, dem::GeographicGrid{29 / 16.0, 10, 16, 16});
   trip.original_m.assign(w.size(), 5.F);
   trip.difference_m.assign(w.size(), 0.001F);
   trip.difference_m[w.index(3, 4)] = -0.0125F;
