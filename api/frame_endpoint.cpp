@@ -88,6 +88,9 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   if (representation.format == Format::npy || representation.format == Format::raw) {
     add_array_headers(response, arrays.front(), meta);
   }
+  // Black pixels there look like the sky: whoever sees only the image is told, too.
+  if (frame.report.missing_fraction > 0)
+    response.headers.emplace_back("Selenograph-Missing-Fraction", fmt::format("{:.6g}", frame.report.missing_fraction));
   return response;
 }
 

@@ -76,6 +76,9 @@ OrderedJson headers() {
       {"Selenograph-Product", header("Of npy and raw answers: the product")},
       {"Selenograph-Shape", header("Of npy and raw answers: height,width or height,width,3")},
       {"Selenograph-Dtype", header("Of npy and raw answers: NumPy's name, e.g. <f4")},
+      {"Selenograph-Missing-Fraction", header("Share of pixels that look at the Moon where there is no data; absent "
+                                              "when there are none",
+                                              "number")},
       {"Retry-After", header("Seconds", "integer")},
       {"Allow", header("The methods that the path has")}};
   all["Selenograph-Meta"] = {{"description", "Of npy and raw answers: the frame's metadata, compact ASCII JSON"},
@@ -93,7 +96,7 @@ OrderedJson frame_answer() {
   }
   OrderedJson answer{{"description", description}, {"headers", OrderedJson::object()}, {"content", content}};
   for (const char* name : {"ETag", "Vary", "Server-Timing", "Selenograph-Product", "Selenograph-Shape",
-                           "Selenograph-Dtype", "Selenograph-Meta"}) {
+                           "Selenograph-Dtype", "Selenograph-Meta", "Selenograph-Missing-Fraction"}) {
     answer["headers"][name] = {{"$ref", std::string("#/components/headers/") + name}};
   }
   return answer;

@@ -78,6 +78,10 @@ int render(const RenderSettings& settings) {
   }
   write_whole(settings.output, answer.body);
   fmt::print("{}: {} bytes\n", settings.output, answer.body.size());
+  for (const auto& [name, value] : answer.headers)
+    if (name == "Selenograph-Missing-Fraction")
+      fmt::print("{}: a share of {} of the pixels looks at the Moon outside the data: black, NaN or 65535 there\n",
+                 settings.output, value);
   return 0;
 }
 

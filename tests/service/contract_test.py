@@ -1218,9 +1218,11 @@ class Void(Test):
         sun = {"subsolar": {"lat_deg": 0.0, "lon_deg": 60.0}}
         f = service("void").frame(request(products, lat=12 - 360 / 256, lon=30 + 360 / 256, height=10000.0, fov=30.0, sun=sun))
         self.assertEqual((f["meta"]["missing_fraction"], f["meta"]["hit_fraction"]), (1.0, 0.0))
+        self.assertEqual(f["headers"]["Selenograph-Missing-Fraction"], "1")
         self.assertTrue(np.all(f["source"] == 65535))
         f = service("void").frame(request(products, lat=12 - 101 / 256, lon=30 + 101 / 256, height=10000.0, fov=30.0, sun=sun))
         self.assertEqual(f["meta"]["hit_fraction"], 1.0)
+        self.assertNotIn("Selenograph-Missing-Fraction", f["headers"])
         self.assertGreater(f["meta"]["filled_fraction"], 0.001)
 
 

@@ -137,10 +137,13 @@ class Documented(unittest.TestCase):
         return headers, body
 
     def only_some(self, operation, headers):
-        """Headers that are documented for some representations only."""
-        if operation.path == "/v1/frames" and headers.get("Content-Type") not in ("application/x-npy", "application/octet-stream"):
-            return ("Selenograph-Product", "Selenograph-Shape", "Selenograph-Dtype", "Selenograph-Meta")
-        return ()
+        """Headers that are documented for some answers only."""
+        if operation.path != "/v1/frames":
+            return ()
+        missing = ("Selenograph-Missing-Fraction",)  # of frames that run off the data
+        if headers.get("Content-Type") not in ("application/x-npy", "application/octet-stream"):
+            return missing + ("Selenograph-Product", "Selenograph-Shape", "Selenograph-Dtype", "Selenograph-Meta")
+        return missing
 
     def each(self, status):
         """Operations that document this status."""
