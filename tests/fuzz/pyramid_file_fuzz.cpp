@@ -127,7 +127,8 @@ std::vector<Loaded> load_all(const Chunk& chunk, const std::string& file, const 
 
 // What was read, written anew, reads the same.
 void check_round_trip(std::vector<Loaded> loaded, const Header& header, const ChunkPlan& plan) {
-  const std::string file = format::assemble(plan, header.quantisation_m, {"a.lbl", "b.lbl"}, [&](auto&& each) {
+  const std::vector<const RasterInfo*> sources{&catalogue().rasters()[0], &catalogue().rasters()[1]};
+  const std::string file = format::assemble(plan, header.quantisation_m, sources, [&](auto&& each) {
     for (Loaded& l : loaded) each(l.record, l.bytes);
   });
   const auto chunk = Chunk::from_bytes(file, plan, catalogue());
