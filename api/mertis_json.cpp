@@ -32,9 +32,14 @@ void check_mertis(const JsonReader& in, MertisQuery& query, const ReadContext&) 
   engine::Spectrometer& s = query.spectrometer;
   if (!(s.last_um > s.first_um)) in.fail("last_um", "must be above first_um");
   if (in.has("efficiency") && in.at("efficiency").value().is_number()) s.efficiency[0].wavelength_um = s.first_um;
-  for (std::size_t i = 1; i < s.efficiency.size(); ++i)
-    if (!(s.efficiency[i].wavelength_um > s.efficiency[i - 1].wavelength_um))
-      return in.fail("efficiency", "wavelengths must rise");
+  std::size_t i = 0;
+  if (in.has("efficiency") && in.at("efficiency").value().is_array() &&
+      in.at("efficiency").value().size() == s.efficiency.size())
+    in.at("efficiency").elements(1, s.efficiency.size(), [&](const JsonReader& point) {
+      if (i > 0 && !(s.efficiency[i].wavelength_um > s.efficiency[i - 1].wavelength_um))
+        point.fail("wavelengths must rise");
+      ++i;
+    });
 }
 
 constexpr const char* kAssumptions[] = {

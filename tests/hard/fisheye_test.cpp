@@ -114,6 +114,7 @@ TEST_F(FisheyeFrames, Vignetting) {
   engine::FrameRequest q = fisheye_view(looking(eye, local_axes(eye).north, local_axes(eye).up), 64, 120);
   q.sun.direction = local_direction(eye, 70, 40);
   q.products = engine::kRadiance | engine::kImage;
+  q.band = engine::Band(0.6, 0.1);
   engine::SensorModel sensor;
   sensor.optics.f_number = 2;
   sensor.detector.pixel_pitch_um = 5, sensor.detector.integration_time_s = 1e-4, sensor.detector.gain_e_dn = 1;
