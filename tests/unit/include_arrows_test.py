@@ -18,7 +18,7 @@ ENGINE_FLOORS = ["verify", "", "sensor", "visibility", "scene", "radiometry", "c
 # What a foreign header is called, and the files that may include it: a folder (with a slash) or a pair of files.
 LIBRARIES = [
     (r"embree\d/", ["engine/visibility/raytrace/embree"]),
-    (r"(gdal|ogr|cpl_)", ["dem/"]),
+    (r"(gdal|ogr|cpl_)", ["dem/gdal/"]),
     (r"httplib", ["server/http_server"]),
     (r"hwy/", ["engine/"]),
     (r"assimp/", ["engine/visibility/object_shape"]),
