@@ -79,7 +79,7 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   Response response;
   response.content_type = representation.media_type;
   response.headers.emplace_back("Vary", "Accept");
-  // With a file fallen through the bytes are not those that the hash stands for.
+  // With an unusable file replaced by a coarser layer the bytes are not those that the hash stands for.
   if (frame.report.warnings.empty()) response.headers.emplace_back("ETag", "\"" + hash + "\"");
   const nlohmann::ordered_json meta = metadata(query, frame.report, hash);
   std::vector<std::uint8_t> narrowed;

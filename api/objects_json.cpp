@@ -45,7 +45,7 @@ ObjectForm form_of(const PlacedObject& placed) {
 const Members<ObjectForm, PlacedObject>& object_members() {
   static const auto table = made<Members<ObjectForm, PlacedObject>>(
       "Object",
-      "A triangle mesh that the operator put into the assets folder, from either side. It throws shadows on the "
+      "A triangle mesh that the operator put into the assets folder, from either side. It casts shadows on the "
       "terrain "
       "and on objects and receives them. `/v1/rays` and `/v1/project` know terrain only.",
       [](auto& m) {

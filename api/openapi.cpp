@@ -68,8 +68,8 @@ OrderedJson header(const char* description, const char* type = "string") {
 
 OrderedJson headers() {
   OrderedJson all{
-      {"ETag",
-       header("Strong: stands for the answer's bytes. Absent when a warning says that a file was fallen through")},
+      {"ETag", header("Strong: stands for the answer's bytes. Absent when a warning says that a coarser layer replaced "
+                      "an unusable file")},
       {"Vary", header("Accept")},
       {"Server-Timing", header("Durations in ms of queue, parse, select, build, visibility (of which, by z-buffer, "
                                "draw, resolve and shadow), sensor, encode")},

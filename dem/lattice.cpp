@@ -28,7 +28,8 @@ int lon_shift(int level, int row) {
   const double south = std::abs(lat_deg_of(row * side)), north = std::abs(lat_deg_of((row + 1) * side));
   const double nearest_equator =
       (row * side <= kLatTicks / 2 && (row + 1) * side >= kLatTicks / 2) ? 0 : std::min(south, north);
-  if (nearest_equator < 75) return 0;  // cos > 1/4, without asking for it: this is asked for every block all the time
+  if (nearest_equator < 75)
+    return 0;  // cos > 1/4: no need to compute it, and this is called for every block all the time
   const double aspect = std::cos(nearest_equator * kRadiansPerDegree);
   const int cap = std::max(0, level - kRootLevel) + 1;  // blocks of 8 degrees: 45 around the globe
   int shift = 0;

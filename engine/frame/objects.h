@@ -12,7 +12,7 @@ namespace selenograph::engine {
 
 class ObjectMesh;
 
-// A triangle mesh that isn't terrain. Both of its sides are surface. It throws shadows and receives them.
+// A triangle mesh that isn't terrain. Both of its sides are surface. It casts shadows and receives them.
 struct SceneObject {
   std::shared_ptr<const ObjectMesh> mesh;
   Vec3 position_m = Vec3::Zero();                                        // of the mesh's origin

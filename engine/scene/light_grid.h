@@ -1,4 +1,4 @@
-// Which terrain can throw a shadow into view: receivers binned on a plane across the sunlight.
+// Which terrain can cast a shadow into view: receivers binned on a plane across the sunlight.
 #pragma once
 
 #include <vector>

@@ -118,7 +118,7 @@ class Mesh {
  public:
   // `blocks` sorted, at most TriangleId::kMostBlocks; those without a single valid post are left out. Loads in
   // parallel; throws what the terrain throws.
-  // `before`: a mesh whose blocks are taken over where they and their joints are the same; may be null.
+  // `before`: a mesh whose unchanged blocks are reused; may be null.
   Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks, const Mesh* before = nullptr);
 
   MeshBlocks blocks() const { return MeshBlocks(blocks_); }

@@ -50,7 +50,7 @@ struct RasterPiece {
 
 class RasterMesh {
  public:
-  // `before`: one whose pieces are taken over where the mesh's blocks and the anchor are the same; may be null.
+  // `before`: one whose pieces are reused for unchanged blocks and the same anchor; may be null.
   RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh* before = nullptr);
 
   const Vec3& anchor() const { return anchor_; }

@@ -123,7 +123,7 @@ class ViewSelector {
     if (allowed == 0) return true;
     const bool coarser_than_posts = id.level < terrain_.posts_level(id);
     if (coarser_than_posts && dem::post_spacing_m(id.level) * pixels_per_metre > 2 * allowed) return true;
-    // Without asking for the posts' own error, which may have to be computed, where the sag alone is too much.
+    // Where the sag alone is too much, the posts' own error, which may have to be computed, is not needed.
     if (dem::chord_sag_m(id.level) * pixels_per_metre > allowed) return true;
     return error_m(id) * pixels_per_metre > allowed;
   }
@@ -136,7 +136,7 @@ class ViewSelector {
   // Pixels per metre: an object next to the camera doesn't ask for terrain finer than there is.
   static constexpr double kSharpest = 1;
 
-  // Refines what can throw a shadow into view, in view itself or not.
+  // Refines what can cast a shadow into view, in view itself or not.
   void sharpen_shadows(const Vec3& sun) {
     LightGrid grid(sun);
     for (const Seen& s : seen_) grid.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun));
@@ -237,7 +237,7 @@ class ViewSelector {
     }
   }
 
-  // What the joined edge takes over from a coarser neighbour out of view, m. (One in view has bounds of its own.)
+  // The error of a joined edge that follows a coarser neighbour out of view, m. (One in view has bounds of its own.)
   double edge_error_m(const BlockId& id, const BlockId& neighbour) const {
     return neighbour.level < id.level && in_view_.contains(id) && !in_view_.contains(neighbour) ? error_m(neighbour)
                                                                                                 : 0;

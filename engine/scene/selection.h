@@ -3,7 +3,7 @@
 // A function of the request and the terrain only, never of what happens to be loaded: the same request selects the same
 // blocks. A block in view is refined until its posts are at most 2 max_error_px pixels apart and its vertical error (to
 // the finest surface, plus the chord's sag) projects to at most max_error_px. Terrain that is not in view is kept where
-// its shadow can reach what is. All terrain that can throw a shadow into view is refined until its vertical error moves
+// its shadow can reach what is. All terrain that can cast a shadow into view is refined until its vertical error moves
 // a shadow's edge on level ground by at most max_shadow_error_px: that is the error over the tangent of the Sun's
 // elevation where the shadow falls.
 #pragma once

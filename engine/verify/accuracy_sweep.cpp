@@ -39,10 +39,10 @@ struct Setting {
   Visibility visibility;
 };
 
-// The yardstick of one frame: the bare kernel on the finest mesh.
-class Yardstick {
+// The Embree baseline of one frame, on the finest mesh.
+class EmbreeBaseline {
  public:
-  Yardstick(const Renderer& renderer, const FrameRequest& request, const Accuracy& setting, const StopToken& stop)
+  EmbreeBaseline(const Renderer& renderer, const FrameRequest& request, const Accuracy& setting, const StopToken& stop)
       : arena_(renderer.threads()), view_(request.camera, request.pose), sun_(request.sun.direction) {
     const Selection finest = select_for_view(renderer.terrain(), view_, &request.sun, setting, stop);
     const Mesh mesh(renderer.terrain(), finest.blocks);
@@ -80,7 +80,7 @@ class FrameSweep {
       try {
         const Accuracy setting{error, options_.reference_samples, kReferenceShadowError_px};
         reference_ = frame({setting, Visibility::raytrace}, kRadiance | kLit).products;
-        yardstick_ = std::make_unique<Yardstick>(renderer_, request_, setting, stop_);
+        baseline_ = std::make_unique<EmbreeBaseline>(renderer_, request_, setting, stop_);
         reference_max_error_px_ = error;
         return;
       } catch (const TooMuchTerrain&) {
@@ -118,7 +118,7 @@ class FrameSweep {
     std::vector<double> ours, bare;
     frame(setting, kRadiance);
     for (int i = 0; i < options_.repetitions; ++i) {
-      bare.push_back(yardstick_->ms());
+      bare.push_back(baseline_->ms());
       ours.push_back(milliseconds([&] { frame(setting, kRadiance); }));
     }
     row.frame_ms += median(ours), row.bare_ms += median(bare);
@@ -131,7 +131,7 @@ class FrameSweep {
   View view_;
   FrameProducts reference_;
   double reference_max_error_px_ = 0;
-  std::unique_ptr<Yardstick> yardstick_;
+  std::unique_ptr<EmbreeBaseline> baseline_;
 };
 
 bool measured(FrameSweep& frame, const Setting& setting, SweepRow& row, ErrorCollector& errors) {

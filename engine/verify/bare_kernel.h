@@ -1,4 +1,4 @@
-// The yardstick: what Embree alone needs for the primary and shadow rays of a frame, nothing else.
+// The Embree baseline: what Embree alone needs for the primary and shadow rays of a frame, nothing else.
 //
 // Float throughout, a constant bias instead of exact shadows, geometric normals, no refinement, no products but one
 // float per pixel. It shares Embree's own door with ray_tracer.h and nothing else: what is measured by it must not be
