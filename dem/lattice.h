@@ -42,6 +42,10 @@ struct BlockExtent {
 };
 
 int quads_per_side(int level);
+// Two for each quad of a block.
+inline std::int64_t triangles_of_block(int level) {
+  return std::int64_t{2} * quads_per_side(level) * quads_per_side(level);
+}
 int rows_of(int level);
 int lon_shift(int level, int row);
 int columns_of(int level, int row);

@@ -28,9 +28,8 @@ void report_scene(const Selection& selection, const Scene& scene, FrameReport& o
   out.lod_error_px = selection.error_px, out.lod_error_m = selection.error_m;
   out.shadow_error_px = selection.shadow_error_px;
   out.min_post_spacing_m = selection.min_spacing_m, out.max_post_spacing_m = selection.max_spacing_m;
-  for (const MeshBlock& b : scene.mesh.blocks())
-    out.triangles +=
-        2 * static_cast<std::size_t>(b.posts->extent.quads) * static_cast<std::size_t>(b.posts->extent.quads);
+  for (const MeshBlock& b : scene.mesh.blocks())  // those without any data are not in the mesh
+    out.triangles += static_cast<std::size_t>(dem::triangles_of_block(b.posts->id.level));
   out.scene_bytes = scene.bytes();
 }
 

@@ -6,7 +6,6 @@
 // and at the latest at kWidest.
 #pragma once
 
-#include <numbers>
 #include <optional>
 
 #include "dem/geodesy.h"
@@ -17,7 +16,7 @@ namespace selenograph::engine {
 class Fisheye {
  public:
   // Straight behind the camera one direction would be imaged as a circle: a pixel there covers nothing.
-  static constexpr double kWidest = 179 * std::numbers::pi / 180;
+  static constexpr double kWidest = 179 * kRadiansPerDegree;
 
   explicit Fisheye(const FisheyeDistortion& distortion);
 

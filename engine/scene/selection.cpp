@@ -373,8 +373,7 @@ std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std:
 
 double triangles_of(const Selection& selection) {
   double triangles = 0;
-  for (const BlockId& id : selection.blocks)
-    triangles += 2.0 * dem::quads_per_side(id.level) * dem::quads_per_side(id.level);
+  for (const BlockId& id : selection.blocks) triangles += static_cast<double>(dem::triangles_of_block(id.level));
   return triangles;
 }
 

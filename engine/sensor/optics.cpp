@@ -142,7 +142,7 @@ void vignette(const Vignetting& vignetting, const View& view, const PixelRays& r
   const auto width = static_cast<std::size_t>(c.width), height = static_cast<std::size_t>(c.height);
   const bool bends = !rays.x.empty();
   const auto of_angle = [&](double radians) {
-    const double angle_deg = radians * (180 / std::numbers::pi);
+    const double angle_deg = radians * kDegreesPerRadian;
     return interpolated(vignetting.table, angle_deg, &Vignetting::Point::angle_deg, &Vignetting::Point::transmission);
   };
   const bool cos4 = vignetting.model == Vignetting::Model::cos4;

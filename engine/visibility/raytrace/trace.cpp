@@ -222,7 +222,7 @@ std::array<Vec3, kDiscSamples> disc_directions(const Sun& sun) {
   std::array<Vec3, kDiscSamples> directions;
   for (int k = 0; k < kDiscSamples; ++k) {
     // Vogel's sunflower (1979): equal light, no two samples in line with a straight shadow edge.
-    const double r = sun.angular_radius_deg * (std::numbers::pi / 180) *
+    const double r = sun.angular_radius_deg * kRadiansPerDegree *
                      std::sqrt(radius2_of((k + 0.5) / kDiscSamples, sun.limb_darkening)),
                  turn = k * std::numbers::pi * (3 - std::sqrt(5.0));
     directions[static_cast<std::size_t>(k)] =
