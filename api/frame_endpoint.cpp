@@ -112,7 +112,8 @@ std::string choose_within_budget(FrameQuery& query, const EndpointContext& conte
 Response answer_frames(const EndpointContext& context) {
   const Clock::time_point start = Clock::now();
   FrameQuery query = read_frame(json_body(context), context.limits, context.assets);
-  const Representation& representation = negotiate(header(context.request, "accept"), query.request.products);
+  const std::string accept = header(context.request, "accept");
+  const Representation& representation = negotiate(accept, query.request.products);
   const std::string budget = choose_within_budget(query, context);
   const std::string hash = content_hash(query, context.renderer.terrain().catalogue().fingerprint(), representation);
   if (names_etag(header(context.request, "if-none-match"), hash)) return not_modified(hash);

@@ -16,7 +16,7 @@ using engine::SpectrometerChannel;
 struct Efficiency {
   using Value = std::vector<engine::EfficiencyPoint>;
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
-    if (!in.value().is_number()) return kCurve.read(in, context);
+    if (!in.value().is_number()) return read_curve(in, context);
     const auto eta = in.number(kUnitInterval);
     return eta ? std::optional(Value{{0, *eta}}) : std::nullopt;
   }
@@ -25,6 +25,18 @@ struct Efficiency {
     return {{"oneOf", {number_schema(kUnitInterval), kCurve.schema(limits)}}};
   }
   OrderedJson fallback() const { return engine::Spectrometer().efficiency[0].efficiency; }
+
+ private:
+  static std::optional<Value> read_curve(const JsonReader& in, const ReadContext& context) {
+    const auto curve = kCurve.read(in, context);
+    if (!curve) return std::nullopt;
+    std::size_t i = 0;
+    in.elements(1, curve->size(), [&](const JsonReader& point) {
+      if (i > 0 && !((*curve)[i].wavelength_um > (*curve)[i - 1].wavelength_um)) point.fail("wavelengths must rise");
+      ++i;
+    });
+    return curve;
+  }
   static inline const auto kCurve = List{Pair<engine::EfficiencyPoint>{kWavelength_um, kUnitInterval}, 1, 1000};
 };
 
@@ -32,14 +44,6 @@ void check_mertis(const JsonReader& in, MertisQuery& query, const ReadContext&) 
   engine::Spectrometer& s = query.spectrometer;
   if (!(s.last_um > s.first_um)) in.fail("last_um", "must be above first_um");
   if (in.has("efficiency") && in.at("efficiency").value().is_number()) s.efficiency[0].wavelength_um = s.first_um;
-  std::size_t i = 0;
-  if (in.has("efficiency") && in.at("efficiency").value().is_array() &&
-      in.at("efficiency").value().size() == s.efficiency.size())
-    in.at("efficiency").elements(1, s.efficiency.size(), [&](const JsonReader& point) {
-      if (i > 0 && !(s.efficiency[i].wavelength_um > s.efficiency[i - 1].wavelength_um))
-        point.fail("wavelengths must rise");
-      ++i;
-    });
 }
 
 constexpr const char* kAssumptions[] = {

@@ -199,6 +199,7 @@ void HttpServer::Impl::read_body(Exchange& exchange, httplib::Response& out, con
   });
   if (whole) return answer(exchange, out);
   exchange.close = true;
+  exchange.too_long = exchange.too_long || out.status == 413;  // cpp-httplib 0.18 counts, too
   const std::string most = std::to_string(options.max_body_bytes);
   hand_over(exchange.too_long    ? api::problem("too_large", "the body is longer than " + most + " bytes")
             : exchange.timed_out ? api::problem("request_timeout", "the request did not arrive in time")

@@ -1,0 +1,46 @@
+// The Moon without relief, as tiles and a renderer: what every ray meets has a formula.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstddef>
+#include <optional>
+
+#include "dem/terrain.h"
+#include "engine/renderer.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::test {
+
+// The chords of the finest mesh (level 8) lie at most this far below the sphere.
+constexpr double kFinestSag_m = 0.0021;
+
+class MoonWithoutRelief : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    write_global_tile(folder_->path(), 1, [](double, double) { return 0.0; });
+    renderer_ = new engine::Renderer(open_terrain(folder_->path()), {1, std::size_t{512} << 20});
+  }
+  static void TearDownTestSuite() {
+    delete renderer_, delete folder_;
+    renderer_ = nullptr, folder_ = nullptr;
+  }
+  static const engine::Renderer& renderer() { return *renderer_; }
+
+ private:
+  static inline TemporaryFolder* folder_ = nullptr;
+  static inline engine::Renderer* renderer_ = nullptr;
+};
+
+// Distance along a unit direction to the sphere that is lowered by `sag_m`; empty where the ray passes it.
+inline std::optional<double> meet_sphere(const Vec3& from, const Vec3& direction, double sag_m) {
+  const double radius = kMoonRadius_m - sag_m, b = from.dot(direction), c = from.squaredNorm() - radius * radius;
+  const double root2 = b * b - c;
+  if (b >= 0 || root2 < 0) return std::nullopt;
+  return c / (-b + std::sqrt(root2));
+}
+
+}  // namespace selenograph::test
