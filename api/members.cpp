@@ -28,8 +28,9 @@ bool is_default(const OrderedJson& fallback) {
 
 OrderedJson row_schema(const MemberRow& row, const Limits& limits) {
   OrderedJson json = row.schema(limits);
-  json["description"] =
-      with_unit(row) + (json.contains("description") ? "\n" + json["description"].get<std::string>() : "");
+  std::string description = with_unit(row);
+  if (json.contains("description")) description.append("\n").append(json["description"].get<std::string>());
+  json["description"] = description;
   if (row.fallback)
     if (const OrderedJson fallback = row.fallback(limits); is_default(fallback)) json["default"] = fallback;
   return json;
@@ -54,7 +55,7 @@ std::string count_text(const OrderedJson& schema) {
   return min == max ? fmt::format("{} × ", min) : fmt::format("{} to {} × ", min, max);
 }
 
-std::string quoted_code(const OrderedJson& value) { return "`" + value.dump() + "`"; }
+std::string quoted_code(const OrderedJson& value) { return fmt::format("`{}`", value.dump()); }
 
 std::string link_text(std::string_view name) {
   std::string anchor;

@@ -57,8 +57,8 @@ std::string requests_markdown() {
       "metres,\n"
       "places in MOON_ME.\n\n| call | body |\n|---|---|\n";
   for (const RequestBody& body : bodies()) out += fmt::format("| `POST {}` | {} |\n", body.path, link_to(body.members));
-  out += "\n" + products_markdown() + "\n## Objects\n";
-  for (const MemberTable* table : request_tables()) out += "\n" + table->markdown(Limits{});
+  out += fmt::format("\n{}\n## Objects\n", products_markdown());
+  for (const MemberTable* table : request_tables()) out += fmt::format("\n{}", table->markdown(Limits{}));
   return out;
 }
 
