@@ -21,7 +21,7 @@ import harness
 from harness import BINARY, PATIENCE_S, Service, frame_request, run
 
 SEED = 20261120
-KILLS = int(os.environ.get("RECOVERY_KILLS", "4"))
+KILLS = int(os.environ.get("RECOVERY_KILLS", "2"))
 PRODUCTS = ("radiance", "range", "normal", "lit", "source")
 SUN = {"local": {"lat_deg": 0.0, "lon_deg": 31.0, "azimuth_deg": 90.0, "elevation_deg": 15.0}}
 POINTS = [{"lat_deg": 0.05 + 0.09 * i, "lon_deg": 31.05 + 0.09 * ((3 * i) % 11)} for i in range(11)]

@@ -19,12 +19,12 @@ inline constexpr double kJudgeTolerance_m = 0.01;
 // Shadow flags whose Sun ray passes this near to changing its verdict are counted apart.
 inline constexpr double kGrazing_m = 1.0;
 
-// A folder of Kaguya tiles: what is rendered, and its judge.
+// A folder of Kaguya tiles: what is rendered, and its judge. `cache_dir` as in dem::TerrainOptions.
 struct Scenery {
   std::unique_ptr<Judge> judge;
   std::shared_ptr<dem::Terrain> terrain;
   std::unique_ptr<engine::Renderer> renderer;
-  explicit Scenery(const std::string& folder);
+  explicit Scenery(const std::string& folder, const std::string& cache_dir = {});
 };
 
 struct Findings {

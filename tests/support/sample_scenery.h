@@ -1,8 +1,10 @@
-// 2 x 2 tiles of the sample terrain at 30 m posts, made once for a suite of tests.
+// 2 x 2 tiles of the sample terrain at 30 m posts. ctest has them made once for all tests: SELENOGRAPH_TEST_SCENERY
+// names a folder with `dem` and `cache`. Without it each suite makes its own.
 #pragma once
 
 #include <gtest/gtest.h>
 
+#include <cstdlib>
 #include <string>
 
 #include "dem/sample/sample_terrain.h"
@@ -14,22 +16,29 @@ namespace selenograph::test {
 class SampleScenery : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
+    if (const char* ready = std::getenv("SELENOGRAPH_TEST_SCENERY")) {
+      tiles_ = std::string(ready) + "/dem";
+      scenery_ = new Scenery(tiles_, std::string(ready) + "/cache");
+      return;
+    }
     folder_ = new TemporaryFolder;
     dem::SampleOptions options;
     options.south_deg = -11, options.west_deg = 43, options.rows = 2, options.columns = 2;
     options.posts_per_degree = 1024;
-    dem::write_sample_terrain(folder_->path(), options);
-    scenery_ = new Scenery(folder_->path());
+    tiles_ = folder_->path();
+    dem::write_sample_terrain(tiles_, options);
+    scenery_ = new Scenery(tiles_);
   }
   static void TearDownTestSuite() {
     delete scenery_;
     delete folder_;
     scenery_ = nullptr, folder_ = nullptr;
   }
-  static std::string folder() { return folder_->path(); }
+  static std::string folder() { return tiles_; }
   static const Scenery& scenery() { return *scenery_; }
 
  private:
+  static inline std::string tiles_;
   static inline TemporaryFolder* folder_ = nullptr;
   static inline Scenery* scenery_ = nullptr;
 };
