@@ -49,7 +49,7 @@ def tearDownModule():
 
 class Service:
     def __init__(self, name, dem):
-        command = [BINARY, "serve", "--port", "0", "--cache-dir", os.path.join(FOLDER, "cache-" + name), "--dem", *dem]
+        command = [BINARY, "serve", "--port", "0", "--deadline-s", "600", "--cache-dir", os.path.join(FOLDER, "cache-" + name), "--dem", *dem]
         self.log = tempfile.TemporaryFile()
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True)
         line = self.process.stdout.readline()
