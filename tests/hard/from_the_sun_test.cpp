@@ -21,6 +21,7 @@
 #include "dem/sample/sample_terrain.h"
 #include "dem/terrain.h"
 #include "engine/renderer.h"
+#include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/judge.h"
 #include "tests/support/shared_data.h"
@@ -29,7 +30,8 @@
 namespace selenograph::test {
 namespace {
 
-constexpr int kViews = 200, kSide = 64, kCasts = 100, kRaysPerCast = 512;
+constexpr int kSide = 64, kRaysPerCast = 512;
+const int kViews = cases(200), kCasts = cases(100);
 constexpr double kAu_m = 1.495978707e11;
 // Lommel-Seeliger at phase 0, where emission is incidence, doesn't know slopes: the whole frame has one radiance.
 constexpr double kOpposition = 1361 * 0.12 / (4 * std::numbers::pi);
@@ -82,7 +84,7 @@ class Sunlight {
         if (hit.hit) count(hit.position_m, -aim.sun, hit.lit == 0, hit.normal.dot(aim.sun) <= 0, 0, c);
     }
     conclude(fmt::format("{}, parallel rays", name), kCasts, c);
-    EXPECT_GT(c.seen, kCasts * kRaysPerCast / 2U);
+    EXPECT_GT(c.seen, static_cast<std::size_t>(kCasts * kRaysPerCast / 2));
   }
 
   void look(const char* name) {
@@ -112,7 +114,7 @@ class Sunlight {
     conclude(fmt::format("{}, frames", name), kViews, c);
     fmt::print("{:<24} radiance of what is lit off the opposition's by at most {:.2f} of what the phase allows\n", "",
                uneven);
-    EXPECT_GT(c.seen, kViews * kSide * kSide / 2U);
+    EXPECT_GT(c.seen, static_cast<std::size_t>(kViews * kSide * kSide / 2));
     EXPECT_LT(uneven, 1);
   }
 

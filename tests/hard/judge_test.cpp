@@ -17,6 +17,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/effort.h"
 #include "tests/support/frame_judge.h"
 #include "tests/support/sample_scenery.h"
 #include "tests/support/shared_data.h"
@@ -27,7 +28,7 @@ namespace selenograph::test {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
-constexpr int kSide = 256;  // pixels
+const int kSide = full_effort() ? 256 : 160;  // pixels
 constexpr double kSunElevations_deg[] = {3, 15, 45};
 
 // ---- the judge itself ----------------------------------------------------------------------------------------------

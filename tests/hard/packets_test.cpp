@@ -7,6 +7,7 @@
 
 #include "engine/scene/selection.h"
 #include "engine/visibility/raytrace/trace.h"
+#include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 
@@ -50,7 +51,7 @@ TEST(Packets, LoseNoRayAlongTheAxes) {
     up[axis / 2] = axis % 2 ? -1 : 1;
     const Scene scene(terrain, {around(up, 4, 0.15).blocks, up * kMoonRadius_m}, 2);
     int lost = 0;
-    for (int p = 0; p < 20000; ++p) {
+    for (int p = 0; p < test::cases(20000); ++p) {
       Rays rays;
       const double together = std::pow(10, -16.0 * (p % 17) / 16);
       for (int i = 0; i < kPacket; ++i) {

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Memory along an orbit: 1000 small frames over ground of which the budgets hold a fraction.
+"""Memory along an orbit: MEMORY_FRAMES (500) small frames over ground of which the budgets hold a fraction.
 
 The track is closed and flown again and again, so that the second half of the frames asks for nothing that the first half did
 not: what still grows then, leaks. Python's standard library only.
@@ -7,6 +7,7 @@ not: what still grows then, leaks. Python's standard library only.
 
 import json
 import math
+import os
 import re
 import statistics
 import unittest
@@ -14,7 +15,7 @@ import unittest
 import harness
 from harness import Service, frame_request, run
 
-FRAMES = 1000
+FRAMES = int(os.environ.get("MEMORY_FRAMES", "500"))
 REVOLUTION = 125  # frames until the track is back at its start: the first one warms up
 BUDGET_MB = 64    # for terrain, and as much again for acceleration structures
 # Besides both budgets: what a frame needs while it is rendered on all threads, and memory that the allocator keeps.
