@@ -71,7 +71,8 @@ class Assets {
 };
 
 // A map's description:
-//   {"file": "RASTER",                     whatever GDAL opens; a relative path starts at the description's folder
+//   {"file": "RASTER",                     GeoTIFF, VRT, AAIGrid, PNG, JPEG, PDS, ISIS3; a relative path starts at the
+//   description's folder
 //    "bands": [1, 2, 3],                   whose mean counts; left out: all but alpha
 //    "extent": {"south_deg", "north_deg", "west_deg", "east_deg"},   of a raster that doesn't say where it lies
 //    "scale": 1, "offset": 0,              value = scale * sample + offset

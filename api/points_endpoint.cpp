@@ -34,7 +34,7 @@ Response answer_heights(const EndpointContext& context) {
   const dem::Terrain& terrain = context.renderer.terrain();
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
   for (const Geographic& place : places) {
-    list.push_back(height_json(terrain.height(place.lat_deg, place.lon_deg), terrain.catalogue()));
+    list.push_back(height_json(terrain.height(place.lat_deg, place.lon_deg, context.stop), terrain.catalogue()));
     throw_if_stopped(context);
   }
   return json_response(nlohmann::ordered_json{{"points", std::move(list)}});
@@ -43,7 +43,7 @@ Response answer_heights(const EndpointContext& context) {
 Response answer_height(const EndpointContext& context) {
   const Geographic place = read_height_query(context.request.query);
   const dem::Terrain& terrain = context.renderer.terrain();
-  const dem::HeightAnswer height = terrain.height(place.lat_deg, place.lon_deg);  // may have built a pyramid first
+  const dem::HeightAnswer height = terrain.height(place.lat_deg, place.lon_deg, context.stop);
   throw_if_stopped(context);
   return json_response(height_json(height, terrain.catalogue()));
 }

@@ -14,7 +14,7 @@
 namespace selenograph::api {
 namespace {
 
-constexpr std::array<ErrorRow, 18> kTable{{
+constexpr std::array<ErrorRow, 19> kTable{{
     {"malformed_request", 400, "Malformed request",
      "The request line, a header or a query parameter can't be understood."},
     {"malformed_json", 400, "Malformed JSON",
@@ -42,6 +42,9 @@ constexpr std::array<ErrorRow, 18> kTable{{
      "must mend it."},
     {"busy", 503, "Busy",
      "As many requests are in work and waiting as the service holds; `Retry-After` says when to come back."},
+    {"storage_unavailable", 503, "Storage unavailable",
+     "A file could not be opened or read for a reason that lies in the system: no descriptors, no memory, a disk that "
+     "fails. Nothing is known to be wrong with the file; ask again."},
     {"shutting_down", 503, "Shutting down", "The service finishes what it has and accepts nothing new."},
     {"deadline_exceeded", 504, "Deadline exceeded",
      "The answer was not ready within the service's deadline or the request's `Request-Timeout-Ms`."},
@@ -121,6 +124,10 @@ Response answer_or_problem(const Request& request, const std::function<Response(
     return problem("invalid_request", e.what());
   } catch (const DataError& e) {
     return problem("terrain_data_error", e.what());
+  } catch (const SystemFault& e) {
+    Response response = problem("storage_unavailable", e.what());
+    response.headers.emplace_back("Retry-After", "1");
+    return response;
   } catch (const Cancelled&) {
     if (client_has_left(request)) return problem("client_gone", "the client left");
     return problem("deadline_exceeded", "not ready in time; ask for less or allow more with Request-Timeout-Ms");

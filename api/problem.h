@@ -68,9 +68,9 @@ class RequestError : public std::runtime_error {
 Response problem(const std::string& code, const std::string& detail, const std::vector<Finding>& findings);
 
 // What `work` answers, or the problem that what it throws is. A RequestError is the row that it names, an
-// ImpossibleRequest "invalid_request", a DataError "terrain_data_error", Cancelled "client_gone" or
-// "deadline_exceeded". All else, a library's std::invalid_argument among it, is "internal": what it says is logged for
-// the operator and not sent. Never throws.
+// ImpossibleRequest "invalid_request", a DataError "terrain_data_error", a SystemFault "storage_unavailable", Cancelled
+// "client_gone" or "deadline_exceeded". All else, a library's std::invalid_argument among it, is "internal": what it
+// says is logged for the operator and not sent. Never throws.
 Response answer_or_problem(const Request& request, const std::function<Response()>& work);
 
 }  // namespace selenograph::api

@@ -1,6 +1,7 @@
 // A single-flight LRU cache with a budget in bytes: of several callers who miss the same key, one loads.
 #pragma once
 
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <exception>
@@ -11,7 +12,13 @@
 #include <unordered_map>
 #include <utility>
 
+#include "dem/error.h"
+#include "dem/stop_token.h"
+
 namespace selenograph::dem {
+
+// How often somebody who waits looks whether to wait on.
+inline constexpr std::chrono::milliseconds kLookUp{20};
 
 // Values are shared and immutable; an evicted value lives on until its last user lets go. A load that throws is not
 // remembered: the next caller tries again. Safe to call concurrently.
@@ -27,20 +34,27 @@ class Cache {
   explicit Cache(std::size_t capacity_bytes) : capacity_(capacity_bytes) {}
 
   // The value for `key`, loading it by `load() -> Loaded` if needed. Of several callers at once, one loads, the others
-  // wait.
+  // wait, each until its own `stop`: then Cancelled. A load that is given up (it throws Cancelled) fails nobody else:
+  // one of those who wait loads in its place.
   template <typename Load>
-  Pointer get(const Key& key, Load&& load) {
+  Pointer get(const Key& key, Load&& load, const StopToken& stop = {}) {
     std::shared_ptr<Flight> flight;
     {
       std::unique_lock lock(mutex_);
-      if (const auto found = entries_.find(key); found != entries_.end()) {
-        ++hits_;
-        order_.splice(order_.begin(), order_, found->second.place);
-        return found->second.value;
-      }
-      if (const auto flying = flights_.find(key); flying != flights_.end()) {
+      for (;;) {
+        if (const auto found = entries_.find(key); found != entries_.end()) {
+          ++hits_;
+          order_.splice(order_.begin(), order_, found->second.place);
+          return found->second.value;
+        }
+        const auto flying = flights_.find(key);
+        if (flying == flights_.end()) break;
         flight = flying->second;
-        landed_.wait(lock, [&] { return flight->done; });
+        while (!flight->done) {
+          stop.check();
+          landed_.wait_for(lock, kLookUp);
+        }
+        if (flight->given_up) continue;
         if (flight->error) std::rethrow_exception(flight->error);
         ++hits_;
         return flight->value;
@@ -51,6 +65,10 @@ class Cache {
     try {
       Loaded loaded = load();
       land(key, *flight, std::move(loaded));
+    } catch (const Cancelled&) {
+      flight->given_up = true;
+      fail(key, *flight, nullptr);
+      throw;
     } catch (...) {
       fail(key, *flight, std::current_exception());
       throw;
@@ -62,6 +80,13 @@ class Cache {
   bool holds(const Key& key) const {
     std::lock_guard lock(mutex_);
     return entries_.count(key) > 0;
+  }
+
+  // What is here, null when nothing is. Neither loads nor counts as a use.
+  Pointer peek(const Key& key) const {
+    std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    return found == entries_.end() ? nullptr : found->second.value;
   }
 
   void erase(const Key& key) {
@@ -89,7 +114,7 @@ class Cache {
     typename std::list<Key>::iterator place;
   };
   struct Flight {
-    bool done = false;
+    bool done = false, given_up = false;
     Pointer value;
     std::exception_ptr error;
   };

@@ -52,6 +52,23 @@ bool is_other_product(const std::string& path) {
   return (kind == FileKind::pds_label || kind == FileKind::pds_image) && !describes_map(read_pds_label(path));
 }
 
+// Whether a label beside it has an image's name, or names it.
+bool is_labelled(const fs::path& image, const std::unordered_set<std::string>& labelled,
+                 const std::vector<fs::path>& files) {
+  if (labelled.contains(lower((image.parent_path() / image.stem()).string()))) return true;
+  const std::string name = lower(image.filename().string());
+  return std::any_of(files.begin(), files.end(), [&](const fs::path& file) {
+    if (kind_of(file) != FileKind::pds_label || file.parent_path() != image.parent_path()) return false;
+    try {
+      const PdsObject label = read_pds_label(file.string());
+      return std::any_of(label.values.begin(), label.values.end(),
+                         [&](const auto& v) { return v.first.starts_with('^') && lower(v.second.text()) == name; });
+    } catch (const DataError&) {
+      return false;
+    }
+  });
+}
+
 std::vector<std::string> files_below(const std::string& folder, std::vector<CatalogueProblem>& problems) {
   std::vector<fs::path> files;
   std::unordered_set<std::string> labelled;
@@ -64,11 +81,16 @@ std::vector<std::string> files_below(const std::string& folder, std::vector<Cata
     if (kind_of(file) == FileKind::pds_label) labelled.insert(lower((file.parent_path() / file.stem()).string()));
     files.push_back(file);
   }
-  if (error) problems.push_back({folder, "can't be searched: " + error.message()});
+  if (is_system_fault(error.value())) throw SystemFault(folder, error.value());
+  if (error) problems.push_back({folder, "can't be searched: " + error.message(), false, false});
   std::vector<std::string> candidates;
-  for (const fs::path& file : files)
-    if (is_candidate(file, labelled)) candidates.push_back(file.string());
-  std::sort(candidates.begin(), candidates.end());  // folders list in any order
+  std::sort(files.begin(), files.end());  // folders list in any order
+  for (const fs::path& file : files) {
+    if (is_candidate(file, labelled))
+      candidates.push_back(file.string());
+    else if (kind_of(file) == FileKind::pds_image && !is_labelled(file, labelled, files))
+      problems.push_back({file.string(), "its label is missing: what it holds, and where, is unknown", false, true});
+  }
   return candidates;
 }
 
@@ -141,9 +163,8 @@ Catalogue::Catalogue(const std::vector<std::string>& paths) {
       try {
         if (!is_other_product(file)) add(inspect_raster(file));
       } catch (const DataError& e) {
-        std::string what = e.what();
-        if (what.starts_with(e.file() + ": ")) what.erase(0, e.file().size() + 2);
-        problems_.push_back({file, what, false});
+        // Another file's fault (a VRT's source) is told with its name.
+        problems_.push_back({file, e.file() == file ? e.what_is_wrong() : e.what(), false, false});
         try {
           add(inspect_damaged_raster(file));
           problems_.back().located = true;

@@ -15,7 +15,8 @@ namespace selenograph::dem {
 struct CatalogueProblem {
   std::string path;
   std::string what;
-  bool located = false;  // its label is legible: it is among the rasters, and fails where its posts are needed
+  bool located = false;    // its label is legible: it is among the rasters, and fails where its posts are needed
+  bool unrelated = false;  // nothing says that it is a height map at all: answers don't suffer from its absence
 };
 
 class Catalogue {

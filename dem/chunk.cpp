@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -11,6 +12,8 @@
 #include <cstring>
 #include <filesystem>
 #include <limits>
+#include <optional>
+#include <utility>
 
 #include "dem/chunk_format.h"
 #include "dem/error.h"
@@ -22,10 +25,11 @@ namespace {
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr std::uint64_t kLargestHead = std::uint64_t{64} << 20;
 
+// Errors of reading and writing are the system's: what a file holds is judged by its checksums alone.
 class File {
  public:
   File(const std::string& path, int flags) : path_(path), fd_(::open(path.c_str(), flags | O_CLOEXEC, 0644)) {
-    if (fd_ < 0) throw DataError(path, std::strerror(errno));
+    if (fd_ < 0) throw SystemFault(path, errno);
   }
   ~File() { ::close(fd_); }
   File(const File&) = delete;
@@ -36,7 +40,7 @@ class File {
     for (std::size_t done = 0; done < size;) {
       const ssize_t n = ::pread(fd_, bytes.data() + done, size - done, static_cast<off_t>(offset + done));
       if (n < 0 && errno == EINTR) continue;
-      if (n < 0) throw DataError(path_, std::strerror(errno));
+      if (n < 0) throw SystemFault(path_, errno);
       if (n == 0) throw DataError(path_, "truncated pyramid file");
       done += static_cast<std::size_t>(n);
     }
@@ -47,18 +51,25 @@ class File {
     for (std::size_t done = 0; done < bytes.size();) {
       const ssize_t n = ::write(fd_, bytes.data() + done, bytes.size() - done);
       if (n < 0 && errno == EINTR) continue;
-      if (n < 0) throw DataError(path_, std::strerror(errno));
+      if (n < 0) throw SystemFault(path_, errno);
       done += static_cast<std::size_t>(n);
     }
-    if (::fsync(fd_) != 0) throw DataError(path_, std::strerror(errno));
+    if (::fsync(fd_) != 0) throw SystemFault(path_, errno);
   }
 
-  std::uint64_t size() const { return static_cast<std::uint64_t>(::lseek(fd_, 0, SEEK_END)); }
+  FileState state() const {
+    struct stat s {};
+    if (::fstat(fd_, &s) != 0) throw SystemFault(path_, errno);
+    return {static_cast<std::uint64_t>(s.st_size),
+            static_cast<std::int64_t>(s.st_mtim.tv_sec) * 1'000'000'000 + s.st_mtim.tv_nsec};
+  }
 
  private:
   std::string path_;
   int fd_;
 };
+
+bool is_missing(int code) { return code == ENOENT || code == ENOTDIR || code == ELOOP || code == ENAMETOOLONG; }
 
 // The header and index of a file, or an error: sizes are checked before anything is trusted.
 std::uint64_t head_bytes(const format::Header& header, std::uint64_t available, const std::string& name) {
@@ -103,19 +114,28 @@ std::string label(const std::string& path, const ChunkPlan& plan) {
 }  // namespace
 
 std::shared_ptr<const Chunk> Chunk::open(const std::string& path, const ChunkPlan& plan, const Catalogue& catalogue) {
+  std::optional<File> file;
+  try {
+    file.emplace(path, O_RDONLY);
+  } catch (const SystemFault& fault) {
+    if (is_missing(fault.code())) return nullptr;
+    throw;
+  }
   auto chunk = std::make_shared<Chunk>();
   chunk->path_ = path;
-  const File file(path, O_RDONLY);
-  chunk->total_ = file.size();
+  chunk->state_ = file->state();
+  chunk->total_ = chunk->state_.bytes;
   const format::Header header =
-      header_from(file.read(0, std::min<std::uint64_t>(chunk->total_, sizeof(format::Header))), path);
-  chunk->parse(file.read(0, head_bytes(header, chunk->total_, path)), plan, catalogue);
+      header_from(file->read(0, std::min<std::uint64_t>(chunk->total_, sizeof(format::Header))), path);
+  chunk->parse(file->read(0, head_bytes(header, chunk->total_, path)), plan, catalogue);
   return chunk;
 }
 
-std::shared_ptr<const Chunk> Chunk::from_bytes(std::string bytes, const ChunkPlan& plan, const Catalogue& catalogue) {
+std::shared_ptr<const Chunk> Chunk::from_bytes(std::string bytes, const ChunkPlan& plan, const Catalogue& catalogue,
+                                               std::vector<SourceIndex> replaced) {
   auto chunk = std::make_shared<Chunk>();
   chunk->bytes_ = std::move(bytes);
+  chunk->replaced_ = std::move(replaced);
   chunk->total_ = chunk->bytes_.size();
   const std::string name = label({}, plan);
   const std::uint64_t head = head_bytes(header_from(chunk->bytes_, name), chunk->total_, name);
@@ -157,8 +177,16 @@ const Chunk::Record* Chunk::find(const BlockId& id) const {
 }
 
 std::string Chunk::read(std::uint64_t offset, std::uint64_t size) const {
-  return path_.empty() ? bytes_.substr(offset, size) : File(path_, O_RDONLY).read(offset, size);
+  if (path_.empty()) return bytes_.substr(offset, size);
+  try {
+    return File(path_, O_RDONLY).read(offset, size);
+  } catch (const SystemFault& fault) {
+    if (is_missing(fault.code())) throw DataError(path_, "pyramid file was removed");
+    throw;
+  }
 }
+
+bool Chunk::current() const { return path_.empty() || file_state(path_) == state_; }
 
 std::size_t Chunk::bytes() const {
   return sizeof(Chunk) + bytes_.capacity() + records_.size() * (sizeof(Record) + sizeof(BlockId) + 32);
@@ -210,20 +238,56 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id) const {
   return block;
 }
 
-void write_whole_file(const std::string& path, const std::string& bytes) {
+namespace {
+
+std::string temporary_name(const std::string& path) {
   static std::atomic<int> counter{0};
-  std::error_code ignored;
-  std::filesystem::create_directories(std::filesystem::path(path).parent_path(), ignored);
-  const std::string temporary = fmt::format("{}.tmp-{}-{}", path, ::getpid(), counter++);
+  return fmt::format("{}.tmp-{}-{}", path, ::getpid(), counter++);
+}
+
+// A temporary file that is gone when this is, unless it was renamed.
+class Temporary {
+ public:
+  Temporary(const std::string& path, const std::string& bytes) : name_(temporary_name(path)) {
+    std::error_code ignored;
+    std::filesystem::create_directories(std::filesystem::path(path).parent_path(), ignored);
+    try {
+      File(name_, O_WRONLY | O_CREAT | O_TRUNC).write(bytes);
+    } catch (...) {
+      ::unlink(name_.c_str());
+      throw;
+    }
+  }
+  ~Temporary() {
+    if (!name_.empty()) ::unlink(name_.c_str());
+  }
+  Temporary(const Temporary&) = delete;
+  Temporary& operator=(const Temporary&) = delete;
+
+  void rename(const std::string& path) {
+    if (::rename(name_.c_str(), path.c_str()) != 0) throw SystemFault(path, errno);
+    name_.clear();
+  }
+
+ private:
+  std::string name_;
+};
+
+}  // namespace
+
+void write_whole_file(const std::string& path, const std::string& bytes) {
   try {
-    File(temporary, O_WRONLY | O_CREAT | O_TRUNC).write(bytes);
-    std::filesystem::rename(temporary, path);
-  } catch (const std::filesystem::filesystem_error& error) {
-    ::unlink(temporary.c_str());
-    throw DataError(path, error.code().message());
-  } catch (...) {
-    ::unlink(temporary.c_str());
-    throw;
+    Temporary(path, bytes).rename(path);
+  } catch (const SystemFault& fault) {
+    throw SystemFault(path, fault.code());  // not by its temporary name
+  }
+}
+
+void probe_folder(const std::string& folder) {
+  try {
+    const Temporary probe(folder + "/probe.sgp", " ");
+  } catch (const SystemFault& fault) {
+    throw SystemFault(folder, fault.code());
   }
 }
 

@@ -16,7 +16,9 @@
 #include <vector>
 
 #include "dem/block.h"
+#include "dem/files.h"
 #include "dem/post_source.h"
+#include "dem/stop_token.h"
 #include "dem/terrain.h"
 
 namespace selenograph::dem {
@@ -44,17 +46,38 @@ class Chunk {
   };
   static constexpr std::uint32_t kInt16 = 1, kUniformSource = 2, kEmpty = 4;
 
-  // The bytes of a chunk file. `fine_block` gives the finer chunks' top blocks for a plan that is not direct.
-  static std::string build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
-                           const std::function<std::shared_ptr<const Block>(const BlockId&)>& fine_block);
+  // What a chunk that is not direct is made of: the finer chunks' top blocks, null where there is nothing, and the
+  // files that those lack.
+  struct Finer {
+    std::unordered_map<BlockId, std::shared_ptr<const Block>, BlockIdHash> blocks;
+    std::vector<SourceIndex> replaced;
+  };
+  // Those blocks, by the plan.
+  static std::vector<BlockId> finer_blocks(const ChunkPlan& plan);
 
-  // Throws DataError when the file is missing, damaged, or made of something else than the plan's fingerprint.
+  // The bytes of a chunk file, and the files that it lacks: unusable, so the next coarser layer replaced them. What is
+  // made with any of these is not to be kept.
+  struct Built {
+    std::string bytes;
+    std::vector<SourceIndex> replaced;
+  };
+  // `finer` is for a plan that is not direct. Throws Cancelled when it is stopped.
+  static Built build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
+                     const Finer& finer = {}, const StopToken& stop = {});
+
+  // Null when there is no such file. Throws DataError when it is damaged, or made of something else than the plan's
+  // fingerprint; SystemFault when it can't be read, which says nothing about it.
   static std::shared_ptr<const Chunk> open(const std::string& path, const ChunkPlan& plan, const Catalogue& catalogue);
-  static std::shared_ptr<const Chunk> from_bytes(std::string bytes, const ChunkPlan& plan, const Catalogue& catalogue);
+  static std::shared_ptr<const Chunk> from_bytes(std::string bytes, const ChunkPlan& plan, const Catalogue& catalogue,
+                                                 std::vector<SourceIndex> replaced = {});
 
   const Record* find(const BlockId& id) const;
-  // Null when the block is empty. Throws DataError when its record is damaged.
+  // Null when the block is empty. Throws DataError when its record is damaged, SystemFault when it can't be read.
   std::shared_ptr<const Block> load(const BlockId& id) const;
+  // As in Built.
+  const std::vector<SourceIndex>& replaced() const { return replaced_; }
+  // Whether the file that was opened is still there, unchanged.
+  bool current() const;
   std::size_t bytes() const;
 
  private:
@@ -62,7 +85,9 @@ class Chunk {
   std::string read(std::uint64_t offset, std::uint64_t size) const;
 
   std::string path_;  // empty when the bytes are here
+  FileState state_;   // of that file
   std::string bytes_;
+  std::vector<SourceIndex> replaced_;
   std::uint64_t total_ = 0;
   double quantisation_m_ = 0;
   int base_level_ = 0;
@@ -70,7 +95,11 @@ class Chunk {
   std::unordered_map<BlockId, Record, BlockIdHash> records_;
 };
 
-// Writes `bytes` under a temporary name, flushes and renames. Throws DataError naming the path.
+// Writes `bytes` under a temporary name, flushes and renames; what can't be is removed again. Throws SystemFault naming
+// the path.
 void write_whole_file(const std::string& path, const std::string& bytes);
+
+// Throws SystemFault when write_whole_file() to this folder would: makes it if missing, and writes a byte.
+void probe_folder(const std::string& folder);
 
 }  // namespace selenograph::dem

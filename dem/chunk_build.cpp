@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <utility>
 
 #include "dem/chunk.h"
 #include "dem/chunk_format.h"
@@ -55,11 +56,11 @@ PostWindow window_of(const BlockId& node, int level, int halo) {
 // Each octave takes one post of halo from the finer level, and kHalo posts must be left at the coarsest.
 int base_halo(const ChunkPlan& plan) { return (kHalo + 1) << (plan.base_level - plan.node.level); }
 
-Grid direct_base(const ChunkPlan& plan, const PostSource& source) {
+Grid direct_base(const ChunkPlan& plan, const PostSource& source, const StopToken& stop) {
   Grid grid{plan.base_level, base_halo(plan) + kFillReach, {}, {}};
   grid.window = window_of(plan.node, grid.level, grid.halo);
-  grid.posts = source.compose(grid.window);
-  PostSource::fill_voids(grid.window, grid.posts);
+  grid.posts = source.compose(grid.window, stop);
+  PostSource::fill_voids(grid.window, grid.posts, stop);
   return grid;
 }
 
@@ -102,26 +103,16 @@ struct LeftOut {
   }
 };
 
-Grid base_from_finer(const ChunkPlan& plan,
-                     const std::function<std::shared_ptr<const Block>(const BlockId&)>& fine_block, LeftOut& left_out) {
+Grid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, LeftOut& left_out, const StopToken& stop) {
   Grid grid{plan.base_level, base_halo(plan), {}, {}};
   grid.window = window_of(plan.node, grid.level, grid.halo);
-  const PostWindow& w = grid.window;
-  grid.posts = {std::vector<float>(w.size(), kNaN), std::vector<SourceMark>(w.size(), kNoSource)};
-  const std::int32_t side = quads_per_side(grid.level) * w.lat_step;
-  const std::int64_t south = std::max<std::int64_t>(0, w.lat0),
-                     north =
-                         std::min<std::int64_t>(kLatTicks - 1, w.lat0 + static_cast<std::int64_t>(w.rows) * w.lat_step);
-  for (std::int64_t lat = south / side * side; lat <= north; lat += side) {
-    const std::int64_t east = w.lon0 + static_cast<std::int64_t>(w.cols) * w.lon_step;
-    for (std::int64_t lon = w.lon0; lon < east;) {
-      const BlockId id = block_at(grid.level, static_cast<std::int32_t>(lat), wrap_lon(lon));
-      const BlockExtent e = extent_of(id);
-      if (const auto block = fine_block(id)) {
-        paste(*block, grid);
-        left_out.add(*block);
-      }
-      lon += e.lon1() - wrap_lon(lon);
+  const std::size_t posts = grid.window.size();
+  grid.posts = {std::vector<float>(posts, kNaN), std::vector<SourceMark>(posts, kNoSource), finer.replaced};
+  for (const BlockId& id : Chunk::finer_blocks(plan)) {
+    stop.check();
+    if (const auto& block = finer.blocks.at(id)) {
+      paste(*block, grid);
+      left_out.add(*block);
     }
   }
   return grid;
@@ -139,14 +130,15 @@ float filtered_beside_voids(const Grid& fine, int r, int c, bool along_row) {
   return sum / weight;
 }
 
-Grid coarser(const BlockId& node, const Grid& fine) {
+Grid coarser(const BlockId& node, const Grid& fine, const StopToken& stop) {
   Grid grid{fine.level - 1, std::max(kHalo, (fine.halo - 1) / 2), {}, {}};
   grid.window = window_of(node, grid.level, grid.halo);
   const int step_c = grid.window.lon_step / fine.window.lon_step;  // 1 where the longitude step is at its cap
-  grid.posts = {std::vector<float>(grid.window.size()), std::vector<SourceMark>(grid.window.size())};
+  grid.posts = {std::vector<float>(grid.window.size()), std::vector<SourceMark>(grid.window.size()), {}};
   const bool voids =
       std::any_of(fine.posts.heights.begin(), fine.posts.heights.end(), [](float h) { return std::isnan(h); });
   in_parallel(static_cast<std::size_t>(grid.window.rows), [&](std::size_t row) {
+    stop.check();
     const int r = static_cast<int>(row);
     const int fr = fine.halo + 2 * (r - grid.halo);
     const std::int64_t lat = grid.window.lat0 + static_cast<std::int64_t>(r) * grid.window.lat_step;
@@ -278,11 +270,15 @@ std::vector<BlockId> blocks_of(const BlockId& node, int level) {
   return level_blocks;
 }
 
-void encode_level(const Grid& grid, const Grid& base, const BlockId& node, std::vector<Encoded>& out) {
+void encode_level(const Grid& grid, const Grid& base, const BlockId& node, std::vector<Encoded>& out,
+                  const StopToken& stop) {
   const std::vector<BlockId> ids = blocks_of(node, grid.level);
   const std::size_t first = out.size();
   out.resize(first + ids.size());
-  in_parallel(ids.size(), [&](std::size_t i) { out[first + i] = encode(grid, cut_of(grid, ids[i]), base); });
+  in_parallel(ids.size(), [&](std::size_t i) {
+    stop.check();
+    out[first + i] = encode(grid, cut_of(grid, ids[i]), base);
+  });
 }
 
 // Source numbers of the catalogue become the chunk's own, which survive a change of other files in the catalogue.
@@ -303,28 +299,47 @@ std::vector<const RasterInfo*> localise(Posts& posts, const Catalogue& catalogue
 
 }  // namespace
 
-std::string Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
-                         const std::function<std::shared_ptr<const Block>(const BlockId&)>& fine_block) {
+std::vector<BlockId> Chunk::finer_blocks(const ChunkPlan& plan) {
+  const PostWindow w = window_of(plan.node, plan.base_level, base_halo(plan));
+  const std::int32_t side = quads_per_side(plan.base_level) * w.lat_step;
+  const std::int64_t south = std::max<std::int64_t>(0, w.lat0),
+                     north =
+                         std::min<std::int64_t>(kLatTicks - 1, w.lat0 + static_cast<std::int64_t>(w.rows) * w.lat_step);
+  std::vector<BlockId> ids;
+  for (std::int64_t lat = south / side * side; lat <= north; lat += side) {
+    const std::int64_t east = w.lon0 + static_cast<std::int64_t>(w.cols) * w.lon_step;
+    for (std::int64_t lon = w.lon0; lon < east;) {
+      ids.push_back(block_at(plan.base_level, static_cast<std::int32_t>(lat), wrap_lon(lon)));
+      lon += extent_of(ids.back()).lon1() - wrap_lon(lon);
+    }
+  }
+  return ids;
+}
+
+Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
+                          const Finer& finer, const StopToken& stop) {
   LeftOut left_out;
-  Grid base = plan.direct ? direct_base(plan, source) : base_from_finer(plan, fine_block, left_out);
+  Grid base = plan.direct ? direct_base(plan, source, stop) : base_from_finer(plan, finer, left_out, stop);
   const std::vector<const RasterInfo*> sources = localise(base.posts, catalogue);
   double quantisation_m = 0;
   for (const RasterInfo* info : sources) quantisation_m = std::max(quantisation_m, info->quantisation_m);
   std::vector<Encoded> encoded;
-  if (plan.direct) encode_level(base, base, plan.node, encoded);
+  if (plan.direct) encode_level(base, base, plan.node, encoded, stop);
   Grid level;
   for (int n = base.level - 1; n >= plan.coarsest_level(); --n) {
-    level = coarser(plan.node, n == base.level - 1 ? base : level);
-    encode_level(level, base, plan.node, encoded);
+    level = coarser(plan.node, n == base.level - 1 ? base : level, stop);
+    encode_level(level, base, plan.node, encoded, stop);
   }
   // The base of an indirect chunk is itself a band-limited surface: what it leaves out is added to the bounds.
   for (Encoded& e : encoded) {
     e.record.error_m += left_out.error_m;
     e.record.min_m -= left_out.below_m, e.record.max_m += left_out.above_m;
   }
-  return format::assemble(plan, quantisation_m, sources, [&](auto&& each) {
-    for (Encoded& e : encoded) each(e.record, e.bytes);
-  });
+  return {format::assemble(plan, quantisation_m, sources,
+                           [&](auto&& each) {
+                             for (Encoded& e : encoded) each(e.record, e.bytes);
+                           }),
+          std::move(base.posts.replaced)};
 }
 
 }  // namespace selenograph::dem

@@ -3,6 +3,7 @@
 
 #include <stdexcept>
 #include <string>
+#include <system_error>
 #include <utility>
 
 namespace selenograph {
@@ -13,9 +14,26 @@ class DataError : public std::runtime_error {
   DataError(std::string file, const std::string& what_is_wrong)
       : std::runtime_error(file + ": " + what_is_wrong), file_(std::move(file)) {}
   const std::string& file() const { return file_; }
+  std::string what_is_wrong() const { return std::string(what()).substr(file_.size() + 2); }
 
  private:
   std::string file_;
+};
+
+// A file could not be opened, read or written for a reason that lies in the system and not in the file: no descriptors,
+// no memory, a disk that fails or is full, no permission. What is on the disk is as good as before; asking again may
+// help.
+class SystemFault : public std::runtime_error {
+ public:
+  // `code`: as in errno.
+  SystemFault(std::string file, int code)
+      : std::runtime_error(file + ": " + std::generic_category().message(code)), file_(std::move(file)), code_(code) {}
+  const std::string& file() const { return file_; }
+  int code() const { return code_; }
+
+ private:
+  std::string file_;
+  int code_;
 };
 
 // A well-formed request that can't be served as it stands: whoever sent it must change it. Only this type becomes the

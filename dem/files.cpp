@@ -1,9 +1,15 @@
 #include "dem/files.h"
 
+#include <fcntl.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
+#include <system_error>
+
+#include "dem/error.h"
 
 namespace selenograph::dem {
 namespace {
@@ -41,9 +47,61 @@ std::optional<std::string> label_beside(const fs::path& image) {
 
 std::optional<FileState> file_state(const std::string& path) {
   struct stat s {};
-  if (::stat(path.c_str(), &s) != 0 || !S_ISREG(s.st_mode)) return std::nullopt;
+  if (::stat(path.c_str(), &s) != 0) {
+    if (is_system_fault(errno)) throw SystemFault(path, errno);
+    return std::nullopt;
+  }
+  if (!S_ISREG(s.st_mode)) return std::nullopt;
   return FileState{static_cast<std::uint64_t>(s.st_size),
                    static_cast<std::int64_t>(s.st_mtim.tv_sec) * 1'000'000'000 + s.st_mtim.tv_nsec};
+}
+
+bool is_system_fault(int code) {
+  switch (code) {
+    case EMFILE:
+    case ENFILE:
+    case ENOMEM:
+    case ENOBUFS:
+    case EIO:
+    case EAGAIN:
+    case EINTR:
+    case ENODEV:
+    case ENXIO:
+    case ESTALE:
+    case ETIMEDOUT:
+    case EREMOTEIO:
+    case ENOTCONN:
+    case EHOSTDOWN:
+      return true;
+    default:
+      return false;
+  }
+}
+
+void throw_file_error(const std::string& file, int code) {
+  if (is_system_fault(code)) throw SystemFault(file, code);
+  throw DataError(file, "can't be opened: " + std::generic_category().message(code));
+}
+
+std::string read_head(const std::string& path, std::size_t most) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) throw_file_error(path, errno);
+  struct stat s {};
+  if (::fstat(fd, &s) == 0) most = std::min(most, static_cast<std::size_t>(s.st_size));
+  std::string bytes(most, '\0');
+  std::size_t done = 0;
+  int code = 0;
+  while (done < most) {
+    const ssize_t n = ::read(fd, bytes.data() + done, most - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) code = errno;
+    if (n <= 0) break;
+    done += static_cast<std::size_t>(n);
+  }
+  ::close(fd);
+  if (code != 0) throw_file_error(path, code);
+  bytes.resize(done);
+  return bytes;
 }
 
 }  // namespace selenograph::dem

@@ -1,6 +1,7 @@
 // Files by what their names say, and whether they are still what they were.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -18,8 +19,19 @@ std::optional<std::string> label_beside(const std::filesystem::path& image);
 struct FileState {
   std::uint64_t bytes = 0;
   std::int64_t modified_ns = 0;
+  bool operator==(const FileState&) const = default;
 };
-// Empty: not there, or not a file.
+// Empty: not there, or not a file. Throws SystemFault where the system can't tell.
 std::optional<FileState> file_state(const std::string& path);
+
+// Whether an error (as in errno) says nothing about the file: no descriptors, no memory, a disk or a network that
+// fails.
+bool is_system_fault(int code);
+// Of a file that could not be opened, read or written: SystemFault where the system is at fault, else DataError naming
+// `file`.
+[[noreturn]] void throw_file_error(const std::string& file, int code);
+
+// The first `most` bytes of a file. Throws as throw_file_error.
+std::string read_head(const std::string& path, std::size_t most);
 
 }  // namespace selenograph::dem

@@ -1,15 +1,14 @@
 #include "dem/pds_label.h"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cctype>
 #include <charconv>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 
 #include "dem/error.h"
+#include "dem/files.h"
 #include "dem/geodesy.h"
 
 namespace selenograph::dem {
@@ -316,6 +315,7 @@ fs::path find_data_file(const std::string& label_path, const std::string& name) 
   for (const auto& entry : fs::directory_iterator(folder.empty() ? fs::path(".") : folder, error))
     if (same_word(entry.path().filename().string(), wanted.filename().string()))
       return folder / entry.path().filename();
+  if (is_system_fault(error.value())) throw SystemFault(folder.string(), error.value());
   throw DataError(label_path, "its data file " + wanted.filename().string() + " is missing");
 }
 
@@ -340,6 +340,7 @@ void find_pixels(const Reader& label, const std::string& label_path, PdsImage& o
 void check_data_size(const std::string& label_path, const PdsImage& image) {
   std::error_code error;
   const std::uint64_t have = fs::file_size(image.data_path, error);
+  if (error && is_system_fault(error.value())) throw SystemFault(image.data_path, error.value());
   if (error) throw DataError(label_path, "its data file " + image.data_path + " can't be read: " + error.message());
   const std::uint64_t rows = static_cast<std::uint64_t>(image.height) - 1;
   const std::uint64_t last = static_cast<std::uint64_t>(image.width) * static_cast<std::uint64_t>(image.sample.bytes);
@@ -416,6 +417,33 @@ std::optional<double> first_of(const Reader& a, std::initializer_list<const char
   return std::nullopt;
 }
 
+// Whether a printed place is that of a post, give or take conventions and rounding: what is farther off is a mistake of
+// which nobody knows whether it is in this number or in the others.
+bool agrees(const Axis& axis, double printed, double post) {
+  const double tolerance = std::max(2.0, 0.01 * axis.count), d = printed - post;
+  return std::abs(axis.period > 0 ? std::remainder(d, axis.period) : d) <= tolerance;
+}
+
+// `low` and `high`: keywords that print the first and the last post's place; `sign`: of what grows with the number.
+void check_axis(const Reader& label, const Axis& axis, double post, double sign, double centre_deg, double ppd,
+                std::initializer_list<const char*> low, std::initializer_list<const char*> high) {
+  int agreeing = 0;
+  const auto check = [&](const char* keyword, double expected) {
+    const auto printed = label.maybe(keyword);
+    if (!printed) return;
+    if (!agrees(axis, sign * (*printed - centre_deg) * ppd, expected))
+      label.fail(std::string(keyword) + " contradicts the rest of the label");
+    ++agreeing;
+  };
+  for (const char* keyword : low) check(keyword, post);
+  for (const char* keyword : high) check(keyword, post + axis.count - 1);
+  // A zero stands for nothing; and against two pairs of corners an offset is outvoted.
+  if (!axis.offset || *axis.offset == 0 || agreeing > 2) return;
+  for (const double candidate : {-*axis.offset, *axis.offset})
+    if (agrees(axis, candidate, post)) return;
+  label.fail("its corners and its projection offset contradict each other");
+}
+
 GeographicGrid cylindrical_grid(const Reader& label, const Reader& map, int width, int height) {
   const double ppd = posts_per_degree(map);
   const double centre_lon = map.maybe("CENTER_LONGITUDE").value_or(0);
@@ -438,6 +466,11 @@ GeographicGrid cylindrical_grid(const Reader& label, const Reader& map, int widt
   if (!row) map.fail("its latitudes, LINES, MAP_RESOLUTION and LINE_PROJECTION_OFFSET contradict each other");
   if (!column)
     map.fail("its longitudes, LINE_SAMPLES, MAP_RESOLUTION and SAMPLE_PROJECTION_OFFSET contradict each other");
+  check_axis(label, rows, *row, -1, 0, ppd, {"MAXIMUM_LATITUDE", "UPPER_LEFT_LATITUDE", "UPPER_RIGHT_LATITUDE"},
+             {"MINIMUM_LATITUDE", "LOWER_LEFT_LATITUDE", "LOWER_RIGHT_LATITUDE"});
+  check_axis(label, columns, *column, 1, centre_lon, ppd,
+             {"WESTERNMOST_LONGITUDE", "UPPER_LEFT_LONGITUDE", "LOWER_LEFT_LONGITUDE"},
+             {"EASTERNMOST_LONGITUDE", "UPPER_RIGHT_LONGITUDE", "LOWER_RIGHT_LONGITUDE"});
   return {-*row / ppd, centre_lon + *column / ppd, ppd, ppd};
 }
 
@@ -519,22 +552,17 @@ const PdsObject* PdsObject::find_object(std::string_view object_name) const {
 
 PdsObject parse_pds_label(std::string_view text, const std::string& path) { return Parser(text, path).parse(); }
 
-PdsObject read_pds_label(const std::string& path) {
-  std::error_code error;
-  const std::uintmax_t size = fs::file_size(path, error);
-  std::ifstream file(path, std::ios::binary);
-  if (error || !file) throw DataError(path, "can't be opened" + (error ? ": " + error.message() : std::string()));
-  std::string text(std::min<std::uintmax_t>(size, kLongestLabel), '\0');
-  file.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(file.gcount()));
-  return parse_pds_label(text, path);
-}
+PdsObject read_pds_label(const std::string& path) { return parse_pds_label(read_head(path, kLongestLabel), path); }
 
 bool begins_with_pds_label(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::array<char, 256> head{};
-  file.read(head.data(), head.size());
-  const std::string_view text = trimmed({head.data(), static_cast<std::size_t>(file.gcount())});
+  constexpr std::size_t kEnough = 256;
+  std::string head;
+  try {
+    head = read_head(path, kEnough);
+  } catch (const DataError&) {
+    return false;
+  }
+  const std::string_view text = trimmed(head);
   // CCSD...: the SFDU line that old archives put before it.
   return text.starts_with("PDS_VERSION_ID") ||
          (text.starts_with("CCSD") && text.find("PDS_VERSION_ID") != std::string_view::npos);

@@ -126,7 +126,7 @@ class PostSource::Pool {
   std::list<std::pair<int, std::unique_ptr<Raster>>> idle_;
 };
 
-PostSource::PostSource(const Catalogue& catalogue, bool fall_through, std::function<void(const std::string&)> warn)
+PostSource::PostSource(const Catalogue& catalogue, bool fall_through, Warn warn)
     : catalogue_(catalogue),
       fall_through_(fall_through),
       warn_(std::move(warn)),
@@ -145,40 +145,43 @@ int PostSource::level_needed(const RasterInfo& info) {
   return std::clamp(static_cast<int>(std::ceil(octaves - 1e-9)) + (half_pixel ? 1 : 0), 0, kMaxLevel);
 }
 
-Posts PostSource::compose(const PostWindow& window) const {
-  Posts posts{std::vector<float>(window.size(), kNaN), std::vector<SourceMark>(window.size(), kNoSource)};
+Posts PostSource::compose(const PostWindow& window, const StopToken& stop) const {
+  Posts posts{std::vector<float>(window.size(), kNaN), std::vector<SourceMark>(window.size(), kNoSource), {}};
   // Rows in strips: small reads, and a strip past a pole or on one is a window of its own.
   constexpr int kStrip = 256;
   const int strips = (window.rows + kStrip - 1) / kStrip;
   in_parallel(static_cast<std::size_t>(strips), [&](std::size_t strip) {
     const int first = static_cast<int>(strip) * kStrip;
-    compose_rows(window, first, std::min(window.rows, first + kStrip), posts);
+    compose_rows(window, first, std::min(window.rows, first + kStrip), posts, stop);
   });
+  std::sort(posts.replaced.begin(), posts.replaced.end());
+  posts.replaced.erase(std::unique(posts.replaced.begin(), posts.replaced.end()), posts.replaced.end());
   return posts;
 }
 
 namespace {
 
 // A pole that no file holds (tiles of one product end a post before the south pole) is one point all the same: the mean
-// of 16 posts around it, the same whatever window asks.
-void fill_pole(const PostSource& source, const PostWindow& pole, std::size_t offset, Posts& posts) {
+// of 16 posts around it, the same whatever window asks. Returns what was replaced there.
+std::vector<SourceIndex> fill_pole(const PostSource& source, const PostWindow& pole, std::size_t offset, Posts& posts) {
   PostWindow ring = pole;
   ring.lat0 = pole.lat0 == 0 ? pole.lat_step : pole.lat0 - pole.lat_step;
   ring.lon0 = 0, ring.cols = 16, ring.rows = 1, ring.lon_step = kLonTicks / ring.cols;
   const Posts around = source.compose(ring);
   double sum = 0;
   for (const float h : around.heights) sum += static_cast<double>(h);
-  if (std::isnan(sum)) return;
+  if (std::isnan(sum)) return around.replaced;
   std::fill_n(posts.heights.begin() + static_cast<std::ptrdiff_t>(offset), pole.cols,
               static_cast<float>(sum / ring.cols));
   std::fill_n(posts.sources.begin() + static_cast<std::ptrdiff_t>(offset), pole.cols, around.sources[0] | kFilledBit);
+  return around.replaced;
 }
 
 }  // namespace
 
 // Splits rows at the poles. At a pole a row is one point: it takes the value at longitude -180 of the finest layer
 // there.
-void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& posts) const {
+void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& posts, const StopToken& stop) const {
   const auto lat_of = [&](int r) { return window.lat0 + static_cast<std::int64_t>(r) * window.lat_step; };
   const auto zone = [&](int r) {
     return lat_of(r) <= 0 ? (lat_of(r) == 0 ? 1 : 0) : lat_of(r) < kLatTicks ? 2 : lat_of(r) == kLatTicks ? 3 : 4;
@@ -207,12 +210,18 @@ void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& p
     const std::vector<int> layers = pole ? catalogue_.touching(south, north, -180, 180, post_deg_)
                                          : catalogue_.touching(south, north, west, east, post_deg_);
     bool complete = false;
-    for (auto layer = layers.rbegin(); layer != layers.rend() && !complete; ++layer)
+    for (auto layer = layers.rbegin(); layer != layers.rend() && !complete; ++layer) {
+      stop.check();
       complete = add_layer(*layer, part, offset, Reach::between_posts, posts);
+    }
     for (auto layer = layers.rbegin(); layer != layers.rend() && !complete; ++layer)
       if (!catalogue_.rasters()[static_cast<std::size_t>(*layer)].lattice_level)
         complete = add_layer(*layer, part, offset, Reach::beside_posts, posts);
-    if (pole && posts.sources[offset] == kNoSource) fill_pole(*this, part, offset, posts);
+    if (pole && posts.sources[offset] == kNoSource) {
+      const std::vector<SourceIndex> around = fill_pole(*this, part, offset, posts);
+      const std::lock_guard lock(replaced_mutex_);
+      posts.replaced.insert(posts.replaced.end(), around.begin(), around.end());
+    }
     r0 = end;
   }
 }
@@ -321,8 +330,11 @@ bool PostSource::add_layer(int source, const PostWindow& window, std::size_t off
     close_gaps(source, patch);
   } catch (const DataError& error) {
     if (!fall_through_) throw;
-    ++times_fallen_through_;
-    warn_(error.what());
+    {
+      const std::lock_guard lock(replaced_mutex_);
+      posts.replaced.push_back(static_cast<SourceIndex>(source));
+    }
+    warn_(error.file(), error.what());
     return false;
   }
   bool complete = true;
@@ -344,9 +356,10 @@ bool PostSource::add_layer(int source, const PostWindow& window, std::size_t off
       posts.heights[at] = h;
       posts.sources[at] = static_cast<SourceMark>(source) | (reach == Reach::beside_posts ? kFilledBit : 0);
     }
-  if (impossible > 0)
-    warn_(fmt::format("{}: posts outside of {} .. {} m taken as voids",
-                      catalogue_.rasters()[static_cast<std::size_t>(source)].path, kLowestRelief_m, kHighestRelief_m));
+  if (impossible > 0) {
+    const std::string& path = catalogue_.rasters()[static_cast<std::size_t>(source)].path;
+    warn_(path, fmt::format("{}: posts outside of {} .. {} m taken as voids", path, kLowestRelief_m, kHighestRelief_m));
+  }
   if (mapping.pole() && posts.sources[offset] != kNoSource) {
     std::fill_n(posts.heights.begin() + static_cast<std::ptrdiff_t>(offset), window.cols, posts.heights[offset]);
     std::fill_n(posts.sources.begin() + static_cast<std::ptrdiff_t>(offset), window.cols, posts.sources[offset]);
@@ -384,7 +397,7 @@ Distances distances(const std::vector<float>& h, std::ptrdiff_t start, std::ptrd
 
 }  // namespace
 
-void PostSource::fill_voids(const PostWindow& window, Posts& posts) {
+void PostSource::fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop) {
   const std::vector<float>& h = posts.heights;
   if (std::none_of(h.begin(), h.end(), [](float v) { return std::isnan(v); })) return;
   const int rows = window.rows, cols = window.cols;
@@ -393,6 +406,7 @@ void PostSource::fill_voids(const PostWindow& window, Posts& posts) {
   const Distances south = distances(h, 0, row, rows, 1, cols), north = distances(h, last, -row, rows, -1, cols);
   // Values and sources of valid posts are only read, those of voids only written: one pass in place.
   in_parallel(static_cast<std::size_t>(rows), [&](std::size_t r) {
+    stop.check();
     for (std::size_t at = r * static_cast<std::size_t>(cols); at < (r + 1) * static_cast<std::size_t>(cols); ++at) {
       double sum = 0, weight = 0;
       int nearest = kFillReach + 1;

@@ -5,7 +5,6 @@
 // Catmull-Rom bicubic kernel (bilinear beside voids), exact for a linear slope.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <list>
@@ -17,6 +16,7 @@
 
 #include "dem/block.h"
 #include "dem/catalogue.h"
+#include "dem/stop_token.h"
 
 namespace selenograph::dem {
 
@@ -30,8 +30,9 @@ struct PostWindow {
 };
 
 struct Posts {
-  std::vector<float> heights;       // m, NaN: no data
-  std::vector<SourceMark> sources;  // as in Block::sources
+  std::vector<float> heights;         // m, NaN: no data
+  std::vector<SourceMark> sources;    // as in Block::sources
+  std::vector<SourceIndex> replaced;  // unusable files that the next coarser layer replaced; ascending
 };
 
 // No-data is interpolated when valid posts lie on two opposite sides within this many posts: 240 m at SLDEM2013's
@@ -41,36 +42,34 @@ inline constexpr int kFillReach = 32;
 // Safe to call concurrently: keeps a pool of open files, each lent to one thread at a time.
 class PostSource {
  public:
-  // `warn` is told of each unusable file that a coarser layer replaced (fall_through); without fall_through an unusable
-  // file throws DataError.
-  PostSource(const Catalogue& catalogue, bool fall_through, std::function<void(const std::string&)> warn);
+  // `warn(file, text)` is told of each unusable file that a coarser layer replaced (fall_through), and of impossible
+  // posts; without fall_through an unusable file throws DataError. A SystemFault is nobody's replacement: it is thrown.
+  using Warn = std::function<void(const std::string& file, const std::string& text)>;
+  PostSource(const Catalogue& catalogue, bool fall_through, Warn warn);
   ~PostSource();
 
   // The lattice level that a source needs for its posts to be (nearly) vertices.
   static int level_needed(const RasterInfo& info);
 
-  // How often an unusable file was replaced by the next coarser layer: what is made meanwhile is not to be kept.
-  std::uint64_t times_fallen_through() const { return times_fallen_through_; }
-
   // Layers composed, voids not yet filled.
-  Posts compose(const PostWindow& window) const;
+  Posts compose(const PostWindow& window, const StopToken& stop = {}) const;
   // Fills voids, in place. Needs kFillReach posts of context around what must be right.
-  static void fill_voids(const PostWindow& window, Posts& posts);
+  static void fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop = {});
 
  private:
   class Pool;
   class Mapping;
   struct Patch;
   void close_gaps(int source, Patch& patch) const;
-  void compose_rows(const PostWindow& window, int r0, int r1, Posts& posts) const;
+  void compose_rows(const PostWindow& window, int r0, int r1, Posts& posts, const StopToken& stop) const;
   enum class Reach { between_posts, beside_posts };
   bool add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach, Posts& posts) const;
   const Catalogue& catalogue_;
   bool fall_through_;
-  std::function<void(const std::string&)> warn_;
+  Warn warn_;
   std::unique_ptr<Pool> pool_;
-  mutable std::atomic<std::uint64_t> times_fallen_through_{0};
-  double post_deg_ = 0;  // of the coarsest file
+  mutable std::mutex replaced_mutex_;  // of any Posts::replaced, which strips share
+  double post_deg_ = 0;                // of the coarsest file
 };
 
 }  // namespace selenograph::dem

@@ -12,11 +12,13 @@
 #include <cerrno>
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <mutex>
-#include <set>
 #include <string_view>
 #include <unordered_set>
+#include <utility>
 
+#include "dem/build_queue.h"
 #include "dem/cache.h"
 #include "dem/chunk.h"
 #include "dem/error.h"
@@ -128,22 +130,37 @@ void fill_trigonometry(Block& block) {
 }
 
 struct Terrain::Impl {
+  using Chunks = Cache<BlockId, Chunk, BlockIdHash>;
+  using Blocks = Cache<BlockId, Block, BlockIdHash>;
+
   Impl(Catalogue c, const TerrainOptions& o)
       : catalogue(std::move(c)),
         options(o),
-        source(catalogue, o.fall_through, [this](const std::string& text) { warn(text); }),
+        source(catalogue, o.fall_through,
+               [this](const std::string& file, const std::string& text) { warn(file, text); }),
         blocks(o.cache_bytes / 4 * 3),
-        chunks(o.cache_bytes / 4) {
+        chunks(o.cache_bytes / 4),
+        builds(o.threads, [this](BuildQueue::Work& work, const StopToken& stop) { return take_turn(work, stop); }) {
     // What a file that can't even be catalogued holds, and where, is unknown: any answer may lack it.
     for (const CatalogueProblem& problem : catalogue.problems()) {
-      if (problem.located) continue;
+      if (problem.located || problem.unrelated) continue;
       if (!options.fall_through) throw DataError(problem.path, problem.what);
-      warn(problem.path + ": " + problem.what);
+      warn(problem.path, problem.path + ": " + problem.what);
     }
-    if (!options.cache_dir.empty()) remove_stale_temporaries(options.cache_dir + "/pyramid");
+    if (!options.cache_dir.empty()) open_cache_folder();
     for (int row = 0; row < rows_of(0); ++row)
       for (int col = 0; col < columns_of(0, row); ++col)
         if (!touching({0, row, col}, 0).empty()) roots.push_back({0, row, col});
+  }
+
+  void open_cache_folder() {
+    const std::string folder = options.cache_dir + "/pyramid";
+    remove_stale_temporaries(folder);
+    try {
+      probe_folder(folder);
+    } catch (const SystemFault& fault) {
+      cache_failed("written", fault);
+    }
   }
 
   ChunkPlan plan(const BlockId& node, std::size_t stratum) {
@@ -219,12 +236,16 @@ struct Terrain::Impl {
     return std::max(needed, here.base_level);
   }
 
-  std::shared_ptr<const Chunk> chunk(const ChunkPlan& plan) {
-    return chunks.get(plan.node, [&] {
-      std::shared_ptr<const Chunk> made = open_or_build(plan);
-      const std::size_t bytes = made->bytes();
-      return Cache<BlockId, Chunk, BlockIdHash>::Loaded{std::move(made), bytes};
-    });
+  std::shared_ptr<const Chunk> chunk(const ChunkPlan& plan, const StopToken& stop) {
+    return chunks.get(
+        plan.node,
+        [&] {
+          std::shared_ptr<const Chunk> made = kept(plan);
+          if (!made) made = builds.get(plan, stop);
+          const std::size_t bytes = made->bytes();
+          return Chunks::Loaded{std::move(made), bytes};
+        },
+        stop);
   }
 
   std::string path_of(const ChunkPlan& plan) const {
@@ -232,77 +253,145 @@ struct Terrain::Impl {
                        plan.node.col);
   }
 
-  std::shared_ptr<const Chunk> open_or_build(const ChunkPlan& plan) {
-    if (!options.cache_dir.empty() && !is_distrusted(plan.node) && std::filesystem::exists(path_of(plan))) {
-      try {
-        auto opened = Chunk::open(path_of(plan), plan, catalogue);
-        ++chunks_read;
-        return opened;
-      } catch (const DataError&) {
-        ++chunks_rejected;  // damaged or out of date: made again below
-      }
+  // From the cache folder; null: it has to be built.
+  std::shared_ptr<const Chunk> kept(const ChunkPlan& plan) {
+    if (options.cache_dir.empty() || is_distrusted(plan.node)) return nullptr;
+    try {
+      auto opened = Chunk::open(path_of(plan), plan, catalogue);
+      if (opened) ++chunks_read;
+      return opened;
+    } catch (const DataError& error) {
+      ++chunks_rejected;
+      log(fmt::format("{}; it is made again", error.what()));
+    } catch (const SystemFault& fault) {
+      if (!is_forbidden(fault)) throw;
+      distrust(plan.node);  // neither read nor written: the file stays as it is
+      cache_failed("read", fault);
     }
-    return build(plan);
+    return nullptr;
   }
 
-  std::shared_ptr<const Chunk> build(const ChunkPlan& plan) {
-    // One large build at a time: each uses all cores by itself and a few hundred MB.
-    std::unique_lock<std::mutex> turn;
-    if (plan.direct) turn = std::unique_lock(building);
-    const std::uint64_t fallen_through = plan.direct ? source.times_fallen_through() : 0;
-    std::string bytes = Chunk::build(plan, catalogue, source, [this](const BlockId& id) { return block(id); });
+  static bool is_forbidden(const SystemFault& fault) { return fault.code() == EACCES || fault.code() == EPERM; }
+
+  // On the builder's thread, which never waits for another.
+  BuildQueue::Turn take_turn(BuildQueue::Work& work, const StopToken& stop) {
+    if (!work.plan.direct)
+      if (const auto first = collect_finer(work, stop)) return {nullptr, first};
+    return {build(work.plan, work.finer, stop), {}};
+  }
+
+  // Takes the blocks that are there. Returns the chunk of one that isn't.
+  std::optional<ChunkPlan> collect_finer(BuildQueue::Work& work, const StopToken& stop) {
+    std::optional<ChunkPlan> missing;
+    for (const BlockId& id : Chunk::finer_blocks(work.plan)) {
+      if (work.finer.blocks.contains(id)) continue;
+      stop.check();
+      const ChunkPlan found = plan_for(id);
+      if (!found.exists) {
+        work.finer.blocks[id] = nullptr;
+        continue;
+      }
+      const bool just_made = work.made && work.asked_for->node == found.node;
+      if (missing && !just_made) continue;
+      std::shared_ptr<const Chunk> finer = just_made ? work.made : chunks.peek(found.node);
+      if (!finer) finer = kept(found);
+      if (finer) {
+        try {
+          work.finer.blocks[id] = block_of(*finer, found, id);
+          work.finer.replaced.insert(work.finer.replaced.end(), finer->replaced().begin(), finer->replaced().end());
+          continue;
+        } catch (const DataError& error) {
+          if (just_made) throw;
+          reject(found, *finer, error);
+        }
+      }
+      missing = found;
+    }
+    std::sort(work.finer.replaced.begin(), work.finer.replaced.end());
+    work.finer.replaced.erase(std::unique(work.finer.replaced.begin(), work.finer.replaced.end()),
+                              work.finer.replaced.end());
+    return missing;
+  }
+
+  std::shared_ptr<const Chunk> build(const ChunkPlan& plan, const Chunk::Finer& finer, const StopToken& stop) {
+    Chunk::Built built = Chunk::build(plan, catalogue, source, finer, stop);
     ++chunks_built;
+    if (!built.replaced.empty()) replacements = true;
     // A replacement for an unusable file isn't kept: the next start finds the file back, or warns again.
-    const bool replacement = source.times_fallen_through() != fallen_through;
-    if (!options.cache_dir.empty() && !replacement) {
+    if (!options.cache_dir.empty() && built.replaced.empty() && !is_distrusted(plan.node)) {
       try {
-        write_whole_file(path_of(plan), bytes);
-        return Chunk::open(path_of(plan), plan, catalogue);
+        write_whole_file(path_of(plan), built.bytes);
+        cache_works();
+        if (auto opened = Chunk::open(path_of(plan), plan, catalogue)) return opened;
+      } catch (const SystemFault& fault) {
+        cache_failed("written", fault);  // costs time, not answers
       } catch (const DataError& error) {
-        // A full or read-only disk costs time, not answers.
-        warn(fmt::format("pyramid kept in memory only: {}", error.what()));
+        log(fmt::format("{}, just written; it is kept in memory only", error.what()));
       }
     }
-    return Chunk::from_bytes(std::move(bytes), plan, catalogue);
+    return Chunk::from_bytes(std::move(built.bytes), plan, catalogue, std::move(built.replaced));
   }
 
-  std::shared_ptr<const Block> block(const BlockId& id) {
+  std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop) {
     const ChunkPlan found = plan_for(id);
     if (!found.exists) return nullptr;
-    return blocks.get(id, [&] {
-      std::shared_ptr<const Block> made =
-          id.level > found.finest_level() ? finer_than_posts(id, found) : load(id, found);
-      const std::size_t bytes = made ? made->bytes() : sizeof(Block);
-      return Cache<BlockId, Block, BlockIdHash>::Loaded{std::move(made), bytes};
-    });
+    return blocks.get(
+        id,
+        [&] {
+          std::shared_ptr<const Block> made =
+              id.level > found.finest_level() ? finer_than_posts(id, found, stop) : load(id, found, stop);
+          const std::size_t bytes = made ? made->bytes() : sizeof(Block);
+          return Blocks::Loaded{std::move(made), bytes};
+        },
+        stop);
   }
 
-  std::shared_ptr<const Block> finer_than_posts(const BlockId& id, const ChunkPlan& plan) {
-    const auto posts = block(ancestor_of(id, plan.base_level));
+  std::shared_ptr<const Block> finer_than_posts(const BlockId& id, const ChunkPlan& plan, const StopToken& stop) {
+    const auto posts = block(ancestor_of(id, plan.base_level), stop);
     return posts ? subdivided(*posts, id) : nullptr;
   }
 
-  std::shared_ptr<const Block> load(const BlockId& id, const ChunkPlan& plan) {
-    const std::shared_ptr<const Chunk> opened = chunk(plan);
-    try {
-      return opened->load(id);
-    } catch (const DataError&) {
-      // A damaged record: the file is not to be trusted any more. What can be built again is.
-      ++chunks_rejected;
-      distrust(plan);
-      return chunk(plan)->load(id);
+  // The same from a chunk at hand.
+  static std::shared_ptr<const Block> block_of(const Chunk& chunk, const ChunkPlan& plan, const BlockId& id) {
+    if (id.level <= plan.finest_level()) return chunk.load(id);
+    const auto posts = chunk.load(ancestor_of(id, plan.base_level));
+    return posts ? subdivided(*posts, id) : nullptr;
+  }
+
+  std::shared_ptr<const Block> load(const BlockId& id, const ChunkPlan& plan, const StopToken& stop) {
+    // What is damaged may have been replaced meanwhile, by us or another process; then it is made again; then it is
+    // right.
+    constexpr int kAttempts = 3;
+    for (int attempt = 1;; ++attempt) {
+      const std::shared_ptr<const Chunk> opened = chunk(plan, stop);
+      try {
+        return opened->load(id);
+      } catch (const DataError& error) {
+        if (attempt == kAttempts) throw;
+        reject(plan, *opened, error);
+      }
     }
   }
 
-  // Where the file can't be removed either (a read-only disk) it must not be opened again.
-  void distrust(const ChunkPlan& plan) {
-    std::error_code error;
-    if (!options.cache_dir.empty()) std::filesystem::remove(path_of(plan), error);
-    if (error) {
-      std::lock_guard lock(mutex);
-      distrusted.insert(plan.node);
+  // A damaged record: the file is not to be trusted any more. What can be built again is.
+  void reject(const ChunkPlan& plan, const Chunk& opened, const DataError& why) {
+    ++chunks_rejected;
+    if (!options.cache_dir.empty() && opened.current()) {
+      std::error_code error;
+      const bool removed = std::filesystem::remove(path_of(plan), error);
+      if (removed) log(fmt::format("{}; the file was deleted", why.what()));
+      // Where it can't be (a read-only disk) it must not be opened again.
+      if (error) {
+        distrust(plan.node);
+        log(fmt::format("{}; the file can't be deleted: {}", why.what(), error.message()));
+      }
     }
     chunks.erase(plan.node);
+  }
+
+  void distrust(const BlockId& node) {
+    std::lock_guard lock(mutex);
+    distrusted.insert(node);
   }
 
   bool is_distrusted(const BlockId& node) const {
@@ -310,23 +399,52 @@ struct Terrain::Impl {
     return distrusted.contains(node);
   }
 
-  void warn(const std::string& text) {
-    std::lock_guard lock(mutex);
-    warnings.insert(text);
+  void log(const std::string& text) const {
+    if (options.log) options.log(text);
+  }
+
+  void warn(const std::string& file, const std::string& text) {
+    {
+      std::lock_guard lock(mutex);
+      if (!warnings.emplace(file, text).second) return;
+    }
+    log(text);
+  }
+
+  // `done`: "read" or "written".
+  void cache_failed(const char* done, const SystemFault& fault) {
+    const std::string trouble = fmt::format("pyramids are kept in memory only: {} can't be {}: {}", options.cache_dir,
+                                            done, std::generic_category().message(fault.code()));
+    {
+      std::lock_guard lock(mutex);
+      if (std::exchange(cache_trouble, trouble) == trouble) return;
+    }
+    log(trouble);
+  }
+
+  void cache_works() {
+    {
+      std::lock_guard lock(mutex);
+      if (std::exchange(cache_trouble, {}).empty()) return;
+    }
+    log(fmt::format("pyramids are written to {} again", options.cache_dir));
   }
 
   Catalogue catalogue;
   TerrainOptions options;
   PostSource source;
-  Cache<BlockId, Block, BlockIdHash> blocks;
-  Cache<BlockId, Chunk, BlockIdHash> chunks;
+  Blocks blocks;
+  Chunks chunks;
   std::atomic<std::uint64_t> chunks_built{0}, chunks_read{0}, chunks_rejected{0};
+  std::atomic<bool> replacements{false};
   mutable std::mutex mutex;
-  std::mutex building;
   std::unordered_map<BlockId, ChunkPlan, BlockIdHash> plans;
-  std::unordered_set<BlockId, BlockIdHash> distrusted;  // nodes whose file is damaged and can't be removed
-  std::set<std::string> warnings;
+  // Nodes whose file is damaged and can't be removed, or may not be read.
+  std::unordered_set<BlockId, BlockIdHash> distrusted;
+  std::map<std::string, std::string> warnings;  // by file
+  std::string cache_trouble;
   std::vector<BlockId> roots;
+  BuildQueue builds;  // the last: its thread uses all of the above
 };
 
 Terrain::Terrain(Catalogue catalogue, const TerrainOptions& options)
@@ -351,19 +469,25 @@ int Terrain::posts_level(const BlockId& id) const {
 
 bool Terrain::node_is_cheap(const BlockId& id) const { return impl_->plan_for(id).direct; }
 
-NodeInfo Terrain::node(const BlockId& id) const {
+NodeInfo Terrain::node(const BlockId& id, const StopToken& stop) const {
   const ChunkPlan plan = impl_->plan_for(id);
   if (!plan.exists) return {};
   const bool beyond = id.level > plan.finest_level();
-  const auto chunk = impl_->chunk(plan);
+  const auto chunk = impl_->chunk(plan, stop);
   const Chunk::Record* record = chunk->find(beyond ? ancestor_of(id, plan.finest_level()) : id);
   if (!record) throw DataError("pyramid " + to_string(plan.node), "block " + to_string(id) + " is missing");
-  return {beyond ? 0.0 : record->error_m, record->min_m, record->max_m, (record->flags & Chunk::kEmpty) != 0};
+  return {beyond ? 0.0 : record->error_m, record->min_m, record->max_m, (record->flags & Chunk::kEmpty) != 0,
+          chunk->replaced()};
 }
 
-std::shared_ptr<const Block> Terrain::block(const BlockId& id) const { return impl_->block(id); }
+std::shared_ptr<const Block> Terrain::block(const BlockId& id, const StopToken& stop) const {
+  return impl_->block(id, stop);
+}
 
-HeightAnswer Terrain::height(double lat_deg, double lon_deg) const {
+void Terrain::stop_building() const { impl_->builds.stop(); }
+
+HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& stop) const {
+  stop.check();
   HeightAnswer answer{lat_deg, wrap_lon_deg(lon_deg), std::nan(""), 0, -1, false};
   const Vec3 direction = to_cartesian({lat_deg, lon_deg, 0}).normalized();
   const double lat = (lat_deg + 90) * kTicksPerDegree, lon = (answer.lon_deg + 180) * kTicksPerDegree;
@@ -383,7 +507,7 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg) const {
       if (row < 0 || row * step >= kLatTicks) continue;
       const BlockId id =
           block_at(level, static_cast<std::int32_t>(row * step), wrap_lon(static_cast<std::int64_t>(col * step)));
-      const auto block = this->block(id);
+      const auto block = this->block(id, stop);
       if (!block) continue;
       const BlockExtent& e = block->extent;
       const int r = static_cast<int>((static_cast<std::int64_t>(row * step) - e.lat0) / e.lat_step);
@@ -409,7 +533,27 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg) const {
 
 std::vector<std::string> Terrain::warnings() const {
   std::lock_guard lock(impl_->mutex);
-  return {impl_->warnings.begin(), impl_->warnings.end()};
+  std::vector<std::string> texts;
+  for (const auto& [file, text] : impl_->warnings) texts.push_back(text);
+  return texts;
+}
+
+bool Terrain::has_replacements() const { return impl_->replacements; }
+
+std::vector<std::string> Terrain::warnings_about(std::span<const SourceIndex> replaced) const {
+  const auto name = [](const std::string& path) { return std::filesystem::path(path).filename().string(); };
+  std::vector<std::string> texts;
+  for (const CatalogueProblem& problem : catalogue().problems())
+    if (!problem.located && !problem.unrelated)
+      texts.push_back(name(problem.path) + ": can't be used; where it lies is unknown");
+  for (const SourceIndex i : replaced)
+    texts.push_back(name(catalogue().rasters()[i].path) + ": can't be used; the layer below stands in for it");
+  return texts;
+}
+
+std::string Terrain::cache_trouble() const {
+  std::lock_guard lock(impl_->mutex);
+  return impl_->cache_trouble;
 }
 
 CacheStatistics Terrain::statistics() const {
@@ -448,7 +592,7 @@ std::vector<BlockId> Terrain::chunks_to_ingest() const {
 void Terrain::ensure_chunk(const BlockId& node) const {
   std::size_t stratum = 0;
   while (kStrata[stratum] != node.level) ++stratum;
-  impl_->chunk(impl_->plan(node, stratum));
+  impl_->chunk(impl_->plan(node, stratum), {});
 }
 
 }  // namespace selenograph::dem

@@ -2,14 +2,17 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "dem/block.h"
 #include "dem/catalogue.h"
 #include "dem/lattice.h"
+#include "dem/stop_token.h"
 
 namespace selenograph::dem {
 
@@ -19,6 +22,11 @@ struct TerrainOptions {
   // A corrupt, truncated or missing file: an error that names it (false), or the next coarser layer and a warning
   // (true).
   bool fall_through = false;
+  // Told, each once, what the operator should know and no client needs: a pyramid file that was deleted or made again
+  // and why, a cache folder that can't be written, an unusable file that a coarser layer replaced. From any thread; may
+  // be empty.
+  std::function<void(const std::string&)> log;
+  int threads = 0;  // that build pyramids; 0: all cores
 };
 
 // What selection needs to know of a block before loading its posts.
@@ -26,6 +34,8 @@ struct NodeInfo {
   double error_m = 0;  // largest vertical distance from this level's surface to the finest one, within the block
   float min_m = 0, max_m = 0;  // heights; of the finest surface and this level's
   bool empty = true;           // not one valid post
+  // Unusable files that it lacks, replaced by the next coarser layer or by nothing (fall_through).
+  std::vector<SourceIndex> replaced;
 };
 
 // No lunar height is outside of this (relief: +10 786 m to -9 120 m); a post that is counts as no-data.
@@ -45,10 +55,14 @@ struct CacheStatistics {
 };
 
 // const means safe to call concurrently.
+//
+// What isn't in memory or in the cache folder is built, in the background, while those who need it wait, each until its
+// own `stop`: then they throw Cancelled. What was begun is finished and kept all the same (build_queue.h). They throw
+// DataError when a file is unusable, SystemFault when the system can't read it now.
 class Terrain {
  public:
   Terrain(Catalogue catalogue, const TerrainOptions& options);
-  ~Terrain();
+  ~Terrain();  // stops building
 
   const Catalogue& catalogue() const;
 
@@ -64,15 +78,25 @@ class Terrain {
   // Whether node() can answer from the sources beneath the block's own surroundings. Where it can't (a coarse block
   // over very fine posts), node() first has everything beneath built: ask only when the block is really wanted.
   bool node_is_cheap(const BlockId& id) const;
-  NodeInfo node(const BlockId& id) const;
+  NodeInfo node(const BlockId& id, const StopToken& stop = {}) const;
   // Null when the block has not one valid post.
-  std::shared_ptr<const Block> block(const BlockId& id) const;
+  std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const;
 
   // On the finest surface, by the triangles that frames are made of.
-  HeightAnswer height(double lat_deg, double lon_deg) const;
+  HeightAnswer height(double lat_deg, double lon_deg, const StopToken& stop = {}) const;
 
-  // Warnings since the terrain was opened (unusable files that a coarser layer replaced), each once.
+  // Whoever waits for a build throws Cancelled, and nothing is built any more: the service ends. Returns at once.
+  void stop_building() const;
+
+  // Since the terrain was opened, one for each file at fault, in the words of the log.
   std::vector<std::string> warnings() const;
+  // Whether any NodeInfo::replaced may hold something.
+  bool has_replacements() const;
+  // What a client is told about what it was given: the names of these files, and of those whose place is unknown. A
+  // function of the files alone, not of this machine.
+  std::vector<std::string> warnings_about(std::span<const SourceIndex> replaced) const;
+  // Why pyramids are kept in memory only; empty: they are in the cache folder, or there is none.
+  std::string cache_trouble() const;
   CacheStatistics statistics() const;
 
   // Builds the pyramid of everything in the catalogue that is not yet on disk. Calls progress(done, total, name) after

@@ -17,7 +17,7 @@
 namespace selenograph::dem {
 
 struct ValueMapOptions {
-  std::string path;        // whatever GDAL opens
+  std::string path;        // of a format that the README names
   std::vector<int> bands;  // from 1: the value is their mean; empty: all but alpha
   // Of a raster that doesn't say where it lies: its outer borders, row 0 in the north.
   std::optional<Footprint> extent;

@@ -11,7 +11,7 @@ namespace selenograph::engine {
 BudgetChoice choose_accuracy(const FrameRequest& request, double budget_ms, int max_samples,
                              const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
   const View view(request.camera, request.pose);
-  if (request.terrain) refuse_underground(terrain, view.position());
+  if (request.terrain) refuse_underground(terrain, view.position(), stop);
   Stopwatch watch;
   double spent_ms = 0;
   std::optional<BudgetChoice> best;

@@ -118,7 +118,7 @@ class RayCaster {
       return;
     }
     const auto scene =
-        kept_.scene({selection->blocks, anchor_for(some[0].origin_m, some[0].direction), Visibility::raytrace});
+        kept_.scene({selection->blocks, anchor_for(some[0].origin_m, some[0].direction), Visibility::raytrace}, stop_);
     for_packets(batch.size(), stop_, [&](std::size_t first, int count) { work(*scene, batch, first, count); });
   }
 
@@ -143,7 +143,7 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
                                         const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
                                         const StopToken& stop) {
   const View view(camera, pose);
-  refuse_underground(terrain, view.position());
+  refuse_underground(terrain, view.position(), stop);
   RayCaster caster(terrain, kept, stop);
   std::vector<Landmark> answers(points.size());
   std::vector<Ray> looks, lights;
@@ -152,7 +152,7 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
     stop.check();
     const LandmarkQuery& q = points[i];
     Landmark& a = answers[i];
-    const double ground = terrain.height(q.lat_deg, q.lon_deg).height_m;
+    const double ground = terrain.height(q.lat_deg, q.lon_deg, stop).height_m;
     a.height_m = q.height_m.value_or(ground);
     a.x_px = a.y_px = a.range_m = std::nan("");
     if (std::isnan(a.height_m)) continue;

@@ -34,20 +34,21 @@ RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_
       speed_of_rays_(threads),
       speed_of_zbuffer_(threads) {}
 
-std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content) {
-  return scenes_.get(key_of(content), [&] {
+std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, const StopToken& stop) {
+  const auto make = [&] {
     std::shared_ptr<const Scene> before;
     {
       const std::lock_guard lock(latest_mutex_);
       before = latest_.lock();
     }
-    auto made = std::make_shared<const Scene>(*terrain_, content, threads_, before.get());
+    auto made = std::make_shared<const Scene>(*terrain_, content, threads_, before.get(), stop);
     {
       const std::lock_guard lock(latest_mutex_);
       latest_ = made;
     }
     return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes()};
-  });
+  };
+  return scenes_.get(key_of(content), make, stop);
 }
 
 bool RenderCache::holds(const SceneContent& content) const { return scenes_.holds(key_of(content)); }

@@ -24,7 +24,8 @@ class RenderCache {
   // `threads`: that work on a frame.
   RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads);
 
-  std::shared_ptr<const Scene> scene(const SceneContent& content);
+  // Of several who need the same scene one makes it; each waits until its own `stop`, then Cancelled is thrown.
+  std::shared_ptr<const Scene> scene(const SceneContent& content, const StopToken& stop = {});
   bool holds(const SceneContent& content) const;
   void forget(const SceneContent& content);
 

@@ -101,7 +101,7 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   Frame frame;
   Stopwatch watch;
   const View view(request.camera, request.pose);
-  if (request.terrain) refuse_underground(terrain, view.position());
+  if (request.terrain) refuse_underground(terrain, view.position(), stop);
   const ObjectsInFrame objects(request, view);
   const RadianceTerms radiance = radiance_terms(request);
 
@@ -112,7 +112,7 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   // Scene: the blocks as one mesh, with what the visibility algorithm needs of it.
   const SceneContent content = content_of(request, view, selection);
   const bool build = !kept.holds(content);
-  const std::shared_ptr<const Scene> scene = kept.scene(content);
+  const std::shared_ptr<const Scene> scene = kept.scene(content, stop);
   frame.times.build_ms = watch.lap_ms();
 
   // Visible points, light, radiance, products. Each of sixteen pixels at a time by rays, of all pixels by z-buffer.
@@ -156,7 +156,7 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   frame.report.emits_elsewhere = objects.emit() || !request.temperature_maps.empty();
   report_scene(selection, *scene, frame.report);
   report_pixels(request.camera, writer.counts(), frame.report);
-  frame.report.warnings = terrain.warnings();
+  if (request.terrain) frame.report.warnings = terrain.warnings_about(selection.replaced);
   return frame;
 }
 

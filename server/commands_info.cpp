@@ -68,7 +68,7 @@ void add_options(CLI::App& command, InfoSettings& s) {
 
 int info(const InfoSettings& settings) {
   set_up_log(settings.terrain.log_level);
-  const dem::Catalogue catalogue(dem_paths(settings.terrain));
+  const dem::Catalogue catalogue = open_catalogue(settings.terrain);
   settings.json ? print_json(catalogue) : print_table(catalogue);
   if (settings.resampling > 0) print_resampling(*open_terrain(settings.terrain), settings.resampling);
   return 0;

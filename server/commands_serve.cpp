@@ -71,6 +71,7 @@ int serve(const ServeSettings& settings) {
     gauges.cache = renderer->terrain().statistics();
     gauges.terrain_warnings = renderer->terrain().warnings().size();
     gauges.scene_bytes = renderer->scene_bytes_in_use();
+    gauges.cache_trouble = renderer->terrain().cache_trouble();
   });
   HttpServer server(
       http_options(settings), [&](const api::Request& request) { return front.handle(request); },

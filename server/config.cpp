@@ -96,6 +96,10 @@ void add_options(CLI::App& command, TerrainSettings& s) {
   command.add_option("--assets-dir", s.assets_dir, "Folder of files that requests name: see deploy/README.md")
       ->type_name("DIR")
       ->check(CLI::ExistingDirectory);
+  command
+      .add_option("--remote-prefix", s.remote_prefix,
+                  "VRTs may read names that begin so, e.g. /vsicurl/https://example.org/dem/; without: files only")
+      ->type_name("PREFIX");
   command.add_option("--cache-dir", s.cache_dir, "Folder for pyramids")->type_name("DIR")->capture_default_str();
   command.add_option("--cache-mb", s.cache_mb, "Memory for terrain, MiB")
       ->check(CLI::Range(16, 1 << 24))

@@ -23,6 +23,7 @@ struct TerrainSettings {
   std::size_t scene_mb = engine::RendererOptions{}.scene_bytes >> 20;
   int threads = 0;                     // 0: all cores
   std::string assets_dir;              // atmospheres and the like that requests name; empty: none
+  std::string remote_prefix;           // of names on a network that VRTs may read; empty: none
   std::string on_data_error = "fail";  // or "fall-through"
   std::string log_level = "info";      // debug, info, warning, error
 };

@@ -62,8 +62,11 @@ api::Response Front::own(const api::Request& request) const {
     return answer;
   }
   if (request.path == "/metrics") return metrics_answer();
-  if (request.path == "/health/live" || ready_) return text_answer(200, "ok\n");
-  return text_answer(503, "shutting down\n");
+  if (request.path == "/health/live") return text_answer(200, "ok\n");
+  if (!ready_) return text_answer(503, "shutting down\n");
+  Gauges gauges;
+  read_gauges_(gauges);
+  return text_answer(200, gauges.cache_trouble.empty() ? "ok\n" : "ok\n" + gauges.cache_trouble + "\n");
 }
 
 api::Response Front::metrics_answer() const {

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <csignal>
 #include <cstdio>
 #include <exception>
 #include <functional>
@@ -72,6 +73,7 @@ int run(CLI::App& app, const Work& work) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  std::signal(SIGXFSZ, SIG_IGN);  // a file over its limit is an error of writing, as a full disk is
   CLI::App app("Images of the Moon for navigation: frames with true shadows, and the truth behind each pixel.",
                "selenograph");
   app.set_version_flag("--version", std::string(selenograph::api::software_version()));

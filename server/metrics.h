@@ -21,6 +21,7 @@ struct Gauges {
   int connections = 0;
   dem::CacheStatistics cache;
   std::size_t terrain_warnings = 0;
+  std::string cache_trouble;  // of /health/ready, not a metric; empty: none
   std::size_t scene_bytes = 0;
 };
 

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "dem/gdal/remote_files.h"
 #include "dem/sample/sample_terrain.h"
 
 namespace selenograph::server {
@@ -41,8 +42,13 @@ std::vector<std::string> dem_paths(const TerrainSettings& settings) {
   return settings.dem.empty() ? std::vector{sample_folder(settings.cache_dir, {})} : settings.dem;
 }
 
+dem::Catalogue open_catalogue(const TerrainSettings& settings) {
+  dem::allow_remote_files(settings.remote_prefix);
+  return dem::Catalogue(dem_paths(settings));
+}
+
 std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings) {
-  dem::Catalogue catalogue(dem_paths(settings));
+  dem::Catalogue catalogue = open_catalogue(settings);
   spdlog::info("catalogue: {} DEM files", catalogue.rasters().size());
   for (const dem::CatalogueProblem& problem : catalogue.problems())
     spdlog::warn("not used: {}: {}", problem.path, problem.what);
@@ -50,6 +56,8 @@ std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings) {
   options.cache_dir = settings.cache_dir;
   options.cache_bytes = settings.cache_mb << 20;
   options.fall_through = settings.on_data_error == "fall-through";
+  options.log = [](const std::string& text) { spdlog::warn("{}", text); };
+  options.threads = settings.threads;
   return std::make_shared<dem::Terrain>(std::move(catalogue), options);
 }
 

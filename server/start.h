@@ -21,6 +21,8 @@ std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions
 // settings.dem, or the folder of the default sample terrain.
 std::vector<std::string> dem_paths(const TerrainSettings& settings);
 
+// What is there, and may be opened. Throws DataError.
+dem::Catalogue open_catalogue(const TerrainSettings& settings);
 // These throw DataError and say in the log what was found, and what could not be used.
 std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings);
 std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& settings);

@@ -48,7 +48,8 @@ bool frame(const std::string& url, const dem::Catalogue& catalogue) {
 bool run_trial(const std::string& url, const dem::Catalogue& catalogue) {
   bool good =
       report("catalogue", !catalogue.rasters().empty(), fmt::format("{} DEM files", catalogue.rasters().size()));
-  for (const dem::CatalogueProblem& problem : catalogue.problems()) good &= report(problem.path, false, problem.what);
+  for (const dem::CatalogueProblem& problem : catalogue.problems())
+    good &= report(problem.path, problem.unrelated, problem.what);
   for (const char* path : {"/health/live", "/health/ready", "/metrics", "/openapi.json", "/v1/datasets"})
     good &= get(url, path);
   if (!catalogue.rasters().empty()) good &= frame(url, catalogue);

@@ -7,10 +7,20 @@
 #include <memory>
 #include <string>
 
+#include "dem/gdal/remote_files.h"
+
 namespace selenograph::dem {
+
+// Formats of maps, by GDAL's names of their drivers; of DEMs the first two. No others are registered, so that a VRT's
+// sources are of these, too. None of them fetches anything.
+inline constexpr const char* kMapDrivers[] = {"GTiff", "VRT", "AAIGrid", "PNG", "JPEG", "PDS", "ISIS3", nullptr};
+inline constexpr const char* kDemDrivers[] = {"GTiff", "VRT", nullptr};
 
 // Before anything else of GDAL; works once per process.
 void register_gdal();
+
+// Throws DataError naming the file if it is a VRT one of whose sources is no file of this machine, and not allowed.
+void check_sources(const std::string& path);
 
 // Keeps GDAL's complaints off stderr and hands them to our exceptions. For this thread, while it lives.
 class QuietGdal {
@@ -18,15 +28,14 @@ class QuietGdal {
   QuietGdal() {
     CPLPushErrorHandler(CPLQuietErrorHandler);
     CPLErrorReset();
+    errno = 0;
   }
   ~QuietGdal() { CPLPopErrorHandler(); }
   QuietGdal(const QuietGdal&) = delete;
   QuietGdal& operator=(const QuietGdal&) = delete;
 
-  std::string complaint() const {
-    const std::string text = CPLGetLastErrorMsg();
-    return text.empty() ? "GDAL gives no reason" : text;
-  }
+  // Throws what GDAL complains about: "`file`: `what`: ..." as DataError, SystemFault where the system is at fault.
+  [[noreturn]] void fail(const std::string& file, const std::string& what) const;
 };
 
 struct DatasetCloser {

@@ -1,6 +1,7 @@
 #include "dem/gdal/raster_file.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <filesystem>
 #include <limits>
@@ -15,6 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr double kUndeclaredVoid = 1e30;    // and beyond: a DUMMY such as -3.4e38 that the label forgot
 constexpr double kNoRadiusBelow_m = 1.6e6;  // heights are within 11 km of zero, radii within 11 km of 1737.4 km
 constexpr const char* kHeightDatum = "sphere 1737.4 km, height";
 constexpr const char* kRadiusDatum = "planetary radius, converted";
@@ -63,6 +65,10 @@ void check_still_there(const RasterFile& s) {
     throw DataError(s.info.path, "its data file " + s.pds->data_path + (state ? " was truncated" : " vanished"));
 }
 
+bool is_possible(double height_m) {
+  return std::abs(height_m) <= kFarthestHeight_m || std::abs(height_m - kMoonRadius_m) <= kFarthestHeight_m;
+}
+
 // Whether the samples are radii: by the offset, else (where the type can hold a radius at all) by the median of a few.
 bool holds_radii(RasterFile& s) {
   if (s.offset_m > kNoRadiusBelow_m) return true;
@@ -71,26 +77,67 @@ bool holds_radii(RasterFile& s) {
   open_band(s);
   constexpr int kAcross = 6;
   std::vector<double> heights;
+  int impossible = 0;
   for (int i = 0; i < kAcross * kAcross; ++i) {
     const auto pick = [](int n, int k) { return static_cast<int>((2LL * k + 1) * n / (2 * kAcross)); };
     double sample = 0;
     read_samples(s, pick(s.file_width, i % kAcross), pick(s.file_height, i / kAcross), 1, 1, &sample);
-    if (!is_void(s, sample)) heights.push_back(sample * s.scale + s.offset_m);
+    if (is_void(s, sample)) continue;
+    heights.push_back(sample * s.scale + s.offset_m);
+    impossible += std::abs(sample) < kUndeclaredVoid && !is_possible(heights.back());
   }
+  if (impossible == kAcross * kAcross)
+    throw DataError(s.info.path, "its samples can't be heights: " + std::to_string(heights.front()) + " m is one");
   if (heights.empty()) return false;
   const auto middle = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2);
   std::nth_element(heights.begin(), middle, heights.end());
   return *middle > kNoRadiusBelow_m;
 }
 
+// Why samples times scale plus offset can't be heights or radii of the Moon; empty: they can. Such a file would be a
+// hole, or a plain, and nobody would know why.
+std::string impossible_values(const RasterFile& s) {
+  // Heights are known to a metre or better, as numbers of any size: from a fraction of the radius to nanometres.
+  constexpr double kFinestStep_m = 1e-9, kCoarsestStep_m = 1e4, kLargestUnit_m = 2e6, kFarthest_m = 1e7;
+  const double step = std::abs(s.scale);
+  const auto value = [](double x) { return std::to_string(x); };
+  if (!(step >= kFinestStep_m && step <= (is_integer(s.type) ? kCoarsestStep_m : kLargestUnit_m)))
+    return "its scale makes heights impossible: one step of its samples is " + value(s.scale) + " m";
+  if (!(std::abs(s.offset_m) <= kFarthest_m))
+    return "its offset of " + value(s.offset_m) + " m makes heights impossible";
+  if (!is_integer(s.type)) return {};
+  // All that the type can hold.
+  const int bits = 8 * GDALGetDataTypeSizeBytes(s.type);
+  const bool has_sign = s.type == GDT_Int16 || s.type == GDT_Int32;
+  const double least = has_sign ? -std::ldexp(1.0, bits - 1) : 0,
+               most = std::ldexp(1.0, has_sign ? bits - 1 : bits) - 1;
+  const auto [low, high] = std::minmax({least * s.scale + s.offset_m, most * s.scale + s.offset_m});
+  const auto meets = [&](double from, double to) { return low <= to && high >= from; };
+  if (meets(-kFarthestHeight_m, kFarthestHeight_m) ||
+      meets(kMoonRadius_m - kFarthestHeight_m, kMoonRadius_m + kFarthestHeight_m))
+    return {};
+  return "its scale and offset make all heights impossible: " + value(low) + " to " + value(high) + " m";
+}
+
 // `known`: what an earlier inspection found, so that opening needs no second look at the samples.
-void settle_values(RasterFile& s, const RasterInfo* known) {
-  if (!std::isfinite(s.scale) || !std::isfinite(s.offset_m))
-    throw DataError(s.info.path, "its scale or offset is beyond the range of double");
+void find_datum(RasterFile& s, const RasterInfo* known) {
+  if (!known)
+    if (const std::string wrong = impossible_values(s); !wrong.empty()) throw DataError(s.info.path, wrong);
   const bool radii = known ? known->datum == kRadiusDatum : holds_radii(s);
   if (radii) s.offset_m -= kMoonRadius_m;
   s.info.datum = radii ? kRadiusDatum : kHeightDatum;
   s.info.quantisation_m = is_integer(s.type) ? std::abs(s.scale) : 0;
+}
+
+// Damage that is described leaves the datum open, and nobody needs it.
+void settle_values(RasterFile& s, const RasterInfo* known, Damage damage) {
+  try {
+    if (s.info.damage.empty()) find_datum(s, known);
+  } catch (const DataError& error) {
+    if (damage == Damage::refuse) throw;
+    s.info.damage = error.what_is_wrong();
+  }
+  if (!s.info.damage.empty()) s.info.datum = kHeightDatum;
   if (!s.voids.empty()) s.info.void_value = s.voids.front();
 }
 
@@ -120,22 +167,20 @@ RasterFile describe_pds(const std::string& label_path, const RasterInfo* known, 
   s.pds = PdsPixels{image.data_path, image.first_byte, image.row_bytes, needed, image.sample.little_endian};
   if (damage == Damage::describe && data.bytes < needed)
     s.info.damage = "its data file " + image.data_path + (gone ? " is missing" : " was truncated");
-  RasterInfo heights;  // can't be told from damaged data, and won't be needed
-  heights.datum = kHeightDatum;
-  settle_values(s, s.info.damage.empty() ? known : &heights);
+  settle_values(s, known, damage);
   set_grid(s.info, image.grid);
   return s;
 }
 
 DatasetPtr open_dataset(const std::string& path) {
   register_gdal();
-  const QuietGdal quiet;
+  check_sources(path);
   const OpenOptions options;
+  const QuietGdal quiet;
   // Other drivers are left out: their georeferencing of lunar products has not been judged.
-  const char* const drivers[] = {"GTiff", "VRT", nullptr};
-  DatasetPtr dataset(static_cast<GDALDataset*>(
-      GDALOpenEx(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, drivers, nullptr, nullptr)));
-  if (!dataset) throw DataError(path, "can't be opened: " + quiet.complaint());
+  DatasetPtr dataset(static_cast<GDALDataset*>(GDALOpenEx(
+      path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, kDemDrivers, nullptr, nullptr)));
+  if (!dataset) quiet.fail(path, "can't be opened");
   return dataset;
 }
 
@@ -160,7 +205,7 @@ double unit_in_metres(const std::string& unit, const std::string& path) {
   throw DataError(path, "its unit '" + unit + "' is no height");
 }
 
-void find_values(RasterFile& s, const RasterInfo* known) {
+void find_values(RasterFile& s, const RasterInfo* known, Damage damage) {
   if (s.dataset->GetRasterCount() != 1)
     throw DataError(s.info.path, "has " + std::to_string(s.dataset->GetRasterCount()) + " bands; a height map has one");
   s.band = s.dataset->GetRasterBand(1);
@@ -171,14 +216,13 @@ void find_values(RasterFile& s, const RasterInfo* known) {
   const double unit_m = unit_in_metres(s.band->GetUnitType(), s.info.path);
   s.scale = s.band->GetScale() * unit_m;
   s.offset_m = s.band->GetOffset() * unit_m;
-  if (s.scale == 0) throw DataError(s.info.path, "its scale is zero");
   int has_void = 0;
   const double void_value = s.band->GetNoDataValue(&has_void);
   if (has_void) s.voids.push_back(void_value);
-  settle_values(s, known);
+  settle_values(s, known, damage);
 }
 
-RasterFile describe_gdal(const std::string& path, const RasterInfo* known) {
+RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damage damage) {
   must_exist(path, path);
   RasterFile s;
   s.dataset = open_dataset(path);
@@ -189,7 +233,7 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known) {
   s.info.width = s.file_width = s.dataset->GetRasterXSize();
   s.info.height = s.file_height = s.dataset->GetRasterYSize();
   note_files(s.info, *s.dataset);
-  find_values(s, known);
+  find_values(s, known, damage);
   const Georeference place = georeference_of(*s.dataset, path);
   s.flip_x = place.flip_x, s.flip_y = place.flip_y;
   set_grid(s.info, place.grid);
@@ -201,14 +245,16 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known) {
 RasterFile describe_raster_file(const std::string& path, const RasterInfo* known, Damage damage) {
   must_exist(path, path);
   if (const auto label = pds_label_of(path)) return describe_pds(*label, known, damage);
-  return describe_gdal(path, known);
+  return describe_gdal(path, known, damage);
 }
 
 // GDAL's own raw band with a file handle of ours, read-only: a VRT over raw data would open the file for writing and
 // share the handle with every other VRT of this thread.
 void open_band(RasterFile& s) {
   if (s.band) return;
+  errno = 0;
   VSILFILE* file = VSIFOpenL(s.pds->data_path.c_str(), "rb");
+  if (!file && is_system_fault(errno)) throw SystemFault(s.pds->data_path, errno);
   if (!file) throw DataError(s.info.path, "its data file " + s.pds->data_path + " can't be opened");
   const auto order =
       s.pds->little_endian ? RawRasterBand::ByteOrder::ORDER_LITTLE_ENDIAN : RawRasterBand::ByteOrder::ORDER_BIG_ENDIAN;
@@ -219,10 +265,10 @@ void open_band(RasterFile& s) {
 }
 
 void read_samples(RasterFile& s, int x, int y, int w, int h, double* out) {
-  const QuietGdal quiet;
   check_still_there(s);
+  const QuietGdal quiet;
   const CPLErr error = s.band->RasterIO(GF_Read, x, y, w, h, out, w, h, GDT_Float64, 0, 0, nullptr);
-  if (error != CE_None) throw DataError(s.info.path, "can't be read: " + quiet.complaint());
+  if (error != CE_None) quiet.fail(s.info.path, "can't be read");
 }
 
 bool is_void(const RasterFile& s, double sample) {

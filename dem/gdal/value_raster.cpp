@@ -33,10 +33,11 @@ struct ValueRaster::Impl {
     const auto found = file_state(path);
     if (!found) throw DataError(path, "is missing or not a file");
     state = *found;
+    check_sources(path);
     const QuietGdal quiet;
     dataset.reset(static_cast<GDALDataset*>(GDALOpenEx(
-        path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, nullptr, nullptr, nullptr)));
-    if (!dataset) throw DataError(path, "can't be opened: " + quiet.complaint());
+        path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, kMapDrivers, nullptr, nullptr)));
+    if (!dataset) quiet.fail(path, "can't be opened");
     find_grid(options.extent);
     choose_bands();
   }
@@ -70,7 +71,7 @@ struct ValueRaster::Impl {
     auto* warped = static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, how, nullptr));
     GDALWarpAppOptionsFree(how);
     CPLFree(wkt);
-    if (!warped) throw DataError(path, "can't be warped to degrees: " + quiet.complaint());
+    if (!warped) quiet.fail(path, "can't be warped to degrees");
     unwarped = std::move(dataset);
     dataset.reset(warped);
   }
@@ -97,12 +98,12 @@ struct ValueRaster::Impl {
     if (overview >= 0) band = band->GetOverview(overview);
     if (!band || band->RasterIO(GF_Read, w.x, w.y, w.width, w.height, samples, w.width, w.height, GDT_Float64, 0, 0,
                                 nullptr) != CE_None)
-      throw DataError(path, "can't be read: " + quiet.complaint());
+      quiet.fail(path, "can't be read");
     // NoData, alpha or a mask, whatever the file has.
     if ((band->GetMaskFlags() & GMF_ALL_VALID) == 0 &&
         band->GetMaskBand()->RasterIO(GF_Read, w.x, w.y, w.width, w.height, mask, w.width, w.height, GDT_Byte, 0, 0,
                                       nullptr) != CE_None)
-      throw DataError(path, "its mask can't be read: " + quiet.complaint());
+      quiet.fail(path, "its mask can't be read");
   }
 
   std::string path;

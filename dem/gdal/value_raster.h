@@ -1,4 +1,4 @@
-// A raster of values in degrees, whatever GDAL opens: bands averaged, no-data as NaN.
+// A raster of values in degrees, by one of kMapDrivers: bands averaged, no-data as NaN.
 #pragma once
 
 #include <memory>

@@ -74,9 +74,12 @@ std::size_t MeshBlock::bytes() const {
          mixed.size() * sizeof(std::uint64_t) + 4 * static_cast<std::size_t>(side) * sizeof(float);
 }
 
-Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before) {
+Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before, const StopToken& stop) {
   std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
-  in_parallel(ids.size(), [&](std::size_t i) { loaded[i] = terrain.block(ids[i]); });
+  in_parallel(ids.size(), [&](std::size_t i) {
+    stop.check();
+    loaded[i] = terrain.block(ids[i], stop);
+  });
   if (ids.size() > TriangleId::kMostBlocks)
     throw std::length_error(fmt::format("mesh: {} blocks are more than {}", ids.size(), TriangleId::kMostBlocks));
   coarsest_ = dem::kMaxLevel;
@@ -88,6 +91,7 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
   }
   blocks_.resize(posts_.size());
   in_parallel(blocks_.size(), [&](std::size_t i) {
+    stop.check();
     BlockBorder border = border_of(*posts_[i]);
     if (before) {
       const auto found = before->index_.find(posts_[i]->id);

@@ -119,7 +119,8 @@ class Mesh {
   // `blocks` sorted, at most TriangleId::kMostBlocks; those without a single valid post are left out. Loads in
   // parallel; throws what the terrain throws.
   // `before`: a mesh whose unchanged blocks are reused; may be null.
-  Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks, const Mesh* before = nullptr);
+  Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks, const Mesh* before = nullptr,
+       const StopToken& stop = {});
 
   MeshBlocks blocks() const { return MeshBlocks(blocks_); }
   std::shared_ptr<const MeshBlock> share(std::size_t block) const { return blocks_[block]; }

@@ -25,10 +25,10 @@ struct Known {
 };
 
 // Heights of a node; lunar relief's own bounds where the true ones would cost building everything beneath.
-std::optional<Known> known(const dem::Terrain& terrain, const BlockId& id) {
+std::optional<Known> known(const dem::Terrain& terrain, const BlockId& id, const StopToken& stop) {
   if (!terrain.has_data(id)) return std::nullopt;
-  dem::NodeInfo info{0, dem::kLowestRelief_m, dem::kHighestRelief_m, false};
-  if (terrain.node_is_cheap(id)) info = terrain.node(id);
+  dem::NodeInfo info{0, dem::kLowestRelief_m, dem::kHighestRelief_m, false, {}};
+  if (terrain.node_is_cheap(id)) info = terrain.node(id, stop);
   if (info.empty) return std::nullopt;
   return Known{info, bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m))};
 }
@@ -77,6 +77,7 @@ class ViewSelector {
     result_.blocks.assign(chosen_.begin(), chosen_.end());
     std::sort(result_.blocks.begin(), result_.blocks.end());
     check_size();
+    note_replacements();
     return std::move(result_);
   }
 
@@ -90,8 +91,11 @@ class ViewSelector {
 
   std::optional<Seen> look_at(const BlockId& id) {
     check(chosen_.size() + seen_.size(), stop_);
-    const auto node = known(terrain_, id);
-    if (!node) return std::nullopt;
+    const auto node = known(terrain_, id, stop_);
+    if (!node) {
+      note_void(id);
+      return std::nullopt;
+    }
     const NodeBounds& b = node->bounds;
     if (!view_.may_see(b.centre, b.radius_m) || below_horizon(view_.position(), b)) {
       out_of_view_.push_back(id);
@@ -114,7 +118,7 @@ class ViewSelector {
 
   // The finest surface is what errors are measured to: it has none.
   double error_m(const BlockId& id) const {
-    return finest(id) ? 0 : terrain_.node(id).error_m + dem::chord_sag_m(id.level);
+    return finest(id) ? 0 : terrain_.node(id, stop_).error_m + dem::chord_sag_m(id.level);
   }
 
   bool refine(const BlockId& id, double pixels_per_metre) const {
@@ -172,7 +176,7 @@ class ViewSelector {
 
   void cast(const BlockId& id, const LightGrid& grid) {
     check(chosen_.size() + seen_.size(), stop_);
-    const auto node = known(terrain_, id);
+    const auto node = known(terrain_, id, stop_);
     if (!node) return;
     const double displaced = grid.shaded_pixels_per_metre(node->bounds);
     if (displaced == 0) return;
@@ -205,6 +209,26 @@ class ViewSelector {
           result_.error_m = std::max(result_.error_m, error);
           result_.error_px = std::max(result_.error_px, error * seen->second);
         });
+  }
+
+  // Something in view that an unusable file alone would have filled is not among the blocks, but lacks it.
+  void note_void(const BlockId& id) {
+    if (!terrain_.has_replacements() || !terrain_.has_data(id) || !terrain_.node_is_cheap(id)) return;
+    const NodeBounds b =
+        bounds_of(id, static_cast<double>(dem::kLowestRelief_m), static_cast<double>(dem::kHighestRelief_m));
+    if (view_.may_see(b.centre, b.radius_m) && !below_horizon(view_.position(), b)) note_replaced(id);
+  }
+
+  void note_replaced(const BlockId& id) {
+    const std::vector<dem::SourceIndex> here = terrain_.node(id, stop_).replaced;
+    result_.replaced.insert(result_.replaced.end(), here.begin(), here.end());
+  }
+
+  void note_replacements() {
+    if (!terrain_.has_replacements()) return;
+    for (const BlockId& id : result_.blocks) note_replaced(id);
+    std::sort(result_.replaced.begin(), result_.replaced.end());
+    result_.replaced.erase(std::unique(result_.replaced.begin(), result_.replaced.end()), result_.replaced.end());
   }
 
   void check_size() const {
@@ -274,7 +298,7 @@ class ViewSelector {
     const double sharpness = seen == in_view_.end() ? 0 : seen->second;
     chosen_.erase(id);
     for (const BlockId& child : dem::children_of(id)) {
-      const auto node = known(terrain_, child);
+      const auto node = known(terrain_, child, stop_);
       if (!node) continue;
       choose(child, node->info);
       todo.push_back(child);
@@ -311,7 +335,7 @@ bool may_meet(const Ray& ray, const NodeBounds& b) {
 bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std::vector<std::size_t>& some,
             const BlockId& id, std::size_t max_blocks, Selection& out, const StopToken& stop) {
   stop.check();
-  const auto node = known(terrain, id);
+  const auto node = known(terrain, id, stop);
   if (!node) return true;
   std::vector<std::size_t> meeting;
   for (const std::size_t i : some)
@@ -411,11 +435,11 @@ Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle) {
   return (near / kAnchorLattice_m).array().round() * kAnchorLattice_m;
 }
 
-void refuse_underground(const dem::Terrain& terrain, const Vec3& position_m) {
+void refuse_underground(const dem::Terrain& terrain, const Vec3& position_m, const StopToken& stop) {
   const double height = position_m.norm() - kMoonRadius_m;
   if (height > static_cast<double>(dem::kHighestRelief_m)) return;
   const Geographic g = to_geographic(position_m);
-  const dem::HeightAnswer ground = terrain.height(g.lat_deg, g.lon_deg);
+  const dem::HeightAnswer ground = terrain.height(g.lat_deg, g.lon_deg, stop);
   const double lowest = std::isnan(ground.height_m) ? static_cast<double>(dem::kLowestRelief_m) : ground.height_m;
   if (height <= lowest)
     throw ImpossibleRequest(

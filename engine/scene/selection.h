@@ -27,7 +27,8 @@ struct Selection {
   double error_px = 0, error_m = 0;  // bounds over the blocks in view
   double shadow_error_px = 0;        // bound on the displacement of shadow edges on level ground
   double min_spacing_m = 0, max_spacing_m = 0;
-  double highest_m = 0;  // no block reaches higher
+  double highest_m = 0;                    // no block reaches higher
+  std::vector<dem::SourceIndex> replaced;  // unusable files that something in it or in view lacks; ascending
 };
 
 // What a scene holds of one block of 64 x 64 quads, about: vertices, those in float, and Embree's 15 bytes a triangle.
@@ -73,6 +74,6 @@ Visibility visibility_for(const FrameRequest& request, const View& view, const S
 Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle);
 
 // Throws ImpossibleRequest for a camera that is below the terrain.
-void refuse_underground(const dem::Terrain& terrain, const Vec3& position_m);
+void refuse_underground(const dem::Terrain& terrain, const Vec3& position_m, const StopToken& stop = {});
 
 }  // namespace selenograph::engine

@@ -138,7 +138,7 @@ class Comparison {
     const Geographic nw = w.place(p.r0, p.c0), se = w.place(p.r1 - 1, p.c1 - 1);
     const double east = se.lon_deg < nw.lon_deg ? se.lon_deg + 360 : se.lon_deg;
     Geographic g{(nw.lat_deg + se.lat_deg) / 2, (nw.lon_deg + east) / 2, 0};
-    const double ground = renderer_.terrain().height(g.lat_deg, g.lon_deg).height_m;
+    const double ground = renderer_.terrain().height(g.lat_deg, g.lon_deg, stop_).height_m;
     g.height_m = (std::isnan(ground) ? 0 : ground) + request_.height_m;
     ++out_.stations;
     return to_cartesian(g);
@@ -152,7 +152,7 @@ class Comparison {
     }
     if (!finer_layers_) return true;
     const Geographic g = out_.window.place(row, col);
-    const bool seen = renderer_.terrain().height(g.lat_deg, g.lon_deg).source == tile_index_;
+    const bool seen = renderer_.terrain().height(g.lat_deg, g.lon_deg, stop_).source == tile_index_;
     if (!seen) ++out_.elsewhere;
     return seen;
   }

@@ -22,11 +22,13 @@ struct SceneContent {
 
 struct Scene {
   // For one of the two visibility algorithms: the other's structure is not made. `before`: a scene whose unchanged
-  // blocks are reused; may be null.
-  Scene(const dem::Terrain& terrain, const SceneContent& content, int threads, const Scene* before = nullptr)
-      : mesh(terrain, content.blocks, before ? &before->mesh : nullptr),
+  // blocks are reused; may be null. Throws Cancelled when it is stopped.
+  Scene(const dem::Terrain& terrain, const SceneContent& content, int threads, const Scene* before = nullptr,
+        const StopToken& stop = {})
+      : mesh(terrain, content.blocks, before ? &before->mesh : nullptr, stop),
         shell_m(kMoonRadius_m + highest_m(mesh) + 1),
         anchor(content.anchor_m) {
+    stop.check();
     if (content.visibility == Visibility::zbuffer)
       raster = std::make_unique<RasterMesh>(mesh, anchor, before ? before->raster.get() : nullptr);
     else

@@ -218,6 +218,26 @@ def write_pds():
     write("pds_tile", "not-a-map.lbl", 'CCSD3ZF PDS_VERSION_ID = PDS3\nOBJECT = IMAGE\nA = "open\nEND')
 
 
+def write_folders():
+    """Tiles that lie in a folder with others: within what a pyramid of a few blocks holds, and what contradicts itself."""
+    big = struct.pack(">36h", *[100 * (i % 6) - 7 * i for i in range(36)])
+    write("dem_folder", "sound.lbl", kaguya() + big)
+    write("dem_folder", "resampled.lbl", kaguya(ppd=10) + big)
+    write("dem_folder", "void.lbl", kaguya() + struct.pack(">36h", *[-9999] * 36))
+    write("dem_folder", "impossible-heights.lbl", kaguya() + struct.pack(">36h", *[32767] * 36))
+    write("dem_folder", "scale.lbl", kaguya().replace(b"DUMMY", b"SCALING_FACTOR = 1e308\r\n  DUMMY") + big)
+    write("dem_folder", "offset.lbl", kaguya().replace(b"DUMMY", b"OFFSET = -1e12\r\n  DUMMY") + big)
+    write("dem_folder", "radius.lbl", kaguya().replace(b"DUMMY", b"OFFSET = 1737400\r\n  DUMMY") + big)
+    write("dem_folder", "corner.lbl", kaguya(line_offset=99) + big)
+    write("dem_folder", "date-line.lbl", kaguya(west=359.9375) + big)
+    write("dem_folder", "real.lbl", kaguya(type="PC_REAL", bits=32, unit="N/A") + struct.pack("<36f", *[12.5 * i for i in range(36)]))
+    write("dem_folder", "kilometres.lbl", kaguya(type="PC_REAL", bits=32, unit="KM") + struct.pack("<36f", *[0.01 * i for i in range(36)]))
+    write("dem_folder", "truncated.lbl", kaguya() + big[:40])
+    write("dem_folder", "no-image.lbl", kaguya()[:-1])
+    write("dem_folder", "no-label.lbl", b"\0" + big)
+    write("dem_folder", "another-product.lbl", b"PDS_VERSION_ID = PDS3\nOBJECT = TABLE\nEND_OBJECT\nEND\n\0" + big)
+
+
 # --- pyramid ---------------------------------------------------------------------------------------------------------
 
 INT16, UNIFORM, EMPTY = 1, 2, 4
@@ -272,5 +292,6 @@ def write_heads():
 if __name__ == "__main__":
     write_json()
     write_pds()
+    write_folders()
     write_pyramid()
     write_heads()

@@ -145,6 +145,55 @@ TEST(Cache, AFailureReachesAllThatWait) {
   EXPECT_TRUE(touch(depot, 1, 1)) << "the failure was remembered";
 }
 
+TEST(Cache, WhoeverWaitsLeavesByItsOwnToken) {
+  Depot depot(30);
+  std::atomic<bool> waited{false};
+  std::thread loader([&] {
+    depot.get(1, [&] {
+      const auto limit = std::chrono::steady_clock::now() + std::chrono::seconds(10);
+      while (!waited && std::chrono::steady_clock::now() < limit) std::this_thread::yield();
+      return made(5, 1);
+    });
+  });
+  while (depot.misses() == 0) std::this_thread::yield();
+  const auto start = StopToken::Clock::now();
+  const auto get = [&](const StopToken& stop) {
+    return depot.get(
+        1, [] { return made(6, 1); }, stop);
+  };
+  EXPECT_THROW(get(StopToken(start + std::chrono::milliseconds(30))), Cancelled);
+  const std::atomic<bool> left{true};
+  EXPECT_THROW(get(StopToken(StopToken::Clock::time_point::max(), &left)), Cancelled);
+  EXPECT_LT(StopToken::Clock::now() - start, std::chrono::seconds(2));
+  waited = true;
+  loader.join();
+  EXPECT_EQ(*get({}), 5);
+  EXPECT_EQ(depot.misses(), 1U);
+}
+
+TEST(Cache, AGivenUpLoadFailsNobodyElse) {
+  Depot depot(30);
+  std::atomic<int> loads{0}, started{0}, got{0};
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 8; ++i)
+    threads.emplace_back([&] {
+      ++started;
+      try {
+        const auto value = depot.get(1, [&]() -> Depot::Loaded {
+          while (started < 8) std::this_thread::yield();
+          std::this_thread::sleep_for(std::chrono::milliseconds(20));
+          if (++loads <= 3) throw Cancelled();
+          return made(5, 1);
+        });
+        got += *value == 5;
+      } catch (const Cancelled&) {
+      }
+    });
+  for (auto& t : threads) t.join();
+  EXPECT_EQ(loads, 4);
+  EXPECT_EQ(got, 5);  // all but the three that gave up themselves
+}
+
 TEST(Cache, NothingThereIsRememberedToo) {
   Depot depot(30);
   int loads = 0;

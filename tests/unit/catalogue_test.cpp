@@ -79,11 +79,12 @@ TEST_F(CatalogueTest, FindsWhatIsThere) {
   put("a/attached.img", attached + std::string(128, '\1'));
   put("a/notes.txt", "nothing");
   put("a/DTM_A.jpg", "nothing");
-  put("a/lonely.img", "pixels without a label");
+  put_tile("a/named", 0, 13);
+  fs::rename(path("a/named.lbl"), path("a/its_label.lbl"));
   put("a/scene.lbl", "PDS_VERSION_ID = PDS3\n^IMAGE = \"scene.img\"\nOBJECT = IMAGE\nLINES = 3\nEND_OBJECT\nEND\n");
   put("a/scene.img", "radiances");
   const Catalogue c({path("a")});
-  EXPECT_EQ(names(c), (std::vector<std::string>{"DTM_A", "DTM_B", "attached"}));
+  EXPECT_EQ(names(c), (std::vector<std::string>{"DTM_A", "DTM_B", "attached", "its_label"}));
   EXPECT_TRUE(c.problems().empty()) << c.problems()[0].path << ": " << c.problems()[0].what;
 }
 
@@ -105,6 +106,98 @@ TEST_F(CatalogueTest, UnusableCandidatesAreReportedAndTheRestStays) {
     EXPECT_EQ(p.what.find(folder_.string() + "/" + bad.back() + ": "), std::string::npos) << p.what;
   }
   EXPECT_EQ(bad, (std::vector<std::string>{"empty.tif", "garbage.lbl", "gone.lbl", "short.lbl", "text.VRT"}));
+}
+
+TEST_F(CatalogueTest, AnImageWithoutItsLabelIsReported) {
+  put_tile("good", 0, 10);
+  put("lonely.img", "pixels without a label");
+  const Catalogue c({folder_.string()});
+  EXPECT_EQ(names(c), std::vector<std::string>{"good"});
+  ASSERT_EQ(c.problems().size(), 1U);
+  EXPECT_EQ(c.problems()[0].path, path("lonely.img"));
+  EXPECT_NE(c.problems()[0].what.find("label"), std::string::npos);
+  EXPECT_TRUE(c.problems()[0].unrelated) << "terrain is served all the same";
+}
+
+TEST_F(CatalogueTest, ImpossibleScalesAreReportedWithTheirPlace) {
+  put_tile("good", 0, 10);
+  for (const char* line : {"SCALING_FACTOR = 1e308", "SCALING_FACTOR = 1e-300", "OFFSET = 1e300", "OFFSET = 3e6",
+                           "SCALING_FACTOR = 1e305\r\nUNIT = KM"}) {
+    put_tile("bad", 0, 11);
+    std::string label = tile_label("\"bad.img\"", 0, 11);
+    label.insert(label.find("SAMPLE_TYPE"), std::string(line) + "\r\n");
+    put("bad.lbl", label);
+    const Catalogue c({folder_.string()});
+    ASSERT_EQ(c.problems().size(), 1U) << line;
+    EXPECT_EQ(c.problems()[0].path, path("bad.lbl"));
+    EXPECT_NE(c.problems()[0].what.find("impossible"), std::string::npos) << c.problems()[0].what;
+    EXPECT_TRUE(c.problems()[0].located) << line;
+    ASSERT_EQ(names(c).size(), 2U);
+    const RasterInfo& bad = c.rasters()[names(c)[0] == "bad" ? 0 : 1];
+    EXPECT_FALSE(bad.damage.empty());
+    EXPECT_TRUE(std::isfinite(bad.quantisation_m));
+  }
+}
+
+TEST_F(CatalogueTest, SamplesThatAreNoHeightsAreReported) {
+  std::string label = tile_label("\"t.img\"", 0, 11);
+  label.replace(label.find("MSB_INTEGER"), 11, "PC_REAL");
+  label.replace(label.find("SAMPLE_BITS = 16"), 16, "SAMPLE_BITS = 32");
+  put("t.lbl", label);
+  std::vector<float> posts(64, 5e8F);
+  const auto put_posts = [&] {
+    put("t.img", std::string(reinterpret_cast<const char*>(posts.data()), posts.size() * sizeof(float)));
+  };
+  put_posts();
+  ASSERT_EQ(Catalogue({folder_.string()}).problems().size(), 1U);
+  posts[0] = 7;  // one is: the others may be no-data that nobody declared
+  put_posts();
+  EXPECT_EQ(Catalogue({folder_.string()}).problems().size(), 0U);
+  posts.assign(64, -3.4e38F);
+  put_posts();
+  EXPECT_EQ(Catalogue({folder_.string()}).problems().size(), 0U);
+}
+
+TEST_F(CatalogueTest, AContradictoryCornerIsReported) {
+  put_tile("good", 0, 10);
+  const auto problem_of = [&](const std::string& from, const std::string& to, const std::string& more = "") {
+    put_tile("bad", 0, 11);
+    std::string label = tile_label("\"bad.img\"", 0, 11);
+    if (!from.empty()) label.replace(label.find(from), from.size(), to);
+    label.insert(label.find("END_OBJECT"), more);
+    put("bad.lbl", label);
+    const Catalogue c({folder_.string()});
+    return c.problems().empty() ? std::string() : c.problems()[0].what;
+  };
+  EXPECT_EQ(problem_of("", ""), "");
+  // Corners that agree with each other, elsewhere than the offset says.
+  EXPECT_NE(problem_of("MAXIMUM_LATITUDE = 1.000000\r\nMINIMUM_LATITUDE = 0.125000",
+                       "MAXIMUM_LATITUDE = 31.000000\r\nMINIMUM_LATITUDE = 30.125000"),
+            "");
+  EXPECT_NE(problem_of("MAXIMUM_LATITUDE = 1.0", "MAXIMUM_LATITUDE = 2.0"), "");
+  EXPECT_NE(problem_of("LINE_PROJECTION_OFFSET = 8.0", "LINE_PROJECTION_OFFSET = 88.0"), "");
+  // The bounds and the corners, each told by itself.
+  EXPECT_NE(problem_of("", "", "UPPER_LEFT_LATITUDE = 41\r\n"), "");
+  EXPECT_NE(problem_of("", "", "LOWER_RIGHT_LONGITUDE = 200\r\n"), "");
+  EXPECT_EQ(problem_of("", "", "UPPER_LEFT_LATITUDE = 1\r\nLOWER_RIGHT_LONGITUDE = 371.875\r\n"), "");
+}
+
+TEST_F(CatalogueTest, AVrtMayNameFilesOnly) {
+  for (const char* source : {"/vsicurl/http://127.0.0.1:9/a.tif", "http://127.0.0.1:9/a.tif", "/vsis3/bucket/a.tif",
+                             "/vsizip/a.zip/a.tif", "&#47;vsicurl/http://127.0.0.1:9/a.tif"}) {
+    put("v.vrt",
+        std::string("<VRTDataset rasterXSize=\"8\" rasterYSize=\"8\"><VRTRasterBand dataType=\"Int16\" band=\"1\">"
+                    "<SimpleSource><SourceFilename relativeToVRT=\"0\">") +
+            source +
+            "</SourceFilename><SourceBand>1</SourceBand><SourceProperties RasterXSize=\"8\" RasterYSize=\"8\" "
+            "DataType=\"Int16\" BlockXSize=\"8\" BlockYSize=\"8\"/><SrcRect xOff=\"0\" yOff=\"0\" xSize=\"8\" "
+            "ySize=\"8\"/><DstRect xOff=\"0\" yOff=\"0\" xSize=\"8\" ySize=\"8\"/></SimpleSource></VRTRasterBand>"
+            "</VRTDataset>");
+    const Catalogue c({folder_.string()});
+    EXPECT_TRUE(c.rasters().empty());
+    ASSERT_EQ(c.problems().size(), 1U);
+    EXPECT_NE(c.problems()[0].what.find("no file on this machine"), std::string::npos) << c.problems()[0].what;
+  }
 }
 
 TEST_F(CatalogueTest, NamedFilesMustWork) {

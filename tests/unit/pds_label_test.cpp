@@ -179,7 +179,7 @@ TEST(PdsLabel, CornersDecideWhatOffsetsMean) {
       {"posts, mirrored", "LINE_PROJECTION_OFFSET=-270\nSAMPLE_PROJECTION_OFFSET=30\n", 27, 3},
       {"posts, 1-based", "LINE_PROJECTION_OFFSET=271\nSAMPLE_PROJECTION_OFFSET=-29\n", 27, 3},
       {"posts, no offsets", "", 27, 3},
-      {"posts, nonsense offsets", "LINE_PROJECTION_OFFSET=0\nSAMPLE_PROJECTION_OFFSET=777\n", 27, 3},
+      {"posts, empty offsets", "LINE_PROJECTION_OFFSET=0\nSAMPLE_PROJECTION_OFFSET=0\n", 27, 3},
       {"edges, area", "LINE_PROJECTION_OFFSET=269.5\nSAMPLE_PROJECTION_OFFSET=-30.5\n", 26.95, 3.05},
       {"edges, area, 1-based", "LINE_PROJECTION_OFFSET=270.5\nSAMPLE_PROJECTION_OFFSET=-29.5\n", 26.95, 3.05},
       {"edges, but posts on the corner", "LINE_PROJECTION_OFFSET=270\nSAMPLE_PROJECTION_OFFSET=-30\n", 27, 3},
@@ -197,6 +197,9 @@ TEST(PdsLabel, CornersDecideWhatOffsetsMean) {
     EXPECT_NEAR(g.first_lat_deg, c.lat, 1e-12) << what;
     EXPECT_NEAR(g.first_lon_deg, c.lon, 1e-12) << what;
   }
+  LabelText nonsense;
+  nonsense.map = std::string("MAP_RESOLUTION=10\nLINE_PROJECTION_OFFSET=270\nSAMPLE_PROJECTION_OFFSET=777\n") + posts;
+  EXPECT_NE(product.complaint(nonsense).find("contradict"), std::string::npos);
   LabelText wrong;
   wrong.map = std::string("MAP_RESOLUTION=20\nLINE_PROJECTION_OFFSET=270\nSAMPLE_PROJECTION_OFFSET=-30\n") + posts;
   EXPECT_NE(product.complaint(wrong).find("contradict"), std::string::npos);

@@ -32,7 +32,8 @@ PostWindow window(int level, double south, double west, int rows, int cols) {
 struct Layers {
   explicit Layers(const std::string& folder, bool fall_through = false)
       : catalogue(std::vector<std::string>{folder}),
-        source(catalogue, fall_through, [this](const std::string& text) { warnings.push_back(text); }) {}
+        source(catalogue, fall_through,
+               [this](const std::string&, const std::string& text) { warnings.push_back(text); }) {}
   std::string name(SourceMark s) const { return catalogue.rasters()[source_of(s)].name; }
   Catalogue catalogue;
   std::vector<std::string> warnings;
@@ -242,6 +243,8 @@ TEST(PostSource, VanishedAndTruncatedFilesAreNamedOrFallenThrough) {
     }
     const Posts posts = lenient.source.compose(window(4, 10, 20, 33, 33));
     for (const float h : posts.heights) EXPECT_EQ(h, 1.F);
+    ASSERT_EQ(posts.replaced.size(), 1U);
+    EXPECT_EQ(lenient.name(posts.replaced[0]), "above");
     ASSERT_FALSE(lenient.warnings.empty());
     EXPECT_NE(lenient.warnings.back().find("above"), std::string::npos) << lenient.warnings.back();
   }

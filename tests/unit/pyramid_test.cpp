@@ -1,12 +1,16 @@
 // The pyramid: posts bit for bit at the finest level, slopes through every filter, honest error bounds, files that are
 // checked.
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
+#include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <mutex>
 #include <random>
 #include <set>
 
@@ -311,14 +315,14 @@ TEST_F(PyramidFile, RoundTrip) {
 
 TEST_F(PyramidFile, EveryRegionIsProtected) {
   const Catalogue catalogue(std::vector<std::string>{folder_ / "dem"});
-  const PostSource source(catalogue, false, [](const std::string&) {});
+  const PostSource source(catalogue, false, [](const std::string&, const std::string&) {});
   ChunkPlan plan;
   plan.node =
       block_at(4, static_cast<std::int32_t>(101 * kTicksPerDegree), static_cast<std::int32_t>(201 * kTicksPerDegree));
   plan.base_level = 5;
   plan.fingerprint = 12345;
   plan.exists = true;
-  const std::string good = Chunk::build(plan, catalogue, source, {});
+  const std::string good = Chunk::build(plan, catalogue, source).bytes;
   const auto intact = Chunk::from_bytes(good, plan, catalogue);
   std::vector<BlockId> ids{{4, plan.node.row, plan.node.col}, {2, plan.node.row, plan.node.col}};
   for (const BlockId& child : children_of(plan.node)) ids.push_back(child);
@@ -425,7 +429,138 @@ TEST_F(PyramidFile, AReadOnlyFolderCostsTimeNotAnswers) {
   std::ofstream(folder_ / "file") << "no folder";
   const auto terrain = open_terrain(folder_ / "dem", (folder_ / "file") + "/cache");
   EXPECT_FALSE(std::isnan(terrain->height(11, 21).height_m));
-  EXPECT_FALSE(terrain->warnings().empty());
+  EXPECT_NE(terrain->cache_trouble().find("memory only"), std::string::npos) << terrain->cache_trouble();
+  EXPECT_TRUE(terrain->warnings().empty()) << "no fault of the data";
+}
+
+// What the operator was told.
+struct Told {
+  std::shared_ptr<Terrain> open(const std::string& dem, const std::string& cache, bool fall_through = false) {
+    TerrainOptions options{cache, std::size_t{512} << 20, fall_through, {}, 0};
+    options.log = [this](const std::string& text) {
+      const std::lock_guard lock(mutex);
+      texts.push_back(text);
+    };
+    return std::make_shared<Terrain>(Catalogue(std::vector<std::string>{dem}), options);
+  }
+  std::mutex mutex;
+  std::vector<std::string> texts;
+};
+
+// A soft limit of this process while it lives.
+class Limited {
+ public:
+  Limited(int resource, rlim_t limit) : resource_(resource) {
+    ::getrlimit(static_cast<__rlimit_resource_t>(resource_), &before_);
+    const rlimit now{limit, before_.rlim_max};
+    EXPECT_EQ(::setrlimit(static_cast<__rlimit_resource_t>(resource_), &now), 0);
+  }
+  ~Limited() { ::setrlimit(static_cast<__rlimit_resource_t>(resource_), &before_); }
+
+ private:
+  int resource_;
+  rlimit before_{};
+};
+
+// No descriptor is left.
+struct NoDescriptors : Limited {
+  NoDescriptors() : Limited(RLIMIT_NOFILE, 3) {}  // 0, 1 and 2 are in use
+};
+
+TEST_F(PyramidFile, WithoutDescriptorsNoFileIsDistrusted) {
+  Told told;
+  const auto right = posts(*told.open(folder_ / "dem", folder_ / "cache"));
+  const std::vector<std::string> before = files();
+  const auto cold = told.open(folder_ / "dem", folder_ / "cache"), warm = told.open(folder_ / "dem", folder_ / "cache");
+  warm->node(block_at(4, 101 * kTicksPerDegree, 201 * kTicksPerDegree));  // the file's head is read, its blocks are not
+  {
+    const NoDescriptors none;
+    for (const auto& terrain : {cold, warm}) EXPECT_THROW(terrain->height(11.3, 21.3), SystemFault);
+  }
+  EXPECT_EQ(files(), before);
+  for (const auto& terrain : {cold, warm}) {
+    EXPECT_EQ(posts(*terrain), right);
+    EXPECT_EQ(terrain->statistics().chunks_built, 0U);
+    EXPECT_EQ(terrain->statistics().chunks_rejected, 0U);
+  }
+  EXPECT_EQ(told.texts, std::vector<std::string>{});
+}
+
+TEST_F(PyramidFile, WithoutDescriptorsNoTileIsBlamed) {
+  write_float_tile(folder_ / "dem", "below", {14, 18, 8, 49, 49}, [](double, double) { return 1.0; });
+  for (const bool fall_through : {false, true}) {
+    const auto terrain = open_terrain(folder_ / "dem", {}, fall_through);
+    {
+      const NoDescriptors none;
+      EXPECT_THROW(terrain->height(11.3, 21.3), SystemFault);
+      EXPECT_THROW(Catalogue({folder_ / "dem"}), SystemFault);
+    }
+    EXPECT_NEAR(terrain->height(11.5, 21.5).height_m, noise(11.5, 21.5), 1e-3);
+    EXPECT_TRUE(terrain->warnings().empty());
+    EXPECT_FALSE(terrain->has_replacements());
+  }
+}
+
+TEST_F(PyramidFile, AFullDiskIsToldOnceAndLeavesNothing) {
+  std::signal(SIGXFSZ, SIG_IGN);
+  Told told;
+  const auto terrain = told.open(folder_ / "dem", folder_ / "cache");
+  EXPECT_EQ(terrain->cache_trouble(), "");
+  {
+    const Limited full(RLIMIT_FSIZE, 1000);
+    EXPECT_NEAR(terrain->height(11.5, 21.5).height_m, noise(11.5, 21.5), 1e-3);
+    EXPECT_FALSE(std::isnan(terrain->height(11.99, 20.01).height_m));  // another chunk
+  }
+  EXPECT_EQ(files(), std::vector<std::string>{});
+  ASSERT_EQ(told.texts.size(), 1U);
+  EXPECT_EQ(told.texts[0], terrain->cache_trouble());
+  EXPECT_NE(told.texts[0].find(folder_ / "cache"), std::string::npos) << told.texts[0];
+  EXPECT_EQ(told.texts[0].find(".tmp"), std::string::npos) << told.texts[0];
+  EXPECT_GE(terrain->statistics().chunks_built, 2U);
+  posts(*terrain);  // beside the tile there are chunks that were not yet asked for
+  EXPECT_EQ(terrain->cache_trouble(), "");
+  EXPECT_EQ(told.texts.size(), 2U);
+}
+
+TEST_F(PyramidFile, AForbiddenFileIsLeftAsItIs) {
+  if (::geteuid() != 0) GTEST_SKIP() << "needs to be root to become somebody else";
+  const auto right = posts(*open());
+  const std::vector<std::string> before = files();
+  for (const std::string& file : before) fs::permissions(file, fs::perms::none);
+  fs::permissions(folder_.path(), fs::perms::all);
+  std::vector<fs::file_time_type> times;
+  for (const std::string& file : before) times.push_back(fs::last_write_time(file));
+  ASSERT_EQ(::seteuid(65534), 0);
+  Told told;
+  const auto terrain = told.open(folder_ / "dem", folder_ / "cache");
+  EXPECT_EQ(posts(*terrain), right);
+  EXPECT_NE(terrain->cache_trouble(), "");
+  ASSERT_EQ(::seteuid(0), 0);
+  EXPECT_EQ(files(), before);
+  for (std::size_t i = 0; i < before.size(); ++i) EXPECT_EQ(fs::last_write_time(before[i]), times[i]);
+}
+
+TEST_F(PyramidFile, EachDeletionIsLogged) {
+  posts(*open());
+  Told told;
+  for (const std::string& file : files()) {
+    std::fstream f(file, std::ios::in | std::ios::out | std::ios::binary);
+    f.seekp(-1, std::ios::end);  // of the last block: the head is right
+    f.put('\x7f');
+  }
+  const std::vector<std::string> damaged = files();
+  const auto terrain = told.open(folder_ / "dem", folder_ / "cache");
+  posts(*terrain);
+  const std::uint64_t deleted = terrain->statistics().chunks_rejected;
+  EXPECT_GT(deleted, 0U);
+  EXPECT_EQ(told.texts.size(), deleted);
+  for (const std::string& text : told.texts) {
+    EXPECT_NE(text.find("checksum"), std::string::npos) << text;
+    EXPECT_NE(text.find("deleted"), std::string::npos) << text;
+    EXPECT_TRUE(std::any_of(damaged.begin(), damaged.end(), [&](const std::string& file) {
+      return text.starts_with(file);
+    })) << text;
+  }
 }
 
 TEST_F(PyramidFile, AFallThroughIsForgottenOnceTheFileIsBack) {

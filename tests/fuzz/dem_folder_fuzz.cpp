@@ -1,0 +1,119 @@
+// From a label and an image in a folder to the terrain: catalogue, pyramid, posts. The input is as that of pds_tile:
+// the label, and behind its first NUL byte the data file "tile.img". Beside them lies a sound tile of the layer below.
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "dem/error.h"
+#include "dem/gdal/raster.h"
+#include "dem/pds_label.h"
+#include "dem/post_source.h"
+#include "dem/terrain.h"
+#include "tests/fuzz/fuzz.h"
+#include "tests/support/shared_data.h"
+#include "tests/support/tiles.h"
+
+namespace selenograph::fuzz {
+namespace {
+
+using namespace dem;
+
+constexpr double kBelow_m = -1234;
+
+struct Folder {
+  Folder() {
+    test::write_kaguya_tile(folder.path(), 12, 0, 12, 1, [](double, double) { return kBelow_m; });
+  }
+  test::TemporaryFolder folder;
+  std::string label = folder / "tile.lbl", image = folder / "tile.img";
+};
+
+void write(const std::string& path, std::string_view bytes) {
+  std::ofstream(path, std::ios::binary).write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+}
+
+// A pyramid of very fine posts, or of the whole Moon, takes seconds: not here.
+bool is_small(const RasterInfo& info) {
+  const Footprint& f = info.footprint;
+  return PostSource::level_needed(info) <= kRootLevel + 2 && f.north_deg - f.south_deg < 9 &&
+         f.east_deg - f.west_deg < 9 && std::abs(f.south_deg) < 70 && std::abs(f.north_deg) < 70;
+}
+
+void check_height(const HeightAnswer& answer, std::size_t rasters) {
+  require(std::isnan(answer.height_m) == (answer.source < 0), "a height has a source");
+  if (answer.source < 0) return;
+  require(static_cast<std::size_t>(answer.source) < rasters, "which is in the catalogue");
+  require(answer.height_m >= static_cast<double>(kLowestRelief_m) - 1 &&
+              answer.height_m <= static_cast<double>(kHighestRelief_m) + 1,
+          "a height is one of the Moon");
+  require(answer.post_spacing_m > 0 && std::isfinite(answer.post_spacing_m), "posts have a spacing");
+}
+
+// What is in the file is on the terrain: a tile that is in the catalogue is no hole.
+void check_terrain(const Catalogue& catalogue, const RasterInfo& info) {
+  const Terrain terrain(catalogue, {});
+  Raster raster(info);
+  for (const int y : {0, info.height / 2, info.height - 1})
+    for (const int x : {0, info.width / 2, info.width - 1}) {
+      float post = 0;
+      raster.read(x, y, 1, 1, &post);
+      const Geographic place = place_of_post(info, x, y);
+      const HeightAnswer answer = terrain.height(place.lat_deg, place.lon_deg);
+      check_height(answer, catalogue.rasters().size());
+      const bool is_post = info.lattice_level && post >= kLowestRelief_m && post <= kHighestRelief_m;
+      if (is_post)
+        require(std::abs(answer.height_m - static_cast<double>(post)) < 1e-2,
+                "a post of the file is one of the terrain");
+    }
+  const BlockId block =
+      block_at(2, static_cast<std::int32_t>((info.footprint.south_deg + 90) * kTicksPerDegree),
+               wrap_lon(static_cast<std::int64_t>((info.footprint.west_deg + 180) * kTicksPerDegree)));
+  const NodeInfo node = terrain.node(block);
+  require(node.empty || (node.min_m <= node.max_m && std::isfinite(node.error_m)), "a block has bounds");
+}
+
+void check(const Folder& in) {
+  const Catalogue catalogue({in.folder.path()});
+  const auto index = catalogue.find(in.label);
+  const auto& problems = catalogue.problems();
+  const bool told = std::any_of(problems.begin(), problems.end(), [&](const CatalogueProblem& p) {
+    return (p.path == in.label || p.path == in.image) && !p.what.empty();
+  });
+  require(index || told || !describes_map(read_pds_label(in.label)),
+          "a tile is in the catalogue or a problem, or both");
+  if (!index) return;
+  const RasterInfo& info = catalogue.rasters()[*index];
+  require(info.damage.empty() == !told, "damage is a problem");
+  require(std::isfinite(info.quantisation_m), "quantisation is a step");
+  if (!is_small(info)) return;
+  try {
+    check_terrain(catalogue, info);
+  } catch (const DataError& error) {
+    require(!info.damage.empty() && error.file() == in.label, "what is damaged was known to be:", error.what());
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::fuzz
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace selenograph;
+  static const fuzz::Folder in;
+  const std::string_view input = fuzz::text_of(data, size);
+  const std::size_t nul = input.find('\0');
+  fuzz::write(in.label, input);
+  if (nul != std::string_view::npos)
+    fuzz::write(in.image, input.substr(nul + 1));
+  else
+    std::filesystem::remove(in.image);
+  try {
+    fuzz::check(in);
+  } catch (const DataError& error) {
+    // read_pds_label's: no label at all, which the catalogue has told.
+    fuzz::require(error.file() == in.label, "the error names the file:", error.what());
+  }
+  return 0;
+}

@@ -1,0 +1,348 @@
+#!/usr/bin/env python3
+"""Terrain that has to be built first, and files that the system can't read, write or trust, under the real service.
+
+Deadlines hold while pyramids are built; nothing good is deleted for want of descriptors; a cache folder that can't be written
+costs time, not answers, and no byte of them; labels that contradict themselves are named; nothing is fetched from a network.
+"""
+
+import contextlib
+import http.server
+import io
+import json
+import os
+import resource
+import shutil
+import threading
+import time
+import unittest
+import zipfile
+
+import harness
+from harness import PLACE, Service, frame_request
+
+HEIGHT = "/v1/height?lat_deg=0.1&lon_deg=30.1"
+HIT = "DTM_MAP_01_N01E030N00E031SC"
+GRACE_S = 0.5  # between a deadline and its answer
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("dem", *PLACE, "--columns", "2", "--ppd", "256")
+    harness.sample("large", "--south-deg", "0", "--west-deg", "30", "--rows", "1", "--columns", "1", "--ppd", "2048")
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def pyramid(cache):
+    """Path: (size, time) of all files of the pyramid."""
+    found = {}
+    for folder, _, names in os.walk(harness.path(cache, "pyramid")):
+        for name in names:
+            state = os.stat(os.path.join(folder, name))
+            found[os.path.join(folder, name)] = (state.st_size, state.st_mtime_ns)
+    return found
+
+
+def meta_of(body):
+    with zipfile.ZipFile(io.BytesIO(body)) as archive:
+        return archive.read("meta.json").decode()
+
+
+class ColdPyramids(unittest.TestCase):
+    """One tile of 2048 posts a degree, nothing built yet."""
+
+    def setUp(self):
+        self.cache = f"cache-{self.id()}"
+        self.service = Service(cache=self.cache, dem="large")
+
+    def tearDown(self):
+        self.service.stop()
+
+    def calls(self):
+        frame = frame_request(width=64, height=64, accuracy={"max_error_px": 0.5})
+        frame["pose"]["geodetic"] = {"lat_deg": 0.5, "lon_deg": 30.5, "height_m": 200000.0}
+        yield lambda **headers: self.service.ask("GET", "/v1/height?lat_deg=0.5&lon_deg=30.5",
+                                                 headers={name.replace("_", "-"): v for name, v in headers.items()})
+        yield lambda **headers: self.service.post("/v1/heights", {"points": [{"lat_deg": 0.5, "lon_deg": 30.5}]}, **headers)
+        yield lambda **headers: self.service.frame(frame, **headers)
+        yield lambda **headers: self.service.post(
+            "/v1/rays", {"rays": [{"origin_m": [1521000.0, 880000.0, 15000.0], "direction": [-0.8651, -0.5015, -0.0017]}]}, **headers)
+
+    def test_deadlines_hold_and_the_work_is_not_lost(self):
+        for call in self.calls():
+            for _ in range(400):
+                start = time.monotonic()
+                status, _, body = call(Request_Timeout_Ms="60")
+                self.assertLess(time.monotonic() - start, 0.06 + GRACE_S)
+                if status == 200:
+                    break
+                self.assertEqual(status, 504, body[:300])
+            self.assertEqual(status, 200, "each time it begins anew")
+
+    def test_the_first_answer_of_a_cold_service_is_late(self):
+        """Otherwise the test above would show nothing."""
+        self.assertEqual(self.service.ask("GET", "/v1/height?lat_deg=0.5&lon_deg=30.5", headers={"Request-Timeout-Ms": "20"})[0], 504)
+
+    def test_who_leaves_fails_nobody(self):
+        with contextlib.closing(self.service.connect()) as leaving:
+            leaving.request("GET", "/v1/height?lat_deg=0.5&lon_deg=30.5", headers={"Request-Timeout-Ms": "50"})
+            self.assertEqual(self.service.ask("GET", "/v1/height?lat_deg=0.5&lon_deg=30.5")[0], 200)
+
+    def test_a_build_does_not_outlive_the_service(self):
+        self.assertEqual(self.service.ask("GET", "/v1/height?lat_deg=0.5&lon_deg=30.5", headers={"Request-Timeout-Ms": "20"})[0], 504)
+        start = time.monotonic()
+        self.assertEqual(self.service.stop(), 0)
+        self.assertLess(time.monotonic() - start, 5)
+        self.assertEqual([f for f in pyramid(self.cache) if ".tmp-" in f], [])
+
+
+class Descriptors(unittest.TestCase):
+    def without_descriptors(self, service, call):
+        """The answer of `call(connection)` while the process can open nothing; the connection is there before."""
+        with contextlib.closing(service.connect()) as connection:
+            service.ask("GET", "/health/live", connection=connection)
+            pid = service.process.pid
+            before = resource.prlimit(pid, resource.RLIMIT_NOFILE)
+            resource.prlimit(pid, resource.RLIMIT_NOFILE, (3, before[1]))
+            try:
+                return call(connection)
+            finally:
+                resource.prlimit(pid, resource.RLIMIT_NOFILE, before)
+
+    def assert_unavailable(self, answer):
+        status, headers, body = answer
+        self.assertEqual(status, 503, body[:300])
+        self.assertTrue(headers["Retry-After"].isdigit())
+        self.assertEqual(json.loads(body)["type"], "urn:selenograph:problem:storage_unavailable")
+
+    def test_good_pyramids_stay(self):
+        service = Service(cache="cache-few")
+        wanted = service.ask("GET", HEIGHT)[2]
+        self.assertEqual(service.stop(), 0)
+        before = pyramid("cache-few")
+        self.assertTrue(before)
+        service = Service(cache="cache-few")
+        self.assert_unavailable(self.without_descriptors(service, lambda c: service.ask("GET", HEIGHT, connection=c)))
+        self.assertEqual(pyramid("cache-few"), before)
+        status, _, body = service.ask("GET", HEIGHT)
+        self.assertEqual((status, body), (200, wanted))
+        self.assertEqual(service.stop(), 0)
+        self.assertEqual(pyramid("cache-few"), before)
+
+    def test_tiles_are_not_blamed(self):
+        for policy in ("fail", "fall-through"):
+            service = Service("--on-data-error", policy, cache="cache-none-" + policy)
+            self.assert_unavailable(self.without_descriptors(service, lambda c: service.ask("GET", HEIGHT, connection=c)))
+            self.assertIsNotNone(json.loads(service.ask("GET", HEIGHT)[2])["height_m"])
+            self.assertEqual(service.stop(), 0)
+
+    def test_deletions_are_logged(self):
+        service = Service(cache="cache-damaged")
+        wanted = service.ask("GET", HEIGHT)[2]
+        self.assertEqual(service.stop(), 0)
+        for file in pyramid("cache-damaged"):
+            with open(file, "r+b") as f:
+                f.seek(-4, os.SEEK_END)
+                f.write(b"\x7f\x7f\x7f\x7f")
+        service = Service(cache="cache-damaged")
+        self.assertEqual(service.frame(frame_request())[0], 200)
+        self.assertEqual(service.ask("GET", HEIGHT)[2], wanted)
+        self.assertRegex(service.log_text(), r"\.sgp: .*checksum.*the file was deleted")
+        self.assertEqual(service.stop(), 0)
+
+
+class CacheFolder(unittest.TestCase):
+    def frame_twice(self, service):
+        bodies = []
+        for _ in range(2):
+            status, headers, body = service.frame(frame_request(("radiance", "source")), "application/x-npz")
+            self.assertEqual(status, 200, body[:300])
+            self.assertIn("ETag", headers)
+            bodies.append(body)
+        self.assertEqual(bodies[0], bodies[1])
+        return bodies[0]
+
+    def sound(self):
+        service = Service(cache="cache-sound")
+        try:
+            self.assertEqual(service.ask("GET", "/health/ready")[2], b"ok\n")
+            return self.frame_twice(service)
+        finally:
+            service.stop()
+
+    def assert_told_once(self, service, cache):
+        text = service.log_text()
+        self.assertEqual(text.count("memory only"), 1, text)
+        self.assertIn(harness.path(cache), text)
+        self.assertNotIn(".tmp-", text)
+        status, _, body = service.ask("GET", "/health/ready")
+        self.assertEqual(status, 200)
+        self.assertIn(b"pyramids are kept in memory only", body)
+
+    def test_a_full_disk(self):
+        wanted = self.sound()
+        os.makedirs(harness.path("cache-full"), exist_ok=True)
+        service = Service(cache="cache-full")
+        pid = service.process.pid
+        # Files of 4 KiB and no more. The signal that comes with it is for the service to have ignored.
+        before = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, (4096, before[1]))
+        got = self.frame_twice(service)
+        self.assertEqual(got, wanted)
+        self.assert_told_once(service, "cache-full")
+        self.assertEqual(pyramid("cache-full"), {})
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, before)
+        self.assertEqual(service.stop(), 0)
+
+    def test_a_folder_that_can_not_be(self):
+        wanted = self.sound()
+        with open(harness.path("no-folder"), "w"):
+            pass
+        service = Service(cache="no-folder")
+        self.assertEqual(self.frame_twice(service), wanted)
+        self.assert_told_once(service, "no-folder")
+        self.assertEqual(service.stop(), 0)
+
+    def test_frames_say_nothing_of_this_machine(self):
+        for folder in ("cache-full", "cache-sound"):
+            shutil.rmtree(harness.path(folder), ignore_errors=True)
+        meta = meta_of(self.sound())
+        self.assertNotIn(harness.path(), meta)
+        # The same with a tile that the layer below replaces.
+        damaged = shutil.copytree(harness.path("dem"), harness.path("dem-damaged"))
+        service = Service("--on-data-error", "fall-through", cache="cache-replaced", dem="dem-damaged")
+        os.truncate(os.path.join(damaged, HIT + ".img"), 1000)
+        bodies = [service.frame(frame_request(), "application/x-npz") for _ in range(2)]
+        self.assertEqual(bodies[0][2], bodies[1][2])
+        self.assertNotIn("ETag", bodies[0][1])
+        meta = meta_of(bodies[0][2])
+        self.assertEqual(json.loads(meta)["warnings"], [HIT + ".lbl: can't be used; the layer below stands in for it"])
+        self.assertNotIn(harness.path(), meta)
+        # A frame of another tile's terrain has no such warning, whatever was asked before.
+        elsewhere = frame_request()
+        elsewhere["pose"]["geodetic"] = {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": 20000.0}
+        elsewhere["terrain"] = False
+        self.assertEqual(json.loads(meta_of(service.frame(elsewhere, "application/x-npz")[2]))["warnings"], [])
+        self.assertIn(HIT, service.log_text())
+        self.assertEqual(service.stop(), 0)
+
+
+class Labels(unittest.TestCase):
+    def edited(self, name, edits):
+        """A copy of the tiles, with the first tile's label changed."""
+        folder = shutil.copytree(harness.path("dem"), harness.path(name))
+        label = os.path.join(folder, HIT + ".lbl")
+        with open(label) as f:
+            text = f.read()
+        for before, after in edits:
+            self.assertIn(before, text)
+            text = text.replace(before, after)
+        with open(label, "w") as f:
+            f.write(text)
+        return folder
+
+    def assert_named(self, folder, name, *options):
+        info = harness.run("info", "--dem", folder, "--cache-dir", harness.path("cache"))
+        self.assertEqual(info.returncode, 0, info.stderr)
+        self.assertRegex(info.stdout, r"1 files that can't be used\n.*" + name)
+        service = Service(*options, cache="cache-" + os.path.basename(folder), dem=folder)
+        problems = json.loads(service.ask("GET", "/v1/datasets")[2])["problems"]
+        self.assertEqual([os.path.basename(p["path"]) for p in problems], [name])
+        self.assertIn(name, service.log_text())
+        return service
+
+    def test_an_impossible_scale(self):
+        folder = self.edited("dem-scale", [("SCALING_FACTOR                       = 1.000000", "SCALING_FACTOR = 1e308")])
+        service = self.assert_named(folder, HIT + ".lbl")
+        status, _, body = service.ask("GET", HEIGHT)  # not a hole
+        self.assertEqual(status, 500)
+        self.assertIn(HIT.encode(), body)
+        self.assertEqual(service.stop(), 0)
+
+    def test_a_contradictory_corner(self):
+        folder = self.edited("dem-corner", [("UPPER_LEFT_LATITUDE                  = ", "UPPER_LEFT_LATITUDE = 4")])
+        service = self.assert_named(folder, HIT + ".lbl", "--on-data-error", "fall-through")
+        meta = json.loads(meta_of(service.frame(frame_request(), "application/x-npz")[2]))
+        self.assertTrue(any(HIT in w for w in meta["warnings"]))
+        self.assertEqual(service.stop(), 0)
+
+    def test_an_image_without_its_label(self):
+        folder = shutil.copytree(harness.path("dem"), harness.path("dem-unlabelled"))
+        os.remove(os.path.join(folder, HIT + ".lbl"))
+        service = self.assert_named(folder, HIT + ".img")
+        self.assertEqual(service.stop(), 0)
+
+
+class Counting(http.server.BaseHTTPRequestHandler):
+    requests = []
+
+    def do_GET(self):
+        Counting.requests.append(self.path)
+        self.send_error(404)
+
+    do_HEAD = do_GET
+
+    def log_message(self, *arguments):
+        pass
+
+
+WMS = """<GDAL_WMS><Service name="TMS"><ServerUrl>{url}/${{z}}/${{x}}/${{y}}.png</ServerUrl></Service><DataWindow>
+<UpperLeftX>-180</UpperLeftX><UpperLeftY>90</UpperLeftY><LowerRightX>180</LowerRightX><LowerRightY>-90</LowerRightY>
+<TileLevel>3</TileLevel><SizeX>512</SizeX><SizeY>256</SizeY></DataWindow><BandsCount>1</BandsCount></GDAL_WMS>"""
+VRT = """<VRTDataset rasterXSize="8" rasterYSize="8"><SRS>GEOGCS["Moon",DATUM["Moon",SPHEROID["Moon",1737400,0]],
+PRIMEM["Reference",0],UNIT["degree",0.0174532925199433]]</SRS><GeoTransform>30,0.125,0,1,0,-0.125</GeoTransform>
+<VRTRasterBand dataType="Int16" band="1"><SimpleSource><SourceFilename relativeToVRT="0">{name}</SourceFilename>
+<SourceBand>1</SourceBand>{properties}<SrcRect xOff="0" yOff="0" xSize="8" ySize="8"/>
+<DstRect xOff="0" yOff="0" xSize="8" ySize="8"/></SimpleSource></VRTRasterBand></VRTDataset>"""
+PROPERTIES = '<SourceProperties RasterXSize="8" RasterYSize="8" DataType="Int16" BlockXSize="8" BlockYSize="8"/>'
+
+
+class Network(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Counting)
+        cls.url = f"http://127.0.0.1:{cls.server.server_port}"
+        threading.Thread(target=cls.server.serve_forever, daemon=True).start()
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.server.shutdown()
+        cls.server.server_close()
+
+    def test_nothing_is_fetched(self):
+        folder = shutil.copytree(harness.path("dem"), harness.path("dem-remote"))
+        wms = os.path.join(folder, "source.wms")
+        contents = {"wms.tif": WMS.format(url=self.url), "wms.vrt": WMS.format(url=self.url), "source.wms": WMS.format(url=self.url),
+                    "url.img": self.url + "/a.img", "inner.xml": VRT.format(name="/vsicurl/" + self.url + "/inner.tif", properties="")}
+        names = {"curl": f"/vsicurl/{self.url}/a.tif", "streaming": f"/vsicurl_streaming/{self.url}/a.tif",
+                 "question": f"/vsicurl?url={self.url}/a.tif", "zip": f"/vsizip//vsicurl/{self.url}/a.zip/a.tif", "http": f"{self.url}/a.tif",
+                 "wms": wms, "inline": WMS.format(url=self.url).replace("<", "&lt;").replace("\n", " "),
+                 "nested": os.path.join(folder, "inner.xml")}
+        for name, source in names.items():
+            for kind, properties in (("lazy", PROPERTIES), ("eager", "")):
+                contents[f"{name}-{kind}.vrt"] = VRT.format(name=source, properties=properties)
+        for name, text in contents.items():
+            with open(os.path.join(folder, name), "w") as f:
+                f.write(text)
+        maps = os.path.join(harness.assets(), "maps")
+        for name in ("wms.tif", "curl-lazy.vrt", "nested-eager.vrt"):
+            shutil.copy(os.path.join(folder, name), maps)
+            with open(os.path.join(maps, name[:3] + ".json"), "w") as f:
+                json.dump({"file": name, "extent": {"south_deg": 0, "north_deg": 1, "west_deg": 30, "east_deg": 31}}, f)
+        service = Service("--on-data-error", "fall-through", "--assets-dir", harness.path("assets"), cache="cache-remote", dem=folder)
+        self.assertEqual(service.ask("GET", HEIGHT)[0], 200)
+        for name in ("wms", "cur", "nes"):
+            status, _, body = service.frame(frame_request(surface={"albedo_maps": [name]}))
+            self.assertEqual(status, 500, body[:300])
+        self.assertEqual(service.frame(frame_request())[0], 200)
+        problems = [os.path.basename(p["path"]) for p in json.loads(service.ask("GET", "/v1/datasets")[2])["problems"]]
+        for name in ("curl-lazy.vrt", "http-lazy.vrt", "wms.tif", "wms.vrt"):
+            self.assertIn(name, problems)
+        self.assertEqual(service.stop(), 0)
+        self.assertEqual(Counting.requests, [])
+
+
+if __name__ == "__main__":
+    harness.main()
