@@ -134,6 +134,16 @@ std::string type_text(const ProductRow& row) {
          (row.components.empty() ? "" : " x " + std::to_string(row.components.size()));
 }
 
+std::size_t bytes_per_pixel(engine::ProductSet products) {
+  std::size_t sum = 0;
+  for (const ProductRow& row : table()) {
+    if (!(products & row.product)) continue;
+    sum += std::max<std::size_t>(row.components.size(), 1) *
+           std::visit([](const auto elements) { return sizeof((FrameProducts().*elements)[0]); }, row.elements);
+  }
+  return sum;
+}
+
 engine::ProductSet products_that_need_a_sun() {
   engine::ProductSet set = 0;
   for (const ProductRow& row : table())

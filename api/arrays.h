@@ -34,6 +34,9 @@ std::span<const ProductRow> products();
 // "float64 x 3"; an image is "uint8 or uint16".
 std::string type_text(const ProductRow& row);
 
+// Of a frame's products, as arrays.
+std::size_t bytes_per_pixel(engine::ProductSet products);
+
 // Products that can't be made without a Sun.
 engine::ProductSet products_that_need_a_sun();
 

@@ -36,13 +36,42 @@ void check_shape(const ArrayView& array, const char* format) {
   }
 }
 
+// What OpenImageIO writes to: the answer itself, which never exists twice. (Its own IOVecOutput has another kind of
+// bytes.)
+class Destination : public OIIO::Filesystem::IOProxy {
+ public:
+  explicit Destination(std::size_t expected_bytes) : IOProxy("", Write) { bytes_.reserve(expected_bytes); }
+  std::string take() { return std::move(bytes_); }
+
+  const char* proxytype() const override { return "selenograph"; }
+  void close() override {}
+  bool opened() const override { return true; }
+  std::size_t size() const override { return bytes_.size(); }
+  std::size_t write(const void* data, std::size_t size) override {
+    const std::size_t written = pwrite(data, size, m_pos);
+    m_pos += static_cast<std::int64_t>(written);
+    return written;
+  }
+  std::size_t pwrite(const void* data, std::size_t size, std::int64_t offset) override {
+    const auto at = static_cast<std::size_t>(offset);
+    if (bytes_.size() < at) bytes_.resize(at);
+    const auto* from = static_cast<const char*>(data);
+    const std::size_t over = std::min(size, bytes_.size() - at);
+    bytes_.replace(at, over, from, over);
+    bytes_.append(from + over, size - over);
+    return size;
+  }
+
+ private:
+  std::string bytes_;
+};
+
 // A file in memory, open for writing.
 class Writer {
  public:
-  Writer(const char* format, const OIIO::ImageSpec& spec) : format_(format) {
-    bytes_.reserve(spec.image_bytes(true) + 65536);
-    proxy_ = std::make_unique<OIIO::Filesystem::IOVecOutput>(bytes_);
-    output_ = OIIO::ImageOutput::create(format_, proxy_.get());
+  Writer(const char* format, const OIIO::ImageSpec& spec)
+      : format_(format), destination_(spec.image_bytes(true) + 65536) {
+    output_ = OIIO::ImageOutput::create(format_, &destination_);
     if (!output_) throw std::runtime_error(format_ + ": " + OIIO::geterror());
     check(output_->open("memory." + format_, spec));
   }
@@ -56,7 +85,7 @@ class Writer {
 
   std::string finish() {
     check(output_->close());
-    return std::string(reinterpret_cast<const char*>(bytes_.data()), bytes_.size());
+    return destination_.take();
   }
 
  private:
@@ -65,9 +94,8 @@ class Writer {
   }
 
   std::string format_;
-  std::vector<unsigned char> bytes_;
-  std::unique_ptr<OIIO::Filesystem::IOVecOutput> proxy_;
-  std::unique_ptr<OIIO::ImageOutput> output_;  // goes first: it writes through the proxy until it is closed
+  Destination destination_;
+  std::unique_ptr<OIIO::ImageOutput> output_;  // goes first: it writes to the destination until it is closed
 };
 
 // --- OpenEXR

@@ -1,10 +1,12 @@
 // Raw, NPY and NPZ. The NPY layout is NumPy Enhancement Proposal 1 (Robert Kern, 2007), version 1.0.
 #include <zip.h>
 
+#include <algorithm>
 #include <bit>
 #include <cstdint>
 #include <memory>
 #include <stdexcept>
+#include <utility>
 
 #include "api/encode.h"
 
@@ -75,15 +77,77 @@ zip_buffer_fragment_t piece(const char* data, std::size_t size) {
   return {reinterpret_cast<zip_uint8_t*>(const_cast<char*>(data)), size};
 }
 
-std::string contents(zip_source_t* written) {
-  zip_stat_t stat;
-  if (zip_source_stat(written, &stat) != 0 || zip_source_open(written) != 0) fail("can't be read back");
-  std::string result(stat.size, '\0');
-  const zip_int64_t got = zip_source_read(written, result.data(), result.size());
-  zip_source_close(written);
-  if (got < 0 || std::size_t(got) != result.size()) fail("can't be read back");
-  return result;
-}
+// Where an archive is written to: the answer itself, which never exists twice.
+class Destination {
+ public:
+  explicit Destination(std::size_t expected_bytes) { bytes_.reserve(expected_bytes); }
+  std::string take() { return std::move(bytes_); }
+
+  // zip_source_function's callback. libzip begins, writes, goes back to complete a member's header, and commits.
+  static zip_int64_t call(void* self, void* data, zip_uint64_t size, zip_source_cmd_t command) {
+    return static_cast<Destination*>(self)->answer(data, size, command);
+  }
+
+ private:
+  zip_int64_t answer(void* data, zip_uint64_t size, zip_source_cmd_t command) {
+    switch (static_cast<int>(command)) {  // newer versions of libzip have more of them
+      case ZIP_SOURCE_SUPPORTS:
+        return zip_source_make_command_bitmap(
+            ZIP_SOURCE_OPEN, ZIP_SOURCE_READ, ZIP_SOURCE_CLOSE, ZIP_SOURCE_STAT, ZIP_SOURCE_ERROR, ZIP_SOURCE_FREE,
+            ZIP_SOURCE_SEEK, ZIP_SOURCE_TELL, ZIP_SOURCE_BEGIN_WRITE, ZIP_SOURCE_WRITE, ZIP_SOURCE_COMMIT_WRITE,
+            ZIP_SOURCE_ROLLBACK_WRITE, ZIP_SOURCE_SEEK_WRITE, ZIP_SOURCE_TELL_WRITE, ZIP_SOURCE_REMOVE, -1);
+      case ZIP_SOURCE_STAT:
+        zip_stat_init(static_cast<zip_stat_t*>(data));
+        static_cast<zip_stat_t*>(data)->size = 0;  // there is nothing yet
+        static_cast<zip_stat_t*>(data)->valid = ZIP_STAT_SIZE;
+        return sizeof(zip_stat_t);
+      case ZIP_SOURCE_ERROR:
+        return zip_error_to_data(&error_, data, size);
+      case ZIP_SOURCE_WRITE:
+        return write(static_cast<const char*>(data), size);
+      case ZIP_SOURCE_SEEK_WRITE: {
+        const zip_int64_t to = zip_source_seek_compute_offset(at_, bytes_.size(), data, size, &error_);
+        if (to < 0) return -1;
+        at_ = static_cast<std::size_t>(to);
+        return 0;
+      }
+      case ZIP_SOURCE_TELL_WRITE:
+        return static_cast<zip_int64_t>(at_);
+      case ZIP_SOURCE_OPEN:
+      case ZIP_SOURCE_CLOSE:
+      case ZIP_SOURCE_FREE:
+      case ZIP_SOURCE_BEGIN_WRITE:
+      case ZIP_SOURCE_COMMIT_WRITE:
+      case ZIP_SOURCE_ROLLBACK_WRITE:
+      case ZIP_SOURCE_REMOVE:
+        return 0;
+      default:  // a new archive is never read
+        zip_error_set(&error_, ZIP_ER_OPNOTSUPP, 0);
+        return -1;
+    }
+  }
+
+  // Between C frames nothing may be thrown.
+  zip_int64_t write(const char* data, zip_uint64_t size) noexcept {
+    try {
+      const std::size_t over = std::min<std::size_t>(size, bytes_.size() - at_);
+      bytes_.replace(at_, over, data, over);
+      bytes_.append(data + over, size - over);
+    } catch (const std::exception&) {
+      zip_error_set(&error_, ZIP_ER_MEMORY, 0);
+      return -1;
+    }
+    at_ += size;
+    return static_cast<zip_int64_t>(size);
+  }
+
+  std::string bytes_;
+  std::size_t at_ = 0;
+  zip_error_t error_{};
+};
+
+// libzip's own structures around a member: local header, entry of the directory, names twice.
+constexpr std::size_t kMemberBytes = 512;
 
 }  // namespace
 
@@ -130,11 +194,14 @@ std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& 
   std::vector<std::string> headers;  // all made before the first is pointed to
   headers.reserve(arrays.size());
   for (const ArrayView& array : arrays) headers.push_back(npy_header(array));
-  Source destination(zip_source_buffer_create(nullptr, 0, 0, nullptr));
-  if (!destination) fail("no memory");
-  Archive archive(zip_open_from_source(destination.get(), ZIP_CREATE | ZIP_TRUNCATE, nullptr));
+  std::size_t expected = meta_json.size() + kMemberBytes;
+  for (const ArrayView& array : arrays) expected += size_bytes(array) + kMemberBytes;
+  Destination destination(expected);
+  Source source(zip_source_function_create(Destination::call, &destination, nullptr));
+  if (!source) fail("no memory");
+  Archive archive(zip_open_from_source(source.get(), ZIP_CREATE | ZIP_TRUNCATE, nullptr));
   if (!archive) fail("can't start an archive");
-  zip_source_keep(destination.get());  // the archive owns one reference, this function the other
+  source.release();  // NOLINT(bugprone-unused-return-value): the archive owns it now
   for (std::size_t i = 0; i < arrays.size(); ++i) {
     add_member(archive.get(), std::string(arrays[i].name) + ".npy",
                {piece(headers[i].data(), headers[i].size()), piece(bytes(arrays[i]), size_bytes(arrays[i]))});
@@ -142,7 +209,7 @@ std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& 
   add_member(archive.get(), "meta.json", {piece(meta_json.data(), meta_json.size())});
   if (zip_close(archive.get()) != 0) fail(zip_strerror(archive.get()));
   archive.release();  // NOLINT(bugprone-unused-return-value): zip_close freed it
-  return contents(destination.get());
+  return destination.take();
 }
 
 }  // namespace selenograph::api

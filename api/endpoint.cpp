@@ -1,7 +1,17 @@
 #include "api/endpoint.h"
 
+#include <fmt/format.h>
+
+#include <chrono>
+
 namespace selenograph::api {
 namespace {
+
+// How long a request that is in work waits for others' memory: then it makes room for one that needs less.
+constexpr auto kPatience = std::chrono::seconds(2);
+
+// A document takes up to so many times its text: numbers of one digit are 16 bytes of a value, names 32 and a node.
+constexpr std::size_t kDocumentBytesPerByte = 24;
 
 // "application/json", in any case, whatever parameters follow: JSON is UTF-8 by definition (RFC 8259, 8.1).
 bool says_json(std::string content_type) {
@@ -29,7 +39,26 @@ Json json_body(const EndpointContext& context) {
     throw RequestError("too_large", "the body has " + std::to_string(request.body.size()) + " bytes, at most " +
                                         std::to_string(context.limits.max_body_bytes) + " are taken");
   }
+  context.memory.need(kDocumentBytesPerByte * request.body.size(), "", context.stop);
   return parse_json(request.body, context.limits.max_json_depth);
+}
+
+void RequestMemory::need(std::size_t bytes, std::string_view pointer, const StopToken& stop) {
+  claim_ = {};  // whoever waits holds nothing
+  if (!budget_.fits(bytes)) {
+    const std::string detail = fmt::format("takes {} MB of memory, the service has {} MB for all requests", bytes >> 20,
+                                           budget_.capacity() >> 20);
+    throw RequestError("invalid_request", "the request " + detail, {{std::string(pointer), detail}});
+  }
+  auto claim = budget_.claim(bytes, StopToken::Clock::now() + kPatience, stop);
+  if (!claim) throw RequestError("busy", "the memory that this request takes is in use by others");
+  claim_ = std::move(*claim);
+}
+
+MemoryBudget::Claim RequestMemory::give_for(std::size_t answer_bytes) {
+  if (claim_.bytes() == 0) need(answer_bytes, "", {});
+  claim_.resize(answer_bytes);
+  return std::move(claim_);
 }
 
 Response json_response(std::string text) {

@@ -8,22 +8,47 @@
 
 #include "api/assets.h"
 #include "api/json_reader.h"
+#include "api/memory_budget.h"
 #include "api/problem.h"
 #include "api/service.h"
+#include "dem/cache.h"
 #include "dem/error.h"
 #include "engine/renderer.h"
 
 namespace selenograph::api {
 
+// Frames' metadata by content hash, of those whose header has no room for all of it: the latest, on a budget.
+using LongMetadata = dem::Cache<std::string, std::string>;
+
+// What one request takes of the service's budget.
+class RequestMemory {
+ public:
+  explicit RequestMemory(MemoryBudget& budget) : budget_(budget) {}
+
+  // From now on so many bytes, instead of what was taken before; waits a moment for its turn. Throws RequestError:
+  // invalid_request at `pointer` when the budget never holds as much, busy when it doesn't now; Cancelled.
+  void need(std::size_t bytes, std::string_view pointer, const StopToken& stop);
+
+  // The claim, of an answer of so many bytes.
+  MemoryBudget::Claim give_for(std::size_t answer_bytes);
+
+ private:
+  MemoryBudget& budget_;
+  MemoryBudget::Claim claim_;
+};
+
 struct EndpointContext {
   const engine::Renderer& renderer;
   const Limits& limits;
   const Assets& assets;
+  LongMetadata& long_metadata;
+  RequestMemory& memory;
   const Request& request;
   StopToken stop;
 };
 
 Response answer_frames(const EndpointContext& context);
+Response answer_frame_metadata(const EndpointContext& context, std::string_view hash);
 Response answer_rays(const EndpointContext& context);
 Response answer_project(const EndpointContext& context);
 Response answer_heights(const EndpointContext& context);

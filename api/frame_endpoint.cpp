@@ -10,6 +10,7 @@
 #include "api/metadata.h"
 #include "api/negotiate.h"
 #include "dem/error.h"
+#include "engine/frame/needs.h"
 
 namespace selenograph::api {
 namespace {
@@ -57,11 +58,27 @@ std::string shape(const ArrayView& array) {
 }
 
 // For representations without room for metadata of their own.
-void add_array_headers(Response& response, const ArrayView& array, const nlohmann::ordered_json& meta) {
+void add_array_headers(Response& response, const ArrayView& array, MetadataHeader meta) {
   response.headers.emplace_back("Selenograph-Product", array.name);
   response.headers.emplace_back("Selenograph-Shape", shape(array));
   response.headers.emplace_back("Selenograph-Dtype", numpy_descr(array.type));
-  response.headers.emplace_back("Selenograph-Meta", metadata_header(meta));
+  response.headers.emplace_back("Selenograph-Meta", std::move(meta.text));
+}
+
+void remember(const std::string& hash, std::string metadata, LongMetadata& long_metadata) {
+  long_metadata.erase(hash);  // of a frame without a file that was replaced, say
+  const std::size_t bytes = metadata.size();
+  long_metadata.get(hash, [&] {
+    return LongMetadata::Loaded{std::make_shared<const std::string>(std::move(metadata)), bytes};
+  });
+}
+
+// A frame while it is in work, besides what is kept between frames, and its answer.
+std::size_t bytes_of(const engine::FrameRequest& request) {
+  engine::ProductSet arrays = request.products;
+  if (arrays & engine::kImage) arrays |= engine::kRadiance;
+  const std::size_t answer = bytes_per_pixel(request.products), working = engine::working_bytes_per_pixel(request);
+  return engine::rendered_pixels(request) * (bytes_per_pixel(arrays) + std::max(working, answer));
 }
 
 // The engine's refusals are of where the camera is, but for those that name a member.
@@ -75,7 +92,7 @@ Response not_modified(const std::string& hash) {
 }
 
 Response answer(const FrameQuery& query, const engine::Frame& frame, const Representation& representation,
-                const std::string& hash) {
+                const std::string& hash, LongMetadata& long_metadata) {
   Response response;
   response.content_type = representation.media_type;
   response.headers.emplace_back("Vary", "Accept");
@@ -84,9 +101,12 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   const nlohmann::ordered_json meta = metadata(query, frame.report, hash);
   std::vector<std::uint8_t> narrowed;
   const std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
-  response.body = encode(arrays, representation.format, meta.dump(2, ' ', false, Json::error_handler_t::replace));
+  std::string text = meta.dump(2, ' ', false, Json::error_handler_t::replace);
+  response.body = encode(arrays, representation.format, text);
   if (representation.format == Format::npy || representation.format == Format::raw) {
-    add_array_headers(response, arrays.front(), meta);
+    MetadataHeader header = metadata_header(meta);
+    if (!header.whole) remember(hash, std::move(text), long_metadata);
+    add_array_headers(response, arrays.front(), std::move(header));
   }
   // Black pixels there look like the sky: whoever sees only the image is told, too.
   if (frame.report.missing_fraction > 0)
@@ -115,8 +135,15 @@ Response answer_frames(const EndpointContext& context) {
   const std::string accept = header(context.request, "accept");
   const Representation& representation = negotiate(accept, query.request.products);
   const std::string budget = choose_within_budget(query, context);
-  const std::string hash = content_hash(query, context.renderer.terrain().catalogue().fingerprint(), representation);
-  if (names_etag(header(context.request, "if-none-match"), hash)) return not_modified(hash);
+  const auto hash_with = [&](const std::vector<double>& shadow_limits_px) {
+    return content_hash(query, shadow_limits_px, context.renderer.terrain().catalogue().fingerprint(), representation);
+  };
+  if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
+    const std::string hash = hash_with(with_refusals_at(
+        kRefusable, "/pose", [&] { return context.renderer.shadow_limits_px(query.request, context.stop); }));
+    if (names_etag(known, hash)) return not_modified(hash);
+  }
+  context.memory.need(bytes_of(query.request), "/camera", context.stop);
   const double parse_ms = ms_since(start);
 
   const engine::Frame frame =
@@ -124,10 +151,19 @@ Response answer_frames(const EndpointContext& context) {
   context.stop.check();
 
   const Clock::time_point encode_start = Clock::now();
-  Response response = answer(query, frame, representation, hash);
+  Response response =
+      answer(query, frame, representation, hash_with(frame.report.shadow_limits_px), context.long_metadata);
   if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
   response.headers.emplace_back("Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start)));
   return response;
+}
+
+Response answer_frame_metadata(const EndpointContext& context, std::string_view hash) {
+  return json_response(*context.long_metadata.get(std::string(hash), []() -> LongMetadata::Loaded {
+    throw RequestError("not_found",
+                       "no metadata are kept under this hash: they are for a while, and only those that a "
+                       "header had no room for");
+  }) + "\n");
 }
 
 }  // namespace selenograph::api

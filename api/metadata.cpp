@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
@@ -37,6 +39,24 @@ OrderedJson irradiance_json(const engine::FrameRequest& request, const engine::F
                                    engine::kSolarConstant_w_m2)}};
 }
 
+double widest(const std::vector<double>& shadow_limits_px) {
+  return *std::max_element(shadow_limits_px.begin(), shadow_limits_px.end());
+}
+
+bool gave_way(const FrameQuery& query, const std::vector<double>& shadow_limits_px) {
+  return widest(shadow_limits_px) > query.request.accuracy.max_shadow_error_px;
+}
+
+OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& report) {
+  OrderedJson warnings = report.warnings;
+  if (gave_way(query, report.shadow_limits_px))
+    warnings.push_back(
+        fmt::format("max_shadow_error_px gave way from {:g} to {:g}: the terrain that it asks for does "
+                    "not fit into the service's memory for scenes",
+                    query.request.accuracy.max_shadow_error_px, widest(report.shadow_limits_px)));
+  return warnings;
+}
+
 std::string compact(const OrderedJson& json) { return json.dump(-1, ' ', true, OrderedJson::error_handler_t::replace); }
 
 void omit(OrderedJson& metadata, const char* list) {
@@ -48,15 +68,16 @@ void omit(OrderedJson& metadata, const char* list) {
 
 std::string_view software_version() { return SELENOGRAPH_VERSION; }
 
-std::string content_hash(const FrameQuery& query, std::uint64_t terrain_fingerprint,
-                         const Representation& representation) {
-  const OrderedJson what{{"request", resolved_json(query)},
-                         {"terrain", hex(terrain_fingerprint)},
-                         {"objects", objects_metadata(query.request, query.objects)},
-                         {"maps", maps_metadata(query.request, query.surface)},
-                         {"atmosphere", hex(Assets::fingerprint(query.request.atmosphere.get()))},
-                         {"version", software_version()},
-                         {"representation", representation.media_type}};
+std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
+                         std::uint64_t terrain_fingerprint, const Representation& representation) {
+  OrderedJson what{{"request", resolved_json(query)},
+                   {"terrain", hex(terrain_fingerprint)},
+                   {"objects", objects_metadata(query.request, query.objects)},
+                   {"maps", maps_metadata(query.request, query.surface)},
+                   {"atmosphere", hex(Assets::fingerprint(query.request.atmosphere.get()))},
+                   {"version", software_version()},
+                   {"representation", representation.media_type}};
+  if (gave_way(query, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
   const std::string text = what.dump();
   const XXH128_hash_t hash = XXH3_128bits(text.data(), text.size());
   return hex(hash.high64) + hex(hash.low64);
@@ -100,17 +121,19 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
   meta["filled_fraction"] = report.filled_fraction;
   meta["missing_fraction"] = report.missing_fraction;
   meta["sources"] = sources_json(report);
-  meta["warnings"] = report.warnings;
+  meta["warnings"] = warnings_json(query, report);
   return meta;
 }
 
-std::string metadata_header(OrderedJson metadata) {
+MetadataHeader metadata_header(OrderedJson metadata) {
+  if (std::string text = compact(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), true};
+  const std::string hash = metadata.at("content_hash"), place = "/v1/frames/" + hash + "/meta";
+  metadata["metadata_at"] = place;
   for (const char* list : {"sources", "warnings"}) {
-    std::string text = compact(metadata);
-    if (text.size() <= kMetaHeaderBytes) return text;
     omit(metadata, list);
+    if (std::string text = compact(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), false};
   }
-  return compact(metadata);
+  return {compact({{"content_hash", hash}, {"metadata_at", place}}), false};
 }
 
 }  // namespace selenograph::api

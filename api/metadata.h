@@ -15,9 +15,10 @@
 namespace selenograph::api {
 
 // 32 hexadecimal digits that stand for an answer's bytes: resolved request, terrain (Catalogue::fingerprint), software
-// version and representation go in. Known before anything is rendered, so that If-None-Match costs no frame.
-std::string content_hash(const FrameQuery& query, std::uint64_t terrain_fingerprint,
-                         const Representation& representation);
+// version and representation go in, and the frame's FrameReport::shadow_limits_px where they gave way. All of it can be
+// known before anything is rendered, so that If-None-Match costs no frame.
+std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
+                         std::uint64_t terrain_fingerprint, const Representation& representation);
 
 // True when an If-None-Match header names this hash's entity tag (weak tags count: RFC 9110, 13.1.2), or is "*".
 bool names_etag(const std::string& if_none_match, const std::string& hash);
@@ -25,10 +26,14 @@ bool names_etag(const std::string& if_none_match, const std::string& hash);
 nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameReport& report, const std::string& hash);
 
 // The same for the header `Selenograph-Meta`: compact, ASCII only, at most kMetaHeaderBytes. Where it would be longer,
-// the lists of sources and then of warnings are replaced by their lengths ("sources_omitted"): the other
-// representations have them.
+// the lists of sources and then of warnings are replaced by their lengths ("sources_omitted"), and if that is not
+// enough all but the hash goes. What is left out is found at "metadata_at" for a while.
 inline constexpr std::size_t kMetaHeaderBytes = 6000;  // HTTP libraries commonly refuse lines beyond 8192
-std::string metadata_header(nlohmann::ordered_json metadata);
+struct MetadataHeader {
+  std::string text;
+  bool whole;
+};
+MetadataHeader metadata_header(nlohmann::ordered_json metadata);
 
 std::string_view software_version();
 

@@ -13,13 +13,16 @@ OrderedJson schema_ref(const std::string& name) { return {{"$ref", "#/components
 
 OrderedJson json_content(const std::string& schema) { return {{"application/json", {{"schema", schema_ref(schema)}}}}; }
 
-// 404 belongs to no path and 499 is never sent; both are in the table of info.description.
-bool answered_by_calls(const ErrorRow& row) { return row.status != 404 && row.status != 499; }
+// 499 is never sent; it is in the table of info.description.
+bool answered_by_calls(const ErrorRow& row) { return row.status != 499; }
 
 // Whether a call can be answered with this status at all: what is documented is what a client must be ready for.
 bool can_answer(const Route& route, int status) {
-  const bool computes = route.endpoint != Endpoint::datasets && route.endpoint != Endpoint::openapi;
+  const bool computes = route.endpoint != Endpoint::datasets && route.endpoint != Endpoint::openapi &&
+                        route.endpoint != Endpoint::frame_metadata;
   switch (status) {
+    case 404:
+      return route.endpoint == Endpoint::frame_metadata;  // elsewhere no path is it
     case 413:
     case 415:
       return route.admission;  // those with a body
@@ -81,8 +84,12 @@ OrderedJson headers() {
                                               "number")},
       {"Retry-After", header("Seconds", "integer")},
       {"Allow", header("The methods that the path has")}};
-  all["Selenograph-Meta"] = {{"description", "Of npy and raw answers: the frame's metadata, compact ASCII JSON"},
+  all["Selenograph-Meta"] = {{"description",
+                              "Of npy and raw answers: the frame's metadata, compact ASCII JSON of at "
+                              "most 6000 bytes; metadata_at says where all of it is, if it is longer"},
                              {"content", json_content("FrameMetadata")}};
+  all["Selenograph-Meta"]["content"]["application/json"]["schema"] = {
+      {"anyOf", {schema_ref("FrameMetadata"), schema_ref("MetadataElsewhere")}}};
   return all;
 }
 
@@ -177,6 +184,12 @@ void fill(OrderedJson& operation, const Route& route) {
   switch (route.endpoint) {
     case Endpoint::frames:
       return fill_frames(operation);
+    case Endpoint::frame_metadata:
+      operation["parameters"] = {
+          parameter("hash", "path", "content_hash of the frame", true, {{"type", "string"}, {"minLength", 1}})};
+      operation["responses"]["200"] = {{"description", "All of the frame's metadata"},
+                                       {"content", json_content("FrameMetadata")}};
+      return;
     case Endpoint::rays:
       return fill_points(operation, "RaysRequest", "RaysAnswer",
                          {{"rays", {{{"origin_m", {1757400.0, 0.0, 0.0}}, {"direction", {-1.0, 0.0, 0.0}}}}}});
@@ -206,6 +219,7 @@ void fill(OrderedJson& operation, const Route& route) {
 const char* tag(Endpoint endpoint) {
   switch (endpoint) {
     case Endpoint::frames:
+    case Endpoint::frame_metadata:
       return "frames";
     case Endpoint::rays:
     case Endpoint::project:

@@ -47,8 +47,13 @@ void add_frame_answers(OrderedJson& schemas) {
        {"missing_fraction", number(kUnitInterval, "share of pixels that look at the Moon where there is no data")},
        {"sources", {{"type", "array"}, {"items", source}, {"description", "what the product `source` indexes"}}},
        {"sources_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}}},
+       {"metadata_at", text("in the header only: path of the metadata with what did not fit")},
        {"warnings", {{"type", "array"}, {"items", {{"type", "string"}}}}}},
       {"software", "content_hash", "request", "lod_error_px", "lod_error_m", "sources", "warnings"});
+  schemas["MetadataElsewhere"] =
+      object("In the header, where all metadata do not fit.",
+             {{"content_hash", text("the ETag without quotes")}, {"metadata_at", text("path of the metadata")}},
+             {"content_hash", "metadata_at"});
 }
 
 }  // namespace selenograph::api

@@ -6,6 +6,13 @@
 namespace selenograph::api {
 namespace {
 
+// A ray or point while it is in work: the engine's, its JSON values and its text.
+constexpr std::size_t kBytesPerPoint = 3000;
+
+void need_memory(const EndpointContext& context, std::size_t points, std::string_view pointer) {
+  context.memory.need(kBytesPerPoint * points, pointer, context.stop);
+}
+
 // An answer that is ready too late is none: 504, as if the work had been stopped.
 void throw_if_stopped(const EndpointContext& context) { context.stop.check(); }
 
@@ -13,6 +20,7 @@ void throw_if_stopped(const EndpointContext& context) { context.stop.check(); }
 
 Response answer_rays(const EndpointContext& context) {
   const RaysQuery query = read_rays(json_body(context), context.limits);
+  need_memory(context, query.rays.size(), "/rays");
   const auto hits =
       with_refusals_at({}, "/rays", [&] { return context.renderer.cast(query.rays, query.sun, context.stop); });
   throw_if_stopped(context);
@@ -21,6 +29,7 @@ Response answer_rays(const EndpointContext& context) {
 
 Response answer_project(const EndpointContext& context) {
   const ProjectQuery query = read_project(json_body(context), context.limits);
+  need_memory(context, query.points.size(), "/points");
   const auto landmarks = with_refusals_at({}, "/pose", [&] {
     return context.renderer.project(query.camera, query.pose, query.points, query.sun, context.stop);
   });
@@ -31,6 +40,7 @@ Response answer_project(const EndpointContext& context) {
 
 Response answer_heights(const EndpointContext& context) {
   const std::vector<Geographic> places = read_heights(json_body(context), context.limits);
+  need_memory(context, places.size(), "/points");
   const dem::Terrain& terrain = context.renderer.terrain();
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
   for (const Geographic& place : places) {

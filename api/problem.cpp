@@ -54,7 +54,7 @@ constexpr std::array<ErrorRow, 19> kTable{{
 std::string allowed_methods(std::string_view path) {
   std::string methods;
   for (const Route& route : kRoutes) {
-    if (route.path == path)
+    if (segment_of(route, path))
       methods += (methods.empty() ? "" : ", ") + std::string(route.method == "GET" ? "GET, HEAD" : route.method);
   }
   return methods;

@@ -1,16 +1,29 @@
 // Every endpoint there is: what the dispatcher looks up and the API document lists.
 #pragma once
 
+#include <cstddef>
+#include <optional>
 #include <span>
 #include <string_view>
 
 namespace selenograph::api {
 
-enum class Endpoint { frames, rays, project, heights, height, datasets, verify_round_trip, verify_mertis, openapi };
+enum class Endpoint {
+  frames,
+  frame_metadata,
+  rays,
+  project,
+  heights,
+  height,
+  datasets,
+  verify_round_trip,
+  verify_mertis,
+  openapi
+};
 
 struct Route {
   Endpoint endpoint;
-  std::string_view method, path;
+  std::string_view method, path;  // "{hash}" in the path stands for any one segment
   // Costs render time: passes through the server's admission and takes a JSON body.
   bool admission;
   std::string_view operation_id, summary;
@@ -18,6 +31,8 @@ struct Route {
 
 inline constexpr Route kRoutes[] = {
     {Endpoint::frames, "POST", "/v1/frames", true, "renderFrame", "Renders the frame that a camera sees"},
+    {Endpoint::frame_metadata, "GET", "/v1/frames/{hash}/meta", false, "getFrameMetadata",
+     "The metadata of a frame whose header has no room for it"},
     {Endpoint::rays, "POST", "/v1/rays", true, "castRays", "Casts arbitrary rays: an altimeter or lidar"},
     {Endpoint::project, "POST", "/v1/project", true, "projectPoints",
      "Says where landmarks appear in a camera's image"},
@@ -30,5 +45,17 @@ inline constexpr Route kRoutes[] = {
      "What a thermal imaging spectrometer measures of blackbodies"},
     {Endpoint::openapi, "GET", "/openapi.json", false, "getOpenapi", "This document"},
 };
+
+// What stands in a request's path where the route has "{...}", empty when it has none; nothing when the path isn't the
+// route's.
+constexpr std::optional<std::string_view> segment_of(const Route& route, std::string_view path) {
+  const std::size_t open = route.path.find('{');
+  if (open == std::string_view::npos) return path == route.path ? std::optional(std::string_view()) : std::nullopt;
+  const std::string_view before = route.path.substr(0, open), after = route.path.substr(route.path.find('}') + 1);
+  if (path.size() <= before.size() + after.size() || !path.starts_with(before) || !path.ends_with(after))
+    return std::nullopt;
+  const std::string_view segment = path.substr(before.size(), path.size() - before.size() - after.size());
+  return segment.find('/') == std::string_view::npos ? std::optional(segment) : std::nullopt;
+}
 
 }  // namespace selenograph::api

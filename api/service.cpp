@@ -18,7 +18,7 @@ namespace {
 const Route& route_of(const Request& request) {
   bool known_path = false;
   for (const Route& route : kRoutes) {
-    if (route.path != request.path) continue;
+    if (!segment_of(route, request.path)) continue;
     if (route.method == request.method) return route;
     known_path = true;
   }
@@ -33,18 +33,31 @@ bool answers_json_alone(Endpoint endpoint) {
 
 }  // namespace
 
+// A frame with tens of objects or a large kernel says some hundred kilobytes about itself.
+constexpr std::size_t kLongMetadataBytes = std::size_t{8} << 20;
+
 struct Service::Impl {
   explicit Impl(const std::string& assets_folder) : assets(assets_folder) {}
 
   std::shared_ptr<const engine::Renderer> renderer;
   Limits limits;
   Assets assets;
+  std::shared_ptr<MemoryBudget> memory;
+  mutable LongMetadata long_metadata{kLongMetadataBytes};
   std::string openapi;
   // Made when first asked for: a catalogue of 64 800 tiles is 30 MB of text that most services never send.
   mutable std::once_flag datasets_made;
   mutable std::string datasets;
 
-  Response dispatch(const Request& request) const {
+  // What the request needs of the budget while it is in work, and its answer until it is sent.
+  Response answer(const Request& request) const {
+    RequestMemory taken(*memory);
+    Response response = dispatch(request, taken);
+    response.memory = std::make_shared<const MemoryBudget::Claim>(taken.give_for(response.body.capacity()));
+    return response;
+  }
+
+  Response dispatch(const Request& request, RequestMemory& taken) const {
     const Route& route = route_of(request);
     if (answers_json_alone(route.endpoint) && !accepts(header(request, "accept"), "application/json")) {
       throw RequestError("not_acceptable", "there is application/json; Accept does not allow it");
@@ -52,11 +65,18 @@ struct Service::Impl {
     const auto allowed = time_allowed(request, limits);
     if (!allowed)
       throw RequestError("malformed_request", "Request-Timeout-Ms must be a whole number of milliseconds above 0");
-    const EndpointContext context{*renderer, limits, assets, request,
+    const EndpointContext context{*renderer,
+                                  limits,
+                                  assets,
+                                  long_metadata,
+                                  taken,
+                                  request,
                                   StopToken(request.received + *allowed, request.abandoned)};
     switch (route.endpoint) {
       case Endpoint::frames:
         return answer_frames(context);
+      case Endpoint::frame_metadata:
+        return answer_frame_metadata(context, *segment_of(route, request.path));
       case Endpoint::rays:
         return answer_rays(context);
       case Endpoint::project:
@@ -67,12 +87,14 @@ struct Service::Impl {
         return answer_height(context);
       case Endpoint::datasets:
         std::call_once(datasets_made, [&] { datasets = datasets_text(renderer->terrain().catalogue()); });
+        taken.need(datasets.size(), "", context.stop);
         return json_response(datasets);
       case Endpoint::verify_round_trip:
         return answer_verify_round_trip(context);
       case Endpoint::verify_mertis:
         return answer_verify_mertis(context);
       case Endpoint::openapi:
+        taken.need(openapi.size(), "", context.stop);
         return json_response(openapi);
     }
     throw std::logic_error("no such endpoint");
@@ -88,8 +110,10 @@ std::optional<std::chrono::milliseconds> time_allowed(const Request& request, co
   return std::min(limits.default_deadline, std::chrono::milliseconds(ms));
 }
 
-Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder)
+Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder,
+                 std::shared_ptr<MemoryBudget> memory)
     : impl_(std::make_unique<Impl>(assets_folder)) {
+  impl_->memory = memory ? std::move(memory) : std::make_shared<MemoryBudget>();
   impl_->renderer = std::move(renderer);
   impl_->limits = limits;
   impl_->openapi = openapi_document(limits).dump(2) + "\n";
@@ -98,12 +122,12 @@ Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits
 Service::~Service() = default;
 
 Response Service::handle(const Request& request) const {
-  return answer_or_problem(request, [&] { return impl_->dispatch(request); });
+  return answer_or_problem(request, [&] { return impl_->answer(request); });
 }
 
 bool Service::needs_admission(const Request& request) {
   return std::any_of(std::begin(kRoutes), std::end(kRoutes), [&](const Route& route) {
-    return route.admission && route.method == request.method && route.path == request.path;
+    return route.admission && route.method == request.method && segment_of(route, request.path);
   });
 }
 

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "api/memory_budget.h"
 #include "engine/renderer.h"
 
 namespace selenograph::api {
@@ -44,6 +45,8 @@ struct Response {
   std::string body;
   // Code of the row of the error table, the metrics' label; empty on success.
   std::string error_code;
+  // What the answer takes of the service's budget: to be kept until it is sent.
+  std::shared_ptr<const MemoryBudget::Claim> memory;
 };
 
 // How long a request may take: the service's own limit, or less if the client asks so by Request-Timeout-Ms. Empty when
@@ -53,8 +56,10 @@ std::optional<std::chrono::milliseconds> time_allowed(const Request& request, co
 // const means safe to call concurrently. `handle` never throws.
 class Service {
  public:
-  // `assets_folder`: see Assets; empty: none.
-  Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder = {});
+  // `assets_folder`: see Assets; empty: none. `memory`: of requests in work and their answers; null: unbounded. A
+  // request that could never fit is refused, one that doesn't fit now waits a moment for its turn.
+  Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder = {},
+          std::shared_ptr<MemoryBudget> memory = nullptr);
   ~Service();
 
   // /v1/*, /openapi.json. Unknown paths 404, known path with a wrong method 405 with Allow. (Health and metrics are

@@ -76,6 +76,15 @@ class Cache {
     return flight->value;
   }
 
+  // Of values that somebody has a pointer to: what no eviction can free now.
+  std::size_t bytes_in_use() const {
+    std::lock_guard lock(mutex_);
+    std::size_t sum = 0;
+    for (const auto& [key, entry] : entries_)
+      if (entry.value.use_count() > 1) sum += entry.bytes;
+    return sum;
+  }
+
   // Neither loads nor counts as a use.
   bool holds(const Key& key) const {
     std::lock_guard lock(mutex_);

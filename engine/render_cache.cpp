@@ -2,7 +2,11 @@
 
 #include <xxhash.h>
 
+#include <chrono>
+#include <thread>
 #include <type_traits>
+
+#include "engine/scene/selection.h"
 
 namespace selenograph::engine {
 
@@ -34,8 +38,41 @@ RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_
       speed_of_rays_(threads),
       speed_of_zbuffer_(threads) {}
 
+// Room for a scene while it is made. The first is let in whatever its size: selection has bounded it.
+class RenderCache::Room {
+ public:
+  Room(RenderCache& cache, const SceneContent& content, const StopToken& stop) : cache_(cache) {
+    for (const dem::BlockId& id : content.blocks) bytes_ += scene_bytes_of(id);
+    while (!enter()) {
+      stop.check();
+      std::this_thread::sleep_for(kLook);
+    }
+  }
+  ~Room() {
+    const std::lock_guard lock(cache_.room_mutex_);
+    cache_.being_made_bytes_ -= bytes_;
+  }
+  Room(const Room&) = delete;
+  Room& operator=(const Room&) = delete;
+
+ private:
+  static constexpr auto kLook = std::chrono::milliseconds(2);
+
+  bool enter() {
+    const std::lock_guard lock(cache_.room_mutex_);
+    const std::size_t taken = cache_.being_made_bytes_ + cache_.scenes_.bytes_in_use();
+    if (taken > 0 && taken + bytes_ > cache_.scenes_.capacity()) return false;
+    cache_.being_made_bytes_ += bytes_;
+    return true;
+  }
+
+  RenderCache& cache_;
+  std::size_t bytes_ = 0;
+};
+
 std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, const StopToken& stop) {
   const auto make = [&] {
+    const Room room(*this, content, stop);
     std::shared_ptr<const Scene> before;
     {
       const std::lock_guard lock(latest_mutex_);

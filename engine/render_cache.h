@@ -9,6 +9,7 @@
 #include <mutex>
 
 #include "dem/cache.h"
+#include "dem/stop_token.h"
 #include "dem/terrain.h"
 #include "engine/budget.h"
 #include "engine/camera/pixel_rays.h"
@@ -24,7 +25,8 @@ class RenderCache {
   // `threads`: that work on a frame.
   RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads);
 
-  // Of several who need the same scene one makes it; each waits until its own `stop`, then Cancelled is thrown.
+  // Of several who need the same scene one makes it; each waits until its own `stop`, then Cancelled is thrown. Scenes
+  // in use can't be evicted: one that doesn't fit beside them waits for them to be let go, so the caller must hold none.
   std::shared_ptr<const Scene> scene(const SceneContent& content, const StopToken& stop = {});
   bool holds(const SceneContent& content) const;
   void forget(const SceneContent& content);
@@ -58,12 +60,15 @@ class RenderCache {
     std::size_t operator()(const Camera& camera) const;
   };
   static SceneKey key_of(const SceneContent& content);
+  class Room;
 
   std::shared_ptr<const dem::Terrain> terrain_;
   int threads_;
   dem::Cache<SceneKey, Scene, SceneKeyHash> scenes_;
   dem::Cache<Camera, PixelRays, CameraHash> lenses_;  // where pixels look doesn't depend on the pose
   Pool<FrameScratch> scratch_;
+  std::mutex room_mutex_;
+  std::size_t being_made_bytes_ = 0;  // of scenes
   // The last scene that was made, if it is still in use or kept: a moving camera has most of it in common.
   std::mutex latest_mutex_;
   std::weak_ptr<const Scene> latest_;

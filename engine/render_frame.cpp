@@ -27,6 +27,7 @@ void list_sources(const dem::Catalogue& catalogue, const FrameSources& sources, 
 void report_scene(const Selection& selection, const Scene& scene, FrameReport& out) {
   out.lod_error_px = selection.error_px, out.lod_error_m = selection.error_m;
   out.shadow_error_px = selection.shadow_error_px;
+  out.shadow_limits_px.insert(out.shadow_limits_px.begin(), selection.shadow_limit_px);
   out.min_post_spacing_m = selection.min_spacing_m, out.max_post_spacing_m = selection.max_spacing_m;
   for (const MeshBlock& b : scene.mesh.blocks())  // those without any data are not in the mesh
     out.triangles += static_cast<std::size_t>(dem::triangles_of_block(b.posts->id.level));
@@ -41,11 +42,29 @@ void report_pixels(const Camera& camera, const PixelCounts& counts, FrameReport&
   out.filled_fraction = static_cast<double>(counts.filled) / pixels;
 }
 
+// A sensor's model sees a little more than its image shows.
+FrameRequest with_margin_of(const std::optional<Sensor>& sensor, FrameRequest request) {
+  if (sensor) request.camera = with_margin(request.camera, sensor->margin_px());
+  return request;
+}
+
+std::optional<Sensor> sensor_of(const FrameRequest& request) {
+  return request.sensor && request.products & kImage ? std::optional<Sensor>(request) : std::nullopt;
+}
+
+// The moments that stand for the exposure, seconds from its middle.
+std::vector<double> moments_of(const SensorModel& sensor) {
+  std::vector<double> moments;
+  for (int k = 0; k < sensor.motion.samples; ++k)
+    moments.push_back(((k + 0.5) / sensor.motion.samples - 0.5) * sensor.detector.integration_time_s);
+  return moments;
+}
+
 // Radiance as a mean over the exposure, whose middle is rendered already. The time of the others counts as if it were
 // the frame's own.
 std::vector<float> radiance_in_motion(FrameRequest request, const std::vector<float>& in_the_middle,
                                       const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
-                                      StageTimes& times) {
+                                      StageTimes& times, std::vector<double>& shadow_limits_px) {
   const Motion& motion = request.sensor->motion;
   const Pose middle = request.pose;
   request.products = kRadiance;
@@ -54,14 +73,14 @@ std::vector<float> radiance_in_motion(FrameRequest request, const std::vector<fl
   const auto add = [&](const std::vector<float>& radiance) {
     for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += share * radiance[i];
   };
-  for (int k = 0; k < motion.samples; ++k) {
-    const double moment = (k + 0.5) / motion.samples - 0.5;
+  for (const double moment : moments_of(*request.sensor)) {
     if (moment == 0) {
       add(in_the_middle);
       continue;
     }
-    request.pose = moved(middle, motion, moment * request.sensor->detector.integration_time_s);
+    request.pose = moved(middle, motion, moment);
     const Frame frame = render_frame(request, terrain, kept, stop);
+    shadow_limits_px.push_back(frame.report.shadow_limits_px.front());
     times.visibility_ms += frame.times.visibility_ms, times.select_ms += frame.times.select_ms;
     times.build_ms += frame.times.build_ms;
     add(frame.products.radiance);
@@ -82,7 +101,7 @@ void capture(const Sensor& sensor, const FrameRequest& request, const View& view
 
 Selection select_blocks(const FrameRequest& request, const View& view, const Accuracy& accuracy,
                         const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop) {
-  if (!request.terrain) return {};
+  if (!request.terrain) return {.blocks = {}, .shadow_limit_px = accuracy.max_shadow_error_px};
   return select_for_view(terrain, view, wants_light(request) ? &request.sun : nullptr, accuracy, stop, kept.capacity(),
                          balls_around(request.objects));
 }
@@ -91,12 +110,24 @@ SceneContent content_of(const FrameRequest& request, const View& view, const Sel
   return {selection.blocks, anchor_for(view.position(), view.middle()), visibility_for(request, view, selection)};
 }
 
+std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terrain& terrain, const RenderCache& kept,
+                                     const StopToken& stop) {
+  const std::optional<Sensor> sensor = sensor_of(asked);
+  FrameRequest request = with_margin_of(sensor, asked);
+  std::vector<Pose> poses{request.pose};
+  if (sensor && !request.sensor->motion.none())
+    for (const double moment : moments_of(*request.sensor))
+      if (moment != 0) poses.push_back(moved(asked.pose, request.sensor->motion, moment));
+  std::vector<double> limits;
+  for (const Pose& pose : poses)
+    limits.push_back(
+        select_blocks(request, View(request.camera, pose), request.accuracy, terrain, kept, stop).shadow_limit_px);
+  return limits;
+}
+
 Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
-  // A sensor's model sees a little more than its image shows.
-  std::optional<Sensor> sensor;
-  if (asked.sensor && asked.products & kImage) sensor.emplace(asked);
-  FrameRequest request = asked;
-  if (sensor) request.camera = with_margin(asked.camera, sensor->margin_px());
+  const std::optional<Sensor> sensor = sensor_of(asked);
+  const FrameRequest request = with_margin_of(sensor, asked);
 
   Frame frame;
   Stopwatch watch;
@@ -112,7 +143,7 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   // Scene: the blocks as one mesh, with what the visibility algorithm needs of it.
   const SceneContent content = content_of(request, view, selection);
   const bool build = !kept.holds(content);
-  const std::shared_ptr<const Scene> scene = kept.scene(content, stop);
+  std::shared_ptr<const Scene> scene = kept.scene(content, stop);
   frame.times.build_ms = watch.lap_ms();
 
   // Visible points, light, radiance, products. Each of sixteen pixels at a time by rays, of all pixels by z-buffer.
@@ -123,16 +154,21 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
     algorithm.write_products(pixels);
   };
   const std::shared_ptr<const PixelRays> lens = kept.lens(request.camera);
-  const FrameJob job{request, view, *scene, objects, radiance, *lens, stop};
-  FrameWriter writer(request, view, scene->mesh, terrain.catalogue().rasters().size(), frame.products);
-  if (scene->raster) {
-    const Pool<FrameScratch>::Lease scratch(kept.scratch());
-    RasterPass(job, writer, *scratch, frame.times).for_pixels(stages);
-  } else {
-    RayPass(job, writer).for_pixels(stages);
+  {
+    const FrameJob job{request, view, *scene, objects, radiance, *lens, stop};
+    FrameWriter writer(request, view, scene->mesh, terrain.catalogue().rasters().size(), frame.products);
+    if (scene->raster) {
+      const Pool<FrameScratch>::Lease scratch(kept.scratch());
+      RasterPass(job, writer, *scratch, frame.times).for_pixels(stages);
+    } else {
+      RayPass(job, writer).for_pixels(stages);
+    }
+    list_sources(terrain.catalogue(), writer.sources(), frame);
+    report_scene(selection, *scene, frame.report);
+    report_pixels(request.camera, writer.counts(), frame.report);
   }
+  scene.reset();  // an exposure's other moments have their own: who waits for room for one holds none
   kept.settle();
-  list_sources(terrain.catalogue(), writer.sources(), frame);
   frame.times.visibility_ms = watch.lap_ms();
   kept.speed(content.visibility).learn(work_of(request, request.accuracy, triangles_of(selection), build), frame.times);
 
@@ -141,7 +177,7 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   if (sensor) {
     std::vector<float> captured = request.products & kRadiance ? pixels : std::move(pixels);
     if (!request.sensor->motion.none())
-      captured = radiance_in_motion(request, captured, terrain, kept, stop, frame.times);
+      captured = radiance_in_motion(request, captured, terrain, kept, stop, frame.times, frame.report.shadow_limits_px);
     watch.lap_ms();
     if (!(request.products & kRadiance)) pixels.clear();
     capture(*sensor, request, view, *lens, std::move(captured), frame);
@@ -154,8 +190,6 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   frame.report.visibility = content.visibility;
   frame.report.radiance = radiance;
   frame.report.emits_elsewhere = objects.emit() || !request.temperature_maps.empty();
-  report_scene(selection, *scene, frame.report);
-  report_pixels(request.camera, writer.counts(), frame.report);
   if (request.terrain) frame.report.warnings = terrain.warnings_about(selection.replaced);
   return frame;
 }

@@ -1,6 +1,8 @@
 // The one function that renders a frame and names its stages.
 #pragma once
 
+#include <vector>
+
 #include "dem/stop_token.h"
 #include "dem/terrain.h"
 #include "engine/frame/frame.h"
@@ -16,6 +18,11 @@ Frame render_frame(const FrameRequest& request, const dem::Terrain& terrain, Ren
 // The first stage: which blocks of the terrain, how fine. None where the objects are alone.
 Selection select_blocks(const FrameRequest& request, const View& view, const Accuracy& accuracy,
                         const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop);
+
+// FrameReport::shadow_limits_px of the frame that render_frame would make: the one thing in it that depends on the
+// memory for scenes.
+std::vector<double> shadow_limits_px(const FrameRequest& request, const dem::Terrain& terrain, const RenderCache& kept,
+                                     const StopToken& stop);
 
 // What the frame's scene is made of.
 SceneContent content_of(const FrameRequest& request, const View& view, const Selection& selection);

@@ -37,6 +37,10 @@ BudgetChoice Renderer::choose(const FrameRequest& request, double budget_ms, int
                   [&] { return choose_accuracy(request, budget_ms, max_samples, *impl_->terrain, impl_->kept, stop); });
 }
 
+std::vector<double> Renderer::shadow_limits_px(const FrameRequest& request, const StopToken& stop) const {
+  return in_arena(impl_->arena, [&] { return engine::shadow_limits_px(request, *impl_->terrain, impl_->kept, stop); });
+}
+
 std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun,
                                    const StopToken& stop) const {
   return in_arena(impl_->arena, [&] { return cast_rays(rays, sun, *impl_->terrain, impl_->kept, stop); });

@@ -38,6 +38,9 @@ class Renderer {
   // spent on choosing counts. Throws as render does.
   BudgetChoice choose(const FrameRequest& request, double budget_ms, int max_samples, const StopToken& stop = {}) const;
 
+  // FrameReport::shadow_limits_px of the frame that render() would make, without making it. Throws as render does.
+  std::vector<double> shadow_limits_px(const FrameRequest& request, const StopToken& stop = {}) const;
+
   // Arbitrary rays against the finest terrain.
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop = {}) const;
 

@@ -1,6 +1,8 @@
 // What a frame's products need to be known of each pixel: radiance, how much of the Sun its point sees, geometry.
 #pragma once
 
+#include <cstddef>
+
 #include "engine/frame/request.h"
 
 namespace selenograph::engine {
@@ -9,6 +11,26 @@ inline bool wants_radiance(const FrameRequest& request) { return request.product
 inline bool wants_light(const FrameRequest& request) { return wants_radiance(request) || (request.products & kLit); }
 inline bool wants_geometry(const FrameRequest& request) {
   return request.products & ~static_cast<ProductSet>(kRadiance | kImage);
+}
+
+// Besides its products, of what a frame is rendered with: samples under the Sun and the shadow map's lists, twice as
+// many of a disc, a lens's rays (of the pixels' centres and of a sample beside them), what a sensor's model has between
+// radiance and digital numbers. An upper bound; scenes and terrain are not of it.
+inline std::size_t working_bytes_per_pixel(const FrameRequest& request) {
+  std::size_t bytes = 0;
+  if (wants_radiance(request)) bytes += 8;
+  if (wants_light(request)) bytes += request.sun.angular_radius_deg > 0 ? 96 : 48;
+  if (!request.camera.rectilinear()) bytes += 48;
+  if (request.sensor && request.products & kImage) bytes += 24;
+  return bytes;
+}
+
+// The sensor's margin, which is not known before its kernel is, at its widest.
+inline std::size_t rendered_pixels(const FrameRequest& request) {
+  constexpr int kWidestMargin_px = 32;
+  const int margin = request.sensor && request.products & kImage ? 2 * kWidestMargin_px : 0;
+  return static_cast<std::size_t>(request.camera.width + margin) *
+         static_cast<std::size_t>(request.camera.height + margin);
 }
 
 }  // namespace selenograph::engine

@@ -45,6 +45,9 @@ struct FrameReport {
   Visibility visibility = Visibility::raytrace;  // that the frame was made with
   double lod_error_px = 0, lod_error_m = 0;      // bounds on the mesh's error in view
   double shadow_error_px = 0;  // bound on the displacement of shadow edges on level ground; 0 without Sun
+  // Accuracy::max_shadow_error_px as it was used: of the frame, then of the exposure's other moments. More than what
+  // was asked where that much terrain does not fit into the memory for scenes.
+  std::vector<double> shadow_limits_px;
   double min_post_spacing_m = 0, max_post_spacing_m = 0;
   std::size_t triangles = 0;
   std::size_t scene_bytes = 0;                   // of the mesh and its acceleration structure

@@ -375,7 +375,9 @@ Selection select_for_view(const dem::Terrain& terrain, const View& view, const S
   Accuracy asked = accuracy;
   for (;;) {
     try {
-      return ViewSelector(terrain, view, asked, max_bytes, stop, receivers).select(sun);
+      Selection selection = ViewSelector(terrain, view, asked, max_bytes, stop, receivers).select(sun);
+      selection.shadow_limit_px = asked.max_shadow_error_px;
+      return selection;
     } catch (const TooMuchTerrain&) {
       const bool gives_way = sun && asked.max_error_px > 0 && asked.max_shadow_error_px < kNoAim_px;
       if (!gives_way) throw;

@@ -26,6 +26,7 @@ struct Selection {
   std::vector<dem::BlockId> blocks;  // sorted; neighbouring levels differ by at most one
   double error_px = 0, error_m = 0;  // bounds over the blocks in view
   double shadow_error_px = 0;        // bound on the displacement of shadow edges on level ground
+  double shadow_limit_px = 0;        // Accuracy::max_shadow_error_px, or what it gave way to
   double min_spacing_m = 0, max_spacing_m = 0;
   double highest_m = 0;                    // no block reaches higher
   std::vector<dem::SourceIndex> replaced;  // unusable files that something in it or in view lacks; ascending

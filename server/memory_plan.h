@@ -1,0 +1,37 @@
+// How the service's memory is shared out: caches, scenes, what requests hold.
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+namespace selenograph::server {
+
+// MiB, as the options give them.
+struct MemorySettings {
+  std::size_t memory_mb = 0;  // for everything; 0: see default_memory_mb()
+  std::size_t cache_mb = 0;   // terrain blocks and pyramids
+  std::size_t scene_mb = 0;   // acceleration structures and what frames are drawn with
+};
+
+struct MemoryPlan {
+  std::size_t total_bytes = 0;
+  std::size_t requests_bytes = 0;  // frames in work and answers not yet sent
+  std::size_t bodies_bytes = 0;    // bodies being received
+};
+
+// The program itself, its threads' stacks, and one pyramid that is being built.
+inline constexpr std::size_t kOwnMb = 384;
+// Requests get at least this much.
+inline constexpr std::size_t kLeastForRequestsMb = 64;
+
+// Without --memory-mb: three quarters of what there is, at most 7168: that serves two requests of the default limits
+// one after the other, and small ones beside them. Never less than the caches and scenes ask for and 1024 more.
+std::size_t default_memory_mb(std::size_t machine_mb, const MemorySettings& settings);
+
+// Of the machine, or of the control group that the process is in, if that is less. MiB.
+std::size_t machine_memory_mb();
+
+// Throws std::runtime_error naming the options when the parts don't fit into the whole.
+MemoryPlan plan_memory(const MemorySettings& settings, std::size_t machine_mb);
+
+}  // namespace selenograph::server

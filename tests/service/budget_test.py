@@ -1,0 +1,120 @@
+"""All memory is on one budget: what does not fit waits, is told when to come back, or is refused for good."""
+
+import json
+import socket
+import threading
+import time
+import unittest
+
+import harness
+from harness import WithService, frame_request, sample
+
+MEMORY_MB, CACHE_MB, SCENE_MB = 900, 64, 64
+EVERYTHING = ("image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source",
+              "object_id")
+
+
+def setUpModule():
+    harness.set_up()
+    sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def resident_mb(service, what="VmRSS"):
+    with open(f"/proc/{service.process.pid}/status") as status:
+        return next(int(line.split()[1]) / 1024 for line in status if line.startswith(what + ":"))
+
+
+def head_of(service, request):
+    body = json.dumps(request).encode()
+    return (f"POST /v1/frames HTTP/1.1\r\nHost: {service.host}\r\nContent-Type: application/json\r\n"
+            f"Accept: application/x-npz\r\nContent-Length: {len(body)}\r\n\r\n").encode() + body
+
+
+class Budget(WithService):
+    options = ("--memory-mb", str(MEMORY_MB), "--cache-mb", str(CACHE_MB), "--scene-mb", str(SCENE_MB), "--max-waiting", "64")
+
+    def setUp(self):
+        self.service.wait_for("selenograph_request_memory_bytes", 0)
+
+    def test_what_never_fits_is_refused(self):
+        problem = self.problem(self.service.frame(frame_request(EVERYTHING, width=4096, height=2048)), 422, "/camera")
+        self.assertIn("--memory-mb", problem["errors"][0]["detail"])
+
+    def test_what_fits_is_served_and_given_back(self):
+        status, _, body = self.service.frame(frame_request(EVERYTHING, width=1024, height=1024), "application/x-npz")
+        self.assertEqual(status, 200, body[:300])
+        self.service.wait_for("selenograph_request_memory_bytes", 0)
+
+    def test_answers_that_nobody_reads_are_on_the_budget(self):
+        """Of answers of 111 MB each, a few fit at once; the rest is told to come back, and small frames are served."""
+        request = frame_request(EVERYTHING, width=1024, height=1024)
+        readers = []
+        for _ in range(10):
+            reader = socket.create_connection((self.service.host, self.service.port))
+            reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            reader.sendall(head_of(self.service, request))
+            readers.append(reader)
+        first = [b""] * len(readers)
+
+        def status_of(i):
+            first[i] = readers[i].recv(12)
+
+        threads = [threading.Thread(target=status_of, args=(i, )) for i in range(len(readers))]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(harness.PATIENCE_S)
+        self.assertLess(resident_mb(self.service, "VmHWM"), 1.15 * MEMORY_MB)
+        self.assertIn(b"HTTP/1.1 200", first)
+        self.assertIn(b"HTTP/1.1 503", first)
+        self.assertEqual(self.service.frame(frame_request())[0], 200)
+        for reader in readers:
+            reader.close()
+
+    def test_half_sent_bodies_are_on_the_budget(self):
+        """Clients that send the first 3 MB of 4 each: most are told that there is no room."""
+        head = (f"POST /v1/frames HTTP/1.1\r\nHost: {self.service.host}\r\nContent-Type: application/json\r\n"
+                f"Content-Length: {4 << 20}\r\n\r\n").encode()
+        before = resident_mb(self.service)
+        clients = []
+        for _ in range(60):
+            client = socket.create_connection((self.service.host, self.service.port))
+            client.settimeout(0.5)
+            try:
+                client.sendall(head + b" " * (3 << 20))
+            except OSError:
+                pass  # refused meanwhile
+            clients.append(client)
+        self.assertLess(resident_mb(self.service) - before, 120)
+        self.assertEqual(self.service.frame(frame_request())[0], 200, "others are served meanwhile")
+        refused = 0
+        for client in clients:
+            try:
+                refused += client.recv(12) == b"HTTP/1.1 503"
+            except OSError:
+                pass
+            client.close()
+        self.assertGreater(refused, 20)
+
+    def test_the_peak_of_a_large_frame(self):
+        """Products and answer exist once each."""
+        width, height, bytes_per_pixel = 1536, 1024, 106
+        answer_mb = width * height * bytes_per_pixel / 2**20
+        for accept in ("application/x-npz", "image/x-exr"):
+            before = resident_mb(self.service)
+            with open(f"/proc/{self.service.process.pid}/clear_refs", "w") as reset:
+                reset.write("5")  # proc(5): the peak starts anew
+            status, _, body = self.service.frame(frame_request(EVERYTHING, width=width, height=height), accept)
+            self.assertEqual(status, 200, body[:300])
+            self.assertGreater(len(body), 0.95 * answer_mb * 2**20)
+            peak = resident_mb(self.service, "VmHWM") - min(before, resident_mb(self.service))
+            self.assertLess(peak, 2.3 * len(body) / 2**20 + 100, accept)
+            time.sleep(2)  # freed memory goes back to the system
+
+
+if __name__ == "__main__":
+    harness.main()

@@ -1,0 +1,81 @@
+// What admission by memory counts on: that a frame is rendered with no more than is estimated.
+#include <gtest/gtest.h>
+
+#include <cstddef>
+#include <memory>
+
+#include "dem/terrain.h"
+#include "engine/frame/needs.h"
+#include "engine/render_cache.h"
+#include "engine/render_frame.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+#include "tests/support/views.h"
+
+namespace selenograph::test {
+namespace {
+
+class FrameMemory : public ::testing::Test {
+ protected:
+  static constexpr std::size_t kScenes = std::size_t{512} << 20;
+
+  FrameMemory() {
+    // Hills that shade each other, so that every list of the shadow map is used.
+    write_global_tile(folder_.path(), 4,
+                      [](double lat, double lon) { return 1500 * std::sin(lat * 3) * std::cos(lon * 3); });
+    terrain_ = open_terrain(folder_.path());
+  }
+
+  static engine::FrameRequest request_at(double sun_elevation_deg, double disc_deg) {
+    engine::FrameRequest q = blank_request();
+    q.camera = square_camera(768, 60);
+    const Vec3 eye = to_cartesian({10, 20, 200000});
+    q.pose = looking(eye, -eye, local_axes(eye).north);
+    q.sun.direction = local_sun(10, 20, 90, sun_elevation_deg);
+    q.sun.angular_radius_deg = disc_deg;
+    q.products = engine::kLit | engine::kRadiance;
+    q.visibility = engine::Visibility::zbuffer;
+    return q;
+  }
+
+  TemporaryFolder folder_;
+  std::shared_ptr<dem::Terrain> terrain_;
+};
+
+TEST_F(FrameMemory, ScratchStaysBelowTheEstimate) {
+  for (const double disc_deg : {0.0, 0.27})
+    for (const double elevation_deg : {3.0, 45.0}) {
+      engine::RenderCache kept(terrain_, kScenes, 2);
+      const engine::FrameRequest q = request_at(elevation_deg, disc_deg);
+      render_frame(q, *terrain_, kept, {});
+      const double per_pixel =
+          static_cast<double>(kept.scratch().bytes()) / static_cast<double>(engine::rendered_pixels(q));
+      RecordProperty("bytes_per_pixel", std::to_string(per_pixel));
+      EXPECT_GT(per_pixel, 8);
+      EXPECT_LT(per_pixel, static_cast<double>(engine::working_bytes_per_pixel(q)))
+          << "disc " << disc_deg << " elevation " << elevation_deg;
+    }
+}
+
+TEST_F(FrameMemory, AScenePinnedByOneFrameIsWaitedForByTheNext) {
+  engine::RenderCache kept(terrain_, std::size_t{24} << 20, 1);
+  const auto content_at = [&](double lon_deg) {
+    engine::FrameRequest q = request_at(45, 0);
+    const Vec3 eye = to_cartesian({10, lon_deg, 200000});
+    q.pose = looking(eye, -eye, local_axes(eye).north);
+    q.accuracy.max_error_px = 1;
+    const engine::View view(q.camera, q.pose);
+    return content_of(q, view, select_blocks(q, view, q.accuracy, *terrain_, kept, {}));
+  };
+  auto first = kept.scene(content_at(20));
+  ASSERT_GT(first->bytes(), std::size_t{12} << 20) << "two of them must be too many";
+  const StopToken soon(StopToken::Clock::now() + std::chrono::milliseconds(50));
+  EXPECT_THROW(kept.scene(content_at(60), soon), Cancelled);
+  first.reset();
+  const auto second = kept.scene(content_at(60));
+  EXPECT_GT(second->bytes(), 0U);
+  EXPECT_LE(kept.bytes(), std::size_t{24} << 20);
+}
+
+}  // namespace
+}  // namespace selenograph::test
