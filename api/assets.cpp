@@ -66,16 +66,23 @@ bool current(const dem::ValueMap& map) { return map.current(); }
 
 }  // namespace
 
-template <typename T, typename Read>
-std::shared_ptr<const T> Assets::find(Files<T>& files, const char* kind, const char* extension, std::string_view name,
-                                      const Read& read) const {
-  if (folder_.empty() || !is_plain(name)) return nullptr;
+std::optional<Assets::Stamped> Assets::stamped(const char* kind, const char* extension, std::string_view name) const {
+  if (folder_.empty() || !is_plain(name)) return std::nullopt;
   const fs::path path = fs::path(folder_) / kind / (std::string(name) + extension);
   std::error_code error;
   const auto modified = fs::last_write_time(path, error);
-  if (error) return nullptr;
-  const Stamp stamp{std::chrono::duration_cast<std::chrono::nanoseconds>(modified.time_since_epoch()).count(),
-                    fs::file_size(path, error)};
+  if (error) return std::nullopt;
+  return Stamped{path.string(),
+                 {std::chrono::duration_cast<std::chrono::nanoseconds>(modified.time_since_epoch()).count(),
+                  fs::file_size(path, error)}};
+}
+
+template <typename T, typename Read>
+std::shared_ptr<const T> Assets::find(Files<T>& files, const char* kind, const char* extension, std::string_view name,
+                                      const Read& read) const {
+  const auto file = stamped(kind, extension, name);
+  if (!file) return nullptr;
+  const auto& [path, stamp] = *file;
   {
     const std::lock_guard lock(mutex_);
     if (const auto found = files.find(name);
@@ -85,7 +92,7 @@ std::shared_ptr<const T> Assets::find(Files<T>& files, const char* kind, const c
   // Without the lock: nobody waits for a large file but those who want it.
   std::shared_ptr<const T> content;
   try {
-    content = std::make_shared<const T>(read(path.string()));
+    content = std::make_shared<const T>(read(path));
   } catch (const DataError& e) {
     throw RequestError("asset_error", e.what());
   }
@@ -94,7 +101,7 @@ std::shared_ptr<const T> Assets::find(Files<T>& files, const char* kind, const c
   return content;
 }
 
-std::shared_ptr<const engine::Atmosphere> Assets::atmosphere(std::string_view name) const {
+std::shared_ptr<const engine::Atmosphere> Assets::atmosphere(std::string_view name, const StopToken&) const {
   return find(atmospheres_, "atmospheres", ".csv", name, engine::Atmosphere::read);
 }
 
@@ -102,7 +109,7 @@ std::shared_ptr<const Json> Assets::camera(std::string_view name) const {
   return find(cameras_, "cameras", ".json", name, read_object_file);
 }
 
-std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::string_view name) const {
+std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::string_view name, const StopToken&) const {
   return find(kernels_, "kernels", ".csv", name, [](const std::string& path) {
     std::vector<std::vector<double>> rows;
     engine::each_csv_line(path, [&](std::string_view line) { rows.push_back(engine::csv_numbers(line)); });
@@ -110,7 +117,7 @@ std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::stri
   });
 }
 
-std::shared_ptr<const dem::ValueMap> Assets::map(std::string_view name) const {
+std::shared_ptr<const dem::ValueMap> Assets::map(std::string_view name, const StopToken&) const {
   return find(maps_, "maps", ".json", name, [](const std::string& path) { return dem::ValueMap(read_map_file(path)); });
 }
 
@@ -141,9 +148,22 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
   return map;
 }
 
-std::shared_ptr<const engine::ObjectMesh> Assets::object(std::string_view name) const {
-  for (const char* extension : {".obj", ".ply", ".gltf", ".glb"})
-    if (auto mesh = find(objects_, "objects", extension, name, engine::ObjectMesh::read)) return mesh;
+std::shared_ptr<const engine::ObjectMesh> Assets::object(std::string_view name, const StopToken& stop) const {
+  for (const char* extension : {".obj", ".ply", ".gltf", ".glb"}) {
+    const auto file = stamped("objects", extension, name);
+    if (!file) continue;
+    const std::string& path = file->path;
+    const auto read = [&] {
+      auto mesh = std::make_shared<const engine::ObjectMesh>(reader_.read(path, stop), stop);
+      return Meshes::Loaded{mesh, mesh->bytes()};
+    };
+    try {
+      // A file that changed has another key; what it was before goes when its room is needed.
+      return meshes_.get(fmt::format("{}:{}:{}", path, file->stamp.modified_ns, file->stamp.bytes), read, stop);
+    } catch (const DataError& e) {
+      throw RequestError("asset_error", e.what());
+    }
+  }
   return nullptr;
 }
 

@@ -5,13 +5,17 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "api/json_reader.h"
+#include "dem/cache.h"
+#include "dem/stop_token.h"
 #include "dem/value_map.h"
 #include "engine/radiometry/atmosphere.h"
+#include "engine/visibility/mesh_reader.h"
 #include "engine/visibility/object_mesh.h"
 
 namespace selenograph::api {
@@ -21,21 +25,26 @@ namespace selenograph::api {
 class Assets {
  public:
   // Empty: there are none.
-  explicit Assets(std::string folder = {}) : folder_(std::move(folder)) {}
+  explicit Assets(std::string folder = {}, engine::MeshReaderOptions meshes = {})
+      : folder_(std::move(folder)), meshes_(meshes.max_bytes), reader_(std::move(meshes)) {}
 
   // atmospheres/NAME.csv, as engine::Atmosphere::read says.
-  std::shared_ptr<const engine::Atmosphere> atmosphere(std::string_view name) const;
+  std::shared_ptr<const engine::Atmosphere> atmosphere(std::string_view name, const StopToken& stop = {}) const;
   // cameras/NAME.json: an object. What its members are is the request's matter.
   std::shared_ptr<const Json> camera(std::string_view name) const;
 
-  // objects/NAME.obj, .ply, .gltf or .glb, the first of these that there is.
-  std::shared_ptr<const engine::ObjectMesh> object(std::string_view name) const;
+  // objects/NAME.obj, .ply, .gltf or .glb, the first of these that there is, as engine::MeshReader reads it. Meshes
+  // that nobody uses are kept as long as all have room in the reader's max_bytes. Throws Cancelled when `stop` says so.
+  std::shared_ptr<const engine::ObjectMesh> object(std::string_view name, const StopToken& stop = {}) const;
+  // Of the meshes that are kept, with what rays need of them.
+  std::size_t mesh_bytes() const { return meshes_.bytes(); }
 
   // maps/NAME.json, as read_map_file says; opened again when its raster has changed.
-  std::shared_ptr<const dem::ValueMap> map(std::string_view name) const;
+  std::shared_ptr<const dem::ValueMap> map(std::string_view name, const StopToken& stop = {}) const;
 
   // kernels/NAME.csv: rows of weights.
-  std::shared_ptr<const std::vector<std::vector<double>>> kernel(std::string_view name) const;
+  std::shared_ptr<const std::vector<std::vector<double>>> kernel(std::string_view name,
+                                                                 const StopToken& stop = {}) const;
 
   // Of the files of a kind ("atmospheres", "cameras", "kernels", "maps", "objects"), without their extension; sorted.
   std::vector<std::string> names(std::string_view kind) const;
@@ -49,6 +58,12 @@ class Assets {
     std::uintmax_t bytes;
     bool operator==(const Stamp&) const = default;
   };
+  struct Stamped {
+    std::string path;
+    Stamp stamp;
+  };
+  using Meshes = dem::Cache<std::string, engine::ObjectMesh>;  // by path and stamp
+
   template <typename T>
   struct Known {
     Stamp stamp;
@@ -56,6 +71,9 @@ class Assets {
   };
   template <typename T>
   using Files = std::map<std::string, Known<T>, std::less<>>;
+
+  // Empty: there is no such file.
+  std::optional<Stamped> stamped(const char* kind, const char* extension, std::string_view name) const;
 
   template <typename T, typename Read>
   std::shared_ptr<const T> find(Files<T>& files, const char* kind, const char* extension, std::string_view name,
@@ -65,9 +83,10 @@ class Assets {
   mutable std::mutex mutex_;
   mutable Files<engine::Atmosphere> atmospheres_;
   mutable Files<Json> cameras_;
-  mutable Files<engine::ObjectMesh> objects_;
   mutable Files<dem::ValueMap> maps_;
   mutable Files<std::vector<std::vector<double>>> kernels_;
+  mutable Meshes meshes_;
+  engine::MeshReader reader_;
 };
 
 // A map's description:

@@ -131,7 +131,7 @@ std::string choose_within_budget(FrameQuery& query, const EndpointContext& conte
 
 Response answer_frames(const EndpointContext& context) {
   const Clock::time_point start = Clock::now();
-  FrameQuery query = read_frame(json_body(context), context.limits, context.assets);
+  FrameQuery query = read_frame(json_body(context), context.limits, context.assets, context.stop);
   const std::string accept = header(context.request, "accept");
   const Representation& representation = negotiate(accept, query.request.products);
   const std::string budget = choose_within_budget(query, context);

@@ -10,6 +10,7 @@
 #include "api/ranges.h"
 #include "api/sensor_json.h"
 #include "dem/error.h"
+#include "engine/sensor/optics.h"
 
 namespace selenograph::api {
 namespace {
@@ -178,8 +179,21 @@ OrderedJson sun_where_needed(const Limits&) {
   return {{"anyOf", OrderedJson::array({{{"required", {"sun"}}}, sunless})}};
 }
 
+// An Airy disc that its kernel holds. Where it is too wide, any of three members may be the one that is wrong.
+void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
+  if (sensor.optics.point_spread.model != engine::PointSpread::Model::airy) return;
+  constexpr double kMost = engine::SpreadKernel::kMaxAiry_px;
+  const double wide_px = band.center_um() * sensor.optics.f_number / sensor.detector.pixel_pitch_um;
+  if (wide_px <= kMost) return;
+  const std::string why = fmt::format(
+      "with \"airy\", wavelength * f_number / pixel_pitch_um must be at most {:g} pixels; it is {:g}", kMost, wide_px);
+  const JsonReader model = in.at("sensor");
+  model.at("optics").fail("f_number", why), model.at("detector").fail("pixel_pitch_um", why), in.fail("band", why);
+}
+
 void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   const engine::FrameRequest& request = query.request;
+  if (request.sensor && request.band) check_airy(in, *request.sensor, *request.band);
   if (request.atmosphere && request.band) {
     try {
       request.atmosphere->over(*request.band, 0);
@@ -313,10 +327,10 @@ const Members<FrameQuery>& frame_members() {
   return *table;
 }
 
-FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets) {
-  const ReadContext context{limits, assets};
+FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  const ReadContext context{limits, assets, stop};
   if (body.is_object() && body.contains("camera_preset") && body.at("camera_preset").is_string())
-    return read_frame(with_preset(body, context), limits, assets);
+    return read_frame(with_preset(body, context), limits, assets, stop);
   Findings findings;
   std::optional<FrameQuery> query = frame_members().read(JsonReader(body, findings), context);
   findings.throw_if_any();

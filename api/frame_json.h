@@ -34,8 +34,10 @@ struct FrameQuery {
 };
 const Members<FrameQuery>& frame_members();
 
-// Throws RequestError("invalid_request") with every fault found.
-FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets = Assets());
+// Throws RequestError("invalid_request") with every fault found, Cancelled when `stop` says so: meshes take long to
+// read.
+FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets = Assets(),
+                      const StopToken& stop = {});
 
 // The request as it was understood: pose in MOON_ME and OpenCV axes, intrinsics in pixels, a Sun vector. A valid
 // request itself: sent back to the service it gives the same frame. Same meaning, same text, so it is also what ETag is

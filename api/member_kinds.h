@@ -241,13 +241,13 @@ struct Named {
 template <typename T>
 struct Asset {
   using Value = Named<T>;
-  std::shared_ptr<const T> (Assets::*find)(std::string_view name) const;
+  std::shared_ptr<const T> (Assets::*find)(std::string_view name, const StopToken& stop) const;
   const char* noun;    // "map"
   const char* folder;  // "maps"
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
     std::optional<std::string> name = in.text();
     if (!name) return std::nullopt;
-    if (auto content = (context.assets.*find)(*name)) return Value{std::move(*name), std::move(content)};
+    if (auto content = (context.assets.*find)(*name, context.stop)) return Value{std::move(*name), std::move(content)};
     in.fail(std::string("no such ") + noun + "; the service has " + listed(context.assets.names(folder)));
     return std::nullopt;
   }
@@ -256,6 +256,7 @@ struct Asset {
   OrderedJson fallback() const { return {}; }
 };
 template <typename T>
-Asset(std::shared_ptr<const T> (Assets::*)(std::string_view) const, const char*, const char*) -> Asset<T>;
+Asset(std::shared_ptr<const T> (Assets::*)(std::string_view, const StopToken&) const, const char*, const char*)
+    -> Asset<T>;
 
 }  // namespace selenograph::api

@@ -24,6 +24,7 @@ using OrderedJson = nlohmann::ordered_json;
 struct ReadContext {
   const Limits& limits;
   const Assets& assets;
+  StopToken stop{};  // files may take long to read
 };
 
 class MemberTable;

@@ -40,9 +40,20 @@ struct Efficiency {
   static inline const auto kCurve = List{Pair<engine::EfficiencyPoint>{kWavelength_um, kUnitInterval}, 1, 1000};
 };
 
+// Double tells a channel's two ends from each other and from 0, with room for what follows from their difference.
+void check_widths(const JsonReader& in, const engine::Spectrometer& s) {
+  constexpr double kTold = 1e-9;
+  const double width_um = (s.last_um - s.first_um) / s.channels;
+  if (s.first_um < kTold * width_um)
+    in.fail("first_um", fmt::format("is too near to 0 for channels of {:g} um", width_um));
+  if (width_um < kTold * s.last_um)
+    in.fail("channels", fmt::format("of {:g} um at {:g} um are too narrow", width_um, s.last_um));
+}
+
 void check_mertis(const JsonReader& in, MertisQuery& query, const ReadContext&) {
   engine::Spectrometer& s = query.spectrometer;
-  if (!(s.last_um > s.first_um)) in.fail("last_um", "must be above first_um");
+  if (!(s.last_um > s.first_um)) return in.fail("last_um", "must be above first_um");
+  check_widths(in, s);
   if (in.has("efficiency") && in.at("efficiency").value().is_number()) s.efficiency[0].wavelength_um = s.first_um;
 }
 
@@ -98,9 +109,8 @@ MertisQuery read_mertis(const Json& body) {
 OrderedJson mertis_json(const MertisQuery& query, const StopToken& stop) {
   OrderedJson spectra = OrderedJson::array();
   for (const double kelvin : query.temperatures_k) {
-    stop.check();
     OrderedJson channels = OrderedJson::array();
-    for (const SpectrometerChannel& c : engine::look_at_blackbody(query.spectrometer, kelvin))
+    for (const SpectrometerChannel& c : engine::look_at_blackbody(query.spectrometer, kelvin, stop))
       channels.push_back({{"center_um", c.center_um},
                           {"width_um", c.width_um},
                           {"radiance_w_m2_sr_um", c.radiance_w_m2_sr_um},

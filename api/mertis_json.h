@@ -23,7 +23,7 @@ const Members<MertisQuery>& mertis_members();
 MertisQuery read_mertis(const Json& body);
 
 // The instrument as understood, what was assumed, and per temperature and channel what the equations give.
-// Stops between temperatures.
+// Stops between channels.
 nlohmann::ordered_json mertis_json(const MertisQuery& query, const StopToken& stop = {});
 
 // One row per channel and temperature.

@@ -86,7 +86,8 @@ const Members<PointSpread>& point_spread_members() {
       "How light spreads over pixels, applied in radiance; the frame is rendered with a margin, so that the border is "
       "as exact as the middle.",
       [](auto& m) {
-        m.add("model", &PointSpread::model, Word{kPointSpreads}, "airy: of f_number at the band's center wavelength")
+        m.add("model", &PointSpread::model, Word{kPointSpreads},
+              "airy: of f_number at the band's center wavelength, which times f_number is at most 26 pixels wide")
             .required();
         m.set_model("model");
         // The kernel of the largest reaches 4.5 times as far.

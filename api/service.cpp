@@ -37,7 +37,7 @@ bool answers_json_alone(Endpoint endpoint) {
 constexpr std::size_t kLongMetadataBytes = std::size_t{8} << 20;
 
 struct Service::Impl {
-  explicit Impl(const std::string& assets_folder) : assets(assets_folder) {}
+  Impl(const std::string& assets_folder, const engine::MeshReaderOptions& meshes) : assets(assets_folder, meshes) {}
 
   std::shared_ptr<const engine::Renderer> renderer;
   Limits limits;
@@ -111,8 +111,8 @@ std::optional<std::chrono::milliseconds> time_allowed(const Request& request, co
 }
 
 Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder,
-                 std::shared_ptr<MemoryBudget> memory)
-    : impl_(std::make_unique<Impl>(assets_folder)) {
+                 const engine::MeshReaderOptions& meshes, std::shared_ptr<MemoryBudget> memory)
+    : impl_(std::make_unique<Impl>(assets_folder, meshes)) {
   impl_->memory = memory ? std::move(memory) : std::make_shared<MemoryBudget>();
   impl_->renderer = std::move(renderer);
   impl_->limits = limits;
@@ -132,5 +132,6 @@ bool Service::needs_admission(const Request& request) {
 }
 
 const Limits& Service::limits() const { return impl_->limits; }
+std::size_t Service::mesh_bytes() const { return impl_->assets.mesh_bytes(); }
 
 }  // namespace selenograph::api

@@ -14,6 +14,7 @@
 
 #include "api/memory_budget.h"
 #include "engine/renderer.h"
+#include "engine/visibility/mesh_reader.h"
 
 namespace selenograph::api {
 
@@ -56,10 +57,11 @@ std::optional<std::chrono::milliseconds> time_allowed(const Request& request, co
 // const means safe to call concurrently. `handle` never throws.
 class Service {
  public:
-  // `assets_folder`: see Assets; empty: none. `memory`: of requests in work and their answers; null: unbounded. A
-  // request that could never fit is refused, one that doesn't fit now waits a moment for its turn.
+  // `assets_folder`: see Assets; empty: none. `meshes`: how those of its objects are read. `memory`: of requests in
+  // work and their answers; null: unbounded. A request that could never fit is refused, one that doesn't fit now waits
+  // a moment for its turn.
   Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder = {},
-          std::shared_ptr<MemoryBudget> memory = nullptr);
+          const engine::MeshReaderOptions& meshes = {}, std::shared_ptr<MemoryBudget> memory = nullptr);
   ~Service();
 
   // /v1/*, /openapi.json. Unknown paths 404, known path with a wrong method 405 with Allow. (Health and metrics are
@@ -70,6 +72,8 @@ class Service {
   static bool needs_admission(const Request& request);
 
   const Limits& limits() const;
+  // Of the meshes that are kept between requests.
+  std::size_t mesh_bytes() const;
 
  private:
   struct Impl;

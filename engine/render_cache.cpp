@@ -96,12 +96,15 @@ void RenderCache::forget(const SceneContent& content) {
   latest_.reset();
 }
 
-std::shared_ptr<const PixelRays> RenderCache::lens(const Camera& camera) {
+std::shared_ptr<const PixelRays> RenderCache::lens(const Camera& camera, const StopToken& stop) {
   if (camera.rectilinear()) return std::make_shared<const PixelRays>();
-  return lenses_.get(camera, [&] {
-    auto made = std::make_shared<const PixelRays>(camera, 0, 0);
-    return dem::Cache<Camera, PixelRays, CameraHash>::Loaded{made, made->bytes()};
-  });
+  return lenses_.get(
+      camera,
+      [&] {
+        auto made = std::make_shared<const PixelRays>(camera, 0, 0, stop);
+        return dem::Cache<Camera, PixelRays, CameraHash>::Loaded{made, made->bytes()};
+      },
+      stop);
 }
 
 void RenderCache::settle() {

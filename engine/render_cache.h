@@ -31,8 +31,8 @@ class RenderCache {
   bool holds(const SceneContent& content) const;
   void forget(const SceneContent& content);
 
-  // Where the camera's pixels look; empty without distortion.
-  std::shared_ptr<const PixelRays> lens(const Camera& camera);
+  // Where the camera's pixels look; empty without distortion. Throws Cancelled when `stop` says so.
+  std::shared_ptr<const PixelRays> lens(const Camera& camera, const StopToken& stop);
 
   // Leases are to be short: what is lent is not on the budget.
   Pool<FrameScratch>& scratch() { return scratch_; }

@@ -48,8 +48,10 @@ FrameRequest with_margin_of(const std::optional<Sensor>& sensor, FrameRequest re
   return request;
 }
 
-std::optional<Sensor> sensor_of(const FrameRequest& request) {
-  return request.sensor && request.products & kImage ? std::optional<Sensor>(request) : std::nullopt;
+std::optional<Sensor> sensor_of(const FrameRequest& request, const StopToken& stop) {
+  std::optional<Sensor> sensor;
+  if (request.sensor && request.products & kImage) sensor.emplace(request, stop);
+  return sensor;
 }
 
 // The moments that stand for the exposure, seconds from its middle.
@@ -74,6 +76,7 @@ std::vector<float> radiance_in_motion(FrameRequest request, const std::vector<fl
     for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += share * radiance[i];
   };
   for (const double moment : moments_of(*request.sensor)) {
+    stop.check();
     if (moment == 0) {
       add(in_the_middle);
       continue;
@@ -90,8 +93,8 @@ std::vector<float> radiance_in_motion(FrameRequest request, const std::vector<fl
 
 // The image by a sensor's model, of a frame that was rendered with its margin, which all products lose.
 void capture(const Sensor& sensor, const FrameRequest& request, const View& view, const PixelRays& lens,
-             std::vector<float> radiance, Frame& frame) {
-  sensor.image(view, lens, std::move(radiance), frame.products.image);
+             std::vector<float> radiance, Frame& frame, const StopToken& stop) {
+  sensor.image(view, lens, std::move(radiance), frame.products.image, stop);
   crop(frame.products, request.camera, sensor.margin_px());
   frame.report.full_scale_radiance_w_m2_sr = sensor.full_scale_radiance_w_m2_sr();
   frame.report.margin_px = sensor.margin_px(), frame.report.captured_fraction = sensor.captured();
@@ -112,7 +115,7 @@ SceneContent content_of(const FrameRequest& request, const View& view, const Sel
 
 std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terrain& terrain, const RenderCache& kept,
                                      const StopToken& stop) {
-  const std::optional<Sensor> sensor = sensor_of(asked);
+  const std::optional<Sensor> sensor = sensor_of(asked, stop);
   FrameRequest request = with_margin_of(sensor, asked);
   std::vector<Pose> poses{request.pose};
   if (sensor && !request.sensor->motion.none())
@@ -126,7 +129,7 @@ std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terra
 }
 
 Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
-  const std::optional<Sensor> sensor = sensor_of(asked);
+  const std::optional<Sensor> sensor = sensor_of(asked, stop);
   const FrameRequest request = with_margin_of(sensor, asked);
 
   Frame frame;
@@ -153,7 +156,7 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
     algorithm.find_radiance(pixels);
     algorithm.write_products(pixels);
   };
-  const std::shared_ptr<const PixelRays> lens = kept.lens(request.camera);
+  const std::shared_ptr<const PixelRays> lens = kept.lens(request.camera, stop);
   {
     const FrameJob job{request, view, *scene, objects, radiance, *lens, stop};
     FrameWriter writer(request, view, scene->mesh, terrain.catalogue().rasters().size(), frame.products);
@@ -180,7 +183,7 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
       captured = radiance_in_motion(request, captured, terrain, kept, stop, frame.times, frame.report.shadow_limits_px);
     watch.lap_ms();
     if (!(request.products & kRadiance)) pixels.clear();
-    capture(*sensor, request, view, *lens, std::move(captured), frame);
+    capture(*sensor, request, view, *lens, std::move(captured), frame, stop);
   } else if (request.products & kImage) {
     frame.report.full_scale_radiance_w_m2_sr = expose(request.image, pixels, frame.products.image);
   }

@@ -69,7 +69,8 @@ int render(const RenderSettings& settings) {
   request.path = "/v1/frames";
   request.headers = {{"accept", media_type_for(settings.output)}, {"content-type", "application/json"}};
   request.body = read_request(settings.request);
-  const api::Service service(make_renderer(settings.terrain), settings.limits, settings.terrain.assets_dir);
+  const api::Service service(make_renderer(settings.terrain), settings.limits, settings.terrain.assets_dir,
+                             mesh_options(settings.terrain));
   request.received = std::chrono::steady_clock::now();
   const api::Response answer = service.handle(request);
   if (answer.status != 200) {

@@ -62,7 +62,7 @@ int serve(const ServeSettings& settings) {
   const HeapTrim trim([&] { return renderer->terrain().statistics().bytes + renderer->scene_bytes_in_use(); },
                       heap_slack_bytes(settings.terrain));
   const api::Limits& limits = settings.limits;
-  const api::Service service(renderer, limits, settings.terrain.assets_dir);
+  const api::Service service(renderer, limits, settings.terrain.assets_dir, mesh_options(settings.terrain));
   Admission admission(places_in_work(settings), settings.max_waiting);
   Metrics metrics{std::string(api::software_version())};
   const HttpServer* http = nullptr;
@@ -72,6 +72,7 @@ int serve(const ServeSettings& settings) {
     gauges.terrain_warnings = renderer->terrain().warnings().size();
     gauges.scene_bytes = renderer->scene_bytes_in_use();
     gauges.cache_trouble = renderer->terrain().cache_trouble();
+    gauges.mesh_bytes = service.mesh_bytes();
   });
   HttpServer server(
       http_options(settings), [&](const api::Request& request) { return front.handle(request); },

@@ -100,6 +100,14 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       .add_option("--remote-prefix", s.remote_prefix,
                   "VRTs may read names that begin so, e.g. /vsicurl/https://example.org/dem/; without: files only")
       ->type_name("PREFIX");
+  command
+      .add_option("--mesh-mb", s.mesh_mb,
+                  "Memory for reading one of its objects' meshes, and for those that are kept, MiB")
+      ->check(CLI::Range(16, 1 << 24))
+      ->capture_default_str();
+  command.add_option("--mesh-s", s.mesh_s, "Time for reading one mesh")
+      ->check(CLI::Range(0.1, 86400.0))
+      ->capture_default_str();
   command.add_option("--cache-dir", s.cache_dir, "Folder for pyramids")->type_name("DIR")->capture_default_str();
   command.add_option("--cache-mb", s.cache_mb, "Memory for terrain, MiB")
       ->check(CLI::Range(16, 1 << 24))

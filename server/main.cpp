@@ -8,8 +8,10 @@
 #include <functional>
 #include <map>
 #include <string>
+#include <string_view>
 
 #include "api/metadata.h"
+#include "engine/visibility/mesh_reader.h"
 #include "server/commands.h"
 #include "server/config.h"
 
@@ -73,6 +75,9 @@ int run(CLI::App& app, const Work& work) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  // No command for people: this executable's own child.
+  if (argc > 1 && std::string_view(argv[1]) == selenograph::engine::kReadMeshCommand)
+    return selenograph::engine::read_mesh_as_child(argc, argv);
   std::signal(SIGXFSZ, SIG_IGN);  // a file over its limit is an error of writing, as a full disk is
   CLI::App app("Images of the Moon for navigation: frames with true shadows, and the truth behind each pixel.",
                "selenograph");

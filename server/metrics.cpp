@@ -85,6 +85,7 @@ void write_gauges(Exposition& out, const Gauges& g) {
   out.single("selenograph_http_connections", "gauge", "Open client connections.", g.connections);
   out.single("selenograph_scene_bytes", "gauge",
              "Bytes of acceleration structures, lenses and scratch memory held between frames.", g.scene_bytes);
+  out.single("selenograph_mesh_bytes", "gauge", "Bytes of objects' meshes, with what rays need of them.", g.mesh_bytes);
   out.single("selenograph_terrain_warnings", "gauge", "Unusable DEM files that a coarser layer replaced.",
              g.terrain_warnings);
 }

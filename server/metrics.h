@@ -23,6 +23,7 @@ struct Gauges {
   std::size_t terrain_warnings = 0;
   std::string cache_trouble;  // of /health/ready, not a metric; empty: none
   std::size_t scene_bytes = 0;
+  std::size_t mesh_bytes = 0;
 };
 
 class Metrics {

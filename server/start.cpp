@@ -68,4 +68,9 @@ std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& set
   return std::make_shared<const engine::Renderer>(open_terrain(settings), options);
 }
 
+engine::MeshReaderOptions mesh_options(const TerrainSettings& settings) {
+  // What runs, even if another file has taken its place by now.
+  return {"/proc/self/exe", settings.mesh_mb << 20, milliseconds(settings.mesh_s)};
+}
+
 }  // namespace selenograph::server

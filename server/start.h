@@ -27,4 +27,7 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings);
 std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings);
 std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& settings);
 
+// Meshes are read by this same executable.
+engine::MeshReaderOptions mesh_options(const TerrainSettings& settings);
+
 }  // namespace selenograph::server

@@ -5,14 +5,16 @@
 #include <cstddef>
 #include <vector>
 
+#include "dem/stop_token.h"
 #include "engine/frame/camera.h"
 
 namespace selenograph::engine {
 
 struct PixelRays {
   PixelRays() = default;
-  // Of the places (x + dx, y + dy) of all pixels. Parallel.
-  PixelRays(const Camera& camera, double dx, double dy);
+  // Of the places (x + dx, y + dy) of all pixels. Parallel. Throws Cancelled when `stop` says so: a lens near its fold
+  // takes a tenth of a millisecond a pixel.
+  PixelRays(const Camera& camera, double dx, double dy, const StopToken& stop = {});
 
   // Row-major; NaN where the lens images nothing. Empty for a rectilinear camera. `z`: of unit directions; empty where
   // it is 1 everywhere.

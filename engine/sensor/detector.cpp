@@ -166,14 +166,16 @@ double radiant_flux_w(double pixel_pitch_um, double f_number, double efficiency,
 }
 
 void detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,
-            std::vector<std::uint16_t>& image) {
+            std::vector<std::uint16_t>& image, const StopToken& stop) {
   const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   image.resize(pixels);
   const Chain chain(sensor, wavelength_um, radiance, width, height);
   constexpr std::size_t kLanes = kDraw;
   in_parallel_pieces((pixels + kLanes - 1) / kLanes, 64, [&](std::size_t first, std::size_t past_last) {
-    for (std::size_t k = first; k < past_last; ++k)
+    for (std::size_t k = first; k < past_last; ++k) {
+      if (k % 64 == 0) stop.check();
       chain.run(k * kLanes, std::min(kLanes, pixels - k * kLanes), image.data());
+    }
   });
 }
 

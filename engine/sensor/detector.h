@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "dem/stop_token.h"
 #include "engine/frame/sensor_model.h"
 
 namespace selenograph::engine {
@@ -23,10 +24,10 @@ inline double signal_to_noise(double flux_w, double noise_equivalent_power_w) {
 }
 
 // Digital numbers of a frame of width x height; `radiance`: after the optics. Parallel; the same numbers give the same
-// image however many threads there are.
+// image however many threads there are. Throws Cancelled when `stop` says so.
 //   electrons = min(full well, Poisson(signal (1 + PRNU) + smear + dark)) + DSNU + read noise
 //   DN = clamp(round(electrons / gain + offset))
 void detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,
-            std::vector<std::uint16_t>& image);
+            std::vector<std::uint16_t>& image, const StopToken& stop = {});
 
 }  // namespace selenograph::engine

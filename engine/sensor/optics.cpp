@@ -38,6 +38,11 @@ void add_weighted(const float* in, float weight, std::size_t count, float* out) 
 
 constexpr std::size_t kRows = 16;  // of a parallel piece
 
+// An Airy disc whose unit is below this has all of its rings' structure well within a pixel. Its neighbours get what
+// the mean of the far rings is: 1e-6 of the light from what the rings themselves would give
+// (tests/unit/optics_test.cpp), in no time, while the midpoints that see every ring would be many millions.
+constexpr double kFarAiry_px = 0.005;
+
 std::vector<float> gaussian(double sigma_px, int radius, double& captured) {
   std::vector<float> weights;
   const auto below = [&](double x) { return 0.5 * std::erfc(-x / (sigma_px * std::numbers::sqrt2)); };
@@ -57,7 +62,8 @@ double airy(double v) {
 
 }  // namespace
 
-SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um) {
+SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um,
+                           const StopToken& stop) {
   switch (spread.model) {
     case PointSpread::Model::none:
       row_ = {1.F};
@@ -68,30 +74,7 @@ SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pi
       return;
     case PointSpread::Model::airy: {
       const double unit_px = wavelength_um * f_number / std::numbers::pi / pixel_pitch_um;
-      // Rings are a lambda N wide: 12 of them hold 98.3 % of the light, as far as that fits.
-      radius_ = std::clamp(static_cast<int>(std::ceil(12 * std::numbers::pi * unit_px)), 1, kMaxRadius);
-      // Midpoints, several to a ring and to a pixel.
-      const int fine = std::max(5, static_cast<int>(std::ceil(4 / unit_px / std::numbers::pi)) | 1);
-      const int side = 2 * radius_ + 1;
-      std::vector<double> weights(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
-      // An eighth of it says the rest.
-      for (int y = 0; y <= radius_; ++y)
-        for (int x = y; x <= radius_; ++x) {
-          double sum = 0;
-          for (int j = 0; j < fine; ++j)
-            for (int i = 0; i < fine; ++i)
-              sum += airy(std::hypot(x + (i + 0.5) / fine - 0.5, y + (j + 0.5) / fine - 0.5) / unit_px);
-          for (const int a : {-x, x})
-            for (const int b : {-y, y})
-              weights[static_cast<std::size_t>((b + radius_) * side + a + radius_)] =
-                  weights[static_cast<std::size_t>((a + radius_) * side + b + radius_)] =
-                      sum / (fine * fine * unit_px * unit_px);
-        }
-      captured_ = 0;
-      for (const double w : weights) captured_ += w;
-      kernel_.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
-      std::transform(weights.begin(), weights.end(), kernel_.begin(),
-                     [this](double w) { return static_cast<float>(w / captured_); });
+      unit_px < kFarAiry_px ? spread_far_airy(unit_px) : spread_airy(unit_px, stop);
       return;
     }
     case PointSpread::Model::kernel: {
@@ -104,6 +87,49 @@ SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pi
   }
 }
 
+void SpreadKernel::spread_airy(double unit_px, const StopToken& stop) {
+  // Rings are a lambda N wide: 12 of them hold 98.3 % of the light, as far as that fits.
+  radius_ = std::clamp(static_cast<int>(std::ceil(12 * std::numbers::pi * unit_px)), 1, kMaxRadius);
+  // Midpoints, several to a ring and to a pixel.
+  const int fine = std::max(5, static_cast<int>(std::ceil(4 / unit_px / std::numbers::pi)) | 1);
+  const int side = 2 * radius_ + 1;
+  std::vector<double> weights(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+  // An eighth of it says the rest.
+  for (int y = 0; y <= radius_; ++y)
+    for (int x = y; x <= radius_; ++x) {
+      double sum = 0;
+      for (int j = 0; j < fine; ++j) {
+        stop.check();
+        for (int i = 0; i < fine; ++i)
+          sum += airy(std::hypot(x + (i + 0.5) / fine - 0.5, y + (j + 0.5) / fine - 0.5) / unit_px);
+      }
+      for (const int a : {-x, x})
+        for (const int b : {-y, y})
+          weights[static_cast<std::size_t>((b + radius_) * side + a + radius_)] =
+              weights[static_cast<std::size_t>((a + radius_) * side + b + radius_)] =
+                  sum / (fine * fine * unit_px * unit_px);
+    }
+  captured_ = 0;
+  for (const double w : weights) captured_ += w;
+  kernel_.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+  std::transform(weights.begin(), weights.end(), kernel_.begin(),
+                 [this](double w) { return static_cast<float>(w / captured_); });
+}
+
+// Far from the middle J1(v)^2 is 2 / (pi v) cos^2(v - 3 pi / 4), and the rings' mean is u / (pi^2 r^3) for a unit u.
+// The integral of 1 / r^3 over a rectangle is the difference of -r / (x y) at its corners.
+void SpreadKernel::spread_far_airy(double unit_px) {
+  const double near = std::numbers::sqrt2 / 0.5, far = std::numbers::sqrt2 / 1.5, mixed = std::sqrt(2.5) / 0.75;
+  const double scale = unit_px / (std::numbers::pi * std::numbers::pi);
+  const double side = scale * 2 * (near - mixed), corner = scale * (2 * mixed - near - far);
+  // All directions' integral of 1 / r^3 from the border of a square of half a width h on is 8 / (sqrt(2) h).
+  captured_ = 1 - scale * 8 / (std::numbers::sqrt2 * 1.5);
+  const auto share = [this](double w) { return static_cast<float>(w / captured_); };
+  const float s = share(side), c = share(corner), middle = share(captured_ - 4 * (side + corner));
+  radius_ = 1;
+  kernel_ = {c, s, c, s, middle, s, c, s, c};
+}
+
 double SpreadKernel::weight(int dx, int dy) const {
   if (std::abs(dx) > radius_ || std::abs(dy) > radius_) return 0;
   const auto column = static_cast<std::size_t>(dx + radius_), row = static_cast<std::size_t>(dy + radius_);
@@ -111,32 +137,40 @@ double SpreadKernel::weight(int dx, int dy) const {
   return static_cast<double>(kernel_[row * static_cast<std::size_t>(2 * radius_ + 1) + column]);
 }
 
-void SpreadKernel::apply(const std::vector<float>& in, int width, int height, std::vector<float>& out) const {
+void SpreadKernel::apply(const std::vector<float>& in, int width, int height, std::vector<float>& out,
+                         const StopToken& stop) const {
   const auto w = static_cast<std::size_t>(width), h = static_cast<std::size_t>(height),
              r = static_cast<std::size_t>(radius_), side = 2 * r + 1, padded_width = w + 2 * r;
   out.assign(w * h, 0.F);
   if (row_.empty()) {
     in_parallel_pieces(h, kRows, [&](std::size_t first, std::size_t past_last) {
-      for (std::size_t y = first; y < past_last; ++y)
+      for (std::size_t y = first; y < past_last; ++y) {
+        stop.check();
         for (std::size_t j = 0; j < side; ++j)
           for (std::size_t i = 0; i < side; ++i)  // what spreads by (dx, dy) comes from the other side
             add_weighted(&in[(y + j) * padded_width + i], kernel_[(side - 1 - j) * side + side - 1 - i], w,
                          &out[y * w]);
+      }
     });
     return;
   }
   std::vector<float> across(w * (h + 2 * r), 0.F);
   in_parallel_pieces(h + 2 * r, kRows, [&](std::size_t first, std::size_t past_last) {
-    for (std::size_t y = first; y < past_last; ++y)
+    for (std::size_t y = first; y < past_last; ++y) {
+      stop.check();
       for (std::size_t i = 0; i < side; ++i) add_weighted(&in[y * padded_width + i], row_[i], w, &across[y * w]);
+    }
   });
   in_parallel_pieces(h, kRows, [&](std::size_t first, std::size_t past_last) {
-    for (std::size_t y = first; y < past_last; ++y)
+    for (std::size_t y = first; y < past_last; ++y) {
+      stop.check();
       for (std::size_t j = 0; j < side; ++j) add_weighted(&across[(y + j) * w], row_[j], w, &out[y * w]);
+    }
   });
 }
 
-void vignette(const Vignetting& vignetting, const View& view, const PixelRays& rays, std::vector<float>& radiance) {
+void vignette(const Vignetting& vignetting, const View& view, const PixelRays& rays, std::vector<float>& radiance,
+              const StopToken& stop) {
   if (vignetting.model == Vignetting::Model::none) return;
   const Camera& c = view.camera();
   const auto width = static_cast<std::size_t>(c.width), height = static_cast<std::size_t>(c.height);
@@ -156,7 +190,8 @@ void vignette(const Vignetting& vignetting, const View& view, const PixelRays& r
     return cos4 ? cosine * cosine * cosine * cosine : of_angle(std::atan2(std::hypot(x, y), z));
   };
   in_parallel_pieces(height, kRows, [&](std::size_t first, std::size_t past_last) {
-    for (std::size_t y = first; y < past_last; ++y)
+    for (std::size_t y = first; y < past_last; ++y) {
+      stop.check();
       for (std::size_t x = 0; x < width; ++x) {
         const std::size_t at = y * width + x;
         const double px = bends ? rays.x[at] : (static_cast<double>(x) - c.cx) / c.fx,
@@ -165,6 +200,7 @@ void vignette(const Vignetting& vignetting, const View& view, const PixelRays& r
         radiance[at] *=
             static_cast<float>(rays.z.empty() ? of_tangent2(px * px + py * py) : of_direction(px, py, rays.z[at]));
       }
+    }
   });
 }
 

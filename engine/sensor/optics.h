@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "dem/stop_token.h"
 #include "engine/camera/pixel_rays.h"
 #include "engine/camera/view.h"
 #include "engine/frame/sensor_model.h"
@@ -13,10 +14,15 @@ namespace selenograph::engine {
 class SpreadKernel {
  public:
   static constexpr int kMaxRadius = 32;
+  // lambda N / pitch of an Airy disc, at most: its first dark ring, 1.22 of these away, is within the kernel. A kernel
+  // that lost more would not be one of this camera; of wider discs nothing is promised.
+  static constexpr double kMaxAiry_px = 26;
 
   // For a wavelength and a detector's pitch. Cut off where the rest is below 1e-5 (Gaussian) or the radius reaches
-  // kMaxRadius (Airy, whose wings fall with the distance only): `captured` says what share is within.
-  SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um);
+  // kMaxRadius (Airy, whose wings fall with the distance only): `captured` says what share is within. Takes a second
+  // at most. Throws Cancelled when `stop` says so, as the functions below do.
+  SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um,
+               const StopToken& stop = {});
 
   int radius() const { return radius_; }
   double captured() const { return captured_; }
@@ -25,9 +31,13 @@ class SpreadKernel {
 
   // `in`: (width + 2 radius) x (height + 2 radius), an image with the border that light comes from; `out`: width x
   // height.
-  void apply(const std::vector<float>& in, int width, int height, std::vector<float>& out) const;
+  void apply(const std::vector<float>& in, int width, int height, std::vector<float>& out,
+             const StopToken& stop = {}) const;
 
  private:
+  void spread_airy(double unit_px, const StopToken& stop);
+  void spread_far_airy(double unit_px);
+
   int radius_ = 0;
   double captured_ = 1;
   std::vector<float> row_;     // separable: 2 radius + 1, for both directions
@@ -36,6 +46,7 @@ class SpreadKernel {
 
 // Multiplies by the transmission at each pixel's angle from the boresight. `rays`: of the pixels' centres, where there
 // is distortion.
-void vignette(const Vignetting& vignetting, const View& view, const PixelRays& rays, std::vector<float>& radiance);
+void vignette(const Vignetting& vignetting, const View& view, const PixelRays& rays, std::vector<float>& radiance,
+              const StopToken& stop = {});
 
 }  // namespace selenograph::engine

@@ -21,10 +21,10 @@ double expose(const ImageSettings& settings, const std::vector<float>& radiance,
   return full_scale;
 }
 
-Sensor::Sensor(const FrameRequest& request)
+Sensor::Sensor(const FrameRequest& request, const StopToken& stop)
     : request_(request),
       kernel_(request.sensor->optics.point_spread, request.sensor->optics.f_number,
-              request.sensor->detector.pixel_pitch_um, request.band->center_um()) {}
+              request.sensor->detector.pixel_pitch_um, request.band->center_um(), stop) {}
 
 double Sensor::full_scale_radiance_w_m2_sr() const {
   const Detector& d = request_.sensor->detector;
@@ -33,16 +33,16 @@ double Sensor::full_scale_radiance_w_m2_sr() const {
 }
 
 void Sensor::image(const View& view, const PixelRays& rays, std::vector<float> radiance,
-                   std::vector<std::uint16_t>& image) const {
+                   std::vector<std::uint16_t>& image, const StopToken& stop) const {
   const SensorModel& sensor = *request_.sensor;
-  vignette(sensor.optics.vignetting, view, rays, radiance);
+  vignette(sensor.optics.vignetting, view, rays, radiance, stop);
   const int width = request_.camera.width, height = request_.camera.height;
   if (sensor.optics.point_spread.model != PointSpread::Model::none) {
     std::vector<float> spread;
-    kernel_.apply(radiance, width, height, spread);
+    kernel_.apply(radiance, width, height, spread, stop);
     radiance.swap(spread);
   }
-  detect(sensor, request_.band->center_um(), radiance, width, height, image);
+  detect(sensor, request_.band->center_um(), radiance, width, height, image, stop);
 }
 
 Pose moved(const Pose& pose, const Motion& motion, double seconds) {

@@ -17,8 +17,8 @@ double expose(const ImageSettings& settings, const std::vector<float>& radiance,
 // a margin, so that the border is as exact as the middle.
 class Sensor {
  public:
-  // Of a request that has a sensor and a band.
-  explicit Sensor(const FrameRequest& request);
+  // Of a request that has a sensor and a band. Throws Cancelled when `stop` says so, as image() does.
+  explicit Sensor(const FrameRequest& request, const StopToken& stop = {});
 
   int margin_px() const { return kernel_.radius(); }
   double captured() const { return kernel_.captured(); }
@@ -26,8 +26,8 @@ class Sensor {
   double full_scale_radiance_w_m2_sr() const;
 
   // `radiance` has the margin around it, as `view` and `rays` have.
-  void image(const View& view, const PixelRays& rays, std::vector<float> radiance,
-             std::vector<std::uint16_t>& image) const;
+  void image(const View& view, const PixelRays& rays, std::vector<float> radiance, std::vector<std::uint16_t>& image,
+             const StopToken& stop = {}) const;
 
  private:
   const FrameRequest& request_;

@@ -5,10 +5,11 @@
 #include "engine/support/interpolate.h"
 
 namespace selenograph::engine {
-std::vector<SpectrometerChannel> look_at_blackbody(const Spectrometer& s, double temperature_k) {
+std::vector<SpectrometerChannel> look_at_blackbody(const Spectrometer& s, double temperature_k, const StopToken& stop) {
   std::vector<SpectrometerChannel> channels;
   const double width = (s.last_um - s.first_um) / s.channels;
   for (int i = 0; i < s.channels; ++i) {
+    stop.check();
     SpectrometerChannel c{};
     c.center_um = s.first_um + (i + 0.5) * width, c.width_um = width;
     c.efficiency =

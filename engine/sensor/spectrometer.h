@@ -4,6 +4,8 @@
 
 #include <vector>
 
+#include "dem/stop_token.h"
+
 namespace selenograph::engine {
 
 struct EfficiencyPoint {
@@ -31,6 +33,9 @@ struct SpectrometerChannel {
   double width_error;  // of L Delta lambda against the integral over the channel, relative: Delta lambda << lambda
 };
 
-std::vector<SpectrometerChannel> look_at_blackbody(const Spectrometer& spectrometer, double temperature_k);
+// Channels must be told apart from 0 and from each other in double: api/mertis_json.cpp refuses others. Throws
+// Cancelled when `stop` says so.
+std::vector<SpectrometerChannel> look_at_blackbody(const Spectrometer& spectrometer, double temperature_k,
+                                                   const StopToken& stop = {});
 
 }  // namespace selenograph::engine

@@ -55,18 +55,20 @@ class Grid {
 }  // namespace
 
 std::vector<double> resample(std::span<const SeenPoint> pixels, int width, int height, const PostRectangle& posts,
-                             double widest_x, double widest_y) {
+                             double widest_x, double widest_y, const StopToken& stop) {
   Grid grid(posts, widest_x, widest_y);
   const auto at = [&](int r, int c) -> const SeenPoint& {
     return pixels[static_cast<std::size_t>(r) * static_cast<std::size_t>(width) + static_cast<std::size_t>(c)];
   };
-  for (int r = 0; r + 1 < height; ++r)
+  for (int r = 0; r + 1 < height; ++r) {
+    stop.check();
     for (int c = 0; c + 1 < width; ++c) {
       const SeenPoint &nw = at(r, c), &ne = at(r, c + 1), &sw = at(r + 1, c), &se = at(r + 1, c + 1);
       // The mesh's own diagonals run from south-east to north-west: nothing is gained by crossing them.
       grid.add(nw, ne, se);
       grid.add(nw, se, sw);
     }
+  }
   return grid.take();
 }
 

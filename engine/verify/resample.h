@@ -4,6 +4,8 @@
 #include <span>
 #include <vector>
 
+#include "dem/stop_token.h"
+
 namespace selenograph::engine {
 
 // A surface point in post coordinates: x along rows of posts (eastwards), y down them (southwards). NaN: nothing seen.
@@ -19,8 +21,8 @@ struct PostRectangle {
 // Every 2 x 2 pixels are two triangles; a post within one gets the height of its plane. A triangle wider than
 // `widest_x` or higher than `widest_y` posts, or one turned over, spans ground that nearer terrain hides: it gives
 // nothing. `pixels` are width x height, row 0 on top, columns eastwards and rows southwards. Answers one height for
-// each post, row by row; NaN where no triangle is.
+// each post, row by row; NaN where no triangle is. Throws Cancelled when `stop` says so.
 std::vector<double> resample(std::span<const SeenPoint> pixels, int width, int height, const PostRectangle& posts,
-                             double widest_x, double widest_y);
+                             double widest_x, double widest_y, const StopToken& stop = {});
 
 }  // namespace selenograph::engine

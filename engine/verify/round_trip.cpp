@@ -264,6 +264,7 @@ class Comparison {
     SeenImage image{request.camera.width, request.camera.height, {}};
     image.points.reserve(geodetic.size() / 3);
     for (std::size_t i = 0; i + 2 < geodetic.size(); i += 3) {
+      if (i % 3072 == 0) stop_.check();
       const auto at = dem::locate(out_.window.tile, geodetic[i], geodetic[i + 1]);
       image.points.push_back({at.x, at.y, geodetic[i + 2]});
     }
@@ -277,7 +278,7 @@ class Comparison {
     const double widest = kStretched * request_.footprint_ratio;
     const std::vector<double> heights =
         resample(image.points, image.width, image.height, posts,
-                 widest / std::max(0.01, std::cos(poleward * kRadiansPerDegree)), widest);
+                 widest / std::max(0.01, std::cos(poleward * kRadiansPerDegree)), widest, stop_);
     std::size_t i = 0;
     for (int r = p.r0; r < p.r1; ++r)
       for (int c = p.c0; c < p.c1; ++c, ++i) {

@@ -28,10 +28,10 @@ Vec3 middle_of(const ObjectShape& shape) {
 
 }  // namespace
 
-ObjectMesh::ObjectMesh(ObjectShape shape)
+ObjectMesh::ObjectMesh(ObjectShape shape, const StopToken& stop)
     : shape_(std::move(shape)),
       centre_(middle_of(shape_)),
-      tracer_(shape_, centre_),
+      tracer_(shape_, centre_, stop),
       fingerprint_(fingerprint_of(shape_)) {
   for (const ObjectTriangle& t : shape_.triangles)
     for (int k = 0; k < 3; ++k) radius_ = std::max(radius_, (shape_.place(t, k) - centre_).norm());

@@ -1,6 +1,10 @@
 // An object's triangles, ready for rays: satellites, landers, boulders that a DEM doesn't hold.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
+
+#include "dem/stop_token.h"
 #include "engine/visibility/object_shape.h"
 #include "engine/visibility/raytrace/object_tracer.h"
 
@@ -9,15 +13,17 @@ namespace selenograph::engine {
 // Immutable, shared between the frames that it is in.
 class ObjectMesh {
  public:
-  explicit ObjectMesh(ObjectShape shape);
-  // Throws as read_object_shape does.
-  static ObjectMesh read(const std::string& path) { return ObjectMesh(read_object_shape(path)); }
+  // Builds what rays need: a second for every few million triangles. Throws Cancelled when `stop` says so.
+  explicit ObjectMesh(ObjectShape shape, const StopToken& stop = {});
+  // Of a shape with what rays need of it.
+  static std::size_t bytes_for(const ObjectShape& shape) { return shape.bytes() + ObjectTracer::bytes_for(shape); }
 
   const ObjectShape& shape() const { return shape_; }
   const ObjectTracer& tracer() const { return tracer_; }
   // A ball around all corners, in the file's coordinates and units.
   const Vec3& centre() const { return centre_; }
   double radius() const { return radius_; }
+  std::size_t bytes() const { return sizeof(ObjectMesh) + bytes_for(shape_); }
   // Of everything that a frame can depend on.
   std::uint64_t fingerprint() const { return fingerprint_; }
 

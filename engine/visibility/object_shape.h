@@ -1,7 +1,9 @@
 // A triangle mesh that isn't terrain, as its file says: corners, triangles and which part of the object each is of.
+// mesh_reader.h reads one.
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -29,11 +31,9 @@ struct ObjectShape {
   Vec3 place(const ObjectTriangle& t, int k) const {
     return corners[t.corner[static_cast<std::size_t>(k)]].place.cast<double>();
   }
+  std::size_t bytes() const {
+    return corners.size() * sizeof(ObjectCorner) + triangles.size() * sizeof(ObjectTriangle);
+  }
 };
-
-// OBJ, PLY, glTF (.gltf, .glb), or whatever else the library (Assimp) reads. Polygons become triangles; nodes'
-// transforms are applied; points, lines and triangles without area are left out. Normals are kept where the file has
-// them. Throws DataError naming the file when it can't be read, holds no triangle, or a number that isn't finite.
-ObjectShape read_object_shape(const std::string& path);
 
 }  // namespace selenograph::engine

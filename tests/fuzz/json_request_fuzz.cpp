@@ -12,6 +12,7 @@
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/radiometry.h"
 #include "tests/fuzz/fuzz.h"
+#include "tests/support/meshes.h"
 
 namespace selenograph::fuzz {
 namespace {
@@ -19,7 +20,7 @@ namespace {
 using api::Json;
 
 const api::Limits kLimits;
-const api::Assets kAssets(SELENOGRAPH_SOURCE_DIR "/deploy/assets");
+const api::Assets kAssets(SELENOGRAPH_SOURCE_DIR "/deploy/assets", test::mesh_options());
 
 bool is_unit(const Vec3& v) { return std::abs(v.norm() - 1) < 1e-12; }
 

@@ -4,6 +4,7 @@
 Standard library only. Inputs that fuzzing itself found worth keeping lie beside them as found-*; this leaves them alone.
 """
 
+import base64
 import itertools
 import json
 import os
@@ -271,6 +272,51 @@ def write_pyramid():
     write("pyramid_file", "nothing", pyramid(23, []))
 
 
+# --- meshes ----------------------------------------------------------------------------------------------------------
+
+OBJ, PLY, GLTF, GLB = b"\0", b"\1", b"\2", b"\3"
+TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
+
+
+def gltf(uri=None):
+    buffer = {"byteLength": 36}
+    return json.dumps({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0, "translation": [10, 0, 0]}, {"mesh": 0, "scale": [2, 2, 2]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}], "materials": [{"name": "foil"}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{**buffer, "uri": uri} if uri else buffer]}).encode()
+
+
+def write_meshes():
+    write("mesh_file", "parts.obj", OBJ + b"mtllib a.mtl\nv 0 0 0\nv 2 0 0\nv 2 1 0\nv 0 1 0\nvn 0 0 1\nusemtl a\n"
+          b"f 1//1 2//1 3//1 4//1\nusemtl b\nf 3 2 1\nl 1 2\n")
+    write("mesh_file", "latin.obj", OBJ + b"v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl gr\xfcn\nf 1 2 3\n")
+    head = (b"ply\nformat %s 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+            b"property list uchar int vertex_indices\nend_header\n")
+    write("mesh_file", "ascii.ply", PLY + head % b"ascii" + b"0 0 0\n3 0 0\n0 1 0\n3 0 1 2\n")
+    write("mesh_file", "binary.ply", PLY + head % b"binary_little_endian" + TRIANGLE + struct.pack("<B3i", 3, 0, 1, 2))
+    write("mesh_file", "inside.gltf", GLTF + gltf("data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).decode()))
+    write("mesh_file", "outside.gltf", GLTF + gltf("/etc/hostname"))
+    text = gltf()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4e4f534a) + text + struct.pack("<II", len(TRIANGLE), 0x004e4942) + TRIANGLE
+    write("mesh_file", "one.glb", GLB + struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    write("mesh_file", "too-long.glb", GLB + struct.pack("<4sIIII", b"glTF", 2, 2 ** 32 - 1, 2 ** 32 - 16, 0x4e4f534a) + b"{}    ")
+
+    corners = b"".join(struct.pack("<6f", *place, *normal) for place, normal in
+                       (((0, 0, 0), (0, 0, 0)), ((1, 0, 0), (0, 0, 1)), ((0, 1, 0), (0, 1, 0))))
+    triangles = struct.pack("<4I", 0, 1, 2, 1)
+    parts = b"".join(struct.pack("<I", len(name)) + name for name in (b"", "gr\u00fcn".encode()))
+    shape = struct.pack("<IIII", 0x53474d31, 3, 1, 2) + corners + triangles + parts
+    write("mesh_answer", "shape", shape)
+    write("mesh_answer", "cut", shape[:-3])
+    write("mesh_answer", "index", shape.replace(triangles, struct.pack("<4I", 0, 1, 3, 1)))
+    write("mesh_answer", "counts", struct.pack("<IIII", 0x53474d31, 2 ** 32 - 1, 2 ** 32 - 1, 2 ** 32 - 1) + corners)
+    write("mesh_answer", "refusal", struct.pack("<I", 0x53474d30) + b"has no triangle")
+
+
 # --- HTTP ------------------------------------------------------------------------------------------------------------
 
 
@@ -294,4 +340,5 @@ if __name__ == "__main__":
     write_pds()
     write_folders()
     write_pyramid()
+    write_meshes()
     write_heads()

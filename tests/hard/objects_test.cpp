@@ -9,6 +9,7 @@
 
 #include "engine/camera/view.h"
 #include "engine/visibility/object_mesh.h"
+#include "tests/support/meshes.h"
 #include "tests/support/sample_scenery.h"
 #include "tests/support/views.h"
 
@@ -89,7 +90,7 @@ Material lambert(double rho) {
 }
 
 SceneObject satellite(const Vec3& position, const Eigen::Quaterniond& attitude, double scale) {
-  static const auto mesh = std::make_shared<const ObjectMesh>(ObjectMesh::read(kSatellite));
+  static const auto mesh = std::make_shared<const ObjectMesh>(test::read_shape(kSatellite));
   SceneObject object{mesh, position, attitude, scale, {}};
   object.materials.assign(mesh->shape().parts.size(), lambert(0.3));
   return object;
@@ -292,7 +293,7 @@ TEST_F(ObjectsOverTerrain, FarAwayCostsNoAccuracy) {
 
 // A file whose coordinates begin far from the object: float has less of them for it, its rays and shadows don't.
 TEST_F(ObjectsOverTerrain, FarFromItsOwnOriginItIsTheSame) {
-  ObjectShape shape = read_object_shape(kSatellite);
+  ObjectShape shape = test::read_shape(kSatellite);
   // What is left of the corners there: the same shape at both places.
   const Eigen::Vector3f away(4096, -2048, 1024);
   for (ObjectCorner& corner : shape.corners) corner.place += away;

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -162,6 +163,12 @@ TEST(Detector, SmearIsTheColumnsLight) {
     EXPECT_EQ(image[static_cast<std::size_t>(y * 50 + 7)], y >= 10 && y < 15 ? 40200 : 200);
     EXPECT_EQ(image[static_cast<std::size_t>(y * 50 + 8)], 0);
   }
+}
+
+TEST(Detector, StopsWhenItIsTime) {
+  std::vector<std::uint16_t> image;
+  const StopToken now(std::chrono::steady_clock::now());
+  EXPECT_THROW(detect(plain(), 0.65, std::vector<float>(kPixels, 1.F), kSide, kSide, image, now), Cancelled);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "api/points_json.h"
+#include "tests/support/meshes.h"
 
 namespace selenograph::api {
 namespace {
@@ -587,7 +588,7 @@ TEST(PointsJson, NumbersThatAreNoneAreNull) {
 // --- objects
 
 FrameQuery with_objects(const std::string& pose) {
-  const Assets assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets");
+  const Assets assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets", test::mesh_options());
   const Json object{{"mesh", "satellite"},
                     {"pose", Json::parse(pose)},
                     {"scale", 3},
@@ -639,7 +640,7 @@ TEST(Objects, MaterialsAreByPart) {
 }
 
 TEST(Objects, WhatWasUnderstoodIsUnderstoodAgain) {
-  const Assets assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets");
+  const Assets assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets", test::mesh_options());
   const std::string first = resolved_json(with_objects(R"({"frame": "MOON_PA_DE421", "position_m": [1737400, 5, 6],
                                                            "object_from_moon": {"w": -0.6, "x": 0, "y": 0.8, "z": 0}})"))
                                 .dump();

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
 
 #include "engine/camera/pixel_rays.h"
@@ -112,6 +113,15 @@ TEST(PixelRaysTest, BeyondTheFoldThereIsNone) {
 }
 
 TEST(PixelRaysTest, AreEmptyWithoutALens) { EXPECT_TRUE(PixelRays(camera({}), 0, 0).x.empty()); }
+
+TEST(PixelRaysTest, StopWhenItIsTime) {
+  using Clock = std::chrono::steady_clock;
+  Camera wide = camera(strong());
+  wide.width = 8192, wide.height = 2048;
+  const auto due = Clock::now() + std::chrono::milliseconds(50);
+  EXPECT_THROW(PixelRays(wide, 0, 0, StopToken(due)), Cancelled);
+  EXPECT_LT(Clock::now() - due, std::chrono::milliseconds(450));
+}
 
 }  // namespace
 }  // namespace selenograph::engine

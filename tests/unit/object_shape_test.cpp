@@ -9,6 +9,7 @@
 
 #include "dem/error.h"
 #include "engine/visibility/object_mesh.h"
+#include "tests/support/meshes.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::engine {
@@ -41,7 +42,7 @@ std::uint32_t part_called(const ObjectShape& shape, const std::string& name) {
 }
 
 TEST_F(ObjectShapes, TheSatelliteHasItsPartsAndTheirAreas) {
-  const ObjectMesh mesh = ObjectMesh::read(SELENOGRAPH_SOURCE_DIR "/deploy/assets/objects/satellite.obj");
+  const ObjectMesh mesh(test::read_shape(SELENOGRAPH_SOURCE_DIR "/deploy/assets/objects/satellite.obj"));
   const ObjectShape& shape = mesh.shape();
   EXPECT_EQ(shape.triangles.size(), 7U * 12);
   // Two boxes of 0.04 x 6 x 2.2.
@@ -55,7 +56,7 @@ TEST_F(ObjectShapes, TheSatelliteHasItsPartsAndTheirAreas) {
 }
 
 TEST_F(ObjectShapes, PolygonsOfAnObjBecomeTriangles) {
-  const ObjectShape shape = read_object_shape(write("a.obj", "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 0 1 0\nf 1 2 3 4\n"));
+  const ObjectShape shape = test::read_shape(write("a.obj", "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 0 1 0\nf 1 2 3 4\n"));
   EXPECT_EQ(shape.triangles.size(), 2U);
   EXPECT_NEAR(area_of(shape, shape.triangles[0].part), 2, 1e-6);
   EXPECT_EQ(shape.corners[0].normal.norm(), 0) << "the file has none";
@@ -63,14 +64,14 @@ TEST_F(ObjectShapes, PolygonsOfAnObjBecomeTriangles) {
 
 TEST_F(ObjectShapes, NormalsAreKept) {
   const ObjectShape shape =
-      read_object_shape(write("n.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0.6 0.8\nvn 0 0 2\nf 1//1 2//1 3//2\n"));
+      test::read_shape(write("n.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0.6 0.8\nvn 0 0 2\nf 1//1 2//1 3//2\n"));
   ASSERT_EQ(shape.triangles.size(), 1U);
   for (const ObjectCorner& c : shape.corners) EXPECT_NEAR(c.normal.norm(), 1, 1e-6);
   EXPECT_NEAR(shape.corners[shape.triangles[0].corner[0]].normal.y(), 0.6, 1e-6);
 }
 
 TEST_F(ObjectShapes, Ply) {
-  const ObjectShape shape = read_object_shape(write(
+  const ObjectShape shape = test::read_shape(write(
       "a.ply",
       "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
       "property list uchar int vertex_indices\nend_header\n0 0 0\n3 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 2 3\n"));
@@ -81,7 +82,7 @@ TEST_F(ObjectShapes, Ply) {
 
 // A triangle in a buffer inside the file, on a node that is moved and scaled.
 TEST_F(ObjectShapes, GltfWithANodesTransform) {
-  const ObjectShape shape = read_object_shape(write("a.gltf", R"({
+  const ObjectShape shape = test::read_shape(write("a.gltf", R"({
     "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
     "nodes": [{"mesh": 0, "translation": [10, 0, 0], "scale": [2, 2, 2]}],
     "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
@@ -99,7 +100,7 @@ TEST_F(ObjectShapes, GltfWithANodesTransform) {
 TEST_F(ObjectShapes, BadFilesAreNamed) {
   const auto refused = [&](const std::string& path) -> std::string {
     try {
-      read_object_shape(path);
+      test::read_shape(path);
     } catch (const DataError& e) {
       EXPECT_EQ(e.file(), path);
       return e.what();
@@ -121,13 +122,15 @@ TEST_F(ObjectShapes, BadFilesAreNamed) {
   EXPECT_NE(refused(write("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")), "");
 }
 
+std::uint64_t fingerprint_of(const std::string& path) { return ObjectMesh(test::read_shape(path)).fingerprint(); }
+
 // The bytes that a frame depends on, and no others.
 TEST_F(ObjectShapes, FingerprintsTellShapesApart) {
   const std::string text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n";
-  const std::uint64_t one = ObjectMesh::read(write("1.obj", text)).fingerprint();
-  EXPECT_EQ(ObjectMesh::read(write("2.obj", "# again\n" + text)).fingerprint(), one);
-  EXPECT_NE(ObjectMesh::read(write("3.obj", "v 0 0 0\nv 1 0 0\nv 0 1.5 0\nusemtl a\nf 1 2 3\n")).fingerprint(), one);
-  EXPECT_NE(ObjectMesh::read(write("4.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl b\nf 1 2 3\n")).fingerprint(), one);
+  const std::uint64_t one = fingerprint_of(write("1.obj", text));
+  EXPECT_EQ(fingerprint_of(write("2.obj", "# again\n" + text)), one);
+  EXPECT_NE(fingerprint_of(write("3.obj", "v 0 0 0\nv 1 0 0\nv 0 1.5 0\nusemtl a\nf 1 2 3\n")), one);
+  EXPECT_NE(fingerprint_of(write("4.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl b\nf 1 2 3\n")), one);
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 #include "api/ranges.h"
 #include "api/round_trip_json.h"
 #include "api/routes.h"
+#include "tests/support/meshes.h"
 
 namespace selenograph::api {
 namespace {
@@ -155,7 +156,8 @@ TEST(OpenApi, ExamplesAreAccepted) {
       SCOPED_TRACE(path + " " + name);
       const Json body = example.at("value");
       if (path == "/v1/frames") {
-        EXPECT_NO_THROW(read_frame(body, Limits{}, Assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets")));
+        EXPECT_NO_THROW(
+            read_frame(body, Limits{}, Assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets", test::mesh_options())));
       }
       if (path == "/v1/rays") {
         EXPECT_NO_THROW(read_rays(body, Limits{}));

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -61,6 +62,64 @@ TEST(PointSpread, AiryEncirclesItsEnergy) {
   EXPECT_NEAR(sum_of(coarse), 1, 1e-6);
   EXPECT_NEAR(coarse.captured(), 0.985, 0.01);
   EXPECT_GT(coarse.weight(0, 0), 0.6);
+}
+
+// Below, the far rings' mean is as good as every ring: 1e-6 of the light from midpoints of which each ring has several.
+TEST(PointSpread, ASmallAiryDiscIsItsFarRings) {
+  const auto of_unit = [](double unit_px) { return SpreadKernel(airy(), 1, 1, unit_px * kPi); };
+  const double unit = 0.00499;
+  const SpreadKernel kernel = of_unit(unit);
+  ASSERT_EQ(kernel.radius(), 1);
+  const int fine = 401;
+  const auto by_midpoints = [&](int x, int y) {
+    double sum = 0;
+    for (int j = 0; j < fine; ++j)
+      for (int i = 0; i < fine; ++i) {
+        const double v = std::hypot(x + (i + 0.5) / fine - 0.5, y + (j + 0.5) / fine - 0.5) / unit;
+        const double bessel = 2 * std::cyl_bessel_j(1.0, v) / v;
+        sum += bessel * bessel / (4 * kPi);
+      }
+    return sum / (fine * fine * unit * unit);
+  };
+  EXPECT_NEAR(kernel.weight(1, 0) * kernel.captured(), by_midpoints(1, 0), 1e-6);
+  EXPECT_NEAR(kernel.weight(-1, 1) * kernel.captured(), by_midpoints(-1, 1), 1e-6);
+  // On both sides of where one takes over.
+  const SpreadKernel above = of_unit(0.00501);
+  EXPECT_NEAR(kernel.weight(0, 0), above.weight(0, 0), 3e-5);
+  EXPECT_NEAR(kernel.captured(), above.captured(), 2e-5);
+}
+
+TEST(PointSpread, NoAiryDiscTakesLong) {
+  const auto start = std::chrono::steady_clock::now();
+  for (const double unit_px : {0.0, 1e-300, 1e-12, 1e-6, 1e-3, 0.0050001, SpreadKernel::kMaxAiry_px / kPi}) {
+    const SpreadKernel kernel(airy(), 1, 1, unit_px * kPi);
+    EXPECT_NEAR(sum_of(kernel), 1, 1e-5) << unit_px;
+    EXPECT_TRUE(kernel.captured() > 0.7 && kernel.captured() <= 1) << unit_px;
+  }
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(20));
+}
+
+TEST(PointSpread, StopsWhenItIsTime) {
+  using Clock = std::chrono::steady_clock;
+  const auto stops = [](const auto& work) {
+    const auto due = Clock::now() + std::chrono::milliseconds(50);
+    EXPECT_THROW(work(StopToken(due)), Cancelled);
+    EXPECT_LT(Clock::now() - due, std::chrono::milliseconds(450));
+  };
+  stops([](const StopToken& stop) {
+    for (;;) SpreadKernel(airy(), 1, 1, 0.00501 * kPi, stop);
+  });
+  PointSpread measured;
+  measured.model = PointSpread::Model::kernel;
+  measured.side = 65, measured.kernel.assign(65 * 65, 1);
+  std::vector<float> out;
+  for (const PointSpread& spread : {measured, gaussian(7)}) {
+    const SpreadKernel kernel(spread, 4, 5, 0.6);
+    const std::vector<float> in(static_cast<std::size_t>((4096 + 64) * (1024 + 64)), 1.F);
+    stops([&](const StopToken& stop) {
+      for (;;) kernel.apply(in, 4096, 1024, out, stop);
+    });
+  }
 }
 
 // Everything that the kernel holds arrives, wherever a point is, and turned the right way.

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
 #include <vector>
 
@@ -76,6 +77,11 @@ TEST(Resample, NothingIsMadeUpAcrossAGapOrAFold) {
   EXPECT_EQ(with([](SeenPoint p, int c) { return c < 3 ? p : SeenPoint{p.x + 5, p.y, p.height_m}; }), 6u);
   EXPECT_EQ(with([](SeenPoint p, int) { return SeenPoint{4 - p.x, p.y, p.height_m}; }), 0u);
   EXPECT_EQ(with([](SeenPoint p, int c) { return c != 2 ? p : SeenPoint{NAN, NAN, NAN}; }), 9u);
+}
+
+TEST(Resample, StopsWhenItIsTime) {
+  const std::vector<SeenPoint> pixels(4);
+  EXPECT_THROW(resample(pixels, 2, 2, {0, 0, 1, 1}, 1, 1, StopToken(std::chrono::steady_clock::now())), Cancelled);
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
 #include <numbers>
 
@@ -42,6 +43,10 @@ TEST(Spectrometer, SignalsToNoiseAreAsPlanckSays) {
     EXPECT_NEAR(hot[i].signal_to_noise / cold[i].signal_to_noise,
                 planck_w_m2_sr_um(cold[i].center_um, 500) / planck_w_m2_sr_um(cold[i].center_um, 350), 1e-10);
   EXPECT_NEAR(cold[0].efficiency, 0.1 + 0.4 * 0.04375 / 2, 1e-12);
+}
+
+TEST(Spectrometer, StopsWhenItIsTime) {
+  EXPECT_THROW(look_at_blackbody({}, 300, StopToken(std::chrono::steady_clock::now())), Cancelled);
 }
 
 }  // namespace

@@ -150,8 +150,9 @@ struct EmbreeScene::Impl {
     if (!data) check();
     return {data, components * count};
   }
-  void check() const {
-    if (const RTCError error = rtcGetDeviceError(device); error != RTC_ERROR_NONE)
+  void check() const { check(rtcGetDeviceError(device)); }
+  static void check(RTCError error) {
+    if (error != RTC_ERROR_NONE)
       throw std::runtime_error(fmt::format("Embree: building the scene failed (error {})", static_cast<int>(error)));
   }
 
@@ -183,7 +184,7 @@ void EmbreeScene::set_triangles(std::size_t geometry, std::size_t vertex_count, 
   rtcCommitGeometry(one);
 }
 
-void EmbreeScene::build() {
+void EmbreeScene::build(const StopToken& stop) {
   for (std::size_t i = 0; i < impl_->geometries.size(); ++i) {
     RTCGeometry& geometry = impl_->geometries[i];
     if (!geometry) continue;
@@ -191,8 +192,15 @@ void EmbreeScene::build() {
     rtcReleaseGeometry(geometry);
     geometry = nullptr;
   }
+  // Asked every now and then while it builds.
+  rtcSetSceneProgressMonitorFunction(
+      impl_->scene, [](void* token, double) { return !static_cast<const StopToken*>(token)->stopped(); },
+      const_cast<StopToken*>(&stop));
   rtcCommitScene(impl_->scene);
-  impl_->check();
+  const RTCError error = rtcGetDeviceError(impl_->device);
+  stop.check();  // a build that was stopped is an error, too
+  impl_->check(error);
+  rtcSetSceneProgressMonitorFunction(impl_->scene, nullptr, nullptr);
 }
 
 void EmbreeScene::intersect(const RayPacket& rays, RayHits& hits, Bundles bundles) const {

@@ -7,6 +7,7 @@
 #include <memory>
 #include <span>
 
+#include "dem/stop_token.h"
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {
@@ -58,8 +59,8 @@ class EmbreeScene {
                      const std::function<void(std::span<float>)>& vertices,
                      const std::function<void(std::span<std::uint32_t>)>& triangles);
   // Builds the acceleration structure once all geometries are set, in the caller's task arena. Throws
-  // std::runtime_error when that fails: for want of memory, most likely.
-  void build();
+  // std::runtime_error when that fails: for want of memory, most likely; Cancelled when `stop` says so.
+  void build(const StopToken& stop = {});
 
   // After build(), safe to call concurrently.
   void intersect(const RayPacket& rays, RayHits& hits, Bundles bundles = Bundles::where_safe) const;

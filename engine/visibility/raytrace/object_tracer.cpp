@@ -6,7 +6,7 @@
 
 namespace selenograph::engine {
 
-ObjectTracer::ObjectTracer(const ObjectShape& shape, const Vec3& middle)
+ObjectTracer::ObjectTracer(const ObjectShape& shape, const Vec3& middle, const StopToken& stop)
     : scene_(std::make_unique<EmbreeScene>(1, 0, EmbreeScene::Filters::none)) {
   scene_->set_triangles(
       0, shape.corners.size(), shape.triangles.size(),
@@ -22,7 +22,7 @@ ObjectTracer::ObjectTracer(const ObjectShape& shape, const Vec3& middle)
         for (const ObjectTriangle& t : shape.triangles) corners = std::copy_n(t.corner.data(), 3, corners);
       });
   // By the thread that reads the file, alone: once per file, and frames in work keep theirs.
-  tbb::task_arena(1).execute([&] { scene_->build(); });
+  tbb::task_arena(1).execute([&] { scene_->build(stop); });
 }
 
 void ObjectTracer::intersect(const RayPacket& rays, std::uint32_t triangle[kPacket]) const {

@@ -42,7 +42,7 @@ class RayPass {
     float object_lit[kPacket], object_radiance[kPacket];
   };
 
-  // stages(*this, packet) for all packets of all samples. Parallel; stops between tiles.
+  // stages(*this, packet) for all packets of all samples. Parallel; stops after a few packets.
   template <typename Stages>
   void for_pixels(const Stages& stages) {
     const Camera& camera = job_.request.camera;
@@ -50,12 +50,13 @@ class RayPass {
     const std::vector<SubpixelSample> samples = samples_of(job_.request);
     in_parallel_pieces(static_cast<std::size_t>(across * along), 1, [&](std::size_t first, std::size_t past_last) {
       Task task{{}, shader_.sampler()};
+      unsigned packets = 0;
       for (int tile = static_cast<int>(first); tile < static_cast<int>(past_last); ++tile) {
-        job_.stop.check();
         const int x0 = tile % across * kTile, y0 = tile / across * kTile;
         for (int y = y0; y < std::min(y0 + kTile, camera.height); y += kPacketSide)
           for (int x = x0; x < std::min(x0 + kTile, camera.width); x += kPacketSide)
             for (const SubpixelSample& sample : samples) {
+              if (packets++ % 16 == 0) job_.stop.check();
               Packet packet(x, y, sample, task);
               stages(*this, packet);
             }

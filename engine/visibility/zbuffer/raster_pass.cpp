@@ -39,7 +39,8 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
 void RasterPass::find_points(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
   const bool centre = sample.dx == 0 && sample.dy == 0;
-  const PixelRays own = tiling_.bends() && !centre ? PixelRays(request_.camera, sample.dx, sample.dy) : PixelRays();
+  const PixelRays own =
+      tiling_.bends() && !centre ? PixelRays(request_.camera, sample.dx, sample.dy, job_.stop) : PixelRays();
   const PixelRays& lens = centre ? job_.centres : own;
   tiling_.lay(sample.dx, sample.dy, lens, scratch_.boxes, scratch_.tiles);
   const auto size = static_cast<std::size_t>(request_.camera.width) * static_cast<std::size_t>(request_.camera.height);

@@ -1,0 +1,158 @@
+#!/usr/bin/env python3
+"""Every numeric member at the ends of its range, as the API document has it: an answer or a named refusal, never a fault."""
+
+import copy
+import json
+import math
+import unittest
+
+import harness
+from harness import frame_request
+
+FINE = {200, 422, 504}
+PLACE = {"lat_deg": 0.1, "lon_deg": 30.1}
+HIGH = {**PLACE, "height_m": 20000.0}
+NADIR = {"geodetic": HIGH, "nadir": {"up_azimuth_deg": 10.0}}
+SENSOR = {
+    "optics": {"f_number": 4.0, "point_spread": {"model": "airy"}, "vignetting": {"model": "table", "table": [[5.0, 0.9], [20.0, 0.5]]}},
+    "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.004, "full_well_e": 1e5,
+                 "dark_current_e_s": 10.0, "smear_time_s": 1e-6, "read_noise_e": 5.0, "prnu": 0.01, "dsnu_e": 2.0,
+                 "dead_fraction": 0.001, "hot_fraction": 0.001, "hot_current_e_s": 100.0, "gain_e_dn": 2.0, "offset_dn": 60.0,
+                 "bit_depth": 12},
+    "motion": {"angular_rate_deg_s": [0.1, 0.2, 0.3], "velocity_m_s": [1.0, 2.0, 3.0], "samples": 2},
+    "seed": 3, "frame": 4,
+}
+
+
+def small(products=("radiance",), **changes):
+    return frame_request(products, 12, 8, **changes)
+
+
+def frames():
+    pinhole = {"model": "pinhole", "width": 12, "height": 8, "fx": 20.0, "fy": 21.0, "cx": 5.5, "cy": 3.5}
+    yield small(("image", "radiance"), band={"center_um": 0.65, "width_um": 0.3}, sensor=SENSOR)
+    spread = copy.deepcopy(SENSOR)
+    spread["optics"]["point_spread"] = {"model": "gaussian", "sigma_px": 0.7}
+    yield small(("image",), band={"response": [[0.4, 0.1], [0.7, 0.9]]}, sensor=spread)
+    spread["optics"]["point_spread"] = {"model": "kernel", "kernel": [[0.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 0.0]]}
+    yield small(("image",), band={"center_um": 8.0, "width_um": 1.0}, sensor=spread, surface={"temperature_k": 250.0})
+    yield small(("image", "angles", "geodetic"), image={"bit_depth": 16, "full_scale_radiance": 55.5}, sun={
+        "direction": [0.1, 1.0, 0.2], "distance_au": 1.0, "angular_radius_deg": 0.27})
+    yield small(camera={**pinhole, "distortion": {"model": "brown_conrady", "k1": -0.1, "k2": 0.01, "k3": 0.001, "p1": 1e-3, "p2": 1e-3}})
+    yield small(camera={"model": "fisheye", "width": 12, "height": 8, "fov_deg": 150.0}, sun={"subsolar": {"lat_deg": 1.0, "lon_deg": 40.0}})
+    yield small(pose={"position_m": [1e6, 1.2e6, 9e5], "look_at": {**PLACE, "height_m": 0.0, "up": [0.0, 0.1, 1.0]}})
+    yield small(pose={"geodetic": HIGH, "camera_from_moon": {"w": 0.5, "x": 0.5, "y": -0.5, "z": 0.5}})
+    yield small(accuracy={"max_error_px": 1.0, "max_shadow_error_px": 8.0, "samples_per_pixel": 4})
+    yield small(accuracy={"budget_ms": 20.0})
+    for reflectance in ({"model": "lunar", "lommel_seeliger_weight": 0.7, "rho": 0.12}, {"model": "blinn_phong", "shininess": 20.0},
+                        {"model": "lunar_lambert", "limb_darkening": 0.4},
+                        {"model": "hapke", "w": 0.3, "b0": 1.0, "h": 0.1, "b": 0.2, "c": 0.1, "theta_bar_deg": 20.0}):
+        yield small(surface={"reflectance": reflectance})
+    thing = {"mesh": "satellite", "scale": 2.0, "material": {"temperature_k": 200.0},
+             "pose": {"geodetic": {**PLACE, "height_m": 19900.0}, "upright": {"azimuth_deg": 30.0}}}
+    yield small(objects=[thing])
+    yield small(objects=[{**thing, "pose": {"position_m": [1.5e6, 8.8e5, 3e3], "object_from_moon": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}}}],
+                terrain=False)
+
+
+OTHERS = [
+    ("/v1/rays", {"rays": [{"origin_m": [1.6e6, 9e5, 3e3], "direction": [-1.0, -0.5, 0.0]}], "sun": {"direction": [1.0, 0.0, 0.0]}}),
+    ("/v1/project", {"camera": small()["camera"], "pose": NADIR, "points": [{**PLACE, "height_m": 100.0}]}),
+    ("/v1/heights", {"points": [PLACE]}),
+    ("/v1/verify/mertis", {"first_um": 7.0, "last_um": 14.0, "channels": 20, "pixel_pitch_um": 35.0, "f_number": 2.0,
+                           "efficiency": [[7.0, 0.3], [14.0, 0.4]], "noise_equivalent_power_w": 1e-12, "temperatures_k": [350.0]}),
+    ("/v1/verify/roundtrip", {"center": PLACE, "height_m": 2000.0, "mode": "camera", "posts": 8, "footprint_ratio": 1.0, "max_error_px": 1.0}),
+]
+
+
+def setUpModule():
+    harness.set_up()
+    ExtremeNumbersTest.service = harness.service_with_assets()
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def fits(schema, value):
+    kind = {dict: "object", list: "array", str: "string", bool: "boolean"}.get(type(value), "number")
+    return schema.get("type", kind) in ((kind, "integer") if kind == "number" else (kind,))
+
+
+class Document:
+    def __init__(self, openapi):
+        self.openapi = openapi
+
+    def resolved(self, schema, value):
+        """The alternative of a schema that a value is of."""
+        while True:
+            if "$ref" in schema:
+                schema = self.openapi["components"]["schemas"][schema["$ref"].rsplit("/", 1)[1]]
+            elif "type" not in schema and "properties" not in schema and ("anyOf" in schema or "oneOf" in schema):
+                schema = next(s for s in schema.get("anyOf") or schema["oneOf"] if fits(self.resolved(s, value), value))
+            else:
+                return schema
+
+    def numbers(self, schema, value, path=()):
+        """(path, schema) of every number in a value."""
+        schema = self.resolved(schema, value)
+        if isinstance(value, dict):
+            for name, member in value.items():
+                yield from self.numbers(schema["properties"][name], member, path + (name,))
+        elif isinstance(value, list):
+            for i, item in enumerate(value):
+                yield from self.numbers(schema["prefixItems"][i] if "prefixItems" in schema else schema["items"], item, path + (i,))
+        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+            yield path, schema
+
+
+def ends(schema):
+    """The smallest and the largest value that a schema allows; next to the ends where these are excluded."""
+    low, high = schema.get("minimum", schema.get("exclusiveMinimum", -1.7e308)), schema.get("maximum", schema.get("exclusiveMaximum", 1.7e308))
+    if schema["type"] == "integer":
+        return [int(low), int(high)] if "enum" not in schema else schema["enum"]
+    if "exclusiveMinimum" in schema:
+        low = math.nextafter(low, math.inf)
+    if "exclusiveMaximum" in schema:
+        high = math.nextafter(high, -math.inf)
+    # A denormal may be rounded to 0 on its way; the smallest normal number never is.
+    return [low, high] + ([2.3e-308] if low <= 0 < high else [])
+
+
+def changed(document, path, value):
+    document = copy.deepcopy(document)
+    place = document
+    for step in path[:-1]:
+        place = place[step]
+    place[path[-1]] = value
+    return document
+
+
+class ExtremeNumbersTest(unittest.TestCase):
+    def attack(self, path, document, accept):
+        openapi = Document(json.loads(self.service.ask("GET", "/openapi.json")[2]))
+        schema = openapi.openapi["paths"][path]["post"]["requestBody"]["content"]["application/json"]["schema"]
+        status, _, body = self.service.post(path, document, accept)
+        self.assertEqual(status, 200, (document, body[:500]))
+        tried = 0
+        for where, of in openapi.numbers(schema, document):
+            for value in ends(of):
+                status, _, body = self.service.post(path, changed(document, where, value), accept, Request_Timeout_Ms="3000")
+                with self.subTest(path=path, member="/".join(map(str, where)), value=value):
+                    self.assertIn(status, FINE, body[:500])
+                    if status == 422:
+                        self.assertTrue(json.loads(body)["errors"], body)
+                tried += 1
+        self.assertGreater(tried, 3)
+
+    def test_frames(self):
+        for document in frames():
+            self.attack("/v1/frames", document, "application/x-npz")
+
+    def test_other_calls(self):
+        for path, document in OTHERS:
+            self.attack(path, document, "*/*")
+
+
+if __name__ == "__main__":
+    harness.main()

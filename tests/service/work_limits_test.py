@@ -1,0 +1,135 @@
+#!/usr/bin/env python3
+"""Work that a request asks for ends with its deadline and with its client: sensors, lenses, verification, meshes."""
+
+import copy
+import json
+import os
+import time
+import unittest
+
+import harness
+from harness import WithService, frame_request
+
+BAND = {"center_um": 0.65, "width_um": 0.3}
+SENSOR = {
+    "optics": {"f_number": 4.0, "point_spread": {"model": "none"}},
+    "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.004, "gain_e_dn": 2.0},
+}
+LATE_S = 1.5  # room for a machine with other work; alone it is a third of this at most
+SATELLITE = {"mesh": "satellite", "material": {"reflectance": {"model": "lambert"}},
+             "pose": {"geodetic": {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": 19990.0}, "upright": {"azimuth_deg": 0.0}}}
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
+    harness.assets()
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def with_sensor(point_spread, f_number=4.0, pitch_um=5.5, motion=None, **changes):
+    sensor = copy.deepcopy(SENSOR)
+    sensor["optics"].update(f_number=f_number, point_spread=point_spread)
+    sensor["detector"]["pixel_pitch_um"] = pitch_um
+    if motion:
+        sensor["motion"] = motion
+    return frame_request(("image",), band=BAND, sensor=sensor, **changes)
+
+
+LARGE = {"width": 4096, "height": 2048, "accuracy": {"max_error_px": 8}}
+EVEN = {"model": "kernel", "kernel": [[1.0] * 65] * 65}
+LENS = {"model": "pinhole", "width": 4096, "height": 2048, "fx": 900.0,
+        "distortion": {"model": "brown_conrady", "k1": -0.21, "k2": 0.07, "k3": -0.01, "p1": 0.006, "p2": -0.004}}
+
+
+class WorkLimitsTest(WithService):
+    @classmethod
+    def setUpClass(cls):
+        cls.options = ("--assets-dir", harness.path("assets"), "--mesh-s", "20")
+        super().setUpClass()
+
+    def test_an_airy_disc_much_smaller_than_a_pixel_takes_no_time(self):
+        start = time.monotonic()
+        status, _, body = self.service.frame(with_sensor({"model": "airy"}, 0.1, 1e4), "image/png")
+        self.assertEqual(status, 200, body[:300])
+        self.assertLess(time.monotonic() - start, 5)
+
+    def test_an_airy_disc_wider_than_its_kernel_is_refused(self):
+        problem = self.problem(self.service.frame(with_sensor({"model": "airy"}, 1000.0, 1.0), "image/png"), 422)
+        self.assertEqual([e["pointer"] for e in problem["errors"]],
+                         ["/sensor/optics/f_number", "/sensor/detector/pixel_pitch_um", "/band"])
+        self.assertIn("650", problem["errors"][0]["detail"])
+
+    def late(self, ask, after_s, status=504):
+        start = time.monotonic()
+        self.problem(ask({"Request_Timeout_Ms": str(int(after_s * 1000))}), status)
+        took = time.monotonic() - start
+        self.assertLess(took, after_s + LATE_S)
+
+    def test_deadlines_reach_everything(self):
+        cases = {
+            "kernel": with_sensor(EVEN, **LARGE),
+            "motion": with_sensor({"model": "none"}, motion={"angular_rate_deg_s": [1.0, 0, 0], "samples": 256}, **LARGE),
+            "lens": frame_request(("range",), camera=LENS, accuracy={"max_error_px": 8}),
+            "samples": frame_request(("radiance",), 1024, 1024, 256, visibility="raytrace"),
+        }
+        for name, document in cases.items():
+            with self.subTest(name):
+                self.late(lambda headers: self.service.frame(document, "application/octet-stream", **headers), 1.5)
+        mertis = {"channels": 10000, "first_um": 1e-3, "last_um": 1e4, "temperatures_k": [300.0 + i for i in range(16)]}
+        self.late(lambda headers: self.service.post("/v1/verify/mertis", mertis, **headers), 0.02)
+        trip = {"center": {"lat_deg": 0.1, "lon_deg": 30.1}, "mode": "camera", "footprint_ratio": 0.1, "posts": 256}
+        self.late(lambda headers: self.service.post("/v1/verify/roundtrip", trip, **headers), 0.2)
+
+    def test_a_client_that_left_costs_nothing_more(self):
+        connection = self.service.start_frame(with_sensor(EVEN, **LARGE))
+        self.service.wait_for("selenograph_frames_in_work", 1)
+        time.sleep(1)
+        connection.close()
+        start = time.monotonic()
+        self.service.wait_for("selenograph_frames_in_work", 0)
+        self.assertLess(time.monotonic() - start, LATE_S)
+
+    def test_numbers_that_leave_no_channel_are_named(self):
+        for wrong, pointer in (({"first_um": 1e-20}, "/first_um"), ({"first_um": 7, "last_um": 7.000000001}, "/channels")):
+            self.problem(self.service.post("/v1/verify/mertis", wrong), 422, pointer)
+
+    def mesh_frame(self, name, **headers):
+        return self.service.frame(frame_request(objects=[{**SATELLITE, "mesh": name}]), "application/x-npy", **headers)
+
+    def write(self, name, content):
+        with open(harness.path("assets", "objects", name), "wb") as file:
+            file.write(content)
+
+    def test_bad_meshes_are_named(self):
+        triangle = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl "
+        self.write("latin.obj", triangle + b"gr\xfcn\nf 1 2 3\n")
+        self.write("header.glb", b"glTF\2\0\0\0\xff\xff\xff\xff\xf0\xff\xff\xffJSON{}    ")
+        self.write("reaches.gltf", json.dumps({
+            "asset": {"version": "2.0"}, "buffers": [{"byteLength": 36, "uri": "/etc/hostname"}], "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}], "scene": 0, "scenes": [{"nodes": [0]}],
+            "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+            "bufferViews": [{"buffer": 0, "byteLength": 36}]}).encode())
+        for name, what in (("latin.obj", "line 4: the name of a material is not UTF-8"), ("header.glb", ""),
+                           ("reaches.gltf", "names another file, \"/etc/hostname\"")):
+            problem = self.problem(self.mesh_frame(os.path.splitext(name)[0]), 500)
+            self.assertEqual(problem["type"], "urn:selenograph:problem:asset_error")
+            self.assertIn(name, problem["detail"])
+            self.assertIn(what, problem["detail"])
+
+    def test_kept_meshes_are_counted(self):
+        self.assertEqual(self.mesh_frame("satellite")[0], 200)
+        self.assertGreater(self.service.metric("selenograph_mesh_bytes"), 0)
+
+    # A mesh takes a second or so; a deadline ends it, and its process.
+    def test_deadlines_reach_meshes(self):
+        self.write("slow.obj", b"".join(b"v %d %d 0\n" % (i % 1000, i // 1000) for i in range(300000)) +
+                   b"".join(b"f %d %d %d\n" % (i, i + 1, i + 1001) for i in range(1, 298000)))
+        self.late(lambda headers: self.mesh_frame("slow", **headers), 0.3)
+
+
+if __name__ == "__main__":
+    harness.main()

@@ -1,0 +1,130 @@
+#include "tests/support/mesh_files.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <signal.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <stdexcept>
+
+#include "engine/visibility/mesh_answer.h"
+#include "engine/visibility/mesh_file.h"
+
+namespace selenograph::test {
+namespace {
+
+template <typename T>
+std::string bytes_of(T number) {
+  return {reinterpret_cast<const char*>(&number), sizeof number};
+}
+
+[[noreturn]] void read_in_fork(std::string_view content, const std::string& extension, std::size_t max_bytes, int out) {
+  ::dup2(::open("/dev/null", O_WRONLY), STDERR_FILENO);
+  for (const int fatal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) ::signal(fatal, SIG_DFL);
+  const rlimit seconds{2, 2}, no_core{0, 0};
+  ::setrlimit(RLIMIT_CPU, &seconds), ::setrlimit(RLIMIT_CORE, &no_core);
+  std::string answer;
+  try {
+    answer = engine::shape_answer(engine::read_mesh_file(content, extension, max_bytes));
+  } catch (const std::exception& e) {
+    answer = engine::refusal_answer(e.what());
+  }
+  for (std::string_view left = answer; !left.empty();) {
+    const ssize_t written = ::write(out, left.data(), left.size());
+    if (written <= 0) break;
+    left.remove_prefix(static_cast<std::size_t>(written));
+  }
+  ::_exit(0);
+}
+
+}  // namespace
+
+std::string ply_file(bool binary) {
+  std::string file = fmt::format(
+      "ply\nformat {} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
+      "property list uchar int vertex_indices\nend_header\n",
+      binary ? "binary_little_endian" : "ascii");
+  if (!binary) return file + "0 0 0\n3 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 2 3\n";
+  for (const float x : {0.F, 0.F, 0.F, 3.F, 0.F, 0.F, 0.F, 1.F, 0.F, 0.F, 0.F, 1.F}) file += bytes_of(x);
+  for (const auto& corners : {std::array{0, 1, 2}, std::array{0, 2, 3}}) {
+    file += '\3';
+    for (const std::int32_t corner : corners) file += bytes_of(corner);
+  }
+  return file;
+}
+
+std::string gltf_file(const std::string& uri) {
+  return R"({
+    "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+    "nodes": [{"mesh": 0, "translation": [10, 0, 0], "scale": [2, 2, 2]}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+    "materials": [{"name": "foil"}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}],
+    "buffers": [{"byteLength": 36, "uri": ")" +
+         uri + R"("}]})";
+}
+
+std::string gltf_of_instances(int nodes, int triangles) {
+  // Corners of bytes: 0, 1, 2 is AAEC.
+  std::string indices, list, numbers;
+  for (int i = 0; i < triangles; ++i) indices += "AAEC";
+  for (int i = 0; i < nodes; ++i)
+    list += i ? R"(,{"mesh":0})" : R"({"mesh":0})", numbers += fmt::format("{}{}", i ? "," : "", i);
+  return fmt::format(
+      R"({{"asset": {{"version": "2.0"}}, "scene": 0, "scenes": [{{"nodes": [{}]}}], "nodes": [{}],
+    "meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0}}, "indices": 1}}]}}],
+    "accessors": [{{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}},
+                  {{"bufferView": 1, "componentType": 5121, "count": {}, "type": "SCALAR"}}],
+    "bufferViews": [{{"buffer": 0, "byteLength": 36}}, {{"buffer": 1, "byteLength": {}}}],
+    "buffers": [{{"byteLength": 36, "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}},
+                {{"byteLength": {}, "uri": "data:application/octet-stream;base64,{}"}}]}})",
+      numbers, list, 3 * triangles, 3 * triangles, 3 * triangles, indices);
+}
+
+std::string mesh_answer_of_fork(std::string_view content, const std::string& extension, std::size_t max_bytes) {
+  int ends[2];
+  if (::pipe(ends) != 0) throw std::runtime_error("no pipe");
+  const pid_t child = ::fork();
+  if (child < 0) throw std::runtime_error("no process");
+  if (child == 0) read_in_fork(content, extension, max_bytes, ends[1]);
+  ::close(ends[1]);
+  std::string answer;
+  char some[65536];
+  for (ssize_t got; (got = ::read(ends[0], some, sizeof some)) > 0;) answer.append(some, static_cast<std::size_t>(got));
+  ::close(ends[0]);
+  int status;
+  ::waitpid(child, &status, 0);
+  return WIFEXITED(status) ? answer : std::string();
+}
+
+std::string mutated(std::string file, std::mt19937& random) {
+  const auto below = [&](std::size_t n) { return static_cast<std::size_t>(random() % std::max<std::size_t>(n, 1)); };
+  for (std::size_t changes = 1 + below(4); changes > 0; --changes) {
+    const std::size_t at = below(file.size()), length = below(std::min<std::size_t>(file.size() - at, 24)) + 1;
+    switch (below(8)) {
+      case 0:
+        file.erase(at, length);
+        break;
+      case 1:
+        file.insert(at, file.substr(at, length));
+        break;
+      case 2:
+        file.resize(at);
+        break;
+      case 3:  // a number that is too large
+        file.replace(at, 1, fmt::format("{}", 1U << below(32)));
+        break;
+      default:
+        if (!file.empty()) file[at] = static_cast<char>(below(2) ? file[at] ^ (1 << below(8)) : random());
+    }
+  }
+  return file;
+}
+
+}  // namespace selenograph::test

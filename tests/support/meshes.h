@@ -1,0 +1,21 @@
+// Mesh files, read as the service reads them.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "engine/visibility/mesh_reader.h"
+#include "engine/visibility/object_mesh.h"
+
+namespace selenograph::test {
+
+// By the executable that was built with the tests.
+inline engine::MeshReaderOptions mesh_options() {
+  engine::MeshReaderOptions options;
+  options.program = SELENOGRAPH_EXECUTABLE;
+  return options;
+}
+
+inline engine::ObjectShape read_shape(const std::string& path) { return engine::MeshReader(mesh_options()).read(path); }
+
+}  // namespace selenograph::test

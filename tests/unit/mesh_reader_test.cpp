@@ -1,0 +1,246 @@
+// Mesh files that are damaged, prepared or too large, read in a process of their own; and the assets that hold them.
+#include "engine/visibility/mesh_reader.h"
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <thread>
+
+#include "api/assets.h"
+#include "api/problem.h"
+#include "dem/error.h"
+#include "engine/support/child_process.h"
+#include "engine/visibility/mesh_answer.h"
+#include "tests/support/mesh_files.h"
+#include "tests/support/meshes.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::engine {
+namespace {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+
+class MeshFiles : public ::testing::Test {
+ protected:
+  std::string write(const std::string& name, const std::string& content) {
+    std::ofstream(folder_ / name, std::ios::binary) << content;
+    return folder_ / name;
+  }
+  // A program in the reader's place.
+  std::string script(const std::string& text) {
+    const std::string path = write("reader", "#!/bin/sh\n" + text + "\n");
+    ::chmod(path.c_str(), 0700);
+    return path;
+  }
+  static std::string fault_of(const std::string& path, const MeshReaderOptions& options = test::mesh_options()) {
+    try {
+      MeshReader(options).read(path);
+    } catch (const DataError& e) {
+      EXPECT_EQ(e.file(), path);
+      return e.what();
+    }
+    return "";
+  }
+  static void expect_within(const std::string& text, const std::string& part) {
+    EXPECT_NE(text.find(part), std::string::npos) << text;
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(MeshFiles, AreOneFile) {
+  write("secret.bin", std::string(36, '\0'));
+  for (const char* uri : {"/etc/hostname", "secret.bin", "../secret.bin", "file:///etc/hostname", "http://127.0.0.1/x"})
+    expect_within(fault_of(write("a.gltf", test::gltf_file(uri))), std::string("names another file, \""));
+  EXPECT_EQ(fault_of(write("b.gltf", test::gltf_file())), "") << "data: is no other file";
+}
+
+// An OBJ's materials are their names, whatever the library of materials that it names would say.
+TEST_F(MeshFiles, MaterialsOfAnObjAreNamesAlone) {
+  const ObjectShape shape = test::read_shape(
+      write("a.obj", "mtllib /etc/hostname\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl foil\nf 1 2 3\nusemtl glass\nf 3 2 1\n"));
+  EXPECT_EQ(shape.parts, (std::vector<std::string>{"foil", "glass"}));
+}
+
+TEST_F(MeshFiles, NamesAreUtf8) {
+  const std::string before = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl gr";
+  expect_within(fault_of(write("latin.obj", before + "\xfcn\nf 1 2 3\n")),
+                "line 4: the name of a material is not UTF-8");
+  EXPECT_EQ(test::read_shape(write("good.obj", before + "\xc3\xbcn\nf 1 2 3\n")).parts[0], "gr\xc3\xbcn");
+}
+
+TEST_F(MeshFiles, AreOrdinary) {
+  ::mkfifo((folder_ / "pipe.obj").c_str(), 0600);
+  expect_within(fault_of(folder_ / "pipe.obj"), "not an ordinary file");
+  std::filesystem::create_directory(folder_ / "folder.obj");
+  expect_within(fault_of(folder_ / "folder.obj"), "not an ordinary file");
+  // Content of another of the library's sixty formats.
+  EXPECT_NE(fault_of(write("a.obj",
+                           "solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+                           "endloop\nendfacet\nendsolid x\n")),
+            "");
+  EXPECT_NE(fault_of(write("a.stl", "solid x\nendsolid x\n")), "");
+}
+
+// 26 bytes whose header asks for 4 GB.
+TEST_F(MeshFiles, TakeNoMoreMemoryThanTheyMay) {
+  std::string glb("glTF\2\0\0\0\xff\xff\xff\xff\xf0\xff\xff\xffJSON{}    ", 26);
+  EXPECT_NE(fault_of(write("header.glb", glb)), "");
+  if (kSanitized) GTEST_SKIP() << "sanitizers reserve addresses without end";
+  // A file that fits, whose corners as numbers in a list don't.
+  std::string obj = "f 1 2 3\n";
+  for (int i = 0; i < 700000; ++i) obj += "v 0 0 1\n";
+  MeshReaderOptions options = test::mesh_options();
+  options.max_bytes = std::size_t{16} << 20;
+  expect_within(fault_of(write("large.obj", obj), options), "takes more than 16 MiB to read");
+  options.max_bytes = 1 << 20;
+  expect_within(fault_of(folder_ / "large.obj", options), "more than the 1 of a mesh");
+}
+
+TEST_F(MeshFiles, InstancesAreCountedBeforeTheyAreMade) {
+  expect_within(fault_of(write("a.gltf", test::gltf_of_instances(20000, 10000))), "would take 3053 MiB");
+  EXPECT_EQ(test::read_shape(write("b.gltf", test::gltf_of_instances(20, 10))).triangles.size(), 200U);
+}
+
+TEST_F(MeshFiles, WhatRaysNeedOfThemCounts) {
+  const std::string path = write("a.gltf", test::gltf_of_instances(100, 2000));  // of 16 bytes; 95 more for rays
+  MeshReaderOptions options = test::mesh_options();
+  options.max_bytes = std::size_t{40} << 20;
+  EXPECT_EQ(fault_of(path, options), "");
+  options.max_bytes = std::size_t{16} << 20;
+  EXPECT_NE(fault_of(path, options), "");
+}
+
+TEST_F(MeshFiles, AReaderThatFailsIsNamed) {
+  const std::string path = write("a.obj", "v 0 0 0\n");
+  MeshReaderOptions options = test::mesh_options();
+  options.program = script("kill -SEGV $$");
+  expect_within(fault_of(path, options), "its reader ended by signal 11 (Segmentation fault)");
+  options.program = script("exec sleep 60");
+  options.time = 200ms;
+  expect_within(fault_of(path, options), "its reader took more than 0.2 s");
+  options.program = script("printf '\\4\\0\\0\\0\\0\\0\\0\\0abcd'");
+  expect_within(fault_of(path, options), "damaged");
+  options.program = "";
+  expect_within(fault_of(path, options), "no program");
+}
+
+// Whatever is done to a file, it is a mesh or an error that names it.
+TEST_F(MeshFiles, DamagedOnesAreErrors) {
+  std::mt19937 random(1);
+  int errors = 0;
+  for (int i = 0; i < 10; ++i) {
+    const bool ply = i % 2 == 0;
+    const std::string content = test::mutated(ply ? test::ply_file(true) : test::gltf_file(), random);
+    errors += !fault_of(write(ply ? "m.ply" : "m.gltf", content)).empty();
+  }
+  EXPECT_GT(errors, 2);
+}
+
+// The same for hundreds, without a program for each.
+TEST_F(MeshFiles, AnswersOfDamagedOnesAreWhole) {
+  std::mt19937 random(2);
+  int meshes = 0, refused = 0, crashed = 0;
+  for (int i = 0; i < 400; ++i) {
+    const bool ply = i % 4 != 0;
+    const std::string content = test::mutated(ply ? test::ply_file(i % 2 == 0) : test::gltf_file(), random);
+    const std::string answer = test::mesh_answer_of_fork(content, ply ? "ply" : "gltf", std::size_t{64} << 20);
+    if (answer.empty()) {
+      ++crashed;
+      continue;
+    }
+    try {
+      ++(shape_of_answer(answer).triangles.empty() ? refused : meshes);
+    } catch (const std::runtime_error& e) {
+      EXPECT_EQ(std::string(e.what()).find("damaged"), std::string::npos) << e.what();
+      ++refused;
+    }
+  }
+  EXPECT_GT(meshes, 40);
+  EXPECT_GT(refused, 80);
+  EXPECT_LT(crashed, 100);
+}
+
+// --- the assets folder
+
+class ObjectAssets : public MeshFiles {
+ protected:
+  void SetUp() override {
+    std::filesystem::create_directory(folder_ / "objects");
+    for (const char* name : {"objects/a.ply", "objects/b.ply"}) write(name, test::ply_file(true));
+  }
+  // A reader that writes a line for each file and then does its work.
+  MeshReaderOptions counted(const std::string& first) {
+    MeshReaderOptions options = test::mesh_options();
+    options.program = script("echo >> " + (folder_ / "reads") + "\n" + first + "\nexec " + options.program + " \"$@\"");
+    return options;
+  }
+  long reads() const {
+    std::ifstream lines(folder_ / "reads");
+    return std::count(std::istreambuf_iterator<char>(lines), {}, '\n');
+  }
+};
+
+TEST_F(ObjectAssets, AreReadOnceForAllWhoAsk) {
+  const api::Assets assets(folder_.path(), counted("sleep 0.3"));
+  std::vector<std::shared_ptr<const ObjectMesh>> found(6);
+  std::vector<std::thread> asking;
+  for (auto& mesh : found) asking.emplace_back([&] { mesh = assets.object("a"); });
+  for (std::thread& thread : asking) thread.join();
+  ASSERT_TRUE(found[0]);
+  for (const auto& mesh : found) EXPECT_EQ(mesh, found[0]);
+  EXPECT_EQ(reads(), 1);
+  EXPECT_EQ(assets.mesh_bytes(), found[0]->bytes());
+  EXPECT_EQ(assets.object("a"), found[0]);
+  EXPECT_EQ(reads(), 1);
+}
+
+TEST_F(ObjectAssets, AreGivenUpWithTheRequestAndReadForTheNext) {
+  const api::Assets assets(folder_.path(), counted("[ -e " + (folder_ / "go") + " ] || exec sleep 60"));
+  const auto start = Clock::now();
+  EXPECT_THROW(assets.object("a", StopToken(start + 100ms)), Cancelled);
+  EXPECT_LT(Clock::now() - start, 5s);
+  // One waits for the other's reading, which is given up: it reads itself.
+  std::thread impatient([&] { EXPECT_THROW(assets.object("a", StopToken(Clock::now() + 500ms)), Cancelled); });
+  std::this_thread::sleep_for(200ms);
+  write("go", "");
+  EXPECT_TRUE(assets.object("a"));
+  impatient.join();
+}
+
+TEST_F(ObjectAssets, FaultsAreTheAssets) {
+  write("objects/c.obj", "f 1 2 3\n");
+  const api::Assets assets(folder_.path(), test::mesh_options());
+  try {
+    assets.object("c");
+    ADD_FAILURE();
+  } catch (const api::RequestError& e) {
+    EXPECT_EQ(e.code(), "asset_error");
+    expect_within(e.what(), "c.obj");
+  }
+  EXPECT_EQ(assets.object("none"), nullptr);
+}
+
+// Those that nobody uses make room.
+TEST_F(ObjectAssets, KeepToTheirRoom) {
+  for (const char* name : {"a", "b"})
+    write(std::string("objects/") + name + ".gltf", test::gltf_of_instances(100, 2000));
+  for (const char* name : {"objects/a.ply", "objects/b.ply"}) std::filesystem::remove(folder_ / name);
+  MeshReaderOptions options = counted(":");
+  options.max_bytes = std::size_t{40} << 20;
+  const api::Assets assets(folder_.path(), options);
+  EXPECT_TRUE(assets.object("a"));
+  const std::size_t one = assets.mesh_bytes();
+  EXPECT_GT(one, std::size_t{20} << 20);
+  EXPECT_TRUE(assets.object("b"));
+  EXPECT_EQ(assets.mesh_bytes(), one);
+  EXPECT_TRUE(assets.object("b"));
+  EXPECT_EQ(reads(), 2);
+}
+
+}  // namespace
+}  // namespace selenograph::engine
