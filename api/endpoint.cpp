@@ -46,8 +46,9 @@ Json json_body(const EndpointContext& context) {
 void RequestMemory::need(std::size_t bytes, std::string_view pointer, const StopToken& stop) {
   claim_ = {};  // whoever waits holds nothing
   if (!budget_.fits(bytes)) {
-    const std::string detail = fmt::format("takes {} MB of memory, the service has {} MB for all requests", bytes >> 20,
-                                           budget_.capacity() >> 20);
+    const std::string detail =
+        fmt::format("takes {} MB of memory, the service has {} MB for all requests (--memory-mb)", bytes >> 20,
+                    budget_.capacity() >> 20);
     throw RequestError("invalid_request", "the request " + detail, {{std::string(pointer), detail}});
   }
   auto claim = budget_.claim(bytes, StopToken::Clock::now() + kPatience, stop);

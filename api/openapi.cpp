@@ -13,8 +13,8 @@ OrderedJson schema_ref(const std::string& name) { return {{"$ref", "#/components
 
 OrderedJson json_content(const std::string& schema) { return {{"application/json", {{"schema", schema_ref(schema)}}}}; }
 
-// 499 is never sent; it is in the table of info.description.
-bool answered_by_calls(const ErrorRow& row) { return row.status != 499; }
+// 501 belongs to no method and 499 is never sent; both are in the table of info.description.
+bool answered_by_calls(const ErrorRow& row) { return row.status != 499 && row.status != 501; }
 
 // Whether a call can be answered with this status at all: what is documented is what a client must be ready for.
 bool can_answer(const Route& route, int status) {
@@ -25,7 +25,7 @@ bool can_answer(const Route& route, int status) {
       return route.endpoint == Endpoint::frame_metadata;  // elsewhere no path is it
     case 413:
     case 415:
-      return route.admission;  // those with a body
+      return route.has_body();
     case 422:
     case 504:
       return computes;

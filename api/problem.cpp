@@ -6,6 +6,8 @@
 #include <array>
 #include <new>
 #include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <system_error>
 #include <utility>
 
 #include "api/routes.h"
@@ -14,7 +16,7 @@
 namespace selenograph::api {
 namespace {
 
-constexpr std::array<ErrorRow, 19> kTable{{
+constexpr std::array<ErrorRow, 21> kTable{{
     {"malformed_request", 400, "Malformed request",
      "The request line, a header or a query parameter can't be understood."},
     {"malformed_json", 400, "Malformed JSON",
@@ -40,11 +42,14 @@ constexpr std::array<ErrorRow, 19> kTable{{
     {"asset_error", 500, "Asset unusable",
      "A file of the assets folder that the request names can't be used; `detail` names file and line. The operator "
      "must mend it."},
+    {"not_implemented", 501, "Not implemented", "No resource of this service has this method."},
     {"busy", 503, "Busy",
      "As many requests are in work and waiting as the service holds; `Retry-After` says when to come back."},
     {"storage_unavailable", 503, "Storage unavailable",
      "A file could not be opened or read for a reason that lies in the system: no descriptors, no memory, a disk that "
      "fails. Nothing is known to be wrong with the file; ask again."},
+    {kOutOfMemory, 503, "Out of memory",
+     "There is not enough memory for this request beside those in work; `Retry-After` says when to come back."},
     {"shutting_down", 503, "Shutting down", "The service finishes what it has and accepts nothing new."},
     {"deadline_exceeded", 504, "Deadline exceeded",
      "The answer was not ready within the service's deadline or the request's `Request-Timeout-Ms`."},
@@ -113,7 +118,20 @@ Response problem(const std::string& code, const std::string& detail, const std::
   return response;
 }
 
-Response answer_or_problem(const Request& request, const std::function<Response()>& work) {
+// 503 with Retry-After; what can't be had now may be had when others are done.
+Response memory_problem() {
+  Response answer = problem(std::string(kOutOfMemory), "not enough memory for this request", {});
+  answer.headers.emplace_back("Retry-After", "5");
+  return answer;
+}
+
+Response unexpected(const Request& request, const std::exception& e) {
+  spdlog::error("{} {}: {}", request.method, request.path, e.what());
+  return problem("internal", "an unexpected fault");
+}
+
+// Throws std::bad_alloc at most: there may be no memory for the problem, either.
+Response answer_or_described_problem(const Request& request, const std::function<Response()>& work) {
   try {
     return work();
   } catch (const RequestError& e) {
@@ -132,13 +150,34 @@ Response answer_or_problem(const Request& request, const std::function<Response(
     if (client_has_left(request)) return problem("client_gone", "the client left");
     return problem("deadline_exceeded", "not ready in time; ask for less or allow more with Request-Timeout-Ms");
   } catch (const std::bad_alloc&) {
-    return problem("internal", "not enough memory for this request");
+    return memory_problem();
+  } catch (const std::length_error&) {  // more than a container can have
+    return memory_problem();
+  } catch (const std::system_error& e) {
+    if (e.code() == std::errc::resource_unavailable_try_again || e.code() == std::errc::not_enough_memory)
+      return memory_problem();  // a thread that could not be started
+    return unexpected(request, e);
   } catch (const std::exception& e) {
-    spdlog::error("{} {}: {}", request.method, request.path, e.what());
-    return problem("internal", "an unexpected fault");
+    return unexpected(request, e);
   } catch (...) {
     return problem("internal", "an unexpected fault");
   }
+}
+
+Response answer_or_problem(const Request& request, const std::function<Response()>& work) noexcept {
+  try {
+    return answer_or_described_problem(request, work);
+  } catch (...) {
+    return out_of_memory();
+  }
+}
+
+// Neither of these strings is long enough to be allocated.
+Response out_of_memory() noexcept {
+  Response answer;
+  answer.status = 503;
+  answer.error_code = kOutOfMemory;
+  return answer;
 }
 
 Response problem(const std::string& error_code, const std::string& detail) { return problem(error_code, detail, {}); }

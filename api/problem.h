@@ -20,6 +20,8 @@ struct ErrorRow {
   std::string_view meaning;  // one sentence for the API document
 };
 
+inline constexpr std::string_view kOutOfMemory = "out_of_memory";
+
 std::span<const ErrorRow> error_table();
 
 // The row of a code; an unknown code is a mistake of ours and answers "internal".
@@ -69,8 +71,11 @@ Response problem(const std::string& code, const std::string& detail, const std::
 
 // What `work` answers, or the problem that what it throws is. A RequestError is the row that it names, an
 // ImpossibleRequest "invalid_request", a DataError "terrain_data_error", a SystemFault "storage_unavailable", Cancelled
-// "client_gone" or "deadline_exceeded". All else, a library's std::invalid_argument among it, is "internal": what it
-// says is logged for the operator and not sent. Never throws.
-Response answer_or_problem(const Request& request, const std::function<Response()>& work);
+// "client_gone" or "deadline_exceeded", a lack of memory or threads kOutOfMemory. All else, a library's
+// std::invalid_argument among it, is "internal": what it says is logged for the operator and not sent.
+Response answer_or_problem(const Request& request, const std::function<Response()>& work) noexcept;
+
+// Status and error code alone: where there is no memory for a problem, server/ sends one that it made beforehand.
+Response out_of_memory() noexcept;
 
 }  // namespace selenograph::api

@@ -23,9 +23,9 @@ enum class Endpoint {
 
 struct Route {
   Endpoint endpoint;
-  std::string_view method, path;  // "{hash}" in the path stands for any one segment
-  // Costs render time: passes through the server's admission and takes a JSON body.
-  bool admission;
+  std::string_view method, path;                      // "{hash}" in the path stands for any one segment
+  bool admission;                                     // takes time: passes through the server's admission
+  bool has_body() const { return method == "POST"; }  // JSON
   std::string_view operation_id, summary;
 };
 
@@ -37,7 +37,7 @@ inline constexpr Route kRoutes[] = {
     {Endpoint::project, "POST", "/v1/project", true, "projectPoints",
      "Says where landmarks appear in a camera's image"},
     {Endpoint::heights, "POST", "/v1/heights", true, "getHeights", "Terrain heights at places"},
-    {Endpoint::height, "GET", "/v1/height", false, "getHeight", "Terrain height at one place"},
+    {Endpoint::height, "GET", "/v1/height", true, "getHeight", "Terrain height at one place"},
     {Endpoint::datasets, "GET", "/v1/datasets", false, "listDatasets", "The catalogue of DEM tiles"},
     {Endpoint::verify_round_trip, "POST", "/v1/verify/roundtrip", true, "verifyRoundTrip",
      "Extracts a DEM from what cameras see and compares it with its original"},

@@ -121,7 +121,7 @@ Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits
 
 Service::~Service() = default;
 
-Response Service::handle(const Request& request) const {
+Response Service::handle(const Request& request) const noexcept {
   return answer_or_problem(request, [&] { return impl_->answer(request); });
 }
 

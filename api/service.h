@@ -54,7 +54,7 @@ struct Response {
 // that header is no whole number of milliseconds above 0.
 std::optional<std::chrono::milliseconds> time_allowed(const Request& request, const Limits& limits);
 
-// const means safe to call concurrently. `handle` never throws.
+// const means safe to call concurrently.
 class Service {
  public:
   // `assets_folder`: see Assets; empty: none. `meshes`: how those of its objects are read. `memory`: of requests in
@@ -66,9 +66,9 @@ class Service {
 
   // /v1/*, /openapi.json. Unknown paths 404, known path with a wrong method 405 with Allow. (Health and metrics are
   // server/'s.)
-  Response handle(const Request& request) const;
+  Response handle(const Request& request) const noexcept;
 
-  // True for requests that cost render time and therefore pass admission control: every POST. GETs don't.
+  // True for requests that cost time and therefore pass admission control: all but the catalogue and the API document.
   static bool needs_admission(const Request& request);
 
   const Limits& limits() const;

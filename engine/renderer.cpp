@@ -2,6 +2,11 @@
 
 #include <tbb/task_arena.h>
 
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <thread>
+
 #include "dem/parallel.h"
 #include "engine/choose_accuracy.h"
 #include "engine/ray_queries.h"
@@ -15,7 +20,22 @@ struct Renderer::Impl {
       : terrain(std::move(t)),
         threads(o.threads > 0 ? o.threads : tbb::this_task_arena::max_concurrency()),
         arena(threads),
-        kept(terrain, o.scene_bytes, threads) {}
+        kept(terrain, o.scene_bytes, threads) {
+    start_threads();
+  }
+
+  // Now, when there is memory for them: TBB ends the process when it can't start one that it wants later.
+  void start_threads() {
+    using Clock = std::chrono::steady_clock;
+    const auto patience = Clock::now() + std::chrono::milliseconds(200);
+    const int all = std::min(threads, tbb::this_task_arena::max_concurrency());
+    std::atomic<int> here{0};
+    in_arena(arena, [&] {
+      in_parallel(static_cast<std::size_t>(all), [&](std::size_t) {
+        for (++here; here < all && Clock::now() < patience;) std::this_thread::yield();
+      });
+    });
+  }
 
   std::shared_ptr<dem::Terrain> terrain;
   int threads;

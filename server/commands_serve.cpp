@@ -4,13 +4,18 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <functional>
 #include <thread>
+#include <utility>
 
 #include "api/metadata.h"
+#include "server/async_log.h"
 #include "server/commands.h"
 #include "server/front.h"
 #include "server/heap_trim.h"
 #include "server/http_server.h"
+#include "server/memory_plan.h"
+#include "server/open_files.h"
 #include "server/shutdown_signals.h"
 #include "server/start.h"
 #include "server/trial.h"
@@ -18,13 +23,21 @@
 namespace selenograph::server {
 namespace {
 
-HttpOptions http_options(const ServeSettings& s) {
+HttpOptions http_options(const ServeSettings& s, std::shared_ptr<api::MemoryBudget> bodies,
+                         std::function<int()> retry_after_s) {
   return {.host = s.host,
           .port = s.port,
           .max_connections = s.max_connections,
           .max_body_bytes = s.limits.max_body_bytes,
+          .bodies = std::move(bodies),
           .idle_timeout = milliseconds(s.idle_timeout_s),
-          .receive_timeout = milliseconds(s.receive_timeout_s)};
+          .receive_timeout = milliseconds(s.receive_timeout_s),
+          .send_pace = {.bytes_per_s = s.send_kb_per_s * 1024},
+          .retry_after_s = std::move(retry_after_s)};
+}
+
+MemorySettings memory_settings(const ServeSettings& s) {
+  return {.memory_mb = s.memory_mb, .cache_mb = s.terrain.cache_mb, .scene_mb = s.terrain.scene_mb};
 }
 
 // A tenth of the budgets for terrain and acceleration structures.
@@ -44,26 +57,41 @@ void note(Metrics& metrics, const AccessRecord& e) {
               e.seconds * 1000.0, e.bytes, e.error_code);
 }
 
-// What runs is finished; health and metrics answer until then.
+// What runs is finished; health and metrics answer until then. What is not done shortly before the last moment is cut:
+// connections, and with them what is computed for them.
 void finish(Front& front, Admission& admission, HttpServer& server, std::chrono::milliseconds at_most) {
+  const auto cut = Admission::Clock::now() + at_most - std::min(at_most / 5, std::chrono::milliseconds(1000));
   front.begin_shutdown();
   spdlog::info("shutting down: {} in work, {} waiting", admission.in_work(), admission.waiting());
-  if (!admission.wait_until_idle(Admission::Clock::now() + at_most))
-    spdlog::warn("some requests outlived their deadline");
+  const bool computed = admission.wait_until_idle(cut);
   server.stop();
+  if (computed && server.wait_until_done(cut)) return;
+  spdlog::warn("cutting off {} connections: {} requests in work, {} waiting", server.connections(), admission.in_work(),
+               admission.waiting());
+  server.cut();
 }
 
 }  // namespace
 
 int serve(const ServeSettings& settings) {
-  ShutdownSignals signals;
-  set_up_log(settings.terrain.log_level);
+  ShutdownSignals signals;  // the last to go: it also ends what won't end
+  const AsyncLog log(settings.terrain.log_level);
+  raise_open_files_limit(settings.max_connections);
   const auto renderer = make_renderer(settings.terrain);
-  const HeapTrim trim([&] { return renderer->terrain().statistics().bytes + renderer->scene_bytes_in_use(); },
-                      heap_slack_bytes(settings.terrain));
+  const MemoryPlan plan = plan_memory(memory_settings(settings), machine_memory_mb());
+  const auto memory = std::make_shared<api::MemoryBudget>(plan.requests_bytes),
+             bodies = std::make_shared<api::MemoryBudget>(plan.bodies_bytes);
+  const HeapTrim trim(
+      [&] {
+        return renderer->terrain().statistics().bytes + renderer->scene_bytes_in_use() + memory->in_use() +
+               bodies->in_use();
+      },
+      heap_slack_bytes(settings.terrain));
   const api::Limits& limits = settings.limits;
-  const api::Service service(renderer, limits, settings.terrain.assets_dir, mesh_options(settings.terrain));
-  Admission admission(places_in_work(settings), settings.max_waiting);
+  const api::Service service(renderer, limits, settings.terrain.assets_dir, mesh_options(settings.terrain), memory);
+  Admission admission({.max_in_work = places_in_work(settings),
+                       .max_waiting = settings.max_waiting,
+                       .patience = limits.default_deadline});
   Metrics metrics{std::string(api::software_version())};
   const HttpServer* http = nullptr;
   Front front(service, admission, metrics, [&](Gauges& gauges) {
@@ -73,19 +101,25 @@ int serve(const ServeSettings& settings) {
     gauges.scene_bytes = renderer->scene_bytes_in_use();
     gauges.cache_trouble = renderer->terrain().cache_trouble();
     gauges.mesh_bytes = service.mesh_bytes();
+    gauges.request_memory_bytes = memory->in_use();
+    gauges.request_memory_capacity_bytes = memory->capacity();
+    gauges.body_bytes = bodies->in_use();
+    gauges.log_lines_dropped = log.dropped();
   });
   HttpServer server(
-      http_options(settings), [&](const api::Request& request) { return front.handle(request); },
+      http_options(settings, bodies, [&] { return admission.retry_after_s(); }),
+      [&](const api::Request& request, const Peer& peer) { return front.handle(request, peer); },
       [&](const AccessRecord& record) { note(metrics, record); });
   http = &server;
-  signals.arm();
+  const std::chrono::milliseconds at_most = milliseconds(settings.shutdown_s);
+  signals.arm(at_most);
   std::thread accepting([&] { server.run(); });
   fmt::print("selenograph: listening on {}\n", server.url());
   std::fflush(stdout);
 
   bool good = true;
   settings.trial ? void(good = run_trial(server.url(), renderer->terrain().catalogue())) : signals.wait();
-  finish(front, admission, server, limits.default_deadline + std::chrono::seconds(5));
+  finish(front, admission, server, at_most);
   accepting.join();
   return good ? 0 : 1;
 }

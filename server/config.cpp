@@ -166,17 +166,32 @@ void add_options(CLI::App& command, ServeSettings& s) {
   command.add_option("--port", s.port, "0: any free one; it is printed")
       ->check(CLI::Range(0, 65535))
       ->capture_default_str();
+  command
+      .add_option("--memory-mb", s.memory_mb,
+                  "Memory for everything, MiB: --cache-mb, --scene-mb, requests in work, bodies and answers. 0: three "
+                  "quarters of what there is, at most 7168")
+      ->check(CLI::Range(0, 1 << 24))
+      ->capture_default_str();
   command.add_option("--max-frames", s.max_frames, "Requests in work at once; 0: as many as cores")
       ->check(CLI::Range(0, 4096))
       ->capture_default_str();
   command.add_option("--max-waiting", s.max_waiting, "Requests that may wait for a place")
       ->check(CLI::Range(0, 65536))
       ->capture_default_str();
-  command.add_option("--max-connections", s.max_connections)->check(CLI::Range(4, 65536))->capture_default_str();
+  command.add_option("--max-connections", s.max_connections, "Connections; some more for health and metrics")
+      ->check(CLI::Range(4, 65536))
+      ->capture_default_str();
   command.add_option("--idle-timeout-s", s.idle_timeout_s, "For a silent connection")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
   command.add_option("--receive-timeout-s", s.receive_timeout_s, "For a whole request to arrive")
+      ->check(CLI::Range(0.1, 86400.0))
+      ->capture_default_str();
+  command
+      .add_option("--send-kb-per-s", s.send_kb_per_s, "Least rate at which an answer is read, KiB/s after ten seconds")
+      ->check(CLI::Range(1.0, 1e6))
+      ->capture_default_str();
+  command.add_option("--shutdown-s", s.shutdown_s, "From SIGTERM to the end of the process, whatever is in work")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
   command.add_flag("--trial", s.trial, "Start, check, quit");

@@ -35,10 +35,13 @@ struct ServeSettings {
   api::Limits limits;
   std::string host = "127.0.0.1";
   int port = 8080;
-  int max_frames = 0;  // in work at once; 0: as many as cores
-  int max_waiting = 16;
+  std::size_t memory_mb = 0;  // for everything, the terrain's and scenes' parts included; 0: see plan_memory()
+  int max_frames = 0;         // in work at once; 0: as many as cores
+  int max_waiting = 256;      // a waiting request costs a connection, a thread and its body
   int max_connections = 256;
   double idle_timeout_s = 30, receive_timeout_s = 20;
+  double send_kb_per_s = 64;  // an answer must be read at, KiB/s on average after ten seconds
+  double shutdown_s = 10;     // from SIGTERM to the end of the process
   bool trial = false;
 };
 

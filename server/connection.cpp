@@ -1,6 +1,7 @@
 #include "server/connection.h"
 
 #include <poll.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <sys/uio.h>
 #include <unistd.h>
@@ -15,8 +16,6 @@ namespace selenograph::server {
 namespace {
 
 constexpr std::size_t kGather = 65536;
-constexpr double kSlowestReader_bytes_per_s = 65536;
-constexpr auto kReaderGrace = std::chrono::seconds(10);
 
 // poll(), not select(): a file descriptor above 1023 is an ordinary one.
 bool wait_for(int fd, short events, Connection::Clock::time_point deadline) {
@@ -32,13 +31,14 @@ bool wait_for(int fd, short events, Connection::Clock::time_point deadline) {
 
 }  // namespace
 
-Connection::Connection(int fd) : fd_(fd) {}
+Connection::Connection(int fd, Peer peer, const SendPace& pace) : fd_(fd), peer_(std::move(peer)), pace_(pace) {}
 Connection::~Connection() { ::close(fd_); }
 
+// What is consumed goes when it is half of the whole: each byte is moved once, and never is more kept than came ahead.
 void Connection::consume(std::size_t bytes) {
   consumed_ += bytes;
-  if (consumed_ < input_.size()) return;
-  input_.clear();
+  if (2 * consumed_ < input_.size()) return;
+  input_.erase(0, consumed_);
   consumed_ = 0;
 }
 
@@ -47,6 +47,7 @@ Connection::Read Connection::fill(Clock::time_point deadline) {
   for (;;) {
     const ssize_t n = ::recv(fd_, chunk.data(), chunk.size(), MSG_DONTWAIT);
     if (n > 0) {
+      heard_ = Clock::now();
       input_.append(chunk.data(), static_cast<std::size_t>(n));
       return Read::data;
     }
@@ -65,15 +66,24 @@ bool Connection::write(std::string_view bytes) {
   return send_all(head, bytes);
 }
 
-bool Connection::flush() { return output_.empty() || send_all(std::exchange(output_, {}), {}); }
+bool Connection::flush() {
+  const bool sent = output_.empty() || send_all(output_, {});
+  output_.clear();
+  sent_bytes_ = 0;
+  return sent;
+}
+
+bool Connection::write_without_memory(std::string_view answer) {
+  output_.clear();
+  return send_all(answer, {});
+}
 
 bool Connection::send_all(std::string_view head, std::string_view body) {
-  const auto start = Clock::now();
-  double sent_bytes = 0;
+  if (sent_bytes_ == 0) answer_start_ = Clock::now();
   // Moves on with what the client takes: one that takes nothing is gone after the grace, however long the answer.
   const auto deadline = [&] {
-    const std::chrono::duration<double> allowed(sent_bytes / kSlowestReader_bytes_per_s);
-    return start + kReaderGrace + std::chrono::duration_cast<Clock::duration>(allowed);
+    const std::chrono::duration<double> allowed(static_cast<double>(sent_bytes_.load()) / pace_.bytes_per_s);
+    return answer_start_ + pace_.grace + std::chrono::duration_cast<Clock::duration>(allowed);
   };
   while (!head.empty() || !body.empty()) {
     std::array<iovec, 2> parts{iovec{const_cast<char*>(head.data()), head.size()},
@@ -87,7 +97,7 @@ bool Connection::send_all(std::string_view head, std::string_view body) {
       if ((errno != EAGAIN && errno != EWOULDBLOCK) || !wait_for(fd_, POLLOUT, deadline())) return false;
       continue;
     }
-    sent_bytes += static_cast<double>(n);
+    sent_bytes_ += static_cast<std::size_t>(n);
     const std::size_t of_head = std::min(head.size(), static_cast<std::size_t>(n));
     head.remove_prefix(of_head);
     body.remove_prefix(static_cast<std::size_t>(n) - of_head);
@@ -103,22 +113,43 @@ void Connection::linger(std::chrono::milliseconds at_most) {
   } while (Clock::now() < deadline && fill(deadline) == Read::data);
 }
 
-bool Connection::begin_work() {
-  State expected = State::waiting;
-  return state_.compare_exchange_strong(expected, State::working);
+bool Connection::move_on(State from, State to) { return state_.compare_exchange_strong(from, to); }
+
+bool Connection::begin_work() { return move_on(State::waiting, State::working); }
+
+void Connection::begin_answer() {
+  since_ = Clock::now();
+  move_on(State::working, State::answering);
 }
 
 void Connection::end_work() {
-  waiting_since_ = Clock::now();
-  State expected = State::working;
-  state_.compare_exchange_strong(expected, State::waiting);
+  since_ = Clock::now();
+  if (!move_on(State::working, State::waiting)) move_on(State::answering, State::waiting);
+}
+
+bool Connection::silent(Clock::time_point now) const {
+  constexpr auto kMoment = std::chrono::milliseconds(250);
+  int unread_bytes = 0;
+  if (::ioctl(fd_, FIONREAD, &unread_bytes) == 0 && unread_bytes > 0) return false;
+  const auto heard = heard_.load();
+  return heard < since_.load() || now - heard >= kMoment;
 }
 
 bool Connection::give_up() {
-  State expected = State::waiting;
-  if (!state_.compare_exchange_strong(expected, State::given_up)) return false;
-  ::shutdown(fd_, SHUT_RDWR);
+  if (!move_on(State::waiting, State::given_up)) return false;
+  cut();
   return true;
 }
+
+bool Connection::give_up_if_slow(Clock::time_point now) {
+  const std::chrono::duration<double> reading = now - since_.load();
+  if (reading < kSlowAfter || static_cast<double>(sent_bytes_.load()) >= reading.count() * kSlow_bytes_per_s)
+    return false;
+  if (!move_on(State::answering, State::given_up)) return false;
+  cut();
+  return true;
+}
+
+void Connection::cut() { ::shutdown(fd_, SHUT_RDWR); }
 
 }  // namespace selenograph::server

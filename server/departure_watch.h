@@ -9,17 +9,24 @@
 
 namespace selenograph::server {
 
-// One thread for all connections (epoll; cpp-httplib 0.11.4 has no way to ask). A client that only closes its sending
-// half counts as gone, as with most HTTP servers.
+// One thread for all connections (epoll; cpp-httplib 0.11.4 has no way to ask).
+//
+// A client that closes its connection and one that closes only its sending half (it has no more requests, and waits for
+// its answer) both send FIN, and nothing else tells them apart until something is sent to them. So that is what happens
+// then: an interim answer "100 Continue", which HTTP/1.1 lets a server send at any time and clients ignore (RFC 9110,
+// 15.2). A closed socket answers with a reset, which is a departure; a half-closed one takes it, and is asked again
+// every few seconds in case it leaves later. HTTP/1.0 has no interim answers: there a FIN is taken for a half-close,
+// and only a reset for a departure.
 class DepartureWatch {
  public:
   DepartureWatch();
   ~DepartureWatch();
 
-  // While it lives, `*left` becomes true when the peer of socket `fd` is gone.
+  // While it lives, `*left` becomes true when the peer of socket `fd` is gone. `interim_answers`: it speaks HTTP/1.1.
+  // Nothing else may be written to the socket meanwhile.
   class Guard {
    public:
-    Guard(DepartureWatch& watch, int fd, std::atomic<bool>* left);
+    Guard(DepartureWatch& watch, int fd, bool interim_answers, std::atomic<bool>* left);
     ~Guard();
     Guard(const Guard&) = delete;
     Guard& operator=(const Guard&) = delete;
@@ -31,10 +38,20 @@ class DepartureWatch {
   };
 
  private:
+  struct Watched {
+    int fd;
+    bool interim_answers;
+    std::atomic<bool>* left;
+    bool half_closed = false;
+  };
   void run();
+  void note(std::uint64_t id, std::uint32_t events);
+  void ask_again();
+  static void ask(Watched& client);
+
   const int epoll_, wake_;
   std::mutex mutex_;
-  std::map<std::uint64_t, std::atomic<bool>*> watched_;
+  std::map<std::uint64_t, Watched> watched_;
   std::uint64_t next_id_ = 1;  // 0 is wake_
   std::thread thread_;
 };

@@ -4,6 +4,8 @@
 
 #include <utility>
 
+#include "api/problem.h"
+
 namespace selenograph::server {
 namespace {
 
@@ -17,6 +19,12 @@ api::Response text_answer(int status, std::string body, std::string content_type
   answer.content_type = std::move(content_type);
   answer.headers = {{"Cache-Control", "no-store"}};
   answer.body = std::move(body);
+  return answer;
+}
+
+api::Response refused(const std::string& code, const std::string& detail, int retry_after_s) {
+  api::Response answer = api::problem(code, detail);
+  answer.headers.emplace_back("Retry-After", std::to_string(retry_after_s));
   return answer;
 }
 
@@ -46,13 +54,19 @@ void Front::begin_shutdown() {
   admission_.close();
 }
 
-api::Response Front::handle(const api::Request& request) const {
-  if (is_own(request.path)) return own(request);
-  if (api::Service::needs_admission(request)) return admitted(request);
-  if (request.method != "HEAD") return service_.handle(request);
-  api::Request get = request;
-  get.method = "GET";
-  return service_.handle(get);
+api::Response Front::handle(const api::Request& request, const Peer& peer) const noexcept {
+  return api::answer_or_problem(request,
+                                [&] { return is_own(request.path) ? own(request) : for_others(request, peer); });
+}
+
+api::Response Front::for_others(const api::Request& request, const Peer& peer) const {
+  if (peer.reserved) return refused("busy", "too many connections", admission_.retry_after_s());
+  if (request.method == "HEAD") {
+    api::Request get = request;
+    get.method = "GET";
+    return for_others(get, peer);
+  }
+  return api::Service::needs_admission(request) ? admitted(request, peer) : service_.handle(request);
 }
 
 api::Response Front::own(const api::Request& request) const {
@@ -80,20 +94,15 @@ api::Response Front::metrics_answer() const {
   return text_answer(200, metrics_.exposition(gauges), "text/plain; version=0.0.4; charset=utf-8");
 }
 
-api::Response Front::refused(const std::string& code, const std::string& detail) const {
-  api::Response answer = api::problem(code, detail);
-  answer.headers.emplace_back("Retry-After", std::to_string(admission_.retry_after_s()));
-  return answer;
-}
-
-api::Response Front::admitted(const api::Request& request) const {
+api::Response Front::admitted(const api::Request& request, const Peer& peer) const {
   const auto arrived = Clock::now();
-  const Admission::Entry entry = admission_.enter(deadline_of(request, service_.limits()), request.abandoned);
+  const Admission::Entry entry =
+      admission_.enter({peer.address, peer.number}, deadline_of(request, service_.limits()), request.abandoned);
   switch (entry.outcome) {
     case Admission::Outcome::full:
-      return refused("busy", "all places in work and in the queue are taken");
+      return refused("busy", "all places in work and in the queue are taken", entry.retry_after_s);
     case Admission::Outcome::closing:
-      return refused("shutting_down", "the service is about to stop");
+      return refused("shutting_down", "the service is about to stop", entry.retry_after_s);
     case Admission::Outcome::expired:
       return api::problem("deadline_exceeded", "no place came free in time");
     case Admission::Outcome::abandoned:
@@ -104,6 +113,8 @@ api::Response Front::admitted(const api::Request& request) const {
   const auto waited = Clock::now() - arrived;
   api::Response answer = service_.handle(request);
   add_queue_time(answer, waited);
+  if (answer.error_code == "busy")  // no memory came free for it
+    answer.headers.emplace_back("Retry-After", std::to_string(admission_.retry_after_s()));
   return answer;
 }
 

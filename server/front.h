@@ -7,6 +7,7 @@
 
 #include "api/service.h"
 #include "server/admission.h"
+#include "server/connection.h"
 #include "server/metrics.h"
 
 namespace selenograph::server {
@@ -17,18 +18,19 @@ class Front {
 
   Front(const api::Service& service, Admission& admission, const Metrics& metrics, ReadGauges read_gauges);
 
-  // /health/live, /health/ready and /metrics never queue. Calls that cost render time need a place from admission; all
-  // others go straight to the service. HEAD is GET whose body the HTTP layer leaves out.
-  api::Response handle(const api::Request& request) const;
+  // /health/live, /health/ready and /metrics never queue, and are all that a reserved connection gets. Calls that cost
+  // time need a place from admission; all others go straight to the service. HEAD is GET whose body the HTTP layer
+  // leaves out. What there is no memory for is api::out_of_memory().
+  api::Response handle(const api::Request& request, const Peer& peer) const noexcept;
 
   // From now on: not ready, and no new work is taken.
   void begin_shutdown();
 
  private:
   api::Response own(const api::Request& request) const;
-  api::Response admitted(const api::Request& request) const;
+  api::Response for_others(const api::Request& request, const Peer& peer) const;
+  api::Response admitted(const api::Request& request, const Peer& peer) const;
   api::Response metrics_answer() const;
-  api::Response refused(const std::string& code, const std::string& detail) const;
 
   const api::Service& service_;
   Admission& admission_;

@@ -1,20 +1,30 @@
 #include "server/heap_trim.h"
 
+#include <fcntl.h>
 #include <malloc.h>
 #include <unistd.h>
 
+#include <array>
 #include <chrono>
-#include <fstream>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
 #include <utility>
 
 namespace selenograph::server {
 namespace {
 
-// proc(5): statm holds pages, the second number those in memory.
+// proc(5): statm holds pages, the second number those in memory. Read without a stream, which allocates: this must not
+// fail when there is no memory left.
 std::size_t resident_bytes() {
-  std::size_t size = 0, resident = 0;
-  std::ifstream("/proc/self/statm") >> size >> resident;
-  return resident * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+  std::array<char, 128> text{};
+  const int fd = ::open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return 0;
+  const ssize_t size = ::read(fd, text.data(), text.size() - 1);
+  ::close(fd);
+  const char* second = size > 0 ? std::strchr(text.data(), ' ') : nullptr;
+  const unsigned long long pages = second ? std::strtoull(second, nullptr, 10) : 0;
+  return static_cast<std::size_t>(pages) * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
 }
 
 }  // namespace
@@ -42,7 +52,10 @@ HeapTrim::~HeapTrim() {
 void HeapTrim::run() {
   std::unique_lock lock(mutex_);
   while (!stop_.wait_for(lock, std::chrono::seconds(1), [this] { return stopping_; })) {
-    if (resident_bytes() > start_bytes_ + held_bytes_() + slack_bytes_) ::malloc_trim(0);
+    try {
+      if (resident_bytes() > start_bytes_ + held_bytes_() + slack_bytes_) ::malloc_trim(0);
+    } catch (const std::exception&) {  // no memory to count with: a second later, then
+    }
   }
 }
 

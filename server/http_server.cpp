@@ -8,9 +8,12 @@
 #include <httplib.h>
 
 #include <cstring>
+#include <new>
+#include <optional>
 #include <variant>
 
 #include "api/problem.h"
+#include "server/chunked_body.h"
 #include "server/connection.h"
 #include "server/departure_watch.h"
 #include "server/listener.h"
@@ -21,27 +24,25 @@ namespace {
 
 using Clock = Connection::Clock;
 constexpr auto kLinger = std::chrono::milliseconds(2000);
-
-// Chunked bodies carry sizes, extensions and trailers besides their content; httplib bounds none of them.
-std::size_t raw_bound(std::size_t max_body_bytes) { return 2 * max_body_bytes + 65536; }
+constexpr int kSpareRetryAfter_s = 5;
 
 // A request under way on a connection.
 struct Exchange {
   Connection& connection;
   const Clock::time_point receive_deadline;
-  std::size_t raw_body_left;  // bytes that may still come
-  std::string head{};         // what check_head() left for httplib
-  std::size_t head_read = 0;  // of it
+  RequestHead head;
+  std::size_t head_read = 0;  // of its text, by httplib
   bool parsed = false;        // httplib understood the head
   bool answered = false;      // by us; else httplib refused the request
   bool close = false;         // after the answer
-  bool timed_out = false, too_long = false;
   api::Request request{};
+  api::MemoryBudget::Claim body_memory{};                           // of the request's body
+  std::shared_ptr<const api::MemoryBudget::Claim> answer_memory{};  // until it is sent
   std::atomic<bool> abandoned{false};
   AccessRecord record{};
 };
 
-// What httplib reads from and writes to: the checked head, then the body straight from the connection.
+// What httplib reads from and writes to: the checked head, then nothing.
 class ExchangeStream : public httplib::Stream {
  public:
   explicit ExchangeStream(Exchange& exchange) : exchange_(exchange) {}
@@ -53,17 +54,9 @@ class ExchangeStream : public httplib::Stream {
   void get_local_ip_and_port(std::string&, int&) const override {}
 
   ssize_t read(char* to, std::size_t size) override {
-    if (exchange_.head_read < exchange_.head.size()) {
-      size = exchange_.head.copy(to, size, exchange_.head_read);
-      exchange_.head_read += size;
-      return static_cast<ssize_t>(size);
-    }
-    if (exchange_.connection.unread().empty() && !receive()) return -1;
-    exchange_.too_long = exchange_.too_long || exchange_.raw_body_left == 0;
-    if (exchange_.too_long) return -1;
-    size = exchange_.connection.unread().copy(to, std::min(size, exchange_.raw_body_left));
-    exchange_.connection.consume(size);
-    exchange_.raw_body_left -= size;
+    if (exchange_.head_read >= exchange_.head.text.size()) return -1;
+    size = exchange_.head.text.copy(to, size, exchange_.head_read);
+    exchange_.head_read += size;
     return static_cast<ssize_t>(size);
   }
 
@@ -72,15 +65,10 @@ class ExchangeStream : public httplib::Stream {
   }
 
  private:
-  bool receive() {
-    if (!exchange_.connection.flush()) return false;  // a "100 Continue" that the client waits for
-    const Connection::Read got = exchange_.connection.fill(exchange_.receive_deadline);
-    exchange_.timed_out = got == Connection::Read::timed_out;
-    return got == Connection::Read::data;
-  }
-
   Exchange& exchange_;
 };
+
+const HeadProblem kEndsEarly{"malformed_request", "the body ends early"};
 
 // httplib's handlers are shared by all connections and get its own request only; each runs on its connection's thread.
 thread_local Exchange* current_exchange = nullptr;
@@ -88,6 +76,7 @@ thread_local Exchange* current_exchange = nullptr;
 void hand_over(api::Response&& answer, Exchange& exchange, httplib::Response& out) {
   exchange.answered = true;
   exchange.record.error_code = answer.error_code;
+  exchange.answer_memory = std::move(answer.memory);
   out.status = answer.status;
   for (const auto& [name, value] : answer.headers) out.set_header(name, value);
   if (!answer.content_type.empty()) out.set_header("Content-Type", answer.content_type);
@@ -105,9 +94,9 @@ std::string on_the_wire(const api::Response& answer) {
   return text + "\r\n" + answer.body;
 }
 
-api::Response too_many_connections() {
-  api::Response answer = api::problem("busy", "too many connections");
-  answer.headers.emplace_back("Retry-After", "1");
+api::Response refusal(const std::string& code, const std::string& detail, int retry_after_s) {
+  api::Response answer = api::problem(code, detail);
+  answer.headers.emplace_back("Retry-After", std::to_string(retry_after_s));
   return answer;
 }
 
@@ -116,8 +105,6 @@ api::Response refusal_for(int status) {
   switch (status) {
     case 404:
       return api::problem("not_found", "no such resource");
-    case 413:
-      return api::problem("too_large", "the body is too large");
     case 414:
       return api::problem("uri_too_long", "the request target is too long");
     case 500:
@@ -133,18 +120,22 @@ api::Response refusal_for(int status) {
 struct HttpServer::Impl : private httplib::Server {
   Impl(const HttpOptions& options_in, HttpServer::Handler handler_in, Observer observer_in);
 
-  void serve(Connection& connection);
+  ListenerOptions listener_options() const;
+  void set_up_library();
+  void serve(Connection& connection) noexcept;
   bool serve_one(Connection& connection);
   bool receive_head(Connection& connection, std::size_t& head_bytes, Clock::time_point& deadline);
-  bool process(Exchange& exchange, RequestHead&& head);
-  bool refuse(Connection& connection, const HeadProblem& why);
-  void set_up_library();
-  void read_body(Exchange& exchange, httplib::Response& out, const httplib::ContentReader& reader);
+  std::optional<HeadProblem> receive_body(Exchange& exchange);
+  bool process(Exchange& exchange);
   void answer(Exchange& exchange, httplib::Response& out);
+  bool refuse(Connection& connection, const HeadProblem& why, AccessRecord refused = {});
+  void answer_without_memory(Connection& connection) noexcept;
+  void observe(const AccessRecord& record) noexcept;
 
   const HttpOptions options;
   const HttpServer::Handler handler;
   const Observer observer;
+  const std::string spare_answer;  // when there is no memory to make one
   Listener listener;
   DepartureWatch departures;
 };
@@ -153,25 +144,27 @@ HttpServer::Impl::Impl(const HttpOptions& options_in, HttpServer::Handler handle
     : options(options_in),
       handler(std::move(handler_in)),
       observer(std::move(observer_in)),
-      listener(options.host, options.port, options.max_connections, on_the_wire(too_many_connections())) {
+      spare_answer(on_the_wire(
+          refusal(std::string(api::kOutOfMemory), "not enough memory for this request", kSpareRetryAfter_s))),
+      listener(listener_options()) {
   set_up_library();
 }
 
+ListenerOptions HttpServer::Impl::listener_options() const {
+  const auto busy = [this] { return on_the_wire(refusal("busy", "too many connections", options.retry_after_s())); };
+  return {options.host, options.port, options.max_connections, options.send_pace, busy, spare_answer};
+}
+
 void HttpServer::Impl::set_up_library() {
-  set_payload_max_length(options.max_body_bytes);
   set_keep_alive_timeout(std::chrono::ceil<std::chrono::seconds>(options.idle_timeout).count());
-  // Everything without a body is answered before httplib looks for files or matches patterns.
-  set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& out) {
-    if (request.method == "POST") return HandlerResponse::Unhandled;
+  // Everything is answered before httplib looks for bodies and files or matches patterns.
+  set_pre_routing_handler([this](const httplib::Request&, httplib::Response& out) {
     answer(*current_exchange, out);
     return HandlerResponse::Handled;
   });
-  Post(R"([\s\S]*)", [this](const httplib::Request&, httplib::Response& out, const httplib::ContentReader& reader) {
-    read_body(*current_exchange, out, reader);
-  });
-  set_exception_handler([](const httplib::Request&, httplib::Response& out, const std::exception_ptr&) {
-    current_exchange->close = true;
-    hand_over(refusal_for(500), *current_exchange, out);
+  // Nothing here throws but for lack of memory, and then httplib's own answer would not fit, either: serve() has one.
+  set_exception_handler([](const httplib::Request&, httplib::Response&, const std::exception_ptr& error) {
+    std::rethrow_exception(error);
   });
   set_error_handler([](const httplib::Request&, httplib::Response& out) {
     if (current_exchange->answered) return;
@@ -190,23 +183,6 @@ void HttpServer::Impl::set_up_library() {
   });
 }
 
-void HttpServer::Impl::read_body(Exchange& exchange, httplib::Response& out, const httplib::ContentReader& reader) {
-  std::string& body = exchange.request.body;
-  const bool whole = reader([&](const char* data, std::size_t size) {
-    exchange.too_long = exchange.too_long || size > options.max_body_bytes - body.size();
-    if (!exchange.too_long) body.append(data, size);
-    return !exchange.too_long;
-  });
-  if (whole) return answer(exchange, out);
-  exchange.close = true;
-  exchange.too_long = exchange.too_long || out.status == 413;  // cpp-httplib 0.18 counts, too
-  const std::string most = std::to_string(options.max_body_bytes);
-  hand_over(exchange.too_long    ? api::problem("too_large", "the body is longer than " + most + " bytes")
-            : exchange.timed_out ? api::problem("request_timeout", "the request did not arrive in time")
-                                 : api::problem("malformed_request", "the body ends early or is not well chunked"),
-            exchange, out);
-}
-
 void HttpServer::Impl::answer(Exchange& exchange, httplib::Response& out) {
   if (!exchange.connection.begin_work()) {  // given up a moment ago: nobody to answer
     exchange.close = true;
@@ -214,16 +190,46 @@ void HttpServer::Impl::answer(Exchange& exchange, httplib::Response& out) {
   }
   exchange.request.received = Clock::now();
   exchange.request.abandoned = &exchange.abandoned;
-  const DepartureWatch::Guard watch(departures, exchange.connection.fd(), &exchange.abandoned);
+  api::Response response;
+  {
+    const DepartureWatch::Guard watch(departures, exchange.connection.fd(), !exchange.head.http_1_0,
+                                      &exchange.abandoned);
+    response = handler(exchange.request, exchange.connection.peer());
+  }
+  exchange.request.body = {};  // a slow reader keeps its answer, and nothing else
+  exchange.body_memory = {};
+  exchange.connection.begin_answer();
   exchange.close = exchange.close || listener.stopping();
-  hand_over(handler(exchange.request), exchange, out);
+  if (response.error_code == api::kOutOfMemory && response.body.empty()) throw std::bad_alloc();
+  hand_over(std::move(response), exchange, out);
 }
 
-void HttpServer::Impl::serve(Connection& connection) {
+void HttpServer::Impl::serve(Connection& connection) noexcept {
   try {
     while (!listener.stopping() && serve_one(connection)) connection.end_work();
-  } catch (const std::exception&) {
-    // Out of memory while reading: this client's connection ends, the others' go on.
+  } catch (...) {
+    answer_without_memory(connection);
+  }
+}
+
+// One that has got a part of its answer gets no other.
+void HttpServer::Impl::answer_without_memory(Connection& connection) noexcept {
+  if (connection.answer_begun() || !connection.write_without_memory(spare_answer)) return;
+  connection.end_work();
+  try {
+    AccessRecord record;
+    record.status = api::error_row(api::kOutOfMemory).status;
+    record.error_code = api::kOutOfMemory;
+    observe(record);
+    connection.linger(kLinger);
+  } catch (...) {
+  }
+}
+
+void HttpServer::Impl::observe(const AccessRecord& record) noexcept {
+  try {
+    observer(record);
+  } catch (...) {  // no memory to count with
   }
 }
 
@@ -236,8 +242,13 @@ bool HttpServer::Impl::serve_one(Connection& connection) {
   connection.consume(head_bytes);
   if (const auto* problem = std::get_if<HeadProblem>(&checked)) return refuse(connection, *problem);
 
-  Exchange exchange{connection, deadline, raw_bound(options.max_body_bytes)};
-  const bool delivered = process(exchange, std::get<RequestHead>(std::move(checked)));
+  Exchange exchange{connection, deadline, std::get<RequestHead>(std::move(checked))};
+  exchange.record.method = exchange.request.method = exchange.head.method;
+  exchange.record.target = exchange.head.target;
+  exchange.record.path = exchange.head.target.substr(0, exchange.head.target.find('?'));  // until it is decoded
+  exchange.close = exchange.head.close;
+  if (const auto problem = receive_body(exchange)) return refuse(connection, *problem, exchange.record);
+  const bool delivered = process(exchange);
   if (delivered && !exchange.close) return true;
   connection.end_work();
   if (delivered) connection.linger(kLinger);
@@ -267,13 +278,53 @@ bool HttpServer::Impl::receive_head(Connection& connection, std::size_t& head_by
   }
 }
 
-bool HttpServer::Impl::process(Exchange& exchange, RequestHead&& head) {
+// The only place where a body grows. Bytes behind its end stay unread: they are the next request's.
+std::optional<HeadProblem> HttpServer::Impl::receive_body(Exchange& exchange) {
+  Connection& connection = exchange.connection;
+  std::string& body = exchange.request.body;
+  const HeadProblem no_room{"busy", "the memory for requests that are arriving is in use by others"};
+  if (auto claim = options.bodies->try_claim(0))
+    exchange.body_memory = std::move(*claim);
+  else
+    return no_room;
+  const auto fits = [&] {
+    return body.capacity() <= exchange.body_memory.bytes() || exchange.body_memory.try_resize(body.capacity());
+  };
+  ChunkedBody chunks(options.max_body_bytes);
+  const auto take = [&] {  // true: the body is whole, or will never be
+    std::string_view raw = connection.unread();
+    const std::size_t came = raw.size();
+    if (exchange.head.chunked) {
+      chunks.take(raw, body);
+    } else {
+      const std::string_view part = raw.substr(0, exchange.head.body_bytes - body.size());
+      body.append(part);
+      raw.remove_prefix(part.size());
+    }
+    connection.consume(came - raw.size());
+    return exchange.head.chunked ? chunks.state() != ChunkedBody::State::more : body.size() == exchange.head.body_bytes;
+  };
+  bool continued = !exchange.head.expects_continue || !connection.unread().empty();
+  while (!take()) {
+    if (!fits()) return no_room;
+    if (!continued) {
+      continued = true;
+      if (!connection.write("HTTP/1.1 100 Continue\r\n\r\n") || !connection.flush()) return kEndsEarly;
+    }
+    const Connection::Read got = connection.fill(exchange.receive_deadline);
+    if (got == Connection::Read::timed_out) return HeadProblem{"request_timeout", "the request did not arrive in time"};
+    if (got == Connection::Read::closed) return kEndsEarly;
+  }
+  if (!exchange.head.chunked || chunks.state() == ChunkedBody::State::complete) return {};
+  if (chunks.state() == ChunkedBody::State::malformed)
+    return HeadProblem{"malformed_request", "the body is not well chunked (RFC 9112, 7.1)"};
+  return HeadProblem{"too_large", "the body is longer than " + std::to_string(options.max_body_bytes) + " bytes"};
+}
+
+// An answer is held from hand_over() until it is sent, which is when httplib's process_request() returns.
+bool HttpServer::Impl::process(Exchange& exchange) {
   const auto started = Clock::now();
-  exchange.record.method = exchange.request.method = head.method;
-  exchange.record.target = head.target;
-  exchange.head = std::move(head.text);
-  exchange.close = head.close;
-  exchange.request.headers = std::move(head.headers);
+  exchange.request.headers = std::move(exchange.head.headers);
   current_exchange = &exchange;
   ExchangeStream stream(exchange);
   bool closed = false;
@@ -281,7 +332,6 @@ bool HttpServer::Impl::process(Exchange& exchange, RequestHead&& head) {
     exchange.parsed = true;
     exchange.record.path = exchange.request.path = request.path;
     exchange.request.query = request.params;
-    request.headers.erase("Content-Type");  // forms and multipart bodies mean nothing here
   };
   // cpp-httplib 0.18 also takes the addresses of both ends, only to pass them on.
   const auto process_in = [&](auto& library) {
@@ -295,19 +345,19 @@ bool HttpServer::Impl::process(Exchange& exchange, RequestHead&& head) {
   exchange.close = exchange.close || closed || !exchange.parsed;
   const bool delivered = written && exchange.connection.flush();
   exchange.record.seconds = std::chrono::duration<double>(Clock::now() - started).count();
-  observer(exchange.record);
+  observe(exchange.record);
   return delivered;
 }
 
 // Always false: what follows on the connection can't be trusted to be a request.
-bool HttpServer::Impl::refuse(Connection& connection, const HeadProblem& why) {
-  const api::Response answer = api::problem(why.error_code, why.detail);
+bool HttpServer::Impl::refuse(Connection& connection, const HeadProblem& why, AccessRecord refused) {
+  api::Response answer = api::problem(why.error_code, why.detail);
+  if (why.error_code == "busy") answer.headers.emplace_back("Retry-After", std::to_string(options.retry_after_s()));
   if (connection.write(on_the_wire(answer)) && connection.flush()) connection.linger(kLinger);
-  AccessRecord refused;
   refused.status = answer.status;
   refused.bytes = answer.body.size();
   refused.error_code = answer.error_code;
-  observer(refused);
+  observe(refused);
   return false;
 }
 
@@ -326,6 +376,8 @@ void HttpServer::run() {
   impl_->listener.run([this](Connection& connection) { impl_->serve(connection); });
 }
 void HttpServer::stop() { impl_->listener.stop(); }
+bool HttpServer::wait_until_done(Clock::time_point deadline) { return impl_->listener.wait_until_done(deadline); }
+void HttpServer::cut() { impl_->listener.cut(); }
 
 ClientAnswer http_request(const std::string& url, const std::string& method, const std::string& path,
                           const std::string& body, const std::string& accept) {

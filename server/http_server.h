@@ -7,16 +7,20 @@
 #include <string>
 
 #include "api/service.h"
+#include "server/connection.h"
 
 namespace selenograph::server {
 
 struct HttpOptions {
   std::string host;     // loopback: a proxy belongs in front of anything wider
   int port;             // 0: any free one
-  int max_connections;  // when reached, the connection that has waited longest for its client goes
+  int max_connections;  // who goes or is refused when it is reached: see Listener
   std::size_t max_body_bytes;
+  std::shared_ptr<api::MemoryBudget> bodies;  // being received
   std::chrono::milliseconds idle_timeout;     // between requests of one connection
   std::chrono::milliseconds receive_timeout;  // for a whole request, first byte to last, however it dribbles
+  SendPace send_pace;                         // for a whole answer
+  std::function<int()> retry_after_s;         // for a client that there is no connection for
 };
 
 // One request answered, for the log and the metrics. `path` is without query; empty when the request could not be read.
@@ -31,16 +35,21 @@ struct AccessRecord {
 
 // What httplib's own server would do wrong, and what happens here instead:
 //  - unbounded queue, few threads, idle clients holding them: Listener's thread per connection, bounded, silent ones go
-//  first;
-//  - a timeout per read(): one deadline for the whole request;
-//  - unlimited bodies without Content-Length: counted while they come, raw and decoded;
+//    first;
+//  - a timeout per read() and write(): one deadline for the whole request, another for the whole answer;
+//  - bodies without Content-Length that end where two recipients may differ: ChunkedBody; bodies are read here, whole
+//  and
+//    bounded, and the library never sees one;
 //  - ranges, compression, lenient framing: check_head();
 //  - exception text in a header, empty error pages: problem+json from the api's table;
 //  - select() and its 1024 descriptors, a backlog of 5, SO_REUSEPORT, no TCP_NODELAY: own sockets.
-// What remains httplib's: request line, target and header parsing, chunked decoding, and writing status and headers.
+// What remains httplib's: request line, target and header parsing, and writing status and headers.
+//
+// Where memory is lacking even for a problem, the client gets one that was made when the service started.
 class HttpServer {
  public:
-  using Handler = std::function<api::Response(const api::Request&)>;  // gets HEAD as "HEAD"; its body is not sent then
+  // Gets HEAD as "HEAD"; its body is not sent then.
+  using Handler = std::function<api::Response(const api::Request&, const Peer&)>;
   using Observer = std::function<void(const AccessRecord&)>;
 
   // Binds at once; throws std::runtime_error when it can't.
@@ -51,8 +60,11 @@ class HttpServer {
   int connections() const;
   std::string url() const;  // "http://127.0.0.1:8080"
 
-  void run();   // until stop(); answers under way are finished
-  void stop();  // from any thread
+  void run();  // until stop(); answers under way are finished
+  // From any thread:
+  void stop();
+  bool wait_until_done(Connection::Clock::time_point deadline);  // true: all answers have been sent since stop()
+  void cut();  // ends every connection, and raises `abandoned` of what is computed for them
 
  private:
   struct Impl;

@@ -83,8 +83,15 @@ void write_gauges(Exposition& out, const Gauges& g) {
   out.single("selenograph_frames_in_work_limit", "gauge", "Places for requests in work.", g.max_in_work);
   out.single("selenograph_frames_waiting_limit", "gauge", "Places in the queue.", g.max_waiting);
   out.single("selenograph_http_connections", "gauge", "Open client connections.", g.connections);
+  out.single("selenograph_log_dropped_total", "counter", "Lines of the log that nobody read in time.",
+             g.log_lines_dropped);
   out.single("selenograph_scene_bytes", "gauge",
              "Bytes of acceleration structures, lenses and scratch memory held between frames.", g.scene_bytes);
+  out.single("selenograph_request_memory_bytes", "gauge", "Bytes that requests in work and answers not yet sent take.",
+             g.request_memory_bytes);
+  out.single("selenograph_request_memory_capacity_bytes", "gauge", "Bytes that they may take.",
+             g.request_memory_capacity_bytes);
+  out.single("selenograph_body_bytes", "gauge", "Bytes of bodies being received.", g.body_bytes);
   out.single("selenograph_mesh_bytes", "gauge", "Bytes of objects' meshes, with what rays need of them.", g.mesh_bytes);
   out.single("selenograph_terrain_warnings", "gauge", "Unusable DEM files that a coarser layer replaced.",
              g.terrain_warnings);

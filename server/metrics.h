@@ -24,6 +24,8 @@ struct Gauges {
   std::string cache_trouble;  // of /health/ready, not a metric; empty: none
   std::size_t scene_bytes = 0;
   std::size_t mesh_bytes = 0;
+  std::size_t request_memory_bytes = 0, request_memory_capacity_bytes = 0, body_bytes = 0;
+  std::uint64_t log_lines_dropped = 0;
 };
 
 class Metrics {

@@ -1,9 +1,9 @@
 // The head of a request (request line and header lines) as it came over the wire, checked before the HTTP library sees
 // it.
 //
-// cpp-httplib 0.11.4 is lenient where leniency is dangerous behind a proxy (two lengths, folded lines, bare line
-// feeds), and it acts on headers that we don't offer (ranges, content codings). So a head is either refused here, or
-// rewritten to what the library may see.
+// cpp-httplib 0.11.4 is lenient where leniency is dangerous behind a proxy (two lengths, folded lines, bare line feeds,
+// sizes of chunks), and it acts on headers that we don't offer (ranges, content codings). So a head is either refused
+// here, or rewritten to what the library may see: a request without a body, which we read ourselves.
 #pragma once
 
 #include <cstddef>
@@ -16,6 +16,7 @@ namespace selenograph::server {
 
 inline constexpr std::size_t kMaxHeadBytes = 16384;
 inline constexpr std::size_t kMaxTargetBytes = 2048;
+inline constexpr std::size_t kMaxHeaderLineBytes = 8000;  // the library takes 8192 with what rewriting adds
 
 struct RequestHead {
   std::string method;
@@ -23,6 +24,11 @@ struct RequestHead {
   std::multimap<std::string, std::string> headers;  // lower-case names; everything that was sent
   std::string text;                                 // the head for the library, with its empty line
   bool close = false;                               // the connection must end after the answer
+  bool http_1_0 = false;
+  // The body to read before the request is handed on: chunked, or as many bytes; none on other methods than POST.
+  bool chunked = false;
+  std::size_t body_bytes = 0;
+  bool expects_continue = false;  // the client may wait for "100 Continue" before it sends the body
 };
 
 // A refusal: a row of the api's error table and what to say.
@@ -32,11 +38,13 @@ struct HeadProblem {
 };
 
 // `raw` ends with the empty line ("\r\n\r\n"). Rules of RFC 9112, strictly:
-//  - Content-Length together with Transfer-Encoding, two of either, or another coding than `chunked`: refused;
+//  - Content-Length together with Transfer-Encoding, two of either, another coding than `chunked`, or any in HTTP/1.0:
+//    refused;
 //  - a Content-Length above max_body_bytes: refused before a byte of the body is read;
 //  - Range and If-Range are left out (RFC 9110 14.2 allows a server to ignore them), so is Accept-Encoding: the same
 //    request gets the same bytes, whole and uncoded, and the ETag means those bytes;
-//  - a POST without any length has an empty body (the library would read until the client hangs up);
+//  - a POST without any length has an empty body;
+//  - a method that HTTP does not have is "not_implemented"; one that a path does not have is no matter of the head;
 //  - a body on another method is never read, therefore the connection ends with the answer.
 std::variant<RequestHead, HeadProblem> check_head(std::string_view raw, std::size_t max_body_bytes);
 

@@ -6,6 +6,7 @@
 #include <sys/signalfd.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <csignal>
 #include <cstdint>
@@ -31,14 +32,24 @@ ShutdownSignals::~ShutdownSignals() {
 }
 
 void ShutdownSignals::run() {
-  for (bool first = true;;) {
+  using Clock = std::chrono::steady_clock;
+  auto last_moment = Clock::time_point::max();
+  const auto left_ms = [&] {
+    if (last_moment == Clock::time_point::max()) return -1;  // forever
+    return std::max(0,
+                    static_cast<int>(std::chrono::ceil<std::chrono::milliseconds>(last_moment - Clock::now()).count()));
+  };
+  for (;;) {
     std::array<pollfd, 2> waiting{pollfd{signals_, POLLIN, 0}, pollfd{wake_, POLLIN, 0}};
-    if (::poll(waiting.data(), waiting.size(), -1) < 0) continue;
+    const int ready = ::poll(waiting.data(), waiting.size(), left_ms());
+    if (ready == 0) ::_exit(1);
+    if (ready < 0) continue;
     if (waiting[1].revents) return;
     signalfd_siginfo info{};
     if (::read(signals_, &info, sizeof(info)) != sizeof(info)) continue;
+    const bool first = last_moment == Clock::time_point::max();
     if (!armed_ || !first) ::_exit(128 + static_cast<int>(info.ssi_signo));
-    first = false;
+    last_moment = Clock::now() + at_most_.load();
     first_.set_value();
   }
 }

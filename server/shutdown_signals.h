@@ -2,25 +2,31 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <future>
 #include <thread>
 
 namespace selenograph::server {
 
 // Make it before any other thread: these inherit the blocked signals. A second signal ends the process at once; before
-// arm(), while there is nothing to finish, the first does.
+// arm(), while there is nothing to finish, the first does. `at_most` after the first signal the process ends with
+// status 1 and whatever runs in it, unless this object is gone by then.
 class ShutdownSignals {
  public:
   ShutdownSignals();
   ~ShutdownSignals();
 
-  void arm() { armed_ = true; }
+  void arm(std::chrono::milliseconds at_most) {
+    at_most_ = at_most;
+    armed_ = true;
+  }
   void wait() { first_.get_future().wait(); }  // until the first signal; once
 
  private:
   void run();
   int signals_ = -1, wake_ = -1;
   std::atomic<bool> armed_{false};
+  std::atomic<std::chrono::milliseconds> at_most_{};
   std::promise<void> first_;
   std::thread thread_;
 };

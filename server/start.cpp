@@ -32,7 +32,11 @@ std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions
 }
 
 void set_up_log(const std::string& level) {
-  auto log = spdlog::stderr_color_mt("selenograph");
+  use_as_log(std::make_shared<spdlog::sinks::stderr_color_sink_mt>(), level);
+}
+
+void use_as_log(std::shared_ptr<spdlog::sinks::sink> sink, const std::string& level) {
+  auto log = std::make_shared<spdlog::logger>("selenograph", std::move(sink));
   log->set_pattern("%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
   log->set_level(spdlog::level::from_str(level));
   spdlog::set_default_logger(std::move(log));

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <memory>
 #include <mutex>
+#include <new>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -59,9 +60,13 @@ class Pool {
     free_.erase(mine);
     return one;
   }
-  void give(std::unique_ptr<Scratch> one) {
+  // Called while a lack of memory unwinds, too: what the list has no room for is not used again.
+  void give(std::unique_ptr<Scratch> one) noexcept {
     std::lock_guard lock(mutex_);
-    free_.push_back({std::move(one), std::this_thread::get_id()});
+    try {
+      free_.push_back({std::move(one), std::this_thread::get_id()});
+    } catch (const std::bad_alloc&) {
+    }
   }
 
   mutable std::mutex mutex_;

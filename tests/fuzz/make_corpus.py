@@ -335,7 +335,30 @@ def write_heads():
         write("request_head", name, "\r\n".join(lines))
 
 
+# The first byte: the size of pieces, less one.
+def write_chunks():
+    bodies = {
+        "plain": "5\r\nhello\r\n0c\r\n, wide world\r\n0\r\n\r\nGET / HTTP/1.1\r\n",
+        "extensions": "3;a\r\nabc\r\n2 ; b = c\r\nde\r\n1;d=\"e \\\" f\";g\r\nx\r\n0;h=1\r\n\r\n",
+        "trailers": "1\r\nx\r\n0\r\nA: b\r\nContent-Length: 7\r\nEmpty:\r\n\r\nrest",
+        "content-is-framing": "7\r\n\r\n0\r\n\r\n\r\n0\r\n\r\n",
+        "prefix": "0x5\r\nhello\r\n0\r\n\r\n",
+        "sign": "+5\r\nhello\r\n0\r\n\r\n",
+        "blank": " 5\r\nhello\r\n0\r\n\r\n",
+        "wrap-around": "1\r\nx\r\nffffffffffffffff\r\nx\r\n0\r\n\r\n",
+        "seventeen-digits": "10000000000000005\r\nhello\r\n0\r\n\r\n",
+        "bare-line-feed": "5\nhello\n0\n\n",
+        "behind-the-content": "5\r\nhelloX\r\nGET /metrics HTTP/1.1\r\n\r\n",
+        "too-large": "259\r\n" + 601 * "x" + "\r\n0\r\n\r\n",
+        "unended": "5;a=b\r\nhel",
+        "folded-trailer": "0\r\nA: b\r\n c\r\n\r\n",
+    }
+    for i, (name, body) in enumerate(bodies.items()):
+        write("chunked_body", name, chr(i) + body)
+
+
 if __name__ == "__main__":
+    write_chunks()
     write_json()
     write_pds()
     write_folders()

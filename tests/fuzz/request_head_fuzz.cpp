@@ -28,10 +28,16 @@ void check_accepted(const RequestHead& head) {
           "one empty line, at the end");
   require(clean_lines(head.text), "the library sees CRLF only", head.text);
   require(!head.target.empty() && head.target.size() <= server::kMaxTargetBytes, "the target fits");
-  for (const char* hidden : {"\r\nrange:", "\r\nif-range:", "\r\naccept-encoding:"})
+  for (const char* hidden :
+       {"\r\nrange:", "\r\nif-range:", "\r\naccept-encoding:", "\r\ntransfer-encoding:", "\r\nexpect:"})
     require(head.text.find(hidden) == std::string::npos, "hidden from the library:", hidden);
   require(head.headers.count("content-length") + head.headers.count("transfer-encoding") <= 1, "one length");
   require(head.close || head.headers.count("host") == 1, "one host");
+  require(head.body_bytes <= kMaxBody && !(head.chunked && head.body_bytes > 0),
+          "the body to read is bounded, and one");
+  require(!(head.chunked && head.http_1_0), "no chunks in HTTP/1.0");
+  for (std::size_t at = 0, end; (end = head.text.find("\r\n", at)) != std::string::npos; at = end + 2)
+    require(end - at <= 8192 - 2, "the library takes every line");
 
   const auto again = server::check_head(head.text, kMaxBody);
   const auto* same = std::get_if<RequestHead>(&again);

@@ -114,12 +114,12 @@ class Service:
 
     started = []
 
-    def __init__(self, *more, cache="cache", dem="dem", binary=None, options=None):
-        """With `more` options; or with these `options` alone."""
+    def __init__(self, *more, cache="cache", dem="dem", binary=None, options=None, limits=None):
+        """With `more` options; or with these `options` alone. `limits` is called in the process before it starts."""
         options = options or ["--port", "0", "--cache-dir", path(cache), *more, "--dem", path(dem)]
         command = [binary or BINARY, "serve", *options]
         self.log = tempfile.TemporaryFile()
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True)
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True, preexec_fn=limits)
         Service.started.append(self)
         line = self.process.stdout.readline()
         found = re.search(r"listening on http://(\S+):(\d+)$", line.strip())

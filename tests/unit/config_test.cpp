@@ -59,7 +59,8 @@ TEST_F(Config, DefaultsAreLoopbackAndBounded) {
   parse({});
   EXPECT_EQ(settings_.host, "127.0.0.1");
   EXPECT_EQ(settings_.port, 8080);
-  EXPECT_EQ(settings_.max_waiting, 16);
+  EXPECT_EQ(settings_.max_waiting, 256);
+  EXPECT_EQ(settings_.shutdown_s, 10);
   EXPECT_TRUE(settings_.terrain.dem.empty());
 }
 

@@ -98,12 +98,14 @@ TEST(Metrics, GaugesAndCacheStatistics) {
   gauges.frames_waiting = 3;
   gauges.scene_bytes = 12345;
   gauges.cache.hits = 7;
+  gauges.log_lines_dropped = 11;
   gauges.cache.chunks_rejected = 9;
   const std::string text = Metrics("1").exposition(gauges);
   EXPECT_EQ(value(text, "selenograph_ready"), 1);
   EXPECT_EQ(value(text, "selenograph_frames_in_work"), 2);
   EXPECT_EQ(value(text, "selenograph_frames_waiting"), 3);
   EXPECT_EQ(value(text, "selenograph_scene_bytes"), 12345);
+  EXPECT_EQ(value(text, "selenograph_log_dropped_total"), 11);
   EXPECT_EQ(value(text, "selenograph_terrain_cache_hits_total"), 7);
   EXPECT_EQ(value(text, "selenograph_terrain_chunks_rejected_total"), 9);
 }

@@ -66,7 +66,7 @@ TEST(OpenApi, EveryRouteIsThereWithItsProblems) {
     const auto& path = document().at("paths").at(std::string(route.path));
     const auto& operation = path.at(operation_key(route.method));
     EXPECT_EQ(operation.at("operationId"), route.operation_id);
-    EXPECT_EQ(operation.contains("requestBody"), route.admission) << route.path;
+    EXPECT_EQ(operation.contains("requestBody"), route.has_body()) << route.path;
     for (const char* status : {"200", "400", "406", "503"}) {
       EXPECT_TRUE(operation.at("responses").contains(status)) << route.path << " " << status;
     }
@@ -76,7 +76,7 @@ TEST(OpenApi, EveryRouteIsThereWithItsProblems) {
     }
     EXPECT_EQ(operation.at("responses").contains("500"), computes && route.endpoint != Endpoint::verify_mertis)
         << route.path;
-    EXPECT_EQ(operation.at("responses").contains("415"), route.admission) << route.path;
+    EXPECT_EQ(operation.at("responses").contains("415"), route.has_body()) << route.path;
   }
 }
 
@@ -94,7 +94,7 @@ TEST(OpenApi, EveryErrorIsInTheTableAndItsResponse) {
   for (const ErrorRow& row : error_table()) {
     EXPECT_NE(description.find("| `" + std::string(row.code) + "` | " + std::to_string(row.status)), std::string::npos)
         << row.code;
-    if (row.status == 404 || row.status == 499) continue;  // belong to no operation
+    if (row.status == 404 || row.status == 499 || row.status == 501) continue;  // belong to no operation
     const auto& response = document().at("components").at("responses").at("Problem" + std::to_string(row.status));
     EXPECT_TRUE(response.at("content").at("application/problem+json").at("examples").contains(std::string(row.code)));
   }

@@ -5,11 +5,13 @@
 #include <spdlog/spdlog.h>
 
 #include <atomic>
+#include <cerrno>
 #include <new>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <sstream>
 #include <stdexcept>
+#include <system_error>
 
 #include "api/endpoint.h"
 #include "dem/error.h"
@@ -98,22 +100,42 @@ std::function<Response()> throwing(Arguments... arguments) {
 
 TEST(AnswerOrProblem, TypesDecideTheStatus) {
   const std::string text = "ask for a larger max_error_px";
-  for (const Thrown& t : {Thrown{"RequestError", throwing<RequestError>("too_large", text), 413, "too_large"},
-                          {"ImpossibleRequest", throwing<ImpossibleRequest>(text), 422, "invalid_request"},
-                          {"TooMuchTerrain", throwing<TooMuchTerrain>(text), 422, "invalid_request"},
-                          {"DataError", throwing<DataError>("tile.img", text), 500, "terrain_data_error"},
-                          {"Cancelled", throwing<Cancelled>(), 504, "deadline_exceeded"},
-                          {"std::bad_alloc", throwing<std::bad_alloc>(), 500, "internal"},
-                          {"std::invalid_argument", throwing<std::invalid_argument>(text), 500, "internal"},
-                          {"std::out_of_range", throwing<std::out_of_range>(text), 500, "internal"},
-                          {"int", [](auto...) -> Response { throw 1; }, 500, "internal"}}) {
+  for (const Thrown& t :
+       {Thrown{"RequestError", throwing<RequestError>("too_large", text), 413, "too_large"},
+        {"ImpossibleRequest", throwing<ImpossibleRequest>(text), 422, "invalid_request"},
+        {"TooMuchTerrain", throwing<TooMuchTerrain>(text), 422, "invalid_request"},
+        {"DataError", throwing<DataError>("tile.img", text), 500, "terrain_data_error"},
+        {"Cancelled", throwing<Cancelled>(), 504, "deadline_exceeded"},
+        {"std::bad_alloc", throwing<std::bad_alloc>(), 503, "out_of_memory"},
+        {"std::length_error", throwing<std::length_error>(text), 503, "out_of_memory"},
+        {"no thread", throwing<std::system_error>(EAGAIN, std::generic_category()), 503, "out_of_memory"},
+        {"std::system_error", throwing<std::system_error>(EIO, std::generic_category()), 500, "internal"},
+        {"std::invalid_argument", throwing<std::invalid_argument>(text), 500, "internal"},
+        {"std::out_of_range", throwing<std::out_of_range>(text), 500, "internal"},
+        {"int", [](auto...) -> Response { throw 1; }, 500, "internal"}}) {
     const Response response = answer_or_problem(Request{}, t.work);
     EXPECT_EQ(response.status, t.status) << t.what;
     EXPECT_EQ(response.error_code, t.code) << t.what;
     EXPECT_EQ(response.body.find("max_error_px") == std::string::npos,
-              response.error_code == "internal" || t.status == 504)
+              response.error_code == "internal" || t.status >= 503)
         << t.what;
   }
+}
+
+// What remains when not even the problem's text can be had.
+TEST(AnswerOrProblem, TheLastAnswerAllocatesNothing) {
+  static_assert(noexcept(answer_or_problem(Request{}, {}))&& noexcept(out_of_memory()));
+  const Response response = out_of_memory();
+  EXPECT_EQ(response.status, error_row(kOutOfMemory).status);
+  EXPECT_EQ(response.error_code, kOutOfMemory);
+  EXPECT_LE(response.error_code.capacity(), std::string().capacity()) << "in the string itself";
+  EXPECT_EQ(response.content_type.capacity() + response.body.capacity(), 2 * std::string().capacity());
+}
+
+TEST(AnswerOrProblem, LackOfMemorySaysWhenToComeBack) {
+  const Response response = answer_or_problem(Request{}, throwing<std::bad_alloc>());
+  ASSERT_EQ(response.headers.size(), 1u);
+  EXPECT_EQ(response.headers[0].first, "Retry-After");
 }
 
 TEST(AnswerOrProblem, WhatClientsAreNotToldIsLogged) {

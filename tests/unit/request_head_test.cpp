@@ -27,7 +27,9 @@ TEST(RequestHead, OrdinaryRequest) {
   EXPECT_EQ(head.target, "/v1/frames?a=b");
   EXPECT_EQ(head.headers.find("accept")->second, "image/png");
   EXPECT_FALSE(head.close);
-  EXPECT_EQ(head.text, "POST /v1/frames?a=b HTTP/1.1\r\nhost: x\r\ncontent-length: 12\r\naccept: image/png\r\n\r\n");
+  EXPECT_EQ(head.text, "POST /v1/frames?a=b HTTP/1.1\r\nhost: x\r\naccept: image/png\r\ncontent-length: 0\r\n\r\n");
+  EXPECT_EQ(head.body_bytes, 12u) << "read before the library sees the request";
+  EXPECT_FALSE(head.chunked);
 }
 
 TEST(RequestHead, RangesAndCodingsAreHiddenFromTheLibrary) {
@@ -37,14 +39,21 @@ TEST(RequestHead, RangesAndCodingsAreHiddenFromTheLibrary) {
   EXPECT_EQ(head.headers.count("range"), 1u);
 }
 
-TEST(RequestHead, BodiesWithoutLengthAreEmpty) {
-  EXPECT_NE(accepted("POST / HTTP/1.1\r\nHost: x\r\n\r\n").text.find("content-length: 0"), std::string::npos);
-  EXPECT_EQ(accepted("POST / HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n").text.find("content-length"),
-            std::string::npos);
+TEST(RequestHead, TheLibrarySeesNoBody) {
+  for (const char* framing : {"", "Content-Length: 7\r\n", "Transfer-Encoding: Chunked\r\nExpect: 100-Continue\r\n"}) {
+    EXPECT_EQ(accepted(std::string("POST / HTTP/1.1\r\nHost: x\r\n") + framing + "\r\n").text,
+              "POST / HTTP/1.1\r\nhost: x\r\ncontent-length: 0\r\n\r\n");
+  }
+  const RequestHead chunked = accepted("POST / HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n");
+  EXPECT_TRUE(chunked.chunked && !chunked.expects_continue);
+  EXPECT_TRUE(accepted("POST / HTTP/1.1\r\nHost: x\r\nExpect: 100-Continue\r\n\r\n").expects_continue);
+  EXPECT_FALSE(accepted("POST / HTTP/1.0\r\nHost: x\r\nExpect: 100-continue\r\n\r\n").expects_continue);
 }
 
 TEST(RequestHead, ConnectionsEnd) {
   EXPECT_TRUE(accepted("GET / HTTP/1.1\r\nHost: x\r\nConnection: Close\r\n\r\n").close);
+  EXPECT_TRUE(accepted("GET / HTTP/1.1\r\nHost: x\r\nConnection: keep-alive\r\nConnection: x , close\r\n\r\n").close);
+  EXPECT_FALSE(accepted("GET / HTTP/1.1\r\nHost: x\r\nConnection: keep-alive, closed\r\n\r\n").close);
   EXPECT_TRUE(accepted("GET / HTTP/1.0\r\n\r\n").close);
   EXPECT_TRUE(accepted("GET / HTTP/1.1\r\nHost: x\r\nContent-Length: 3\r\n\r\n").close) << "its body is never read";
 }
@@ -59,13 +68,29 @@ TEST(RequestHead, AmbiguousLengthsAreRefused) {
        {"Content-Length: 1\r\nContent-Length: 1\r\n", "Content-Length: 1\r\nTransfer-Encoding: chunked\r\n",
         "Content-Length: +1\r\n", "Content-Length: 1, 1\r\n", "Content-Length: \r\n", "Content-Length: 0x1\r\n",
         "Transfer-Encoding: gzip, chunked\r\n", "Transfer-Encoding: chunked\r\nTransfer-Encoding: chunked\r\n",
-        "Content-Length : 1\r\n", "X: a\r\n Content-Length: 1\r\n"}) {
+        "Transfer-Encoding: xchunked\r\n", "Transfer-Encoding: \"chunked\"\r\n", "Content-Length : 1\r\n",
+        "X: a\r\n Content-Length: 1\r\n"}) {
     EXPECT_EQ(refusal(std::string("POST / HTTP/1.1\r\nHost: x\r\n") + lengths + "\r\n"), "malformed_request")
         << lengths;
   }
 }
 
+TEST(RequestHead, Http10HasNoTransferEncoding) {
+  EXPECT_EQ(refusal("POST / HTTP/1.0\r\nTransfer-Encoding: chunked\r\n\r\n"), "malformed_request");
+  EXPECT_EQ(refusal("POST / HTTP/1.0\r\nContent-Length: 1\r\n\r\n"), "");
+}
+
+TEST(RequestHead, MethodsThatHttpDoesNotHaveAreNotImplemented) {
+  for (const char* method : {"BREW", "get", "PRI", "PROPFIND"})
+    EXPECT_EQ(refusal(std::string(method) + " / HTTP/1.1\r\nHost: x\r\n\r\n"), "not_implemented") << method;
+  for (const char* method : {"GET", "HEAD", "POST", "PUT", "DELETE", "CONNECT", "OPTIONS", "TRACE", "PATCH"})
+    EXPECT_EQ(refusal(std::string(method) + " / HTTP/1.1\r\nHost: x\r\n\r\n"), "") << method;
+}
+
 TEST(RequestHead, TooMuchIsRefused) {
+  EXPECT_EQ(refusal("GET / HTTP/1.1\r\nHost: x\r\nA: " + std::string(9000, 'a') + "\r\n\r\n"), "headers_too_large");
+  EXPECT_EQ(refusal("GET / HTTP/1.1\r\nHost: x\r\nA: " + std::string(7000, 'a') + "\r\n\r\n"), "");
+
   EXPECT_EQ(refusal("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 1001\r\n\r\n"), "too_large");
   EXPECT_EQ(refusal("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 99999999999999999999999\r\n\r\n"), "too_large");
   EXPECT_EQ(refusal("POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\n\r\n"), "");

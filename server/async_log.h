@@ -1,0 +1,31 @@
+// A log that nobody has to wait for.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+namespace selenograph::server {
+
+// spdlog's default logger hands its lines to a thread that writes them to stderr, while this lives. A line that finds
+// kMostBytes waiting (nobody reads stderr, or its disk is slow) is dropped and counted. Written with write(2), not with
+// stdio, whose lock a writer that can't go on would keep through exit().
+//
+// (spdlog's own asynchronous logger joins its thread at exit, and waits for the reader there.)
+class AsyncLog {
+ public:
+  static constexpr std::size_t kMostBytes = std::size_t{1} << 20;
+
+  explicit AsyncLog(const std::string& level, int fd = 2);
+  ~AsyncLog();  // waits half a second for what is not written yet
+
+  std::uint64_t dropped() const;
+
+ private:
+  struct Queue;
+  class Sink;
+  const std::shared_ptr<Queue> queue_;  // the thread's, too: it may be stuck in write(2) until the process ends
+};
+
+}  // namespace selenograph::server

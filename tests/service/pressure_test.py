@@ -1,0 +1,266 @@
+#!/usr/bin/env python3
+"""Many clients, slow ones, and the end of the service: who is served, and until when. Python's standard library only."""
+
+import concurrent.futures
+import http.client
+import json
+import re
+import resource
+import socket
+import subprocess
+import time
+import unittest
+
+import harness
+from harness import BINARY, PATIENCE_S, PLACE, Service, frame_request, long_frame
+
+FRAME_HEADERS = {"Content-Type": "application/json", "Accept": "application/octet-stream"}
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("dem", *PLACE, "--ppd", "256")
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def connect(service, source="127.0.0.1"):
+    return http.client.HTTPConnection(service.host, service.port, timeout=PATIENCE_S, source_address=(source, 0))
+
+
+def post(service, connection, request):
+    connection.request("POST", "/v1/frames", json.dumps(request).encode(), FRAME_HEADERS)
+    answer = connection.getresponse()
+    return answer.status, answer.headers, answer.read()
+
+
+def slow_reader(service, request, buffer=4096):
+    """Has asked, and reads nothing."""
+    s = socket.socket()
+    s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
+    s.connect((service.host, service.port))
+    s.settimeout(PATIENCE_S)
+    body = json.dumps(request).encode()
+    s.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nAccept: application/octet-stream\r\n"
+              b"Content-Length: %d\r\n\r\n" % len(body) + body)
+    return s
+
+
+class ManyClients(unittest.TestCase):
+    def obeys(self, service, source):
+        """One request, asked again after Retry-After until it is answered; returns the seconds that took."""
+        start = time.monotonic()
+        while True:
+            connection = connect(service, source)
+            status, headers, _ = post(service, connection, frame_request())
+            connection.close()
+            if status == 200:
+                return time.monotonic() - start
+            assert status == 503, status
+            time.sleep(int(headers["Retry-After"]))
+
+    def test_200_at_once_are_all_served(self):
+        for options in ((), ("--max-waiting", "16")):
+            service = Service("--log-level", "warning", *options)
+            self.obeys(service, "127.0.0.1")  # terrain is in memory
+            with concurrent.futures.ThreadPoolExecutor(200) as pool:
+                times = list(pool.map(lambda _: self.obeys(service, "127.0.0.1"), range(200)))
+            print(f"\n  {options}: the last of 200 was served after {max(times):.1f} s", end=" ", flush=True)
+            self.assertLess(max(times), 40)
+            self.assertEqual(service.stop(), 0)
+
+    def test_one_address_does_not_starve_another(self):
+        service = Service("--log-level", "warning", "--max-frames", "1", "--max-image-pixels", "16000000")
+        single = connect(service, "127.0.0.2")
+        request = frame_request(width=100, height=100)
+        alone = min(self.timed(service, single, request) for _ in range(3))
+        end = time.monotonic() + 6
+
+        def hog(_):
+            connection = connect(service, "127.0.0.1")
+            served = 0
+            while time.monotonic() < end:
+                served += post(service, connection, request)[0] == 200
+            connection.close()
+            return served
+
+        with concurrent.futures.ThreadPoolExecutor(200) as pool:
+            hogs = [pool.submit(hog, i) for i in range(200)]
+            time.sleep(1)
+            beside = []
+            while time.monotonic() < end - 1:
+                beside.append(self.timed(service, single, request))
+            served = sum(h.result() for h in hogs)
+        single.close()
+        print(f"\n  {alone * 1e3:.0f} ms alone, {max(beside) * 1e3:.0f} ms at most beside 200 others, of which {served} were served",
+              end=" ", flush=True)
+        self.assertGreater(len(beside), 3)
+        self.assertGreaterEqual(served, 200)
+        self.assertLess(sorted(beside)[len(beside) // 2], 20 * alone + 0.2)
+        self.assertEqual(service.stop(), 0)
+
+    def timed(self, service, connection, request):
+        start = time.monotonic()
+        self.assertEqual(post(service, connection, request)[0], 200)
+        return time.monotonic() - start
+
+    def test_slow_readers_keep_nobody_out(self):
+        service = Service("--log-level", "warning", "--max-connections", "16", "--max-frames", "4")
+        large = frame_request(["position"], width=700, height=700)  # 12 MB: more than sockets hold
+        readers = [slow_reader(service, large) for _ in range(16)]
+        give_up = time.monotonic() + PATIENCE_S
+        while service.metric("selenograph_frames_in_work") + service.metric("selenograph_frames_waiting") > 0:
+            self.assertLess(time.monotonic(), give_up)
+            time.sleep(0.05)
+        for path in ("/health/live", "/health/ready", "/metrics"):
+            self.assertEqual(service.ask("GET", path)[0], 200, path)
+        # Another address is served beside them, and soon its own address, too: the slowest give way.
+        other = connect(service, "127.0.0.2")
+        self.assertEqual(post(service, other, frame_request())[0], 200)
+        other.close()
+        time.sleep(6)
+        self.assertEqual(service.frame(frame_request())[0], 200)
+        for reader in readers:
+            reader.close()
+        self.assertEqual(service.stop(), 0)
+
+    def test_health_beside_a_full_queue_of_connections(self):
+        service = Service("--log-level", "warning", "--max-connections", "16", "--max-frames", "1", "--max-image-pixels", "16000000")
+        working = [service.start_frame(long_frame()) for _ in range(16)]
+        service.wait_for("selenograph_frames_waiting", 15)
+        for path in ("/health/live", "/health/ready", "/metrics"):
+            self.assertEqual(service.ask("GET", path)[0], 200, path)
+        status, headers, _ = service.frame(frame_request())
+        self.assertEqual(status, 503)
+        self.assertGreaterEqual(int(headers["Retry-After"]), 1)
+        for connection in working:
+            connection.close()
+        service.wait_for("selenograph_frames_in_work", 0)
+        self.assertEqual(service.stop(), 0)
+
+
+class SlowReaders(unittest.TestCase):
+    def test_an_answer_has_a_total_time(self):
+        """Read at 80 KB/s where 8 MiB/s are asked for: over after the ten seconds of grace, and not after minutes."""
+        service = Service("--send-kb-per-s", "8192")
+        reader = slow_reader(service, frame_request(["position"], width=1500, height=1500))
+        start = time.monotonic()
+        received = 0
+        try:
+            while got := reader.recv(8000):
+                received += len(got)
+                time.sleep(0.1)
+        except ConnectionResetError:
+            pass
+        took = time.monotonic() - start
+        self.assertLess(received, 20e6)
+        self.assertGreater(took, 9)
+        reader.close()
+        service.wait_for("selenograph_http_connections", 1)
+        self.assertEqual(service.stop(), 0)
+
+
+class End(unittest.TestCase):
+    SHUTDOWN_S = 3
+
+    def ends_in_time(self, service):
+        start = time.monotonic()
+        service.process.terminate()
+        code = service.process.wait(PATIENCE_S)
+        took = time.monotonic() - start
+        print(f"\n  {took:.2f} s", end=" ", flush=True)
+        self.assertLess(took, self.SHUTDOWN_S + 1)
+        self.assertEqual(code, 0)
+        service.close()
+        return took
+
+    def test_slow_readers_half_sent_bodies_and_long_frames(self):
+        service = Service("--shutdown-s", str(self.SHUTDOWN_S), "--max-frames", "2", "--max-image-pixels", "16000000")
+        reader = slow_reader(service, frame_request(["position"], width=1500, height=1500))
+        reader.recv(1000)
+        silent = socket.create_connection((service.host, service.port))
+        silent.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nContent-Length: 500\r\n\r\n{")
+        frames = [service.start_frame(long_frame()) for _ in range(4)]
+        service.wait_for("selenograph_frames_waiting", 2)
+        took = self.ends_in_time(service)
+        self.assertGreater(took, self.SHUTDOWN_S - 1.2, "what runs is given its time")
+        for connection in (reader, silent, *frames):
+            connection.close()
+
+    def test_a_slow_reader_that_does_read(self):
+        service = Service("--shutdown-s", str(self.SHUTDOWN_S))
+        reader = slow_reader(service, frame_request(["position"], width=1500, height=1500))
+        reader.recv(1000)
+        with concurrent.futures.ThreadPoolExecutor(1) as pool:
+            def read():
+                try:
+                    while reader.recv(8000):
+                        time.sleep(0.1)
+                except OSError:
+                    pass
+            reading = pool.submit(read)
+            self.ends_in_time(service)
+            reading.result()
+        reader.close()
+
+    def test_what_is_done_in_time_is_delivered(self):
+        service = Service("--shutdown-s", "60")
+        reader = slow_reader(service, frame_request(["position"], width=1500, height=1500), buffer=1 << 18)
+        received = reader.recv(1000)
+        service.process.terminate()
+        time.sleep(0.5)
+        self.assertIsNone(service.process.poll())
+        while got := reader.recv(1 << 20):
+            received += got
+        self.assertEqual(len(received) - received.index(b"\r\n\r\n") - 4, 1500 * 1500 * 24)
+        self.assertEqual(service.process.wait(PATIENCE_S), 0)
+        reader.close()
+        service.close()
+
+
+class Descriptors(unittest.TestCase):
+    def limited(self, soft, hard, *options):
+        limit = lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        return [BINARY, "serve", "--port", "0", "--cache-dir", harness.path("cache"), *options, "--dem", harness.path("dem")], limit
+
+    def test_too_few_are_refused_with_both_figures(self):
+        command, limit = self.limited(64, 64)
+        done = subprocess.run(command, preexec_fn=limit, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("--max-connections 256", done.stderr)
+        self.assertRegex(done.stderr, r"\b64\b")
+
+    def test_the_soft_limit_is_raised(self):
+        command, limit = self.limited(64, 2000, "--trial")
+        done = subprocess.run(command, preexec_fn=limit, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+
+
+class Log(unittest.TestCase):
+    def test_a_log_that_nobody_reads_blocks_nothing(self):
+        command = [BINARY, "serve", "--port", "0", "--cache-dir", harness.path("cache"), "--dem", harness.path("dem")]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        host, port = re.search(r"http://(\S+):(\d+)$", process.stdout.readline().strip()).groups()
+        try:
+            # Lines of 300 bytes, over the pipe's 64 KiB and the log's own memory.
+            connection = http.client.HTTPConnection(host, int(port), timeout=PATIENCE_S)
+            for _ in range(12000):
+                connection.request("GET", "/nothing?" + "x" * 200)
+                connection.getresponse().read()
+            connection.request("GET", "/metrics")
+            metrics = connection.getresponse().read().decode()
+            connection.close()
+            self.assertGreater(int(re.search(r"^selenograph_log_dropped_total (\d+)$", metrics, re.M)[1]), 0)
+            process.terminate()
+            start = time.monotonic()
+            self.assertEqual(process.wait(PATIENCE_S), 0)
+            self.assertLess(time.monotonic() - start, 5)
+        finally:
+            process.kill()
+            process.communicate()
+
+
+if __name__ == "__main__":
+    harness.main()

@@ -1,0 +1,222 @@
+#!/usr/bin/env python3
+"""HTTP as it must be read: one request, one answer, whatever is sent. Python's standard library only."""
+
+import json
+import re
+import socket
+import struct
+import threading
+import time
+import unittest
+
+import harness
+from harness import PATIENCE_S, PLACE, Service, frame_request, long_frame
+
+
+SERVICE = None
+
+
+def setUpModule():
+    global SERVICE
+    harness.set_up()
+    harness.sample("dem", *PLACE, "--ppd", "256")
+    SERVICE = Service("--max-frames", "1", "--max-image-pixels", "16000000", "--deadline-s", "3600", "--log-level", "warning")
+
+
+def tearDownModule():
+    try:
+        code = SERVICE.stop()
+        assert code == 0, f"exit status {code} after SIGTERM"
+    finally:
+        harness.tear_down()
+
+
+class WithTheService(unittest.TestCase):
+    def setUp(self):
+        self.service = SERVICE
+
+
+HEIGHTS = json.dumps({"points": [{"lat_deg": 0.1, "lon_deg": 30.1}]}).encode()
+
+
+def chunked(chunks, head=b"POST /v1/heights HTTP/1.1\r\n"):
+    return (head + b"Host: a\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n" + chunks)
+
+
+def size_of(body):
+    return b"%x" % len(body)
+
+
+def statuses(answer):
+    return [int(status) for status in re.findall(rb"HTTP/1\.1 (\d{3}) ", answer)]
+
+
+class Chunks(WithTheService):
+    END = b"GET /health/live HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
+
+    def test_well_formed(self):
+        for chunks in (size_of(HEIGHTS) + b"\r\n" + HEIGHTS + b"\r\n0\r\n\r\n",
+                       b"00" + size_of(HEIGHTS).upper() + b";a=b;c=\"d\"\r\n" + HEIGHTS + b"\r\n0\r\nA: b\r\nC: d\r\n\r\n",
+                       b"".join(b"1\r\n%c\r\n" % byte for byte in HEIGHTS) + b"0\r\n\r\n"):
+            answer = self.service.raw(chunked(chunks) + self.END)
+            self.assertEqual(statuses(answer), [200, 200], (chunks, answer[:500]))
+
+    def test_trailers_are_no_headers(self):
+        answer = self.service.raw(chunked(size_of(HEIGHTS) + b"\r\n" + HEIGHTS + b"\r\n0\r\nConnection: close\r\nContent-Length: 9\r\n\r\n")
+                                  + self.END)
+        self.assertEqual(statuses(answer), [200, 200])
+
+    def test_what_follows_a_malformed_body_is_no_request(self):
+        n, body = size_of(HEIGHTS), HEIGHTS
+        for name, chunks in {
+                "behind the content": n + b"\r\n" + body + b"X\r\n",
+                "0x": b"0x" + n + b"\r\n" + body + b"\r\n0\r\n\r\n",
+                "+": b"+" + n + b"\r\n" + body + b"\r\n0\r\n\r\n",
+                "blank before": b" " + n + b"\r\n" + body + b"\r\n0\r\n\r\n",
+                "blank behind": n + b" \r\n" + body + b"\r\n0\r\n\r\n",
+                "wrap-around": b"1" + n.rjust(16, b"0") + b"\r\n" + body + b"\r\n0\r\n\r\n",
+                "bare line feed": n + b"\n" + body + b"\r\n0\r\n\r\n",
+                "bare line feed behind": n + b"\r\n" + body + b"\n0\r\n\r\n",
+                "bare line feed at the end": n + b"\r\n" + body + b"\r\n0\r\n\n",
+                "no content end": n + b"\r\n" + body + b"0\r\n\r\n",
+                "trailer": n + b"\r\n" + body + b"\r\n0\r\nno colon\r\n\r\n"}.items():
+            with self.subTest(name):
+                answer = self.service.raw(chunked(chunks) + b"GET /metrics HTTP/1.1\r\nHost: a\r\n\r\n")
+                self.assertEqual(statuses(answer), [400], answer[:300])
+                self.assertIn(b"Connection: close", answer)
+
+    def test_http_1_0_has_no_chunks(self):
+        answer = self.service.raw(chunked(size_of(HEIGHTS) + b"\r\n" + HEIGHTS + b"\r\n0\r\n\r\n", b"POST /v1/heights HTTP/1.0\r\n"))
+        self.assertEqual(statuses(answer), [400])
+
+    def test_sizes_over_the_limit(self):
+        for size in (b"ffffffffffffffff", b"400001", b"7fffffffffffffff"):
+            self.assertEqual(statuses(self.service.raw(chunked(size + b"\r\nx"))), [413], size)
+
+
+class Heads(WithTheService):
+    def status_of(self, head):
+        return statuses(self.service.raw(head + b"\r\nHost: a\r\nConnection: close\r\n\r\n"))
+
+    def test_methods(self):
+        self.assertEqual(self.status_of(b"BREW /v1/height HTTP/1.1"), [501])
+        self.assertEqual(self.status_of(b"get /v1/height HTTP/1.1"), [501])
+        for method in (b"PUT", b"DELETE", b"OPTIONS", b"PATCH", b"TRACE"):
+            self.assertEqual(self.status_of(method + b" /v1/height HTTP/1.1"), [405], method)
+            self.assertEqual(self.status_of(method + b" /nothing HTTP/1.1"), [404], method)
+
+    def test_long_lines(self):
+        self.assertEqual(self.status_of(b"GET /health/live HTTP/1.1\r\nX: " + b"a" * 9000), [431])
+        self.assertEqual(self.status_of(b"GET /health/live HTTP/1.1\r\nX: " + b"a" * 7900), [200])
+
+    def test_a_body_is_asked_for(self):
+        with socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S) as s:
+            s.sendall(b"POST /v1/heights HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nExpect: 100-continue\r\n"
+                      b"Connection: close\r\nContent-Length: %d\r\n\r\n" % len(HEIGHTS))
+            self.assertEqual(s.recv(1000), b"HTTP/1.1 100 Continue\r\n\r\n")
+            s.sendall(HEIGHTS)
+            self.assertEqual(statuses(read_all(s)), [200])
+
+
+class HeightInTheQueue(WithTheService):
+    def test_it_waits_for_a_place(self):
+        holder = self.service.start_frame(long_frame())
+        self.service.wait_for("selenograph_frames_in_work", 1)
+        for method in ("GET", "HEAD"):
+            status = self.service.ask(method, "/v1/height?lat_deg=0&lon_deg=30", headers={"Request-Timeout-Ms": "200"})[0]
+            self.assertEqual(status, 504, method)
+        holder.close()
+        self.service.wait_for("selenograph_frames_in_work", 0)
+        for method in ("GET", "HEAD"):
+            self.assertEqual(self.service.ask(method, "/v1/height?lat_deg=0&lon_deg=30")[0], 200)
+
+
+def read_all(s):
+    received = b""
+    while got := s.recv(1 << 16):
+        received += got
+    return received
+
+
+class HalfClose(WithTheService):
+    def send(self, request, version="1.1"):
+        body = json.dumps(request).encode()
+        s = socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S)
+        s.sendall(f"POST /v1/frames HTTP/{version}\r\nHost: a\r\nContent-Type: application/json\r\nAccept: application/x-npy\r\n"
+                  f"Content-Length: {len(body)}\r\n\r\n".encode() + body)
+        return s
+
+    def test_it_is_answered(self):
+        request = frame_request(width=512, height=512, samples=16)
+        expected = self.service.frame(request, "application/x-npy")[2]
+        for version in ("1.1", "1.0"):
+            with self.send(request, version) as s:
+                s.shutdown(socket.SHUT_WR)
+                answer = read_all(s)
+            self.assertTrue(answer.endswith(b"\r\n\r\n" + expected), (version, answer[:300]))
+            self.assertEqual(statuses(answer)[-1], 200)
+            self.assertTrue(set(statuses(answer)[:-1]) <= ({100} if version == "1.1" else set()), "interim answers at most")
+
+    def test_pipelined_requests_are_all_answered(self):
+        with socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S) as s:
+            s.sendall(b"GET /v1/height?lat_deg=0&lon_deg=30 HTTP/1.1\r\nHost: a\r\n\r\n" * 5)
+            s.shutdown(socket.SHUT_WR)
+            self.assertEqual([status for status in statuses(read_all(s)) if status != 100], [200] * 5)
+
+    def leaves(self, how):
+        s = self.send(long_frame())
+        self.service.wait_for("selenograph_frames_in_work", 1)
+        how(s)
+        start = time.monotonic()
+        self.service.wait_for("selenograph_frames_in_work", 0)
+        return time.monotonic() - start
+
+    def test_a_client_that_closes_is_gone_at_once(self):
+        self.assertLess(self.leaves(lambda s: s.close()), 3)
+
+    def test_so_is_one_that_resets(self):
+        def reset(s):
+            s.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            s.close()
+        self.assertLess(self.leaves(reset), 3)
+
+    def test_one_that_closes_after_its_half_is_gone_soon(self):
+        def half_then_all(s):
+            s.shutdown(socket.SHUT_WR)
+            self.assertEqual(s.recv(1000), b"HTTP/1.1 100 Continue\r\n\r\n")
+            time.sleep(0.3)
+            self.assertEqual(self.service.metric("selenograph_frames_in_work"), 1, "it waits for its answer")
+            s.close()
+        self.assertLess(self.leaves(half_then_all), 10)
+
+
+class Pipelining(WithTheService):
+    def resident_mb(self):
+        with open(f"/proc/{self.service.process.pid}/status") as status:
+            return next(int(line.split()[1]) for line in status if line.startswith("VmRSS:")) / 1024
+
+    def test_a_client_that_never_pauses_is_not_kept_in_memory(self):
+        batch = b"GET /health/live HTTP/1.1\r\nHost: a\r\nX: " + b"a" * 7900 + b"\r\n\r\n"
+        before = self.resident_mb()
+        with socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S) as s:
+            def read():
+                try:
+                    while s.recv(1 << 20):
+                        pass
+                except OSError:
+                    pass
+            reader = threading.Thread(target=read)
+            reader.start()
+            sent = 0
+            while sent < 40e6:
+                s.sendall(batch * 64)
+                sent += len(batch) * 64
+            grown = self.resident_mb() - before
+            s.shutdown(socket.SHUT_RDWR)
+            reader.join()
+        print(f"\n  {sent / 1e6:.0f} MB sent, resident memory grew by {grown:.0f} MB", end=" ", flush=True)
+        self.assertLess(grown, 10)
+
+
+if __name__ == "__main__":
+    harness.main()

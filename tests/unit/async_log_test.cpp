@@ -1,0 +1,67 @@
+#include "server/async_log.h"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <array>
+#include <chrono>
+#include <string>
+#include <thread>
+
+namespace selenograph::server {
+namespace {
+
+class AsyncLogTest : public ::testing::Test {
+ protected:
+  AsyncLogTest() { EXPECT_EQ(::pipe2(pipe_.data(), O_CLOEXEC), 0); }
+  ~AsyncLogTest() override {
+    spdlog::set_default_logger(before_);
+    ::close(pipe_[0]);
+    ::close(pipe_[1]);
+  }
+  std::string read_some() const {
+    std::string text(1 << 16, '\0');
+    text.resize(static_cast<std::size_t>(std::max<ssize_t>(::read(pipe_[0], text.data(), text.size()), 0)));
+    return text;
+  }
+
+  std::array<int, 2> pipe_{};
+  const std::shared_ptr<spdlog::logger> before_ = spdlog::default_logger();
+};
+
+TEST_F(AsyncLogTest, LinesComeInOrderAndWholeBeforeItEnds) {
+  {
+    const AsyncLog log("info", pipe_[1]);
+    for (int i = 0; i < 100; ++i) spdlog::info("line {}", i);
+    spdlog::debug("not asked for");
+    EXPECT_EQ(log.dropped(), 0u);
+  }
+  std::string text = read_some();
+  std::size_t at = 0;
+  for (int i = 0; i < 100; ++i) {
+    at = text.find("info line " + std::to_string(i) + "\n", at);
+    ASSERT_NE(at, std::string::npos) << i;
+  }
+  EXPECT_EQ(text.find("not asked for"), std::string::npos);
+}
+
+TEST_F(AsyncLogTest, AReaderThatDoesNotReadDelaysNobody) {
+  const auto start = std::chrono::steady_clock::now();
+  const std::string line(10000, 'x');
+  {
+    const AsyncLog log("info", pipe_[1]);
+    for (int i = 0; i < 1000; ++i) spdlog::info(line);
+    // The pipe holds 64 KiB and the log two batches of kMostBytes: one waits to be written, one is being filled.
+    EXPECT_GE(log.dropped(), 1000 - (2 * AsyncLog::kMostBytes + (1 << 16)) / line.size());
+    EXPECT_LT(log.dropped(), 1000u);
+  }
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+  EXPECT_LT(took.count(), 5);
+  // Its thread is still there, and goes on when there is a reader; nobody is harmed by it.
+  for (int i = 0; i < 200; ++i) read_some();
+}
+
+}  // namespace
+}  // namespace selenograph::server
