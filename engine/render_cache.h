@@ -26,7 +26,8 @@ class RenderCache {
   RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads);
 
   // Of several who need the same scene one makes it; each waits until its own `stop`, then Cancelled is thrown. Scenes
-  // in use can't be evicted: one that doesn't fit beside them waits for them to be let go, so the caller must hold none.
+  // in use can't be evicted: one that doesn't fit beside them waits for them to be let go, so the caller must hold
+  // none.
   std::shared_ptr<const Scene> scene(const SceneContent& content, const StopToken& stop = {});
   bool holds(const SceneContent& content) const;
   void forget(const SceneContent& content);

@@ -37,7 +37,10 @@ HttpOptions http_options(const ServeSettings& s, std::shared_ptr<api::MemoryBudg
 }
 
 MemorySettings memory_settings(const ServeSettings& s) {
-  return {.memory_mb = s.memory_mb, .cache_mb = s.terrain.cache_mb, .scene_mb = s.terrain.scene_mb};
+  return {.memory_mb = s.memory_mb,
+          .cache_mb = s.terrain.cache_mb,
+          .scene_mb = s.terrain.scene_mb,
+          .mesh_mb = s.terrain.mesh_mb};
 }
 
 // A tenth of the budgets for terrain and acceleration structures.
@@ -59,7 +62,8 @@ void note(Metrics& metrics, const AccessRecord& e) {
 
 // What runs is finished; health and metrics answer until then. What is not done shortly before the last moment is cut:
 // connections, and with them what is computed for them.
-void finish(Front& front, Admission& admission, HttpServer& server, std::chrono::milliseconds at_most) {
+void finish(Front& front, Admission& admission, HttpServer& server, const dem::Terrain& terrain,
+            std::chrono::milliseconds at_most) {
   const auto cut = Admission::Clock::now() + at_most - std::min(at_most / 5, std::chrono::milliseconds(1000));
   front.begin_shutdown();
   spdlog::info("shutting down: {} in work, {} waiting", admission.in_work(), admission.waiting());
@@ -69,6 +73,7 @@ void finish(Front& front, Admission& admission, HttpServer& server, std::chrono:
   spdlog::warn("cutting off {} connections: {} requests in work, {} waiting", server.connections(), admission.in_work(),
                admission.waiting());
   server.cut();
+  terrain.stop_building();
 }
 
 }  // namespace
@@ -119,7 +124,7 @@ int serve(const ServeSettings& settings) {
 
   bool good = true;
   settings.trial ? void(good = run_trial(server.url(), renderer->terrain().catalogue())) : signals.wait();
-  finish(front, admission, server, at_most);
+  finish(front, admission, server, renderer->terrain(), at_most);
   accepting.join();
   return good ? 0 : 1;
 }

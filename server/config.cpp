@@ -168,8 +168,9 @@ void add_options(CLI::App& command, ServeSettings& s) {
       ->capture_default_str();
   command
       .add_option("--memory-mb", s.memory_mb,
-                  "Memory for everything, MiB: --cache-mb, --scene-mb, requests in work, bodies and answers. 0: three "
-                  "quarters of what there is, at most 7168")
+                  "Memory for everything, MiB: --cache-mb, --scene-mb, --mesh-mb, requests in work, bodies and "
+                  "answers. 0: three "
+                  "quarters of what there is, at most 8192")
       ->check(CLI::Range(0, 1 << 24))
       ->capture_default_str();
   command.add_option("--max-frames", s.max_frames, "Requests in work at once; 0: as many as cores")

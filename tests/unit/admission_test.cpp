@@ -116,7 +116,9 @@ TEST(Admission, RetryAfterGrowsWithTheQueueAndStaysWithinBounds) {
   std::atomic<bool> left{false};
   std::vector<std::future<void>> queue;
   for (int i = 0; i < 20; ++i)
-    queue.push_back(std::async(std::launch::async, [&] { admission.enter(kSomebody, far_away(), &left); }));
+    queue.push_back(std::async(std::launch::async, [&, i] {
+      admission.enter({"192.0.2." + std::to_string(i), static_cast<std::uint64_t>(100 + i)}, far_away(), &left);
+    }));
   until([&] { return admission.waiting() == 20; });
   EXPECT_GT(admission.retry_after_s(), 1);
   EXPECT_LE(admission.retry_after_s(), 120);

@@ -31,7 +31,9 @@ Decoded decoded(const std::string& raw) {
   const Decoded whole = decoded(raw, raw.size() + 1), single = decoded(raw, 1);
   EXPECT_EQ(whole.state, single.state) << raw;
   EXPECT_EQ(whole.body, single.body) << raw;
-  EXPECT_EQ(whole.rest, single.rest) << raw;
+  if (whole.state == State::complete) {
+    EXPECT_EQ(whole.rest, single.rest) << raw;
+  }
   return whole;
 }
 

@@ -21,7 +21,7 @@ LIBRARIES = [
     (r"(gdal|ogr|cpl_)", ["dem/gdal/"]),
     (r"httplib", ["server/http_server"]),
     (r"hwy/", ["engine/"]),
-    (r"assimp/", ["engine/visibility/object_shape"]),
+    (r"assimp/", ["engine/visibility/mesh_file"]),
     (r"erfa", ["engine/radiometry/ephemeris"]),
     (r"GeographicLib/", ["dem/"]),
     (r"(OpenImageIO/|zip\.h)", ["api/"]),

@@ -265,7 +265,7 @@ TEST(PostSource, TilesOfTheWholeArchiveKeepTheirNumbers) {
   }
   archive.push_back(real);
   const Catalogue catalogue(archive);
-  PostSource source(catalogue, false, [](const std::string&) {});
+  PostSource source(catalogue, false, [](const std::string&, const std::string&) {});
   const Posts posts = source.compose(window(4, 11, 20, 17, 17));
   for (std::size_t i = 0; i < posts.heights.size(); ++i) {
     ASSERT_EQ(posts.heights[i], 4.F);

@@ -98,21 +98,24 @@ std::function<Response()> throwing(Arguments... arguments) {
   return [=]() -> Response { throw Error(arguments...); };
 }
 
+std::function<Response()> failing(int error) {
+  return [=]() -> Response { throw std::system_error(error, std::generic_category()); };
+}
+
 TEST(AnswerOrProblem, TypesDecideTheStatus) {
   const std::string text = "ask for a larger max_error_px";
-  for (const Thrown& t :
-       {Thrown{"RequestError", throwing<RequestError>("too_large", text), 413, "too_large"},
-        {"ImpossibleRequest", throwing<ImpossibleRequest>(text), 422, "invalid_request"},
-        {"TooMuchTerrain", throwing<TooMuchTerrain>(text), 422, "invalid_request"},
-        {"DataError", throwing<DataError>("tile.img", text), 500, "terrain_data_error"},
-        {"Cancelled", throwing<Cancelled>(), 504, "deadline_exceeded"},
-        {"std::bad_alloc", throwing<std::bad_alloc>(), 503, "out_of_memory"},
-        {"std::length_error", throwing<std::length_error>(text), 503, "out_of_memory"},
-        {"no thread", throwing<std::system_error>(EAGAIN, std::generic_category()), 503, "out_of_memory"},
-        {"std::system_error", throwing<std::system_error>(EIO, std::generic_category()), 500, "internal"},
-        {"std::invalid_argument", throwing<std::invalid_argument>(text), 500, "internal"},
-        {"std::out_of_range", throwing<std::out_of_range>(text), 500, "internal"},
-        {"int", [](auto...) -> Response { throw 1; }, 500, "internal"}}) {
+  for (const Thrown& t : {Thrown{"RequestError", throwing<RequestError>("too_large", text), 413, "too_large"},
+                          {"ImpossibleRequest", throwing<ImpossibleRequest>(text), 422, "invalid_request"},
+                          {"TooMuchTerrain", throwing<TooMuchTerrain>(text), 422, "invalid_request"},
+                          {"DataError", throwing<DataError>("tile.img", text), 500, "terrain_data_error"},
+                          {"Cancelled", throwing<Cancelled>(), 504, "deadline_exceeded"},
+                          {"std::bad_alloc", throwing<std::bad_alloc>(), 503, "out_of_memory"},
+                          {"std::length_error", throwing<std::length_error>(text), 503, "out_of_memory"},
+                          {"no thread", failing(EAGAIN), 503, "out_of_memory"},
+                          {"std::system_error", failing(EIO), 500, "internal"},
+                          {"std::invalid_argument", throwing<std::invalid_argument>(text), 500, "internal"},
+                          {"std::out_of_range", throwing<std::out_of_range>(text), 500, "internal"},
+                          {"int", [](auto...) -> Response { throw 1; }, 500, "internal"}}) {
     const Response response = answer_or_problem(Request{}, t.work);
     EXPECT_EQ(response.status, t.status) << t.what;
     EXPECT_EQ(response.error_code, t.code) << t.what;

@@ -509,14 +509,14 @@ TEST_F(PyramidFile, AFullDiskIsToldOnceAndLeavesNothing) {
   {
     const Limited full(RLIMIT_FSIZE, 1000);
     EXPECT_NEAR(terrain->height(11.5, 21.5).height_m, noise(11.5, 21.5), 1e-3);
-    EXPECT_FALSE(std::isnan(terrain->height(11.99, 20.01).height_m));  // another chunk
+    EXPECT_FALSE(std::isnan(terrain->height(11.99, 20.01).height_m));
   }
   EXPECT_EQ(files(), std::vector<std::string>{});
   ASSERT_EQ(told.texts.size(), 1U);
   EXPECT_EQ(told.texts[0], terrain->cache_trouble());
   EXPECT_NE(told.texts[0].find(folder_ / "cache"), std::string::npos) << told.texts[0];
   EXPECT_EQ(told.texts[0].find(".tmp"), std::string::npos) << told.texts[0];
-  EXPECT_GE(terrain->statistics().chunks_built, 2U);
+  EXPECT_GE(terrain->statistics().chunks_built, 1U);
   posts(*terrain);  // beside the tile there are chunks that were not yet asked for
   EXPECT_EQ(terrain->cache_trouble(), "");
   EXPECT_EQ(told.texts.size(), 2U);
@@ -545,8 +545,9 @@ TEST_F(PyramidFile, EachDeletionIsLogged) {
   Told told;
   for (const std::string& file : files()) {
     std::fstream f(file, std::ios::in | std::ios::out | std::ios::binary);
-    f.seekp(-1, std::ios::end);  // of the last block: the head is right
-    f.put('\x7f');
+    const auto size = fs::file_size(file);  // the head is right, most blocks are not
+    f.seekp(static_cast<std::streamoff>(size / 4));
+    f << std::string(size - size / 4, '\x7f');
   }
   const std::vector<std::string> damaged = files();
   const auto terrain = told.open(folder_ / "dem", folder_ / "cache");
