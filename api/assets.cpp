@@ -22,6 +22,8 @@ namespace fs = std::filesystem;
 
 constexpr int kMaxAssetDepth = 16;
 constexpr int kMaxBands = 1000;
+constexpr auto kFailureLasts = std::chrono::minutes(1);
+constexpr std::size_t kMaxFailures = 1000;
 
 // Names come from clients: nothing that could lead out of the folder.
 bool is_plain(std::string_view name) {
@@ -118,7 +120,8 @@ std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::stri
 }
 
 std::shared_ptr<const dem::ValueMap> Assets::map(std::string_view name, const StopToken&) const {
-  return find(maps_, "maps", ".json", name, [](const std::string& path) { return dem::ValueMap(read_map_file(path)); });
+  return find(maps_, "maps", ".json", name,
+              [&](const std::string& path) { return dem::ValueMap(read_map_file(path), map_tiles_); });
 }
 
 dem::ValueMapOptions read_map_file(const std::string& path) {
@@ -148,6 +151,19 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
   return map;
 }
 
+void Assets::refuse_failed(const std::string& key) const {
+  const std::lock_guard lock(mutex_);
+  const auto found = failed_.find(key);
+  if (found == failed_.end() || StopToken::Clock::now() - found->second.since > kFailureLasts) return;
+  throw RequestError("asset_error", found->second.what);
+}
+
+void Assets::remember_failed(const std::string& key, const std::string& what) const {
+  const std::lock_guard lock(mutex_);
+  if (failed_.size() >= kMaxFailures) failed_.clear();
+  failed_.insert_or_assign(key, Failure{StopToken::Clock::now(), what});
+}
+
 std::shared_ptr<const engine::ObjectMesh> Assets::object(std::string_view name, const StopToken& stop) const {
   for (const char* extension : {".obj", ".ply", ".gltf", ".glb"}) {
     const auto file = stamped("objects", extension, name);
@@ -157,10 +173,13 @@ std::shared_ptr<const engine::ObjectMesh> Assets::object(std::string_view name, 
       auto mesh = std::make_shared<const engine::ObjectMesh>(reader_.read(path, stop), stop);
       return Meshes::Loaded{mesh, mesh->bytes()};
     };
+    // A file that changed has another key; what it was before goes when its room is needed.
+    const std::string key = fmt::format("{}:{}:{}", path, file->stamp.modified_ns, file->stamp.bytes);
+    refuse_failed(key);
     try {
-      // A file that changed has another key; what it was before goes when its room is needed.
-      return meshes_.get(fmt::format("{}:{}:{}", path, file->stamp.modified_ns, file->stamp.bytes), read, stop);
+      return meshes_.get(key, read, stop);
     } catch (const DataError& e) {
+      remember_failed(key, e.what());
       throw RequestError("asset_error", e.what());
     }
   }

@@ -24,6 +24,9 @@ namespace selenograph::api {
 // RequestError("asset_error") naming the file when it can't be used.
 class Assets {
  public:
+  // What is in memory of the maps.
+  static constexpr std::size_t kMapTilesBytes = std::size_t{128} << 20;
+
   // Empty: there are none.
   explicit Assets(std::string folder = {}, engine::MeshReaderOptions meshes = {})
       : folder_(std::move(folder)), meshes_(meshes.max_bytes), reader_(std::move(meshes)) {}
@@ -34,7 +37,8 @@ class Assets {
   std::shared_ptr<const Json> camera(std::string_view name) const;
 
   // objects/NAME.obj, .ply, .gltf or .glb, the first of these that there is, as engine::MeshReader reads it. Meshes
-  // that nobody uses are kept as long as all have room in the reader's max_bytes. Throws Cancelled when `stop` says so.
+  // that nobody uses are kept as long as all have room in the reader's max_bytes. What could not be read is not tried
+  // again for a minute unless it changes. Throws Cancelled when `stop` says so.
   std::shared_ptr<const engine::ObjectMesh> object(std::string_view name, const StopToken& stop = {}) const;
   // Of the meshes that are kept, with what rays need of them.
   std::size_t mesh_bytes() const { return meshes_.bytes(); }
@@ -64,6 +68,14 @@ class Assets {
   };
   using Meshes = dem::Cache<std::string, engine::ObjectMesh>;  // by path and stamp
 
+  // Whatever a mesh's reading takes, it is taken once a minute at most.
+  struct Failure {
+    StopToken::Clock::time_point since;
+    std::string what;
+  };
+  void refuse_failed(const std::string& key) const;
+  void remember_failed(const std::string& key, const std::string& what) const;
+
   template <typename T>
   struct Known {
     Stamp stamp;
@@ -85,7 +97,10 @@ class Assets {
   mutable Files<Json> cameras_;
   mutable Files<dem::ValueMap> maps_;
   mutable Files<std::vector<std::vector<double>>> kernels_;
+  // Of all maps.
+  std::shared_ptr<dem::ValueMapTiles> map_tiles_ = dem::make_value_map_tiles(kMapTilesBytes);
   mutable Meshes meshes_;
+  mutable std::map<std::string, Failure> failed_;  // by a mesh's key
   engine::MeshReader reader_;
 };
 

@@ -69,17 +69,23 @@ class Destination : public OIIO::Filesystem::IOProxy {
 // A file in memory, open for writing.
 class Writer {
  public:
-  Writer(const char* format, const OIIO::ImageSpec& spec)
-      : format_(format), destination_(spec.image_bytes(true) + 65536) {
+  Writer(const char* format, const OIIO::ImageSpec& spec, const StopToken& stop)
+      : format_(format), stop_(stop), destination_(spec.image_bytes(true) + 65536) {
     output_ = OIIO::ImageOutput::create(format_, &destination_);
     if (!output_) throw std::runtime_error(format_ + ": " + OIIO::geterror());
     check(output_->open("memory." + format_, spec));
   }
 
-  void write(const OIIO::TypeDesc& type, const void* pixels) { check(output_->write_image(type, pixels)); }
+  void write(const OIIO::TypeDesc& type, const void* pixels) {
+    const auto stopped = [](void* stop, float) { return static_cast<const StopToken*>(stop)->stopped(); };
+    check(output_->write_image(type, pixels, OIIO::AutoStride, OIIO::AutoStride, OIIO::AutoStride, stopped,
+                               const_cast<StopToken*>(&stop_)));
+    stop_.check();  // it says nothing of having been stopped
+  }
 
   // In the file's own element types, channel by channel.
   void write_rows(int first, int past_last, const void* pixels) {
+    stop_.check();
     check(output_->write_scanlines(first, past_last, 0, OIIO::TypeDesc::UNKNOWN, pixels));
   }
 
@@ -94,6 +100,7 @@ class Writer {
   }
 
   std::string format_;
+  const StopToken& stop_;
   Destination destination_;
   std::unique_ptr<OIIO::ImageOutput> output_;  // goes first: it writes to the destination until it is closed
 };
@@ -183,7 +190,7 @@ OIIO::ImageSpec exr_spec(const std::vector<ArrayView>& arrays, const std::vector
 
 }  // namespace
 
-std::string encode_png(const ArrayView& array, const Attributes& attributes) {
+std::string encode_png(const ArrayView& array, const Attributes& attributes, const StopToken& stop) {
   check_shape(array, "png");
   if (array.channels != 1 || (array.type != ElementType::uint8 && array.type != ElementType::uint16)) {
     throw std::invalid_argument("png: " + std::string(array.name) + " is not one channel of uint8 or uint16");
@@ -192,12 +199,12 @@ std::string encode_png(const ArrayView& array, const Attributes& attributes) {
   OIIO::ImageSpec spec(array.width, array.height, 1, type);
   for (const auto& [name, value] : attributes) spec.attribute(name, value);
   spec.attribute("png:compressionLevel", 1);  // level 6 takes four times as long for 6 % less
-  Writer writer("png", spec);
+  Writer writer("png", spec, stop);
   writer.write(type, array.data);
   return writer.finish();
 }
 
-std::string encode_tiff(const ArrayView& array, const Attributes& attributes) {
+std::string encode_tiff(const ArrayView& array, const Attributes& attributes, const StopToken& stop) {
   check_shape(array, "tiff");
   const OIIO::TypeDesc type = oiio_type(array.type);
   OIIO::ImageSpec spec(array.width, array.height, array.channels, type);
@@ -207,12 +214,12 @@ std::string encode_tiff(const ArrayView& array, const Attributes& attributes) {
   spec.attribute("compression", "none");  // as for OpenEXR, and every reader knows it
   // Else OpenImageIO writes the local time. A number is not written at all; an empty text would be a malformed tag.
   spec.attribute("DateTime", 0);
-  Writer writer("tiff", spec);
+  Writer writer("tiff", spec, stop);
   writer.write(type, array.data);
   return writer.finish();
 }
 
-std::string encode_exr(const std::vector<ArrayView>& arrays, const Attributes& attributes) {
+std::string encode_exr(const std::vector<ArrayView>& arrays, const Attributes& attributes, const StopToken& stop) {
   if (arrays.empty()) throw std::invalid_argument("exr: no arrays");
   const int height = arrays.front().height, width = arrays.front().width;
   for (const ArrayView& array : arrays) {
@@ -224,7 +231,7 @@ std::string encode_exr(const std::vector<ArrayView>& arrays, const Attributes& a
   const std::vector<ExrChannel> channels = exr_channels(arrays);
   OIIO::ImageSpec spec = exr_spec(arrays, channels);
   for (const auto& [name, value] : attributes) spec.attribute(name, value);
-  Writer writer("exr", spec);
+  Writer writer("exr", spec, stop);
   constexpr int kRows = 16;  // a few rows at a time stay in the cache
   const std::size_t row_words = std::size_t(width) * channels.size();
   std::vector<std::uint32_t> rows(kRows * row_words);

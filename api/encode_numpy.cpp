@@ -80,7 +80,7 @@ zip_buffer_fragment_t piece(const char* data, std::size_t size) {
 // Where an archive is written to: the answer itself, which never exists twice.
 class Destination {
  public:
-  explicit Destination(std::size_t expected_bytes) { bytes_.reserve(expected_bytes); }
+  Destination(std::size_t expected_bytes, const StopToken& stop) : stop_(stop) { bytes_.reserve(expected_bytes); }
   std::string take() { return std::move(bytes_); }
 
   // zip_source_function's callback. libzip begins, writes, goes back to complete a member's header, and commits.
@@ -129,6 +129,10 @@ class Destination {
 
   // Between C frames nothing may be thrown.
   zip_int64_t write(const char* data, zip_uint64_t size) noexcept {
+    if (stop_.stopped()) {
+      zip_error_set(&error_, ZIP_ER_CANCELLED, 0);
+      return -1;
+    }
     try {
       const std::size_t over = std::min<std::size_t>(size, bytes_.size() - at_);
       bytes_.replace(at_, over, data, over);
@@ -141,6 +145,7 @@ class Destination {
     return static_cast<zip_int64_t>(size);
   }
 
+  const StopToken& stop_;
   std::string bytes_;
   std::size_t at_ = 0;
   zip_error_t error_{};
@@ -190,13 +195,13 @@ std::string encode_npy(const ArrayView& array) {
   return result;
 }
 
-std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json) {
+std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json, const StopToken& stop) {
   std::vector<std::string> headers;  // all made before the first is pointed to
   headers.reserve(arrays.size());
   for (const ArrayView& array : arrays) headers.push_back(npy_header(array));
   std::size_t expected = meta_json.size() + kMemberBytes;
   for (const ArrayView& array : arrays) expected += size_bytes(array) + kMemberBytes;
-  Destination destination(expected);
+  Destination destination(expected, stop);
   Source source(zip_source_function_create(Destination::call, &destination, nullptr));
   if (!source) fail("no memory");
   Archive archive(zip_open_from_source(source.get(), ZIP_CREATE | ZIP_TRUNCATE, nullptr));
@@ -207,7 +212,10 @@ std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& 
                {piece(headers[i].data(), headers[i].size()), piece(bytes(arrays[i]), size_bytes(arrays[i]))});
   }
   add_member(archive.get(), "meta.json", {piece(meta_json.data(), meta_json.size())});
-  if (zip_close(archive.get()) != 0) fail(zip_strerror(archive.get()));
+  if (zip_close(archive.get()) != 0) {
+    stop.check();
+    fail(zip_strerror(archive.get()));
+  }
   archive.release();  // NOLINT(bugprone-unused-return-value): zip_close freed it
   return destination.take();
 }

@@ -10,6 +10,7 @@
 #include "api/metadata.h"
 #include "api/negotiate.h"
 #include "dem/error.h"
+#include "engine/budget.h"
 #include "engine/frame/needs.h"
 
 namespace selenograph::api {
@@ -33,19 +34,20 @@ std::string server_timing(double parse_ms, const engine::StageTimes& times, doub
       parse_ms, times.select_ms, times.build_ms, times.visibility_ms, drawn, times.sensor_ms, encode_ms);
 }
 
-std::string encode(const std::vector<ArrayView>& arrays, Format format, const std::string& meta) {
+std::string encode(const std::vector<ArrayView>& arrays, Format format, const std::string& meta,
+                   const StopToken& stop) {
   const Attributes attributes{{"selenograph", meta}};
   switch (format) {
     case Format::npy:
       return encode_npy(arrays.front());
     case Format::npz:
-      return encode_npz(arrays, meta);
+      return encode_npz(arrays, meta, stop);
     case Format::png:
-      return encode_png(arrays.front(), attributes);
+      return encode_png(arrays.front(), attributes, stop);
     case Format::tiff:
-      return encode_tiff(arrays.front(), attributes);
+      return encode_tiff(arrays.front(), attributes, stop);
     case Format::exr:
-      return encode_exr(arrays, attributes);
+      return encode_exr(arrays, attributes, stop);
     case Format::raw:
       return encode_raw(arrays.front());
   }
@@ -84,6 +86,18 @@ std::size_t bytes_of(const engine::FrameRequest& request) {
 // The engine's refusals are of where the camera is, but for those that name a member.
 constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"}};
 
+// What no deadline that this service grants would be enough for is the request's fault.
+engine::Frame render(const FrameQuery& query, const EndpointContext& context) {
+  try {
+    return with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.render(query.request, context.stop); });
+  } catch (const TooMuchWork& e) {
+    const auto longest_ms = static_cast<double>(context.limits.default_deadline.count());
+    if (e.predicted_ms() <= engine::SpeedGauge::kDoubt * longest_ms + engine::SpeedGauge::kMoments_ms) throw;
+    const std::string detail = fmt::format("{}; this service allows {:g} s", e.what(), longest_ms / 1e3);
+    throw RequestError("invalid_request", detail, {{"/camera", detail}});
+  }
+}
+
 Response not_modified(const std::string& hash) {
   Response response;
   response.status = 304;
@@ -92,7 +106,7 @@ Response not_modified(const std::string& hash) {
 }
 
 Response answer(const FrameQuery& query, const engine::Frame& frame, const Representation& representation,
-                const std::string& hash, LongMetadata& long_metadata) {
+                const std::string& hash, LongMetadata& long_metadata, const StopToken& stop) {
   Response response;
   response.content_type = representation.media_type;
   response.headers.emplace_back("Vary", "Accept");
@@ -102,7 +116,7 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   std::vector<std::uint8_t> narrowed;
   const std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
   std::string text = meta.dump(2, ' ', false, Json::error_handler_t::replace);
-  response.body = encode(arrays, representation.format, text);
+  response.body = encode(arrays, representation.format, text, stop);
   if (representation.format == Format::npy || representation.format == Format::raw) {
     MetadataHeader header = metadata_header(meta);
     if (!header.whole) remember(hash, std::move(text), long_metadata);
@@ -146,13 +160,12 @@ Response answer_frames(const EndpointContext& context) {
   context.memory.need(bytes_of(query.request), "/camera", context.stop);
   const double parse_ms = ms_since(start);
 
-  const engine::Frame frame =
-      with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.render(query.request, context.stop); });
+  const engine::Frame frame = render(query, context);
   context.stop.check();
 
   const Clock::time_point encode_start = Clock::now();
-  Response response =
-      answer(query, frame, representation, hash_with(frame.report.shadow_limits_px), context.long_metadata);
+  Response response = answer(query, frame, representation, hash_with(frame.report.shadow_limits_px),
+                             context.long_metadata, context.stop);
   if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
   response.headers.emplace_back("Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start)));
   return response;

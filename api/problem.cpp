@@ -146,6 +146,8 @@ Response answer_or_described_problem(const Request& request, const std::function
     Response response = problem("storage_unavailable", e.what());
     response.headers.emplace_back("Retry-After", "1");
     return response;
+  } catch (const TooMuchWork& e) {
+    return problem("deadline_exceeded", e.what());
   } catch (const Cancelled&) {
     if (client_has_left(request)) return problem("client_gone", "the client left");
     return problem("deadline_exceeded", "not ready in time; ask for less or allow more with Request-Timeout-Ms");

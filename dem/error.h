@@ -59,6 +59,20 @@ class TooMuchTerrain : public ImpossibleRequest {
 class Cancelled : public std::runtime_error {
  public:
   Cancelled() : std::runtime_error("cancelled") {}
+
+ protected:
+  using std::runtime_error::runtime_error;
+};
+
+// Work was not begun because it is expected to take much longer than its deadline allows.
+class TooMuchWork : public Cancelled {
+ public:
+  TooMuchWork(const std::string& what_is_wrong, double predicted_ms)
+      : Cancelled(what_is_wrong), predicted_ms_(predicted_ms) {}
+  double predicted_ms() const { return predicted_ms_; }
+
+ private:
+  double predicted_ms_;
 };
 
 }  // namespace selenograph

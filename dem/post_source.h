@@ -30,9 +30,9 @@ struct PostWindow {
 };
 
 struct Posts {
-  std::vector<float> heights;         // m, NaN: no data
-  std::vector<SourceMark> sources;    // as in Block::sources
-  std::vector<SourceIndex> replaced;  // unusable files that the next coarser layer replaced; ascending
+  std::vector<float> heights;           // m, NaN: no data
+  std::vector<SourceMark> sources;      // as in Block::sources
+  std::vector<SourceIndex> replaced{};  // unusable files that the next coarser layer replaced; ascending
 };
 
 // No-data is interpolated when valid posts lie on two opposite sides within this many posts: 240 m at SLDEM2013's

@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <limits>
 
 #include "dem/error.h"
 
@@ -19,6 +20,11 @@ class StopToken {
   bool stopped() const {
     return (abandoned_ && abandoned_->load(std::memory_order_relaxed)) ||
            (deadline_ != Clock::time_point::max() && Clock::now() >= deadline_);
+  }
+  // Infinite without a deadline, below 0 when it has passed.
+  double remaining_ms() const {
+    if (deadline_ == Clock::time_point::max()) return std::numeric_limits<double>::infinity();
+    return std::chrono::duration<double, std::milli>(deadline_ - Clock::now()).count();
   }
   void check() const {
     if (stopped()) throw Cancelled();

@@ -25,7 +25,7 @@ struct TerrainOptions {
   // Told, each once, what the operator should know and no client needs: a pyramid file that was deleted or made again
   // and why, a cache folder that can't be written, an unusable file that a coarser layer replaced. From any thread; may
   // be empty.
-  std::function<void(const std::string&)> log;
+  std::function<void(const std::string&)> log{};
   int threads = 0;  // that build pyramids; 0: all cores
 };
 

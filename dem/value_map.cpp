@@ -6,6 +6,7 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 
 #include "dem/cache.h"
@@ -17,18 +18,20 @@ namespace {
 
 constexpr int kTile = 128;  // texels along a tile's side
 constexpr std::size_t kTexels = static_cast<std::size_t>(kTile) * kTile;
-constexpr std::size_t kCacheBytes = std::size_t{128} << 20;  // per map
-constexpr int kMostProbes = 16;                              // along a side
+constexpr int kMostProbes = 16;    // along a side
 constexpr double kPolar_deg = 75;  // beyond, a texel is about a quarter as wide as high, or less
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 
 struct TileKey {
-  int level, tx, ty;
+  std::uint64_t map;
+  std::int64_t level, tx, ty;
   bool operator==(const TileKey&) const = default;
 };
 struct TileKeyHash {
   std::size_t operator()(const TileKey& key) const { return XXH3_64bits(&key, sizeof key); }
 };
+
+using Tile = std::shared_ptr<const std::vector<float>>;
 
 double length_of(const std::array<double, 2>& v) { return std::sqrt(v[0] * v[0] + v[1] * v[1]); }
 
@@ -73,8 +76,20 @@ struct Texel {
 
 }  // namespace
 
+class ValueMapTiles {
+ public:
+  explicit ValueMapTiles(std::size_t bytes) : tiles(bytes) {}
+  Cache<TileKey, std::vector<float>, TileKeyHash> tiles;
+  std::atomic<std::uint64_t> maps{0};  // so many have been opened
+};
+
+std::shared_ptr<ValueMapTiles> make_value_map_tiles(std::size_t bytes) {
+  return std::make_shared<ValueMapTiles>(bytes);
+}
+
 struct ValueMap::Impl {
-  explicit Impl(const ValueMapOptions& o) : options(o), file(o), tiles(kCacheBytes) {
+  Impl(const ValueMapOptions& o, std::shared_ptr<ValueMapTiles> t)
+      : options(o), file(o), kept(std::move(t)), number(kept->maps++) {
     width = file.width(), height = file.height();
     wraps = std::abs(width * file.grid().dx_deg - 360) < 0.5 * file.grid().dx_deg;
     while (std::max(level_width(levels - 1), level_height(levels - 1)) > 1) ++levels;
@@ -90,23 +105,26 @@ struct ValueMap::Impl {
   int level_width(int level) const { return 1 + ((width - 1) >> level); }
   int level_height(int level) const { return 1 + ((height - 1) >> level); }
 
-  std::shared_ptr<const std::vector<float>> tile(const TileKey& key) const {
-    return tiles.get(key, [&] {
+  // Of a coarse level without an overview, all of the file that it covers is read, once.
+  Tile tile(int level, int tx, int ty, const StopToken& stop) const {
+    const auto make = [&] {
+      stop.check();
       auto made = std::make_shared<std::vector<float>>(kTexels, kNone);
-      const bool stored = key.level == 0 || overviews[static_cast<std::size_t>(key.level)] >= 0;
+      const bool stored = level == 0 || overviews[static_cast<std::size_t>(level)] >= 0;
       if (stored)
-        read(key, *made);
+        read(level, tx, ty, *made);
       else
-        shrink(key, *made);
+        shrink(level, tx, ty, *made, stop);
       return Cache<TileKey, std::vector<float>, TileKeyHash>::Loaded{std::move(made), kTexels * sizeof(float)};
-    });
+    };
+    return kept->tiles.get({number, level, tx, ty}, make, stop);
   }
 
-  void read(const TileKey& key, std::vector<float>& out) const {
-    const int x0 = key.tx * kTile, y0 = key.ty * kTile, w = std::min(kTile, level_width(key.level) - x0),
-              h = std::min(kTile, level_height(key.level) - y0);
+  void read(int level, int tx, int ty, std::vector<float>& out) const {
+    const int x0 = tx * kTile, y0 = ty * kTile, w = std::min(kTile, level_width(level) - x0),
+              h = std::min(kTile, level_height(level) - y0);
     std::vector<double> samples(kTexels);
-    file.read(overviews[static_cast<std::size_t>(key.level)], {x0, y0, w, h}, kTile, samples.data());
+    file.read(overviews[static_cast<std::size_t>(level)], {x0, y0, w, h}, kTile, samples.data());
     for (int y = 0; y < h; ++y)
       for (int x = 0; x < w; ++x) {
         const auto at = static_cast<std::size_t>(y * kTile + x);
@@ -116,21 +134,21 @@ struct ValueMap::Impl {
   }
 
   // Means of 2 x 2 texels of the level below.
-  void shrink(const TileKey& key, std::vector<float>& out) const {
+  void shrink(int level, int tx, int ty, std::vector<float>& out, const StopToken& stop) const {
     constexpr int kHalf = kTile / 2;
     for (const int dy : {0, 1})
       for (const int dx : {0, 1}) {
-        const TileKey below{key.level - 1, 2 * key.tx + dx, 2 * key.ty + dy};
-        if (below.tx * kTile >= level_width(below.level) || below.ty * kTile >= level_height(below.level)) continue;
-        const auto from = tile(below);
-        for (int y = 0; y < kHalf; ++y)
-          for (int x = 0; x < kHalf; ++x) {
+        const int x = 2 * tx + dx, y = 2 * ty + dy;
+        if (x * kTile >= level_width(level - 1) || y * kTile >= level_height(level - 1)) continue;
+        const Tile from = tile(level - 1, x, y, stop);
+        for (int v = 0; v < kHalf; ++v)
+          for (int u = 0; u < kHalf; ++u) {
             float sum = 0, count = 0;
             for (const int k : {0, 1, kTile, kTile + 1}) {
-              const float v = (*from)[static_cast<std::size_t>(2 * y * kTile + 2 * x + k)];
-              if (!std::isnan(v)) sum += v, ++count;
+              const float value = (*from)[static_cast<std::size_t>(2 * v * kTile + 2 * u + k)];
+              if (!std::isnan(value)) sum += value, ++count;
             }
-            if (count > 0) out[static_cast<std::size_t>((dy * kHalf + y) * kTile + dx * kHalf + x)] = sum / count;
+            if (count > 0) out[static_cast<std::size_t>((dy * kHalf + v) * kTile + dx * kHalf + u)] = sum / count;
           }
       }
   }
@@ -140,10 +158,12 @@ struct ValueMap::Impl {
   int width = 0, height = 0, levels = 1;
   bool wraps = false;
   std::vector<int> overviews{-1};  // of each level, the file's overview of that size; -1: none
-  mutable Cache<TileKey, std::vector<float>, TileKeyHash> tiles;
+  std::shared_ptr<ValueMapTiles> kept;
+  std::uint64_t number;  // of this map among those
 };
 
-ValueMap::ValueMap(const ValueMapOptions& options) : impl_(std::make_unique<Impl>(options)) {}
+ValueMap::ValueMap(const ValueMapOptions& options, std::shared_ptr<ValueMapTiles> tiles)
+    : impl_(std::make_unique<Impl>(options, std::move(tiles))) {}
 ValueMap::~ValueMap() = default;
 ValueMap::ValueMap(ValueMap&&) noexcept = default;
 
@@ -163,7 +183,8 @@ std::uint64_t ValueMap::fingerprint() const {
 
 const std::vector<float>& ValueMap::Sampler::tile(int tx, int ty, int level) {
   Held& held = held_[static_cast<std::size_t>((tx & 1) | (ty & 1) << 1 | (level & 3) << 2)];
-  if (held.level != level || held.tx != tx || held.ty != ty) held = {level, tx, ty, map_->impl_->tile({level, tx, ty})};
+  if (held.level != level || held.tx != tx || held.ty != ty)
+    held = {level, tx, ty, map_->impl_->tile(level, tx, ty, *stop_)};
   return *held.tile;
 }
 

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "dem/raster_info.h"
+#include "dem/stop_token.h"
 
 namespace selenograph::dem {
 
@@ -26,12 +27,16 @@ struct ValueMapOptions {
   double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();  // values are clamped
 };
 
+// What is in memory of the maps that share it, on one budget in bytes.
+class ValueMapTiles;
+std::shared_ptr<ValueMapTiles> make_value_map_tiles(std::size_t bytes);
+
 // const means safe to call concurrently.
 class ValueMap {
  public:
   // Throws DataError naming the file: it can't be opened, doesn't say where it lies, isn't the Moon's sphere. Projected
   // rasters are warped to degrees on the way.
-  explicit ValueMap(const ValueMapOptions& options);
+  ValueMap(const ValueMapOptions& options, std::shared_ptr<ValueMapTiles> tiles);
   ~ValueMap();
   ValueMap(ValueMap&&) noexcept;
 
@@ -49,9 +54,10 @@ class ValueMap {
   // For one thread: remembers the tiles that it used last.
   class Sampler {
    public:
-    explicit Sampler(const ValueMap& map) : map_(&map) {}
+    // `stop` outlives it.
+    Sampler(const ValueMap& map, const StopToken& stop) : map_(&map), stop_(&stop) {}
     // The mean over the footprint, of up to 16 probes along its longer side; NaN where half of it or more has no value.
-    // Throws DataError when the file can't be read.
+    // Throws DataError when the file can't be read, Cancelled when `stop` says so.
     double mean(const Footprint2& footprint);
 
    private:
@@ -67,6 +73,7 @@ class ValueMap {
     float texel(int x, int y, int level);
 
     const ValueMap* map_;
+    const StopToken* stop_;
     std::array<Held, 16> held_;
   };
 

@@ -1,24 +1,27 @@
 #include "engine/budget.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
+#include "dem/error.h"
 #include "engine/frame/needs.h"
 
 namespace selenograph::engine {
 namespace {
 
 // Before anything is known: a core of a server of 2024. Wrong by a factor of a few elsewhere, for a few frames.
-constexpr double kMsPerRay = 6e-6, kMsPerTriangle = 40e-6;
+constexpr double kMsPerFrame = 2, kMsPerRay = 6e-6, kMsPerTriangle = 40e-6;
 
 double ray_units(const FrameWork& work) { return work.rays * std::log2(2 + work.triangles); }
 
 // Moves an eighth of the way toward what was measured, which counts as at most four times off: one frame that waited
 // for the disk changes the estimate by less than 3/8, and eight frames of another speed by two thirds of the
-// difference.
-void approach(std::atomic<double>& value, double measured) {
+// difference. `share`: of what was predicted, this value's; what was wrong is blamed on each by its share.
+void approach(std::atomic<double>& value, double measured_to_predicted, double share) {
   const double old = value.load(std::memory_order_relaxed);
-  value.store(old + (std::clamp(measured, old / 4, old * 4) - old) / 8, std::memory_order_relaxed);
+  value.store(old * (1 + share * (std::clamp(measured_to_predicted, 0.25, 4.0) - 1) / 8), std::memory_order_relaxed);
 }
 
 }  // namespace
@@ -32,16 +35,33 @@ FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, double 
   return {pixels * samples * per_sample, triangles, build};
 }
 
-SpeedGauge::SpeedGauge(int threads) : ms_per_ray_(kMsPerRay / threads), ms_per_triangle_(kMsPerTriangle / threads) {}
+SpeedGauge::SpeedGauge(int threads)
+    : ms_per_frame_(kMsPerFrame), ms_per_ray_(kMsPerRay / threads), ms_per_triangle_(kMsPerTriangle / threads) {}
 
 double SpeedGauge::predicted_ms(const FrameWork& work) const {
-  return ray_units(work) * ms_per_ray_.load(std::memory_order_relaxed) +
+  return ms_per_frame_.load(std::memory_order_relaxed) + ray_units(work) * ms_per_ray_.load(std::memory_order_relaxed) +
          (work.build ? work.triangles * ms_per_triangle_.load(std::memory_order_relaxed) : 0);
 }
 
 void SpeedGauge::learn(const FrameWork& work, const StageTimes& times) {
-  if (work.rays > 0) approach(ms_per_ray_, times.visibility_ms / ray_units(work));
-  if (work.build && work.triangles > 0) approach(ms_per_triangle_, times.build_ms / work.triangles);
+  if (work.rays > 0) {
+    const double frame = ms_per_frame_.load(std::memory_order_relaxed),
+                 rays = ray_units(work) * ms_per_ray_.load(std::memory_order_relaxed), predicted = frame + rays;
+    approach(ms_per_frame_, times.visibility_ms / predicted, frame / predicted);
+    approach(ms_per_ray_, times.visibility_ms / predicted, rays / predicted);
+  }
+  if (work.build && work.triangles > 0) {
+    const double predicted = work.triangles * ms_per_triangle_.load(std::memory_order_relaxed);
+    approach(ms_per_triangle_, times.build_ms / predicted, 1);
+  }
+}
+
+void SpeedGauge::refuse_hopeless(const FrameWork& work, std::size_t times, const StopToken& stop) {
+  const double ms = predicted_ms(work) * static_cast<double>(times), left_ms = stop.remaining_ms();
+  if (ms <= kDoubt * left_ms + kMoments_ms) return;
+  for (std::atomic<double>* value : {&ms_per_ray_, &ms_per_triangle_})
+    value->store(value->load(std::memory_order_relaxed) * 7 / 8, std::memory_order_relaxed);
+  throw TooMuchWork(fmt::format("expected to take about {:.0f} s; fewer pixels or samples take less", ms / 1e3), ms);
 }
 
 double expected_error(const Accuracy& accuracy) {

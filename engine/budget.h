@@ -8,6 +8,7 @@
 #include <array>
 #include <atomic>
 
+#include "dem/stop_token.h"
 #include "engine/frame/report.h"
 #include "engine/frame/request.h"
 
@@ -27,17 +28,22 @@ struct FrameWork {
 };
 FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, double triangles, bool build);
 
-// Learns from each frame what rays and triangles cost. Safe to use concurrently: a lost update is a frame not learnt
-// from.
+// Learns from each frame what rays and triangles cost, and what any frame does. Safe to use concurrently: a lost update
+// is a frame not learnt from.
 class SpeedGauge {
  public:
   explicit SpeedGauge(int threads);
   double predicted_ms(const FrameWork& work) const;
   void learn(const FrameWork& work, const StageTimes& times);
+  // Throws TooMuchWork when the work, `times` over, is predicted to take much longer than `stop` allows. A prediction
+  // may be off by a factor of kDoubt, and what takes moments is always tried. A refusal measures nothing: what it
+  // follows from is believed less afterwards, so that an estimate that went wrong mends.
+  void refuse_hopeless(const FrameWork& work, std::size_t times, const StopToken& stop);
+  static constexpr double kDoubt = 4, kMoments_ms = 1000;
 
  private:
-  // Milliseconds per ray and doubling of the triangles, and per triangle built.
-  std::atomic<double> ms_per_ray_, ms_per_triangle_;
+  // Milliseconds per frame, per ray and doubling of the triangles, and per triangle built.
+  std::atomic<double> ms_per_frame_, ms_per_ray_, ms_per_triangle_;
 };
 
 // The levels of detail and samples that are chosen from; each finer than the one before.

@@ -145,7 +145,10 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
 
   // Scene: the blocks as one mesh, with what the visibility algorithm needs of it.
   const SceneContent content = content_of(request, view, selection);
-  const bool build = !kept.holds(content);
+  const FrameWork work = work_of(request, request.accuracy, triangles_of(selection), /*build=*/!kept.holds(content));
+  SpeedGauge& speed = kept.speed(content.visibility);
+  const bool moving = sensor && !request.sensor->motion.none();
+  speed.refuse_hopeless(work, moving ? moments_of(*request.sensor).size() : 1, stop);
   std::shared_ptr<const Scene> scene = kept.scene(content, stop);
   frame.times.build_ms = watch.lap_ms();
 
@@ -173,13 +176,13 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   scene.reset();  // an exposure's other moments have their own: who waits for room for one holds none
   kept.settle();
   frame.times.visibility_ms = watch.lap_ms();
-  kept.speed(content.visibility).learn(work_of(request, request.accuracy, triangles_of(selection), build), frame.times);
+  speed.learn(work, frame.times);
 
   // Sensor: from radiance to digital numbers.
   std::vector<float>& pixels = frame.products.radiance;
   if (sensor) {
     std::vector<float> captured = request.products & kRadiance ? pixels : std::move(pixels);
-    if (!request.sensor->motion.none())
+    if (moving)
       captured = radiance_in_motion(request, captured, terrain, kept, stop, frame.times, frame.report.shadow_limits_px);
     watch.lap_ms();
     if (!(request.products & kRadiance)) pixels.clear();

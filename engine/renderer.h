@@ -30,7 +30,8 @@ class Renderer {
   ~Renderer();
 
   // Throws ImpossibleRequest when the camera is below the terrain, TooMuchTerrain (one, too), DataError when a
-  // needed file is unusable, Cancelled when `stop` says so. Same request, same terrain: same bytes.
+  // needed file is unusable, Cancelled when `stop` says so, TooMuchWork (one, too) when its deadline is out of reach.
+  // Same request, same terrain: same bytes.
   Frame render(const FrameRequest& request, const StopToken& stop = {}) const;
 
   // The truest setting for this request (whose own `accuracy` doesn't matter) that is predicted to take no longer than

@@ -199,7 +199,8 @@ void HttpServer::Impl::answer(Exchange& exchange, httplib::Response& out) {
   exchange.request.body = {};  // a slow reader keeps its answer, and nothing else
   exchange.body_memory = {};
   exchange.connection.begin_answer();
-  exchange.close = exchange.close || listener.stopping();
+  // A reserved connection stays one: who was refused on it comes back on another, and leaves it to the next.
+  exchange.close = exchange.close || listener.stopping() || exchange.connection.peer().reserved;
   if (response.error_code == api::kOutOfMemory && response.body.empty()) throw std::bad_alloc();
   hand_over(std::move(response), exchange, out);
 }

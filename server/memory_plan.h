@@ -20,8 +20,8 @@ struct MemoryPlan {
   std::size_t bodies_bytes = 0;    // bodies being received
 };
 
-// The program itself, its threads' stacks, and one pyramid that is being built.
-inline constexpr std::size_t kOwnMb = 384;
+// The program itself, its threads' stacks, one pyramid that is being built, and maps.
+inline constexpr std::size_t kOwnMb = 512;
 // Requests get at least this much.
 inline constexpr std::size_t kLeastForRequestsMb = 64;
 

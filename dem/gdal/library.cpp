@@ -59,6 +59,7 @@ void keep_drivers() {
   CPLSetConfigOption("GDAL_DRIVER_PATH", "disable");  // no plug-ins
   CPLSetConfigOption("GDAL_VRT_ENABLE_PYTHON", "NO");
   GDALAllRegister();
+  GDALSetCacheMax64(GIntBig{64} << 20);  // else a twentieth of the machine's memory
   GDALDriverManager& all = *GetGDALDriverManager();
   for (int i = all.GetDriverCount() - 1; i >= 0; --i) {
     GDALDriver* driver = all.GetDriver(i);

@@ -62,10 +62,10 @@ MappedSurface::MappedSurface(const FrameRequest& request, const View& view)
   if (view.projection().fisheye()) fisheye_boresight_ = m.col(2), angle_ = 1 / (view.camera().fx * samples);
 }
 
-MappedSurface::Sampler MappedSurface::sampler() const {
+MappedSurface::Sampler MappedSurface::sampler(const StopToken& stop) const {
   Sampler sampler;
-  for (const auto& map : request_.albedo_maps) sampler.albedo.emplace_back(*map);
-  for (const auto& map : request_.temperature_maps) sampler.temperature.emplace_back(*map);
+  for (const auto& map : request_.albedo_maps) sampler.albedo.emplace_back(*map, stop);
+  for (const auto& map : request_.temperature_maps) sampler.temperature.emplace_back(*map, stop);
   return sampler;
 }
 

@@ -30,11 +30,11 @@ class MappedSurface {
   // `request` outlives it.
   MappedSurface(const FrameRequest& request, const View& view);
 
-  // For one task.
+  // For one task; `stop` outlives it.
   struct Sampler {
     std::vector<dem::ValueMap::Sampler> albedo, temperature;
   };
-  Sampler sampler() const;
+  Sampler sampler(const StopToken& stop) const;
 
   // Per lane that hits, W m-2 sr-1: with the Sun, and what is left without it.
   void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,

@@ -123,12 +123,14 @@ std::shared_ptr<const RasterPiece> piece_of(std::shared_ptr<const MeshBlock> of,
 
 }  // namespace
 
-RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh* before) : anchor_(anchor_m) {
+RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh* before, const StopToken& stop)
+    : anchor_(anchor_m) {
   std::unordered_map<const MeshBlock*, std::shared_ptr<const RasterPiece>> known;
   if (before && before->anchor_ == anchor_m)
     for (const auto& piece : before->pieces_) known.emplace(piece->of.get(), piece);
   pieces_.resize(mesh.blocks().size());
   in_parallel(pieces_.size(), [&](std::size_t i) {
+    stop.check();
     const auto found = known.find(&mesh.blocks()[i]);
     pieces_[i] = found != known.end() ? found->second : piece_of(mesh.share(i), anchor_);
   });

@@ -7,6 +7,7 @@
 #include <memory>
 #include <vector>
 
+#include "dem/stop_token.h"
 #include "engine/scene/mesh.h"
 
 namespace selenograph::engine {
@@ -50,8 +51,9 @@ struct RasterPiece {
 
 class RasterMesh {
  public:
-  // `before`: one whose pieces are reused for unchanged blocks and the same anchor; may be null.
-  RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh* before = nullptr);
+  // `before`: one whose pieces are reused for unchanged blocks and the same anchor; may be null. Throws
+  // Cancelled when `stop` says so.
+  RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh* before = nullptr, const StopToken& stop = {});
 
   const Vec3& anchor() const { return anchor_; }
   const std::vector<RasterBlock>& blocks() const { return blocks_; }

@@ -28,8 +28,8 @@ struct Selection {
   double shadow_error_px = 0;        // bound on the displacement of shadow edges on level ground
   double shadow_limit_px = 0;        // Accuracy::max_shadow_error_px, or what it gave way to
   double min_spacing_m = 0, max_spacing_m = 0;
-  double highest_m = 0;                    // no block reaches higher
-  std::vector<dem::SourceIndex> replaced;  // unusable files that something in it or in view lacks; ascending
+  double highest_m = 0;                      // no block reaches higher
+  std::vector<dem::SourceIndex> replaced{};  // unusable files that something in it or in view lacks; ascending
 };
 
 // What a scene holds of one block of 64 x 64 quads, about: vertices, those in float, and Embree's 15 bytes a triangle.

@@ -30,9 +30,9 @@ struct Scene {
         anchor(content.anchor_m) {
     stop.check();
     if (content.visibility == Visibility::zbuffer)
-      raster = std::make_unique<RasterMesh>(mesh, anchor, before ? before->raster.get() : nullptr);
+      raster = std::make_unique<RasterMesh>(mesh, anchor, before ? before->raster.get() : nullptr, stop);
     else
-      tracer = std::make_unique<RayTracer>(mesh, anchor, threads);
+      tracer = std::make_unique<RayTracer>(mesh, anchor, threads, stop);
   }
 
   // From the blocks alone, not from how they were selected: scenes of the same blocks are the same scene.

@@ -26,7 +26,7 @@ class PacketShader {
   using Sampler = MappedSurface::Sampler;
   void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                  Sampler& sampler, float* out, float* base) const;
-  Sampler sampler() const { return mapped_ ? mapped_->sampler() : Sampler(); }
+  Sampler sampler(const StopToken& stop) const { return mapped_ ? mapped_->sampler(stop) : Sampler(); }
   bool mapped() const { return mapped_.has_value(); }
   float base_radiance() const { return base_; }
 

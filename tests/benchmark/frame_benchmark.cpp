@@ -155,7 +155,7 @@ std::shared_ptr<const dem::ValueMap> grey_map() {
     dem::write_geotiff(path, {90 - 0.0625, -180 + 0.0625, 0.125, 0.125, kAcross, kDown}, values, "albedo");
     dem::ValueMapOptions options;
     options.path = path;
-    return std::make_shared<const dem::ValueMap>(options);
+    return std::make_shared<const dem::ValueMap>(options, dem::make_value_map_tiles(std::size_t{128} << 20));
   }();
   return map;
 }

@@ -35,9 +35,9 @@ void expect_closed_form(const engine::Renderer& renderer, double height_m, doubl
   EXPECT_EQ(frame.report.visibility, engine::Visibility::raytrace);
   const double sag_m = std::max(kFinestSag_m, frame.report.lod_error_m) * 1.01;
   std::size_t hits = 0, misses = 0;
-  const auto distance_to_sphere = [&](double from_nadir, double sag_m) {
+  const auto distance_to_sphere = [&](double from_nadir, double depth_m) {
     const EastNorthUp axes = local_axes(eye);
-    return meet_sphere(eye, std::sin(from_nadir) * axes.east - std::cos(from_nadir) * axes.up, sag_m);
+    return meet_sphere(eye, std::sin(from_nadir) * axes.east - std::cos(from_nadir) * axes.up, depth_m);
   };
   for (int y = 0; y < 97; ++y)
     for (int x = 0; x < 97; ++x) {

@@ -46,10 +46,10 @@ using test::TemporaryFolder;
 
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr int kScenes = 6;
-// A million rays; slow.seams has ten.
+// A quarter of a million rays; slow.seams has ten million.
 std::int64_t rays_per_scene() {
   const char* const in_all = std::getenv("SELENOGRAPH_TEST_RAYS");
-  return ((in_all ? std::atoll(in_all) : 1'000'000) + kScenes - 1) / kScenes;
+  return ((in_all ? std::atoll(in_all) : 250'000) + kScenes - 1) / kScenes;
 }
 
 std::shared_ptr<dem::Terrain> terrain_of(const std::string& folder) {

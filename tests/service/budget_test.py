@@ -9,7 +9,7 @@ import unittest
 import harness
 from harness import WithService, frame_request, sample
 
-MEMORY_MB, CACHE_MB, SCENE_MB, MESH_MB = 900, 64, 64, 16
+MEMORY_MB, CACHE_MB, SCENE_MB, MESH_MB = 1028, 64, 64, 16
 EVERYTHING = ("image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source",
               "object_id")
 

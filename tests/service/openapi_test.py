@@ -240,7 +240,7 @@ class EveryAnswer(Documented):
     def deadlines(self, service):
         """Work that takes longer than its deadline on any machine."""
         points = [{"lat_deg": 26.0 + i * 1e-5, "lon_deg": 3.0} for i in range(20000)]
-        slow = {"/v1/frames": frame_request(width=4000, height=4000, samples=256, pose=self.frame_pose()),
+        slow = {"/v1/frames": frame_request(width=4000, height=4000, samples=36, pose=self.frame_pose()),
                 "/v1/rays": {"rays": [{"origin_m": [1757400.0, i, 0.0], "direction": [-1.0, 0.0, 0.0]} for i in range(20000)]},
                 "/v1/heights": {"points": points},
                 "/v1/verify/mertis": {"channels": 10000, "temperatures_k": [300.0] * 16},
@@ -256,8 +256,8 @@ class EveryAnswer(Documented):
     def frame_pose(self):
         return self.operations[0].examples["nadir"]["pose"]
 
-    def long_frame(self):
-        return frame_request(width=4000, height=4000, samples=256, pose=self.frame_pose())
+    def long_frame(self, samples=100):
+        return frame_request(width=4000, height=4000, samples=samples, pose=self.frame_pose())
 
     def metadata_of_their_own(self, service):
         frames = next(o for o in self.operations if o.path == "/v1/frames")
@@ -299,11 +299,11 @@ class EveryAnswer(Documented):
     def too_many_connections(self):
         """Every connection that there may be is at work: the next one gets health and metrics, and nothing else."""
         service = Service("--max-connections", "4", "--max-frames", "4", "--deadline-s", "3600", *SMALL_LIMITS)
-        clients, pause_s = [], 0.05
+        clients, pause_s = [], 1
         while (in_work := int(service.metric("selenograph_frames_in_work"))) < 4:
             self.assertLess(pause_s, PATIENCE_S)
             # Our own question pushes out a client that is not at work yet: it is given longer and longer for that.
-            clients += [service.start_frame(self.long_frame()) for _ in range(4 - in_work)]
+            clients += [service.start_frame(self.long_frame(256)) for _ in range(4 - in_work)]
             time.sleep(pause_s)
             pause_s *= 1.5
         for operation in self.operations:
@@ -314,6 +314,7 @@ class EveryAnswer(Documented):
             else:
                 headers, _ = self.check(operation, answer, 503)
                 self.assertGreaterEqual(int(headers["Retry-After"]), 1)
+                self.assertEqual(headers["Connection"], "close")
         for client in clients:
             client.close()
         self.assertEqual(service.stop(), 0)

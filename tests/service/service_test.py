@@ -377,8 +377,8 @@ class ServiceDeadline(WithService):
     options = ("--deadline-s", "0.2", "--max-image-pixels", "16000000")
 
     def test_the_services_own_deadline(self):
-        self.problem(self.service.frame(long_frame()), 504)
-        self.problem(self.service.frame(long_frame(), Request_Timeout_Ms="9999999"), 504)
+        self.problem(self.service.frame(frame_request(width=2000, height=2000, samples=4)), 504)
+        self.problem(self.service.frame(frame_request(width=2000, height=2000, samples=4), Request_Timeout_Ms="9999999"), 504)
 
 
 class Determinism(unittest.TestCase):
@@ -473,6 +473,14 @@ class Commands(unittest.TestCase):
             with open(path, "w") as file:
                 file.write(content)
         return path
+
+    def test_the_operators_table_names_options_that_there_are(self):
+        with open(os.path.join(os.path.dirname(__file__), "..", "..", "deploy", "README.md")) as file:
+            table = re.search(r"(?:^\|.*\n)+", file.read().split("What is bounded")[1], re.M)[0]
+        named, known = set(re.findall(r"`(--[a-z-]+)`", table)), run("serve", "--help").stdout
+        self.assertGreater(len(named), 15)
+        for option in named:
+            self.assertRegex(known, re.escape(option) + r"\b")
 
     def test_help_and_version(self):
         self.assertRegex(run("--version").stdout, r"\d+\.\d+")

@@ -72,9 +72,9 @@ class WorkLimitsTest(WithService):
     def test_deadlines_reach_everything(self):
         cases = {
             "kernel": with_sensor(EVEN, **LARGE),
-            "motion": with_sensor({"model": "none"}, motion={"angular_rate_deg_s": [1.0, 0, 0], "samples": 256}, **LARGE),
+            "motion": with_sensor({"model": "none"}, motion={"angular_rate_deg_s": [1.0, 0, 0], "samples": 8}, **LARGE),
             "lens": frame_request(("range",), camera=LENS, accuracy={"max_error_px": 8}),
-            "samples": frame_request(("radiance",), 1024, 1024, 256, visibility="raytrace"),
+            "samples": frame_request(("radiance",), 1024, 1024, 36, visibility="raytrace"),
         }
         for name, document in cases.items():
             with self.subTest(name):
@@ -83,6 +83,17 @@ class WorkLimitsTest(WithService):
         self.late(lambda headers: self.service.post("/v1/verify/mertis", mertis, **headers), 0.02)
         trip = {"center": {"lat_deg": 0.1, "lon_deg": 30.1}, "mode": "camera", "footprint_ratio": 0.1, "posts": 256}
         self.late(lambda headers: self.service.post("/v1/verify/roundtrip", trip, **headers), 0.2)
+
+    def test_what_is_out_of_reach_is_not_begun(self):
+        hopeless = frame_request(("radiance",), 4096, 4096, 256, visibility="raytrace")
+        hopeless["sun"]["angular_radius_deg"] = 0.27
+        start = time.monotonic()
+        problem = self.problem(self.service.frame(hopeless, Request_Timeout_Ms="30000"), 422)
+        self.assertEqual([e["pointer"] for e in problem["errors"]], ["/camera"])
+        self.assertRegex(problem["detail"], r"expected to take about \d+ s.*this service allows 60 s")
+        problem = self.problem(self.service.frame(dict(hopeless, accuracy={"samples_per_pixel": 4}), Request_Timeout_Ms="3000"), 504)
+        self.assertRegex(problem["detail"], r"expected to take about \d+ s")
+        self.assertLess(time.monotonic() - start, 2.5)
 
     def test_a_client_that_left_costs_nothing_more(self):
         connection = self.service.start_frame(with_sensor(EVEN, **LARGE))
@@ -119,6 +130,18 @@ class WorkLimitsTest(WithService):
             self.assertEqual(problem["type"], "urn:selenograph:problem:asset_error")
             self.assertIn(name, problem["detail"])
             self.assertIn(what, problem["detail"])
+
+    def test_what_could_not_be_read_is_read_again_when_it_changes(self):
+        bad, good = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+        self.write("changing.obj", bad)
+        path = harness.path("assets", "objects", "changing.obj")
+        stamp = os.stat(path)
+        first = self.problem(self.mesh_frame("changing"), 500)
+        self.write("changing.obj", good)
+        os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # as if it were the same
+        self.assertEqual(self.problem(self.mesh_frame("changing"), 500)["detail"], first["detail"])
+        os.utime(path)
+        self.assertEqual(self.mesh_frame("changing")[0], 200)
 
     def test_kept_meshes_are_counted(self):
         self.assertEqual(self.mesh_frame("satellite")[0], 200)

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
+
 #include "dem/error.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
@@ -39,9 +41,35 @@ TEST(SpeedGauge, LearnsWhatFramesTake) {
   for (int i = 0; i < 200; ++i) gauge.learn(cold, {.build_ms = 300, .visibility_ms = 40});
   EXPECT_NEAR(gauge.predicted_ms(warm), 40, 0.01);
   EXPECT_NEAR(gauge.predicted_ms(cold), 340, 0.01);
-  EXPECT_NEAR(gauge.predicted_ms({2e6, 1e6, false}), 80, 0.02) << "in proportion to the rays";
+  EXPECT_NEAR(gauge.predicted_ms({2e6, 1e6, false}), 79, 1) << "nearly in proportion to the rays";
   gauge.learn(warm, {.visibility_ms = 1e9});
   EXPECT_LT(gauge.predicted_ms(warm), 60) << "one frame that waited isn't the machine's speed";
+}
+
+TEST(SpeedGauge, SmallFramesSayLittleOfLargeOnes) {
+  SpeedGauge gauge(2);
+  const FrameWork small{3000, 1e5, false}, large{1e9, 1e6, false};
+  const double before = gauge.predicted_ms(large);
+  for (int i = 0; i < 1000; ++i) gauge.learn(small, {.visibility_ms = 12});
+  EXPECT_NEAR(gauge.predicted_ms(small), 12, 0.01);
+  EXPECT_LT(gauge.predicted_ms(large), 2 * before);
+}
+
+TEST(SpeedGauge, RefusesWhatIsOutOfReach) {
+  using namespace std::chrono_literals;
+  SpeedGauge gauge(1);
+  const FrameWork work{1e9, 1e6, false};
+  const double ms = gauge.predicted_ms(work);
+  ASSERT_GT(ms, 20e3);
+  const auto token = [](double left_ms) {
+    return StopToken(StopToken::Clock::now() + std::chrono::microseconds(static_cast<std::int64_t>(left_ms * 1e3)));
+  };
+  EXPECT_NO_THROW(gauge.refuse_hopeless(work, 1, {})) << "no deadline";
+  EXPECT_NO_THROW(gauge.refuse_hopeless(work, 1, token(ms / 3)));
+  EXPECT_EQ(gauge.predicted_ms(work), ms);
+  EXPECT_THROW(gauge.refuse_hopeless(work, 2, token(ms / 3)), TooMuchWork);
+  EXPECT_LT(gauge.predicted_ms(work), ms) << "and is believed less";
+  EXPECT_NO_THROW(gauge.refuse_hopeless({1e6, 1e6, false}, 1, token(1))) << "what takes moments is tried";
 }
 
 TEST(ExpectedError, FinerTerrainWantsMoreSamples) {

@@ -68,7 +68,7 @@ class MappedGround : public ::testing::Test {
     dem::write_geotiff(*folder_ / name, {north, west, step, step, kSide, kSide}, values, "value");
     dem::ValueMapOptions options;
     options.path = *folder_ / name;
-    return std::make_shared<const dem::ValueMap>(options);
+    return std::make_shared<const dem::ValueMap>(options, dem::make_value_map_tiles(std::size_t{128} << 20));
   }
 
   FrameRequest request(Visibility visibility) const {

@@ -18,6 +18,10 @@
 namespace selenograph::dem {
 namespace {
 
+const StopToken kNever;
+
+ValueMap opened(const ValueMapOptions& options) { return {options, make_value_map_tiles(std::size_t{16} << 20)}; }
+
 using Value = std::function<double(double lat_deg, double lon_deg)>;
 
 class ValueMaps : public ::testing::Test {
@@ -35,14 +39,14 @@ class ValueMaps : public ::testing::Test {
   ValueMap open(const std::string& path) {
     ValueMapOptions options;
     options.path = path;
-    return ValueMap(options);
+    return opened(options);
   }
   test::TemporaryFolder folder_;
 };
 
 // A square of so many metres.
 double mean(const ValueMap& map, double lat_deg, double lon_deg, double side_m = 1) {
-  return ValueMap::Sampler(map).mean({lat_deg, lon_deg, {side_m, 0}, {0, side_m}});
+  return ValueMap::Sampler(map, kNever).mean({lat_deg, lon_deg, {side_m, 0}, {0, side_m}});
 }
 
 TEST_F(ValueMaps, AreLinearBetweenTexels) {
@@ -76,7 +80,7 @@ TEST_F(ValueMaps, AFootprintIsAMeanOverItsArea) {
   for (const double share : {0.05, 0.1, 0.2, 0.3, 0.5}) {
     const double lat = 4, lon = 3 * length_deg + length_deg / 4;  // a crest
     const double east_m = share * length_deg * kMetresPerDegree * std::cos(lat * std::numbers::pi / 180);
-    const double kept = (ValueMap::Sampler(map).mean({lat, lon, {east_m, 0}, {0, east_m}}) - 0.5) / 0.4;
+    const double kept = (ValueMap::Sampler(map, kNever).mean({lat, lon, {east_m, 0}, {0, east_m}}) - 0.5) / 0.4;
     const double x = std::numbers::pi * share;
     EXPECT_NEAR(kept, std::sin(x) / x, 0.02) << share;
   }
@@ -87,7 +91,7 @@ TEST_F(ValueMaps, LongFootprintsAreFilteredAlongThemselves) {
   const auto stripes = [](double, double lon) { return std::fmod(lon, 0.08) < 0.04 ? 0.8 : 0.2; };
   const ValueMap map = open(write("stripes.tif", {0, 4, 0, 4}, 400, 400, stripes));
   const double texel_m = 0.01 * kMetresPerDegree;
-  ValueMap::Sampler sampler(map);
+  ValueMap::Sampler sampler(map, kNever);
   EXPECT_NEAR(sampler.mean({2, 2.02, {texel_m, 0}, {0, 14 * texel_m}}), 0.8, 0.02);
   EXPECT_NEAR(sampler.mean({2, 2.02, {0, 14 * texel_m}, {texel_m, 0}}), 0.8, 0.02);
   EXPECT_NEAR(sampler.mean({2, 2.02, {16 * texel_m, 0}, {0, texel_m}}), 0.5, 0.02);
@@ -160,21 +164,21 @@ TEST_F(ValueMaps, PicturesAreTakenAsTold) {
   });
   ValueMapOptions told;
   told.path = path;
-  EXPECT_THROW(ValueMap{told}, DataError) << "where is it?";
+  EXPECT_THROW(opened(told), DataError) << "where is it?";
   told.extent = Footprint{-10, 10, 350, 390};
   told.scale = 0.001, told.offset = 0.05;
-  EXPECT_NEAR(mean(ValueMap(told), 0, 10), 0.17, 1e-6) << "mean of 60, 120, 180";
+  EXPECT_NEAR(mean(opened(told), 0, 10), 0.17, 1e-6) << "mean of 60, 120, 180";
   told.bands = {3};
-  EXPECT_NEAR(mean(ValueMap(told), 0, -5), 0.23, 1e-6);
-  EXPECT_NEAR(mean(ValueMap(told), 9.5, 350.5), 0.305, 1e-6);
-  const std::uint64_t fingerprint = ValueMap(told).fingerprint();
+  EXPECT_NEAR(mean(opened(told), 0, -5), 0.23, 1e-6);
+  EXPECT_NEAR(mean(opened(told), 9.5, 350.5), 0.305, 1e-6);
+  const std::uint64_t fingerprint = opened(told).fingerprint();
   told.high = 0.25;
-  EXPECT_NEAR(mean(ValueMap(told), 9.5, 350.5), 0.25, 1e-6);
-  EXPECT_NE(ValueMap(told).fingerprint(), fingerprint);
+  EXPECT_NEAR(mean(opened(told), 9.5, 350.5), 0.25, 1e-6);
+  EXPECT_NE(opened(told).fingerprint(), fingerprint);
   told.no_data = 180;
-  EXPECT_TRUE(std::isnan(mean(ValueMap(told), 0, 10)));
+  EXPECT_TRUE(std::isnan(mean(opened(told), 0, 10)));
   told.bands = {4};
-  EXPECT_THROW(ValueMap{told}, DataError);
+  EXPECT_THROW(opened(told), DataError);
 }
 
 // In metres around the south pole; beyond the square there is nothing.

@@ -49,7 +49,7 @@ class RayPass {
     const int across = (camera.width + kTile - 1) / kTile, along = (camera.height + kTile - 1) / kTile;
     const std::vector<SubpixelSample> samples = samples_of(job_.request);
     in_parallel_pieces(static_cast<std::size_t>(across * along), 1, [&](std::size_t first, std::size_t past_last) {
-      Task task{{}, shader_.sampler()};
+      Task task{{}, shader_.sampler(job_.stop)};
       unsigned packets = 0;
       for (int tile = static_cast<int>(first); tile < static_cast<int>(past_last); ++tile) {
         const int x0 = tile % across * kTile, y0 = tile / across * kTile;

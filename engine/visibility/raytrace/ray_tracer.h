@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "dem/stop_token.h"
 #include "engine/scene/mesh.h"
 #include "engine/support/packet.h"
 #include "engine/visibility/raytrace/embree.h"
@@ -15,7 +16,8 @@ namespace selenograph::engine {
 
 class RayTracer {
  public:
-  RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads);
+  // Throws Cancelled when `stop` says so.
+  RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads, const StopToken& stop = {});
   ~RayTracer();
   RayTracer(const RayTracer&) = delete;
   RayTracer& operator=(const RayTracer&) = delete;

@@ -77,7 +77,7 @@ void RasterPass::resolve_tile(const ImageTile& tile, const TileBuffer& buffer, c
                               const PixelRays& lens, PixelCounts& counts, LightSamples& samples) {
   samples.clear(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height) + kPacket,
                 disc_.has_value());
-  PacketShader::Sampler sampler = shader_.sampler();
+  PacketShader::Sampler sampler = shader_.sampler(job_.stop);
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; x += kPacket) {
       const std::size_t first =
