@@ -68,7 +68,7 @@ Grid direct_base(const ChunkPlan& plan, const PostSource& source, const StopToke
 // between are interpolated along the row.
 void paste(const Block& block, Grid& grid) {
   const BlockExtent& e = block.extent;
-  const int stride = e.lon_step / grid.window.lon_step;
+  const int stride = std::max(e.lon_step / grid.window.lon_step, 1);  // never less
   const std::int64_t turn = std::llround(static_cast<double>(grid.window.lon0 - e.lon0) / kLonTicks);
   for (const std::int64_t shift : {turn - 1, turn, turn + 1})
     for (int r = 0; r <= e.quads; ++r) {

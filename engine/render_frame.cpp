@@ -57,6 +57,7 @@ std::optional<Sensor> sensor_of(const FrameRequest& request, const StopToken& st
 // The moments that stand for the exposure, seconds from its middle.
 std::vector<double> moments_of(const SensorModel& sensor) {
   std::vector<double> moments;
+  moments.reserve(static_cast<std::size_t>(sensor.motion.samples));
   for (int k = 0; k < sensor.motion.samples; ++k)
     moments.push_back(((k + 0.5) / sensor.motion.samples - 0.5) * sensor.detector.integration_time_s);
   return moments;
@@ -122,6 +123,7 @@ std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terra
     for (const double moment : moments_of(*request.sensor))
       if (moment != 0) poses.push_back(moved(asked.pose, request.sensor->motion, moment));
   std::vector<double> limits;
+  limits.reserve(poses.size());
   for (const Pose& pose : poses)
     limits.push_back(
         select_blocks(request, View(request.camera, pose), request.accuracy, terrain, kept, stop).shadow_limit_px);

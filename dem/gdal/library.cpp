@@ -49,7 +49,7 @@ class Gate final : public VSIFilesystemHandler {
 // All but memory, which GDAL itself works with. Handlers are never removed: GDAL's manager has no way to.
 void shut_file_systems() {
   char** prefixes = VSIGetFileSystemsPrefixes();
-  for (char** p = prefixes; p && *p; ++p)
+  for (char** p = prefixes; p && *p; ++p)  // NOLINT(clang-analyzer-cplusplus.NewDeleteLeaks): the manager keeps them
     if (std::string_view(*p) != "/vsimem/")
       VSIFileManager::InstallHandler(*p, new Gate(VSIFileManager::GetHandler(*p)));  // NOLINT: as GDAL does
   CSLDestroy(prefixes);

@@ -111,7 +111,8 @@ std::string impossible_values(const RasterFile& s) {
   const bool has_sign = s.type == GDT_Int16 || s.type == GDT_Int32;
   const double least = has_sign ? -std::ldexp(1.0, bits - 1) : 0,
                most = std::ldexp(1.0, has_sign ? bits - 1 : bits) - 1;
-  const auto [low, high] = std::minmax({least * s.scale + s.offset_m, most * s.scale + s.offset_m});
+  const auto range = std::minmax({least * s.scale + s.offset_m, most * s.scale + s.offset_m});
+  const double low = range.first, high = range.second;  // Clang 14's lambdas capture no structured bindings
   const auto meets = [&](double from, double to) { return low <= to && high >= from; };
   if (meets(-kFarthestHeight_m, kFarthestHeight_m) ||
       meets(kMoonRadius_m - kFarthestHeight_m, kMoonRadius_m + kFarthestHeight_m))

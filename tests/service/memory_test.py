@@ -90,6 +90,7 @@ class Memory(unittest.TestCase):
         # could give back. Ten per cent is what 60 KiB a frame would add, the size of one product.
         self.assertLessEqual(statistics.median(second), 1.1 * statistics.median(first))
         self.assertLessEqual(max(second), 1.1 * max(first))
+        self.assertLess(idle, 200, "deploy/README.md says 140 MiB")
         self.assertLessEqual(max(resident), idle + 1.1 * 2 * BUDGET_MB + WORKING_MB)
 
     def test_sample_terrain(self):
