@@ -9,6 +9,7 @@
 
 #include "dem/error.h"
 #include "engine/visibility/object_mesh.h"
+#include "tests/support/mesh_files.h"
 #include "tests/support/meshes.h"
 #include "tests/support/shared_data.h"
 
@@ -71,10 +72,7 @@ TEST_F(ObjectShapes, NormalsAreKept) {
 }
 
 TEST_F(ObjectShapes, Ply) {
-  const ObjectShape shape = test::read_shape(write(
-      "a.ply",
-      "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
-      "property list uchar int vertex_indices\nend_header\n0 0 0\n3 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 2 3\n"));
+  const ObjectShape shape = test::read_shape(write("a.ply", test::ply_file(/*binary=*/false)));
   EXPECT_EQ(shape.triangles.size(), 2U);
   EXPECT_EQ(shape.parts.size(), 1U);
   EXPECT_NEAR(area_of(shape, 0), 2, 1e-6);
@@ -82,15 +80,7 @@ TEST_F(ObjectShapes, Ply) {
 
 // A triangle in a buffer inside the file, on a node that is moved and scaled.
 TEST_F(ObjectShapes, GltfWithANodesTransform) {
-  const ObjectShape shape = test::read_shape(write("a.gltf", R"({
-    "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
-    "nodes": [{"mesh": 0, "translation": [10, 0, 0], "scale": [2, 2, 2]}],
-    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
-    "materials": [{"name": "foil"}],
-    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
-    "bufferViews": [{"buffer": 0, "byteLength": 36}],
-    "buffers": [{"byteLength": 36, "uri":
-      "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]})"));
+  const ObjectShape shape = test::read_shape(write("a.gltf", test::gltf_file()));
   ASSERT_EQ(shape.triangles.size(), 1U);
   const std::uint32_t foil = part_called(shape, "foil");
   EXPECT_NEAR(area_of(shape, foil), 2, 1e-6);
