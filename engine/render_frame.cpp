@@ -150,7 +150,7 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   const FrameWork work = work_of(request, request.accuracy, triangles_of(selection), /*build=*/!kept.holds(content));
   SpeedGauge& speed = kept.speed(content.visibility);
   const bool moving = sensor && !request.sensor->motion.none();
-  speed.refuse_hopeless(work, moving ? moments_of(*request.sensor).size() : 1, stop);
+  speed.refuse_hopeless(work, moving ? static_cast<std::size_t>(request.sensor->motion.samples) : 1, stop);
   std::shared_ptr<const Scene> scene = kept.scene(content, stop);
   frame.times.build_ms = watch.lap_ms();
 
