@@ -92,7 +92,7 @@ engine::Frame render(const FrameQuery& query, const EndpointContext& context) {
     return with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.render(query.request, context.stop); });
   } catch (const TooMuchWork& e) {
     const auto longest_ms = static_cast<double>(context.limits.default_deadline.count());
-    if (e.predicted_ms() <= engine::SpeedGauge::kDoubt * longest_ms + engine::SpeedGauge::kMoments_ms) throw;
+    if (engine::SpeedGauge::in_reach(e.predicted_ms(), longest_ms)) throw;
     const std::string detail = fmt::format("{}; this service allows {:g} s", e.what(), longest_ms / 1e3);
     throw RequestError("invalid_request", detail, {{"/camera", detail}});
   }

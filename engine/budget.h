@@ -40,6 +40,9 @@ class SpeedGauge {
   // follows from is believed less afterwards, so that an estimate that went wrong mends.
   void refuse_hopeless(const FrameWork& work, std::size_t times, const StopToken& stop);
   static constexpr double kDoubt = 4, kMoments_ms = 1000;
+  static bool in_reach(double predicted_ms, double allowed_ms) {
+    return predicted_ms <= kDoubt * allowed_ms + kMoments_ms;
+  }
 
  private:
   // Milliseconds per frame, per ray and doubling of the triangles, and per triangle built.

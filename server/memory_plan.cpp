@@ -1,6 +1,7 @@
 #include "server/memory_plan.h"
 
 #include <fmt/format.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -38,7 +39,10 @@ std::size_t control_group_limit_mb() {
 std::size_t machine_memory_mb() {
   const auto pages = static_cast<std::size_t>(::sysconf(_SC_PHYS_PAGES)),
              page = static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
-  return std::min((pages * page) >> 20, control_group_limit_mb());
+  rlimit addresses{};
+  const std::size_t allowed =
+      ::getrlimit(RLIMIT_AS, &addresses) == 0 && addresses.rlim_cur != RLIM_INFINITY ? addresses.rlim_cur : SIZE_MAX;
+  return std::min({(pages * page) >> 20, control_group_limit_mb(), allowed >> 20});
 }
 
 std::size_t default_memory_mb(std::size_t machine_mb, const MemorySettings& s) {

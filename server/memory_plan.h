@@ -29,7 +29,7 @@ inline constexpr std::size_t kLeastForRequestsMb = 64;
 // and small ones beside it. Never less than the caches and scenes ask for and 1024 more.
 std::size_t default_memory_mb(std::size_t machine_mb, const MemorySettings& settings);
 
-// Of the machine, or of the control group that the process is in, if that is less. MiB.
+// Of the machine, of the control group that the process is in, or RLIMIT_AS: the least. MiB.
 std::size_t machine_memory_mb();
 
 // Throws std::runtime_error naming the options when the parts don't fit into the whole.

@@ -1,6 +1,7 @@
 #include "server/memory_plan.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <stdexcept>
 
@@ -43,6 +44,16 @@ TEST(MemoryPlan, TheDefaultFollowsTheMachine) {
 TEST(MemoryPlan, ThisMachineHasMemory) {
   EXPECT_GT(machine_memory_mb(), 64U);
   EXPECT_LT(machine_memory_mb(), std::size_t{1} << 30);
+}
+
+TEST(MemoryPlan, ALimitOfAddressesIsAMachineOfThatSize) {
+  rlimit was{};
+  ASSERT_EQ(::getrlimit(RLIMIT_AS, &was), 0);
+  const std::size_t half_mb = machine_memory_mb() / 2;
+  const rlimit half{static_cast<rlim_t>(half_mb) << 20, was.rlim_max};
+  ASSERT_EQ(::setrlimit(RLIMIT_AS, &half), 0);
+  EXPECT_EQ(machine_memory_mb(), half_mb);
+  ASSERT_EQ(::setrlimit(RLIMIT_AS, &was), 0);
 }
 
 }  // namespace
