@@ -7,8 +7,10 @@
 
 namespace selenograph::dem {
 
-BuildQueue::BuildQueue(int threads, TakeTurn take_turn)
-    : take_turn_(std::move(take_turn)), arena_(threads > 0 ? threads : tbb::task_arena::automatic) {}
+BuildQueue::BuildQueue(int threads, TakeTurn take_turn, std::function<void()> rest)
+    : take_turn_(std::move(take_turn)),
+      rest_(std::move(rest)),
+      arena_(threads > 0 ? threads : tbb::task_arena::automatic) {}
 
 BuildQueue::~BuildQueue() {
   stop();
@@ -59,7 +61,11 @@ std::shared_ptr<BuildQueue::Job> BuildQueue::find_or_add(const ChunkPlan& plan) 
 void BuildQueue::run() {
   std::unique_lock lock(mutex_);
   for (;;) {
-    added_.wait(lock, [&] { return stopping_ || !queue_.empty(); });
+    const auto something_to_do = [&] { return stopping_ || !queue_.empty(); };
+    if (!added_.wait_for(lock, std::chrono::seconds(1), something_to_do)) {
+      if (rest_) rest_();
+      added_.wait(lock, something_to_do);
+    }
     if (stopping_) return;
     const std::shared_ptr<Job> job = std::move(queue_.front());
     queue_.pop_front();

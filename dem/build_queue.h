@@ -40,8 +40,8 @@ class BuildQueue {
   using TakeTurn = std::function<Turn(Work&, const StopToken&)>;
 
   // `threads` that build, 0: all cores. take_turn() is called by one thread at a time; what it throws is what those who
-  // wait get.
-  BuildQueue(int threads, TakeTurn take_turn);
+  // wait get. The same thread calls rest() when there was nothing to build for a second.
+  BuildQueue(int threads, TakeTurn take_turn, std::function<void()> rest = {});
   ~BuildQueue();  // stops and waits for the turn to end
 
   // Waits for the chunk. Throws Cancelled when `stop` says so, and after stop().
@@ -68,6 +68,7 @@ class BuildQueue {
   static void let_go(Job& job);
 
   const TakeTurn take_turn_;
+  const std::function<void()> rest_;
   tbb::task_arena arena_;
   std::mutex mutex_;
   std::condition_variable added_, landed_;

@@ -34,9 +34,9 @@ class Catalogue {
   // The index in rasters() of the file of that path.
   std::optional<SourceIndex> find(const std::string& path) const;
 
-  // Indices into rasters() of those whose footprint, grown by margin_deg, touches the box; ascending (coarse to fine).
-  // west may be anything, east >= west; boxes of 360 degrees and more mean all longitudes.
-  // Fast for 64 800 tiles (a 1-degree bucket grid).
+  // Indices into rasters() of those whose footprint touches the box, grown by margin_deg (below 0: shrunk); ascending
+  // (coarse to fine). west may be anything, east >= west; boxes of 360 degrees and more mean all longitudes. Fast for
+  // 64 800 tiles (a 1-degree bucket grid).
   std::vector<int> touching(double south_deg, double north_deg, double west_deg, double east_deg,
                             double margin_deg = 0) const;
 

@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -17,6 +16,7 @@
 
 #include "dem/chunk_format.h"
 #include "dem/error.h"
+#include "dem/open_file.h"
 #include "dem/shading_normals.h"
 
 namespace selenograph::dem {
@@ -25,49 +25,11 @@ namespace {
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr std::uint64_t kLargestHead = std::uint64_t{64} << 20;
 
-// Errors of reading and writing are the system's: what a file holds is judged by its checksums alone.
-class File {
- public:
-  File(const std::string& path, int flags) : path_(path), fd_(::open(path.c_str(), flags | O_CLOEXEC, 0644)) {
-    if (fd_ < 0) throw SystemFault(path, errno);
-  }
-  ~File() { ::close(fd_); }
-  File(const File&) = delete;
-  File& operator=(const File&) = delete;
-
-  std::string read(std::uint64_t offset, std::uint64_t size) const {
-    std::string bytes(size, '\0');
-    for (std::size_t done = 0; done < size;) {
-      const ssize_t n = ::pread(fd_, bytes.data() + done, size - done, static_cast<off_t>(offset + done));
-      if (n < 0 && errno == EINTR) continue;
-      if (n < 0) throw SystemFault(path_, errno);
-      if (n == 0) throw DataError(path_, "truncated pyramid file");
-      done += static_cast<std::size_t>(n);
-    }
-    return bytes;
-  }
-
-  void write(const std::string& bytes) const {
-    for (std::size_t done = 0; done < bytes.size();) {
-      const ssize_t n = ::write(fd_, bytes.data() + done, bytes.size() - done);
-      if (n < 0 && errno == EINTR) continue;
-      if (n < 0) throw SystemFault(path_, errno);
-      done += static_cast<std::size_t>(n);
-    }
-    if (::fsync(fd_) != 0) throw SystemFault(path_, errno);
-  }
-
-  FileState state() const {
-    struct stat s {};
-    if (::fstat(fd_, &s) != 0) throw SystemFault(path_, errno);
-    return {static_cast<std::uint64_t>(s.st_size),
-            static_cast<std::int64_t>(s.st_mtim.tv_sec) * 1'000'000'000 + s.st_mtim.tv_nsec};
-  }
-
- private:
-  std::string path_;
-  int fd_;
-};
+std::string read_bytes(const OpenFile& file, std::uint64_t offset, std::uint64_t size) {
+  std::string bytes(size, '\0');
+  if (!file.read(offset, size, bytes.data())) throw DataError(file.path(), "truncated pyramid file");
+  return bytes;
+}
 
 bool is_missing(int code) { return code == ENOENT || code == ENOTDIR || code == ELOOP || code == ENAMETOOLONG; }
 
@@ -107,14 +69,10 @@ void check_heights(const Block& block, const std::vector<float>& with_halo, cons
     throw DataError(name, "damaged pyramid file: impossible heights in block " + to_string(block.id));
 }
 
-std::string label(const std::string& path, const ChunkPlan& plan) {
-  return path.empty() ? "pyramid " + to_string(plan.node) : path;
-}
-
 }  // namespace
 
 std::shared_ptr<const Chunk> Chunk::open(const std::string& path, const ChunkPlan& plan, const Catalogue& catalogue) {
-  std::optional<File> file;
+  std::optional<OpenFile> file;
   try {
     file.emplace(path, O_RDONLY);
   } catch (const SystemFault& fault) {
@@ -126,8 +84,8 @@ std::shared_ptr<const Chunk> Chunk::open(const std::string& path, const ChunkPla
   chunk->state_ = file->state();
   chunk->total_ = chunk->state_.bytes;
   const format::Header header =
-      header_from(file->read(0, std::min<std::uint64_t>(chunk->total_, sizeof(format::Header))), path);
-  chunk->parse(file->read(0, head_bytes(header, chunk->total_, path)), plan, catalogue);
+      header_from(read_bytes(*file, 0, std::min<std::uint64_t>(chunk->total_, sizeof(format::Header))), path);
+  chunk->parse(read_bytes(*file, 0, head_bytes(header, chunk->total_, path)), plan, catalogue);
   return chunk;
 }
 
@@ -137,14 +95,16 @@ std::shared_ptr<const Chunk> Chunk::from_bytes(std::string bytes, const ChunkPla
   chunk->bytes_ = std::move(bytes);
   chunk->replaced_ = std::move(replaced);
   chunk->total_ = chunk->bytes_.size();
-  const std::string name = label({}, plan);
+  chunk->node_ = plan.node;
+  const std::string name = chunk->name();
   const std::uint64_t head = head_bytes(header_from(chunk->bytes_, name), chunk->total_, name);
   chunk->parse(chunk->bytes_.substr(0, head), plan, catalogue);
   return chunk;
 }
 
 void Chunk::parse(const std::string& head, const ChunkPlan& plan, const Catalogue& catalogue) {
-  const std::string name = label(path_, plan);
+  node_ = plan.node;
+  const std::string name = this->name();
   const format::Header header = header_from(head, name);
   const char* index = head.data() + sizeof header;
   if (format::checksum_of_head(head) != header.head_checksum)
@@ -179,7 +139,7 @@ const Chunk::Record* Chunk::find(const BlockId& id) const {
 std::string Chunk::read(std::uint64_t offset, std::uint64_t size) const {
   if (path_.empty()) return bytes_.substr(offset, size);
   try {
-    return File(path_, O_RDONLY).read(offset, size);
+    return read_bytes(OpenFile(path_, O_RDONLY), offset, size);
   } catch (const SystemFault& fault) {
     if (is_missing(fault.code())) throw DataError(path_, "pyramid file was removed");
     throw;
@@ -192,47 +152,79 @@ std::size_t Chunk::bytes() const {
   return sizeof(Chunk) + bytes_.capacity() + records_.size() * (sizeof(Record) + sizeof(BlockId) + 32);
 }
 
-std::shared_ptr<const Block> Chunk::load(const BlockId& id) const {
-  const std::string name = path_.empty() ? "pyramid" : path_;
+std::string Chunk::name() const { return path_.empty() ? "pyramid " + to_string(node_) : path_; }
+
+// Heights with their halo; the block's sources.
+std::vector<float> Chunk::stored(const Record& record, Block& block) const {
+  const std::string bytes = read(record.offset, record.size);
+  if (XXH3_64bits(bytes.data(), bytes.size()) != record.checksum)
+    throw DataError(name(), "damaged pyramid file: wrong checksum of block " + to_string(block.id));
+  const auto side = static_cast<std::size_t>(block.side()), wide = side + 2 * kHalo;
+  const bool steps = record.flags & kSteps;
+  const std::size_t heights_bytes = wide * wide * (steps ? 2 : 4),
+                    sources = record.flags & kUniformSource ? 1 : side * side;
+  if (bytes.size() != heights_bytes + sizeof(SourceMark) * sources)
+    throw DataError(name(), "damaged pyramid file: impossible size of block " + to_string(block.id));
+  std::vector<float> heights(wide * wide);
+  if (steps) {
+    const auto step = static_cast<float>(format::height_step_m(block.id.level));
+    std::vector<std::uint16_t> raw(wide * wide);
+    std::memcpy(raw.data(), bytes.data(), heights_bytes);
+    for (std::size_t i = 0; i < raw.size(); ++i)
+      heights[i] = raw[i] == format::kVoidSteps ? kNaN : record.lowest_m + static_cast<float>(raw[i]) * step;
+  } else {
+    std::memcpy(heights.data(), bytes.data(), heights_bytes);
+  }
+  block.sources.resize(sources);
+  std::memcpy(block.sources.data(), bytes.data() + heights_bytes, sizeof(SourceMark) * sources);
+  for (SourceMark& s : block.sources) {
+    const SourceIndex index = source_of(s);
+    if (index == kNoSource) continue;
+    if (index >= catalogue_index_.size())
+      throw DataError(name(), "damaged pyramid file: a source that it doesn't name");
+    s = (s & kFilledBit) | catalogue_index_[index];
+  }
+  return heights;
+}
+
+std::shared_ptr<const Block> Chunk::load(const BlockId& id, const PostSource& source, const StopToken& stop) const {
   const Record* record = find(id);
   if (!record || (record->flags & kEmpty)) return nullptr;
-  const std::string bytes = read(record->offset, record->size);
-  if (XXH3_64bits(bytes.data(), bytes.size()) != record->checksum)
-    throw DataError(name, "damaged pyramid file: wrong checksum of block " + to_string(id));
   auto block = std::make_shared<Block>();
   block->id = id;
   block->extent = extent_of(id);
   block->error_m = record->error_m;
   block->min_m = record->min_m, block->max_m = record->max_m;
   fill_trigonometry(*block);
-  const auto side = static_cast<std::size_t>(block->side()), wide = side + 2 * kHalo;
-  const bool small = record->flags & kInt16;
-  const std::size_t heights_bytes = wide * wide * (small ? 2 : 4),
-                    sources = record->flags & kUniformSource ? 1 : side * side;
-  if (bytes.size() != heights_bytes + sizeof(SourceMark) * sources)
-    throw DataError(name, "damaged pyramid file: impossible size of block " + to_string(id));
-  std::vector<float> heights(wide * wide);
-  if (small) {
-    std::vector<std::int16_t> raw(wide * wide);
-    std::memcpy(raw.data(), bytes.data(), heights_bytes);
-    for (std::size_t i = 0; i < raw.size(); ++i)
-      heights[i] = raw[i] == format::kVoid16 ? kNaN : static_cast<float>(raw[i]);
+  const bool from_sources = record->flags & kFromSources;
+  std::vector<float> heights;
+  if (from_sources) {
+    PostsOfBlock posts = compose_block(node_, id, source, stop);
+    if (!std::includes(replaced_.begin(), replaced_.end(), posts.replaced.begin(), posts.replaced.end()))
+      throw OtherSources(name(),
+                         "was made when " + std::to_string(posts.replaced.size()) + " more of its files could be used");
+    heights = std::move(posts.heights);
+    block->sources = std::move(posts.sources);
+    if (std::all_of(block->sources.begin(), block->sources.end(),
+                    [&](SourceMark s) { return s == block->sources[0]; })) {
+      block->sources.resize(1);
+      block->sources.shrink_to_fit();
+    }
   } else {
-    std::memcpy(heights.data(), bytes.data(), heights_bytes);
+    heights = stored(*record, *block);
   }
-  block->sources.resize(sources);
-  std::memcpy(block->sources.data(), bytes.data() + heights_bytes, sizeof(SourceMark) * sources);
-  for (SourceMark& s : block->sources) {
-    const SourceIndex index = source_of(s);
-    if (index == kNoSource) continue;
-    if (index >= catalogue_index_.size()) throw DataError(name, "damaged pyramid file: a source that it doesn't name");
-    s = (s & kFilledBit) | catalogue_index_[index];
-  }
+  const auto side = static_cast<std::size_t>(block->side()), wide = side + 2 * kHalo;
+  block->heights.reserve(side * side);
   for (std::size_t r = 0; r < side; ++r)
     block->heights.insert(block->heights.end(),
                           heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo),
                           heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo + side));
-  check_heights(*block, heights, name);
+  try {
+    check_heights(*block, heights, name());
+  } catch (const DataError& error) {
+    if (from_sources) throw OtherSources(name(), "was made from other posts of block " + to_string(id));
+    throw;
+  }
   // Filtered levels are no longer quantised.
   fill_shading_normals(*block, heights, id.level >= base_level_ ? quantisation_m_ : 0);
   return block;
@@ -252,7 +244,7 @@ class Temporary {
     std::error_code ignored;
     std::filesystem::create_directories(std::filesystem::path(path).parent_path(), ignored);
     try {
-      File(name_, O_WRONLY | O_CREAT | O_TRUNC).write(bytes);
+      OpenFile(name_, O_WRONLY | O_CREAT | O_TRUNC).write(bytes);
     } catch (...) {
       ::unlink(name_.c_str());
       throw;

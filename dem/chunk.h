@@ -2,7 +2,8 @@
 //
 // Level k keeps every 2^k-th position, low-pass filtered per octave by the binomial [1 2 1]/4 in both directions, so
 // that a coarse mesh is the band-limited surface. Each block stores the largest vertical distance from its surface to
-// the finest one (by the same triangles that are rendered), and the lowest and highest height.
+// the finest one (by the same triangles that are rendered), and the lowest and highest height. Of blocks of the posts
+// themselves the file holds only these: their heights are read from the sources.
 //
 // File: header, index of records, names of sources, records. Everything is little-endian and covered by XXH3 checksums.
 // A file appears whole or not at all (temporary name, fsync, rename).
@@ -16,6 +17,7 @@
 #include <vector>
 
 #include "dem/block.h"
+#include "dem/error.h"
 #include "dem/files.h"
 #include "dem/post_source.h"
 #include "dem/stop_token.h"
@@ -43,8 +45,10 @@ class Chunk {
     std::uint64_t offset = 0, size = 0, checksum = 0;
     double error_m = 0;
     float min_m = 0, max_m = 0;
+    float lowest_m = 0;  // kSteps: of what is stored
+    std::uint32_t reserved = 0;
   };
-  static constexpr std::uint32_t kInt16 = 1, kUniformSource = 2, kEmpty = 4;
+  static constexpr std::uint32_t kSteps = 1, kUniformSource = 2, kEmpty = 4, kFromSources = 8;
 
   // What a chunk that is not direct is made of: the finer chunks' top blocks, null where there is nothing, and the
   // files that those lack.
@@ -61,9 +65,25 @@ class Chunk {
     std::string bytes;
     std::vector<SourceIndex> replaced;
   };
-  // `finer` is for a plan that is not direct. Throws Cancelled when it is stopped.
+  // Grids of one build for the next: some 200 MB, which the system would have to clear again.
+  class Scratch {
+   public:
+    Posts take() {
+      if (kept_.empty()) return {};
+      Posts posts = std::move(kept_.back());
+      kept_.pop_back();
+      return posts;
+    }
+    void give(Posts posts) { kept_.push_back(std::move(posts)); }
+    void clear() { kept_.clear(); }
+
+   private:
+    std::vector<Posts> kept_;
+  };
+
+  // `finer` is for a plan that is not direct; `scratch` may be null. Throws Cancelled when it is stopped.
   static Built build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
-                     const Finer& finer = {}, const StopToken& stop = {});
+                     const Finer& finer = {}, const StopToken& stop = {}, Scratch* scratch = nullptr);
 
   // Null when there is no such file. Throws DataError when it is damaged, or made of something else than the plan's
   // fingerprint; SystemFault when it can't be read, which says nothing about it.
@@ -72,8 +92,15 @@ class Chunk {
                                                  std::vector<SourceIndex> replaced = {});
 
   const Record* find(const BlockId& id) const;
-  // Null when the block is empty. Throws DataError when its record is damaged, SystemFault when it can't be read.
-  std::shared_ptr<const Block> load(const BlockId& id) const;
+  // Null when the block is empty. Throws DataError naming this (see name()) when its record is damaged, naming another
+  // file when posts can't be read; OtherSources when there are others than when it was made; SystemFault.
+  std::shared_ptr<const Block> load(const BlockId& id, const PostSource& source, const StopToken& stop = {}) const;
+  // Its path; of one in memory, what it is.
+  std::string name() const;
+  // Posts are not what bounds and coarser levels were made from: a file has vanished meanwhile, or changed.
+  class OtherSources : public DataError {
+    using DataError::DataError;
+  };
   // As in Built.
   const std::vector<SourceIndex>& replaced() const { return replaced_; }
   // Whether the file that was opened is still there, unchanged.
@@ -83,7 +110,9 @@ class Chunk {
  private:
   void parse(const std::string& head, const ChunkPlan& plan, const Catalogue& catalogue);
   std::string read(std::uint64_t offset, std::uint64_t size) const;
+  std::vector<float> stored(const Record& record, Block& block) const;
 
+  BlockId node_;
   std::string path_;  // empty when the bytes are here
   FileState state_;   // of that file
   std::string bytes_;

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <mutex>
+#include <set>
 #include <utility>
 
 #include "dem/chunk.h"
@@ -31,6 +33,7 @@ struct Grid {
   std::size_t index(int r, int c) const {
     return static_cast<std::size_t>(r) * static_cast<std::size_t>(window.cols) + static_cast<std::size_t>(c);
   }
+  const float* row(int r) const { return posts.heights.data() + index(std::clamp(r, 0, window.rows - 1), 0); }
 };
 
 // The longitude step of a level's grid: that of the chunk's rows nearest the equator, the finest that any block of it
@@ -56,10 +59,10 @@ PostWindow window_of(const BlockId& node, int level, int halo) {
 // Each octave takes one post of halo from the finer level, and kHalo posts must be left at the coarsest.
 int base_halo(const ChunkPlan& plan) { return (kHalo + 1) << (plan.base_level - plan.node.level); }
 
-Grid direct_base(const ChunkPlan& plan, const PostSource& source, const StopToken& stop) {
-  Grid grid{plan.base_level, base_halo(plan) + kFillReach, {}, {}};
+Grid direct_base(const ChunkPlan& plan, const PostSource& source, Chunk::Scratch& scratch, const StopToken& stop) {
+  Grid grid{plan.base_level, base_halo(plan) + kFillReach, {}, scratch.take()};
   grid.window = window_of(plan.node, grid.level, grid.halo);
-  grid.posts = source.compose(grid.window, stop);
+  source.compose(grid.window, grid.posts, stop);
   PostSource::fill_voids(grid.window, grid.posts, stop);
   return grid;
 }
@@ -130,33 +133,65 @@ float filtered_beside_voids(const Grid& fine, int r, int c, bool along_row) {
   return sum / weight;
 }
 
-Grid coarser(const BlockId& node, const Grid& fine, const StopToken& stop) {
-  Grid grid{fine.level - 1, std::max(kHalo, (fine.halo - 1) / 2), {}, {}};
+// Nearest multiple, halves to even, of a step that is a power of two: exact for all heights that there can be.
+float quantised(float h, float step, float per_m) {
+  constexpr float kShift = 1.5F * (1 << 23);  // beyond it floats are whole numbers
+  return ((h * per_m + kShift) - kShift) * step;
+}
+
+// One row of the next coarser level. `buffer` is kept from row to row.
+void filter_row(const Grid& fine, int fr, int step_c, bool pole, const Grid& grid, std::vector<float>& buffer,
+                float* out) {
+  constexpr int kPad = 4;  // what the kernel reaches beyond the finer grid, whose border is repeated
+  const int cols = fine.window.cols;
+  const float *below = fine.row(fr - 1), *here = fine.row(fr), *above = fine.row(fr + 1);
+  buffer.resize(static_cast<std::size_t>(cols) + 2 * kPad);
+  float* column = buffer.data() + kPad;
+  if (pole)
+    std::copy_n(here, cols, column);
+  else
+    for (int c = 0; c < cols; ++c) column[c] = below[c] + 2 * here[c] + above[c];
+  std::fill_n(buffer.data(), kPad, column[0]);
+  std::fill_n(column + cols, kPad, column[cols - 1]);
+  const int first = fine.halo - step_c * grid.halo;
+  const float step = static_cast<float>(format::height_step_m(grid.level)), per_m = 1 / step;
+  const float* at = column + first;
+  if (pole)
+    for (int c = 0; c < grid.window.cols; ++c) out[c] = at[step_c * c];
+  else if (step_c == 2)
+    for (int c = 0; c < grid.window.cols; ++c) out[c] = (at[2 * c - 1] + 2 * at[2 * c] + at[2 * c + 1]) / 16;
+  else
+    for (int c = 0; c < grid.window.cols; ++c) out[c] = at[c] / 4;
+  for (int c = 0; c < grid.window.cols; ++c) out[c] = quantised(out[c], step, per_m);
+  for (int c = 0; c < grid.window.cols; ++c)
+    if (std::isnan(out[c]) && !pole)
+      out[c] =
+          quantised(filtered_beside_voids(fine, fr, fine.halo + step_c * (c - grid.halo), step_c == 2), step, per_m);
+}
+
+Grid coarser(const BlockId& node, const Grid& fine, Chunk::Scratch& scratch, const StopToken& stop) {
+  Grid grid{fine.level - 1, std::max(kHalo, (fine.halo - 1) / 2), {}, scratch.take()};
   grid.window = window_of(node, grid.level, grid.halo);
   const int step_c = grid.window.lon_step / fine.window.lon_step;  // 1 where the longitude step is at its cap
-  grid.posts = {std::vector<float>(grid.window.size()), std::vector<SourceMark>(grid.window.size()), {}};
-  const bool voids =
-      std::any_of(fine.posts.heights.begin(), fine.posts.heights.end(), [](float h) { return std::isnan(h); });
-  in_parallel(static_cast<std::size_t>(grid.window.rows), [&](std::size_t row) {
-    stop.check();
-    const int r = static_cast<int>(row);
-    const int fr = fine.halo + 2 * (r - grid.halo);
-    const std::int64_t lat = grid.window.lat0 + static_cast<std::int64_t>(r) * grid.window.lat_step;
-    const bool pole = lat == 0 || lat == kLatTicks;  // one point: kept, so that every chunk around it agrees
-    for (int c = 0; c < grid.window.cols; ++c) {
-      const int fc = fine.halo + step_c * (c - grid.halo);
-      float h = fine.at(fr, fc);
-      if (!pole && voids) {
-        h = filtered_beside_voids(fine, fr, fc, step_c == 2);
-      } else if (!pole) {
-        const auto column = [&](int x) { return fine.at(fr - 1, x) + 2 * fine.at(fr, x) + fine.at(fr + 1, x); };
-        h = step_c == 2 ? (column(fc - 1) + 2 * column(fc) + column(fc + 1)) / 16 : column(fc) / 4;
-      }
-      grid.posts.heights[grid.index(r, c)] = h;
-      const int sr = std::clamp(fr, 0, fine.window.rows - 1), sc = std::clamp(fc, 0, fine.window.cols - 1);
-      grid.posts.sources[grid.index(r, c)] = fine.posts.sources[fine.index(sr, sc)];
-    }
-  });
+  grid.posts.heights.resize(grid.window.size());
+  grid.posts.sources.resize(grid.window.size());
+  constexpr std::size_t kRowsAtOnce = 16;
+  in_parallel_pieces(
+      static_cast<std::size_t>(grid.window.rows), kRowsAtOnce, [&](std::size_t first, std::size_t past_last) {
+        std::vector<float> buffer;
+        for (std::size_t row = first; row < past_last; ++row) {
+          stop.check();
+          const int r = static_cast<int>(row), fr = fine.halo + 2 * (r - grid.halo);
+          const std::int64_t lat = grid.window.lat0 + static_cast<std::int64_t>(r) * grid.window.lat_step;
+          const bool pole = lat == 0 || lat == kLatTicks;  // one point: kept, so that every chunk around it agrees
+          filter_row(fine, fr, step_c, pole, grid, buffer, grid.posts.heights.data() + grid.index(r, 0));
+          const int sr = std::clamp(fr, 0, fine.window.rows - 1);
+          for (int c = 0; c < grid.window.cols; ++c) {
+            const int sc = std::clamp(fine.halo + step_c * (c - grid.halo), 0, fine.window.cols - 1);
+            grid.posts.sources[grid.index(r, c)] = fine.posts.sources[fine.index(sr, sc)];
+          }
+        }
+      });
   return grid;
 }
 
@@ -172,10 +207,19 @@ Cut cut_of(const Grid& grid, const BlockId& id) {
           static_cast<int>((e.lon0 - grid.window.lon0) / grid.window.lon_step), e.lon_step / grid.window.lon_step};
 }
 
-// Largest vertical distance between a block's triangles and the base posts beneath. Linear in latitude and longitude
+// Of a block: largest vertical distance between its triangles and the base posts beneath; lowest and highest height of
+// both. None: low > high.
+struct Extremes {
+  float error_m = 0, low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
+  void add(const Extremes& other) {
+    error_m = std::max(error_m, other.error_m), low = std::min(low, other.low), high = std::max(high, other.high);
+  }
+};
+
+// Quad by quad. Linear in latitude and longitude
 // within a triangle (the chord's sag over the sphere is accounted for separately: lattice.h, chord_sag_m); the diagonal
 // runs from the south-east to the north-west corner, as in the rendered mesh.
-void measure(const Grid& grid, const Cut& cut, const Grid& base, Chunk::Record& record) {
+Extremes measured_by_quads(const Grid& grid, const Cut& cut, const Grid& base) {
   const BlockExtent e = extent_of(cut.id);
   const int step_r = e.lat_step / base.window.lat_step, step_c = e.lon_step / base.window.lon_step;
   const int base_r0 = static_cast<int>((e.lat0 - base.window.lat0) / base.window.lat_step);
@@ -205,58 +249,192 @@ void measure(const Grid& grid, const Cut& cut, const Grid& base, Chunk::Record& 
         }
       }
     }
-  record.error_m = static_cast<double>(worst);
-  record.min_m = low, record.max_m = high;
+  return {worst, low, high};
 }
 
-struct Encoded {
-  Chunk::Record record;
-  std::string bytes;
-};
+// Comparisons with NaN are false: voids don't count. Four at once, as every processor can.
+using Floats = float __attribute__((vector_size(16)));
+constexpr int kFloats = 4;
+Floats load(const float* at) {
+  Floats v;
+  std::memcpy(&v, at, sizeof v);
+  return v;
+}
+Floats all(float v) { return Floats{v, v, v, v}; }
+Floats lower(Floats a, Floats b) { return a < b ? a : b; }
+Floats higher(Floats a, Floats b) { return a > b ? a : b; }
 
-// Heights as int16 when that loses nothing (integer metres: the posts themselves), else float32; then sources.
-Encoded encode(const Grid& grid, const Cut& cut, const Grid& base) {
-  Encoded out;
-  out.record.level = cut.id.level, out.record.row = cut.id.row, out.record.col = cut.id.col;
-  const int side = quads_per_side(cut.id.level) + 1, wide = side + 2 * kHalo;
-  std::vector<float> heights;
-  heights.reserve(static_cast<std::size_t>(wide) * static_cast<std::size_t>(wide));
-  for (int r = -kHalo; r < side + kHalo; ++r)
-    for (int c = -kHalo; c < side + kHalo; ++c) heights.push_back(grid.at(cut.r0 + r, cut.c0 + c * cut.stride_c));
-  std::vector<SourceMark> sources;
-  sources.reserve(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
-  bool any = false;
-  for (int r = 0; r < side; ++r)
-    for (int c = 0; c < side; ++c) {
-      any |= !std::isnan(grid.at(cut.r0 + r, cut.c0 + c * cut.stride_c));
-      sources.push_back(grid.posts.sources[grid.index(cut.r0 + r, cut.c0 + c * cut.stride_c)]);
+void extend(const float* h, int n, Floats& low, Floats& high) {
+  int i = 0;
+  for (; i + kFloats <= n; i += kFloats) low = lower(load(h + i), low), high = higher(load(h + i), high);
+  for (; i < n; ++i) low = lower(all(h[i]), low), high = higher(all(h[i]), high);
+}
+
+Extremes range_of(const Grid& grid, int r0, int c0, int quads) {
+  const Extremes none;
+  Floats low = all(none.low), high = all(none.high);
+  for (int r = 0; r <= quads; ++r) extend(grid.row(r0 + r) + c0, quads + 1, low, high);
+  return {0, std::min({low[0], low[1], low[2], low[3]}), std::max({high[0], high[1], high[2], high[3]})};
+}
+
+// A level's surface at the posts of the next finer one: vertices, and the middles of edges. Of quads x quads quads.
+void refine_surface(const float* in, int stride, int quads, float* out) {
+  const int wide = 2 * quads + 1;
+  for (int r = 0; r <= quads; ++r) {
+    const float* a = in + static_cast<std::ptrdiff_t>(r) * stride;
+    float* even = out + static_cast<std::ptrdiff_t>(2 * r) * wide;
+    for (int c = 0; c < quads; ++c) even[2 * c] = a[c], even[2 * c + 1] = (a[c] + a[c + 1]) / 2;
+    even[2 * quads] = a[quads];
+    if (r == quads) break;
+    const float* b = a + stride;
+    float* odd = even + wide;
+    // A diagonal runs from the south-east to the north-west.
+    for (int c = 0; c < quads; ++c) odd[2 * c] = (a[c] + b[c]) / 2, odd[2 * c + 1] = (a[c + 1] + b[c]) / 2;
+    odd[2 * quads] = (a[quads] + b[quads]) / 2;
+  }
+}
+
+float largest_distance(const Grid& base, int r0, int c0, int quads, const float* surface) {
+  Floats worst = all(0);
+  const auto distance = [](Floats a, Floats b) { return higher(a - b, b - a); };
+  const int n = quads + 1;
+  for (int r = 0; r < n; ++r) {
+    const float *h = base.row(r0 + r) + c0, *s = surface + static_cast<std::ptrdiff_t>(r) * n;
+    int i = 0;
+    for (; i + kFloats <= n; i += kFloats) worst = higher(distance(load(h + i), load(s + i)), worst);
+    for (; i < n; ++i) worst = higher(distance(all(h[i]), all(s[i])), worst);
+  }
+  return std::max({worst[0], worst[1], worst[2], worst[3]});
+}
+
+using Measured = std::unordered_map<BlockId, Extremes, BlockIdHash>;
+
+// All blocks of a chunk whose grids and blocks halve from level to level: all but those where the longitude step
+// changes. Tile by tile of the base, small enough for the nearest cache: each level's surface is refined octave by
+// octave to the base's posts, which are exactly where it is farthest from them.
+class TileMeasurement {
+ public:
+  TileMeasurement(const ChunkPlan& plan, const Grid& base, const std::vector<Grid>& levels)
+      : node_(plan.node),
+        base_(base),
+        levels_(levels),
+        tile_(std::min(kTile, quads_per_side(plan.node.level) << (base.level - plan.node.level))) {
+    for (const Grid& grid : levels) starts_.push_back(start_of(grid));
+  }
+
+  static bool possible(const ChunkPlan& plan, const Grid& base, const std::vector<Grid>& levels) {
+    const Grid* fine = &base;
+    for (const Grid& grid : levels) {
+      if (grid.window.lon_step != 2 * fine->window.lon_step) return false;
+      fine = &grid;
     }
-  if (!any) {
-    out.record.flags = Chunk::kEmpty;
-    return out;
+    // The longitude step of blocks is largest at the northern or southern end.
+    for (int level = plan.coarsest_level(); level <= base.level; ++level)
+      for (const std::int32_t lat : {extent_of(plan.node).lat0, extent_of(plan.node).lat1() - 1})
+        if (extent_of(block_at(level, lat, extent_of(plan.node).lon0)).lon_step != grid_lon_step(plan.node, level))
+          return false;
+    return true;
   }
-  measure(grid, cut, base, out.record);
-  const bool integers = std::all_of(heights.begin(), heights.end(), [](float h) {
-    return std::isnan(h) || (h == std::rint(h) && std::abs(h) < 32000);
-  });
-  if (integers) {
-    out.record.flags |= Chunk::kInt16;
-    std::vector<std::int16_t> small;
-    small.reserve(heights.size());
-    for (const float h : heights) small.push_back(std::isnan(h) ? format::kVoid16 : static_cast<std::int16_t>(h));
-    format::append(out.bytes, small);
-  } else {
-    format::append(out.bytes, heights);
+
+  Measured measured(const StopToken& stop) const {
+    const int side = (extent_of(node_).lat1() - extent_of(node_).lat0) / base_.window.lat_step / tile_;
+    std::vector<TileExtremes> tiles(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+    in_parallel(tiles.size(), [&](std::size_t i) {
+      stop.check();
+      tiles[i] = of_tile(static_cast<int>(i) / side * tile_, static_cast<int>(i) % side * tile_);
+    });
+    Measured found;
+    for (const TileExtremes& tile : tiles) {
+      for (const auto& [id, extremes] : tile.base) found[id].add(extremes);
+      Extremes all;
+      for (const auto& [id, extremes] : tile.base) all.add(extremes);
+      for (std::size_t i = 0; i < levels_.size(); ++i) {
+        Extremes& level = found[block_at(levels_[i].level, tile.lat, tile.lon)];
+        level.add(all);
+        level.add({tile.error_m[i], level.low, level.high});
+      }
+    }
+    // A level may be lower and higher than what it is made of: where a void was left out, or a pole kept.
+    for (auto& [id, extremes] : found)
+      if (id.level < base_.level) {
+        const Grid& grid = levels_[static_cast<std::size_t>(base_.level - 1 - id.level)];
+        const Cut cut = cut_of(grid, id);
+        extremes.add(range_of(grid, cut.r0, cut.c0, quads_per_side(id.level)));
+      }
+    return found;
   }
-  if (std::all_of(sources.begin(), sources.end(), [&](SourceMark s) { return s == sources[0]; })) {
-    out.record.flags |= Chunk::kUniformSource;
-    sources.resize(1);
+
+ private:
+  static constexpr int kTile = 128;   // base posts: 64 KB of floats
+  static constexpr int kOctaves = 6;  // that a tile's surface is refined by; a tile has two quads of that level
+
+  struct TileExtremes {
+    std::int32_t lat = 0, lon = 0;                   // of its south-west corner
+    std::vector<std::pair<BlockId, Extremes>> base;  // of the blocks of posts
+    std::vector<float> error_m;                      // by level
+  };
+
+  // What a tile's surface is refined from: the level's own posts over the node, or, where a tile is less than two of
+  // its quads, those refined.
+  struct Start {
+    int octaves = 0;  // to the base
+    int stride = 0;
+    const float* posts = nullptr;  // of the node's south-west corner
+    std::vector<float> refined;
+  };
+
+  Start start_of(const Grid& grid) const {
+    Start start;
+    start.octaves = base_.level - grid.level, start.stride = grid.window.cols;
+    start.posts = grid.posts.heights.data() + grid.index(grid.halo, grid.halo);
+    int quads = grid.window.rows - 1 - 2 * grid.halo;
+    std::vector<float> finer;
+    for (; start.octaves > kOctaves || (tile_ >> start.octaves) < 1; --start.octaves) {
+      finer.resize(static_cast<std::size_t>(2 * quads + 1) * static_cast<std::size_t>(2 * quads + 1));
+      refine_surface(start.posts, start.stride, quads, finer.data());
+      start.refined.swap(finer);
+      quads *= 2;
+      start.posts = start.refined.data(), start.stride = quads + 1;
+    }
+    return start;
   }
-  format::append(out.bytes, sources);
-  out.record.size = out.bytes.size();
-  out.record.checksum = XXH3_64bits(out.bytes.data(), out.bytes.size());
-  return out;
-}
+
+  TileExtremes of_tile(int row, int col) const {
+    TileExtremes tile;
+    tile.lat = extent_of(node_).lat0 + row * base_.window.lat_step;
+    tile.lon = extent_of(node_).lon0 + col * base_.window.lon_step;
+    const int quads = quads_per_side(base_.level);
+    for (int r = 0; r < tile_; r += quads)
+      for (int c = 0; c < tile_; c += quads)
+        tile.base.emplace_back(
+            block_at(base_.level, tile.lat + r * base_.window.lat_step, tile.lon + c * base_.window.lon_step),
+            range_of(base_, base_.halo + row + r, base_.halo + col + c, quads));
+    tile.error_m.resize(starts_.size());
+    if (std::all_of(tile.base.begin(), tile.base.end(), [](const auto& b) { return b.second.low > b.second.high; }))
+      return tile;
+    const std::size_t most = static_cast<std::size_t>(tile_ + 1) * static_cast<std::size_t>(tile_ + 1);
+    std::vector<float> one(most), other(most);
+    for (std::size_t i = 0; i < starts_.size(); ++i) {
+      const Start& start = starts_[i];
+      const float* surface =
+          start.posts + static_cast<std::ptrdiff_t>(row >> start.octaves) * start.stride + (col >> start.octaves);
+      int stride = start.stride, n = tile_ >> start.octaves;
+      for (int k = 0; k < start.octaves; ++k) {
+        refine_surface(surface, stride, n, one.data());
+        n *= 2, stride = n + 1, surface = one.data();
+        one.swap(other);
+      }
+      tile.error_m[i] = largest_distance(base_, base_.halo + row, base_.halo + col, tile_, surface);
+    }
+    return tile;
+  }
+
+  BlockId node_;
+  const Grid& base_;
+  const std::vector<Grid>& levels_;
+  int tile_;
+  std::vector<Start> starts_;
+};
 
 std::vector<BlockId> blocks_of(const BlockId& node, int level) {
   std::vector<BlockId> level_blocks{node};
@@ -270,31 +448,118 @@ std::vector<BlockId> blocks_of(const BlockId& node, int level) {
   return level_blocks;
 }
 
-void encode_level(const Grid& grid, const Grid& base, const BlockId& node, std::vector<Encoded>& out,
-                  const StopToken& stop) {
-  const std::vector<BlockId> ids = blocks_of(node, grid.level);
-  const std::size_t first = out.size();
-  out.resize(first + ids.size());
-  in_parallel(ids.size(), [&](std::size_t i) {
-    stop.check();
-    out[first + i] = encode(grid, cut_of(grid, ids[i]), base);
-  });
+struct Encoded {
+  Chunk::Record record;
+  std::string bytes;
+};
+
+// Nothing but its bounds: a block of the posts themselves is read from their files.
+Encoded bounds_of(const BlockId& id, const Extremes& extremes) {
+  Encoded out;
+  out.record.level = id.level, out.record.row = id.row, out.record.col = id.col;
+  out.record.flags = extremes.low > extremes.high ? Chunk::kEmpty : Chunk::kFromSources;
+  out.record.error_m = static_cast<double>(extremes.error_m);
+  out.record.min_m = extremes.low, out.record.max_m = extremes.high;
+  return out;
+}
+
+// Heights as steps of 16 bits above the lowest, where they reach, else as float32; then sources.
+Encoded encode(const Grid& grid, const Cut& cut, const Extremes& extremes) {
+  Encoded out = bounds_of(cut.id, extremes);
+  const int side = quads_per_side(cut.id.level) + 1, wide = side + 2 * kHalo;
+  std::vector<float> heights(static_cast<std::size_t>(wide) * static_cast<std::size_t>(wide));
+  std::vector<SourceMark> sources(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+  // The halo of a chunk's grid is as wide as that of its blocks at least.
+  float* h = heights.data();
+  for (int r = -kHalo; r < side + kHalo; ++r) {
+    const float* row = grid.row(cut.r0 + r) + cut.c0;
+    for (int c = -kHalo; c < side + kHalo; ++c) *h++ = row[c * cut.stride_c];
+  }
+  SourceMark* s = sources.data();
+  int any = 0;
+  for (int r = 0; r < side; ++r) {
+    const std::size_t row = grid.index(cut.r0 + r, cut.c0);
+    for (int c = 0; c < side; ++c) {
+      const std::size_t at = row + static_cast<std::size_t>(c * cut.stride_c);
+      any |= grid.posts.heights[at] == grid.posts.heights[at];
+      *s++ = grid.posts.sources[at];
+    }
+  }
+  out.record.flags = any ? 0 : Chunk::kEmpty;
+  if (!any) return out;
+  float low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
+  for (const float v : heights) low = v < low ? v : low, high = v > high ? v : high;
+  const float step = static_cast<float>(format::height_step_m(cut.id.level)), per_m = 1 / step;
+  if ((high - low) * per_m < format::kVoidSteps) {
+    out.record.flags |= Chunk::kSteps;
+    out.record.lowest_m = low;
+    std::vector<std::uint16_t> steps(heights.size());
+    std::transform(heights.begin(), heights.end(), steps.begin(), [&](float v) {
+      return std::isnan(v) ? format::kVoidSteps : static_cast<std::uint16_t>(static_cast<int>((v - low) * per_m));
+    });
+    format::append(out.bytes, steps);
+  } else {
+    format::append(out.bytes, heights);
+  }
+  if (std::all_of(sources.begin(), sources.end(), [&](SourceMark m) { return m == sources[0]; })) {
+    out.record.flags |= Chunk::kUniformSource;
+    sources.resize(1);
+  }
+  format::append(out.bytes, sources);
+  out.record.size = out.bytes.size();
+  out.record.checksum = XXH3_64bits(out.bytes.data(), out.bytes.size());
+  return out;
+}
+
+Measured measure(const ChunkPlan& plan, const Grid& base, const std::vector<Grid>& levels, const StopToken& stop) {
+  if (TileMeasurement::possible(plan, base, levels)) return TileMeasurement(plan, base, levels).measured(stop);
+  Measured found;
+  const auto add_level = [&](const Grid& grid) {
+    const std::vector<BlockId> ids = blocks_of(plan.node, grid.level);
+    std::vector<Extremes> extremes(ids.size());
+    in_parallel(ids.size(), [&](std::size_t i) {
+      stop.check();
+      extremes[i] = measured_by_quads(grid, cut_of(grid, ids[i]), base);
+    });
+    for (std::size_t i = 0; i < ids.size(); ++i) found.emplace(ids[i], extremes[i]);
+  };
+  add_level(base);
+  for (const Grid& grid : levels) add_level(grid);
+  return found;
+}
+
+// The files that posts come from, ascending.
+std::vector<SourceIndex> sources_of(const Grid& grid) {
+  std::mutex mutex;
+  std::set<SourceIndex> found;
+  constexpr std::size_t kRowsAtOnce = 64;
+  in_parallel_pieces(static_cast<std::size_t>(grid.window.rows), kRowsAtOnce,
+                     [&](std::size_t first, std::size_t past_last) {
+                       std::set<SourceIndex> here;
+                       SourceMark before = kNoSource;
+                       const auto cols = static_cast<std::size_t>(grid.window.cols);
+                       for (std::size_t row = first; row < past_last; ++row) {
+                         const SourceMark* s = grid.posts.sources.data() + row * cols;
+                         SourceMark others = s[0] ^ before;
+                         for (std::size_t c = 1; c < cols; ++c) others |= s[c] ^ s[c - 1];
+                         if (others == 0) continue;  // most rows: all from one file
+                         for (std::size_t c = 0; c < cols; ++c)
+                           if (s[c] != before) here.insert(source_of(s[c])), before = s[c];
+                       }
+                       const std::lock_guard lock(mutex);
+                       found.merge(here);
+                     });
+  found.erase(kNoSource);
+  return {found.begin(), found.end()};
 }
 
 // Source numbers of the catalogue become the chunk's own, which survive a change of other files in the catalogue.
-std::vector<const RasterInfo*> localise(Posts& posts, const Catalogue& catalogue) {
-  std::vector<SourceIndex> local(catalogue.rasters().size(), kNoSource);
-  std::vector<const RasterInfo*> sources;
+void localise(Posts& posts, const std::vector<SourceIndex>& sources) {
   for (SourceMark& s : posts.sources) {
-    const SourceIndex index = source_of(s);
-    if (index == kNoSource) continue;
-    if (local[index] == kNoSource) {
-      local[index] = static_cast<SourceIndex>(sources.size());
-      sources.push_back(&catalogue.rasters()[index]);
-    }
-    s = (s & kFilledBit) | local[index];
+    if (source_of(s) == kNoSource) continue;
+    const auto local = std::lower_bound(sources.begin(), sources.end(), source_of(s)) - sources.begin();
+    s = (s & kFilledBit) | static_cast<SourceMark>(local);
   }
-  return sources;
 }
 
 }  // namespace
@@ -317,29 +582,85 @@ std::vector<BlockId> Chunk::finer_blocks(const ChunkPlan& plan) {
 }
 
 Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
-                          const Finer& finer, const StopToken& stop) {
+                          const Finer& finer, const StopToken& stop, Scratch* kept) {
   LeftOut left_out;
-  Grid base = plan.direct ? direct_base(plan, source, stop) : base_from_finer(plan, finer, left_out, stop);
-  const std::vector<const RasterInfo*> sources = localise(base.posts, catalogue);
+  Scratch own;
+  Scratch& scratch = kept ? *kept : own;
+  Grid base = plan.direct ? direct_base(plan, source, scratch, stop) : base_from_finer(plan, finer, left_out, stop);
+  const std::vector<SourceIndex> used = sources_of(base);
+  std::vector<const RasterInfo*> sources;
   double quantisation_m = 0;
-  for (const RasterInfo* info : sources) quantisation_m = std::max(quantisation_m, info->quantisation_m);
-  std::vector<Encoded> encoded;
-  if (plan.direct) encode_level(base, base, plan.node, encoded, stop);
-  Grid level;
+  for (const SourceIndex i : used) {
+    sources.push_back(&catalogue.rasters()[i]);
+    quantisation_m = std::max(quantisation_m, sources.back()->quantisation_m);
+  }
+  std::vector<Grid> levels;
+  levels.reserve(static_cast<std::size_t>(base.level - plan.coarsest_level()));
   for (int n = base.level - 1; n >= plan.coarsest_level(); --n) {
-    level = coarser(plan.node, n == base.level - 1 ? base : level, stop);
-    encode_level(level, base, plan.node, encoded, stop);
+    levels.push_back(coarser(plan.node, levels.empty() ? base : levels.back(), scratch, stop));
+    if (levels.size() == 1) localise(levels.back().posts, used);
+  }
+  const Measured measured = measure(plan, base, levels, stop);
+  std::vector<Encoded> encoded;
+  if (plan.direct)
+    for (const BlockId& id : blocks_of(plan.node, base.level)) encoded.push_back(bounds_of(id, measured.at(id)));
+  for (const Grid& grid : levels) {
+    const std::vector<BlockId> ids = blocks_of(plan.node, grid.level);
+    const std::size_t first = encoded.size();
+    encoded.resize(first + ids.size());
+    in_parallel(ids.size(), [&](std::size_t i) {
+      stop.check();
+      encoded[first + i] = encode(grid, cut_of(grid, ids[i]), measured.at(ids[i]));
+    });
   }
   // The base of an indirect chunk is itself a band-limited surface: what it leaves out is added to the bounds.
   for (Encoded& e : encoded) {
     e.record.error_m += left_out.error_m;
     e.record.min_m -= left_out.below_m, e.record.max_m += left_out.above_m;
   }
-  return {format::assemble(plan, quantisation_m, sources,
-                           [&](auto&& each) {
-                             for (Encoded& e : encoded) each(e.record, e.bytes);
-                           }),
-          std::move(base.posts.replaced)};
+  Built built{format::assemble(plan, quantisation_m, sources,
+                               [&](auto&& each) {
+                                 for (Encoded& e : encoded) each(e.record, e.bytes);
+                               }),
+              std::move(base.posts.replaced)};
+  for (auto grid = levels.rbegin(); grid != levels.rend(); ++grid) scratch.give(std::move(grid->posts));
+  scratch.give(std::move(base.posts));  // the last: the next build's first
+  return built;
+}
+
+PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, const StopToken& stop) {
+  const BlockExtent e = extent_of(id);
+  // Longitude by longitude as in the chunk's grid, so that voids are filled as there.
+  const std::int32_t lon_step = grid_lon_step(node, id.level);
+  const int stride = e.lon_step / lon_step, side = e.quads + 1;
+  const auto window_with = [&](int margin) {
+    PostWindow w;
+    w.lat_step = e.lat_step, w.lon_step = lon_step;
+    w.lat0 = e.lat0 - static_cast<std::int64_t>(kHalo + margin) * e.lat_step;
+    w.lon0 = e.lon0 - static_cast<std::int64_t>(kHalo * stride + margin) * lon_step;
+    w.rows = side + 2 * (kHalo + margin);
+    w.cols = e.quads * stride + 1 + 2 * (kHalo * stride + margin);
+    return w;
+  };
+  int margin = 0;
+  PostWindow window = window_with(margin);
+  Posts posts = source.compose(window, stop);
+  if (std::any_of(posts.heights.begin(), posts.heights.end(), [](float h) { return std::isnan(h); })) {
+    margin = kFillReach;
+    window = window_with(margin);
+    posts = source.compose(window, stop);
+    PostSource::fill_voids(window, posts, stop);
+  }
+  PostsOfBlock out;
+  out.replaced = std::move(posts.replaced);
+  for (int r = 0; r < side + 2 * kHalo; ++r)
+    for (int c = 0; c < side + 2 * kHalo; ++c) {
+      const std::size_t at = static_cast<std::size_t>(r + margin) * static_cast<std::size_t>(window.cols) +
+                             static_cast<std::size_t>(c * stride + margin);
+      out.heights.push_back(posts.heights[at]);
+      if (r >= kHalo && c >= kHalo && r < side + kHalo && c < side + kHalo) out.sources.push_back(posts.sources[at]);
+    }
+  return out;
 }
 
 }  // namespace selenograph::dem

@@ -6,6 +6,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <utility>
 
 #include "dem/error.h"
 #include "dem/gdal/raster.h"
@@ -47,15 +49,22 @@ float bilinear(const Patch& patch, int x, int y, double fx, double fy) {
   return static_cast<float>(sum);
 }
 
+// Along a row or column: at or after a post. Places a rounding error beside a post are on it: neighbours that are void
+// must not matter then.
+struct Place {
+  int post;
+  double fraction;
+  explicit Place(double v) {
+    if (const double near = std::round(v); std::abs(v - near) < 1e-6) v = near;
+    post = static_cast<int>(std::floor(v)), fraction = v - post;
+  }
+};
+
 // The patch must hold columns x-1 .. x+2 and rows y-1 .. y+2 around the place.
 template <typename Patch>
-float interpolate(const Patch& patch, double px, double py) {
-  // Posts found a rounding error beside themselves are on themselves: neighbours that are void must not matter then.
-  const double near_x = std::round(px), near_y = std::round(py);
-  if (std::abs(px - near_x) < 1e-6) px = near_x;
-  if (std::abs(py - near_y) < 1e-6) py = near_y;
-  const int x = static_cast<int>(std::floor(px)), y = static_cast<int>(std::floor(py));
-  const double fx = px - x, fy = py - y;
+float interpolate(const Patch& patch, const Place& px, const Place& py) {
+  const int x = px.post, y = py.post;
+  const double fx = px.fraction, fy = py.fraction;
   if (fx == 0 && fy == 0) return patch.at(x, y);
   const auto wx = cubic_weights(fx), wy = cubic_weights(fy);
   double sum = 0;
@@ -146,17 +155,29 @@ int PostSource::level_needed(const RasterInfo& info) {
 }
 
 Posts PostSource::compose(const PostWindow& window, const StopToken& stop) const {
-  Posts posts{std::vector<float>(window.size(), kNaN), std::vector<SourceMark>(window.size(), kNoSource), {}};
+  Posts posts;
+  compose(window, posts, stop);
+  return posts;
+}
+
+void PostSource::compose(const PostWindow& window, Posts& posts, const StopToken& stop) const {
+  posts.heights.resize(window.size());
+  posts.sources.resize(window.size());
+  posts.replaced.clear();
   // Rows in strips: small reads, and a strip past a pole or on one is a window of its own.
-  constexpr int kStrip = 256;
-  const int strips = (window.rows + kStrip - 1) / kStrip;
+  constexpr int kStripRows = 64, kFewRows = 256;
+  const int strip_rows = window.rows <= kFewRows ? window.rows : kStripRows;
+  const int strips = (window.rows + strip_rows - 1) / strip_rows;
   in_parallel(static_cast<std::size_t>(strips), [&](std::size_t strip) {
-    const int first = static_cast<int>(strip) * kStrip;
-    compose_rows(window, first, std::min(window.rows, first + kStrip), posts, stop);
+    const int first = static_cast<int>(strip) * strip_rows;
+    const auto from = static_cast<std::ptrdiff_t>(first) * window.cols;
+    const auto count = static_cast<std::ptrdiff_t>(std::min(strip_rows, window.rows - first)) * window.cols;
+    std::fill_n(posts.heights.begin() + from, count, kNaN);
+    std::fill_n(posts.sources.begin() + from, count, kNoSource);
+    compose_rows(window, first, std::min(window.rows, first + strip_rows), posts, stop);
   });
   std::sort(posts.replaced.begin(), posts.replaced.end());
   posts.replaced.erase(std::unique(posts.replaced.begin(), posts.replaced.end()), posts.replaced.end());
-  return posts;
 }
 
 namespace {
@@ -209,14 +230,14 @@ void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& p
     // A file's kernel reaches a post beyond its outermost posts: to a pole that lies between posts, for one.
     const std::vector<int> layers = pole ? catalogue_.touching(south, north, -180, 180, post_deg_)
                                          : catalogue_.touching(south, north, west, east, post_deg_);
-    bool complete = false;
-    for (auto layer = layers.rbegin(); layer != layers.rend() && !complete; ++layer) {
+    std::size_t missing = pole ? 1 : part.size();
+    for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer) {
       stop.check();
-      complete = add_layer(*layer, part, offset, Reach::between_posts, posts);
+      missing -= add_layer(*layer, part, offset, Reach::between_posts, posts);
     }
-    for (auto layer = layers.rbegin(); layer != layers.rend() && !complete; ++layer)
+    for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer)
       if (!catalogue_.rasters()[static_cast<std::size_t>(*layer)].lattice_level)
-        complete = add_layer(*layer, part, offset, Reach::beside_posts, posts);
+        missing -= add_layer(*layer, part, offset, Reach::beside_posts, posts);
     if (pole && posts.sources[offset] == kNoSource) {
       const std::vector<SourceIndex> around = fill_pole(*this, part, offset, posts);
       const std::lock_guard lock(replaced_mutex_);
@@ -225,6 +246,18 @@ void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& p
     r0 = end;
   }
 }
+
+// Some columns or rows of a window, and where they lie in a file.
+struct PostSource::Part {
+  int first = 0, past_last = 0;
+  std::vector<Place> places;
+  bool on_posts = true;  // all of them
+  bool in_one_piece() const {
+    for (std::size_t i = 1; i < places.size(); ++i)
+      if (places[i].post != places[i - 1].post + 1) return false;
+    return !places.empty();
+  }
+};
 
 // Where a window's posts lie in a file. In a geographic file columns and rows are separable.
 class PostSource::Mapping {
@@ -241,6 +274,12 @@ class PostSource::Mapping {
 
   int cols() const { return pole_ ? 1 : window_.cols; }
   bool pole() const { return pole_; }
+
+  // In a geographic file: the window's columns or rows that lie well inside of a patch, if they follow each other.
+  // Nothing otherwise: then each post is to be looked at.
+  std::optional<Part> columns(const Patch& patch) const { return part_of(xs_, patch.x0 + 1, patch.x0 + patch.w - 3); }
+  std::optional<Part> rows(const Patch& patch) const { return part_of(ys_, patch.y0 + 1, patch.y0 + patch.h - 3); }
+
   PostXY at(int r, int c) const {
     if (!xs_.empty()) return {xs_[static_cast<std::size_t>(c)], ys_[static_cast<std::size_t>(r)]};
     return located(r, c);
@@ -275,6 +314,20 @@ class PostSource::Mapping {
       if (v > -2 && v < size + 1) low = std::min(low, v), high = std::max(high, v);
     }
   };
+
+  static std::optional<Part> part_of(const std::vector<double>& all, double low, double high) {
+    if (all.empty()) return std::nullopt;
+    const auto inside = [&](double v) { return v >= low && v <= high; };
+    const auto from = std::find_if(all.begin(), all.end(), inside), to = std::find_if_not(from, all.end(), inside);
+    if (std::any_of(to, all.end(), inside)) return std::nullopt;
+    Part part{static_cast<int>(from - all.begin()), static_cast<int>(to - all.begin()), {}, true};
+    part.places.reserve(static_cast<std::size_t>(to - from));
+    for (auto v = from; v != to; ++v) {
+      part.places.emplace_back(*v);
+      part.on_posts &= part.places.back().fraction == 0;
+    }
+    return part;
+  }
 
   PostXY located(int r, int c) const {
     // A tile that touches a pole holds the pole in each of its columns: any longitude it covers will do.
@@ -320,11 +373,115 @@ void PostSource::close_gaps(int source, Patch& patch) const {
   }
 }
 
-// Writes the layer's valid posts where there is none yet. True when nothing is left to fill.
-bool PostSource::add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach, Posts& posts) const {
+// The window's posts that a layer may still fill, in whose order they lie in the file.
+class PostSource::Filling {
+ public:
+  Filling(int source, std::size_t offset, int window_cols, Posts& posts)
+      : mark_(static_cast<SourceMark>(source)),
+        offset_(offset),
+        cols_(static_cast<std::size_t>(window_cols)),
+        posts_(posts) {}
+
+  // Heights of `n` posts of one row. Without branches, for the compiler to make vectors of.
+  void row(int r, int first, const float* heights, int n) {
+    const std::size_t at = index(r, first);
+    float* h = posts_.heights.data() + at;
+    SourceMark* s = posts_.sources.data() + at;
+    std::uint32_t filled = 0, impossible = 0;
+    for (int i = 0; i < n; ++i) {
+      const float v = heights[i];
+      const std::uint32_t wanted = s[i] == kNoSource, possible = (v >= kLowestRelief_m) & (v <= kHighestRelief_m);
+      impossible += wanted & ((v < kLowestRelief_m) | (v > kHighestRelief_m));
+      const bool take = wanted & possible;
+      filled += take;
+      h[i] = take ? v : h[i];
+      s[i] = take ? mark_ : s[i];
+    }
+    filled_ += filled, impossible_ += impossible;
+  }
+
+  bool wanted(int r, int c) const { return posts_.sources[index(r, c)] == kNoSource; }
+  void post(int r, int c, float h, SourceMark flag) {
+    if (std::isnan(h)) return;
+    if (h < kLowestRelief_m || h > kHighestRelief_m) {
+      ++impossible_;
+      return;
+    }
+    posts_.heights[index(r, c)] = h, posts_.sources[index(r, c)] = mark_ | flag;
+    ++filled_;
+  }
+
+  std::size_t filled() const { return filled_; }
+  std::size_t impossible() const { return impossible_; }
+
+ private:
+  std::size_t index(int r, int c) const {
+    return offset_ + static_cast<std::size_t>(r) * cols_ + static_cast<std::size_t>(c);
+  }
+  SourceMark mark_;
+  std::size_t offset_, cols_, filled_ = 0, impossible_ = 0;
+  Posts& posts_;
+};
+
+// A geographic file's rows and columns are separable: a row of the window is some posts of a row of the file, or four
+// such rows, interpolated along themselves, with the row's weights.
+void PostSource::fill_rows(const Patch& patch, const Part& columns, const Part& rows, Filling& filling) {
+  const int n = columns.past_last - columns.first;
+  const auto count = static_cast<std::size_t>(n);
+  const bool copied = columns.on_posts && rows.on_posts;
+  const bool in_one_piece = columns.in_one_piece();
+  std::vector<float> heights(count);
+  std::vector<std::array<double, 4>> weights;
+  if (!copied)
+    for (const Place& x : columns.places) weights.push_back(cubic_weights(x.fraction));
+  // Rows of the file along which it has been interpolated, by their number modulo 4.
+  std::array<std::vector<double>, 4> along;
+  constexpr int kNone = std::numeric_limits<int>::min();
+  std::array<int, 4> row_of{kNone, kNone, kNone, kNone};
+  const auto interpolated = [&](int y) -> const std::vector<double>& {
+    const auto slot = static_cast<std::size_t>(y & 3);
+    if (std::exchange(row_of[slot], y) != y) {
+      along[slot].resize(count);
+      for (std::size_t i = 0; i < count; ++i) {
+        const float* post = &patch.posts[patch.index(columns.places[i].post - 1, y)];
+        const std::array<double, 4>& w = weights[i];
+        double sum = 0;
+        for (std::size_t k = 0; k < 4; ++k) sum += w[k] * static_cast<double>(post[k]);
+        along[slot][i] = sum;
+      }
+    }
+    return along[slot];
+  };
+  for (int r = rows.first; r < rows.past_last; ++r) {
+    const Place& y = rows.places[static_cast<std::size_t>(r - rows.first)];
+    if (copied && in_one_piece) {
+      filling.row(r, columns.first, &patch.posts[patch.index(columns.places.front().post, y.post)], n);
+      continue;
+    }
+    if (copied) {
+      for (std::size_t i = 0; i < count; ++i) heights[i] = patch.at(columns.places[i].post, y.post);
+    } else {
+      const std::array<double, 4> w = cubic_weights(y.fraction);
+      const double* h[4];
+      for (int k = 0; k < 4; ++k) h[k] = interpolated(y.post - 1 + k).data();
+      for (std::size_t i = 0; i < count; ++i) {
+        double sum = 0;
+        for (std::size_t k = 0; k < 4; ++k) sum += w[k] * h[k][i];
+        heights[i] = static_cast<float>(sum);
+      }
+      for (std::size_t i = 0; i < count; ++i)
+        if (std::isnan(heights[i])) heights[i] = interpolate(patch, columns.places[i], y);
+    }
+    filling.row(r, columns.first, heights.data(), n);
+  }
+}
+
+// Writes the layer's valid posts where there is none yet. Returns how many.
+std::size_t PostSource::add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
+                                  Posts& posts) const {
   const Mapping mapping(catalogue_.rasters()[static_cast<std::size_t>(source)], window);
   Patch patch = mapping.patch();
-  if (patch.w == 0) return false;
+  if (patch.w == 0) return 0;
   try {
     pool_->with(source, [&](Raster& raster) { raster.read(patch.x0, patch.y0, patch.w, patch.h, patch.posts.data()); });
     close_gaps(source, patch);
@@ -335,28 +492,26 @@ bool PostSource::add_layer(int source, const PostWindow& window, std::size_t off
       posts.replaced.push_back(static_cast<SourceIndex>(source));
     }
     warn_(error.file(), error.what());
-    return false;
+    return 0;
   }
-  bool complete = true;
-  std::size_t impossible = 0;
-  for (int r = 0; r < window.rows; ++r)
-    for (int c = 0; c < mapping.cols(); ++c) {
-      const std::size_t at =
-          offset + static_cast<std::size_t>(r) * static_cast<std::size_t>(window.cols) + static_cast<std::size_t>(c);
-      if (posts.sources[at] != kNoSource) continue;
-      const PostXY q = mapping.at(r, c);
-      const bool inside =
-          q.x >= patch.x0 + 1 && q.y >= patch.y0 + 1 && q.x <= patch.x0 + patch.w - 3 && q.y <= patch.y0 + patch.h - 3;
-      float h = !inside                         ? kNaN
-                : reach == Reach::between_posts ? interpolate(patch, q.x, q.y)
-                                                : extended(patch, q.x, q.y);
-      if (h < kLowestRelief_m || h > kHighestRelief_m) h = kNaN, ++impossible;
-      complete &= !std::isnan(h);
-      if (std::isnan(h)) continue;
-      posts.heights[at] = h;
-      posts.sources[at] = static_cast<SourceMark>(source) | (reach == Reach::beside_posts ? kFilledBit : 0);
-    }
-  if (impossible > 0) {
+  Filling filling(source, offset, window.cols, posts);
+  const auto columns = mapping.columns(patch), rows = mapping.rows(patch);
+  if (reach == Reach::between_posts && columns && rows) {
+    fill_rows(patch, *columns, *rows, filling);
+  } else {
+    for (int r = 0; r < window.rows; ++r)
+      for (int c = 0; c < mapping.cols(); ++c) {
+        if (!filling.wanted(r, c)) continue;
+        const PostXY q = mapping.at(r, c);
+        if (q.x < patch.x0 + 1 || q.y < patch.y0 + 1 || q.x > patch.x0 + patch.w - 3 || q.y > patch.y0 + patch.h - 3)
+          continue;
+        if (reach == Reach::between_posts)
+          filling.post(r, c, interpolate(patch, Place(q.x), Place(q.y)), 0);
+        else
+          filling.post(r, c, extended(patch, q.x, q.y), kFilledBit);
+      }
+  }
+  if (filling.impossible() > 0) {
     const std::string& path = catalogue_.rasters()[static_cast<std::size_t>(source)].path;
     warn_(path, fmt::format("{}: posts outside of {} .. {} m taken as voids", path, kLowestRelief_m, kHighestRelief_m));
   }
@@ -364,68 +519,136 @@ bool PostSource::add_layer(int source, const PostWindow& window, std::size_t off
     std::fill_n(posts.heights.begin() + static_cast<std::ptrdiff_t>(offset), window.cols, posts.heights[offset]);
     std::fill_n(posts.sources.begin() + static_cast<std::ptrdiff_t>(offset), window.cols, posts.sources[offset]);
   }
-  return complete;
+  return filling.filled();
 }
 
 namespace {
 
-// Distance in posts to the nearest valid post in one direction along a row or column; 0: none within kFillReach.
-using Distances = std::vector<std::uint8_t>;
-static_assert(kFillReach < 256);
-
-// Follows `steps` lines at once, each moving by `advance` elements a step, neighbouring lines lying `apart` elements
-// apart.
-Distances distances(const std::vector<float>& h, std::ptrdiff_t start, std::ptrdiff_t advance, int length,
-                    std::ptrdiff_t apart, int lines) {
-  Distances out(h.size(), 0);
-  in_parallel_pieces(static_cast<std::size_t>(lines), 256, [&](std::size_t first, std::size_t past_last) {
-    std::vector<std::uint8_t> since(past_last - first, 0);  // posts since the last valid one, 0: too long ago
-    for (int step = 0; step < length; ++step)
-      for (std::size_t line = first; line < past_last; ++line) {
-        const auto at = static_cast<std::size_t>(start + step * advance + static_cast<std::ptrdiff_t>(line) * apart);
-        std::uint8_t& s = since[line - first];
-        if (!std::isnan(h[at])) {
-          s = 1;
-        } else {
-          out[at] = s;
-          s = s == 0 || s == kFillReach ? 0 : static_cast<std::uint8_t>(s + 1);
-        }
-      }
-  });
-  return out;
+bool any_void(const float* h, int n) {
+  int any = 0;  // not bool: the compiler makes vectors of it
+  for (int i = 0; i < n; ++i) any |= h[i] != h[i];
+  return any != 0;
 }
+
+bool all_void(const float* h, int n) {
+  int any = 0;
+  for (int i = 0; i < n; ++i) any |= h[i] == h[i];
+  return any == 0;
+}
+
+struct FilledPost {
+  std::size_t at;
+  float height_m;
+  SourceMark source;
+};
+
+// The voids of one tile of a window.
+class TileOfVoids {
+ public:
+  static constexpr int kSide = 64;
+
+  TileOfVoids(const PostWindow& window, const Posts& posts, int row, int col)
+      : window_(window),
+        posts_(posts),
+        r0_(row),
+        r1_(std::min(row + kSide, window.rows)),
+        c0_(col),
+        c1_(std::min(col + kSide, window.cols)) {}
+
+  std::vector<FilledPost> filled() const {
+    if (!has_voids() || !has_valid_nearby()) return {};
+    Distances west{}, east{}, south{}, north{};
+    for (int r = r0_; r < r1_; ++r) {
+      std::uint8_t since = 0;
+      for (int c = std::max(c0_ - kFillReach, 0); c < c1_; ++c) step(r, c, since, west);
+      since = 0;
+      for (int c = std::min(c1_ + kFillReach, window_.cols) - 1; c >= c0_; --c) step(r, c, since, east);
+    }
+    std::array<std::uint8_t, kSide> below{}, above{};  // posts since the last valid one, 0: too long ago
+    for (int r = std::max(r0_ - kFillReach, 0); r < r1_; ++r)
+      for (int c = c0_; c < c1_; ++c) step(r, c, below[static_cast<std::size_t>(c - c0_)], south);
+    for (int r = std::min(r1_ + kFillReach, window_.rows) - 1; r >= r0_; --r)
+      for (int c = c0_; c < c1_; ++c) step(r, c, above[static_cast<std::size_t>(c - c0_)], north);
+
+    std::vector<FilledPost> found;
+    for (int r = r0_; r < r1_; ++r)
+      for (int c = c0_; c < c1_; ++c) {
+        const std::size_t k = local(r, c);
+        const auto at = static_cast<std::ptrdiff_t>(index(r, c));
+        if (!std::isnan(posts_.heights[static_cast<std::size_t>(at)])) continue;
+        double sum = 0, weight = 0;
+        int nearest = kFillReach + 1;
+        SourceMark source = kNoSource;
+        const auto between = [&](int before, int after, std::ptrdiff_t apart) {
+          if (before == 0 || after == 0) return;
+          for (const auto& [distance, from] : {std::pair{before, at - before * apart}, {after, at + after * apart}}) {
+            const auto there = static_cast<std::size_t>(from);
+            sum += static_cast<double>(posts_.heights[there]) / distance, weight += 1.0 / distance;
+            if (distance < nearest) nearest = distance, source = posts_.sources[there];
+          }
+        };
+        between(west[k], east[k], 1);
+        between(south[k], north[k], window_.cols);
+        if (weight > 0)
+          found.push_back({static_cast<std::size_t>(at), static_cast<float>(sum / weight), source | kFilledBit});
+      }
+    return found;
+  }
+
+ private:
+  // Of each post of the tile: how far the nearest valid one is in one direction; 0: none within kFillReach.
+  using Distances = std::array<std::uint8_t, kSide * kSide>;
+  static_assert(kFillReach < 256);
+
+  bool has_voids() const {
+    for (int r = r0_; r < r1_; ++r)
+      if (any_void(&posts_.heights[index(r, c0_)], c1_ - c0_)) return true;
+    return false;
+  }
+
+  bool has_valid_nearby() const {
+    const int west = std::max(c0_ - kFillReach, 0), east = std::min(c1_ + kFillReach, window_.cols);
+    for (int r = std::max(r0_ - kFillReach, 0); r < std::min(r1_ + kFillReach, window_.rows); ++r)
+      if (!all_void(&posts_.heights[index(r, west)], east - west)) return true;
+    return false;
+  }
+
+  std::size_t index(int r, int c) const {
+    return static_cast<std::size_t>(r) * static_cast<std::size_t>(window_.cols) + static_cast<std::size_t>(c);
+  }
+  std::size_t local(int r, int c) const { return static_cast<std::size_t>((r - r0_) * kSide + c - c0_); }
+
+  // One post further along a row or column.
+  void step(int r, int c, std::uint8_t& since, Distances& distances) const {
+    if (!std::isnan(posts_.heights[index(r, c)])) {
+      since = 1;
+      return;
+    }
+    if (r >= r0_ && r < r1_ && c >= c0_ && c < c1_) distances[local(r, c)] = since;
+    since = since == 0 || since == kFillReach ? 0 : static_cast<std::uint8_t>(since + 1);
+  }
+
+  const PostWindow& window_;
+  const Posts& posts_;
+  int r0_, r1_, c0_, c1_;
+};
 
 }  // namespace
 
 void PostSource::fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop) {
-  const std::vector<float>& h = posts.heights;
-  if (std::none_of(h.begin(), h.end(), [](float v) { return std::isnan(v); })) return;
-  const int rows = window.rows, cols = window.cols;
-  const std::ptrdiff_t row = cols, last = static_cast<std::ptrdiff_t>(h.size()) - 1;
-  const Distances west = distances(h, 0, 1, cols, row, rows), east = distances(h, last, -1, cols, -row, rows);
-  const Distances south = distances(h, 0, row, rows, 1, cols), north = distances(h, last, -row, rows, -1, cols);
-  // Values and sources of valid posts are only read, those of voids only written: one pass in place.
-  in_parallel(static_cast<std::size_t>(rows), [&](std::size_t r) {
+  constexpr int kSide = TileOfVoids::kSide;
+  const auto down = static_cast<std::size_t>((window.rows + kSide - 1) / kSide),
+             across = static_cast<std::size_t>((window.cols + kSide - 1) / kSide);
+  // A tile looks beyond itself: nothing is written before all have looked.
+  std::vector<std::vector<FilledPost>> filled(down * across);
+  in_parallel(down, [&](std::size_t row) {
     stop.check();
-    for (std::size_t at = r * static_cast<std::size_t>(cols); at < (r + 1) * static_cast<std::size_t>(cols); ++at) {
-      double sum = 0, weight = 0;
-      int nearest = kFillReach + 1;
-      SourceMark source = kNoSource;
-      const auto between = [&](int before, int after, std::ptrdiff_t step) {
-        if (before == 0 || after == 0) return;
-        for (const auto& [distance, from] : {std::pair{before, static_cast<std::ptrdiff_t>(at) - before * step},
-                                             {after, static_cast<std::ptrdiff_t>(at) + after * step}}) {
-          sum += static_cast<double>(h[static_cast<std::size_t>(from)]) / distance, weight += 1.0 / distance;
-          if (distance < nearest) nearest = distance, source = posts.sources[static_cast<std::size_t>(from)];
-        }
-      };
-      between(west[at], east[at], 1);
-      between(south[at], north[at], row);
-      if (weight == 0) continue;
-      posts.heights[at] = static_cast<float>(sum / weight);
-      posts.sources[at] = source | kFilledBit;
-    }
+    for (std::size_t col = 0; col < across; ++col)
+      filled[row * across + col] =
+          TileOfVoids(window, posts, static_cast<int>(row) * kSide, static_cast<int>(col) * kSide).filled();
   });
+  for (const std::vector<FilledPost>& tile : filled)
+    for (const FilledPost& post : tile) posts.heights[post.at] = post.height_m, posts.sources[post.at] = post.source;
 }
 
 }  // namespace selenograph::dem

@@ -53,6 +53,8 @@ class PostSource {
 
   // Layers composed, voids not yet filled.
   Posts compose(const PostWindow& window, const StopToken& stop = {}) const;
+  // The same in the memory that `posts` has already.
+  void compose(const PostWindow& window, Posts& posts, const StopToken& stop) const;
   // Fills voids, in place. Needs kFillReach posts of context around what must be right.
   static void fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop = {});
 
@@ -63,7 +65,10 @@ class PostSource {
   void close_gaps(int source, Patch& patch) const;
   void compose_rows(const PostWindow& window, int r0, int r1, Posts& posts, const StopToken& stop) const;
   enum class Reach { between_posts, beside_posts };
-  bool add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach, Posts& posts) const;
+  class Filling;
+  struct Part;
+  static void fill_rows(const Patch& patch, const Part& columns, const Part& rows, Filling& filling);
+  std::size_t add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach, Posts& posts) const;
   const Catalogue& catalogue_;
   bool fall_through_;
   Warn warn_;

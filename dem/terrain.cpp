@@ -36,7 +36,7 @@ constexpr int kChunkOctaves = 6;
 // for.
 constexpr int kSmoothLevel = 8;
 // Raised when the same sources give other files: those in cache folders are then built anew.
-constexpr std::uint64_t kFormatVersion = 6;
+constexpr std::uint64_t kFormatVersion = 7;
 
 void hash_in(XXH3_state_t* state, const auto& value) { XXH3_64bits_update(state, &value, sizeof value); }
 
@@ -140,7 +140,9 @@ struct Terrain::Impl {
                [this](const std::string& file, const std::string& text) { warn(file, text); }),
         blocks(o.cache_bytes / 4 * 3),
         chunks(o.cache_bytes / 4),
-        builds(o.threads, [this](BuildQueue::Work& work, const StopToken& stop) { return take_turn(work, stop); }) {
+        builds(
+            o.threads, [this](BuildQueue::Work& work, const StopToken& stop) { return take_turn(work, stop); },
+            [this] { scratch.clear(); }) {
     // What a file that can't even be catalogued holds, and where, is unknown: any answer may lack it.
     for (const CatalogueProblem& problem : catalogue.problems()) {
       if (problem.located || problem.unrelated) continue;
@@ -150,7 +152,7 @@ struct Terrain::Impl {
     if (!options.cache_dir.empty()) open_cache_folder();
     for (int row = 0; row < rows_of(0); ++row)
       for (int col = 0; col < columns_of(0, row); ++col)
-        if (!touching({0, row, col}, 0).empty()) roots.push_back({0, row, col});
+        if (!within({0, row, col}).empty()) roots.push_back({0, row, col});
   }
 
   void open_cache_folder() {
@@ -176,7 +178,7 @@ struct Terrain::Impl {
   ChunkPlan make_plan(const BlockId& node, std::size_t stratum) const {
     ChunkPlan plan;
     plan.node = node;
-    const std::vector<int> layers = touching(node, 0);
+    const std::vector<int> layers = within(node);
     plan.exists = !layers.empty();
     int needed = node.level;
     for (const int i : layers)
@@ -215,6 +217,12 @@ struct Terrain::Impl {
     return catalogue.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), west, east, margin);  // over a pole too
   }
 
+  // Those that have more than a border in common with a block: a row of posts alone makes no surface.
+  std::vector<int> within(const BlockId& id) const {
+    constexpr double kBorder_deg = 1e-6;  // 3 cm
+    return touching(id, -kBorder_deg);
+  }
+
   // The chunk that holds a block; where the block is finer than the posts, the one that holds its finest ancestor.
   ChunkPlan plan_for(const BlockId& id) {
     for (std::size_t stratum = 0;; ++stratum) {
@@ -231,7 +239,7 @@ struct Terrain::Impl {
     if (here.direct) return here.base_level;
     if (id.level >= kStrata[stratum + 1]) return finest_posts(ancestor_of(id, kStrata[stratum + 1]), stratum + 1, id);
     int needed = 0;
-    for (const int i : touching(id, 0))
+    for (const int i : within(id))
       needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
     return std::max(needed, here.base_level);
   }
@@ -297,11 +305,11 @@ struct Terrain::Impl {
       if (!finer) finer = kept(found);
       if (finer) {
         try {
-          work.finer.blocks[id] = block_of(*finer, found, id);
+          work.finer.blocks[id] = block_of(*finer, found, id, stop);
           work.finer.replaced.insert(work.finer.replaced.end(), finer->replaced().begin(), finer->replaced().end());
           continue;
         } catch (const DataError& error) {
-          if (just_made) throw;
+          if (just_made || !is_of(*finer, error)) throw;
           reject(found, *finer, error);
         }
       }
@@ -314,7 +322,7 @@ struct Terrain::Impl {
   }
 
   std::shared_ptr<const Chunk> build(const ChunkPlan& plan, const Chunk::Finer& finer, const StopToken& stop) {
-    Chunk::Built built = Chunk::build(plan, catalogue, source, finer, stop);
+    Chunk::Built built = Chunk::build(plan, catalogue, source, finer, stop, &scratch);
     ++chunks_built;
     if (!built.replaced.empty()) replacements = true;
     // A replacement for an unusable file isn't kept: the next start finds the file back, or warns again.
@@ -352,11 +360,14 @@ struct Terrain::Impl {
   }
 
   // The same from a chunk at hand.
-  static std::shared_ptr<const Block> block_of(const Chunk& chunk, const ChunkPlan& plan, const BlockId& id) {
-    if (id.level <= plan.finest_level()) return chunk.load(id);
-    const auto posts = chunk.load(ancestor_of(id, plan.base_level));
+  std::shared_ptr<const Block> block_of(const Chunk& chunk, const ChunkPlan& plan, const BlockId& id,
+                                        const StopToken& stop) const {
+    if (id.level <= plan.finest_level()) return chunk.load(id, source, stop);
+    const auto posts = chunk.load(ancestor_of(id, plan.base_level), source, stop);
     return posts ? subdivided(*posts, id) : nullptr;
   }
+
+  static bool is_of(const Chunk& chunk, const DataError& error) { return error.file() == chunk.name(); }
 
   std::shared_ptr<const Block> load(const BlockId& id, const ChunkPlan& plan, const StopToken& stop) {
     // What is damaged may have been replaced meanwhile, by us or another process; then it is made again; then it is
@@ -365,18 +376,22 @@ struct Terrain::Impl {
     for (int attempt = 1;; ++attempt) {
       const std::shared_ptr<const Chunk> opened = chunk(plan, stop);
       try {
-        return opened->load(id);
+        return opened->load(id, source, stop);
       } catch (const DataError& error) {
-        if (attempt == kAttempts) throw;
+        if (attempt == kAttempts || !is_of(*opened, error)) throw;
         reject(plan, *opened, error);
       }
     }
   }
 
-  // A damaged record: the file is not to be trusted any more. What can be built again is.
+  // A damaged record: the file is not to be trusted any more. What can be built again is. Where only the sources are
+  // others than they were, the file stays: it is right again when they are back.
   void reject(const ChunkPlan& plan, const Chunk& opened, const DataError& why) {
     ++chunks_rejected;
-    if (!options.cache_dir.empty() && opened.current()) {
+    if (dynamic_cast<const Chunk::OtherSources*>(&why)) {
+      distrust(plan.node);
+      log(fmt::format("{}; it is made again in memory", why.what()));
+    } else if (!options.cache_dir.empty() && opened.current()) {
       std::error_code error;
       const bool removed = std::filesystem::remove(path_of(plan), error);
       if (removed) log(fmt::format("{}; the file was deleted", why.what()));
@@ -444,7 +459,8 @@ struct Terrain::Impl {
   std::map<std::string, std::string> warnings;  // by file
   std::string cache_trouble;
   std::vector<BlockId> roots;
-  BuildQueue builds;  // the last: its thread uses all of the above
+  Chunk::Scratch scratch;  // of the builder's thread
+  BuildQueue builds;       // the last: its thread uses all of the above
 };
 
 Terrain::Terrain(Catalogue catalogue, const TerrainOptions& options)
@@ -457,7 +473,7 @@ const std::vector<BlockId>& Terrain::roots() const { return impl_->roots; }
 
 bool Terrain::has_data(const BlockId& id) const {
   const BlockId root = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
-  return impl_->plan(root, 0).exists && !impl_->touching(id, 0).empty();
+  return impl_->plan(root, 0).exists && !impl_->within(id).empty();
 }
 
 int Terrain::finest_level(const BlockId& id) const { return std::max(kSmoothLevel, posts_level(id)); }

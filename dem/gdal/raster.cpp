@@ -52,6 +52,7 @@ struct Raster::Impl {
 
   // Posts that all lie in the file. `stride` counts floats from one row of `out` to the next.
   void read_inside(int x, int y, int w, int h, float* out, std::size_t stride) {
+    if (file.posts && !file.flip_x && !file.flip_y) return read_posts(file, x, y, w, h, out, stride);
     scratch.resize(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
     read_samples(file, file.flip_x ? file.file_width - x - w : x, file.flip_y ? file.file_height - y - h : y, w, h,
                  scratch.data());

@@ -1,6 +1,9 @@
 #include "dem/gdal/raster_file.h"
 
+#include <fcntl.h>
+
 #include <algorithm>
+#include <bit>
 #include <cerrno>
 #include <cmath>
 #include <filesystem>
@@ -263,6 +266,67 @@ void open_band(RasterFile& s) {
                                           static_cast<int>(s.pds->row_bytes), s.type, order, s.file_width,
                                           s.file_height, RawRasterBand::OwnFP::YES);
   s.band = s.raw.get();
+  if (s.type == GDT_Int16) s.posts = std::make_unique<OpenFile>(s.pds->data_path, O_RDONLY);
+}
+
+namespace {
+
+// Rows of Kaguya's tiles are 8 to 24 KB: some at once keep the disk busy and stay in the nearest cache.
+constexpr std::size_t kBytesAtOnce = std::size_t{1} << 17;
+
+std::int16_t swapped(std::int16_t v) {
+  const auto u = static_cast<std::uint16_t>(v);
+  return static_cast<std::int16_t>(static_cast<std::uint16_t>((u >> 8) | (u << 8)));
+}
+
+// In loops without branches, for the compiler to make vectors of.
+void heights_of(const RasterFile& s, std::int16_t* samples, std::size_t n, float* out) {
+  if (s.pds->little_endian != (std::endian::native == std::endian::little))
+    for (std::size_t i = 0; i < n; ++i) samples[i] = swapped(samples[i]);
+  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+  if (s.scale == 1 && s.offset_m == 0) {
+    for (std::size_t i = 0; i < n; ++i) out[i] = static_cast<float>(samples[i]);
+  } else {
+    for (std::size_t i = 0; i < n; ++i) {
+      const double height_m = samples[i] * s.scale + s.offset_m;
+      out[i] = std::abs(height_m) <= kFarthestHeight_m ? static_cast<float>(height_m) : kNaN;
+    }
+  }
+  for (const double v : s.voids) {
+    if (v != std::rint(v) || std::abs(v) > 32768) continue;  // no sample is this
+    const auto none = static_cast<std::int16_t>(std::clamp(v, -32768.0, 32767.0));
+    if (none != v) continue;
+    for (std::size_t i = 0; i < n; ++i) out[i] = samples[i] == none ? kNaN : out[i];
+  }
+}
+
+}  // namespace
+
+void read_posts(const RasterFile& s, int x, int y, int w, int h, float* out, std::size_t stride) {
+  check_still_there(s);
+  const auto width = static_cast<std::size_t>(w);
+  const std::uint64_t first =
+      s.pds->first_byte + static_cast<std::uint64_t>(y) * s.pds->row_bytes + 2 * static_cast<std::uint64_t>(x);
+  // Rows that follow each other without a gap are read together.
+  const bool whole_rows = 2 * width == s.pds->row_bytes;
+  const int rows_at_once =
+      whole_rows ? static_cast<int>(std::clamp<std::size_t>(kBytesAtOnce / (2 * width), 1, static_cast<std::size_t>(h)))
+                 : 1;
+  std::vector<std::int16_t> samples(width * static_cast<std::size_t>(rows_at_once));
+  for (int j = 0; j < h; j += rows_at_once) {
+    const int rows = std::min(rows_at_once, h - j);
+    bool there = false;
+    try {
+      there = s.posts->read(first + static_cast<std::uint64_t>(j) * s.pds->row_bytes,
+                            2 * width * static_cast<std::size_t>(rows), samples.data());
+    } catch (const SystemFault& fault) {
+      throw_file_error(s.info.path, fault.code());
+    }
+    if (!there) throw DataError(s.info.path, "its data file " + s.pds->data_path + " was truncated");
+    for (int r = 0; r < rows; ++r)
+      heights_of(s, samples.data() + static_cast<std::size_t>(r) * width, width,
+                 out + static_cast<std::size_t>(j + r) * stride);
+  }
 }
 
 void read_samples(RasterFile& s, int x, int y, int w, int h, double* out) {

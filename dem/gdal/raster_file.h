@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "dem/gdal/library.h"
+#include "dem/open_file.h"
 #include "dem/raster_info.h"
 
 namespace selenograph::dem {
@@ -32,6 +33,7 @@ struct RasterFile {
   DatasetPtr dataset;                  // of everything that isn't PDS3
   std::unique_ptr<RawRasterBand> raw;  // of PDS3, once open
   GDALRasterBand* band = nullptr;
+  std::unique_ptr<OpenFile> posts;  // of PDS3 in int16, once open: read without GDAL
 };
 
 // Whether a file whose data are missing or too short is an error, or described as far as its label goes.
@@ -45,6 +47,10 @@ void open_band(RasterFile& file);
 
 // File pixels (x, y, w, h) as double, row-major.
 void read_samples(RasterFile& file, int x, int y, int w, int h, double* out);
+
+// Heights in metres, NaN where there is none; `stride` counts floats from one row of `out` to the next. Only of a file
+// whose posts lie as they are read: not flipped, PDS3 in int16 (`posts` is open).
+void read_posts(const RasterFile& file, int x, int y, int w, int h, float* out, std::size_t stride);
 
 bool is_void(const RasterFile& file, double sample);
 

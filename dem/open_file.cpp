@@ -1,0 +1,49 @@
+#include "dem/open_file.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <utility>
+
+#include "dem/error.h"
+
+namespace selenograph::dem {
+
+OpenFile::OpenFile(std::string path, int flags)
+    : path_(std::move(path)), fd_(::open(path_.c_str(), flags | O_CLOEXEC, 0644)) {
+  if (fd_ < 0) throw SystemFault(path_, errno);
+}
+
+OpenFile::~OpenFile() { ::close(fd_); }
+
+bool OpenFile::read(std::uint64_t offset, std::size_t bytes, void* out) const {
+  for (std::size_t done = 0; done < bytes;) {
+    const ssize_t n = ::pread(fd_, static_cast<char*>(out) + done, bytes - done, static_cast<off_t>(offset + done));
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) throw SystemFault(path_, errno);
+    if (n == 0) return false;
+    done += static_cast<std::size_t>(n);
+  }
+  return true;
+}
+
+void OpenFile::write(const std::string& bytes) const {
+  for (std::size_t done = 0; done < bytes.size();) {
+    const ssize_t n = ::write(fd_, bytes.data() + done, bytes.size() - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) throw SystemFault(path_, errno);
+    done += static_cast<std::size_t>(n);
+  }
+  if (::fsync(fd_) != 0) throw SystemFault(path_, errno);
+}
+
+FileState OpenFile::state() const {
+  struct stat s {};
+  if (::fstat(fd_, &s) != 0) throw SystemFault(path_, errno);
+  return {static_cast<std::uint64_t>(s.st_size),
+          static_cast<std::int64_t>(s.st_mtim.tv_sec) * 1'000'000'000 + s.st_mtim.tv_nsec};
+}
+
+}  // namespace selenograph::dem
