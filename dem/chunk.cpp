@@ -161,10 +161,12 @@ std::vector<float> Chunk::stored(const Record& record, Block& block) const {
     throw DataError(name(), "damaged pyramid file: wrong checksum of block " + to_string(block.id));
   const auto side = static_cast<std::size_t>(block.side()), wide = side + 2 * kHalo;
   const bool steps = record.flags & kSteps;
-  const std::size_t heights_bytes = wide * wide * (steps ? 2 : 4),
-                    sources = record.flags & kUniformSource ? 1 : side * side;
-  if (bytes.size() != heights_bytes + sizeof(SourceMark) * sources)
-    throw DataError(name(), "damaged pyramid file: impossible size of block " + to_string(block.id));
+  const std::size_t heights_bytes = wide * wide * (steps ? 2 : 4);
+  const auto impossible_size = [&] {
+    return DataError(name(), "damaged pyramid file: impossible size of block " + to_string(block.id));
+  };
+  if (bytes.size() < heights_bytes || (bytes.size() - heights_bytes) % sizeof(format::Run) != 0)
+    throw impossible_size();
   std::vector<float> heights(wide * wide);
   if (steps) {
     const auto step = static_cast<float>(format::height_step_m(block.id.level));
@@ -175,15 +177,20 @@ std::vector<float> Chunk::stored(const Record& record, Block& block) const {
   } else {
     std::memcpy(heights.data(), bytes.data(), heights_bytes);
   }
-  block.sources.resize(sources);
-  std::memcpy(block.sources.data(), bytes.data() + heights_bytes, sizeof(SourceMark) * sources);
-  for (SourceMark& s : block.sources) {
-    const SourceIndex index = source_of(s);
+  std::vector<format::Run> runs((bytes.size() - heights_bytes) / sizeof(format::Run));
+  std::memcpy(runs.data(), bytes.data() + heights_bytes, bytes.size() - heights_bytes);
+  std::size_t posts = 0;
+  for (format::Run& run : runs) {
+    posts += run.posts;
+    const SourceIndex index = source_of(run.mark);
     if (index == kNoSource) continue;
     if (index >= catalogue_index_.size())
       throw DataError(name(), "damaged pyramid file: a source that it doesn't name");
-    s = (s & kFilledBit) | catalogue_index_[index];
+    run.mark = (run.mark & kFilledBit) | catalogue_index_[index];
   }
+  if (posts != side * side) throw impossible_size();
+  if (runs.size() == 1) runs[0].posts = 1;
+  for (const format::Run& run : runs) block.sources.insert(block.sources.end(), run.posts, run.mark);
   return heights;
 }
 

@@ -48,7 +48,7 @@ class Chunk {
     float lowest_m = 0;  // kSteps: of what is stored
     std::uint32_t reserved = 0;
   };
-  static constexpr std::uint32_t kSteps = 1, kUniformSource = 2, kEmpty = 4, kFromSources = 8;
+  static constexpr std::uint32_t kSteps = 1, kEmpty = 4, kFromSources = 8;
 
   // What a chunk that is not direct is made of: the finer chunks' top blocks, null where there is nothing, and the
   // files that those lack.

@@ -13,6 +13,7 @@
 #include "dem/chunk.h"
 #include "dem/chunk_format.h"
 #include "dem/parallel.h"
+#include "dem/post_kernels.h"
 #include "dem/shading_normals.h"
 
 namespace selenograph::dem {
@@ -133,40 +134,31 @@ float filtered_beside_voids(const Grid& fine, int r, int c, bool along_row) {
   return sum / weight;
 }
 
-// Nearest multiple, halves to even, of a step that is a power of two: exact for all heights that there can be.
-float quantised(float h, float step, float per_m) {
-  constexpr float kShift = 1.5F * (1 << 23);  // beyond it floats are whole numbers
-  return ((h * per_m + kShift) - kShift) * step;
-}
-
 // One row of the next coarser level. `buffer` is kept from row to row.
 void filter_row(const Grid& fine, int fr, int step_c, bool pole, const Grid& grid, std::vector<float>& buffer,
                 float* out) {
   constexpr int kPad = 4;  // what the kernel reaches beyond the finer grid, whose border is repeated
-  const int cols = fine.window.cols;
-  const float *below = fine.row(fr - 1), *here = fine.row(fr), *above = fine.row(fr + 1);
+  const int cols = fine.window.cols, n = grid.window.cols;
   buffer.resize(static_cast<std::size_t>(cols) + 2 * kPad);
   float* column = buffer.data() + kPad;
   if (pole)
-    std::copy_n(here, cols, column);
+    std::copy_n(fine.row(fr), cols, column);
   else
-    for (int c = 0; c < cols; ++c) column[c] = below[c] + 2 * here[c] + above[c];
+    add_three_rows(fine.row(fr - 1), fine.row(fr), fine.row(fr + 1), cols, column);
   std::fill_n(buffer.data(), kPad, column[0]);
   std::fill_n(column + cols, kPad, column[cols - 1]);
-  const int first = fine.halo - step_c * grid.halo;
-  const float step = static_cast<float>(format::height_step_m(grid.level)), per_m = 1 / step;
-  const float* at = column + first;
-  if (pole)
-    for (int c = 0; c < grid.window.cols; ++c) out[c] = at[step_c * c];
-  else if (step_c == 2)
-    for (int c = 0; c < grid.window.cols; ++c) out[c] = (at[2 * c - 1] + 2 * at[2 * c] + at[2 * c + 1]) / 16;
+  const float* at = column + fine.halo - step_c * grid.halo;
+  const auto step = static_cast<float>(format::height_step_m(grid.level));
+  if (pole || step_c == 1)
+    quantise_row(at, step_c, n, pole ? 1 : 0.25F, step, out);
   else
-    for (int c = 0; c < grid.window.cols; ++c) out[c] = at[c] / 4;
-  for (int c = 0; c < grid.window.cols; ++c) out[c] = quantised(out[c], step, per_m);
-  for (int c = 0; c < grid.window.cols; ++c)
-    if (std::isnan(out[c]) && !pole)
-      out[c] =
-          quantised(filtered_beside_voids(fine, fr, fine.halo + step_c * (c - grid.halo), step_c == 2), step, per_m);
+    halve_row(at, n, step, out);
+  if (pole) return;
+  for (int c = 0; c < n; ++c) {
+    if (!std::isnan(out[c])) continue;
+    const float h = filtered_beside_voids(fine, fr, fine.halo + step_c * (c - grid.halo), step_c == 2);
+    quantise_row(&h, 1, 1, 1, step, out + c);
+  }
 }
 
 Grid coarser(const BlockId& node, const Grid& fine, Chunk::Scratch& scratch, const StopToken& stop) {
@@ -252,59 +244,28 @@ Extremes measured_by_quads(const Grid& grid, const Cut& cut, const Grid& base) {
   return {worst, low, high};
 }
 
-// Comparisons with NaN are false: voids don't count. Four at once, as every processor can.
-using Floats = float __attribute__((vector_size(16)));
-constexpr int kFloats = 4;
-Floats load(const float* at) {
-  Floats v;
-  std::memcpy(&v, at, sizeof v);
-  return v;
-}
-Floats all(float v) { return Floats{v, v, v, v}; }
-Floats lower(Floats a, Floats b) { return a < b ? a : b; }
-Floats higher(Floats a, Floats b) { return a > b ? a : b; }
-
-void extend(const float* h, int n, Floats& low, Floats& high) {
-  int i = 0;
-  for (; i + kFloats <= n; i += kFloats) low = lower(load(h + i), low), high = higher(load(h + i), high);
-  for (; i < n; ++i) low = lower(all(h[i]), low), high = higher(all(h[i]), high);
-}
-
 Extremes range_of(const Grid& grid, int r0, int c0, int quads) {
   const Extremes none;
-  Floats low = all(none.low), high = all(none.high);
-  for (int r = 0; r <= quads; ++r) extend(grid.row(r0 + r) + c0, quads + 1, low, high);
-  return {0, std::min({low[0], low[1], low[2], low[3]}), std::max({high[0], high[1], high[2], high[3]})};
+  HeightRange range{none.low, none.high};
+  for (int r = 0; r <= quads; ++r) extend_range(grid.row(r0 + r) + c0, quads + 1, range);
+  return {0, range.low, range.high};
 }
 
 // A level's surface at the posts of the next finer one: vertices, and the middles of edges. Of quads x quads quads.
 void refine_surface(const float* in, int stride, int quads, float* out) {
   const int wide = 2 * quads + 1;
-  for (int r = 0; r <= quads; ++r) {
-    const float* a = in + static_cast<std::ptrdiff_t>(r) * stride;
-    float* even = out + static_cast<std::ptrdiff_t>(2 * r) * wide;
-    for (int c = 0; c < quads; ++c) even[2 * c] = a[c], even[2 * c + 1] = (a[c] + a[c + 1]) / 2;
-    even[2 * quads] = a[quads];
-    if (r == quads) break;
-    const float* b = a + stride;
-    float* odd = even + wide;
-    // A diagonal runs from the south-east to the north-west.
-    for (int c = 0; c < quads; ++c) odd[2 * c] = (a[c] + b[c]) / 2, odd[2 * c + 1] = (a[c + 1] + b[c]) / 2;
-    odd[2 * quads] = (a[quads] + b[quads]) / 2;
+  for (int r = 0; r <= quads; ++r, in += stride, out += 2 * static_cast<std::ptrdiff_t>(wide)) {
+    refine_row(in, quads, out);
+    if (r < quads) refine_between_rows(in, in + stride, quads, out + wide);
   }
 }
 
-float largest_distance(const Grid& base, int r0, int c0, int quads, const float* surface) {
-  Floats worst = all(0);
-  const auto distance = [](Floats a, Floats b) { return higher(a - b, b - a); };
-  const int n = quads + 1;
-  for (int r = 0; r < n; ++r) {
-    const float *h = base.row(r0 + r) + c0, *s = surface + static_cast<std::ptrdiff_t>(r) * n;
-    int i = 0;
-    for (; i + kFloats <= n; i += kFloats) worst = higher(distance(load(h + i), load(s + i)), worst);
-    for (; i < n; ++i) worst = higher(distance(all(h[i]), all(s[i])), worst);
-  }
-  return std::max({worst[0], worst[1], worst[2], worst[3]});
+float largest_distance_in(const Grid& base, int r0, int c0, int quads, const float* surface) {
+  float worst = 0;
+  for (int r = 0; r <= quads; ++r)
+    worst = largest_distance(base.row(r0 + r) + c0, surface + static_cast<std::ptrdiff_t>(r) * (quads + 1), quads + 1,
+                             worst);
+  return worst;
 }
 
 using Measured = std::unordered_map<BlockId, Extremes, BlockIdHash>;
@@ -424,7 +385,7 @@ class TileMeasurement {
         n *= 2, stride = n + 1, surface = one.data();
         one.swap(other);
       }
-      tile.error_m[i] = largest_distance(base_, base_.halo + row, base_.halo + col, tile_, surface);
+      tile.error_m[i] = largest_distance_in(base_, base_.halo + row, base_.halo + col, tile_, surface);
     }
     return tile;
   }
@@ -487,8 +448,9 @@ Encoded encode(const Grid& grid, const Cut& cut, const Extremes& extremes) {
   }
   out.record.flags = any ? 0 : Chunk::kEmpty;
   if (!any) return out;
-  float low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
-  for (const float v : heights) low = v < low ? v : low, high = v > high ? v : high;
+  HeightRange range{std::numeric_limits<float>::max(), std::numeric_limits<float>::lowest()};
+  extend_range(heights.data(), static_cast<int>(heights.size()), range);
+  const float low = range.low, high = range.high;
   const float step = static_cast<float>(format::height_step_m(cut.id.level)), per_m = 1 / step;
   if ((high - low) * per_m < format::kVoidSteps) {
     out.record.flags |= Chunk::kSteps;
@@ -501,11 +463,13 @@ Encoded encode(const Grid& grid, const Cut& cut, const Extremes& extremes) {
   } else {
     format::append(out.bytes, heights);
   }
-  if (std::all_of(sources.begin(), sources.end(), [&](SourceMark m) { return m == sources[0]; })) {
-    out.record.flags |= Chunk::kUniformSource;
-    sources.resize(1);
+  // Most blocks have one source, those along the borders of tiles few in each row.
+  std::vector<format::Run> runs;
+  for (const SourceMark mark : sources) {
+    if (runs.empty() || runs.back().mark != mark) runs.push_back({mark, 0});
+    ++runs.back().posts;
   }
-  format::append(out.bytes, sources);
+  format::append(out.bytes, runs);
   out.record.size = out.bytes.size();
   out.record.checksum = XXH3_64bits(out.bytes.data(), out.bytes.size());
   return out;
@@ -540,9 +504,7 @@ std::vector<SourceIndex> sources_of(const Grid& grid) {
                        const auto cols = static_cast<std::size_t>(grid.window.cols);
                        for (std::size_t row = first; row < past_last; ++row) {
                          const SourceMark* s = grid.posts.sources.data() + row * cols;
-                         SourceMark others = s[0] ^ before;
-                         for (std::size_t c = 1; c < cols; ++c) others |= s[c] ^ s[c - 1];
-                         if (others == 0) continue;  // most rows: all from one file
+                         if (s[0] == before && all_equal(s, cols)) continue;  // most rows: all from one file
                          for (std::size_t c = 0; c < cols; ++c)
                            if (s[c] != before) here.insert(source_of(s[c])), before = s[c];
                        }
@@ -555,11 +517,18 @@ std::vector<SourceIndex> sources_of(const Grid& grid) {
 
 // Source numbers of the catalogue become the chunk's own, which survive a change of other files in the catalogue.
 void localise(Posts& posts, const std::vector<SourceIndex>& sources) {
-  for (SourceMark& s : posts.sources) {
-    if (source_of(s) == kNoSource) continue;
-    const auto local = std::lower_bound(sources.begin(), sources.end(), source_of(s)) - sources.begin();
-    s = (s & kFilledBit) | static_cast<SourceMark>(local);
-  }
+  constexpr std::size_t kAtOnce = 1 << 16;
+  in_parallel_pieces(posts.sources.size(), kAtOnce, [&](std::size_t first, std::size_t past_last) {
+    SourceIndex before = kNoSource;
+    SourceMark local = kNoSource;
+    for (std::size_t i = first; i < past_last; ++i) {
+      SourceMark& s = posts.sources[i];
+      if (source_of(s) == kNoSource) continue;
+      if (std::exchange(before, source_of(s)) != source_of(s))
+        local = static_cast<SourceMark>(std::lower_bound(sources.begin(), sources.end(), before) - sources.begin());
+      s = (s & kFilledBit) | local;
+    }
+  });
 }
 
 }  // namespace

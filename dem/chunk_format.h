@@ -35,6 +35,12 @@ struct Header {
 };
 static_assert(std::is_trivially_copyable_v<Header> && std::is_trivially_copyable_v<Chunk::Record>);
 
+// Posts that follow each other, row by row from the south-west, and come from the same source.
+struct Run {
+  SourceMark mark;
+  std::uint32_t posts;
+};
+
 // `head` is the header and what follows it up to the first record.
 inline std::uint64_t checksum_of_head(std::string head) {
   std::memset(head.data() + offsetof(Header, head_checksum), 0, sizeof(Header::head_checksum));

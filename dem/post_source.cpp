@@ -12,6 +12,7 @@
 #include "dem/error.h"
 #include "dem/gdal/raster.h"
 #include "dem/parallel.h"
+#include "dem/post_kernels.h"
 #include "dem/terrain.h"
 
 namespace selenograph::dem {
@@ -382,22 +383,11 @@ class PostSource::Filling {
         cols_(static_cast<std::size_t>(window_cols)),
         posts_(posts) {}
 
-  // Heights of `n` posts of one row. Without branches, for the compiler to make vectors of.
+  // Heights of `n` posts of one row.
   void row(int r, int first, const float* heights, int n) {
     const std::size_t at = index(r, first);
-    float* h = posts_.heights.data() + at;
-    SourceMark* s = posts_.sources.data() + at;
-    std::uint32_t filled = 0, impossible = 0;
-    for (int i = 0; i < n; ++i) {
-      const float v = heights[i];
-      const std::uint32_t wanted = s[i] == kNoSource, possible = (v >= kLowestRelief_m) & (v <= kHighestRelief_m);
-      impossible += wanted & ((v < kLowestRelief_m) | (v > kHighestRelief_m));
-      const bool take = wanted & possible;
-      filled += take;
-      h[i] = take ? v : h[i];
-      s[i] = take ? mark_ : s[i];
-    }
-    filled_ += filled, impossible_ += impossible;
+    const Taken taken = take_row(heights, n, mark_, posts_.heights.data() + at, posts_.sources.data() + at);
+    filled_ += static_cast<std::size_t>(taken.filled), impossible_ += static_cast<std::size_t>(taken.impossible);
   }
 
   bool wanted(int r, int c) const { return posts_.sources[index(r, c)] == kNoSource; }

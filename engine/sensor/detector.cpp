@@ -5,9 +5,9 @@
 #include <numbers>
 
 #include "dem/parallel.h"
+#include "dem/vector_targets.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/sensor/random.h"
-#include "engine/support/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/sensor/detector.cpp"

@@ -5,8 +5,8 @@
 #include <numbers>
 
 #include "dem/parallel.h"
+#include "dem/vector_targets.h"
 #include "engine/support/interpolate.h"
-#include "engine/support/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/sensor/optics.cpp"

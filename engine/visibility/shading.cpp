@@ -2,8 +2,8 @@
 
 #include <cmath>
 
+#include "dem/vector_targets.h"
 #include "engine/frame/needs.h"
-#include "engine/support/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/visibility/shading.cpp"

@@ -241,8 +241,9 @@ def write_folders():
 
 # --- pyramid ---------------------------------------------------------------------------------------------------------
 
-INT16, UNIFORM, EMPTY = 1, 2, 4
-HALO, VOID = 2, -32768
+STEPS, EMPTY, FROM_SOURCES = 1, 4, 8
+UNIFORM = 1 << 30  # of this script: one source in all of the block
+HALO, VOID = 2, 65535
 
 
 def pyramid(row, kinds, names=b"a.lbl\0b.lbl\0"):
@@ -251,24 +252,26 @@ def pyramid(row, kinds, names=b"a.lbl\0b.lbl\0"):
     for level, flags in kinds:
         side = (4 << level) + 1
         wide = side + 2 * HALO
-        heights = [(7 * i * i) % 301 - 150 for i in range(wide * wide)]
-        heights[wide * HALO + HALO] = VOID if flags & INT16 else float("nan")
-        sources = [i % 2 for i in range(1 if flags & UNIFORM else side * side)]
-        content = struct.pack(f"<{len(heights)}{'h' if flags & INT16 else 'f'}", *heights) + struct.pack(f"<{len(sources)}I", *sources)
-        records.append((level, flags, b"" if flags & EMPTY else content))
-    index, offset = b"", 64 + 56 * len(records) + len(names)
+        heights = [(7 * i * i) % 301 - (0 if flags & STEPS else 150) for i in range(wide * wide)]
+        heights[wide * HALO + HALO] = VOID if flags & STEPS else float("nan")
+        runs = [0, side * side] if flags & UNIFORM else [x for i in range(side * side) for x in (i % 2, 1)]
+        flags &= ~UNIFORM
+        content = struct.pack(f"<{len(heights)}{'H' if flags & STEPS else 'f'}", *heights) + struct.pack(f"<{len(runs)}I", *runs)
+        records.append((level, flags, b"" if flags & (EMPTY | FROM_SOURCES) else content))
+    index, offset = b"", 64 + 64 * len(records) + len(names)
     for level, flags, content in records:
-        index += struct.pack("<iiiIQQQdff", level, row, 3, flags, offset, len(content), 0, 12.5, -150, 150)
+        index += struct.pack("<iiiIQQQdfffI", level, row, 3, flags, offset, len(content), 0, 12.5, -150, 150, -150, 0)
         offset += len(content)
-    header = struct.pack("<8sQQQdiiiiII", b"SGPYRAM1", offset, 12345, 0, 1.0, 4, row, 3, 2, len(records), len(names))
+    header = struct.pack("<8sQQQdiiiiII", b"SGPYRAM2", offset, 12345, 0, 1.0, 4, row, 3, 2, len(records), len(names))
     return header + index + names + b"".join(content for _, _, content in records)
 
 
 def write_pyramid():
-    write("pyramid_file", "equator", pyramid(23, [(0, INT16), (1, UNIFORM), (2, INT16 | UNIFORM)]))
-    write("pyramid_file", "pole", pyramid(0, [(0, 0), (1, INT16), (2, EMPTY)]))
-    write("pyramid_file", "one-name", pyramid(23, [(0, INT16 | UNIFORM)], b"b.lbl\0"))
-    write("pyramid_file", "foreign-name", pyramid(23, [(0, INT16)], b"c.lbl\0"))
+    write("pyramid_file", "equator", pyramid(23, [(0, STEPS), (1, UNIFORM), (2, STEPS | UNIFORM)]))
+    write("pyramid_file", "pole", pyramid(0, [(0, 0), (1, STEPS), (2, EMPTY)]))
+    write("pyramid_file", "one-name", pyramid(23, [(0, STEPS | UNIFORM)], b"b.lbl\0"))
+    write("pyramid_file", "foreign-name", pyramid(23, [(0, STEPS)], b"c.lbl\0"))
+    write("pyramid_file", "posts", pyramid(23, [(1, STEPS), (2, FROM_SOURCES)]))
     write("pyramid_file", "nothing", pyramid(23, []))
 
 

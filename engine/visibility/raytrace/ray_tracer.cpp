@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "dem/parallel.h"
-#include "engine/support/vector_targets.h"
+#include "dem/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/visibility/raytrace/ray_tracer.cpp"

@@ -7,7 +7,7 @@
 #include <numbers>
 #include <optional>
 
-#include "engine/support/vector_targets.h"
+#include "dem/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/visibility/raytrace/trace.cpp"

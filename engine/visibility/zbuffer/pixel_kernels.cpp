@@ -2,8 +2,8 @@
 
 #include <cstring>
 
+#include "dem/vector_targets.h"
 #include "engine/scene/raster_mesh.h"
-#include "engine/support/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/visibility/zbuffer/pixel_kernels.cpp"

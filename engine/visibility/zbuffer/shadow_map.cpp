@@ -8,7 +8,7 @@
 
 #include "dem/error.h"
 #include "dem/parallel.h"
-#include "engine/support/vector_targets.h"
+#include "dem/vector_targets.h"
 #include "engine/visibility/raytrace/trace.h"
 
 #undef HWY_TARGET_INCLUDE

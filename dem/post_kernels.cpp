@@ -1,0 +1,176 @@
+#include "dem/post_kernels.h"
+
+#include <algorithm>
+
+#include "dem/terrain.h"
+#include "dem/vector_targets.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "dem/post_kernels.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::dem::HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using Floats = hn::ScalableTag<float>;
+using Marks = hn::ScalableTag<std::uint32_t>;
+
+void ExtendRange(const float* h, int n, HeightRange& range) {
+  const Floats d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  auto low = hn::Set(d, range.low), high = hn::Set(d, range.high);
+  int i = 0;
+  for (; i + lanes <= n; i += lanes) {
+    const auto v = hn::LoadU(d, h + i);
+    low = hn::IfThenElse(hn::Lt(v, low), v, low), high = hn::IfThenElse(hn::Gt(v, high), v, high);
+  }
+  float lowest = hn::GetLane(hn::MinOfLanes(d, low)), highest = hn::GetLane(hn::MaxOfLanes(d, high));
+  for (; i < n; ++i) {
+    if (h[i] < lowest) lowest = h[i];
+    if (h[i] > highest) highest = h[i];
+  }
+  range = {lowest, highest};
+}
+
+float LargestDistance(const float* a, const float* b, int n, float worst) {
+  const Floats d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  auto most = hn::Set(d, worst);
+  int i = 0;
+  for (; i + lanes <= n; i += lanes) {
+    const auto distance = hn::Abs(hn::Sub(hn::LoadU(d, a + i), hn::LoadU(d, b + i)));
+    most = hn::IfThenElse(hn::Gt(distance, most), distance, most);
+  }
+  worst = hn::GetLane(hn::MaxOfLanes(d, most));
+  for (; i < n; ++i)
+    if (const float distance = std::abs(a[i] - b[i]); distance > worst) worst = distance;
+  return worst;
+}
+
+void AddThreeRows(const float* below, const float* here, const float* above, int n, float* out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < n; ++i) out[i] = below[i] + 2 * here[i] + above[i];
+}
+
+constexpr float kToWholeNumbers = 1.5F * (1 << 23);  // beyond it floats are whole numbers
+
+void HalveRow(const float* row, int n, float step, float* out) {
+  const float per_m = 1 / step;
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < n; ++i) {
+    const float h = (row[2 * i - 1] + 2 * row[2 * i] + row[2 * i + 1]) / 16;
+    out[i] = ((h * per_m + kToWholeNumbers) - kToWholeNumbers) * step;
+  }
+}
+
+void QuantiseRow(const float* row, int stride, int n, float factor, float step, float* out) {
+  const float per_m = 1 / step;
+  for (int i = 0; i < n; ++i) out[i] = ((row[stride * i] * factor * per_m + kToWholeNumbers) - kToWholeNumbers) * step;
+}
+
+void RefineRow(const float* a, int quads, float* out) {
+  const Floats d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const auto half = hn::Set(d, 0.5F);
+  int c = 0;
+  for (; c + lanes <= quads; c += lanes) {
+    const auto here = hn::LoadU(d, a + c), next = hn::LoadU(d, a + c + 1);
+    hn::StoreInterleaved2(here, hn::Mul(hn::Add(here, next), half), d, out + 2 * c);
+  }
+  for (; c < quads; ++c) out[2 * c] = a[c], out[2 * c + 1] = (a[c] + a[c + 1]) * 0.5F;
+  out[2 * quads] = a[quads];
+}
+
+void RefineBetweenRows(const float* a, const float* b, int quads, float* out) {
+  const Floats d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const auto half = hn::Set(d, 0.5F);
+  int c = 0;
+  for (; c + lanes <= quads; c += lanes) {
+    const auto above = hn::LoadU(d, b + c);
+    hn::StoreInterleaved2(hn::Mul(hn::Add(hn::LoadU(d, a + c), above), half),
+                          hn::Mul(hn::Add(hn::LoadU(d, a + c + 1), above), half), d, out + 2 * c);
+  }
+  for (; c < quads; ++c) out[2 * c] = (a[c] + b[c]) * 0.5F, out[2 * c + 1] = (a[c + 1] + b[c]) * 0.5F;
+  out[2 * quads] = (a[quads] + b[quads]) * 0.5F;
+}
+
+Taken TakeRow(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
+  const Floats d;
+  const Marks m;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const auto none = hn::Set(m, kNoSource), marks = hn::Set(m, mark);
+  const auto lowest = hn::Set(d, kLowestRelief_m), highest = hn::Set(d, kHighestRelief_m);
+  std::size_t filled = 0, impossible = 0;
+  int i = 0;
+  for (; i + lanes <= n; i += lanes) {
+    const auto v = hn::LoadU(d, layer + i);
+    const auto was = hn::LoadU(m, sources + i);
+    const auto wanted = hn::RebindMask(d, hn::Eq(was, none));
+    const auto possible = hn::And(hn::Ge(v, lowest), hn::Le(v, highest)), take = hn::And(wanted, possible);
+    filled += hn::CountTrue(d, take);
+    impossible += hn::CountTrue(d, hn::AndNot(possible, hn::And(wanted, hn::Eq(v, v))));
+    hn::StoreU(hn::IfThenElse(take, v, hn::LoadU(d, heights + i)), d, heights + i);
+    hn::StoreU(hn::IfThenElse(hn::RebindMask(m, take), marks, was), m, sources + i);
+  }
+  for (; i < n; ++i) {
+    const float v = layer[i];
+    if (sources[i] != kNoSource || v != v) continue;
+    if (v < kLowestRelief_m || v > kHighestRelief_m) {
+      ++impossible;
+    } else {
+      heights[i] = v, sources[i] = mark;
+      ++filled;
+    }
+  }
+  return {static_cast<int>(filled), static_cast<int>(impossible)};
+}
+
+bool AllEqual(const std::uint32_t* values, std::size_t n) {
+  std::uint32_t others = 0;
+  for (std::size_t i = 1; i < n; ++i) others |= values[i] ^ values[0];
+  return others == 0;
+}
+
+}  // namespace selenograph::dem::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::dem {
+
+HWY_EXPORT(ExtendRange);
+HWY_EXPORT(LargestDistance);
+HWY_EXPORT(AddThreeRows);
+HWY_EXPORT(HalveRow);
+HWY_EXPORT(QuantiseRow);
+HWY_EXPORT(RefineRow);
+HWY_EXPORT(RefineBetweenRows);
+HWY_EXPORT(TakeRow);
+HWY_EXPORT(AllEqual);
+
+void extend_range(const float* heights, int n, HeightRange& range) {
+  HWY_DYNAMIC_DISPATCH(ExtendRange)(heights, n, range);
+}
+float largest_distance(const float* a, const float* b, int n, float worst) {
+  return HWY_DYNAMIC_DISPATCH(LargestDistance)(a, b, n, worst);
+}
+void add_three_rows(const float* below, const float* here, const float* above, int n, float* out) {
+  HWY_DYNAMIC_DISPATCH(AddThreeRows)(below, here, above, n, out);
+}
+void halve_row(const float* row, int n, float step, float* out) { HWY_DYNAMIC_DISPATCH(HalveRow)(row, n, step, out); }
+void quantise_row(const float* row, int stride, int n, float factor, float step, float* out) {
+  HWY_DYNAMIC_DISPATCH(QuantiseRow)(row, stride, n, factor, step, out);
+}
+void refine_row(const float* a, int quads, float* out) { HWY_DYNAMIC_DISPATCH(RefineRow)(a, quads, out); }
+void refine_between_rows(const float* a, const float* b, int quads, float* out) {
+  HWY_DYNAMIC_DISPATCH(RefineBetweenRows)(a, b, quads, out);
+}
+Taken take_row(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
+  return HWY_DYNAMIC_DISPATCH(TakeRow)(layer, n, mark, heights, sources);
+}
+bool all_equal(const std::uint32_t* values, std::size_t n) { return HWY_DYNAMIC_DISPATCH(AllEqual)(values, n); }
+
+}  // namespace selenograph::dem
+#endif  // HWY_ONCE
