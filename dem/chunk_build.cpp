@@ -149,15 +149,18 @@ void filter_row(const Grid& fine, int fr, int step_c, bool pole, const Grid& gri
   std::fill_n(column + cols, kPad, column[cols - 1]);
   const float* at = column + fine.halo - step_c * grid.halo;
   const auto step = static_cast<float>(format::height_step_m(grid.level));
-  if (pole || step_c == 1)
-    quantise_row(at, step_c, n, pole ? 1 : 0.25F, step, out);
+  if (pole) {  // one point: kept, so that every block around it agrees
+    for (int c = 0; c < n; ++c) out[c] = at[static_cast<std::ptrdiff_t>(step_c) * c];
+    return;
+  }
+  if (step_c == 1)
+    quantise_row(at, n, 0.25F, step, out);
   else
     halve_row(at, n, step, out);
-  if (pole) return;
   for (int c = 0; c < n; ++c) {
     if (!std::isnan(out[c])) continue;
     const float h = filtered_beside_voids(fine, fr, fine.halo + step_c * (c - grid.halo), step_c == 2);
-    quantise_row(&h, 1, 1, 1, step, out + c);
+    quantise_row(&h, 1, 1, step, out + c);
   }
 }
 
@@ -175,7 +178,7 @@ Grid coarser(const BlockId& node, const Grid& fine, Chunk::Scratch& scratch, con
           stop.check();
           const int r = static_cast<int>(row), fr = fine.halo + 2 * (r - grid.halo);
           const std::int64_t lat = grid.window.lat0 + static_cast<std::int64_t>(r) * grid.window.lat_step;
-          const bool pole = lat == 0 || lat == kLatTicks;  // one point: kept, so that every chunk around it agrees
+          const bool pole = lat == 0 || lat == kLatTicks;
           filter_row(fine, fr, step_c, pole, grid, buffer, grid.posts.heights.data() + grid.index(r, 0));
           const int sr = std::clamp(fr, 0, fine.window.rows - 1);
           for (int c = 0; c < grid.window.cols; ++c) {
@@ -452,7 +455,10 @@ Encoded encode(const Grid& grid, const Cut& cut, const Extremes& extremes) {
   extend_range(heights.data(), static_cast<int>(heights.size()), range);
   const float low = range.low, high = range.high;
   const float step = static_cast<float>(format::height_step_m(cut.id.level)), per_m = 1 / step;
-  if ((high - low) * per_m < format::kVoidSteps) {
+  // A pole's height is no whole number of steps.
+  const BlockExtent extent = extent_of(cut.id);
+  const bool beside_pole = extent.lat0 == 0 || extent.lat1() == kLatTicks;
+  if (!beside_pole && (high - low) * per_m < format::kVoidSteps) {
     out.record.flags |= Chunk::kSteps;
     out.record.lowest_m = low;
     std::vector<std::uint16_t> steps(heights.size());

@@ -65,9 +65,9 @@ void HalveRow(const float* row, int n, float step, float* out) {
   }
 }
 
-void QuantiseRow(const float* row, int stride, int n, float factor, float step, float* out) {
+void QuantiseRow(const float* row, int n, float factor, float step, float* out) {
   const float per_m = 1 / step;
-  for (int i = 0; i < n; ++i) out[i] = ((row[stride * i] * factor * per_m + kToWholeNumbers) - kToWholeNumbers) * step;
+  for (int i = 0; i < n; ++i) out[i] = ((row[i] * factor * per_m + kToWholeNumbers) - kToWholeNumbers) * step;
 }
 
 void RefineRow(const float* a, int quads, float* out) {
@@ -160,8 +160,8 @@ void add_three_rows(const float* below, const float* here, const float* above, i
   HWY_DYNAMIC_DISPATCH(AddThreeRows)(below, here, above, n, out);
 }
 void halve_row(const float* row, int n, float step, float* out) { HWY_DYNAMIC_DISPATCH(HalveRow)(row, n, step, out); }
-void quantise_row(const float* row, int stride, int n, float factor, float step, float* out) {
-  HWY_DYNAMIC_DISPATCH(QuantiseRow)(row, stride, n, factor, step, out);
+void quantise_row(const float* row, int n, float factor, float step, float* out) {
+  HWY_DYNAMIC_DISPATCH(QuantiseRow)(row, n, factor, step, out);
 }
 void refine_row(const float* a, int quads, float* out) { HWY_DYNAMIC_DISPATCH(RefineRow)(a, quads, out); }
 void refine_between_rows(const float* a, const float* b, int quads, float* out) {

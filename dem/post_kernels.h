@@ -24,8 +24,8 @@ void add_three_rows(const float* below, const float* here, const float* above, i
 // Every second one of a row: out[i] = (row[2 i - 1] + 2 row[2 i] + row[2 i + 1]) / 16, to the nearest multiple of
 // `step`, a power of two, halves to even. Exact for heights below 2^22 steps.
 void halve_row(const float* row, int n, float step, float* out);
-// out[i] = row[stride i] * factor, to the nearest multiple of `step`.
-void quantise_row(const float* row, int stride, int n, float factor, float step, float* out);
+// out[i] = row[i] * factor, to the nearest multiple of `step`.
+void quantise_row(const float* row, int n, float factor, float step, float* out);
 
 // One row of a surface, at its posts and half-way between: 2 quads + 1.
 void refine_row(const float* a, int quads, float* out);

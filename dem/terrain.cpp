@@ -178,8 +178,8 @@ struct Terrain::Impl {
   ChunkPlan make_plan(const BlockId& node, std::size_t stratum) const {
     ChunkPlan plan;
     plan.node = node;
-    const std::vector<int> layers = within(node);
-    plan.exists = !layers.empty();
+    const std::vector<int> layers = touching(node, 0);
+    plan.exists = !within(node).empty();
     int needed = node.level;
     for (const int i : layers)
       needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
@@ -239,7 +239,7 @@ struct Terrain::Impl {
     if (here.direct) return here.base_level;
     if (id.level >= kStrata[stratum + 1]) return finest_posts(ancestor_of(id, kStrata[stratum + 1]), stratum + 1, id);
     int needed = 0;
-    for (const int i : within(id))
+    for (const int i : touching(id, 0))
       needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
     return std::max(needed, here.base_level);
   }
