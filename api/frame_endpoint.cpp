@@ -168,6 +168,7 @@ Response answer_frames(const EndpointContext& context) {
                              context.long_metadata, context.stop);
   if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
   response.headers.emplace_back("Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start)));
+  context.renderer.expect(query.request, query.ahead);
   return response;
 }
 

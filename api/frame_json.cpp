@@ -162,6 +162,11 @@ const auto accuracy_field =
 const auto preset_field =
     Property{[](const FrameQuery&) { return std::optional<std::string>(); }, [](FrameQuery&, const std::string&) {}};
 
+// No part of what the frame is: left out of the resolved request, and so of the ETag.
+constexpr std::size_t kMostAhead = 64;
+const auto ahead_field = Property{[](const FrameQuery&) { return std::optional<std::vector<engine::Pose>>(); },
+                                  [](FrameQuery& q, const std::vector<engine::Pose>& poses) { q.ahead = poses; }};
+
 void require_sun(const JsonReader& in, engine::ProductSet wanted) {
   for (const ProductRow& row : products()) {
     if (!row.needs_sun || !(wanted & row.product)) continue;
@@ -317,6 +322,10 @@ const Members<FrameQuery>& frame_members() {
         m.add(
             "products", [](auto& q) -> auto& { return q.request.products; }, Products{},
             "what to render: arrays of height x width, row 0 on top");
+        m.add("ahead", ahead_field, List{Object{pose_members()}, 1, kMostAhead},
+              "poses that the next frames of this camera are expected at, soonest first: what they need is made ready "
+              "while no frame is in work. Left out: the camera is taken to go on as it did. Changes no byte of any "
+              "answer");
         m.any_of({"camera", "camera_preset"});
         m.excludes("sensor", {"image"}, "that is exposure without a sensor");
         m.needs("sensor", {"band", "camera_preset"}, "which photons it counts");

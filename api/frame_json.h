@@ -5,6 +5,7 @@
 #include <optional>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "api/assets.h"
 #include "api/camera_json.h"
@@ -30,7 +31,8 @@ struct FrameQuery {
   std::string atmosphere_name;  // that request.atmosphere was found by
   SurfaceQuery surface;
   std::vector<ObjectQuery> objects;
-  bool sun_given = false;  // false: no product needs one, request.sun means nothing
+  std::vector<engine::Pose> ahead;  // that the client expects next; changes nothing of this frame
+  bool sun_given = false;           // false: no product needs one, request.sun means nothing
 };
 const Members<FrameQuery>& frame_members();
 

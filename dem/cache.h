@@ -1,6 +1,7 @@
 // A single-flight LRU cache with a budget in bytes: of several callers who miss the same key, one loads.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -31,7 +32,17 @@ class Cache {
     std::size_t bytes;
   };
 
-  explicit Cache(std::size_t capacity_bytes) : capacity_(capacity_bytes) {}
+  // What values take that have parts in common: how many bytes one more adds, and how many go with one.
+  class Count {
+   public:
+    virtual ~Count() = default;
+    virtual std::size_t add(const Value& value) = 0;
+    virtual std::size_t remove(const Value& value) = 0;
+  };
+
+  // Without a `count` each takes the bytes that its loading says.
+  explicit Cache(std::size_t capacity_bytes, std::unique_ptr<Count> count = nullptr)
+      : capacity_(capacity_bytes), count_(std::move(count)) {}
 
   // The value for `key`, loading it by `load() -> Loaded` if needed. Of several callers at once, one loads, the others
   // wait, each until its own `stop`: then Cancelled. A load that is given up (it throws Cancelled) fails nobody else:
@@ -82,7 +93,7 @@ class Cache {
     std::size_t sum = 0;
     for (const auto& [key, entry] : entries_)
       if (entry.value.use_count() > 1) sum += entry.bytes;
-    return sum;
+    return std::min(sum, bytes_);
   }
 
   // Neither loads nor counts as a use.
@@ -142,7 +153,7 @@ class Cache {
     flights_.erase(key);
     order_.push_front(key);
     entries_[key] = {std::move(loaded.value), loaded.bytes, order_.begin()};
-    bytes_ += loaded.bytes;
+    bytes_ += count_ && flight.value ? count_->add(*flight.value) : loaded.bytes;
     evict();
     landed_.notify_all();
   }
@@ -170,7 +181,8 @@ class Cache {
   }
 
   void drop(typename Entries::iterator entry) {
-    bytes_ -= entry->second.bytes;
+    const Pointer& value = entry->second.value;
+    bytes_ -= count_ && value ? count_->remove(*value) : entry->second.bytes;
     order_.erase(entry->second.place);
     entries_.erase(entry);
   }
@@ -181,6 +193,7 @@ class Cache {
   std::list<Key> order_;  // most recently used first
   std::unordered_map<Key, std::shared_ptr<Flight>, Hash> flights_;
   std::size_t capacity_, bytes_ = 0, reserved_ = 0;
+  std::unique_ptr<Count> count_;
   std::uint64_t hits_ = 0, misses_ = 0, evictions_ = 0;
 };
 

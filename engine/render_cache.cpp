@@ -5,6 +5,9 @@
 #include <chrono>
 #include <thread>
 #include <type_traits>
+#include <unordered_map>
+#include <utility>
+#include <vector>
 
 #include "engine/scene/selection.h"
 
@@ -30,10 +33,35 @@ std::size_t RenderCache::CameraHash::operator()(const Camera& c) const {
   return XXH3_64bits(numbers.data(), sizeof numbers);
 }
 
+// Scenes have most of their parts in common: each counts once.
+class RenderCache::PartsOnce : public dem::Cache<SceneKey, Scene, SceneKeyHash>::Count {
+ public:
+  std::size_t add(const Scene& scene) override {
+    std::size_t sum = scene.own_bytes();
+    scene.for_each_part([&](const void* part, std::size_t bytes) {
+      if (++users_[part] == 1) sum += bytes;
+    });
+    return sum;
+  }
+  std::size_t remove(const Scene& scene) override {
+    std::size_t sum = scene.own_bytes();
+    scene.for_each_part([&](const void* part, std::size_t bytes) {
+      const auto found = users_.find(part);
+      if (--found->second > 0) return;
+      users_.erase(found);
+      sum += bytes;
+    });
+    return sum;
+  }
+
+ private:
+  std::unordered_map<const void*, int> users_;
+};
+
 RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads)
     : terrain_(std::move(terrain)),
       threads_(threads),
-      scenes_(bytes),
+      scenes_(bytes, std::make_unique<PartsOnce>()),
       lenses_(bytes / 8),
       speed_of_rays_(threads),
       speed_of_zbuffer_(threads) {}
@@ -70,22 +98,47 @@ class RenderCache::Room {
   std::size_t bytes_ = 0;
 };
 
-std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, const StopToken& stop) {
+std::shared_ptr<const Scene> RenderCache::most_in_common(const SceneContent& content) {
+  std::vector<std::shared_ptr<const Scene>> candidates;
+  {
+    const std::lock_guard lock(latest_mutex_);
+    for (const auto& one : latest_)
+      if (auto scene = one.lock(); scene && scene->anchor == content.anchor_m) candidates.push_back(std::move(scene));
+  }
+  std::shared_ptr<const Scene> best;
+  std::size_t most = 0;
+  for (auto& scene : candidates) {
+    std::size_t same = 0;
+    for (const dem::BlockId& id : content.blocks) same += scene->mesh.holds(id);
+    if (same > most) most = same, best = std::move(scene);
+  }
+  return best;
+}
+
+std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, const StopToken& stop, Purpose purpose) {
+  const SceneKey key = key_of(content);
   const auto make = [&] {
     const Room room(*this, content, stop);
-    std::shared_ptr<const Scene> before;
-    {
-      const std::lock_guard lock(latest_mutex_);
-      before = latest_.lock();
-    }
+    const std::shared_ptr<const Scene> before = most_in_common(content);
     auto made = std::make_shared<const Scene>(*terrain_, content, threads_, before.get(), stop);
-    {
-      const std::lock_guard lock(latest_mutex_);
-      latest_ = made;
-    }
+    const std::lock_guard lock(latest_mutex_);
+    latest_.push_front(made);
+    if (latest_.size() > kLatest) latest_.pop_back();
+    if (purpose == Purpose::preparation) prepared_.insert(key), ++statistics_.prepared;
     return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes()};
   };
-  return scenes_.get(key_of(content), make, stop);
+  std::shared_ptr<const Scene> scene = scenes_.get(key, make, stop);
+  if (purpose == Purpose::frame) {
+    const std::lock_guard lock(latest_mutex_);
+    statistics_.used += prepared_.erase(key);
+  }
+  return scene;
+}
+
+PreparationStatistics RenderCache::preparation_statistics() {
+  const std::lock_guard lock(latest_mutex_);
+  statistics_.wasted += std::erase_if(prepared_, [&](const SceneKey& key) { return !scenes_.holds(key); });
+  return statistics_;
 }
 
 bool RenderCache::holds(const SceneContent& content) const { return scenes_.holds(key_of(content)); }
@@ -93,7 +146,7 @@ bool RenderCache::holds(const SceneContent& content) const { return scenes_.hold
 void RenderCache::forget(const SceneContent& content) {
   scenes_.erase(key_of(content));
   const std::lock_guard lock(latest_mutex_);
-  latest_.reset();
+  latest_.clear();
 }
 
 std::shared_ptr<const PixelRays> RenderCache::lens(const Camera& camera, const StopToken& stop) {

@@ -5,14 +5,17 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <mutex>
+#include <unordered_set>
 
 #include "dem/cache.h"
 #include "dem/stop_token.h"
 #include "dem/terrain.h"
 #include "engine/budget.h"
 #include "engine/camera/pixel_rays.h"
+#include "engine/preparation.h"
 #include "engine/support/pool.h"
 #include "engine/visibility/scene.h"
 #include "engine/visibility/zbuffer/raster_pass.h"
@@ -25,12 +28,18 @@ class RenderCache {
   // `threads`: that work on a frame.
   RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads);
 
+  // What a scene is made for: a frame that is asked for, or one that may be.
+  enum class Purpose { frame, preparation };
+
   // Of several who need the same scene one makes it; each waits until its own `stop`, then Cancelled is thrown. Scenes
   // in use can't be evicted: one that doesn't fit beside them waits for them to be let go, so the caller must hold
   // none.
-  std::shared_ptr<const Scene> scene(const SceneContent& content, const StopToken& stop = {});
+  std::shared_ptr<const Scene> scene(const SceneContent& content, const StopToken& stop = {},
+                                     Purpose purpose = Purpose::frame);
   bool holds(const SceneContent& content) const;
   void forget(const SceneContent& content);
+
+  PreparationStatistics preparation_statistics();
 
   // Where the camera's pixels look; empty without distortion. Throws Cancelled when `stop` says so.
   std::shared_ptr<const PixelRays> lens(const Camera& camera, const StopToken& stop);
@@ -62,6 +71,8 @@ class RenderCache {
   };
   static SceneKey key_of(const SceneContent& content);
   class Room;
+  class PartsOnce;
+  std::shared_ptr<const Scene> most_in_common(const SceneContent& content);
 
   std::shared_ptr<const dem::Terrain> terrain_;
   int threads_;
@@ -70,9 +81,13 @@ class RenderCache {
   Pool<FrameScratch> scratch_;
   std::mutex room_mutex_;
   std::size_t being_made_bytes_ = 0;  // of scenes
-  // The last scene that was made, if it is still in use or kept: a moving camera has most of it in common.
+  // The scenes that were made last, if still in use or kept: a moving camera has most of one in common. First the
+  // latest.
+  static constexpr std::size_t kLatest = 4;
   std::mutex latest_mutex_;
-  std::weak_ptr<const Scene> latest_;
+  std::deque<std::weak_ptr<const Scene>> latest_;
+  std::unordered_set<SceneKey, SceneKeyHash> prepared_;  // that no frame has had yet
+  PreparationStatistics statistics_;
   SpeedGauge speed_of_rays_, speed_of_zbuffer_;
 };
 

@@ -130,6 +130,13 @@ std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terra
   return limits;
 }
 
+void prepare_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
+  const FrameRequest request = with_margin_of(sensor_of(asked, stop), asked);
+  const View view(request.camera, request.pose);
+  const Selection selection = select_blocks(request, view, request.accuracy, terrain, kept, stop);
+  kept.scene(content_of(request, view, selection), stop, RenderCache::Purpose::preparation);
+}
+
 Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
   const std::optional<Sensor> sensor = sensor_of(asked, stop);
   const FrameRequest request = with_margin_of(sensor, asked);

@@ -15,6 +15,9 @@ namespace selenograph::engine {
 // Throws as Renderer::render does. In the caller's task arena.
 Frame render_frame(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
 
+// What a frame would need that is kept between frames: its terrain and its scene. Throws as render_frame.
+void prepare_frame(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
+
 // The first stage: which blocks of the terrain, how fine. None where the objects are alone.
 Selection select_blocks(const FrameRequest& request, const View& view, const Accuracy& accuracy,
                         const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop);

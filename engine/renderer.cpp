@@ -9,6 +9,7 @@
 
 #include "dem/parallel.h"
 #include "engine/choose_accuracy.h"
+#include "engine/preparation.h"
 #include "engine/ray_queries.h"
 #include "engine/render_cache.h"
 #include "engine/render_frame.h"
@@ -20,7 +21,10 @@ struct Renderer::Impl {
       : terrain(std::move(t)),
         threads(o.threads > 0 ? o.threads : tbb::this_task_arena::max_concurrency()),
         arena(threads),
-        kept(terrain, o.scene_bytes, threads) {
+        kept(terrain, o.scene_bytes, threads),
+        preparation([this](const FrameRequest& request, const StopToken& stop) {
+          in_arena(arena, [&] { prepare_frame(request, *terrain, kept, stop); });
+        }) {
     start_threads();
   }
 
@@ -41,6 +45,7 @@ struct Renderer::Impl {
   int threads;
   tbb::task_arena arena;
   RenderCache kept;
+  Preparation preparation;  // the last: its thread uses all of the above
 };
 
 Renderer::Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions& options)
@@ -48,6 +53,7 @@ Renderer::Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions&
 Renderer::~Renderer() = default;
 
 Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
+  const Preparation::Work work(impl_->preparation, request);
   return in_arena(impl_->arena, [&] { return render_frame(request, *impl_->terrain, impl_->kept, stop); });
 }
 
@@ -71,6 +77,13 @@ std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, 
   return in_arena(impl_->arena,
                   [&] { return project_landmarks(camera, pose, points, sun, *impl_->terrain, impl_->kept, stop); });
 }
+
+void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead) const {
+  if (frame.terrain) impl_->preparation.expect(frame, ahead);
+}
+
+PreparationStatistics Renderer::preparation_statistics() const { return impl_->kept.preparation_statistics(); }
+void Renderer::wait_until_prepared() const { impl_->preparation.wait_until_done(); }
 
 int Renderer::threads() const { return impl_->threads; }
 const dem::Terrain& Renderer::terrain() const { return *impl_->terrain; }

@@ -12,6 +12,7 @@
 #include "engine/frame/frame.h"
 #include "engine/frame/queries.h"
 #include "engine/frame/request.h"
+#include "engine/preparation.h"
 
 namespace selenograph::engine {
 
@@ -33,6 +34,12 @@ class Renderer {
   // needed file is unusable, Cancelled when `stop` says so, TooMuchWork (one, too) when its deadline is out of reach.
   // Same request, same terrain: same bytes.
   Frame render(const FrameRequest& request, const StopToken& stop = {}) const;
+
+  // After a frame: the poses that its camera is expected at next, soonest first; none: it goes on as it did. What they
+  // need is made while no frame is in work (preparation.h). Changes no byte of any frame.
+  void expect(const FrameRequest& frame, std::span<const Pose> ahead) const;
+  void wait_until_prepared() const;  // returns when there is nothing left to prepare
+  PreparationStatistics preparation_statistics() const;
 
   // The truest setting for this request (whose own `accuracy` doesn't matter) that is predicted to take no longer than
   // budget_ms on terrain that is in memory, with no more than max_samples per pixel; the coarsest if none. The time

@@ -104,6 +104,7 @@ int serve(const ServeSettings& settings) {
     gauges.cache = renderer->terrain().statistics();
     gauges.terrain_warnings = renderer->terrain().warnings().size();
     gauges.scene_bytes = renderer->scene_bytes_in_use();
+    gauges.preparation = renderer->preparation_statistics();
     gauges.cache_trouble = renderer->terrain().cache_trouble();
     gauges.mesh_bytes = service.mesh_bytes();
     gauges.request_memory_bytes = memory->in_use();

@@ -87,6 +87,11 @@ void write_gauges(Exposition& out, const Gauges& g) {
              g.log_lines_dropped);
   out.single("selenograph_scene_bytes", "gauge",
              "Bytes of acceleration structures, lenses and scratch memory held between frames.", g.scene_bytes);
+  out.single("selenograph_prefetched_scenes_total", "counter", "Scenes made before a frame asked for them.",
+             g.preparation.prepared);
+  out.single("selenograph_prefetched_scenes_used_total", "counter", "Those that a frame has had.", g.preparation.used);
+  out.single("selenograph_prefetched_scenes_wasted_total", "counter", "Those that were dropped without.",
+             g.preparation.wasted);
   out.single("selenograph_request_memory_bytes", "gauge", "Bytes that requests in work and answers not yet sent take.",
              g.request_memory_bytes);
   out.single("selenograph_request_memory_capacity_bytes", "gauge", "Bytes that they may take.",

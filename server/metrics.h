@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "dem/terrain.h"
+#include "engine/preparation.h"
 
 namespace selenograph::server {
 
@@ -23,6 +24,7 @@ struct Gauges {
   std::size_t terrain_warnings = 0;
   std::string cache_trouble;  // of /health/ready, not a metric; empty: none
   std::size_t scene_bytes = 0;
+  engine::PreparationStatistics preparation;
   std::size_t mesh_bytes = 0;
   std::size_t request_memory_bytes = 0, request_memory_capacity_bytes = 0, body_bytes = 0;
   std::uint64_t log_lines_dropped = 0;

@@ -134,6 +134,8 @@ class Mesh {
   std::optional<std::uint32_t> block_at(std::int64_t lat_tick, std::int64_t lon_tick,
                                         int finest_level = dem::kMaxLevel) const;
 
+  bool holds(const dem::BlockId& id) const { return index_.count(id) > 0; }
+
   std::size_t bytes() const;
 
  private:

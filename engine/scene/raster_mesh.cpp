@@ -189,13 +189,21 @@ void RasterMesh::add_skirts() {
     }
 }
 
+std::size_t RasterPiece::bytes() const {
+  std::size_t sum =
+      sizeof(RasterPiece) + xyz.size() * sizeof(float) + strips.size() * sizeof(Strip) + inside.size() * sizeof(Edge);
+  for (const auto& side : along) sum += side.size() * sizeof(Edge);
+  return sum;
+}
+
+std::size_t RasterMesh::own_bytes() const {
+  return sizeof(RasterMesh) + blocks_.size() * (sizeof(RasterBlock) + sizeof pieces_[0]) +
+         strips_.size() * sizeof(Strip) + skirts_.size() * sizeof(Skirt);
+}
+
 std::size_t RasterMesh::bytes() const {
-  std::size_t sum = sizeof(RasterMesh) + strips_.size() * sizeof(Strip) + skirts_.size() * sizeof(Skirt);
-  for (const auto& piece : pieces_) {
-    sum += sizeof(RasterPiece) + sizeof(RasterBlock) + piece->xyz.size() * sizeof(float) +
-           piece->strips.size() * sizeof(Strip) + piece->inside.size() * sizeof(Edge);
-    for (const auto& side : piece->along) sum += side.size() * sizeof(Edge);
-  }
+  std::size_t sum = own_bytes();
+  for (const auto& piece : pieces_) sum += piece->bytes();
   return sum;
 }
 

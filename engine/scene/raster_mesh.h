@@ -47,6 +47,7 @@ struct RasterPiece {
   std::vector<Edge> inside;
   std::array<std::vector<Edge>, 4> along;
   std::array<std::uint64_t, 4> mark;
+  std::size_t bytes() const;
 };
 
 class RasterMesh {
@@ -59,7 +60,9 @@ class RasterMesh {
   const std::vector<RasterBlock>& blocks() const { return blocks_; }
   const std::vector<Strip>& strips() const { return strips_; }
   const std::vector<Skirt>& skirts() const { return skirts_; }
-  std::size_t bytes() const;
+  const std::vector<std::shared_ptr<const RasterPiece>>& pieces() const { return pieces_; }
+  std::size_t bytes() const;      // of all
+  std::size_t own_bytes() const;  // without the pieces
 
  private:
   void add_skirts();

@@ -42,6 +42,18 @@ struct Scene {
     return static_cast<double>(highest);
   }
 
+  // What it may share with other scenes: each as part(address, bytes); and what it has besides.
+  template <typename Part>
+  void for_each_part(const Part& part) const {
+    for (const MeshBlock& block : mesh.blocks()) part(static_cast<const void*>(&block), block.bytes());
+    if (!raster) return;
+    for (const auto& piece : raster->pieces()) part(static_cast<const void*>(piece.get()), piece->bytes());
+  }
+  std::size_t own_bytes() const {
+    return sizeof(Scene) + mesh.blocks().size() * 64 + (tracer ? tracer->bytes() : 0) +
+           (raster ? raster->own_bytes() : 0);
+  }
+
   std::size_t bytes() const { return mesh.bytes() + (tracer ? tracer->bytes() : 0) + (raster ? raster->bytes() : 0); }
 
   Mesh mesh;

@@ -1,0 +1,125 @@
+#include "engine/preparation.h"
+
+#include <algorithm>
+#include <exception>
+#include <utility>
+
+#include "dem/error.h"
+
+namespace selenograph::engine {
+namespace {
+
+// A camera that was farther away a frame ago is another one, or was moved by hand.
+constexpr double kFarthestStep_m = 20000;
+// Frames that are expected of a camera whose client says nothing.
+constexpr int kExtrapolated = 2;
+
+bool same(const Pose& a, const Pose& b) {
+  return a.position_m == b.position_m && a.camera_from_moon.coeffs() == b.camera_from_moon.coeffs();
+}
+
+// Moved on and turned on as from `before` to `now`, `steps` times.
+Pose extrapolated(const Pose& before, const Pose& now, int steps) {
+  Pose pose = now;
+  const Eigen::Quaterniond turn = now.camera_from_moon * before.camera_from_moon.conjugate();
+  for (int k = 0; k < steps; ++k) {
+    pose.position_m += now.position_m - before.position_m;
+    pose.camera_from_moon = (turn * pose.camera_from_moon).normalized();
+  }
+  return pose;
+}
+
+}  // namespace
+
+Preparation::Preparation(Prepare prepare) : prepare_(std::move(prepare)) {}
+
+Preparation::~Preparation() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = give_up_ = true;
+  }
+  changed_.notify_all();
+  if (thread_.joinable()) thread_.join();
+}
+
+Preparation::Work::Work(Preparation& preparation, const FrameRequest& request) : preparation_(preparation) {
+  const std::lock_guard lock(preparation_.mutex_);
+  ++preparation_.in_work_;
+  if (preparation_.current_ && !same(*preparation_.current_, request.pose)) preparation_.give_up_ = true;
+}
+
+Preparation::Work::~Work() {
+  {
+    const std::lock_guard lock(preparation_.mutex_);
+    --preparation_.in_work_;
+  }
+  preparation_.changed_.notify_all();
+}
+
+Preparation::Track& Preparation::track_of(const FrameRequest& frame) {
+  const auto found = std::find_if(tracks_.begin(), tracks_.end(), [&](const Track& track) {
+    return track.last.camera == frame.camera &&
+           (track.last.pose.position_m - frame.pose.position_m).norm() <= kFarthestStep_m;
+  });
+  if (found != tracks_.end()) {
+    std::rotate(tracks_.begin(), found, found + 1);
+  } else {
+    tracks_.push_front({++next_track_, frame});
+    if (tracks_.size() > kMostTracks) tracks_.pop_back();
+  }
+  return tracks_.front();
+}
+
+void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (stopping_) return;
+    if (!thread_.joinable()) thread_ = std::thread([this] { run(); });
+    Track& track = track_of(frame);
+    const Pose before = std::exchange(track.last, frame).pose;
+    std::erase_if(expected_, [&](const Expected& e) { return e.track == track.number; });
+    std::vector<Pose> poses(ahead.begin(), ahead.end());
+    if (poses.empty() && !same(before, frame.pose))
+      for (int steps = 1; steps <= kExtrapolated; ++steps) poses.push_back(extrapolated(before, frame.pose, steps));
+    for (const Pose& pose : poses) {
+      expected_.push_back({track.number, frame});
+      expected_.back().request.pose = pose;
+    }
+  }
+  changed_.notify_all();
+}
+
+void Preparation::wait_until_done() {
+  std::unique_lock lock(mutex_);
+  changed_.wait(lock, [&] { return stopping_ || (expected_.empty() && !current_); });
+}
+
+void Preparation::run() {
+  std::unique_lock lock(mutex_);
+  for (;;) {
+    changed_.wait(lock, [&] { return stopping_ || (in_work_ == 0 && !expected_.empty()); });
+    if (stopping_) return;
+    Expected next = std::move(expected_.front());
+    expected_.pop_front();
+    current_ = next.request.pose;
+    give_up_ = false;
+    lock.unlock();
+    bool given_up = false;
+    try {
+      prepare_(next.request, StopToken(StopToken::Clock::time_point::max(), &give_up_));
+    } catch (const Cancelled&) {
+      given_up = true;
+    } catch (const std::exception&) {
+      // The frame will say so itself, if it is ever asked for.
+    }
+    lock.lock();
+    current_.reset();
+    // Again, unless somebody expects something else by now.
+    const bool replaced =
+        std::any_of(expected_.begin(), expected_.end(), [&](const Expected& e) { return e.track == next.track; });
+    if (given_up && give_up_ && !replaced) expected_.push_front(std::move(next));
+    changed_.notify_all();
+  }
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,176 @@
+// What the next frames need: in idle time, in order, and given up for a frame that is asked for.
+#include "engine/preparation.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "dem/error.h"
+#include "dem/geodesy.h"
+
+namespace selenograph::engine {
+namespace {
+
+using namespace std::chrono_literals;
+
+FrameRequest frame_at(double x) {
+  FrameRequest request;
+  request.camera.width = 64;
+  request.pose.position_m = Vec3(x, 0, 2e6);
+  return request;
+}
+
+// Where frames were prepared for.
+class Prepared {
+ public:
+  void operator()(const FrameRequest& request) {
+    const std::lock_guard lock(mutex_);
+    places_.push_back(request.pose.position_m.x());
+  }
+  std::vector<double> places() const {
+    const std::lock_guard lock(mutex_);
+    return places_;
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::vector<double> places_;
+};
+
+std::vector<Pose> poses(std::initializer_list<double> places) {
+  std::vector<Pose> list;
+  for (const double x : places) list.push_back(frame_at(x).pose);
+  return list;
+}
+
+TEST(Preparation, WhatIsAheadIsPreparedInOrder) {
+  Prepared prepared;
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { prepared(request); });
+  preparation.expect(frame_at(0), poses({10, 20, 30}));
+  preparation.wait_until_done();
+  EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20, 30}));
+}
+
+TEST(Preparation, ACameraGoesOnAsItDid) {
+  Prepared prepared;
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { prepared(request); });
+  preparation.expect(frame_at(0), {});
+  preparation.wait_until_done();
+  EXPECT_EQ(prepared.places(), std::vector<double>{}) << "it stands still, as far as is known";
+  preparation.expect(frame_at(160), {});
+  preparation.wait_until_done();
+  EXPECT_EQ(prepared.places(), (std::vector<double>{320, 480}));
+  preparation.expect(frame_at(160), {});
+  preparation.wait_until_done();
+  EXPECT_EQ(prepared.places().size(), 2U) << "it hovers";
+  preparation.expect(frame_at(1e6), {});
+  preparation.wait_until_done();
+  EXPECT_EQ(prepared.places().size(), 2U) << "too far away to be the same flight";
+}
+
+TEST(Preparation, TurnsGoOn) {
+  Pose last;
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { last = request.pose; });
+  const auto turned = [](double degrees) {
+    FrameRequest request = frame_at(0);
+    request.pose.camera_from_moon = Eigen::AngleAxisd(degrees * kRadiansPerDegree, Vec3::UnitY());
+    return request;
+  };
+  preparation.expect(turned(10), {});
+  preparation.expect(turned(13), {});
+  preparation.wait_until_done();
+  EXPECT_LT(last.camera_from_moon.angularDistance(turned(19).pose.camera_from_moon), 1e-9);
+}
+
+TEST(Preparation, RestsWhileAFrameIsInWork) {
+  Prepared prepared;
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { prepared(request); });
+  {
+    const Preparation::Work work(preparation, frame_at(0));
+    preparation.expect(frame_at(0), poses({10}));
+    std::this_thread::sleep_for(20ms);
+    EXPECT_TRUE(prepared.places().empty());
+  }
+  preparation.wait_until_done();
+  EXPECT_EQ(prepared.places(), std::vector<double>{10});
+}
+
+TEST(Preparation, GivesWayToAFrameAndComesBack) {
+  std::atomic<int> begun{0}, given_up{0};
+  Preparation preparation([&](const FrameRequest&, const StopToken& stop) {
+    if (++begun > 1) return;
+    for (const auto limit = StopToken::Clock::now() + 20s; StopToken::Clock::now() < limit;) {
+      if (stop.stopped()) ++given_up;
+      stop.check();
+      std::this_thread::sleep_for(1ms);
+    }
+  });
+  preparation.expect(frame_at(0), poses({10}));
+  while (begun == 0) std::this_thread::sleep_for(1ms);
+  { const Preparation::Work work(preparation, frame_at(5)); }
+  preparation.wait_until_done();
+  EXPECT_EQ(given_up, 1);
+  EXPECT_EQ(begun, 2);
+}
+
+TEST(Preparation, GoesOnForTheFrameThatItIsFor) {
+  std::atomic<bool> begun{false}, asked{false}, told{false};
+  Preparation preparation([&](const FrameRequest&, const StopToken& stop) {
+    begun = true;
+    while (!asked) std::this_thread::sleep_for(1ms);
+    told = stop.stopped();
+  });
+  preparation.expect(frame_at(0), poses({10}));
+  while (!begun) std::this_thread::sleep_for(1ms);
+  {
+    const Preparation::Work work(preparation, frame_at(10));
+    asked = true;
+  }
+  preparation.wait_until_done();
+  EXPECT_FALSE(told);
+}
+
+TEST(Preparation, NewsReplaceWhatWasExpectedOfTheSameCamera) {
+  Prepared prepared;
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { prepared(request); });
+  FrameRequest other = frame_at(0);
+  other.camera.width = 32;
+  {
+    const Preparation::Work work(preparation, frame_at(0));
+    preparation.expect(frame_at(0), poses({10, 20}));
+    preparation.expect(other, poses({77}));
+    preparation.expect(frame_at(1), poses({11}));
+  }
+  preparation.wait_until_done();
+  EXPECT_EQ(prepared.places(), (std::vector<double>{77, 11}));
+}
+
+TEST(Preparation, WhatCannotBePreparedIsTheFramesMatter) {
+  Prepared prepared;
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) {
+    prepared(request);
+    throw DataError("tile", "is damaged");
+  });
+  preparation.expect(frame_at(0), poses({10, 20}));
+  preparation.wait_until_done();
+  EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20}));
+}
+
+TEST(Preparation, EndsAtOnce) {
+  std::atomic<bool> begun{false};
+  {
+    Preparation preparation([&](const FrameRequest&, const StopToken& stop) {
+      begun = true;
+      for (;; std::this_thread::sleep_for(1ms)) stop.check();
+    });
+    preparation.expect(frame_at(0), poses({10}));
+    while (!begun) std::this_thread::sleep_for(1ms);
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::engine
