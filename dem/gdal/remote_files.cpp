@@ -76,27 +76,6 @@ bool with_retries(const std::string& name, Try&& attempt) {
   return false;
 }
 
-// Reads what GDAL says about a request that failed.
-void explain(RemoteTrouble& trouble) {
-  const int code = VSIGetLastErrorNo();
-  std::string text = VSIGetLastErrorMsg();
-  if (text.empty()) text = CPLGetLastErrorMsg();
-  const auto says = [&](const char* words) { return text.find(words) != std::string::npos; };
-  trouble.gone = code == VSIE_AWSObjectNotFound || code == VSIE_AWSBucketNotFound || says("HTTP response code: 404") ||
-                 says("HTTP response code: 410");
-  trouble.what = trouble.gone   ? "is missing on its server"
-                 : text.empty() ? "can't be read from its server"
-                                : "can't be read from its server: " + text;
-}
-
-bool stat_once(VSIFilesystemHandler& behind, const std::string& name, VSIStatBufL* state, int flags,
-               RemoteTrouble& trouble) {
-  *state = {};
-  if (behind.Stat(name.c_str(), state, flags | VSI_STAT_SET_ERROR_FLAG) == 0) return true;
-  explain(trouble);
-  return false;
-}
-
 struct HandleCloser {
   void operator()(VSIVirtualHandle* handle) const {
     const KeptErrno kept;
@@ -105,6 +84,31 @@ struct HandleCloser {
   }
 };
 using HandlePtr = std::unique_ptr<VSIVirtualHandle, HandleCloser>;
+
+// Reads what GDAL says about a request that failed: of opening, "HTTP response code: 404", of the rest "HTTP response
+// code on URL: 404".
+void explain(RemoteTrouble& trouble) {
+  const int code = VSIGetLastErrorNo();
+  std::string text = VSIGetLastErrorMsg();
+  if (text.empty()) text = CPLGetLastErrorMsg();
+  const bool http = text.starts_with("HTTP response code");
+  trouble.gone = code == VSIE_AWSObjectNotFound || code == VSIE_AWSBucketNotFound ||
+                 (http && (text.ends_with(": 404") || text.ends_with(": 410")));
+  if (http && text.ends_with(": 0")) text = "no answer";
+  trouble.what = trouble.gone   ? "is missing on its server"
+                 : text.empty() ? "can't be read from its server"
+                                : "can't be read from its server: " + text;
+}
+
+bool stat_once(VSIFilesystemHandler& behind, const std::string& name, VSIStatBufL* state, RemoteTrouble& trouble) {
+  *state = {};
+  constexpr int kAll = VSI_STAT_EXISTS_FLAG | VSI_STAT_NATURE_FLAG | VSI_STAT_SIZE_FLAG | VSI_STAT_SET_ERROR_FLAG;
+  if (behind.Stat(name.c_str(), state, kAll) == 0) return true;
+  // Not a word about what is only not there: opening tells.
+  if (CPLGetLastErrorMsg()[0] == '\0') HandlePtr(behind.Open(name.c_str(), "rb", true, nullptr));
+  explain(trouble);
+  return false;
+}
 
 // A file of a server, read by GDAL's own handle. An answer that is cut short is never handed on: it is asked for again,
 // by another handle since GDAL remembers within one what it was given, and then the read fails.
@@ -151,7 +155,7 @@ class RemoteFile final : public VSIVirtualHandle {
 
   bool open_again(RemoteTrouble& trouble) {
     VSIStatBufL state;
-    if (!stat_once(*behind_, name_, &state, 0, trouble)) return false;
+    if (!stat_once(*behind_, name_, &state, trouble)) return false;
     if (static_cast<vsi_l_offset>(state.st_size) != bytes_ || state.st_mtime != modified_s_) {
       trouble.gone = true;
       trouble.what = "has changed on its server while it was read";
@@ -184,7 +188,7 @@ class Gate final : public VSIFilesystemHandler {
     HandlePtr handle;
     VSIStatBufL state;
     const bool open = with_retries(name, [&](RemoteTrouble& trouble) {
-      if (!stat_once(*behind_, name, &state, 0, trouble)) return false;
+      if (!stat_once(*behind_, name, &state, trouble)) return false;
       handle.reset(behind_->Open(name, access, true, options));
       if (!handle) explain(trouble);
       return handle != nullptr;
@@ -192,9 +196,9 @@ class Gate final : public VSIFilesystemHandler {
     if (!open) return nullptr;
     return new RemoteFile(behind_, name, static_cast<vsi_l_offset>(state.st_size), state.st_mtime, std::move(handle));
   }
-  int Stat(const char* name, VSIStatBufL* state, int flags) override {
+  int Stat(const char* name, VSIStatBufL* state, int) override {
     if (is_allowed(name))
-      return with_retries(name, [&](RemoteTrouble& t) { return stat_once(*behind_, name, state, flags, t); }) ? 0 : -1;
+      return with_retries(name, [&](RemoteTrouble& t) { return stat_once(*behind_, name, state, t); }) ? 0 : -1;
     errno = EACCES;
     return -1;
   }
