@@ -52,10 +52,13 @@ class KeptErrno {
 
 // A path that a server, or libcurl, would shorten to one outside of the prefix that allows it.
 bool climbs(std::string_view name) {
-  std::string plain = lower(name);
-  for (std::size_t at; (at = plain.find("%2e")) != std::string::npos;) plain.replace(at, 3, ".");
-  for (std::size_t at; (at = plain.find("%2f")) != std::string::npos;) plain.replace(at, 3, "/");
-  std::replace(plain.begin(), plain.end(), '\\', '/');
+  std::string plain;
+  for (std::size_t i = 0; i < name.size(); ++i) {
+    const std::string code = lower(name.substr(i, 3));
+    const bool dot = code == "%2e", slash = code == "%2f" || code == "%5c";
+    plain += dot ? '.' : slash || name[i] == '\\' ? '/' : name[i];
+    if (dot || slash) i += 2;
+  }
   return plain.find("/../") != std::string::npos || plain.ends_with("/..") || plain.find("%25") != std::string::npos;
 }
 

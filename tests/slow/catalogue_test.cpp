@@ -41,11 +41,6 @@ class WholeMoon : public ::testing::Test {
     for (int i = 0; i < kSites; ++i)
       dem::write_geotiff(path(fmt::format("sites/site_{}.tif", i)), {-60 + i * 0.5, 100, 1e-3, 1e-3, 32, 32}, heights,
                          "height");
-    // Sixteen of them alone.
-    fs::create_directories(path("few"));
-    for (int top = 14; top > 10; --top)
-      for (int west = 20; west < 24; ++west)
-        test::write_kaguya_tile(path("few"), top, west, 1, kPostsPerDegree, height_m);
   }
   static void TearDownTestSuite() { delete folder_; }
 
@@ -79,13 +74,32 @@ TEST_F(WholeMoon, IsOpenedAgainWithoutReadingIt) {
   fs::resize_file(changed, fs::file_size(changed) - 1);
 }
 
-// The same sixteen tiles are seen, alone or among all of the Moon.
+// The same sixteen tiles are seen, with a ring of neighbours around them or among all of the Moon.
 TEST_F(WholeMoon, AFrameCostsAsMuchAsWithSixteenTiles) {
-  const auto terrain_of = [](dem::Catalogue catalogue) {
-    return std::make_shared<dem::Terrain>(std::move(catalogue), dem::TerrainOptions{{}, std::size_t{512} << 20, false});
+  const auto terrain_of = [](std::vector<dem::RasterInfo> rasters) {
+    return std::make_shared<dem::Terrain>(dem::Catalogue(std::move(rasters)),
+                                          dem::TerrainOptions{{}, std::size_t{512} << 20, false});
   };
-  const auto few = terrain_of(dem::Catalogue(std::vector<std::string>{path("few")}));
-  const auto all = terrain_of(opened("all", true));
+  const auto lies_within = [](const dem::Footprint& f, double around_deg) {
+    return f.south_deg > 9.99 - around_deg && f.north_deg < 14.01 + around_deg && f.west_deg > 19.99 - around_deg &&
+           f.east_deg < 24.01 + around_deg;
+  };
+  std::vector<dem::RasterInfo> near, everywhere;
+  const dem::Catalogue moon = opened("all", true);
+  for (dem::RasterInfo r : moon.rasters()) {
+    // Nothing is built but what is seen: tiles beyond the neighbours are as fine as real ones, whose pyramids are not
+    // looked into unless they are in view, and those between are left out.
+    if (lies_within(r.footprint, 1))
+      near.push_back(r);
+    else if (!lies_within(r.footprint, 8))
+      r.lattice_level = 12;
+    else
+      continue;
+    everywhere.push_back(r);
+  }
+  ASSERT_EQ(near.size(), 36U);
+  ASSERT_GT(everywhere.size(), 64400U);
+  const auto few = terrain_of(near), all = terrain_of(everywhere);
   const engine::Renderer renderers[] = {{few, {1, std::size_t{256} << 20}}, {all, {1, std::size_t{256} << 20}}};
   engine::FrameRequest request;
   request.camera = test::square_camera(64, 40);
