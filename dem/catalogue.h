@@ -1,7 +1,10 @@
 // Which DEM files there are and where they lie: a lookup, not open files.
 #pragma once
 
+#include <chrono>
+#include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -19,17 +22,35 @@ struct CatalogueProblem {
   bool unrelated = false;  // nothing says that it is a height map at all: answers don't suffer from its absence
 };
 
+struct CatalogueOptions {
+  // What was found is kept in "catalogue/" there, and files that are still the same need not be read at the next
+  // opening; empty: nothing is kept, and every file is read.
+  std::string cache_dir{};
+  // Told, each once, what the operator should know: why a saved catalogue could not be used or kept, and which files on
+  // a network could not be reached. May be empty.
+  std::function<void(const std::string&)> log{};
+  // A second change within one step of the file system's clock leaves size and time as they are: what changed this
+  // short a time before it was read is read again at the next opening.
+  std::chrono::nanoseconds settling = std::chrono::seconds(2);
+};
+
 class Catalogue {
  public:
-  // `paths` are files or folders (searched recursively). Label and data of one PDS product are one entry. A file named
-  // explicitly that can't be used throws DataError; one found in a folder becomes a problem. Entries are sorted from
-  // coarse to fine, then by name: a later entry wins over an earlier one where both have a valid post.
-  explicit Catalogue(const std::vector<std::string>& paths);
+  // `paths` are files, folders (searched recursively), or GeoTIFFs on a network by GDAL's names
+  // ("/vsicurl/https://...", where allow_remote_files() lets them). Label and data of one PDS product are one entry. A
+  // file named explicitly that can't be used throws DataError; one found in a folder becomes a problem. Throws
+  // SystemFault where the system, or a connection, is at fault. Entries are sorted from coarse to fine, then by name: a
+  // later entry wins over an earlier one where both have a valid post. What is found is the same with a saved catalogue
+  // and without.
+  explicit Catalogue(const std::vector<std::string>& paths, const CatalogueOptions& options = {});
   // For tests and callers who know their files.
   explicit Catalogue(std::vector<RasterInfo> rasters);
 
   const std::vector<RasterInfo>& rasters() const { return rasters_; }
   const std::vector<CatalogueProblem>& problems() const { return problems_; }
+
+  // How many files this opening had to read; the others were as the saved catalogue says.
+  std::size_t inspected() const { return inspected_; }
 
   // The index in rasters() of the file of that path.
   std::optional<SourceIndex> find(const std::string& path) const;
@@ -41,12 +62,14 @@ class Catalogue {
                             double margin_deg = 0) const;
 
   // Changes whenever a file, its size or its time changes. Part of every frame's content hash.
-  std::uint64_t fingerprint() const;
+  std::uint64_t fingerprint() const { return fingerprint_; }
 
  private:
   void index();
   std::vector<RasterInfo> rasters_;
   std::vector<CatalogueProblem> problems_;
+  std::size_t inspected_ = 0;
+  std::uint64_t fingerprint_ = 0;
   std::vector<SourceIndex> by_path_;       // ascending by path
   std::vector<std::vector<int>> buckets_;  // 180 x 360 cells of one degree, row 0 at the south pole, column 0 at -180
 };

@@ -21,13 +21,14 @@ class DataError : public std::runtime_error {
 };
 
 // A file could not be opened, read or written for a reason that lies in the system and not in the file: no descriptors,
-// no memory, a disk that fails or is full, no permission. What is on the disk is as good as before; asking again may
-// help.
+// no memory, a disk that fails or is full, no permission, a connection that is lost. What is on the disk is as good as
+// before; asking again may help.
 class SystemFault : public std::runtime_error {
  public:
   // `code`: as in errno.
-  SystemFault(std::string file, int code)
-      : std::runtime_error(file + ": " + std::generic_category().message(code)), file_(std::move(file)), code_(code) {}
+  SystemFault(std::string file, int code) : SystemFault(file, code, std::generic_category().message(code)) {}
+  SystemFault(std::string file, int code, const std::string& what_happened)
+      : std::runtime_error(file + ": " + what_happened), file_(std::move(file)), code_(code) {}
   const std::string& file() const { return file_; }
   int code() const { return code_; }
 

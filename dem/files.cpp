@@ -1,15 +1,17 @@
 #include "dem/files.h"
 
 #include <fcntl.h>
+#include <signal.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cerrno>
+#include <cstdlib>
 #include <system_error>
 
 #include "dem/error.h"
+#include "dem/folder_files.h"
 
 namespace selenograph::dem {
 namespace {
@@ -28,12 +30,10 @@ constexpr KnownExtension kKnownExtensions[] = {{".lbl", FileKind::pds_label},
 
 }  // namespace
 
-FileKind kind_of(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+FileKind kind_of(std::string_view path) {
+  const std::string_view name = name_of(path), extension = name.substr(stem_of(name).size());
   for (const KnownExtension& known : kKnownExtensions)
-    if (extension == known.extension) return known.kind;
+    if (same_text(extension, known.extension)) return known.kind;
   return FileKind::other;
 }
 
@@ -81,6 +81,20 @@ bool is_system_fault(int code) {
 void throw_file_error(const std::string& file, int code) {
   if (is_system_fault(code)) throw SystemFault(file, code);
   throw DataError(file, "can't be opened: " + std::generic_category().message(code));
+}
+
+void remove_stale_temporaries(const std::string& folder, std::string_view mark) {
+  std::error_code error;
+  for (fs::recursive_directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    const std::string name = it->path().filename().string();
+    const std::size_t at = name.find(mark);
+    if (at == std::string::npos) continue;
+    const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + at + mark.size(), nullptr, 10));
+    std::error_code ignored;
+    // Our own number: we have written nothing yet, so an earlier life has (in a container each is process 1).
+    const bool dead = owner <= 0 || owner == ::getpid() || (::kill(owner, 0) != 0 && errno == ESRCH);
+    if (dead) fs::remove(it->path(), ignored);
+  }
 }
 
 std::string read_head(const std::string& path, std::size_t most) {

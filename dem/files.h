@@ -6,12 +6,13 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 
 namespace selenograph::dem {
 
 // By the extension, in upper or lower case. A pds_image has its label beside it, or attached.
 enum class FileKind { pds_label, pds_image, georeferenced, other };
-FileKind kind_of(const std::filesystem::path& path);
+FileKind kind_of(std::string_view path);
 
 // The label beside a PDS image that has none attached.
 std::optional<std::string> label_beside(const std::filesystem::path& image);
@@ -30,6 +31,10 @@ bool is_system_fault(int code);
 // Of a file that could not be opened, read or written: SystemFault where the system is at fault, else DataError naming
 // `file`.
 [[noreturn]] void throw_file_error(const std::string& file, int code);
+
+// Removes what processes that were killed while writing left in a folder and those within: names with `mark`, followed
+// by the number of a process that is no more.
+void remove_stale_temporaries(const std::string& folder, std::string_view mark);
 
 // The first `most` bytes of a file. Throws as throw_file_error.
 std::string read_head(const std::string& path, std::size_t most);

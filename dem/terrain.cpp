@@ -1,8 +1,6 @@
 #include "dem/terrain.h"
 
 #include <fmt/format.h>
-#include <signal.h>
-#include <unistd.h>
 #include <xxhash.h>
 
 #include <GeographicLib/Math.hpp>
@@ -22,6 +20,7 @@
 #include "dem/cache.h"
 #include "dem/chunk.h"
 #include "dem/error.h"
+#include "dem/files.h"
 #include "dem/post_source.h"
 #include "dem/surface.h"
 
@@ -39,23 +38,6 @@ constexpr int kSmoothLevel = 8;
 constexpr std::uint64_t kFormatVersion = 7;
 
 void hash_in(XXH3_state_t* state, const auto& value) { XXH3_64bits_update(state, &value, sizeof value); }
-
-// Left behind by a process that was killed while writing.
-// `folder` holds pyramids and nothing else.
-void remove_stale_temporaries(const std::string& folder) {
-  std::error_code error;
-  for (std::filesystem::recursive_directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-    const std::string name = it->path().filename().string();
-    constexpr std::string_view kMark = ".sgp.tmp-";
-    const std::size_t at = name.find(kMark);
-    if (at == std::string::npos) continue;
-    const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + at + kMark.size(), nullptr, 10));
-    std::error_code ignored;
-    // Our own number: we have written nothing yet, so an earlier life has (in a container each is process 1).
-    const bool dead = owner <= 0 || owner == ::getpid() || (::kill(owner, 0) != 0 && errno == ESRCH);
-    if (dead) std::filesystem::remove(it->path(), ignored);
-  }
-}
 
 // A level beyond the posts: subdivided along the same triangles in latitude, longitude and height, so that the surface
 // stays what it was but follows the sphere.
@@ -157,7 +139,7 @@ struct Terrain::Impl {
 
   void open_cache_folder() {
     const std::string folder = options.cache_dir + "/pyramid";
-    remove_stale_temporaries(folder);
+    remove_stale_temporaries(folder, ".sgp.tmp-");
     try {
       probe_folder(folder);
     } catch (const SystemFault& fault) {

@@ -54,11 +54,23 @@ Values read_file(const std::string& path, const std::set<std::string>& known) {
 
 bool is_list(const CLI::Option& option) { return option.get_items_expected_max() > 1; }
 
+// Whether a colon of this list is part of a URL: before "//", or before the port.
+bool is_of_url(const std::string& text, std::size_t from, std::size_t colon) {
+  if (text.compare(colon + 1, 2, "//") == 0) return true;
+  const std::size_t host = text.rfind("://", colon);
+  return host != std::string::npos && host >= from && text.find('/', host + 3) > colon && colon + 1 < text.size() &&
+         std::isdigit(static_cast<unsigned char>(text[colon + 1]));
+}
+
+// At colons, as PATH is.
 std::vector<std::string> split_list(const std::string& text) {
   std::vector<std::string> parts;
-  std::istringstream in(text);
-  for (std::string part; std::getline(in, part, ':');) {
-    if (!part.empty()) parts.push_back(part);
+  for (std::size_t from = 0; from < text.size();) {
+    std::size_t colon = text.find(':', from);
+    while (colon != std::string::npos && is_of_url(text, from, colon)) colon = text.find(':', colon + 1);
+    const std::size_t end = std::min(colon, text.size());
+    if (end > from) parts.push_back(text.substr(from, end - from));
+    from = end + 1;
   }
   return parts;
 }
@@ -97,9 +109,12 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       ->type_name("DIR")
       ->check(CLI::ExistingDirectory);
   command
-      .add_option("--remote-prefix", s.remote_prefix,
-                  "VRTs may read names that begin so, e.g. /vsicurl/https://example.org/dem/; without: files only")
-      ->type_name("PREFIX");
+      .add_option(
+          "--remote-prefix", s.remote_prefix,
+          "DEMs on a network: names that begin so may be read, e.g. /vsicurl/https://example.org/dem/; without: "
+          "files only")
+      ->type_name("PREFIX")
+      ->expected(1, 1 << 20);
   command
       .add_option("--mesh-mb", s.mesh_mb,
                   "Memory for reading one of its objects' meshes, and for those that are kept, MiB")

@@ -23,7 +23,7 @@ struct TerrainSettings {
   std::size_t scene_mb = engine::RendererOptions{}.scene_bytes >> 20;
   int threads = 0;            // 0: all cores
   std::string assets_dir;     // atmospheres and the like that requests name; empty: none
-  std::string remote_prefix;  // of names on a network that VRTs may read; empty: none
+  std::vector<std::string> remote_prefix;  // of names on a network that may be read; empty: none
   std::size_t mesh_mb = engine::MeshReaderOptions{}.max_bytes >> 20;  // see there, MiB
   double mesh_s = std::chrono::duration<double>(engine::MeshReaderOptions{}.time).count();
   std::string on_data_error = "fail";  // or "fall-through"

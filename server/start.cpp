@@ -48,12 +48,15 @@ std::vector<std::string> dem_paths(const TerrainSettings& settings) {
 
 dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   dem::allow_remote_files(settings.remote_prefix);
-  return dem::Catalogue(dem_paths(settings));
+  dem::CatalogueOptions options;
+  options.cache_dir = settings.cache_dir;
+  options.log = [](const std::string& text) { spdlog::warn("{}", text); };
+  return dem::Catalogue(dem_paths(settings), options);
 }
 
 std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings) {
   dem::Catalogue catalogue = open_catalogue(settings);
-  spdlog::info("catalogue: {} DEM files", catalogue.rasters().size());
+  spdlog::info("catalogue: {} DEM files, {} of them inspected", catalogue.rasters().size(), catalogue.inspected());
   for (const dem::CatalogueProblem& problem : catalogue.problems())
     spdlog::warn("not used: {}: {}", problem.path, problem.what);
   dem::TerrainOptions options;

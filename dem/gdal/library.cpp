@@ -1,7 +1,6 @@
 #include "dem/gdal/library.h"
 
 #include <cpl_minixml.h>
-#include <cpl_vsi_virtual.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -11,49 +10,10 @@
 
 #include "dem/error.h"
 #include "dem/files.h"
+#include "dem/gdal/gate.h"
 
 namespace selenograph::dem {
 namespace {
-
-std::string& allowed_prefix() {
-  static std::string prefix;
-  return prefix;
-}
-
-bool is_allowed(std::string_view name) {
-  const std::string& prefix = allowed_prefix();
-  return !prefix.empty() && name.starts_with(prefix);
-}
-
-// Stands before a file system of GDAL's and lets through what is allowed, for reading.
-class Gate final : public VSIFilesystemHandler {
- public:
-  explicit Gate(VSIFilesystemHandler* behind) : behind_(behind) {}
-
-  using VSIFilesystemHandler::Open;
-  VSIVirtualHandle* Open(const char* name, const char* access, bool set_error, CSLConstList options) override {
-    if (is_allowed(name) && access[0] == 'r') return behind_->Open(name, access, set_error, options);
-    errno = EACCES;
-    return nullptr;
-  }
-  int Stat(const char* name, VSIStatBufL* state, int flags) override {
-    if (is_allowed(name)) return behind_->Stat(name, state, flags);
-    errno = EACCES;
-    return -1;
-  }
-
- private:
-  VSIFilesystemHandler* behind_;  // GDAL's own, for the life of the process
-};
-
-// All but memory, which GDAL itself works with. Handlers are never removed: GDAL's manager has no way to.
-void shut_file_systems() {
-  char** prefixes = VSIGetFileSystemsPrefixes();
-  for (char** p = prefixes; p && *p; ++p)  // NOLINT(clang-analyzer-cplusplus.NewDeleteLeaks): the manager keeps them
-    if (std::string_view(*p) != "/vsimem/")
-      VSIFileManager::InstallHandler(*p, new Gate(VSIFileManager::GetHandler(*p)));  // NOLINT: as GDAL does
-  CSLDestroy(prefixes);
-}
 
 void keep_drivers() {
   CPLSetConfigOption("GDAL_DRIVER_PATH", "disable");  // no plug-ins
@@ -85,8 +45,6 @@ void check_sources(const CPLXMLNode* node, const std::string& path) {
 
 }  // namespace
 
-void allow_remote_files(const std::string& prefix) { allowed_prefix() = prefix; }
-
 void register_gdal() {
   static std::once_flag once;
   std::call_once(once, [] {
@@ -105,8 +63,16 @@ void check_sources(const std::string& path) {
   if (tree) check_sources(tree.get(), path);
 }
 
+QuietGdal::QuietGdal() {
+  CPLPushErrorHandler(CPLQuietErrorHandler);
+  CPLErrorReset();
+  forget_remote_trouble();
+  errno = 0;
+}
+
 void QuietGdal::fail(const std::string& file, const std::string& what) const {
   const int code = errno;
+  throw_remote_trouble();  // by the name of the file on the network, which may be another
   const std::string text = CPLGetLastErrorMsg();
   if (is_system_fault(code)) throw SystemFault(file, code);
   // GDAL may have lost the error on its way: without descriptors or memory this throws SystemFault now.

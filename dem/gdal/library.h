@@ -15,6 +15,8 @@ namespace selenograph::dem {
 // sources are of these, too. None of them fetches anything.
 inline constexpr const char* kMapDrivers[] = {"GTiff", "VRT", "AAIGrid", "PNG", "JPEG", "PDS", "ISIS3", nullptr};
 inline constexpr const char* kDemDrivers[] = {"GTiff", "VRT", nullptr};
+// Of DEMs on a network: a server's VRT would name files of this machine.
+inline constexpr const char* kRemoteDrivers[] = {"GTiff", nullptr};
 
 // Before anything else of GDAL; works once per process.
 void register_gdal();
@@ -25,16 +27,13 @@ void check_sources(const std::string& path);
 // Keeps GDAL's complaints off stderr and hands them to our exceptions. For this thread, while it lives.
 class QuietGdal {
  public:
-  QuietGdal() {
-    CPLPushErrorHandler(CPLQuietErrorHandler);
-    CPLErrorReset();
-    errno = 0;
-  }
+  QuietGdal();
   ~QuietGdal() { CPLPopErrorHandler(); }
   QuietGdal(const QuietGdal&) = delete;
   QuietGdal& operator=(const QuietGdal&) = delete;
 
-  // Throws what GDAL complains about: "`file`: `what`: ..." as DataError, SystemFault where the system is at fault.
+  // Throws what GDAL complains about: "`file`: `what`: ..." as DataError, SystemFault where the system or a connection
+  // is at fault.
   [[noreturn]] void fail(const std::string& file, const std::string& what) const;
 };
 

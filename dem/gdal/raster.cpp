@@ -12,7 +12,16 @@
 
 namespace selenograph::dem {
 
-RasterInfo inspect_raster(const std::string& path) { return describe_raster_file(path, nullptr, Damage::refuse).info; }
+RasterInfo inspect_raster(const std::string& path, std::vector<std::string>* files) {
+  RasterFile file = describe_raster_file(path, nullptr, Damage::refuse);
+  if (files) {
+    files->push_back(file.info.path);
+    if (file.pds && file.pds->data_path != file.info.path) files->push_back(file.pds->data_path);
+  }
+  return std::move(file.info);
+}
+
+std::string gdal_version() { return GDALVersionInfo("RELEASE_NAME"); }
 
 RasterInfo inspect_damaged_raster(const std::string& path) {
   return describe_raster_file(path, nullptr, Damage::describe).info;

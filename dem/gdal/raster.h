@@ -8,22 +8,28 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "dem/raster_info.h"
 
 namespace selenograph::dem {
 
-// Reads what a file says about itself without reading posts. Throws DataError naming the file.
-RasterInfo inspect_raster(const std::string& path);
+// Reads what a file says about itself without reading posts. Throws DataError naming the file, SystemFault where the
+// system or a connection is at fault. `files`: the label and its data are appended; of other formats, the file.
+RasterInfo inspect_raster(const std::string& path, std::vector<std::string>* files = nullptr);
 
 // The same for a file whose data are missing or too short, when its label still says what should be where: `damage`
 // tells. What needs its posts then fails by its name, instead of finding nothing there.
 RasterInfo inspect_damaged_raster(const std::string& path);
 
+// What else but a file decides what it is taken for.
+std::string gdal_version();
+
 // An open file. Not for use by two threads at once (GDAL's rule).
 class Raster {
  public:
-  explicit Raster(const RasterInfo& info);  // throws DataError: vanished, truncated, changed since `info`
+  // Throws DataError: vanished, truncated, changed since `info`; SystemFault: the system or a connection is at fault.
+  explicit Raster(const RasterInfo& info);
   ~Raster();
   Raster(Raster&&) noexcept;
   Raster& operator=(Raster&&) noexcept;
@@ -32,7 +38,7 @@ class Raster {
 
   // Reads columns x0 .. x0 + w-1 and rows y0 .. y0 + h-1 into heights[h][w] (row-major). Posts outside the file are
   // NaN, except that x wraps on a raster that wraps, and rows just beyond a pole of a global raster continue on the
-  // opposite meridian. Throws DataError when the file can't be read.
+  // opposite meridian. Throws DataError when the file can't be read, SystemFault as above.
   void read(int x0, int y0, int w, int h, float* heights_m);
 
  private:

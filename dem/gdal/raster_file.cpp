@@ -28,7 +28,8 @@ constexpr const char* kRadiusDatum = "planetary radius, converted";
 // between two VRTs opened by one thread, since those may later be read by different threads.
 class OpenOptions {
  public:
-  OpenOptions() { set("TRUE", "FALSE"); }
+  // Of a file on a network not even the names of those that may lie beside it are asked for.
+  explicit OpenOptions(const std::string& path) { set(is_remote(path) ? "EMPTY_DIR" : "TRUE", "FALSE"); }
   ~OpenOptions() { set(nullptr, nullptr); }
   OpenOptions(const OpenOptions&) = delete;
   OpenOptions& operator=(const OpenOptions&) = delete;
@@ -178,12 +179,13 @@ RasterFile describe_pds(const std::string& label_path, const RasterInfo* known, 
 
 DatasetPtr open_dataset(const std::string& path) {
   register_gdal();
-  check_sources(path);
-  const OpenOptions options;
+  if (!is_remote(path)) check_sources(path);
+  const OpenOptions options(path);
   const QuietGdal quiet;
   // Other drivers are left out: their georeferencing of lunar products has not been judged.
-  DatasetPtr dataset(static_cast<GDALDataset*>(GDALOpenEx(
-      path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, kDemDrivers, nullptr, nullptr)));
+  DatasetPtr dataset(
+      static_cast<GDALDataset*>(GDALOpenEx(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR,
+                                           is_remote(path) ? kRemoteDrivers : kDemDrivers, nullptr, nullptr)));
   if (!dataset) quiet.fail(path, "can't be opened");
   return dataset;
 }
@@ -227,7 +229,7 @@ void find_values(RasterFile& s, const RasterInfo* known, Damage damage) {
 }
 
 RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damage damage) {
-  must_exist(path, path);
+  const FileState state = is_remote(path) ? remote_state(path) : must_exist(path, path);
   RasterFile s;
   s.dataset = open_dataset(path);
   const QuietGdal quiet;
@@ -236,7 +238,10 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
   s.info.format = s.dataset->GetDriverName();
   s.info.width = s.file_width = s.dataset->GetRasterXSize();
   s.info.height = s.file_height = s.dataset->GetRasterYSize();
-  note_files(s.info, *s.dataset);
+  if (is_remote(path))
+    s.info.bytes = state.bytes, s.info.modified_ns = state.modified_ns;
+  else
+    note_files(s.info, *s.dataset);
   find_values(s, known, damage);
   const Georeference place = georeference_of(*s.dataset, path);
   s.flip_x = place.flip_x, s.flip_y = place.flip_y;
@@ -247,6 +252,7 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
 }  // namespace
 
 RasterFile describe_raster_file(const std::string& path, const RasterInfo* known, Damage damage) {
+  if (is_remote(path)) return describe_gdal(path, known, damage);
   must_exist(path, path);
   if (const auto label = pds_label_of(path)) return describe_pds(*label, known, damage);
   return describe_gdal(path, known, damage);

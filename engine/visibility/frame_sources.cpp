@@ -7,11 +7,16 @@
 namespace selenograph::engine {
 
 FrameSources::FrameSources(std::size_t catalogue_size)
-    : number_plus_one_(std::make_unique<std::atomic<std::uint32_t>[]>(catalogue_size)) {}
+    : pages_(std::make_unique<std::atomic<Page*>[]>((catalogue_size + kPage - 1) / kPage)) {}
 
 std::uint32_t FrameSources::add(dem::SourceIndex source) {
   const std::lock_guard lock(mutex_);
-  std::atomic<std::uint32_t>& number = number_plus_one_[source];
+  std::atomic<Page*>& page = pages_[source / kPage];
+  if (!page.load(std::memory_order_relaxed)) {
+    made_.push_back(std::make_unique<Page>());
+    page.store(made_.back().get(), std::memory_order_release);
+  }
+  std::atomic<std::uint32_t>& number = (*page.load(std::memory_order_relaxed))[source % kPage];
   if (number.load(std::memory_order_relaxed) == 0) {
     seen_.push_back(source);
     number.store(static_cast<std::uint32_t>(seen_.size()), std::memory_order_relaxed);

@@ -1,7 +1,9 @@
 // The catalogue's files that a frame sees, and their numbers in its `source` product.
 #pragma once
 
+#include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -22,7 +24,8 @@ class FrameSources {
 
   // Of a source that a pixel sees. Safe to call concurrently.
   std::uint32_t number(dem::SourceIndex source) {
-    const std::uint32_t known = number_plus_one_[source].load(std::memory_order_relaxed);
+    const Page* page = pages_[source / kPage].load(std::memory_order_acquire);
+    const std::uint32_t known = page ? (*page)[source % kPage].load(std::memory_order_relaxed) : 0;
     return (known != 0 ? known : add(source)) - 1;
   }
   // The same for the product. Throws TooMuchTerrain when it doesn't fit into that.
@@ -32,11 +35,17 @@ class FrameSources {
   std::vector<dem::SourceIndex> settle(std::vector<std::uint16_t>& product) const;
 
  private:
+  // A frame must not cost more because the catalogue holds all of the Moon: numbers of neighbours in the catalogue
+  // share a page, made when the first of them is seen.
+  static constexpr std::size_t kPage = 256;
+  using Page = std::array<std::atomic<std::uint32_t>, kPage>;  // the number plus one; 0: not seen yet
+
   std::uint32_t add(dem::SourceIndex source);
 
-  std::unique_ptr<std::atomic<std::uint32_t>[]> number_plus_one_;  // by catalogue index; 0: not seen yet
+  std::unique_ptr<std::atomic<Page*>[]> pages_;  // by catalogue index / kPage
   std::mutex mutex_;
-  std::vector<dem::SourceIndex> seen_;  // by number
+  std::vector<std::unique_ptr<Page>> made_;  // what pages_ points at
+  std::vector<dem::SourceIndex> seen_;       // by number
 };
 
 }  // namespace selenograph::engine

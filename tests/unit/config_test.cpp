@@ -107,6 +107,16 @@ TEST_F(Config, ListsInTheEnvironmentAreSeparatedByColons) {
   EXPECT_EQ(settings_.terrain.dem, (std::vector<std::string>{"/x", "/y y"}));
 }
 
+TEST_F(Config, ColonsOfUrlsSeparateNothing) {
+  environment_["SELENOGRAPH_DEM"] = "/x:/vsicurl/http://127.0.0.1:8000/a.tif:b:/vsicurl/https://example.org/c.tif:8000";
+  environment_["SELENOGRAPH_REMOTE_PREFIX"] = "/vsicurl/http://127.0.0.1:8000/:/vsis3/bucket/";
+  parse({});
+  EXPECT_EQ(settings_.terrain.dem, (std::vector<std::string>{"/x", "/vsicurl/http://127.0.0.1:8000/a.tif", "b",
+                                                             "/vsicurl/https://example.org/c.tif", "8000"}));
+  EXPECT_EQ(settings_.terrain.remote_prefix,
+            (std::vector<std::string>{"/vsicurl/http://127.0.0.1:8000/", "/vsis3/bucket/"}));
+}
+
 TEST_F(Config, ListsOnTheCommandLineReplaceTheOthers) {
   file("dem = [\"a\", \"b\"]\n");
   parse({"--dem", "c"});

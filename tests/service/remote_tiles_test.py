@@ -1,0 +1,346 @@
+#!/usr/bin/env python3
+"""Tiles on a server that delays, fails, hangs up, cuts short and forgets, under the real service.
+
+What --remote-prefix allows is read, and nothing else. A lost connection is tried again; then an error names the tile, nothing is
+remembered of it, and a request after the fault gets what it would have got without. The catalogue itself is kept between starts.
+"""
+
+import functools
+import http.server
+import json
+import os
+import random
+import socket
+import struct
+import threading
+import time
+import unittest
+
+import harness
+from harness import Service
+
+SIDE, TILED = 512, 128  # posts of a tile, and of one of the blocks within
+PLACES = [(0.5, 30.5), (0.31, 30.77), (0.9, 30.12)]
+TIMES = {"GDAL_HTTP_TIMEOUT": "1", "GDAL_HTTP_CONNECTTIMEOUT": "1"}
+
+
+def height_at(lat_deg, lon_deg):
+    return round(1000 * lat_deg + 500 * (lon_deg - 30))
+
+
+@functools.lru_cache
+def blocks_of_posts():
+    posts = [[height_at(1 - (r + 0.5) / SIDE, 30 + (c + 0.5) / SIDE) for c in range(SIDE)] for r in range(SIDE)]
+    return [b"".join(struct.pack(f"<{TILED}h", *posts[r][left:left + TILED]) for r in range(top, top + TILED))
+            for top in range(0, SIDE, TILED) for left in range(0, SIDE, TILED)]
+
+
+def tiff(west_deg=30):
+    """A tiled GeoTIFF of int16 posts, 0 to 1 N and one degree wide, on the Moon's sphere."""
+    blocks = blocks_of_posts()
+    keys = [(1024, 0, 1, 2), (1025, 0, 1, 1), (2048, 0, 1, 32767), (2050, 0, 1, 32767), (2052, 0, 1, 9001), (2054, 0, 1, 9102),
+            (2056, 0, 1, 32767), (2057, 34736, 1, 0), (2058, 34736, 1, 1)]
+    directory = [1, 1, 0, len(keys)] + [number for key in keys for number in key]
+    tags = [(256, "H", [SIDE]), (257, "H", [SIDE]), (258, "H", [16]), (259, "H", [1]), (262, "H", [1]), (277, "H", [1]), (322, "H", [TILED]),
+            (323, "H", [TILED]), (324, "L", [0] * len(blocks)), (325, "L", [len(b) for b in blocks]), (339, "H", [2]),
+            (33550, "d", [1 / SIDE, 1 / SIDE, 0]), (33922, "d", [0, 0, 0, west_deg, 1, 0]), (34735, "H", directory),
+            (34736, "d", [1737400.0, 1737400.0])]
+    start = 8 + 2 + 12 * len(tags) + 4
+
+    def lay_out(offsets):
+        entries, values = b"", b""
+        for tag, kind, numbers in tags:
+            numbers = offsets if tag == 324 else numbers
+            data = struct.pack(f"<{len(numbers)}{kind}", *numbers)
+            where = data.ljust(4, b"\0") if len(data) <= 4 else struct.pack("<L", start + len(values))
+            if len(data) > 4:
+                values += data
+            entries += struct.pack("<HHL", tag, {"H": 3, "L": 4, "d": 12}[kind], len(numbers)) + where
+        return b"II*\0\x08\0\0\0" + struct.pack("<H", len(tags)) + entries + b"\0\0\0\0" + values
+
+    first = len(lay_out([0] * len(blocks)))
+    return lay_out([first + i * len(blocks[0]) for i in range(len(blocks))]) + b"".join(blocks)
+
+
+class Tiles(http.server.ThreadingHTTPServer):
+    """Serves `files`; the next `fault[1]` requests of names that begin with `fault[2]` go wrong as `fault[0]` says."""
+
+    daemon_threads = True
+
+    def __init__(self):
+        super().__init__(("127.0.0.1", 0), Answer)
+        self.files, self.modified = {}, "Tue, 03 Mar 2020 10:00:00 GMT"
+        self.requests, self.fault, self.lock, self.over = [], None, threading.Lock(), threading.Event()
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+
+    @property
+    def prefix(self):
+        return f"/vsicurl/http://127.0.0.1:{self.server_port}/"
+
+    def handle_error(self, request, client_address):
+        pass  # connections that a test breaks
+
+    def go_wrong(self, kind, times=10 ** 9, name="/", least_offset=0):
+        with self.lock:
+            self.fault = [kind, times, name, least_offset] if kind else None
+
+    def fault_of(self, path, offset):
+        with self.lock:
+            if not self.fault or self.fault[1] <= 0 or not path.startswith(self.fault[2]) or offset < self.fault[3]:
+                return None
+            self.fault[1] -= 1
+            return self.fault[0]
+
+    def asked(self, method=None):
+        with self.lock:
+            return [r for r in self.requests if method in (None, r[0])]
+
+    def forget(self):
+        with self.lock:
+            self.requests = []
+
+
+class Answer(http.server.BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def log_message(self, *_):
+        pass
+
+    def do_HEAD(self):
+        self.answer(False)
+
+    def do_GET(self):
+        self.answer(True)
+
+    def answer(self, with_body):
+        server, wanted = self.server, self.headers.get("Range")
+        with server.lock:
+            server.requests.append((self.command, self.path, wanted))
+        content = server.files.get(self.path)
+        first, last = 0, len(content or b"") - 1
+        if content and wanted:
+            first, _, end = wanted.partition("=")[2].partition("-")
+            first, last = int(first), min(int(end or last), last)
+        fault = server.fault_of(self.path, first)
+        if fault == "hang up":
+            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # by a reset
+            self.connection.close()
+            self.close_connection = True
+            return
+        if fault == "delay":
+            server.over.wait(30)
+        if isinstance(fault, int):
+            return self.send(fault, b"<html>sorry</html>", with_body)
+        if content is None:
+            return self.send(404, b"none", with_body)
+        body = content[first:last + 1]
+        self.send_response(206 if wanted else 200)
+        self.send_header("Accept-Ranges", "bytes")
+        self.send_header("Last-Modified", server.modified)
+        if wanted:
+            self.send_header("Content-Range", f"bytes {first}-{last}/{len(content)}")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        if not with_body:
+            return
+        if fault == "truncate":
+            self.wfile.write(body[:len(body) // 2])
+            self.close_connection = True
+        elif fault == "trickle":
+            self.wfile.write(body[:100])
+            self.wfile.flush()
+            server.over.wait(30)
+            self.close_connection = True
+        else:
+            self.wfile.write(body)
+
+    def send(self, status, body, with_body):
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        if with_body:
+            self.wfile.write(body)
+
+
+def setUpModule():
+    harness.set_up()
+    os.environ.update(TIMES)
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+class RemoteTiles(unittest.TestCase):
+    def setUp(self):
+        self.server = Tiles()
+        self.server.files["/dem/moon.tif"] = tiff()
+        self.url = self.server.prefix + "dem/moon.tif"
+        self.cache = f"cache-{self.id()}"
+        self.service = None
+
+    def tearDown(self):
+        self.server.over.set()
+        if self.service:
+            self.assertEqual(self.service.stop(), 0)
+        self.server.shutdown()
+        self.server.server_close()
+
+    def start(self, *dem, more=()):
+        self.service = Service(options=["--port", "0", "--cache-dir", harness.path(self.cache), "--remote-prefix", self.server.prefix + "dem/",
+                                        "/vsis3/another/", *more, "--dem", *(dem or [self.url])])
+        return self.service
+
+    def info(self, *dem, prefixes=None):
+        allowed = ["--remote-prefix", *prefixes] if prefixes else []
+        return harness.run("info", "--json", "--cache-dir", harness.path(self.cache), *allowed, "--dem", *(dem or [self.url]))
+
+    def height(self, place=PLACES[0]):
+        return self.service.ask("GET", f"/v1/height?lat_deg={place[0]}&lon_deg={place[1]}", headers={"Request-Timeout-Ms": "60000"})
+
+    def check_heights(self):
+        for place in PLACES:
+            status, _, body = self.height(place)
+            self.assertEqual(status, 200, body)
+            self.assertAlmostEqual(json.loads(body)["height_m"], height_at(*place), delta=1.01)
+
+    def check_fault(self, status=503, tile="dem/moon.tif"):
+        got, headers, body = self.height()
+        self.assertEqual(got, status, body)
+        document = json.loads(body)
+        self.assertIn(self.server.prefix + tile, document["detail"])
+        self.assertEqual("Retry-After" in headers, status == 503)
+        return document["detail"]
+
+    def test_what_is_allowed_is_read(self):
+        self.start()
+        self.check_heights()
+        datasets = json.loads(self.service.ask("GET", "/v1/datasets")[2])["datasets"]
+        self.assertEqual([(d["name"], d["path"], d["bytes"]) for d in datasets], [("moon", self.url, len(self.server.files["/dem/moon.tif"]))])
+        # Neither a folder's listing nor names that might lie beside it.
+        self.assertEqual({r[1] for r in self.server.asked()}, {"/dem/moon.tif"})
+
+    def test_nothing_else_is(self):
+        self.server.files["/other.tif"] = self.server.files["/dem/moon.tif"]
+        for name in (self.server.prefix + "other.tif", self.server.prefix + "dem/../other.tif", self.server.prefix + "dem/%2e%2E/other.tif",
+                     self.url.replace("/vsicurl/", "/vsicurl_streaming/"), self.url.replace("/vsicurl/", "/vsicurl?url="),
+                     "/vsizip/" + self.url):
+            done = self.info(name, prefixes=["/vsis3/another/", self.server.prefix + "dem/"])
+            self.assertNotEqual(done.returncode, 0, name)
+            self.assertIn(name, done.stderr)
+            self.assertIn("--remote-prefix", done.stderr)
+        self.assertNotEqual(self.info().returncode, 0)
+        self.assertEqual(self.server.asked(), [])
+
+    def test_a_vrt_may_name_them(self):
+        with open(harness.path("v.vrt"), "w") as f:
+            f.write(f'<VRTDataset rasterXSize="{SIDE}" rasterYSize="{SIDE}"><SRS>GEOGCS["Moon",DATUM["Moon",SPHEROID["Moon",1737400,0]],'
+                    f'PRIMEM["0",0],UNIT["degree",0.0174532925199433]]</SRS><GeoTransform>30, {1 / SIDE}, 0, 1, 0, {-1 / SIDE}</GeoTransform>'
+                    '<VRTRasterBand dataType="Int16" band="1"><SimpleSource><SourceFilename relativeToVRT="0">' + self.url +
+                    f'</SourceFilename><SourceBand>1</SourceBand><SourceProperties RasterXSize="{SIDE}" RasterYSize="{SIDE}" '
+                    f'DataType="Int16" BlockXSize="{TILED}" BlockYSize="{TILED}"/></SimpleSource></VRTRasterBand></VRTDataset>')
+        self.start(harness.path("v.vrt"))
+        self.server.go_wrong("hang up")
+        self.check_fault()
+        self.server.go_wrong(503)
+        self.check_fault()
+        self.server.go_wrong(None)
+        self.check_heights()
+        self.assertEqual({r[1] for r in self.server.asked()}, {"/dem/moon.tif"})
+
+    def test_passing_faults_are_tried_again(self):
+        self.start()
+        for kind in (503, 500, "hang up", "truncate", "trickle"):
+            with self.subTest(kind):
+                self.service.stop()
+                self.cache = f"cache-passing-{kind}"
+                self.start()
+                self.server.go_wrong(kind, times=2)
+                self.check_heights()
+                self.assertEqual(self.server.fault[1], 0, "nothing went wrong")
+                self.server.go_wrong(None)
+
+    def test_lasting_faults_name_the_tile_and_are_forgotten(self):
+        self.start()
+        for kind in (503, "hang up", "truncate", "trickle", "delay"):
+            for offset in (0, 100000):  # everything, or what lies behind the header
+                with self.subTest(kind=kind, offset=offset):
+                    self.server.go_wrong(kind, least_offset=offset)
+                    self.check_fault()
+        self.assertEqual([name for _, _, names in os.walk(harness.path(self.cache, "pyramid")) for name in names], [])
+        self.server.go_wrong(None)
+        self.server.over.set()
+        self.check_heights()
+
+    def test_a_server_that_never_answers_is_given_up(self):
+        self.start()
+        self.server.go_wrong("delay")
+        begin = time.monotonic()
+        self.check_fault()
+        self.assertLess(time.monotonic() - begin, 45)
+
+    def test_a_tile_that_is_gone_or_another(self):
+        self.start()
+        content = self.server.files.pop("/dem/moon.tif")
+        self.assertIn("missing", self.check_fault(500))
+        self.server.files["/dem/moon.tif"] = content
+        self.server.modified = "Wed, 04 Mar 2020 10:00:00 GMT"
+        self.assertIn("changed", self.check_fault(500))
+        self.server.modified = "Tue, 03 Mar 2020 10:00:00 GMT"
+        self.check_heights()
+
+    def test_a_file_that_is_cut_short_on_its_server_is_no_terrain(self):
+        whole = self.server.files["/dem/moon.tif"]
+        self.server.files["/dem/moon.tif"] = whole[:len(whole) // 2]
+        self.start()
+        got = [self.height(place)[0] for place in PLACES]
+        self.assertEqual(got, [500] * len(PLACES))
+
+    def test_one_that_cant_be_reached_at_the_start(self):
+        self.server.go_wrong("hang up")
+        done = self.info(prefixes=[self.server.prefix])
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn(self.url, done.stderr)
+        self.server.go_wrong(None)
+        first = self.info(prefixes=[self.server.prefix])
+        self.assertEqual(first.returncode, 0, first.stderr)
+        # From now on it is known: what it holds need not be read again, and a server that is away for a while is believed.
+        self.server.forget()
+        second = self.info(prefixes=[self.server.prefix])
+        self.assertEqual(second.stdout, first.stdout)
+        self.assertEqual(self.server.asked("GET"), [])
+        self.server.go_wrong("hang up")
+        third = self.info(prefixes=[self.server.prefix])
+        self.assertEqual(third.stdout, first.stdout)
+        self.assertIn(self.url, third.stderr)
+        self.server.go_wrong(None)
+        self.server.modified = "Wed, 04 Mar 2020 10:00:00 GMT"
+        fourth = self.info(prefixes=[self.server.prefix])
+        self.assertNotEqual(json.loads(fourth.stdout)["fingerprint"], json.loads(first.stdout)["fingerprint"])
+        self.server.files.clear()
+        self.assertNotEqual(self.info(prefixes=[self.server.prefix]).returncode, 0)
+
+    def test_many_are_asked_for_at_once(self):
+        names = [f"/dem/t{i}.tif" for i in range(40)]
+        for i, name in enumerate(names):
+            self.server.files[name] = tiff(west_deg=i)
+        done = self.info(*(self.server.prefix + name[1:] for name in names), prefixes=[self.server.prefix])
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(sorted(d["name"] for d in json.loads(done.stdout)["datasets"]), sorted(f"t{i}" for i in range(40)))
+
+    def test_random_faults_change_no_answer(self):
+        self.start()
+        chance = random.Random(7)
+        faults = ["hang up", "truncate", 503, None, None, None, None]
+        self.server.fault_of = lambda path, offset: chance.choice(faults)
+        for _ in range(40):
+            status, _, body = self.height()
+            if status == 200:
+                break
+            self.assertEqual(status, 503, body)
+        self.assertEqual(status, 200)
+        self.check_heights()
+
+
+if __name__ == "__main__":
+    harness.main()
