@@ -148,12 +148,13 @@ class Cache {
 
   void land(const Key& key, Flight& flight, Loaded loaded) {
     std::lock_guard lock(mutex_);
+    const std::size_t bytes = count_ && loaded.value ? count_->add(*loaded.value) : loaded.bytes;
     flight.value = loaded.value;
     flight.done = true;
     flights_.erase(key);
     order_.push_front(key);
     entries_[key] = {std::move(loaded.value), loaded.bytes, order_.begin()};
-    bytes_ += count_ && flight.value ? count_->add(*flight.value) : loaded.bytes;
+    bytes_ += bytes;
     evict();
     landed_.notify_all();
   }

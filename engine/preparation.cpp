@@ -42,10 +42,10 @@ Preparation::~Preparation() {
   if (thread_.joinable()) thread_.join();
 }
 
-Preparation::Work::Work(Preparation& preparation, const FrameRequest& request) : preparation_(preparation) {
+Preparation::Work::Work(Preparation& preparation, const Pose* pose) : preparation_(preparation) {
   const std::lock_guard lock(preparation_.mutex_);
   ++preparation_.in_work_;
-  if (preparation_.current_ && !same(*preparation_.current_, request.pose)) preparation_.give_up_ = true;
+  if (preparation_.current_ && !(pose && same(*preparation_.current_, *pose))) preparation_.give_up_ = true;
 }
 
 Preparation::Work::~Work() {
@@ -71,10 +71,10 @@ Preparation::Track& Preparation::track_of(const FrameRequest& frame) {
 }
 
 void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead) {
-  {
+  // Without memory or threads for it nothing is prepared; the frame has its answer all the same.
+  try {
     const std::lock_guard lock(mutex_);
     if (stopping_) return;
-    if (!thread_.joinable()) thread_ = std::thread([this] { run(); });
     Track& track = track_of(frame);
     const Pose before = std::exchange(track.last, frame).pose;
     std::erase_if(expected_, [&](const Expected& e) { return e.track == track.number; });
@@ -85,6 +85,8 @@ void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead)
       expected_.push_back({track.number, frame});
       expected_.back().request.pose = pose;
     }
+    if (!thread_.joinable() && !expected_.empty()) thread_ = std::thread([this] { run(); });
+  } catch (const std::exception&) {
   }
   changed_.notify_all();
 }
@@ -99,26 +101,39 @@ void Preparation::run() {
   for (;;) {
     changed_.wait(lock, [&] { return stopping_ || (in_work_ == 0 && !expected_.empty()); });
     if (stopping_) return;
-    Expected next = std::move(expected_.front());
+    const Expected next = std::move(expected_.front());
     expected_.pop_front();
     current_ = next.request.pose;
     give_up_ = false;
     lock.unlock();
-    bool given_up = false;
-    try {
-      prepare_(next.request, StopToken(StopToken::Clock::time_point::max(), &give_up_));
-    } catch (const Cancelled&) {
-      given_up = true;
-    } catch (const std::exception&) {
-      // The frame will say so itself, if it is ever asked for.
-    }
+    const bool given_up = !prepared(next.request);
     lock.lock();
     current_.reset();
-    // Again, unless somebody expects something else by now.
+    // Again, unless something else is expected of this camera by now.
     const bool replaced =
         std::any_of(expected_.begin(), expected_.end(), [&](const Expected& e) { return e.track == next.track; });
-    if (given_up && give_up_ && !replaced) expected_.push_front(std::move(next));
+    if (given_up && !replaced) try_again(next);
     changed_.notify_all();
+  }
+}
+
+// False: it was given up for a frame.
+bool Preparation::prepared(const FrameRequest& request) {
+  try {
+    prepare_(request, StopToken(StopToken::Clock::time_point::max(), &give_up_));
+  } catch (const Cancelled&) {
+    return !give_up_;
+  } catch (const std::exception&) {
+    // The frame will say so itself, if it is ever asked for.
+  }
+  return true;
+}
+
+void Preparation::try_again(const Expected& next) {
+  try {
+    expected_.push_front(next);
+  } catch (const std::exception&) {
+    // Without memory for it there is no use in it.
   }
 }
 

@@ -34,11 +34,11 @@ class Preparation {
   Preparation(const Preparation&) = delete;
   Preparation& operator=(const Preparation&) = delete;
 
-  // A frame in work: while there is one nothing is prepared, and what was begun is given up, unless it is for this
-  // frame.
+  // Something in work: while there is any nothing is prepared, and what was begun is given up, unless it is for this
+  // very frame. `pose` is a frame's; null: it is no frame.
   class Work {
    public:
-    Work(Preparation& preparation, const FrameRequest& request);
+    Work(Preparation& preparation, const Pose* pose);
     ~Work();
     Work(const Work&) = delete;
     Work& operator=(const Work&) = delete;
@@ -66,6 +66,8 @@ class Preparation {
   };
   Track& track_of(const FrameRequest& frame);
   void run();
+  bool prepared(const FrameRequest& request);
+  void try_again(const Expected& next);
 
   static constexpr std::size_t kMostTracks = 8;
 

@@ -3,6 +3,8 @@
 #include <xxhash.h>
 
 #include <chrono>
+#include <limits>
+#include <new>
 #include <thread>
 #include <type_traits>
 #include <unordered_map>
@@ -37,24 +39,37 @@ std::size_t RenderCache::CameraHash::operator()(const Camera& c) const {
 class RenderCache::PartsOnce : public dem::Cache<SceneKey, Scene, SceneKeyHash>::Count {
  public:
   std::size_t add(const Scene& scene) override {
-    std::size_t sum = scene.own_bytes();
-    scene.for_each_part([&](const void* part, std::size_t bytes) {
-      if (++users_[part] == 1) sum += bytes;
-    });
+    std::size_t sum = scene.own_bytes(), counted = 0;
+    try {
+      scene.for_each_part([&](const void* part, std::size_t bytes) {
+        if (++users_[part] == 1) sum += bytes;
+        ++counted;
+      });
+    } catch (const std::bad_alloc&) {
+      remove_first(scene, counted);
+      throw;
+    }
     return sum;
   }
   std::size_t remove(const Scene& scene) override {
-    std::size_t sum = scene.own_bytes();
+    return scene.own_bytes() + remove_first(scene, std::numeric_limits<std::size_t>::max());
+  }
+
+ private:
+  // Of the first parts so many.
+  std::size_t remove_first(const Scene& scene, std::size_t count) {
+    std::size_t sum = 0;
     scene.for_each_part([&](const void* part, std::size_t bytes) {
+      if (count == 0) return;
+      --count;
       const auto found = users_.find(part);
-      if (--found->second > 0) return;
+      if (found == users_.end() || --found->second > 0) return;
       users_.erase(found);
       sum += bytes;
     });
     return sum;
   }
 
- private:
   std::unordered_map<const void*, int> users_;
 };
 

@@ -53,7 +53,7 @@ Renderer::Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions&
 Renderer::~Renderer() = default;
 
 Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
-  const Preparation::Work work(impl_->preparation, request);
+  const Preparation::Work work(impl_->preparation, &request.pose);
   return in_arena(impl_->arena, [&] { return render_frame(request, *impl_->terrain, impl_->kept, stop); });
 }
 
@@ -69,11 +69,13 @@ std::vector<double> Renderer::shadow_limits_px(const FrameRequest& request, cons
 
 std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun,
                                    const StopToken& stop) const {
+  const Preparation::Work work(impl_->preparation, nullptr);
   return in_arena(impl_->arena, [&] { return cast_rays(rays, sun, *impl_->terrain, impl_->kept, stop); });
 }
 
 std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
                                         const std::optional<Sun>& sun, const StopToken& stop) const {
+  const Preparation::Work work(impl_->preparation, nullptr);
   return in_arena(impl_->arena,
                   [&] { return project_landmarks(camera, pose, points, sun, *impl_->terrain, impl_->kept, stop); });
 }

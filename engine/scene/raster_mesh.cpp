@@ -20,19 +20,62 @@ constexpr int kLanes = 16;  // the widest vector
 // Where skirts end: below all relief.
 constexpr double kFoot_m = kMoonRadius_m + 2 * dem::kLowestRelief_m;
 
-Strip strip_of(const MeshBlock& block, int first_row, int rows, const Vec3& anchor) {
+// A block's vertices relative to the anchor: x, y, z one after the other, `stride` apart from row to row.
+struct Vertices {
+  int side, stride;
+  std::vector<double> xyz;
+  std::size_t plane() const { return static_cast<std::size_t>(stride) * static_cast<std::size_t>(side); }
+  std::size_t at(int r, int c) const {
+    return static_cast<std::size_t>(r) * static_cast<std::size_t>(stride) + static_cast<std::size_t>(c);
+  }
+};
+
+// What MeshBlock::vertex() says, bit for bit.
+Vertices vertices_of(const MeshBlock& block, const Vec3& anchor, int stride) {
+  const dem::Block& posts = *block.posts;
+  Vertices v{block.side, stride, {}};
+  v.xyz.assign(3 * v.plane(), std::numeric_limits<double>::quiet_NaN());
+  const double *cos_lon = posts.cos_lon.data(), *sin_lon = posts.sin_lon.data();
+  for (int r = 0; r < v.side; ++r) {
+    const double cos_lat = posts.cos_lat[static_cast<std::size_t>(r)],
+                 sin_lat = posts.sin_lat[static_cast<std::size_t>(r)];
+    const MeshVertex* row = &block.vertices[posts.index(r, 0)];
+    double *x = &v.xyz[v.at(r, 0)], *y = x + v.plane(), *z = y + v.plane();
+    for (int c = 0; c < v.side; ++c) {
+      const double radius = kMoonRadius_m + static_cast<double>(row[c].height_m), across = radius * cos_lat;
+      x[c] = across * cos_lon[c] - anchor.x(), y[c] = across * sin_lon[c] - anchor.y(),
+      z[c] = radius * sin_lat - anchor.z();
+    }
+  }
+  if (!block.collapses) return v;
+  const auto put = [&](int r, int c) {
+    const Vec3 at = block.vertex(r, c) - anchor;
+    for (std::size_t k = 0; k < 3; ++k) v.xyz[k * v.plane() + v.at(r, c)] = at[static_cast<Eigen::Index>(k)];
+  };
+  const int last = v.side - 1;
+  for (int i = 0; i <= last; ++i) put(0, i), put(last, i), put(i, 0), put(i, last);
+  return v;
+}
+
+Strip strip_of(const MeshBlock& block, const Vertices& vertices, int first_row, int rows, const Vec3& anchor) {
   const dem::Block& posts = *block.posts;
   const int quads = posts.extent.quads;
   const Vec3 middle = posts.position(first_row + rows / 2, quads / 2, 0);
   const EastNorthUp axes = local_axes(middle);
+  const Vec3 from_anchor = middle - anchor;
   Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
-  for (int r = first_row; r <= first_row + rows; ++r)
+  for (int r = first_row; r <= first_row + rows; ++r) {
+    const double *x = &vertices.xyz[vertices.at(r, 0)], *y = x + vertices.plane(), *z = y + vertices.plane();
     for (int c = 0; c <= quads; ++c) {
-      const Vec3 d = block.vertex(r, c) - middle;
-      if (std::isnan(d.x())) continue;
-      const Vec3 p(axes.east.dot(d), axes.north.dot(d), axes.up.dot(d));
-      low = low.cwiseMin(p), high = high.cwiseMax(p);
+      const double dx = x[c] - from_anchor.x(), dy = y[c] - from_anchor.y(), dz = z[c] - from_anchor.z();
+      // Comparisons with NaN are false: voids don't count.
+      const auto extend = [&](const Vec3& axis, Eigen::Index k) {
+        const double p = axis.x() * dx + axis.y() * dy + axis.z() * dz;
+        low[k] = p < low[k] ? p : low[k], high[k] = p > high[k] ? p : high[k];
+      };
+      extend(axes.east, 0), extend(axes.north, 1), extend(axes.up, 2);
     }
+  }
   Strip s{};
   s.first_row = first_row, s.rows = low.x() <= high.x() ? rows : 0;
   // Slightly larger than the vertices as float has them.
@@ -100,21 +143,15 @@ std::shared_ptr<const RasterPiece> piece_of(std::shared_ptr<const MeshBlock> of,
   auto piece = std::make_shared<RasterPiece>();
   piece->of = std::move(of);
   const MeshBlock& block = *piece->of;
-  const int quads = block.posts->extent.quads, side = quads + 1;
+  const int quads = block.posts->extent.quads;
   const int stride = (quads + kLanes - 1) / kLanes * kLanes + kLanes;
-  const std::size_t plane = static_cast<std::size_t>(stride) * static_cast<std::size_t>(side);
-  piece->xyz.assign(3 * plane, std::numeric_limits<float>::quiet_NaN());
-  float* xyz = piece->xyz.data();
-  for (int r = 0; r < side; ++r)
-    for (int c = 0; c < side; ++c) {
-      const Vec3 v = block.vertex(r, c) - anchor;
-      const std::size_t at =
-          static_cast<std::size_t>(r) * static_cast<std::size_t>(stride) + static_cast<std::size_t>(c);
-      for (std::size_t k = 0; k < 3; ++k) xyz[k * plane + at] = static_cast<float>(v[static_cast<Eigen::Index>(k)]);
-    }
+  const Vertices vertices = vertices_of(block, anchor, stride);
+  const std::size_t plane = vertices.plane();
+  piece->xyz.assign(vertices.xyz.begin(), vertices.xyz.end());
+  const float* xyz = piece->xyz.data();
   piece->block = {xyz, xyz + plane, xyz + 2 * plane, quads, stride, block.vertices.data()};
   for (int r = 0; r < quads; r += kStripRows) {
-    const Strip s = strip_of(block, r, std::min(kStripRows, quads - r), anchor);
+    const Strip s = strip_of(block, vertices, r, std::min(kStripRows, quads - r), anchor);
     if (s.rows > 0) piece->strips.push_back(s);
   }
   find_edges(*piece);

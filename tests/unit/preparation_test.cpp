@@ -90,7 +90,8 @@ TEST(Preparation, RestsWhileAFrameIsInWork) {
   Prepared prepared;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) { prepared(request); });
   {
-    const Preparation::Work work(preparation, frame_at(0));
+    const Pose frame = frame_at(0).pose;
+    const Preparation::Work work(preparation, &frame);
     preparation.expect(frame_at(0), poses({10}));
     std::this_thread::sleep_for(20ms);
     EXPECT_TRUE(prepared.places().empty());
@@ -111,7 +112,10 @@ TEST(Preparation, GivesWayToAFrameAndComesBack) {
   });
   preparation.expect(frame_at(0), poses({10}));
   while (begun == 0) std::this_thread::sleep_for(1ms);
-  { const Preparation::Work work(preparation, frame_at(5)); }
+  {
+    const Pose frame = frame_at(5).pose;
+    const Preparation::Work work(preparation, &frame);
+  }
   preparation.wait_until_done();
   EXPECT_EQ(given_up, 1);
   EXPECT_EQ(begun, 2);
@@ -127,7 +131,8 @@ TEST(Preparation, GoesOnForTheFrameThatItIsFor) {
   preparation.expect(frame_at(0), poses({10}));
   while (!begun) std::this_thread::sleep_for(1ms);
   {
-    const Preparation::Work work(preparation, frame_at(10));
+    const Pose frame = frame_at(10).pose;
+    const Preparation::Work work(preparation, &frame);
     asked = true;
   }
   preparation.wait_until_done();
@@ -140,7 +145,8 @@ TEST(Preparation, NewsReplaceWhatWasExpectedOfTheSameCamera) {
   FrameRequest other = frame_at(0);
   other.camera.width = 32;
   {
-    const Preparation::Work work(preparation, frame_at(0));
+    const Pose frame = frame_at(0).pose;
+    const Preparation::Work work(preparation, &frame);
     preparation.expect(frame_at(0), poses({10, 20}));
     preparation.expect(other, poses({77}));
     preparation.expect(frame_at(1), poses({11}));
