@@ -26,7 +26,8 @@ def tearDownModule():
 class OutOfMemory(unittest.TestCase):
     def start(self, gibibytes, *options):
         limit = int(gibibytes * GIBI)
-        service = Service("--log-level", "error", "--max-frames", str(AT_ONCE), *options,
+        # More than the process may have: nothing is refused before it is tried.
+        service = Service("--log-level", "error", "--max-frames", str(AT_ONCE), "--memory-mb", "8192", *options,
                           limits=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)))
         self.assertEqual(service.frame(frame_request())[0], 200)
         return service
