@@ -26,7 +26,7 @@ class DataError : public std::runtime_error {
 class SystemFault : public std::runtime_error {
  public:
   // `code`: as in errno.
-  SystemFault(std::string file, int code) : SystemFault(file, code, std::generic_category().message(code)) {}
+  SystemFault(const std::string& file, int code) : SystemFault(file, code, std::generic_category().message(code)) {}
   SystemFault(std::string file, int code, const std::string& what_happened)
       : std::runtime_error(file + ": " + what_happened), file_(std::move(file)), code_(code) {}
   const std::string& file() const { return file_; }

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "dem/error.h"
-#include "dem/pds_label.h"
 #include "dem/gdal/raster.h"
+#include "dem/pds_label.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/shared_data.h"
 
