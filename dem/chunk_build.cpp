@@ -107,11 +107,13 @@ struct LeftOut {
   }
 };
 
-Grid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, LeftOut& left_out, const StopToken& stop) {
-  Grid grid{plan.base_level, base_halo(plan), {}, {}};
+Grid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, LeftOut& left_out, Chunk::Scratch& scratch,
+                     const StopToken& stop) {
+  Grid grid{plan.base_level, base_halo(plan), {}, scratch.take()};
   grid.window = window_of(plan.node, grid.level, grid.halo);
-  const std::size_t posts = grid.window.size();
-  grid.posts = {std::vector<float>(posts, kNaN), std::vector<SourceMark>(posts, kNoSource), finer.replaced};
+  grid.posts.heights.assign(grid.window.size(), kNaN);
+  grid.posts.sources.assign(grid.window.size(), kNoSource);
+  grid.posts.replaced = finer.replaced;
   for (const BlockId& id : Chunk::finer_blocks(plan)) {
     stop.check();
     if (const auto& block = finer.blocks.at(id)) {
@@ -211,9 +213,9 @@ struct Extremes {
   }
 };
 
-// Quad by quad. Linear in latitude and longitude
-// within a triangle (the chord's sag over the sphere is accounted for separately: lattice.h, chord_sag_m); the diagonal
-// runs from the south-east to the north-west corner, as in the rendered mesh.
+// Quad by quad. Linear in latitude and longitude within a triangle (the chord's sag over the sphere is accounted for
+// separately: lattice.h, chord_sag_m); the diagonal runs from the south-east to the north-west corner, as in the
+// rendered mesh.
 Extremes measured_by_quads(const Grid& grid, const Cut& cut, const Grid& base) {
   const BlockExtent e = extent_of(cut.id);
   const int step_r = e.lat_step / base.window.lat_step, step_c = e.lon_step / base.window.lon_step;
@@ -561,7 +563,8 @@ Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, con
   LeftOut left_out;
   Scratch own;
   Scratch& scratch = kept ? *kept : own;
-  Grid base = plan.direct ? direct_base(plan, source, scratch, stop) : base_from_finer(plan, finer, left_out, stop);
+  Grid base =
+      plan.direct ? direct_base(plan, source, scratch, stop) : base_from_finer(plan, finer, left_out, scratch, stop);
   const std::vector<SourceIndex> used = sources_of(base);
   std::vector<const RasterInfo*> sources;
   double quantisation_m = 0;
