@@ -21,8 +21,8 @@ struct TerrainSettings {
   std::size_t cache_mb = dem::TerrainOptions{}.cache_bytes >> 20;  // memory for terrain blocks and pyramids, MiB
   // Memory for acceleration structures: of one frame at most, and kept between frames, MiB.
   std::size_t scene_mb = engine::RendererOptions{}.scene_bytes >> 20;
-  int threads = 0;            // 0: all cores
-  std::string assets_dir;     // atmospheres and the like that requests name; empty: none
+  int threads = 0;                         // 0: all cores
+  std::string assets_dir;                  // atmospheres and the like that requests name; empty: none
   std::vector<std::string> remote_prefix;  // of names on a network that may be read; empty: none
   std::size_t mesh_mb = engine::MeshReaderOptions{}.max_bytes >> 20;  // see there, MiB
   double mesh_s = std::chrono::duration<double>(engine::MeshReaderOptions{}.time).count();
