@@ -455,7 +455,8 @@ const std::vector<BlockId>& Terrain::roots() const { return impl_->roots; }
 
 bool Terrain::has_data(const BlockId& id) const {
   const BlockId root = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
-  return impl_->plan(root, 0).exists && !impl_->within(id).empty();
+  // At the root level and above it a block is its root's area: the plan knows.
+  return impl_->plan(root, 0).exists && (id.level <= kRootLevel || !impl_->within(id).empty());
 }
 
 int Terrain::finest_level(const BlockId& id) const { return std::max(kSmoothLevel, posts_level(id)); }

@@ -12,6 +12,7 @@
 #include "dem/error.h"
 #include "engine/scene/light_grid.h"
 #include "engine/scene/node_bounds.h"
+#include "engine/scene/root_groups.h"
 
 namespace selenograph::engine {
 namespace {
@@ -69,7 +70,7 @@ class ViewSelector {
         receivers_(receivers) {}
 
   Selection select(const Sun* sun) {
-    for (const BlockId& id : terrain_.roots()) see(id);
+    see_roots();
     if (sun) sharpen_shadows(sun->direction);
     for (const Seen& s : seen_) choose(s.id, s.info);
     balance();
@@ -102,6 +103,19 @@ class ViewSelector {
       return std::nullopt;
     }
     return Seen{id, node->info, b, view_.pixels_per_metre(b.centre, b.radius_m, b.high_m + b.bulge_m)};
+  }
+
+  void see_roots() {
+    std::vector<BlockId> near;
+    for (const RootGroup& group : root_groups()) {
+      const NodeBounds& b = group.bounds;
+      if (!view_.may_see(b.centre, b.radius_m) || below_horizon(view_.position(), b))
+        groups_out_of_view_.push_back(&group);
+      else
+        for_each_root(terrain_, group, [&](const BlockId& id) { near.push_back(id); });
+    }
+    std::sort(near.begin(), near.end());
+    for (const BlockId& id : near) see(id);
   }
 
   void see(const BlockId& id) {
@@ -153,6 +167,9 @@ class ViewSelector {
     grid.finish();
     for (const Seen& s : std::exchange(seen_, {})) sharpen(s, grid);
     for (const BlockId& id : std::exchange(out_of_view_, {})) cast(id, grid);
+    for (const RootGroup* group : groups_out_of_view_)
+      if (grid.shaded_pixels_per_metre(group->bounds) > 0)
+        for_each_root(terrain_, *group, [&](const BlockId& id) { cast(id, grid); });
   }
 
   // What a block's error does to shadow edges, pixels; whether that is too much and finer posts would help.
@@ -316,6 +333,7 @@ class ViewSelector {
   std::vector<Seen> seen_;
   std::unordered_map<BlockId, double, dem::BlockIdHash> in_view_;  // pixels per metre; parts of what was split, too
   std::vector<BlockId> out_of_view_;
+  std::vector<const RootGroup*> groups_out_of_view_;
   Selection result_;
 };
 
@@ -391,7 +409,12 @@ std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std:
   Selection selection;
   std::vector<std::size_t> all(rays.size());
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
-  for (const BlockId& id : terrain.roots())
+  std::vector<BlockId> near;
+  for (const RootGroup& group : root_groups())
+    if (std::any_of(rays.begin(), rays.end(), [&](const Ray& ray) { return may_meet(ray, group.bounds); }))
+      for_each_root(terrain, group, [&](const BlockId& id) { near.push_back(id); });
+  std::sort(near.begin(), near.end());
+  for (const BlockId& id : near)
     if (!follow(terrain, rays, all, id, max_blocks, selection, stop)) return std::nullopt;
   std::sort(selection.blocks.begin(), selection.blocks.end());
   return selection;

@@ -1,0 +1,35 @@
+// The blocks that a walk down the quadtree starts with, by regions: what can't matter is left out without a look at
+// each, so that a frame over all of the Moon costs what it costs over the few tiles that it sees.
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "dem/terrain.h"
+#include "engine/scene/node_bounds.h"
+
+namespace selenograph::engine {
+
+struct RootGroup {
+  int first_row, past_last_row;
+  std::vector<int> first_column, past_last_column;  // of each row
+  NodeBounds bounds;                                // a ball around all that its blocks can hold
+};
+
+// A partition of all blocks of level 0, the same for every terrain.
+const std::vector<RootGroup>& root_groups();
+
+// visit(id) for each of the group's blocks that has data, ascending.
+template <typename Visit>
+void for_each_root(const dem::Terrain& terrain, const RootGroup& group, const Visit& visit) {
+  const std::vector<dem::BlockId>& roots = terrain.roots();  // ascending
+  for (int row = group.first_row; row < group.past_last_row; ++row) {
+    const auto i = static_cast<std::size_t>(row - group.first_row);
+    const dem::BlockId end{0, row, group.past_last_column[i]};
+    for (auto root = std::lower_bound(roots.begin(), roots.end(), dem::BlockId{0, row, group.first_column[i]});
+         root != roots.end() && *root < end; ++root)
+      visit(*root);
+  }
+}
+
+}  // namespace selenograph::engine
