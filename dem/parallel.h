@@ -1,4 +1,4 @@
-// Loops over all cores of the caller's task arena.
+// Loops over all cores of the caller's task arena (in_arena).
 //
 // Isolated: a thread that waits here for the loop's end doesn't pick up unrelated work meanwhile, which could be
 // another client's frame or could wait for the very thing that this thread is loading.
@@ -21,6 +21,7 @@
 #include <tbb/task_arena.h>
 
 #include <cstddef>
+#include <utility>
 
 namespace selenograph {
 
@@ -54,20 +55,53 @@ template <typename Body>
 auto in_arena(tbb::task_arena&, const Body& body) {
   return body();
 }
+
+template <typename Body>
+void where_loops_run(const Body& body) {
+  body();
+}
 #else
+// Where this thread's loops run; null: where it is.
+inline thread_local tbb::task_arena* arena_of_loops = nullptr;
+
+class ArenaOfLoops {
+ public:
+  explicit ArenaOfLoops(tbb::task_arena* arena) : before_(std::exchange(arena_of_loops, arena)) {}
+  ~ArenaOfLoops() { arena_of_loops = before_; }
+  ArenaOfLoops(const ArenaOfLoops&) = delete;
+  ArenaOfLoops& operator=(const ArenaOfLoops&) = delete;
+  tbb::task_arena* before() const { return before_; }
+
+ private:
+  tbb::task_arena* before_;
+};
+
+// body(), with its loops in the arena. They enter it one by one: an arena has one place that only callers may take, and
+// who comes while another caller has it takes a worker's, and is without that worker as long as it stays.
+template <typename Body>
+auto in_arena(tbb::task_arena& arena, const Body& body) {
+  const ArenaOfLoops loops(&arena);
+  return body();
+}
+
+// body() as one loop, perhaps on another thread: for libraries that have loops of their own.
+template <typename Body>
+void where_loops_run(const Body& body) {
+  const ArenaOfLoops here(nullptr);
+  const auto alone = [&] { tbb::this_task_arena::isolate(body); };
+  if (here.before())
+    here.before()->execute(alone);
+  else
+    alone();
+}
+
 // body(first, past_last) for pieces of 0 .. count, of at least `grain`.
 template <typename Body>
 void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
-  tbb::this_task_arena::isolate([&] {
+  where_loops_run([&] {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, grain),
                       [&](const tbb::blocked_range<std::size_t>& piece) { body(piece.begin(), piece.end()); });
   });
-}
-
-// body() in the arena, which may hand it to another thread.
-template <typename Body>
-auto in_arena(tbb::task_arena& arena, const Body& body) {
-  return arena.execute(body);
 }
 #endif
 

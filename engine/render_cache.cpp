@@ -118,13 +118,14 @@ std::shared_ptr<const Scene> RenderCache::most_in_common(const SceneContent& con
   {
     const std::lock_guard lock(latest_mutex_);
     for (const auto& one : latest_)
-      if (auto scene = one.lock(); scene && scene->anchor == content.anchor_m) candidates.push_back(std::move(scene));
+      if (auto scene = one.lock()) candidates.push_back(std::move(scene));
   }
   std::shared_ptr<const Scene> best;
   std::size_t most = 0;
   for (auto& scene : candidates) {
     std::size_t same = 0;
     for (const dem::BlockId& id : content.blocks) same += scene->mesh.holds(id);
+    if (scene->anchor == content.anchor_m) same *= 2;  // of another anchor, floats are made anew
     if (same > most) most = same, best = std::move(scene);
   }
   return best;

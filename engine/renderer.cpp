@@ -21,9 +21,10 @@ struct Renderer::Impl {
       : terrain(std::move(t)),
         threads(o.threads > 0 ? o.threads : tbb::this_task_arena::max_concurrency()),
         arena(threads),
+        arena_of_preparation(threads, 1, tbb::task_arena::priority::low),
         kept(terrain, o.scene_bytes, threads),
         preparation([this](const FrameRequest& request, const StopToken& stop) {
-          in_arena(arena, [&] { prepare_frame(request, *terrain, kept, stop); });
+          in_arena(arena_of_preparation, [&] { prepare_frame(request, *terrain, kept, stop); });
         }) {
     start_threads();
   }
@@ -43,7 +44,7 @@ struct Renderer::Impl {
 
   std::shared_ptr<dem::Terrain> terrain;
   int threads;
-  tbb::task_arena arena;
+  tbb::task_arena arena, arena_of_preparation;
   RenderCache kept;
   Preparation preparation;  // the last: its thread uses all of the above
 };

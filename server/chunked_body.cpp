@@ -75,7 +75,9 @@ void ChunkedBody::take_content(std::string_view& raw, std::string& body) {
 bool ChunkedBody::take_line(std::string_view& raw) {
   if (!carriage_return_) {
     const std::string_view part = raw.substr(0, raw.find_first_of("\r\n"));
-    if (part.size() > (part_ == Part::content_end ? 0 : kMaxLineBytes - line_.size())) {
+    const std::size_t room = part_ == Part::content_end ? 0 : kMaxLineBytes - line_.size();
+    if (part.size() > room) {
+      raw.remove_prefix(room);  // as if it had come byte by byte
       state_ = State::malformed;
       return false;
     }

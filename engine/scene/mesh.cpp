@@ -31,6 +31,18 @@ std::optional<float> post_at(const dem::Block& block, std::int64_t lat, std::int
   return h;
 }
 
+// Whether they have at least a point in common; around a pole all that end there do.
+bool meet(const BlockExtent& a, const BlockExtent& b) {
+  if (a.lat0 > b.lat1() || b.lat0 > a.lat1()) return false;
+  if ((a.lat0 == 0 && b.lat0 == 0) || (a.lat1() == dem::kLatTicks && b.lat1() == dem::kLatTicks)) return true;
+  const auto overlap = [&](std::int64_t shift) { return a.lon0 + shift <= b.lon1() && b.lon0 <= a.lon1() + shift; };
+  return overlap(0) || overlap(dem::kLonTicks) || overlap(-std::int64_t{dem::kLonTicks});
+}
+
+bool meets_any(const BlockExtent& block, const std::vector<BlockExtent>& others) {
+  return std::any_of(others.begin(), others.end(), [&](const BlockExtent& other) { return meet(block, other); });
+}
+
 }  // namespace
 
 bool BlockBorder::operator==(const BlockBorder& other) const {
@@ -78,11 +90,13 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
   std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
   in_parallel(ids.size(), [&](std::size_t i) {
     stop.check();
-    loaded[i] = terrain.block(ids[i], stop);
+    const auto known = before ? before->share(ids[i]) : nullptr;
+    loaded[i] = known ? known->posts : terrain.block(ids[i], stop);
   });
   if (ids.size() > TriangleId::kMostBlocks)
     throw std::length_error(fmt::format("mesh: {} blocks are more than {}", ids.size(), TriangleId::kMostBlocks));
   coarsest_ = dem::kMaxLevel;
+  index_.reserve(ids.size());
   for (auto& posts : loaded) {
     if (!posts) continue;
     coarsest_ = std::min(coarsest_, posts->id.level), finest_ = std::max(finest_, posts->id.level);
@@ -90,19 +104,33 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
     posts_.push_back(std::move(posts));
   }
   blocks_.resize(posts_.size());
+  const std::vector<BlockExtent> changed = before ? changes_since(*before) : std::vector<BlockExtent>{};
   in_parallel(blocks_.size(), [&](std::size_t i) {
     stop.check();
-    BlockBorder border = border_of(*posts_[i]);
-    if (before) {
-      const auto found = before->index_.find(posts_[i]->id);
-      const auto same = found == before->index_.end() ? nullptr : before->blocks_[found->second];
-      if (same && same->posts == posts_[i] && same->border == border) {
-        blocks_[i] = same;
-        return;
-      }
+    const auto known = before ? before->share(posts_[i]->id) : nullptr;
+    if (known && !meets_any(posts_[i]->extent, changed)) {
+      blocks_[i] = known;
+      return;
     }
-    blocks_[i] = std::make_shared<const MeshBlock>(posts_[i], std::move(border));
+    BlockBorder border = border_of(*posts_[i]);
+    blocks_[i] =
+        known && known->border == border ? known : std::make_shared<const MeshBlock>(posts_[i], std::move(border));
   });
+}
+
+std::shared_ptr<const MeshBlock> Mesh::share(const BlockId& id) const {
+  const auto found = index_.find(id);
+  return found == index_.end() ? nullptr : blocks_[found->second];
+}
+
+// Where there are blocks that the other one lacks, or the other way about.
+std::vector<BlockExtent> Mesh::changes_since(const Mesh& before) const {
+  std::vector<BlockExtent> changed;
+  for (const auto& posts : posts_)
+    if (!before.holds(posts->id)) changed.push_back(posts->extent);
+  for (const auto& posts : before.posts_)
+    if (!holds(posts->id)) changed.push_back(posts->extent);
+  return changed;
 }
 
 std::optional<std::uint32_t> Mesh::block_at(std::int64_t lat_tick, std::int64_t lon_tick, int finest_level) const {

@@ -124,6 +124,8 @@ class Mesh {
 
   MeshBlocks blocks() const { return MeshBlocks(blocks_); }
   std::shared_ptr<const MeshBlock> share(std::size_t block) const { return blocks_[block]; }
+  // Null where it isn't among them.
+  std::shared_ptr<const MeshBlock> share(const dem::BlockId& id) const;
   dem::Triangle triangle(const TriangleId& id) const {
     const dem::QuadVertices q = id.vertices();
     const MeshBlock& b = *blocks_[id.block()];
@@ -139,6 +141,7 @@ class Mesh {
   std::size_t bytes() const;
 
  private:
+  std::vector<dem::BlockExtent> changes_since(const Mesh& before) const;
   BlockBorder border_of(const dem::Block& block) const;
   void join_edge(const dem::Block& block, int edge, BlockBorder& out) const;
   float joined_height(const dem::BlockId& own, std::int64_t lat, std::int64_t lon) const;

@@ -10,64 +10,70 @@
 #include <unordered_map>
 
 #include "dem/parallel.h"
+#include "engine/scene/vertex_rows.h"
 
 namespace selenograph::engine {
 namespace {
 
 constexpr int kStripRows = 16;
 constexpr int kLanes = 16;  // the widest vector
+constexpr int kMostQuads = 64;
 
 // Where skirts end: below all relief.
 constexpr double kFoot_m = kMoonRadius_m + 2 * dem::kLowestRelief_m;
 
-// A block's vertices relative to the anchor: x, y, z one after the other, `stride` apart from row to row.
-struct Vertices {
-  int side, stride;
-  std::vector<double> xyz;
-  std::size_t plane() const { return static_cast<std::size_t>(stride) * static_cast<std::size_t>(side); }
-  std::size_t at(int r, int c) const {
-    return static_cast<std::size_t>(r) * static_cast<std::size_t>(stride) + static_cast<std::size_t>(c);
+// A block's vertices, MOON_ME: x, y, z one after the other, `stride` apart from row to row. What MeshBlock::vertex()
+// says, bit for bit.
+class Vertices {
+ public:
+  Vertices(const MeshBlock& block, int stride) : side_(block.side), stride_(stride) {
+    xyz_.resize(3 * plane());
+    const dem::Block& posts = *block.posts;
+    const double *cos_lon = posts.cos_lon.data(), *sin_lon = posts.sin_lon.data();
+    for (int r = 0; r < side_; ++r) {
+      const double cos_lat = posts.cos_lat[static_cast<std::size_t>(r)],
+                   sin_lat = posts.sin_lat[static_cast<std::size_t>(r)];
+      const MeshVertex* row = &block.vertices[posts.index(r, 0)];
+      double *x = &xyz_[at(r, 0)], *y = x + plane(), *z = y + plane();
+      for (int c = 0; c < side_; ++c) {
+        const double radius = kMoonRadius_m + static_cast<double>(row[c].height_m), across = radius * cos_lat;
+        x[c] = across * cos_lon[c], y[c] = across * sin_lon[c], z[c] = radius * sin_lat;
+      }
+    }
+    if (!block.collapses) return;
+    const auto put = [&](int r, int c) {
+      const Vec3 vertex = block.vertex(r, c);
+      for (std::size_t k = 0; k < 3; ++k) xyz_[k * plane() + at(r, c)] = vertex[static_cast<Eigen::Index>(k)];
+    };
+    const int last = side_ - 1;
+    for (int i = 0; i <= last; ++i) put(0, i), put(last, i), put(i, 0), put(i, last);
   }
+
+  std::size_t at(int r, int c) const {
+    return static_cast<std::size_t>(r) * static_cast<std::size_t>(stride_) + static_cast<std::size_t>(c);
+  }
+  const double* x(int r) const { return &xyz_[at(r, 0)]; }
+  const double* y(int r) const { return x(r) + plane(); }
+  const double* z(int r) const { return y(r) + plane(); }
+  Vec3 operator[](std::size_t i) const { return {xyz_[i], xyz_[plane() + i], xyz_[2 * plane() + i]}; }
+
+ private:
+  std::size_t plane() const { return static_cast<std::size_t>(stride_) * static_cast<std::size_t>(side_); }
+
+  int side_, stride_;
+  std::vector<double> xyz_;
 };
 
-// What MeshBlock::vertex() says, bit for bit.
-Vertices vertices_of(const MeshBlock& block, const Vec3& anchor, int stride) {
-  const dem::Block& posts = *block.posts;
-  Vertices v{block.side, stride, {}};
-  v.xyz.assign(3 * v.plane(), std::numeric_limits<double>::quiet_NaN());
-  const double *cos_lon = posts.cos_lon.data(), *sin_lon = posts.sin_lon.data();
-  for (int r = 0; r < v.side; ++r) {
-    const double cos_lat = posts.cos_lat[static_cast<std::size_t>(r)],
-                 sin_lat = posts.sin_lat[static_cast<std::size_t>(r)];
-    const MeshVertex* row = &block.vertices[posts.index(r, 0)];
-    double *x = &v.xyz[v.at(r, 0)], *y = x + v.plane(), *z = y + v.plane();
-    for (int c = 0; c < v.side; ++c) {
-      const double radius = kMoonRadius_m + static_cast<double>(row[c].height_m), across = radius * cos_lat;
-      x[c] = across * cos_lon[c] - anchor.x(), y[c] = across * sin_lon[c] - anchor.y(),
-      z[c] = radius * sin_lat - anchor.z();
-    }
-  }
-  if (!block.collapses) return v;
-  const auto put = [&](int r, int c) {
-    const Vec3 at = block.vertex(r, c) - anchor;
-    for (std::size_t k = 0; k < 3; ++k) v.xyz[k * v.plane() + v.at(r, c)] = at[static_cast<Eigen::Index>(k)];
-  };
-  const int last = v.side - 1;
-  for (int i = 0; i <= last; ++i) put(0, i), put(last, i), put(i, 0), put(i, last);
-  return v;
-}
-
-Strip strip_of(const MeshBlock& block, const Vertices& vertices, int first_row, int rows, const Vec3& anchor) {
+RasterShape::Box box_of(const MeshBlock& block, const Vertices& vertices, int first_row, int rows) {
   const dem::Block& posts = *block.posts;
   const int quads = posts.extent.quads;
   const Vec3 middle = posts.position(first_row + rows / 2, quads / 2, 0);
   const EastNorthUp axes = local_axes(middle);
-  const Vec3 from_anchor = middle - anchor;
   Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
   for (int r = first_row; r <= first_row + rows; ++r) {
-    const double *x = &vertices.xyz[vertices.at(r, 0)], *y = x + vertices.plane(), *z = y + vertices.plane();
+    const double *x = vertices.x(r), *y = vertices.y(r), *z = vertices.z(r);
     for (int c = 0; c <= quads; ++c) {
-      const double dx = x[c] - from_anchor.x(), dy = y[c] - from_anchor.y(), dz = z[c] - from_anchor.z();
+      const double dx = x[c] - middle.x(), dy = y[c] - middle.y(), dz = z[c] - middle.z();
       // Comparisons with NaN are false: voids don't count.
       const auto extend = [&](const Vec3& axis, Eigen::Index k) {
         const double p = axis.x() * dx + axis.y() * dy + axis.z() * dz;
@@ -76,100 +82,136 @@ Strip strip_of(const MeshBlock& block, const Vertices& vertices, int first_row, 
       extend(axes.east, 0), extend(axes.north, 1), extend(axes.up, 2);
     }
   }
+  if (!(low.x() <= high.x())) return {};
+  const Vec3 mid = (low + high) / 2, half = (high - low) / 2;
+  return {first_row, rows, middle + mid.x() * axes.east + mid.y() * axes.north + mid.z() * axes.up, axes, half};
+}
+
+// Relative to the anchor, and slightly larger than its vertices as float has them.
+Strip strip_of(const RasterShape::Box& box, const Vec3& anchor) {
   Strip s{};
-  s.first_row = first_row, s.rows = low.x() <= high.x() ? rows : 0;
-  // Slightly larger than the vertices as float has them.
-  const Vec3 mid = (low + high) / 2;
-  const double slack = 1e-6 * ((middle - anchor).norm() + (high - low).norm());
-  const Vec3 half = (high - low) / 2 + Vec3::Constant(slack);
-  const Vec3 centre = middle + mid.x() * axes.east + mid.y() * axes.north + mid.z() * axes.up - anchor;
-  const Vec3 edges[3] = {axes.east * half.x(), axes.north * half.y(), axes.up * half.z()};
-  for (int k = 0; k < 3; ++k) {
-    s.centre[k] = static_cast<float>(centre[k]);
-    for (int e = 0; e < 3; ++e) s.half[e][k] = static_cast<float>(edges[e][k]);
-  }
+  s.first_row = box.first_row, s.rows = box.rows;
+  const Vec3 centre = box.centre - anchor;
+  const Vec3 half = box.half_m + Vec3::Constant(1e-6 * (centre.norm() + 2 * box.half_m.norm()));
+  const Vec3 edges[3] = {box.axes.east * half.x(), box.axes.north * half.y(), box.axes.up * half.z()};
+  for (int e = 0; e < 3; ++e)
+    for (int k = 0; k < 3; ++k) s.half[e][k] = static_cast<float>(edges[e][k]);
+  for (int k = 0; k < 3; ++k) s.centre[k] = static_cast<float>(centre[k]);
   return s;
 }
 
-using Edge = RasterPiece::Edge;
+// An edge by its ends in steps of 1/65536 m, far below what two blocks' vertices that are not the same one differ by,
+// and above what the poles' posts do.
+using Ends = std::array<std::int64_t, 6>;
+constexpr double kEndsPerMetre = 65536;
 
-struct EdgeHash {
-  std::size_t operator()(const Edge& e) const { return XXH3_64bits(e.data(), sizeof e); }
+Ends ends_of(const Vec3& from, const Vec3& to) {
+  Ends ends{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    ends[k] = std::llround(from[i] * kEndsPerMetre), ends[3 + k] = std::llround(to[i] * kEndsPerMetre);
+  }
+  return ends;
+}
+
+struct EndsHash {
+  std::size_t operator()(const Ends& e) const { return XXH3_64bits(e.data(), sizeof e); }
 };
 
-void find_edges(RasterPiece& piece) {
-  const RasterBlock& b = piece.block;
-  const auto at = [&](int r, int c) {
-    return static_cast<std::size_t>(r) * static_cast<std::size_t>(b.stride) + static_cast<std::size_t>(c);
-  };
-  const auto present = [&](int r, int c) { return !std::isnan(b.x[at(r, c)]); };
+void find_edges(RasterShape& shape, const Vertices& vertices) {
+  const int quads = shape.of->posts->extent.quads, last = quads - 1;
+  const auto present = [&](int r, int c) { return shape.of->present(r, c); };
   const auto triangle = [&](int r, int c, bool upper) {
-    if (r < 0 || c < 0 || r >= b.quads || c >= b.quads) return false;
+    if (r < 0 || c < 0 || r >= quads || c >= quads) return false;
     const dem::QuadVertices q = dem::vertices_of(r, c, upper);
     return present(q.r[0], q.c[0]) && present(q.r[1], q.c[1]) && present(q.r[2], q.c[2]);
   };
-  bool whole = true;
-  for (int r = 0; r <= b.quads && whole; ++r)
-    for (int c = 0; c <= b.quads; ++c) whole &= present(r, c);
-  const auto add = [&](std::vector<Edge>& list, int r0, int c0, int r1, int c1) {
-    const std::size_t p = at(r0, c0), q = at(r1, c1);
-    const Edge e{b.x[p], b.y[p], b.z[p], b.x[q], b.y[q], b.z[q]};
-    if (!std::equal(e.begin(), e.begin() + 3, e.begin() + 3)) list.push_back(e);
+  const std::vector<MeshVertex>& all = shape.of->vertices;
+  const bool whole = std::none_of(all.begin(), all.end(), [](const MeshVertex& v) { return std::isnan(v.height_m); });
+  // A sum doesn't care for the order, and the two ends of an edge are added alike: so nor does it for the direction.
+  const auto add = [&](std::vector<RasterShape::Edge>& list, std::uint64_t* mark, int r0, int c0, int r1, int c1) {
+    const std::size_t from = vertices.at(r0, c0), to = vertices.at(r1, c1);
+    const Ends ends = ends_of(vertices[from], vertices[to]);
+    if (std::equal(ends.begin(), ends.begin() + 3, ends.begin() + 3)) return;
+    list.push_back({static_cast<std::uint16_t>(from), static_cast<std::uint16_t>(to)});
+    if (mark)
+      *mark += (XXH3_64bits(&ends[0], 24) * 0x9e3779b97f4a7c15) ^ (XXH3_64bits(&ends[3], 24) * 0x9e3779b97f4a7c15);
   };
-  const int last = b.quads - 1;
-  auto& [south, north, west, east] = piece.along;
-  for (int r = 0; r < b.quads; ++r)
-    for (int c = 0; c < b.quads; ++c) {
-      const bool border = r == 0 || c == 0 || r == last || c == last;
-      if (whole && !border) continue;
+  const auto inside = [&](int r0, int c0, int r1, int c1) { add(shape.inside, nullptr, r0, c0, r1, c1); };
+  const auto border = [&](std::size_t side, bool is, int r0, int c0, int r1, int c1) {
+    if (is)
+      add(shape.along[side], &shape.mark[side], r0, c0, r1, c1);
+    else
+      inside(r0, c0, r1, c1);
+  };
+  for (int r = 0; r < quads; ++r)
+    for (int c = 0; c < quads; ++c) {
+      // Within a whole block only the quads of its border have anything.
+      if (whole && !shape.of->on_border(r, c)) continue;
       const bool lower = triangle(r, c, false), upper = triangle(r, c, true);
-      if (lower && !triangle(r - 1, c, true)) add(r == 0 ? south : piece.inside, r, c, r, c + 1);
-      if (lower && !triangle(r, c - 1, true)) add(c == 0 ? west : piece.inside, r + 1, c, r, c);
-      if (lower && !upper) add(piece.inside, r, c + 1, r + 1, c);
-      if (upper && !triangle(r + 1, c, false)) add(r == last ? north : piece.inside, r + 1, c + 1, r + 1, c);
-      if (upper && !triangle(r, c + 1, false)) add(c == last ? east : piece.inside, r, c + 1, r + 1, c + 1);
-      if (upper && !lower) add(piece.inside, r + 1, c, r, c + 1);
+      if (lower && !triangle(r - 1, c, true)) border(0, r == 0, r, c, r, c + 1);
+      if (lower && !triangle(r, c - 1, true)) border(2, c == 0, r + 1, c, r, c);
+      if (lower && !upper) inside(r, c + 1, r + 1, c);
+      if (upper && !triangle(r + 1, c, false)) border(1, r == last, r + 1, c + 1, r + 1, c);
+      if (upper && !triangle(r, c + 1, false)) border(3, c == last, r, c + 1, r + 1, c + 1);
+      if (upper && !lower) inside(r + 1, c, r, c + 1);
     }
-  for (std::size_t side = 0; side < 4; ++side) {
-    // A sum doesn't care for the order, and the two ends of an edge are added alike: so nor for the direction.
-    std::uint64_t mark = 0;
-    for (const Edge& e : piece.along[side])
-      mark += (XXH3_64bits(&e[0], 12) * 0x9e3779b97f4a7c15) ^ (XXH3_64bits(&e[3], 12) * 0x9e3779b97f4a7c15);
-    piece.mark[side] = mark;
-  }
-}
-
-std::shared_ptr<const RasterPiece> piece_of(std::shared_ptr<const MeshBlock> of, const Vec3& anchor) {
-  auto piece = std::make_shared<RasterPiece>();
-  piece->of = std::move(of);
-  const MeshBlock& block = *piece->of;
-  const int quads = block.posts->extent.quads;
-  const int stride = (quads + kLanes - 1) / kLanes * kLanes + kLanes;
-  const Vertices vertices = vertices_of(block, anchor, stride);
-  const std::size_t plane = vertices.plane();
-  piece->xyz.assign(vertices.xyz.begin(), vertices.xyz.end());
-  const float* xyz = piece->xyz.data();
-  piece->block = {xyz, xyz + plane, xyz + 2 * plane, quads, stride, block.vertices.data()};
-  for (int r = 0; r < quads; r += kStripRows) {
-    const Strip s = strip_of(block, vertices, r, std::min(kStripRows, quads - r), anchor);
-    if (s.rows > 0) piece->strips.push_back(s);
-  }
-  find_edges(*piece);
-  return piece;
 }
 
 }  // namespace
 
+RasterShape::RasterShape(std::shared_ptr<const MeshBlock> block) : of(std::move(block)), mark{} {
+  const int quads = of->posts->extent.quads;
+  stride = (quads + kLanes - 1) / kLanes * kLanes + kLanes;
+  static_assert((kMostQuads + 1) * (kMostQuads + 2 * kLanes) <= 1 << 16, "what an edge's ends hold");
+  const Vertices vertices(*of, stride);
+  for (int r = 0; r < quads; r += kStripRows)
+    if (const Box box = box_of(*of, vertices, r, std::min(kStripRows, quads - r)); box.rows > 0) boxes.push_back(box);
+  find_edges(*this, vertices);
+}
+
+RasterPiece::RasterPiece(std::shared_ptr<const RasterShape> shape_of_block, const Vec3& anchor)
+    : shape(std::move(shape_of_block)) {
+  const MeshBlock& of = *shape->of;
+  const dem::Block& posts = *of.posts;
+  const auto stride = static_cast<std::size_t>(shape->stride), plane = stride * static_cast<std::size_t>(of.side);
+  xyz.resize(3 * plane);
+  const auto place = [&](std::size_t at, int r, int c) {
+    const Vec3 vertex = of.vertex(r, c) - anchor;
+    for (std::size_t k = 0; k < 3; ++k) xyz[k * plane + at] = static_cast<float>(vertex[static_cast<Eigen::Index>(k)]);
+  };
+  for (int r = 0; r < of.side; ++r) {
+    const std::size_t first = static_cast<std::size_t>(r) * stride;
+    const auto row = static_cast<std::size_t>(r);
+    const RowPlace where{posts.cos_lat[row], posts.sin_lat[row], posts.cos_lon.data(), posts.sin_lon.data()};
+    float* x = &xyz[first];
+    place_row(&of.vertices[posts.index(r, 0)], of.side, where, anchor, x, x + plane, x + 2 * plane);
+    for (float* plane_of_row : {x, x + plane, x + 2 * plane})
+      std::fill(plane_of_row + of.side, plane_of_row + stride, std::numeric_limits<float>::quiet_NaN());
+  }
+  if (of.collapses)
+    for (int i = 0, last = of.side - 1; i <= last; ++i)
+      for (const auto& [r, c] : {std::pair{0, i}, {last, i}, {i, 0}, {i, last}})
+        place(static_cast<std::size_t>(r) * stride + static_cast<std::size_t>(c), r, c);
+  block = {xyz.data(), xyz.data() + plane, xyz.data() + 2 * plane, of.side - 1, shape->stride, of.vertices.data()};
+  for (const RasterShape::Box& box : shape->boxes) strips.push_back(strip_of(box, anchor));
+}
+
 RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh* before, const StopToken& stop)
     : anchor_(anchor_m) {
   std::unordered_map<const MeshBlock*, std::shared_ptr<const RasterPiece>> known;
-  if (before && before->anchor_ == anchor_m)
-    for (const auto& piece : before->pieces_) known.emplace(piece->of.get(), piece);
+  if (before)
+    for (const auto& piece : before->pieces_) known.emplace(piece->shape->of.get(), piece);
   pieces_.resize(mesh.blocks().size());
   in_parallel(pieces_.size(), [&](std::size_t i) {
     stop.check();
     const auto found = known.find(&mesh.blocks()[i]);
-    pieces_[i] = found != known.end() ? found->second : piece_of(mesh.share(i), anchor_);
+    if (found == known.end())
+      pieces_[i] = std::make_shared<RasterPiece>(std::make_shared<RasterShape>(mesh.share(i)), anchor_);
+    else if (before->anchor_ == anchor_)
+      pieces_[i] = found->second;
+    else
+      pieces_[i] = std::make_shared<RasterPiece>(found->second->shape, anchor_);
   });
   for (std::size_t i = 0; i < pieces_.size(); ++i) {
     blocks_.push_back(pieces_[i]->block);
@@ -188,49 +230,62 @@ void RasterMesh::add_skirts() {
   std::unordered_map<std::uint64_t, int> sides;
   for (const auto& piece : pieces_)
     for (std::size_t side = 0; side < 4; ++side)
-      if (!piece->along[side].empty()) ++sides[piece->mark[side]];
-  std::vector<const std::vector<Edge>*> open;
+      if (!piece->shape->along[side].empty()) ++sides[piece->shape->mark[side]];
+  struct Open {
+    const RasterShape* shape;
+    const std::vector<RasterShape::Edge>* edges;
+  };
+  std::vector<Open> open;
   for (const auto& piece : pieces_) {
-    if (!piece->inside.empty()) open.push_back(&piece->inside);
+    const RasterShape& shape = *piece->shape;
+    if (!shape.inside.empty()) open.push_back({&shape, &shape.inside});
     for (std::size_t side = 0; side < 4; ++side)
-      if (!piece->along[side].empty() && sides[piece->mark[side]] != 2) open.push_back(&piece->along[side]);
+      if (!shape.along[side].empty() && sides[shape.mark[side]] != 2) open.push_back({&shape, &shape.along[side]});
   }
-  std::unordered_map<Edge, int, EdgeHash> edges;
-  for (const auto* list : open)
-    for (const Edge& e : *list) {
-      const Edge back{e[3], e[4], e[5], e[0], e[1], e[2]};
+  const auto ends = [](const RasterShape& shape, const RasterShape::Edge& e) {
+    return ends_of(shape.vertex(e.from), shape.vertex(e.to));
+  };
+  std::unordered_map<Ends, int, EndsHash> edges;
+  for (const auto& [shape, list] : open)
+    for (const RasterShape::Edge& edge : *list) {
+      const Ends e = ends(*shape, edge), back{e[3], e[4], e[5], e[0], e[1], e[2]};
       if (const auto found = edges.find(back); found != edges.end()) {
         if (--found->second == 0) edges.erase(found);
       } else {
         ++edges[e];
       }
     }
-  for (const auto* list : open)
-    for (const Edge& e : *list) {
-      const auto found = edges.find(e);
+  for (const auto& [shape, list] : open)
+    for (const RasterShape::Edge& edge : *list) {
+      const auto found = edges.find(ends(*shape, edge));
       if (found == edges.end()) continue;
       if (--found->second == 0) edges.erase(found);
-      Vec3 foot[2];
-      for (std::size_t k = 0; k < 2; ++k) {
-        const Vec3 top = anchor_ + Vec3(e[3 * k], e[3 * k + 1], e[3 * k + 2]);
-        foot[k] = top * (kFoot_m / top.norm()) - anchor_;
-      }
-      // The triangle lies to the left of its edge, so the outside of the skirt is to the right.
-      Skirt one{}, other{};
-      for (std::size_t k = 0; k < 3; ++k) {
-        const auto i = static_cast<Eigen::Index>(k);
-        one.a[k] = e[3 + k], one.b[k] = e[k], one.c[k] = static_cast<float>(foot[0][i]);
-        other.a[k] = e[3 + k], other.b[k] = static_cast<float>(foot[0][i]), other.c[k] = static_cast<float>(foot[1][i]);
-      }
-      skirts_.push_back(one), skirts_.push_back(other);
+      add_skirt(shape->vertex(edge.from), shape->vertex(edge.to));
     }
 }
 
-std::size_t RasterPiece::bytes() const {
-  std::size_t sum =
-      sizeof(RasterPiece) + xyz.size() * sizeof(float) + strips.size() * sizeof(Strip) + inside.size() * sizeof(Edge);
+// Below an edge, with the triangle to the left of it: so the outside of the skirt is to the right.
+void RasterMesh::add_skirt(const Vec3& from, const Vec3& to) {
+  const Vec3 a = to - anchor_, b = from - anchor_, c = from * (kFoot_m / from.norm()) - anchor_,
+             d = to * (kFoot_m / to.norm()) - anchor_;
+  const auto add = [&](const Vec3& p, const Vec3& q, const Vec3& r) {
+    Skirt skirt{};
+    for (int k = 0; k < 3; ++k)
+      skirt.a[k] = static_cast<float>(p[k]), skirt.b[k] = static_cast<float>(q[k]),
+      skirt.c[k] = static_cast<float>(r[k]);
+    skirts_.push_back(skirt);
+  };
+  add(a, b, c), add(a, c, d);
+}
+
+std::size_t RasterShape::bytes() const {
+  std::size_t sum = sizeof(RasterShape) + boxes.size() * sizeof(Box) + inside.size() * sizeof(Edge);
   for (const auto& side : along) sum += side.size() * sizeof(Edge);
   return sum;
+}
+
+std::size_t RasterPiece::bytes() const {
+  return sizeof(RasterPiece) + xyz.size() * sizeof(float) + strips.size() * sizeof(Strip);
 }
 
 std::size_t RasterMesh::own_bytes() const {
@@ -240,7 +295,7 @@ std::size_t RasterMesh::own_bytes() const {
 
 std::size_t RasterMesh::bytes() const {
   std::size_t sum = own_bytes();
-  for (const auto& piece : pieces_) sum += piece->bytes();
+  for (const auto& piece : pieces_) sum += piece->bytes() + piece->shape->bytes();
   return sum;
 }
 

@@ -35,25 +35,49 @@ struct Skirt {
   float a[3], b[3], c[3];  // counter-clockwise from outside, relative to the anchor
 };
 
+// What doesn't depend on the anchor of one block of a mesh; immutable, shared like it.
+struct RasterShape {
+  explicit RasterShape(std::shared_ptr<const MeshBlock> block);
+
+  // A strip's box, MOON_ME, metres.
+  struct Box {
+    int first_row, rows;
+    Vec3 centre;
+    EastNorthUp axes;
+    Vec3 half_m;  // half its edges along them
+  };
+  // Index of a vertex in RasterBlock; the triangle is on the left.
+  struct Edge {
+    std::uint16_t from, to;
+  };
+
+  std::shared_ptr<const MeshBlock> of;
+  int stride;  // of RasterBlock
+  std::vector<Box> boxes;
+  // Edges of triangles that no other triangle of the block shares: beside voids, and along each side of the block.
+  std::vector<Edge> inside;
+  std::array<std::vector<Edge>, 4> along;
+  std::array<std::uint64_t, 4> mark;  // of a side: the same for whatever runs along it the other way
+
+  Vec3 vertex(std::uint16_t index) const { return of->vertex(index / stride, index % stride); }
+  std::size_t bytes() const;
+};
+
 // What is drawn of one block of a mesh; immutable, shared like it.
 struct RasterPiece {
-  std::shared_ptr<const MeshBlock> of;
+  RasterPiece(std::shared_ptr<const RasterShape> shape_of_block, const Vec3& anchor_m);
+
+  std::shared_ptr<const RasterShape> shape;
   std::vector<float> xyz;  // x, y, z one after the other
   RasterBlock block;
   std::vector<Strip> strips;  // of block 0
-  // Edges of triangles that no other triangle of the block shares: beside voids, and along each side of the block.
-  // from, to; the triangle is on the left. A side's mark is the same for whatever runs along it the other way.
-  using Edge = std::array<float, 6>;
-  std::vector<Edge> inside;
-  std::array<std::vector<Edge>, 4> along;
-  std::array<std::uint64_t, 4> mark;
   std::size_t bytes() const;
 };
 
 class RasterMesh {
  public:
-  // `before`: one whose pieces are reused for unchanged blocks and the same anchor; may be null. Throws
-  // Cancelled when `stop` says so.
+  // `before`: one of which unchanged blocks' shapes are reused and, for the same anchor, their pieces; may be null.
+  // Throws Cancelled when `stop` says so.
   RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh* before = nullptr, const StopToken& stop = {});
 
   const Vec3& anchor() const { return anchor_; }
@@ -66,6 +90,7 @@ class RasterMesh {
 
  private:
   void add_skirts();
+  void add_skirt(const Vec3& from, const Vec3& to);
 
   Vec3 anchor_;
   std::vector<std::shared_ptr<const RasterPiece>> pieces_;  // per block

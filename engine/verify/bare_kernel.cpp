@@ -1,9 +1,9 @@
 #include "engine/verify/bare_kernel.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
+
+#include "dem/parallel.h"
 
 namespace selenograph::engine {
 
@@ -36,7 +36,8 @@ void BareKernel::render(const View& view, const Vec3& sun, double shell_radius_m
   const Eigen::Vector3f o = (view.position() - anchor_).cast<float>(), s = sun.cast<float>();
   constexpr int kTile = 32;
   const int across = width / kTile, along = height / kTile;
-  tbb::parallel_for(0, across * along, [&](int tile) {
+  in_parallel(static_cast<std::size_t>(across * along), [&](std::size_t index) {
+    const int tile = static_cast<int>(index);
     for (int by = 0; by < kTile; by += 4)
       for (int bx = 0; bx < kTile; bx += 4) {
         const int x0 = tile % across * kTile + bx, y0 = tile / across * kTile + by;

@@ -47,7 +47,10 @@ struct Scene {
   void for_each_part(const Part& part) const {
     for (const MeshBlock& block : mesh.blocks()) part(static_cast<const void*>(&block), block.bytes());
     if (!raster) return;
-    for (const auto& piece : raster->pieces()) part(static_cast<const void*>(piece.get()), piece->bytes());
+    for (const auto& piece : raster->pieces()) {
+      part(static_cast<const void*>(piece.get()), piece->bytes());
+      part(static_cast<const void*>(piece->shape.get()), piece->shape->bytes());
+    }
   }
   std::size_t own_bytes() const {
     return sizeof(Scene) + mesh.blocks().size() * 64 + (tracer ? tracer->bytes() : 0) +

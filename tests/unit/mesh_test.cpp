@@ -239,8 +239,19 @@ TEST_F(MeshTest, TakenOverIsTheSame) {
   }
   EXPECT_GT(shared, 20U);
   EXPECT_GT(made, 60U);
-  const RasterMesh elsewhere(*before, anchor + Vec3(4096, 0, 0), drawn_before.get());
-  EXPECT_NE(elsewhere.blocks()[0].x[0], drawn_before->blocks()[0].x[0]) << "of another anchor";
+  // Of another anchor only shapes are taken over.
+  const Vec3 other = anchor + Vec3(4096, 0, 0);
+  const RasterMesh elsewhere(*before, other, drawn_before.get()), fresh(*before, other);
+  EXPECT_NE(elsewhere.blocks()[0].x[0], drawn_before->blocks()[0].x[0]);
+  for (std::size_t i = 0; i < fresh.pieces().size(); ++i) {
+    EXPECT_EQ(elsewhere.pieces()[i]->shape, drawn_before->pieces()[i]->shape);
+    const std::vector<float>&a = elsewhere.pieces()[i]->xyz, &b = fresh.pieces()[i]->xyz;
+    ASSERT_EQ(std::memcmp(a.data(), b.data(), a.size() * sizeof(float)), 0);
+  }
+  ASSERT_EQ(elsewhere.strips().size(), fresh.strips().size());
+  EXPECT_EQ(std::memcmp(elsewhere.strips().data(), fresh.strips().data(), fresh.strips().size() * sizeof(Strip)), 0);
+  ASSERT_EQ(elsewhere.skirts().size(), fresh.skirts().size());
+  EXPECT_EQ(std::memcmp(elsewhere.skirts().data(), fresh.skirts().data(), fresh.skirts().size() * sizeof(Skirt)), 0);
 }
 
 // Skirts hang under the border of the data and nowhere else: as many as that border has edges, two each.

@@ -1,7 +1,5 @@
 #include "engine/visibility/raytrace/ray_tracer.h"
 
-#include <tbb/task_arena.h>
-
 #include <algorithm>
 #include <cmath>
 
@@ -148,7 +146,7 @@ RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads, const 
     if (by_itself + quads == 0) continue;
     bytes_ += mesh.blocks()[i].vertices.size() * 12 + 2 * quads * quads * 15 + by_itself * (83 + sizeof(TriangleId));
   }
-  tbb::this_task_arena::isolate([&] { impl_->scene.build(stop); });
+  where_loops_run([&] { impl_->scene.build(stop); });
 }
 
 RayTracer::~RayTracer() = default;
