@@ -139,10 +139,10 @@ void find_edges(RasterShape& shape, const Vertices& vertices) {
   };
   const auto inside = [&](int r0, int c0, int r1, int c1) { add(shape.inside, nullptr, r0, c0, r1, c1); };
   const auto border = [&](std::size_t side, bool is, int r0, int c0, int r1, int c1) {
-    if (is)
-      add(shape.along[side], &shape.mark[side], r0, c0, r1, c1);
-    else
-      inside(r0, c0, r1, c1);
+    if (!is) return inside(r0, c0, r1, c1);
+    const int place = side < 2 ? std::min(c0, c1) : std::min(r0, r1);
+    RasterShape::Half& half = shape.along[side][2 * place < quads ? 0 : 1];
+    add(half.edges, &half.mark, r0, c0, r1, c1);
   };
   for (int r = 0; r < quads; ++r)
     for (int c = 0; c < quads; ++c) {
@@ -160,7 +160,7 @@ void find_edges(RasterShape& shape, const Vertices& vertices) {
 
 }  // namespace
 
-RasterShape::RasterShape(std::shared_ptr<const MeshBlock> block) : of(std::move(block)), mark{} {
+RasterShape::RasterShape(std::shared_ptr<const MeshBlock> block) : of(std::move(block)) {
   const int quads = of->posts->extent.quads;
   stride = (quads + kLanes - 1) / kLanes * kLanes + kLanes;
   static_assert((kMostQuads + 1) * (kMostQuads + 2 * kLanes) <= 1 << 16, "what an edge's ends hold");
@@ -225,23 +225,41 @@ RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh*
 
 // Under edges of triangles that no other one shares. Inside of a block they are beside voids; on its border they are
 // where the edge of no other block is the same, vertex by vertex: most sides have their like in the neighbour as a
-// whole, and only what is left is looked at edge by edge.
+// whole, or two neighbours' sides in their halves, and only what is left is looked at edge by edge.
 void RasterMesh::add_skirts() {
-  std::unordered_map<std::uint64_t, int> sides;
-  for (const auto& piece : pieces_)
-    for (std::size_t side = 0; side < 4; ++side)
-      if (!piece->shape->along[side].empty()) ++sides[piece->shape->mark[side]];
   struct Open {
     const RasterShape* shape;
     const std::vector<RasterShape::Edge>* edges;
   };
   std::vector<Open> open;
-  for (const auto& piece : pieces_) {
-    const RasterShape& shape = *piece->shape;
-    if (!shape.inside.empty()) open.push_back({&shape, &shape.inside});
-    for (std::size_t side = 0; side < 4; ++side)
-      if (!shape.along[side].empty() && sides[shape.mark[side]] != 2) open.push_back({&shape, &shape.along[side]});
-  }
+  using Count = std::unordered_map<std::uint64_t, int>;
+  const auto in = [](const Count& count, std::uint64_t mark) {
+    const auto found = count.find(mark);
+    return found == count.end() ? 0 : found->second;
+  };
+  const auto for_each_side = [&](const auto& visit) {
+    for (const auto& piece : pieces_)
+      for (const auto& side : piece->shape->along)
+        if (side[0].mark + side[1].mark != 0) visit(*piece->shape, side, side[0].mark + side[1].mark);
+  };
+  using Side = std::array<RasterShape::Half, 2>;
+  const auto has_halves = [](const Side& side) { return side[0].mark != 0 && side[1].mark != 0; };
+  Count wholes, halves;
+  wholes.reserve(4 * pieces_.size());
+  for_each_side([&](const RasterShape&, const Side&, std::uint64_t mark) { ++wholes[mark]; });
+  for_each_side([&](const RasterShape&, const Side& side, std::uint64_t mark) {
+    if (wholes[mark] == 1 && has_halves(side))
+      for (const RasterShape::Half& half : side) ++halves[half.mark];
+  });
+  // One side as a whole and another's half.
+  const auto joined = [&](std::uint64_t mark) { return in(wholes, mark) == 1 && in(halves, mark) == 1; };
+  for_each_side([&](const RasterShape& shape, const Side& side, std::uint64_t mark) {
+    if (wholes[mark] == 2 || joined(mark)) return;
+    for (const RasterShape::Half& half : side)
+      if (!half.edges.empty() && !(has_halves(side) && joined(half.mark))) open.push_back({&shape, &half.edges});
+  });
+  for (const auto& piece : pieces_)
+    if (!piece->shape->inside.empty()) open.push_back({piece->shape.get(), &piece->shape->inside});
   const auto ends = [](const RasterShape& shape, const RasterShape::Edge& e) {
     return ends_of(shape.vertex(e.from), shape.vertex(e.to));
   };
@@ -280,7 +298,8 @@ void RasterMesh::add_skirt(const Vec3& from, const Vec3& to) {
 
 std::size_t RasterShape::bytes() const {
   std::size_t sum = sizeof(RasterShape) + boxes.size() * sizeof(Box) + inside.size() * sizeof(Edge);
-  for (const auto& side : along) sum += side.size() * sizeof(Edge);
+  for (const auto& side : along)
+    for (const Half& half : side) sum += half.edges.size() * sizeof(Edge);
   return sum;
 }
 

@@ -54,10 +54,14 @@ struct RasterShape {
   std::shared_ptr<const MeshBlock> of;
   int stride;  // of RasterBlock
   std::vector<Box> boxes;
-  // Edges of triangles that no other triangle of the block shares: beside voids, and along each side of the block.
+  // Edges of triangles that no other triangle of the block shares: beside voids, and along the two halves (from west or
+  // south) of each side of the block.
   std::vector<Edge> inside;
-  std::array<std::vector<Edge>, 4> along;
-  std::array<std::uint64_t, 4> mark;  // of a side: the same for whatever runs along it the other way
+  struct Half {
+    std::vector<Edge> edges;
+    std::uint64_t mark = 0;  // a sum over its edges, the same for whatever runs along it the other way; 0: none
+  };
+  std::array<std::array<Half, 2>, 4> along;
 
   Vec3 vertex(std::uint16_t index) const { return of->vertex(index / stride, index % stride); }
   std::size_t bytes() const;
