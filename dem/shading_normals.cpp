@@ -1,5 +1,9 @@
 #include "dem/shading_normals.h"
 
+#include <algorithm>
+
+#include "dem/post_kernels.h"
+
 namespace selenograph::dem {
 namespace {
 
@@ -26,19 +30,6 @@ Slope fit_plane(const float* centre, int stride, int reach) {
   return {(cxh * cyy - cyh * cxy) / det, (cyh * cxx - cxh * cxy) / det};
 }
 
-// The same without voids, unrolled by the compiler: the common case, half of a block's loading time otherwise.
-template <int kReach>
-Slope fit_plane_full(const float* centre, int stride) {
-  float sxh = 0, syh = 0;
-  for (int y = -kReach; y <= kReach; ++y)
-    for (int x = -kReach; x <= kReach; ++x) {
-      const float h = centre[y * stride + x] - *centre;
-      sxh += static_cast<float>(x) * h, syh += static_cast<float>(y) * h;
-    }
-  constexpr double kSum = kReach == 1 ? 6 : 50;
-  return {static_cast<double>(sxh) / kSum, static_cast<double>(syh) / kSum};
-}
-
 int reach_for(double quantisation_m, double spacing_m) {
   // Rounding is uniform noise of q / sqrt(12); the 3 x 3 plane's slope has that over sqrt(6) posts.
   const double noise = quantisation_m / std::sqrt(12.0) / (std::sqrt(6.0) * spacing_m);
@@ -53,26 +44,36 @@ void fill_shading_normals(Block& block, std::span<const float> heights, double q
   const double radians_per_tick = kRadiansPerDegree / kTicksPerDegree;
   const double dlat = block.extent.lat_step * radians_per_tick, dlon = block.extent.lon_step * radians_per_tick;
   block.normals.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
-  bool full = true;
-  for (const float h : heights) full &= !std::isnan(h);
-  for (int r = 0; r < side; ++r)
+  const bool full = std::none_of(heights.begin(), heights.end(), [](float h) { return std::isnan(h); });
+  std::vector<float> of_row(3 * static_cast<std::size_t>(side));
+  float *x = of_row.data(), *y = x + side, *z = y + side;
+  for (int r = 0; r < side; ++r) {
+    const auto row = static_cast<std::size_t>(r);
+    const double cos_lat = block.cos_lat[row], sin_lat = block.sin_lat[row];
+    const float* centres = heights.data() + (r + kHalo) * stride + kHalo;
+    const bool pole = cos_lat <= 1e-9;  // there east has no meaning: the vertical stands
+    if (full && !pole) {
+      normals_of_row(centres, stride, side, reach,
+                     {cos_lat, sin_lat, block.cos_lon.data(), block.sin_lon.data(), dlat, dlon}, x, y, z);
+      for (int c = 0; c < side; ++c) block.normals[block.index(r, c)] = {x[c], y[c], z[c]};
+      continue;
+    }
     for (int c = 0; c < side; ++c) {
-      const auto row = static_cast<std::size_t>(r), col = static_cast<std::size_t>(c);
-      const float* centre = heights.data() + (r + kHalo) * stride + c + kHalo;
-      const double cos_lat = block.cos_lat[row], sin_lat = block.sin_lat[row], cos_lon = block.cos_lon[col],
-                   sin_lon = block.sin_lon[col];
+      const auto col = static_cast<std::size_t>(c);
+      const float* centre = centres + c;
+      const double cos_lon = block.cos_lon[col], sin_lon = block.sin_lon[col];
       const Vec3 up(cos_lat * cos_lon, cos_lat * sin_lon, sin_lat), east(-sin_lon, cos_lon, 0);
       const Vec3 north(-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat);
       Vec3 normal = up;
-      if (cos_lat > 1e-9 && !std::isnan(*centre)) {  // at a pole east has no meaning: the vertical stands
-        const Slope s = full ? (reach == 1 ? fit_plane_full<1>(centre, stride) : fit_plane_full<2>(centre, stride))
-                             : fit_plane(centre, stride, reach);
+      if (!pole && !std::isnan(*centre)) {
+        const Slope s = fit_plane(centre, stride, reach);
         const double radius = kMoonRadius_m + static_cast<double>(*centre);
         normal = (up - east * (s.along_row / (radius * cos_lat * dlon)) - north * (s.along_column / (radius * dlat)))
                      .normalized();
       }
       block.normals[block.index(r, c)] = normal.cast<float>();
     }
+  }
 }
 
 }  // namespace selenograph::dem

@@ -22,68 +22,30 @@ constexpr int kMostQuads = 64;
 // Where skirts end: below all relief.
 constexpr double kFoot_m = kMoonRadius_m + 2 * dem::kLowestRelief_m;
 
-// A block's vertices, MOON_ME: x, y, z one after the other, `stride` apart from row to row. What MeshBlock::vertex()
-// says, bit for bit.
-class Vertices {
- public:
-  Vertices(const MeshBlock& block, int stride) : side_(block.side), stride_(stride) {
-    xyz_.resize(3 * plane());
-    const dem::Block& posts = *block.posts;
-    const double *cos_lon = posts.cos_lon.data(), *sin_lon = posts.sin_lon.data();
-    for (int r = 0; r < side_; ++r) {
-      const double cos_lat = posts.cos_lat[static_cast<std::size_t>(r)],
-                   sin_lat = posts.sin_lat[static_cast<std::size_t>(r)];
-      const MeshVertex* row = &block.vertices[posts.index(r, 0)];
-      double *x = &xyz_[at(r, 0)], *y = x + plane(), *z = y + plane();
-      for (int c = 0; c < side_; ++c) {
-        const double radius = kMoonRadius_m + static_cast<double>(row[c].height_m), across = radius * cos_lat;
-        x[c] = across * cos_lon[c], y[c] = across * sin_lon[c], z[c] = radius * sin_lat;
-      }
-    }
-    if (!block.collapses) return;
-    const auto put = [&](int r, int c) {
-      const Vec3 vertex = block.vertex(r, c);
-      for (std::size_t k = 0; k < 3; ++k) xyz_[k * plane() + at(r, c)] = vertex[static_cast<Eigen::Index>(k)];
-    };
-    const int last = side_ - 1;
-    for (int i = 0; i <= last; ++i) put(0, i), put(last, i), put(i, 0), put(i, last);
-  }
+RowPlace place_of(const dem::Block& posts, int row) {
+  const auto r = static_cast<std::size_t>(row);
+  return {posts.cos_lat[r], posts.sin_lat[r], posts.cos_lon.data(), posts.sin_lon.data()};
+}
 
-  std::size_t at(int r, int c) const {
-    return static_cast<std::size_t>(r) * static_cast<std::size_t>(stride_) + static_cast<std::size_t>(c);
-  }
-  const double* x(int r) const { return &xyz_[at(r, 0)]; }
-  const double* y(int r) const { return x(r) + plane(); }
-  const double* z(int r) const { return y(r) + plane(); }
-  Vec3 operator[](std::size_t i) const { return {xyz_[i], xyz_[plane() + i], xyz_[2 * plane() + i]}; }
-
- private:
-  std::size_t plane() const { return static_cast<std::size_t>(stride_) * static_cast<std::size_t>(side_); }
-
-  int side_, stride_;
-  std::vector<double> xyz_;
-};
-
-RasterShape::Box box_of(const MeshBlock& block, const Vertices& vertices, int first_row, int rows) {
+// Empty (no rows) without vertices.
+RasterShape::Box box_of(const MeshBlock& block, int first_row, int rows) {
   const dem::Block& posts = *block.posts;
-  const int quads = posts.extent.quads;
-  const Vec3 middle = posts.position(first_row + rows / 2, quads / 2, 0);
+  const int side = block.side, last = side - 1;
+  const Vec3 middle = posts.position(first_row + rows / 2, last / 2, 0);
   const EastNorthUp axes = local_axes(middle);
-  Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
-  for (int r = first_row; r <= first_row + rows; ++r) {
-    const double *x = vertices.x(r), *y = vertices.y(r), *z = vertices.z(r);
-    for (int c = 0; c <= quads; ++c) {
-      const double dx = x[c] - middle.x(), dy = y[c] - middle.y(), dz = z[c] - middle.z();
-      // Comparisons with NaN are false: voids don't count.
-      const auto extend = [&](const Vec3& axis, Eigen::Index k) {
-        const double p = axis.x() * dx + axis.y() * dy + axis.z() * dz;
-        low[k] = p < low[k] ? p : low[k], high[k] = p > high[k] ? p : high[k];
-      };
-      extend(axes.east, 0), extend(axes.north, 1), extend(axes.up, 2);
-    }
+  BoxAlong box(middle, axes);
+  for (int r = first_row; r <= first_row + rows; ++r)
+    box.extend(&block.vertices[posts.index(r, 0)], side, place_of(posts, r));
+  // Those that have collapsed lie on others of the block, which may be another strip's.
+  if (block.collapses) {
+    for (int r = first_row; r <= first_row + rows; ++r)
+      box.extend(block.vertex(r, 0)), box.extend(block.vertex(r, last));
+    for (const int r : {first_row, first_row + rows})
+      if (r == 0 || r == last)
+        for (int c = 0; c <= last; ++c) box.extend(block.vertex(r, c));
   }
-  if (!(low.x() <= high.x())) return {};
-  const Vec3 mid = (low + high) / 2, half = (high - low) / 2;
+  if (box.empty()) return {};
+  const Vec3 mid = (box.low() + box.high()) / 2, half = (box.high() - box.low()) / 2;
   return {first_row, rows, middle + mid.x() * axes.east + mid.y() * axes.north + mid.z() * axes.up, axes, half};
 }
 
@@ -105,11 +67,13 @@ Strip strip_of(const RasterShape::Box& box, const Vec3& anchor) {
 using Ends = std::array<std::int64_t, 6>;
 constexpr double kEndsPerMetre = 65536;
 
+std::int64_t steps(double metres) { return static_cast<std::int64_t>(std::floor(metres * kEndsPerMetre + 0.5)); }
+
 Ends ends_of(const Vec3& from, const Vec3& to) {
   Ends ends{};
   for (std::size_t k = 0; k < 3; ++k) {
     const auto i = static_cast<Eigen::Index>(k);
-    ends[k] = std::llround(from[i] * kEndsPerMetre), ends[3 + k] = std::llround(to[i] * kEndsPerMetre);
+    ends[k] = steps(from[i]), ends[3 + k] = steps(to[i]);
   }
   return ends;
 }
@@ -118,45 +82,71 @@ struct EndsHash {
   std::size_t operator()(const Ends& e) const { return XXH3_64bits(e.data(), sizeof e); }
 };
 
-void find_edges(RasterShape& shape, const Vertices& vertices) {
-  const int quads = shape.of->posts->extent.quads, last = quads - 1;
-  const auto present = [&](int r, int c) { return shape.of->present(r, c); };
-  const auto triangle = [&](int r, int c, bool upper) {
-    if (r < 0 || c < 0 || r >= quads || c >= quads) return false;
-    const dem::QuadVertices q = dem::vertices_of(r, c, upper);
-    return present(q.r[0], q.c[0]) && present(q.r[1], q.c[1]) && present(q.r[2], q.c[2]);
-  };
-  const std::vector<MeshVertex>& all = shape.of->vertices;
-  const bool whole = std::none_of(all.begin(), all.end(), [](const MeshVertex& v) { return std::isnan(v.height_m); });
-  // A sum doesn't care for the order, and the two ends of an edge are added alike: so nor does it for the direction.
-  const auto add = [&](std::vector<RasterShape::Edge>& list, std::uint64_t* mark, int r0, int c0, int r1, int c1) {
-    const std::size_t from = vertices.at(r0, c0), to = vertices.at(r1, c1);
-    const Ends ends = ends_of(vertices[from], vertices[to]);
-    if (std::equal(ends.begin(), ends.begin() + 3, ends.begin() + 3)) return;
-    list.push_back({static_cast<std::uint16_t>(from), static_cast<std::uint16_t>(to)});
-    if (mark)
-      *mark += (XXH3_64bits(&ends[0], 24) * 0x9e3779b97f4a7c15) ^ (XXH3_64bits(&ends[3], 24) * 0x9e3779b97f4a7c15);
-  };
-  const auto inside = [&](int r0, int c0, int r1, int c1) { add(shape.inside, nullptr, r0, c0, r1, c1); };
-  const auto border = [&](std::size_t side, bool is, int r0, int c0, int r1, int c1) {
-    if (!is) return inside(r0, c0, r1, c1);
-    const int place = side < 2 ? std::min(c0, c1) : std::min(r0, r1);
-    RasterShape::Half& half = shape.along[side][2 * place < quads ? 0 : 1];
-    add(half.edges, &half.mark, r0, c0, r1, c1);
-  };
-  for (int r = 0; r < quads; ++r)
-    for (int c = 0; c < quads; ++c) {
-      // Within a whole block only the quads of its border have anything.
-      if (whole && !shape.of->on_border(r, c)) continue;
-      const bool lower = triangle(r, c, false), upper = triangle(r, c, true);
-      if (lower && !triangle(r - 1, c, true)) border(0, r == 0, r, c, r, c + 1);
-      if (lower && !triangle(r, c - 1, true)) border(2, c == 0, r + 1, c, r, c);
-      if (lower && !upper) inside(r, c + 1, r + 1, c);
-      if (upper && !triangle(r + 1, c, false)) border(1, r == last, r + 1, c + 1, r + 1, c);
-      if (upper && !triangle(r, c + 1, false)) border(3, c == last, r, c + 1, r + 1, c + 1);
-      if (upper && !lower) inside(r + 1, c, r, c + 1);
+// Edges along a block's sides and beside its voids, each with the triangle to its left.
+class EdgeFinder {
+ public:
+  explicit EdgeFinder(RasterShape& shape) : shape_(shape), block_(*shape.of), quads_(block_.side - 1) {}
+
+  void find() {
+    const std::vector<MeshVertex>& all = block_.vertices;
+    const int last = quads_ - 1;
+    if (std::none_of(all.begin(), all.end(), [](const MeshVertex& v) { return std::isnan(v.height_m); })) {
+      for (int i = 0; i <= last; ++i) {
+        border(0, 0, i, 0, i + 1), border(2, i + 1, 0, i, 0);
+        border(1, quads_, i + 1, quads_, i), border(3, i, quads_, i + 1, quads_);
+      }
+      return;
     }
-}
+    for (int r = 0; r < quads_; ++r)
+      for (int c = 0; c < quads_; ++c) {
+        const bool lower = triangle(r, c, false), upper = triangle(r, c, true);
+        if (lower && r == 0) border(0, r, c, r, c + 1);
+        if (lower && r > 0 && !triangle(r - 1, c, true)) inside(r, c, r, c + 1);
+        if (lower && c == 0) border(2, r + 1, c, r, c);
+        if (lower && c > 0 && !triangle(r, c - 1, true)) inside(r + 1, c, r, c);
+        if (lower && !upper) inside(r, c + 1, r + 1, c);
+        if (upper && r == last) border(1, r + 1, c + 1, r + 1, c);
+        if (upper && r < last && !triangle(r + 1, c, false)) inside(r + 1, c + 1, r + 1, c);
+        if (upper && c == last) border(3, r, c + 1, r + 1, c + 1);
+        if (upper && c < last && !triangle(r, c + 1, false)) inside(r, c + 1, r + 1, c + 1);
+        if (upper && !lower) inside(r + 1, c, r, c + 1);
+      }
+  }
+
+ private:
+  bool triangle(int r, int c, bool upper) const {
+    const dem::QuadVertices q = dem::vertices_of(r, c, upper);
+    return block_.present(q.r[0], q.c[0]) && block_.present(q.r[1], q.c[1]) && block_.present(q.r[2], q.c[2]);
+  }
+
+  std::uint16_t index(int r, int c) const { return static_cast<std::uint16_t>(r * shape_.stride + c); }
+
+  // False: it has no length.
+  bool add(std::vector<RasterShape::Edge>& list, int r0, int c0, int r1, int c1, Ends& ends) const {
+    ends = ends_of(block_.vertex(r0, c0), block_.vertex(r1, c1));
+    if (std::equal(ends.begin(), ends.begin() + 3, ends.begin() + 3)) return false;
+    list.push_back({index(r0, c0), index(r1, c1)});
+    return true;
+  }
+
+  void inside(int r0, int c0, int r1, int c1) {
+    Ends ends;
+    add(shape_.inside, r0, c0, r1, c1, ends);
+  }
+
+  // A sum doesn't care for the order, and the two ends of an edge are added alike: so nor does it for the direction.
+  void border(std::size_t side, int r0, int c0, int r1, int c1) {
+    const int place = side < 2 ? std::min(c0, c1) : std::min(r0, r1);
+    RasterShape::Half& half = shape_.along[side][2 * place < quads_ ? 0 : 1];
+    Ends ends;
+    if (add(half.edges, r0, c0, r1, c1, ends))
+      half.mark += (XXH3_64bits(&ends[0], 24) * 0x9e3779b97f4a7c15) ^ (XXH3_64bits(&ends[3], 24) * 0x9e3779b97f4a7c15);
+  }
+
+  RasterShape& shape_;
+  const MeshBlock& block_;
+  const int quads_;
+};
 
 }  // namespace
 
@@ -164,10 +154,9 @@ RasterShape::RasterShape(std::shared_ptr<const MeshBlock> block) : of(std::move(
   const int quads = of->posts->extent.quads;
   stride = (quads + kLanes - 1) / kLanes * kLanes + kLanes;
   static_assert((kMostQuads + 1) * (kMostQuads + 2 * kLanes) <= 1 << 16, "what an edge's ends hold");
-  const Vertices vertices(*of, stride);
   for (int r = 0; r < quads; r += kStripRows)
-    if (const Box box = box_of(*of, vertices, r, std::min(kStripRows, quads - r)); box.rows > 0) boxes.push_back(box);
-  find_edges(*this, vertices);
+    if (const Box box = box_of(*of, r, std::min(kStripRows, quads - r)); box.rows > 0) boxes.push_back(box);
+  EdgeFinder(*this).find();
 }
 
 RasterPiece::RasterPiece(std::shared_ptr<const RasterShape> shape_of_block, const Vec3& anchor)
@@ -182,10 +171,8 @@ RasterPiece::RasterPiece(std::shared_ptr<const RasterShape> shape_of_block, cons
   };
   for (int r = 0; r < of.side; ++r) {
     const std::size_t first = static_cast<std::size_t>(r) * stride;
-    const auto row = static_cast<std::size_t>(r);
-    const RowPlace where{posts.cos_lat[row], posts.sin_lat[row], posts.cos_lon.data(), posts.sin_lon.data()};
     float* x = &xyz[first];
-    place_row(&of.vertices[posts.index(r, 0)], of.side, where, anchor, x, x + plane, x + 2 * plane);
+    place_row(&of.vertices[posts.index(r, 0)], of.side, place_of(posts, r), anchor, x, x + plane, x + 2 * plane);
     for (float* plane_of_row : {x, x + plane, x + 2 * plane})
       std::fill(plane_of_row + of.side, plane_of_row + stride, std::numeric_limits<float>::quiet_NaN());
   }
