@@ -1,5 +1,6 @@
 // POST /v1/frames, from the body to the bytes of the answer.
 #include <fmt/format.h>
+#include <sys/resource.h>
 
 #include <chrono>
 
@@ -22,16 +23,24 @@ double ms_since(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
+// Of all threads. Most of it goes into memory that is touched for the first time.
+double kernel_ms() {
+  ::rusage used{};
+  ::getrusage(RUSAGE_SELF, &used);
+  return 1e3 * static_cast<double>(used.ru_stime.tv_sec) + 1e-3 * static_cast<double>(used.ru_stime.tv_usec);
+}
+
 // https://www.w3.org/TR/server-timing/: durations in milliseconds.
-std::string server_timing(double parse_ms, const engine::StageTimes& times, double encode_ms) {
+std::string server_timing(double parse_ms, const engine::StageTimes& times, double encode_ms, double kernel_ms) {
   std::string drawn;
   if (times.draw_ms > 0)
     drawn = fmt::format("draw;dur={:.3f}, resolve;dur={:.3f}, shadow;dur={:.3f}, ", times.draw_ms, times.resolve_ms,
                         times.shadow_ms);
   return fmt::format(
-      "parse;dur={:.3f}, select;dur={:.3f}, build;dur={:.3f}, visibility;dur={:.3f}, {}sensor;dur={:.3f}, "
-      "encode;dur={:.3f}",
-      parse_ms, times.select_ms, times.build_ms, times.visibility_ms, drawn, times.sensor_ms, encode_ms);
+      "parse;dur={:.3f}, select;dur={:.3f}, build;dur={:.3f}, pyramid;dur={:.3f}, load;dur={:.3f}, "
+      "visibility;dur={:.3f}, {}sensor;dur={:.3f}, encode;dur={:.3f}, touch;dur={:.3f}",
+      parse_ms, times.select_ms, times.build_ms, times.pyramid_ms, times.load_ms, times.visibility_ms, drawn,
+      times.sensor_ms, encode_ms, kernel_ms);
 }
 
 std::string encode(const std::vector<ArrayView>& arrays, Format format, const std::string& meta,
@@ -145,6 +154,7 @@ std::string choose_within_budget(FrameQuery& query, const EndpointContext& conte
 
 Response answer_frames(const EndpointContext& context) {
   const Clock::time_point start = Clock::now();
+  const double kernel_before_ms = kernel_ms();
   FrameQuery query = read_frame(json_body(context), context.limits, context.assets, context.stop);
   const std::string accept = header(context.request, "accept");
   const Representation& representation = negotiate(accept, query.request.products);
@@ -167,7 +177,8 @@ Response answer_frames(const EndpointContext& context) {
   Response response = answer(query, frame, representation, hash_with(frame.report.shadow_limits_px),
                              context.long_metadata, context.stop);
   if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
-  response.headers.emplace_back("Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start)));
+  response.headers.emplace_back(
+      "Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start), kernel_ms() - kernel_before_ms));
   context.renderer.expect(query.request, query.ahead);
   return response;
 }

@@ -74,8 +74,10 @@ OrderedJson headers() {
       {"ETag", header("Strong: stands for the answer's bytes. Absent when a warning says that a coarser layer replaced "
                       "an unusable file")},
       {"Vary", header("Accept")},
-      {"Server-Timing", header("Durations in ms of queue, parse, select, build, visibility (of which, by z-buffer, "
-                               "draw, resolve and shadow), sensor, encode")},
+      {"Server-Timing",
+       header("Durations in ms of queue, parse, select, build (pyramid and load: what both waited for), "
+              "visibility (of which, by z-buffer, draw, resolve and shadow), sensor, encode; touch: "
+              "the system's time meanwhile, most of it for memory touched for the first time")},
       {"Selenograph-Product", header("Of npy and raw answers: the product")},
       {"Selenograph-Shape", header("Of npy and raw answers: height,width or height,width,3")},
       {"Selenograph-Dtype", header("Of npy and raw answers: NumPy's name, e.g. <f4")},

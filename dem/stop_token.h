@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "dem/error.h"
+#include "dem/wait_clock.h"
 
 namespace selenograph {
 
@@ -30,9 +31,18 @@ class StopToken {
     if (stopped()) throw Cancelled();
   }
 
+  // The same, for work whose waits are counted.
+  StopToken counting(Waits& waits) const {
+    StopToken token = *this;
+    token.waits_ = &waits;
+    return token;
+  }
+  Waits* waits() const { return waits_; }  // may be null
+
  private:
   Clock::time_point deadline_ = Clock::time_point::max();
   const std::atomic<bool>* abandoned_ = nullptr;
+  Waits* waits_ = nullptr;
 };
 
 }  // namespace selenograph

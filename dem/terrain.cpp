@@ -227,6 +227,7 @@ struct Terrain::Impl {
   }
 
   std::shared_ptr<const Chunk> chunk(const ChunkPlan& plan, const StopToken& stop) {
+    const Waiting waiting(stop.waits(), &Waits::pyramid);
     return chunks.get(
         plan.node,
         [&] {

@@ -87,6 +87,7 @@ std::vector<float> radiance_in_motion(FrameRequest request, const std::vector<fl
     shadow_limits_px.push_back(frame.report.shadow_limits_px.front());
     times.visibility_ms += frame.times.visibility_ms, times.select_ms += frame.times.select_ms;
     times.build_ms += frame.times.build_ms;
+    times.pyramid_ms += frame.times.pyramid_ms, times.load_ms += frame.times.load_ms;
     add(frame.products.radiance);
   }
   return mean;
@@ -137,7 +138,9 @@ void prepare_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   kept.scene(content_of(request, view, selection), stop, RenderCache::Purpose::preparation);
 }
 
-Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
+Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& token) {
+  Waits waits;
+  const StopToken stop = token.counting(waits);
   const std::optional<Sensor> sensor = sensor_of(asked, stop);
   const FrameRequest request = with_margin_of(sensor, asked);
 
@@ -160,6 +163,7 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   speed.refuse_hopeless(work, moving ? static_cast<std::size_t>(request.sensor->motion.samples) : 1, stop);
   std::shared_ptr<const Scene> scene = kept.scene(content, stop);
   frame.times.build_ms = watch.lap_ms();
+  frame.times.pyramid_ms = waits.pyramid.ms(), frame.times.load_ms = waits.load.ms();
 
   // Visible points, light, radiance, products. Each of sixteen pixels at a time by rays, of all pixels by z-buffer.
   const auto stages = [](auto& algorithm, auto& pixels) {

@@ -88,11 +88,14 @@ std::size_t MeshBlock::bytes() const {
 
 Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before, const StopToken& stop) {
   std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
-  in_parallel(ids.size(), [&](std::size_t i) {
-    stop.check();
-    const auto known = before ? before->share(ids[i]) : nullptr;
-    loaded[i] = known ? known->posts : terrain.block(ids[i], stop);
-  });
+  {
+    const Waiting loading(stop.waits(), &Waits::load);
+    in_parallel(ids.size(), [&](std::size_t i) {
+      stop.check();
+      const auto known = before ? before->share(ids[i]) : nullptr;
+      loaded[i] = known ? known->posts : terrain.block(ids[i], stop);
+    });
+  }
   if (ids.size() > TriangleId::kMostBlocks)
     throw std::length_error(fmt::format("mesh: {} blocks are more than {}", ids.size(), TriangleId::kMostBlocks));
   coarsest_ = dem::kMaxLevel;

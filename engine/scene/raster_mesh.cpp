@@ -33,20 +33,27 @@ RasterShape::Box box_of(const MeshBlock& block, int first_row, int rows) {
   const int side = block.side, last = side - 1;
   const Vec3 middle = posts.position(first_row + rows / 2, last / 2, 0);
   const EastNorthUp axes = local_axes(middle);
-  BoxAlong box(middle, axes);
-  for (int r = first_row; r <= first_row + rows; ++r)
-    box.extend(&block.vertices[posts.index(r, 0)], side, place_of(posts, r));
-  // Those that have collapsed lie on others of the block, which may be another strip's.
-  if (block.collapses) {
-    for (int r = first_row; r <= first_row + rows; ++r)
-      box.extend(block.vertex(r, 0)), box.extend(block.vertex(r, last));
-    for (const int r : {first_row, first_row + rows})
-      if (r == 0 || r == last)
-        for (int c = 0; c <= last; ++c) box.extend(block.vertex(r, c));
+  LocalBounds bounds;
+  LocalRow row_pair[2]{};
+  for (int r = first_row; r <= first_row + rows; ++r) {
+    LocalRow &row = row_pair[r & 1], &south = row_pair[~r & 1];
+    local_row(&block.vertices[posts.index(r, 0)], side, place_of(posts, r), middle, axes, row);
+    const auto put = [&](int c) {
+      const Vec3 at = block.vertex(r, c) - middle;
+      row.set(c, {axes.east.dot(at), axes.north.dot(at), axes.up.dot(at)});
+    };
+    if (block.collapses) put(0), put(last);
+    for (int c = 1; block.collapses && (r == 0 || r == last) && c < last; ++c) put(c);
+    bounds.extend(row, side);
+    if (r > first_row) bounds.extend(south, row, last);
   }
-  if (box.empty()) return {};
-  const Vec3 mid = (box.low() + box.high()) / 2, half = (box.high() - box.low()) / 2;
-  return {first_row, rows, middle + mid.x() * axes.east + mid.y() * axes.north + mid.z() * axes.up, axes, half};
+  if (bounds.empty()) return {};
+  const Vec3 low = Eigen::Vector3f(bounds.low).cast<double>(), high = Eigen::Vector3f(bounds.high).cast<double>();
+  const Vec3 mid = (low + high) / 2, half = (high - low) / 2;
+  RasterShape::Box box{first_row, rows, middle + mid.x() * axes.east + mid.y() * axes.north + mid.z() * axes.up,
+                       axes,      half, {}};
+  std::copy_n(bounds.steepest, box.steepest.size(), box.steepest.begin());
+  return box;
 }
 
 // Relative to the anchor, and slightly larger than its vertices as float has them.
@@ -59,6 +66,7 @@ Strip strip_of(const RasterShape::Box& box, const Vec3& anchor) {
   for (int e = 0; e < 3; ++e)
     for (int k = 0; k < 3; ++k) s.half[e][k] = static_cast<float>(edges[e][k]);
   for (int k = 0; k < 3; ++k) s.centre[k] = static_cast<float>(centre[k]);
+  std::copy(box.steepest.begin(), box.steepest.end(), s.steepest);
   return s;
 }
 

@@ -25,8 +25,9 @@ struct RasterBlock {
 struct Strip {
   std::uint32_t block;
   int first_row, rows;
-  float centre[3];   // of the box, relative to the anchor
-  float half[3][3];  // half its edges: east, north, up
+  float centre[3];    // of the box, relative to the anchor
+  float half[3][3];   // half its edges: east, north, up
+  float steepest[8];  // as in LocalBounds
 };
 
 // A triangle of the skirts at data boundaries, which reach down to below all relief: with them every ray that goes into
@@ -44,7 +45,8 @@ struct RasterShape {
     int first_row, rows;
     Vec3 centre;
     EastNorthUp axes;
-    Vec3 half_m;  // half its edges along them
+    Vec3 half_m;                    // half its edges along them
+    std::array<float, 8> steepest;  // of its triangles, as in LocalBounds
   };
   // Index of a vertex in RasterBlock; the triangle is on the left.
   struct Edge {

@@ -1,5 +1,7 @@
 #include "engine/scene/vertex_rows.h"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "dem/vector_targets.h"
@@ -27,46 +29,97 @@ void PlaceRow(const MeshVertex* row, int n, const RowPlace& place, const double*
   }
 }
 
-// axes: east, north, up, three numbers each. Comparisons with NaN are false: voids don't count.
-void ExtendBox(const MeshVertex* row, int n, const RowPlace& place, const double* origin, const double* axes,
-               double* low, double* high) {
-  const hn::CappedTag<double, 8> d;
-  const hn::Rebind<float, decltype(d)> f;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  const auto extend_one = [&](int c) {
-    const double radius = kMoonRadius_m + static_cast<double>(row[c].height_m), across = radius * place.cos_lat;
-    const double x = across * place.cos_lon[c] - origin[0], y = across * place.sin_lon[c] - origin[1],
-                 z = radius * place.sin_lat - origin[2];
-    for (int k = 0; k < 3; ++k) {
-      const double p = axes[3 * k] * x + axes[3 * k + 1] * y + axes[3 * k + 2] * z;
-      low[k] = p < low[k] ? p : low[k], high[k] = p > high[k] ? p : high[k];
-    }
-  };
-  int c = 0;
-  if (n >= lanes) {
-    auto low0 = hn::Set(d, low[0]), low1 = hn::Set(d, low[1]), low2 = hn::Set(d, low[2]), high0 = hn::Set(d, high[0]),
-         high1 = hn::Set(d, high[1]), high2 = hn::Set(d, high[2]);
-    for (; c + lanes <= n; c += lanes) {
-      HWY_ALIGN float heights[8];
-      for (int i = 0; i < lanes; ++i) heights[i] = row[c + i].height_m;
-      const auto radius = hn::Add(hn::Set(d, kMoonRadius_m), hn::PromoteTo(d, hn::Load(f, heights)));
-      const auto across = hn::Mul(radius, hn::Set(d, place.cos_lat));
-      const auto x = hn::Sub(hn::Mul(across, hn::LoadU(d, place.cos_lon + c)), hn::Set(d, origin[0]));
-      const auto y = hn::Sub(hn::Mul(across, hn::LoadU(d, place.sin_lon + c)), hn::Set(d, origin[1]));
-      const auto z = hn::Sub(hn::Mul(radius, hn::Set(d, place.sin_lat)), hn::Set(d, origin[2]));
-      const auto extend = [&](const double* axis, auto& lowest, auto& highest) HWY_ATTR {
-        const auto p = hn::Add(hn::Add(hn::Mul(hn::Set(d, axis[0]), x), hn::Mul(hn::Set(d, axis[1]), y)),
-                               hn::Mul(hn::Set(d, axis[2]), z));
-        lowest = hn::IfThenElse(hn::Lt(p, lowest), p, lowest);
-        highest = hn::IfThenElse(hn::Gt(p, highest), p, highest);
-      };
-      extend(axes, low0, high0), extend(axes + 3, low1, high1), extend(axes + 6, low2, high2);
-    }
-    low[0] = hn::GetLane(hn::MinOfLanes(d, low0)), high[0] = hn::GetLane(hn::MaxOfLanes(d, high0));
-    low[1] = hn::GetLane(hn::MinOfLanes(d, low1)), high[1] = hn::GetLane(hn::MaxOfLanes(d, high1));
-    low[2] = hn::GetLane(hn::MinOfLanes(d, low2)), high[2] = hn::GetLane(hn::MaxOfLanes(d, high2));
+// axes: east, north, up, three numbers each.
+void RowAlong(const MeshVertex* row, int n, const RowPlace& place, const double* origin, const double* axes,
+              LocalRow& out) {
+  const double cos_lat = place.cos_lat, sin_lat = place.sin_lat, ox = origin[0], oy = origin[1], oz = origin[2];
+  const double *HWY_RESTRICT cos_lon = place.cos_lon, *HWY_RESTRICT sin_lon = place.sin_lon;
+  const double ex = axes[0], ey = axes[1], ez = axes[2], nx = axes[3], ny = axes[4], nz = axes[5], ux = axes[6],
+               uy = axes[7], uz = axes[8];
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int c = 0; c < n; ++c) {
+    const double radius = kMoonRadius_m + static_cast<double>(row[c].height_m), across = radius * cos_lat;
+    const double x = across * cos_lon[c] - ox, y = across * sin_lon[c] - oy, z = radius * sin_lat - oz;
+    out.east[c] = static_cast<float>(ex * x + ey * y + ez * z);
+    out.north[c] = static_cast<float>(nx * x + ny * y + nz * z);
+    out.up[c] = static_cast<float>(ux * x + uy * y + uz * z);
   }
-  for (; c < n; ++c) extend_one(c);
+}
+
+const hn::ScalableTag<float> f;
+using VF = hn::Vec<decltype(f)>;
+using MF = hn::Mask<decltype(f)>;
+
+struct Most {
+  VF least, most;
+  HWY_INLINE void extend(VF x, MF counts) {
+    least = hn::IfThenElse(hn::And(counts, hn::Lt(x, least)), x, least);
+    most = hn::IfThenElse(hn::And(counts, hn::Gt(x, most)), x, most);
+  }
+};
+
+HWY_INLINE Most none() {
+  const VF infinite = hn::Set(f, std::numeric_limits<float>::infinity());
+  return {infinite, hn::Neg(infinite)};
+}
+
+void ExtendBox(const LocalRow& row, int n, float* low, float* high) {
+  const int lanes = static_cast<int>(hn::Lanes(f));
+  const float* along[3] = {row.east, row.north, row.up};
+  for (int k = 0; k < 3; ++k) {
+    Most all = none();
+    for (int c = 0; c < n; c += lanes)
+      all.extend(hn::Load(f, along[k] + c), hn::FirstN(f, static_cast<std::size_t>(std::min(lanes, n - c))));
+    low[k] = std::min(low[k], hn::GetLane(hn::MinOfLanes(f, all.least)));
+    high[k] = std::max(high[k], hn::GetLane(hn::MaxOfLanes(f, all.most)));
+  }
+}
+
+constexpr float kThin = 0.25F;
+
+// Rises of triangles from the cross product of two edges, which are turned alike in both triangles of a quad.
+void ExtendSlopes(const LocalRow& south, const LocalRow& north, int quads, float* steepest) {
+  const int lanes = static_cast<int>(hn::Lanes(f));
+  const VF zero = hn::Zero(f), diagonal = hn::Set(f, std::sqrt(0.5F));
+  Most rises[4] = {none(), none(), none(), none()};
+  MF unsafe = hn::Ne(zero, zero);
+  const auto triangle = [&](VF ae, VF an, VF au, VF be, VF bn, VF bu, MF counts) HWY_ATTR {
+    const VF e = hn::Sub(hn::Mul(an, bu), hn::Mul(au, bn)), n = hn::Sub(hn::Mul(au, be), hn::Mul(ae, bu)),
+             u = hn::Sub(hn::Mul(ae, bn), hn::Mul(an, be));
+    // What float says of triangles much thinner than half a quad is not to be relied on.
+    const VF sides = hn::Mul(hn::Add(hn::Abs(ae), hn::Abs(an)), hn::Add(hn::Abs(be), hn::Abs(bn)));
+    const MF safe = hn::Gt(u, hn::Mul(sides, hn::Set(f, kThin)));
+    const MF none = hn::And(hn::Eq(e, zero), hn::And(hn::Eq(n, zero), hn::Eq(u, zero)));
+    const MF known = hn::Eq(hn::Add(hn::Add(e, n), u), hn::Add(hn::Add(e, n), u));
+    unsafe = hn::Or(unsafe, hn::And(hn::And(counts, known), hn::Not(hn::Or(safe, none))));
+    counts = hn::And(counts, safe);
+    const VF to_east = hn::Neg(hn::Div(e, u)), to_north = hn::Neg(hn::Div(n, u));
+    rises[0].extend(to_east, counts), rises[2].extend(to_north, counts);
+    rises[1].extend(hn::Mul(hn::Add(to_east, to_north), diagonal), counts);
+    rises[3].extend(hn::Mul(hn::Sub(to_north, to_east), diagonal), counts);
+  };
+  for (int c = 0; c < quads; c += lanes) {
+    const MF counts = hn::FirstN(f, static_cast<std::size_t>(std::min(lanes, quads - c)));
+    const auto corner = [&](const LocalRow& row, int shift, VF& e, VF& n, VF& u) HWY_ATTR {
+      e = hn::LoadU(f, row.east + c + shift), n = hn::LoadU(f, row.north + c + shift),
+      u = hn::LoadU(f, row.up + c + shift);
+    };
+    VF ae, an, au, be, bn, bu, ce, cn, cu, de, dn, du;
+    corner(south, 0, ae, an, au), corner(south, 1, be, bn, bu), corner(north, 0, ce, cn, cu),
+        corner(north, 1, de, dn, du);
+    triangle(hn::Sub(be, ae), hn::Sub(bn, an), hn::Sub(bu, au), hn::Sub(ce, ae), hn::Sub(cn, an), hn::Sub(cu, au),
+             counts);
+    triangle(hn::Sub(ce, de), hn::Sub(cn, dn), hn::Sub(cu, du), hn::Sub(be, de), hn::Sub(bn, dn), hn::Sub(bu, du),
+             counts);
+  }
+  const bool any_unsafe = !hn::AllFalse(f, unsafe);
+  for (int k = 0; k < 4; ++k) {
+    const float most =
+                    any_unsafe ? std::numeric_limits<float>::infinity() : hn::GetLane(hn::MaxOfLanes(f, rises[k].most)),
+                least = any_unsafe ? -std::numeric_limits<float>::infinity()
+                                   : hn::GetLane(hn::MinOfLanes(f, rises[k].least));
+    steepest[k] = std::max(steepest[k], most), steepest[k + 4] = std::max(steepest[k + 4], -least);
+  }
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -76,28 +129,31 @@ HWY_AFTER_NAMESPACE();
 namespace selenograph::engine {
 
 HWY_EXPORT(PlaceRow);
+HWY_EXPORT(RowAlong);
 HWY_EXPORT(ExtendBox);
+HWY_EXPORT(ExtendSlopes);
 
 void place_row(const MeshVertex* row, int n, const RowPlace& place, const Vec3& anchor_m, float* x, float* y,
                float* z) {
   HWY_DYNAMIC_DISPATCH(PlaceRow)(row, n, place, anchor_m.data(), x, y, z);
 }
 
-BoxAlong::BoxAlong(const Vec3& origin_m, const EastNorthUp& axes)
-    : origin_(origin_m), axes_{axes.east, axes.north, axes.up} {
-  low_.fill(std::numeric_limits<double>::infinity());
-  high_.fill(-std::numeric_limits<double>::infinity());
+void local_row(const MeshVertex* row, int n, const RowPlace& place, const Vec3& origin_m, const EastNorthUp& axes,
+               LocalRow& out) {
+  const double along[9] = {axes.east.x(),  axes.east.y(), axes.east.z(), axes.north.x(), axes.north.y(),
+                           axes.north.z(), axes.up.x(),   axes.up.y(),   axes.up.z()};
+  HWY_DYNAMIC_DISPATCH(RowAlong)(row, n, place, origin_m.data(), along, out);
 }
 
-void BoxAlong::extend(const MeshVertex* row, int n, const RowPlace& place) {
-  HWY_DYNAMIC_DISPATCH(ExtendBox)(row, n, place, origin_.data(), axes_[0].data(), low_.data(), high_.data());
+LocalBounds::LocalBounds() {
+  constexpr float kInfinite = std::numeric_limits<float>::infinity();
+  std::fill_n(low, 3, kInfinite), std::fill_n(high, 3, -kInfinite), std::fill_n(steepest, 8, -kInfinite);
 }
 
-void BoxAlong::extend(const Vec3& vertex_m) {
-  for (std::size_t k = 0; k < 3; ++k) {
-    const double p = axes_[k].dot(vertex_m - origin_);
-    low_[k] = p < low_[k] ? p : low_[k], high_[k] = p > high_[k] ? p : high_[k];
-  }
+void LocalBounds::extend(const LocalRow& row, int n) { HWY_DYNAMIC_DISPATCH(ExtendBox)(row, n, low, high); }
+
+void LocalBounds::extend(const LocalRow& south, const LocalRow& north, int quads) {
+  HWY_DYNAMIC_DISPATCH(ExtendSlopes)(south, north, quads, steepest);
 }
 
 }  // namespace selenograph::engine

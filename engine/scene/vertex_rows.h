@@ -1,8 +1,6 @@
 // Rows of vertices from the angles and heights of their posts, for every vector width.
 #pragma once
 
-#include <array>
-
 #include "engine/scene/mesh.h"
 
 namespace selenograph::engine {
@@ -17,21 +15,30 @@ struct RowPlace {
 // vertices that have not collapsed.
 void place_row(const MeshVertex* row, int n, const RowPlace& place, const Vec3& anchor_m, float* x, float* y, float* z);
 
-// The box of vertices along the axes of a place. Those without data don't count.
-class BoxAlong {
- public:
-  BoxAlong(const Vec3& origin_m, const EastNorthUp& axes);
-  void extend(const MeshVertex* row, int n, const RowPlace& place);  // as if none had collapsed
-  void extend(const Vec3& vertex_m);
+// A row of vertices along the axes of a place among them, metres; float is enough for bounds. NaN: no data.
+struct LocalRow {
+  static constexpr int kMost = 96;  // a block's columns, and a vector more
+  alignas(64) float east[kMost], north[kMost], up[kMost];
+  void set(int column, const Vec3& local) {
+    east[column] = static_cast<float>(local.x()), north[column] = static_cast<float>(local.y()),
+    up[column] = static_cast<float>(local.z());
+  }
+};
+// As if none had collapsed.
+void local_row(const MeshVertex* row, int n, const RowPlace& place, const Vec3& origin_m, const EastNorthUp& axes,
+               LocalRow& out);
 
-  bool empty() const { return !(low_[0] <= high_[0]); }
-  Vec3 low() const { return Vec3(low_.data()); }  // along east, north, up
-  Vec3 high() const { return Vec3(high_.data()); }
+// Bounds over rows of vertices and the triangles between them. What has no data doesn't count.
+struct LocalBounds {
+  LocalBounds();
+  void extend(const LocalRow& row, int n);
+  void extend(const LocalRow& south, const LocalRow& north, int quads);
 
- private:
-  Vec3 origin_;
-  std::array<Vec3, 3> axes_;
-  std::array<double, 3> low_, high_;
+  bool empty() const { return !(low[0] <= high[0]); }
+  float low[3], high[3];  // along east, north, up
+  // The steepest rise of any triangle toward east, north-east, north, north-west ...; infinite where one stands
+  // upright.
+  float steepest[8];
 };
 
 }  // namespace selenograph::engine

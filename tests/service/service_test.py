@@ -113,7 +113,7 @@ class Frames(WithService):
     def test_stages_are_timed(self):
         _, headers, _ = self.service.frame(frame_request())
         stages = [stage.split(";")[0].strip() for stage in headers["Server-Timing"].split(",")]
-        for stage in ("queue", "select", "build", "visibility"):
+        for stage in ("queue", "select", "build", "pyramid", "load", "visibility", "touch"):
             self.assertIn(stage, stages)
         for stage in headers["Server-Timing"].split(","):
             self.assertRegex(stage.strip(), r"^[a-z]+;dur=[0-9.]+$")

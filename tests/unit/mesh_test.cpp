@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
+#include <numbers>
 #include <set>
 #include <unordered_map>
 
@@ -252,6 +254,41 @@ TEST_F(MeshTest, TakenOverIsTheSame) {
   EXPECT_EQ(std::memcmp(elsewhere.strips().data(), fresh.strips().data(), fresh.strips().size() * sizeof(Strip)), 0);
   ASSERT_EQ(elsewhere.skirts().size(), fresh.skirts().size());
   EXPECT_EQ(std::memcmp(elsewhere.skirts().data(), fresh.skirts().data(), fresh.skirts().size() * sizeof(Skirt)), 0);
+}
+
+// Of every strip: no triangle rises more steeply toward any of the eight directions than is said, and one as steeply.
+TEST_F(MeshTest, StripsKnowTheirSteepestTriangles) {
+  const Mesh mesh(*terrain_, box(5, 2, 10, 20, 28, pseudo_random));
+  const RasterMesh drawn(mesh, to_cartesian({6, 24, 0}));
+  std::size_t unknown = 0;
+  for (const Strip& strip : drawn.strips()) {
+    const MeshBlock& block = mesh.blocks()[strip.block];
+    const int quads = block.posts->extent.quads;
+    const EastNorthUp axes = local_axes(block.posts->position(strip.first_row + strip.rows / 2, quads / 2, 0));
+    std::array<double, 8> steepest;
+    steepest.fill(-std::numeric_limits<double>::infinity());
+    for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r)
+      for (int c = 0; c < quads; ++c)
+        for (const bool upper : {false, true}) {
+          const dem::Triangle t = mesh.triangle(TriangleId(strip.block, r, c, upper));
+          const Vec3 normal = (t.b - t.a).cross(t.c - t.a);
+          if (!(normal.norm() > 1e-3)) continue;  // voids, and what has collapsed
+          ASSERT_GT(normal.dot(axes.up), 0);
+          const double east = -normal.dot(axes.east) / normal.dot(axes.up),
+                       north = -normal.dot(axes.north) / normal.dot(axes.up);
+          for (std::size_t k = 0; k < 8; ++k) {
+            const double azimuth = static_cast<double>(k) * std::numbers::pi / 4;
+            steepest[k] = std::max(steepest[k], east * std::cos(azimuth) + north * std::sin(azimuth));
+          }
+        }
+    if (std::isinf(strip.steepest[0])) {
+      ++unknown;
+      continue;
+    }
+    for (std::size_t k = 0; k < 8; ++k) EXPECT_NEAR(strip.steepest[k], steepest[k], 1e-4 * (1 + std::abs(steepest[k])));
+  }
+  EXPECT_GT(drawn.strips().size(), 100U);
+  EXPECT_LT(unknown, drawn.strips().size() / 10) << "with very thin triangles";
 }
 
 // Skirts hang under the border of the data and nowhere else: as many as that border has edges, two each.

@@ -56,7 +56,7 @@ class Grid {
     return {1, 1, [&](int row, int column) { return row == 0 ? (column == 0 ? a : b) : column == 0 ? c : d; }};
   }
   const RasterBlock& block() const { return block_; }
-  Strip strip(std::uint32_t block = 0) const { return {block, 0, rows_, {}, {}}; }
+  Strip strip(std::uint32_t block = 0) const { return {block, 0, rows_, {}, {}, {}}; }
 
  private:
   int rows_, stride_;

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
+#include <numbers>
 
 #include "dem/error.h"
 #include "dem/parallel.h"
@@ -161,7 +161,33 @@ ShadowMap::Caster ShadowMap::caster_of(const Strip& s) const {
   Caster c;
   float unused;
   range(axes_.u, c.u_low, c.u_high), range(axes_.v, c.v_low, c.v_high), range(axes_.d, unused, c.d_high);
+  c.casts = may_face_away(s);
   return c;
+}
+
+// A triangle faces away where it rises more steeply toward the Sun than the Sun does: more than the strip's steepest
+// toward the two of eight directions that the Sun's lies between can't be. What triangles have as float is close enough
+// to turn those that are nearly edge-on, no others.
+bool ShadowMap::may_face_away(const Strip& s) const {
+  double toward[3], shortest = std::numeric_limits<double>::infinity();
+  for (int k = 0; k < 3; ++k) {
+    const Vec3 half(static_cast<double>(s.half[k][0]), static_cast<double>(s.half[k][1]),
+                    static_cast<double>(s.half[k][2]));
+    const double length = half.norm();
+    toward[k] = d_.dot(half) / length;
+    const int quads = k == 0 ? mesh_.blocks()[s.block].quads : s.rows;
+    if (k < 2) shortest = std::min(shortest, 2 * length / quads);
+  }
+  const auto [east, north, up] = toward;
+  const double along = std::abs(east), across = std::abs(north);
+  const int axis = along >= across ? (east < 0 ? 4 : 0) : (north < 0 ? 6 : 2);
+  const int diagonal = north < 0 ? (east < 0 ? 5 : 7) : (east < 0 ? 3 : 1);
+  const auto first = static_cast<double>(s.steepest[axis]), second = static_cast<double>(s.steepest[diagonal]);
+  const double rise = std::abs(along - across) * first + std::numbers::sqrt2 * std::min(along, across) * second;
+  const double distance =
+      Vec3(static_cast<double>(s.centre[0]), static_cast<double>(s.centre[1]), static_cast<double>(s.centre[2])).norm();
+  const double margin = 2e-4 + 0x1p-19 * distance / shortest;
+  return !(rise + margin * (1 + std::max(std::abs(first), std::abs(second))) < up);
 }
 
 // At low Sun, occluders are processed in descending height toward it: the highest darken most, and what is dark needs
@@ -169,8 +195,8 @@ ShadowMap::Caster ShadowMap::caster_of(const Strip& s) const {
 void ShadowMap::order_casters() {
   constexpr double kLow = 0.1;  // sine of the Sun's elevation: 6 degrees, between the two that were measured
   descending_ = mesh_.anchor().normalized().dot(d_) < kLow;
-  order_.resize(casters_.size());
-  std::iota(order_.begin(), order_.end(), 0U);
+  for (std::uint32_t i = 0; i < casters_.size(); ++i)
+    if (casters_[i].casts) order_.push_back(i);
   if (descending_)
     std::sort(order_.begin(), order_.end(),
               [&](std::uint32_t a, std::uint32_t b) { return casters_[a].d_high > casters_[b].d_high; });

@@ -88,6 +88,7 @@ class ShadowMap {
   // A strip as seen from the Sun.
   struct Caster {
     float v_low, v_high, u_low, u_high, d_high;
+    bool casts;  // some triangle may face away from the Sun: the others cast nothing
   };
   struct Grid;
 
@@ -97,6 +98,7 @@ class ShadowMap {
   static void sort_by_cell(const Grid& grid, std::size_t band, const LightScratch& scratch, std::size_t count,
                            BandScratch& own);
   Caster caster_of(const Strip& strip) const;
+  bool may_face_away(const Strip& strip) const;
   void order_casters();
   void cast_strips(const Grid& grid, int band_index, LightBand& band) const;
   void cast_skirts(LightBand& band) const;
@@ -105,7 +107,7 @@ class ShadowMap {
   Vec3 u_, v_, d_;
   LightAxes axes_;
   std::vector<Caster> casters_;       // per strip
-  std::vector<std::uint32_t> order_;  // in which they cast
+  std::vector<std::uint32_t> order_;  // in which they cast, those that do
   bool descending_ = false;           // in height toward the Sun
   struct Range {
     float low, high;
