@@ -100,6 +100,14 @@ TEST_F(ShadowMapTest, AHighSunOrOneFromBehindLeavesNone) {
   EXPECT_TRUE(shadowed(ShadowMap(mesh(), sun(170)), points).empty());
 }
 
+// Kept from frame to frame: what one frame had no memory to finish, the next one does.
+TEST_F(ShadowMapTest, RoomThatWasLeftUnfinished) {
+  LightSamples samples;
+  samples.u.resize(1000);
+  samples.make_room(1000);
+  for (const std::size_t size : {samples.v.size(), samples.d.size(), samples.pixel.size()}) EXPECT_GE(size, 1000U);
+}
+
 TEST_F(ShadowMapTest, SamplesTurnFromOneMapToAnother) {
   const ShadowMap from(mesh(), sun(10)), to(mesh(), sun(10.3));
   const SurfacePoints points = beside_the_ray(sun(10));

@@ -204,8 +204,11 @@ void ShadowMap::order_casters() {
 
 void LightSamples::make_room(std::size_t capacity, bool of_disc) {
   if (of_disc && faces.size() < capacity) faces.resize(capacity);
-  if (u.size() >= capacity) return;
-  u.resize(capacity), v.resize(capacity), d.resize(capacity), pixel.resize(capacity);
+  // Each by itself: where memory ran out for one of them, the others have grown already.
+  const auto grow = [&](auto& numbers) {
+    if (numbers.size() < capacity) numbers.resize(capacity);
+  };
+  grow(u), grow(v), grow(d), grow(pixel);
 }
 
 std::size_t BandScratch::bytes() const {
