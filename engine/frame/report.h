@@ -33,8 +33,8 @@ struct RadianceTerms {
 };
 
 struct StageTimes {
-  double select_ms = 0;      // level of detail, casters
-  double build_ms = 0;       // mesh and acceleration structure; 0 when the scene was warm
+  double select_ms = 0;  // level of detail, casters
+  double build_ms = 0;   // mesh and acceleration structure; 0 when the scene was warm
   // Of those two: waiting for parts of the pyramid to be read or made; for blocks to be loaded, with what that waited
   // for the pyramid.
   double pyramid_ms = 0, load_ms = 0;
