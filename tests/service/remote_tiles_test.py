@@ -15,12 +15,14 @@ import struct
 import threading
 import time
 import unittest
+import unittest.mock
 
 import harness
 from harness import Service
 
 SIDE, TILED = 512, 128  # posts of a tile, and of one of the blocks within
 PLACES = [(0.5, 30.5), (0.31, 30.77), (0.9, 30.12)]
+NO_SUCH_KEY = b"<?xml version='1.0'?><Error><Code>NoSuchKey</Code><Message>none</Message></Error>"  # as S3 says it
 TIMES = {"GDAL_HTTP_TIMEOUT": "1", "GDAL_HTTP_CONNECTTIMEOUT": "1"}
 
 
@@ -132,7 +134,7 @@ class Answer(http.server.BaseHTTPRequestHandler):
         if isinstance(fault, int):
             return self.send(fault, b"<html>sorry</html>", with_body)
         if content is None:
-            return self.send(404, b"none", with_body)
+            return self.send(404, NO_SUCH_KEY, with_body)
         body = content[first:last + 1]
         self.send_response(206 if wanted else 200)
         self.send_header("Accept-Ranges", "bytes")
@@ -340,6 +342,56 @@ class RemoteTiles(unittest.TestCase):
             self.assertEqual(status, 503, body)
         self.assertEqual(status, 200)
         self.check_heights()
+
+
+class TilesInABucket(unittest.TestCase):
+    """The same by GDAL's file system for S3, at an endpoint of this machine."""
+
+    def setUp(self):
+        self.server = Tiles()
+        self.server.files["/bucket/dem/moon.tif"] = tiff()
+        self.url = "/vsis3/bucket/dem/moon.tif"
+        endpoint = {"AWS_S3_ENDPOINT": f"127.0.0.1:{self.server.server_port}", "AWS_HTTPS": "NO",
+                    "AWS_VIRTUAL_HOSTING": "FALSE", "AWS_NO_SIGN_REQUEST": "YES"}
+        with unittest.mock.patch.dict(os.environ, endpoint):
+            self.service = Service(options=["--port", "0", "--cache-dir", harness.path(f"cache-{self.id()}"),
+                                            "--remote-prefix", "/vsis3/bucket/dem/", "--dem", self.url])
+
+    def tearDown(self):
+        self.assertEqual(self.service.stop(), 0)
+        self.server.shutdown()
+        self.server.server_close()
+
+    def height(self, place):
+        return self.service.ask("GET", f"/v1/height?lat_deg={place[0]}&lon_deg={place[1]}", headers={"Request-Timeout-Ms": "60000"})
+
+    def check_heights(self):
+        for place in PLACES:
+            status, _, body = self.height(place)
+            self.assertEqual(status, 200, body)
+            self.assertAlmostEqual(json.loads(body)["height_m"], height_at(*place), delta=1.01)
+
+    def test_they_are_read(self):
+        self.check_heights()
+        self.assertEqual({r[1].partition("?")[0] for r in self.server.asked()}, {"/bucket/dem/moon.tif"})
+
+    def test_faults_are_tried_again_then_name_the_tile(self):
+        for kind in (503, "hang up", "truncate"):
+            with self.subTest(kind):
+                self.server.go_wrong(kind)
+                status, headers, body = self.height(PLACES[0])
+                self.assertEqual(status, 503, body)
+                self.assertIn("Retry-After", headers)
+                self.assertIn(self.url, json.loads(body)["detail"])
+        for kind in (503, "hang up", "truncate"):
+            self.server.go_wrong(kind, times=1)
+            self.check_heights()
+
+    def test_one_that_is_gone(self):
+        del self.server.files["/bucket/dem/moon.tif"]
+        status, _, body = self.height(PLACES[0])
+        self.assertEqual(status, 500, body)
+        self.assertIn(self.url + " is missing", json.loads(body)["detail"].replace(": ", " "))
 
 
 if __name__ == "__main__":
