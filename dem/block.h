@@ -21,15 +21,21 @@ inline constexpr SourceMark kFilledBit = 0x80000000;
 inline constexpr SourceIndex source_of(SourceMark mark) { return mark & ~kFilledBit; }
 inline constexpr bool is_filled(SourceMark mark) { return (mark & kFilledBit) != 0; }
 
+// What the lattice doesn't say of a place of its: alone in sixteen bytes, as rendering fetches it.
+struct alignas(16) Vertex {
+  float height_m;          // above the sphere; NaN: no data
+  Eigen::Vector3f normal;  // unit, MOON_ME, for shading: see shading_normals.h
+};
+static_assert(sizeof(Vertex) == 16);
+
 // Immutable once made, shared between frames. Arrays are (quads + 1)^2, row 0 in the south, column 0 in the west.
 struct Block {
   BlockId id;
   BlockExtent extent{};
-  std::vector<float> heights;            // m above the sphere; NaN: no data
-  std::vector<Eigen::Vector3f> normals;  // unit, MOON_ME, for shading: see shading_normals.h
-  std::vector<SourceMark> sources;       // one when the whole block has the same, else one per post
-  double error_m = 0;                    // as in NodeInfo
-  float min_m = 0, max_m = 0;            // of the heights here and of the finest surface beneath
+  std::vector<Vertex> vertices;
+  std::vector<SourceMark> sources;  // one when the whole block has the same, else one per post
+  double error_m = 0;               // as in NodeInfo
+  float min_m = 0, max_m = 0;       // of the heights here and of the finest surface beneath
   // Separable sines and cosines of rows and columns: the bulk conversion to Cartesian.
   std::vector<double> sin_lat, cos_lat, sin_lon, cos_lon;
 
@@ -44,7 +50,7 @@ struct Block {
     return {radius * cos_lat[row] * cos_lon[col], radius * cos_lat[row] * sin_lon[col], radius * sin_lat[row]};
   }
   std::size_t bytes() const {
-    return sizeof(Block) + heights.size() * 4 + normals.size() * 12 + sources.size() * sizeof(SourceMark) +
+    return sizeof(Block) + vertices.size() * sizeof(Vertex) + sources.size() * sizeof(SourceMark) +
            8 * 2 * (sin_lat.size() + sin_lon.size());
   }
 };

@@ -63,8 +63,9 @@ void check_heights(const Block& block, const std::vector<float>& with_halo, cons
   const bool heights =
       std::all_of(with_halo.begin(), with_halo.end(), [&](float h) { return std::isnan(h) || is_height(h); });
   const bool bounded = is_height(block.min_m) && is_height(block.max_m) &&
-                       std::all_of(block.heights.begin(), block.heights.end(),
-                                   [&](float h) { return std::isnan(h) || (h >= block.min_m && h <= block.max_m); });
+                       std::all_of(block.vertices.begin(), block.vertices.end(), [&](const Vertex& v) {
+                         return std::isnan(v.height_m) || (v.height_m >= block.min_m && v.height_m <= block.max_m);
+                       });
   if (!heights || !bounded || !(block.error_m >= 0 && std::isfinite(block.error_m)))
     throw DataError(name, "damaged pyramid file: impossible heights in block " + to_string(block.id));
 }
@@ -221,11 +222,10 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id, const PostSource& so
     heights = stored(*record, *block);
   }
   const auto side = static_cast<std::size_t>(block->side()), wide = side + 2 * kHalo;
-  block->heights.reserve(side * side);
+  block->vertices.resize(side * side);
   for (std::size_t r = 0; r < side; ++r)
-    block->heights.insert(block->heights.end(),
-                          heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo),
-                          heights.begin() + static_cast<std::ptrdiff_t>((r + kHalo) * wide + kHalo + side));
+    for (std::size_t c = 0; c < side; ++c)
+      block->vertices[r * side + c].height_m = heights[(r + kHalo) * wide + kHalo + c];
   try {
     check_heights(*block, heights, name());
   } catch (const DataError& error) {

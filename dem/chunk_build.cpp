@@ -85,7 +85,7 @@ void paste(const Block& block, Grid& grid) {
         if (col < 0 || col >= grid.window.cols) continue;
         const int a = c / stride, b = std::min(a + 1, e.quads);
         const float t = static_cast<float>(c % stride) / static_cast<float>(stride);
-        const float ha = block.heights[block.index(r, a)], hb = block.heights[block.index(r, b)];
+        const float ha = block.vertices[block.index(r, a)].height_m, hb = block.vertices[block.index(r, b)].height_m;
         const std::size_t at = grid.index(static_cast<int>(row), static_cast<int>(col));
         grid.posts.heights[at] = t == 0 ? ha : ha + t * (hb - ha);
         grid.posts.sources[at] = block.source(r, a);
@@ -101,8 +101,8 @@ struct LeftOut {
   void add(const Block& block) {
     error_m = std::max(error_m, block.error_m);
     float low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
-    for (const float h : block.heights)
-      if (!std::isnan(h)) low = std::min(low, h), high = std::max(high, h);
+    for (const Vertex& v : block.vertices)
+      if (!std::isnan(v.height_m)) low = std::min(low, v.height_m), high = std::max(high, v.height_m);
     below_m = std::max(below_m, low - block.min_m), above_m = std::max(above_m, block.max_m - high);
   }
 };

@@ -43,7 +43,6 @@ void fill_shading_normals(Block& block, std::span<const float> heights, double q
   const int reach = reach_for(quantisation_m, post_spacing_m(block.id.level));
   const double radians_per_tick = kRadiansPerDegree / kTicksPerDegree;
   const double dlat = block.extent.lat_step * radians_per_tick, dlon = block.extent.lon_step * radians_per_tick;
-  block.normals.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
   const bool full = std::none_of(heights.begin(), heights.end(), [](float h) { return std::isnan(h); });
   std::vector<float> of_row(3 * static_cast<std::size_t>(side));
   float *x = of_row.data(), *y = x + side, *z = y + side;
@@ -55,7 +54,7 @@ void fill_shading_normals(Block& block, std::span<const float> heights, double q
     if (full && !pole) {
       normals_of_row(centres, stride, side, reach,
                      {cos_lat, sin_lat, block.cos_lon.data(), block.sin_lon.data(), dlat, dlon}, x, y, z);
-      for (int c = 0; c < side; ++c) block.normals[block.index(r, c)] = {x[c], y[c], z[c]};
+      for (int c = 0; c < side; ++c) block.vertices[block.index(r, c)].normal = {x[c], y[c], z[c]};
       continue;
     }
     for (int c = 0; c < side; ++c) {
@@ -71,7 +70,7 @@ void fill_shading_normals(Block& block, std::span<const float> heights, double q
         normal = (up - east * (s.along_row / (radius * cos_lat * dlon)) - north * (s.along_column / (radius * dlat)))
                      .normalized();
       }
-      block.normals[block.index(r, c)] = normal.cast<float>();
+      block.vertices[block.index(r, c)].normal = normal.cast<float>();
     }
   }
 }

@@ -15,9 +15,9 @@ namespace selenograph::dem {
 inline constexpr int kHalo = 2;                     // posts beyond the block on each side that the stencil may need
 inline constexpr double kQuantisationSlope = 0.01;  // 0.6 degrees
 
-// `heights` are (quads + 1 + 2 kHalo)^2 posts, row-major from the south-west, around the block whose extent and
-// trigonometry are already filled. NaN posts are left out; a post without enough valid neighbours gets the local
-// vertical.
+// `heights` are (quads + 1 + 2 kHalo)^2 posts, row-major from the south-west, around the block whose extent,
+// trigonometry and heights are already filled. NaN posts are left out; a post without enough valid neighbours gets the
+// local vertical.
 void fill_shading_normals(Block& block, std::span<const float> heights, double quantisation_m);
 
 }  // namespace selenograph::dem

@@ -48,6 +48,7 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
   block->error_m = 0;
   fill_trigonometry(*block);
   const BlockExtent &e = block->extent, &ce = coarse.extent;
+  block->vertices.reserve(block->index(e.quads, e.quads) + 1);
   block->sources.reserve(block->index(e.quads, e.quads) + 1);
   float low = kHighestRelief_m, high = kLowestRelief_m;
   bool any = false;
@@ -56,10 +57,9 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
       const std::int32_t dy = e.lat0 + r * e.lat_step - ce.lat0, dx = e.lon0 + c * e.lon_step - ce.lon0;
       const int cr = std::min(dy / ce.lat_step, ce.quads - 1), cc = std::min(dx / ce.lon_step, ce.quads - 1);
       const double fy = static_cast<double>(dy) / ce.lat_step - cr, fx = static_cast<double>(dx) / ce.lon_step - cc;
-      const auto height = [&](int j, int i) {
-        return static_cast<double>(coarse.heights[coarse.index(cr + j, cc + i)]);
-      };
-      const auto normal = [&](int j, int i) { return coarse.normals[coarse.index(cr + j, cc + i)].cast<double>(); };
+      const auto corner = [&](int j, int i) -> const Vertex& { return coarse.vertices[coarse.index(cr + j, cc + i)]; };
+      const auto height = [&](int j, int i) { return static_cast<double>(corner(j, i).height_m); };
+      const auto normal = [&](int j, int i) { return corner(j, i).normal.cast<double>(); };
       double h;
       Vec3 n;
       // Corners with weight zero may be void.
@@ -80,8 +80,7 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
             (1 - fy != 0 ? (1 - fy) * height(0, 1) : 0);
         n = mix(w, Vec3(normal(1, 1)), 1 - fx, Vec3(normal(1, 0)), 1 - fy, Vec3(normal(0, 1)));
       }
-      block->heights.push_back(static_cast<float>(h));
-      block->normals.push_back(n.normalized().cast<float>());
+      block->vertices.push_back({static_cast<float>(h), n.normalized().cast<float>()});
       block->sources.push_back(coarse.source(cr + (fy > 0.5), cc + (fx > 0.5)));
       if (std::isnan(h)) continue;
       any = true;
@@ -515,7 +514,8 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& st
       for (const bool upper : {false, true}) {
         const QuadVertices q = vertices_of(r, c, upper);
         const auto vertex = [&](int i) {
-          return block->position(q.r[i], q.c[i], static_cast<double>(block->heights[block->index(q.r[i], q.c[i])]));
+          const float height_m = block->vertices[block->index(q.r[i], q.c[i])].height_m;
+          return block->position(q.r[i], q.c[i], static_cast<double>(height_m));
         };
         const auto distance = radial_distance({vertex(0), vertex(1), vertex(2)}, direction, 1e-9);
         if (!distance) continue;
@@ -555,6 +555,8 @@ std::string Terrain::cache_trouble() const {
   std::lock_guard lock(impl_->mutex);
   return impl_->cache_trouble;
 }
+
+void Terrain::keep_less(std::size_t bytes) const { impl_->blocks.reserve(bytes); }
 
 CacheStatistics Terrain::statistics() const {
   const Impl& i = *impl_;

@@ -66,6 +66,9 @@ class Terrain {
 
   const Catalogue& catalogue() const;
 
+  // Of its budget so many bytes are needed elsewhere: that much less is kept in memory.
+  void keep_less(std::size_t bytes) const;
+
   // The blocks of level 0 that have data: where a walk down the quadtree starts.
   const std::vector<BlockId>& roots() const;
   // False where no source comes near: nothing to load.

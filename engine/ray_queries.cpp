@@ -108,7 +108,8 @@ class RayCaster {
     some.reserve(batch.size());
     for (const std::size_t i : batch) some.push_back(rays[i]);
     // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
-    const std::size_t most = std::min(kMaxBlocks, kept_.capacity() / kSceneBytesPerBlock);
+    const std::size_t of_block = scene_bytes_of({.level = dem::kMaxLevel}, Visibility::raytrace);
+    const std::size_t most = std::min(kMaxBlocks, kept_.capacity() / of_block);
     const auto selection = select_for_rays(terrain_, some, batch.size() == 1 ? most : most / 4, stop_);
     if (!selection && batch.size() == 1) throw TooMuchTerrain("a ray runs along more terrain than fits");
     if (!selection) {

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -26,7 +27,8 @@ std::optional<float> post_at(const dem::Block& block, std::int64_t lat, std::int
   if (dy < 0 || dy > std::int64_t{e.quads} * e.lat_step || dx > std::int64_t{e.quads} * e.lon_step || dy % e.lat_step ||
       dx % e.lon_step)
     return std::nullopt;
-  const float h = block.heights[block.index(static_cast<int>(dy / e.lat_step), static_cast<int>(dx / e.lon_step))];
+  const float h =
+      block.vertices[block.index(static_cast<int>(dy / e.lat_step), static_cast<int>(dx / e.lon_step))].height_m;
   if (std::isnan(h)) return std::nullopt;
   return h;
 }
@@ -37,6 +39,12 @@ bool meet(const BlockExtent& a, const BlockExtent& b) {
   if ((a.lat0 == 0 && b.lat0 == 0) || (a.lat1() == dem::kLatTicks && b.lat1() == dem::kLatTicks)) return true;
   const auto overlap = [&](std::int64_t shift) { return a.lon0 + shift <= b.lon1() && b.lon0 <= a.lon1() + shift; };
   return overlap(0) || overlap(dem::kLonTicks) || overlap(-std::int64_t{dem::kLonTicks});
+}
+
+// Index of the i-th vertex of an edge, from west or south.
+std::size_t place_on(const dem::Block& block, int edge, int i) {
+  const int quads = block.extent.quads;
+  return edge < 2 ? block.index(edge == 0 ? 0 : quads, i) : block.index(i, edge == 2 ? 0 : quads);
 }
 
 bool meets_any(const BlockExtent& block, const std::vector<BlockExtent>& others) {
@@ -59,19 +67,21 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined
       border(std::move(joined)),
       side(posts->side()),
       collapses(border.stride != std::array{1, 1, 1, 1}) {
-  vertices.resize(posts->heights.size());
-  for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = {posts->heights[i], posts->normals[i]};
-  const int quads = posts->extent.quads;
-  for (std::size_t edge = 0; edge < 4; ++edge)
-    for (int i = 0; i <= quads; ++i) {
-      const auto place = [&](int k) {
-        return edge < 2 ? posts->index(edge == 0 ? 0 : quads, k) : posts->index(k, edge == 2 ? 0 : quads);
-      };
-      vertices[place(i)] = {border.height[edge][static_cast<std::size_t>(i)],
-                            posts->normals[place(i - i % border.stride[edge])]};
-    }
+  vertices = posts->vertices;
+  if (!joined_as_it_was()) {
+    own_ = posts->vertices;
+    const int quads = posts->extent.quads;
+    for (int edge = 0; edge < 4; ++edge)
+      for (int i = 0; i <= quads; ++i) {
+        const auto e = static_cast<std::size_t>(edge);
+        own_[place_on(*posts, edge, i)] = {border.height[e][static_cast<std::size_t>(i)],
+                                           posts->vertices[place_on(*posts, edge, i - i % border.stride[e])].normal};
+      }
+    vertices = own_;
+  }
   for (std::size_t i = 0; i < posts->sin_lat.size(); ++i) rows.push_back({posts->sin_lat[i], posts->cos_lat[i]});
   for (std::size_t i = 0; i < posts->sin_lon.size(); ++i) columns.push_back({posts->sin_lon[i], posts->cos_lon[i]});
+  const int quads = posts->extent.quads;
   source = posts->source(quads / 2, quads / 2);
   if (posts->sources.size() == 1) return;
   mixed.assign(static_cast<std::size_t>(quads), 0);
@@ -81,9 +91,20 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined
         if (posts->source(r + dr, c + dc) != source) mixed[static_cast<std::size_t>(r)] |= std::uint64_t{1} << c;
 }
 
+bool MeshBlock::joined_as_it_was() const {
+  if (collapses) return false;
+  for (int edge = 0; edge < 4; ++edge)
+    for (int i = 0; i <= posts->extent.quads; ++i)
+      if (std::bit_cast<std::uint32_t>(border.height[static_cast<std::size_t>(edge)][static_cast<std::size_t>(i)]) !=
+          std::bit_cast<std::uint32_t>(posts->vertices[place_on(*posts, edge, i)].height_m))
+        return false;
+  return true;
+}
+
 std::size_t MeshBlock::bytes() const {
-  return sizeof(MeshBlock) + vertices.size() * sizeof(MeshVertex) + (rows.size() + columns.size()) * sizeof(Turn) +
-         mixed.size() * sizeof(std::uint64_t) + 4 * static_cast<std::size_t>(side) * sizeof(float);
+  return sizeof(MeshBlock) + own_.size() * sizeof(dem::Vertex) +
+         (rows.size() + columns.size()) * sizeof(Turn) + mixed.size() * sizeof(std::uint64_t) +
+         4 * static_cast<std::size_t>(side) * sizeof(float);
 }
 
 Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before, const StopToken& stop) {
@@ -185,7 +206,7 @@ void Mesh::join_edge(const dem::Block& own, int edge, BlockBorder& out) const {
     const std::int64_t lat = along_lon ? lat_edge : e.lat0 + std::int64_t{i} * e.lat_step;
     const std::int64_t lon = along_lon ? e.lon0 + std::int64_t{i} * e.lon_step : lon_edge;
     const int r = along_lon ? (edge == 0 ? 0 : e.quads) : i, c = along_lon ? i : (edge == 2 ? 0 : e.quads);
-    float h = own.heights[own.index(r, c)];
+    float h = own.vertices[own.index(r, c)].height_m;
     if (i == 0 || i == e.quads || several) {
       h = joined_height(own.id, lat, lon);
     } else if (neighbour && (neighbour_first || std::isnan(h))) {

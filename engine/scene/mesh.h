@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <unordered_map>
 #include <vector>
 
@@ -19,13 +20,6 @@
 #include "engine/support/triangle_id.h"
 
 namespace selenograph::engine {
-
-// What the lattice doesn't say of a vertex.
-struct alignas(16) MeshVertex {
-  float height_m;          // above the sphere; NaN where there is no data
-  Eigen::Vector3f normal;  // unit, MOON_ME, for shading
-};
-static_assert(sizeof(MeshVertex) == 16);
 
 // A block's border as joined: edge 0 south, 1 north, 2 west, 3 east, from west or south.
 struct BlockBorder {
@@ -42,13 +36,15 @@ struct MeshBlock {
   };
 
   MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined);
+  MeshBlock(const MeshBlock&) = delete;
+  MeshBlock& operator=(const MeshBlock&) = delete;
 
   std::shared_ptr<const dem::Block> posts;
   BlockBorder border;
   int side;  // quads + 1
   // (quads + 1)^2, row-major from the south-west, as joined. A vertex that has collapsed holds height and normal of the
-  // one that it has collapsed onto.
-  std::vector<MeshVertex> vertices;
+  // one that it has collapsed onto. Where the border is as the posts have it, these are the posts'.
+  std::span<const dem::Vertex> vertices;
   std::vector<Turn> rows, columns;
   bool collapses;  // some vertices of the border have
 
@@ -80,7 +76,12 @@ struct MeshBlock {
   }
   bool present(int r, int c) const { return !std::isnan(vertices[posts->index(r, c)].height_m); }
   const Eigen::Vector3f& normal(int r, int c) const { return vertices[posts->index(r, c)].normal; }
-  std::size_t bytes() const;
+  std::size_t bytes() const;  // without the posts: while they are in use, the terrain's cache counts them
+
+ private:
+  bool joined_as_it_was() const;
+
+  std::vector<dem::Vertex> own_;  // vertices, where they aren't the posts'
 };
 
 // Blocks that are shared, as if they were in an array. (No std::views: Clang 14 and GCC 12's library disagree on them.)

@@ -96,9 +96,9 @@ class EdgeFinder {
   explicit EdgeFinder(RasterShape& shape) : shape_(shape), block_(*shape.of), quads_(block_.side - 1) {}
 
   void find() {
-    const std::vector<MeshVertex>& all = block_.vertices;
+    const std::span<const dem::Vertex> all = block_.vertices;
     const int last = quads_ - 1;
-    if (std::none_of(all.begin(), all.end(), [](const MeshVertex& v) { return std::isnan(v.height_m); })) {
+    if (std::none_of(all.begin(), all.end(), [](const dem::Vertex& v) { return std::isnan(v.height_m); })) {
       for (int i = 0; i <= last; ++i) {
         border(0, 0, i, 0, i + 1), border(2, i + 1, 0, i, 0);
         border(1, quads_, i + 1, quads_, i), border(3, i, quads_, i + 1, quads_);

@@ -18,7 +18,7 @@ inline constexpr std::uint32_t kNoTriangle = 0xffffffff;  // instead of Triangle
 struct RasterBlock {
   const float *x = nullptr, *y = nullptr, *z = nullptr;  // relative to the anchor, metres
   int quads = 0, stride = 0;
-  const MeshVertex* vertices = nullptr;
+  const dem::Vertex* vertices = nullptr;
 };
 
 // Some rows of quads of a block, in a box along the block's own axes (east, north, up at its middle).

@@ -60,14 +60,9 @@ double subdivision_error_m(int level) { return 7 * dem::chord_sag_m(level); }
 
 class ViewSelector {
  public:
-  ViewSelector(const dem::Terrain& terrain, const View& view, const Accuracy& accuracy, std::size_t max_bytes,
+  ViewSelector(const dem::Terrain& terrain, const View& view, const Accuracy& accuracy, const SceneRoom& room,
                const StopToken& stop, const std::vector<Ball>& receivers)
-      : terrain_(terrain),
-        view_(view),
-        accuracy_(accuracy),
-        max_bytes_(max_bytes),
-        stop_(stop),
-        receivers_(receivers) {}
+      : terrain_(terrain), view_(view), accuracy_(accuracy), room_(room), stop_(stop), receivers_(receivers) {}
 
   Selection select(const Sun* sun) {
     see_roots();
@@ -250,11 +245,11 @@ class ViewSelector {
 
   void check_size() const {
     std::size_t needed = 0;
-    for (const BlockId& id : result_.blocks) needed += scene_bytes_of(id);
-    if (needed > max_bytes_)
+    for (const BlockId& id : result_.blocks) needed += scene_bytes_of(id, room_.visibility);
+    if (needed > room_.bytes)
       throw TooMuchTerrain(fmt::format("the view needs {} MB for its terrain, {} MB are allowed: ask for a larger "
                                        "max_error_px or a narrower view",
-                                       needed >> 20, max_bytes_ >> 20),
+                                       needed >> 20, room_.bytes >> 20),
                            "max_error_px");
   }
 
@@ -326,7 +321,7 @@ class ViewSelector {
   const dem::Terrain& terrain_;
   const View& view_;
   const Accuracy& accuracy_;
-  std::size_t max_bytes_;
+  SceneRoom room_;
   const StopToken& stop_;
   const std::vector<Ball>& receivers_;
   Chosen chosen_;
@@ -387,13 +382,13 @@ std::optional<double> enter_sphere(const Vec3& origin, const Vec3& direction, do
 }  // namespace
 
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
-                          const StopToken& stop, std::size_t max_bytes, const std::vector<Ball>& receivers) {
+                          const StopToken& stop, const SceneRoom& room, const std::vector<Ball>& receivers) {
   // An aim of a hundred pixels and more is none.
   constexpr double kNoAim_px = 100;
   Accuracy asked = accuracy;
   for (;;) {
     try {
-      Selection selection = ViewSelector(terrain, view, asked, max_bytes, stop, receivers).select(sun);
+      Selection selection = ViewSelector(terrain, view, asked, room, stop, receivers).select(sun);
       selection.shadow_limit_px = asked.max_shadow_error_px;
       return selection;
     } catch (const TooMuchTerrain&) {

@@ -32,15 +32,19 @@ struct Selection {
   std::vector<dem::SourceIndex> replaced{};  // unusable files that something in it or in view lacks; ascending
 };
 
-// What a scene holds of one block of 64 x 64 quads, about: vertices, those in float, and Embree's 15 bytes a triangle.
-// The posts themselves are the terrain cache's.
-inline constexpr std::size_t kSceneBytesPerVertex = 16 + 12;
-inline constexpr std::size_t kSceneBytesPerBlock = 65 * 65 * kSceneBytesPerVertex + 2 * 64 * 64 * 15;
-// Coarse levels have fewer quads: the whole Moon from afar is thousands of small blocks.
-inline std::size_t scene_bytes_of(const dem::BlockId& id) {
+// What a scene holds of a block, about: its vertices as float for the z-buffer, or Embree's 15 bytes a triangle; the
+// posts are the terrain cache's. (Automatic visibility takes rays for small frames alone.) Coarse levels have fewer
+// quads: the whole Moon from afar is thousands of small blocks.
+inline std::size_t scene_bytes_of(const dem::BlockId& id, Visibility visibility) {
   const auto quads = static_cast<std::size_t>(dem::quads_per_side(id.level));
-  return (quads + 1) * (quads + 1) * kSceneBytesPerVertex + 2 * quads * quads * 15;
+  const std::size_t vertices = (quads + 1) * (quads + 1);
+  return 2 * vertices + (visibility == Visibility::raytrace ? 2 * quads * quads * 15 : 16 * vertices);
 }
+
+struct SceneRoom {
+  std::size_t bytes = std::numeric_limits<std::size_t>::max();
+  Visibility visibility = Visibility::automatic;  // of the scene that it is for
+};
 
 // Past this many blocks (a million quads per 256) a request is refused: TooMuchTerrain.
 inline constexpr std::size_t kMaxBlocks = 6000;
@@ -52,11 +56,9 @@ struct Ball {
 };
 
 // `sun` null: shadows don't matter. `receivers`: besides the terrain; what of them is in view. Throws TooMuchTerrain
-// when the scene would take more than max_bytes even without the aim for shadows, which gives way by factors of two
-// until it fits.
+// when the scene has no room even without the aim for shadows, which gives way by factors of two until it fits.
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
-                          const StopToken& stop, std::size_t max_bytes = std::numeric_limits<std::size_t>::max(),
-                          const std::vector<Ball>& receivers = {});
+                          const StopToken& stop, const SceneRoom& room = {}, const std::vector<Ball>& receivers = {});
 
 // The finest blocks that rays may meet; empty when they are more than max_blocks. Neighbours can differ in level where
 // sources do: the mesh joins them all the same.

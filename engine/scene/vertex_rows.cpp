@@ -16,7 +16,7 @@ namespace selenograph::engine::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-void PlaceRow(const MeshVertex* row, int n, const RowPlace& place, const double* anchor, float* HWY_RESTRICT x,
+void PlaceRow(const dem::Vertex* row, int n, const RowPlace& place, const double* anchor, float* HWY_RESTRICT x,
               float* HWY_RESTRICT y, float* HWY_RESTRICT z) {
   const double cos_lat = place.cos_lat, sin_lat = place.sin_lat, ax = anchor[0], ay = anchor[1], az = anchor[2];
   const double *HWY_RESTRICT cos_lon = place.cos_lon, *HWY_RESTRICT sin_lon = place.sin_lon;
@@ -30,7 +30,7 @@ void PlaceRow(const MeshVertex* row, int n, const RowPlace& place, const double*
 }
 
 // axes: east, north, up, three numbers each.
-void RowAlong(const MeshVertex* row, int n, const RowPlace& place, const double* origin, const double* axes,
+void RowAlong(const dem::Vertex* row, int n, const RowPlace& place, const double* origin, const double* axes,
               LocalRow& out) {
   const double cos_lat = place.cos_lat, sin_lat = place.sin_lat, ox = origin[0], oy = origin[1], oz = origin[2];
   const double *HWY_RESTRICT cos_lon = place.cos_lon, *HWY_RESTRICT sin_lon = place.sin_lon;
@@ -133,12 +133,12 @@ HWY_EXPORT(RowAlong);
 HWY_EXPORT(ExtendBox);
 HWY_EXPORT(ExtendSlopes);
 
-void place_row(const MeshVertex* row, int n, const RowPlace& place, const Vec3& anchor_m, float* x, float* y,
+void place_row(const dem::Vertex* row, int n, const RowPlace& place, const Vec3& anchor_m, float* x, float* y,
                float* z) {
   HWY_DYNAMIC_DISPATCH(PlaceRow)(row, n, place, anchor_m.data(), x, y, z);
 }
 
-void local_row(const MeshVertex* row, int n, const RowPlace& place, const Vec3& origin_m, const EastNorthUp& axes,
+void local_row(const dem::Vertex* row, int n, const RowPlace& place, const Vec3& origin_m, const EastNorthUp& axes,
                LocalRow& out) {
   const double along[9] = {axes.east.x(),  axes.east.y(), axes.east.z(), axes.north.x(), axes.north.y(),
                            axes.north.z(), axes.up.x(),   axes.up.y(),   axes.up.z()};

@@ -13,7 +13,8 @@ struct RowPlace {
 
 // x, y, z: `n` vertices, MOON_ME relative to the anchor, metres, rounded once. What MeshBlock::vertex() says of
 // vertices that have not collapsed.
-void place_row(const MeshVertex* row, int n, const RowPlace& place, const Vec3& anchor_m, float* x, float* y, float* z);
+void place_row(const dem::Vertex* row, int n, const RowPlace& place, const Vec3& anchor_m, float* x, float* y,
+               float* z);
 
 // A row of vertices along the axes of a place among them, metres; float is enough for bounds. NaN: no data.
 struct LocalRow {
@@ -25,7 +26,7 @@ struct LocalRow {
   }
 };
 // As if none had collapsed.
-void local_row(const MeshVertex* row, int n, const RowPlace& place, const Vec3& origin_m, const EastNorthUp& axes,
+void local_row(const dem::Vertex* row, int n, const RowPlace& place, const Vec3& origin_m, const EastNorthUp& axes,
                LocalRow& out);
 
 // Bounds over rows of vertices and the triangles between them. What has no data doesn't count.

@@ -19,7 +19,7 @@ namespace selenograph::engine {
 // corners are (row 0, column 0), (row 0, column 1) and (row 1, column 0) of its half of the quad: the upper half counts
 // from the other end.
 struct alignas(64) RawFacets {
-  MeshVertex vertex[3][kPacket];
+  dem::Vertex vertex[3][kPacket];
   MeshBlock::Turn rows[kPacket][2], columns[kPacket][2];
   double upper[kPacket];  // 1 or 0
 };
@@ -73,7 +73,7 @@ HWY_INLINE void find_places(const TriangleId* ids, std::uint32_t side, Places& o
     const std::uint32_t id = ids[i].packed();
     const std::uint32_t upper = id & 1, r = id >> 7 & 63, c = id >> 1 & 63;
     const std::uint32_t r0 = r + upper, r1 = r + 1 - upper, c0 = c + upper, c1 = c + 1 - upper;
-    constexpr std::uint32_t kTurn = sizeof(MeshBlock::Turn), kVertex = sizeof(MeshVertex);
+    constexpr std::uint32_t kTurn = sizeof(MeshBlock::Turn), kVertex = sizeof(dem::Vertex);
     upper_half[i] = static_cast<double>(upper), out.row[i] = kTurn * r, out.column[i] = kTurn * c;
     out.vertex[0][i] = kVertex * (r0 * side + c0), out.vertex[1][i] = kVertex * (r0 * side + c1);
     out.vertex[2][i] = kVertex * (r1 * side + c0);
@@ -87,7 +87,7 @@ HWY_INLINE void copy_lanes(const MeshBlock& block, const Places& at, int first, 
   const auto* columns = reinterpret_cast<const std::byte*>(block.columns.data());
   for (int i = first; i < past_last; ++i) {
     for (int k = 0; k < 3; ++k)
-      std::memcpy(static_cast<void*>(&raw.vertex[k][i]), vertices + at.vertex[k][i], sizeof(MeshVertex));
+      std::memcpy(static_cast<void*>(&raw.vertex[k][i]), vertices + at.vertex[k][i], sizeof(dem::Vertex));
     std::memcpy(raw.rows[i], rows + at.row[i], sizeof raw.rows[i]);
     std::memcpy(raw.columns[i], columns + at.column[i], sizeof raw.columns[i]);
   }

@@ -3,7 +3,6 @@
 #include <xxhash.h>
 
 #include <algorithm>
-#include <bit>
 #include <cstring>
 #include <string>
 #include <vector>
@@ -79,25 +78,23 @@ std::string repaired(std::string bytes, const ChunkPlan& plan) {
 
 void check_block(const Block& block) {
   const auto posts = static_cast<std::size_t>(block.side()) * static_cast<std::size_t>(block.side());
-  require(block.heights.size() == posts && block.normals.size() == posts, "a block has its posts");
+  require(block.vertices.size() == posts, "a block has its posts");
   require(block.sources.size() == 1 || block.sources.size() == posts, "and their sources");
   require(std::isfinite(block.error_m) && block.error_m >= 0, "an error is a distance");
   require(std::isfinite(block.min_m) && std::isfinite(block.max_m), "bounds are finite");
-  for (const float h : block.heights)
-    require(std::isnan(h) || (h >= block.min_m && h <= block.max_m), "heights are within bounds");
-  for (const Eigen::Vector3f& n : block.normals) require(std::abs(n.norm() - 1) < 1e-4F, "a normal is a direction");
+  for (const auto& [height, normal] : block.vertices) {
+    require(std::isnan(height) || (height >= block.min_m && height <= block.max_m), "heights are within bounds");
+    require(std::abs(normal.norm() - 1) < 1e-4F, "a normal is a direction");
+  }
   for (const SourceMark s : block.sources)
     require((s & kNoSource) == kNoSource || (s & kNoSource) < catalogue().rasters().size(),
             "a source is in the catalogue");
 }
 
 bool same(const Block& a, const Block& b) {
-  const auto same_bits = [](float x, float y) {
-    return std::bit_cast<std::uint32_t>(x) == std::bit_cast<std::uint32_t>(y);
-  };
+  const auto same_bits = [](const Vertex& x, const Vertex& y) { return std::memcmp(&x, &y, sizeof x) == 0; };
   return a.error_m == b.error_m && a.min_m == b.min_m && a.max_m == b.max_m && a.sources == b.sources &&
-         a.normals == b.normals &&
-         std::equal(a.heights.begin(), a.heights.end(), b.heights.begin(), b.heights.end(), same_bits);
+         std::equal(a.vertices.begin(), a.vertices.end(), b.vertices.begin(), b.vertices.end(), same_bits);
 }
 
 // The names are those that check_round_trip writes.

@@ -177,7 +177,7 @@ TEST_F(MeshTest, VerticesAreThePosts) {
     for (int c = 0; c <= 64; ++c) {
       const Vec3 expected = to_cartesian({dem::lat_deg_of(b.posts->extent.lat0 + r * b.posts->extent.lat_step),
                                           dem::lon_deg_of(b.posts->extent.lon0 + c * b.posts->extent.lon_step),
-                                          static_cast<double>(b.posts->heights[b.posts->index(r, c)])});
+                                          static_cast<double>(b.posts->vertices[b.posts->index(r, c)].height_m)});
       ASSERT_LT((b.vertex(r, c) - expected).norm(), 1e-8);
     }
 }
@@ -227,7 +227,7 @@ TEST_F(MeshTest, TakenOverIsTheSame) {
       ++(known ? shared : made);
       ASSERT_EQ(a.posts->id, b.posts->id);
       ASSERT_TRUE(a.border == b.border);
-      ASSERT_EQ(std::memcmp(a.vertices.data(), b.vertices.data(), a.vertices.size() * sizeof(MeshVertex)), 0);
+      ASSERT_EQ(std::memcmp(a.vertices.data(), b.vertices.data(), a.vertices.size() * sizeof(dem::Vertex)), 0);
       const RasterBlock &x = drawn->blocks()[i], &y = fresh_drawn.blocks()[i];
       ASSERT_EQ(std::memcmp(x.x, y.x, sizeof(float) * 3 * static_cast<std::size_t>(x.stride * (x.quads + 1))), 0);
     }

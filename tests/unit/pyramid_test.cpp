@@ -65,7 +65,7 @@ TEST(Pyramid, TheFinestPostsAreTheFilesOnes) {
     for (int r = 0; r <= 64; ++r)
       for (int c = 0; c <= 64; ++c) {
         const double lat = lat_of(*block, r), lon = lon_of(*block, c),
-                     h = static_cast<double>(block->heights[block->index(r, c)]);
+                     h = static_cast<double>(block->vertices[block->index(r, c)].height_m);
         const bool inside = lat > 10 && lat <= 12 && lon >= 20 && lon < 22;
         ASSERT_EQ(!std::isnan(h), inside) << lat << ' ' << lon;
         if (!inside) continue;
@@ -90,7 +90,7 @@ TEST(Pyramid, SlopesPassAllFilters) {
     ASSERT_TRUE(block);
     for (int r = 0; r <= block->extent.quads; ++r)
       for (int c = 0; c <= block->extent.quads; ++c)
-        ASSERT_NEAR(static_cast<double>(block->heights[block->index(r, c)]),
+        ASSERT_NEAR(static_cast<double>(block->vertices[block->index(r, c)].height_m),
                     slope(lat_of(*block, r), lon_of(*block, c)), 1e-3)
             << to_string(id);
     EXPECT_LT(terrain->node(id).error_m, 1e-3);
@@ -108,7 +108,7 @@ TEST(Pyramid, AConstantIsAConstantEverywhereFromPoleToPole) {
       if (id.col % 9 != 0) continue;
       const auto block = terrain->block(id);
       ASSERT_TRUE(block) << to_string(id);
-      for (const float h : block->heights) ASSERT_EQ(h, -1234.F) << to_string(id);
+      for (const Vertex& v : block->vertices) ASSERT_EQ(v.height_m, -1234.F) << to_string(id);
       EXPECT_EQ(terrain->node(id).error_m, 0);
       EXPECT_EQ(terrain->node(id).min_m, -1234.F);
       EXPECT_EQ(terrain->node(id).max_m, -1234.F);
@@ -126,7 +126,7 @@ double surface(const Block& b, double lat_tick, double lon_tick) {
   const int r = std::clamp(static_cast<int>(y), 0, b.extent.quads - 1),
             c = std::clamp(static_cast<int>(x), 0, b.extent.quads - 1);
   const double fy = y - r, fx = x - c;
-  const auto h = [&](int j, int i) { return static_cast<double>(b.heights[b.index(r + j, c + i)]); };
+  const auto h = [&](int j, int i) { return static_cast<double>(b.vertices[b.index(r + j, c + i)].height_m); };
   if (fx + fy <= 1) return h(0, 0) + fx * (h(0, 1) - h(0, 0)) + fy * (h(1, 0) - h(0, 0));
   return h(1, 1) + (1 - fx) * (h(1, 0) - h(1, 1)) + (1 - fy) * (h(0, 1) - h(1, 1));
 }
@@ -200,8 +200,8 @@ void expect_equal_edges(const Terrain& terrain, const BlockId& id) {
         if (dy < 0 || dx > b->extent.quads * b->extent.lon_step || dy > b->extent.quads * b->extent.lat_step ||
             dx % b->extent.lon_step)
           continue;
-        const float x = a->heights[a->index(r, c)],
-                    y = b->heights[b->index(dy / b->extent.lat_step, dx / b->extent.lon_step)];
+        const float x = a->vertices[a->index(r, c)].height_m,
+                    y = b->vertices[b->index(dy / b->extent.lat_step, dx / b->extent.lon_step)].height_m;
         ASSERT_TRUE(x == y || (std::isnan(x) && std::isnan(y)))
             << x << ' ' << y << ' ' << to_string(id) << " and " << to_string(other_id) << " at " << lat_of(*a, r) << ' '
             << lon_of(*a, c);
@@ -237,7 +237,7 @@ TEST(Pyramid, NeighboursAgreeAroundTheDateLineAndThePole) {
       const auto block = terrain->block(id);
       const int r = e.lat0 == 0 ? 0 : e.quads;
       for (int c = 0; c <= e.quads; ++c)
-        ASSERT_EQ(block->heights[block->index(r, c)], static_cast<float>(noise(e.lat0 == 0 ? -90 : 90, 0)))
+        ASSERT_EQ(block->vertices[block->index(r, c)].height_m, static_cast<float>(noise(e.lat0 == 0 ? -90 : 90, 0)))
             << to_string(id);
     }
 }
@@ -291,7 +291,7 @@ class PyramidFile : public ::testing::Test {
     for (const int level : {4, 5})  // from the pyramid, and from the tile
       for (const BlockId& id : blocks_with_data(terrain, level))
         if (const auto block = terrain.block(id))
-          for (const float h : block->heights) all.push_back(std::isnan(h) ? -77777 : h);
+          for (const Vertex& v : block->vertices) all.push_back(std::isnan(v.height_m) ? -77777 : v.height_m);
     return all;
   }
   std::vector<std::string> files() const {
@@ -397,13 +397,13 @@ TEST_F(PyramidFile, DamageOnDiskIsRepaired) {
 TEST_F(PyramidFile, DamageWhileServingIsRepaired) {
   const BlockId id = block_at(4, static_cast<std::int32_t>(101.5 * kTicksPerDegree),
                               static_cast<std::int32_t>(201.5 * kTicksPerDegree));
-  const float right = open()->block(id)->heights[5 * 65 + 5];
+  const float right = open()->block(id)->vertices[5 * 65 + 5].height_m;
   const auto terrain = open();
   terrain->node(id);  // the chunk is open, its block not yet read
   for (const std::string& file : files()) std::ofstream(file, std::ios::binary) << "gone";
   const auto block = terrain->block(id);
   ASSERT_TRUE(block);
-  EXPECT_EQ(block->heights[block->index(5, 5)], right);
+  EXPECT_EQ(block->vertices[block->index(5, 5)].height_m, right);
   EXPECT_GT(terrain->statistics().chunks_rejected, 0U);
 }
 

@@ -61,7 +61,7 @@ class Grid {
  private:
   int rows_, stride_;
   std::array<std::vector<float>, 3> xyz_;
-  std::vector<MeshVertex> vertices_;
+  std::vector<dem::Vertex> vertices_;
   RasterBlock block_;
 };
 

@@ -32,7 +32,7 @@ Field field(int level, double lat, double lon, const std::function<double(int, i
     for (int c = -kHalo; c < side + kHalo; ++c) {
       const float h = static_cast<float>(height(r, c));
       f.heights.push_back(h);
-      if (r >= 0 && c >= 0 && r < side && c < side) f.block.heights.push_back(h);
+      if (r >= 0 && c >= 0 && r < side && c < side) f.block.vertices.push_back({h, {}});
     }
   fill_shading_normals(f.block, f.heights, quantisation_m);
   return f;
@@ -46,7 +46,7 @@ TEST(ShadingNormals, ASphereIsShadedByItsVertical) {
     const Field f = field(8, 33, -120, [&](int, int) { return height; });
     for (int r = 0; r <= 64; ++r)
       for (int c = 0; c <= 64; ++c)
-        ASSERT_LT((f.block.normals[f.block.index(r, c)].cast<double>() - up(f.block, r, c)).norm(), 1.3e-7);
+        ASSERT_LT((f.block.vertices[f.block.index(r, c)].normal.cast<double>() - up(f.block, r, c)).norm(), 1.3e-7);
   }
 }
 
@@ -55,7 +55,7 @@ TEST(ShadingNormals, SlopesInClosedForm) {
   for (const double lat : {0.5, 50.0, -72.0}) {
     const double a = 3, b = -2;
     const Field f = field(12, lat, 20, [&](int r, int c) { return a * (r - 10) + b * (c - 10); });
-    const Vec3 normal = f.block.normals[f.block.index(10, 10)].cast<double>();
+    const Vec3 normal = f.block.vertices[f.block.index(10, 10)].normal.cast<double>();
     const double at = lat_deg_of(f.block.extent.lat0 + 10 * f.block.extent.lat_step);
     const EastNorthUp axes = local_axes(up(f.block, 10, 10));
     const double step = kDegree / 4096 * kMoonRadius_m;
@@ -74,8 +74,8 @@ TEST(ShadingNormals, QuantisedSlopesShowNoTerraces) {
                                                    12, 10, 20, [&](int r, int c) { return std::round(ramp(r, c)); }, 1);
   double worst = 0;
   for (int r = 5; r < 60; ++r)
-    worst = std::max(worst, angle_deg(exact.block.normals[exact.block.index(r, 30)].cast<double>(),
-                                      rounded.block.normals[rounded.block.index(r, 30)].cast<double>()));
+    worst = std::max(worst, angle_deg(exact.block.vertices[exact.block.index(r, 30)].normal.cast<double>(),
+                                      rounded.block.vertices[rounded.block.index(r, 30)].normal.cast<double>()));
   EXPECT_LT(worst, 2.1);  // the 5 x 5 plane's answer to a step: atan(6 * 5 / 50 ... ) in the worst phase
   EXPECT_GT(worst, 0.1) << "nothing was quantised: the test tests nothing";
 }
@@ -84,7 +84,7 @@ TEST(ShadingNormals, TheWiderStencilIsForCoarseStepsOnly) {
   // A single raised post: the 3 x 3 stencil reaches one post far, the 5 x 5 two.
   const auto spike = [](int r, int c) { return r == 30 && c == 30 ? 10.0 : 0.0; };
   const auto moved = [](const Field& f, int c) {
-    return (f.block.normals[f.block.index(30, c)].cast<double>() - up(f.block, 30, c)).norm() > 1e-4;
+    return (f.block.vertices[f.block.index(30, c)].normal.cast<double>() - up(f.block, 30, c)).norm() > 1e-4;
   };
   const Field floats = field(12, 10, 20, spike), metres = field(12, 10, 20, spike, 1),
               coarse = field(8, 10, 20, spike, 1);
@@ -101,20 +101,20 @@ TEST(ShadingNormals, VoidsAreLeftOut) {
   for (int r = 0; r <= 64; ++r)
     for (int c = 0; c <= 64; ++c) {
       const std::size_t at = whole.block.index(r, c);
-      if (!std::isnan(holes.block.heights[at])) {
-        ASSERT_LT((whole.block.normals[at] - holes.block.normals[at]).norm(), 1e-5F) << r << ' ' << c;
+      if (!std::isnan(holes.block.vertices[at].height_m)) {
+        ASSERT_LT((whole.block.vertices[at].normal - holes.block.vertices[at].normal).norm(), 1e-5F) << r << ' ' << c;
       }
     }
   const Field lone = field(12, 10, 20, [&](int r, int c) { return r == 9 && c == 9 ? 100.0 : std::nan(""); });
-  EXPECT_LT((lone.block.normals[lone.block.index(9, 9)].cast<double>() - up(lone.block, 9, 9)).norm(), 1e-6);
-  for (const auto& n : lone.block.normals) ASSERT_TRUE(n.allFinite());
+  EXPECT_LT((lone.block.vertices[lone.block.index(9, 9)].normal.cast<double>() - up(lone.block, 9, 9)).norm(), 1e-6);
+  for (const auto& v : lone.block.vertices) ASSERT_TRUE(v.normal.allFinite());
 }
 
 TEST(ShadingNormals, APoleHasTheVertical) {
   const Field f = field(8, 89.99, 20, [](int r, int c) { return 5.0 * r + c; });
   ASSERT_EQ(f.block.extent.lat1(), kLatTicks);
   for (int c = 0; c <= 64; ++c)
-    ASSERT_LT((f.block.normals[f.block.index(64, c)].cast<double>() - Vec3::UnitZ()).norm(), 1e-6);
+    ASSERT_LT((f.block.vertices[f.block.index(64, c)].normal.cast<double>() - Vec3::UnitZ()).norm(), 1e-6);
 }
 
 }  // namespace

@@ -169,7 +169,7 @@ TEST(Terrain, SubdividedLevelsAreTheSameSurface) {
       EXPECT_EQ(terrain->node(fine->id).error_m, 0);
       for (int r = 0; r <= 64; ++r)
         for (int c = 0; c <= 64; ++c) {
-          const float h = fine->heights[fine->index(r, c)];
+          const float h = fine->vertices[fine->index(r, c)].height_m;
           const double y = static_cast<double>(fine->extent.lat0 + r * fine->extent.lat_step - coarse->extent.lat0) /
                            coarse->extent.lat_step;
           const double x = static_cast<double>(fine->extent.lon0 + c * fine->extent.lon_step - coarse->extent.lon0) /
@@ -177,14 +177,14 @@ TEST(Terrain, SubdividedLevelsAreTheSameSurface) {
           const int cr = std::min(static_cast<int>(y), 63), cc = std::min(static_cast<int>(x), 63);
           const double fy = y - cr, fx = x - cc;
           const auto at = [&](int j, int i) {
-            return static_cast<double>(coarse->heights[coarse->index(cr + j, cc + i)]);
+            return static_cast<double>(coarse->vertices[coarse->index(cr + j, cc + i)].height_m);
           };
           const double expected = fx + fy <= 1
                                       ? at(0, 0) + fx * (at(0, 1) - at(0, 0)) + fy * (at(1, 0) - at(0, 0))
                                       : at(1, 1) + (1 - fx) * (at(1, 0) - at(1, 1)) + (1 - fy) * (at(0, 1) - at(1, 1));
           if (std::isnan(expected)) continue;
           ASSERT_NEAR(static_cast<double>(h), expected, 1e-3);
-          ASSERT_NEAR(fine->normals[fine->index(r, c)].norm(), 1, 1e-5);
+          ASSERT_NEAR(fine->vertices[fine->index(r, c)].normal.norm(), 1, 1e-5);
           ++compared;
         }
     }

@@ -71,7 +71,7 @@ void fill_vertices(const MeshBlock& block, const Vec3& anchor, std::span<float> 
 
 bool complete(const MeshBlock& block) {
   return std::none_of(block.vertices.begin(), block.vertices.end(),
-                      [](const MeshVertex& v) { return std::isnan(v.height_m); });
+                      [](const dem::Vertex& v) { return std::isnan(v.height_m); });
 }
 
 std::vector<TriangleId> valid_triangles(const MeshBlock& block, std::uint32_t index) {
