@@ -85,7 +85,7 @@ RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_
 class RenderCache::Room {
  public:
   Room(RenderCache& cache, const SceneContent& content, const StopToken& stop) : cache_(cache) {
-    for (const dem::BlockId& id : content.blocks) bytes_ += scene_bytes_of(id);
+    for (const dem::BlockId& id : content.blocks) bytes_ += scene_bytes_of(id, content.visibility);
     while (!enter()) {
       stop.check();
       std::this_thread::sleep_for(kLook);
@@ -141,7 +141,7 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
     latest_.push_front(made);
     if (latest_.size() > kLatest) latest_.pop_back();
     if (purpose == Purpose::preparation) prepared_.insert(key), ++statistics_.prepared;
-    return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes()};
+    return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes};
   };
   std::shared_ptr<const Scene> scene = scenes_.get(key, make, stop);
   if (purpose == Purpose::frame) {

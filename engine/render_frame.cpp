@@ -29,9 +29,7 @@ void report_scene(const Selection& selection, const Scene& scene, FrameReport& o
   out.shadow_error_px = selection.shadow_error_px;
   out.shadow_limits_px.insert(out.shadow_limits_px.begin(), selection.shadow_limit_px);
   out.min_post_spacing_m = selection.min_spacing_m, out.max_post_spacing_m = selection.max_spacing_m;
-  for (const MeshBlock& b : scene.mesh.blocks())  // those without any data are not in the mesh
-    out.triangles += static_cast<std::size_t>(dem::triangles_of_block(b.posts->id.level));
-  out.scene_bytes = scene.bytes();
+  out.triangles = scene.triangles, out.scene_bytes = scene.bytes;
 }
 
 void report_pixels(const Camera& camera, const PixelCounts& counts, FrameReport& out) {
@@ -107,8 +105,8 @@ void capture(const Sensor& sensor, const FrameRequest& request, const View& view
 Selection select_blocks(const FrameRequest& request, const View& view, const Accuracy& accuracy,
                         const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop) {
   if (!request.terrain) return {.blocks = {}, .shadow_limit_px = accuracy.max_shadow_error_px};
-  return select_for_view(terrain, view, wants_light(request) ? &request.sun : nullptr, accuracy, stop, kept.capacity(),
-                         balls_around(request.objects));
+  return select_for_view(terrain, view, wants_light(request) ? &request.sun : nullptr, accuracy, stop,
+                         {kept.capacity(), request.visibility}, balls_around(request.objects));
 }
 
 SceneContent content_of(const FrameRequest& request, const View& view, const Selection& selection) {

@@ -33,6 +33,9 @@ struct Scene {
       raster = std::make_unique<RasterMesh>(mesh, anchor, before ? before->raster.get() : nullptr, stop);
     else
       tracer = std::make_unique<RayTracer>(mesh, anchor, threads, stop);
+    bytes = mesh.bytes() + (tracer ? tracer->bytes() : 0) + (raster ? raster->bytes() : 0);
+    for (const MeshBlock& b : mesh.blocks())  // those without any data are not in the mesh
+      triangles += static_cast<std::size_t>(dem::triangles_of_block(b.posts->id.level));
   }
 
   // From the blocks alone, not from how they were selected: scenes of the same blocks are the same scene.
@@ -57,13 +60,13 @@ struct Scene {
            (raster ? raster->own_bytes() : 0);
   }
 
-  std::size_t bytes() const { return mesh.bytes() + (tracer ? tracer->bytes() : 0) + (raster ? raster->bytes() : 0); }
-
   Mesh mesh;
   std::unique_ptr<RayTracer> tracer;
   std::unique_ptr<RasterMesh> raster;
   double shell_m;  // radius of a sphere around everything in it
   Vec3 anchor;     // of both structures' float coordinates
+  // Of all parts. Counted once: to look at each block takes milliseconds.
+  std::size_t bytes = 0, triangles = 0;
 };
 
 }  // namespace selenograph::engine

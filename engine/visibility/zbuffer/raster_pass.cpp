@@ -1,6 +1,7 @@
 #include "engine/visibility/zbuffer/raster_pass.h"
 
 #include <algorithm>
+#include <cstring>
 #include <mutex>
 
 #include "dem/parallel.h"
@@ -121,7 +122,7 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   if (writer_.out().source.empty()) left = sample.count ? writer_.account_all(points, hits, counts) : 0;
   const bool stores = sample.store && writer_.wants_geometry();
   if (all && left == 0 && !stores && !bases) {
-    if (sample.weight > 0) std::copy_n(radiance, kPacket, &target[row.first]);
+    if (sample.weight > 0) std::memcpy(&target[row.first], radiance, sizeof radiance);
     return;
   }
   for (int i = 0; i < kPacket; ++i) {
@@ -162,7 +163,7 @@ void RasterPass::prefetch(const std::uint32_t* triangles) const {
     if (triangles[i] == kNoTriangle) continue;
     const TriangleId id(triangles[i]);
     const MeshBlock& block = job_.scene.mesh.blocks()[id.block()];
-    const MeshVertex* corner = block.vertices.data() + id.r() * block.side + id.c();
+    const dem::Vertex* corner = block.vertices.data() + id.r() * block.side + id.c();
     __builtin_prefetch(corner), __builtin_prefetch(corner + block.side);
   }
 }

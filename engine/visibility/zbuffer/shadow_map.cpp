@@ -24,6 +24,12 @@ constexpr int kBandRows = 64;
 constexpr std::size_t kBandPadding = 16;                         // vectors reach beyond the last sample
 constexpr float kDark = std::numeric_limits<float>::infinity();  // instead of the d of a sample in shadow
 
+// A band among the others, as BandsOf counts them.
+struct BandOf {
+  std::uint32_t index;
+  float v0, bands_per_v, last;
+};
+
 }  // namespace selenograph::engine
 #endif
 
@@ -55,26 +61,46 @@ void TurnAll(const LightSamples& in, const double* m, LightSamples& out) {
 }
 
 // Which band a sample is in. Rounding may put one that is on a border into either: the bands' margin allows for that.
-void BandsOf(const float* v, std::size_t n, float v0, float bands_per_v, int bands, std::uint32_t* out) {
+HWY_INLINE std::uint32_t band_of(float v, float v0, float bands_per_v, float last) {
+  const float at = (v - v0) * bands_per_v, low = at > 0 ? at : 0;
+  // Towards zero, which is down.
+  return static_cast<std::uint32_t>(static_cast<std::int32_t>(low < last ? low : last));
+}
+
+// Of sixteen samples each: the first of their bands and, from bit 16 on, how many more there are up to the last.
+void BandsOf(const float* v, std::size_t groups, float v0, float bands_per_v, int bands, std::uint32_t* out) {
   const auto last = static_cast<float>(bands - 1);
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (std::size_t i = 0; i < n; ++i) {
-    const float at = (v[i] - v0) * bands_per_v, low = at > 0 ? at : 0;
-    // Towards zero, which is down.
-    out[i] = static_cast<std::uint32_t>(static_cast<std::int32_t>(low < last ? low : last));
+  for (std::size_t g = 0; g < groups; ++g, v += kPacket) {
+    std::uint32_t low = ~0U, high = 0;
+    for (int i = 0; i < kPacket; ++i) {
+      const std::uint32_t band = band_of(v[i], v0, bands_per_v, last);
+      low = band < low ? band : low, high = band > high ? band : high;
+    }
+    out[g] = low | (high - low) << 16;
   }
 }
 
-void CellsOf(const float* u, const float* v, std::size_t n, const LightBand& band, std::uint32_t* out) {
+// Cells of the samples of n groups of sixteen, or the one beyond all cells for those that are in another band.
+void CellsOf(const LightSamples& tile, const std::uint32_t* groups, std::size_t n, const LightBand& band,
+             const BandOf& where, std::uint32_t* out) {
   const float u0 = band.u0, v0 = band.v0, per_u = band.per_u, per_v = band.per_v;
   const int columns = band.columns;
   const auto last_column = static_cast<float>(columns - 1), last_row = static_cast<float>(kBandRows - 1);
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (std::size_t i = 0; i < n; ++i) {
-    float column = (u[i] - u0) * per_u, row = (v[i] - v0) * per_v;
-    column = column > 0 ? column : 0, row = row > 0 ? row : 0;
-    column = column < last_column ? column : last_column, row = row < last_row ? row : last_row;
-    out[i] = static_cast<std::uint32_t>(static_cast<std::int32_t>(row) * columns + static_cast<std::int32_t>(column));
+  const std::uint32_t own = where.index, none = static_cast<std::uint32_t>(columns) * kBandRows;
+  const float first_v = where.v0, bands_per_v = where.bands_per_v, last = where.last;
+  for (std::size_t g = 0; g < n; ++g, out += kPacket) {
+    const std::size_t first = std::size_t{groups[g]} * kPacket, left = tile.count - first;
+    const int here = left < kPacket ? static_cast<int>(left) : kPacket;
+    const float *u = &tile.u[first], *v = &tile.v[first];
+    SELENOGRAPH_INDEPENDENT_LANES
+    for (int i = 0; i < kPacket; ++i) {
+      float column = (u[i] - u0) * per_u, row = (v[i] - v0) * per_v;
+      column = column > 0 ? column : 0, row = row > 0 ? row : 0;
+      column = column < last_column ? column : last_column, row = row < last_row ? row : last_row;
+      const std::int32_t cell = static_cast<std::int32_t>(row) * columns + static_cast<std::int32_t>(column);
+      const bool in_band = (band_of(v[i], first_v, bands_per_v, last) == own) & (i < here);
+      out[i] = in_band ? static_cast<std::uint32_t>(cell) : none;
+    }
   }
 }
 
@@ -213,13 +239,12 @@ void LightSamples::make_room(std::size_t capacity, bool of_disc) {
 
 std::size_t BandScratch::bytes() const {
   return bytes_of(band.start) + bytes_of(band.u) + bytes_of(band.v) + bytes_of(band.d) + bytes_of(band.least) +
-         bytes_of(cell) + bytes_of(pixel) + bytes_of(next);
+         bytes_of(cell) + bytes_of(pixel);
 }
 
 std::size_t LightScratch::bytes() const {
   std::size_t sum = bands.bytes();
-  for (const LightSamples& s : sorted) sum += s.bytes();
-  for (const auto& list : first) sum += bytes_of(list);
+  for (const BandGroups& g : groups) sum += bytes_of(g.group) + bytes_of(g.first) + bytes_of(g.bands);
   for (const auto& list : shadowed) sum += bytes_of(list);
   return sum;
 }
@@ -250,27 +275,29 @@ void ShadowMap::turn(const ShadowMap& other, const LightSamples& placed, std::ui
   out.bound();
 }
 
-// first: where each band begins in `sorted`.
-void ShadowMap::sort_by_band(const Grid& grid, const LightSamples& tile, BandScratch& own, LightSamples& sorted,
-                             std::vector<std::uint32_t>& first) {
+void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, BandGroups& out) {
   const auto bands = static_cast<std::size_t>(grid.bands);
-  std::vector<std::uint32_t>&band = own.cell, &next = own.next;
-  band.resize(tile.count);
-  HWY_DYNAMIC_DISPATCH(BandsOf)(tile.v.data(), tile.count, grid.v0, grid.bands_per_v(), grid.bands, band.data());
-  first.assign(bands + 1, 0);
-  for (std::size_t k = 0; k < tile.count; ++k) ++first[band[k] + 1];
-  for (std::size_t b = 0; b < bands; ++b) first[b + 1] += first[b];
-  sorted.make_room(tile.u.size());
-  next.assign(first.begin(), first.end() - 1);
-  for (std::size_t k = 0; k < tile.count; ++k) {
-    const std::size_t to = next[band[k]]++;
-    sorted.u[to] = tile.u[k], sorted.v[to] = tile.v[k], sorted.d[to] = tile.d[k], sorted.pixel[to] = tile.pixel[k];
-  }
+  const std::size_t whole = tile.count / kPacket, groups = (tile.count + kPacket - 1) / kPacket;
+  out.bands.resize(groups);
+  HWY_DYNAMIC_DISPATCH(BandsOf)(tile.v.data(), whole, grid.v0, grid.bands_per_v(), grid.bands, out.bands.data());
+  if (groups > whole) out.bands[whole] = static_cast<std::uint32_t>(bands - 1) << 16;  // any: its samples are looked at
+  out.first.assign(bands + 1, 0);
+  const auto for_bands = [&](std::size_t g, const auto& work) {
+    const std::uint32_t low = out.bands[g] & 0xffff, more = out.bands[g] >> 16;
+    for (std::uint32_t b = low; b <= low + more; ++b) work(b);
+  };
+  for (std::size_t g = 0; g < groups; ++g) for_bands(g, [&](std::uint32_t b) { ++out.first[b]; });
+  std::uint32_t end = 0;
+  for (std::uint32_t& first : out.first) first = end += first;
+  out.group.resize(end);
+  // Backwards: each band's end goes down to its first.
+  for (std::size_t g = groups; g-- > 0;)
+    for_bands(g, [&](std::uint32_t b) { out.group[--out.first[b]] = static_cast<std::uint32_t>(g); });
 }
 
-// Fills own.band and own.pixel from all tiles' samples of the band, `count` of them.
-void ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, const LightScratch& scratch, std::size_t count,
-                             BandScratch& own) {
+// Fills own.band and own.pixel from all tiles' samples of the band. Returns how many there are.
+std::size_t ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, const std::vector<LightSamples>& tiles,
+                                    const std::vector<BandGroups>& groups, BandScratch& own) {
   LightBand& band = own.band;
   band.u0 = grid.u0, band.v0 = grid.band_start(static_cast<int>(band_index));
   band.per_u = grid.per_u, band.per_v = grid.per_v;
@@ -278,32 +305,46 @@ void ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, const Lig
   // Eight units in the last place of the largest coordinate.
   band.margin_m =
       0x1p-20F * std::max({std::abs(band.u0), std::abs(band.u_end()), std::abs(band.v0), std::abs(band.v_end())});
-  own.cell.resize(count), own.pixel.resize(count);
+
+  std::size_t lanes = 0;
+  for (const BandGroups& g : groups) lanes += kPacket * (g.first[band_index + 1] - g.first[band_index]);
+  own.cell.resize(lanes);
+  const BandOf where{static_cast<std::uint32_t>(band_index), grid.v0, grid.bands_per_v(),
+                     static_cast<float>(grid.bands - 1)};
   std::uint32_t* cell = own.cell.data();
-  for (std::size_t i = 0; i < scratch.sorted.size(); ++i) {
-    const std::size_t first = scratch.first[i][band_index], here = scratch.first[i][band_index + 1] - first;
-    HWY_DYNAMIC_DISPATCH(CellsOf)(&scratch.sorted[i].u[first], &scratch.sorted[i].v[first], here, band, cell);
-    cell += here;
+  for (std::size_t i = 0; i < tiles.size(); ++i) {
+    const std::uint32_t first = groups[i].first[band_index], n = groups[i].first[band_index + 1] - first;
+    HWY_DYNAMIC_DISPATCH(CellsOf)(tiles[i], groups[i].group.data() + first, n, band, where, cell);
+    cell += std::size_t{n} * kPacket;
   }
   const std::size_t cells = static_cast<std::size_t>(grid.columns) * kBandRows;
   band.start.assign(cells + 1, 0);
-  for (const std::uint32_t c : own.cell) ++band.start[c + 1];
-  for (std::size_t c = 0; c < cells; ++c) band.start[c + 1] += band.start[c];
-  own.next.assign(band.start.begin(), band.start.end() - 1);
+  std::uint32_t* start = band.start.data();
+  for (std::size_t k = 0; k < lanes; ++k) ++start[own.cell[k]];
+  // Each cell's end, which goes down to its first sample as samples are put there.
+  std::uint32_t end = 0;
+  for (std::size_t c = 0; c < cells; ++c) start[c] = end += start[c];
+  start[cells] = end;
+  const std::size_t count = end;
+  own.pixel.resize(count);
   band.u.resize(count + kBandPadding), band.v.resize(count + kBandPadding), band.d.resize(count + kBandPadding);
   for (std::size_t i = count; i < count + kBandPadding; ++i) band.u[i] = band.v[i] = 0, band.d[i] = kDark;
+  float *u = band.u.data(), *v = band.v.data(), *d = band.d.data();
+  std::uint32_t* pixel = own.pixel.data();
   cell = own.cell.data();
-  for (std::size_t i = 0; i < scratch.sorted.size(); ++i) {
-    const LightSamples& sorted = scratch.sorted[i];
-    for (std::uint32_t at = scratch.first[i][band_index]; at < scratch.first[i][band_index + 1]; ++at) {
-      const std::uint32_t to = own.next[*cell++]++;
-      band.u[to] = sorted.u[at], band.v[to] = sorted.v[at], band.d[to] = sorted.d[at];
-      own.pixel[to] = sorted.pixel[at];
+  for (std::size_t i = 0; i < tiles.size(); ++i)
+    for (std::uint32_t k = groups[i].first[band_index]; k < groups[i].first[band_index + 1]; ++k) {
+      const std::size_t first = std::size_t{groups[i].group[k]} * kPacket;
+      for (std::size_t from = first; from < first + kPacket; ++from, ++cell) {
+        if (*cell == cells) continue;
+        const std::uint32_t to = --start[*cell];
+        u[to] = tiles[i].u[from], v[to] = tiles[i].v[from], d[to] = tiles[i].d[from], pixel[to] = tiles[i].pixel[from];
+      }
     }
-  }
   band.coarse_columns = (grid.columns + LightBand::kCoarse - 1) / LightBand::kCoarse;
   band.least.resize(static_cast<std::size_t>(band.coarse_columns) * kBandRows);
   find_least(band, 0, grid.columns - 1, 0, kBandRows - 1);
+  return count;
 }
 
 void ShadowMap::cast_strips(const Grid& grid, int band_index, LightBand& band) const {
@@ -338,18 +379,13 @@ void ShadowMap::cast(const std::vector<LightSamples>& samples, LightScratch& scr
   if (scratch.shadowed.size() < bands) scratch.shadowed.resize(bands);
   for (auto& list : scratch.shadowed) list.clear();
   if (bands == 0) return;
-  scratch.sorted.resize(samples.size()), scratch.first.resize(samples.size());
-  in_parallel(samples.size(), [&](std::size_t i) {
-    const Pool<BandScratch>::Lease own(scratch.bands);
-    sort_by_band(grid, samples[i], *own, scratch.sorted[i], scratch.first[i]);
-  });
+  scratch.groups.resize(samples.size());
+  in_parallel(samples.size(), [&](std::size_t i) { find_bands(grid, samples[i], scratch.groups[i]); });
   in_parallel(bands, [&](std::size_t b) {
     stop.check();
-    std::size_t count = 0;
-    for (const auto& first : scratch.first) count += first[b + 1] - first[b];
-    if (count == 0) return;
     const Pool<BandScratch>::Lease own(scratch.bands);
-    sort_by_cell(grid, b, scratch, count, *own);
+    const std::size_t count = sort_by_cell(grid, b, samples, scratch.groups, *own);
+    if (count == 0) return;
     cast_strips(grid, static_cast<int>(b), own->band);
     cast_skirts(own->band);
     for (std::size_t i = 0; i < count; ++i)

@@ -3,11 +3,12 @@
 // no bias: under a closed surface only what faces away from the Sun needs to cast, and a point never lies on such a
 // facet.
 //
-// Samples are sorted into bands of the Sun's view and then into the cells of a band; each band is a task.
+// Samples are sorted into the cells of bands of the Sun's view; each band is a task.
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
+#include <cstring>
 #include <vector>
 
 #include "dem/stop_token.h"
@@ -41,8 +42,8 @@ struct LightSamples {
   }
   // Of pixels in a row.
   void add_all(const LightLanes& lanes, std::uint32_t first) {
-    std::copy_n(lanes.u, kPacket, &u[count]), std::copy_n(lanes.v, kPacket, &v[count]);
-    std::copy_n(lanes.d, kPacket, &d[count]);
+    std::memcpy(&u[count], lanes.u, sizeof lanes.u), std::memcpy(&v[count], lanes.v, sizeof lanes.v);
+    std::memcpy(&d[count], lanes.d, sizeof lanes.d);
     std::uint32_t* p = &pixel[count];
     for (std::uint32_t i = 0; i < kPacket; ++i) p[i] = first + i;
     count += kPacket;
@@ -57,15 +58,22 @@ struct LightSamples {
 // One band's samples in cells.
 struct BandScratch {
   LightBand band;
-  std::vector<std::uint32_t> cell, pixel, next;
+  std::vector<std::uint32_t> cell, pixel;
   std::size_t bytes() const;
+};
+
+// A tile's samples, sixteen by sixteen as they lie there, by the bands that some of the sixteen are in: neighbours in
+// the image, nearly all of them are in one.
+struct BandGroups {
+  std::vector<std::uint32_t> group;  // sample 16 group and those after it
+  std::vector<std::uint32_t> first;  // of each band, in `group`; one more: the end
+  std::vector<std::uint32_t> bands;  // while they are found: of each group the first, and how many more
 };
 
 // What a map needs while it works; kept from frame to frame.
 struct LightScratch {
   Pool<BandScratch> bands;                           // one per thread
-  std::vector<LightSamples> sorted;                  // each tile's, by band
-  std::vector<std::vector<std::uint32_t>> first;     // of each band, per tile
+  std::vector<BandGroups> groups;                    // per tile
   std::vector<std::vector<std::uint32_t>> shadowed;  // pixels, per band
   std::size_t bytes() const;
 };
@@ -93,10 +101,9 @@ class ShadowMap {
   struct Grid;
 
   static Grid grid_over(const std::vector<LightSamples>& tiles);
-  static void sort_by_band(const Grid& grid, const LightSamples& tile, BandScratch& own, LightSamples& sorted,
-                           std::vector<std::uint32_t>& first);
-  static void sort_by_cell(const Grid& grid, std::size_t band, const LightScratch& scratch, std::size_t count,
-                           BandScratch& own);
+  static void find_bands(const Grid& grid, const LightSamples& tile, BandGroups& out);
+  static std::size_t sort_by_cell(const Grid& grid, std::size_t band, const std::vector<LightSamples>& tiles,
+                                  const std::vector<BandGroups>& groups, BandScratch& own);
   Caster caster_of(const Strip& strip) const;
   bool may_face_away(const Strip& strip) const;
   void order_casters();
