@@ -43,8 +43,17 @@ MemorySettings memory_settings(const ServeSettings& s) {
           .mesh_mb = s.terrain.mesh_mb};
 }
 
-// A tenth of the budgets for terrain and acceleration structures.
-std::size_t heap_slack_bytes(const TerrainSettings& s) { return ((s.cache_mb + s.scene_mb) << 20) / 10; }
+// Both budgets for terrain and scenes and a tenth, for the program itself and what the heap can't give back. Of the
+// two, terrain is what can be had again at the least cost.
+HeapTrim::Plan heap_plan(const TerrainSettings& s, const dem::Terrain& terrain,
+                         std::function<std::size_t()> requests_bytes) {
+  const std::size_t of_terrain = s.cache_mb << 20, budgets = of_terrain + (s.scene_mb << 20);
+  return {.slack_bytes = budgets / 20,
+          .most_less_bytes = of_terrain / 2,
+          .most_bytes = [budgets,
+                         of_requests = std::move(requests_bytes)] { return budgets + budgets / 10 + of_requests(); },
+          .keep_less = [&terrain](std::size_t bytes) { terrain.keep_less(bytes); }};
+}
 
 int places_in_work(const ServeSettings& s) {
   return s.max_frames > 0 ? s.max_frames : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
@@ -87,11 +96,7 @@ int serve(const ServeSettings& settings) {
   const auto memory = std::make_shared<api::MemoryBudget>(plan.requests_bytes),
              bodies = std::make_shared<api::MemoryBudget>(plan.bodies_bytes);
   const HeapTrim trim(
-      [&] {
-        return renderer->terrain().statistics().bytes + renderer->scene_bytes_in_use() + memory->in_use() +
-               bodies->in_use();
-      },
-      heap_slack_bytes(settings.terrain));
+      heap_plan(settings.terrain, renderer->terrain(), [&] { return memory->in_use() + bodies->in_use(); }));
   const api::Limits& limits = settings.limits;
   const api::Service service(renderer, limits, settings.terrain.assets_dir, mesh_options(settings.terrain), memory);
   Admission admission({.max_in_work = places_in_work(settings),

@@ -1,15 +1,17 @@
 #include "server/heap_trim.h"
 
 #include <fcntl.h>
-#include <malloc.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <exception>
 #include <utility>
+
+#include "engine/support/heap.h"
 
 namespace selenograph::server {
 namespace {
@@ -29,16 +31,7 @@ std::size_t resident_bytes() {
 
 }  // namespace
 
-HeapTrim::HeapTrim(std::function<std::size_t()> held_bytes, std::size_t slack_bytes)
-    : held_bytes_(std::move(held_bytes)),
-      slack_bytes_(slack_bytes),
-      start_bytes_(resident_bytes()),
-      thread_([this] { run(); }) {
-  // What a frame gives back, the next one takes: going through the system and its zeroed pages in between costs half a
-  // millisecond of 20.
-  ::mallopt(M_MMAP_THRESHOLD, 64 << 20);
-  ::mallopt(M_TRIM_THRESHOLD, 512 << 20);
-}
+HeapTrim::HeapTrim(Plan plan) : plan_(std::move(plan)), thread_([this] { run(); }) {}
 
 HeapTrim::~HeapTrim() {
   {
@@ -51,12 +44,24 @@ HeapTrim::~HeapTrim() {
 
 void HeapTrim::run() {
   std::unique_lock lock(mutex_);
-  while (!stop_.wait_for(lock, std::chrono::seconds(1), [this] { return stopping_; })) {
+  while (!stop_.wait_for(lock, std::chrono::milliseconds(200), [this] { return stopping_; })) {
     try {
-      if (resident_bytes() > start_bytes_ + held_bytes_() + slack_bytes_) ::malloc_trim(0);
-    } catch (const std::exception&) {  // no memory to count with: a second later, then
+      look();
+    } catch (const std::exception&) {  // no memory to count with: next time, then
     }
   }
+}
+
+void HeapTrim::look() {
+  if (engine::free_memory_bytes() > plan_.slack_bytes) engine::give_back_free_memory();
+  const std::size_t resident = resident_bytes(), most = plan_.most_bytes();
+  std::size_t less = less_;
+  if (resident > most) {
+    less = std::min(less + (resident - most), plan_.most_less_bytes);
+  } else if (most - resident > plan_.slack_bytes) {  // by and by
+    less -= std::min(less, (most - resident - plan_.slack_bytes) / 8);
+  }
+  if (less != less_) plan_.keep_less(less_ = less);
 }
 
 }  // namespace selenograph::server

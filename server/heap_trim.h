@@ -9,20 +9,27 @@
 
 namespace selenograph::server {
 
-// Caches that turn over leave holes in the heap, which glibc keeps: twice the budget after a few hundred frames. Once a
-// second this compares resident memory with what is held, and gives the holes back when they exceed `slack_bytes`.
-// Where budgets are ample that never happens; otherwise it costs some milliseconds of one thread.
+// Caches that turn over leave free memory in the heap, which keeps it, and holes, which it can't give back. Several
+// times a second this looks how much is free, and gives it back when it is more than `slack_bytes`. When the process is
+// still larger than `most_bytes` says, caches are told to keep so much less, up to `most_less_bytes`, until it no
+// longer is.
 class HeapTrim {
  public:
-  // `held_bytes` answers what caches hold now; called on this object's thread.
-  HeapTrim(std::function<std::size_t()> held_bytes, std::size_t slack_bytes);
+  struct Plan {
+    std::size_t slack_bytes, most_less_bytes;
+    std::function<std::size_t()> most_bytes;           // that may be resident now
+    std::function<void(std::size_t bytes)> keep_less;  // by so many bytes than the budget
+  };
+  // Both functions are called on this object's thread.
+  explicit HeapTrim(Plan plan);
   ~HeapTrim();
 
  private:
   void run();
+  void look();
 
-  const std::function<std::size_t()> held_bytes_;
-  const std::size_t slack_bytes_, start_bytes_;
+  const Plan plan_;
+  std::size_t less_ = 0;
   std::mutex mutex_;
   std::condition_variable stop_;
   bool stopping_ = false;

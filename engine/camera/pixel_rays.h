@@ -3,10 +3,10 @@
 #pragma once
 
 #include <cstddef>
-#include <vector>
 
 #include "dem/stop_token.h"
 #include "engine/frame/camera.h"
+#include "engine/support/uninitialised.h"
 
 namespace selenograph::engine {
 
@@ -18,7 +18,7 @@ struct PixelRays {
 
   // Row-major; NaN where the lens images nothing. Empty for a rectilinear camera. `z`: of unit directions; empty where
   // it is 1 everywhere.
-  std::vector<double> x, y, z;
+  UninitialisedVector<double> x, y, z;
   std::size_t bytes() const {
     return sizeof(PixelRays) + (x.capacity() + y.capacity() + z.capacity()) * sizeof(double);
   }
