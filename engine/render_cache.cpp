@@ -81,11 +81,18 @@ RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_
       speed_of_rays_(threads),
       speed_of_zbuffer_(threads) {}
 
-// Room for a scene while it is made. The first is let in whatever its size: selection has bounded it.
+// Room for a scene while it is made, of what is new in it; scenes that nobody uses make way. The first is let in
+// whatever its size: selection has bounded it.
 class RenderCache::Room {
  public:
   Room(RenderCache& cache, const SceneContent& content, const StopToken& stop) : cache_(cache) {
-    for (const dem::BlockId& id : content.blocks) bytes_ += scene_bytes_of(id, content.visibility);
+    {
+      // Not held while this waits: who waits for room must not be in the others' way.
+      const std::shared_ptr<const Scene> before = cache.most_in_common(content);
+      const bool floats_stay = before && before->anchor == content.anchor_m;
+      for (const dem::BlockId& id : content.blocks)
+        if (!(floats_stay && before->mesh.holds(id))) bytes_ += scene_bytes_of(id, content.visibility);
+    }
     while (!enter()) {
       stop.check();
       std::this_thread::sleep_for(kLook);
@@ -136,6 +143,7 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
   const auto make = [&] {
     const Room room(*this, content, stop);
     const std::shared_ptr<const Scene> before = most_in_common(content);
+    reserve();
     auto made = std::make_shared<const Scene>(*terrain_, content, threads_, before.get(), stop);
     const std::lock_guard lock(latest_mutex_);
     latest_.push_front(made);
@@ -178,7 +186,17 @@ std::shared_ptr<const PixelRays> RenderCache::lens(const Camera& camera, const S
 
 void RenderCache::settle() {
   if (scratch_.bytes() > scenes_.capacity() / 4) scratch_.clear();
-  scenes_.reserve(scratch_.bytes() + lenses_.bytes());
+  reserve();
+}
+
+// What isn't a scene, or not yet one.
+void RenderCache::reserve() {
+  std::size_t being_made;
+  {
+    const std::lock_guard lock(room_mutex_);
+    being_made = being_made_bytes_;
+  }
+  scenes_.reserve(scratch_.bytes() + lenses_.bytes() + being_made);
 }
 
 }  // namespace selenograph::engine

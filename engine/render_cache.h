@@ -71,6 +71,7 @@ class RenderCache {
   };
   static SceneKey key_of(const SceneContent& content);
   class Room;
+  void reserve();
   class PartsOnce;
   std::shared_ptr<const Scene> most_in_common(const SceneContent& content);
 

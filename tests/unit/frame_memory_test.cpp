@@ -58,7 +58,7 @@ TEST_F(FrameMemory, ScratchStaysBelowTheEstimate) {
 }
 
 TEST_F(FrameMemory, AScenePinnedByOneFrameIsWaitedForByTheNext) {
-  engine::RenderCache kept(terrain_, std::size_t{12} << 20, 1);
+  engine::RenderCache kept(terrain_, std::size_t{10} << 20, 1);
   const auto content_at = [&](double lon_deg) {
     engine::FrameRequest q = request_at(45, 0);
     const Vec3 eye = to_cartesian({10, lon_deg, 200000});
@@ -68,13 +68,13 @@ TEST_F(FrameMemory, AScenePinnedByOneFrameIsWaitedForByTheNext) {
     return content_of(q, view, select_blocks(q, view, q.accuracy, *terrain_, kept, {}));
   };
   auto first = kept.scene(content_at(20));
-  ASSERT_GT(first->bytes, std::size_t{6} << 20) << "two of them must be too many";
+  ASSERT_GT(first->bytes, std::size_t{5} << 20) << "two of them must be too many";
   const StopToken soon(StopToken::Clock::now() + std::chrono::milliseconds(50));
   EXPECT_THROW(kept.scene(content_at(60), soon), Cancelled);
   first.reset();
   const auto second = kept.scene(content_at(60));
   EXPECT_GT(second->bytes, 0U);
-  EXPECT_LE(kept.bytes(), std::size_t{12} << 20);
+  EXPECT_LE(kept.bytes(), std::size_t{10} << 20);
 }
 
 }  // namespace
