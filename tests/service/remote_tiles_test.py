@@ -173,7 +173,18 @@ def tearDownModule():
     harness.tear_down()
 
 
-class RemoteTiles(unittest.TestCase):
+class AsksForHeights(unittest.TestCase):
+    def height(self, place=PLACES[0]):
+        return self.service.ask("GET", f"/v1/height?lat_deg={place[0]}&lon_deg={place[1]}", headers={"Request-Timeout-Ms": "60000"})
+
+    def check_heights(self):
+        for place in PLACES:
+            status, _, body = self.height(place)
+            self.assertEqual(status, 200, body)
+            self.assertAlmostEqual(json.loads(body)["height_m"], height_at(*place), delta=1.01)
+
+
+class RemoteTiles(AsksForHeights):
     def setUp(self):
         self.server = Tiles()
         self.server.files["/dem/moon.tif"] = tiff()
@@ -196,15 +207,6 @@ class RemoteTiles(unittest.TestCase):
     def info(self, *dem, prefixes=None):
         allowed = ["--remote-prefix", *prefixes] if prefixes else []
         return harness.run("info", "--json", "--cache-dir", harness.path(self.cache), *allowed, "--dem", *(dem or [self.url]))
-
-    def height(self, place=PLACES[0]):
-        return self.service.ask("GET", f"/v1/height?lat_deg={place[0]}&lon_deg={place[1]}", headers={"Request-Timeout-Ms": "60000"})
-
-    def check_heights(self):
-        for place in PLACES:
-            status, _, body = self.height(place)
-            self.assertEqual(status, 200, body)
-            self.assertAlmostEqual(json.loads(body)["height_m"], height_at(*place), delta=1.01)
 
     def check_fault(self, status=503, tile="dem/moon.tif"):
         got, headers, body = self.height()
@@ -344,7 +346,7 @@ class RemoteTiles(unittest.TestCase):
         self.check_heights()
 
 
-class TilesInABucket(unittest.TestCase):
+class TilesInABucket(AsksForHeights):
     """The same by GDAL's file system for S3, at an endpoint of this machine."""
 
     def setUp(self):
@@ -362,15 +364,6 @@ class TilesInABucket(unittest.TestCase):
         self.server.shutdown()
         self.server.server_close()
 
-    def height(self, place):
-        return self.service.ask("GET", f"/v1/height?lat_deg={place[0]}&lon_deg={place[1]}", headers={"Request-Timeout-Ms": "60000"})
-
-    def check_heights(self):
-        for place in PLACES:
-            status, _, body = self.height(place)
-            self.assertEqual(status, 200, body)
-            self.assertAlmostEqual(json.loads(body)["height_m"], height_at(*place), delta=1.01)
-
     def test_they_are_read(self):
         self.check_heights()
         self.assertEqual({r[1].partition("?")[0] for r in self.server.asked()}, {"/bucket/dem/moon.tif"})
@@ -379,7 +372,7 @@ class TilesInABucket(unittest.TestCase):
         for kind in (503, "hang up", "truncate"):
             with self.subTest(kind):
                 self.server.go_wrong(kind)
-                status, headers, body = self.height(PLACES[0])
+                status, headers, body = self.height()
                 self.assertEqual(status, 503, body)
                 self.assertIn("Retry-After", headers)
                 self.assertIn(self.url, json.loads(body)["detail"])
@@ -389,7 +382,7 @@ class TilesInABucket(unittest.TestCase):
 
     def test_one_that_is_gone(self):
         del self.server.files["/bucket/dem/moon.tif"]
-        status, _, body = self.height(PLACES[0])
+        status, _, body = self.height()
         self.assertEqual(status, 500, body)
         self.assertIn(self.url + " is missing", json.loads(body)["detail"].replace(": ", " "))
 
