@@ -102,9 +102,8 @@ bool MeshBlock::joined_as_it_was() const {
 }
 
 std::size_t MeshBlock::bytes() const {
-  return sizeof(MeshBlock) + own_.size() * sizeof(dem::Vertex) +
-         (rows.size() + columns.size()) * sizeof(Turn) + mixed.size() * sizeof(std::uint64_t) +
-         4 * static_cast<std::size_t>(side) * sizeof(float);
+  return sizeof(MeshBlock) + own_.size() * sizeof(dem::Vertex) + (rows.size() + columns.size()) * sizeof(Turn) +
+         mixed.size() * sizeof(std::uint64_t) + 4 * static_cast<std::size_t>(side) * sizeof(float);
 }
 
 Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before, const StopToken& stop) {
