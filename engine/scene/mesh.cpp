@@ -67,10 +67,10 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined
       border(std::move(joined)),
       side(posts->side()),
       collapses(border.stride != std::array{1, 1, 1, 1}) {
+  const int quads = posts->extent.quads;
   vertices = posts->vertices;
   if (!joined_as_it_was()) {
     own_ = posts->vertices;
-    const int quads = posts->extent.quads;
     for (int edge = 0; edge < 4; ++edge)
       for (int i = 0; i <= quads; ++i) {
         const auto e = static_cast<std::size_t>(edge);
@@ -81,7 +81,6 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined
   }
   for (std::size_t i = 0; i < posts->sin_lat.size(); ++i) rows.push_back({posts->sin_lat[i], posts->cos_lat[i]});
   for (std::size_t i = 0; i < posts->sin_lon.size(); ++i) columns.push_back({posts->sin_lon[i], posts->cos_lon[i]});
-  const int quads = posts->extent.quads;
   source = posts->source(quads / 2, quads / 2);
   if (posts->sources.size() == 1) return;
   mixed.assign(static_cast<std::size_t>(quads), 0);
@@ -204,8 +203,7 @@ void Mesh::join_edge(const dem::Block& own, int edge, BlockBorder& out) const {
     }
     const std::int64_t lat = along_lon ? lat_edge : e.lat0 + std::int64_t{i} * e.lat_step;
     const std::int64_t lon = along_lon ? e.lon0 + std::int64_t{i} * e.lon_step : lon_edge;
-    const int r = along_lon ? (edge == 0 ? 0 : e.quads) : i, c = along_lon ? i : (edge == 2 ? 0 : e.quads);
-    float h = own.vertices[own.index(r, c)].height_m;
+    float h = own.vertices[place_on(own, edge, i)].height_m;
     if (i == 0 || i == e.quads || several) {
       h = joined_height(own.id, lat, lon);
     } else if (neighbour && (neighbour_first || std::isnan(h))) {
