@@ -17,6 +17,7 @@
 #else
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/task_group.h>
 #endif
 #include <tbb/task_arena.h>
 
@@ -95,12 +96,16 @@ void where_loops_run(const Body& body) {
     alone();
 }
 
-// body(first, past_last) for pieces of 0 .. count, of at least `grain`.
+// body(first, past_last) for pieces of 0 .. count, of at least `grain`. It returns when all are done, or throws what
+// one of them did. The context is its own: of a loop within another whose body has thrown, oneTBB would leave out what
+// has not begun and return as if it were done.
 template <typename Body>
 void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
   where_loops_run([&] {
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, grain),
-                      [&](const tbb::blocked_range<std::size_t>& piece) { body(piece.begin(), piece.end()); });
+    tbb::task_group_context whole(tbb::task_group_context::isolated);
+    tbb::parallel_for(
+        tbb::blocked_range<std::size_t>(0, count, grain),
+        [&](const tbb::blocked_range<std::size_t>& piece) { body(piece.begin(), piece.end()); }, whole);
   });
 }
 #endif

@@ -213,10 +213,11 @@ TEST_F(MeshTest, TakenOverIsTheSame) {
                                                 box(5, 4, 12, 22, 30, other_halves)};
   std::unique_ptr<Mesh> before;
   std::unique_ptr<RasterMesh> drawn_before;
+  const auto parts_before = [&](const Vec3& at) { return drawn_before ? drawn_before->parts_for(at) : RasterParts{}; };
   std::size_t shared = 0, made = 0;
   for (const auto& blocks : steps) {
     auto mesh = std::make_unique<Mesh>(*terrain_, blocks, before.get());
-    auto drawn = std::make_unique<RasterMesh>(*mesh, anchor, drawn_before.get());
+    auto drawn = std::make_unique<RasterMesh>(*mesh, anchor, parts_before(anchor));
     const Mesh fresh(*terrain_, blocks);
     const RasterMesh fresh_drawn(fresh, anchor);
     ASSERT_EQ(mesh->blocks().size(), fresh.blocks().size());
@@ -243,7 +244,7 @@ TEST_F(MeshTest, TakenOverIsTheSame) {
   EXPECT_GT(made, 60U);
   // Of another anchor only shapes are taken over.
   const Vec3 other = anchor + Vec3(4096, 0, 0);
-  const RasterMesh elsewhere(*before, other, drawn_before.get()), fresh(*before, other);
+  const RasterMesh elsewhere(*before, other, parts_before(other)), fresh(*before, other);
   EXPECT_NE(elsewhere.blocks()[0].x[0], drawn_before->blocks()[0].x[0]);
   for (std::size_t i = 0; i < fresh.pieces().size(); ++i) {
     EXPECT_EQ(elsewhere.pieces()[i]->shape, drawn_before->pieces()[i]->shape);
@@ -254,6 +255,40 @@ TEST_F(MeshTest, TakenOverIsTheSame) {
   EXPECT_EQ(std::memcmp(elsewhere.strips().data(), fresh.strips().data(), fresh.strips().size() * sizeof(Strip)), 0);
   ASSERT_EQ(elsewhere.skirts().size(), fresh.skirts().size());
   EXPECT_EQ(std::memcmp(elsewhere.skirts().data(), fresh.skirts().data(), fresh.skirts().size() * sizeof(Skirt)), 0);
+}
+
+// Wherever loading is given up, what it leaves in the terrain's memory is what a fresh one would have.
+TEST_F(MeshTest, GivenUpAtAnyMomentLeavesNothingWrong) {
+  using Clock = StopToken::Clock;
+  const auto blocks = box(5, 2, 10, 20, 28, [](const BlockId&) { return true; });
+  const Mesh right(*terrain_, blocks);
+  const auto opened = [&] {
+    auto terrain = test::open_terrain(*folder_ / "dem", *folder_ / "cache");
+    terrain->block(blocks[0]);  // with the pyramid around it
+    return terrain;
+  };
+  auto terrain = opened();
+  const auto start = Clock::now();
+  const Mesh whole(*terrain, blocks);
+  const Clock::duration took = Clock::now() - start;
+  const int trials = 60;
+  int given_up = 0;
+  for (int trial = 0; trial < trials; ++trial) {
+    terrain = opened();
+    try {
+      const Mesh part(*terrain, blocks, nullptr, StopToken(Clock::now() + took * trial / trials));
+    } catch (const Cancelled&) {
+      ++given_up;
+    }
+    const Mesh after(*terrain, blocks);
+    ASSERT_EQ(after.blocks().size(), right.blocks().size()) << trial;
+    for (std::size_t i = 0; i < blocks.size(); ++i)
+      ASSERT_EQ(std::memcmp(after.blocks()[i].vertices.data(), right.blocks()[i].vertices.data(),
+                            right.blocks()[i].vertices.size_bytes()),
+                0)
+          << "block " << to_string(blocks[i]) << " after loading was given up in trial " << trial;
+  }
+  EXPECT_GT(given_up, 0);
 }
 
 // Of every strip: no triangle rises more steeply toward any of the eight directions than is said, and one as steeply.

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>
+#include <tbb/task_group.h>
 
 #include <atomic>
 #include <chrono>
@@ -67,6 +68,35 @@ TEST(Parallel, LoopsWithinLoopsAndWhatTheyThrow) {
     in_parallel(2, [&](std::size_t) { ++sum; });
   });
   EXPECT_EQ(sum, 99 * 100 / 2 + 2);
+}
+
+// What has begun when another piece throws is done as a whole, or it would be taken for whole: a block of terrain, say,
+// whose posts nobody has read.
+TEST(Parallel, ALoopWithinOneThatIsGivenUpIsWhole) {
+  if (tbb::this_task_arena::max_concurrency() < 2) GTEST_SKIP() << "one core";
+  tbb::task_arena arena(2);
+  std::atomic<int> within{0}, begun{0};
+  std::atomic<bool> given_up{false};
+  in_arena(arena, [&] {
+    EXPECT_THROW(in_parallel(2,
+                             [&](std::size_t i) {
+                               ++begun;
+                               ASSERT_TRUE(becomes(begun, 2));
+                               if (i == 0) throw std::out_of_range("0");
+#ifndef __SANITIZE_THREAD__
+                               const auto end = std::chrono::steady_clock::now() + kPatience;
+                               while (!tbb::is_current_task_group_canceling() && std::chrono::steady_clock::now() < end)
+                                 std::this_thread::yield();
+                               given_up = tbb::is_current_task_group_canceling();
+#endif
+                               in_parallel(100, [&](std::size_t) { ++within; });
+                             }),
+                 std::out_of_range);
+  });
+#ifndef __SANITIZE_THREAD__
+  EXPECT_TRUE(given_up);
+#endif
+  EXPECT_EQ(within, 100);
 }
 
 }  // namespace
