@@ -10,6 +10,7 @@
 #include <list>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <unordered_map>
 #include <utility>
 
@@ -53,11 +54,7 @@ class Cache {
     {
       std::unique_lock lock(mutex_);
       for (;;) {
-        if (const auto found = entries_.find(key); found != entries_.end()) {
-          ++hits_;
-          order_.splice(order_.begin(), order_, found->second.place);
-          return found->second.value;
-        }
+        if (const auto found = entries_.find(key); found != entries_.end()) return used(found);
         const auto flying = flights_.find(key);
         if (flying == flights_.end()) break;
         flight = flying->second;
@@ -102,6 +99,13 @@ class Cache {
     return entries_.count(key) > 0;
   }
 
+  // What is here, perhaps a null pointer; nullopt when nothing is. Counts as a use.
+  std::optional<Pointer> find(const Key& key) {
+    std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    return found == entries_.end() ? std::nullopt : std::optional(used(found));
+  }
+
   // What is here, null when nothing is. Neither loads nor counts as a use.
   Pointer peek(const Key& key) const {
     std::lock_guard lock(mutex_);
@@ -144,6 +148,12 @@ class Cache {
   T locked(const T& value) const {
     std::lock_guard lock(mutex_);
     return value;
+  }
+
+  Pointer used(typename Entries::iterator entry) {
+    ++hits_;
+    order_.splice(order_.begin(), order_, entry->second.place);
+    return entry->second.value;
   }
 
   void land(const Key& key, Flight& flight, Loaded loaded) {

@@ -21,6 +21,7 @@
 #include "dem/chunk.h"
 #include "dem/error.h"
 #include "dem/files.h"
+#include "dem/parallel.h"
 #include "dem/post_source.h"
 #include "dem/surface.h"
 
@@ -325,11 +326,22 @@ struct Terrain::Impl {
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop) {
     const ChunkPlan found = plan_for(id);
     if (!found.exists) return nullptr;
+    if (const auto here = blocks.find(id)) return *here;
+    // A pyramid that is to be built is waited for out here: that may take seconds, and the arena's places are few.
+    const std::shared_ptr<const Chunk> ready = chunk(found, stop);
+    // Loading has loops. Loops' bodies wait for blocks that others load, too, and keep their places in the arena: who
+    // would begin to load and then wait for a place there could wait for those who wait for it.
+    std::shared_ptr<const Block> block;
+    where_loops_run([&] { block = load_once(id, found, stop); });
+    return block;
+  }
+
+  std::shared_ptr<const Block> load_once(const BlockId& id, const ChunkPlan& plan, const StopToken& stop) {
     return blocks.get(
         id,
         [&] {
           std::shared_ptr<const Block> made =
-              id.level > found.finest_level() ? finer_than_posts(id, found, stop) : load(id, found, stop);
+              id.level > plan.finest_level() ? finer_than_posts(id, plan, stop) : load(id, plan, stop);
           const std::size_t bytes = made ? made->bytes() : sizeof(Block);
           return Blocks::Loaded{std::move(made), bytes};
         },

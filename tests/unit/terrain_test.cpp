@@ -2,11 +2,17 @@
 #include "dem/terrain.h"
 
 #include <gtest/gtest.h>
+#include <tbb/task_arena.h>
 
 #include <Eigen/Dense>
+#include <atomic>
+#include <chrono>
 #include <cmath>
+#include <future>
 #include <random>
+#include <thread>
 
+#include "dem/parallel.h"
 #include "dem/surface.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
@@ -86,6 +92,41 @@ TEST(Terrain, ContinuousAcrossEdgesOfQuadsBlocksAndChunks) {
     ASSERT_FALSE(std::isnan(terrain->height(19 + edge, 19 + free).height_m));
     ASSERT_FALSE(std::isnan(terrain->height(19 + free, 19 + edge).height_m));
   }
+}
+
+// Two loops have all places of an arena and wait for a block. A third caller, outside of any loop, must not have begun
+// to load that block when it needs a place there itself.
+TEST(Terrain, WhoLoadsABlockNeverWaitsForThoseWhoWaitForIt) {
+  if (tbb::this_task_arena::max_concurrency() < 2) GTEST_SKIP() << "one core";
+  TemporaryFolder folder;
+  write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
+  const auto terrain = open_terrain(folder.path());
+  const BlockId id = block_at(8, static_cast<std::int32_t>((90 + 11) * kTicksPerDegree), 201 * kTicksPerDegree);
+  ASSERT_FALSE(terrain->node(id).empty);  // the pyramid is there
+  using Clock = StopToken::Clock;
+  const StopToken stop(Clock::now() + std::chrono::seconds(20));
+  tbb::task_arena arena(2);
+  std::atomic<int> in_loops{0};
+  const auto waits_in_a_loop = [&] {
+    in_arena(arena, [&] {
+      in_parallel(1, [&](std::size_t) {
+        ++in_loops;
+        // Until the third has begun, or has come as far as it comes.
+        const auto patience = Clock::now() + std::chrono::milliseconds(300);
+        while (in_loops < 2 || (terrain->statistics().misses == 0 && Clock::now() < patience))
+          std::this_thread::yield();
+        terrain->block(id, stop);
+      });
+    });
+  };
+  auto first = std::async(std::launch::async, waits_in_a_loop),
+       second = std::async(std::launch::async, waits_in_a_loop);
+  while (in_loops < 2) std::this_thread::yield();
+  std::shared_ptr<const Block> block;
+  EXPECT_NO_THROW(block = in_arena(arena, [&] { return terrain->block(id, stop); }));
+  EXPECT_NO_THROW(first.get());
+  EXPECT_NO_THROW(second.get());
+  EXPECT_TRUE(block);
 }
 
 TEST(Terrain, OutsideThereIsNothing) {
