@@ -1,6 +1,8 @@
 // One block of the mesh: the posts of one level over one quadtree node, with shading normals and sources.
 #pragma once
 
+#include <malloc.h>
+
 #include <Eigen/Core>
 #include <cmath>
 #include <cstdint>
@@ -50,8 +52,9 @@ struct Block {
     return {radius * cos_lat[row] * cos_lon[col], radius * cos_lat[row] * sin_lon[col], radius * sin_lat[row]};
   }
   std::size_t bytes() const {
-    return sizeof(Block) + vertices.size() * sizeof(Vertex) + sources.size() * sizeof(SourceMark) +
-           8 * 2 * (sin_lat.size() + sin_lon.size());
+    // Of vertices as the heap has them, who rounds arrays of their size up by a fifth.
+    return sizeof(Block) + ::malloc_usable_size(const_cast<Vertex*>(vertices.data())) +
+           sources.size() * sizeof(SourceMark) + 8 * 2 * (sin_lat.size() + sin_lon.size());
   }
 };
 

@@ -2,6 +2,7 @@
 
 #include <xxhash.h>
 
+#include <algorithm>
 #include <chrono>
 #include <limits>
 #include <new>
@@ -81,11 +82,11 @@ RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_
       speed_of_rays_(threads),
       speed_of_zbuffer_(threads) {}
 
-// Room for a scene while it is made, of what is new in it; scenes that nobody uses make way. The first is let in
-// whatever its size: selection has bounded it.
+// Room for a scene while it is made, of what is new in it; scenes that nobody uses make way, but in preparation: the
+// latest is still flown over. The first is let in whatever its size: selection has bounded it.
 class RenderCache::Room {
  public:
-  Room(RenderCache& cache, const SceneContent& content, const StopToken& stop) : cache_(cache) {
+  Room(RenderCache& cache, const SceneContent& content, Purpose purpose, const StopToken& stop) : cache_(cache) {
     {
       // Not held while this waits: who waits for room must not be in the others' way.
       const std::shared_ptr<const Scene> before = cache.most_in_common(content);
@@ -93,6 +94,8 @@ class RenderCache::Room {
       for (const dem::BlockId& id : content.blocks)
         if (!(floats_stay && before->mesh.holds(id))) bytes_ += scene_bytes_of(id, content.visibility);
     }
+    if (purpose == Purpose::preparation && cache_.latest_scene_bytes() + bytes_ > cache_.scenes_.capacity())
+      throw Cancelled();
     while (!enter()) {
       stop.check();
       std::this_thread::sleep_for(kLook);
@@ -141,10 +144,11 @@ std::shared_ptr<const Scene> RenderCache::most_in_common(const SceneContent& con
 std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, const StopToken& stop, Purpose purpose) {
   const SceneKey key = key_of(content);
   const auto make = [&] {
-    const Room room(*this, content, stop);
-    const std::shared_ptr<const Scene> before = most_in_common(content);
+    const Room room(*this, content, purpose, stop);
+    SceneParts before;
+    if (const auto scene = most_in_common(content)) before = scene->parts_for(content.anchor_m);
     reserve();
-    auto made = std::make_shared<const Scene>(*terrain_, content, threads_, before.get(), stop);
+    auto made = std::make_shared<const Scene>(*terrain_, content, threads_, before, stop);
     const std::lock_guard lock(latest_mutex_);
     latest_.push_front(made);
     if (latest_.size() > kLatest) latest_.pop_back();
@@ -196,7 +200,20 @@ void RenderCache::reserve() {
     const std::lock_guard lock(room_mutex_);
     being_made = being_made_bytes_;
   }
-  scenes_.reserve(scratch_.bytes() + lenses_.bytes() + being_made);
+  const std::size_t others = scratch_.bytes() + lenses_.bytes() + being_made, needed = others + latest_scene_bytes(),
+                    spare = scenes_.capacity() - std::min(scenes_.capacity(), needed);
+  scenes_.reserve(others + std::min(less_.load(), spare));
+}
+
+std::size_t RenderCache::latest_scene_bytes() {
+  const std::lock_guard lock(latest_mutex_);
+  const auto scene = latest_.empty() ? nullptr : latest_.front().lock();
+  return scene ? scene->bytes + scene->bytes / 16 : 0;  // and what goes with it in the cache
+}
+
+void RenderCache::keep_less(std::size_t bytes) {
+  less_ = bytes;
+  reserve();
 }
 
 }  // namespace selenograph::engine

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
@@ -50,6 +51,10 @@ class RenderCache {
   // leaves its scratch memory behind only if that is a small part of it.
   void settle();
 
+  // Of the budget so many bytes are needed elsewhere: so much less is kept, but for the latest scene. What a frame may
+  // take stays the same.
+  void keep_less(std::size_t bytes);
+
   SpeedGauge& speed(Visibility visibility) {
     return visibility == Visibility::zbuffer ? speed_of_zbuffer_ : speed_of_rays_;
   }
@@ -72,6 +77,7 @@ class RenderCache {
   static SceneKey key_of(const SceneContent& content);
   class Room;
   void reserve();
+  std::size_t latest_scene_bytes();
   class PartsOnce;
   std::shared_ptr<const Scene> most_in_common(const SceneContent& content);
 
@@ -82,6 +88,7 @@ class RenderCache {
   Pool<FrameScratch> scratch_;
   std::mutex room_mutex_;
   std::size_t being_made_bytes_ = 0;  // of scenes
+  std::atomic<std::size_t> less_{0};
   // The scenes that were made last, if still in use or kept: a moving camera has most of one in common. First the
   // latest.
   static constexpr std::size_t kLatest = 4;

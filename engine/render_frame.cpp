@@ -110,7 +110,9 @@ Selection select_blocks(const FrameRequest& request, const View& view, const Acc
 }
 
 SceneContent content_of(const FrameRequest& request, const View& view, const Selection& selection) {
-  return {selection.blocks, anchor_for(view.position(), view.middle()), visibility_for(request, view, selection)};
+  const double clearance_m = view.position().norm() - kMoonRadius_m - selection.highest_m;
+  return {selection.blocks, anchor_for(view.position(), view.middle(), clearance_m),
+          visibility_for(request, view, selection)};
 }
 
 std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terrain& terrain, const RenderCache& kept,

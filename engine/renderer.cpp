@@ -91,5 +91,6 @@ void Renderer::wait_until_prepared() const { impl_->preparation.wait_until_done(
 int Renderer::threads() const { return impl_->threads; }
 const dem::Terrain& Renderer::terrain() const { return *impl_->terrain; }
 std::size_t Renderer::scene_bytes_in_use() const { return impl_->kept.bytes(); }
+void Renderer::keep_less(std::size_t scene_bytes) const { impl_->kept.keep_less(scene_bytes); }
 
 }  // namespace selenograph::engine

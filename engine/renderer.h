@@ -60,6 +60,8 @@ class Renderer {
   const dem::Terrain& terrain() const;
   int threads() const;  // as many as work on a frame
   std::size_t scene_bytes_in_use() const;
+  // Of the scenes' budget so many bytes are needed elsewhere: that much less is kept from frame to frame.
+  void keep_less(std::size_t scene_bytes) const;
 
  private:
   struct Impl;

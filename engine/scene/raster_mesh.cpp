@@ -192,21 +192,20 @@ RasterPiece::RasterPiece(std::shared_ptr<const RasterShape> shape_of_block, cons
   for (const RasterShape::Box& box : shape->boxes) strips.push_back(strip_of(box, anchor));
 }
 
-RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh* before, const StopToken& stop)
+RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterParts& before, const StopToken& stop)
     : anchor_(anchor_m) {
-  std::unordered_map<const MeshBlock*, std::shared_ptr<const RasterPiece>> known;
-  if (before)
-    for (const auto& piece : before->pieces_) known.emplace(piece->shape->of.get(), piece);
+  std::unordered_map<const MeshBlock*, std::size_t> known;
+  for (std::size_t i = 0; i < before.shapes.size(); ++i) known.emplace(before.shapes[i]->of.get(), i);
   pieces_.resize(mesh.blocks().size());
   in_parallel(pieces_.size(), [&](std::size_t i) {
     stop.check();
     const auto found = known.find(&mesh.blocks()[i]);
     if (found == known.end())
       pieces_[i] = std::make_shared<RasterPiece>(std::make_shared<RasterShape>(mesh.share(i)), anchor_);
-    else if (before->anchor_ == anchor_)
-      pieces_[i] = found->second;
+    else if (before.pieces.empty())
+      pieces_[i] = std::make_shared<RasterPiece>(before.shapes[found->second], anchor_);
     else
-      pieces_[i] = std::make_shared<RasterPiece>(found->second->shape, anchor_);
+      pieces_[i] = before.pieces[found->second];
   });
   for (std::size_t i = 0; i < pieces_.size(); ++i) {
     blocks_.push_back(pieces_[i]->block);
@@ -289,6 +288,13 @@ void RasterMesh::add_skirt(const Vec3& from, const Vec3& to) {
     skirts_.push_back(skirt);
   };
   add(a, b, c), add(a, c, d);
+}
+
+RasterParts RasterMesh::parts_for(const Vec3& anchor_m) const {
+  RasterParts parts;
+  for (const auto& piece : pieces_) parts.shapes.push_back(piece->shape);
+  if (anchor_m == anchor_) parts.pieces = pieces_;
+  return parts;
 }
 
 std::size_t RasterShape::bytes() const {

@@ -80,11 +80,18 @@ struct RasterPiece {
   std::size_t bytes() const;
 };
 
+// What another mesh may take over of one: shapes, and for the same anchor the pieces made of them.
+struct RasterParts {
+  std::vector<std::shared_ptr<const RasterShape>> shapes;
+  std::vector<std::shared_ptr<const RasterPiece>> pieces;  // as many, or none
+};
+
 class RasterMesh {
  public:
-  // `before`: one of which unchanged blocks' shapes are reused and, for the same anchor, their pieces; may be null.
-  // Throws Cancelled when `stop` says so.
-  RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterMesh* before = nullptr, const StopToken& stop = {});
+  // `before`: of a mesh that may have blocks in common, for the same anchor. Throws Cancelled when `stop` says so.
+  RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterParts& before = {}, const StopToken& stop = {});
+
+  RasterParts parts_for(const Vec3& anchor_m) const;
 
   const Vec3& anchor() const { return anchor_; }
   const std::vector<RasterBlock>& blocks() const { return blocks_; }

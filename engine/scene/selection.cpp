@@ -25,6 +25,14 @@ struct Known {
   NodeBounds bounds;
 };
 
+// Of lunar relief. What can't matter even so needs no look into a pyramid, which may have to be built first. Only asked
+// of nodes that may be the root of one, whatever has been built: of finer ones such bounds say nothing.
+constexpr int kLooseLevels = 8;
+
+NodeBounds loose_bounds(const BlockId& id) {
+  return bounds_of(id, static_cast<double>(dem::kLowestRelief_m), static_cast<double>(dem::kHighestRelief_m));
+}
+
 // Heights of a node; lunar relief's own bounds where the true ones would cost building everything beneath.
 std::optional<Known> known(const dem::Terrain& terrain, const BlockId& id, const StopToken& stop) {
   if (!terrain.has_data(id)) return std::nullopt;
@@ -87,24 +95,32 @@ class ViewSelector {
 
   std::optional<Seen> look_at(const BlockId& id) {
     check(chosen_.size() + seen_.size(), stop_);
+    if (id.level <= kLooseLevels && !may_see(loose_bounds(id))) {
+      out_of_view_.push_back(id);
+      return std::nullopt;
+    }
     const auto node = known(terrain_, id, stop_);
     if (!node) {
       note_void(id);
       return std::nullopt;
     }
     const NodeBounds& b = node->bounds;
-    if (!view_.may_see(b.centre, b.radius_m) || below_horizon(view_.position(), b)) {
+    if (!may_see(b)) {
       out_of_view_.push_back(id);
       return std::nullopt;
     }
     return Seen{id, node->info, b, view_.pixels_per_metre(b.centre, b.radius_m, b.high_m + b.bulge_m)};
   }
 
+  bool may_see(const NodeBounds& b) const {
+    return view_.may_see(b.centre, b.radius_m) && !below_horizon(view_.position(), b);
+  }
+
   void see_roots() {
     std::vector<BlockId> near;
     for (const RootGroup& group : root_groups()) {
       const NodeBounds& b = group.bounds;
-      if (!view_.may_see(b.centre, b.radius_m) || below_horizon(view_.position(), b))
+      if (!may_see(b))
         groups_out_of_view_.push_back(&group);
       else
         for_each_root(terrain_, group, [&](const BlockId& id) { near.push_back(id); });
@@ -171,6 +187,12 @@ class ViewSelector {
   bool blurs_shadows(const BlockId& id, double displaced_pixels_per_metre) {
     if (displaced_pixels_per_metre == 0 || finest(id)) return false;
     if (accuracy_.max_error_px == 0) return true;
+    // The error of a block far coarser than its posts has to be built first, with all that is beneath. Where it would
+    // have to be less than a 16th of the spacing, finer blocks are taken without asking: they do as well.
+    constexpr double kWorthAsking = 16;
+    if (!terrain_.node_is_cheap(id) &&
+        dem::post_spacing_m(id.level) * displaced_pixels_per_metre > kWorthAsking * accuracy_.max_shadow_error_px)
+      return true;
     const double displaced = error_m(id) * displaced_pixels_per_metre;
     if (displaced > accuracy_.max_shadow_error_px) return true;
     result_.shadow_error_px = std::max(result_.shadow_error_px, displaced);
@@ -188,6 +210,7 @@ class ViewSelector {
 
   void cast(const BlockId& id, const LightGrid& grid) {
     check(chosen_.size() + seen_.size(), stop_);
+    if (id.level <= kLooseLevels && grid.shaded_pixels_per_metre(loose_bounds(id)) == 0) return;
     const auto node = known(terrain_, id, stop_);
     if (!node) return;
     const double displaced = grid.shaded_pixels_per_metre(node->bounds);
@@ -226,9 +249,7 @@ class ViewSelector {
   // Something in view that an unusable file alone would have filled is not among the blocks, but lacks it.
   void note_void(const BlockId& id) {
     if (!terrain_.has_replacements() || !terrain_.has_data(id) || !terrain_.node_is_cheap(id)) return;
-    const NodeBounds b =
-        bounds_of(id, static_cast<double>(dem::kLowestRelief_m), static_cast<double>(dem::kHighestRelief_m));
-    if (view_.may_see(b.centre, b.radius_m) && !below_horizon(view_.position(), b)) note_replaced(id);
+    if (may_see(loose_bounds(id))) note_replaced(id);
   }
 
   void note_replaced(const BlockId& id) {
@@ -366,7 +387,7 @@ bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std
 }
 
 // Consecutive frames share an anchor: it is snapped to a lattice.
-constexpr double kAnchorLattice_m = 4096;
+constexpr double kFinestAnchorLattice_m = 4096, kCoarsestAnchorLattice_m = 32768;
 
 // Distance (in the direction's lengths) at which a ray enters the sphere; 0 from inside, empty when it misses or
 // leaves.
@@ -443,7 +464,7 @@ Visibility visibility_for(const FrameRequest& request, const View& view, const S
   return triangles_of(selection) > most * pixels ? Visibility::raytrace : Visibility::zbuffer;
 }
 
-Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle) {
+Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m) {
   const double distance = camera_m.norm();
   Vec3 near = camera_m * (kMoonRadius_m / distance);
   const double ahead = -camera_m.dot(middle);
@@ -452,7 +473,9 @@ Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle) {
     const auto t = enter_sphere(camera_m, middle, kMoonRadius_m);
     near = t ? Vec3(camera_m + *t * middle) : Vec3((camera_m + ahead * middle).normalized() * kMoonRadius_m);
   }
-  return (near / kAnchorLattice_m).array().round() * kAnchorLattice_m;
+  double lattice_m = kFinestAnchorLattice_m;
+  while (lattice_m < kCoarsestAnchorLattice_m && lattice_m <= 2 * clearance_m) lattice_m *= 2;
+  return (near / lattice_m).array().round() * lattice_m;
 }
 
 void refuse_underground(const dem::Terrain& terrain, const Vec3& position_m, const StopToken& stop) {

@@ -32,13 +32,14 @@ struct Selection {
   std::vector<dem::SourceIndex> replaced{};  // unusable files that something in it or in view lacks; ascending
 };
 
-// What a scene holds of a block, about: its vertices as float for the z-buffer, or Embree's 15 bytes a triangle; the
-// posts are the terrain cache's. (Automatic visibility takes rays for small frames alone.) Coarse levels have fewer
-// quads: the whole Moon from afar is thousands of small blocks.
+// What a scene holds of a block, about: its vertices as float for the z-buffer, with those of the mesh where its border
+// is another than the posts', or Embree's 15 bytes a triangle; the posts are the terrain cache's. (Automatic visibility
+// takes rays for small frames alone.) Coarse levels have fewer quads: the whole Moon from afar is thousands of small
+// blocks.
 inline std::size_t scene_bytes_of(const dem::BlockId& id, Visibility visibility) {
   const auto quads = static_cast<std::size_t>(dem::quads_per_side(id.level));
   const std::size_t vertices = (quads + 1) * (quads + 1);
-  return 2 * vertices + (visibility == Visibility::raytrace ? 2 * quads * quads * 15 : 16 * vertices);
+  return 2 * vertices + (visibility == Visibility::raytrace ? 2 * quads * quads * 15 : 22 * vertices);
 }
 
 struct SceneRoom {
@@ -73,8 +74,9 @@ double triangles_of(const Selection& selection);
 Visibility visibility_for(const FrameRequest& request, const View& view, const Selection& selection);
 
 // Of a frame's float coordinates: near the camera, or, far away, near the surface in the view's middle; snapped to a
-// lattice of 4096 m so that consecutive frames share it.
-Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle);
+// lattice so that consecutive frames share it: of 4096 m, or, where nothing is nearer to the camera than `clearance_m`,
+// of up to four times that, at most 32768 m. Float then resolves a microradian as the camera sees it.
+Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m = 0);
 
 // Throws ImpossibleRequest for a camera that is below the terrain.
 void refuse_underground(const dem::Terrain& terrain, const Vec3& position_m, const StopToken& stop = {});

@@ -8,30 +8,62 @@
 #include <algorithm>
 #include <cstdint>
 #include <string>
+#include <vector>
+
+#include "dem/parallel.h"
 
 // Read by jemalloc as the process starts. Huge pages for everything; free pages are kept until give_back_free_memory();
-// large arrays are no exception to that; few arenas, since each keeps its own free memory and large arrays, which are
-// what counts here, are not taken often enough to wait for each other.
+// large arrays are no exception to that; one arena, since each keeps its own free memory and large arrays, which are
+// what counts here, are not taken often enough to wait for each other; small arrays may be cut from free memory of any
+// size, not only from what is at most 64 times as large.
 extern "C" const char* malloc_conf;
 const char* malloc_conf =
-    "thp:always,metadata_thp:auto,dirty_decay_ms:-1,muzzy_decay_ms:0,oversize_threshold:0,narenas:4";
+    "thp:always,metadata_thp:auto,dirty_decay_ms:-1,muzzy_decay_ms:0,oversize_threshold:0,narenas:1,"
+    "lg_extent_max_active_fit:40";
 
 namespace selenograph::engine {
 
-std::size_t free_memory_bytes() {
+namespace {
+
+std::size_t statistic(const char* name) {
+  std::size_t value = 0, size = sizeof value;
+  ::mallctl(name, &value, &size, nullptr, 0);
+  return value;
+}
+
+}  // namespace
+
+HeapStatistics heap_statistics() {
   std::uint64_t epoch = 1;  // as of now
-  std::size_t bytes = sizeof epoch, resident = 0, active = 0, metadata = 0;
-  ::mallctl("epoch", &epoch, &bytes, &epoch, bytes);
-  bytes = sizeof resident;
-  ::mallctl("stats.resident", &resident, &bytes, nullptr, 0);
-  ::mallctl("stats.active", &active, &bytes, nullptr, 0);
-  ::mallctl("stats.metadata", &metadata, &bytes, nullptr, 0);
-  return resident - std::min(resident, active + metadata);
+  std::size_t size = sizeof epoch;
+  ::mallctl("epoch", &epoch, &size, &epoch, size);
+  const std::size_t resident = statistic("stats.resident"),
+                    taken = statistic("stats.active") + statistic("stats.metadata");
+  return {statistic("stats.allocated"), resident - std::min(resident, taken)};
 }
 
 void give_back_free_memory() {
   ::mallctl("thread.tcache.flush", nullptr, nullptr, nullptr, 0);
   ::mallctl(("arena." + std::to_string(MALLCTL_ARENAS_ALL) + ".purge").c_str(), nullptr, nullptr, nullptr, 0);
+}
+
+bool touch_memory(std::size_t bytes) {
+  constexpr std::size_t kPiece = std::size_t{32} << 20, kPage = 4096;
+  const auto give = [](std::vector<void*>& pieces) {
+    for (void* piece : pieces) ::sdallocx(piece, kPiece, MALLOCX_TCACHE_NONE);
+  };
+  std::vector<void*> pieces;
+  for (std::size_t taken = 0; taken + kPiece <= bytes; taken += kPiece) {
+    void* const piece = ::mallocx(kPiece, MALLOCX_TCACHE_NONE);
+    if (!piece) return give(pieces), false;
+    pieces.push_back(piece);
+  }
+  in_parallel(pieces.size(), [&](std::size_t i) {
+    auto* const piece = static_cast<volatile char*>(pieces[i]);
+    for (std::size_t at = 0; at < kPiece; at += kPage) piece[at] = 0;
+  });
+  give(pieces);
+  return true;
 }
 
 }  // namespace selenograph::engine
@@ -40,8 +72,9 @@ void give_back_free_memory() {
 
 namespace selenograph::engine {
 
-std::size_t free_memory_bytes() { return 0; }
+HeapStatistics heap_statistics() { return {}; }
 void give_back_free_memory() {}
+bool touch_memory(std::size_t) { return true; }
 
 }  // namespace selenograph::engine
 

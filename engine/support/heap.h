@@ -7,10 +7,18 @@
 
 namespace selenograph::engine {
 
-// Memory that the heap keeps from the system though nothing is in it; where it can't tell, 0.
-std::size_t free_memory_bytes();
+struct HeapStatistics {
+  std::size_t used_bytes = 0;  // what the program has asked for and not freed
+  std::size_t free_bytes = 0;  // kept from the system though nothing is in it
+};
+// Zeros where the heap can't tell.
+HeapStatistics heap_statistics();
 
 // Gives memory that is free back to the system. Nothing else does: what a frame frees, the next one takes.
 void give_back_free_memory();
+
+// Has so much free memory ready that was written to once. The system makes a page when it is first written to, which on
+// virtual machines can take seconds a gigabyte. False: there is not so much memory.
+bool touch_memory(std::size_t bytes);
 
 }  // namespace selenograph::engine

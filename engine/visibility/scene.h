@@ -20,22 +20,33 @@ struct SceneContent {
   Visibility visibility = Visibility::raytrace;
 };
 
+// What another scene may take over of one.
+struct SceneParts {
+  std::shared_ptr<const Mesh> mesh;  // may be null
+  RasterParts raster;
+};
+
 struct Scene {
-  // For one of the two visibility algorithms: the other's structure is not made. `before`: a scene whose unchanged
-  // blocks are reused; may be null. Throws Cancelled when it is stopped.
-  Scene(const dem::Terrain& terrain, const SceneContent& content, int threads, const Scene* before = nullptr,
+  // For one of the two visibility algorithms: the other's structure is not made. `before`: of a scene that may have
+  // blocks in common, for this one's anchor. Throws Cancelled when it is stopped.
+  Scene(const dem::Terrain& terrain, const SceneContent& content, int threads, const SceneParts& before = {},
         const StopToken& stop = {})
-      : mesh(terrain, content.blocks, before ? &before->mesh : nullptr, stop),
+      : shared_mesh(std::make_shared<Mesh>(terrain, content.blocks, before.mesh.get(), stop)),
         shell_m(kMoonRadius_m + highest_m(mesh) + 1),
         anchor(content.anchor_m) {
     stop.check();
     if (content.visibility == Visibility::zbuffer)
-      raster = std::make_unique<RasterMesh>(mesh, anchor, before ? before->raster.get() : nullptr, stop);
+      raster = std::make_unique<RasterMesh>(mesh, anchor, before.raster, stop);
     else
       tracer = std::make_unique<RayTracer>(mesh, anchor, threads, stop);
     bytes = mesh.bytes() + (tracer ? tracer->bytes() : 0) + (raster ? raster->bytes() : 0);
     for (const MeshBlock& b : mesh.blocks())  // those without any data are not in the mesh
       triangles += static_cast<std::size_t>(dem::triangles_of_block(b.posts->id.level));
+  }
+
+  // For a scene of another anchor this holds on to less than the scene itself would.
+  SceneParts parts_for(const Vec3& anchor_m) const {
+    return {shared_mesh, raster ? raster->parts_for(anchor_m) : RasterParts{}};
   }
 
   // From the blocks alone, not from how they were selected: scenes of the same blocks are the same scene.
@@ -60,7 +71,8 @@ struct Scene {
            (raster ? raster->own_bytes() : 0);
   }
 
-  Mesh mesh;
+  const std::shared_ptr<const Mesh> shared_mesh;
+  const Mesh& mesh = *shared_mesh;
   std::unique_ptr<RayTracer> tracer;
   std::unique_ptr<RasterMesh> raster;
   double shell_m;  // radius of a sphere around everything in it

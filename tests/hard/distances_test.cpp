@@ -236,11 +236,11 @@ struct Border {
   Vec3 before, after;
 };
 
-Border border_between(Vec3 from, Vec3 to, const Vec3& boresight) {
-  const Vec3 anchor = engine::anchor_for(from, boresight);
+Border border_between(Vec3 from, Vec3 to, const Vec3& boresight, double clearance_m) {
+  const Vec3 anchor = engine::anchor_for(from, boresight, clearance_m);
   while ((to - from).norm() > 1e-6) {
     const Vec3 middle = (from + to) / 2;
-    (engine::anchor_for(middle, boresight) == anchor ? from : to) = middle;
+    (engine::anchor_for(middle, boresight, clearance_m) == anchor ? from : to) = middle;
   }
   return {from, to};
 }
@@ -258,10 +258,10 @@ TEST_F(Distances, NoJumpWhereTheAnchorChanges) {
       (std::sqrt(1.44 * kMoonRadius_m * kMoonRadius_m - radius * radius * sine * sine) - radius * cosine) * cosine;
   const std::vector<Walk> walks{{"2 m up, eastward", 2, 20, 12000 * axes.east},
                                 {"100 m up, northward", 100, 20, 12000 * axes.north},
-                                {"20 km up, eastward", 20000, 20, 12000 * axes.east},
-                                {"20 km up, upward", 20000, 20, 12000 * axes.north + 3000 * axes.up},
+                                {"20 km up, eastward", 20000, 20, 36000 * axes.east},
+                                {"20 km up, upward", 20000, 20, 36000 * axes.north + 3000 * axes.up},
                                 {"329 km up, near to far", switch_m, 40, 20 * axes.up},
-                                {"1000 km up, sideways", 1e6, 30, 12000 * axes.north}};
+                                {"1000 km up, sideways", 1e6, 30, 36000 * axes.north}};
   for (const Walk& w : walks) {
     SCOPED_TRACE(w.name);
     engine::FrameRequest q = request_at(w.height_m, w.tilt_deg);
@@ -269,12 +269,14 @@ TEST_F(Distances, NoJumpWhereTheAnchorChanges) {
     q.sun.direction = local_sun(kLat, kLon, 120, 10);
     const Vec3 boresight = q.pose.camera_from_moon.conjugate() * Vec3::UnitZ();
     const Vec3 from = q.pose.position_m - w.step_m / 2;
-    Border border = border_between(from, from + w.step_m, boresight);
+    const double clearance_m = w.height_m / 2;  // on the same side of what the anchor's lattice asks as the frame's
+    Border border = border_between(from, from + w.step_m, boresight, clearance_m);
     if (w.height_m < 10000) {  // on the way the ground has risen and fallen
       const double lift = (ground_m(border.before) + kMoonRadius_m + w.height_m) / border.before.norm();
       border.before *= lift, border.after *= lift;
     }
-    const Vec3 moved_m = engine::anchor_for(border.after, boresight) - engine::anchor_for(border.before, boresight);
+    const Vec3 moved_m = engine::anchor_for(border.after, boresight, clearance_m) -
+                         engine::anchor_for(border.before, boresight, clearance_m);
     ASSERT_GE(moved_m.norm(), 4096);
     Errors steps[2];
     std::vector<float> lit[2];

@@ -187,5 +187,26 @@ TEST_F(SelectionTest, StopsWhenTold) {
                Cancelled);
 }
 
+// The farther away everything is, the longer frames share an anchor; as the camera sees it, float is as fine.
+TEST(Anchor, IsNearAsMeasuredByWhatIsSeen) {
+  const Vec3 down = -Vec3::UnitX();
+  for (const double clearance_m : {0.0, 100.0, 1000.0, 2048.0, 5000.0, 8192.0, 1e5}) {
+    double farthest_m = 0;
+    int changes = 0;
+    const int steps = 3000;
+    Vec3 before = Vec3::Zero();
+    for (int i = 0; i < steps; ++i) {
+      const Vec3 camera = to_cartesian({0.01 * i, 0.003 * i, clearance_m});
+      const Vec3 anchor = anchor_for(camera, down, clearance_m);
+      farthest_m = std::max(farthest_m, (anchor - camera.normalized() * kMoonRadius_m).norm());
+      changes += i > 0 && anchor != before;
+      before = anchor;
+    }
+    const double lattice_m = std::clamp(std::exp2(std::floor(std::log2(4 * clearance_m))), 4096.0, 32768.0);
+    EXPECT_LE(farthest_m, std::sqrt(3.0) / 2 * lattice_m + 1e-6) << clearance_m;
+    EXPECT_LE(changes, 2.1 * steps * 316 / lattice_m) << clearance_m;  // 316 m a step, along three axes
+  }
+}
+
 }  // namespace
 }  // namespace selenograph::engine
