@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "api/metadata.h"
+#include "engine/support/heap.h"
 #include "server/async_log.h"
 #include "server/commands.h"
 #include "server/front.h"
@@ -43,16 +44,35 @@ MemorySettings memory_settings(const ServeSettings& s) {
           .mesh_mb = s.terrain.mesh_mb};
 }
 
-// Both budgets for terrain and scenes and a tenth, for the program itself and what the heap can't give back. Of the
-// two, terrain is what can be had again at the least cost.
-HeapTrim::Plan heap_plan(const TerrainSettings& s, const dem::Terrain& terrain,
+// Of the program, its libraries and threads (service/memory_test.py).
+constexpr std::size_t kIdleBytes = std::size_t{160} << 20;
+
+std::size_t budgets_bytes(const TerrainSettings& s) { return (s.cache_mb + s.scene_mb) << 20; }
+
+// Both budgets for terrain and scenes and a twentieth, for the program itself and what the heap can't give back; of
+// small budgets as much as leaves most of them to what they are for. Small requests are in that, too; large ones come
+// on top.
+HeapTrim::Plan heap_plan(const ServeSettings& s, const engine::Renderer& renderer,
                          std::function<std::size_t()> requests_bytes) {
-  const std::size_t of_terrain = s.cache_mb << 20, budgets = of_terrain + (s.scene_mb << 20);
+  const std::size_t of_terrain = s.terrain.cache_mb << 20, budgets = budgets_bytes(s.terrain);
+  const auto most_bytes = [budgets, of_requests = std::move(requests_bytes)] {
+    const std::size_t requests = of_requests();
+    return std::max(budgets + budgets / 20, kIdleBytes + budgets / 10 * 7) + (requests > budgets / 8 ? requests : 0);
+  };
+  const auto keep_less = [&renderer](std::size_t bytes) {
+    renderer.terrain().keep_less(bytes), renderer.keep_less(bytes);
+  };
   return {.slack_bytes = budgets / 20,
           .most_less_bytes = of_terrain / 2,
-          .most_bytes = [budgets,
-                         of_requests = std::move(requests_bytes)] { return budgets + budgets / 10 + of_requests(); },
-          .keep_less = [&terrain](std::size_t bytes) { terrain.keep_less(bytes); }};
+          .keep_free = s.pretouch,
+          .most_bytes = most_bytes,
+          .keep_less = keep_less};
+}
+
+// What the budgets leave beside the memory that the process has already.
+void pretouch(const TerrainSettings& s) {
+  const std::size_t bytes = budgets_bytes(s) - std::min(budgets_bytes(s), resident_bytes());
+  if (!engine::touch_memory(bytes)) spdlog::warn("--pretouch: the system has no {} MiB to give", bytes >> 20);
 }
 
 int places_in_work(const ServeSettings& s) {
@@ -95,8 +115,8 @@ int serve(const ServeSettings& settings) {
   const MemoryPlan plan = plan_memory(memory_settings(settings), machine_memory_mb());
   const auto memory = std::make_shared<api::MemoryBudget>(plan.requests_bytes),
              bodies = std::make_shared<api::MemoryBudget>(plan.bodies_bytes);
-  const HeapTrim trim(
-      heap_plan(settings.terrain, renderer->terrain(), [&] { return memory->in_use() + bodies->in_use(); }));
+  if (settings.pretouch) pretouch(settings.terrain);
+  const HeapTrim trim(heap_plan(settings, *renderer, [&] { return memory->in_use() + bodies->in_use(); }));
   const api::Limits& limits = settings.limits;
   const api::Service service(renderer, limits, settings.terrain.assets_dir, mesh_options(settings.terrain), memory);
   Admission admission({.max_in_work = places_in_work(settings),
@@ -109,6 +129,7 @@ int serve(const ServeSettings& settings) {
     gauges.cache = renderer->terrain().statistics();
     gauges.terrain_warnings = renderer->terrain().warnings().size();
     gauges.scene_bytes = renderer->scene_bytes_in_use();
+    gauges.heap = engine::heap_statistics();
     gauges.preparation = renderer->preparation_statistics();
     gauges.cache_trouble = renderer->terrain().cache_trouble();
     gauges.mesh_bytes = service.mesh_bytes();

@@ -210,6 +210,9 @@ void add_options(CLI::App& command, ServeSettings& s) {
   command.add_option("--shutdown-s", s.shutdown_s, "From SIGTERM to the end of the process, whatever is in work")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
+  command.add_flag("--pretouch", s.pretouch,
+                   "Take the memory of --cache-mb and --scene-mb from the system at the start, so that no frame waits "
+                   "for it");
   command.add_flag("--trial", s.trial, "Start, check, quit");
 }
 

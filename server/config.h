@@ -42,6 +42,7 @@ struct ServeSettings {
   double idle_timeout_s = 30, receive_timeout_s = 20;
   double send_kb_per_s = 64;  // an answer must be read at, KiB/s on average after ten seconds
   double shutdown_s = 10;     // from SIGTERM to the end of the process
+  bool pretouch = false;      // the budgets' memory is taken from the system at the start
   bool trial = false;
 };
 

@@ -16,6 +16,11 @@
 namespace selenograph::server {
 namespace {
 
+// In this time a flight takes some tens of megabytes more.
+constexpr std::chrono::milliseconds kLook{50};
+
+}  // namespace
+
 // proc(5): statm holds pages, the second number those in memory. Read without a stream, which allocates: this must not
 // fail when there is no memory left.
 std::size_t resident_bytes() {
@@ -28,8 +33,6 @@ std::size_t resident_bytes() {
   const unsigned long long pages = second ? std::strtoull(second, nullptr, 10) : 0;
   return static_cast<std::size_t>(pages) * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
 }
-
-}  // namespace
 
 HeapTrim::HeapTrim(Plan plan) : plan_(std::move(plan)), thread_([this] { run(); }) {}
 
@@ -44,7 +47,7 @@ HeapTrim::~HeapTrim() {
 
 void HeapTrim::run() {
   std::unique_lock lock(mutex_);
-  while (!stop_.wait_for(lock, std::chrono::milliseconds(200), [this] { return stopping_; })) {
+  while (!stop_.wait_for(lock, kLook, [this] { return stopping_; })) {
     try {
       look();
     } catch (const std::exception&) {  // no memory to count with: next time, then
@@ -53,9 +56,14 @@ void HeapTrim::run() {
 }
 
 void HeapTrim::look() {
-  if (engine::free_memory_bytes() > plan_.slack_bytes) engine::give_back_free_memory();
-  const std::size_t resident = resident_bytes(), most = plan_.most_bytes();
-  std::size_t less = less_;
+  const std::size_t most = plan_.most_bytes(), free = engine::heap_statistics().free_bytes;
+  std::size_t resident = resident_bytes(), less = less_;
+  if (resident > most || (!plan_.keep_free && free > plan_.slack_bytes)) {
+    engine::give_back_free_memory();
+    resident = resident_bytes();
+  } else if (plan_.keep_free) {
+    resident -= std::min(resident, free);
+  }
   if (resident > most) {
     less = std::min(less + (resident - most), plan_.most_less_bytes);
   } else if (most - resident > plan_.slack_bytes) {  // by and by

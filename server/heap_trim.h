@@ -9,14 +9,18 @@
 
 namespace selenograph::server {
 
-// Caches that turn over leave free memory in the heap, which keeps it, and holes, which it can't give back. Several
-// times a second this looks how much is free, and gives it back when it is more than `slack_bytes`. When the process is
-// still larger than `most_bytes` says, caches are told to keep so much less, up to `most_less_bytes`, until it no
-// longer is.
+// Of this process.
+std::size_t resident_bytes();
+
+// Caches that turn over leave free memory in the heap, which keeps it, and holes, which it can't give back. Many times
+// a second this gives free memory back when the process is larger than `most_bytes` says and, but with `keep_free`,
+// when it is more than `slack_bytes`. When the process is still too large, caches are told to keep so much less, up to
+// `most_less_bytes`, until it no longer is.
 class HeapTrim {
  public:
   struct Plan {
     std::size_t slack_bytes, most_less_bytes;
+    bool keep_free;
     std::function<std::size_t()> most_bytes;           // that may be resident now
     std::function<void(std::size_t bytes)> keep_less;  // by so many bytes than the budget
   };

@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "api/routes.h"
+#include "server/heap_trim.h"
 
 namespace selenograph::server {
 namespace {
@@ -46,11 +47,10 @@ class Exposition {
 
 struct Process {
   double cpu_s = 0, start_s = 0;
-  std::uint64_t resident_bytes = 0;
 };
 
-// Fields of /proc/self/stat by proc(5): 14 utime, 15 stime, 22 starttime (clock ticks), 24 rss (pages). The name in
-// field 2 may hold blanks, so counting starts behind its closing bracket.
+// Fields of /proc/self/stat by proc(5): 14 utime, 15 stime, 22 starttime (clock ticks). The name in field 2 may hold
+// blanks, so counting starts behind its closing bracket.
 Process read_process() {
   std::ifstream stat("/proc/self/stat"), system("/proc/stat");
   std::string text((std::istreambuf_iterator<char>(stat)), {});
@@ -58,10 +58,9 @@ Process read_process() {
   const double tick = static_cast<double>(::sysconf(_SC_CLK_TCK));
   Process process;
   std::string field;
-  for (int i = 3; i <= 24 && fields >> field; ++i) {
+  for (int i = 3; i <= 22 && fields >> field; ++i) {
     if (i == 14 || i == 15) process.cpu_s += std::stod(field) / tick;
     if (i == 22) process.start_s = std::stod(field) / tick;
-    if (i == 24) process.resident_bytes = std::stoull(field) * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
   }
   for (std::string line; std::getline(system, line);) {
     if (line.rfind("btime ", 0) == 0) process.start_s += std::stod(line.substr(6));
@@ -72,7 +71,7 @@ Process read_process() {
 void write_process(Exposition& out) {
   const Process process = read_process();
   out.single("process_cpu_seconds_total", "counter", "User and system CPU time spent.", process.cpu_s);
-  out.single("process_resident_memory_bytes", "gauge", "Resident memory.", process.resident_bytes);
+  out.single("process_resident_memory_bytes", "gauge", "Resident memory.", resident_bytes());
   out.single("process_start_time_seconds", "gauge", "Start of the process since the Unix epoch.", process.start_s);
 }
 
@@ -87,6 +86,8 @@ void write_gauges(Exposition& out, const Gauges& g) {
              g.log_lines_dropped);
   out.single("selenograph_scene_bytes", "gauge",
              "Bytes of acceleration structures, lenses and scratch memory held between frames.", g.scene_bytes);
+  out.single("selenograph_heap_used_bytes", "gauge", "Bytes of memory that something is in.", g.heap.used_bytes);
+  out.single("selenograph_heap_free_bytes", "gauge", "Bytes kept for what comes next.", g.heap.free_bytes);
   out.single("selenograph_prefetched_scenes_total", "counter", "Scenes made before a frame asked for them.",
              g.preparation.prepared);
   out.single("selenograph_prefetched_scenes_used_total", "counter", "Those that a frame has had.", g.preparation.used);

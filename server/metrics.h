@@ -12,6 +12,7 @@
 
 #include "dem/terrain.h"
 #include "engine/preparation.h"
+#include "engine/support/heap.h"
 
 namespace selenograph::server {
 
@@ -24,6 +25,7 @@ struct Gauges {
   std::size_t terrain_warnings = 0;
   std::string cache_trouble;  // of /health/ready, not a metric; empty: none
   std::size_t scene_bytes = 0;
+  engine::HeapStatistics heap;
   engine::PreparationStatistics preparation;
   std::size_t mesh_bytes = 0;
   std::size_t request_memory_bytes = 0, request_memory_capacity_bytes = 0, body_bytes = 0;

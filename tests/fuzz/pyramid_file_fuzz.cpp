@@ -23,6 +23,10 @@ const Catalogue& catalogue() {
   static const Catalogue two = [] {
     RasterInfo a, b;
     a.path = "a.lbl", b.path = "b.lbl";
+    for (RasterInfo* far_away : {&a, &b}) {
+      far_away->width = far_away->height = 4;
+      set_grid(*far_away, GeographicGrid{70, 100, 16, 16});
+    }
     return Catalogue(std::vector<RasterInfo>{a, b});
   }();
   return two;

@@ -38,6 +38,15 @@ class FrameMemory : public ::testing::Test {
     return q;
   }
 
+  engine::SceneContent content_at(double lon_deg, const engine::RenderCache& kept) const {
+    engine::FrameRequest q = request_at(45, 0);
+    const Vec3 eye = to_cartesian({10, lon_deg, 200000});
+    q.pose = looking(eye, -eye, local_axes(eye).north);
+    q.accuracy.max_error_px = 1;
+    const engine::View view(q.camera, q.pose);
+    return content_of(q, view, select_blocks(q, view, q.accuracy, *terrain_, kept, {}));
+  }
+
   TemporaryFolder folder_;
   std::shared_ptr<dem::Terrain> terrain_;
 };
@@ -59,22 +68,51 @@ TEST_F(FrameMemory, ScratchStaysBelowTheEstimate) {
 
 TEST_F(FrameMemory, AScenePinnedByOneFrameIsWaitedForByTheNext) {
   engine::RenderCache kept(terrain_, std::size_t{10} << 20, 1);
-  const auto content_at = [&](double lon_deg) {
-    engine::FrameRequest q = request_at(45, 0);
-    const Vec3 eye = to_cartesian({10, lon_deg, 200000});
-    q.pose = looking(eye, -eye, local_axes(eye).north);
-    q.accuracy.max_error_px = 1;
-    const engine::View view(q.camera, q.pose);
-    return content_of(q, view, select_blocks(q, view, q.accuracy, *terrain_, kept, {}));
-  };
-  auto first = kept.scene(content_at(20));
+  auto first = kept.scene(content_at(20, kept));
   ASSERT_GT(first->bytes, std::size_t{5} << 20) << "two of them must be too many";
   const StopToken soon(StopToken::Clock::now() + std::chrono::milliseconds(50));
-  EXPECT_THROW(kept.scene(content_at(60), soon), Cancelled);
+  EXPECT_THROW(kept.scene(content_at(60, kept), soon), Cancelled);
   first.reset();
-  const auto second = kept.scene(content_at(60));
+  const auto second = kept.scene(content_at(60, kept));
   EXPECT_GT(second->bytes, 0U);
   EXPECT_LE(kept.bytes(), std::size_t{10} << 20);
+}
+
+TEST_F(FrameMemory, PreparationLeavesTheLatestSceneWhereItIs) {
+  engine::RenderCache kept(terrain_, std::size_t{10} << 20, 1);
+  const engine::SceneContent here = content_at(20, kept), next = content_at(60, kept);
+  kept.scene(here);
+  EXPECT_THROW(kept.scene(next, {}, engine::RenderCache::Purpose::preparation), Cancelled);
+  EXPECT_TRUE(kept.holds(here));
+  kept.scene(next);  // a frame has its scene all the same
+  EXPECT_TRUE(kept.holds(next));
+  EXPECT_FALSE(kept.holds(here));
+}
+
+TEST_F(FrameMemory, ToldToKeepLessTheLatestSceneStays) {
+  engine::RenderCache kept(terrain_, kScenes, 1);
+  const engine::SceneContent before = content_at(20, kept), latest = content_at(60, kept);
+  kept.scene(before), kept.scene(latest);
+  ASSERT_TRUE(kept.holds(before));
+  kept.keep_less(kScenes);
+  EXPECT_FALSE(kept.holds(before));
+  EXPECT_TRUE(kept.holds(latest));
+  EXPECT_EQ(kept.capacity(), kScenes) << "what a frame may take is another matter";
+  kept.keep_less(0);
+  kept.scene(before);
+  EXPECT_TRUE(kept.holds(before) && kept.holds(latest));
+}
+
+// Of another anchor a scene takes shapes over, and holds on to nothing else of the one before.
+TEST_F(FrameMemory, FloatsOfAnotherAnchorAreLetGo) {
+  engine::RenderCache kept(terrain_, kScenes, 1);
+  engine::SceneContent content = content_at(20, kept);
+  const std::shared_ptr<const engine::Scene> scene = kept.scene(content);
+  const engine::SceneParts same = scene->parts_for(content.anchor_m),
+                           other = scene->parts_for(content.anchor_m + Vec3(4096, 0, 0));
+  EXPECT_EQ(same.raster.pieces.size(), scene->raster->pieces().size());
+  EXPECT_TRUE(other.raster.pieces.empty());
+  EXPECT_EQ(other.raster.shapes.size(), scene->raster->pieces().size());
 }
 
 }  // namespace

@@ -97,6 +97,7 @@ TEST(Metrics, GaugesAndCacheStatistics) {
   gauges.frames_in_work = 2;
   gauges.frames_waiting = 3;
   gauges.scene_bytes = 12345;
+  gauges.heap = {678, 90};
   gauges.cache.hits = 7;
   gauges.log_lines_dropped = 11;
   gauges.cache.chunks_rejected = 9;
@@ -105,6 +106,8 @@ TEST(Metrics, GaugesAndCacheStatistics) {
   EXPECT_EQ(value(text, "selenograph_frames_in_work"), 2);
   EXPECT_EQ(value(text, "selenograph_frames_waiting"), 3);
   EXPECT_EQ(value(text, "selenograph_scene_bytes"), 12345);
+  EXPECT_EQ(value(text, "selenograph_heap_used_bytes"), 678);
+  EXPECT_EQ(value(text, "selenograph_heap_free_bytes"), 90);
   EXPECT_EQ(value(text, "selenograph_log_dropped_total"), 11);
   EXPECT_EQ(value(text, "selenograph_terrain_cache_hits_total"), 7);
   EXPECT_EQ(value(text, "selenograph_terrain_chunks_rejected_total"), 9);
