@@ -129,6 +129,38 @@ Taken TakeRow(const float* layer, int n, SourceMark mark, float* heights, Source
   return {static_cast<int>(filled), static_cast<int>(impossible)};
 }
 
+// Four neighbours of each place along a row, in double: sums in the order of a loop over them.
+void InterpolateRow(const float* row, const RowPlaces& places, int n, double* out) {
+  const hn::ScalableTag<double> d;
+  const hn::Rebind<float, decltype(d)> f;
+  const hn::Rebind<std::int32_t, decltype(d)> s;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  int i = 0;
+  for (; i + lanes <= n; i += lanes) {
+    const auto at = hn::LoadU(s, places.first + i);
+    const auto post = [&](int k) { return hn::PromoteTo(d, hn::GatherIndex(f, row + k, at)); };
+    const auto weight = [&](std::size_t k) { return hn::LoadU(d, places.weights[k] + i); };
+    auto sum = hn::Mul(weight(0), post(0));
+    sum = hn::Add(sum, hn::Mul(weight(1), post(1)));
+    sum = hn::Add(sum, hn::Mul(weight(2), post(2)));
+    sum = hn::Add(sum, hn::Mul(weight(3), post(3)));
+    hn::StoreU(sum, d, out + i);
+  }
+  for (; i < n; ++i) {
+    double sum = 0;
+    for (int k = 0; k < 4; ++k)
+      sum += places.weights[static_cast<std::size_t>(k)][i] * static_cast<double>(row[places.first[i] + k]);
+    out[i] = sum;
+  }
+}
+
+void AddFourRows(const std::array<const double*, 4>& rows, const std::array<double, 4>& weights, int n, float* out) {
+  const double w0 = weights[0], w1 = weights[1], w2 = weights[2], w3 = weights[3];
+  const double *a = rows[0], *b = rows[1], *c = rows[2], *e = rows[3];
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < n; ++i) out[i] = static_cast<float>(w0 * a[i] + w1 * b[i] + w2 * c[i] + w3 * e[i]);
+}
+
 bool AllEqual(const std::uint32_t* values, std::size_t n) {
   std::uint32_t others = 0;
   for (std::size_t i = 1; i < n; ++i) others |= values[i] ^ values[0];
@@ -185,6 +217,8 @@ HWY_EXPORT(QuantiseRow);
 HWY_EXPORT(RefineRow);
 HWY_EXPORT(RefineBetweenRows);
 HWY_EXPORT(TakeRow);
+HWY_EXPORT(InterpolateRow);
+HWY_EXPORT(AddFourRows);
 HWY_EXPORT(AllEqual);
 HWY_EXPORT(NormalsOfRow);
 
@@ -211,6 +245,12 @@ void refine_between_rows(const float* a, const float* b, int quads, float* out) 
 }
 Taken take_row(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
   return HWY_DYNAMIC_DISPATCH(TakeRow)(layer, n, mark, heights, sources);
+}
+void interpolate_row(const float* row, const RowPlaces& places, int n, double* out) {
+  HWY_DYNAMIC_DISPATCH(InterpolateRow)(row, places, n, out);
+}
+void add_four_rows(const std::array<const double*, 4>& rows, const std::array<double, 4>& weights, int n, float* out) {
+  HWY_DYNAMIC_DISPATCH(AddFourRows)(rows, weights, n, out);
 }
 bool all_equal(const std::uint32_t* values, std::size_t n) { return HWY_DYNAMIC_DISPATCH(AllEqual)(values, n); }
 

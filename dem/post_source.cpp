@@ -50,6 +50,12 @@ float bilinear(const Patch& patch, int x, int y, double fx, double fy) {
   return static_cast<float>(sum);
 }
 
+bool any_void(const float* h, int n) {
+  int any = 0;  // not bool: the compiler makes vectors of it
+  for (int i = 0; i < n; ++i) any |= h[i] != h[i];
+  return any != 0;
+}
+
 // Along a row or column: at or after a post. Places a rounding error beside a post are on it: neighbours that are void
 // must not matter then.
 struct Place {
@@ -153,6 +159,10 @@ int PostSource::level_needed(const RasterInfo& info) {
   // level.
   const bool half_pixel = info.projection() == Projection::geographic && std::abs(octaves - std::round(octaves)) < 1e-9;
   return std::clamp(static_cast<int>(std::ceil(octaves - 1e-9)) + (half_pixel ? 1 : 0), 0, kMaxLevel);
+}
+
+void PostSource::read(int source, int x0, int y0, int w, int h, float* heights_m) const {
+  pool_->with(source, [&](Raster& raster) { raster.read(x0, y0, w, h, heights_m); });
 }
 
 Posts PostSource::compose(const PostWindow& window, const StopToken& stop) const {
@@ -367,7 +377,7 @@ void PostSource::close_gaps(int source, Patch& patch) const {
     if (x0 >= x1 || y0 >= y1) continue;
     Patch piece{x0, y0, x1 - x0, y1 - y0,
                 std::vector<float>(static_cast<std::size_t>(x1 - x0) * static_cast<std::size_t>(y1 - y0))};
-    pool_->with(other, [&](Raster& raster) { raster.read(x0 - ix, y0 - iy, piece.w, piece.h, piece.posts.data()); });
+    read(other, x0 - ix, y0 - iy, piece.w, piece.h, piece.posts.data());
     for (int y = y0; y < y1; ++y)
       for (int x = x0; x < x1; ++x)
         if (std::isnan(patch.at(x, y))) patch.at(x, y) = piece.at(x, y);
@@ -413,6 +423,38 @@ class PostSource::Filling {
   Posts& posts_;
 };
 
+// Rows of a patch, interpolated at places along them. Each is wanted for a few rows of the window that follow each
+// other.
+class PostSource::AlongRows {
+ public:
+  AlongRows(const Patch& patch, const std::vector<Place>& places) : patch_(patch) {
+    for (const Place& place : places) {
+      first_.push_back(place.post - 1 - patch.x0);
+      const std::array<double, 4> weights = cubic_weights(place.fraction);
+      for (std::size_t k = 0; k < 4; ++k) weights_[k].push_back(weights[k]);
+    }
+    rows_.fill(std::numeric_limits<int>::min());
+  }
+
+  const double* at(int y) {
+    const auto slot = static_cast<std::size_t>(y & 3);
+    if (std::exchange(rows_[slot], y) != y) {
+      values_[slot].resize(first_.size());
+      interpolate_row(&patch_.posts[patch_.index(patch_.x0, y)],
+                      {first_.data(), {weights_[0].data(), weights_[1].data(), weights_[2].data(), weights_[3].data()}},
+                      static_cast<int>(first_.size()), values_[slot].data());
+    }
+    return values_[slot].data();
+  }
+
+ private:
+  const Patch& patch_;
+  std::vector<std::int32_t> first_;
+  std::array<std::vector<double>, 4> weights_;
+  std::array<int, 4> rows_;  // whose values are here, by their number modulo 4
+  std::array<std::vector<double>, 4> values_;
+};
+
 // A geographic file's rows and columns are separable: a row of the window is some posts of a row of the file, or four
 // such rows, interpolated along themselves, with the row's weights.
 void PostSource::fill_rows(const Patch& patch, const Part& columns, const Part& rows, Filling& filling) {
@@ -421,27 +463,7 @@ void PostSource::fill_rows(const Patch& patch, const Part& columns, const Part& 
   const bool copied = columns.on_posts && rows.on_posts;
   const bool in_one_piece = columns.in_one_piece();
   std::vector<float> heights(count);
-  std::vector<std::array<double, 4>> weights;
-  if (!copied)
-    for (const Place& x : columns.places) weights.push_back(cubic_weights(x.fraction));
-  // Rows of the file along which it has been interpolated, by their number modulo 4.
-  std::array<std::vector<double>, 4> along;
-  constexpr int kNone = std::numeric_limits<int>::min();
-  std::array<int, 4> row_of{kNone, kNone, kNone, kNone};
-  const auto interpolated = [&](int y) -> const std::vector<double>& {
-    const auto slot = static_cast<std::size_t>(y & 3);
-    if (std::exchange(row_of[slot], y) != y) {
-      along[slot].resize(count);
-      for (std::size_t i = 0; i < count; ++i) {
-        const float* post = &patch.posts[patch.index(columns.places[i].post - 1, y)];
-        const std::array<double, 4>& w = weights[i];
-        double sum = 0;
-        for (std::size_t k = 0; k < 4; ++k) sum += w[k] * static_cast<double>(post[k]);
-        along[slot][i] = sum;
-      }
-    }
-    return along[slot];
-  };
+  AlongRows along(patch, copied ? std::vector<Place>{} : columns.places);
   for (int r = rows.first; r < rows.past_last; ++r) {
     const Place& y = rows.places[static_cast<std::size_t>(r - rows.first)];
     if (copied && in_one_piece) {
@@ -451,16 +473,12 @@ void PostSource::fill_rows(const Patch& patch, const Part& columns, const Part& 
     if (copied) {
       for (std::size_t i = 0; i < count; ++i) heights[i] = patch.at(columns.places[i].post, y.post);
     } else {
-      const std::array<double, 4> w = cubic_weights(y.fraction);
-      const double* h[4];
-      for (int k = 0; k < 4; ++k) h[k] = interpolated(y.post - 1 + k).data();
-      for (std::size_t i = 0; i < count; ++i) {
-        double sum = 0;
-        for (std::size_t k = 0; k < 4; ++k) sum += w[k] * h[k][i];
-        heights[i] = static_cast<float>(sum);
-      }
-      for (std::size_t i = 0; i < count; ++i)
-        if (std::isnan(heights[i])) heights[i] = interpolate(patch, columns.places[i], y);
+      const int first = y.post - 1;
+      add_four_rows({along.at(first), along.at(first + 1), along.at(first + 2), along.at(first + 3)},
+                    cubic_weights(y.fraction), n, heights.data());
+      if (any_void(heights.data(), n))
+        for (std::size_t i = 0; i < count; ++i)
+          if (std::isnan(heights[i])) heights[i] = interpolate(patch, columns.places[i], y);
     }
     filling.row(r, columns.first, heights.data(), n);
   }
@@ -473,7 +491,7 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
   Patch patch = mapping.patch();
   if (patch.w == 0) return 0;
   try {
-    pool_->with(source, [&](Raster& raster) { raster.read(patch.x0, patch.y0, patch.w, patch.h, patch.posts.data()); });
+    read(source, patch.x0, patch.y0, patch.w, patch.h, patch.posts.data());
     close_gaps(source, patch);
   } catch (const DataError& error) {
     if (!fall_through_) throw;
@@ -513,12 +531,6 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
 }
 
 namespace {
-
-bool any_void(const float* h, int n) {
-  int any = 0;  // not bool: the compiler makes vectors of it
-  for (int i = 0; i < n; ++i) any |= h[i] != h[i];
-  return any != 0;
-}
 
 bool all_void(const float* h, int n) {
   int any = 0;

@@ -51,6 +51,9 @@ class PostSource {
   // The lattice level that a source needs for its posts to be (nearly) vertices.
   static int level_needed(const RasterInfo& info);
 
+  // Posts of one file, as Raster::read() has them.
+  void read(int source, int x0, int y0, int w, int h, float* heights_m) const;
+
   // Layers composed, voids not yet filled.
   Posts compose(const PostWindow& window, const StopToken& stop = {}) const;
   // The same in the memory that `posts` has already.
@@ -67,6 +70,7 @@ class PostSource {
   enum class Reach { between_posts, beside_posts };
   class Filling;
   struct Part;
+  class AlongRows;
   static void fill_rows(const Patch& patch, const Part& columns, const Part& rows, Filling& filling);
   std::size_t add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach, Posts& posts) const;
   const Catalogue& catalogue_;

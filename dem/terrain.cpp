@@ -21,6 +21,7 @@
 #include "dem/chunk.h"
 #include "dem/error.h"
 #include "dem/files.h"
+#include "dem/height_survey.h"
 #include "dem/parallel.h"
 #include "dem/post_source.h"
 #include "dem/surface.h"
@@ -239,6 +240,23 @@ struct Terrain::Impl {
         stop);
   }
 
+  std::optional<HeightRange> surveyed(const BlockId& id, const StopToken& stop) {
+    const ChunkPlan found = plan_for(id);
+    if (!found.exists || !found.direct || chunks.peek(found.node)) return std::nullopt;
+    std::error_code error;
+    if (!options.cache_dir.empty() && std::filesystem::exists(path_of(found), error)) return std::nullopt;
+    {
+      const std::lock_guard lock(mutex);
+      if (const auto known = surveys.find(id); known != surveys.end()) return known->second;
+    }
+    const Waiting waiting(stop.waits(), &Waits::pyramid);
+    const std::optional<HeightRange> range = survey_heights(catalogue, source, id, stop);
+    const std::lock_guard lock(mutex);
+    if (surveys.size() >= kMostSurveys) surveys.clear();
+    surveys[id] = range;
+    return range;
+  }
+
   std::string path_of(const ChunkPlan& plan) const {
     return fmt::format("{}/pyramid/{:02}/{:06}-{:06}.sgp", options.cache_dir, plan.node.level, plan.node.row,
                        plan.node.col);
@@ -450,6 +468,8 @@ struct Terrain::Impl {
   std::unordered_map<BlockId, ChunkPlan, BlockIdHash> plans;
   // Nodes whose file is damaged and can't be removed, or may not be read.
   std::unordered_set<BlockId, BlockIdHash> distrusted;
+  static constexpr std::size_t kMostSurveys = 4096;
+  std::unordered_map<BlockId, std::optional<HeightRange>, BlockIdHash> surveys;
   std::map<std::string, std::string> warnings;  // by file
   std::string cache_trouble;
   std::vector<BlockId> roots;
@@ -489,6 +509,10 @@ NodeInfo Terrain::node(const BlockId& id, const StopToken& stop) const {
   if (!record) throw DataError("pyramid " + to_string(plan.node), "block " + to_string(id) + " is missing");
   return {beyond ? 0.0 : record->error_m, record->min_m, record->max_m, (record->flags & Chunk::kEmpty) != 0,
           chunk->replaced()};
+}
+
+std::optional<HeightRange> Terrain::heights_without_building(const BlockId& id, const StopToken& stop) const {
+  return impl_->surveyed(id, stop);
 }
 
 std::shared_ptr<const Block> Terrain::block(const BlockId& id, const StopToken& stop) const {

@@ -12,6 +12,7 @@
 #include "dem/block.h"
 #include "dem/catalogue.h"
 #include "dem/lattice.h"
+#include "dem/post_kernels.h"
 #include "dem/stop_token.h"
 
 namespace selenograph::dem {
@@ -82,6 +83,9 @@ class Terrain {
   // over very fine posts), node() first has everything beneath built: ask only when the block is really wanted.
   bool node_is_cheap(const BlockId& id) const;
   NodeInfo node(const BlockId& id, const StopToken& stop = {}) const;
+  // Where node() would have something built first: wider bounds of the heights of the block and all that is beneath, by
+  // a look at the files alone. Nothing where node() needs no building, or where a look doesn't tell.
+  std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const;
   // Null when the block has not one valid post.
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const;
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "dem/error.h"
@@ -98,17 +99,39 @@ bool View::fisheye_may_see(const Vec3& in_camera_m, double radius_m) const {
   return theta - std::asin(radius_m / distance) <= widest_theta_ + kRounding;
 }
 
+namespace {
+
+// How far outside of the plane through the camera whose slope is `slope`.
+double outside(double across, double depth, double slope, double sign) {
+  return sign * (across - slope * depth) / std::sqrt(1 + slope * slope);
+}
+
+}  // namespace
+
+// How far outside of each of the planes around the image, and behind the camera.
+std::array<double, 5> View::outside_image(const Vec3& in_camera_m) const {
+  const double x = in_camera_m.x(), y = in_camera_m.y(), z = in_camera_m.z();
+  return {-z, outside(x, z, left_, -1), outside(x, z, right_, 1), outside(y, z, top_, -1), outside(y, z, bottom_, 1)};
+}
+
 bool View::may_see(const Vec3& centre_m, double radius_m) const {
   const Vec3 c = camera_from_moon_ * (centre_m - position_);
   if (projection_.fisheye()) return fisheye_may_see(c, radius_m);
   if (left_ > right_) return false;
-  if (c.z() < -radius_m) return false;
-  const auto outside = [&](double across, double slope, double sign) {
-    // Distance outside the plane through the camera whose slope is `slope`.
-    return sign * (across - slope * c.z()) / std::sqrt(1 + slope * slope) > radius_m;
-  };
-  return !(outside(c.x(), left_, -1) || outside(c.x(), right_, 1) || outside(c.y(), top_, -1) ||
-           outside(c.y(), bottom_, 1));
+  const std::array<double, 5> distances = outside_image(c);
+  return *std::max_element(distances.begin(), distances.end()) <= radius_m;
+}
+
+bool View::may_see(std::span<const Vec3> points_m, double margin_m) const {
+  if (projection_.fisheye()) return true;
+  if (left_ > right_) return false;
+  std::array<double, 5> nearest;
+  nearest.fill(std::numeric_limits<double>::infinity());
+  for (const Vec3& p : points_m) {
+    const std::array<double, 5> distances = outside_image(camera_from_moon_ * (p - position_));
+    for (std::size_t i = 0; i < nearest.size(); ++i) nearest[i] = std::min(nearest[i], distances[i]);
+  }
+  return *std::max_element(nearest.begin(), nearest.end()) <= margin_m;
 }
 
 double View::pixels_per_metre(const Vec3& centre_m, double radius_m, double highest_m) const {

@@ -1,7 +1,9 @@
 // One camera at one place: pixels <-> directions, and what lies in view.
 #pragma once
 
+#include <array>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "engine/camera/projection.h"
@@ -37,6 +39,8 @@ class View {
 
   // Whether any part of a ball may be in the image.
   bool may_see(const Vec3& centre_m, double radius_m) const;
+  // The same of what lies between some points, or no farther than `margin_m` from there.
+  bool may_see(std::span<const Vec3> points_m, double margin_m) const;
 
   // Upper bound on pixels per metre, across the line of sight, for anything within the ball and not higher above the
   // sphere than highest_m.
@@ -46,6 +50,7 @@ class View {
  private:
   void bound_image();
   void bound_fisheye_image();
+  std::array<double, 5> outside_image(const Vec3& in_camera_m) const;
   bool fisheye_may_see(const Vec3& in_camera_m, double radius_m) const;
 
   Camera camera_;

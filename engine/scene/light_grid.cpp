@@ -8,10 +8,13 @@
 
 namespace selenograph::engine {
 
-LightGrid::LightGrid(const Vec3& sun_direction) : sun_(sun_direction) {
+LightGrid::LightGrid(const Vec3& sun_direction, const Vec3& up) : sun_(sun_direction) {
   // v upwards across the light: at a low Sun terrain is thin along it, which is what tells casters from bystanders.
-  const Vec3 helper = std::abs(sun_.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX();
-  u_ = helper.cross(sun_).normalized();
+  Vec3 across = up.cross(sun_);
+  constexpr double kOverhead = 0.01;
+  if (across.norm() <= kOverhead * up.norm())
+    across = (std::abs(sun_.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(sun_);
+  u_ = across.normalized();
   v_ = sun_.cross(u_);
 }
 

@@ -10,7 +10,8 @@ namespace selenograph::engine {
 // A caster matters when, seen along the sunlight, it overlaps a receiver and lies nearer to the Sun.
 class LightGrid {
  public:
-  explicit LightGrid(const Vec3& sun_direction);
+  // `up`: where the receivers are, seen from the Moon's centre. Any will do; bounds are tightest with the right one.
+  LightGrid(const Vec3& sun_direction, const Vec3& up);
 
   // Terrain in view, with its pixels per metre. Terrain that is in the Moon's own night is left out.
   void add_receiver(const NodeBounds& bounds, double pixels_per_metre);

@@ -41,6 +41,14 @@ NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m) {
   return b;
 }
 
+NodeBounds bounds_of_all(const dem::BlockId& id, double low_m, double high_m) {
+  NodeBounds b = bounds_of(id, low_m, high_m);
+  // A narrower one's centre lies at most half of what it is narrower away; its ball is at most half of its heights
+  // larger than that of level ground.
+  b.radius_m = (high_m - low_m) / 2 + bounds_of(id, high_m, high_m).radius_m;
+  return b;
+}
+
 bool below_horizon(const Vec3& from_m, const NodeBounds& b) {
   const double core = kMoonRadius_m + dem::kLowestRelief_m, distance = from_m.norm();
   if (distance <= core) return false;

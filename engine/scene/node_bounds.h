@@ -20,6 +20,10 @@ struct NodeBounds {
 
 NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m);
 
+// The same with a ball that holds those of all bounds whose heights lie between these: what can't matter within them
+// can't within any of those.
+NodeBounds bounds_of_all(const dem::BlockId& id, double low_m, double high_m);
+
 // Of a ball that isn't terrain; all of its points are the centre, and it bulges by its radius.
 NodeBounds bounds_around(const Vec3& centre_m, double radius_m);
 

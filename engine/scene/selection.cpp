@@ -30,7 +30,21 @@ struct Known {
 constexpr int kLooseLevels = 8;
 
 NodeBounds loose_bounds(const BlockId& id) {
-  return bounds_of(id, static_cast<double>(dem::kLowestRelief_m), static_cast<double>(dem::kHighestRelief_m));
+  return bounds_of_all(id, static_cast<double>(dem::kLowestRelief_m), static_cast<double>(dem::kHighestRelief_m));
+}
+
+// What of a node needs no pyramid, or no more than is there: false when it can't matter whatever its heights are, or
+// those that its files hold. `matters` must be true of wider bounds where it is of narrower ones, so that answers don't
+// depend on what has been built.
+template <typename Matters>
+bool may_matter(const dem::Terrain& terrain, const BlockId& id, const StopToken& stop, const Matters& matters) {
+  if (id.level > kLooseLevels) return true;
+  if (!matters(loose_bounds(id))) return false;
+  // Files are looked at only where level ground, as low as the maria, would not matter.
+  constexpr double kMaria_m = -2000;
+  if (!terrain.has_data(id) || matters(bounds_of(id, kMaria_m, kMaria_m))) return true;
+  const auto range = terrain.heights_without_building(id, stop);
+  return !range || matters(bounds_of_all(id, static_cast<double>(range->low), static_cast<double>(range->high)));
 }
 
 // Heights of a node; lunar relief's own bounds where the true ones would cost building everything beneath.
@@ -95,7 +109,7 @@ class ViewSelector {
 
   std::optional<Seen> look_at(const BlockId& id) {
     check(chosen_.size() + seen_.size(), stop_);
-    if (id.level <= kLooseLevels && !may_see(loose_bounds(id))) {
+    if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return may_see(b); })) {
       out_of_view_.push_back(id);
       return std::nullopt;
     }
@@ -113,7 +127,8 @@ class ViewSelector {
   }
 
   bool may_see(const NodeBounds& b) const {
-    return view_.may_see(b.centre, b.radius_m) && !below_horizon(view_.position(), b);
+    return view_.may_see(b.centre, b.radius_m) && view_.may_see(b.points, b.bulge_m) &&
+           !below_horizon(view_.position(), b);
   }
 
   void see_roots() {
@@ -167,7 +182,9 @@ class ViewSelector {
 
   // Refines what can cast a shadow into view, in view itself or not.
   void sharpen_shadows(const Vec3& sun) {
-    LightGrid grid(sun);
+    Vec3 middle = Vec3::Zero();
+    for (const Seen& s : seen_) middle += s.bounds.centre.normalized();
+    LightGrid grid(sun, middle);
     for (const Seen& s : seen_) grid.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun));
     for (const Ball& ball : receivers_) {
       if (!view_.may_see(ball.centre_m, ball.radius_m)) continue;
@@ -210,7 +227,8 @@ class ViewSelector {
 
   void cast(const BlockId& id, const LightGrid& grid) {
     check(chosen_.size() + seen_.size(), stop_);
-    if (id.level <= kLooseLevels && grid.shaded_pixels_per_metre(loose_bounds(id)) == 0) return;
+    if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return grid.shaded_pixels_per_metre(b) > 0; }))
+      return;
     const auto node = known(terrain_, id, stop_);
     if (!node) return;
     const double displaced = grid.shaded_pixels_per_metre(node->bounds);
@@ -369,6 +387,10 @@ bool may_meet(const Ray& ray, const NodeBounds& b) {
 bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std::vector<std::size_t>& some,
             const BlockId& id, std::size_t max_blocks, Selection& out, const StopToken& stop) {
   stop.check();
+  const bool worth_asking = may_matter(terrain, id, stop, [&](const NodeBounds& b) {
+    return std::any_of(some.begin(), some.end(), [&](std::size_t i) { return may_meet(rays[i], b); });
+  });
+  if (!worth_asking) return true;
   const auto node = known(terrain, id, stop);
   if (!node) return true;
   std::vector<std::size_t> meeting;

@@ -77,7 +77,7 @@ TEST(LightGrid, AMountainShadesWhatItsShadowReaches) {
     const double along = top.dot(sun), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
     ASSERT_GT(root, 0);
     const Geographic tip = to_geographic(top - sun * (along - std::sqrt(root)));
-    LightGrid grid(sun);
+    LightGrid grid(sun, top);
     grid.add_receiver(bounds_of(block(10, tip.lat_deg, tip.lon_deg), -10, 10), 0.25);
     grid.finish();
     EXPECT_EQ(grid.shaded_pixels_per_metre(bounds_of(block(10, 10, 30), 0, h)), 0.25) << elevation;
@@ -92,34 +92,37 @@ TEST(LightGrid, WhoeverShadesIsFound) {
   std::mt19937 random(10);
   std::uniform_real_distribution<double> any(0, 1);
   const Vec3 sun = sun_over(-40, 120, 250, 3);
-  std::vector<NodeBounds> receivers;
-  LightGrid grid(sun);
-  for (int i = 0; i < 40; ++i) {
-    receivers.push_back(bounds_of(block(8, -40 + 3 * any(random), 120 + 3 * any(random)), -2000, 1000));
-    grid.add_receiver(receivers.back(), 1 + i);
-  }
-  grid.finish();
-  std::size_t shaded = 0;
-  for (int i = 0; i < 20000; ++i) {
-    const NodeBounds caster = bounds_of(block(8, -44 + 10 * any(random), 112 + 14 * any(random)), -2000, 6000);
-    const double answer = grid.shaded_pixels_per_metre(caster);
-    for (std::size_t k = 0; k < receivers.size(); ++k) {
-      const Vec3& from = receivers[k].points[static_cast<std::size_t>(random() % 18)];
-      const Vec3 to = caster.centre - from;
-      const double along = to.dot(sun), off = (to - along * sun).norm();
-      // The ray toward the Sun passes close by the caster's own points.
-      if (along > 0 && off < 2000) {
-        ++shaded;
-        ASSERT_GE(answer, 1 + static_cast<double>(k));
+  // Whatever is taken for upwards: nobody, the right one, the Sun itself, anything.
+  for (const Vec3& up : {Vec3(Vec3::Zero()), to_cartesian({-39, 121, 0}), sun, Vec3(1, -2, 3)}) {
+    std::vector<NodeBounds> receivers;
+    LightGrid grid(sun, up);
+    for (int i = 0; i < 40; ++i) {
+      receivers.push_back(bounds_of(block(8, -40 + 3 * any(random), 120 + 3 * any(random)), -2000, 1000));
+      grid.add_receiver(receivers.back(), 1 + i);
+    }
+    grid.finish();
+    std::size_t shaded = 0;
+    for (int i = 0; i < 20000; ++i) {
+      const NodeBounds caster = bounds_of(block(8, -44 + 10 * any(random), 112 + 14 * any(random)), -2000, 6000);
+      const double answer = grid.shaded_pixels_per_metre(caster);
+      for (std::size_t k = 0; k < receivers.size(); ++k) {
+        const Vec3& from = receivers[k].points[static_cast<std::size_t>(random() % 18)];
+        const Vec3 to = caster.centre - from;
+        const double along = to.dot(sun), off = (to - along * sun).norm();
+        // The ray toward the Sun passes close by the caster's own points.
+        if (along > 0 && off < 2000) {
+          ++shaded;
+          ASSERT_GE(answer, 1 + static_cast<double>(k));
+        }
       }
     }
+    EXPECT_GT(shaded, 100U);
   }
-  EXPECT_GT(shaded, 100U);
 }
 
 TEST(LightGrid, NightIsNotShaded) {
   const Vec3 sun = sun_over(0, 0, 90, 90);
-  LightGrid grid(sun);
+  LightGrid grid(sun, to_cartesian({0, 170, 0}));
   grid.add_receiver(bounds_of(block(8, 0, 170), -2000, 1000), 1);
   grid.finish();
   for (double lon = -180; lon < 180; lon += 5)
