@@ -65,20 +65,20 @@ class Chunk {
     std::string bytes;
     std::vector<SourceIndex> replaced;
   };
-  // Grids of one build for the next: some 200 MB, which the system would have to clear again.
+  // Grids of one build for the next: some 120 MB, which the system would have to clear again.
   class Scratch {
    public:
-    Posts take() {
+    PostGridRows take() {
       if (kept_.empty()) return {};
-      Posts posts = std::move(kept_.back());
+      PostGridRows grid = std::move(kept_.back());
       kept_.pop_back();
-      return posts;
+      return grid;
     }
-    void give(Posts posts) { kept_.push_back(std::move(posts)); }
+    void give(PostGridRows grid) { kept_.push_back(std::move(grid)); }
     void clear() { kept_.clear(); }
 
    private:
-    std::vector<Posts> kept_;
+    std::vector<PostGridRows> kept_;
   };
 
   // `finer` is for a plan that is not direct; `scratch` may be null. Throws Cancelled when it is stopped.

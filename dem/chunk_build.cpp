@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <mutex>
 #include <set>
 #include <utility>
 
@@ -26,7 +25,7 @@ struct Grid {
   int level = 0;
   int halo = 0;  // posts beyond the chunk on each side
   PostWindow window;
-  Posts posts;
+  PostGridRows posts;
   float at(int r, int c) const {
     r = std::clamp(r, 0, window.rows - 1), c = std::clamp(c, 0, window.cols - 1);
     return posts.heights[index(r, c)];
@@ -63,14 +62,13 @@ int base_halo(const ChunkPlan& plan) { return (kHalo + 1) << (plan.base_level - 
 Grid direct_base(const ChunkPlan& plan, const PostSource& source, Chunk::Scratch& scratch, const StopToken& stop) {
   Grid grid{plan.base_level, base_halo(plan) + kFillReach, {}, scratch.take()};
   grid.window = window_of(plan.node, grid.level, grid.halo);
-  source.compose(grid.window, grid.posts, stop);
-  PostSource::fill_voids(grid.window, grid.posts, stop);
+  source.compose_filled(grid.window, grid.posts, stop);
   return grid;
 }
 
 // Copies a finer chunk's top block into the grid. Near a pole its columns can be wider apart than the grid's: posts
 // between are interpolated along the row.
-void paste(const Block& block, Grid& grid) {
+void paste(const Block& block, Grid& grid, std::vector<SourceMark>& marks) {
   const BlockExtent& e = block.extent;
   const int stride = std::max(e.lon_step / grid.window.lon_step, 1);  // never less
   const std::int64_t turn = std::llround(static_cast<double>(grid.window.lon0 - e.lon0) / kLonTicks);
@@ -88,7 +86,7 @@ void paste(const Block& block, Grid& grid) {
         const float ha = block.vertices[block.index(r, a)].height_m, hb = block.vertices[block.index(r, b)].height_m;
         const std::size_t at = grid.index(static_cast<int>(row), static_cast<int>(col));
         grid.posts.heights[at] = t == 0 ? ha : ha + t * (hb - ha);
-        grid.posts.sources[at] = block.source(r, a);
+        marks[at] = block.source(r, a);
       }
     }
 }
@@ -112,15 +110,17 @@ Grid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, LeftOut& 
   Grid grid{plan.base_level, base_halo(plan), {}, scratch.take()};
   grid.window = window_of(plan.node, grid.level, grid.halo);
   grid.posts.heights.assign(grid.window.size(), kNaN);
-  grid.posts.sources.assign(grid.window.size(), kNoSource);
+  std::vector<SourceMark> marks(grid.window.size(), kNoSource);
   grid.posts.replaced = finer.replaced;
   for (const BlockId& id : Chunk::finer_blocks(plan)) {
     stop.check();
     if (const auto& block = finer.blocks.at(id)) {
-      paste(*block, grid);
+      paste(*block, grid, marks);
       left_out.add(*block);
     }
   }
+  grid.posts.sources.reset(grid.window.rows, grid.window.cols);
+  for (int r = 0; r < grid.window.rows; ++r) grid.posts.sources.set(r, marks.data() + grid.index(r, 0));
   return grid;
 }
 
@@ -166,12 +166,24 @@ void filter_row(const Grid& fine, int fr, int step_c, bool pole, const Grid& gri
   }
 }
 
+// Of each column the source of the finer level's there; past its border, of the outermost one.
+void coarser_sources(const Grid& fine, int fine_row, int step_c, Grid& grid, int row) {
+  grid.posts.sources.clear(row);
+  for (const SourceRun& run : fine.posts.sources.row(fine_row)) {
+    // The first column that looks beyond the run.
+    const int beyond = run.past_last - fine.halo,
+              column = grid.halo + (beyond >= 0 ? (beyond + step_c - 1) / step_c : -(-beyond / step_c));
+    const bool last = run.past_last == fine.window.cols;
+    grid.posts.sources.append(row, run.mark, last ? grid.window.cols : std::clamp(column, 0, grid.window.cols));
+  }
+}
+
 Grid coarser(const BlockId& node, const Grid& fine, Chunk::Scratch& scratch, const StopToken& stop) {
   Grid grid{fine.level - 1, std::max(kHalo, (fine.halo - 1) / 2), {}, scratch.take()};
   grid.window = window_of(node, grid.level, grid.halo);
   const int step_c = grid.window.lon_step / fine.window.lon_step;  // 1 where the longitude step is at its cap
   grid.posts.heights.resize(grid.window.size());
-  grid.posts.sources.resize(grid.window.size());
+  grid.posts.sources.reset(grid.window.rows, grid.window.cols);
   constexpr std::size_t kRowsAtOnce = 16;
   in_parallel_pieces(
       static_cast<std::size_t>(grid.window.rows), kRowsAtOnce, [&](std::size_t first, std::size_t past_last) {
@@ -182,11 +194,7 @@ Grid coarser(const BlockId& node, const Grid& fine, Chunk::Scratch& scratch, con
           const std::int64_t lat = grid.window.lat0 + static_cast<std::int64_t>(r) * grid.window.lat_step;
           const bool pole = lat == 0 || lat == kLatTicks;
           filter_row(fine, fr, step_c, pole, grid, buffer, grid.posts.heights.data() + grid.index(r, 0));
-          const int sr = std::clamp(fr, 0, fine.window.rows - 1);
-          for (int c = 0; c < grid.window.cols; ++c) {
-            const int sc = std::clamp(fine.halo + step_c * (c - grid.halo), 0, fine.window.cols - 1);
-            grid.posts.sources[grid.index(r, c)] = fine.posts.sources[fine.index(sr, sc)];
-          }
+          coarser_sources(fine, std::clamp(fr, 0, fine.window.rows - 1), step_c, grid, r);
         }
       });
   return grid;
@@ -429,27 +437,43 @@ Encoded bounds_of(const BlockId& id, const Extremes& extremes) {
   return out;
 }
 
+// The sources of a block's posts, row after row. Most blocks have one, those along the borders of tiles few in each
+// row.
+std::vector<format::Run> runs_of(const Grid& grid, const Cut& cut) {
+  const int side = quads_per_side(cut.id.level) + 1;
+  std::vector<format::Run> runs;
+  for (int r = 0; r < side; ++r) {
+    int c = 0;
+    for (const SourceRun& run : grid.posts.sources.row(cut.r0 + r)) {
+      if (run.past_last <= cut.c0 + c * cut.stride_c) continue;
+      const int past = std::min(side, (run.past_last - cut.c0 + cut.stride_c - 1) / cut.stride_c);
+      if (runs.empty() || runs.back().mark != run.mark) runs.push_back({run.mark, 0});
+      runs.back().posts += static_cast<std::uint32_t>(past - c);
+      c = past;
+      if (c == side) break;
+    }
+  }
+  return runs;
+}
+
 // Heights as steps of 16 bits above the lowest, where they reach, else as float32; then sources.
 Encoded encode(const Grid& grid, const Cut& cut, const Extremes& extremes) {
   Encoded out = bounds_of(cut.id, extremes);
   const int side = quads_per_side(cut.id.level) + 1, wide = side + 2 * kHalo;
   std::vector<float> heights(static_cast<std::size_t>(wide) * static_cast<std::size_t>(wide));
-  std::vector<SourceMark> sources(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
   // The halo of a chunk's grid is as wide as that of its blocks at least.
   float* h = heights.data();
-  for (int r = -kHalo; r < side + kHalo; ++r) {
-    const float* row = grid.row(cut.r0 + r) + cut.c0;
-    for (int c = -kHalo; c < side + kHalo; ++c) *h++ = row[c * cut.stride_c];
+  for (int r = -kHalo; r < side + kHalo; ++r, h += wide) {
+    const float* row = grid.row(cut.r0 + r) + cut.c0 - kHalo * cut.stride_c;
+    if (cut.stride_c == 1)
+      std::copy_n(row, wide, h);
+    else
+      for (int c = 0; c < wide; ++c) h[c] = row[c * cut.stride_c];
   }
-  SourceMark* s = sources.data();
-  int any = 0;
-  for (int r = 0; r < side; ++r) {
-    const std::size_t row = grid.index(cut.r0 + r, cut.c0);
-    for (int c = 0; c < side; ++c) {
-      const std::size_t at = row + static_cast<std::size_t>(c * cut.stride_c);
-      any |= grid.posts.heights[at] == grid.posts.heights[at];
-      *s++ = grid.posts.sources[at];
-    }
+  bool any = false;
+  for (int r = 0; r < side && !any; ++r) {
+    const float* row = heights.data() + (r + kHalo) * wide + kHalo;
+    any = std::any_of(row, row + side, [](float v) { return !std::isnan(v); });
   }
   out.record.flags = any ? 0 : Chunk::kEmpty;
   if (!any) return out;
@@ -471,13 +495,7 @@ Encoded encode(const Grid& grid, const Cut& cut, const Extremes& extremes) {
   } else {
     format::append(out.bytes, heights);
   }
-  // Most blocks have one source, those along the borders of tiles few in each row.
-  std::vector<format::Run> runs;
-  for (const SourceMark mark : sources) {
-    if (runs.empty() || runs.back().mark != mark) runs.push_back({mark, 0});
-    ++runs.back().posts;
-  }
-  format::append(out.bytes, runs);
+  format::append(out.bytes, runs_of(grid, cut));
   out.record.size = out.bytes.size();
   out.record.checksum = XXH3_64bits(out.bytes.data(), out.bytes.size());
   return out;
@@ -502,41 +520,24 @@ Measured measure(const ChunkPlan& plan, const Grid& base, const std::vector<Grid
 
 // The files that posts come from, ascending.
 std::vector<SourceIndex> sources_of(const Grid& grid) {
-  std::mutex mutex;
   std::set<SourceIndex> found;
-  constexpr std::size_t kRowsAtOnce = 64;
-  in_parallel_pieces(static_cast<std::size_t>(grid.window.rows), kRowsAtOnce,
-                     [&](std::size_t first, std::size_t past_last) {
-                       std::set<SourceIndex> here;
-                       SourceMark before = kNoSource;
-                       const auto cols = static_cast<std::size_t>(grid.window.cols);
-                       for (std::size_t row = first; row < past_last; ++row) {
-                         const SourceMark* s = grid.posts.sources.data() + row * cols;
-                         if (s[0] == before && all_equal(s, cols)) continue;  // most rows: all from one file
-                         for (std::size_t c = 0; c < cols; ++c)
-                           if (s[c] != before) here.insert(source_of(s[c])), before = s[c];
-                       }
-                       const std::lock_guard lock(mutex);
-                       found.merge(here);
-                     });
+  SourceMark before = kNoSource;
+  for (int r = 0; r < grid.window.rows; ++r)
+    for (const SourceRun& run : grid.posts.sources.row(r))
+      if (std::exchange(before, run.mark) != run.mark) found.insert(source_of(run.mark));
   found.erase(kNoSource);
   return {found.begin(), found.end()};
 }
 
 // Source numbers of the catalogue become the chunk's own, which survive a change of other files in the catalogue.
-void localise(Posts& posts, const std::vector<SourceIndex>& sources) {
-  constexpr std::size_t kAtOnce = 1 << 16;
-  in_parallel_pieces(posts.sources.size(), kAtOnce, [&](std::size_t first, std::size_t past_last) {
-    SourceIndex before = kNoSource;
-    SourceMark local = kNoSource;
-    for (std::size_t i = first; i < past_last; ++i) {
-      SourceMark& s = posts.sources[i];
-      if (source_of(s) == kNoSource) continue;
-      if (std::exchange(before, source_of(s)) != source_of(s))
-        local = static_cast<SourceMark>(std::lower_bound(sources.begin(), sources.end(), before) - sources.begin());
-      s = (s & kFilledBit) | local;
+void localise(SourceRows& rows, const std::vector<SourceIndex>& sources) {
+  for (int r = 0; r < rows.rows(); ++r)
+    for (SourceRun& run : rows.row(r)) {
+      const SourceIndex source = source_of(run.mark);
+      if (source == kNoSource) continue;
+      const auto local = std::lower_bound(sources.begin(), sources.end(), source) - sources.begin();
+      run.mark = (run.mark & kFilledBit) | static_cast<SourceMark>(local);
     }
-  });
 }
 
 }  // namespace
@@ -576,7 +577,7 @@ Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, con
   levels.reserve(static_cast<std::size_t>(base.level - plan.coarsest_level()));
   for (int n = base.level - 1; n >= plan.coarsest_level(); --n) {
     levels.push_back(coarser(plan.node, levels.empty() ? base : levels.back(), scratch, stop));
-    if (levels.size() == 1) localise(levels.back().posts, used);
+    if (levels.size() == 1) localise(levels.back().posts.sources, used);
   }
   const Measured measured = measure(plan, base, levels, stop);
   std::vector<Encoded> encoded;

@@ -161,10 +161,17 @@ void AddFourRows(const std::array<const double*, 4>& rows, const std::array<doub
   for (int i = 0; i < n; ++i) out[i] = static_cast<float>(w0 * a[i] + w1 * b[i] + w2 * c[i] + w3 * e[i]);
 }
 
-bool AllEqual(const std::uint32_t* values, std::size_t n) {
-  std::uint32_t others = 0;
-  for (std::size_t i = 1; i < n; ++i) others |= values[i] ^ values[0];
-  return others == 0;
+std::size_t CountEqual(const std::uint32_t* values, std::size_t n) {
+  const Marks m;
+  const std::size_t lanes = hn::Lanes(m);
+  if (n == 0) return 0;
+  const auto first = hn::Set(m, values[0]);
+  std::size_t i = 0;
+  for (; i + lanes <= n; i += lanes)
+    if (const std::intptr_t other = hn::FindFirstTrue(m, hn::Ne(hn::LoadU(m, values + i), first)); other >= 0)
+      return i + static_cast<std::size_t>(other);
+  while (i < n && values[i] == values[0]) ++i;
+  return i;
 }
 
 template <int kReach>
@@ -219,7 +226,7 @@ HWY_EXPORT(RefineBetweenRows);
 HWY_EXPORT(TakeRow);
 HWY_EXPORT(InterpolateRow);
 HWY_EXPORT(AddFourRows);
-HWY_EXPORT(AllEqual);
+HWY_EXPORT(CountEqual);
 HWY_EXPORT(NormalsOfRow);
 
 void normals_of_row(const float* centre, int stride, int n, int reach, const NormalRow& row, float* x, float* y,
@@ -252,7 +259,9 @@ void interpolate_row(const float* row, const RowPlaces& places, int n, double* o
 void add_four_rows(const std::array<const double*, 4>& rows, const std::array<double, 4>& weights, int n, float* out) {
   HWY_DYNAMIC_DISPATCH(AddFourRows)(rows, weights, n, out);
 }
-bool all_equal(const std::uint32_t* values, std::size_t n) { return HWY_DYNAMIC_DISPATCH(AllEqual)(values, n); }
+std::size_t count_equal(const std::uint32_t* values, std::size_t n) {
+  return HWY_DYNAMIC_DISPATCH(CountEqual)(values, n);
+}
 
 }  // namespace selenograph::dem
 #endif  // HWY_ONCE

@@ -49,8 +49,8 @@ void interpolate_row(const float* row, const RowPlaces& places, int n, double* o
 // out[i] = the sum of four rows, weighted.
 void add_four_rows(const std::array<const double*, 4>& rows, const std::array<double, 4>& weights, int n, float* out);
 
-// Whether all are the same.
-bool all_equal(const std::uint32_t* values, std::size_t n);
+// How many from the first on are the same as the first. None: 0.
+std::size_t count_equal(const std::uint32_t* values, std::size_t n);
 
 // Unit normals (MOON_ME) of a row of posts none of which, nor of those around, is missing: of the least-squares planes
 // through (2 reach + 1)^2 posts, reach 1 or 2. `centre`: the row's first height; the rows below and above lie `stride`

@@ -14,13 +14,14 @@
 #include "dem/parallel.h"
 #include "dem/post_kernels.h"
 #include "dem/terrain.h"
+#include "dem/tile_of_voids.h"
 
 namespace selenograph::dem {
 
 // A rectangle of posts read from a file.
 struct PostSource::Patch {
   int x0, y0, w, h;
-  std::vector<float> posts;
+  UninitialisedVector<float> posts;
   float at(int x, int y) const { return posts[index(x, y)]; }
   float& at(int x, int y) { return posts[index(x, y)]; }
   std::size_t index(int x, int y) const {
@@ -48,12 +49,6 @@ float bilinear(const Patch& patch, int x, int y, double fx, double fy) {
       sum += weight * static_cast<double>(patch.at(x + i, y + j));
     }
   return static_cast<float>(sum);
-}
-
-bool any_void(const float* h, int n) {
-  int any = 0;  // not bool: the compiler makes vectors of it
-  for (int i = 0; i < n; ++i) any |= h[i] != h[i];
-  return any != 0;
 }
 
 // Along a row or column: at or after a post. Places a rounding error beside a post are on it: neighbours that are void
@@ -165,37 +160,32 @@ void PostSource::read(int source, int x0, int y0, int w, int h, float* heights_m
   pool_->with(source, [&](Raster& raster) { raster.read(x0, y0, w, h, heights_m); });
 }
 
-Posts PostSource::compose(const PostWindow& window, const StopToken& stop) const {
-  Posts posts;
-  compose(window, posts, stop);
-  return posts;
-}
+// Some rows of a window that are composed together, and where their posts go.
+struct PostSource::Strip {
+  int first, past_last;
+  float* heights;
+  SourceMark* sources;
+  std::vector<SourceIndex>* replaced;  // of the whole window
+};
 
-void PostSource::compose(const PostWindow& window, Posts& posts, const StopToken& stop) const {
-  posts.heights.resize(window.size());
-  posts.sources.resize(window.size());
-  posts.replaced.clear();
-  // Rows in strips: small reads, and a strip past a pole or on one is a window of its own.
-  constexpr int kStripRows = 64, kFewRows = 256;
+// Rows in strips: small reads, and a strip past a pole or on one is a window of its own.
+template <typename Use>
+void PostSource::for_strips(const PostWindow& window, const StopToken& stop, Use&& use) const {
+  constexpr int kStripRows = TileOfVoids::kSide, kFewRows = 256;
   const int strip_rows = window.rows <= kFewRows ? window.rows : kStripRows;
-  const int strips = (window.rows + strip_rows - 1) / strip_rows;
-  in_parallel(static_cast<std::size_t>(strips), [&](std::size_t strip) {
+  in_parallel(static_cast<std::size_t>((window.rows + strip_rows - 1) / strip_rows), [&](std::size_t strip) {
+    stop.check();
     const int first = static_cast<int>(strip) * strip_rows;
-    const auto from = static_cast<std::ptrdiff_t>(first) * window.cols;
-    const auto count = static_cast<std::ptrdiff_t>(std::min(strip_rows, window.rows - first)) * window.cols;
-    std::fill_n(posts.heights.begin() + from, count, kNaN);
-    std::fill_n(posts.sources.begin() + from, count, kNoSource);
-    compose_rows(window, first, std::min(window.rows, first + strip_rows), posts, stop);
+    use(first, std::min(strip_rows, window.rows - first));
   });
-  std::sort(posts.replaced.begin(), posts.replaced.end());
-  posts.replaced.erase(std::unique(posts.replaced.begin(), posts.replaced.end()), posts.replaced.end());
 }
 
 namespace {
 
 // A pole that no file holds (tiles of one product end a post before the south pole) is one point all the same: the mean
 // of 16 posts around it, the same whatever window asks. Returns what was replaced there.
-std::vector<SourceIndex> fill_pole(const PostSource& source, const PostWindow& pole, std::size_t offset, Posts& posts) {
+std::vector<SourceIndex> fill_pole(const PostSource& source, const PostWindow& pole, float* heights,
+                                   SourceMark* sources) {
   PostWindow ring = pole;
   ring.lat0 = pole.lat0 == 0 ? pole.lat_step : pole.lat0 - pole.lat_step;
   ring.lon0 = 0, ring.cols = 16, ring.rows = 1, ring.lon_step = kLonTicks / ring.cols;
@@ -203,9 +193,8 @@ std::vector<SourceIndex> fill_pole(const PostSource& source, const PostWindow& p
   double sum = 0;
   for (const float h : around.heights) sum += static_cast<double>(h);
   if (std::isnan(sum)) return around.replaced;
-  std::fill_n(posts.heights.begin() + static_cast<std::ptrdiff_t>(offset), pole.cols,
-              static_cast<float>(sum / ring.cols));
-  std::fill_n(posts.sources.begin() + static_cast<std::ptrdiff_t>(offset), pole.cols, around.sources[0] | kFilledBit);
+  std::fill_n(heights, pole.cols, static_cast<float>(sum / ring.cols));
+  std::fill_n(sources, pole.cols, around.sources[0] | kFilledBit);
   return around.replaced;
 }
 
@@ -213,14 +202,17 @@ std::vector<SourceIndex> fill_pole(const PostSource& source, const PostWindow& p
 
 // Splits rows at the poles. At a pole a row is one point: it takes the value at longitude -180 of the finest layer
 // there.
-void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& posts, const StopToken& stop) const {
+void PostSource::compose_strip(const PostWindow& window, const Strip& strip, const StopToken& stop) const {
+  const auto count = static_cast<std::size_t>(strip.past_last - strip.first) * static_cast<std::size_t>(window.cols);
+  std::fill_n(strip.heights, count, kNaN);
+  std::fill_n(strip.sources, count, kNoSource);
   const auto lat_of = [&](int r) { return window.lat0 + static_cast<std::int64_t>(r) * window.lat_step; };
   const auto zone = [&](int r) {
     return lat_of(r) <= 0 ? (lat_of(r) == 0 ? 1 : 0) : lat_of(r) < kLatTicks ? 2 : lat_of(r) == kLatTicks ? 3 : 4;
   };
-  while (r0 < r1) {
+  for (int r0 = strip.first; r0 < strip.past_last;) {
     int end = r0 + 1;
-    while (end < r1 && zone(end) == zone(r0)) ++end;
+    while (end < strip.past_last && zone(end) == zone(r0)) ++end;
     PostWindow part = window;
     part.rows = end - r0;
     part.lat0 = lat_of(r0);
@@ -230,7 +222,7 @@ void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& p
       part.lat_step = -part.lat_step;
       part.lon0 += kLonTicks / 2;
     }
-    const std::size_t offset = static_cast<std::size_t>(r0) * static_cast<std::size_t>(window.cols);
+    const std::size_t offset = static_cast<std::size_t>(r0 - strip.first) * static_cast<std::size_t>(window.cols);
     const double south = lat_deg_of(static_cast<std::int32_t>(
         std::min(part.lat0, part.lat0 + static_cast<std::int64_t>(part.rows - 1) * part.lat_step)));
     const double north = lat_deg_of(static_cast<std::int32_t>(
@@ -244,15 +236,15 @@ void PostSource::compose_rows(const PostWindow& window, int r0, int r1, Posts& p
     std::size_t missing = pole ? 1 : part.size();
     for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer) {
       stop.check();
-      missing -= add_layer(*layer, part, offset, Reach::between_posts, posts);
+      missing -= add_layer(*layer, part, offset, Reach::between_posts, strip);
     }
     for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer)
       if (!catalogue_.rasters()[static_cast<std::size_t>(*layer)].lattice_level)
-        missing -= add_layer(*layer, part, offset, Reach::beside_posts, posts);
-    if (pole && posts.sources[offset] == kNoSource) {
-      const std::vector<SourceIndex> around = fill_pole(*this, part, offset, posts);
+        missing -= add_layer(*layer, part, offset, Reach::beside_posts, strip);
+    if (pole && strip.sources[offset] == kNoSource) {
+      const std::vector<SourceIndex> around = fill_pole(*this, part, strip.heights + offset, strip.sources + offset);
       const std::lock_guard lock(replaced_mutex_);
-      posts.replaced.insert(posts.replaced.end(), around.begin(), around.end());
+      strip.replaced->insert(strip.replaced->end(), around.begin(), around.end());
     }
     r0 = end;
   }
@@ -376,7 +368,7 @@ void PostSource::close_gaps(int source, Patch& patch) const {
     const int y0 = std::max(patch.y0, iy), y1 = std::min(patch.y0 + patch.h, iy + tile.height);
     if (x0 >= x1 || y0 >= y1) continue;
     Patch piece{x0, y0, x1 - x0, y1 - y0,
-                std::vector<float>(static_cast<std::size_t>(x1 - x0) * static_cast<std::size_t>(y1 - y0))};
+                UninitialisedVector<float>(static_cast<std::size_t>(x1 - x0) * static_cast<std::size_t>(y1 - y0))};
     read(other, x0 - ix, y0 - iy, piece.w, piece.h, piece.posts.data());
     for (int y = y0; y < y1; ++y)
       for (int x = x0; x < x1; ++x)
@@ -387,27 +379,27 @@ void PostSource::close_gaps(int source, Patch& patch) const {
 // The window's posts that a layer may still fill, in whose order they lie in the file.
 class PostSource::Filling {
  public:
-  Filling(int source, std::size_t offset, int window_cols, Posts& posts)
+  Filling(int source, std::size_t offset, int window_cols, const Strip& strip)
       : mark_(static_cast<SourceMark>(source)),
-        offset_(offset),
         cols_(static_cast<std::size_t>(window_cols)),
-        posts_(posts) {}
+        heights_(strip.heights + offset),
+        sources_(strip.sources + offset) {}
 
   // Heights of `n` posts of one row.
   void row(int r, int first, const float* heights, int n) {
     const std::size_t at = index(r, first);
-    const Taken taken = take_row(heights, n, mark_, posts_.heights.data() + at, posts_.sources.data() + at);
+    const Taken taken = take_row(heights, n, mark_, heights_ + at, sources_ + at);
     filled_ += static_cast<std::size_t>(taken.filled), impossible_ += static_cast<std::size_t>(taken.impossible);
   }
 
-  bool wanted(int r, int c) const { return posts_.sources[index(r, c)] == kNoSource; }
+  bool wanted(int r, int c) const { return sources_[index(r, c)] == kNoSource; }
   void post(int r, int c, float h, SourceMark flag) {
     if (std::isnan(h)) return;
     if (h < kLowestRelief_m || h > kHighestRelief_m) {
       ++impossible_;
       return;
     }
-    posts_.heights[index(r, c)] = h, posts_.sources[index(r, c)] = mark_ | flag;
+    heights_[index(r, c)] = h, sources_[index(r, c)] = mark_ | flag;
     ++filled_;
   }
 
@@ -415,12 +407,11 @@ class PostSource::Filling {
   std::size_t impossible() const { return impossible_; }
 
  private:
-  std::size_t index(int r, int c) const {
-    return offset_ + static_cast<std::size_t>(r) * cols_ + static_cast<std::size_t>(c);
-  }
+  std::size_t index(int r, int c) const { return static_cast<std::size_t>(r) * cols_ + static_cast<std::size_t>(c); }
   SourceMark mark_;
-  std::size_t offset_, cols_, filled_ = 0, impossible_ = 0;
-  Posts& posts_;
+  std::size_t cols_, filled_ = 0, impossible_ = 0;
+  float* heights_;
+  SourceMark* sources_;
 };
 
 // Rows of a patch, interpolated at places along them. Each is wanted for a few rows of the window that follow each
@@ -486,7 +477,7 @@ void PostSource::fill_rows(const Patch& patch, const Part& columns, const Part& 
 
 // Writes the layer's valid posts where there is none yet. Returns how many.
 std::size_t PostSource::add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
-                                  Posts& posts) const {
+                                  const Strip& strip) const {
   const Mapping mapping(catalogue_.rasters()[static_cast<std::size_t>(source)], window);
   Patch patch = mapping.patch();
   if (patch.w == 0) return 0;
@@ -497,12 +488,12 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
     if (!fall_through_) throw;
     {
       const std::lock_guard lock(replaced_mutex_);
-      posts.replaced.push_back(static_cast<SourceIndex>(source));
+      strip.replaced->push_back(static_cast<SourceIndex>(source));
     }
     warn_(error.file(), error.what());
     return 0;
   }
-  Filling filling(source, offset, window.cols, posts);
+  Filling filling(source, offset, window.cols, strip);
   const auto columns = mapping.columns(patch), rows = mapping.rows(patch);
   if (reach == Reach::between_posts && columns && rows) {
     fill_rows(patch, *columns, *rows, filling);
@@ -523,134 +514,103 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
     const std::string& path = catalogue_.rasters()[static_cast<std::size_t>(source)].path;
     warn_(path, fmt::format("{}: posts outside of {} .. {} m taken as voids", path, kLowestRelief_m, kHighestRelief_m));
   }
-  if (mapping.pole() && posts.sources[offset] != kNoSource) {
-    std::fill_n(posts.heights.begin() + static_cast<std::ptrdiff_t>(offset), window.cols, posts.heights[offset]);
-    std::fill_n(posts.sources.begin() + static_cast<std::ptrdiff_t>(offset), window.cols, posts.sources[offset]);
+  if (mapping.pole() && strip.sources[offset] != kNoSource) {
+    std::fill_n(strip.heights + offset, window.cols, strip.heights[offset]);
+    std::fill_n(strip.sources + offset, window.cols, strip.sources[offset]);
   }
   return filling.filled();
 }
 
 namespace {
 
-bool all_void(const float* h, int n) {
-  int any = 0;
-  for (int i = 0; i < n; ++i) any |= h[i] == h[i];
-  return any == 0;
+// What several strips have added.
+void settle(std::vector<SourceIndex>& replaced) {
+  std::sort(replaced.begin(), replaced.end());
+  replaced.erase(std::unique(replaced.begin(), replaced.end()), replaced.end());
 }
 
-struct FilledPost {
-  std::size_t at;
-  float height_m;
-  SourceMark source;
-};
-
-// The voids of one tile of a window.
-class TileOfVoids {
- public:
-  static constexpr int kSide = 64;
-
-  TileOfVoids(const PostWindow& window, const Posts& posts, int row, int col)
-      : window_(window),
-        posts_(posts),
-        r0_(row),
-        r1_(std::min(row + kSide, window.rows)),
-        c0_(col),
-        c1_(std::min(col + kSide, window.cols)) {}
-
-  std::vector<FilledPost> filled() const {
-    if (!has_voids() || !has_valid_nearby()) return {};
-    Distances west{}, east{}, south{}, north{};
-    for (int r = r0_; r < r1_; ++r) {
-      std::uint8_t since = 0;
-      for (int c = std::max(c0_ - kFillReach, 0); c < c1_; ++c) step(r, c, since, west);
-      since = 0;
-      for (int c = std::min(c1_ + kFillReach, window_.cols) - 1; c >= c0_; --c) step(r, c, since, east);
+// use(post), row by row, for each void that can be filled. A tile looks beyond itself: nothing is written before all
+// have looked.
+template <typename Mark, typename Use>
+void for_filled(const PostWindow& window, const float* heights, const Mark& mark, const std::vector<char>& has_voids,
+                const StopToken& stop, Use&& use) {
+  constexpr int kSide = TileOfVoids::kSide;
+  const auto down = static_cast<std::size_t>((window.rows + kSide - 1) / kSide);
+  std::vector<std::vector<FilledPost>> filled(down);
+  in_parallel(down, [&](std::size_t strip) {
+    stop.check();
+    const int first = static_cast<int>(strip) * kSide, past_last = std::min(first + kSide, window.rows);
+    if (std::none_of(has_voids.begin() + first, has_voids.begin() + past_last, [](char any) { return any; })) return;
+    for (int column = 0; column < window.cols; column += kSide) {
+      const std::vector<FilledPost> tile = TileOfVoids(window, heights, first, column).filled(mark);
+      filled[strip].insert(filled[strip].end(), tile.begin(), tile.end());
     }
-    std::array<std::uint8_t, kSide> below{}, above{};  // posts since the last valid one, 0: too long ago
-    for (int r = std::max(r0_ - kFillReach, 0); r < r1_; ++r)
-      for (int c = c0_; c < c1_; ++c) step(r, c, below[static_cast<std::size_t>(c - c0_)], south);
-    for (int r = std::min(r1_ + kFillReach, window_.rows) - 1; r >= r0_; --r)
-      for (int c = c0_; c < c1_; ++c) step(r, c, above[static_cast<std::size_t>(c - c0_)], north);
-
-    std::vector<FilledPost> found;
-    for (int r = r0_; r < r1_; ++r)
-      for (int c = c0_; c < c1_; ++c) {
-        const std::size_t k = local(r, c);
-        const auto at = static_cast<std::ptrdiff_t>(index(r, c));
-        if (!std::isnan(posts_.heights[static_cast<std::size_t>(at)])) continue;
-        double sum = 0, weight = 0;
-        int nearest = kFillReach + 1;
-        SourceMark source = kNoSource;
-        const auto between = [&](int before, int after, std::ptrdiff_t apart) {
-          if (before == 0 || after == 0) return;
-          for (const auto& [distance, from] : {std::pair{before, at - before * apart}, {after, at + after * apart}}) {
-            const auto there = static_cast<std::size_t>(from);
-            sum += static_cast<double>(posts_.heights[there]) / distance, weight += 1.0 / distance;
-            if (distance < nearest) nearest = distance, source = posts_.sources[there];
-          }
-        };
-        between(west[k], east[k], 1);
-        between(south[k], north[k], window_.cols);
-        if (weight > 0)
-          found.push_back({static_cast<std::size_t>(at), static_cast<float>(sum / weight), source | kFilledBit});
-      }
-    return found;
-  }
-
- private:
-  // Of each post of the tile: how far the nearest valid one is in one direction; 0: none within kFillReach.
-  using Distances = std::array<std::uint8_t, kSide * kSide>;
-  static_assert(kFillReach < 256);
-
-  bool has_voids() const {
-    for (int r = r0_; r < r1_; ++r)
-      if (any_void(&posts_.heights[index(r, c0_)], c1_ - c0_)) return true;
-    return false;
-  }
-
-  bool has_valid_nearby() const {
-    const int west = std::max(c0_ - kFillReach, 0), east = std::min(c1_ + kFillReach, window_.cols);
-    for (int r = std::max(r0_ - kFillReach, 0); r < std::min(r1_ + kFillReach, window_.rows); ++r)
-      if (!all_void(&posts_.heights[index(r, west)], east - west)) return true;
-    return false;
-  }
-
-  std::size_t index(int r, int c) const {
-    return static_cast<std::size_t>(r) * static_cast<std::size_t>(window_.cols) + static_cast<std::size_t>(c);
-  }
-  std::size_t local(int r, int c) const { return static_cast<std::size_t>((r - r0_) * kSide + c - c0_); }
-
-  // One post further along a row or column.
-  void step(int r, int c, std::uint8_t& since, Distances& distances) const {
-    if (!std::isnan(posts_.heights[index(r, c)])) {
-      since = 1;
-      return;
-    }
-    if (r >= r0_ && r < r1_ && c >= c0_ && c < c1_) distances[local(r, c)] = since;
-    since = since == 0 || since == kFillReach ? 0 : static_cast<std::uint8_t>(since + 1);
-  }
-
-  const PostWindow& window_;
-  const Posts& posts_;
-  int r0_, r1_, c0_, c1_;
-};
+    std::sort(filled[strip].begin(), filled[strip].end(),
+              [](const FilledPost& a, const FilledPost& b) { return a.at < b.at; });
+  });
+  for (const std::vector<FilledPost>& strip : filled)
+    for (const FilledPost& post : strip) use(post);
+}
 
 }  // namespace
 
-void PostSource::fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop) {
-  constexpr int kSide = TileOfVoids::kSide;
-  const auto down = static_cast<std::size_t>((window.rows + kSide - 1) / kSide),
-             across = static_cast<std::size_t>((window.cols + kSide - 1) / kSide);
-  // A tile looks beyond itself: nothing is written before all have looked.
-  std::vector<std::vector<FilledPost>> filled(down * across);
-  in_parallel(down, [&](std::size_t row) {
-    stop.check();
-    for (std::size_t col = 0; col < across; ++col)
-      filled[row * across + col] =
-          TileOfVoids(window, posts, static_cast<int>(row) * kSide, static_cast<int>(col) * kSide).filled();
+Posts PostSource::compose(const PostWindow& window, const StopToken& stop) const {
+  Posts posts;
+  posts.heights.resize(window.size());
+  posts.sources.resize(window.size());
+  for_strips(window, stop, [&](int first, int rows) {
+    const std::size_t at = static_cast<std::size_t>(first) * static_cast<std::size_t>(window.cols);
+    compose_strip(window, {first, first + rows, posts.heights.data() + at, posts.sources.data() + at, &posts.replaced},
+                  stop);
   });
-  for (const std::vector<FilledPost>& tile : filled)
-    for (const FilledPost& post : tile) posts.heights[post.at] = post.height_m, posts.sources[post.at] = post.source;
+  settle(posts.replaced);
+  return posts;
+}
+
+void PostSource::compose_filled(const PostWindow& window, PostGridRows& grid, const StopToken& stop) const {
+  const auto columns = static_cast<std::size_t>(window.cols);
+  grid.heights.resize(window.size());
+  grid.sources.reset(window.rows, window.cols);
+  grid.replaced.clear();
+  std::vector<char> has_voids(static_cast<std::size_t>(window.rows));
+  for_strips(window, stop, [&](int first, int rows) {
+    // Looked at while they are in the nearest caches.
+    UninitialisedVector<SourceMark> marks(static_cast<std::size_t>(rows) * columns);
+    float* heights = grid.heights.data() + static_cast<std::size_t>(first) * columns;
+    compose_strip(window, {first, first + rows, heights, marks.data(), &grid.replaced}, stop);
+    for (int r = 0; r < rows; ++r) {
+      const std::size_t at = static_cast<std::size_t>(r) * columns;
+      grid.sources.set(first + r, marks.data() + at);
+      has_voids[static_cast<std::size_t>(first + r)] = any_void(heights + at, window.cols);
+    }
+  });
+  settle(grid.replaced);
+
+  const auto mark = [&](std::size_t at) {
+    return grid.sources.mark(static_cast<int>(at / columns), static_cast<int>(at % columns));
+  };
+  std::vector<SourceMark> row_marks(columns);
+  int row = -1;  // whose marks those are
+  const auto keep_row = [&] {
+    if (row >= 0) grid.sources.set(row, row_marks.data());
+  };
+  for_filled(window, grid.heights.data(), mark, has_voids, stop, [&](const FilledPost& post) {
+    const auto r = static_cast<int>(post.at / columns);
+    if (r != row) {
+      keep_row();
+      row = r;
+      grid.sources.expand(row, row_marks.data());
+    }
+    grid.heights[post.at] = post.height_m, row_marks[post.at % columns] = post.source;
+  });
+  keep_row();
+}
+
+void PostSource::fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop) {
+  const std::vector<char> has_voids(static_cast<std::size_t>(window.rows), 1);
+  for_filled(
+      window, posts.heights.data(), [&](std::size_t at) { return posts.sources[at]; }, has_voids, stop,
+      [&](const FilledPost& post) { posts.heights[post.at] = post.height_m, posts.sources[post.at] = post.source; });
 }
 
 }  // namespace selenograph::dem

@@ -16,7 +16,9 @@
 
 #include "dem/block.h"
 #include "dem/catalogue.h"
+#include "dem/source_rows.h"
 #include "dem/stop_token.h"
+#include "dem/uninitialised.h"
 
 namespace selenograph::dem {
 
@@ -33,6 +35,13 @@ struct Posts {
   std::vector<float> heights;           // m, NaN: no data
   std::vector<SourceMark> sources;      // as in Block::sources
   std::vector<SourceIndex> replaced{};  // unusable files that the next coarser layer replaced; ascending
+};
+
+// A grid of posts too large for a mark each.
+struct PostGridRows {
+  UninitialisedVector<float> heights;  // as in Posts
+  SourceRows sources;
+  std::vector<SourceIndex> replaced{};
 };
 
 // No-data is interpolated when valid posts lie on two opposite sides within this many posts: 240 m at SLDEM2013's
@@ -56,8 +65,8 @@ class PostSource {
 
   // Layers composed, voids not yet filled.
   Posts compose(const PostWindow& window, const StopToken& stop = {}) const;
-  // The same in the memory that `posts` has already.
-  void compose(const PostWindow& window, Posts& posts, const StopToken& stop) const;
+  // The same with voids filled, in the memory that `grid` has already.
+  void compose_filled(const PostWindow& window, PostGridRows& grid, const StopToken& stop) const;
   // Fills voids, in place. Needs kFillReach posts of context around what must be right.
   static void fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop = {});
 
@@ -66,13 +75,17 @@ class PostSource {
   class Mapping;
   struct Patch;
   void close_gaps(int source, Patch& patch) const;
-  void compose_rows(const PostWindow& window, int r0, int r1, Posts& posts, const StopToken& stop) const;
+  struct Strip;
+  template <typename Use>
+  void for_strips(const PostWindow& window, const StopToken& stop, Use&& use) const;
+  void compose_strip(const PostWindow& window, const Strip& strip, const StopToken& stop) const;
   enum class Reach { between_posts, beside_posts };
   class Filling;
   struct Part;
   class AlongRows;
   static void fill_rows(const Patch& patch, const Part& columns, const Part& rows, Filling& filling);
-  std::size_t add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach, Posts& posts) const;
+  std::size_t add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
+                        const Strip& strip) const;
   const Catalogue& catalogue_;
   bool fall_through_;
   Warn warn_;

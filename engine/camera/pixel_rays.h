@@ -6,7 +6,7 @@
 
 #include "dem/stop_token.h"
 #include "engine/frame/camera.h"
-#include "engine/support/uninitialised.h"
+#include "dem/uninitialised.h"
 
 namespace selenograph::engine {
 
@@ -18,7 +18,7 @@ struct PixelRays {
 
   // Row-major; NaN where the lens images nothing. Empty for a rectilinear camera. `z`: of unit directions; empty where
   // it is 1 everywhere.
-  UninitialisedVector<double> x, y, z;
+  dem::UninitialisedVector<double> x, y, z;
   std::size_t bytes() const {
     return sizeof(PixelRays) + (x.capacity() + y.capacity() + z.capacity()) * sizeof(double);
   }

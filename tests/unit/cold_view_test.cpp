@@ -62,8 +62,8 @@ TEST(ColdView, LooksAtFilesBeforeItBuilds) {
     EXPECT_EQ(first.products.radiance, again.products.radiance);
     EXPECT_EQ(first.products.lit, again.products.lit);
     EXPECT_EQ(first.report.triangles, again.report.triangles);
-    const bool shaded = std::any_of(first.products.lit.begin(), first.products.lit.end(), [](auto l) { return l < 1; });
-    EXPECT_EQ(shaded, high > 0);
+    const bool dark = std::all_of(first.products.lit.begin(), first.products.lit.end(), [](auto l) { return l == 0; });
+    EXPECT_EQ(dark, high > 0);
   }
 }
 

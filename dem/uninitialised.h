@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-namespace selenograph::engine {
+namespace selenograph::dem {
 
 template <typename T>
 struct UninitialisedAllocator : std::allocator<T> {
@@ -26,4 +26,4 @@ struct UninitialisedAllocator : std::allocator<T> {
 template <typename T>
 using UninitialisedVector = std::vector<T, UninitialisedAllocator<T>>;
 
-}  // namespace selenograph::engine
+}  // namespace selenograph::dem
