@@ -113,6 +113,15 @@ class Cache {
     return found == entries_.end() ? nullptr : found->second.value;
   }
 
+  // Another value in the place of one that is still here.
+  void replace(const Key& key, const Pointer& before, Pointer value, std::size_t bytes) {
+    std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    if (found == entries_.end() || found->second.value != before) return;
+    bytes_ += bytes - found->second.bytes;
+    found->second.value = std::move(value), found->second.bytes = bytes;
+  }
+
   void erase(const Key& key) {
     std::lock_guard lock(mutex_);
     if (const auto found = entries_.find(key); found != entries_.end()) drop(found);

@@ -247,7 +247,7 @@ std::string temporary_name(const std::string& path) {
 // A temporary file that is gone when this is, unless it was renamed.
 class Temporary {
  public:
-  Temporary(const std::string& path, const std::string& bytes) : name_(temporary_name(path)) {
+  Temporary(const std::string& path, std::string_view bytes) : name_(temporary_name(path)) {
     std::error_code ignored;
     std::filesystem::create_directories(std::filesystem::path(path).parent_path(), ignored);
     try {
@@ -274,7 +274,7 @@ class Temporary {
 
 }  // namespace
 
-void write_whole_file(const std::string& path, const std::string& bytes) {
+void write_whole_file(const std::string& path, std::string_view bytes) {
   try {
     Temporary(path, bytes).rename(path);
   } catch (const SystemFault& fault) {

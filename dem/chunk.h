@@ -13,6 +13,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <unordered_map>
 #include <vector>
 
@@ -91,6 +92,9 @@ class Chunk {
   static std::shared_ptr<const Chunk> from_bytes(std::string bytes, const ChunkPlan& plan, const Catalogue& catalogue,
                                                  std::vector<SourceIndex> replaced = {});
 
+  // The file's content, of a chunk that is in memory; empty, of one that is read from its file.
+  std::string_view content() const { return bytes_; }
+
   const Record* find(const BlockId& id) const;
   // Null when the block is empty. Throws DataError naming this (see name()) when its record is damaged, naming another
   // file when posts can't be read; OtherSources when there are others than when it was made; SystemFault.
@@ -126,7 +130,7 @@ class Chunk {
 
 // Writes `bytes` under a temporary name, flushes and renames; what can't be is removed again. Throws SystemFault naming
 // the path.
-void write_whole_file(const std::string& path, const std::string& bytes);
+void write_whole_file(const std::string& path, std::string_view bytes);
 
 // Throws SystemFault when write_whole_file() to this folder would: makes it if missing, and writes a byte.
 void probe_folder(const std::string& folder);

@@ -29,7 +29,7 @@ bool OpenFile::read(std::uint64_t offset, std::size_t bytes, void* out) const {
   return true;
 }
 
-void OpenFile::write(const std::string& bytes) const {
+void OpenFile::write(std::string_view bytes) const {
   for (std::size_t done = 0; done < bytes.size();) {
     const ssize_t n = ::write(fd_, bytes.data() + done, bytes.size() - done);
     if (n < 0 && errno == EINTR) continue;

@@ -22,7 +22,7 @@ class OpenFile {
   // False when the file ends before. Throws SystemFault.
   bool read(std::uint64_t offset, std::size_t bytes, void* out) const;
   // All of it, flushed to the disk. Throws SystemFault.
-  void write(const std::string& bytes) const;
+  void write(std::string_view bytes) const;
   FileState state() const;
   const std::string& path() const { return path_; }
 

@@ -19,6 +19,7 @@
 #include "dem/build_queue.h"
 #include "dem/cache.h"
 #include "dem/chunk.h"
+#include "dem/chunk_writer.h"
 #include "dem/error.h"
 #include "dem/files.h"
 #include "dem/height_survey.h"
@@ -123,6 +124,7 @@ struct Terrain::Impl {
                [this](const std::string& file, const std::string& text) { warn(file, text); }),
         blocks(o.cache_bytes / 4 * 3),
         chunks(o.cache_bytes / 4),
+        writer([this](const ChunkWriter::Job& job) { write(job); }),
         builds(
             o.threads, [this](BuildQueue::Work& work, const StopToken& stop) { return take_turn(work, stop); },
             [this] { scratch.clear(); }) {
@@ -265,6 +267,7 @@ struct Terrain::Impl {
   // From the cache folder; null: it has to be built.
   std::shared_ptr<const Chunk> kept(const ChunkPlan& plan) {
     if (options.cache_dir.empty() || is_distrusted(plan.node)) return nullptr;
+    if (auto on_its_way = writer.find(plan.node)) return on_its_way;
     try {
       auto opened = Chunk::open(path_of(plan), plan, catalogue);
       if (opened) ++chunks_read;
@@ -327,18 +330,34 @@ struct Terrain::Impl {
     ++chunks_built;
     if (!built.replaced.empty()) replacements = true;
     // A replacement for an unusable file isn't kept: the next start finds the file back, or warns again.
-    if (!options.cache_dir.empty() && built.replaced.empty() && !is_distrusted(plan.node)) {
+    const bool keep = !options.cache_dir.empty() && built.replaced.empty() && !is_distrusted(plan.node);
+    const auto chunk = Chunk::from_bytes(std::move(built.bytes), plan, catalogue, std::move(built.replaced));
+    if (keep) {
       try {
-        write_whole_file(path_of(plan), built.bytes);
-        cache_works();
-        if (auto opened = Chunk::open(path_of(plan), plan, catalogue)) return opened;
-      } catch (const SystemFault& fault) {
-        cache_failed("written", fault);  // costs time, not answers
-      } catch (const DataError& error) {
-        log(fmt::format("{}, just written; it is kept in memory only", error.what()));
+        writer.add({plan, chunk});
+      } catch (const std::exception& error) {
+        log(fmt::format("{} is kept in memory only: {}", chunk->name(), error.what()));
       }
     }
-    return Chunk::from_bytes(std::move(built.bytes), plan, catalogue, std::move(built.replaced));
+    return chunk;
+  }
+
+  // On the writer's thread.
+  void write(const ChunkWriter::Job& job) {
+    try {
+      write_whole_file(path_of(job.plan), job.chunk->content());
+      cache_works();
+      if (auto opened = Chunk::open(path_of(job.plan), job.plan, catalogue)) {
+        const std::size_t bytes = opened->bytes();
+        chunks.replace(job.plan.node, job.chunk, std::move(opened), bytes);
+      }
+    } catch (const SystemFault& fault) {
+      cache_failed("written", fault);  // costs time, not answers
+    } catch (const DataError& error) {
+      log(fmt::format("{}, just written; it is kept in memory only", error.what()));
+    } catch (const std::exception& error) {
+      log(fmt::format("{} is kept in memory only: {}", job.chunk->name(), error.what()));
+    }
   }
 
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop) {
@@ -474,7 +493,8 @@ struct Terrain::Impl {
   std::string cache_trouble;
   std::vector<BlockId> roots;
   Chunk::Scratch scratch;  // of the builder's thread
-  BuildQueue builds;       // the last: its thread uses all of the above
+  ChunkWriter writer;
+  BuildQueue builds;  // the last: its thread uses all of the above
 };
 
 Terrain::Terrain(Catalogue catalogue, const TerrainOptions& options)
@@ -626,6 +646,8 @@ std::vector<BlockId> Terrain::chunks_to_ingest() const {
   for (const BlockId& root : impl_->roots) visit({kRootLevel, root.row, root.col}, 0);
   return found;
 }
+
+void Terrain::wait_until_written() const { impl_->writer.wait_until_done(); }
 
 void Terrain::ensure_chunk(const BlockId& node) const {
   std::size_t stratum = 0;

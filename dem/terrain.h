@@ -113,9 +113,12 @@ class Terrain {
     const std::vector<BlockId> chunks = chunks_to_ingest();
     for (std::size_t i = 0; i < chunks.size(); ++i) {
       ensure_chunk(chunks[i]);
-      if (!progress(i + 1, chunks.size(), to_string(chunks[i]))) return;
+      if (!progress(i + 1, chunks.size(), to_string(chunks[i]))) break;
     }
+    wait_until_written();
   }
+  // Until what has been built is in the cache folder, or can't be.
+  void wait_until_written() const;
 
  private:
   std::vector<BlockId> chunks_to_ingest() const;

@@ -307,6 +307,7 @@ TEST_F(PyramidFile, RoundTrip) {
   const auto first = open();
   const auto built = posts(*first);
   EXPECT_GT(first->statistics().chunks_built, 0U);
+  first->wait_until_written();
   const auto again = open();
   EXPECT_EQ(posts(*again), built);
   EXPECT_EQ(again->statistics().chunks_built, 0U);
@@ -531,6 +532,7 @@ TEST_F(PyramidFile, AFullDiskIsToldOnceAndLeavesNothing) {
     const Limited full(RLIMIT_FSIZE, 1000);
     EXPECT_NEAR(terrain->height(11.5, 21.5).height_m, noise(11.5, 21.5), 1e-3);
     EXPECT_FALSE(std::isnan(terrain->height(11.99, 20.01).height_m));
+    terrain->wait_until_written();
   }
   EXPECT_EQ(files(), std::vector<std::string>{});
   ASSERT_EQ(told.texts.size(), 1U);
@@ -539,6 +541,7 @@ TEST_F(PyramidFile, AFullDiskIsToldOnceAndLeavesNothing) {
   EXPECT_EQ(told.texts[0].find(".tmp"), std::string::npos) << told.texts[0];
   EXPECT_GE(terrain->statistics().chunks_built, 1U);
   EXPECT_NEAR(terrain->height(11.5, 61.5).height_m, noise(11.5, 61.5), 1e-3);  // a chunk that was not yet asked for
+  terrain->wait_until_written();
   EXPECT_EQ(terrain->cache_trouble(), "");
   EXPECT_EQ(told.texts.size(), 2U);
 }

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <array>
 #include <cmath>
 #include <random>
 
@@ -114,6 +115,14 @@ TEST(View, MayBeSeenWheneverItIs) {
       const Vec3 centre =
           point + Vec3(normal(random), normal(random), normal(random)).normalized() * radius * 0.999 * any(random);
       ASSERT_TRUE(view.may_see(centre, radius)) << x << ' ' << y;
+      // A triangle that holds it, or passes it by at most a margin.
+      const auto corner = [&] { return Vec3(radius * Vec3(normal(random), normal(random), normal(random))); };
+      const Vec3 a = corner(), b = corner();
+      const double u = any(random), v = (1 - u) * any(random), margin = i % 2 ? 0 : radius * any(random);
+      const Vec3 aside = 0.999 * margin * Vec3(normal(random), normal(random), normal(random)).normalized();
+      const Vec3 first = point - u * a - v * b + aside;
+      const double rounding = 1e-9 * point.norm();
+      ASSERT_TRUE(view.may_see(std::array{first, Vec3(first + a), Vec3(first + b)}, margin + rounding));
     }
     EXPECT_GT(hits, 1000U);
   }
@@ -126,6 +135,12 @@ TEST(View, WhatIsFarOutsideIsNotSeen) {
   EXPECT_FALSE(view.may_see(view.position() + m * Vec3(1000, 0, 1000), 100));
   EXPECT_FALSE(view.may_see(view.position() + m * Vec3(0, -1000, 1000), 100));
   EXPECT_TRUE(view.may_see(view.position() + m * Vec3(0, 0, -5), 10)) << "the camera is inside";
+  // Beside the image all along, though the ball around it reaches far into it.
+  const std::array<Vec3, 2> wall{view.position() + m * Vec3(1000, -900, 1000),
+                                 view.position() + m * Vec3(1000, 900, 1000)};
+  EXPECT_TRUE(view.may_see((wall[0] + wall[1]) / 2, 900));
+  EXPECT_FALSE(view.may_see(wall, 100));
+  EXPECT_TRUE(view.may_see(wall, 1000)) << "what is within the margin may be";
 }
 
 // The largest image displacement of a metre in any direction, by finite differences.
