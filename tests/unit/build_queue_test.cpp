@@ -165,11 +165,11 @@ TEST(BuildQueue, TheEndStopsTheTurnAndAllWhoWait) {
 
 double bumpy(double lat, double lon) { return std::round(300 * std::sin(lat * 300) * std::sin(lon * 200)); }
 
-// One degree of 2048 posts: its chunks are of a sixteenth of a square degree and of what is coarser, tenths of a second
-// each.
+// Two degrees of 2048 posts each: chunks of a square degree and one of what is coarser, some hundredths of a second
+// each: more than who waits looks up after.
 class ColdTerrain : public ::testing::Test {
  protected:
-  ColdTerrain() { test::write_kaguya_tile(folder_ / "dem", 20, 1, 1, 2048, bumpy); }
+  ColdTerrain() { test::write_kaguya_tile(folder_ / "dem", 20, 1, 2, 2048, bumpy); }
   std::shared_ptr<Terrain> open() const { return open_terrain(folder_ / "dem", folder_ / "cache"); }
   static constexpr double kLat = 19.5, kLon = 1.5;
   // A coarse block: all of the tile is beneath it.
