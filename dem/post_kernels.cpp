@@ -129,29 +129,47 @@ Taken TakeRow(const float* layer, int n, SourceMark mark, float* heights, Source
   return {static_cast<int>(filled), static_cast<int>(impossible)};
 }
 
-// Four neighbours of each place along a row, in double: sums in the order of a loop over them.
-void InterpolateRow(const float* row, const RowPlaces& places, int n, double* out) {
-  const hn::ScalableTag<double> d;
-  const hn::Rebind<float, decltype(d)> f;
-  const hn::Rebind<std::int32_t, decltype(d)> s;
-  const int lanes = static_cast<int>(hn::Lanes(d));
+// Four neighbours of each place along a row, in double: sums in the order of a loop over them. Where the places of a
+// vector lie within two vectors of the row, as those of a finer lattice do, their neighbours are picked from these.
+void InterpolateRow(const float* row, [[maybe_unused]] int row_size, const RowPlaces& places, int n, double* out) {
+  const auto one_by_one = [&](int from, int past_last) {
+    for (int i = from; i < past_last; ++i) {
+      double sum = 0;
+      for (int k = 0; k < 4; ++k)
+        sum += places.weights[static_cast<std::size_t>(k)][i] * static_cast<double>(row[places.first[i] + k]);
+      out[i] = sum;
+    }
+  };
   int i = 0;
+#if HWY_TARGET != HWY_SCALAR
+  const Floats f;
+  const hn::Half<Floats> h;
+  const hn::Repartition<double, Floats> d;
+  const hn::Repartition<std::int32_t, Floats> s;
+  const int lanes = static_cast<int>(hn::Lanes(f)), half = lanes / 2;
   for (; i + lanes <= n; i += lanes) {
-    const auto at = hn::LoadU(s, places.first + i);
-    const auto post = [&](int k) { return hn::PromoteTo(d, hn::GatherIndex(f, row + k, at)); };
-    const auto weight = [&](std::size_t k) { return hn::LoadU(d, places.weights[k] + i); };
-    auto sum = hn::Mul(weight(0), post(0));
-    sum = hn::Add(sum, hn::Mul(weight(1), post(1)));
-    sum = hn::Add(sum, hn::Mul(weight(2), post(2)));
-    sum = hn::Add(sum, hn::Mul(weight(3), post(3)));
-    hn::StoreU(sum, d, out + i);
+    const int base = places.first[i];
+    if (places.first[i + lanes - 1] + 4 > base + 2 * lanes || base + 2 * lanes > row_size) {
+      one_by_one(i, i + lanes);
+      continue;
+    }
+    const auto a = hn::LoadU(f, row + base), b = hn::LoadU(f, row + base + lanes);
+    const auto at = hn::Sub(hn::LoadU(s, places.first + i), hn::Set(s, base));
+    auto low = hn::Zero(d), high = hn::Zero(d);
+    for (std::size_t k = 0; k < 4; ++k) {
+      const auto place = hn::Add(at, hn::Set(s, static_cast<std::int32_t>(k)));
+      const auto index = hn::IndicesFromVec(f, hn::And(place, hn::Set(s, lanes - 1)));
+      const auto in_second = hn::RebindMask(f, hn::Gt(place, hn::Set(s, lanes - 1)));
+      const auto post = hn::IfThenElse(in_second, hn::TableLookupLanes(b, index), hn::TableLookupLanes(a, index));
+      const double* weight = places.weights[k] + i;
+      low = hn::Add(low, hn::Mul(hn::LoadU(d, weight), hn::PromoteTo(d, hn::LowerHalf(post))));
+      high = hn::Add(high, hn::Mul(hn::LoadU(d, weight + half), hn::PromoteTo(d, hn::UpperHalf(h, post))));
+    }
+    hn::StoreU(low, d, out + i);
+    hn::StoreU(high, d, out + i + half);
   }
-  for (; i < n; ++i) {
-    double sum = 0;
-    for (int k = 0; k < 4; ++k)
-      sum += places.weights[static_cast<std::size_t>(k)][i] * static_cast<double>(row[places.first[i] + k]);
-    out[i] = sum;
-  }
+#endif
+  one_by_one(i, n);
 }
 
 void AddFourRows(const std::array<const double*, 4>& rows, const std::array<double, 4>& weights, int n, float* out) {
@@ -253,8 +271,8 @@ void refine_between_rows(const float* a, const float* b, int quads, float* out) 
 Taken take_row(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
   return HWY_DYNAMIC_DISPATCH(TakeRow)(layer, n, mark, heights, sources);
 }
-void interpolate_row(const float* row, const RowPlaces& places, int n, double* out) {
-  HWY_DYNAMIC_DISPATCH(InterpolateRow)(row, places, n, out);
+void interpolate_row(const float* row, int row_size, const RowPlaces& places, int n, double* out) {
+  HWY_DYNAMIC_DISPATCH(InterpolateRow)(row, row_size, places, n, out);
 }
 void add_four_rows(const std::array<const double*, 4>& rows, const std::array<double, 4>& weights, int n, float* out) {
   HWY_DYNAMIC_DISPATCH(AddFourRows)(rows, weights, n, out);

@@ -39,13 +39,13 @@ struct Taken {
 };
 Taken take_row(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources);
 
-// Places between the posts of a row: of each the first of the four posts around it, and their weights.
+// Places between the posts of a row, ascending: of each the first of the four posts around it, and their weights.
 struct RowPlaces {
   const std::int32_t* first;
   std::array<const double*, 4> weights;
 };
-// out[i] = the sum of the four posts around a place, weighted.
-void interpolate_row(const float* row, const RowPlaces& places, int n, double* out);
+// out[i] = the sum of the four posts around a place, weighted. `row_size`: posts that may be read.
+void interpolate_row(const float* row, int row_size, const RowPlaces& places, int n, double* out);
 // out[i] = the sum of four rows, weighted.
 void add_four_rows(const std::array<const double*, 4>& rows, const std::array<double, 4>& weights, int n, float* out);
 

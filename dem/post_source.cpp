@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <tuple>
 #include <utility>
 
 #include "dem/error.h"
@@ -165,7 +166,8 @@ struct PostSource::Strip {
   int first, past_last;
   float* heights;
   SourceMark* sources;
-  std::vector<SourceIndex>* replaced;  // of the whole window
+  std::vector<SourceIndex>* replaced;  // of the whole window, as
+  ColumnsOfFiles* columns;
 };
 
 // Rows in strips: small reads, and a strip past a pole or on one is a window of its own.
@@ -262,67 +264,23 @@ struct PostSource::Part {
   }
 };
 
-// Where a window's posts lie in a file. In a geographic file columns and rows are separable.
-class PostSource::Mapping {
- public:
-  Mapping(const RasterInfo& info, const PostWindow& window)
-      : info_(info), window_(window), pole_(window.lat0 == 0 || window.lat0 == kLatTicks) {
-    if (info.projection() != Projection::geographic) return;
-    for (int c = 0; c < cols(); ++c) xs_.push_back(located(0, c).x);
-    for (int r = 0; r < window.rows; ++r) ys_.push_back(located(r, 0).y);
-    if (info.wraps_longitude)
-      for (std::size_t c = 1; c < xs_.size(); ++c)
-        while (xs_[c] < xs_[c - 1] - 0.5) xs_[c] += info.width;
+// Places along columns or rows, of those in a file or just beside it; with the kernel's margin the posts that they
+// need.
+struct PostSource::Range {
+  double low = 1e300, high = -1e300;
+  void add(double v, double size) {
+    if (v > -2 && v < size + 1) low = std::min(low, v), high = std::max(high, v);
   }
+  bool empty() const { return low > high; }
+  int first() const { return static_cast<int>(std::floor(low)) - 2; }
+  int past_last() const { return static_cast<int>(std::ceil(high)) + 4; }
 
-  int cols() const { return pole_ ? 1 : window_.cols; }
-  bool pole() const { return pole_; }
-
-  // In a geographic file: the window's columns or rows that lie well inside of a patch, if they follow each other.
+  // In a geographic file: the window's columns or rows that lie well inside of what is read, if they follow each other.
   // Nothing otherwise: then each post is to be looked at.
-  std::optional<Part> columns(const Patch& patch) const { return part_of(xs_, patch.x0 + 1, patch.x0 + patch.w - 3); }
-  std::optional<Part> rows(const Patch& patch) const { return part_of(ys_, patch.y0 + 1, patch.y0 + patch.h - 3); }
-
-  PostXY at(int r, int c) const {
-    if (!xs_.empty()) return {xs_[static_cast<std::size_t>(c)], ys_[static_cast<std::size_t>(r)]};
-    return located(r, c);
-  }
-
-  // The part of the file that the window needs, with the kernel's margin; empty (w = 0) when they don't meet.
-  Patch patch() const {
-    Range x, y;
-    if (!xs_.empty()) {
-      for (const double v : xs_) x.add(v, info_.wraps_longitude ? 1e300 : info_.width);
-      for (const double v : ys_) y.add(v, info_.height);
-    } else {
-      for (int r = 0; r < window_.rows; ++r)
-        for (int c = 0; c < cols(); ++c) {
-          const PostXY q = located(r, c);
-          if (q.x > -2 && q.y > -2 && q.x < info_.width + 1 && q.y < info_.height + 1)
-            x.add(q.x, info_.width), y.add(q.y, info_.height);
-        }
-    }
-    if (x.low > x.high || y.low > y.high) return {0, 0, 0, 0, {}};
-    Patch patch{static_cast<int>(std::floor(x.low)) - 2, static_cast<int>(std::floor(y.low)) - 2, 0, 0, {}};
-    patch.w = static_cast<int>(std::ceil(x.high)) + 4 - patch.x0;
-    patch.h = static_cast<int>(std::ceil(y.high)) + 4 - patch.y0;
-    patch.posts.resize(static_cast<std::size_t>(patch.w) * static_cast<std::size_t>(patch.h));
-    return patch;
-  }
-
- private:
-  struct Range {
-    double low = 1e300, high = -1e300;
-    void add(double v, double size) {
-      if (v > -2 && v < size + 1) low = std::min(low, v), high = std::max(high, v);
-    }
-  };
-
-  static std::optional<Part> part_of(const std::vector<double>& all, double low, double high) {
-    if (all.empty()) return std::nullopt;
-    const auto inside = [&](double v) { return v >= low && v <= high; };
+  std::optional<Part> well_inside(const std::vector<double>& all) const {
+    const auto inside = [&](double v) { return v >= first() + 1 && v <= past_last() - 3; };
     const auto from = std::find_if(all.begin(), all.end(), inside), to = std::find_if_not(from, all.end(), inside);
-    if (std::any_of(to, all.end(), inside)) return std::nullopt;
+    if (empty() || std::any_of(to, all.end(), inside)) return std::nullopt;
     Part part{static_cast<int>(from - all.begin()), static_cast<int>(to - all.begin()), {}, true};
     part.places.reserve(static_cast<std::size_t>(to - from));
     for (auto v = from; v != to; ++v) {
@@ -331,20 +289,115 @@ class PostSource::Mapping {
     }
     return part;
   }
+};
 
-  PostXY located(int r, int c) const {
-    // A tile that touches a pole holds the pole in each of its columns: any longitude it covers will do.
-    const double lon = pole_ ? info_.footprint.west_deg
-                             : lon_deg_of(wrap_lon(window_.lon0 + static_cast<std::int64_t>(c) * window_.lon_step));
-    return locate(info_,
-                  lat_deg_of(static_cast<std::int32_t>(window_.lat0 + static_cast<std::int64_t>(r) * window_.lat_step)),
-                  lon);
+namespace {
+
+PostXY located(const RasterInfo& info, const PostWindow& window, int r, int c, bool pole) {
+  // A tile that touches a pole holds the pole in each of its columns: any longitude it covers will do.
+  const double lon = pole ? info.footprint.west_deg
+                          : lon_deg_of(wrap_lon(window.lon0 + static_cast<std::int64_t>(c) * window.lon_step));
+  return locate(
+      info, lat_deg_of(static_cast<std::int32_t>(window.lat0 + static_cast<std::int64_t>(r) * window.lat_step)), lon);
+}
+
+}  // namespace
+
+// A window's columns in a geographic file: the same for all of its strips.
+class PostSource::Columns {
+ public:
+  Columns(const RasterInfo& info, const PostWindow& window, bool pole) {
+    xs.reserve(static_cast<std::size_t>(window.cols));
+    for (int c = 0; c < (pole ? 1 : window.cols); ++c) xs.push_back(located(info, window, 0, c, pole).x);
+    if (info.wraps_longitude)
+      for (std::size_t c = 1; c < xs.size(); ++c)
+        while (xs[c] < xs[c - 1] - 0.5) xs[c] += info.width;
+    for (const double v : xs) range.add(v, info.wraps_longitude ? 1e300 : info.width);
+    part = range.well_inside(xs);
+    if (!part) return;
+    for (const Place& place : part->places) {
+      first_.push_back(place.post - 1 - range.first());
+      const std::array<double, 4> four = cubic_weights(place.fraction);
+      for (std::size_t k = 0; k < 4; ++k) weights_[k].push_back(four[k]);
+    }
   }
 
+  // For interpolate_row(), of the part's columns in a row of the range.
+  RowPlaces row_places() const {
+    return {first_.data(), {weights_[0].data(), weights_[1].data(), weights_[2].data(), weights_[3].data()}};
+  }
+
+  std::vector<double> xs;
+  Range range;
+  std::optional<Part> part;  // well inside
+
+ private:
+  std::vector<std::int32_t> first_;
+  std::array<std::vector<double>, 4> weights_;
+};
+
+// Of the files that a window's strips are composed of.
+class PostSource::ColumnsOfFiles {
+ public:
+  std::shared_ptr<const Columns> of(const RasterInfo& info, int source, const PostWindow& window, bool pole) {
+    const std::lock_guard lock(mutex_);
+    std::shared_ptr<const Columns>& columns = known_[{source, window.lon0, pole}];
+    if (!columns) columns = std::make_shared<const Columns>(info, window, pole);
+    return columns;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::map<std::tuple<int, std::int64_t, bool>, std::shared_ptr<const Columns>> known_;
+};
+
+// Where a window's posts lie in a file. In a geographic file columns and rows are separable.
+class PostSource::Mapping {
+ public:
+  Mapping(const RasterInfo& info, int source, const PostWindow& window, ColumnsOfFiles& files)
+      : info_(info), window_(window), pole_(window.lat0 == 0 || window.lat0 == kLatTicks) {
+    if (info.projection() == Projection::geographic) {
+      columns_ = files.of(info, source, window, pole_);
+      x_ = columns_->range;
+      for (int r = 0; r < window.rows; ++r) ys_.push_back(located(info, window, r, 0, pole_).y);
+      for (const double v : ys_) y_.add(v, info.height);
+      return;
+    }
+    for (int r = 0; r < window_.rows; ++r)
+      for (int c = 0; c < cols(); ++c) {
+        const PostXY q = at(r, c);
+        if (q.x > -2 && q.y > -2 && q.x < info_.width + 1 && q.y < info_.height + 1)
+          x_.add(q.x, info_.width), y_.add(q.y, info_.height);
+      }
+  }
+
+  int cols() const { return pole_ ? 1 : window_.cols; }
+  bool pole() const { return pole_; }
+
+  // Null and nothing where each post is to be looked at.
+  const Columns* columns() const { return columns_ && columns_->part ? columns_.get() : nullptr; }
+  std::optional<Part> rows() const { return y_.well_inside(ys_); }
+
+  PostXY at(int r, int c) const {
+    if (columns_) return {columns_->xs[static_cast<std::size_t>(c)], ys_[static_cast<std::size_t>(r)]};
+    return located(info_, window_, r, c, pole_);
+  }
+
+  // The part of the file that the window needs, with the kernel's margin; empty (w = 0) when they don't meet.
+  Patch patch() const {
+    if (x_.empty() || y_.empty()) return {0, 0, 0, 0, {}};
+    Patch patch{x_.first(), y_.first(), x_.past_last() - x_.first(), y_.past_last() - y_.first(), {}};
+    patch.posts.resize(static_cast<std::size_t>(patch.w) * static_cast<std::size_t>(patch.h));
+    return patch;
+  }
+
+ private:
   const RasterInfo& info_;
   const PostWindow& window_;
   bool pole_;
-  std::vector<double> xs_, ys_;
+  std::shared_ptr<const Columns> columns_;  // of a geographic file
+  std::vector<double> ys_;
+  Range x_, y_;
 };
 
 // Tiles of one product leave a gap of a post between them. Where posts are not on the lattice, the kernel would find no
@@ -418,43 +471,37 @@ class PostSource::Filling {
 // other.
 class PostSource::AlongRows {
  public:
-  AlongRows(const Patch& patch, const std::vector<Place>& places) : patch_(patch) {
-    for (const Place& place : places) {
-      first_.push_back(place.post - 1 - patch.x0);
-      const std::array<double, 4> weights = cubic_weights(place.fraction);
-      for (std::size_t k = 0; k < 4; ++k) weights_[k].push_back(weights[k]);
-    }
+  AlongRows(const Patch& patch, const Columns& columns) : patch_(patch), columns_(columns) {
     rows_.fill(std::numeric_limits<int>::min());
   }
 
   const double* at(int y) {
     const auto slot = static_cast<std::size_t>(y & 3);
     if (std::exchange(rows_[slot], y) != y) {
-      values_[slot].resize(first_.size());
-      interpolate_row(&patch_.posts[patch_.index(patch_.x0, y)],
-                      {first_.data(), {weights_[0].data(), weights_[1].data(), weights_[2].data(), weights_[3].data()}},
-                      static_cast<int>(first_.size()), values_[slot].data());
+      values_[slot].resize(columns_.part->places.size());
+      interpolate_row(&patch_.posts[patch_.index(patch_.x0, y)], patch_.w, columns_.row_places(),
+                      static_cast<int>(values_[slot].size()), values_[slot].data());
     }
     return values_[slot].data();
   }
 
  private:
   const Patch& patch_;
-  std::vector<std::int32_t> first_;
-  std::array<std::vector<double>, 4> weights_;
+  const Columns& columns_;
   std::array<int, 4> rows_;  // whose values are here, by their number modulo 4
-  std::array<std::vector<double>, 4> values_;
+  std::array<UninitialisedVector<double>, 4> values_;
 };
 
 // A geographic file's rows and columns are separable: a row of the window is some posts of a row of the file, or four
 // such rows, interpolated along themselves, with the row's weights.
-void PostSource::fill_rows(const Patch& patch, const Part& columns, const Part& rows, Filling& filling) {
+void PostSource::fill_rows(const Patch& patch, const Columns& all_columns, const Part& rows, Filling& filling) {
+  const Part& columns = *all_columns.part;
   const int n = columns.past_last - columns.first;
   const auto count = static_cast<std::size_t>(n);
   const bool copied = columns.on_posts && rows.on_posts;
   const bool in_one_piece = columns.in_one_piece();
   std::vector<float> heights(count);
-  AlongRows along(patch, copied ? std::vector<Place>{} : columns.places);
+  AlongRows along(patch, all_columns);
   for (int r = rows.first; r < rows.past_last; ++r) {
     const Place& y = rows.places[static_cast<std::size_t>(r - rows.first)];
     if (copied && in_one_piece) {
@@ -478,7 +525,7 @@ void PostSource::fill_rows(const Patch& patch, const Part& columns, const Part& 
 // Writes the layer's valid posts where there is none yet. Returns how many.
 std::size_t PostSource::add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
                                   const Strip& strip) const {
-  const Mapping mapping(catalogue_.rasters()[static_cast<std::size_t>(source)], window);
+  const Mapping mapping(catalogue_.rasters()[static_cast<std::size_t>(source)], source, window, *strip.columns);
   Patch patch = mapping.patch();
   if (patch.w == 0) return 0;
   try {
@@ -494,7 +541,8 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
     return 0;
   }
   Filling filling(source, offset, window.cols, strip);
-  const auto columns = mapping.columns(patch), rows = mapping.rows(patch);
+  const Columns* columns = mapping.columns();
+  const std::optional<Part> rows = mapping.rows();
   if (reach == Reach::between_posts && columns && rows) {
     fill_rows(patch, *columns, *rows, filling);
   } else {
@@ -556,11 +604,13 @@ void for_filled(const PostWindow& window, const float* heights, const Mark& mark
 
 Posts PostSource::compose(const PostWindow& window, const StopToken& stop) const {
   Posts posts;
+  ColumnsOfFiles files;
   posts.heights.resize(window.size());
   posts.sources.resize(window.size());
   for_strips(window, stop, [&](int first, int rows) {
     const std::size_t at = static_cast<std::size_t>(first) * static_cast<std::size_t>(window.cols);
-    compose_strip(window, {first, first + rows, posts.heights.data() + at, posts.sources.data() + at, &posts.replaced},
+    compose_strip(window,
+                  {first, first + rows, posts.heights.data() + at, posts.sources.data() + at, &posts.replaced, &files},
                   stop);
   });
   settle(posts.replaced);
@@ -573,11 +623,12 @@ void PostSource::compose_filled(const PostWindow& window, PostGridRows& grid, co
   grid.sources.reset(window.rows, window.cols);
   grid.replaced.clear();
   std::vector<char> has_voids(static_cast<std::size_t>(window.rows));
+  ColumnsOfFiles files;
   for_strips(window, stop, [&](int first, int rows) {
     // Looked at while they are in the nearest caches.
     UninitialisedVector<SourceMark> marks(static_cast<std::size_t>(rows) * columns);
     float* heights = grid.heights.data() + static_cast<std::size_t>(first) * columns;
-    compose_strip(window, {first, first + rows, heights, marks.data(), &grid.replaced}, stop);
+    compose_strip(window, {first, first + rows, heights, marks.data(), &grid.replaced, &files}, stop);
     for (int r = 0; r < rows; ++r) {
       const std::size_t at = static_cast<std::size_t>(r) * columns;
       grid.sources.set(first + r, marks.data() + at);

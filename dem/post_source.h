@@ -82,8 +82,11 @@ class PostSource {
   enum class Reach { between_posts, beside_posts };
   class Filling;
   struct Part;
+  struct Range;
+  class Columns;
+  class ColumnsOfFiles;
   class AlongRows;
-  static void fill_rows(const Patch& patch, const Part& columns, const Part& rows, Filling& filling);
+  static void fill_rows(const Patch& patch, const Columns& columns, const Part& rows, Filling& filling);
   std::size_t add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
                         const Strip& strip) const;
   const Catalogue& catalogue_;
