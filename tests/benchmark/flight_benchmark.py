@@ -7,8 +7,9 @@ TILES is what `build/selenograph_real_size_tiles COARSE_FOLDER TILES` makes. Eac
 `radiance` as octet-stream over one kept connection, Sun at 15 degrees; times are the client's, from the request to the
 last byte.
 
-    cold     empty cache folder, tiles in the page cache: the first frame, ingest, and gdaladdo -r average on copies of the
-             tiles, one after the other
+    cold     empty cache folder, tiles in the page cache: the first frame (touched: with --pretouch), ingest, and gdaladdo
+             -r average on copies of the tiles, one after the other; medians of three. Ratios are per post: tiles that
+             aren't on the lattice are interpolated to more posts
     disk     bytes of the cache folder after ingest, over those of the .img files
     hover    one pose again and again, turned by 0.001 degrees a frame; restart: first frames of new services, warm disk
     orbit    15 km high, 160 m a frame at 10 Hz, over its hovering
@@ -41,6 +42,7 @@ ROWS = ("cold", "disk", "hover", "orbit", "descent", "memory")
 SETS = {"sldem2013": ROWS, "seamless": ROWS[:4]}
 SIDE_PX = 1024
 SMALLER_PX = (768, 512)  # where --scene-mb of the row `memory` refuses SIDE_PX
+COLD_STARTS = 3
 FOV_DEG, HIGH_FOV_DEG = 50.0, 60.0
 LOW_M, HIGH_M, LANDED_M = 15000.0, 100000.0, 100.0
 STEP_M, MEMORY_STEP_M = 160.0, 640.0
@@ -89,6 +91,8 @@ class Area:
         self.south, self.north = min(all_of("MINIMUM_LATITUDE")), max(all_of("MAXIMUM_LATITUDE"))
         self.west, self.east = min(all_of("WESTERNMOST_LONGITUDE")), max(all_of("EASTERNMOST_LONGITUDE"))
         self.middle = ((self.south + self.north) / 2, (self.west + self.east) / 2)
+        per_degree = max(float(value) for value in re.findall(r"^MAP_RESOLUTION *= *([\d.]+)", text, re.M))
+        self.posts_made = (2 ** math.ceil(math.log2(per_degree)) / per_degree) ** 2  # of each post of a tile
 
     def on_track(self, i, step_m=STEP_M):
         """Place of frame i on a straight track that starts in the south-west and is folded back at the borders."""
@@ -219,19 +223,22 @@ class Table:
         self.images = sorted(glob.glob(os.path.join(tiles, "*.img")))
         self.image_bytes = sum(os.path.getsize(image) for image in self.images)
         self.warm = harness.path("cache-" + name)
-        self.ingest_s = None
         self.ahead = None
 
     def ingest(self):
         """The warm cache folder, made by the first row that wants it."""
-        if self.ingest_s is None:
+        if not os.path.isdir(self.warm):
             self.read_tiles()
-            start = time.perf_counter()
-            done = harness.run("ingest", "--cache-dir", self.warm, "--dem", self.tiles, "--log-level", "warning")
-            self.ingest_s = time.perf_counter() - start
-            if done.returncode:
-                raise Refused(done.stderr[-600:])
+            self.ingested_s(self.warm)
         return self.warm
+
+    def ingested_s(self, cache):
+        start = time.perf_counter()
+        done = harness.run("ingest", "--cache-dir", cache, "--dem", self.tiles, "--log-level", "warning")
+        took = time.perf_counter() - start
+        if done.returncode:
+            raise Refused(done.stderr[-600:])
+        return took
 
     def read_tiles(self):
         for image in self.images:
@@ -239,46 +246,60 @@ class Table:
                 while file.read(1 << 24):
                     pass
 
-    def gdaladdo(self):
-        """Seconds for all tiles one by one, and for two at a time; both None without gdaladdo."""
-        if not shutil.which("gdaladdo"):
-            return None, None
+    def gdaladdo(self, processes):
+        """Seconds for all tiles, so many at a time."""
         scratch = harness.path("gdaladdo-" + self.name)
         shutil.copytree(self.tiles, scratch)
         labels = sorted(glob.glob(os.path.join(scratch, "*.lbl")))
-        times = []
-        for processes in (1, 2):
-            for overview in glob.glob(os.path.join(scratch, "*.ovr")):
-                os.unlink(overview)
-            start = time.perf_counter()
-            with concurrent.futures.ThreadPoolExecutor(processes) as pool:
-                for _ in pool.map(lambda label: subprocess.run(
-                        ["gdaladdo", "-q", "-r", "average", "-ro", label, *FACTORS], check=True), labels):
-                    pass
-            times.append(time.perf_counter() - start)
+        start = time.perf_counter()
+        with concurrent.futures.ThreadPoolExecutor(processes) as pool:
+            for _ in pool.map(lambda label: subprocess.run(
+                    ["gdaladdo", "-q", "-r", "average", "-ro", label, *FACTORS], check=True), labels):
+                pass
+        took = time.perf_counter() - start
         shutil.rmtree(scratch)
-        return times
+        return took
 
     def cold(self):
         self.read_tiles()
-        one, two = self.gdaladdo()
-        if one:
+        cache = harness.path("cold-" + self.name)
+        starts = []
+
+        def median(run):
+            """Of several times over an empty cache folder."""
+            times = []
+            for _ in range(COLD_STARTS):
+                times.append(run())
+                shutil.rmtree(cache, ignore_errors=True)
+            return statistics.median(times)
+
+        def first_frame(body, *options):
+            with Client(self.tiles, cache, *options) as client:
+                if not options:
+                    starts.append(client.start_s)
+                return client.frame(body)[0] / 1000
+
+        one = two = None
+        if shutil.which("gdaladdo"):
+            one, two = (median(lambda: self.gdaladdo(processes)) for processes in (1, 2))
             row("gdaladdo", f"{len(self.images)} tiles, one after the other", f"{one:.2f} s")
             row("", "two at a time", f"{two:.2f} s", two / one)
         else:
             note("no gdaladdo to compare with: apt-get install gdal-bin")
         views = (("100 km, 60 degrees", self.area.body(pose(self.area.middle, HIGH_M), HIGH_FOV_DEG)),
                  ("15 km", self.area.body(pose(self.area.on_track(FLIGHT_FRAMES // 2), LOW_M))))
-        for name, body in views:
-            cache = harness.path("cold-" + self.name)
-            with Client(self.tiles, cache) as client:
-                start_s = client.start_s
-                took = client.frame(body)[0] / 1000
-            shutil.rmtree(cache)
-            row("cold", f"first frame, {name}; / gdaladdo", f"{took:.2f} s", one and took / one, one and 0.8)
-        self.ingest()
-        row("", "ingest; / gdaladdo", f"{self.ingest_s:.2f} s", one and self.ingest_s / one, one and 0.8)
-        row("", "catalogue: start until the service listens", f"{start_s:.2f} s")
+        as_many = one and one * self.area.posts_made
+
+        def compare(stage, what, seconds):
+            row(stage, f"{what}; / gdaladdo", f"{seconds:.2f} s", as_many and seconds / as_many, as_many and 0.8)
+
+        for stage, options in (("cold", ()), ("touched", ("--pretouch",))):
+            for name, body in views:
+                compare(stage, f"first frame, {name}", median(lambda: first_frame(body, *options)))
+        compare("", "ingest", median(lambda: self.ingested_s(cache)))
+        if self.area.posts_made > 1.001:
+            note(f"ratios are per post: {self.area.posts_made:.2f} are made of each of the tile's")
+        row("", "catalogue: start until the service listens", f"{statistics.median(starts):.2f} s")
 
     def disk(self):
         used = sum(os.path.getsize(os.path.join(folder, file)) for folder, _, files in os.walk(self.ingest())
