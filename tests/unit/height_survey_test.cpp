@@ -5,6 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
 #include <vector>
 
 #include "dem/terrain.h"
@@ -14,28 +18,26 @@
 namespace selenograph::dem {
 namespace {
 
-using test::open_terrain;
-using test::TemporaryFolder;
-using test::write_float_tile;
-using test::write_kaguya_tile;
-
-double bumpy(double lat, double lon) {
-  return std::round(800 * std::sin(lat * 40) * std::cos(lon * 37) + 300 * std::sin(lon * 211));
+double relief(double lat, double lon) {
+  return std::round(900 * std::cos(lat * 53 + lon * 29) + 250 * std::sin(lat * 190));
 }
 
+using Wanted = std::function<bool(const BlockExtent&)>;
+
 // Every node of the direct chunks of an area, from its own root down.
-void visit(const Terrain& terrain, const BlockId& id, int finest, std::vector<BlockId>& out) {
-  if (!terrain.has_data(id)) return;
+void visit(const Terrain& terrain, const BlockId& id, int finest, const Wanted& wanted, std::vector<BlockId>& out) {
+  if (!terrain.has_data(id) || !wanted(extent_of(id))) return;
   if (terrain.node_is_cheap(id)) out.push_back(id);
   if (id.level < finest)
-    for (const BlockId& child : children_of(id)) visit(terrain, child, finest, out);
+    for (const BlockId& child : children_of(id)) visit(terrain, child, finest, wanted, out);
 }
 
 // Compares with a second terrain that has its pyramids. Returns how much wider surveys are, at most.
-double widest(const std::string& folder, std::size_t least) {
-  const auto looked = open_terrain(folder), built = open_terrain(folder);
+double widest(
+    const std::string& folder, std::size_t least, const Wanted& wanted = [](const BlockExtent&) { return true; }) {
+  const auto looked = test::open_terrain(folder), built = test::open_terrain(folder);
   std::vector<BlockId> nodes;
-  for (const BlockId& root : looked->roots()) visit(*looked, root, 8, nodes);
+  for (const BlockId& root : looked->roots()) visit(*looked, root, 8, wanted, nodes);
   double widest_m = 0;
   std::size_t compared = 0;
   for (const BlockId& id : nodes) {
@@ -54,22 +56,22 @@ double widest(const std::string& folder, std::size_t least) {
 }
 
 TEST(HeightSurvey, HoldsOfPostsOnTheLattice) {
-  const TemporaryFolder folder;
-  write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
+  const test::TemporaryFolder folder;
+  test::write_kaguya_tile(folder.path(), 12, 20, 2, 256, relief);
   EXPECT_LT(widest(folder.path(), 20), 1200);  // blocks look beyond themselves, and relief is of this size
 }
 
 TEST(HeightSurvey, HoldsOfResampledPostsAndBesideVoids) {
-  const TemporaryFolder folder;
+  const test::TemporaryFolder folder;
   const auto steps = [](double lat, double lon) {
     return std::fmod(std::floor(lat * 50) + std::floor(lon * 50), 2) * 900;
   };
   const auto is_void = [](double lat, double lon) { return std::hypot(lat - 11.3, lon - 20.6) < 0.05; };
-  write_float_tile(folder.path(), "a",
-                   {.north_deg = 12, .west_deg = 20, .posts_per_degree = 225, .rows = 451, .columns = 226}, steps,
-                   is_void);
+  test::write_float_tile(folder.path(), "a",
+                         {.north_deg = 12, .west_deg = 20, .posts_per_degree = 225, .rows = 451, .columns = 226}, steps,
+                         is_void);
   // Goes on where the other ends, a cliff higher.
-  write_float_tile(
+  test::write_float_tile(
       folder.path(), "b",
       {.north_deg = 12, .west_deg = 20 + 226.0 / 225, .posts_per_degree = 225, .rows = 451, .columns = 226},
       [&](double lat, double lon) { return steps(lat, lon) + 3000; });
@@ -77,25 +79,29 @@ TEST(HeightSurvey, HoldsOfResampledPostsAndBesideVoids) {
 }
 
 TEST(HeightSurvey, HoldsUnderAGlobalLayerAndAcrossTheDateLine) {
-  const TemporaryFolder folder;
-  write_float_tile(folder.path(), "global",
-                   {.north_deg = 60, .west_deg = -180, .posts_per_degree = 4, .rows = 481, .columns = 1440},
-                   [](double lat, double lon) { return 3000 * std::sin(lat / 3) * std::cos(lon / 2); });
-  write_float_tile(folder.path(), "site",
-                   {.north_deg = 1, .west_deg = 179, .posts_per_degree = 64, .rows = 65, .columns = 129}, bumpy);
-  widest(folder.path(), 500);
+  const test::TemporaryFolder folder;
+  test::write_float_tile(folder.path(), "global",
+                         {.north_deg = 60, .west_deg = -180, .posts_per_degree = 4, .rows = 481, .columns = 1440},
+                         [](double lat, double lon) { return 3000 * std::sin(lat / 3) * std::cos(lon / 2); });
+  test::write_float_tile(folder.path(), "site",
+                         {.north_deg = 1, .west_deg = 179, .posts_per_degree = 64, .rows = 65, .columns = 129}, relief);
+  // Around the place where the equator crosses the date line: the rest of the globe is more of the same.
+  widest(folder.path(), 300, [](const BlockExtent& e) {
+    constexpr std::int32_t kNear = 2 * kTicksPerDegree, kEquator = 90 * kTicksPerDegree;
+    return e.lat0 < kEquator + kNear && e.lat1() > kEquator - kNear && (e.lon0 < kNear || e.lon1() > kLonTicks - kNear);
+  });
 }
 
 TEST(HeightSurvey, SaysNothingOfWhatIsThereAndOfWhatCantBeRead) {
-  const TemporaryFolder folder;
-  write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
-  const auto terrain = open_terrain(folder.path());
+  const test::TemporaryFolder folder;
+  test::write_kaguya_tile(folder.path(), 12, 20, 2, 256, relief);
+  const auto terrain = test::open_terrain(folder.path());
   const BlockId id = block_at(6, static_cast<std::int32_t>((90 + 11.5) * kTicksPerDegree),
                               static_cast<std::int32_t>(200.5 * kTicksPerDegree));
   EXPECT_TRUE(terrain->heights_without_building(id));
   terrain->node(id);
   EXPECT_FALSE(terrain->heights_without_building(id)) << "node() needs no building any more";
-  const auto again = open_terrain(folder.path());
+  const auto again = test::open_terrain(folder.path());
   for (const auto& file : std::filesystem::directory_iterator(folder.path()))
     if (file.path().extension() == ".img") std::filesystem::resize_file(file.path(), 100);
   EXPECT_FALSE(again->heights_without_building(id));
