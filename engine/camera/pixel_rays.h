@@ -5,8 +5,8 @@
 #include <cstddef>
 
 #include "dem/stop_token.h"
-#include "engine/frame/camera.h"
 #include "dem/uninitialised.h"
+#include "engine/frame/camera.h"
 
 namespace selenograph::engine {
 
