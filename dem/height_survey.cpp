@@ -39,23 +39,20 @@ struct Window {
 // The file's posts in an area and around it. Without columns or rows: there are none.
 Window window_of(const RasterInfo& info, const Area& area) {
   const auto& grid = std::get<GeographicGrid>(info.grid);
-  const double per_lon = grid.lon_posts_per_degree, per_lat = grid.lat_posts_per_degree;
-  const double middle = grid.first_lon_deg + info.width / 2.0 / per_lon;
-  const double west = info.width / 2.0 + per_lon * std::remainder(area.west_deg - middle, 360),
-               north = (grid.first_lat_deg - area.north_deg) * per_lat;
-  const double east = west + (area.east_deg - area.west_deg) * per_lon,
-               south = north + (area.north_deg - area.south_deg) * per_lat;
+  const PostXY corner = locate(info, area.north_deg, area.west_deg);
+  const double east = corner.x + (area.east_deg - area.west_deg) * grid.lon_posts_per_degree,
+               south = corner.y + (area.north_deg - area.south_deg) * grid.lat_posts_per_degree;
   const auto place = [](double post, int beyond, int most) {
     return static_cast<int>(std::clamp(std::floor(post) + beyond, 0.0, static_cast<double>(most)));
   };
   Window w;
-  w.y0 = place(north, -kPostsBeyond, info.height);
+  w.y0 = place(corner.y, -kPostsBeyond, info.height);
   w.rows = place(south, kPostsBeyond + 1, info.height) - w.y0;
   if (info.wraps_longitude) {  // reads past either end go on at the other one
-    w.x0 = static_cast<int>(std::floor(west)) - kPostsBeyond;
-    w.columns = static_cast<int>(std::ceil(east - west)) + 2 * kPostsBeyond + 1;
+    w.x0 = static_cast<int>(std::floor(corner.x)) - kPostsBeyond;
+    w.columns = static_cast<int>(std::ceil(east - corner.x)) + 2 * kPostsBeyond + 1;
   } else {
-    w.x0 = place(west, -kPostsBeyond, info.width);
+    w.x0 = place(corner.x, -kPostsBeyond, info.width);
     w.columns = place(east, kPostsBeyond + 1, info.width) - w.x0;
   }
   return w;

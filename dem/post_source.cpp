@@ -166,7 +166,8 @@ struct PostSource::Strip {
   int first, past_last;
   float* heights;
   SourceMark* sources;
-  std::vector<SourceIndex>* replaced;  // of the whole window, as
+  // Of the whole window.
+  std::vector<SourceIndex>* replaced;
   ColumnsOfFiles* columns;
 };
 
@@ -264,8 +265,8 @@ struct PostSource::Part {
   }
 };
 
-// Places along columns or rows, of those in a file or just beside it; with the kernel's margin the posts that they
-// need.
+// Of places along columns or rows those in a file or just beside it, and the posts that they need with the kernel's
+// margin.
 struct PostSource::Range {
   double low = 1e300, high = -1e300;
   void add(double v, double size) {

@@ -223,13 +223,15 @@ class Table:
         self.images = sorted(glob.glob(os.path.join(tiles, "*.img")))
         self.image_bytes = sum(os.path.getsize(image) for image in self.images)
         self.warm = harness.path("cache-" + name)
+        self.ingested = False
         self.ahead = None
 
     def ingest(self):
         """The warm cache folder, made by the first row that wants it."""
-        if not os.path.isdir(self.warm):
+        if not self.ingested:
             self.read_tiles()
             self.ingested_s(self.warm)
+            self.ingested = True
         return self.warm
 
     def ingested_s(self, cache):
