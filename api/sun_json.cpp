@@ -1,5 +1,7 @@
 #include "api/sun_json.h"
 
+#include <fmt/format.h>
+
 #include "api/member_kinds.h"
 #include "api/pose_json.h"
 #include "api/ranges.h"
@@ -46,7 +48,17 @@ std::optional<Sun> resolve_sun(const JsonReader& in, const SunForm& form, const 
     }
   }
   sun.distance_au = form.distance_au.value_or(sun.distance_au);
-  sun.angular_radius_deg = form.angular_radius_deg;
+  // An epoch says what the Sun is like, unless the request does.
+  if (form.angular_radius_deg ? !form.angular_radius_deg->has_value() : form.utc.has_value()) {
+    sun.angular_radius_deg = engine::sun_radius_deg(sun.distance_au);
+    if (sun.angular_radius_deg > kAngularRadius_deg.max) {
+      in.fail("angular_radius_deg", fmt::format("is {:.3g} degrees at {} au: at most {}", sun.angular_radius_deg,
+                                                sun.distance_au, kAngularRadius_deg.max));
+      return std::nullopt;
+    }
+  } else if (form.angular_radius_deg) {
+    sun.angular_radius_deg = **form.angular_radius_deg;
+  }
   sun.limb_darkening = form.limb_darkening;
   return sun;
 }
@@ -71,8 +83,9 @@ const Members<SunForm, Sun>& sun_members() {
         m.add("utc", &SunForm::utc, Text{}, "epoch, ISO 8601, e.g. 2026-11-20T00:00:00Z");
         m.add("distance_au", &SunForm::distance_au, Number{kDistance_au, "au"},
               "scales irradiance by 1/r^2; default: 1, or the ephemeris' with utc");
-        m.add("angular_radius_deg", &SunForm::angular_radius_deg, Number{kAngularRadius_deg, "deg"},
-              "of the solar disc; 0: a point Sun with hard shadows");
+        m.add("angular_radius_deg", &SunForm::angular_radius_deg, NumberOr{kAngularRadius_deg, "sun", "deg"},
+              "of the solar disc; 0: a point Sun with hard shadows; \"sun\": what it is at distance_au; default: 0, or "
+              "\"sun\" with utc");
         m.add("limb_darkening", &SunForm::limb_darkening, Number{kUnitInterval},
               "u of the disc's brightness 1 - u (1 - cos), cos of the angle from the Sun's own vertical; about 0.6 in "
               "the visible")

@@ -18,7 +18,8 @@ struct SunForm {
   std::optional<SunLocal> local;
   std::optional<std::string> utc;
   std::optional<double> distance_au;
-  double angular_radius_deg = 0, limb_darkening = 0;
+  std::optional<std::optional<double>> angular_radius_deg;  // "sun" is none
+  double limb_darkening = 0;
 };
 const Members<SunForm, engine::Sun>& sun_members();
 

@@ -26,12 +26,16 @@ void approach(std::atomic<double>& value, double measured_to_predicted, double s
 
 }  // namespace
 
-FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, double triangles, bool build) {
+FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, Visibility visibility, double triangles,
+                  bool build) {
   const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
   const bool centres_too = accuracy.samples_per_pixel > 1 && wants_geometry(request);
   const double samples = !wants_radiance(request) ? 1 : accuracy.samples_per_pixel + centres_too;
-  // A disc's rays stop at the first that decide nothing: about half of 32 count.
-  const double per_sample = 1 + (!wants_light(request) ? 0 : request.sun.angular_radius_deg > 0 ? 16 : 1);
+  // Of a disc, horizons cost about as much again as the shadow map. By rays nine directions are asked for, and 256 in
+  // the penumbra, which is a tenth of the frame or so.
+  constexpr double kByHorizons = 2, kByRays = 35;
+  const double of_disc = visibility == Visibility::zbuffer ? kByHorizons : kByRays;
+  const double per_sample = 1 + (!wants_light(request) ? 0 : request.sun.angular_radius_deg > 0 ? of_disc : 1);
   return {pixels * samples * per_sample, triangles, build};
 }
 

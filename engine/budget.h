@@ -26,7 +26,8 @@ struct FrameWork {
   double triangles = 0;
   bool build = false;  // its acceleration structure is yet to be made
 };
-FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, double triangles, bool build);
+FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, Visibility visibility, double triangles,
+                  bool build);
 
 // Learns from each frame what rays and triangles cost, and what any frame does. Safe to use concurrently: a lost update
 // is a frame not learnt from.

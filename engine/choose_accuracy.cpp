@@ -33,7 +33,7 @@ BudgetChoice choose_accuracy(const FrameRequest& request, double budget_ms, int 
       if (samples > max_samples) break;
       setting.samples_per_pixel = samples;
       // Selected once to choose, once to render.
-      const FrameWork work = work_of(request, setting, triangles_of(selection), build);
+      const FrameWork work = work_of(request, setting, content.visibility, triangles_of(selection), build);
       const double ms = spent_ms + select_ms + kept.speed(content.visibility).predicted_ms(work);
       const bool fits = ms <= budget_ms;
       any |= fits;

@@ -8,6 +8,7 @@
 #include "dem/parallel.h"
 #include "engine/camera/view.h"
 #include "engine/scene/selection.h"
+#include "engine/visibility/disc_light.h"
 #include "engine/visibility/raytrace/trace.h"
 #include "engine/visibility/refine.h"
 
@@ -53,39 +54,71 @@ class RayCaster {
     return hits;
   }
 
+  // How much of the Sun there is at places above the ground.
+  std::vector<RayHit> light_at(const std::vector<Vec3>& places, const Sun& sun) {
+    std::vector<RayHit> all;
+    for (const Vec3& place : places) all.push_back({true, 0, place, sun.direction, 0});
+    light(all, std::vector<Vec3>(all.size(), sun.direction), sun);
+    return all;
+  }
+
  private:
   using Batch = std::vector<std::size_t>;  // indices of rays
 
+  // As in frames: by the facet and by the normal that it is shaded by.
   void light(std::vector<RayHit>& hits, const std::vector<Vec3>& facets, const Sun& sun) {
     std::vector<Ray> to_sun;
     std::vector<std::size_t> asked;
-    for (std::size_t i = 0; i < hits.size(); ++i)
-      if (hits[i].hit && hits[i].normal.dot(sun.direction) > 0)
+    // Terrain along the way to the disc's rim matters, too.
+    std::optional<DiscLight> disc;
+    if (sun.angular_radius_deg > 0 && !hits.empty()) disc.emplace(sun, up_of(hits));
+    std::vector<Vec3> toward{sun.direction};
+    if (disc)
+      for (const auto& [x, y] : {std::pair{-1, 0}, {1, 0}, {0, -1}, {0, 1}}) toward.push_back(disc->direction(x, y));
+    for (std::size_t i = 0; i < hits.size(); ++i) {
+      const auto faces = [&](const Vec3& d) { return hits[i].normal.dot(d) > 0 && facets[i].dot(d) > 0; };
+      if (hits[i].hit && std::any_of(toward.begin(), toward.end(), faces))
         to_sun.push_back({hits[i].position_m, sun.direction}), asked.push_back(i);
-    in_batches(to_sun, [&](const Scene& scene, const Batch& batch, std::size_t first, int count) {
-      SurfacePoints points;
-      bool wanted[kPacket] = {};
-      for (int i = 0; i < count; ++i) {
-        const std::size_t at = asked[batch[first + static_cast<std::size_t>(i)]];
-        wanted[i] = true;
-        points.x[i] = hits[at].position_m.x(), points.y[i] = hits[at].position_m.y(),
-        points.z[i] = hits[at].position_m.z();
-        points.nx[i] = facets[at].x(), points.ny[i] = facets[at].y(), points.nz[i] = facets[at].z();
+    }
+    const auto work = [&](const Scene& scene, const Batch& batch, std::size_t first, int count) {
+      SurfacePoints points{};
+      Shading shading{};
+      std::uint32_t asking = 0;
+      for (int i = 0; i < kPacket; ++i) {
+        const RayHit& hit = hits[asked[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]]];
+        const Vec3& facet = facets[asked[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]]];
+        points.hit[i] = i < count;
+        if (points.hit[i] && (disc || facet.dot(sun.direction) > 0)) asking |= 1U << i;
+        points.x[i] = hit.position_m.x(), points.y[i] = hit.position_m.y(), points.z[i] = hit.position_m.z();
+        points.nx[i] = facet.x(), points.ny[i] = facet.y(), points.nz[i] = facet.z();
+        shading.nx[i] = hit.normal.x(), shading.ny[i] = hit.normal.y(), shading.nz[i] = hit.normal.z();
       }
       float lit[kPacket];
-      if (sun.angular_radius_deg > 0)
-        sunlit_disc(scene, points, wanted, sun, lit);
-      else
-        sunlit(scene, points, wanted, sun.direction, lit);
+      const auto blocked = [&](std::uint32_t of, const Vec3& d) { return shaded(scene, points, of, d); };
+      if (disc) {
+        DiscLanes turned;
+        asking &= disc->alone(points, shading, turned, lit);
+        disc->take_out(blocked, asking, turned, lit, shading.incident);
+      } else {
+        const std::uint32_t dark = blocked(asking, sun.direction);
+        for (int i = 0; i < kPacket; ++i) lit[i] = asking & ~dark & 1U << i ? 1.F : 0.F;
+      }
       for (int i = 0; i < count; ++i)
         hits[asked[batch[first + static_cast<std::size_t>(i)]]].lit = static_cast<double>(lit[i]);
-    });
+    };
+    in_batches(to_sun, work, toward);
+  }
+
+  static Vec3 up_of(const std::vector<RayHit>& hits) {
+    const auto hit = std::find_if(hits.begin(), hits.end(), [](const RayHit& h) { return h.hit; });
+    return hit == hits.end() ? Vec3::UnitZ() : hit->position_m;
   }
 
   // work(scene, batch, first, count) on packets of rays, as many batches of them as the terrain along them makes scenes
   // of bearable size. Rays that enter the terrain near each other go together.
+  // `toward`: not only along its own direction each ray is followed, but along all of these.
   template <typename Work>
-  void in_batches(const std::vector<Ray>& rays, Work&& work) {
+  void in_batches(const std::vector<Ray>& rays, Work&& work, const std::vector<Vec3>& toward = {}) {
     std::vector<std::pair<dem::BlockId, std::size_t>> places;
     for (std::size_t i = 0; i < rays.size(); ++i) {
       const Geographic g = to_geographic(anchor_for(rays[i].origin_m, rays[i].direction));
@@ -98,15 +131,18 @@ class RayCaster {
     Batch order;
     order.reserve(places.size());
     for (const auto& place : places) order.push_back(place.second);
-    split(rays, std::move(order), work);
+    split(rays, std::move(order), work, toward);
   }
 
   template <typename Work>
-  void split(const std::vector<Ray>& rays, Batch batch, Work& work) {
+  void split(const std::vector<Ray>& rays, Batch batch, Work& work, const std::vector<Vec3>& toward) {
     if (batch.empty()) return;
     std::vector<Ray> some;
-    some.reserve(batch.size());
-    for (const std::size_t i : batch) some.push_back(rays[i]);
+    some.reserve(batch.size() * std::max<std::size_t>(1, toward.size()));
+    for (const std::size_t i : batch) {
+      if (toward.empty()) some.push_back(rays[i]);
+      for (const Vec3& direction : toward) some.push_back({rays[i].origin_m, direction});
+    }
     // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
     const std::size_t of_block = scene_bytes_of({.level = dem::kMaxLevel}, Visibility::raytrace);
     const std::size_t most = std::min(kMaxBlocks, kept_.capacity() / of_block);
@@ -114,8 +150,8 @@ class RayCaster {
     if (!selection && batch.size() == 1) throw TooMuchTerrain("a ray runs along more terrain than fits");
     if (!selection) {
       const auto middle = batch.begin() + static_cast<std::ptrdiff_t>(batch.size() / 2);
-      split(rays, {batch.begin(), middle}, work);
-      split(rays, {middle, batch.end()}, work);
+      split(rays, {batch.begin(), middle}, work, toward);
+      split(rays, {middle, batch.end()}, work, toward);
       return;
     }
     const auto scene =
@@ -128,9 +164,8 @@ class RayCaster {
   const StopToken& stop_;
 };
 
-// A landmark given on the terrain lies on the mesh to within rounding and the chords' sag (2 mm): it is lifted clear of
-// both.
-Vec3 above(const Vec3& place) { return place * (1 + 0.01 / place.norm()); }
+// A landmark at the terrain's height lies on the mesh to within rounding and the chords' sag (2 mm).
+constexpr double kOnGround_m = 0.01;
 double slack_m(double range_m) { return std::max(0.05, 1e-7 * range_m); }
 
 }  // namespace
@@ -147,8 +182,9 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
   refuse_underground(terrain, view.position(), stop);
   RayCaster caster(terrain, kept, stop);
   std::vector<Landmark> answers(points.size());
-  std::vector<Ray> looks, lights;
-  std::vector<std::size_t> looked, lighted;
+  std::vector<Ray> looks, downs;
+  std::vector<Vec3> places;
+  std::vector<std::size_t> looked, on_ground, over_ground;
   for (std::size_t i = 0; i < points.size(); ++i) {
     stop.check();
     const LandmarkQuery& q = points[i];
@@ -159,8 +195,13 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
     if (std::isnan(a.height_m)) continue;
     const Vec3 place = to_cartesian({q.lat_deg, q.lon_deg, a.height_m});
     a.range_m = (place - view.position()).norm();
-    const bool buried = a.height_m < ground - 0.01;  // a ray from below passes the surface unseen
-    if (sun && !buried) lights.push_back({above(place), sun->direction}), lighted.push_back(i);
+    // On the ground it is lit as the ground is; what is buried isn't.
+    if (sun && a.height_m > ground + kOnGround_m) {
+      places.push_back(place), over_ground.push_back(i);
+    } else if (sun && a.height_m >= ground - kOnGround_m) {
+      const Vec3 up = place.normalized();
+      downs.push_back({place + up, -up}), on_ground.push_back(i);
+    }
     const auto pixel = view.project(place);
     if (!pixel) continue;
     a.x_px = pixel->x, a.y_px = pixel->y;
@@ -174,8 +215,11 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
     Landmark& a = answers[looked[k]];
     a.visible = !seen[k].hit || seen[k].range_m > a.range_m - slack_m(a.range_m);
   }
-  const std::vector<RayHit> shades = caster.cast(lights, std::nullopt);
-  for (std::size_t k = 0; k < shades.size(); ++k) answers[lighted[k]].lit = shades[k].hit ? 0 : 1;
+  if (sun) {
+    const std::vector<RayHit> grounds = caster.cast(downs, sun), over = caster.light_at(places, *sun);
+    for (std::size_t k = 0; k < grounds.size(); ++k) answers[on_ground[k]].lit = grounds[k].lit;
+    for (std::size_t k = 0; k < over.size(); ++k) answers[over_ground[k]].lit = over[k].lit;
+  }
   return answers;
 }
 

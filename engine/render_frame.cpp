@@ -157,7 +157,8 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
 
   // Scene: the blocks as one mesh, with what the visibility algorithm needs of it.
   const SceneContent content = content_of(request, view, selection);
-  const FrameWork work = work_of(request, request.accuracy, triangles_of(selection), /*build=*/!kept.holds(content));
+  const FrameWork work = work_of(request, request.accuracy, content.visibility, triangles_of(selection),
+                                 /*build=*/!kept.holds(content));
   SpeedGauge& speed = kept.speed(content.visibility);
   const bool moving = sensor && !request.sensor->motion.none();
   speed.refuse_hopeless(work, moving ? static_cast<std::size_t>(request.sensor->motion.samples) : 1, stop);

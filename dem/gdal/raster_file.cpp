@@ -146,6 +146,12 @@ void settle_values(RasterFile& s, const RasterInfo* known, Damage damage) {
   if (!s.voids.empty()) s.info.void_value = s.voids.front();
 }
 
+// Terrain is triangles between posts.
+void place_posts(RasterInfo& info, const PostGrid& grid) {
+  if (info.width < 2 || info.height < 2) throw DataError(info.path, "is a single row or column of posts: no surface");
+  set_grid(info, grid);
+}
+
 RasterFile describe_pds(const std::string& label_path, const RasterInfo* known, Damage damage) {
   const PdsImage image = describe_pds_image(read_pds_label(label_path), label_path);
   if (image.row_bytes > std::numeric_limits<int>::max()) throw DataError(label_path, "its rows are too long");
@@ -173,7 +179,7 @@ RasterFile describe_pds(const std::string& label_path, const RasterInfo* known, 
   if (damage == Damage::describe && data.bytes < needed)
     s.info.damage = "its data file " + image.data_path + (gone ? " is missing" : " was truncated");
   settle_values(s, known, damage);
-  set_grid(s.info, image.grid);
+  place_posts(s.info, image.grid);
   return s;
 }
 
@@ -245,7 +251,7 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
   find_values(s, known, damage);
   const Georeference place = georeference_of(*s.dataset, path);
   s.flip_x = place.flip_x, s.flip_y = place.flip_y;
-  set_grid(s.info, place.grid);
+  place_posts(s.info, place.grid);
   return s;
 }
 

@@ -105,7 +105,7 @@ void MappedSurface::radiances(const SurfacePoints& points, const Shading& shadin
       dark += (*emission_)(first_value(sampler.temperature, pixel, request_.temperature_k)) * (1 - rho);
     const double cos_phase = -direction.dot(request_.sun.direction) / direction.norm();
     // Eq. (2): all models that have a rho are proportional to it.
-    const double direct = rho * direct_radiance(whole_, direct_w_m2_, shading.mu0[i], shading.mu[i], cos_phase,
+    const double direct = rho * direct_radiance(whole_, direct_w_m2_, shading.incident[i], shading.mu[i], cos_phase,
                                                 static_cast<double>(lit[i]));
     base[i] = static_cast<float>(dark), out[i] = static_cast<float>(dark + direct);
   }

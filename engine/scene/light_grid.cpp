@@ -8,7 +8,8 @@
 
 namespace selenograph::engine {
 
-LightGrid::LightGrid(const Vec3& sun_direction, const Vec3& up) : sun_(sun_direction) {
+LightGrid::LightGrid(const Sun& sun, const Vec3& up)
+    : sun_(sun.direction), radius_(1.01 * std::tan(sun.angular_radius_deg * kRadiansPerDegree)) {
   // v upwards across the light: at a low Sun terrain is thin along it, which is what tells casters from bystanders.
   Vec3 across = up.cross(sun_);
   constexpr double kOverhead = 0.01;
@@ -34,7 +35,7 @@ LightGrid::Extent LightGrid::extent_of(const NodeBounds& b) const {
 bool LightGrid::in_night(const NodeBounds& b) const {
   const double dip = std::acos((kMoonRadius_m + dem::kLowestRelief_m) / (kMoonRadius_m + b.high_m));
   const double to_sun = std::asin(std::clamp(sun_.dot(b.centre) / b.centre.norm(), -1.0, 1.0));
-  return to_sun + std::asin(std::min(1.0, b.radius_m / b.centre.norm())) < -dip;
+  return to_sun + std::asin(std::min(1.0, b.radius_m / b.centre.norm())) + std::atan(radius_) < -dip;
 }
 
 void LightGrid::add_receiver(const NodeBounds& bounds, double pixels_per_metre) {
@@ -42,6 +43,7 @@ void LightGrid::add_receiver(const NodeBounds& bounds, double pixels_per_metre) 
   const Extent e = extent_of(bounds);
   all_.u0 = std::min(all_.u0, e.u0), all_.u1 = std::max(all_.u1, e.u1);
   all_.v0 = std::min(all_.v0, e.v0), all_.v1 = std::max(all_.v1, e.v1);
+  all_.s0 = std::min(all_.s0, e.s0);
   receivers_.push_back({e, pixels_per_metre});
 }
 
@@ -67,7 +69,10 @@ void LightGrid::finish() {
 
 double LightGrid::shaded_pixels_per_metre(const NodeBounds& bounds) const {
   if (receivers_.empty()) return 0;
-  const Extent e = extent_of(bounds);
+  Extent e = extent_of(bounds);
+  // As far aside as the disc's rim moves its shadow on the receiver that is farthest.
+  const double aside = radius_ * std::max(0.0, e.s1 - all_.s0);
+  e.u0 -= aside, e.u1 += aside, e.v0 -= aside, e.v1 += aside;
   if (e.u1 < all_.u0 || e.u0 > all_.u1 || e.v1 < all_.v0 || e.v0 > all_.v1) return 0;
   const auto [i0, i1] = cells(e.u0, e.u1, all_.u0, all_.u1 - all_.u0);
   const auto [j0, j1] = cells(e.v0, e.v1, all_.v0, all_.v1 - all_.v0);

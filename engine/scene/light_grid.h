@@ -3,15 +3,17 @@
 
 #include <vector>
 
+#include "engine/frame/sun.h"
 #include "engine/scene/node_bounds.h"
 
 namespace selenograph::engine {
 
-// A caster matters when, seen along the sunlight, it overlaps a receiver and lies nearer to the Sun.
+// A caster matters when, seen along the sunlight, it overlaps a receiver and lies nearer to the Sun. Light from a disc
+// comes from its rim, too.
 class LightGrid {
  public:
   // `up`: where the receivers are, seen from the Moon's centre. Any will do; bounds are tightest with the right one.
-  LightGrid(const Vec3& sun_direction, const Vec3& up);
+  LightGrid(const Sun& sun, const Vec3& up);
 
   // Terrain in view, with its pixels per metre. Terrain that is in the Moon's own night is left out.
   void add_receiver(const NodeBounds& bounds, double pixels_per_metre);
@@ -39,6 +41,7 @@ class LightGrid {
 
   static constexpr int kSide = 128;
   Vec3 sun_, u_, v_;
+  double radius_;  // of the Sun's disc: tangent, with a little to spare
   Extent all_;
   std::vector<Receiver> receivers_;
   std::vector<Cell> cells_;

@@ -88,7 +88,7 @@ class ViewSelector {
 
   Selection select(const Sun* sun) {
     see_roots();
-    if (sun) sharpen_shadows(sun->direction);
+    if (sun) sharpen_shadows(*sun);
     for (const Seen& s : seen_) choose(s.id, s.info);
     balance();
     report();
@@ -181,16 +181,16 @@ class ViewSelector {
   static constexpr double kSharpest = 1;
 
   // Refines what can cast a shadow into view, in view itself or not.
-  void sharpen_shadows(const Vec3& sun) {
+  void sharpen_shadows(const Sun& sun) {
     Vec3 middle = Vec3::Zero();
     for (const Seen& s : seen_) middle += s.bounds.centre.normalized();
     LightGrid grid(sun, middle);
-    for (const Seen& s : seen_) grid.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun));
+    for (const Seen& s : seen_) grid.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun.direction));
     for (const Ball& ball : receivers_) {
       if (!view_.may_see(ball.centre_m, ball.radius_m)) continue;
       const NodeBounds bounds = bounds_around(ball.centre_m, ball.radius_m);
       const double sharpness = std::min(kSharpest, view_.pixels_per_metre(ball.centre_m, ball.radius_m));
-      grid.add_receiver(bounds, sharpness * shadow_gain(bounds, sun));
+      grid.add_receiver(bounds, sharpness * shadow_gain(bounds, sun.direction));
     }
     grid.finish();
     for (const Seen& s : std::exchange(seen_, {})) sharpen(s, grid);
@@ -474,8 +474,8 @@ Visibility visibility_for(const FrameRequest& request, const View& view, const S
   if (request.visibility != Visibility::automatic) return request.visibility;
   // Triangles per pixel where both take equally long, measured by selenograph_benchmark --benchmark_filter=dense, whose
   // Suns are at 3, 15 and 45 degrees and at 15 with its disc. Under a low Sun triangles shade more samples; of the
-  // Sun's disc rays ask little where there are few pixels.
-  constexpr double kMostWithDisc = 260, kMostAtLowSun = 550, kMost = 850;
+  // Sun's disc rays ask for hundreds of directions.
+  constexpr double kMostWithDisc = 3000, kMostAtLowSun = 550, kMost = 850;
   constexpr double kLow = 0.1;  // sine of the Sun's elevation, as where the shadow map's order changes
   double most = kMost;
   if (request.sun.angular_radius_deg > 0)

@@ -40,6 +40,7 @@ struct alignas(64) Shading {
   double nx[kPacket], ny[kPacket],
       nz[kPacket];                   // unit smooth normal: vertex normals weighted by the place in the triangle
   double mu0[kPacket], mu[kPacket];  // cosines of incidence and emission
+  double incident[kPacket];          // of incidence, as a mean over what arrives of the Sun; of a point Sun: mu0
   Vec3 normal(int i) const { return {nx[i], ny[i], nz[i]}; }
 };
 

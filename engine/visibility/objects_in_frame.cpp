@@ -158,7 +158,9 @@ std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLan
     p.x[i] = p.x[some], p.y[i] = p.y[some], p.z[i] = p.z[some];
     p.nx[i] = p.nx[some], p.ny[i] = p.ny[some], p.nz[i] = p.nz[some];
     p.v[i] = p.v[some], p.w[i] = p.w[some], p.distance[i] = p.distance[some];
-    out.shading.mu0[i] = out.shading.mu[i] = 0;
+    out.shading.mu0[i] = out.shading.incident[i] = out.shading.mu[i] = 0;
+    out.shading.nx[i] = out.shading.nx[some], out.shading.ny[i] = out.shading.ny[some],
+    out.shading.nz[i] = out.shading.nz[some];
   }
   return lanes;
 }
@@ -215,7 +217,8 @@ void ObjectsInFrame::store(const Placed& object, std::uint16_t index, std::uint3
   p.v[i] = p.w[i] = 1.0 / 3;
   p.distance[i] = distance, p.hit[i] = true;
   out.shading.nx[i] = shading.x(), out.shading.ny[i] = shading.y(), out.shading.nz[i] = shading.z();
-  out.shading.mu0[i] = shading.dot(request_.sun.direction), out.shading.mu[i] = -shading.dot(looking);
+  out.shading.mu0[i] = out.shading.incident[i] = shading.dot(request_.sun.direction);
+  out.shading.mu[i] = -shading.dot(looking);
   out.object[i] = index, out.part[i] = t.part;
 }
 
@@ -266,7 +269,7 @@ void ObjectsInFrame::radiances(const ObjectLanes& lanes, const Rays& rays, const
     const double cos_phase = -direction.dot(request_.sun.direction) / direction.norm();
     base[i] = finish.base;
     out[i] =
-        finish.base + static_cast<float>(direct_radiance(finish.brdf, finish.direct_w_m2, lanes.shading.mu0[i],
+        finish.base + static_cast<float>(direct_radiance(finish.brdf, finish.direct_w_m2, lanes.shading.incident[i],
                                                          lanes.shading.mu[i], cos_phase, static_cast<double>(lit[i])));
   }
 }

@@ -31,7 +31,8 @@ void ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const
     const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
     const double unit = 1 / std::sqrt(x * x + y * y + z * z), back = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
     out.nx[i] = x * unit, out.ny[i] = y * unit, out.nz[i] = z * unit;
-    out.mu0[i] = (x * sx + y * sy + z * sz) * unit;
+    const double mu0 = (x * sx + y * sy + z * sz) * unit;
+    out.mu0[i] = mu0, out.incident[i] = mu0;
     out.mu[i] = (x * dx + y * dy + z * dz) * unit * back;
   }
 }
@@ -40,7 +41,7 @@ void RadiancesOf(const BrdfTerms& terms, double irradiance, const Shading& shadi
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i)
     out[i] = static_cast<float>(
-        direct_radiance(terms, irradiance, shading.mu0[i], shading.mu[i], static_cast<double>(lit[i])));
+        direct_radiance(terms, irradiance, shading.incident[i], shading.mu[i], static_cast<double>(lit[i])));
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -80,7 +81,7 @@ void PacketShader::radiances(const SurfacePoints& points, const Shading& shading
 float PacketShader::direct(const Shading& shading, const Vec3& direction, float lit, int i) const {
   const double cos_phase = -direction.dot(request_.sun.direction) / direction.norm();
   return static_cast<float>(
-      direct_radiance(brdf_, irradiance_, shading.mu0[i], shading.mu[i], cos_phase, static_cast<double>(lit)));
+      direct_radiance(brdf_, irradiance_, shading.incident[i], shading.mu[i], cos_phase, static_cast<double>(lit)));
 }
 
 }  // namespace selenograph::engine

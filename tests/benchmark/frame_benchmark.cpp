@@ -134,7 +134,11 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
 struct Addition {
   const char* name;
   void (*add)(engine::FrameRequest& request);
+  double sun_deg = 15;
 };
+
+constexpr double kSunRadius_deg = 0.2666;
+void add_disc(engine::FrameRequest& r) { r.sun.angular_radius_deg = kSunRadius_deg; }
 
 engine::SensorModel noisy_sensor() {
   engine::SensorModel s;
@@ -191,6 +195,9 @@ void add_model(engine::FrameRequest& r, engine::ReflectanceModel model) { r.refl
 
 const Addition kAdditions[] = {
     {"nothing", [](engine::FrameRequest&) {}},
+    {"disc/sun3", add_disc, 3},
+    {"disc/sun15", add_disc, 15},
+    {"disc/sun45", add_disc, 45},
     {"band", [](engine::FrameRequest& r) { r.band.emplace(0.65, 0.3); }},
     {"temperature", [](engine::FrameRequest& r) { r.band.emplace(10, 1), r.temperature_k = 350; }},
     {"atmosphere",
@@ -217,7 +224,7 @@ const Addition kAdditions[] = {
 void add(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terrain, const Place& place,
          const Addition& addition) {
   const engine::FrameRequest plain =
-      request(*terrain, place, {.name = "", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15});
+      request(*terrain, place, {.name = "", .height_m = 30000, .tilt_deg = 0, .sun_deg = addition.sun_deg});
   engine::FrameRequest more = plain;
   addition.add(more);
   if (more.sensor) more.products = engine::kImage;
@@ -237,7 +244,6 @@ void add(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terrain, 
   if (more.sensor) state.counters["sensor_over_visibility"] = median(sensor);
 }
 
-constexpr double kSunRadius_deg = 0.2666;
 constexpr Setting kSettings[] = {
     {.name = "nadir/sun3", .height_m = 30000, .tilt_deg = 0, .sun_deg = 3},
     {.name = "nadir/sun15", .height_m = 30000, .tilt_deg = 0, .sun_deg = 15},

@@ -208,9 +208,11 @@ TEST_F(ObjectsOverTerrain, AreShadedByTheTerrain) {
   EXPECT_EQ(night_sum, 0);
 }
 
-std::size_t differing(const std::vector<float>& a, const std::vector<float>& b) {
+// By more than `share` of the first.
+std::size_t differing(const std::vector<float>& a, const std::vector<float>& b, float share = 0) {
   std::size_t count = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) count += !(a[i] == b[i] || (std::isnan(a[i]) && std::isnan(b[i])));
+  for (std::size_t i = 0; i < a.size(); ++i)
+    count += !(std::abs(a[i] - b[i]) <= share * std::abs(a[i]) || (std::isnan(a[i]) && std::isnan(b[i])));
   return count;
 }
 
@@ -238,10 +240,11 @@ TEST_F(ObjectsOverTerrain, LookTheSameByZBufferAndByRays) {
             ASSERT_EQ(drawn.range[i], traced.range[i]);
           }
         }
-        // The disc's shares are means that look closer where shadows end.
+        // Of the disc one knows horizons, the other asks 256 directions.
+        const float share = radius_deg > 0 ? 0.05F : 0;
         const std::size_t few = radius_deg > 0 ? 25600 / 200 : 25600 / 2000;
-        EXPECT_LE(differing(drawn.lit, traced.lit), few);
-        EXPECT_LE(differing(drawn.radiance, traced.radiance), static_cast<std::size_t>(samples) * few);
+        EXPECT_LE(differing(drawn.lit, traced.lit, share), few);
+        EXPECT_LE(differing(drawn.radiance, traced.radiance, share), static_cast<std::size_t>(samples) * few);
       }
 }
 

@@ -1,15 +1,24 @@
-// The Sun's disc behind a straight edge: the share of it that is above, in closed form. (Both ways to see against 32
-// rays a pixel are two_ways_test.)
+// The Sun's disc in closed form: behind a straight edge of terrain or of an object, over level ground at sunset; and
+// against a thousand rays in double over real relief. By z-buffer and by rays.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <mutex>
 #include <numbers>
+#include <random>
+#include <thread>
+#include <vector>
 
+#include "engine/radiometry/photometry.h"
 #include "engine/renderer.h"
+#include "engine/verify/accuracy_scenes.h"
+#include "engine/visibility/object_mesh.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/hard_views.h"
+#include "tests/support/sample_scenery.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::test {
@@ -25,6 +34,24 @@ double share_above(double h, double u) {
   return ((1 - u) * even + u * dome) / (kPi * (1 - u / 3));
 }
 
+// Irradiance of a plane over that at normal incidence, its disc's centre at an elevation: (2 / 3 pi) of the radius at
+// 0.
+double mean_cosine(double elevation, double radius) {
+  const double h = -elevation / radius;
+  if (std::abs(h) >= 1) return h > 0 ? 0 : std::sin(elevation);
+  return elevation * share_above(-h, 0) + radius * 2 / (3 * kPi) * std::pow(1 - h * h, 1.5);
+}
+
+struct Off {
+  double sum = 0, worst = 0;
+  std::size_t count = 0;
+  void add(double error) { sum += error, worst = std::max(worst, error), ++count; }
+  double mean() const { return sum / static_cast<double>(count); }
+};
+
+constexpr std::pair<engine::Visibility, const char*> kWays[] = {{engine::Visibility::zbuffer, "z-buffer"},
+                                                                {engine::Visibility::raytrace, "rays"}};
+
 // A plateau 3 km high that ends along the meridian of 30 degrees, level ground east of it, the Sun in the west.
 TEST(Penumbra, FramesBehindAStraightEdgeFollowTheClosedForm) {
   constexpr double kHeight_m = 3000, kElevation_deg = 20;
@@ -38,28 +65,208 @@ TEST(Penumbra, FramesBehindAStraightEdgeFollowTheClosedForm) {
     engine::FrameRequest request = nadir_view({middle.lat_deg, middle.lon_deg, 6000}, 256, 12,
                                               local_direction(to_cartesian(middle), 270, kElevation_deg));
     request.sun.angular_radius_deg = radius_deg, request.sun.limb_darkening = darkening;
-    const engine::FrameProducts p = renderer.render(request).products;
-    double worst = 0, sum = 0;
-    std::size_t partly = 0;
-    for (std::size_t i = 0; i < p.lit.size(); ++i) {
-      const Vec3 point(p.position[3 * i], p.position[3 * i + 1], p.position[3 * i + 2]);
-      const Vec3 edge = to_cartesian({to_geographic(point).lat_deg, 30, kHeight_m}), to_edge = edge - point;
-      // The plane of eye and edge; the Sun's distance from it.
-      Vec3 normal = to_edge.cross(local_axes(edge).north).normalized();
-      if (normal.dot(point) < 0) normal = -normal;
-      const double above = std::asin(normal.dot(request.sun.direction)) / (radius_deg * kDegree);
-      const double error = std::abs(static_cast<double>(p.lit[i]) - share_above(above, darkening));
-      worst = std::max(worst, error);
-      if (std::abs(above) < 1) sum += error, ++partly;
+    for (const auto& [way, name] : kWays) {
+      request.visibility = way;
+      const engine::FrameProducts p = renderer.render(request).products;
+      Off off;
+      for (std::size_t i = 0; i < p.lit.size(); ++i) {
+        const Vec3 point(p.position[3 * i], p.position[3 * i + 1], p.position[3 * i + 2]);
+        const Vec3 edge = to_cartesian({to_geographic(point).lat_deg, 30, kHeight_m}), to_edge = edge - point;
+        // The plane of eye and edge; the Sun's distance from it.
+        Vec3 normal = to_edge.cross(local_axes(edge).north).normalized();
+        if (normal.dot(point) < 0) normal = -normal;
+        const double above = std::asin(normal.dot(request.sun.direction)) / (radius_deg * kDegree);
+        const double error = std::abs(static_cast<double>(p.lit[i]) - share_above(above, darkening));
+        if (std::abs(above) < 1)
+          off.add(error);
+        else
+          off.worst = std::max(off.worst, error);
+      }
+      fmt::print(
+          "{}: radius {} degrees, limb darkening {}: {} pixels in the penumbra, off by {:.4f} of the disc on average, "
+          "{:.4f} at worst\n",
+          name, radius_deg, darkening, off.count, off.mean(), off.worst);
+      EXPECT_GT(off.count, 5000U);
+      EXPECT_LT(off.mean(), way == engine::Visibility::zbuffer ? 0.002 : 0.005);
+      EXPECT_LT(off.worst, way == engine::Visibility::zbuffer ? 0.015 : 0.02);
     }
-    fmt::print(
-        "radius {} degrees, limb darkening {}: {} pixels in the penumbra, off by {:.4f} of the disc on average, {:.4f} "
-        "at worst\n",
-        radius_deg, darkening, partly, sum / static_cast<double>(partly), worst);
-    EXPECT_GT(partly, 5000U);
-    EXPECT_LT(sum / static_cast<double>(partly), 0.02);
-    EXPECT_LT(worst, 0.065);  // 32 samples of the disc: one is 0.031
   }
+}
+
+TEST(Penumbra, LevelGroundAtSunsetReceivesTheClosedForm) {
+  TemporaryFolder folder;
+  write_float_tile(folder.path(), "plain", {0.0625, 30, 4096, 257, 257}, [](double, double) { return 0.0; });
+  const engine::Renderer renderer(open_terrain(folder.path()), engine::RendererOptions{});
+  const Geographic middle{0.03125, 30.03125, 1000};
+  const double radius = 0.2666 * kDegree, rho = 0.12;
+  for (const double elevation : {1.0, 0.26, 0.2, 0.1, 0.05, 0.0, -0.1, -0.2}) {
+    engine::FrameRequest request =
+        nadir_view(middle, 64, 30, local_direction(to_cartesian({middle.lat_deg, middle.lon_deg, 0}), 60, elevation));
+    request.sun.angular_radius_deg = 0.2666;
+    request.reflectance = {.lommel_seeliger_weight = 0, .rho = rho};
+    request.products = engine::kRadiance | engine::kNormal | engine::kLit;
+    for (const auto& [way, name] : kWays) {
+      request.visibility = way;
+      const engine::FrameProducts p = renderer.render(request).products;
+      Off off, share;
+      for (std::size_t i = 0; i < p.lit.size(); ++i) {
+        const Vec3 normal = Vec3(static_cast<double>(p.normal[3 * i]), static_cast<double>(p.normal[3 * i + 1]),
+                                 static_cast<double>(p.normal[3 * i + 2]));
+        const double up = std::asin(normal.dot(request.sun.direction));
+        const double truth = engine::kSolarConstant_w_m2 * rho / kPi * mean_cosine(up, radius);
+        off.add(std::abs(static_cast<double>(p.radiance[i]) / truth - 1));
+        share.add(std::abs(static_cast<double>(p.lit[i]) - share_above(up / radius, 0)));
+      }
+      fmt::print("{}: Sun's centre at {:5.2f} degrees: radiance off by {:.5f} at worst, lit by {:.5f}\n", name,
+                 elevation, off.worst, share.worst);
+      EXPECT_LT(off.worst, elevation < -0.15 ? 0.02 : 0.005) << name << elevation;
+      // A ray along the ground may take the next facet for an obstacle: one of 256, two at most.
+      EXPECT_LT(share.worst, way == engine::Visibility::zbuffer ? 0.002 : 0.009);
+    }
+  }
+}
+
+// A plate of 600 m that hangs 400 m over level ground, turned so and so: its edges are straight, upright in the sky or
+// not. Terrain knows horizons; of objects 256 directions are asked for.
+TEST(Penumbra, UnderThePlatesEdgeFollowsTheClosedForm) {
+  TemporaryFolder folder;
+  write_float_tile(folder.path(), "plain", {0.25, 29.75, 1024, 513, 513}, [](double, double) { return 0.0; });
+  const engine::Renderer renderer(open_terrain(folder.path()), engine::RendererOptions{});
+  constexpr double kHalf_m = 300, kHeight_m = 400, kRadius = 0.2666 * kDegree;
+  engine::ObjectShape shape;
+  for (const auto& [x, y] : {std::pair{-1, -1}, {1, -1}, {1, 1}, {-1, 1}})
+    shape.corners.push_back({{static_cast<float>(x * kHalf_m), static_cast<float>(y * kHalf_m), 0.F}, {0, 0, 0}});
+  shape.triangles = {{{0, 1, 2}, 0}, {{0, 2, 3}, 0}};
+  shape.parts = {"plate"};
+  const auto mesh = std::make_shared<const engine::ObjectMesh>(shape);
+  const Vec3 middle = to_cartesian({0, 30, kHeight_m});
+  const EastNorthUp axes = local_axes(middle);
+  for (const double turn_deg : {0.0, 27.0, 45.0}) {
+    const double turn = turn_deg * kDegree;
+    const Vec3 x = std::cos(turn) * axes.east + std::sin(turn) * axes.north, y = axes.up.cross(x);
+    Eigen::Matrix3d m;
+    m << x, y, axes.up;
+    // Where the shadow falls.
+    const Vec3 sun = local_direction(middle, 250, 35);
+    const Geographic below = to_geographic(middle - kHeight_m / std::sin(35 * kDegree) * sun);
+    engine::FrameRequest request = nadir_view({below.lat_deg, below.lon_deg, 300}, 256, 110, sun);
+    request.sun.angular_radius_deg = 0.2666;
+    request.objects = {{mesh, middle, Eigen::Quaterniond(m), 1, {engine::Material()}}};
+    for (const auto& [way, name] : kWays) {
+      request.visibility = way;
+      const engine::FrameProducts p = renderer.render(request).products;
+      Off off;
+      for (std::size_t i = 0; i < p.lit.size(); ++i) {
+        const Vec3 point = at3(p.position, i);
+        for (int edge = 0; edge < 4; ++edge) {
+          const Vec3 out = edge == 0 ? x : edge == 1 ? y : edge == 2 ? Vec3(-x) : Vec3(-y), along = axes.up.cross(out);
+          const Vec3 on_edge = middle + kHalf_m * out, to_edge = on_edge - point;
+          // Where the Sun's ray passes the plate's plane; away from its corners, where another edge counts, too.
+          const Vec3 pierced = point + sun * (middle - point).dot(axes.up) / sun.dot(axes.up) - middle;
+          if (std::abs(pierced.dot(along)) > 0.9 * kHalf_m || std::abs(pierced.dot(out) - kHalf_m) > 20) continue;
+          Vec3 outward = to_edge.cross(along).normalized();
+          if (outward.dot(out) < 0) outward = -outward;
+          const double above = std::asin(outward.dot(sun)) / kRadius;
+          const double error = std::abs(static_cast<double>(p.lit[i]) - share_above(above, 0));
+          if (std::abs(above) < 1)
+            off.add(error);
+          else
+            off.worst = std::max(off.worst, error);
+        }
+      }
+      fmt::print("{}: plate turned by {} degrees: {} pixels, off by {:.4f} on average, {:.4f} at worst\n", name,
+                 turn_deg, off.count, off.mean(), off.worst);
+      EXPECT_GT(off.count, 300U);
+      EXPECT_LT(off.mean(), 0.005);
+      EXPECT_LT(off.worst, 0.02);
+    }
+  }
+}
+
+// Real relief: the judge sends a thousand rays toward the disc from the point that a pixel sees.
+class PenumbraOverRelief : public SampleScenery {};
+
+TEST_F(PenumbraOverRelief, AgainstAThousandRaysInDouble) {
+  constexpr int kSide = 384;
+  constexpr std::size_t kRays = 1024, kJudged = 60;
+  const Judge& judge = *scenery().judge;
+  const Vec3 from = to_cartesian({-10, 44, 20000});
+  Off zbuffer, rays;
+  std::vector<double> errors;
+  std::size_t far_off = 0, others_off = 0, others = 0;
+  for (const double elevation : {2.0, 15.0, 45.0})
+    for (const double tilt : {0.0, 60.0}) {
+      engine::FrameRequest request = square_view(engine::tilted_pose(from, tilt), kSide, tilt > 0 ? 25 : 50,
+                                                 engine::sun_direction(from, 115, elevation));
+      request.sun.angular_radius_deg = 0.2666;
+      request.products = engine::kPosition | engine::kLit;
+      request.visibility = engine::Visibility::zbuffer;
+      const engine::FrameProducts drawn = scenery().renderer->render(request).products;
+      request.visibility = engine::Visibility::raytrace;
+      const engine::FrameProducts traced = scenery().renderer->render(request).products;
+      const auto in_part = [](float lit) { return lit > 0 && lit < 1; };
+      std::vector<std::size_t> partly, rest;
+      for (std::size_t i = 0; i < drawn.lit.size(); ++i) {
+        if (std::isnan(drawn.lit[i]) || std::isnan(traced.lit[i])) continue;
+        const bool some = in_part(drawn.lit[i]) || in_part(traced.lit[i]) || drawn.lit[i] != traced.lit[i];
+        (some ? partly : rest).push_back(i);
+      }
+      std::mt19937 random(7);
+      std::shuffle(partly.begin(), partly.end(), random), std::shuffle(rest.begin(), rest.end(), random);
+      const auto every = [&](const std::vector<std::size_t>& pixels, bool in_penumbra) {
+        std::atomic<std::size_t> next{0};
+        std::mutex mutex;
+        const auto work = [&] {
+          for (std::size_t k = next++; k < std::min(pixels.size(), in_penumbra ? kJudged : kJudged / 4); k = next++) {
+            const std::size_t i = pixels[k];
+            const Vec3 eye = request.pose.position_m, direction = (at3(drawn.position, i) - eye).normalized();
+            const FirstHit truth = judge.first_hit(eye, direction);
+            if (truth.hit != Verdict::yes) continue;
+            const Vec3 point = eye + truth.distance_m * direction, normal = judge.vertices(truth.face)->normal();
+            std::size_t free = 0;
+            const Vec3 across = request.sun.direction.unitOrthogonal(), up = request.sun.direction.cross(across);
+            for (std::size_t r = 0; r < kRays; ++r) {
+              const double n = static_cast<double>(r),
+                           radius = std::tan(0.2666 * kDegree) * std::sqrt((n + 0.5) / kRays),
+                           turn = n * kPi * (3 - std::sqrt(5.0));
+              const Vec3 toward =
+                  (request.sun.direction + radius * (std::cos(turn) * across + std::sin(turn) * up)).normalized();
+              free += normal.dot(toward) > 0 && judge.sun_blocked(point, truth.face, toward) == Verdict::no;
+            }
+            const double share = static_cast<double>(free) / kRays;
+            const double error = std::abs(static_cast<double>(drawn.lit[i]) - share);
+            const std::lock_guard lock(mutex);
+            if (!in_penumbra) {
+              others_off += error > 0.01, ++others;
+              continue;
+            }
+            zbuffer.add(error), errors.push_back(error);
+            rays.add(std::abs(static_cast<double>(traced.lit[i]) - share));
+            if (error > 0.05)
+              fmt::print("  Sun {}, tilt {}, pixel {}: {:.3f}, rays {:.3f}, judge {:.3f}\n", elevation, tilt, i,
+                         drawn.lit[i], traced.lit[i], share);
+            far_off += error > 0.05;
+          }
+        };
+        std::thread second(work);
+        work(), second.join();
+      };
+      every(partly, true), every(rest, false);
+      fmt::print("Sun {} deg, tilt {} deg: {} pixels in part\n", elevation, tilt, partly.size());
+    }
+  std::sort(errors.begin(), errors.end());
+  fmt::print(
+      "{} pixels in the penumbra: z-buffer off by {:.4f} on average, 99 % within {:.4f}, {} by more than 0.05, at "
+      "worst "
+      "{:.3f}; rays by {:.4f}, at worst {:.3f}; of {} others {}\n",
+      errors.size(), zbuffer.mean(), errors[errors.size() * 99 / 100], far_off, zbuffer.worst, rays.mean(), rays.worst,
+      others, others_off);
+  EXPECT_GT(errors.size(), 150U);
+  EXPECT_LT(errors[errors.size() * 99 / 100], 0.015);
+  EXPECT_EQ(far_off, 0U);
+  EXPECT_EQ(others_off, 0U);
+  EXPECT_LT(zbuffer.mean(), 0.002);
+  EXPECT_LT(rays.mean(), 0.005);
 }
 
 }  // namespace

@@ -131,10 +131,11 @@ TEST_F(TwoWays, AgreeThroughLenses) {
   through("folded", 90, 0, {-0.35, 0, 0, 0, 0});
 }
 
+// Of the Sun's disc one knows horizons, the other asks 256 directions: what either means is judged in penumbra_test.
 TEST_F(TwoWays, AgreeOnThePenumbra) {
   const Vec3 from = to_cartesian({-10, 44, 20000});
-  std::size_t partial = 0, different = 0, pixels = 0;
-  double worst = 0;
+  std::size_t partial = 0, far_off = 0, pixels = 0;
+  double sum = 0, worst = 0;
   for (const double elevation : {2.0, 15.0})
     for (const double tilt : {0.0, 60.0}) {
       engine::FrameRequest request = square_view(engine::tilted_pose(from, tilt), kSide, tilt > 0 ? 25 : 50,
@@ -147,24 +148,30 @@ TEST_F(TwoWays, AgreeOnThePenumbra) {
       const engine::Frame drawn = scenery().renderer->render(request);
       EXPECT_EQ(drawn.report.visibility, engine::Visibility::zbuffer);
       pixels += rays.products.lit.size();
-      std::size_t here = 0;
       for (std::size_t i = 0; i < rays.products.lit.size(); ++i) {
         const float a = rays.products.lit[i], b = drawn.products.lit[i];
         if (std::isnan(a) || std::isnan(b)) continue;
-        partial += a > 0 && a < 1;
-        here += a != b;
-        worst = std::max(worst, static_cast<double>(std::abs(a - b)));
-        if (b > 0)
-          EXPECT_NEAR(drawn.products.radiance[i] * a, rays.products.radiance[i] * b, 2e-6 * drawn.products.radiance[i]);
-        else
+        const double difference = static_cast<double>(std::abs(a - b));
+        worst = std::max(worst, difference);
+        far_off += difference > 0.05;
+        if (difference > 0.05)
+          fmt::print("  tilt {}, Sun {}, pixel {}: rays {:.3f}, z-buffer {:.3f}\n", tilt, elevation, i, a, b);
+        if (a > 0 && a < 1) sum += difference, ++partial;
+        // Radiance is what the share of the disc is, but for how steeply its parts fall in.
+        if (a == b) {
+          EXPECT_NEAR(drawn.products.radiance[i], rays.products.radiance[i],
+                      2e-4 * std::abs(drawn.products.radiance[i]) + 1e-6);
+        }
+        if (b == 0) {
           EXPECT_EQ(drawn.products.radiance[i], 0);
+        }
       }
-      different += here;
-      fmt::print("penumbra, tilt {} deg, Sun {} deg: {} pixels differ\n", tilt, elevation, here);
     }
-  fmt::print("penumbra: {} of {} pixels in part, {} differ, at most by {:.3f}\n", partial, pixels, different, worst);
+  fmt::print("penumbra: {} of {} pixels in part, {:.4f} apart on average, {} by more than 0.05, at most {:.3f}\n",
+             partial, pixels, sum / static_cast<double>(partial), far_off, worst);
   EXPECT_GT(partial * 200, pixels);
-  EXPECT_LE(different * 1000, pixels);
+  EXPECT_LT(sum / static_cast<double>(partial), 0.005);
+  EXPECT_LE(far_off * 10000, pixels);
 }
 
 // Whatever vectors a machine has, down to none: every byte of every product.

@@ -18,6 +18,12 @@ dem::BlockId block(int level, double lat, double lon) {
                        dem::wrap_lon(std::llround((lon + 180) * dem::kTicksPerDegree)));
 }
 
+Sun point(const Vec3& direction) {
+  Sun sun;
+  sun.direction = direction;
+  return sun;
+}
+
 // The Sun at an azimuth (from north, clockwise) and elevation over a place.
 Vec3 sun_over(double lat, double lon, double azimuth_deg, double elevation_deg) {
   return sun_direction(to_cartesian({lat, lon, 0}), azimuth_deg, elevation_deg);
@@ -77,7 +83,7 @@ TEST(LightGrid, AMountainShadesWhatItsShadowReaches) {
     const double along = top.dot(sun), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
     ASSERT_GT(root, 0);
     const Geographic tip = to_geographic(top - sun * (along - std::sqrt(root)));
-    LightGrid grid(sun, top);
+    LightGrid grid(point(sun), top);
     grid.add_receiver(bounds_of(block(10, tip.lat_deg, tip.lon_deg), -10, 10), 0.25);
     grid.finish();
     EXPECT_EQ(grid.shaded_pixels_per_metre(bounds_of(block(10, 10, 30), 0, h)), 0.25) << elevation;
@@ -95,7 +101,7 @@ TEST(LightGrid, WhoeverShadesIsFound) {
   // Whatever is taken for upwards: nobody, the right one, the Sun itself, anything.
   for (const Vec3& up : {Vec3(Vec3::Zero()), to_cartesian({-39, 121, 0}), sun, Vec3(1, -2, 3)}) {
     std::vector<NodeBounds> receivers;
-    LightGrid grid(sun, up);
+    LightGrid grid(point(sun), up);
     for (int i = 0; i < 40; ++i) {
       receivers.push_back(bounds_of(block(8, -40 + 3 * any(random), 120 + 3 * any(random)), -2000, 1000));
       grid.add_receiver(receivers.back(), 1 + i);
@@ -120,9 +126,31 @@ TEST(LightGrid, WhoeverShadesIsFound) {
   }
 }
 
+// A top that is too low to reach the disc's middle hides its lower rim.
+TEST(LightGrid, ADiscsRimIsShadedByLowerTops) {
+  const Vec3 toward = sun_over(10, 30, 90, 2);
+  const Vec3 top = to_cartesian({10, 30, 800});
+  const double along = top.dot(toward), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
+  const Geographic tip = to_geographic(top - toward * (along - std::sqrt(root)));
+  const double away_m = along - std::sqrt(root);
+  const auto shaded = [&](double radius_deg, double below_m) {
+    Sun sun = point(toward);
+    sun.angular_radius_deg = radius_deg;
+    LightGrid grid(sun, top);
+    grid.add_receiver(bounds_of(block(14, tip.lat_deg, tip.lon_deg), -1, 1), 0.25);
+    grid.finish();
+    return grid.shaded_pixels_per_metre(bounds_of(block(14, 10, 30), 0, 800 - below_m)) > 0;
+  };
+  const double rim_m = away_m * std::tan(0.2666 * kRadiansPerDegree);
+  ASSERT_GT(rim_m, 50);
+  EXPECT_TRUE(shaded(0.2666, 0.9 * rim_m));
+  EXPECT_FALSE(shaded(0, 0.9 * rim_m));
+  EXPECT_FALSE(shaded(0.2666, 2 * rim_m));
+}
+
 TEST(LightGrid, NightIsNotShaded) {
   const Vec3 sun = sun_over(0, 0, 90, 90);
-  LightGrid grid(sun, to_cartesian({0, 170, 0}));
+  LightGrid grid(point(sun), to_cartesian({0, 170, 0}));
   grid.add_receiver(bounds_of(block(8, 0, 170), -2000, 1000), 1);
   grid.finish();
   for (double lon = -180; lon < 180; lon += 5)

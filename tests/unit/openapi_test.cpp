@@ -126,7 +126,7 @@ TEST(OpenApi, RangesAreTheParsers) {
   ASSERT_NE(pinhole, schemas.at("Camera").at("allOf").end());
   EXPECT_EQ(pinhole->at("else").at("properties").at("fov_deg").at("exclusiveMaximum"), kFieldOfView_deg.max);
   EXPECT_EQ(schemas.at("Camera").at("properties").at("width").at("maximum"), Limits{}.max_image_side);
-  EXPECT_EQ(schemas.at("Sun").at("properties").at("angular_radius_deg").at("maximum"), kAngularRadius_deg.max);
+  EXPECT_EQ(schemas.at("Sun").at("properties").at("distance_au").at("maximum"), kDistance_au.max);
 }
 
 // Members of the closed request schemas must be exactly those that the parser knows: it names an unknown member of

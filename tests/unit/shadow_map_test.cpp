@@ -108,24 +108,42 @@ TEST_F(ShadowMapTest, RoomThatWasLeftUnfinished) {
   for (const std::size_t size : {samples.v.size(), samples.d.size(), samples.pixel.size()}) EXPECT_GE(size, 1000U);
 }
 
-TEST_F(ShadowMapTest, SamplesTurnFromOneMapToAnother) {
-  const ShadowMap from(mesh(), sun(10)), to(mesh(), sun(10.3));
-  const SurfacePoints points = beside_the_ray(sun(10));
-  LightLanes placed, expected;
-  from.place(points, placed), to.place(points, expected);
-  LightSamples samples, turned;
-  samples.clear(kPacket, true);
-  std::int32_t faces[kPacket];
-  for (int i = 0; i < kPacket; ++i) faces[i] = i < 10 ? 1 : 2;
-  samples.add_faces(faces);
-  samples.add_all(placed, 100);
-  to.turn(from, samples, 1, turned);
-  ASSERT_EQ(turned.count, 10U) << "those that face the direction of the mask";
-  for (std::size_t i = 0; i < 10; ++i) {
-    EXPECT_NEAR(turned.u[i], expected.u[i], 0.02) << "float at 30 km";
-    EXPECT_NEAR(turned.v[i], expected.v[i], 0.02);
-    EXPECT_NEAR(turned.d[i], expected.d[i], 0.02);
-    EXPECT_EQ(turned.pixel[i], 100 + i);
+// Points behind the cliff's edge at distances of 20 to 320 m, so that the edge is so many radii above the disc's middle.
+TEST_F(ShadowMapTest, OfADiscBehindTheEdgeAPartIsLeft) {
+  constexpr double kElevation_deg = 10;
+  Sun from;
+  from.direction = sun(kElevation_deg), from.angular_radius_deg = 0.2666;
+  const DiscLight disc(from, mesh().anchor());
+  const ShadowMap map(mesh(), disc);
+  for (const double radii : {-3.0, -0.9, -0.5, 0.0, 0.3, 0.8, 1.2, 1.5, 4.0}) {
+    const Vec3 toward_edge = disc.direction(0, radii), edge = to_cartesian({kEdge_deg, 1e-4, kCliff_m});
+    SurfacePoints p{};
+    for (int i = 0; i < kPacket; ++i) {
+      const Vec3 at = edge - (20 + 20 * i) * toward_edge;
+      p.hit[i] = true, p.x[i] = at.x(), p.y[i] = at.y(), p.z[i] = at.z();
+    }
+    LightLanes lanes;
+    map.place(p, lanes);
+    std::vector<LightSamples> samples(1);
+    samples[0].clear(kPacket);
+    samples[0].disc.clear(kPacket, false);
+    DiscLanes turned{};
+    turned.whole = kAllLanes;
+    std::fill_n(turned.tilt_upward, kPacket, static_cast<float>(disc.radius() / from.direction.x()));
+    samples[0].disc.add_all(0, lanes, turned);
+    samples[0].add_all(lanes, 0);
+    samples[0].bound();
+    LightScratch scratch;
+    map.cast(samples, scratch, {});
+    std::vector<double> share(kPacket, 1);
+    for (const auto& band : scratch.shadowed)
+      for (const std::uint32_t at : band) share[at] = 0;
+    for (const auto& band : scratch.partly)
+      for (const PartlyLit& left : band) share[left.pixel] = static_cast<double>(left.share);
+    const double h = std::clamp(radii, -1.0, 1.0);
+    const double expected = (std::acos(h) - h * std::sqrt(1 - h * h)) / 3.14159265358979;
+    // The edge is a chord of the Moon, and straight in the sky to a hundredth of a radius.
+    for (std::size_t i = 0; i < kPacket; ++i) EXPECT_NEAR(share[i], expected, 0.01) << radii << " " << i;
   }
 }
 

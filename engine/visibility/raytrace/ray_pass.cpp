@@ -4,7 +4,7 @@ namespace selenograph::engine {
 
 RayPass::RayPass(const FrameJob& job, FrameWriter& writer)
     : job_(job), request_(job.request), writer_(writer), rays_(job.view), shader_(job.request, job.view, job.radiance) {
-  if (request_.sun.angular_radius_deg > 0) disc_ = disc_directions(request_.sun);
+  if (request_.sun.angular_radius_deg > 0) disc_.emplace(request_.sun, job.scene.anchor);
 }
 
 std::size_t RayPass::pixel_of(const Packet& p, int i) const {
@@ -39,35 +39,30 @@ void RayPass::find_points(Packet& p) const {
 
 void RayPass::find_light(Packet& p) const {
   std::fill_n(p.lit, kPacket, 0.F);
-  if (p.on_terrain && p.sample.light) light(p.points, p.shading, nullptr, p.lit);
+  if (p.on_terrain && p.sample.light) light(p.points, nullptr, p.shading, p.lit);
   if (!p.on_object) return;
   std::fill_n(p.object_lit, kPacket, 0.F);
-  if (p.sample.light) light(p.objects.points, p.objects.shading, p.objects.object, p.object_lit);
+  if (p.sample.light) light(p.objects.points, p.objects.object, p.objects.shading, p.object_lit);
 }
 
 // `own`: objects that the points are on; null on terrain.
-void RayPass::light(const SurfacePoints& points, const Shading& shading, const std::uint16_t* own, float* lit) const {
-  bool wanted[kPacket];
-  for (int i = 0; i < kPacket; ++i) wanted[i] = points.hit[i] && shading.mu0[i] > 0;
-  const auto toward = [&](const Vec3& sun, float* out) { light_from(points, wanted, own, sun, out); };
-  if (request_.sun.angular_radius_deg > 0)
-    mean_over_disc(disc_, toward, lit);
-  else
-    toward(request_.sun.direction, lit);
-}
-
-void RayPass::light_from(const SurfacePoints& points, const bool* wanted, const std::uint16_t* own, const Vec3& sun,
-                         float* lit) const {
-  if (request_.terrain)
-    sunlit(job_.scene, points, wanted, sun, lit);
-  else
-    for (int i = 0; i < kPacket; ++i) lit[i] = wanted[i] && points.facet_normal(i).dot(sun) > 0 ? 1.F : 0.F;
-  if (job_.objects.empty()) return;
+void RayPass::light(const SurfacePoints& points, const std::uint16_t* own, Shading& shading, float* lit) const {
+  const auto blocked = [&](std::uint32_t asking, const Vec3& toward) {
+    const std::uint32_t dark = request_.terrain ? shaded(job_.scene, points, asking, toward) : 0;
+    return dark | (job_.objects.empty() ? 0 : job_.objects.blocked(points, own, asking & ~dark, toward));
+  };
+  if (disc_) {
+    DiscLanes turned;
+    const std::uint32_t some = disc_->alone(points, shading, turned, lit);
+    disc_->take_out(blocked, some, turned, lit, shading.incident);
+    return;
+  }
   std::uint32_t asking = 0;
-  for (int i = 0; i < kPacket; ++i) asking |= lit[i] > 0 ? 1U << i : 0U;
-  const std::uint32_t blocked = job_.objects.blocked(points, own, asking, sun);
   for (int i = 0; i < kPacket; ++i)
-    if (blocked >> i & 1) lit[i] = 0;
+    if (points.hit[i] && shading.mu0[i] > 0 && points.facet_normal(i).dot(request_.sun.direction) > 0)
+      asking |= 1U << i;
+  const std::uint32_t dark = blocked(asking, request_.sun.direction);
+  for (int i = 0; i < kPacket; ++i) lit[i] = asking & ~dark & 1U << i ? 1.F : 0.F;
 }
 
 void RayPass::find_radiance(Packet& p) const {

@@ -2,11 +2,12 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
+#include <optional>
 #include <vector>
 
 #include "dem/parallel.h"
 #include "engine/camera/packet_rays.h"
+#include "engine/visibility/disc_light.h"
 #include "engine/visibility/frame_job.h"
 #include "engine/visibility/frame_writer.h"
 #include "engine/visibility/raytrace/trace.h"
@@ -76,9 +77,7 @@ class RayPass {
 
   void find_objects(Packet& packet) const;
   void write_objects(Packet& packet) const;
-  void light(const SurfacePoints& points, const Shading& shading, const std::uint16_t* own, float* lit) const;
-  void light_from(const SurfacePoints& points, const bool* wanted, const std::uint16_t* own, const Vec3& sun,
-                  float* lit) const;
+  void light(const SurfacePoints& points, const std::uint16_t* own, Shading& shading, float* lit) const;
   std::size_t pixel_of(const Packet& packet, int lane) const;
 
   const FrameJob& job_;
@@ -86,7 +85,7 @@ class RayPass {
   FrameWriter& writer_;
   PacketRays rays_;
   PacketShader shader_;
-  std::array<Vec3, kDiscSamples> disc_;  // of a Sun that has one
+  std::optional<DiscLight> disc_;
 };
 
 }  // namespace selenograph::engine

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <optional>
 
 #include "dem/vector_targets.h"
@@ -203,37 +202,14 @@ void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted,
   for (int i = 0; i < kPacket; ++i) lit[i] = packet.active[i] && !blocked[i] ? 1.F : 0.F;
 }
 
-namespace {
-
-// (r / R)^2 within which lies a share of a disc's light, whose brightness is 1 - u (1 - sqrt(1 - (r / R)^2)).
-double radius2_of(double share, double u) {
-  if (u == 0) return share;
-  const auto light_within = [u](double s) { return (1 - u) * s + u * (2.0 / 3) * (1 - std::pow(1 - s, 1.5)); };
-  const double wanted = share * (1 - u / 3);
-  double low = 0, high = 1;
-  for (int i = 0; i < 60; ++i) (light_within((low + high) / 2) < wanted ? low : high) = (low + high) / 2;
-  return (low + high) / 2;
-}
-
-}  // namespace
-
-std::array<Vec3, kDiscSamples> disc_directions(const Sun& sun) {
-  const Vec3 across = any_across(sun.direction), up = sun.direction.cross(across);
-  std::array<Vec3, kDiscSamples> directions;
-  for (int k = 0; k < kDiscSamples; ++k) {
-    // Vogel's sunflower (1979): equal light, no two samples in line with a straight shadow edge.
-    const double r = sun.angular_radius_deg * kRadiansPerDegree *
-                     std::sqrt(radius2_of((k + 0.5) / kDiscSamples, sun.limb_darkening)),
-                 turn = k * std::numbers::pi * (3 - std::sqrt(5.0));
-    directions[static_cast<std::size_t>(k)] =
-        (sun.direction + std::tan(r) * (std::cos(turn) * across + std::sin(turn) * up)).normalized();
-  }
-  return directions;
-}
-
-void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Sun& sun, float* lit) {
-  mean_over_disc(
-      disc_directions(sun), [&](const Vec3& toward, float* one) { sunlit(scene, points, wanted, toward, one); }, lit);
+std::uint32_t shaded(const Scene& scene, const SurfacePoints& points, std::uint32_t asking, const Vec3& sun) {
+  bool wanted[kPacket];
+  float lit[kPacket];
+  for (int i = 0; i < kPacket; ++i) wanted[i] = asking >> i & 1;
+  sunlit(scene, points, wanted, sun, lit);
+  std::uint32_t out = 0;
+  for (int i = 0; i < kPacket; ++i) out |= wanted[i] && !(lit[i] > 0) ? 1U << i : 0U;
+  return out;
 }
 
 }  // namespace selenograph::engine

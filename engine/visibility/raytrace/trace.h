@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Geometry>
-#include <array>
 #include <cmath>
 
 #include "engine/visibility/refine.h"
@@ -33,20 +32,7 @@ void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t facin
 // are unlit; no shadow ray is cast from them.
 void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit);
 
-// The same for the Sun's disc: the mean over kDiscSamples directions, spread over it as its light is.
-inline constexpr int kDiscSamples = 32;
-std::array<Vec3, kDiscSamples> disc_directions(const Sun& sun);
-// The mean of what sunlit_toward(direction, lit of the lanes) says of each direction.
-template <typename SunlitToward>
-void mean_over_disc(const std::array<Vec3, kDiscSamples>& directions, const SunlitToward& sunlit_toward, float* lit) {
-  float sum[kPacket] = {};
-  for (const Vec3& toward : directions) {
-    float one[kPacket];
-    sunlit_toward(toward, one);
-    for (int i = 0; i < kPacket; ++i) sum[i] += one[i];
-  }
-  for (int i = 0; i < kPacket; ++i) lit[i] = sum[i] / kDiscSamples;
-}
-void sunlit_disc(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Sun& sun, float* lit);
+// Of the points that ask, those that no Sun comes to from that direction: a bit each.
+std::uint32_t shaded(const Scene& scene, const SurfacePoints& points, std::uint32_t asking, const Vec3& sun);
 
 }  // namespace selenograph::engine

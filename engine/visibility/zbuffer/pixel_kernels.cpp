@@ -28,9 +28,12 @@ void TakeTriangles(const std::uint32_t* ids, int inside, SurfacePoints& points) 
   std::memcpy(points.hit, hit, sizeof hit);
 }
 
-bool LitLanes(const SurfacePoints& p, const Shading& shading, const std::int32_t* facing, float* lit) {
+void LitLanes(const SurfacePoints& p, const Shading& shading, const std::int32_t* facing, float* lit) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) lit[i] = p.hit[i] && facing[i] && shading.mu0[i] > 0 ? 1.F : 0.F;
+}
+
+bool AllLitInside(const SurfacePoints& p, const float* lit) {
   int some = 0;
   for (int i = 0; i < kPacket; ++i)
     some |= (lit[i] > 0 ? 0 : 1) | (p.v[i] <= kEdge ? 1 : 0) | (p.w[i] <= kEdge ? 1 : 0) |
@@ -46,13 +49,18 @@ namespace selenograph::engine {
 
 HWY_EXPORT(TakeTriangles);
 HWY_EXPORT(LitLanes);
+HWY_EXPORT(AllLitInside);
 
 void take_triangles(const std::uint32_t* ids, int inside, SurfacePoints& points) {
   HWY_DYNAMIC_DISPATCH(TakeTriangles)(ids, inside, points);
 }
 
-bool lit_lanes(const SurfacePoints& points, const Shading& shading, const std::int32_t* facing, float* lit) {
-  return HWY_DYNAMIC_DISPATCH(LitLanes)(points, shading, facing, lit);
+void lit_lanes(const SurfacePoints& points, const Shading& shading, const std::int32_t* facing, float* lit) {
+  HWY_DYNAMIC_DISPATCH(LitLanes)(points, shading, facing, lit);
+}
+
+bool all_lit_inside(const SurfacePoints& points, const float* lit) {
+  return HWY_DYNAMIC_DISPATCH(AllLitInside)(points, lit);
 }
 
 }  // namespace selenograph::engine

@@ -14,8 +14,10 @@ inline constexpr double kEdge = 1e-5;
 // Sets `hit` and `triangle`: the first `inside` of ids, of which some may be kNoTriangle.
 void take_triangles(const std::uint32_t* ids, int inside, SurfacePoints& points);
 
-// lit[i]: 1 where the point is hit and it, by its facet and by its shading normal, faces the Sun, else 0. Returns
-// whether all lanes are lit, with none within a share `kEdge` of its triangle's edges.
-bool lit_lanes(const SurfacePoints& points, const Shading& shading, const std::int32_t* facing, float* lit);
+// lit[i]: 1 where the point is hit and it, by its facet and by its shading normal, faces the Sun, else 0.
+void lit_lanes(const SurfacePoints& points, const Shading& shading, const std::int32_t* facing, float* lit);
+
+// Whether all lanes are lit, with none within a share `kEdge` of its triangle's edges.
+bool all_lit_inside(const SurfacePoints& points, const float* lit);
 
 }  // namespace selenograph::engine

@@ -72,9 +72,11 @@ struct LightBand {
 
   float u_end() const { return u0 + static_cast<float>(columns) / per_u; }
   float v_end() const { return v0 + static_cast<float>(rows) / per_v; }
-  float& least_of(int row, int coarse_column) {
-    return least[static_cast<std::size_t>(row) * static_cast<std::size_t>(coarse_columns) +
-                 static_cast<std::size_t>(coarse_column)];
+  float& least_of(int row, int coarse_column) { return least[least_at(row, coarse_column)]; }
+  float least_of(int row, int coarse_column) const { return least[least_at(row, coarse_column)]; }
+  std::size_t least_at(int row, int coarse_column) const {
+    return static_cast<std::size_t>(row) * static_cast<std::size_t>(coarse_columns) +
+           static_cast<std::size_t>(coarse_column);
   }
   // Whether anything in a box of cells (columns c0 to c1, rows r0 to r1) may lie below d_m and isn't dark already.
   bool any_below(int c0, int c1, int r0, int r1, float d_m) {

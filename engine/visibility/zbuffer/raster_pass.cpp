@@ -31,8 +31,12 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
       rays_(job.view),
       shader_(job.request, job.view, job.radiance) {
   if (!wants_light(request_)) return;
-  shadows_.emplace(mesh_, request_.sun.direction);
-  if (request_.sun.angular_radius_deg > 0) disc_.emplace(request_.sun);
+  if (request_.sun.angular_radius_deg > 0) {
+    disc_.emplace(request_.sun, mesh_.anchor());
+    shadows_.emplace(mesh_, *disc_);
+  } else {
+    shadows_.emplace(mesh_, request_.sun.direction);
+  }
 }
 
 // Draws each tile and resolves its pixels: refined, shaded as if nothing stood between them and the Sun, and placed
@@ -76,8 +80,9 @@ void RasterPass::find_points(Pixels& pixels) {
 
 void RasterPass::resolve_tile(const ImageTile& tile, const TileBuffer& buffer, const SubpixelSample& sample,
                               const PixelRays& lens, PixelCounts& counts, LightSamples& samples) {
-  samples.clear(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height) + kPacket,
-                disc_.has_value());
+  const std::size_t most = static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height) + kPacket;
+  samples.clear(most);
+  if (disc_) samples.disc.clear(most, !job_.objects.empty());
   PacketShader::Sampler sampler = shader_.sampler(job_.stop);
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; x += kPacket) {
@@ -114,7 +119,7 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   Shading shading;
   shader_.shade(facets, points, rays, shading);
   alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
-  if (sample.light) place_under_sun(points, shading, nullptr, row.first, lit, samples);
+  if (sample.light) place_under_sun(points, nullptr, row.first, shading, lit, samples);
   if (sample.weight > 0) shader_.radiances(points, shading, rays, lit, sampler, radiance, base);
   const bool bases = sample.weight > 0 && shader_.mapped();
   std::vector<float>& target = radiance_of(sample);
@@ -144,7 +149,7 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   ObjectLanes lanes;
   if (job_.objects.meet(rays, points, lanes) == 0) return;
   alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
-  if (sample.light) place_under_sun(lanes.points, lanes.shading, lanes.object, row.first, lit, samples);
+  if (sample.light) place_under_sun(lanes.points, lanes.object, row.first, lanes.shading, lit, samples);
   if (sample.weight > 0) job_.objects.radiances(lanes, rays, lit, radiance, base);
   std::vector<float>& target = radiance_of(sample);
   for (int i = 0; i < kPacket; ++i) {
@@ -168,44 +173,61 @@ void RasterPass::prefetch(const std::uint32_t* triangles) const {
   }
 }
 
-// Sets lit: 1 where a point faces the Sun, as far as it is alone with it; such points are samples of the shadow map.
+// Sets lit: how much of the Sun a point sees as far as it is alone with it; such points are samples of the shadow map.
 // `own`: objects that the points are on; null on terrain.
-void RasterPass::place_under_sun(const SurfacePoints& points, const Shading& shading, const std::uint16_t* own,
-                                 std::size_t first_pixel, float* lit, LightSamples& samples) const {
+void RasterPass::place_under_sun(const SurfacePoints& points, const std::uint16_t* own, std::size_t first_pixel,
+                                 Shading& shading, float* lit, LightSamples& samples) const {
+  const auto first = static_cast<std::uint32_t>(first_pixel);
+  if (disc_) {
+    DiscLanes turned;
+    const std::uint32_t some = disc_->alone(points, shading, turned, lit);
+    if (some == 0) return;
+    DiscLight::Free free[kPacket];
+    const std::uint32_t partly =
+        job_.objects.empty() ? 0 : disc_past_objects(points, own, some, turned, shading, lit, free);
+    add_samples(points, first, {&turned, partly, free}, all_lit_inside(points, lit), lit, samples);
+    return;
+  }
   alignas(64) std::int32_t facing[kPacket];
-  if (disc_)
-    disc_->faced_by(points, facing);
-  else
-    facing_sun(points, request_.sun.direction, facing);
+  facing_sun(points, request_.sun.direction, facing);
   if (!job_.objects.empty()) shade_by_objects(points, own, facing);
-  const bool all_inside = lit_lanes(points, shading, facing, lit);
-  add_samples(points, facing, static_cast<std::uint32_t>(first_pixel), lit, all_inside, samples);
+  lit_lanes(points, shading, facing, lit);
+  add_samples(points, first, {}, all_lit_inside(points, lit), lit, samples);
+}
+
+[[gnu::noinline]] std::uint32_t RasterPass::disc_past_objects(const SurfacePoints& points, const std::uint16_t* own,
+                                                              std::uint32_t lanes, const DiscLanes& turned,
+                                                              Shading& shading, float* lit,
+                                                              DiscLight::Free* free) const {
+  return disc_->take_out(
+      [&](std::uint32_t asking, const Vec3& toward) { return job_.objects.blocked(points, own, asking, toward); },
+      lanes, turned, lit, shading.incident, free);
 }
 
 // What an object blocks counts as not faced.
 [[gnu::noinline]] void RasterPass::shade_by_objects(const SurfacePoints& points, const std::uint16_t* own,
                                                     std::int32_t* facing) const {
-  const auto shade = [&](const Vec3& sun, int bit) {
-    std::uint32_t asking = 0;
-    for (int i = 0; i < kPacket; ++i) asking |= points.hit[i] && facing[i] >> bit & 1 ? 1U << i : 0U;
-    const std::uint32_t blocked = job_.objects.blocked(points, own, asking, sun);
-    for (int i = 0; i < kPacket; ++i)
-      if (blocked >> i & 1) facing[i] &= ~static_cast<std::int32_t>(1U << bit);
-  };
-  if (!disc_) return shade(request_.sun.direction, 0);
-  for (int k = 0; k < kDiscSamples; ++k) shade(disc_->directions()[static_cast<std::size_t>(k)], k);
+  std::uint32_t asking = 0;
+  for (int i = 0; i < kPacket; ++i) asking |= points.hit[i] && facing[i] ? 1U << i : 0U;
+  const std::uint32_t blocked = job_.objects.blocked(points, own, asking, request_.sun.direction);
+  for (int i = 0; i < kPacket; ++i)
+    if (blocked >> i & 1) facing[i] = 0;
 }
 
 // Samples of the lit lanes. `all_inside`: all are lit, none is on an edge of its triangle. There float can't tell a
 // ridge, whose far side lies beneath the point, from a crease, where it rises above it: double looks whether the Sun's
 // ray goes into the ground at once, and the sample is taken that little way up the ray.
-void RasterPass::add_samples(const SurfacePoints& p, const std::int32_t* facing, std::uint32_t first_pixel, float* lit,
-                             bool all_inside, LightSamples& samples) const {
+void RasterPass::add_samples(const SurfacePoints& p, std::uint32_t first_pixel, const BeforeDisc& disc, bool all_inside,
+                             float* lit, LightSamples& samples) const {
   constexpr float kStep_m = 0.01F;
   LightLanes lanes;
   shadows_->place(p, lanes);
-  if (all_inside) {
-    if (disc_) samples.add_faces(facing);
+  const auto add_free = [&](std::size_t at, std::size_t i) {
+    if (disc.partly >> i & 1) samples.disc.free[at] = &samples.disc.of_objects.emplace_back(disc.free[i]);
+  };
+  if (all_inside && (!disc.turned || disc.turned->whole == kAllLanes)) {
+    if (disc.turned) samples.disc.add_all(samples.count, lanes, *disc.turned);
+    for (std::size_t i = 0; disc.partly && i < kPacket; ++i) add_free(samples.count + i, i);
     samples.add_all(lanes, first_pixel);
     return;
   }
@@ -214,41 +236,31 @@ void RasterPass::add_samples(const SurfacePoints& p, const std::int32_t* facing,
     float up = 0;
     if (std::min({p.v[i], p.w[i], 1 - p.v[i] - p.w[i]}) <= kEdge) {
       up = kStep_m;
-      if (buried(job_.scene.mesh, p.triangle[i],
-                 p.position(i) + static_cast<double>(kStep_m) * request_.sun.direction)) {
+      if (buried(job_.scene.mesh, p.triangle[i], p.position(i) + static_cast<double>(kStep_m) * shadows_->aim())) {
         lit[i] = 0;
         continue;
       }
     }
-    if (disc_) samples.add_face(facing[i]);
+    if (disc.turned) {
+      const auto lane = static_cast<std::size_t>(i);
+      samples.disc.add(samples.count, lanes, *disc.turned, lane), add_free(samples.count, lane);
+    }
     samples.add(lanes.u[i], lanes.v[i], lanes.d[i] + up, first_pixel + static_cast<std::uint32_t>(i));
   }
 }
 
 // Casts the shadows: for_shaded says of what.
 void RasterPass::find_light(Pixels& pixels) {
-  if (!pixels.sample.light) return;
-  if (disc_)
-    disc_->cast(mesh_, *shadows_, request_.camera.width, request_.camera.height, scratch_.samples, scratch_.light,
-                scratch_.disc, job_.stop);
-  else
-    shadows_->cast(scratch_.samples, scratch_.light, job_.stop);
+  if (pixels.sample.light) shadows_->cast(scratch_.samples, scratch_.light, job_.stop);
 }
 
-// work(pixel, how much of the Sun it sees) for the pixels whose points face the Sun but see only a part of it, or none.
-// Parallel.
+// work(what is left of the light of a pixel whose point has some as far as it is alone with the Sun). Parallel.
 template <typename Work>
 void RasterPass::for_shaded(const Work& work) const {
-  if (!disc_)
-    return in_parallel(scratch_.light.shadowed.size(), [&](std::size_t band) {
-      for (const std::uint32_t at : scratch_.light.shadowed[band]) work(at, 0.F);
-    });
-  in_parallel(scratch_.samples.size(), [&](std::size_t tile) {
-    const LightSamples& samples = scratch_.samples[tile];
-    for (std::size_t k = 0; k < samples.count; ++k) {
-      const std::uint32_t at = samples.pixel[k];
-      work(at, SunDisc::lit_share(samples.faces[k], scratch_.disc.dark[at]));
-    }
+  in_parallel(scratch_.light.shadowed.size(), [&](std::size_t band) {
+    for (const std::uint32_t at : scratch_.light.shadowed[band]) work({at, 0, 0});
+    if (!disc_) return;
+    for (const PartlyLit& partly : scratch_.light.partly[band]) work(partly);
   });
 }
 
@@ -258,8 +270,9 @@ void RasterPass::find_radiance(Pixels& pixels) {
     std::vector<float>& radiance = radiance_of(sample);
     const float everywhere = shader_.base_radiance();
     const auto base_of = [&](std::uint32_t at) { return scratch_.bases.empty() ? everywhere : scratch_.bases[at]; };
-    for_shaded(
-        [&](std::uint32_t at, float share) { radiance[at] = base_of(at) + (radiance[at] - base_of(at)) * share; });
+    for_shaded([&](const PartlyLit& left) {
+      radiance[left.pixel] = base_of(left.pixel) + (radiance[left.pixel] - base_of(left.pixel)) * left.cosine;
+    });
   }
   times_.shadow_ms += pixels.watch.lap_ms();
 }
@@ -269,7 +282,7 @@ void RasterPass::write_products(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
   FrameProducts& out = writer_.out();
   if (sample.light && sample.store && !out.lit.empty())
-    for_shaded([&](std::uint32_t at, float share) { out.lit[at] = share; });
+    for_shaded([&](const PartlyLit& left) { out.lit[left.pixel] *= left.share; });
   if (sample.weight > 0 && !sample.store)
     in_parallel_pieces(scratch_.radiance.size(), 65536, [&](std::size_t first, std::size_t past_last) {
       for (std::size_t i = first; i < past_last; ++i) out.radiance[i] += sample.weight * scratch_.radiance[i];
@@ -278,7 +291,7 @@ void RasterPass::write_products(Pixels& pixels) {
 
 std::size_t FrameScratch::bytes() const {
   std::size_t sum = sizeof(FrameScratch) + bytes_of(boxes) + bytes_of(tiles) + bytes_of(radiance) + bytes_of(bases) +
-                    light.bytes() + disc.bytes() + buffers.bytes();
+                    light.bytes() + buffers.bytes();
   for (const ImageTile& tile : tiles) sum += bytes_of(tile.strips);
   for (const LightSamples& s : samples) sum += s.bytes();
   return sum;

@@ -16,7 +16,6 @@
 #include "engine/visibility/zbuffer/image_tiles.h"
 #include "engine/visibility/zbuffer/raster_kernels.h"
 #include "engine/visibility/zbuffer/shadow_map.h"
-#include "engine/visibility/zbuffer/sun_disc.h"
 
 namespace selenograph::engine {
 
@@ -28,7 +27,6 @@ struct FrameScratch {
   std::vector<float> radiance;        // of one sub-pixel sample
   std::vector<float> bases;           // per pixel, without the Sun; empty: the same everywhere
   LightScratch light;
-  DiscScratch disc;
   Pool<TileBuffer> buffers;  // one per thread
   std::size_t bytes() const;
 };
@@ -71,11 +69,19 @@ class RasterPass {
                PacketShader::Sampler& sampler);
   void resolve_objects(const Row& row, Rays& rays, SurfacePoints& points, PixelCounts& counts, LightSamples& samples);
   void prefetch(const std::uint32_t* triangles) const;
-  void place_under_sun(const SurfacePoints& points, const Shading& shading, const std::uint16_t* own,
-                       std::size_t first_pixel, float* lit, LightSamples& samples) const;
+  void place_under_sun(const SurfacePoints& points, const std::uint16_t* own, std::size_t first_pixel, Shading& shading,
+                       float* lit, LightSamples& samples) const;
   void shade_by_objects(const SurfacePoints& points, const std::uint16_t* own, std::int32_t* facing) const;
-  void add_samples(const SurfacePoints& points, const std::int32_t* facing, std::uint32_t first_pixel, float* lit,
-                   bool all_inside, LightSamples& samples) const;
+  // Sixteen points before the Sun's disc, if it has one. partly: the lanes that objects leave some of it; free: which.
+  struct BeforeDisc {
+    const DiscLanes* turned = nullptr;
+    std::uint32_t partly = 0;
+    const DiscLight::Free* free = nullptr;
+  };
+  std::uint32_t disc_past_objects(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t lanes,
+                                  const DiscLanes& turned, Shading& shading, float* lit, DiscLight::Free* free) const;
+  void add_samples(const SurfacePoints& points, std::uint32_t first_pixel, const BeforeDisc& disc, bool all_inside,
+                   float* lit, LightSamples& samples) const;
   template <typename Work>
   void for_shaded(const Work& work) const;
   std::vector<float>& radiance_of(const SubpixelSample& sample) {
@@ -91,8 +97,8 @@ class RasterPass {
   ImageTiling tiling_;
   PacketRays rays_;
   PacketShader shader_;
+  std::optional<DiscLight> disc_;
   std::optional<ShadowMap> shadows_;
-  std::optional<SunDisc> disc_;
 };
 
 }  // namespace selenograph::engine

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -47,16 +48,19 @@ void IntoLight(const SurfacePoints& p, const double* anchor, const double* u, co
   }
 }
 
-// Light coordinates from those of another direction; m: 3 x 3, by rows.
-void TurnAll(const LightSamples& in, const double* m, LightSamples& out) {
-  const float *u = in.u.data(), *v = in.v.data(), *d = in.d.data();
-  float *to_u = out.u.data(), *to_v = out.v.data(), *to_d = out.d.data();
+// And what float leaves out.
+void IntoLightExactly(const SurfacePoints& p, const double* anchor, const double* u, const double* v, const double* d,
+                      LightLanes& out) {
   SELENOGRAPH_INDEPENDENT_LANES
-  for (std::size_t i = 0; i < in.count; ++i) {
-    const double a = static_cast<double>(u[i]), b = static_cast<double>(v[i]), c = static_cast<double>(d[i]);
-    to_u[i] = static_cast<float>(m[0] * a + m[1] * b + m[2] * c);
-    to_v[i] = static_cast<float>(m[3] * a + m[4] * b + m[5] * c);
-    to_d[i] = static_cast<float>(m[6] * a + m[7] * b + m[8] * c);
+  for (int i = 0; i < kPacket; ++i) {
+    const double x = p.x[i] - anchor[0], y = p.y[i] - anchor[1], z = p.z[i] - anchor[2];
+    const double at_u = u[0] * x + u[1] * y + u[2] * z, at_v = v[0] * x + v[1] * y + v[2] * z,
+                 at_d = d[0] * x + d[1] * y + d[2] * z;
+    const auto near_u = static_cast<float>(at_u), near_v = static_cast<float>(at_v), near_d = static_cast<float>(at_d);
+    out.u[i] = near_u, out.v[i] = near_v, out.d[i] = near_d;
+    out.rest_u[i] = static_cast<float>(at_u - static_cast<double>(near_u));
+    out.rest_v[i] = static_cast<float>(at_v - static_cast<double>(near_v));
+    out.rest_d[i] = static_cast<float>(at_d - static_cast<double>(near_d));
   }
 }
 
@@ -111,7 +115,7 @@ HWY_AFTER_NAMESPACE();
 namespace selenograph::engine {
 
 HWY_EXPORT(IntoLight);
-HWY_EXPORT(TurnAll);
+HWY_EXPORT(IntoLightExactly);
 HWY_EXPORT(BandsOf);
 HWY_EXPORT(CellsOf);
 
@@ -158,16 +162,37 @@ ShadowMap::Grid ShadowMap::grid_over(const std::vector<LightSamples>& tiles) {
   return g;
 }
 
-ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& sun) : mesh_(mesh), d_(sun) {
+namespace {
+
+float steepest_of(const Strip& s) { return *std::max_element(s.steepest, s.steepest + 8); }
+
+// Steeper terrain has horizons that are steeper in the sky.
+double aim_over(const RasterMesh& mesh) {
+  const auto steep = [](const Strip& s) { return std::isfinite(steepest_of(s)) && steepest_of(s) > Horizons::kSteep; };
+  return std::any_of(mesh.strips().begin(), mesh.strips().end(), steep) ? Horizons::kSteepAim : Horizons::kAim;
+}
+
+}  // namespace
+
+ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& sun) : ShadowMap(mesh, sun, sun, nullptr, 0) {}
+
+ShadowMap::ShadowMap(const RasterMesh& mesh, const DiscLight& disc)
+    : ShadowMap(mesh, disc.direction(0, aim_over(mesh)), disc.direction(0, 0), &disc, aim_over(mesh)) {}
+
+ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& aim, const Vec3& sun, const DiscLight* disc, double aim_radii)
+    : mesh_(mesh), disc_(disc), aim_radii_(aim_radii), d_(aim) {
   // Rows along the Sun's azimuth: relief moves samples along them.
-  const Vec3 up = mesh.anchor().normalized(), across = up.cross(sun);
-  v_ = across.norm() > 1e-6 ? across.normalized() : any_across(sun);
-  u_ = v_.cross(sun).normalized();
+  const Vec3 up = mesh.anchor().normalized(), across = up.cross(aim);
+  v_ = across.norm() > 1e-6 ? across.normalized() : any_across(aim);
+  u_ = v_.cross(aim).normalized();
   for (int k = 0; k < 3; ++k)
     axes_.u[k] = static_cast<float>(u_[k]), axes_.v[k] = static_cast<float>(v_[k]),
     axes_.d[k] = static_cast<float>(d_[k]);
   casters_.resize(mesh.strips().size());
   in_parallel(casters_.size(), [&](std::size_t i) { casters_[i] = caster_of(mesh.strips()[i]); });
+  if (disc_)
+    for (std::size_t i = 0; i < casters_.size(); ++i)
+      casters_[i].horizon = may_face_away(mesh.strips()[i], sun, disc_->radius());
   order_casters();
   for (const Skirt& skirt : mesh.skirts()) {
     const auto v = [&](const float* p) { return axes_.v[0] * p[0] + axes_.v[1] * p[1] + axes_.v[2] * p[2]; };
@@ -187,20 +212,22 @@ ShadowMap::Caster ShadowMap::caster_of(const Strip& s) const {
   Caster c;
   float unused;
   range(axes_.u, c.u_low, c.u_high), range(axes_.v, c.v_low, c.v_high), range(axes_.d, unused, c.d_high);
-  c.casts = may_face_away(s);
+  c.casts = may_face_away(s, d_, 0);
+  c.horizon = false;
   return c;
 }
 
-// A triangle faces away where it rises more steeply toward the Sun than the Sun does: more than the strip's steepest
-// toward the two of eight directions that the Sun's lies between can't be. What triangles have as float is close enough
-// to turn those that are nearly edge-on, no others.
-bool ShadowMap::may_face_away(const Strip& s) const {
+// Whether some triangle may face away from some place on a disc: whose middle is `from`, and the tangent of its radius
+// `radius`. A triangle faces away where it rises more steeply toward the Sun than the Sun does: more than the strip's
+// steepest toward the two of eight directions that the Sun's lies between can't be. What triangles have as float is
+// close enough to turn those that are nearly edge-on, no others.
+bool ShadowMap::may_face_away(const Strip& s, const Vec3& from, double radius) const {
   double toward[3], shortest = std::numeric_limits<double>::infinity();
   for (int k = 0; k < 3; ++k) {
     const Vec3 half(static_cast<double>(s.half[k][0]), static_cast<double>(s.half[k][1]),
                     static_cast<double>(s.half[k][2]));
     const double length = half.norm();
-    toward[k] = d_.dot(half) / length;
+    toward[k] = from.dot(half) / length;
     const int quads = k == 0 ? mesh_.blocks()[s.block].quads : s.rows;
     if (k < 2) shortest = std::min(shortest, 2 * length / quads);
   }
@@ -212,8 +239,9 @@ bool ShadowMap::may_face_away(const Strip& s) const {
   const double rise = std::abs(along - across) * first + std::numbers::sqrt2 * std::min(along, across) * second;
   const double distance =
       Vec3(static_cast<double>(s.centre[0]), static_cast<double>(s.centre[1]), static_cast<double>(s.centre[2])).norm();
-  const double margin = 2e-4 + 0x1p-19 * distance / shortest;
-  return !(rise + margin * (1 + std::max(std::abs(first), std::abs(second))) < up);
+  const double margin = 2e-4 + 0x1p-19 * distance / shortest, steepest = std::max(std::abs(first), std::abs(second)),
+               edge = radius * (1 + std::numbers::sqrt2 * std::max(steepest, static_cast<double>(steepest_of(s))));
+  return !(rise + margin * (1 + steepest) + edge < up);
 }
 
 // At low Sun, occluders are processed in descending height toward it: the highest darken most, and what is dark needs
@@ -228,24 +256,72 @@ void ShadowMap::order_casters() {
               [&](std::uint32_t a, std::uint32_t b) { return casters_[a].d_high > casters_[b].d_high; });
 }
 
-void LightSamples::make_room(std::size_t capacity, bool of_disc) {
-  if (of_disc && faces.size() < capacity) faces.resize(capacity);
-  // Each by itself: where memory ran out for one of them, the others have grown already.
-  const auto grow = [&](auto& numbers) {
-    if (numbers.size() < capacity) numbers.resize(capacity);
-  };
-  grow(u), grow(v), grow(d), grow(pixel);
+namespace {
+
+// Each by itself: where memory ran out for one of them, the others have grown already.
+template <typename T>
+void grow(std::vector<T>& values, std::size_t capacity) {
+  if (values.size() < capacity) values.resize(capacity);
+}
+
+}  // namespace
+
+void LightSamples::make_room(std::size_t capacity) {
+  grow(u, capacity), grow(v, capacity), grow(d, capacity), grow(pixel, capacity);
+}
+
+void DiscSamples::clear(std::size_t capacity, bool objects) {
+  for (auto* array : {&rest_u, &rest_v, &rest_d, &tilt_across, &tilt_upward}) grow(*array, capacity);
+  grazed.clear(), of_objects.clear(), free.clear();
+  if (objects) free.assign(capacity, nullptr);
+}
+
+void DiscSamples::add(std::size_t at, const LightLanes& lanes, const DiscLanes& turned, std::size_t lane) {
+  rest_u[at] = lanes.rest_u[lane], rest_v[at] = lanes.rest_v[lane], rest_d[at] = lanes.rest_d[lane];
+  tilt_across[at] = turned.tilt_across[lane], tilt_upward[at] = turned.tilt_upward[lane];
+  if (turned.whole >> lane & 1) return;
+  tilt_across[at] = std::numeric_limits<float>::quiet_NaN();
+  tilt_upward[at] = std::bit_cast<float>(static_cast<std::uint32_t>(grazed.size()));
+  const DiscPlanes &f = turned.facet, &s = turned.shading;
+  grazed.push_back(
+      {{f.middle[lane], f.across[lane], f.upward[lane]}, {s.middle[lane], s.across[lane], s.upward[lane]}});
+}
+
+void DiscSamples::add_all(std::size_t at, const LightLanes& lanes, const DiscLanes& turned) {
+  std::memcpy(&rest_u[at], lanes.rest_u, sizeof lanes.rest_u),
+      std::memcpy(&rest_v[at], lanes.rest_v, sizeof lanes.rest_v);
+  std::memcpy(&rest_d[at], lanes.rest_d, sizeof lanes.rest_d);
+  std::memcpy(&tilt_across[at], turned.tilt_across, sizeof turned.tilt_across);
+  std::memcpy(&tilt_upward[at], turned.tilt_upward, sizeof turned.tilt_upward);
+}
+
+void DiscSamples::get(std::size_t at, DiscLanes& turned, std::size_t lane) const {
+  const float across = tilt_across[at], upward = tilt_upward[at];
+  const bool whole = !std::isnan(across);
+  const Grazed of = whole ? Grazed{{1, 0, 0}, {1, across, upward}} : grazed[std::bit_cast<std::uint32_t>(upward)];
+  turned.facet.middle[lane] = of.facet[0], turned.facet.across[lane] = of.facet[1],
+  turned.facet.upward[lane] = of.facet[2];
+  turned.shading.middle[lane] = of.shading[0], turned.shading.across[lane] = of.shading[1],
+  turned.shading.upward[lane] = of.shading[2];
+  turned.tilt_across[lane] = across, turned.tilt_upward[lane] = upward;
+  turned.whole = (turned.whole & ~(1U << lane)) | (whole ? 1U << lane : 0);
+}
+
+std::size_t DiscSamples::bytes() const {
+  return bytes_of(rest_u) + bytes_of(rest_v) + bytes_of(rest_d) + bytes_of(tilt_across) + bytes_of(tilt_upward) +
+         bytes_of(grazed) + bytes_of(free) + of_objects.size() * sizeof(DiscLight::Free);
 }
 
 std::size_t BandScratch::bytes() const {
   return bytes_of(band.start) + bytes_of(band.u) + bytes_of(band.v) + bytes_of(band.d) + bytes_of(band.least) +
-         bytes_of(cell) + bytes_of(pixel);
+         bytes_of(cell) + bytes_of(pixel) + bytes_of(from) + horizons.bytes();
 }
 
 std::size_t LightScratch::bytes() const {
   std::size_t sum = bands.bytes();
   for (const BandGroups& g : groups) sum += bytes_of(g.group) + bytes_of(g.first) + bytes_of(g.bands);
   for (const auto& list : shadowed) sum += bytes_of(list);
+  for (const auto& list : partly) sum += bytes_of(list);
   return sum;
 }
 
@@ -257,22 +333,8 @@ void LightSamples::bound() {
 }
 
 void ShadowMap::place(const SurfacePoints& points, LightLanes& lanes) const {
-  HWY_DYNAMIC_DISPATCH(IntoLight)(points, mesh_.anchor().data(), u_.data(), v_.data(), d_.data(), lanes);
-}
-
-void ShadowMap::turn(const ShadowMap& other, const LightSamples& placed, std::uint32_t mask, LightSamples& out) const {
-  out.clear(placed.u.size());
-  Eigen::Matrix<double, 3, 3, Eigen::RowMajor> m;
-  const Vec3 *to[3] = {&u_, &v_, &d_}, *from[3] = {&other.u_, &other.v_, &other.d_};
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) m(r, c) = to[r]->dot(*from[c]);
-  HWY_DYNAMIC_DISPATCH(TurnAll)(placed, m.data(), out);
-  for (std::size_t k = 0; k < placed.count; ++k) {
-    out.u[out.count] = out.u[k], out.v[out.count] = out.v[k], out.d[out.count] = out.d[k];
-    out.pixel[out.count] = placed.pixel[k];
-    out.count += placed.faces[k] & mask ? 1 : 0;
-  }
-  out.bound();
+  const auto into_light = disc_ ? HWY_DYNAMIC_DISPATCH(IntoLightExactly) : HWY_DYNAMIC_DISPATCH(IntoLight);
+  into_light(points, mesh_.anchor().data(), u_.data(), v_.data(), d_.data(), lanes);
 }
 
 void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, BandGroups& out) {
@@ -297,7 +359,7 @@ void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, BandGroup
 
 // Fills own.band and own.pixel from all tiles' samples of the band. Returns how many there are.
 std::size_t ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, const std::vector<LightSamples>& tiles,
-                                    const std::vector<BandGroups>& groups, BandScratch& own) {
+                                    const std::vector<BandGroups>& groups, BandScratch& own) const {
   LightBand& band = own.band;
   band.u0 = grid.u0, band.v0 = grid.band_start(static_cast<int>(band_index));
   band.per_u = grid.per_u, band.per_v = grid.per_v;
@@ -331,6 +393,8 @@ std::size_t ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, co
   for (std::size_t i = count; i < count + kBandPadding; ++i) band.u[i] = band.v[i] = 0, band.d[i] = kDark;
   float *u = band.u.data(), *v = band.v.data(), *d = band.d.data();
   std::uint32_t* pixel = own.pixel.data();
+  if (disc_) own.from.resize(count);
+  std::uint32_t* from_where = disc_ ? own.from.data() : nullptr;
   cell = own.cell.data();
   for (std::size_t i = 0; i < tiles.size(); ++i)
     for (std::uint32_t k = groups[i].first[band_index]; k < groups[i].first[band_index + 1]; ++k) {
@@ -339,6 +403,8 @@ std::size_t ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, co
         if (*cell == cells) continue;
         const std::uint32_t to = --start[*cell];
         u[to] = tiles[i].u[from], v[to] = tiles[i].v[from], d[to] = tiles[i].d[from], pixel[to] = tiles[i].pixel[from];
+        if (from_where)
+          from_where[to] = static_cast<std::uint32_t>(i) << BandScratch::kPlaceBits | static_cast<std::uint32_t>(from);
       }
     }
   band.coarse_columns = (grid.columns + LightBand::kCoarse - 1) / LightBand::kCoarse;
@@ -373,11 +439,58 @@ void ShadowMap::cast_skirts(LightBand& band) const {
     if (skirts_[k].high >= v_first && skirts_[k].low <= v_last) cast_skirt(mesh_.skirts()[k], axes_, band);
 }
 
+// Of the band's samples that are not dark.
+void ShadowMap::find_horizons(const std::vector<LightSamples>& tiles, BandScratch& own, std::size_t count,
+                              std::vector<PartlyLit>& out) const {
+  LightBand& band = own.band;
+  struct Place {
+    const DiscSamples& tile;
+    std::size_t at;
+  };
+  const auto place = [&](std::size_t sample) -> Place {
+    constexpr std::uint32_t kMask = (1U << BandScratch::kPlaceBits) - 1;
+    return {tiles[own.from[sample] >> BandScratch::kPlaceBits].disc, own.from[sample] & kMask};
+  };
+  if (!descending_) find_least(band, 0, band.columns - 1, 0, band.rows - 1);
+  own.horizons.begin(*disc_, aim_radii_, {u_, v_, d_}, band, count, [&](std::size_t sample) -> LightResidual {
+    const auto [tile, at] = place(sample);
+    return {tile.rest_u[at], tile.rest_v[at], tile.rest_d[at]};
+  });
+  for (std::size_t s = 0; s < casters_.size(); ++s) {
+    const Caster& c = casters_[s];
+    if (c.horizon) own.horizons.add(mesh_, mesh_.strips()[s], {c.u_low, c.u_high, c.v_low, c.v_high, c.d_high});
+  }
+  constexpr std::size_t kGroup = HorizonGroup::kSize;
+  static_assert(kGroup == kPacket);
+  alignas(64) float horizons[DiscLight::kColumns][kGroup], share[kGroup], cosine[kGroup];
+  DiscLanes turned{};
+  for (std::size_t first = 0; first < count; first += kGroup) {
+    if (!own.horizons.of_group(first / kGroup, horizons)) continue;
+    const std::size_t n = std::min(kGroup, count - first);
+    for (std::size_t i = 0; i < kGroup; ++i) {
+      const auto [tile, at] = place(first + std::min(i, n - 1));
+      tile.get(at, turned, i);
+    }
+    disc_->left(horizons, turned, share, cosine);
+    for (std::size_t i = 0; i < n; ++i) {
+      if (band.d[first + i] == kDark) continue;
+      const auto [tile, at] = place(first + i);
+      if (const DiscLight::Free* free = tile.free.empty() ? nullptr : tile.free[at]) {
+        const DiscShare left = disc_->left_of(*free, &horizons[0][i], kGroup, turned, static_cast<std::uint32_t>(i));
+        share[i] = static_cast<float>(left.share), cosine[i] = static_cast<float>(left.cosine);
+      }
+      if (share[i] < 1 || cosine[i] < 1) out.push_back({own.pixel[first + i], share[i], cosine[i]});
+    }
+  }
+}
+
 void ShadowMap::cast(const std::vector<LightSamples>& samples, LightScratch& scratch, const StopToken& stop) const {
   const Grid grid = grid_over(samples);
   const auto bands = static_cast<std::size_t>(grid.bands);
   if (scratch.shadowed.size() < bands) scratch.shadowed.resize(bands);
+  if (disc_ && scratch.partly.size() < scratch.shadowed.size()) scratch.partly.resize(scratch.shadowed.size());
   for (auto& list : scratch.shadowed) list.clear();
+  for (auto& list : scratch.partly) list.clear();
   if (bands == 0) return;
   scratch.groups.resize(samples.size());
   in_parallel(samples.size(), [&](std::size_t i) { find_bands(grid, samples[i], scratch.groups[i]); });
@@ -390,6 +503,7 @@ void ShadowMap::cast(const std::vector<LightSamples>& samples, LightScratch& scr
     cast_skirts(own->band);
     for (std::size_t i = 0; i < count; ++i)
       if (own->band.d[i] == kDark) scratch.shadowed[b].push_back(own->pixel[i]);
+    if (disc_) find_horizons(samples, *own, count, scratch.partly[b]);
   });
 }
 

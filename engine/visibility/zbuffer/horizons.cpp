@@ -1,0 +1,352 @@
+#include "engine/visibility/zbuffer/horizons.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "dem/vector_targets.h"
+#include "engine/scene/vertex_rows.h"
+#include "engine/support/pool.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/visibility/zbuffer/horizons.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#ifndef SELENOGRAPH_ENGINE_HORIZONS_SHARED
+#define SELENOGRAPH_ENGINE_HORIZONS_SHARED
+namespace selenograph::engine {
+
+// A row of a block's vertices in light space, relative to the block's origin. Before the first and behind the last are
+// none: not a number.
+struct HorizonRow {
+  static constexpr int kBefore = 16, kMost = 112;
+  alignas(64) float u[kMost], v[kMost], d[kMost];
+};
+
+// Of its length, how far an edge is from a sample at least that sees it. Nearer are the edges of the sample's own
+// facet, whose line in the sky is known, and float can't tell where.
+constexpr float kNearest = 1.0F / 16;
+constexpr std::size_t kMostEdges = 3 * 96;  // of a row
+
+}  // namespace selenograph::engine
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+using F = hn::CappedTag<float, 16>;
+using VF = hn::Vec<F>;
+using MF = hn::Mask<F>;
+constexpr F f;
+
+HWY_INLINE VF all(float x) { return hn::Set(f, x); }
+
+struct Point {
+  VF u, v, d;
+};
+HWY_INLINE Point operator-(const Point& a, const Point& b) {
+  return {hn::Sub(a.u, b.u), hn::Sub(a.v, b.v), hn::Sub(a.d, b.d)};
+}
+HWY_INLINE VF difference(VF a, VF b, VF c, VF e) { return hn::Sub(hn::Mul(a, b), hn::Mul(c, e)); }
+HWY_INLINE Point cross(const Point& a, const Point& b) {
+  return {difference(a.v, b.d, a.d, b.v), difference(a.d, b.u, a.u, b.d), difference(a.u, b.v, a.v, b.u)};
+}
+HWY_INLINE VF dot(const Point& a, const Point& b) {
+  return hn::Add(hn::Mul(a.u, b.u), hn::Add(hn::Mul(a.v, b.v), hn::Mul(a.d, b.d)));
+}
+
+// How a triangle is turned: toward some of the disc, away from some of it; neither where it is no triangle.
+struct Turned {
+  MF toward, away, known;
+};
+HWY_INLINE Turned turned(const Point& n, const DiscReach& reach) {
+  const VF middle = hn::Add(hn::Mul(all(reach.aim), n.u), n.d), across2 = hn::Add(hn::Mul(n.u, n.u), hn::Mul(n.v, n.v)),
+           limit = hn::Mul(all(reach.radius * reach.radius), across2), signed2 = hn::Mul(middle, hn::Abs(middle));
+  const VF size = hn::Add(across2, hn::Mul(n.d, n.d));
+  return {hn::Gt(signed2, hn::Neg(limit)), hn::Lt(signed2, limit), hn::Gt(size, hn::Zero(f))};
+}
+
+// The edges of the quads between `here` and `north` that may be a horizon: diagonals, western and southern edges. The
+// quads' neighbours there are between `south` and `here`. A triangle that has none beside it (at the block's border,
+// beside voids and collapsed triangles) counts as beside one of every kind. Within v_low to v_high. Returns how many.
+std::size_t FindEdges(const HorizonRow& south, const HorizonRow& here, const HorizonRow& north, int quads,
+                      const DiscReach& reach, float v_low, float v_high, Horizons::Edge* out) {
+  const int lanes = static_cast<int>(hn::Lanes(f));
+  std::size_t n = 0;
+  const auto load = [](const HorizonRow& row, int c) HWY_ATTR {
+    const int at = HorizonRow::kBefore + c;
+    return Point{hn::LoadU(f, row.u + at), hn::LoadU(f, row.v + at), hn::LoadU(f, row.d + at)};
+  };
+  const VF low = all(v_low), high = all(v_high), zero = hn::Zero(f);
+  for (int c = 0; c <= quads; c += lanes) {
+    const Point a = load(here, c), b = load(here, c + 1), nw = load(north, c), ne = load(north, c + 1);
+    const auto within = [&](const Point& p, const Point& q) HWY_ATTR {
+      return hn::And(hn::Le(hn::Min(p.v, q.v), high), hn::Ge(hn::Max(p.v, q.v), low));
+    };
+    const MF in_diagonal = within(b, nw), in_west = within(a, nw), in_south = within(a, b);
+    if (hn::AllFalse(f, hn::Or(in_diagonal, hn::Or(in_west, in_south)))) continue;
+    const Point w = load(north, c - 1), s = load(south, c + 1);
+    const Point ab = b - a, ac = nw - a, bc = nw - b, bd = ne - b, aw = w - a, as = s - a;
+    const Point lower = cross(ab, ac);
+    const Turned own = turned(lower, reach), upper = turned(cross(bd, bc), reach), west = turned(cross(ac, aw), reach),
+                 below = turned(cross(as, ab), reach);
+    // Convex: `beyond`, a vertex of the other triangle, lies under the plane of the first.
+    const auto edges = [&](const Turned& other, const Point& beyond, MF in) HWY_ATTR {
+      const MF both = hn::And(own.known, other.known);
+      const MF differ = hn::Or(hn::And(own.toward, other.away), hn::And(own.away, other.toward));
+      const MF convex = hn::Lt(dot(lower, beyond), zero);
+      const MF alone = hn::Or(hn::And(hn::Not(other.known), hn::And(own.known, own.away)),
+                              hn::And(hn::Not(own.known), hn::And(other.known, other.away)));
+      return hn::And(in, hn::Or(hn::And(both, hn::And(differ, convex)), alone));
+    };
+    const auto put = [&](MF which, const Point& p, const Point& q) HWY_ATTR {
+      if (hn::AllFalse(f, which)) return;
+      alignas(64) float ends[6][16] = {};
+      const VF from[6] = {p.u, p.v, p.d, q.u, q.v, q.d};
+      std::size_t found = 0;
+      for (int k = 0; k < 6; ++k) found = hn::CompressStore(from[k], which, f, ends[k]);
+      for (std::size_t i = 0; i < found; ++i, ++n)
+        for (int k = 0; k < 3; ++k) out[n].from[k] = ends[k][i], out[n].to[k] = ends[3 + k][i];
+    };
+    put(edges(upper, bd, in_diagonal), b, nw);
+    put(edges(west, aw, in_west), a, nw);
+    put(edges(below, as, in_south), a, b);
+  }
+  return n;
+}
+
+// One edge before sixteen samples. p, q: its ends relative to the group's origin.
+HWY_INLINE void raise(const float* p, const float* q, const DiscReach& reach, HorizonGroup& group) {
+  const int lanes = static_cast<int>(hn::Lanes(f));
+  const VF zero = hn::Zero(f);
+  const float du = q[0] - p[0], dv = q[1] - p[1], dd = q[2] - p[2],
+              nearest = kNearest * std::sqrt(du * du + (dv * dv + dd * dd));
+  for (int i = 0; i < HorizonGroup::kSize; i += lanes) {
+    const VF u = hn::Load(f, group.u + i), v = hn::Load(f, group.v + i), d = hn::Load(f, group.d + i);
+    const VF d1 = hn::Sub(all(p[2]), d), d2 = hn::Sub(all(q[2]), d), u1 = hn::Sub(all(p[0]), u),
+             u2 = hn::Sub(all(q[0]), u), v1 = hn::Sub(all(p[1]), v), v2 = hn::Sub(all(q[1]), v);
+    const VF height = hn::Max(d1, d2), aside = hn::Mul(all(reach.aside), height),
+             below = hn::Mul(all(reach.below), height);
+    MF may = hn::Gt(height, all(nearest));
+    may = hn::And(may, hn::And(hn::Le(hn::Min(v1, v2), aside), hn::Ge(hn::Max(v1, v2), hn::Neg(aside))));
+    may = hn::And(may, hn::And(hn::Le(hn::Min(u1, u2), below), hn::Ge(hn::Max(u1, u2), zero)));
+    if (hn::AllFalse(f, may)) continue;
+    group.met = true;
+    for (int j = 0; j < DiscLight::kColumns; ++j) {
+      // Where the edge crosses the column: watertight, since of either edge a common end says on which side it is.
+      const VF x = all(reach.columns[j]), g1 = hn::Sub(v1, hn::Mul(x, d1)), g2 = hn::Sub(v2, hn::Mul(x, d2));
+      const MF crosses = hn::And(may, hn::Xor(hn::Lt(g1, zero), hn::Lt(g2, zero)));
+      if (hn::AllFalse(f, crosses)) continue;
+      const VF along = difference(u2, g1, u1, g2), toward = difference(d1, g2, d2, g1);
+      // toward / (g2 - g1): how far away.
+      const VF span = hn::Sub(g2, g1);
+      const MF same = hn::Not(hn::Xor(hn::Lt(toward, zero), hn::Lt(span, zero)));
+      const MF before = hn::And(crosses, hn::And(same, hn::Gt(hn::Abs(toward), hn::Mul(all(nearest), hn::Abs(span)))));
+      float* horizon = group.horizon[j] + i;
+      const VF old = hn::Load(f, horizon), here = hn::Div(along, toward);
+      hn::Store(hn::IfThenElse(hn::And(before, hn::Gt(here, old)), here, old), f, horizon);
+    }
+  }
+}
+
+void RaiseAll(const Horizons::Edge& edge, const double* origin, const DiscReach& reach, const std::int32_t* slots,
+              std::size_t n, HorizonGroup* groups) {
+  for (std::size_t i = 0; i < n; ++i) {
+    HorizonGroup& group = groups[slots[i]];
+    float p[3], q[3];
+    for (int k = 0; k < 3; ++k) {
+      const auto shift = static_cast<float>(origin[k] - group.origin[k]);
+      p[k] = edge.from[k] + shift, q[k] = edge.to[k] + shift;
+    }
+    raise(p, q, reach, group);
+  }
+}
+
+void BeforeDisc(const HorizonGroup& group, const DiscReach& reach, float (*out)[HorizonGroup::kSize]) {
+  const float per_radius = 1 / reach.radius, top = reach.aim * per_radius;
+  for (int j = 0; j < DiscLight::kColumns; ++j) {
+    SELENOGRAPH_INDEPENDENT_LANES
+    for (int i = 0; i < HorizonGroup::kSize; ++i) out[j][i] = (group.horizon[j][i] + reach.aim) * per_radius;
+  }
+  constexpr int kMiddle = DiscLight::kColumns / 2;
+  const auto follow = [&](int from, int to) HWY_ATTR {
+    const float rise = Horizons::kSteepest * std::abs(reach.columns[to] - reach.columns[from]) * per_radius;
+    SELENOGRAPH_INDEPENDENT_LANES
+    for (int i = 0; i < HorizonGroup::kSize; ++i) {
+      const float beside = out[from][i] < top ? out[from][i] : top, least = beside - rise, here = out[to][i];
+      // Beside a horizon at the top one that is far below was not looked at: it is above.
+      const bool above = (beside >= top - rise) & (here < least);
+      out[to][i] = above ? beside : here;
+    }
+  };
+  for (int j = kMiddle; j + 1 < DiscLight::kColumns; ++j) follow(j, j + 1);
+  for (int j = kMiddle; j > 0; --j) follow(j, j - 1);
+}
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(FindEdges);
+HWY_EXPORT(RaiseAll);
+HWY_EXPORT(BeforeDisc);
+
+void Horizons::begin(const DiscLight& disc, double aim, const Axes& axes, const LightBand& band, std::size_t count,
+                     Rest rest) {
+  axes_ = axes, band_ = &band, count_ = count, rest_ = std::move(rest);
+  const double radius = disc.radius();
+  reach_.aside = 0;
+  for (int j = 0; j < DiscLight::kColumns; ++j) {
+    reach_.columns[j] = static_cast<float>(radius) * disc.column(j);
+    reach_.aside = std::max(reach_.aside, std::abs(reach_.columns[j]));
+  }
+  reach_.below = static_cast<float>(radius * (aim + 1)), reach_.aim = static_cast<float>(radius * aim);
+  reach_.radius = static_cast<float>(radius);
+  lowest_ = *std::min_element(band.least.begin(), band.least.end());
+  slots_.assign((count_ + HorizonGroup::kSize - 1) / HorizonGroup::kSize, -1);
+  used_ = 0;
+}
+
+// The lowest sample around decides how far to look; what is looked at then, again.
+bool Horizons::look_below(const Bounds& b, float lowest, Window& out) const {
+  const LightBand& band = *band_;
+  const auto column = [&](float u) {
+    return static_cast<int>(
+        std::clamp(std::floor((u - band.u0) * band.per_u), 0.F, static_cast<float>(band.columns - 1)));
+  };
+  const auto row = [&](float v) {
+    return static_cast<int>(std::clamp(std::floor((v - band.v0) * band.per_v), 0.F, static_cast<float>(band.rows - 1)));
+  };
+  out.lowest = lowest;
+  for (int k = 0; k < 2; ++k) {
+    const float height = b.d_high - out.lowest;
+    if (!(height > 0)) return false;
+    const float aside = reach_.aside * height + band.margin_m, below = reach_.below * height + band.margin_m;
+    if (b.v_high + aside < band.v0 || b.v_low - aside > band.v_end()) return false;
+    if (b.u_high + band.margin_m < band.u0 || b.u_low - below > band.u_end()) return false;
+    out.c0 = column(b.u_low - below), out.c1 = column(b.u_high + band.margin_m);
+    out.r0 = row(b.v_low - aside), out.r1 = row(b.v_high + aside);
+    out.lowest = std::numeric_limits<float>::infinity();
+    for (int r = out.r0; r <= out.r1; ++r)
+      for (int q = out.c0 / LightBand::kCoarse; q <= out.c1 / LightBand::kCoarse; ++q)
+        out.lowest = std::min(out.lowest, band_->least_of(r, q));
+  }
+  return out.lowest < b.d_high;
+}
+
+std::int32_t Horizons::slot_of(std::size_t group) {
+  if (slots_[group] >= 0) return slots_[group];
+  slots_[group] = static_cast<std::int32_t>(used_);
+  if (used_ == groups_.size()) groups_.resize(std::max<std::size_t>(64, 2 * used_));
+  HorizonGroup& out = groups_[used_++];
+  const std::size_t first = group * HorizonGroup::kSize, past = std::min(count_, first + HorizonGroup::kSize);
+  constexpr float kInfinite = std::numeric_limits<float>::infinity();
+  // One of the samples: differences between neighbours' coordinates are exact.
+  float middle[3] = {band_->u[first], band_->v[first], 0};
+  for (std::size_t i = first; i < past; ++i)
+    if (band_->d[i] < kInfinite) middle[2] = band_->d[i];
+  for (int k = 0; k < 3; ++k) out.origin[k] = static_cast<double>(middle[k]);
+  for (std::size_t i = 0; i < HorizonGroup::kSize; ++i) {
+    const std::size_t at = first + i;
+    const bool here = at < past && band_->d[at] < kInfinite;
+    const LightResidual rest = here ? rest_(at) : LightResidual{};
+    out.u[i] = here ? (band_->u[at] - middle[0]) + rest.u : 0;
+    out.v[i] = here ? (band_->v[at] - middle[1]) + rest.v : 0;
+    out.d[i] = here ? (band_->d[at] - middle[2]) + rest.d : kInfinite;
+  }
+  for (auto& column : out.horizon) std::fill_n(column, HorizonGroup::kSize, DiscLight::kNoHorizon);
+  out.met = false;
+  return slots_[group];
+}
+
+void Horizons::test(const Edge& edge, const double* origin, float lowest) {
+  const auto place = [&](const float* end, int k) { return end[k] + static_cast<float>(origin[k]); };
+  const auto [u_low, u_high] = std::minmax({place(edge.from, 0), place(edge.to, 0)});
+  const auto [v_low, v_high] = std::minmax({place(edge.from, 1), place(edge.to, 1)});
+  Window window;
+  if (!look_below({u_low, u_high, v_low, v_high, std::max(place(edge.from, 2), place(edge.to, 2))}, lowest, window))
+    return;
+  some_.clear();
+  std::size_t done = 0;  // groups before this one were looked at in the row before
+  for (int r = window.r0; r <= window.r1; ++r) {
+    const std::size_t row = static_cast<std::size_t>(r) * static_cast<std::size_t>(band_->columns);
+    const std::size_t first = band_->start[row + static_cast<std::size_t>(window.c0)],
+                      past = band_->start[row + static_cast<std::size_t>(window.c1) + 1];
+    if (first == past) continue;
+    for (std::size_t g = std::max(first / HorizonGroup::kSize, done); g * HorizonGroup::kSize < past; ++g) {
+      done = g + 1;
+      some_.push_back(slot_of(g));
+    }
+  }
+  HWY_DYNAMIC_DISPATCH(RaiseAll)(edge, origin, reach_, some_.data(), some_.size(), groups_.data());
+}
+
+void Horizons::add(const RasterMesh& mesh, const Strip& strip, const Bounds& bounds) {
+  Window window;
+  if (!look_below(bounds, lowest_, window)) return;
+  const MeshBlock& block = *mesh.pieces()[strip.block]->shape->of;
+  const dem::Block& posts = *block.posts;
+  const int quads = block.side - 1;
+  const Vec3 middle = posts.position(strip.first_row + strip.rows / 2, quads / 2, 0),
+             from_anchor = middle - mesh.anchor();
+  const double origin[3] = {axes_.u.dot(from_anchor), axes_.v.dot(from_anchor), axes_.d.dot(from_anchor)};
+  const EastNorthUp axes{axes_.u, axes_.v, axes_.d};
+
+  HorizonRow rows[3];
+  LocalRow local;
+  const auto place = [&](int r, HorizonRow& out) {
+    constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+    for (float* line : {out.u, out.v, out.d}) std::fill_n(line, HorizonRow::kMost, kNaN);
+    if (r < 0 || r > quads) return;
+    const auto at = static_cast<std::size_t>(r);
+    local_row(&block.vertices[posts.index(r, 0)], block.side,
+              {posts.cos_lat[at], posts.sin_lat[at], posts.cos_lon.data(), posts.sin_lon.data()}, middle, axes, local);
+    const auto put = [&](int c) {
+      const Vec3 vertex = block.vertex(r, c) - middle;
+      local.set(c, {axes_.u.dot(vertex), axes_.v.dot(vertex), axes_.d.dot(vertex)});
+    };
+    if (block.collapses) {
+      put(0), put(quads);
+      if (r == 0 || r == quads)
+        for (int c = 1; c < quads; ++c) put(c);
+    }
+    std::copy_n(local.east, block.side, out.u + HorizonRow::kBefore);
+    std::copy_n(local.north, block.side, out.v + HorizonRow::kBefore);
+    std::copy_n(local.up, block.side, out.d + HorizonRow::kBefore);
+  };
+
+  const float aside = reach_.aside * (bounds.d_high - window.lowest) + 2 * band_->margin_m;
+  const auto shift = static_cast<float>(origin[1]);
+  const float v_low = band_->v0 - aside - shift, v_high = band_->v_end() + aside - shift;
+  edges_.resize(kMostEdges);
+  place(strip.first_row - 1, rows[(strip.first_row + 2) % 3]), place(strip.first_row, rows[strip.first_row % 3]);
+  // The row above the last has the edges of the block's northern border.
+  const int last = strip.first_row + strip.rows == quads ? quads : strip.first_row + strip.rows - 1;
+  for (int r = strip.first_row; r <= last; ++r) {
+    place(r + 1, rows[(r + 1) % 3]);
+    const std::size_t n = HWY_DYNAMIC_DISPATCH(FindEdges)(rows[(r + 2) % 3], rows[r % 3], rows[(r + 1) % 3], quads,
+                                                          reach_, v_low, v_high, edges_.data());
+    for (std::size_t i = 0; i < n; ++i) test(edges_[i], origin, window.lowest);
+  }
+}
+
+bool Horizons::of_group(std::size_t group, float (*out)[HorizonGroup::kSize]) const {
+  if (slots_[group] < 0) return false;
+  const HorizonGroup& from = groups_[static_cast<std::size_t>(slots_[group])];
+  if (!from.met) return false;
+  HWY_DYNAMIC_DISPATCH(BeforeDisc)(from, reach_, out);
+  return true;
+}
+
+std::size_t Horizons::bytes() const {
+  return bytes_of(slots_) + bytes_of(groups_) + bytes_of(edges_) + bytes_of(some_);
+}
+
+}  // namespace selenograph::engine
+#endif  // HWY_ONCE
