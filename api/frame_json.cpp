@@ -10,6 +10,7 @@
 #include "api/ranges.h"
 #include "api/sensor_json.h"
 #include "dem/error.h"
+#include "engine/radiometry/spectrum.h"
 #include "engine/sensor/optics.h"
 
 namespace selenograph::api {
@@ -184,6 +185,16 @@ OrderedJson sun_where_needed(const Limits&) {
   return {{"anyOf", OrderedJson::array({{{"required", {"sun"}}}, sunless})}};
 }
 
+void check_efficiency(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
+  if (sensor.detector.efficiency.empty()) return;
+  try {
+    engine::in_photons(band, sensor.detector.efficiency);
+  } catch (const ImpossibleRequest&) {
+    const JsonReader model = in.at("sensor");
+    model.at("detector").fail("quantum_efficiency", "is 0 all over the band");
+  }
+}
+
 // An Airy disc that its kernel holds. Where it is too wide, any of three members may be the one that is wrong.
 void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
   if (sensor.optics.point_spread.model != engine::PointSpread::Model::airy) return;
@@ -198,7 +209,10 @@ void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const e
 
 void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   const engine::FrameRequest& request = query.request;
-  if (request.sensor && request.band) check_airy(in, *request.sensor, *request.band);
+  if (request.sensor && request.band) {
+    check_airy(in, *request.sensor, *request.band);
+    check_efficiency(in, *request.sensor, *request.band);
+  }
   if (request.atmosphere && request.band) {
     try {
       request.atmosphere->over(*request.band, 0);

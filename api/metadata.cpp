@@ -54,6 +54,13 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
         fmt::format("max_shadow_error_px gave way from {:g} to {:g}: the terrain that it asks for does "
                     "not fit into the service's memory for scenes",
                     query.request.accuracy.max_shadow_error_px, widest(report.shadow_limits_px)));
+  constexpr double kMuch = 0.01;
+  const engine::ProductSet products = query.request.products;
+  if (report.saturated_fraction > kMuch)
+    warnings.push_back(fmt::format("{:.1f} % of the image is saturated: {}", 100 * report.saturated_fraction,
+                                   query.request.sensor ? "expose shorter" : "raise image.full_scale_radiance"));
+  if (products & (engine::kImage | engine::kRadiance) && report.hit_fraction > 0 && !(report.brightest_w_m2_sr > 0))
+    warnings.push_back("no signal: nothing in view is lit");
   return warnings;
 }
 
@@ -103,6 +110,9 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
   }
   if (products & engine::kImage) {
     meta["full_scale_radiance_w_m2_sr"] = report.full_scale_radiance_w_m2_sr;
+    if (query.request.sensor)
+      meta["exposure"] = {{"integration_time_s", report.integration_time_s},
+                          {"saturated_fraction", report.saturated_fraction}};
     if (query.request.sensor)
       meta["point_spread"] = {{"margin_px", report.margin_px}, {"captured_fraction", report.captured_fraction}};
   }

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <variant>
+
 #include "api/member_kinds.h"
 #include "api/ranges.h"
 
@@ -80,6 +82,49 @@ const auto kernel_field =
                  spread.kernel.insert(spread.kernel.end(), row.begin(), row.end());
              }};
 
+// A number, or [wavelength in um, number] at rising wavelengths.
+struct Efficiency {
+  using Curve = std::vector<engine::ResponsePoint>;
+  using Value = std::variant<double, Curve>;
+  std::optional<Value> read(const JsonReader& in, const ReadContext& context) const;
+  OrderedJson write(const Value& value) const {
+    if (const double* constant = std::get_if<double>(&value)) return *constant;
+    return kCurve.write(std::get<Curve>(value));
+  }
+  OrderedJson schema(const Limits& limits) const {
+    return {{"anyOf", {kConstant.schema(limits), kCurve.schema(limits)}}};
+  }
+  static inline const auto kConstant = Number{{0, 1, true, false}};
+  static inline const auto kCurve = List{Pair<engine::ResponsePoint>{kWavelength_um, kUnitInterval}, 2, 1000};
+};
+
+std::optional<Efficiency::Value> Efficiency::read(const JsonReader& in, const ReadContext& context) const {
+  if (!in.value().is_array()) {
+    const auto constant = kConstant.read(in, context);
+    return constant ? std::optional(Value(*constant)) : std::nullopt;
+  }
+  auto curve = kCurve.read(in, context);
+  if (!curve) return std::nullopt;
+  for (std::size_t i = 1; i < curve->size(); ++i)
+    if (!((*curve)[i].wavelength_um > (*curve)[i - 1].wavelength_um)) {
+      in.fail("its wavelengths must rise");
+      return std::nullopt;
+    }
+  return Value(std::move(*curve));
+}
+
+const auto efficiency_field = Property{[](const Detector& d) -> std::optional<Efficiency::Value> {
+                                         if (d.efficiency.empty()) return d.quantum_efficiency;
+                                         return d.efficiency;
+                                       },
+                                       [](Detector& d, const Efficiency::Value& value) {
+                                         d.quantum_efficiency = 1, d.efficiency.clear();
+                                         if (const double* constant = std::get_if<double>(&value))
+                                           d.quantum_efficiency = *constant;
+                                         else
+                                           d.efficiency = std::get<Efficiency::Curve>(value);
+                                       }};
+
 const Members<PointSpread>& point_spread_members() {
   static const auto table = made<Members<PointSpread>>(
       "PointSpread",
@@ -135,11 +180,14 @@ const Members<Detector>& detector_members() {
   static const auto table = made<
       Members<Detector>>("Detector", "A quantum detector: SENSOR++ eq. (8), and its electronics.", [](auto& m) {
     m.add("pixel_pitch_um", &Detector::pixel_pitch_um, Number{{0, 1e4, true, false}, "um"}, "p of eq. (8)").required();
-    m.add("quantum_efficiency", &Detector::quantum_efficiency, Number{{0, 1, true, false}},
-          "eta of eq. (8): of optics and detector")
+    m.add("quantum_efficiency", efficiency_field, Efficiency{},
+          "eta of eq. (8): of optics and detector; or [wavelength in um, eta] at rising wavelengths, linear in "
+          "between, 0 "
+          "outside")
         .required();
-    m.add("integration_time_s", &Detector::integration_time_s, Number{{0, 1e5, true, false}, "s"}, "t of eq. (8)")
-        .required();
+    m.add("integration_time_s", &Detector::integration_time_s, Number{{0, 1e5, true, false}, "s"},
+          "t of eq. (8); left out where `exposure` chooses it")
+        .written_if([](const Detector& detector) { return detector.integration_time_s > 0; });
     m.add("full_well_e", &Detector::full_well_e, Number{kNotNegative, "e"}, "that a pixel holds; 0: any number");
     m.add("dark_current_e_s", &Detector::dark_current_e_s, Number{kNotNegative, "e/s"}, "of each pixel");
     m.add("smear_time_s", &Detector::smear_time_s, Number{kNotNegative, "s"},
@@ -163,6 +211,24 @@ const Members<Detector>& detector_members() {
       if (detector.dead_fraction + detector.hot_fraction > 1) in.fail("hot_fraction", "is more than what isn't dead");
     });
   });
+  return *table;
+}
+
+const Members<engine::Exposure>& exposure_members() {
+  static const auto table = made<Members<engine::Exposure>>(
+      "Exposure",
+      "Chooses the integration time from the frame, as its middle moment sees it: all but the brightest thousandth of "
+      "the "
+      "pixels stay within a share of what a pixel holds or its largest digital number stands for. The metadata say "
+      "which time it is.",
+      [](auto& m) {
+        m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}}, "that share").required();
+        m.add("shortest_s", &engine::Exposure::shortest_s, Number{{0, 1e5, true, false}, "s"}, "at least");
+        m.add("longest_s", &engine::Exposure::longest_s, Number{{0, 1e5, true, false}, "s"}, "at most");
+        m.check([](const JsonReader& in, engine::Exposure& exposure, const ReadContext&) {
+          if (exposure.longest_s < exposure.shortest_s) in.fail("longest_s", "is less than shortest_s");
+        });
+      });
   return *table;
 }
 
@@ -193,10 +259,20 @@ const Members<SensorModel>& sensor_members() {
         m.add("optics", &SensorModel::optics, Object{optics_members()}, "from radiance to irradiance").required();
         m.add("detector", &SensorModel::detector, Object{detector_members()}, "from irradiance to digital numbers")
             .required();
+        m.add("exposure", &SensorModel::exposure, Object{exposure_members()},
+              "instead of the detector's integration_time_s")
+            .written_if([](const SensorModel& sensor) { return sensor.exposure.target_fill > 0; });
         m.add("motion", &SensorModel::motion, Object{motion_members()}, "left out: none")
             .written_if([](const SensorModel& sensor) { return !sensor.motion.none(); });
         m.add("seed", &SensorModel::seed, Integer{0, kMaxSeed}, "of the detector: its fixed pattern follows from it");
         m.add("frame", &SensorModel::frame, Integer{0, kMaxSeed}, "number of the frame: another one has other noise");
+        m.check([](const JsonReader& in, SensorModel& sensor, const ReadContext&) {
+          if (in.faults() > 0) return;  // perhaps of the detector
+          const bool given = sensor.detector.integration_time_s > 0, chosen = sensor.exposure.target_fill > 0;
+          if (given && chosen)
+            in.fail("exposure", "chooses the integration time, and so does detector.integration_time_s");
+          if (!given && !chosen) in.at("detector").fail("integration_time_s", "is required, or the sensor's exposure");
+        });
       });
   return *table;
 }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <xxhash.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "engine/frame/needs.h"
@@ -53,19 +54,24 @@ std::optional<Sensor> sensor_of(const FrameRequest& request, const StopToken& st
 }
 
 // The moments that stand for the exposure, seconds from its middle.
-std::vector<double> moments_of(const SensorModel& sensor) {
+std::vector<double> moments_of(const Motion& motion, double integration_time_s) {
   std::vector<double> moments;
-  moments.reserve(static_cast<std::size_t>(sensor.motion.samples));
-  for (int k = 0; k < sensor.motion.samples; ++k)
-    moments.push_back(((k + 0.5) / sensor.motion.samples - 0.5) * sensor.detector.integration_time_s);
+  moments.reserve(static_cast<std::size_t>(motion.samples));
+  for (int k = 0; k < motion.samples; ++k) moments.push_back(((k + 0.5) / motion.samples - 0.5) * integration_time_s);
   return moments;
+}
+
+// Where the frame decides, what it may decide at most.
+double longest_exposure_s(const SensorModel& sensor) {
+  return sensor.exposure.target_fill > 0 ? sensor.exposure.longest_s : sensor.detector.integration_time_s;
 }
 
 // Radiance as a mean over the exposure, whose middle is rendered already. The time of the others counts as if it were
 // the frame's own.
-std::vector<float> radiance_in_motion(FrameRequest request, const std::vector<float>& in_the_middle,
-                                      const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
-                                      StageTimes& times, std::vector<double>& shadow_limits_px) {
+std::vector<float> radiance_in_motion(FrameRequest request, double integration_time_s,
+                                      const std::vector<float>& in_the_middle, const dem::Terrain& terrain,
+                                      RenderCache& kept, const StopToken& stop, StageTimes& times,
+                                      std::vector<double>& shadow_limits_px) {
   const Motion& motion = request.sensor->motion;
   const Pose middle = request.pose;
   request.products = kRadiance;
@@ -74,7 +80,7 @@ std::vector<float> radiance_in_motion(FrameRequest request, const std::vector<fl
   const auto add = [&](const std::vector<float>& radiance) {
     for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += share * radiance[i];
   };
-  for (const double moment : moments_of(*request.sensor)) {
+  for (const double moment : moments_of(motion, integration_time_s)) {
     stop.check();
     if (moment == 0) {
       add(in_the_middle);
@@ -92,9 +98,11 @@ std::vector<float> radiance_in_motion(FrameRequest request, const std::vector<fl
 }
 
 // The image by a sensor's model, of a frame that was rendered with its margin, which all products lose.
-void capture(const Sensor& sensor, const FrameRequest& request, const View& view, const PixelRays& lens,
+void capture(Sensor& sensor, const FrameRequest& request, const View& view, const PixelRays& lens,
              std::vector<float> radiance, Frame& frame, const StopToken& stop) {
   sensor.image(view, lens, std::move(radiance), frame.products.image, stop);
+  frame.report.integration_time_s = sensor.integration_time_s();
+  frame.report.saturated_fraction = sensor.saturated_fraction();
   crop(frame.products, request.camera, sensor.margin_px());
   frame.report.full_scale_radiance_w_m2_sr = sensor.full_scale_radiance_w_m2_sr();
   frame.report.margin_px = sensor.margin_px(), frame.report.captured_fraction = sensor.captured();
@@ -121,7 +129,7 @@ std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terra
   FrameRequest request = with_margin_of(sensor, asked);
   std::vector<Pose> poses{request.pose};
   if (sensor && !request.sensor->motion.none())
-    for (const double moment : moments_of(*request.sensor))
+    for (const double moment : moments_of(request.sensor->motion, longest_exposure_s(*request.sensor)))
       if (moment != 0) poses.push_back(moved(asked.pose, request.sensor->motion, moment));
   std::vector<double> limits;
   limits.reserve(poses.size());
@@ -141,7 +149,7 @@ void prepare_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
 Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& token) {
   Waits waits;
   const StopToken stop = token.counting(waits);
-  const std::optional<Sensor> sensor = sensor_of(asked, stop);
+  std::optional<Sensor> sensor = sensor_of(asked, stop);
   const FrameRequest request = with_margin_of(sensor, asked);
 
   Frame frame;
@@ -150,6 +158,10 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   if (request.terrain) refuse_underground(terrain, view.position(), stop);
   const ObjectsInFrame objects(request, view);
   const RadianceTerms radiance = radiance_terms(request);
+  frame.report.emits_elsewhere = objects.emit() || !request.temperature_maps.empty();
+  // Light of a spectrum of its own is counted in photons by a frame of its own.
+  std::optional<Band> photons;
+  if (sensor) photons = sensor->photon_band(!request.atmosphere && !radiance.emitted && !frame.report.emits_elsewhere);
 
   // Selection: which blocks of the terrain, how fine; what may shade them.
   const Selection selection = select_blocks(request, view, request.accuracy, terrain, kept, stop);
@@ -161,7 +173,8 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
                                  /*build=*/!kept.holds(content));
   SpeedGauge& speed = kept.speed(content.visibility);
   const bool moving = sensor && !request.sensor->motion.none();
-  speed.refuse_hopeless(work, moving ? static_cast<std::size_t>(request.sensor->motion.samples) : 1, stop);
+  const std::size_t moments = moving ? static_cast<std::size_t>(request.sensor->motion.samples) : 1;
+  speed.refuse_hopeless(work, moments + (photons ? 1 : 0), stop);
   std::shared_ptr<const Scene> scene = kept.scene(content, stop);
   frame.times.build_ms = watch.lap_ms();
   frame.times.pyramid_ms = waits.pyramid.ms(), frame.times.load_ms = waits.load.ms();
@@ -194,22 +207,31 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
 
   // Sensor: from radiance to digital numbers.
   std::vector<float>& pixels = frame.products.radiance;
+  if (!pixels.empty())
+    frame.report.brightest_w_m2_sr = static_cast<double>(*std::max_element(pixels.begin(), pixels.end()));
   if (sensor) {
     std::vector<float> captured = request.products & kRadiance ? pixels : std::move(pixels);
+    FrameRequest counted = request;
+    if (photons) {
+      counted.band = photons, counted.products = kRadiance;
+      captured = render_frame(counted, terrain, kept, stop).products.radiance;
+    }
+    sensor->choose_integration_time(view, *lens, captured, stop);
     if (moving)
-      captured = radiance_in_motion(request, captured, terrain, kept, stop, frame.times, frame.report.shadow_limits_px);
+      captured = radiance_in_motion(std::move(counted), sensor->integration_time_s(), captured, terrain, kept, stop,
+                                    frame.times, frame.report.shadow_limits_px);
     watch.lap_ms();
     if (!(request.products & kRadiance)) pixels.clear();
     capture(*sensor, request, view, *lens, std::move(captured), frame, stop);
   } else if (request.products & kImage) {
     frame.report.full_scale_radiance_w_m2_sr = expose(request.image, pixels, frame.products.image);
+    frame.report.saturated_fraction = share_above(pixels, frame.report.full_scale_radiance_w_m2_sr);
   }
   if (!(request.products & kRadiance)) pixels = {};
   frame.times.sensor_ms = watch.lap_ms();
 
   frame.report.visibility = content.visibility;
   frame.report.radiance = radiance;
-  frame.report.emits_elsewhere = objects.emit() || !request.temperature_maps.empty();
   if (request.terrain) frame.report.warnings = terrain.warnings_about(selection.replaced);
   return frame;
 }

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "dem/geodesy.h"
+#include "engine/frame/band.h"
 
 namespace selenograph::engine {
 
@@ -44,7 +45,9 @@ struct Optics {
 struct Detector {
   double pixel_pitch_um = 0;      // p
   double quantum_efficiency = 1;  // eta: of optics and detector, 0 to 1
-  double integration_time_s = 0;  // t
+  // eta by wavelength: times the above; linear between the points, 0 outside. Empty: 1.
+  std::vector<ResponsePoint> efficiency;
+  double integration_time_s = 0;  // t; 0: as Exposure says
   double full_well_e = 0;         // a pixel holds no more; 0: any number
   double dark_current_e_s = 0;
   double smear_time_s = 0;     // that a row passes each row of the image in, unshuttered: frame transfer
@@ -60,6 +63,13 @@ struct Detector {
   int bit_depth = 8;  // 1 to 16: digital numbers from 0 to 2^bit_depth - 1
 };
 
+// Chooses the integration time from the frame: all but the brightest thousandth of the pixels stay within a share of
+// what a pixel holds, or of what the largest digital number stands for.
+struct Exposure {
+  double target_fill = 0;  // 0: the integration time is given
+  double shortest_s = 1e-6, longest_s = 10;
+};
+
 // What the camera does while it is exposed, from half the integration time before the pose's moment to half after it:
 // light is averaged over so many moments in between.
 struct Motion {
@@ -72,6 +82,7 @@ struct Motion {
 struct SensorModel {
   Optics optics;
   Detector detector;
+  Exposure exposure;
   Motion motion;
   std::uint64_t seed = 0;   // one detector's: its fixed pattern follows from it
   std::uint64_t frame = 0;  // another one has other noise

@@ -74,4 +74,44 @@ double planck_w_m2_sr(const Band& band, double temperature_k) {
   return integrate_planck(band.breakpoints(), temperature_k, [&band](double w) { return band.response_at(w); });
 }
 
+Band in_photons(const Band& band, const std::vector<ResponsePoint>& efficiency) {
+  std::vector<double> table;
+  for (const ResponsePoint& p : efficiency) table.push_back(p.wavelength_um);
+  const std::vector<double> points = band.breakpoints(table);
+  // Products of straight lines by straight lines. (Next to a step of the efficiency, at its ends, both sides count.)
+  const std::size_t pieces = std::clamp<std::size_t>(2048 / points.size(), 1, 128);
+  const auto counted = [&](double wavelength_um, double beside_um) {
+    double eta = 1;
+    if (!efficiency.empty()) {
+      eta = 0;
+      if (beside_um >= efficiency.front().wavelength_um && beside_um <= efficiency.back().wavelength_um) {
+        const auto s = segment_at(
+            efficiency, std::clamp(wavelength_um, efficiency.front().wavelength_um, efficiency.back().wavelength_um),
+            &ResponsePoint::wavelength_um);
+        eta = s.between(s.a.response, s.b.response);
+      }
+    }
+    return band.response_at(wavelength_um) * eta * wavelength_um / band.center_um();
+  };
+  std::vector<ResponsePoint> response;
+  constexpr double kStep = 1e-9;  // of a wavelength: a step's width
+  for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+    const double from = points[i], to = points[i + 1], middle = (from + to) / 2;
+    for (std::size_t k = 0; k <= pieces; ++k) {
+      const double share = static_cast<double>(k) / static_cast<double>(pieces);
+      double at = from + share * (to - from);
+      if (k == 0 && i > 0) at = std::min(from * (1 + kStep), middle);
+      response.push_back({at, counted(std::clamp(at, from, to), middle)});
+    }
+  }
+  return Band(std::move(response));
+}
+
+double sunlight_wavelength_um(const Band& band, const std::vector<ResponsePoint>& efficiency) {
+  const Band counted = in_photons(band, efficiency);
+  const double all = solar_irradiance_w_m2(band);
+  if (!(all > 0)) return band.center_um() * counted.width_um() / band.width_um();
+  return band.center_um() * solar_irradiance_w_m2(counted) / all;
+}
+
 }  // namespace selenograph::engine

@@ -28,4 +28,12 @@ double solar_irradiance_w_m2(const Band& band);
 // Integral of B(T) over the band, W m-2 sr-1.
 double planck_w_m2_sr(const Band& band, double temperature_k);
 
+// The band as a detector counts photons in it: its response times `efficiency` (linear between its points, 0 outside)
+// times lambda / center. Electrons of eq. (8) are the radiance in this band at the center's photon energy, whatever the
+// spectrum is. To 1e-5; no points of efficiency: 1. Throws ImpossibleRequest where nothing is left of the band.
+Band in_photons(const Band& band, const std::vector<ResponsePoint>& efficiency);
+
+// The wavelength whose photons the band's sunlight has as many of as if all were of it, efficiency included.
+double sunlight_wavelength_um(const Band& band, const std::vector<ResponsePoint>& efficiency);
+
 }  // namespace selenograph::engine

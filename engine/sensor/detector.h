@@ -10,8 +10,9 @@
 namespace selenograph::engine {
 
 // Paper eq. (8): electrons that a quantum detector counts in its integration time, n_el = t pi p^2 / (4 f_#^2) eta L
-// lambda / (h c) Delta lambda, for L Delta lambda = 1 W m-2 sr-1 at wavelength lambda. Delta lambda << lambda: a wide
-// band is counted as if all of it had its center's photons.
+// lambda / (h c) Delta lambda, for L Delta lambda = 1 W m-2 sr-1 at wavelength lambda. Delta lambda << lambda: of a
+// wide band lambda is that of sunlight_wavelength_um, or its center of radiance that is counted in photons
+// (in_photons).
 double electrons_per_radiance(const Optics& optics, const Detector& detector, double wavelength_um);
 
 // Paper eq. (9): radiant flux on a detector's pixel, W: Phi = pi / 4 p^2 / f_#^2 eta L Delta lambda.
@@ -22,6 +23,9 @@ double radiant_flux_w(double pixel_pitch_um, double f_number, double efficiency,
 inline double signal_to_noise(double flux_w, double noise_equivalent_power_w) {
   return flux_w / noise_equivalent_power_w;
 }
+
+// Electrons at which a pixel is full, or its digital number the largest.
+double saturation_e(const Detector& detector);
 
 // Digital numbers of a frame of width x height; `radiance`: after the optics. Parallel; the same numbers give the same
 // image however many threads there are. Throws Cancelled when `stop` says so.

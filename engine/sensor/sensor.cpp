@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "engine/radiometry/spectrum.h"
 #include "engine/sensor/detector.h"
 
 namespace selenograph::engine {
@@ -21,28 +22,64 @@ double expose(const ImageSettings& settings, const std::vector<float>& radiance,
   return full_scale;
 }
 
+double share_above(const std::vector<float>& radiance, double limit) {
+  const auto above = std::count_if(radiance.begin(), radiance.end(),
+                                   [limit](float value) { return static_cast<double>(value) > limit; });
+  return radiance.empty() ? 0 : static_cast<double>(above) / static_cast<double>(radiance.size());
+}
+
 Sensor::Sensor(const FrameRequest& request, const StopToken& stop)
     : request_(request),
-      kernel_(request.sensor->optics.point_spread, request.sensor->optics.f_number,
-              request.sensor->detector.pixel_pitch_um, request.band->center_um(), stop) {}
+      model_(*request.sensor),
+      wavelength_um_(sunlight_wavelength_um(*request.band, model_.detector.efficiency)),
+      kernel_(model_.optics.point_spread, model_.optics.f_number, model_.detector.pixel_pitch_um,
+              request.band->center_um(), stop) {}
+
+std::optional<Band> Sensor::photon_band(bool sunlight_alone) {
+  if (sunlight_alone) return std::nullopt;
+  wavelength_um_ = request_.band->center_um();
+  return in_photons(*request_.band, model_.detector.efficiency);
+}
 
 double Sensor::full_scale_radiance_w_m2_sr() const {
-  const Detector& d = request_.sensor->detector;
+  const Detector& d = model_.detector;
   return ((1 << d.bit_depth) - 1 - d.offset_dn) * d.gain_e_dn /
-         electrons_per_radiance(request_.sensor->optics, d, request_.band->center_um());
+         electrons_per_radiance(model_.optics, d, wavelength_um_);
+}
+
+void Sensor::pass_optics(const View& view, const PixelRays& rays, std::vector<float>& radiance,
+                         const StopToken& stop) const {
+  vignette(model_.optics.vignetting, view, rays, radiance, stop);
+  if (model_.optics.point_spread.model == PointSpread::Model::none) return;
+  std::vector<float> spread;
+  kernel_.apply(radiance, request_.camera.width, request_.camera.height, spread, stop);
+  radiance.swap(spread);
+}
+
+void Sensor::choose_integration_time(const View& view, const PixelRays& rays, std::vector<float> radiance,
+                                     const StopToken& stop) {
+  const Exposure& exposure = model_.exposure;
+  if (!(exposure.target_fill > 0) || radiance.empty()) return;
+  pass_optics(view, rays, radiance, stop);
+  const std::size_t brightest = radiance.size() - 1 - radiance.size() / 1000;
+  std::nth_element(radiance.begin(), radiance.begin() + static_cast<std::ptrdiff_t>(brightest), radiance.end());
+  Detector& d = model_.detector;
+  d.integration_time_s = 1;
+  const double per_second =
+      static_cast<double>(radiance[brightest]) * electrons_per_radiance(model_.optics, d, wavelength_um_) +
+      d.dark_current_e_s;
+  const double wanted_s = exposure.target_fill * saturation_e(d) / per_second;  // infinite in the dark
+  d.integration_time_s = std::clamp(wanted_s, exposure.shortest_s, exposure.longest_s);
 }
 
 void Sensor::image(const View& view, const PixelRays& rays, std::vector<float> radiance,
-                   std::vector<std::uint16_t>& image, const StopToken& stop) const {
-  const SensorModel& sensor = *request_.sensor;
-  vignette(sensor.optics.vignetting, view, rays, radiance, stop);
-  const int width = request_.camera.width, height = request_.camera.height;
-  if (sensor.optics.point_spread.model != PointSpread::Model::none) {
-    std::vector<float> spread;
-    kernel_.apply(radiance, width, height, spread, stop);
-    radiance.swap(spread);
-  }
-  detect(sensor, request_.band->center_um(), radiance, width, height, image, stop);
+                   std::vector<std::uint16_t>& image, const StopToken& stop) {
+  pass_optics(view, rays, radiance, stop);
+  const Detector& d = model_.detector;
+  const double full = (saturation_e(d) - d.dark_current_e_s * d.integration_time_s) /
+                      electrons_per_radiance(model_.optics, d, wavelength_um_);
+  saturated_ = share_above(radiance, full);
+  detect(model_, wavelength_um_, radiance, request_.camera.width, request_.camera.height, image, stop);
 }
 
 Pose moved(const Pose& pose, const Motion& motion, double seconds) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "engine/frame/request.h"
@@ -13,12 +14,26 @@ namespace selenograph::engine {
 // radiance in the frame (0 when everything is dark).
 double expose(const ImageSettings& settings, const std::vector<float>& radiance, std::vector<std::uint16_t>& image);
 
+// Share of the pixels whose radiance is more than that.
+double share_above(const std::vector<float>& radiance, double limit);
+
 // A frame's sensor, with what follows from it. Light spreads into the image from around it: the frame is rendered with
 // a margin, so that the border is as exact as the middle.
 class Sensor {
  public:
   // Of a request that has a sensor and a band. Throws Cancelled when `stop` says so, as image() does.
   explicit Sensor(const FrameRequest& request, const StopToken& stop = {});
+
+  // Eq. (8) of a wide band: photons are counted over it. Of sunlight alone that is a factor. Where other light has a
+  // spectrum of its own, radiance is to be rendered in the band that this returns, as the detector counts it.
+  std::optional<Band> photon_band(bool sunlight_alone);
+
+  // From the frame in the middle of the exposure, as image() takes it; where the request leaves that to the frame.
+  void choose_integration_time(const View& view, const PixelRays& rays, std::vector<float> radiance,
+                               const StopToken& stop = {});
+  double integration_time_s() const { return model_.detector.integration_time_s; }
+  // Of the pixels of the last image, margin included.
+  double saturated_fraction() const { return saturated_; }
 
   int margin_px() const { return kernel_.radius(); }
   double captured() const { return kernel_.captured(); }
@@ -27,11 +42,16 @@ class Sensor {
 
   // `radiance` has the margin around it, as `view` and `rays` have.
   void image(const View& view, const PixelRays& rays, std::vector<float> radiance, std::vector<std::uint16_t>& image,
-             const StopToken& stop = {}) const;
+             const StopToken& stop = {});
 
  private:
+  void pass_optics(const View& view, const PixelRays& rays, std::vector<float>& radiance, const StopToken& stop) const;
+
   const FrameRequest& request_;
+  SensorModel model_;  // with its integration time
+  double wavelength_um_;
   SpreadKernel kernel_;
+  double saturated_ = 0;
 };
 
 // The pose so many seconds later.

@@ -42,15 +42,96 @@ class SensorTest(unittest.TestCase):
         frame["meta"], frame["bytes"] = json.loads(bytes(arrays["meta.json"])), body
         return frame
 
-    # Eq. (8), gain and offset, pixel by pixel.
+    # Eq. (8), gain and offset, pixel by pixel; of a narrow band, as the paper has it.
     def test_digital_numbers_are_equation_8(self):
-        f = self.frame()
-        electrons = 0.004 * np.pi * 5.5e-6 ** 2 / (4 * 4.0 ** 2) * 0.4 * 0.65e-6 / (6.62607015e-34 * 299792458.0)
+        f = self.frame(band={"center_um": 0.65, "width_um": 0.002}, detector={"integration_time_s": 0.6})
+        electrons = 0.6 * np.pi * 5.5e-6 ** 2 / (4 * 4.0 ** 2) * 0.4 * 0.65e-6 / (6.62607015e-34 * 299792458.0)
         expected = f["radiance"].astype(float) * electrons / 2 + 60
         self.assertEqual(f["image"].dtype, np.uint16)
-        self.assertLess(np.abs(f["image"] - np.clip(expected, 0, 65535)).max(), 0.51)
-        self.assertAlmostEqual(f["meta"]["full_scale_radiance_w_m2_sr"] * electrons / 2 + 60, 65535, 3)
+        self.assertLess(np.abs(f["image"] - np.clip(expected, 0, 65535)).max(), 0.6)
+        self.assertAlmostEqual(f["meta"]["full_scale_radiance_w_m2_sr"] * electrons / 2 + 60, 65535, delta=1)
         self.assertGreater(f["image"].max(), 1000)
+
+    # A band's electrons are those of its ten parts: of sunlight, of the ground's own light and of both.
+    def test_a_wide_band_counts_its_photons(self):
+        cases = [((0.4, 0.9), {}), ((3.0, 5.0), {"surface": {"temperature_k": 350.0}}),
+                 ((3.0, 5.0), {"surface": {"temperature_k": 250.0}})]
+        for (first, last), changes in cases:
+            with self.subTest(changes=changes):
+                whole_band = {"center_um": (first + last) / 2, "width_um": last - first}
+                first_look = self.frame(products=("image",), band=whole_band, detector={"gain_e_dn": 1e4, "offset_dn": 0.0},
+                                        **changes)["image"]
+                gain = 1e4 * max(float(first_look.max()), 0.01) / 50000
+
+                def electrons(a, b):
+                    band = {"center_um": (a + b) / 2, "width_um": b - a}
+                    f = self.frame(products=("image",), band=band, detector={"gain_e_dn": gain, "offset_dn": 0.0}, **changes)
+                    self.assertEqual(f["meta"]["exposure"]["saturated_fraction"], 0)
+                    return f["image"].astype(float)
+                whole = electrons(first, last)
+                edges = np.linspace(first, last, 11)
+                parts = sum(electrons(a, b) for a, b in zip(edges, edges[1:]))
+                self.assertGreater(whole.max(), 5000)
+                bright = whole > 0.2 * whole.max()
+                self.assertLess(np.abs(parts[bright] / whole[bright] - 1).max(), 6 / (0.2 * whole.max()) + 2e-4)
+
+    # Efficiency by wavelength: one that is the same everywhere is a number.
+    def test_efficiency_by_wavelength(self):
+        constant = self.frame()["image"]
+        flat = self.frame(detector={"quantum_efficiency": [[0.3, 0.4], [1.1, 0.4]]})
+        self.assertLessEqual(np.abs(constant.astype(int) - flat["image"]).max(), 1)
+        echoed = flat["meta"]["request"]["sensor"]["detector"]
+        self.assertEqual(echoed["quantum_efficiency"], [[0.3, 0.4], [1.1, 0.4]])
+        half = self.frame(detector={"quantum_efficiency": [[0.3, 0.4], [0.65, 0.4]]})["image"].astype(float) - 60
+        lit = constant > 5000
+        self.assertTrue(np.all((half[lit] / (constant[lit] - 60.0) > 0.4) & (half[lit] / (constant[lit] - 60.0) < 0.6)))
+
+    def test_an_efficiency_beside_the_band_is_refused(self):
+        sensor = copy.deepcopy(SENSOR)
+        sensor["detector"]["quantum_efficiency"] = [[2.0, 0.4], [3.0, 0.4]]
+        status, _, body = self.service.frame(frame_request(("image",), band=BAND, sensor=sensor))
+        self.assertEqual(status, 422)
+        self.assertEqual(json.loads(body)["errors"][0]["pointer"], "/sensor/detector/quantum_efficiency")
+
+    def test_the_frame_chooses_its_integration_time(self):
+        def chosen(fill, **detector):
+            document = copy.deepcopy(SENSOR)
+            del document["detector"]["integration_time_s"]
+            document["detector"].update(detector)
+            document["exposure"] = {"target_fill": fill}
+            status, _, body = self.service.frame(frame_request(("image",), band=BAND, sensor=document), "application/x-npz")
+            self.assertEqual(status, 200, body[:500])
+            arrays = np.load(io.BytesIO(body))
+            return arrays["image"], json.loads(bytes(arrays["meta.json"]))
+        for detector, full in (({}, 65535 - 60), ({"full_well_e": 50000.0}, 25000)):
+            image, meta = chosen(0.6, **detector)
+            brightest = np.sort(image, axis=None)[-1 - image.size // 1000]
+            self.assertAlmostEqual((brightest - 60) / full, 0.6, delta=0.001)
+            time_s = meta["exposure"]["integration_time_s"]
+            given = self.frame(products=("image",), detector={"integration_time_s": time_s, **detector})
+            self.assertTrue(np.array_equal(given["image"], image), "another time than it says")
+            self.assertEqual(meta["warnings"], [])
+        self.assertEqual(meta["request"]["sensor"]["exposure"]["target_fill"], 0.6)
+
+    def test_saturation_and_darkness_are_warned_of(self):
+        burnt = self.frame(detector={"integration_time_s": 0.5})["meta"]
+        self.assertGreater(burnt["exposure"]["saturated_fraction"], 0.01)
+        self.assertTrue(any("saturated" in w for w in burnt["warnings"]), burnt["warnings"])
+        night = self.frame(sun={"local": {"lat_deg": 0.0, "lon_deg": 30.0, "azimuth_deg": 90.0, "elevation_deg": -30.0}})
+        self.assertTrue(any("no signal" in w for w in night["meta"]["warnings"]), night["meta"]["warnings"])
+        self.assertEqual(self.frame()["meta"]["warnings"], [])
+
+    def test_two_times_or_none_are_refused(self):
+        for detector, exposure in (({"integration_time_s": 0.01}, {"target_fill": 0.5}), ({}, None)):
+            sensor = copy.deepcopy(SENSOR)
+            del sensor["detector"]["integration_time_s"]
+            sensor["detector"].update(detector)
+            if exposure:
+                sensor["exposure"] = exposure
+            status, _, body = self.service.frame(frame_request(("image",), band=BAND, sensor=sensor))
+            self.assertEqual(status, 422)
+            self.assertEqual(json.loads(body)["errors"][0]["pointer"],
+                             "/sensor/exposure" if exposure else "/sensor/detector/integration_time_s")
 
     def test_eight_bits_are_bytes(self):
         f = self.frame(detector={"bit_depth": 8, "gain_e_dn": 40.0, "offset_dn": 5.0})
