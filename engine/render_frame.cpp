@@ -53,6 +53,9 @@ std::optional<Sensor> sensor_of(const FrameRequest& request, const StopToken& st
   return sensor;
 }
 
+Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& token,
+                     const EachSample& each);
+
 // The moments that stand for the exposure, seconds from its middle.
 std::vector<double> moments_of(const Motion& motion, double integration_time_s) {
   std::vector<double> moments;
@@ -66,13 +69,29 @@ double longest_exposure_s(const SensorModel& sensor) {
   return sensor.exposure.target_fill > 0 ? sensor.exposure.longest_s : sensor.detector.integration_time_s;
 }
 
+// What a sensor makes its image of.
+struct Exposed {
+  Sensor& sensor;
+  const FrameRequest& request;  // with the sensor's margin, in the band that it counts
+  const PixelRays& lens;
+  const StopToken& stop;
+
+  // The samples of a moment that is such a share of the exposure; nothing where the sensor doesn't want them.
+  EachSample collect(const View& view, float share) const {
+    if (!sensor.wants_samples()) return {};
+    return [this, view, share](const SubpixelSample& sample, const std::vector<float>& radiance) {
+      sensor.add_sample(view, lens, sample, share, radiance, stop);
+    };
+  }
+};
+
 // Radiance as a mean over the exposure, whose middle is rendered already. The time of the others counts as if it were
 // the frame's own.
-std::vector<float> radiance_in_motion(FrameRequest request, double integration_time_s,
-                                      const std::vector<float>& in_the_middle, const dem::Terrain& terrain,
-                                      RenderCache& kept, const StopToken& stop, StageTimes& times,
+std::vector<float> radiance_in_motion(const Exposed& exposed, const std::vector<float>& in_the_middle,
+                                      const dem::Terrain& terrain, RenderCache& kept, StageTimes& times,
                                       std::vector<double>& shadow_limits_px) {
-  const Motion& motion = request.sensor->motion;
+  FrameRequest request = exposed.request;
+  const Motion motion = request.sensor->motion;
   const Pose middle = request.pose;
   request.products = kRadiance;
   std::vector<float> mean(in_the_middle.size(), 0.F);
@@ -80,14 +99,15 @@ std::vector<float> radiance_in_motion(FrameRequest request, double integration_t
   const auto add = [&](const std::vector<float>& radiance) {
     for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += share * radiance[i];
   };
-  for (const double moment : moments_of(motion, integration_time_s)) {
-    stop.check();
-    if (moment == 0) {
+  for (const double moment : moments_of(motion, exposed.sensor.integration_time_s())) {
+    exposed.stop.check();
+    if (moment == 0 && !exposed.sensor.wants_samples()) {
       add(in_the_middle);
       continue;
     }
     request.pose = moved(middle, motion, moment);
-    const Frame frame = render_frame(request, terrain, kept, stop);
+    const EachSample each = exposed.collect(View(request.camera, request.pose), share);
+    const Frame frame = render_samples(request, terrain, kept, exposed.stop, each);
     shadow_limits_px.push_back(frame.report.shadow_limits_px.front());
     times.visibility_ms += frame.times.visibility_ms, times.select_ms += frame.times.select_ms;
     times.build_ms += frame.times.build_ms;
@@ -146,7 +166,10 @@ void prepare_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   kept.scene(content_of(request, view, selection), stop, RenderCache::Purpose::preparation);
 }
 
-Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& token) {
+namespace {
+
+Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& token,
+                     const EachSample& asked_each) {
   Waits waits;
   const StopToken stop = token.counting(waits);
   std::optional<Sensor> sensor = sensor_of(asked, stop);
@@ -187,8 +210,13 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
     algorithm.write_products(pixels);
   };
   const std::shared_ptr<const PixelRays> lens = kept.lens(request.camera, stop);
+  FrameRequest counted = request;
+  if (photons) counted.band = photons, counted.products = kRadiance;
+  std::optional<Exposed> exposed;
+  if (sensor) exposed.emplace(Exposed{*sensor, counted, *lens, stop});
   {
-    const FrameJob job{request, view, *scene, objects, radiance, *lens, stop};
+    const EachSample each = exposed && !moving && !photons ? exposed->collect(view, 1) : asked_each;
+    const FrameJob job{request, view, *scene, objects, radiance, *lens, stop, each};
     FrameWriter writer(request, view, scene->mesh, terrain.catalogue().rasters().size(), frame.products);
     if (scene->raster) {
       const Pool<FrameScratch>::Lease scratch(kept.scratch());
@@ -211,15 +239,13 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
     frame.report.brightest_w_m2_sr = static_cast<double>(*std::max_element(pixels.begin(), pixels.end()));
   if (sensor) {
     std::vector<float> captured = request.products & kRadiance ? pixels : std::move(pixels);
-    FrameRequest counted = request;
     if (photons) {
-      counted.band = photons, counted.products = kRadiance;
-      captured = render_frame(counted, terrain, kept, stop).products.radiance;
+      const EachSample each = moving ? EachSample() : exposed->collect(view, 1);
+      captured = render_samples(counted, terrain, kept, stop, each).products.radiance;
     }
     sensor->choose_integration_time(view, *lens, captured, stop);
     if (moving)
-      captured = radiance_in_motion(std::move(counted), sensor->integration_time_s(), captured, terrain, kept, stop,
-                                    frame.times, frame.report.shadow_limits_px);
+      captured = radiance_in_motion(*exposed, captured, terrain, kept, frame.times, frame.report.shadow_limits_px);
     watch.lap_ms();
     if (!(request.products & kRadiance)) pixels.clear();
     capture(*sensor, request, view, *lens, std::move(captured), frame, stop);
@@ -234,6 +260,12 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   frame.report.radiance = radiance;
   if (request.terrain) frame.report.warnings = terrain.warnings_about(selection.replaced);
   return frame;
+}
+
+}  // namespace
+
+Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
+  return render_samples(asked, terrain, kept, stop, {});
 }
 
 }  // namespace selenograph::engine

@@ -21,7 +21,7 @@ inline std::size_t working_bytes_per_pixel(const FrameRequest& request) {
   if (wants_radiance(request)) bytes += 8;
   if (wants_light(request)) bytes += request.sun.angular_radius_deg > 0 ? 96 : 48;
   if (!request.camera.rectilinear()) bytes += 48;
-  if (request.sensor && request.products & kImage) bytes += 24;
+  if (request.sensor && request.products & kImage) bytes += request.accuracy.samples_per_pixel > 1 ? 40 : 24;
   return bytes;
 }
 

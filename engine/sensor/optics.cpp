@@ -43,9 +43,10 @@ constexpr std::size_t kRows = 16;  // of a parallel piece
 // (tests/unit/optics_test.cpp), in no time, while the midpoints that see every ring would be many millions.
 constexpr double kFarAiry_px = 0.005;
 
-std::vector<float> gaussian(double sigma_px, int radius, double& captured) {
+// Of a point so far beside its pixel's center.
+std::vector<float> gaussian(double sigma_px, int radius, double& captured, double beside_px = 0) {
   std::vector<float> weights;
-  const auto below = [&](double x) { return 0.5 * std::erfc(-x / (sigma_px * std::numbers::sqrt2)); };
+  const auto below = [&](double x) { return 0.5 * std::erfc(-(x - beside_px) / (sigma_px * std::numbers::sqrt2)); };
   const double sum = below(radius + 0.5) - below(-radius - 0.5);
   for (int i = -radius; i <= radius; ++i)
     weights.push_back(static_cast<float>((below(i + 0.5) - below(i - 0.5)) / sum));
@@ -66,14 +67,14 @@ SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pi
                            const StopToken& stop) {
   switch (spread.model) {
     case PointSpread::Model::none:
-      row_ = {1.F};
+      row_ = column_ = {1.F};
       return;
     case PointSpread::Model::gaussian:
       radius_ = std::min(kMaxRadius, static_cast<int>(std::ceil(4.5 * spread.sigma_px)));
-      row_ = gaussian(spread.sigma_px, radius_, captured_);
+      row_ = column_ = gaussian(spread.sigma_px, radius_, captured_);
       return;
     case PointSpread::Model::airy: {
-      const double unit_px = wavelength_um * f_number / std::numbers::pi / pixel_pitch_um;
+      const double unit_px = unit_px_ = wavelength_um * f_number / std::numbers::pi / pixel_pitch_um;
       unit_px < kFarAiry_px ? spread_far_airy(unit_px) : spread_airy(unit_px, stop);
       return;
     }
@@ -116,6 +117,90 @@ void SpreadKernel::spread_airy(double unit_px, const StopToken& stop) {
                  [this](double w) { return static_cast<float>(w / captured_); });
 }
 
+namespace {
+
+// airy() between steps of an eighth, which is as good as the midpoints are.
+class AiryTable {
+ public:
+  explicit AiryTable(double last_v, const StopToken& stop) {
+    for (double v = 0; v <= last_v + 2 * kStep; v += kStep) {
+      stop.check();
+      values_.push_back(airy(v));
+    }
+  }
+  double operator()(double v) const {
+    const double at = v / kStep;
+    const auto i = std::min(static_cast<std::size_t>(at), values_.size() - 2);
+    return values_[i] + (at - static_cast<double>(i)) * (values_[i + 1] - values_[i]);
+  }
+
+ private:
+  static constexpr double kStep = 0.0625;
+  std::vector<double> values_;
+};
+
+}  // namespace
+
+void SpreadKernel::spread_shifted_airy(double dx, double dy, const StopToken& stop) {
+  const int fine = std::max(9, static_cast<int>(std::ceil(8 / unit_px_ / std::numbers::pi)) | 1),
+            side = 2 * radius_ + 1;
+  const AiryTable table(std::numbers::sqrt2 * (radius_ + 1.5) / unit_px_, stop);
+  std::vector<double> weights;
+  captured_ = 0;
+  for (int y = -radius_; y <= radius_; ++y)
+    for (int x = -radius_; x <= radius_; ++x) {
+      stop.check();
+      double sum = 0;
+      for (int j = 0; j < fine; ++j)
+        for (int i = 0; i < fine; ++i) {
+          const double across = x - dx + (i + 0.5) / fine - 0.5, down = y - dy + (j + 0.5) / fine - 0.5;
+          sum += table(std::sqrt(across * across + down * down) / unit_px_);
+        }
+      weights.push_back(sum / (fine * fine * unit_px_ * unit_px_));
+      captured_ += weights.back();
+    }
+  kernel_.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+  std::transform(weights.begin(), weights.end(), kernel_.begin(),
+                 [this](double w) { return static_cast<float>(w / captured_); });
+}
+
+SpreadKernel SpreadKernel::shifted(const PointSpread& spread, double dx, double dy, const StopToken& stop) const {
+  SpreadKernel out = *this;
+  switch (spread.model) {
+    case PointSpread::Model::none:
+      break;
+    case PointSpread::Model::gaussian: {
+      double across = 1, down = 1;  // captured: their product is of both directions
+      out.row_ = gaussian(spread.sigma_px, radius_, across, dx),
+      out.column_ = gaussian(spread.sigma_px, radius_, down, dy);
+      break;
+    }
+    case PointSpread::Model::airy:  // of the finest ones nearly all stays in the point's own pixel
+      if (unit_px_ >= kFarAiry_px) out.spread_shifted_airy(dx, dy, stop);
+      break;
+    case PointSpread::Model::kernel: {
+      // Between the kernels of this pixel and of the one beside it; normalised anew: some may leave the square.
+      const int side = 2 * radius_ + 1;
+      const auto at = [&](int x, int y) { return static_cast<double>(weight(x, y)); };
+      const int sx = dx < 0 ? -1 : 1, sy = dy < 0 ? -1 : 1;
+      const double tx = std::abs(dx), ty = std::abs(dy);
+      double sum = 0;
+      std::vector<double> weights;
+      for (int y = -radius_; y <= radius_; ++y)
+        for (int x = -radius_; x <= radius_; ++x) {
+          weights.push_back((1 - tx) * ((1 - ty) * at(x, y) + ty * at(x, y - sy)) +
+                            tx * ((1 - ty) * at(x - sx, y) + ty * at(x - sx, y - sy)));
+          sum += weights.back();
+        }
+      out.kernel_.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+      std::transform(weights.begin(), weights.end(), out.kernel_.begin(),
+                     [sum](double w) { return static_cast<float>(w / sum); });
+      break;
+    }
+  }
+  return out;
+}
+
 // Far from the middle J1(v)^2 is 2 / (pi v) cos^2(v - 3 pi / 4), and the rings' mean is u / (pi^2 r^3) for a unit u.
 // The integral of 1 / r^3 over a rectangle is the difference of -r / (x y) at its corners.
 void SpreadKernel::spread_far_airy(double unit_px) {
@@ -133,7 +218,7 @@ void SpreadKernel::spread_far_airy(double unit_px) {
 double SpreadKernel::weight(int dx, int dy) const {
   if (std::abs(dx) > radius_ || std::abs(dy) > radius_) return 0;
   const auto column = static_cast<std::size_t>(dx + radius_), row = static_cast<std::size_t>(dy + radius_);
-  if (!row_.empty()) return static_cast<double>(row_[column]) * static_cast<double>(row_[row]);
+  if (!row_.empty()) return static_cast<double>(row_[column]) * static_cast<double>(column_[row]);
   return static_cast<double>(kernel_[row * static_cast<std::size_t>(2 * radius_ + 1) + column]);
 }
 
@@ -158,13 +243,14 @@ void SpreadKernel::apply(const std::vector<float>& in, int width, int height, st
   in_parallel_pieces(h + 2 * r, kRows, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t y = first; y < past_last; ++y) {
       stop.check();
-      for (std::size_t i = 0; i < side; ++i) add_weighted(&in[y * padded_width + i], row_[i], w, &across[y * w]);
+      for (std::size_t i = 0; i < side; ++i)
+        add_weighted(&in[y * padded_width + i], row_[side - 1 - i], w, &across[y * w]);
     }
   });
   in_parallel_pieces(h, kRows, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t y = first; y < past_last; ++y) {
       stop.check();
-      for (std::size_t j = 0; j < side; ++j) add_weighted(&across[(y + j) * w], row_[j], w, &out[y * w]);
+      for (std::size_t j = 0; j < side; ++j) add_weighted(&across[(y + j) * w], column_[side - 1 - j], w, &out[y * w]);
     }
   });
 }

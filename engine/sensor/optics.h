@@ -23,6 +23,9 @@ class SpreadKernel {
   // at most. Throws Cancelled when `stop` says so, as the functions below do.
   SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um,
                const StopToken& stop = {});
+  // Of points (dx, dy) beside their pixel's center, half a pixel at most: those of a sub-pixel sample. A measured
+  // kernel, which says only what pixels' centers leave, is interpolated linearly, which keeps its centroid.
+  SpreadKernel shifted(const PointSpread& spread, double dx, double dy, const StopToken& stop = {}) const;
 
   int radius() const { return radius_; }
   double captured() const { return captured_; }
@@ -35,13 +38,16 @@ class SpreadKernel {
              const StopToken& stop = {}) const;
 
  private:
+  SpreadKernel() = default;
   void spread_airy(double unit_px, const StopToken& stop);
+  void spread_shifted_airy(double dx, double dy, const StopToken& stop);
   void spread_far_airy(double unit_px);
 
   int radius_ = 0;
   double captured_ = 1;
-  std::vector<float> row_;     // separable: 2 radius + 1, for both directions
-  std::vector<float> kernel_;  // else
+  double unit_px_ = 0;               // of an Airy disc: lambda N / (pi pitch)
+  std::vector<float> row_, column_;  // separable: 2 radius + 1 each
+  std::vector<float> kernel_;        // else
 };
 
 // Multiplies by the transmission at each pixel's angle from the boresight. `rays`: of the pixels' centres, where there

@@ -56,6 +56,26 @@ void Sensor::pass_optics(const View& view, const PixelRays& rays, std::vector<fl
   radiance.swap(spread);
 }
 
+bool Sensor::wants_samples() const {
+  return request_.accuracy.samples_per_pixel > 1 && model_.optics.point_spread.model != PointSpread::Model::none;
+}
+
+void Sensor::add_sample(const View& view, const PixelRays& rays, const SubpixelSample& sample, float share,
+                        std::vector<float> radiance, const StopToken& stop) {
+  auto kernel = shifted_.find({sample.dx, sample.dy});
+  if (kernel == shifted_.end())
+    kernel = shifted_
+                 .emplace(std::pair(sample.dx, sample.dy),
+                          kernel_.shifted(model_.optics.point_spread, sample.dx, sample.dy, stop))
+                 .first;
+  vignette(model_.optics.vignetting, view, rays, radiance, stop);
+  std::vector<float> spread;
+  kernel->second.apply(radiance, request_.camera.width, request_.camera.height, spread, stop);
+  samples_.resize(spread.size(), 0.F);
+  const float weight = share * sample.weight;
+  for (std::size_t i = 0; i < spread.size(); ++i) samples_[i] += weight * spread[i];
+}
+
 void Sensor::choose_integration_time(const View& view, const PixelRays& rays, std::vector<float> radiance,
                                      const StopToken& stop) {
   const Exposure& exposure = model_.exposure;
@@ -74,7 +94,10 @@ void Sensor::choose_integration_time(const View& view, const PixelRays& rays, st
 
 void Sensor::image(const View& view, const PixelRays& rays, std::vector<float> radiance,
                    std::vector<std::uint16_t>& image, const StopToken& stop) {
-  pass_optics(view, rays, radiance, stop);
+  if (samples_.empty())
+    pass_optics(view, rays, radiance, stop);
+  else
+    radiance = std::move(samples_), samples_.clear();
   const Detector& d = model_.detector;
   const double full = (saturation_e(d) - d.dark_current_e_s * d.integration_time_s) /
                       electrons_per_radiance(model_.optics, d, wavelength_um_);

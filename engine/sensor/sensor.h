@@ -2,11 +2,14 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "engine/frame/request.h"
 #include "engine/sensor/optics.h"
+#include "engine/visibility/frame_job.h"
 
 namespace selenograph::engine {
 
@@ -40,6 +43,12 @@ class Sensor {
   // Of the largest digital number, W m-2 sr-1.
   double full_scale_radiance_w_m2_sr() const;
 
+  // A point spread is of points: where pixels are means over samples, each sample is spread by itself, and what was
+  // added is the image, whatever radiance image() is given. `share` of the exposure.
+  bool wants_samples() const;
+  void add_sample(const View& view, const PixelRays& rays, const SubpixelSample& sample, float share,
+                  std::vector<float> radiance, const StopToken& stop);
+
   // `radiance` has the margin around it, as `view` and `rays` have.
   void image(const View& view, const PixelRays& rays, std::vector<float> radiance, std::vector<std::uint16_t>& image,
              const StopToken& stop = {});
@@ -51,6 +60,8 @@ class Sensor {
   SensorModel model_;  // with its integration time
   double wavelength_um_;
   SpreadKernel kernel_;
+  std::map<std::pair<double, double>, SpreadKernel> shifted_;  // by their samples' offsets
+  std::vector<float> samples_;                                 // their sum so far; empty: none was added
   double saturated_ = 0;
 };
 

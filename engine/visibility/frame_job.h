@@ -1,6 +1,7 @@
 // What the pixels of one frame are made from.
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "dem/stop_token.h"
@@ -13,16 +14,6 @@
 
 namespace selenograph::engine {
 
-struct FrameJob {
-  const FrameRequest& request;
-  const View& view;
-  const Scene& scene;
-  const ObjectsInFrame& objects;
-  const RadianceTerms& radiance;  // of the terrain
-  const PixelRays& centres;       // of the pixels' centres, where the camera has distortion
-  const StopToken& stop;
-};
-
 // One sample of every pixel, at an offset from its centre: geometry is stored if asked for, radiance added with a
 // weight, light looked for where either wants it, hits counted once.
 struct SubpixelSample {
@@ -31,6 +22,20 @@ struct SubpixelSample {
   float weight;
   bool light, count;
 };
+// Called with all pixels' radiance of each sample that has a weight, one sample after the other.
+using EachSample = std::function<void(const SubpixelSample& sample, const std::vector<float>& radiance)>;
+
+struct FrameJob {
+  const FrameRequest& request;
+  const View& view;
+  const Scene& scene;
+  const ObjectsInFrame& objects;
+  const RadianceTerms& radiance;  // of the terrain
+  const PixelRays& centres;       // of the pixels' centres, where the camera has distortion
+  const StopToken& stop;
+  const EachSample& each;  // may be empty
+};
+
 std::vector<SubpixelSample> samples_of(const FrameRequest& request);
 
 }  // namespace selenograph::engine

@@ -86,6 +86,27 @@ class SensorTest(unittest.TestCase):
         lit = constant > 5000
         self.assertTrue(np.all((half[lit] / (constant[lit] - 60.0) > 0.4) & (half[lit] / (constant[lit] - 60.0) < 0.6)))
 
+    # Samples are spread one by one: an image of 4 x 4 samples is that of 16 frames of one sample, each spread beside.
+    # What the mean of their radiance would be, spread as a whole, is blurred by a pixel more.
+    def test_a_point_spread_is_of_samples(self):
+        spread = {"point_spread": {"model": "gaussian", "sigma_px": 0.6}}
+        images = {}
+        for visibility in ("raytrace", "zbuffer"):
+            f = self.frame(optics=spread, products=("image", "radiance"), visibility=visibility,
+                           accuracy={"samples_per_pixel": 16})
+            images[visibility] = f["image"].astype(float) - 60
+            scale = np.median(images[visibility][f["radiance"] > 0] / f["radiance"][f["radiance"] > 0])
+        self.assertLess(np.abs(images["raytrace"] - images["zbuffer"]).mean(), 2e-3 * images["zbuffer"].mean())
+        kernel = np.array([[np.exp(-0.5 * (x / 0.6) ** 2) for x in np.linspace(i - 0.5, i + 0.5, 101)] for i in range(-3, 4)]).mean(1)
+        kernel /= kernel.sum()
+        blurred = f["radiance"].astype(float) * scale
+        for axis in (0, 1):
+            blurred = np.apply_along_axis(lambda line: np.convolve(line, kernel, "same"), axis, blurred)
+        inner = (slice(4, -4), slice(4, -4))
+        sharpness = lambda image: np.abs(np.diff(image[inner], axis=1)).sum()
+        self.assertGreater(sharpness(images["zbuffer"]), 1.01 * sharpness(blurred))
+        self.assertLess(np.abs(images["zbuffer"][inner].mean() / blurred[inner].mean() - 1), 0.01)
+
     def test_an_efficiency_beside_the_band_is_refused(self):
         sensor = copy.deepcopy(SENSOR)
         sensor["detector"]["quantum_efficiency"] = [[2.0, 0.4], [3.0, 0.4]]

@@ -189,5 +189,110 @@ TEST(Vignetting, FollowsTheAngle) {
     }
 }
 
+PointSpread measured() {
+  PointSpread spread;
+  spread.model = PointSpread::Model::kernel, spread.side = 7;
+  for (int y = -3; y <= 3; ++y)
+    for (int x = -3; x <= 3; ++x) spread.kernel.push_back(std::exp(-0.7 * (x * x + y * y)));
+  return spread;
+}
+
+// A point beside its pixel's center leaves an image that is centered on it; all of its light.
+TEST(PointSpread, ShiftedKernelsAreCenteredOnTheirPoint) {
+  for (const PointSpread& spread : {gaussian(0.6), gaussian(2), airy(), measured()})
+    for (const double dx : {-0.375, 0.0, 0.125, 0.46875})
+      for (const double dy : {-0.46875, 0.0, 0.25}) {
+        const SpreadKernel centered(spread, 4, 5, 0.6), kernel = centered.shifted(spread, dx, dy);
+        EXPECT_EQ(kernel.radius(), centered.radius()) << "as wide a margin";
+        EXPECT_NEAR(sum_of(kernel), 1, 1e-6);
+        if (dx == 0 && dy == 0) {
+          for (int x = -kernel.radius(); x <= kernel.radius(); ++x)
+            EXPECT_NEAR(kernel.weight(x, 1), centered.weight(x, 1), 2e-4);
+        }
+        if (spread.model == PointSpread::Model::airy) continue;  // whose wings have no centroid
+        double x_mean = 0, y_mean = 0;
+        for (int y = -kernel.radius(); y <= kernel.radius(); ++y)
+          for (int x = -kernel.radius(); x <= kernel.radius(); ++x)
+            x_mean += x * kernel.weight(x, y), y_mean += y * kernel.weight(x, y);
+        EXPECT_NEAR(x_mean, dx, 0.01);
+        EXPECT_NEAR(y_mean, dy, 0.01);
+      }
+}
+
+// Born & Wolf 8.5.2 over pixels, by many midpoints.
+TEST(PointSpread, ShiftedAiryDiscsAreIntegratedOverPixels) {
+  constexpr double kUnit_px = 0.6 * 4 / kPi / 5, kDx = 0.375, kDy = -0.125;
+  const SpreadKernel kernel = SpreadKernel(airy(), 4, 5, 0.6).shifted(airy(), kDx, kDy);
+  constexpr int kFine = 100;
+  for (const auto& [x, y] : {std::pair{0, 0}, {1, 0}, {0, -1}, {-1, 1}, {3, 2}}) {
+    double sum = 0;
+    for (int j = 0; j < kFine; ++j)
+      for (int i = 0; i < kFine; ++i) {
+        const double v = std::hypot(x - kDx + (i + 0.5) / kFine - 0.5, y - kDy + (j + 0.5) / kFine - 0.5) / kUnit_px;
+        const double bessel = v > 1e-6 ? 2 * std::cyl_bessel_j(1.0, v) / v : 1;
+        sum += bessel * bessel / (4 * kPi) / (kFine * kFine * kUnit_px * kUnit_px);
+      }
+    EXPECT_NEAR(kernel.weight(x, y) * kernel.captured() / sum, 1, 0.015) << x << " " << y;
+  }
+}
+
+// An image of n x n samples a pixel, spread sample by sample. sample(x, y): in pixels, of all of it.
+template <typename Sample>
+std::vector<float> spread_by_samples(const PointSpread& spread, int width, int height, int n, const Sample& sample) {
+  const SpreadKernel centered(spread, 4, 5, 0.6);
+  const int r = centered.radius();
+  std::vector<float> image(static_cast<std::size_t>(width * height), 0.F), part, out;
+  for (int j = 0; j < n; ++j)
+    for (int i = 0; i < n; ++i) {
+      const double dx = (i + 0.5) / n - 0.5, dy = (j + 0.5) / n - 0.5;
+      part.clear();
+      for (int y = -r; y < height + r; ++y)
+        for (int x = -r; x < width + r; ++x) part.push_back(static_cast<float>(sample(x + dx, y + dy)));
+      centered.shifted(spread, dx, dy).apply(part, width, height, out);
+      for (std::size_t k = 0; k < out.size(); ++k) image[k] += out[k] / static_cast<float>(n * n);
+    }
+  return image;
+}
+
+// The pixel's aperture counts once: MTF at 0.25 cycles a pixel is exp(-2 pi^2 sigma^2 f^2) sinc(f) = 0.577 for 0.6 px.
+// (Spread as pixels' means: 0.524.)
+TEST(PointSpread, OfSamplesHasTheTransferFunctionOfOneAperture) {
+  constexpr double kFrequency = 0.25, kSigma = 0.6;
+  const std::vector<float> image = spread_by_samples(
+      gaussian(kSigma), 64, 1, 4, [](double x, double) { return 1 + std::cos(2 * kPi * kFrequency * x); });
+  double cosine = 0;
+  for (int x = 0; x < 64; ++x)
+    cosine += 2 * static_cast<double>(image[static_cast<std::size_t>(x)]) * std::cos(2 * kPi * kFrequency * x) / 64;
+  const double expected = std::exp(-2 * kPi * kPi * kSigma * kSigma * kFrequency * kFrequency) *
+                          std::sin(kPi * kFrequency) / (kPi * kFrequency);
+  EXPECT_NEAR(expected, 0.577, 0.001);
+  EXPECT_NEAR(cosine, expected, 0.002);
+}
+
+// A source of half a pixel: its centroid is where it stands. (Spread as pixels' means: off by up to 0.21 px.)
+TEST(PointSpread, OfSamplesKeepsCentroids) {
+  constexpr int kSide = 33, kSamples = 4;
+  for (const PointSpread& spread : {gaussian(0.6), measured()})
+    for (double at = 16; at < 17; at += 0.07) {
+      // Each sample stands for its share of the pixel.
+      const auto within = [&](double middle, double place) {
+        const double low = std::max(place - 0.5 / kSamples, middle - 0.25),
+                     high = std::min(place + 0.5 / kSamples, middle + 0.25);
+        return std::max(0.0, high - low) * kSamples;
+      };
+      const std::vector<float> image = spread_by_samples(
+          spread, kSide, kSide, kSamples, [&](double x, double y) { return within(at, x) * within(16.3, y); });
+      double light = 0, x_mean = 0, y_mean = 0;
+      for (int y = 0; y < kSide; ++y)
+        for (int x = 0; x < kSide; ++x) {
+          const auto value = static_cast<double>(image[static_cast<std::size_t>(y * kSide + x)]);
+          light += value, x_mean += value * x, y_mean += value * y;
+        }
+      EXPECT_NEAR(light, 0.25, 1e-4);
+      EXPECT_NEAR(x_mean / light, at, 0.01);
+      EXPECT_NEAR(y_mean / light, 16.3, 0.01);
+    }
+}
+
 }  // namespace
 }  // namespace selenograph::engine

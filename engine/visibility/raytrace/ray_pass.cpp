@@ -78,7 +78,7 @@ void RayPass::write_products(Packet& p) const {
   for (int i = 0; i < kPacket; ++i) {
     if (!p.points.hit[i]) continue;
     const std::size_t at = pixel_of(p, i);
-    if (p.sample.weight > 0) writer_.out().radiance[at] += p.sample.weight * p.radiance[i];
+    if (p.sample.weight > 0) add_radiance(at, p.sample.weight, p.radiance[i]);
     if (p.sample.count) writer_.account(p.points, i, at, p.task.counts);
     if (p.sample.store && writer_.wants_geometry())
       writer_.store_geometry(p.points, i, p.rays.direction(i), p.shading, p.lit[i], at);
@@ -89,7 +89,7 @@ void RayPass::write_products(Packet& p) const {
   for (int i = 0; i < kPacket; ++i) {
     if (!p.objects.points.hit[i]) continue;
     const std::size_t at = pixel_of(p, i);
-    if (p.sample.weight > 0) writer_.out().radiance[at] += p.sample.weight * p.object_radiance[i];
+    if (p.sample.weight > 0) add_radiance(at, p.sample.weight, p.object_radiance[i]);
     if (p.sample.count) ++p.task.counts.hit, ++p.task.counts.on_object;
     if (p.sample.store) writer_.store_object(p.objects, i, p.rays.direction(i), p.object_lit[i], at);
   }

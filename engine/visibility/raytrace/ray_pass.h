@@ -46,9 +46,22 @@ class RayPass {
   // stages(*this, packet) for all packets of all samples. Parallel; stops after a few packets.
   template <typename Stages>
   void for_pixels(const Stages& stages) {
+    const std::vector<SubpixelSample> samples = samples_of(job_.request);
+    if (!job_.each) return for_samples(samples, stages);
+    for (const SubpixelSample& sample : samples) {
+      if (sample.weight > 0) sample_radiance_.assign(writer_.out().radiance.size(), 0.F);
+      for_samples({sample}, stages);
+      if (!(sample.weight > 0)) continue;
+      job_.each(sample, sample_radiance_);
+      for (std::size_t i = 0; i < sample_radiance_.size(); ++i)
+        writer_.out().radiance[i] += sample.weight * sample_radiance_[i];
+    }
+  }
+
+  template <typename Stages>
+  void for_samples(const std::vector<SubpixelSample>& samples, const Stages& stages) {
     const Camera& camera = job_.request.camera;
     const int across = (camera.width + kTile - 1) / kTile, along = (camera.height + kTile - 1) / kTile;
-    const std::vector<SubpixelSample> samples = samples_of(job_.request);
     in_parallel_pieces(static_cast<std::size_t>(across * along), 1, [&](std::size_t first, std::size_t past_last) {
       Task task{{}, shader_.sampler(job_.stop)};
       unsigned packets = 0;
@@ -79,6 +92,12 @@ class RayPass {
   void write_objects(Packet& packet) const;
   void light(const SurfacePoints& points, const std::uint16_t* own, Shading& shading, float* lit) const;
   std::size_t pixel_of(const Packet& packet, int lane) const;
+  void add_radiance(std::size_t at, float weight, float radiance) const {
+    if (sample_radiance_.empty())
+      writer_.out().radiance[at] += weight * radiance;
+    else
+      sample_radiance_[at] = radiance;
+  }
 
   const FrameJob& job_;
   const FrameRequest& request_;
@@ -86,6 +105,7 @@ class RayPass {
   PacketRays rays_;
   PacketShader shader_;
   std::optional<DiscLight> disc_;
+  mutable std::vector<float> sample_radiance_;  // of one sample, where each is asked for; else empty
 };
 
 }  // namespace selenograph::engine

@@ -283,6 +283,7 @@ void RasterPass::write_products(Pixels& pixels) {
   FrameProducts& out = writer_.out();
   if (sample.light && sample.store && !out.lit.empty())
     for_shaded([&](const PartlyLit& left) { out.lit[left.pixel] *= left.share; });
+  if (sample.weight > 0 && job_.each) job_.each(sample, radiance_of(sample));
   if (sample.weight > 0 && !sample.store)
     in_parallel_pieces(scratch_.radiance.size(), 65536, [&](std::size_t first, std::size_t past_last) {
       for (std::size_t i = first; i < past_last; ++i) out.radiance[i] += sample.weight * scratch_.radiance[i];
