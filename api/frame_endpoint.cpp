@@ -93,7 +93,8 @@ std::size_t bytes_of(const engine::FrameRequest& request) {
 }
 
 // The engine's refusals are of where the camera is, but for those that name a member.
-constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"}};
+constexpr MemberPointer kRefusable[] = {
+    {"max_error_px", "/accuracy/max_error_px"}, {"visibility", "/visibility"}, {"albedo_maps", "/surface/albedo_maps"}};
 
 // What no deadline that this service grants would be enough for is the request's fault.
 engine::Frame render(const FrameQuery& query, const EndpointContext& context) {

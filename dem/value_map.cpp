@@ -167,6 +167,8 @@ ValueMap::ValueMap(const ValueMapOptions& options, std::shared_ptr<ValueMapTiles
 ValueMap::~ValueMap() = default;
 ValueMap::ValueMap(ValueMap&&) noexcept = default;
 
+const std::string& ValueMap::path() const { return impl_->options.path; }
+
 bool ValueMap::current() const { return impl_->file.current(); }
 
 std::uint64_t ValueMap::fingerprint() const {

@@ -40,6 +40,7 @@ class ValueMap {
   ~ValueMap();
   ValueMap(ValueMap&&) noexcept;
 
+  const std::string& path() const;
   // Of the file's path, size and modification time, and of the options.
   std::uint64_t fingerprint() const;
   // Whether the file is still the one that was opened.

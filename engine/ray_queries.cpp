@@ -57,6 +57,7 @@ class RayCaster {
   // How much of the Sun there is at places above the ground.
   std::vector<RayHit> light_at(const std::vector<Vec3>& places, const Sun& sun) {
     std::vector<RayHit> all;
+    all.reserve(places.size());
     for (const Vec3& place : places) all.push_back({true, 0, place, sun.direction, 0});
     light(all, std::vector<Vec3>(all.size(), sun.direction), sun);
     return all;

@@ -1,9 +1,14 @@
 #include "engine/radiometry/mapped_surface.h"
 
+#include <fmt/format.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <string>
 
+#include "dem/error.h"
 #include "engine/radiometry/radiometry.h"
 
 namespace selenograph::engine {
@@ -49,6 +54,21 @@ double first_value(std::vector<dem::ValueMap::Sampler>& maps, const dem::ValueMa
   return fallback;
 }
 
+// Samples that are no reflectances: most likely of eight bits.
+[[noreturn]] void refuse_brightness(double value, const dem::ValueMap::Footprint2& at, const FrameRequest& request,
+                                    const StopToken& stop) {
+  std::string name;
+  for (const auto& map : request.albedo_maps)
+    if (name.empty() && !std::isnan(dem::ValueMap::Sampler(*map, stop).mean(at)))
+      name = std::filesystem::path(map->path()).filename().string();
+  throw ImpossibleRequest(
+      fmt::format(
+          "the map {} has a reflectance of {:.4g} at {:.4f} N, {:.4f} E, more than all light: give it a \"scale\" "
+          "(eight bits: 1/255), or \"high\": 1 to cut off",
+          name, value, at.lat_deg, at.lon_deg),
+      "albedo_maps");
+}
+
 MappedSurface::MappedSurface(const FrameRequest& request, const View& view)
     : request_(request), whole_(with_rho(request.reflectance, 1)) {
   const RadianceTerms terms = radiance_terms(request, black(0));
@@ -64,6 +84,7 @@ MappedSurface::MappedSurface(const FrameRequest& request, const View& view)
 
 MappedSurface::Sampler MappedSurface::sampler(const StopToken& stop) const {
   Sampler sampler;
+  sampler.stop = &stop;
   for (const auto& map : request_.albedo_maps) sampler.albedo.emplace_back(*map, stop);
   for (const auto& map : request_.temperature_maps) sampler.temperature.emplace_back(*map, stop);
   return sampler;
@@ -96,10 +117,13 @@ dem::ValueMap::Footprint2 MappedSurface::footprint(const SurfacePoints& points, 
 void MappedSurface::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                               Sampler& sampler, float* out, float* base) const {
   for (int i = 0; i < kPacket; ++i) {
+    constexpr double kRounding = 1e-6;
     if (!points.hit[i]) continue;
     const Vec3 direction = rays.direction(i);
     const dem::ValueMap::Footprint2 pixel = footprint(points, i, direction);
-    const double rho = std::clamp(first_value(sampler.albedo, pixel, request_.reflectance.rho), 0.0, most_rho_);
+    const double albedo = first_value(sampler.albedo, pixel, request_.reflectance.rho);
+    if (albedo > most_rho_ + kRounding) refuse_brightness(albedo, pixel, request_, *sampler.stop);
+    const double rho = std::clamp(albedo, 0.0, most_rho_);
     double dark = path_w_m2_sr_;
     if (emission_)  // eq. (3)
       dark += (*emission_)(first_value(sampler.temperature, pixel, request_.temperature_k)) * (1 - rho);

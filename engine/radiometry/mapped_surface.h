@@ -33,10 +33,12 @@ class MappedSurface {
   // For one task; `stop` outlives it.
   struct Sampler {
     std::vector<dem::ValueMap::Sampler> albedo, temperature;
+    const StopToken* stop = nullptr;
   };
   Sampler sampler(const StopToken& stop) const;
 
-  // Per lane that hits, W m-2 sr-1: with the Sun, and what is left without it.
+  // Per lane that hits, W m-2 sr-1: with the Sun, and what is left without it. Throws ImpossibleRequest where a map of
+  // albedo says more than 1.
   void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                  Sampler& sampler, float* out, float* base) const;
 

@@ -76,6 +76,7 @@ double planck_w_m2_sr(const Band& band, double temperature_k) {
 
 Band in_photons(const Band& band, const std::vector<ResponsePoint>& efficiency) {
   std::vector<double> table;
+  table.reserve(efficiency.size());
   for (const ResponsePoint& p : efficiency) table.push_back(p.wavelength_um);
   const std::vector<double> points = band.breakpoints(table);
   // Products of straight lines by straight lines. (Next to a step of the efficiency, at its ends, both sides count.)

@@ -119,13 +119,14 @@ void SpreadKernel::spread_airy(double unit_px, const StopToken& stop) {
 
 namespace {
 
-// airy() between steps of an eighth, which is as good as the midpoints are.
+// airy() between small steps, which is as good as the midpoints are.
 class AiryTable {
  public:
   explicit AiryTable(double last_v, const StopToken& stop) {
-    for (double v = 0; v <= last_v + 2 * kStep; v += kStep) {
+    values_.resize(static_cast<std::size_t>(last_v / kStep) + 3);
+    for (std::size_t i = 0; i < values_.size(); ++i) {
       stop.check();
-      values_.push_back(airy(v));
+      values_[i] = airy(static_cast<double>(i) * kStep);
     }
   }
   double operator()(double v) const {

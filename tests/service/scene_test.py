@@ -258,6 +258,16 @@ class SceneTest(unittest.TestCase):
             self.assertTrue(np.allclose(albedo[west], 0.04, rtol=2e-4) and np.allclose(albedo[east], 0.2, rtol=2e-4))
             self.assertEqual([m["name"] for m in f["meta"]["maps"]], ["halves", "made-up-albedo"])
 
+    def test_a_map_of_bytes_without_a_scale_is_refused(self):
+        write_grey(asset("maps", "bytes.png"), np.full((8, 8), 90))
+        with open(asset("maps", "bytes.json"), "w") as f:
+            json.dump({"file": "bytes.png", "extent": {"south_deg": -9, "north_deg": 9, "west_deg": 20, "east_deg": 40}}, f)
+        for visibility in ("zbuffer", "raytrace"):
+            pointers, text = self.refusal(visibility=visibility, surface={"albedo_maps": ["bytes"]})
+            self.assertIn("bytes.png", text)
+            self.assertIn("scale", text)
+            self.assertIn("/surface/albedo_maps", pointers)
+
     def test_a_map_that_changes_is_another_map(self):
         def answer(level):
             time.sleep(0.02)

@@ -108,7 +108,8 @@ TEST_F(ShadowMapTest, RoomThatWasLeftUnfinished) {
   for (const std::size_t size : {samples.v.size(), samples.d.size(), samples.pixel.size()}) EXPECT_GE(size, 1000U);
 }
 
-// Points behind the cliff's edge at distances of 20 to 320 m, so that the edge is so many radii above the disc's middle.
+// Points behind the cliff's edge at distances of 20 to 320 m, so that the edge is so many radii above the disc's
+// middle.
 TEST_F(ShadowMapTest, OfADiscBehindTheEdgeAPartIsLeft) {
   constexpr double kElevation_deg = 10;
   Sun from;

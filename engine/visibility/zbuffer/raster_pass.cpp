@@ -223,7 +223,9 @@ void RasterPass::add_samples(const SurfacePoints& p, std::uint32_t first_pixel, 
   LightLanes lanes;
   shadows_->place(p, lanes);
   const auto add_free = [&](std::size_t at, std::size_t i) {
-    if (disc.partly >> i & 1) samples.disc.free[at] = &samples.disc.of_objects.emplace_back(disc.free[i]);
+    if (!(disc.partly >> i & 1)) return;
+    samples.disc.free[at] = static_cast<std::uint32_t>(samples.disc.of_objects.size());
+    samples.disc.of_objects.push_back(disc.free[i]);
   };
   if (all_inside && (!disc.turned || disc.turned->whole == kAllLanes)) {
     if (disc.turned) samples.disc.add_all(samples.count, lanes, *disc.turned);

@@ -273,7 +273,7 @@ void LightSamples::make_room(std::size_t capacity) {
 void DiscSamples::clear(std::size_t capacity, bool objects) {
   for (auto* array : {&rest_u, &rest_v, &rest_d, &tilt_across, &tilt_upward}) grow(*array, capacity);
   grazed.clear(), of_objects.clear(), free.clear();
-  if (objects) free.assign(capacity, nullptr);
+  if (objects) free.assign(capacity, kAllFree);
 }
 
 void DiscSamples::add(std::size_t at, const LightLanes& lanes, const DiscLanes& turned, std::size_t lane) {
@@ -309,7 +309,7 @@ void DiscSamples::get(std::size_t at, DiscLanes& turned, std::size_t lane) const
 
 std::size_t DiscSamples::bytes() const {
   return bytes_of(rest_u) + bytes_of(rest_v) + bytes_of(rest_d) + bytes_of(tilt_across) + bytes_of(tilt_upward) +
-         bytes_of(grazed) + bytes_of(free) + of_objects.size() * sizeof(DiscLight::Free);
+         bytes_of(grazed) + bytes_of(free) + bytes_of(of_objects);
 }
 
 std::size_t BandScratch::bytes() const {
@@ -475,8 +475,9 @@ void ShadowMap::find_horizons(const std::vector<LightSamples>& tiles, BandScratc
     for (std::size_t i = 0; i < n; ++i) {
       if (band.d[first + i] == kDark) continue;
       const auto [tile, at] = place(first + i);
-      if (const DiscLight::Free* free = tile.free.empty() ? nullptr : tile.free[at]) {
-        const DiscShare left = disc_->left_of(*free, &horizons[0][i], kGroup, turned, static_cast<std::uint32_t>(i));
+      if (!tile.free.empty() && tile.free[at] != DiscSamples::kAllFree) {
+        const DiscShare left = disc_->left_of(tile.of_objects[tile.free[at]], &horizons[0][i], kGroup, turned,
+                                              static_cast<std::uint32_t>(i));
         share[i] = static_cast<float>(left.share), cosine[i] = static_cast<float>(left.cosine);
       }
       if (share[i] < 1 || cosine[i] < 1) out.push_back({own.pixel[first + i], share[i], cosine[i]});

@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
-#include <deque>
 #include <vector>
 
 #include "dem/stop_token.h"
@@ -37,8 +36,10 @@ struct DiscSamples {
     float facet[3], shading[3];  // DiscPlane of either: middle, across, upward
   };
   std::vector<Grazed> grazed;
-  std::vector<const DiscLight::Free*> free;  // what objects leave; null: nothing of theirs is in the way. Empty: of all
-  std::deque<DiscLight::Free> of_objects;    // what `free` points to
+  std::vector<std::uint32_t> free;  // what objects leave, in of_objects; kAllFree: nothing of theirs is in the way.
+                                    // Empty: of all
+  static constexpr std::uint32_t kAllFree = ~0U;
+  std::vector<DiscLight::Free> of_objects;
 
   void clear(std::size_t capacity, bool objects);
   void add(std::size_t at, const LightLanes& lanes, const DiscLanes& turned, std::size_t lane);
