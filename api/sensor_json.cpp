@@ -125,6 +125,13 @@ const auto efficiency_field = Property{[](const Detector& d) -> std::optional<Ef
                                            d.efficiency = std::get<Efficiency::Curve>(value);
                                        }};
 
+// None where the frame chooses it.
+const auto integration_time_field =
+    Property{[](const Detector& d) -> std::optional<double> {
+               return d.integration_time_s > 0 ? std::optional(d.integration_time_s) : std::nullopt;
+             },
+             [](Detector& d, double seconds) { d.integration_time_s = seconds; }};
+
 const Members<PointSpread>& point_spread_members() {
   static const auto table = made<Members<PointSpread>>(
       "PointSpread",
@@ -185,9 +192,8 @@ const Members<Detector>& detector_members() {
           "between, 0 "
           "outside")
         .required();
-    m.add("integration_time_s", &Detector::integration_time_s, Number{{0, 1e5, true, false}, "s"},
-          "t of eq. (8); left out where `exposure` chooses it")
-        .written_if([](const Detector& detector) { return detector.integration_time_s > 0; });
+    m.add("integration_time_s", integration_time_field, Number{{0, 1e5, true, false}, "s"},
+          "t of eq. (8); left out where `exposure` chooses it");
     m.add("full_well_e", &Detector::full_well_e, Number{kNotNegative, "e"}, "that a pixel holds; 0: any number");
     m.add("dark_current_e_s", &Detector::dark_current_e_s, Number{kNotNegative, "e/s"}, "of each pixel");
     m.add("smear_time_s", &Detector::smear_time_s, Number{kNotNegative, "s"},
