@@ -7,6 +7,7 @@
 
 #include "dem/terrain.h"
 #include "dem/vector_targets.h"
+#include "engine/visibility/raytrace/trace.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/visibility/disc_light.cpp"
@@ -204,9 +205,7 @@ DiscLight::DiscLight(const Sun& sun, const Vec3& up)
       places_(),
       directions_() {
   const Vec3 level = up.cross(toward_);
-  across_ = level.norm() > 1e-6 * up.norm()
-                ? level.normalized()
-                : (std::abs(toward_.z()) < 0.9 ? Vec3::UnitZ() : Vec3::UnitX()).cross(toward_).normalized();
+  across_ = level.norm() > 1e-6 * up.norm() ? level.normalized() : any_across(toward_);
   upward_ = toward_.cross(across_);
 
   double sum = 0;
@@ -323,9 +322,7 @@ void DiscLight::left(const float (*horizons)[kPacket], const DiscLanes& turned, 
 }
 
 DiscShare DiscLight::ratio(const Free& open, const Free& faced, const DiscLanes& turned, std::uint32_t lane) const {
-  const DiscPlanes& s = turned.shading;
-  const DiscPlane shading{static_cast<double>(s.middle[lane]), static_cast<double>(s.across[lane]),
-                          static_cast<double>(s.upward[lane])};
+  const DiscPlane shading = turned.shading.lane(lane);
   double all = 0, left = 0;
   for (std::size_t k = 0; k < kDirections; ++k) {
     if (!faced[k]) continue;

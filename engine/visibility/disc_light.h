@@ -8,8 +8,8 @@
 
 #include <array>
 #include <bitset>
+#include <cstddef>
 #include <cstdint>
-#include <vector>
 
 #include "engine/frame/sun.h"
 #include "engine/support/packet.h"
@@ -32,6 +32,9 @@ struct DiscShare {
 // Sixteen planes, as floats.
 struct DiscPlanes {
   alignas(64) float middle[kPacket], across[kPacket], upward[kPacket];
+  DiscPlane lane(std::size_t i) const {
+    return {static_cast<double>(middle[i]), static_cast<double>(across[i]), static_cast<double>(upward[i])};
+  }
 };
 
 // Of sixteen points, their facets and the normals that they are shaded by.
@@ -92,7 +95,7 @@ class DiscLight {
     const auto ask = [&](std::size_t k) {
       std::uint32_t asking = 0;
       for (std::uint32_t i = 0; i < kPacket; ++i)
-        if (lanes >> i & 1 && faces(turned, i, places_[k])) asking |= 1U << i;
+        if (lanes >> i & 1 && turned.facet.lane(i).at(places_[k].across, places_[k].upward) > 0) asking |= 1U << i;
       const std::uint32_t closed = asking ? blocked(asking, directions_[k]) : 0;
       for (std::uint32_t i = 0; i < kPacket; ++i)
         if (asking >> i & 1) faced[i].set(k), open[i].set(k, !(closed >> i & 1));
@@ -135,12 +138,6 @@ class DiscLight {
   };
 
  private:
-  static bool faces(const DiscLanes& turned, std::uint32_t i, const Place& at) {
-    const DiscPlanes& f = turned.facet;
-    return static_cast<double>(f.middle[i]) + static_cast<double>(f.across[i]) * at.across +
-               static_cast<double>(f.upward[i]) * at.upward >
-           0;
-  }
   // Columns of equal width in angle: for facets that two chords bound.
   static constexpr int kFine = 32;
   struct FineColumn {

@@ -174,12 +174,14 @@ double aim_over(const RasterMesh& mesh) {
 
 }  // namespace
 
-ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& sun) : ShadowMap(mesh, sun, sun, nullptr, 0) {}
+ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& sun) : ShadowMap(mesh, sun, nullptr, 0) {}
 
-ShadowMap::ShadowMap(const RasterMesh& mesh, const DiscLight& disc)
-    : ShadowMap(mesh, disc.direction(0, aim_over(mesh)), disc.direction(0, 0), &disc, aim_over(mesh)) {}
+ShadowMap::ShadowMap(const RasterMesh& mesh, const DiscLight& disc) : ShadowMap(mesh, disc, aim_over(mesh)) {}
 
-ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& aim, const Vec3& sun, const DiscLight* disc, double aim_radii)
+ShadowMap::ShadowMap(const RasterMesh& mesh, const DiscLight& disc, double aim_radii)
+    : ShadowMap(mesh, disc.direction(0, aim_radii), &disc, aim_radii) {}
+
+ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& aim, const DiscLight* disc, double aim_radii)
     : mesh_(mesh), disc_(disc), aim_radii_(aim_radii), d_(aim) {
   // Rows along the Sun's azimuth: relief moves samples along them.
   const Vec3 up = mesh.anchor().normalized(), across = up.cross(aim);
@@ -190,9 +192,6 @@ ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& aim, const Vec3& sun, c
     axes_.d[k] = static_cast<float>(d_[k]);
   casters_.resize(mesh.strips().size());
   in_parallel(casters_.size(), [&](std::size_t i) { casters_[i] = caster_of(mesh.strips()[i]); });
-  if (disc_)
-    for (std::size_t i = 0; i < casters_.size(); ++i)
-      casters_[i].horizon = may_face_away(mesh.strips()[i], sun, disc_->radius());
   order_casters();
   for (const Skirt& skirt : mesh.skirts()) {
     const auto v = [&](const float* p) { return axes_.v[0] * p[0] + axes_.v[1] * p[1] + axes_.v[2] * p[2]; };
@@ -213,7 +212,7 @@ ShadowMap::Caster ShadowMap::caster_of(const Strip& s) const {
   float unused;
   range(axes_.u, c.u_low, c.u_high), range(axes_.v, c.v_low, c.v_high), range(axes_.d, unused, c.d_high);
   c.casts = may_face_away(s, d_, 0);
-  c.horizon = false;
+  c.horizon = disc_ && may_face_away(s, disc_->direction(0, 0), disc_->radius());
   return c;
 }
 

@@ -134,7 +134,8 @@ class ShadowMap {
   };
   struct Grid;
 
-  ShadowMap(const RasterMesh& mesh, const Vec3& aim, const Vec3& sun, const DiscLight* disc, double aim_radii);
+  ShadowMap(const RasterMesh& mesh, const Vec3& aim, const DiscLight* disc, double aim_radii);
+  ShadowMap(const RasterMesh& mesh, const DiscLight& disc, double aim_radii);
 
   static Grid grid_over(const std::vector<LightSamples>& tiles);
   static void find_bands(const Grid& grid, const LightSamples& tile, BandGroups& out);
