@@ -47,6 +47,19 @@ bool gave_way(const FrameQuery& query, const std::vector<double>& shadow_limits_
   return widest(shadow_limits_px) > query.request.accuracy.max_shadow_error_px;
 }
 
+void add_object_warnings(const FrameQuery& query, OrderedJson& warnings) {
+  for (std::size_t i = 0; i < query.objects.size(); ++i) {
+    const engine::SceneObject& object = query.request.objects[i];
+    const auto warn = [&](const std::string& what) {
+      warnings.push_back(fmt::format("objects/{}, {}: {}", i, query.objects[i].mesh, what));
+    };
+    for (const std::string& note : object.mesh->notes()) warn(note);
+    const double across = 2 * object.scale * object.mesh->radius();
+    if (across > 1e6 || across < 1e-3)
+      warn(fmt::format("is {:.3g} m across: \"scale\" makes metres of a file's units", across));
+  }
+}
+
 OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& report) {
   OrderedJson warnings = report.warnings;
   if (gave_way(query, report.shadow_limits_px))
@@ -61,6 +74,14 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
                                    query.request.sensor ? "expose shorter" : "raise image.full_scale_radiance"));
   if (products & (engine::kImage | engine::kRadiance) && report.hit_fraction > 0 && !(report.brightest_w_m2_sr > 0))
     warnings.push_back("no signal: nothing in view is lit");
+  if (report.motion_samples > 0 && report.longest_streak_px > 1.5 * report.motion_samples)
+    warnings.push_back(
+        fmt::format("the longest streak of motion has about {:.0f} px and is averaged over {} moments: "
+                    "there are gaps in it; {}",
+                    report.longest_streak_px, report.motion_samples,
+                    query.request.sensor->motion.samples ? "motion.samples may be left out or larger"
+                                                         : "motion.samples may be larger"));
+  add_object_warnings(query, warnings);
   return warnings;
 }
 
@@ -113,6 +134,8 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
     if (query.request.sensor)
       meta["exposure"] = {{"integration_time_s", report.integration_time_s},
                           {"saturated_fraction", report.saturated_fraction}};
+    if (report.motion_samples > 0)
+      meta["motion"] = {{"samples", report.motion_samples}, {"longest_streak_px", report.longest_streak_px}};
     if (query.request.sensor)
       meta["point_spread"] = {{"margin_px", report.margin_px}, {"captured_fraction", report.captured_fraction}};
   }

@@ -47,7 +47,7 @@ const Members<ObjectForm, PlacedObject>& object_members() {
       "Object",
       "A triangle mesh that the operator put into the assets folder, from either side. It casts shadows on the "
       "terrain "
-      "and on objects and receives them. `/v1/rays` and `/v1/project` know terrain only.",
+      "and on objects and receives them.",
       [](auto& m) {
         m.add("mesh", &ObjectForm::mesh, Asset{&Assets::object, "mesh", "objects"},
               "name of objects/NAME.obj, .ply, .gltf or .glb")

@@ -31,6 +31,11 @@ void add_frame_answers(OrderedJson& schemas) {
          {"description",
           "of an image by a sensor: margin_px that was rendered around it (the shares of pixels below count "
           "it), captured_fraction of a point's light within the kernel"}}},
+       {"motion",
+        {{"type", "object"},
+         {"description",
+          "of an exposure in motion: samples, the moments that it is averaged over; longest_streak_px, "
+          "about how far the ground or an object moves in the image meanwhile"}}},
        {"visibility", with(words(kVisibilities, "that the frame was made with"), "enum", {"zbuffer", "raytrace"})},
        {"lod_error_px", number(kAnyNumber, "level-of-detail error bound actually reached, pixels")},
        {"lod_error_m", number(kAnyNumber, "the same in metres")},

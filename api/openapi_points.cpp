@@ -9,13 +9,15 @@ using namespace schema;
 namespace {
 
 void add_rays(OrderedJson& schemas, std::size_t most) {
-  const OrderedJson hit = object("hit alone where nothing is hit",
-                                 {{"hit", boolean("whether terrain was hit")},
-                                  {"range_m", number_or_null("from the origin, m")},
-                                  {"position_m", vector("MOON_ME, m")},
-                                  {"normal", vector("outward unit normal, MOON_ME")},
-                                  {"lit", number_or_null("lit fraction, when a Sun was given")}},
-                                 {"hit"});
+  const OrderedJson hit =
+      object("hit alone where nothing is hit",
+             {{"hit", boolean("whether anything was hit")},
+              {"object", number_or_null("index into the request's objects, if it has some; null: terrain")},
+              {"range_m", number_or_null("from the origin, m")},
+              {"position_m", vector("MOON_ME, m")},
+              {"normal", vector("outward unit normal, MOON_ME")},
+              {"lit", number_or_null("lit fraction, when a Sun was given")}},
+             {"hit"});
   schemas["RaysAnswer"] = object("In the order of the request.", {{"rays", list(hit, most, "hits")}}, {"rays"});
 }
 

@@ -13,25 +13,33 @@ void need_memory(const EndpointContext& context, std::size_t points, std::string
   context.memory.need(kBytesPerPoint * points, pointer, context.stop);
 }
 
+std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& placed) {
+  std::vector<engine::SceneObject> objects;
+  for (const PlacedObject& p : placed) objects.push_back(p.object);
+  return objects;
+}
+
 // An answer that is ready too late is none: 504, as if the work had been stopped.
 void throw_if_stopped(const EndpointContext& context) { context.stop.check(); }
 
 }  // namespace
 
 Response answer_rays(const EndpointContext& context) {
-  const RaysQuery query = read_rays(json_body(context), context.limits);
+  const RaysQuery query = read_rays(json_body(context), context.limits, context.assets, context.stop);
   need_memory(context, query.rays.size(), "/rays");
-  const auto hits =
-      with_refusals_at({}, "/rays", [&] { return context.renderer.cast(query.rays, query.sun, context.stop); });
+  const auto hits = with_refusals_at({}, "/rays", [&] {
+    return context.renderer.cast(query.rays, query.sun, context.stop, scene_objects(query.objects));
+  });
   throw_if_stopped(context);
-  return json_response(rays_json(hits, query.sun.has_value()));
+  return json_response(rays_json(hits, query));
 }
 
 Response answer_project(const EndpointContext& context) {
-  const ProjectQuery query = read_project(json_body(context), context.limits);
+  const ProjectQuery query = read_project(json_body(context), context.limits, context.assets, context.stop);
   need_memory(context, query.points.size(), "/points");
   const auto landmarks = with_refusals_at({}, "/pose", [&] {
-    return context.renderer.project(query.camera, query.pose, query.points, query.sun, context.stop);
+    return context.renderer.project(query.camera, query.pose, query.points, query.sun, context.stop,
+                                    scene_objects(query.objects));
   });
   throw_if_stopped(context);
   return json_response(

@@ -45,10 +45,10 @@ struct HeightsForm {
 };
 
 template <typename M>
-auto checked(const M& members, const Json& body, const Limits& limits) {
-  const Assets none;
+auto checked(const M& members, const Json& body, const Limits& limits, const Assets& assets = Assets(),
+             const StopToken& stop = {}) {
   Findings findings;
-  auto value = members.read(JsonReader(body, findings), {limits, none});
+  auto value = members.read(JsonReader(body, findings), {limits, assets, stop});
   findings.throw_if_any();
   return std::move(*value);
 }
@@ -68,10 +68,13 @@ const char* why_no_height(double lat_deg, double lon_deg, const dem::Catalogue& 
 }  // namespace
 
 const Members<RaysQuery>& rays_members() {
-  static const auto table = made<Members<RaysQuery>>("RaysRequest", "Rays against the finest terrain.", [](auto& m) {
-    m.add("rays", &RaysQuery::rays, List{Object{ray_members()}, 1, most}, "the rays").required();
-    m.add("sun", &RaysQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
-  });
+  static const auto table =
+      made<Members<RaysQuery>>("RaysRequest", "Rays against the finest terrain and objects.", [](auto& m) {
+        m.add("rays", &RaysQuery::rays, List{Object{ray_members()}, 1, most}, "the rays").required();
+        m.add("sun", &RaysQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
+        m.add("objects", &RaysQuery::objects, List{Object{object_members()}, 1, kMaxObjects},
+              "as in a frame: rays meet them, and they cast shadows");
+      });
   return *table;
 }
 
@@ -81,6 +84,8 @@ const Members<ProjectQuery>& project_members() {
         m.add("camera", &ProjectQuery::camera, Object{camera_members()}, "projection and image size").required();
         m.add("pose", &ProjectQuery::pose, Object{pose_members()}, "where the camera is and where it looks").required();
         m.add("sun", &ProjectQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
+        m.add("objects", &ProjectQuery::objects, List{Object{object_members()}, 1, kMaxObjects},
+              "as in a frame: they hide landmarks, and they cast shadows");
         m.add("points", &ProjectQuery::points, List{Object{landmark_members()}, 1, most}, "the landmarks").required();
       });
   return *table;
@@ -99,9 +104,13 @@ const Members<HeightsForm>& heights_form() {
 
 const MemberTable& heights_members() { return heights_form(); }
 
-RaysQuery read_rays(const Json& body, const Limits& limits) { return checked(rays_members(), body, limits); }
+RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  return checked(rays_members(), body, limits, assets, stop);
+}
 
-ProjectQuery read_project(const Json& body, const Limits& limits) { return checked(project_members(), body, limits); }
+ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  return checked(project_members(), body, limits, assets, stop);
+}
 
 std::vector<Geographic> read_heights(const Json& body, const Limits& limits) {
   return checked(heights_form(), body, limits).points;
@@ -116,7 +125,7 @@ Geographic read_height_query(const std::multimap<std::string, std::string>& quer
   return checked(place_members(), object, Limits{});
 }
 
-OrderedJson rays_json(std::span<const engine::RayHit> hits, bool sun_given) {
+OrderedJson rays_json(std::span<const engine::RayHit> hits, const RaysQuery& query) {
   OrderedJson list = OrderedJson::array();
   for (const engine::RayHit& hit : hits) {
     OrderedJson ray{{"hit", hit.hit}};
@@ -124,7 +133,8 @@ OrderedJson rays_json(std::span<const engine::RayHit> hits, bool sun_given) {
       ray["range_m"] = number_json(hit.range_m);
       ray["position_m"] = vector_json(hit.position_m);
       ray["normal"] = vector_json(hit.normal);
-      if (sun_given) ray["lit"] = number_json(hit.lit);
+      if (!query.objects.empty()) ray["object"] = hit.object ? OrderedJson(*hit.object) : OrderedJson(nullptr);
+      if (query.sun) ray["lit"] = number_json(hit.lit);
     }
     list.push_back(std::move(ray));
   }

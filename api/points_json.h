@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "api/camera_json.h"
+#include "api/objects_json.h"
 #include "api/pose_json.h"
 #include "api/sun_json.h"
 #include "dem/terrain.h"
@@ -19,12 +20,14 @@ namespace selenograph::api {
 struct RaysQuery {
   std::vector<engine::Ray> rays;
   std::optional<engine::Sun> sun;
+  std::vector<PlacedObject> objects;
 };
 struct ProjectQuery {
   engine::Camera camera;
   engine::Pose pose;
   std::optional<engine::Sun> sun;
   std::vector<engine::LandmarkQuery> points;
+  std::vector<PlacedObject> objects;
 };
 
 const Members<RaysQuery>& rays_members();
@@ -32,14 +35,16 @@ const Members<ProjectQuery>& project_members();
 const MemberTable& heights_members();
 
 // Throw RequestError("invalid_request") with the faults found.
-RaysQuery read_rays(const Json& body, const Limits& limits);
-ProjectQuery read_project(const Json& body, const Limits& limits);
+RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets = Assets(),
+                    const StopToken& stop = {});
+ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets = Assets(),
+                          const StopToken& stop = {});
 std::vector<Geographic> read_heights(const Json& body, const Limits& limits);
 // Of a query string; its names are the pointers: "/lat_deg".
 Geographic read_height_query(const std::multimap<std::string, std::string>& query);
 
 // JSON has no NaN: a number that is not finite is null.
-nlohmann::ordered_json rays_json(std::span<const engine::RayHit> hits, bool sun_given);
+nlohmann::ordered_json rays_json(std::span<const engine::RayHit> hits, const RaysQuery& query);
 nlohmann::ordered_json landmarks_json(std::span<const engine::Landmark> landmarks, bool sun_given,
                                       const dem::Catalogue& catalogue, std::span<const engine::LandmarkQuery> points);
 nlohmann::ordered_json height_json(const dem::HeightAnswer& answer, const dem::Catalogue& catalogue);

@@ -248,7 +248,8 @@ const Members<Motion>& motion_members() {
         m.add("angular_rate_deg_s", &Motion::angular_rate_deg_s, Vector{{-3600, 3600}, "deg/s"},
               "of the camera, about its own axes (opencv)");
         m.add("velocity_m_s", &Motion::velocity_m_s, Vector{{-1e6, 1e6}, "m/s"}, "of the camera, MOON_ME");
-        m.add("samples", &Motion::samples, Integer{1, 256}, "moments");
+        m.add("samples", &Motion::samples, Integer{1, 256},
+              "moments; left out: as many as the longest streak has pixels, 65 at most");
       });
   return *table;
 }

@@ -36,7 +36,8 @@ constexpr ReflectanceRow kReflectanceModels[] = {
     {"hapke", ReflectanceModel::hapke,
      "f_r = w / (4 pi) / (mu0' + mu') * ((1 + B(g)) p(g) + H(mu0') H(mu') - 1) * S * mu0' / mu0, H(x) = (1 + 2x) / "
      "(1 + 2x sqrt(1 - w)), B(g) = b0 / (1 + tan(g/2) / h), mu0', mu' and S of roughness theta_bar (Hapke 1981, "
-     "1984), per steradian: Hapke's bidirectional reflectance is mu0 f_r, I/F is pi mu0 f_r; radiance = E_sun * "
+     "1984; `terms`: those of 2002 instead), per steradian: Hapke's bidirectional reflectance is mu0 f_r, I/F is pi "
+     "mu0 f_r; radiance = E_sun * "
      "mu0 * f_r * lit"},
 };
 
@@ -45,7 +46,18 @@ constexpr std::pair<std::string_view, engine::PhaseFunction> kPhaseFunctions[] =
     {"double_henyey_greenstein", engine::PhaseFunction::double_henyey_greenstein},
 };
 
-constexpr const char* kNoRho = "the model \"hapke\" has no rho, which albedo is and emission, B(T) (1 - rho), needs";
+constexpr std::pair<std::string_view, engine::HapkeTerms> kHapkeTerms[] = {
+    {"1984", engine::HapkeTerms::terms_1984},
+    {"2002", engine::HapkeTerms::terms_2002},
+};
+
+constexpr std::pair<std::string_view, engine::PhaseLaw> kPhaseLaws[] = {
+    {"none", engine::PhaseLaw::none},
+    {"allen", engine::PhaseLaw::allen},
+    {"rolo", engine::PhaseLaw::rolo},
+};
+
+constexpr const char* kNoRho = "the model \"hapke\" has no rho, which emission, B(T) (1 - rho), needs";
 
 Words<ReflectanceModel> model_words() {
   static const auto words = [] {
@@ -68,6 +80,9 @@ void check_reflectance(const JsonReader& in, Reflectance& reflectance, const Rea
                                "reflect more than arrives",
                                engine::kLunarLambertMaxRho));
   if (reflectance.model != ReflectanceModel::hapke || !in.good()) return;
+  for (const char* name : {"bc0", "hc"})
+    if (in.has(name) && reflectance.hapke.terms != engine::HapkeTerms::terms_2002)
+      return in.fail(name, "needs \"terms\": \"2002\"");
   for (int phase_deg = 0; phase_deg <= 180; ++phase_deg)
     if (engine::phase_function(reflectance.hapke, std::cos(phase_deg * kRadiansPerDegree)) < 0)
       return in.fail("c", fmt::format("with this b the phase function is negative at {} degrees", phase_deg));
@@ -76,6 +91,11 @@ void check_reflectance(const JsonReader& in, Reflectance& reflectance, const Rea
 OrderedJson rho_of_lunar_lambert(const Limits&) {
   return {{"if", {{"properties", {{"model", {{"const", "lunar_lambert"}}}}}, {"required", {"model"}}}},
           {"then", {{"properties", {{"rho", {{"maximum", engine::kLunarLambertMaxRho}}}}}}}};
+}
+
+OrderedJson coherent_backscatter_of_2002(const Limits&) {
+  return {{"if", {{"anyOf", {{{"required", {"bc0"}}}, {{"required", {"hc"}}}}}}},
+          {"then", {{"properties", {{"terms", {{"const", "2002"}}}}}, {"required", {"terms"}}}}};
 }
 
 const Members<Reflectance>& reflectance_members() {
@@ -93,10 +113,17 @@ const Members<Reflectance>& reflectance_members() {
     m.add("limb_darkening", &Reflectance::limb_darkening, Number{kUnitInterval},
           "L of the equation; left out: McEwen's function of the phase angle")
         .of({"lunar_lambert"});
+    m.add("phase", &Reflectance::phase, Word{kPhaseLaws},
+          "a factor f(g) on f_r, f(0) = 1, with which a uniform sphere's light follows the Moon's: `allen`: its "
+          "magnitudes in the visible, 0.026 g + 4e-9 g^4 (Allen 1973), 0 to 150 degrees, held beyond; `rolo`: its "
+          "reflectance at 0.554 um with the opposition surge (Kieffer & Stone 2005), 1.55 to 97 degrees, extrapolated "
+          "to 0 and by `allen` beyond; `none`: 1. With `lunar_lambert` and its McEwen's L(g), f(g) is his A(g)")
+        .of({"lommel_seeliger", "lunar", "lunar_lambert"});
     const auto of_hapke = [&m](std::string_view name, auto engine::HapkeParameters::*field, auto kind,
-                               std::string text) {
-      m.add(
-           name, [field](auto& r) -> auto& { return r.hapke.*field; }, kind, std::move(text))
+                               std::string text) -> auto& {
+      return m
+          .add(
+              name, [field](auto& r) -> auto& { return r.hapke.*field; }, kind, std::move(text))
           .of({"hapke"});
     };
     using Hapke = engine::HapkeParameters;
@@ -109,8 +136,18 @@ const Members<Reflectance>& reflectance_members() {
              "mean slope of the roughness below the mesh's resolution");
     of_hapke("phase_function", &Hapke::phase_function, Word{kPhaseFunctions},
              "1 + b cos g + c (3 cos^2 g - 1)/2, or two lobes of width b, weighted by c; negative nowhere");
+    of_hapke("terms", &Hapke::terms, Word{kHapkeTerms},
+             "1984: isotropic multiple scattering, H(x) as above; 2002 (Hapke, Icarus 157, 523): multiple scattering "
+             "that knows p(g), H to 1 %, coherent backscatter");
+    const auto of_2002 = [](const Reflectance& r) { return r.hapke.terms == engine::HapkeTerms::terms_2002; };
+    of_hapke("bc0", &Hapke::bc0, Number{kUnitInterval}, "amplitude of coherent backscatter; needs `terms` 2002")
+        .written_if(of_2002);
+    of_hapke("hc", &Hapke::hc, Number{{0, 10, true, false}},
+             "angular width of coherent backscatter; needs `terms` 2002")
+        .written_if(of_2002);
     m.check(check_reflectance);
     m.also(rho_of_lunar_lambert);
+    m.also(coherent_backscatter_of_2002);
   });
   return *table;
 }
@@ -175,16 +212,17 @@ const Members<Ground>& ground_members() {
       [](auto& m) {
         add_material(m);
         m.add("albedo_maps", &Ground::albedo_maps, List{kMap, 1, kMaxMaps},
-              "names of maps/NAME.json: rho, from the first of these that has a value at a place; where none has, the "
-              "reflectance's. At most 0.25 counts for `lunar_lambert`. Not with `hapke`")
+              "names of maps/NAME.json: rho, or w of `hapke`, from the first of these that has a value at a place; "
+              "where "
+              "none has, the reflectance's. At most 0.25 for `lunar_lambert`")
             .written_if([](const Ground& ground) { return !ground.albedo_maps.empty(); });
         m.add("temperature_maps", &Ground::temperature_maps, List{kMap, 1, kMaxMaps, "K"},
               "names of maps/NAME.json: in the same way; where none has a value, temperature_k")
             .written_if([](const Ground& ground) { return !ground.temperature_maps.empty(); });
         m.check([](const JsonReader& in, Ground& ground, const ReadContext&) {
           check_material(in, ground);
-          for (const char* maps : {"albedo_maps", "temperature_maps"})
-            if (in.has(maps) && ground.reflectance.model == ReflectanceModel::hapke) in.fail(maps, kNoRho);
+          if (in.has("temperature_maps") && ground.reflectance.model == ReflectanceModel::hapke)
+            in.fail("temperature_maps", kNoRho);
         });
       });
   return *table;

@@ -43,12 +43,14 @@ struct Probes {
 };
 
 // A probe is a mean itself: of a texel's square and of what lies between texels, which together vary by t^2 / 4. So
-// that all probes together vary by side^2 / 12 as the side does, they lie a little closer together.
+// that all probes together vary by side^2 / 12 more than a point of the map itself does (1 / 4), those of coarse levels
+// lie a little closer together.
 Probes probes_along(const std::array<double, 2>& side, int level) {
+  constexpr double kPoint = 0.05;
   const double texel = std::ldexp(1.0, level), length = length_of(side);
-  const double left = length * length - 3 * texel * texel;
-  if (left <= 0) return {1, {0, 0}, {0, 0}};
-  const int count = std::clamp(static_cast<int>(std::ceil(length / texel)), 2, kMostProbes);
+  const double left = length * length - 3 * (texel * texel - 1);
+  if (length < kPoint || left <= 0) return {1, {0, 0}, {0, 0}};
+  const int count = std::clamp(static_cast<int>(std::ceil(length / texel)) + (level == 0), 2, kMostProbes);
   const double spread = std::sqrt(left / (1 - 1.0 / (count * count))) / length, step = spread / count;
   const double first = 0.5 * (step - spread);
   return {count, {side[0] * step, side[1] * step}, {side[0] * first, side[1] * first}};
@@ -68,6 +70,12 @@ class Touching {
   EastNorthUp axes_;
   double texel_m_;
 };
+
+// A tile: values, and behind them how much of each texel has one, unless all of those that have a value have all of it.
+double coverage_of(const std::vector<float>& tile, std::size_t texel) {
+  if (std::isnan(tile[texel])) return 0;
+  return tile.size() > kTexels ? static_cast<double>(tile[kTexels + texel]) : 1;
+}
 
 // Of level 0, whose first has its middle at (0, 0).
 struct Texel {
@@ -115,7 +123,8 @@ struct ValueMap::Impl {
         read(level, tx, ty, *made);
       else
         shrink(level, tx, ty, *made, stop);
-      return Cache<TileKey, std::vector<float>, TileKeyHash>::Loaded{std::move(made), kTexels * sizeof(float)};
+      const std::size_t bytes = made->size() * sizeof(float);
+      return Cache<TileKey, std::vector<float>, TileKeyHash>::Loaded{std::move(made), bytes};
     };
     return kept->tiles.get({number, level, tx, ty}, make, stop);
   }
@@ -133,24 +142,38 @@ struct ValueMap::Impl {
       }
   }
 
-  // Means of 2 x 2 texels of the level below.
+  // Means of 2 x 2 texels of the level below. What is beyond the raster's last row and column is no part of a texel.
   void shrink(int level, int tx, int ty, std::vector<float>& out, const StopToken& stop) const {
     constexpr int kHalf = kTile / 2;
+    out.resize(2 * kTexels, 0.F);
+    bool whole = true;
     for (const int dy : {0, 1})
       for (const int dx : {0, 1}) {
         const int x = 2 * tx + dx, y = 2 * ty + dy;
-        if (x * kTile >= level_width(level - 1) || y * kTile >= level_height(level - 1)) continue;
+        const int w = level_width(level - 1) - x * kTile, h = level_height(level - 1) - y * kTile;
+        if (w <= 0 || h <= 0) continue;
         const Tile from = tile(level - 1, x, y, stop);
-        for (int v = 0; v < kHalf; ++v)
-          for (int u = 0; u < kHalf; ++u) {
-            float sum = 0, count = 0;
-            for (const int k : {0, 1, kTile, kTile + 1}) {
-              const float value = (*from)[static_cast<std::size_t>(2 * v * kTile + 2 * u + k)];
-              if (!std::isnan(value)) sum += value, ++count;
-            }
-            if (count > 0) out[static_cast<std::size_t>((dy * kHalf + v) * kTile + dx * kHalf + u)] = sum / count;
+        for (int v = 0; 2 * v < std::min(kTile, h); ++v)
+          for (int u = 0; 2 * u < std::min(kTile, w); ++u) {
+            double sum = 0, covered = 0;
+            int there = 0;
+            for (const int j : {2 * v, 2 * v + 1})
+              for (const int i : {2 * u, 2 * u + 1}) {
+                if (i >= w || j >= h) continue;
+                const auto at = static_cast<std::size_t>(j * kTile + i);
+                const double coverage = coverage_of(*from, at);
+                ++there, covered += coverage;
+                if (coverage > 0) sum += coverage * static_cast<double>((*from)[at]);
+              }
+            const auto to = static_cast<std::size_t>((dy * kHalf + v) * kTile + dx * kHalf + u);
+            if (covered > 0) out[to] = static_cast<float>(sum / covered);
+            out[kTexels + to] = static_cast<float>(covered / there);
+            whole &= covered == 0 || covered == there;
           }
       }
+    if (!whole) return;
+    out.resize(kTexels);
+    out.shrink_to_fit();
   }
 
   ValueMapOptions options;
@@ -190,17 +213,20 @@ const std::vector<float>& ValueMap::Sampler::tile(int tx, int ty, int level) {
   return *held.tile;
 }
 
-float ValueMap::Sampler::texel(int x, int y, int level) {
+ValueMap::Sampler::Sum ValueMap::Sampler::texel(int x, int y, int level) {
   const Impl& map = *map_->impl_;
   const int w = map.level_width(level);
   if (map.wraps) x = (x % w + w) % w;
-  if (x < 0 || x >= w) return kNone;
+  if (x < 0 || x >= w) return {0, 0};
   // Above a map's first row there is nothing; but above the pole's there is the pole's.
   const int h = map.level_height(level);
   if (y == -1 && map.file.grid().north_deg > 90 - 1e-9) y = 0;
   if (y == h && map.file.grid().north_deg - map.height * map.file.grid().dy_deg < -90 + 1e-9) y = h - 1;
-  if (y < 0 || y >= h) return kNone;
-  return tile(x / kTile, y / kTile, level)[static_cast<std::size_t>((y % kTile) * kTile + x % kTile)];
+  if (y < 0 || y >= h) return {0, 0};
+  const std::vector<float>& of = tile(x / kTile, y / kTile, level);
+  const auto at = static_cast<std::size_t>((y % kTile) * kTile + x % kTile);
+  const double coverage = coverage_of(of, at);
+  return {coverage > 0 ? coverage * static_cast<double>(of[at]) : 0, coverage};
 }
 
 // x, y: in texels of level 0.
@@ -212,24 +238,25 @@ ValueMap::Sampler::Sum ValueMap::Sampler::bilinear(double x, double y, int level
   const Impl& map = *map_->impl_;
   if (left >= 0 && top >= 0 && in_x < kTile - 1 && in_y < kTile - 1 && left + 1 < map.level_width(level) &&
       top + 1 < map.level_height(level)) {
-    const float* t = tile(left / kTile, top / kTile, level).data() + in_y * kTile + in_x;
+    const std::vector<float>& of = tile(left / kTile, top / kTile, level);
+    const float* t = of.data() + in_y * kTile + in_x;
     const double upper = (1 - fx) * static_cast<double>(t[0]) + fx * static_cast<double>(t[1]),
                  lower = (1 - fx) * static_cast<double>(t[kTile]) + fx * static_cast<double>(t[kTile + 1]),
                  value = (1 - fy) * upper + fy * lower;
-    if (!std::isnan(value)) return {value, 1};
+    if (!std::isnan(value) && of.size() == kTexels) return {value, 1};
   }
   Sum sum{0, 0};
   for (const int dy : {0, 1})
     for (const int dx : {0, 1}) {
       const double weight = (dx ? fx : 1 - fx) * (dy ? fy : 1 - fy);
       if (weight == 0) continue;
-      const float v = texel(static_cast<int>(x0) + dx, static_cast<int>(y0) + dy, level);
-      if (!std::isnan(v)) sum.value += weight * static_cast<double>(v), sum.weight += weight;
+      const Sum one = texel(static_cast<int>(x0) + dx, static_cast<int>(y0) + dy, level);
+      sum.value += weight * one.value, sum.weight += weight * one.weight;
     }
   return sum;
 }
 
-double ValueMap::Sampler::mean(const Footprint2& f) {
+ValueMap::Sampler::Mean ValueMap::Sampler::mean(const Footprint2& f) {
   const Impl& map = *map_->impl_;
   const ValueRaster::Grid& g = map.file.grid();
   const bool polar = std::abs(f.lat_deg) > kPolar_deg;
@@ -244,29 +271,29 @@ double ValueMap::Sampler::mean(const Footprint2& f) {
   // probes make the footprint.
   const double size = std::max({std::min(a_length, b_length), std::max(a_length, b_length) / (0.5 * kMostProbes), 2.0});
   const int level = size < 4 ? 0 : std::min(static_cast<int>(std::log2(size / 2)), map.levels - 1);
-  const Probes along_a = probes_along(a, level), along_b = probes_along(b, level);
   const Texel middle = map.texel_of(f.lat_deg, f.lon_deg);
-  if (along_a.count == 1 && along_b.count == 1) {
-    const Sum one = bilinear(middle.x, middle.y, level);
-    return one.weight >= 0.5 ? one.value / one.weight : std::nan("");
-  }
   std::optional<Touching> plane;
   if (polar) plane.emplace(f.lat_deg, f.lon_deg, texel_m);
-  Sum sum{0, 0};
-  for (int j = 0; j < along_b.count; ++j)
-    for (int i = 0; i < along_a.count; ++i) {
-      const auto [ax, ay] = along_a.at(i);
-      const auto [bx, by] = along_b.at(j);
-      Texel probe{middle.x + ax + bx, middle.y + ay + by};
-      if (polar) {
-        const Geographic place = plane->place(ax + bx, ay + by);
-        probe = map.texel_of(place.lat_deg, place.lon_deg);
+  const auto from = [&](int of_level) -> Mean {
+    const Probes along_a = probes_along(a, of_level), along_b = probes_along(b, of_level);
+    Sum sum{0, 0};
+    for (int j = 0; j < along_b.count; ++j)
+      for (int i = 0; i < along_a.count; ++i) {
+        const auto [ax, ay] = along_a.at(i);
+        const auto [bx, by] = along_b.at(j);
+        Texel probe{middle.x + ax + bx, middle.y + ay + by};
+        if (polar) {
+          const Geographic place = plane->place(ax + bx, ay + by);
+          probe = map.texel_of(place.lat_deg, place.lon_deg);
+        }
+        const Sum one = bilinear(probe.x, probe.y, of_level);
+        sum.value += one.value, sum.weight += one.weight;
       }
-      const Sum one = bilinear(probe.x, probe.y, level);
-      sum.value += one.value, sum.weight += one.weight;
-    }
-  // A place has a value where at least half of what it is made from has.
-  return sum.weight >= 0.5 * along_a.count * along_b.count ? sum.value / sum.weight : std::nan("");
+    return {sum.weight > 0 ? sum.value / sum.weight : std::nan(""), sum.weight / (along_a.count * along_b.count)};
+  };
+  const Mean mean = from(level);
+  // At the border of what has a value, few probes would weigh its parts unevenly.
+  return mean.coverage > 0 && mean.coverage < 1 - 1e-9 && level > 0 ? from(std::max(0, level - 2)) : mean;
 }
 
 }  // namespace selenograph::dem

@@ -1,7 +1,8 @@
 // A map of a quantity over the Moon's surface (albedo, temperature), averaged over a pixel's footprint.
 //
-// Level 0 of its pyramid is the raster; a texel of level n is the mean of the 2 x 2 texels of level n - 1 that have a
-// value, or the raster's own overview of that size. Tiles of levels are made when they are needed.
+// Between the middles of its texels it is linear. Level 0 of its pyramid is the raster; a texel of level n is the mean
+// of the 2 x 2 texels of level n - 1, as far as they have values, and how much of it that is; or the raster's own
+// overview of that size, which doesn't say. Tiles of levels are made when they are needed.
 #pragma once
 
 #include <array>
@@ -57,9 +58,13 @@ class ValueMap {
    public:
     // `stop` outlives it.
     Sampler(const ValueMap& map, const StopToken& stop) : map_(&map), stop_(&stop) {}
-    // The mean over the footprint, of up to 16 probes along its longer side; NaN where half of it or more has no value.
-    // Throws DataError when the file can't be read, Cancelled when `stop` says so.
-    double mean(const Footprint2& footprint);
+    // Of what has a value within the footprint; which share of it that is, 0 to 1. NaN where nothing has.
+    struct Mean {
+      double value, coverage;
+    };
+    // Of up to 16 probes along its longer side. Throws DataError when the file can't be read, Cancelled when `stop`
+    // says so.
+    Mean mean(const Footprint2& footprint);
 
    private:
     struct Held {
@@ -71,7 +76,7 @@ class ValueMap {
     };
     Sum bilinear(double x, double y, int level);
     const std::vector<float>& tile(int tx, int ty, int level);
-    float texel(int x, int y, int level);
+    Sum texel(int x, int y, int level);
 
     const ValueMap* map_;
     const StopToken* stop_;

@@ -9,6 +9,7 @@
 #include "engine/camera/view.h"
 #include "engine/scene/selection.h"
 #include "engine/visibility/disc_light.h"
+#include "engine/visibility/objects_in_frame.h"
 #include "engine/visibility/raytrace/trace.h"
 #include "engine/visibility/refine.h"
 
@@ -27,10 +28,12 @@ void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
 
 class RayCaster {
  public:
-  RayCaster(const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop)
-      : terrain_(terrain), kept_(kept), stop_(stop) {}
+  RayCaster(const std::vector<SceneObject>& objects, const std::optional<Sun>& sun, const dem::Terrain& terrain,
+            RenderCache& kept, const StopToken& stop)
+      : scenery_(scenery_of(objects, sun)), objects_(scenery_), terrain_(terrain), kept_(kept), stop_(stop) {}
 
-  std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun) {
+  enum class Meeting { terrain_alone, everything };
+  std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, Meeting meeting) {
     std::vector<RayHit> hits(rays.size());
     std::vector<Vec3> facets(rays.size());  // their normals, as in SurfacePoints
     in_batches({rays.begin(), rays.end()}, [&](const Scene& scene, const Batch& batch, std::size_t first, int count) {
@@ -42,11 +45,27 @@ class RayCaster {
       }
       SurfacePoints points;
       trace(scene, packet, points);
+      ObjectLanes on_objects;
+      const std::uint32_t lanes =
+          meeting == Meeting::everything && !objects_.empty() ? objects_.meet(packet, points, on_objects) : 0;
       for (int i = 0; i < count; ++i) {
-        if (!points.hit[i]) continue;
         const std::size_t at = batch[first + static_cast<std::size_t>(i)];
-        hits[at] = {true, points.distance[i], points.position(i),
-                    shading_normal(scene.mesh, points, i, packet.direction(i)), 0};
+        if (lanes >> i & 1) {
+          hits[at] = {true,
+                      on_objects.object[i],
+                      on_objects.points.distance[i],
+                      on_objects.points.position(i),
+                      on_objects.shading.normal(i),
+                      0};
+          facets[at] = on_objects.points.facet_normal(i);
+        }
+        if (!points.hit[i]) continue;
+        hits[at] = {true,
+                    std::nullopt,
+                    points.distance[i],
+                    points.position(i),
+                    shading_normal(scene.mesh, points, i, packet.direction(i)),
+                    0};
         facets[at] = points.facet_normal(i);
       }
     });
@@ -58,7 +77,7 @@ class RayCaster {
   std::vector<RayHit> light_at(const std::vector<Vec3>& places, const Sun& sun) {
     std::vector<RayHit> all;
     all.reserve(places.size());
-    for (const Vec3& place : places) all.push_back({true, 0, place, sun.direction, 0});
+    for (const Vec3& place : places) all.push_back({true, std::nullopt, 0, place, sun.direction, 0});
     light(all, std::vector<Vec3>(all.size(), sun.direction), sun);
     return all;
   }
@@ -85,8 +104,10 @@ class RayCaster {
       SurfacePoints points{};
       Shading shading{};
       std::uint32_t asking = 0;
+      std::uint16_t own[kPacket];
       for (int i = 0; i < kPacket; ++i) {
         const RayHit& hit = hits[asked[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]]];
+        own[i] = hit.object.value_or(kNoObject);
         const Vec3& facet = facets[asked[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]]];
         points.hit[i] = i < count;
         if (points.hit[i] && (disc || facet.dot(sun.direction) > 0)) asking |= 1U << i;
@@ -95,7 +116,10 @@ class RayCaster {
         shading.nx[i] = hit.normal.x(), shading.ny[i] = hit.normal.y(), shading.nz[i] = hit.normal.z();
       }
       float lit[kPacket];
-      const auto blocked = [&](std::uint32_t of, const Vec3& d) { return shaded(scene, points, of, d); };
+      const auto blocked = [&](std::uint32_t of, const Vec3& d) {
+        const std::uint32_t dark = shaded(scene, points, of, d);
+        return dark | (objects_.empty() ? 0 : objects_.blocked(points, own, of & ~dark, d));
+      };
       if (disc) {
         DiscLanes turned;
         asking &= disc->alone(points, shading, turned, lit);
@@ -160,6 +184,16 @@ class RayCaster {
     for_packets(batch.size(), stop_, [&](std::size_t first, int count) { work(*scene, batch, first, count); });
   }
 
+  // What of a frame's request the objects are asked with.
+  static FrameRequest scenery_of(const std::vector<SceneObject>& objects, const std::optional<Sun>& sun) {
+    FrameRequest request;
+    request.objects = objects;
+    if (sun) request.sun = *sun;
+    return request;
+  }
+
+  const FrameRequest scenery_;
+  const ObjectsInFrame objects_;
   const dem::Terrain& terrain_;
   RenderCache& kept_;
   const StopToken& stop_;
@@ -171,17 +205,18 @@ double slack_m(double range_m) { return std::max(0.05, 1e-7 * range_m); }
 
 }  // namespace
 
-std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::optional<Sun>& sun, const dem::Terrain& terrain,
-                              RenderCache& kept, const StopToken& stop) {
-  return RayCaster(terrain, kept, stop).cast(rays, sun);
+std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<SceneObject>& objects,
+                              const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
+                              const StopToken& stop) {
+  return RayCaster(objects, sun, terrain, kept, stop).cast(rays, sun, RayCaster::Meeting::everything);
 }
 
 std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
-                                        const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
-                                        const StopToken& stop) {
+                                        const std::vector<SceneObject>& objects, const std::optional<Sun>& sun,
+                                        const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
   const View view(camera, pose);
   refuse_underground(terrain, view.position(), stop);
-  RayCaster caster(terrain, kept, stop);
+  RayCaster caster(objects, sun, terrain, kept, stop);
   std::vector<Landmark> answers(points.size());
   std::vector<Ray> looks, downs;
   std::vector<Vec3> places;
@@ -210,14 +245,16 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
         pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < camera.width - 0.5 && pixel->y < camera.height - 0.5;
     if (a.in_frame) looks.push_back({view.position(), (place - view.position()).normalized()}), looked.push_back(i);
   }
-  const std::vector<RayHit> seen = caster.cast(looks, std::nullopt);
+  const std::vector<RayHit> seen = caster.cast(looks, std::nullopt, RayCaster::Meeting::everything);
   for (std::size_t k = 0; k < seen.size(); ++k) {
     // Visible unless something stands clearly nearer: the landmark itself is met at its own range.
     Landmark& a = answers[looked[k]];
     a.visible = !seen[k].hit || seen[k].range_m > a.range_m - slack_m(a.range_m);
   }
   if (sun) {
-    const std::vector<RayHit> grounds = caster.cast(downs, sun), over = caster.light_at(places, *sun);
+    // An object that stands there doesn't hide the ground from its own light.
+    const std::vector<RayHit> grounds = caster.cast(downs, sun, RayCaster::Meeting::terrain_alone),
+                              over = caster.light_at(places, *sun);
     for (std::size_t k = 0; k < grounds.size(); ++k) answers[on_ground[k]].lit = grounds[k].lit;
     for (std::size_t k = 0; k < over.size(); ++k) answers[over_ground[k]].lit = over[k].lit;
   }

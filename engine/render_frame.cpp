@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "engine/frame/needs.h"
+#include "engine/motion_blur.h"
 #include "engine/radiometry/radiometry.h"
 #include "engine/sensor/sensor.h"
 #include "engine/support/stopwatch.h"
@@ -56,12 +57,15 @@ std::optional<Sensor> sensor_of(const FrameRequest& request, const StopToken& st
 Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& token,
                      const EachSample& each);
 
-// The moments that stand for the exposure, seconds from its middle.
-std::vector<double> moments_of(const Motion& motion, double integration_time_s) {
-  std::vector<double> moments;
-  moments.reserve(static_cast<std::size_t>(motion.samples));
-  for (int k = 0; k < motion.samples; ++k) moments.push_back(((k + 0.5) / motion.samples - 0.5) * integration_time_s);
-  return moments;
+double longest_streak(const FrameRequest& request, const Selection& selection, double integration_time_s,
+                      const dem::Terrain& terrain, const StopToken& stop) {
+  double ground_m = selection.highest_m;
+  if (request.terrain && request.pose.position_m.norm() < kMoonRadius_m + ground_m) {
+    const Geographic below = to_geographic(request.pose.position_m);
+    const double height_m = terrain.height(below.lat_deg, below.lon_deg, stop).height_m;
+    ground_m = std::isnan(height_m) ? double{dem::kLowestRelief_m} : height_m;
+  }
+  return longest_streak_px(request, integration_time_s, ground_m, balls_around(request.objects));
 }
 
 // Where the frame decides, what it may decide at most.
@@ -87,19 +91,19 @@ struct Exposed {
 
 // Radiance as a mean over the exposure, whose middle is rendered already. The time of the others counts as if it were
 // the frame's own.
-std::vector<float> radiance_in_motion(const Exposed& exposed, const std::vector<float>& in_the_middle,
+std::vector<float> radiance_in_motion(const Exposed& exposed, int samples, const std::vector<float>& in_the_middle,
                                       const dem::Terrain& terrain, RenderCache& kept, StageTimes& times,
                                       std::vector<double>& shadow_limits_px) {
   FrameRequest request = exposed.request;
-  const Motion motion = request.sensor->motion;
+  const Motion& motion = exposed.request.sensor->motion;
   const Pose middle = request.pose;
   request.products = kRadiance;
   std::vector<float> mean(in_the_middle.size(), 0.F);
-  const float share = 1.F / static_cast<float>(motion.samples);
+  const float share = 1.F / static_cast<float>(samples);
   const auto add = [&](const std::vector<float>& radiance) {
     for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += share * radiance[i];
   };
-  for (const double moment : moments_of(motion, exposed.sensor.integration_time_s())) {
+  for (const double moment : moments_of(samples, exposed.sensor.integration_time_s())) {
     exposed.stop.check();
     if (moment == 0 && !exposed.sensor.wants_samples()) {
       add(in_the_middle);
@@ -147,15 +151,17 @@ std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terra
                                      const StopToken& stop) {
   const std::optional<Sensor> sensor = sensor_of(asked, stop);
   FrameRequest request = with_margin_of(sensor, asked);
-  std::vector<Pose> poses{request.pose};
-  if (sensor && !request.sensor->motion.none())
-    for (const double moment : moments_of(request.sensor->motion, longest_exposure_s(*request.sensor)))
-      if (moment != 0) poses.push_back(moved(asked.pose, request.sensor->motion, moment));
-  std::vector<double> limits;
-  limits.reserve(poses.size());
-  for (const Pose& pose : poses)
-    limits.push_back(
-        select_blocks(request, View(request.camera, pose), request.accuracy, terrain, kept, stop).shadow_limit_px);
+  const auto selected = [&](const Pose& pose) {
+    return select_blocks(request, View(request.camera, pose), request.accuracy, terrain, kept, stop);
+  };
+  const Selection middle = selected(request.pose);
+  std::vector<double> limits{middle.shadow_limit_px};
+  if (!sensor || request.sensor->motion.none()) return limits;
+  const Motion& motion = request.sensor->motion;
+  const double time_s = longest_exposure_s(*request.sensor);
+  for (const double moment :
+       moments_of(motion_samples(motion, longest_streak(request, middle, time_s, terrain, stop)), time_s))
+    if (moment != 0) limits.push_back(selected(moved(asked.pose, motion, moment)).shadow_limit_px);
   return limits;
 }
 
@@ -196,7 +202,12 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
                                  /*build=*/!kept.holds(content));
   SpeedGauge& speed = kept.speed(content.visibility);
   const bool moving = sensor && !request.sensor->motion.none();
-  const std::size_t moments = moving ? static_cast<std::size_t>(request.sensor->motion.samples) : 1;
+  // Where the frame chooses its exposure, it is not known yet, and not what is refused.
+  const int expected =
+      moving ? motion_samples(request.sensor->motion,
+                              longest_streak(request, selection, sensor->integration_time_s(), terrain, stop))
+             : 1;
+  const auto moments = static_cast<std::size_t>(expected);
   speed.refuse_hopeless(work, moments + (photons ? 1 : 0), stop);
   std::shared_ptr<const Scene> scene = kept.scene(content, stop);
   frame.times.build_ms = watch.lap_ms();
@@ -244,8 +255,12 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
       captured = render_samples(counted, terrain, kept, stop, each).products.radiance;
     }
     sensor->choose_integration_time(view, *lens, captured, stop);
-    if (moving)
-      captured = radiance_in_motion(*exposed, captured, terrain, kept, frame.times, frame.report.shadow_limits_px);
+    if (moving) {
+      frame.report.longest_streak_px = longest_streak(request, selection, sensor->integration_time_s(), terrain, stop);
+      frame.report.motion_samples = motion_samples(request.sensor->motion, frame.report.longest_streak_px);
+      captured = radiance_in_motion(*exposed, frame.report.motion_samples, captured, terrain, kept, frame.times,
+                                    frame.report.shadow_limits_px);
+    }
     watch.lap_ms();
     if (!(request.products & kRadiance)) pixels.clear();
     capture(*sensor, request, view, *lens, std::move(captured), frame, stop);

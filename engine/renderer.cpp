@@ -68,17 +68,19 @@ std::vector<double> Renderer::shadow_limits_px(const FrameRequest& request, cons
   return in_arena(impl_->arena, [&] { return engine::shadow_limits_px(request, *impl_->terrain, impl_->kept, stop); });
 }
 
-std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun,
-                                   const StopToken& stop) const {
+std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop,
+                                   const std::vector<SceneObject>& objects) const {
   const Preparation::Work work(impl_->preparation, nullptr);
-  return in_arena(impl_->arena, [&] { return cast_rays(rays, sun, *impl_->terrain, impl_->kept, stop); });
+  return in_arena(impl_->arena, [&] { return cast_rays(rays, objects, sun, *impl_->terrain, impl_->kept, stop); });
 }
 
 std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
-                                        const std::optional<Sun>& sun, const StopToken& stop) const {
+                                        const std::optional<Sun>& sun, const StopToken& stop,
+                                        const std::vector<SceneObject>& objects) const {
   const Preparation::Work work(impl_->preparation, nullptr);
-  return in_arena(impl_->arena,
-                  [&] { return project_landmarks(camera, pose, points, sun, *impl_->terrain, impl_->kept, stop); });
+  return in_arena(impl_->arena, [&] {
+    return project_landmarks(camera, pose, points, objects, sun, *impl_->terrain, impl_->kept, stop);
+  });
 }
 
 void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead) const {

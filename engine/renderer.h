@@ -49,13 +49,15 @@ class Renderer {
   // FrameReport::shadow_limits_px of the frame that render() would make, without making it. Throws as render does.
   std::vector<double> shadow_limits_px(const FrameRequest& request, const StopToken& stop = {}) const;
 
-  // Arbitrary rays against the finest terrain.
-  std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop = {}) const;
+  // Arbitrary rays against the finest terrain and objects.
+  std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop = {},
+                           const std::vector<SceneObject>& objects = {}) const;
 
   // Where landmarks appear. in_frame: the pixel coordinates are within [-0.5, width-0.5) x [-0.5, height-0.5) and the
   // point is in front of the camera; visible: in_frame and nothing stands between.
   std::vector<Landmark> project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
-                                const std::optional<Sun>& sun, const StopToken& stop = {}) const;
+                                const std::optional<Sun>& sun, const StopToken& stop = {},
+                                const std::vector<SceneObject>& objects = {}) const;
 
   const dem::Terrain& terrain() const;
   int threads() const;  // as many as work on a frame

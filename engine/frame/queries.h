@@ -1,6 +1,7 @@
 // Rays and landmarks: POST /v1/rays and POST /v1/project.
 #pragma once
 
+#include <cstdint>
 #include <limits>
 #include <optional>
 
@@ -16,6 +17,7 @@ struct Ray {
 
 struct RayHit {
   bool hit = false;
+  std::optional<std::uint16_t> object{};  // index into the query's objects; empty: terrain
   double range_m = std::numeric_limits<double>::quiet_NaN();
   Vec3 position_m = Vec3::Zero();
   Vec3 normal = Vec3::Zero();

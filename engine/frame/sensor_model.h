@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "dem/geodesy.h"
@@ -71,11 +72,13 @@ struct Exposure {
 };
 
 // What the camera does while it is exposed, from half the integration time before the pose's moment to half after it:
-// light is averaged over so many moments in between.
+// light is averaged over so many moments in between. Left out: as many as the longest streak has pixels, an odd number,
+// kMostMoments at most.
 struct Motion {
   Vec3 angular_rate_deg_s = Vec3::Zero();  // of the camera, about its own axes
   Vec3 velocity_m_s = Vec3::Zero();        // MOON_ME
-  int samples = 9;
+  std::optional<int> samples{};
+  static constexpr int kMostMoments = 65;
   bool none() const { return angular_rate_deg_s.isZero(0) && velocity_m_s.isZero(0); }
 };
 

@@ -12,7 +12,15 @@ enum class ReflectanceModel {
   lommel_seeliger_lambert,  // "lunar": w * Lommel-Seeliger + (1 - w) * Lambert   paper 3.1
   blinn_phong,              // normalised by its exponent                         paper eq. (11)
   lunar_lambert,            // rho / pi (2 L / (mu0 + mu) + 1 - L)                McEwen 1991
-  hapke                     // with the opposition surge and macroscopic roughness  Hapke 1984
+  hapke                     // with the opposition surge and macroscopic roughness  Hapke 1984, 2002
+};
+
+// How Lommel-Seeliger and lunar-Lambert, which themselves say nothing of it, darken with the phase angle g: a factor
+// f(g), f(0) = 1, by which a uniform sphere's light follows that of the whole Moon (engine/radiometry/phase_law.h).
+enum class PhaseLaw {
+  none,   // f = 1, as in the paper
+  allen,  // its magnitudes in the visible, 0 to 150 degrees: Allen 1973
+  rolo    // its reflectance at 0.554 um with the opposition surge, 1.55 to 97 degrees: Kieffer & Stone 2005
 };
 
 // Of particles, p(g): sums to 4 pi over all directions.
@@ -21,6 +29,10 @@ enum class PhaseFunction {
   double_henyey_greenstein  // a lobe back to the Sun of weight (1 + c) / 2 and one forward of (1 - c) / 2, both of
                             // width b
 };
+
+// 1981 and 1984: isotropic multiple scattering, H to 4 %. 2002 (Icarus 157, 523): multiple scattering that knows p(g),
+// H to 1 %, coherent backscatter.
+enum class HapkeTerms { terms_1984, terms_2002 };
 
 // Defaults: the whole Moon in the visible, Helfenstein & Veverka (Icarus 72, 342, 1987), table II, whose S(0) = 0.71 is
 // b0 w p(0).
@@ -31,6 +43,8 @@ struct HapkeParameters {
   PhaseFunction phase_function = PhaseFunction::legendre;
   double b = 0.29, c = 0.39;
   double theta_bar_deg = 20;  // mean slope of the roughness that the mesh doesn't resolve
+  HapkeTerms terms = HapkeTerms::terms_1984;
+  double bc0 = 0, hc = 0.1;  // of 2002: amplitude and angular width of coherent backscatter
 };
 
 struct Reflectance {
@@ -41,6 +55,7 @@ struct Reflectance {
   // L of lunar_lambert. Empty: 1 - 0.019 g + 0.242e-3 g^2 - 1.46e-6 g^3, not below 0, g: phase in degrees (McEwen, LPSC
   // XXVII, 841, 1996), which is the Moon's.
   std::optional<double> limb_darkening{};
+  PhaseLaw phase = PhaseLaw::none;  // of lommel_seeliger, lommel_seeliger_lambert, lunar_lambert
   HapkeParameters hapke{};
 };
 

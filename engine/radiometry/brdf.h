@@ -6,16 +6,15 @@
 #include <optional>
 
 #include "engine/frame/surface.h"
+#include "engine/radiometry/hapke.h"
 #include "engine/radiometry/photometry.h"
+#include "engine/support/packet.h"
 
 namespace selenograph::engine {
 
 // Above this lunar-Lambert, whose rho is a normal albedo, would reflect more than arrives: 4 rho L towards grazing
 // incidence.
 inline constexpr double kLunarLambertMaxRho = 0.25;
-
-// p(g).
-double phase_function(const HapkeParameters& parameters, double cos_phase);
 
 // mu0 = cos(incidence) > 0, mu = cos(emission) >= 0; cos_phase: of the angle between the directions to Sun and camera.
 class Brdf {
@@ -27,8 +26,12 @@ class Brdf {
   // mu0 f_r, which is what radiance is made of: finite towards limb and terminator, where f_r needn't be.
   double times_mu0(double mu0, double mu, double cos_phase) const;
 
-  // Its two constants, if that is all there is to it: whole vectors of pixels are evaluated at once then.
+  // Its two constants, if that is all there is to it.
   const BrdfTerms* terms() const { return terms_ ? &*terms_ : nullptr; }
+
+  // The same for a whole packet, to 1e-6 of itself; what lanes without mu0 > 0 get means nothing. `albedo`: none, or
+  // one per lane, 0 to 1, in place of Hapke's w.
+  void times_mu0(const double* mu0, const double* mu, const double* cos_phase, const double* albedo, double* out) const;
 
  private:
   struct Model;  // any other

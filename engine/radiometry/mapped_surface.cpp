@@ -9,6 +9,7 @@
 #include <string>
 
 #include "dem/error.h"
+#include "engine/radiometry/brdf.h"
 #include "engine/radiometry/radiometry.h"
 
 namespace selenograph::engine {
@@ -16,11 +17,6 @@ namespace {
 
 // Steps of 1.5 %: 500 temperatures.
 constexpr double kColdest_k = 5, kHottest_k = 1e4, kStep = 1.015;
-
-Reflectance with_rho(Reflectance reflectance, double rho) {
-  reflectance.rho = rho;
-  return reflectance;
-}
 
 Material black(double temperature_k) {
   Material material;
@@ -47,19 +43,12 @@ double EmissionTable::operator()(double temperature_k) const {
   return std::exp(log_[at] + share * (log_[at + 1] - log_[at]));
 }
 
-double first_value(std::vector<dem::ValueMap::Sampler>& maps, const dem::ValueMap::Footprint2& footprint,
-                   double fallback) {
-  for (dem::ValueMap::Sampler& map : maps)
-    if (const double value = map.mean(footprint); !std::isnan(value)) return value;
-  return fallback;
-}
-
 // Samples that are no reflectances: most likely of eight bits.
 [[noreturn]] void refuse_brightness(double value, const dem::ValueMap::Footprint2& at, const FrameRequest& request,
                                     const StopToken& stop) {
   std::string name;
   for (const auto& map : request.albedo_maps)
-    if (name.empty() && !std::isnan(dem::ValueMap::Sampler(*map, stop).mean(at)))
+    if (name.empty() && dem::ValueMap::Sampler(*map, stop).mean(at).value == value)
       name = std::filesystem::path(map->path()).filename().string();
   throw ImpossibleRequest(
       fmt::format(
@@ -70,10 +59,10 @@ double first_value(std::vector<dem::ValueMap::Sampler>& maps, const dem::ValueMa
 }
 
 MappedSurface::MappedSurface(const FrameRequest& request, const View& view)
-    : request_(request), whole_(with_rho(request.reflectance, 1)) {
-  const RadianceTerms terms = radiance_terms(request, black(0));
-  direct_w_m2_ = terms.direct_w_m2, path_w_m2_sr_ = terms.base_w_m2_sr();
-  most_rho_ = request.reflectance.model == ReflectanceModel::lunar_lambert ? kLunarLambertMaxRho : 1;
+    : request_(request), path_w_m2_sr_(radiance_terms(request, black(0)).base_w_m2_sr()) {
+  const Reflectance& reflectance = request.reflectance;
+  fallback_ = reflectance.model == ReflectanceModel::hapke ? reflectance.hapke.w : reflectance.rho;
+  most_ = reflectance.model == ReflectanceModel::lunar_lambert ? kLunarLambertMaxRho : 1;
   if (request.temperature_k > 0 || !request.temperature_maps.empty())
     emission_ = std::make_unique<const EmissionTable>(request);
   const Eigen::Matrix3d& m = view.moon_from_camera();
@@ -114,24 +103,23 @@ dem::ValueMap::Footprint2 MappedSurface::footprint(const SurfacePoints& points, 
           {b.dot(east), b.dot(north)}};
 }
 
-void MappedSurface::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
-                              Sampler& sampler, float* out, float* base) const {
+void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo,
+                           float* base) const {
+  constexpr double kRounding = 1e-6;
   for (int i = 0; i < kPacket; ++i) {
-    constexpr double kRounding = 1e-6;
+    albedo[i] = 0;
     if (!points.hit[i]) continue;
-    const Vec3 direction = rays.direction(i);
-    const dem::ValueMap::Footprint2 pixel = footprint(points, i, direction);
-    const double albedo = first_value(sampler.albedo, pixel, request_.reflectance.rho);
-    if (albedo > most_rho_ + kRounding) refuse_brightness(albedo, pixel, request_, *sampler.stop);
-    const double rho = std::clamp(albedo, 0.0, most_rho_);
+    const dem::ValueMap::Footprint2 pixel = footprint(points, i, rays.direction(i));
+    parts_of(sampler.albedo, pixel, fallback_, [&](double value, double share) {
+      if (value > most_ + kRounding) refuse_brightness(value, pixel, request_, *sampler.stop);
+      albedo[i] += share * std::clamp(value, 0.0, most_);
+    });
     double dark = path_w_m2_sr_;
     if (emission_)  // eq. (3)
-      dark += (*emission_)(first_value(sampler.temperature, pixel, request_.temperature_k)) * (1 - rho);
-    const double cos_phase = -direction.dot(request_.sun.direction) / direction.norm();
-    // Eq. (2): all models that have a rho are proportional to it.
-    const double direct = rho * direct_radiance(whole_, direct_w_m2_, shading.incident[i], shading.mu[i], cos_phase,
-                                                static_cast<double>(lit[i]));
-    base[i] = static_cast<float>(dark), out[i] = static_cast<float>(dark + direct);
+      parts_of(sampler.temperature, pixel, request_.temperature_k, [&](double temperature_k, double share) {
+        dark += share * (*emission_)(temperature_k) * (1 - albedo[i]);
+      });
+    base[i] = static_cast<float>(dark);
   }
 }
 

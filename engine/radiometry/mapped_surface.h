@@ -8,7 +8,6 @@
 #include "dem/value_map.h"
 #include "engine/camera/view.h"
 #include "engine/frame/request.h"
-#include "engine/radiometry/brdf.h"
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {
@@ -37,17 +36,15 @@ class MappedSurface {
   };
   Sampler sampler(const StopToken& stop) const;
 
-  // Per lane that hits, W m-2 sr-1: with the Sun, and what is left without it. Throws ImpossibleRequest where a map of
+  // Per lane that hits: rho, or Hapke's w; and W m-2 sr-1 without the Sun. Throws ImpossibleRequest where a map of
   // albedo says more than 1.
-  void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
-                 Sampler& sampler, float* out, float* base) const;
+  void sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base) const;
 
  private:
   dem::ValueMap::Footprint2 footprint(const SurfacePoints& points, int lane, const Vec3& direction) const;
 
   const FrameRequest& request_;
-  Brdf whole_;  // of rho = 1
-  double direct_w_m2_, path_w_m2_sr_, most_rho_;
+  double path_w_m2_sr_, fallback_, most_;
   std::unique_ptr<const EmissionTable> emission_;
   Vec3 right_, down_;  // from one sample's ray to the next one's
   // Of a fisheye's rays, which are unit vectors: its boresight, and the angle from one sample to the next on it.
@@ -55,8 +52,20 @@ class MappedSurface {
   double angle_ = 0;
 };
 
-// The first map that has a value decides; `fallback` where none has.
-double first_value(std::vector<dem::ValueMap::Sampler>& maps, const dem::ValueMap::Footprint2& footprint,
-                   double fallback);
+// What a footprint is made of: of each of its parts the first map that has a value decides, `fallback` where none has.
+// part(value, share of the footprint).
+template <typename Part>
+void parts_of(std::vector<dem::ValueMap::Sampler>& maps, const dem::ValueMap::Footprint2& footprint, double fallback,
+              Part&& part) {
+  double left = 1;
+  for (dem::ValueMap::Sampler& map : maps) {
+    const auto [value, coverage] = map.mean(footprint);
+    if (!(coverage > 0)) continue;
+    part(value, left * coverage);
+    left *= 1 - coverage;
+    if (!(left > 1e-6)) return;
+  }
+  part(fallback, left);
+}
 
 }  // namespace selenograph::engine

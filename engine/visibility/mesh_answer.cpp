@@ -25,15 +25,25 @@ void append(std::string& to, const void* from, std::size_t bytes) { to.append(st
 
 void append_number(std::string& to, std::uint32_t number) { append(to, &number, sizeof number); }
 
+// What is no list.
+struct Whole {
+  std::uint32_t kind, corners, triangles, parts;
+  double origin[3], rounding;
+  std::uint32_t textured, unused;
+};
+static_assert(sizeof(Whole) == 56);
+
 class Bytes {
  public:
   explicit Bytes(std::string_view bytes) : left_(bytes) {}
 
-  std::uint32_t number() {
-    std::uint32_t n = 0;
-    copy(&n, sizeof n);
-    return n;
+  template <typename T>
+  T item() {
+    T value{};
+    copy(&value, sizeof value);
+    return value;
   }
+  std::uint32_t number() { return item<std::uint32_t>(); }
   // The count is the answer's own word: no room is made for what isn't there.
   template <typename T>
   std::vector<T> list(std::size_t count) {
@@ -59,6 +69,8 @@ class Bytes {
 
 void check(const ObjectShape& shape) {
   if (shape.triangles.empty() || shape.parts.empty()) fail("no triangle");
+  if (!shape.origin.allFinite() || !(shape.rounding >= 0 && std::isfinite(shape.rounding)))
+    fail("an origin that isn't finite");
   for (const ObjectCorner& corner : shape.corners) {
     if (!corner.place.allFinite()) fail("a corner that isn't finite");
     const float length2 = corner.normal.squaredNorm();
@@ -79,10 +91,16 @@ std::string shape_answer(const ObjectShape& shape) {
   const std::size_t corner_bytes = shape.corners.size() * sizeof(ObjectCorner),
                     triangle_bytes = shape.triangles.size() * sizeof(ObjectTriangle);
   std::string answer;
-  answer.reserve(16 + corner_bytes + triangle_bytes);
-  append_number(answer, kShape);
-  for (const std::size_t count : {shape.corners.size(), shape.triangles.size(), shape.parts.size()})
-    append_number(answer, static_cast<std::uint32_t>(count));
+  const Whole whole{kShape,
+                    static_cast<std::uint32_t>(shape.corners.size()),
+                    static_cast<std::uint32_t>(shape.triangles.size()),
+                    static_cast<std::uint32_t>(shape.parts.size()),
+                    {shape.origin.x(), shape.origin.y(), shape.origin.z()},
+                    shape.rounding,
+                    shape.textured,
+                    0};
+  answer.reserve(sizeof whole + corner_bytes + triangle_bytes);
+  append(answer, &whole, sizeof whole);
   append(answer, shape.corners.data(), corner_bytes);
   append(answer, shape.triangles.data(), triangle_bytes);
   for (const std::string& part : shape.parts)
@@ -97,15 +115,18 @@ std::string refusal_answer(std::string_view why) {
 }
 
 ObjectShape shape_of_answer(std::string_view answer) {
-  Bytes in(answer);
-  const std::uint32_t kind = in.number();
+  const auto kind = Bytes(answer).number();
   if (kind == kRefusal) throw std::runtime_error(std::string(answer.substr(sizeof kind, kMaxRefusalBytes)));
   if (kind != kShape) fail("neither a mesh nor a refusal");
-  const std::uint32_t corners = in.number(), triangles = in.number(), parts = in.number();
+  Bytes in(answer);
+  const auto whole = in.item<Whole>();
+  if (whole.textured > 1 || whole.unused != 0) fail("neither yes nor no");
   ObjectShape shape;
-  shape.corners = in.list<ObjectCorner>(corners);
-  shape.triangles = in.list<ObjectTriangle>(triangles);
-  for (std::uint32_t i = 0; i < parts; ++i) shape.parts.push_back(in.text(in.number()));
+  shape.corners = in.list<ObjectCorner>(whole.corners);
+  shape.triangles = in.list<ObjectTriangle>(whole.triangles);
+  for (std::uint32_t i = 0; i < whole.parts; ++i) shape.parts.push_back(in.text(in.number()));
+  shape.origin = Vec3(whole.origin[0], whole.origin[1], whole.origin[2]);
+  shape.rounding = whole.rounding, shape.textured = whole.textured != 0;
   if (!in.empty()) fail("too long");
   check(shape);
   return shape;

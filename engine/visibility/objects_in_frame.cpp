@@ -14,9 +14,6 @@ namespace {
 
 // Room for float: the ball on which rays start encloses what Embree sees of the object.
 constexpr double kMargin = 1e-5;
-// What float leaves open of a place in an object, as a share of its ball's radius: nearer than this along the normal
-// lies the facet that a shadow ray leaves, and its neighbours in the same plane.
-constexpr double kRounding = 0x1p-20;
 
 struct Entry {
   bool meets;
@@ -111,16 +108,20 @@ std::vector<Ball> balls_around(const std::vector<SceneObject>& objects) {
   return balls;
 }
 
-ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const View& view) : request_(request) {
+ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const View& view) : ObjectsInFrame(request, &view) {}
+
+ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const View* view)
+    : request_(request), from_one_place_(view != nullptr) {
   const std::vector<Ball> balls = balls_around(request.objects);
   for (const SceneObject& object : request.objects) {
     Placed p;
     p.mesh = object.mesh.get();
     p.moon_from_object = object.moon_from_object.toRotationMatrix();
     p.object_from_moon = p.moon_from_object.transpose() / object.scale;
-    p.position = object.position_m;
+    p.position = object.position_m, p.scale = object.scale;
+    p.middle = object.position_m + object.moon_from_object * Vec3(object.scale * object.mesh->middle());
     p.ball = balls[placed_.size()];
-    p.in_view = view.may_see(p.ball.centre_m, p.ball.radius_m);
+    p.in_view = !view || view->may_see(p.ball.centre_m, p.ball.radius_m);
     any_in_view_ |= p.in_view;
     for (const Material& material : object.materials) {
       const RadianceTerms terms = radiance_terms(request, material);
@@ -139,7 +140,7 @@ std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLan
   }
   const Cone cone(rays);
   for (std::size_t k = 0; k < placed_.size(); ++k)
-    if (placed_[k].in_view && cone.may_meet(placed_[k].ball))
+    if (placed_[k].in_view && (!from_one_place_ || cone.may_meet(placed_[k].ball)))
       look(placed_[k], static_cast<std::uint16_t>(k), rays, nearest, out);
   std::uint32_t lanes = 0;
   for (int i = 0; i < kPacket; ++i) {
@@ -239,8 +240,8 @@ std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::ui
       if (!entry.meets) continue;
       set_lane(packet, i, object.from_middle(place + entry.distance * sun), object.object_from_moon * sun);
       if (own && own[i] == k)
-        packet.near[i] =
-            static_cast<float>(object.ball.radius_m * kRounding / std::max(1.0 / 64, points.facet_normal(i).dot(sun)));
+        packet.near[i] = static_cast<float>(object.scale * object.mesh->rounding_at(object.inside(place)) /
+                                            std::max(1.0 / 64, points.facet_normal(i).dot(sun)));
       active |= 1U << i;
     }
     if (active == 0) continue;

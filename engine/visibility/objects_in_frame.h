@@ -34,6 +34,8 @@ class ObjectsInFrame {
  public:
   // `request` and `view` outlive it.
   ObjectsInFrame(const FrameRequest& request, const View& view);
+  // For rays from anywhere. What it tells of radiance is of no camera.
+  explicit ObjectsInFrame(const FrameRequest& request) : ObjectsInFrame(request, nullptr) {}
 
   bool empty() const { return placed_.empty(); }
 
@@ -51,6 +53,9 @@ class ObjectsInFrame {
   void radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit, float* out, float* base) const;
 
  private:
+  // Without a view all objects may be seen, by rays that don't come from one place.
+  ObjectsInFrame(const FrameRequest& request, const View* view);
+
   struct Finish {
     Brdf brdf;
     double direct_w_m2;
@@ -59,12 +64,13 @@ class ObjectsInFrame {
   struct Placed {
     const ObjectMesh* mesh;
     Eigen::Matrix3d moon_from_object, object_from_moon;  // the latter with the scale
-    Vec3 position;                                       // MOON_ME, m
+    Vec3 position, middle;                               // MOON_ME, m; middle: what the tracer's rays are relative to
+    double scale;
     Ball ball;
     bool in_view;
     std::vector<Finish> finishes;  // per part
     Vec3 inside(const Vec3& place) const { return object_from_moon * (place - position); }
-    Vec3 from_middle(const Vec3& place) const { return object_from_moon * (place - ball.centre_m); }
+    Vec3 from_middle(const Vec3& place) const { return object_from_moon * (place - middle); }
   };
 
   void look(const Placed& object, std::uint16_t index, const Rays& rays, double* nearest, ObjectLanes& out) const;
@@ -73,7 +79,7 @@ class ObjectsInFrame {
 
   const FrameRequest& request_;
   std::vector<Placed> placed_;
-  bool any_in_view_ = false;
+  bool any_in_view_ = false, from_one_place_;
 };
 
 }  // namespace selenograph::engine

@@ -44,6 +44,29 @@ void RadiancesOf(const BrdfTerms& terms, double irradiance, const Shading& shadi
         direct_radiance(terms, irradiance, shading.incident[i], shading.mu[i], static_cast<double>(lit[i])));
 }
 
+// `mu`: of emission, not below 0.
+void Cosines(const Rays& rays, const Shading& shading, const Vec3& sun, double* cos_phase, double* mu) {
+  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
+    cos_phase[i] = -(dx * sx + dy * sy + dz * sz) / std::sqrt(dx * dx + dy * dy + dz * dz);
+    mu[i] = shading.mu[i] > 0 ? shading.mu[i] : 0;
+  }
+}
+
+// What direct_radiance does, of a model that was evaluated before; `albedo`: none, or what to multiply by.
+void ReflectedBy(double irradiance, const Shading& shading, const double* mu0_brdf, const double* albedo,
+                 const float* lit, float* out) {
+  double factor[kPacket];
+  for (int i = 0; i < kPacket; ++i) factor[i] = albedo ? irradiance * albedo[i] : irradiance;
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double value = factor[i] * mu0_brdf[i] * static_cast<double>(lit[i]);
+    out[i] = static_cast<float>(shading.incident[i] > 0 && lit[i] > 0 ? value : 0.0);
+  }
+}
+
 }  // namespace selenograph::engine::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -52,14 +75,30 @@ namespace selenograph::engine {
 
 HWY_EXPORT(ShadeLanes);
 HWY_EXPORT(RadiancesOf);
+HWY_EXPORT(Cosines);
+HWY_EXPORT(ReflectedBy);
+
+namespace {
+
+bool mapped(const FrameRequest& request) {
+  return wants_radiance(request) && !(request.albedo_maps.empty() && request.temperature_maps.empty());
+}
+
+// All models that have a rho are proportional to it: a map's multiplies what 1 would reflect, eq. (2).
+Reflectance evaluated(const FrameRequest& request) {
+  Reflectance reflectance = request.reflectance;
+  if (mapped(request)) reflectance.rho = 1;
+  return reflectance;
+}
+
+}  // namespace
 
 PacketShader::PacketShader(const FrameRequest& request, const View& view, const RadianceTerms& terms)
     : request_(request),
       irradiance_(terms.direct_w_m2),
       base_(static_cast<float>(terms.base_w_m2_sr())),
-      brdf_(request.reflectance) {
-  if (wants_radiance(request) && !(request.albedo_maps.empty() && request.temperature_maps.empty()))
-    mapped_.emplace(request, view);
+      brdf_(evaluated(request)) {
+  if (engine::mapped(request)) mapped_.emplace(request, view);
 }
 
 void PacketShader::shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const {
@@ -68,20 +107,22 @@ void PacketShader::shade(const Facets& facets, const SurfacePoints& points, cons
 
 void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                              Sampler& sampler, float* out, float* base) const {
-  if (mapped_) return mapped_->radiances(points, shading, rays, lit, sampler, out, base);
-  if (const BrdfTerms* terms = brdf_.terms()) {
+  if (const BrdfTerms* terms = brdf_.terms(); terms && !mapped_) {
     HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, lit, out);
   } else {
-    for (int i = 0; i < kPacket; ++i) out[i] = lit[i] > 0 ? direct(shading, rays.direction(i), lit[i], i) : 0;
+    alignas(64) double cos_phase[kPacket], mu[kPacket], mu0_brdf[kPacket], albedo[kPacket];
+    HWY_DYNAMIC_DISPATCH(Cosines)(rays, shading, request_.sun.direction, cos_phase, mu);
+    if (mapped_) mapped_->sample(points, rays, sampler, albedo, base);
+    const bool hapke = request_.reflectance.model == ReflectanceModel::hapke;
+    brdf_.times_mu0(shading.incident, mu, cos_phase, mapped_ && hapke ? albedo : nullptr, mu0_brdf);
+    HWY_DYNAMIC_DISPATCH(ReflectedBy)
+    (irradiance_, shading, mu0_brdf, mapped_ && !hapke ? albedo : nullptr, lit, out);
   }
-  if (base_ == 0) return;
-  for (int i = 0; i < kPacket; ++i) out[i] += base_;  // eq. (1)
-}
-
-float PacketShader::direct(const Shading& shading, const Vec3& direction, float lit, int i) const {
-  const double cos_phase = -direction.dot(request_.sun.direction) / direction.norm();
-  return static_cast<float>(
-      direct_radiance(brdf_, irradiance_, shading.incident[i], shading.mu[i], cos_phase, static_cast<double>(lit)));
+  if (mapped_) {
+    for (int i = 0; i < kPacket; ++i) out[i] += points.hit[i] ? base[i] : 0;
+  } else if (base_ != 0) {
+    for (int i = 0; i < kPacket; ++i) out[i] += base_;  // eq. (1)
+  }
 }
 
 }  // namespace selenograph::engine

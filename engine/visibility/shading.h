@@ -31,8 +31,6 @@ class PacketShader {
   float base_radiance() const { return base_; }
 
  private:
-  float direct(const Shading& shading, const Vec3& direction, float lit, int lane) const;
-
   const FrameRequest& request_;
   double irradiance_;
   float base_;

@@ -208,7 +208,16 @@ const Addition kAdditions[] = {
      }},
     {"blinn_phong", [](engine::FrameRequest& r) { add_model(r, engine::ReflectanceModel::blinn_phong); }},
     {"lunar_lambert", [](engine::FrameRequest& r) { add_model(r, engine::ReflectanceModel::lunar_lambert); }},
+    {"phase_law",
+     [](engine::FrameRequest& r) {
+       add_model(r, engine::ReflectanceModel::lommel_seeliger), r.reflectance.phase = engine::PhaseLaw::rolo;
+     }},
     {"hapke", [](engine::FrameRequest& r) { add_model(r, engine::ReflectanceModel::hapke); }},
+    {"hapke_2002",
+     [](engine::FrameRequest& r) {
+       add_model(r, engine::ReflectanceModel::hapke);
+       r.reflectance.hapke.terms = engine::HapkeTerms::terms_2002, r.reflectance.hapke.bc0 = 0.3;
+     }},
     {"albedo_map", [](engine::FrameRequest& r) { r.albedo_maps = {grey_map()}; }},
     {"object_in_view", [](engine::FrameRequest& r) { r.objects = {box_below(r, 300)}; }},
     {"object_out_of_view", [](engine::FrameRequest& r) { r.objects = {box_below(r, -300)}; }},

@@ -299,6 +299,9 @@ def write_meshes():
     head = (b"ply\nformat %s 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
             b"property list uchar int vertex_indices\nend_header\n")
     write("mesh_file", "ascii.ply", PLY + head % b"ascii" + b"0 0 0\n3 0 0\n0 1 0\n3 0 1 2\n")
+    write("mesh_file", "far.ply", PLY + head.replace(b"float", b"double") % b"binary_big_endian"
+          + struct.pack(">9d", *(x + 1e6 for x in (0, 0, 0, 3, 0, 0, 0, 1, 0))) + struct.pack(">B3i", 3, 0, 1, 2))
+    write("mesh_file", "far.obj", OBJ + b"v 1e6 -1e6 7\nv 1000002 -1e6 7\nv 1000002 -999999 7\nf 1 2 3\n")
     write("mesh_file", "binary.ply", PLY + head % b"binary_little_endian" + TRIANGLE + struct.pack("<B3i", 3, 0, 1, 2))
     write("mesh_file", "inside.gltf", GLTF + gltf("data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).decode()))
     write("mesh_file", "outside.gltf", GLTF + gltf("/etc/hostname"))
@@ -312,11 +315,12 @@ def write_meshes():
                        (((0, 0, 0), (0, 0, 0)), ((1, 0, 0), (0, 0, 1)), ((0, 1, 0), (0, 1, 0))))
     triangles = struct.pack("<4I", 0, 1, 2, 1)
     parts = b"".join(struct.pack("<I", len(name)) + name for name in (b"", "gr\u00fcn".encode()))
-    shape = struct.pack("<IIII", 0x53474d31, 3, 1, 2) + corners + triangles + parts
+    whole = struct.pack("<4d2I", 1e6, 2, -3, 0.25, 1, 0)
+    shape = struct.pack("<IIII", 0x53474d31, 3, 1, 2) + whole + corners + triangles + parts
     write("mesh_answer", "shape", shape)
     write("mesh_answer", "cut", shape[:-3])
     write("mesh_answer", "index", shape.replace(triangles, struct.pack("<4I", 0, 1, 3, 1)))
-    write("mesh_answer", "counts", struct.pack("<IIII", 0x53474d31, 2 ** 32 - 1, 2 ** 32 - 1, 2 ** 32 - 1) + corners)
+    write("mesh_answer", "counts", struct.pack("<IIII", 0x53474d31, 2 ** 32 - 1, 2 ** 32 - 1, 2 ** 32 - 1) + whole + corners)
     write("mesh_answer", "refusal", struct.pack("<I", 0x53474d30) + b"has no triangle")
 
 

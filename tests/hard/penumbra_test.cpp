@@ -16,6 +16,7 @@
 #include "engine/renderer.h"
 #include "engine/verify/accuracy_scenes.h"
 #include "engine/visibility/object_mesh.h"
+#include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/hard_views.h"
 #include "tests/support/sample_scenery.h"
@@ -186,24 +187,30 @@ TEST(Penumbra, UnderThePlatesEdgeFollowsTheClosedForm) {
 // Real relief: the judge sends a thousand rays toward the disc from the point that a pixel sees.
 class PenumbraOverRelief : public SampleScenery {};
 
-TEST_F(PenumbraOverRelief, AgainstAThousandRaysInDouble) {
+struct Seen {
+  double lat_deg, lon_deg, height_m, tilt_deg, fov_deg;
+};
+
+// With full effort many more pixels are judged, and so few may be off as we say.
+void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views) {
   constexpr int kSide = 384;
-  constexpr std::size_t kRays = 1024, kJudged = 60;
-  const Judge& judge = *scenery().judge;
-  const Vec3 from = to_cartesian({-10, 44, 20000});
+  constexpr std::size_t kRays = 1024;
+  const std::size_t most_judged = full_effort() ? 1200 : 60;
+  const Judge& judge = *scenery.judge;
   Off zbuffer, rays;
   std::vector<double> errors;
   std::size_t far_off = 0, others_off = 0, others = 0;
   for (const double elevation : {2.0, 15.0, 45.0})
-    for (const double tilt : {0.0, 60.0}) {
-      engine::FrameRequest request = square_view(engine::tilted_pose(from, tilt), kSide, tilt > 0 ? 25 : 50,
+    for (const Seen& seen : views) {
+      const Vec3 from = to_cartesian({seen.lat_deg, seen.lon_deg, seen.height_m});
+      engine::FrameRequest request = square_view(engine::tilted_pose(from, seen.tilt_deg), kSide, seen.fov_deg,
                                                  engine::sun_direction(from, 115, elevation));
       request.sun.angular_radius_deg = 0.2666;
       request.products = engine::kPosition | engine::kLit;
       request.visibility = engine::Visibility::zbuffer;
-      const engine::FrameProducts drawn = scenery().renderer->render(request).products;
+      const engine::FrameProducts drawn = scenery.renderer->render(request).products;
       request.visibility = engine::Visibility::raytrace;
-      const engine::FrameProducts traced = scenery().renderer->render(request).products;
+      const engine::FrameProducts traced = scenery.renderer->render(request).products;
       const auto in_part = [](float lit) { return lit > 0 && lit < 1; };
       std::vector<std::size_t> partly, rest;
       for (std::size_t i = 0; i < drawn.lit.size(); ++i) {
@@ -217,7 +224,8 @@ TEST_F(PenumbraOverRelief, AgainstAThousandRaysInDouble) {
         std::atomic<std::size_t> next{0};
         std::mutex mutex;
         const auto work = [&] {
-          for (std::size_t k = next++; k < std::min(pixels.size(), in_penumbra ? kJudged : kJudged / 4); k = next++) {
+          for (std::size_t k = next++; k < std::min(pixels.size(), in_penumbra ? most_judged : most_judged / 4);
+               k = next++) {
             const std::size_t i = pixels[k];
             const Vec3 eye = request.pose.position_m, direction = (at3(drawn.position, i) - eye).normalized();
             const FirstHit truth = judge.first_hit(eye, direction);
@@ -243,8 +251,8 @@ TEST_F(PenumbraOverRelief, AgainstAThousandRaysInDouble) {
             zbuffer.add(error), errors.push_back(error);
             rays.add(std::abs(static_cast<double>(traced.lit[i]) - share));
             if (error > 0.05)
-              fmt::print("  Sun {}, tilt {}, pixel {}: {:.3f}, rays {:.3f}, judge {:.3f}\n", elevation, tilt, i,
-                         drawn.lit[i], traced.lit[i], share);
+              fmt::print("  Sun {}, tilt {}, pixel {}: {:.3f}, rays {:.3f}, judge {:.3f}\n", elevation, seen.tilt_deg,
+                         i, drawn.lit[i], traced.lit[i], share);
             far_off += error > 0.05;
           }
         };
@@ -252,21 +260,34 @@ TEST_F(PenumbraOverRelief, AgainstAThousandRaysInDouble) {
         work(), second.join();
       };
       every(partly, true), every(rest, false);
-      fmt::print("Sun {} deg, tilt {} deg: {} pixels in part\n", elevation, tilt, partly.size());
+      fmt::print("Sun {} deg, tilt {} deg: {} pixels in part\n", elevation, seen.tilt_deg, partly.size());
     }
   std::sort(errors.begin(), errors.end());
+  ASSERT_GT(errors.size(), 100U);
+  const auto within = [&](std::size_t per_thousand) { return errors[(errors.size() - 1) * per_thousand / 1000]; };
   fmt::print(
-      "{} pixels in the penumbra: z-buffer off by {:.4f} on average, 99 % within {:.4f}, {} by more than 0.05, at "
-      "worst "
-      "{:.3f}; rays by {:.4f}, at worst {:.3f}; of {} others {}\n",
-      errors.size(), zbuffer.mean(), errors[errors.size() * 99 / 100], far_off, zbuffer.worst, rays.mean(), rays.worst,
-      others, others_off);
-  EXPECT_GT(errors.size(), 150U);
-  EXPECT_LT(errors[errors.size() * 99 / 100], 0.015);
-  EXPECT_EQ(far_off, 0U);
-  EXPECT_EQ(others_off, 0U);
+      "{} pixels in the penumbra: z-buffer off by {:.4f} on average, 99 % within {:.4f}, 99.9 % within {:.4f}, {} by "
+      "more "
+      "than 0.05, at worst {:.3f}; rays by {:.4f}, at worst {:.3f}; of {} others {}\n",
+      errors.size(), zbuffer.mean(), within(990), within(999), far_off, zbuffer.worst, rays.mean(), rays.worst, others,
+      others_off);
+  EXPECT_LT(full_effort() ? within(999) : within(990), 0.015);
+  EXPECT_LE(far_off, errors.size() / 1000);
+  EXPECT_LE(others_off, others / 1000);
   EXPECT_LT(zbuffer.mean(), 0.002);
   EXPECT_LT(rays.mean(), 0.005);
+}
+
+TEST_F(PenumbraOverRelief, AgainstAThousandRaysInDouble) {
+  judge_penumbrae(scenery(), {{-10, 44, 20000, 0, 50}, {-10, 44, 20000, 60, 25}, {-10.3, 44, 3500, 83, 20}});
+}
+
+TEST(PenumbraOverHadley, AgainstAThousandRaysInDouble) {
+  const std::string folder = shared_data("hadley");
+  SELENOGRAPH_SKIP_WITHOUT(folder);
+  const TemporaryFolder cache;
+  const Scenery scenery(folder, cache.path());
+  judge_penumbrae(scenery, {{26, 3.6, 20000, 0, 50}, {25.7, 3.4, 20000, 60, 25}, {25.5, 3.2, 5000, 80, 20}});
 }
 
 }  // namespace

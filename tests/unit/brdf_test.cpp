@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "engine/radiometry/phase_law.h"
 #include "tests/support/reflectance.h"
 
 namespace selenograph::engine {
@@ -35,6 +36,14 @@ Reflectance hapke(const HapkeParameters& parameters) {
 HapkeParameters henyey_greenstein(double w, double b0, double h, double b, double c, double theta_bar_deg) {
   return {w, b0, h, PhaseFunction::double_henyey_greenstein, b, c, theta_bar_deg};
 }
+HapkeParameters of_2002(HapkeParameters parameters, double bc0 = 0, double hc = 0.1) {
+  parameters.terms = HapkeTerms::terms_2002, parameters.bc0 = bc0, parameters.hc = hc;
+  return parameters;
+}
+Reflectance with_phase(Reflectance reflectance, PhaseLaw law) {
+  reflectance.phase = law;
+  return reflectance;
+}
 
 struct Case {
   std::string name;
@@ -51,6 +60,13 @@ std::vector<Case> cases() {
                         {"hapke, smooth", hapke({.theta_bar_deg = 0}), 1},
                         {"hapke, two lobes", hapke(henyey_greenstein(0.35, 1.9, 0.08, 0.24, 0.3, 23.4)), 1},
                         {"hapke, rough and bright", hapke(henyey_greenstein(0.9, 0.5, 0.3, 0.2, -0.3, 45)), 1}};
+  all.push_back({"hapke 2002", hapke(of_2002({}, 0.3, 0.05)), 1});
+  all.push_back({"hapke 2002, two lobes", hapke(of_2002(henyey_greenstein(0.6, 1, 0.1, 0.3, 0.5, 30))), 1});
+  for (const PhaseLaw law : {PhaseLaw::allen, PhaseLaw::rolo}) {
+    all.push_back({"lommel_seeliger, darkening", with_phase({ReflectanceModel::lommel_seeliger}, law), 0.12});
+    all.push_back({"lunar, darkening", with_phase({ReflectanceModel::lommel_seeliger_lambert, 0.35}, law), 0.12});
+    all.push_back({"lunar_lambert, A(g)", with_phase(lunar_lambert({}), law), 4 * 0.12});
+  }
   for (const double p : {0.0, 0.5, 1.0, 10.0, 100.0, 1000.0})
     all.push_back({"blinn_phong " + std::to_string(p), blinn_phong(p), 0.3});
   return all;
@@ -77,6 +93,8 @@ TEST(Brdf, TheLinearModelsAreTheFastOnes) {
     EXPECT_EQ(f_r(r, {0.5, 0.7, 0.1}), test::brdf(r, 0.5, 0.7));
     EXPECT_EQ(direct_radiance(Brdf(r), 1361, 0.5, -0.1, 0.3, 0.5), test::direct_radiance(r, 1361, 0.5, -0.1, 0.5));
   }
+  EXPECT_TRUE(Brdf(lunar_lambert(0.3)).terms());
+  EXPECT_FALSE(Brdf(with_phase({ReflectanceModel::lommel_seeliger}, PhaseLaw::rolo)).terms());
   EXPECT_FALSE(Brdf(blinn_phong(1)).terms());
   EXPECT_FALSE(Brdf(lunar_lambert({})).terms());
   EXPECT_FALSE(Brdf(hapke({})).terms());
@@ -137,6 +155,151 @@ TEST(Brdf, TheMoonsOppositionSurge) {
   EXPECT_GT(full / seven, 1.25);
   EXPECT_LT(full / seven, 1.6);
   EXPECT_LT(ninety, 0.2 * full);
+}
+
+// A uniform sphere's light at a phase angle over pi: what a camera far away sums up.
+double sphere_light(const Reflectance& reflectance, double phase_deg) {
+  constexpr int kSteps = 800;
+  const Brdf brdf(reflectance);
+  const double g = phase_deg * kRadians, sx = std::sin(g), sz = std::cos(g);
+  double sum = 0;
+  // Over the lit part of the visible disc by longitude from the camera and sine of latitude: dA mu.
+  const double from = g - kPi / 2, to = kPi / 2;
+  for (int i = 0; i < kSteps; ++i) {
+    const double longitude = from + (to - from) * (i + 0.5) / kSteps;
+    for (int k = 0; k < kSteps; ++k) {
+      const double latitude = kPi / 2 * (k + 0.5) / kSteps, ring = std::cos(latitude);
+      const double x = ring * std::sin(longitude), z = ring * std::cos(longitude);
+      sum += brdf.times_mu0(x * sx + z * sz, z, sz) * z * ring;
+    }
+  }
+  return sum * 2 * (to - from) / kSteps * (kPi / 2) / kSteps;
+}
+
+TEST(PhaseLaw, TheClosedFormsOfASpheresLight) {
+  const Reflectance seeliger{ReflectanceModel::lommel_seeliger, 1, 4}, lambert{ReflectanceModel::lambert, 1, 1};
+  for (const double g : {0.0, 10.0, 45.0, 90.0, 135.0, 170.0}) {
+    EXPECT_NEAR(sphere_light(seeliger, g), lommel_seeliger_sphere(g), 2e-5) << g;
+    EXPECT_NEAR(sphere_light(lambert, g), lambert_sphere(g), 2e-5) << g;
+  }
+}
+
+TEST(PhaseLaw, ASpheresLightFollowsTheMoons) {
+  for (const PhaseLaw law : {PhaseLaw::allen, PhaseLaw::rolo})
+    for (const Reflectance& model :
+         {Reflectance{ReflectanceModel::lommel_seeliger}, Reflectance{ReflectanceModel::lommel_seeliger_lambert, 0.35},
+          lunar_lambert({}), lunar_lambert(0.4)}) {
+      const Reflectance r = with_phase(model, law);
+      const double full = sphere_light(r, 0);
+      EXPECT_NEAR(full, sphere_light(model, 0), 1e-9) << "f(0) = 1";
+      for (const double g : {2.0, 7.0, 30.0, 60.0, 97.0, 120.0, 150.0})
+        EXPECT_NEAR(sphere_light(r, g) / full, moon_light(law, g), 1e-4 * moon_light(law, g)) << g;
+    }
+}
+
+// Allen's magnitudes are written down here once more; ROLO's reflectance at 7 and 90 degrees: by hand from its table.
+TEST(PhaseLaw, TheMoonsLight) {
+  EXPECT_NEAR(moon_light(PhaseLaw::allen, 90), std::pow(10, -0.4 * (2.34 + 0.26244)), 1e-12);
+  EXPECT_EQ(moon_light(PhaseLaw::allen, 170), moon_light(PhaseLaw::allen, 150));
+  EXPECT_NEAR(moon_light(PhaseLaw::rolo, 7), 0.0982 / 0.1555, 5e-4);
+  EXPECT_NEAR(moon_light(PhaseLaw::rolo, 90), 0.0102 / 0.1555, 5e-4);
+  for (const PhaseLaw law : {PhaseLaw::allen, PhaseLaw::rolo})
+    for (double g = 0; g < 149; g += 0.5) {
+      EXPECT_GT(moon_light(law, g), moon_light(law, g + 0.5)) << g;
+      EXPECT_NEAR(moon_light(law, g), moon_light(law, g + 1e-7), 1e-7) << g;
+    }
+}
+
+// What exposures are planned with: both normal albedos the same, the Sun at g from the camera's zenith.
+TEST(PhaseLaw, LommelSeeligerDarkensAsHapkeDoes) {
+  const Reflectance moon = hapke({}), plain{ReflectanceModel::lommel_seeliger};
+  const Reflectance darkening = with_phase(plain, PhaseLaw::rolo);
+  const double normal = radiance_factor(moon, degrees(2, 0, 2)) / radiance_factor(darkening, degrees(2, 0, 2));
+  double worst = 1, worst_plain = 1;
+  for (const double g : {5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 75.0}) {
+    const Geometry at = degrees(g, 0, g);
+    const double ratio = normal * radiance_factor(darkening, at) / radiance_factor(moon, at),
+                 before = normal * radiance_factor(plain, at) / radiance_factor(moon, at);
+    worst = std::max({worst, ratio, 1 / ratio}), worst_plain = std::max({worst_plain, before, 1 / before});
+  }
+  EXPECT_LT(worst, 1.35);
+  EXPECT_GT(worst_plain, 3);
+}
+
+// P(x): the mean of p over the directions below the surface, for light from a direction with cosine x.
+TEST(Hapke, MeansOverAHemisphere) {
+  for (const HapkeParameters& k :
+       {HapkeParameters{}, henyey_greenstein(0.2, 0, 1, 0.4, 0.3, 0), henyey_greenstein(0.2, 0, 1, 0.7, 0.9, 0)}) {
+    const HemisphereMeans means(k);
+    const auto by_hand = [&](double x) {
+      constexpr int kSteps = 400;
+      double sum = 0;
+      for (int i = 0; i < kSteps; ++i)
+        for (int j = 0; j < kSteps; ++j) {
+          const double down = -(i + 0.5) / kSteps, turn = std::cos(kPi * (j + 0.5) / kSteps);
+          sum += phase_function(k, x * down + std::sqrt((1 - x * x) * (1 - down * down)) * turn);
+        }
+      return sum / kSteps / kSteps;
+    };
+    double over = 0;
+    for (const double x : {0.0, 0.3, 0.6, 0.9, 1.0}) EXPECT_NEAR(means.at(x), by_hand(x), 2e-3) << x;
+    // From below: P(-x), over x.
+    for (int i = 0; i < 50; ++i) over += by_hand(-(i + 0.5) / 50) / 50;
+    EXPECT_NEAR(means.mean, over, 2e-3);
+  }
+}
+
+// With isotropic particles the terms of 2002 are H H - 1, with his better H: at w = 1 Chandrasekhar's values.
+TEST(Hapke, TermsOf2002) {
+  const auto h_squared = [](const HapkeParameters& k, double x) {
+    return radiance_factor(hapke(k), azimuth(x, x, 1)) * 4 / k.w * 2;  // w/4 x/(2 x) (1 + H H - 1)
+  };
+  HapkeParameters white = henyey_greenstein(1, 0, 1, 0, 0, 0);
+  double off = 0, off_before = 0;
+  // Chandrasekhar, Radiative Transfer (1960), table XI: H(0.2), H(0.5), H(1) for w = 1.
+  for (const auto& [x, h] : {std::pair{0.2, 1.4503}, {0.5, 2.0128}, {1.0, 2.9078}}) {
+    EXPECT_NEAR(std::sqrt(h_squared(of_2002(white), x)), h, 0.011 * h) << x;
+    off += std::abs(std::sqrt(h_squared(of_2002(white), x)) - h);
+    off_before += std::abs(std::sqrt(h_squared(white, x)) - h);
+  }
+  EXPECT_LT(off, off_before / 2);
+  // Coherent backscatter, (1 + (1 - e^-z) / z) / (2 (1 + z)^2): all of it at z = 0.
+  const HapkeParameters dark = of_2002({}), surge = of_2002({}, 0.5, 0.05);
+  EXPECT_NEAR(f_r(hapke(surge), degrees(0, 0, 0)) / f_r(hapke(dark), degrees(0, 0, 0)), 1.5, 1e-7);
+  const double g = 2 * std::atan(0.05) / kRadians;  // z = 1
+  EXPECT_NEAR(f_r(hapke(surge), degrees(g, 0, g)) / f_r(hapke(dark), degrees(g, 0, g)),
+              1 + 0.5 * (2 - std::exp(-1)) / 8, 1e-9);
+}
+
+// A packet's values are a lane's.
+TEST(Brdf, APacketIsItsLanes) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> cosine(1e-6, 1), around(-1, 1), weight(0, 1);
+  for (const auto& [name, r, most] : cases()) {
+    const Brdf brdf(r);
+    for (int n = 0; n < 500; ++n) {
+      double mu0[kPacket], mu[kPacket], cos_phase[kPacket], albedo[kPacket], out[kPacket];
+      for (int i = 0; i < kPacket; ++i) {
+        const Geometry g =
+            azimuth(n == 0 ? 1 : cosine(random), i == 0 ? 0 : cosine(random), i == 1 ? 1 : around(random));
+        mu0[i] = g.mu0, mu[i] = g.mu, cos_phase[i] = g.cos_phase, albedo[i] = weight(random);
+      }
+      brdf.times_mu0(mu0, mu, cos_phase, nullptr, out);
+      for (int i = 0; i < kPacket; ++i) {
+        const double expected = brdf.times_mu0(mu0[i], mu[i], cos_phase[i]);
+        EXPECT_NEAR(out[i], expected, 1e-6 * expected + 1e-15)
+            << name << ' ' << mu0[i] << ' ' << mu[i] << ' ' << cos_phase[i];
+      }
+      if (r.model != ReflectanceModel::hapke) continue;
+      brdf.times_mu0(mu0, mu, cos_phase, albedo, out);
+      for (int i = 0; i < kPacket; ++i) {
+        Reflectance here = r;
+        here.hapke.w = albedo[i];
+        const double expected = Brdf(here).times_mu0(mu0[i], mu[i], cos_phase[i]);
+        EXPECT_NEAR(out[i], expected, 1e-6 * expected + 1e-15) << name << ' ' << albedo[i];
+      }
+    }
+  }
 }
 
 TEST(Brdf, PositiveEquation5) {

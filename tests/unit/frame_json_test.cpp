@@ -411,6 +411,10 @@ TEST(FrameJson, Reflectances) {
   EXPECT_EQ(lobes.phase_function, engine::PhaseFunction::double_henyey_greenstein);
   EXPECT_EQ(lobes.b0, 1.5);
   EXPECT_EQ(lobes.theta_bar_deg, 0);
+  EXPECT_EQ(reflectance(R"({"model": "lunar_lambert", "phase": "rolo"})").phase, engine::PhaseLaw::rolo);
+  const engine::HapkeParameters later = reflectance(R"({"model": "hapke", "terms": "2002", "bc0": 0.3})").hapke;
+  EXPECT_EQ(later.terms, engine::HapkeTerms::terms_2002);
+  EXPECT_EQ(later.bc0, 0.3);
 }
 
 // Every model's members, and no other's.
@@ -426,6 +430,9 @@ TEST(FrameJson, ReflectancesRefuseForeignMembers) {
   EXPECT_EQ(refused_in(R"({"model": "lunar", "phase_function": "legendre"})"), at + "phase_function");
   EXPECT_EQ(refused_in(R"({"model": "lunar_lambert", "rho": 0.3})"), at + "rho");  // would reflect more than arrives
   EXPECT_EQ(refused_in(R"({"model": "hapke", "h": 0})"), at + "h");
+  EXPECT_EQ(refused_in(R"({"model": "hapke", "bc0": 0.3})"), at + "bc0");
+  EXPECT_EQ(refused_in(R"({"model": "hapke", "phase": "allen"})"), at + "phase");
+  EXPECT_EQ(refused_in(R"({"model": "lambert", "phase": "allen"})"), at + "phase");
   EXPECT_EQ(refused_in(R"({"model": "hapke", "b": 0.9, "c": 2})"), at + "c");  // p(g) < 0 somewhere
   EXPECT_EQ(refused_in(R"({"model": "blinn_phong", "shininess": -1})"), at + "shininess");
   EXPECT_EQ(refused(R"({"surface": {"temperature_k": 300, "reflectance": {"model": "hapke"}}})"),
@@ -540,7 +547,8 @@ TEST(FrameJson, TheResolvedRequestGivesTheSameFrame) {
   EXPECT_EQ(twice.request.products, once.request.products);
   for (const char* model : {R"({"model": "hapke", "b0": 1.1, "phase_function": "double_henyey_greenstein", "b": 0.2})",
                             R"({"model": "blinn_phong", "shininess": 33})", R"({"model": "lunar_lambert"})",
-                            R"({"model": "lunar_lambert", "limb_darkening": 0.4})"}) {
+                            R"({"model": "lunar_lambert", "limb_darkening": 0.4, "phase": "rolo"})",
+                            R"({"model": "hapke", "terms": "2002", "bc0": 0.2})"}) {
     const FrameQuery query =
         read_frame(patched(R"({"surface": {"reflectance": )" + std::string(model) + "}}"), Limits{});
     const auto json = resolved_json(query);
@@ -571,10 +579,16 @@ TEST(PointsJson, RaysAndPlaces) {
 
 TEST(PointsJson, NumbersThatAreNoneAreNull) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  const std::vector<engine::RayHit> hits{{}, {true, 5, Vec3(1, 2, 3), Vec3::UnitX(), 0.5}};
+  const std::vector<engine::RayHit> hits{{}, {true, std::nullopt, 5, Vec3(1, 2, 3), Vec3::UnitX(), 0.5}};
+  RaysQuery query;
+  query.sun.emplace();
   EXPECT_EQ(
-      rays_json(hits, true).dump(),
+      rays_json(hits, query).dump(),
       R"({"rays":[{"hit":false},{"hit":true,"range_m":5.0,"position_m":[1.0,2.0,3.0],"normal":[1.0,0.0,0.0],"lit":0.5}]})");
+  query.sun.reset(), query.objects.resize(1);
+  const std::vector<engine::RayHit> on_object{{true, 3, 5, Vec3(1, 2, 3), Vec3::UnitX(), 0}, hits[1]};
+  EXPECT_EQ(rays_json(on_object, query)["rays"][0]["object"], 3);
+  EXPECT_TRUE(rays_json(on_object, query)["rays"][1]["object"].is_null());
   const dem::Catalogue nothing{std::vector<dem::RasterInfo>{}};
   EXPECT_EQ(height_json({10, 190, nan, 0, -1, false}, nothing).dump(),
             R"({"lat_deg":10.0,"lon_deg":-170.0,"height_m":null,"reason":"no dataset covers this place"})");

@@ -9,6 +9,7 @@
 #include <fstream>
 #include <functional>
 #include <numbers>
+#include <random>
 #include <thread>
 
 #include "dem/error.h"
@@ -45,8 +46,11 @@ class ValueMaps : public ::testing::Test {
 };
 
 // A square of so many metres.
-double mean(const ValueMap& map, double lat_deg, double lon_deg, double side_m = 1) {
+ValueMap::Sampler::Mean square(const ValueMap& map, double lat_deg, double lon_deg, double side_m = 1) {
   return ValueMap::Sampler(map, kNever).mean({lat_deg, lon_deg, {side_m, 0}, {0, side_m}});
+}
+double mean(const ValueMap& map, double lat_deg, double lon_deg, double side_m = 1) {
+  return square(map, lat_deg, lon_deg, side_m).value;
 }
 
 TEST_F(ValueMaps, AreLinearBetweenTexels) {
@@ -80,23 +84,60 @@ TEST_F(ValueMaps, AFootprintIsAMeanOverItsArea) {
   for (const double share : {0.05, 0.1, 0.2, 0.3, 0.5}) {
     const double lat = 4, lon = 3 * length_deg + length_deg / 4;  // a crest
     const double east_m = share * length_deg * kMetresPerDegree * std::cos(lat * std::numbers::pi / 180);
-    const double kept = (ValueMap::Sampler(map, kNever).mean({lat, lon, {east_m, 0}, {0, east_m}}) - 0.5) / 0.4;
+    const double kept = (ValueMap::Sampler(map, kNever).mean({lat, lon, {east_m, 0}, {0, east_m}}).value - 0.5) / 0.4;
     const double x = std::numbers::pi * share;
     EXPECT_NEAR(kept, std::sin(x) / x, 0.02) << share;
   }
 }
 
 // Seen obliquely a footprint is long and narrow: along the stripes it must not wash them out, across it must.
+// Down to footprints of a tenth of a texel: the mean of what is linear between random texels, by summing it up.
+TEST_F(ValueMaps, SmallFootprintsAreMeansToo) {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> any(0, 1), place(1, 1.7);
+  const ValueMap map = open(write("random.tif", {0, 3, 0, 3}, 300, 300, [&](double, double) { return any(random); }));
+  ValueMap::Sampler sampler(map, kNever);
+  for (const double texels : {0.1, 0.5, 1.0, 1.5, 2.0, 3.0}) {
+    double square = 0, point = 0;
+    constexpr int kPlaces = 60;
+    for (int n = 0; n < kPlaces; ++n) {
+      const double lat = place(random), lon = place(random), turn = 6.3 * any(random);
+      // A tenth of a metre at 0.01 degrees a texel; 1 degree north of the equator columns are as wide as rows.
+      const double side_m = texels * 0.01 * kMetresPerDegree;
+      const std::array<double, 2> a{side_m * std::cos(turn), side_m * std::sin(turn)}, b{-a[1], a[0]};
+      constexpr int kSteps = 24;
+      double sum = 0;
+      for (int j = 0; j < kSteps; ++j)
+        for (int i = 0; i < kSteps; ++i) {
+          const double u = (i + 0.5) / kSteps - 0.5, v = (j + 0.5) / kSteps - 0.5;
+          sum += sampler
+                     .mean({lat + (u * a[1] + v * b[1]) / kMetresPerDegree,
+                            lon + (u * a[0] + v * b[0]) / kMetresPerDegree / std::cos(lat * std::numbers::pi / 180),
+                            {1e-3, 0},
+                            {0, 1e-3}})
+                     .value;
+        }
+      const double exact = sum / kSteps / kSteps;
+      square += std::pow(sampler.mean({lat, lon, a, b}).value - exact, 2);
+      point += std::pow(sampler.mean({lat, lon, {1e-3, 0}, {0, 1e-3}}).value - exact, 2);
+    }
+    // The texels' own spread is 0.29.
+    EXPECT_LT(std::sqrt(square / kPlaces), 0.008) << texels;
+    if (texels == 1.5) EXPECT_GT(std::sqrt(point / kPlaces), 0.05) << "a point would not do";
+  }
+}
+
 TEST_F(ValueMaps, LongFootprintsAreFilteredAlongThemselves) {
   const auto stripes = [](double, double lon) { return std::fmod(lon, 0.08) < 0.04 ? 0.8 : 0.2; };
   const ValueMap map = open(write("stripes.tif", {0, 4, 0, 4}, 400, 400, stripes));
   const double texel_m = 0.01 * kMetresPerDegree;
   ValueMap::Sampler sampler(map, kNever);
-  EXPECT_NEAR(sampler.mean({2, 2.02, {texel_m, 0}, {0, 14 * texel_m}}), 0.8, 0.02);
-  EXPECT_NEAR(sampler.mean({2, 2.02, {0, 14 * texel_m}, {texel_m, 0}}), 0.8, 0.02);
-  EXPECT_NEAR(sampler.mean({2, 2.02, {16 * texel_m, 0}, {0, texel_m}}), 0.5, 0.02);
+  EXPECT_NEAR(sampler.mean({2, 2.02, {texel_m, 0}, {0, 14 * texel_m}}).value, 0.8, 0.02);
+  EXPECT_NEAR(sampler.mean({2, 2.02, {0, 14 * texel_m}, {texel_m, 0}}).value, 0.8, 0.02);
+  EXPECT_NEAR(sampler.mean({2, 2.02, {16 * texel_m, 0}, {0, texel_m}}).value, 0.5, 0.02);
   // Diagonally, six stripes.
-  EXPECT_NEAR(sampler.mean({2, 2.02, {11.3 * texel_m, 11.3 * texel_m}, {0.7 * texel_m, -0.7 * texel_m}}), 0.5, 0.1);
+  EXPECT_NEAR(sampler.mean({2, 2.02, {11.3 * texel_m, 11.3 * texel_m}, {0.7 * texel_m, -0.7 * texel_m}}).value, 0.5,
+              0.1);
 }
 
 TEST_F(ValueMaps, AGlobalMapHasNoSeam) {
@@ -119,9 +160,32 @@ TEST_F(ValueMaps, WhatHasNoValueIsLeftOut) {
   const ValueMap map =
       open(write("hole.tif", {0, 4, 0, 4}, 400, 400, [](double lat, double) { return lat > 2 ? std::nan("") : 0.3; }));
   EXPECT_TRUE(std::isnan(mean(map, 2.5, 2)));
+  EXPECT_EQ(square(map, 2.5, 2).coverage, 0);
   EXPECT_NEAR(mean(map, 1.5, 2), 0.3, 1e-6);
+  EXPECT_EQ(square(map, 1.5, 2).coverage, 1);
   EXPECT_NEAR(mean(map, 1.996, 2), 0.3, 1e-6) << "half a texel from the border";
   EXPECT_NEAR(mean(map, 1.9, 2, 20000), 0.3, 1e-6) << "a large pixel over the border";
+  // 20 km are 66 texels; 0.1 degrees of them south of the border, and half.
+  EXPECT_NEAR(square(map, 1.9, 2, 20000).coverage, 0.5 + 10 / 65.95, 0.02);
+}
+
+// Means at every size keep what a hole of no data takes away from them: its share of the footprint.
+TEST_F(ValueMaps, AHoleStaysAHoleFromAfar) {
+  const auto in_hole = [](double lat, double lon) { return std::hypot(lat - 2.03, lon - 2.07) < 0.123; };
+  const ValueMap map = open(write("disc.tif", {0, 4, 0, 4}, 400, 400,
+                                  [&](double lat, double lon) { return in_hole(lat, lon) ? std::nan("") : 0.3; }));
+  const double area = std::numbers::pi * 0.123 * 0.123;
+  for (const double pixel_deg : {0.04, 0.1, 0.25, 0.5}) {
+    double lost = 0;
+    for (double lat = 1; lat < 3; lat += pixel_deg)
+      for (double lon = 1; lon < 3; lon += pixel_deg) {
+        const double y = lat + pixel_deg / 2, x = lon + pixel_deg / 2;
+        const double east_m = pixel_deg * kMetresPerDegree * std::cos(y * std::numbers::pi / 180);
+        const auto one = ValueMap::Sampler(map, kNever).mean({y, x, {east_m, 0}, {0, pixel_deg * kMetresPerDegree}});
+        lost += (1 - one.coverage) * pixel_deg * pixel_deg;
+      }
+    EXPECT_NEAR(lost, area, 0.05 * area) << pixel_deg;
+  }
 }
 
 void with_gdal(const std::string& driver, const std::string& path, int across, int down, int bands, GDALDataType type,

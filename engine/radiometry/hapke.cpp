@@ -1,0 +1,60 @@
+#include "engine/radiometry/hapke.h"
+
+#include <cmath>
+#include <numbers>
+
+#include "dem/geodesy.h"
+
+namespace selenograph::engine {
+
+double phase_function(const HapkeParameters& k, double cos_phase) {
+  if (k.phase_function == PhaseFunction::legendre)
+    return 1 + k.b * cos_phase + k.c * (1.5 * cos_phase * cos_phase - 0.5);
+  const auto lobe = [&](double x) { return (1 - k.b * k.b) / std::pow(1 + k.b * k.b - 2 * k.b * x, 1.5); };
+  return (1 + k.c) / 2 * lobe(cos_phase) + (1 - k.c) / 2 * lobe(-cos_phase);
+}
+
+HemisphereMeans::HemisphereMeans(const HapkeParameters& k) {
+  double a = -0.5;  // A_1; A_n is 0 for even n
+  for (int i = 0; i < kMost; ++i) {
+    const int n = 2 * i + 1;
+    const double b_n =
+        k.phase_function == PhaseFunction::legendre ? (n == 1 ? k.b : 0.0) : k.c * (2 * n + 1) * std::pow(k.b, n);
+    if (std::abs(b_n) < 1e-9) break;
+    odd[terms++] = a * b_n, mean += a * a * b_n;
+    // (-1)^((n + 1) / 2) / n 1 3 5 ... n / (2 4 6 ... (n + 1))
+    a *= -static_cast<double>(n) / (n + 3);
+  }
+}
+
+double HemisphereMeans::at(double x) const {
+  double sum = 1, before = 1, now = x;  // P_0, P_1
+  for (int i = 0; i < terms; ++i) {
+    sum += odd[i] * now;
+    for (int n = 2 * i + 1; n < 2 * i + 3; ++n) {
+      const double next = ((2 * n + 1) * x * now - n * before) / (n + 1);
+      before = now, now = next;
+    }
+  }
+  return sum;
+}
+
+HapkeLaw::HapkeLaw(const HapkeParameters& k)
+    : legendre_(k.phase_function == PhaseFunction::legendre),
+      of_2002_(k.terms == HapkeTerms::terms_2002),
+      w_(k.w),
+      b0_(k.b0),
+      h_(k.h),
+      b_(k.b),
+      c_(k.c),
+      tan_theta_(std::tan(k.theta_bar_deg * kRadiansPerDegree)),
+      cot_theta_(tan_theta_ > 0 ? 1 / tan_theta_ : 1e150),
+      chi_(1 / std::sqrt(1 + std::numbers::pi * tan_theta_ * tan_theta_)),
+      bc0_(k.bc0),
+      inverse_hc_(1 / k.hc) {
+  const HemisphereMeans means(k);
+  mean_ = means.mean;
+  for (int i = 0; i < kSteps + 2; ++i) hemisphere_[i] = means.at(static_cast<double>(i) / kSteps);
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,132 @@
+// Hapke's bidirectional reflectance: JGR 86, 3039, 1981; roughness: Icarus 59, 41, 1984, eqs. 47 to 59; multiple
+// scattering, H and coherent backscatter of 2002: Icarus 157, 523. Written once for a lane alone and for whole vectors:
+// no branches.
+#pragma once
+
+#include "engine/frame/surface.h"
+#include "engine/support/lane_math.h"
+
+namespace selenograph::engine {
+
+// p(g).
+double phase_function(const HapkeParameters& parameters, double cos_phase);
+
+// P(x) and its mean of Hapke 2002, eqs. 23 to 25: p(g)'s mean over a hemisphere of directions around the nadir, for a
+// direction with cosine x; and this one's, over directions from below. `legendre`: their series end with the first
+// term; `double_henyey_greenstein`: to 1e-9, or to n = 47.
+struct HemisphereMeans {
+  static constexpr int kMost = 24;
+  double odd[kMost];  // A_n b_n of n = 1, 3, 5, ...
+  int terms = 0;
+  double mean = 1;
+  explicit HemisphereMeans(const HapkeParameters& parameters);
+  double at(double cosine) const;
+};
+
+class HapkeLaw {
+ public:
+  explicit HapkeLaw(const HapkeParameters& parameters);
+
+  bool legendre() const { return legendre_; }
+  bool of_2002() const { return of_2002_; }
+  double albedo() const { return w_; }
+
+  // mu0 f_r, sr-1, of a ground with single-scattering albedo w, 0 to 1; the parameter's is albedo(). mu0 > 0, mu >= 0.
+  template <class Math, bool kLegendre, bool kOf2002>
+  SELENOGRAPH_LANE double times_mu0(double mu0, double mu, double cos_phase, double w) const;
+
+ private:
+  struct Tilted {
+    double mu0, mu, shadowing;  // effective cosines; S
+  };
+  template <class Math>
+  SELENOGRAPH_LANE Tilted tilted(double mu0, double mu, double cos_phase) const;
+  template <bool kLegendre>
+  SELENOGRAPH_LANE double particles(double cos_phase) const;
+  // H(x) - 1; `r`: sqrt(1 - w) for 1984's, (1 - sqrt(1 - w)) / (1 + sqrt(1 - w)) for 2002's.
+  template <class Math, bool kOf2002>
+  SELENOGRAPH_LANE static double multiple(double x, double w, double r);
+  // P(x), by linear interpolation.
+  SELENOGRAPH_LANE double hemisphere(double x) const;
+
+  static constexpr int kSteps = 256;
+  bool legendre_, of_2002_;
+  double w_, b0_, h_, b_, c_, tan_theta_, cot_theta_, chi_, bc0_, inverse_hc_, mean_ = 1;
+  double hemisphere_[kSteps + 2];
+};
+
+template <bool kLegendre>
+double HapkeLaw::particles(double x) const {
+  if constexpr (kLegendre) return 1 + b_ * x + c_ * (1.5 * x * x - 0.5);
+  const double base = 1 + b_ * b_, back = base - 2 * b_ * x, forward = base + 2 * b_ * x;
+  return (1 - b_ * b_) / 2 * ((1 + c_) / (back * std::sqrt(back)) + (1 - c_) / (forward * std::sqrt(forward)));
+}
+
+template <class Math, bool kOf2002>
+double HapkeLaw::multiple(double x, double w, double r) {
+  if constexpr (!kOf2002) return (1 + 2 * x) / (1 + 2 * x * r) - 1;
+  const double safe = x > 1e-300 ? x : 1e-300;
+  return 1 / (1 - w * safe * (r + (1 - 2 * r * safe) / 2 * Math::log((1 + safe) / safe))) - 1;
+}
+
+double HapkeLaw::hemisphere(double x) const {
+  const double scaled = (x < 1 ? x : 1) * kSteps;
+  const int at = static_cast<int>(scaled);
+  return hemisphere_[at] + (scaled - at) * (hemisphere_[at + 1] - hemisphere_[at]);
+}
+
+template <class Math>
+HapkeLaw::Tilted HapkeLaw::tilted(double mu0, double mu, double cos_phase) const {
+  constexpr double kInversePi = 0.3183098861837907;
+  const auto sine_of = [](double cosine) {
+    const double square = (1 - cosine) * (1 + cosine);
+    return std::sqrt(square > 0 ? square : 0.0);
+  };
+  const double sin_i = sine_of(mu0), sin_e = sine_of(mu);
+  // Azimuth between Sun and camera; at the zenith of either it doesn't matter.
+  const double sines = sin_i * sin_e, ratio = (cos_phase - mu0 * mu) / sines;
+  const double below_one = ratio < 1 ? ratio : 1.0, clamped = below_one > -1 ? below_one : -1.0;
+  const double cos_psi = sines > 0 ? clamped : 1.0;
+  const double psi = Math::acos(cos_psi), sin2_half = (1 - cos_psi) / 2;
+  const double f = Math::exp(-2 * std::sqrt((1 - cos_psi) / (1 + cos_psi)));
+  // exp(-2 x / pi) and exp(-x^2 / pi), x = cot theta_bar cot of the angle; a zenith's are 0.
+  const double x_i = cot_theta_ * mu0 / (sin_i > 1e-300 ? sin_i : 1e-300),
+               x_e = cot_theta_ * mu / (sin_e > 1e-300 ? sin_e : 1e-300);
+  const double e1_i = Math::exp(-2 * kInversePi * x_i), e1_e = Math::exp(-2 * kInversePi * x_e),
+               e2_i = Math::exp(-kInversePi * x_i * x_i), e2_e = Math::exp(-kInversePi * x_e * x_e);
+  const double eta_i = chi_ * (mu0 + sin_i * tan_theta_ * e2_i / (2 - e1_i)),
+               eta_e = chi_ * (mu + sin_e * tan_theta_ * e2_e / (2 - e1_e));
+  const bool steeper = mu0 >= mu;  // the Sun stands higher than the camera
+  const double low1 = steeper ? e1_e : e1_i, low2 = steeper ? e2_e : e2_i, high1 = steeper ? e1_i : e1_e,
+               high2 = steeper ? e2_i : e2_e;
+  const double share = 1 / (2 - low1 - psi * kInversePi * high1);
+  // Of the one that stands higher, and of the other.
+  const double above = (cos_psi * low2 + sin2_half * high2) * share, below = (low2 - sin2_half * high2) * share;
+  const double mu0e = chi_ * (mu0 + sin_i * tan_theta_ * (steeper ? above : below)),
+               mue = chi_ * (mu + sin_e * tan_theta_ * (steeper ? below : above));
+  const double seen_i = mu0 / eta_i, seen_e = mu / eta_e;
+  const double shadowing = mue / eta_e * seen_i * chi_ / (1 - f + f * chi_ * (steeper ? seen_i : seen_e));
+  return {mu0e, mue, tan_theta_ > 0 ? shadowing : 1.0};  // where it is smooth, 0 / 0 at grazing emission
+}
+
+template <class Math, bool kLegendre, bool kOf2002>
+double HapkeLaw::times_mu0(double mu0, double mu, double cos_phase, double w) const {
+  const Tilted t = tilted<Math>(mu0, mu, cos_phase);
+  const double toward = 1 - cos_phase, away = 1 + cos_phase;
+  const double tan_half = std::sqrt((toward > 0 ? toward : 0.0) / (away > 1e-300 ? away : 1e-300));
+  const double single = (1 + b0_ / (1 + tan_half / h_)) * particles<kLegendre>(cos_phase);
+  const double root = std::sqrt(1 - w), r = kOf2002 ? (1 - root) / (1 + root) : root;
+  const double in = multiple<Math, kOf2002>(t.mu0, w, r), out = multiple<Math, kOf2002>(t.mu, w, r);
+  double terms, coherent = 1;
+  if constexpr (kOf2002) {
+    terms = single + hemisphere(t.mu0) * out + hemisphere(t.mu) * in + mean_ * in * out;
+    const double z = tan_half * inverse_hc_, safe = z > 1e-9 ? z : 1e-9;
+    coherent += bc0_ * (1 + (1 - Math::exp(-safe)) / safe) / (2 * (1 + safe) * (1 + safe));
+  } else {
+    terms = single + in + out + in * out;  // H(mu0) H(mu) - 1
+  }
+  const double value = w * 0.07957747154594767 * (t.mu0 / (t.mu0 + t.mu)) * terms * coherent * t.shadowing;
+  return t.mu0 > 0 && t.mu >= 0 ? value : 0.0;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,49 @@
+#include "engine/radiometry/phase_law.h"
+
+#include <numbers>
+
+namespace selenograph::engine {
+
+double lommel_seeliger_sphere(double phase_deg) {
+  return phase_deg < 180 ? TermsByPhase::seeliger_sphere<ScalarMath>(phase_deg) : 0;
+}
+
+double lambert_sphere(double phase_deg) { return TermsByPhase::diffuse_sphere<ScalarMath>(phase_deg); }
+
+double moon_light(PhaseLaw law, double phase_deg) {
+  switch (law) {
+    case PhaseLaw::none:
+      return 1;
+    case PhaseLaw::allen:
+      return TermsByPhase::light<ScalarMath, PhaseLaw::allen>(phase_deg);
+    case PhaseLaw::rolo:
+      return TermsByPhase::light<ScalarMath, PhaseLaw::rolo>(phase_deg);
+  }
+  return 1;
+}
+
+TermsByPhase::TermsByPhase(const Reflectance& r)
+    : law_(r.phase), mcewen_(r.model == ReflectanceModel::lunar_lambert && !r.limb_darkening) {
+  const double seeliger = r.rho / (2 * std::numbers::pi);  // eq. (10)
+  const double lambert = r.rho / std::numbers::pi;         // eq. (4)
+  const double w = r.lommel_seeliger_weight, l = r.limb_darkening.value_or(1);
+  switch (r.model) {
+    case ReflectanceModel::lommel_seeliger:
+      seeliger_ = seeliger, lambert_ = 0;
+      break;
+    case ReflectanceModel::lommel_seeliger_lambert:
+      seeliger_ = w * seeliger, lambert_ = (1 - w) * lambert;  // section 3.1
+      break;
+    case ReflectanceModel::lunar_lambert:
+      seeliger_ = 2 * l * lambert, lambert_ = mcewen_ ? lambert : (1 - l) * lambert;
+      break;
+    case ReflectanceModel::lambert:
+    case ReflectanceModel::blinn_phong:
+    case ReflectanceModel::hapke:
+      seeliger_ = 0, lambert_ = lambert;
+      break;
+  }
+  full_ = seeliger_ / 2 + (mcewen_ ? 0 : lambert_ * lambert_sphere(0));  // L(0) = 1
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,110 @@
+// What the phase angle does to Lommel-Seeliger and lunar-Lambert, which themselves say nothing of it: McEwen's A(g).
+// Written once for a lane alone and for whole vectors: no branches.
+#pragma once
+
+#include "engine/frame/surface.h"
+#include "engine/radiometry/photometry.h"
+#include "engine/support/lane_math.h"
+
+namespace selenograph::engine {
+
+// McEwen's L(g) of the Moon (LPSC XXVII, 841, 1996), fitted from 19.5 to 101 degrees; 0 where the cubic is negative.
+SELENOGRAPH_LANE double mcewen_limb_darkening(double phase_deg) {
+  const double cubic = 1 + phase_deg * (-0.019 + phase_deg * (0.242e-3 - phase_deg * 1.46e-6));
+  return cubic > 0 ? cubic : 0.0;
+}
+
+// A uniform sphere's light at g over what Lambert's white disc of its size, facing Sun and camera, sends: of
+// Lommel-Seeliger's 2 mu0 / (mu0 + mu), 1 at g = 0; of Lambert's mu0, 2/3 there. Closed forms, e.g. Hapke, Theory of
+// Reflectance and Emittance Spectroscopy (2012), 11.
+double lommel_seeliger_sphere(double phase_deg);
+double lambert_sphere(double phase_deg);
+
+// The Moon's light at g over that at 0. Allen (Astrophysical Quantities, 1973; JPL Horizons has the same): 0.026 g +
+// 4e-9 g^4 magnitudes fainter, observed to 150 degrees and held from there on. ROLO: Kieffer & Stone (AJ 129, 2887,
+// 2005), eq. (10) in its band at 553.8 nm without libration and the Sun's longitude, from 1.55 to 97 degrees;
+// extrapolated to 0, and from 97 on in Allen's proportion. 1 for `none`.
+double moon_light(PhaseLaw law, double phase_deg);
+
+// The two constants of lambert, lommel_seeliger, lommel_seeliger_lambert and lunar_lambert by the phase angle, times
+// f(g) = moon_light(g) over the sphere's own light with these constants, both over their values at 0. With McEwen's
+// L(g) that is his A(g).
+class TermsByPhase {
+ public:
+  explicit TermsByPhase(const Reflectance& reflectance);
+
+  // Whether they are other ones at other phase angles.
+  bool vary() const { return law_ != PhaseLaw::none || mcewen_; }
+  PhaseLaw law() const { return law_; }
+
+  template <class Math, PhaseLaw kLaw>
+  SELENOGRAPH_LANE BrdfTerms at(double cos_phase) const;
+
+  template <class Math, PhaseLaw kLaw>
+  SELENOGRAPH_LANE static double light(double phase_deg);
+  template <class Math>
+  SELENOGRAPH_LANE static double seeliger_sphere(double phase_deg);
+  template <class Math>
+  SELENOGRAPH_LANE static double diffuse_sphere(double phase_deg);
+
+ private:
+  static constexpr double kAllenLast_deg = 150, kRoloLast_deg = 97, kRadian = 0.017453292519943295;
+  template <class Math>
+  SELENOGRAPH_LANE static double rolo_reflectance(double phase_deg);
+
+  PhaseLaw law_;
+  bool mcewen_;
+  double seeliger_, lambert_;  // of L = 1 and L = 0, if McEwen's L is to weigh them
+  double full_ = 1;            // the sphere's light at 0
+};
+
+template <class Math>
+double TermsByPhase::rolo_reflectance(double g) {
+  // Table 4, 553.8 nm; a in radians.
+  const double r = g * kRadian, linear = -2.12504 + r * (-1.65970 + r * (0.38409 - r * 0.20655));
+  return Math::exp(linear + 0.37206 * Math::exp(g * (-1 / 4.06054)) - 0.10745 * Math::exp(g * (-1 / 12.8802)) +
+                   0.00347 * Math::cos((g + 30.5858) * (1 / 16.7498)));
+}
+
+template <class Math, PhaseLaw kLaw>
+double TermsByPhase::light(double phase_deg) {
+  if constexpr (kLaw == PhaseLaw::none) return 1;
+  const auto allen = [](double g) {
+    const double within = g < kAllenLast_deg ? g : kAllenLast_deg, square = within * within;
+    return Math::exp(-0.9210340371976184 * (0.026 * within + 4e-9 * square * square));  // 0.4 ln 10
+  };
+  if constexpr (kLaw == PhaseLaw::allen) return allen(phase_deg);
+  const double within = phase_deg < kRoloLast_deg ? phase_deg : kRoloLast_deg;
+  return rolo_reflectance<Math>(within) / rolo_reflectance<ScalarMath>(0) * (allen(phase_deg) / allen(within));
+}
+
+template <class Math>
+double TermsByPhase::seeliger_sphere(double phase_deg) {
+  const double half = phase_deg * (kRadian / 2), cosine = Math::cos(half), sine = Math::cos(half - 1.5707963267948966);
+  const double quarter = sine / (1 + cosine), safe = quarter > 1e-9 ? quarter : 1e-9;  // tan g / 4
+  return 1 + sine * sine / (cosine > 1e-9 ? cosine : 1e-9) * Math::log(safe);
+}
+
+template <class Math>
+double TermsByPhase::diffuse_sphere(double phase_deg) {
+  constexpr double kPi = 3.141592653589793;
+  const double g = phase_deg * kRadian;
+  return 2 / (3 * kPi) * (Math::cos(g - kPi / 2) + (kPi - g) * Math::cos(g));
+}
+
+template <class Math, PhaseLaw kLaw>
+BrdfTerms TermsByPhase::at(double cos_phase) const {
+  const double low = cos_phase > -1 ? cos_phase : -1.0;
+  const double g = Math::acos(low < 1 ? low : 1.0) * (1 / kRadian);
+  const double weight = mcewen_limb_darkening(g);
+  const double seeliger = mcewen_ ? weight * seeliger_ : seeliger_,
+               lambert = mcewen_ ? (1 - weight) * lambert_ : lambert_;
+  if constexpr (kLaw == PhaseLaw::none) return {seeliger, lambert};
+  // Held beyond 150 degrees, where McEwen's L is 0.
+  const double within = g < kAllenLast_deg ? g : kAllenLast_deg;
+  const double sphere = seeliger / 2 * seeliger_sphere<Math>(within) + lambert * diffuse_sphere<Math>(within);
+  const double f = light<Math, kLaw>(within) * full_ / (sphere > 0 ? sphere : 1.0);
+  return {seeliger * f, lambert * f};
+}
+
+}  // namespace selenograph::engine
