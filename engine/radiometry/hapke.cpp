@@ -1,6 +1,8 @@
 #include "engine/radiometry/hapke.h"
 
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 
 #include "dem/geodesy.h"
@@ -54,7 +56,21 @@ HapkeLaw::HapkeLaw(const HapkeParameters& k)
       inverse_hc_(1 / k.hc) {
   const HemisphereMeans means(k);
   mean_ = means.mean;
-  for (int i = 0; i < kSteps + 2; ++i) hemisphere_[i] = means.at(static_cast<double>(i) / kSteps);
+  // Chebyshev's series from its places, T_n as powers on the way.
+  constexpr int kPlaces = kDegree + 1;
+  std::fill(std::begin(hemisphere_), std::end(hemisphere_), 0.0);
+  double before[kPlaces] = {1}, now[kPlaces] = {0, 1};  // T_0, T_1
+  for (int n = 0; n < kPlaces; ++n) {
+    double share = 0;
+    for (int k = 0; k < kPlaces; ++k) {
+      const double turn = (k + 0.5) * std::numbers::pi / kPlaces;
+      share += (n == 0 ? 1.0 : 2.0) / kPlaces * std::cos(n * turn) * means.at((1 + std::cos(turn)) / 2);
+    }
+    for (int i = 0; i < kPlaces; ++i) hemisphere_[i] += share * before[i];
+    double next[kPlaces];
+    for (int i = 0; i < kPlaces; ++i) next[i] = (i > 0 ? 2 * now[i - 1] : 0) - before[i];
+    std::copy_n(now, kPlaces, before), std::copy_n(next, kPlaces, now);
+  }
 }
 
 }  // namespace selenograph::engine

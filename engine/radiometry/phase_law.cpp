@@ -23,7 +23,7 @@ double moon_light(PhaseLaw law, double phase_deg) {
 }
 
 TermsByPhase::TermsByPhase(const Reflectance& r)
-    : law_(r.phase), mcewen_(r.model == ReflectanceModel::lunar_lambert && !r.limb_darkening) {
+    : law_(r.phase), weighed_(r.model == ReflectanceModel::lunar_lambert && !r.limb_darkening ? 1 : 0) {
   const double seeliger = r.rho / (2 * std::numbers::pi);  // eq. (10)
   const double lambert = r.rho / std::numbers::pi;         // eq. (4)
   const double w = r.lommel_seeliger_weight, l = r.limb_darkening.value_or(1);
@@ -35,7 +35,7 @@ TermsByPhase::TermsByPhase(const Reflectance& r)
       seeliger_ = w * seeliger, lambert_ = (1 - w) * lambert;  // section 3.1
       break;
     case ReflectanceModel::lunar_lambert:
-      seeliger_ = 2 * l * lambert, lambert_ = mcewen_ ? lambert : (1 - l) * lambert;
+      seeliger_ = 2 * l * lambert, lambert_ = weighed_ > 0 ? lambert : (1 - l) * lambert;
       break;
     case ReflectanceModel::lambert:
     case ReflectanceModel::blinn_phong:
@@ -43,7 +43,7 @@ TermsByPhase::TermsByPhase(const Reflectance& r)
       seeliger_ = 0, lambert_ = lambert;
       break;
   }
-  full_ = seeliger_ / 2 + (mcewen_ ? 0 : lambert_ * lambert_sphere(0));  // L(0) = 1
+  full_ = seeliger_ / 2 + (1 - weighed_) * lambert_ * lambert_sphere(0);  // L(0) = 1
 }
 
 }  // namespace selenograph::engine

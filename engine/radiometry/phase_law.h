@@ -34,7 +34,7 @@ class TermsByPhase {
   explicit TermsByPhase(const Reflectance& reflectance);
 
   // Whether they are other ones at other phase angles.
-  bool vary() const { return law_ != PhaseLaw::none || mcewen_; }
+  bool vary() const { return law_ != PhaseLaw::none || weighed_ > 0; }
   PhaseLaw law() const { return law_; }
 
   template <class Math, PhaseLaw kLaw>
@@ -53,8 +53,8 @@ class TermsByPhase {
   SELENOGRAPH_LANE static double rolo_reflectance(double phase_deg);
 
   PhaseLaw law_;
-  bool mcewen_;
-  double seeliger_, lambert_;  // of L = 1 and L = 0, if McEwen's L is to weigh them
+  double weighed_;             // 1: by McEwen's L; 0: not. (A bool in a loop of doubles kept it from becoming vectors.)
+  double seeliger_, lambert_;  // weighed: of L = 1 and L = 0
   double full_ = 1;            // the sphere's light at 0
 };
 
@@ -75,7 +75,9 @@ double TermsByPhase::light(double phase_deg) {
   };
   if constexpr (kLaw == PhaseLaw::allen) return allen(phase_deg);
   const double within = phase_deg < kRoloLast_deg ? phase_deg : kRoloLast_deg;
-  return rolo_reflectance<Math>(within) / rolo_reflectance<ScalarMath>(0) * (allen(phase_deg) / allen(within));
+  // A call would keep the loop around this from becoming vectors.
+  constexpr double kRoloFull = 0.1554694377026012;
+  return rolo_reflectance<Math>(within) / kRoloFull * (allen(phase_deg) / allen(within));
 }
 
 template <class Math>
@@ -97,8 +99,7 @@ BrdfTerms TermsByPhase::at(double cos_phase) const {
   const double low = cos_phase > -1 ? cos_phase : -1.0;
   const double g = Math::acos(low < 1 ? low : 1.0) * (1 / kRadian);
   const double weight = mcewen_limb_darkening(g);
-  const double seeliger = mcewen_ ? weight * seeliger_ : seeliger_,
-               lambert = mcewen_ ? (1 - weight) * lambert_ : lambert_;
+  const double seeliger = seeliger_ * (1 - weighed_ + weighed_ * weight), lambert = lambert_ * (1 - weighed_ * weight);
   if constexpr (kLaw == PhaseLaw::none) return {seeliger, lambert};
   // Held beyond 150 degrees, where McEwen's L is 0.
   const double within = g < kAllenLast_deg ? g : kAllenLast_deg;

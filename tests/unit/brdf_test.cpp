@@ -203,6 +203,7 @@ TEST(PhaseLaw, TheMoonsLight) {
   EXPECT_EQ(moon_light(PhaseLaw::allen, 170), moon_light(PhaseLaw::allen, 150));
   EXPECT_NEAR(moon_light(PhaseLaw::rolo, 7), 0.0982 / 0.1555, 5e-4);
   EXPECT_NEAR(moon_light(PhaseLaw::rolo, 90), 0.0102 / 0.1555, 5e-4);
+  EXPECT_NEAR(moon_light(PhaseLaw::rolo, 0), 1, 1e-14);
   for (const PhaseLaw law : {PhaseLaw::allen, PhaseLaw::rolo})
     for (double g = 0; g < 149; g += 0.5) {
       EXPECT_GT(moon_light(law, g), moon_light(law, g + 0.5)) << g;
@@ -269,6 +270,26 @@ TEST(Hapke, TermsOf2002) {
   const double g = 2 * std::atan(0.05) / kRadians;  // z = 1
   EXPECT_NEAR(f_r(hapke(surge), degrees(g, 0, g)) / f_r(hapke(dark), degrees(g, 0, g)),
               1 + 0.5 * (2 - std::exp(-1)) / 8, 1e-9);
+}
+
+// Eq. (38) of 2002 written down once more.
+TEST(Hapke, MultipleScatteringOf2002ByHand) {
+  for (const HapkeParameters& parameters :
+       {HapkeParameters{}, henyey_greenstein(0.6, 1, 0.1, 0.45, 0.3, 0), henyey_greenstein(0.9, 1, 0.1, 0.8, 0.4, 0)}) {
+    HapkeParameters k = of_2002(parameters);
+    k.theta_bar_deg = 0;
+    const HemisphereMeans p(k);
+    const double root = std::sqrt(1 - k.w), r0 = (1 - root) / (1 + root);
+    const auto h = [&](double x) { return 1 / (1 - k.w * x * (r0 + (1 - 2 * r0 * x) / 2 * std::log((1 + x) / x))); };
+    for (const Geometry& g : {degrees(20, 50, 60), degrees(70, 10, 65), degrees(40, 40, 3), degrees(80, 75, 140)}) {
+      const double tan_half = std::tan(std::acos(g.cos_phase) / 2);
+      const double in = h(g.mu0) - 1, out = h(g.mu) - 1;
+      const double expected = k.w / (4 * kPi) / (g.mu0 + g.mu) *
+                              ((1 + k.b0 / (1 + tan_half / k.h)) * phase_function(k, g.cos_phase) + p.at(g.mu0) * out +
+                               p.at(g.mu) * in + p.mean * in * out);
+      EXPECT_NEAR(f_r(hapke(k), g), expected, (k.b > 0.5 ? 1e-3 : 1e-5) * expected);
+    }
+  }
 }
 
 // A packet's values are a lane's.
