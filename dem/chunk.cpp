@@ -232,8 +232,7 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id, const PostSource& so
     if (from_sources) throw OtherSources(name(), "was made from other posts of block " + to_string(id));
     throw;
   }
-  // Filtered levels are no longer quantised.
-  fill_shading_normals(*block, heights, id.level >= base_level_ ? quantisation_m_ : 0);
+  fill_shading_normals(*block, heights, {.filtered = id.level < base_level_, .quantisation_m = quantisation_m_});
   return block;
 }
 

@@ -192,42 +192,6 @@ std::size_t CountEqual(const std::uint32_t* values, std::size_t n) {
   return i;
 }
 
-template <int kReach>
-void NormalsWithin(const float* centre, int stride, int n, const NormalRow& row, float* HWY_RESTRICT x,
-                   float* HWY_RESTRICT y, float* HWY_RESTRICT z) {
-  constexpr double kSum = kReach == 1 ? 6 : 50;
-  const double cos_lat = row.cos_lat, sin_lat = row.sin_lat, lat_step = row.lat_step, lon_step = row.lon_step;
-  const double *HWY_RESTRICT cos_lons = row.cos_lon, *HWY_RESTRICT sin_lons = row.sin_lon;
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (int c = 0; c < n; ++c) {
-    float along_row = 0, along_column = 0;
-    const float here = centre[c];
-    for (int dy = -kReach; dy <= kReach; ++dy)
-      for (int dx = -kReach; dx <= kReach; ++dx) {
-        const float h = centre[c + dy * stride + dx] - here;
-        along_row += static_cast<float>(dx) * h, along_column += static_cast<float>(dy) * h;
-      }
-    const double radius = kMoonRadius_m + static_cast<double>(here);
-    const double to_east = static_cast<double>(along_row) / kSum / (radius * cos_lat * lon_step),
-                 to_north = static_cast<double>(along_column) / kSum / (radius * lat_step);
-    const double cos_lon = cos_lons[c], sin_lon = sin_lons[c];
-    const double nx = cos_lat * cos_lon + sin_lon * to_east + sin_lat * cos_lon * to_north,
-                 ny = cos_lat * sin_lon - cos_lon * to_east + sin_lat * sin_lon * to_north,
-                 nz = sin_lat - cos_lat * to_north;
-    const double length = std::sqrt(nx * nx + (ny * ny + nz * nz));
-    x[c] = static_cast<float>(nx / length), y[c] = static_cast<float>(ny / length),
-    z[c] = static_cast<float>(nz / length);
-  }
-}
-
-void NormalsOfRow(const float* centre, int stride, int n, int reach, const NormalRow& row, float* x, float* y,
-                  float* z) {
-  if (reach == 1)
-    NormalsWithin<1>(centre, stride, n, row, x, y, z);
-  else
-    NormalsWithin<2>(centre, stride, n, row, x, y, z);
-}
-
 }  // namespace selenograph::dem::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -245,12 +209,7 @@ HWY_EXPORT(TakeRow);
 HWY_EXPORT(InterpolateRow);
 HWY_EXPORT(AddFourRows);
 HWY_EXPORT(CountEqual);
-HWY_EXPORT(NormalsOfRow);
 
-void normals_of_row(const float* centre, int stride, int n, int reach, const NormalRow& row, float* x, float* y,
-                    float* z) {
-  HWY_DYNAMIC_DISPATCH(NormalsOfRow)(centre, stride, n, reach, row, x, y, z);
-}
 void extend_range(const float* heights, int n, HeightRange& range) {
   HWY_DYNAMIC_DISPATCH(ExtendRange)(heights, n, range);
 }

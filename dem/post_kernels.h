@@ -52,15 +52,4 @@ void add_four_rows(const std::array<const double*, 4>& rows, const std::array<do
 // How many from the first on are the same as the first. None: 0.
 std::size_t count_equal(const std::uint32_t* values, std::size_t n);
 
-// Unit normals (MOON_ME) of a row of posts none of which, nor of those around, is missing: of the least-squares planes
-// through (2 reach + 1)^2 posts, reach 1 or 2. `centre`: the row's first height; the rows below and above lie `stride`
-// away.
-struct NormalRow {
-  double cos_lat, sin_lat;
-  const double *cos_lon, *sin_lon;  // of the columns
-  double lat_step, lon_step;        // between posts, radians
-};
-void normals_of_row(const float* centre, int stride, int n, int reach, const NormalRow& row, float* x, float* y,
-                    float* z);
-
 }  // namespace selenograph::dem

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "dem/post_kernels.h"
+#include "dem/normal_kernels.h"
 
 namespace selenograph::dem {
 namespace {
@@ -30,17 +30,28 @@ Slope fit_plane(const float* centre, int stride, int reach) {
   return {(cxh * cyy - cyh * cxy) / det, (cyh * cxx - cxh * cxy) / det};
 }
 
-int reach_for(double quantisation_m, double spacing_m) {
+// The slope at a post, near voids.
+Slope slope_at(const float* centre, int stride, SlopeStencil stencil) {
+  if (stencil == SlopeStencil::plane_5) return fit_plane(centre, stride, 2);
+  if (stencil == SlopeStencil::sharpened) {
+    const Slope slope{sharpened_slope(centre, 1), sharpened_slope(centre, stride)};
+    if (!std::isnan(slope.along_row + slope.along_column)) return slope;
+  }
+  return fit_plane(centre, stride, 1);
+}
+
+SlopeStencil stencil_for(const HeightsKind& kind, double spacing_m) {
+  if (kind.filtered) return SlopeStencil::sharpened;
   // Rounding is uniform noise of q / sqrt(12); the 3 x 3 plane's slope has that over sqrt(6) posts.
-  const double noise = quantisation_m / std::sqrt(12.0) / (std::sqrt(6.0) * spacing_m);
-  return noise > kQuantisationSlope ? 2 : 1;
+  const double noise = kind.quantisation_m / std::sqrt(12.0) / (std::sqrt(6.0) * spacing_m);
+  return noise > kQuantisationSlope ? SlopeStencil::plane_5 : SlopeStencil::plane_3;
 }
 
 }  // namespace
 
-void fill_shading_normals(Block& block, std::span<const float> heights, double quantisation_m) {
+void fill_shading_normals(Block& block, std::span<const float> heights, const HeightsKind& kind) {
   const int side = block.side(), stride = side + 2 * kHalo;
-  const int reach = reach_for(quantisation_m, post_spacing_m(block.id.level));
+  const SlopeStencil stencil = stencil_for(kind, post_spacing_m(block.id.level));
   const double radians_per_tick = kRadiansPerDegree / kTicksPerDegree;
   const double dlat = block.extent.lat_step * radians_per_tick, dlon = block.extent.lon_step * radians_per_tick;
   const bool full = std::none_of(heights.begin(), heights.end(), [](float h) { return std::isnan(h); });
@@ -52,7 +63,7 @@ void fill_shading_normals(Block& block, std::span<const float> heights, double q
     const float* centres = heights.data() + (r + kHalo) * stride + kHalo;
     const bool pole = cos_lat <= 1e-9;  // there east has no meaning: the vertical stands
     if (full && !pole) {
-      normals_of_row(centres, stride, side, reach,
+      normals_of_row(centres, stride, side, stencil,
                      {cos_lat, sin_lat, block.cos_lon.data(), block.sin_lon.data(), dlat, dlon}, x, y, z);
       for (int c = 0; c < side; ++c) block.vertices[block.index(r, c)].normal = {x[c], y[c], z[c]};
       continue;
@@ -65,7 +76,7 @@ void fill_shading_normals(Block& block, std::span<const float> heights, double q
       const Vec3 north(-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat);
       Vec3 normal = up;
       if (!pole && !std::isnan(*centre)) {
-        const Slope s = fit_plane(centre, stride, reach);
+        const Slope s = slope_at(centre, stride, stencil);
         const double radius = kMoonRadius_m + static_cast<double>(*centre);
         normal = (up - east * (s.along_row / (radius * cos_lat * dlon)) - north * (s.along_column / (radius * dlat)))
                      .normalized();

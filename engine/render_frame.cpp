@@ -13,6 +13,7 @@
 #include "engine/support/stopwatch.h"
 #include "engine/visibility/frame_writer.h"
 #include "engine/visibility/raytrace/ray_pass.h"
+#include "engine/visibility/zbuffer/dense_samples.h"
 
 namespace selenograph::engine {
 namespace {
@@ -228,16 +229,37 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
   {
     const EachSample each = exposed && !moving && !photons ? exposed->collect(view, 1) : asked_each;
     const FrameJob job{request, view, *scene, objects, radiance, *lens, stop, each};
-    FrameWriter writer(request, view, scene->mesh, terrain.catalogue().rasters().size(), frame.products);
-    if (scene->raster) {
-      const Pool<FrameScratch>::Lease scratch(kept.scratch());
-      RasterPass(job, writer, *scratch, frame.times).for_pixels(stages);
-    } else {
+    const std::size_t catalogue_size = terrain.catalogue().rasters().size();
+    const auto finish = [&](const FrameWriter& writer, const Camera& camera) {
+      list_sources(terrain.catalogue(), writer.sources(), frame);
+      report_pixels(camera, writer.counts(), frame.report);
+    };
+    if (!scene->raster) {
+      FrameWriter writer(request, view, scene->mesh, catalogue_size, frame.products);
       RayPass(job, writer).for_pixels(stages);
+      finish(writer, request.camera);
+    } else {
+      const Pool<FrameScratch>::Lease scratch(kept.scratch());
+      const auto draw = [&](const FrameJob& what, FrameWriter& writer) {
+        RasterPass(what, writer, *scratch, frame.times).for_pixels(stages);
+      };
+      const bool dense = drawn_at_once(request, request.accuracy) > 1;
+      FrameRequest at_centres = request;
+      if (dense) at_centres.products &= ~static_cast<ProductSet>(kRadiance | kImage);
+      if (!dense || at_centres.products) {
+        FrameWriter writer(at_centres, view, scene->mesh, catalogue_size, frame.products);
+        draw({at_centres, view, *scene, objects, radiance, *lens, stop, each}, writer);
+        finish(writer, request.camera);
+      }
+      if (dense) {
+        const std::shared_ptr<const PixelRays> dense_lens = kept.lens(dense_camera(request.camera), stop);
+        DenseSamples samples(job, *dense_lens, catalogue_size);
+        draw(samples.job(), samples.writer());
+        frame.products.radiance = samples.radiance();
+        if (!at_centres.products) finish(samples.writer(), samples.job().request.camera);
+      }
     }
-    list_sources(terrain.catalogue(), writer.sources(), frame);
     report_scene(selection, *scene, frame.report);
-    report_pixels(request.camera, writer.counts(), frame.report);
   }
   scene.reset();  // an exposure's other moments have their own: who waits for room for one holds none
   kept.settle();

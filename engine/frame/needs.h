@@ -1,6 +1,8 @@
 // What a frame's products need to be known of each pixel: radiance, how much of the Sun its point sees, geometry.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 
 #include "engine/frame/request.h"
@@ -13,14 +15,25 @@ inline bool wants_geometry(const FrameRequest& request) {
   return request.products & ~static_cast<ProductSet>(kRadiance | kImage);
 }
 
+// Of a pixel's samples, how many the z-buffer draws at once (visibility/zbuffer/dense_samples.h): 4 where there is an
+// even number of them along a pixel's side. They take four times the memory: larger images have one at a time.
+inline int drawn_at_once(const FrameRequest& request, const Accuracy& accuracy) {
+  constexpr int kLargest_px = 4096;  // side
+  const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
+  const bool fits = std::max(request.camera.width, request.camera.height) <= kLargest_px;
+  return wants_radiance(request) && side % 2 == 0 && fits ? 4 : 1;
+}
+
 // Besides its products, of what a frame is rendered with: samples under the Sun and the shadow map's lists, twice as
 // many of a disc, a lens's rays (of the pixels' centres and of a sample beside them), what a sensor's model has between
 // radiance and digital numbers. An upper bound; scenes and terrain are not of it.
 inline std::size_t working_bytes_per_pixel(const FrameRequest& request) {
   std::size_t bytes = 0;
-  if (wants_radiance(request)) bytes += 8;
-  if (wants_light(request)) bytes += request.sun.angular_radius_deg > 0 ? 96 : 48;
-  if (!request.camera.rectilinear()) bytes += 48;
+  const bool dense = request.visibility != Visibility::raytrace && drawn_at_once(request, request.accuracy) > 1;
+  const std::size_t at_once = dense ? 4 : 1;
+  if (wants_radiance(request)) bytes += (dense ? 12 : 8) * at_once;
+  if (wants_light(request)) bytes += (request.sun.angular_radius_deg > 0 ? 96 : 48) * at_once;
+  if (!request.camera.rectilinear()) bytes += dense ? 24 + 24 * (at_once + 1) : 48;
   if (request.sensor && request.products & kImage) bytes += request.accuracy.samples_per_pixel > 1 ? 40 : 24;
   return bytes;
 }

@@ -240,8 +240,9 @@ TEST_F(ObjectsOverTerrain, LookTheSameByZBufferAndByRays) {
             ASSERT_EQ(drawn.range[i], traced.range[i]);
           }
         }
-        // Of the disc one knows horizons, the other asks 256 directions.
-        const float share = radius_deg > 0 ? 0.05F : 0;
+        // Of the disc one knows horizons, the other asks 256 directions. Samples drawn at once are added in another
+        // order.
+        const float share = radius_deg > 0 ? 0.05F : samples > 1 ? 1e-6F : 0;
         const std::size_t few = radius_deg > 0 ? 25600 / 200 : 25600 / 2000;
         EXPECT_LE(differing(drawn.lit, traced.lit, share), few);
         EXPECT_LE(differing(drawn.radiance, traced.radiance, share), static_cast<std::size_t>(samples) * few);

@@ -14,6 +14,8 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 
+constexpr HeightsKind kMetres{.quantisation_m = 1}, kFiltered{.filtered = true};
+
 struct Field {
   Block block;
   std::vector<float> heights;
@@ -21,7 +23,7 @@ struct Field {
 
 // `height` takes rows and columns from the block's south-west post.
 Field field(int level, double lat, double lon, const std::function<double(int, int)>& height,
-            double quantisation_m = 0) {
+            const HeightsKind& kind = {}) {
   Field f;
   f.block.id = block_at(level, static_cast<std::int32_t>((lat + 90) * kTicksPerDegree),
                         static_cast<std::int32_t>((lon + 180) * kTicksPerDegree));
@@ -32,9 +34,9 @@ Field field(int level, double lat, double lon, const std::function<double(int, i
     for (int c = -kHalo; c < side + kHalo; ++c) {
       const float h = static_cast<float>(height(r, c));
       f.heights.push_back(h);
-      if (r >= 0 && c >= 0 && r < side && c < side) f.block.vertices.push_back({h, {}});
+      if (r >= 0 && c >= 0 && r < side && c < side) f.block.vertices.push_back({h, Eigen::Vector3f::Zero()});
     }
-  fill_shading_normals(f.block, f.heights, quantisation_m);
+  fill_shading_normals(f.block, f.heights, kind);
   return f;
 }
 
@@ -70,8 +72,9 @@ TEST(ShadingNormals, QuantisedSlopesShowNoTerraces) {
   // A slope of 0.04 m per post (a third of a degree) in whole metres: 1 m steps every 25 posts. Raw differences would
   // be off by 7.4 degrees.
   const auto ramp = [](int r, int) { return 0.04 * r; };
-  const Field exact = field(12, 10, 20, ramp), rounded = field(
-                                                   12, 10, 20, [&](int r, int c) { return std::round(ramp(r, c)); }, 1);
+  const Field exact = field(12, 10, 20, ramp),
+              rounded = field(
+                  12, 10, 20, [&](int r, int c) { return std::round(ramp(r, c)); }, kMetres);
   double worst = 0;
   for (int r = 5; r < 60; ++r)
     worst = std::max(worst, angle_deg(exact.block.vertices[exact.block.index(r, 30)].normal.cast<double>(),
@@ -86,8 +89,8 @@ TEST(ShadingNormals, TheWiderStencilIsForCoarseStepsOnly) {
   const auto moved = [](const Field& f, int c) {
     return (f.block.vertices[f.block.index(30, c)].normal.cast<double>() - up(f.block, 30, c)).norm() > 1e-4;
   };
-  const Field floats = field(12, 10, 20, spike), metres = field(12, 10, 20, spike, 1),
-              coarse = field(8, 10, 20, spike, 1);
+  const Field floats = field(12, 10, 20, spike), metres = field(12, 10, 20, spike, kMetres),
+              coarse = field(8, 10, 20, spike, kMetres);
   EXPECT_TRUE(moved(floats, 31) && moved(metres, 31) && moved(metres, 32) && moved(coarse, 31));
   EXPECT_FALSE(moved(floats, 32) || moved(coarse, 32) || moved(metres, 33));
 }
@@ -108,6 +111,39 @@ TEST(ShadingNormals, VoidsAreLeftOut) {
   const Field lone = field(12, 10, 20, [&](int r, int c) { return r == 9 && c == 9 ? 100.0 : std::nan(""); });
   EXPECT_LT((lone.block.vertices[lone.block.index(9, 9)].normal.cast<double>() - up(lone.block, 9, 9)).norm(), 1e-6);
   for (const auto& v : lone.block.vertices) ASSERT_TRUE(v.normal.allFinite());
+}
+
+TEST(ShadingNormals, OfFilteredLevelsTheLowPassIsUndone) {
+  // A wave along the rows as the pyramid's filter leaves it after many octaves: its amplitude times
+  // (sin(w / 2) / (w / 2))^2, the limit of the [1 2 1] / 4 cascade. What shades is the slope of the wave that was there
+  // as a mean over the vertex's cell, times sin(w / 2) / (w / 2): a plane through 3 x 3 posts would have 79 % of it.
+  const double wave = 2 * std::numbers::pi / 6, cell = std::sin(wave / 2) / (wave / 2);
+  const Field f = field(
+      12, 0.5, 20, [&](int, int c) { return cell * cell * std::sin(wave * c); }, kFiltered);
+  const double spacing_m = kDegree / 4096 * kMoonRadius_m * std::cos(lat_deg_of(f.block.extent.lat0) * kDegree);
+  for (int c = 0; c <= 64; ++c) {
+    const Vec3 normal = f.block.vertices[f.block.index(10, c)].normal.cast<double>();
+    const EastNorthUp axes = local_axes(up(f.block, 10, c));
+    ASSERT_NEAR(-normal.dot(axes.east) / normal.dot(axes.up), wave * std::cos(wave * c) / spacing_m * cell,
+                0.02 * wave / spacing_m)
+        << c;
+  }
+}
+
+TEST(ShadingNormals, OfFilteredLevelsOnlyVoidsInTheRowAndTheColumnMatter) {
+  const auto hills = [](int r, int c) { return 20 * std::sin(0.7 * r) * std::cos(0.9 * c); };
+  const auto with_void = [&](int row, int column) {
+    return field(
+        12, 10, 20, [&](int r, int c) { return r == row && c == column ? std::nan("") : hills(r, c); }, kFiltered);
+  };
+  const auto normal = [](const Field& f) {
+    return Vec3(f.block.vertices[f.block.index(30, 30)].normal.cast<double>());
+  };
+  const Field whole = field(12, 10, 20, hills, kFiltered), plane = field(12, 10, 20, hills);
+  EXPECT_LT((normal(with_void(31, 31)) - normal(whole)).norm(), 1e-6);
+  EXPECT_LT((normal(with_void(30, 32)) - normal(plane)).norm(), 1e-6);
+  EXPECT_LT((normal(with_void(32, 30)) - normal(plane)).norm(), 1e-6);
+  EXPECT_GT((normal(plane) - normal(whole)).norm(), 1e-2);
 }
 
 TEST(ShadingNormals, APoleHasTheVertical) {
