@@ -53,13 +53,13 @@ namespace selenograph::engine {
 HWY_EXPORT(ShadeLanes);
 HWY_EXPORT(RadiancesOf);
 
-PacketShader::PacketShader(const FrameRequest& request, const View& view, const RadianceTerms& terms)
+PacketShader::PacketShader(const FrameRequest& request, const RowViews& views, const RadianceTerms& terms)
     : request_(request),
       irradiance_(terms.direct_w_m2),
       base_(static_cast<float>(terms.base_w_m2_sr())),
       brdf_(request.reflectance) {
   if (wants_radiance(request) && !(request.albedo_maps.empty() && request.temperature_maps.empty()))
-    mapped_.emplace(request, view);
+    mapped_.emplace(request, views);
 }
 
 void PacketShader::shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const {
@@ -67,8 +67,8 @@ void PacketShader::shade(const Facets& facets, const SurfacePoints& points, cons
 }
 
 void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
-                             Sampler& sampler, float* out, float* base) const {
-  if (mapped_) return mapped_->radiances(points, shading, rays, lit, sampler, out, base);
+                             Sampler& sampler, float* out, float* base, int first_row) const {
+  if (mapped_) return mapped_->radiances(points, shading, rays, lit, sampler, out, base, first_row);
   if (const BrdfTerms* terms = brdf_.terms()) {
     HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, lit, out);
   } else {
