@@ -22,6 +22,10 @@ inline constexpr std::pair<std::string_view, engine::BodyFrame> kBodyFrames[] = 
     {"MOON_PA_DE440", engine::BodyFrame::moon_pa_de440},
 };
 
+// How a camera moves.
+inline constexpr Vector kAngularRate_deg_s{{-3600, 3600}, "deg/s"};
+inline constexpr Vector kVelocity_m_s{{-1e6, 1e6}, "m/s"};
+
 enum class CameraAxes { opencv, opengl };
 inline constexpr std::pair<std::string_view, CameraAxes> kCameraAxes[] = {
     {"opencv", CameraAxes::opencv},
