@@ -601,7 +601,7 @@ TEST(ShutterJson, RatesAndTheirDefaults) {
 const char* const kThroughPoses = R"({"pose": null, "shutter": {"line_time_s": 0.001, "pushbroom": true, "poses": [
     {"time_s": -0.5, "pose": {"position_m": [1757000, -500, 0], "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}}},
     {"time_s": 0.5, "pose": {"position_m": [1757000, 500, 0], "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}}},
-    {"time_s": 1, "pose": {"geodetic": {"lat_deg": 0, "lon_deg": 0.1, "height_m": 20000}, "nadir": {}}}]}})";
+    {"time_s": 1, "pose": {"geodetic": {"lat_deg": 0, "lon_deg": 0.0326, "height_m": 19600}, "nadir": {}}}]}})";
 
 TEST(ShutterJson, PosesTakeThePlaceOfThePose) {
   const engine::FrameRequest request = accepted(kThroughPoses);

@@ -67,7 +67,7 @@ TEST(PoseTrack, PassesThroughItsPoses) {
 TEST(PoseTrack, AnOrbitFromSparsePoses) {
   const PoseTrack track({}, through({0, 10, 20, 30, 40}));
   for (double t = 0; t <= 40; t += 0.7) {
-    EXPECT_LT((track.at(t).position_m - in_orbit(t).position_m).norm(), t > 10 && t < 30 ? 0.02 : 0.05) << t;
+    EXPECT_LT((track.at(t).position_m - in_orbit(t).position_m).norm(), t > 10 && t < 30 ? 0.025 : 0.1) << t;
     EXPECT_LT(apart(track.at(t), in_orbit(t)), 1e-9) << t;  // a constant rate about one axis is what slerp is
   }
 }
@@ -226,8 +226,9 @@ TEST(RowViews, APointIsFoundInTheRowThatSeesIt) {
       ASSERT_NEAR(found->time_s, row * c.shutter.line_time_s, 1e-5 * c.shutter.line_time_s);
       ASSERT_LT((found->camera_m - from).norm(), 0.05);
     }
-    // Behind the Moon, behind the camera.
-    if (c.camera.model == CameraModel::pinhole) EXPECT_FALSE(views.find(-3 * in_orbit(0).position_m + Vec3(0, 0, 3e7)));
+    if (c.camera.model == CameraModel::fisheye) continue;
+    // Ahead of all rows; behind the camera.
+    EXPECT_FALSE(views.find(-3 * in_orbit(0).position_m + Vec3(0, 3e7, 0)));
     EXPECT_FALSE(views.find(1.5 * in_orbit(0).position_m));
   }
 }
