@@ -68,6 +68,10 @@ struct PoseForm : PositionForm {
 };
 const Members<PoseForm, engine::Pose>& pose_members();
 
+// Of q and -q, which are one attitude, the one whose first component of w, x, y, z that is not zero is positive, and no
+// zero negative: one attitude has one text and one content hash.
+Eigen::Quaterniond canonical(Eigen::Quaterniond q);
+
 struct ObjectPose {
   Vec3 position_m = Vec3::Zero();
   Eigen::Quaterniond moon_from_object = Eigen::Quaterniond::Identity();

@@ -75,7 +75,12 @@ void check_pose(const JsonReader& in, const engine::Camera& camera, const std::o
     in.at("shutter").fail("poses", "the first is later than row 0, whose time is 0");
   if (shutter->poses.back().time_s < last_s)
     in.at("shutter").fail("poses", fmt::format("the last is earlier than the last row, whose time is {:g} s", last_s));
-  if (in.faults() == 0) pose = engine::PoseTrack(pose, *shutter).at(0);
+  if (in.faults() > 0) return;
+  pose = engine::PoseTrack(pose, *shutter).at(0);
+  pose.camera_from_moon = canonical(pose.camera_from_moon);
+  // Where times are far more uneven than places, the polynomials swing out.
+  if (!(pose.position_m.cwiseAbs().maxCoeff() <= kCoordinate_m.max))
+    in.at("shutter").fail("poses", fmt::format("take row 0 more than {} m from the Moon's centre", kCoordinate_m.max));
 }
 
 OrderedJson pose_condition(const Limits&) {
