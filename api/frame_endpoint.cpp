@@ -89,12 +89,15 @@ std::size_t bytes_of(const engine::FrameRequest& request) {
   engine::ProductSet arrays = request.products;
   if (arrays & engine::kImage) arrays |= engine::kRadiance;
   const std::size_t answer = bytes_per_pixel(request.products), working = engine::working_bytes_per_pixel(request);
-  return engine::rendered_pixels(request) * (bytes_per_pixel(arrays) + std::max(working, answer));
+  return engine::rendered_pixels(request) * (bytes_per_pixel(arrays) + std::max(working, answer)) +
+         engine::bytes_of_rows(request.camera, request.shutter);
 }
 
 // The engine's refusals are of where the camera is, but for those that name a member.
-constexpr MemberPointer kRefusable[] = {
-    {"max_error_px", "/accuracy/max_error_px"}, {"visibility", "/visibility"}, {"albedo_maps", "/surface/albedo_maps"}};
+constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"},
+                                        {"visibility", "/visibility"},
+                                        {"shutter", "/shutter"},
+                                        {"albedo_maps", "/surface/albedo_maps"}};
 
 // What no deadline that this service grants would be enough for is the request's fault.
 engine::Frame render(const FrameQuery& query, const EndpointContext& context) {

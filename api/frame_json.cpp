@@ -9,6 +9,7 @@
 #include "api/band_json.h"
 #include "api/ranges.h"
 #include "api/sensor_json.h"
+#include "api/shutter_json.h"
 #include "dem/error.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/sensor/optics.h"
@@ -207,8 +208,32 @@ void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const e
   model.at("optics").fail("f_number", why), model.at("detector").fail("pixel_pitch_um", why), in.fail("band", why);
 }
 
+// What is made of an image after it was rendered as if all rows were of one time.
+void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& sensor, const engine::Shutter& shutter) {
+  const JsonReader model = in.at("sensor");
+  if (!sensor.motion.none()) model.fail("motion", "does not go with \"shutter\": of moving rows no blur is modelled");
+  if (sensor.detector.smear_time_s > 0)
+    model.at("detector").fail("smear_time_s", "is of frame transfer: a \"shutter\" reads row by row");
+  if (!shutter.pushbroom) return;
+  const std::string line = "with a pushbroom: neighbouring rows of its image are not neighbours on the detector";
+  if (sensor.optics.point_spread.model != engine::PointSpread::Model::none)
+    model.at("optics").fail("point_spread", "must be left out " + line);
+}
+
+void check_shutter(const JsonReader& in, FrameQuery& query) {
+  engine::FrameRequest& request = query.request;
+  check_pose(in, request.camera, request.shutter, request.pose);
+  if (!request.shutter) return;
+  if (request.visibility == engine::Visibility::zbuffer)
+    in.fail("visibility", "rows with times are rendered by \"raytrace\": \"zbuffer\" draws all from one place");
+  if (!request.shutter->poses.empty() && in.has("ahead"))
+    in.fail("ahead", "would replace a \"pose\", which a shutter with poses has not");
+  if (request.sensor) check_sensor_of_rows(in, *request.sensor, *request.shutter);
+}
+
 void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   const engine::FrameRequest& request = query.request;
+  check_shutter(in, query);
   if (request.sensor && request.band) {
     check_airy(in, *request.sensor, *request.band);
     check_efficiency(in, *request.sensor, *request.band);
@@ -301,8 +326,11 @@ const Members<FrameQuery>& frame_members() {
             "projection and image size; required unless `camera_preset` has one");
         m.add(
              "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
-             "where the camera is and where it looks")
-            .required();
+             "where the camera is and where it looks; required unless `shutter.poses` says so")
+            .written_if([](const FrameQuery& q) { return !q.request.shutter || q.request.shutter->poses.empty(); });
+        m.add(
+            "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
+            "times of the rows: a rolling shutter or a line camera; left out: all rows are exposed at once");
         m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
         m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
         m.add(
@@ -345,6 +373,7 @@ const Members<FrameQuery>& frame_members() {
         m.needs("sensor", {"band", "camera_preset"}, "which photons it counts");
         m.needs("atmosphere", {"band", "camera_preset"});
         m.check(check_frame);
+        m.also(pose_condition);
         m.also(sun_where_needed);
       });
   return *table;

@@ -366,6 +366,15 @@ OrderedJson frame_examples() {
                                   {"material", body}}};
   over_the_terrain["objects"][0]["pose"]["geodetic"]["height_m"] = 19500.0;
   over_the_terrain["products"] = {"image", "object_id"};
+  // A line camera that flies north and keeps looking down: a strip of 4096 rows.
+  OrderedJson pushbroom = nadir;
+  pushbroom["camera"] = {{"width", 256}, {"height", 4096}, {"fov_deg", 10.0}};
+  pushbroom["pose"]["nadir"]["up_azimuth_deg"] = 180.0;
+  pushbroom["shutter"] = {{"line_time_s", 0.0085},
+                          {"angular_rate_deg_s", {0.052, 0.0, 0.0}},
+                          {"velocity_m_s", {-703.0, -45.0, 1436.0}},
+                          {"pushbroom", true}};
+  pushbroom["products"] = {"radiance", "geodetic"};
   OrderedJson warm = oblique;
   warm.erase("image");
   warm["band"] = {{"response", {{8.0, 0.0}, {9.0, 1.0}, {12.0, 1.0}, {13.0, 0.0}}}};
@@ -377,7 +386,8 @@ OrderedJson frame_examples() {
           {"sensor", sensed},
           {"thermal", warm},
           {"debris", debris},
-          {"over_the_terrain", over_the_terrain}};
+          {"over_the_terrain", over_the_terrain},
+          {"pushbroom", pushbroom}};
 }
 
 OrderedJson openapi_paths() {

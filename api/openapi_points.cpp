@@ -24,8 +24,11 @@ void add_rays(OrderedJson& schemas, std::size_t most) {
 void add_project(OrderedJson& schemas, std::size_t most) {
   const OrderedJson seen = object("",
                                   {{"x_px", number_or_null("column; null behind the camera")},
-                                   {"y_px", number_or_null("row; null behind the camera")},
+                                   {"y_px", number_or_null("row; null behind the camera. With a shutter both, and "
+                                                           "range_m, are null where no row sees the point")},
                                    {"range_m", number_or_null("from the camera, m")},
+                                   {"time_s", number_or_null("with a shutter: when the row that sees it is exposed, "
+                                                             "line_time_s * y_px; null where none does")},
                                    {"height_m", number_or_null("that was used; null without data")},
                                    {"in_frame", boolean("in front of the camera and within the image")},
                                    {"visible", boolean("in_frame and nothing stands between")},

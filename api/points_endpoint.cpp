@@ -2,6 +2,7 @@
 #include "api/endpoint.h"
 #include "api/points_json.h"
 #include "dem/error.h"
+#include "engine/frame/needs.h"
 
 namespace selenograph::api {
 namespace {
@@ -9,8 +10,8 @@ namespace {
 // A ray or point while it is in work: the engine's, its JSON values and its text.
 constexpr std::size_t kBytesPerPoint = 3000;
 
-void need_memory(const EndpointContext& context, std::size_t points, std::string_view pointer) {
-  context.memory.need(kBytesPerPoint * points, pointer, context.stop);
+void need_memory(const EndpointContext& context, std::size_t points, std::string_view pointer, std::size_t more = 0) {
+  context.memory.need(kBytesPerPoint * points + more, pointer, context.stop);
 }
 
 std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& placed) {
@@ -36,14 +37,14 @@ Response answer_rays(const EndpointContext& context) {
 
 Response answer_project(const EndpointContext& context) {
   const ProjectQuery query = read_project(json_body(context), context.limits, context.assets, context.stop);
-  need_memory(context, query.points.size(), "/points");
-  const auto landmarks = with_refusals_at({}, "/pose", [&] {
-    return context.renderer.project(query.camera, query.pose, query.points, query.sun, context.stop,
+  need_memory(context, query.points.size(), "/points", engine::bytes_of_rows(query.camera, query.shutter));
+  constexpr MemberPointer kRefusable[] = {{"shutter", "/shutter"}};
+  const auto landmarks = with_refusals_at(kRefusable, "/pose", [&] {
+    return context.renderer.project(query.camera, query.pose, query.shutter, query.points, query.sun, context.stop,
                                     scene_objects(query.objects));
   });
   throw_if_stopped(context);
-  return json_response(
-      landmarks_json(landmarks, query.sun.has_value(), context.renderer.terrain().catalogue(), query.points));
+  return json_response(landmarks_json(landmarks, query, context.renderer.terrain().catalogue()));
 }
 
 Response answer_heights(const EndpointContext& context) {

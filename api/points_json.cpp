@@ -6,6 +6,7 @@
 #include "api/member_kinds.h"
 #include "api/pose_json.h"
 #include "api/ranges.h"
+#include "api/shutter_json.h"
 
 namespace selenograph::api {
 namespace {
@@ -82,11 +83,18 @@ const Members<ProjectQuery>& project_members() {
   static const auto table =
       made<Members<ProjectQuery>>("ProjectRequest", "Landmarks for a camera and a pose.", [](auto& m) {
         m.add("camera", &ProjectQuery::camera, Object{camera_members()}, "projection and image size").required();
-        m.add("pose", &ProjectQuery::pose, Object{pose_members()}, "where the camera is and where it looks").required();
+        m.add("pose", &ProjectQuery::pose, Object{pose_members()},
+              "where the camera is and where it looks; required unless `shutter.poses` says so");
+        m.add("shutter", &ProjectQuery::shutter, Object{shutter_members()},
+              "times of the rows: the answer has a `time_s`; left out: all rows are exposed at once");
         m.add("sun", &ProjectQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
         m.add("objects", &ProjectQuery::objects, List{Object{object_members()}, 1, kMaxObjects},
               "as in a frame: they hide landmarks, and they cast shadows");
         m.add("points", &ProjectQuery::points, List{Object{landmark_members()}, 1, most}, "the landmarks").required();
+        m.check([](const JsonReader& in, ProjectQuery& query, const ReadContext&) {
+          check_pose(in, query.camera, query.shutter, query.pose);
+        });
+        m.also(pose_condition);
       });
   return *table;
 }
@@ -141,8 +149,8 @@ OrderedJson rays_json(std::span<const engine::RayHit> hits, const RaysQuery& que
   return {{"rays", std::move(list)}};
 }
 
-OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, bool sun_given, const dem::Catalogue& catalogue,
-                           std::span<const engine::LandmarkQuery> points) {
+OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, const ProjectQuery& query,
+                           const dem::Catalogue& catalogue) {
   OrderedJson list = OrderedJson::array();
   for (std::size_t i = 0; i < landmarks.size(); ++i) {
     const engine::Landmark& landmark = landmarks[i];
@@ -152,11 +160,12 @@ OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, bool sun
                       {"height_m", number_json(landmark.height_m)},
                       {"in_frame", landmark.in_frame},
                       {"visible", landmark.visible}};
-    if (sun_given) point["lit"] = number_json(landmark.lit);
+    if (query.shutter) point["time_s"] = number_json(landmark.time_s);
+    if (query.sun) point["lit"] = number_json(landmark.lit);
     if (!std::isfinite(landmark.height_m)) {
-      point["reason"] = why_no_height(points[i].lat_deg, points[i].lon_deg, catalogue);
+      point["reason"] = why_no_height(query.points[i].lat_deg, query.points[i].lon_deg, catalogue);
     } else if (!std::isfinite(landmark.x_px)) {
-      point["reason"] = "behind the camera";
+      point["reason"] = query.shutter ? "seen by no row" : "behind the camera";
     }
     list.push_back(std::move(point));
   }

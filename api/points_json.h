@@ -13,6 +13,7 @@
 #include "engine/frame/camera.h"
 #include "engine/frame/pose.h"
 #include "engine/frame/queries.h"
+#include "engine/frame/shutter.h"
 #include "engine/frame/sun.h"
 
 namespace selenograph::api {
@@ -25,6 +26,7 @@ struct RaysQuery {
 struct ProjectQuery {
   engine::Camera camera;
   engine::Pose pose;
+  std::optional<engine::Shutter> shutter;
   std::optional<engine::Sun> sun;
   std::vector<engine::LandmarkQuery> points;
   std::vector<PlacedObject> objects;
@@ -45,8 +47,8 @@ Geographic read_height_query(const std::multimap<std::string, std::string>& quer
 
 // JSON has no NaN: a number that is not finite is null.
 nlohmann::ordered_json rays_json(std::span<const engine::RayHit> hits, const RaysQuery& query);
-nlohmann::ordered_json landmarks_json(std::span<const engine::Landmark> landmarks, bool sun_given,
-                                      const dem::Catalogue& catalogue, std::span<const engine::LandmarkQuery> points);
+nlohmann::ordered_json landmarks_json(std::span<const engine::Landmark> landmarks, const ProjectQuery& query,
+                                      const dem::Catalogue& catalogue);
 nlohmann::ordered_json height_json(const dem::HeightAnswer& answer, const dem::Catalogue& catalogue);
 
 }  // namespace selenograph::api

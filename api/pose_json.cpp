@@ -160,19 +160,6 @@ std::optional<Eigen::Quaterniond> look_down(const JsonReader& in, const Nadir& f
   return camera_looking(-local->up, up).value_or(Eigen::Quaterniond::Identity());
 }
 
-// Of q and -q, which are one attitude, the one whose first component of w, x, y, z that is not zero is positive, and no
-// zero negative: one attitude has one text and one content hash.
-Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
-  if (!is_unit(q.coeffs())) q.normalize();
-  for (const double component : {q.w(), q.x(), q.y(), q.z()}) {
-    if (component == 0) continue;
-    if (component < 0) q.coeffs() = -q.coeffs();
-    break;
-  }
-  q.coeffs().array() += 0.0;  // -0 + 0 is 0
-  return q;
-}
-
 std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& form, const ReadContext&) {
   const std::optional<Vec3> position_m = resolve_position(in, form);
   if (!position_m) return std::nullopt;
@@ -239,6 +226,17 @@ ObjectPoseForm form_of(const ObjectPose& pose) {
 }
 
 }  // namespace
+
+Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
+  if (!is_unit(q.coeffs())) q.normalize();
+  for (const double component : {q.w(), q.x(), q.y(), q.z()}) {
+    if (component == 0) continue;
+    if (component < 0) q.coeffs() = -q.coeffs();
+    break;
+  }
+  q.coeffs().array() += 0.0;  // -0 + 0 is 0
+  return q;
+}
 
 const Members<Geographic>& place_members() {
   static const auto table =

@@ -22,6 +22,10 @@ inline constexpr std::pair<std::string_view, engine::BodyFrame> kBodyFrames[] = 
     {"MOON_PA_DE440", engine::BodyFrame::moon_pa_de440},
 };
 
+// How a camera moves.
+inline constexpr Vector kAngularRate_deg_s{{-3600, 3600}, "deg/s"};
+inline constexpr Vector kVelocity_m_s{{-1e6, 1e6}, "m/s"};
+
 enum class CameraAxes { opencv, opengl };
 inline constexpr std::pair<std::string_view, CameraAxes> kCameraAxes[] = {
     {"opencv", CameraAxes::opencv},
@@ -63,6 +67,10 @@ struct PoseForm : PositionForm {
   CameraAxes axes = CameraAxes::opencv;
 };
 const Members<PoseForm, engine::Pose>& pose_members();
+
+// Of q and -q, which are one attitude, the one whose first component of w, x, y, z that is not zero is positive, and no
+// zero negative: one attitude has one text and one content hash.
+Eigen::Quaterniond canonical(Eigen::Quaterniond q);
 
 struct ObjectPose {
   Vec3 position_m = Vec3::Zero();

@@ -5,6 +5,7 @@
 #include <variant>
 
 #include "api/member_kinds.h"
+#include "api/pose_json.h"
 #include "api/ranges.h"
 
 namespace selenograph::api {
@@ -245,9 +246,9 @@ const Members<Motion>& motion_members() {
       "are "
       "those of the pose.",
       [](auto& m) {
-        m.add("angular_rate_deg_s", &Motion::angular_rate_deg_s, Vector{{-3600, 3600}, "deg/s"},
+        m.add("angular_rate_deg_s", &Motion::angular_rate_deg_s, kAngularRate_deg_s,
               "of the camera, about its own axes (opencv)");
-        m.add("velocity_m_s", &Motion::velocity_m_s, Vector{{-1e6, 1e6}, "m/s"}, "of the camera, MOON_ME");
+        m.add("velocity_m_s", &Motion::velocity_m_s, kVelocity_m_s, "of the camera, MOON_ME");
         m.add("samples", &Motion::samples, Integer{1, 256},
               "moments; left out: as many as the longest streak has pixels, 65 at most");
       });

@@ -10,8 +10,8 @@ namespace selenograph::engine {
 
 BudgetChoice choose_accuracy(const FrameRequest& request, double budget_ms, int max_samples,
                              const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
-  const View view(request.camera, request.pose);
-  if (request.terrain) refuse_underground(terrain, view.position(), stop);
+  const RowViews views(request.camera, request.pose, request.shutter, stop);
+  if (request.terrain) refuse_underground(terrain, views, stop);
   Stopwatch watch;
   double spent_ms = 0;
   std::optional<BudgetChoice> best;
@@ -19,14 +19,14 @@ BudgetChoice choose_accuracy(const FrameRequest& request, double budget_ms, int 
     Accuracy setting{.max_error_px = error_px};
     Selection selection;
     try {
-      selection = select_blocks(request, view, setting, terrain, kept, stop);
+      selection = select_blocks(request, views, setting, terrain, kept, stop);
     } catch (const TooMuchTerrain&) {
       if (!best) throw;
       break;
     }
     const double select_ms = watch.lap_ms();
     spent_ms += select_ms;
-    const SceneContent content = content_of(request, view, selection);
+    const SceneContent content = content_of(request, views, selection);
     const bool build = !kept.holds(content);
     bool any = false;
     for (const int samples : kBudgetSamples) {

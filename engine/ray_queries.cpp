@@ -6,7 +6,7 @@
 
 #include "dem/error.h"
 #include "dem/parallel.h"
-#include "engine/camera/view.h"
+#include "engine/camera/row_views.h"
 #include "engine/scene/selection.h"
 #include "engine/visibility/disc_light.h"
 #include "engine/visibility/objects_in_frame.h"
@@ -203,6 +203,21 @@ class RayCaster {
 constexpr double kOnGround_m = 0.01;
 double slack_m(double range_m) { return std::max(0.05, 1e-7 * range_m); }
 
+// Where a place appears, and when; answers where the camera is then.
+Vec3 look(const RowViews& views, const Vec3& place, Landmark& out) {
+  if (views.vary()) {
+    const auto sighting = views.find(place);
+    if (!sighting) return Vec3::Constant(std::nan(""));
+    out.x_px = sighting->pixel.x, out.y_px = sighting->pixel.y, out.time_s = sighting->time_s;
+    out.range_m = (place - sighting->camera_m).norm();
+    return sighting->camera_m;
+  }
+  const View& view = views.reference();
+  out.range_m = (place - view.position()).norm();
+  if (const auto pixel = view.project(place)) out.x_px = pixel->x, out.y_px = pixel->y;
+  return view.position();
+}
+
 }  // namespace
 
 std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<SceneObject>& objects,
@@ -211,11 +226,12 @@ std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<Scene
   return RayCaster(objects, sun, terrain, kept, stop).cast(rays, sun, RayCaster::Meeting::everything);
 }
 
-std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
-                                        const std::vector<SceneObject>& objects, const std::optional<Sun>& sun,
-                                        const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
-  const View view(camera, pose);
-  refuse_underground(terrain, view.position(), stop);
+std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
+                                        std::span<const LandmarkQuery> points, const std::vector<SceneObject>& objects,
+                                        const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
+                                        const StopToken& stop) {
+  const RowViews views(camera, pose, shutter, stop);
+  refuse_underground(terrain, views, stop);
   RayCaster caster(objects, sun, terrain, kept, stop);
   std::vector<Landmark> answers(points.size());
   std::vector<Ray> looks, downs;
@@ -230,7 +246,6 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
     a.x_px = a.y_px = a.range_m = std::nan("");
     if (std::isnan(a.height_m)) continue;
     const Vec3 place = to_cartesian({q.lat_deg, q.lon_deg, a.height_m});
-    a.range_m = (place - view.position()).norm();
     // On the ground it is lit as the ground is; what is buried isn't.
     if (sun && a.height_m > ground + kOnGround_m) {
       places.push_back(place), over_ground.push_back(i);
@@ -238,12 +253,9 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
       const Vec3 up = place.normalized();
       downs.push_back({place + up, -up}), on_ground.push_back(i);
     }
-    const auto pixel = view.project(place);
-    if (!pixel) continue;
-    a.x_px = pixel->x, a.y_px = pixel->y;
-    a.in_frame =
-        pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < camera.width - 0.5 && pixel->y < camera.height - 0.5;
-    if (a.in_frame) looks.push_back({view.position(), (place - view.position()).normalized()}), looked.push_back(i);
+    const Vec3 camera_m = look(views, place, a);
+    a.in_frame = a.x_px >= -0.5 && a.y_px >= -0.5 && a.x_px < camera.width - 0.5 && a.y_px < camera.height - 0.5;
+    if (a.in_frame) looks.push_back({camera_m, (place - camera_m).normalized()}), looked.push_back(i);
   }
   const std::vector<RayHit> seen = caster.cast(looks, std::nullopt, RayCaster::Meeting::everything);
   for (std::size_t k = 0; k < seen.size(); ++k) {

@@ -12,6 +12,7 @@
 #include "engine/frame/objects.h"
 #include "engine/frame/pose.h"
 #include "engine/frame/queries.h"
+#include "engine/frame/shutter.h"
 #include "engine/frame/sun.h"
 #include "engine/render_cache.h"
 
@@ -21,8 +22,9 @@ namespace selenograph::engine {
 std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<SceneObject>& objects,
                               const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
                               const StopToken& stop);
-std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
-                                        const std::vector<SceneObject>& objects, const std::optional<Sun>& sun,
+std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
+                                        std::span<const LandmarkQuery> points, const std::vector<SceneObject>& objects,
+                                        const std::optional<Sun>& sun,
                                         const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
 
 }  // namespace selenograph::engine

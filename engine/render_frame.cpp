@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "engine/frame/needs.h"
 #include "engine/motion_blur.h"
@@ -43,10 +44,16 @@ void report_pixels(const Camera& camera, const PixelCounts& counts, FrameReport&
   out.filled_fraction = static_cast<double>(counts.filled) / pixels;
 }
 
-// A sensor's model sees a little more than its image shows.
+// A sensor's model sees a little more than its image shows: rows before the first one, too.
 FrameRequest with_margin_of(const std::optional<Sensor>& sensor, FrameRequest request) {
-  if (sensor) request.camera = with_margin(request.camera, sensor->margin_px());
+  if (!sensor) return request;
+  request.camera = with_margin(request.camera, sensor->margin_px());
+  if (request.shutter) request.shutter->first_row -= sensor->margin_px();
   return request;
+}
+
+RowViews views_of(const FrameRequest& request, const StopToken& stop) {
+  return {request.camera, request.pose, request.shutter, stop};
 }
 
 std::optional<Sensor> sensor_of(const FrameRequest& request, const StopToken& stop) {
@@ -78,14 +85,15 @@ double longest_exposure_s(const SensorModel& sensor) {
 struct Exposed {
   Sensor& sensor;
   const FrameRequest& request;  // with the sensor's margin, in the band that it counts
+  const Camera& camera;         // of its views
   const PixelRays& lens;
   const StopToken& stop;
 
   // The samples of a moment that is such a share of the exposure; nothing where the sensor doesn't want them.
-  EachSample collect(const View& view, float share) const {
+  EachSample collect(float share) const {
     if (!sensor.wants_samples()) return {};
-    return [this, view, share](const SubpixelSample& sample, const std::vector<float>& radiance) {
-      sensor.add_sample(view, lens, sample, share, radiance, stop);
+    return [this, share](const SubpixelSample& sample, const std::vector<float>& radiance) {
+      sensor.add_sample(camera, lens, sample, share, radiance, stop);
     };
   }
 };
@@ -111,7 +119,7 @@ std::vector<float> radiance_in_motion(const Exposed& exposed, int samples, const
       continue;
     }
     request.pose = moved(middle, motion, moment);
-    const EachSample each = exposed.collect(View(request.camera, request.pose), share);
+    const EachSample each = exposed.collect(share);
     const Frame frame = render_samples(request, terrain, kept, exposed.stop, each);
     shadow_limits_px.push_back(frame.report.shadow_limits_px.front());
     times.visibility_ms += frame.times.visibility_ms, times.select_ms += frame.times.select_ms;
@@ -123,9 +131,9 @@ std::vector<float> radiance_in_motion(const Exposed& exposed, int samples, const
 }
 
 // The image by a sensor's model, of a frame that was rendered with its margin, which all products lose.
-void capture(Sensor& sensor, const FrameRequest& request, const View& view, const PixelRays& lens,
+void capture(Sensor& sensor, const FrameRequest& request, const Camera& camera, const PixelRays& lens,
              std::vector<float> radiance, Frame& frame, const StopToken& stop) {
-  sensor.image(view, lens, std::move(radiance), frame.products.image, stop);
+  sensor.image(camera, lens, std::move(radiance), frame.products.image, stop);
   frame.report.integration_time_s = sensor.integration_time_s();
   frame.report.saturated_fraction = sensor.saturated_fraction();
   crop(frame.products, request.camera, sensor.margin_px());
@@ -135,17 +143,22 @@ void capture(Sensor& sensor, const FrameRequest& request, const View& view, cons
 
 }  // namespace
 
-Selection select_blocks(const FrameRequest& request, const View& view, const Accuracy& accuracy,
+Selection select_blocks(const FrameRequest& request, const RowViews& views, const Accuracy& accuracy,
                         const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop) {
   if (!request.terrain) return {.blocks = {}, .shadow_limit_px = accuracy.max_shadow_error_px};
-  return select_for_view(terrain, view, wants_light(request) ? &request.sun : nullptr, accuracy, stop,
-                         {kept.capacity(), request.visibility}, balls_around(request.objects));
+  const Visibility visibility = request.shutter ? Visibility::raytrace : request.visibility;
+  return select_for_views(terrain, views.bundles(), wants_light(request) ? &request.sun : nullptr, accuracy, stop,
+                          {kept.capacity(), visibility}, balls_around(request.objects));
 }
 
-SceneContent content_of(const FrameRequest& request, const View& view, const Selection& selection) {
-  const double clearance_m = view.position().norm() - kMoonRadius_m - selection.highest_m;
+SceneContent content_of(const FrameRequest& request, const RowViews& views, const Selection& selection) {
+  const View& view = views.reference();
+  double clearance_m = std::numeric_limits<double>::infinity();
+  for (const ViewBundle& some : views.bundles())
+    clearance_m =
+        std::min(clearance_m, some.view.position().norm() - some.shift_m - kMoonRadius_m - selection.highest_m);
   return {selection.blocks, anchor_for(view.position(), view.middle(), clearance_m),
-          visibility_for(request, view, selection)};
+          visibility_for(request, views, selection)};
 }
 
 std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terrain& terrain, const RenderCache& kept,
@@ -153,24 +166,25 @@ std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terra
   const std::optional<Sensor> sensor = sensor_of(asked, stop);
   FrameRequest request = with_margin_of(sensor, asked);
   const auto selected = [&](const Pose& pose) {
-    return select_blocks(request, View(request.camera, pose), request.accuracy, terrain, kept, stop);
+    request.pose = pose;
+    return select_blocks(request, views_of(request, stop), request.accuracy, terrain, kept, stop);
   };
-  const Selection middle = selected(request.pose);
+  const Selection middle = selected(asked.pose);
   std::vector<double> limits{middle.shadow_limit_px};
   if (!sensor || request.sensor->motion.none()) return limits;
-  const Motion& motion = request.sensor->motion;
-  const double time_s = longest_exposure_s(*request.sensor);
-  for (const double moment :
-       moments_of(motion_samples(motion, longest_streak(request, middle, time_s, terrain, stop)), time_s))
+  const Motion& motion = asked.sensor->motion;
+  const double time_s = longest_exposure_s(*asked.sensor);
+  const int samples = motion_samples(motion, longest_streak(request, middle, time_s, terrain, stop));
+  for (const double moment : moments_of(samples, time_s))
     if (moment != 0) limits.push_back(selected(moved(asked.pose, motion, moment)).shadow_limit_px);
   return limits;
 }
 
 void prepare_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
   const FrameRequest request = with_margin_of(sensor_of(asked, stop), asked);
-  const View view(request.camera, request.pose);
-  const Selection selection = select_blocks(request, view, request.accuracy, terrain, kept, stop);
-  kept.scene(content_of(request, view, selection), stop, RenderCache::Purpose::preparation);
+  const RowViews views = views_of(request, stop);
+  const Selection selection = select_blocks(request, views, request.accuracy, terrain, kept, stop);
+  kept.scene(content_of(request, views, selection), stop, RenderCache::Purpose::preparation);
 }
 
 namespace {
@@ -184,9 +198,9 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
 
   Frame frame;
   Stopwatch watch;
-  const View view(request.camera, request.pose);
-  if (request.terrain) refuse_underground(terrain, view.position(), stop);
-  const ObjectsInFrame objects(request, view);
+  const RowViews views = views_of(request, stop);
+  if (request.terrain) refuse_underground(terrain, views, stop);
+  const ObjectsInFrame objects(request, views);
   const RadianceTerms radiance = radiance_terms(request);
   frame.report.emits_elsewhere = objects.emit() || !request.temperature_maps.empty();
   // Light of a spectrum of its own is counted in photons by a frame of its own.
@@ -194,11 +208,11 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
   if (sensor) photons = sensor->photon_band(!request.atmosphere && !radiance.emitted && !frame.report.emits_elsewhere);
 
   // Selection: which blocks of the terrain, how fine; what may shade them.
-  const Selection selection = select_blocks(request, view, request.accuracy, terrain, kept, stop);
+  const Selection selection = select_blocks(request, views, request.accuracy, terrain, kept, stop);
   frame.times.select_ms = watch.lap_ms();
 
   // Scene: the blocks as one mesh, with what the visibility algorithm needs of it.
-  const SceneContent content = content_of(request, view, selection);
+  const SceneContent content = content_of(request, views, selection);
   const FrameWork work = work_of(request, request.accuracy, content.visibility, triangles_of(selection),
                                  /*build=*/!kept.holds(content));
   SpeedGauge& speed = kept.speed(content.visibility);
@@ -221,21 +235,21 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
     algorithm.find_radiance(pixels);
     algorithm.write_products(pixels);
   };
-  const std::shared_ptr<const PixelRays> lens = kept.lens(request.camera, stop);
+  const std::shared_ptr<const PixelRays> lens = kept.lens(views.camera(), stop);
   FrameRequest counted = request;
   if (photons) counted.band = photons, counted.products = kRadiance;
   std::optional<Exposed> exposed;
-  if (sensor) exposed.emplace(Exposed{*sensor, counted, *lens, stop});
+  if (sensor) exposed.emplace(Exposed{*sensor, counted, views.camera(), *lens, stop});
   {
-    const EachSample each = exposed && !moving && !photons ? exposed->collect(view, 1) : asked_each;
-    const FrameJob job{request, view, *scene, objects, radiance, *lens, stop, each};
+    const EachSample each = exposed && !moving && !photons ? exposed->collect(1) : asked_each;
+    const FrameJob job{request, views, *scene, objects, radiance, *lens, stop, each};
     const std::size_t catalogue_size = terrain.catalogue().rasters().size();
     const auto finish = [&](const FrameWriter& writer, const Camera& camera) {
       list_sources(terrain.catalogue(), writer.sources(), frame);
       report_pixels(camera, writer.counts(), frame.report);
     };
     if (!scene->raster) {
-      FrameWriter writer(request, view, scene->mesh, catalogue_size, frame.products);
+      FrameWriter writer(request, views, scene->mesh, catalogue_size, frame.products);
       RayPass(job, writer).for_pixels(stages);
       finish(writer, request.camera);
     } else {
@@ -247,8 +261,8 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
       FrameRequest at_centres = request;
       if (dense) at_centres.products &= ~static_cast<ProductSet>(kRadiance | kImage);
       if (!dense || at_centres.products) {
-        FrameWriter writer(at_centres, view, scene->mesh, catalogue_size, frame.products);
-        draw({at_centres, view, *scene, objects, radiance, *lens, stop, each}, writer);
+        FrameWriter writer(at_centres, views, scene->mesh, catalogue_size, frame.products);
+        draw({at_centres, views, *scene, objects, radiance, *lens, stop, each}, writer);
         finish(writer, request.camera);
       }
       if (dense) {
@@ -273,10 +287,10 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
   if (sensor) {
     std::vector<float> captured = request.products & kRadiance ? pixels : std::move(pixels);
     if (photons) {
-      const EachSample each = moving ? EachSample() : exposed->collect(view, 1);
+      const EachSample each = moving ? EachSample() : exposed->collect(1);
       captured = render_samples(counted, terrain, kept, stop, each).products.radiance;
     }
-    sensor->choose_integration_time(view, *lens, captured, stop);
+    sensor->choose_integration_time(views.camera(), *lens, captured, stop);
     if (moving) {
       frame.report.longest_streak_px = longest_streak(request, selection, sensor->integration_time_s(), terrain, stop);
       frame.report.motion_samples = motion_samples(request.sensor->motion, frame.report.longest_streak_px);
@@ -285,7 +299,7 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
     }
     watch.lap_ms();
     if (!(request.products & kRadiance)) pixels.clear();
-    capture(*sensor, request, view, *lens, std::move(captured), frame, stop);
+    capture(*sensor, request, views.camera(), *lens, std::move(captured), frame, stop);
   } else if (request.products & kImage) {
     frame.report.full_scale_radiance_w_m2_sr = expose(request.image, pixels, frame.products.image);
     frame.report.saturated_fraction = share_above(pixels, frame.report.full_scale_radiance_w_m2_sr);

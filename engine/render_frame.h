@@ -19,7 +19,7 @@ Frame render_frame(const FrameRequest& request, const dem::Terrain& terrain, Ren
 void prepare_frame(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
 
 // The first stage: which blocks of the terrain, how fine. None where the objects are alone.
-Selection select_blocks(const FrameRequest& request, const View& view, const Accuracy& accuracy,
+Selection select_blocks(const FrameRequest& request, const RowViews& views, const Accuracy& accuracy,
                         const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop);
 
 // FrameReport::shadow_limits_px of the frame that render_frame would make: the one thing in it that depends on the
@@ -28,6 +28,6 @@ std::vector<double> shadow_limits_px(const FrameRequest& request, const dem::Ter
                                      const StopToken& stop);
 
 // What the frame's scene is made of.
-SceneContent content_of(const FrameRequest& request, const View& view, const Selection& selection);
+SceneContent content_of(const FrameRequest& request, const RowViews& views, const Selection& selection);
 
 }  // namespace selenograph::engine

@@ -74,17 +74,18 @@ std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optiona
   return in_arena(impl_->arena, [&] { return cast_rays(rays, objects, sun, *impl_->terrain, impl_->kept, stop); });
 }
 
-std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
-                                        const std::optional<Sun>& sun, const StopToken& stop,
-                                        const std::vector<SceneObject>& objects) const {
+std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
+                                        std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
+                                        const StopToken& stop, const std::vector<SceneObject>& objects) const {
   const Preparation::Work work(impl_->preparation, nullptr);
   return in_arena(impl_->arena, [&] {
-    return project_landmarks(camera, pose, points, objects, sun, *impl_->terrain, impl_->kept, stop);
+    return project_landmarks(camera, pose, shutter, points, objects, sun, *impl_->terrain, impl_->kept, stop);
   });
 }
 
 void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead) const {
-  if (frame.terrain) impl_->preparation.expect(frame, ahead);
+  // What goes through poses of its own has no pose of which another is the next.
+  if (frame.terrain && !(frame.shutter && !frame.shutter->poses.empty())) impl_->preparation.expect(frame, ahead);
 }
 
 PreparationStatistics Renderer::preparation_statistics() const { return impl_->kept.preparation_statistics(); }

@@ -54,10 +54,12 @@ class Renderer {
                            const std::vector<SceneObject>& objects = {}) const;
 
   // Where landmarks appear. in_frame: the pixel coordinates are within [-0.5, width-0.5) x [-0.5, height-0.5) and the
-  // point is in front of the camera; visible: in_frame and nothing stands between.
-  std::vector<Landmark> project(const Camera& camera, const Pose& pose, std::span<const LandmarkQuery> points,
-                                const std::optional<Sun>& sun, const StopToken& stop = {},
-                                const std::vector<SceneObject>& objects = {}) const;
+  // point is in front of the camera; visible: in_frame and nothing stands between. With a shutter each is seen by the
+  // row that it appears in, in the pose of that row's time (in between, too: y_px is not rounded). Where several do,
+  // any of them; where none does, the pixel's coordinates are NaN.
+  std::vector<Landmark> project(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
+                                std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
+                                const StopToken& stop = {}, const std::vector<SceneObject>& objects = {}) const;
 
   const dem::Terrain& terrain() const;
   int threads() const;  // as many as work on a frame

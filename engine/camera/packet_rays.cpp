@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <optional>
 
 #include "dem/vector_targets.h"
 
@@ -62,24 +62,32 @@ HWY_EXPORT(LensRays);
 
 namespace {
 
-// The same from unit directions in camera axes.
-void fisheye_rays(const double* x, const double* y, const double* z, const double* m, const double* origin,
-                  Rays& rays) {
-  for (int i = 0; i < kPacket; ++i) {
-    rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
-    rays.dx[i] = m[0] * x[i] + m[3] * y[i] + m[6] * z[i];
-    rays.dy[i] = m[1] * x[i] + m[4] * y[i] + m[7] * z[i];
-    rays.dz[i] = m[2] * x[i] + m[5] * y[i] + m[8] * z[i];
-  }
+// One lane from a direction in camera axes.
+void turned_ray(const Vec3& d, const double* m, const double* origin, int i, Rays& rays) {
+  rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+  rays.dx[i] = m[0] * d[0] + m[3] * d[1] + m[6] * d[2];
+  rays.dy[i] = m[1] * d[0] + m[4] * d[1] + m[7] * d[2];
+  rays.dz[i] = m[2] * d[0] + m[5] * d[1] + m[8] * d[2];
+}
+
+// In camera axes, of the place (dx, dy) beside a pixel's centre; empty where the lens images nothing.
+std::optional<Vec3> looks_along(const View& view, const PixelRays* lens, int column, int row, double dx, double dy) {
+  if (!lens) return view.projection().direction(column + dx, row + dy);
+  const std::size_t at =
+      static_cast<std::size_t>(row) * static_cast<std::size_t>(view.camera().width) + static_cast<std::size_t>(column);
+  if (std::isnan(lens->x[at])) return std::nullopt;
+  return Vec3(lens->x[at], lens->y[at], lens->z.empty() ? 1 : lens->z[at]);
 }
 
 }  // namespace
 
-PacketRays::PacketRays(const View& view) : view_(view), linear_(view.camera().rectilinear()) {
+LinearRays::LinearRays(const View& view) {
   const Camera& c = view.camera();
   const Eigen::Matrix3d& m = view.moon_from_camera();
-  right_ = m.col(0) / c.fx, down_ = m.col(1) / c.fy, first_ = m.col(2) - right_ * c.cx - down_ * c.cy;
+  right = m.col(0) / c.fx, down = m.col(1) / c.fy, first = m.col(2) - right * c.cx - down * c.cy;
 }
+
+PacketRays::PacketRays(const View& view) : view_(view), linear_(view.camera().rectilinear()), rays_(view) {}
 
 template <PacketShape shape>
 void PacketRays::aim_shape(int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) const {
@@ -92,30 +100,20 @@ void PacketRays::aim_shape(int x, int y, double dx, double dy, const PixelRays* 
   if (linear_) {
     const auto& linear =
         shape == PacketShape::row ? HWY_DYNAMIC_DISPATCH(LinearRow) : HWY_DYNAMIC_DISPATCH(LinearSquare);
-    linear(first_, right_, down_, view_.position(), x + dx, y + dy, out);
+    linear(rays_.first, rays_.right, rays_.down, view_.position(), x + dx, y + dy, out);
     return;
   }
   alignas(64) double px[kPacket], py[kPacket], pz[kPacket];
   for (int i = 0; i < kPacket; ++i) {
     px[i] = py[i] = 0, pz[i] = 1;
     if (!out.valid[i]) continue;
-    const int column = x + i % kAcross, row = y + i / kAcross;
-    if (lens) {
-      const std::size_t at =
-          static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(column);
-      px[i] = lens->x[at], py[i] = lens->y[at];
-      if (!lens->z.empty()) pz[i] = lens->z[at];
-    } else if (const auto d = view_.projection().direction(column + dx, row + dy)) {
-      px[i] = d->x(), py[i] = d->y(), pz[i] = d->z();
-    } else {
-      px[i] = std::numeric_limits<double>::quiet_NaN();
-    }
-    out.valid[i] = !std::isnan(px[i]);
-    if (!out.valid[i]) px[i] = py[i] = 0, pz[i] = 1;
+    const auto d = looks_along(view_, lens, x + i % kAcross, y + i / kAcross, dx, dy);
+    out.valid[i] = d.has_value();
+    if (d) px[i] = d->x(), py[i] = d->y(), pz[i] = d->z();
   }
   const double *m = view_.moon_from_camera().data(), *origin = view_.position().data();
   if (view_.projection().fisheye())
-    fisheye_rays(px, py, pz, m, origin, out);
+    for (int i = 0; i < kPacket; ++i) turned_ray({px[i], py[i], pz[i]}, m, origin, i, out);
   else
     HWY_DYNAMIC_DISPATCH(LensRays)(px, py, m, origin, out);
 }
@@ -125,6 +123,35 @@ void PacketRays::aim(PacketShape shape, int x, int y, double dx, double dy, cons
     aim_shape<PacketShape::row>(x, y, dx, dy, lens, out);
   else
     aim_shape<PacketShape::square>(x, y, dx, dy, lens, out);
+}
+
+void aim_rows(const RowViews& views, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) {
+  const int width = views.camera().width;
+  const bool linear = views.camera().rectilinear();
+  for (int r = 0; r < kPacketSide; ++r) {
+    const bool inside = y + r < views.height();
+    const int row = std::min(y + r, views.height() - 1), line = views.line(row);
+    const View& view = views.of(row);
+    const double *m = view.moon_from_camera().data(), *origin = view.position().data();
+    std::optional<LinearRays> rays;
+    if (linear) rays.emplace(view);
+    for (int c = 0; c < kPacketSide; ++c) {
+      const int i = r * kPacketSide + c;
+      out.valid[i] = inside && x + c < width;
+      if (rays) {
+        // Added in the order in which a whole packet is aimed, but for a line camera's one line.
+        const double px = (x + dx) + c, py = line == row ? (y + dy) + r : line + dy;
+        out.ox[i] = origin[0], out.oy[i] = origin[1], out.oz[i] = origin[2];
+        out.dx[i] = rays->first[0] + rays->right[0] * px + rays->down[0] * py;
+        out.dy[i] = rays->first[1] + rays->right[1] * px + rays->down[1] * py;
+        out.dz[i] = rays->first[2] + rays->right[2] * px + rays->down[2] * py;
+        continue;
+      }
+      const auto d = out.valid[i] ? looks_along(view, lens, x + c, line, dx, dy) : std::nullopt;
+      out.valid[i] = d.has_value();
+      turned_ray(d.value_or(Vec3::UnitZ()), m, origin, i, out);
+    }
+  }
 }
 
 }  // namespace selenograph::engine

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "engine/camera/pixel_rays.h"
+#include "engine/camera/row_views.h"
 #include "engine/camera/view.h"
 #include "engine/support/packet.h"
 
@@ -13,6 +14,12 @@ enum class PacketShape { square, row };
 inline constexpr int kPacketSide = 4;
 static_assert(kPacketSide * kPacketSide == kPacket);
 constexpr int pixels_across(PacketShape shape) { return shape == PacketShape::square ? kPacketSide : kPacket; }
+
+// Of a camera without distortion: the ray of the place (x, y) in the image is first + right x + down y.
+struct LinearRays {
+  explicit LinearRays(const View& view);
+  Vec3 first, right, down;
+};
 
 class PacketRays {
  public:
@@ -29,7 +36,11 @@ class PacketRays {
 
   const View& view_;
   bool linear_;
-  Vec3 first_, right_, down_;
+  LinearRays rays_;
 };
+
+// Rays of the same square packets where each row has a view of its own; `lens`: of RowViews::camera(). With the views
+// all alike they are the above's, bit for bit.
+void aim_rows(const RowViews& views, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out);
 
 }  // namespace selenograph::engine

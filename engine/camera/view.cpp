@@ -9,21 +9,29 @@
 
 namespace selenograph::engine {
 
-View::View(const Camera& camera, const Pose& pose)
-    : camera_(camera),
-      projection_(camera),
-      position_(pose.position_m),
-      camera_from_moon_(pose.camera_from_moon.normalized().toRotationMatrix()) {
+View::View(const Camera& camera, const Pose& pose) : camera_(camera), projection_(camera) {
   if (camera.width <= 0 || camera.height <= 0) throw ImpossibleRequest("camera: image without pixels");
   if (!(std::isfinite(camera.fx) && std::isfinite(camera.fy) && camera.fx > 0 && camera.fy > 0 &&
         std::isfinite(camera.cx) && std::isfinite(camera.cy)))
     throw ImpossibleRequest("camera: focal lengths must be positive and finite");
-  if (!position_.allFinite() || !camera_from_moon_.allFinite()) throw ImpossibleRequest("pose: not finite");
-  moon_from_camera_ = camera_from_moon_.transpose();
+  place(pose);
   if (projection_.fisheye())
     bound_fisheye_image();
   else
     bound_image();
+}
+
+View View::at(const Pose& pose) const {
+  View other = *this;
+  other.place(pose);
+  return other;
+}
+
+void View::place(const Pose& pose) {
+  position_ = pose.position_m;
+  camera_from_moon_ = pose.camera_from_moon.normalized().toRotationMatrix();
+  if (!position_.allFinite() || !camera_from_moon_.allFinite()) throw ImpossibleRequest("pose: not finite");
+  moon_from_camera_ = camera_from_moon_.transpose();
 }
 
 Vec3 View::middle() const {

@@ -16,6 +16,8 @@ class View {
  public:
   // Throws ImpossibleRequest for a camera or pose that can't be.
   View(const Camera& camera, const Pose& pose);
+  // The same camera elsewhere: its bounds needn't be found again.
+  View at(const Pose& pose) const;
 
   const Camera& camera() const { return camera_; }
   const Vec3& position() const { return position_; }
@@ -48,6 +50,7 @@ class View {
                           double highest_m = std::numeric_limits<double>::infinity()) const;
 
  private:
+  void place(const Pose& pose);
   void bound_image();
   void bound_fisheye_image();
   std::array<double, 5> outside_image(const Vec3& in_camera_m) const;

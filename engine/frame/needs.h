@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 
 #include "engine/frame/request.h"
 
@@ -44,6 +45,12 @@ inline std::size_t rendered_pixels(const FrameRequest& request) {
   const int margin = request.sensor && request.products & kImage ? 2 * kWidestMargin_px : 0;
   return static_cast<std::size_t>(request.camera.width + margin) *
          static_cast<std::size_t>(request.camera.height + margin);
+}
+
+// The rows' views, where rows have views of their own (camera/row_views.h). An upper bound.
+inline std::size_t bytes_of_rows(const Camera& camera, const std::optional<Shutter>& shutter) {
+  constexpr std::size_t kBytesOfView = 1024;
+  return shutter ? kBytesOfView * static_cast<std::size_t>(camera.height) : 0;
 }
 
 }  // namespace selenograph::engine

@@ -12,4 +12,14 @@ struct Pose {
   Eigen::Quaterniond camera_from_moon = Eigen::Quaterniond::Identity();  // unit
 };
 
+// How a camera moves, at constant rates.
+struct Rates {
+  Vec3 angular_rate_deg_s = Vec3::Zero();  // of the camera, about its own axes
+  Vec3 velocity_m_s = Vec3::Zero();        // MOON_ME
+  bool none() const { return angular_rate_deg_s.isZero(0) && velocity_m_s.isZero(0); }
+};
+
+// The pose so many seconds later.
+Pose moved(const Pose& pose, const Rates& rates, double seconds);
+
 }  // namespace selenograph::engine

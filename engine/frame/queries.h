@@ -36,6 +36,9 @@ struct Landmark {
   double height_m = 0;  // NaN: no data there
   bool in_frame = false, visible = false;
   double lit = 0;
+  // Where rows are exposed one after the other: when the row is that it appears in, from the exposure of row 0; NaN,
+  // as x_px, y_px and range_m are, where no row sees it.
+  double time_s = std::numeric_limits<double>::quiet_NaN();
 };
 
 }  // namespace selenograph::engine

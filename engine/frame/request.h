@@ -14,6 +14,7 @@
 #include "engine/frame/pose.h"
 #include "engine/frame/products.h"
 #include "engine/frame/sensor_model.h"
+#include "engine/frame/shutter.h"
 #include "engine/frame/sun.h"
 #include "engine/frame/surface.h"
 
@@ -42,6 +43,7 @@ struct ImageSettings {
 struct FrameRequest {
   Camera camera;
   Pose pose;
+  std::optional<Shutter> shutter;  // that exposes the rows one after the other; empty: all at once
   Sun sun;
   Reflectance reflectance;
   std::optional<Band> band;  // that radiance is integrated over; empty: all wavelengths

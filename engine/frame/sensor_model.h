@@ -5,8 +5,8 @@
 #include <optional>
 #include <vector>
 
-#include "dem/geodesy.h"
 #include "engine/frame/band.h"
+#include "engine/frame/pose.h"
 
 namespace selenograph::engine {
 
@@ -74,12 +74,9 @@ struct Exposure {
 // What the camera does while it is exposed, from half the integration time before the pose's moment to half after it:
 // light is averaged over so many moments in between. Left out: as many as the longest streak has pixels, an odd number,
 // kMostMoments at most.
-struct Motion {
-  Vec3 angular_rate_deg_s = Vec3::Zero();  // of the camera, about its own axes
-  Vec3 velocity_m_s = Vec3::Zero();        // MOON_ME
+struct Motion : Rates {
   std::optional<int> samples{};
   static constexpr int kMostMoments = 65;
-  bool none() const { return angular_rate_deg_s.isZero(0) && velocity_m_s.isZero(0); }
 };
 
 struct SensorModel {

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "dem/error.h"
+#include "engine/camera/packet_rays.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/radiometry.h"
 
@@ -58,17 +59,22 @@ double EmissionTable::operator()(double temperature_k) const {
       "albedo_maps");
 }
 
-MappedSurface::MappedSurface(const FrameRequest& request, const View& view)
-    : request_(request), path_w_m2_sr_(radiance_terms(request, black(0)).base_w_m2_sr()) {
+MappedSurface::MappedSurface(const FrameRequest& request, const RowViews& views)
+    : request_(request), views_(views), path_w_m2_sr_(radiance_terms(request, black(0)).base_w_m2_sr()) {
   const Reflectance& reflectance = request.reflectance;
   fallback_ = reflectance.model == ReflectanceModel::hapke ? reflectance.hapke.w : reflectance.rho;
   most_ = reflectance.model == ReflectanceModel::lunar_lambert ? kLunarLambertMaxRho : 1;
   if (request.temperature_k > 0 || !request.temperature_maps.empty())
     emission_ = std::make_unique<const EmissionTable>(request);
+  steps_ = steps_of(views.reference());
+}
+
+MappedSurface::Steps MappedSurface::steps_of(const View& view) const {
   const Eigen::Matrix3d& m = view.moon_from_camera();
-  const double samples = std::sqrt(request.accuracy.samples_per_pixel);
-  right_ = m.col(0) / (view.camera().fx * samples), down_ = m.col(1) / (view.camera().fy * samples);
-  if (view.projection().fisheye()) fisheye_boresight_ = m.col(2), angle_ = 1 / (view.camera().fx * samples);
+  const double samples = std::sqrt(request_.accuracy.samples_per_pixel);
+  Steps steps{m.col(0) / (view.camera().fx * samples), m.col(1) / (view.camera().fy * samples)};
+  if (view.projection().fisheye()) steps.fisheye_boresight = m.col(2), steps.angle = 1 / (view.camera().fx * samples);
+  return steps;
 }
 
 MappedSurface::Sampler MappedSurface::sampler(const StopToken& stop) const {
@@ -81,16 +87,17 @@ MappedSurface::Sampler MappedSurface::sampler(const StopToken& stop) const {
 
 // What the pixel's rays meet of the facet's plane: Igehy, Tracing ray differentials (SIGGRAPH 1999). The lens's own
 // stretch is left out.
-dem::ValueMap::Footprint2 MappedSurface::footprint(const SurfacePoints& points, int i, const Vec3& direction) const {
+dem::ValueMap::Footprint2 MappedSurface::footprint(const Steps& steps, const SurfacePoints& points, int i,
+                                                   const Vec3& direction) {
   const Vec3 place = points.position(i), facet = points.facet_normal(i);
   const double toward = facet.dot(direction);
   const auto side = [&](const Vec3& step) -> Vec3 {
     return points.distance[i] * (step - direction * (facet.dot(step) / toward));
   };
-  Vec3 right = right_, down = down_;
-  if (fisheye_boresight_) {  // away from the boresight, and around it
-    const Vec3 around = fisheye_boresight_->cross(direction);
-    if (around.norm() > 1e-9) right = angle_ * around.normalized(), down = right.cross(direction);
+  Vec3 right = steps.right, down = steps.down;
+  if (steps.fisheye_boresight) {  // away from the boresight, and around it
+    const Vec3 around = steps.fisheye_boresight->cross(direction);
+    if (around.norm() > 1e-9) right = steps.angle * around.normalized(), down = right.cross(direction);
   }
   const Vec3 a = side(right), b = side(down);
   // On the sphere by hand: a texel isn't a matter of the last digits, and to_geographic took a third of the time.
@@ -103,13 +110,15 @@ dem::ValueMap::Footprint2 MappedSurface::footprint(const SurfacePoints& points, 
           {b.dot(east), b.dot(north)}};
 }
 
-void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo,
-                           float* base) const {
+void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
+                           int first_row) const {
   constexpr double kRounding = 1e-6;
+  Steps steps = steps_;
   for (int i = 0; i < kPacket; ++i) {
     albedo[i] = 0;
     if (!points.hit[i]) continue;
-    const dem::ValueMap::Footprint2 pixel = footprint(points, i, rays.direction(i));
+    if (views_.vary()) steps = steps_of(views_.of(first_row + i / kPacketSide));
+    const dem::ValueMap::Footprint2 pixel = footprint(steps, points, i, rays.direction(i));
     parts_of(sampler.albedo, pixel, fallback_, [&](double value, double share) {
       if (value > most_ + kRounding) refuse_brightness(value, pixel, request_, *sampler.stop);
       albedo[i] += share * std::clamp(value, 0.0, most_);

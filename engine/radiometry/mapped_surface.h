@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "dem/value_map.h"
-#include "engine/camera/view.h"
+#include "engine/camera/row_views.h"
 #include "engine/frame/request.h"
 #include "engine/support/packet.h"
 
@@ -26,8 +26,8 @@ class EmissionTable {
 
 class MappedSurface {
  public:
-  // `request` outlives it.
-  MappedSurface(const FrameRequest& request, const View& view);
+  // `request` and `views` outlive it.
+  MappedSurface(const FrameRequest& request, const RowViews& views);
 
   // For one task; `stop` outlives it.
   struct Sampler {
@@ -37,19 +37,27 @@ class MappedSurface {
   Sampler sampler(const StopToken& stop) const;
 
   // Per lane that hits: rho, or Hapke's w; and W m-2 sr-1 without the Sun. Throws ImpossibleRequest where a map of
-  // albedo says more than 1.
-  void sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base) const;
+  // albedo says more than 1. `first_row`: of a square packet, where rows have views of their own.
+  void sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
+              int first_row = 0) const;
 
  private:
-  dem::ValueMap::Footprint2 footprint(const SurfacePoints& points, int lane, const Vec3& direction) const;
+  // From one sample's ray to the next one's.
+  struct Steps {
+    Vec3 right, down;
+    // Of a fisheye's rays, which are unit vectors: its boresight, and the angle from one sample to the next on it.
+    std::optional<Vec3> fisheye_boresight{};
+    double angle = 0;
+  };
+  Steps steps_of(const View& view) const;
+  static dem::ValueMap::Footprint2 footprint(const Steps& steps, const SurfacePoints& points, int lane,
+                                             const Vec3& direction);
 
   const FrameRequest& request_;
+  const RowViews& views_;
   double path_w_m2_sr_, fallback_, most_;
   std::unique_ptr<const EmissionTable> emission_;
-  Vec3 right_, down_;  // from one sample's ray to the next one's
-  // Of a fisheye's rays, which are unit vectors: its boresight, and the angle from one sample to the next on it.
-  std::optional<Vec3> fisheye_boresight_;
-  double angle_ = 0;
+  Steps steps_;  // of the reference view
 };
 
 // What a footprint is made of: of each of its parts the first map that has a value decides, `fallback` where none has.

@@ -27,7 +27,8 @@ NodeBounds bounds_of_all(const dem::BlockId& id, double low_m, double high_m);
 // Of a ball that isn't terrain; all of its points are the centre, and it bulges by its radius.
 NodeBounds bounds_around(const Vec3& centre_m, double radius_m);
 
-// Whether the Moon's solid inside (everything deeper than the lowest relief) hides the whole ball from `from`.
-bool below_horizon(const Vec3& from_m, const NodeBounds& bounds);
+// Whether the Moon's solid inside (everything deeper than the lowest relief) hides the whole ball from `from` and all
+// places no farther than `around_m` from there.
+bool below_horizon(const Vec3& from_m, const NodeBounds& bounds, double around_m = 0);
 
 }  // namespace selenograph::engine

@@ -82,9 +82,9 @@ double subdivision_error_m(int level) { return 7 * dem::chord_sag_m(level); }
 
 class ViewSelector {
  public:
-  ViewSelector(const dem::Terrain& terrain, const View& view, const Accuracy& accuracy, const SceneRoom& room,
-               const StopToken& stop, const std::vector<Ball>& receivers)
-      : terrain_(terrain), view_(view), accuracy_(accuracy), room_(room), stop_(stop), receivers_(receivers) {}
+  ViewSelector(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Accuracy& accuracy,
+               const SceneRoom& room, const StopToken& stop, const std::vector<Ball>& receivers)
+      : terrain_(terrain), views_(views), accuracy_(accuracy), room_(room), stop_(stop), receivers_(receivers) {}
 
   Selection select(const Sun* sun) {
     see_roots();
@@ -123,12 +123,24 @@ class ViewSelector {
       out_of_view_.push_back(id);
       return std::nullopt;
     }
-    return Seen{id, node->info, b, view_.pixels_per_metre(b.centre, b.radius_m, b.high_m + b.bulge_m)};
+    return Seen{id, node->info, b, pixels_per_metre(b)};
   }
 
+  static bool may_see(const ViewBundle& view, const NodeBounds& b) {
+    return view.may_see(b.centre, b.radius_m) && view.may_see(b.points, b.bulge_m) &&
+           !below_horizon(view.view.position(), b, view.shift_m);
+  }
   bool may_see(const NodeBounds& b) const {
-    return view_.may_see(b.centre, b.radius_m) && view_.may_see(b.points, b.bulge_m) &&
-           !below_horizon(view_.position(), b);
+    return std::any_of(views_.begin(), views_.end(), [&](const ViewBundle& view) { return may_see(view, b); });
+  }
+
+  // The largest of the views that may see it.
+  double pixels_per_metre(const NodeBounds& b) const {
+    double most = 0;
+    for (const ViewBundle& view : views_)
+      if (views_.size() == 1 || may_see(view, b))
+        most = std::max(most, view.pixels_per_metre(b.centre, b.radius_m, b.high_m + b.bulge_m));
+    return most;
   }
 
   void see_roots() {
@@ -187,10 +199,13 @@ class ViewSelector {
     LightGrid grid(sun, middle);
     for (const Seen& s : seen_) grid.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun.direction));
     for (const Ball& ball : receivers_) {
-      if (!view_.may_see(ball.centre_m, ball.radius_m)) continue;
+      double sharpness = 0;
+      for (const ViewBundle& view : views_)
+        if (view.may_see(ball.centre_m, ball.radius_m))
+          sharpness = std::max(sharpness, view.pixels_per_metre(ball.centre_m, ball.radius_m));
+      if (sharpness == 0) continue;
       const NodeBounds bounds = bounds_around(ball.centre_m, ball.radius_m);
-      const double sharpness = std::min(kSharpest, view_.pixels_per_metre(ball.centre_m, ball.radius_m));
-      grid.add_receiver(bounds, sharpness * shadow_gain(bounds, sun.direction));
+      grid.add_receiver(bounds, std::min(kSharpest, sharpness) * shadow_gain(bounds, sun.direction));
     }
     grid.finish();
     for (const Seen& s : std::exchange(seen_, {})) sharpen(s, grid);
@@ -358,7 +373,7 @@ class ViewSelector {
   }
 
   const dem::Terrain& terrain_;
-  const View& view_;
+  std::span<const ViewBundle> views_;
   const Accuracy& accuracy_;
   SceneRoom room_;
   const StopToken& stop_;
@@ -422,16 +437,38 @@ std::optional<double> enter_sphere(const Vec3& origin, const Vec3& direction, do
   return outside / (-b + std::sqrt(root2));  // the stable form of the nearer root
 }
 
+// `when`: "", or in which row, with a blank.
+void refuse_buried(const dem::Terrain& terrain, const Vec3& position_m, const std::string& when,
+                   const StopToken& stop) {
+  const double height = position_m.norm() - kMoonRadius_m;
+  if (height > static_cast<double>(dem::kHighestRelief_m)) return;
+  const Geographic g = to_geographic(position_m);
+  const dem::HeightAnswer ground = terrain.height(g.lat_deg, g.lon_deg, stop);
+  const double lowest = std::isnan(ground.height_m) ? static_cast<double>(dem::kLowestRelief_m) : ground.height_m;
+  if (height <= lowest)
+    throw ImpossibleRequest(
+        fmt::format("{}the camera is below the terrain: {:.3f} m above the sphere, ground at {:.3f} m", when, height,
+                    lowest),
+        when.empty() ? "" : "shutter");
+}
+
 }  // namespace
 
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
                           const StopToken& stop, const SceneRoom& room, const std::vector<Ball>& receivers) {
+  const ViewBundle one{view};
+  return select_for_views(terrain, {&one, 1}, sun, accuracy, stop, room, receivers);
+}
+
+Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Sun* sun,
+                           const Accuracy& accuracy, const StopToken& stop, const SceneRoom& room,
+                           const std::vector<Ball>& receivers) {
   // An aim of a hundred pixels and more is none.
   constexpr double kNoAim_px = 100;
   Accuracy asked = accuracy;
   for (;;) {
     try {
-      Selection selection = ViewSelector(terrain, view, asked, room, stop, receivers).select(sun);
+      Selection selection = ViewSelector(terrain, views, asked, room, stop, receivers).select(sun);
       selection.shadow_limit_px = asked.max_shadow_error_px;
       return selection;
     } catch (const TooMuchTerrain&) {
@@ -464,8 +501,14 @@ double triangles_of(const Selection& selection) {
   return triangles;
 }
 
-Visibility visibility_for(const FrameRequest& request, const View& view, const Selection& selection) {
+Visibility visibility_for(const FrameRequest& request, const RowViews& views, const Selection& selection) {
   if (!request.terrain) return Visibility::raytrace;  // nothing to draw
+  if (request.shutter) {
+    if (request.visibility == Visibility::zbuffer)
+      throw ImpossibleRequest("rows with times are rendered by ray tracing: the z-buffer draws all rows from one place",
+                              "visibility");
+    return Visibility::raytrace;
+  }
   if (request.camera.model == CameraModel::fisheye) {
     if (request.visibility == Visibility::zbuffer)
       throw ImpossibleRequest("a fisheye is rendered by ray tracing: the z-buffer draws onto a plane", "visibility");
@@ -477,6 +520,7 @@ Visibility visibility_for(const FrameRequest& request, const View& view, const S
   // Sun's disc rays ask for hundreds of directions.
   constexpr double kMostWithDisc = 3000, kMostAtLowSun = 550, kMost = 850;
   constexpr double kLow = 0.1;  // sine of the Sun's elevation, as where the shadow map's order changes
+  const View& view = views.reference();
   double most = kMost;
   if (request.sun.angular_radius_deg > 0)
     most = kMostWithDisc;
@@ -500,15 +544,12 @@ Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m) {
   return (near / lattice_m).array().round() * lattice_m;
 }
 
-void refuse_underground(const dem::Terrain& terrain, const Vec3& position_m, const StopToken& stop) {
-  const double height = position_m.norm() - kMoonRadius_m;
-  if (height > static_cast<double>(dem::kHighestRelief_m)) return;
-  const Geographic g = to_geographic(position_m);
-  const dem::HeightAnswer ground = terrain.height(g.lat_deg, g.lon_deg, stop);
-  const double lowest = std::isnan(ground.height_m) ? static_cast<double>(dem::kLowestRelief_m) : ground.height_m;
-  if (height <= lowest)
-    throw ImpossibleRequest(
-        fmt::format("the camera is below the terrain: {:.3f} m above the sphere, ground at {:.3f} m", height, lowest));
+void refuse_underground(const dem::Terrain& terrain, const RowViews& views, const StopToken& stop) {
+  if (!views.vary()) return refuse_buried(terrain, views.reference().position(), "", stop);
+  for (int row = 0; row < views.height(); ++row) {
+    stop.check();
+    refuse_buried(terrain, views.of(row).position(), fmt::format("in row {} ", row), stop);
+  }
 }
 
 }  // namespace selenograph::engine

@@ -10,10 +10,12 @@
 
 #include <limits>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "dem/stop_token.h"
 #include "dem/terrain.h"
+#include "engine/camera/row_views.h"
 #include "engine/camera/view.h"
 #include "engine/frame/accuracy.h"
 #include "engine/frame/queries.h"
@@ -60,6 +62,10 @@ struct Ball {
 // when the scene has no room even without the aim for shadows, which gives way by factors of two until it fits.
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
                           const StopToken& stop, const SceneRoom& room = {}, const std::vector<Ball>& receivers = {});
+// The same of several views: what any of them sees, as fine as the one needs that needs the finest.
+Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Sun* sun,
+                           const Accuracy& accuracy, const StopToken& stop, const SceneRoom& room = {},
+                           const std::vector<Ball>& receivers = {});
 
 // The finest blocks that rays may meet; empty when they are more than max_blocks. Neighbours can differ in level where
 // sources do: the mesh joins them all the same.
@@ -71,14 +77,14 @@ double triangles_of(const Selection& selection);
 // Which way the frame is seen, where the request leaves it open: by z-buffer, whose time grows with the triangles, but
 // tiny images of much terrain by rays, whose time grows with the pixels. From the request and the terrain alone, so
 // that the same request gives the same bytes.
-Visibility visibility_for(const FrameRequest& request, const View& view, const Selection& selection);
+Visibility visibility_for(const FrameRequest& request, const RowViews& views, const Selection& selection);
 
 // Of a frame's float coordinates: near the camera, or, far away, near the surface in the view's middle; snapped to a
 // lattice so that consecutive frames share it: of 4096 m, or, where nothing is nearer to the camera than `clearance_m`,
 // of up to four times that, at most 32768 m. Float then resolves a microradian as the camera sees it.
 Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m = 0);
 
-// Throws ImpossibleRequest for a camera that is below the terrain.
-void refuse_underground(const dem::Terrain& terrain, const Vec3& position_m, const StopToken& stop = {});
+// Throws ImpossibleRequest for a camera that is below the terrain, be it in one row of the frame.
+void refuse_underground(const dem::Terrain& terrain, const RowViews& views, const StopToken& stop = {});
 
 }  // namespace selenograph::engine

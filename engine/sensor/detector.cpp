@@ -99,7 +99,8 @@ std::vector<float> smear_of(const Detector& d, double per_radiance, const std::v
 
 class Chain {
  public:
-  Chain(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height)
+  Chain(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,
+        bool line)
       : sensor_(sensor), radiance_(radiance), width_(static_cast<std::size_t>(width)) {
     const Detector& d = sensor.detector;
     const double per_radiance = electrons_per_radiance(sensor.optics, d, wavelength_um);
@@ -117,6 +118,7 @@ class Chain {
     dead_ = threshold(d.dead_fraction), dead_or_hot_ = threshold(d.dead_fraction + d.hot_fraction);
     has_pattern_ = d.prnu > 0 || d.dsnu_e > 0 || dead_or_hot_ > 0;
     has_noise_ = d.photon_noise || d.read_noise_e > 0;
+    if (line && has_pattern_) draw_line();
   }
 
   // Pixels from `first` on, kDraw of them or fewer.
@@ -128,12 +130,10 @@ class Chain {
     std::fill_n(p.alive, kDraw, 1.F);
     const auto pixel = static_cast<std::uint32_t>(first);
     RandomWords words;
-    if (has_pattern_) {
-      draw(sensor_.seed, 0, RandomSource::fixed_pattern, pixel, words);
-      if (sensor_.detector.prnu > 0) normals(words.word[0], p.response);
-      if (sensor_.detector.dsnu_e > 0) normals(words.word[1], p.offset);
-      if (dead_or_hot_ > 0) HWY_DYNAMIC_DISPATCH(FindDefects)(words.word[2], dead_, dead_or_hot_, p);
-    }
+    if (!line_.empty())
+      repeat_line(first, p);
+    else if (has_pattern_)
+      draw_pattern(pixel, p);
     HWY_DYNAMIC_DISPATCH(ExposeLanes)(model_, p);
     if (has_noise_) draw(sensor_.seed, sensor_.frame, RandomSource::exposure, pixel, words);
     if (sensor_.detector.photon_noise) poisson(words.word[0], p.mean, p.counted);
@@ -143,11 +143,38 @@ class Chain {
   }
 
  private:
+  // The fixed pattern of kDraw pixels of the detector.
+  void draw_pattern(std::uint32_t pixel, PixelLanes& p) const {
+    RandomWords words;
+    draw(sensor_.seed, 0, RandomSource::fixed_pattern, pixel, words);
+    if (sensor_.detector.prnu > 0) normals(words.word[0], p.response);
+    if (sensor_.detector.dsnu_e > 0) normals(words.word[1], p.offset);
+    if (dead_or_hot_ > 0) HWY_DYNAMIC_DISPATCH(FindDefects)(words.word[2], dead_, dead_or_hot_, p);
+  }
+
+  // A line detector's pixels are those of the image's first row.
+  void draw_line() {
+    for (std::size_t first = 0; first < width_; first += kDraw) {
+      PixelLanes& p = line_.emplace_back();
+      std::fill_n(p.alive, kDraw, 1.F);
+      draw_pattern(static_cast<std::uint32_t>(first), p);
+    }
+  }
+  void repeat_line(std::size_t first, PixelLanes& p) const {
+    for (std::size_t i = 0; i < kDraw; ++i) {
+      const std::size_t column = (first + i) % width_, k = column % kDraw;
+      const PixelLanes& from = line_[column / kDraw];
+      p.response[i] = from.response[k], p.offset[i] = from.offset[k];
+      p.hot[i] = from.hot[k], p.alive[i] = from.alive[k];
+    }
+  }
+
   const SensorModel& sensor_;
   const std::vector<float>& radiance_;
   std::size_t width_;
   PixelModel model_;
   std::vector<float> smear_;
+  std::vector<PixelLanes> line_;  // the pattern of a line detector, from column 0 on; else empty
   std::uint32_t dead_, dead_or_hot_;
   bool has_pattern_, has_noise_;
 };
@@ -171,10 +198,10 @@ double radiant_flux_w(double pixel_pitch_um, double f_number, double efficiency,
 }
 
 void detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,
-            std::vector<std::uint16_t>& image, const StopToken& stop) {
+            std::vector<std::uint16_t>& image, const StopToken& stop, bool line) {
   const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   image.resize(pixels);
-  const Chain chain(sensor, wavelength_um, radiance, width, height);
+  const Chain chain(sensor, wavelength_um, radiance, width, height, line);
   constexpr std::size_t kLanes = kDraw;
   in_parallel_pieces((pixels + kLanes - 1) / kLanes, 64, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t k = first; k < past_last; ++k) {

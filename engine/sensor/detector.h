@@ -31,7 +31,8 @@ double saturation_e(const Detector& detector);
 // image however many threads there are. Throws Cancelled when `stop` says so.
 //   electrons = min(full well, Poisson(signal (1 + PRNU) + smear + dark)) + DSNU + read noise
 //   DN = clamp(round(electrons / gain + offset))
+// `line`: the rows are one line of pixels at different times, and their fixed pattern is one row's.
 void detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,
-            std::vector<std::uint16_t>& image, const StopToken& stop = {});
+            std::vector<std::uint16_t>& image, const StopToken& stop = {}, bool line = false);
 
 }  // namespace selenograph::engine

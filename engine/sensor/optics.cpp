@@ -256,11 +256,10 @@ void SpreadKernel::apply(const std::vector<float>& in, int width, int height, st
   });
 }
 
-void vignette(const Vignetting& vignetting, const View& view, const PixelRays& rays, std::vector<float>& radiance,
+void vignette(const Vignetting& vignetting, const Camera& c, const PixelRays& rays, std::vector<float>& radiance,
               const StopToken& stop) {
   if (vignetting.model == Vignetting::Model::none) return;
-  const Camera& c = view.camera();
-  const auto width = static_cast<std::size_t>(c.width), height = static_cast<std::size_t>(c.height);
+  const auto width = static_cast<std::size_t>(c.width), lines = static_cast<std::size_t>(c.height);
   const bool bends = !rays.x.empty();
   const auto of_angle = [&](double radians) {
     const double angle_deg = radians * kDegreesPerRadian;
@@ -276,15 +275,16 @@ void vignette(const Vignetting& vignetting, const View& view, const PixelRays& r
     const double cosine = std::max(z, 0.0);
     return cos4 ? cosine * cosine * cosine * cosine : of_angle(std::atan2(std::hypot(x, y), z));
   };
-  in_parallel_pieces(height, kRows, [&](std::size_t first, std::size_t past_last) {
+  in_parallel_pieces(radiance.size() / width, kRows, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t y = first; y < past_last; ++y) {
       stop.check();
+      const std::size_t line = std::min(y, lines - 1);
       for (std::size_t x = 0; x < width; ++x) {
-        const std::size_t at = y * width + x;
+        const std::size_t at = line * width + x;
         const double px = bends ? rays.x[at] : (static_cast<double>(x) - c.cx) / c.fx,
-                     py = bends ? rays.y[at] : (static_cast<double>(y) - c.cy) / c.fy;
+                     py = bends ? rays.y[at] : (static_cast<double>(line) - c.cy) / c.fy;
         if (std::isnan(px)) continue;
-        radiance[at] *=
+        radiance[y * width + x] *=
             static_cast<float>(rays.z.empty() ? of_tangent2(px * px + py * py) : of_direction(px, py, rays.z[at]));
       }
     }

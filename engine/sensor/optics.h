@@ -5,7 +5,7 @@
 
 #include "dem/stop_token.h"
 #include "engine/camera/pixel_rays.h"
-#include "engine/camera/view.h"
+#include "engine/frame/camera.h"
 #include "engine/frame/sensor_model.h"
 
 namespace selenograph::engine {
@@ -51,8 +51,8 @@ class SpreadKernel {
 };
 
 // Multiplies by the transmission at each pixel's angle from the boresight. `rays`: of the pixels' centres, where there
-// is distortion.
-void vignette(const Vignetting& vignetting, const View& view, const PixelRays& rays, std::vector<float>& radiance,
+// is distortion. Of a line camera the one row is each row of the radiance.
+void vignette(const Vignetting& vignetting, const Camera& camera, const PixelRays& rays, std::vector<float>& radiance,
               const StopToken& stop = {});
 
 }  // namespace selenograph::engine

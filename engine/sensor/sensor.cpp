@@ -47,9 +47,9 @@ double Sensor::full_scale_radiance_w_m2_sr() const {
          electrons_per_radiance(model_.optics, d, wavelength_um_);
 }
 
-void Sensor::pass_optics(const View& view, const PixelRays& rays, std::vector<float>& radiance,
+void Sensor::pass_optics(const Camera& camera, const PixelRays& rays, std::vector<float>& radiance,
                          const StopToken& stop) const {
-  vignette(model_.optics.vignetting, view, rays, radiance, stop);
+  vignette(model_.optics.vignetting, camera, rays, radiance, stop);
   if (model_.optics.point_spread.model == PointSpread::Model::none) return;
   std::vector<float> spread;
   kernel_.apply(radiance, request_.camera.width, request_.camera.height, spread, stop);
@@ -60,7 +60,7 @@ bool Sensor::wants_samples() const {
   return request_.accuracy.samples_per_pixel > 1 && model_.optics.point_spread.model != PointSpread::Model::none;
 }
 
-void Sensor::add_sample(const View& view, const PixelRays& rays, const SubpixelSample& sample, float share,
+void Sensor::add_sample(const Camera& camera, const PixelRays& rays, const SubpixelSample& sample, float share,
                         std::vector<float> radiance, const StopToken& stop) {
   auto kernel = shifted_.find({sample.dx, sample.dy});
   if (kernel == shifted_.end())
@@ -68,7 +68,7 @@ void Sensor::add_sample(const View& view, const PixelRays& rays, const SubpixelS
                  .emplace(std::pair(sample.dx, sample.dy),
                           kernel_.shifted(model_.optics.point_spread, sample.dx, sample.dy, stop))
                  .first;
-  vignette(model_.optics.vignetting, view, rays, radiance, stop);
+  vignette(model_.optics.vignetting, camera, rays, radiance, stop);
   std::vector<float> spread;
   kernel->second.apply(radiance, request_.camera.width, request_.camera.height, spread, stop);
   samples_.resize(spread.size(), 0.F);
@@ -76,11 +76,11 @@ void Sensor::add_sample(const View& view, const PixelRays& rays, const SubpixelS
   for (std::size_t i = 0; i < spread.size(); ++i) samples_[i] += weight * spread[i];
 }
 
-void Sensor::choose_integration_time(const View& view, const PixelRays& rays, std::vector<float> radiance,
+void Sensor::choose_integration_time(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
                                      const StopToken& stop) {
   const Exposure& exposure = model_.exposure;
   if (!(exposure.target_fill > 0) || radiance.empty()) return;
-  pass_optics(view, rays, radiance, stop);
+  pass_optics(camera, rays, radiance, stop);
   const std::size_t brightest = radiance.size() - 1 - radiance.size() / 1000;
   std::nth_element(radiance.begin(), radiance.begin() + static_cast<std::ptrdiff_t>(brightest), radiance.end());
   Detector& d = model_.detector;
@@ -92,28 +92,18 @@ void Sensor::choose_integration_time(const View& view, const PixelRays& rays, st
   d.integration_time_s = std::clamp(wanted_s, exposure.shortest_s, exposure.longest_s);
 }
 
-void Sensor::image(const View& view, const PixelRays& rays, std::vector<float> radiance,
+void Sensor::image(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
                    std::vector<std::uint16_t>& image, const StopToken& stop) {
   if (samples_.empty())
-    pass_optics(view, rays, radiance, stop);
+    pass_optics(camera, rays, radiance, stop);
   else
     radiance = std::move(samples_), samples_.clear();
   const Detector& d = model_.detector;
   const double full = (saturation_e(d) - d.dark_current_e_s * d.integration_time_s) /
                       electrons_per_radiance(model_.optics, d, wavelength_um_);
   saturated_ = share_above(radiance, full);
-  detect(model_, wavelength_um_, radiance, request_.camera.width, request_.camera.height, image, stop);
-}
-
-Pose moved(const Pose& pose, const Motion& motion, double seconds) {
-  const Vec3 turn = motion.angular_rate_deg_s * (kRadiansPerDegree * seconds);
-  const double angle = turn.norm();
-  Pose later = pose;
-  later.position_m += motion.velocity_m_s * seconds;
-  // Seen from the camera the Moon turns the other way.
-  if (angle > 0)
-    later.camera_from_moon = (Eigen::AngleAxisd(-angle, turn / angle) * pose.camera_from_moon).normalized();
-  return later;
+  detect(model_, wavelength_um_, radiance, request_.camera.width, request_.camera.height, image, stop,
+         request_.shutter && request_.shutter->pushbroom);
 }
 
 Camera with_margin(Camera camera, int margin_px) {

@@ -32,7 +32,8 @@ class Sensor {
   std::optional<Band> photon_band(bool sunlight_alone);
 
   // From the frame in the middle of the exposure, as image() takes it; where the request leaves that to the frame.
-  void choose_integration_time(const View& view, const PixelRays& rays, std::vector<float> radiance,
+  // `camera`: RowViews::camera().
+  void choose_integration_time(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
                                const StopToken& stop = {});
   double integration_time_s() const { return model_.detector.integration_time_s; }
   // Of the pixels of the last image, margin included.
@@ -46,15 +47,16 @@ class Sensor {
   // A point spread is of points: where pixels are means over samples, each sample is spread by itself, and what was
   // added is the image, whatever radiance image() is given. `share` of the exposure.
   bool wants_samples() const;
-  void add_sample(const View& view, const PixelRays& rays, const SubpixelSample& sample, float share,
+  void add_sample(const Camera& camera, const PixelRays& rays, const SubpixelSample& sample, float share,
                   std::vector<float> radiance, const StopToken& stop);
 
-  // `radiance` has the margin around it, as `view` and `rays` have.
-  void image(const View& view, const PixelRays& rays, std::vector<float> radiance, std::vector<std::uint16_t>& image,
-             const StopToken& stop = {});
+  // `radiance` has the margin around it, as `camera` and `rays` have.
+  void image(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
+             std::vector<std::uint16_t>& image, const StopToken& stop = {});
 
  private:
-  void pass_optics(const View& view, const PixelRays& rays, std::vector<float>& radiance, const StopToken& stop) const;
+  void pass_optics(const Camera& camera, const PixelRays& rays, std::vector<float>& radiance,
+                   const StopToken& stop) const;
 
   const FrameRequest& request_;
   SensorModel model_;  // with its integration time
@@ -64,9 +66,6 @@ class Sensor {
   std::vector<float> samples_;                                 // their sum so far; empty: none was added
   double saturated_ = 0;
 };
-
-// The pose so many seconds later.
-Pose moved(const Pose& pose, const Motion& motion, double seconds);
 
 // The camera with so many pixels more on each side.
 Camera with_margin(Camera camera, int margin_px);

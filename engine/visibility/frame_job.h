@@ -6,7 +6,7 @@
 
 #include "dem/stop_token.h"
 #include "engine/camera/pixel_rays.h"
-#include "engine/camera/view.h"
+#include "engine/camera/row_views.h"
 #include "engine/frame/report.h"
 #include "engine/frame/request.h"
 #include "engine/visibility/objects_in_frame.h"
@@ -27,7 +27,7 @@ using EachSample = std::function<void(const SubpixelSample& sample, const std::v
 
 struct FrameJob {
   const FrameRequest& request;
-  const View& view;
+  const RowViews& views;
   const Scene& scene;
   const ObjectsInFrame& objects;
   const RadianceTerms& radiance;  // of the terrain

@@ -61,10 +61,10 @@ double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)
 
 }  // namespace
 
-FrameWriter::FrameWriter(const FrameRequest& request, const View& view, const Mesh& mesh, std::size_t catalogue_size,
-                         FrameProducts& out)
+FrameWriter::FrameWriter(const FrameRequest& request, const RowViews& views, const Mesh& mesh,
+                         std::size_t catalogue_size, FrameProducts& out)
     : request_(request),
-      view_(view),
+      views_(views),
       mesh_(mesh),
       out_(out),
       wants_geometry_(engine::wants_geometry(request)),
@@ -125,7 +125,7 @@ void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& directi
                               float spacing_m, std::size_t at) const {
   const double length = direction.norm();
   const Vec3 position = p.position(i), normal = shading.normal(i);
-  if (!out_.depth.empty()) out_.depth[at] = view_.depth(direction, p.distance[i]);
+  if (!out_.depth.empty()) out_.depth[at] = views_.of_pixel(at).depth(direction, p.distance[i]);
   if (!out_.range.empty()) out_.range[at] = p.distance[i] * length;
   if (!out_.position.empty()) std::copy_n(position.data(), 3, &out_.position[3 * at]);
   if (!out_.geodetic.empty()) {

@@ -5,7 +5,7 @@
 #include <mutex>
 
 #include "engine/camera/packet_rays.h"
-#include "engine/camera/view.h"
+#include "engine/camera/row_views.h"
 #include "engine/frame/products.h"
 #include "engine/frame/request.h"
 #include "engine/scene/mesh.h"
@@ -21,8 +21,8 @@ struct PixelCounts {
 
 class FrameWriter {
  public:
-  // Sizes and initialises the products that are asked for. `request`, `view` and `mesh` outlive it.
-  FrameWriter(const FrameRequest& request, const View& view, const Mesh& mesh, std::size_t catalogue_size,
+  // Sizes and initialises the products that are asked for. `request`, `views` and `mesh` outlive it.
+  FrameWriter(const FrameRequest& request, const RowViews& views, const Mesh& mesh, std::size_t catalogue_size,
               FrameProducts& out);
 
   FrameProducts& out() const { return out_; }
@@ -49,7 +49,7 @@ class FrameWriter {
                    float spacing_m, std::size_t pixel) const;
 
   const FrameRequest& request_;
-  const View& view_;
+  const RowViews& views_;
   const Mesh& mesh_;
   FrameProducts& out_;
   bool wants_geometry_;

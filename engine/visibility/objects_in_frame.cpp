@@ -30,7 +30,7 @@ Entry enter_ball(const Vec3& from_centre, const Vec3& direction, double radius) 
   return {true, std::max(0.0, closest - half)};
 }
 
-// Around a packet's rays, which all come from one place.
+// Around a packet's rays, which all come from one place, or, where each row has a view of its own, from next to it.
 class Cone {
  public:
   explicit Cone(const Rays& rays) {
@@ -38,7 +38,8 @@ class Cone {
     for (int i = 0; i < kPacket; ++i) {
       if (!rays.valid[i]) continue;
       unit[i] = rays.direction(i).normalized(), sum += unit[i];
-      apex_ = rays.origin(i), empty_ = false;
+      if (empty_) apex_ = rays.origin(i), empty_ = false;
+      spread_m_ = std::max(spread_m_, (rays.origin(i) - apex_).norm());
     }
     middle_ = sum.normalized();
     double widest2 = 0;
@@ -50,16 +51,17 @@ class Cone {
   bool may_meet(const Ball& ball) const {
     if (empty_) return false;
     const Vec3 to = ball.centre_m - apex_;
-    const double distance = to.norm();
-    if (distance <= ball.radius_m) return true;
-    return angle_of_chord((to / distance - middle_).norm()) <= spread_ + std::asin(ball.radius_m / distance) + 1e-12;
+    // A ray from beside the apex meets the ball where the same ray from the apex meets one that is so much larger.
+    const double distance = to.norm(), radius_m = ball.radius_m + spread_m_;
+    if (distance <= radius_m) return true;
+    return angle_of_chord((to / distance - middle_).norm()) <= spread_ + std::asin(radius_m / distance) + 1e-12;
   }
 
  private:
   static double angle_of_chord(double chord) { return 2 * std::asin(std::min(1.0, chord / 2)); }
 
   Vec3 apex_ = Vec3::Zero(), middle_;
-  double spread_;
+  double spread_, spread_m_ = 0;  // of directions, radians; of origins
   bool empty_ = true;
 };
 
@@ -108,10 +110,10 @@ std::vector<Ball> balls_around(const std::vector<SceneObject>& objects) {
   return balls;
 }
 
-ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const View& view) : ObjectsInFrame(request, &view) {}
+ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews& views) : ObjectsInFrame(request, &views) {}
 
-ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const View* view)
-    : request_(request), from_one_place_(view != nullptr) {
+ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* views)
+    : request_(request), from_one_place_(views && !views->vary()) {
   const std::vector<Ball> balls = balls_around(request.objects);
   for (const SceneObject& object : request.objects) {
     Placed p;
@@ -121,7 +123,9 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const View* view)
     p.position = object.position_m, p.scale = object.scale;
     p.middle = object.position_m + object.moon_from_object * Vec3(object.scale * object.mesh->middle());
     p.ball = balls[placed_.size()];
-    p.in_view = !view || view->may_see(p.ball.centre_m, p.ball.radius_m);
+    p.in_view = !views || std::any_of(views->bundles().begin(), views->bundles().end(), [&](const ViewBundle& bundle) {
+      return bundle.may_see(p.ball.centre_m, p.ball.radius_m);
+    });
     any_in_view_ |= p.in_view;
     for (const Material& material : object.materials) {
       const RadianceTerms terms = radiance_terms(request, material);

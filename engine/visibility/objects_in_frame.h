@@ -9,7 +9,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "engine/camera/view.h"
+#include "engine/camera/row_views.h"
 #include "engine/frame/request.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/scene/selection.h"
@@ -32,8 +32,8 @@ std::vector<Ball> balls_around(const std::vector<SceneObject>& objects);
 
 class ObjectsInFrame {
  public:
-  // `request` and `view` outlive it.
-  ObjectsInFrame(const FrameRequest& request, const View& view);
+  // `request` outlives it.
+  ObjectsInFrame(const FrameRequest& request, const RowViews& views);
   // For rays from anywhere. What it tells of radiance is of no camera.
   explicit ObjectsInFrame(const FrameRequest& request) : ObjectsInFrame(request, nullptr) {}
 
@@ -54,7 +54,7 @@ class ObjectsInFrame {
 
  private:
   // Without a view all objects may be seen, by rays that don't come from one place.
-  ObjectsInFrame(const FrameRequest& request, const View* view);
+  ObjectsInFrame(const FrameRequest& request, const RowViews* views);
 
   struct Finish {
     Brdf brdf;

@@ -93,12 +93,12 @@ Reflectance evaluated(const FrameRequest& request) {
 
 }  // namespace
 
-PacketShader::PacketShader(const FrameRequest& request, const View& view, const RadianceTerms& terms)
+PacketShader::PacketShader(const FrameRequest& request, const RowViews& views, const RadianceTerms& terms)
     : request_(request),
       irradiance_(terms.direct_w_m2),
       base_(static_cast<float>(terms.base_w_m2_sr())),
       brdf_(evaluated(request)) {
-  if (engine::mapped(request)) mapped_.emplace(request, view);
+  if (engine::mapped(request)) mapped_.emplace(request, views);
 }
 
 void PacketShader::shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const {
@@ -106,13 +106,13 @@ void PacketShader::shade(const Facets& facets, const SurfacePoints& points, cons
 }
 
 void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
-                             Sampler& sampler, float* out, float* base) const {
+                             Sampler& sampler, float* out, float* base, int first_row) const {
   if (const BrdfTerms* terms = brdf_.terms(); terms && !mapped_) {
     HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, lit, out);
   } else {
     alignas(64) double cos_phase[kPacket], mu[kPacket], mu0_brdf[kPacket], albedo[kPacket];
     HWY_DYNAMIC_DISPATCH(Cosines)(rays, shading, request_.sun.direction, cos_phase, mu);
-    if (mapped_) mapped_->sample(points, rays, sampler, albedo, base);
+    if (mapped_) mapped_->sample(points, rays, sampler, albedo, base, first_row);
     const bool hapke = request_.reflectance.model == ReflectanceModel::hapke;
     brdf_.times_mu0(shading.incident, mu, cos_phase, mapped_ && hapke ? albedo : nullptr, mu0_brdf);
     HWY_DYNAMIC_DISPATCH(ReflectedBy)

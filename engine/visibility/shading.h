@@ -3,7 +3,7 @@
 
 #include <optional>
 
-#include "engine/camera/view.h"
+#include "engine/camera/row_views.h"
 #include "engine/frame/report.h"
 #include "engine/frame/request.h"
 #include "engine/radiometry/brdf.h"
@@ -15,17 +15,18 @@ namespace selenograph::engine {
 
 class PacketShader {
  public:
-  // `request` outlives it.
-  PacketShader(const FrameRequest& request, const View& view, const RadianceTerms& terms);
+  // `request` and `views` outlive it.
+  PacketShader(const FrameRequest& request, const RowViews& views, const RadianceTerms& terms);
 
   // Unit normals and cosines to Sun and camera.
   void shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const;
 
   // Per lane, W m-2 sr-1, eq. (1). `lit`: how much of the Sun each point sees. `base`: what is left without the Sun;
   // written where mapped(), else it is base_radiance() everywhere. `sampler`: the calling task's own.
+  // `first_row`: of a square packet, where rows have views of their own.
   using Sampler = MappedSurface::Sampler;
   void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
-                 Sampler& sampler, float* out, float* base) const;
+                 Sampler& sampler, float* out, float* base, int first_row = 0) const;
   Sampler sampler(const StopToken& stop) const { return mapped_ ? mapped_->sampler(stop) : Sampler(); }
   bool mapped() const { return mapped_.has_value(); }
   float base_radiance() const { return base_; }

@@ -8,6 +8,8 @@
 #include "api/points_json.h"
 #include "api/problem.h"
 #include "api/ranges.h"
+#include "dem/error.h"
+#include "engine/camera/row_views.h"
 #include "engine/camera/view.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/radiometry.h"
@@ -82,6 +84,19 @@ void check_view(const engine::Camera& camera, const engine::Pose& pose) {
     }
 }
 
+// Rows have views wherever the camera doesn't leave for good.
+void check_shutter(engine::Camera camera, const engine::Pose& pose, const engine::Shutter& shutter) {
+  require(shutter.line_time_s > 0, "rows follow each other");
+  require(shutter.poses.size() != 1, "poses are several or none");
+  camera.height = std::min(camera.height, 8);
+  try {
+    const engine::RowViews views(camera, pose, shutter);
+    for (int row = 0; row < camera.height; ++row)
+      require(views.of(row).position().allFinite() && views.of(row).moon_from_camera().allFinite(), "a row has a pose");
+  } catch (const ImpossibleRequest&) {
+  }
+}
+
 void check_object(const engine::SceneObject& object) {
   require(is_coordinate(object.position_m), "an object's position is in range");
   require(std::abs(object.moon_from_object.norm() - 1) < 1e-12, "an object's attitude is a unit quaternion");
@@ -120,6 +135,7 @@ void check_frame(const Json& document) {
             resolved + "\n" + api::problem(refusal.code(), refusal.what(), refusal.findings()).body);
   }
   check_view(request.camera, request.pose);
+  if (request.shutter) check_shutter(request.camera, request.pose, *request.shutter);
   for (const engine::SceneObject& object : request.objects) check_object(object);
   require(request.terrain || !request.objects.empty(), "something is there");
 }
@@ -137,6 +153,7 @@ void check_project(const Json& document) {
   const api::ProjectQuery query = api::read_project(document, kLimits);
   check_camera(query.camera);
   check_pose(query.pose);
+  if (query.shutter) check_shutter(query.camera, query.pose, *query.shutter);
   if (query.sun) check_sun(*query.sun);
   for (const engine::LandmarkQuery& point : query.points) {
     require(is_place(point.lat_deg, point.lon_deg), "a landmark is a place");

@@ -79,6 +79,14 @@ def write_json():
         write("json_request", "frame-" + "-".join(names) + ".json", json.dumps(frame))
         project = {"camera": camera, "pose": pose, "points": [{"lat_deg": 26, "lon_deg": -3}, {"lat_deg": 1, "lon_deg": 2, "height_m": 3}]}
         write("json_request", f"project-{names[1]}.json", json.dumps(project))
+    camera, pose, sun = CAMERAS["fov"], POSES["nadir"], SUNS["direction"]
+    rates = {"line_time_s": 0.001, "velocity_m_s": [0, 1600, 0], "angular_rate_deg_s": [0.05, 0, 0]}
+    poses = {"line_time_s": 0.001, "pushbroom": True,
+             "poses": [{"time_s": -1, "pose": pose}, {"time_s": 0.5, "pose": POSES["look-at"]}, {"time_s": 20, "pose": pose}]}
+    points = [{"lat_deg": 26, "lon_deg": 3}]
+    write("json_request", "frame-rolling.json", json.dumps({"camera": camera, "pose": pose, "sun": sun, "shutter": rates}))
+    write("json_request", "frame-pushbroom.json", json.dumps({"camera": camera, "sun": sun, "shutter": poses}))
+    write("json_request", "project-pushbroom.json", json.dumps({"camera": camera, "points": points, "shutter": poses}))
     rays = {"rays": [{"origin_m": [1757400, 0, 0], "direction": [-1, 0, 1e-9]}], "sun": SUNS["direction"]}
     write("json_request", "rays.json", json.dumps(rays))
     write("json_request", "heights.json", json.dumps({"points": [{"lat_deg": -90, "lon_deg": 360}, {"lat_deg": 0.5, "lon_deg": -180}]}))

@@ -358,8 +358,8 @@ TEST_F(ObjectsOverTerrain, RaysAndLandmarksKnowThem) {
       const Geographic g = to_geographic(alone[i].position_m);
       places.push_back({g.lat_deg, g.lon_deg, {}}), of.push_back(i);
     }
-    const auto seen = scenery().renderer->project(r.camera, r.pose, places, r.sun, {}, r.objects);
-    const auto before = scenery().renderer->project(r.camera, r.pose, places, r.sun);
+    const auto seen = scenery().renderer->project(r.camera, r.pose, {}, places, r.sun, {}, r.objects);
+    const auto before = scenery().renderer->project(r.camera, r.pose, {}, places, r.sun);
     std::size_t hidden = 0, wrong = 0;
     for (std::size_t k = 0; k < places.size(); ++k) {
       const bool behind = hits[of[k]].object.has_value();

@@ -580,23 +580,141 @@ TEST(PointsJson, RaysAndPlaces) {
 TEST(PointsJson, NumbersThatAreNoneAreNull) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<engine::RayHit> hits{{}, {true, std::nullopt, 5, Vec3(1, 2, 3), Vec3::UnitX(), 0.5}};
-  RaysQuery query;
-  query.sun.emplace();
+  RaysQuery rays;
+  rays.sun.emplace();
   EXPECT_EQ(
-      rays_json(hits, query).dump(),
+      rays_json(hits, rays).dump(),
       R"({"rays":[{"hit":false},{"hit":true,"range_m":5.0,"position_m":[1.0,2.0,3.0],"normal":[1.0,0.0,0.0],"lit":0.5}]})");
-  query.sun.reset(), query.objects.resize(1);
+  rays.sun.reset(), rays.objects.resize(1);
   const std::vector<engine::RayHit> on_object{{true, 3, 5, Vec3(1, 2, 3), Vec3::UnitX(), 0}, hits[1]};
-  EXPECT_EQ(rays_json(on_object, query)["rays"][0]["object"], 3);
-  EXPECT_TRUE(rays_json(on_object, query)["rays"][1]["object"].is_null());
+  EXPECT_EQ(rays_json(on_object, rays)["rays"][0]["object"], 3);
+  EXPECT_TRUE(rays_json(on_object, rays)["rays"][1]["object"].is_null());
   const dem::Catalogue nothing{std::vector<dem::RasterInfo>{}};
   EXPECT_EQ(height_json({10, 190, nan, 0, -1, false}, nothing).dump(),
             R"({"lat_deg":10.0,"lon_deg":-170.0,"height_m":null,"reason":"no dataset covers this place"})");
   const std::vector<engine::Landmark> landmarks{{nan, nan, 100, 5, false, false, 0}};
-  const std::vector<engine::LandmarkQuery> points{{10, 20, 5.0}};
+  ProjectQuery query;
+  query.points = {{10, 20, 5.0}};
   EXPECT_EQ(
-      landmarks_json(landmarks, false, nothing, points).dump(),
+      landmarks_json(landmarks, query, nothing).dump(),
       R"({"points":[{"x_px":null,"y_px":null,"range_m":100.0,"height_m":5.0,"in_frame":false,"visible":false,"reason":"behind the camera"}]})");
+}
+
+// --- row times
+
+TEST(ShutterJson, RatesAndTheirDefaults) {
+  const engine::FrameRequest request = accepted(R"({"shutter": {"line_time_s": 0.001, "velocity_m_s": [0, 1600, 0]}})");
+  ASSERT_TRUE(request.shutter);
+  EXPECT_EQ(request.shutter->line_time_s, 0.001);
+  EXPECT_EQ(request.shutter->rates.velocity_m_s, Vec3(0, 1600, 0));
+  EXPECT_EQ(request.shutter->rates.angular_rate_deg_s, Vec3(0, 0, 0));
+  EXPECT_FALSE(request.shutter->pushbroom);
+  EXPECT_FALSE(accepted("{}").shutter);
+}
+
+const char* const kThroughPoses = R"({"pose": null, "shutter": {"line_time_s": 0.001, "pushbroom": true, "poses": [
+    {"time_s": -0.5, "pose": {"position_m": [1757000, -500, 0], "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}}},
+    {"time_s": 0.5, "pose": {"position_m": [1757000, 500, 0], "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}}},
+    {"time_s": 1, "pose": {"geodetic": {"lat_deg": 0, "lon_deg": 0.0326, "height_m": 19600}, "nadir": {}}}]}})";
+
+TEST(ShutterJson, PosesTakeThePlaceOfThePose) {
+  const engine::FrameRequest request = accepted(kThroughPoses);
+  ASSERT_EQ(request.shutter->poses.size(), 3U);
+  EXPECT_EQ(request.shutter->poses[0].time_s, -0.5);
+  EXPECT_EQ(request.shutter->poses[1].pose.position_m, Vec3(1757000, 500, 0));
+  EXPECT_TRUE(request.shutter->pushbroom);
+  EXPECT_LT(std::abs(request.pose.position_m.y()), 100) << "row 0's is between the first two";
+}
+
+TEST(ShutterJson, TheResolvedRequestIsOneItselfAndSaysNothingOfWhatIsNotAsked) {
+  EXPECT_FALSE(resolved_json(read_frame(minimal(), Limits())).contains("shutter"));
+  for (const std::string patch :
+       {R"({"shutter": {"line_time_s": 0.001, "angular_rate_deg_s": [1, 0, 0]}})", kThroughPoses}) {
+    const auto resolved = resolved_json(read_frame(patched(patch), Limits()));
+    ASSERT_TRUE(resolved.contains("shutter"));
+    EXPECT_NE(resolved.contains("pose"), resolved["shutter"].contains("poses"));
+    EXPECT_NE(resolved["shutter"].contains("velocity_m_s"), resolved["shutter"].contains("poses"));
+    EXPECT_EQ(resolved_json(read_frame(parse_json(resolved.dump(), 16), Limits())).dump(), resolved.dump());
+  }
+  EXPECT_EQ(resolved_json(read_frame(patched(R"({"shutter": {"line_time_s": 0.5, "angular_rate_deg_s": [1, 0, 0]}})"),
+                                     Limits()))["shutter"]
+                .dump(),
+            R"({"line_time_s":0.5,"angular_rate_deg_s":[1.0,0.0,0.0],"velocity_m_s":[0.0,0.0,0.0],"pushbroom":false})");
+}
+
+TEST(ShutterJson, Refusals) {
+  const auto shutter = [](const std::string& members) { return R"({"shutter": {)" + members + "}}"; };
+  const std::string rate = R"("velocity_m_s": [1, 0, 0])", line = R"("line_time_s": 0.001, )";
+  EXPECT_EQ(refused(shutter(line + rate)), "accepted");
+  EXPECT_EQ(refused(shutter(rate)), "/shutter/line_time_s");
+  EXPECT_EQ(refused(shutter(R"("line_time_s": 0, )" + rate)), "/shutter/line_time_s");
+  EXPECT_EQ(refused(shutter(R"("line_time_s": 1)")), "/shutter/velocity_m_s");
+  EXPECT_EQ(refused(shutter(line + R"("velocity_m_s": [1, 0])")), "/shutter/velocity_m_s");
+  EXPECT_EQ(refused(shutter(line + R"("rolling": true, )" + rate)), "/shutter/rolling");
+  const std::string pose = R"("pose": {"position_m": [1757000, 0, 0], "nadir": {}}})";
+  const auto poses = [&](const std::string& from, const std::string& to) {
+    return R"("poses": [{"time_s": )" + from + ", " + pose + R"(, {"time_s": )" + to + ", " + pose + "]";
+  };
+  const auto without_pose = [&](const std::string& members) {
+    return R"({"pose": null, "shutter": {)" + members + "}}";
+  };
+  EXPECT_EQ(refused(without_pose(line + poses("0", "0.511"))), "accepted");
+  std::string details;
+  EXPECT_EQ(refused(without_pose(line + poses("0", "0.5")), &details), "/shutter/poses");
+  EXPECT_NE(details.find("0.511 s"), std::string::npos) << details;
+  EXPECT_EQ(refused(without_pose(line + poses("0.1", "0.6"))), "/shutter/poses");
+  EXPECT_EQ(refused(without_pose(line + poses("1", "1"))), "/shutter/poses");
+  EXPECT_EQ(refused(without_pose(line + R"("poses": [{"time_s": 0, )" + pose + "]")), "/shutter/poses");
+  EXPECT_EQ(refused(without_pose(line + R"("poses": [{"time_s": 0}, {"time_s": 1, )" + pose + "]")),
+            "/shutter/poses/0/pose");
+  EXPECT_EQ(refused(shutter(line + poses("0", "1"))), "/pose");
+  EXPECT_EQ(refused(without_pose(line + rate)), "/pose");
+  EXPECT_EQ(refused(without_pose(line + rate + ", " + poses("0", "1"))), "/shutter/velocity_m_s");
+  EXPECT_EQ(refused(R"({"pose": null})"), "/pose");
+  EXPECT_EQ(refused(R"({"visibility": "zbuffer", "shutter": {)" + line + rate + "}}"), "/visibility");
+  EXPECT_EQ(refused(R"({"pose": null, "ahead": [{"position_m": [1757000, 0, 0], "nadir": {}}], "shutter": {)" + line +
+                    poses("0", "1") + "}}"),
+            "/ahead");
+}
+
+TEST(ShutterJson, WhatOfASensorIsNotOfRows) {
+  const auto patch = [](const std::string& sensor, bool pushbroom) {
+    Json body = Json::parse(R"({"band": {"center_um": 0.6, "width_um": 0.1}, "products": ["image"],
+      "shutter": {"line_time_s": 0.001, "velocity_m_s": [1, 0, 0]},
+      "sensor": {"optics": {"f_number": 4}, "detector": {"pixel_pitch_um": 5, "quantum_efficiency": 0.5,
+                                                         "integration_time_s": 0.001, "gain_e_dn": 10}}})");
+    body["shutter"]["pushbroom"] = pushbroom;
+    body["sensor"].merge_patch(Json::parse(sensor));
+    return body.dump();
+  };
+  EXPECT_EQ(refused(patch("{}", false)), "accepted");
+  EXPECT_EQ(refused(patch("{}", true)), "accepted");
+  EXPECT_EQ(refused(patch(R"({"motion": {"velocity_m_s": [1, 0, 0]}})", false)), "/sensor/motion");
+  EXPECT_EQ(refused(patch(R"({"detector": {"smear_time_s": 1e-6}})", false)), "/sensor/detector/smear_time_s");
+  const char* const spread = R"({"optics": {"point_spread": {"model": "gaussian", "sigma_px": 0.5}}})";
+  EXPECT_EQ(refused(patch(spread, false)), "accepted");
+  EXPECT_EQ(refused(patch(spread, true)), "/sensor/optics/point_spread");
+}
+
+TEST(ShutterJson, LandmarksHaveOneToo) {
+  Json body = minimal();
+  body.erase("sun");
+  body["points"] = Json::array({{{"lat_deg", 1}, {"lon_deg", 2}}});
+  EXPECT_FALSE(read_project(body, Limits()).shutter);
+  body["shutter"] = {{"line_time_s", 0.01}, {"velocity_m_s", {1, 2, 3}}};
+  ProjectQuery query = read_project(body, Limits());
+  EXPECT_EQ(query.shutter->rates.velocity_m_s, Vec3(1, 2, 3));
+  body.erase("pose");
+  EXPECT_THROW(read_project(body, Limits()), RequestError);
+  const double nan = std::nan("");
+  const std::vector<engine::Landmark> landmarks{{3, 4, 100, 5, true, true, 0, 0.04},
+                                                {nan, nan, nan, 5, false, false, 0, nan}};
+  query.points = {{10, 20, 5.0}, {10, 20, 5.0}};
+  const dem::Catalogue nothing{std::vector<dem::RasterInfo>{}};
+  EXPECT_EQ(
+      landmarks_json(landmarks, query, nothing).dump(),
+      R"({"points":[{"x_px":3.0,"y_px":4.0,"range_m":100.0,"height_m":5.0,"in_frame":true,"visible":true,"time_s":0.04},)"
+      R"({"x_px":null,"y_px":null,"range_m":null,"height_m":5.0,"in_frame":false,"visible":false,"time_s":null,"reason":"seen by no row"}]})");
 }
 
 // --- objects

@@ -43,8 +43,8 @@ class FrameMemory : public ::testing::Test {
     const Vec3 eye = to_cartesian({10, lon_deg, 200000});
     q.pose = looking(eye, -eye, local_axes(eye).north);
     q.accuracy.max_error_px = 1;
-    const engine::View view(q.camera, q.pose);
-    return content_of(q, view, select_blocks(q, view, q.accuracy, *terrain_, kept, {}));
+    const engine::RowViews views(q.camera, q.pose, q.shutter);
+    return content_of(q, views, select_blocks(q, views, q.accuracy, *terrain_, kept, {}));
   }
 
   TemporaryFolder folder_;

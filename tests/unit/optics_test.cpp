@@ -170,13 +170,12 @@ TEST(PointSpread, AnEdgeIsBlurredToTheClosedForm) {
 TEST(Vignetting, FollowsTheAngle) {
   Camera camera;
   camera.width = 101, camera.height = 81, camera.fx = camera.fy = 60, camera.cx = 50, camera.cy = 40;
-  const View view(camera, {Vec3(2e6, 0, 0), Eigen::Quaterniond::Identity()});
   Vignetting cos4, table;
   cos4.model = Vignetting::Model::cos4;
   table.model = Vignetting::Model::table;
   table.table = {{5, 1}, {25, 0.8}, {35, 0.2}};
   std::vector<float> a(101 * 81, 2.F), b = a;
-  vignette(cos4, view, {}, a), vignette(table, view, {}, b);
+  vignette(cos4, camera, {}, a), vignette(table, camera, {}, b);
   for (int y = 0; y < 81; ++y)
     for (int x = 0; x < 101; ++x) {
       const double angle = std::atan(std::hypot(x - 50, y - 40) / 60.0), degrees = angle * 180 / kPi;

@@ -278,7 +278,7 @@ TEST_F(SmoothMoon, LandmarksAreWhereTheyProject) {
   const View view(r.camera, r.pose);
   std::vector<LandmarkQuery> queries{{12, 40, {}},         {12.2, 40.1, 0.0}, {12.2, 40.1, 500.0},
                                      {12.1, 39.9, -500.0}, {12, 60, {}},      {-12, -140, {}}};
-  const auto marks = renderer_->project(r.camera, r.pose, queries, Sun{local_sun(12, 40, 90, 30), 1, 0});
+  const auto marks = renderer_->project(r.camera, r.pose, {}, queries, Sun{local_sun(12, 40, 90, 30), 1, 0});
   EXPECT_NEAR(marks[0].x_px, 99.5, 1e-6);
   EXPECT_NEAR(marks[0].y_px, 99.5, 1e-6);
   EXPECT_NEAR(marks[0].range_m, 30000, 0.003);

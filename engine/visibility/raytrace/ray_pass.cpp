@@ -3,7 +3,11 @@
 namespace selenograph::engine {
 
 RayPass::RayPass(const FrameJob& job, FrameWriter& writer)
-    : job_(job), request_(job.request), writer_(writer), rays_(job.view), shader_(job.request, job.view, job.radiance) {
+    : job_(job),
+      request_(job.request),
+      writer_(writer),
+      rays_(job.views.reference()),
+      shader_(job.request, job.views, job.radiance) {
   if (request_.sun.angular_radius_deg > 0) disc_.emplace(request_.sun, job.scene.anchor);
 }
 
@@ -20,7 +24,11 @@ void RayPass::find_points(Packet& p) const {
                                   static_cast<std::size_t>(p.x)],
           1);
   const bool centre = p.sample.dx == 0 && p.sample.dy == 0 && !job_.centres.x.empty();
-  rays_.aim(PacketShape::square, p.x, p.y, p.sample.dx, p.sample.dy, centre ? &job_.centres : nullptr, p.rays);
+  const PixelRays* lens = centre ? &job_.centres : nullptr;
+  if (job_.views.vary())
+    aim_rows(job_.views, p.x, p.y, p.sample.dx, p.sample.dy, lens, p.rays);
+  else
+    rays_.aim(PacketShape::square, p.x, p.y, p.sample.dx, p.sample.dy, lens, p.rays);
   Facets facets;
   trace(job_.scene, p.rays, p.points, facets);
   p.on_object = 0;
@@ -68,7 +76,7 @@ void RayPass::light(const SurfacePoints& points, const std::uint16_t* own, Shadi
 void RayPass::find_radiance(Packet& p) const {
   if (!(p.sample.weight > 0)) return;
   float base[kPacket];  // what is left without the Sun is of no use here: its light is known
-  if (p.on_terrain) shader_.radiances(p.points, p.shading, p.rays, p.lit, p.task.sampler, p.radiance, base);
+  if (p.on_terrain) shader_.radiances(p.points, p.shading, p.rays, p.lit, p.task.sampler, p.radiance, base, p.y);
   if (p.on_object) job_.objects.radiances(p.objects, p.rays, p.object_lit, p.object_radiance, base);
 }
 

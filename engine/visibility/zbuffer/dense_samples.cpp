@@ -40,9 +40,9 @@ Camera dense_camera(const Camera& camera) {
 DenseSamples::DenseSamples(const FrameJob& job, const PixelRays& lens, std::size_t catalogue_size)
     : asked_(job),
       request_(dense_request(job.request)),
-      view_(request_.camera, request_.pose),
-      job_{request_, view_, job.scene, job.objects, job.radiance, lens, job.stop, each_},
-      writer_(request_, view_, job.scene.mesh, catalogue_size, products_) {
+      views_(request_.camera, request_.pose, {}, job.stop),
+      job_{request_, views_, job.scene, job.objects, job.radiance, lens, job.stop, each_},
+      writer_(request_, views_, job.scene.mesh, catalogue_size, products_) {
   if (job.each)
     each_ = [this](const SubpixelSample& sample, const std::vector<float>& radiance) { split(sample, radiance); };
 }

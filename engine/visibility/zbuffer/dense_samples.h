@@ -31,7 +31,7 @@ class DenseSamples {
 
   const FrameJob& asked_;
   FrameRequest request_;
-  View view_;
+  RowViews views_;
   EachSample each_;
   FrameJob job_;
   FrameProducts products_;

@@ -27,9 +27,9 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
       writer_(writer),
       scratch_(scratch),
       times_(times),
-      tiling_(mesh_, job.view),
-      rays_(job.view),
-      shader_(job.request, job.view, job.radiance) {
+      tiling_(mesh_, job.views.reference()),
+      rays_(job.views.reference()),
+      shader_(job.request, job.views, job.radiance) {
   if (!wants_light(request_)) return;
   if (request_.sun.angular_radius_deg > 0) {
     disc_.emplace(request_.sun, mesh_.anchor());

@@ -1,0 +1,65 @@
+#include "engine/camera/pose_track.h"
+
+#include <algorithm>
+
+namespace selenograph::engine {
+namespace {
+
+// The velocity of the parabola through three places, at the one in the middle.
+Vec3 middle_velocity(const PoseAtTime& a, const PoseAtTime& b, const PoseAtTime& c) {
+  const double before = b.time_s - a.time_s, after = c.time_s - b.time_s;
+  const Vec3 arrives = (b.pose.position_m - a.pose.position_m) / before,
+             leaves = (c.pose.position_m - b.pose.position_m) / after;
+  return (after * arrives + before * leaves) / (before + after);
+}
+
+std::vector<Vec3> velocities(const std::vector<PoseAtTime>& poses) {
+  const std::size_t n = poses.size();
+  const auto mean = [&](std::size_t i) -> Vec3 {
+    return (poses[i + 1].pose.position_m - poses[i].pose.position_m) / (poses[i + 1].time_s - poses[i].time_s);
+  };
+  if (n == 2) return {mean(0), mean(0)};
+  std::vector<Vec3> out(n);
+  for (std::size_t i = 1; i + 1 < n; ++i) out[i] = middle_velocity(poses[i - 1], poses[i], poses[i + 1]);
+  // A parabola's mean velocity between two times is the mean of those at its ends.
+  out[0] = 2 * mean(0) - out[1], out[n - 1] = 2 * mean(n - 2) - out[n - 2];
+  return out;
+}
+
+}  // namespace
+
+PoseTrack::PoseTrack(const Pose& start, const Shutter& shutter)
+    : start_(start), rates_(shutter.rates), poses_(shutter.poses) {
+  if (poses_.empty()) return;
+  velocities_ = velocities(poses_);
+  for (std::size_t i = 0; i + 1 < poses_.size(); ++i)
+    turns_.emplace_back(poses_[i + 1].pose.camera_from_moon * poses_[i].pose.camera_from_moon.conjugate());
+}
+
+Pose PoseTrack::at(double seconds) const {
+  if (poses_.empty()) return moved(start_, rates_, seconds);
+  const auto later = std::upper_bound(poses_.begin(), poses_.end(), seconds,
+                                      [](double t, const PoseAtTime& p) { return t < p.time_s; });
+  const auto past = static_cast<std::size_t>(later - poses_.begin());
+  const std::size_t segment = std::clamp<std::size_t>(past, 1, poses_.size() - 1) - 1;
+  const PoseAtTime& from = poses_[segment];
+  const double share = (seconds - from.time_s) / (poses_[segment + 1].time_s - from.time_s);
+  const Eigen::AngleAxisd& turn = turns_[segment];
+  Pose pose{position_at(segment, seconds), from.pose.camera_from_moon};
+  if (turn.angle() != 0)
+    pose.camera_from_moon = (Eigen::AngleAxisd(share * turn.angle(), turn.axis()) * pose.camera_from_moon).normalized();
+  return pose;
+}
+
+Vec3 PoseTrack::position_at(std::size_t segment, double seconds) const {
+  const PoseAtTime &a = poses_[segment], &b = poses_[segment + 1];
+  if (seconds < a.time_s) return a.pose.position_m + (seconds - a.time_s) * velocities_[segment];
+  if (seconds > b.time_s) return b.pose.position_m + (seconds - b.time_s) * velocities_[segment + 1];
+  const double length = b.time_s - a.time_s, s = (seconds - a.time_s) / length;
+  // Relative to one of the ends: the polynomial's rounding is that of the way, not of the distance from the Moon.
+  const Vec3 way = b.pose.position_m - a.pose.position_m;
+  return a.pose.position_m + s * s * (3 - 2 * s) * way +
+         length * s * (1 - s) * ((1 - s) * velocities_[segment] - s * velocities_[segment + 1]);
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,33 @@
+// A camera's pose at any time while the rows of a frame are exposed.
+#pragma once
+
+#include <vector>
+
+#include "engine/frame/pose.h"
+#include "engine/frame/shutter.h"
+
+namespace selenograph::engine {
+
+// At constant rates: engine::moved. Through poses at times: positions by cubic Hermite polynomials whose velocity at
+// each pose is that of the parabola through it and its two neighbours (Catmull & Rom 1974, for uneven times), so that
+// an orbit's arc costs no accuracy; attitudes turn at a constant rate from each pose to the next, the shorter way
+// (slerp, Shoemake 1985). Two poses: constant rates. Before the first and after the last pose velocity and rate stay.
+class PoseTrack {
+ public:
+  // `start`: the pose of row 0; not used where the shutter has poses.
+  PoseTrack(const Pose& start, const Shutter& shutter);
+
+  // Seconds from the exposure of row 0.
+  Pose at(double seconds) const;
+
+ private:
+  Vec3 position_at(std::size_t segment, double seconds) const;
+
+  Pose start_;
+  Rates rates_;
+  std::vector<PoseAtTime> poses_;
+  std::vector<Vec3> velocities_;          // at the poses, m/s
+  std::vector<Eigen::AngleAxisd> turns_;  // from each pose's attitude to the next one's
+};
+
+}  // namespace selenograph::engine

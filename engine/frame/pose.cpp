@@ -1,0 +1,16 @@
+#include "engine/frame/pose.h"
+
+namespace selenograph::engine {
+
+Pose moved(const Pose& pose, const Rates& rates, double seconds) {
+  const Vec3 turn = rates.angular_rate_deg_s * (kRadiansPerDegree * seconds);
+  const double angle = turn.norm();
+  Pose later = pose;
+  later.position_m += rates.velocity_m_s * seconds;
+  // Seen from the camera the Moon turns the other way.
+  if (angle > 0)
+    later.camera_from_moon = (Eigen::AngleAxisd(-angle, turn / angle) * pose.camera_from_moon).normalized();
+  return later;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,305 @@
+// Rows with times over the sample terrain: without motion the frame is the plain one, each row is what a camera at rest
+// in that row's pose sees, and what a strip sees is projected back into it.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "dem/error.h"
+#include "dem/gdal/geotiff_writer.h"
+#include "dem/value_map.h"
+#include "engine/camera/pose_track.h"
+#include "engine/visibility/object_mesh.h"
+#include "tests/support/meshes.h"
+#include "tests/support/same_bytes.h"
+#include "tests/support/sample_scenery.h"
+#include "tests/support/views.h"
+
+namespace selenograph::engine {
+namespace {
+
+using test::at3;
+using test::kDegree;
+using test::local_sun;
+
+constexpr ProductSet kAll = kRadiance | kImage | kDepth | kRange | kPosition | kGeodetic | kNormal | kAngles | kLit |
+                            kGsd | kSource | kObjectId;
+
+class RowTimes : public test::SampleScenery {
+ protected:
+  // Straight down from above the middle of the south of the tiles, image up southward, so that the camera's way, to the
+  // north, is down in the image.
+  static Pose start(double height_m) {
+    const Vec3 from = to_cartesian({-10.85, 44.1, height_m});
+    return test::looking(from, -from, -local_axes(from).north);
+  }
+  static FrameRequest request(int width, int height) {
+    FrameRequest request;
+    request.camera = {width, height, 2000, 2000, (width - 1) / 2.0, (height - 1) / 2.0, {}};
+    request.pose = start(30000);
+    request.sun = {local_sun(-10, 44, 70, 12), 1, 0};
+    request.visibility = Visibility::raytrace;
+    request.products = kAll;
+    return request;
+  }
+  static Vec3 north() { return local_axes(start(0).position_m).north; }
+  static const Renderer& renderer() { return *scenery().renderer; }
+};
+
+TEST_F(RowTimes, WithoutMotionTheFrameIsThePlainOne) {
+  for (const bool lens : {false, true})
+    for (const int samples : {1, 4}) {
+      FrameRequest plain = request(120, 90);
+      if (lens) plain.camera.distortion = {-0.3, 0.1, 0, 0.001, 0.002};
+      plain.accuracy.samples_per_pixel = samples;
+      FrameRequest rows = plain;
+      rows.shutter.emplace();
+      rows.shutter->line_time_s = 0.01;
+      rows.visibility = Visibility::automatic;
+      const Frame a = renderer().render(plain), b = renderer().render(rows);
+      EXPECT_EQ(b.report.visibility, Visibility::raytrace);
+      EXPECT_EQ(a.report.hit_fraction, 1);
+      EXPECT_GT(*std::max_element(a.products.image.begin(), a.products.image.end()), 0);
+      EXPECT_TRUE(test::same_bytes(a.products, b.products)) << lens << " " << samples;
+      EXPECT_EQ(a.report.lod_error_px, b.report.lod_error_px);
+      EXPECT_EQ(a.report.triangles, b.report.triangles);
+    }
+}
+
+// Of two arrays how many of one row's values differ, NaNs being alike.
+template <typename T>
+std::size_t differing(const std::vector<T>& a, const std::vector<T>& b, std::size_t row_a, std::size_t row_b,
+                      std::size_t pixels_a, std::size_t width, std::size_t& compared) {
+  if (a.empty() != b.empty()) return width;
+  if (a.empty()) return 0;
+  const std::size_t row = a.size() / pixels_a * width;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < row; ++i) {
+    const T x = a[row_a * row + i], y = b[row_b * row + i];
+    count += !(x == y || (x != x && y != y));
+  }
+  compared += row;
+  return count;
+}
+
+// The finest posts everywhere, so that both have the same terrain.
+void expect_rows_of_cameras_at_rest(const Renderer& renderer, FrameRequest moving, const std::vector<int>& rows) {
+  moving.accuracy.max_error_px = 0;
+  const Frame all = renderer.render(moving);
+  const auto width = static_cast<std::size_t>(moving.camera.width);
+  const PoseTrack track(moving.pose, *moving.shutter);
+  for (const int row : rows) {
+    FrameRequest rest = moving;
+    rest.shutter.reset();
+    rest.pose = track.at(row * moving.shutter->line_time_s);
+    if (moving.shutter->pushbroom) rest.camera.height = 1, rest.camera.cy = 0;
+    const Frame one = renderer.render(rest);
+    const std::size_t there = moving.shutter->pushbroom ? 0 : static_cast<std::size_t>(row);
+    const auto here = static_cast<std::size_t>(row);
+    std::size_t differ = 0, compared = 0, arrays = 0;
+    const auto compare = [&](const auto& a, const auto& b) {
+      differ += differing(a, b, here, there, all.products.radiance.size(), width, compared), ++arrays;
+    };
+    std::apply(
+        [&](const auto&... a) {
+          std::apply([&](const auto&... b) { (compare(a, b), ...); }, all_arrays(one.products));
+        },
+        all_arrays(all.products));
+    EXPECT_EQ(differ, 0U) << "row " << row << " of " << compared << " values";
+    EXPECT_GE(compared, 15 * width);
+    EXPECT_EQ(arrays, 12U);
+  }
+}
+
+TEST_F(RowTimes, ARollingShuttersRowsAreThoseOfCamerasAtRest) {
+  FrameRequest moving = request(96, 96);
+  moving.image.full_scale_radiance_w_m2_sr = 30;
+  moving.shutter.emplace();
+  moving.shutter->line_time_s = 0.01;
+  moving.shutter->rates = {Vec3(1, -2, 5), 1600 * north() + Vec3(20, -30, 40)};
+  expect_rows_of_cameras_at_rest(renderer(), moving, {0, 1, 2, 37, 94, 95});
+  moving.camera.distortion = {-0.3, 0.1, 0, 0.001, 0.002};
+  expect_rows_of_cameras_at_rest(renderer(), moving, {0, 41, 95});
+  moving.camera.distortion = {};
+  moving.camera.model = CameraModel::fisheye;
+  expect_rows_of_cameras_at_rest(renderer(), moving, {0, 50, 95});
+}
+
+// From row to row by more than the image is high: 30 km in all.
+TEST_F(RowTimes, ARollingShutterThatFliesFar) {
+  FrameRequest moving = request(96, 96);
+  moving.image.full_scale_radiance_w_m2_sr = 30;
+  moving.shutter.emplace();
+  moving.shutter->line_time_s = 0.2;
+  moving.products = kAll & ~kSource;  // the frame as a whole lists more tiles than a row's, in another order
+  moving.shutter->rates = {Vec3(0, 0, 1), 1600 * north()};
+  expect_rows_of_cameras_at_rest(renderer(), moving, {0, 20, 60, 95});
+}
+
+// An object that stands in the way of some rows, and a map whose values are means over what each pixel covers.
+TEST_F(RowTimes, ObjectsAndMapsAreSeenFromTheRowsPose) {
+  const test::TemporaryFolder folder;
+  constexpr int kSide = 1500;
+  std::vector<float> values;
+  for (int y = 0; y < kSide; ++y)
+    for (int x = 0; x < kSide; ++x) values.push_back(0.05F + 0.2F * static_cast<float>((x * 7 + y * 13) % 29) / 29);
+  dem::write_geotiff(folder / "albedo.tif", {-9.2, 43.95, 0.0002, 0.0002, kSide, kSide}, values, "albedo");
+  dem::ValueMapOptions options;
+  options.path = folder / "albedo.tif";
+
+  FrameRequest moving = request(96, 96);
+  moving.image.full_scale_radiance_w_m2_sr = 30;
+  moving.pose.position_m += 45000 * north();
+  moving.albedo_maps = {
+      std::make_shared<const dem::ValueMap>(options, dem::make_value_map_tiles(std::size_t{64} << 20))};
+  const auto mesh = std::make_shared<const ObjectMesh>(
+      test::read_shape(SELENOGRAPH_SOURCE_DIR "/deploy/assets/objects/satellite.obj"));
+  const Vec3 below = moving.pose.position_m.normalized() * (kMoonRadius_m + 28000) + 900 * north();
+  SceneObject object{mesh, below, Eigen::Quaterniond(0.5, 0.5, 0.5, 0.5), 30, {}};
+  object.materials.resize(mesh->shape().parts.size());
+  moving.objects = {object};
+  moving.shutter.emplace();
+  moving.shutter->line_time_s = 0.01;
+  moving.shutter->rates = {Vec3(0, 0, 8), 1600 * north()};
+  std::size_t on_object = 0;
+  for (const bool pushbroom : {false, true}) {
+    moving.shutter->pushbroom = pushbroom;
+    const std::vector<std::uint16_t> seen = renderer().render(moving).products.object_id;
+    on_object += static_cast<std::size_t>(std::count(seen.begin(), seen.end(), 0));
+    expect_rows_of_cameras_at_rest(renderer(), moving, {0, 30, 45, 50, 60, 95});
+  }
+  EXPECT_GT(on_object, 200U);
+}
+
+TEST_F(RowTimes, APushbroomsRowsAreThoseOfLineCameras) {
+  FrameRequest moving = request(96, 300);
+  moving.image.full_scale_radiance_w_m2_sr = 30;
+  moving.shutter.emplace();
+  moving.shutter->line_time_s = 0.01, moving.shutter->pushbroom = true;
+  moving.shutter->rates = {Vec3(0.05, 0, 0.2), 1600 * north()};
+  expect_rows_of_cameras_at_rest(renderer(), moving, {0, 1, 150, 151, 299});
+}
+
+// --- strips of 4096 rows
+
+// Of 64 columns of 10 m, 40 km long.
+FrameRequest strip(FrameRequest request) {
+  request.camera = {64, 4096, 3000, 3000, 31.5, 2047.5, {}};
+  request.shutter.emplace();
+  request.shutter->line_time_s = 10.0 / 1600, request.shutter->pushbroom = true;
+  request.products = kGeodetic | kLit | kDepth;
+  return request;
+}
+
+// What the pixels see, projected back: the largest distances from where it was seen, in columns and in rows.
+void expect_closure(const Renderer& renderer, const FrameRequest& request) {
+  const Frame frame = renderer.render(request);
+  EXPECT_GT(frame.report.hit_fraction, 0.999);
+  EXPECT_LE(frame.report.lod_error_px, request.accuracy.max_error_px);
+  std::vector<LandmarkQuery> places;
+  std::vector<std::size_t> pixels;
+  for (std::size_t i = 0; i < frame.products.depth.size(); i += 7) {
+    if (std::isnan(frame.products.depth[i])) continue;
+    const Vec3 g = at3(frame.products.geodetic, i);
+    places.push_back({g.x(), g.y(), g.z()}), pixels.push_back(i);
+  }
+  ASSERT_GT(places.size(), 30000U);
+  const auto marks = renderer.project(request.camera, request.pose, request.shutter, places, request.sun);
+  double off_x = 0, off_y = 0;
+  std::size_t visible = 0, of_same_light = 0;
+  for (std::size_t k = 0; k < marks.size(); ++k) {
+    const Landmark& mark = marks[k];
+    const double x = static_cast<double>(pixels[k] % 64), y = static_cast<double>(pixels[k] / 64);
+    ASSERT_TRUE(mark.in_frame) << x << " " << y;
+    off_x = std::max(off_x, std::abs(mark.x_px - x)), off_y = std::max(off_y, std::abs(mark.y_px - y));
+    ASSERT_NEAR(mark.time_s, y * request.shutter->line_time_s, 0.01 * request.shutter->line_time_s);
+    visible += mark.visible;
+    of_same_light += mark.lit == static_cast<double>(frame.products.lit[pixels[k]]);
+  }
+  EXPECT_LT(off_x, 0.01);
+  EXPECT_LT(off_y, 0.01);
+  // The landmarks' terrain is the finest, the frame's is as fine as its pixels: what is seen may be slightly buried.
+  const auto all = static_cast<double>(marks.size());
+  std::printf("closure: x %.2g px, y %.2g px, visible %.4f, lit alike %.4f, %zu triangles, lod %.3f px\n", off_x, off_y,
+              static_cast<double>(visible) / all, static_cast<double>(of_same_light) / all, frame.report.triangles,
+              frame.report.lod_error_px);
+}
+
+TEST_F(RowTimes, AStripClosesAtConstantVelocity) {
+  FrameRequest r = strip(request(64, 64));
+  r.shutter->rates = {Vec3::Zero(), 1600 * north()};
+  expect_closure(renderer(), r);
+}
+
+TEST_F(RowTimes, AStripClosesWhileTheCameraTurns) {
+  FrameRequest r = strip(request(64, 64));
+  // Down stays down over 1.3 degrees of the Moon; the line turns about the boresight.
+  r.shutter->rates = {Vec3(1600 / (kMoonRadius_m + 30000) / kDegree, 0.01, 0.3), 1600 * north()};
+  expect_closure(renderer(), r);
+}
+
+TEST_F(RowTimes, AStripClosesThroughPosesWithALens) {
+  FrameRequest r = strip(request(64, 64));
+  r.camera.distortion = {-0.3, 0.1, 0, 0.001, 0.002};
+  const double speed = 1600 / (kMoonRadius_m + 30000);
+  for (int i = 0; i <= 9; ++i) {
+    const double time_s = 3 * i - 0.5 + 0.2 * (i % 3), angle = speed * time_s;
+    const Vec3 up = start(0).position_m.normalized(), along = north();
+    const Vec3 zenith = std::cos(angle) * up + std::sin(angle) * along,
+               ahead = std::cos(angle) * along - std::sin(angle) * up;
+    Pose pose = test::looking((kMoonRadius_m + 30000 + 200 * std::sin(0.3 * i)) * zenith, -zenith, -ahead);
+    // A tenth of a degree of unrest.
+    pose.camera_from_moon =
+        Eigen::AngleAxisd(0.1 * kDegree * std::sin(2.0 * i), Vec3(1, 2, 3).normalized()) * pose.camera_from_moon;
+    r.shutter->poses.push_back({time_s, pose});
+  }
+  r.pose = PoseTrack({}, *r.shutter).at(0);
+  expect_closure(renderer(), r);
+}
+
+// The bound on the error of coarser terrain, pixel by pixel, in every row: what was hit against the finest surface.
+TEST_F(RowTimes, TheErrorBoundHoldsInEveryRow) {
+  FrameRequest r = strip(request(64, 64));
+  r.camera.height = 800, r.camera.fx = r.camera.fy = 500;  // 60 m a pixel
+  r.shutter->rates = {Vec3(1600 / (kMoonRadius_m + 30000) / kDegree, 0, 0), 1600 * north()};
+  r.shutter->line_time_s = 0.03;
+  for (const double max_error_px : {0.5, 2.0}) {
+    r.accuracy.max_error_px = max_error_px;
+    const Frame frame = renderer().render(r);
+    EXPECT_GT(frame.report.lod_error_px, 0.2 * max_error_px);
+    EXPECT_LE(frame.report.lod_error_px, max_error_px);
+    double worst_px = 0;
+    for (std::size_t i = 0; i < frame.products.depth.size(); i += 11) {
+      const Vec3 g = at3(frame.products.geodetic, i);
+      const double finest_m = scenery().terrain->height(g.x(), g.y()).height_m;
+      worst_px = std::max(worst_px, std::abs(finest_m - g.z()) * r.camera.fx / frame.products.depth[i]);
+    }
+    EXPECT_GT(worst_px, 0.01);
+    EXPECT_LE(worst_px, frame.report.lod_error_px + 1e-3);
+    std::printf("of %.3g px: bound %.3f px, worst %.3f px\n", max_error_px, frame.report.lod_error_px, worst_px);
+  }
+}
+
+TEST_F(RowTimes, TheCameraMustBeAboveTheGroundInEveryRow) {
+  FrameRequest r = request(32, 400);
+  r.shutter.emplace();
+  r.shutter->line_time_s = 0.1, r.shutter->pushbroom = true;
+  r.shutter->rates.velocity_m_s = -1000 * r.pose.position_m.normalized();
+  try {
+    renderer().render(r);
+    FAIL() << "row 300 is in the ground";
+  } catch (const ImpossibleRequest& e) {
+    EXPECT_EQ(e.member(), "shutter");
+    EXPECT_NE(std::string(e.what()).find("in row "), std::string::npos) << e.what();
+  }
+}
+
+TEST_F(RowTimes, ADeadlineEndsAStrip) {
+  FrameRequest r = strip(request(64, 64));
+  r.shutter->rates = {Vec3::Zero(), 1600 * north()};
+  EXPECT_THROW(renderer().render(r, StopToken(StopToken::Clock::now())), Cancelled);
+}
+
+}  // namespace
+}  // namespace selenograph::engine
