@@ -118,7 +118,8 @@ const Members<Reflectance>& reflectance_members() {
           "magnitudes in the visible, 0.026 g + 4e-9 g^4 (Allen 1973), 0 to 150 degrees, held beyond; `rolo`: its "
           "reflectance at 0.554 um with the opposition surge (Kieffer & Stone 2005), 1.55 to 97 degrees, extrapolated "
           "to 0 and by `allen` beyond; `none`: 1. With `lunar_lambert` and its McEwen's L(g), f(g) is his A(g)")
-        .of({"lommel_seeliger", "lunar", "lunar_lambert"});
+        .of({"lommel_seeliger", "lunar", "lunar_lambert"})
+        .written_if([](const Reflectance& r) { return r.phase != engine::PhaseLaw::none; });
     const auto of_hapke = [&m](std::string_view name, auto engine::HapkeParameters::*field, auto kind,
                                std::string text) -> auto& {
       return m
@@ -136,10 +137,11 @@ const Members<Reflectance>& reflectance_members() {
              "mean slope of the roughness below the mesh's resolution");
     of_hapke("phase_function", &Hapke::phase_function, Word{kPhaseFunctions},
              "1 + b cos g + c (3 cos^2 g - 1)/2, or two lobes of width b, weighted by c; negative nowhere");
+    const auto of_2002 = [](const Reflectance& r) { return r.hapke.terms == engine::HapkeTerms::terms_2002; };
     of_hapke("terms", &Hapke::terms, Word{kHapkeTerms},
              "1984: isotropic multiple scattering, H(x) as above; 2002 (Hapke, Icarus 157, 523): multiple scattering "
-             "that knows p(g), H to 1 %, coherent backscatter");
-    const auto of_2002 = [](const Reflectance& r) { return r.hapke.terms == engine::HapkeTerms::terms_2002; };
+             "that knows p(g), H to 1 %, coherent backscatter")
+        .written_if(of_2002);
     of_hapke("bc0", &Hapke::bc0, Number{kUnitInterval}, "amplitude of coherent backscatter; needs `terms` 2002")
         .written_if(of_2002);
     of_hapke("hc", &Hapke::hc, Number{{0, 10, true, false}},
