@@ -121,7 +121,7 @@ const Members<Reflectance>& reflectance_members() {
         .of({"lommel_seeliger", "lunar", "lunar_lambert"})
         .written_if([](const Reflectance& r) { return r.phase != engine::PhaseLaw::none; });
     const auto of_hapke = [&m](std::string_view name, auto engine::HapkeParameters::*field, auto kind,
-                               std::string text) -> auto& {
+                               std::string text) {
       return m
           .add(
               name, [field](auto& r) -> auto& { return r.hapke.*field; }, kind, std::move(text))
