@@ -73,12 +73,12 @@ void SpeedGauge::refuse_hopeless(const FrameWork& work, std::size_t times, const
 }
 
 double expected_error(const Accuracy& accuracy) {
-  // Fitted by eye to the table of `verify accuracy`, scenes nadir and descent: of coarse terrain slopes are missing, of
-  // fine terrain one sample picks single slopes out of many.
+  // Fitted by eye to the sample terrain's nadir and descent: of coarse terrain slopes are missing, of fine terrain one
+  // sample picks single slopes out of many.
   const double error_px = std::max(accuracy.max_error_px, 1.0 / 64);  // 0 asks for the finest: not to divide by it
-  const double smooth = 0.055 * error_px;
-  const double one_sample = 0.033 * std::pow(0.5 / error_px, 0.45);
-  return std::hypot(smooth, one_sample * std::pow(accuracy.samples_per_pixel, -0.7));
+  const double smooth = 0.034 * error_px;
+  const double one_sample = 0.03 * std::pow(0.5 / error_px, 0.7);
+  return std::hypot(smooth, one_sample / accuracy.samples_per_pixel);
 }
 
 }  // namespace selenograph::engine

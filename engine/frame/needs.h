@@ -17,9 +17,10 @@ inline bool wants_geometry(const FrameRequest& request) {
 }
 
 // Of a pixel's samples, how many the z-buffer draws at once (visibility/zbuffer/dense_samples.h): 4 where there is an
-// even number of them along a pixel's side. They take four times the memory: larger images have one at a time.
+// even number of them along a pixel's side. They take four times the memory, here that of the largest image which is
+// served by default (16 million pixels); larger ones have one at a time.
 inline int drawn_at_once(const FrameRequest& request, const Accuracy& accuracy) {
-  constexpr int kLargest_px = 4096;  // side
+  constexpr int kLargest_px = 2048;  // side
   const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
   const bool fits = std::max(request.camera.width, request.camera.height) <= kLargest_px;
   return wants_radiance(request) && side % 2 == 0 && fits ? 4 : 1;

@@ -25,7 +25,7 @@ LIBRARIES = [
     (r"erfa", ["engine/radiometry/ephemeris"]),
     (r"GeographicLib/", ["dem/"]),
     (r"(OpenImageIO/|zip\.h)", ["api/"]),
-    (r"nlohmann/", ["api/", "server/"]),
+    (r"nlohmann/", ["api/", "server/", "engine/visibility/mesh_recentre"]),
     (r"spdlog/", ["api/", "server/"]),
 ]
 
