@@ -89,7 +89,8 @@ double milliseconds(Work&& work) {
 void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terrain, const Place& place,
              const Setting& setting) {
   const engine::FrameRequest r = request(*terrain, place, setting);
-  const engine::View view(r.camera, r.pose);
+  const engine::RowViews views(r.camera, r.pose, r.shutter);
+  const engine::View& view = views.reference();
   const engine::Selection selection = engine::select_for_view(*terrain, view, &r.sun, r.accuracy, {});
   const Vec3 anchor = engine::anchor_for(view.position(), view.middle());
   const int threads = tbb::this_task_arena::max_concurrency();
@@ -124,7 +125,7 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
   state.counters["rays_ms"] = median(rays);
   state.counters["zbuffer_ms"] = median(zbuffer);
   state.counters["gain"] = median(rays) / median(zbuffer);
-  const bool drawn = engine::visibility_for(r, view, selection) == engine::Visibility::zbuffer;
+  const bool drawn = engine::visibility_for(r, views, selection) == engine::Visibility::zbuffer;
   state.counters["auto_loss"] = (drawn ? median(zbuffer) : median(rays)) / std::min(median(zbuffer), median(rays)) - 1;
   state.counters["Mtriangles"] = triangles / 1e6;
 }
