@@ -24,7 +24,7 @@ std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<Scene
                               const StopToken& stop);
 std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
                                         std::span<const LandmarkQuery> points, const std::vector<SceneObject>& objects,
-                                        const std::optional<Sun>& sun,
-                                        const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
+                                        const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
+                                        const StopToken& stop);
 
 }  // namespace selenograph::engine

@@ -124,7 +124,8 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terra
   state.counters["rays_ms"] = median(rays);
   state.counters["zbuffer_ms"] = median(zbuffer);
   state.counters["gain"] = median(rays) / median(zbuffer);
-  const bool drawn = engine::visibility_for(r, engine::RowViews(r.camera, r.pose, {}), selection) == engine::Visibility::zbuffer;
+  const bool drawn =
+      engine::visibility_for(r, engine::RowViews(r.camera, r.pose, {}), selection) == engine::Visibility::zbuffer;
   state.counters["auto_loss"] = (drawn ? median(zbuffer) : median(rays)) / std::min(median(zbuffer), median(rays)) - 1;
   state.counters["Mtriangles"] = triangles / 1e6;
 }

@@ -67,6 +67,33 @@ TEST_F(RowTimes, WithoutMotionTheFrameIsThePlainOne) {
     }
 }
 
+// A point spread's margin is rows before the first one and after the last one.
+TEST_F(RowTimes, ASensorsImageToo) {
+  FrameRequest plain = request(80, 60);
+  plain.products = kImage | kDepth;
+  plain.band = Band{{{0.6, 1}, {0.7, 1}}};
+  SensorModel& sensor = plain.sensor.emplace();
+  sensor.optics.f_number = 4, sensor.optics.point_spread.model = PointSpread::Model::gaussian;
+  sensor.optics.point_spread.sigma_px = 0.8, sensor.optics.vignetting.model = Vignetting::Model::cos4;
+  sensor.detector.pixel_pitch_um = 5.5, sensor.detector.integration_time_s = 0.002, sensor.detector.bit_depth = 12;
+  sensor.detector.gain_e_dn = 4, sensor.detector.prnu = 0.02, sensor.detector.read_noise_e = 10;
+  FrameRequest rows = plain;
+  rows.shutter.emplace();
+  rows.shutter->line_time_s = 0.01;
+  const Frame a = renderer().render(plain), b = renderer().render(rows);
+  EXPECT_GT(a.report.margin_px, 1);
+  EXPECT_GT(*std::max_element(a.products.image.begin(), a.products.image.end()), 50);
+  EXPECT_TRUE(test::same_bytes(a.products, b.products));
+  // In motion the margin doesn't change what the image's rows see.
+  rows.shutter->rates = {Vec3(0, 0, 3), 1600 * north()};
+  FrameRequest bare = rows;
+  bare.sensor.reset(), bare.products = kDepth;
+  rows.accuracy.max_error_px = bare.accuracy.max_error_px = 0;
+  const Frame with = renderer().render(rows), without = renderer().render(bare);
+  for (std::size_t i = 0; i < with.products.depth.size(); ++i)
+    ASSERT_NEAR(with.products.depth[i], without.products.depth[i], 1e-6) << i;  // a row's way is 10 m
+}
+
 // Of two arrays how many of one row's values differ, NaNs being alike.
 template <typename T>
 std::size_t differing(const std::vector<T>& a, const std::vector<T>& b, std::size_t row_a, std::size_t row_b,

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <numbers>
@@ -60,6 +61,23 @@ TEST(Detector, Equations9And12ByHand) {
   EXPECT_NEAR(radiant_flux_w(35, 2, 0.5, 2), 2.4053e-10, 1e-14);
   EXPECT_DOUBLE_EQ(radiant_flux_w(35, 2, 0.5, 4), 2 * radiant_flux_w(35, 2, 0.5, 2));
   EXPECT_DOUBLE_EQ(signal_to_noise(2.4e-10, 1.2e-12), 200);
+}
+
+// The rows of a line camera are one line of pixels: its pattern is the first row's, its noise is not.
+TEST(Detector, ALinesPatternIsEachRows) {
+  SensorModel s = plain();
+  s.detector.prnu = 0.1, s.detector.dsnu_e = 20, s.detector.dead_fraction = 0.1;
+  constexpr int kWidth = 90, kHeight = 7;  // rows begin within what is drawn at once
+  const std::vector<float> radiance(kWidth * kHeight, 1000.F);
+  std::vector<std::uint16_t> line, area;
+  detect(s, 0.65, radiance, kWidth, kHeight, line, {}, true);
+  detect(s, 0.65, radiance, kWidth, kHeight, area);
+  for (int row = 0; row < kHeight; ++row)
+    EXPECT_TRUE(std::equal(line.begin() + row * kWidth, line.begin() + (row + 1) * kWidth, area.begin())) << row;
+  EXPECT_FALSE(std::equal(area.begin() + kWidth, area.begin() + 2 * kWidth, area.begin()));
+  s.detector.read_noise_e = 10;
+  detect(s, 0.65, radiance, kWidth, kHeight, line, {}, true);
+  EXPECT_FALSE(std::equal(line.begin() + kWidth, line.begin() + 2 * kWidth, line.begin()));
 }
 
 TEST(Detector, CountsRoundsAndClips) {

@@ -51,7 +51,8 @@ TEST(MotionBlur, TheStreakOfATurn) {
 
 TEST(MotionBlur, AsManyMomentsAsPixels) {
   Motion motion;
-  for (const auto& [streak_px, samples] : {std::pair{0.0, 1}, {0.9, 1}, {1.5, 3}, {3.0, 3}, {3.1, 5}, {40.0, 41}, {64.5, 65}, {1e9, 65}})
+  for (const auto& [streak_px, samples] :
+       {std::pair{0.0, 1}, {0.9, 1}, {1.5, 3}, {3.0, 3}, {3.1, 5}, {40.0, 41}, {64.5, 65}, {1e9, 65}})
     EXPECT_EQ(motion_samples(motion, streak_px), samples) << streak_px;
   EXPECT_EQ(motion_samples(motion, INFINITY), 65);
   motion.samples = 4;
