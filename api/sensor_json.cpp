@@ -250,7 +250,8 @@ const Members<Motion>& motion_members() {
               "of the camera, about its own axes (opencv)");
         m.add("velocity_m_s", &Motion::velocity_m_s, kVelocity_m_s, "of the camera, MOON_ME");
         m.add("samples", &Motion::samples, Integer{1, 256},
-              "moments; left out: as many as the longest streak has pixels, 65 at most");
+              fmt::format("moments; left out: as many as the longest streak has pixels, {} at most",
+                          Motion::kMostMoments));
       });
   return *table;
 }

@@ -28,9 +28,9 @@ void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
 
 class RayCaster {
  public:
-  RayCaster(const std::vector<SceneObject>& objects, const std::optional<Sun>& sun, const dem::Terrain& terrain,
-            RenderCache& kept, const StopToken& stop)
-      : scenery_(scenery_of(objects, sun)), objects_(scenery_), terrain_(terrain), kept_(kept), stop_(stop) {}
+  RayCaster(const std::vector<SceneObject>& objects, const dem::Terrain& terrain, RenderCache& kept,
+            const StopToken& stop)
+      : scenery_(scenery_of(objects)), objects_(scenery_), terrain_(terrain), kept_(kept), stop_(stop) {}
 
   enum class Meeting { terrain_alone, everything };
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, Meeting meeting) {
@@ -184,11 +184,10 @@ class RayCaster {
     for_packets(batch.size(), stop_, [&](std::size_t first, int count) { work(*scene, batch, first, count); });
   }
 
-  // What of a frame's request the objects are asked with.
-  static FrameRequest scenery_of(const std::vector<SceneObject>& objects, const std::optional<Sun>& sun) {
+  // What of a frame's request the objects are asked with; the Sun of each question is its own.
+  static FrameRequest scenery_of(const std::vector<SceneObject>& objects) {
     FrameRequest request;
     request.objects = objects;
-    if (sun) request.sun = *sun;
     return request;
   }
 
@@ -223,7 +222,7 @@ Vec3 look(const RowViews& views, const Vec3& place, Landmark& out) {
 std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<SceneObject>& objects,
                               const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
                               const StopToken& stop) {
-  return RayCaster(objects, sun, terrain, kept, stop).cast(rays, sun, RayCaster::Meeting::everything);
+  return RayCaster(objects, terrain, kept, stop).cast(rays, sun, RayCaster::Meeting::everything);
 }
 
 std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
@@ -232,7 +231,7 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
                                         const StopToken& stop) {
   const RowViews views(camera, pose, shutter, stop);
   refuse_underground(terrain, views, stop);
-  RayCaster caster(objects, sun, terrain, kept, stop);
+  RayCaster caster(objects, terrain, kept, stop);
   std::vector<Landmark> answers(points.size());
   std::vector<Ray> looks, downs;
   std::vector<Vec3> places;

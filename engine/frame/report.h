@@ -62,7 +62,7 @@ struct FrameReport {
   double full_scale_radiance_w_m2_sr = 0;        // that `image` was made with; 0 without image
   double integration_time_s = 0;                 // of a sensor; 0 without
   int motion_samples = 0;                        // moments of the exposure; 0 without motion
-  double longest_streak_px = 0;                  // that a point on the ground or an object may draw meanwhile: a bound
+  double longest_streak_px = 0;                  // that a point on the ground or an object may draw meanwhile: about
   double saturated_fraction = 0;                 // of `image`: pixels that are full, or as bright as it goes
   double brightest_w_m2_sr = 0;                  // of frames with radiance or image
   int margin_px = 0;             // rendered around the image for what spreads into it; shares of pixels count it

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <stdexcept>
 #include <utility>
 #include <variant>
 
@@ -32,12 +31,8 @@ void Hapke(const HapkeLaw& law, const double* mu0, const double* mu, const doubl
 
 void HapkeLanes(const HapkeLaw& law, const double* mu0, const double* mu, const double* cos_phase, const double* albedo,
                 double* out) {
-  if (law.legendre())
-    law.of_2002() ? Hapke<true, true>(law, mu0, mu, cos_phase, albedo, out)
-                  : Hapke<true, false>(law, mu0, mu, cos_phase, albedo, out);
-  else
-    law.of_2002() ? Hapke<false, true>(law, mu0, mu, cos_phase, albedo, out)
-                  : Hapke<false, false>(law, mu0, mu, cos_phase, albedo, out);
+  law.with_kind(
+      [&]<bool kLegendre, bool kOf2002>() { Hapke<kLegendre, kOf2002>(law, mu0, mu, cos_phase, albedo, out); });
 }
 
 template <PhaseLaw kLaw>
@@ -48,14 +43,7 @@ void OfPhase(const TermsByPhase& terms, const double* mu0, const double* mu, con
 
 void OfPhaseLanes(const TermsByPhase& terms, const double* mu0, const double* mu, const double* cos_phase,
                   double* out) {
-  switch (terms.law()) {
-    case PhaseLaw::none:
-      return OfPhase<PhaseLaw::none>(terms, mu0, mu, cos_phase, out);
-    case PhaseLaw::allen:
-      return OfPhase<PhaseLaw::allen>(terms, mu0, mu, cos_phase, out);
-    case PhaseLaw::rolo:
-      return OfPhase<PhaseLaw::rolo>(terms, mu0, mu, cos_phase, out);
-  }
+  with_law(terms.law(), [&]<PhaseLaw kLaw>() { OfPhase<kLaw>(terms, mu0, mu, cos_phase, out); });
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -83,23 +71,13 @@ struct BlinnPhong {
 };
 
 double lane(const HapkeLaw& law, double mu0, double mu, double cos_phase) {
-  const double w = law.albedo();
-  if (law.legendre())
-    return law.of_2002() ? law.times_mu0<ScalarMath, true, true>(mu0, mu, cos_phase, w)
-                         : law.times_mu0<ScalarMath, true, false>(mu0, mu, cos_phase, w);
-  return law.of_2002() ? law.times_mu0<ScalarMath, false, true>(mu0, mu, cos_phase, w)
-                       : law.times_mu0<ScalarMath, false, false>(mu0, mu, cos_phase, w);
+  return law.with_kind([&]<bool kLegendre, bool kOf2002>() {
+    return law.times_mu0<ScalarMath, kLegendre, kOf2002>(mu0, mu, cos_phase, law.albedo());
+  });
 }
 double lane(const TermsByPhase& terms, double mu0, double mu, double cos_phase) {
-  switch (terms.law()) {
-    case PhaseLaw::none:
-      return terms.at<ScalarMath, PhaseLaw::none>(cos_phase).times_mu0(mu0, mu);
-    case PhaseLaw::allen:
-      return terms.at<ScalarMath, PhaseLaw::allen>(cos_phase).times_mu0(mu0, mu);
-    case PhaseLaw::rolo:
-      return terms.at<ScalarMath, PhaseLaw::rolo>(cos_phase).times_mu0(mu0, mu);
-  }
-  throw std::logic_error("no such phase law");
+  return with_law(terms.law(),
+                  [&]<PhaseLaw kLaw>() { return terms.at<ScalarMath, kLaw>(cos_phase).times_mu0(mu0, mu); });
 }
 double lane(const BlinnPhong& model, double mu0, double mu, double cos_phase) {
   return model.times_mu0(mu0, mu, cos_phase);

@@ -27,8 +27,12 @@ class HapkeLaw {
  public:
   explicit HapkeLaw(const HapkeParameters& parameters);
 
-  bool legendre() const { return legendre_; }
-  bool of_2002() const { return of_2002_; }
+  // visit.operator()<kLegendre, kOf2002>() of this law: a loop over lanes needs them as constants.
+  template <class Visit>
+  auto with_kind(const Visit& visit) const {
+    if (legendre_) return of_2002_ ? visit.template operator()<true, true>() : visit.template operator()<true, false>();
+    return of_2002_ ? visit.template operator()<false, true>() : visit.template operator()<false, false>();
+  }
   double albedo() const { return w_; }
 
   // mu0 f_r, sr-1, of a ground with single-scattering albedo w, 0 to 1; the parameter's is albedo(). mu0 > 0, mu >= 0.

@@ -11,15 +11,7 @@ double lommel_seeliger_sphere(double phase_deg) {
 double lambert_sphere(double phase_deg) { return TermsByPhase::diffuse_sphere<ScalarMath>(phase_deg); }
 
 double moon_light(PhaseLaw law, double phase_deg) {
-  switch (law) {
-    case PhaseLaw::none:
-      return 1;
-    case PhaseLaw::allen:
-      return TermsByPhase::light<ScalarMath, PhaseLaw::allen>(phase_deg);
-    case PhaseLaw::rolo:
-      return TermsByPhase::light<ScalarMath, PhaseLaw::rolo>(phase_deg);
-  }
-  return 1;
+  return with_law(law, [&]<PhaseLaw kLaw>() { return TermsByPhase::light<ScalarMath, kLaw>(phase_deg); });
 }
 
 TermsByPhase::TermsByPhase(const Reflectance& r)

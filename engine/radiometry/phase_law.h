@@ -26,6 +26,20 @@ double lambert_sphere(double phase_deg);
 // extrapolated to 0, and from 97 on in Allen's proportion. 1 for `none`.
 double moon_light(PhaseLaw law, double phase_deg);
 
+// visit.operator()<kLaw>() of the law: a loop over lanes needs it as a constant.
+template <class Visit>
+auto with_law(PhaseLaw law, const Visit& visit) {
+  switch (law) {
+    case PhaseLaw::allen:
+      return visit.template operator()<PhaseLaw::allen>();
+    case PhaseLaw::rolo:
+      return visit.template operator()<PhaseLaw::rolo>();
+    case PhaseLaw::none:
+      break;
+  }
+  return visit.template operator()<PhaseLaw::none>();
+}
+
 // The two constants of lambert, lommel_seeliger, lommel_seeliger_lambert and lunar_lambert by the phase angle, times
 // f(g) = moon_light(g) over the sphere's own light with these constants, both over their values at 0. With McEwen's
 // L(g) that is his A(g).

@@ -184,22 +184,19 @@ std::optional<PlyHeader> ply_header(std::string_view content) {
   return std::nullopt;
 }
 
+std::uint32_t turned(std::uint32_t bits) { return __builtin_bswap32(bits); }
+std::uint64_t turned(std::uint64_t bits) { return __builtin_bswap64(bits); }
+
 template <typename Bits, typename Real>
 double real_at(const char* from, bool swap) {
   Bits bits;
   std::memcpy(&bits, from, sizeof bits);
-  if (swap)
-    bits = sizeof bits == 4 ? static_cast<Bits>(__builtin_bswap32(static_cast<std::uint32_t>(bits)))
-                            : static_cast<Bits>(__builtin_bswap64(bits));
-  return static_cast<double>(std::bit_cast<Real>(bits));
+  return static_cast<double>(std::bit_cast<Real>(swap ? turned(bits) : bits));
 }
 
 template <typename Bits, typename Real>
 void put_real(char* to, double value, bool swap) {
-  auto bits = std::bit_cast<Bits>(static_cast<Real>(value));
-  if (swap)
-    bits = sizeof bits == 4 ? static_cast<Bits>(__builtin_bswap32(static_cast<std::uint32_t>(bits)))
-                            : static_cast<Bits>(__builtin_bswap64(bits));
+  const auto own = std::bit_cast<Bits>(static_cast<Real>(value)), bits = swap ? turned(own) : own;
   std::memcpy(to, &bits, sizeof bits);
 }
 

@@ -21,13 +21,12 @@ std::uint64_t fingerprint_of(const ObjectShape& shape) {
   return hash;
 }
 
-// The median place of the corners that triangles have, and the median distance from it.
-struct Median {
-  Vec3 place;
-  double distance;
-};
+// Float has 24 bits; what of it a ray is surer of than of its neighbours: 20.
+constexpr double kRounding = 0x1p-20;
 
-Median median_of(const ObjectShape& shape) {
+}  // namespace
+
+ObjectMesh::Median ObjectMesh::median_of(const ObjectShape& shape) {
   std::vector<double> values(3 * shape.triangles.size());
   const auto median = [&](auto&& value_of) {
     for (std::size_t i = 0; i < values.size(); ++i)
@@ -42,12 +41,9 @@ Median median_of(const ObjectShape& shape) {
   return m;
 }
 
-// Float has 24 bits; what of it a ray is surer of than of its neighbours: 20.
-constexpr double kRounding = 0x1p-20;
-
-ObjectShape without_strays(ObjectShape shape, std::vector<std::string>& notes) {
-  const Median m = median_of(shape);
-  const double most = ObjectMesh::kStray * m.distance;
+ObjectShape ObjectMesh::without_strays(ObjectShape shape, Median& m, std::vector<std::string>& notes) {
+  m = median_of(shape);
+  const double most = kStray * m.distance;
   if (m.distance == 0) return shape;
   double farthest = 0;
   const auto stray = [&](const ObjectTriangle& t) {
@@ -72,26 +68,23 @@ ObjectShape without_strays(ObjectShape shape, std::vector<std::string>& notes) {
       corner = number[corner];
     }
   shape.corners = std::move(kept);
+  m = median_of(shape);
   return shape;
 }
-
-}  // namespace
 
 ObjectMesh::Bounds ObjectMesh::bounds_of() const {
   Eigen::AlignedBox3d box;
   for (const ObjectTriangle& t : shape_.triangles)
     for (int k = 0; k < 3; ++k) box.extend(shape_.place(t, k));
-  Bounds b{box.center(), box.center(), 0, 0};
+  Bounds b{box.center(), box.center(), 0};
   for (const ObjectTriangle& t : shape_.triangles)
     for (int k = 0; k < 3; ++k) b.radius = std::max(b.radius, (shape_.place(t, k) - b.centre).norm());
-  const Median m = median_of(shape_);
-  b.core = 16 * m.distance;
-  if (b.radius > b.core) b.middle = m.place;
+  if (b.radius > median_.core()) b.middle = median_.place;
   return b;
 }
 
 ObjectMesh::ObjectMesh(ObjectShape shape, const StopToken& stop)
-    : shape_(without_strays(std::move(shape), notes_)),
+    : shape_(without_strays(std::move(shape), median_, notes_)),
       bounds_(bounds_of()),
       tracer_(shape_, bounds_.middle, stop),
       fingerprint_(fingerprint_of(shape_)) {
@@ -105,7 +98,7 @@ ObjectMesh::ObjectMesh(ObjectShape shape, const StopToken& stop)
 }
 
 double ObjectMesh::rounding_at(const Vec3& place) const {
-  return kRounding * std::min(bounds_.radius, std::max(bounds_.core, (place - bounds_.middle).norm()));
+  return kRounding * std::min(bounds_.radius, std::max(median_.core(), (place - bounds_.middle).norm()));
 }
 
 }  // namespace selenograph::engine

@@ -42,11 +42,22 @@ class ObjectMesh {
   std::uint64_t fingerprint() const { return fingerprint_; }
 
  private:
-  std::vector<std::string> notes_;  // before the shape: what it is made into is noted
+  // The median place of the corners that triangles have, and the median distance from it.
+  struct Median {
+    Vec3 place = Vec3::Zero();
+    double distance = 0;
+    double core() const { return 16 * distance; }  // an ordinary object is within that
+  };
+  static Median median_of(const ObjectShape& shape);
+  static ObjectShape without_strays(ObjectShape shape, Median& median, std::vector<std::string>& notes);
+
+  // Before the shape: found and noted where it is made.
+  std::vector<std::string> notes_;
+  Median median_;
   ObjectShape shape_;
   struct Bounds {
     Vec3 centre, middle;
-    double radius, core;  // core: many times the median distance from the middle
+    double radius;
   };
   Bounds bounds_of() const;
   Bounds bounds_;

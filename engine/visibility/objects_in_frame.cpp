@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "engine/radiometry/radiometry.h"
 #include "engine/visibility/object_mesh.h"
@@ -142,9 +143,10 @@ std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLan
     nearest[i] = terrain.hit[i] ? terrain.distance[i] : std::numeric_limits<double>::infinity();
     out.object[i] = kNoObject;
   }
-  const Cone cone(rays);
+  std::optional<Cone> cone;
+  if (from_one_place_) cone.emplace(rays);
   for (std::size_t k = 0; k < placed_.size(); ++k)
-    if (placed_[k].in_view && (!from_one_place_ || cone.may_meet(placed_[k].ball)))
+    if (placed_[k].in_view && (!cone || cone->may_meet(placed_[k].ball)))
       look(placed_[k], static_cast<std::uint16_t>(k), rays, nearest, out);
   std::uint32_t lanes = 0;
   for (int i = 0; i < kPacket; ++i) {
