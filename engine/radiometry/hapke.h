@@ -41,15 +41,17 @@ class HapkeLaw {
 
  private:
   struct Tilted {
-    double mu0, mu, shadowing;  // effective cosines; S
+    double mu0, mu;                    // effective cosines
+    double shadowing, over_shadowing;  // S = shadowing / over_shadowing
   };
   template <class Math>
   SELENOGRAPH_LANE Tilted tilted(double mu0, double mu, double cos_phase) const;
   template <bool kLegendre>
   SELENOGRAPH_LANE double particles(double cos_phase) const;
-  // H(x) - 1; `r`: sqrt(1 - w) for 1984's, (1 - sqrt(1 - w)) / (1 + sqrt(1 - w)) for 2002's.
-  template <class Math, bool kOf2002>
-  SELENOGRAPH_LANE static double multiple(double x, double w, double r);
+  // 1 / H(x) of 2002; `r`: (1 - sqrt(1 - w)) / (1 + sqrt(1 - w)); `log`: of (1 + x) / x.
+  SELENOGRAPH_LANE static double one_over_h(double x, double w, double r, double log) {
+    return 1 - w * x * (r + (1 - 2 * r * x) / 2 * log);
+  }
   // P(x), 0 <= x <= 1: a polynomial through Chebyshev's places, to 1e-5 for |b| up to 0.5, 1e-3 to 0.85.
   SELENOGRAPH_LANE double hemisphere(double x) const;
 
@@ -63,14 +65,8 @@ template <bool kLegendre>
 double HapkeLaw::particles(double x) const {
   if constexpr (kLegendre) return 1 + b_ * x + c_ * (1.5 * x * x - 0.5);
   const double base = 1 + b_ * b_, back = base - 2 * b_ * x, forward = base + 2 * b_ * x;
-  return (1 - b_ * b_) / 2 * ((1 + c_) / (back * std::sqrt(back)) + (1 - c_) / (forward * std::sqrt(forward)));
-}
-
-template <class Math, bool kOf2002>
-double HapkeLaw::multiple(double x, double w, double r) {
-  if constexpr (!kOf2002) return (1 + 2 * x) / (1 + 2 * x * r) - 1;
-  const double safe = x > 1e-300 ? x : 1e-300;
-  return 1 / (1 - w * safe * (r + (1 - 2 * r * safe) / 2 * Math::log((1 + safe) / safe))) - 1;
+  const double back3 = back * std::sqrt(back), forward3 = forward * std::sqrt(forward);
+  return (1 - b_ * b_) / 2 * ((1 + c_) * forward3 + (1 - c_) * back3) / (back3 * forward3);
 }
 
 double HapkeLaw::hemisphere(double x) const {
@@ -84,24 +80,25 @@ double HapkeLaw::hemisphere(double x) const {
 template <class Math>
 HapkeLaw::Tilted HapkeLaw::tilted(double mu0, double mu, double cos_phase) const {
   constexpr double kInversePi = 0.3183098861837907;
+  // Not below what two of can still be multiplied: a zenith's cotangent is endless, the other's stays what it is.
   const auto sine_of = [](double cosine) {
     const double square = (1 - cosine) * (1 + cosine);
-    return std::sqrt(square > 0 ? square : 0.0);
+    return std::sqrt(square > 1e-300 ? square : 1e-300);
   };
-  const double sin_i = sine_of(mu0), sin_e = sine_of(mu);
+  const double sin_i = sine_of(mu0), sin_e = sine_of(mu), sines = sin_i * sin_e, inverse = 1 / sines;
   // Azimuth between Sun and camera; at the zenith of either it doesn't matter.
-  const double sines = sin_i * sin_e, ratio = (cos_phase - mu0 * mu) / sines;
+  const double ratio = (cos_phase - mu0 * mu) * inverse;
   const double below_one = ratio < 1 ? ratio : 1.0, clamped = below_one > -1 ? below_one : -1.0;
-  const double cos_psi = sines > 0 ? clamped : 1.0;
+  const double cos_psi = sines > 1e-149 ? clamped : 1.0;
   const double psi = Math::acos(cos_psi), sin2_half = (1 - cos_psi) / 2;
   const double f = Math::exp(-2 * std::sqrt((1 - cos_psi) / (1 + cos_psi)));
   // exp(-2 x / pi) and exp(-x^2 / pi), x = cot theta_bar cot of the angle; a zenith's are 0.
-  const double x_i = cot_theta_ * mu0 / (sin_i > 1e-300 ? sin_i : 1e-300),
-               x_e = cot_theta_ * mu / (sin_e > 1e-300 ? sin_e : 1e-300);
+  const double x_i = cot_theta_ * mu0 * sin_e * inverse, x_e = cot_theta_ * mu * sin_i * inverse;
   const double e1_i = Math::exp(-2 * kInversePi * x_i), e1_e = Math::exp(-2 * kInversePi * x_e),
                e2_i = Math::exp(-kInversePi * x_i * x_i), e2_e = Math::exp(-kInversePi * x_e * x_e);
-  const double eta_i = chi_ * (mu0 + sin_i * tan_theta_ * e2_i / (2 - e1_i)),
-               eta_e = chi_ * (mu + sin_e * tan_theta_ * e2_e / (2 - e1_e));
+  // eta = chi n / d.
+  const double d_i = 2 - e1_i, d_e = 2 - e1_e, n_i = mu0 * d_i + sin_i * tan_theta_ * e2_i,
+               n_e = mu * d_e + sin_e * tan_theta_ * e2_e;
   const bool steeper = mu0 >= mu;  // the Sun stands higher than the camera
   const double low1 = steeper ? e1_e : e1_i, low2 = steeper ? e2_e : e2_i, high1 = steeper ? e1_i : e1_e,
                high2 = steeper ? e2_i : e2_e;
@@ -110,9 +107,11 @@ HapkeLaw::Tilted HapkeLaw::tilted(double mu0, double mu, double cos_phase) const
   const double above = (cos_psi * low2 + sin2_half * high2) * share, below = (low2 - sin2_half * high2) * share;
   const double mu0e = chi_ * (mu0 + sin_i * tan_theta_ * (steeper ? above : below)),
                mue = chi_ * (mu + sin_e * tan_theta_ * (steeper ? below : above));
-  const double seen_i = mu0 / eta_i, seen_e = mu / eta_e;
-  const double shadowing = mue / eta_e * seen_i * chi_ / (1 - f + f * chi_ * (steeper ? seen_i : seen_e));
-  return {mu0e, mue, tan_theta_ > 0 ? shadowing : 1.0};  // where it is smooth, 0 / 0 at grazing emission
+  // mue / eta_e mu0 / eta_i chi / (1 - f + f chi mu / eta), the last of the one that stands higher.
+  const double higher = steeper ? n_i : n_e, lower = steeper ? n_e : n_i, cosine = steeper ? mu0 * d_i : mu * d_e;
+  const double shadowing = mue * mu0 * d_i * d_e, over = chi_ * lower * ((1 - f) * higher + f * cosine);
+  const bool rough = tan_theta_ > 0;  // where it is smooth, 0 / 0 at grazing emission
+  return {mu0e, mue, rough ? shadowing : 1.0, rough ? over : 1.0};
 }
 
 template <class Math, bool kLegendre, bool kOf2002>
@@ -120,21 +119,25 @@ double HapkeLaw::times_mu0(double mu0, double mu, double cos_phase, double w) co
   Tilted t = tilted<Math>(mu0, mu, cos_phase);
   // Nothing of a slope that is turned away. By a factor: what is behind a question may become a branch.
   const double seen = t.mu0 > 0 && t.mu >= 0 ? 1.0 : 0.0;
-  t.mu0 = t.mu0 > 1e-300 ? t.mu0 : 1e-300, t.mu = t.mu > 0 ? t.mu : 0.0;
-  const double toward = 1 - cos_phase, away = 1 + cos_phase;
-  const double tan_half = std::sqrt((toward > 0 ? toward : 0.0) / (away > 1e-300 ? away : 1e-300));
-  const double single = (1 + b0_ / (1 + tan_half / h_)) * particles<kLegendre>(cos_phase);
-  const double root = std::sqrt(1 - w), r = kOf2002 ? (1 - root) / (1 + root) : root;
-  const double in = multiple<Math, kOf2002>(t.mu0, w, r), out = multiple<Math, kOf2002>(t.mu, w, r);
+  t.mu0 = t.mu0 > 1e-150 ? t.mu0 : 1e-150, t.mu = t.mu > 0 ? t.mu : 0.0;
+  const double toward = 1 - cos_phase, away = 1 + cos_phase > 1e-300 ? 1 + cos_phase : 1e-300;
+  const double sine = std::sqrt(toward > 0 ? toward * away : 0.0), whole = h_ * away;  // tan(g / 2) = sine / away
+  const double single = (1 + b0_ * whole / (whole + sine)) * particles<kLegendre>(cos_phase);
+  const double root = std::sqrt(1 - w);
   double terms, coherent = 1;
   if constexpr (kOf2002) {
+    const double r = (1 - root) / (1 + root), x0 = t.mu0, x = t.mu > 1e-150 ? t.mu : 1e-150, inverse = 1 / (x0 * x);
+    const double over_in = one_over_h(x0, w, r, Math::log((1 + x0) * x * inverse)),
+                 over_out = one_over_h(x, w, r, Math::log((1 + x) * x0 * inverse)), joined = 1 / (over_in * over_out);
+    const double in = (1 - over_in) * over_out * joined, out = (1 - over_out) * over_in * joined;  // H - 1
     terms = single + hemisphere(t.mu0) * out + hemisphere(t.mu) * in + mean_ * in * out;
-    const double z = tan_half * inverse_hc_, safe = z > 1e-9 ? z : 1e-9;
-    coherent += bc0_ * (1 + (1 - Math::exp(-safe)) / safe) / (2 * (1 + safe) * (1 + safe));
+    const double z = sine / away * inverse_hc_, safe = z > 1e-9 ? z : 1e-9;
+    coherent += bc0_ * (1 - Math::exp(-safe) + safe) / (2 * safe * (1 + safe) * (1 + safe));
   } else {
-    terms = single + in + out + in * out;  // H(mu0) H(mu) - 1
+    const double in = 2 * t.mu0, out = 2 * t.mu;
+    terms = single - 1 + (1 + in) * (1 + out) / ((1 + in * root) * (1 + out * root));  // H(mu0) H(mu) - 1
   }
-  return seen * w * 0.07957747154594767 * (t.mu0 / (t.mu0 + t.mu)) * terms * coherent * t.shadowing;
+  return seen * w * 0.07957747154594767 * t.mu0 * t.shadowing * terms * coherent / ((t.mu0 + t.mu) * t.over_shadowing);
 }
 
 }  // namespace selenograph::engine
