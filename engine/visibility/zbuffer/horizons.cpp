@@ -25,9 +25,10 @@ struct HorizonRow {
   alignas(64) float u[kMost], v[kMost], d[kMost];
 };
 
-// Of its length, how far an edge is from a sample at least that sees it. Nearer are the edges of the sample's own
-// facet, whose line in the sky is known, and float can't tell where.
-constexpr float kNearest = 1.0F / 16;
+// Of its length, how far an edge is from a sample at least that sees it. Float knows the ends of an edge to kUnsure of
+// its length, and near the sample that is much of the disc: so nearer than kNear an edge is taken to be lower by that
+// much. Or those of the sample's own facet, whose line in the sky is known, would darken level ground here and there.
+constexpr float kNearest = 1.0F / 1024, kNear = 1.0F / 16, kUnsure = 4e-6F;
 constexpr std::size_t kMostEdges = 3 * 96;  // of a row
 
 }  // namespace selenograph::engine
@@ -123,17 +124,17 @@ std::size_t FindEdges(const HorizonRow& south, const HorizonRow& here, const Hor
 HWY_INLINE void raise(const float* p, const float* q, const DiscReach& reach, HorizonGroup& group) {
   const int lanes = static_cast<int>(hn::Lanes(f));
   const VF zero = hn::Zero(f);
-  const float du = q[0] - p[0], dv = q[1] - p[1], dd = q[2] - p[2],
-              nearest = kNearest * std::sqrt(du * du + (dv * dv + dd * dd));
+  const float du = q[0] - p[0], dv = q[1] - p[1], dd = q[2] - p[2], length = std::sqrt(du * du + (dv * dv + dd * dd)),
+              nearest = kNearest * length, near = kNear * length;
   for (int i = 0; i < HorizonGroup::kSize; i += lanes) {
     const VF u = hn::Load(f, group.u + i), v = hn::Load(f, group.v + i), d = hn::Load(f, group.d + i);
     const VF d1 = hn::Sub(all(p[2]), d), d2 = hn::Sub(all(q[2]), d), u1 = hn::Sub(all(p[0]), u),
              u2 = hn::Sub(all(q[0]), u), v1 = hn::Sub(all(p[1]), v), v2 = hn::Sub(all(q[1]), v);
     const VF height = hn::Max(d1, d2), aside = hn::Mul(all(reach.aside), height),
-             below = hn::Mul(all(reach.below), height);
+             below = hn::Mul(all(reach.below), height), above = hn::Mul(all(-reach.above), height);
     MF may = hn::Gt(height, all(nearest));
     may = hn::And(may, hn::And(hn::Le(hn::Min(v1, v2), aside), hn::Ge(hn::Max(v1, v2), hn::Neg(aside))));
-    may = hn::And(may, hn::And(hn::Le(hn::Min(u1, u2), below), hn::Ge(hn::Max(u1, u2), zero)));
+    may = hn::And(may, hn::And(hn::Le(hn::Min(u1, u2), below), hn::Ge(hn::Max(u1, u2), above)));
     if (hn::AllFalse(f, may)) continue;
     group.met = true;
     for (int j = 0; j < DiscLight::kColumns; ++j) {
@@ -147,7 +148,13 @@ HWY_INLINE void raise(const float* p, const float* q, const DiscReach& reach, Ho
       const MF same = hn::Not(hn::Xor(hn::Lt(toward, zero), hn::Lt(span, zero)));
       const MF before = hn::And(crosses, hn::And(same, hn::Gt(hn::Abs(toward), hn::Mul(all(nearest), hn::Abs(span)))));
       float* horizon = group.horizon[j] + i;
-      const VF old = hn::Load(f, horizon), here = hn::Div(along, toward);
+      const VF old = hn::Load(f, horizon);
+      VF here = hn::Div(along, toward);
+      const MF close = hn::And(before, hn::Lt(hn::Abs(toward), hn::Mul(all(near), hn::Abs(span))));
+      if (!hn::AllFalse(f, close)) {
+        const VF nearer = hn::Sub(hn::Div(span, toward), all(1 / near));  // 1 / distance, less that
+        here = hn::Sub(here, hn::Mul(all(kUnsure * length), hn::Max(nearer, zero)));
+      }
       hn::Store(hn::IfThenElse(hn::And(before, hn::Gt(here, old)), here, old), f, horizon);
     }
   }
@@ -167,7 +174,7 @@ void RaiseAll(const Horizons::Edge& edge, const double* origin, const DiscReach&
 }
 
 void BeforeDisc(const HorizonGroup& group, const DiscReach& reach, float (*out)[HorizonGroup::kSize]) {
-  const float per_radius = 1 / reach.radius, top = reach.aim * per_radius;
+  const float per_radius = 1 / reach.radius, top = (reach.aim + reach.above) * per_radius;
   for (int j = 0; j < DiscLight::kColumns; ++j) {
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < HorizonGroup::kSize; ++i) out[j][i] = (group.horizon[j][i] + reach.aim) * per_radius;
@@ -207,6 +214,7 @@ void Horizons::begin(const DiscLight& disc, double aim, const Axes& axes, const 
     reach_.aside = std::max(reach_.aside, std::abs(reach_.columns[j]));
   }
   reach_.below = static_cast<float>(radius * (aim + 1)), reach_.aim = static_cast<float>(radius * aim);
+  reach_.above = static_cast<float>(radius * kAbove);
   reach_.radius = static_cast<float>(radius);
   lowest_ = *std::min_element(band.least.begin(), band.least.end());
   slots_.assign((count_ + HorizonGroup::kSize - 1) / HorizonGroup::kSize, -1);
@@ -227,10 +235,11 @@ bool Horizons::look_below(const Bounds& b, float lowest, Window& out) const {
   for (int k = 0; k < 2; ++k) {
     const float height = b.d_high - out.lowest;
     if (!(height > 0)) return false;
-    const float aside = reach_.aside * height + band.margin_m, below = reach_.below * height + band.margin_m;
+    const float aside = reach_.aside * height + band.margin_m, below = reach_.below * height + band.margin_m,
+                above = reach_.above * height + band.margin_m;
     if (b.v_high + aside < band.v0 || b.v_low - aside > band.v_end()) return false;
-    if (b.u_high + band.margin_m < band.u0 || b.u_low - below > band.u_end()) return false;
-    out.c0 = column(b.u_low - below), out.c1 = column(b.u_high + band.margin_m);
+    if (b.u_high + above < band.u0 || b.u_low - below > band.u_end()) return false;
+    out.c0 = column(b.u_low - below), out.c1 = column(b.u_high + above);
     out.r0 = row(b.v_low - aside), out.r1 = row(b.v_high + aside);
     out.lowest = std::numeric_limits<float>::infinity();
     for (int r = out.r0; r <= out.r1; ++r)

@@ -35,6 +35,7 @@ struct DiscReach {
   float columns[DiscLight::kColumns];  // across: dv / dd
   float aside;                         // of the outermost column
   float below;                         // of the disc's lower end, downward from the aim
+  float above;                         // of what is looked at, upward from the aim
   float aim, radius;                   // the disc's middle, downward from the aim; tangent of its angular radius
 };
 
@@ -48,6 +49,8 @@ class Horizons {
   // Where the shadow map is aimed, in disc radii above the disc's middle: what is dark there may still see a part of
   // the disc aside of a horizon that is steeper in the sky than 45 degrees.
   static constexpr double kAim = 1.4143;
+  // What is looked at above that, in radii: a horizon that is below the aim in the middle may be above it aside.
+  static constexpr double kAbove = 0.6;
   // Steeper terrain than this takes kSteepAim.
   static constexpr float kSteep = 1.73F;  // tangent of 60 degrees
   static constexpr double kSteepAim = 3;
