@@ -3,8 +3,10 @@
 #include <sys/resource.h>
 
 #include <chrono>
+#include <list>
 
 #include "api/arrays.h"
+#include "api/cameras.h"
 #include "api/encode.h"
 #include "api/endpoint.h"
 #include "api/frame_json.h"
@@ -118,14 +120,20 @@ Response not_modified(const std::string& hash) {
   return response;
 }
 
+Response with_echo(const FrameQuery& query, Response response) {
+  if (!query.echo.empty()) response.headers.emplace_back("Selenograph-Echo", query.echo);
+  return response;
+}
+
 Response answer(const FrameQuery& query, const engine::Frame& frame, const Representation& representation,
-                const std::string& hash, LongMetadata& long_metadata, const StopToken& stop) {
+                const dem::Catalogue& catalogue, const std::string& hash, LongMetadata& long_metadata,
+                const StopToken& stop) {
   Response response;
   response.content_type = representation.media_type;
   response.headers.emplace_back("Vary", "Accept");
   // With an unusable file replaced by a coarser layer the bytes are not those that the hash stands for.
   if (frame.report.warnings.empty()) response.headers.emplace_back("ETag", "\"" + hash + "\"");
-  const nlohmann::ordered_json meta = metadata(query, frame.report, hash);
+  const nlohmann::ordered_json meta = metadata(query, frame.report, catalogue, hash);
   std::vector<std::uint8_t> narrowed;
   const std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
   std::string text = meta.dump(2, ' ', false, Json::error_handler_t::replace);
@@ -154,12 +162,95 @@ std::string choose_within_budget(FrameQuery& query, const EndpointContext& conte
                      choice.accuracy.samples_per_pixel);
 }
 
-}  // namespace
+// One camera of several.
+struct CameraFrame {
+  std::string name;
+  FrameQuery query;
+  std::string budget;
+  engine::Frame frame{};
+  std::string hash{};
+  std::vector<std::uint8_t> narrowed{};
+};
 
-Response answer_frames(const EndpointContext& context) {
+std::string hash_of_all(const std::vector<CameraFrame>& cameras) {
+  std::string text;
+  for (const CameraFrame& camera : cameras) text += camera.name + "\n" + camera.hash + "\n";
+  return content_hash(text);
+}
+
+Response answer_cameras(const EndpointContext& context, const Json& body) {
   const Clock::time_point start = Clock::now();
   const double kernel_before_ms = kernel_ms();
-  FrameQuery query = read_frame(json_body(context), context.limits, context.assets, context.stop);
+  const Representation& npz = representation(Format::npz);
+  const std::string accept = header(context.request, "accept");
+  if (!accepts(accept, npz.media_type))
+    throw RequestError("not_acceptable", fmt::format("several cameras are answered as {}", npz.media_type));
+  std::vector<CameraFrame> cameras;
+  std::size_t bytes = 0;
+  for (CameraBody& one : split_cameras(body)) {
+    with_pointers_of(body, one.name, [&] {
+      cameras.push_back({one.name, read_frame(one.body, context.limits, context.assets, context.stop), {}});
+      cameras.back().budget = choose_within_budget(cameras.back().query, context);
+    });
+    bytes += bytes_of(cameras.back().query.request);
+  }
+  const auto hash_with = [&](const FrameQuery& query, const std::vector<double>& shadow_limits_px) {
+    return content_hash(query, shadow_limits_px, context.renderer.terrain().catalogue().fingerprint(), npz);
+  };
+  if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
+    for (CameraFrame& camera : cameras)
+      camera.hash = hash_with(camera.query, with_refusals_at(kRefusable, "/cameras", [&] {
+                                return context.renderer.shadow_limits_px(camera.query.request, context.stop);
+                              }));
+    if (const std::string hash = hash_of_all(cameras); names_etag(known, hash))
+      return with_echo(cameras.front().query, not_modified(hash));
+  }
+  context.memory.need(bytes, "/cameras", context.stop);
+  const double parse_ms = ms_since(start);
+
+  engine::StageTimes times;
+  bool warned = false;
+  for (CameraFrame& camera : cameras) {
+    with_pointers_of(body, camera.name, [&] { camera.frame = render(camera.query, context); });
+    context.stop.check();
+    times += camera.frame.times;
+    camera.hash = hash_with(camera.query, camera.frame.report.shadow_limits_px);
+    warned |= !camera.frame.report.warnings.empty();
+  }
+  const Clock::time_point encode_start = Clock::now();
+  const std::string hash = hash_of_all(cameras);
+  OrderedJson meta{{"content_hash", hash}, {"cameras", OrderedJson::object()}};
+  std::vector<ArrayView> arrays;
+  std::list<std::string> names;
+  for (CameraFrame& camera : cameras) {
+    meta["cameras"][camera.name] =
+        metadata(camera.query, camera.frame.report, context.renderer.terrain().catalogue(), camera.hash);
+    const engine::FrameRequest& request = camera.query.request;
+    for (ArrayView& array : arrays_of(camera.frame, request, request.products, camera.narrowed)) {
+      array.name = names.emplace_back(camera.name + "/" + std::string(array.name));
+      arrays.push_back(std::move(array));
+    }
+  }
+  Response response;
+  response.content_type = npz.media_type;
+  response.headers.emplace_back("Vary", "Accept");
+  if (!warned) response.headers.emplace_back("ETag", "\"" + hash + "\"");
+  response.body = encode_npz(arrays, meta.dump(2, ' ', false, Json::error_handler_t::replace), context.stop);
+  response.headers.emplace_back("Server-Timing",
+                                server_timing(parse_ms, times, ms_since(encode_start), kernel_ms() - kernel_before_ms));
+  std::string budgets;
+  for (const CameraFrame& camera : cameras) {
+    if (!camera.budget.empty()) budgets += (budgets.empty() ? "" : "; ") + camera.name + ": " + camera.budget;
+    context.renderer.expect(camera.query.request, camera.query.ahead);
+  }
+  if (!budgets.empty()) response.headers.emplace_back("Selenograph-Budget", budgets);
+  return with_echo(cameras.front().query, std::move(response));
+}
+
+Response answer_frame(const EndpointContext& context, const Json& body) {
+  const Clock::time_point start = Clock::now();
+  const double kernel_before_ms = kernel_ms();
+  FrameQuery query = read_frame(body, context.limits, context.assets, context.stop);
   const std::string accept = header(context.request, "accept");
   const Representation& representation = negotiate(accept, query.request.products);
   const std::string budget = choose_within_budget(query, context);
@@ -169,7 +260,7 @@ Response answer_frames(const EndpointContext& context) {
   if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
     const std::string hash = hash_with(with_refusals_at(
         kRefusable, "/pose", [&] { return context.renderer.shadow_limits_px(query.request, context.stop); }));
-    if (names_etag(known, hash)) return not_modified(hash);
+    if (names_etag(known, hash)) return with_echo(query, not_modified(hash));
   }
   context.memory.need(bytes_of(query.request), "/camera", context.stop);
   const double parse_ms = ms_since(start);
@@ -178,13 +269,20 @@ Response answer_frames(const EndpointContext& context) {
   context.stop.check();
 
   const Clock::time_point encode_start = Clock::now();
-  Response response = answer(query, frame, representation, hash_with(frame.report.shadow_limits_px),
-                             context.long_metadata, context.stop);
+  Response response = answer(query, frame, representation, context.renderer.terrain().catalogue(),
+                             hash_with(frame.report.shadow_limits_px), context.long_metadata, context.stop);
   if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
   response.headers.emplace_back(
       "Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start), kernel_ms() - kernel_before_ms));
   context.renderer.expect(query.request, query.ahead);
-  return response;
+  return with_echo(query, std::move(response));
+}
+
+}  // namespace
+
+Response answer_frames(const EndpointContext& context) {
+  const Json body = json_body(context);
+  return has_cameras(body) ? answer_cameras(context, body) : answer_frame(context, body);
 }
 
 Response answer_frame_metadata(const EndpointContext& context, std::string_view hash) {

@@ -169,6 +169,51 @@ constexpr std::size_t kMostAhead = 64;
 const auto ahead_field = Property{[](const FrameQuery&) { return std::optional<std::vector<engine::Pose>>(); },
                                   [](FrameQuery& q, const std::vector<engine::Pose>& poses) { q.ahead = poses; }};
 
+// What is split into frames of their own before a frame is read.
+struct CamerasByName {
+  using Value = std::monostate;
+  std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
+    in.fail("is for requests of POST /v1/frames as a whole");
+    return std::nullopt;
+  }
+  OrderedJson write(Value) const { return {}; }
+  OrderedJson schema(const Limits&) const {
+    return {{"type", "object"},
+            {"minProperties", 1},
+            {"maxProperties", 16},
+            {"propertyNames", {{"pattern", "^[A-Za-z0-9_-]{1,64}$"}}},
+            {"additionalProperties", {{"type", "object"}}}};
+  }
+  OrderedJson fallback() const { return {}; }
+};
+
+// A condition that requests of several cameras needn't meet: each camera must.
+std::function<OrderedJson(const Limits&)> of_one_camera(OrderedJson (*condition)(const Limits&)) {
+  return [condition](const Limits& limits) {
+    const OrderedJson cameras{{"required", OrderedJson::array({"cameras"})}};
+    return OrderedJson{{"anyOf", OrderedJson::array({condition(limits), cameras})}};
+  };
+}
+
+// Any object, as compact JSON.
+struct Echo {
+  using Value = std::string;
+  static constexpr std::size_t kMostBytes = 1024;
+  std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
+    if (!in.value().is_object()) {
+      in.fail("must be an object");
+      return std::nullopt;
+    }
+    Value text = in.value().dump(-1, ' ', true, Json::error_handler_t::replace);
+    if (text.size() <= kMostBytes) return text;
+    in.fail(fmt::format("has {} bytes as compact JSON in ASCII: at most {}", text.size(), kMostBytes));
+    return std::nullopt;
+  }
+  OrderedJson write(const Value&) const { return {}; }
+  OrderedJson schema(const Limits&) const { return {{"type", "object"}}; }
+  OrderedJson fallback() const { return {}; }
+};
+
 void require_sun(const JsonReader& in, engine::ProductSet wanted) {
   for (const ProductRow& row : products()) {
     if (!row.needs_sun || !(wanted & row.product)) continue;
@@ -368,13 +413,21 @@ const Members<FrameQuery>& frame_members() {
               "poses that the next frames of this camera are expected at, soonest first: what they need is made ready "
               "while no frame is in work. Left out: the camera is taken to go on as it did. Changes no byte of any "
               "answer");
-        m.any_of({"camera", "camera_preset"});
+        m.add("echo", &FrameQuery::echo, Echo{},
+              "any object of at most 1024 bytes (a time tag, the frame's number, the camera's name): given back "
+              "unchanged in the header Selenograph-Echo. Changes no byte of any answer")
+            .written_if([](const FrameQuery&) { return false; });
+        m.add("cameras", no_field<FrameQuery>(), CamerasByName{},
+              "several cameras at one instant, by their names: each an object of members of this table, which take "
+              "the place of the request's own. The answer is one .npz of arrays called NAME/PRODUCT, and its meta.json "
+              "has the metadata of each camera; `echo` is the request's alone");
+        m.any_of({"camera", "camera_preset", "cameras"});
         m.excludes("sensor", {"image"}, "that is exposure without a sensor");
         m.needs("sensor", {"band", "camera_preset"}, "which photons it counts");
         m.needs("atmosphere", {"band", "camera_preset"});
         m.check(check_frame);
-        m.also(pose_condition);
-        m.also(sun_where_needed);
+        m.also(of_one_camera(pose_condition));
+        m.also(of_one_camera(sun_where_needed));
       });
   return *table;
 }
@@ -384,7 +437,8 @@ FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& asse
   if (body.is_object() && body.contains("camera_preset") && body.at("camera_preset").is_string())
     return read_frame(with_preset(body, context), limits, assets, stop);
   Findings findings;
-  std::optional<FrameQuery> query = frame_members().read(JsonReader(body, findings), context);
+  const std::optional<Json> timed = with_epoch_of_sun(body);
+  std::optional<FrameQuery> query = frame_members().read(JsonReader(timed ? *timed : body, findings), context);
   findings.throw_if_any();
   return std::move(*query);
 }

@@ -32,6 +32,7 @@ struct FrameQuery {
   SurfaceQuery surface;
   std::vector<ObjectQuery> objects;
   std::vector<engine::Pose> ahead;  // that the client expects next; changes nothing of this frame
+  std::string echo;                 // given back in a header: compact JSON in ASCII; empty: none
   bool sun_given = false;           // false: no product needs one, request.sun means nothing
 };
 const Members<FrameQuery>& frame_members();

@@ -84,7 +84,8 @@ std::string type_text(const OrderedJson& schema) {
   if (type == "array" && schema.contains("prefixItems"))
     return "[" + joined(schema["prefixItems"], "; ", type_text) + "]";
   if (type == "array") return fmt::format("array of {}{}", count_text(schema), type_text(schema["items"]));
-  if (type == "object") return "object of any names: " + type_text(schema["additionalProperties"]);
+  if (type == "object" && schema.contains("additionalProperties"))
+    return "object of any names: " + type_text(schema["additionalProperties"]);
   const std::string bounds = bounds_text(schema);
   return bounds.empty() ? type : type + " " + bounds;
 }

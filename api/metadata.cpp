@@ -7,6 +7,7 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "api/view_json.h"
 #include "engine/radiometry/photometry.h"
 
 namespace selenograph::api {
@@ -60,7 +61,7 @@ void add_object_warnings(const FrameQuery& query, OrderedJson& warnings) {
   }
 }
 
-OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& report) {
+OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue) {
   OrderedJson warnings = report.warnings;
   if (gave_way(query, report.shadow_limits_px))
     warnings.push_back(
@@ -73,7 +74,7 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
     warnings.push_back(fmt::format("{:.1f} % of the image is saturated: {}", 100 * report.saturated_fraction,
                                    query.request.sensor ? "expose shorter" : "raise image.full_scale_radiance"));
   if (products & (engine::kImage | engine::kRadiance) && report.hit_fraction > 0 && !(report.brightest_w_m2_sr > 0))
-    warnings.push_back("no signal: nothing in view is lit");
+    warnings.push_back("no signal: nothing in view is lit" + sun_there(report.view));
   if (report.motion_samples > 0 && report.longest_streak_px > 1.5 * report.motion_samples)
     warnings.push_back(
         fmt::format("the longest streak of motion has about {:.0f} px and is averaged over {} moments: "
@@ -82,6 +83,7 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
                     query.request.sensor->motion.samples ? "motion.samples may be left out or larger"
                                                          : "motion.samples may be larger"));
   add_object_warnings(query, warnings);
+  if (query.request.terrain) add_view_warnings(query, report, catalogue, warnings);
   return warnings;
 }
 
@@ -106,7 +108,10 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
                    {"version", software_version()},
                    {"representation", representation.media_type}};
   if (gave_way(query, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
-  const std::string text = what.dump();
+  return content_hash(what.dump());
+}
+
+std::string content_hash(const std::string& text) {
   const XXH128_hash_t hash = XXH3_128bits(text.data(), text.size());
   return hex(hash.high64) + hex(hash.low64);
 }
@@ -116,7 +121,8 @@ bool names_etag(const std::string& if_none_match, const std::string& hash) {
   return if_none_match == "*" || if_none_match.find("\"" + hash + "\"") != std::string::npos;
 }
 
-OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const std::string& hash) {
+OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
+                     const std::string& hash) {
   const engine::ProductSet products = query.request.products;
   OrderedJson meta{{"software", {{"name", "selenograph"}, {"version", software_version()}}},
                    {"content_hash", hash},
@@ -153,8 +159,9 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
   }
   meta["filled_fraction"] = report.filled_fraction;
   meta["missing_fraction"] = report.missing_fraction;
+  if (query.request.terrain) meta["view"] = view_json(query, report.view);
   meta["sources"] = sources_json(report);
-  meta["warnings"] = warnings_json(query, report);
+  meta["warnings"] = warnings_json(query, report, catalogue);
   return meta;
 }
 

@@ -20,10 +20,14 @@ namespace selenograph::api {
 std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
                          std::uint64_t terrain_fingerprint, const Representation& representation);
 
+// The same of any text.
+std::string content_hash(const std::string& text);
+
 // True when an If-None-Match header names this hash's entity tag (weak tags count: RFC 9110, 13.1.2), or is "*".
 bool names_etag(const std::string& if_none_match, const std::string& hash);
 
-nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameReport& report, const std::string& hash);
+nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameReport& report,
+                                const dem::Catalogue& catalogue, const std::string& hash);
 
 // The same for the header `Selenograph-Meta`: compact, ASCII only, at most kMetaHeaderBytes. Where it would be longer,
 // the lists of sources and then of warnings are replaced by their lengths ("sources_omitted"), and if that is not

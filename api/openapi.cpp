@@ -84,6 +84,7 @@ OrderedJson headers() {
       {"Selenograph-Missing-Fraction", header("Share of pixels that look at the Moon where there is no data; absent "
                                               "when there are none",
                                               "number")},
+      {"Selenograph-Echo", header("The request's `echo`, as compact ASCII JSON; absent when it has none")},
       {"Retry-After", header("Seconds", "integer")},
       {"Allow", header("The methods that the path has")}};
   all["Selenograph-Meta"] = {{"description",
@@ -104,8 +105,9 @@ OrderedJson frame_answer() {
     description += "\n- `" + std::string(r.media_type) + "`: " + std::string(r.meaning);
   }
   OrderedJson answer{{"description", description}, {"headers", OrderedJson::object()}, {"content", content}};
-  for (const char* name : {"ETag", "Vary", "Server-Timing", "Selenograph-Product", "Selenograph-Shape",
-                           "Selenograph-Dtype", "Selenograph-Meta", "Selenograph-Missing-Fraction"}) {
+  for (const char* name :
+       {"ETag", "Vary", "Server-Timing", "Selenograph-Product", "Selenograph-Shape", "Selenograph-Dtype",
+        "Selenograph-Meta", "Selenograph-Missing-Fraction", "Selenograph-Echo"}) {
     answer["headers"][name] = {{"$ref", std::string("#/components/headers/") + name}};
   }
   return answer;

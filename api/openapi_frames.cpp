@@ -7,6 +7,32 @@ namespace selenograph::api {
 
 using namespace schema;
 
+namespace {
+
+OrderedJson view() {
+  const OrderedJson place = object(
+      "", {{"lat_deg", number(kLatitude_deg, "")}, {"lon_deg", number(kLongitude_deg, "")}}, {"lat_deg", "lon_deg"});
+  return object(
+      "The view in words of the ground. null: where no terrain is met, or an object stands before it; of the boresight "
+      "also where it is outside the image. Absent without terrain",
+      {{"lat_deg", number_or_null("where the boresight meets the terrain")},
+       {"lon_deg", number_or_null("the same")},
+       {"height_m", number_or_null("the same")},
+       {"off_nadir_deg", number(kAnyNumber, "angle between the boresight and the direction of the Moon's centre")},
+       {"up_azimuth_deg", number_or_null("compass azimuth there of what is up in the image")},
+       {"corners", list({{"anyOf", {place, {{"type", "null"}}}}}, 4,
+                        "what the corner pixels' centres see: upper left, upper right, lower right, lower left")},
+       {"sun", object("The Sun at that place; absent where the request has none.",
+                      {{"azimuth_deg", number_or_null("clockwise from north")},
+                       {"elevation_deg", number_or_null("above the sphere's horizon")}},
+                      {"azimuth_deg", "elevation_deg"})},
+       {"post_px",
+        number_or_null("how many pixels wide the post spacing of the DEM is there, across the line of sight")}},
+      {"lat_deg", "lon_deg", "height_m", "off_nadir_deg", "up_azimuth_deg", "corners", "post_px"});
+}
+
+}  // namespace
+
 void add_frame_answers(OrderedJson& schemas) {
   const OrderedJson source =
       object("", {{"name", text("DEM tile")}, {"version", text("hash of path, size and modification time")}},
@@ -50,6 +76,7 @@ void add_frame_answers(OrderedJson& schemas) {
         {{"type", "array"}, {"description", "of each object: mesh, version (hash of its content), triangles, parts"}}},
        {"filled_fraction", number(kUnitInterval, "share of pixels on posts filled by interpolation")},
        {"missing_fraction", number(kUnitInterval, "share of pixels that look at the Moon where there is no data")},
+       {"view", view()},
        {"sources", {{"type", "array"}, {"items", source}, {"description", "what the product `source` indexes"}}},
        {"sources_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}}},
        {"metadata_at", text("in the header only: path of the metadata with what did not fit")},

@@ -113,11 +113,13 @@ const Members<HeightsForm>& heights_form() {
 const MemberTable& heights_members() { return heights_form(); }
 
 RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  return checked(rays_members(), body, limits, assets, stop);
+  const std::optional<Json> timed = with_epoch_of_sun(body);
+  return checked(rays_members(), timed ? *timed : body, limits, assets, stop);
 }
 
 ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  return checked(project_members(), body, limits, assets, stop);
+  const std::optional<Json> timed = with_epoch_of_sun(body);
+  return checked(project_members(), timed ? *timed : body, limits, assets, stop);
 }
 
 std::vector<Geographic> read_heights(const Json& body, const Limits& limits) {

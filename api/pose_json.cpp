@@ -4,6 +4,8 @@
 
 #include <cmath>
 
+#include "dem/error.h"
+
 namespace selenograph::api {
 namespace {
 
@@ -39,27 +41,62 @@ std::optional<Eigen::Quaterniond> camera_north_up(const Vec3& boresight, const V
   return camera_looking(boresight, local_axes(target_m).north);
 }
 
-// "north" or a direction.
+// "north", "zenith" or a direction.
 struct Up {
-  using Value = std::optional<Vec3>;
+  using Value = ImageUp;
   std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
     if (in.value().is_string()) {
       if (in.value() == "north") return Value();
-      in.fail("must be \"north\" or a vector [x, y, z] in MOON_ME");
+      if (in.value() == "zenith") return Value{Value::Kind::zenith};
+      in.fail("must be \"north\", \"zenith\" or a vector [x, y, z] in MOON_ME");
       return std::nullopt;
     }
     const std::size_t before = in.faults();
     const std::optional<Vec3> up = direction_of(in.vector(kAnyNumber));
     if (in.faults() != before) return std::nullopt;
-    if (up) return up;
+    if (up) return Value{Value::Kind::direction, *up};
     in.fail("is zero: no direction");
     return std::nullopt;
   }
-  OrderedJson write(const Value& up) const { return up ? vector_json(*up) : OrderedJson("north"); }
+  OrderedJson write(const Value& up) const {
+    if (up.kind == Value::Kind::direction) return vector_json(up.direction);
+    return up.kind == Value::Kind::zenith ? "zenith" : "north";
+  }
   OrderedJson schema(const Limits& limits) const {
-    return {{"oneOf", {{{"type", "string"}, {"const", "north"}}, Vector{kAnyNumber}.schema(limits)}}};
+    return {{"oneOf",
+             {{{"type", "string"}, {"const", "north"}},
+              {{"type", "string"}, {"const", "zenith"}},
+              Vector{kAnyNumber}.schema(limits)}}};
   }
 };
+
+// A rotation matrix, rows first.
+struct RotationMatrix {
+  using Value = Eigen::Matrix3d;
+  static constexpr double kTolerance = 1e-6;
+  std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
+    const std::size_t before = in.faults();
+    Value m = Value::Zero();
+    Eigen::Index row = 0;
+    in.elements(3, 3, [&](const JsonReader& one) { m.row(row++) = one.vector(kAnyNumber); });
+    if (in.faults() != before) return std::nullopt;
+    const double off = (m * m.transpose() - Value::Identity()).cwiseAbs().maxCoeff();
+    if (!(off <= kTolerance)) {
+      in.fail(fmt::format("is not orthonormal: its rows' products are off by {:.3g}, more than {}", off, kTolerance));
+    } else if (m.determinant() < 0) {
+      in.fail("has determinant -1: a reflection, no rotation. Does an axis point the other way?");
+    } else {
+      return m;
+    }
+    return std::nullopt;
+  }
+  OrderedJson write(const Value& m) const {
+    return OrderedJson::array({vector_json(m.row(0)), vector_json(m.row(1)), vector_json(m.row(2))});
+  }
+  OrderedJson schema(const Limits& limits) const { return array_schema(Vector{kAnyNumber}.schema(limits), 3, 3); }
+};
+
+Eigen::Quaterniond quaternion_of(const Eigen::Matrix3d& m) { return Eigen::Quaterniond(m).normalized(); }
 
 std::optional<Eigen::Quaterniond> resolve_unit(const JsonReader& in, const QuaternionForm& form, const ReadContext&) {
   const Eigen::Vector4d xyzw(form.x, form.y, form.z, form.w);
@@ -90,20 +127,39 @@ const Members<QuaternionForm, Eigen::Quaterniond>& quaternion_members() {
 // The rows of a PositionForm, and that one of the two ways is needed.
 template <typename Form, typename Value>
 void add_position(Members<Form, Value>& m) {
-  m.add("frame", &Form::frame, Word{kBodyFrames}, "body frame of position_m and of the quaternions");
+  m.add("frame", &Form::frame, Word{kPoseFrames},
+        "of position_m and of the attitude: a frame of the Moon's body, or ICRF, inertial axes at the Moon's centre");
+  m.add("utc", &Form::utc, Text{}, "epoch of ICRF, ISO 8601; left out: the Sun's");
   m.add("position_m", &Form::position_m, Vector{kCoordinate_m, "m"}, "Cartesian position");
   m.add("geodetic", &Form::geodetic, Object{geodetic_members()}, "position in MOON_ME; not with another `frame`");
   m.exactly_one({"position_m", "geodetic"});
 }
 
-std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& form) {
+// Rotates vectors of the form's frame into MOON_ME.
+std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const PositionForm& form) {
+  if (form.frame) {
+    if (!form.utc) return engine::moon_me_from(*form.frame);
+    in.fail("utc", "goes with \"frame\": \"ICRF\": the Moon's frames turn with it");
+  } else if (!form.utc) {
+    in.fail("frame", "ICRF needs an epoch: \"utc\" here, or a Sun given by \"utc\"");
+  } else {
+    try {
+      return engine::moon_me_from_icrf(*form.utc);
+    } catch (const ImpossibleRequest& e) {
+      in.fail("utc", e.what());
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& form,
+                                     const Eigen::Matrix3d& moon_me_from_frame) {
   if (form.geodetic && form.frame != engine::BodyFrame::moon_me) {
     // The two frames are 860 m apart: taking one for the other silently is the one mistake not to make.
     in.fail("geodetic", "is MOON_ME always; with another frame give position_m");
     return std::nullopt;
   }
-  const Vec3 position_m =
-      form.position_m ? Vec3(engine::moon_me_from(form.frame) * *form.position_m) : to_cartesian(*form.geodetic);
+  const Vec3 position_m = form.position_m ? Vec3(moon_me_from_frame * *form.position_m) : to_cartesian(*form.geodetic);
   // Turning it or adding the Moon's radius can take it out of the range that it must be in to be a request again.
   if (position_m.cwiseAbs().maxCoeff() <= kCoordinate_m.max) return position_m;
   in.fail(form.position_m ? "position_m" : "geodetic",
@@ -120,7 +176,8 @@ const Members<LookAt>& look_at_members() {
         add_latitude_and_longitude(m);
         m.add("height_m", &LookAt::height_m, Number{kHeight_m, "m"}, "above the sphere of 1 737 400 m");
         m.add("up", &LookAt::up, Up{},
-              "up in the image: the Moon's north (local north where the boresight is vertical), or a MOON_ME vector");
+              "up in the image: the Moon's north (local north where the boresight is vertical); the zenith, the local "
+              "vertical below the camera, so that the horizon lies level; or a MOON_ME vector");
       });
   return *table;
 }
@@ -140,9 +197,23 @@ std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& fo
     in.fail("is where the camera is: no direction");
     return std::nullopt;
   }
-  const auto attitude = form.up ? camera_looking(*boresight, *form.up) : camera_north_up(*boresight, target_m);
-  if (!attitude) in.fail("up", form.up ? "is along the boresight" : "\"north\" is along the boresight: give a vector");
-  return attitude;
+  const auto attitude = [&]() -> std::optional<Eigen::Quaterniond> {
+    switch (form.up.kind) {
+      case ImageUp::Kind::direction:
+        return camera_looking(*boresight, form.up.direction);
+      case ImageUp::Kind::zenith:
+        return camera_looking(*boresight, position_m.stableNormalized());
+      case ImageUp::Kind::north:
+        break;
+    }
+    return camera_north_up(*boresight, target_m);
+  }();
+  if (attitude) return attitude;
+  in.fail("up", form.up.kind == ImageUp::Kind::direction ? "is along the boresight"
+                : form.up.kind == ImageUp::Kind::zenith
+                    ? "\"zenith\" is along the boresight: give \"north\" or a vector"
+                    : "\"north\" is along the boresight: give a vector");
+  return std::nullopt;
 }
 
 // Local axes at a position, which must not be the Moon's centre.
@@ -160,8 +231,18 @@ std::optional<Eigen::Quaterniond> look_down(const JsonReader& in, const Nadir& f
   return camera_looking(-local->up, up).value_or(Eigen::Quaterniond::Identity());
 }
 
+// In the client's axes and frame.
+Eigen::Quaterniond camera_from_frame(const PoseForm& form) {
+  if (form.camera_from_moon) return *form.camera_from_moon;
+  if (form.moon_from_camera) return form.moon_from_camera->conjugate();
+  return quaternion_of(form.camera_from_moon_matrix ? *form.camera_from_moon_matrix
+                                                    : Eigen::Matrix3d(form.moon_from_camera_matrix->transpose()));
+}
+
 std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& form, const ReadContext&) {
-  const std::optional<Vec3> position_m = resolve_position(in, form);
+  const std::optional<Eigen::Matrix3d> moon_me_from_frame = resolve_frame(in, form);
+  if (!moon_me_from_frame) return std::nullopt;
+  const std::optional<Vec3> position_m = resolve_position(in, form, *moon_me_from_frame);
   if (!position_m) return std::nullopt;
   std::optional<Eigen::Quaterniond> attitude;
   if (form.look_at) {
@@ -169,8 +250,7 @@ std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& f
   } else if (form.nadir) {
     attitude = look_down(in.at("nadir"), *form.nadir, *position_m);
   } else {
-    attitude = resolve_quaternion(form.camera_from_moon ? *form.camera_from_moon : form.moon_from_camera->conjugate(),
-                                  form.axes, engine::moon_me_from(form.frame));
+    attitude = resolve_quaternion(camera_from_frame(form), form.axes, *moon_me_from_frame);
   }
   if (!attitude) return std::nullopt;
   return engine::Pose{*position_m, canonical(*attitude)};
@@ -206,7 +286,9 @@ std::optional<Eigen::Quaterniond> stand(const JsonReader& in, const Upright& for
 }
 
 std::optional<ObjectPose> resolve_object_pose(const JsonReader& in, const ObjectPoseForm& form, const ReadContext&) {
-  const std::optional<Vec3> position_m = resolve_position(in, form);
+  const std::optional<Eigen::Matrix3d> moon_me_from_frame = resolve_frame(in, form);
+  if (!moon_me_from_frame) return std::nullopt;
+  const std::optional<Vec3> position_m = resolve_position(in, form, *moon_me_from_frame);
   if (!position_m) return std::nullopt;
   if (form.upright) {
     const auto attitude = stand(in.at("upright"), *form.upright, *position_m);
@@ -215,7 +297,7 @@ std::optional<ObjectPose> resolve_object_pose(const JsonReader& in, const Object
   }
   const Eigen::Quaterniond body_from_object =
       form.moon_from_object ? *form.moon_from_object : form.object_from_moon->conjugate();
-  return ObjectPose{*position_m, canonical(Eigen::Quaterniond(engine::moon_me_from(form.frame)) * body_from_object)};
+  return ObjectPose{*position_m, canonical(Eigen::Quaterniond(*moon_me_from_frame) * body_from_object)};
 }
 
 ObjectPoseForm form_of(const ObjectPose& pose) {
@@ -238,6 +320,29 @@ Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
   return q;
 }
 
+std::optional<Json> with_epoch_of_sun(const Json& body) {
+  if (!body.is_object() || !body.contains("sun") || !body["sun"].is_object() || !body["sun"].contains("utc"))
+    return std::nullopt;
+  Json out = body;
+  const Json utc = body["sun"]["utc"];
+  const auto fill = [&](Json& pose) {
+    if (pose.is_object() && pose.value("frame", Json()) == "ICRF" && !pose.contains("utc")) pose["utc"] = utc;
+  };
+  const auto fill_all = [&](Json& of, const char* list, const char* member) {
+    if (!of.is_object() || !of.contains(list) || !of[list].is_array()) return;
+    for (Json& item : of[list]) {
+      if (!member)
+        fill(item);
+      else if (item.is_object() && item.contains(member))
+        fill(item[member]);
+    }
+  };
+  if (out.contains("pose")) fill(out["pose"]);
+  fill_all(out, "ahead", nullptr), fill_all(out, "objects", "pose");
+  if (out.contains("shutter")) fill_all(out["shutter"], "poses", "pose");
+  return out;
+}
+
 const Members<Geographic>& place_members() {
   static const auto table =
       made<Members<Geographic>>("Place", "A place on the Moon.", [](auto& m) { add_latitude_and_longitude(m); });
@@ -256,20 +361,26 @@ const Members<PoseForm, engine::Pose>& pose_members() {
   static const auto table = made<Members<PoseForm, engine::Pose>>(
       "Pose",
       "Where the camera is (`position_m` or `geodetic`) and how it is turned (one of `camera_from_moon`, "
-      "`moon_from_camera`, `look_at`, `nadir`). `frame` applies to `position_m` and the quaternions; places in "
-      "latitude and longitude, and `look_at.up`, are MOON_ME always, so `geodetic` excludes the other frames. PA and "
-      "ME differ by about 860 m.",
+      "`moon_from_camera`, `look_at`, `nadir`, or a matrix). `frame` applies to `position_m`, the quaternions and the "
+      "matrices; places in latitude and longitude, and `look_at.up`, are MOON_ME always, so `geodetic` excludes the "
+      "other frames. PA and ME differ by about 860 m. ICRF is turned by the model of the Moon's rotation that the "
+      "Sun's `utc` uses (WGCCRE 2009), 0.01 degrees: 300 m on the ground at most.",
       [](auto& m) {
         add_position(m);
         m.add("camera_from_moon", &PoseForm::camera_from_moon, Object{quaternion_members()},
               "rotates vectors of `frame` into camera axes");
         m.add("moon_from_camera", &PoseForm::moon_from_camera, Object{quaternion_members()}, "the inverse");
+        m.add("camera_from_moon_matrix", &PoseForm::camera_from_moon_matrix, RotationMatrix{},
+              "the same as a matrix, rows first: they are the camera's axes in `frame`; orthonormal within 1e-6");
+        m.add("moon_from_camera_matrix", &PoseForm::moon_from_camera_matrix, RotationMatrix{}, "its transpose");
         m.add("look_at", &PoseForm::look_at, Object{look_at_members()}, "boresight through a place");
         m.add("nadir", &PoseForm::nadir, Object{nadir_members()}, "boresight to the Moon's centre");
         m.add("axes", &PoseForm::axes, Word{kCameraAxes},
-              "camera axes of the quaternions: opencv +x right, +y down, +z boresight; opengl +x right, +y up, -z "
+              "camera axes of quaternions and matrices: opencv +x right, +y down, +z boresight; opengl +x right, +y "
+              "up, -z "
               "boresight. Without meaning for look_at and nadir");
-        m.exactly_one({"camera_from_moon", "moon_from_camera", "look_at", "nadir"});
+        m.exactly_one({"camera_from_moon", "moon_from_camera", "camera_from_moon_matrix", "moon_from_camera_matrix",
+                       "look_at", "nadir"});
         m.resolve(resolve_pose);
         m.unresolve([](const engine::Pose& pose) { return form_of(pose); });
       });

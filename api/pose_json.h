@@ -1,7 +1,7 @@
 // Places and poses: where a camera or an object is and how it is turned, in whichever way the client knows it.
 //
-// What frame and axes apply to: `frame` names the body frame of `position_m` and of the MOON side of the quaternions,
-// `axes` the camera side of the quaternions. Places in latitude and longitude (`geodetic`, `look_at`), and
+// What frame and axes apply to: `frame` names the frame of `position_m` and of the MOON side of quaternions and
+// matrices, `axes` their camera side. Places in latitude and longitude (`geodetic`, `look_at`), and
 // `look_at.up`, are MOON_ME always.
 #pragma once
 
@@ -16,10 +16,13 @@
 
 namespace selenograph::api {
 
-inline constexpr std::pair<std::string_view, engine::BodyFrame> kBodyFrames[] = {
+// What positions and attitudes are given in: a frame of the Moon's body, or (none) inertial, ICRF axes at its centre.
+using PoseFrame = std::optional<engine::BodyFrame>;
+inline constexpr std::pair<std::string_view, PoseFrame> kPoseFrames[] = {
     {"MOON_ME", engine::BodyFrame::moon_me},
     {"MOON_PA_DE421", engine::BodyFrame::moon_pa_de421},
     {"MOON_PA_DE440", engine::BodyFrame::moon_pa_de440},
+    {"ICRF", std::nullopt},
 };
 
 // How a camera moves.
@@ -48,25 +51,35 @@ struct QuaternionForm {
 
 // Where a position is, common to cameras and objects.
 struct PositionForm {
-  engine::BodyFrame frame = engine::BodyFrame::moon_me;
+  PoseFrame frame = engine::BodyFrame::moon_me;
+  std::optional<std::string> utc;  // of ICRF
   std::optional<Vec3> position_m;
   std::optional<Geographic> geodetic;
 };
 
+// What is up in an image: north, the local vertical below the camera, or a direction.
+struct ImageUp {
+  enum class Kind { north, zenith, direction } kind = Kind::north;
+  Vec3 direction = Vec3::Zero();  // unit, MOON_ME
+};
 struct LookAt {
   double lat_deg = 0, lon_deg = 0, height_m = 0;
-  std::optional<Vec3> up;  // empty: north
+  ImageUp up;
 };
 struct Nadir {
   double up_azimuth_deg = 0;
 };
 struct PoseForm : PositionForm {
   std::optional<Eigen::Quaterniond> camera_from_moon, moon_from_camera;
+  std::optional<Eigen::Matrix3d> camera_from_moon_matrix, moon_from_camera_matrix;
   std::optional<LookAt> look_at;
   std::optional<Nadir> nadir;
   CameraAxes axes = CameraAxes::opencv;
 };
 const Members<PoseForm, engine::Pose>& pose_members();
+
+// Where the Sun is given by an epoch: the request with that epoch in poses in ICRF that have none of their own.
+std::optional<Json> with_epoch_of_sun(const Json& body);
 
 // Of q and -q, which are one attitude, the one whose first component of w, x, y, z that is not zero is positive, and no
 // zero negative: one attitude has one text and one content hash.

@@ -44,6 +44,42 @@ void report_pixels(const Camera& camera, const PixelCounts& counts, FrameReport&
   out.filled_fraction = static_cast<double>(counts.filled) / pixels;
 }
 
+double azimuth_deg(const EastNorthUp& local, const Vec3& direction) {
+  const double degrees = std::atan2(direction.dot(local.east), direction.dot(local.north)) * kDegreesPerRadian;
+  return degrees < 0 ? degrees + 360 : degrees;
+}
+
+// The angle across a pixel in the middle of the boresight.
+double pixel_rad(const View& view) {
+  const Camera& camera = view.camera();
+  const auto left = view.ray(camera.cx - 0.5, camera.cy), right = view.ray(camera.cx + 0.5, camera.cy);
+  return left && right ? std::atan2(left->cross(*right).norm(), left->dot(*right)) : 0;
+}
+
+// `drawn`: the frame that the marks' pixels were of.
+void report_view(const ViewMarks& marks, const FrameJob& drawn, const View& view, const dem::Catalogue& catalogue,
+                 ViewReport& out) {
+  const Vec3& sun = drawn.request.sun.direction;
+  const auto met_at = [&](std::size_t mark) { return marks.met(mark, drawn.views, drawn.scene.mesh); };
+  const Vec3 boresight = view.moon_from_camera().col(2), up = -view.moon_from_camera().col(1);
+  const Vec3 down = -view.position();
+  out.off_nadir_deg = std::atan2(boresight.cross(down).norm(), boresight.dot(down)) * kDegreesPerRadian;
+  for (std::size_t i = 0; i < out.corners.size(); ++i)
+    if (const auto met = met_at(ViewMarks::kFirstCorner + i)) out.corners[i] = to_geographic(met->position_m);
+  const auto met = met_at(ViewMarks::kBoresight);
+  if (!met) return;
+  out.boresight = to_geographic(met->position_m);
+  const EastNorthUp local = local_axes(met->position_m);
+  // Where the ground is that is a little farther up in the image.
+  const double falls = met->direction.dot(local.up);
+  if (falls != 0) out.up_azimuth_deg = azimuth_deg(local, up - up.dot(local.up) / falls * met->direction);
+  out.sun_azimuth_deg = azimuth_deg(local, sun);
+  out.sun_elevation_deg = std::asin(std::clamp(sun.dot(local.up), -1.0, 1.0)) * kDegreesPerRadian;
+  const double pixel_m = pixel_rad(view) * (met->position_m - view.position()).norm();
+  if (met->source != dem::kNoSource && pixel_m > 0)
+    out.post_px = catalogue.rasters()[met->source].post_spacing_m / pixel_m;
+}
+
 // A sensor's model sees a little more than its image shows: rows before the first one, too.
 FrameRequest with_margin_of(const std::optional<Sensor>& sensor, FrameRequest request) {
   if (!sensor) return request;
@@ -244,14 +280,17 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
     const EachSample each = exposed && !moving && !photons ? exposed->collect(1) : asked_each;
     const FrameJob job{request, views, *scene, objects, radiance, *lens, stop, each};
     const std::size_t catalogue_size = terrain.catalogue().rasters().size();
-    const auto finish = [&](const FrameWriter& writer, const Camera& camera) {
+    const ViewMarks marks(views, sensor ? sensor->margin_px() : 0);
+    const auto finish = [&](const FrameWriter& writer, const FrameJob& what) {
       list_sources(terrain.catalogue(), writer.sources(), frame);
-      report_pixels(camera, writer.counts(), frame.report);
+      report_pixels(what.request.camera, writer.counts(), frame.report);
+      report_view(writer.marks(), what, views.reference(), terrain.catalogue(), frame.report.view);
     };
     if (!scene->raster) {
       FrameWriter writer(request, views, scene->mesh, catalogue_size, frame.products);
+      writer.look_at(marks);
       RayPass(job, writer).for_pixels(stages);
-      finish(writer, request.camera);
+      finish(writer, job);
     } else {
       const Pool<FrameScratch>::Lease scratch(kept.scratch());
       const auto draw = [&](const FrameJob& what, FrameWriter& writer) {
@@ -262,15 +301,17 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
       if (dense) at_centres.products &= ~static_cast<ProductSet>(kRadiance | kImage);
       if (!dense || at_centres.products) {
         FrameWriter writer(at_centres, views, scene->mesh, catalogue_size, frame.products);
+        writer.look_at(marks);
         draw({at_centres, views, *scene, objects, radiance, *lens, stop, each}, writer);
-        finish(writer, request.camera);
+        finish(writer, job);
       }
       if (dense) {
         const std::shared_ptr<const PixelRays> dense_lens = kept.lens(dense_camera(request.camera), stop);
         DenseSamples samples(job, *dense_lens, catalogue_size);
+        samples.writer().look_at(marks.dense());
         draw(samples.job(), samples.writer());
         frame.products.radiance = samples.radiance();
-        if (!at_centres.products) finish(samples.writer(), samples.job().request.camera);
+        if (!at_centres.products) finish(samples.writer(), samples.job());
       }
     }
     report_scene(selection, *scene, frame.report);

@@ -1,6 +1,7 @@
 // What is said about a frame besides its pixels.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -42,6 +43,24 @@ struct StageTimes {
   // Of that, by z-buffer: drawing triangles, refining and shading points, casting shadows. Rays do all at once.
   double draw_ms = 0, resolve_ms = 0, shadow_ms = 0;
   double sensor_ms = 0;
+
+  StageTimes& operator+=(const StageTimes& t) {
+    select_ms += t.select_ms, build_ms += t.build_ms, pyramid_ms += t.pyramid_ms, load_ms += t.load_ms;
+    visibility_ms += t.visibility_ms, draw_ms += t.draw_ms, resolve_ms += t.resolve_ms, shadow_ms += t.shadow_ms;
+    sensor_ms += t.sensor_ms;
+    return *this;
+  }
+};
+
+// What a view is, in words of the ground. Empty where the line of sight meets no terrain, or an object before it, and
+// of the boresight where it is outside the image.
+struct ViewReport {
+  std::optional<Geographic> boresight;               // where it meets the terrain
+  std::array<std::optional<Geographic>, 4> corners;  // of the corner pixels: upper left and on, clockwise
+  double off_nadir_deg = 0;                          // between the boresight and the Moon's centre
+  // Where the boresight meets the terrain: the compass azimuth of what is up in the image, the Sun's azimuth and
+  // elevation above the sphere's horizon, and how many pixels wide the post spacing of the DEM is that is seen there.
+  std::optional<double> up_azimuth_deg, sun_azimuth_deg, sun_elevation_deg, post_px;
 };
 
 struct FrameReport {
@@ -67,6 +86,7 @@ struct FrameReport {
   double brightest_w_m2_sr = 0;                  // of frames with radiance or image
   int margin_px = 0;             // rendered around the image for what spreads into it; shares of pixels count it
   double captured_fraction = 1;  // of a point's light, within the point spread's kernel
+  ViewReport view;
   std::vector<SourceTile> sources;
   std::vector<std::string> warnings;  // e.g. a corrupt tile replaced by the layer below
 };

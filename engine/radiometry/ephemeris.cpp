@@ -224,6 +224,8 @@ SunPosition sun_at(const std::string& utc) {
   return {(moon_me_from_icrs(tdb) * sun_au).normalized(), sun_au.norm()};
 }
 
+Eigen::Matrix3d moon_me_from_icrf(const std::string& utc) { return moon_me_from_icrs(tt_from(utc)); }
+
 Eigen::Matrix3d moon_me_from(BodyFrame frame) {
   switch (frame) {
     // Williams, Boggs and Folkner 2008, "DE421 Lunar Orbit, Physical Librations, and Surface Coordinates", JPL IOM

@@ -144,6 +144,10 @@ void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& directi
   if (!out_.gsd.empty()) out_.gsd[at] = spacing_m;
 }
 
+void FrameWriter::mark(int x, int y, const SurfacePoints& points, int lane) {
+  marks_.meet(x, y, points, lane, source_at(mesh_, points, lane).index);
+}
+
 void FrameWriter::merge(const PixelCounts& counts) {
   const std::lock_guard lock(mutex_);
   total_.hit += counts.hit, total_.missing += counts.missing, total_.filled += counts.filled;

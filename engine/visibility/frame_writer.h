@@ -12,6 +12,7 @@
 #include "engine/support/packet.h"
 #include "engine/visibility/frame_sources.h"
 #include "engine/visibility/objects_in_frame.h"
+#include "engine/visibility/view_marks.h"
 
 namespace selenograph::engine {
 
@@ -37,6 +38,13 @@ class FrameWriter {
   // Of a lane that sees an object.
   void store_object(const ObjectLanes& lanes, int lane, const Vec3& direction, float lit, std::size_t pixel) const;
 
+  // What some pixels see is to be remembered.
+  void look_at(const ViewMarks& marks) { marks_ = marks; }
+  const ViewMarks& marks() const { return marks_; }
+  // Whether some are in these rows: then each of their pixels that sees terrain is told, of the sample that is counted.
+  bool marked(int first_row, int rows) const { return marks_.in_rows(first_row, rows); }
+  void mark(int x, int y, const SurfacePoints& points, int lane);
+
   // Safe to call concurrently.
   void merge(const PixelCounts& counts);
 
@@ -56,6 +64,7 @@ class FrameWriter {
   FrameSources sources_;
   std::mutex mutex_;
   PixelCounts total_;
+  ViewMarks marks_;
 };
 
 }  // namespace selenograph::engine

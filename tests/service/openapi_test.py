@@ -145,7 +145,7 @@ class Documented(unittest.TestCase):
         """Headers that are documented for some answers only."""
         if operation.path != "/v1/frames":
             return ()
-        missing = ("Selenograph-Missing-Fraction",)  # of frames that run off the data
+        missing = ("Selenograph-Missing-Fraction", "Selenograph-Echo")  # of frames that run off the data; of requests with an echo
         if headers.get("Content-Type") not in ("application/x-npy", "application/octet-stream"):
             return missing + ("Selenograph-Product", "Selenograph-Shape", "Selenograph-Dtype", "Selenograph-Meta")
         return missing

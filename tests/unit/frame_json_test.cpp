@@ -231,6 +231,111 @@ TEST(PoseJson, QuaternionsAreNamedByTheirDirection) {
   for (const double c : without_sign.coeffs()) EXPECT_FALSE(std::signbit(c)) << without_sign;
 }
 
+TEST(PoseJson, ZenithUpLaysTheHorizonLevel) {
+  // Toward the east from 26 N: the image's x axis is level, its up rises.
+  const auto request = accepted(R"({"pose": {"nadir": null,
+                                    "look_at": {"lat_deg": 27, "lon_deg": 9, "up": "zenith"}}})");
+  const Vec3 vertical = request.pose.position_m.normalized();
+  const Eigen::Matrix3d camera_from_moon = request.pose.camera_from_moon.toRotationMatrix();
+  EXPECT_NEAR(camera_from_moon.row(0).dot(vertical), 0, 1e-15);
+  EXPECT_LT(camera_from_moon.row(1).dot(vertical), -0.5);
+  std::string details;
+  EXPECT_EQ(refused(R"({"pose": {"nadir": null, "look_at": {"lat_deg": 26, "lon_deg": 3, "up": "zenith"}}})", &details),
+            "/pose/look_at/up");
+  EXPECT_EQ(details, "\"zenith\" is along the boresight: give \"north\" or a vector\n");
+}
+
+TEST(PoseJson, MatricesAreQuaternionsInOtherWords) {
+  const std::string start = R"({"pose": {"nadir": null, )";
+  const auto same = [&](const std::string& matrix, const std::string& quaternion) {
+    expect_same_attitude(accepted(start + matrix + "}}").pose.camera_from_moon,
+                         accepted(start + quaternion + "}}").pose.camera_from_moon);
+  };
+  // Its rows are the camera's axes: right is +Y, down -Z, the boresight -X.
+  const std::string rows = "[[0, 1, 0], [0, 0, -1], [-1, 0, 0]]", columns = "[[0, 0, -1], [1, 0, 0], [0, -1, 0]]";
+  Eigen::Matrix3d expected;
+  expected << 0, 1, 0, 0, 0, -1, -1, 0, 0;
+  expect_same_attitude(accepted(start + R"("camera_from_moon_matrix": )" + rows + "}}").pose.camera_from_moon,
+                       Eigen::Quaterniond(expected));
+  same(R"("moon_from_camera_matrix": )" + columns, R"("camera_from_moon_matrix": )" + rows);
+  same(R"("axes": "opengl", "camera_from_moon_matrix": [[0, 1, 0], [0, 0, 1], [1, 0, 0]])",
+       R"("camera_from_moon_matrix": )" + rows);
+  same(R"("frame": "MOON_PA_DE421", "geodetic": null, "position_m": [1757400, 0, 0], "camera_from_moon_matrix": )" +
+           rows,
+       R"("frame": "MOON_PA_DE421", "geodetic": null, "position_m": [1757400, 0, 0], "moon_from_camera_matrix": )" +
+           columns);
+}
+
+TEST(PoseJson, MatrixRefusals) {
+  const auto with = [](const std::string& m) {
+    return R"({"pose": {"nadir": null, "camera_from_moon_matrix": )" + m + "}}";
+  };
+  const auto why = [&](const std::string& m) {
+    std::string details;
+    EXPECT_EQ(refused(with(m), &details), "/pose/camera_from_moon_matrix") << m;
+    return details;
+  };
+  EXPECT_NE(why("[[1, 0, 0], [0, 1, 0], [0, 0, 1.00001]]").find("not orthonormal"), std::string::npos);
+  EXPECT_NE(why("[[1, 0, 0], [0, 1, 0], [0, 0, -1]]").find("reflection"), std::string::npos);
+  EXPECT_NE(why("[[1, 0, 0], [0, 1, 0]]").find("3"), std::string::npos);
+  EXPECT_EQ(refused(with("[[1, 0, 0], [0, 1, 0], [0, 0]]")), "/pose/camera_from_moon_matrix/2");
+  EXPECT_EQ(refused(with("[[1, 0, 0], [0, 1, 0], [0, 0, 1.0000003]]")), "accepted");
+  EXPECT_NE(refused(R"({"pose": {"camera_from_moon_matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}})"), "accepted");
+}
+
+// At an epoch the Sun's direction in ICRF, turned into MOON_ME, is the ephemeris' own: position and attitude turn
+// alike.
+TEST(PoseJson, InertialPosesTurnWithTheMoon) {
+  const std::string utc = "2026-11-20T06:30:00Z";
+  const Eigen::Matrix3d moon_from_icrf = engine::moon_me_from_icrf(utc);
+  EXPECT_LT((moon_from_icrf * moon_from_icrf.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-14);
+  const Vec3 position = moon_from_icrf.transpose() * Vec3(1757400, 0, 0);
+  Eigen::Matrix3d camera_from_moon;
+  camera_from_moon << 0, 1, 0, 0, 0, -1, -1, 0, 0;
+  const Eigen::Matrix3d camera_from_icrf = camera_from_moon * moon_from_icrf;
+  Json body = minimal();
+  Json rows = Json::array();
+  for (int r = 0; r < 3; ++r) rows.push_back({camera_from_icrf(r, 0), camera_from_icrf(r, 1), camera_from_icrf(r, 2)});
+  body["pose"] = {
+      {"frame", "ICRF"}, {"position_m", {position.x(), position.y(), position.z()}}, {"camera_from_moon_matrix", rows}};
+  const auto read = [](const Json& of) { return read_frame(of, Limits{}); };
+  const auto expect_there = [&](const engine::Pose& pose) {
+    EXPECT_LT((pose.position_m - Vec3(1757400, 0, 0)).norm(), 1e-8);
+    expect_same_attitude(pose.camera_from_moon, Eigen::Quaterniond(camera_from_moon));
+  };
+  EXPECT_THROW(read(body), RequestError);  // no epoch
+  Json own = body;
+  own["pose"]["utc"] = utc;
+  expect_there(read(own).request.pose);
+  // The Sun's epoch is the pose's, unless it has its own; of what the client expects next, too.
+  Json suns = body;
+  suns["sun"] = {{"utc", utc}};
+  suns["ahead"] = {body["pose"]};
+  expect_there(read(suns).request.pose);
+  expect_there(read(suns).ahead.at(0));
+  suns["pose"]["utc"] = "2026-11-20T07:30:00Z";
+  EXPECT_GT((read(suns).request.pose.position_m - Vec3(1757400, 0, 0)).norm(), 10e3);
+  // The Moon turns by 13.2 degrees a day.
+  const Eigen::Matrix3d later = engine::moon_me_from_icrf("2026-11-21T06:30:00Z");
+  EXPECT_NEAR(Eigen::AngleAxisd(later * moon_from_icrf.transpose()).angle() / kRadians, 13.18, 0.1);
+  EXPECT_EQ(refused(R"({"pose": {"utc": "2026-11-20T06:30:00Z"}})"), "/pose/utc");
+  EXPECT_EQ(
+      refused(R"({"pose": {"frame": "ICRF", "utc": "yesterday", "geodetic": null, "position_m": [1757400, 0, 0]}})"),
+      "/pose/utc");
+}
+
+TEST(FrameJson, EchoIsNoPartOfTheFrame) {
+  const auto read = [](const std::string& patch) { return read_frame(patched(patch), Limits{}); };
+  const FrameQuery plain = read("{}"), echoing = read(R"({"echo": {"t": 12.5, "camera": "n\u00e4v", "n": [1, null]}})");
+  EXPECT_EQ(resolved_json(plain), resolved_json(echoing));
+  EXPECT_EQ(plain.echo, "");
+  EXPECT_EQ(Json::parse(echoing.echo), Json::parse(R"({"t": 12.5, "camera": "n\u00e4v", "n": [1, null]})"));
+  for (const char c : echoing.echo) EXPECT_TRUE(c >= ' ' && c <= '~');
+  EXPECT_EQ(refused(R"({"echo": 5})"), "/echo");
+  EXPECT_EQ(refused(R"({"echo": {"a": ")" + std::string(1017, 'x') + "\"}}"), "/echo");
+  EXPECT_EQ(refused(R"({"echo": {"a": ")" + std::string(1016, 'x') + "\"}}"), "accepted");
+}
+
 TEST(PoseJson, AxesMeanNothingForLookAtAndNadir) {
   expect_same_attitude(accepted(R"({"pose": {"axes": "opengl"}})").pose.camera_from_moon,
                        accepted("{}").pose.camera_from_moon);

@@ -83,9 +83,11 @@ void RayPass::find_radiance(Packet& p) const {
 void RayPass::write_products(Packet& p) const {
   if (p.on_object) write_objects(p);
   if (!p.on_terrain) return;
+  const bool marked = p.sample.count && writer_.marked(p.y, kPacketSide);
   for (int i = 0; i < kPacket; ++i) {
     if (!p.points.hit[i]) continue;
     const std::size_t at = pixel_of(p, i);
+    if (marked) writer_.mark(p.x + i % kPacketSide, p.y + i / kPacketSide, p.points, i);
     if (p.sample.weight > 0) add_radiance(at, p.sample.weight, p.radiance[i]);
     if (p.sample.count) writer_.account(p.points, i, at, p.task.counts);
     if (p.sample.store && writer_.wants_geometry())

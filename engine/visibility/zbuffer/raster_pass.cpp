@@ -116,6 +116,7 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
     counts.missing += static_cast<std::uint64_t>(std::count(points.toward_moon, points.toward_moon + kPacket, true));
   }
   if (!hits) return;
+  if (sample.count && writer_.marked(row.y, 1)) mark(row, points);
   Shading shading;
   shader_.shade(facets, points, rays, shading);
   alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
@@ -138,6 +139,11 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
     if (left >> i & 1 && sample.count) writer_.account(points, i, at, counts);
     if (stores) writer_.store_geometry(points, i, rays.direction(i), shading, lit[i], at);
   }
+}
+
+[[gnu::noinline]] void RasterPass::mark(const Row& row, const SurfacePoints& points) {
+  for (int i = 0; i < kPacket; ++i)
+    if (points.hit[i]) writer_.mark(row.x + i, row.y, points, i);
 }
 
 // Those of the row's pixels that see objects; they are no longer terrain's. Their points are samples of the shadow map

@@ -68,6 +68,7 @@ class RasterPass {
   void resolve(const Row& row, const std::uint32_t* triangles, PixelCounts& counts, LightSamples& samples,
                PacketShader::Sampler& sampler);
   void resolve_objects(const Row& row, Rays& rays, SurfacePoints& points, PixelCounts& counts, LightSamples& samples);
+  void mark(const Row& row, const SurfacePoints& points);
   void prefetch(const std::uint32_t* triangles) const;
   void place_under_sun(const SurfacePoints& points, const std::uint16_t* own, std::size_t first_pixel, Shading& shading,
                        float* lit, LightSamples& samples) const;

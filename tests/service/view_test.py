@@ -1,0 +1,170 @@
+#!/usr/bin/env python3
+"""What frames say about their view: its place in words of the ground, what is probably wrong with it, and the echo."""
+
+import io
+import json
+import math
+import unittest
+
+import numpy as np
+
+import harness
+from harness import frame_request, sample
+
+MOON_M = 1737400.0
+LAT, LON = -0.5, 30.5
+
+
+def setUpModule():
+    harness.set_up()
+    sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
+    View.service = harness.Service()
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def nadir(lat_deg=LAT, lon_deg=LON, height_m=20000.0, up_azimuth_deg=0.0):
+    return {"geodetic": {"lat_deg": lat_deg, "lon_deg": lon_deg, "height_m": height_m},
+            "nadir": {"up_azimuth_deg": up_azimuth_deg}}
+
+
+def looking(position_m, boresight, up):
+    """camera_from_moon as a matrix: rows are the camera's axes."""
+    z = np.asarray(boresight, float) / np.linalg.norm(boresight)
+    x = np.cross(z, up)
+    x /= np.linalg.norm(x)
+    return {"position_m": list(position_m), "camera_from_moon_matrix": [x.tolist(), np.cross(z, x).tolist(), z.tolist()]}
+
+
+def quaternion(matrix):
+    """w, x, y, z of a rotation matrix whose trace isn't -1."""
+    m = np.asarray(matrix)
+    w = math.sqrt(max(0.0, 1 + np.trace(m))) / 2
+    return [w, (m[2, 1] - m[1, 2]) / (4 * w), (m[0, 2] - m[2, 0]) / (4 * w), (m[1, 0] - m[0, 1]) / (4 * w)]
+
+
+def cartesian(lat_deg, lon_deg, height_m):
+    lat, lon = math.radians(lat_deg), math.radians(lon_deg)
+    return (MOON_M + height_m) * np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+
+
+class View(unittest.TestCase):
+    def ask(self, pose, products=("radiance", "geodetic"), **changes):
+        request = frame_request(products, pose=pose, **changes)
+        status, headers, body = self.service.frame(request, "application/x-npz")
+        self.assertEqual(status, 200, body[:500])
+        arrays = np.load(io.BytesIO(body))
+        return arrays, json.loads(bytes(arrays["meta.json"])), headers
+
+    def test_the_places_are_those_that_the_pixels_see(self):
+        for tilt in (0.0, 30.0):
+            for changes in ({}, {"visibility": "raytrace"}, {"samples": 4}):
+                there = cartesian(LAT, LON, 20000.0)
+                up = there / np.linalg.norm(there)
+                north = np.array([0, 0, 1.0]) - up[2] * up
+                boresight = -math.cos(math.radians(tilt)) * up + math.sin(math.radians(tilt)) * north / np.linalg.norm(north)
+                pose = looking(there, boresight, north)
+                # An odd size: the boresight is the middle pixel's centre.
+                arrays, meta, _ = self.ask(pose, width=65, height=49, **changes)
+                view, ground = meta["view"], arrays["geodetic"]
+                middle = ground[24, 32]
+                with self.subTest(tilt=tilt, **changes):
+                    self.assertAlmostEqual(view["off_nadir_deg"], tilt, 9)
+                    self.assertAlmostEqual(view["lat_deg"], middle[0], 9)
+                    self.assertAlmostEqual(view["lon_deg"], middle[1], 9)
+                    self.assertAlmostEqual(view["height_m"], middle[2], 4)
+                    self.assertAlmostEqual((view["up_azimuth_deg"] + 180) % 360, 180, 1)
+                    for corner, pixel in zip(view["corners"], ((0, 0), (0, 64), (48, 64), (48, 0))):
+                        self.assertAlmostEqual(corner["lat_deg"], ground[pixel][0], 9)
+                        self.assertAlmostEqual(corner["lon_deg"], ground[pixel][1], 9)
+                    self.assertEqual(meta["warnings"], [])
+
+    def test_without_geometry_the_places_are_the_same(self):
+        views = [self.ask(nadir(), products, samples=samples)[1]["view"]
+                 for products, samples in ((("radiance",), 1), (("radiance",), 4), (("geodetic", "lit"), 1))]
+        for view in views[1:]:
+            for name in ("lat_deg", "lon_deg"):
+                self.assertAlmostEqual(view[name], views[0][name], 6)
+            self.assertAlmostEqual(view["height_m"], views[0]["height_m"], 4)
+            self.assertAlmostEqual(view["post_px"], views[0]["post_px"], 6)
+
+    def test_azimuths_and_sizes_follow_their_definitions(self):
+        sun = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0, "elevation_deg": 15.0}}
+        for up in (0.0, 90.0, 215.0):
+            _, meta, _ = self.ask(nadir(up_azimuth_deg=up), sun=sun)
+            view = meta["view"]
+            self.assertAlmostEqual(view["off_nadir_deg"], 0, 6)
+            self.assertAlmostEqual((view["up_azimuth_deg"] - up + 180) % 360, 180, 6)
+            self.assertAlmostEqual(view["sun"]["azimuth_deg"], 80, 2)
+            self.assertAlmostEqual(view["sun"]["elevation_deg"], 15, 2)
+            # Posts of 1/256 degree, a pixel's angle at the boresight.
+            camera = meta["request"]["camera"]
+            post_m = math.radians(1 / 256) * MOON_M
+            self.assertAlmostEqual(view["post_px"], post_m * camera["fx"] / (20000.0 - view["height_m"]), 3)
+
+    def test_a_crop_beside_the_boresight_has_corners_alone(self):
+        camera = {"width": 64, "height": 48, "fx": 100.0, "cx": 200.0, "cy": 24.0}
+        _, meta, _ = self.ask(nadir(), camera=camera)
+        view = meta["view"]
+        self.assertIsNone(view["lat_deg"])
+        self.assertIsNone(view["up_azimuth_deg"])
+        self.assertTrue(all(view["corners"]))
+
+    def warned(self, pose, **changes):
+        _, meta, _ = self.ask(pose, **changes)
+        return " | ".join(meta["warnings"])
+
+    def test_usual_mistakes_are_named(self):
+        there = cartesian(LAT, LON, 20000.0)
+        # South up: the inverse of this attitude looks away from the Moon.
+        right = looking(there, -there, np.array([0, 0, -1.0]))
+        matrix = np.array(right["camera_from_moon_matrix"])
+        self.assertEqual(self.warned(right), "")
+        position = right["position_m"]
+        w, x, y, z = quaternion(matrix)
+
+        def given(a, b, c, d, name="camera_from_moon"):
+            return {"position_m": position, name: {"w": a, "x": b, "y": c, "z": d}}
+
+        self.assertEqual(self.warned(given(w, x, y, z)), "")
+        self.assertIn("inverse", self.warned(given(w, -x, -y, -z)))
+        self.assertIn("inverse", self.warned(given(w, x, y, z, "moon_from_camera")))
+        opengl = np.diag([1.0, -1.0, -1.0]) @ matrix
+        self.assertIn("OpenGL", self.warned({"position_m": position, "camera_from_moon_matrix": opengl.tolist()}))
+        self.assertIn("order x, y, z, w", self.warned(given(x, y, z, w)))
+        self.assertIn("order w, x, y, z", self.warned(given(z, w, x, y)))
+        # In millimetres the camera is farther away than the Moon's disc is large.
+        self.assertIn("lengths are metres", self.warned({**right, "position_m": (1000 * there).tolist()}))
+
+    def test_latitude_and_longitude_in_each_others_place(self):
+        said = self.warned(nadir(lat_deg=LON, lon_deg=LAT))
+        self.assertIn("without data", said)
+        self.assertIn("each other's place", said)
+
+    def test_nothing_lit_says_where_the_sun_stands(self):
+        sun = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0, "elevation_deg": -12.0}}
+        said = self.warned(nadir(), sun=sun)
+        self.assertIn("nothing in view is lit", said)
+        self.assertIn("-12.0", said)
+
+    def test_posts_wider_than_eight_pixels(self):
+        self.assertIn("pixels wide", self.warned(nadir(height_m=800.0)))
+
+    def test_the_echo_comes_back_and_changes_nothing(self):
+        echo = {"t_s": 12.5, "frame": 7, "camera": "n\u00e4v", "more": [1, None, {"a": True}]}
+        plain = self.service.frame(frame_request(pose=nadir()), "application/x-npy")
+        said = self.service.frame(frame_request(pose=nadir(), echo=echo), "application/x-npy")
+        self.assertEqual(json.loads(said[1]["Selenograph-Echo"]), echo)
+        self.assertNotIn("Selenograph-Echo", plain[1])
+        self.assertEqual(plain[2], said[2])
+        self.assertEqual(plain[1]["ETag"], said[1]["ETag"])
+        same = self.service.frame(frame_request(pose=nadir(), echo=echo), "application/x-npy",
+                                  **{"If-None-Match": plain[1]["ETag"]})
+        self.assertEqual(same[0], 304)
+        self.assertEqual(json.loads(same[1]["Selenograph-Echo"]), echo)
+
+
+if __name__ == "__main__":
+    harness.main()
