@@ -124,7 +124,7 @@ int serve(const ServeSettings& settings) {
                        .patience = limits.default_deadline});
   Metrics metrics{std::string(api::software_version())};
   const HttpServer* http = nullptr;
-  Front front(service, admission, metrics, [&](Gauges& gauges) {
+  Front front(service, admission, metrics, settings.page, [&](Gauges& gauges) {
     gauges.connections = http->connections();
     gauges.cache = renderer->terrain().statistics();
     gauges.terrain_warnings = renderer->terrain().warnings().size();

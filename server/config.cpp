@@ -210,6 +210,11 @@ void add_options(CLI::App& command, ServeSettings& s) {
   command.add_option("--shutdown-s", s.shutdown_s, "From SIGTERM to the end of the process, whatever is in work")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
+  const std::map<std::string, PageAccess> access{
+      {"off", PageAccess::off}, {"local", PageAccess::local}, {"on", PageAccess::on}};
+  command.add_option("--page", s.page, "Who gets the pages GET / and GET /docs: nobody, this machine, everybody")
+      ->transform(CLI::CheckedTransformer(access).description("{off,local,on}"))
+      ->default_str("local");
   command.add_flag("--pretouch", s.pretouch,
                    "Take the memory of --cache-mb and --scene-mb from the system at the start, so that no frame waits "
                    "for it");

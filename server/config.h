@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "api/service.h"
+#include "server/pages.h"
 
 namespace selenograph::server {
 
@@ -40,9 +41,10 @@ struct ServeSettings {
   int max_waiting = 256;      // a waiting request costs a connection, a thread and its body
   int max_connections = 256;
   double idle_timeout_s = 30, receive_timeout_s = 20;
-  double send_kb_per_s = 64;  // an answer must be read at, KiB/s on average after ten seconds
-  double shutdown_s = 10;     // from SIGTERM to the end of the process
-  bool pretouch = false;      // the budgets' memory is taken from the system at the start
+  double send_kb_per_s = 64;            // an answer must be read at, KiB/s on average after ten seconds
+  double shutdown_s = 10;               // from SIGTERM to the end of the process
+  PageAccess page = PageAccess::local;  // who gets the pages for people
+  bool pretouch = false;                // the budgets' memory is taken from the system at the start
   bool trial = false;
 };
 

@@ -46,8 +46,13 @@ Clock::time_point deadline_of(const api::Request& request, const api::Limits& li
 
 }  // namespace
 
-Front::Front(const api::Service& service, Admission& admission, const Metrics& metrics, ReadGauges read_gauges)
-    : service_(service), admission_(admission), metrics_(metrics), read_gauges_(std::move(read_gauges)) {}
+Front::Front(const api::Service& service, Admission& admission, const Metrics& metrics, PageAccess pages,
+             ReadGauges read_gauges)
+    : service_(service),
+      admission_(admission),
+      metrics_(metrics),
+      pages_(pages),
+      read_gauges_(std::move(read_gauges)) {}
 
 void Front::begin_shutdown() {
   ready_ = false;
@@ -66,6 +71,7 @@ api::Response Front::for_others(const api::Request& request, const Peer& peer) c
     get.method = "GET";
     return for_others(get, peer);
   }
+  if (auto page = page_for(request, peer, pages_)) return std::move(*page);
   return api::Service::needs_admission(request) ? admitted(request, peer) : service_.handle(request);
 }
 

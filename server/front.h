@@ -9,6 +9,7 @@
 #include "server/admission.h"
 #include "server/connection.h"
 #include "server/metrics.h"
+#include "server/pages.h"
 
 namespace selenograph::server {
 
@@ -16,7 +17,8 @@ class Front {
  public:
   using ReadGauges = std::function<void(Gauges&)>;  // fills what only the owner knows: terrain, scenes, connections
 
-  Front(const api::Service& service, Admission& admission, const Metrics& metrics, ReadGauges read_gauges);
+  Front(const api::Service& service, Admission& admission, const Metrics& metrics, PageAccess pages,
+        ReadGauges read_gauges);
 
   // /health/live, /health/ready and /metrics never queue, and are all that a reserved connection gets. Calls that cost
   // time need a place from admission; all others go straight to the service. HEAD is GET whose body the HTTP layer
@@ -35,6 +37,7 @@ class Front {
   const api::Service& service_;
   Admission& admission_;
   const Metrics& metrics_;
+  const PageAccess pages_;
   const ReadGauges read_gauges_;
   std::atomic<bool> ready_{true};
 };
