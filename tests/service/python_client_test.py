@@ -1,0 +1,1183 @@
+#!/usr/bin/env python3
+"""The Python client (api/clients/python): each method against the real binary, HTTP's mishaps against a made-up server.
+
+Needs NumPy.
+"""
+
+import ast
+import asyncio
+import contextlib
+import http.server
+import importlib.util
+import io
+import json
+import math
+import os
+import queue
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import unittest
+import warnings
+from datetime import datetime, timezone
+from unittest import mock
+
+import numpy as np
+
+import harness
+from harness import PATIENCE_S, REPOSITORY, Service, frame_request
+
+FOLDER = os.path.join(REPOSITORY, "api", "clients", "python")
+sys.path.insert(0, FOLDER)
+import selenograph  # noqa: E402
+from selenograph import AsyncClient, Camera, Client, Pose, Refused, Sun, Trajectory  # noqa: E402
+
+MOON_GM = 4.9028e12  # m^3 s^-2
+SERVICE = None
+
+
+def setUpModule():
+    global SERVICE
+    harness.set_up()
+    harness.sample("dem", "--ppd", "256")  # where the examples fly
+    SERVICE = Service("--max-rays", "20000")
+
+
+def tearDownModule():
+    try:
+        code = SERVICE.stop()
+        assert code == 0, f"exit status {code} after SIGTERM"
+    finally:
+        harness.tear_down()
+
+
+def url():
+    return f"http://{SERVICE.host}:{SERVICE.port}"
+
+
+def pose_at(step):
+    return Pose.nadir(lat_deg=-6.5 + 0.02 * step, lon_deg=40.0, height_m=20000)
+
+
+def request_at(step, products=("radiance", "range"), **changes):
+    sun = Sun.local(lat_deg=-6.5, lon_deg=40, azimuth_deg=90, elevation_deg=15)
+    return frame_request(products, **{"pose": pose_at(step), "sun": sun, **changes})
+
+
+class WithClient(unittest.TestCase):
+    def setUp(self):
+        self.client = Client(url())
+        self.addCleanup(self.client.close)
+
+    def same(self, a, b):
+        self.assertEqual(list(a), list(b))
+        for product in a:
+            np.testing.assert_array_equal(a[product], b[product])
+        self.assertEqual(a.meta, b.meta)
+        self.assertEqual(a.etag, b.etag)
+
+
+class Frames(WithClient):
+    def test_a_frame_is_a_mapping(self):
+        products = ("radiance", "range", "position", "image", "source")
+        frame = self.client.frame(request_at(0, products))
+        status, headers, body = SERVICE.frame(request_at(0, products), "application/x-npz")
+        self.assertEqual(status, 200)
+        right = np.load(io.BytesIO(body))
+        self.assertEqual(set(frame), set(products))
+        self.assertEqual(len(frame), len(products))
+        for product in products:
+            np.testing.assert_array_equal(frame[product], right[product])
+            self.assertEqual(frame[product].dtype, right[product].dtype)
+            self.assertTrue(frame[product].flags.writeable and frame[product].flags.aligned)
+        self.assertEqual(frame.meta, json.loads(bytes(right["meta.json"])))
+        self.assertEqual(frame.etag, headers["ETag"])
+        self.assertEqual(frame.warnings, [])
+        self.assertIn("visibility", frame.timing)
+        self.assertGreater(frame.timing["encode"], 0)
+        with self.assertRaisesRegex(KeyError, "depth.*the frame has image, radiance"):
+            frame["depth"]
+
+    def test_files(self):
+        png = self.client.encoded(request_at(0, ["image"]))
+        self.assertEqual((png.media_type, png.content[:4]), ("image/png", b"\x89PNG"))
+        tiff = self.client.encoded(request_at(0, ["range"]), "image/tiff")
+        self.assertEqual((tiff.media_type, tiff.content[:2]), ("image/tiff", b"II"))
+
+    def test_numpy_in_requests(self):
+        plain = self.client.frame(request_at(0, camera={"width": 48, "height": 40, "fov_deg": 40.0}))
+        camera = {"width": np.int32(48), "height": np.uint8(40), "fov_deg": np.float32(40)}
+        request = request_at(0, np.array(["radiance", "range"]), camera=camera)
+        request["products"] = np.array(request["products"])
+        self.same(self.client.frame(request), plain)
+        with self.assertRaisesRegex(ValueError, "/pose/position_m/1 is nan"):
+            self.client.frame(request_at(0, pose={"position_m": np.array([2e6, math.nan, 0]), "nadir": {}}))
+        with self.assertRaisesRegex(TypeError, "set can't be part of a request"):
+            self.client.frame(request_at(0, pose={"nadir"}))
+
+    def test_a_refusal_lists_its_pointers(self):
+        with self.assertRaises(Refused) as caught:
+            self.client.frame(request_at(0, camera={"width": 48, "fovdeg": 40}))
+        refused = caught.exception
+        self.assertEqual(refused.status, 422)
+        self.assertEqual(refused.problem["type"], "urn:selenograph:problem:invalid_request")
+        self.assertEqual(set(refused.pointers), {error["pointer"] for error in refused.problem["errors"]})
+        self.assertIn('/camera/fovdeg: unknown member; did you mean "fov_deg"?', str(refused))
+        self.assertIn("/camera/height: is required", str(refused))
+
+    def test_warnings_are_pythons(self):
+        dark = request_at(0, sun=Sun.local(lat_deg=-6.5, lon_deg=40, azimuth_deg=90, elevation_deg=-40))
+        with self.assertWarnsRegex(selenograph.FrameWarning, "no signal") as caught:
+            frame = self.client.frame(dark)
+        self.assertEqual(caught.filename, __file__)
+        self.assertEqual(len(frame.warnings), 1)
+        with self.assertWarns(selenograph.FrameWarning) as caught:
+            list(self.client.frames([dark]))
+        self.assertEqual(caught.filename, __file__)
+
+
+class InOrder(WithClient):
+    COUNT = 9
+
+    @classmethod
+    def setUpClass(cls):
+        with Client(url()) as client:
+            cls.alone = [client.frame(request_at(step)) for step in range(cls.COUNT)]
+
+    def all_right(self, frames, count=COUNT):
+        got = list(frames)
+        self.assertEqual(len(got), count)
+        for frame, right in zip(got, self.alone):
+            self.same(frame, right)
+
+    def test_any_number_in_flight_gives_the_frames_in_order(self):
+        requests = [request_at(step) for step in range(self.COUNT)]
+        for in_flight, ahead in ((1, 0), (1, 4), (2, 4), (5, 64)):
+            with self.subTest(in_flight=in_flight, ahead=ahead):
+                self.all_right(self.client.frames(requests, in_flight, ahead))
+                self.all_right(self.client.frames(iter(requests), in_flight, ahead))
+        self.assertEqual(list(self.client.frames([])), [])
+        self.assertEqual(list(self.client.frames(iter([]))), [])
+
+    def test_content_is_byte_for_byte_that_of_a_frame_alone(self):
+        requests = [request_at(step) for step in range(4)]
+        for i, answer in enumerate(self.client._in_order(requests, 2, 4,
+                                                         lambda r: self.client.encoded(r, "application/x-npz"))):
+            self.assertEqual(answer.content, SERVICE.frame(requests[i], "application/x-npz")[2])
+
+    def test_a_closed_loop_with_one_in_flight(self):
+        seen = []
+
+        def requests():
+            for step in range(5):
+                self.assertEqual(len(seen), step, "the frame before must have been handed out")
+                yield request_at(step)
+
+        for frame in self.client.frames(requests(), in_flight=1):
+            seen.append(frame)
+        self.all_right(seen, 5)
+
+    def test_a_closed_loop_by_a_queue(self):
+        waiting = queue.Queue()
+        waiting.put(request_at(0))
+        seen = []
+        for frame in self.client.frames(iter(waiting.get, None)):  # the iterable waits while frames are handed out
+            seen.append(frame)
+            waiting.put(request_at(len(seen)) if len(seen) < 5 else None)
+        self.all_right(seen, 5)
+
+    def test_an_iterable_is_taken_lazily(self):
+        taken = []
+
+        def requests():
+            for step in range(1000):
+                taken.append(step)
+                yield request_at(step % self.COUNT)
+
+        frames = self.client.frames(requests(), in_flight=2, ahead=3)
+        self.assertEqual(taken, [])
+        for i in range(3):
+            self.same(next(frames), self.alone[i])
+            self.assertLessEqual(len(taken), i + 1 + 2 + 3)
+        frames.close()
+        self.assertLessEqual(len(taken), 3 + 2 + 3)
+
+    def test_an_error_has_its_place(self):
+        requests = [request_at(0), request_at(1), request_at(2, products=["nonsense"]), request_at(3)]
+        below = request_at(2, pose=Pose.nadir(lat_deg=-6.5, lon_deg=40, height_m=-9000))
+        bad_pose = request_at(2, pose={"nadir": {}})  # a fault in "ahead" of those before, too
+        for bad in (requests[2], below, bad_pose):
+            for in_flight in (1, 2, 3):
+                requests[2] = bad
+                frames = self.client.frames(requests, in_flight)
+                self.same(next(frames), self.alone[0])
+                self.same(next(frames), self.alone[1])
+                with self.assertRaises(Refused) as caught:
+                    next(frames)
+                self.assertTrue(caught.exception.pointers[0].startswith(("/pose", "/products")), caught.exception)
+                self.assertRaises(StopIteration, next, frames)
+
+    def test_an_error_of_the_iterable_has_its_place(self):
+        def requests():
+            yield request_at(0)
+            yield request_at(1)
+            raise RuntimeError("the simulator stopped")
+        for in_flight in (1, 3):
+            frames = self.client.frames(requests(), in_flight)
+            self.same(next(frames), self.alone[0])
+            self.same(next(frames), self.alone[1])
+            self.assertRaisesRegex(RuntimeError, "the simulator stopped", next, frames)
+
+    def test_wrong_arguments_are_told_at_once(self):
+        self.assertRaisesRegex(ValueError, "in_flight is 0", self.client.frames, [], 0)
+        self.assertRaisesRegex(ValueError, "ahead is 65", self.client.frames, [], 2, 65)
+        self.assertRaisesRegex(TypeError, r"for one there is frame\(\)", self.client.frames, request_at(0))
+
+
+class Points(WithClient):
+    def test_rays_hit_what_the_frame_sees(self):
+        frame = self.client.frame(request_at(0, ["range", "position", "lit", "normal"], accuracy={"max_error_px": 0}))
+        camera_m = np.array(frame.meta["request"]["pose"]["position_m"])
+        towards = frame["position"] - camera_m
+        hits = self.client.rays(camera_m, towards, sun=request_at(0)["sun"])
+        self.assertEqual(hits.shape, frame["range"].shape)
+        self.assertTrue(hits.hit.all())
+        np.testing.assert_allclose(hits.range_m, frame["range"], atol=1e-5)
+        np.testing.assert_allclose(hits.position_m, frame["position"], atol=1e-5)
+        self.assertGreater((hits["lit"] == frame["lit"]).mean(), 0.99)
+        away = self.client.rays(camera_m, [camera_m, -camera_m])
+        self.assertEqual(away.hit.tolist(), [False, True])
+        self.assertTrue(math.isnan(away.range_m[0]) and np.isnan(away.lit).all())
+        one = self.client.rays(camera_m, -camera_m)
+        self.assertEqual(one.shape, ())
+        self.assertEqual(float(one.range_m), away.range_m[1])
+        self.assertRaisesRegex(ValueError, r"arrays of \(..., 3\)", self.client.rays, [1, 2], [3, 4])
+
+    def test_projected_points_are_where_the_frame_has_them(self):
+        request = request_at(0, ["geodetic"], accuracy={"max_error_px": 0})
+        frame = self.client.frame(request)
+        points = self.client.project(request["camera"], request["pose"], frame["geodetic"], sun=request["sun"])
+        rows, columns = np.indices(points.shape)
+        np.testing.assert_allclose(points.x_px, columns, atol=1e-6)
+        np.testing.assert_allclose(points.y_px, rows, atol=1e-6)
+        self.assertTrue(points.in_frame.all())
+        self.assertGreater(points.visible.mean(), 0.99)
+        self.assertTrue(np.isfinite(points.lit).all())
+        on_terrain = self.client.project(request["camera"], request["pose"], frame["geodetic"][..., :2])
+        np.testing.assert_allclose(on_terrain.height_m, frame["geodetic"][..., 2], atol=1e-5)
+        mixed = self.client.project(request["camera"], request["pose"], [[-6.5, 40, math.nan], [-6.5, 40, 50000]])
+        self.assertEqual(mixed.reason.tolist(), [None, "behind the camera"])
+        self.assertTrue(math.isnan(mixed.x_px[1]))
+
+    def test_heights(self):
+        lat, lon = np.meshgrid([-6.5, -6.4, 50.0], [40.0, 40.25], indexing="ij")
+        heights = self.client.heights(lat, lon)
+        self.assertEqual(heights.shape, (3, 2))
+        for i in np.ndindex(2, 2):
+            _, _, body = SERVICE.ask("GET", f"/v1/height?lat_deg={lat[i]}&lon_deg={lon[i]}")
+            right = json.loads(body)
+            self.assertEqual({name: heights[name][i] for name in right}, right)
+        self.assertTrue(np.isnan(heights.height_m[2]).all())
+        self.assertEqual(heights.reason[2, 0], "no dataset covers this place")
+        self.assertEqual(float(self.client.heights(-6.5, 40).height_m), heights.height_m[0, 0])
+
+    def test_more_points_than_a_request_holds(self):
+        count = 2 * selenograph.POINTS_AT_ONCE + 7  # more than --max-rays
+        lat = np.linspace(-7, -6, count)
+        heights = self.client.heights(lat, 40.0)
+        self.assertEqual(heights.shape, (count,))
+        np.testing.assert_array_equal(heights.lat_deg, lat)
+        np.testing.assert_array_equal(heights.height_m[::5000], self.client.heights(lat[::5000], 40.0).height_m)
+        lat[selenograph.POINTS_AT_ONCE + 3] = 91
+        with self.assertRaises(Refused) as caught:
+            self.client.heights(lat, 40.0)
+        self.assertEqual(caught.exception.pointers, [f"/points/{selenograph.POINTS_AT_ONCE + 3}/lat_deg"])
+        self.assertEqual(self.client.heights([], []).shape, (0,))
+
+    def test_datasets(self):
+        catalogue = self.client.datasets()
+        self.assertEqual(len(catalogue["datasets"]), 6)
+        self.assertEqual(catalogue["problems"], [])
+
+
+class Async(unittest.TestCase):
+    def run_with_client(self, work):
+        async def all_of_it():
+            async with AsyncClient(url()) as client:
+                return await work(client)
+        return asyncio.run(all_of_it())
+
+    def test_methods_are_the_clients(self):
+        here = {name for name in vars(Client) if not name.startswith("_")}
+        self.assertEqual({name for name in vars(AsyncClient) if not name.startswith("_")}, here)
+
+    def test_calls(self):
+        async def work(client):
+            with Client(url()) as plain:
+                frame, heights, catalogue, answer = await asyncio.gather(
+                    client.frame(request_at(0)), client.heights([-6.5], [40]), client.datasets(),
+                    client.encoded(request_at(0), "application/x-npz"))
+                self.assertEqual(frame.etag, plain.frame(request_at(0)).etag)
+                self.assertEqual(heights, plain.heights([-6.5], [40]))
+                self.assertEqual(catalogue, plain.datasets())
+                self.assertEqual(answer.content, plain.encoded(request_at(0), "application/x-npz").content)
+                rays = await client.rays([3e6, 0, 0], [-1, 0.0, 0], sun=request_at(0)["sun"])
+                self.assertFalse(rays.hit)
+                request = request_at(0)
+                points = await client.project(request["camera"], request["pose"], [[-6.5, 40]])
+                self.assertTrue(points.in_frame[0])
+                with self.assertRaises(Refused):
+                    await client.frame({})
+        self.run_with_client(work)
+
+    def test_frames_of_any_iterable_in_order(self):
+        async def work(client):
+            etags = [(await client.frame(request_at(step))).etag for step in range(6)]
+            requests = [request_at(step) for step in range(6)]
+
+            async def later():
+                for request in requests:
+                    await asyncio.sleep(0)
+                    self.assertIs(threading.current_thread(), threading.main_thread())
+                    yield request
+
+            for in_flight in (1, 3):
+                for some in (requests, iter(requests), later()):
+                    got = [frame.etag async for frame in client.frames(some, in_flight)]
+                    self.assertEqual(got, etags)
+        self.run_with_client(work)
+
+    def test_a_closed_loop(self):
+        async def work(client):
+            for in_flight in (1, 2):
+                waiting = asyncio.Queue()
+                await waiting.put(request_at(0))
+
+                async def requests():
+                    while (request := await waiting.get()) is not None:
+                        yield request
+
+                seen = []
+                async for frame in client.frames(requests(), in_flight):
+                    seen.append(frame.meta["request"]["pose"]["position_m"])
+                    await waiting.put(request_at(len(seen)) if len(seen) < 4 else None)
+                self.assertEqual(len(seen), 4)
+                self.assertEqual(len(set(map(tuple, seen))), 4)
+        self.run_with_client(work)
+
+    def test_leaving_early_leaves_nothing_behind(self):
+        async def work(client):
+            async def for_ever():
+                step = 0
+                while True:
+                    yield request_at(step % 5)
+                    step += 1
+            frames = client.frames(for_ever())
+            async for _ in frames:
+                break
+            await frames.aclose()
+        self.run_with_client(work)
+
+
+class Script(http.server.BaseHTTPRequestHandler):
+    """Answers requests one after the other as a list says, each (status, headers, body) or "close"."""
+
+    protocol_version = "HTTP/1.1"
+
+    def do_POST(self):
+        body = self.rfile.read(int(self.headers.get("Content-Length") or 0))
+        with self.server.lock:
+            self.server.seen.append((self.client_address, self.path, dict(self.headers), body))
+            step = self.server.script.pop(0) if self.server.script else (500, {}, b"no more")
+        if step == "close":
+            self.close_connection = True
+            return
+        status, headers, content = step
+        self.send_response(status)
+        for name, value in {"Content-Length": str(len(content)), **headers}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(content)
+        self.close_connection = "close after" in headers.values()
+
+    do_GET = do_POST
+
+    def log_message(self, *_):
+        pass
+
+
+class MadeUp:
+    """A server that does as a script says."""
+
+    def __init__(self, *script):
+        self.server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Script)
+        self.server.script, self.server.seen, self.server.lock = list(script), [], threading.Lock()
+        self.url = f"http://127.0.0.1:{self.server.server_address[1]}"
+        self.thread = threading.Thread(target=self.server.serve_forever, args=(0.01,))
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.server.shutdown()
+        self.thread.join()
+        self.server.server_close()
+
+    @property
+    def seen(self):
+        return self.server.seen
+
+
+def npz(**arrays):
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+FINE = (200, {"Content-Type": "application/json"}, b'{"points": [{"height_m": 1.5}]}')
+BUSY = (503, {"Content-Type": "application/problem+json", "Retry-After": "3"},
+        b'{"title": "Busy", "status": 503, "detail": "come back"}')
+
+
+class Mishaps(unittest.TestCase):
+    @contextlib.contextmanager
+    def asking(self, *script, slept=(), **options):
+        with MadeUp(*script) as server, mock.patch.object(selenograph.time, "sleep") as sleep:
+            with Client(server.url, **options) as client:
+                yield client, server
+            self.assertEqual([call.args[0] for call in sleep.call_args_list], list(slept))
+            self.assertEqual(server.server.script, [], "not all of the script was asked for")
+
+    def test_retry_after_is_obeyed(self):
+        unavailable = (429, {"Retry-After": "0"}, b"")
+        with self.asking(BUSY, unavailable, FINE, slept=(3, 0)) as (client, server):
+            self.assertEqual(client.heights(0, 0).height_m, 1.5)
+            self.assertEqual(len(server.seen), 3)
+            self.assertEqual(len({connection for connection, *_ in server.seen}), 1, "the connection is kept")
+
+    def test_retry_after_beyond_the_time_allowed_is_a_refusal(self):
+        with self.asking(BUSY, timeout_s=2) as (client, _):
+            with self.assertRaisesRegex(Refused, "503 Busy: come back") as caught:
+                client.heights(0, 0)
+            self.assertEqual(caught.exception.status, 503)
+
+    def test_a_date_in_retry_after(self):
+        past = (503, {"Retry-After": "Fri, 31 Dec 1999 23:59:59 GMT"}, b"")
+        with self.asking(past, FINE, slept=(0,)) as (client, _):
+            self.assertEqual(client.heights(0, 0).height_m, 1.5)
+
+    def test_without_retry_after_an_error_is_one(self):
+        stopping = (503, {}, b"shutting down\n")
+        with self.asking(stopping) as (client, _):
+            with self.assertRaisesRegex(Refused, "503 Service Unavailable: shutting down") as caught:
+                client.heights(0, 0)
+            self.assertEqual(caught.exception.problem, {})
+
+    def test_a_connection_closed_between_calls(self):
+        with self.asking(FINE, "close", FINE, FINE) as (client, server):
+            self.assertEqual(client.heights(0, 0).height_m, 1.5)
+            self.assertEqual(client.heights(0, 0).height_m, 1.5)  # lost, and asked again
+            self.assertEqual(client.heights(0, 0).height_m, 1.5)
+            connections = [connection for connection, *_ in server.seen]
+            self.assertEqual(connections[0], connections[1])
+            self.assertEqual(connections[2], connections[3])
+            self.assertNotEqual(connections[1], connections[2])
+
+    def test_an_answer_cut_short(self):
+        cut = (200, {"Content-Type": "application/json", "Content-Length": "1000", "Connection": "close after"}, b"{")
+        with self.asking(cut, FINE) as (client, _):
+            self.assertEqual(client.heights(0, 0).height_m, 1.5)
+
+    def test_two_losses_are_an_error(self):
+        with self.asking("close", "close") as (client, _):
+            with self.assertRaisesRegex(ConnectionError, "closed two connections"):
+                client.heights(0, 0)
+
+    def test_nothing_answers(self):
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        with self.assertRaisesRegex(ConnectionError, "nothing answers at .*`selenograph serve`"):
+            Client(f"http://127.0.0.1:{port}").datasets()
+
+    def test_silence_is_a_timeout(self):
+        with socket.create_server(("127.0.0.1", 0)) as silent:
+            with self.assertRaisesRegex(TimeoutError, "timeout_s = 0.2 s"):
+                Client(f"http://127.0.0.1:{silent.getsockname()[1]}", timeout_s=0.2).datasets()
+
+    def test_no_http(self):
+        with socket.create_server(("127.0.0.1", 0)) as other:
+            def answer():
+                connection, _ = other.accept()
+                connection.sendall(b"220 mail.example ESMTP\r\n")
+                connection.close()
+            thread = threading.Thread(target=answer)
+            thread.start()
+            with self.assertRaisesRegex(ConnectionError, "doesn't answer as HTTP does"):
+                Client(f"http://127.0.0.1:{other.getsockname()[1]}").datasets()
+            thread.join()
+
+    def test_what_is_sent(self):
+        with self.asking(FINE, FINE, token="s3cret", timeout_s=20) as (client, server):
+            client.url, client._prefix = client.url + "/moon", "/moon"  # as behind a proxy
+            client.heights(1, 2)
+            client.datasets()
+        (_, path, headers, body), (_, catalogue, _, nothing) = server.seen
+        self.assertEqual((path, catalogue), ("/moon/v1/heights", "/moon/v1/datasets"))
+        self.assertEqual(headers["Authorization"], "Bearer s3cret")
+        self.assertEqual(headers["Content-Type"], "application/json")
+        self.assertEqual(json.loads(body), {"points": [{"lat_deg": 1.0, "lon_deg": 2.0}]})
+        self.assertTrue(10000 < int(headers["Request-Timeout-Ms"]) < 20000, headers)
+        self.assertEqual(nothing, b"")
+        self.assertEqual(Client("https://example.org:444/moon/")._prefix, "/moon")
+        self.assertRaisesRegex(ValueError, "write for example http://", Client, "127.0.0.1:8080")
+        self.assertRaisesRegex(ValueError, "timeout_s is 0", Client, "http://127.0.0.1", None, 0)
+
+    def test_ahead_echo_and_the_rest_of_the_headers(self):
+        frame = (200, {"Content-Type": "application/x-npz", "ETag": '"abc"', "Selenograph-Echo": '{"tag":7}',
+                       "Server-Timing": "parse;dur=0.25, cache;desc=\"x\", draw;desc=y;dur=2e1"},
+                 npz(radiance=np.arange(6.0).reshape(2, 3)))
+        own = {**request_at(3), "ahead": [pose_at(9)]}
+        shutter = {name: value for name, value in request_at(4).items() if name != "pose"}
+        requests = [request_at(0), request_at(1), request_at(2), own, shutter, request_at(5)]
+        for in_flight in (1, 2):
+            with self.asking(*[frame] * 6) as (client, server):
+                got = list(client.frames(requests, in_flight=in_flight, ahead=2))
+            bodies = [json.loads(body) for *_, body in server.seen]
+            bodies.sort(key=lambda body: json.dumps(body.get("pose", ""), default=str))
+            ahead = {json.dumps(body.get("pose")): body.get("ahead") for body in bodies}
+            self.assertEqual(ahead[json.dumps(pose_at(0))], [pose_at(1), pose_at(2)])
+            self.assertEqual(ahead[json.dumps(pose_at(1))], [pose_at(2), pose_at(3)])
+            self.assertEqual(ahead[json.dumps(pose_at(2))], [pose_at(3)])
+            self.assertEqual(ahead[json.dumps(pose_at(3))], [pose_at(9)], "the request's own")
+            self.assertEqual(ahead[json.dumps(None)], [pose_at(5)])
+            self.assertIsNone(ahead[json.dumps(pose_at(5))])
+            self.assertNotIn("ahead", requests[0], "requests are not changed")
+            self.assertEqual((got[0].etag, got[0].echo), ('"abc"', {"tag": 7}))
+            self.assertEqual(got[0].timing, {"parse": 0.25, "draw": 20.0})
+
+    def test_maps(self):
+        file = io.BytesIO(npz(radiance=np.zeros((2, 3), np.float32)))
+        with selenograph.zipfile.ZipFile(file, "a") as archive:
+            archive.writestr("meta.json", '{"geotransform": [1, 2, 3, 4, 5, 6], "warnings": []}')
+        with self.asking((200, {"Content-Type": "application/x-npz"}, file.getvalue())) as (client, server):
+            picture = client.map({"map": {"projection": "equirectangular"}})
+        self.assertEqual((server.seen[0][1], server.seen[0][2]["Accept"]), ("/v1/maps", "application/x-npz"))
+        self.assertEqual(picture["radiance"].shape, (2, 3))
+        self.assertEqual(picture.meta["geotransform"], [1, 2, 3, 4, 5, 6])
+
+    def test_deflated_and_column_major_members_are_read(self):
+        file = io.BytesIO()
+        np.savez_compressed(file, a=np.asfortranarray(np.arange(6).reshape(2, 3)), b=np.float32(4))
+        arrays, meta = selenograph._read_npz(file.getvalue())
+        np.testing.assert_array_equal(arrays["a"], [[0, 1, 2], [3, 4, 5]])
+        self.assertEqual((arrays["b"], meta), (4, {}))
+
+
+class TheService(WithClient):
+    def test_a_service_that_closes_silent_connections(self):
+        service = Service("--idle-timeout-s", "0.1", cache="impatient")
+        with Client(f"http://{service.host}:{service.port}") as client:
+            client.datasets()
+            connection, = client._idle
+            # The service's FIN: nothing to read, and no more to come.
+            connection.sock.settimeout(PATIENCE_S)
+            self.assertEqual(connection.sock.recv(1, socket.MSG_PEEK), b"")
+            self.assertEqual(len(client.datasets()["datasets"]), 6)
+        self.assertEqual(service.stop(), 0)
+
+    def test_a_service_without_a_place_is_asked_again(self):
+        service = Service("--max-frames", "1", "--max-waiting", "0", "--max-image-pixels", "16000000", "--deadline-s",
+                          "3600", cache="busy")
+        holding = service.start_frame(harness.long_frame() | {"pose": pose_at(0)})
+        service.wait_for("selenograph_frames_in_work", 1)
+        waits = []
+
+        def let_go(wait_s):
+            waits.append(wait_s)
+            holding.close()
+
+        with mock.patch.object(selenograph.time, "sleep", let_go):
+            with Client(f"http://{service.host}:{service.port}", timeout_s=10000) as client:
+                # The place is free some time after the connection was closed: more refusals may follow.
+                self.assertIn("range", client.frame(request_at(0)))
+        self.assertGreater(waits[0], 0)
+        service.kill()
+
+
+def turned_by(axis, angle_deg):
+    """The matrix that turns a vector about an axis, by Rodrigues' formula: none of the client's code."""
+    x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = math.radians(angle_deg)
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+def looking_down(lat_deg, lon_deg, up_azimuth_deg=0.0):
+    """camera_from_moon of a nadir camera as a matrix: rows right, down, boresight."""
+    lat, lon, azimuth = map(math.radians, (lat_deg, lon_deg, up_azimuth_deg))
+    zenith = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+    east = np.array([-math.sin(lon), math.cos(lon), 0])
+    up = math.cos(azimuth) * np.cross(zenith, east) + math.sin(azimuth) * east
+    return np.array([np.cross(-zenith, up), -up, -zenith])
+
+
+class Attitudes(WithClient):
+    PLACE = {"lat_deg": -6.5, "lon_deg": 40.0, "height_m": 20000.0}
+
+    def frame_of(self, pose):
+        return self.client.frame(request_at(0, ["range", "image"], pose=pose))
+
+    def matrix_of(self, pose):
+        """What the service makes of a pose: camera_from_moon."""
+        q = self.frame_of(pose).meta["request"]["pose"]["camera_from_moon"]
+        return selenograph._matrix_of(np.array([q[c] for c in "wxyz"]))
+
+    def ways(self, matrix):
+        """The same attitude in every form, made without the client. matrix: camera_from_moon."""
+        angle = math.acos((np.trace(matrix) - 1) / 2)
+        axis = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
+        axis /= np.linalg.norm(axis)
+        w, (x, y, z) = math.cos(angle / 2), axis * math.sin(angle / 2)
+        sigma = axis * math.tan(angle / 4)
+        # OpenGL's y is up and its z backward.
+        opengl = np.diag([1, -1, -1]) @ matrix
+        there, back = {"direction": "camera_from_moon", **self.PLACE}, {"direction": "moon_from_camera", **self.PLACE}
+        return {
+            "wxyz": Pose.from_quaternion([w, x, y, z], order="wxyz", **there),
+            "xyzw": Pose.from_quaternion([x, y, z, w], order="xyzw", **there),
+            "minus": Pose.from_quaternion([-x, -y, -z, -w], order="xyzw", **there),
+            "inverse": Pose.from_quaternion([w, -x, -y, -z], order="wxyz", **back),
+            "matrix": Pose.from_matrix(matrix, **there),
+            "transposed": Pose.from_matrix(matrix.T, **back),
+            "opengl": Pose.from_matrix(opengl, axes="opengl", **there),
+            # The frame turns by -angle where its vectors' components turn by angle.
+            "mrp": Pose.from_mrp(-sigma, **there),
+            "mrp's inverse": Pose.from_mrp(sigma, **back),
+            "mrp's shadow": Pose.from_mrp(sigma / (sigma @ sigma), **there),
+        }
+
+    def test_every_form_of_an_attitude_gives_the_same_frame(self):
+        for matrix in (looking_down(-6.5, 40, 30), turned_by([1, 2, 3], 10) @ looking_down(-6.5, 40, 200),
+                       turned_by([0, 1, 0], 25) @ looking_down(-6.4, 40.1)):
+            ways = self.ways(matrix)
+            right = self.frame_of(ways["matrix"])
+            self.assertTrue(np.isfinite(right["range"]).any())
+            for name, pose in ways.items():
+                with self.subTest(name):
+                    frame = self.frame_of(pose)
+                    np.testing.assert_array_equal(frame["image"], right["image"])
+                    np.testing.assert_allclose(frame["range"], right["range"], rtol=1e-12)
+                    np.testing.assert_allclose(self.matrix_of(pose), matrix, atol=1e-14)
+
+    def test_where_digits_allow_it_the_bytes_are_the_same(self):
+        # x right = north, y down = -(zenith), z = east of 0 N 0 E: rows of 0 and 1, and a quaternion of halves.
+        matrix = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+        place = {"position_m": [1767400.0, 0, 0], "direction": "camera_from_moon"}
+        camera = Camera.pinhole(width=32, height=24, fov_deg=60)
+        answers = set()
+        for pose in (Pose.from_matrix(matrix, **place), Pose.from_quaternion([0.5, -0.5, 0.5, -0.5], order="wxyz", **place),
+                     Pose.from_quaternion([-0.5, 0.5, -0.5, 0.5], order="xyzw", **place),
+                     Pose.from_matrix(matrix.T, **{**place, "direction": "moon_from_camera"})):
+            answers.add(self.client.encoded({"camera": camera, "pose": pose, "products": ["range", "position"]},
+                                            "application/x-npz").content)
+        self.assertEqual(len(answers), 1)
+
+    def test_nadir_and_look_at(self):
+        for azimuth in (0, 30, 270):
+            pose = Pose.nadir(**self.PLACE, up_azimuth_deg=azimuth)
+            np.testing.assert_allclose(self.matrix_of(pose), looking_down(-6.5, 40, azimuth), atol=1e-12)
+        position_m = selenograph._from_centre({"geodetic": self.PLACE})
+        np.testing.assert_allclose(self.matrix_of(Pose.nadir(position_m=position_m)), looking_down(-6.5, 40), atol=1e-12)
+        # "zenith": the local vertical has no component to the right, and points up.
+        target = {"target_lat_deg": -5.5, "target_lon_deg": 41.0}
+        for place in (self.PLACE, {"position_m": position_m}):
+            right, down, boresight = self.matrix_of(Pose.look_at(**place, **target, up="zenith"))
+            zenith = position_m / np.linalg.norm(position_m)
+            self.assertAlmostEqual(right @ zenith, 0, 12)
+            self.assertLess(down @ zenith, 0)
+            wanted = selenograph._from_centre({"geodetic": {"lat_deg": -5.5, "lon_deg": 41.0, "height_m": 0}}) - position_m
+            np.testing.assert_allclose(boresight, wanted / np.linalg.norm(wanted), atol=1e-12)
+        right, down, _ = self.matrix_of(Pose.look_at(**self.PLACE, **target, up=[1, 0, 0]))
+        self.assertAlmostEqual(right[0], 0, 12)
+        self.assertLess(down[0], 0)
+
+    def test_quaternions_of_matrices_keep_their_digits(self):
+        random = np.random.default_rng(1)
+        for angle in [0, 1e-9, 90, 180 - 1e-6, 180, *random.uniform(0, 180, 50)]:
+            matrix = turned_by(random.normal(size=3), angle)
+            q = selenograph._quaternion_of(matrix)
+            self.assertLess(abs(np.linalg.norm(q) - 1), 1e-15)
+            np.testing.assert_allclose(selenograph._matrix_of(q), matrix, atol=3e-15)
+
+    def test_mistakes_are_told_with_what_to_write(self):
+        place, q = self.PLACE, [1, 0, 0, 0]
+        for words, make in {
+                "missing 2 required keyword-only arguments: 'order' and 'direction'":
+                    lambda: Pose.from_quaternion(q, **place),
+                "order='wxyz' or order='xyzw'":
+                    lambda: Pose.from_quaternion(q, order="scalar first", direction="camera_from_moon", **place),
+                "direction='camera_from_moon' or direction='moon_from_camera'":
+                    lambda: Pose.from_quaternion(q, order="wxyz", direction="A2B", **place),
+                "unit quaternion is needed. Modified Rodrigues parameters are for Pose.from_mrp":
+                    lambda: Pose.from_quaternion([0.1, 0, 0, 0], order="wxyz", direction="camera_from_moon", **place),
+                "Write position_m=.*or lat_deg=, lon_deg= and height_m=": lambda: Pose.nadir(lat_deg=0, lon_deg=0),
+                "either position_m or lat_deg": lambda: Pose.nadir(position_m=[2e6, 0, 0], height_m=3),
+                "kilometres": lambda: Pose.nadir(position_m=[1837.4, 0, 0]),
+                "position_m is .*; 3 numbers": lambda: Pose.nadir(position_m="here"),
+                "in MOON_PA_DE421 write position_m": lambda: Pose.nadir(**place, frame="MOON_PA_DE421"),
+                "2e-06 from orthonormal|no rotation": lambda: Pose.from_matrix(
+                    np.eye(3) * 1.00001, direction="camera_from_moon", **place),
+                "axes=\"opengl\"": lambda: Pose.from_matrix(np.diag([1, 1, -1]), direction="camera_from_moon", **place),
+                r"\[:3, :3\]": lambda: Pose.from_matrix(np.eye(4), direction="camera_from_moon", **place),
+                "up='north' or up='zenith'": lambda: Pose.look_at(target_lat_deg=0, target_lon_deg=0, up="up", **place),
+                "either fov_deg .horizontal": lambda: Camera.pinhole(width=3, height=3),
+                "no skew": lambda: Camera.from_opencv([[9, 1, 3], [0, 9, 3], [0, 0, 1]], width=8, height=8),
+                "8 coefficients": lambda: Camera.from_opencv(np.diag([9.0, 9, 1]), [1] * 8, width=8, height=8),
+                "tzinfo=timezone.utc": lambda: Sun.utc(datetime(2026, 11, 20))}.items():
+            with self.assertRaisesRegex((ValueError, TypeError), words):
+                make()
+
+    def test_cameras_and_suns_are_the_services(self):
+        k = [[100.0, 0, 31], [0, 110, 22.5], [0, 0, 1]]
+        cameras = [Camera.from_opencv(k, [-0.1, 0.01, 1e-3, 2e-3, 1e-4], width=64, height=48),
+                   Camera.from_opencv(k, [[0.01, 0.001, 0, 0]], width=64, height=48, fisheye=True),
+                   Camera.from_opencv(k, None, width=64, height=48),
+                   Camera.fisheye(width=64, height=48, fov_deg=150), Camera.pinhole(width=64, height=48, fx=90)]
+        for camera in cameras:
+            echoed = self.client.frame(request_at(0, camera=camera)).meta["request"]["camera"]
+            for name, value in camera.items():
+                if name == "distortion":
+                    self.assertEqual({k: echoed[name][k] for k in value}, value)
+                elif name != "fov_deg":
+                    self.assertEqual(echoed[name], value, (camera, echoed))
+        when = datetime(2026, 11, 20, 12, 30, 15, 250000, tzinfo=timezone.utc)
+        for sun in (Sun.direction([0, 1, 0.2], distance_au=0.99), Sun.subsolar(lat_deg=1.5, lon_deg=60),
+                    Sun.utc("2026-11-20T12:30:15.25Z"), Sun.utc(when), Sun.utc(when, angular_radius_deg="sun")):
+            self.assertIn("direction", self.client.frame(request_at(0, sun=sun)).meta["request"]["sun"])
+        self.assertEqual(Sun.utc(when), {"utc": "2026-11-20T12:30:15.250000Z"})
+
+
+OEM = """CCSDS_OEM_VERS = 2.0
+CREATION_DATE = 2026-11-01T00:00:00
+ORIGINATOR = TEST
+
+META_START
+OBJECT_NAME = LANDER
+OBJECT_ID = 2026-001A
+CENTER_NAME = MOON
+REF_FRAME = {frame}
+TIME_SYSTEM = {system}
+START_TIME = {start}
+STOP_TIME = {stop}
+{more}
+META_STOP
+COMMENT made up
+{lines}
+COVARIANCE_START
+EPOCH = 2026-11-20T00:00:00
+1.0
+COVARIANCE_STOP
+"""
+AEM = """CCSDS_AEM_VERS = 1.0
+CREATION_DATE = 2026-11-01T00:00:00
+ORIGINATOR = TEST
+
+META_START
+OBJECT_NAME = LANDER
+OBJECT_ID = 2026-001A
+REF_FRAME_A = {a}
+REF_FRAME_B = {b}
+{more}
+TIME_SYSTEM = UTC
+ATTITUDE_TYPE = {kind}
+META_STOP
+DATA_START
+{lines}
+DATA_STOP
+"""
+
+
+class Orbit:
+    """A circular orbit 100 km up, inclined; and an attitude that turns at a constant rate about a fixed axis."""
+
+    RADIUS_M = 1837400.0
+    RATE = math.sqrt(MOON_GM / RADIUS_M ** 3)
+    AXIS, TURN_DEG_S = np.array([0.6, 0.0, 0.8]), 0.7
+
+    @classmethod
+    def state(cls, t):
+        angle = cls.RATE * t + 0.3
+        tilt = turned_by([1, 0, 0], 80)
+        return (tilt @ (cls.RADIUS_M * np.array([math.cos(angle), math.sin(angle), 0])),
+                tilt @ (cls.RADIUS_M * cls.RATE * np.array([-math.sin(angle), math.cos(angle), 0])))
+
+    @classmethod
+    def moon_from_body(cls, t):
+        """Hamilton w, x, y, z."""
+        half = math.radians(cls.TURN_DEG_S * t + 20) / 2
+        return np.array([math.cos(half), *(math.sin(half) * cls.AXIS)])
+
+    @staticmethod
+    def epoch(t, day_of_year=False):
+        seconds = 43200 + t  # of 2026-11-20
+        date = "2026-324" if day_of_year else "2026-11-20"
+        return f"{date}T{int(seconds // 3600):02d}:{int(seconds % 3600 // 60):02d}:{seconds % 60:012.9f}"
+
+    @classmethod
+    def oem(cls, times, more="", frame="MOON_ME", system="UTC", **words):
+        lines = []
+        for t in times:
+            position, velocity = cls.state(t)
+            lines.append(f"{cls.epoch(t, **words)} " + " ".join(f"{x / 1e3:.12f}" for x in (*position, *velocity)))
+        return OEM.format(frame=frame, system=system, start=cls.epoch(times[0]), stop=cls.epoch(times[-1]), more=more,
+                          lines="\n".join(lines))
+
+    @classmethod
+    def aem(cls, times, a="MOON_ME", b="SC_BODY_1", more="ATTITUDE_DIR = A2B\nQUATERNION_TYPE = LAST", kind="QUATERNION",
+            columns=lambda q: [*q[1:], q[0]]):
+        lines = [f"{cls.epoch(t)} " + " ".join(f"{x:.17f}" for x in columns(cls.moon_from_body(t))) for t in times]
+        return AEM.format(a=a, b=b, more=more, kind=kind, lines="\n".join(lines))
+
+
+def written(name, text):
+    path = harness.path(name)
+    with open(path, "w") as file:
+        file.write(text)
+    return path
+
+
+def camera_from_moon(pose):
+    direction, = set(pose) & {"camera_from_moon", "moon_from_camera"}
+    matrix = selenograph._matrix_of(np.array([pose[direction][c] for c in "wxyz"]))
+    return matrix if direction == "camera_from_moon" else matrix.T
+
+
+class Trajectories(unittest.TestCase):
+    def worst_m(self, trajectory, times):
+        return max(np.linalg.norm(trajectory.position_m(t) - Orbit.state(t)[0]) for t in times)
+
+    def test_a_circular_orbit_is_met_within_a_millimetre(self):
+        inside = np.linspace(0, 600, 997)
+        for step_s, more in ((10, ""), (10, "INTERPOLATION = HERMITE\nINTERPOLATION_DEGREE = 3"),
+                             (60, "INTERPOLATION = HERMITE\nINTERPOLATION_DEGREE = 7"),
+                             (60, "INTERPOLATION = LAGRANGE\nINTERPOLATION_DEGREE = 8"),
+                             (30, "INTERPOLATION = Lagrange\nINTERPOLATION_DEGREE = 7")):
+            oem = written("orbit.oem", Orbit.oem(np.arange(0, 601, step_s), more))
+            trajectory = Trajectory.from_ccsds(oem, up_azimuth_deg=0)
+            self.assertLess(self.worst_m(trajectory, inside), 1e-3, more)
+            self.assertEqual(len(trajectory), 600 // step_s + 1)
+            self.assertRaisesRegex(ValueError, "no position at 600.1 s; .* from 0 to 600 s", trajectory.at, 600.1)
+        # Linear, as the file says: the sagitta of the chord, r (1 - cos(angle / 2)).
+        oem = written("orbit.oem", Orbit.oem([0, 100], "INTERPOLATION = LINEAR"))
+        sagitta_m = Orbit.RADIUS_M * (1 - math.cos(50 * Orbit.RATE))
+        self.assertAlmostEqual(self.worst_m(Trajectory.from_ccsds(oem, up_azimuth_deg=0), [50]), sagitta_m, 6)
+
+    def test_positions_at_the_nodes_and_of_polynomials_are_exact(self):
+        times = np.array([0, 1, 3, 4.5, 7, 8])
+        cubic = np.stack([times ** 3 - 2 * times, 5 - times ** 2, 3e6 + times], -1)
+        slopes = np.stack([3 * times ** 2 - 2, -2 * times, np.ones(6)], -1)
+        inside = np.linspace(0, 8, 81)
+        wanted = np.stack([inside ** 3 - 2 * inside, 5 - inside ** 2, 3e6 + inside], -1)
+        for options in ({"velocities_m_s": slopes}, {"method": "lagrange", "degree": 3}):
+            trajectory = Trajectory(times, cubic, up_azimuth_deg=0, **options)
+            np.testing.assert_allclose([trajectory.position_m(t) for t in inside], wanted, rtol=1e-15, atol=1e-9)
+            np.testing.assert_array_equal([trajectory.position_m(t) for t in times], cubic)
+        # Without velocities those of parabolas: a parabola is exact.
+        trajectory = Trajectory(times, cubic[:, [1, 1, 2]], up_azimuth_deg=0)
+        np.testing.assert_allclose([trajectory.position_m(t) for t in inside], wanted[:, [1, 1, 2]], rtol=1e-15, atol=1e-9)
+
+    def test_segments_and_the_times_they_may_be_used_at(self):
+        first = Orbit.oem(np.arange(0, 121, 10), f"USEABLE_STOP_TIME = {Orbit.epoch(100)}")
+        second = Orbit.oem(np.arange(80, 301, 10), f"USEABLE_START_TIME = {Orbit.epoch(100)}", day_of_year=True)
+        oem = written("two.oem", first + second[second.index("META_START"):])
+        trajectory = Trajectory.from_ccsds(oem, up_azimuth_deg=0)
+        self.assertLess(self.worst_m(trajectory, np.linspace(0, 300, 500)), 1e-3)
+        self.assertEqual(trajectory.times_s.tolist(), list(range(0, 301, 10)))
+
+    def test_slerp_is_exact(self):
+        times = np.arange(0, 301, 50)  # 35 degrees a step
+        oem = written("orbit.oem", Orbit.oem(np.arange(0, 301, 10)))
+        body = {True: "SC_BODY_1", False: "MOON_ME"}
+        files = {
+            "A2B": Orbit.aem(times),
+            "version 2": Orbit.aem(times, more=""),
+            "first": Orbit.aem(times, more="ATTITUDE_DIR = A2B\nQUATERNION_TYPE = FIRST", columns=list),
+            "B2A": Orbit.aem(times, body[True], body[False], "ATTITUDE_DIR = B2A\nQUATERNION_TYPE = LAST"),
+            "body first": Orbit.aem(times, body[True], body[False], columns=lambda q: [*-q[1:], q[0]]),
+            "with rates": Orbit.aem(times, kind="QUATERNION/RATE", columns=lambda q: [*q[1:], q[0], 1, 2, 3]),
+            "signs": Orbit.aem(times, columns=lambda q: np.array([*q[1:], q[0]]) * np.sign(math.sin(1e6 * q[1])))}
+        for name, text in files.items():
+            with self.subTest(name):
+                trajectory = Trajectory.from_ccsds(oem, written("attitude.aem", text))
+                for t in np.linspace(0, 300, 77):
+                    right = turned_by(Orbit.AXIS, Orbit.TURN_DEG_S * t + 20).T
+                    np.testing.assert_allclose(camera_from_moon(trajectory.at(t)), right, atol=3e-15)
+        mounting = turned_by([1, 1, 0], 90)
+        trajectory = Trajectory.from_ccsds(oem, written("attitude.aem", files["A2B"]), camera_from_body=mounting)
+        right = mounting @ turned_by(Orbit.AXIS, Orbit.TURN_DEG_S * 123 + 20).T
+        np.testing.assert_allclose(camera_from_moon(trajectory.at(123)), right, atol=3e-15)
+
+    def test_poses_only_where_there_is_an_attitude(self):
+        oem = written("orbit.oem", Orbit.oem(np.arange(0, 301, 10)))
+        aem = written("attitude.aem", Orbit.aem([100, 150, 205]))
+        trajectory = Trajectory.from_ccsds(oem, aem)
+        self.assertEqual(trajectory.times_s.tolist(), list(range(100, 201, 10)))
+        self.assertEqual(len(list(trajectory)), 11)
+        self.assertRaisesRegex(ValueError, "no attitude at 99 s", trajectory.at, 99)
+
+    def test_files_that_cannot_be_used_are_told(self):
+        fine = Orbit.oem([0, 10])
+        attitude = Orbit.aem([0, 10])
+        for words, oem, aem in (
+                ("REF_FRAME is EME2000; the service knows ICRF, MOON_ME", fine.replace("MOON_ME", "EME2000"), None),
+                ("CENTER_NAME is EARTH; MOON", fine.replace("= MOON\n", "= EARTH\n"), None),
+                ("begins with '<oem", "<oem/>", None),
+                ("line 17: 'yesterday' is no epoch", fine.replace(Orbit.epoch(10) + " ", "yesterday "), None),
+                ("method is 'spline'", fine.replace("COMMENT", "COMMENT"), "spline"),
+                ("times must rise", Orbit.oem([0, 10, 10]), None),
+                ("with REF_FRAME ICRF UTC is needed", Orbit.oem([0, 10], frame="ICRF", system="TDB"), None),
+                ("ATTITUDE_TYPE is EULER_ANGLE; QUATERNION", fine, attitude.replace("= QUATERNION\n", "= EULER_ANGLE\n")),
+                ("one of them must be the OEM's REF_FRAME", fine, attitude.replace("MOON_ME", "MOON_PA_DE421")),
+                ("TIME_SYSTEM is TDB and UTC", Orbit.oem([0, 10], system="TDB"), attitude),
+                ("no time in common", fine, Orbit.aem([20, 30])),
+                ("attitude 0 has length", fine, Orbit.aem([0, 10], columns=lambda q: [0.1, 0, 0, 0]))):
+            if aem == "spline":
+                oem, aem = oem.replace("META_STOP", "INTERPOLATION = SPLINE\nMETA_STOP"), None
+            oem = written("bad.oem", oem)
+            how = {"up_azimuth_deg": 0} if aem is None else {"aem": written("bad.aem", aem)}
+            with self.subTest(words), self.assertRaisesRegex(ValueError, "(?s)" + words):
+                Trajectory.from_ccsds(oem, **how)
+        self.assertRaisesRegex(ValueError, "either aem= .* or up_azimuth_deg=", Trajectory.from_ccsds, oem)
+
+    def test_epochs(self):
+        oem = written("orbit.oem", Orbit.oem(np.arange(0, 61, 10)))
+        trajectory = Trajectory.from_ccsds(oem, up_azimuth_deg=0)
+        self.assertEqual(trajectory.utc(1.5), "2026-11-20T12:00:01.500000Z")
+        request, = trajectory.requests({"products": ["radiance"]}, [20])
+        self.assertEqual(request["sun"], {"utc": "2026-11-20T12:00:20Z"})
+        kept, = trajectory.requests({"sun": {"direction": [1, 0, 0]}}, [20])
+        self.assertEqual(kept["sun"], {"direction": [1, 0, 0]})
+        other = Trajectory.from_ccsds(written("tdb.oem", Orbit.oem([0, 10], system="TDB")), up_azimuth_deg=0)
+        self.assertRaisesRegex(ValueError, 'no "sun"', other.requests, {})
+        self.assertNotIn("sun", other.requests({"products": ["range"]})[0])
+        inertial = Trajectory.from_ccsds(written("icrf.oem", Orbit.oem([0, 10], frame="ICRF")), up_azimuth_deg=0)
+        pose = inertial.at(5)
+        self.assertEqual((pose["frame"], pose["utc"]), ("ICRF", "2026-11-20T12:00:05Z"))
+
+    def csv(self, *lines):
+        return written("trajectory.csv", "\n".join(lines) + "\n")
+
+    def test_csv(self):
+        rows = ["\ufefftime_s, x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,moon_from_camera_w,moon_from_camera_x,"
+                "moon_from_camera_y,moon_from_camera_z", "# a comment"]
+        for t in range(0, 101, 10):
+            position, velocity = Orbit.state(t)
+            rows.append(",".join(repr(float(x)) for x in (t, *position, *velocity, *Orbit.moon_from_body(t))))
+        trajectory = Trajectory.from_csv(self.csv(*rows, ""))
+        self.assertLess(self.worst_m(trajectory, np.linspace(0, 100, 99)), 1e-3)
+        right = turned_by(Orbit.AXIS, Orbit.TURN_DEG_S * 33 + 20).T
+        np.testing.assert_allclose(camera_from_moon(trajectory.at(33)), right, atol=3e-15)
+
+        trajectory = Trajectory.from_csv(self.csv("lat_deg,lon_deg,height_m,utc,up_azimuth_deg",
+                                                  "-6.5,40,20000,2026-11-20T00:00:00Z,350",
+                                                  "-6.4,40,20000,2026-11-20T00:00:10.5,10"))
+        self.assertEqual(trajectory.times_s.tolist(), [0, 10.5])
+        pose = trajectory.at(5.25)
+        self.assertAlmostEqual(pose["nadir"]["up_azimuth_deg"], 0, 12)
+        lat = math.asin(pose["position_m"][2] / np.linalg.norm(pose["position_m"]))
+        self.assertAlmostEqual(math.degrees(lat), -6.45, 6)
+        self.assertEqual(trajectory.utc(10.5), "2026-11-20T00:00:10.500000Z")
+
+    def test_csv_that_cannot_be_used_is_told(self):
+        place = "lat_deg,lon_deg,height_m"
+        for words, lines in {
+                "semicolons": ("time_s;x_m;y_m", "1;2;3"),
+                "time_s or utc; there are t, lat_deg": (f"t,{place}", "1,2,3,4"),
+                "line 3: lon_deg is 'x', no number": (f"time_s,{place},up_azimuth_deg", "0,1,2,3,0", "1,1,x,3,0"),
+                "line 2: 2 values for 5 columns": (f"time_s,{place},up_azimuth_deg", "0,1"),
+                "there is x_m, y_m but not z_m": ("time_s,x_m,y_m", "1,2,3"),
+                "one attitude is needed: camera_from_moon_w": (f"time_s,{place}", "0,1,2,3"),
+                "unknown column qw; there are camera_from_moon_w": (f"time_s,{place},up_azimuth_deg,qw", "0,1,2,3,0,1"),
+                "times must rise": (f"time_s,{place},up_azimuth_deg", "0,1,2,3,0", "0,1,2,3,0"),
+                "length 2": (f"time_s,{place}," + ",".join(f"camera_from_moon_{c}" for c in "wxyz"), "0,1,2,3,2,0,0,0"),
+                "a line of names and at least one of numbers": ("time_s",)}.items():
+            with self.subTest(words), self.assertRaisesRegex(ValueError, "trajectory.csv.*" + words):
+                Trajectory.from_csv(self.csv(*lines))
+
+
+def python(*arguments, **options):
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", **options.pop("environment", {})}
+    return subprocess.run([sys.executable, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                          timeout=PATIENCE_S, env=environment, **options)
+
+
+class CommandLine(unittest.TestCase):
+    def command(self, *arguments, **options):
+        return python("-m", "selenograph", *arguments, cwd=harness.path(),
+                      environment={"PYTHONPATH": FOLDER, "SELENOGRAPH_URL": url()}, **options)
+
+    def test_render(self):
+        request = request_at(0, ["image"])
+        written("request.json", json.dumps(request))
+        for name, accept in (("out.npz", "application/x-npz"), ("out.png", "image/png"), ("out.tif", "image/tiff"),
+                             ("out.npy", "application/x-npy")):
+            done = self.command("render", "request.json", name)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            with open(harness.path(name), "rb") as file:
+                content = file.read()
+            self.assertEqual(content, SERVICE.frame(request, accept)[2], name)
+            self.assertRegex(done.stdout, rf"^{name}: {len(content)} bytes; ms: .*(visibility|touch|nothing)")
+        done = self.command("render", "-", "stdin.png", input=json.dumps(request))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertTrue(os.path.exists(harness.path("stdin.png")))
+
+    def test_what_goes_wrong_is_one_message_and_no_file(self):
+        written("broken.json", "{")
+        written("bad.json", json.dumps(request_at(0, ["range"], camera={})))
+        for arguments, words in ((("render", "broken.json", "no.npz"), "broken.json: no JSON"),
+                                 (("render", "bad.json", "no.npz"), "422.*\n  /camera/width: is required"),
+                                 (("render", "bad.json", "no.bmp"), "no.bmp: the suffix says the format"),
+                                 (("render", "missing.json", "no.npz"), "missing.json"),
+                                 (("render", "bad.json", "no.npz", "--url", "moon"), "write for example http://"),
+                                 (("watch", "missing.csv", "--out", "no"), "missing.csv")):
+            done = self.command(*arguments)
+            self.assertEqual(done.returncode, 1, done.stdout)
+            self.assertRegex(done.stderr, "^selenograph: .*" + words)
+            self.assertNotIn("Traceback", done.stderr)
+        self.assertEqual([name for name in os.listdir(harness.path()) if name.startswith("no")], [])
+        self.assertEqual(self.command().returncode, 2)
+
+    def test_watch(self):
+        written("watched.csv", "time_s,lat_deg,lon_deg,height_m,up_azimuth_deg\n"
+                "0,-6.5,40,20000,0\n1,-6.48,40,20000,0\n2,-6.46,40,20000,0\n")
+        done = self.command("watch", "watched.csv", "--out", "frames", "--step-s", "0.5")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("30 degrees high", done.stderr)
+        lines = done.stdout.splitlines()
+        self.assertEqual(len(lines), 5)
+        for i, line in enumerate(lines):
+            self.assertRegex(line, rf"^frames/{i:05d}.npz  t = {i / 2:.3f} s  ms: ")
+            frame = np.load(harness.path("frames", f"{i:05d}.npz"))
+            self.assertEqual(frame["radiance"].shape, (512, 512))
+            self.assertGreater(frame["radiance"].max(), 0)
+
+        written("common.json", json.dumps(request_at(0, ["image"])))
+        done = self.command("watch", "watched.csv", "--out", "pictures", "--request", "common.json", "--format", "png")
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        self.assertEqual(sorted(os.listdir(harness.path("pictures"))), [f"{i:05d}.png" for i in range(3)])
+        with open(harness.path("pictures", "00000.png"), "rb") as file:
+            self.assertEqual(file.read(), SERVICE.frame({**request_at(0, ["image"]), "pose": Trajectory.from_csv(
+                harness.path("watched.csv")).at(0)}, "image/png")[2])
+
+    def test_watch_an_oem(self):
+        times = range(0, 31, 10)
+        lines = []
+        for t in times:
+            lines.append(f"{Orbit.epoch(t)} " + " ".join(map(str, (1336.0, 1121.0, -199.0 + 1.6 * t / 10, 0, 0, 0.16))))
+        written("track.oem", OEM.format(frame="MOON_ME", system="UTC", start=Orbit.epoch(0), stop=Orbit.epoch(30), more="",
+                                        lines="\n".join(lines)))
+        done = self.command("watch", "track.oem", "--out", "track")
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        meta = json.loads(bytes(np.load(harness.path("track", "00003.npz"))["meta.json"]))
+        self.assertIn("sun", meta["request"])
+        self.assertAlmostEqual(meta["request"]["pose"]["position_m"][2], -199000 + 4800, 6)
+
+
+class Examples(unittest.TestCase):
+    def lines(self, name, *arguments):
+        done = python(os.path.join(FOLDER, "examples", name), url(), *arguments, cwd=harness.path())
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return done.stdout.splitlines()
+
+    def test_one_frame(self):
+        radiance, ground, lit, detail = self.lines("one_frame.py", "one.npz")
+        self.assertRegex(radiance, r"^radiance up to \d+\.\d W m-2 sr-1$")
+        near, far = map(float, selenograph.re.findall(r"[\d.]+", ground))
+        self.assertTrue(38 < near < far < 120, ground)
+        self.assertTrue(50 < float(lit.split()[0]) < 100, lit)
+        self.assertIn("level of detail within", detail)
+        self.assertEqual(set(np.load(harness.path("one.npz"))), {"radiance", "range", "lit"})
+
+    def test_descent(self):
+        lines = self.lines("descent.py")
+        self.assertEqual(len(lines), 20)
+        ranges = [float(selenograph.re.search(r"([\d.]+) m to the site", line)[1]) for line in lines]
+        self.assertEqual(ranges, sorted(ranges, reverse=True))
+        self.assertTrue(35000 < ranges[0] < 50000 and 2000 < ranges[-1] < 5000, ranges)
+
+    def test_lidar_line(self):
+        *shots, last = self.lines("lidar_line.py")
+        self.assertEqual(len(shots), 20)
+        for shot in shots:
+            lat, range_m, height_m = map(float, selenograph.re.findall(r"-?\d+\.\d+", shot))
+            self.assertAlmostEqual(range_m + height_m, 15000, 2)
+            _, _, body = SERVICE.ask("GET", f"/v1/height?lat_deg={lat}&lon_deg=40")
+            self.assertLess(abs(json.loads(body)["height_m"] - height_m), 3)  # four digits of a latitude: 3 m
+        self.assertIn("200 of 200 shots returned", last)
+
+
+class Package(unittest.TestCase):
+    def test_it_is_python_3_9(self):
+        sources = [os.path.join(FOLDER, "selenograph.py")]
+        examples = os.path.join(FOLDER, "examples")
+        sources += [os.path.join(examples, name) for name in os.listdir(examples) if name.endswith(".py")]
+        self.assertEqual(len(sources), 4)
+        for source in sources:
+            with open(source, encoding="utf-8") as file:
+                tree = ast.parse(file.read(), feature_version=(3, 9))
+            self.assertTrue(ast.get_docstring(tree), source)
+        with self.assertRaises(SyntaxError):  # the parser does look at the version
+            ast.parse("match x:\n  case 1: pass", feature_version=(3, 9))
+
+    def test_every_public_name_is_documented_and_typed(self):
+        with open(os.path.join(FOLDER, "selenograph.py"), encoding="utf-8") as file:
+            tree = ast.parse(file.read())
+        asynchronous = next(node for node in tree.body if getattr(node, "name", "") == "AsyncClient")
+        for node in ast.walk(tree):
+            if not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                continue
+            self.assertIsNotNone(node.returns, node.name)
+            for argument in node.args.args + node.args.kwonlyargs:
+                self.assertTrue(argument.annotation or argument.arg in ("self", "cls"), (node.name, argument.arg))
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and node.name in selenograph.__all__:
+                self.assertTrue(ast.get_docstring(node), node.name)
+                for method in node.body:
+                    if isinstance(method, ast.FunctionDef) and not method.name.startswith("_") and node != asynchronous:
+                        self.assertTrue(ast.get_docstring(method), (node.name, method.name))
+
+    def test_it_works_as_one_copied_file(self):
+        folder = harness.path("copied")
+        os.makedirs(folder)
+        shutil.copy(os.path.join(FOLDER, "selenograph.py"), folder)
+        done = python("-c", f"import selenograph; print(len(selenograph.Client({url()!r}).datasets()['datasets']))",
+                      cwd=folder)
+        self.assertEqual((done.stdout, done.stderr), ("6\n", ""))
+
+    def test_it_is_the_services_version(self):
+        with open(os.path.join(REPOSITORY, "CMakeLists.txt")) as file:
+            version = selenograph.re.search(r"project\(selenograph VERSION (\S+)", file.read())[1]
+        self.assertEqual(selenograph.__version__, version)
+
+    def test_pip_installs_it(self):
+        missing = [name for name in ("pip", "setuptools", "wheel") if importlib.util.find_spec(name) is None]
+        if missing:
+            self.skipTest(f"not installed: {', '.join(missing)} (Debian's python3-pip, python3-setuptools, python3-wheel)")
+        # Of a copy: setuptools writes beside the sources.
+        source, target = harness.path("package"), harness.path("installed")
+        shutil.copytree(FOLDER, source, ignore=shutil.ignore_patterns("__pycache__"))
+        done = python("-m", "pip", "install", "--no-build-isolation", "--no-deps", "--no-index", "--target", target,
+                      source)
+        self.assertEqual(done.returncode, 0, done.stderr + done.stdout)
+        done = python("-c", "import selenograph; print(selenograph.__file__)", cwd=harness.path(),
+                      environment={"PYTHONPATH": target})
+        self.assertEqual(done.stdout.strip(), os.path.join(target, "selenograph.py"))
+        self.assertTrue(os.path.isdir(os.path.join(target, f"selenograph-{selenograph.__version__}.dist-info")))
+
+
+if __name__ == "__main__":
+    harness.main()
