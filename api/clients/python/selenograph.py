@@ -206,6 +206,8 @@ def _not_finite(value: Any, pointer: str = "") -> Optional[str]:
 
 
 def _body(document: Any) -> bytes:
+    if not isinstance(document, collections.abc.Mapping):
+        raise TypeError(f"a request is a dict, not {type(document).__name__}; json.loads makes one of a text")
     try:
         return json.dumps(document, default=_plain, allow_nan=False, separators=(",", ":")).encode()
     except ValueError:
@@ -418,7 +420,7 @@ class Client:
             wait_s = _retry_after_s(headers) if status in (429, 503) else None
             if wait_s is None or time.monotonic() + wait_s > give_up:
                 raise _refusal(status, headers, content)
-            time.sleep(wait_s)
+            time.sleep(max(wait_s, 0.05))  # of "0" no busy loop
 
     def _exchange(self, connection: http.client.HTTPConnection, method: str, path: str, body: Optional[bytes],
                   accept: str, give_up: float) -> _Whole:
@@ -534,7 +536,7 @@ def _records(answers: List[Dict[str, Any]], fields: List[Tuple[Any, ...]], shape
         values = (answer.get(name) for answer in answers)
         for i, value in enumerate(values):
             records[name][i] = missing if value is None else value
-    return records.reshape(shape).view(np.recarray)
+    return records.reshape(shape).view(np.recarray)[() if not shape else ...]  # of a single one its record
 
 
 def _warned(frame: Frame) -> Frame:
@@ -1577,7 +1579,8 @@ def _watched_request(options: argparse.Namespace, trajectory: Trajectory) -> Dic
         "camera": Camera.pinhole(width=512, height=512, fov_deg=50),
         "products": ["image"] if options.format == "png" else ["radiance"]}
     request.pop("pose", None)
-    if "sun" not in request and trajectory.start is None:
+    needs_sun = set(request.get("products", ["radiance"])) & NEED_SUN
+    if needs_sun and "sun" not in request and trajectory.start is None:
         x, y, z = trajectory.position_m(float(trajectory.times_s[0]))
         place = {"lat_deg": math.degrees(math.atan2(z, math.hypot(x, y))), "lon_deg": math.degrees(math.atan2(y, x))}
         request["sun"] = Sun.local(**place, azimuth_deg=90, elevation_deg=30)
