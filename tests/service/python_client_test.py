@@ -16,12 +16,11 @@ import os
 import queue
 import shutil
 import socket
+import ssl
 import subprocess
 import sys
-import tempfile
 import threading
 import unittest
-import warnings
 from unittest import mock
 
 import numpy as np
@@ -520,6 +519,24 @@ class Mishaps(unittest.TestCase):
                 Client(f"http://127.0.0.1:{other.getsockname()[1]}").datasets()
             thread.join()
 
+    @unittest.skipUnless(shutil.which("openssl"), "openssl is not installed")
+    def test_tls(self):
+        key, certificate = harness.path("key.pem"), harness.path("certificate.pem")
+        subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", key, "-out", certificate,
+                        "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"], check=True,
+                       stderr=subprocess.DEVNULL)
+        with MadeUp(FINE, "close", FINE) as server:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            context.load_cert_chain(certificate, key)
+            server.server.socket = context.wrap_socket(server.server.socket, server_side=True)
+            address = server.url.replace("http", "https")
+            with mock.patch.dict(os.environ, {"SSL_CERT_FILE": certificate}), Client(address) as client:
+                self.assertEqual(client.heights(0, 0).height_m, 1.5)
+                self.assertEqual(client.heights(0, 0).height_m, 1.5)  # after a loss
+            with mock.patch.object(sys, "stderr", io.StringIO()):  # where the server complains
+                with self.assertRaisesRegex(ConnectionError, "no TLS connection: .*certificate verify failed"):
+                    Client(address).datasets()
+
     def test_what_is_sent(self):
         with self.asking(FINE, FINE, token="s3cret", timeout_s=20) as (client, server):
             client.url, client._prefix = client.url + "/moon", "/moon"  # as behind a proxy
@@ -687,6 +704,13 @@ class CommandLine(unittest.TestCase):
             self.assertEqual(frame["radiance"].shape, (512, 512))
             self.assertGreater(frame["radiance"].max(), 0)
 
+        # A view beyond the data.
+        border = Pose.nadir(lat_deg=-4.9, lon_deg=40, height_m=9e4)
+        written("request.json", json.dumps(request_at(0, ["image"], pose=border)))
+        done = self.command("render", "request.json", "border.png")
+        self.assertEqual(done.returncode, 0)
+        self.assertRegex(done.stderr, r"^border.png: warning: [\d.]+ % of the pixels look at the Moon where")
+
         written("common.json", json.dumps(request_at(0, ["image"])))
         done = self.command("watch", "watched.csv", "--out", "pictures", "--request", "common.json", "--format", "png")
         self.assertEqual((done.returncode, done.stderr), (0, ""))
@@ -714,12 +738,13 @@ class Examples(unittest.TestCase):
         return done.stdout.splitlines()
 
     def test_one_frame(self):
-        radiance, ground, lit, detail = self.lines("one_frame.py", "one.npz")
+        radiance, ground, lit, detail, took = self.lines("one_frame.py", "one.npz")
         self.assertRegex(radiance, r"^radiance up to \d+\.\d W m-2 sr-1$")
         near, far = map(float, selenograph.re.findall(r"[\d.]+", ground))
         self.assertTrue(38 < near < far < 120, ground)
         self.assertTrue(50 < float(lit.split()[0]) < 100, lit)
         self.assertIn("level of detail within", detail)
+        self.assertRegex(took, r"^visibility took \d+\.\d ms$")
         self.assertEqual(set(np.load(harness.path("one.npz"))), {"radiance", "range", "lit"})
 
     def test_descent(self):
@@ -833,7 +858,7 @@ class Package(unittest.TestCase):
     def test_pip_installs_it(self):
         missing = [name for name in ("pip", "setuptools", "wheel") if importlib.util.find_spec(name) is None]
         if missing:
-            self.skipTest(f"not installed: {', '.join(missing)} (Debian's python3-pip, python3-setuptools, python3-wheel)")
+            self.skipTest("not installed: " + ", ".join(f"python3-{name}" for name in missing))
         # Of a copy: setuptools writes beside the sources.
         source, target = harness.path("package"), harness.path("installed")
         shutil.copytree(FOLDER, source, ignore=shutil.ignore_patterns("__pycache__"))

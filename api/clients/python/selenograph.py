@@ -107,7 +107,7 @@ class Answer:
     timing: Dict[str, float]  # stage -> milliseconds
     etag: Optional[str]  # as in the header, with its quotes; None for a frame with an unusable DEM file
     echo: Optional[Dict[str, Any]]  # the request's "echo"
-    headers: Mapping[str, str]
+    headers: http.client.HTTPMessage
 
 
 class Frame(Mapping[str, np.ndarray]):
@@ -388,8 +388,11 @@ class Client:
             raise ValueError(f"ahead is {ahead!r}; a whole number from 0 to {MOST_AHEAD} is needed")
         if isinstance(requests, collections.abc.Mapping):
             raise TypeError("frames takes several requests, e.g. a list of them; for one there is frame()")
-        kind = _InStep if in_flight == 1 else _Pipeline
-        return kind(requests, int(in_flight), int(ahead), lambda request, poses: _with_ahead(ask, request, poses))
+        def asked(request: Request, poses: List[Any]) -> Any:
+            return _with_ahead(ask, request, poses)
+        if in_flight == 1:
+            return _InStep(requests, int(ahead), asked)
+        return _Pipeline(requests, int(in_flight), int(ahead), asked)
 
     def _ask(self, method: str, path: str, body: Optional[bytes], accept: str) -> _Whole:
         """Status, headers and content of an answer that is no error."""
@@ -490,7 +493,7 @@ class Client:
 _Whole = Tuple[int, http.client.HTTPMessage, bytes]
 
 
-def _retry_after_s(headers: Mapping[str, str]) -> Optional[float]:
+def _retry_after_s(headers: http.client.HTTPMessage) -> Optional[float]:
     """Seconds, of a header with seconds or a date; None without."""
     text = (headers.get("Retry-After") or "").strip()
     if re.fullmatch(r"\d+", text):
@@ -529,8 +532,8 @@ def _pointers_shifted(problem: Dict[str, Any], prefix: str, by: int) -> Dict[str
     return {**problem, "errors": errors, "detail": f"of the items from {by} on: {problem.get('detail')}"}
 
 
-def _records(answers: List[Dict[str, Any]], fields: List[Tuple[Any, ...]], shape: Tuple[int, ...]) -> np.recarray:
-    records = np.zeros(len(answers), dtype=fields)
+def _records(answers: List[Dict[str, Any]], fields: Sequence[Tuple[Any, ...]], shape: Tuple[int, ...]) -> np.recarray:
+    records = np.zeros(len(answers), dtype=list(fields))
     for name, kind, *_ in fields:
         missing = math.nan if kind is float else None if kind is object else False
         values = (answer.get(name) for answer in answers)
@@ -581,7 +584,7 @@ def _handed_out(in_order: _InOrder) -> Iterator[Frame]:
 class _InStep:
     """One request at a time; the next one is taken after the answer to the last has been handed out."""
 
-    def __init__(self, requests: Iterable[Request], in_flight: int, ahead: int, ask: Callable[..., Any]) -> None:
+    def __init__(self, requests: Iterable[Request], ahead: int, ask: Callable[..., Any]) -> None:
         self._known = requests if isinstance(requests, collections.abc.Sequence) else None
         self._requests = enumerate(requests)
         self._ahead, self._ask = ahead, ask
@@ -758,7 +761,7 @@ class AsyncClient:
         waiting = concurrent.futures.ThreadPoolExecutor(1, "selenograph frames")
         try:
             while True:
-                frame = await asyncio.get_running_loop().run_in_executor(waiting, next, in_order, None)
+                frame: Any = await asyncio.get_running_loop().run_in_executor(waiting, next, in_order, None)
                 if frame is None:
                     return
                 yield _warned(frame)
@@ -892,7 +895,8 @@ class Pose(dict):
                     raise ValueError(f"up=\"zenith\" needs a place in MOON_ME, not in {frame}; write up=[x, y, z]")
                 up = _from_centre(place)
         target = {"lat_deg": float(target_lat_deg), "lon_deg": float(target_lon_deg),
-                  "height_m": float(target_height_m), "up": up if isinstance(up, str) else _vector(up, 3, "up").tolist()}
+                  "height_m": float(target_height_m),
+                  "up": up if isinstance(up, str) else _vector(up, 3, "up").tolist()}
         return cls({**place, "look_at": target})
 
     @classmethod
@@ -1006,7 +1010,7 @@ class Camera(dict):
     @classmethod
     def pinhole(cls, *, width: int, height: int, fov_deg: Optional[float] = None, fx: Optional[float] = None,
                 fy: Optional[float] = None, cx: Optional[float] = None, cy: Optional[float] = None,
-                distortion: Optional[Mapping[str, float]] = None) -> Camera:
+                distortion: Optional[Mapping[str, Any]] = None) -> Camera:
         """fov_deg: horizontal, full angle (not vertical, not half). Or fx in pixels; fy, cx, cy are optional then:
         fx, (width - 1) / 2, (height - 1) / 2. distortion: {"k1": .., "k2": .., "k3": .., "p1": .., "p2": ..}."""
         lens = None if distortion is None else {"model": "brown_conrady", **distortion}
@@ -1015,7 +1019,7 @@ class Camera(dict):
     @classmethod
     def fisheye(cls, *, width: int, height: int, fov_deg: Optional[float] = None, fx: Optional[float] = None,
                 fy: Optional[float] = None, cx: Optional[float] = None, cy: Optional[float] = None,
-                distortion: Optional[Mapping[str, float]] = None) -> Camera:
+                distortion: Optional[Mapping[str, Any]] = None) -> Camera:
         """Equidistant (radius = f theta), or with distortion {"k1": .., .. "k4": ..} as OpenCV's fisheye."""
         lens = None if distortion is None else {"model": "kannala_brandt", **distortion}
         return cls._made("fisheye", width, height, fov_deg, fx, fy, cx, cy, lens)
@@ -1299,8 +1303,8 @@ class _Track:
             if velocities_m_s is not None:
                 self.velocities = _rows(velocities_m_s, len(self.times), 3, "velocities_m_s")
             elif len(self.times) > 1:
-                order = min(2, len(self.times) - 1)
-                self.velocities = np.gradient(self.positions, self.times, axis=0, edge_order=order)
+                self.velocities = np.gradient(self.positions, self.times, axis=0,
+                                              edge_order=2 if len(self.times) > 2 else 1)
         self.first = float(self.times[0]) if first is None else max(first, float(self.times[0]))
         self.last = float(self.times[-1]) if last is None else min(last, float(self.times[-1]))
 
@@ -1565,12 +1569,23 @@ def _stages(timing: Mapping[str, float]) -> str:
     return ", ".join(f"{stage} {ms:.1f}" for stage, ms in timing.items() if ms >= 0.1) or "nothing above 0.1"
 
 
+def _warn_of(path: str, answer: Answer) -> None:
+    """What the service says against a frame, as far as its format tells."""
+    texts = Frame(answer).warnings if answer.media_type == MEDIA_TYPES[".npz"] else []
+    missing = answer.headers.get("Selenograph-Missing-Fraction")
+    if missing:
+        texts.append(f"{100 * float(missing):.3g} % of the pixels look at the Moon where there is no data")
+    for text in texts:
+        print(f"{path}: warning: {text}", file=sys.stderr)
+
+
 def _render(options: argparse.Namespace) -> None:
     media_type = _media_type(options.output)
     with Client(options.url, options.token, options.timeout_s) as client:
         answer = client.encoded(_read_request(options.request), media_type)
     _write(options.output, answer.content)
-    print(f"{options.output}: {len(answer.content)} bytes; ms: {_stages(answer.timing)}")
+    print(f"{options.output}: {len(answer.content)} bytes; ms: {_stages(answer.timing)}", flush=True)
+    _warn_of(options.output, answer)
 
 
 def _watched_request(options: argparse.Namespace, trajectory: Trajectory) -> Dict[str, Any]:
@@ -1608,10 +1623,12 @@ def _watch(options: argparse.Namespace) -> None:
             path = os.path.join(options.out, f"{i:05d}.{options.format}")
             _write(path, answer.content)
             print(f"{path}  t = {time_s:.3f} s  ms: {_stages(answer.timing)}", flush=True)
+            _warn_of(path, answer)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    parser = argparse.ArgumentParser(prog="python3 -m selenograph", description="Asks a selenograph service for frames.")
+    parser = argparse.ArgumentParser(prog="python3 -m selenograph",
+                                     description="Asks a selenograph service for frames.")
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument("--url", default=os.environ.get("SELENOGRAPH_URL", DEFAULT_URL),
                         help="of the service (default: SELENOGRAPH_URL, else %(default)s)")

@@ -17,8 +17,9 @@ with Client(url) as client:
 
     # Northward and down; the camera looks at the landing site, the local vertical is up in the image.
     share = np.linspace(0, 1, FRAMES)
-    poses = [Pose.look_at(lat_deg=-7.5 + 0.9 * s, lon_deg=40.0, height_m=ground_m + 30000 - 29000 * s,
-                          target_lat_deg=-6.5, target_lon_deg=40.0, target_height_m=ground_m, up="zenith") for s in share]
+    site = {"target_lat_deg": -6.5, "target_lon_deg": 40.0, "target_height_m": ground_m}
+    poses = [Pose.look_at(lat_deg=-7.5 + 0.9 * s, lon_deg=40.0, height_m=ground_m + 30000 - 29000 * s, **site,
+                          up="zenith") for s in share]
     common = {
         "camera": Camera.pinhole(width=256, height=256, fov_deg=40),
         "sun": Sun.local(lat_deg=-6.5, lon_deg=40.0, azimuth_deg=90, elevation_deg=20),

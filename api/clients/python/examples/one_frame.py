@@ -22,6 +22,7 @@ with Client(url) as client:
 print(f"radiance up to {frame['radiance'].max():.1f} W m-2 sr-1")
 print(f"ground {np.nanmin(frame['range']) / 1e3:.1f} to {np.nanmax(frame['range']) / 1e3:.1f} km away")
 print(f"{100 * np.nanmean(frame['lit']):.0f} % of it in sunlight")
-print(f"level of detail within {frame.meta['lod_error_px']:.2f} px; visibility took {frame.timing['visibility']:.1f} ms")
+print(f"level of detail within {frame.meta['lod_error_px']:.2f} px")
+print(f"visibility took {frame.timing['visibility']:.1f} ms")
 if len(sys.argv) > 2:
     np.savez(sys.argv[2], **frame)
