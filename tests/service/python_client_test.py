@@ -204,6 +204,23 @@ class InOrder(WithClient):
         frames.close()
         self.assertLessEqual(len(taken), 3 + 2 + 3)
 
+    def test_no_more_are_asked_than_are_in_flight(self):
+        asked, started = [], threading.Semaphore(0)
+
+        def ask(request):
+            asked.append(request["step"])
+            started.release()
+            return request["step"]
+
+        in_order = self.client._in_order([{"step": step} for step in range(9)], 3, 0, ask)
+        self.assertEqual(next(in_order), 0)
+        for _ in range(4):
+            self.assertTrue(started.acquire(timeout=PATIENCE_S))
+        # Nobody takes the next answer: there must not be a fifth.
+        self.assertFalse(started.acquire(timeout=0.1))
+        self.assertEqual(sorted(asked), [0, 1, 2, 3])
+        self.assertEqual(list(in_order), list(range(1, 9)))
+
     def test_an_error_has_its_place(self):
         requests = [request_at(0), request_at(1), request_at(2, products=["nonsense"]), request_at(3)]
         below = request_at(2, pose=Pose.nadir(lat_deg=-6.5, lon_deg=40, height_m=-9000))
@@ -485,6 +502,12 @@ class Mishaps(unittest.TestCase):
             self.assertEqual(connections[0], connections[1])
             self.assertEqual(connections[2], connections[3])
             self.assertNotEqual(connections[1], connections[2])
+
+    def test_all_kept_connections_are_given_up_together(self):
+        with self.asking("close", FINE) as (client, _):
+            client._idle = [client._connection(selenograph.time.monotonic() + 60) for _ in range(2)]
+            client._idle[0].sock.shutdown(socket.SHUT_RDWR)  # as after a restart of the service
+            self.assertEqual(client.heights(0, 0).height_m, 1.5)
 
     def test_an_answer_cut_short(self):
         cut = (200, {"Content-Type": "application/json", "Content-Length": "1000", "Connection": "close after"}, b"{")

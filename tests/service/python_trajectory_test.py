@@ -337,6 +337,21 @@ class Trajectories(unittest.TestCase):
         got = [trajectory.position_m(t) for t in inside]
         np.testing.assert_allclose(got, wanted[:, [1, 1, 2]], rtol=1e-15, atol=1e-9)
 
+    def test_the_nearest_nodes_count(self):
+        times = np.arange(10.0)
+        random = np.random.default_rng(3)
+        positions, velocities = random.normal(size=(2, 10, 3))
+        for options, reach in (({"method": "lagrange", "degree": 3}, 2), ({"degree": 7}, 2), ({"degree": 3}, 1),
+                               ({"method": "linear"}, 1)):
+            for t in (0.5, 4.5, 8.5):
+                first = min(max(int(t) + 1 - reach, 0), 10 - 2 * reach)
+                for k in range(10):
+                    moved = positions + (np.arange(10) == k)[:, None]
+                    here, there = (Trajectory(times, p, velocities_m_s=velocities, up_azimuth_deg=0, **options)
+                                   for p in (positions, moved))
+                    same = np.array_equal(here.position_m(t), there.position_m(t))
+                    self.assertEqual(same, not first <= k < first + 2 * reach, (options, t, k))
+
     def test_segments_and_the_times_they_may_be_used_at(self):
         first = Orbit.oem(np.arange(0, 121, 10), f"USEABLE_STOP_TIME = {Orbit.epoch(100)}")
         second = Orbit.oem(np.arange(80, 301, 10), f"USEABLE_START_TIME = {Orbit.epoch(100)}", day_of_year=True)
