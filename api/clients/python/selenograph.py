@@ -270,17 +270,16 @@ class Client:
     def frames(self, requests: Iterable[Request], in_flight: int = 2, ahead: int = 4) -> Iterator[Frame]:
         """Renders frames one after the other, and yields them in order.
 
-        in_flight requests are under way at a time, each on a connection of its own, so that the service renders while
-        an answer travels. A request without "ahead" gets the poses of up to `ahead` (at most 64) requests behind it, as
-        far as they are known, so that the service can load their terrain early. Neither changes a byte of any frame.
+        requests   any iterable. Request number i is taken from it when the loop comes back from frame i - in_flight,
+                   not earlier: a generator may compute its requests from the frames so far
+        in_flight  requests under way at a time, each on a connection of its own: the service renders while an answer
+                   travels. 1 for a loop in which each request depends on the frame before it. With more, requests are
+                   taken in other threads, and while the iterable waits (for a queue, say) frames are handed out
+        ahead      a request without "ahead" gets the poses of so many requests behind it (at most 64), so that the
+                   service loads their terrain early. They are known where `requests` is a list or another sequence;
+                   of others nothing is taken for this, and the service takes the camera to go on as it did
 
-        `requests` is any iterable. Of a list all poses are known. Otherwise:
-        - in_flight=1: the next request is taken when the frame before it has been handed out and the loop comes back
-          for more. For a closed loop: a generator that computes its request from the last frame.
-        - in_flight above 1: up to in_flight + ahead requests are taken early, by a thread of its own; while the
-          iterable waits (for a queue, say), frames are handed out all the same.
-
-        An error ends the frames, in its place in the order.
+        Neither changes a byte of any frame. An error ends the frames, in its place in the order.
         """
         # Not itself a generator: wrong arguments are told here, not at the first frame.
         return _handed_out(self._in_order(requests, in_flight, ahead,
@@ -602,18 +601,18 @@ class _InStep:
 
 
 class _Pipeline:
-    """`in_flight` requests at a time, answers in order. One thread takes requests from the iterable, others ask."""
+    """`in_flight` requests at a time, answers in order. As many threads take requests, one after the other, and ask."""
 
     def __init__(self, requests: Iterable[Request], in_flight: int, ahead: int, ask: Callable[..., Any]) -> None:
-        self._requests, self._in_flight, self._ahead, self._ask = requests, in_flight, ahead, ask
-        self._changed = threading.Condition()
-        self._known: Dict[int, Request] = {}  # taken, and not asked yet
+        self._known = requests if isinstance(requests, collections.abc.Sequence) else None
+        self._requests = iter(requests)
+        self._in_flight, self._ahead, self._ask = in_flight, ahead, ask
+        self._taking = threading.Lock()  # held while the iterable is asked, which may take for ever
+        self._changed = threading.Condition()  # guards what follows
         self._taken = 0
-        self._end: Optional[int] = None  # how many there are, once known
-        self._broken: Optional[BaseException] = None  # what the iterable raised
-        self._asked = 0
         self._answers: Dict[int, Tuple[Any, Optional[BaseException]]] = {}
-        self._handed_out = 0
+        self._awaited = -1  # by the loop
+        self._end: Optional[int] = None  # how many there are, once known
         self._started = self._stopped = False
 
     def __iter__(self) -> _Pipeline:
@@ -622,18 +621,17 @@ class _Pipeline:
     def __next__(self) -> Any:
         if not self._started:
             self._started = True
-            self._start()
+            for _ in range(self._in_flight):  # daemons: they must not keep a program that ends
+                threading.Thread(target=self._answer_them, name="selenograph frames", daemon=True).start()
         with self._changed:
-            i = self._handed_out
-            self._changed.wait_for(lambda: i in self._answers or self._stopped or self._ended(i))
+            # Only now, when the loop has come back, is there a place for another: before, it may have been changing
+            # what requests are made from.
+            i = self._awaited = self._awaited + 1
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: i in self._answers or self._stopped or i == self._end)
             if i not in self._answers:
-                if self._broken is not None and not self._stopped:
-                    broken, self._broken = self._broken, None
-                    raise broken
                 raise StopIteration
             answer, error = self._answers.pop(i)
-            self._handed_out += 1
-            self._changed.notify_all()
         if error is not None:
             self.stop()
             raise error
@@ -645,54 +643,32 @@ class _Pipeline:
             self._stopped = True
             self._changed.notify_all()
 
-    def _start(self) -> None:
-        if isinstance(self._requests, collections.abc.Sequence):
-            self._known = dict(enumerate(self._requests))
-            self._taken = self._end = len(self._known)
-            workers = [self._answer_them] * min(self._in_flight, self._taken)
-        else:
-            workers = [self._take_them] + [self._answer_them] * self._in_flight
-        for work in workers:  # daemons: an iterable may wait for ever
-            threading.Thread(target=work, name="selenograph frames", daemon=True).start()
-
-    def _ended(self, i: int) -> bool:
-        return self._end is not None and i >= self._end
-
-    def _take_them(self) -> None:
-        try:
-            for request in self._requests:
-                with self._changed:
-                    self._known[self._taken] = request
-                    self._taken += 1
-                    self._changed.notify_all()
-                    self._changed.wait_for(
-                        lambda: self._stopped or self._taken < self._handed_out + self._in_flight + self._ahead)
-                    if self._stopped:
-                        return
-        except BaseException as error:  # for the thread that waits for frames
-            self._broken = error
-        with self._changed:
-            self._end = self._taken
-            self._changed.notify_all()
-
     def _answer_them(self) -> None:
         while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._stopped or self._ended(self._asked) or
-                                       self._asked < min(self._taken, self._handed_out + self._in_flight))
-                if self._stopped or self._ended(self._asked):
+            with self._taking:
+                with self._changed:
+                    i = self._taken
+                    self._changed.wait_for(lambda: self._stopped or i < self._awaited + self._in_flight)
+                    if self._stopped or self._end is not None:
+                        return
+                try:
+                    request = next(self._requests)
+                except BaseException as error:
+                    with self._changed:
+                        self._end = i
+                        if not isinstance(error, StopIteration):  # the loop's to know
+                            self._answers[i] = None, error
+                        self._changed.notify_all()
                     return
-                i = self._asked
-                self._asked += 1
-                request = self._known.pop(i)
-                behind = [self._known[k] for k in range(i + 1, min(self._taken, i + 1 + self._ahead))]
-            answer, error = None, None
+                self._taken += 1
+            behind = self._known[i + 1:i + 1 + self._ahead] if self._known is not None else []
+            answer: Tuple[Any, Optional[BaseException]]
             try:
-                answer = self._ask(request, _poses(behind))
-            except BaseException as e:
-                error = e
+                answer = self._ask(request, _poses(behind)), None
+            except BaseException as error:
+                answer = None, error
             with self._changed:
-                self._answers[i] = answer, error
+                self._answers[i] = answer
                 self._changed.notify_all()
 
 
