@@ -311,6 +311,10 @@ class Points(WithClient):
         self.assertTrue(np.isfinite(points.lit).all())
         on_terrain = self.client.project(request["camera"], request["pose"], frame["geodetic"][..., :2])
         np.testing.assert_allclose(on_terrain.height_m, frame["geodetic"][..., 2], atol=1e-5)
+        as_json = [{"lat_deg": -6.5, "lon_deg": 40}, {"lat_deg": -6.5, "lon_deg": 40, "height_m": 5000}]
+        as_array = [[-6.5, 40, math.nan], [-6.5, 40, 5000]]
+        np.testing.assert_array_equal(*(self.client.project(request["camera"], request["pose"], some).range_m
+                                        for some in (as_json, as_array)))
         mixed = self.client.project(request["camera"], request["pose"], [[-6.5, 40, math.nan], [-6.5, 40, 50000]])
         self.assertEqual(mixed.reason.tolist(), [None, "behind the camera"])
         self.assertTrue(math.isnan(mixed.x_px[1]))
@@ -613,6 +617,7 @@ class Mishaps(unittest.TestCase):
         for in_flight in (1, 2):
             with self.asking(*[frame] * 6) as (client, server):
                 got = list(client.frames(requests, in_flight=in_flight, ahead=2))
+            self.assertLessEqual(len({connection for connection, *_ in server.seen}), in_flight)
             bodies = [json.loads(body) for *_, body in server.seen]
             bodies.sort(key=lambda body: json.dumps(body.get("pose", ""), default=str))
             ahead = {json.dumps(body.get("pose")): body.get("ahead") for body in bodies}
@@ -692,33 +697,54 @@ def written(name, text):
 def python(*arguments, **options):
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", **options.pop("environment", {})}
     return subprocess.run([sys.executable, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                          timeout=PATIENCE_S, env=environment, **options)
+                          timeout=5 * PATIENCE_S, env=environment, **options)
 
 
 class CommandLine(unittest.TestCase):
-    def command(self, *arguments, **options):
-        return python("-m", "selenograph", *arguments, cwd=harness.path(),
-                      environment={"PYTHONPATH": FOLDER, "SELENOGRAPH_URL": url()}, **options)
+    def setUp(self):
+        self.addCleanup(os.chdir, os.getcwd())
+        os.chdir(harness.path())
+
+    def command(self, *arguments):
+        """(exit status, standard output, standard error); in this process, where starting one takes longer."""
+        out, errors = io.StringIO(), io.StringIO()
+        with mock.patch.dict(os.environ, {"SELENOGRAPH_URL": url()}):
+            with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+                return selenograph.main(arguments), out.getvalue(), errors.getvalue()
+
+    def test_it_is_a_program(self):
+        done = python("-m", "selenograph", "render", "-", "stdin.png", input=json.dumps(request_at(0, ["image"])),
+                      environment={"PYTHONPATH": FOLDER, "SELENOGRAPH_URL": url()})
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        with open("stdin.png", "rb") as file:
+            self.assertEqual(file.read(4), b"\x89PNG")
+        done = python("-m", "selenograph", environment={"PYTHONPATH": FOLDER})
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("usage: python3 -m selenograph", done.stderr)
 
     def test_render(self):
         request = request_at(0, ["image"])
         written("request.json", json.dumps(request))
         for name, accept in (("out.npz", "application/x-npz"), ("out.png", "image/png"), ("out.tif", "image/tiff"),
                              ("out.npy", "application/x-npy")):
-            done = self.command("render", "request.json", name)
-            self.assertEqual(done.returncode, 0, done.stderr)
-            with open(harness.path(name), "rb") as file:
+            code, said, _ = self.command("render", "request.json", name)
+            self.assertEqual(code, 0)
+            with open(name, "rb") as file:
                 content = file.read()
             self.assertEqual(content, SERVICE.frame(request, accept)[2], name)
-            self.assertRegex(done.stdout, rf"^{name}: {len(content)} bytes; ms: .*(visibility|touch|nothing)")
-        done = self.command("render", "-", "stdin.png", input=json.dumps(request))
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertTrue(os.path.exists(harness.path("stdin.png")))
+            self.assertRegex(said, rf"^{name}: {len(content)} bytes; ms: .*(visibility|touch|nothing)")
+
+    def test_warnings_are_printed(self):
+        border = Pose.nadir(lat_deg=-4.9, lon_deg=40, height_m=9e4)
+        written("border.json", json.dumps(request_at(0, ["image"], pose=border)))
+        code, _, errors = self.command("render", "border.json", "border.png")
+        self.assertEqual(code, 0)
+        self.assertRegex(errors, r"border.png: warning: [\d.]+ % of the pixels look at the Moon where there is no data")
+        dark = Sun.local(lat_deg=-6.5, lon_deg=40, azimuth_deg=90, elevation_deg=-40)
+        written("dark.json", json.dumps(request_at(0, ["image"], sun=dark)))
+        self.assertIn("dark.npz: warning: no signal", self.command("render", "dark.json", "dark.npz")[2])
 
     def test_what_goes_wrong_is_one_message_and_no_file(self):
-        here = os.getcwd()
-        self.addCleanup(os.chdir, here)
-        os.chdir(harness.path())
         written("broken.json", "{")
         written("bad.json", json.dumps(request_at(0, ["range"], camera={})))
         for arguments, words in ((("render", "broken.json", "no.npz"), "broken.json: no JSON"),
@@ -727,52 +753,42 @@ class CommandLine(unittest.TestCase):
                                  (("render", "missing.json", "no.npz"), "missing.json"),
                                  (("render", "bad.json", "no.npz", "--url", "moon"), "write for example http://"),
                                  (("watch", "missing.csv", "--out", "no"), "missing.csv")):
-            said = io.StringIO()
-            with contextlib.redirect_stderr(said):
-                self.assertEqual(selenograph.main([*arguments, *(() if "--url" in arguments else ("--url", url()))]), 1)
-            self.assertRegex(said.getvalue(), "^selenograph: .*" + words)
+            code, _, errors = self.command(*arguments)
+            self.assertEqual(code, 1)
+            self.assertRegex(errors, "^selenograph: .*" + words)
         self.assertEqual([name for name in os.listdir() if name.startswith("no")], [])
-        done = self.command()
-        self.assertEqual(done.returncode, 2)
-        self.assertIn("usage: python3 -m selenograph", done.stderr)
 
     def test_watch(self):
         written("watched.csv", "time_s,lat_deg,lon_deg,height_m,up_azimuth_deg\n"
                 "0,-6.5,40,20000,0\n1,-6.48,40,20000,0\n2,-6.46,40,20000,0\n")
-        done = self.command("watch", "watched.csv", "--out", "frames", "--step-s", "0.5")
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn("30 degrees high", done.stderr)
-        lines = done.stdout.splitlines()
+        code, said, errors = self.command("watch", "watched.csv", "--out", "frames", "--step-s", "0.5")
+        self.assertEqual(code, 0, errors)
+        self.assertIn("30 degrees high", errors)
+        lines = said.splitlines()
         self.assertEqual(len(lines), 5)
         for i, line in enumerate(lines):
             self.assertRegex(line, rf"^frames/{i:05d}.npz  t = {i / 2:.3f} s  ms: ")
-            frame = np.load(harness.path("frames", f"{i:05d}.npz"))
+            frame = np.load(f"frames/{i:05d}.npz")
             self.assertEqual(frame["radiance"].shape, (512, 512))
             self.assertGreater(frame["radiance"].max(), 0)
 
-        # A view beyond the data.
-        border = Pose.nadir(lat_deg=-4.9, lon_deg=40, height_m=9e4)
-        written("request.json", json.dumps(request_at(0, ["image"], pose=border)))
-        done = self.command("render", "request.json", "border.png")
-        self.assertEqual(done.returncode, 0)
-        self.assertRegex(done.stderr, r"^border.png: warning: [\d.]+ % of the pixels look at the Moon where")
-
-        written("common.json", json.dumps(request_at(0, ["image"])))
-        done = self.command("watch", "watched.csv", "--out", "pictures", "--request", "common.json", "--format", "png")
-        self.assertEqual((done.returncode, done.stderr), (0, ""))
-        self.assertEqual(sorted(os.listdir(harness.path("pictures"))), [f"{i:05d}.png" for i in range(3)])
-        with open(harness.path("pictures", "00000.png"), "rb") as file:
-            self.assertEqual(file.read(), SERVICE.frame({**request_at(0, ["image"]), "pose": Trajectory.from_csv(
-                harness.path("watched.csv")).at(0)}, "image/png")[2])
-
+        common = request_at(0, ["image"])
+        written("common.json", json.dumps(common))
+        code, _, errors = self.command("watch", "watched.csv", "--out", "pictures", "--request", "common.json",
+                                       "--format", "png")
+        self.assertEqual((code, errors), (0, ""))
+        self.assertEqual(sorted(os.listdir("pictures")), [f"{i:05d}.png" for i in range(3)])
+        pose = Trajectory.from_csv("watched.csv").at(0)
+        with open("pictures/00000.png", "rb") as file:
+            self.assertEqual(file.read(), SERVICE.frame({**common, "pose": pose}, "image/png")[2])
 
     def test_watch_an_oem(self):
         lines = [f"2026-11-20T12:00:{t:02d} 1336 1121 {-199 + 0.16 * t} 0 0 0.16" for t in (0, 10, 20, 30)]
         written("track.oem", "CCSDS_OEM_VERS = 2.0\nMETA_START\nCENTER_NAME = MOON\nREF_FRAME = MOON_ME\n"
                 "TIME_SYSTEM = UTC\nMETA_STOP\n" + "\n".join(lines) + "\n")
-        done = self.command("watch", "track.oem", "--out", "track")
-        self.assertEqual((done.returncode, done.stderr), (0, ""))
-        meta = json.loads(bytes(np.load(harness.path("track", "00003.npz"))["meta.json"]))
+        code, _, errors = self.command("watch", "track.oem", "--out", "track")
+        self.assertEqual(code, 0, errors)
+        meta = json.loads(bytes(np.load("track/00003.npz")["meta.json"]))
         self.assertIn("sun", meta["request"])
         self.assertAlmostEqual(meta["request"]["pose"]["position_m"][2], -199000 + 4800, 6)
 

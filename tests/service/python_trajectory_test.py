@@ -446,7 +446,7 @@ class Trajectories(unittest.TestCase):
         np.testing.assert_allclose(camera_from_moon(trajectory.at(33)), right, atol=3e-15)
 
         trajectory = Trajectory.from_csv(self.csv("lat_deg,lon_deg,height_m,utc,up_azimuth_deg",
-                                                  "-6.5,40,20000,2026-11-20T00:00:00Z,350",
+                                                  "-6.5,40,20000,2026-11-20 00:00:00,350",
                                                   "-6.4,40,20000,2026-11-20T00:00:10.5,10"))
         self.assertEqual(trajectory.times_s.tolist(), [0, 10.5])
         pose = trajectory.at(5.25)
@@ -464,7 +464,7 @@ class Trajectories(unittest.TestCase):
                 "line 2: 2 values for 5 columns": (f"time_s,{place},up_azimuth_deg", "0,1"),
                 "there is x_m, y_m but not z_m": ("time_s,x_m,y_m", "1,2,3"),
                 "one attitude is needed: camera_from_moon_w": (f"time_s,{place}", "0,1,2,3"),
-                "unknown column qw; there are camera_from_moon_w": (f"time_s,{place},up_azimuth_deg,qw", "0,1,2,3,0,1"),
+                "unknown column 'qw'; there are camera_from": (f"time_s,{place},up_azimuth_deg,qw", "0,1,2,3,0,1"),
                 "times must rise": (f"time_s,{place},up_azimuth_deg", "0,1,2,3,0", "0,1,2,3,0"),
                 "length 2": (f"time_s,{place}," + ",".join(f"camera_from_moon_{c}" for c in "wxyz"), "0,1,2,3,2,0,0,0"),
                 "a line of names and at least one of numbers": ("time_s",)}.items():

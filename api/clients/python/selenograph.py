@@ -320,10 +320,13 @@ class Client:
                 objects: Optional[Sequence[Request]] = None, shutter: Optional[Request] = None) -> np.recarray:
         """Where landmarks appear: POST /v1/project.
 
-        points is an array of (..., 3): lat_deg, lon_deg, height_m; or of (..., 2), or with NaN heights: on the terrain.
-        Gives a record array: x_px, y_px, range_m, height_m, in_frame, visible, lit (NaN without `sun`), reason (None,
-        or a text that says why there is no pixel), and with a shutter time_s.
+        points is an array of (..., 3): lat_deg, lon_deg, height_m; or of (..., 2), or with NaN heights: on the terrain;
+        or a list of dicts as in the service's JSON. Gives a record array: x_px, y_px, range_m, height_m, in_frame,
+        visible, lit (NaN without `sun`), reason (None, or a text that says why there is no pixel), and with a shutter
+        time_s.
         """
+        if isinstance(points, collections.abc.Sequence) and any(isinstance(p, collections.abc.Mapping) for p in points):
+            points = [[p["lat_deg"], p["lon_deg"], p.get("height_m", math.nan)] for p in points]
         places = np.asarray(points, float)
         if places.ndim < 1 or places.shape[-1] not in (2, 3):
             raise ValueError(f"points is an array of (..., 2) or (..., 3), lat_deg, lon_deg, height_m; it is "
@@ -1152,7 +1155,8 @@ class Trajectory:
             raise ValueError(f"{path}: one attitude is needed: camera_from_moon_w, .._x, .._y, .._z, or "
                              "moon_from_camera_w, .., or up_azimuth_deg of a camera that looks at nadir")
         if numbers:
-            raise ValueError(f"{path}: unknown column {', '.join(numbers)}; there are {', '.join(sorted(_COLUMNS))}")
+            raise ValueError(f"{path}: unknown column {', '.join(map(repr, numbers))}; there are "
+                             f"{', '.join(sorted(_COLUMNS))}")
         direction, attitudes = next(iter(given.items()), (None, None))
         try:
             return cls(times, positions, velocities_m_s=velocities, attitudes=attitudes, direction=direction,
@@ -1255,8 +1259,10 @@ class Trajectory:
         return made
 
 
-FRAMES = {"MOON_ME": "MOON_ME", "MOON_ME_DE421": "MOON_ME", "MOON_PA_DE421": "MOON_PA_DE421",
-          "MOON_PA_DE440": "MOON_PA_DE440", "ICRF": "ICRF"}
+# REF_FRAME of files (the service's, SPICE's and SANA's names) -> pose.frame
+FRAMES = {"MOON_ME": "MOON_ME", "MOON_ME_DE421": "MOON_ME", "MOON_ME_DE440_ME421": "MOON_ME",
+          "MOON_PA_DE421": "MOON_PA_DE421", "MOON_PA421": "MOON_PA_DE421", "MOON_PA_DE440": "MOON_PA_DE440",
+          "MOON_PA440": "MOON_PA_DE440", "ICRF": "ICRF"}
 NEED_SUN = {"image", "radiance", "angles", "lit"}
 
 
@@ -1361,7 +1367,7 @@ _Epoch = Tuple[datetime.datetime, float]
 
 
 def _epoch(text: str, where: str) -> _Epoch:
-    found = re.fullmatch(r"(\d{4}-(?:\d\d-\d\d|\d{3}))T(\d\d:\d\d:\d\d)(\.\d*)?(?:Z|\+00:00)?", text.strip())
+    found = re.fullmatch(r"(\d{4}-(?:\d\d-\d\d|\d{3}))[T ](\d\d:\d\d:\d\d)(\.\d*)?(?:Z|\+00:00)?", text.strip())
     try:
         if not found:
             raise ValueError
