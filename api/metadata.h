@@ -23,6 +23,10 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
 // True when an If-None-Match header names this hash's entity tag (weak tags count: RFC 9110, 13.1.2), or is "*".
 bool names_etag(const std::string& if_none_match, const std::string& hash);
 
+// Of metadata: the list of sources, and the irradiance with its band and source.
+nlohmann::ordered_json sources_json(const engine::FrameReport& report);
+nlohmann::ordered_json irradiance_json(const engine::FrameRequest& request, const engine::FrameReport& report);
+
 nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameReport& report, const std::string& hash);
 
 // The same for the header `Selenograph-Meta`: compact, ASCII only, at most kMetaHeaderBytes. Where it would be longer,
