@@ -75,6 +75,7 @@ def setUpModule():
     write_dem(harness.path("level", "global.tif"), -90, -180, 360, 720, 2, lambda lat, lon: 0 * lat * lon)
     write_dem(harness.path("level", "plane.tif"), PLANE["south_deg"], PLANE["west_deg"], 128, 128, 128,
               lambda lat, lon: PLANE_M_PER_DEG * (lat - PLANE["south_deg"]) + 0 * lon)
+    write_dem(harness.path("region", "tile.tif"), 15, 95, 40, 40, 4, lambda lat, lon: 0 * lat * lon)
     write_dem(harness.path("relief", "global.tif"), -90, -180, 1440, 2880, 8, relief)
 
 
@@ -183,25 +184,6 @@ class Maps(harness.WithService):
         arrays, meta = npz(self.map(map_request(PLACES["orthographic"], "height")))
         self.assertEqual(arrays["height"].shape, (50, 60))
         self.assertEqual(meta["grid"]["geotransform"], [-3000.0, 100.0, 0.0, 2500.0, 0.0, -100.0])
-        globe = {"projection": "equirectangular", "gsd_m": math.pi * RADIUS_M / 90,
-                 "bounds": {"south_deg": -90, "north_deg": 90, "west_deg": -180, "east_deg": 180}}
-        arrays, _ = npz(self.map(map_request(globe, "height")))
-        self.assertEqual(arrays["height"].shape, (90, 180))
-        self.assertTrue(np.isfinite(arrays["height"]).all())
-
-    def test_no_moon_is_no_data(self):
-        """The whole disc, with its corners."""
-        gsd = 40000.0
-        disc = {"projection": "orthographic", "center": {"lat_deg": 20.0, "lon_deg": 100.0}, "width_m": 4e6, "height_m": 4e6, "gsd_m": gsd}
-        arrays, meta = npz(self.map(map_request(disc, "height", "lit", "radiance", "source", sun={"direction": [0, 1, 0]})))
-        x, y = np.meshgrid(-2e6 + gsd * (np.arange(100) + 0.5), 2e6 - gsd * (np.arange(100) + 0.5))
-        moon = np.hypot(x, y) <= RADIUS_M
-        for product in ("height", "lit", "radiance"):
-            np.testing.assert_array_equal(np.isfinite(arrays[product]), moon)
-        np.testing.assert_array_equal(arrays["source"] != 65535, moon)
-        self.assertEqual(meta["missing_fraction"], 0)
-        self.assertAlmostEqual(meta["hit_fraction"], moon.mean())
-
     def test_radiance_of_level_ground(self):
         """Lommel-Seeliger and Lambert; from above, and from a direction."""
         area = PLACES["orthographic"]
@@ -290,6 +272,53 @@ class Maps(harness.WithService):
         self.problem(self.service.post("/v1/maps", request, Request_Timeout_Ms="1"), 504)
 
 
+class Regional(harness.WithService):
+    """Level ground of 10 x 10 degrees, nothing around it."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.service = Service(dem="region", cache="cache-region")
+
+    def map(self, area):
+        request = map_request(area, "height", "lit", "radiance", "source", sun={"direction": [0, 1, 0]})
+        body = self.ok(self.service.post("/v1/maps", request, "application/x-npz"), "application/x-npz")
+        tiff = Tiff(self.ok(self.service.post("/v1/maps", request, "image/tiff"), "image/tiff"))
+        return *npz(body), tiff
+
+    def check(self, area, shape, moon):
+        """`moon`: what pixels are on it, as is said of their coordinates; data is where GDAL says that the tile is."""
+        arrays, meta, tiff = self.map(area)
+        lat, lon = tiff.lat_lon()
+        lon = np.mod(np.where(moon, lon, 0), 360)
+        data = moon & (lat > 15) & (lat < 25) & (lon > 95) & (lon < 105)
+        self.assertEqual(data.shape, shape)
+        self.assertGreater(data.sum(), 3)
+        for product in ("height", "lit", "radiance"):
+            np.testing.assert_array_equal(np.isfinite(arrays[product]), data)
+        np.testing.assert_array_equal(arrays["source"] != 65535, data)
+        np.testing.assert_array_equal(np.isnan(tiff.bands["source"]), ~data)
+        self.assertAlmostEqual(meta["hit_fraction"], data.mean())
+        self.assertAlmostEqual(meta["missing_fraction"], moon.mean() - data.mean())
+
+    def test_a_whole_disc(self):
+        gsd = 40000.0
+        disc = {"projection": "orthographic", "center": {"lat_deg": 20.0, "lon_deg": 150.0}, "width_m": 4e6, "height_m": 4e6, "gsd_m": gsd}
+        x, y = np.meshgrid(-2e6 + gsd * (np.arange(100) + 0.5), 2e6 - gsd * (np.arange(100) + 0.5))
+        self.check(disc, (100, 100), np.hypot(x, y) <= RADIUS_M)
+
+    def test_the_whole_moon(self):
+        for west, east in ((-180, 180), (0, 360)):
+            globe = {"projection": "equirectangular", "gsd_m": math.pi * RADIUS_M / 80,
+                     "bounds": {"south_deg": -90, "north_deg": 90, "west_deg": west, "east_deg": east}}
+            self.check(globe, (80, 160), np.ones((80, 160), bool))
+
+    def test_beyond_a_pole(self):
+        area = {"projection": "equirectangular", "gsd_m": 60000.0, "center": {"lat_deg": 40.0, "lon_deg": 100.0},
+                "width_m": 2.4e6, "height_m": 3.6e6}
+        y = 40.0 + np.degrees((1.8e6 - 60000 * (np.arange(60) + 0.5)) / RADIUS_M)
+        self.check(area, (60, 40), np.broadcast_to(y[:, None] <= 90, (60, 40)))
+
+
 class OfRelief(harness.WithService):
     """Against /v1/heights, /v1/rays and /v1/project."""
 
@@ -328,30 +357,26 @@ class OfRelief(harness.WithService):
 
     def test_lit_and_normal_are_those_of_rays(self):
         seen = set()
-        for name, area in PLACES.items():
-            for disc in (0.0, 0.2666):
-                with self.subTest(name, disc=disc):
-                    tiff = Tiff(self.map(map_request(area, "height"), "image/tiff"))
-                    lat, lon = (a.ravel()[a.size // 2] for a in tiff.lat_lon())
-                    area = {**area, "gsd_m": area["gsd_m"] * 10}
-                    if "width_m" in area:
-                        area.update(width_m=area["width_m"] * 10, height_m=area["height_m"] * 10)
-                    sun = {"local": {"lat_deg": lat, "lon_deg": lon, "azimuth_deg": 70.0, "elevation_deg": 4.0},
-                           "angular_radius_deg": disc}
-                    if "bounds" in area:
-                        area["gsd_m"] /= 10
-                    lat, lon, map_ = self.sampled(area, "lit", "normal", "height", sun=sun)
-                    up = vector(lat, lon)
-                    rays = [{"origin_m": (d * (RADIUS_M + 20000)).tolist(), "direction": (-d).tolist()} for d in up]
-                    hits = self.ok_json(self.service.post("/v1/rays", {"rays": rays, "sun": sun}))["rays"]
-                    position = np.array([h["position_m"] for h in hits])
-                    np.testing.assert_allclose(up * (RADIUS_M + map_["height"])[:, None], position, rtol=0, atol=0.01)
-                    np.testing.assert_allclose(np.stack([map_["normal." + axis] for axis in "xyz"], axis=-1),
-                                               [h["normal"] for h in hits], rtol=0, atol=1e-6)
-                    lit = np.array([h["lit"] for h in hits])
-                    wrong = np.abs(map_["lit"] - lit) > (0.02 if disc else 0)
-                    self.assertLessEqual(wrong.sum(), 1)  # grazing
-                    seen |= {"dark" if x == 0 else "lit" if x == 1 else "between" for x in lit}
+        for name, disc in (("equirectangular", 0), ("south pole", 0), ("polar, date line", 0.2666), ("orthographic", 0.2666)):
+            with self.subTest(name):
+                area = dict(PLACES[name])
+                if "center" in area:
+                    area.update(gsd_m=400.0, width_m=24000.0, height_m=20000.0)
+                lat, lon = (a.ravel()[a.size // 2] for a in Tiff(self.map(map_request(area, "height"), "image/tiff")).lat_lon())
+                sun = {"local": {"lat_deg": lat, "lon_deg": lon, "azimuth_deg": 70.0, "elevation_deg": 3.0},
+                       "angular_radius_deg": disc}
+                lat, lon, map_ = self.sampled(area, "lit", "normal", "height", sun=sun)
+                up = vector(lat, lon)
+                rays = [{"origin_m": (d * (RADIUS_M + 20000)).tolist(), "direction": (-d).tolist()} for d in up]
+                hits = self.ok_json(self.service.post("/v1/rays", {"rays": rays, "sun": sun}))["rays"]
+                position = np.array([h["position_m"] for h in hits])
+                np.testing.assert_allclose(up * (RADIUS_M + map_["height"])[:, None], position, rtol=0, atol=0.01)
+                np.testing.assert_allclose(np.stack([map_["normal." + axis] for axis in "xyz"], axis=-1),
+                                           [h["normal"] for h in hits], rtol=0, atol=1e-6)
+                lit = np.array([h["lit"] for h in hits])
+                wrong = np.abs(map_["lit"] - lit) > (0.02 if disc else 0)
+                self.assertLessEqual(wrong.sum(), 1)  # grazing
+                seen |= {"dark" if x == 0 else "lit" if x == 1 else "between" for x in lit}
         self.assertEqual(seen, {"dark", "lit", "between"})
 
     def test_terrain_hides_ground_from_a_viewer(self):
