@@ -49,6 +49,7 @@ struct EndpointContext {
 
 Response answer_frames(const EndpointContext& context);
 Response answer_frame_metadata(const EndpointContext& context, std::string_view hash);
+Response answer_maps(const EndpointContext& context);
 Response answer_rays(const EndpointContext& context);
 Response answer_project(const EndpointContext& context);
 Response answer_heights(const EndpointContext& context);

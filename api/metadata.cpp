@@ -15,31 +15,6 @@ namespace {
 
 std::string hex(std::uint64_t x) { return fmt::format("{:016x}", x); }
 
-OrderedJson sources_json(const engine::FrameReport& report) {
-  OrderedJson sources = OrderedJson::array();
-  for (const engine::SourceTile& tile : report.sources) {
-    sources.push_back({{"name", tile.name}, {"version", hex(tile.version)}});
-  }
-  return sources;
-}
-
-// E_sun tau of eq. (2).
-OrderedJson irradiance_json(const engine::FrameRequest& request, const engine::FrameReport& report) {
-  if (!request.band)
-    return {{"value_w_m2", report.radiance.direct_w_m2},
-            {"band", "all wavelengths"},
-            {"source", fmt::format("{} W m-2 at 1 au (IAU 2015 resolution B3, after Kopp & Lean 2011), times 1/r^2",
-                                   engine::kSolarConstant_w_m2)}};
-  return {
-      {"value_w_m2", report.radiance.direct_w_m2},
-      {"band", fmt::format("centre {:.6g} um, width {:.6g} um", request.band->center_um(), request.band->width_um())},
-      {"source", request.atmosphere
-                     ? "the atmosphere's table: E_sun tau, times 1/r^2"
-                     : fmt::format("ASTM E-490-00a (2000), 1 nm to 2 nm resolution below 2.5 um, scaled to {} W m-2 at "
-                                   "1 au, times 1/r^2",
-                                   engine::kSolarConstant_w_m2)}};
-}
-
 double widest(const std::vector<double>& shadow_limits_px) {
   return *std::max_element(shadow_limits_px.begin(), shadow_limits_px.end());
 }
@@ -97,6 +72,31 @@ void omit(OrderedJson& metadata, const char* list) {
 }  // namespace
 
 std::string_view software_version() { return SELENOGRAPH_VERSION; }
+
+OrderedJson sources_json(const engine::FrameReport& report) {
+  OrderedJson sources = OrderedJson::array();
+  for (const engine::SourceTile& tile : report.sources) {
+    sources.push_back({{"name", tile.name}, {"version", hex(tile.version)}});
+  }
+  return sources;
+}
+
+// E_sun tau of eq. (2).
+OrderedJson irradiance_json(const engine::FrameRequest& request, const engine::FrameReport& report) {
+  if (!request.band)
+    return {{"value_w_m2", report.radiance.direct_w_m2},
+            {"band", "all wavelengths"},
+            {"source", fmt::format("{} W m-2 at 1 au (IAU 2015 resolution B3, after Kopp & Lean 2011), times 1/r^2",
+                                   engine::kSolarConstant_w_m2)}};
+  return {
+      {"value_w_m2", report.radiance.direct_w_m2},
+      {"band", fmt::format("centre {:.6g} um, width {:.6g} um", request.band->center_um(), request.band->width_um())},
+      {"source", request.atmosphere
+                     ? "the atmosphere's table: E_sun tau, times 1/r^2"
+                     : fmt::format("ASTM E-490-00a (2000), 1 nm to 2 nm resolution below 2.5 um, scaled to {} W m-2 at "
+                                   "1 au, times 1/r^2",
+                                   engine::kSolarConstant_w_m2)}};
+}
 
 std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
                          std::uint64_t terrain_fingerprint, const Representation& representation) {

@@ -1,5 +1,6 @@
 #include "api/openapi.h"
 
+#include "api/map_json.h"
 #include "api/metadata.h"
 #include "api/negotiate.h"
 #include "api/problem.h"
@@ -141,6 +142,29 @@ void fill_frames(OrderedJson& operation) {
                                    {"headers", {{"ETag", {{"$ref", "#/components/headers/ETag"}}}}}};
 }
 
+void fill_maps(OrderedJson& operation) {
+  operation["description"] =
+      "Vertical rays through the pixels' centres: the terrain, shadows and level of detail of frames on a map's grid. "
+      "If-None-Match is answered with 304 as for frames.";
+  operation["parameters"] = {timeout_parameter(),
+                             parameter("If-None-Match", "header", "ETags that the client has", false,
+                                       {{"type", "string"}})};
+  operation["requestBody"] = body("MapRequest", map_examples());
+  std::string description = "As `Accept` asks; without a preference the first.\n";
+  OrderedJson content = OrderedJson::object();
+  for (const Alternative& a : kMapAnswers) {
+    const std::string media_type(a.media_type);
+    content[media_type] = {{"schema", {{"type", "string"}, {"contentMediaType", media_type}}}};
+    description += "\n- `" + media_type + "`: " + std::string(a.meaning);
+  }
+  OrderedJson& answer = operation["responses"]["200"];
+  answer = {{"description", description}, {"headers", OrderedJson::object()}, {"content", content}};
+  for (const char* name : {"ETag", "Vary", "Server-Timing", "Selenograph-Missing-Fraction"})
+    answer["headers"][name] = {{"$ref", std::string("#/components/headers/") + name}};
+  operation["responses"]["304"] = {{"description", "The client has this map already"},
+                                   {"headers", {{"ETag", {{"$ref", "#/components/headers/ETag"}}}}}};
+}
+
 void fill_points(OrderedJson& operation, const char* request, const char* answer, const OrderedJson& example) {
   operation["parameters"] = OrderedJson::array({timeout_parameter()});
   operation["requestBody"] = body(request, {{"example", example}});
@@ -194,6 +218,8 @@ void fill(OrderedJson& operation, const Route& route) {
       operation["responses"]["200"] = {{"description", "All of the frame's metadata"},
                                        {"content", json_content("FrameMetadata")}};
       return;
+    case Endpoint::maps:
+      return fill_maps(operation);
     case Endpoint::rays:
       return fill_points(operation, "RaysRequest", "RaysAnswer",
                          {{"rays", {{{"origin_m", {1757400.0, 0.0, 0.0}}, {"direction", {-1.0, 0.0, 0.0}}}}}});
@@ -225,6 +251,8 @@ const char* tag(Endpoint endpoint) {
     case Endpoint::frames:
     case Endpoint::frame_metadata:
       return "frames";
+    case Endpoint::maps:
+      return "maps";
     case Endpoint::rays:
     case Endpoint::project:
       return "geometry";
@@ -392,6 +420,36 @@ OrderedJson frame_examples() {
           {"pushbroom", pushbroom}};
 }
 
+OrderedJson map_examples() {
+  const OrderedJson site{{"lat_deg", 26.1322}, {"lon_deg", 3.6339}};
+  OrderedJson local = site;
+  local.update({{"azimuth_deg", 90.0}, {"elevation_deg", 15.0}});
+  // What a lander that descends here compares its images with.
+  const OrderedJson onboard{{"map",
+                             {{"projection", "orthographic"},
+                              {"center", site},
+                              {"width_m", 20000.0},
+                              {"height_m", 20000.0},
+                              {"gsd_m", 20.0}}},
+                            {"sun", {{"local", local}}},
+                            {"products", {"radiance", "height"}}};
+  const OrderedJson illumination{{"map",
+                                  {{"projection", "polar_stereographic"},
+                                   {"center", {{"lat_deg", -89.5}, {"lon_deg", 0.0}}},
+                                   {"width_m", 20000.0},
+                                   {"height_m", 20000.0},
+                                   {"gsd_m", 100.0}}},
+                                 {"sun", {{"utc", "2026-11-20T00:00:00Z"}}},
+                                 {"products", {"lit"}}};
+  const OrderedJson slopes{
+      {"map",
+       {{"projection", "equirectangular"},
+        {"bounds", {{"south_deg", 25.5}, {"north_deg", 26.5}, {"west_deg", 3.0}, {"east_deg", 4.0}}},
+        {"gsd_m", 100.0}}},
+      {"products", {"height", "slope", "normal", "source"}}};
+  return {{"onboard", onboard}, {"illumination", illumination}, {"slopes", slopes}};
+}
+
 OrderedJson openapi_paths() {
   OrderedJson paths = OrderedJson::object();
   for (const Route& route : kRoutes) {
@@ -417,6 +475,7 @@ OrderedJson openapi_document(const Limits& limits) {
           {"security", OrderedJson::array()},
           {"tags",
            {{{"name", "frames"}, {"description", "Images and the truth behind each pixel"}},
+            {{"name", "maps"}, {"description", "Map-projected products"}},
             {{"name", "geometry"}, {"description", "Rays and landmarks"}},
             {{"name", "terrain"}, {"description", "Heights and the catalogue"}},
             {{"name", "verification"}, {"description", "How true the answers are"}},

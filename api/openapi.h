@@ -16,5 +16,6 @@ nlohmann::ordered_json openapi_paths();
 
 // Requests that work: shown in the document, sent by tests. By call: "nadir", "landing_site".
 nlohmann::ordered_json frame_examples();
+nlohmann::ordered_json map_examples();
 
 }  // namespace selenograph::api

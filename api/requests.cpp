@@ -6,6 +6,7 @@
 
 #include "api/arrays.h"
 #include "api/frame_json.h"
+#include "api/map_json.h"
 #include "api/mertis_json.h"
 #include "api/points_json.h"
 #include "api/round_trip_json.h"
@@ -19,11 +20,9 @@ struct RequestBody {
 };
 
 std::vector<RequestBody> bodies() {
-  return {{"/v1/frames", frame_members()},
-          {"/v1/rays", rays_members()},
-          {"/v1/project", project_members()},
-          {"/v1/heights", heights_members()},
-          {"/v1/verify/roundtrip", round_trip_members()},
+  return {{"/v1/frames", frame_members()},        {"/v1/maps", map_members()},
+          {"/v1/rays", rays_members()},           {"/v1/project", project_members()},
+          {"/v1/heights", heights_members()},     {"/v1/verify/roundtrip", round_trip_members()},
           {"/v1/verify/mertis", mertis_members()}};
 }
 
@@ -37,6 +36,9 @@ void add_with_parts(std::vector<const MemberTable*>& tables, const MemberTable& 
 std::string products_markdown() {
   std::string out = "## Products\n\nArrays of height x width, row 0 on top.\n\n| name | type | |\n|---|---|---|\n";
   for (const ProductRow& row : products())
+    out += fmt::format("| `{}` | {} | {} |\n", row.name, type_text(row), row.meaning);
+  out += "\nOf maps, row 0 in the north; NaN where there is no data or no Moon.\n\n| name | type | |\n|---|---|---|\n";
+  for (const MapProductRow& row : map_products())
     out += fmt::format("| `{}` | {} | {} |\n", row.name, type_text(row), row.meaning);
   return out;
 }

@@ -11,6 +11,7 @@ namespace selenograph::api {
 enum class Endpoint {
   frames,
   frame_metadata,
+  maps,
   rays,
   project,
   heights,
@@ -33,6 +34,7 @@ inline constexpr Route kRoutes[] = {
     {Endpoint::frames, "POST", "/v1/frames", true, "renderFrame", "Renders the frame that a camera sees"},
     {Endpoint::frame_metadata, "GET", "/v1/frames/{hash}/meta", false, "getFrameMetadata",
      "The metadata of a frame whose header has no room for it"},
+    {Endpoint::maps, "POST", "/v1/maps", true, "renderMap", "Renders a map-projected product"},
     {Endpoint::rays, "POST", "/v1/rays", true, "castRays", "Casts arbitrary rays: an altimeter or lidar"},
     {Endpoint::project, "POST", "/v1/project", true, "projectPoints",
      "Says where landmarks appear in a camera's image"},

@@ -28,7 +28,7 @@ const Route& route_of(const Request& request) {
 
 // The others negotiate.
 bool answers_json_alone(Endpoint endpoint) {
-  return endpoint != Endpoint::frames && endpoint != Endpoint::verify_round_trip;
+  return endpoint != Endpoint::frames && endpoint != Endpoint::maps && endpoint != Endpoint::verify_round_trip;
 }
 
 }  // namespace
@@ -77,6 +77,8 @@ struct Service::Impl {
         return answer_frames(context);
       case Endpoint::frame_metadata:
         return answer_frame_metadata(context, *segment_of(route, request.path));
+      case Endpoint::maps:
+        return answer_maps(context);
       case Endpoint::rays:
         return answer_rays(context);
       case Endpoint::project:

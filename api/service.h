@@ -23,6 +23,7 @@ struct Limits {
   int max_json_depth = 16;
   int max_image_side = 8192;
   std::int64_t max_image_pixels = std::int64_t{16} << 20;
+  std::int64_t max_map_pixels = std::int64_t{16} << 20;
   int max_samples_per_pixel = 256;
   int max_rays = 100000;                              // rays, points of one request
   std::chrono::milliseconds default_deadline{60000};  // a client may ask for less: header `Request-Timeout-Ms`

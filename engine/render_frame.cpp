@@ -1,8 +1,5 @@
 #include "engine/render_frame.h"
 
-#include <fmt/format.h>
-#include <xxhash.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -21,11 +18,8 @@ namespace {
 
 // The frame's own list of sources, in the catalogue's order, and `source` as indices into it.
 void list_sources(const dem::Catalogue& catalogue, const FrameSources& sources, Frame& frame) {
-  for (const dem::SourceIndex raster : sources.settle(frame.products.source)) {
-    const dem::RasterInfo& info = catalogue.rasters()[raster];
-    const std::string identity = fmt::format("{}:{}:{}", info.name, info.bytes, info.modified_ns);
-    frame.report.sources.push_back({info.name, info.path, XXH3_64bits(identity.data(), identity.size())});
-  }
+  for (const dem::SourceIndex raster : sources.settle(frame.products.source))
+    frame.report.sources.push_back(source_tile(catalogue.rasters()[raster]));
 }
 
 void report_scene(const Selection& selection, const Scene& scene, FrameReport& out) {

@@ -13,6 +13,7 @@
 #include "engine/ray_queries.h"
 #include "engine/render_cache.h"
 #include "engine/render_frame.h"
+#include "engine/render_map.h"
 
 namespace selenograph::engine {
 
@@ -58,6 +59,12 @@ Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const
   return in_arena(impl_->arena, [&] { return render_frame(request, *impl_->terrain, impl_->kept, stop); });
 }
 
+Map Renderer::map(const MapRequest& request, const StopToken& stop,
+                  const std::function<void(double share)>& progress) const {
+  const Preparation::Work work(impl_->preparation, nullptr);
+  return in_arena(impl_->arena, [&] { return render_map(request, *impl_->terrain, impl_->kept, stop, progress); });
+}
+
 BudgetChoice Renderer::choose(const FrameRequest& request, double budget_ms, int max_samples,
                               const StopToken& stop) const {
   return in_arena(impl_->arena,
@@ -93,6 +100,7 @@ void Renderer::wait_until_prepared() const { impl_->preparation.wait_until_done(
 
 int Renderer::threads() const { return impl_->threads; }
 const dem::Terrain& Renderer::terrain() const { return *impl_->terrain; }
+std::size_t Renderer::scene_bytes() const { return impl_->kept.capacity(); }
 std::size_t Renderer::scene_bytes_in_use() const { return impl_->kept.bytes(); }
 void Renderer::keep_less(std::size_t scene_bytes) const { impl_->kept.keep_less(scene_bytes); }
 

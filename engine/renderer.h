@@ -1,6 +1,7 @@
-// The render engine: frames, rays, landmarks.
+// The render engine: frames, maps, rays, landmarks.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -10,6 +11,7 @@
 #include "dem/terrain.h"
 #include "engine/budget.h"
 #include "engine/frame/frame.h"
+#include "engine/frame/map.h"
 #include "engine/frame/queries.h"
 #include "engine/frame/request.h"
 #include "engine/preparation.h"
@@ -34,6 +36,11 @@ class Renderer {
   // needed file is unusable, Cancelled when `stop` says so, TooMuchWork (one, too) when its deadline is out of reach.
   // Same request, same terrain: same bytes.
   Frame render(const FrameRequest& request, const StopToken& stop = {}) const;
+
+  // A map-projected product. `progress`: the share that is done, now and then, by one of the threads at a time. Throws
+  // as render does.
+  Map map(const MapRequest& request, const StopToken& stop = {},
+          const std::function<void(double share)>& progress = {}) const;
 
   // After a frame: the poses that its camera is expected at next, soonest first; none: it goes on as it did. What they
   // need is made while no frame is in work (preparation.h). Changes no byte of any frame.
@@ -62,7 +69,8 @@ class Renderer {
                                 const StopToken& stop = {}, const std::vector<SceneObject>& objects = {}) const;
 
   const dem::Terrain& terrain() const;
-  int threads() const;  // as many as work on a frame
+  int threads() const;              // as many as work on a frame
+  std::size_t scene_bytes() const;  // RendererOptions::scene_bytes
   std::size_t scene_bytes_in_use() const;
   // Of the scenes' budget so many bytes are needed elsewhere: that much less is kept from frame to frame.
   void keep_less(std::size_t scene_bytes) const;

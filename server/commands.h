@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "dem/sample/sample_terrain.h"
 #include "engine/verify/round_trip.h"
@@ -14,6 +15,13 @@ struct RenderSettings {
   api::Limits limits;
   std::string request;  // path, "-": stdin
   std::string output;   // its extension is the format
+};
+
+struct MapSettings {
+  TerrainSettings terrain;
+  std::string request;           // path, "-": stdin
+  std::string output;            // its extension is the format
+  std::vector<std::string> utc;  // FROM, TO, STEP of a series; empty: one map
 };
 
 struct InfoSettings {
@@ -50,6 +58,7 @@ struct VerifyMertisSettings {
 };
 
 void add_options(CLI::App& command, RenderSettings& settings);
+void add_options(CLI::App& command, MapSettings& settings);
 void add_options(CLI::App& command, InfoSettings& settings);
 void add_options(CLI::App& command, SampleSettings& settings);
 void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
@@ -58,6 +67,7 @@ void add_options(CLI::App& command, VerifyMertisSettings& settings);
 
 int serve(const ServeSettings& settings);
 int render(const RenderSettings& settings);
+int map(const MapSettings& settings);
 int ingest(const TerrainSettings& settings);
 int info(const InfoSettings& settings);
 int sample(const SampleSettings& settings);

@@ -2,28 +2,18 @@
 #include <fmt/format.h>
 
 #include <filesystem>
-#include <fstream>
-#include <iostream>
-#include <iterator>
-#include <nlohmann/json.hpp>
 #include <stdexcept>
 
 #include "api/negotiate.h"
 #include "server/commands.h"
 #include "server/output.h"
+#include "server/request_file.h"
 #include "server/start.h"
 
 namespace selenograph::server {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::string read_request(const std::string& path) {
-  if (path == "-") return {std::istreambuf_iterator<char>(std::cin), {}};
-  std::ifstream file(path, std::ios::binary);
-  if (!file) throw std::runtime_error(path + ": can't be read");
-  return {std::istreambuf_iterator<char>(file), {}};
-}
 
 std::string media_type_for(const std::string& output) {
   std::string extension = fs::path(output).extension().string();
@@ -35,18 +25,6 @@ std::string media_type_for(const std::string& output) {
     known += (known.empty() ? "." : ", .") + std::string(r.extension);
   }
   throw std::runtime_error(output + ": the name must end in one of " + known);
-}
-
-void print_problem(const api::Response& answer) {
-  const auto problem = nlohmann::json::parse(answer.body, nullptr, false);
-  if (!problem.is_object()) {
-    fmt::print(stderr, "error: status {}\n", answer.status);
-    return;
-  }
-  fmt::print(stderr, "error: {}: {}\n", problem.value("title", ""), problem.value("detail", ""));
-  for (const auto& finding : problem.value("errors", nlohmann::json::array())) {
-    fmt::print(stderr, "  {}: {}\n", finding.value("pointer", ""), finding.value("detail", ""));
-  }
 }
 
 }  // namespace

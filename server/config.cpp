@@ -162,6 +162,9 @@ void add_options(CLI::App& command, api::Limits& s) {
   command.add_option("--max-image-side", s.max_image_side, "Most pixels of one side")
       ->check(CLI::Range(1, 65535))
       ->capture_default_str();
+  command.add_option("--max-map-pixels", s.max_map_pixels, "Most pixels of one map")
+      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 30))
+      ->capture_default_str();
   command.add_option("--max-samples-per-pixel", s.max_samples_per_pixel)
       ->check(CLI::Range(1, 65536))
       ->capture_default_str();

@@ -1,4 +1,4 @@
-// The executable: `selenograph serve | render | ingest | sample | info | verify roundtrip | accuracy | mertis`.
+// The executable: `selenograph serve | render | map | ingest | sample | info | verify roundtrip | accuracy | mertis`.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -22,6 +22,7 @@ using namespace selenograph::server;
 struct Settings {
   ServeSettings serve;
   RenderSettings render;
+  MapSettings map;
   TerrainSettings ingest;
   InfoSettings info;
   SampleSettings sample;
@@ -45,6 +46,7 @@ Work add_commands(CLI::App& app, Settings& s) {
   Work work;
   add(app, work, "serve", "Answers requests over HTTP", s.serve, serve);
   add(app, work, "render", "Renders one request to a file", s.render, render);
+  add(app, work, "map", "Renders a map, or a series of them, to files", s.map, map);
   add(app, work, "ingest", "Builds the terrain pyramid ahead", s.ingest, ingest);
   add(app, work, "sample", "Writes sample terrain", s.sample, sample);
   add(app, work, "info", "Lists the DEM files, their footprints and gaps", s.info, info);

@@ -4,12 +4,14 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <filesystem>
 #include <limits>
 #include <memory>
 #include <stdexcept>
 #include <system_error>
+#include <vector>
 
 #include "dem/error.h"
 #include "dem/gdal/library.h"
@@ -68,6 +70,121 @@ void create(const std::string& path, const GeotiffGrid& g, std::span<const float
   if (written != CE_None || CPLGetLastErrorType() >= CE_Failure) throw DataError(path, complaint());
 }
 
+// --- maps
+
+constexpr int kTile = 256;
+
+// Names as in the IAU's own definitions (IAU_2015:30110 to 30135), which differ in parameters alone.
+OGRSpatialReference moon(const MapPlane& plane) {
+  OGRSpatialReference srs = moon();
+  const std::string name = "Moon (2015) - Sphere / Ocentric / ";
+  switch (plane.projection) {
+    case MapProjection::equirectangular:
+      srs.SetProjCS((name + fmt::format("Equirectangular, clon = {:g}", plane.lon_deg)).c_str());
+      srs.SetEquirectangular2(0, plane.lon_deg, plane.standard_parallel_deg, 0, 0);
+      break;
+    case MapProjection::polar_stereographic:
+      srs.SetProjCS((name + (plane.lat_deg > 0 ? "North Polar" : "South Polar")).c_str());
+      srs.SetPS(plane.lat_deg, plane.lon_deg, 1, 0, 0);
+      break;
+    case MapProjection::orthographic:
+      srs.SetProjCS(
+          (name + fmt::format("Orthographic, clat = {:g}, clon = {:g}", plane.lat_deg, plane.lon_deg)).c_str());
+      srs.SetOrthographic(plane.lat_deg, plane.lon_deg, 0, 0);
+      break;
+  }
+  return srs;
+}
+
+GDALDataType type_of(std::span<const MapBand> bands) {
+  GDALDataType widest = GDT_UInt16;
+  for (const MapBand& band : bands) {
+    if (std::holds_alternative<const double*>(band.values)) return GDT_Float64;
+    if (std::holds_alternative<const float*>(band.values)) widest = GDT_Float32;
+  }
+  return widest;
+}
+
+void describe(GDALDataset& dataset, const MapGrid& grid, std::span<const MapBand> bands, const std::string& metadata,
+              const std::string& path) {
+  std::array<double, 6> transform = geotransform_of(grid);
+  const OGRSpatialReference srs = moon(grid.plane);
+  const double no_data = type_of(bands) == GDT_UInt16 ? kNoMapNumber : std::numeric_limits<double>::quiet_NaN();
+  bool done = dataset.SetGeoTransform(transform.data()) == CE_None && dataset.SetSpatialRef(&srs) == CE_None &&
+              dataset.SetMetadataItem("SELENOGRAPH", metadata.c_str()) == CE_None;
+  for (std::size_t i = 0; i < bands.size(); ++i) {
+    GDALRasterBand* band = dataset.GetRasterBand(static_cast<int>(i) + 1);
+    done &= band->SetNoDataValue(no_data) == CE_None;
+    band->SetDescription(bands[i].name.c_str());
+    if (!bands[i].unit.empty()) band->SetUnitType(bands[i].unit.c_str());
+  }
+  if (!done) throw DataError(path, complaint());
+}
+
+// Elements of a band as double, `count` of them from the pixel `first` on.
+void widen(const MapBand& band, std::size_t first, std::size_t count, bool among_floats, std::vector<double>& out) {
+  out.resize(count);
+  const auto step = static_cast<std::size_t>(band.step);
+  std::visit(
+      [&](const auto* values) {
+        for (std::size_t i = 0; i < count; ++i) out[i] = static_cast<double>(values[(first + i) * step]);
+      },
+      band.values);
+  if (!among_floats || !std::holds_alternative<const std::uint16_t*>(band.values)) return;
+  for (double& value : out)
+    if (value == kNoMapNumber) value = std::numeric_limits<double>::quiet_NaN();
+}
+
+void create(const std::string& path, const MapGrid& grid, std::span<const MapBand> bands, const std::string& metadata,
+            const StopToken& stop) {
+  register_gdal();
+  const QuietGdal quiet;
+  const GDALDataType type = type_of(bands);
+  const char* const options[] = {"TILED=YES",
+                                 "COMPRESS=DEFLATE",
+                                 "ZLEVEL=1",
+                                 "INTERLEAVE=BAND",
+                                 "BIGTIFF=IF_SAFER",
+                                 type == GDT_UInt16 ? "PREDICTOR=2" : "PREDICTOR=3",
+                                 nullptr};
+  GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("GTiff");
+  const DatasetPtr dataset(driver->Create(path.c_str(), grid.width, grid.height, static_cast<int>(bands.size()), type,
+                                          const_cast<char**>(options)));
+  if (!dataset) throw DataError(path, complaint());
+  describe(*dataset, grid, bands, metadata, path);
+  std::vector<double> strip;
+  CPLErr written = CE_None;
+  for (std::size_t i = 0; i < bands.size(); ++i)
+    for (int row = 0; row < grid.height && written == CE_None; row += kTile) {
+      stop.check();
+      const int rows = std::min(kTile, grid.height - row);
+      const auto width = static_cast<std::size_t>(grid.width);
+      widen(bands[i], static_cast<std::size_t>(row) * width, static_cast<std::size_t>(rows) * width, type != GDT_UInt16,
+            strip);
+      written = dataset->GetRasterBand(static_cast<int>(i) + 1)
+                    ->RasterIO(GF_Write, 0, row, grid.width, rows, strip.data(), grid.width, rows, GDT_Float64, 0, 0,
+                               nullptr);
+    }
+  dataset->FlushCache(true);
+  if (written != CE_None || CPLGetLastErrorType() >= CE_Failure) throw DataError(path, complaint());
+}
+
+// What `write` leaves at the path that it is given.
+template <typename Write>
+std::string in_memory(const Write& write) {
+  static std::atomic<unsigned> made{0};
+  const std::string path = fmt::format("/vsimem/selenograph/{}.tif", made++);
+  struct Unlink {
+    const std::string& path;
+    ~Unlink() { VSIUnlink(path.c_str()); }
+  } const unlink{path};
+  write(path);
+  vsi_l_offset size = 0;
+  const GByte* bytes = VSIGetMemFileBuffer(path.c_str(), &size, FALSE);
+  if (!bytes) throw DataError(path, complaint());
+  return {reinterpret_cast<const char*>(bytes), static_cast<std::size_t>(size)};
+}
+
 }  // namespace
 
 void write_geotiff(const std::string& path, const GeotiffGrid& grid, std::span<const float> values,
@@ -88,17 +205,34 @@ void write_geotiff(const std::string& path, const GeotiffGrid& grid, std::span<c
 }
 
 std::string geotiff_bytes(const GeotiffGrid& grid, std::span<const float> values, const std::string& name) {
-  static std::atomic<unsigned> made{0};
-  const std::string path = fmt::format("/vsimem/selenograph/{}.tif", made++);
-  struct Unlink {
-    const std::string& path;
-    ~Unlink() { VSIUnlink(path.c_str()); }
-  } const unlink{path};
-  create(path, grid, values, name);
-  vsi_l_offset size = 0;
-  const GByte* bytes = VSIGetMemFileBuffer(path.c_str(), &size, FALSE);
-  if (!bytes) throw DataError(path, complaint());
-  return {reinterpret_cast<const char*>(bytes), static_cast<std::size_t>(size)};
+  return in_memory([&](const std::string& path) { create(path, grid, values, name); });
+}
+
+std::string wkt_of(const MapPlane& plane) {
+  register_gdal();
+  const QuietGdal quiet;
+  const char* const options[] = {"FORMAT=WKT2_2019", "MULTILINE=NO", nullptr};
+  char* text = nullptr;
+  const OGRErr failed = moon(plane).exportToWkt(&text, options);
+  const std::string wkt = text ? text : "";
+  CPLFree(text);
+  if (failed != OGRERR_NONE) throw std::runtime_error("a map's coordinate system: " + complaint());
+  return wkt;
+}
+
+std::array<double, 6> geotransform_of(const MapGrid& g) { return {g.west_m, g.gsd_m, 0, g.north_m, 0, -g.gsd_m}; }
+
+std::string geotiff_bytes(const MapGrid& grid, std::span<const MapBand> bands, const std::string& metadata,
+                          const StopToken& stop) {
+  return in_memory([&](const std::string& path) { create(path, grid, bands, metadata, stop); });
+}
+
+std::size_t geotiff_bytes_at_most(const MapGrid& grid, std::span<const MapBand> bands) {
+  const std::size_t element = type_of(bands) == GDT_Float64 ? 8 : type_of(bands) == GDT_Float32 ? 4 : 2;
+  const auto tiles = [](int pixels) { return static_cast<std::size_t>((pixels + kTile - 1) / kTile) * kTile; };
+  // What doesn't compress grows by less than a thousandth; a strip in double, and metadata.
+  return bands.size() * element * tiles(grid.width) * tiles(grid.height) * 101 / 100 +
+         tiles(grid.width) * kTile * sizeof(double) + (std::size_t{1} << 20);
 }
 
 }  // namespace selenograph::dem

@@ -1,8 +1,14 @@
-// Posts -> GeoTIFF, as GIS programs open it in place.
+// Posts and maps -> GeoTIFF, as GIS programs open it in place.
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <span>
 #include <string>
+#include <variant>
+
+#include "dem/map_grid.h"
+#include "dem/stop_token.h"
 
 namespace selenograph::dem {
 
@@ -21,5 +27,24 @@ void write_geotiff(const std::string& path, const GeotiffGrid& grid, std::span<c
 
 // The same in memory.
 std::string geotiff_bytes(const GeotiffGrid& grid, std::span<const float> values, const std::string& name);
+
+// One of a map's bands: every step-th element, from `values` on.
+struct MapBand {
+  std::string name, unit;  // unit: empty for none
+  std::variant<const std::uint16_t*, const float*, const double*> values;
+  int step = 1;
+};
+inline constexpr std::uint16_t kNoMapNumber = 65535;  // NoData of bands of uint16
+
+// Of the widest of the bands' types. NoData is NaN; of uint16 alone kNoMapNumber, which becomes NaN among floats.
+// `metadata`: the dataset's item SELENOGRAPH. Throws DataError, Cancelled when `stop` says so.
+std::string geotiff_bytes(const MapGrid& grid, std::span<const MapBand> bands, const std::string& metadata,
+                          const StopToken& stop);
+// Upper bound on that file's size, about, and on what is held besides it while it is written.
+std::size_t geotiff_bytes_at_most(const MapGrid& grid, std::span<const MapBand> bands);
+
+// As GDAL understands them: the coordinate system as WKT 2, and the geotransform of the pixels' corners.
+std::string wkt_of(const MapPlane& plane);
+std::array<double, 6> geotransform_of(const MapGrid& grid);
 
 }  // namespace selenograph::dem

@@ -1,10 +1,19 @@
 #include "engine/visibility/frame_sources.h"
 
+#include <fmt/format.h>
+#include <xxhash.h>
+
 #include <algorithm>
+#include <string>
 
 #include "dem/error.h"
 
 namespace selenograph::engine {
+
+SourceTile source_tile(const dem::RasterInfo& info) {
+  const std::string identity = fmt::format("{}:{}:{}", info.name, info.bytes, info.modified_ns);
+  return {info.name, info.path, XXH3_64bits(identity.data(), identity.size())};
+}
 
 FrameSources::FrameSources(std::size_t catalogue_size)
     : pages_(std::make_unique<std::atomic<Page*>[]>((catalogue_size + kPage - 1) / kPage)) {}

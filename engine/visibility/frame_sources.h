@@ -10,8 +10,13 @@
 #include <vector>
 
 #include "dem/block.h"
+#include "dem/raster_info.h"
+#include "engine/frame/report.h"
 
 namespace selenograph::engine {
+
+// What the list of sources says of one.
+SourceTile source_tile(const dem::RasterInfo& info);
 
 // Pixels are drawn at once and meet sources in any order: each new one gets the next number, which `settle` replaces by
 // its place in the catalogue's order. A catalogue may hold more sources than 16 bits can tell apart; a frame may not

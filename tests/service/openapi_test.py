@@ -143,9 +143,12 @@ class Documented(unittest.TestCase):
 
     def only_some(self, operation, headers):
         """Headers that are documented for some answers only."""
-        if operation.path != "/v1/frames":
+        if operation.path not in ("/v1/frames", "/v1/maps"):
             return ()
-        missing = ("Selenograph-Missing-Fraction", "Selenograph-Echo")  # of frames that run off the data; of requests with an echo
+        missing = ("Selenograph-Missing-Fraction",)  # of frames and maps that run off the data
+        if operation.path == "/v1/maps":
+            return missing
+        missing += ("Selenograph-Echo",)  # of requests with an echo
         if headers.get("Content-Type") not in ("application/x-npy", "application/octet-stream"):
             return missing + ("Selenograph-Product", "Selenograph-Shape", "Selenograph-Dtype", "Selenograph-Meta")
         return missing
@@ -188,6 +191,9 @@ class EveryAnswer(Documented):
         for media_type in round_trip.responses["200"]["content"]:
             headers, _ = self.check(round_trip, round_trip.ask(service, Accept=media_type), 200)
             self.assertEqual(headers["Content-Type"], media_type)
+        maps = next(o for o in self.operations if o.path == "/v1/maps")
+        for media_type in maps.responses["200"]["content"]:
+            self.check(maps, maps.ask(service, dict(maps.examples["slopes"], products=["slope"]), Accept=media_type), 200)
         frames = next(o for o in self.operations if o.path == "/v1/frames")
         for media_type in frames.responses["200"]["content"]:
             body = dict(frames.small(), products=["image" if media_type == "image/png" else "range"])

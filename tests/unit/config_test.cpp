@@ -199,6 +199,7 @@ TEST(ConfigLimits, DefaultsAreTheServices) {
        {std::pair<std::string, double>{"--deadline-s", 1e-3 * static_cast<double>(untouched.default_deadline.count())},
         {"--max-body-kb", static_cast<double>(untouched.max_body_bytes) / 1024},
         {"--max-image-pixels", static_cast<double>(untouched.max_image_pixels)},
+        {"--max-map-pixels", static_cast<double>(untouched.max_map_pixels)},
         {"--max-image-side", untouched.max_image_side},
         {"--max-samples-per-pixel", untouched.max_samples_per_pixel},
         {"--max-rays", untouched.max_rays},

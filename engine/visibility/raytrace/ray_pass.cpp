@@ -16,7 +16,7 @@ std::size_t RayPass::pixel_of(const Packet& p, int i) const {
          static_cast<std::size_t>(p.x + i % kPacketSide);
 }
 
-void RayPass::find_points(Packet& p) const {
+void RayPass::aim(Packet& p) const {
   if (p.sample.weight > 0)  // memory fetches the rows while rays are traced
     for (int row = p.y; row < std::min(p.y + kPacketSide, request_.camera.height); ++row)
       __builtin_prefetch(
@@ -29,6 +29,9 @@ void RayPass::find_points(Packet& p) const {
     aim_rows(job_.views, p.x, p.y, p.sample.dx, p.sample.dy, lens, p.rays);
   else
     rays_.aim(PacketShape::square, p.x, p.y, p.sample.dx, p.sample.dy, lens, p.rays);
+}
+
+void RayPass::meet(Packet& p) const {
   Facets facets;
   trace(job_.scene, p.rays, p.points, facets);
   p.on_object = 0;

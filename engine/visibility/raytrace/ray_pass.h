@@ -79,8 +79,13 @@ class RayPass {
     });
   }
 
-  // The stages, in order.
-  void find_points(Packet& packet) const;
+  // The stages, in order. The first: where the pixels look, and what is met there.
+  void find_points(Packet& packet) const {
+    aim(packet);
+    meet(packet);
+  }
+  void aim(Packet& packet) const;
+  void meet(Packet& packet) const;
   void find_light(Packet& packet) const;
   void find_radiance(Packet& packet) const;
   void write_products(Packet& packet) const;

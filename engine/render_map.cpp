@@ -1,0 +1,380 @@
+#include "engine/render_map.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "dem/error.h"
+#include "dem/parallel.h"
+#include "engine/budget.h"
+#include "engine/frame/needs.h"
+#include "engine/radiometry/radiometry.h"
+#include "engine/scene/selection.h"
+#include "engine/support/stopwatch.h"
+#include "engine/visibility/frame_writer.h"
+#include "engine/visibility/objects_in_frame.h"
+#include "engine/visibility/raytrace/ray_pass.h"
+#include "engine/visibility/raytrace/trace.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
+
+// Patches: of so many pixels along a side, while their terrain fits and keeps the aim for shadows; else by halves, the
+// aim giving way only in small ones. Never wider than this much of the Moon, which a camera sees at once.
+constexpr int kLargestPatch_px = 512, kSmallPatch_px = 64;
+const double kWidestPatchCosine = std::cos(30 * kRadiansPerDegree);
+
+struct Patch {
+  int x, y, width, height;
+  std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
+  std::pair<Patch, Patch> halves() const {
+    Patch a = *this, b = *this;
+    if (width >= height) {
+      a.width = width / 2, b.x += a.width, b.width -= a.width;
+    } else {
+      a.height = height / 2, b.y += a.height, b.height -= a.height;
+    }
+    return {a, b};
+  }
+};
+
+// From the Moon's centre to the patch's pixels, row by row; NaN where the map has no Moon.
+struct PatchDirections {
+  std::vector<Vec3> all;
+  Vec3 middle = Vec3::Zero();  // zero: no pixel is on the Moon
+  double cosine = 1;           // of the angle from there to the farthest one
+};
+
+PatchDirections directions_of(const dem::MapGrid& grid, const Patch& patch, const StopToken& stop) {
+  PatchDirections out;
+  out.all.resize(patch.pixels());
+  in_parallel_pieces(static_cast<std::size_t>(patch.height), 8, [&](std::size_t first, std::size_t past_last) {
+    stop.check();
+    for (std::size_t row = first; row < past_last; ++row)
+      for (int column = 0; column < patch.width; ++column)
+        out.all[row * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(column)] =
+            grid.direction(patch.x + column, patch.y + static_cast<int>(row)).value_or(Vec3::Constant(kNaN));
+  });
+  Vec3 sum = Vec3::Zero();
+  for (const Vec3& d : out.all)
+    if (!d.hasNaN()) sum += d, out.middle = d;
+  if (out.middle.isZero()) return out;
+  if (sum.norm() > 1e-6) out.middle = sum.normalized();
+  for (const Vec3& d : out.all)
+    if (!d.hasNaN()) out.cosine = std::min(out.cosine, d.dot(out.middle));
+  return out;
+}
+
+// From so far away rays are as good as parallel; near enough for coordinates to have nanometres.
+constexpr double kFarAway_m = 1e8;
+
+// A camera far away in a direction from a patch, which sees all that stands on it, a pixel for each of the map's.
+RowViews view_from(const Vec3& toward, const PatchDirections& patch, double gsd_m, const StopToken& stop) {
+  const Vec3 z = -toward, x = any_across(toward), y = z.cross(x);
+  Pose pose;
+  pose.position_m = patch.middle * kMoonRadius_m + toward * kFarAway_m;
+  Eigen::Matrix3d axes;
+  axes.row(0) = x, axes.row(1) = y, axes.row(2) = z;
+  pose.camera_from_moon = Eigen::Quaterniond(axes);
+  double right = 0, down = 0;
+  for (const Vec3& d : patch.all) {
+    if (d.hasNaN()) continue;
+    for (const float height_m : {dem::kLowestRelief_m, dem::kHighestRelief_m}) {
+      const Vec3 c = axes * (d * (kMoonRadius_m + static_cast<double>(height_m)) - pose.position_m);
+      right = std::max(right, std::abs(c.x() / c.z())), down = std::max(down, std::abs(c.y() / c.z()));
+    }
+  }
+  Camera camera;
+  camera.fx = camera.fy = kFarAway_m / gsd_m;
+  constexpr double kMost_px = 1e9;
+  const auto side = [&](double slope) { return 3 + 2 * static_cast<int>(std::min(slope * camera.fx, kMost_px)); };
+  camera.width = side(right), camera.height = side(down);
+  camera.cx = (camera.width - 1) / 2.0, camera.cy = (camera.height - 1) / 2.0;
+  return {camera, pose, std::nullopt, stop};
+}
+
+ProductSet frame_products(MapProductSet wanted) {
+  ProductSet products = kGeodetic;  // says where there is data
+  if (wanted & kMapRadiance) products |= kRadiance;
+  if (wanted & kMapLit) products |= kLit;
+  if (wanted & (kMapSlope | kMapNormal)) products |= kNormal;
+  if (wanted & kMapSource) products |= kSource;
+  return products;
+}
+
+class MapDrawing {
+ public:
+  MapDrawing(const MapRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
+             const MapProgress& progress)
+      : request_(request), terrain_(terrain), kept_(kept), stop_(stop), progress_(progress), frame_(request.look) {
+    frame_.camera = {}, frame_.shutter.reset(), frame_.sensor.reset(), frame_.objects.clear(), frame_.terrain = true;
+    frame_.products = frame_products(request.products);
+    frame_.accuracy.samples_per_pixel = 1;
+    frame_.visibility = Visibility::raytrace;
+    radiance_ = radiance_terms(frame_);
+    const std::size_t n = pixels_in_all();
+    const auto allocate = [&](auto& array, MapProduct product, std::size_t size, auto value) {
+      if (request.products & product) array.assign(size, value);
+    };
+    allocate(out_.products.radiance, kMapRadiance, n, kNaN32);
+    allocate(out_.products.lit, kMapLit, n, kNaN32);
+    allocate(out_.products.height, kMapHeight, n, kNaN);
+    allocate(out_.products.slope, kMapSlope, n, kNaN32);
+    allocate(out_.products.normal, kMapNormal, 3 * n, kNaN32);
+    allocate(out_.products.source, kMapSource, n, FrameSources::kNone);
+    out_.report.min_post_spacing_m = std::numeric_limits<double>::infinity();
+    out_.report.shadow_limits_px = {frame_.accuracy.max_shadow_error_px};
+  }
+
+  Map draw() {
+    const int across = (request_.grid.width + kLargestPatch_px - 1) / kLargestPatch_px,
+              along = (request_.grid.height + kLargestPatch_px - 1) / kLargestPatch_px;
+    several_ = across > 1 || along > 1;
+    for (int j = 0; j < along; ++j)
+      for (int i = 0; i < across; ++i) {
+        const int x = i * kLargestPatch_px, y = j * kLargestPatch_px;
+        draw({x, y, std::min(kLargestPatch_px, request_.grid.width - x),
+              std::min(kLargestPatch_px, request_.grid.height - y)});
+      }
+    kept_.settle();
+    return finish();
+  }
+
+ private:
+  std::size_t pixels_in_all() const {
+    return static_cast<std::size_t>(request_.grid.width) * static_cast<std::size_t>(request_.grid.height);
+  }
+
+  void draw(const Patch& patch) {
+    Stopwatch watch;
+    const PatchDirections directions = directions_of(request_.grid, patch, stop_);
+    if (directions.middle.isZero()) return done(patch);
+    if (directions.cosine < kWidestPatchCosine && patch.pixels() > 1) return draw_halves(patch);
+    // The second: what may stand before the viewer.
+    const RowViews above = view_from(directions.middle, directions, request_.grid.gsd_m, stop_);
+    std::vector<ViewBundle> views(above.bundles().begin(), above.bundles().end());
+    if (const auto& toward = request_.toward_viewer;
+        toward && wants_radiance(frame_) && toward->dot(directions.middle) > kLowestView)
+      views.push_back(view_from(*toward, directions, request_.grid.gsd_m, stop_).bundles().front());
+    const auto selection = select(patch, views);
+    if (!selection) return draw_halves(patch);
+    out_.times.select_ms += watch.lap_ms();
+    draw(patch, directions, above, *selection);
+    done(patch);
+  }
+
+  // Lower than that nobody sees anything of a patch, whatever its slopes: it is below the horizon of all relief.
+  static constexpr double kLowestView = -0.6;
+
+  void draw_halves(const Patch& patch) {
+    const auto [a, b] = patch.halves();
+    several_ = true;
+    draw(a), draw(b);
+  }
+
+  void done(const Patch& patch) {
+    drawn_ += patch.pixels();
+    if (progress_) progress_(static_cast<double>(drawn_) / static_cast<double>(pixels_in_all()));
+  }
+
+  // Nothing where a smaller patch does better.
+  std::optional<Selection> select(const Patch& patch, const std::vector<ViewBundle>& views) const {
+    try {
+      Selection selection = select_for_views(terrain_, views, wants_light(frame_) ? &frame_.sun : nullptr,
+                                             frame_.accuracy, stop_, {kept_.capacity(), Visibility::raytrace});
+      const bool gave_way = selection.shadow_limit_px > frame_.accuracy.max_shadow_error_px;
+      if (gave_way && std::max(patch.width, patch.height) > kSmallPatch_px) return std::nullopt;
+      return selection;
+    } catch (const TooMuchTerrain&) {
+      if (patch.pixels() == 1) throw;
+      return std::nullopt;
+    }
+  }
+
+  void draw(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Selection& selection) {
+    frame_.camera.width = patch.width, frame_.camera.height = patch.height;
+    const View& view = above.reference();
+    const SceneContent content{selection.blocks, anchor_for(view.position(), view.middle(), kFarAway_m),
+                               Visibility::raytrace};
+    const FrameWork work = work_of(frame_, frame_.accuracy, Visibility::raytrace, triangles_of(selection),
+                                   /*build=*/!kept_.holds(content));
+    const std::size_t times = (pixels_in_all() - drawn_) / patch.pixels();
+    kept_.speed(Visibility::raytrace).refuse_hopeless(work, std::max<std::size_t>(times, 1), stop_);
+    Stopwatch watch;
+    StageTimes spent;
+    {
+      const std::shared_ptr<const Scene> scene = kept_.scene(content, stop_);
+      spent.build_ms = watch.lap_ms();
+      trace(patch, directions, above, *scene);
+      report(selection, *scene);
+    }
+    spent.visibility_ms = watch.lap_ms();
+    kept_.speed(Visibility::raytrace).learn(work, spent);
+    out_.times.build_ms += spent.build_ms, out_.times.visibility_ms += spent.visibility_ms;
+    // Of many patches none is looked at twice: they are not to take the place of what moving cameras see.
+    if (several_) kept_.forget(content);
+  }
+
+  void trace(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Scene& scene) {
+    const ObjectsInFrame objects(frame_, above);
+    const PixelRays lens;
+    const EachSample each;
+    const FrameJob job{frame_, above, scene, objects, radiance_, lens, stop_, each};
+    FrameProducts drawn;
+    FrameWriter writer(frame_, above, scene.mesh, terrain_.catalogue().rasters().size(), drawn);
+    RayPass(job, writer).for_pixels([&](RayPass& pass, RayPass::Packet& packet) {
+      aim(patch, directions, packet);
+      pass.meet(packet);
+      pass.find_light(packet);
+      const std::uint32_t hidden = turn_to_viewer(scene, packet);
+      pass.find_radiance(packet);
+      for (int i = 0; i < kPacket; ++i)
+        if (hidden >> i & 1) packet.radiance[i] = kNaN32;
+      pass.write_products(packet);
+    });
+    hit_ += writer.counts().hit, missing_ += writer.counts().missing, filled_ += writer.counts().filled;
+    const std::vector<dem::SourceIndex> sources = writer.sources().settle(drawn.source);
+    copy(patch, directions, drawn, numbers_of(sources));
+  }
+
+  static void aim(const Patch& patch, const PatchDirections& directions, RayPass::Packet& p) {
+    for (int i = 0; i < kPacket; ++i) {
+      const int x = p.x + i % kPacketSide, y = p.y + i / kPacketSide;
+      const bool inside = x < patch.width && y < patch.height;
+      const Vec3 up = inside ? directions.all[static_cast<std::size_t>(y) * static_cast<std::size_t>(patch.width) +
+                                              static_cast<std::size_t>(x)]
+                             : directions.middle;
+      const bool moon = !up.hasNaN();
+      p.rays.set(i, (moon ? up : directions.middle) * (kMoonRadius_m + kFarAway_m), moon ? -up : -directions.middle);
+      p.rays.valid[i] = inside && moon;
+    }
+  }
+
+  // From here on the packet is seen from there, but for the lanes that can't be: a bit each.
+  std::uint32_t turn_to_viewer(const Scene& scene, RayPass::Packet& p) const {
+    if (!request_.toward_viewer || !(p.sample.weight > 0) || p.on_terrain == 0) return 0;
+    const Vec3& toward = *request_.toward_viewer;
+    const std::uint32_t hidden = shaded(scene, p.points, p.on_terrain, toward);
+    for (int i = 0; i < kPacket; ++i) {
+      if (!(p.on_terrain & ~hidden & 1U << i)) continue;
+      p.rays.dx[i] = -toward.x(), p.rays.dy[i] = -toward.y(), p.rays.dz[i] = -toward.z();
+      p.shading.mu[i] = p.shading.normal(i).dot(toward);
+    }
+    return hidden;
+  }
+
+  // In the map's list of sources, which is in the order in which they are met until it is finished.
+  std::vector<std::uint16_t> numbers_of(const std::vector<dem::SourceIndex>& sources) {
+    std::vector<std::uint16_t> numbers;
+    for (const dem::SourceIndex source : sources) {
+      const auto at = std::find(sources_.begin(), sources_.end(), source);
+      numbers.push_back(static_cast<std::uint16_t>(at - sources_.begin()));
+      if (at != sources_.end()) continue;
+      if (sources_.size() >= FrameSources::kNone)
+        throw TooMuchTerrain("the map has more sources than its product 'source' can tell apart");
+      sources_.push_back(source);
+    }
+    return numbers;
+  }
+
+  void copy(const Patch& patch, const PatchDirections& directions, const FrameProducts& drawn,
+            const std::vector<std::uint16_t>& numbers) {
+    MapProducts& out = out_.products;
+    in_parallel_pieces(static_cast<std::size_t>(patch.height), 8, [&](std::size_t first, std::size_t past_last) {
+      std::size_t from = first * static_cast<std::size_t>(patch.width);
+      for (std::size_t row = first; row < past_last; ++row) {
+        std::size_t to = (static_cast<std::size_t>(patch.y) + row) * static_cast<std::size_t>(request_.grid.width) +
+                         static_cast<std::size_t>(patch.x);
+        for (int column = 0; column < patch.width; ++column, ++from, ++to) {
+          if (std::isnan(drawn.geodetic[3 * from])) continue;
+          if (!out.radiance.empty()) out.radiance[to] = drawn.radiance[from];
+          if (!out.lit.empty()) out.lit[to] = drawn.lit[from];
+          if (!out.height.empty()) out.height[to] = drawn.geodetic[3 * from + 2];
+          if (!drawn.normal.empty()) {
+            const float* n = &drawn.normal[3 * from];
+            const Vec3 normal(static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2]));
+            const Vec3& up = directions.all[from];
+            if (!out.slope.empty())  // as exact for level ground as for steep one
+              out.slope[to] =
+                  static_cast<float>(std::atan2(normal.cross(up).norm(), normal.dot(up)) * kDegreesPerRadian);
+            if (!out.normal.empty()) std::copy_n(n, 3, &out.normal[3 * to]);
+          }
+          if (!out.source.empty() && drawn.source[from] != FrameSources::kNone)
+            out.source[to] = numbers[drawn.source[from]];
+        }
+      }
+    });
+  }
+
+  void report(const Selection& selection, const Scene& scene) {
+    FrameReport& r = out_.report;
+    r.lod_error_px = std::max(r.lod_error_px, selection.error_px);
+    r.lod_error_m = std::max(r.lod_error_m, selection.error_m);
+    r.shadow_error_px = std::max(r.shadow_error_px, selection.shadow_error_px);
+    r.shadow_limits_px[0] = std::max(r.shadow_limits_px[0], selection.shadow_limit_px);
+    if (selection.max_spacing_m > 0) r.min_post_spacing_m = std::min(r.min_post_spacing_m, selection.min_spacing_m);
+    r.max_post_spacing_m = std::max(r.max_post_spacing_m, selection.max_spacing_m);
+    r.triangles += scene.triangles, r.scene_bytes = std::max(r.scene_bytes, scene.bytes);
+    replaced_.insert(replaced_.end(), selection.replaced.begin(), selection.replaced.end());
+  }
+
+  // The list of sources in the catalogue's order, as frames have it.
+  void sort_sources() {
+    std::vector<dem::SourceIndex> sorted = sources_;
+    std::sort(sorted.begin(), sorted.end());
+    std::vector<std::uint16_t> place;
+    for (const dem::SourceIndex source : sources_)
+      place.push_back(
+          static_cast<std::uint16_t>(std::lower_bound(sorted.begin(), sorted.end(), source) - sorted.begin()));
+    for (std::uint16_t& number : out_.products.source)
+      if (number != FrameSources::kNone) number = place[number];
+    for (const dem::SourceIndex source : sorted)
+      out_.report.sources.push_back(source_tile(terrain_.catalogue().rasters()[source]));
+  }
+
+  Map finish() {
+    FrameReport& r = out_.report;
+    sort_sources();
+    const auto all = static_cast<double>(pixels_in_all());
+    r.hit_fraction = static_cast<double>(hit_) / all, r.missing_fraction = static_cast<double>(missing_) / all;
+    r.filled_fraction = static_cast<double>(filled_) / all;
+    if (!std::isfinite(r.min_post_spacing_m)) r.min_post_spacing_m = 0;
+    r.visibility = Visibility::raytrace, r.radiance = radiance_;
+    r.emits_elsewhere = !frame_.temperature_maps.empty();
+    for (const float value : out_.products.radiance)
+      if (!std::isnan(value)) r.brightest_w_m2_sr = std::max(r.brightest_w_m2_sr, static_cast<double>(value));
+    std::sort(replaced_.begin(), replaced_.end());
+    replaced_.erase(std::unique(replaced_.begin(), replaced_.end()), replaced_.end());
+    r.warnings = terrain_.warnings_about(replaced_);
+    return std::move(out_);
+  }
+
+  const MapRequest& request_;
+  const dem::Terrain& terrain_;
+  RenderCache& kept_;
+  const StopToken& stop_;
+  const MapProgress& progress_;
+  FrameRequest frame_;  // of a patch
+  RadianceTerms radiance_;
+  bool several_ = false;
+  std::size_t drawn_ = 0;
+  std::uint64_t hit_ = 0, missing_ = 0, filled_ = 0;
+  std::vector<dem::SourceIndex> sources_, replaced_;
+  Map out_;
+};
+
+}  // namespace
+
+Map render_map(const MapRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
+               const MapProgress& progress) {
+  return MapDrawing(request, terrain, kept, stop, progress).draw();
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,474 @@
+#!/usr/bin/env python3
+"""POST /v1/maps and `selenograph map`: maps lie where GDAL says, and hold what rays, heights and closed forms say."""
+
+import io
+import itertools
+import json
+import math
+import os
+import unittest
+import zipfile
+
+import numpy as np
+from osgeo import gdal, osr
+
+import harness
+from harness import Service
+
+gdal.UseExceptions()
+
+RADIUS_M = 1737400.0
+SOLAR_CONSTANT = 1361.0
+PLANE = {"south_deg": 10.0, "west_deg": 10.0}  # a tile of 1 x 1 degree that rises to the north
+PLANE_M_PER_DEG = 4000.0
+
+# One of each projection, and where projections are known to break.
+PLACES = {
+    "equirectangular": {"projection": "equirectangular", "gsd_m": 100.0,
+                        "bounds": {"south_deg": -6.6, "north_deg": -6.4, "west_deg": 39.9, "east_deg": 40.1}},
+    "equirectangular, date line": {"projection": "equirectangular", "gsd_m": 100.0,
+                                   "bounds": {"south_deg": 30.0, "north_deg": 30.2, "west_deg": 179.9, "east_deg": -179.9}},
+    "equirectangular, about a place": {"projection": "equirectangular", "gsd_m": 100.0, "center": {"lat_deg": 60.0, "lon_deg": 180.0},
+                                       "width_m": 6000.0, "height_m": 5000.0},
+    "north pole": {"projection": "polar_stereographic", "gsd_m": 100.0, "center": {"lat_deg": 90.0, "lon_deg": 0.0},
+                   "width_m": 6000.0, "height_m": 5000.0},
+    "south pole": {"projection": "polar_stereographic", "gsd_m": 100.0, "center": {"lat_deg": -89.9, "lon_deg": 120.0},
+                   "width_m": 8000.0, "height_m": 5000.0},
+    "polar, date line": {"projection": "polar_stereographic", "gsd_m": 100.0, "center": {"lat_deg": 75.0, "lon_deg": 180.0},
+                         "width_m": 6000.0, "height_m": 5000.0},
+    "orthographic": {"projection": "orthographic", "gsd_m": 100.0, "center": {"lat_deg": 26.1, "lon_deg": 3.6},
+                     "width_m": 6000.0, "height_m": 5000.0},
+    "orthographic, date line": {"projection": "orthographic", "gsd_m": 100.0, "center": {"lat_deg": -50.0, "lon_deg": -180.0},
+                                "width_m": 6000.0, "height_m": 5000.0},
+    "orthographic, pole": {"projection": "orthographic", "gsd_m": 100.0, "center": {"lat_deg": -90.0, "lon_deg": 0.0},
+                           "width_m": 6000.0, "height_m": 5000.0},
+}
+
+
+def vector(lat_deg, lon_deg):
+    lat, lon = np.broadcast_arrays(np.radians(lat_deg), np.radians(lon_deg))
+    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
+
+
+def relief(lat_deg, lon_deg):
+    """Smooth everywhere on the sphere; slopes up to 12 degrees."""
+    p = vector(lat_deg, lon_deg)
+    return 900 * np.sin(150 * p[..., 0]) * np.sin(170 * p[..., 1]) + 700 * np.sin(190 * p[..., 2])
+
+
+def write_dem(path, south_deg, west_deg, rows, columns, posts_per_degree, height):
+    """A GeoTIFF of posts at the pixels' centres."""
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    lat = south_deg + (rows - 0.5 - np.arange(rows)) / posts_per_degree
+    lon = west_deg + (0.5 + np.arange(columns)) / posts_per_degree
+    moon = osr.SpatialReference()
+    moon.SetGeogCS("Moon", "Moon", "Moon", RADIUS_M, 0)
+    file = gdal.GetDriverByName("GTiff").Create(path, columns, rows, 1, gdal.GDT_Float32)
+    file.SetProjection(moon.ExportToWkt())
+    file.SetGeoTransform([west_deg, 1 / posts_per_degree, 0, south_deg + rows / posts_per_degree, 0, -1 / posts_per_degree])
+    file.GetRasterBand(1).WriteArray(np.broadcast_to(height(lat[:, None], lon[None, :]), (rows, columns)).astype(np.float32))
+    file.FlushCache()
+
+
+def setUpModule():
+    harness.set_up()
+    write_dem(harness.path("level", "global.tif"), -90, -180, 360, 720, 2, lambda lat, lon: 0 * lat * lon)
+    write_dem(harness.path("level", "plane.tif"), PLANE["south_deg"], PLANE["west_deg"], 128, 128, 128,
+              lambda lat, lon: PLANE_M_PER_DEG * (lat - PLANE["south_deg"]) + 0 * lon)
+    write_dem(harness.path("region", "tile.tif"), 15, 95, 40, 40, 4, lambda lat, lon: 0 * lat * lon)
+    write_dem(harness.path("relief", "global.tif"), -90, -180, 1440, 2880, 8, relief)
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def npz(body):
+    arrays = dict(np.load(io.BytesIO(body)))
+    with zipfile.ZipFile(io.BytesIO(body)) as archive:
+        return arrays, json.loads(archive.read("meta.json"))
+
+
+class Tiff:
+    """A GeoTIFF as any program of GDAL's sees it."""
+
+    names = itertools.count()
+
+    def __init__(self, body):
+        path = f"/vsimem/maps-test-{next(self.names)}.tif"
+        gdal.FileFromMemBuffer(path, body)
+        self.file = gdal.Open(path)
+        self.transform = self.file.GetGeoTransform()
+        self.srs = self.file.GetSpatialRef()
+        self.bands = {}
+        for i in range(self.file.RasterCount):
+            band = self.file.GetRasterBand(i + 1)
+            self.bands[band.GetDescription()] = band.ReadAsArray()
+
+    def band(self, name):
+        return next(self.file.GetRasterBand(i + 1) for i in range(self.file.RasterCount)
+                    if self.file.GetRasterBand(i + 1).GetDescription() == name)
+
+    def lat_lon(self):
+        """Of all pixels' centres, height x width each; infinite where GDAL finds no Moon."""
+        columns, rows = np.meshgrid(np.arange(self.file.RasterXSize) + 0.5, np.arange(self.file.RasterYSize) + 0.5)
+        return lat_lon(self.transform, self.srs, columns, rows)
+
+
+def lat_lon(transform, srs, columns, rows):
+    geographic = srs.CloneGeogCS()
+    for system in (srs, geographic):
+        system.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
+    x, y = transform[0] + columns * transform[1] + rows * transform[2], transform[3] + columns * transform[4] + rows * transform[5]
+    places = np.array(osr.CoordinateTransformation(srs, geographic).TransformPoints(np.stack([x.ravel(), y.ravel()], axis=1).tolist()))
+    return places[:, 1].reshape(x.shape), places[:, 0].reshape(x.shape)
+
+
+def map_request(area, *products, **more):
+    return {"map": area, "products": list(products), **more}
+
+
+class Maps(harness.WithService):
+    """Of the Moon without relief, but for a plane that rises to the north."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.service = Service("--max-map-pixels", "300000", dem="level", cache="cache-level")
+
+    def map(self, request, accept="application/x-npz", **headers):
+        return self.ok(self.service.post("/v1/maps", request, accept, **headers), accept)
+
+    def test_gdal_places_pixels_where_they_are(self):
+        """The normal of level ground is the direction from the Moon's centre, to float's 0.1 m."""
+        for name, area in PLACES.items():
+            with self.subTest(name):
+                tiff = Tiff(self.map(map_request(area, "normal"), "image/tiff"))
+                normal = np.stack([tiff.bands["normal." + axis] for axis in "xyz"], axis=-1)
+                self.assertTrue(np.isfinite(normal).all())
+                lat, lon = tiff.lat_lon()
+                off_px = np.linalg.norm(np.cross(normal, vector(lat, lon)), axis=-1) * RADIUS_M / area["gsd_m"]
+                self.assertLess(off_px.max(), 0.01)
+                if area["projection"] != "polar_stereographic" and "pole" not in name:
+                    self.assertTrue((lat[0] > lat[-1]).all(), "row 0 is in the north")
+                self.assertAlmostEqual(tiff.transform[1], area["gsd_m"])
+                self.assertAlmostEqual(tiff.transform[5], -area["gsd_m"])
+
+    def test_npz_says_the_same_as_the_geotiff(self):
+        for name, area in PLACES.items():
+            with self.subTest(name):
+                request = map_request(area, "height", "normal", "slope", "source")
+                tiff = Tiff(self.map(request, "image/tiff"))
+                arrays, meta = npz(self.map(request))
+                self.assertEqual(list(meta["grid"]["geotransform"]), list(tiff.transform))
+                srs = osr.SpatialReference()
+                srs.SetFromUserInput(meta["grid"]["wkt"])
+                columns, rows = np.array([[0.5, 3.5]]), np.array([[0.5, 7.5]])
+                np.testing.assert_allclose(lat_lon(tiff.transform, srs, columns, rows), lat_lon(tiff.transform, tiff.srs, columns, rows),
+                                           rtol=0, atol=1e-12)
+                np.testing.assert_array_equal(arrays["height"], tiff.bands["height"])
+                np.testing.assert_array_equal(arrays["slope"], tiff.bands["slope"])
+                np.testing.assert_array_equal(arrays["normal"][..., 2], tiff.bands["normal.z"])
+                np.testing.assert_array_equal(arrays["source"], tiff.bands["source"])
+                self.assertEqual(tiff.band("height").GetUnitType(), "m")
+                self.assertTrue(math.isnan(tiff.band("height").GetNoDataValue()))
+                self.assertEqual(json.loads(tiff.file.GetMetadataItem("SELENOGRAPH"))["grid"], meta["grid"])
+                self.assertEqual((meta["grid"]["height"], meta["grid"]["width"]), arrays["height"].shape)
+
+    def test_sizes(self):
+        bounds = PLACES["equirectangular"]
+        arrays, meta = npz(self.map(map_request(bounds, "height")))
+        side = math.ceil(math.radians(0.2) * RADIUS_M / 100)
+        self.assertEqual(arrays["height"].shape, (side, side))
+        self.assertAlmostEqual(meta["grid"]["geotransform"][0], math.radians(39.9) * RADIUS_M, places=5)
+        self.assertAlmostEqual(meta["grid"]["geotransform"][3], math.radians(-6.4) * RADIUS_M, places=5)
+        arrays, meta = npz(self.map(map_request(PLACES["orthographic"], "height")))
+        self.assertEqual(arrays["height"].shape, (50, 60))
+        self.assertEqual(meta["grid"]["geotransform"], [-3000.0, 100.0, 0.0, 2500.0, 0.0, -100.0])
+    def test_radiance_of_level_ground(self):
+        """Lommel-Seeliger and Lambert; from above, and from a direction."""
+        area = PLACES["orthographic"]
+        up = vector(area["center"]["lat_deg"], area["center"]["lon_deg"])
+        sun = up + 0.7 * np.array([0.0, 1.0, 0.0])
+        viewer = up - 0.9 * np.array([0.0, 0.3, 1.0])
+        sun, viewer = sun / np.linalg.norm(sun), viewer / np.linalg.norm(viewer)
+        for view, model in itertools.product((None, viewer), ("lommel_seeliger", "lambert")):
+            request = map_request(area, "radiance", "normal", sun={"direction": sun.tolist(), "distance_au": 1.1},
+                                  surface={"reflectance": {"model": model, "rho": 0.2}})
+            if view is not None:
+                request["view"] = {"direction": (3 * view).tolist()}
+            arrays, _ = npz(self.map(request))
+            mu0 = arrays["normal"].astype(float) @ sun
+            mu = 1 if view is None else arrays["normal"].astype(float) @ view
+            factor = 0.2 / math.pi if model == "lambert" else 0.2 / (2 * math.pi) / (mu0 + mu)
+            np.testing.assert_allclose(arrays["radiance"], SOLAR_CONSTANT / 1.1 ** 2 * mu0 * factor, rtol=2e-6)
+
+    def test_slope_of_an_inclined_plane(self):
+        """r = R + a phi: the slope's tangent is a / r."""
+        area = {"projection": "equirectangular", "gsd_m": 250.0, "bounds": {
+            "south_deg": 10.2, "north_deg": 10.8, "west_deg": 10.2, "east_deg": 10.8}}
+        arrays, _ = npz(self.map(map_request(area, "slope", "height", "source")))
+        lat, _ = Tiff(self.map(map_request(area, "height"), "image/tiff")).lat_lon()
+        np.testing.assert_allclose(arrays["height"], PLANE_M_PER_DEG * (lat - PLANE["south_deg"]), rtol=0, atol=0.5)
+        slope = np.degrees(np.arctan(PLANE_M_PER_DEG * 180 / math.pi / (RADIUS_M + arrays["height"])))
+        np.testing.assert_allclose(arrays["slope"], slope, rtol=0, atol=0.02)
+        level, _ = npz(self.map(map_request(PLACES["orthographic"], "slope")))
+        self.assertLess(level["slope"].max(), 1e-4)
+
+    def test_png(self):
+        area = {"projection": "equirectangular", "gsd_m": 250.0, "bounds": {
+            "south_deg": 10.2, "north_deg": 10.8, "west_deg": 10.2, "east_deg": 10.8}}
+        arrays, _ = npz(self.map(map_request(area, "height")))
+        body = self.map(map_request(area, "height"), "image/png")
+        gdal.FileFromMemBuffer("/vsimem/maps-test.png", body)
+        png = gdal.Open("/vsimem/maps-test.png")
+        scale = json.loads(png.GetMetadataItem("selenograph"))["png_scale"]
+        numbers = png.ReadAsArray().astype(float)
+        height = scale["value_of_1"] + (numbers - 1) / 65534 * (scale["value_of_65535"] - scale["value_of_1"])
+        np.testing.assert_allclose(height, arrays["height"], rtol=0, atol=0.51 * np.ptp(arrays["height"]) / 65534)
+        self.assertEqual((numbers.min(), numbers.max()), (1, 65535))
+
+    def test_etag(self):
+        request = map_request(PLACES["orthographic"], "height")
+        status, headers, body = self.service.post("/v1/maps", request, "image/tiff")
+        self.assertEqual(status, 200)
+        self.assertEqual(self.service.post("/v1/maps", request, "image/tiff", If_None_Match=headers["ETag"])[0], 304)
+        self.assertEqual(self.service.post("/v1/maps", request, "application/x-npz", If_None_Match=headers["ETag"])[0], 200)
+        resolved = json.loads(Tiff(body).file.GetMetadataItem("SELENOGRAPH"))["request"]
+        again = self.service.post("/v1/maps", resolved, "image/tiff")
+        self.assertEqual((again[1]["ETag"], again[2]), (headers["ETag"], body))
+
+    def test_refusals(self):
+        def refused(pointer, area=None, accept="*/*", **changes):
+            request = map_request({**PLACES["orthographic"], **(area or {})}, "height")
+            request.update(changes)
+            request["map"] = {k: v for k, v in request["map"].items() if v is not None}
+            return self.problem(self.service.post("/v1/maps", request, accept), 422, pointer)
+
+        refused("/map/gsd_m", {"gsd_m": 1.0})  # more pixels than allowed
+        refused("/map/gsd_m", {"gsd_m": None})
+        refused("/map/projection", {"projection": "mercator"})
+        refused("/map/bounds", {"bounds": PLACES["equirectangular"]["bounds"], "center": None, "width_m": None, "height_m": None})
+        refused("/map/width_m", {"width_m": None})
+        refused("/map/center", {"projection": "equirectangular", "bounds": PLACES["equirectangular"]["bounds"]})
+        refused("/map/center/lat_deg", {"projection": "equirectangular", "center": {"lat_deg": 90, "lon_deg": 0}})
+        refused("/map/standard_parallel_deg", {"standard_parallel_deg": 3})
+        for bounds, pointer in (({"south_deg": 1, "north_deg": 1}, "north_deg"), ({"west_deg": 5, "east_deg": 5}, "east_deg"),
+                                ({"west_deg": -180, "east_deg": 200}, "east_deg"), ({"north_deg": 91}, "north_deg")):
+            bounds = {**PLACES["equirectangular"]["bounds"], **bounds}
+            refused("/map/bounds/" + pointer, {"projection": "equirectangular", "bounds": bounds, "center": None, "width_m": None,
+                                               "height_m": None})
+        refused("/sun", products=["radiance"])
+        refused("/sun", products=["lit", "height"])
+        refused("/products", products=["height", "slope"], accept="image/png")
+        refused("/products", products=["normal"], accept="image/png")
+        refused("/products/0", products=["depth"])
+        refused("/view/direction", view={"direction": [0, 0, 0]})
+        refused("/view", view="zenith")
+        refused("/camera", camera={})
+        self.problem(self.service.post("/v1/maps", map_request(PLACES["orthographic"], "height"), "text/html"), 406)
+
+    def test_a_deadline(self):
+        request = map_request({**PLACES["orthographic"], "width_m": 50000, "height_m": 50000}, "lit", sun={"direction": [0, 1, 0.01]})
+        self.problem(self.service.post("/v1/maps", request, Request_Timeout_Ms="1"), 504)
+
+
+class Regional(harness.WithService):
+    """Level ground of 10 x 10 degrees, nothing around it."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.service = Service(dem="region", cache="cache-region")
+
+    def map(self, area):
+        request = map_request(area, "height", "lit", "radiance", "source", sun={"direction": [0, 1, 0]})
+        body = self.ok(self.service.post("/v1/maps", request, "application/x-npz"), "application/x-npz")
+        tiff = Tiff(self.ok(self.service.post("/v1/maps", request, "image/tiff"), "image/tiff"))
+        return *npz(body), tiff
+
+    def check(self, area, shape, moon):
+        """`moon`: what pixels are on it, as is said of their coordinates; data is where GDAL says that the tile is."""
+        arrays, meta, tiff = self.map(area)
+        lat, lon = tiff.lat_lon()
+        lon = np.mod(np.where(moon, lon, 0), 360)
+        data = moon & (lat > 15) & (lat < 25) & (lon > 95) & (lon < 105)
+        self.assertEqual(data.shape, shape)
+        self.assertGreater(data.sum(), 3)
+        for product in ("height", "lit", "radiance"):
+            np.testing.assert_array_equal(np.isfinite(arrays[product]), data)
+        np.testing.assert_array_equal(arrays["source"] != 65535, data)
+        np.testing.assert_array_equal(np.isnan(tiff.bands["source"]), ~data)
+        self.assertAlmostEqual(meta["hit_fraction"], data.mean())
+        self.assertAlmostEqual(meta["missing_fraction"], moon.mean() - data.mean())
+
+    def test_a_whole_disc(self):
+        gsd = 40000.0
+        disc = {"projection": "orthographic", "center": {"lat_deg": 20.0, "lon_deg": 150.0}, "width_m": 4e6, "height_m": 4e6, "gsd_m": gsd}
+        x, y = np.meshgrid(-2e6 + gsd * (np.arange(100) + 0.5), 2e6 - gsd * (np.arange(100) + 0.5))
+        self.check(disc, (100, 100), np.hypot(x, y) <= RADIUS_M)
+
+    def test_the_whole_moon(self):
+        for west, east in ((-180, 180), (0, 360)):
+            globe = {"projection": "equirectangular", "gsd_m": math.pi * RADIUS_M / 80,
+                     "bounds": {"south_deg": -90, "north_deg": 90, "west_deg": west, "east_deg": east}}
+            self.check(globe, (80, 160), np.ones((80, 160), bool))
+
+    def test_beyond_a_pole(self):
+        area = {"projection": "equirectangular", "gsd_m": 60000.0, "center": {"lat_deg": 40.0, "lon_deg": 100.0},
+                "width_m": 2.4e6, "height_m": 3.6e6}
+        y = 40.0 + np.degrees((1.8e6 - 60000 * (np.arange(60) + 0.5)) / RADIUS_M)
+        self.check(area, (60, 40), np.broadcast_to(y[:, None] <= 90, (60, 40)))
+
+
+class OfRelief(harness.WithService):
+    """Against /v1/heights, /v1/rays and /v1/project."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.service = Service(dem="relief", cache="cache-relief")
+
+    def map(self, request, accept="application/x-npz"):
+        return self.ok(self.service.post("/v1/maps", request, accept), accept)
+
+    def sampled(self, area, *products, **more):
+        """Some pixels: latitude, longitude by GDAL, and each product's values there."""
+        tiff = Tiff(self.map(map_request(area, *products, accuracy={"max_error_px": 0}, **more), "image/tiff"))
+        lat, lon = tiff.lat_lon()
+        some = np.random.default_rng(1).choice(lat.size, 200, replace=False)
+        return lat.ravel()[some], lon.ravel()[some], {name: values.ravel()[some] for name, values in tiff.bands.items()}
+
+    def test_heights_and_projected_places(self):
+        for name, area in PLACES.items():
+            with self.subTest(name):
+                lat, lon, map_ = self.sampled(area, "height")
+                places = [{"lat_deg": a, "lon_deg": b} for a, b in zip(lat, lon)]
+                heights = self.ok_json(self.service.post("/v1/heights", {"points": places}))["points"]
+                np.testing.assert_allclose(map_["height"], [p["height_m"] for p in heights], rtol=0, atol=0.01)
+                # Seen by a camera as sharp as the map, 45 degrees off the vertical.
+                up = vector(lat.mean(), lon[0])
+                camera = {"width": 1000, "height": 1000, "fov_deg": math.degrees(2 * math.atan(0.5))}
+                place = up * RADIUS_M + 1e5 * (up + np.cross(up, [0.6, 0.0, 0.8]))
+                pose = {"position_m": place.tolist(), "look_at": {"lat_deg": lat.mean(), "lon_deg": lon[0], "up": [0.48, 0.6, 0.64]}}
+                request = {"camera": camera, "pose": pose}
+                here = [dict(p, height_m=float(h)) for p, h in zip(places, map_["height"])]
+                seen = self.ok_json(self.service.post("/v1/project", {**request, "points": places}))["points"]
+                ours = self.ok_json(self.service.post("/v1/project", {**request, "points": here}))["points"]
+                off = [math.hypot(a["x_px"] - b["x_px"], a["y_px"] - b["y_px"]) for a, b in zip(seen, ours)]
+                self.assertLess(max(off), 0.01)
+
+    def test_lit_and_normal_are_those_of_rays(self):
+        seen = set()
+        for name, disc in (("equirectangular", 0), ("south pole", 0), ("polar, date line", 0.2666), ("orthographic", 0.2666)):
+            with self.subTest(name):
+                area = dict(PLACES[name])
+                if "center" in area:
+                    area.update(gsd_m=400.0, width_m=24000.0, height_m=20000.0)
+                lat, lon = (a.ravel()[a.size // 2] for a in Tiff(self.map(map_request(area, "height"), "image/tiff")).lat_lon())
+                sun = {"local": {"lat_deg": lat, "lon_deg": lon, "azimuth_deg": 70.0, "elevation_deg": 3.0},
+                       "angular_radius_deg": disc}
+                lat, lon, map_ = self.sampled(area, "lit", "normal", "height", sun=sun)
+                up = vector(lat, lon)
+                rays = [{"origin_m": (d * (RADIUS_M + 20000)).tolist(), "direction": (-d).tolist()} for d in up]
+                hits = self.ok_json(self.service.post("/v1/rays", {"rays": rays, "sun": sun}))["rays"]
+                position = np.array([h["position_m"] for h in hits])
+                np.testing.assert_allclose(up * (RADIUS_M + map_["height"])[:, None], position, rtol=0, atol=0.01)
+                np.testing.assert_allclose(np.stack([map_["normal." + axis] for axis in "xyz"], axis=-1),
+                                           [h["normal"] for h in hits], rtol=0, atol=1e-6)
+                lit = np.array([h["lit"] for h in hits])
+                wrong = np.abs(map_["lit"] - lit) > (0.02 if disc else 0)
+                self.assertLessEqual(wrong.sum(), 1)  # grazing
+                seen |= {"dark" if x == 0 else "lit" if x == 1 else "between" for x in lit}
+        self.assertEqual(seen, {"dark", "lit", "between"})
+
+    def test_terrain_hides_ground_from_a_viewer(self):
+        area = {**PLACES["orthographic"], "width_m": 60000, "height_m": 50000, "gsd_m": 500.0}
+        lat, lon = area["center"]["lat_deg"], area["center"]["lon_deg"]
+        up = vector(lat, lon)
+        east = np.array([-math.sin(math.radians(lon)), math.cos(math.radians(lon)), 0.0])
+        viewer = math.sin(math.radians(2)) * up + math.cos(math.radians(2)) * east
+        request = map_request(area, "radiance", "lit", "height", sun={"direction": (up + east).tolist()},
+                              view={"direction": viewer.tolist()}, accuracy={"max_error_px": 0})
+        tiff = Tiff(self.map(request, "image/tiff"))
+        # As the Sun's light doesn't come from there to what is hidden.
+        from_there = Tiff(self.map(map_request(area, "lit", sun={"direction": viewer.tolist()}, accuracy={"max_error_px": 0}),
+                                   "image/tiff"))
+        hidden = np.isnan(tiff.bands["radiance"])
+        self.assertTrue(np.isfinite(tiff.bands["height"]).all())
+        self.assertTrue(np.isfinite(tiff.bands["lit"]).all())
+        self.assertGreater(hidden.mean(), 0.05)
+        self.assertLess(hidden.mean(), 0.9)
+        differing = (hidden != (from_there.bands["lit"] == 0)).mean()  # but where the smooth normal faces away, the facet not
+        self.assertLess(differing, 0.02)
+        self.assertEqual((hidden & (from_there.bands["lit"] == 1)).sum(), 0)
+
+    def test_one_map_of_many_patches(self):
+        """The same numbers, whether or not a pixel is in another patch."""
+        area = {"projection": "equirectangular", "gsd_m": 200.0, "standard_parallel_deg": 0.0, "center": {"lat_deg": 2.0, "lon_deg": 0.0},
+                "width_m": 120000.0, "height_m": 40000.0}
+        sun = {"local": {"lat_deg": 2.0, "lon_deg": 0.0, "azimuth_deg": 100.0, "elevation_deg": 5.0}}
+        whole, _ = npz(self.map(map_request(area, "height", "lit", sun=sun, accuracy={"max_error_px": 0})))
+        part, _ = npz(self.map(map_request({**area, "width_m": 40000.0}, "height", "lit", sun=sun, accuracy={"max_error_px": 0})))
+        self.assertEqual(whole["height"].shape, (200, 600))
+        np.testing.assert_allclose(whole["height"][:, 200:400], part["height"], rtol=0, atol=1e-6)
+        self.assertLess((whole["lit"][:, 200:400] != part["lit"]).mean(), 1e-4)
+
+
+class CommandLine(unittest.TestCase):
+    def command(self, request, *options):
+        path = harness.path("request.json")
+        with open(path, "w") as f:
+            json.dump(request, f)
+        return harness.run("map", path, "--dem", harness.path("relief"), "--cache-dir", harness.path("cache-relief"),
+                           "--log-level", "warning", *options)
+
+    def test_the_services_bytes(self):
+        request = map_request(PLACES["orthographic"], "height", "source")
+        service = Service(dem="relief", cache="cache-relief")
+        for extension, media_type in ((".tif", "image/tiff"), (".npz", "application/x-npz")):
+            output = harness.path("map" + extension)
+            done = self.command(request, "-o", output)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertIn("100%", done.stderr)
+            with open(output, "rb") as f:
+                self.assertEqual(f.read(), service.post("/v1/maps", request, media_type)[2])
+        self.assertEqual(service.stop(), 0)
+
+    def test_a_series(self):
+        area = {"projection": "polar_stereographic", "gsd_m": 2000.0, "center": {"lat_deg": 85.0, "lon_deg": 60.0},
+                "width_m": 120000.0, "height_m": 100000.0}
+        done = self.command(map_request(area, "lit"), "-o", harness.path("site.npz"), "--utc", "2026-11-20T00:00:00Z",
+                            "2026-11-30T00:00:00Z", "5d")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        lit = []
+        for day in (20, 25, 30):
+            with open(harness.path(f"site-202611{day}T000000Z.npz"), "rb") as f:
+                arrays, meta = npz(f.read())
+            lit.append(arrays["lit"])
+            single = self.command(map_request(area, "lit", sun={"utc": f"2026-11-{day}T00:00:00Z"}), "-o", harness.path("single.npz"))
+            self.assertEqual(single.returncode, 0, single.stderr)
+            with open(harness.path("single.npz"), "rb") as f:
+                np.testing.assert_array_equal(npz(f.read())[0]["lit"], arrays["lit"])
+        with open(harness.path("site-illumination.tif"), "rb") as f:
+            tiff = Tiff(f.read())
+        np.testing.assert_allclose(tiff.bands["illumination_fraction"], np.mean(lit, axis=0), rtol=0, atol=1e-6)
+        self.assertGreater(np.std(lit), 0)
+        self.assertEqual(json.loads(tiff.file.GetMetadataItem("SELENOGRAPH"))["epochs"], 3)
+
+    def test_refusals(self):
+        request = map_request(PLACES["orthographic"], "height")
+        series = ("--utc", "2026-11-20T00:00:00Z", "2026-11-30T00:00:00Z")
+        for options, sun, why in ((("-o", harness.path("a.jpg")), None, "must end in one of .tif, .npz, .png"),
+                                  (("-o", harness.path("a.tif"), *series, "0h"), None, "is no step"),
+                                  (("-o", harness.path("a.tif"), *series, "1 day"), None, "is no step"),
+                                  (("-o", harness.path("a.tif"), "--utc", "2026-11-31T00:00:00Z", "2026-12-30T00:00:00Z", "1d"), None,
+                                   "is no epoch"),
+                                  (("-o", harness.path("a.tif"), "--utc", *series[2:0:-1], "1d"), None, "is before"),
+                                  (("-o", harness.path("a.tif"), *series, "1d"), {"direction": [0, 1, 0]}, "/sun/direction")):
+            with self.subTest(why):
+                done = self.command(dict(request, **({"sun": sun} if sun else {})), *options)
+                self.assertEqual(done.returncode, 1)
+                self.assertIn(why, done.stderr)
+                self.assertFalse(os.path.exists(harness.path("a.tif")))
+
+
+if __name__ == "__main__":
+    harness.main()
