@@ -8,9 +8,6 @@
 #include <cmath>
 #include <limits>
 
-#define XXH_INLINE_ALL
-#include <xxhash.h>
-
 #include "api/band_json.h"
 #include "api/metadata.h"
 #include "api/ranges.h"
@@ -497,16 +494,13 @@ std::size_t bytes_of(const engine::MapRequest& request) {
 
 std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::uint64_t terrain_fingerprint,
                          std::string_view media_type) {
-  const std::string text = OrderedJson{
-      {"map_request", resolved_json(query)},
-      {"terrain", terrain_fingerprint},
-      {"maps", maps_metadata(query.request.look, query.surface)},
-      {"scene_bytes", scene_bytes},
-      {"version", software_version()},
-      {"representation",
-       media_type}}.dump();
-  const XXH128_hash_t hash = XXH3_128bits(text.data(), text.size());
-  return fmt::format("{:016x}{:016x}", hash.high64, hash.low64);
+  const OrderedJson what{{"map_request", resolved_json(query)},
+                         {"terrain", terrain_fingerprint},
+                         {"maps", maps_metadata(query.request.look, query.surface)},
+                         {"scene_bytes", scene_bytes},
+                         {"version", software_version()},
+                         {"representation", media_type}};
+  return content_hash(what.dump());
 }
 
 OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, const std::string& hash) {

@@ -123,7 +123,9 @@ TEST_F(ValueMaps, SmallFootprintsAreMeansToo) {
     }
     // The texels' own spread is 0.29.
     EXPECT_LT(std::sqrt(square / kPlaces), 0.008) << texels;
-    if (texels == 1.5) EXPECT_GT(std::sqrt(point / kPlaces), 0.05) << "a point would not do";
+    if (texels == 1.5) {
+      EXPECT_GT(std::sqrt(point / kPlaces), 0.05) << "a point would not do";
+    }
   }
 }
 
