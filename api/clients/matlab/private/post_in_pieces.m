@@ -1,0 +1,14 @@
+function answers = post_in_pieces(service, path, member, request, items)
+% Sends a row of cells as the list `member`, some at a time: within the service's limits. A row of cells, one per item.
+  PIECE = 10000;
+  answers = cell(1, 0);
+  for first = 1:PIECE:numel(items)
+    piece = items(first:min(first + PIECE - 1, end));
+    request.(member) = piece;
+    answer = read_json(selenograph_call(service, 'POST', path, request));
+    if ~isfield(answer, member) || numel(answer.(member)) ~= numel(piece)
+      error('selenograph:bad_answer', 'no list of all %s', member);
+    end
+    answers = [answers, as_cells(answer.(member))]; %#ok<AGROW>
+  end
+end
