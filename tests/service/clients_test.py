@@ -12,6 +12,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import threading
 import unittest
 
@@ -92,6 +93,9 @@ BUSY = (503, {"Content-Type": "application/problem+json", "Retry-After": "0"}, j
 class Examples:
     """The same three examples in each language: each prints lines of words and numbers."""
 
+    types = {"float32": "float32", "float64": "float64"}  # what the language calls them
+    last_places = 0  # by which the language misreads numbers in JSON
+
     def run_example(self, name, *arguments):
         """Returns (exit status, standard output, standard error)."""
         raise NotImplementedError
@@ -118,9 +122,9 @@ class Examples:
     def test_one_frame(self):
         lines = self.lines("one_frame")
         frame, etag = self.npz(self.a_frame())
-        for product, shape in (("radiance", "240 x 320 x 1 float32"), ("range", "240 x 320 x 1 float64"),
-                               ("geodetic", "240 x 320 x 3 float64"), ("lit", "240 x 320 x 1 float32")):
-            self.assertIn(f"{product}: {shape}", lines)
+        for product, shape, numbers in (("radiance", "240 x 320 x 1", "float32"), ("range", "240 x 320 x 1", "float64"),
+                                        ("geodetic", "240 x 320 x 3", "float64"), ("lit", "240 x 320 x 1", "float32")):
+            self.assertIn(f"{product}: {shape} {self.types[numbers]}", lines)
         said = {line.split()[0]: line.split()[1] for line in lines if ":" not in line}
         self.assertEqual(numpy.float32(said["radiance"]), frame["radiance"][120, 160])
         self.assertEqual(float(said["range"]), frame["range"][120, 160])
@@ -149,6 +153,53 @@ class Examples:
             "points": [{"lat_deg": -7 + 0.02 * i, "lon_deg": 40.0} for i in range(50)]})[2])["points"]
         for i in range(50):  # straight down: the range is what is left of 15 km
             self.assertAlmostEqual(float(found[i][1]), 15000 - heights[i]["height_m"], delta=1e-6)
+
+    def alike(self, got, right, what):
+        """The members that the client has are the service's, NaN and null alike."""
+        self.assertEqual(len(got), len(right), what)
+        for ours, its in zip(got, right):
+            for name, value in ours.items():
+                missing = "" if name == "source" else False if name == "filled" else None
+                if isinstance(value, list) and its.get(name) is None:
+                    value = None if all(x is None for x in value) else value
+                self.assert_alike(value, its.get(name, missing), f"{what}.{name}")
+
+    def assert_alike(self, ours, its, what):
+        if isinstance(ours, list) and isinstance(its, list):
+            self.assertEqual(len(ours), len(its), what)
+            for i, (a, b) in enumerate(zip(ours, its)):
+                self.assert_alike(a, b, f"{what}[{i}]")
+        elif self.last_places and isinstance(ours, float) and isinstance(its, float):
+            self.assertAlmostEqual(ours, its, delta=self.last_places * sys.float_info.epsilon * abs(its), msg=what)
+        else:
+            self.assertEqual(ours, its, what)
+
+    def test_every_other_call(self):
+        status, out, err = self.run_example("every_call", self.url())
+        self.assertEqual(status, 0, err)
+        said = json.loads(out)
+        request = self.a_frame()
+        points = [{"lat_deg": -6.5, "lon_deg": 40.0}, {"lat_deg": -6.6, "lon_deg": 40.1, "height_m": 500.0},
+                  {"lat_deg": 30.0, "lon_deg": 100.0}]
+        rays = [{"origin_m": [1345000, 1130000, -200000], "direction": [-1345, -1130, 199]},
+                {"origin_m": [1800000, 0, 0], "direction": [1, 0, 0]}]
+
+        def right(path, body):
+            return json.loads(self.service.post(path, body)[2])
+
+        self.alike(said["heights"], right("/v1/heights", {"points": [points[0], points[2]]})["points"], "heights")
+        self.assertIsNone(said["heights"][1]["height_m"])
+        self.alike(said["project"], right("/v1/project", {
+            "camera": request["camera"], "pose": request["pose"], "sun": SUN, "points": points})["points"], "project")
+        self.alike(said["rays"], right("/v1/rays", {"rays": rays, "sun": SUN})["rays"], "rays")
+        self.assertEqual([ray["hit"] for ray in said["rays"]], [True, False])
+        self.assertEqual(said["datasets"], 6)
+        self.assertEqual(len(said["attitudes"]), 7)
+        for way, q in said["attitudes"].items():
+            for key, value in dict(w=0.8, x=0.2, y=-0.4, z=0.4).items():
+                self.assertAlmostEqual(q[key], value, delta=1e-14, msg=way)
+        picture = self.service.frame(dict(request, products=["image"]), "image/png")
+        self.assertEqual(said["picture"], {"type": "image/png", "bytes": len(picture[2])})
 
     def test_a_refusal_names_the_member(self):
         with FakeService(PROBLEM) as fake:
@@ -205,6 +256,23 @@ class Cpp(Examples, harness.WithService):
         self.assertEqual(status, 0, err)
         self.assertEqual(len(fake.requests), 20)
         self.assertLessEqual(len(fake.connections), 2)
+
+
+@unittest.skipUnless(OCTAVE, "Octave isn't installed: apt-get install octave")
+class Octave(Examples, harness.WithService):
+    types = {"float32": "single", "float64": "double"}
+    last_places = 2
+
+    def run_example(self, name, *arguments):
+        paths = [os.path.join(CLIENTS, "matlab"), os.path.join(CLIENTS, "matlab", "examples"),
+                 os.path.join(REPOSITORY, "tests", "service")]
+        words = ["'%s'" % word for word in paths + list(arguments)]
+        script = ("addpath(%s); try, %s(%s); catch e, fputs(stderr, [e.identifier ': ' e.message]); "
+                  "exit(1 + strcmp(e.identifier, 'selenograph:refused')); end; exit(0);"
+                  % (", ".join(words[:3]), name, ", ".join(words[3:])))
+        done = subprocess.run([OCTAVE, "--no-gui", "--norc", "--quiet", "--eval", script], stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
+        return done.returncode, done.stdout, done.stderr
 
 
 if __name__ == "__main__":

@@ -19,6 +19,6 @@ function [answer, fault] = send_matlab(method, url, fields, body, left_s)
   end
   answer = struct('status', double(response.StatusCode), 'headers', struct(), 'body', uint8(response.Body.Payload(:)'));
   for h = response.Header
-    answer.headers.(strrep(lower(char(h.Name)), '-', '_')) = char(h.Value);
+    answer.headers.(matlab.lang.makeValidName(strrep(lower(char(h.Name)), '-', '_'))) = char(h.Value);
   end
 end
