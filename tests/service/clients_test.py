@@ -1,19 +1,24 @@
 #!/usr/bin/env python3
-"""The clients in api/clients that aren't Python's: their examples against the real service, and faults of a fake one.
+"""The clients in api/clients that aren't Python's: their examples against the real service, and faults of a fake one; and
+the adapters for Basilisk and ROS.
 
-SELENOGRAPH_CPP_EXAMPLES is the folder of the built C++ examples. What needs Octave is skipped where that isn't installed.
-NumPy reads the service's own answers.
+SELENOGRAPH_CPP_EXAMPLES is the folder of the built C++ examples. What needs Octave or ROS (python3-rospy,
+python3-sensor-msgs, python3-rosmaster) is skipped where that isn't installed. NumPy reads the service's own answers.
 """
 
 import http.server
+import importlib.util
 import io
 import json
 import os
+import queue
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import threading
+import types
 import unittest
 
 import numpy
@@ -23,6 +28,9 @@ from harness import PATIENCE_S, REPOSITORY
 
 CLIENTS = os.path.join(REPOSITORY, "api", "clients")
 CPP_EXAMPLES = os.environ.get("SELENOGRAPH_CPP_EXAMPLES", "")
+sys.path.insert(0, os.path.join(CLIENTS, "python"))
+PYTHON_CLIENT = importlib.util.find_spec("selenograph") is not None
+ROSMASTER = shutil.which("rosmaster") if importlib.util.find_spec("rospy") else None
 OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
 PLACE = ("--south-deg", "-8", "--west-deg", "39", "--rows", "3", "--columns", "2", "--ppd", "256")  # what the examples fly over
 SUN = {"subsolar": {"lat_deg": 0.0, "lon_deg": 100.0}}
@@ -112,7 +120,7 @@ class Examples:
         """The service's own answer, by NumPy; and its ETag."""
         status, headers, body = self.service.frame(request, "application/x-npz")
         self.assertEqual(status, 200, body[:300])
-        return numpy.load(io.BytesIO(body)), headers["ETag"].strip('"')
+        return numpy.load(io.BytesIO(body)), headers["ETag"]
 
     def a_frame(self):
         return {"camera": {"width": 320, "height": 240, "fov_deg": 50},
@@ -134,7 +142,7 @@ class Examples:
         self.assertIn(f"level of detail error {meta['lod_error_m']:.17g} m", lines)
 
     def test_a_descent(self):
-        found = re.findall(r"^frame (\d+): nearest ground (\S+) m, etag (\w+)$", "\n".join(self.lines("descent")), re.M)
+        found = re.findall(r"^frame (\d+): nearest ground (\S+) m, etag (\S+)$", "\n".join(self.lines("descent")), re.M)
         self.assertEqual([int(index) for index, _, _ in found], list(range(20)))
         for index in (0, 7, 19):
             left = 1 - index / 20
@@ -273,6 +281,226 @@ class Octave(Examples, harness.WithService):
         done = subprocess.run([OCTAVE, "--no-gui", "--norc", "--quiet", "--eval", script], stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
         return done.returncode, done.stdout, done.stderr
+
+
+def loaded(*path):
+    """A Python file of api/clients as a module."""
+    name = path[-1][:-len(".py")]
+    spec = importlib.util.spec_from_file_location(name, os.path.join(CLIENTS, *path))
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # where dataclasses look
+    spec.loader.exec_module(module)
+    return module
+
+
+def basilisk_stand_ins():
+    """The parts of Basilisk that the adapter sees, as far as it sees them."""
+
+    class Reader:
+        def __init__(self):
+            self.message = None
+
+        def subscribeTo(self, message):
+            self.message = message
+
+        def isLinked(self):
+            return self.message is not None
+
+        def __call__(self):
+            return self.message
+
+    class SysModel:
+        moduleID = 1
+
+        def __init__(self):
+            self.errors = []
+            self.bskLogger = types.SimpleNamespace(bskLog=lambda level, text: self.errors.append(text))
+
+    architecture = types.ModuleType("Basilisk.architecture")
+    architecture.messaging = types.SimpleNamespace(SCStatesMsgReader=Reader, SpicePlanetStateMsgReader=Reader)
+    architecture.sysModel = types.SimpleNamespace(SysModel=SysModel)
+    architecture.bskLogging = types.SimpleNamespace(BSK_ERROR="error")
+    return {"Basilisk": types.ModuleType("Basilisk"), "Basilisk.architecture": architecture}
+
+
+def rotation(axis, angle):
+    """The matrix that turns vectors, by Rodrigues' formula."""
+    k = numpy.array(axis, float) / numpy.linalg.norm(axis)
+    cross = numpy.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    return numpy.eye(3) + numpy.sin(angle) * cross + (1 - numpy.cos(angle)) * cross @ cross
+
+
+def mrp_of(matrix):
+    """Modified Rodrigues parameters of a direction cosine matrix (Schaub and Junkins)."""
+    zeta = numpy.sqrt(numpy.trace(matrix) + 1)
+    return numpy.array([matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]]) / (zeta * (zeta + 2))
+
+
+class Adapter(harness.WithService):
+    """What the adapters are compared with: a frame of the service's own, straight down."""
+
+    def setUp(self):
+        self.request = {"camera": {"width": 64, "height": 48, "fov_deg": 40, "distortion": {"k1": -0.05, "p1": 1e-3}},
+                        "products": ["image", "range"]}
+        self.right = self.npz({"pose": {"geodetic": {"lat_deg": -6.5, "lon_deg": 40.0, "height_m": 30000.0}, "nadir": {}}, "sun": SUN})
+        resolved = json.loads(self.right["meta.json"])["request"]
+        self.position_m = numpy.array(resolved["pose"]["position_m"])
+        self.quaternion = [resolved["pose"]["camera_from_moon"][key] for key in "wxyz"]
+        self.url = "http://%s:%d" % (self.service.host, self.service.port)
+
+    def npz(self, rest):
+        status, _, body = self.service.frame(dict(self.request, **rest), "application/x-npz")
+        self.assertEqual(status, 200, body[:300])
+        return numpy.load(io.BytesIO(body))
+
+
+@unittest.skipUnless(PYTHON_CLIENT, "api/clients/python/selenograph.py isn't there")
+class Basilisk(Adapter):
+    def setUp(self):
+        super().setUp()
+        import selenograph
+        sys.modules.update(basilisk_stand_ins())
+        self.client = selenograph.Client(self.url)
+        self.addCleanup(self.client.close)
+        self.module = loaded("basilisk", "selenograph_camera.py")
+
+    def camera(self, height_m=30000.0):
+        """A spacecraft in an inertial frame that has nothing in common with the Moon's, with a camera askew and off its
+        centre, such that the camera is where `right` was taken, or above or below."""
+        w, x, y, z = self.quaternion
+        camera_from_moon = rotation([x, y, z], 2 * numpy.arctan2(numpy.linalg.norm([x, y, z]), w))
+        PN, CB = rotation([1, 2, 3], 0.7), rotation([-3, 1, 1], 0.4)
+        moon_N = numpy.array([3.0e8, -1.2e8, 2.0e7])
+        r_CB_B = numpy.array([1.5, -0.3, 0.7])
+        BN = CB.T @ camera_from_moon @ PN
+        radius_m = numpy.linalg.norm(self.position_m)
+        place = self.position_m * (1 + (height_m - 30000.0) / radius_m)
+        lon = numpy.radians(100.0)
+        model = self.module.SelenographCamera(self.client, self.request)
+        model.sigma_CB, model.r_CB_B, model.cameraID = mrp_of(CB), r_CB_B, 7
+        model.scStateInMsg.subscribeTo(types.SimpleNamespace(
+            r_BN_N=moon_N + PN.T @ place - BN.T @ r_CB_B, sigma_BN=mrp_of(BN)))
+        model.moonInMsg.subscribeTo(types.SimpleNamespace(PositionVector=moon_N, J20002Pfix=PN))
+        model.sunInMsg.subscribeTo(types.SimpleNamespace(
+            PositionVector=moon_N + 149597870700.0 * PN.T @ [numpy.cos(lon), numpy.sin(lon), 0]))
+        return model
+
+    def test_the_image_of_a_state(self):
+        model = self.camera()
+        model.Reset(0)
+        self.assertEqual(model.imageOutMsg().valid, 0)
+        model.UpdateState(5000000000)
+        out = model.imageOutMsg()
+        self.assertEqual(model.errors, [])
+        self.assertEqual((out.timeTag, out.valid, out.cameraID), (5000000000, 1, 7))
+        self.assertEqual(model.imageOutMsg.timeWritten(), 5000000000)
+        self.assertEqual(out.image.shape, (48, 64))
+        self.assertEqual(out.imageBufferLength, out.image.nbytes)
+        # 3e8 m in double are known to 6e-8 m.
+        numpy.testing.assert_allclose(out.frame["range"], self.right["range"], rtol=0, atol=1e-4)
+        self.assertLess(numpy.mean(out.image != self.right["image"]), 0.01)
+        self.assertGreater(len(numpy.unique(out.image)), 5)
+
+    def test_what_is_refused_is_no_image(self):
+        model = self.camera(height_m=-5000.0)
+        model.UpdateState(1)
+        self.assertEqual((model.imageOutMsg().valid, model.imageOutMsg().image), (0, None))
+        self.assertEqual(len(model.errors), 1)
+        self.assertIn("/pose", model.errors[0])
+
+    def test_what_is_not_linked_is_said(self):
+        model = self.module.SelenographCamera(self.client, self.request)
+        model.Reset(0)
+        self.assertEqual(len(model.errors), 3)
+        with self.assertRaises(ValueError):
+            self.module.SelenographCamera(self.client, {"products": ["range"]})
+
+
+@unittest.skipUnless(PYTHON_CLIENT, "api/clients/python/selenograph.py isn't there")
+class RosConversions(Adapter):
+    """What needs no ROS."""
+
+    def test_a_fisheye_and_a_sun_at_the_stamp(self):
+        node = loaded("ros", "selenograph_node.py")
+        info = types.SimpleNamespace()
+        node.fill_camera_info(info, {"model": "fisheye", "width": 8, "height": 6, "fx": 5.0, "fy": 4.0, "cx": 3.5, "cy": 2.5,
+                                     "distortion": {"k1": 0.1, "k4": 0.4}})
+        self.assertEqual((info.distortion_model, info.D), ("equidistant", [0.1, 0.0, 0.0, 0.4]))
+        self.assertEqual(info.K, [5.0, 0, 3.5, 0, 4.0, 2.5, 0, 0, 1])
+        image = types.SimpleNamespace()
+        node.fill_image(image, numpy.arange(12, dtype=numpy.float32).reshape(2, 2, 3))
+        self.assertEqual((image.encoding, image.step, image.height, image.width), ("32FC3", 24, 2, 2))
+        w, x, y, z = self.quaternion
+        pose = types.SimpleNamespace(position=types.SimpleNamespace(**dict(zip("xyz", self.position_m))),
+                                     orientation=types.SimpleNamespace(w=w, x=-x, y=-y, z=-z))
+        stamp = types.SimpleNamespace(secs=1795132800, nsecs=250000000)
+        message = types.SimpleNamespace(pose=pose, header=types.SimpleNamespace(stamp=stamp))
+        request = node.request_of(message, self.request)
+        self.assertEqual(request["sun"], {"utc": "2026-11-20T00:00:00.250000000Z"})
+        numpy.testing.assert_allclose(self.npz(dict(request))["range"], self.right["range"], rtol=0, atol=1e-6)
+
+
+@unittest.skipUnless(PYTHON_CLIENT, "api/clients/python/selenograph.py isn't there")
+@unittest.skipUnless(ROSMASTER, "ROS isn't installed: apt-get install python3-rospy python3-sensor-msgs python3-rosmaster")
+class Ros(Adapter):
+    """A ROS master, the node and a subscriber, each for real."""
+
+    def start(self, *command):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self.addCleanup(process.wait)
+        self.addCleanup(process.kill)
+        return process
+
+    def test_images_of_poses(self):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{port}", ROS_IP="127.0.0.1", ROS_HOME=harness.path("ros"),
+                          ROS_LOG_DIR=harness.path("ros", "log"),
+                          PYTHONPATH=os.pathsep.join([os.path.join(CLIENTS, "python"), os.environ.get("PYTHONPATH", "")]))
+        self.start(ROSMASTER, "--core", "-p", str(port))
+        with open(harness.path("ros-request.json"), "w") as file:
+            json.dump(dict(self.request, sun=SUN), file)
+        node = self.start(sys.executable, os.path.join(CLIENTS, "ros", "selenograph_node.py"), f"_url:={self.url}",
+                          "_request:=" + harness.path("ros-request.json"), "pose:=truth")
+        import geometry_msgs.msg
+        import rospy
+        import sensor_msgs.msg
+
+        rospy.init_node("clients_test", disable_signals=True)
+        self.addCleanup(rospy.signal_shutdown, "the test is over")
+        images, infos = queue.Queue(), queue.Queue()
+        subscribers = [rospy.Subscriber("image_raw", sensor_msgs.msg.Image, images.put),
+                       rospy.Subscriber("camera_info", sensor_msgs.msg.CameraInfo, infos.put)]
+        poses = rospy.Publisher("truth", geometry_msgs.msg.PoseStamped, queue_size=10)
+        for connection in [poses] + subscribers:
+            while connection.get_num_connections() == 0:
+                self.assertIsNone(node.poll(), "the node has ended")
+                rospy.rostime.wallsleep(0.01)
+
+        message = geometry_msgs.msg.PoseStamped()
+        w, x, y, z = self.quaternion
+        q = message.pose.orientation
+        q.w, q.x, q.y, q.z = w, -x, -y, -z  # moon_from_camera
+        for secs, moon_frame, scale in ((100, "moon_me", 1), (101, "map", 1), (102, "moon_me", 0.98), (103, "moon_me", 1)):
+            message.header.stamp = rospy.Time(secs, 5)
+            message.header.frame_id = moon_frame
+            p = message.pose.position
+            p.x, p.y, p.z = scale * self.position_m
+            poses.publish(message)
+        # 101 is in a frame that isn't the Moon's, 102 is below the ground.
+        for secs in (100, 103):
+            image, info = images.get(timeout=PATIENCE_S), infos.get(timeout=PATIENCE_S)
+            for header in (image.header, info.header):
+                self.assertEqual((header.stamp.secs, header.stamp.nsecs, header.frame_id), (secs, 5, "camera_optical"))
+            self.assertEqual((image.encoding, image.height, image.width, image.step), ("mono8", 48, 64, 64))
+            values = numpy.frombuffer(image.data, numpy.uint8).reshape(48, 64)
+            self.assertLess(numpy.mean(values != self.right["image"]), 0.01)
+            self.assertEqual((info.height, info.width, info.distortion_model), (48, 64, "plumb_bob"))
+            self.assertEqual(info.D, (-0.05, 0.0, 1e-3, 0.0, 0.0))
+            self.assertAlmostEqual(info.K[0], 32 / numpy.tan(numpy.radians(20)), places=9)
+            self.assertEqual(info.K[2:6:3], (31.5, 23.5))
+        self.assertTrue(images.empty())
 
 
 if __name__ == "__main__":

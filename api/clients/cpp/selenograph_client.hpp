@@ -290,7 +290,7 @@ class Frame {
   std::map<std::string, Array> products;
   Json meta;                                // the resolved request, DEM tiles, error bounds, ... (meta.json)
   std::map<std::string, double> timing_ms;  // stages of the service's work, from Server-Timing
-  std::string etag;                         // hash of the content; empty where the service gave none
+  std::string etag;                         // the header ETag, with its quotes; empty where there was none
   std::string echo;                         // JSON text of the request's "echo"; empty without one
 
   const Array& operator[](const std::string& product) const {
@@ -582,7 +582,6 @@ class Client {
     }
     frame.timing_ms = detail::read_timing(answer.header("Server-Timing"));
     frame.etag = answer.header("ETag");
-    if (frame.etag.size() > 1 && frame.etag.front() == '"') frame.etag = frame.etag.substr(1, frame.etag.size() - 2);
     frame.echo = answer.header("Selenograph-Echo");
     return frame;
   }

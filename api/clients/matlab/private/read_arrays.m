@@ -3,7 +3,7 @@ function arrays = read_arrays(service, path, request)
   arrays = read_npz(answer.body);
   arrays.timing_ms = struct();
   arrays.etag = '';
-  if isfield(answer.headers, 'etag'), arrays.etag = strrep(answer.headers.etag, '"', ''); end
+  if isfield(answer.headers, 'etag'), arrays.etag = answer.headers.etag; end
   if isfield(answer.headers, 'selenograph_echo'), arrays.echo = jsondecode(answer.headers.selenograph_echo); end
   if isfield(answer.headers, 'server_timing')
     for stage = regexp(answer.headers.server_timing, '(\w+);dur=([\d.]+)', 'tokens')
