@@ -17,7 +17,9 @@ import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
+import time
 import types
 import unittest
 
@@ -56,6 +58,9 @@ class FakeService:
 
         class Handler(http.server.BaseHTTPRequestHandler):
             protocol_version = "HTTP/1.1"
+
+            def do_GET(self):
+                self.do_POST()
 
             def do_POST(self):
                 body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
@@ -272,15 +277,50 @@ class Octave(Examples, harness.WithService):
     last_places = 2
 
     def run_example(self, name, *arguments):
+        return self.run_octave("%s(%s)" % (name, ", ".join("'%s'" % word for word in arguments)))
+
+    def run_octave(self, statement):
         paths = [os.path.join(CLIENTS, "matlab"), os.path.join(CLIENTS, "matlab", "examples"),
                  os.path.join(REPOSITORY, "tests", "service")]
-        words = ["'%s'" % word for word in paths + list(arguments)]
-        script = ("addpath(%s); try, %s(%s); catch e, fputs(stderr, [e.identifier ': ' e.message]); "
-                  "exit(1 + strcmp(e.identifier, 'selenograph:refused')); end; exit(0);"
-                  % (", ".join(words[:3]), name, ", ".join(words[3:])))
+        script = ("addpath('%s'); try, %s; catch e, fputs(stderr, [e.identifier ': ' e.message]); "
+                  "exit(1 + strcmp(e.identifier, 'selenograph:refused')); end; exit(0);" % ("', '".join(paths), statement))
         done = subprocess.run([OCTAVE, "--no-gui", "--norc", "--quiet", "--eval", script], stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
         return done.returncode, done.stdout, done.stderr
+
+
+    def test_a_map_and_what_the_headers_say(self):
+        status, headers, body = self.real_answer()
+        headers.update({"Selenograph-Echo": '{"n":1}', "Server-Timing": "parse;dur=0.5, load;dur=2"})
+        with FakeService((status, headers, body)) as fake:
+            status, out, err = self.run_octave(
+                f"map = selenograph_map('{fake.url}', struct('map', struct('gsd_m', 40))); "
+                "disp(jsonencode({size(map.geodetic), map.timing_ms, map.echo, map.etag, map.meta.software.name}))")
+        self.assertEqual(status, 0, err)
+        self.assertEqual(json.loads(out), [[240, 320, 3], {"parse": 0.5, "load": 2}, {"n": 1}, headers["ETag"], "selenograph"])
+        self.assertEqual(fake.requests[0][0], "/v1/maps")
+        self.assertEqual(json.loads(fake.requests[0][2]), {"map": {"gsd_m": 40}})
+
+    def test_answers_that_are_none(self):
+        cases = (
+            ("selenograph:bad_answer", "selenograph_frame(url, struct('a', 1))", (200, {}, b"<html>")),
+            ("selenograph:bad_answer", "selenograph_heights(url, 1, 2)", (200, {}, b"<html>")),
+            ("selenograph:bad_answer", "selenograph_heights(url, 1, 2)", (200, {}, b'{"points": []}')),
+            ("selenograph:refused: 502 without", "selenograph_heights(url, 1, 2)", (502, {}, b"<html>")),
+            ("selenograph:refused: 503 Busy", "selenograph_datasets(selenograph_service(url, '', 50))",
+             (503, {"Retry-After": "100"}, BUSY[2])),
+            ("selenograph:no_answer", "selenograph_datasets('http://127.0.0.1:1')", None),
+            ("selenograph:no_answer", "selenograph_datasets(selenograph_service(url, '', 0))", None),
+            ("selenograph:argument", "selenograph_service(url, ['a' 10 'b'])", None),
+            ("selenograph:argument", "selenograph_rays(url, [1 2 3], [1 2])", None),
+            ("selenograph:argument", "selenograph_pose([1 2 3], 'camera_from_moon_matrix', 2 * eye(3))", None))
+        each = " ".join("try, %s; catch e, disp([e.identifier ': ' e.message]); end;" % statement for _, statement, _ in cases)
+        with FakeService(*[answer for _, _, answer in cases if answer]) as fake:
+            status, out, err = self.run_octave(f"url = '{fake.url}'; {each}")
+        self.assertEqual(status, 0, err)
+        for (expected, statement, _), said in zip(cases, out.splitlines()):
+            self.assertTrue(said.startswith(expected), f"{statement}: {said}")
+        self.assertEqual(len(out.splitlines()), len(cases))
 
 
 def loaded(*path):
@@ -333,7 +373,8 @@ def rotation(axis, angle):
 def mrp_of(matrix):
     """Modified Rodrigues parameters of a direction cosine matrix (Schaub and Junkins)."""
     zeta = numpy.sqrt(numpy.trace(matrix) + 1)
-    return numpy.array([matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]]) / (zeta * (zeta + 2))
+    axis = [matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]]
+    return numpy.array(axis) / (zeta * (zeta + 2))
 
 
 class Adapter(harness.WithService):
@@ -342,7 +383,8 @@ class Adapter(harness.WithService):
     def setUp(self):
         self.request = {"camera": {"width": 64, "height": 48, "fov_deg": 40, "distortion": {"k1": -0.05, "p1": 1e-3}},
                         "products": ["image", "range"]}
-        self.right = self.npz({"pose": {"geodetic": {"lat_deg": -6.5, "lon_deg": 40.0, "height_m": 30000.0}, "nadir": {}}, "sun": SUN})
+        self.right = self.npz({"pose": {"geodetic": {"lat_deg": -6.5, "lon_deg": 40.0, "height_m": 30000.0}, "nadir": {}},
+                               "sun": SUN})
         resolved = json.loads(self.right["meta.json"])["request"]
         self.position_m = numpy.array(resolved["pose"]["position_m"])
         self.quaternion = [resolved["pose"]["camera_from_moon"][key] for key in "wxyz"]
@@ -446,10 +488,28 @@ class Ros(Adapter):
     """A ROS master, the node and a subscriber, each for real."""
 
     def start(self, *command):
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        log = tempfile.TemporaryFile()
+        self.addCleanup(log.close)
+        process = subprocess.Popen(command, stdout=log, stderr=log)
         self.addCleanup(process.wait)
         self.addCleanup(process.kill)
+        process.log = log
         return process
+
+    def said(self, process):
+        process.log.seek(0)
+        return process.log.read().decode(errors="replace")
+
+    def wait_for_port(self, port, process):
+        give_up = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                socket.create_connection(("127.0.0.1", port)).close()
+                return
+            except OSError:
+                self.assertIsNone(process.poll(), self.said(process))
+                self.assertLess(time.monotonic(), give_up)
+                time.sleep(0.02)
 
     def test_images_of_poses(self):
         with socket.socket() as free:
@@ -458,7 +518,8 @@ class Ros(Adapter):
         os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{port}", ROS_IP="127.0.0.1", ROS_HOME=harness.path("ros"),
                           ROS_LOG_DIR=harness.path("ros", "log"),
                           PYTHONPATH=os.pathsep.join([os.path.join(CLIENTS, "python"), os.environ.get("PYTHONPATH", "")]))
-        self.start(ROSMASTER, "--core", "-p", str(port))
+        master = self.start(ROSMASTER, "--core", "-p", str(port))
+        self.wait_for_port(port, master)
         with open(harness.path("ros-request.json"), "w") as file:
             json.dump(dict(self.request, sun=SUN), file)
         node = self.start(sys.executable, os.path.join(CLIENTS, "ros", "selenograph_node.py"), f"_url:={self.url}",
@@ -475,7 +536,7 @@ class Ros(Adapter):
         poses = rospy.Publisher("truth", geometry_msgs.msg.PoseStamped, queue_size=10)
         for connection in [poses] + subscribers:
             while connection.get_num_connections() == 0:
-                self.assertIsNone(node.poll(), "the node has ended")
+                self.assertIsNone(node.poll(), self.said(node))
                 rospy.rostime.wallsleep(0.01)
 
         message = geometry_msgs.msg.PoseStamped()
@@ -501,6 +562,8 @@ class Ros(Adapter):
             self.assertAlmostEqual(info.K[0], 32 / numpy.tan(numpy.radians(20)), places=9)
             self.assertEqual(info.K[2:6:3], (31.5, 23.5))
         self.assertTrue(images.empty())
+        self.assertIn("pose in frame 'map'", self.said(node))
+        self.assertIn("no image of the pose at 102", self.said(node))
 
 
 if __name__ == "__main__":

@@ -86,7 +86,7 @@ class ImageMsg:
 
 
 class SelenographCamera(sysModel.SysModel):
-    """client: a selenograph.Client. request: a frame's request without "pose" and "sun"; "products" must have "image"."""
+    """client: a selenograph.Client. request: a frame's request without "pose" and "sun", with the product "image"."""
 
     def __init__(self, client, request):
         super().__init__()

@@ -191,6 +191,23 @@ TEST(Faults, ARefusalNamesTheMembers) {
   }
 }
 
+TEST(Faults, ARefusalMayBeOfAnotherForm) {
+  for (const char* body : {"", "<html>", "[]", R"({"title": 1, "errors": ["x", {"pointer": 2}, {"pointer": "/sun"}]})",
+                           R"({"errors": {"pointer": "/sun"}})"}) {
+    Fake fake([&](const httplib::Request&, httplib::Response& response) {
+      response.status = 502;
+      response.set_content(body, "text/plain");
+    });
+    try {
+      Client(fake.url()).datasets();
+      FAIL();
+    } catch (const Refused& refused) {
+      EXPECT_EQ(refused.status, 502);
+      EXPECT_EQ(std::string(refused.what()).substr(0, 4), "502 ");
+    }
+  }
+}
+
 TEST(Faults, ABusyServiceIsAskedAgainWhenItSays) {
   std::atomic<int> asked = 0;
   Fake fake([&](const httplib::Request&, httplib::Response& response) {
@@ -265,6 +282,25 @@ TEST(Client, TokenPathAndPieces) {
   ASSERT_EQ(hits.size(), rays.size());
   EXPECT_EQ(hits[10000].range_m, 10000);
   EXPECT_TRUE(std::isnan(hits[0].lit));
+}
+
+TEST(Client, AMapAndWhatTheHeadersSay) {
+  Fake fake([](const httplib::Request& request, httplib::Response& response) {
+    EXPECT_EQ(request.path, "/v1/maps");
+    EXPECT_EQ(request.get_header_value("Accept"), "application/x-npz");
+    response.set_header("Server-Timing", "parse;dur=0.5");
+    response.set_header("Selenograph-Echo", R"({"n":1})");
+    response.set_content(
+        zip({{"left/height.npy", npy("<f8", "1, 1", raw<double>({7}))}, {"meta.json", R"({"geotransform": [1, 2]})"}}),
+        "application/x-npz");
+  });
+  const Frame map = Client(fake.url()).map({{"map", {{"gsd_m", 40}}}});
+  EXPECT_EQ(map["left/height"].at(0, 0), 7);
+  EXPECT_EQ(map.meta["geotransform"], (Json{1, 2}));
+  EXPECT_EQ(map.timing_ms.at("parse"), 0.5);
+  EXPECT_EQ(map.echo, R"({"n":1})");
+  EXPECT_EQ(map.etag, "");
+  EXPECT_THROW(map["radiance"], Error);
 }
 
 TEST(Client, FramesComeInOrderWithPosesAhead) {

@@ -19,7 +19,7 @@
 //
 // Failures are exceptions, all of them selenograph::Error: Refused (the service said no, and why), NoAnswer (none came
 // in time), BadAnswer (what came can't be read). Asking for a frame changes nothing in the service, so a call whose
-// connection is dropped is repeated; 429 and 503 with Retry-After are repeated when that time has passed.
+// connection is dropped is repeated; 429 and 503 with Retry-After (in seconds) are repeated when that time has passed.
 #ifndef SELENOGRAPH_CLIENT_HPP
 #define SELENOGRAPH_CLIENT_HPP
 
@@ -77,9 +77,7 @@ class Refused : public Error {
  public:
   Refused(int http_status, Json document)
       : Error(describe(http_status, document)), status(http_status), problem(std::move(document)) {
-    if (problem.is_object() && problem.contains("errors")) {
-      for (const Json& error : problem["errors"]) pointers.push_back(error.value("pointer", ""));
-    }
+    for (const Json& error : errors(problem)) pointers.push_back(text(error, "pointer"));
   }
 
   int status;
@@ -88,14 +86,20 @@ class Refused : public Error {
 
  private:
   static std::string describe(int status, const Json& problem) {
-    std::string text = std::to_string(status);
-    if (!problem.is_object()) return text + " without a problem document";
-    text += " " + problem.value("title", "");
-    if (const std::string detail = problem.value("detail", ""); !detail.empty()) text += ": " + detail;
-    if (problem.contains("errors")) {
-      for (const Json& e : problem["errors"]) text += "\n  " + e.value("pointer", "") + ": " + e.value("detail", "");
-    }
-    return text;
+    std::string all = std::to_string(status) + " ";
+    all += problem.is_null() ? "without a problem document" : text(problem, "title") + ": " + text(problem, "detail");
+    for (const Json& error : errors(problem)) all += "\n  " + text(error, "pointer") + ": " + text(error, "detail");
+    return all;
+  }
+
+  // Of whatever a proxy may have put there instead.
+  static Json errors(const Json& problem) {
+    const auto found = problem.find("errors");
+    return found != problem.end() && found->is_array() ? *found : Json::array();
+  }
+  static std::string text(const Json& object, const char* name) {
+    const auto found = object.find(name);
+    return found != object.end() && found->is_string() ? found->get<std::string>() : std::string();
   }
 };
 
@@ -462,12 +466,12 @@ class Client {
 
   // Any call by POST with a JSON answer, with members that the calls above don't have (objects, shutter, ...).
   Json post(const std::string& path, const Json& request) {
-    return json_of(ask("POST", path, request.dump(), "application/json"));
+    return json_of(ask("POST", path, text_of(request), "application/json"));
   }
 
   // A frame or a map in another form, e.g. "image/png" to be written to a file.
   Answer post(const std::string& path, const Json& request, const std::string& accept) {
-    return ask("POST", path, request.dump(), accept);
+    return ask("POST", path, text_of(request), accept);
   }
 
  private:
@@ -558,6 +562,11 @@ class Client {
     return true;
   }
 
+  // What isn't UTF-8 is replaced, and the service then says where it doesn't know the word.
+  static std::string text_of(const Json& request) {
+    return request.dump(-1, ' ', false, Json::error_handler_t::replace);
+  }
+
   static Json problem_of(const Answer& answer) {
     Json problem = Json::parse(answer.body, nullptr, false);
     return problem.is_object() ? problem : Json(nullptr);
@@ -570,7 +579,7 @@ class Client {
   }
 
   Frame arrays(const std::string& path, const Json& request) {
-    const Answer answer = ask("POST", path, request.dump(), "application/x-npz");
+    const Answer answer = ask("POST", path, text_of(request), "application/x-npz");
     Frame frame;
     for (const auto& [name, bytes] : detail::read_zip(answer.body)) {
       if (name == "meta.json") {

@@ -2,9 +2,8 @@ function frames = selenograph_frames(service, requests, take, ahead)
 % SELENOGRAPH_FRAMES  A sequence of frames, in order.
 %   selenograph_frames(service, requests, @(index, frame) ...)   calls the function for each frame
 %   frames = selenograph_frames(service, requests)               a cell of all frames
-%   requests: a cell of structs. Each is sent with the poses of the `ahead` (4) that follow it, so that the service loads
-%   terrain in idle time; one with an "ahead" of its own keeps that. One frame is under way at a time: MATLAB has no
-%   threads for more.
+%   requests: a cell of structs. Each is sent with the poses of the `ahead` (4) that follow it, so that the service
+%   loads terrain in idle time; one with an "ahead" of its own keeps that. One frame is under way at a time.
   if nargin < 3, take = []; end
   if nargin < 4, ahead = 4; end
   frames = cell(1, 0);

@@ -3,8 +3,8 @@ function pose = selenograph_pose(position, way, value)
 %   position: [x y z] in metres, MOON_ME; or struct('lat_deg', a, 'lon_deg', b, 'height_m', h)
 %   way and value:
 %     'nadir', up_azimuth_deg              boresight to the Moon's centre; azimuth of the image's up direction
-%     'look_at', place                     boresight through struct('lat_deg', a, 'lon_deg', b, 'height_m', h, 'up', u); the
-%                                          last two may be left out; up is 'north' or [x y z] in MOON_ME
+%     'look_at', place                     boresight through struct('lat_deg', a, 'lon_deg', b, 'height_m', h, 'up', u);
+%                                          the last two may be left out; up is 'north' or [x y z] in MOON_ME
 %     'camera_from_moon_wxyz', q           quaternion that rotates MOON_ME vectors into camera axes, scalar first
 %     'camera_from_moon_xyzw', q           the same, scalar last
 %     'moon_from_camera_wxyz', q           its inverse, scalar first

@@ -2,8 +2,8 @@ function landmarks = selenograph_project(service, camera, pose, points, sun)
 % SELENOGRAPH_PROJECT  Where places appear in the image, and whether they are seen: POST /v1/project.
 %   landmarks = selenograph_project(service, camera, pose, points, sun)
 %   points: N x 2 (lat_deg, lon_deg) or N x 3 with height_m above the sphere of 1 737 400 m; NaN: on the terrain.
-%   landmarks.x_px, y_px (the top-left pixel's centre is (0, 0)), range_m, height_m, lit: N x 1, NaN where there is none;
-%   in_frame, visible: N x 1 logical.
+%   landmarks.x_px, y_px (the top-left pixel's centre is (0, 0)), range_m, height_m, lit: N x 1, NaN where there is
+%   none; in_frame, visible: N x 1 logical.
   request = struct('camera', camera, 'pose', pose);
   if nargin > 4 && ~isempty(sun), request.sun = sun; end
   if size(points, 2) == 2, points(:, 3) = NaN; end

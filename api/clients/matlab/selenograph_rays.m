@@ -2,8 +2,8 @@ function hits = selenograph_rays(service, origins_m, directions, sun)
 % SELENOGRAPH_RAYS  Where rays meet the terrain, an altimeter or lidar: POST /v1/rays. Any number, sent in pieces.
 %   hits = selenograph_rays(service, origins_m, directions)
 %   hits = selenograph_rays(service, origins_m, directions, sun)
-%   origins_m, directions: N x 3, MOON_ME; directions of any length but zero. hits.hit: N x 1 logical; hits.range_m: N x 1;
-%   hits.position_m, hits.normal: N x 3, MOON_ME; hits.lit: N x 1. NaN without a hit, and lit without a Sun.
+%   origins_m, directions: N x 3, MOON_ME; directions of any length but zero. hits.hit: N x 1 logical; hits.range_m,
+%   hits.lit: N x 1; hits.position_m, hits.normal: N x 3, MOON_ME. NaN without a hit, and lit without a Sun.
   if size(origins_m, 2) ~= 3 || ~isequal(size(origins_m), size(directions))
     error('selenograph:argument', 'origins_m and directions must both be N x 3');
   end

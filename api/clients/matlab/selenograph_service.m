@@ -10,8 +10,11 @@ function service = selenograph_service(url, token, timeout_s)
     service = url;
     return
   end
-  if ~ischar(url) || isempty(regexp(url, '^https?://[^"\\\s]+$', 'once')) || any(token < ' ' | token == '"' | token == '\')
-    error('selenograph:argument', 'not the URL of a service, or not a token: %s', url);
+  if ~ischar(url) || isempty(regexp(url, '^https?://[^"\\\s]+$', 'once'))
+    error('selenograph:argument', 'url must be like http://127.0.0.1:8080');
+  end
+  if ~isempty(regexp(token, '[^!#-\[\]-~]', 'once'))
+    error('selenograph:argument', 'the token has a character that no token has');
   end
   service = struct('url', regexprep(url, '/+$', ''), 'token', token, 'timeout_s', timeout_s);
 end

@@ -1,6 +1,6 @@
 function members = read_npz(bytes)
-% The arrays and the metadata of an npz as the service sends it: a zip (PKWARE's APPNOTE, 4.3) of members that are stored
-% as they are. A struct; '/' in a name becomes '_'.
+% The arrays and the metadata of an npz as the service sends it: a zip (PKWARE's APPNOTE, 4.3) of members that are
+% stored as they are. A struct; '/' in a name becomes '_'.
   bytes = bytes(:)';
   last = strfind(char(bytes), ['PK' char([5 6])]);
   if isempty(last) || numel(bytes) - last(end) + 1 < 22, bad('no npz'), end
@@ -31,7 +31,8 @@ function array = read_npy(bytes)
   length_size = 2 + 2 * (bytes(7) > 1);
   header_size = number(bytes, 9, length_size);
   header = char(slice(bytes, 9 + length_size, header_size));
-  found = regexp(header, '''descr'': ''(..\d+)'', ''fortran_order'': False, ''shape'': \(([\d, ]*)\)', 'tokens', 'once');
+  form = '''descr'': ''(..\d+)'', ''fortran_order'': False, ''shape'': \(([\d, ]*)\)';
+  found = regexp(header, form, 'tokens', 'once');
   if isempty(found), bad('an npy header of another form'), end
   names = struct('u1', 'uint8', 'u2', 'uint16', 'u4', 'uint32', 'i4', 'int32', 'f4', 'single', 'f8', 'double');
   descr = found{1};

@@ -9,8 +9,8 @@ function [answer, fault] = send_matlab(method, url, fields, body, left_s)
     request.Body = matlab.net.http.MessageBody();
     request.Body.Payload = uint8(body);
   end
-  options = matlab.net.http.HTTPOptions('ConnectTimeout', left_s, 'ResponseTimeout', left_s, 'ConvertResponse', false, ...
-                                        'SavePayload', true);
+  options = matlab.net.http.HTTPOptions('ConnectTimeout', left_s, 'ResponseTimeout', left_s, ...
+                                        'ConvertResponse', false, 'SavePayload', true);
   try
     response = request.send(matlab.net.URI(url), options);
   catch e

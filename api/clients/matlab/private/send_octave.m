@@ -19,7 +19,7 @@ function [answer, fault] = send_octave(method, url, fields, body, left_s)
     [code, said] = system(sprintf('curl --disable --config "%s" 2>&1', file('settings')));
     if code == 127, error('selenograph:argument', 'the program curl isn''t installed'); end
     if code ~= 0
-      fault = strtrim(said);
+      fault = strtrim(regexprep(said, '\d{3}$', ''));  % the status is written all the same
     else
       answer = struct('status', str2double(said(end - 2:end)), 'headers', read_headers(file('headers')), ...
                       'body', read_bytes(file('answer')));
