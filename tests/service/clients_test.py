@@ -213,6 +213,18 @@ class Examples:
                 self.assertAlmostEqual(q[key], value, delta=1e-14, msg=way)
         picture = self.service.frame(dict(request, products=["image"]), "image/png")
         self.assertEqual(said["picture"], {"type": "image/png", "bytes": len(picture[2])})
+        status, _, body = self.service.post("/v1/maps", {
+            "map": {"projection": "equirectangular", "gsd_m": 500,
+                    "bounds": {"south_deg": -7, "north_deg": -6, "west_deg": 39.5, "east_deg": 40.5}},
+            "sun": SUN, "products": ["radiance", "height"]}, "application/x-npz")
+        if status == 404:  # a service without maps
+            self.assertEqual(said["map"], {"status": 404})
+        else:
+            self.assertEqual(status, 200, body[:300])
+            archive = numpy.load(io.BytesIO(body))
+            self.assertEqual(said["map"]["shape"], list(archive["height"].shape))
+            self.assert_alike(said["map"]["height"], float(archive["height"][3, 5]), "map.height")
+            self.assertEqual(said["map"]["hash"], json.loads(archive["meta.json"])["content_hash"])
 
     def test_a_refusal_names_the_member(self):
         with FakeService(PROBLEM) as fake:

@@ -20,6 +20,14 @@ function every_call(url)
   picture = selenograph_call(url, 'POST', '/v1/frames', ...
                              struct('camera', camera, 'pose', above, 'sun', sun, 'products', {{'image'}}), 'image/png');
   said.picture = struct('type', picture.headers.content_type, 'bytes', numel(picture.body));
+  bounds = struct('south_deg', -7, 'north_deg', -6, 'west_deg', 39.5, 'east_deg', 40.5);
+  try
+    map = selenograph_map(url, struct('map', struct('projection', 'equirectangular', 'bounds', bounds, 'gsd_m', 500), ...
+                                      'sun', sun, 'products', {{'radiance', 'height'}}));
+    said.map = struct('shape', size(map.height), 'height', map.height(4, 6), 'hash', map.meta.content_hash);
+  catch
+    said.map = struct('status', selenograph_problem().status);
+  end
   printf('%s\n', jsonencode(said));
 end
 

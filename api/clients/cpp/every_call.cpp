@@ -67,6 +67,16 @@ int main(int argc, char** argv) try {
   const Answer picture = client.post(
       "/v1/frames", {{"camera", camera}, {"pose", above}, {"sun", sun}, {"products", {"image"}}}, "image/png");
   said["picture"] = {{"type", picture.header("content-type")}, {"bytes", picture.body.size()}};
+  const Json bounds{{"south_deg", -7.0}, {"north_deg", -6.0}, {"west_deg", 39.5}, {"east_deg", 40.5}};
+  try {
+    const Frame map = client.map({{"map", {{"projection", "equirectangular"}, {"bounds", bounds}, {"gsd_m", 500.0}}},
+                                  {"sun", sun},
+                                  {"products", {"radiance", "height"}}});
+    said["map"] = {
+        {"shape", map["height"].shape}, {"height", map["height"].at(3, 5)}, {"hash", map.meta.at("content_hash")}};
+  } catch (const Refused& refused) {
+    said["map"] = {{"status", refused.status}};
+  }
   std::cout << said << "\n";
   return 0;
 } catch (const std::exception& e) {
