@@ -321,13 +321,17 @@ class Octave(Examples, harness.WithService):
             ("selenograph:refused: 502 without", "selenograph_heights(url, 1, 2)", (502, {}, b"<html>")),
             ("selenograph:refused: 503 Busy", "selenograph_datasets(selenograph_service(url, '', 50))",
              (503, {"Retry-After": "100"}, BUSY[2])),
+            ("selenograph:refused: 422 Invalid request: a fault  /camera/width: is negative  /points/0 is number 10001",
+             "selenograph_heights(url, zeros(1, 10001), zeros(1, 10001))",
+             (200, {}, json.dumps({"points": [{}] * 10000}).encode())),
             ("selenograph:no_answer", "selenograph_datasets('http://127.0.0.1:1')", None),
             ("selenograph:no_answer", "selenograph_datasets(selenograph_service(url, '', 0))", None),
             ("selenograph:argument", "selenograph_service(url, ['a' 10 'b'])", None),
             ("selenograph:argument", "selenograph_rays(url, [1 2 3], [1 2])", None),
             ("selenograph:argument", "selenograph_pose([1 2 3], 'camera_from_moon_matrix', 2 * eye(3))", None))
-        each = " ".join("try, %s; catch e, disp([e.identifier ': ' e.message]); end;" % statement for _, statement, _ in cases)
-        with FakeService(*[answer for _, _, answer in cases if answer]) as fake:
+        each = " ".join("try, %s; catch e, disp([e.identifier ': ' strrep(e.message, char(10), '')]); end;" % statement for _, statement, _ in cases)
+        answers = [answer for _, _, answer in cases if answer] + [PROBLEM]
+        with FakeService(*answers) as fake:
             status, out, err = self.run_octave(f"url = '{fake.url}'; {each}")
         self.assertEqual(status, 0, err)
         for (expected, statement, _), said in zip(cases, out.splitlines()):
@@ -546,8 +550,10 @@ class Ros(Adapter):
         subscribers = [rospy.Subscriber("image_raw", sensor_msgs.msg.Image, images.put),
                        rospy.Subscriber("camera_info", sensor_msgs.msg.CameraInfo, infos.put)]
         poses = rospy.Publisher("truth", geometry_msgs.msg.PoseStamped, queue_size=10)
+        give_up = time.monotonic() + PATIENCE_S
         for connection in [poses] + subscribers:
             while connection.get_num_connections() == 0:
+                self.assertLess(time.monotonic(), give_up, self.said(node))
                 self.assertIsNone(node.poll(), self.said(node))
                 rospy.rostime.wallsleep(0.01)
 

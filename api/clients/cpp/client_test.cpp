@@ -284,6 +284,28 @@ TEST(Client, TokenPathAndPieces) {
   EXPECT_TRUE(std::isnan(hits[0].lit));
 }
 
+TEST(Client, ARefusalOfAPiecePointsIntoTheWholeList) {
+  std::atomic<int> asked = 0;
+  Fake fake([&](const httplib::Request& request, httplib::Response& response) {
+    if (++asked == 1) {
+      const std::size_t count = Json::parse(request.body)["points"].size();
+      const Json points(count, Json::object());
+      response.set_content(Json{{"points", points}}.dump(), "application/json");
+      return;
+    }
+    response.status = 422;
+    response.set_content(
+        R"({"errors": [{"pointer": "/points/5/lat_deg"}, {"pointer": "/points/17"}, {"pointer": "/points"}, 3]})",
+        "application/problem+json");
+  });
+  try {
+    Client(fake.url()).heights(std::vector<Place>(10018, Place{0, 0}));
+    FAIL();
+  } catch (const Refused& refused) {
+    EXPECT_EQ(refused.pointers, (std::vector<std::string>{"/points/10005/lat_deg", "/points/10017", "/points", ""}));
+  }
+}
+
 TEST(Client, AMapAndWhatTheHeadersSay) {
   Fake fake([](const httplib::Request& request, httplib::Response& response) {
     EXPECT_EQ(request.path, "/v1/maps");

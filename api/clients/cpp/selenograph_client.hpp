@@ -623,7 +623,7 @@ class Client {
       const std::size_t end = std::min(begin + kPiece, items.size());
       Json& list = request[member] = Json::array();
       for (std::size_t i = begin; i < end; ++i) list.push_back(write(items[i]));
-      const Json answer = post(path, request);
+      const Json answer = post_piece(path, request, std::string("/") + member + "/", begin);
       const auto found = answer.find(member);
       if (found == answer.end() || !found->is_array() || found->size() != end - begin) {
         detail::bad(std::string("no list of all ") + member);
@@ -633,6 +633,25 @@ class Client {
       } catch (const Json::exception& e) {
         detail::bad(e.what());
       }
+    }
+  }
+
+  // A refusal points into the whole list.
+  Json post_piece(const std::string& path, const Json& request, const std::string& list, std::size_t begin) {
+    try {
+      return post(path, request);
+    } catch (const Refused& refused) {
+      if (begin == 0 || refused.pointers.empty()) throw;
+      Json problem = refused.problem;
+      for (Json& error : problem["errors"]) {
+        const std::string pointer = error.is_object() ? error.value("pointer", Json()).dump() : "";
+        if (pointer.compare(0, list.size() + 1, '"' + list) != 0) continue;
+        const std::string after = error["pointer"].get<std::string>().substr(list.size());
+        const std::size_t digits = std::min(after.find('/'), after.size());
+        const std::size_t index = std::strtoul(after.c_str(), nullptr, 10) + begin;
+        error["pointer"] = list + std::to_string(index) + after.substr(digits);
+      }
+      throw Refused(refused.status, std::move(problem));
     }
   }
 

@@ -5,7 +5,12 @@ function answers = post_in_pieces(service, path, member, request, items)
   for first = 1:PIECE:numel(items)
     piece = items(first:min(first + PIECE - 1, end));
     request.(member) = piece;
-    answer = read_json(selenograph_call(service, 'POST', path, request));
+    try
+      answer = read_json(selenograph_call(service, 'POST', path, request));
+    catch e
+      if first == 1, rethrow(e), end
+      error(e.identifier, '%s\n  /%s/0 is number %d of the list, counted from 1', e.message, member, first);
+    end
     if ~isfield(answer, member) || numel(answer.(member)) ~= numel(piece)
       error('selenograph:bad_answer', 'no list of all %s', member);
     end
