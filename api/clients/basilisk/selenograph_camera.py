@@ -10,7 +10,7 @@
 
 Each update reads the spacecraft's state and the states of Moon and Sun, asks for one frame and writes it to imageOutMsg
 (Image). The Moon's J20002Pfix must lead to MOON_ME: load NAIF's lunar kernels and give SPICE's planetFrames "MOON_ME";
-Basilisk's default, IAU_MOON, is some hundred metres off. The camera frame C has OpenCV's axes: +x right in the image,
+Basilisk's default, IAU_MOON, is off by up to about 150 m. The camera frame C has OpenCV's axes: +x right in the image,
 +y down, +z boresight.
 
 The message is Python's, for Python modules: it holds the array in place of CameraImageMsgPayload's imagePointer, which

@@ -311,10 +311,10 @@ struct Ray {
 
 struct RayHit {
   bool hit = false;
-  double range_m;      // NaN without a hit, as all that follows
-  Vector3 position_m;  // MOON_ME
-  Vector3 normal;      // outward, MOON_ME
-  double lit;          // lit fraction of the solar disc; NaN without a Sun
+  double range_m = 0;       // NaN without a hit, as all that follows
+  Vector3 position_m = {};  // MOON_ME
+  Vector3 normal = {};      // outward, MOON_ME
+  double lit = 0;           // lit fraction of the solar disc; NaN without a Sun
 };
 
 struct Place {
@@ -323,20 +323,20 @@ struct Place {
 };
 
 struct Landmark {
-  double x_px, y_px;  // NaN behind the camera
-  double range_m, height_m;
+  double x_px = 0, y_px = 0;  // the centre of the top-left pixel is (0, 0); NaN behind the camera
+  double range_m = 0, height_m = 0;
   bool in_frame = false, visible = false;
-  double lit;          // NaN without a Sun
+  double lit = 0;      // NaN without a Sun
   std::string reason;  // why there is no place in the image, or no height
 };
 
 struct Height {
-  double lat_deg, lon_deg;
-  double height_m;        // above the sphere of 1 737 400 m; NaN without data
-  double post_spacing_m;  // NaN without data
-  std::string source;     // the tile that it came from
-  bool filled = false;    // interpolated from a coarser layer
-  std::string reason;     // why there is no height
+  double lat_deg = 0, lon_deg = 0;
+  double height_m = 0;        // above the sphere of 1 737 400 m; NaN without data
+  double post_spacing_m = 0;  // NaN without data
+  std::string source;         // the tile that it came from
+  bool filled = false;        // interpolated from a coarser layer
+  std::string reason;         // why there is no height
 };
 
 // What came back over HTTP, as it is.
@@ -379,7 +379,8 @@ class Client {
   // A sequence of frames: `take(index, frame)` is called for each, in order, in the calling thread, while up to
   // `in_flight` others are under way. Each request carries the poses of the `ahead` that follow it, so that the service
   // loads terrain in idle time; a request with an "ahead" of its own keeps that. `next` gives the requests one by one,
-  // and nothing at the end; it is asked for `ahead` more than are under way. The first failure ends the sequence.
+  // and nothing at the end; it is asked for `ahead` more than are under way. The first failure ends the sequence. Where
+  // a pose depends on the frame before it, call frame() instead.
   void frames(const std::function<std::optional<Json>()>& next, const std::function<void(std::size_t, Frame)>& take,
               std::size_t in_flight = 2, std::size_t ahead = 4) {
     if (in_flight == 0 || ahead > kMostAhead) throw Error("in_flight must be at least 1, ahead at most 64");
