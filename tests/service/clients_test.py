@@ -17,7 +17,6 @@ import shutil
 import socket
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 import types
@@ -41,10 +40,22 @@ SUN = {"subsolar": {"lat_deg": 0.0, "lon_deg": 100.0}}
 def setUpModule():
     harness.set_up()
     harness.sample("dem", *PLACE)
+    WithClients.service = harness.Service()
 
 
 def tearDownModule():
+    code = WithClients.service.stop()
     harness.tear_down()
+    assert code == 0, f"exit status {code} after SIGTERM"
+
+
+class WithClients(unittest.TestCase):
+    """One service for all tests."""
+
+    service = None
+
+    def url(self):
+        return "http://%s:%d" % (self.service.host, self.service.port)
 
 
 class FakeService:
@@ -117,9 +128,6 @@ class Examples:
         status, out, err = self.run_example(name, self.url())
         self.assertEqual(status, 0, err)
         return out.splitlines()
-
-    def url(self):
-        return "http://%s:%d" % (self.service.host, self.service.port)
 
     def npz(self, request):
         """The service's own answer, by NumPy; and its ETag."""
@@ -268,7 +276,7 @@ class Examples:
 
 
 @unittest.skipUnless(CPP_EXAMPLES, "SELENOGRAPH_CPP_EXAMPLES isn't set")
-class Cpp(Examples, harness.WithService):
+class Cpp(Examples, WithClients):
     def run_example(self, name, *arguments):
         done = subprocess.run([os.path.join(CPP_EXAMPLES, name), *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                               text=True, timeout=PATIENCE_S)
@@ -284,7 +292,7 @@ class Cpp(Examples, harness.WithService):
 
 
 @unittest.skipUnless(OCTAVE, "Octave isn't installed: apt-get install octave")
-class Octave(Examples, harness.WithService):
+class Octave(Examples, WithClients):
     types = {"float32": "single", "float64": "double"}
     last_places = 2
 
@@ -393,7 +401,7 @@ def mrp_of(matrix):
     return numpy.array(axis) / (zeta * (zeta + 2))
 
 
-class Adapter(harness.WithService):
+class Adapter(WithClients):
     """What the adapters are compared with: a frame of the service's own, straight down."""
 
     def setUp(self):
@@ -404,7 +412,6 @@ class Adapter(harness.WithService):
         resolved = json.loads(self.right["meta.json"])["request"]
         self.position_m = numpy.array(resolved["pose"]["position_m"])
         self.quaternion = [resolved["pose"]["camera_from_moon"][key] for key in "wxyz"]
-        self.url = "http://%s:%d" % (self.service.host, self.service.port)
 
     def npz(self, rest):
         status, _, body = self.service.frame(dict(self.request, **rest), "application/x-npz")
@@ -418,7 +425,7 @@ class Basilisk(Adapter):
         super().setUp()
         import selenograph
         sys.modules.update(basilisk_stand_ins())
-        self.client = selenograph.Client(self.url)
+        self.client = selenograph.Client(self.url())
         self.addCleanup(self.client.close)
         self.module = loaded("basilisk", "selenograph_camera.py")
 
@@ -504,17 +511,17 @@ class Ros(Adapter):
     """A ROS master, the node and a subscriber, each for real."""
 
     def start(self, *command):
-        log = tempfile.TemporaryFile()
-        self.addCleanup(log.close)
-        process = subprocess.Popen(command, stdout=log, stderr=log)
+        name = harness.path(os.path.basename(command[0]) + ".log")
+        with open(name, "w") as log:
+            process = subprocess.Popen(command, stdout=log, stderr=log)
         self.addCleanup(process.wait)
         self.addCleanup(process.kill)
-        process.log = log
+        process.log_name = name
         return process
 
     def said(self, process):
-        process.log.seek(0)
-        return process.log.read().decode(errors="replace")
+        with open(process.log_name, errors="replace") as log:
+            return log.read()
 
     def wait_for_port(self, port, process):
         give_up = time.monotonic() + PATIENCE_S
@@ -538,7 +545,7 @@ class Ros(Adapter):
         self.wait_for_port(port, master)
         with open(harness.path("ros-request.json"), "w") as file:
             json.dump(dict(self.request, sun=SUN), file)
-        node = self.start(sys.executable, os.path.join(CLIENTS, "ros", "selenograph_node.py"), f"_url:={self.url}",
+        node = self.start(sys.executable, os.path.join(CLIENTS, "ros", "selenograph_node.py"), f"_url:={self.url()}",
                           "_request:=" + harness.path("ros-request.json"), "pose:=truth")
         import geometry_msgs.msg
         import rospy
@@ -547,29 +554,39 @@ class Ros(Adapter):
         rospy.init_node("clients_test", disable_signals=True)
         self.addCleanup(rospy.signal_shutdown, "the test is over")
         images, infos = queue.Queue(), queue.Queue()
-        subscribers = [rospy.Subscriber("image_raw", sensor_msgs.msg.Image, images.put),
-                       rospy.Subscriber("camera_info", sensor_msgs.msg.CameraInfo, infos.put)]
+        rospy.Subscriber("image_raw", sensor_msgs.msg.Image, images.put)
+        rospy.Subscriber("camera_info", sensor_msgs.msg.CameraInfo, infos.put)
         poses = rospy.Publisher("truth", geometry_msgs.msg.PoseStamped, queue_size=10)
-        give_up = time.monotonic() + PATIENCE_S
-        for connection in [poses] + subscribers:
-            while connection.get_num_connections() == 0:
-                self.assertLess(time.monotonic(), give_up, self.said(node))
-                self.assertIsNone(node.poll(), self.said(node))
-                rospy.rostime.wallsleep(0.01)
-
         message = geometry_msgs.msg.PoseStamped()
         w, x, y, z = self.quaternion
         q = message.pose.orientation
         q.w, q.x, q.y, q.z = w, -x, -y, -z  # moon_from_camera
-        for secs, moon_frame, scale in ((100, "moon_me", 1), (101, "map", 1), (102, "moon_me", 0.98), (103, "moon_me", 1)):
+
+        def publish(secs, moon_frame="moon_me", scale=1.0):
             message.header.stamp = rospy.Time(secs, 5)
             message.header.frame_id = moon_frame
             p = message.pose.position
             p.x, p.y, p.z = scale * self.position_m
             poses.publish(message)
+
+        def following(answers):
+            answer = answers.get(timeout=PATIENCE_S)
+            return answer if answer.header.stamp.secs != 1 else following(answers)
+
+        # What is sent before all are connected is lost.
+        give_up = time.monotonic() + PATIENCE_S
+        while images.empty() or infos.empty():
+            self.assertIsNone(node.poll(), self.said(node))
+            self.assertLess(time.monotonic(), give_up, self.said(node))
+            publish(1)
+            time.sleep(0.1)
+        publish(100)
+        publish(101, moon_frame="map")
+        publish(102, scale=0.98)
+        publish(103)
         # 101 is in a frame that isn't the Moon's, 102 is below the ground.
         for secs in (100, 103):
-            image, info = images.get(timeout=PATIENCE_S), infos.get(timeout=PATIENCE_S)
+            image, info = following(images), following(infos)
             for header in (image.header, info.header):
                 self.assertEqual((header.stamp.secs, header.stamp.nsecs, header.frame_id), (secs, 5, "camera_optical"))
             self.assertEqual((image.encoding, image.height, image.width, image.step), ("mono8", 48, 64, 64))
