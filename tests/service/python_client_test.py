@@ -372,6 +372,28 @@ class Points(WithClient):
         self.assertEqual(catalogue["problems"], [])
 
 
+class Maps(WithClient):
+    def test_a_map(self):
+        if "/v1/maps" not in json.loads(SERVICE.ask("GET", "/openapi.json")[2])["paths"]:
+            self.skipTest("this service has no /v1/maps")
+        bounds = {"south_deg": -6.6, "north_deg": -6.4, "west_deg": 40.0, "east_deg": 40.3}
+        request = {"map": {"projection": "equirectangular", "bounds": bounds, "gsd_m": 200}, "products": ["height", "lit"],
+                   "sun": request_at(0)["sun"]}
+        picture = self.client.map(request)
+        self.assertEqual(set(picture), {"height", "lit"})
+        rows, columns = picture["height"].shape
+        self.assertTrue(25 < rows < 35 and 40 < columns < 50, (rows, columns))  # 6.1 km by 9.1 km
+        # Row 0 in the north.
+        northern = self.client.heights(-6.4, 40.15).height_m
+        southern = self.client.heights(-6.6, 40.15).height_m
+        middle = picture["height"][:, columns // 2]
+        self.assertLess(abs(middle[0] - northern), abs(middle[0] - southern))
+        self.assertTrue(picture.etag and picture.meta["request"])
+        self.assertIn("geotransform", json.dumps(picture.meta))
+        tiff = self.client.encoded({**request, "products": ["height"]}, "image/tiff")
+        self.assertEqual(tiff.media_type, "image/tiff")
+
+
 class Async(unittest.TestCase):
     def run_with_client(self, work):
         async def all_of_it():

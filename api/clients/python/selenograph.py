@@ -300,11 +300,12 @@ class Client:
 
     def encoded(self, request: Request, media_type: str = "image/png") -> Answer:
         """A frame as a file: image/png (product "image" alone), image/tiff (one product), image/x-exr,
-        application/x-npz, application/x-npy (one product). `answer.content` are its bytes."""
-        return self._post("/v1/frames", request, media_type)
+        application/x-npz, application/x-npy (one product). `answer.content` are its bytes. Of a request with "map" the
+        map: image/tiff is a GeoTIFF."""
+        return self._post("/v1/maps" if "map" in request else "/v1/frames", request, media_type)
 
     def map(self, request: Request) -> Frame:
-        """An image of the Moon in a map projection: POST /v1/maps. `frame.meta` has geotransform and WKT."""
+        """Products in a map projection: POST /v1/maps. `frame.meta["grid"]` has geotransform and WKT."""
         return _warned(Frame(self._post("/v1/maps", request, "application/x-npz")))
 
     # Points
