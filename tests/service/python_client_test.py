@@ -6,12 +6,14 @@ Needs NumPy.
 
 import ast
 import asyncio
+import collections
 import contextlib
 import http.server
 import importlib.util
 import io
 import json
 import math
+import multiprocessing
 import os
 import queue
 import shutil
@@ -138,6 +140,25 @@ class Frames(WithClient):
         self.assertIn('/camera/fovdeg: unknown member; did you mean "fov_deg"?', str(refused))
         self.assertIn("/camera/height: is required", str(refused))
 
+    def test_processes_may_share_a_client(self):
+        right = self.client.frame(request_at(0))  # from here on a connection is kept
+        for method in ("fork", "spawn"):
+            with multiprocessing.get_context(method).Pool(2) as pool:
+                for frame in pool.map(self.client.frame, [request_at(0)] * 4):
+                    self.same(frame, right)
+                with self.assertRaises(Refused) as caught:
+                    pool.map(self.client.frame, [{}])
+                self.assertIn("/camera", caught.exception.pointers)
+                self.assertIn("/camera: is required", str(caught.exception))
+        forked = os.fork()
+        if not forked:
+            try:
+                os._exit(0 if self.client.frame(request_at(0)).etag == right.etag else 1)
+            finally:
+                os._exit(2)
+        self.same(self.client.frame(request_at(0)), right)
+        self.assertEqual(os.waitpid(forked, 0)[1], 0)
+
     def test_warnings_are_pythons(self):
         dark = request_at(0, sun=Sun.local(lat_deg=-6.5, lon_deg=40, azimuth_deg=90, elevation_deg=-40))
         with self.assertWarnsRegex(selenograph.FrameWarning, "no signal") as caught:
@@ -169,6 +190,7 @@ class InOrder(WithClient):
             with self.subTest(in_flight=in_flight, ahead=ahead):
                 self.all_right(self.client.frames(requests, in_flight, ahead))
                 self.all_right(self.client.frames(iter(requests), in_flight, ahead))
+                self.all_right(self.client.frames(collections.deque(requests), in_flight, ahead))
         self.assertEqual(list(self.client.frames([])), [])
         self.assertEqual(list(self.client.frames(iter([]))), [])
 
@@ -348,6 +370,28 @@ class Points(WithClient):
         catalogue = self.client.datasets()
         self.assertEqual(len(catalogue["datasets"]), 6)
         self.assertEqual(catalogue["problems"], [])
+
+
+class Maps(WithClient):
+    def test_a_map(self):
+        if "/v1/maps" not in json.loads(SERVICE.ask("GET", "/openapi.json")[2])["paths"]:
+            self.skipTest("this service has no /v1/maps")
+        bounds = {"south_deg": -6.6, "north_deg": -6.4, "west_deg": 40.0, "east_deg": 40.3}
+        request = {"map": {"projection": "equirectangular", "bounds": bounds, "gsd_m": 200}, "products": ["height", "lit"],
+                   "sun": request_at(0)["sun"]}
+        picture = self.client.map(request)
+        self.assertEqual(set(picture), {"height", "lit"})
+        rows, columns = picture["height"].shape
+        self.assertTrue(25 < rows < 35 and 40 < columns < 50, (rows, columns))  # 6.1 km by 9.1 km
+        # Row 0 in the north.
+        northern = self.client.heights(-6.4, 40.15).height_m
+        southern = self.client.heights(-6.6, 40.15).height_m
+        middle = picture["height"][:, columns // 2]
+        self.assertLess(abs(middle[0] - northern), abs(middle[0] - southern))
+        self.assertTrue(picture.etag and picture.meta["request"])
+        self.assertIn("geotransform", json.dumps(picture.meta))
+        tiff = self.client.encoded({**request, "products": ["height"]}, "image/tiff")
+        self.assertEqual(tiff.media_type, "image/tiff")
 
 
 class Async(unittest.TestCase):

@@ -17,7 +17,7 @@ from harness import REPOSITORY, Service, frame_request
 
 sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
 import selenograph  # noqa: E402
-from selenograph import Camera, Client, Pose, Sun, Trajectory  # noqa: E402
+from selenograph import Camera, Client, Pose, Refused, Sun, Trajectory  # noqa: E402
 
 MOON_GM = 4.9028e12  # m^3 s^-2
 SERVICE = None
@@ -430,6 +430,23 @@ class Trajectories(unittest.TestCase):
         inertial = Trajectory.from_ccsds(written("icrf.oem", Orbit.oem([0, 10], frame="ICRF")), up_azimuth_deg=0)
         pose = inertial.at(5)
         self.assertEqual((pose["frame"], pose["utc"]), ("ICRF", "2026-11-20T12:00:05Z"))
+
+    def test_an_inertial_orbit_is_the_services_to_turn(self):
+        with Client(f"http://{SERVICE.host}:{SERVICE.port}") as client:
+            oem = written("icrf.oem", Orbit.oem(np.arange(0, 61, 10), frame="ICRF"))
+            aem = written("icrf.aem", Orbit.aem([0, 60], a="ICRF"))
+            request, = Trajectory.from_ccsds(oem, aem).requests({"camera": Camera.pinhole(width=8, height=8, fov_deg=9),
+                                                                 "products": ["range"]}, [30])
+            try:
+                pose = selenograph.Frame(client.encoded(request, "application/x-npz")).meta["request"]["pose"]
+            except Refused as refused:
+                if refused.pointers != ["/pose/frame"] and "/pose/utc" not in refused.pointers:
+                    raise
+                self.skipTest("this service has no frame ICRF")
+        # The same turn for position and attitude: where the camera is in its own axes doesn't change.
+        right = camera_from_moon(request["pose"]) @ request["pose"]["position_m"]
+        np.testing.assert_allclose(camera_from_moon(pose) @ pose["position_m"], right, atol=1e-6)
+        self.assertGreater(np.linalg.norm(np.subtract(pose["position_m"], request["pose"]["position_m"])), 1e5)
 
     def csv(self, *lines):
         return written("trajectory.csv", "\n".join(lines) + "\n")

@@ -79,6 +79,7 @@ class Refused(Exception):
     def __init__(self, status: int, problem: Dict[str, Any], text: str = "") -> None:
         self.status = status
         self.problem = problem
+        self._text = text  # what came instead of a problem document
         errors = problem.get("errors") or []
         lines = [f"{status} {problem.get('title') or http.client.responses.get(status, 'unknown status')}"]
         if problem.get("detail") and len(errors) != 1:  # else it is the same as the only error's
@@ -87,6 +88,9 @@ class Refused(Exception):
             lines[0] += f": {text}"
         lines += [f"  {error.get('pointer') or 'the body'}: {error.get('detail')}" for error in errors]
         super().__init__("\n".join(lines))
+
+    def __reduce__(self) -> Any:  # for pickle: an exception's own way knows the message only
+        return Refused, (self.status, self.problem, self._text)
 
     @property
     def pointers(self) -> List[str]:
@@ -243,18 +247,27 @@ class Client:
         self.timeout_s = float(timeout_s)
         self._host, self._port, self._prefix = parts.hostname, parts.port, parts.path.rstrip("/")
         self._tls = ssl.create_default_context() if parts.scheme == "https" else None
+        self._token = token
         self._headers = {"User-Agent": f"selenograph-python/{__version__}"}
         if token is not None:
             self._headers["Authorization"] = f"Bearer {token}"
         self._idle: List[http.client.HTTPConnection] = []
         self._lock = threading.Lock()
+        self._process = os.getpid()
         self._closed = False
+
+    def __reduce__(self) -> Any:  # for multiprocessing: the same, with connections of its own
+        return Client, (self.url, self._token, self.timeout_s)
 
     def __enter__(self) -> Client:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def __del__(self) -> None:
+        for connection in getattr(self, "_idle", ()):
+            connection.close()
 
     def close(self) -> None:
         """Closes the connections. Calls in other threads get their answers."""
@@ -287,11 +300,12 @@ class Client:
 
     def encoded(self, request: Request, media_type: str = "image/png") -> Answer:
         """A frame as a file: image/png (product "image" alone), image/tiff (one product), image/x-exr,
-        application/x-npz, application/x-npy (one product). `answer.content` are its bytes."""
-        return self._post("/v1/frames", request, media_type)
+        application/x-npz, application/x-npy (one product). `answer.content` are its bytes. Of a request with "map" the
+        map: image/tiff is a GeoTIFF."""
+        return self._post("/v1/maps" if "map" in request else "/v1/frames", request, media_type)
 
     def map(self, request: Request) -> Frame:
-        """An image of the Moon in a map projection: POST /v1/maps. `frame.meta` has geotransform and WKT."""
+        """Products in a map projection: POST /v1/maps. `frame.meta["grid"]` has geotransform and WKT."""
         return _warned(Frame(self._post("/v1/maps", request, "application/x-npz")))
 
     # Points
@@ -455,6 +469,9 @@ class Client:
 
     def _connection(self, give_up: float) -> http.client.HTTPConnection:
         """One that was used before, or a new one."""
+        if self._process != os.getpid():  # after a fork: two processes must not share a connection
+            self._process = os.getpid()
+            self._drop_idle()  # this process' end only
         with self._lock:
             if self._idle:
                 return self._idle.pop()
@@ -565,10 +582,11 @@ def _with_ahead(ask: Callable[[Request], Any], request: Request, poses: List[Any
     return ask(request)
 
 
-def _poses(requests: Iterable[Request]) -> List[Any]:
-    """Up to the first request without a pose (one with a shutter's poses or several cameras, say)."""
-    poses = []
-    for request in requests:
+def _poses_behind(requests: Optional[Sequence[Request]], i: int, most: int) -> List[Any]:
+    """Of the requests behind number i, up to the first without a pose (with several cameras, say)."""
+    poses: List[Any] = []
+    for k in range(i + 1, min(i + 1 + most, len(requests or ()))):
+        request = requests[k]  # type: ignore[index]
         if not isinstance(request, collections.abc.Mapping) or "pose" not in request:
             break
         poses.append(request["pose"])
@@ -596,8 +614,7 @@ class _InStep:
 
     def __next__(self) -> Any:
         i, request = next(self._requests)
-        behind = self._known[i + 1:i + 1 + self._ahead] if self._known is not None else []
-        return self._ask(request, _poses(behind))
+        return self._ask(request, _poses_behind(self._known, i, self._ahead))
 
     def stop(self) -> None:
         pass
@@ -664,10 +681,9 @@ class _Pipeline:
                         self._changed.notify_all()
                     return
                 self._taken += 1
-            behind = self._known[i + 1:i + 1 + self._ahead] if self._known is not None else []
             answer: Tuple[Any, Optional[BaseException]]
             try:
-                answer = self._ask(request, _poses(behind)), None
+                answer = self._ask(request, _poses_behind(self._known, i, self._ahead)), None
             except BaseException as error:
                 answer = None, error
             with self._changed:
