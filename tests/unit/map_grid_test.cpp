@@ -1,6 +1,8 @@
 // Projections against their closed forms, and against themselves.
 #include "dem/map_grid.h"
 
+#include <cpl_string.h>
+#include <cpl_vsi.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -104,6 +106,16 @@ TEST(MapGrid, StopsWhenTold) {
   const MapBand band{"height", "m", values.data()};
   EXPECT_THROW(geotiff_bytes(grid, {&band, 1}, "{}", StopToken(StopToken::Clock::now())), Cancelled);
   EXPECT_LT(geotiff_bytes(grid, {&band, 1}, "{}", {}).size(), geotiff_bytes_at_most(grid, {&band, 1}));
+}
+
+// Everything that GDAL says of a map goes into the file itself, and nothing is left in memory.
+TEST(MapGrid, NoFileIsLeft) {
+  const std::vector<float> values(64, 1.F);
+  const MapBand band{"height", "m", values.data()};
+  for (const MapPlane& plane : {equirectangular(180, 0), equirectangular(10, 60), polar(90), orthographic(26, 3)})
+    geotiff_bytes({plane, 0, 0, 10, 8, 8}, {&band, 1}, "{}", {});
+  const CPLStringList left(VSIReadDirRecursive("/vsimem/"));
+  for (int i = 0; i < left.Count(); ++i) EXPECT_EQ(std::string(left[i]).find(".tif"), std::string::npos) << left[i];
 }
 
 }  // namespace
