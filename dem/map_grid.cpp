@@ -1,5 +1,6 @@
 #include "dem/map_grid.h"
 
+#include <Eigen/Geometry>
 #include <cmath>
 
 namespace selenograph::dem {
@@ -7,43 +8,50 @@ namespace {
 
 Vec3 unit(double lat_deg, double lon_deg) { return to_cartesian({lat_deg, lon_deg, 0}) / kMoonRadius_m; }
 
-// Snyder (12-3), (12-4).
-std::optional<Vec3> from_equirectangular(const MapPlane& plane, const MapPoint& p) {
-  const double lat_deg = p.y_m / kMetresPerDegree;
-  if (!(std::abs(lat_deg) <= 90)) return std::nullopt;
-  const double shrink = std::cos(plane.standard_parallel_deg * kRadiansPerDegree);
-  return unit(lat_deg, wrap_lon_deg(plane.lon_deg + p.x_m / (kMetresPerDegree * shrink)));
-}
-
-// Snyder (21-15), (20-16), (20-17), as a vector: c is the angle from the pole, tan(c / 2) = rho / (2 R).
-Vec3 from_stereographic(const MapPlane& plane, const MapPoint& p) {
-  const bool north = plane.lat_deg > 0;
-  const double half = std::hypot(p.x_m, p.y_m) / (2 * kMoonRadius_m);
-  const double cosine = (1 - half * half) / (1 + half * half), sine_by_rho = 1 / (kMoonRadius_m * (1 + half * half));
-  // Along the central meridian and a quarter turn east of it.
-  const double along = (north ? -p.y_m : p.y_m) * sine_by_rho, east = p.x_m * sine_by_rho;
-  const double lon0 = plane.lon_deg * kRadiansPerDegree, c = std::cos(lon0), s = std::sin(lon0);
-  return {along * c - east * s, along * s + east * c, north ? cosine : -cosine};
-}
-
-// Snyder (20-14), (20-15), (20-19), as a vector.
-std::optional<Vec3> from_orthographic(const MapPlane& plane, const MapPoint& p) {
-  const double x = p.x_m / kMoonRadius_m, y = p.y_m / kMoonRadius_m, up2 = 1 - x * x - y * y;
-  if (!(up2 >= 0)) return std::nullopt;
-  const EastNorthUp axes = local_axes(unit(plane.lat_deg, plane.lon_deg));
-  return x * axes.east + y * axes.north + std::sqrt(up2) * axes.up;
+// Of the projection's origin, where x and y point. At the poles, which have no east: with the central meridian downward
+// in the north, upward in the south.
+EastNorthUp axes_of(const MapPlane& plane) {
+  if (plane.projection == MapProjection::orthographic) return local_axes(unit(plane.lat_deg, plane.lon_deg));
+  const Vec3 meridian = unit(0, plane.lon_deg), east = unit(0, plane.lon_deg + 90);
+  if (plane.lat_deg > 0) return {east, -meridian, Vec3::UnitZ()};
+  return {east, meridian, -Vec3::UnitZ()};
 }
 
 }  // namespace
 
-std::optional<Vec3> MapPlane::direction(const MapPoint& point) const {
-  switch (projection) {
+MapDirections::MapDirections(const MapPlane& plane)
+    : plane_(plane),
+      metres_per_degree_(kMetresPerDegree * std::cos(plane.standard_parallel_deg * kRadiansPerDegree)),
+      axes_(axes_of(plane)) {}
+
+// Snyder (12-3), (12-4).
+std::optional<Vec3> MapDirections::from_equirectangular(const MapPoint& p) const {
+  const double lat_deg = p.y_m / kMetresPerDegree;
+  if (!(std::abs(lat_deg) <= 90)) return std::nullopt;
+  return unit(lat_deg, wrap_lon_deg(plane_.lon_deg + p.x_m / metres_per_degree_));
+}
+
+// Snyder (21-15), (20-16), (20-17), as a vector: c is the angle from the pole, tan(c / 2) = rho / (2 R).
+Vec3 MapDirections::from_stereographic(const MapPoint& p) const {
+  const double x = p.x_m / (2 * kMoonRadius_m), y = p.y_m / (2 * kMoonRadius_m), half2 = x * x + y * y;
+  return (2 * x * axes_.east + 2 * y * axes_.north + (1 - half2) * axes_.up) / (1 + half2);
+}
+
+// Snyder (20-14), (20-15), (20-19), as a vector.
+std::optional<Vec3> MapDirections::from_orthographic(const MapPoint& p) const {
+  const double x = p.x_m / kMoonRadius_m, y = p.y_m / kMoonRadius_m, up2 = 1 - x * x - y * y;
+  if (!(up2 >= 0)) return std::nullopt;
+  return x * axes_.east + y * axes_.north + std::sqrt(up2) * axes_.up;
+}
+
+std::optional<Vec3> MapDirections::operator()(const MapPoint& point) const {
+  switch (plane_.projection) {
     case MapProjection::equirectangular:
-      return from_equirectangular(*this, point);
+      return from_equirectangular(point);
     case MapProjection::polar_stereographic:
-      return from_stereographic(*this, point);
+      return from_stereographic(point);
     case MapProjection::orthographic:
-      return from_orthographic(*this, point);
+      return from_orthographic(point);
   }
   return std::nullopt;
 }
@@ -62,7 +70,7 @@ std::optional<MapPoint> MapPlane::place(double at_lat_deg, double at_lon_deg) co
                       -sign * rho * std::cos(east_deg * kRadiansPerDegree)};
     }
     case MapProjection::orthographic: {  // Snyder (20-3), (20-4)
-      const EastNorthUp axes = local_axes(unit(lat_deg, lon_deg));
+      const EastNorthUp axes = axes_of(*this);
       const Vec3 p = unit(at_lat_deg, at_lon_deg);
       if (p.dot(axes.up) < 0) return std::nullopt;
       return MapPoint{kMoonRadius_m * p.dot(axes.east), kMoonRadius_m * p.dot(axes.north)};

@@ -55,12 +55,13 @@ struct PatchDirections {
 PatchDirections directions_of(const dem::MapGrid& grid, const Patch& patch, const StopToken& stop) {
   PatchDirections out;
   out.all.resize(patch.pixels());
+  const dem::MapDirections direction(grid.plane);
   in_parallel_pieces(static_cast<std::size_t>(patch.height), 8, [&](std::size_t first, std::size_t past_last) {
     stop.check();
     for (std::size_t row = first; row < past_last; ++row)
       for (int column = 0; column < patch.width; ++column)
         out.all[row * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(column)] =
-            grid.direction(patch.x + column, patch.y + static_cast<int>(row)).value_or(Vec3::Constant(kNaN));
+            direction(grid.point(patch.x + column, patch.y + static_cast<int>(row))).value_or(Vec3::Constant(kNaN));
   });
   Vec3 sum = Vec3::Zero();
   for (const Vec3& d : out.all)
@@ -101,7 +102,7 @@ RowViews view_from(const Vec3& toward, const PatchDirections& patch, double gsd_
 }
 
 ProductSet frame_products(MapProductSet wanted) {
-  ProductSet products = kGeodetic;  // says where there is data
+  ProductSet products = kPosition;  // says where there is data
   if (wanted & kMapRadiance) products |= kRadiance;
   if (wanted & kMapLit) products |= kLit;
   if (wanted & (kMapSlope | kMapNormal)) products |= kNormal;
@@ -293,10 +294,11 @@ class MapDrawing {
         std::size_t to = (static_cast<std::size_t>(patch.y) + row) * static_cast<std::size_t>(request_.grid.width) +
                          static_cast<std::size_t>(patch.x);
         for (int column = 0; column < patch.width; ++column, ++from, ++to) {
-          if (std::isnan(drawn.geodetic[3 * from])) continue;
+          const Vec3 place(drawn.position[3 * from], drawn.position[3 * from + 1], drawn.position[3 * from + 2]);
+          if (std::isnan(place.x())) continue;
           if (!out.radiance.empty()) out.radiance[to] = drawn.radiance[from];
           if (!out.lit.empty()) out.lit[to] = drawn.lit[from];
-          if (!out.height.empty()) out.height[to] = drawn.geodetic[3 * from + 2];
+          if (!out.height.empty()) out.height[to] = place.norm() - kMoonRadius_m;
           if (!drawn.normal.empty()) {
             const float* n = &drawn.normal[3 * from];
             const Vec3 normal(static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2]));

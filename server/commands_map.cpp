@@ -110,12 +110,14 @@ struct Atlas {
   std::string_view media_type;
   ProgressBar& bar;
 
-  // Writes one map. `more`: products besides those that the file is to have.
-  engine::Map write(const api::MapQuery& query, const std::string& path, engine::MapProductSet more, double done,
-                    double share) const {
+  // Writes one map, the number-th of `count`. `more`: products besides those that the file is to have.
+  engine::Map write(const api::MapQuery& query, const std::string& path, engine::MapProductSet more, std::size_t number,
+                    std::size_t count) const {
     engine::MapRequest request = query.request;
     request.products |= more;
-    engine::Map map = renderer.map(request, {}, [&](double part) { bar.show(done + share * part, path); });
+    engine::Map map = renderer.map(request, {}, [&](double share) {
+      bar.show((static_cast<double>(number) + share) / static_cast<double>(count), path);
+    });
     const std::string hash =
         api::content_hash(query, renderer.scene_bytes(), renderer.terrain().catalogue().fingerprint(), media_type);
     write_whole(path, api::encode_map(query, map, hash, media_type));
@@ -160,14 +162,13 @@ void write_illumination(const api::MapQuery& query, const std::vector<double>& s
 std::string draw_series(const Atlas& atlas, const api::Json& body, const std::vector<Epoch>& epochs) {
   std::vector<double> sum;
   std::optional<api::MapQuery> last;
-  const double share = 1 / static_cast<double>(epochs.size());
   const std::string extension = fs::path(atlas.settings.output).extension().string();
   for (std::size_t i = 0; i < epochs.size(); ++i) {
     last = api::read_map(at_epoch(body, epochs[i]), atlas.limits, atlas.assets);
     api::check_map_answer(*last, atlas.media_type);
     const std::string name = text_of(epochs[i], "{:04}{:02}{:02}T{:02}{:02}{:02}Z");
     const std::string path = with_name(atlas.settings.output, name, extension);
-    add_lit(atlas.write(*last, path, engine::kMapLit, static_cast<double>(i) * share, share).products.lit, sum);
+    add_lit(atlas.write(*last, path, engine::kMapLit, i, epochs.size()).products.lit, sum);
   }
   const std::string path = with_name(atlas.settings.output, "illumination", ".tif");
   write_illumination(*last, sum, epochs, atlas.settings, path);

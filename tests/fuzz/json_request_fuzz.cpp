@@ -5,6 +5,7 @@
 
 #include "api/arrays.h"
 #include "api/frame_json.h"
+#include "api/map_json.h"
 #include "api/points_json.h"
 #include "api/problem.h"
 #include "api/ranges.h"
@@ -140,6 +141,24 @@ void check_frame(const Json& document) {
   require(request.terrain || !request.objects.empty(), "something is there");
 }
 
+void check_map(const Json& document) {
+  const api::MapQuery query = api::read_map(document, kLimits, kAssets);
+  const dem::MapGrid& grid = query.request.grid;
+  require(grid.width >= 1 && grid.height >= 1 && std::int64_t{grid.width} * grid.height <= kLimits.max_map_pixels,
+          "the map is within its limits");
+  require(std::isfinite(grid.west_m) && std::isfinite(grid.north_m), "the map lies somewhere");
+  const dem::MapDirections direction(grid.plane);
+  for (const int column : {0, grid.width - 1})
+    for (const int row : {0, grid.height - 1})
+      if (const auto d = direction(grid.point(column, row)))
+        require(std::abs(d->norm() - 1) < 1e-12, "a pixel has a direction");
+  if (query.sun_given) check_sun(query.request.look.sun);
+  require(!query.request.toward_viewer || is_unit(*query.request.toward_viewer), "the viewer is in a direction");
+  const std::string resolved = api::resolved_json(query).dump();
+  require(api::resolved_json(api::read_map(Json::parse(resolved), kLimits, kAssets)).dump() == resolved,
+          "a resolved request resolves to itself:", resolved);
+}
+
 void check_rays(const Json& document) {
   const api::RaysQuery query = api::read_rays(document, kLimits);
   require(!query.rays.empty() && query.rays.size() <= static_cast<std::size_t>(kLimits.max_rays),
@@ -180,7 +199,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   }
   fuzz::require(api::parse_json(document.dump(), fuzz::kLimits.max_json_depth) == document,
                 "JSON that was read is written and read again");
-  for (const auto check : {fuzz::check_frame, fuzz::check_rays, fuzz::check_project, fuzz::check_heights}) {
+  for (const auto check :
+       {fuzz::check_frame, fuzz::check_map, fuzz::check_rays, fuzz::check_project, fuzz::check_heights}) {
     try {
       check(document);
     } catch (const api::RequestError& refusal) {

@@ -57,6 +57,13 @@ OTHERS = {
                              "object_from_moon": {"w": 0, "x": -0.6, "y": 0.8, "z": 0}}}],
                 "terrain": False, "products": ["object_id", "radiance"]},
 }
+CENTER = {"center": {"lat_deg": -89.5, "lon_deg": 200}, "width_m": 300, "height_m": 200, "gsd_m": 50}
+MAPS = {
+    "bounds": {"projection": "equirectangular", "gsd_m": 1e4,
+               "bounds": {"south_deg": -2, "north_deg": 1.5, "west_deg": 170, "east_deg": -175}},
+    "polar": {"projection": "polar_stereographic", **CENTER},
+    "orthographic": {"projection": "orthographic", **CENTER},
+}
 WRONG = {
     "twice": '{"products": ["depth"], "products": ["depth"]}',
     "nan": '{"camera": NaN}',
@@ -72,6 +79,9 @@ WRONG = {
 def write_json():
     kinds = itertools.zip_longest(CAMERAS.items(), POSES.items(), SUNS.items(), OTHERS.items())
     chosen = [list(CAMERAS.items())[0], list(POSES.items())[0], list(SUNS.items())[0], list(OTHERS.items())[0]]
+    for name, area in MAPS.items():
+        write("json_request", f"map-{name}.json",
+              json.dumps({"map": area, "sun": SUNS["utc"], "view": {"direction": [0, 1, 2]}, "products": ["lit", "height", "radiance"]}))
     for row in kinds:
         chosen = [new or old for new, old in zip(row, chosen)]
         names, (camera, pose, sun, other) = zip(*chosen)

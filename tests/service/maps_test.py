@@ -174,6 +174,12 @@ class Maps(harness.WithService):
                 self.assertEqual(json.loads(tiff.file.GetMetadataItem("SELENOGRAPH"))["grid"], meta["grid"])
                 self.assertEqual((meta["grid"]["height"], meta["grid"]["width"]), arrays["height"].shape)
 
+    def test_source_alone(self):
+        tiff = Tiff(self.map(map_request(PLACES["orthographic"], "source"), "image/tiff"))
+        self.assertEqual(tiff.bands["source"].dtype, np.uint16)
+        self.assertEqual(tiff.band("source").GetNoDataValue(), 65535)
+        self.assertEqual(set(tiff.bands["source"].ravel()), {0})
+
     def test_sizes(self):
         bounds = PLACES["equirectangular"]
         arrays, meta = npz(self.map(map_request(bounds, "height")))
@@ -438,6 +444,7 @@ class CommandLine(unittest.TestCase):
         done = self.command(map_request(area, "lit"), "-o", harness.path("site.npz"), "--utc", "2026-11-20T00:00:00Z",
                             "2026-11-30T00:00:00Z", "5d")
         self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("100%", done.stderr)
         lit = []
         for day in (20, 25, 30):
             with open(harness.path(f"site-202611{day}T000000Z.npz"), "rb") as f:

@@ -86,6 +86,9 @@ class InABrowser(unittest.TestCase):
         cls.browser.quit()
         cls.service.stop()
 
+    def setUp(self):
+        self.browser.get_log("browser")  # of the test before: a refusal is an error to a browser
+
     def wait(self, condition):
         return WebDriverWait(self.browser, harness.PATIENCE_S, 0.1).until(lambda _: condition())
 
@@ -138,6 +141,21 @@ class InABrowser(unittest.TestCase):
                 fire('pointerdown', 0.5, 0.5), fire('pointermove', 0.55, 0.45), fire('pointerup', 0.55, 0.45);""")
 
         self.assertTrue(self.changes(drag))
+
+    def test_a_tilt_looks_towards_its_azimuth(self):
+        self.open()
+        for azimuth, member, sign in ((0, 0, 1), (90, 1, 1), (180, 0, -1), (270, 1, -1)):
+            self.changes(lambda: self.browser.execute_script(
+                f"Object.assign(camera, {{lat_deg: 0.05, lon_deg: 30.05, tilt_deg: 20, tilt_azimuth_deg: {azimuth}, "
+                f"up_azimuth_deg: {azimuth}}}); changed()"))
+            there = self.browser.execute_script("return [view.lat_deg - camera.lat_deg, view.lon_deg - camera.lon_deg]")
+            self.assertGreater(sign * there[member], 0.1)
+            self.assertLess(abs(there[1 - member]), 0.01)
+            # What is farther away is up in the image: the upper corners are farther from the camera.
+            upper, lower = self.browser.execute_script("""
+                const far = c => Math.hypot(c.lat_deg - camera.lat_deg, c.lon_deg - camera.lon_deg);
+                return [far(view.corners[0]), far(view.corners[3])]""")
+            self.assertGreater(upper, lower)
 
     def test_each_product_is_shown(self):
         self.open()
