@@ -146,9 +146,8 @@ void fill_maps(OrderedJson& operation) {
   operation["description"] =
       "Vertical rays through the pixels' centres: the terrain, shadows and level of detail of frames on a map's grid. "
       "If-None-Match is answered with 304 as for frames.";
-  operation["parameters"] = {timeout_parameter(),
-                             parameter("If-None-Match", "header", "ETags that the client has", false,
-                                       {{"type", "string"}})};
+  operation["parameters"] = {timeout_parameter(), parameter("If-None-Match", "header", "ETags that the client has",
+                                                            false, {{"type", "string"}})};
   operation["requestBody"] = body("MapRequest", map_examples());
   std::string description = "As `Accept` asks; without a preference the first.\n";
   OrderedJson content = OrderedJson::object();

@@ -24,8 +24,8 @@ struct SunPosition {
 // at the definition; nearly all of it is the lunar rotation.
 SunPosition sun_at(const std::string& utc);
 
-// Rotates vectors of ICRF axes into MOON_ME at a UTC epoch, by the rotation that sun_at uses; errors likewise, and up to
-// 0.01 degrees of rotation.
+// Rotates vectors of ICRF axes into MOON_ME at a UTC epoch, by the rotation that sun_at uses; errors likewise, and up
+// to 0.01 degrees of rotation.
 Eigen::Matrix3d moon_me_from_icrf(const std::string& utc);
 
 enum class BodyFrame { moon_me, moon_pa_de421, moon_pa_de440 };
