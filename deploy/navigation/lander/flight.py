@@ -30,7 +30,7 @@ class Truth:
     """What all flights of a scenario share: times, the IMU's exact increments, frames. Frames depend on the true pose
     alone, so that sharing them is exact."""
 
-    def __init__(self, scenario, client, surface=None, accuracy=None, frames_client=None):
+    def __init__(self, scenario, client, sun=None, accuracy=None):
         self.scenario = scenario
         descent = scenario.descent
         steps = int(round(scenario.frame_step_s / scenario.imu_step_s))
@@ -48,14 +48,12 @@ class Truth:
         self.post_spacing_m = float(np.median(ground.post_spacing_m))
 
         self.frames = []
-        requests = [{"camera": scenario.camera.request, "sun": scenario.flight_sun, "products": ["radiance"],
-                     **({"surface": surface} if surface else {}), **({"accuracy": accuracy} if accuracy else {}),
+        requests = [{"camera": scenario.camera.request, "sun": sun or scenario.flight_sun, "products": ["radiance"],
+                     **({"accuracy": accuracy} if accuracy else {}),
                      "pose": Pose.from_matrix(attitude, direction="moon_from_camera", position_m=position)}
                     for position, attitude in zip(self.positions, self.attitudes)]
-        self.render_ms = []
-        for frame in (frames_client or client).frames(requests):
-            self.frames.append(frame["radiance"].astype(np.float32))
-            self.render_ms.append(frame.timing.get("total", np.nan))
+        for frame in client.frames(requests):
+            self.frames.append(frame["radiance"])
 
 
 def onboard_map(scenario, client, post_spacing_m, initial):
@@ -76,7 +74,7 @@ def fly(truth, onboard, imu, initial, seed, detector=Detector(), keep=None):
                    descent.velocity(0) + random.normal(0, sigmas[1], 3),
                    descent.moon_from_camera(0) @ rotation(random.normal(0, sigmas[2], 3)), sigmas, imu)
     velocity, angle, _, _ = inertial.measured(imu, truth.increments, truth.imu_times_s, random)
-    matcher = Matcher(scenario.camera, onboard)
+    matcher = Matcher(scenario.camera, onboard, scenario.frame_step_s)
     rows = []
     for i, frame in enumerate(truth.frames):
         for j in range(i * truth.steps, (i + 1) * truth.steps):

@@ -82,7 +82,7 @@ def level_requests(descent, camera, sun, post_spacing_m, position_sigma_m):
     gsd_m, requests = altitude_m[0] / camera.focal, []
     while True:
         # Before a level is used the error is as at first for the coarsest, and below the footprint for the others.
-        used = altitude_m <= 2 * gsd_m * camera.focal
+        used = altitude_m <= 1.6 * gsd_m * camera.focal if requests else np.full(len(times), True)
         doubt_m = 3 * position_sigma_m if not requests else 0.3 * altitude_m[used].max()
         centre_lon = lon_deg[used].mean()
         center = {"lat_deg": 0.5 * (lat_deg[used].min() + lat_deg[used].max()), "lon_deg": centre_lon}
@@ -92,8 +92,9 @@ def level_requests(descent, camera, sun, post_spacing_m, position_sigma_m):
         north_m = np.ptp(lat_deg[used]) * degree_m
         size = {"width_m": east_m + 2 * margin_m, "height_m": north_m + 2 * margin_m}
         fitting_m = max(gsd_m, np.sqrt(size["width_m"] * size["height_m"] / MOST_PIXELS), post_spacing_m / 3)
-        requests.append({"map": {"projection": "equirectangular", "center": center, "gsd_m": fitting_m, **size},
-                         "sun": sun, "products": ["radiance", "height"]})
+        if not requests or fitting_m < 0.75 * requests[-1]["map"]["gsd_m"]:
+            requests.append({"map": {"projection": "equirectangular", "center": center, "gsd_m": fitting_m, **size},
+                             "sun": sun, "products": ["radiance", "height"]})
         gsd_m /= 2
         if gsd_m < post_spacing_m / 3 or gsd_m * camera.focal < altitude_m[-1] / 2:
             return requests

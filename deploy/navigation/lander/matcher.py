@@ -13,9 +13,9 @@ from .camera import averaged
 from .filter import projected
 
 CELL = 8  # pixels between exact ray intersections; between them the warp is bilinear: a plane for each cell
-PATCH, SPACING = 32, 34  # fine patches don't overlap: their noise is independent
+PATCH = 32  # side of the fine patches, at most
 LEAST_CORRELATION = 0.5
-LEAST_MATCHES = 8
+LEAST_MATCHES = 6
 WIDEST = 12  # pixels that the fine search reaches
 
 
@@ -23,8 +23,8 @@ WIDEST = 12  # pixels that the fine search reaches
 class Matches:
     points_m: np.ndarray  # on the map
     pixels: np.ndarray  # in the full frame
-    noise: np.ndarray  # covariance of the pixels, (2 n, 2 n)
     sigma_px: float  # of one match
+    variance: float  # px^2, as the filter should take it
     stage: str
 
 
@@ -79,8 +79,8 @@ def peak(scores):
 
 
 class Matcher:
-    def __init__(self, camera, onboard_map):
-        self.camera, self.map = camera, onboard_map
+    def __init__(self, camera, onboard_map, frame_step_s):
+        self.camera, self.map, self.frame_step_s = camera, onboard_map, frame_step_s
 
     def working_scale(self, altitude_m):
         """The map's level, and by how much frames are averaged to what detail the map has."""
@@ -99,7 +99,7 @@ class Matcher:
             coarse = self.coarse(state, image, level, factor, 3 * sigma_px)
             if coarse is None:
                 return used
-            state.update(self.camera, coarse.points_m, coarse.pixels, coarse.noise)
+            state.update(self.camera, coarse.points_m, coarse.pixels, coarse.variance)
             used.append(coarse)
             level, factor = self.working_scale(self._altitude_m(state))
             sigma_px = self._sigma_px(state, level) / factor
@@ -107,7 +107,7 @@ class Matcher:
         if fine is not None:
             fine = gated(state, self.camera, fine)
         if fine is not None:
-            state.update(self.camera, fine.points_m, fine.pixels, fine.noise)
+            state.update(self.camera, fine.points_m, fine.pixels, fine.variance)
             used.append(fine)
         return used
 
@@ -137,8 +137,7 @@ class Matcher:
         _, points_m, pixels, scatter = best
         # Half a pixel at least: five matches say little about their own scatter.
         sigma_px = factor * max(scatter, 0.5)
-        return Matches(points_m, pixels * factor + 0.5 * (factor - 1), sigma_px**2 * np.eye(2 * len(pixels)), sigma_px,
-                       "coarse")
+        return Matches(points_m, pixels * factor + 0.5 * (factor - 1), sigma_px, sigma_px**2, "coarse")
 
     def _large_patches(self, view, small, side, reach):
         half, starts = side // 2, ((0, 0), (0, 1), (1, 0), (1, 1), (0.5, 0.5))
@@ -168,7 +167,8 @@ class Matcher:
         camera, small = self.camera.reduced(factor), averaged(image, factor)
         view = View(level, camera, state.position, state.moon_from_camera, 0)
         patch = min(PATCH, camera.side // 4)
-        spacing = min(SPACING, patch + 2)
+        # Side by side where there is room; else half over each other, which _agreeing() doesn't count as more.
+        spacing = patch if camera.side >= 8 * patch else patch // 2
         starts = np.arange(reach, camera.side - patch - reach + 1, spacing)
         moves, pixels = [], []
         for y in starts:
@@ -176,7 +176,8 @@ class Matcher:
                 if not view.valid[y:y + patch:patch - 1, x:x + patch:patch - 1].all():
                     continue
                 template = view.image[y:y + patch, x:x + patch]
-                if not template.std() > 1e-3 * template.mean():
+                mean, deviation = cv2.meanStdDev(template)
+                if not deviation[0, 0] > 1e-3 * mean[0, 0]:
                     continue  # all shadow
                 window = small[y - reach:y + patch + reach, x - reach:x + patch + reach]
                 found = peak(cv2.matchTemplate(window, template, cv2.TM_CCOEFF_NORMED))
@@ -185,24 +186,32 @@ class Matcher:
                     pixels.append((x + 0.5 * (patch - 1), y + 0.5 * (patch - 1)))
         if len(moves) < LEAST_MATCHES:
             return None
-        return self._agreeing(view, np.array(moves), np.array(pixels), factor)
+        gsd_m = self._altitude_m(state) / camera.focal
+        speed_m_s = np.linalg.norm(state.velocity)
+        repeats = max(1.0, camera.side * gsd_m / max(speed_m_s * self.frame_step_s, 1e-3)) * (patch / spacing) ** 2
+        return self._agreeing(view, np.array(moves), np.array(pixels), factor, repeats)
 
-    def _agreeing(self, view, moves, pixels, factor):
-        """A pose error moves matches by a smooth field: least median of squares of an affine one finds the others."""
+    def _agreeing(self, view, moves, pixels, factor, repeats):
+        """A pose error moves matches by a smooth field: least median of squares finds those that don't follow one.
+
+        Most of what is left belongs to the map (the other Sun), and comes again in each frame that sees the same ground:
+        the filter takes noise as new in each frame, so that its variance grows with the number of those frames.
+        """
         cv2.setRNGSeed(1)
-        model, kept = cv2.estimateAffine2D(pixels, pixels + moves, method=cv2.LMEDS, maxIters=1000)
+        fit, freedom = (cv2.estimateAffine2D, 6) if len(pixels) >= 16 else (cv2.estimateAffinePartial2D, 4)
+        model, kept = fit(pixels, pixels + moves, method=cv2.LMEDS, maxIters=1000)
         if model is None:
             return None
         residual = pixels @ model[:, :2].T + model[:, 2] - pixels - moves
         kept = kept.ravel().astype(bool)
         if kept.sum() < LEAST_MATCHES:
             return None
-        # The median absolute deviation of what agrees; 6 of its numbers went into the model.
-        freedom = 2 * kept.sum() / (2 * kept.sum() - 6)
-        sigma_px = factor * max(1.4826 * np.median(np.abs(residual[kept])) * np.sqrt(freedom), 0.05)
+        # The median absolute deviation of what agrees; some of its numbers went into the model.
+        spread = 2 * kept.sum() / (2 * kept.sum() - freedom)
+        sigma_px = factor * max(1.4826 * np.median(np.abs(residual[kept])) * np.sqrt(spread), 0.05)
         points_m = view.points(*pixels[kept].T)
         full = (pixels[kept] + moves[kept]) * factor + 0.5 * (factor - 1)
-        return Matches(points_m, full, sigma_px**2 * np.eye(2 * kept.sum()), sigma_px, "fine")
+        return Matches(points_m, full, sigma_px, repeats * sigma_px**2, "fine")
 
     def _altitude_m(self, state):
         """Above the map, straight down."""
@@ -227,6 +236,4 @@ def gated(state, camera, matches):
     kept = distance < 18.4
     if kept.sum() < LEAST_MATCHES:
         return None
-    both = np.repeat(kept, 2)
-    return Matches(matches.points_m[kept], matches.pixels[kept], matches.noise[np.ix_(both, both)], matches.sigma_px,
-                   matches.stage)
+    return dataclasses.replace(matches, points_m=matches.points_m[kept], pixels=matches.pixels[kept])

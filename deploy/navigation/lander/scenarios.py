@@ -15,7 +15,7 @@ class Scenario:
     map_sun: dict
     sample: tuple = ()  # options of `selenograph sample`; empty: a folder of the shared data, named as the scenario
     frame_step_s: float = 1.0
-    imu_step_s: float = 0.05
+    imu_step_s: float = 0.1
 
 
 def _sun(lat_deg, lon_deg, azimuth_deg, elevation_deg, **more):
