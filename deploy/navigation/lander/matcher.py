@@ -16,6 +16,7 @@ CELL = 8  # pixels between exact ray intersections; between them the warp is bil
 PATCH = 32  # side of the fine patches, at most
 LEAST_CORRELATION = 0.5
 LEAST_MATCHES = 6
+MANY_MATCHES = 50
 WIDEST = 12  # pixels that the fine search reaches
 
 
@@ -81,6 +82,7 @@ def peak(scores):
 class Matcher:
     def __init__(self, camera, onboard_map, frame_step_s):
         self.camera, self.map, self.frame_step_s = camera, onboard_map, frame_step_s
+        self._map_sigma = None  # of a match, in pixels of the map; learnt in flight
 
     def working_scale(self, altitude_m):
         """The map's level, and by how much frames are averaged to what detail the map has."""
@@ -186,17 +188,33 @@ class Matcher:
                     pixels.append((x + 0.5 * (patch - 1), y + 0.5 * (patch - 1)))
         if len(moves) < LEAST_MATCHES:
             return None
-        gsd_m = self._altitude_m(state) / camera.focal
+        gsd_m = self._altitude_m(state) / self.camera.focal
         speed_m_s = np.linalg.norm(state.velocity)
-        repeats = max(1.0, camera.side * gsd_m / max(speed_m_s * self.frame_step_s, 1e-3)) * (patch / spacing) ** 2
-        return self._agreeing(view, np.array(moves), np.array(pixels), factor, repeats)
+        # What the map gets wrong by its other Sun comes again in each frame that sees the same ground, but the filter
+        # takes noise as new in each frame: the variance grows with the number of those frames.
+        repeats = max(1.0, self.camera.side * gsd_m / max(speed_m_s * self.frame_step_s, 1e-3)) * (patch / spacing) ** 2
+        found = self._agreeing(view, np.array(moves), np.array(pixels), factor)
+        if found is None:
+            return None
+        found.sigma_px = self._sigma_of_map(found, level.gsd_m / gsd_m)
+        found.variance = repeats * found.sigma_px**2
+        return found
 
-    def _agreeing(self, view, moves, pixels, factor, repeats):
-        """A pose error moves matches by a smooth field: least median of squares finds those that don't follow one.
+    def _sigma_of_map(self, found, map_px):
+        """Scatter about the affine field says little when few patches are left: the field follows their errors.
 
-        Most of what is left belongs to the map (the other Sun), and comes again in each frame that sees the same ground:
-        the filter takes noise as new in each frame, so that its variance grows with the number of those frames.
+        These are mostly the map's, by the other Sun, and about the same in pixels of the map all along: they are learnt
+        from frames of many matches, and are the least for those of few. map_px: a pixel of the map in those of the camera.
         """
+        if len(found.pixels) >= MANY_MATCHES:
+            sigma = found.sigma_px / map_px
+            self._map_sigma = sigma if self._map_sigma is None else 0.9 * self._map_sigma + 0.1 * sigma
+        elif self._map_sigma is not None:
+            return max(found.sigma_px, self._map_sigma * map_px)
+        return found.sigma_px
+
+    def _agreeing(self, view, moves, pixels, factor):
+        """A pose error moves matches by a smooth field: least median of squares finds those that don't follow one."""
         cv2.setRNGSeed(1)
         fit, freedom = (cv2.estimateAffine2D, 6) if len(pixels) >= 16 else (cv2.estimateAffinePartial2D, 4)
         model, kept = fit(pixels, pixels + moves, method=cv2.LMEDS, maxIters=1000)
@@ -211,7 +229,7 @@ class Matcher:
         sigma_px = factor * max(1.4826 * np.median(np.abs(residual[kept])) * np.sqrt(spread), 0.05)
         points_m = view.points(*pixels[kept].T)
         full = (pixels[kept] + moves[kept]) * factor + 0.5 * (factor - 1)
-        return Matches(points_m, full, sigma_px, repeats * sigma_px**2, "fine")
+        return Matches(points_m, full, sigma_px, sigma_px**2, "fine")
 
     def _altitude_m(self, state):
         """Above the map, straight down."""
