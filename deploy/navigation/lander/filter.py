@@ -22,6 +22,14 @@ class Filter:
         self.imu = imu
         self.covariance = np.diag(np.repeat([*sigmas, imu.accelerometer_bias_m_s2, imu.gyro_bias_rad_s], 3) ** 2.0)
 
+    def copy(self):
+        return (self.position, self.velocity, self.moon_from_camera, self.accelerometer_bias, self.gyro_bias,
+                self.covariance)
+
+    def restore(self, copied):
+        (self.position, self.velocity, self.moon_from_camera, self.accelerometer_bias, self.gyro_bias,
+         self.covariance) = copied
+
     def propagate(self, velocity_increment, angle_increment, step):
         """One interval of the IMU, by the midpoint rule."""
         force = velocity_increment / step - self.accelerometer_bias

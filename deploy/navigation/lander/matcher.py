@@ -97,10 +97,12 @@ class Matcher:
         altitude_m = self._altitude_m(state)
         level, factor = self.working_scale(altitude_m)
         sigma_px = self._sigma_px(state, level) / factor
+        before = None
         if 3 * sigma_px > WIDEST - 3:
             coarse = self.coarse(state, image, level, factor, 3 * sigma_px)
             if coarse is None:
                 return used
+            before = state.copy()
             state.update(self.camera, coarse.points_m, coarse.pixels, coarse.variance)
             used.append(coarse)
             level, factor = self.working_scale(self._altitude_m(state))
@@ -108,10 +110,12 @@ class Matcher:
         fine = self.fine(state, image, level, factor, int(np.clip(np.ceil(3 * sigma_px) + 2, 4, WIDEST)))
         if fine is not None:
             fine = gated(state, self.camera, fine)
-        if fine is not None:
-            state.update(self.camera, fine.points_m, fine.pixels, fine.variance)
-            used.append(fine)
-        return used
+        if fine is None:
+            if before is not None:  # nothing confirms what the coarse search found
+                state.restore(before)
+            return []
+        state.update(self.camera, fine.points_m, fine.pixels, fine.variance)
+        return [*used, fine]
 
     def coarse(self, state, image, level, factor, reach_px):
         """Five large patches of the frame, searched in the map as seen from the predicted pose with a wide margin.
