@@ -136,9 +136,8 @@ class FilterTest(unittest.TestCase):
                     t = times[i + 1]
                     seen = np.column_stack([random.uniform(-2500, 2500, (30, 2)), random.uniform(6000, 9000, 30)])
                     points = truth.position(t) + seen @ truth.moon_from_camera(t).T
-                    shared = random.normal(0, 0.7, 2)
-                    pixels = camera.pixels(seen) + random.normal(0, 0.5, (30, 2)) + shared
-                    state.update(camera, points, pixels, 0.25, 0.49)
+                    pixels = camera.pixels(seen) + random.normal(0, (0.5, 1.0), (30, 2))
+                    state.update(camera, points, pixels, (0.5, 1.0))
             error = np.concatenate([truth.position(t) - state.position, truth.velocity(t) - state.velocity,
                                     descent.rotation_vector(state.moon_from_camera.T @ truth.moon_from_camera(t))])
             nees.append(error @ np.linalg.solve(state.covariance[:9, :9], error))

@@ -82,25 +82,21 @@ class Filter:
         (self.position, self.velocity, self.moon_from_camera, self.accelerometer_bias, self.gyro_bias) = (
             self.corrected(error))
 
-    def update(self, camera, points_m, pixels, variance, common_variance=0.0, iterations=3):
+    def update(self, camera, points_m, pixels, sigmas_px, iterations=3):
         """Points of the map seen at pixels; an iterated update (Gauss-Newton: first errors are kilometres).
 
-        variance, common_variance: of each pixel coordinate, px^2: of its own, and of what all points of the frame share.
-        In the information form: 15 x 15, however many points there are.
+        sigmas_px: of x and y of each pixel, independent. In the information form: 15 x 15, however many points there are.
         """
         prior = np.linalg.inv(self.covariance)
-        shared = len(pixels) + variance / common_variance if common_variance > 0 else np.inf
+        weights = np.tile(1 / np.asarray(sigmas_px), len(pixels))
         error = np.zeros(SIZE)
         for _ in range(iterations):
             position, _, moon_from_camera, _, _ = self.corrected(error)
             predicted, jacobian = projected(camera, position, moon_from_camera, points_m)
-            target = (pixels - predicted).ravel() + jacobian @ error
-            # Woodbury: the inverse of variance * I + common_variance * (ones of x) + the same of y
-            sums = jacobian.reshape(-1, 2, SIZE).sum(axis=0)
-            information = prior + (jacobian.T @ jacobian - sums.T @ sums / shared) / variance
-            weighted = (jacobian.T @ target - sums.T @ target.reshape(-1, 2).sum(axis=0) / shared) / variance
-            covariance = np.linalg.inv(information)
-            change = covariance @ weighted - error
+            target = weights * ((pixels - predicted).ravel() + jacobian @ error)
+            jacobian = weights[:, None] * jacobian
+            covariance = np.linalg.inv(prior + jacobian.T @ jacobian)
+            change = covariance @ (jacobian.T @ target) - error
             error = error + change
             if np.linalg.norm(change[POSITION]) < 0.1:
                 break

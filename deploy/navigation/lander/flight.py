@@ -98,4 +98,4 @@ def _row(truth, i, state, used):
     fine = [m for m in used if m.stage == "fine"]
     return (truth.frame_times_s[i], truth.altitudes_m[i], np.linalg.norm(errors[0]), np.linalg.norm(errors[1]),
             np.degrees(np.linalg.norm(errors[2])), sigmas[0], sigmas[1], *nees, len(fine[0].pixels) if fine else 0,
-            fine[0].sigma_px if fine else np.nan, float(any(m.stage == "coarse" for m in used)))
+            np.sqrt(np.mean(fine[0].sigmas_px**2)) if fine else np.nan, float(any(m.stage == "coarse" for m in used)))

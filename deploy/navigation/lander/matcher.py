@@ -24,8 +24,8 @@ WIDEST = 12  # pixels that the fine search reaches
 class Matches:
     points_m: np.ndarray  # on the map
     pixels: np.ndarray  # in the full frame
-    sigma_px: float  # of one match
-    variance: float  # px^2, as the filter should take it
+    sigmas_px: np.ndarray  # of one match, x and y
+    counted_px: np.ndarray  # the same as the filter should take them
     stage: str
 
 
@@ -82,7 +82,7 @@ def peak(scores):
 class Matcher:
     def __init__(self, camera, onboard_map, frame_step_s):
         self.camera, self.map, self.frame_step_s = camera, onboard_map, frame_step_s
-        self._map_sigma = None  # of a match, in pixels of the map; learnt in flight
+        self._map_sigmas = None  # of a match, x and y, in pixels of the map; learnt in flight
 
     def working_scale(self, altitude_m):
         """The map's level, and by how much frames are averaged to what detail the map has."""
@@ -103,7 +103,7 @@ class Matcher:
             if coarse is None:
                 return used
             before = state.copy()
-            state.update(self.camera, coarse.points_m, coarse.pixels, coarse.variance)
+            state.update(self.camera, coarse.points_m, coarse.pixels, coarse.counted_px)
             used.append(coarse)
             level, factor = self.working_scale(self._altitude_m(state))
             sigma_px = self._sigma_px(state, level) / factor
@@ -114,7 +114,7 @@ class Matcher:
             if before is not None:  # nothing confirms what the coarse search found
                 state.restore(before)
             return []
-        state.update(self.camera, fine.points_m, fine.pixels, fine.variance)
+        state.update(self.camera, fine.points_m, fine.pixels, fine.counted_px)
         return [*used, fine]
 
     def coarse(self, state, image, level, factor, reach_px):
@@ -142,8 +142,8 @@ class Matcher:
             return None
         _, points_m, pixels, scatter = best
         # Half a pixel at least: five matches say little about their own scatter.
-        sigma_px = factor * max(scatter, 0.5)
-        return Matches(points_m, pixels * factor + 0.5 * (factor - 1), sigma_px, sigma_px**2, "coarse")
+        sigmas_px = np.full(2, factor * max(scatter, 0.5))
+        return Matches(points_m, pixels * factor + 0.5 * (factor - 1), sigmas_px, sigmas_px, "coarse")
 
     def _large_patches(self, view, small, side, reach):
         half, starts = side // 2, ((0, 0), (0, 1), (1, 0), (1, 1), (0.5, 0.5))
@@ -200,22 +200,22 @@ class Matcher:
         found = self._agreeing(view, np.array(moves), np.array(pixels), factor)
         if found is None:
             return None
-        found.sigma_px = self._sigma_of_map(found, level.gsd_m / gsd_m)
-        found.variance = repeats * found.sigma_px**2
+        found.sigmas_px = self._sigmas_of_map(found, level.gsd_m / gsd_m)
+        found.counted_px = np.sqrt(repeats) * found.sigmas_px
         return found
 
-    def _sigma_of_map(self, found, map_px):
+    def _sigmas_of_map(self, found, map_px):
         """Scatter about the affine field says little when few patches are left: the field follows their errors.
 
         These are mostly the map's, by the other Sun, and about the same in pixels of the map all along: they are learnt
         from frames of many matches, and are the least for those of few. map_px: a pixel of the map in those of the camera.
         """
         if len(found.pixels) >= MANY_MATCHES:
-            sigma = found.sigma_px / map_px
-            self._map_sigma = sigma if self._map_sigma is None else 0.9 * self._map_sigma + 0.1 * sigma
-        elif self._map_sigma is not None:
-            return max(found.sigma_px, self._map_sigma * map_px)
-        return found.sigma_px
+            sigmas = found.sigmas_px / map_px
+            self._map_sigmas = sigmas if self._map_sigmas is None else 0.9 * self._map_sigmas + 0.1 * sigmas
+        elif self._map_sigmas is not None:
+            return np.maximum(found.sigmas_px, self._map_sigmas * map_px)
+        return found.sigmas_px
 
     def _agreeing(self, view, moves, pixels, factor):
         """A pose error moves matches by a smooth field: least median of squares finds those that don't follow one."""
@@ -228,12 +228,12 @@ class Matcher:
         kept = kept.ravel().astype(bool)
         if kept.sum() < LEAST_MATCHES:
             return None
-        # The median absolute deviation of what agrees; some of its numbers went into the model.
+        # Some of the numbers went into the model. The axes differ: across the Sun's azimuth shading says less.
         spread = 2 * kept.sum() / (2 * kept.sum() - freedom)
-        sigma_px = factor * max(1.4826 * np.median(np.abs(residual[kept])) * np.sqrt(spread), 0.05)
+        sigmas_px = factor * np.maximum(np.sqrt(spread * np.mean(residual[kept] ** 2, axis=0)), 0.05)
         points_m = view.points(*pixels[kept].T)
         full = (pixels[kept] + moves[kept]) * factor + 0.5 * (factor - 1)
-        return Matches(points_m, full, sigma_px, sigma_px**2, "fine")
+        return Matches(points_m, full, sigmas_px, sigmas_px, "fine")
 
     def _altitude_m(self, state):
         """Above the map, straight down."""
@@ -253,7 +253,7 @@ def gated(state, camera, matches):
     predicted, jacobian = projected(camera, state.position, state.moon_from_camera, matches.points_m)
     rows = jacobian.reshape(-1, 2, jacobian.shape[1])
     innovation = matches.pixels - predicted
-    covariance = rows @ state.covariance @ rows.transpose(0, 2, 1) + matches.sigma_px**2 * np.eye(2)
+    covariance = rows @ state.covariance @ rows.transpose(0, 2, 1) + np.diag(matches.sigmas_px**2)
     distance = np.einsum("ni,nij,nj->n", innovation, np.linalg.inv(covariance), innovation)
     kept = distance < 18.4
     if kept.sum() < LEAST_MATCHES:
