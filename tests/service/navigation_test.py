@@ -159,8 +159,8 @@ class MatcherTest(unittest.TestCase):
 class FlightTest(unittest.TestCase):
     def test_a_flight_of_200_frames_converges(self):
         output = harness.path("flight")
-        done = subprocess.run([os.path.join(NAVIGATION, "run"), "fly", "--scenario", "short", "--binary", harness.BINARY,
-                               "--work", harness.path("navigation"), "-o", output],
+        done = subprocess.run([os.path.join(NAVIGATION, "run"), "fly", "--scenario", "short", "--binary",
+                               harness.BINARY, "--work", harness.path("navigation"), "-o", output],
                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=harness.PATIENCE_S * 5)
         self.assertEqual(done.returncode, 0, done.stderr)
         with np.load(os.path.join(output, "fly.npz")) as stored:

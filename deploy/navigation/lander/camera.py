@@ -36,7 +36,7 @@ class Camera:
 
 @dataclasses.dataclass(frozen=True)
 class Detector:
-    """Shot noise, read noise and quantisation, put on a radiance frame. Exposure: the brightest 0.5 % at 0.8 of full."""
+    """Shot noise, read noise and quantisation, put on radiance. Exposure: the brightest 0.5 % at 0.8 of full."""
 
     full_well_e: float = 20000.0
     read_noise_e: float = 20.0

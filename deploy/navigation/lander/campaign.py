@@ -15,8 +15,9 @@ _shared = {}  # truth and map, inherited by forked processes
 
 
 def _machine():
-    model = next((line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")),
-                 platform.machine())
+    with open("/proc/cpuinfo") as lines:
+        models = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
+    model = models[0] if models else platform.machine()
     return f"{model}, {multiprocessing.cpu_count()} cores"
 
 
@@ -25,8 +26,8 @@ def _prepared(scenario, client):
     truth = flight.Truth(scenario, client)
     rendered = time.monotonic()
     onboard = flight.onboard_map(scenario, client, truth.post_spacing_m, INITIAL)
-    print(f"{scenario.name}: {len(truth.frames)} frames in {rendered - start:.1f} s, {len(onboard.levels)} map levels of "
-          f"{', '.join(f'{level.gsd_m:.0f}' for level in onboard.levels)} m in {time.monotonic() - rendered:.1f} s",
+    print(f"{scenario.name}: {len(truth.frames)} frames in {rendered - start:.1f} s, "
+          f"{len(onboard.levels)} map levels of {', '.join(f'{level.gsd_m:.0f}' for level in onboard.levels)} m in {time.monotonic() - rendered:.1f} s",
           flush=True)
     return truth, onboard
 

@@ -60,8 +60,8 @@ def _hermite(start, start_rate, end, end_rate, duration):
 class Descent:
     """Position, velocity, attitude and IMU inputs as functions of time.
 
-    The camera hangs on a platform that points at the Moon's centre, up in the image is along the track, with an attitude
-    motion of some degrees on all axes. The IMU sits at the camera, its axes are the camera's.
+    The camera hangs on a platform that points at the Moon's centre, up in the image is along the track, with a motion
+    of some degrees on all axes. The IMU sits at the camera, its axes are the camera's.
     """
 
     def __init__(self, site_lat_deg, site_lon_deg, site_height_m, azimuth_deg, range_m, speed_m_s, perilune_m=15000.0,

@@ -85,7 +85,7 @@ class Filter:
     def update(self, camera, points_m, pixels, sigmas_px, iterations=3):
         """Points of the map seen at pixels; an iterated update (Gauss-Newton: first errors are kilometres).
 
-        sigmas_px: of x and y of each pixel, independent. In the information form: 15 x 15, however many points there are.
+        sigmas_px: of x and y of each pixel, independent. In the information form: 15 x 15, however many points.
         """
         prior = np.linalg.inv(self.covariance)
         weights = np.tile(1 / np.asarray(sigmas_px), len(pixels))

@@ -62,7 +62,8 @@ def onboard_map(scenario, client, post_spacing_m, initial):
 
 
 COLUMNS = ("time_s", "altitude_m", "position_error_m", "velocity_error_m_s", "attitude_error_deg", "position_sigma_m",
-           "velocity_sigma_m_s", "position_nees", "velocity_nees", "attitude_nees", "matches", "match_sigma_px", "coarse")
+           "velocity_sigma_m_s", "position_nees", "velocity_nees", "attitude_nees", "matches", "match_sigma_px",
+           "coarse")
 
 
 def fly(truth, onboard, imu, initial, seed, detector=Detector(), keep=None):

@@ -41,6 +41,7 @@ def measured(imu, increments, times_s, random):
     step = np.diff(times_s)[:, None]
     bias = random.normal(0, imu.accelerometer_bias_m_s2, 3)
     drift = random.normal(0, imu.gyro_bias_rad_s, 3)
-    velocity = velocity + bias * step + random.normal(0, imu.accelerometer_noise_m_s2_rthz, velocity.shape) * np.sqrt(step)
-    angle = angle + drift * step + random.normal(0, imu.gyro_noise_rad_rts, angle.shape) * np.sqrt(step)
+    root = np.sqrt(step)
+    velocity = velocity + bias * step + random.normal(0, imu.accelerometer_noise_m_s2_rthz, velocity.shape) * root
+    angle = angle + drift * step + random.normal(0, imu.gyro_noise_rad_rts, angle.shape) * root
     return velocity, angle, bias, drift

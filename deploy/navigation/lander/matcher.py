@@ -1,7 +1,7 @@
 """Map-relative matching: map patches warped to the predicted view, normalised correlation, coarse then fine.
 
-The method of the Lander Vision System (Johnson et al., AIAA 2017-1498; Mars 2020). No constant here comes from the truth:
-search radii follow from the filter's covariance, the noise of the matches from their own scatter.
+The method of the Lander Vision System (Johnson et al., AIAA 2017-1498; Mars 2020). No constant here comes from the
+truth: search radii follow from the filter's covariance, the noise of the matches from their own scatter.
 """
 
 import dataclasses
@@ -208,7 +208,7 @@ class Matcher:
         """Scatter about the affine field says little when few patches are left: the field follows their errors.
 
         These are mostly the map's, by the other Sun, and about the same in pixels of the map all along: they are learnt
-        from frames of many matches, and are the least for those of few. map_px: a pixel of the map in those of the camera.
+        from frames of many matches, and are the least for those of few. map_px: camera pixels of a pixel of the map.
         """
         if len(found.pixels) >= MANY_MATCHES:
             sigmas = found.sigmas_px / map_px

@@ -79,7 +79,8 @@ def _sweep(folder, points):
     figure, axes = plt.subplots(1, len(kinds), figsize=(2.4 * len(kinds), 3), squeeze=False)
     for axis, kind in zip(axes[0], kinds):
         these = [point for point in points if point["what"] == kind]
-        axis.plot([str(point["value"]) for point in these], [point["position_rms_m"] for point in these], "o-", color=BLUE)
+        axis.plot([str(point["value"]) for point in these], [point["position_rms_m"] for point in these], "o-",
+                  color=BLUE)
         axis.set(xlabel=kind, ylabel="position RMS, second half, m", ylim=(0, None))
     figure.savefig(folder / "sweep.png")
     plt.close(figure)

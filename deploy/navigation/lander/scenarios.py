@@ -27,7 +27,8 @@ def sample(side=512, flight=(95, 18), map_sun=(105, 30)):
     """All of a braking phase from 15 km and 1690 m/s, 480 km eastward along the equator of the sample terrain."""
     site, middle = (0.05, 36.5), (0.05, 28.5)  # the Sun's elevation differs by 8 degrees at both ends
     return Scenario("sample", Descent(*site, 1275.0, 90.0, 480e3, 1690.0), Camera.of(side, 50.0),
-                    _sun(*middle, *flight), _sun(*middle, *map_sun), ("--south-deg", "-1", "--west-deg", "20", "--rows", "2", "--columns", "17"))
+                    _sun(*middle, *flight), _sun(*middle, *map_sun),
+                    ("--south-deg", "-1", "--west-deg", "20", "--rows", "2", "--columns", "17"))
 
 
 def short(side=256, flight=(95, 18), map_sun=(105, 30)):
@@ -42,8 +43,8 @@ def short(side=256, flight=(95, 18), map_sun=(105, 30)):
 def hadley(side=512, flight=(95, 18), map_sun=(105, 30)):
     """The last 200 km to Apollo 15's site, westward over the Apennines as it flew: the tiles reach no farther."""
     site = (26.1322, 3.6339)
-    return Scenario("hadley", Descent(*site, -1922.0, 276.0, 200e3, 1100.0), Camera.of(side, 50.0), _sun(*site, *flight),
-                    _sun(*site, *map_sun))
+    return Scenario("hadley", Descent(*site, -1922.0, 276.0, 200e3, 1100.0), Camera.of(side, 50.0),
+                    _sun(*site, *flight), _sun(*site, *map_sun))
 
 
 ALL = {"sample": sample, "hadley": hadley, "short": short}
