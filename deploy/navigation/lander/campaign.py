@@ -26,9 +26,9 @@ def _prepared(scenario, client):
     truth = flight.Truth(scenario, client)
     rendered = time.monotonic()
     onboard = flight.onboard_map(scenario, client, truth.post_spacing_m, INITIAL)
+    gsds = ", ".join(f"{level.gsd_m:.0f}" for level in onboard.levels)
     print(f"{scenario.name}: {len(truth.frames)} frames in {rendered - start:.1f} s, "
-          f"{len(onboard.levels)} map levels of {', '.join(f'{level.gsd_m:.0f}' for level in onboard.levels)} m in {time.monotonic() - rendered:.1f} s",
-          flush=True)
+          f"map levels of {gsds} m in {time.monotonic() - rendered:.1f} s", flush=True)
     return truth, onboard
 
 

@@ -1,6 +1,6 @@
 """Map-relative matching: map patches warped to the predicted view, normalised correlation, coarse then fine.
 
-The method of the Lander Vision System (Johnson et al., AIAA 2017-1498; Mars 2020). No constant here comes from the
+The method of the Lander Vision System of Mars 2020 (Johnson et al., AIAA SciTech 2022). No constant here comes from the
 truth: search radii follow from the filter's covariance, the noise of the matches from their own scatter.
 """
 
