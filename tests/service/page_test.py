@@ -146,7 +146,7 @@ class InABrowser(unittest.TestCase):
         self.open()
         for azimuth, member, sign in ((0, 0, 1), (90, 1, 1), (180, 0, -1), (270, 1, -1)):
             self.changes(lambda: self.browser.execute_script(
-                f"Object.assign(camera, {{lat_deg: 0.05, lon_deg: 30.05, tilt_deg: 20, tilt_azimuth_deg: {azimuth}, "
+                f"Object.assign(camera, {{lat_deg: 0.05, lon_deg: 30.05, fov_deg: 10, tilt_deg: 20, tilt_azimuth_deg: {azimuth}, "
                 f"up_azimuth_deg: {azimuth}}}); changed()"))
             there = self.browser.execute_script("return [view.lat_deg - camera.lat_deg, view.lon_deg - camera.lon_deg]")
             self.assertGreater(sign * there[member], 0.1)

@@ -1,0 +1,1 @@
+"""Terrain-relative navigation of a lunar lander against a selenograph service."""

@@ -1,0 +1,261 @@
+"""Map-relative matching: map patches warped to the predicted view, normalised correlation, coarse then fine.
+
+The method of the Lander Vision System of Mars 2020 (Johnson et al., AIAA SciTech 2022). No constant here comes from the
+truth: search radii follow from the filter's covariance, the noise of the matches from their own scatter.
+"""
+
+import dataclasses
+
+import cv2
+import numpy as np
+
+from .camera import averaged
+from .filter import projected
+
+CELL = 8  # pixels between exact ray intersections; between them the warp is bilinear: a plane for each cell
+PATCH = 32  # side of the fine patches, at most
+LEAST_CORRELATION = 0.5
+LEAST_MATCHES = 6
+MANY_MATCHES = 50
+WIDEST = 12  # pixels that the fine search reaches
+
+
+@dataclasses.dataclass
+class Matches:
+    points_m: np.ndarray  # on the map
+    pixels: np.ndarray  # in the full frame
+    sigmas_px: np.ndarray  # of one match, x and y
+    counted_px: np.ndarray  # the same as the filter should take them
+    stage: str
+
+
+class View:
+    """The map as a camera at a pose would see it, with a margin of pixels around the frame."""
+
+    def __init__(self, level, camera, position, moon_from_camera, margin):
+        self.margin = margin
+        cells = -(-(camera.side + 2 * margin) // CELL) + 1
+        axis = np.arange(cells) * float(CELL) - margin
+        x, y = np.meshgrid(axis, axis)
+        self._points, column, row = level.ground(position, camera.rays(x, y) @ moon_from_camera.T)
+        inside = level.holds(column, row)
+        side = camera.side + 2 * margin
+        # warpAffine keeps the cells' corners where they are; resize() would move them by half a cell.
+        scale = np.float32([[CELL, 0, 0], [0, CELL, 0]])
+
+        def spread(values):
+            return cv2.warpAffine(np.nan_to_num(values).astype(np.float32), scale, (side, side), flags=cv2.INTER_LINEAR,
+                                  borderMode=cv2.BORDER_REPLICATE)
+
+        self.image = cv2.remap(level.radiance, spread(column), spread(row), cv2.INTER_LINEAR)
+        self.valid = spread(inside.astype(np.float32)) > 0.999
+
+    def points(self, x, y):
+        """Map points of frame pixels, interpolated between the rays."""
+        column, row = ((np.asarray(v, np.float32) + self.margin) / CELL for v in (x, y))
+        return np.stack([_interpolated(self._points[..., i], column, row) for i in range(3)], axis=-1)
+
+
+def _interpolated(values, column, row):
+    """Bilinear, in double precision: float32 holds Moon-centred coordinates to 0.1 m only."""
+    i = np.clip(np.floor(row).astype(int), 0, values.shape[0] - 2)
+    j = np.clip(np.floor(column).astype(int), 0, values.shape[1] - 2)
+    a, b = row - i, column - j
+    return ((1 - a) * ((1 - b) * values[i, j] + b * values[i, j + 1])
+            + a * ((1 - b) * values[i + 1, j] + b * values[i + 1, j + 1]))
+
+
+def peak(scores):
+    """Place of the maximum, to a part of a pixel by a parabola on each axis; its score, or None at the border."""
+    y, x = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    if not (0 < y < scores.shape[0] - 1 and 0 < x < scores.shape[1] - 1):
+        return None
+    best = float(scores[y, x])
+    curve_x = 2 * best - scores[y, x - 1] - scores[y, x + 1]
+    curve_y = 2 * best - scores[y - 1, x] - scores[y + 1, x]
+    if curve_x <= 0 or curve_y <= 0:
+        return None
+    return (x + 0.5 * (scores[y, x + 1] - scores[y, x - 1]) / curve_x,
+            y + 0.5 * (scores[y + 1, x] - scores[y - 1, x]) / curve_y, best)
+
+
+class Matcher:
+    def __init__(self, camera, onboard_map, frame_step_s):
+        self.camera, self.map, self.frame_step_s = camera, onboard_map, frame_step_s
+        self._map_sigmas = None  # of a match, x and y, in pixels of the map; learnt in flight
+
+    def working_scale(self, altitude_m):
+        """The map's level, and by how much frames are averaged to what detail the map has."""
+        gsd_m = altitude_m / self.camera.focal
+        level = self.map.level(gsd_m)
+        factor = int(np.clip(round(0.7 * level.gsd_m / gsd_m), 1, max(1, self.camera.side // 96)))
+        return level, factor
+
+    def update(self, state, image):
+        """Coarse, where the prediction is too uncertain for the fine search, then fine; returns what was used."""
+        used = []
+        altitude_m = self._altitude_m(state)
+        level, factor = self.working_scale(altitude_m)
+        sigma_px = self._sigma_px(state, level) / factor
+        before = None
+        if 3 * sigma_px > WIDEST - 3:
+            coarse = self.coarse(state, image, level, factor, 3 * sigma_px)
+            if coarse is None:
+                return used
+            before = state.copy()
+            state.update(self.camera, coarse.points_m, coarse.pixels, coarse.counted_px)
+            used.append(coarse)
+            level, factor = self.working_scale(self._altitude_m(state))
+            sigma_px = self._sigma_px(state, level) / factor
+        fine = self.fine(state, image, level, factor, int(np.clip(np.ceil(3 * sigma_px) + 2, 4, WIDEST)))
+        if fine is not None:
+            fine = gated(state, self.camera, fine)
+        if fine is None:
+            if before is not None:  # nothing confirms what the coarse search found
+                state.restore(before)
+            return []
+        state.update(self.camera, fine.points_m, fine.pixels, fine.counted_px)
+        return [*used, fine]
+
+    def coarse(self, state, image, level, factor, reach_px):
+        """Five large patches of the frame, searched in the map as seen from the predicted pose with a wide margin.
+
+        An uncertain height changes the scale: it is tried in steps of its standard deviation.
+        """
+        more = int(np.clip(np.ceil(reach_px / 40), 1, max(1, self.camera.side // factor // 64)))
+        factor *= more
+        camera, small = self.camera.reduced(factor), averaged(image, factor)
+        reach = int(np.ceil(reach_px / more)) + 2
+        up = state.position / np.linalg.norm(state.position)
+        sigma_m = np.sqrt(up @ state.covariance[:3, :3] @ up)
+        altitude_m = self._altitude_m(state)
+        steps = int(np.ceil(2 * sigma_m / (0.05 * altitude_m))) if sigma_m > 0.02 * altitude_m else 0
+        best = None
+        for offset_m in np.linspace(-2 * sigma_m, 2 * sigma_m, 2 * steps + 1) if steps else [0.0]:
+            if altitude_m + offset_m < 0.2 * altitude_m:
+                continue
+            view = View(level, camera, state.position + offset_m * up, state.moon_from_camera, reach)
+            found = self._large_patches(view, small, camera.side, reach)
+            if found is not None and (best is None or found[0] > best[0]):
+                best = found
+        if best is None:
+            return None
+        _, points_m, pixels, scatter = best
+        # Half a pixel at least: five matches say little about their own scatter.
+        sigmas_px = np.full(2, factor * max(scatter, 0.5))
+        return Matches(points_m, pixels * factor + 0.5 * (factor - 1), sigmas_px, sigmas_px, "coarse")
+
+    def _large_patches(self, view, small, side, reach):
+        half, starts = side // 2, ((0, 0), (0, 1), (1, 0), (1, 1), (0.5, 0.5))
+        moves, pixels, scores = [], [], []
+        for down, right in starts:
+            y, x = int(down * half), int(right * half)
+            window = view.image[y:y + half + 2 * reach, x:x + half + 2 * reach]
+            found = peak(cv2.matchTemplate(window, small[y:y + half, x:x + half], cv2.TM_CCOEFF_NORMED))
+            if found:
+                moves.append((found[0] - reach, found[1] - reach))
+                pixels.append((x + 0.5 * (half - 1), y + 0.5 * (half - 1)))
+                scores.append(found[2])
+        if len(moves) < 3:
+            return None
+        moves, pixels, scores = np.array(moves), np.array(pixels), np.array(scores)
+        off = np.abs(moves - np.median(moves, axis=0)).max(axis=1)
+        kept = off < 3.0  # a degree of roll and 5 % of scale move the quadrants by less
+        if kept.sum() < 3:
+            return None
+        moves, pixels = moves[kept], pixels[kept]
+        points_m = view.points(*(pixels + moves).T)
+        scatter = 1.4826 * np.median(off[kept])
+        return scores[kept].sum(), points_m, pixels, scatter
+
+    def fine(self, state, image, level, factor, reach):
+        """Many small patches of the map, searched in the frame."""
+        camera, small = self.camera.reduced(factor), averaged(image, factor)
+        view = View(level, camera, state.position, state.moon_from_camera, 0)
+        patch = min(PATCH, camera.side // 4)
+        # Side by side where there is room; else half over each other, which _agreeing() doesn't count as more.
+        spacing = patch if camera.side >= 8 * patch else patch // 2
+        starts = np.arange(reach, camera.side - patch - reach + 1, spacing)
+        moves, pixels = [], []
+        for y in starts:
+            for x in starts:
+                if not view.valid[y:y + patch:patch - 1, x:x + patch:patch - 1].all():
+                    continue
+                template = view.image[y:y + patch, x:x + patch]
+                mean, deviation = cv2.meanStdDev(template)
+                if not deviation[0, 0] > 1e-3 * mean[0, 0]:
+                    continue  # all shadow
+                window = small[y - reach:y + patch + reach, x - reach:x + patch + reach]
+                found = peak(cv2.matchTemplate(window, template, cv2.TM_CCOEFF_NORMED))
+                if found and found[2] >= LEAST_CORRELATION:
+                    moves.append((found[0] - reach, found[1] - reach))
+                    pixels.append((x + 0.5 * (patch - 1), y + 0.5 * (patch - 1)))
+        if len(moves) < LEAST_MATCHES:
+            return None
+        gsd_m = self._altitude_m(state) / self.camera.focal
+        speed_m_s = np.linalg.norm(state.velocity)
+        # What the map gets wrong by its other Sun comes again in each frame that sees the same ground, but the filter
+        # takes noise as new in each frame: the variance grows with the number of those frames.
+        repeats = max(1.0, self.camera.side * gsd_m / max(speed_m_s * self.frame_step_s, 1e-3)) * (patch / spacing) ** 2
+        found = self._agreeing(view, np.array(moves), np.array(pixels), factor)
+        if found is None:
+            return None
+        found.sigmas_px = self._sigmas_of_map(found, level.gsd_m / gsd_m)
+        found.counted_px = np.sqrt(repeats) * found.sigmas_px
+        return found
+
+    def _sigmas_of_map(self, found, map_px):
+        """Scatter about the affine field says little when few patches are left: the field follows their errors.
+
+        These are mostly the map's, by the other Sun, and about the same in pixels of the map all along: they are learnt
+        from frames of many matches, and are the least for those of few. map_px: camera pixels of a pixel of the map.
+        """
+        if len(found.pixels) >= MANY_MATCHES:
+            sigmas = found.sigmas_px / map_px
+            self._map_sigmas = sigmas if self._map_sigmas is None else 0.9 * self._map_sigmas + 0.1 * sigmas
+        elif self._map_sigmas is not None:
+            return np.maximum(found.sigmas_px, self._map_sigmas * map_px)
+        return found.sigmas_px
+
+    def _agreeing(self, view, moves, pixels, factor):
+        """A pose error moves matches by a smooth field: least median of squares finds those that don't follow one."""
+        cv2.setRNGSeed(1)
+        fit, freedom = (cv2.estimateAffine2D, 6) if len(pixels) >= 16 else (cv2.estimateAffinePartial2D, 4)
+        model, kept = fit(pixels, pixels + moves, method=cv2.LMEDS, maxIters=1000)
+        if model is None:
+            return None
+        residual = pixels @ model[:, :2].T + model[:, 2] - pixels - moves
+        kept = kept.ravel().astype(bool)
+        if kept.sum() < LEAST_MATCHES:
+            return None
+        # Some of the numbers went into the model. The axes differ: across the Sun's azimuth shading says less.
+        spread = 2 * kept.sum() / (2 * kept.sum() - freedom)
+        sigmas_px = factor * np.maximum(np.sqrt(spread * np.mean(residual[kept] ** 2, axis=0)), 0.05)
+        points_m = view.points(*pixels[kept].T)
+        full = (pixels[kept] + moves[kept]) * factor + 0.5 * (factor - 1)
+        return Matches(points_m, full, sigmas_px, sigmas_px, "fine")
+
+    def _altitude_m(self, state):
+        """Above the map, straight down."""
+        level = self.map.levels[0]
+        column, row = level.pixels(state.position[None, None])
+        radius = np.linalg.norm(state.position)
+        return max(50.0, float(radius - 1737400.0 - level.height_at(column, row)[0, 0]))
+
+    def _sigma_px(self, state, level):
+        x = np.array([[self.camera.centre]])
+        points, _, _ = level.ground(state.position, self.camera.rays(x, x) @ state.moon_from_camera.T)
+        return float(state.pixel_sigmas(self.camera, points[0])[0])
+
+
+def gated(state, camera, matches):
+    """Without those whose innovation the filter's covariance makes improbable (chi-square of 2, 99.99 %)."""
+    predicted, jacobian = projected(camera, state.position, state.moon_from_camera, matches.points_m)
+    rows = jacobian.reshape(-1, 2, jacobian.shape[1])
+    innovation = matches.pixels - predicted
+    covariance = rows @ state.covariance @ rows.transpose(0, 2, 1) + np.diag(matches.sigmas_px**2)
+    distance = np.einsum("ni,nij,nj->n", innovation, np.linalg.inv(covariance), innovation)
+    kept = distance < 18.4
+    if kept.sum() < LEAST_MATCHES:
+        return None
+    return dataclasses.replace(matches, points_m=matches.points_m[kept], pixels=matches.pixels[kept])
