@@ -10,14 +10,12 @@
 namespace selenograph::api {
 namespace {
 
-constexpr std::size_t kMostCameras = 16, kLongestName = 64;
-
 // It is a folder's in an .npz.
 bool is_name(std::string_view text) {
   const auto fits = [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
   };
-  return !text.empty() && text.size() <= kLongestName && std::all_of(text.begin(), text.end(), fits);
+  return !text.empty() && text.size() <= kLongestCameraName && std::all_of(text.begin(), text.end(), fits);
 }
 
 }  // namespace
@@ -32,12 +30,11 @@ std::vector<CameraBody> split_cameras(const Json& body) {
     cameras.fail(fmt::format("must be an object of 1 to {} cameras by their names", kMostCameras));
     findings.throw_if_any();
   }
-  // One answer has one echo, and what comes next is said of all.
   constexpr std::string_view kOfAll[] = {"cameras", "echo"};
   std::vector<CameraBody> out;
   for (const auto& [name, own] : given.items()) {
     if (!is_name(name)) {
-      cameras.fail(fmt::format("names have 1 to {} letters, digits, '_' and '-'", kLongestName));
+      cameras.fail(fmt::format("names have 1 to {} letters, digits, '_' and '-'", kLongestCameraName));
       continue;
     }
     const JsonReader one = cameras.at(name);

@@ -1,6 +1,7 @@
 // A request for several cameras at one instant: the frames that it is made of.
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <string>
 #include <vector>
@@ -13,6 +14,8 @@ struct CameraBody {
   std::string name;
   Json body;  // of a frame of its own: the request's members, but those that the camera has itself
 };
+
+inline constexpr std::size_t kMostCameras = 16, kLongestCameraName = 64;
 
 // Whether it is one: has "cameras".
 bool has_cameras(const Json& body);

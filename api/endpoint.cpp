@@ -4,6 +4,8 @@
 
 #include <chrono>
 
+#include "engine/budget.h"
+
 namespace selenograph::api {
 namespace {
 
@@ -28,6 +30,13 @@ std::string header(const Request& request, const std::string& name) {
   const auto [first, last] = request.headers.equal_range(name);
   for (auto it = first; it != last; ++it) joined += (it == first ? "" : ", ") + it->second;
   return joined;
+}
+
+void refuse_work(const TooMuchWork& e, const std::string& pointer, const Limits& limits) {
+  const auto longest_ms = static_cast<double>(limits.default_deadline.count());
+  if (engine::SpeedGauge::in_reach(e.predicted_ms(), longest_ms)) throw;
+  const std::string detail = fmt::format("{}; this service allows {:g} s", e.what(), longest_ms / 1e3);
+  throw RequestError("invalid_request", detail, {{pointer, detail}});
 }
 
 Json json_body(const EndpointContext& context) {

@@ -84,6 +84,10 @@ auto with_refusals_at(std::span<const MemberPointer> members, std::string_view e
   }
 }
 
+// While `e` is handled: rethrows it, too much work for a request's deadline; what is too much for any that this service
+// grants, as an error of the member at `pointer`.
+[[noreturn]] void refuse_work(const TooMuchWork& e, const std::string& pointer, const Limits& limits);
+
 // 200 with application/json.
 Response json_response(std::string text);
 Response json_response(const nlohmann::ordered_json& json);

@@ -101,15 +101,11 @@ constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px
                                         {"shutter", "/shutter"},
                                         {"albedo_maps", "/surface/albedo_maps"}};
 
-// What no deadline that this service grants would be enough for is the request's fault.
 engine::Frame render(const FrameQuery& query, const EndpointContext& context) {
   try {
     return with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.render(query.request, context.stop); });
   } catch (const TooMuchWork& e) {
-    const auto longest_ms = static_cast<double>(context.limits.default_deadline.count());
-    if (engine::SpeedGauge::in_reach(e.predicted_ms(), longest_ms)) throw;
-    const std::string detail = fmt::format("{}; this service allows {:g} s", e.what(), longest_ms / 1e3);
-    throw RequestError("invalid_request", detail, {{"/camera", detail}});
+    refuse_work(e, "/camera", context.limits);
   }
 }
 
@@ -162,6 +158,19 @@ std::string choose_within_budget(FrameQuery& query, const EndpointContext& conte
                      choice.accuracy.samples_per_pixel);
 }
 
+std::string hash_of(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
+                    const Representation& representation, const EndpointContext& context) {
+  return content_hash(query, shadow_limits_px, context.renderer.terrain().catalogue().fingerprint(), representation);
+}
+
+// The same of a frame that is not rendered yet; refusals point at `pointer`.
+std::string hash_beforehand(const FrameQuery& query, std::string_view pointer, const Representation& representation,
+                            const EndpointContext& context) {
+  const auto limits = with_refusals_at(kRefusable, pointer,
+                                       [&] { return context.renderer.shadow_limits_px(query.request, context.stop); });
+  return hash_of(query, limits, representation, context);
+}
+
 // One camera of several.
 struct CameraFrame {
   std::string name;
@@ -194,14 +203,8 @@ Response answer_cameras(const EndpointContext& context, const Json& body) {
     });
     bytes += bytes_of(cameras.back().query.request);
   }
-  const auto hash_with = [&](const FrameQuery& query, const std::vector<double>& shadow_limits_px) {
-    return content_hash(query, shadow_limits_px, context.renderer.terrain().catalogue().fingerprint(), npz);
-  };
   if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
-    for (CameraFrame& camera : cameras)
-      camera.hash = hash_with(camera.query, with_refusals_at(kRefusable, "/cameras", [&] {
-                                return context.renderer.shadow_limits_px(camera.query.request, context.stop);
-                              }));
+    for (CameraFrame& camera : cameras) camera.hash = hash_beforehand(camera.query, "/cameras", npz, context);
     if (const std::string hash = hash_of_all(cameras); names_etag(known, hash))
       return with_echo(cameras.front().query, not_modified(hash));
   }
@@ -214,7 +217,7 @@ Response answer_cameras(const EndpointContext& context, const Json& body) {
     with_pointers_of(body, camera.name, [&] { camera.frame = render(camera.query, context); });
     context.stop.check();
     times += camera.frame.times;
-    camera.hash = hash_with(camera.query, camera.frame.report.shadow_limits_px);
+    camera.hash = hash_of(camera.query, camera.frame.report.shadow_limits_px, npz, context);
     warned |= !camera.frame.report.warnings.empty();
   }
   const Clock::time_point encode_start = Clock::now();
@@ -254,12 +257,8 @@ Response answer_frame(const EndpointContext& context, const Json& body) {
   const std::string accept = header(context.request, "accept");
   const Representation& representation = negotiate(accept, query.request.products);
   const std::string budget = choose_within_budget(query, context);
-  const auto hash_with = [&](const std::vector<double>& shadow_limits_px) {
-    return content_hash(query, shadow_limits_px, context.renderer.terrain().catalogue().fingerprint(), representation);
-  };
   if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
-    const std::string hash = hash_with(with_refusals_at(
-        kRefusable, "/pose", [&] { return context.renderer.shadow_limits_px(query.request, context.stop); }));
+    const std::string hash = hash_beforehand(query, "/pose", representation, context);
     if (names_etag(known, hash)) return with_echo(query, not_modified(hash));
   }
   context.memory.need(bytes_of(query.request), "/camera", context.stop);
@@ -270,7 +269,8 @@ Response answer_frame(const EndpointContext& context, const Json& body) {
 
   const Clock::time_point encode_start = Clock::now();
   Response response = answer(query, frame, representation, context.renderer.terrain().catalogue(),
-                             hash_with(frame.report.shadow_limits_px), context.long_metadata, context.stop);
+                             hash_of(query, frame.report.shadow_limits_px, representation, context),
+                             context.long_metadata, context.stop);
   if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
   response.headers.emplace_back(
       "Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start), kernel_ms() - kernel_before_ms));

@@ -7,6 +7,7 @@
 
 #include "api/arrays.h"
 #include "api/band_json.h"
+#include "api/cameras.h"
 #include "api/ranges.h"
 #include "api/sensor_json.h"
 #include "api/shutter_json.h"
@@ -180,8 +181,8 @@ struct CamerasByName {
   OrderedJson schema(const Limits&) const {
     return {{"type", "object"},
             {"minProperties", 1},
-            {"maxProperties", 16},
-            {"propertyNames", {{"pattern", "^[A-Za-z0-9_-]{1,64}$"}}},
+            {"maxProperties", kMostCameras},
+            {"propertyNames", {{"pattern", fmt::format("^[A-Za-z0-9_-]{{1,{}}}$", kLongestCameraName)}}},
             {"additionalProperties", {{"type", "object"}}}};
   }
   OrderedJson fallback() const { return {}; }
@@ -433,12 +434,11 @@ const Members<FrameQuery>& frame_members() {
 }
 
 FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  const ReadContext context{limits, assets, stop};
+  const ReadContext context{limits, assets, stop, utc_of_sun(body)};
   if (body.is_object() && body.contains("camera_preset") && body.at("camera_preset").is_string())
     return read_frame(with_preset(body, context), limits, assets, stop);
   Findings findings;
-  const std::optional<Json> timed = with_epoch_of_sun(body);
-  std::optional<FrameQuery> query = frame_members().read(JsonReader(timed ? *timed : body, findings), context);
+  std::optional<FrameQuery> query = frame_members().read(JsonReader(body, findings), context);
   findings.throw_if_any();
   return std::move(*query);
 }

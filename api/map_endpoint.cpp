@@ -15,15 +15,11 @@ namespace {
 constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"},
                                         {"albedo_maps", "/surface/albedo_maps"}};
 
-// What no deadline that this service grants would be enough for is the request's fault.
 engine::Map draw(const MapQuery& query, const EndpointContext& context) {
   try {
     return with_refusals_at(kRefusable, "/map", [&] { return context.renderer.map(query.request, context.stop); });
   } catch (const TooMuchWork& e) {
-    const auto longest_ms = static_cast<double>(context.limits.default_deadline.count());
-    if (engine::SpeedGauge::in_reach(e.predicted_ms(), longest_ms)) throw;
-    const std::string detail = fmt::format("{}; this service allows {:g} s", e.what(), longest_ms / 1e3);
-    throw RequestError("invalid_request", detail, {{"/map", detail}});
+    refuse_work(e, "/map", context.limits);
   }
 }
 

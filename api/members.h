@@ -24,7 +24,8 @@ using OrderedJson = nlohmann::ordered_json;
 struct ReadContext {
   const Limits& limits;
   const Assets& assets;
-  StopToken stop{};  // files may take long to read
+  StopToken stop{};       // files may take long to read
+  std::string sun_utc{};  // the epoch that the request's Sun is given by; empty: it is given otherwise
 };
 
 class MemberTable;

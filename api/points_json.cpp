@@ -49,7 +49,7 @@ template <typename M>
 auto checked(const M& members, const Json& body, const Limits& limits, const Assets& assets = Assets(),
              const StopToken& stop = {}) {
   Findings findings;
-  auto value = members.read(JsonReader(body, findings), {limits, assets, stop});
+  auto value = members.read(JsonReader(body, findings), {limits, assets, stop, utc_of_sun(body)});
   findings.throw_if_any();
   return std::move(*value);
 }
@@ -113,13 +113,11 @@ const Members<HeightsForm>& heights_form() {
 const MemberTable& heights_members() { return heights_form(); }
 
 RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  const std::optional<Json> timed = with_epoch_of_sun(body);
-  return checked(rays_members(), timed ? *timed : body, limits, assets, stop);
+  return checked(rays_members(), body, limits, assets, stop);
 }
 
 ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  const std::optional<Json> timed = with_epoch_of_sun(body);
-  return checked(project_members(), timed ? *timed : body, limits, assets, stop);
+  return checked(project_members(), body, limits, assets, stop);
 }
 
 std::vector<Geographic> read_heights(const Json& body, const Limits& limits) {

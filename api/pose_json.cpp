@@ -136,15 +136,17 @@ void add_position(Members<Form, Value>& m) {
 }
 
 // Rotates vectors of the form's frame into MOON_ME.
-std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const PositionForm& form) {
+std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const PositionForm& form,
+                                             const ReadContext& context) {
+  const std::string utc = form.utc.value_or(context.sun_utc);
   if (form.frame) {
     if (!form.utc) return engine::moon_me_from(*form.frame);
     in.fail("utc", "goes with \"frame\": \"ICRF\": the Moon's frames turn with it");
-  } else if (!form.utc) {
+  } else if (utc.empty()) {
     in.fail("frame", "ICRF needs an epoch: \"utc\" here, or a Sun given by \"utc\"");
   } else {
     try {
-      return engine::moon_me_from_icrf(*form.utc);
+      return engine::moon_me_from_icrf(utc);
     } catch (const ImpossibleRequest& e) {
       in.fail("utc", e.what());
     }
@@ -239,8 +241,8 @@ Eigen::Quaterniond camera_from_frame(const PoseForm& form) {
                                                     : Eigen::Matrix3d(form.moon_from_camera_matrix->transpose()));
 }
 
-std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& form, const ReadContext&) {
-  const std::optional<Eigen::Matrix3d> moon_me_from_frame = resolve_frame(in, form);
+std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& form, const ReadContext& context) {
+  const std::optional<Eigen::Matrix3d> moon_me_from_frame = resolve_frame(in, form, context);
   if (!moon_me_from_frame) return std::nullopt;
   const std::optional<Vec3> position_m = resolve_position(in, form, *moon_me_from_frame);
   if (!position_m) return std::nullopt;
@@ -285,8 +287,9 @@ std::optional<Eigen::Quaterniond> stand(const JsonReader& in, const Upright& for
   return Eigen::Quaterniond(moon_from_object).normalized();
 }
 
-std::optional<ObjectPose> resolve_object_pose(const JsonReader& in, const ObjectPoseForm& form, const ReadContext&) {
-  const std::optional<Eigen::Matrix3d> moon_me_from_frame = resolve_frame(in, form);
+std::optional<ObjectPose> resolve_object_pose(const JsonReader& in, const ObjectPoseForm& form,
+                                              const ReadContext& context) {
+  const std::optional<Eigen::Matrix3d> moon_me_from_frame = resolve_frame(in, form, context);
   if (!moon_me_from_frame) return std::nullopt;
   const std::optional<Vec3> position_m = resolve_position(in, form, *moon_me_from_frame);
   if (!position_m) return std::nullopt;
@@ -318,29 +321,6 @@ Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
   }
   q.coeffs().array() += 0.0;  // -0 + 0 is 0
   return q;
-}
-
-std::optional<Json> with_epoch_of_sun(const Json& body) {
-  if (!body.is_object() || !body.contains("sun") || !body["sun"].is_object() || !body["sun"].contains("utc"))
-    return std::nullopt;
-  Json out = body;
-  const Json utc = body["sun"]["utc"];
-  const auto fill = [&](Json& pose) {
-    if (pose.is_object() && pose.value("frame", Json()) == "ICRF" && !pose.contains("utc")) pose["utc"] = utc;
-  };
-  const auto fill_all = [&](Json& of, const char* list, const char* member) {
-    if (!of.is_object() || !of.contains(list) || !of[list].is_array()) return;
-    for (Json& item : of[list]) {
-      if (!member)
-        fill(item);
-      else if (item.is_object() && item.contains(member))
-        fill(item[member]);
-    }
-  };
-  if (out.contains("pose")) fill(out["pose"]);
-  fill_all(out, "ahead", nullptr), fill_all(out, "objects", "pose");
-  if (out.contains("shutter")) fill_all(out["shutter"], "poses", "pose");
-  return out;
 }
 
 const Members<Geographic>& place_members() {

@@ -78,9 +78,6 @@ struct PoseForm : PositionForm {
 };
 const Members<PoseForm, engine::Pose>& pose_members();
 
-// Where the Sun is given by an epoch: the request with that epoch in poses in ICRF that have none of their own.
-std::optional<Json> with_epoch_of_sun(const Json& body);
-
 // Of q and -q, which are one attitude, the one whose first component of w, x, y, z that is not zero is positive, and no
 // zero negative: one attitude has one text and one content hash.
 Eigen::Quaterniond canonical(Eigen::Quaterniond q);

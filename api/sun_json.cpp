@@ -74,6 +74,12 @@ SunForm form_of(const Sun& sun) {
 
 }  // namespace
 
+std::string utc_of_sun(const Json& body) {
+  if (!body.is_object() || !body.contains("sun") || !body["sun"].is_object()) return {};
+  const Json& sun = body["sun"];
+  return sun.contains("utc") && sun["utc"].is_string() ? sun["utc"].get<std::string>() : std::string();
+}
+
 const Members<SunForm, Sun>& sun_members() {
   static const auto table = made<Members<SunForm, Sun>>(
       "Sun", "Exactly one of direction, subsolar, local, utc. Always MOON_ME.", [](auto& m) {

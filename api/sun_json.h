@@ -23,4 +23,7 @@ struct SunForm {
 };
 const Members<SunForm, engine::Sun>& sun_members();
 
+// For ReadContext: of a request whose "sun" has a "utc"; empty otherwise.
+std::string utc_of_sun(const Json& body);
+
 }  // namespace selenograph::api

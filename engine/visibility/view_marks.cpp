@@ -7,15 +7,14 @@
 namespace selenograph::engine {
 namespace {
 
-// The line of sight of a place in the image.
-std::optional<Vec3> sight(const RowViews& views, double x_px, double y_px) {
-  if (!views.vary()) return views.reference().ray(x_px, y_px);
-  const int row = std::clamp(static_cast<int>(std::lround(y_px)), 0, views.height() - 1);
-  return views.of(row).ray(x_px, views.line(row));
+int row_at(const RowViews& views, double y_px) {
+  return std::clamp(static_cast<int>(std::lround(y_px)), 0, views.height() - 1);
 }
 
-Vec3 eye(const RowViews& views, double y_px) {
-  return views.of(std::clamp(static_cast<int>(std::lround(y_px)), 0, views.height() - 1)).position();
+// The line of sight of a place in the image.
+std::optional<Vec3> sight(const RowViews& views, double x_px, double y_px) {
+  const int row = row_at(views, y_px);
+  return views.of(row).ray(x_px, views.vary() ? views.line(row) : y_px);
 }
 
 // Where the line meets a triangle in front of it.
@@ -78,9 +77,9 @@ std::optional<ViewMarks::Met> ViewMarks::met(std::size_t mark, const RowViews& v
   if (!m.met) return std::nullopt;
   const std::optional<Vec3> line = sight(views, m.x_px, m.y_px);
   if (!line) return std::nullopt;
-  const Vec3 direction = line->normalized();
+  const Vec3 direction = line->normalized(), from = views.of(row_at(views, m.y_px)).position();
   // At a silhouette there may be none: then the pixel's own point stands.
-  return Met{place_near(mesh, m.triangle, eye(views, m.y_px), direction).value_or(m.point), direction, m.source};
+  return Met{place_near(mesh, m.triangle, from, direction).value_or(m.point), direction, m.source};
 }
 
 }  // namespace selenograph::engine

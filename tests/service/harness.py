@@ -195,6 +195,10 @@ class Service:
         self.close()
         return code
 
+    def expect_clean_stop(self):
+        code = self.stop()
+        assert code == 0, f"exit status {code} after SIGTERM"
+
     def kill(self):
         self.process.kill()
         self.process.wait(PATIENCE_S)
@@ -214,8 +218,7 @@ class WithService(unittest.TestCase):
 
     @classmethod
     def tearDownClass(cls):
-        code = cls.service.stop()
-        assert code == 0, f"exit status {code} after SIGTERM"
+        cls.service.expect_clean_stop()
 
     def problem(self, answer, status, pointer=None):
         got, headers, body = answer

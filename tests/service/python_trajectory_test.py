@@ -32,8 +32,7 @@ def setUpModule():
 
 def tearDownModule():
     try:
-        code = SERVICE.stop()
-        assert code == 0, f"exit status {code} after SIGTERM"
+        SERVICE.expect_clean_stop()
     finally:
         harness.tear_down()
 
