@@ -1,0 +1,43 @@
+// In which order a campaign's frames are rendered, and which process renders which: decided by the manifest alone, so
+// that every process of a campaign comes to the same answer.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "api/json_reader.h"
+#include "dem/geodesy.h"
+
+namespace selenograph::server {
+
+// Where a frame comes in the order of the terrain. Frames from like distances need like levels of detail: they are
+// together, and among them those are neighbours that see places close to each other.
+struct TerrainKey {
+  int octave = 0;           // of the distance to the ground
+  std::uint64_t place = 0;  // along the Hilbert curve
+  auto operator<=>(const TerrainKey&) const = default;
+};
+
+// Of a request; those that say no pose come last.
+TerrainKey terrain_key(const api::Json& request);
+
+// What rendering it takes, about: in pixels.
+std::uint64_t weight_of(const api::Json& request);
+
+// How far along the Hilbert curve through the cube of +-1 a point is; `bits` of each coordinate count, 21 at most.
+// Neighbours on the curve are neighbours in space.
+std::uint64_t hilbert_index(const Vec3& point, int bits);
+
+// A range of a sequence.
+struct Span {
+  std::size_t begin = 0, end = 0;
+  std::size_t size() const { return end - begin; }
+  bool operator==(const Span&) const = default;
+};
+
+// Cuts a sequence of these weights into `count` spans of about the same weight. Some are empty where there are more
+// than elements.
+std::vector<Span> cut_evenly(const std::vector<std::uint64_t>& weights, std::size_t count);
+
+}  // namespace selenograph::server
