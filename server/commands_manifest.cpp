@@ -41,6 +41,7 @@ void set_camera(Json& request, const std::string& camera) {
     return;
   }
   for (const auto& [member, value] : given.items()) {
+    if (member == "description") continue;
     if (member != "camera" && member != "band" && member != "sensor")
       throw std::runtime_error(
           fmt::format("{}: \"{}\" is no member of a camera's preset: camera, band, sensor", camera, member));
