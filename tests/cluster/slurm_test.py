@@ -225,7 +225,7 @@ class Campaign(unittest.TestCase):
                     words = file.read().decode(errors="replace").split("\0")
             except OSError:
                 continue
-            if words[0].endswith("selenograph") and "--shard" in words and folder in words:
+            if words[0] == os.environ["SELENOGRAPH"] and "--shard" in words and folder in words:
                 found[int(words[words.index("--shard") + 1].split("/")[0])] = int(number)
         return found
 
