@@ -101,16 +101,14 @@ std::uint64_t hilbert_index(const Vec3& point, int bits) {
   return index;
 }
 
-TerrainKey terrain_key(const Json& request) {
+std::uint64_t terrain_key(const Json& request) {
   const auto pose = pose_of(request);
-  if (!pose) return {std::numeric_limits<int>::max(), 0};
-  const Vec3 seen = place_seen(*pose);
-  const double distance_m = std::max(1.0, (seen - pose->position_m).norm());
+  if (!pose) return kNoPlace;
   // 2 km between cells: frames that are closer to each other than that see the same blocks. No round number is a border
   // of anything: the last bit of a cosine, which machines don't agree on, must decide nothing.
   constexpr int kBits = 11;
-  const Vec3 cube = seen / (1.1037 * kMoonRadius_m) + Vec3(1.234e-4, 2.345e-4, 3.456e-4);
-  return {std::ilogb(1.0123 * distance_m), hilbert_index(cube, kBits)};
+  const Vec3 cube = place_seen(*pose) / (1.1037 * kMoonRadius_m) + Vec3(1.234e-4, 2.345e-4, 3.456e-4);
+  return hilbert_index(cube, kBits);
 }
 
 std::uint64_t weight_of(const Json& request) {

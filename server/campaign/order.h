@@ -11,16 +11,10 @@
 
 namespace selenograph::server {
 
-// Where a frame comes in the order of the terrain. Frames from like distances need like levels of detail: they are
-// together, and among them those are neighbours that see places close to each other.
-struct TerrainKey {
-  int octave = 0;           // of the distance to the ground
-  std::uint64_t place = 0;  // along the Hilbert curve
-  auto operator<=>(const TerrainKey&) const = default;
-};
-
-// Of a request; those that say no pose come last.
-TerrainKey terrain_key(const api::Json& request);
+// Where a frame comes in the order of the terrain: along the Hilbert curve through the places that are seen. Of one
+// that says no pose: kNoPlace, the last.
+inline constexpr std::uint64_t kNoPlace = ~std::uint64_t{0};
+std::uint64_t terrain_key(const api::Json& request);
 
 // What rendering it takes, about: in pixels.
 std::uint64_t weight_of(const api::Json& request);

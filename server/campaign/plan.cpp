@@ -18,8 +18,7 @@ struct Ordered {
 
 Ordered ordered(const Manifest& manifest) {
   const std::vector<ManifestLine>& lines = manifest.lines();
-  std::vector<TerrainKey> keys(lines.size());
-  std::vector<std::uint64_t> weights(lines.size());
+  std::vector<std::uint64_t> keys(lines.size()), weights(lines.size());
   tbb::parallel_for(std::size_t{0}, lines.size(), [&](std::size_t i) {
     const api::Json request = lines[i].problem ? api::Json() : manifest.request(lines[i]);
     keys[i] = terrain_key(request);
@@ -40,8 +39,6 @@ std::string TarPlan::sha256() const {
   for (const ManifestLine* line : lines) digest.add(line->name + " " + line->request_sha256 + "\n");
   return digest.hex();
 }
-
-std::vector<const ManifestLine*> terrain_order(const Manifest& manifest) { return ordered(manifest).lines; }
 
 std::vector<const ManifestLine*> lines_of(const Manifest& manifest, const Shard& shard) {
   const Ordered all = ordered(manifest);

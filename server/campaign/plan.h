@@ -22,10 +22,9 @@ struct TarPlan {
   std::string sha256() const;
 };
 
-// All lines in the order of the terrain, those that can't be read last. Lines of like keys keep the manifest's order.
-std::vector<const ManifestLine*> terrain_order(const Manifest& manifest);
-
-// A shard's part of that: the shards are a partition, contiguous along the order and of about the same work.
+// A shard's part of all lines in the order of the terrain, in which those of one place keep the manifest's order and
+// those that can't be read come last. The shards are a partition, contiguous along the order and of about the same
+// work.
 std::vector<const ManifestLine*> lines_of(const Manifest& manifest, const Shard& shard);
 
 // The same as tars of so many lines. A tar is of one shard, and the tars are the same however many shards there are.

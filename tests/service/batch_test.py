@@ -290,7 +290,7 @@ class Interrupted(Batch):
         self.assertTrue(10 <= heavy <= 20, lines)
 
     def test_order_follows_the_terrain(self):
-        """Neighbours in the order see neighbouring places, from like heights."""
+        """Neighbours in the order see neighbouring places."""
         step = 0.1  # degrees, more than the curve's cells
         places = [(i * step - 0.3, 30 + j * step - 0.3, height) for height in (10e3, 60e3) for i in range(6) for j in range(6)]
         random.Random(SEED).shuffle(places)
@@ -299,7 +299,7 @@ class Interrupted(Batch):
             for lat, lon, height in places)
         self.assert_status(batch(path, "out", "--in-work", "1"), DONE)
         order = [places[e["line"] - 1] for e in journal("out")]
-        self.assertEqual([p[2] for p in order], [10e3] * 36 + [60e3] * 36)
+        self.assertEqual([a[:2] for a in order[::2]], [b[:2] for b in order[1::2]])  # of each place both heights
         way = sum(math.hypot(a[0] - b[0], a[1] - b[1]) for a, b in zip(order, order[1:]))
         self.assertLess(way, 1.8 * step * len(places))
 
