@@ -24,6 +24,31 @@ struct MapSettings {
   std::vector<std::string> utc;  // FROM, TO, STEP of a series; empty: one map
 };
 
+struct BatchSettings {
+  TerrainSettings terrain;
+  api::Limits limits;
+  std::string manifest, output;  // output: folder
+  std::string shard = "0/1";     // I/N, I from 0
+  std::string format = "npz";
+  std::size_t frames_per_tar = 256;
+  bool resume = false;
+  int in_work = 0;  // 0: two, where there is more than one core
+};
+
+struct BatchVerifySettings {
+  std::string manifest, output;
+  std::string rerun;  // manifest to write; empty: none
+};
+
+struct ManifestSettings {
+  std::string trajectory;  // CSV
+  std::string camera;      // a preset's name, or a file
+  std::string sun;         // "utc", or JSON, or a file of it
+  std::string base;        // a request's other members; empty: none
+  std::string frame = "MOON_ME";
+  std::string output;
+};
+
 struct InfoSettings {
   TerrainSettings terrain;
   bool json = false;
@@ -59,6 +84,9 @@ struct VerifyMertisSettings {
 
 void add_options(CLI::App& command, RenderSettings& settings);
 void add_options(CLI::App& command, MapSettings& settings);
+void add_options(CLI::App& command, BatchSettings& settings);
+void add_options(CLI::App& command, BatchVerifySettings& settings);
+void add_options(CLI::App& command, ManifestSettings& settings);
 void add_options(CLI::App& command, InfoSettings& settings);
 void add_options(CLI::App& command, SampleSettings& settings);
 void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
@@ -68,6 +96,9 @@ void add_options(CLI::App& command, VerifyMertisSettings& settings);
 int serve(const ServeSettings& settings);
 int render(const RenderSettings& settings);
 int map(const MapSettings& settings);
+int batch(const BatchSettings& settings);
+int batch_verify(const BatchVerifySettings& settings);
+int manifest(const ManifestSettings& settings);
 int ingest(const TerrainSettings& settings);
 int info(const InfoSettings& settings);
 int sample(const SampleSettings& settings);

@@ -1,4 +1,4 @@
-// The executable: `selenograph serve | render | map | ingest | sample | info | verify roundtrip | accuracy | mertis`.
+// The executable: `selenograph serve | render | map | batch | manifest | ingest | sample | info | verify`.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -23,6 +23,9 @@ struct Settings {
   ServeSettings serve;
   RenderSettings render;
   MapSettings map;
+  BatchSettings batch;
+  BatchVerifySettings batch_verify;
+  ManifestSettings manifest;
   TerrainSettings ingest;
   InfoSettings info;
   SampleSettings sample;
@@ -35,11 +38,12 @@ struct Settings {
 using Work = std::map<const CLI::App*, std::function<int()>>;
 
 template <typename SettingsOfCommand>
-void add(CLI::App& parent, Work& work, const char* name, const char* purpose, SettingsOfCommand& settings,
-         int (*command)(const SettingsOfCommand&)) {
+CLI::App& add(CLI::App& parent, Work& work, const char* name, const char* purpose, SettingsOfCommand& settings,
+              int (*command)(const SettingsOfCommand&)) {
   CLI::App* added = parent.add_subcommand(name, purpose);
   add_options(*added, settings);
   work[added] = [&settings, command] { return command(settings); };
+  return *added;
 }
 
 Work add_commands(CLI::App& app, Settings& s) {
@@ -47,6 +51,10 @@ Work add_commands(CLI::App& app, Settings& s) {
   add(app, work, "serve", "Answers requests over HTTP", s.serve, serve);
   add(app, work, "render", "Renders one request to a file", s.render, render);
   add(app, work, "map", "Renders a map, or a series of them, to files", s.map, map);
+  CLI::App& campaign = add(app, work, "batch", "Renders a manifest's frames to a folder", s.batch, batch);
+  add(campaign, work, "verify", "Shows whether every frame of a manifest is there once and whole", s.batch_verify,
+      batch_verify);
+  add(app, work, "manifest", "Writes a manifest from a trajectory", s.manifest, manifest);
   add(app, work, "ingest", "Builds the terrain pyramid ahead", s.ingest, ingest);
   add(app, work, "sample", "Writes sample terrain", s.sample, sample);
   add(app, work, "info", "Lists the DEM files, their footprints and gaps", s.info, info);

@@ -26,6 +26,8 @@ LIBRARIES = [
     (r"GeographicLib/", ["dem/"]),
     (r"(OpenImageIO/|zip\.h)", ["api/"]),
     (r"nlohmann/", ["api/", "server/", "engine/visibility/mesh_recentre"]),
+    (r"openssl/", ["server/campaign/sha256"]),
+    (r"archive", ["server/campaign/tar"]),
     (r"spdlog/", ["api/", "server/"]),
 ]
 

@@ -1,0 +1,135 @@
+#include "server/campaign/durable_files.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <filesystem>
+#include <stdexcept>
+#include <system_error>
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+[[noreturn]] void fail_at(const std::string& path, int error) {
+  throw std::runtime_error(fmt::format("{}: {}", path, std::generic_category().message(error)));
+}
+
+class Descriptor {
+ public:
+  Descriptor(const std::string& path, int flags) : file_(::open(path.c_str(), flags | O_CLOEXEC, 0666)) {
+    if (file_ < 0) fail_at(path, errno);
+  }
+  ~Descriptor() { ::close(file_); }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  int get() const { return file_; }
+
+ private:
+  int file_;
+};
+
+// 0, or an errno.
+int write_all(int file, std::string_view bytes) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::write(file, bytes.data(), bytes.size());
+    if (written < 0 && errno != EINTR) return errno;
+    if (written > 0) bytes.remove_prefix(static_cast<std::size_t>(written));
+  }
+  return 0;
+}
+
+void sync_folder_of(const std::string& path) {
+  const fs::path folder = fs::path(path).parent_path();
+  const Descriptor opened(folder.empty() ? "." : folder.string(), O_RDONLY | O_DIRECTORY);
+  // Some file systems can't, and have nothing to sync then.
+  if (::fsync(opened.get()) != 0 && errno != EINVAL) fail_at(folder.string(), errno);
+}
+
+}  // namespace
+
+void write_to_disk(const std::string& path, std::string_view bytes) {
+  int error = 0;
+  {
+    const Descriptor file(path, O_WRONLY | O_CREAT | O_TRUNC);
+    error = write_all(file.get(), bytes);
+    if (error == 0 && ::fsync(file.get()) != 0) error = errno;
+  }
+  if (error == 0) return;
+  ::unlink(path.c_str());
+  fail_at(path, error);
+}
+
+void rename_on_disk(const std::string& from, const std::string& to) {
+  if (::rename(from.c_str(), to.c_str()) != 0) fail_at(to, errno);
+  sync_folder_of(to);
+}
+
+void remove_on_disk(const std::string& path) {
+  if (::unlink(path.c_str()) != 0 && errno != ENOENT) fail_at(path, errno);
+  sync_folder_of(path);
+}
+
+GrowingFile::GrowingFile(std::string path) : path_(std::move(path)) {
+  file_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  if (file_ < 0) fail(errno);
+  if (::flock(file_, LOCK_EX | LOCK_NB) != 0) {
+    const int error = errno;
+    if (error == EWOULDBLOCK) {
+      ::close(file_);
+      throw std::runtime_error(path_ + ": another process writes it");
+    }
+    // Some network file systems know no locks.
+    spdlog::warn("{}: can't be locked ({}): let no two processes work at the same shard", path_,
+                 std::generic_category().message(error));
+  }
+  struct stat status {};
+  if (::fstat(file_, &status) != 0) {
+    const int error = errno;
+    ::close(file_);
+    fail(error);
+  }
+  size_ = static_cast<std::uint64_t>(status.st_size);
+}
+
+GrowingFile::~GrowingFile() { ::close(file_); }
+
+void GrowingFile::fail(int error) const { fail_at(path_, error); }
+
+void GrowingFile::append(std::string_view bytes) {
+  if (::lseek(file_, static_cast<off_t>(size_), SEEK_SET) < 0) fail(errno);
+  int error = write_all(file_, bytes);
+  if (error == 0 && ::fdatasync(file_) != 0) error = errno;
+  if (error != 0) {
+    [[maybe_unused]] const int cut = ::ftruncate(file_, static_cast<off_t>(size_));
+    fail(error);
+  }
+  size_ += bytes.size();
+}
+
+void GrowingFile::cut(std::uint64_t size) {
+  if (::ftruncate(file_, static_cast<off_t>(size)) != 0 || ::fdatasync(file_) != 0) fail(errno);
+  size_ = size;
+}
+
+std::string GrowingFile::read(std::uint64_t offset, std::size_t count) const {
+  std::string bytes(count, '\0');
+  std::size_t have = 0;
+  while (have < count) {
+    const ssize_t got = ::pread(file_, bytes.data() + have, count - have, static_cast<off_t>(offset + have));
+    if (got < 0 && errno != EINTR) fail(errno);
+    if (got == 0) break;
+    if (got > 0) have += static_cast<std::size_t>(got);
+  }
+  bytes.resize(have);
+  return bytes;
+}
+
+}  // namespace selenograph::server

@@ -1,0 +1,102 @@
+#include "server/campaign/manifest.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <fstream>
+#include <iterator>
+#include <stdexcept>
+#include <unordered_map>
+
+#include "api/problem.h"
+#include "server/campaign/sha256.h"
+
+namespace selenograph::server {
+namespace {
+
+using api::Json;
+
+constexpr const char* kName = "name";
+
+std::string compact(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+
+bool is_frame_name(std::string_view text) {
+  const auto fits = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-' ||
+           c == '.';
+  };
+  return !text.empty() && text.size() <= kLongestFrameName && text.front() != '.' && text.front() != '-' &&
+         std::all_of(text.begin(), text.end(), fits);
+}
+
+[[noreturn]] void refuse_name(const std::string& why) {
+  throw api::RequestError("invalid_request", "/name: " + why, {{"/name", why}});
+}
+
+std::string own_name(const Json& given) {
+  if (given.is_string() && is_frame_name(given.get_ref<const std::string&>())) return given;
+  refuse_name(fmt::format("must be 1 to {} letters, digits, '.', '_' and '-', beginning with neither '.' nor '-'",
+                          kLongestFrameName));
+}
+
+std::string read_whole(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::string text{std::istreambuf_iterator<char>(file), {}};
+  if (!file) throw std::runtime_error(path + ": can't be read");
+  return text;
+}
+
+std::vector<ManifestLine> split(std::string_view text) {
+  std::vector<ManifestLine> lines;
+  for (std::size_t number = 1; !text.empty(); ++number) {
+    const std::size_t end = std::min(text.find('\n'), text.size());
+    std::string_view line = text.substr(0, end);
+    text.remove_prefix(std::min(end + 1, text.size()));
+    if (line.find_first_not_of(" \t\r") == std::string_view::npos) continue;
+    lines.push_back({.number = number, .name = {}, .text = line, .request_sha256 = {}, .problem = {}});
+  }
+  return lines;
+}
+
+}  // namespace
+
+Problem problem_of(const std::string& body, int status) {
+  Problem said = Problem::parse(body, nullptr, false);
+  Problem kept{{"status", status}};
+  for (const char* member : {"title", "detail", "errors"})
+    if (said.is_object() && said.contains(member)) kept[member] = std::move(said[member]);
+  return kept;
+}
+
+Manifest::Manifest(const std::string& path, int max_json_depth)
+    : path_(path), text_(read_whole(path)), sha256_(server::sha256(text_)), max_json_depth_(max_json_depth) {
+  lines_ = split(text_);
+  if (lines_.empty()) throw std::runtime_error(path + ": has no line");
+  const std::size_t width = std::max<std::size_t>(6, std::to_string(lines_.back().number).size());
+  std::unordered_map<std::string_view, std::size_t> taken;
+  taken.reserve(lines_.size());
+  for (ManifestLine& line : lines_) {
+    line.name = fmt::format("{:0{}}", line.number, width);
+    line.request_sha256 = server::sha256(line.text);
+    const api::Response read = api::answer_or_problem({}, [&] {
+      Json request = api::parse_json(line.text, max_json_depth);
+      if (request.is_object() && request.contains(kName)) {
+        line.name = own_name(request[kName]);
+        request.erase(kName);
+      }
+      line.request_sha256 = server::sha256(compact(request));
+      const auto [first, is_new] = taken.emplace(line.name, line.number);
+      if (!is_new) refuse_name(fmt::format("\"{}\" is the name of line {}", line.name, first->second));
+      return api::Response{};
+    });
+    if (read.status != 200) line.problem = problem_of(read.body, read.status);
+  }
+}
+
+Json Manifest::request(const ManifestLine& line) const {
+  Json request = api::parse_json(line.text, max_json_depth_);
+  if (request.is_object()) request.erase(kName);
+  return request;
+}
+
+}  // namespace selenograph::server

@@ -1,0 +1,56 @@
+// A campaign's requests: one per line, each with a name.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "api/json_reader.h"
+
+namespace selenograph::server {
+
+// Longest name of a frame. With its suffix it fits a plain tar header.
+inline constexpr std::size_t kLongestFrameName = 90;
+
+// A problem document's members that a journal keeps: status, title, detail, errors.
+using Problem = nlohmann::ordered_json;
+
+struct ManifestLine {
+  std::size_t number = 0;  // in the file, from 1
+  std::string name;
+  std::string_view text;
+  std::string request_sha256;  // of the request without its name as compact JSON, members sorted; else of the text
+  // Why it can never be a frame, as far as the manifest alone tells.
+  std::optional<Problem> problem;
+};
+
+// Empty lines are none. Lines without a "name" have their number's, with zeros in front: six digits, more if the file
+// has more. Names are letters, digits, '.', '_' and '-', and don't begin with a '.' or '-'. A name that is not the
+// first of its kind is a problem.
+class Manifest {
+ public:
+  // Throws std::runtime_error naming the file.
+  Manifest(const std::string& path, int max_json_depth);
+  Manifest(const Manifest&) = delete;
+  Manifest& operator=(const Manifest&) = delete;
+
+  const std::string& path() const { return path_; }
+  const std::string& sha256() const { return sha256_; }
+  const std::vector<ManifestLine>& lines() const { return lines_; }
+  // Of a line without a problem.
+  api::Json request(const ManifestLine& line) const;
+
+ private:
+  std::string path_, text_, sha256_;
+  int max_json_depth_;
+  std::vector<ManifestLine> lines_;
+};
+
+// What is wrong, from an answer that is no frame.
+Problem problem_of(const std::string& body, int status);
+
+}  // namespace selenograph::server

@@ -1,0 +1,142 @@
+#include "server/campaign/order.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "api/frame_json.h"
+#include "api/problem.h"
+
+namespace selenograph::server {
+namespace {
+
+using api::Json;
+
+// The request's pose as a frame of its own that needs nothing else: what is wrong with the rest is found when it is
+// rendered, and files that it names may be others by then.
+std::optional<engine::Pose> pose_of(const Json& request) {
+  if (!request.is_object()) return std::nullopt;
+  const Json* body = &request;
+  if (const auto cameras = request.find("cameras"); cameras != request.end() && cameras->is_object() &&
+                                                    !cameras->empty() && cameras->front().is_object() &&
+                                                    cameras->front().contains("pose"))
+    body = &cameras->front();
+  Json frame{{"camera", {{"width", 1}, {"height", 1}, {"fov_deg", 1}}}, {"products", {"depth"}}};
+  if (const auto pose = body->find("pose"); pose != body->end()) {
+    frame["pose"] = *pose;
+  } else if (const auto shutter = body->find("shutter"); shutter != body->end() && shutter->is_object()) {
+    const auto poses = shutter->find("poses");
+    if (poses == shutter->end() || !poses->is_array() || poses->empty() || !poses->front().is_object())
+      return std::nullopt;
+    frame["pose"] = poses->front();
+    frame["pose"].erase("time_s");
+  }
+  // Poses in ICRF may take their epoch from the Sun.
+  if (const auto sun = request.find("sun"); sun != request.end()) frame["sun"] = *sun;
+  try {
+    return api::read_frame(frame, {}).request.pose;
+  } catch (const api::RequestError&) {
+    return std::nullopt;
+  }
+}
+
+// Where the boresight meets the sphere; where it doesn't, the point of it that is nearest to the centre.
+Vec3 place_seen(const engine::Pose& pose) {
+  const Vec3 boresight = pose.camera_from_moon.conjugate() * Vec3::UnitZ();
+  const double along = -pose.position_m.dot(boresight);
+  const double below2 = pose.position_m.squaredNorm() - along * along;  // of the line's nearest point, squared
+  const double back2 = kMoonRadius_m * kMoonRadius_m - below2;
+  return pose.position_m + std::max(0.0, along - std::sqrt(std::max(0.0, back2))) * boresight;
+}
+
+double number_or(const Json& object, const char* member, double otherwise) {
+  if (!object.is_object()) return otherwise;
+  const auto found = object.find(member);
+  return found != object.end() && found->is_number() ? found->get<double>() : otherwise;
+}
+
+double pixels_of(const Json& frame) {
+  const Json none;
+  const auto part = [&](const char* name) -> const Json& {
+    const auto found = frame.is_object() ? frame.find(name) : frame.end();
+    return found != frame.end() ? *found : none;
+  };
+  // A preset's size isn't known here.
+  const double across = number_or(part("camera"), "width", 1024), down = number_or(part("camera"), "height", 1024);
+  const double samples = number_or(part("accuracy"), "samples_per_pixel", 1);
+  return std::clamp(across, 1.0, 65535.0) * std::clamp(down, 1.0, 65535.0) * std::clamp(samples, 1.0, 65536.0);
+}
+
+}  // namespace
+
+// J. Skilling: Programming the Hilbert curve. AIP Conference Proceedings 707 (2004) 381-387: AxestoTranspose().
+std::uint64_t hilbert_index(const Vec3& point, int bits) {
+  std::array<std::uint32_t, 3> x{};
+  const double cells = std::ldexp(1.0, bits);
+  for (int i = 0; i < 3; ++i)
+    x[static_cast<std::size_t>(i)] = static_cast<std::uint32_t>(std::clamp((point[i] + 1) / 2 * cells, 0.0, cells - 1));
+  for (std::uint32_t q = 1U << (bits - 1); q > 1; q >>= 1) {
+    const std::uint32_t p = q - 1;
+    for (std::uint32_t& axis : x) {
+      if (axis & q) {
+        x[0] ^= p;
+      } else {
+        const std::uint32_t t = (x[0] ^ axis) & p;
+        x[0] ^= t;
+        axis ^= t;
+      }
+    }
+  }
+  x[1] ^= x[0];
+  x[2] ^= x[1];
+  std::uint32_t t = 0;
+  for (std::uint32_t q = 1U << (bits - 1); q > 1; q >>= 1)
+    if (x[2] & q) t ^= q - 1;
+  for (std::uint32_t& axis : x) axis ^= t;
+  std::uint64_t index = 0;
+  for (int bit = bits - 1; bit >= 0; --bit)
+    for (const std::uint32_t axis : x) index = index << 1 | (axis >> bit & 1);
+  return index;
+}
+
+std::uint64_t terrain_key(const Json& request) {
+  const auto pose = pose_of(request);
+  if (!pose) return kNoPlace;
+  // 2 km between cells: frames that are closer to each other than that see the same blocks. No round number is a border
+  // of anything: the last bit of a cosine, which machines don't agree on, must decide nothing.
+  constexpr int kBits = 11;
+  const Vec3 cube = place_seen(*pose) / (1.1037 * kMoonRadius_m) + Vec3(1.234e-4, 2.345e-4, 3.456e-4);
+  return hilbert_index(cube, kBits);
+}
+
+std::uint64_t weight_of(const Json& request) {
+  constexpr double kOfAnyFrame = 1 << 16;  // what a frame takes besides its pixels
+  double pixels = 0;
+  const auto cameras = request.is_object() ? request.find("cameras") : request.end();
+  if (cameras != request.end() && cameras->is_object()) {
+    for (const Json& camera : *cameras) pixels += pixels_of(camera);
+  } else {
+    pixels = pixels_of(request);
+  }
+  return static_cast<std::uint64_t>(std::min(pixels + kOfAnyFrame, 1e12));
+}
+
+std::vector<Span> cut_evenly(const std::vector<std::uint64_t>& weights, std::size_t count) {
+  long double total = 0, before = 0;
+  for (const std::uint64_t weight : weights) total += static_cast<long double>(weight);
+  std::vector<Span> spans(count);
+  std::size_t at = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    spans[i].begin = at;
+    // An element belongs to the span that its middle is in.
+    const long double end = total * static_cast<long double>(i + 1) / static_cast<long double>(count);
+    while (at < weights.size() && (i + 1 == count || before + static_cast<long double>(weights[at]) / 2 < end))
+      before += static_cast<long double>(weights[at++]);
+    spans[i].end = at;
+  }
+  return spans;
+}
+
+}  // namespace selenograph::server

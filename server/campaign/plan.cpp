@@ -1,0 +1,66 @@
+#include "server/campaign/plan.h"
+
+#include <fmt/format.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <numeric>
+
+#include "server/campaign/sha256.h"
+
+namespace selenograph::server {
+namespace {
+
+struct Ordered {
+  std::vector<const ManifestLine*> lines;
+  std::vector<std::uint64_t> weights;
+};
+
+Ordered ordered(const Manifest& manifest) {
+  const std::vector<ManifestLine>& lines = manifest.lines();
+  std::vector<std::uint64_t> keys(lines.size()), weights(lines.size());
+  tbb::parallel_for(std::size_t{0}, lines.size(), [&](std::size_t i) {
+    const api::Json request = lines[i].problem ? api::Json() : manifest.request(lines[i]);
+    keys[i] = terrain_key(request);
+    weights[i] = lines[i].problem ? 1 : weight_of(request);
+  });
+  std::vector<std::size_t> order(lines.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return keys[a] < keys[b]; });
+  Ordered out;
+  for (const std::size_t i : order) out.lines.push_back(&lines[i]), out.weights.push_back(weights[i]);
+  return out;
+}
+
+}  // namespace
+
+std::string TarPlan::sha256() const {
+  Sha256 digest;
+  for (const ManifestLine* line : lines) digest.add(line->name + " " + line->request_sha256 + "\n");
+  return digest.hex();
+}
+
+std::vector<const ManifestLine*> lines_of(const Manifest& manifest, const Shard& shard) {
+  const Ordered all = ordered(manifest);
+  const Span span = cut_evenly(all.weights, shard.of)[shard.index];
+  return {all.lines.begin() + static_cast<std::ptrdiff_t>(span.begin),
+          all.lines.begin() + static_cast<std::ptrdiff_t>(span.end)};
+}
+
+std::vector<TarPlan> tars_of(const Manifest& manifest, const Shard& shard, std::size_t lines_per_tar) {
+  const Ordered all = ordered(manifest);
+  std::vector<TarPlan> tars;
+  std::vector<std::uint64_t> weights;
+  for (std::size_t at = 0; at < all.lines.size(); at += lines_per_tar) {
+    const std::size_t end = std::min(at + lines_per_tar, all.lines.size());
+    tars.push_back(
+        {fmt::format("frames-{:06}.tar", tars.size()),
+         {all.lines.begin() + static_cast<std::ptrdiff_t>(at), all.lines.begin() + static_cast<std::ptrdiff_t>(end)}});
+    weights.push_back(std::accumulate(all.weights.begin() + static_cast<std::ptrdiff_t>(at),
+                                      all.weights.begin() + static_cast<std::ptrdiff_t>(end), std::uint64_t{0}));
+  }
+  const Span span = cut_evenly(weights, shard.of)[shard.index];
+  return {tars.begin() + static_cast<std::ptrdiff_t>(span.begin), tars.begin() + static_cast<std::ptrdiff_t>(span.end)};
+}
+
+}  // namespace selenograph::server

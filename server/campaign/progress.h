@@ -1,0 +1,31 @@
+// How far a campaign is, on stderr: one line that is rewritten on a terminal, a line a minute elsewhere.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <mutex>
+#include <string>
+
+namespace selenograph::server {
+
+// Safe to use concurrently.
+class CampaignProgress {
+ public:
+  explicit CampaignProgress(std::size_t frames);
+  ~CampaignProgress();
+  // One more is done.
+  void step(const std::string& name);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  void show(const std::string& name);
+  const bool terminal_;
+  const std::size_t frames_;
+  std::mutex mutex_;
+  const Clock::time_point start_ = Clock::now();
+  Clock::time_point shown_ = start_;
+  std::size_t done_ = 0;
+  bool line_open_ = false;
+};
+
+}  // namespace selenograph::server

@@ -1,0 +1,28 @@
+// SHA-256 (FIPS 180-4), as sha256sum prints it. All of OpenSSL's digests are behind this pair of files.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <string_view>
+
+namespace selenograph::server {
+
+class Sha256 {
+ public:
+  Sha256();
+  ~Sha256();
+  Sha256(const Sha256&) = delete;
+  Sha256& operator=(const Sha256&) = delete;
+
+  void add(std::string_view bytes);
+  // Of all that was added so far: 64 hexadecimal digits.
+  std::string hex() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+std::string sha256(std::string_view bytes);
+
+}  // namespace selenograph::server

@@ -1,0 +1,155 @@
+#include "server/campaign/store.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <stdexcept>
+
+#include "server/campaign/tar.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string in_folder(const std::string& folder, const std::string& name) { return (fs::path(folder) / name).string(); }
+
+std::optional<std::uint64_t> size_of(const std::string& path) {
+  std::error_code error;
+  const std::uintmax_t size = fs::file_size(path, error);
+  return error ? std::nullopt : std::optional<std::uint64_t>(size);
+}
+
+std::uint64_t member_size(std::uint64_t content) {
+  return kTarHeaderBytes + (content + kTarHeaderBytes - 1) / kTarHeaderBytes * kTarHeaderBytes;
+}
+
+}  // namespace
+
+DoneFrame done_frame(const ManifestLine& line, const RenderedFrame& frame) {
+  return {.name = line.name,
+          .line = line.number,
+          .request_sha256 = line.request_sha256,
+          .content_hash = frame.content_hash,
+          .sha256 = sha256(frame.bytes),
+          .bytes = frame.bytes.size(),
+          .ms = frame.ms,
+          .missing_fraction = frame.missing_fraction,
+          .tar = {},
+          .offset = 0};
+}
+
+FrameFolder::FrameFolder(std::string folder, std::string suffix, const Shard& shard, const Record& record,
+                         Journal& journal)
+    : folder_(std::move(folder)),
+      suffix_("." + suffix),
+      temporary_suffix_(fmt::format(".part-{:05}-of-{:05}", shard.index, shard.of)),
+      record_(record),
+      journal_(journal) {
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder_))
+    if (entry.path().string().ends_with(temporary_suffix_)) fs::remove(entry.path());
+}
+
+std::string FrameFolder::path_of(const ManifestLine& line) const { return in_folder(folder_, line.name + suffix_); }
+
+bool FrameFolder::has(const ManifestLine& line) const {
+  const DoneFrame* done = record_.frame(line.name);
+  return done && done->tar.empty() && done->request_sha256 == line.request_sha256 &&
+         size_of(path_of(line)) == done->bytes;
+}
+
+bool FrameFolder::is_taken(const ManifestLine& line) const {
+  const DoneFrame* done = record_.frame(line.name);
+  if (done && done->request_sha256 == line.request_sha256) return false;  // ours, whatever became of it
+  return fs::exists(path_of(line));
+}
+
+void FrameFolder::put(const ManifestLine& line, const RenderedFrame& frame) {
+  const std::string path = path_of(line), temporary = path + temporary_suffix_;
+  write_to_disk(temporary, frame.bytes);
+  try {
+    // Else a crash behind the journal's line would leave another frame under the name that the line speaks of.
+    if (fs::exists(path)) remove_on_disk(path);
+    journal_.add(done_frame(line, frame));
+    rename_on_disk(temporary, path);
+  } catch (...) {
+    ::unlink(temporary.c_str());
+    throw;
+  }
+}
+
+bool TarWriter::has(const std::string& folder, const TarPlan& plan, const Record& record) {
+  const std::string path = in_folder(folder, plan.name);
+  const DoneTar* done = record.tar(plan.name);
+  const bool same = done && done->plan == plan.sha256();
+  if (same && done->frames == 0) return true;
+  const auto size = size_of(path);
+  if (!size) return false;
+  if (!same)
+    throw std::runtime_error(path +
+                             ": is not what this manifest, this software and this terrain make: give them a "
+                             "folder of their own");
+  return *size == done->bytes;
+}
+
+TarWriter::TarWriter(std::string folder, std::string suffix, const TarPlan& plan, const Record& record,
+                     Journal& journal)
+    : path_(in_folder(folder, plan.name)),
+      suffix_("." + suffix),
+      plan_(plan),
+      journal_(journal),
+      file_(path_ + ".part") {
+  take_over(record);
+}
+
+void TarWriter::take_over(const Record& record) {
+  std::uint64_t at = 0;
+  const auto* const known = record.frames_of(plan_.name);
+  for (std::size_t i = 0; known && i < plan_.lines.size(); ++i) {
+    const ManifestLine& line = *plan_.lines[i];
+    const auto found = known->find(at);
+    if (found == known->end()) break;
+    const DoneFrame& done = found->second;
+    if (done.name != line.name || done.request_sha256 != line.request_sha256) {
+      // A line without a frame; if it was one. Else this is another tar's.
+      if (line.problem || record.without_frame(line)) continue;
+      break;
+    }
+    const std::string member = file_.read(at, member_size(done.bytes));
+    if (member.size() != member_size(done.bytes) ||
+        sha256(std::string_view(member).substr(kTarHeaderBytes, done.bytes)) != done.sha256)
+      break;
+    digest_.add(member);
+    at += member.size(), ++frames_;
+    behind_ = i + 1;
+  }
+  file_.cut(at);
+}
+
+void TarWriter::put(const ManifestLine& line, const RenderedFrame& frame) {
+  DoneFrame done = done_frame(line, frame);
+  done.tar = plan_.name;
+  done.offset = file_.size();
+  const std::string member = tar_member(line.name + suffix_, frame.bytes);
+  file_.append(member);
+  digest_.add(member);
+  journal_.add(done);
+  ++frames_;
+}
+
+void TarWriter::finish() {
+  if (frames_ == 0) {
+    remove_on_disk(file_.path());
+    journal_.add(DoneTar{plan_.name, plan_.sha256(), "", 0, 0});
+    return;
+  }
+  const std::string end = tar_end();
+  file_.append(end);
+  digest_.add(end);
+  if (fs::exists(path_)) remove_on_disk(path_);
+  journal_.add(DoneTar{plan_.name, plan_.sha256(), digest_.hex(), file_.size(), frames_});
+  rename_on_disk(file_.path(), path_);
+}
+
+}  // namespace selenograph::server

@@ -1,0 +1,655 @@
+#!/usr/bin/env python3
+"""`selenograph batch`, `batch verify` and `manifest`: a campaign's frames are whole, the service's, and there once,
+whatever interrupts it.
+
+Python's standard library and NumPy only.
+"""
+
+import csv
+import fcntl
+import hashlib
+import io
+import json
+import math
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tarfile
+import time
+import unittest
+
+import harness
+from harness import BINARY, PATIENCE_S, REPOSITORY, Service, frame_request, run
+
+sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
+from selenograph import Camera, Trajectory  # noqa: E402
+
+SEED = 20261122
+KILLS = int(os.environ.get("BATCH_KILLS", "6"))
+DONE, AGAIN, BAD = 0, 1, 2  # exit statuses
+BELOW_THE_GROUND = {"geodetic": {"lat_deg": 0, "lon_deg": 30, "height_m": -20000}, "nadir": {"up_azimuth_deg": 0}}
+
+DEM = ""
+
+
+def setUpModule():
+    global DEM
+    harness.set_up()
+    DEM = harness.sample("dem", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "256")
+    assert run("ingest", "--dem", DEM, "--cache-dir", harness.path("cache")).returncode == 0
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def requests(count, size=16, **changes):
+    """Frames all over the terrain, from several heights, in no order."""
+    any_number = random.Random(SEED)
+    for _ in range(count):
+        place = {"lat_deg": any_number.uniform(-0.9, 0.9), "lon_deg": any_number.uniform(29.1, 30.9),
+                 "height_m": any_number.choice([10e3, 20e3, 60e3])}
+        yield frame_request(width=size, height=size, pose={"geodetic": place, "nadir": {"up_azimuth_deg": 0}}, **changes)
+
+
+def manifest(lines, name="manifest.jsonl"):
+    path = harness.path(name)
+    with open(path, "w") as file:
+        for line in lines:
+            file.write((line if isinstance(line, str) else json.dumps(line)) + "\n")
+    return path
+
+
+def command(manifest_path, folder, *options):
+    return ["batch", manifest_path, "-o", harness.path(folder), "--dem", DEM, "--cache-dir", harness.path("cache"),
+            *options]
+
+
+def batch(manifest_path, folder, *options, **more):
+    return run(*command(manifest_path, folder, *options), **more)
+
+
+def verify(manifest_path, folder, *options):
+    return run("batch", "verify", manifest_path, "-o", harness.path(folder), *options)
+
+
+def read(*parts):
+    with open(harness.path(*parts), "rb") as file:
+        return file.read()
+
+
+def read_lines(path):
+    with open(path) as file:
+        return [json.loads(line) for line in file]
+
+
+def contents(folder, suffix):
+    return {name: read(folder, name) for name in sorted(os.listdir(harness.path(folder))) if name.endswith(suffix)}
+
+
+def journal(folder):
+    """All whole lines of all journals but the runs'."""
+    lines = []
+    for name, text in contents(folder, ".jsonl").items():
+        for line in text.decode().split("\n")[:-1]:
+            entry = json.loads(line)
+            if "run" not in entry:
+                lines.append(entry)
+    return lines
+
+
+class Batch(unittest.TestCase):
+    def setUp(self):
+        self.remove("out")
+
+    def remove(self, *folders):
+        for folder in folders:
+            shutil.rmtree(harness.path(folder), ignore_errors=True)
+
+    def assert_status(self, done, status):
+        self.assertEqual(done.returncode, status, done.stdout + done.stderr)
+
+    def interrupted(self, arguments, enough, how):
+        """Starts the command, sends the signal when enough() says so; returns the exit status, and what it said."""
+        with subprocess.Popen([BINARY, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+            give_up = time.monotonic() + PATIENCE_S
+            while process.poll() is None and not enough() and time.monotonic() < give_up:
+                time.sleep(0.001)
+            if process.poll() is None:
+                process.send_signal(how)
+            said = process.communicate(timeout=PATIENCE_S)[0]
+            return process.returncode, said
+
+    def entries(self, folder):
+        """So many lines are in the journals."""
+        try:
+            return sum(text.count(b"\n") for text in contents(folder, ".jsonl").values())
+        except FileNotFoundError:
+            return 0
+
+
+class Frames(Batch):
+    def test_bytes_are_the_services(self):
+        two = {"cameras": {"left": {"camera": {"width": 8, "height": 8, "fov_deg": 30}},
+                           "right": {"camera": {"width": 9, "height": 8, "fov_deg": 30}}}}
+        base = next(requests(1))
+        several = {**{k: v for k, v in base.items() if k != "camera"}, **two}
+        for suffix, accept, asked in (
+                ("npz", "application/x-npz", [*requests(3), frame_request(["image", "range"]), several]),
+                ("exr", "image/x-exr", [frame_request(["radiance", "range"])]),
+                ("tiff", "image/tiff", [frame_request(["range"])]),
+                ("png", "image/png", [frame_request(["image"])])):
+            with self.subTest(suffix=suffix):
+                self.remove("out")
+                path = manifest({"name": f"frame-{i}", **request} for i, request in enumerate(asked))
+                self.assert_status(batch(path, "out", "--format", suffix), DONE)
+                service = Service()
+                for i, request in enumerate(asked):
+                    status, headers, body = service.frame(request, accept)
+                    self.assertEqual(status, 200, body[:300])
+                    self.assertTrue(read("out", f"frame-{i}.{suffix}") == body, f"frame-{i}.{suffix}")
+                    entry = next(e for e in journal("out") if e["name"] == f"frame-{i}")
+                    self.assertEqual(entry["content_hash"], headers["ETag"].strip('"'))
+                    self.assertEqual(entry["sha256"], hashlib.sha256(body).hexdigest())
+                    self.assertEqual(entry["bytes"], len(body))
+                    self.assertEqual(entry["line"], i + 1)
+                service.expect_clean_stop()
+
+    def test_names_are_the_lines_numbers(self):
+        lines = [json.dumps(r) for r in requests(4)]
+        self.assert_status(batch(manifest([lines[0], "", lines[1], json.dumps({"name": "b", **next(requests(1))})]), "out"), DONE)
+        self.assertEqual(list(contents("out", ".npz")), ["000001.npz", "000003.npz", "b.npz"])
+
+    def test_bad_lines_are_recorded_and_the_rest_is_rendered(self):
+        good = list(requests(6))
+        lines = [good[0], "{nonsense", {**good[1], "poes": 1}, {"name": "../up", **good[2]}, {"name": "twice", **good[3]},
+                 {"name": "twice", **good[4]}, {**good[5], "pose": BELOW_THE_GROUND}, 17, {"name": 5, **good[0]},
+                 '{"name": "a", "name": "b"}', {**good[5], "products": ["radiance", "depth"]}]
+        path = manifest(lines)
+        for again in range(2):  # known problems are not written twice
+            done = batch(path, "out")
+            self.assert_status(done, BAD)
+            self.assertEqual(sorted(contents("out", ".npz")), ["000001.npz", "000011.npz", "twice.npz"])
+            problems = {e["line"]: e for e in journal("out") if "problem" in e}
+            self.assertEqual(sorted(problems), [2, 3, 4, 6, 7, 8, 9, 10])
+            self.assertEqual(len([e for e in journal("out") if "problem" in e]), 8)
+        pointers = {line: [e["pointer"] for e in entry["problem"].get("errors", [])] for line, entry in problems.items()}
+        self.assertEqual(problems[2]["problem"]["status"], 400)
+        self.assertEqual(pointers[3], ["/poes"])
+        self.assertEqual(pointers[4], ["/name"])
+        self.assertEqual(pointers[6], ["/name"])
+        self.assertIn("line 5", problems[6]["problem"]["detail"])
+        self.assertEqual(pointers[7], ["/pose"])
+        self.assertEqual(pointers[9], ["/name"])
+        self.assertIn("line 7 (000007)", done.stderr)
+        checked = verify(path, "out", "--rerun", harness.path("rerun.jsonl"))
+        self.assert_status(checked, BAD)
+        self.assertEqual(read("rerun.jsonl"), b"")
+        # One format's problem is not the other's.
+        self.assert_status(batch(manifest([lines[-1]]), "tiff", "--format", "tiff"), BAD)
+        self.assertEqual(journal("tiff")[0]["problem"]["errors"][0]["pointer"], "/products")
+
+    def test_what_is_wrong_with_the_command(self):
+        path = manifest(requests(1))
+        for options, word in ((("--shard", "1/1"), "--shard"), (("--shard", "x"), "--shard"), (("--shard", "0/0"), "--shard"),
+                              (("--format", "gif"), "--format"), (("--dem", harness.path("nowhere")), "nowhere")):
+            with self.subTest(options=options):
+                done = batch(path, "out", *options)
+                self.assertNotEqual(done.returncode, 0)
+                self.assertIn(word, done.stderr)
+        for done in (batch(harness.path("nowhere.jsonl"), "out"), batch(manifest([], "empty.jsonl"), "out"), run("batch", path)):
+            self.assert_status(done, AGAIN)
+            self.assertIn("error: ", done.stderr)
+
+
+class Interrupted(Batch):
+    """What was finished stays, and is not made again."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.path = manifest(requests(60), "interrupted.jsonl")
+        done = batch(cls.path, "reference")
+        assert done.returncode == 0, done.stderr
+        cls.frames = contents("reference", ".npz")
+        assert len(cls.frames) == 60
+
+    def assert_complete(self, folder):
+        self.assertTrue(contents(folder, ".npz") == self.frames)
+        self.assert_status(verify(self.path, folder), DONE)
+        self.assertEqual([n for n in os.listdir(harness.path(folder)) if ".part" in n], [])
+
+    def test_signals(self):
+        for how in (signal.SIGTERM, signal.SIGINT):
+            with self.subTest(signal=how.name):
+                self.remove("out")
+                status, said = self.interrupted(command(self.path, "out"), lambda: self.entries("out") > 10, how)
+                self.assertEqual(status, AGAIN, said)
+                self.assertIn("run the same command to go on", said)
+                first = {n: os.stat(harness.path("out", n)) for n in contents("out", ".npz")}
+                self.assertTrue(0 < len(first) < 60)
+                self.assertEqual([n for n in os.listdir(harness.path("out")) if ".part" in n], [])
+                again = batch(self.path, "out")
+                self.assert_status(again, DONE)
+                self.assertIn(f"{60 - len(first)} frames rendered, {len(first)} were there", again.stdout)
+                for name, before in first.items():
+                    after = os.stat(harness.path("out", name))
+                    self.assertEqual((after.st_ino, after.st_mtime_ns), (before.st_ino, before.st_mtime_ns), name)
+                self.assertEqual(len(journal("out")), 60)
+                self.assert_complete("out")
+
+    def test_killed_again_and_again(self):
+        moments = random.Random(SEED)
+        lives = 0
+        for _ in range(KILLS):
+            target = self.entries("out") + moments.randrange(0, 12)
+            status, said = self.interrupted(command(self.path, "out"), lambda: self.entries("out") >= target, signal.SIGKILL)
+            lives += status == -signal.SIGKILL
+            for name, content in contents("out", ".npz").items():
+                self.assertTrue(content == self.frames[name], f"{name}: a frame appears whole or not at all")
+            # A killed process may leave the last line torn; here it does.
+            if os.path.exists(harness.path("out", "journal-00000-of-00001.jsonl")):
+                with open(harness.path("out", "journal-00000-of-00001.jsonl"), "ab") as file:
+                    file.write(b'{"name": "0000')
+        self.assertGreater(lives, 0)
+        self.assert_status(batch(self.path, "out"), DONE)
+        self.assert_complete("out")
+        self.assertEqual({e["name"] for e in journal("out")}, {n[:-4] for n in self.frames})
+
+    def test_shards_are_a_partition(self):
+        for of in (3, 70):
+            with self.subTest(of=of):
+                self.remove("out")
+                made = []
+                for i in range(of) if of < 10 else (0, 34, 35, 69):
+                    before = set(contents("out", ".npz")) if os.path.isdir(harness.path("out")) else set()
+                    self.assert_status(batch(self.path, "out", "--shard", f"{i}/{of}"), DONE)
+                    made.append(set(contents("out", ".npz")) - before)
+                if of < 10:
+                    self.assertEqual([len(m) for m in made], [20, 20, 20])
+                    self.assert_complete("out")
+                else:
+                    self.assertTrue(all(len(m) <= 1 for m in made), made)
+        # The others' frames count, however many shards they were.
+        again = batch(self.path, "out")
+        self.assert_status(again, DONE)
+        self.assertIn(f"{60 - sum(map(len, made))} frames rendered, {sum(map(len, made))} were there", again.stdout)
+        self.assert_complete("out")
+
+    def test_shards_have_about_the_same_work(self):
+        small, large = list(requests(30, size=16)), list(requests(30, size=512))
+        for request in large:  # all in one corner
+            request["pose"] = {"geodetic": {"lat_deg": 0.8, "lon_deg": 30.8, "height_m": 10e3}, "nadir": {"up_azimuth_deg": 0}}
+        path = manifest(small + large)
+        self.assert_status(batch(path, "out", "--shard", "0/2"), DONE)
+        lines = [e["line"] for e in journal("out")]
+        heavy = sum(line > 30 for line in lines)
+        self.assertTrue(10 <= heavy <= 20, lines)
+
+    def test_order_follows_the_terrain(self):
+        """Neighbours in the order see neighbouring places."""
+        step = 0.1  # degrees, more than the curve's cells
+        places = [(i * step - 0.3, 30 + j * step - 0.3, height) for height in (10e3, 60e3) for i in range(6) for j in range(6)]
+        random.Random(SEED).shuffle(places)
+        path = manifest(frame_request(width=4, height=4, pose={
+            "geodetic": {"lat_deg": lat, "lon_deg": lon, "height_m": height}, "nadir": {"up_azimuth_deg": 0}})
+            for lat, lon, height in places)
+        self.assert_status(batch(path, "out", "--in-work", "1"), DONE)
+        order = [places[e["line"] - 1] for e in journal("out")]
+        self.assertEqual([a[:2] for a in order[::2]], [b[:2] for b in order[1::2]])  # of each place both heights
+        way = sum(math.hypot(a[0] - b[0], a[1] - b[1]) for a, b in zip(order, order[1:]))
+        self.assertLess(way, 1.8 * step * len(places))
+
+    def test_one_process_per_shard(self):
+        os.makedirs(harness.path("out"))
+        with open(harness.path("out", "journal-00001-of-00002.jsonl"), "ab") as journal_file:
+            fcntl.flock(journal_file, fcntl.LOCK_EX)
+            refused = batch(self.path, "out", "--shard", "1/2")
+            self.assert_status(refused, AGAIN)
+            self.assertIn("another process writes it", refused.stderr)
+            self.assert_status(batch(self.path, "out", "--shard", "0/2"), DONE)
+        self.assertEqual(len(contents("out", ".npz")), 30)
+
+    def test_no_room(self):
+        """A frame's file, and then the journal, over the limit for files: as a full disk."""
+        frame = max(map(len, self.frames.values()))
+        for limit, message in ((frame // 2, ".npz.part-"), (frame + 100, "journal-")):
+            with self.subTest(limit=limit):
+                self.remove("out")
+                limits = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))  # noqa: E731
+                done = batch(self.path, "out", preexec_fn=limits)
+                self.assert_status(done, AGAIN)
+                self.assertIn("error: ", done.stderr)
+                self.assertIn(message, done.stderr)
+                self.assertIn("File too large", done.stderr)
+                self.assertEqual([n for n in os.listdir(harness.path("out")) if ".part" in n], [])
+                for name, content in contents("out", ".npz").items():
+                    self.assertTrue(content == self.frames[name], name)
+                self.assert_status(batch(self.path, "out"), DONE)
+                self.assert_complete("out")
+
+    def test_full_disk(self):
+        if os.geteuid() != 0:
+            self.skipTest("only root mounts a small disk")
+        os.makedirs(harness.path("out"))
+        mount = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=96k", "tmpfs", harness.path("out")], stderr=subprocess.PIPE)
+        if mount.returncode != 0:
+            self.skipTest("can't mount here: " + mount.stderr.decode().strip())
+        try:
+            done = batch(self.path, "out")
+            self.assert_status(done, AGAIN)
+            self.assertIn("No space left on device", done.stderr)
+            some = contents("out", ".npz")
+            self.assertTrue(0 < len(some) < 60)
+            for name, content in some.items():
+                self.assertTrue(content == self.frames[name], name)
+            subprocess.run(["mount", "-o", "remount,size=8m", harness.path("out")], check=True)
+            self.assert_status(batch(self.path, "out"), DONE)
+            self.assert_complete("out")
+        finally:
+            subprocess.run(["umount", harness.path("out")], check=True)
+
+    def test_a_folder_that_holds_other_frames(self):
+        shutil.copytree(harness.path("reference"), harness.path("out"))
+        lines = read_lines(self.path)
+        lines[4]["accuracy"] = {"max_error_px": 2}
+        changed = manifest(lines, "changed.jsonl")
+        refused = batch(changed, "out")
+        self.assert_status(refused, AGAIN)
+        self.assertIn("000005.npz", refused.stderr)
+        self.assertIn("--resume", refused.stderr)
+        self.assertTrue(contents("out", ".npz") == self.frames)
+        replaced = batch(changed, "out", "--resume")
+        self.assert_status(replaced, DONE)
+        self.assertIn("1 frames rendered, 59 were there", replaced.stdout)
+        self.assertFalse(read("out", "000005.npz") == self.frames["000005.npz"])
+        self.assert_status(verify(changed, "out"), DONE)
+        self.assert_status(verify(self.path, "out"), AGAIN)
+        # Back again: an older run's word on a frame doesn't count.
+        self.assert_status(batch(self.path, "out", "--resume", "--shard", "0/1"), DONE)
+        self.assert_complete("out")
+        # What no journal knows, another format.
+        os.makedirs(harness.path("foreign"))
+        with open(harness.path("foreign", "000002.npz"), "wb") as file:
+            file.write(b"mine")
+        refused = batch(self.path, "foreign")
+        self.assert_status(refused, AGAIN)
+        self.assertIn("000002.npz", refused.stderr)
+        self.assertEqual(read("foreign", "000002.npz"), b"mine")
+        refused = batch(self.path, "out", "--format", "exr")
+        self.assert_status(refused, AGAIN)
+        self.assertIn("a folder of its own", refused.stderr)
+
+    def test_other_terrain_is_another_campaign(self):
+        shutil.copytree(harness.path("reference"), harness.path("out"))
+        other = harness.sample("other", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd",
+                               "256", "--seed", "5")
+        refused = run("batch", self.path, "-o", harness.path("out"), "--dem", other, "--cache-dir", harness.path("cache"))
+        self.assert_status(refused, AGAIN)
+        self.assertIn("this terrain", refused.stderr)
+
+
+class Verified(Batch):
+    @classmethod
+    def setUpClass(cls):
+        cls.path = manifest(({"name": f"f{i:02}", **r} for i, r in enumerate(requests(12))), "verified.jsonl")
+        assert batch(cls.path, "verified").returncode == 0
+        cls.frames = contents("verified", ".npz")
+
+    def setUp(self):
+        super().setUp()
+        shutil.copytree(harness.path("verified"), harness.path("out"))
+
+    def damage(self, name, change):
+        content = bytearray(read("out", name))
+        change(content)
+        with open(harness.path("out", name), "wb") as file:
+            file.write(content)
+
+    def test_all_is_there(self):
+        done = verify(self.path, "out")
+        self.assert_status(done, DONE)
+        self.assertIn("12 frames are there once and whole; 0 missing, 0 damaged, 0 doubled, 0 bad, 0 extra", done.stdout)
+
+    def test_missing_damaged_doubled(self):
+        os.unlink(harness.path("out", "f03.npz"))
+        self.damage("f05.npz", lambda c: c.__setitem__(len(c) // 2, c[len(c) // 2] ^ 1))
+        self.damage("f06.npz", lambda c: c.pop())
+        shutil.copy(harness.path("out", "f07.npz"), harness.path("out", "f07.exr"))
+        done = verify(self.path, "out")
+        self.assert_status(done, AGAIN)
+        self.assertIn("9 frames are there once and whole; 1 missing, 2 damaged, 1 doubled", done.stdout)
+        for words in ("missing: line 4 (f03)", "damaged: line 6 (f05)", "damaged: line 7 (f06)", "doubled: line 8 (f07)"):
+            self.assertIn(words, done.stderr)
+        rerun = harness.path("rerun.jsonl")
+        self.assert_status(verify(self.path, "out", "--rerun", rerun), AGAIN)
+        names = [line["name"] for line in read_lines(rerun)]
+        self.assertEqual(names, ["f03", "f05", "f06", "f07"])
+        self.assert_status(batch(rerun, "out"), DONE)
+        self.assert_status(verify(self.path, "out"), DONE)
+        self.assertTrue(contents("out", ".npz") == self.frames)
+
+    def test_names_by_number_stay_in_the_rerun(self):
+        path = manifest(requests(5))
+        self.assert_status(batch(path, "numbers"), DONE)
+        wanted = contents("numbers", ".npz")
+        os.unlink(harness.path("numbers", "000004.npz"))
+        rerun = harness.path("rerun.jsonl")
+        self.assert_status(verify(path, "numbers", "--missing", rerun), AGAIN)
+        self.assert_status(batch(rerun, "numbers"), DONE)
+        self.assertTrue(contents("numbers", ".npz") == wanted)
+
+    def test_extra(self):
+        for name in ("stray.npz", "f01.npz.part-00001-of-00002"):
+            with open(harness.path("out", name), "wb") as file:
+                file.write(b"?")
+            done = verify(self.path, "out")
+            self.assert_status(done, AGAIN)
+            self.assertIn(f"extra: {name}", done.stderr)
+            os.unlink(harness.path("out", name))
+        self.assert_status(verify(self.path, "out"), DONE)
+
+    def test_not_rendered_yet(self):
+        os.unlink(harness.path("out", "journal-00000-of-00001.jsonl"))
+        self.assert_status(verify(self.path, "out"), AGAIN)  # files that no journal knows
+        self.remove("out")
+        os.makedirs(harness.path("out"))
+        done = verify(self.path, "out")
+        self.assert_status(done, AGAIN)
+        self.assertIn("12 missing", done.stdout)
+        self.assert_status(verify(self.path, "nowhere"), AGAIN)
+
+
+class WebDataset(Batch):
+    OPTIONS = ("--format", "webdataset", "--frames-per-tar", "7")
+
+    @classmethod
+    def setUpClass(cls):
+        lines = list(requests(30))
+        lines[3] = {**lines[3], "pose": BELOW_THE_GROUND}  # a bad line in the middle
+        lines[20] = "{"
+        cls.path = manifest(lines, "web.jsonl")
+        done = batch(cls.path, "web", *cls.OPTIONS)
+        assert done.returncode == BAD, done.stderr
+        cls.tars = contents("web", ".tar")
+        assert batch(cls.path, "plain").returncode == BAD
+        cls.frames = contents("plain", ".npz")
+
+    def assert_complete(self, folder):
+        self.assertTrue(contents(folder, ".tar") == self.tars, sorted(contents(folder, ".tar")))
+        self.assert_status(verify(self.path, folder), BAD)
+        self.assertEqual([n for n in os.listdir(harness.path(folder)) if ".part" in n], [])
+
+    def test_members(self):
+        self.assertEqual(list(self.tars), [f"frames-{i:06}.tar" for i in range(5)])
+        members = {}
+        for name, content in self.tars.items():
+            with tarfile.open(fileobj=io.BytesIO(content)) as tar:
+                for member in tar:
+                    self.assertEqual((member.mtime, member.uid, member.gid, member.mode, member.uname), (0, 0, 0, 0o644, ""))
+                    self.assertNotIn(member.name, members)
+                    members[member.name] = tar.extractfile(member).read()
+        self.assertTrue(members == self.frames)
+        self.assertEqual(len(members), 28)
+
+    def test_nothing_to_do(self):
+        done = batch(self.path, "web", *self.OPTIONS)
+        self.assert_status(done, BAD)
+        self.assertIn("0 frames rendered, 28 were there", done.stdout)
+        self.assert_complete("web")
+
+    def test_killed_at_random_moments(self):
+        moments = random.Random(SEED + 1)
+        lives = rendered = 0
+        for i in range(KILLS):
+            how = signal.SIGTERM if i % 3 == 2 else signal.SIGKILL
+            target = self.entries("out") + moments.randrange(0, 9)
+            status, said = self.interrupted(command(self.path, "out", *self.OPTIONS), lambda: self.entries("out") >= target, how)
+            self.assertIn(status, (-signal.SIGKILL, AGAIN, BAD), said)
+            lives += status in (-signal.SIGKILL, AGAIN)
+            for name, content in contents("out", ".tar").items():
+                self.assertTrue(content == self.tars[name], f"{name}: a tar appears whole or not at all")
+            for part in contents("out", ".part"):  # half a member behind the last that the journal knows
+                with open(harness.path("out", part), "ab") as file:
+                    file.write(b"torn" * 50)
+        self.assertGreater(lives, 0)
+        self.assert_status(batch(self.path, "out", *self.OPTIONS), BAD)
+        self.assert_complete("out")
+        frames = [e["name"] for e in journal("out") if "offset" in e]
+        self.assertLess(len(frames), 28 + 2 * KILLS)  # members are taken over, not made again
+
+    def test_however_many_shards(self):
+        for i in (2, 0, 1):
+            self.assertIn(batch(self.path, "out", *self.OPTIONS, "--shard", f"{i}/3").returncode, (DONE, BAD))
+        self.assert_complete("out")
+
+    def test_a_frame_at_a_time_or_several(self):
+        self.assert_status(batch(self.path, "out", *self.OPTIONS, "--in-work", "5"), BAD)
+        self.assert_complete("out")
+        self.remove("out")
+        self.assert_status(batch(self.path, "out", *self.OPTIONS, "--in-work", "1", "--threads", "1"), BAD)
+        self.assert_complete("out")
+
+    def test_damage_is_found_and_mended(self):
+        shutil.copytree(harness.path("web"), harness.path("out"))
+        content = bytearray(read("out", "frames-000001.tar"))
+        content[3000] ^= 1
+        with open(harness.path("out", "frames-000001.tar"), "wb") as file:
+            file.write(content)
+        os.unlink(harness.path("out", "frames-000003.tar"))
+        shutil.copy(harness.path("out", "frames-000002.tar"), harness.path("out", "again.tar"))
+        rerun = harness.path("rerun.jsonl")
+        done = verify(self.path, "out", "--rerun", rerun)
+        self.assert_status(done, AGAIN)
+        for words in ("damaged: frames-000001.tar", "missing: line", "doubled: line", "extra: again.tar"):
+            self.assertIn(words, done.stderr)
+        self.assertGreaterEqual(read("rerun.jsonl").count(b"\n"), 19)
+        # Tars are mended by their own manifest, which makes them as they were.
+        self.assert_status(batch(self.path, "out", *self.OPTIONS), BAD)
+        self.assert_complete("out")
+
+    def test_tars_of_another_manifest_are_never_replaced(self):
+        shutil.copytree(harness.path("web"), harness.path("out"))
+        other = manifest(requests(9, size=17), "other.jsonl")
+        for options in ((), ("--resume",)):
+            refused = batch(other, "out", *self.OPTIONS, *options)
+            self.assert_status(refused, AGAIN)
+            self.assertIn("a folder of their own", refused.stderr)
+        self.assert_complete("out")
+
+
+class FromATrajectory(Batch):
+    CAMERA = {"model": "pinhole", "width": 16, "height": 12, "fov_deg": 40.0}
+
+    def write_csv(self, rows, name="t.csv", before=""):
+        with open(harness.path(name), "w", newline="") as file:
+            file.write(before)
+            csv.writer(file).writerows(rows)
+        return harness.path(name)
+
+    def write_json(self, name, value):
+        with open(harness.path(name), "w") as file:
+            json.dump(value, file)
+        return harness.path(name)
+
+    def manifest_of(self, path, *options):
+        output = harness.path("made.jsonl")
+        done = run("manifest", "--trajectory", path, "-o", output, *options)
+        self.assert_status(done, 0)
+        with open(output) as file:
+            return output, [json.loads(line) for line in file]
+
+    def test_frames_of_a_flight(self):
+        path = self.write_csv([["utc", "lat_deg", "lon_deg", "height_m", "up_azimuth_deg"],
+                               *([f"2026-11-20T00:00:{i:02}.500", 0.1 * i, 30 + 0.1 * i, 20e3, 10 * i] for i in range(4))],
+                              before="# a comment\n\n")
+        camera = self.write_json("camera.json", self.CAMERA)
+        base = self.write_json("base.json", {"products": ["radiance", "range"], "surface": {"reflectance": {"rho": 0.2}}})
+        made, lines = self.manifest_of(path, "--camera", camera, "--sun", "utc", "--base", base)
+        self.assertEqual([line["name"] for line in lines], ["000001", "000002", "000003", "000004"])
+        self.assertEqual(lines[2]["sun"], {"utc": "2026-11-20T00:00:02.500Z"})
+        self.assertEqual(lines[2]["camera"], self.CAMERA)
+        self.assertEqual(lines[2]["surface"], {"reflectance": {"rho": 0.2}})
+        self.assert_status(batch(made, "out"), DONE)
+        # The same as the Python client asks for.
+        service = Service()
+        for line, request in zip(lines, Trajectory.from_csv(path).requests(
+                {"camera": Camera.pinhole(width=16, height=12, fov_deg=40), "products": ["range"]})):
+            line = {**line, "products": ["range"]}
+            line.pop("name"), line.pop("surface")
+            ours, theirs = (json.loads(service.frame(r, "application/x-npy")[1]["Selenograph-Meta"])["request"]
+                            for r in (line, json.loads(json.dumps(request))))
+            for a, b in zip(ours["pose"]["position_m"], theirs["pose"]["position_m"]):
+                self.assertAlmostEqual(a, b, delta=1e-6)
+            self.assertEqual(ours["sun"], theirs["sun"])
+        service.expect_clean_stop()
+
+    def test_forms(self):
+        quaternions = [["time_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s",
+                        *(f"moon_from_camera_{c}" for c in "wxyz")],
+                       [0, 1.8e6, 0, 0, 0, 1, 2, 1, 0, 0, 0], [1, 1.8e6, 1, 0, 0, 1, 2, 0, 1, 0, 0]]
+        path = self.write_csv(quaternions)
+        _, lines = self.manifest_of(path, "--camera", "navigation-camera", "--sun", '{"direction": [1, 0, 0]}', "--frame",
+                                    "MOON_PA_DE421")
+        self.assertEqual(lines[1], {
+            "name": "000002", "camera_preset": "navigation-camera", "sun": {"direction": [1, 0, 0]},
+            "pose": {"frame": "MOON_PA_DE421", "position_m": [1.8e6, 1.0, 0.0],
+                     "moon_from_camera": {"w": 0.0, "x": 1.0, "y": 0.0, "z": 0.0}}})
+        preset = os.path.join(REPOSITORY, "deploy", "assets", "cameras", "navigation-camera.json")
+        _, lines = self.manifest_of(path, "--camera", preset)
+        with open(preset) as file:
+            held = json.load(file)
+        held.pop("description")
+        self.assertEqual({k: v for k, v in lines[0].items() if k in held}, held)
+        self.assertNotIn("sun", lines[0])
+
+    def test_faults(self):
+        good = [["time_s", "lat_deg", "lon_deg", "height_m", "up_azimuth_deg"], [0, 1, 2, 3000, 0], [1, 1, 2, 3000, 0]]
+
+        def changed(row, column, value):
+            rows = [list(r) for r in good]
+            rows[row][column] = value
+            return rows
+
+        cases = ((changed(0, 4, "up"), "one attitude"), (changed(0, 1, "lat"), "lat_deg"), (changed(2, 0, 0), "line 3: times must rise"),
+                 (changed(1, 3, "high"), 'line 2: height_m is "high"'), (changed(1, 1, 91), "pose number 1"),
+                 (good[:1], "at least one of numbers"), ([r[:4] for r in good], "one attitude"),
+                 ([good[0], [1, 2]], "line 2: 2 values for 5 columns"), ([r[1:] for r in good], "time_s or utc"),
+                 (changed(0, 4, "lat_deg"), "two columns"), ([[*r, 1] for r in good], 'unknown column "1"'))
+        camera = self.write_json("camera.json", self.CAMERA)
+        for rows, words in cases:
+            with self.subTest(words=words):
+                done = run("manifest", "--trajectory", self.write_csv(rows), "--camera", camera, "-o", harness.path("none.jsonl"))
+                self.assertEqual(done.returncode, 1)
+                self.assertIn(words, done.stderr)
+                self.assertFalse(os.path.exists(harness.path("none.jsonl")))
+        done = run("manifest", "--trajectory", self.write_csv(good), "--camera", camera, "--sun", "utc", "-o",
+                   harness.path("none.jsonl"))
+        self.assertIn("no column utc", done.stderr)
+
+
+if __name__ == "__main__":
+    harness.main()
