@@ -183,9 +183,32 @@ struct Terrain::Impl {
       hash_in(state, info.bytes);
       hash_in(state, info.modified_ns);
     }
+    if (!catalogue.joins().offsets_m.empty() || !catalogue.one_layer()) hash_joins(state, plan);
     plan.fingerprint = XXH3_64bits_digest(state);
     XXH3_freeState(state);
     return plan;
+  }
+
+  // What a chunk in which layers meet, or have an offset, depends on besides: their bands, and what lies in them. A
+  // chunk in which none do depends on nothing of it.
+  void hash_joins(XXH3_state_t* state, const ChunkPlan& plan) const {
+    const double margin = margin_deg(plan);
+    double band_deg = 0;
+    for (const int i : touching(plan.node, margin)) {
+      if (const double offset_m = catalogue.offset_m(i); offset_m != 0) hash_in(state, i), hash_in(state, offset_m);
+      const double band_posts = source.edges().band_posts(i);
+      if (band_posts == 0) continue;
+      hash_in(state, i), hash_in(state, band_posts);
+      band_deg = std::max(band_deg, band_posts / catalogue.rasters()[static_cast<std::size_t>(i)].posts_per_degree);
+    }
+    if (band_deg == 0) return;
+    for (const int i : touching(plan.node, margin + 8 * band_deg)) {
+      const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(i)];
+      XXH3_64bits_update(state, info.path.data(), info.path.size());
+      hash_in(state, info.bytes);
+      hash_in(state, info.modified_ns);
+      if (const double offset_m = catalogue.offset_m(i); offset_m != 0) hash_in(state, offset_m);
+    }
   }
 
   // How far beyond its border a chunk's content depends on sources, at most: blocks are up to 8 times as wide as high
@@ -577,7 +600,10 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& st
         if (!distance) continue;
         answer.height_m = *distance - kMoonRadius_m;
         const SourceIndex from = source_of(block->source(q.r[0], q.c[0]));
-        for (int i = 0; i < 3; ++i) answer.filled |= is_filled(block->source(q.r[i], q.c[i]));
+        for (int i = 0; i < 3; ++i) {
+          answer.filled |= is_filled(block->source(q.r[i], q.c[i]));
+          answer.blended |= is_blended(block->source(q.r[i], q.c[i]));
+        }
         answer.source = from == kNoSource ? -1 : static_cast<int>(from);
         if (answer.source >= 0)
           answer.post_spacing_m = catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
