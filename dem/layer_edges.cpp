@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
-#include <unordered_set>
+#include <utility>
 
 #include "dem/error.h"
 #include "dem/terrain.h"
@@ -344,50 +344,55 @@ bool LayerEdges::read_valid(int source, std::int64_t x0, std::int64_t y0, int w,
   return true;
 }
 
-// Marks the places whose nearest post is a valid one of the file, and at most `beyond` posts outside of its outermost.
-void LayerEdges::cover(int source, const std::vector<Geographic>& places, double beyond, std::vector<char>& covered,
+// Adds to the cover of places: kInside where the nearest post is a valid one of the file, kBeside less than a post
+// outside of a valid outermost one. Tiles of one product leave a gap of a post between them: what is beside two of them
+// lies between.
+void LayerEdges::cover(int source, const std::vector<Geographic>& places, Reach reach, std::vector<char>& cover,
                        std::vector<SourceIndex>& unusable) const {
   const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(source)];
   struct At {
     std::size_t place;
     int x, y;
+    char cover;
   };
-  std::vector<At> inside;
+  std::vector<At> near;
   int x0 = info.width, y0 = info.height, x1 = 0, y1 = 0;
   for (std::size_t i = 0; i < places.size(); ++i) {
-    if (covered[i]) continue;
+    if (cover[i] >= kInside) continue;
     const PostXY p = locate(info, places[i].lat_deg, places[i].lon_deg);
-    double x = std::round(p.x);
-    const double y = std::round(p.y);
+    // How far outside, in posts.
+    const auto outside = [](double v, int size) { return std::max({-v, v - (size - 1), 0.0}); };
+    const double aside = info.wraps_longitude ? 0 : outside(p.x, info.width), above = outside(p.y, info.height);
+    const double away = std::max(aside, above);
+    // Between the outermost row of a file that holds the globe and a pole lies less than a post.
+    const bool pole = info.wraps_longitude && above > 0;
+    if (!(away < 1)) continue;
+    constexpr double kRounding = 1e-6;
+    const bool inside = pole || away <= (reach == Reach::half_a_post ? 0.5 : kRounding);
+    int x = static_cast<int>(std::round(p.x));
     if (info.wraps_longitude && x >= info.width) x -= info.width;
-    const bool outside = std::abs(p.y - y) > beyond && (y == 0 ? p.y < 0 : y == info.height - 1 && p.y > y);
-    const bool aside =
-        !info.wraps_longitude && std::abs(p.x - x) > beyond && (x == 0 ? p.x < 0 : x == info.width - 1 && p.x > x);
-    if (!(x >= 0 && y >= 0 && x < info.width && y < info.height) || outside || aside) {
-      // Between the outermost row of a file that holds the globe and a pole lies less than a post.
-      if (info.wraps_longitude && y > -2 && y < info.height + 1) covered[i] = 1;
-      continue;
-    }
-    inside.push_back({i, static_cast<int>(x), static_cast<int>(y)});
-    x0 = std::min(x0, inside.back().x), x1 = std::max(x1, inside.back().x);
-    y0 = std::min(y0, inside.back().y), y1 = std::max(y1, inside.back().y);
+    near.push_back({i, std::clamp(x, 0, info.width - 1),
+                    std::clamp(static_cast<int>(std::round(p.y)), 0, info.height - 1), inside ? kInside : kBeside});
+    x0 = std::min(x0, near.back().x), x1 = std::max(x1, near.back().x);
+    y0 = std::min(y0, near.back().y), y1 = std::max(y1, near.back().y);
   }
-  if (inside.empty()) return;
-  if (is_remote_name(info.path)) {
-    for (const At& at : inside) covered[at.place] = 1;
-    return;
-  }
+  if (near.empty()) return;
+  const auto add = [&](const At& at, bool valid) {
+    if (valid) cover[at.place] = static_cast<char>(cover[at.place] + at.cover);
+  };
   constexpr std::int64_t kMostAtOnce = 1 << 20;
   std::vector<char> valid;
   const int w = x1 - x0 + 1, h = y1 - y0 + 1;
-  if (std::int64_t{w} * h <= kMostAtOnce) {
+  if (is_remote_name(info.path)) {
+    for (const At& at : near) add(at, true);
+  } else if (std::int64_t{w} * h <= kMostAtOnce) {
     const bool known = read_valid(source, x0, y0, w, h, valid, unusable);
-    for (const At& at : inside)
-      covered[at.place] = !known || valid[static_cast<std::size_t>(at.y - y0) * static_cast<std::size_t>(w) +
-                                          static_cast<std::size_t>(at.x - x0)];
-    return;
+    for (const At& at : near)
+      add(at, !known || valid[static_cast<std::size_t>(at.y - y0) * static_cast<std::size_t>(w) +
+                              static_cast<std::size_t>(at.x - x0)]);
+  } else {
+    for (const At& at : near) add(at, !read_valid(source, at.x, at.y, 1, 1, valid, unusable) || valid[0]);
   }
-  for (const At& at : inside) covered[at.place] = !read_valid(source, at.x, at.y, 1, 1, valid, unusable) || valid[0];
 }
 
 std::shared_ptr<const LayerEdges::Tile> LayerEdges::tile(const TileKey& key) const {
@@ -468,20 +473,27 @@ std::shared_ptr<const LayerEdges::Tile> LayerEdges::make_tile(const TileKey& key
   std::vector<char> closed(places.size());
   for (int y = 0; y < side; ++y)
     for (int x = 0; x < side; ++x)
-      closed[static_cast<std::size_t>(y / per_cell * kTileCells + x / per_cell)] |=
-          valid[static_cast<std::size_t>(y * side + x)];
-  for (std::size_t i = 0; i < places.size(); ++i) closed[i] |= std::abs(places[i].lat_deg) > 90;
-  if (std::find(closed.begin(), closed.end(), 0) == closed.end()) return made;
+      if (valid[static_cast<std::size_t>(y * side + x)])
+        closed[static_cast<std::size_t>(y / per_cell * kTileCells + x / per_cell)] = kInside;
+  for (std::size_t i = 0; i < places.size(); ++i)
+    if (std::abs(places[i].lat_deg) > 90) closed[i] = kInside;
+  const auto is_closed = [](char c) { return c >= kInside; };
+  if (std::all_of(closed.begin(), closed.end(), is_closed)) return made;
   // Files of the same resolution on other grids.
   for (const int source : touching)
     if (catalogue_.layer_begin(source) == sheet.layer_begin &&
         all.sheet[static_cast<std::size_t>(source)] != sheet_index)
-      cover(source, places, 0.5, closed, made->unusable);  // posts of neighbours lie one apart
-  std::vector<char> beneath = closed;                      // who is closed need not be looked for
-  for (const int source : touching)
-    if (source < sheet.layer_begin) cover(source, places, 1e-6, beneath, made->unusable);
+      cover(source, places, Reach::half_a_post, closed, made->unusable);
+  std::vector<char> beneath = closed;  // who is closed need not be looked for
+  int layer = -1;
+  for (const int source : touching) {
+    if (source >= sheet.layer_begin) break;
+    if (std::exchange(layer, catalogue_.layer_begin(source)) != catalogue_.layer_begin(source))
+      for (char& c : beneath) c = is_closed(c) ? kInside : 0;
+    cover(source, places, Reach::none, beneath, made->unusable);
+  }
   for (std::size_t i = 0; i < places.size(); ++i)
-    if (!closed[i] && beneath[i]) {
+    if (!is_closed(closed[i]) && is_closed(beneath[i])) {
       made->any = true;
       made->rows[i / kTileCells] |= std::uint64_t{1} << (i % kTileCells);
     }

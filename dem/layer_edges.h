@@ -89,7 +89,9 @@ class LayerEdges {
                    std::vector<SourceIndex>& unusable) const;
   bool read_valid(int source, std::int64_t x0, std::int64_t y0, int w, int h, std::vector<char>& valid,
                   std::vector<SourceIndex>& unusable) const;
-  void cover(int source, const std::vector<Geographic>& places, double beyond, std::vector<char>& covered,
+  static constexpr char kBeside = 1, kInside = 2;
+  enum class Reach { none, half_a_post };  // of a file beyond its outermost posts
+  void cover(int source, const std::vector<Geographic>& places, Reach reach, std::vector<char>& cover,
              std::vector<SourceIndex>& unusable) const;
 
   const Catalogue& catalogue_;

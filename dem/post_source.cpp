@@ -426,11 +426,11 @@ class PostSource::Mapping {
   Range x_, y_;
 };
 
-// Tiles of one product leave a gap of a post between them. Where posts are not on the lattice, the kernel would find no
+// Tiles of one product leave a gap of a post between them. Where posts lie between the file's, the kernel would find no
 // neighbours there, so posts that the patch lacks are taken from the tiles beside it that continue its grid.
 void PostSource::close_gaps(int source, Patch& patch) const {
   const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(source)];
-  if (info.projection() != Projection::geographic || info.lattice_level || info.wraps_longitude) return;
+  if (info.projection() != Projection::geographic || info.wraps_longitude) return;
   if (std::none_of(patch.posts.begin(), patch.posts.end(), [](float h) { return std::isnan(h); })) return;
   const Footprint& f = info.footprint;
   const double post_deg = 1 / info.posts_per_degree, globe = 360 * info.posts_per_degree;
@@ -548,6 +548,18 @@ void PostSource::fill_rows(const Patch& patch, const Columns& all_columns, const
   }
 }
 
+namespace {
+
+// Whether all of the window's posts are posts of the file's lattice.
+bool copied_from(const RasterInfo& info, const PostWindow& w) {
+  if (!info.lattice_level) return false;
+  if (*info.lattice_level > kTickLevel) return true;
+  const std::int64_t step = std::int64_t{1} << (kTickLevel - *info.lattice_level);
+  return w.lat0 % step == 0 && w.lon0 % step == 0 && w.lat_step % step == 0 && w.lon_step % step == 0;
+}
+
+}  // namespace
+
 // Writes the layer's valid posts where there is none yet. Returns how many.
 std::size_t PostSource::add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
                                   const Strip& strip) const {
@@ -556,7 +568,7 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
   if (patch.w == 0) return 0;
   try {
     read(source, patch.x0, patch.y0, patch.w, patch.h, patch.posts.data());
-    close_gaps(source, patch);
+    if (!copied_from(catalogue_.rasters()[static_cast<std::size_t>(source)], window)) close_gaps(source, patch);
   } catch (const DataError& error) {
     if (!fall_through_) throw;
     {

@@ -184,6 +184,13 @@ struct Terrain::Impl {
       hash_in(state, info.modified_ns);
     }
     if (!catalogue.joins().offsets_m.empty() || !catalogue.one_layer()) hash_joins(state, plan);
+    // Between posts of tiles: earlier versions left the gaps between them open.
+    constexpr std::uint64_t kGapsClosed = 1;
+    const auto is_coarser = [&](int i) {
+      const auto& level = catalogue.rasters()[static_cast<std::size_t>(i)].lattice_level;
+      return level && *level < plan.base_level;
+    };
+    if (std::count_if(layers.begin(), layers.end(), is_coarser) > 1) hash_in(state, kGapsClosed);
     plan.fingerprint = XXH3_64bits_digest(state);
     XXH3_freeState(state);
     return plan;

@@ -268,6 +268,32 @@ TEST(Layers, WithNothingBeneathEndAsTheyAre) {
   for (std::size_t c = 0; c < posts.heights.size(); ++c) ASSERT_EQ(posts.heights[c], 100) << c;
 }
 
+TEST(Layers, MeetOverTheSeamsOfTheTilesBeneath) {
+  TemporaryFolder folder;
+  // Coarse tiles as Kaguya's are, a post apart; the fine layer begins on the seam of two and lies over another.
+  const auto slope = [](double lat, double lon) { return 10 * lat - 5 * lon; };
+  for (const int top : {14, 16})
+    for (const int west : {16, 18, 20, 22})
+      write_float_tile(folder.path(), "coarse" + std::to_string(top) + std::to_string(west),
+                       {static_cast<double>(top), static_cast<double>(west), 16, 32, 32}, slope);
+  write_float_tile(folder.path(), "fine", {15.5, 18, 64, 192, 240},
+                   [&](double lat, double lon) { return slope(lat, lon) + 100; });
+  const Layers layers(folder.path());
+  const PostWindow w = window(6, 13, 17, 128, 64 * 5);
+  const Posts posts = layers.source.compose(w);
+  for (int r = 0; r < w.rows; ++r)
+    for (int c = 0; c < w.cols; ++c) {
+      const auto at = static_cast<std::size_t>(r * w.cols + c);
+      const double above = static_cast<double>(posts.heights[at]) - slope(13 + r / 64.0, 17 + c / 64.0);
+      ASSERT_FALSE(is_filled(posts.sources[at])) << r << ' ' << c;
+      ASSERT_TRUE(c > 64 || std::abs(above) < 0.1) << r << ' ' << c << ' ' << above;
+      if (c > 0) {
+        const double before = static_cast<double>(posts.heights[at - 1]) - slope(13 + r / 64.0, 17 + (c - 1) / 64.0);
+        ASSERT_LT(std::abs(above - before), 100 * 3.0 / 64) << r << ' ' << c;
+      }
+    }
+}
+
 TEST(Layers, MeetAcrossTheDateLine) {
   TemporaryFolder folder;
   write_float_tile(folder.path(), "coarse", {20, 0, 4, 161, 1440}, flat);
