@@ -382,9 +382,10 @@ class PostSource::Mapping {
       for (const double v : ys_) y_.add(v, info.height);
       return;
     }
+    places_.reserve(static_cast<std::size_t>(window_.rows) * static_cast<std::size_t>(cols()));
     for (int r = 0; r < window_.rows; ++r)
       for (int c = 0; c < cols(); ++c) {
-        const PostXY q = at(r, c);
+        const PostXY q = places_.emplace_back(located(info_, window_, r, c, pole_));
         if (q.x > -2 && q.y > -2 && q.x < info_.width + 1 && q.y < info_.height + 1)
           x_.add(q.x, info_.width), y_.add(q.y, info_.height);
       }
@@ -399,7 +400,7 @@ class PostSource::Mapping {
 
   PostXY at(int r, int c) const {
     if (columns_) return {columns_->xs[static_cast<std::size_t>(c)], ys_[static_cast<std::size_t>(r)]};
-    return located(info_, window_, r, c, pole_);
+    return places_[static_cast<std::size_t>(r) * static_cast<std::size_t>(cols()) + static_cast<std::size_t>(c)];
   }
 
   // The part of the file that the window needs, with the kernel's margin; empty (w = 0) when they don't meet.
@@ -423,6 +424,7 @@ class PostSource::Mapping {
   bool pole_;
   std::shared_ptr<const Columns> columns_;  // of a geographic file
   std::vector<double> ys_;
+  std::vector<PostXY> places_;  // of a polar file, each computed once
   Range x_, y_;
 };
 

@@ -1,8 +1,8 @@
 // Finest posts over a window of the lattice, composed from every layer that covers it.
 //
 // The finest valid layer wins; no-data is filled from the next coarser layer. What is still missing between valid posts
-// is interpolated and flagged. Beside its border a layer is blended into those beneath (layer_edges.h): its own height h
-// becomes (1 - e) h + e b, where b is what the coarser layers alone give there, blended among each other in the same way.
+// is interpolated and flagged. Beside its border a layer is blended into those beneath (layer_edges.h): its own height
+// h becomes (1 - e) h + e b, where b is what the coarser layers alone give there, blended likewise.
 // A product whose posts lie on the lattice is copied; any other is interpolated by a
 // Catmull-Rom bicubic kernel (bilinear beside voids), exact for a linear slope.
 #pragma once
