@@ -407,8 +407,31 @@ std::shared_ptr<const LayerEdges::Tile> LayerEdges::tile(const TileKey& key) con
   return tiles_.emplace(key, std::move(made)).first->second;
 }
 
+// Cells all of whose posts are samples are open where all of their four parts are: no post is read again for them.
+std::shared_ptr<const LayerEdges::Tile> LayerEdges::joined_tile(const TileKey& key) const {
+  const auto [sheet, octave, column, row] = key;
+  auto made = std::make_shared<Tile>();
+  constexpr int kHalf = kTileCells / 2;
+  for (const int down : {0, 1})
+    for (const int along : {0, 1}) {
+      const std::shared_ptr<const Tile> part = tile({sheet, octave - 1, 2 * column + along, 2 * row + down});
+      made->unusable.insert(made->unusable.end(), part->unusable.begin(), part->unusable.end());
+      for (int y = 0; part->any && y < kHalf; ++y) {
+        const auto at = static_cast<std::size_t>(2 * y);
+        const std::uint64_t both = part->rows[at] & part->rows[at + 1];
+        for (int x = 0; both != 0 && x < kHalf; ++x)
+          if ((both >> (2 * x) & 3) == 3) {
+            made->any = true;
+            made->rows[static_cast<std::size_t>(down * kHalf + y)] |= std::uint64_t{1} << (along * kHalf + x);
+          }
+      }
+    }
+  return made;
+}
+
 std::shared_ptr<const LayerEdges::Tile> LayerEdges::make_tile(const TileKey& key) const {
   const auto [sheet_index, octave, column, row] = key;
+  if (octave > 0 && (std::int64_t{1} << octave) <= kSamples) return joined_tile(key);
   const Sheet& sheet = groups().sheets[static_cast<std::size_t>(sheet_index)];
   const std::int64_t cell = std::int64_t{1} << octave, span = kTileCells * cell;
   const std::int64_t tile_x0 = column * span, tile_y0 = row * span;

@@ -85,6 +85,7 @@ class LayerEdges {
   double half_width_posts(const Group& group, int octave) const;
   std::shared_ptr<const Tile> tile(const TileKey& key) const;
   std::shared_ptr<const Tile> make_tile(const TileKey& key) const;
+  std::shared_ptr<const Tile> joined_tile(const TileKey& key) const;
   Cells open_cells(int sheet, int octave, std::int64_t x0, std::int64_t y0, std::int64_t x1, std::int64_t y1,
                    std::vector<SourceIndex>& unusable) const;
   bool read_valid(int source, std::int64_t x0, std::int64_t y0, int w, int h, std::vector<char>& valid,

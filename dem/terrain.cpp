@@ -170,7 +170,8 @@ struct Terrain::Impl {
       needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
     plan.direct = needed <= node.level + kChunkOctaves;
     plan.base_level = plan.direct ? needed : kStrata[stratum + 1];
-    XXH3_state_t* state = XXH3_createState();
+    const std::unique_ptr<XXH3_state_t, XXH_errorcode (*)(XXH3_state_t*)> owned(XXH3_createState(), XXH3_freeState);
+    XXH3_state_t* state = owned.get();
     XXH3_64bits_reset(state);
     hash_in(state, kFormatVersion);
     hash_in(state, node);
@@ -192,7 +193,6 @@ struct Terrain::Impl {
     };
     if (std::count_if(layers.begin(), layers.end(), is_coarser) > 1) hash_in(state, kGapsClosed);
     plan.fingerprint = XXH3_64bits_digest(state);
-    XXH3_freeState(state);
     return plan;
   }
 
@@ -202,11 +202,12 @@ struct Terrain::Impl {
     const double margin = margin_deg(plan);
     double band_deg = 0;
     for (const int i : touching(plan.node, margin)) {
-      if (const double offset_m = catalogue.offset_m(i); offset_m != 0) hash_in(state, i), hash_in(state, offset_m);
-      const double band_posts = source.edges().band_posts(i);
-      if (band_posts == 0) continue;
-      hash_in(state, i), hash_in(state, band_posts);
-      band_deg = std::max(band_deg, band_posts / catalogue.rasters()[static_cast<std::size_t>(i)].posts_per_degree);
+      const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(i)];
+      const double offset_m = catalogue.offset_m(i), band_posts = source.edges().band_posts(i);
+      if (offset_m == 0 && band_posts == 0) continue;
+      XXH3_64bits_update(state, info.path.data(), info.path.size());
+      hash_in(state, offset_m), hash_in(state, band_posts);
+      band_deg = std::max(band_deg, band_posts / info.posts_per_degree);
     }
     if (band_deg == 0) return;
     for (const int i : touching(plan.node, margin + 8 * band_deg)) {
