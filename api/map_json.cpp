@@ -522,6 +522,7 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
   if (const OrderedJson maps = maps_metadata(look, query.surface); !maps.empty()) meta["maps"] = maps;
   meta["hit_fraction"] = report.hit_fraction;
   meta["filled_fraction"] = report.filled_fraction;
+  meta["blended_fraction"] = report.blended_fraction;
   meta["missing_fraction"] = report.missing_fraction;
   meta["sources"] = sources_json(report);
   meta["warnings"] = report.warnings;

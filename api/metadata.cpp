@@ -158,6 +158,7 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
     meta["objects"] = objects_metadata(query.request, query.objects);
   }
   meta["filled_fraction"] = report.filled_fraction;
+  meta["blended_fraction"] = report.blended_fraction;
   meta["missing_fraction"] = report.missing_fraction;
   if (query.request.terrain) meta["view"] = view_json(query, report.view);
   meta["sources"] = sources_json(report);

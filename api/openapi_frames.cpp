@@ -75,6 +75,7 @@ void add_frame_answers(OrderedJson& schemas) {
        {"objects",
         {{"type", "array"}, {"description", "of each object: mesh, version (hash of its content), triangles, parts"}}},
        {"filled_fraction", number(kUnitInterval, "share of pixels on posts filled by interpolation")},
+       {"blended_fraction", number(kUnitInterval, "share of pixels on posts that are a mean of two layers")},
        {"missing_fraction", number(kUnitInterval, "share of pixels that look at the Moon where there is no data")},
        {"view", view()},
        {"sources", {{"type", "array"}, {"items", source}, {"description", "what the product `source` indexes"}}},

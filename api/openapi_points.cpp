@@ -40,15 +40,17 @@ void add_project(OrderedJson& schemas, std::size_t most) {
 }
 
 void add_heights(OrderedJson& schemas, std::size_t most) {
-  schemas["Height"] = object("Terrain at a place, by the triangles that frames are made of.",
-                             {{"lat_deg", number(kLatitude_deg, "as asked")},
-                              {"lon_deg", number({-180, 180, false, true}, "as asked, in [-180, 180)")},
-                              {"height_m", number_or_null("above the sphere of 1 737 400 m; null without data")},
-                              {"post_spacing_m", number_or_null("of the tile")},
-                              {"source", text("tile name")},
-                              {"filled", boolean("interpolated across a void")},
-                              {"reason", text("why height_m is null")}},
-                             {"lat_deg", "lon_deg", "height_m"});
+  schemas["Height"] =
+      object("Terrain at a place, by the triangles that frames are made of.",
+             {{"lat_deg", number(kLatitude_deg, "as asked")},
+              {"lon_deg", number({-180, 180, false, true}, "as asked, in [-180, 180)")},
+              {"height_m", number_or_null("above the sphere of 1 737 400 m; null without data")},
+              {"post_spacing_m", number_or_null("of the tile")},
+              {"source", text("tile name")},
+              {"filled", boolean("interpolated across a void")},
+              {"blended", boolean("a mean of two layers, near where they meet; source: the larger share")},
+              {"reason", text("why height_m is null")}},
+             {"lat_deg", "lon_deg", "height_m"});
   schemas["HeightsAnswer"] =
       object("In the order of the request.", {{"points", list(ref("Height"), most, "places")}}, {"points"});
 }
@@ -86,15 +88,21 @@ void add_dataset_answers(OrderedJson& schemas) {
        {"quantisation_m", number(kAnyNumber, "step between heights; 0: floating point")},
        {"gaps",
         {{"type", "object"}, {"description", "void_value: what stands for a missing post, in file units; null: none"}}},
-       {"bytes", {{"type", "integer"}, {"description", "of the file with the posts"}}}},
+       {"bytes", {{"type", "integer"}, {"description", "of the file with the posts"}}},
+       {"offset_m", number(kAnyNumber, "added to its heights (--layer-offset), m")}},
       {"name", "path", "footprint", "post_spacing_m", "posts", "datum", "gaps", "bytes"});
   const OrderedJson problem =
       object("", {{"path", text("file or folder")}, {"what", text("what is wrong with it")}}, {"path", "what"});
+  const OrderedJson side_layer =
+      object("A file beside a DEM that holds no heights.",
+             {{"path", text("file")}, {"kind", text("what it says about the heights")}}, {"path", "kind"});
   schemas["Datasets"] =
       object("The catalogue, from coarse to fine.",
              {{"fingerprint", text("changes when a file changes")},
               {"datasets", {{"type", "array"}, {"items", dataset}}},
-              {"problems", {{"type", "array"}, {"items", problem}, {"description", "files that can't be used"}}}},
+              {"problems", {{"type", "array"}, {"items", problem}, {"description", "files that can't be used"}}},
+              {"side_layers", {{"type", "array"}, {"items", side_layer}}},
+              {"blend_posts", number(kAnyNumber, "width of the band between layers, in posts of the coarser one")}},
              {"fingerprint", "datasets", "problems"});
 }
 

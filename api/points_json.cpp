@@ -183,6 +183,7 @@ OrderedJson height_json(const dem::HeightAnswer& answer, const dem::Catalogue& c
   json["post_spacing_m"] = number_json(answer.post_spacing_m);
   json["source"] = catalogue.rasters().at(static_cast<std::size_t>(answer.source)).name;
   json["filled"] = answer.filled;
+  json["blended"] = answer.blended;
   return json;
 }
 

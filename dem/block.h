@@ -15,13 +15,15 @@ namespace selenograph::dem {
 
 // A file, by its place in Catalogue::rasters(): 64 800 Kaguya tiles and more. kNoSource: none.
 using SourceIndex = std::uint32_t;
-inline constexpr SourceIndex kNoSource = 0x7fffffff;
+inline constexpr SourceIndex kNoSource = 0x3fffffff;
 
-// Where a post comes from: a SourceIndex, with kFilledBit where the post was interpolated across no-data.
+// Where a post comes from: a SourceIndex, with kFilledBit where the post was interpolated across no-data, and
+// kBlendedBit where it is a mean of two layers: then the source is the one with the larger share.
 using SourceMark = std::uint32_t;
-inline constexpr SourceMark kFilledBit = 0x80000000;
-inline constexpr SourceIndex source_of(SourceMark mark) { return mark & ~kFilledBit; }
+inline constexpr SourceMark kFilledBit = 0x80000000, kBlendedBit = 0x40000000, kMarkBits = kFilledBit | kBlendedBit;
+inline constexpr SourceIndex source_of(SourceMark mark) { return mark & ~kMarkBits; }
 inline constexpr bool is_filled(SourceMark mark) { return (mark & kFilledBit) != 0; }
+inline constexpr bool is_blended(SourceMark mark) { return (mark & kBlendedBit) != 0; }
 
 // What the lattice doesn't say of a place of its: alone in sixteen bytes, as rendering fetches it.
 struct alignas(16) Vertex {

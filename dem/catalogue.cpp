@@ -69,6 +69,8 @@ bool touches(const Footprint& f, const Box& b) {
          longitudes_meet(f.west_deg, f.east_deg, b.west, b.east);
 }
 
+constexpr double kSameSpacing = 1.01;  // of posts of one layer: labels round it
+
 std::uint64_t fingerprint_of(const std::vector<RasterInfo>& rasters) {
   // Names and not folders: the same tiles give the same frames wherever they are mounted.
   std::uint64_t hash = XXH64(nullptr, 0, rasters.size());
@@ -94,6 +96,7 @@ Catalogue::Catalogue(const std::vector<std::string>& paths, const CatalogueOptio
   FoundFiles found = find_files(paths, options);
   rasters_ = std::move(found.rasters);
   problems_ = std::move(found.problems);
+  side_layers_ = std::move(found.side_layers);
   inspected_ = found.inspected;
   index();
 }
@@ -123,7 +126,28 @@ void Catalogue::index() {
     for_each_cell(cells_of(f.south_deg, f.north_deg, f.west_deg, f.east_deg),
                   [&](std::size_t cell) { buckets_[cell].push_back(static_cast<int>(i)); });
   }
+  layer_begin_.clear();
+  for (std::size_t i = 0; i < rasters_.size(); ++i) {
+    const int before = i == 0 ? 0 : layer_begin_.back();
+    const bool same =
+        i > 0 && rasters_[static_cast<std::size_t>(before)].post_spacing_m < kSameSpacing * rasters_[i].post_spacing_m;
+    layer_begin_.push_back(same ? before : static_cast<int>(i));
+  }
+  find_fingerprint();
+}
+
+void Catalogue::join_layers(LayerJoins joins) {
+  joins_ = std::move(joins);
+  if (std::all_of(joins_.offsets_m.begin(), joins_.offsets_m.end(), [](double m) { return m == 0; }))
+    joins_.offsets_m.clear();
+  find_fingerprint();
+}
+
+void Catalogue::find_fingerprint() {
   fingerprint_ = fingerprint_of(rasters_);
+  const std::vector<double>& offsets = joins_.offsets_m;
+  if (!offsets.empty()) fingerprint_ = XXH64(offsets.data(), offsets.size() * sizeof(double), fingerprint_);
+  if (!one_layer()) fingerprint_ = XXH64(&joins_.blend_posts, sizeof joins_.blend_posts, fingerprint_);
 }
 
 std::optional<SourceIndex> Catalogue::find(const std::string& path) const {

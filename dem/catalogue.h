@@ -7,6 +7,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "dem/block.h"
@@ -19,7 +20,21 @@ struct CatalogueProblem {
   std::string path;
   std::string what;
   bool located = false;    // its label is legible: it is among the rasters, and fails where its posts are needed
-  bool unrelated = false;  // nothing says that it is a height map at all: answers don't suffer from its absence
+  bool unrelated = false;  // an image, or nothing says that it is a height map: answers don't suffer from its absence
+};
+
+// A file beside a DEM that says something about its heights, and holds none.
+struct SideLayer {
+  std::string path;
+  std::string kind;  // "effective resolution" or "error of heights"
+};
+// Empty: the name is none of a side layer's. They are LOLA's: "..._effres.tif", "..._err.tif".
+std::string side_layer_kind(std::string_view path);
+
+// How layers of different resolution are joined: see layer_edges.h.
+struct LayerJoins {
+  double blend_posts = 16;          // width of the band, in posts of the coarser layer; 0: layers end as they are
+  std::vector<double> offsets_m{};  // added to the heights of each raster, by its index; empty: none
 };
 
 struct CatalogueOptions {
@@ -48,6 +63,18 @@ class Catalogue {
 
   const std::vector<RasterInfo>& rasters() const { return rasters_; }
   const std::vector<CatalogueProblem>& problems() const { return problems_; }
+  const std::vector<SideLayer>& side_layers() const { return side_layers_; }
+
+  // Rasters of equal resolution (within 1 %) are one layer: from this index on to the next layer's.
+  int layer_begin(int raster) const { return layer_begin_[static_cast<std::size_t>(raster)]; }
+  bool one_layer() const { return rasters_.empty() || layer_begin_.back() == 0; }
+
+  // Before anything is made of the posts.
+  void join_layers(LayerJoins joins);
+  const LayerJoins& joins() const { return joins_; }
+  double offset_m(int raster) const {
+    return joins_.offsets_m.empty() ? 0 : joins_.offsets_m[static_cast<std::size_t>(raster)];
+  }
 
   // How many files this opening had to read; the others were as the saved catalogue says.
   std::size_t inspected() const { return inspected_; }
@@ -61,13 +88,18 @@ class Catalogue {
   std::vector<int> touching(double south_deg, double north_deg, double west_deg, double east_deg,
                             double margin_deg = 0) const;
 
-  // Changes whenever a file, its size or its time changes. Part of every frame's content hash.
+  // Changes whenever a file, its size or its time changes, and with what layers are joined by where there are several.
+  // Part of every frame's content hash.
   std::uint64_t fingerprint() const { return fingerprint_; }
 
  private:
   void index();
+  void find_fingerprint();
   std::vector<RasterInfo> rasters_;
   std::vector<CatalogueProblem> problems_;
+  std::vector<SideLayer> side_layers_;
+  std::vector<int> layer_begin_;
+  LayerJoins joins_;
   std::size_t inspected_ = 0;
   std::uint64_t fingerprint_ = 0;
   std::vector<SourceIndex> by_path_;       // ascending by path

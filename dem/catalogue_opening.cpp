@@ -78,7 +78,8 @@ class Folders {
   }
 
   // The candidates below a folder, in the order of their paths.
-  std::vector<Candidate> below(const std::string& folder, std::vector<CatalogueProblem>& problems) {
+  std::vector<Candidate> below(const std::string& folder, std::vector<CatalogueProblem>& problems,
+                               std::vector<SideLayer>& side_layers) {
     std::vector<Candidate> found;
     std::vector<std::string> folders{folder};
     int trouble = 0;
@@ -94,6 +95,10 @@ class Folders {
           const auto group = files.group_of(entry);
           if (std::any_of(group.begin(), group.end(), [&](const auto& e) { return is_label_of(e, entry.name); }))
             continue;
+        }
+        if (std::string side = side_layer_kind(entry.name); !side.empty()) {
+          side_layers.push_back({files.path_of(entry.name), std::move(side)});
+          continue;
         }
         found.push_back({files.path_of(entry.name), &files, &entry, false});
       }
@@ -155,6 +160,7 @@ class Opening {
     // Last: what was kept points at them.
     for (Finding* finding : usable_)
       found.rasters.push_back(std::move(finding->known ? *finding->known->raster : *finding->raster));
+    found.side_layers = std::move(side_layers_);
     found.inspected = static_cast<std::size_t>(
         std::count_if(findings_.begin(), findings_.end(), [](const Finding& f) { return !f.known && !f.unlabelled; }));
     return found;
@@ -174,7 +180,7 @@ class Opening {
       if (is_remote(path)) {
         candidates_.push_back({path, nullptr, nullptr, true});
       } else if (fs::is_directory(path, error)) {
-        std::vector<Candidate> below = folders_.below(path, part.problems);
+        std::vector<Candidate> below = folders_.below(path, part.problems, side_layers_);
         std::move(below.begin(), below.end(), std::back_inserter(candidates_));
       } else {
         const FolderFiles& folder = folders_.of(fs::path(path).parent_path().string());
@@ -230,6 +236,8 @@ class Opening {
     // A file in a folder may be about something else; one that the user names may not.
     if (out.known && file.named && !out.known->raster) out.known = nullptr;
     if (out.known) return out;
+    if (const std::string kind = side_layer_kind(file.path); file.named && !kind.empty())
+      throw DataError(file.path, "holds no heights: by its name it is a side layer (" + kind + ")");
     if (!file.named && kind_of(file.path) == FileKind::pds_image && !begins_with_pds_label(file.path)) {
       out.unlabelled = true;
       return out;
@@ -238,6 +246,9 @@ class Opening {
     bool other_product = false;
     try {
       out.raster = inspect_raster(file.path, &read);
+    } catch (const NotHeights& e) {
+      if (file.named) throw;
+      out.problem = {file.path, e.what_is_wrong(), false, true};
     } catch (const DataError& e) {
       if (file.named) throw;
       other_product = is_other_product(file.path);
@@ -380,6 +391,7 @@ class Opening {
   std::vector<Finding> findings_;  // of the candidates
   std::vector<Part> parts_;
   std::vector<Finding*> usable_;
+  std::vector<SideLayer> side_layers_;
   // Folders and names of files met so far; both are kept below, or by folders_ and candidates_.
   struct PlaceHash {
     std::size_t operator()(const std::pair<const std::string*, std::string_view>& place) const {
@@ -397,6 +409,20 @@ class Opening {
 };
 
 }  // namespace
+
+std::string side_layer_kind(std::string_view path) {
+  const std::string name = lower(stem_of(name_of(path)));
+  const auto has = [&](std::string_view word) {
+    for (std::size_t at = name.find(word); at != std::string::npos; at = name.find(word, at + 1)) {
+      const std::size_t past = at + word.size();
+      if (past == name.size() || name[past] == '_' || name[past] == '-') return true;
+    }
+    return false;
+  };
+  if (has("_effres")) return "effective resolution";
+  if (has("_err")) return "error of heights";
+  return {};
+}
 
 FoundFiles find_files(const std::vector<std::string>& paths, const CatalogueOptions& options) {
   return Opening(paths, options).run();

@@ -12,6 +12,7 @@ namespace selenograph::dem {
 struct FoundFiles {
   std::vector<RasterInfo> rasters;  // each file once
   std::vector<CatalogueProblem> problems;
+  std::vector<SideLayer> side_layers;
   std::size_t inspected = 0;  // that had to be read
 };
 

@@ -184,10 +184,13 @@ std::vector<float> Chunk::stored(const Record& record, Block& block) const {
   for (format::Run& run : runs) {
     posts += run.posts;
     const SourceIndex index = source_of(run.mark);
-    if (index == kNoSource) continue;
+    if (index == kNoSource) {
+      run.mark = kNoSource;  // earlier versions wrote another number
+      continue;
+    }
     if (index >= catalogue_index_.size())
       throw DataError(name(), "damaged pyramid file: a source that it doesn't name");
-    run.mark = (run.mark & kFilledBit) | catalogue_index_[index];
+    run.mark = (run.mark & kMarkBits) | catalogue_index_[index];
   }
   if (posts != side * side) throw impossible_size();
   if (runs.size() == 1) runs[0].posts = 1;

@@ -536,7 +536,7 @@ void localise(SourceRows& rows, const std::vector<SourceIndex>& sources) {
       const SourceIndex source = source_of(run.mark);
       if (source == kNoSource) continue;
       const auto local = std::lower_bound(sources.begin(), sources.end(), source) - sources.begin();
-      run.mark = (run.mark & kFilledBit) | static_cast<SourceMark>(local);
+      run.mark = (run.mark & kMarkBits) | static_cast<SourceMark>(local);
     }
 }
 

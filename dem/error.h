@@ -20,6 +20,11 @@ class DataError : public std::runtime_error {
   std::string file_;
 };
 
+// The file is a whole and readable image of something else than heights: its samples, bands or unit say so.
+class NotHeights : public DataError {
+  using DataError::DataError;
+};
+
 // A file could not be opened, read or written for a reason that lies in the system and not in the file: no descriptors,
 // no memory, a disk that fails or is full, no permission, a connection that is lost. What is on the disk is as good as
 // before; asking again may help.

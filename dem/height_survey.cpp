@@ -107,11 +107,14 @@ std::optional<HeightRange> survey_heights(const Catalogue& catalogue, const Post
   if (layers.empty() || layers.size() > kManyLayers) return std::nullopt;
   Survey found;
   bool resampled = false;
+  int finest = 0;
+  for (const int layer : layers)
+    finest = std::max(finest, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(layer)]));
   try {
     for (const int layer : layers) {
       const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(layer)];
       if (!easy(info)) return std::nullopt;
-      resampled |= !info.lattice_level;
+      resampled |= !info.lattice_level || *info.lattice_level < finest;
       const Window window = window_of(info, area);
       if (window.columns > 1 && window.rows > 0) found.add(survey_of(source, layer, window, stop));
     }

@@ -255,6 +255,8 @@ class Reader {
   }
   const PdsValue* value(std::string_view keyword) const { return object_.find_deep(keyword); }
   [[noreturn]] void fail(const std::string& what) const { throw DataError(path_, what); }
+  // It is about something else.
+  [[noreturn]] void no_heights(const std::string& what) const { throw NotHeights(path_, what); }
 
  private:
   const PdsObject& object_;
@@ -272,6 +274,7 @@ PdsSample sample_type(const Reader& image) {
   s.has_sign = type.find("UNSIGNED") == std::string::npos;
   s.little_endian = type.starts_with("LSB_") || type.starts_with("PC_") || type.starts_with("VAX_");
   const bool integer = type.ends_with("INTEGER");
+  if (integer && bits == 8) image.no_heights("samples of 8 bits are not heights");
   const bool vax_real = type.starts_with("VAX") && s.real;
   const bool known_size = s.real ? bits == 32 || bits == 64 : bits == 16 || bits == 32;
   if ((!integer && !s.real) || vax_real || !known_size)
@@ -283,7 +286,7 @@ double unit_in_metres(const Reader& image) {
   const std::string unit = image.word("UNIT");
   if (unit.empty() || unit == "N/A" || unit == "M" || unit.starts_with("MET")) return 1;
   if (unit == "KM" || unit.starts_with("KILOMET")) return 1000;
-  image.fail("is not about heights: its UNIT is '" + unit + "'");
+  image.no_heights("is not about heights: its UNIT is '" + unit + "'");
 }
 
 // A bit pattern such as 16#FF7FFFFB# stands for the real number with those bits.
@@ -584,7 +587,7 @@ PdsImage describe_pds_image(const PdsObject& label, const std::string& label_pat
   out.unit_m = unit_in_metres(image);
   out.width = image.count("LINE_SAMPLES");
   out.height = image.count("LINES");
-  if (image.maybe("BANDS").value_or(1) != 1) image.fail("has several BANDS; a height map has one");
+  if (image.maybe("BANDS").value_or(1) != 1) image.no_heights("has several BANDS; a height map has one");
   out.sample = sample_type(image);
   out.scale = image.maybe("SCALING_FACTOR").value_or(1);
   out.offset = image.maybe("OFFSET").value_or(0);

@@ -142,7 +142,10 @@ PostSource::PostSource(const Catalogue& catalogue, bool fall_through, Warn warn)
     : catalogue_(catalogue),
       fall_through_(fall_through),
       warn_(std::move(warn)),
-      pool_(std::make_unique<Pool>(catalogue)) {
+      pool_(std::make_unique<Pool>(catalogue)),
+      edges_(
+          catalogue, [this](int source, int x0, int y0, int w, int h, float* m) { read(source, x0, y0, w, h, m); },
+          fall_through) {
   for (const RasterInfo& info : catalogue.rasters()) post_deg_ = std::max(post_deg_, 1 / info.posts_per_degree);
 }
 
@@ -159,6 +162,11 @@ int PostSource::level_needed(const RasterInfo& info) {
 
 void PostSource::read(int source, int x0, int y0, int w, int h, float* heights_m) const {
   pool_->with(source, [&](Raster& raster) { raster.read(x0, y0, w, h, heights_m); });
+  if (const double offset_m = catalogue_.offset_m(source); offset_m != 0) {
+    const std::size_t count = static_cast<std::size_t>(w) * static_cast<std::size_t>(h);
+    for (std::size_t i = 0; i < count; ++i)
+      heights_m[i] = static_cast<float>(static_cast<double>(heights_m[i]) + offset_m);
+  }
 }
 
 // Some rows of a window that are composed together, and where their posts go.
@@ -169,6 +177,7 @@ struct PostSource::Strip {
   // Of the whole window.
   std::vector<SourceIndex>* replaced;
   ColumnsOfFiles* columns;
+  int files;  // of the catalogue: the first so many
 };
 
 // Rows in strips: small reads, and a strip past a pole or on one is a window of its own.
@@ -226,30 +235,39 @@ void PostSource::compose_strip(const PostWindow& window, const Strip& strip, con
       part.lon0 += kLonTicks / 2;
     }
     const std::size_t offset = static_cast<std::size_t>(r0 - strip.first) * static_cast<std::size_t>(window.cols);
-    const double south = lat_deg_of(static_cast<std::int32_t>(
-        std::min(part.lat0, part.lat0 + static_cast<std::int64_t>(part.rows - 1) * part.lat_step)));
-    const double north = lat_deg_of(static_cast<std::int32_t>(
-        std::max(part.lat0, part.lat0 + static_cast<std::int64_t>(part.rows - 1) * part.lat_step)));
-    const double west = static_cast<double>(part.lon0) / kTicksPerDegree - 180;
-    const double east = west + static_cast<double>(part.cols - 1) * part.lon_step / kTicksPerDegree;
-    const bool pole = z == 1 || z == 3;
-    // A file's kernel reaches a post beyond its outermost posts: to a pole that lies between posts, for one.
-    const std::vector<int> layers = pole ? catalogue_.touching(south, north, -180, 180, post_deg_)
-                                         : catalogue_.touching(south, north, west, east, post_deg_);
-    std::size_t missing = pole ? 1 : part.size();
-    for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer) {
-      stop.check();
-      missing -= add_layer(*layer, part, offset, Reach::between_posts, strip);
-    }
-    for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer)
-      if (!catalogue_.rasters()[static_cast<std::size_t>(*layer)].lattice_level)
-        missing -= add_layer(*layer, part, offset, Reach::beside_posts, strip);
-    if (pole && strip.sources[offset] == kNoSource) {
-      const std::vector<SourceIndex> around = fill_pole(*this, part, strip.heights + offset, strip.sources + offset);
-      const std::lock_guard lock(replaced_mutex_);
-      strip.replaced->insert(strip.replaced->end(), around.begin(), around.end());
-    }
+    compose_part(part, offset, strip, stop);
     r0 = end;
+  }
+}
+
+// Rows between the poles, or one that is a pole.
+void PostSource::compose_part(const PostWindow& part, std::size_t offset, const Strip& strip,
+                              const StopToken& stop) const {
+  const bool pole = part.lat0 == 0 || part.lat0 == kLatTicks;
+  const double south = lat_deg_of(static_cast<std::int32_t>(
+      std::min(part.lat0, part.lat0 + static_cast<std::int64_t>(part.rows - 1) * part.lat_step)));
+  const double north = lat_deg_of(static_cast<std::int32_t>(
+      std::max(part.lat0, part.lat0 + static_cast<std::int64_t>(part.rows - 1) * part.lat_step)));
+  const double west = static_cast<double>(part.lon0) / kTicksPerDegree - 180;
+  const double east = west + static_cast<double>(part.cols - 1) * part.lon_step / kTicksPerDegree;
+  // A file's kernel reaches a post beyond its outermost posts: to a pole that lies between posts, for one.
+  std::vector<int> layers = pole ? catalogue_.touching(south, north, -180, 180, post_deg_)
+                                 : catalogue_.touching(south, north, west, east, post_deg_);
+  layers.erase(std::lower_bound(layers.begin(), layers.end(), strip.files), layers.end());
+  std::size_t missing = pole ? 1 : part.size();
+  for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer) {
+    stop.check();
+    missing -= add_layer(*layer, part, offset, Reach::between_posts, strip);
+  }
+  for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer)
+    if (!catalogue_.rasters()[static_cast<std::size_t>(*layer)].lattice_level)
+      missing -= add_layer(*layer, part, offset, Reach::beside_posts, strip);
+  if (!catalogue_.one_layer() && catalogue_.joins().blend_posts > 0) blend(part, offset, strip, stop);
+  const bool all = strip.files == static_cast<int>(catalogue_.rasters().size());
+  if (pole && all && strip.sources[offset] == kNoSource) {
+    const std::vector<SourceIndex> around = fill_pole(*this, part, strip.heights + offset, strip.sources + offset);
+    const std::lock_guard lock(replaced_mutex_);
+    strip.replaced->insert(strip.replaced->end(), around.begin(), around.end());
   }
 }
 
@@ -364,9 +382,10 @@ class PostSource::Mapping {
       for (const double v : ys_) y_.add(v, info.height);
       return;
     }
+    places_.reserve(static_cast<std::size_t>(window_.rows) * static_cast<std::size_t>(cols()));
     for (int r = 0; r < window_.rows; ++r)
       for (int c = 0; c < cols(); ++c) {
-        const PostXY q = at(r, c);
+        const PostXY q = places_.emplace_back(located(info_, window_, r, c, pole_));
         if (q.x > -2 && q.y > -2 && q.x < info_.width + 1 && q.y < info_.height + 1)
           x_.add(q.x, info_.width), y_.add(q.y, info_.height);
       }
@@ -381,13 +400,20 @@ class PostSource::Mapping {
 
   PostXY at(int r, int c) const {
     if (columns_) return {columns_->xs[static_cast<std::size_t>(c)], ys_[static_cast<std::size_t>(r)]};
-    return located(info_, window_, r, c, pole_);
+    return places_[static_cast<std::size_t>(r) * static_cast<std::size_t>(cols()) + static_cast<std::size_t>(c)];
   }
 
   // The part of the file that the window needs, with the kernel's margin; empty (w = 0) when they don't meet.
+  struct Box {
+    int x0, y0, w, h;
+  };
+  Box box() const {
+    if (x_.empty() || y_.empty()) return {0, 0, 0, 0};
+    return {x_.first(), y_.first(), x_.past_last() - x_.first(), y_.past_last() - y_.first()};
+  }
   Patch patch() const {
-    if (x_.empty() || y_.empty()) return {0, 0, 0, 0, {}};
-    Patch patch{x_.first(), y_.first(), x_.past_last() - x_.first(), y_.past_last() - y_.first(), {}};
+    const Box b = box();
+    Patch patch{b.x0, b.y0, b.w, b.h, {}};
     patch.posts.resize(static_cast<std::size_t>(patch.w) * static_cast<std::size_t>(patch.h));
     return patch;
   }
@@ -398,14 +424,15 @@ class PostSource::Mapping {
   bool pole_;
   std::shared_ptr<const Columns> columns_;  // of a geographic file
   std::vector<double> ys_;
+  std::vector<PostXY> places_;  // of a polar file, each computed once
   Range x_, y_;
 };
 
-// Tiles of one product leave a gap of a post between them. Where posts are not on the lattice, the kernel would find no
+// Tiles of one product leave a gap of a post between them. Where posts lie between the file's, the kernel would find no
 // neighbours there, so posts that the patch lacks are taken from the tiles beside it that continue its grid.
 void PostSource::close_gaps(int source, Patch& patch) const {
   const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(source)];
-  if (info.projection() != Projection::geographic || info.lattice_level || info.wraps_longitude) return;
+  if (info.projection() != Projection::geographic || info.wraps_longitude) return;
   if (std::none_of(patch.posts.begin(), patch.posts.end(), [](float h) { return std::isnan(h); })) return;
   const Footprint& f = info.footprint;
   const double post_deg = 1 / info.posts_per_degree, globe = 360 * info.posts_per_degree;
@@ -523,6 +550,18 @@ void PostSource::fill_rows(const Patch& patch, const Columns& all_columns, const
   }
 }
 
+namespace {
+
+// Whether all of the window's posts are posts of the file's lattice.
+bool copied_from(const RasterInfo& info, const PostWindow& w) {
+  if (!info.lattice_level) return false;
+  if (*info.lattice_level > kTickLevel) return true;
+  const std::int64_t step = std::int64_t{1} << (kTickLevel - *info.lattice_level);
+  return w.lat0 % step == 0 && w.lon0 % step == 0 && w.lat_step % step == 0 && w.lon_step % step == 0;
+}
+
+}  // namespace
+
 // Writes the layer's valid posts where there is none yet. Returns how many.
 std::size_t PostSource::add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
                                   const Strip& strip) const {
@@ -531,7 +570,7 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
   if (patch.w == 0) return 0;
   try {
     read(source, patch.x0, patch.y0, patch.w, patch.h, patch.posts.data());
-    close_gaps(source, patch);
+    if (!copied_from(catalogue_.rasters()[static_cast<std::size_t>(source)], window)) close_gaps(source, patch);
   } catch (const DataError& error) {
     if (!fall_through_) throw;
     {
@@ -570,6 +609,96 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
   return filling.filled();
 }
 
+// A file that shares posts of a part with the layers beneath.
+struct PostSource::Blending {
+  int source, beneath;  // `beneath`: so many files are coarser
+  Mapping mapping;
+  LayerEdges::Shares shares;
+};
+
+void PostSource::blend(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const {
+  const SourceMark* marks = strip.sources + offset;
+  const std::size_t count = part.lat0 == 0 || part.lat0 == kLatTicks ? 1 : part.size();
+  std::vector<SourceIndex> present, unusable;
+  for (std::size_t i = 0; i < count; i += count_equal(marks + i, count - i))
+    if (const SourceIndex s = source_of(marks[i]); s != kNoSource &&
+                                                   std::find(present.begin(), present.end(), s) == present.end() &&
+                                                   edges_.meets(static_cast<int>(s)))
+      present.push_back(s);
+  if (present.empty()) return;
+  std::sort(present.begin(), present.end());
+  std::vector<Blending> sources;
+  for (const SourceIndex s : present) {
+    const int source = static_cast<int>(s);
+    Mapping mapping(catalogue_.rasters()[s], source, part, *strip.columns);
+    const Mapping::Box box = mapping.box();
+    if (auto shares = edges_.shares(source, box.x0, box.y0, box.w, box.h, unusable))
+      sources.push_back({source, catalogue_.layer_begin(source), std::move(mapping), std::move(*shares)});
+  }
+  if (!unusable.empty()) {
+    const std::lock_guard lock(replaced_mutex_);
+    strip.replaced->insert(strip.replaced->end(), unusable.begin(), unusable.end());
+  }
+  for (auto first = sources.begin(); first != sources.end();) {
+    const auto past =
+        std::find_if(first, sources.end(), [&](const Blending& b) { return b.beneath != first->beneath; });
+    blend_layer(part, offset, strip, {first, past}, stop);
+    first = past;
+  }
+}
+
+// Files of one layer.
+void PostSource::blend_layer(const PostWindow& part, std::size_t offset, const Strip& strip,
+                             std::span<Blending> sources, const StopToken& stop) const {
+  struct Shared {
+    std::size_t at;
+    double share;
+  };
+  const bool pole = sources.front().mapping.pole();
+  const int cols = sources.front().mapping.cols();
+  std::vector<Shared> shared;
+  for (int r = 0; r < part.rows; ++r)
+    for (int c = 0; c < cols; ++c) {
+      const std::size_t at =
+          static_cast<std::size_t>(r) * static_cast<std::size_t>(part.cols) + static_cast<std::size_t>(c);
+      const auto source = static_cast<int>(source_of(strip.sources[offset + at]));
+      const auto found =
+          std::find_if(sources.begin(), sources.end(), [&](const Blending& b) { return b.source == source; });
+      if (found == sources.end()) continue;
+      const PostXY q = found->mapping.at(r, c);
+      if (const double share = found->shares.at(q.x, q.y); share > 0) shared.push_back({at, share});
+    }
+  if (shared.empty()) return;
+  // What lies beneath the rows that share.
+  const auto columns = static_cast<std::size_t>(part.cols);
+  const int first = static_cast<int>(shared.front().at / columns), last = static_cast<int>(shared.back().at / columns);
+  PostWindow rows = part;
+  rows.lat0 += static_cast<std::int64_t>(first) * part.lat_step, rows.rows = last - first + 1;
+  std::vector<float> heights(rows.size(), kNaN);
+  std::vector<SourceMark> marks(rows.size(), kNoSource);
+  compose_part(rows, 0,
+               {0, rows.rows, heights.data(), marks.data(), strip.replaced, strip.columns, sources.front().beneath},
+               stop);
+  constexpr double kWhole = 1 - 1e-6;  // of the layer beneath: rounding
+  for (const Shared& s : shared) {
+    const std::size_t here = offset + s.at, there = s.at - static_cast<std::size_t>(first) * columns;
+    const float below = heights[there];
+    if (std::isnan(below)) continue;
+    if (s.share > kWhole) {
+      strip.heights[here] = below, strip.sources[here] = marks[there];
+      continue;
+    }
+    const auto own = static_cast<double>(strip.heights[here]);
+    strip.heights[here] = static_cast<float>(own + s.share * (static_cast<double>(below) - own));
+    const SourceMark flags = ((strip.sources[here] | marks[there]) & kMarkBits) | kBlendedBit;
+    strip.sources[here] = source_of(s.share > 0.5 ? marks[there] : strip.sources[here]) | flags;
+  }
+  if (pole) {
+    std::fill_n(strip.heights + offset, part.cols, strip.heights[offset]);
+    std::fill_n(strip.sources + offset, part.cols, strip.sources[offset]);
+  }
+}
+
 namespace {
 
 // What several strips have added.
@@ -604,15 +733,20 @@ void for_filled(const PostWindow& window, const float* heights, const Mark& mark
 }  // namespace
 
 Posts PostSource::compose(const PostWindow& window, const StopToken& stop) const {
+  return compose(window, static_cast<int>(catalogue_.rasters().size()), stop);
+}
+
+Posts PostSource::compose(const PostWindow& window, int number, const StopToken& stop) const {
   Posts posts;
   ColumnsOfFiles files;
   posts.heights.resize(window.size());
   posts.sources.resize(window.size());
   for_strips(window, stop, [&](int first, int rows) {
     const std::size_t at = static_cast<std::size_t>(first) * static_cast<std::size_t>(window.cols);
-    compose_strip(window,
-                  {first, first + rows, posts.heights.data() + at, posts.sources.data() + at, &posts.replaced, &files},
-                  stop);
+    compose_strip(
+        window,
+        {first, first + rows, posts.heights.data() + at, posts.sources.data() + at, &posts.replaced, &files, number},
+        stop);
   });
   settle(posts.replaced);
   return posts;
@@ -629,7 +763,10 @@ void PostSource::compose_filled(const PostWindow& window, PostGridRows& grid, co
     // Looked at while they are in the nearest caches.
     UninitialisedVector<SourceMark> marks(static_cast<std::size_t>(rows) * columns);
     float* heights = grid.heights.data() + static_cast<std::size_t>(first) * columns;
-    compose_strip(window, {first, first + rows, heights, marks.data(), &grid.replaced, &files}, stop);
+    compose_strip(window,
+                  {first, first + rows, heights, marks.data(), &grid.replaced, &files,
+                   static_cast<int>(catalogue_.rasters().size())},
+                  stop);
     for (int r = 0; r < rows; ++r) {
       const std::size_t at = static_cast<std::size_t>(r) * columns;
       grid.sources.set(first + r, marks.data() + at);

@@ -1,7 +1,9 @@
 // Finest posts over a window of the lattice, composed from every layer that covers it.
 //
 // The finest valid layer wins; no-data is filled from the next coarser layer. What is still missing between valid posts
-// is interpolated and flagged. A product whose posts lie on the lattice is copied; any other is interpolated by a
+// is interpolated and flagged. Beside its border a layer is blended into those beneath (layer_edges.h): its own height
+// h becomes (1 - e) h + e b, where b is what the coarser layers alone give there, blended likewise.
+// A product whose posts lie on the lattice is copied; any other is interpolated by a
 // Catmull-Rom bicubic kernel (bilinear beside voids), exact for a linear slope.
 #pragma once
 
@@ -11,11 +13,13 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "dem/block.h"
 #include "dem/catalogue.h"
+#include "dem/layer_edges.h"
 #include "dem/source_rows.h"
 #include "dem/stop_token.h"
 #include "dem/uninitialised.h"
@@ -60,15 +64,19 @@ class PostSource {
   // The lattice level that a source needs for its posts to be (nearly) vertices.
   static int level_needed(const RasterInfo& info);
 
-  // Posts of one file, as Raster::read() has them.
+  // Posts of one file, as Raster::read() has them, with its layer's offset.
   void read(int source, int x0, int y0, int w, int h, float* heights_m) const;
 
-  // Layers composed, voids not yet filled.
+  // Layers composed, voids not yet filled. Of the first `files` of the catalogue alone: what lies beneath the others.
   Posts compose(const PostWindow& window, const StopToken& stop = {}) const;
+  Posts compose(const PostWindow& window, int files, const StopToken& stop) const;
   // The same with voids filled, in the memory that `grid` has already.
   void compose_filled(const PostWindow& window, PostGridRows& grid, const StopToken& stop) const;
   // Fills voids, in place. Needs kFillReach posts of context around what must be right.
   static void fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop = {});
+
+ // Where layers meet.
+  const LayerEdges& edges() const { return edges_; }
 
  private:
   class Pool;
@@ -79,6 +87,11 @@ class PostSource {
   template <typename Use>
   void for_strips(const PostWindow& window, const StopToken& stop, Use&& use) const;
   void compose_strip(const PostWindow& window, const Strip& strip, const StopToken& stop) const;
+  void compose_part(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
+  struct Blending;
+  void blend(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
+  void blend_layer(const PostWindow& part, std::size_t offset, const Strip& strip, std::span<Blending> sources,
+                   const StopToken& stop) const;
   enum class Reach { between_posts, beside_posts };
   class Filling;
   struct Part;
@@ -95,6 +108,7 @@ class PostSource {
   std::unique_ptr<Pool> pool_;
   mutable std::mutex replaced_mutex_;  // of any Posts::replaced, which strips share
   double post_deg_ = 0;                // of the coarsest file
+  LayerEdges edges_;
 };
 
 }  // namespace selenograph::dem

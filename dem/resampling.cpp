@@ -22,8 +22,8 @@ ResamplingError resampling_error(const Terrain& terrain, int source, int posts) 
     if (std::isnan(post)) continue;
     const Geographic place = place_of_post(info, x, y);
     const HeightAnswer surface = terrain.height(place.lat_deg, place.lon_deg);
-    if (std::isnan(surface.height_m) || surface.source != source) continue;
-    const double difference = surface.height_m - static_cast<double>(post);
+    if (std::isnan(surface.height_m) || surface.source != source || surface.blended) continue;
+    const double difference = surface.height_m - (static_cast<double>(post) + terrain.catalogue().offset_m(source));
     ++error.posts;
     sum2 += difference * difference;
     error.worst_m = std::max(error.worst_m, std::abs(difference));

@@ -170,7 +170,8 @@ struct Terrain::Impl {
       needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
     plan.direct = needed <= node.level + kChunkOctaves;
     plan.base_level = plan.direct ? needed : kStrata[stratum + 1];
-    XXH3_state_t* state = XXH3_createState();
+    const std::unique_ptr<XXH3_state_t, XXH_errorcode (*)(XXH3_state_t*)> owned(XXH3_createState(), XXH3_freeState);
+    XXH3_state_t* state = owned.get();
     XXH3_64bits_reset(state);
     hash_in(state, kFormatVersion);
     hash_in(state, node);
@@ -183,9 +184,39 @@ struct Terrain::Impl {
       hash_in(state, info.bytes);
       hash_in(state, info.modified_ns);
     }
+    if (!catalogue.joins().offsets_m.empty() || !catalogue.one_layer()) hash_joins(state, plan);
+    // Between posts of tiles: earlier versions left the gaps between them open.
+    constexpr std::uint64_t kGapsClosed = 1;
+    const auto is_coarser = [&](int i) {
+      const auto& level = catalogue.rasters()[static_cast<std::size_t>(i)].lattice_level;
+      return level && *level < plan.base_level;
+    };
+    if (std::count_if(layers.begin(), layers.end(), is_coarser) > 1) hash_in(state, kGapsClosed);
     plan.fingerprint = XXH3_64bits_digest(state);
-    XXH3_freeState(state);
     return plan;
+  }
+
+  // What a chunk in which layers meet, or have an offset, depends on besides: their bands, and what lies in them. A
+  // chunk in which none do depends on nothing of it.
+  void hash_joins(XXH3_state_t* state, const ChunkPlan& plan) const {
+    const double margin = margin_deg(plan);
+    double band_deg = 0;
+    for (const int i : touching(plan.node, margin)) {
+      const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(i)];
+      const double offset_m = catalogue.offset_m(i), band_posts = source.edges().band_posts(i);
+      if (offset_m == 0 && band_posts == 0) continue;
+      XXH3_64bits_update(state, info.path.data(), info.path.size());
+      hash_in(state, offset_m), hash_in(state, band_posts);
+      band_deg = std::max(band_deg, band_posts / info.posts_per_degree);
+    }
+    if (band_deg == 0) return;
+    for (const int i : touching(plan.node, margin + 8 * band_deg)) {
+      const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(i)];
+      XXH3_64bits_update(state, info.path.data(), info.path.size());
+      hash_in(state, info.bytes);
+      hash_in(state, info.modified_ns);
+      if (const double offset_m = catalogue.offset_m(i); offset_m != 0) hash_in(state, offset_m);
+    }
   }
 
   // How far beyond its border a chunk's content depends on sources, at most: blocks are up to 8 times as wide as high
@@ -577,7 +608,10 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& st
         if (!distance) continue;
         answer.height_m = *distance - kMoonRadius_m;
         const SourceIndex from = source_of(block->source(q.r[0], q.c[0]));
-        for (int i = 0; i < 3; ++i) answer.filled |= is_filled(block->source(q.r[i], q.c[i]));
+        for (int i = 0; i < 3; ++i) {
+          answer.filled |= is_filled(block->source(q.r[i], q.c[i]));
+          answer.blended |= is_blended(block->source(q.r[i], q.c[i]));
+        }
         answer.source = from == kNoSource ? -1 : static_cast<int>(from);
         if (answer.source >= 0)
           answer.post_spacing_m = catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;

@@ -36,6 +36,7 @@ void report_pixels(const Camera& camera, const PixelCounts& counts, FrameReport&
   out.object_fraction = static_cast<double>(counts.on_object) / pixels;
   out.missing_fraction = static_cast<double>(counts.missing) / pixels;
   out.filled_fraction = static_cast<double>(counts.filled) / pixels;
+  out.blended_fraction = static_cast<double>(counts.blended) / pixels;
 }
 
 double azimuth_deg(const EastNorthUp& local, const Vec3& direction) {

@@ -241,6 +241,7 @@ class MapDrawing {
       pass.write_products(packet);
     });
     hit_ += writer.counts().hit, missing_ += writer.counts().missing, filled_ += writer.counts().filled;
+    blended_ += writer.counts().blended;
     const std::vector<dem::SourceIndex> sources = writer.sources().settle(drawn.source);
     copy(patch, directions, drawn, numbers_of(sources));
   }
@@ -347,6 +348,7 @@ class MapDrawing {
     const auto all = static_cast<double>(pixels_in_all());
     r.hit_fraction = static_cast<double>(hit_) / all, r.missing_fraction = static_cast<double>(missing_) / all;
     r.filled_fraction = static_cast<double>(filled_) / all;
+    r.blended_fraction = static_cast<double>(blended_) / all;
     if (!std::isfinite(r.min_post_spacing_m)) r.min_post_spacing_m = 0;
     r.visibility = Visibility::raytrace, r.radiance = radiance_;
     r.emits_elsewhere = !frame_.temperature_maps.empty();
@@ -367,7 +369,7 @@ class MapDrawing {
   RadianceTerms radiance_;
   bool several_ = false;
   std::size_t drawn_ = 0;
-  std::uint64_t hit_ = 0, missing_ = 0, filled_ = 0;
+  std::uint64_t hit_ = 0, missing_ = 0, filled_ = 0, blended_ = 0;
   std::vector<dem::SourceIndex> sources_, replaced_;
   Map out_;
 };

@@ -53,6 +53,7 @@ struct InfoSettings {
   TerrainSettings terrain;
   bool json = false;
   int resampling = 0;  // posts of each resampled file to compare with the mesh
+  int borders = 64;    // layers whose borders are measured
 };
 
 struct SampleSettings {

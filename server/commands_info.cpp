@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/endpoint.h"
+#include "dem/layer_joins.h"
 #include "dem/resampling.h"
 #include "server/commands.h"
 #include "server/coverage.h"
@@ -16,6 +17,20 @@ namespace {
 
 std::string box(const dem::Footprint& f) {
   return fmt::format("{:8.3f}..{:8.3f} N {:9.3f}..{:9.3f} E", f.south_deg, f.north_deg, f.west_deg, f.east_deg);
+}
+
+std::string steps_text(const dem::Steps& s) {
+  return fmt::format("mean {:+.2f} m, rms {:.2f} m, worst {:+.2f} m", s.mean_m, s.rms_m, s.worst_m);
+}
+
+void print_borders(const dem::Catalogue& catalogue, const std::vector<dem::LayerBorder>& borders) {
+  const auto name = [&](int i) { return catalogue.rasters()[static_cast<std::size_t>(i)].name; };
+  for (const dem::LayerBorder& b : borders) {
+    const std::string more = b.sources.size() > 1 ? fmt::format(" and {} more", b.sources.size() - 1) : "";
+    fmt::print("border of {}{} over {}: {} posts, offset {:+.3f} m, blended over {:.0f} m\n", name(b.sources.front()),
+               more, name(b.beneath), b.posts, b.offset_m, b.band_m);
+    fmt::print("  step before: {}\n  step after:  {}\n", steps_text(b.before), steps_text(b.after));
+  }
 }
 
 void print_table(const dem::Catalogue& catalogue) {
@@ -30,10 +45,33 @@ void print_table(const dem::Catalogue& catalogue) {
   if (!catalogue.problems().empty()) fmt::print("{} files that can't be used\n", catalogue.problems().size());
   for (const dem::CatalogueProblem& problem : catalogue.problems())
     fmt::print("  {}: {}\n", problem.path, problem.what);
+  for (const dem::SideLayer& side : catalogue.side_layers())
+    fmt::print("side layer, not used as heights: {} ({})\n", side.path, side.kind);
 }
 
-// What /v1/datasets answers, and the gaps.
-void print_json(const dem::Catalogue& catalogue) {
+nlohmann::ordered_json steps_json(const dem::Steps& s) {
+  return {{"mean_m", s.mean_m}, {"rms_m", s.rms_m}, {"worst_m", s.worst_m}};
+}
+
+nlohmann::ordered_json borders_json(const dem::Catalogue& catalogue, const std::vector<dem::LayerBorder>& borders) {
+  const auto name = [&](int i) { return catalogue.rasters()[static_cast<std::size_t>(i)].name; };
+  auto list = nlohmann::ordered_json::array();
+  for (const dem::LayerBorder& b : borders) {
+    auto names = nlohmann::ordered_json::array();
+    for (const int i : b.sources) names.push_back(name(i));
+    list.push_back({{"names", std::move(names)},
+                    {"beneath", name(b.beneath)},
+                    {"posts", b.posts},
+                    {"offset_m", b.offset_m},
+                    {"band_m", b.band_m},
+                    {"step_before", steps_json(b.before)},
+                    {"step_after", steps_json(b.after)}});
+  }
+  return list;
+}
+
+// What /v1/datasets answers, the gaps and the borders.
+void print_json(const dem::Catalogue& catalogue, const std::vector<dem::LayerBorder>& borders) {
   auto json = nlohmann::ordered_json::parse(api::datasets_text(catalogue));
   auto gaps = nlohmann::ordered_json::array();
   for (const dem::Footprint& f : uncovered(catalogue)) {
@@ -41,7 +79,8 @@ void print_json(const dem::Catalogue& catalogue) {
         {{"south_deg", f.south_deg}, {"north_deg", f.north_deg}, {"west_deg", f.west_deg}, {"east_deg", f.east_deg}});
   }
   json["uncovered"] = std::move(gaps);
-  fmt::print("{}\n", json.dump(2));
+  json["borders"] = borders_json(catalogue, borders);
+  fmt::print("{}\n", json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
 }
 
 void print_resampling(const dem::Terrain& terrain, int posts) {
@@ -63,13 +102,24 @@ void add_options(CLI::App& command, InfoSettings& s) {
                   "Compare this many posts of each resampled file with the mesh (builds the pyramid)")
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
+  command
+      .add_option("--borders", s.borders,
+                  "Measure the steps along the borders of so many layers (reads their files); 0: none")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
   command.add_flag("--json", s.json, "As JSON");
 }
 
 int info(const InfoSettings& settings) {
   set_up_log(settings.terrain.log_level);
   const dem::Catalogue catalogue = open_catalogue(settings.terrain);
-  settings.json ? print_json(catalogue) : print_table(catalogue);
+  const auto borders = dem::measure_borders(catalogue, static_cast<std::size_t>(settings.borders));
+  if (settings.json) {
+    print_json(catalogue, borders);
+  } else {
+    print_table(catalogue);
+    print_borders(catalogue, borders);
+  }
   if (settings.resampling > 0) print_resampling(*open_terrain(settings.terrain), settings.resampling);
   return 0;
 }

@@ -7,6 +7,9 @@
 #include <cctype>
 #include <cstdlib>
 #include <map>
+#include <stdexcept>
+
+#include "dem/layer_joins.h"
 
 namespace selenograph::server {
 namespace {
@@ -138,6 +141,27 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       .add_option("--on-data-error", s.on_data_error, "Corrupt or vanished DEM file: an error, or the layer below it")
       ->check(CLI::IsMember({"fail", "fall-through"}))
       ->capture_default_str();
+  command
+      .add_option("--blend-posts", s.blend_posts,
+                  "Width of the band in which a layer is blended into the next coarser one, in posts of that; 0: none")
+      ->check(CLI::Range(0.0, 1000.0))
+      ->capture_default_str();
+  command
+      .add_option("--layer-offset", s.layer_offset,
+                  "Added to the heights of the files of that name (* and ? as in a shell), m; fit: what brings them "
+                  "to the layer beneath along their border")
+      ->type_name("PATTERN=METRES|fit")
+      ->expected(1, 1 << 20)
+      ->check([](const std::string& text) {
+        try {
+          dem::parse_layer_offset(text);
+        } catch (const std::invalid_argument& error) {
+          return std::string(error.what());
+        }
+        return std::string();
+      });
+  command.add_flag("--strict", s.strict,
+                   "A file in a DEM folder that is no DEM, such as an orthoimage, is an error instead of a warning");
   command.add_option("--log-level", s.log_level)
       ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
       ->capture_default_str();

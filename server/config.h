@@ -27,8 +27,11 @@ struct TerrainSettings {
   std::vector<std::string> remote_prefix;  // of names on a network that may be read; empty: none
   std::size_t mesh_mb = engine::MeshReaderOptions{}.max_bytes >> 20;  // see there, MiB
   double mesh_s = std::chrono::duration<double>(engine::MeshReaderOptions{}.time).count();
-  std::string on_data_error = "fail";  // or "fall-through"
-  std::string log_level = "info";      // debug, info, warning, error
+  std::string on_data_error = "fail";                  // or "fall-through"
+  double blend_posts = dem::LayerJoins{}.blend_posts;  // see there
+  std::vector<std::string> layer_offset;               // "PATTERN=METRES" or "PATTERN=fit"
+  bool strict = false;                                 // a file in a DEM folder that is no DEM is an error
+  std::string log_level = "info";                      // debug, info, warning, error
 };
 
 struct ServeSettings {

@@ -7,7 +7,9 @@
 #include <filesystem>
 #include <fstream>
 
+#include "dem/error.h"
 #include "dem/gdal/remote_files.h"
+#include "dem/layer_joins.h"
 #include "dem/sample/sample_terrain.h"
 
 namespace selenograph::server {
@@ -51,7 +53,20 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   dem::CatalogueOptions options;
   options.cache_dir = settings.cache_dir;
   options.log = [](const std::string& text) { spdlog::warn("{}", text); };
-  return dem::Catalogue(dem_paths(settings), options);
+  dem::Catalogue catalogue(dem_paths(settings), options);
+  if (settings.strict)
+    for (const dem::CatalogueProblem& problem : catalogue.problems())
+      if (problem.unrelated) throw DataError(problem.path, problem.what + " (--strict)");
+  std::vector<dem::LayerOffset> offsets;
+  for (const std::string& text : settings.layer_offset) offsets.push_back(dem::parse_layer_offset(text));
+  for (const dem::FittedOffset& fit : dem::join_layers(catalogue, settings.blend_posts, offsets)) {
+    const std::string& name = catalogue.rasters()[static_cast<std::size_t>(fit.source)].name;
+    if (fit.posts == 0)
+      spdlog::warn("{}: no offset can be fitted: it borders on no coarser layer", name);
+    else
+      spdlog::info("{}: offset {:+.3f} m, the median of {} posts along its border", name, fit.offset_m, fit.posts);
+  }
+  return catalogue;
 }
 
 std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings) {

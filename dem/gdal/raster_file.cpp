@@ -214,17 +214,18 @@ double unit_in_metres(const std::string& unit, const std::string& path) {
   const auto is = [&](const char* name) { return EQUAL(unit.c_str(), name); };
   if (unit.empty() || is("m") || is("metre") || is("metres") || is("meter") || is("meters")) return 1;
   if (is("km") || is("kilometre") || is("kilometres") || is("kilometer") || is("kilometers")) return 1000;
-  throw DataError(path, "its unit '" + unit + "' is no height");
+  throw NotHeights(path, "its unit '" + unit + "' is no height");
 }
 
 void find_values(RasterFile& s, const RasterInfo* known, Damage damage) {
   if (s.dataset->GetRasterCount() != 1)
-    throw DataError(s.info.path, "has " + std::to_string(s.dataset->GetRasterCount()) + " bands; a height map has one");
+    throw NotHeights(s.info.path,
+                     "has " + std::to_string(s.dataset->GetRasterCount()) + " bands; a height map has one");
   s.band = s.dataset->GetRasterBand(1);
   s.type = s.band->GetRasterDataType();
   if (s.type != GDT_Int16 && s.type != GDT_UInt16 && s.type != GDT_Int32 && s.type != GDT_UInt32 &&
       s.type != GDT_Float32 && s.type != GDT_Float64)
-    throw DataError(s.info.path, std::string("samples of type ") + GDALGetDataTypeName(s.type) + " are not heights");
+    throw NotHeights(s.info.path, std::string("samples of type ") + GDALGetDataTypeName(s.type) + " are not heights");
   const double unit_m = unit_in_metres(s.band->GetUnitType(), s.info.path);
   s.scale = s.band->GetScale() * unit_m;
   s.offset_m = s.band->GetOffset() * unit_m;

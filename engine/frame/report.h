@@ -74,6 +74,7 @@ struct FrameReport {
   std::size_t triangles = 0;
   std::size_t scene_bytes = 0;                   // of the mesh and its acceleration structure
   double filled_fraction = 0;                    // of all pixels: on posts that were filled by interpolation
+  double blended_fraction = 0;                   // of all pixels: on posts that are a mean of two layers
   double missing_fraction = 0;                   // of all pixels: look at the Moon where there is no data
   double hit_fraction = 0, object_fraction = 0;  // of all pixels: see anything; see an object
   RadianceTerms radiance;                        // of the terrain in frames with radiance or image

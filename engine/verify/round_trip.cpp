@@ -78,8 +78,8 @@ class Comparison {
       : renderer_(renderer), request_(request), progress_(progress), stop_(stop) {
     const dem::Catalogue& catalogue = renderer.terrain().catalogue();
     out_.window = window_around(finest_tile(catalogue, request, tile_index_), request);
-    read_original();
-    find_finer_layers(catalogue);
+    read_original(catalogue);
+    find_other_layers(catalogue);
   }
 
   RoundTrip run() {
@@ -97,21 +97,25 @@ class Comparison {
  private:
   double spacing_m() const { return out_.window.tile.post_spacing_m; }
 
-  void read_original() {
+  void read_original(const dem::Catalogue& catalogue) {
     const PostWindow& w = out_.window;
     dem::Raster raster(w.tile);
     out_.original_m.resize(w.size());
     raster.read(w.x0, w.y0, w.width, w.height, out_.original_m.data());
+    if (const double offset_m = catalogue.offset_m(tile_index_); offset_m != 0)
+      for (float& height_m : out_.original_m) height_m = static_cast<float>(static_cast<double>(height_m) + offset_m);
     out_.difference_m.assign(w.size(), std::numeric_limits<float>::quiet_NaN());
   }
 
-  // Only where a finer tile comes near is it worth asking at every post what is seen there.
-  void find_finer_layers(const dem::Catalogue& catalogue) {
+  // Only where a finer tile comes near, or the tile is blended into coarser ones, is it worth asking at every post what
+  // is seen there.
+  void find_other_layers(const dem::Catalogue& catalogue) {
     const PostWindow& w = out_.window;
     const Geographic first = w.place(0, 0), last = w.place(w.height - 1, w.width - 1);
     const double east = last.lon_deg < first.lon_deg ? last.lon_deg + 360 : last.lon_deg;
     const std::vector<int> near = catalogue.touching(last.lat_deg, first.lat_deg, first.lon_deg, east, 1e-3);
-    finer_layers_ = !near.empty() && near.back() > tile_index_;
+    const bool blends = catalogue.joins().blend_posts > 0 && catalogue.layer_begin(tile_index_) > 0;
+    other_layers_ = !near.empty() && (near.back() > tile_index_ || (blends && near.front() < tile_index_));
   }
 
   // Patches about as wide as high on the ground.
@@ -150,9 +154,10 @@ class Comparison {
       ++out_.voids;
       return false;
     }
-    if (!finer_layers_) return true;
+    if (!other_layers_) return true;
     const Geographic g = out_.window.place(row, col);
-    const bool seen = renderer_.terrain().height(g.lat_deg, g.lon_deg, stop_).source == tile_index_;
+    const dem::HeightAnswer there = renderer_.terrain().height(g.lat_deg, g.lon_deg, stop_);
+    const bool seen = there.source == tile_index_ && !there.blended;
     if (!seen) ++out_.elsewhere;
     return seen;
   }
@@ -295,7 +300,7 @@ class Comparison {
   const Progress& progress_;
   const StopToken& stop_;
   int tile_index_ = -1;
-  bool finer_layers_ = false;
+  bool other_layers_ = false;
   std::vector<Ray> rays_;
   std::vector<Aim> aims_;
   RoundTrip out_;

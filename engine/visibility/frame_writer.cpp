@@ -38,21 +38,22 @@ void allocate_all(const FrameRequest& request, FrameProducts& out) {
 
 struct SourceAt {
   dem::SourceIndex index;  // dem::kNoSource if none
-  bool filled;
+  bool filled, blended;
 };
 
-// The tile of the nearest vertex; filled when any vertex of the triangle is.
+// The tile of the nearest vertex; filled or blended when any vertex of the triangle is.
 SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   const TriangleId& t = p.triangle[lane];
   const dem::Block& block = *mesh.blocks()[t.block()].posts;
-  if (block.sources.size() == 1) return {dem::source_of(block.sources[0]), dem::is_filled(block.sources[0])};
+  if (const dem::SourceMark s = block.sources[0]; block.sources.size() == 1)
+    return {dem::source_of(s), dem::is_filled(s), dem::is_blended(s)};
   const dem::QuadVertices q = t.vertices();
   const double weights[3] = {1 - p.v[lane] - p.w[lane], p.v[lane], p.w[lane]};
-  SourceAt at{dem::kNoSource, false};
+  SourceAt at{dem::kNoSource, false, false};
   double heaviest = -1;
   for (int i = 0; i < 3; ++i) {
     const dem::SourceMark s = block.source(q.r[i], q.c[i]);
-    at.filled |= dem::is_filled(s);
+    at.filled |= dem::is_filled(s), at.blended |= dem::is_blended(s);
     if (weights[i] > heaviest) heaviest = weights[i], at.index = dem::source_of(s);
   }
   return at;
@@ -77,6 +78,7 @@ std::uint32_t FrameWriter::account_all(const SurfacePoints& points, std::uint32_
   const auto add = [&](const MeshBlock& block, std::uint64_t lanes) {
     counts.hit += lanes;
     if (dem::is_filled(block.source)) counts.filled += lanes;
+    if (dem::is_blended(block.source)) counts.blended += lanes;
     if (const dem::SourceIndex index = dem::source_of(block.source); index != dem::kNoSource) sources_.number(index);
   };
   // Most packets are in one block of one source.
@@ -109,7 +111,7 @@ void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, Pi
       sources_.number(source.index);
   }
   ++counts.hit;
-  counts.filled += source.filled;
+  counts.filled += source.filled, counts.blended += source.blended;
 }
 
 void FrameWriter::store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading,
@@ -159,6 +161,7 @@ void FrameWriter::mark(int x, int y, const SurfacePoints& points, int lane) {
 void FrameWriter::merge(const PixelCounts& counts) {
   const std::lock_guard lock(mutex_);
   total_.hit += counts.hit, total_.missing += counts.missing, total_.filled += counts.filled;
+  total_.blended += counts.blended;
   total_.on_object += counts.on_object;
 }
 

@@ -18,7 +18,7 @@
 namespace selenograph::engine {
 
 struct PixelCounts {
-  std::uint64_t hit = 0, missing = 0, filled = 0, on_object = 0;
+  std::uint64_t hit = 0, missing = 0, filled = 0, blended = 0, on_object = 0;
 };
 
 class FrameWriter {

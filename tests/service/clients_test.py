@@ -180,7 +180,7 @@ class Examples:
         self.assertEqual(len(got), len(right), what)
         for ours, its in zip(got, right):
             for name, value in ours.items():
-                missing = "" if name == "source" else False if name == "filled" else None
+                missing = "" if name == "source" else False if name in ("filled", "blended") else None
                 if isinstance(value, list) and its.get(name) is None:
                     value = None if all(x is None for x in value) else value
                 self.assert_alike(value, its.get(name, missing), f"{what}.{name}")

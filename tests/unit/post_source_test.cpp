@@ -81,6 +81,7 @@ TEST(PostSource, FinerLayersWinAndVoidsFallThrough) {
   write_float_tile(
       folder.path(), "fine", {12, 20, 16, 33, 33}, [](double, double) { return 2.0; }, hole);
   Layers layers(folder.path());
+  layers.catalogue.join_layers({0, {}});
   const Posts posts = layers.source.compose(window(4, 9, 19, 65, 65));
   for (int r = 0; r < 65; ++r)
     for (int c = 0; c < 65; ++c) {

@@ -38,7 +38,8 @@ int main(int argc, char** argv) try {
     said["heights"].push_back({{"height_m", number(h.height_m)},
                                {"post_spacing_m", number(h.post_spacing_m)},
                                {"source", h.source},
-                               {"filled", h.filled}});
+                               {"filled", h.filled},
+                               {"blended", h.blended}});
   }
   const Json above = pose::nadir(pose::geodetic(-6.5, 40.0, 30000.0));
   for (const Landmark& p : client.project(camera, above, {{-6.5, 40.0}, {-6.6, 40.1, 500.0}, {30.0, 100.0}}, sun)) {

@@ -335,8 +335,9 @@ struct Height {
   double height_m = 0;        // above the sphere of 1 737 400 m; NaN without data
   double post_spacing_m = 0;  // NaN without data
   std::string source;         // the tile that it came from
-  bool filled = false;        // interpolated from a coarser layer
+  bool filled = false;        // interpolated across no-data
   std::string reason;         // why there is no height
+  bool blended = false;       // a mean of two layers
 };
 
 // What came back over HTTP, as it is.
@@ -457,7 +458,7 @@ class Client {
         [&](const Json& p) {
           heights.push_back({detail::number_or_nan(p, "lat_deg"), detail::number_or_nan(p, "lon_deg"),
                              detail::number_or_nan(p, "height_m"), detail::number_or_nan(p, "post_spacing_m"),
-                             p.value("source", ""), p.value("filled", false), p.value("reason", "")});
+                             p.value("source", ""), p.value("filled", false), p.value("reason", ""), p.value("blended", false)});
         });
     return heights;
   }

@@ -362,13 +362,14 @@ class Client:
         """Heights of the terrain: POST /v1/heights, of numbers or arrays.
 
         Gives a record array of their shape: height_m (above the sphere of 1 737 400 m; NaN where there is no data),
-        post_spacing_m, source (name of the DEM tile), filled, reason (why there is no height), lat_deg, lon_deg.
+        post_spacing_m, source (name of the DEM tile), filled, blended (a mean of two layers), reason (why there is no
+        height), lat_deg, lon_deg.
         """
         lats, lons = np.broadcast_arrays(np.asarray(lat_deg, float), np.asarray(lon_deg, float))
         places = [{"lat_deg": lat, "lon_deg": lon} for lat, lon in zip(lats.ravel().tolist(), lons.ravel().tolist())]
         answers = self._in_pieces("/v1/heights", "points", places, {})
         fields = [("lat_deg", float), ("lon_deg", float), ("height_m", float), ("post_spacing_m", float),
-                  ("source", object), ("filled", bool), ("reason", object)]
+                  ("source", object), ("filled", bool), ("blended", bool), ("reason", object)]
         return _records(answers, fields, lats.shape)
 
     def datasets(self) -> Dict[str, Any]:

@@ -1,0 +1,207 @@
+#!/usr/bin/env python3
+"""Layers of different resolution under the real service: blended over a band, offsets, caches, and files that are no DEM."""
+
+import io
+import json
+import os
+import shutil
+import struct
+import unittest
+import zipfile
+
+import harness
+from harness import Service, frame_request, path, run
+
+BIAS_M = 40
+SITE = "DTM_MAP_01_N01E030N00E031SC"
+
+
+def setUpModule():
+    harness.set_up()
+    # A landing site's tile of 512 posts a degree, 40 m too high, over nine tiles of 64.
+    coarse = harness.sample("coarse", "--south-deg", "-1", "--west-deg", "29", "--rows", "3", "--columns", "3", "--ppd", "64")
+    site = harness.sample("site", "--south-deg", "0", "--west-deg", "30", "--rows", "1", "--columns", "1", "--ppd", "512")
+    image = os.path.join(site, SITE + ".img")
+    with open(image, "rb") as f:
+        posts = f.read()
+    heights = struct.unpack(f">{len(posts) // 2}h", posts)
+    with open(image, "wb") as f:
+        f.write(struct.pack(f">{len(heights)}h", *(h + BIAS_M for h in heights)))
+    both = path("dem")
+    shutil.copytree(coarse, os.path.join(both, "coarse"))
+    os.makedirs(os.path.join(both, "site"))
+    for end in (".img", ".lbl"):
+        shutil.copy(os.path.join(site, SITE + end), os.path.join(both, "site", "site" + end))
+    label = os.path.join(both, "site", "site.lbl")
+    with open(label, newline="") as f:
+        text = f.read()
+    with open(label, "w", newline="") as f:
+        f.write(text.replace(SITE, "site"))
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def write_image(name):
+    """A grey image of the whole Moon as a GeoTIFF of bytes, by hand: nothing here needs GDAL."""
+    width, height = 8, 4
+    geokeys = (1, 1, 0, 3, 1024, 0, 1, 2, 1025, 0, 1, 1, 2048, 0, 1, 32767)
+    doubles = (45.0, 45.0, 0.0, 0.0, 0.0, 0.0, -180.0, 90.0, 0.0)
+    entries = [(256, 3, 1, width), (257, 3, 1, height), (258, 3, 1, 8), (259, 3, 1, 1), (262, 3, 1, 1), (273, 4, 1, None),
+               (277, 3, 1, 1), (278, 3, 1, height), (279, 4, 1, width * height), (33550, 12, 3, None), (33922, 12, 6, None),
+               (34735, 3, len(geokeys), None)]
+    data_at = 8 + 2 + 12 * len(entries) + 4
+    places = {273: data_at, 33550: data_at + width * height, 33922: data_at + width * height + 24,
+              34735: data_at + width * height + 72}
+    with open(name, "wb") as f:
+        f.write(b"II*\0" + struct.pack("<IH", 8, len(entries)))
+        for tag, kind, count, value in entries:
+            f.write(struct.pack("<HHII", tag, kind, count, places.get(tag, value)))
+        f.write(struct.pack("<I", 0) + bytes(range(width * height)) + struct.pack("<9d", *doubles))
+        f.write(struct.pack(f"<{len(geokeys)}H", *geokeys))
+
+
+def along(service):
+    """Heights from outside of the site's western border to its middle."""
+    points = [{"lat_deg": 0.5, "lon_deg": 29.95 + k / 1000} for k in range(500)]
+    status, _, body = service.post("/v1/heights", {"points": points})
+    assert status == 200, body
+    return json.loads(body)["points"]
+
+
+class Blending(unittest.TestCase):
+    def test_the_band_is_flagged_and_the_middle_untouched(self):
+        with_band = Service(cache="cache-band")
+        without = Service("--blend-posts", "0", cache="cache-none")
+        low = Service(cache="cache-coarse", dem="coarse")
+        joined, apart, beneath = along(with_band), along(without), along(low)
+        steps = [abs(a["height_m"] - b["height_m"]) for a, b in zip(joined, beneath)]
+        for k, (a, b) in enumerate(zip(joined, apart)):
+            self.assertFalse(b["blended"])
+            self.assertFalse(a["filled"])
+            if k < 45:  # outside
+                self.assertEqual(a["height_m"], b["height_m"])
+                self.assertFalse(a["blended"])
+                self.assertNotEqual(a["source"], "site")
+            elif k > 50 + 260:  # a quarter of a degree and some inside
+                self.assertEqual(a["height_m"], b["height_m"])
+                self.assertFalse(a["blended"])
+                self.assertEqual(a["source"], "site")
+            elif 70 < k < 250:
+                self.assertTrue(a["blended"], k)
+        # The site begins at k = 50.
+        self.assertGreater(abs(apart[52]["height_m"] - beneath[52]["height_m"]), BIAS_M / 2)
+        self.assertLess(steps[52], BIAS_M / 8)  # the triangles of a mesh of its own are others
+
+        frame = frame_request(products=("source", "geodetic"))
+        frame["pose"]["geodetic"] = {"lat_deg": 0.5, "lon_deg": 30.1, "height_m": 20000.0}
+        metas, tags = [], []
+        for service in (with_band, without):
+            status, headers, body = service.frame(frame, "application/x-npz")
+            self.assertEqual(status, 200)
+            with zipfile.ZipFile(io.BytesIO(body)) as archive:
+                metas.append(json.loads(archive.read("meta.json")))
+            tags.append(headers["ETag"])
+        self.assertNotEqual(tags[0], tags[1])
+        self.assertGreater(metas[0]["blended_fraction"], 0.3)
+        self.assertEqual(metas[1]["blended_fraction"], 0)
+
+    def test_an_old_cache_is_noticed_and_replaced(self):
+        for attempt, options in enumerate((("--blend-posts", "0"), (), ("--layer-offset", "site=-40"), ())):
+            used = Service(*options, cache="cache-shared")
+            fresh = Service(*options, cache=f"cache-fresh-{attempt}")
+            self.assertEqual(along(used), along(fresh), options)
+            log = used.log_text()
+            used.stop(), fresh.stop()
+            if attempt > 0:
+                self.assertIn("pyramid was made from other sources; it is made again", log)
+
+    def test_what_has_one_layer_keeps_its_cache(self):
+        first = Service("--blend-posts", "0", cache="cache-single", dem="coarse")
+        heights = along(first)
+        first.stop()
+        second = Service("--blend-posts", "9", cache="cache-single", dem="coarse")
+        self.assertEqual(along(second), heights)
+        self.assertNotIn("made again", second.log_text())
+        self.assertEqual(second.metric("selenograph_terrain_chunks_built_total"), 0)
+        second.stop()
+
+    def test_an_offset_is_fitted_and_reported(self):
+        service = Service("--layer-offset", "site=fit", cache="cache-fit")
+        datasets = json.loads(service.ask("GET", "/v1/datasets")[2])
+        offset = {d["name"]: d["offset_m"] for d in datasets["datasets"]}
+        self.assertAlmostEqual(offset["site"], -BIAS_M, delta=8)  # the layers' own relief differs along the border
+        self.assertEqual(set(offset.values()), {0, offset["site"]})
+        self.assertEqual(datasets["blend_posts"], 16)
+        self.assertIn("the median of", service.log_text())
+        service.stop()
+
+    def test_info_reports_the_steps(self):
+        done = run("info", "--json", "--dem", path("dem"), "--cache-dir", path("cache-info"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        (border,) = json.loads(done.stdout)["borders"]
+        self.assertEqual(border["names"], ["site"])
+        self.assertGreater(border["posts"], 100)
+        self.assertAlmostEqual(border["step_before"]["mean_m"], BIAS_M, delta=8)
+        self.assertGreater(border["step_before"]["rms_m"], border["step_before"]["mean_m"])
+        self.assertLess(abs(border["step_after"]["worst_m"]), 1)
+        text = run("info", "--dem", path("dem"), "--cache-dir", path("cache-info")).stdout
+        self.assertIn("border of site over", text)
+        self.assertIn("step before: mean", text)
+
+    def test_bad_settings_are_named(self):
+        for option, value, named in (("--layer-offset", "site=x", "site=x"), ("--layer-offset", "nowhere=1", "nowhere"),
+                                     ("--blend-posts", "-1", "--blend-posts")):
+            done = run("info", option, value, "--dem", path("dem"), "--cache-dir", path("cache-info"))
+            self.assertNotEqual(done.returncode, 0)
+            self.assertIn(named, done.stderr + done.stdout)
+
+
+class NoDem(unittest.TestCase):
+    def setUp(self):
+        self.folder = path("with-image")
+        shutil.rmtree(self.folder, ignore_errors=True)
+        shutil.copytree(path("dem", "site"), self.folder)
+        self.image = os.path.join(self.folder, "ortho.tif")
+        write_image(self.image)
+
+    def test_an_orthoimage_in_a_folder_is_a_warning(self):
+        service = Service(cache="cache-image", dem="with-image")
+        log = service.log_text()
+        self.assertEqual(log.count("ortho.tif"), 1, log)
+        self.assertEqual(service.ask("GET", "/v1/height?lat_deg=0.5&lon_deg=30.5")[0], 200)
+        (problem,) = json.loads(service.ask("GET", "/v1/datasets")[2])["problems"]
+        self.assertEqual(problem["path"], self.image)
+        self.assertIn("not heights", problem["what"])
+        self.assertIn("ortho.tif", run("info", "--dem", self.folder, "--cache-dir", path("cache-image")).stdout)
+
+    def test_strict_makes_it_an_error(self):
+        for command in ("info", "ingest"):
+            done = run(command, "--strict", "--dem", self.folder, "--cache-dir", path("cache-image"))
+            self.assertEqual(done.returncode, 1, done.stdout)
+            self.assertIn("ortho.tif", done.stderr)
+
+    def test_given_by_name_it_is_an_error(self):
+        done = run("info", "--dem", self.image, "--cache-dir", path("cache-image"))
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("ortho.tif", done.stderr)
+
+    def test_side_layers_are_reported_and_no_heights(self):
+        for end in ("_effres", "_err"):
+            shutil.copy(self.image, os.path.join(self.folder, f"site{end}.tif"))
+        os.remove(self.image)
+        done = run("info", "--json", "--dem", self.folder, "--cache-dir", path("cache-side"))
+        found = json.loads(done.stdout)
+        self.assertEqual(sorted((os.path.basename(s["path"]), s["kind"]) for s in found["side_layers"]),
+                         [("site_effres.tif", "effective resolution"), ("site_err.tif", "error of heights")])
+        self.assertEqual([d["name"] for d in found["datasets"]], ["site"])
+        self.assertEqual(found["problems"], [])
+        self.assertEqual(run("info", "--strict", "--dem", self.folder, "--cache-dir", path("cache-side")).returncode, 0)
+        named = run("info", "--dem", os.path.join(self.folder, "site_err.tif"), "--cache-dir", path("cache-side"))
+        self.assertEqual(named.returncode, 1)
+        self.assertIn("side layer", named.stderr)
+
+
+if __name__ == "__main__":
+    harness.main()

@@ -1,0 +1,387 @@
+// Layers that meet: blended over a band, the same from any window; offsets given and fitted; steps along borders.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <stdexcept>
+
+#include "dem/error.h"
+#include "dem/layer_joins.h"
+#include "dem/post_source.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::dem {
+namespace {
+
+using test::FloatTile;
+using test::TemporaryFolder;
+using test::write_float_tile;
+
+PostWindow window(int level, double south, double west, int rows, int cols) {
+  const std::int32_t step = 1 << (kTickLevel - level);
+  return {std::llround((south + 90) * kTicksPerDegree),
+          std::llround((west + 180) * kTicksPerDegree),
+          step,
+          step,
+          rows,
+          cols};
+}
+
+struct Layers {
+  explicit Layers(const std::string& folder, double blend_posts = 16, const std::vector<LayerOffset>& offsets = {})
+      : catalogue(std::vector<std::string>{folder}),
+        fits(join_layers(catalogue, blend_posts, offsets)),
+        source(catalogue, false, [](const std::string&, const std::string&) {}) {}
+  std::string name(SourceMark s) const { return catalogue.rasters()[source_of(s)].name; }
+  Catalogue catalogue;
+  std::vector<FittedOffset> fits;
+  PostSource source;
+};
+
+double flat(double, double) { return 0; }
+double high(double, double) { return 100; }
+
+// 4 posts of the fine layer to one of the coarse layer: a band of 16 is 64 fine posts.
+constexpr double kCoarse = 16, kFine = 64;
+void write_coarse(const TemporaryFolder& folder, const test::HeightFunction& height_m = flat) {
+  write_float_tile(folder.path(), "coarse", {20, 10, kCoarse, 20 * 16 + 1, 20 * 16 + 1}, height_m);
+}
+// 12 .. 16 N, 18 .. 22 E.
+void write_fine(const TemporaryFolder& folder, const test::HeightFunction& height_m = high,
+                const test::VoidFunction& is_void = {}) {
+  write_float_tile(folder.path(), "fine", {16, 18, kFine, 4 * 64 + 1, 4 * 64 + 1}, height_m, is_void);
+}
+
+TEST(Layers, AreBlendedOverTheBandAndUntouchedInside) {
+  TemporaryFolder folder;
+  write_coarse(folder), write_fine(folder);
+  const Layers layers(folder.path());
+  ASSERT_EQ(layers.source.edges().band_posts(1), 64);
+  // Along a parallel through the middle, from outside to the middle.
+  const Posts posts = layers.source.compose(window(6, 14, 17, 1, 3 * 64 + 1));
+  double steepest = 0, bent = 0;
+  for (std::size_t c = 0; c < posts.heights.size(); ++c) {
+    const double inside = static_cast<double>(c) - 64;  // posts from the border
+    const float h = posts.heights[c];
+    if (inside < 0) {
+      ASSERT_EQ(h, 0) << c;
+      ASSERT_EQ(posts.sources[c], 0U) << "the coarse layer is not blended";
+    } else if (inside >= 64) {
+      ASSERT_EQ(h, 100) << c;
+      ASSERT_EQ(posts.sources[c], 1U) << c;
+    } else if (inside >= 4 && inside < 48) {
+      ASSERT_TRUE(is_blended(posts.sources[c])) << c;
+      ASSERT_EQ(layers.name(posts.sources[c]), h >= 50 ? "fine" : "coarse") << "the larger share names the source";
+    }
+    if (c > 0) {
+      ASSERT_GE(h, posts.heights[c - 1]) << c;
+      steepest = std::max(steepest, static_cast<double>(h - posts.heights[c - 1]));
+    }
+    if (c > 1)
+      bent = std::max(bent, std::abs(static_cast<double>(h - 2 * posts.heights[c - 1] + posts.heights[c - 2])));
+  }
+  // A smoothstep over n posts is at most 1.5 / n steep and changes its slope by at most 6 / n^2 from post to post; the
+  // narrower bands of finer octaves, of which the product is taken, add to it.
+  EXPECT_LT(steepest, 100 * 2.5 / 64);
+  EXPECT_LT(bent, 100 * 24.0 / (64 * 64));
+  EXPECT_LT(posts.heights[64], 0.05) << "no cliff at the border";
+}
+
+TEST(Layers, WithoutABandEndAsTheyAre) {
+  TemporaryFolder folder;
+  write_coarse(folder), write_fine(folder);
+  const Layers layers(folder.path(), 0);
+  const Posts posts = layers.source.compose(window(6, 14, 17, 1, 2 * 64 + 1));
+  for (std::size_t c = 0; c < posts.heights.size(); ++c) ASSERT_EQ(posts.heights[c], c < 64 ? 0.F : 100.F) << c;
+}
+
+// A layer with a slanted border, holes of all sizes, another layer between, all of them rough, and off the lattice.
+struct Rough {
+  Rough() {
+    const auto noise = [](double scale) {
+      return [scale](double lat, double lon) {
+        return 300 * std::sin(lat * scale) * std::cos(lon * scale * 1.3) + 40 * std::sin(40 * lat + 31 * lon);
+      };
+    };
+    write_coarse(folder, noise(1));
+    write_float_tile(folder.path(), "middle", {17.1, 16.9, 50, 270, 290}, noise(1.1));
+    write_float_tile(folder.path(), "fine", {15.01, 18.02, 200, 400, 420}, noise(1.2), [](double lat, double lon) {
+      const double slanted = lat + 0.4 * lon;
+      if (slanted < 20.6) return true;
+      for (const double size : {0.006, 0.03, 0.15})
+        if (std::hypot(lat - 14.3 - 2 * size, lon - 19 - 3 * size) < size) return true;
+      return false;
+    });
+  }
+  TemporaryFolder folder;
+};
+
+TEST(Layers, BlendTheSameBitForBitFromAnyWindow) {
+  const Rough rough;
+  const Layers all(rough.folder.path());
+  ASSERT_EQ(all.catalogue.rasters().size(), 3U);
+  const PostWindow whole = window(8, 12.5, 17.5, 700, 800);
+  const Posts expected = all.source.compose(whole);
+  std::size_t blended = 0;
+  for (const SourceMark s : expected.sources) blended += is_blended(s);
+  EXPECT_GT(blended, expected.sources.size() / 5);
+  EXPECT_LT(blended, expected.sources.size());
+  std::mt19937 random(3);
+  for (int k = 0; k < 60; ++k) {
+    const Layers fresh(rough.folder.path());  // nothing is known of its borders yet
+    PostWindow part = whole;
+    part.rows = 1 + static_cast<int>(random() % (k % 10 == 0 ? 500 : 70));
+    part.cols = 1 + static_cast<int>(random() % (k % 10 == 0 ? 500 : 70));
+    const int r0 = static_cast<int>(random() % static_cast<unsigned>(whole.rows - part.rows)),
+              c0 = static_cast<int>(random() % static_cast<unsigned>(whole.cols - part.cols));
+    part.lat0 += static_cast<std::int64_t>(r0) * whole.lat_step;
+    part.lon0 += static_cast<std::int64_t>(c0) * whole.lon_step;
+    const Posts posts = (k % 2 ? fresh : all).source.compose(part);
+    for (int r = 0; r < part.rows; ++r)
+      for (int c = 0; c < part.cols; ++c) {
+        const auto here = static_cast<std::size_t>(r * part.cols + c),
+                   there = static_cast<std::size_t>((r0 + r) * whole.cols + c0 + c);
+        ASSERT_EQ(posts.heights[here], expected.heights[there]) << k << ": " << r << ' ' << c;
+        ASSERT_EQ(posts.sources[here], expected.sources[there]) << k << ": " << r << ' ' << c;
+      }
+  }
+  // From another level of the lattice, too.
+  PostWindow coarser = whole;
+  coarser.lat_step *= 4, coarser.lon_step *= 2, coarser.rows /= 4, coarser.cols /= 2;
+  const Posts posts = all.source.compose(coarser);
+  for (int r = 0; r < coarser.rows; ++r)
+    for (int c = 0; c < coarser.cols; ++c)
+      ASSERT_EQ(posts.heights[static_cast<std::size_t>(r * coarser.cols + c)],
+                expected.heights[static_cast<std::size_t>(4 * r * whole.cols + 2 * c)]);
+}
+
+TEST(Layers, AreContinuousAcrossEveryBorder) {
+  // The same with constant heights: wherever one looks, what two neighbouring posts differ by is a small part of the
+  // step between layers; without a band it is all of it.
+  TemporaryFolder folder;
+  write_coarse(folder);
+  write_float_tile(folder.path(), "middle", {17, 17, 64, 4 * 64 + 1, 4 * 64 + 1}, high);
+  write_float_tile(
+      folder.path(), "fine", {15.5, 18.5, 256, 256, 256}, [](double, double) { return 200.0; },
+      [](double lat, double lon) { return lat + 0.4 * lon < 22.3 || std::hypot(lat - 15.2, lon - 19.2) < 0.06; });
+  const auto largest_step = [](const Posts& posts, const PostWindow& w) {
+    float worst = 0;
+    for (int r = 0; r + 1 < w.rows; ++r)
+      for (int c = 0; c + 1 < w.cols; ++c) {
+        const auto at = static_cast<std::size_t>(r * w.cols + c);
+        worst = std::max({worst, std::abs(posts.heights[at + 1] - posts.heights[at]),
+                          std::abs(posts.heights[at + static_cast<std::size_t>(w.cols)] - posts.heights[at])});
+      }
+    return worst;
+  };
+  const PostWindow w = window(8, 12.5, 16.5, 1200, 1200);
+  EXPECT_EQ(largest_step(Layers(folder.path(), 0).source.compose(w), w), 200 - 100);
+  // The hole is 31 posts wide: its band is the narrowest, some 60 posts.
+  EXPECT_LT(largest_step(Layers(folder.path()).source.compose(w), w), 6);
+}
+
+TEST(Layers, ThreeDeepEachBlendsIntoWhatLiesBeneath) {
+  TemporaryFolder folder;
+  write_coarse(folder);
+  write_float_tile(folder.path(), "middle", {17, 17, 64, 4 * 64 + 1, 4 * 64 + 1}, high);
+  // Its eastern border lies within the middle layer's band.
+  write_float_tile(folder.path(), "fine", {15.5, 19, 256, 513, 400}, [](double, double) { return 200.0; });
+  const Layers layers(folder.path());
+  const PostWindow w = window(8, 14.5, 18, 1, 3 * 256);
+  const Posts all = layers.source.compose(w), beneath = layers.source.compose(w, 2, {}),
+              ground = layers.source.compose(w, 1, {});
+  int all_three = 0;
+  for (std::size_t c = 0; c < all.heights.size(); ++c) {
+    ASSERT_EQ(ground.heights[c], 0);
+    const bool fine_alone = source_of(all.sources[c]) == 2 && !is_blended(all.sources[c]);
+    ASSERT_TRUE(!fine_alone || all.heights[c] == 200) << c;
+    ASSERT_GE(all.heights[c], beneath.heights[c] - 1e-3F);
+    all_three += all.heights[c] > beneath.heights[c] + 1 && all.heights[c] < 199 && beneath.heights[c] < 99 &&
+                 beneath.heights[c] > 1;
+  }
+  EXPECT_GT(all_three, 20) << "some posts are a mean of all three";
+}
+
+TEST(Layers, OfEqualResolutionDoNotBlend) {
+  TemporaryFolder folder;
+  write_coarse(folder);
+  // Two tiles as Kaguya's are: a post's gap between them is no border. The label of one is rounded.
+  write_float_tile(folder.path(), "west", {16, 18, kFine, 256, 128}, high);
+  write_float_tile(folder.path(), "east", {16, 20, kFine, 256, 128}, high);
+  // And one that overlaps both, on another grid of the same spacing.
+  write_float_tile(folder.path(), "over", {15 + 1.0 / 200, 19 + 1.0 / 300, kFine, 128, 128}, high);
+  const Layers layers(folder.path());
+  EXPECT_FALSE(layers.catalogue.one_layer());
+  EXPECT_EQ(layers.catalogue.layer_begin(3), 1);
+  const PostWindow w = window(6, 13.25, 19.25, 96, 96);
+  const Posts posts = layers.source.compose(w);
+  for (std::size_t i = 0; i < posts.heights.size(); ++i) {
+    ASSERT_EQ(posts.heights[i], 100) << i;
+    ASSERT_FALSE(is_blended(posts.sources[i])) << i;
+  }
+}
+
+TEST(Layers, BlendASmallHoleOverASmallBand) {
+  TemporaryFolder folder;
+  write_coarse(folder);
+  const double one = 14, many = 14.75;
+  write_fine(folder, high, [&](double lat, double lon) {
+    return (std::abs(lat - one) < 0.001 && std::abs(lon - 20) < 0.001) ||
+           (std::abs(lat - many) < 0.05 && std::abs(lon - 20) < 0.05);
+  });
+  const Layers layers(folder.path());
+  const auto touched = [&](double lat) {
+    const Posts posts = layers.source.compose(window(6, lat, 20, 1, 64));
+    EXPECT_EQ(posts.heights[0], 0) << "in the hole lies the coarse layer";
+    int n = 0;
+    for (const float h : posts.heights) n += h != 100;
+    return n;
+  };
+  EXPECT_LE(touched(one), 8);
+  EXPECT_GT(touched(one), 2);
+  EXPECT_GT(touched(many), 8);
+  EXPECT_LE(touched(many), 40);
+}
+
+TEST(Layers, ThatAreSmallKeepTheirMiddle) {
+  // The band would be wider than the layer: half of its half-width is left to it.
+  TemporaryFolder folder;
+  write_coarse(folder);
+  write_float_tile(folder.path(), "site", {14.1, 19.9, 512, 103, 103}, high);
+  const Layers layers(folder.path());
+  const double band = layers.source.edges().band_posts(1);
+  EXPECT_GT(band, 16);
+  EXPECT_LE(band, 26.5);
+  const Posts posts = layers.source.compose(window(9, 14, 20, 1, 1));
+  EXPECT_EQ(posts.heights[0], 100);
+  EXPECT_FALSE(is_blended(posts.sources[0]));
+}
+
+TEST(Layers, WithNothingBeneathEndAsTheyAre) {
+  TemporaryFolder folder;
+  // The coarse layer ends where the fine one does, in the west.
+  write_float_tile(folder.path(), "coarse", {20, 18, kCoarse, 161, 161}, flat);
+  write_fine(folder);
+  const Layers layers(folder.path());
+  const Posts posts = layers.source.compose(window(6, 14, 18, 1, 128));
+  for (std::size_t c = 0; c < posts.heights.size(); ++c) ASSERT_EQ(posts.heights[c], 100) << c;
+}
+
+TEST(Layers, MeetOverTheSeamsOfTheTilesBeneath) {
+  TemporaryFolder folder;
+  // Coarse tiles as Kaguya's are, a post apart; the fine layer begins on the seam of two and lies over another.
+  const auto slope = [](double lat, double lon) { return 10 * lat - 5 * lon; };
+  for (const int top : {14, 16})
+    for (const int west : {16, 18, 20, 22})
+      write_float_tile(folder.path(), "coarse" + std::to_string(top) + std::to_string(west),
+                       {static_cast<double>(top), static_cast<double>(west), 16, 32, 32}, slope);
+  write_float_tile(folder.path(), "fine", {15.5, 18, 64, 192, 240},
+                   [&](double lat, double lon) { return slope(lat, lon) + 100; });
+  const Layers layers(folder.path());
+  const PostWindow w = window(6, 13, 17, 128, 64 * 5);
+  const Posts posts = layers.source.compose(w);
+  for (int r = 0; r < w.rows; ++r)
+    for (int c = 0; c < w.cols; ++c) {
+      const auto at = static_cast<std::size_t>(r * w.cols + c);
+      const double above = static_cast<double>(posts.heights[at]) - slope(13 + r / 64.0, 17 + c / 64.0);
+      ASSERT_FALSE(is_filled(posts.sources[at])) << r << ' ' << c;
+      ASSERT_TRUE(c > 64 || std::abs(above) < 0.1) << r << ' ' << c << ' ' << above;
+      if (c > 0) {
+        const double before = static_cast<double>(posts.heights[at - 1]) - slope(13 + r / 64.0, 17 + (c - 1) / 64.0);
+        ASSERT_LT(std::abs(above - before), 100 * 3.0 / 64) << r << ' ' << c;
+      }
+    }
+}
+
+TEST(Layers, MeetAcrossTheDateLine) {
+  TemporaryFolder folder;
+  write_float_tile(folder.path(), "coarse", {20, 0, 4, 161, 1440}, flat);
+  for (const double west : {178.0, 180.0})
+    write_float_tile(folder.path(), west < 180 ? "a" : "b", {16, west, 16, 64, 32}, high);
+  const Layers layers(folder.path());
+  const Posts posts = layers.source.compose(window(4, 14, 176, 1, 8 * 16));
+  for (int c = 0; c < 4 * 16; ++c)  // as seen from either side; the eastern tile ends a post before 182
+    ASSERT_NEAR(posts.heights[static_cast<std::size_t>(32 + c)], posts.heights[static_cast<std::size_t>(95 - c)], 12);
+  EXPECT_EQ(posts.heights[64], 100) << "the date line is no border";
+  EXPECT_LT(posts.heights[32], 1);
+}
+
+TEST(Layers, OffsetsAreAddedAndPartOfTheFingerprint) {
+  TemporaryFolder folder;
+  write_coarse(folder), write_fine(folder);
+  const Layers plain(folder.path()), moved(folder.path(), 16, {{"fi*", -7.5}}), narrow(folder.path(), 8);
+  EXPECT_EQ(moved.source.compose(window(6, 14, 20, 1, 1)).heights[0], 92.5F);
+  EXPECT_NE(plain.catalogue.fingerprint(), moved.catalogue.fingerprint());
+  EXPECT_NE(plain.catalogue.fingerprint(), narrow.catalogue.fingerprint());
+  EXPECT_EQ(plain.catalogue.fingerprint(), Layers(folder.path()).catalogue.fingerprint());
+  EXPECT_THROW(Layers(folder.path(), 16, {{"nothing*", 1.0}}), DataError);
+  // Of a single layer, the band means nothing.
+  TemporaryFolder single;
+  write_coarse(single);
+  EXPECT_EQ(Layers(single.path(), 16).catalogue.fingerprint(), Layers(single.path(), 8).catalogue.fingerprint());
+}
+
+TEST(Layers, AKnownBiasIsFoundBack) {
+  const auto truth = [](double lat, double lon) { return 200 * std::sin(lat) + 150 * std::cos(1.3 * lon); };
+  TemporaryFolder folder;
+  write_coarse(folder, truth);
+  write_fine(folder, [&](double lat, double lon) {
+    // An eighth of the border is off by much: a mean would follow it.
+    const double spike = lon > 21.9 && lat > 13.5 && lat < 15.5 ? 500 : 0;
+    return truth(lat, lon) + 23.75 + spike;
+  });
+  const Layers layers(folder.path(), 16, {{"fine", std::nullopt}});
+  ASSERT_EQ(layers.fits.size(), 1U);
+  EXPECT_GT(layers.fits[0].posts, 100U);
+  EXPECT_NEAR(layers.fits[0].offset_m, -23.75, 0.3);  // the coarse layer's interpolation
+  EXPECT_EQ(layers.catalogue.offset_m(1), layers.fits[0].offset_m);
+
+  const std::vector<LayerBorder> borders = measure_borders(layers.catalogue, 10);
+  ASSERT_EQ(borders.size(), 1U);
+  EXPECT_EQ(borders[0].beneath, 0);
+  EXPECT_GT(borders[0].before.mean_m, 23);
+  EXPECT_GT(borders[0].before.worst_m, 500);
+  EXPECT_LT(std::abs(borders[0].after.worst_m), 0.01 * borders[0].before.worst_m);
+  EXPECT_EQ(borders[0].offset_m, layers.fits[0].offset_m);
+}
+
+TEST(Layers, TilesOfOneLayerAreFittedAsOne) {
+  TemporaryFolder folder;
+  write_coarse(folder);
+  // On the west side 10 m too high, on the east 30: one offset, or a cliff would stand between them.
+  write_float_tile(folder.path(), "west", {16, 18, kFine, 256, 128}, [](double, double) { return 10.0; });
+  write_float_tile(folder.path(), "east", {16, 20, kFine, 256, 128}, [](double, double) { return 30.0; });
+  write_float_tile(folder.path(), "away", {19, 11, kFine, 64, 64}, [](double, double) { return -5.0; });
+  const Layers layers(folder.path(), 16,
+                      {{"*", 0.0}, {"?est", std::nullopt}, {"east", std::nullopt}, {"away", std::nullopt}});
+  ASSERT_EQ(layers.fits.size(), 2U);
+  const auto offset = [&](const char* name) {
+    for (std::size_t i = 0; i < layers.catalogue.rasters().size(); ++i)
+      if (layers.catalogue.rasters()[i].name == name) return layers.catalogue.offset_m(static_cast<int>(i));
+    return std::nan("");
+  };
+  EXPECT_EQ(offset("west"), offset("east"));
+  EXPECT_NEAR(offset("west"), -20, 10);
+  EXPECT_EQ(offset("away"), 5);
+  EXPECT_EQ(offset("coarse"), 0);
+}
+
+TEST(Layers, OffsetsAreReadFromText) {
+  EXPECT_EQ(parse_layer_offset("NAC_*=-12.5").metres, -12.5);
+  EXPECT_EQ(parse_layer_offset("a=b=fit").pattern, "a=b");
+  EXPECT_FALSE(parse_layer_offset("x=fit").metres);
+  for (const char* wrong : {"", "x", "=3", "x=", "x=3m", "x=nan", "x=inf", "x=1e9"})
+    EXPECT_THROW(parse_layer_offset(wrong), std::invalid_argument) << wrong;
+}
+
+TEST(SideLayers, AreKnownByTheirNames) {
+  EXPECT_EQ(side_layer_kind("/a/Site01_final_adj_5mpp_effres.tif"), "effective resolution");
+  EXPECT_EQ(side_layer_kind("LDEM_87S_5MPP_ERR.TIF"), "error of heights");
+  EXPECT_EQ(side_layer_kind("site_err_piece_2km.tif"), "error of heights");
+  for (const char* dem : {"site_surf.tif", "site_error/site_surf.tif", "site_err/b.tif", "terra_errata.img", "err.tif"})
+    EXPECT_EQ(side_layer_kind(dem), "") << dem;
+}
+
+}  // namespace
+}  // namespace selenograph::dem
