@@ -27,9 +27,13 @@ _selenograph() {
   if [[ $word == -* ]]; then
     mapfile -t COMPREPLY < <(compgen -W "$(grep -oE -- '^ *(-[a-zA-Z],)?--[a-z0-9-]+' <<<"$help" |
       grep -oE -- '--[a-z0-9-]+')" -- "$word")
+    return
+  fi
+  choices=$(sed -n '/^Subcommands:/,$s/^  \([a-z][a-z-]*\) .*/\1/p' <<<"$help")
+  if [[ $choices ]]; then
+    mapfile -t COMPREPLY < <(compgen -W "$choices" -- "$word")
   else
-    mapfile -t COMPREPLY < <(compgen -W "$(sed -n '/^Subcommands:/,$s/^  \([a-z][a-z-]*\) .*/\1/p' <<<"$help")" -- "$word"
-      compgen -f -- "$word")
+    mapfile -t COMPREPLY < <(compgen -f -- "$word")
     compopt -o filenames 2>/dev/null
   fi
 }

@@ -146,6 +146,7 @@ class Installed(Works, unittest.TestCase):
         for command in (["serve"], ["render"], ["verify", "roundtrip"]):
             self.assertEqual(self.completions(*command, "--"), options_of(*command), command)
         self.assertEqual(self.completions("verify", "r"), {"roundtrip"})
+        self.assertEqual(self.completions("render", "ro"), {"root"} if os.path.isdir(harness.path("root")) else set())
         self.assertEqual(self.completions("serve", "--dem", "x", "--cache-m"), {"--cache-mb"})
         self.assertEqual(self.completions("serve", "--page", ""), {"off", "local", "on"})
         self.assertEqual(self.completions("serve", "--log-format", "j"), {"json"})

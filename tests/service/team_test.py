@@ -19,9 +19,11 @@ import sys
 import threading
 import time
 import unittest
+import unittest.mock
 import urllib.request
 
 import harness
+import monitoring_test
 from harness import BINARY, PATIENCE_S, REPOSITORY, frame_request
 
 sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
@@ -70,6 +72,12 @@ class Team:
         self.tls = ssl.create_default_context(cafile=os.path.join(self.folder, "public.pem"))
         self.said = []
         threading.Thread(target=lambda: self.said.extend(self.process.stdout), daemon=True).start()
+
+    def client(self, token):
+        """api/clients/python."""
+        import selenograph
+        with unittest.mock.patch.dict(os.environ, {"SSL_CERT_FILE": os.path.join(self.folder, "public.pem")}):
+            return selenograph.Client(f"https://localhost:{self.port}", token)
 
     def logs(self):
         text = ""
@@ -151,7 +159,8 @@ class Load:
 
     def __init__(self, token, threads=4):
         self.token, self.threads = token, threads
-        self.requests = [view(0.02 * i, width=192, samples=4) for i in range(6)]
+        # Much work for an answer that fits into one packet train: a node is killed before it or after it.
+        self.requests = [view(0.02 * i, width=64, samples=64) for i in range(6)]
         self.expected = [team.frame(request, token)[2] for request in self.requests]
         self.answers, self.faults = 0, []
         self.ending = threading.Event()
@@ -327,6 +336,15 @@ class Network(unittest.TestCase):
         self.assertEqual(team.proxy_metric("haproxy_backend_active_servers"), 2)
 
 
+class Monitoring(unittest.TestCase):
+    def test_the_proxy_has_what_dashboard_and_alerts_name(self):
+        with urllib.request.urlopen(team.inside + "/metrics", timeout=PATIENCE_S) as answer:
+            there = monitoring_test.samples(answer.read().decode())
+        expressions = monitoring_test.dashboard_expressions() + monitoring_test.alert_expressions()
+        self.assertGreater(sum("haproxy_" in expression for expression in expressions), 10)
+        self.assertEqual(monitoring_test.missing(expressions, there, "haproxy_"), [])
+
+
 class Limits(unittest.TestCase):
     def test_one_over_its_limit_is_told_and_another_goes_on(self):
         greedy, other = team.new_token("greedy"), team.new_token("other")
@@ -387,18 +405,7 @@ class Nodes(unittest.TestCase):
         return {line["request_id"]: line["node"] for line in team.lines("haproxy.log") if line["token"] == token}
 
     def test_a_region_has_a_node(self):
-        import selenograph
-        token = team.new_token("flying")
-        certificate = os.path.join(team.folder, "public.pem")
-        before = os.environ.get("SSL_CERT_FILE")
-        os.environ["SSL_CERT_FILE"] = certificate
-        try:
-            client = selenograph.Client(f"https://localhost:{team.port}", token)
-        finally:
-            os.environ.pop("SSL_CERT_FILE")
-            if before:
-                os.environ["SSL_CERT_FILE"] = before
-        with client:
+        with team.client(team.new_token("flying")) as client:
             for i in range(12):  # one cell
                 client.frame(view(0.05 * i))
             client.project(view()["camera"], view()["pose"], [(0, 30)])
@@ -416,14 +423,31 @@ class Nodes(unittest.TestCase):
     def test_a_killed_node_costs_no_answer(self):
         token = team.new_token("through-death")
         retries = team.proxy_metric("haproxy_backend_retry_warnings_total")
-        with Load(token) as load:
-            for name in ("node1", "node2", "node1"):
-                load.go_on(15)
-                pid = team.pid(name)
-                os.kill(pid, signal.SIGKILL)
-                load.go_on(15)
-                team.wait_until(lambda: team.pid(name) != pid and
-                                team.proxy_metric("haproxy_backend_active_servers") == 2, f"{name} again")
+        ending = threading.Event()
+
+        def large_answers():
+            """A node may die while one of them is on its way; the client library asks again."""
+            with team.client(token) as client:
+                request, count = view(width=512), 0
+                expected = client.frame(request)["radiance"].tobytes()
+                while not ending.is_set():
+                    self.assertEqual(client.frame(request)["radiance"].tobytes(), expected)
+                    count += 1
+                return count
+
+        with Load(token) as load, concurrent.futures.ThreadPoolExecutor(1) as pool:
+            large = pool.submit(large_answers)
+            try:
+                for name in ("node1", "node2", "node1"):
+                    load.go_on(15)
+                    pid = team.pid(name)
+                    os.kill(pid, signal.SIGKILL)
+                    load.go_on(15)
+                    team.wait_until(lambda: team.pid(name) != pid and
+                                    team.proxy_metric("haproxy_backend_active_servers") == 2, f"{name} again")
+            finally:
+                ending.set()
+            self.assertGreater(large.result(PATIENCE_S), 10)
         self.assertEqual(load.faults, [])
         self.assertGreater(team.proxy_metric("haproxy_backend_retry_warnings_total"), retries)
 
