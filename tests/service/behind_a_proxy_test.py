@@ -1,4 +1,4 @@
-"""Request ids, tokens' names and the access log in JSON lines."""
+"""What the service has for a proxy in front: request ids, tokens' names, the access log in JSON lines, a node that goes."""
 
 import json
 import re
@@ -166,6 +166,33 @@ class Turns(unittest.TestCase):
             [line] = [line for line in lines if line.get("request_id") == "who"]
             self.assertEqual((line["token"], line["client"]), (token, address), options)
             service.close()
+
+
+class Draining(unittest.TestCase):
+    def test_work_is_taken_until_a_proxy_has_seen_it(self):
+        service = Service("--drain-s", "3", "--shutdown-s", "20", "--log-format", "json")
+        self.assertEqual(service.ask("GET", "/health/ready")[0], 200)
+        service.process.terminate()
+        give_up = time.monotonic() + PATIENCE_S
+        while service.ask("GET", "/health/ready")[0] == 200:
+            self.assertLess(time.monotonic(), give_up)
+        self.assertEqual(service.metric("selenograph_ready"), 0)
+        self.assertEqual(service.frame(frame_request())[0], 200)
+        statuses = set()  # then refused, or nobody is there any more
+        while service.process.poll() is None:
+            self.assertLess(time.monotonic(), give_up)
+            try:
+                statuses.add(service.ask("GET", "/v1/height?lat_deg=-0.5&lon_deg=29.5")[0])
+            except OSError:
+                break
+        self.assertLessEqual(statuses, {200, 503})
+        self.assertIn("not ready any more", service.log_text())
+        service.expect_clean_stop()
+
+    def test_it_is_part_of_the_shutdown(self):
+        done = harness.run("serve", "--drain-s", "10", "--dem", harness.path("dem"))
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("--drain-s 10 is a part of --shutdown-s 10, and must be less", done.stderr)
 
 
 if __name__ == "__main__":
