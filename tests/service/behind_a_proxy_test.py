@@ -134,10 +134,11 @@ class Turns(unittest.TestCase):
             start("greedy", long_frame())
             service.wait_for("selenograph_frames_in_work", 1)
             start("greedy", long_frame())
+            service.wait_for("selenograph_frames_waiting", 1)
             newest = start("greedy", long_frame())
             service.wait_for("selenograph_frames_waiting", 2)
             modest = start("modest", frame_request())
-            answer = newest.getresponse()  # or the one before it: whichever came later
+            answer = newest.getresponse()
             self.assertEqual(answer.status, 503)
             answer.read()
             service.wait_for("selenograph_frames_waiting", 2)
@@ -187,7 +188,8 @@ class Draining(unittest.TestCase):
                 break
         self.assertLessEqual(statuses, {200, 503})
         self.assertIn("not ready any more", service.log_text())
-        service.expect_clean_stop()
+        self.assertEqual(service.process.wait(PATIENCE_S), 0)
+        service.close()
 
     def test_it_is_part_of_the_shutdown(self):
         done = harness.run("serve", "--drain-s", "10", "--dem", harness.path("dem"))
