@@ -290,7 +290,7 @@ class Network(unittest.TestCase):
                 old.wrap_socket(s)
 
     def dribble(self, head, pieces):
-        """Sends pieces slowly; returns what came until the proxy closed."""
+        """Sends pieces slowly until there is an answer, or the proxy closes."""
         with socket.create_connection(("localhost", team.port), timeout=PATIENCE_S) as plain:
             with team.tls.wrap_socket(plain, server_hostname="localhost") as s:
                 s.sendall(head)
@@ -300,9 +300,9 @@ class Network(unittest.TestCase):
                     try:
                         s.sendall(pieces)
                         piece = s.recv(4096)
-                        if not piece:
-                            return received
                         received += piece
+                        if not piece or b"\r\n\r\n" in received:
+                            return received
                     except socket.timeout:
                         continue
                     except OSError:
