@@ -303,7 +303,9 @@ std::string description() {
       "## Reflectance\n\n" +
       std::string(normalisation(engine::ReflectanceModel::lommel_seeliger)) + "\n\n" +
       std::string(normalisation_elsewhere()) +
-      "\n\n## Errors\n\napplication/problem+json (RFC 9457):\n\n| code | status | meaning |\n|---|---|---|\n";
+      "\n\n## Request ids\n\nEvery answer has `X-Request-Id`, which the operator's log has, too: the request's, if it "
+      "is 1 to 64 letters, digits, `.`, `_` and `-`, or one of the service's own.\n\n## "
+      "Errors\n\napplication/problem+json (RFC 9457):\n\n| code | status | meaning |\n|---|---|---|\n";
   for (const ErrorRow& row : error_table()) {
     out +=
         "| `" + std::string(row.code) + "` | " + std::to_string(row.status) + " | " + std::string(row.meaning) + " |\n";

@@ -1,10 +1,13 @@
 // A log that nobody has to wait for.
 #pragma once
 
+#include <spdlog/common.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <string_view>
 
 namespace selenograph::server {
 
@@ -13,14 +16,22 @@ namespace selenograph::server {
 // stdio, whose lock a writer that can't go on would keep through exit().
 //
 // (spdlog's own asynchronous logger joins its thread at exit, and waits for the reader there.)
+enum class LogFormat {
+  text,  // 2026-11-20T12:00:00.000 info what is to say
+  json,  // JSON lines: {"time": .., "level": .., "message": ..}, or with the members of log_members()
+};
+
 class AsyncLog {
  public:
   static constexpr std::size_t kMostBytes = std::size_t{1} << 20;
 
-  explicit AsyncLog(const std::string& level, int fd = 2);
+  explicit AsyncLog(const std::string& level, int fd = 2, LogFormat format = LogFormat::text);
   ~AsyncLog();  // waits half a second for what is not written yet
 
   std::uint64_t dropped() const;
+
+  // A line with these members instead of a message: `members` is JSON text without the braces.
+  static void log_members(spdlog::level::level_enum level, std::string_view members);
 
  private:
   struct Queue;

@@ -1,10 +1,14 @@
 // `selenograph serve`.
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <functional>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
 #include <thread>
 #include <utility>
 
@@ -34,7 +38,8 @@ HttpOptions http_options(const ServeSettings& s, std::shared_ptr<api::MemoryBudg
           .idle_timeout = milliseconds(s.idle_timeout_s),
           .receive_timeout = milliseconds(s.receive_timeout_s),
           .send_pace = {.bytes_per_s = s.send_kb_per_s * 1024},
-          .retry_after_s = std::move(retry_after_s)};
+          .retry_after_s = std::move(retry_after_s),
+          .trusted_proxies = s.trusted_proxy};
 }
 
 MemorySettings memory_settings(const ServeSettings& s) {
@@ -79,14 +84,50 @@ int places_in_work(const ServeSettings& s) {
   return s.max_frames > 0 ? s.max_frames : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-void note(Metrics& metrics, const AccessRecord& e) {
+double round_ms(double seconds) { return std::round(seconds * 1e6) / 1e3; }
+
+// deploy/README.md lists the members.
+std::string members_of(const AccessRecord& e) {
+  const auto text_or_null = [](const std::string& text) {
+    return text.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(text);
+  };
+  nlohmann::ordered_json line{{"request_id", e.request_id},
+                              {"token", text_or_null(e.token)},
+                              {"client", text_or_null(e.host)},
+                              {"method", text_or_null(e.method)},
+                              {"target", text_or_null(e.target)},
+                              {"status", e.status},
+                              {"error", text_or_null(e.error_code)},
+                              {"request_bytes", e.request_bytes},
+                              {"bytes", e.bytes},
+                              {"duration_ms", round_ms(e.seconds)},
+                              {"queued_ms", round_ms(e.queued_s)},
+                              {"work_ms", round_ms(e.work_s)},
+                              {"stages_ms", nlohmann::ordered_json::object()}};
+  for (const auto& [stage, ms] : e.stages_ms) line["stages_ms"][stage] = ms;
+  const std::string text = line.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+  return text.substr(1, text.size() - 2);
+}
+
+void note(Metrics& metrics, const AccessRecord& e, LogFormat format) {
   const std::string_view route = route_label(e.path);
   metrics.count_answer(route, method_label(e.method), e.status, e.seconds, e.bytes);
   if (!e.error_code.empty()) metrics.count_error(e.error_code);
   const bool probe = route.substr(0, 8) == "/health/" || route == "/metrics";
-  spdlog::log(probe ? spdlog::level::debug : spdlog::level::info, "{} {} {} {:.1f} ms {} B {}",
-              e.method.empty() ? "-" : e.method, e.target.empty() ? "-" : e.target.substr(0, 200), e.status,
-              e.seconds * 1000.0, e.bytes, e.error_code);
+  const spdlog::level::level_enum level = probe ? spdlog::level::debug : spdlog::level::info;
+  if (!spdlog::should_log(level)) return;
+  if (format == LogFormat::json) return AsyncLog::log_members(level, members_of(e));
+  spdlog::log(level, "{} {} {} {:.1f} ms {} B {} {}", e.method.empty() ? "-" : e.method,
+              e.target.empty() ? "-" : e.target.substr(0, 200), e.status, e.seconds * 1000.0, e.bytes, e.request_id,
+              e.error_code);
+}
+
+// A proxy has time to see that this node goes, before it refuses anything.
+void drain(Front& front, std::chrono::milliseconds time) {
+  front.begin_drain();
+  if (time.count() == 0) return;
+  spdlog::info("not ready any more; refusing work in {:g} s", std::chrono::duration<double>(time).count());
+  std::this_thread::sleep_for(time);
 }
 
 // What runs is finished; health and metrics answer until then. What is not done shortly before the last moment is cut:
@@ -108,8 +149,11 @@ void finish(Front& front, Admission& admission, HttpServer& server, const dem::T
 }  // namespace
 
 int serve(const ServeSettings& settings) {
+  if (settings.drain_s >= settings.shutdown_s)
+    throw std::runtime_error(fmt::format("--drain-s {:g} is a part of --shutdown-s {:g}, and must be less",
+                                         settings.drain_s, settings.shutdown_s));
   ShutdownSignals signals;  // the last to go: it also ends what won't end
-  const AsyncLog log(settings.terrain.log_level);
+  const AsyncLog log(settings.terrain.log_level, STDERR_FILENO, settings.log_format);
   raise_open_files_limit(settings.max_connections);
   const auto renderer = make_renderer(settings.terrain);
   const MemoryPlan plan = plan_memory(memory_settings(settings), machine_memory_mb());
@@ -140,8 +184,10 @@ int serve(const ServeSettings& settings) {
   });
   HttpServer server(
       http_options(settings, bodies, [&] { return admission.retry_after_s(); }),
-      [&](const api::Request& request, const Peer& peer) { return front.handle(request, peer); },
-      [&](const AccessRecord& record) { note(metrics, record); });
+      [&](const api::Request& request, const Peer& peer, Admission::Clock::duration& queued) {
+        return front.handle(request, peer, queued);
+      },
+      [&](const AccessRecord& record) { note(metrics, record, settings.log_format); });
   http = &server;
   const std::chrono::milliseconds at_most = milliseconds(settings.shutdown_s);
   signals.arm(at_most);
@@ -151,7 +197,9 @@ int serve(const ServeSettings& settings) {
 
   bool good = true;
   settings.trial ? void(good = run_trial(server.url(), renderer->terrain().catalogue())) : signals.wait();
-  finish(front, admission, server, renderer->terrain(), at_most);
+  if (!settings.trial) drain(front, milliseconds(settings.drain_s));
+  finish(front, admission, server, renderer->terrain(),
+         settings.trial ? at_most : at_most - milliseconds(settings.drain_s));
   accepting.join();
   return good ? 0 : 1;
 }

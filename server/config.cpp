@@ -1,5 +1,6 @@
 #include "server/config.h"
 
+#include <arpa/inet.h>
 #include <fmt/format.h>
 #include <toml++/toml.h>
 
@@ -237,11 +238,33 @@ void add_options(CLI::App& command, ServeSettings& s) {
   command.add_option("--shutdown-s", s.shutdown_s, "From SIGTERM to the end of the process, whatever is in work")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
+  command
+      .add_option("--drain-s", s.drain_s,
+                  "Of --shutdown-s: requests are still taken, while /health/ready tells a proxy to send them elsewhere")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
   const std::map<std::string, PageAccess> access{
       {"off", PageAccess::off}, {"local", PageAccess::local}, {"on", PageAccess::on}};
   command.add_option("--page", s.page, "Who gets the pages GET / and GET /docs: nobody, this machine, everybody")
       ->transform(CLI::CheckedTransformer(access).description("{off,local,on}"))
       ->default_str("local");
+  const std::map<std::string, LogFormat> formats{{"text", LogFormat::text}, {"json", LogFormat::json}};
+  command
+      .add_option("--log-format", s.log_format,
+                  "Of the log on stderr; json: an object a line, for requests with id, token, times and bytes")
+      ->transform(CLI::CheckedTransformer(formats).description("{text,json}"))
+      ->default_str("text");
+  command
+      .add_option("--trusted-proxy", s.trusted_proxy,
+                  "Address of a proxy that sets or removes the header Selenograph-Token, beside loopback")
+      ->type_name("ADDRESS")
+      ->check([](const std::string& text) {
+        in6_addr address{};
+        const bool numeric =
+            ::inet_pton(AF_INET, text.c_str(), &address) == 1 || ::inet_pton(AF_INET6, text.c_str(), &address) == 1;
+        return numeric ? std::string() : text + " is no IP address";
+      })
+      ->expected(1, 1 << 20);
   command.add_flag("--pretouch", s.pretouch,
                    "Take the memory of --cache-mb and --scene-mb from the system at the start, so that no frame waits "
                    "for it");

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "api/service.h"
+#include "server/async_log.h"
 #include "server/pages.h"
 
 namespace selenograph::server {
@@ -46,8 +47,11 @@ struct ServeSettings {
   double idle_timeout_s = 30, receive_timeout_s = 20;
   double send_kb_per_s = 64;            // an answer must be read at, KiB/s on average after ten seconds
   double shutdown_s = 10;               // from SIGTERM to the end of the process
+  double drain_s = 0;                   // of it, while requests are still taken
   PageAccess page = PageAccess::local;  // who gets the pages for people
-  bool pretouch = false;                // the budgets' memory is taken from the system at the start
+  LogFormat log_format = LogFormat::text;
+  std::vector<std::string> trusted_proxy;  // addresses, beside loopback: who may say by whose token a request came
+  bool pretouch = false;                   // the budgets' memory is taken from the system at the start
   bool trial = false;
 };
 

@@ -18,8 +18,9 @@ struct SendPace {
 
 // Who is at the other end.
 struct Peer {
-  std::string address;       // numeric, without port; empty: unknown
-  std::uint64_t number = 0;  // of the connection, from 1
+  std::string host;          // numeric, without port; empty: unknown
+  std::string address;       // what counts as one client: that, of IPv6 its /64; or who a proxy says it is
+  std::uint64_t number = 0;  // of the connection, from 1; 0: it is shared by clients
   // Beyond --max-connections, and of an address that has many: it gets health and metrics, and nothing else.
   bool reserved = false;
 };

@@ -59,20 +59,20 @@ void Front::begin_shutdown() {
   admission_.close();
 }
 
-api::Response Front::handle(const api::Request& request, const Peer& peer) const noexcept {
-  return api::answer_or_problem(request,
-                                [&] { return is_own(request.path) ? own(request) : for_others(request, peer); });
+api::Response Front::handle(const api::Request& request, const Peer& peer, Clock::duration& queued) const noexcept {
+  return api::answer_or_problem(
+      request, [&] { return is_own(request.path) ? own(request) : for_others(request, peer, queued); });
 }
 
-api::Response Front::for_others(const api::Request& request, const Peer& peer) const {
+api::Response Front::for_others(const api::Request& request, const Peer& peer, Clock::duration& queued) const {
   if (peer.reserved) return refused("busy", "too many connections", admission_.retry_after_s());
   if (request.method == "HEAD") {
     api::Request get = request;
     get.method = "GET";
-    return for_others(get, peer);
+    return for_others(get, peer, queued);
   }
   if (auto page = page_for(request, peer, pages_)) return std::move(*page);
-  return api::Service::needs_admission(request) ? admitted(request, peer) : service_.handle(request);
+  return api::Service::needs_admission(request) ? admitted(request, peer, queued) : service_.handle(request);
 }
 
 api::Response Front::own(const api::Request& request) const {
@@ -100,10 +100,11 @@ api::Response Front::metrics_answer() const {
   return text_answer(200, metrics_.exposition(gauges), "text/plain; version=0.0.4; charset=utf-8");
 }
 
-api::Response Front::admitted(const api::Request& request, const Peer& peer) const {
+api::Response Front::admitted(const api::Request& request, const Peer& peer, Clock::duration& queued) const {
   const auto arrived = Clock::now();
   const Admission::Entry entry =
       admission_.enter({peer.address, peer.number}, deadline_of(request, service_.limits()), request.abandoned);
+  queued = Clock::now() - arrived;
   switch (entry.outcome) {
     case Admission::Outcome::full:
       return refused("busy", "all places in work and in the queue are taken", entry.retry_after_s);
@@ -116,9 +117,8 @@ api::Response Front::admitted(const api::Request& request, const Peer& peer) con
     case Admission::Outcome::admitted:
       break;
   }
-  const auto waited = Clock::now() - arrived;
   api::Response answer = service_.handle(request);
-  add_queue_time(answer, waited);
+  add_queue_time(answer, queued);
   if (answer.error_code == "busy")  // no memory came free for it
     answer.headers.emplace_back("Retry-After", std::to_string(admission_.retry_after_s()));
   return answer;

@@ -23,15 +23,19 @@ class Front {
   // /health/live, /health/ready and /metrics never queue, and are all that a reserved connection gets. Calls that cost
   // time need a place from admission; all others go straight to the service. HEAD is GET whose body the HTTP layer
   // leaves out. What there is no memory for is api::out_of_memory().
-  api::Response handle(const api::Request& request, const Peer& peer) const noexcept;
+  // `queued` is given the time that the request waited for its place.
+  api::Response handle(const api::Request& request, const Peer& peer,
+                       Admission::Clock::duration& queued) const noexcept;
 
+  // From now on /health/ready says no: a proxy sends its requests elsewhere. Those that come are answered.
+  void begin_drain() { ready_ = false; }
   // From now on: not ready, and no new work is taken.
   void begin_shutdown();
 
  private:
   api::Response own(const api::Request& request) const;
-  api::Response for_others(const api::Request& request, const Peer& peer) const;
-  api::Response admitted(const api::Request& request, const Peer& peer) const;
+  api::Response for_others(const api::Request& request, const Peer& peer, Admission::Clock::duration& queued) const;
+  api::Response admitted(const api::Request& request, const Peer& peer, Admission::Clock::duration& queued) const;
   api::Response metrics_answer() const;
 
   const api::Service& service_;

@@ -7,12 +7,15 @@
 #endif
 #include <httplib.h>
 
+#include <algorithm>
+#include <charconv>
 #include <cstring>
 #include <new>
 #include <optional>
 #include <variant>
 
 #include "api/problem.h"
+#include "server/caller.h"
 #include "server/chunked_body.h"
 #include "server/connection.h"
 #include "server/departure_watch.h"
@@ -68,6 +71,28 @@ class ExchangeStream : public httplib::Stream {
   Exchange& exchange_;
 };
 
+constexpr char kRequestId[] = "X-Request-Id";
+
+double seconds(Clock::duration time) { return std::chrono::duration<double>(time).count(); }
+
+// "parse;dur=0.1, load;dur=2": our own, by the answer's header.
+std::vector<std::pair<std::string, double>> stages_of(const api::Response& answer) {
+  std::vector<std::pair<std::string, double>> stages;
+  for (const auto& [name, value] : answer.headers) {
+    if (name != "Server-Timing") continue;
+    for (std::string_view rest = value; !rest.empty();) {
+      const std::string_view entry = rest.substr(0, rest.find(','));
+      rest.remove_prefix(std::min(entry.size() + 1, rest.size()));
+      const std::size_t start = entry.find_first_not_of(' '), end = entry.find(";dur=");
+      double ms = 0;
+      if (end == std::string_view::npos || start >= end) continue;
+      std::from_chars(entry.data() + end + 5, entry.data() + entry.size(), ms);
+      stages.emplace_back(entry.substr(start, end - start), ms);
+    }
+  }
+  return stages;
+}
+
 const HeadProblem kEndsEarly{"malformed_request", "the body ends early"};
 
 // httplib's handlers are shared by all connections and get its own request only; each runs on its connection's thread.
@@ -79,6 +104,7 @@ void hand_over(api::Response&& answer, Exchange& exchange, httplib::Response& ou
   exchange.answer_memory = std::move(answer.memory);
   out.status = answer.status;
   for (const auto& [name, value] : answer.headers) out.set_header(name, value);
+  out.set_header(kRequestId, exchange.record.request_id);
   if (!answer.content_type.empty()) out.set_header("Content-Type", answer.content_type);
   out.set_header("Accept-Ranges", "none");
   out.body = std::move(answer.body);  // moved: a frame has tens of megabytes
@@ -151,7 +177,11 @@ HttpServer::Impl::Impl(const HttpOptions& options_in, HttpServer::Handler handle
 }
 
 ListenerOptions HttpServer::Impl::listener_options() const {
-  const auto busy = [this] { return on_the_wire(refusal("busy", "too many connections", options.retry_after_s())); };
+  const auto busy = [this] {
+    api::Response answer = refusal("busy", "too many connections", options.retry_after_s());
+    answer.headers.emplace_back(kRequestId, new_request_id());
+    return on_the_wire(answer);
+  };
   return {options.host, options.port, options.max_connections, options.send_pace, busy, spare_answer};
 }
 
@@ -191,11 +221,20 @@ void HttpServer::Impl::answer(Exchange& exchange, httplib::Response& out) {
   exchange.request.received = Clock::now();
   exchange.request.abandoned = &exchange.abandoned;
   api::Response response;
+  Peer peer = exchange.connection.peer();
+  if (!exchange.record.token.empty()) {
+    peer.address = "token " + exchange.record.token;
+    peer.number = 0;  // a proxy's connections carry anybody's requests
+  }
+  Clock::duration queued{};
   {
     const DepartureWatch::Guard watch(departures, exchange.connection.fd(), !exchange.head.http_1_0,
                                       &exchange.abandoned);
-    response = handler(exchange.request, exchange.connection.peer());
+    response = handler(exchange.request, peer, queued);
   }
+  exchange.record.queued_s = seconds(queued);
+  exchange.record.work_s = seconds(Clock::now() - exchange.request.received - queued);
+  exchange.record.stages_ms = stages_of(response);
   exchange.request.body = {};  // a slow reader keeps its answer, and nothing else
   exchange.body_memory = {};
   exchange.connection.begin_answer();
@@ -247,8 +286,13 @@ bool HttpServer::Impl::serve_one(Connection& connection) {
   exchange.record.method = exchange.request.method = exchange.head.method;
   exchange.record.target = exchange.head.target;
   exchange.record.path = exchange.head.target.substr(0, exchange.head.target.find('?'));  // until it is decoded
+  exchange.record.request_id = request_id_of(exchange.head.headers);
+  exchange.record.host = connection.peer().host;
+  if (is_trusted_proxy(connection.peer().host, options.trusted_proxies))
+    exchange.record.token = token_of(exchange.head.headers);
   exchange.close = exchange.head.close;
   if (const auto problem = receive_body(exchange)) return refuse(connection, *problem, exchange.record);
+  exchange.record.request_bytes = exchange.request.body.size();
   const bool delivered = process(exchange);
   if (delivered && !exchange.close) return true;
   connection.end_work();
@@ -345,7 +389,7 @@ bool HttpServer::Impl::process(Exchange& exchange) {
   current_exchange = nullptr;
   exchange.close = exchange.close || closed || !exchange.parsed;
   const bool delivered = written && exchange.connection.flush();
-  exchange.record.seconds = std::chrono::duration<double>(Clock::now() - started).count();
+  exchange.record.seconds = seconds(Clock::now() - started);
   observe(exchange.record);
   return delivered;
 }
@@ -354,6 +398,9 @@ bool HttpServer::Impl::process(Exchange& exchange) {
 bool HttpServer::Impl::refuse(Connection& connection, const HeadProblem& why, AccessRecord refused) {
   api::Response answer = api::problem(why.error_code, why.detail);
   if (why.error_code == "busy") answer.headers.emplace_back("Retry-After", std::to_string(options.retry_after_s()));
+  if (refused.request_id.empty()) refused.request_id = new_request_id();
+  refused.host = connection.peer().host;
+  answer.headers.emplace_back(kRequestId, refused.request_id);
   if (connection.write(on_the_wire(answer)) && connection.flush()) connection.linger(kLinger);
   refused.status = answer.status;
   refused.bytes = answer.body.size();

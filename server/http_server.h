@@ -5,6 +5,8 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "api/service.h"
 #include "server/connection.h"
@@ -16,11 +18,12 @@ struct HttpOptions {
   int port;             // 0: any free one
   int max_connections;  // who goes or is refused when it is reached: see Listener
   std::size_t max_body_bytes;
-  std::shared_ptr<api::MemoryBudget> bodies;  // being received
-  std::chrono::milliseconds idle_timeout;     // between requests of one connection
-  std::chrono::milliseconds receive_timeout;  // for a whole request, first byte to last, however it dribbles
-  SendPace send_pace;                         // for a whole answer
-  std::function<int()> retry_after_s;         // for a client that there is no connection for
+  std::shared_ptr<api::MemoryBudget> bodies;   // being received
+  std::chrono::milliseconds idle_timeout;      // between requests of one connection
+  std::chrono::milliseconds receive_timeout;   // for a whole request, first byte to last, however it dribbles
+  SendPace send_pace;                          // for a whole answer
+  std::function<int()> retry_after_s;          // for a client that there is no connection for
+  std::vector<std::string> trusted_proxies{};  // beside loopback: they say by whose token a request came
 };
 
 // One request answered, for the log and the metrics. `path` is without query; empty when the request could not be read.
@@ -31,6 +34,12 @@ struct AccessRecord {
   std::size_t bytes = 0;  // of the body
   double seconds = 0;     // from the complete head to the last byte handed to the system
   std::string error_code;
+  std::string request_id;                                   // in the answer, too: X-Request-Id
+  std::string token;                                        // name of the token that a proxy let it in by; empty: none
+  std::string host;                                         // at the other end: the client's or the proxy's address
+  std::size_t request_bytes = 0;                            // of the body
+  double queued_s = 0, work_s = 0;                          // waiting for a place; from there to the finished answer
+  std::vector<std::pair<std::string, double>> stages_ms{};  // those of Server-Timing
 };
 
 // What httplib's own server would do wrong, and what happens here instead:
@@ -48,8 +57,9 @@ struct AccessRecord {
 // Where memory is lacking even for a problem, the client gets one that was made when the service started.
 class HttpServer {
  public:
-  // Gets HEAD as "HEAD"; its body is not sent then.
-  using Handler = std::function<api::Response(const api::Request&, const Peer&)>;
+  // Gets HEAD as "HEAD"; its body is not sent then. What it waited for a place goes to `queued`. Who comes through a
+  // trusted proxy with a token is a client of his own: the token's name is his address.
+  using Handler = std::function<api::Response(const api::Request&, const Peer&, Connection::Clock::duration& queued)>;
   using Observer = std::function<void(const AccessRecord&)>;
 
   // Binds at once; throws std::runtime_error when it can't.

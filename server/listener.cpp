@@ -61,17 +61,22 @@ int port_of(int fd) {
                                        : ntohs(reinterpret_cast<sockaddr_in&>(address).sin_port);
 }
 
-// What counts as one client: an IPv4 address, or the /64 network of an IPv6 address, of which a client may have all.
-std::string client_of(const sockaddr_storage& from) {
+std::string host_of(const sockaddr_storage& from) {
   std::array<char, INET6_ADDRSTRLEN> text{};
-  if (from.ss_family == AF_INET) {
+  if (from.ss_family == AF_INET)
     ::inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in&>(from).sin_addr, text.data(), text.size());
-  } else if (from.ss_family == AF_INET6) {
-    in6_addr address = reinterpret_cast<const sockaddr_in6&>(from).sin6_addr;
-    if (!IN6_IS_ADDR_V4MAPPED(&address)) std::memset(address.s6_addr + 8, 0, 8);
-    ::inet_ntop(AF_INET6, &address, text.data(), text.size());
-  }
+  else if (from.ss_family == AF_INET6)
+    ::inet_ntop(AF_INET6, &reinterpret_cast<const sockaddr_in6&>(from).sin6_addr, text.data(), text.size());
   return text.data();
+}
+
+// What counts as one client: an IPv4 address, or the /64 network of an IPv6 address, of which a client may have all.
+std::string client_of(sockaddr_storage from) {
+  if (from.ss_family == AF_INET6) {
+    in6_addr& address = reinterpret_cast<sockaddr_in6&>(from).sin6_addr;
+    if (!IN6_IS_ADDR_V4MAPPED(&address)) std::memset(address.s6_addr + 8, 0, 8);
+  }
+  return host_of(from);
 }
 
 constexpr std::size_t kMostRefused = 64;
@@ -177,6 +182,7 @@ void Listener::accept_one(const Serve& serve) {
   Room room = Room::none;
   Peer peer;
   try {
+    peer.host = host_of(from);
     peer.address = client_of(from);
     room = find_room(peer.address);
   } catch (const std::bad_alloc&) {  // refused, then

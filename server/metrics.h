@@ -23,7 +23,7 @@ struct Gauges {
   int connections = 0;
   dem::CacheStatistics cache;
   std::size_t terrain_warnings = 0;
-  std::string cache_trouble;  // of /health/ready, not a metric; empty: none
+  std::string cache_trouble;  // of /health/ready; the metric says whether; empty: none
   std::size_t scene_bytes = 0;
   engine::HeapStatistics heap;
   engine::PreparationStatistics preparation;

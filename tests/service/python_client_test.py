@@ -634,6 +634,31 @@ class Mishaps(unittest.TestCase):
                 with self.assertRaisesRegex(ConnectionError, "no TLS connection: .*certificate verify failed"):
                     Client(address).datasets()
 
+    def test_region_of_a_request(self):
+        for text, region in (  # client_test.cpp has the same
+                ('{"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1,"height_m":20000}}}', '22-7'),
+                ('{"pose":{"position_m":[1757400,0,0]}}', '22-0'),
+                ('{"pose":{"position_m":[1757400,-0.1,-0.1]}}', '22-89'),
+                ('{"pose":{"position_m":[0,0,1800000],"frame":"MOON_PA_DE440"}}', '44-0'),
+                ('{"pose":{"geodetic":{"lat_deg":-90,"lon_deg":-180,"height_m":0}}}', '0-1'),
+                ('{"pose":{"geodetic":{"lat_deg":90,"lon_deg":360,"height_m":0}}}', '44-0'),
+                ('{"pose":{"geodetic":{"lat_deg":-60.5,"lon_deg":-1,"height_m":0}}}', '7-44'),
+                ('{"pose":{"position_m":[1757400,0,0],"frame":"ICRF","look_at":{"lat_deg":0,"lon_deg":8.1}}}', '22-2'),
+                ('{"cameras":{"a":{"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1}}},"b":{}}}', '22-7'),
+                ('{"map":{"center":{"lat_deg":0.1,"lon_deg":30.1}}}', '22-7'),
+                ('{"rays":[{"origin_m":[1757400,0,0]}]}', '22-0'),
+                ('{"points":[{"lat_deg":0.1,"lon_deg":30.1}]}', '22-7'),
+                ('{"camera":{},"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1}},"points":[{"lat_deg":80,"lon_deg":0}]}', '22-7'),
+                ('{"pose":{"position_m":[1757400,0,0],"frame":"ICRF"}}', ''),
+                ('{"pose":{"geodetic":{"lat_deg":-91,"lon_deg":0}}}', ''),
+                ('{"pose":{"geodetic":"here"}}', ''),
+                ('{"pose":{"position_m":[1,2]}}', ''),
+                ('{"pose":7}', ''),
+                ('{"points":[]}', ''),
+                ('{}', '')):
+            with self.subTest(text):
+                self.assertEqual(selenograph._region(json.loads(text)) or "", region)
+
     def test_what_is_sent(self):
         with self.asking(FINE, FINE, token="s3cret", timeout_s=20) as (client, server):
             client.url, client._prefix = client.url + "/moon", "/moon"  # as behind a proxy
@@ -642,6 +667,7 @@ class Mishaps(unittest.TestCase):
         (_, path, headers, body), (_, catalogue, _, nothing) = server.seen
         self.assertEqual((path, catalogue), ("/moon/v1/heights", "/moon/v1/datasets"))
         self.assertEqual(headers["Authorization"], "Bearer s3cret")
+        self.assertEqual(headers["Selenograph-Region"], "22-0")
         self.assertEqual(headers["Content-Type"], "application/json")
         self.assertEqual(json.loads(body), {"points": [{"lat_deg": 1.0, "lon_deg": 2.0}]})
         self.assertTrue(10000 < int(headers["Request-Timeout-Ms"]) < 20000, headers)

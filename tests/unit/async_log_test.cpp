@@ -7,8 +7,12 @@
 
 #include <array>
 #include <chrono>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <sstream>
 #include <string>
 #include <thread>
+#include <vector>
 
 namespace selenograph::server {
 namespace {
@@ -45,6 +49,25 @@ TEST_F(AsyncLogTest, LinesComeInOrderAndWholeBeforeItEnds) {
     ASSERT_NE(at, std::string::npos) << i;
   }
   EXPECT_EQ(text.find("not asked for"), std::string::npos);
+}
+
+TEST_F(AsyncLogTest, JsonLinesHoldWhatever) {
+  {
+    const AsyncLog log("info", pipe_[1], LogFormat::json);
+    spdlog::warn("a \"quoted\"\nline, and \xff");
+    AsyncLog::log_members(spdlog::level::info, "\"status\":200,\"token\":null");
+    AsyncLog::log_members(spdlog::level::debug, "\"not\":\"asked for\"");
+  }
+  std::istringstream text(read_some());
+  std::vector<nlohmann::json> lines;
+  for (std::string line; std::getline(text, line);) lines.push_back(nlohmann::json::parse(line));
+  ASSERT_EQ(lines.size(), 2u);
+  EXPECT_EQ(lines[0]["level"], "warning");
+  EXPECT_EQ(lines[0]["message"], "a \"quoted\"\nline, and \xef\xbf\xbd");
+  EXPECT_EQ(lines[1]["status"], 200);
+  EXPECT_EQ(lines[1]["token"], nullptr);
+  EXPECT_TRUE(
+      std::regex_match(lines[1]["time"].get<std::string>(), std::regex(R"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z)")));
 }
 
 TEST_F(AsyncLogTest, AReaderThatDoesNotReadDelaysNobody) {

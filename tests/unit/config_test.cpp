@@ -170,6 +170,15 @@ TEST_F(Config, BrokenTomlSaysWhere) {
   EXPECT_NE(failure({}).find("line 2"), std::string::npos);
 }
 
+TEST_F(Config, ProxiesAreAddressesAndTheLogHasAFormat) {
+  parse({"--trusted-proxy", "10.0.0.1", "fd00::1", "--log-format", "json"});
+  EXPECT_EQ(settings_.trusted_proxy, (std::vector<std::string>{"10.0.0.1", "fd00::1"}));
+  EXPECT_EQ(settings_.log_format, LogFormat::json);
+  EXPECT_NE(failure({"--trusted-proxy", "proxy.example.org"}).find("proxy.example.org is no IP address"),
+            std::string::npos);
+  EXPECT_NE(failure({"--log-format", "xml"}), "");
+}
+
 TEST_F(Config, ListForASingleValueIsAnError) {
   file("port = [1, 2]\n");
   EXPECT_NE(failure({}).find("one value"), std::string::npos);

@@ -266,6 +266,7 @@ TEST(Client, TokenPathAndPieces) {
     const std::lock_guard lock(mutex);
     EXPECT_EQ(request.path, "/moon/v1/rays");
     EXPECT_EQ(request.get_header_value("Authorization"), "Bearer secret");
+    EXPECT_EQ(request.get_header_value("Selenograph-Region"), "22-0");
     const Json asked = Json::parse(request.body);
     sizes.push_back(asked["rays"].size());
     Json answer{{"rays", Json::array()}};
@@ -282,6 +283,33 @@ TEST(Client, TokenPathAndPieces) {
   ASSERT_EQ(hits.size(), rays.size());
   EXPECT_EQ(hits[10000].range_m, 10000);
   EXPECT_TRUE(std::isnan(hits[0].lit));
+}
+
+// python_client_test.py has the same.
+TEST(Client, RegionOfARequest) {
+  for (const auto& [request, region] : std::vector<std::pair<const char*, const char*>>{
+           {R"({"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1,"height_m":20000}}})", "22-7"},
+           {R"({"pose":{"position_m":[1757400,0,0]}})", "22-0"},
+           {R"({"pose":{"position_m":[1757400,-0.1,-0.1]}})", "22-89"},
+           {R"({"pose":{"position_m":[0,0,1800000],"frame":"MOON_PA_DE440"}})", "44-0"},
+           {R"({"pose":{"geodetic":{"lat_deg":-90,"lon_deg":-180,"height_m":0}}})", "0-1"},
+           {R"({"pose":{"geodetic":{"lat_deg":90,"lon_deg":360,"height_m":0}}})", "44-0"},
+           {R"({"pose":{"geodetic":{"lat_deg":-60.5,"lon_deg":-1,"height_m":0}}})", "7-44"},
+           {R"({"pose":{"position_m":[1757400,0,0],"frame":"ICRF","look_at":{"lat_deg":0,"lon_deg":8.1}}})", "22-2"},
+           {R"({"cameras":{"a":{"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1}}},"b":{}}})", "22-7"},
+           {R"({"map":{"center":{"lat_deg":0.1,"lon_deg":30.1}}})", "22-7"},
+           {R"({"rays":[{"origin_m":[1757400,0,0]}]})", "22-0"},
+           {R"({"points":[{"lat_deg":0.1,"lon_deg":30.1}]})", "22-7"},
+           {R"({"camera":{},"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1}},"points":[{"lat_deg":80,"lon_deg":0}]})",
+            "22-7"},
+           {R"({"pose":{"position_m":[1757400,0,0],"frame":"ICRF"}})", ""},
+           {R"({"pose":{"geodetic":{"lat_deg":-91,"lon_deg":0}}})", ""},
+           {R"({"pose":{"geodetic":"here"}})", ""},
+           {R"({"pose":{"position_m":[1,2]}})", ""},
+           {R"({"pose":7})", ""},
+           {R"({"points":[]})", ""},
+           {R"({})", ""}})
+    EXPECT_EQ(detail::region(Json::parse(request)), region) << request;
 }
 
 TEST(Client, ARefusalOfAPiecePointsIntoTheWholeList) {

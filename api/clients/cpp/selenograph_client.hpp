@@ -284,6 +284,49 @@ inline Vector3 vector_or_nan(const Json& object, const char* name) {
   return found != object.end() ? found->get<Vector3>() : Vector3{kNan, kNan, kNan};
 }
 
+// Latitude and longitude of a place as JSON; what isn't one throws Json::exception.
+inline std::pair<double, double> degrees(const Json& place) {
+  return {place.at("lat_deg").get<double>(), place.at("lon_deg").get<double>()};
+}
+
+inline std::pair<double, double> below(const Json& position_m) {
+  const Vector3 p = position_m.get<Vector3>();
+  const double degree = std::acos(-1.0) / 180;
+  return {std::atan2(p[2], std::hypot(p[0], p[1])) / degree, std::atan2(p[1], p[0]) / degree};
+}
+
+inline std::pair<double, double> place_of(const Json& request) {
+  const bool one = request.contains("pose");
+  if (one || (request.contains("cameras") && !request["cameras"].empty())) {
+    const Json& pose = one ? request["pose"] : request["cameras"].begin()->at("pose");
+    if (pose.contains("geodetic")) return degrees(pose["geodetic"]);
+    // ICRF turns with the Moon.
+    if (pose.contains("position_m") && pose.value("frame", "") != "ICRF") return below(pose["position_m"]);
+    return degrees(pose.at("look_at"));
+  }
+  if (request.contains("map")) return degrees(request["map"].at("center"));
+  return request.contains("rays") ? below(request["rays"].at(0).at("origin_m")) : degrees(request.at("points").at(0));
+}
+
+// The header Selenograph-Region: the cell of about 120 km that a request is about, by which a proxy in front of several
+// nodes sends neighbouring views to the node that has their terrain in memory. Empty where that isn't plain; what is
+// wrong with the request is for the service to say. (The Python client's cells are the same.)
+inline std::string region(const Json& request) {
+  constexpr double kCell_deg = 4;
+  try {
+    const auto [lat_deg, lon_deg] = place_of(request);
+    const double row = std::min(std::floor((lat_deg + 90) / kCell_deg), 180 / kCell_deg - 1);
+    if (!(row >= 0) || !std::isfinite(lon_deg)) return "";
+    const double middle = ((row + 0.5) * kCell_deg - 90) * std::acos(-1.0) / 180;
+    const double columns = std::max(1.0, std::nearbyint(360 / kCell_deg * std::cos(middle)));
+    const double turn = lon_deg / 360 - std::floor(lon_deg / 360);
+    return std::to_string(static_cast<int>(row)) + "-" +
+           std::to_string(static_cast<int>(std::fmod(std::floor(turn * columns), columns)));
+  } catch (const Json::exception&) {
+    return "";
+  }
+}
+
 }  // namespace detail
 
 // --- answers
@@ -468,12 +511,12 @@ class Client {
 
   // Any call by POST with a JSON answer, with members that the calls above don't have (objects, shutter, ...).
   Json post(const std::string& path, const Json& request) {
-    return json_of(ask("POST", path, text_of(request), "application/json"));
+    return json_of(ask("POST", path, text_of(request), "application/json", detail::region(request)));
   }
 
   // A frame or a map in another form, e.g. "image/png" to be written to a file.
   Answer post(const std::string& path, const Json& request, const std::string& accept) {
-    return ask("POST", path, text_of(request), accept);
+    return ask("POST", path, text_of(request), accept, detail::region(request));
   }
 
  private:
@@ -532,13 +575,15 @@ class Client {
     return answer;
   }
 
-  Answer ask(const std::string& method, const std::string& path, std::string body, const std::string& accept) {
+  Answer ask(const std::string& method, const std::string& path, std::string body, const std::string& accept,
+             const std::string& region = "") {
     const Clock::time_point until = Clock::now() + timeout_;
     httplib::Request request;
     request.method = method;
     request.path = prefix_ + path;
     request.set_header("Accept", accept);
     if (!token_.empty()) request.set_header("Authorization", "Bearer " + token_);
+    if (!region.empty()) request.set_header("Selenograph-Region", region);
     if (!body.empty()) request.set_header("Content-Type", "application/json");
     request.body = std::move(body);
     for (int broken_count = 0;;) {
@@ -581,7 +626,7 @@ class Client {
   }
 
   Frame arrays(const std::string& path, const Json& request) {
-    const Answer answer = ask("POST", path, text_of(request), "application/x-npz");
+    const Answer answer = ask("POST", path, text_of(request), "application/x-npz", detail::region(request));
     Frame frame;
     for (const auto& [name, bytes] : detail::read_zip(answer.body)) {
       if (name == "meta.json") {

@@ -218,6 +218,48 @@ def _body(document: Any) -> bytes:
         raise ValueError(f"a request holds finite numbers only: {_not_finite(document)}") from None
 
 
+REGION_DEG = 4.0  # height of the cells of _region()
+
+
+def _region(document: Any) -> Optional[str]:
+    """The header Selenograph-Region: the cell of about 120 km that a request is about, by which a proxy in front of
+    several nodes sends neighbouring views to the node that has their terrain in memory. None where that isn't plain;
+    what is wrong with the request is for the service to say."""
+    try:
+        lat_deg, lon_deg = _about(document)
+        row = min(math.floor((lat_deg + 90) / REGION_DEG), round(180 / REGION_DEG) - 1)
+        middle = math.radians((row + 0.5) * REGION_DEG - 90)
+        columns = max(1, round(360 / REGION_DEG * math.cos(middle)))
+        return f"{row}-{math.floor(lon_deg % 360 / 360 * columns) % columns}" if row >= 0 else None
+    except (ArithmeticError, AttributeError, IndexError, LookupError, TypeError, ValueError):
+        return None
+
+
+def _about(document: Any) -> Tuple[float, float]:
+    """Latitude and longitude. KeyError and the like where there are none."""
+    pose = document.get("pose")
+    if pose is None and document.get("cameras"):
+        pose = next(iter(document["cameras"].values()))["pose"]
+    if pose is not None:
+        if "geodetic" in pose:
+            return _degrees(pose["geodetic"])
+        if "position_m" in pose and pose.get("frame") != "ICRF":  # which turns with the Moon
+            return _below(pose["position_m"])
+        return _degrees(pose["look_at"])
+    if "map" in document:
+        return _degrees(document["map"]["center"])
+    return _below(document["rays"][0]["origin_m"]) if "rays" in document else _degrees(document["points"][0])
+
+
+def _degrees(place: Mapping[str, Any]) -> Tuple[float, float]:
+    return float(place["lat_deg"]), float(place["lon_deg"])
+
+
+def _below(position_m: Any) -> Tuple[float, float]:
+    x, y, z = (float(c) for c in position_m)
+    return math.degrees(math.atan2(z, math.hypot(x, y))), math.degrees(math.atan2(y, x))
+
+
 def _timing(header: Optional[str]) -> Dict[str, float]:
     found = re.findall(r"([^\s;,]+)\s*;(?:[^,]*;)?\s*dur=([0-9.eE+-]+)", header or "")
     return {name: float(duration) for name, duration in found}
@@ -230,7 +272,8 @@ class Client:
     """Asks a selenograph service. May be used by several threads; connections are kept and shared.
 
     url        e.g. "http://127.0.0.1:8080"; https and a path in front of /v1 (of a proxy) work, too
-    token      sent as `Authorization: Bearer TOKEN`; for a proxy that asks for it
+    token      sent as `Authorization: Bearer TOKEN`; for a proxy that asks for it (deploy/haproxy). It also gets
+               `Selenograph-Region`, the part of the Moon that a request is about, to choose a node by
     timeout_s  for one call, all of its tries and waits together; the service is told, and gives up as well
 
     A busy service (429 or 503 with Retry-After) is asked again when it says so, a lost connection once: every call only
@@ -380,7 +423,7 @@ class Client:
     # Underneath
 
     def _post(self, path: str, document: Any, accept: str) -> Answer:
-        _, headers, content = self._ask("POST", path, _body(document), accept)
+        _, headers, content = self._ask("POST", path, _body(document), accept, _region(document))
         echo = headers.get("Selenograph-Echo")
         return Answer(content, headers.get_content_type(), _timing(headers.get("Server-Timing")), headers.get("ETag"),
                       None if echo is None else json.loads(echo), headers)
@@ -411,14 +454,15 @@ class Client:
             return _InStep(requests, int(ahead), asked)
         return _Pipeline(requests, int(in_flight), int(ahead), asked)
 
-    def _ask(self, method: str, path: str, body: Optional[bytes], accept: str) -> _Whole:
+    def _ask(self, method: str, path: str, body: Optional[bytes], accept: str,
+             region: Optional[str] = None) -> _Whole:
         """Status, headers and content of an answer that is no error."""
         give_up = time.monotonic() + self.timeout_s
         lost = False
         while True:
             connection = self._connection(give_up)
             try:
-                status, headers, content = self._exchange(connection, method, path, body, accept, give_up)
+                status, headers, content = self._exchange(connection, method, path, body, accept, region, give_up)
             except socket.timeout:  # of Python 3.10 on TimeoutError
                 connection.close()
                 raise self._timed_out() from None
@@ -443,9 +487,11 @@ class Client:
             time.sleep(max(wait_s, 0.05))  # of "0" no busy loop
 
     def _exchange(self, connection: http.client.HTTPConnection, method: str, path: str, body: Optional[bytes],
-                  accept: str, give_up: float) -> _Whole:
+                  accept: str, region: Optional[str], give_up: float) -> _Whole:
         remaining_s = self._remaining_s(connection, give_up)
         headers = {**self._headers, "Accept": accept}
+        if region is not None:
+            headers["Selenograph-Region"] = region
         if body is not None:
             headers["Content-Type"] = "application/json"
             # A little less, so that its answer (504) is here before the client turns away.
