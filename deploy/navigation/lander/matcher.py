@@ -12,7 +12,9 @@ import numpy as np
 from .camera import averaged
 from .filter import projected
 
-CELL = 8  # pixels between exact ray intersections; between them the warp is bilinear: a plane for each cell
+# Pixels between exact ray intersections; between them the warp is bilinear: a plane for each cell. Over the sample
+# terrain cells of 8 pixels make the lander believe to be 1 to 2 m too high, of 4 pixels 0.5 m.
+CELL = 4
 PATCH = 32  # side of the fine patches, at most
 LEAST_CORRELATION = 0.5
 LEAST_MATCHES = 6
@@ -48,7 +50,7 @@ class View:
                                   borderMode=cv2.BORDER_REPLICATE)
 
         self.image = cv2.remap(level.radiance, spread(column), spread(row), cv2.INTER_LINEAR)
-        self.valid = spread(inside.astype(np.float32)) > 0.999
+        self.valid = np.full((side, side), True) if inside.all() else spread(inside.astype(np.float32)) > 0.999
 
     def points(self, x, y):
         """Map points of frame pixels, interpolated between the rays."""
@@ -94,7 +96,7 @@ class Matcher:
     def update(self, state, image):
         """Coarse, where the prediction is too uncertain for the fine search, then fine; returns what was used."""
         used = []
-        altitude_m = self._altitude_m(state)
+        altitude_m = self.altitude_m(state)
         level, factor = self.working_scale(altitude_m)
         sigma_px = self._sigma_px(state, level) / factor
         before = None
@@ -105,9 +107,9 @@ class Matcher:
             before = state.copy()
             state.update(self.camera, coarse.points_m, coarse.pixels, coarse.counted_px)
             used.append(coarse)
-            level, factor = self.working_scale(self._altitude_m(state))
+            level, factor = self.working_scale(self.altitude_m(state))
             sigma_px = self._sigma_px(state, level) / factor
-        fine = self.fine(state, image, level, factor, int(np.clip(np.ceil(3 * sigma_px) + 2, 4, WIDEST)))
+        fine = self.fine(state, image, level, factor, self.reach_px(state, sigma_px, level, factor))
         if fine is not None:
             fine = gated(state, self.camera, fine)
         if fine is None:
@@ -128,13 +130,13 @@ class Matcher:
         reach = int(np.ceil(reach_px / more)) + 2
         up = state.position / np.linalg.norm(state.position)
         sigma_m = np.sqrt(up @ state.covariance[:3, :3] @ up)
-        altitude_m = self._altitude_m(state)
+        altitude_m = self.altitude_m(state)
         steps = int(np.ceil(2 * sigma_m / (0.05 * altitude_m))) if sigma_m > 0.02 * altitude_m else 0
         best = None
         for offset_m in np.linspace(-2 * sigma_m, 2 * sigma_m, 2 * steps + 1) if steps else [0.0]:
             if altitude_m + offset_m < 0.2 * altitude_m:
                 continue
-            view = View(level, camera, state.position + offset_m * up, state.moon_from_camera, reach)
+            view = View(level, camera, state.map_position + offset_m * up, state.moon_from_camera, reach)
             found = self._large_patches(view, small, camera.side, reach)
             if found is not None and (best is None or found[0] > best[0]):
                 best = found
@@ -171,7 +173,7 @@ class Matcher:
     def fine(self, state, image, level, factor, reach):
         """Many small patches of the map, searched in the frame."""
         camera, small = self.camera.reduced(factor), averaged(image, factor)
-        view = View(level, camera, state.position, state.moon_from_camera, 0)
+        view = View(level, camera, state.map_position, state.moon_from_camera, 0)
         patch = min(PATCH, camera.side // 4)
         # Side by side where there is room; else half over each other, which _agreeing() doesn't count as more.
         spacing = patch if camera.side >= 8 * patch else patch // 2
@@ -192,7 +194,7 @@ class Matcher:
                     pixels.append((x + 0.5 * (patch - 1), y + 0.5 * (patch - 1)))
         if len(moves) < LEAST_MATCHES:
             return None
-        gsd_m = self._altitude_m(state) / self.camera.focal
+        gsd_m = self.altitude_m(state) / self.camera.focal
         speed_m_s = np.linalg.norm(state.velocity)
         # What the map gets wrong by its other Sun comes again in each frame that sees the same ground, but the filter
         # takes noise as new in each frame: the variance grows with the number of those frames.
@@ -203,6 +205,17 @@ class Matcher:
         found.sigmas_px = self._sigmas_of_map(found, level.gsd_m / gsd_m)
         found.counted_px = np.sqrt(repeats) * found.sigmas_px
         return found
+
+    def reach_px(self, state, sigma_px, level, factor):
+        """Of the fine search: three sigma of the prediction and of the matches themselves.
+
+        A search that cuts the matches' own scatter off finds them about the prediction, wherever it is: the filter
+        would take its own error for a measurement (over Hadley half of it, across the Sun's azimuth, within 4 pixels).
+        """
+        if self._map_sigmas is None:
+            return WIDEST
+        match_px = self._map_sigmas.max() * level.gsd_m * self.camera.focal / (self.altitude_m(state) * factor)
+        return int(np.clip(np.ceil(3 * np.hypot(sigma_px, match_px)) + 2, 4, WIDEST))
 
     def _sigmas_of_map(self, found, map_px):
         """Scatter about the affine field says little when few patches are left: the field follows their errors.
@@ -235,7 +248,7 @@ class Matcher:
         full = (pixels[kept] + moves[kept]) * factor + 0.5 * (factor - 1)
         return Matches(points_m, full, sigmas_px, sigmas_px, "fine")
 
-    def _altitude_m(self, state):
+    def altitude_m(self, state):
         """Above the map, straight down."""
         level = self.map.levels[0]
         column, row = level.pixels(state.position[None, None])
@@ -244,13 +257,13 @@ class Matcher:
 
     def _sigma_px(self, state, level):
         x = np.array([[self.camera.centre]])
-        points, _, _ = level.ground(state.position, self.camera.rays(x, x) @ state.moon_from_camera.T)
+        points, _, _ = level.ground(state.map_position, self.camera.rays(x, x) @ state.moon_from_camera.T)
         return float(state.pixel_sigmas(self.camera, points[0])[0])
 
 
 def gated(state, camera, matches):
     """Without those whose innovation the filter's covariance makes improbable (chi-square of 2, 99.99 %)."""
-    predicted, jacobian = projected(camera, state.position, state.moon_from_camera, matches.points_m)
+    predicted, jacobian = projected(camera, state.map_position, state.moon_from_camera, matches.points_m)
     rows = jacobian.reshape(-1, 2, jacobian.shape[1])
     innovation = matches.pixels - predicted
     covariance = rows @ state.covariance @ rows.transpose(0, 2, 1) + np.diag(matches.sigmas_px**2)
