@@ -40,7 +40,7 @@ def tearDownModule():
 
 def some_map_error(length_m=3000.0):
     radii = descent.MOON_RADIUS_M + np.array([0.0, 20000.0])
-    return filter.MapError(radii, np.array([[30.0, 15.0, 10.0], [40.0, 20.0, 10.0]]), length_m)
+    return filter.MapError(radii, np.array([[30.0, 15.0, 10.0], [40.0, 20.0, 10.0]]), length_m, np.ones(2))
 
 
 def some_filter(imu=None, sigmas=(100.0, 1.0, 0.01)):
@@ -194,19 +194,39 @@ class RehearsalTest(unittest.TestCase):
         np.testing.assert_allclose(shift, (40, -25, 60), atol=1e-3)
 
     def test_sigmas_and_length_of_simulated_offsets(self):
-        """The scatter of the matches, 8 m, is not the map's bias."""
+        """The noise of the matches is not the map's bias."""
         random = np.random.default_rng(7)
+        sigmas, noise = np.array([20.0, 10.0, 5.0]), np.array([10.0, 5.0, 2.5])
         track = np.arange(0, 600e3, 600.0)
         kept = np.exp(-600.0 / 5000)
-        shifts = [random.normal(0, (20, 10, 5))]
+        shifts = [random.normal(0, sigmas)]
         for _ in track[1:]:
-            shifts.append(kept * shifts[-1] + np.sqrt(1 - kept**2) * random.normal(0, (20, 10, 5)))
-        seen = np.array(shifts) + random.normal(0, 8, (len(track), 3))
-        rows = np.column_stack([track, descent.MOON_RADIUS_M + 15000 - track / 50, seen, np.full((len(track), 3), 64.0)])
+            shifts.append(kept * shifts[-1] + np.sqrt(1 - kept**2) * random.normal(0, sigmas))
+        count = len(track)
+        rows = np.column_stack([track, descent.MOON_RADIUS_M + 15000 - track / 50,
+                                np.array(shifts) + random.normal(0, noise, (count, 3)), np.tile(noise**2, (count, 1)),
+                                random.normal(0, 1, (count, 3)), np.arange(count)])
         found = rehearsal.map_error(rows)
         self.assertTrue(np.all(np.diff(found.radii_m) > 0))
-        np.testing.assert_allclose(np.sqrt(np.mean(found.sigmas_m**2, axis=0)), (20, 10, 5), rtol=0.3)
-        self.assertTrue(2000 < found.length_m < 8000, found.length_m)
+        np.testing.assert_allclose(np.sqrt(np.mean(found.sigmas_m**2, axis=0)), sigmas, rtol=0.25)
+        self.assertTrue(2500 < found.length_m < 10000, found.length_m)
+        self.assertTrue(np.all(found.excess < 2) and found.excess.mean() < 1.4, found.excess)
+
+    def test_what_comes_again_counts_as_often(self):
+        """Each value in four frames: correlations of 3/4, 1/2 and 1/4 to both sides."""
+        values = np.repeat(np.random.default_rng(8).normal(0, 1, (200, 3)), 4, axis=0)
+        self.assertAlmostEqual(rehearsal.sum_of_correlations(np.arange(800), values), 4.0, delta=0.8)
+
+    def test_a_white_tilt_is_of_variance_1(self):
+        truth, camera, random = scenarios.short().descent, Camera.of(256, 50.0), np.random.default_rng(9)
+        position, attitude = truth.position(20), truth.moon_from_camera(20)
+        found = []
+        for _ in range(200):
+            seen = np.column_stack([random.uniform(-2500, 2500, (30, 2)), random.uniform(6000, 9000, 30)])
+            pixels = camera.pixels(seen) + random.normal(0, (1.0, 2.0), (30, 2))
+            found.append(rehearsal.tilt(camera, position, attitude, position + seen @ attitude.T, pixels,
+                                        np.array([1.0, 2.0])))
+        np.testing.assert_allclose(np.cov(np.array(found).T), np.eye(3), atol=0.3)
 
     def test_the_rehearsals_sun_is_neither_the_flights_nor_the_maps(self):
         scenario = scenarios.short(flight=(95, 18), map_sun=(105, 30))
@@ -234,7 +254,7 @@ class MatcherTest(unittest.TestCase):
                 return np.zeros(column.shape)
 
         ground = Ground()
-        searching = matcher.Matcher(camera, map.Map([ground]), 1.0)
+        searching = matcher.Matcher(camera, map.Map([ground]))
         state = some_filter()
         self.assertEqual(searching.reach_px(state, 0.5, ground, 1), matcher.WIDEST)  # nothing is known yet
         map_px = ground.gsd_m * camera.focal / searching.altitude_m(state)

@@ -145,7 +145,7 @@ def _note_map(campaign, truth, onboard):
     write_json(campaign.folder / "map.json", {
         "post_spacing_m": truth.post_spacing_m, "gsd_m": [level.gsd_m for level in onboard.levels],
         "bias_radius_m": list(error.radii_m), "bias_sigma_m": error.sigmas_m.tolist(),
-        "bias_length_m": error.length_m})
+        "bias_length_m": error.length_m, "excess": list(error.excess)})
 
 
 def fly(scenario, client, campaign):

@@ -43,7 +43,8 @@ def by_altitude(runs, columns, focal_px, edges_m):
 
         position, velocity, height = of("position_error_m"), of("velocity_error_m_s"), altitude[inside]
         row = {"altitude_m": [low, high], "frames": int(inside.sum())}
-        for unit, values in (("m", position), ("percent", 100 * position / height), ("px", position * focal_px / height)):
+        of_altitude = position / height
+        for unit, values in (("m", position), ("percent", 100 * of_altitude), ("px", focal_px * of_altitude)):
             row[f"position_rms_{unit}"] = float(rms(values))
             row[f"position_95_{unit}"] = float(np.percentile(values, 95))
         row["velocity_rms_m_s"], row["velocity_95_m_s"] = float(rms(velocity)), float(np.percentile(velocity, 95))

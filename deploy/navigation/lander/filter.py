@@ -20,12 +20,14 @@ SIZE = 18
 
 @dataclasses.dataclass(frozen=True)
 class MapError:
-    """What is known before flight of the map's bias: sigmas (east, north, up) at distances from the Moon's centre, in
-    rising order, and the distance on the ground over which it is correlated."""
+    """What is known before flight of what the matches of a frame have in common, at distances from the Moon's centre in
+    rising order: the bias's sigmas (east, north, up), the distance on the ground over which it is correlated, and by
+    how much frames scatter more than independent matches would."""
 
     radii_m: np.ndarray
     sigmas_m: np.ndarray  # (n, 3)
     length_m: float
+    excess: np.ndarray  # (n,), a factor of the matches' sigmas
 
     def covariance(self, position_m):
         axes = east_north_up(position_m)
@@ -33,8 +35,11 @@ class MapError:
         sigmas = np.array([np.interp(radius, self.radii_m, column) for column in self.sigmas_m.T])
         return axes * sigmas**2 @ axes.T
 
+    def excess_at(self, position_m):
+        return float(np.interp(np.linalg.norm(position_m), self.radii_m, self.excess))
 
-NO_MAP_ERROR = MapError(np.zeros(1), np.zeros((1, 3)), 1.0)
+
+NO_MAP_ERROR = MapError(np.zeros(1), np.zeros((1, 3)), 1.0, np.ones(1))
 
 
 class Filter:

@@ -87,7 +87,7 @@ def fly(truth, onboard, imu, initial, seed, detector=Detector(), keep=None):
                    descent.moon_from_camera(0) @ rotation(random.normal(0, sigmas[2], 3)), sigmas, imu,
                    onboard.error)
     velocity, angle, _, _ = inertial.measured(imu, truth.increments, truth.imu_times_s, random)
-    matcher = Matcher(scenario.camera, onboard, scenario.frame_step_s)
+    matcher = Matcher(scenario.camera, onboard)
     rows = []
     for i, frame in enumerate(truth.frames):
         for j in range(i * truth.steps, (i + 1) * truth.steps):

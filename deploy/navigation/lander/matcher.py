@@ -19,7 +19,9 @@ PATCH = 32  # side of the fine patches, at most
 LEAST_CORRELATION = 0.5
 LEAST_MATCHES = 6
 MANY_MATCHES = 50
+CONFIRMING = 0.25  # of the patches tried have to agree for the fine search to confirm the coarse one
 WIDEST = 12  # pixels that the fine search reaches
+COARSE_SIGMAS = 4.0  # that the coarse search reaches: of 100 flights one begins beyond 3
 
 
 @dataclasses.dataclass
@@ -29,6 +31,7 @@ class Matches:
     sigmas_px: np.ndarray  # of one match, x and y
     counted_px: np.ndarray  # the same as the filter should take them
     stage: str
+    tried: int = 0  # patches that had something to see
 
 
 class View:
@@ -82,8 +85,8 @@ def peak(scores):
 
 
 class Matcher:
-    def __init__(self, camera, onboard_map, frame_step_s):
-        self.camera, self.map, self.frame_step_s = camera, onboard_map, frame_step_s
+    def __init__(self, camera, onboard_map):
+        self.camera, self.map = camera, onboard_map
         self._map_sigmas = None  # of a match, x and y, in pixels of the map; learnt in flight
 
     def working_scale(self, altitude_m):
@@ -101,7 +104,7 @@ class Matcher:
         sigma_px = self._sigma_px(state, level) / factor
         before = None
         if 3 * sigma_px > WIDEST - 3:
-            coarse = self.coarse(state, image, level, factor, 3 * sigma_px)
+            coarse = self.coarse(state, image, level, factor, COARSE_SIGMAS * sigma_px)
             if coarse is None:
                 return used
             before = state.copy()
@@ -112,6 +115,8 @@ class Matcher:
         fine = self.fine(state, image, level, factor, self.reach_px(state, sigma_px, level, factor))
         if fine is not None:
             fine = gated(state, self.camera, fine)
+        if fine is not None and before is not None and len(fine.pixels) < CONFIRMING * fine.tried:
+            fine = None
         if fine is None:
             if before is not None:  # nothing confirms what the coarse search found
                 state.restore(before)
@@ -178,7 +183,7 @@ class Matcher:
         # Side by side where there is room; else half over each other, which _agreeing() doesn't count as more.
         spacing = patch if camera.side >= 8 * patch else patch // 2
         starts = np.arange(reach, camera.side - patch - reach + 1, spacing)
-        moves, pixels = [], []
+        moves, pixels, tried = [], [], 0
         for y in starts:
             for x in starts:
                 if not view.valid[y:y + patch:patch - 1, x:x + patch:patch - 1].all():
@@ -187,6 +192,7 @@ class Matcher:
                 mean, deviation = cv2.meanStdDev(template)
                 if not deviation[0, 0] > 1e-3 * mean[0, 0]:
                     continue  # all shadow
+                tried += 1
                 window = small[y - reach:y + patch + reach, x - reach:x + patch + reach]
                 found = peak(cv2.matchTemplate(window, template, cv2.TM_CCOEFF_NORMED))
                 if found and found[2] >= LEAST_CORRELATION:
@@ -195,15 +201,12 @@ class Matcher:
         if len(moves) < LEAST_MATCHES:
             return None
         gsd_m = self.altitude_m(state) / self.camera.focal
-        speed_m_s = np.linalg.norm(state.velocity)
-        # What the map gets wrong by its other Sun comes again in each frame that sees the same ground, but the filter
-        # takes noise as new in each frame: the variance grows with the number of those frames.
-        repeats = max(1.0, self.camera.side * gsd_m / max(speed_m_s * self.frame_step_s, 1e-3)) * (patch / spacing) ** 2
         found = self._agreeing(view, np.array(moves), np.array(pixels), factor)
         if found is None:
             return None
         found.sigmas_px = self._sigmas_of_map(found, level.gsd_m / gsd_m)
-        found.counted_px = np.sqrt(repeats) * found.sigmas_px
+        found.counted_px = self.map.error.excess_at(state.position) * found.sigmas_px
+        found.tried = tried
         return found
 
     def reach_px(self, state, sigma_px, level, factor):

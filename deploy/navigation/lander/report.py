@@ -25,6 +25,8 @@ def draw(folder):
         for name in ("fly", "monte-carlo"):
             if list((folder / name).glob("*.npz")):
                 report[name] = _flights(folder, name)
+        if (folder / "causes.json").exists():
+            report["causes"] = json.loads((folder / "causes.json").read_text())
         if (folder / "sweep").is_dir():
             report["sweep"] = _points(folder / "sweep")
             _sweep(folder, report["sweep"])
@@ -46,6 +48,8 @@ def publish(work, here):
                 (here / plot).write_bytes((folder / f"{name}.png").read_bytes())
                 text += _monte_carlo_page(tables[name]) if name == "monte-carlo" else _sweep_page(tables[name], folder)
                 text += [f"![{folder.name}: {name}]({plot})", ""]
+        if tables.get("causes"):
+            text += _causes_page(tables["causes"], folder)
     readme.write_text(before + BEGIN + "\n".join(text) + END + rest.split(END)[1])
 
 
@@ -103,7 +107,7 @@ def _plot_flights(runs, conditions, path):
     for what, colour in (("position", BLUE), ("velocity", RED), ("attitude", GREEN)):
         axis.plot(time, of(f"{what}_nees").mean(axis=0), color=colour, label=what)
     axis.axhspan(low, high, color="#bbbbbb", label=f"95 % bounds of {count} flights")
-    axis.set(yscale="log", xlabel="time, s", ylabel="mean NEES, 3 degrees of freedom", title="Consistency of the filter")
+    axis.set(yscale="log", xlabel="time, s", ylabel="mean NEES, 3 degrees of freedom", title="Consistency")
     axis.legend()
     axis = axes[1, 1]
     axis.plot(time, altitude / 1000, color="black", label="altitude above the terrain, km")
@@ -153,8 +157,8 @@ def _sweep(folder, points):
     if not kinds:
         return
     columns = min(4, len(kinds))
-    figure, axes = plt.subplots(-(-len(kinds) // columns), columns, figsize=(2.6 * columns, 2.4 * -(-len(kinds) // columns)),
-                                squeeze=False)
+    rows = -(-len(kinds) // columns)
+    figure, axes = plt.subplots(rows, columns, figsize=(2.6 * columns, 2.4 * rows), squeeze=False)
     for axis in axes.flat[len(kinds):]:
         axis.set_axis_off()
     for axis, kind in zip(axes.flat, kinds):
@@ -214,6 +218,22 @@ def _monte_carlo_page(tables):
         f"({conditions['machine']}, others at work on it).", "",
         *_table(["altitude, km", "position RMS, 95 %: m", "% of altitude", "pixels", "velocity RMS, 95 %: m/s",
                  "RMS: %/s, px/s", "NEES position", "velocity", "attitude", "matches"], rows)]
+
+
+def _causes_page(causes, folder):
+    def triple(values):
+        return ", ".join(f"{value:.1f}" for value in values)
+
+    low, high = causes["altitudes_m"]
+    rows = [[case["case"], triple(case["offset_mean_m"]), triple(case["offset_rms_m"]), triple(case["scatter_m"]),
+             f"{case['matches']:.0f}"] for case in causes["cases"]]
+    followed = [f"{reach} pixels: {east:.2f}, {north:.2f}" for reach, (east, north) in causes["followed"].items()]
+    return [f"### {folder.name}: why matches err", "",
+            f"Frames at known poses between {low / 1000:g} and {high / 1000:g} km. Offset: the shift (east, north, up) "
+            "that fits all matches of a frame. Scatter: of single matches, across and along the track.", "",
+            *_table(["case", "offset, mean: m", "RMS: m", "scatter: m", "matches"], rows),
+            f"Share of the lander's own error that matches repeat (east, north), by the reach of the search in pixels "
+            f"of the working scale: {'; '.join(followed)}. 0 is right.", ""]
 
 
 def _sweep_page(points, folder):
