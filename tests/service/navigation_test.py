@@ -261,6 +261,18 @@ class MatcherTest(unittest.TestCase):
         searching._map_sigmas = np.array([0.5, 2.0]) / map_px
         self.assertEqual(searching.reach_px(state, 0.5, ground, 1), int(np.ceil(3 * np.hypot(0.5, 2.0))) + 2)
 
+    def test_a_patch_of_a_few_posts_is_not_searched(self):
+        camera = Camera.of(256, 50.0)
+
+        class Nothing:
+            def __getattr__(self, name):
+                raise AssertionError(f"{name} was asked for")
+
+        state = some_filter()
+        blind = matcher.Matcher(camera, map.Map([Nothing()], post_spacing_m=500.0))
+        blind.altitude_m = lambda state: 8000.0  # 32 pixels of 29 m
+        self.assertIsNone(blind.fine(state, np.zeros((256, 256), np.float32), Nothing(), 1, 4))
+
     def test_a_maximum_at_the_border_is_none(self):
         y, x = np.mgrid[0:15, 0:17]
         self.assertIsNone(matcher.peak((x + y).astype(np.float32)))

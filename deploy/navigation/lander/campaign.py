@@ -113,7 +113,9 @@ def _one(seed):
 def rehearsed(scenario, client, levels):
     """The map with what is known of its errors before flight."""
     practice = flight.Truth(scenario, client, sun=rehearsal.other_sun(scenario))
-    return Map(levels, rehearsal.map_error(rehearsal.offsets(practice, Map(levels), IMU, Detector())))
+    plain = Map(levels, post_spacing_m=practice.post_spacing_m)
+    error = rehearsal.map_error(rehearsal.offsets(practice, plain, IMU, Detector()))
+    return Map(levels, error, practice.post_spacing_m)
 
 
 def prepared(scenario, client):
@@ -219,7 +221,8 @@ def sweep(made, more, start, client, campaign):
         if point.scene:
             onboard = rehearsed(scenario, client, onboard.levels)
         if point.coarser > 1 or point.shift_m:
-            onboard = Map(_wrong_levels(base, truth, point, start, client), onboard.error)
+            wrong = _wrong_levels(base, truth, point, start, client)
+            onboard = Map(wrong, onboard.error, onboard.post_spacing_m)
         write_json(one.folder / "frames.json", {"service_ms": truth.service_ms})
         one.fly(seeds, truth, onboard, point.detector)
 

@@ -61,9 +61,9 @@ class Level:
 
 
 class Map:
-    def __init__(self, levels, error=NO_MAP_ERROR):
+    def __init__(self, levels, error=NO_MAP_ERROR, post_spacing_m=0.0):
         self.levels = sorted(levels, key=lambda level: -level.gsd_m)
-        self.error = error
+        self.error, self.post_spacing_m = error, post_spacing_m
 
     def level(self, camera_gsd_m):
         """The coarsest level that is at most half again as coarse as the camera; else the finest."""

@@ -18,6 +18,7 @@ CELL = 4
 PATCH = 32  # side of the fine patches, at most
 LEAST_CORRELATION = 0.5
 LEAST_MATCHES = 6
+LEAST_POSTS = 4  # that a patch has to cover to each side; of less detail anything can be found
 MANY_MATCHES = 50
 CONFIRMING = 0.25  # of the patches tried have to agree for the fine search to confirm the coarse one
 WIDEST = 12  # pixels that the fine search reaches
@@ -179,7 +180,9 @@ class Matcher:
         """Many small patches of the map, searched in the frame."""
         camera, small = self.camera.reduced(factor), averaged(image, factor)
         view = View(level, camera, state.map_position, state.moon_from_camera, 0)
-        patch = min(PATCH, camera.side // 4)
+        patch, gsd_m = min(PATCH, camera.side // 4), self.altitude_m(state) / self.camera.focal
+        if patch * factor * gsd_m < LEAST_POSTS * self.map.post_spacing_m:
+            return None
         # Side by side where there is room; else half over each other, which _agreeing() doesn't count as more.
         spacing = patch if camera.side >= 8 * patch else patch // 2
         starts = np.arange(reach, camera.side - patch - reach + 1, spacing)
@@ -200,7 +203,6 @@ class Matcher:
                     pixels.append((x + 0.5 * (patch - 1), y + 0.5 * (patch - 1)))
         if len(moves) < LEAST_MATCHES:
             return None
-        gsd_m = self.altitude_m(state) / self.camera.focal
         found = self._agreeing(view, np.array(moves), np.array(pixels), factor)
         if found is None:
             return None
