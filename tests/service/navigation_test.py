@@ -265,6 +265,8 @@ class MatcherTest(unittest.TestCase):
         camera = Camera.of(256, 50.0)
 
         class Nothing:
+            gsd_m = 30.0
+
             def __getattr__(self, name):
                 raise AssertionError(f"{name} was asked for")
 

@@ -33,9 +33,12 @@ def _machine():
     return f"{model}, {multiprocessing.cpu_count()} cores"
 
 
-def _code():
+def _code_now():
     here = pathlib.Path(__file__).parent
     return hashlib.sha256(b"".join((here / f"{name}.py").read_bytes() for name in FLYING)).hexdigest()
+
+
+CODE = _code_now()  # as it was loaded, not as it may be edited while it flies
 
 
 def write_whole(path, write):
@@ -70,7 +73,7 @@ class Campaign:
     def begin(self, conditions):
         """The seeds that are left to fly."""
         # By way of JSON, as what is compared with was read.
-        conditions = json.loads(json.dumps({**conditions, "first_seed": self.seed, "code": _code()}))
+        conditions = json.loads(json.dumps({**conditions, "first_seed": self.seed, "code": CODE}))
         path = self.folder / "conditions.json"
         if self.resume and path.exists():
             before = json.loads(path.read_text())
