@@ -11,6 +11,7 @@ import pathlib
 import subprocess
 import sys
 import unittest
+from unittest import mock
 
 import harness
 
@@ -262,18 +263,17 @@ class MatcherTest(unittest.TestCase):
         self.assertEqual(searching.reach_px(state, 0.5, ground, 1), int(np.ceil(3 * np.hypot(0.5, 2.0))) + 2)
 
     def test_a_patch_of_a_few_posts_is_not_searched(self):
-        camera = Camera.of(256, 50.0)
+        camera, image = Camera.of(256, 50.0), np.random.default_rng(1).random((256, 256), np.float32)
 
-        class Nothing:
+        class Level:
             gsd_m = 30.0
 
-            def __getattr__(self, name):
-                raise AssertionError(f"{name} was asked for")
-
-        state = some_filter()
-        blind = matcher.Matcher(camera, map.Map([Nothing()], post_spacing_m=500.0))
-        blind.altitude_m = lambda state: 8000.0  # 32 pixels of 29 m
-        self.assertIsNone(blind.fine(state, np.zeros((256, 256), np.float32), Nothing(), 1, 4))
+        seen = mock.Mock(image=image, valid=np.full((256, 256), True), points=lambda x, y: np.zeros((len(x), 3)))
+        for post_spacing_m, found in ((30.0, True), (500.0, False)):  # patches are 32 pixels of 29 m
+            matching = matcher.Matcher(camera, map.Map([Level()], post_spacing_m=post_spacing_m))
+            matching.altitude_m = lambda state: 8000.0
+            with mock.patch.object(matcher, "View", return_value=seen):
+                self.assertEqual(matching.fine(some_filter(), image, Level(), 1, 4) is not None, found)
 
     def test_a_maximum_at_the_border_is_none(self):
         y, x = np.mgrid[0:15, 0:17]
