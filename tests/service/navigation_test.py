@@ -1,14 +1,17 @@
 #!/usr/bin/env python3
-"""deploy/navigation: the filter's Jacobians and propagation against closed forms, and a flight of 200 frames.
+"""deploy/navigation: the filter's Jacobians, propagation and consistency, what the rehearsal finds, a flight of 200
+frames, and campaigns that go on where they were stopped.
 
 Skips where OpenCV or SciPy are missing (deploy/install-packages navigation).
 """
 
 import json
 import os
+import pathlib
 import subprocess
 import sys
 import unittest
+from unittest import mock
 
 import harness
 
@@ -18,7 +21,8 @@ sys.path[:0] = [NAVIGATION, os.path.join(harness.REPOSITORY, "api", "clients", "
 try:
     import numpy as np
     import scipy  # noqa: F401
-    from lander import consistency, descent, filter, flight, inertial, matcher, scenarios
+    from lander import (campaign, consistency, descent, filter, flight, inertial, map, matcher, rehearsal, report,
+                        scenarios)
     from lander.camera import Camera
     MISSING = None
 except ImportError as error:
@@ -35,9 +39,15 @@ def tearDownModule():
     harness.tear_down()
 
 
+def some_map_error(length_m=3000.0):
+    radii = descent.MOON_RADIUS_M + np.array([0.0, 20000.0])
+    return filter.MapError(radii, np.array([[30.0, 15.0, 10.0], [40.0, 20.0, 10.0]]), length_m, np.ones(2))
+
+
 def some_filter(imu=None, sigmas=(100.0, 1.0, 0.01)):
     truth = scenarios.short().descent
-    return filter.Filter(truth.position(0), truth.velocity(0), truth.moon_from_camera(0), sigmas, imu or inertial.Imu())
+    return filter.Filter(truth.position(0), truth.velocity(0), truth.moon_from_camera(0), sigmas, imu or inertial.Imu(),
+                         some_map_error())
 
 
 class FilterTest(unittest.TestCase):
@@ -52,13 +62,13 @@ class FilterTest(unittest.TestCase):
             step[i] = 1e-5 if filter.ATTITUDE.start <= i < filter.ATTITUDE.stop else 0.5
             ends = []
             for sign in (1, -1):
-                position, _, attitude, _, _ = state.corrected(sign * step)
-                ends.append(filter.projected(camera, position, attitude, points)[0].ravel())
+                position, _, attitude, _, _, map_bias = state.corrected(sign * step)
+                ends.append(filter.projected(camera, position + map_bias, attitude, points)[0].ravel())
             np.testing.assert_allclose(jacobian[:, i], (ends[0] - ends[1]) / (2 * step[i]), rtol=1e-5, atol=1e-6)
 
     def test_the_transition_is_the_propagations_derivative(self):
         force, rate, step = np.array([0.5, -2.5, -1.5]), np.array([0.02, -0.03, 0.01]), 0.1
-        size = np.repeat([10.0, 1.0, 1e-3, 1e-2, 1e-4], 3)
+        size = np.repeat([10.0, 1.0, 1e-3, 1e-2, 1e-4, 10.0], 3)
 
         def end(error):
             state = some_filter()
@@ -74,7 +84,8 @@ class FilterTest(unittest.TestCase):
             difference = np.concatenate([
                 plus.position - minus.position, plus.velocity - minus.velocity,
                 descent.rotation_vector(minus.moon_from_camera.T @ plus.moon_from_camera),
-                plus.accelerometer_bias - minus.accelerometer_bias, plus.gyro_bias - minus.gyro_bias]) / (2 * size[i])
+                plus.accelerometer_bias - minus.accelerometer_bias, plus.gyro_bias - minus.gyro_bias,
+                plus.map_bias - minus.map_bias]) / (2 * size[i])
             # The rows' scales differ by what a step can do; half a step squared is what the model leaves out.
             np.testing.assert_allclose(expected[:, i], difference, rtol=2e-3, atol=2e-3, err_msg=f"element {i}")
 
@@ -116,8 +127,31 @@ class FilterTest(unittest.TestCase):
                  - descent.gravity(truth.position(t)))
         np.testing.assert_allclose(truth.specific_force(t), force, atol=1e-5)
 
+    def test_the_map_bias_forgets_by_the_ground_that_has_passed(self):
+        state = some_filter()
+        state.map_bias = np.array([10.0, 0, 0])
+        before = state.covariance[filter.MAP, filter.MAP].copy()
+        ground_m = 0.0
+        for _ in range(30):
+            ground_m += 0.1 * np.linalg.norm(state.velocity) * descent.MOON_RADIUS_M / np.linalg.norm(state.position)
+            state.propagate(np.zeros(3), np.zeros(3), 0.1)
+        self.assertAlmostEqual(state.map_bias[0], 10 * np.exp(-ground_m / 3000), delta=0.01)
+        # Nothing was seen: it stays as uncertain as it was, but for 2 km of track.
+        np.testing.assert_allclose(state.covariance[filter.MAP, filter.MAP], before, atol=2.0)
+
     def test_nees_of_a_simulated_case_keeps_its_bounds(self):
         """True landmarks, noise as stated: the filter has to be consistent. 40 flights of 10 updates."""
+        low, high = consistency.nees_bounds(40, 9, 0.999)
+        mean = self.mean_nees(filter.NO_MAP_ERROR, filter.NO_MAP_ERROR)
+        self.assertTrue(low < mean < high, (low, mean, high))
+
+    def test_nees_keeps_its_bounds_under_a_biased_map(self):
+        low, high = consistency.nees_bounds(40, 9, 0.999)
+        mean = self.mean_nees(some_map_error(), some_map_error())
+        self.assertTrue(low < mean < high, (low, mean, high))
+        self.assertGreater(self.mean_nees(some_map_error(), filter.NO_MAP_ERROR), high)
+
+    def mean_nees(self, true_error, assumed_error):
         truth, camera, imu = scenarios.short().descent, Camera.of(256, 50.0), inertial.Imu()
         times = np.arange(0, 10.05, 0.1)
         increments = inertial.exact_increments(truth, times)
@@ -128,21 +162,77 @@ class FilterTest(unittest.TestCase):
             state = filter.Filter(truth.position(0) + random.normal(0, initial.sigmas[0], 3),
                                   truth.velocity(0) + random.normal(0, initial.sigmas[1], 3),
                                   truth.moon_from_camera(0) @ descent.rotation(random.normal(0, initial.sigmas[2], 3)),
-                                  initial.sigmas, imu)
+                                  initial.sigmas, imu, assumed_error)
             velocity, angle, _, _ = inertial.measured(imu, increments, times, random)
+            bias = random.multivariate_normal(np.zeros(3), true_error.covariance(truth.position(0)))
             for i in range(100):
                 state.propagate(velocity[i], angle[i], 0.1)
                 if i % 10 == 9:
                     t = times[i + 1]
+                    position = truth.position(t)
+                    ground_m = np.linalg.norm(truth.velocity(t)) * descent.MOON_RADIUS_M / np.linalg.norm(position)
+                    kept = np.exp(-ground_m / true_error.length_m)  # in a second
+                    bias = kept * bias + random.multivariate_normal(
+                        np.zeros(3), (1 - kept**2) * true_error.covariance(position))
                     seen = np.column_stack([random.uniform(-2500, 2500, (30, 2)), random.uniform(6000, 9000, 30)])
-                    points = truth.position(t) + seen @ truth.moon_from_camera(t).T
+                    points = position + bias + seen @ truth.moon_from_camera(t).T
                     pixels = camera.pixels(seen) + random.normal(0, (0.5, 1.0), (30, 2))
                     state.update(camera, points, pixels, (0.5, 1.0))
             error = np.concatenate([truth.position(t) - state.position, truth.velocity(t) - state.velocity,
                                     descent.rotation_vector(state.moon_from_camera.T @ truth.moon_from_camera(t))])
             nees.append(error @ np.linalg.solve(state.covariance[:9, :9], error))
-        low, high = consistency.nees_bounds(40, 9, 0.999)
-        self.assertTrue(low < np.mean(nees) < high, (low, np.mean(nees), high))
+        return np.mean(nees)
+
+
+class RehearsalTest(unittest.TestCase):
+    def test_an_offset_is_the_shift_of_the_camera(self):
+        truth, camera, random = scenarios.short().descent, Camera.of(256, 50.0), np.random.default_rng(5)
+        position, attitude = truth.position(20), truth.moon_from_camera(20)
+        seen = np.column_stack([random.uniform(-2500, 2500, (30, 2)), random.uniform(6000, 9000, 30)])
+        east, north, up = descent.east_north_up(position).T
+        points = position + 40 * east - 25 * north + 60 * up + seen @ attitude.T
+        shift, _ = rehearsal.offset(camera, position, attitude, points, camera.pixels(seen), np.array([1.0, 2.0]))
+        np.testing.assert_allclose(shift, (40, -25, 60), atol=1e-3)
+
+    def test_sigmas_and_length_of_simulated_offsets(self):
+        """The noise of the matches is not the map's bias."""
+        random = np.random.default_rng(7)
+        sigmas, noise = np.array([20.0, 10.0, 5.0]), np.array([10.0, 5.0, 2.5])
+        track = np.arange(0, 600e3, 600.0)
+        kept = np.exp(-600.0 / 5000)
+        shifts = [random.normal(0, sigmas)]
+        for _ in track[1:]:
+            shifts.append(kept * shifts[-1] + np.sqrt(1 - kept**2) * random.normal(0, sigmas))
+        count = len(track)
+        rows = np.column_stack([track, descent.MOON_RADIUS_M + 15000 - track / 50,
+                                np.array(shifts) + random.normal(0, noise, (count, 3)), np.tile(noise**2, (count, 1)),
+                                random.normal(0, 1, (count, 3)), np.arange(count)])
+        found = rehearsal.map_error(rows)
+        self.assertTrue(np.all(np.diff(found.radii_m) > 0))
+        np.testing.assert_allclose(np.sqrt(np.mean(found.sigmas_m**2, axis=0)), sigmas, rtol=0.25)
+        self.assertTrue(2500 < found.length_m < 10000, found.length_m)
+        self.assertTrue(np.all(found.excess < 2) and found.excess.mean() < 1.4, found.excess)
+
+    def test_what_comes_again_counts_as_often(self):
+        """Each value in four frames: correlations of 3/4, 1/2 and 1/4 to both sides."""
+        values = np.repeat(np.random.default_rng(8).normal(0, 1, (200, 3)), 4, axis=0)
+        self.assertAlmostEqual(rehearsal.sum_of_correlations(np.arange(800), values), 4.0, delta=0.8)
+
+    def test_a_white_tilt_is_of_variance_1(self):
+        truth, camera, random = scenarios.short().descent, Camera.of(256, 50.0), np.random.default_rng(9)
+        position, attitude = truth.position(20), truth.moon_from_camera(20)
+        found = []
+        for _ in range(200):
+            seen = np.column_stack([random.uniform(-2500, 2500, (30, 2)), random.uniform(6000, 9000, 30)])
+            pixels = camera.pixels(seen) + random.normal(0, (1.0, 2.0), (30, 2))
+            found.append(rehearsal.tilt(camera, position, attitude, position + seen @ attitude.T, pixels,
+                                        np.array([1.0, 2.0])))
+        np.testing.assert_allclose(np.cov(np.array(found).T), np.eye(3), atol=0.3)
+
+    def test_the_rehearsals_sun_is_neither_the_flights_nor_the_maps(self):
+        scenario = scenarios.short(flight=(95, 18), map_sun=(105, 30))
+        local = rehearsal.other_sun(scenario)["local"]
+        self.assertEqual((local["azimuth_deg"], local["elevation_deg"]), (115, 18))
 
 
 class MatcherTest(unittest.TestCase):
@@ -151,31 +241,113 @@ class MatcherTest(unittest.TestCase):
         found = matcher.peak((1 - 0.01 * ((x - 8.3) ** 2 + (y - 5.8) ** 2)).astype(np.float32))
         np.testing.assert_allclose(found[:2], (8.3, 5.8), atol=1e-3)
 
+    def test_the_search_reaches_beyond_the_matches_own_scatter(self):
+        """Else matches lie about the prediction, and the filter measures its own error."""
+        camera = Camera.of(256, 50.0)
+
+        class Ground:  # a level without relief
+            gsd_m = 30.0
+
+            def pixels(self, positions):
+                return np.zeros(positions.shape[:-1]), np.zeros(positions.shape[:-1])
+
+            def height_at(self, column, row):
+                return np.zeros(column.shape)
+
+        ground = Ground()
+        searching = matcher.Matcher(camera, map.Map([ground]))
+        state = some_filter()
+        self.assertEqual(searching.reach_px(state, 0.5, ground, 1), matcher.WIDEST)  # nothing is known yet
+        map_px = ground.gsd_m * camera.focal / searching.altitude_m(state)
+        searching._map_sigmas = np.array([0.5, 2.0]) / map_px
+        self.assertEqual(searching.reach_px(state, 0.5, ground, 1), int(np.ceil(3 * np.hypot(0.5, 2.0))) + 2)
+
+    def test_a_patch_of_a_few_posts_is_not_searched(self):
+        camera, image = Camera.of(256, 50.0), np.random.default_rng(1).random((256, 256), np.float32)
+
+        class Level:
+            gsd_m = 30.0
+
+        seen = mock.Mock(image=image, valid=np.full((256, 256), True), points=lambda x, y: np.zeros((len(x), 3)))
+        for post_spacing_m, found in ((30.0, True), (500.0, False)):  # patches are 32 pixels of 29 m
+            matching = matcher.Matcher(camera, map.Map([Level()], post_spacing_m=post_spacing_m))
+            matching.altitude_m = lambda state: 8000.0
+            with mock.patch.object(matcher, "View", return_value=seen):
+                self.assertEqual(matching.fine(some_filter(), image, Level(), 1, 4) is not None, found)
+
     def test_a_maximum_at_the_border_is_none(self):
         y, x = np.mgrid[0:15, 0:17]
         self.assertIsNone(matcher.peak((x + y).astype(np.float32)))
 
 
+def run(*arguments):
+    return subprocess.run([os.path.join(NAVIGATION, "run"), *arguments, "--binary", harness.BINARY, "--work",
+                           harness.path("navigation")],
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=harness.PATIENCE_S * 5)
+
+
 class FlightTest(unittest.TestCase):
     def test_a_flight_of_200_frames_converges(self):
         output = harness.path("flight")
-        done = subprocess.run([os.path.join(NAVIGATION, "run"), "fly", "--scenario", "short", "--binary",
-                               harness.BINARY, "--work", harness.path("navigation"), "-o", output],
-                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=harness.PATIENCE_S * 5)
+        done = run("fly", "--scenario", "short", "-o", output)
         self.assertEqual(done.returncode, 0, done.stderr)
-        with np.load(os.path.join(output, "fly.npz")) as stored:
-            rows, names = stored["runs"][0], list(stored["columns"])
+        rows, _ = campaign.flights(pathlib.Path(output, "fly"))
+        rows, names = rows[0], list(flight.COLUMNS)
         self.assertGreaterEqual(len(rows), 190)
         error, altitude = rows[:, names.index("position_error_m")], rows[:, names.index("altitude_m")]
         matches = rows[:, names.index("matches")]
         self.assertEqual(rows[0, names.index("coarse")], 1)  # kilometres off at first
         self.assertGreater((matches > 0).mean(), 0.9)
-        # After the first tenth: some percent of the altitude, and never lost.
-        self.assertLess(np.max(error[20:] / altitude[20:]), 0.05)
-        self.assertLess(error[-1], 60)
+        # After the first tenth: some thousandths of the altitude, and never lost.
+        self.assertLess(np.max(error[20:] / altitude[20:]), 0.02)
+        self.assertLess(error[-1], 20)
+        # A single flight: the mean over its correlated frames is not as narrow as that of independent ones.
+        self.assertLess(rows[20:, names.index("position_nees")].mean(), 7)
         with open(os.path.join(output, "report.json")) as file:
             self.assertEqual(json.load(file)["fly"]["conditions"]["frames"], len(rows))
         self.assertTrue(os.path.exists(os.path.join(output, "fly.png")))
+
+
+class CampaignTest(unittest.TestCase):
+    def begun(self, resume, **more):
+        folder = pathlib.Path(harness.path("campaign"))
+        return campaign.Campaign(folder, 4, 1, 1, resume), {"scenario": "some", **more}
+
+    def test_a_stopped_campaign_flies_what_is_left(self):
+        one, conditions = self.begun(resume=False)
+        self.assertEqual(one.begin(conditions), [1, 2, 3, 4])
+        rows = np.ones((5, len(flight.COLUMNS)), np.float32)
+        campaign.write_whole(one._path(2), lambda file: np.savez(file, rows=rows, processor_s=1.5))
+        one._path(3).with_name("00003.npz.part").write_bytes(b"half of a flight")
+        again, _ = self.begun(resume=True)
+        self.assertEqual(again.begin(conditions), [1, 3, 4])
+        runs, seconds = campaign.flights(again.folder)
+        self.assertEqual((runs.shape, list(seconds)), ((1, 5, len(flight.COLUMNS)), [1.5]))
+        with self.assertRaisesRegex(SystemExit, "flown with other scenario; leave --resume out"):
+            again.begin({**conditions, "scenario": "another"})
+        self.assertEqual(one.begin(conditions), [1, 2, 3, 4])  # anew
+
+    def test_the_page_has_the_tables_of_what_was_flown(self):
+        work, here = pathlib.Path(harness.path("work")), pathlib.Path(harness.path("page"))
+        here.mkdir(parents=True)
+        (here / "README.md").write_text("above\n" + report.BEGIN + "old\n" + report.END + "below\n")
+        one = campaign.Campaign(work / "short" / "monte-carlo", 2, 1, 1, False)
+        one.begin(campaign.conditions_of(scenarios.short()))
+        campaign.write_json(one.folder / "map.json", {"post_spacing_m": 30.0, "gsd_m": [29.0]})
+        random = np.random.default_rng(1)
+        for seed in (1, 2):
+            rows = random.uniform(1, 2, (50, len(flight.COLUMNS)))
+            rows[:, flight.COLUMNS.index("altitude_m")] = np.linspace(4000, 2000, 50)
+            rows[:, flight.COLUMNS.index("position_error_m")] = 40.0
+            campaign.write_whole(one._path(seed), lambda file: np.savez(file, rows=rows, processor_s=1.0))
+        (work / "short" / "report.json").write_text("{}")
+        report.publish(work, here)
+        page = (here / "README.md").read_text()
+        self.assertTrue(page.startswith("above\n") and page.endswith("below\n") and "old" not in page, page)
+        self.assertIn("position RMS 40.0 m", page)
+        self.assertTrue((here / "results" / "short-monte-carlo.png").exists())
+        report.publish(work, here)
+        self.assertEqual((here / "README.md").read_text(), page)
 
 
 if __name__ == "__main__":

@@ -42,8 +42,12 @@ class Detector:
     read_noise_e: float = 20.0
     bits: int = 10
 
-    def image(self, radiance, random):
-        white = max(float(np.percentile(radiance, 99.5)), 1e-12)
+    @staticmethod
+    def white(radiance):
+        return max(float(np.percentile(radiance, 99.5)), 1e-12)
+
+    def image(self, radiance, white, random):
+        """white: white(radiance), which is the same for all flights."""
         electrons = radiance * np.float32(0.8 * self.full_well_e / white)
         noise = random.standard_normal(electrons.shape, np.float32)
         electrons = electrons + noise * np.sqrt(np.maximum(electrons, 0) + np.float32(self.read_noise_e**2))

@@ -24,29 +24,35 @@ def share_inside(mean_nees, runs, freedom=3):
     return float(np.mean((mean_nees >= low) & (mean_nees <= high)))
 
 
+def acquired(runs, columns):
+    """Frames (runs, frames) from a flight's first matches on."""
+    return np.cumsum(column(runs, columns, "matches") > 0, axis=1) > 0
+
+
 def by_altitude(runs, columns, focal_px, edges_m):
-    """Rows of (altitude, errors) for frames between edges of altitude; each altitude is that above the terrain."""
-    altitude = column(runs, columns, "altitude_m")[0]
+    """Rows of (altitude, errors) for frames between edges of altitude above the terrain, once matches have begun."""
+    altitude, begun = column(runs, columns, "altitude_m"), acquired(runs, columns)
     rows = []
     for low, high in zip(edges_m[:-1], edges_m[1:]):
-        inside = (altitude >= low) & (altitude < high)
+        inside = (altitude >= low) & (altitude < high) & begun
         if not inside.any():
             continue
-        position = column(runs, columns, "position_error_m")[:, inside]
-        velocity = column(runs, columns, "velocity_error_m_s")[:, inside]
-        mean_altitude = float(altitude[inside].mean())
-        rows.append({
-            "altitude_m": [low, high], "frames": int(inside.sum()),
-            "position_rms_m": float(np.sqrt(np.mean(position**2))),
-            "position_95_m": float(np.percentile(position, 95)),
-            "position_rms_percent_of_altitude": float(100 * np.sqrt(np.mean((position / altitude[inside]) ** 2))),
-            "position_rms_px": float(np.sqrt(np.mean((position * focal_px / altitude[inside]) ** 2))),
-            "velocity_rms_m_s": float(np.sqrt(np.mean(velocity**2))),
-            "velocity_95_m_s": float(np.percentile(velocity, 95)),
-            "velocity_rms_percent_of_altitude_per_s": float(100 * np.sqrt(np.mean(velocity**2)) / mean_altitude),
-            "position_nees": float(column(runs, columns, "position_nees")[:, inside].mean()),
-            "velocity_nees": float(column(runs, columns, "velocity_nees")[:, inside].mean()),
-            "matches": float(column(runs, columns, "matches")[:, inside].mean()),
-            "frames_with_matches_percent": float(100 * (column(runs, columns, "matches")[:, inside] > 0).mean()),
-        })
+
+        def of(name):
+            return column(runs, columns, name)[inside]
+
+        position, velocity, height = of("position_error_m"), of("velocity_error_m_s"), altitude[inside]
+        row = {"altitude_m": [low, high], "frames": int(inside.sum())}
+        of_altitude = position / height
+        for unit, values in (("m", position), ("percent", 100 * of_altitude), ("px", focal_px * of_altitude)):
+            row[f"position_rms_{unit}"] = float(rms(values))
+            row[f"position_95_{unit}"] = float(np.percentile(values, 95))
+        row["velocity_rms_m_s"], row["velocity_95_m_s"] = float(rms(velocity)), float(np.percentile(velocity, 95))
+        row["velocity_rms_percent_per_s"] = float(rms(100 * velocity / height))
+        row["velocity_rms_px_per_s"] = float(rms(velocity * focal_px / height))
+        for what in ("position", "velocity", "attitude"):
+            row[f"{what}_nees"] = float(of(f"{what}_nees").mean())
+        row["matches"] = float(of("matches").mean())
+        row["frames_with_matches_percent"] = float(100 * (of("matches") > 0).mean())
+        rows.append(row)
     return rows

@@ -43,6 +43,13 @@ def unit_vector(lat_deg, lon_deg):
     return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
 
 
+def east_north_up(position_m):
+    """The local axes at a point, as columns."""
+    up = position_m / np.linalg.norm(position_m)
+    east = np.array([-up[1], up[0], 0.0]) / np.hypot(up[0], up[1])
+    return np.stack([east, np.cross(up, east), up], axis=1)
+
+
 def geodetic(position_m):
     """Latitude and longitude in degrees, height in metres, of points (.., 3)."""
     radius = np.linalg.norm(position_m, axis=-1)
@@ -66,12 +73,10 @@ class Descent:
 
     def __init__(self, site_lat_deg, site_lon_deg, site_height_m, azimuth_deg, range_m, speed_m_s, perilune_m=15000.0,
                  end_altitude_m=1000.0, end_speed_m_s=30.0, end_descent_m_s=20.0, swing_deg=2.0):
-        up = unit_vector(site_lat_deg, site_lon_deg)
-        east = np.cross([0.0, 0.0, 1.0], up)
-        east /= np.linalg.norm(east)
+        east, north, up = east_north_up(unit_vector(site_lat_deg, site_lon_deg)).T
         azimuth = np.radians(azimuth_deg)
         self._up = up
-        self._along = np.cos(azimuth) * np.cross(up, east) + np.sin(azimuth) * east
+        self._along = np.cos(azimuth) * north + np.sin(azimuth) * east
         self.duration_s = 2 * range_m / (speed_m_s + end_speed_m_s)
         radius = MOON_RADIUS_M + site_height_m
         self.site_height_m = site_height_m

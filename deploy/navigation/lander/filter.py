@@ -1,34 +1,70 @@
 """An error-state extended Kalman filter in the rotating, Moon-fixed frame.
 
-The error state has 15 elements: position, velocity, attitude (a rotation vector in camera axes: true = estimate *
-rotation(error)), bias of the accelerometers, bias of the gyros; each is true minus estimated.
+The error state has 18 elements: position, velocity, attitude (a rotation vector in camera axes: true = estimate *
+rotation(error)), bias of the accelerometers, bias of the gyros, bias of the map; each is true minus estimated.
+
+The map's bias is what the errors of all matches of a frame have in common: a lander at p sees the map as from p + bias.
+It is a Gauss-Markov process of first order in the distance flown over the ground, since it belongs to the ground.
 """
+
+import dataclasses
 
 import numpy as np
 
-from .descent import GM_M3_S2, MOON_RATE_RAD_S, cross_matrix, gravity, rotation
+from .descent import GM_M3_S2, MOON_RADIUS_M, MOON_RATE_RAD_S, cross_matrix, east_north_up, gravity, rotation
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
-ACCELEROMETER, GYRO = slice(9, 12), slice(12, 15)
-SIZE = 15
+ACCELEROMETER, GYRO, MAP = slice(9, 12), slice(12, 15), slice(15, 18)
+SIZE = 18
+
+
+@dataclasses.dataclass(frozen=True)
+class MapError:
+    """What is known before flight of what the matches of a frame have in common, at distances from the Moon's centre in
+    rising order: the bias's sigmas (east, north, up), the distance on the ground over which it is correlated, and by
+    how much frames scatter more than independent matches would."""
+
+    radii_m: np.ndarray
+    sigmas_m: np.ndarray  # (n, 3)
+    length_m: float
+    excess: np.ndarray  # (n,), a factor of the matches' sigmas
+
+    def covariance(self, position_m):
+        axes = east_north_up(position_m)
+        radius = np.linalg.norm(position_m)
+        sigmas = np.array([np.interp(radius, self.radii_m, column) for column in self.sigmas_m.T])
+        return axes * sigmas**2 @ axes.T
+
+    def excess_at(self, position_m):
+        return float(np.interp(np.linalg.norm(position_m), self.radii_m, self.excess))
+
+
+NO_MAP_ERROR = MapError(np.zeros(1), np.zeros((1, 3)), 1.0, np.ones(1))
 
 
 class Filter:
-    def __init__(self, position, velocity, moon_from_camera, sigmas, imu):
+    def __init__(self, position, velocity, moon_from_camera, sigmas, imu, map_error=NO_MAP_ERROR):
         """sigmas: of position, velocity and attitude, for each axis. The biases start at 0 with the IMU's sigmas."""
         self.position, self.velocity = np.array(position, float), np.array(velocity, float)
         self.moon_from_camera = np.array(moon_from_camera, float)
-        self.accelerometer_bias, self.gyro_bias = np.zeros(3), np.zeros(3)
-        self.imu = imu
-        self.covariance = np.diag(np.repeat([*sigmas, imu.accelerometer_bias_m_s2, imu.gyro_bias_rad_s], 3) ** 2.0)
+        self.accelerometer_bias, self.gyro_bias, self.map_bias = np.zeros(3), np.zeros(3), np.zeros(3)
+        self.imu, self.map_error = imu, map_error
+        sigmas = np.repeat([*sigmas, imu.accelerometer_bias_m_s2, imu.gyro_bias_rad_s, 0.0], 3)
+        self.covariance = np.diag(sigmas**2)
+        self.covariance[MAP, MAP] = map_error.covariance(self.position)
 
     def copy(self):
         return (self.position, self.velocity, self.moon_from_camera, self.accelerometer_bias, self.gyro_bias,
-                self.covariance)
+                self.map_bias, self.covariance)
 
     def restore(self, copied):
         (self.position, self.velocity, self.moon_from_camera, self.accelerometer_bias, self.gyro_bias,
-         self.covariance) = copied
+         self.map_bias, self.covariance) = copied
+
+    @property
+    def map_position(self):
+        """Where the lander is in the map."""
+        return self.position + self.map_bias
 
     def propagate(self, velocity_increment, angle_increment, step):
         """One interval of the IMU, by the midpoint rule."""
@@ -36,21 +72,29 @@ class Filter:
         rate = angle_increment / step - self.gyro_bias
         transition = self.transition(force, rate, step)
 
-        w = MOON_RATE_RAD_S
+        w, turn = MOON_RATE_RAD_S, cross_matrix(MOON_RATE_RAD_S)
         half = rotation(-0.5 * step * w) @ self.moon_from_camera @ rotation(0.5 * step * rate)
         position = self.position + 0.5 * step * self.velocity
-        acceleration = half @ force + gravity(position) - np.cross(w, np.cross(w, position))
+        acceleration = half @ force + gravity(position) - turn @ (turn @ position)
         # The Coriolis term at the interval's middle.
-        middle = self.velocity + 0.5 * step * (acceleration - 2 * np.cross(w, self.velocity))
-        acceleration -= 2 * np.cross(w, middle)
+        middle = self.velocity + 0.5 * step * (acceleration - 2 * turn @ self.velocity)
+        acceleration -= 2 * turn @ middle
+        correlation = self.map_correlation(step)
         self.position = self.position + step * self.velocity + 0.5 * step**2 * acceleration
         self.velocity = self.velocity + step * acceleration
         self.moon_from_camera = rotation(-step * w) @ self.moon_from_camera @ rotation(step * rate)
+
+        self.map_bias = correlation * self.map_bias
 
         self.covariance = transition @ self.covariance @ transition.T
         diagonal = np.einsum("ii->i", self.covariance)
         diagonal[VELOCITY] += self.imu.accelerometer_noise_m_s2_rthz**2 * step
         diagonal[ATTITUDE] += self.imu.gyro_noise_rad_rts**2 * step
+        self.covariance[MAP, MAP] += (1 - correlation**2) * self.map_error.covariance(self.position)
+
+    def map_correlation(self, step):
+        distance_m = step * np.linalg.norm(self.velocity) * MOON_RADIUS_M / np.linalg.norm(self.position)
+        return np.exp(-distance_m / self.map_error.length_m)
 
     def rates(self, force):
         """F of d(error)/dt = F error, but for the attitude's own turning, which is taken exactly in transition()."""
@@ -70,32 +114,34 @@ class Filter:
         f = step * self.rates(force)
         transition = np.eye(SIZE) + f + 0.5 * f @ f
         transition[ATTITUDE, ATTITUDE] = rotation(-step * rate)
+        transition[MAP, MAP] *= self.map_correlation(step)
         return transition
 
     def corrected(self, error):
-        """The nominal state with an error put in: (position, velocity, attitude, biases)."""
+        """The nominal state with an error put in: (position, velocity, attitude, the three biases)."""
         return (self.position + error[POSITION], self.velocity + error[VELOCITY],
                 self.moon_from_camera @ rotation(error[ATTITUDE]), self.accelerometer_bias + error[ACCELEROMETER],
-                self.gyro_bias + error[GYRO])
+                self.gyro_bias + error[GYRO], self.map_bias + error[MAP])
 
     def put(self, error):
-        (self.position, self.velocity, self.moon_from_camera, self.accelerometer_bias, self.gyro_bias) = (
-            self.corrected(error))
+        (self.position, self.velocity, self.moon_from_camera, self.accelerometer_bias, self.gyro_bias,
+         self.map_bias) = self.corrected(error)
 
     def update(self, camera, points_m, pixels, sigmas_px, iterations=3):
         """Points of the map seen at pixels; an iterated update (Gauss-Newton: first errors are kilometres).
 
-        sigmas_px: of x and y of each pixel, independent. In the information form: 15 x 15, however many points.
+        sigmas_px: of x and y of each pixel, independent. What is inverted is 18 x 18, however many points; nothing of
+        the prior is inverted, so that a map's bias of 0 may be known exactly.
         """
-        prior = np.linalg.inv(self.covariance)
         weights = np.tile(1 / np.asarray(sigmas_px), len(pixels))
         error = np.zeros(SIZE)
         for _ in range(iterations):
-            position, _, moon_from_camera, _, _ = self.corrected(error)
-            predicted, jacobian = projected(camera, position, moon_from_camera, points_m)
+            position, _, moon_from_camera, _, _, map_bias = self.corrected(error)
+            predicted, jacobian = projected(camera, position + map_bias, moon_from_camera, points_m)
             target = weights * ((pixels - predicted).ravel() + jacobian @ error)
             jacobian = weights[:, None] * jacobian
-            covariance = np.linalg.inv(prior + jacobian.T @ jacobian)
+            information = jacobian.T @ jacobian
+            covariance = np.linalg.solve(np.eye(SIZE) + self.covariance @ information, self.covariance)
             change = covariance @ (jacobian.T @ target) - error
             error = error + change
             if np.linalg.norm(change[POSITION]) < 0.1:
@@ -105,22 +151,22 @@ class Filter:
 
     def pixel_sigmas(self, camera, points_m):
         """Largest standard deviation of each predicted pixel."""
-        _, jacobian = projected(camera, self.position, self.moon_from_camera, points_m)
+        _, jacobian = projected(camera, self.map_position, self.moon_from_camera, points_m)
         rows = jacobian.reshape(-1, 2, SIZE)
         covariance = rows @ self.covariance @ rows.transpose(0, 2, 1)
         return np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
 
 
-def projected(camera, position, moon_from_camera, points_m):
-    """Pixels of points, (n, 2), and their derivatives to the error state, (2 n, 15)."""
-    seen = (points_m - position) @ moon_from_camera  # in camera axes
+def projected(camera, map_position, moon_from_camera, points_m):
+    """Pixels of points of the map, (n, 2), and their derivatives to the error state, (2 n, 18)."""
+    seen = (points_m - map_position) @ moon_from_camera  # in camera axes
     x, y, z = seen.T
     pixels = camera.pixels(seen)
     by_seen = np.zeros((len(seen), 2, 3))
     by_seen[:, 0, 0], by_seen[:, 0, 2] = camera.focal / z, -camera.focal * x / z**2
     by_seen[:, 1, 1], by_seen[:, 1, 2] = camera.focal / z, -camera.focal * y / z**2
     jacobian = np.zeros((len(seen), 2, SIZE))
-    jacobian[..., POSITION] = -by_seen @ moon_from_camera.T
+    jacobian[..., POSITION] = jacobian[..., MAP] = -by_seen @ moon_from_camera.T
     # true = estimate rotation(e): seen = rotation(-e) seen0, so that d seen / d e = [seen]x
     crosses = np.zeros((len(seen), 3, 3))
     crosses[:, 0, 1], crosses[:, 0, 2], crosses[:, 1, 2] = -z, y, -x

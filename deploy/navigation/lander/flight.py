@@ -9,7 +9,7 @@ from . import inertial
 from .camera import Detector
 from .descent import geodetic, rotation, rotation_vector
 from .filter import Filter
-from .map import Level, Map, level_requests
+from .map import Level, level_requests
 from .matcher import Matcher
 
 
@@ -30,7 +30,7 @@ class Truth:
     """What all flights of a scenario share: times, the IMU's exact increments, frames. Frames depend on the true pose
     alone, so that sharing them is exact."""
 
-    def __init__(self, scenario, client, sun=None, accuracy=None):
+    def __init__(self, scenario, client, sun=None, accuracy=None, shadows=True):
         self.scenario = scenario
         descent = scenario.descent
         steps = int(round(scenario.frame_step_s / scenario.imu_step_s))
@@ -47,18 +47,29 @@ class Truth:
         self.altitudes_m = height_m - ground.height_m
         self.post_spacing_m = float(np.median(ground.post_spacing_m))
 
-        self.frames = []
-        requests = [{"camera": scenario.camera.request, "sun": sun or scenario.flight_sun, "products": ["radiance"],
+        self.frames, times_ms = [], []
+        product = "radiance" if shadows else "angles"
+        requests = [{"camera": scenario.camera.request, "sun": sun or scenario.flight_sun, "products": [product],
                      **({"accuracy": accuracy} if accuracy else {}),
                      "pose": Pose.from_matrix(attitude, direction="moon_from_camera", position_m=position)}
                     for position, attitude in zip(self.positions, self.attitudes)]
         for frame in client.frames(requests):
-            self.frames.append(frame["radiance"])
+            self.frames.append(frame["radiance"] if shadows else without_shadows(frame["angles"]))
+            times_ms.append(sum(frame.timing.values()))
+        self.service_ms = float(np.median(times_ms))
+        self.whites = [Detector.white(frame) for frame in self.frames]
 
 
-def onboard_map(scenario, client, post_spacing_m, initial):
+def without_shadows(angles_deg):
+    """What the service would render if nothing cast a shadow: Lommel-Seeliger, but for a constant."""
+    incidence, emission = (np.cos(np.radians(angles_deg[..., i])) for i in range(2))
+    lit = incidence > 0  # False where it is NaN
+    return np.where(lit, incidence / np.where(lit, incidence + emission, 1), 0).astype(np.float32)
+
+
+def map_levels(scenario, client, post_spacing_m, initial, shift_m=0.0):
     requests = level_requests(scenario.descent, scenario.camera, scenario.map_sun, post_spacing_m, initial.sigmas[0])
-    return Map([Level(client.map(request), request["map"]["gsd_m"]) for request in requests])
+    return [Level(client.map(request), request["map"]["gsd_m"], shift_m) for request in requests]
 
 
 COLUMNS = ("time_s", "altitude_m", "position_error_m", "velocity_error_m_s", "attitude_error_deg", "position_sigma_m",
@@ -73,14 +84,15 @@ def fly(truth, onboard, imu, initial, seed, detector=Detector(), keep=None):
     sigmas = initial.sigmas
     state = Filter(descent.position(0) + random.normal(0, sigmas[0], 3),
                    descent.velocity(0) + random.normal(0, sigmas[1], 3),
-                   descent.moon_from_camera(0) @ rotation(random.normal(0, sigmas[2], 3)), sigmas, imu)
+                   descent.moon_from_camera(0) @ rotation(random.normal(0, sigmas[2], 3)), sigmas, imu,
+                   onboard.error)
     velocity, angle, _, _ = inertial.measured(imu, truth.increments, truth.imu_times_s, random)
-    matcher = Matcher(scenario.camera, onboard, scenario.frame_step_s)
+    matcher = Matcher(scenario.camera, onboard)
     rows = []
     for i, frame in enumerate(truth.frames):
         for j in range(i * truth.steps, (i + 1) * truth.steps):
             state.propagate(velocity[j], angle[j], scenario.imu_step_s)
-        image = detector.image(frame, random)
+        image = detector.image(frame, truth.whites[i], random)
         used = matcher.update(state, image)
         if keep:
             keep(i, image, used, state)

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 
 from .descent import MOON_RADIUS_M, geodetic
+from .filter import NO_MAP_ERROR
 
 MOST_PIXELS = 16e6  # the service's --max-map-pixels is a little above
 
@@ -11,13 +12,15 @@ MOST_PIXELS = 16e6  # the service's --max-map-pixels is a little above
 class Level:
     """One map of the service, equirectangular about its own centre."""
 
-    def __init__(self, frame, gsd_m):
+    def __init__(self, frame, gsd_m, shift_m=0.0):
+        """shift_m: to the east, an error of the map."""
         self.gsd_m = gsd_m
         area, transform = frame.meta["request"]["map"], frame.meta["grid"]["geotransform"]
         self._centre_lon_deg = area["center"]["lon_deg"]
         self._east_m_per_deg = np.radians(1) * MOON_RADIUS_M * np.cos(np.radians(area["center"]["lat_deg"]))
         self._north_m_per_deg = np.radians(1) * MOON_RADIUS_M
         self._west_m, self._step_x, self._north_m, self._step_y = (transform[i] for i in (0, 1, 3, 5))
+        self._west_m += shift_m
         self.radiance = np.nan_to_num(frame["radiance"]).astype(np.float32)
         height = frame["height"].astype(np.float32)
         self.mean_height_m = float(np.nanmean(height))
@@ -43,7 +46,7 @@ class Level:
         height = np.full(directions.shape[:2], self.mean_height_m)
         along = (directions @ origin_m) / (directions**2).sum(-1)
         square = (directions**2).sum(-1)
-        for _ in range(8):
+        for _ in range(5):
             radius = MOON_RADIUS_M + height
             with np.errstate(invalid="ignore"):
                 t = -along - np.sqrt(along**2 - (origin_m @ origin_m - radius**2) / square)
@@ -58,8 +61,9 @@ class Level:
 
 
 class Map:
-    def __init__(self, levels):
+    def __init__(self, levels, error=NO_MAP_ERROR, post_spacing_m=0.0):
         self.levels = sorted(levels, key=lambda level: -level.gsd_m)
+        self.error, self.post_spacing_m = error, post_spacing_m
 
     def level(self, camera_gsd_m):
         """The coarsest level that is at most half again as coarse as the camera; else the finest."""

@@ -12,12 +12,17 @@ import numpy as np
 from .camera import averaged
 from .filter import projected
 
-CELL = 8  # pixels between exact ray intersections; between them the warp is bilinear: a plane for each cell
+# Pixels between exact ray intersections; between them the warp is bilinear: a plane for each cell. Over the sample
+# terrain cells of 8 pixels make the lander believe to be 1 to 2 m too high, of 4 pixels 0.5 m.
+CELL = 4
 PATCH = 32  # side of the fine patches, at most
 LEAST_CORRELATION = 0.5
 LEAST_MATCHES = 6
+LEAST_POSTS = 4  # that a patch has to cover to each side; of less detail anything can be found
 MANY_MATCHES = 50
+CONFIRMING = 0.25  # of the patches tried have to agree for the fine search to confirm the coarse one
 WIDEST = 12  # pixels that the fine search reaches
+COARSE_SIGMAS = 4.0  # that the coarse search reaches: of 100 flights one begins beyond 3
 
 
 @dataclasses.dataclass
@@ -27,6 +32,7 @@ class Matches:
     sigmas_px: np.ndarray  # of one match, x and y
     counted_px: np.ndarray  # the same as the filter should take them
     stage: str
+    tried: int = 0  # patches that had something to see
 
 
 class View:
@@ -48,7 +54,7 @@ class View:
                                   borderMode=cv2.BORDER_REPLICATE)
 
         self.image = cv2.remap(level.radiance, spread(column), spread(row), cv2.INTER_LINEAR)
-        self.valid = spread(inside.astype(np.float32)) > 0.999
+        self.valid = np.full((side, side), True) if inside.all() else spread(inside.astype(np.float32)) > 0.999
 
     def points(self, x, y):
         """Map points of frame pixels, interpolated between the rays."""
@@ -80,8 +86,8 @@ def peak(scores):
 
 
 class Matcher:
-    def __init__(self, camera, onboard_map, frame_step_s):
-        self.camera, self.map, self.frame_step_s = camera, onboard_map, frame_step_s
+    def __init__(self, camera, onboard_map):
+        self.camera, self.map = camera, onboard_map
         self._map_sigmas = None  # of a match, x and y, in pixels of the map; learnt in flight
 
     def working_scale(self, altitude_m):
@@ -94,22 +100,24 @@ class Matcher:
     def update(self, state, image):
         """Coarse, where the prediction is too uncertain for the fine search, then fine; returns what was used."""
         used = []
-        altitude_m = self._altitude_m(state)
+        altitude_m = self.altitude_m(state)
         level, factor = self.working_scale(altitude_m)
         sigma_px = self._sigma_px(state, level) / factor
         before = None
         if 3 * sigma_px > WIDEST - 3:
-            coarse = self.coarse(state, image, level, factor, 3 * sigma_px)
+            coarse = self.coarse(state, image, level, factor, COARSE_SIGMAS * sigma_px)
             if coarse is None:
                 return used
             before = state.copy()
             state.update(self.camera, coarse.points_m, coarse.pixels, coarse.counted_px)
             used.append(coarse)
-            level, factor = self.working_scale(self._altitude_m(state))
+            level, factor = self.working_scale(self.altitude_m(state))
             sigma_px = self._sigma_px(state, level) / factor
-        fine = self.fine(state, image, level, factor, int(np.clip(np.ceil(3 * sigma_px) + 2, 4, WIDEST)))
+        fine = self.fine(state, image, level, factor, self.reach_px(state, sigma_px, level, factor))
         if fine is not None:
             fine = gated(state, self.camera, fine)
+        if fine is not None and before is not None and len(fine.pixels) < CONFIRMING * fine.tried:
+            fine = None
         if fine is None:
             if before is not None:  # nothing confirms what the coarse search found
                 state.restore(before)
@@ -128,13 +136,13 @@ class Matcher:
         reach = int(np.ceil(reach_px / more)) + 2
         up = state.position / np.linalg.norm(state.position)
         sigma_m = np.sqrt(up @ state.covariance[:3, :3] @ up)
-        altitude_m = self._altitude_m(state)
+        altitude_m = self.altitude_m(state)
         steps = int(np.ceil(2 * sigma_m / (0.05 * altitude_m))) if sigma_m > 0.02 * altitude_m else 0
         best = None
         for offset_m in np.linspace(-2 * sigma_m, 2 * sigma_m, 2 * steps + 1) if steps else [0.0]:
             if altitude_m + offset_m < 0.2 * altitude_m:
                 continue
-            view = View(level, camera, state.position + offset_m * up, state.moon_from_camera, reach)
+            view = View(level, camera, state.map_position + offset_m * up, state.moon_from_camera, reach)
             found = self._large_patches(view, small, camera.side, reach)
             if found is not None and (best is None or found[0] > best[0]):
                 best = found
@@ -171,12 +179,14 @@ class Matcher:
     def fine(self, state, image, level, factor, reach):
         """Many small patches of the map, searched in the frame."""
         camera, small = self.camera.reduced(factor), averaged(image, factor)
-        view = View(level, camera, state.position, state.moon_from_camera, 0)
-        patch = min(PATCH, camera.side // 4)
+        view = View(level, camera, state.map_position, state.moon_from_camera, 0)
+        patch, gsd_m = min(PATCH, camera.side // 4), self.altitude_m(state) / self.camera.focal
+        if patch * factor * gsd_m < LEAST_POSTS * self.map.post_spacing_m:
+            return None
         # Side by side where there is room; else half over each other, which _agreeing() doesn't count as more.
         spacing = patch if camera.side >= 8 * patch else patch // 2
         starts = np.arange(reach, camera.side - patch - reach + 1, spacing)
-        moves, pixels = [], []
+        moves, pixels, tried = [], [], 0
         for y in starts:
             for x in starts:
                 if not view.valid[y:y + patch:patch - 1, x:x + patch:patch - 1].all():
@@ -185,6 +195,7 @@ class Matcher:
                 mean, deviation = cv2.meanStdDev(template)
                 if not deviation[0, 0] > 1e-3 * mean[0, 0]:
                     continue  # all shadow
+                tried += 1
                 window = small[y - reach:y + patch + reach, x - reach:x + patch + reach]
                 found = peak(cv2.matchTemplate(window, template, cv2.TM_CCOEFF_NORMED))
                 if found and found[2] >= LEAST_CORRELATION:
@@ -192,17 +203,24 @@ class Matcher:
                     pixels.append((x + 0.5 * (patch - 1), y + 0.5 * (patch - 1)))
         if len(moves) < LEAST_MATCHES:
             return None
-        gsd_m = self._altitude_m(state) / self.camera.focal
-        speed_m_s = np.linalg.norm(state.velocity)
-        # What the map gets wrong by its other Sun comes again in each frame that sees the same ground, but the filter
-        # takes noise as new in each frame: the variance grows with the number of those frames.
-        repeats = max(1.0, self.camera.side * gsd_m / max(speed_m_s * self.frame_step_s, 1e-3)) * (patch / spacing) ** 2
         found = self._agreeing(view, np.array(moves), np.array(pixels), factor)
         if found is None:
             return None
         found.sigmas_px = self._sigmas_of_map(found, level.gsd_m / gsd_m)
-        found.counted_px = np.sqrt(repeats) * found.sigmas_px
+        found.counted_px = self.map.error.excess_at(state.position) * found.sigmas_px
+        found.tried = tried
         return found
+
+    def reach_px(self, state, sigma_px, level, factor):
+        """Of the fine search: three sigma of the prediction and of the matches themselves.
+
+        A search that cuts the matches' own scatter off finds them about the prediction, wherever it is: the filter
+        would take its own error for a measurement (over Hadley half of it, across the Sun's azimuth, within 4 pixels).
+        """
+        if self._map_sigmas is None:
+            return WIDEST
+        match_px = self._map_sigmas.max() * level.gsd_m * self.camera.focal / (self.altitude_m(state) * factor)
+        return int(np.clip(np.ceil(3 * np.hypot(sigma_px, match_px)) + 2, 4, WIDEST))
 
     def _sigmas_of_map(self, found, map_px):
         """Scatter about the affine field says little when few patches are left: the field follows their errors.
@@ -235,7 +253,7 @@ class Matcher:
         full = (pixels[kept] + moves[kept]) * factor + 0.5 * (factor - 1)
         return Matches(points_m, full, sigmas_px, sigmas_px, "fine")
 
-    def _altitude_m(self, state):
+    def altitude_m(self, state):
         """Above the map, straight down."""
         level = self.map.levels[0]
         column, row = level.pixels(state.position[None, None])
@@ -244,13 +262,13 @@ class Matcher:
 
     def _sigma_px(self, state, level):
         x = np.array([[self.camera.centre]])
-        points, _, _ = level.ground(state.position, self.camera.rays(x, x) @ state.moon_from_camera.T)
+        points, _, _ = level.ground(state.map_position, self.camera.rays(x, x) @ state.moon_from_camera.T)
         return float(state.pixel_sigmas(self.camera, points[0])[0])
 
 
 def gated(state, camera, matches):
     """Without those whose innovation the filter's covariance makes improbable (chi-square of 2, 99.99 %)."""
-    predicted, jacobian = projected(camera, state.position, state.moon_from_camera, matches.points_m)
+    predicted, jacobian = projected(camera, state.map_position, state.moon_from_camera, matches.points_m)
     rows = jacobian.reshape(-1, 2, jacobian.shape[1])
     innovation = matches.pixels - predicted
     covariance = rows @ state.covariance @ rows.transpose(0, 2, 1) + np.diag(matches.sigmas_px**2)

@@ -28,7 +28,7 @@ def sample(side=512, flight=(95, 18), map_sun=(105, 30)):
     site, middle = (0.05, 36.5), (0.05, 28.5)  # the Sun's elevation differs by 8 degrees at both ends
     return Scenario("sample", Descent(*site, 1275.0, 90.0, 480e3, 1690.0), Camera.of(side, 50.0),
                     _sun(*middle, *flight), _sun(*middle, *map_sun),
-                    ("--south-deg", "-1", "--west-deg", "20", "--rows", "2", "--columns", "17"))
+                    ("--south-deg", "-1", "--west-deg", "20", "--rows", "2", "--columns", "17", "--ppd", "1024"))
 
 
 def short(side=256, flight=(95, 18), map_sun=(105, 30)):
@@ -48,3 +48,11 @@ def hadley(side=512, flight=(95, 18), map_sun=(105, 30)):
 
 
 ALL = {"sample": sample, "hadley": hadley, "short": short}
+
+
+def coarser(scenario, times):
+    """With sample terrain of fewer posts."""
+    options = list(scenario.sample)
+    posts_per_degree = int(options[options.index("--ppd") + 1])
+    options[options.index("--ppd") + 1] = str(posts_per_degree // times)
+    return dataclasses.replace(scenario, name=f"{scenario.name}-{times}", sample=tuple(options))
