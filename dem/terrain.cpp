@@ -20,6 +20,7 @@
 #include "dem/cache.h"
 #include "dem/chunk.h"
 #include "dem/chunk_writer.h"
+#include "dem/detail/detailed_terrain.h"
 #include "dem/error.h"
 #include "dem/files.h"
 #include "dem/height_survey.h"
@@ -498,8 +499,15 @@ struct Terrain::Impl {
 };
 
 Terrain::Terrain(Catalogue catalogue, const TerrainOptions& options)
-    : impl_(std::make_unique<Impl>(std::move(catalogue), options)) {}
+    : impl_(std::make_shared<Impl>(std::move(catalogue), options)) {}
+Terrain::Terrain(const std::shared_ptr<const Terrain>& plain, std::shared_ptr<const Detail> detail,
+                 std::size_t cache_bytes)
+    : impl_(plain->impl_),
+      plain_(plain),
+      detailed_(std::make_unique<DetailedTerrain>(*plain, std::move(detail), cache_bytes)) {}
 Terrain::~Terrain() = default;
+
+const Detail* Terrain::detail() const { return detailed_ ? &detailed_->detail() : nullptr; }
 
 const Catalogue& Terrain::catalogue() const { return impl_->catalogue; }
 
@@ -514,6 +522,7 @@ bool Terrain::has_data(const BlockId& id) const {
 int Terrain::finest_level(const BlockId& id) const { return std::max(kSmoothLevel, posts_level(id)); }
 
 int Terrain::posts_level(const BlockId& id) const {
+  if (detailed_) return detailed_->finest_level(id);
   const BlockId root = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
   return impl_->finest_posts(root, 0, id);
 }
@@ -521,6 +530,7 @@ int Terrain::posts_level(const BlockId& id) const {
 bool Terrain::node_is_cheap(const BlockId& id) const { return impl_->plan_for(id).direct; }
 
 NodeInfo Terrain::node(const BlockId& id, const StopToken& stop) const {
+  if (detailed_) return detailed_->node(id, stop);
   const ChunkPlan plan = impl_->plan_for(id);
   if (!plan.exists) return {};
   const bool beyond = id.level > plan.finest_level();
@@ -532,11 +542,13 @@ NodeInfo Terrain::node(const BlockId& id, const StopToken& stop) const {
 }
 
 std::optional<HeightRange> Terrain::heights_without_building(const BlockId& id, const StopToken& stop) const {
-  return impl_->surveyed(id, stop);
+  std::optional<HeightRange> range = impl_->surveyed(id, stop);
+  if (range && detailed_) detailed_->widen(id, *range);
+  return range;
 }
 
 std::shared_ptr<const Block> Terrain::block(const BlockId& id, const StopToken& stop) const {
-  return impl_->block(id, stop);
+  return detailed_ ? detailed_->block(id, stop) : impl_->block(id, stop);
 }
 
 void Terrain::stop_building() const { impl_->builds.stop(); }
@@ -612,7 +624,9 @@ std::string Terrain::cache_trouble() const {
   return impl_->cache_trouble;
 }
 
-void Terrain::keep_less(std::size_t bytes) const { impl_->blocks.reserve(bytes); }
+void Terrain::keep_less(std::size_t bytes) const {
+  detailed_ ? detailed_->blocks().reserve(bytes) : impl_->blocks.reserve(bytes);
+}
 
 CacheStatistics Terrain::statistics() const {
   const Impl& i = *impl_;

@@ -17,7 +17,7 @@ struct Around {
   Vec3 direction;
   double radius_m;
 };
-Around around(const GeographicGrid& grid) {
+Around around(const DirectionGrid& grid) {
   const auto place = [&](std::size_t r, std::size_t c) {
     return Vec3(grid.cos_lat[r] * grid.cos_lon[c], grid.cos_lat[r] * grid.sin_lon[c], grid.sin_lat[r]);
   };
@@ -73,9 +73,9 @@ double Detail::mean_m(int octave) const {
   return means_m_[static_cast<std::size_t>(octave - craters_.smallest_octave())];
 }
 
-double Detail::left_out_m(int level) const {
+double Detail::left_out_m(int level, int posts_level) const {
   double sum = 0;
-  const int shown = smallest_octave(level);
+  const int shown = std::min(smallest_octave(level), smallest_octave(posts_level));
   for (int k = craters_.smallest_octave(); k <= std::min(shown - 1, craters_.largest_octave()); ++k)
     sum += std::max(craters_.deepest_m(k) + mean_m(k), craters_.highest_m(k) - mean_m(k));
   for (int k = relief_.shortest_octave(); k <= std::min(shown - 1, relief_.longest_octave()); ++k)
@@ -83,7 +83,7 @@ double Detail::left_out_m(int level) const {
   return sum;
 }
 
-void Detail::add_craters(const GeographicGrid& grid, int octave, std::span<double> heights_m) const {
+void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<double> heights_m) const {
   const std::size_t rows = grid.rows(), columns = grid.columns();
   const Around all = around(grid);
   std::vector<Crater> craters;
@@ -112,11 +112,11 @@ void Detail::add_craters(const GeographicGrid& grid, int octave, std::span<doubl
   for (std::size_t i = 0; i < heights_m.size(); ++i) heights_m[i] += cavity[i] + rim[i] - mean;
 }
 
-void Detail::add(const GeographicGrid& grid, int level, std::span<double> heights_m) const {
-  const int shown = smallest_octave(level);
-  for (int k = std::max(shown, craters_.smallest_octave()); k <= craters_.largest_octave(); ++k)
+void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m) const {
+  const int shown = smallest_octave(level), of_posts = smallest_octave(posts_level);
+  for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), of_posts - 1); ++k)
     add_craters(grid, k, heights_m);
-  for (int k = std::max(shown, relief_.shortest_octave()); k <= relief_.longest_octave(); ++k)
+  for (int k = std::max(shown, relief_.shortest_octave()); k <= std::min(relief_.longest_octave(), of_posts - 1); ++k)
     for (std::size_t r = 0; r < grid.rows(); ++r)
       for (std::size_t c = 0; c < grid.columns(); ++c)
         heights_m[r * grid.columns() + c] += relief_.height_m(

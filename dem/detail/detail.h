@@ -24,7 +24,7 @@ struct DetailPreset {
 };
 
 // Rows of equal latitude and columns of equal longitude, both ascending: sines and cosines.
-struct GeographicGrid {
+struct DirectionGrid {
   std::span<const double> sin_lat, cos_lat, sin_lon, cos_lon;
   std::size_t rows() const { return sin_lat.size(); }
   std::size_t columns() const { return sin_lon.size(); }
@@ -39,11 +39,12 @@ class Detail {
   // The first level that shows everything.
   int finest_level() const;
 
-  // To heights in metres, row by row: what a level shows. The same at a place from any grid, to the bit.
-  void add(const GeographicGrid& grid, int level, std::span<double> heights_m) const;
+  // To heights in metres, row by row: what a level shows that the posts' level doesn't. The same at a place from any
+  // grid, to the bit.
+  void add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m) const;
 
   // What all finer levels add to a level's heights lies between -this and this.
-  double left_out_m(int level) const;
+  double left_out_m(int level, int posts_level) const;
 
   // Where the mean of an octave of craters would be, were it not subtracted: so that detail moves no ground as a whole.
   double mean_m(int octave) const;
@@ -54,7 +55,7 @@ class Detail {
  private:
   // The smallest octave of craters, and of relief, that a level shows.
   static int smallest_octave(int level);
-  void add_craters(const GeographicGrid& grid, int octave, std::span<double> heights_m) const;
+  void add_craters(const DirectionGrid& grid, int octave, std::span<double> heights_m) const;
 
   DetailPreset preset_;
   CraterField craters_;
