@@ -95,10 +95,13 @@ ElementType type_of(const std::vector<float>&) { return ElementType::float32; }
 ElementType type_of(const std::vector<double>&) { return ElementType::float64; }
 
 template <typename Element>
-ArrayView view(const ProductRow& row, const std::vector<Element>& data, const engine::Camera& camera) {
+ArrayView view(const ProductRow& row, const std::vector<Element>& data, const engine::FrameRequest& request) {
   const std::string name(row.name);
   const std::size_t channels = std::max<std::size_t>(row.components.size(), 1);
-  const std::size_t expected = std::size_t(camera.height) * std::size_t(camera.width) * channels;
+  const bool thinned = request.truth && row.product & engine::kTruth;
+  const int height = thinned ? request.truth->rows() : request.camera.height,
+            width = thinned ? request.truth->columns() : request.camera.width;
+  const std::size_t expected = std::size_t(height) * std::size_t(width) * channels;
   if (data.size() != expected) {
     throw std::logic_error("the frame has " + std::to_string(data.size()) + " elements of " + name + ", not " +
                            std::to_string(expected));
@@ -107,20 +110,27 @@ ArrayView view(const ProductRow& row, const std::vector<Element>& data, const en
   channel_names.reserve(channels);
   for (const std::string_view component : row.components) channel_names.push_back(name + "." + std::string(component));
   if (row.components.empty()) channel_names.push_back(name);
-  return {row.name, type_of(data), camera.height, camera.width, int(channels), data.data(), channel_names};
+  return {row.name, type_of(data), height, width, int(channels), data.data(), channel_names};
 }
 
 ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engine::FrameRequest& request,
-                  std::vector<std::uint8_t>& narrowed) {
+                  Narrowed& narrowed) {
   if (row.product == engine::kImage && image_bits(request) == 8) {
     const std::vector<std::uint16_t>& image = frame.products.image;
-    narrowed.resize(image.size());
-    std::transform(image.begin(), image.end(), narrowed.begin(),
+    narrowed.image.resize(image.size());
+    std::transform(image.begin(), image.end(), narrowed.image.begin(),
                    [](std::uint16_t number) { return static_cast<std::uint8_t>(number); });
-    return view(row, narrowed, request.camera);
+    return view(row, narrowed.image, request);
   }
-  return std::visit([&](const auto elements) { return view(row, frame.products.*elements, request.camera); },
-                    row.elements);
+  if (row.product == engine::kPosition && request.truth && request.truth->position_origin_m) {
+    const std::vector<double>& position = frame.products.position;
+    const Vec3& origin_m = *request.truth->position_origin_m;
+    narrowed.position.resize(position.size());
+    for (std::size_t i = 0; i < position.size(); ++i)
+      narrowed.position[i] = static_cast<float>(position[i] - origin_m[static_cast<Eigen::Index>(i % 3)]);
+    return view(row, narrowed.position, request);
+  }
+  return std::visit([&](const auto elements) { return view(row, frame.products.*elements, request); }, row.elements);
 }
 
 }  // namespace
@@ -154,7 +164,7 @@ engine::ProductSet products_that_need_a_sun() {
 std::string_view name_of(engine::Product product) { return row_of(product).name; }
 
 std::vector<ArrayView> arrays_of(const engine::Frame& frame, const engine::FrameRequest& request,
-                                 engine::ProductSet wanted, std::vector<std::uint8_t>& narrowed) {
+                                 engine::ProductSet wanted, Narrowed& narrowed) {
   std::vector<ArrayView> arrays;
   for (const ProductRow& row : table())
     if (wanted & row.product) arrays.push_back(view_of(row, frame, request, narrowed));

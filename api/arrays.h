@@ -37,15 +37,21 @@ std::string type_text(const ProductRow& row);
 // Of a frame's products, as arrays.
 std::size_t bytes_per_pixel(engine::ProductSet products);
 
+// Elements that the engine has in another type than the answer: an 8-bit image, positions relative to an origin.
+struct Narrowed {
+  std::vector<std::uint8_t> image;
+  std::vector<float> position;
+};
+
 // Products that can't be made without a Sun.
 engine::ProductSet products_that_need_a_sun();
 
 std::string_view name_of(engine::Product product);
 
-// The wanted products in the table's order, whatever the order of asking. The views point into `frame` and, for an
-// 8-bit image, into `narrowed`, which is filled here (the engine counts in 16 bits): both must outlive them. Throws
-// std::logic_error if the frame lacks a product or has it in another size than the request's camera.
+// The wanted products in the table's order, whatever the order of asking. The views point into `frame` and
+// `narrowed`, which is filled here: both must outlive them. Throws std::logic_error if the frame lacks a product or has
+// it in another size than the request says.
 std::vector<ArrayView> arrays_of(const engine::Frame& frame, const engine::FrameRequest& request,
-                                 engine::ProductSet wanted, std::vector<std::uint8_t>& narrowed);
+                                 engine::ProductSet wanted, Narrowed& narrowed);
 
 }  // namespace selenograph::api

@@ -46,8 +46,6 @@ const Members<DistortionForm>& distortion_members() {
   return *table;
 }
 
-std::int64_t largest_side(const Limits& limits) { return limits.max_image_side; }
-
 // fov_deg is the full horizontal angle between the outer edges of the outermost columns. Square pixels.
 double focal_length_px(const Camera& camera, double fov_deg) {
   if (camera.model == CameraModel::pinhole)
@@ -106,6 +104,8 @@ CameraForm form_of(const Camera& c) {
 }
 
 }  // namespace
+
+std::int64_t largest_side(const Limits& limits) { return limits.max_image_side; }
 
 const Members<CameraForm, Camera>& camera_members() {
   static const auto table = made<Members<CameraForm, Camera>>(

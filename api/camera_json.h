@@ -1,6 +1,7 @@
 // "camera": a pinhole or a fisheye, by field of view or by intrinsics.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 
 #include "api/members.h"
@@ -20,5 +21,8 @@ struct CameraForm {
   std::optional<DistortionForm> distortion;
 };
 const Members<CameraForm, engine::Camera>& camera_members();
+
+// Of an image, px: a bound of members.
+std::int64_t largest_side(const Limits& limits);
 
 }  // namespace selenograph::api

@@ -90,8 +90,11 @@ void remember(const std::string& hash, std::string metadata, LongMetadata& long_
 std::size_t bytes_of(const engine::FrameRequest& request) {
   engine::ProductSet arrays = request.products;
   if (arrays & engine::kImage) arrays |= engine::kRadiance;
-  const std::size_t answer = bytes_per_pixel(request.products), working = engine::working_bytes_per_pixel(request);
-  return engine::rendered_pixels(request) * (bytes_per_pixel(arrays) + std::max(working, answer)) +
+  const engine::ProductSet whole = request.truth ? arrays & ~engine::kTruth : arrays;
+  const std::size_t answer = bytes_per_pixel(request.products & whole),
+                    working = engine::working_bytes_per_pixel(request);
+  const std::size_t truth = request.truth ? request.truth->size() * 2 * bytes_per_pixel(arrays & engine::kTruth) : 0;
+  return truth + engine::rendered_pixels(request) * (bytes_per_pixel(whole) + std::max(working, answer)) +
          engine::bytes_of_rows(request.camera, request.shutter);
 }
 
@@ -100,6 +103,17 @@ constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px
                                         {"visibility", "/visibility"},
                                         {"shutter", "/shutter"},
                                         {"albedo_maps", "/surface/albedo_maps"}};
+
+// OpenEXR's channels have one size.
+void refuse_sizes(const engine::FrameRequest& request, const Representation& representation) {
+  if (representation.format != Format::exr || !request.truth || !(request.products & engine::kTruth)) return;
+  const bool whole = request.truth->width == request.camera.width && request.truth->height == request.camera.height &&
+                     request.truth->every_px == 1;
+  if (whole || !(request.products & ~engine::kTruth)) return;
+  const std::string what = fmt::format("image and radiance have another size in it than the other products: ask for {}",
+                                       api::representation(Format::npz).media_type);
+  throw RequestError("invalid_request", "OpenEXR holds arrays of one size", {{"/truth", what}});
+}
 
 engine::Frame render(const FrameQuery& query, const EndpointContext& context) {
   try {
@@ -130,7 +144,7 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   // With an unusable file replaced by a coarser layer the bytes are not those that the hash stands for.
   if (frame.report.warnings.empty()) response.headers.emplace_back("ETag", "\"" + hash + "\"");
   const nlohmann::ordered_json meta = metadata(query, frame.report, catalogue, hash);
-  std::vector<std::uint8_t> narrowed;
+  Narrowed narrowed;
   const std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
   std::string text = meta.dump(2, ' ', false, Json::error_handler_t::replace);
   response.body = encode(arrays, representation.format, text, stop);
@@ -178,7 +192,7 @@ struct CameraFrame {
   std::string budget;
   engine::Frame frame{};
   std::string hash{};
-  std::vector<std::uint8_t> narrowed{};
+  Narrowed narrowed{};
 };
 
 std::string hash_of_all(const std::vector<CameraFrame>& cameras) {
@@ -256,6 +270,7 @@ Response answer_frame(const EndpointContext& context, const Json& body) {
   FrameQuery query = read_frame(body, context.limits, context.assets, context.stop);
   const std::string accept = header(context.request, "accept");
   const Representation& representation = negotiate(accept, query.request.products);
+  refuse_sizes(query.request, representation);
   const std::string budget = choose_within_budget(query, context);
   if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
     const std::string hash = hash_beforehand(query, "/pose", representation, context);

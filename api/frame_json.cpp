@@ -11,6 +11,7 @@
 #include "api/ranges.h"
 #include "api/sensor_json.h"
 #include "api/shutter_json.h"
+#include "api/truth_json.h"
 #include "dem/error.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/sensor/optics.h"
@@ -280,6 +281,7 @@ void check_shutter(const JsonReader& in, FrameQuery& query) {
 void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   const engine::FrameRequest& request = query.request;
   check_shutter(in, query);
+  if (query.request.truth) resolve_truth(in, request.camera, *query.request.truth);
   if (request.sensor && request.band) {
     check_airy(in, *request.sensor, *request.band);
     check_efficiency(in, *request.sensor, *request.band);
@@ -410,6 +412,10 @@ const Members<FrameQuery>& frame_members() {
         m.add(
             "products", [](auto& q) -> auto& { return q.request.products; }, Products{},
             "what to render: arrays of height x width, row 0 on top");
+        m.add(
+             "truth", [](auto& q) -> auto& { return q.request.truth; }, Object{truth_members()},
+             "left out: every pixel of every product, positions as float64")
+            .written_if([](const FrameQuery& q) { return q.request.truth && q.request.products & engine::kTruth; });
         m.add("ahead", ahead_field, List{Object{pose_members()}, 1, kMostAhead},
               "poses that the next frames of this camera are expected at, soonest first: what they need is made ready "
               "while no frame is in work. Left out: the camera is taken to go on as it did. Changes no byte of any "

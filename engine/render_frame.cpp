@@ -79,6 +79,7 @@ FrameRequest with_margin_of(const std::optional<Sensor>& sensor, FrameRequest re
   if (!sensor) return request;
   request.camera = with_margin(request.camera, sensor->margin_px());
   if (request.shutter) request.shutter->first_row -= sensor->margin_px();
+  if (request.truth) request.truth->x += sensor->margin_px(), request.truth->y += sensor->margin_px();
   return request;
 }
 
@@ -166,7 +167,7 @@ void capture(Sensor& sensor, const FrameRequest& request, const Camera& camera, 
   sensor.image(camera, lens, std::move(radiance), frame.products.image, stop);
   frame.report.integration_time_s = sensor.integration_time_s();
   frame.report.saturated_fraction = sensor.saturated_fraction();
-  crop(frame.products, request.camera, sensor.margin_px());
+  crop(frame.products, request.camera, sensor.margin_px(), request.truth.has_value());
   frame.report.full_scale_radiance_w_m2_sr = sensor.full_scale_radiance_w_m2_sr();
   frame.report.margin_px = sensor.margin_px(), frame.report.captured_fraction = sensor.captured();
 }

@@ -17,6 +17,7 @@
 #include "engine/frame/shutter.h"
 #include "engine/frame/sun.h"
 #include "engine/frame/surface.h"
+#include "engine/frame/truth.h"
 
 namespace selenograph::dem {
 class ValueMap;
@@ -59,7 +60,11 @@ struct FrameRequest {
   std::optional<SensorModel> sensor;  // that makes the image, of the band; empty: ImageSettings alone
   Visibility visibility = Visibility::automatic;
   ProductSet products = kRadiance;
+  std::optional<TruthGrid> truth;  // of products other than image and radiance; empty: of every pixel
 };
+
+// Products that TruthGrid is about.
+inline constexpr ProductSet kTruth = ~static_cast<ProductSet>(kImage | kRadiance);
 
 // Of the image's numbers as they are stored: 8 or 16.
 inline int image_bits(const FrameRequest& request) {

@@ -130,8 +130,9 @@ void crop_array(std::vector<T>& array, const Camera& camera, int margin_px) {
 
 }  // namespace
 
-void crop(FrameProducts& products, const Camera& camera, int margin_px) {
+void crop(FrameProducts& products, const Camera& camera, int margin_px, bool of_truth_grid) {
   if (margin_px == 0) return;
+  if (of_truth_grid) return crop_array(products.radiance, camera, margin_px);
   std::apply([&](auto&... array) { (crop_array(array, camera, margin_px), ...); }, all_arrays(products));
 }
 

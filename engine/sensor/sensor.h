@@ -69,7 +69,7 @@ class Sensor {
 
 // The camera with so many pixels more on each side.
 Camera with_margin(Camera camera, int margin_px);
-// Takes them away again from all products. `camera`: with the margin.
-void crop(FrameProducts& products, const Camera& camera, int margin_px);
+// Takes them away again from the products: those of a TruthGrid have none. `camera`: with the margin.
+void crop(FrameProducts& products, const Camera& camera, int margin_px, bool of_truth_grid);
 
 }  // namespace selenograph::engine

@@ -19,10 +19,11 @@ void allocate(std::vector<T>& array, bool wanted, std::size_t size, T value) {
 }
 
 void allocate_all(const FrameRequest& request, FrameProducts& out) {
-  const std::size_t n =
+  const std::size_t pixels =
       static_cast<std::size_t>(request.camera.width) * static_cast<std::size_t>(request.camera.height);
+  const std::size_t n = request.truth ? request.truth->size() : pixels;
   const ProductSet want = request.products;
-  allocate(out.radiance, want & (kRadiance | kImage), n, 0.F);
+  allocate(out.radiance, want & (kRadiance | kImage), pixels, 0.F);
   allocate(out.depth, want & kDepth, n, kNaN64);
   allocate(out.range, want & kRange, n, kNaN64);
   allocate(out.position, want & kPosition, 3 * n, kNaN64);
@@ -102,8 +103,10 @@ void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, Pi
   if (source.index != dem::kNoSource) {
     if (out_.source.empty())
       sources_.number(source.index);
+    else if (const auto to = slot(at))
+      out_.source[*to] = sources_.product_number(source.index);
     else
-      out_.source[at] = sources_.product_number(source.index);
+      sources_.number(source.index);
   }
   ++counts.hit;
   counts.filled += source.filled;
@@ -111,21 +114,26 @@ void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, Pi
 
 void FrameWriter::store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading,
                                  float lit, std::size_t at) const {
+  const auto to = slot(at);
+  if (!to) return;
   const auto spacing_m = static_cast<float>(dem::post_spacing_m(mesh_.blocks()[p.triangle[i].block()].posts->id.level));
-  store_point(p, i, direction, shading, lit, spacing_m, at);
+  store_point(p, i, direction, shading, lit, spacing_m, at, *to);
 }
 
 void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& direction, float lit,
                                std::size_t at) const {
-  if (!out_.object_id.empty()) out_.object_id[at] = lanes.object[i];
-  if (wants_geometry_) store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, at);
+  if (!wants_geometry_) return;
+  const auto to = slot(at);
+  if (!to) return;
+  if (!out_.object_id.empty()) out_.object_id[*to] = lanes.object[i];
+  store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, at, *to);
 }
 
 void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit,
-                              float spacing_m, std::size_t at) const {
+                              float spacing_m, std::size_t pixel, std::size_t at) const {
   const double length = direction.norm();
   const Vec3 position = p.position(i), normal = shading.normal(i);
-  if (!out_.depth.empty()) out_.depth[at] = views_.of_pixel(at).depth(direction, p.distance[i]);
+  if (!out_.depth.empty()) out_.depth[at] = views_.of_pixel(pixel).depth(direction, p.distance[i]);
   if (!out_.range.empty()) out_.range[at] = p.distance[i] * length;
   if (!out_.position.empty()) std::copy_n(position.data(), 3, &out_.position[3 * at]);
   if (!out_.geodetic.empty()) {

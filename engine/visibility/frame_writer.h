@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <mutex>
+#include <optional>
 
 #include "engine/camera/packet_rays.h"
 #include "engine/camera/row_views.h"
@@ -28,6 +29,14 @@ class FrameWriter {
 
   FrameProducts& out() const { return out_; }
   bool wants_geometry() const { return wants_geometry_; }
+  // Whether products other than image and radiance are wanted of a row of pixels.
+  bool wants_geometry_of(int y) const { return wants_geometry_ && (!request_.truth || request_.truth->has_row(y)); }
+  // Where those products have a pixel; empty: nowhere.
+  std::optional<std::size_t> slot(std::size_t pixel) const {
+    if (!request_.truth) return pixel;
+    const auto width = static_cast<std::size_t>(request_.camera.width);
+    return request_.truth->slot(static_cast<int>(pixel % width), static_cast<int>(pixel / width));
+  }
 
   // Counts the lanes that hit at once but for those on quads of several sources, which are left: a bit for each.
   std::uint32_t account_all(const SurfacePoints& points, std::uint32_t hits, PixelCounts& counts);
@@ -54,7 +63,7 @@ class FrameWriter {
  private:
   // Of terrain or of an object; `spacing_m`: NaN on an object.
   void store_point(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
-                   float spacing_m, std::size_t pixel) const;
+                   float spacing_m, std::size_t pixel, std::size_t slot) const;
 
   const FrameRequest& request_;
   const RowViews& views_;

@@ -81,7 +81,7 @@ struct Sample {
   }
 
   engine::Frame frame = sample_frame();
-  std::vector<std::uint8_t> narrowed;
+  Narrowed narrowed;
   std::vector<ArrayView> arrays;
 };
 
@@ -168,7 +168,7 @@ TEST(Arrays, AnEightBitImageIsNarrowed) {
 TEST(Arrays, AMissingProductIsAnErrorOfOurs) {
   engine::Frame frame = sample_frame();
   frame.products.lit.clear();
-  std::vector<std::uint8_t> narrowed;
+  Narrowed narrowed;
   EXPECT_THROW(arrays_of(frame, sample_request(8), engine::kLit, narrowed), std::logic_error);
   EXPECT_EQ(arrays_of(frame, sample_request(8), engine::kGsd, narrowed).size(), 1u);
 }

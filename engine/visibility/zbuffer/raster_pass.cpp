@@ -126,7 +126,7 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   std::vector<float>& target = radiance_of(sample);
   std::uint32_t left = hits;  // to be accounted for
   if (writer_.out().source.empty()) left = sample.count ? writer_.account_all(points, hits, counts) : 0;
-  const bool stores = sample.store && writer_.wants_geometry();
+  const bool stores = sample.store && writer_.wants_geometry_of(row.y);
   if (all && left == 0 && !stores && !bases) {
     if (sample.weight > 0) std::memcpy(&target[row.first], radiance, sizeof radiance);
     return;
@@ -290,7 +290,9 @@ void RasterPass::write_products(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
   FrameProducts& out = writer_.out();
   if (sample.light && sample.store && !out.lit.empty())
-    for_shaded([&](const PartlyLit& left) { out.lit[left.pixel] *= left.share; });
+    for_shaded([&](const PartlyLit& left) {
+      if (const auto slot = writer_.slot(left.pixel)) out.lit[*slot] *= left.share;
+    });
   if (sample.weight > 0 && job_.each) job_.each(sample, radiance_of(sample));
   if (sample.weight > 0 && !sample.store)
     in_parallel_pieces(scratch_.radiance.size(), 65536, [&](std::size_t first, std::size_t past_last) {
