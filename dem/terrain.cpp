@@ -484,6 +484,7 @@ struct Terrain::Impl {
   Chunks chunks;
   std::atomic<std::uint64_t> chunks_built{0}, chunks_read{0}, chunks_rejected{0};
   std::atomic<bool> replacements{false};
+  std::atomic<int> details{0};  // terrains with detail that there were
   mutable std::mutex mutex;
   std::unordered_map<BlockId, ChunkPlan, BlockIdHash> plans;
   // Nodes whose file is damaged and can't be removed, or may not be read.
@@ -500,14 +501,14 @@ struct Terrain::Impl {
 
 Terrain::Terrain(Catalogue catalogue, const TerrainOptions& options)
     : impl_(std::make_shared<Impl>(std::move(catalogue), options)) {}
-Terrain::Terrain(const std::shared_ptr<const Terrain>& plain, std::shared_ptr<const Detail> detail,
-                 std::size_t cache_bytes)
+Terrain::Terrain(const std::shared_ptr<const Terrain>& plain, std::shared_ptr<const Detail> detail)
     : impl_(plain->impl_),
       plain_(plain),
-      detailed_(std::make_unique<DetailedTerrain>(*plain, std::move(detail), cache_bytes)) {}
+      detailed_(std::make_unique<DetailedTerrain>(*plain, std::move(detail), impl_->blocks, ++impl_->details)) {}
 Terrain::~Terrain() = default;
 
 const Detail* Terrain::detail() const { return detailed_ ? &detailed_->detail() : nullptr; }
+int Terrain::detail_number() const { return detailed_ ? detailed_->number() : 0; }
 
 const Catalogue& Terrain::catalogue() const { return impl_->catalogue; }
 
@@ -624,9 +625,7 @@ std::string Terrain::cache_trouble() const {
   return impl_->cache_trouble;
 }
 
-void Terrain::keep_less(std::size_t bytes) const {
-  detailed_ ? detailed_->blocks().reserve(bytes) : impl_->blocks.reserve(bytes);
-}
+void Terrain::keep_less(std::size_t bytes) const { impl_->blocks.reserve(bytes); }
 
 CacheStatistics Terrain::statistics() const {
   const Impl& i = *impl_;

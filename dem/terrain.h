@@ -66,13 +66,14 @@ struct CacheStatistics {
 class Terrain {
  public:
   Terrain(Catalogue catalogue, const TerrainOptions& options);
-  // The same with detail finer than the posts, whose blocks are kept in so many bytes. Shares everything else with
-  // `plain`.
-  Terrain(const std::shared_ptr<const Terrain>& plain, std::shared_ptr<const Detail> detail, std::size_t cache_bytes);
+  // The same with detail finer than the posts. Shares everything with `plain`, the budget in bytes, too.
+  Terrain(const std::shared_ptr<const Terrain>& plain, std::shared_ptr<const Detail> detail);
   ~Terrain();  // stops building, where no other shares it
 
   const Catalogue& catalogue() const;
   const Detail* detail() const;  // null: none
+  // Of those that share everything each has its own; 0: without detail.
+  int detail_number() const;
 
   // Of its budget so many bytes are needed elsewhere: that much less is kept in memory.
   void keep_less(std::size_t bytes) const;

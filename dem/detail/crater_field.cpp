@@ -70,8 +70,8 @@ double fresh_depth_over_diameter(double diameter_m) {
     double diameter_m, ratio;
   };
   static constexpr std::array<Median, 5> kMedians{{{10, 0.11}, {40, 0.13}, {100, 0.15}, {200, 0.17}, {400, 0.21}}};
-  const auto above = std::find_if(kMedians.begin(), kMedians.end(),
-                                  [&](const Median& m) { return m.diameter_m > diameter_m; });
+  const auto above =
+      std::find_if(kMedians.begin(), kMedians.end(), [&](const Median& m) { return m.diameter_m > diameter_m; });
   if (above == kMedians.end()) return kMedians.back().ratio;
   // "less below": by the slope between 10 and 40 m, and no less than 0.08.
   const Median& high = above == kMedians.begin() ? kMedians[1] : *above;
@@ -131,7 +131,8 @@ void CraterField::draw(const Cells& cells, int row, int column, std::vector<Crat
     crater.age_Ma = draws.uniform() * until_Ma;
     crater.age = law_.diffusivity_m2_per_Ma * crater.age_Ma / radius2;
     // Within three standard deviations: what is reported as the deepest is.
-    const double ratio = fresh_depth_over_diameter(crater.diameter_m) + kDepthScatter * std::clamp(draws.normal(), -3.0, 3.0);
+    const double ratio =
+        fresh_depth_over_diameter(crater.diameter_m) + kDepthScatter * std::clamp(draws.normal(), -3.0, 3.0);
     crater.scale = crater.diameter_m * std::max(0.0, ratio) / CraterShape::kFreshDepth;
     crater.depth_m = crater.diameter_m * std::max(0.0, ratio) * shape_.depth_left(crater.age);
     crater.id = draws.bits();

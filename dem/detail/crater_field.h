@@ -29,7 +29,7 @@ SizeFrequency equilibrium();
 struct CraterLaw {
   std::uint64_t seed = 0;
   SizeFrequency frequency = equilibrium();
-  double largest_m = 0, smallest_m = 0;  // diameters
+  double largest_m = 1, smallest_m = 1;  // diameters; equal: there are none
   // Impacts come at a constant rate: ages are uniform up to this, or to when CraterShape::kOldest is reached. That is
   // what an equilibrium is: craters vanish as fast as they are made.
   double oldest_Ma = 3500;

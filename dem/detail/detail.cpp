@@ -38,8 +38,7 @@ int Detail::smallest_octave(int level) {
   return static_cast<int>(std::ceil(std::log2(kPostsPerFeature * post_spacing_m(level)) - 1e-9));
 }
 
-Detail::Detail(const DetailPreset& preset)
-    : preset_(preset), craters_(preset.craters), relief_(preset.relief) {
+Detail::Detail(const DetailPreset& preset) : preset_(preset), craters_(preset.craters), relief_(preset.relief) {
   // The mean over many places of the octave alone. Places by an additive recurrence: the same on every machine.
   constexpr int kSide = 192;
   for (int octave = craters_.smallest_octave(); octave <= craters_.largest_octave(); ++octave) {
@@ -63,8 +62,11 @@ Detail::Detail(const DetailPreset& preset)
 
 int Detail::finest_level() const {
   int level = 0;
-  while (level < kMaxLevel &&
-         smallest_octave(level) > std::min(craters_.smallest_octave(), relief_.shortest_octave()))
+  const auto shows = [&](int smallest, int largest) {
+    return smallest > largest || smallest_octave(level) <= smallest;
+  };
+  while (level < kMaxLevel && !(shows(craters_.smallest_octave(), craters_.largest_octave()) &&
+                                shows(relief_.shortest_octave(), relief_.longest_octave())))
     ++level;
   return level;
 }

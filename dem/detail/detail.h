@@ -8,8 +8,8 @@
 // between bounds, whatever the population, and the bound of what a level leaves out follows.
 #pragma once
 
+#include <cstdint>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "dem/detail/crater_field.h"
@@ -18,7 +18,7 @@
 namespace selenograph::dem {
 
 struct DetailPreset {
-  std::string name;
+  std::uint64_t fingerprint = 0;  // of what it was read from
   CraterLaw craters;
   ReliefLaw relief;
 };

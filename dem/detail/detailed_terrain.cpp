@@ -50,7 +50,8 @@ class DetailedTerrain::PostsAround {
     const double t = static_cast<double>(place - first) / step;
     const std::array<double, 4> w = catmull_rom(t);
     double sum = 0;
-    for (int i = 0; i < 4; ++i) sum += w[static_cast<std::size_t>(i)] * post(row_lat, first + (i - 1) * std::int64_t{step});
+    for (int i = 0; i < 4; ++i)
+      sum += w[static_cast<std::size_t>(i)] * post(row_lat, first + (i - 1) * std::int64_t{step});
     if (!std::isnan(sum)) return sum;
     return (1 - t) * post(row_lat, first) + t * post(row_lat, first + step);
   }
@@ -128,8 +129,8 @@ class DetailedTerrain::PostsAround {
   const Block* latest_ = nullptr;
 };
 
-DetailedTerrain::DetailedTerrain(const Terrain& plain, std::shared_ptr<const Detail> detail, std::size_t cache_bytes)
-    : plain_(plain), detail_(std::move(detail)), blocks_(cache_bytes) {}
+DetailedTerrain::DetailedTerrain(const Terrain& plain, std::shared_ptr<const Detail> detail, Blocks& blocks, int number)
+    : plain_(plain), detail_(std::move(detail)), blocks_(blocks), number_(number) {}
 
 int DetailedTerrain::finest_level(const BlockId& id) const {
   return plain_.has_data(id) ? std::max(plain_.finest_level(id), detail_->finest_level()) : plain_.finest_level(id);
@@ -145,8 +146,7 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
   NodeInfo info = plain_.node(id, stop);
   if (info.empty) return info;
   // Between the posts the surface is curved: by no more, about, than posts lie off the surface of every second one.
-  const double bend =
-      posts > 0 ? plain_.node(ancestor_of(id, std::min(id.level, posts - 1)), stop).error_m : 0;
+  const double bend = posts > 0 ? plain_.node(ancestor_of(id, std::min(id.level, posts - 1)), stop).error_m : 0;
   const double beyond = bend + detail_->left_out_m(posts, posts);
   info.error_m += beyond;
   info.min_m -= static_cast<float>(beyond), info.max_m += static_cast<float>(beyond);
@@ -163,8 +163,12 @@ void DetailedTerrain::widen(const BlockId& id, HeightRange& range) const {
 std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const StopToken& stop) const {
   const int posts = plain_.posts_level(id);
   if (id.level <= posts) return plain_.block(id, stop);
+  // Levels that there are none of: the plain terrain's blocks are kept under their own.
+  constexpr int kManyLevels = 32;
+  static_assert(kMaxLevel < kManyLevels);
+  const BlockId key{kManyLevels * number_ + id.level, id.row, id.col};
   return blocks_.get(
-      id,
+      key,
       [&] {
         std::shared_ptr<const Block> block = made(id, posts, stop);
         const std::size_t bytes = block ? block->bytes() : sizeof(Block);
@@ -211,7 +215,8 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
     for (int c = 0; c <= e.quads; ++c) {
       const float* h = rounded.data() + static_cast<std::size_t>(r + kHalo) * n + static_cast<std::size_t>(c + kHalo);
       block->vertices.push_back({*h, Eigen::Vector3f::Zero()});
-      block->sources.push_back(posts.source(e.lat0 + std::int64_t{r} * e.lat_step, e.lon0 + std::int64_t{c} * e.lon_step));
+      block->sources.push_back(
+          posts.source(e.lat0 + std::int64_t{r} * e.lat_step, e.lon0 + std::int64_t{c} * e.lon_step));
       if (std::isnan(*h)) continue;
       low = std::min(low, *h), high = std::max(high, *h);
       for (const std::ptrdiff_t step : {std::ptrdiff_t{1}, static_cast<std::ptrdiff_t>(n)})

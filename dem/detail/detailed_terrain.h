@@ -16,18 +16,18 @@ namespace selenograph::dem {
 // Const means safe to call concurrently. What is said of Terrain's functions holds of these.
 class DetailedTerrain {
  public:
-  // `plain` outlives it.
-  DetailedTerrain(const Terrain& plain, std::shared_ptr<const Detail> detail, std::size_t cache_bytes);
+  using Blocks = Cache<BlockId, Block, BlockIdHash>;
+  // `plain` and `blocks` outlive it. The blocks are kept among the plain ones, told apart by the number, which no other
+  // of the same cache has.
+  DetailedTerrain(const Terrain& plain, std::shared_ptr<const Detail> detail, Blocks& blocks, int number);
 
   const Detail& detail() const { return *detail_; }
+  int number() const { return number_; }
   int finest_level(const BlockId& id) const;
   NodeInfo node(const BlockId& id, const StopToken& stop) const;
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop) const;
   // Of the posts' heights, by what detail may do to them.
   void widen(const BlockId& id, HeightRange& range) const;
-
-  using Blocks = Cache<BlockId, Block, BlockIdHash>;
-  Blocks& blocks() const { return blocks_; }
 
  private:
   class PostsAround;
@@ -35,7 +35,8 @@ class DetailedTerrain {
 
   const Terrain& plain_;
   std::shared_ptr<const Detail> detail_;
-  mutable Blocks blocks_;
+  Blocks& blocks_;
+  int number_;
 };
 
 }  // namespace selenograph::dem

@@ -24,18 +24,33 @@ std::uint64_t hash_of(std::uint64_t seed, std::int64_t x, std::int64_t y, std::i
 double along_gradient(std::uint64_t hash, double x, double y, double z) {
   // The sixteenths repeat four of the twelve, as in Perlin's.
   switch (hash >> 60) {
-    case 0: case 12: return x + y;
-    case 1: case 14: return -x + y;
-    case 2: return x - y;
-    case 3: return -x - y;
-    case 4: return x + z;
-    case 5: return -x + z;
-    case 6: return x - z;
-    case 7: return -x - z;
-    case 8: return y + z;
-    case 9: case 13: return -y + z;
-    case 10: return y - z;
-    default: return -y - z;
+    case 0:
+    case 12:
+      return x + y;
+    case 1:
+    case 14:
+      return -x + y;
+    case 2:
+      return x - y;
+    case 3:
+      return -x - y;
+    case 4:
+      return x + z;
+    case 5:
+      return -x + z;
+    case 6:
+      return x - z;
+    case 7:
+      return -x - z;
+    case 8:
+      return y + z;
+    case 9:
+    case 13:
+      return -y + z;
+    case 10:
+      return y - z;
+    default:
+      return -y - z;
   }
 }
 
@@ -61,11 +76,12 @@ double structure(double distance) {
   for (int i = 0; i < kPairs; ++i) {
     // Places and directions by an additive recurrence: even, and the same on every machine.
     const auto part = [&](double step) { return std::fmod(0.5 + i * step, 1.0); };
-    const double x = 64 * part(0.8191725133961645), y = 64 * part(0.6710436067037893), z = 64 * part(0.5497004779019703);
+    const double x = 64 * part(0.8191725133961645), y = 64 * part(0.6710436067037893),
+                 z = 64 * part(0.5497004779019703);
     const double up = 2 * part(0.4503) - 1, turn = 2 * M_PI * part(0.36889), flat = std::sqrt(1 - up * up);
-    const double d = noise(1, x + distance * flat * std::cos(turn), y + distance * flat * std::sin(turn),
-                           z + distance * up) -
-                     noise(1, x, y, z);
+    const double d =
+        noise(1, x + distance * flat * std::cos(turn), y + distance * flat * std::sin(turn), z + distance * up) -
+        noise(1, x, y, z);
     sum += d * d;
   }
   return sum / kPairs;
@@ -92,7 +108,8 @@ double Relief::most_m(int octave) const { return kMostNoise * amplitude_m(octave
 
 double Relief::height_m(int octave, const Vec3& direction) const {
   const Vec3 p = direction * (kMoonRadius_m * std::ldexp(1.0, -octave));
-  // Octaves of one seed would have the same gradients around the Moon's centre alone, but neighbours' lattices coincide.
+  // Octaves of one seed would have the same gradients around the Moon's centre alone, but neighbours' lattices
+  // coincide.
   return amplitude_m(octave) *
          noise(law_.seed + 0x632be59bd9b4e019ULL * static_cast<std::uint64_t>(octave + 64), p.x(), p.y(), p.z());
 }

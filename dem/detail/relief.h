@@ -14,7 +14,7 @@ struct ReliefLaw {
   double hurst = 0.9;  // 0.8 to 0.95 over metres to kilometres on old highlands (Rosenburg et al. 2011)
   // RMS difference of height between places this far apart (the Allan deviation; Shepard et al. 2001, JGR 106).
   double deviation_m = 0, baseline_m = 1;
-  double longest_m = 0, shortest_m = 0;  // wavelengths
+  double longest_m = 1, shortest_m = 2;  // wavelengths; none between: there is none
 };
 
 // Const means safe to call concurrently.

@@ -87,9 +87,9 @@ TEST(CraterField, CountsAreThoseOfTheLaw) {
         const double half_deg = std::ldexp(30.0, k) / kMetresPerDegree;
         const std::vector<Crater> found = field.within(k, lat - half_deg, lat + half_deg, 20, 20 + 2 * half_deg);
         const double radians = 2 * half_deg * kRadiansPerDegree;
-        const double area = kMoonRadius_m * kMoonRadius_m * radians *
-                            (std::sin((lat + half_deg) * kRadiansPerDegree) -
-                             std::sin((lat - half_deg) * kRadiansPerDegree));
+        const double area =
+            kMoonRadius_m * kMoonRadius_m * radians *
+            (std::sin((lat + half_deg) * kRadiansPerDegree) - std::sin((lat - half_deg) * kRadiansPerDegree));
         const double low = std::max(0.7, std::ldexp(1.0, k)), high = std::min(200.0, std::ldexp(2.0, k));
         const double expected = area * std::pow(10, -1.1) * (1 / (low * low) - 1 / (high * high));
         if (expected < 5) continue;
@@ -131,8 +131,8 @@ TEST(CraterField, TheSameCratersFromEverywhere) {
   const CraterField field(small_craters(3));
   std::mt19937 random(1);
   std::uniform_real_distribution<double> any(-1, 1);
-  for (const Geographic g : {Geographic{0, 0, 0}, {26, 3, 0}, {10, 179.9999, 0}, {-75.5, -180, 0}, {89.999, 50, 0},
-                             {-90, 0, 0}}) {
+  for (const Geographic g :
+       {Geographic{0, 0, 0}, {26, 3, 0}, {10, 179.9999, 0}, {-75.5, -180, 0}, {89.999, 50, 0}, {-90, 0, 0}}) {
     const Vec3 direction = to_cartesian(g).normalized();
     std::vector<Crater> wide;
     field.near(2, direction, 400, wide);
@@ -159,8 +159,8 @@ TEST(CraterField, TheSameCratersFromEverywhere) {
 
 TEST(Relief, DeviatesAsTheLawSays) {
   for (const double hurst : {0.8, 0.95}) {
-    const Relief relief({.seed = 7, .hurst = hurst, .deviation_m = 0.5, .baseline_m = 10, .longest_m = 4096,
-                         .shortest_m = 0.06});
+    const Relief relief(
+        {.seed = 7, .hurst = hurst, .deviation_m = 0.5, .baseline_m = 10, .longest_m = 4096, .shortest_m = 0.06});
     const auto deviation = [&](double distance_m) {
       double sum = 0;
       constexpr int kPairs = 6000;
@@ -212,7 +212,7 @@ struct Ground {
   explicit Ground(double top, double west, double (*height)(double, double) = hills) {
     write_kaguya_tile(folder.path(), top, west, 2, 256, height);
     plain = open_terrain(folder.path());
-    detailed = std::make_shared<Terrain>(plain, std::make_shared<Detail>(preset()), std::size_t{1} << 28);
+    detailed = std::make_shared<Terrain>(plain, std::make_shared<Detail>(preset()));
   }
   TemporaryFolder folder;
   std::shared_ptr<const Terrain> plain;
@@ -226,7 +226,8 @@ BlockId block_over(int level, double lat_deg, double lon_deg) {
 
 // To the bit, whoever is made first: neighbours share their border's heights, and a second service has the same.
 TEST(DetailedTerrain, BlocksAgreeOnTheirBorders) {
-  for (const auto& [top, west, lat, lon] : {std::array<double, 4>{27, 3, 26, 4}, {76, 20, 75.5, 20.7}, {-60, -180, -61, -179.2}}) {
+  for (const auto& [top, west, lat, lon] :
+       {std::array<double, 4>{27, 3, 26, 4}, {76, 20, 75.5, 20.7}, {-60, -180, -61, -179.2}}) {
     const Ground ground(top, west), again(top, west);
     for (int level = 9; level <= 13; ++level) {
       const BlockId id = block_over(level, lat - 0.3, lon + 0.3);
@@ -236,7 +237,8 @@ TEST(DetailedTerrain, BlocksAgreeOnTheirBorders) {
       for (int i = 0; i <= e.quads; ++i)
         for (int k = 0; k <= e.quads; ++k)
           ASSERT_EQ(here->vertices[here->index(i, k)].height_m, same->vertices[same->index(i, k)].height_m);
-      for (const auto& [dlat, dlon] : {std::pair{-1, 0}, {e.quads * e.lat_step, 0}, {0, -1}, {0, e.quads * e.lon_step}}) {
+      for (const auto& [dlat, dlon] :
+           {std::pair{-1, 0}, {e.quads * e.lat_step, 0}, {0, -1}, {0, e.quads * e.lon_step}}) {
         const BlockId other_id = block_at(level, e.lat0 + dlat, wrap_lon(std::int64_t{e.lon0} + dlon));
         const auto other = ground.detailed->block(other_id);
         ASSERT_TRUE(other) << to_string(other_id);
@@ -275,8 +277,11 @@ TEST(DetailedTerrain, BoundsHold) {
       const BlockExtent e = block->extent;
       const double y = ((lat + 90) * kTicksPerDegree - e.lat0) / e.lat_step,
                    x = ((lon + 180) * kTicksPerDegree - e.lon0) / e.lon_step;
-      const int r = std::clamp(static_cast<int>(y), 0, e.quads - 1), c = std::clamp(static_cast<int>(x), 0, e.quads - 1);
-      const auto h = [&](int j, int k) { return static_cast<double>(block->vertices[block->index(r + j, c + k)].height_m); };
+      const int r = std::clamp(static_cast<int>(y), 0, e.quads - 1),
+                c = std::clamp(static_cast<int>(x), 0, e.quads - 1);
+      const auto h = [&](int j, int k) {
+        return static_cast<double>(block->vertices[block->index(r + j, c + k)].height_m);
+      };
       const double fy = y - r, fx = x - c;
       const double here = fx + fy <= 1 ? h(0, 0) + fx * (h(0, 1) - h(0, 0)) + fy * (h(1, 0) - h(0, 0))
                                        : h(1, 1) + (1 - fx) * (h(1, 0) - h(1, 1)) + (1 - fy) * (h(0, 1) - h(1, 1));
