@@ -145,8 +145,14 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
   }
   NodeInfo info = plain_.node(id, stop);
   if (info.empty) return info;
-  // Between the posts the surface is curved: by no more, about, than posts lie off the surface of every second one.
-  const double bend = posts > 0 ? plain_.node(ancestor_of(id, std::min(id.level, posts - 1)), stop).error_m : 0;
+  // Between the posts the surface is curved: by no more, about, than posts lie off the surface of every second one. Of
+  // much coarser levels half of their own error is more than that: rough ground is rougher over longer distances.
+  constexpr int kMuchCoarser = 3;
+  double bend = 0;
+  if (id.level + kMuchCoarser <= posts)
+    bend = info.error_m / 2;
+  else if (posts > 0)
+    bend = id.level < posts ? info.error_m : plain_.node(ancestor_of(id, posts - 1), stop).error_m;
   const double beyond = bend + detail_->left_out_m(posts, posts);
   info.error_m += beyond;
   info.min_m -= static_cast<float>(beyond), info.max_m += static_cast<float>(beyond);
