@@ -151,6 +151,77 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
   return map;
 }
 
+namespace {
+
+constexpr Range kFeature_m{0.5, 5000};  // 0.5 m is what the finest level of the lattice shows
+
+dem::SizeFrequency read_frequency(const JsonReader& in) {
+  constexpr std::size_t kMostLaws = 8;
+  dem::SizeFrequency frequency;
+  in.elements(1, kMostLaws, [&](const JsonReader& law) {
+    if (law.object({"per_m2", "exponent"}))
+      frequency.laws.push_back(
+          {law.number("per_m2", Range{0, 10, true, false}), law.number("exponent", Range{0.5, 8})});
+  });
+  return frequency;
+}
+
+void read_craters(const JsonReader& in, dem::CraterLaw& craters) {
+  if (!in.object({"smallest_m", "largest_m", "frequency", "oldest_Ma", "diffusivity_m2_per_Ma"})) return;
+  craters.smallest_m = in.number("smallest_m", kFeature_m), craters.largest_m = in.number("largest_m", kFeature_m);
+  if (in.has("frequency")) craters.frequency = read_frequency(in.at("frequency"));
+  craters.oldest_Ma = in.number("oldest_Ma", Range{0, 4500, true, false}, craters.oldest_Ma);
+  craters.diffusivity_m2_per_Ma =
+      in.number("diffusivity_m2_per_Ma", Range{0, 1e4, true, false}, craters.diffusivity_m2_per_Ma);
+  if (!in.good()) return;
+  if (!(craters.smallest_m < craters.largest_m)) return in.fail("smallest_m", "must be below largest_m");
+  // Ten times equilibrium: nothing on the Moon is denser, and time goes with it.
+  for (double m = craters.smallest_m; m < craters.largest_m; m *= 2)
+    if (craters.frequency.above(m) > 10 * dem::equilibrium().above(m))
+      return in.fail("frequency", fmt::format("has more than ten times equilibrium's craters above {:g} m", m));
+}
+
+void read_relief(const JsonReader& in, dem::ReliefLaw& relief) {
+  if (!in.object({"hurst", "deviation_m", "baseline_m", "shortest_m", "longest_m"})) return;
+  relief.hurst = in.number("hurst", Range{0.1, 1, false, true}, relief.hurst);
+  relief.deviation_m = in.number("deviation_m", Range{0, 1000, true, false});
+  relief.baseline_m = in.number("baseline_m", Range{0.01, 1e5});
+  relief.shortest_m = in.number("shortest_m", kFeature_m), relief.longest_m = in.number("longest_m", kFeature_m);
+  if (in.good() && !(relief.shortest_m < relief.longest_m)) in.fail("shortest_m", "must be below longest_m");
+}
+
+}  // namespace
+
+std::shared_ptr<const dem::Detail> Assets::detail(std::string_view name, const StopToken&) const {
+  return find(details_, "details", ".json", name,
+              [](const std::string& path) { return dem::Detail(read_detail_file(path)); });
+}
+
+dem::DetailPreset read_detail_file(const std::string& path) {
+  const Json json = read_object_file(path);
+  Findings findings;
+  const JsonReader in(json, findings);
+  dem::DetailPreset preset;
+  if (in.object({"seed", "craters", "relief", "description"})) {
+    constexpr std::int64_t kLargestSeed = std::int64_t{1} << 53;
+    const auto seed = in.has("seed") ? in.at("seed").integer(0, kLargestSeed) : std::optional<std::int64_t>(0);
+    preset.craters.seed = static_cast<std::uint64_t>(seed.value_or(0));
+    preset.relief.seed = preset.craters.seed;
+    if (in.has("craters")) read_craters(in.at("craters"), preset.craters);
+    if (in.has("relief")) read_relief(in.at("relief"), preset.relief);
+    if (in.has("description")) in.at("description").text();
+    if (!in.has("craters") && !in.has("relief")) in.fail("has neither craters nor relief");
+  }
+  const std::string text = json.dump();
+  preset.fingerprint = XXH3_64bits(text.data(), text.size());
+  try {
+    findings.throw_if_any();
+  } catch (const RequestError& e) {
+    throw DataError(path, fmt::format("{}: {}", e.findings()[0].pointer, e.findings()[0].detail));
+  }
+  return preset;
+}
+
 void Assets::refuse_failed(const std::string& key) const {
   const std::lock_guard lock(mutex_);
   const auto found = failed_.find(key);

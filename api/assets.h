@@ -12,6 +12,7 @@
 
 #include "api/json_reader.h"
 #include "dem/cache.h"
+#include "dem/detail/detail.h"
 #include "dem/stop_token.h"
 #include "dem/value_map.h"
 #include "engine/radiometry/atmosphere.h"
@@ -46,11 +47,15 @@ class Assets {
   // maps/NAME.json, as read_map_file says; opened again when its raster has changed.
   std::shared_ptr<const dem::ValueMap> map(std::string_view name, const StopToken& stop = {}) const;
 
+  // details/NAME.json, as read_detail_file says.
+  std::shared_ptr<const dem::Detail> detail(std::string_view name, const StopToken& stop = {}) const;
+
   // kernels/NAME.csv: rows of weights.
   std::shared_ptr<const std::vector<std::vector<double>>> kernel(std::string_view name,
                                                                  const StopToken& stop = {}) const;
 
-  // Of the files of a kind ("atmospheres", "cameras", "kernels", "maps", "objects"), without their extension; sorted.
+  // Of the files of a kind ("atmospheres", "cameras", "details", "kernels", "maps", "objects"), without their
+  // extension; sorted.
   std::vector<std::string> names(std::string_view kind) const;
 
   // Of what an atmosphere was read from, so that a frame's ETag changes with it; 0 for null.
@@ -95,6 +100,7 @@ class Assets {
   mutable std::mutex mutex_;
   mutable Files<engine::Atmosphere> atmospheres_;
   mutable Files<Json> cameras_;
+  mutable Files<dem::Detail> details_;
   mutable Files<dem::ValueMap> maps_;
   mutable Files<std::vector<std::vector<double>>> kernels_;
   // Of all maps.
@@ -115,6 +121,18 @@ class Assets {
 //    "description": "..."}
 // Throws DataError naming the description or the raster.
 dem::ValueMapOptions read_map_file(const std::string& path);
+
+// Detail's description; either part may be left out:
+//   {"seed": N,
+//    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.5
+//                "frequency": [{"per_m2", "exponent"}, ...],   the smallest of these power laws (cumulative); left out:
+//                                                    equilibrium (Trask 1966)
+//                "oldest_Ma": 3500, "diffusivity_m2_per_Ma": 4},
+//    "relief": {"hurst": 0.9, "deviation_m", "baseline_m", "shortest_m", "longest_m"},   RMS difference of heights a
+//                                                    baseline apart; wavelengths
+//    "description": "..."}
+// Throws DataError naming the description and the member.
+dem::DetailPreset read_detail_file(const std::string& path);
 
 // "a, b, c" or "none".
 std::string listed(const std::vector<std::string>& names);

@@ -8,6 +8,7 @@
 #include "api/arrays.h"
 #include "api/band_json.h"
 #include "api/cameras.h"
+#include "api/detail_json.h"
 #include "api/ranges.h"
 #include "api/sensor_json.h"
 #include "api/shutter_json.h"
@@ -138,6 +139,11 @@ const auto sun_field =
 const auto surface_field =
     Property{[](const FrameQuery& q) { return std::optional(ground_of(q.request, q.surface)); },
              [](FrameQuery& q, const Ground& ground) { set_ground(q.request, q.surface, ground); }};
+const auto detail_field = Property{
+    [](const FrameQuery& q) {
+      return q.request.detail ? std::optional(DetailName::Value{q.detail, q.request.detail}) : std::nullopt;
+    },
+    [](FrameQuery& q, const DetailName::Value& detail) { q.request.detail = detail.content, q.detail = detail.name; }};
 const auto atmosphere_field =
     Property{[](const FrameQuery& q) {
                return q.request.atmosphere ? std::optional(AtmosphereForm{{q.atmosphere_name, q.request.atmosphere}})
@@ -380,6 +386,11 @@ const Members<FrameQuery>& frame_members() {
             "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
             "times of the rows: a rolling shutter or a line camera; left out: all rows are exposed at once");
         m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
+        m.add("detail", detail_field, DetailName{},
+              "craters and relief below the posts: name of details/NAME.json in the operator's assets folder; null or "
+              "left "
+              "out: none")
+            .written_if([](const FrameQuery& q) { return q.request.detail != nullptr; });
         m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
         m.add(
             "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},

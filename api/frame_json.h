@@ -28,6 +28,7 @@ struct FrameQuery {
   engine::FrameRequest request;
   // Time for which the accuracy is to be chosen; empty: `request.accuracy` was given or is the default.
   std::optional<double> budget_ms;
+  std::string detail;           // that request.detail was found by
   std::string atmosphere_name;  // that request.atmosphere was found by
   SurfaceQuery surface;
   std::vector<ObjectQuery> objects;

@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "api/band_json.h"
+#include "api/detail_json.h"
 #include "api/metadata.h"
 #include "api/ranges.h"
 #include "dem/error.h"
@@ -291,6 +292,13 @@ const auto sun_field =
 const auto surface_field =
     Property{[](const MapQuery& q) { return std::optional(ground_of(q.request.look, q.surface)); },
              [](MapQuery& q, const Ground& ground) { set_ground(q.request.look, q.surface, ground); }};
+const auto detail_field = Property{
+    [](const MapQuery& q) {
+      return q.request.look.detail ? std::optional(DetailName::Value{q.detail, q.request.look.detail}) : std::nullopt;
+    },
+    [](MapQuery& q, const DetailName::Value& detail) {
+      q.request.look.detail = detail.content, q.detail = detail.name;
+    }};
 const auto view_field =
     Property{[](const MapQuery& q) {
                const auto& toward = q.request.toward_viewer;
@@ -335,6 +343,11 @@ const Members<MapQuery>& map_members() {
         // The order is that of the resolved request, whose text the ETag is made from.
         m.add("map", &MapQuery::area, Object{area_members()}, "projection, extent and pixels").required();
         m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
+        m.add("detail", detail_field, DetailName{},
+              "craters and relief below the posts: name of details/NAME.json in the operator's assets folder; null or "
+              "left "
+              "out: none")
+            .written_if([](const MapQuery& q) { return q.request.look.detail != nullptr; });
         m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
         m.add(
             "band", [](auto& q) -> auto& { return q.request.look.band; }, Object{band_members()},
@@ -494,12 +507,13 @@ std::size_t bytes_of(const engine::MapRequest& request) {
 
 std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::uint64_t terrain_fingerprint,
                          std::string_view media_type) {
-  const OrderedJson what{{"map_request", resolved_json(query)},
-                         {"terrain", terrain_fingerprint},
-                         {"maps", maps_metadata(query.request.look, query.surface)},
-                         {"scene_bytes", scene_bytes},
-                         {"version", software_version()},
-                         {"representation", media_type}};
+  OrderedJson what{{"map_request", resolved_json(query)},
+                   {"terrain", terrain_fingerprint},
+                   {"maps", maps_metadata(query.request.look, query.surface)},
+                   {"scene_bytes", scene_bytes},
+                   {"version", software_version()},
+                   {"representation", media_type}};
+  if (const auto& detail = query.request.look.detail) what["detail"] = detail_metadata(query.detail, *detail);
   return content_hash(what.dump());
 }
 
@@ -519,6 +533,7 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
   meta["shadow_error_px"] = report.shadow_error_px;
   meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
   meta["triangles"] = report.triangles;
+  if (look.detail) meta["detail"] = detail_metadata(query.detail, *look.detail);
   if (const OrderedJson maps = maps_metadata(look, query.surface); !maps.empty()) meta["maps"] = maps;
   meta["hit_fraction"] = report.hit_fraction;
   meta["filled_fraction"] = report.filled_fraction;

@@ -33,6 +33,7 @@ struct MapArea {
 struct MapQuery {
   engine::MapRequest request;
   MapArea area;
+  std::string detail;  // that request.look.detail was found by
   SurfaceQuery surface;
   bool sun_given = false;  // false: no product needs one
 };

@@ -7,6 +7,7 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "api/detail_json.h"
 #include "api/view_json.h"
 #include "engine/radiometry/photometry.h"
 
@@ -107,6 +108,7 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
                    {"atmosphere", hex(Assets::fingerprint(query.request.atmosphere.get()))},
                    {"version", software_version()},
                    {"representation", representation.media_type}};
+  if (query.request.detail) what["detail"] = detail_metadata(query.detail, *query.request.detail);
   if (gave_way(query, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
   return content_hash(what.dump());
 }
@@ -152,6 +154,7 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
   meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
   meta["triangles"] = report.triangles;
   meta["hit_fraction"] = report.hit_fraction;
+  if (query.request.detail) meta["detail"] = detail_metadata(query.detail, *query.request.detail);
   if (const OrderedJson maps = maps_metadata(query.request, query.surface); !maps.empty()) meta["maps"] = maps;
   if (!query.objects.empty()) {
     meta["object_fraction"] = report.object_fraction;

@@ -29,7 +29,8 @@ Response answer_rays(const EndpointContext& context) {
   const RaysQuery query = read_rays(json_body(context), context.limits, context.assets, context.stop);
   need_memory(context, query.rays.size(), "/rays");
   const auto hits = with_refusals_at({}, "/rays", [&] {
-    return context.renderer.cast(query.rays, query.sun, context.stop, scene_objects(query.objects));
+    return context.renderer.cast(query.rays, query.sun, context.stop, scene_objects(query.objects),
+                                 query.detail.content);
   });
   throw_if_stopped(context);
   return json_response(rays_json(hits, query));
@@ -41,19 +42,19 @@ Response answer_project(const EndpointContext& context) {
   constexpr MemberPointer kRefusable[] = {{"shutter", "/shutter"}};
   const auto landmarks = with_refusals_at(kRefusable, "/pose", [&] {
     return context.renderer.project(query.camera, query.pose, query.shutter, query.points, query.sun, context.stop,
-                                    scene_objects(query.objects));
+                                    scene_objects(query.objects), query.detail.content);
   });
   throw_if_stopped(context);
   return json_response(landmarks_json(landmarks, query, context.renderer.terrain().catalogue()));
 }
 
 Response answer_heights(const EndpointContext& context) {
-  const std::vector<Geographic> places = read_heights(json_body(context), context.limits);
-  need_memory(context, places.size(), "/points");
-  const dem::Terrain& terrain = context.renderer.terrain();
+  const HeightsQuery query = read_heights(json_body(context), context.limits, context.assets, context.stop);
+  need_memory(context, query.points.size(), "/points");
+  const std::shared_ptr<const dem::Terrain> terrain = context.renderer.terrain_with(query.detail.content);
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
-  for (const Geographic& place : places) {
-    list.push_back(height_json(terrain.height(place.lat_deg, place.lon_deg, context.stop), terrain.catalogue()));
+  for (const Geographic& place : query.points) {
+    list.push_back(height_json(terrain->height(place.lat_deg, place.lon_deg, context.stop), terrain->catalogue()));
     throw_if_stopped(context);
   }
   return json_response(nlohmann::ordered_json{{"points", std::move(list)}});

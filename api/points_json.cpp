@@ -41,10 +41,6 @@ const Members<engine::LandmarkQuery>& landmark_members() {
   return *table;
 }
 
-struct HeightsForm {
-  std::vector<Geographic> points;
-};
-
 template <typename M>
 auto checked(const M& members, const Json& body, const Limits& limits, const Assets& assets = Assets(),
              const StopToken& stop = {}) {
@@ -53,6 +49,10 @@ auto checked(const M& members, const Json& body, const Limits& limits, const Ass
   findings.throw_if_any();
   return std::move(*value);
 }
+
+constexpr const char* kOfDetail =
+    "craters and relief below the posts: name of details/NAME.json in the operator's assets folder; null or left out: "
+    "none";
 
 // A query string's text as the JSON value it stands for: a number where it reads as one.
 Json number_or_text(const std::string& text) {
@@ -73,6 +73,7 @@ const Members<RaysQuery>& rays_members() {
       made<Members<RaysQuery>>("RaysRequest", "Rays against the finest terrain and objects.", [](auto& m) {
         m.add("rays", &RaysQuery::rays, List{Object{ray_members()}, 1, most}, "the rays").required();
         m.add("sun", &RaysQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
+        m.add("detail", &RaysQuery::detail, DetailName{}, kOfDetail);
         m.add("objects", &RaysQuery::objects, List{Object{object_members()}, 1, kMaxObjects},
               "as in a frame: rays meet them, and they cast shadows");
       });
@@ -88,6 +89,7 @@ const Members<ProjectQuery>& project_members() {
         m.add("shutter", &ProjectQuery::shutter, Object{shutter_members()},
               "times of the rows: the answer has a `time_s`; left out: all rows are exposed at once");
         m.add("sun", &ProjectQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
+        m.add("detail", &ProjectQuery::detail, DetailName{}, kOfDetail);
         m.add("objects", &ProjectQuery::objects, List{Object{object_members()}, 1, kMaxObjects},
               "as in a frame: they hide landmarks, and they cast shadows");
         m.add("points", &ProjectQuery::points, List{Object{landmark_members()}, 1, most}, "the landmarks").required();
@@ -101,9 +103,10 @@ const Members<ProjectQuery>& project_members() {
 
 namespace {
 
-const Members<HeightsForm>& heights_form() {
-  static const auto table = made<Members<HeightsForm>>("HeightsRequest", "Places on the terrain.", [](auto& m) {
-    m.add("points", &HeightsForm::points, List{Object{place_members()}, 1, most}, "the places").required();
+const Members<HeightsQuery>& heights_form() {
+  static const auto table = made<Members<HeightsQuery>>("HeightsRequest", "Places on the terrain.", [](auto& m) {
+    m.add("points", &HeightsQuery::points, List{Object{place_members()}, 1, most}, "the places").required();
+    m.add("detail", &HeightsQuery::detail, DetailName{}, kOfDetail);
   });
   return *table;
 }
@@ -120,8 +123,8 @@ ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& 
   return checked(project_members(), body, limits, assets, stop);
 }
 
-std::vector<Geographic> read_heights(const Json& body, const Limits& limits) {
-  return checked(heights_form(), body, limits).points;
+HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  return checked(heights_form(), body, limits, assets, stop);
 }
 
 Geographic read_height_query(const std::multimap<std::string, std::string>& query) {

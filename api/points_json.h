@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "api/camera_json.h"
+#include "api/detail_json.h"
 #include "api/objects_json.h"
 #include "api/pose_json.h"
 #include "api/sun_json.h"
@@ -22,6 +23,7 @@ struct RaysQuery {
   std::vector<engine::Ray> rays;
   std::optional<engine::Sun> sun;
   std::vector<PlacedObject> objects;
+  Named<dem::Detail> detail{};  // null: none
 };
 struct ProjectQuery {
   engine::Camera camera;
@@ -30,6 +32,11 @@ struct ProjectQuery {
   std::optional<engine::Sun> sun;
   std::vector<engine::LandmarkQuery> points;
   std::vector<PlacedObject> objects;
+  Named<dem::Detail> detail{};  // null: none
+};
+struct HeightsQuery {
+  std::vector<Geographic> points;
+  Named<dem::Detail> detail{};  // null: none
 };
 
 const Members<RaysQuery>& rays_members();
@@ -41,7 +48,8 @@ RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets
                     const StopToken& stop = {});
 ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets = Assets(),
                           const StopToken& stop = {});
-std::vector<Geographic> read_heights(const Json& body, const Limits& limits);
+HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets = Assets(),
+                          const StopToken& stop = {});
 // Of a query string; its names are the pointers: "/lat_deg".
 Geographic read_height_query(const std::multimap<std::string, std::string>& query);
 

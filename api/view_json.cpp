@@ -125,7 +125,7 @@ void add_view_warnings(const FrameQuery& query, const engine::FrameReport& repor
   if (report.missing_fraction > kMuchMissing)
     warnings.push_back(fmt::format("{:.0f} % of the pixels look at places without data{}",
                                    100 * report.missing_fraction, why_missing(request, catalogue)));
-  if (report.view.post_px && *report.view.post_px > kWidePost_px)
+  if (!query.request.detail && report.view.post_px && *report.view.post_px > kWidePost_px)
     warnings.push_back(
         fmt::format("the posts of the DEM are {:.0f} pixels wide in the middle: it has nothing that is "
                     "smaller",

@@ -20,6 +20,7 @@
 #include "dem/cache.h"
 #include "dem/chunk.h"
 #include "dem/chunk_writer.h"
+#include "dem/detail/detailed_terrain.h"
 #include "dem/error.h"
 #include "dem/files.h"
 #include "dem/height_survey.h"
@@ -514,6 +515,7 @@ struct Terrain::Impl {
   Chunks chunks;
   std::atomic<std::uint64_t> chunks_built{0}, chunks_read{0}, chunks_rejected{0};
   std::atomic<bool> replacements{false};
+  std::atomic<int> details{0};  // terrains with detail that there were
   mutable std::mutex mutex;
   std::unordered_map<BlockId, ChunkPlan, BlockIdHash> plans;
   // Nodes whose file is damaged and can't be removed, or may not be read.
@@ -529,8 +531,15 @@ struct Terrain::Impl {
 };
 
 Terrain::Terrain(Catalogue catalogue, const TerrainOptions& options)
-    : impl_(std::make_unique<Impl>(std::move(catalogue), options)) {}
+    : impl_(std::make_shared<Impl>(std::move(catalogue), options)) {}
+Terrain::Terrain(const std::shared_ptr<const Terrain>& plain, std::shared_ptr<const Detail> detail)
+    : impl_(plain->impl_),
+      plain_(plain),
+      detailed_(std::make_unique<DetailedTerrain>(*plain, std::move(detail), impl_->blocks, ++impl_->details)) {}
 Terrain::~Terrain() = default;
+
+const Detail* Terrain::detail() const { return detailed_ ? &detailed_->detail() : nullptr; }
+int Terrain::detail_number() const { return detailed_ ? detailed_->number() : 0; }
 
 const Catalogue& Terrain::catalogue() const { return impl_->catalogue; }
 
@@ -545,6 +554,7 @@ bool Terrain::has_data(const BlockId& id) const {
 int Terrain::finest_level(const BlockId& id) const { return std::max(kSmoothLevel, posts_level(id)); }
 
 int Terrain::posts_level(const BlockId& id) const {
+  if (detailed_) return detailed_->finest_level(id);
   const BlockId root = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
   return impl_->finest_posts(root, 0, id);
 }
@@ -552,6 +562,7 @@ int Terrain::posts_level(const BlockId& id) const {
 bool Terrain::node_is_cheap(const BlockId& id) const { return impl_->plan_for(id).direct; }
 
 NodeInfo Terrain::node(const BlockId& id, const StopToken& stop) const {
+  if (detailed_) return detailed_->node(id, stop);
   const ChunkPlan plan = impl_->plan_for(id);
   if (!plan.exists) return {};
   const bool beyond = id.level > plan.finest_level();
@@ -563,11 +574,13 @@ NodeInfo Terrain::node(const BlockId& id, const StopToken& stop) const {
 }
 
 std::optional<HeightRange> Terrain::heights_without_building(const BlockId& id, const StopToken& stop) const {
-  return impl_->surveyed(id, stop);
+  std::optional<HeightRange> range = impl_->surveyed(id, stop);
+  if (range && detailed_) detailed_->widen(id, *range);
+  return range;
 }
 
 std::shared_ptr<const Block> Terrain::block(const BlockId& id, const StopToken& stop) const {
-  return impl_->block(id, stop);
+  return detailed_ ? detailed_->block(id, stop) : impl_->block(id, stop);
 }
 
 void Terrain::stop_building() const { impl_->builds.stop(); }

@@ -17,6 +17,9 @@
 
 namespace selenograph::dem {
 
+class Detail;
+class DetailedTerrain;
+
 struct TerrainOptions {
   std::string cache_dir;  // where pyramids are kept; empty: nothing is written, everything is rebuilt when it is needed
   std::size_t cache_bytes = std::size_t{1} << 30;  // memory for blocks and pyramids
@@ -64,9 +67,14 @@ struct CacheStatistics {
 class Terrain {
  public:
   Terrain(Catalogue catalogue, const TerrainOptions& options);
-  ~Terrain();  // stops building
+  // The same with detail finer than the posts. Shares everything with `plain`, the budget in bytes, too.
+  Terrain(const std::shared_ptr<const Terrain>& plain, std::shared_ptr<const Detail> detail);
+  ~Terrain();  // stops building, where no other shares it
 
   const Catalogue& catalogue() const;
+  const Detail* detail() const;  // null: none
+  // Of those that share everything each has its own; 0: without detail.
+  int detail_number() const;
 
   // Of its budget so many bytes are needed elsewhere: that much less is kept in memory.
   void keep_less(std::size_t bytes) const;
@@ -78,7 +86,7 @@ class Terrain {
   // The level whose vertices are the posts (or, for coarse layers, fine enough that chords stay within millimetres of
   // the sphere): the finest level worth asking for in this block's area.
   int finest_level(const BlockId& id) const;
-  // The level of the posts themselves: finer blocks only follow the sphere more closely.
+  // The level of the posts themselves, or of the finest detail: finer blocks only follow the sphere more closely.
   int posts_level(const BlockId& id) const;
   // Whether node() can answer from the sources beneath the block's own surroundings. Where it can't (a coarse block
   // over very fine posts), node() first has everything beneath built: ask only when the block is really wanted.
@@ -125,7 +133,9 @@ class Terrain {
   std::vector<BlockId> chunks_to_ingest() const;
   void ensure_chunk(const BlockId& chunk) const;
   struct Impl;
-  std::unique_ptr<Impl> impl_;
+  std::shared_ptr<Impl> impl_;
+  std::shared_ptr<const Terrain> plain_;  // null without detail
+  std::unique_ptr<DetailedTerrain> detailed_;
 };
 
 }  // namespace selenograph::dem

@@ -26,7 +26,7 @@ BudgetChoice choose_accuracy(const FrameRequest& request, double budget_ms, int 
     }
     const double select_ms = watch.lap_ms();
     spent_ms += select_ms;
-    const SceneContent content = content_of(request, views, selection);
+    const SceneContent content = content_of(request, views, selection, terrain);
     const bool build = !kept.holds(content);
     bool any = false;
     for (const int samples : kBudgetSamples) {

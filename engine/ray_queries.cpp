@@ -179,8 +179,9 @@ class RayCaster {
       split(rays, {middle, batch.end()}, work, toward);
       return;
     }
-    const auto scene =
-        kept_.scene({selection->blocks, anchor_for(some[0].origin_m, some[0].direction), Visibility::raytrace}, stop_);
+    const SceneContent content{selection->blocks, anchor_for(some[0].origin_m, some[0].direction), Visibility::raytrace,
+                               &terrain_};
+    const auto scene = kept_.scene(content, stop_);
     for_packets(batch.size(), stop_, [&](std::size_t first, int count) { work(*scene, batch, first, count); });
   }
 

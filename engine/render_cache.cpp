@@ -18,14 +18,22 @@ namespace selenograph::engine {
 
 // The structured bindings name every member: one more, and they don't compile until it is part of the key.
 
+namespace {
+
+int detail_of(const SceneContent& content) { return content.terrain ? content.terrain->detail_number() : 0; }
+
+}  // namespace
+
 RenderCache::SceneKey RenderCache::key_of(const SceneContent& content) {
-  const auto& [blocks, anchor_m, visibility] = content;
+  const auto& [blocks, anchor_m, visibility, terrain] = content;
+  const int detail = detail_of(content);
   static_assert(std::has_unique_object_representations_v<dem::BlockId>);
   XXH3_state_t* state = XXH3_createState();
   XXH3_128bits_reset(state);
   XXH3_128bits_update(state, blocks.data(), blocks.size() * sizeof(dem::BlockId));
   XXH3_128bits_update(state, anchor_m.data(), 3 * sizeof(double));
   XXH3_128bits_update(state, &visibility, sizeof visibility);
+  XXH3_128bits_update(state, &detail, sizeof detail);
   const XXH128_hash_t hash = XXH3_128bits_digest(state);
   XXH3_freeState(state);
   return {hash.low64, hash.high64};
@@ -133,6 +141,7 @@ std::shared_ptr<const Scene> RenderCache::most_in_common(const SceneContent& con
   std::shared_ptr<const Scene> best;
   std::size_t most = 0;
   for (auto& scene : candidates) {
+    if (scene->detail != detail_of(content)) continue;
     std::size_t same = 0;
     for (const dem::BlockId& id : content.blocks) same += scene->mesh.holds(id);
     if (scene->anchor == content.anchor_m) same *= 2;  // of another anchor, floats are made anew
@@ -148,7 +157,8 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
     SceneParts before;
     if (const auto scene = most_in_common(content)) before = scene->parts_for(content.anchor_m);
     reserve();
-    auto made = std::make_shared<const Scene>(*terrain_, content, threads_, before, stop);
+    auto made =
+        std::make_shared<const Scene>(content.terrain ? *content.terrain : *terrain_, content, threads_, before, stop);
     const std::lock_guard lock(latest_mutex_);
     latest_.push_front(made);
     if (latest_.size() > kLatest) latest_.pop_back();

@@ -183,14 +183,15 @@ Selection select_blocks(const FrameRequest& request, const RowViews& views, cons
                           {kept.capacity(), visibility}, balls_around(request.objects));
 }
 
-SceneContent content_of(const FrameRequest& request, const RowViews& views, const Selection& selection) {
+SceneContent content_of(const FrameRequest& request, const RowViews& views, const Selection& selection,
+                        const dem::Terrain& terrain) {
   const View& view = views.reference();
   double clearance_m = std::numeric_limits<double>::infinity();
   for (const ViewBundle& some : views.bundles())
     clearance_m =
         std::min(clearance_m, some.view.position().norm() - some.shift_m - kMoonRadius_m - selection.highest_m);
   return {selection.blocks, anchor_for(view.position(), view.middle(), clearance_m),
-          visibility_for(request, views, selection)};
+          visibility_for(request, views, selection), &terrain};
 }
 
 std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terrain& terrain, const RenderCache& kept,
@@ -216,7 +217,7 @@ void prepare_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   const FrameRequest request = with_margin_of(sensor_of(asked, stop), asked);
   const RowViews views = views_of(request, stop);
   const Selection selection = select_blocks(request, views, request.accuracy, terrain, kept, stop);
-  kept.scene(content_of(request, views, selection), stop, RenderCache::Purpose::preparation);
+  kept.scene(content_of(request, views, selection, terrain), stop, RenderCache::Purpose::preparation);
 }
 
 namespace {
@@ -244,7 +245,7 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
   frame.times.select_ms = watch.lap_ms();
 
   // Scene: the blocks as one mesh, with what the visibility algorithm needs of it.
-  const SceneContent content = content_of(request, views, selection);
+  const SceneContent content = content_of(request, views, selection, terrain);
   const FrameWork work = work_of(request, request.accuracy, content.visibility, triangles_of(selection),
                                  /*build=*/!kept.holds(content));
   SpeedGauge& speed = kept.speed(content.visibility);

@@ -28,6 +28,7 @@ std::vector<double> shadow_limits_px(const FrameRequest& request, const dem::Ter
                                      const StopToken& stop);
 
 // What the frame's scene is made of.
-SceneContent content_of(const FrameRequest& request, const RowViews& views, const Selection& selection);
+SceneContent content_of(const FrameRequest& request, const RowViews& views, const Selection& selection,
+                        const dem::Terrain& terrain);
 
 }  // namespace selenograph::engine

@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <mutex>
 #include <thread>
+#include <vector>
 
 #include "dem/parallel.h"
 #include "engine/choose_accuracy.h"
@@ -25,7 +27,8 @@ struct Renderer::Impl {
         arena_of_preparation(threads, 1, tbb::task_arena::priority::low),
         kept(terrain, o.scene_bytes, threads),
         preparation([this](const FrameRequest& request, const StopToken& stop) {
-          in_arena(arena_of_preparation, [&] { prepare_frame(request, *terrain, kept, stop); });
+          const auto detailed = terrain_with(request.detail);
+          in_arena(arena_of_preparation, [&] { prepare_frame(request, *detailed, kept, stop); });
         }) {
     start_threads();
   }
@@ -43,7 +46,25 @@ struct Renderer::Impl {
     });
   }
 
+  std::shared_ptr<const dem::Terrain> terrain_with(const std::shared_ptr<const dem::Detail>& detail) {
+    if (!detail) return terrain;
+    const std::lock_guard lock(details_mutex);
+    const auto found = std::find_if(details.begin(), details.end(),
+                                    [&](const auto& known) { return known->detail() == detail.get(); });
+    if (found != details.end()) {
+      std::rotate(details.begin(), found, found + 1);
+    } else {
+      details.insert(details.begin(), std::make_shared<const dem::Terrain>(terrain, detail));
+      // One that is read again is another: who uses the old one has it.
+      if (details.size() > kMostDetails) details.pop_back();
+    }
+    return details.front();
+  }
+
   std::shared_ptr<dem::Terrain> terrain;
+  static constexpr std::size_t kMostDetails = 16;
+  std::mutex details_mutex;
+  std::vector<std::shared_ptr<const dem::Terrain>> details;  // first the latest
   int threads;
   tbb::task_arena arena, arena_of_preparation;
   RenderCache kept;
@@ -56,37 +77,45 @@ Renderer::~Renderer() = default;
 
 Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
   const Preparation::Work work(impl_->preparation, &request.pose);
-  return in_arena(impl_->arena, [&] { return render_frame(request, *impl_->terrain, impl_->kept, stop); });
+  const auto terrain = impl_->terrain_with(request.detail);
+  return in_arena(impl_->arena, [&] { return render_frame(request, *terrain, impl_->kept, stop); });
 }
 
 Map Renderer::map(const MapRequest& request, const StopToken& stop,
                   const std::function<void(double share)>& progress) const {
   const Preparation::Work work(impl_->preparation, nullptr);
-  return in_arena(impl_->arena, [&] { return render_map(request, *impl_->terrain, impl_->kept, stop, progress); });
+  const auto terrain = impl_->terrain_with(request.look.detail);
+  return in_arena(impl_->arena, [&] { return render_map(request, *terrain, impl_->kept, stop, progress); });
 }
 
 BudgetChoice Renderer::choose(const FrameRequest& request, double budget_ms, int max_samples,
                               const StopToken& stop) const {
+  const auto terrain = impl_->terrain_with(request.detail);
   return in_arena(impl_->arena,
-                  [&] { return choose_accuracy(request, budget_ms, max_samples, *impl_->terrain, impl_->kept, stop); });
+                  [&] { return choose_accuracy(request, budget_ms, max_samples, *terrain, impl_->kept, stop); });
 }
 
 std::vector<double> Renderer::shadow_limits_px(const FrameRequest& request, const StopToken& stop) const {
-  return in_arena(impl_->arena, [&] { return engine::shadow_limits_px(request, *impl_->terrain, impl_->kept, stop); });
+  const auto terrain = impl_->terrain_with(request.detail);
+  return in_arena(impl_->arena, [&] { return engine::shadow_limits_px(request, *terrain, impl_->kept, stop); });
 }
 
 std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop,
-                                   const std::vector<SceneObject>& objects) const {
+                                   const std::vector<SceneObject>& objects,
+                                   const std::shared_ptr<const dem::Detail>& detail) const {
   const Preparation::Work work(impl_->preparation, nullptr);
-  return in_arena(impl_->arena, [&] { return cast_rays(rays, objects, sun, *impl_->terrain, impl_->kept, stop); });
+  const auto terrain = impl_->terrain_with(detail);
+  return in_arena(impl_->arena, [&] { return cast_rays(rays, objects, sun, *terrain, impl_->kept, stop); });
 }
 
 std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
                                         std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
-                                        const StopToken& stop, const std::vector<SceneObject>& objects) const {
+                                        const StopToken& stop, const std::vector<SceneObject>& objects,
+                                        const std::shared_ptr<const dem::Detail>& detail) const {
   const Preparation::Work work(impl_->preparation, nullptr);
+  const auto terrain = impl_->terrain_with(detail);
   return in_arena(impl_->arena, [&] {
-    return project_landmarks(camera, pose, shutter, points, objects, sun, *impl_->terrain, impl_->kept, stop);
+    return project_landmarks(camera, pose, shutter, points, objects, sun, *terrain, impl_->kept, stop);
   });
 }
 
@@ -100,6 +129,9 @@ void Renderer::wait_until_prepared() const { impl_->preparation.wait_until_done(
 
 int Renderer::threads() const { return impl_->threads; }
 const dem::Terrain& Renderer::terrain() const { return *impl_->terrain; }
+std::shared_ptr<const dem::Terrain> Renderer::terrain_with(const std::shared_ptr<const dem::Detail>& detail) const {
+  return impl_->terrain_with(detail);
+}
 std::size_t Renderer::scene_bytes() const { return impl_->kept.capacity(); }
 std::size_t Renderer::scene_bytes_in_use() const { return impl_->kept.bytes(); }
 void Renderer::keep_less(std::size_t scene_bytes) const { impl_->kept.keep_less(scene_bytes); }

@@ -58,7 +58,8 @@ class Renderer {
 
   // Arbitrary rays against the finest terrain and objects.
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop = {},
-                           const std::vector<SceneObject>& objects = {}) const;
+                           const std::vector<SceneObject>& objects = {},
+                           const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
   // Where landmarks appear. in_frame: the pixel coordinates are within [-0.5, width-0.5) x [-0.5, height-0.5) and the
   // point is in front of the camera; visible: in_frame and nothing stands between. With a shutter each is seen by the
@@ -66,9 +67,12 @@ class Renderer {
   // any of them; where none does, the pixel's coordinates are NaN.
   std::vector<Landmark> project(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
                                 std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
-                                const StopToken& stop = {}, const std::vector<SceneObject>& objects = {}) const;
+                                const StopToken& stop = {}, const std::vector<SceneObject>& objects = {},
+                                const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
   const dem::Terrain& terrain() const;
+  // With detail; null: that of terrain().
+  std::shared_ptr<const dem::Terrain> terrain_with(const std::shared_ptr<const dem::Detail>& detail) const;
   int threads() const;              // as many as work on a frame
   std::size_t scene_bytes() const;  // RendererOptions::scene_bytes
   std::size_t scene_bytes_in_use() const;

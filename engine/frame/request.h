@@ -20,6 +20,7 @@
 #include "engine/frame/truth.h"
 
 namespace selenograph::dem {
+class Detail;
 class ValueMap;
 }
 
@@ -54,6 +55,7 @@ struct FrameRequest {
   std::vector<std::shared_ptr<const dem::ValueMap>> albedo_maps, temperature_maps;
   std::shared_ptr<const Atmosphere> atmosphere;  // null: none
   std::vector<SceneObject> objects;
+  std::shared_ptr<const dem::Detail> detail;  // of the terrain below its posts; null: none
   bool terrain = true;  // false: the objects are alone, without the Moon
   Accuracy accuracy;
   ImageSettings image;

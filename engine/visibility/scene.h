@@ -18,6 +18,7 @@ struct SceneContent {
   std::vector<dem::BlockId> blocks;  // as selected: sorted
   Vec3 anchor_m = Vec3::Zero();      // of its float coordinates
   Visibility visibility = Visibility::raytrace;
+  const dem::Terrain* terrain = nullptr;  // that has the blocks, with its detail; null: the one without
 };
 
 // What another scene may take over of one.
@@ -33,7 +34,8 @@ struct Scene {
         const StopToken& stop = {})
       : shared_mesh(std::make_shared<Mesh>(terrain, content.blocks, before.mesh.get(), stop)),
         shell_m(kMoonRadius_m + highest_m(mesh) + 1),
-        anchor(content.anchor_m) {
+        anchor(content.anchor_m),
+        detail(terrain.detail_number()) {
     stop.check();
     if (content.visibility == Visibility::zbuffer)
       raster = std::make_unique<RasterMesh>(mesh, anchor, before.raster, stop);
@@ -77,6 +79,7 @@ struct Scene {
   std::unique_ptr<RasterMesh> raster;
   double shell_m;  // radius of a sphere around everything in it
   Vec3 anchor;     // of both structures' float coordinates
+  int detail;      // dem::Terrain::detail_number()
   // Of all parts. Counted once: to look at each block takes milliseconds.
   std::size_t bytes = 0, triangles = 0;
 };

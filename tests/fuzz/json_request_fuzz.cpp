@@ -181,7 +181,7 @@ void check_project(const Json& document) {
 }
 
 void check_heights(const Json& document) {
-  for (const Geographic& place : api::read_heights(document, kLimits))
+  for (const Geographic& place : api::read_heights(document, kLimits).points)
     require(is_place(place.lat_deg, place.lon_deg), "a place is one");
 }
 

@@ -1,0 +1,24 @@
+// Detail below the posts: what an operator's preset says, and which one a request names.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "api/member_kinds.h"
+#include "dem/detail/detail.h"
+
+namespace selenograph::api {
+
+// A preset by its name, or null: none.
+struct DetailName {
+  using Value = Named<dem::Detail>;
+  std::optional<Value> read(const JsonReader& in, const ReadContext& context) const;
+  OrderedJson write(const Value& value) const;
+  OrderedJson schema(const Limits&) const { return {{"type", OrderedJson::array({"string", "null"})}}; }
+  OrderedJson fallback() const { return {}; }
+};
+
+// What is said of it in metadata: synthetic terrain is never silent.
+OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail);
+
+}  // namespace selenograph::api

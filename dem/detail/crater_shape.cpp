@@ -1,0 +1,116 @@
+#include "dem/detail/crater_shape.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace selenograph::dem {
+namespace {
+
+constexpr int kAges = 48, kPerRadius = 96;
+constexpr double kStep = 1.0 / kPerRadius;
+// The equation's own lattice: annuli out to where nothing arrives.
+constexpr double kBorder = 14, kAnnulus = 0.01;
+
+double fresh(double r) {
+  if (r < 0.98) return -0.228809953 + r * (0.227533882 + r * (0.083116795 - r * 0.039499407));
+  if (r <= 1.02) return 0.036822095;
+  if (r <= 1.5) return 0.188253307 + r * (-0.187050452 + r * (0.01844746 + r * 0.01505647));
+  return 0;
+}
+
+// Heights of annuli a while later: implicit, finite volumes, no flow through the centre and the border.
+class Diffusion {
+ public:
+  Diffusion() : heights(static_cast<std::size_t>(kBorder / kAnnulus)) {
+    for (std::size_t i = 0; i < heights.size(); ++i) heights[i] = fresh((static_cast<double>(i) + 0.5) * kAnnulus);
+  }
+
+  void go_on(double age) {
+    const std::size_t n = heights.size();
+    std::vector<double> upper(n), right(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      const double middle = static_cast<double>(i) + 0.5, scale = age / (kAnnulus * kAnnulus * middle);
+      const double inward = i == 0 ? 0 : scale * static_cast<double>(i),
+                   outward = i + 1 == n ? 0 : scale * static_cast<double>(i + 1);
+      const double diagonal = 1 + inward + outward + (i == 0 ? 0 : inward * upper[i - 1]);
+      upper[i] = -outward / diagonal;
+      right[i] = (heights[i] + (i == 0 ? 0 : inward * right[i - 1])) / diagonal;
+    }
+    for (std::size_t i = n; i-- > 0;) heights[i] = right[i] - (i + 1 == n ? 0 : upper[i] * heights[i + 1]);
+  }
+
+  std::vector<double> heights;
+};
+
+double at(const std::vector<double>& annuli, double r) {
+  const double place = std::max(0.0, r / kAnnulus - 0.5);
+  const auto i = std::min(static_cast<std::size_t>(place), annuli.size() - 2);
+  const double f = std::min(1.0, place - static_cast<double>(i));
+  return annuli[i] + f * (annuli[i + 1] - annuli[i]);
+}
+
+double age_of(int row) {
+  const double root = std::sqrt(CraterShape::kOldest) * row / (kAges - 1);
+  return root * root;
+}
+
+}  // namespace
+
+double CraterShape::reach(double age) { return 1.5 + 3 * std::sqrt(age); }
+
+CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double age) const {
+  Row row;
+  const double end = reach(age);
+  // What is beyond the reach is taken off smoothly, over the outer third of the way to it.
+  const auto share = [&](double r) {
+    const double t = std::clamp((end - r) / (end / 3), 0.0, 1.0);
+    return t * t * (3 - 2 * t);
+  };
+  double highest = 0;
+  for (double r = 0; r < end; r += kStep) {
+    const double h = at(annuli, r) * (age == 0 ? 1 : share(r));
+    row.heights.push_back(static_cast<float>(h));
+    highest = std::max(highest, h);
+  }
+  row.heights.resize(static_cast<std::size_t>(reach(kOldest) / kStep) + 3);
+  row.depth = highest - static_cast<double>(row.heights[0]);
+  return row;
+}
+
+CraterShape::CraterShape() {
+  Diffusion ageing;
+  double age = 0;
+  constexpr int kSteps = 24;  // from row to row
+  for (int i = 0; i < kAges; ++i) {
+    const double until = age_of(i);
+    for (int k = 0; i > 0 && k < kSteps; ++k) ageing.go_on((until - age) / kSteps);
+    age = until;
+    rows_.push_back(row_of(ageing.heights, age));
+  }
+}
+
+double CraterShape::height(double r, double age) const {
+  const double root = std::sqrt(std::clamp(age / kOldest, 0.0, 1.0)) * (kAges - 1);
+  const int row = std::min(static_cast<int>(root), kAges - 2);
+  const double of_next = root - row, place = r * kPerRadius;
+  const std::vector<float>&a = rows_[static_cast<std::size_t>(row)].heights,
+        &b = rows_[static_cast<std::size_t>(row) + 1].heights;
+  const auto i = static_cast<std::size_t>(place);
+  if (i + 1 >= a.size()) return 0;
+  const double f = place - static_cast<double>(i);
+  const auto along = [&](const std::vector<float>& h) {
+    const double low = static_cast<double>(h[i]);
+    return low + f * (static_cast<double>(h[i + 1]) - low);
+  };
+  return (1 - of_next) * along(a) + of_next * along(b);
+}
+
+double CraterShape::depth_left(double age) const {
+  const double root = std::sqrt(std::clamp(age / kOldest, 0.0, 1.0)) * (kAges - 1);
+  const int row = std::min(static_cast<int>(root), kAges - 2);
+  const double f = root - row;
+  return ((1 - f) * rows_[static_cast<std::size_t>(row)].depth + f * rows_[static_cast<std::size_t>(row) + 1].depth) /
+         rows_[0].depth;
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,246 @@
+#include "dem/detail/detailed_terrain.h"
+
+#include <GeographicLib/Math.hpp>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <unordered_map>
+#include <vector>
+
+#include "dem/parallel.h"
+#include "dem/shading_normals.h"
+
+namespace selenograph::dem {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+// Weights of four posts around a place, by its distance from the second one in spacings.
+std::array<double, 4> catmull_rom(double t) {
+  return {t * (-0.5 + t * (1 - 0.5 * t)), 1 + t * t * (-2.5 + 1.5 * t), t * (0.5 + t * (2 - 1.5 * t)),
+          t * t * (-0.5 + 0.5 * t)};
+}
+
+std::int64_t floor_to(std::int64_t value, std::int64_t step) {
+  const std::int64_t rest = value % step;
+  return value - (rest < 0 ? rest + step : rest);
+}
+
+// Weighted without those that weigh nothing, which may be voids.
+double weighted(double weight, double value) { return weight == 0 ? 0 : weight * value; }
+
+}  // namespace
+
+// Posts of one level, by their ticks, wherever they are: over the poles and around the globe.
+class DetailedTerrain::PostsAround {
+ public:
+  PostsAround(const Terrain& plain, int level, const StopToken& stop) : plain_(plain), level_(level), stop_(stop) {}
+
+  std::int32_t lat_step() const { return 1 << (kTickLevel - level_); }
+
+  // Between the posts of a row of the lattice, along it.
+  double along_row(std::int64_t lat, std::int64_t lon) {
+    std::int64_t over = 0;
+    if (lat < 0 || lat > kLatTicks) lat = lat < 0 ? -lat : 2 * std::int64_t{kLatTicks} - lat, over = kLonTicks / 2;
+    const auto row_lat = static_cast<std::int32_t>(lat);
+    const std::int32_t step = lon_step(row_lat);
+    const std::int64_t place = std::int64_t{wrap_lon(lon + over)}, first = floor_to(place, step);
+    if (first == place) return post(row_lat, place);
+    const double t = static_cast<double>(place - first) / step;
+    const std::array<double, 4> w = catmull_rom(t);
+    double sum = 0;
+    for (int i = 0; i < 4; ++i)
+      sum += w[static_cast<std::size_t>(i)] * post(row_lat, first + (i - 1) * std::int64_t{step});
+    if (!std::isnan(sum)) return sum;
+    return (1 - t) * post(row_lat, first) + t * post(row_lat, first + step);
+  }
+
+  double at(std::int64_t lat, std::int64_t lon) {
+    const std::int64_t step = lat_step(), first = floor_to(lat, step);
+    if (first == lat) return along_row(lat, lon);
+    const double t = static_cast<double>(lat - first) / static_cast<double>(step);
+    const std::array<double, 4> w = catmull_rom(t);
+    double sum = 0;
+    for (int i = 0; i < 4; ++i) sum += w[static_cast<std::size_t>(i)] * along_row(first + (i - 1) * step, lon);
+    if (!std::isnan(sum)) return sum;
+    return weighted(1 - t, along_row(first, lon)) + weighted(t, along_row(first + step, lon));
+  }
+
+  // Of the nearest post.
+  SourceMark source(std::int64_t lat, std::int64_t lon) {
+    const std::int64_t nearest = std::clamp<std::int64_t>(floor_to(lat + lat_step() / 2, lat_step()), 0, kLatTicks);
+    const auto row_lat = static_cast<std::int32_t>(nearest);
+    const std::int32_t step = lon_step(row_lat);
+    const Place p = place(row_lat, floor_to(std::int64_t{wrap_lon(lon)} + step / 2, step));
+    return p.block ? p.block->source(p.r, p.c) : kNoSource;
+  }
+
+ private:
+  struct Place {
+    const Block* block = nullptr;
+    int r = 0, c = 0;
+  };
+
+  // Where rows of blocks meet whose posts are differently far apart, the row belongs to those farther apart.
+  std::int32_t lon_step(std::int32_t lat) const {
+    const auto of = [&](std::int32_t beside) {
+      const BlockId id = block_at(level_, beside, 0);
+      return lat_step() << lon_shift(level_, id.row);
+    };
+    return std::max(of(std::clamp(lat, 0, kLatTicks - 1)), of(std::clamp(lat - 1, 0, kLatTicks - 1)));
+  }
+
+  Place place(std::int32_t lat, std::int64_t lon) {
+    const std::int32_t wrapped = wrap_lon(lon);
+    // The last row of a block is the first of the next: of the pole there is no next.
+    BlockId id = block_at(level_, std::min(lat, kLatTicks - 1), wrapped);
+    Place p = in_block(id, lat, wrapped);
+    // Where the posts of the block to the north are missing, those of the southern one may be there.
+    if (p.block || lat == 0) return p;
+    return in_block(block_at(level_, lat - 1, wrapped), lat, wrapped);
+  }
+
+  Place in_block(const BlockId& id, std::int32_t lat, std::int32_t lon) {
+    const Block* block = find(id);
+    if (!block) return {};
+    const BlockExtent& e = block->extent;
+    return {block, (lat - e.lat0) / e.lat_step, (lon - e.lon0) / e.lon_step};
+  }
+
+  double post(std::int32_t lat, std::int64_t lon) {
+    const Place p = place(lat, lon);
+    return p.block ? static_cast<double>(p.block->vertices[p.block->index(p.r, p.c)].height_m) : kNaN;
+  }
+
+  const Block* find(const BlockId& id) {
+    if (latest_ && latest_id_ == id) return latest_;
+    auto found = blocks_.find(id);
+    if (found == blocks_.end()) found = blocks_.emplace(id, plain_.block(id, stop_)).first;
+    latest_id_ = id, latest_ = found->second.get();
+    return latest_;
+  }
+
+  const Terrain& plain_;
+  int level_;
+  const StopToken& stop_;
+  std::unordered_map<BlockId, std::shared_ptr<const Block>, BlockIdHash> blocks_;
+  BlockId latest_id_;
+  const Block* latest_ = nullptr;
+};
+
+DetailedTerrain::DetailedTerrain(const Terrain& plain, std::shared_ptr<const Detail> detail, Blocks& blocks, int number)
+    : plain_(plain), detail_(std::move(detail)), blocks_(blocks), number_(number) {}
+
+int DetailedTerrain::finest_level(const BlockId& id) const {
+  return plain_.has_data(id) ? std::max(plain_.finest_level(id), detail_->finest_level()) : plain_.finest_level(id);
+}
+
+NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
+  const int posts = plain_.posts_level(id);
+  if (id.level > posts) {
+    const auto made = block(id, stop);
+    if (!made) return {};
+    return {made->error_m, made->min_m, made->max_m, false, plain_.node(id, stop).replaced};
+  }
+  NodeInfo info = plain_.node(id, stop);
+  if (info.empty) return info;
+  // Between the posts the surface is curved: by no more, about, than posts lie off the surface of every second one. Of
+  // much coarser levels half of their own error is more than that: rough ground is rougher over longer distances.
+  constexpr int kMuchCoarser = 3;
+  double bend = 0;
+  if (id.level + kMuchCoarser <= posts)
+    bend = info.error_m / 2;
+  else if (posts > 0)
+    bend = id.level < posts ? info.error_m : plain_.node(ancestor_of(id, posts - 1), stop).error_m;
+  const double beyond = bend + detail_->left_out_m(posts, posts);
+  info.error_m += beyond;
+  info.min_m -= static_cast<float>(beyond), info.max_m += static_cast<float>(beyond);
+  return info;
+}
+
+void DetailedTerrain::widen(const BlockId& id, HeightRange& range) const {
+  const int posts = plain_.posts_level(id);
+  // Catmull-Rom's overshoot: an eighth of the range on either side of each axis, at most.
+  const float beyond = static_cast<float>(detail_->left_out_m(posts, posts)) + 0.3F * (range.high - range.low);
+  range.low -= beyond, range.high += beyond;
+}
+
+std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const StopToken& stop) const {
+  const int posts = plain_.posts_level(id);
+  if (id.level <= posts) return plain_.block(id, stop);
+  // Levels that there are none of: the plain terrain's blocks are kept under their own.
+  constexpr int kManyLevels = 32;
+  static_assert(kMaxLevel < kManyLevels);
+  const BlockId key{kManyLevels * number_ + id.level, id.row, id.col};
+  return blocks_.get(
+      key,
+      [&] {
+        std::shared_ptr<const Block> block = made(id, posts, stop);
+        const std::size_t bytes = block ? block->bytes() : sizeof(Block);
+        return Blocks::Loaded{std::move(block), bytes};
+      },
+      stop);
+}
+
+std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_level, const StopToken& stop) const {
+  auto block = std::make_shared<Block>();
+  block->id = id, block->extent = extent_of(id);
+  fill_trigonometry(*block);
+  const BlockExtent& e = block->extent;
+  const int side = e.quads + 1 + 2 * kHalo;
+  const auto n = static_cast<std::size_t>(side);
+  PostsAround posts(plain_, posts_level, stop);
+
+  // Past a pole rows go on on the other side of the Moon, where the cosine of the latitude is negative.
+  std::array<std::vector<double>, 4> tables;
+  for (auto& table : tables) table.resize(n);
+  std::vector<double> heights(n * n);
+  for (int i = 0; i < side; ++i) {
+    const auto at = static_cast<std::size_t>(i);
+    const std::int64_t lat = e.lat0 + std::int64_t{i - kHalo} * e.lat_step,
+                       lon = e.lon0 + std::int64_t{i - kHalo} * e.lon_step;
+    using GeographicLib::Math;
+    Math::sincosd(-90 + static_cast<double>(lat) / kTicksPerDegree, tables[0][at], tables[1][at]);
+    Math::sincosd(lon_deg_of(wrap_lon(lon)), tables[2][at], tables[3][at]);
+  }
+  for (int r = 0; r < side; ++r) {
+    stop.check();
+    for (int c = 0; c < side; ++c)
+      heights[static_cast<std::size_t>(r) * n + static_cast<std::size_t>(c)] =
+          posts.at(e.lat0 + std::int64_t{r - kHalo} * e.lat_step, e.lon0 + std::int64_t{c - kHalo} * e.lon_step);
+  }
+  detail_->add({tables[0], tables[1], tables[2], tables[3]}, id.level, posts_level, heights);
+
+  std::vector<float> rounded(heights.begin(), heights.end());
+  block->vertices.reserve(block->index(e.quads, e.quads) + 1);
+  block->sources.reserve(block->index(e.quads, e.quads) + 1);
+  float low = kHighestRelief_m, high = kLowestRelief_m;
+  double bend = 0;
+  for (int r = 0; r <= e.quads; ++r)
+    for (int c = 0; c <= e.quads; ++c) {
+      const float* h = rounded.data() + static_cast<std::size_t>(r + kHalo) * n + static_cast<std::size_t>(c + kHalo);
+      block->vertices.push_back({*h, Eigen::Vector3f::Zero()});
+      block->sources.push_back(
+          posts.source(e.lat0 + std::int64_t{r} * e.lat_step, e.lon0 + std::int64_t{c} * e.lon_step));
+      if (std::isnan(*h)) continue;
+      low = std::min(low, *h), high = std::max(high, *h);
+      for (const std::ptrdiff_t step : {std::ptrdiff_t{1}, static_cast<std::ptrdiff_t>(n)})
+        if (const float second = h[step] - 2 * *h + h[-step]; !std::isnan(second))
+          bend = std::max(bend, static_cast<double>(std::abs(second)));
+    }
+  if (low > high) return nullptr;
+  if (std::all_of(block->sources.begin(), block->sources.end(), [&](SourceMark s) { return s == block->sources[0]; })) {
+    block->sources.resize(1);
+    block->sources.shrink_to_fit();
+  }
+  // A kink between two posts lies off the line between them by up to half of what the nearer post's second difference
+  // says; along two axes, three quarters are more than was ever seen (unit.detail).
+  const double left_out = detail_->left_out_m(id.level, posts_level);
+  block->error_m = id.level >= detail_->finest_level() ? 0 : 0.75 * bend + left_out;
+  block->min_m = low - static_cast<float>(block->error_m), block->max_m = high + static_cast<float>(block->error_m);
+  fill_shading_normals(*block, rounded, {});
+  return block;
+}
+
+}  // namespace selenograph::dem

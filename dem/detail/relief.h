@@ -1,0 +1,40 @@
+// Self-affine relief between posts, as a function of place and seed: gradient noise (Perlin, SIGGRAPH 2002) in the
+// Moon's body axes, one octave of wavelengths after the other, without poles and seams.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "dem/geodesy.h"
+
+namespace selenograph::dem {
+
+struct ReliefLaw {
+  std::uint64_t seed = 0;
+  double hurst = 0.9;  // 0.8 to 0.95 over metres to kilometres on old highlands (Rosenburg et al. 2011)
+  // RMS difference of height between places this far apart (the Allan deviation; Shepard et al. 2001, JGR 106).
+  double deviation_m = 0, baseline_m = 1;
+  double longest_m = 1, shortest_m = 2;  // wavelengths; none between: there is none
+};
+
+// Const means safe to call concurrently.
+class Relief {
+ public:
+  // Octaves have wavelengths of 2^k m, from the shortest to the longest of the law. Some milliseconds: the octaves'
+  // amplitudes are such that their sum deviates as the law says.
+  explicit Relief(const ReliefLaw& law);
+
+  int shortest_octave() const { return shortest_; }
+  int longest_octave() const { return longest_; }
+  // Of a unit direction. At most most_m(octave) away from 0.
+  double height_m(int octave, const Vec3& direction) const;
+  double most_m(int octave) const;
+
+ private:
+  double amplitude_m(int octave) const;
+  ReliefLaw law_;
+  int shortest_, longest_;
+  double unit_m_ = 0;  // amplitude of the octave of 1 m
+};
+
+}  // namespace selenograph::dem

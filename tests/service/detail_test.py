@@ -1,0 +1,159 @@
+#!/usr/bin/env python3
+"""Craters and relief below the posts: the same ground in frames, rays, heights and maps, named and never silent."""
+
+import io
+import json
+import os
+import unittest
+
+import numpy as np
+
+import harness
+from harness import frame_request, sample
+
+LAT, LON = 0.1, 30.1
+PRESET = {"seed": 3, "craters": {"smallest_m": 2, "largest_m": 100},
+          "relief": {"hurst": 0.9, "deviation_m": 0.2, "baseline_m": 10, "shortest_m": 2, "longest_m": 64}}
+
+
+def setUpModule():
+    harness.set_up()
+    sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
+    os.makedirs(harness.path("assets", "details"))
+    write("rough", PRESET)
+    write("bad", {"craters": {"smallest_m": 20, "largest_m": 10}})
+    write("dense", {"craters": {"smallest_m": 2, "largest_m": 100, "frequency": [{"per_m2": 9, "exponent": 2}]}})
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def write(name, preset):
+    with open(harness.path("assets", "details", name + ".json"), "w") as file:
+        json.dump(preset, file)
+
+
+class Detail(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.service = harness.Service("--assets-dir", harness.path("assets"))
+        cls.ground = cls.heights([(LAT, LON)])[0]
+        cls.detailed = cls.heights([(LAT, LON)], "rough")[0]
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.service.expect_clean_stop()
+
+    @classmethod
+    def heights(cls, places, detail=None):
+        points = [{"lat_deg": lat, "lon_deg": lon} for lat, lon in places]
+        status, _, body = cls.service.post("/v1/heights", {"points": points, "detail": detail})
+        assert status == 200, body
+        return [point["height_m"] for point in json.loads(body)["points"]]
+
+    def request(self, products, height_m=300.0, **changes):
+        pose = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.ground + height_m},
+                "nadir": {"up_azimuth_deg": 0}}
+        return frame_request(products, width=96, height=96, **{"pose": pose, "detail": "rough", **changes})
+
+    def arrays(self, request):
+        status, headers, body = self.service.frame(request, "application/x-npz")
+        self.assertEqual(status, 200, body[:500])
+        arrays = np.load(io.BytesIO(body))
+        return arrays, json.loads(bytes(arrays["meta.json"])), headers
+
+    def test_off_unless_asked_for(self):
+        plain = self.service.frame(self.request(("radiance",), detail=None))
+        without = self.request(("radiance",))
+        del without["detail"]
+        self.assertEqual(plain[2], self.service.frame(without)[2])
+        _, meta, _ = self.arrays(self.request(("radiance", "gsd"), detail=None))
+        self.assertNotIn("detail", meta)
+        self.assertNotIn("detail", meta["request"])
+
+    def test_a_frame_shows_it_and_says_so(self):
+        plain, _, _ = self.arrays(self.request(("radiance", "gsd", "geodetic"), detail=None))
+        arrays, meta, _ = self.arrays(self.request(("radiance", "gsd", "geodetic")))
+        self.assertEqual(meta["detail"]["name"], "rough")
+        self.assertEqual(meta["request"]["detail"], "rough")
+        self.assertGreater(np.nanmin(plain["gsd"]), 3)  # what it takes to follow the sphere
+        self.assertLess(np.nanmax(arrays["gsd"]), 8)
+        self.assertGreater(arrays["radiance"].std() / arrays["radiance"].mean(),
+                           3 * plain["radiance"].std() / plain["radiance"].mean())
+        self.assertLess(np.abs(arrays["geodetic"][..., 2] - plain["geodetic"][..., 2]).mean(), 5)
+
+    def test_both_algorithms_see_the_same(self):
+        products = ("position", "lit", "gsd", "radiance")
+        for sun in (8.0, 40.0):
+            light = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0, "elevation_deg": sun}}
+            drawn, _, _ = self.arrays(self.request(products, visibility="zbuffer", sun=light))
+            traced, _, _ = self.arrays(self.request(products, visibility="raytrace", sun=light))
+            np.testing.assert_allclose(drawn["position"], traced["position"], rtol=0, atol=1e-5)
+            np.testing.assert_array_equal(drawn["gsd"], traced["gsd"])
+            self.assertLess((drawn["lit"] != traced["lit"]).mean(), 1e-3)
+
+    def test_frames_heights_rays_and_maps_have_one_ground(self):
+        exact = self.request(("geodetic",), accuracy={"max_error_px": 0})
+        arrays, meta, _ = self.arrays(exact)
+        self.assertEqual(meta["lod_error_m"], 0)
+        places = arrays["geodetic"].reshape(-1, 3)[::97]
+        heights = np.array(self.heights([(p[0], p[1]) for p in places], "rough"))
+        np.testing.assert_allclose(heights, places[:, 2], rtol=0, atol=1e-6)
+        plain = np.array(self.heights([(p[0], p[1]) for p in places]))
+        self.assertGreater(np.abs(heights - plain).max(), 0.1)
+
+        up = [np.array([np.cos(np.radians(p[0])) * np.cos(np.radians(p[1])),
+                        np.cos(np.radians(p[0])) * np.sin(np.radians(p[1])), np.sin(np.radians(p[0]))]) for p in places]
+        rays = [{"origin_m": ((1737400.0 + 5000) * u).tolist(), "direction": (-u).tolist()} for u in up]
+        status, _, body = self.service.post("/v1/rays", {"rays": rays, "detail": "rough"})
+        self.assertEqual(status, 200, body[:500])
+        ranges = np.array([ray["range_m"] for ray in json.loads(body)["rays"]])
+        np.testing.assert_allclose(5000 - ranges, heights, rtol=0, atol=1e-6)
+
+        area = {"projection": "orthographic", "center": {"lat_deg": LAT, "lon_deg": LON}, "width_m": 40.0,
+                "height_m": 40.0, "gsd_m": 2.0}
+        request = {"map": area, "products": ["height"], "accuracy": {"max_error_px": 0}, "detail": "rough"}
+        status, _, body = self.service.post("/v1/maps", request, "application/x-npz")
+        self.assertEqual(status, 200, body[:500])
+        self.assertAlmostEqual(np.load(io.BytesIO(body))["height"].mean(), self.detailed, delta=10)
+
+    def test_a_coarser_frame_is_within_its_bound(self):
+        exact, _, _ = self.arrays(self.request(("geodetic",), accuracy={"max_error_px": 0}))
+        for error_px in (0.5, 2.0):
+            arrays, meta, _ = self.arrays(self.request(("geodetic",), accuracy={"max_error_px": error_px}))
+            heights = np.array(self.heights([tuple(p[:2]) for p in arrays["geodetic"].reshape(-1, 3)[::53]], "rough"))
+            apart = np.abs(heights - arrays["geodetic"].reshape(-1, 3)[::53, 2])
+            self.assertLessEqual(apart.max(), meta["lod_error_m"])
+
+    def test_another_preset_under_the_name_is_another_frame(self):
+        write("changing", PRESET)
+        request = self.request(("radiance",), detail="changing")
+        first = self.service.frame(request)
+        self.assertEqual(self.service.frame(request)[2], first[2])
+        write("changing", {**PRESET, "seed": 12345})
+        second = self.service.frame(request)
+        self.assertNotEqual(first[1]["ETag"], second[1]["ETag"])
+        self.assertNotEqual(first[2], second[2])
+        again = harness.Service("--assets-dir", harness.path("assets"), cache="other")
+        try:
+            self.assertEqual(again.frame(request)[2], second[2])
+        finally:
+            again.expect_clean_stop()
+
+    def test_refusals(self):
+        answer = self.service.frame(self.request(("radiance",), detail="none"))
+        self.assertEqual(answer[0], 422)
+        error = json.loads(answer[2])["errors"][0]
+        self.assertEqual(error["pointer"], "/detail")
+        self.assertIn("rough", error["detail"])
+        for name, member in (("bad", "smallest_m"), ("dense", "frequency")):
+            answer = self.service.frame(self.request(("radiance",), detail=name))
+            self.assertGreaterEqual(answer[0], 400)
+            self.assertIn(name + ".json", json.loads(answer[2])["detail"])
+            self.assertIn("/craters/" + member, json.loads(answer[2])["detail"])
+        self.assertEqual(self.service.frame(self.request(("radiance",), detail=3))[0], 422)
+
+
+if __name__ == "__main__":
+    harness.main()

@@ -1,0 +1,318 @@
+// Craters and relief below the posts: against the laws that they are made by, and as terrain.
+#include "dem/detail/detail.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <random>
+#include <set>
+
+#include "dem/detail/detailed_terrain.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph::dem {
+namespace {
+
+using std::numbers::pi;
+using test::open_terrain;
+using test::TemporaryFolder;
+using test::write_kaguya_tile;
+
+// --- one crater
+
+TEST(CraterShape, FreshIsThePublishedProfile) {
+  const CraterShape shape;
+  const auto published = [](double r) {
+    if (r < 0.98) return -0.228809953 + 0.227533882 * r + 0.083116795 * r * r - 0.039499407 * r * r * r;
+    if (r <= 1.02) return 0.036822095;
+    return 0.188253307 - 0.187050452 * r + 0.01844746 * r * r + 0.01505647 * r * r * r;
+  };
+  for (double r = 0; r < 1.5; r += 0.0137) {
+    if (std::abs(r - 0.98) < 0.02 || std::abs(r - 1.02) < 0.02) continue;  // it jumps there; the table does not
+    ASSERT_NEAR(shape.height(r, 0), published(r), 2e-3) << r;
+  }
+  EXPECT_EQ(shape.height(1.6, 0), 0);
+}
+
+TEST(CraterShape, AgesAsObserved) {
+  const CraterShape shape;
+  const auto left = [&](double diameter_m) {
+    return shape.depth_left(kDiffusivity_m2_per_Ma * 3000 / (diameter_m * diameter_m / 4));
+  };
+  EXPECT_NEAR(left(1000), 0.52, 0.01);
+  EXPECT_NEAR(left(300), 0.07, 0.005);
+  double before = 1;
+  for (double age = 0.005; age < CraterShape::kOldest; age += 0.005) {
+    ASSERT_LT(shape.depth_left(age), before) << age;
+    before = shape.depth_left(age);
+  }
+}
+
+// Diffusion moves ground and makes none: the integral over the plane stays, but for what lies beyond the reach. A
+// Gaussian hollow has a closed form; a crater becomes one.
+TEST(CraterShape, DiffusionKeepsTheVolume) {
+  const CraterShape shape;
+  const auto volume = [&](double age) {
+    double sum = 0;
+    constexpr double kStep = 1e-3;
+    for (double r = kStep / 2; r < 6; r += kStep) sum += 2 * pi * r * kStep * shape.height(r, age);
+    return sum;
+  };
+  const double fresh = volume(0);
+  EXPECT_NEAR(fresh, -0.110, 0.001);
+  for (const double age : {0.01, 0.1, 0.3, 0.6}) EXPECT_NEAR(volume(age), fresh, 0.05 * std::abs(fresh)) << age;
+}
+
+// --- many
+
+CraterLaw small_craters(std::uint64_t seed) {
+  CraterLaw law;
+  law.seed = seed;
+  law.smallest_m = 0.7, law.largest_m = 200;
+  return law;
+}
+
+TEST(CraterField, CountsAreThoseOfTheLaw) {
+  double chi2 = 0;
+  int degrees = 0;
+  for (const std::uint64_t seed : {1, 2, 3, 4}) {
+    const CraterField field(small_craters(seed));
+    EXPECT_EQ(field.smallest_octave(), -1);
+    EXPECT_EQ(field.largest_octave(), 7);
+    for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k)
+      for (const double lat : {-88.0, 0.0, 61.0}) {
+        const double half_deg = std::ldexp(30.0, k) / kMetresPerDegree;
+        const std::vector<Crater> found = field.within(k, lat - half_deg, lat + half_deg, 20, 20 + 2 * half_deg);
+        const double radians = 2 * half_deg * kRadiansPerDegree;
+        const double area =
+            kMoonRadius_m * kMoonRadius_m * radians *
+            (std::sin((lat + half_deg) * kRadiansPerDegree) - std::sin((lat - half_deg) * kRadiansPerDegree));
+        const double low = std::max(0.7, std::ldexp(1.0, k)), high = std::min(200.0, std::ldexp(2.0, k));
+        const double expected = area * std::pow(10, -1.1) * (1 / (low * low) - 1 / (high * high));
+        if (expected < 5) continue;
+        chi2 += std::pow(static_cast<double>(found.size()) - expected, 2) / expected;
+        ++degrees;
+        for (const Crater& c : found) {
+          ASSERT_GE(c.diameter_m, low);
+          ASSERT_LE(c.diameter_m, high);
+        }
+      }
+  }
+  ASSERT_GT(degrees, 60);
+  // Five standard deviations of chi-square.
+  EXPECT_NEAR(chi2, degrees, 5 * std::sqrt(2.0 * degrees));
+}
+
+TEST(CraterField, DiametersAgesAndDepthsAreThoseOfTheLaw) {
+  const CraterField field(small_craters(9));
+  std::vector<Crater> all = field.within(3, 0, 0.15, 0, 0.15);
+  ASSERT_GT(all.size(), 5000u);
+  double half_way = 0, age = 0, fresh = 0, fresh_ratio = 0;
+  for (const Crater& c : all) {
+    half_way += c.diameter_m > 8 * std::sqrt(2.0);
+    age += c.age / CraterShape::kOldest;
+    if (c.age < 0.003) fresh += 1, fresh_ratio += c.depth_m / c.diameter_m / field.shape().depth_left(c.age);
+  }
+  const auto n = static_cast<double>(all.size());
+  EXPECT_NEAR(half_way / n, 1.0 / 3, 0.03);  // N(>sqrt 2 D) - N(>2 D) over N(>D) - N(>2 D), exponent 2
+  EXPECT_NEAR(age / n, 0.5, 0.02);
+  ASSERT_GT(fresh, 10);
+  EXPECT_NEAR(fresh_ratio / fresh, fresh_depth_over_diameter(11), 0.015);
+  EXPECT_NEAR(fresh_depth_over_diameter(100), 0.15, 1e-12);
+  EXPECT_NEAR(fresh_depth_over_diameter(1000), 0.21, 1e-12);
+  EXPECT_LT(fresh_depth_over_diameter(2), 0.11);
+}
+
+// What near() finds is what within() finds, whatever the place: poles and the date line, too.
+TEST(CraterField, TheSameCratersFromEverywhere) {
+  const CraterField field(small_craters(3));
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> any(-1, 1);
+  for (const Geographic g :
+       {Geographic{0, 0, 0}, {26, 3, 0}, {10, 179.9999, 0}, {-75.5, -180, 0}, {89.999, 50, 0}, {-90, 0, 0}}) {
+    const Vec3 direction = to_cartesian(g).normalized();
+    std::vector<Crater> wide;
+    field.near(2, direction, 400, wide);
+    std::set<std::uint64_t> ids;
+    for (const Crater& c : wide) ASSERT_TRUE(ids.insert(c.id).second);
+    ASSERT_GT(ids.size(), 500u);
+    const EastNorthUp axes = local_axes(direction * kMoonRadius_m);
+    for (int i = 0; i < 20; ++i) {
+      const Vec3 beside =
+          (direction + (any(random) * axes.east + any(random) * axes.north) * 200 / kMoonRadius_m).normalized();
+      std::vector<Crater> some;
+      field.near(2, beside, 30, some);
+      ASSERT_FALSE(some.empty());
+      for (const Crater& c : some) ASSERT_TRUE(ids.contains(c.id)) << g.lat_deg;
+      // And all of them: those of the wide look that reach the small ball.
+      std::size_t reach = 0;
+      for (const Crater& c : wide) reach += (c.centre - beside).norm() * kMoonRadius_m <= 30 + c.reach_m();
+      ASSERT_EQ(some.size(), reach) << g.lat_deg;
+    }
+  }
+}
+
+// --- relief
+
+TEST(Relief, DeviatesAsTheLawSays) {
+  for (const double hurst : {0.8, 0.95}) {
+    const Relief relief(
+        {.seed = 7, .hurst = hurst, .deviation_m = 0.5, .baseline_m = 10, .longest_m = 4096, .shortest_m = 0.06});
+    const auto deviation = [&](double distance_m) {
+      double sum = 0;
+      constexpr int kPairs = 6000;
+      for (int i = 0; i < kPairs; ++i) {
+        const double lat = 26 + (i % 100) * 0.013, lon = 3 + (i / 100) * 0.017;
+        const auto height = [&](double at) {
+          const Vec3 direction = to_cartesian({at, lon, 0}).normalized();
+          double h = 0;
+          for (int k = relief.shortest_octave(); k <= relief.longest_octave(); ++k) h += relief.height_m(k, direction);
+          return h;
+        };
+        sum += std::pow(height(lat + distance_m / kMetresPerDegree) - height(lat), 2);
+      }
+      return std::sqrt(sum / kPairs);
+    };
+    EXPECT_NEAR(deviation(10), 0.5, 0.03);
+    EXPECT_NEAR(std::log(deviation(40) / deviation(1)) / std::log(40), hurst, 0.06) << hurst;
+  }
+}
+
+TEST(Relief, StaysWithinItsBound) {
+  const Relief relief({.seed = 1, .hurst = 0.9, .deviation_m = 1, .baseline_m = 10, .longest_m = 64, .shortest_m = 1});
+  std::mt19937 random(5);
+  std::normal_distribution<double> any;
+  double most = 0;
+  for (int i = 0; i < 300000; ++i) {
+    const Vec3 direction = Vec3(any(random), any(random), any(random)).normalized();
+    most = std::max(most, std::abs(relief.height_m(3, direction)));
+  }
+  EXPECT_LT(most, relief.most_m(3));
+  EXPECT_GT(most, 0.6 * relief.most_m(3));
+}
+
+// --- terrain
+
+double hills(double lat, double lon) {
+  return std::round(300 * std::sin(lat * 9) * std::cos(lon * 11) + 20 * std::sin(lon * 130));
+}
+
+DetailPreset preset() {
+  DetailPreset p;
+  p.craters = small_craters(1);
+  p.craters.smallest_m = 8;
+  p.relief = {.seed = 2, .hurst = 0.9, .deviation_m = 0.3, .baseline_m = 10, .longest_m = 256, .shortest_m = 8};
+  return p;
+}
+
+struct Ground {
+  explicit Ground(double top, double west, double (*height)(double, double) = hills) {
+    write_kaguya_tile(folder.path(), top, west, 2, 256, height);
+    plain = open_terrain(folder.path());
+    detailed = std::make_shared<Terrain>(plain, std::make_shared<Detail>(preset()));
+  }
+  TemporaryFolder folder;
+  std::shared_ptr<const Terrain> plain;
+  std::shared_ptr<const Terrain> detailed;
+};
+
+BlockId block_over(int level, double lat_deg, double lon_deg) {
+  return block_at(level, static_cast<std::int32_t>((lat_deg + 90) * kTicksPerDegree),
+                  static_cast<std::int32_t>((lon_deg + 180) * kTicksPerDegree));
+}
+
+// To the bit, whoever is made first: neighbours share their border's heights, and a second service has the same.
+TEST(DetailedTerrain, BlocksAgreeOnTheirBorders) {
+  for (const auto& [top, west, lat, lon] :
+       {std::array<double, 4>{27, 3, 26, 4}, {76, 20, 75.5, 20.7}, {-60, -180, -61, -179.2}}) {
+    const Ground ground(top, west), again(top, west);
+    for (int level = 9; level <= 13; ++level) {
+      const BlockId id = block_over(level, lat - 0.3, lon + 0.3);
+      const auto here = ground.detailed->block(id), same = again.detailed->block(id);
+      ASSERT_TRUE(here && same);
+      const BlockExtent e = here->extent;
+      for (int i = 0; i <= e.quads; ++i)
+        for (int k = 0; k <= e.quads; ++k)
+          ASSERT_EQ(here->vertices[here->index(i, k)].height_m, same->vertices[same->index(i, k)].height_m);
+      for (const auto& [dlat, dlon] :
+           {std::pair{-1, 0}, {e.quads * e.lat_step, 0}, {0, -1}, {0, e.quads * e.lon_step}}) {
+        const BlockId other_id = block_at(level, e.lat0 + dlat, wrap_lon(std::int64_t{e.lon0} + dlon));
+        const auto other = ground.detailed->block(other_id);
+        ASSERT_TRUE(other) << to_string(other_id);
+        const BlockExtent o = other->extent;
+        int shared = 0;
+        for (int r = 0; r <= e.quads; ++r)
+          for (int c = 0; c <= e.quads; ++c) {
+            const std::int32_t at_lat = e.lat0 + r * e.lat_step - o.lat0, at_lon = e.lon0 + c * e.lon_step - o.lon0;
+            if (at_lat < 0 || at_lon < 0 || at_lat % o.lat_step || at_lon % o.lon_step) continue;
+            const int orow = at_lat / o.lat_step, ocol = at_lon / o.lon_step;
+            if (orow > o.quads || ocol > o.quads) continue;
+            ASSERT_EQ(here->vertices[here->index(r, c)].height_m, other->vertices[other->index(orow, ocol)].height_m)
+                << to_string(id) << ' ' << to_string(other_id) << ' ' << r << ' ' << c;
+            ++shared;
+          }
+        EXPECT_GE(shared, e.quads / 2);
+      }
+    }
+  }
+}
+
+// Between a level's vertices and the finest surface lies no more than is said.
+TEST(DetailedTerrain, BoundsHold) {
+  const Ground ground(27, 3);
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> any(0.3, 1.7);
+  const int finest = ground.detailed->finest_level(block_over(8, 26, 4));
+  EXPECT_EQ(finest, 14);
+  for (int level = 5; level < finest; ++level) {
+    double tightest = 1e9;
+    for (int i = 0; i < 60; ++i) {
+      const double lat = 25 + any(random), lon = 3 + any(random);
+      const BlockId id = block_over(level, lat, lon);
+      const NodeInfo info = ground.detailed->node(id);
+      const auto block = ground.detailed->block(id);
+      const BlockExtent e = block->extent;
+      const double y = ((lat + 90) * kTicksPerDegree - e.lat0) / e.lat_step,
+                   x = ((lon + 180) * kTicksPerDegree - e.lon0) / e.lon_step;
+      const int r = std::clamp(static_cast<int>(y), 0, e.quads - 1),
+                c = std::clamp(static_cast<int>(x), 0, e.quads - 1);
+      const auto h = [&](int j, int k) {
+        return static_cast<double>(block->vertices[block->index(r + j, c + k)].height_m);
+      };
+      const double fy = y - r, fx = x - c;
+      const double here = fx + fy <= 1 ? h(0, 0) + fx * (h(0, 1) - h(0, 0)) + fy * (h(1, 0) - h(0, 0))
+                                       : h(1, 1) + (1 - fx) * (h(1, 0) - h(1, 1)) + (1 - fy) * (h(0, 1) - h(1, 1));
+      const double truth = ground.detailed->height(lat, lon).height_m;
+      ASSERT_LE(std::abs(here - truth), info.error_m + chord_sag_m(level)) << level;
+      ASSERT_GE(truth, static_cast<double>(info.min_m));
+      ASSERT_LE(truth, static_cast<double>(info.max_m));
+      tightest = std::min(tightest, info.error_m / std::abs(here - truth));
+    }
+    RecordProperty("tightest_" + std::to_string(level), std::to_string(tightest));
+  }
+}
+
+// Level ground without relief: what stands there is the craters' doing, and each is where the field says.
+double level_ground(double, double) { return 0; }
+
+TEST(DetailedTerrain, CratersAreWhereTheFieldHasThem) {
+  const Ground ground(27, 3, level_ground);
+  const CraterField& field = ground.detailed->detail()->craters();
+  int seen = 0;
+  for (const Crater& c : field.within(6, 25.5, 26.5, 3.5, 4.5)) {
+    if (c.age > 0.02 || c.diameter_m < 90) continue;  // fresh and large: nothing hides it
+    const Geographic g = to_geographic(c.centre * kMoonRadius_m);
+    const double floor_m = ground.detailed->height(g.lat_deg, g.lon_deg).height_m;
+    const double beside_m =
+        ground.detailed->height(g.lat_deg + 1.5 * c.diameter_m / kMetresPerDegree, g.lon_deg).height_m;
+    EXPECT_LT(floor_m, beside_m - 0.3 * c.depth_m);
+    ++seen;
+  }
+  EXPECT_GT(seen, 5);
+}
+
+}  // namespace
+}  // namespace selenograph::dem
