@@ -44,7 +44,7 @@ class FrameMemory : public ::testing::Test {
     q.pose = looking(eye, -eye, local_axes(eye).north);
     q.accuracy.max_error_px = 1;
     const engine::RowViews views(q.camera, q.pose, q.shutter);
-    return content_of(q, views, select_blocks(q, views, q.accuracy, *terrain_, kept, {}));
+    return content_of(q, views, select_blocks(q, views, q.accuracy, *terrain_, kept, {}), *terrain_);
   }
 
   TemporaryFolder folder_;
