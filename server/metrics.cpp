@@ -8,6 +8,7 @@
 #include <iterator>
 #include <sstream>
 
+#include "api/problem.h"
 #include "api/routes.h"
 #include "server/heap_trim.h"
 
@@ -119,6 +120,10 @@ void write_cache(Exposition& out, const dem::CacheStatistics& c) {
 }
 
 }  // namespace
+
+Metrics::Metrics(std::string version) : version_(std::move(version)) {
+  for (const api::ErrorRow& row : api::error_table()) errors_.emplace(row.code, 0);
+}
 
 void Metrics::count_answer(std::string_view route, std::string_view method, int status, double seconds,
                            std::size_t bytes) {

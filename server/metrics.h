@@ -37,11 +37,12 @@ class Metrics {
   inline static constexpr std::array<double, 12> kBuckets_s{0.005, 0.01, 0.025, 0.05, 0.1, 0.25,
                                                             0.5,   1,    2.5,   5,    10,  60};
 
-  explicit Metrics(std::string version) : version_(std::move(version)) {}
+  explicit Metrics(std::string version);
 
   // `route` must come from route_label(): a label may have few values only, never what a client made up.
   void count_answer(std::string_view route, std::string_view method, int status, double seconds, std::size_t bytes);
-  // `code` is one of the api's error table.
+  // `code` is one of the api's error table, which are all there from the start: of a counter that first appears as 1,
+  // Prometheus sees no increase.
   void count_error(std::string_view code);
 
   // HELP and TYPE before each family, each family in one piece; process_* are read from /proc.

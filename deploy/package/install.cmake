@@ -1,5 +1,4 @@
-# `cmake --install` and the Debian package: cpack -G DEB. The library's client headers are for others' programs, the rest
-# for the service.
+# `cmake --install`, and the Debian package: cpack -G DEB.
 include(GNUInstallDirs)
 set(share ${CMAKE_INSTALL_DATADIR}/selenograph)
 set(package ${CMAKE_CURRENT_LIST_DIR})

@@ -85,11 +85,8 @@ class Monitoring(unittest.TestCase):
     def setUpClass(cls):
         cls.service = Service()
         cls.service.frame(frame_request())
-        cls.codes = set(re.findall(r"urn:selenograph:problem:(\w+)", cls.service.ask("GET", "/openapi.json")[2].decode()))
-        text = cls.service.ask("GET", "/metrics")[2].decode()
-        # Any code of the error table may be counted.
-        text += "".join(f'selenograph_errors_total{{code="{code}"}} 1\n' for code in cls.codes | {"internal"})
-        cls.there = samples(text)
+        cls.service.wait_for('selenograph_http_requests_total{route="/v1/frames",method="POST",status="200"}', 1)
+        cls.there = samples(cls.service.ask("GET", "/metrics")[2].decode())
 
     @classmethod
     def tearDownClass(cls):

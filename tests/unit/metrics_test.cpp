@@ -75,6 +75,7 @@ TEST(Metrics, CountsByRouteMethodAndStatus) {
   EXPECT_EQ(value(text, R"(selenograph_http_requests_total{route="/v1/frames",method="POST",status="200"})"), 3);
   EXPECT_EQ(value(text, R"(selenograph_http_response_bytes_total{route="/v1/frames"})"), 3000);
   EXPECT_EQ(value(text, R"(selenograph_errors_total{code="busy"})"), 1);
+  EXPECT_EQ(value(text, R"(selenograph_errors_total{code="internal"})"), 0);  // there before the first
 }
 
 TEST(Metrics, HistogramBucketsAreCumulative) {
