@@ -7,7 +7,7 @@ share a cache folder.
 Without TILES on sample terrain. The pyramid is built by `ingest` first; the campaigns must not change it. Frames are
 `radiance` as .npz, SIZE x SIZE pixels, nadir from 10 to 30 km, all over the terrain in no order, Sun at 15 degrees. Each
 process is one shard, started together with the others; the rate counts from the first process's start to the last one's
-end, and from the first frame in a journal to the last. Bytes read are those of read() and the like (/proc/PID/io, rchar),
+end. Bytes read are those of read() and the like (/proc/PID/io, rchar),
 whether the disk or the system's memory has them; bytes from disk are read_bytes, CPU seconds those of all threads.
 
 The first line says the machine and its load: on a busy machine the figures are to be taken again.

@@ -29,7 +29,7 @@ sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
 from selenograph import Camera, Trajectory  # noqa: E402
 
 SEED = 20261122
-KILLS = int(os.environ.get("BATCH_KILLS", "6"))
+KILLS = int(os.environ.get("BATCH_KILLS", "4"))
 DONE, AGAIN, BAD = 0, 1, 2  # exit statuses
 BELOW_THE_GROUND = {"geodetic": {"lat_deg": 0, "lon_deg": 30, "height_m": -20000}, "nadir": {"up_azimuth_deg": 0}}
 
@@ -138,6 +138,7 @@ class Frames(Batch):
                            "right": {"camera": {"width": 9, "height": 8, "fov_deg": 30}}}}
         base = next(requests(1))
         several = {**{k: v for k, v in base.items() if k != "camera"}, **two}
+        service = Service()
         for suffix, accept, asked in (
                 ("npz", "application/x-npz", [*requests(3), frame_request(["image", "range"]), several]),
                 ("exr", "image/x-exr", [frame_request(["radiance", "range"])]),
@@ -147,7 +148,6 @@ class Frames(Batch):
                 self.remove("out")
                 path = manifest({"name": f"frame-{i}", **request} for i, request in enumerate(asked))
                 self.assert_status(batch(path, "out", "--format", suffix), DONE)
-                service = Service()
                 for i, request in enumerate(asked):
                     status, headers, body = service.frame(request, accept)
                     self.assertEqual(status, 200, body[:300])
@@ -157,7 +157,7 @@ class Frames(Batch):
                     self.assertEqual(entry["sha256"], hashlib.sha256(body).hexdigest())
                     self.assertEqual(entry["bytes"], len(body))
                     self.assertEqual(entry["line"], i + 1)
-                service.expect_clean_stop()
+        service.expect_clean_stop()
 
     def test_names_are_the_lines_numbers(self):
         lines = [json.dumps(r) for r in requests(4)]
@@ -264,7 +264,7 @@ class Interrupted(Batch):
             with self.subTest(of=of):
                 self.remove("out")
                 made = []
-                for i in range(of) if of < 10 else (0, 34, 35, 69):
+                for i in range(of) if of < 10 else (34, 69):
                     before = set(contents("out", ".npz")) if os.path.isdir(harness.path("out")) else set()
                     self.assert_status(batch(self.path, "out", "--shard", f"{i}/{of}"), DONE)
                     made.append(set(contents("out", ".npz")) - before)
