@@ -48,7 +48,7 @@ void add_heights(OrderedJson& schemas, std::size_t most) {
               {"post_spacing_m", number_or_null("of the tile")},
               {"source", text("tile name")},
               {"filled", boolean("interpolated across a void")},
-              {"blended", boolean("a mean of two layers, near where they meet; source: the larger share")},
+              {"blended", boolean("a mean of the source and the layer beneath it, near where they meet")},
               {"reason", text("why height_m is null")}},
              {"lat_deg", "lon_deg", "height_m"});
   schemas["HeightsAnswer"] =

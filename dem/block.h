@@ -18,7 +18,7 @@ using SourceIndex = std::uint32_t;
 inline constexpr SourceIndex kNoSource = 0x3fffffff;
 
 // Where a post comes from: a SourceIndex, with kFilledBit where the post was interpolated across no-data, and
-// kBlendedBit where it is a mean of two layers: then the source is the one with the larger share.
+// kBlendedBit where it is a mean of the source and the layers beneath it.
 using SourceMark = std::uint32_t;
 inline constexpr SourceMark kFilledBit = 0x80000000, kBlendedBit = 0x40000000, kMarkBits = kFilledBit | kBlendedBit;
 inline constexpr SourceIndex source_of(SourceMark mark) { return mark & ~kMarkBits; }

@@ -21,6 +21,7 @@ constexpr double kLeastScale = 1.0 / 8;  // of longitudes: beyond 83 degrees ban
 constexpr std::size_t kMostTiles = std::size_t{1} << 18;  // some 150 MB
 constexpr std::int64_t kMostBorderCells = std::int64_t{1} << 24;
 constexpr double kLeastBorderPosts = 256;
+constexpr double kBorder_deg = 1e-6;     // 3 cm: layers that have only their border in common lie beside each other
 constexpr std::size_t kSmallGroup = 64;  // files whose outline is looked at in all
 constexpr int kRowsRead = 64;
 
@@ -162,7 +163,7 @@ bool LayerEdges::meets(int source) const {
   std::atomic<signed char>& known = meets_[static_cast<std::size_t>(source)];
   if (known < 0) {
     const Footprint& f = catalogue_.rasters()[static_cast<std::size_t>(source)].footprint;
-    const std::vector<int> there = catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg);
+    const std::vector<int> there = catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, -kBorder_deg);
     known = !there.empty() && there.front() < begin;
   }
   return known > 0;
@@ -247,7 +248,7 @@ void LayerEdges::settle(Group& group) const {
   int beneath = -1;
   for (const int i : group.sources) {
     const Footprint& f = catalogue_.rasters()[static_cast<std::size_t>(i)].footprint;
-    const std::vector<int> there = catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg);
+    const std::vector<int> there = catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, -kBorder_deg);
     const auto past = std::lower_bound(there.begin(), there.end(), sheet.layer_begin);
     if (past != there.begin()) beneath = std::max(beneath, *std::prev(past));
   }

@@ -684,14 +684,10 @@ void PostSource::blend_layer(const PostWindow& part, std::size_t offset, const S
     const std::size_t here = offset + s.at, there = s.at - static_cast<std::size_t>(first) * columns;
     const float below = heights[there];
     if (std::isnan(below)) continue;
-    if (s.share > kWhole) {
-      strip.heights[here] = below, strip.sources[here] = marks[there];
-      continue;
-    }
     const auto own = static_cast<double>(strip.heights[here]);
-    strip.heights[here] = static_cast<float>(own + s.share * (static_cast<double>(below) - own));
-    const SourceMark flags = ((strip.sources[here] | marks[there]) & kMarkBits) | kBlendedBit;
-    strip.sources[here] = source_of(s.share > 0.5 ? marks[there] : strip.sources[here]) | flags;
+    strip.heights[here] =
+        s.share > kWhole ? below : static_cast<float>(own + s.share * (static_cast<double>(below) - own));
+    strip.sources[here] |= (marks[there] & kMarkBits) | kBlendedBit;
   }
   if (pole) {
     std::fill_n(strip.heights + offset, part.cols, strip.heights[offset]);

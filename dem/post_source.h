@@ -75,7 +75,7 @@ class PostSource {
   // Fills voids, in place. Needs kFillReach posts of context around what must be right.
   static void fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop = {});
 
- // Where layers meet.
+  // Where layers meet.
   const LayerEdges& edges() const { return edges_; }
 
  private:

@@ -51,7 +51,7 @@ struct HeightAnswer {
   double post_spacing_m = 0;  // of the source
   int source = -1;            // index into catalogue().rasters(); -1: none
   bool filled = false;        // interpolated across no-data
-  bool blended = false;       // between two layers; `source` is the one with the larger share
+  bool blended = false;       // a mean of `source` and the layers beneath it
 };
 
 struct CacheStatistics {

@@ -72,7 +72,7 @@ TEST(Layers, AreBlendedOverTheBandAndUntouchedInside) {
       ASSERT_EQ(posts.sources[c], 1U) << c;
     } else if (inside >= 4 && inside < 48) {
       ASSERT_TRUE(is_blended(posts.sources[c])) << c;
-      ASSERT_EQ(layers.name(posts.sources[c]), h >= 50 ? "fine" : "coarse") << "the larger share names the source";
+      ASSERT_EQ(layers.name(posts.sources[c]), "fine") << "whose outline stays visible";
     }
     if (c > 0) {
       ASSERT_GE(h, posts.heights[c - 1]) << c;
