@@ -5,7 +5,7 @@ import json
 import matplotlib
 import numpy as np
 
-from . import campaign, consistency
+from . import campaign, consistency, scenarios
 from .flight import COLUMNS
 
 matplotlib.use("Agg")
@@ -122,10 +122,16 @@ def _plot_flights(runs, conditions, path):
         axis.plot(middles, [row[f"position_95_{unit}"] for row in rows], "o-", markersize=3, color=RED, label="95 %")
         axis.set(xscale="log", yscale="log", xlabel="altitude above the terrain, km", ylabel=f"position error, {label}",
                  title="Against altitude, from the first matches on")
-        axis.legend(loc="upper left")
+        axis.set_xticks([1, 2, 5, 10, 15])
+        axis.legend()
     pixels = axes[1, 2].twinx()
     pixels.set(yscale="log", ylabel="pixels", ylim=np.array(axes[1, 2].get_ylim()) * focal_px / 100)
     pixels.grid(False)
+    for axis in (axes[0, 2], axes[1, 2], pixels):
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.xaxis.set_major_formatter("{x:g}")
+        axis.xaxis.set_minor_formatter("")
+        axis.yaxis.set_minor_formatter("")
     figure.savefig(path)
     plt.close(figure)
 
@@ -133,11 +139,13 @@ def _plot_flights(runs, conditions, path):
 def _points(folder):
     """What a sweep has flown, in the order of its points; errors of the second half of the flights."""
     rows = []
-    for path in sorted(folder.glob("*/conditions.json"), key=lambda path: path.stat().st_mtime):
+    flown = {path.parent.name: json.loads(path.read_text()) for path in folder.glob("*/conditions.json")}
+    known = [name for made in scenarios.ALL.values() for name in (point.name for point in campaign.points(made()))]
+    for name in sorted(flown, key=lambda name: known.index(name) if name in known else len(known)):
+        path, conditions = folder / name / "conditions.json", flown[name]
         runs, _ = campaign.flights(path.parent)
         if not len(runs):
             continue
-        conditions = json.loads(path.read_text())
         frames = json.loads((path.parent / "frames.json").read_text())
         half = runs[:, runs.shape[1] // 2:]
         position = consistency.column(half, COLUMNS, "position_error_m")
@@ -166,7 +174,11 @@ def _sweep(folder, points):
         for column, label, colour in (("position_rms_m", "RMS", BLUE), ("position_95_m", "95 %", RED)):
             axis.plot([str(point["value"]) for point in these], [point[column] for point in these], "o-", color=colour,
                       label=label)
-        axis.set(xlabel=kind, ylabel="position, second half, m", ylim=(0, None))
+        axis.set(xlabel=kind, ylabel="position, second half, m")
+        if max(point["position_95_m"] for point in these) > 20 * min(point["position_rms_m"] for point in these):
+            axis.set_yscale("log")
+        else:
+            axis.set_ylim(0, None)
         axis.legend()
     figure.savefig(folder / "sweep.png")
     plt.close(figure)
