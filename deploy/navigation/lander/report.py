@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 
 EDGES_M = (0, 1500, 3000, 5000, 8000, 12000, 14000, 20000)
 STYLE = {"font.size": 8, "axes.grid": True, "grid.color": "#dddddd", "grid.linewidth": 0.5, "lines.linewidth": 1.2,
-         "legend.frameon": False, "figure.constrained_layout.use": True, "savefig.dpi": 90}
+         "legend.frameon": False, "figure.constrained_layout.use": True, "savefig.dpi": 80}
 BLUE, RED, GREEN = "#0072B2", "#D55E00", "#009E73"
 BEGIN, END = "<!-- written by `run report`: begin -->\n", "<!-- written by `run report`: end -->\n"
 
@@ -95,7 +95,7 @@ def _plot_flights(runs, conditions, path):
     figure, axes = plt.subplots(2, 3, figsize=(12, 6.4))
     for axis, error, sigma, unit in ((axes[0, 0], "position_error_m", "position_sigma_m", "position, m"),
                                      (axes[0, 1], "velocity_error_m_s", "velocity_sigma_m_s", "velocity, m/s")):
-        axis.plot(time, of(error).T, color="#bbbbbb", linewidth=0.3, rasterized=True)
+        axis.plot(time, of(error)[:20].T, color="#bbbbbb", linewidth=0.3)  # some, to see what one is like
         axis.plot(time, consistency.rms(of(error)), color=BLUE, label="RMS of the error")
         if count > 1:
             axis.plot(time, np.percentile(of(error), 95, axis=0), color=RED, label="95 %")
