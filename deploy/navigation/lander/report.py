@@ -1,6 +1,7 @@
 """Plots and tables of what the other commands wrote."""
 
 import json
+import textwrap
 
 import matplotlib
 import numpy as np
@@ -50,7 +51,14 @@ def publish(work, here):
                 text += [f"![{folder.name}: {name}]({plot})", ""]
         if tables.get("causes"):
             text += _causes_page(tables["causes"], folder)
-    readme.write_text(before + BEGIN + "\n".join(text) + END + rest.split(END)[1])
+    readme.write_text(before + BEGIN + "\n".join(line for long in text for line in _lines(long)) + END + rest.split(END)[1])
+
+
+def _lines(text):
+    """Prose in lines of 120 characters; tables, plots and headings as they are."""
+    if text.startswith(("|", "!", "#")) or not text:
+        return [text]
+    return textwrap.wrap(text, 120, subsequent_indent="  " if text.startswith("- ") else "", break_on_hyphens=False)
 
 
 def _flights(folder, name):
