@@ -1,11 +1,12 @@
 """Plots and tables of what the other commands wrote."""
 
 import json
+import textwrap
 
 import matplotlib
 import numpy as np
 
-from . import campaign, consistency
+from . import campaign, consistency, scenarios
 from .flight import COLUMNS
 
 matplotlib.use("Agg")
@@ -13,7 +14,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 
 EDGES_M = (0, 1500, 3000, 5000, 8000, 12000, 14000, 20000)
 STYLE = {"font.size": 8, "axes.grid": True, "grid.color": "#dddddd", "grid.linewidth": 0.5, "lines.linewidth": 1.2,
-         "legend.frameon": False, "figure.constrained_layout.use": True, "savefig.dpi": 90}
+         "legend.frameon": False, "figure.constrained_layout.use": True, "savefig.dpi": 80}
 BLUE, RED, GREEN = "#0072B2", "#D55E00", "#009E73"
 BEGIN, END = "<!-- written by `run report`: begin -->\n", "<!-- written by `run report`: end -->\n"
 
@@ -50,7 +51,14 @@ def publish(work, here):
                 text += [f"![{folder.name}: {name}]({plot})", ""]
         if tables.get("causes"):
             text += _causes_page(tables["causes"], folder)
-    readme.write_text(before + BEGIN + "\n".join(text) + END + rest.split(END)[1])
+    readme.write_text(before + BEGIN + "\n".join(line for long in text for line in _lines(long)) + END + rest.split(END)[1])
+
+
+def _lines(text):
+    """Prose in lines of 120 characters; tables, plots and headings as they are."""
+    if text.startswith(("|", "!", "#")) or not text:
+        return [text]
+    return textwrap.wrap(text, 120, subsequent_indent="  " if text.startswith("- ") else "", break_on_hyphens=False)
 
 
 def _flights(folder, name):
@@ -95,7 +103,7 @@ def _plot_flights(runs, conditions, path):
     figure, axes = plt.subplots(2, 3, figsize=(12, 6.4))
     for axis, error, sigma, unit in ((axes[0, 0], "position_error_m", "position_sigma_m", "position, m"),
                                      (axes[0, 1], "velocity_error_m_s", "velocity_sigma_m_s", "velocity, m/s")):
-        axis.plot(time, of(error).T, color="#bbbbbb", linewidth=0.3, rasterized=True)
+        axis.plot(time, of(error)[:20].T, color="#bbbbbb", linewidth=0.3)  # some, to see what one is like
         axis.plot(time, consistency.rms(of(error)), color=BLUE, label="RMS of the error")
         if count > 1:
             axis.plot(time, np.percentile(of(error), 95, axis=0), color=RED, label="95 %")
@@ -122,10 +130,16 @@ def _plot_flights(runs, conditions, path):
         axis.plot(middles, [row[f"position_95_{unit}"] for row in rows], "o-", markersize=3, color=RED, label="95 %")
         axis.set(xscale="log", yscale="log", xlabel="altitude above the terrain, km", ylabel=f"position error, {label}",
                  title="Against altitude, from the first matches on")
-        axis.legend(loc="upper left")
+        axis.set_xticks([1, 2, 5, 10, 15])
+        axis.legend()
     pixels = axes[1, 2].twinx()
     pixels.set(yscale="log", ylabel="pixels", ylim=np.array(axes[1, 2].get_ylim()) * focal_px / 100)
     pixels.grid(False)
+    for axis in (axes[0, 2], axes[1, 2], pixels):
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.xaxis.set_major_formatter("{x:g}")
+        axis.xaxis.set_minor_formatter("")
+        axis.yaxis.set_minor_formatter("")
     figure.savefig(path)
     plt.close(figure)
 
@@ -133,11 +147,13 @@ def _plot_flights(runs, conditions, path):
 def _points(folder):
     """What a sweep has flown, in the order of its points; errors of the second half of the flights."""
     rows = []
-    for path in sorted(folder.glob("*/conditions.json"), key=lambda path: path.stat().st_mtime):
+    flown = {path.parent.name: json.loads(path.read_text()) for path in folder.glob("*/conditions.json")}
+    known = [name for made in scenarios.ALL.values() for name in (point.name for point in campaign.points(made()))]
+    for name in sorted(flown, key=lambda name: known.index(name) if name in known else len(known)):
+        path, conditions = folder / name / "conditions.json", flown[name]
         runs, _ = campaign.flights(path.parent)
         if not len(runs):
             continue
-        conditions = json.loads(path.read_text())
         frames = json.loads((path.parent / "frames.json").read_text())
         half = runs[:, runs.shape[1] // 2:]
         position = consistency.column(half, COLUMNS, "position_error_m")
@@ -166,7 +182,11 @@ def _sweep(folder, points):
         for column, label, colour in (("position_rms_m", "RMS", BLUE), ("position_95_m", "95 %", RED)):
             axis.plot([str(point["value"]) for point in these], [point[column] for point in these], "o-", color=colour,
                       label=label)
-        axis.set(xlabel=kind, ylabel="position, second half, m", ylim=(0, None))
+        axis.set(xlabel=kind, ylabel="position, second half, m")
+        if max(point["position_95_m"] for point in these) > 20 * min(point["position_rms_m"] for point in these):
+            axis.set_yscale("log")
+        else:
+            axis.set_ylim(0, None)
         axis.legend()
     figure.savefig(folder / "sweep.png")
     plt.close(figure)
