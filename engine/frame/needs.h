@@ -12,9 +12,7 @@ namespace selenograph::engine {
 
 inline bool wants_radiance(const FrameRequest& request) { return request.products & (kRadiance | kImage); }
 inline bool wants_light(const FrameRequest& request) { return wants_radiance(request) || (request.products & kLit); }
-inline bool wants_geometry(const FrameRequest& request) {
-  return request.products & kTruth;
-}
+inline bool wants_geometry(const FrameRequest& request) { return request.products & kTruth; }
 
 // Of a pixel's samples, how many the z-buffer draws at once (visibility/zbuffer/dense_samples.h): 4 where there is an
 // even number of them along a pixel's side. They take four times the memory, here that of the largest image which is

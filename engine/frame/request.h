@@ -22,7 +22,7 @@
 namespace selenograph::dem {
 class Detail;
 class ValueMap;
-}
+}  // namespace selenograph::dem
 
 namespace selenograph::engine {
 
@@ -56,7 +56,7 @@ struct FrameRequest {
   std::shared_ptr<const Atmosphere> atmosphere;  // null: none
   std::vector<SceneObject> objects;
   std::shared_ptr<const dem::Detail> detail;  // of the terrain below its posts; null: none
-  bool terrain = true;  // false: the objects are alone, without the Moon
+  bool terrain = true;                        // false: the objects are alone, without the Moon
   Accuracy accuracy;
   ImageSettings image;
   std::optional<SensorModel> sensor;  // that makes the image, of the band; empty: ImageSettings alone

@@ -501,7 +501,8 @@ class Client {
         [&](const Json& p) {
           heights.push_back({detail::number_or_nan(p, "lat_deg"), detail::number_or_nan(p, "lon_deg"),
                              detail::number_or_nan(p, "height_m"), detail::number_or_nan(p, "post_spacing_m"),
-                             p.value("source", ""), p.value("filled", false), p.value("reason", ""), p.value("blended", false)});
+                             p.value("source", ""), p.value("filled", false), p.value("reason", ""),
+                             p.value("blended", false)});
         });
     return heights;
   }
