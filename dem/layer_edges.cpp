@@ -328,7 +328,7 @@ const std::vector<int>& LayerEdges::group_of(int source) const {
 }
 
 // A piece of a file that is w x h posts. False: the file can't be read.
-bool LayerEdges::read_valid(int source, std::int64_t x0, std::int64_t y0, int w, int h, std::vector<char>& valid,
+void LayerEdges::read_valid(int source, std::int64_t x0, std::int64_t y0, int w, int h, std::vector<char>& valid,
                             std::vector<SourceIndex>& unusable) const {
   std::vector<float> heights(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
   try {
@@ -336,13 +336,13 @@ bool LayerEdges::read_valid(int source, std::int64_t x0, std::int64_t y0, int w,
   } catch (const DataError&) {
     if (!fall_through_) throw;
     unusable.push_back(static_cast<SourceIndex>(source));
-    return false;
+    valid.assign(heights.size(), 0);
+    return;
   }
   valid.resize(heights.size());
   // Comparisons with NaN are false.
   std::transform(heights.begin(), heights.end(), valid.begin(),
                  [](float m) { return m >= kLowestRelief_m && m <= kHighestRelief_m; });
-  return true;
 }
 
 // Adds to the cover of places: kInside where the nearest post is a valid one of the file, kBeside less than a post
@@ -387,12 +387,15 @@ void LayerEdges::cover(int source, const std::vector<Geographic>& places, Reach 
   if (is_remote_name(info.path)) {
     for (const At& at : near) add(at, true);
   } else if (std::int64_t{w} * h <= kMostAtOnce) {
-    const bool known = read_valid(source, x0, y0, w, h, valid, unusable);
+    read_valid(source, x0, y0, w, h, valid, unusable);
     for (const At& at : near)
-      add(at, !known || valid[static_cast<std::size_t>(at.y - y0) * static_cast<std::size_t>(w) +
-                              static_cast<std::size_t>(at.x - x0)]);
+      add(at, valid[static_cast<std::size_t>(at.y - y0) * static_cast<std::size_t>(w) +
+                    static_cast<std::size_t>(at.x - x0)]);
   } else {
-    for (const At& at : near) add(at, !read_valid(source, at.x, at.y, 1, 1, valid, unusable) || valid[0]);
+    for (const At& at : near) {
+      read_valid(source, at.x, at.y, 1, 1, valid, unusable);
+      add(at, valid[0]);
+    }
   }
 }
 
@@ -483,12 +486,11 @@ std::shared_ptr<const LayerEdges::Tile> LayerEdges::make_tile(const TileKey& key
       const std::int64_t rows_at_once = stride == 1 ? kRowsRead : 1;
       for (std::int64_t y = y_from; y < y_to; y += rows_at_once) {
         const auto h = static_cast<int>(std::min(rows_at_once, y_to - y));
-        const bool known =
-            !remote && read_valid(source, first_x + x_from * stride, first_y + y * stride, w, h, read, made->unusable);
+        if (!remote) read_valid(source, first_x + x_from * stride, first_y + y * stride, w, h, read, made->unusable);
         for (int r = 0; r < h; ++r)
           for (std::int64_t x = x_from; x < x_to; ++x)
             valid[static_cast<std::size_t>((y + r) * side + x)] |=
-                !known || read[static_cast<std::size_t>(r) * static_cast<std::size_t>(w) +
+                remote || read[static_cast<std::size_t>(r) * static_cast<std::size_t>(w) +
                                static_cast<std::size_t>((x - x_from) * stride)];
       }
     }
@@ -685,7 +687,7 @@ std::vector<LayerEdges::BorderPost> LayerEdges::border(int source, std::size_t m
                          y1 = std::min<std::int64_t>((b.y + 1) * cell - sy, info.height);
       if (x0 >= x1 || y0 >= y1) continue;
       const auto w = static_cast<int>(x1 - x0), h = static_cast<int>(y1 - y0);
-      if (!read_valid(s, x0, y0, w, h, valid, unusable)) continue;
+      read_valid(s, x0, y0, w, h, valid, unusable);
       for (int y = 0; y < h; ++y)
         for (int x = 0; x < w; ++x) {
           if (!valid[static_cast<std::size_t>(y) * static_cast<std::size_t>(w) + static_cast<std::size_t>(x)]) continue;

@@ -36,7 +36,7 @@ class LayerEdges {
  public:
   // Posts of one file, as PostSource::read() has them.
   using Read = std::function<void(int source, int x0, int y0, int w, int h, float* heights_m)>;
-  // With `fall_through` a file that can't be read counts as if all of its posts were valid, and is told; without it
+  // With `fall_through` a file that can't be read counts as if none of its posts were valid, and is told; without it
   // throws DataError.
   LayerEdges(const Catalogue& catalogue, Read read, bool fall_through);
   ~LayerEdges();
@@ -88,7 +88,7 @@ class LayerEdges {
   std::shared_ptr<const Tile> joined_tile(const TileKey& key) const;
   Cells open_cells(int sheet, int octave, std::int64_t x0, std::int64_t y0, std::int64_t x1, std::int64_t y1,
                    std::vector<SourceIndex>& unusable) const;
-  bool read_valid(int source, std::int64_t x0, std::int64_t y0, int w, int h, std::vector<char>& valid,
+  void read_valid(int source, std::int64_t x0, std::int64_t y0, int w, int h, std::vector<char>& valid,
                   std::vector<SourceIndex>& unusable) const;
   static constexpr char kBeside = 1, kInside = 2;
   enum class Reach { none, half_a_post };  // of a file beyond its outermost posts
