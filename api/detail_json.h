@@ -14,7 +14,7 @@ struct DetailName {
   using Value = Named<dem::Detail>;
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const;
   OrderedJson write(const Value& value) const;
-  OrderedJson schema(const Limits&) const { return {{"type", OrderedJson::array({"string", "null"})}}; }
+  OrderedJson schema(const Limits&) const { return {{"oneOf", {{{"type", "string"}}, {{"type", "null"}}}}}; }
   OrderedJson fallback() const { return {}; }
 };
 
