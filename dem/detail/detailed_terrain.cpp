@@ -173,14 +173,22 @@ std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const Sto
   constexpr int kManyLevels = 32;
   static_assert(kMaxLevel < kManyLevels);
   const BlockId key{kManyLevels * number_ + id.level, id.row, id.col};
-  return blocks_.get(
-      key,
-      [&] {
-        std::shared_ptr<const Block> block = made(id, posts, stop);
-        const std::size_t bytes = block ? block->bytes() : sizeof(Block);
-        return Blocks::Loaded{std::move(block), bytes};
-      },
-      stop);
+  if (const auto here = blocks_.find(key)) return *here;
+  // As of the plain terrain's blocks: a pyramid is waited for out here, and who begins to make a block has his place in
+  // the arena, which those who wait for the block may have taken all the others of.
+  plain_.node(ancestor_of(id, posts), stop);
+  std::shared_ptr<const Block> block;
+  where_loops_run([&] {
+    block = blocks_.get(
+        key,
+        [&] {
+          std::shared_ptr<const Block> one = made(id, posts, stop);
+          const std::size_t bytes = one ? one->bytes() : sizeof(Block);
+          return Blocks::Loaded{std::move(one), bytes};
+        },
+        stop);
+  });
+  return block;
 }
 
 std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_level, const StopToken& stop) const {
