@@ -133,20 +133,20 @@ TEST(OpenApi, RangesAreTheParsers) {
 // each.
 TEST(OpenApi, RequestMembersAreTheParsers) {
   const auto& properties = document().at("components").at("schemas").at("FrameRequest").at("properties");
-  Json body = frame_examples().at("nadir");
   for (const auto& [name, schema] : properties.items()) {
+    Json body = frame_examples().at("nadir");
     body[name] = name == "detail" ? Json(true) : Json();  // of the wrong type, but known
-  }
-  try {
-    read_frame(body, Limits{});
-    FAIL();
-  } catch (const RequestError& e) {
-    std::set<std::string> pointers;
-    for (const Finding& f : e.findings()) {
-      EXPECT_EQ(f.detail.find("unknown"), std::string::npos) << f.pointer;
-      pointers.insert(f.pointer);
+    try {
+      read_frame(body, Limits{});
+      ADD_FAILURE() << name;
+    } catch (const RequestError& e) {
+      bool found = false;
+      for (const Finding& f : e.findings()) {
+        EXPECT_EQ(f.detail.find("unknown"), std::string::npos) << f.pointer;
+        found |= f.pointer == "/" + name;
+      }
+      EXPECT_TRUE(found) << name;
     }
-    EXPECT_EQ(pointers.size(), properties.size());
   }
 }
 
