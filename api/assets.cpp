@@ -47,6 +47,13 @@ Json read_object_file(const std::string& path) {
   }
 }
 
+// An asset's faults are the operator's: told with its path.
+void refuse(const std::string& path, const Findings& findings) {
+  if (findings.empty()) return;
+  const Finding& first = findings.kept().front();
+  throw DataError(path, fmt::format("{}: {}", first.pointer, first.detail));
+}
+
 dem::Footprint read_extent(const JsonReader& in) {
   dem::Footprint f;
   if (!in.object({"south_deg", "north_deg", "west_deg", "east_deg"})) return f;
@@ -143,11 +150,7 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
     if (map.low > map.high) in.fail("low", "is above \"high\"");
     if (in.has("description")) in.at("description").text();
   }
-  try {
-    findings.throw_if_any();
-  } catch (const RequestError& e) {
-    throw DataError(path, fmt::format("{}: {}", e.findings()[0].pointer, e.findings()[0].detail));
-  }
+  refuse(path, findings);
   return map;
 }
 
@@ -214,11 +217,7 @@ dem::DetailPreset read_detail_file(const std::string& path) {
   }
   const std::string text = json.dump();
   preset.fingerprint = XXH3_64bits(text.data(), text.size());
-  try {
-    findings.throw_if_any();
-  } catch (const RequestError& e) {
-    throw DataError(path, fmt::format("{}: {}", e.findings()[0].pointer, e.findings()[0].detail));
-  }
+  refuse(path, findings);
   return preset;
 }
 

@@ -18,6 +18,10 @@ struct DetailName {
   OrderedJson fallback() const { return {}; }
 };
 
+inline constexpr const char* kOfDetail =
+    "craters and relief below the posts: name of details/NAME.json in the operator's assets folder; null or left out: "
+    "none";
+
 // What is said of it in metadata: synthetic terrain is never silent.
 OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail);
 

@@ -334,12 +334,9 @@ const Members<Preset>& preset_members() {
 void check_preset(const Json& preset, const std::string& name, const ReadContext& context) {
   Findings findings;
   preset_members().read(JsonReader(preset, findings), context);
-  try {
-    findings.throw_if_any();
-  } catch (const RequestError& e) {
-    throw RequestError("asset_error",
-                       fmt::format("cameras/{}.json: {}: {}", name, e.findings()[0].pointer, e.findings()[0].detail));
-  }
+  if (findings.empty()) return;
+  const Finding& first = findings.kept().front();
+  throw RequestError("asset_error", fmt::format("cameras/{}.json: {}: {}", name, first.pointer, first.detail));
 }
 
 // The request with the preset's members where it has none of its own; of the sensor, member by member.
@@ -386,11 +383,9 @@ const Members<FrameQuery>& frame_members() {
             "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
             "times of the rows: a rolling shutter or a line camera; left out: all rows are exposed at once");
         m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
-        m.add("detail", detail_field, DetailName{},
-              "craters and relief below the posts: name of details/NAME.json in the operator's assets folder; null or "
-              "left "
-              "out: none")
-            .written_if([](const FrameQuery& q) { return q.request.detail != nullptr; });
+        m.add("detail", detail_field, DetailName{}, kOfDetail).written_if([](const FrameQuery& q) {
+          return q.request.detail != nullptr;
+        });
         m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
         m.add(
             "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},

@@ -343,11 +343,9 @@ const Members<MapQuery>& map_members() {
         // The order is that of the resolved request, whose text the ETag is made from.
         m.add("map", &MapQuery::area, Object{area_members()}, "projection, extent and pixels").required();
         m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
-        m.add("detail", detail_field, DetailName{},
-              "craters and relief below the posts: name of details/NAME.json in the operator's assets folder; null or "
-              "left "
-              "out: none")
-            .written_if([](const MapQuery& q) { return q.request.look.detail != nullptr; });
+        m.add("detail", detail_field, DetailName{}, kOfDetail).written_if([](const MapQuery& q) {
+          return q.request.look.detail != nullptr;
+        });
         m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
         m.add(
             "band", [](auto& q) -> auto& { return q.request.look.band; }, Object{band_members()},

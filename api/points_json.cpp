@@ -50,10 +50,6 @@ auto checked(const M& members, const Json& body, const Limits& limits, const Ass
   return std::move(*value);
 }
 
-constexpr const char* kOfDetail =
-    "craters and relief below the posts: name of details/NAME.json in the operator's assets folder; null or left out: "
-    "none";
-
 // A query string's text as the JSON value it stands for: a number where it reads as one.
 Json number_or_text(const std::string& text) {
   double x = 0;

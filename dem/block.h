@@ -4,6 +4,7 @@
 #include <malloc.h>
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -48,6 +49,12 @@ struct Block {
     return static_cast<std::size_t>(r) * static_cast<std::size_t>(side()) + static_cast<std::size_t>(c);
   }
   SourceMark source(int r, int c) const { return sources.size() == 1 ? sources[0] : sources[index(r, c)]; }
+  // Keeps one of `sources` where they are all the same.
+  void pack_sources() {
+    if (std::any_of(sources.begin(), sources.end(), [&](SourceMark s) { return s != sources[0]; })) return;
+    sources.resize(1);
+    sources.shrink_to_fit();
+  }
   Vec3 position(int r, int c, double height_m) const {
     const auto row = static_cast<std::size_t>(r), col = static_cast<std::size_t>(c);
     const double radius = kMoonRadius_m + height_m;

@@ -216,11 +216,7 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id, const PostSource& so
                          "was made when " + std::to_string(posts.replaced.size()) + " more of its files could be used");
     heights = std::move(posts.heights);
     block->sources = std::move(posts.sources);
-    if (std::all_of(block->sources.begin(), block->sources.end(),
-                    [&](SourceMark s) { return s == block->sources[0]; })) {
-      block->sources.resize(1);
-      block->sources.shrink_to_fit();
-    }
+    block->pack_sources();
   } else {
     heights = stored(*record, *block);
   }

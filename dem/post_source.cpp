@@ -10,6 +10,7 @@
 #include <tuple>
 #include <utility>
 
+#include "dem/cubic.h"
 #include "dem/error.h"
 #include "dem/gdal/raster.h"
 #include "dem/parallel.h"
@@ -33,12 +34,6 @@ struct PostSource::Patch {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-
-// Catmull-Rom weights (Catmull & Rom 1974, tension 1/2) at fraction t between the middle two of four posts.
-std::array<double, 4> cubic_weights(double t) {
-  return {t * (-0.5 + t * (1.0 - 0.5 * t)), 1.0 + t * t * (-2.5 + 1.5 * t), t * (0.5 + t * (2.0 - 1.5 * t)),
-          t * t * (-0.5 + 0.5 * t)};
-}
 
 template <typename Patch>
 float bilinear(const Patch& patch, int x, int y, double fx, double fy) {

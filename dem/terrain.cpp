@@ -91,10 +91,7 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
       low = std::min(low, static_cast<float>(h)), high = std::max(high, static_cast<float>(h));
     }
   if (!any) return nullptr;
-  if (std::all_of(block->sources.begin(), block->sources.end(), [&](SourceMark s) { return s == block->sources[0]; })) {
-    block->sources.resize(1);
-    block->sources.shrink_to_fit();
-  }
+  block->pack_sources();
   block->min_m = low, block->max_m = high;
   return block;
 }

@@ -140,6 +140,11 @@ void CraterField::draw(const Cells& cells, int row, int column, std::vector<Crat
   }
 }
 
+void CraterField::draw_row(const Cells& cells, int row, int first, int last, std::vector<Crater>& out) const {
+  const int columns = cells.columns(row), most = std::min(last - first + 1, columns);
+  for (int i = 0; i < most; ++i) draw(cells, row, ((first + i) % columns + columns) % columns, out);
+}
+
 void CraterField::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out) const {
   const Cells cells = cells_of(octave);
   if (!(cells.per_m2 > 0)) return;
@@ -155,8 +160,7 @@ void CraterField::near(int octave, const Vec3& direction, double radius_m, std::
     const double half = away >= pi / 2 ? pi : std::asin(std::min(1.0, std::sin(angle) / std::cos(latitude)));
     const double place = (longitude + pi) / (2 * pi) * columns, reach = half / (2 * pi) * columns;
     const auto first = static_cast<int>(std::floor(place - reach)), last = static_cast<int>(std::floor(place + reach));
-    const int most = std::min(last - first + 1, columns);
-    for (int i = 0; i < most; ++i) draw(cells, row, ((first + i) % columns + columns) % columns, some);
+    draw_row(cells, row, first, last, some);
   }
   for (const Crater& crater : some)
     if ((crater.centre - direction).norm() * kMoonRadius_m <= radius_m + crater.reach_m()) out.push_back(crater);
@@ -174,8 +178,7 @@ std::vector<Crater> CraterField::within(int octave, double south_deg, double nor
     const auto column_at = [&](double lon_deg) {
       return static_cast<int>(std::floor((lon_deg + 180) / 360 * columns));
     };
-    const int first = column_at(west_deg), most = std::min(column_at(east_deg) - first + 1, columns);
-    for (int i = 0; i < most; ++i) draw(cells, row, ((first + i) % columns + columns) % columns, some);
+    draw_row(cells, row, column_at(west_deg), column_at(east_deg), some);
   }
   for (const Crater& crater : some) {
     const Geographic g = to_geographic(crater.centre * kMoonRadius_m);

@@ -77,6 +77,8 @@ class CraterField {
   struct Cells;
   Cells cells_of(int octave) const;
   void draw(const Cells& cells, int row, int column, std::vector<Crater>& out) const;
+  // Columns count on around the Moon; each cell is drawn once.
+  void draw_row(const Cells& cells, int row, int first, int last, std::vector<Crater>& out) const;
 
   CraterLaw law_;
   CraterShape shape_;

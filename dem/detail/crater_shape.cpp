@@ -89,12 +89,16 @@ CraterShape::CraterShape() {
   }
 }
 
-double CraterShape::height(double r, double age) const {
+CraterShape::Between CraterShape::rows_at(double age) const {
   const double root = std::sqrt(std::clamp(age / kOldest, 0.0, 1.0)) * (kAges - 1);
   const int row = std::min(static_cast<int>(root), kAges - 2);
-  const double of_next = root - row, place = r * kPerRadius;
-  const std::vector<float>&a = rows_[static_cast<std::size_t>(row)].heights,
-        &b = rows_[static_cast<std::size_t>(row) + 1].heights;
+  return {rows_[static_cast<std::size_t>(row)], rows_[static_cast<std::size_t>(row) + 1], root - row};
+}
+
+double CraterShape::height(double r, double age) const {
+  const Between rows = rows_at(age);
+  const double place = r * kPerRadius;
+  const std::vector<float>&a = rows.younger.heights, &b = rows.older.heights;
   const auto i = static_cast<std::size_t>(place);
   if (i + 1 >= a.size()) return 0;
   const double f = place - static_cast<double>(i);
@@ -102,15 +106,12 @@ double CraterShape::height(double r, double age) const {
     const double low = static_cast<double>(h[i]);
     return low + f * (static_cast<double>(h[i + 1]) - low);
   };
-  return (1 - of_next) * along(a) + of_next * along(b);
+  return (1 - rows.share) * along(a) + rows.share * along(b);
 }
 
 double CraterShape::depth_left(double age) const {
-  const double root = std::sqrt(std::clamp(age / kOldest, 0.0, 1.0)) * (kAges - 1);
-  const int row = std::min(static_cast<int>(root), kAges - 2);
-  const double f = root - row;
-  return ((1 - f) * rows_[static_cast<std::size_t>(row)].depth + f * rows_[static_cast<std::size_t>(row) + 1].depth) /
-         rows_[0].depth;
+  const Between rows = rows_at(age);
+  return ((1 - rows.share) * rows.younger.depth + rows.share * rows.older.depth) / rows_[0].depth;
 }
 
 }  // namespace selenograph::dem

@@ -31,7 +31,12 @@ class CraterShape {
     std::vector<float> heights;  // at multiples of kStep
     double depth = 0;
   };
+  struct Between {
+    const Row &younger, &older;
+    double share;  // of the older one
+  };
   Row row_of(const std::vector<double>& heights, double age) const;
+  Between rows_at(double age) const;
   std::vector<Row> rows_;  // of ages at equal steps of their square root
 };
 

@@ -8,6 +8,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "dem/cubic.h"
 #include "dem/parallel.h"
 #include "dem/shading_normals.h"
 
@@ -15,12 +16,6 @@ namespace selenograph::dem {
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-
-// Weights of four posts around a place, by its distance from the second one in spacings.
-std::array<double, 4> catmull_rom(double t) {
-  return {t * (-0.5 + t * (1 - 0.5 * t)), 1 + t * t * (-2.5 + 1.5 * t), t * (0.5 + t * (2 - 1.5 * t)),
-          t * t * (-0.5 + 0.5 * t)};
-}
 
 std::int64_t floor_to(std::int64_t value, std::int64_t step) {
   const std::int64_t rest = value % step;
@@ -48,7 +43,7 @@ class DetailedTerrain::PostsAround {
     const std::int64_t place = std::int64_t{wrap_lon(lon + over)}, first = floor_to(place, step);
     if (first == place) return post(row_lat, place);
     const double t = static_cast<double>(place - first) / step;
-    const std::array<double, 4> w = catmull_rom(t);
+    const std::array<double, 4> w = cubic_weights(t);
     double sum = 0;
     for (int i = 0; i < 4; ++i)
       sum += w[static_cast<std::size_t>(i)] * post(row_lat, first + (i - 1) * std::int64_t{step});
@@ -60,7 +55,7 @@ class DetailedTerrain::PostsAround {
     const std::int64_t step = lat_step(), first = floor_to(lat, step);
     if (first == lat) return along_row(lat, lon);
     const double t = static_cast<double>(lat - first) / static_cast<double>(step);
-    const std::array<double, 4> w = catmull_rom(t);
+    const std::array<double, 4> w = cubic_weights(t);
     double sum = 0;
     for (int i = 0; i < 4; ++i) sum += w[static_cast<std::size_t>(i)] * along_row(first + (i - 1) * step, lon);
     if (!std::isnan(sum)) return sum;
@@ -238,10 +233,7 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
           bend = std::max(bend, static_cast<double>(std::abs(second)));
     }
   if (low > high) return nullptr;
-  if (std::all_of(block->sources.begin(), block->sources.end(), [&](SourceMark s) { return s == block->sources[0]; })) {
-    block->sources.resize(1);
-    block->sources.shrink_to_fit();
-  }
+  block->pack_sources();
   // A kink between two posts lies off the line between them by up to half of what the nearer post's second difference
   // says; along two axes, three quarters are more than was ever seen (unit.detail).
   const double left_out = detail_->left_out_m(id.level, posts_level);

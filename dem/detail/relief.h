@@ -26,15 +26,15 @@ class Relief {
 
   int shortest_octave() const { return shortest_; }
   int longest_octave() const { return longest_; }
-  // Of a unit direction. At most most_m(octave) away from 0.
+  // Of one of these octaves, at a unit direction. At most most_m(octave) away from 0.
   double height_m(int octave, const Vec3& direction) const;
   double most_m(int octave) const;
 
  private:
   double amplitude_m(int octave) const;
-  ReliefLaw law_;
+  std::uint64_t seed_;
   int shortest_, longest_;
-  double unit_m_ = 0;  // amplitude of the octave of 1 m
+  std::vector<double> amplitudes_m_;  // of the octaves, from the shortest
 };
 
 }  // namespace selenograph::dem

@@ -5,7 +5,9 @@
 #include <cmath>
 #include <numbers>
 
-namespace selenograph::dem {
+#include "dem/noise.h"
+
+namespace selenograph::dem::sample {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
@@ -24,12 +26,7 @@ double to_km(double m) { return m * 1e-3; }
 
 }  // namespace
 
-std::uint64_t SplitMix::next() {
-  std::uint64_t z = (state_ += 0x9E3779B97F4A7C15u);
-  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
-  z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
-  return z ^ (z >> 31);
-}
+std::uint64_t SplitMix::next() { return split_mix(state_ += kSplitMixStep); }
 
 double SplitMix::uniform() { return static_cast<double>(next() >> 11) * 0x1p-53; }
 
@@ -53,7 +50,7 @@ double smoothstep(double from, double to, double x) {
 namespace {
 
 // Cheap integer hash of a lattice point; only its top bits are used.
-std::uint32_t lattice_hash(std::int32_t x, std::int32_t y, std::int32_t z, std::uint32_t seed) {
+std::uint32_t lattice_hash(std::int64_t x, std::int64_t y, std::int64_t z, std::uint32_t seed) {
   std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * 0x8DA6B343u) ^
                     (static_cast<std::uint32_t>(y) * 0xD8163841u) ^ (static_cast<std::uint32_t>(z) * 0xCB1AB31Fu);
   h = (h ^ (h >> 15)) * 0x2C1B3C6Du;
@@ -61,37 +58,12 @@ std::uint32_t lattice_hash(std::int32_t x, std::int32_t y, std::int32_t z, std::
   return h ^ (h >> 15);
 }
 
-// The twelve edge directions of a cube (four of them twice), Perlin 2002.
-double corner(std::uint32_t hash, double x, double y, double z) {
-  static constexpr double kGradient[16][3] = {{1, 1, 0},  {-1, 1, 0},  {1, -1, 0}, {-1, -1, 0}, {1, 0, 1},  {-1, 0, 1},
-                                              {1, 0, -1}, {-1, 0, -1}, {0, 1, 1},  {0, -1, 1},  {0, 1, -1}, {0, -1, -1},
-                                              {1, 1, 0},  {-1, 1, 0},  {0, -1, 1}, {0, -1, -1}};
-  const double* g = kGradient[hash >> 28];
-  return g[0] * x + g[1] * y + g[2] * z;
-}
-
-// std::lerp and std::floor guard cases that don't occur here, at several times the cost.
-double blend(double a, double b, double t) { return a + t * (b - a); }
-std::int32_t floor_of(double x) {
-  const auto i = static_cast<std::int32_t>(x);
-  return i - (x < i ? 1 : 0);
-}
-
-double fade(double t) { return t * t * t * (t * (t * 6 - 15) + 10); }
-
 }  // namespace
 
 double gradient_noise(double x, double y, double z, std::uint64_t seed) {
-  const std::int32_t i = floor_of(x), j = floor_of(y), k = floor_of(z);
   const auto s = static_cast<std::uint32_t>(seed ^ (seed >> 32));
-  x -= i, y -= j, z -= k;
-  const double u = fade(x), v = fade(y), w = fade(z);
-  const auto along_x = [&](int dj, int dk) {
-    const double a = corner(lattice_hash(i, j + dj, k + dk, s), x, y - dj, z - dk);
-    const double b = corner(lattice_hash(i + 1, j + dj, k + dk, s), x - 1, y - dj, z - dk);
-    return blend(a, b, u);
-  };
-  return blend(blend(along_x(0, 0), along_x(1, 0), v), blend(along_x(0, 1), along_x(1, 1), v), w);
+  return perlin_noise(x, y, z,
+                      [s](std::int64_t i, std::int64_t j, std::int64_t k) { return lattice_hash(i, j, k, s) >> 28; });
 }
 
 // ---- dimensions -----------------------------------------------------------------------------------------------------
@@ -495,4 +467,4 @@ CraterShape::Trace CraterShape::trace(double east_m, double north_m) const {
   return t;
 }
 
-}  // namespace selenograph::dem
+}  // namespace selenograph::dem::sample

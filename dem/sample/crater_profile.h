@@ -11,7 +11,8 @@
 
 #include "dem/geodesy.h"
 
-namespace selenograph::dem {
+// Apart from dem/detail, which has craters of its own.
+namespace selenograph::dem::sample {
 
 // Reproducible on every machine, unlike the distributions of <random>. Steele et al. 2014, "SplitMix".
 class SplitMix {
@@ -118,4 +119,4 @@ class CraterShape {
 // How far from its centre, in radii, a crater of this size may leave a trace.
 double crater_reach_radii(double diameter_m);
 
-}  // namespace selenograph::dem
+}  // namespace selenograph::dem::sample

@@ -19,6 +19,8 @@
 namespace selenograph::dem {
 namespace {
 
+using namespace sample;
+
 constexpr std::int16_t kDummy = -9999;
 constexpr int kBlock = 64;  // posts; one block's layers fit into a core's second-level cache
 

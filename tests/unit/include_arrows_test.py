@@ -1,4 +1,4 @@
-"""Includes point downwards, and each foreign library is behind one pair of files.
+"""Includes point downwards, each foreign library is behind one pair of files, and a class has one definition.
 
 Reads the sources; needs no build:   python3 tests/unit/include_arrows_test.py
 """
@@ -32,6 +32,10 @@ LIBRARIES = [
 ]
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)')
+
+# At the left border: members are indented, forward declarations end in a semicolon.
+CLASS = re.compile(r"^(?:class|struct|union|enum class|enum) (?:alignas\(\w+\) )?(\w+)\b(?!.*;\s*$)")
+NAMESPACE = re.compile(r"^namespace (\S+) \{")
 
 
 def floor_of(path):
@@ -82,10 +86,44 @@ def faults(root):
     return found
 
 
+def defined_twice(root):
+    """Two definitions of one class in the headers: the linker takes one of their functions for both, in silence."""
+    places = {}
+    for room in ROOMS:
+        for file in sorted((root / room).rglob("*.h")):
+            namespace = ""
+            for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
+                opened, defined = NAMESPACE.match(line), CLASS.match(line)
+                if opened:
+                    namespace = opened[1]
+                elif defined:
+                    place = f"{file.relative_to(root).as_posix()}:{number}"
+                    places.setdefault(f"{namespace}::{defined[1]}", []).append(place)
+    return [f"{name} at {', '.join(where)}" for name, where in sorted(places.items()) if len(where) > 1]
+
+
 class IncludeArrows(unittest.TestCase):
     def test_includes_point_downwards(self):
         found = faults(ROOT)
         self.assertEqual(found, [], "\n" + "\n".join(found))
+
+    def test_a_class_has_one_definition(self):
+        found = defined_twice(ROOT)
+        self.assertEqual(found, [], "\n" + "\n".join(found))
+
+    def test_a_second_definition_is_found(self):
+        files = {
+            "dem/a.h": "namespace selenograph::dem {\nclass Crater;\nstruct Crater {\n};\nstruct Pit {};\n}",
+            "dem/deep/b.h": "namespace selenograph::dem {\nclass Crater final : Base {\n  struct Row {};\n};\n}",
+            "dem/deep/c.h": "namespace selenograph::dem::deep {\nstruct Pit {\n};\nenum class Pit2 { kRow };\n}",
+        }
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            for path, text in files.items():
+                (root / path).parent.mkdir(parents=True, exist_ok=True)
+                (root / path).write_text(text, encoding="utf-8")
+            found = defined_twice(root)
+        self.assertEqual(found, ["selenograph::dem::Crater at dem/a.h:3, dem/deep/b.h:2"])
 
     def test_the_rules_match_the_folders(self):
         for room in ROOMS:

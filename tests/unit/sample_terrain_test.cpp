@@ -21,6 +21,8 @@
 namespace selenograph::dem {
 namespace {
 
+using namespace sample;
+
 namespace fs = std::filesystem;
 
 constexpr int kDummy = -9999;

@@ -72,7 +72,8 @@ class Relief {
     double sum = 0;
     std::uint64_t seed = 1;
     for (double wave_m = 256; wave_m > 10; wave_m /= 2, ++seed)
-      sum += 6 * std::pow(wave_m / 256, 0.9) * dem::gradient_noise(east_m / wave_m, north_m / wave_m, 0.5, seed);
+      sum +=
+          6 * std::pow(wave_m / 256, 0.9) * dem::sample::gradient_noise(east_m / wave_m, north_m / wave_m, 0.5, seed);
     return sum;
   }
 
