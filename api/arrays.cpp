@@ -10,8 +10,8 @@ namespace {
 
 using engine::FrameProducts;
 
-const std::array<ProductRow, 12>& table() {
-  static const std::array<ProductRow, 12> rows{{
+const std::array<ProductRow, 13>& table() {
+  static const std::array<ProductRow, 13> rows{{
       {engine::kImage,
        "image",
        &FrameProducts::image,
@@ -79,6 +79,14 @@ const std::array<ProductRow, 12>& table() {
        {},
        false,
        "index into the request's objects; 65535 where none is hit"},
+      {engine::kDetail,
+       "detail",
+       &FrameProducts::detail,
+       {},
+       false,
+       "what is seen: 0 the DEM, between its posts, too; 1 inside a crater of the request's detail; 2 its relief; "
+       "65535 "
+       "where nothing is hit, or an object"},
   }};
   return rows;
 }

@@ -26,6 +26,9 @@ inline constexpr SourceIndex source_of(SourceMark mark) { return mark & ~kMarkBi
 inline constexpr bool is_filled(SourceMark mark) { return (mark & kFilledBit) != 0; }
 inline constexpr bool is_blended(SourceMark mark) { return (mark & kBlendedBit) != 0; }
 
+// What a vertex shows: its DEM, be it between its posts, or detail below them. As the product `detail` has it.
+enum class Ground : std::uint8_t { dem = 0, crater = 1, relief = 2 };
+
 // What the lattice doesn't say of a place of its: alone in sixteen bytes, as rendering fetches it.
 struct alignas(16) Vertex {
   float height_m;          // above the sphere; NaN: no data
@@ -39,6 +42,7 @@ struct Block {
   BlockExtent extent{};
   std::vector<Vertex> vertices;
   std::vector<SourceMark> sources;  // one when the whole block has the same, else one per post
+  std::vector<Ground> ground;       // empty: of the DEM alone, else as `sources`
   double error_m = 0;               // as in NodeInfo
   float min_m = 0, max_m = 0;       // of the heights here and of the finest surface beneath
   // Separable sines and cosines of rows and columns: the bulk conversion to Cartesian.
@@ -49,11 +53,18 @@ struct Block {
     return static_cast<std::size_t>(r) * static_cast<std::size_t>(side()) + static_cast<std::size_t>(c);
   }
   SourceMark source(int r, int c) const { return sources.size() == 1 ? sources[0] : sources[index(r, c)]; }
-  // Keeps one of `sources` where they are all the same.
-  void pack_sources() {
-    if (std::any_of(sources.begin(), sources.end(), [&](SourceMark s) { return s != sources[0]; })) return;
-    sources.resize(1);
-    sources.shrink_to_fit();
+  Ground shown(int r, int c) const {
+    if (ground.empty()) return Ground::dem;
+    return ground.size() == 1 ? ground[0] : ground[index(r, c)];
+  }
+  // Keeps one of `sources` and of `ground` where they are all the same.
+  void pack() {
+    const auto packed = [](auto& of_vertices) {
+      if (std::any_of(of_vertices.begin(), of_vertices.end(), [&](auto v) { return v != of_vertices[0]; })) return;
+      of_vertices.resize(std::min<std::size_t>(of_vertices.size(), 1));
+      of_vertices.shrink_to_fit();
+    };
+    packed(sources), packed(ground);
   }
   Vec3 position(int r, int c, double height_m) const {
     const auto row = static_cast<std::size_t>(r), col = static_cast<std::size_t>(c);
@@ -63,7 +74,7 @@ struct Block {
   std::size_t bytes() const {
     // Of vertices as the heap has them, who rounds arrays of their size up by a fifth.
     return sizeof(Block) + ::malloc_usable_size(const_cast<Vertex*>(vertices.data())) +
-           sources.size() * sizeof(SourceMark) + 8 * 2 * (sin_lat.size() + sin_lon.size());
+           sources.size() * sizeof(SourceMark) + ground.size() + 8 * 2 * (sin_lat.size() + sin_lon.size());
   }
 };
 

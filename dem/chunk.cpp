@@ -216,7 +216,7 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id, const PostSource& so
                          "was made when " + std::to_string(posts.replaced.size()) + " more of its files could be used");
     heights = std::move(posts.heights);
     block->sources = std::move(posts.sources);
-    block->pack_sources();
+    block->pack();
   } else {
     heights = stored(*record, *block);
   }

@@ -13,36 +13,48 @@ inline constexpr std::uint64_t split_mix(std::uint64_t state) {
   return state ^ (state >> 31);
 }
 
-// Along the directions to the twelve edges of a cube, four of them twice (Perlin 2002).
-inline double along_gradient(std::uint32_t direction, double x, double y, double z) {
-  static constexpr double kGradient[16][3] = {{1, 1, 0},  {-1, 1, 0},  {1, -1, 0}, {-1, -1, 0}, {1, 0, 1},  {-1, 0, 1},
-                                              {1, 0, -1}, {-1, 0, -1}, {0, 1, 1},  {0, -1, 1},  {0, 1, -1}, {0, -1, -1},
-                                              {1, 1, 0},  {-1, 1, 0},  {0, -1, 1}, {0, -1, -1}};
-  const double* g = kGradient[direction];
-  return g[0] * x + g[1] * y + g[2] * z;
+// Of a lattice point; cheap: only the top bits are used.
+inline std::uint32_t lattice_hash(std::int32_t x, std::int32_t y, std::int32_t z, std::uint32_t seed) {
+  std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * 0x8DA6B343u) ^
+                    (static_cast<std::uint32_t>(y) * 0xD8163841u) ^ (static_cast<std::uint32_t>(z) * 0xCB1AB31Fu);
+  h = (h ^ (h >> 15)) * 0x2C1B3C6Du;
+  h = (h ^ (h >> 12)) * 0x297A2D39u;
+  return h ^ (h >> 15);
+}
+
+// Along the direction to one of a cube's twelve edges, four of which have two numbers (Perlin 2002). Without a table:
+// loops over lanes become vectors.
+template <typename Real>
+inline Real along_gradient(std::uint32_t number, Real x, Real y, Real z) {
+  number = number == 14 ? 9 : number;
+  const bool again = (number & 14) == 12;
+  const Real a = number < 8 || again ? x : y, b = number < 4 || again ? y : z;
+  return (number & 1 ? -a : a) + (number & 2 ? -b : b);
 }
 
 // std::lerp guards cases that don't occur here, at several times the cost.
-inline double blend(double a, double b, double t) { return a + t * (b - a); }
+template <typename Real>
+inline Real blend(Real a, Real b, Real t) {
+  return a + t * (b - a);
+}
 
-// Gradient noise in three dimensions (Perlin 2002), of unit wavelength, within +-1.0364. `direction(i, j, k)` is the
-// gradient's number, 0 to 15, at a corner of the lattice.
-template <typename Direction>
-double perlin_noise(double x, double y, double z, const Direction& direction) {
-  // So does std::floor.
+// Gradient noise in three dimensions (Perlin 2002), of unit wavelength, within +-1.0364.
+template <typename Real>
+inline Real perlin_noise(double x, double y, double z, std::uint32_t seed) {
+  // As dear is std::floor.
   const auto floor_of = [](double v) {
-    const auto whole = static_cast<std::int64_t>(v);
-    return whole - (v < static_cast<double>(whole) ? 1 : 0);
+    const auto whole = static_cast<std::int32_t>(v);
+    return whole - (v < whole ? 1 : 0);
   };
-  const auto fade = [](double t) { return t * t * t * (t * (t * 6 - 15) + 10); };
-  const std::int64_t i = floor_of(x), j = floor_of(y), k = floor_of(z);
-  x -= static_cast<double>(i), y -= static_cast<double>(j), z -= static_cast<double>(k);
-  const double u = fade(x), v = fade(y), w = fade(z);
-  const auto along_x = [&](int dj, int dk) {
-    const double a = along_gradient(direction(i, j + dj, k + dk), x, y - dj, z - dk);
-    const double b = along_gradient(direction(i + 1, j + dj, k + dk), x - 1, y - dj, z - dk);
-    return blend(a, b, u);
+  const auto fade = [](Real t) { return t * t * t * (t * (t * 6 - 15) + 10); };
+  const std::int32_t i = floor_of(x), j = floor_of(y), k = floor_of(z);
+  const Real fx = static_cast<Real>(x - i), fy = static_cast<Real>(y - j), fz = static_cast<Real>(z - k);
+  const Real u = fade(fx), v = fade(fy), w = fade(fz);
+  const auto corner = [&](int di, int dj, int dk) {
+    return along_gradient<Real>(lattice_hash(i + di, j + dj, k + dk, seed) >> 28, fx - static_cast<Real>(di),
+                                fy - static_cast<Real>(dj), fz - static_cast<Real>(dk));
   };
+  const auto along_x = [&](int dj, int dk) { return blend(corner(0, dj, dk), corner(1, dj, dk), u); };
   return blend(blend(along_x(0, 0), along_x(1, 0), v), blend(along_x(0, 1), along_x(1, 1), v), w);
 }
 

@@ -91,7 +91,7 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
       low = std::min(low, static_cast<float>(h)), high = std::max(high, static_cast<float>(h));
     }
   if (!any) return nullptr;
-  block->pack_sources();
+  block->pack();
   block->min_m = low, block->max_m = high;
   return block;
 }

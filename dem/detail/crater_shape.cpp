@@ -6,8 +6,8 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr int kAges = 48, kPerRadius = 96;
-constexpr double kStep = 1.0 / kPerRadius;
+constexpr int kAges = 48;
+constexpr double kStep = 1.0 / CraterShape::kStepsPerRadius;
 // The equation's own lattice: annuli out to where nothing arrives.
 constexpr double kBorder = 14, kAnnulus = 0.01;
 
@@ -95,9 +95,14 @@ CraterShape::Between CraterShape::rows_at(double age) const {
   return {rows_[static_cast<std::size_t>(row)], rows_[static_cast<std::size_t>(row) + 1], root - row};
 }
 
+CraterShape::Profile CraterShape::profile(double age) const {
+  const Between rows = rows_at(age);
+  return {rows.younger.heights.data(), rows.older.heights.data(), rows.share};
+}
+
 double CraterShape::height(double r, double age) const {
   const Between rows = rows_at(age);
-  const double place = r * kPerRadius;
+  const double place = r * kStepsPerRadius;
   const std::vector<float>&a = rows.younger.heights, &b = rows.older.heights;
   const auto i = static_cast<std::size_t>(place);
   if (i + 1 >= a.size()) return 0;

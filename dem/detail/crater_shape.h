@@ -17,6 +17,14 @@ class CraterShape {
   // Height over the ground before the impact, in diameters, of a crater whose depth from rim to floor is kFreshDepth
   // when it is fresh. `r`: distance from the centre in crater radii; `age`: kappa t / R^2. Beyond reach(age): 0.
   double height(double r, double age) const;
+  // The same as two rows of heights at distances of 1 / kStepsPerRadius, to be interpolated: beyond reach(age), too, by
+  // one step.
+  struct Profile {
+    const float *younger, *older;
+    double share;  // of the older one
+  };
+  Profile profile(double age) const;
+  static constexpr int kStepsPerRadius = 96;
   // In crater radii. Beyond it less than 2 % of the depth that is left would be left out.
   static double reach(double age);
   // From the highest rim to the floor, over that of a fresh one.
@@ -33,7 +41,7 @@ class CraterShape {
   };
   struct Between {
     const Row &younger, &older;
-    double share;  // of the older one
+    double share;
   };
   Row row_of(const std::vector<double>& heights, double age) const;
   Between rows_at(double age) const;

@@ -4,7 +4,9 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
+#include "dem/detail/detail_kernels.h"
 #include "dem/lattice.h"
 
 namespace selenograph::dem {
@@ -53,7 +55,7 @@ Detail::Detail(const DetailPreset& preset) : preset_(preset), craters_(preset.cr
     }
     std::vector<double> heights(kSide * kSide);
     means_m_.push_back(0);
-    add_craters({table[0], table[1], table[2], table[3]}, octave, heights);
+    add_craters({table[0], table[1], table[2], table[3], 1, step}, octave, heights, {});
     double sum = 0;
     for (const double h : heights) sum += h;
     means_m_.back() = sum / (kSide * kSide);
@@ -85,44 +87,78 @@ double Detail::left_out_m(int level, int posts_level) const {
   return sum;
 }
 
-void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<double> heights_m) const {
+namespace {
+
+// The columns that a crater may reach: first and past the last.
+std::pair<std::size_t, std::size_t> columns_of(const DirectionGrid& grid, const Crater& crater, double reach) {
+  constexpr double kSure = 1 + 1e-6;  // chords for angles, and rounding
+  const std::size_t n = grid.columns();
+  const double around = std::hypot(crater.centre.x(), crater.centre.y()), sine = kSure * reach / around;
+  if (!(sine < 1)) return {0, n};
+  const double half = std::asin(sine) / grid.lon_step, middle = static_cast<double>(n - 1) / 2;
+  const double longitude = std::atan2(crater.centre.y(), crater.centre.x());
+  const double at = middle + std::remainder(longitude - (grid.west + middle * grid.lon_step), 2 * M_PI) / grid.lon_step;
+  const auto whole = [&](double column) {
+    return static_cast<std::size_t>(std::clamp(column, 0.0, static_cast<double>(n)));
+  };
+  return {whole(std::floor(at - half)), whole(std::ceil(at + half) + 1)};
+}
+
+}  // namespace
+
+void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<double> heights_m,
+                         std::span<float> in_crater) const {
   const std::size_t rows = grid.rows(), columns = grid.columns();
   const Around all = around(grid);
   std::vector<Crater> craters;
   craters_.near(octave, all.direction, all.radius_m, craters);
-  std::vector<double> cavity(rows * columns, 0.0), rim(rows * columns, 0.0);
-  const CraterShape& shape = craters_.shape();
+  std::vector<float> lowest(rows * columns, 0.F), highest(rows * columns, 0.F);
   for (const Crater& crater : craters) {
-    const double reach = crater.reach_m() / kMoonRadius_m, reach2 = reach * reach,
-                 per_radius = kMoonRadius_m / (crater.diameter_m / 2);
+    const double reach = crater.reach_m() / kMoonRadius_m;
+    const CraterShape::Profile profile = craters_.shape().profile(crater.age);
+    CraterOverRow over{crater.centre.x(),
+                       crater.centre.y(),
+                       0,
+                       reach * reach,
+                       kMoonRadius_m / (crater.diameter_m / 2) * CraterShape::kStepsPerRadius,
+                       profile.younger,
+                       profile.older,
+                       static_cast<float>(profile.share),
+                       static_cast<float>(crater.scale)};
+    const bool marked = !in_crater.empty() && crater.depth_m >= kWorn * crater.diameter_m;
+    const double rim = crater.diameter_m / 2 / kMoonRadius_m, rim2 = rim * rim;
+    const auto [first, past_last] = columns_of(grid, crater, reach);
     for (std::size_t r = 0; r < rows; ++r) {
       const double dz = grid.sin_lat[r] - crater.centre.z();
       // A chord is at least as long as its part along the axis.
-      if (dz * dz > reach2) continue;
-      for (std::size_t c = 0; c < columns; ++c) {
-        const double dx = grid.cos_lat[r] * grid.cos_lon[c] - crater.centre.x(),
-                     dy = grid.cos_lat[r] * grid.sin_lon[c] - crater.centre.y();
-        const double distance2 = dx * dx + dy * dy + dz * dz;
-        if (distance2 >= reach2) continue;
-        const double h = crater.scale * shape.height(std::sqrt(distance2) * per_radius, crater.age);
-        const std::size_t at = r * columns + c;
-        cavity[at] = std::min(cavity[at], h), rim[at] = std::max(rim[at], h);
-      }
+      if (dz * dz > over.reach2) continue;
+      over.along_axis2 = dz * dz;
+      const bool past_pole = grid.cos_lat[r] < 0;
+      const RowPlaces places{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first,
+                             past_pole ? columns : past_last};
+      cast_crater(over, places, lowest.data() + r * columns, highest.data() + r * columns);
+      if (marked && over.along_axis2 < rim2) mark_crater(over, places, rim2, in_crater.data() + r * columns);
     }
   }
   const double mean = mean_m(octave);
-  for (std::size_t i = 0; i < heights_m.size(); ++i) heights_m[i] += cavity[i] + rim[i] - mean;
+  for (std::size_t i = 0; i < heights_m.size(); ++i)
+    heights_m[i] += static_cast<double>(lowest[i]) + static_cast<double>(highest[i]) - mean;
 }
 
-void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m) const {
+bool Detail::has_relief(int level, int posts_level) const {
+  return std::max(smallest_octave(level), relief_.shortest_octave()) <=
+         std::min(relief_.longest_octave(), smallest_octave(posts_level) - 1);
+}
+
+void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m,
+                 std::span<float> in_crater) const {
+  std::fill(in_crater.begin(), in_crater.end(), 0.F);
   const int shown = smallest_octave(level), of_posts = smallest_octave(posts_level);
   for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), of_posts - 1); ++k)
-    add_craters(grid, k, heights_m);
+    add_craters(grid, k, heights_m, in_crater);
   for (int k = std::max(shown, relief_.shortest_octave()); k <= std::min(relief_.longest_octave(), of_posts - 1); ++k)
     for (std::size_t r = 0; r < grid.rows(); ++r)
-      for (std::size_t c = 0; c < grid.columns(); ++c)
-        heights_m[r * grid.columns() + c] += relief_.height_m(
-            k, {grid.cos_lat[r] * grid.cos_lon[c], grid.cos_lat[r] * grid.sin_lon[c], grid.sin_lat[r]});
+      relief_.add_row(k, grid, r, heights_m.subspan(r * grid.columns(), grid.columns()));
 }
 
 }  // namespace selenograph::dem

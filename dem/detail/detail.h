@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "dem/detail/crater_field.h"
+#include "dem/detail/direction_grid.h"
 #include "dem/detail/relief.h"
 
 namespace selenograph::dem {
@@ -21,13 +22,6 @@ struct DetailPreset {
   std::uint64_t fingerprint = 0;  // of what it was read from
   CraterLaw craters;
   ReliefLaw relief;
-};
-
-// Rows of equal latitude and columns of equal longitude, both ascending: sines and cosines.
-struct DirectionGrid {
-  std::span<const double> sin_lat, cos_lat, sin_lon, cos_lon;
-  std::size_t rows() const { return sin_lat.size(); }
-  std::size_t columns() const { return sin_lon.size(); }
 };
 
 // Const means safe to call concurrently.
@@ -40,8 +34,13 @@ class Detail {
   int finest_level() const;
 
   // To heights in metres, row by row: what a level shows that the posts' level doesn't. The same at a place from any
-  // grid, to the bit.
-  void add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m) const;
+  // grid, to the bit. `in_crater`, if not empty, becomes 1 inside the rim of one that is not worn away (kWorn), else 0.
+  void add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m,
+           std::span<float> in_crater = {}) const;
+  // Depth over diameter below which nobody would call it a crater.
+  static constexpr double kWorn = 0.02;
+  // Whether a level shows relief that the posts' level doesn't.
+  bool has_relief(int level, int posts_level) const;
 
   // What all finer levels add to a level's heights lies between -this and this.
   double left_out_m(int level, int posts_level) const;
@@ -55,7 +54,8 @@ class Detail {
  private:
   // The smallest octave of craters, and of relief, that a level shows.
   static int smallest_octave(int level);
-  void add_craters(const DirectionGrid& grid, int octave, std::span<double> heights_m) const;
+  void add_craters(const DirectionGrid& grid, int octave, std::span<double> heights_m,
+                   std::span<float> in_crater) const;
 
   DetailPreset preset_;
   CraterField craters_;

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <unordered_map>
 #include <vector>
 
@@ -51,15 +52,24 @@ class DetailedTerrain::PostsAround {
     return (1 - t) * post(row_lat, first) + t * post(row_lat, first + step);
   }
 
-  double at(std::int64_t lat, std::int64_t lon) {
+  // Along a circle of latitude.
+  void row(std::int64_t lat, std::span<const std::int64_t> lons, double* out) {
     const std::int64_t step = lat_step(), first = floor_to(lat, step);
-    if (first == lat) return along_row(lat, lon);
+    const std::size_t n = lons.size();
+    if (first == lat) {
+      const std::vector<double>& on = along(lat, lons);
+      std::copy(on.begin(), on.end(), out);
+      return;
+    }
     const double t = static_cast<double>(lat - first) / static_cast<double>(step);
     const std::array<double, 4> w = cubic_weights(t);
-    double sum = 0;
-    for (int i = 0; i < 4; ++i) sum += w[static_cast<std::size_t>(i)] * along_row(first + (i - 1) * step, lon);
-    if (!std::isnan(sum)) return sum;
-    return weighted(1 - t, along_row(first, lon)) + weighted(t, along_row(first + step, lon));
+    std::array<const double*, 4> rows{};
+    for (int i = 0; i < 4; ++i) rows[static_cast<std::size_t>(i)] = along(first + (i - 1) * step, lons).data();
+    for (std::size_t c = 0; c < n; ++c) {
+      double sum = 0;
+      for (std::size_t i = 0; i < 4; ++i) sum += w[i] * rows[i][c];
+      out[c] = std::isnan(sum) ? weighted(1 - t, rows[1][c]) + weighted(t, rows[2][c]) : sum;
+    }
   }
 
   // Of the nearest post.
@@ -67,8 +77,11 @@ class DetailedTerrain::PostsAround {
     const std::int64_t nearest = std::clamp<std::int64_t>(floor_to(lat + lat_step() / 2, lat_step()), 0, kLatTicks);
     const auto row_lat = static_cast<std::int32_t>(nearest);
     const std::int32_t step = lon_step(row_lat);
-    const Place p = place(row_lat, floor_to(std::int64_t{wrap_lon(lon)} + step / 2, step));
-    return p.block ? p.block->source(p.r, p.c) : kNoSource;
+    const std::int64_t nearest_lon = floor_to(std::int64_t{wrap_lon(lon)} + step / 2, step);
+    if (row_lat == marked_lat_ && nearest_lon == marked_lon_) return mark_;
+    const Place p = place(row_lat, nearest_lon);
+    marked_lat_ = row_lat, marked_lon_ = nearest_lon;
+    return mark_ = p.block ? p.block->source(p.r, p.c) : kNoSource;
   }
 
  private:
@@ -76,6 +89,15 @@ class DetailedTerrain::PostsAround {
     const Block* block = nullptr;
     int r = 0, c = 0;
   };
+
+  // The same columns each time: a row of posts serves the rows between it and the next ones.
+  const std::vector<double>& along(std::int64_t lat, std::span<const std::int64_t> lons) {
+    const auto [found, is_new] = rows_.try_emplace(lat);
+    std::vector<double>& out = found->second;
+    if (is_new)
+      for (const std::int64_t lon : lons) out.push_back(along_row(lat, lon));
+    return out;
+  }
 
   // Where rows of blocks meet whose posts are differently far apart, the row belongs to those farther apart.
   std::int32_t lon_step(std::int32_t lat) const {
@@ -122,6 +144,10 @@ class DetailedTerrain::PostsAround {
   std::unordered_map<BlockId, std::shared_ptr<const Block>, BlockIdHash> blocks_;
   BlockId latest_id_;
   const Block* latest_ = nullptr;
+  std::unordered_map<std::int64_t, std::vector<double>> rows_;
+  std::int32_t marked_lat_ = -1;
+  std::int64_t marked_lon_ = -1;
+  SourceMark mark_ = kNoSource;
 };
 
 DetailedTerrain::DetailedTerrain(const Terrain& plain, std::shared_ptr<const Detail> detail, Blocks& blocks, int number)
@@ -199,6 +225,8 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
   std::array<std::vector<double>, 4> tables;
   for (auto& table : tables) table.resize(n);
   std::vector<double> heights(n * n);
+  std::vector<float> in_crater(n * n);
+  std::vector<std::int64_t> lons;
   for (int i = 0; i < side; ++i) {
     const auto at = static_cast<std::size_t>(i);
     const std::int64_t lat = e.lat0 + std::int64_t{i - kHalo} * e.lat_step,
@@ -206,26 +234,32 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
     using GeographicLib::Math;
     Math::sincosd(-90 + static_cast<double>(lat) / kTicksPerDegree, tables[0][at], tables[1][at]);
     Math::sincosd(lon_deg_of(wrap_lon(lon)), tables[2][at], tables[3][at]);
+    lons.push_back(lon);
   }
   for (int r = 0; r < side; ++r) {
     stop.check();
-    for (int c = 0; c < side; ++c)
-      heights[static_cast<std::size_t>(r) * n + static_cast<std::size_t>(c)] =
-          posts.at(e.lat0 + std::int64_t{r - kHalo} * e.lat_step, e.lon0 + std::int64_t{c - kHalo} * e.lon_step);
+    posts.row(e.lat0 + std::int64_t{r - kHalo} * e.lat_step, lons, heights.data() + static_cast<std::size_t>(r) * n);
   }
-  detail_->add({tables[0], tables[1], tables[2], tables[3]}, id.level, posts_level, heights);
+  const double radians_per_tick = kRadiansPerDegree / kTicksPerDegree;
+  detail_->add({tables[0], tables[1], tables[2], tables[3], -M_PI + radians_per_tick * static_cast<double>(lons[0]),
+                radians_per_tick * e.lon_step},
+               id.level, posts_level, heights, in_crater);
+  const Ground between = detail_->has_relief(id.level, posts_level) ? Ground::relief : Ground::dem;
 
   std::vector<float> rounded(heights.begin(), heights.end());
   block->vertices.reserve(block->index(e.quads, e.quads) + 1);
   block->sources.reserve(block->index(e.quads, e.quads) + 1);
+  block->ground.reserve(block->index(e.quads, e.quads) + 1);
   float low = kHighestRelief_m, high = kLowestRelief_m;
   double bend = 0;
   for (int r = 0; r <= e.quads; ++r)
     for (int c = 0; c <= e.quads; ++c) {
-      const float* h = rounded.data() + static_cast<std::size_t>(r + kHalo) * n + static_cast<std::size_t>(c + kHalo);
+      const std::size_t at = static_cast<std::size_t>(r + kHalo) * n + static_cast<std::size_t>(c + kHalo);
+      const float* h = rounded.data() + at;
       block->vertices.push_back({*h, Eigen::Vector3f::Zero()});
       block->sources.push_back(
           posts.source(e.lat0 + std::int64_t{r} * e.lat_step, e.lon0 + std::int64_t{c} * e.lon_step));
+      block->ground.push_back(in_crater[at] > 0 ? Ground::crater : between);
       if (std::isnan(*h)) continue;
       low = std::min(low, *h), high = std::max(high, *h);
       for (const std::ptrdiff_t step : {std::ptrdiff_t{1}, static_cast<std::ptrdiff_t>(n)})
@@ -233,7 +267,7 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
           bend = std::max(bend, static_cast<double>(std::abs(second)));
     }
   if (low > high) return nullptr;
-  block->pack_sources();
+  block->pack();
   // A kink between two posts lies off the line between them by up to half of what the nearer post's second difference
   // says; along two axes, three quarters are more than was ever seen (unit.detail).
   const double left_out = detail_->left_out_m(id.level, posts_level);

@@ -1,23 +1,17 @@
 #include "dem/detail/relief.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
+#include "dem/detail/detail_kernels.h"
 #include "dem/noise.h"
 
 namespace selenograph::dem {
 namespace {
 
-// Gradient noise of the twelve directions to a cube's edges is within this (its proven bound).
-constexpr double kMostNoise = 1.0363538112118025;
-
-double noise(std::uint64_t seed, double x, double y, double z) {
-  return perlin_noise(x, y, z, [seed](std::int64_t i, std::int64_t j, std::int64_t k) {
-    const std::uint64_t a = split_mix(seed + kSplitMixStep * static_cast<std::uint64_t>(i));
-    const std::uint64_t b = split_mix(a + kSplitMixStep * static_cast<std::uint64_t>(j));
-    return static_cast<std::uint32_t>(split_mix(b + kSplitMixStep * static_cast<std::uint64_t>(k)) >> 60);
-  });
-}
+// Gradient noise of the twelve directions to a cube's edges is within this (its proven bound), but for rounding.
+constexpr double kMostNoise = 1.0363538112118025 + 1e-5;
 
 // Mean squared difference of the noise between places `distance` cells apart.
 double structure(double distance) {
@@ -30,9 +24,9 @@ double structure(double distance) {
     const double x = 64 * part(0.8191725133961645), y = 64 * part(0.6710436067037893),
                  z = 64 * part(0.5497004779019703);
     const double up = 2 * part(0.4503) - 1, turn = 2 * M_PI * part(0.36889), flat = std::sqrt(1 - up * up);
-    const double d =
-        noise(1, x + distance * flat * std::cos(turn), y + distance * flat * std::sin(turn), z + distance * up) -
-        noise(1, x, y, z);
+    const auto noise = [](const Vec3& p) { return perlin_noise<double>(p.x(), p.y(), p.z(), 1); };
+    const Vec3 here(x, y, z), away(flat * std::cos(turn), flat * std::sin(turn), up);
+    const double d = noise(here + distance * away) - noise(here);
     sum += d * d;
   }
   return sum / kPairs;
@@ -58,12 +52,21 @@ double Relief::amplitude_m(int octave) const { return amplitudes_m_[static_cast<
 
 double Relief::most_m(int octave) const { return kMostNoise * amplitude_m(octave); }
 
-double Relief::height_m(int octave, const Vec3& direction) const {
-  const Vec3 p = direction * (kMoonRadius_m * std::ldexp(1.0, -octave));
+void Relief::add_row(int octave, const DirectionGrid& grid, std::size_t row, std::span<double> heights_m) const {
+  constexpr std::size_t kPiece = 128;
+  std::array<double, kPiece> x{}, y{};
+  const double per_wavelength = kMoonRadius_m * std::ldexp(1.0, -octave), around = grid.cos_lat[row] * per_wavelength;
   // Octaves of one seed would have the same gradients around the Moon's centre alone, but neighbours' lattices
   // coincide.
-  return amplitude_m(octave) *
-         noise(seed_ + 0x632be59bd9b4e019ULL * static_cast<std::uint64_t>(octave + 64), p.x(), p.y(), p.z());
+  const auto seed =
+      static_cast<std::uint32_t>(split_mix(seed_ + kSplitMixStep * static_cast<std::uint64_t>(octave + 64)) >> 32);
+  for (std::size_t first = 0; first < grid.columns(); first += kPiece) {
+    const std::size_t n = std::min(kPiece, grid.columns() - first);
+    for (std::size_t c = 0; c < n; ++c)
+      x[c] = around * grid.cos_lon[first + c], y[c] = around * grid.sin_lon[first + c];
+    add_noise({x.data(), y.data(), grid.sin_lat[row] * per_wavelength, n}, seed, amplitude_m(octave),
+              heights_m.data() + first);
+  }
 }
 
 }  // namespace selenograph::dem

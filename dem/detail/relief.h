@@ -3,8 +3,10 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
+#include "dem/detail/direction_grid.h"
 #include "dem/geodesy.h"
 
 namespace selenograph::dem {
@@ -26,8 +28,8 @@ class Relief {
 
   int shortest_octave() const { return shortest_; }
   int longest_octave() const { return longest_; }
-  // Of one of these octaves, at a unit direction. At most most_m(octave) away from 0.
-  double height_m(int octave, const Vec3& direction) const;
+  // Adds one of these octaves, which is at most most_m(octave) away from 0, to a row of a grid.
+  void add_row(int octave, const DirectionGrid& grid, std::size_t row, std::span<double> heights_m) const;
   double most_m(int octave) const;
 
  private:

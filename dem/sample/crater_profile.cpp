@@ -47,23 +47,8 @@ double smoothstep(double from, double to, double x) {
 
 // ---- noise ----------------------------------------------------------------------------------------------------------
 
-namespace {
-
-// Cheap integer hash of a lattice point; only its top bits are used.
-std::uint32_t lattice_hash(std::int64_t x, std::int64_t y, std::int64_t z, std::uint32_t seed) {
-  std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * 0x8DA6B343u) ^
-                    (static_cast<std::uint32_t>(y) * 0xD8163841u) ^ (static_cast<std::uint32_t>(z) * 0xCB1AB31Fu);
-  h = (h ^ (h >> 15)) * 0x2C1B3C6Du;
-  h = (h ^ (h >> 12)) * 0x297A2D39u;
-  return h ^ (h >> 15);
-}
-
-}  // namespace
-
 double gradient_noise(double x, double y, double z, std::uint64_t seed) {
-  const auto s = static_cast<std::uint32_t>(seed ^ (seed >> 32));
-  return perlin_noise(x, y, z,
-                      [s](std::int64_t i, std::int64_t j, std::int64_t k) { return lattice_hash(i, j, k, s) >> 28; });
+  return perlin_noise<double>(x, y, z, static_cast<std::uint32_t>(seed ^ (seed >> 32)));
 }
 
 // ---- dimensions -----------------------------------------------------------------------------------------------------

@@ -21,6 +21,7 @@ enum Product : std::uint32_t {
   kGsd = 1u << 9,
   kSource = 1u << 10,
   kObjectId = 1u << 11,
+  kDetail = 1u << 12,
 };
 
 using ProductSet = std::uint32_t;
@@ -38,13 +39,16 @@ struct FrameProducts {
   std::vector<float> gsd;  // m
   std::vector<std::uint16_t> source;
   std::vector<std::uint16_t> object_id;  // index into FrameRequest::objects; 65535: terrain, or nothing
+  std::vector<std::uint16_t> detail;     // a dem::Ground; 65535: an object, or nothing
 };
 
 // References to all arrays of a frame's products, const or not: an array that is left out here doesn't compile.
 template <typename Products>
 auto all_arrays(Products& products) {
-  auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id] = products;
-  return std::tie(image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id);
+  auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id, detail] =
+      products;
+  return std::tie(image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id,
+                  detail);
 }
 
 }  // namespace selenograph::engine

@@ -11,6 +11,7 @@ namespace selenograph::engine {
 namespace {
 
 constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
+constexpr std::uint16_t kNoGround = 65535;
 constexpr double kNaN64 = std::numeric_limits<double>::quiet_NaN();
 
 template <typename T>
@@ -34,6 +35,7 @@ void allocate_all(const FrameRequest& request, FrameProducts& out) {
   allocate(out.gsd, want & kGsd, n, kNaN32);
   allocate(out.source, want & kSource, n, FrameSources::kNone);
   allocate(out.object_id, want & kObjectId, n, kNoObject);
+  allocate(out.detail, want & kDetail, n, kNoGround);
 }
 
 struct SourceAt {
@@ -57,6 +59,15 @@ SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
     if (weights[i] > heaviest) heaviest = weights[i], at.index = dem::source_of(s);
   }
   return at;
+}
+
+// What the nearest vertex shows.
+dem::Ground ground_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
+  const TriangleId& t = p.triangle[lane];
+  const dem::QuadVertices q = t.vertices();
+  const double weights[3] = {1 - p.v[lane] - p.w[lane], p.v[lane], p.w[lane]};
+  const auto i = std::max_element(weights, weights + 3) - weights;
+  return mesh.blocks()[t.block()].posts->shown(q.r[i], q.c[i]);
 }
 
 double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)) * kDegreesPerRadian; }
@@ -119,6 +130,7 @@ void FrameWriter::store_geometry(const SurfacePoints& p, int i, const Vec3& dire
   const auto to = slot(at);
   if (!to) return;
   const auto spacing_m = static_cast<float>(dem::post_spacing_m(mesh_.blocks()[p.triangle[i].block()].posts->id.level));
+  if (!out_.detail.empty()) out_.detail[*to] = static_cast<std::uint16_t>(ground_at(mesh_, p, i));
   store_point(p, i, direction, shading, lit, spacing_m, at, *to);
 }
 

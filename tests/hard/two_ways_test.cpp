@@ -209,7 +209,7 @@ TEST_F(TwoWays, EveryWidthOfVectorsGivesTheSameBytes) {
   const double ground_m = scenery().terrain->height(-10, 44).height_m;
   requests.push_back(square_view(engine::tilted_pose(to_cartesian({-10, 44, ground_m + 2}), 80), 192, 60,
                                  engine::sun_direction(from, 115, 8)));
-  const engine::ProductSet every_product = 2 * engine::kObjectId - 1;
+  const engine::ProductSet every_product = 2 * engine::kDetail - 1;
   std::vector<engine::FrameProducts> seen;
   for (engine::FrameRequest& r : requests) {
     r.products = every_product;

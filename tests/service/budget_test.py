@@ -11,7 +11,7 @@ from harness import WithService, frame_request, sample
 
 MEMORY_MB, CACHE_MB, SCENE_MB, MESH_MB = 1028, 64, 64, 16
 EVERYTHING = ("image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source",
-              "object_id")
+              "object_id", "detail")
 
 
 def setUpModule():

@@ -83,14 +83,27 @@ class Detail(unittest.TestCase):
                            3 * plain["radiance"].std() / plain["radiance"].mean())
         self.assertLess(np.abs(arrays["geodetic"][..., 2] - plain["geodetic"][..., 2]).mean(), 5)
 
+    def test_each_pixel_says_what_it_shows(self):
+        dem, crater, relief = 0, 1, 2
+        plain, _, _ = self.arrays(self.request(("detail", "geodetic"), detail=None))
+        self.assertEqual(set(np.unique(plain["detail"])), {dem})
+        shown, _, _ = self.arrays(self.request(("detail", "geodetic"), accuracy={"max_error_px": 0}))
+        self.assertEqual(set(np.unique(shown["detail"])), {crater, relief})
+        places = shown["geodetic"].reshape(-1, 3)[::17]
+        added = places[:, 2] - np.array(self.heights([(p[0], p[1]) for p in places]))
+        of_crater = shown["detail"].reshape(-1)[::17] == crater
+        # Inside rims are hollows.
+        self.assertLess(added[of_crater].mean(), added[~of_crater].mean() - 0.5 * added.std())
+
     def test_both_algorithms_see_the_same(self):
-        products = ("position", "lit", "gsd", "radiance")
+        products = ("position", "lit", "gsd", "radiance", "detail")
         for sun in (8.0, 40.0):
             light = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0, "elevation_deg": sun}}
             drawn, _, _ = self.arrays(self.request(products, visibility="zbuffer", sun=light))
             traced, _, _ = self.arrays(self.request(products, visibility="raytrace", sun=light))
             np.testing.assert_allclose(drawn["position"], traced["position"], rtol=0, atol=1e-5)
             np.testing.assert_array_equal(drawn["gsd"], traced["gsd"])
+            self.assertLess((drawn["detail"] != traced["detail"]).mean(), 1e-4)
             self.assertLess((drawn["lit"] != traced["lit"]).mean(), 1e-3)
 
     def test_frames_heights_rays_and_maps_have_one_ground(self):

@@ -10,7 +10,7 @@ import numpy as np
 import harness
 from harness import frame_request, sample
 
-TRUTH = ("depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source", "object_id")
+TRUTH = ("depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source", "object_id", "detail")
 WIDTH, HEIGHT = 70, 45
 
 

@@ -157,6 +157,15 @@ TEST(CraterField, TheSameCratersFromEverywhere) {
 
 // --- relief
 
+double height_m(const Relief& relief, int octave, const Vec3& direction) {
+  const double around = std::hypot(direction.x(), direction.y());
+  const double sin_lat[] = {direction.z()}, cos_lat[] = {around}, sin_lon[] = {direction.y() / around},
+               cos_lon[] = {direction.x() / around};
+  double height[] = {0};
+  relief.add_row(octave, {sin_lat, cos_lat, sin_lon, cos_lon, 0, 1}, 0, height);
+  return height[0];
+}
+
 TEST(Relief, DeviatesAsTheLawSays) {
   for (const double hurst : {0.8, 0.95}) {
     const Relief relief(
@@ -169,7 +178,7 @@ TEST(Relief, DeviatesAsTheLawSays) {
         const auto height = [&](double at) {
           const Vec3 direction = to_cartesian({at, lon, 0}).normalized();
           double h = 0;
-          for (int k = relief.shortest_octave(); k <= relief.longest_octave(); ++k) h += relief.height_m(k, direction);
+          for (int k = relief.shortest_octave(); k <= relief.longest_octave(); ++k) h += height_m(relief, k, direction);
           return h;
         };
         sum += std::pow(height(lat + distance_m / kMetresPerDegree) - height(lat), 2);
@@ -188,7 +197,7 @@ TEST(Relief, StaysWithinItsBound) {
   double most = 0;
   for (int i = 0; i < 300000; ++i) {
     const Vec3 direction = Vec3(any(random), any(random), any(random)).normalized();
-    most = std::max(most, std::abs(relief.height_m(3, direction)));
+    most = std::max(most, std::abs(height_m(relief, 3, direction)));
   }
   EXPECT_LT(most, relief.most_m(3));
   EXPECT_GT(most, 0.6 * relief.most_m(3));

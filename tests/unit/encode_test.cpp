@@ -59,6 +59,7 @@ engine::Frame sample_frame() {
   p.gsd = values<float>(1, 7.4f, 0.1, nanf);
   p.source = values<std::uint16_t>(1, 0, 1800, 65535);
   p.object_id = values<std::uint16_t>(1, 1, 1700, 65535);
+  p.detail = values<std::uint16_t>(1, 0, 1, 65535);
   return frame;
 }
 
@@ -70,7 +71,7 @@ engine::FrameRequest sample_request(int bit_depth) {
   return request;
 }
 
-constexpr engine::ProductSet kAll = (1u << 12) - 1;
+constexpr engine::ProductSet kAll = (1u << 13) - 1;
 
 // A frame with its views.
 struct Sample {
@@ -133,7 +134,7 @@ TEST(Arrays, NamesAreThoseOfTheContractInItsOrder) {
     EXPECT_EQ(name_of(entry.product), entry.name);
   }
   EXPECT_EQ(names, (std::vector<std::string>{"image", "radiance", "depth", "range", "position", "geodetic", "normal",
-                                             "angles", "lit", "gsd", "source", "object_id"}));
+                                             "angles", "lit", "gsd", "source", "object_id", "detail"}));
 }
 
 TEST(Arrays, TypesAndShapesAreThoseOfTheContract) {
@@ -145,9 +146,10 @@ TEST(Arrays, TypesAndShapesAreThoseOfTheContract) {
     EXPECT_EQ(a.channel_names.size(), std::size_t(a.channels));
     seen.push_back(std::string(a.name) + " " + numpy_descr(a.type) + " " + std::to_string(a.channels));
   }
-  EXPECT_EQ(seen, (std::vector<std::string>{"image <u2 1", "radiance <f4 1", "depth <f8 1", "range <f8 1",
-                                            "position <f8 3", "geodetic <f8 3", "normal <f4 3", "angles <f4 3",
-                                            "lit <f4 1", "gsd <f4 1", "source <u2 1", "object_id <u2 1"}));
+  EXPECT_EQ(seen,
+            (std::vector<std::string>{"image <u2 1", "radiance <f4 1", "depth <f8 1", "range <f8 1", "position <f8 3",
+                                      "geodetic <f8 3", "normal <f4 3", "angles <f4 3", "lit <f4 1", "gsd <f4 1",
+                                      "source <u2 1", "object_id <u2 1", "detail <u2 1"}));
 }
 
 TEST(Arrays, GiveOnlyWhatIsWanted) {
@@ -382,7 +384,8 @@ TEST(Exr, HasAllProductsAsNamedChannels) {
                                           "lit",
                                           "gsd",
                                           "source",
-                                          "object_id"}));
+                                          "object_id",
+                                          "detail"}));
   EXPECT_EQ(image.spec.get_string_attribute("selenograph"), kMeta);
 }
 

@@ -20,7 +20,7 @@ LIBRARIES = [
     (r"embree\d/", ["engine/visibility/raytrace/embree"]),
     (r"(gdal|ogr|cpl_)", ["dem/gdal/"]),
     (r"httplib", ["server/http_server"]),
-    (r"hwy/", ["engine/", "dem/post_kernels", "dem/normal_kernels"]),
+    (r"hwy/", ["engine/", "dem/post_kernels", "dem/normal_kernels", "dem/detail/detail_kernels"]),
     (r"assimp/", ["engine/visibility/mesh_file"]),
     (r"erfa", ["engine/radiometry/ephemeris"]),
     (r"GeographicLib/", ["dem/"]),
