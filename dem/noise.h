@@ -3,6 +3,9 @@
 
 #include <cstdint>
 
+// Into loops over lanes, which are vectors only where nothing is called.
+#define SELENOGRAPH_INTO_LANES __attribute__((always_inline))
+
 namespace selenograph::dem {
 
 // What a SplitMix64 generator makes of its state (Steele, Lea & Flood 2014).
@@ -14,7 +17,8 @@ inline constexpr std::uint64_t split_mix(std::uint64_t state) {
 }
 
 // Of a lattice point; cheap: only the top bits are used.
-inline std::uint32_t lattice_hash(std::int32_t x, std::int32_t y, std::int32_t z, std::uint32_t seed) {
+SELENOGRAPH_INTO_LANES inline std::uint32_t lattice_hash(std::int32_t x, std::int32_t y, std::int32_t z,
+                                                         std::uint32_t seed) {
   std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * 0x8DA6B343u) ^
                     (static_cast<std::uint32_t>(y) * 0xD8163841u) ^ (static_cast<std::uint32_t>(z) * 0xCB1AB31Fu);
   h = (h ^ (h >> 15)) * 0x2C1B3C6Du;
@@ -25,7 +29,7 @@ inline std::uint32_t lattice_hash(std::int32_t x, std::int32_t y, std::int32_t z
 // Along the direction to one of a cube's twelve edges, four of which have two numbers (Perlin 2002). Without a table:
 // loops over lanes become vectors.
 template <typename Real>
-inline Real along_gradient(std::uint32_t number, Real x, Real y, Real z) {
+SELENOGRAPH_INTO_LANES inline Real along_gradient(std::uint32_t number, Real x, Real y, Real z) {
   number = number == 14 ? 9 : number;
   const bool again = (number & 14) == 12;
   const Real a = number < 8 || again ? x : y, b = number < 4 || again ? y : z;
@@ -34,27 +38,28 @@ inline Real along_gradient(std::uint32_t number, Real x, Real y, Real z) {
 
 // std::lerp guards cases that don't occur here, at several times the cost.
 template <typename Real>
-inline Real blend(Real a, Real b, Real t) {
+SELENOGRAPH_INTO_LANES inline Real blend(Real a, Real b, Real t) {
   return a + t * (b - a);
 }
 
 // Gradient noise in three dimensions (Perlin 2002), of unit wavelength, within +-1.0364.
 template <typename Real>
-inline Real perlin_noise(double x, double y, double z, std::uint32_t seed) {
-  // As dear is std::floor.
-  const auto floor_of = [](double v) {
+SELENOGRAPH_INTO_LANES inline Real perlin_noise(double x, double y, double z, std::uint32_t seed) {
+  // std::floor guards cases that don't occur here, at several times the cost.
+  const auto floor_of = [](double v) SELENOGRAPH_INTO_LANES {
     const auto whole = static_cast<std::int32_t>(v);
     return whole - (v < whole ? 1 : 0);
   };
-  const auto fade = [](Real t) { return t * t * t * (t * (t * 6 - 15) + 10); };
+  const auto fade = [](Real t) SELENOGRAPH_INTO_LANES { return t * t * t * (t * (t * 6 - 15) + 10); };
   const std::int32_t i = floor_of(x), j = floor_of(y), k = floor_of(z);
   const Real fx = static_cast<Real>(x - i), fy = static_cast<Real>(y - j), fz = static_cast<Real>(z - k);
   const Real u = fade(fx), v = fade(fy), w = fade(fz);
-  const auto corner = [&](int di, int dj, int dk) {
+  const auto corner = [&](int di, int dj, int dk) SELENOGRAPH_INTO_LANES {
     return along_gradient<Real>(lattice_hash(i + di, j + dj, k + dk, seed) >> 28, fx - static_cast<Real>(di),
                                 fy - static_cast<Real>(dj), fz - static_cast<Real>(dk));
   };
-  const auto along_x = [&](int dj, int dk) { return blend(corner(0, dj, dk), corner(1, dj, dk), u); };
+  const auto along_x = [&](int dj, int dk)
+                           SELENOGRAPH_INTO_LANES { return blend(corner(0, dj, dk), corner(1, dj, dk), u); };
   return blend(blend(along_x(0, 0), along_x(1, 0), v), blend(along_x(0, 1), along_x(1, 1), v), w);
 }
 

@@ -14,6 +14,8 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::dem::HWY_NAMESPACE {
 
+namespace hn = hwy::HWY_NAMESPACE;
+
 void AddNoise(const NoisePlaces& places, std::uint32_t seed, double amplitude, double* HWY_RESTRICT heights) {
   const double *HWY_RESTRICT x = places.x, *HWY_RESTRICT y = places.y;
   const double z = places.z;
@@ -28,23 +30,46 @@ HWY_INLINE double distance2(const CraterOverRow& crater, double x, double y) {
   return dx * dx + dy * dy + crater.along_axis2;
 }
 
+// In vectors by hand: compilers don't look up tables in vectors here. The last places are not enough for one.
 void CastCrater(const CraterOverRow& crater, const RowPlaces& row, float* HWY_RESTRICT lowest_m,
                 float* HWY_RESTRICT highest_m) {
   const CraterOverRow k = crater;
-  const double *HWY_RESTRICT sin_lon = row.sin_lon, *HWY_RESTRICT cos_lon = row.cos_lon;
-  const float *HWY_RESTRICT younger = k.younger, *HWY_RESTRICT older = k.older;
-  const double cos_lat = row.cos_lat;
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (std::size_t c = row.first; c < row.past_last; ++c) {
-    const double away2 = distance2(k, cos_lat * cos_lon[c], cos_lat * sin_lon[c]);
-    // Beyond the reach the profile is looked up at its end, and not used.
-    const double place = std::sqrt(away2 < k.reach2 ? away2 : k.reach2) * k.steps;
+  const hn::ScalableTag<double> f64;
+  const hn::Rebind<float, decltype(f64)> f32;
+  const hn::Rebind<std::int32_t, decltype(f64)> i32;
+  const std::size_t lanes = hn::Lanes(f64);
+  std::size_t c = row.first;
+  for (; c + lanes <= row.past_last; c += lanes) {
+    const auto cos_lat = hn::Set(f64, row.cos_lat);
+    const auto dx = hn::Sub(hn::Mul(cos_lat, hn::LoadU(f64, row.cos_lon + c)), hn::Set(f64, k.x)),
+               dy = hn::Sub(hn::Mul(cos_lat, hn::LoadU(f64, row.sin_lon + c)), hn::Set(f64, k.y));
+    const auto away2 = hn::Add(hn::Add(hn::Mul(dx, dx), hn::Mul(dy, dy)), hn::Set(f64, k.along_axis2));
+    const auto reach2 = hn::Set(f64, k.reach2);
+    if (hn::AllFalse(f64, hn::Lt(away2, reach2))) continue;
+    const auto place = hn::Mul(hn::Sqrt(hn::Min(away2, reach2)), hn::Set(f64, k.steps));
+    const auto i = hn::DemoteTo(i32, place);
+    const auto f = hn::DemoteTo(f32, hn::Sub(place, hn::PromoteTo(f64, i)));
+    const auto along = [&](const float* profile) HWY_ATTR {
+      const auto low = hn::GatherIndex(f32, profile, i), high = hn::GatherIndex(f32, profile + 1, i);
+      return hn::Add(low, hn::Mul(f, hn::Sub(high, low)));
+    };
+    const auto h = hn::Mul(hn::Set(f32, k.scale_m), hn::Add(hn::Mul(hn::Set(f32, 1 - k.share), along(k.younger)),
+                                                            hn::Mul(hn::Set(f32, k.share), along(k.older))));
+    // Beyond the reach the profile was looked up at its end.
+    const auto within = hn::IfThenElseZero(hn::Lt(away2, reach2), hn::Set(f64, 1));
+    const auto there = hn::IfThenElseZero(hn::Gt(hn::DemoteTo(f32, within), hn::Zero(f32)), h);
+    hn::StoreU(hn::Min(hn::LoadU(f32, lowest_m + c), there), f32, lowest_m + c);
+    hn::StoreU(hn::Max(hn::LoadU(f32, highest_m + c), there), f32, highest_m + c);
+  }
+  for (; c < row.past_last; ++c) {
+    const double away2 = distance2(k, row.cos_lat * row.cos_lon[c], row.cos_lat * row.sin_lon[c]);
+    if (!(away2 < k.reach2)) continue;
+    const double place = std::sqrt(away2) * k.steps;
     const auto i = static_cast<std::int32_t>(place);
     const auto f = static_cast<float>(place - i);
-    const float a = younger[i] + f * (younger[i + 1] - younger[i]), b = older[i] + f * (older[i + 1] - older[i]);
-    const float h = away2 < k.reach2 ? k.scale_m * ((1 - k.share) * a + k.share * b) : 0.F;
-    lowest_m[c] = lowest_m[c] < h ? lowest_m[c] : h;
-    highest_m[c] = highest_m[c] > h ? highest_m[c] : h;
+    const auto along = [&](const float* profile) { return profile[i] + f * (profile[i + 1] - profile[i]); };
+    const float h = k.scale_m * ((1 - k.share) * along(k.younger) + k.share * along(k.older));
+    lowest_m[c] = std::min(lowest_m[c], h), highest_m[c] = std::max(highest_m[c], h);
   }
 }
 

@@ -100,12 +100,14 @@ class DetailedTerrain::PostsAround {
   }
 
   // Where rows of blocks meet whose posts are differently far apart, the row belongs to those farther apart.
-  std::int32_t lon_step(std::int32_t lat) const {
+  std::int32_t lon_step(std::int32_t lat) {
+    if (lat == stepped_lat_) return lon_step_;
     const auto of = [&](std::int32_t beside) {
       const BlockId id = block_at(level_, beside, 0);
       return lat_step() << lon_shift(level_, id.row);
     };
-    return std::max(of(std::clamp(lat, 0, kLatTicks - 1)), of(std::clamp(lat - 1, 0, kLatTicks - 1)));
+    stepped_lat_ = lat;
+    return lon_step_ = std::max(of(std::clamp(lat, 0, kLatTicks - 1)), of(std::clamp(lat - 1, 0, kLatTicks - 1)));
   }
 
   Place place(std::int32_t lat, std::int64_t lon) {
@@ -145,6 +147,7 @@ class DetailedTerrain::PostsAround {
   BlockId latest_id_;
   const Block* latest_ = nullptr;
   std::unordered_map<std::int64_t, std::vector<double>> rows_;
+  std::int32_t stepped_lat_ = -1, lon_step_ = 0;
   std::int32_t marked_lat_ = -1;
   std::int64_t marked_lon_ = -1;
   SourceMark mark_ = kNoSource;
