@@ -79,12 +79,26 @@ double Detail::mean_m(int octave) const {
 
 double Detail::left_out_m(int level, int posts_level) const {
   double sum = 0;
-  const int shown = std::min(smallest_octave(level), smallest_octave(posts_level));
+  const int shown = std::min(smallest_octave(level), past_largest_octave(posts_level));
   for (int k = craters_.smallest_octave(); k <= std::min(shown - 1, craters_.largest_octave()); ++k)
     sum += std::max(craters_.deepest_m(k) + mean_m(k), craters_.highest_m(k) - mean_m(k));
   for (int k = relief_.shortest_octave(); k <= std::min(shown - 1, relief_.longest_octave()); ++k)
     sum += relief_.most_m(k);
   return sum;
+}
+
+double Detail::beyond_posts_m(int posts_level) const {
+  // Detail lies within a range; so do its means over cells, F. With the interpolation's S (detailed_terrain.cpp) they
+  // are sharpened to F + (1 - S) F, which leaves the middle of the range by 1.701 times as much at most: that is what
+  // the weights' absolute values add up to. Between posts it may be 1.5625 times as much, which are Catmull-Rom's.
+  constexpr double kFarthest = (1 + 1.5625 * 1.701) / 2;  // of the range, with the detail itself
+  const int in_means = smallest_octave(posts_level + kCellLevels), past = past_largest_octave(posts_level);
+  double range = 0;
+  for (int k = std::max(in_means, craters_.smallest_octave()); k <= std::min(past - 1, craters_.largest_octave()); ++k)
+    range += craters_.deepest_m(k) + craters_.highest_m(k);
+  for (int k = std::max(in_means, relief_.shortest_octave()); k <= std::min(past - 1, relief_.longest_octave()); ++k)
+    range += 2 * relief_.most_m(k);
+  return kFarthest * range + left_out_m(posts_level + kCellLevels, posts_level);
 }
 
 namespace {
@@ -147,17 +161,19 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<double
 
 bool Detail::has_relief(int level, int posts_level) const {
   return std::max(smallest_octave(level), relief_.shortest_octave()) <=
-         std::min(relief_.longest_octave(), smallest_octave(posts_level) - 1);
+         std::min(relief_.longest_octave(), past_largest_octave(posts_level) - 1);
 }
 
 void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m,
-                 std::span<float> in_crater) const {
+                 std::span<float> in_crater, const StopToken& stop) const {
   std::fill(in_crater.begin(), in_crater.end(), 0.F);
-  const int shown = smallest_octave(level), of_posts = smallest_octave(posts_level);
-  for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), of_posts - 1); ++k)
+  const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
+  for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k) {
+    stop.check();
     add_craters(grid, k, heights_m, in_crater);
-  for (int k = std::max(shown, relief_.shortest_octave()); k <= std::min(relief_.longest_octave(), of_posts - 1); ++k)
-    for (std::size_t r = 0; r < grid.rows(); ++r)
+  }
+  for (int k = std::max(shown, relief_.shortest_octave()); k <= std::min(relief_.longest_octave(), past - 1); ++k)
+    for (std::size_t r = 0; r < grid.rows(); stop.check(), ++r)
       relief_.add_row(k, grid, r, heights_m.subspan(r * grid.columns(), grid.columns()));
 }
 

@@ -2,7 +2,8 @@
 //
 // A level shows an octave of craters when its posts are at most a quarter of the octave's smallest diameter apart, and
 // an octave of relief when they are at most a quarter of its wavelength apart. What a level shows it has exactly: the
-// height at a vertex is a function of the place, of the preset and of the level.
+// height at a vertex is a function of the place, of the preset and of the level. To posts of a DEM octaves are added
+// that reach up to about twice their spacing: what is larger the posts can show.
 //
 // Craters of one octave don't add up: of cavities the deepest counts, of rims the highest. So an octave's part lies
 // between bounds, whatever the population, and the bound of what a level leaves out follows.
@@ -15,6 +16,7 @@
 #include "dem/detail/crater_field.h"
 #include "dem/detail/direction_grid.h"
 #include "dem/detail/relief.h"
+#include "dem/stop_token.h"
 
 namespace selenograph::dem {
 
@@ -36,14 +38,21 @@ class Detail {
   // To heights in metres, row by row: what a level shows that the posts' level doesn't. The same at a place from any
   // grid, to the bit. `in_crater`, if not empty, becomes 1 inside the rim of one that is not worn away (kWorn), else 0.
   void add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m,
-           std::span<float> in_crater = {}) const;
+           std::span<float> in_crater = {}, const StopToken& stop = {}) const;
   // Depth over diameter below which nobody would call it a crater.
   static constexpr double kWorn = 0.02;
   // Whether a level shows relief that the posts' level doesn't.
   bool has_relief(int level, int posts_level) const;
 
-  // What all finer levels add to a level's heights lies between -this and this.
+  // What finer levels add to a level's heights lies between -this and this; the level is finer than the posts.
   double left_out_m(int level, int posts_level) const;
+  // The same of all levels finer than the posts, once their mean over each post's cell is taken out (DetailedTerrain).
+  double beyond_posts_m(int posts_level) const;
+  // Means over a post's cell are of so many places, along each side, and of the octaves that a level shows which has
+  // them.
+  static constexpr int kCellLevels = 3, kCellPlaces = 1 << kCellLevels;
+  // The octaves of diameters and of wavelengths [2^k, 2^(k+1)) m that are added to posts are below this one.
+  static int past_largest_octave(int posts_level) { return smallest_octave(posts_level) - 1; }
 
   // Where the mean of an octave of craters would be, were it not subtracted: so that detail moves no ground as a whole.
   double mean_m(int octave) const;

@@ -26,12 +26,20 @@ std::int64_t floor_to(std::int64_t value, std::int64_t step) {
 // Weighted without those that weigh nothing, which may be voids.
 double weighted(double weight, double value) { return weight == 0 ? 0 : weight * value; }
 
+// Levels that there are none of: the plain terrain's blocks are kept under their own.
+BlockId key_of(int number, const BlockId& id) {
+  constexpr int kManyLevels = 32;
+  static_assert(kMaxLevel < kManyLevels);
+  return {kManyLevels * number + id.level, id.row, id.col};
+}
+
 }  // namespace
 
 // Posts of one level, by their ticks, wherever they are: over the poles and around the globe.
 class DetailedTerrain::PostsAround {
  public:
-  PostsAround(const Terrain& plain, int level, const StopToken& stop) : plain_(plain), level_(level), stop_(stop) {}
+  PostsAround(const DetailedTerrain& ground, int level, const StopToken& stop)
+      : ground_(ground), level_(level), stop_(stop) {}
 
   std::int32_t lat_step() const { return 1 << (kTickLevel - level_); }
 
@@ -135,12 +143,12 @@ class DetailedTerrain::PostsAround {
   const Block* find(const BlockId& id) {
     if (latest_ && latest_id_ == id) return latest_;
     auto found = blocks_.find(id);
-    if (found == blocks_.end()) found = blocks_.emplace(id, plain_.block(id, stop_)).first;
+    if (found == blocks_.end()) found = blocks_.emplace(id, ground_.corrected(id, stop_)).first;
     latest_id_ = id, latest_ = found->second.get();
     return latest_;
   }
 
-  const Terrain& plain_;
+  const DetailedTerrain& ground_;
   int level_;
   const StopToken& stop_;
   std::unordered_map<BlockId, std::shared_ptr<const Block>, BlockIdHash> blocks_;
@@ -177,7 +185,7 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
     bend = info.error_m / 2;
   else if (posts > 0)
     bend = id.level < posts ? info.error_m : plain_.node(ancestor_of(id, posts - 1), stop).error_m;
-  const double beyond = bend + detail_->left_out_m(posts, posts);
+  const double beyond = bend + detail_->beyond_posts_m(posts);
   info.error_m += beyond;
   info.min_m -= static_cast<float>(beyond), info.max_m += static_cast<float>(beyond);
   return info;
@@ -186,32 +194,82 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
 void DetailedTerrain::widen(const BlockId& id, HeightRange& range) const {
   const int posts = plain_.posts_level(id);
   // Catmull-Rom's overshoot: an eighth of the range on either side of each axis, at most.
-  const float beyond = static_cast<float>(detail_->left_out_m(posts, posts)) + 0.3F * (range.high - range.low);
+  const float beyond = static_cast<float>(detail_->beyond_posts_m(posts)) + 0.3F * (range.high - range.low);
   range.low -= beyond, range.high += beyond;
 }
 
 std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const StopToken& stop) const {
   const int posts = plain_.posts_level(id);
   if (id.level <= posts) return plain_.block(id, stop);
-  // Levels that there are none of: the plain terrain's blocks are kept under their own.
-  constexpr int kManyLevels = 32;
-  static_assert(kMaxLevel < kManyLevels);
-  const BlockId key{kManyLevels * number_ + id.level, id.row, id.col};
-  if (const auto here = blocks_.find(key)) return *here;
+  if (const auto here = blocks_.find(key_of(number_, id))) return *here;
   // As of the plain terrain's blocks: a pyramid is waited for out here, and who begins to make a block has his place in
   // the arena, which those who wait for the block may have taken all the others of.
   plain_.node(ancestor_of(id, posts), stop);
   std::shared_ptr<const Block> block;
-  where_loops_run([&] {
-    block = blocks_.get(
-        key,
-        [&] {
-          std::shared_ptr<const Block> one = made(id, posts, stop);
-          const std::size_t bytes = one ? one->bytes() : sizeof(Block);
-          return Blocks::Loaded{std::move(one), bytes};
-        },
-        stop);
+  where_loops_run([&] { block = kept(id, stop, [&] { return made(id, posts, stop); }); });
+  return block;
+}
+
+template <typename Make>
+std::shared_ptr<const Block> DetailedTerrain::kept(const BlockId& id, const StopToken& stop, const Make& make) const {
+  return blocks_.get(
+      key_of(number_, id),
+      [&] {
+        std::shared_ptr<const Block> one = make();
+        const std::size_t bytes = one ? one->bytes() : sizeof(Block);
+        return Blocks::Loaded{std::move(one), bytes};
+      },
+      stop);
+}
+
+std::shared_ptr<const Block> DetailedTerrain::corrected(const BlockId& id, const StopToken& stop) const {
+  return kept(id, stop, [&]() -> std::shared_ptr<const Block> {
+    const auto posts = plain_.block(id, stop);
+    if (!posts) return nullptr;
+    return make_corrected(*posts, stop);
   });
+}
+
+std::shared_ptr<Block> DetailedTerrain::make_corrected(const Block& posts, const StopToken& stop) const {
+  constexpr int kAround = 2, kPlaces = Detail::kCellPlaces;
+  const BlockExtent& e = posts.extent;
+  const int side = e.quads + 1 + 2 * kAround;
+  const auto cells = static_cast<std::size_t>(side), places = cells * kPlaces;
+  std::array<std::vector<double>, 4> tables;
+  for (auto& table : tables) table.resize(places);
+  for (std::size_t i = 0; i < places; ++i) {
+    const double posts_away = (static_cast<double>(i) + 0.5) / kPlaces - 0.5 - kAround;
+    const double lat = e.lat0 + posts_away * e.lat_step, lon = e.lon0 + posts_away * e.lon_step;
+    using GeographicLib::Math;
+    Math::sincosd(-90 + lat / kTicksPerDegree, tables[0][i], tables[1][i]);
+    Math::sincosd(-180 + lon / kTicksPerDegree, tables[2][i], tables[3][i]);
+  }
+  const double step = kRadiansPerDegree / kTicksPerDegree * e.lon_step,
+               west = -M_PI + kRadiansPerDegree / kTicksPerDegree * e.lon0 + (0.5 / kPlaces - 0.5 - kAround) * step;
+
+  std::vector<double> means(cells * cells), heights(places * places);
+  detail_->add({tables[0], tables[1], tables[2], tables[3], west, step / kPlaces}, posts.id.level + Detail::kCellLevels,
+               posts.id.level, heights, {}, stop);
+  for (std::size_t r = 0; r < places; ++r)
+    for (std::size_t c = 0; c < places; ++c) means[r / kPlaces * cells + c / kPlaces] += heights[r * places + c];
+  for (double& mean : means) mean /= kPlaces * kPlaces;
+
+  // Interpolated, these means would not have themselves as their means over cells but S of them, which are the
+  // integrals of Catmull-Rom's weights: they are sharpened against that.
+  constexpr std::array<double, 3> kS{161.0 / 192, 18.0 / 192, -2.5 / 192};
+  auto block = std::make_shared<Block>(posts);
+  const auto along = [&](const auto& value) {
+    return kS[0] * value(0) + kS[1] * (value(-1) + value(1)) + kS[2] * (value(-2) + value(2));
+  };
+  for (int r = 0; r <= e.quads; ++r)
+    for (int c = 0; c <= e.quads; ++c) {
+      const auto mean = [&](int dr, int dc) {
+        return means[static_cast<std::size_t>(r + kAround + dr) * cells + static_cast<std::size_t>(c + kAround + dc)];
+      };
+      const double smoothed = along([&](int dr) { return along([&](int dc) { return mean(dr, dc); }); });
+      float& height_m = block->vertices[block->index(r, c)].height_m;
+      height_m = static_cast<float>(static_cast<double>(height_m) - (2 * mean(0, 0) - smoothed));
+    }
   return block;
 }
 
@@ -222,7 +280,7 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
   const BlockExtent& e = block->extent;
   const int side = e.quads + 1 + 2 * kHalo;
   const auto n = static_cast<std::size_t>(side);
-  PostsAround posts(plain_, posts_level, stop);
+  PostsAround posts(*this, posts_level, stop);
 
   // Past a pole rows go on on the other side of the Moon, where the cosine of the latitude is negative.
   std::array<std::vector<double>, 4> tables;
@@ -246,7 +304,7 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
   const double radians_per_tick = kRadiansPerDegree / kTicksPerDegree;
   detail_->add({tables[0], tables[1], tables[2], tables[3], -M_PI + radians_per_tick * static_cast<double>(lons[0]),
                 radians_per_tick * e.lon_step},
-               id.level, posts_level, heights, in_crater);
+               id.level, posts_level, heights, in_crater, stop);
   const Ground between = detail_->has_relief(id.level, posts_level) ? Ground::relief : Ground::dem;
 
   std::vector<float> rounded(heights.begin(), heights.end());

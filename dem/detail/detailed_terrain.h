@@ -2,7 +2,9 @@
 //
 // Between posts the surface is Catmull-Rom's bicubic through them (linear along the triangles beside voids), so that it
 // has no facets. All of it is a function of the place and the level: blocks agree on their borders to the bit, whoever
-// makes them. A detail is shown where the posts are too far apart for it (detail.h): what they can show they have.
+// makes them. A detail is shown where the posts are too far apart for it (detail.h): what they can show they have. And
+// it keeps what they say: before they are interpolated, the detail's mean over each post's cell is taken from the post,
+// so that means over cells of the ground with detail are those of the ground without (unit.detail says how nearly).
 #pragma once
 
 #include <memory>
@@ -32,6 +34,11 @@ class DetailedTerrain {
  private:
   class PostsAround;
   std::shared_ptr<const Block> made(const BlockId& id, int posts_level, const StopToken& stop) const;
+  // Posts with the detail's means taken from them; null where there are none.
+  std::shared_ptr<const Block> corrected(const BlockId& id, const StopToken& stop) const;
+  std::shared_ptr<Block> make_corrected(const Block& posts, const StopToken& stop) const;
+  template <typename Make>
+  std::shared_ptr<const Block> kept(const BlockId& id, const StopToken& stop, const Make& make) const;
 
   const Terrain& plain_;
   std::shared_ptr<const Detail> detail_;
