@@ -1,14 +1,15 @@
 #include "tests/support/frame_judge.h"
 
 #include <fmt/format.h>
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_reduce.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <mutex>
 #include <vector>
+
+#include "dem/parallel.h"
 
 namespace selenograph::test {
 namespace {
@@ -25,16 +26,17 @@ class Trial {
         moon_from_camera_(request.pose.camera_from_moon.conjugate().toRotationMatrix()) {}
 
   Findings hear() const {
-    return tbb::parallel_reduce(
-        tbb::blocked_range<int>(0, request_.camera.width * request_.camera.height, 64), Findings{},
-        [&](const tbb::blocked_range<int>& range, Findings found) {
-          for (int i = range.begin(); i < range.end(); ++i) judge_pixel(i, found);
-          return found;
-        },
-        [](Findings a, const Findings& b) {
-          a.add(b);
-          return a;
-        });
+    Findings all;
+    std::mutex mutex;
+    const auto pixels =
+        static_cast<std::size_t>(request_.camera.width) * static_cast<std::size_t>(request_.camera.height);
+    in_parallel_pieces(pixels, 64, [&](std::size_t first, std::size_t past_last) {
+      Findings found;
+      for (std::size_t i = first; i < past_last; ++i) judge_pixel(static_cast<int>(i), found);
+      const std::lock_guard lock(mutex);
+      all.add(found);
+    });
+    return all;
   }
 
  private:
