@@ -279,6 +279,7 @@ TEST(Client, TokenPathAndPieces) {
   std::vector<Ray> rays(10001);
   for (std::size_t i = 0; i < rays.size(); ++i) rays[i] = {{double(i), 0, 0}, {1, 0, 0}};
   const std::vector<RayHit> hits = Client(fake.url() + "/moon/", "secret").rays(rays);
+  const std::lock_guard lock(mutex);
   EXPECT_EQ(sizes, (std::vector<std::size_t>{10000, 1}));
   ASSERT_EQ(hits.size(), rays.size());
   EXPECT_EQ(hits[10000].range_m, 10000);
