@@ -123,6 +123,9 @@ void set_rays(const RayPacket& in, RTCRay16& out) {
   std::fill_n(out.mask, kPacket, ~0U), std::fill_n(out.flags, kPacket, 0U);
 }
 
+// By this name in tests/tsan.supp.
+bool goes_on_building(void* stop, double) { return !static_cast<const StopToken*>(stop)->stopped(); }
+
 }  // namespace
 
 struct EmbreeScene::Impl {
@@ -193,9 +196,7 @@ void EmbreeScene::build(const StopToken& stop) {
     geometry = nullptr;
   }
   // Asked every now and then while it builds.
-  rtcSetSceneProgressMonitorFunction(
-      impl_->scene, [](void* token, double) { return !static_cast<const StopToken*>(token)->stopped(); },
-      const_cast<StopToken*>(&stop));
+  rtcSetSceneProgressMonitorFunction(impl_->scene, goes_on_building, const_cast<StopToken*>(&stop));
   rtcCommitScene(impl_->scene);
   const RTCError error = rtcGetDeviceError(impl_->device);
   stop.check();  // a build that was stopped is an error, too
