@@ -59,9 +59,12 @@ double expected_craters(const CraterField& field, const Footprint& region, doubl
 }
 
 double cells_of_craters(const CraterField& field, const Footprint& region, double smallest_m) {
+  // As a rectangle, with those that are drawn for the pieces' margins.
+  const double height_m = (region.north_deg - region.south_deg) * kMetresPerDegree,
+               width_m = area_m2(region) / height_m;
   double cells = 0;
   for (int k = std::max(field.smallest_octave(), octave_of(smallest_m)); k <= field.largest_octave(); ++k)
-    cells += area_m2(region) / std::pow(std::ldexp(kCellDiameters, k), 2);
+    cells += (height_m / std::ldexp(kCellDiameters, k) + 2) * (width_m / std::ldexp(kCellDiameters, k) + 2);
   return cells;
 }
 
