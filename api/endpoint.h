@@ -54,6 +54,7 @@ Response answer_rays(const EndpointContext& context);
 Response answer_project(const EndpointContext& context);
 Response answer_heights(const EndpointContext& context);
 Response answer_height(const EndpointContext& context);
+Response answer_features(const EndpointContext& context);
 Response answer_verify_round_trip(const EndpointContext& context);
 Response answer_verify_mertis(const EndpointContext& context);
 

@@ -111,11 +111,14 @@ struct ProductsOfMaps {
   }
 };
 
+}  // namespace
+
 // --- where it lies
 
 const Members<MapBounds>& bounds_members() {
   static const auto members = made<Members<MapBounds>>(
-      "MapBounds", "Outer edges of a map. East of a west edge that is larger, longitudes go on past 180.", [](auto& m) {
+      "MapBounds", "Outer edges of a map or region. East of a west edge that is larger, longitudes go on past 180.",
+      [](auto& m) {
         m.add("south_deg", &MapBounds::south_deg, Number{kLatitude_deg, "deg"}, "latitude").required();
         m.add("north_deg", &MapBounds::north_deg, Number{kLatitude_deg, "deg"}, "latitude").required();
         m.add("west_deg", &MapBounds::west_deg, Number{kLongitude_deg, "deg"}, "longitude, east-positive").required();
@@ -130,6 +133,8 @@ const Members<MapBounds>& bounds_members() {
       });
   return *members;
 }
+
+namespace {
 
 constexpr Range kMapSide_m{0, 2e7, true, false}, kGsd_m{0.01, 1e6}, kStandardParallel_deg{-89, 89};
 

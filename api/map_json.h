@@ -19,6 +19,7 @@ namespace selenograph::api {
 struct MapBounds {
   double south_deg = 0, north_deg = 0, west_deg = 0, east_deg = 0;
 };
+const Members<MapBounds>& bounds_members();
 
 // "map": where it lies.
 struct MapArea {

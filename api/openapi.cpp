@@ -1,5 +1,6 @@
 #include "api/openapi.h"
 
+#include "api/features_json.h"
 #include "api/map_json.h"
 #include "api/metadata.h"
 #include "api/negotiate.h"
@@ -205,6 +206,31 @@ void fill_round_trip(OrderedJson& operation, const OrderedJson& place) {
   operation["responses"]["200"]["headers"]["Vary"] = {{"$ref", "#/components/headers/Vary"}};
 }
 
+void fill_features(OrderedJson& operation) {
+  operation["description"] =
+      "Truth for crater matchers and hazard detectors: each crater of a detail that the terrain shows, the largest "
+      "first. The DEM's posts at its centre decide whether it is shown; one that others of its octave of diameters "
+      "cover "
+      "is left out. The same crater has the same id in every answer.";
+  operation["parameters"] = OrderedJson::array({timeout_parameter()});
+  operation["requestBody"] =
+      body("FeaturesRequest",
+           {{"example",
+             {{"detail", "highlands"},
+              {"region", {{"south_deg", 26.125}, {"north_deg", 26.135}, {"west_deg", 3.63}, {"east_deg", 3.64}}},
+              {"smallest_m", 20.0}}}});
+  std::string description = "As `Accept` asks; without a preference the first.\n";
+  OrderedJson content = OrderedJson::object();
+  for (const Alternative& a : kFeaturesAnswers) {
+    const std::string media_type(a.media_type);
+    content[media_type] = {
+        {"schema", media_type == "application/json" ? schema_ref("FeaturesAnswer") : OrderedJson{{"type", "string"}}}};
+    description += "\n- `" + media_type + "`: " + std::string(a.meaning);
+  }
+  operation["responses"]["200"] = {{"description", description}, {"content", content}};
+  operation["responses"]["200"]["headers"]["Vary"] = {{"$ref", "#/components/headers/Vary"}};
+}
+
 void fill(OrderedJson& operation, const Route& route) {
   const OrderedJson frame = frame_examples()["nadir"];
   const OrderedJson place{{"lat_deg", 26.1322}, {"lon_deg", 3.6339}};
@@ -231,6 +257,8 @@ void fill(OrderedJson& operation, const Route& route) {
       operation["parameters"] = place_parameters();
       operation["responses"]["200"] = {{"description", "The height"}, {"content", json_content("Height")}};
       return;
+    case Endpoint::features:
+      return fill_features(operation);
     case Endpoint::datasets:
       operation["responses"]["200"] = {{"description", "The catalogue"}, {"content", json_content("Datasets")}};
       return;
@@ -257,6 +285,7 @@ const char* tag(Endpoint endpoint) {
       return "geometry";
     case Endpoint::heights:
     case Endpoint::height:
+    case Endpoint::features:
     case Endpoint::datasets:
       return "terrain";
     case Endpoint::verify_round_trip:
@@ -478,7 +507,7 @@ OrderedJson openapi_document(const Limits& limits) {
            {{{"name", "frames"}, {"description", "Images and the truth behind each pixel"}},
             {{"name", "maps"}, {"description", "Map-projected products"}},
             {{"name", "geometry"}, {"description", "Rays and landmarks"}},
-            {{"name", "terrain"}, {"description", "Heights and the catalogue"}},
+            {{"name", "terrain"}, {"description", "Heights, craters and the catalogue"}},
             {{"name", "verification"}, {"description", "How true the answers are"}},
             {{"name", "service"}, {"description", "For clients' tools and the operator"}}}},
           {"paths", openapi_paths()},

@@ -13,6 +13,7 @@ namespace selenograph::api {
 
 void add_frame_answers(OrderedJson& schemas);
 void add_point_answers(OrderedJson& schemas, const Limits& limits);
+void add_feature_answers(OrderedJson& schemas);
 void add_dataset_answers(OrderedJson& schemas);
 void add_verify_answers(OrderedJson& schemas);
 

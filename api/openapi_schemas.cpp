@@ -30,6 +30,7 @@ OrderedJson openapi_schemas(const Limits& limits) {
   for (const MemberTable* table : request_tables()) schemas[std::string(table->name())] = table->schema(limits);
   add_frame_answers(schemas);
   add_point_answers(schemas, limits);
+  add_feature_answers(schemas);
   add_dataset_answers(schemas);
   add_verify_answers(schemas);
   add_problem(schemas);

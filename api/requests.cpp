@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "api/arrays.h"
+#include "api/features_json.h"
 #include "api/frame_json.h"
 #include "api/map_json.h"
 #include "api/mertis_json.h"
@@ -20,9 +21,13 @@ struct RequestBody {
 };
 
 std::vector<RequestBody> bodies() {
-  return {{"/v1/frames", frame_members()},        {"/v1/maps", map_members()},
-          {"/v1/rays", rays_members()},           {"/v1/project", project_members()},
-          {"/v1/heights", heights_members()},     {"/v1/verify/roundtrip", round_trip_members()},
+  return {{"/v1/frames", frame_members()},
+          {"/v1/maps", map_members()},
+          {"/v1/rays", rays_members()},
+          {"/v1/project", project_members()},
+          {"/v1/heights", heights_members()},
+          {"/v1/features", features_members()},
+          {"/v1/verify/roundtrip", round_trip_members()},
           {"/v1/verify/mertis", mertis_members()}};
 }
 

@@ -28,7 +28,8 @@ const Route& route_of(const Request& request) {
 
 // The others negotiate.
 bool answers_json_alone(Endpoint endpoint) {
-  return endpoint != Endpoint::frames && endpoint != Endpoint::maps && endpoint != Endpoint::verify_round_trip;
+  return endpoint != Endpoint::frames && endpoint != Endpoint::maps && endpoint != Endpoint::features &&
+         endpoint != Endpoint::verify_round_trip;
 }
 
 }  // namespace
@@ -87,6 +88,8 @@ struct Service::Impl {
         return answer_heights(context);
       case Endpoint::height:
         return answer_height(context);
+      case Endpoint::features:
+        return answer_features(context);
       case Endpoint::datasets:
         std::call_once(datasets_made, [&] { datasets = datasets_text(renderer->terrain().catalogue()); });
         taken.need(datasets.size(), "", context.stop);

@@ -9,8 +9,10 @@
 #include <thread>
 #include <vector>
 
+#include "dem/detail/features.h"
 #include "dem/parallel.h"
 #include "engine/choose_accuracy.h"
+#include "engine/crater_rims.h"
 #include "engine/preparation.h"
 #include "engine/ray_queries.h"
 #include "engine/render_cache.h"
@@ -117,6 +119,22 @@ std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, 
   return in_arena(impl_->arena, [&] {
     return project_landmarks(camera, pose, shutter, points, objects, sun, *terrain, impl_->kept, stop);
   });
+}
+
+std::vector<dem::CraterFeature> Renderer::craters(const std::shared_ptr<const dem::Detail>& detail,
+                                                  const dem::Footprint& region, double smallest_m,
+                                                  const StopToken& stop) const {
+  const Preparation::Work work(impl_->preparation, nullptr);
+  const auto terrain = impl_->terrain_with(detail);
+  return in_arena(impl_->arena,
+                  [&] { return dem::CraterSurvey(*impl_->terrain, *terrain).within(region, smallest_m, stop); });
+}
+
+CraterRims Renderer::rims(const FrameRequest& request, const RimOptions& options, const StopToken& stop) const {
+  const Preparation::Work work(impl_->preparation, nullptr);
+  const auto terrain = impl_->terrain_with(request.detail);
+  return in_arena(impl_->arena,
+                  [&] { return crater_rims(request, options, *impl_->terrain, *terrain, impl_->kept, stop); });
 }
 
 void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead) const {

@@ -14,6 +14,7 @@
 #include "engine/frame/map.h"
 #include "engine/frame/queries.h"
 #include "engine/frame/request.h"
+#include "engine/frame/rims.h"
 #include "engine/preparation.h"
 
 namespace selenograph::engine {
@@ -69,6 +70,13 @@ class Renderer {
                                 std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
                                 const StopToken& stop = {}, const std::vector<SceneObject>& objects = {},
                                 const std::shared_ptr<const dem::Detail>& detail = {}) const;
+
+  // The craters of a detail that the terrain shows in a region (dem/detail/features.h).
+  std::vector<dem::CraterFeature> craters(const std::shared_ptr<const dem::Detail>& detail,
+                                          const dem::Footprint& region, double smallest_m,
+                                          const StopToken& stop = {}) const;
+  // Those of a request's detail that its frame sees. Throws as render does.
+  CraterRims rims(const FrameRequest& request, const RimOptions& options, const StopToken& stop = {}) const;
 
   const dem::Terrain& terrain() const;
   // With detail; null: that of terrain().

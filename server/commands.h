@@ -1,10 +1,12 @@
 // The commands of the executable. Each answers the process's exit status and throws what main() reports.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "dem/sample/sample_terrain.h"
+#include "engine/frame/rims.h"
 #include "engine/verify/round_trip.h"
 #include "server/config.h"
 
@@ -22,6 +24,18 @@ struct MapSettings {
   std::string request;           // path, "-": stdin
   std::string output;            // its extension is the format
   std::vector<std::string> utc;  // FROM, TO, STEP of a series; empty: one map
+};
+
+struct FeaturesSettings {
+  TerrainSettings terrain;
+  std::string request;         // path, "-": stdin; empty: by the three below
+  std::string detail;          // a preset's name
+  std::vector<double> region;  // south, north, west, east, degrees
+  std::optional<double> smallest_m;
+  std::string output = "-";  // CSV; "-": stdout
+  std::string coco, frame;   // file to write, and the request of its frame; empty: none
+  std::string image;         // that the frame was written to; empty: the frame's name with .png
+  engine::RimOptions rims;
 };
 
 struct BatchSettings {
@@ -85,6 +99,7 @@ struct VerifyMertisSettings {
 
 void add_options(CLI::App& command, RenderSettings& settings);
 void add_options(CLI::App& command, MapSettings& settings);
+void add_options(CLI::App& command, FeaturesSettings& settings);
 void add_options(CLI::App& command, BatchSettings& settings);
 void add_options(CLI::App& command, BatchVerifySettings& settings);
 void add_options(CLI::App& command, ManifestSettings& settings);
@@ -97,6 +112,7 @@ void add_options(CLI::App& command, VerifyMertisSettings& settings);
 int serve(const ServeSettings& settings);
 int render(const RenderSettings& settings);
 int map(const MapSettings& settings);
+int features(const FeaturesSettings& settings);
 int batch(const BatchSettings& settings);
 int batch_verify(const BatchVerifySettings& settings);
 int manifest(const ManifestSettings& settings);

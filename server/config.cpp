@@ -193,7 +193,7 @@ void add_options(CLI::App& command, api::Limits& s) {
   command.add_option("--max-samples-per-pixel", s.max_samples_per_pixel)
       ->check(CLI::Range(1, 65536))
       ->capture_default_str();
-  command.add_option("--max-rays", s.max_rays, "Most rays or points of one request")
+  command.add_option("--max-rays", s.max_rays, "Most rays or points of one request, craters of one answer")
       ->check(CLI::Range(1, 1 << 24))
       ->capture_default_str();
   command.add_option("--max-json-depth", s.max_json_depth, "Deepest nesting of a request")

@@ -1,4 +1,5 @@
-// The executable: `selenograph serve | render | map | batch | manifest | ingest | sample | info | verify`.
+// The executable: `selenograph serve | render | map | features | batch | manifest | ingest | sample | info |
+// verify`.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -23,6 +24,7 @@ struct Settings {
   ServeSettings serve;
   RenderSettings render;
   MapSettings map;
+  FeaturesSettings features;
   BatchSettings batch;
   BatchVerifySettings batch_verify;
   ManifestSettings manifest;
@@ -51,6 +53,7 @@ Work add_commands(CLI::App& app, Settings& s) {
   add(app, work, "serve", "Answers requests over HTTP", s.serve, serve);
   add(app, work, "render", "Renders one request to a file", s.render, render);
   add(app, work, "map", "Renders a map, or a series of them, to files", s.map, map);
+  add(app, work, "features", "Lists a detail's craters, of a region or in a frame", s.features, features);
   CLI::App& campaign = add(app, work, "batch", "Renders a manifest's frames to a folder", s.batch, batch);
   add(campaign, work, "verify", "Shows whether every frame of a manifest is there once and whole", s.batch_verify,
       batch_verify);

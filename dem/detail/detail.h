@@ -34,6 +34,8 @@ class Detail {
   const DetailPreset& preset() const { return preset_; }
   // The first level that shows everything.
   int finest_level() const;
+  // The smallest octave of craters, and of relief, that a level shows.
+  static int smallest_octave(int level);
 
   // To heights in metres, row by row: what a level shows that the posts' level doesn't. The same at a place from any
   // grid, to the bit. `in_crater`, if not empty, becomes 1 inside the rim of one that is not worn away (kWorn), else 0.
@@ -61,8 +63,6 @@ class Detail {
   const Relief& relief() const { return relief_; }
 
  private:
-  // The smallest octave of craters, and of relief, that a level shows.
-  static int smallest_octave(int level);
   void add_craters(const DirectionGrid& grid, int octave, std::span<double> heights_m,
                    std::span<float> in_crater) const;
 

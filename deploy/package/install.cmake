@@ -9,7 +9,7 @@ install(FILES api/clients/python/selenograph.py DESTINATION lib/python3/dist-pac
 install(FILES ${package}/selenograph.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
 install(FILES ${package}/completion.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME selenograph)
 install(DIRECTORY deploy/assets deploy/haproxy deploy/grafana deploy/prometheus DESTINATION ${share} USE_SOURCE_PERMISSIONS)
-install(FILES deploy/example-request.json deploy/map-request.json deploy/debris-request.json deploy/mapped-request.json
+install(FILES deploy/example-request.json deploy/map-request.json deploy/debris-request.json deploy/mapped-request.json deploy/craters-request.json
   DESTINATION ${share}/requests)
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} RENAME copyright)
 install(FILES README.md CHANGELOG.md api/requests.md api/clients/conventions.md DESTINATION ${CMAKE_INSTALL_DOCDIR})

@@ -194,6 +194,9 @@ class EveryAnswer(Documented):
         maps = next(o for o in self.operations if o.path == "/v1/maps")
         for media_type in maps.responses["200"]["content"]:
             self.check(maps, maps.ask(service, dict(maps.examples["slopes"], products=["slope"]), Accept=media_type), 200)
+        features = next(o for o in self.operations if o.path == "/v1/features")
+        for media_type in features.responses["200"]["content"]:
+            self.check(features, features.ask(service, Accept=media_type), 200)
         frames = next(o for o in self.operations if o.path == "/v1/frames")
         for media_type in frames.responses["200"]["content"]:
             body = dict(frames.small(), products=["image" if media_type == "image/png" else "range"])

@@ -1,0 +1,24 @@
+// POST /v1/features.
+#include "api/endpoint.h"
+#include "api/features_json.h"
+#include "api/negotiate.h"
+
+namespace selenograph::api {
+
+Response answer_features(const EndpointContext& context) {
+  // A crater while it is in work, with its text.
+  constexpr double kBytesPerCrater = 1000;
+  const std::string_view media_type =
+      choose(header(context.request, "accept"), std::span<const Alternative>(kFeaturesAnswers));
+  const FeaturesQuery query = read_features(json_body(context), context.limits, context.assets, context.stop);
+  context.memory.need(static_cast<std::size_t>(kBytesPerCrater * query.most()), "/region", context.stop);
+  const auto craters = context.renderer.craters(query.detail.content, query.region(), query.least_m(), context.stop);
+  Response response;
+  response.content_type = media_type;
+  response.body = media_type == "text/csv" ? features_csv(craters) : features_json(query, craters);
+  response.headers.emplace_back("Vary", "Accept");
+  context.stop.check();
+  return response;
+}
+
+}  // namespace selenograph::api

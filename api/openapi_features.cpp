@@ -1,0 +1,38 @@
+// The schema of what POST /v1/features answers.
+#include "api/features_json.h"
+#include "api/openapi_parts.h"
+#include "api/ranges.h"
+
+namespace selenograph::api {
+
+using namespace schema;
+
+void add_feature_answers(OrderedJson& schemas) {
+  OrderedJson properties{{"id", with(text("the same in every answer"), "pattern", "^[0-9a-f]{16}$")}},
+      required = OrderedJson::array({"id"});
+  for (const CraterColumn& column : crater_columns()) {
+    properties[std::string(column.name)] = number(kAnyNumber, column.meaning);
+    required.push_back(column.name);
+  }
+  OrderedJson crater = object("A crater of the detail.", std::move(properties), {});
+  crater["required"] = std::move(required);
+  const OrderedJson detail = object("what the craters are of, as in a frame's metadata",
+                                    {{"name", text("as asked")},
+                                     {"version", text("changes when the preset changes")},
+                                     {"synthetic", text("what of the terrain is made up")}},
+                                    {"name", "version", "synthetic"});
+  const OrderedJson region = object("as asked, degrees",
+                                    {{"south_deg", number(kLatitude_deg, "")},
+                                     {"north_deg", number(kLatitude_deg, "")},
+                                     {"west_deg", number(kLongitude_deg, "")},
+                                     {"east_deg", number({-180, 720}, "west_deg < east_deg <= west_deg + 360")}},
+                                    {"south_deg", "north_deg", "west_deg", "east_deg"});
+  schemas["FeaturesAnswer"] = object("Craters with their centre in the region, the largest first.",
+                                     {{"detail", detail},
+                                      {"region", region},
+                                      {"smallest_m", number(kAnyNumber, "least diameter_m")},
+                                      {"craters", array(std::move(crater))}},
+                                     {"detail", "region", "smallest_m", "craters"});
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,209 @@
+#include "dem/detail/features.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <mutex>
+#include <numbers>
+#include <tuple>
+
+#include "dem/detail/detail.h"
+#include "dem/parallel.h"
+
+namespace selenograph::dem {
+namespace {
+
+using std::numbers::pi;
+
+constexpr int kRimPoints = 16;
+// Sides of a piece and of the field's cells, over the octave's smallest diameter.
+constexpr double kPieceDiameters = 32, kCellDiameters = 8;
+
+double area_m2(const Footprint& f) {
+  return kMoonRadius_m * kMoonRadius_m * (f.east_deg - f.west_deg) * kRadiansPerDegree *
+         (std::sin(f.north_deg * kRadiansPerDegree) - std::sin(f.south_deg * kRadiansPerDegree));
+}
+
+int octave_of(double diameter_m) { return static_cast<int>(std::floor(std::log2(diameter_m))); }
+
+bool holds(const Footprint& f, const Geographic& g) {
+  const double east = g.lon_deg + 360 * std::ceil((f.west_deg - g.lon_deg) / 360);
+  return g.lat_deg >= f.south_deg && g.lat_deg <= f.north_deg && east <= f.east_deg;
+}
+
+// All that is no farther than so much from a box, and some more.
+Footprint around(const Footprint& f, double margin_m) {
+  const double angle = margin_m / kMoonRadius_m, margin_deg = angle * kDegreesPerRadian;
+  Footprint wide{std::max(-90.0, f.south_deg - margin_deg), std::min(90.0, f.north_deg + margin_deg), -180, 180};
+  const double across = std::cos(std::max(-wide.south_deg, wide.north_deg) * kRadiansPerDegree);
+  if (wide.south_deg <= -90 || wide.north_deg >= 90 || std::sin(angle) >= across) return wide;
+  const double beside_deg = std::asin(std::sin(angle) / across) * kDegreesPerRadian;
+  if (f.east_deg - f.west_deg + 2 * beside_deg >= 360) return wide;
+  wide.west_deg = f.west_deg - beside_deg, wide.east_deg = f.east_deg + beside_deg;
+  return wide;
+}
+
+double height_m(const CraterField& field, const Crater& crater, const Vec3& place) {
+  const double distance_m = (place - crater.centre).norm() * kMoonRadius_m;
+  if (distance_m >= crater.reach_m()) return 0;
+  return crater.scale * field.shape().height(distance_m / (crater.diameter_m / 2), crater.age);
+}
+
+}  // namespace
+
+double expected_craters(const CraterField& field, const Footprint& region, double smallest_m) {
+  const CraterLaw& law = field.law();
+  const double least_m = std::max(smallest_m, law.smallest_m);
+  if (least_m >= law.largest_m) return 0;
+  return area_m2(region) * (law.frequency.above(least_m) - law.frequency.above(law.largest_m));
+}
+
+double cells_of_craters(const CraterField& field, const Footprint& region, double smallest_m) {
+  // As a rectangle, with those that are drawn for the pieces' margins.
+  const double height_m = (region.north_deg - region.south_deg) * kMetresPerDegree,
+               width_m = area_m2(region) / height_m;
+  double cells = 0;
+  for (int k = std::max(field.smallest_octave(), octave_of(smallest_m)); k <= field.largest_octave(); ++k)
+    cells += (height_m / std::ldexp(kCellDiameters, k) + 2) * (width_m / std::ldexp(kCellDiameters, k) + 2);
+  return cells;
+}
+
+CraterSurvey::CraterSurvey(const Terrain& plain, const Terrain& detailed)
+    : plain_(plain), detailed_(detailed), field_(detailed.detail()->craters()) {}
+
+std::vector<CraterSurvey::Piece> CraterSurvey::pieces(const Footprint& region, double smallest_m) const {
+  std::vector<Piece> pieces;
+  const auto steps = [](double length_deg, double step_deg) {
+    return std::max(1, static_cast<int>(std::ceil(length_deg / step_deg)));
+  };
+  for (int k = std::max(field_.smallest_octave(), octave_of(smallest_m)); k <= field_.largest_octave(); ++k) {
+    const double side_deg = std::ldexp(kPieceDiameters, k) / kMetresPerDegree;
+    const int rows = steps(region.north_deg - region.south_deg, side_deg);
+    const auto at = [](double low, double high, int i, int n) { return i == n ? high : low + (high - low) * i / n; };
+    for (int r = 0; r < rows; ++r) {
+      Footprint box = region;
+      box.south_deg = at(region.south_deg, region.north_deg, r, rows);
+      box.north_deg = at(region.south_deg, region.north_deg, r + 1, rows);
+      const double nearest_deg = box.south_deg > 0 ? box.south_deg : std::max(0.0, -box.north_deg);
+      const int columns =
+          steps((region.east_deg - region.west_deg) * std::cos(nearest_deg * kRadiansPerDegree), side_deg);
+      for (int c = 0; c < columns; ++c) {
+        box.west_deg = at(region.west_deg, region.east_deg, c, columns);
+        box.east_deg = at(region.west_deg, region.east_deg, c + 1, columns);
+        pieces.push_back({k, box});
+      }
+    }
+  }
+  return pieces;
+}
+
+std::vector<CraterFeature> CraterSurvey::within(const Footprint& region, double smallest_m,
+                                                const StopToken& stop) const {
+  const std::vector<Piece> all = pieces(region, smallest_m);
+  std::vector<CraterFeature> features;
+  std::mutex mutex;
+  in_parallel_pieces(all.size(), 4, [&](std::size_t first, std::size_t past_last) {
+    std::vector<CraterFeature> some;
+    for (std::size_t i = first; i < past_last; ++i) {
+      stop.check();
+      survey(all[i], smallest_m, stop, some);
+    }
+    const std::lock_guard lock(mutex);
+    features.insert(features.end(), some.begin(), some.end());
+  });
+  sort_features(features);
+  return features;
+}
+
+void CraterSurvey::survey(const Piece& piece, double smallest_m, const StopToken& stop,
+                          std::vector<CraterFeature>& out) const {
+  // Those that reach the rim of one with its centre in the box.
+  const double largest_m = std::ldexp(2.0, piece.octave);
+  const double margin_m = (CraterShape::reach(CraterShape::kOldest) + 1) * largest_m / 2;
+  const Footprint wide = around(piece.box, margin_m);
+  const std::vector<Crater> all =
+      field_.within(piece.octave, wide.south_deg, wide.north_deg, wide.west_deg, wide.east_deg);
+  for (const Crater& crater : all)
+    if (crater.diameter_m >= smallest_m && holds(piece.box, to_geographic(crater.centre * kMoonRadius_m)))
+      add_if_shown(crater, piece.octave, all, out, stop);
+}
+
+void CraterSurvey::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out) const {
+  const std::size_t before = out.size();
+  field_.near(octave, direction, radius_m, out);
+  const auto away = [&](const Crater& c) {
+    return (c.centre - direction).norm() * kMoonRadius_m > radius_m + c.diameter_m / 2;
+  };
+  out.erase(std::remove_if(out.begin() + static_cast<std::ptrdiff_t>(before), out.end(), away), out.end());
+}
+
+void CraterSurvey::add_if_shown(const Crater& crater, int octave, std::vector<CraterFeature>& out,
+                                const StopToken& stop) const {
+  std::vector<Crater> others;
+  field_.near(octave, crater.centre, crater.diameter_m / 2, others);
+  add_if_shown(crater, octave, others, out, stop);
+}
+
+void CraterSurvey::add_if_shown(const Crater& crater, int octave, std::span<const Crater> candidates,
+                                std::vector<CraterFeature>& out, const StopToken& stop) const {
+  CraterFeature feature{crater, octave, to_geographic(crater.centre * kMoonRadius_m), 0};
+  Geographic& place = feature.place;
+  if (!shows(octave, place)) return;
+  place.height_m = plain_.height(place.lat_deg, place.lon_deg, stop).height_m;
+  if (std::isnan(place.height_m)) return;
+  std::vector<Crater> others;
+  for (const Crater& other : candidates)
+    if (other.id != crater.id &&
+        (other.centre - crater.centre).norm() * kMoonRadius_m < other.reach_m() + crater.diameter_m / 2)
+      others.push_back(other);
+  const double floor_m = height_m(field_, crater, crater.centre);
+  int undisturbed = 0;
+  for (int i = 0; i < kRimPoints; ++i) {
+    const Vec3 on = on_rim(crater, 2 * pi * i / kRimPoints);
+    const double own_m = height_m(field_, crater, on);
+    if (std::abs(octave_height_m(own_m, on, others) - own_m) > crater.depth_m / 4) continue;
+    const Geographic g = to_geographic(on * kMoonRadius_m);
+    undisturbed += shows(octave, g) && !std::isnan(plain_.height(g.lat_deg, g.lon_deg, stop).height_m);
+  }
+  feature.rim_share = static_cast<double>(undisturbed) / kRimPoints;
+  const bool deepest = std::none_of(others.begin(), others.end(), [&](const Crater& other) {
+    return height_m(field_, other, crater.centre) < floor_m;
+  });
+  if (deepest || undisturbed > 0) out.push_back(feature);
+}
+
+// As Detail::add has it.
+double CraterSurvey::octave_height_m(double own_m, const Vec3& place, std::span<const Crater> others) const {
+  double cavity = std::min(0.0, own_m), rim = std::max(0.0, own_m);
+  for (const Crater& other : others) {
+    const double h = height_m(field_, other, place);
+    cavity = std::min(cavity, h), rim = std::max(rim, h);
+  }
+  return cavity + rim;
+}
+
+// In the block of the finest surface: what DetailedTerrain asks.
+bool CraterSurvey::shows(int octave, const Geographic& place) const {
+  const auto lat = static_cast<std::int32_t>(std::clamp((place.lat_deg + 90) * kTicksPerDegree, 0.0, kLatTicks - 1.0));
+  const std::int32_t lon = wrap_lon(static_cast<std::int64_t>((place.lon_deg + 180) * kTicksPerDegree));
+  const int level = detailed_.finest_level(block_at(kMaxLevel, lat, lon));
+  const int posts = plain_.posts_level(block_at(level, lat, lon));
+  return level > posts && octave < Detail::past_largest_octave(posts);
+}
+
+Vec3 CraterSurvey::on_rim(const Crater& crater, double angle) {
+  const EastNorthUp axes = local_axes(crater.centre);
+  // The field's distances are chords.
+  const double away = 2 * std::asin(crater.diameter_m / 4 / kMoonRadius_m);
+  return std::cos(away) * axes.up + std::sin(away) * (std::cos(angle) * axes.north + std::sin(angle) * axes.east);
+}
+
+void sort_features(std::vector<CraterFeature>& features) {
+  const auto key = [](const CraterFeature& f) { return std::tuple(-f.crater.diameter_m, f.crater.id); };
+  std::sort(features.begin(), features.end(),
+            [&](const CraterFeature& a, const CraterFeature& b) { return key(a) < key(b); });
+  const auto same = [&](const CraterFeature& a, const CraterFeature& b) { return key(a) == key(b); };
+  features.erase(std::unique(features.begin(), features.end(), same), features.end());
+}
+
+}  // namespace selenograph::dem

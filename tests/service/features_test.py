@@ -1,0 +1,402 @@
+#!/usr/bin/env python3
+"""Craters as truth: POST /v1/features and `selenograph features` against the terrain, and against what frames see."""
+
+import csv
+import io
+import json
+import math
+import os
+import unittest
+
+import numpy as np
+
+import harness
+from harness import frame_request, run, sample
+
+LAT, LON = 0.1, 30.1
+RADIUS_M = 1737400.0
+METRES_PER_DEGREE = RADIUS_M * math.pi / 180
+# Relief so low that it is none: ground without craters at the same levels as with them.
+FLAT = {"hurst": 0.9, "deviation_m": 1e-9, "baseline_m": 10, "shortest_m": 0.5, "longest_m": 1}
+LARGE = {"smallest_m": 16, "largest_m": 256}
+PRESETS = {
+    "rough": {"seed": 3, "craters": {"smallest_m": 2, "largest_m": 100}},
+    "large": {"seed": 5, "craters": LARGE, "relief": FLAT},
+    # One octave, so that one crater is all there is, where no other of it is near.
+    "alone": {"seed": 7, "craters": {"smallest_m": 64, "largest_m": 128, "frequency": [{"per_m2": 0.01, "exponent": 2}]},
+              "relief": FLAT},
+    "none": {"relief": FLAT},
+    "sparse": {"craters": {"smallest_m": 1, "largest_m": 100, "frequency": [{"per_m2": 1e-12, "exponent": 2}]}},
+}
+
+
+def setUpModule():
+    harness.set_up()
+    # Posts of 118 m in the west, of 30 m in the east.
+    sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
+    sample("fine", "--south-deg", "0", "--west-deg", "30", "--rows", "1", "--columns", "1", "--ppd", "1024")
+    os.makedirs(harness.path("assets", "details"))
+    for name, preset in PRESETS.items():
+        with open(harness.path("assets", "details", name + ".json"), "w") as file:
+            json.dump(preset, file)
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def region(south, north, west, east):
+    return {"south_deg": south, "north_deg": north, "west_deg": west, "east_deg": east}
+
+
+def square(lat, lon, side_m):
+    half = side_m / METRES_PER_DEGREE / 2
+    return region(lat - half, lat + half, lon - half, lon + half)
+
+
+def inside(crater, box):
+    lon = crater["lon_deg"] + 360 * math.ceil((box["west_deg"] - crater["lon_deg"]) / 360)
+    return box["south_deg"] <= crater["lat_deg"] <= box["north_deg"] and lon <= box["east_deg"]
+
+
+def around(lat, lon, distance_m, count):
+    """Places in a circle."""
+    angles = 2 * np.pi * np.arange(count) / count
+    north, east = distance_m * np.cos(angles), distance_m * np.sin(angles)
+    return np.stack([lat + north / METRES_PER_DEGREE, lon + east / METRES_PER_DEGREE / math.cos(math.radians(lat))], axis=1)
+
+
+class WithFeatures(harness.WithService):
+    @classmethod
+    def setUpClass(cls):
+        cls.options = ("--assets-dir", harness.path("assets"))
+        super().setUpClass()
+
+    def answer(self, detail, box, **more):
+        return self.ok_json(self.service.post("/v1/features", {"detail": detail, "region": box, **more}))
+
+    def craters(self, detail, box, **more):
+        return self.answer(detail, box, **more)["craters"]
+
+    def heights(self, places, detail):
+        points = [{"lat_deg": lat, "lon_deg": lon} for lat, lon in np.asarray(places).tolist()]
+        return np.array([p["height_m"] for p in self.ok_json(
+            self.service.post("/v1/heights", {"points": points, "detail": detail}))["points"]], dtype=float)
+
+
+class Features(WithFeatures):
+    def test_what_is_answered(self):
+        box = square(LAT, LON, 1000)
+        answer = self.answer("rough", box, smallest_m=8)
+        self.assertEqual(answer["detail"]["name"], "rough")
+        self.assertRegex(answer["detail"]["version"], "^[0-9a-f]{16}$")
+        self.assertEqual(answer["region"], box)
+        self.assertEqual(answer["smallest_m"], 8)
+        craters = answer["craters"]
+        # Equilibrium: 10^-1.1 D^-2 per m^2 above D, of a million m^2.
+        expected = 1e6 * 10 ** -1.1 * (8 ** -2 - 100 ** -2)
+        self.assertLess(abs(len(craters) - expected), 5 * math.sqrt(expected) + 0.05 * expected)
+        diameters = [c["diameter_m"] for c in craters]
+        self.assertEqual(diameters, sorted(diameters, reverse=True))
+        self.assertGreaterEqual(diameters[-1], 8)
+        self.assertEqual(len({c["id"] for c in craters}), len(craters))
+        for crater in craters:
+            self.assertRegex(crater["id"], "^[0-9a-f]{16}$")
+            self.assertTrue(inside(crater, box))
+            self.assertLess(0, crater["depth_m"])
+            self.assertLess(crater["depth_m"], 0.3 * crater["diameter_m"])
+            self.assertTrue(0 <= crater["age_Ma"] <= 3500 and 0 <= crater["rim_share"] <= 1)
+        places = [(c["lat_deg"], c["lon_deg"]) for c in craters]
+        np.testing.assert_allclose([c["height_m"] for c in craters], self.heights(places, None), rtol=0, atol=1e-9)
+        # Without smallest_m the same and more.
+        more = {c["id"]: c for c in self.craters("rough", square(LAT, LON, 1000))}
+        self.assertLess(min(c["diameter_m"] for c in more.values()), 2.1)
+        for crater in craters:
+            self.assertEqual(more[crater["id"]], crater)
+
+    def test_they_are_the_terrains(self):
+        """Floor and highest ring at the listed depth and diameter, of craters that nothing else is near."""
+        box = square(LAT, LON, 8000)
+        craters = self.craters("alone", box)
+        undisturbed = [c for c in craters if c["rim_share"] == 1 and c["depth_m"] > 0.05 * c["diameter_m"]][:8]
+        self.assertGreater(len(undisturbed), 3)
+        for crater in undisturbed:
+            lat, lon = crater["lat_deg"], crater["lon_deg"]
+            distances = np.concatenate([[0.0], np.linspace(0.6, 1.8, 49) * crater["diameter_m"] / 2])
+            places = np.concatenate([around(lat, lon, d, 24) for d in distances])
+            rise = (self.heights(places, "alone") - self.heights(places, "none")).reshape(len(distances), 24)
+            profile = np.median(rise, axis=1)  # what is left of others' ejecta is on one side
+            self.assertLess(abs(profile.max() - profile[0] - crater["depth_m"]), 0.06 * crater["depth_m"] + 0.05, crater)
+            ring = 2 * distances[profile.argmax()] / crater["diameter_m"]
+            self.assertGreater(ring, 0.96, crater)
+            self.assertLess(ring, 1.2 if crater["depth_m"] > 0.12 * crater["diameter_m"] else 1.7, crater)
+
+    def test_every_crater_of_the_terrain_is_listed(self):
+        """Where the ground is far below that without craters there is one; nowhere else."""
+        box = square(LAT, LON, 1500)
+        craters = self.craters("alone", square(LAT, LON, 2000))
+        lat, lon = np.meshgrid(np.linspace(box["south_deg"], box["north_deg"], 60),
+                               np.linspace(box["west_deg"], box["east_deg"], 60), indexing="ij")
+        places = np.stack([lat.ravel(), lon.ravel()], axis=1)
+        rise = self.heights(places, "alone") - self.heights(places, "none")
+        away = np.stack([np.hypot(places[:, 0] - c["lat_deg"], (places[:, 1] - c["lon_deg"]) * math.cos(math.radians(LAT))) *
+                         METRES_PER_DEGREE / (c["diameter_m"] / 2) for c in craters])
+        deep = rise < np.median(rise) - 2
+        self.assertGreater(deep.sum(), 50)
+        self.assertLess(away.min(axis=0)[deep].max(), 1.15)
+
+    def test_two_halves_are_the_whole(self):
+        def by_id(box):
+            return {c["id"]: c for c in self.craters("large", box)}
+        whole = by_id(region(-0.1, 0.1, 29.9, 30.1))
+        self.assertGreater(len(whole), 1000)
+        for halves in ((region(-0.1, 0.013, 29.9, 30.1), region(0.013, 0.1, 29.9, 30.1)),
+                       (region(-0.1, 0.1, 29.9, 30.0477), region(-0.1, 0.1, 30.0477, 30.1))):
+            parts = [by_id(half) for half in halves]
+            self.assertEqual(sum(map(len, parts)), len(whole))
+            self.assertEqual({**parts[0], **parts[1]}, whole)
+        self.assertEqual(by_id(region(-0.1, 0.1, 29.9 - 360 + 360, 30.1)), whole)
+
+    def test_another_service_has_the_same(self):
+        body = {"detail": "large", "region": square(LAT, LON, 3000)}
+        first = self.service.post("/v1/features", body)
+        again = harness.Service(*self.options, "--threads", "1", cache="other")
+        try:
+            self.assertEqual(again.post("/v1/features", body)[2], first[2])
+        finally:
+            again.expect_clean_stop()
+
+    def test_csv_is_json(self):
+        body = {"detail": "large", "region": square(LAT, LON, 3000)}
+        craters = self.ok_json(self.service.post("/v1/features", body, "application/json"))["craters"]
+        table = list(csv.reader(io.StringIO(self.ok(self.service.post("/v1/features", body, "text/csv"), "text/csv").decode())))
+        self.assertEqual(table[0], list(craters[0]))
+        self.assertEqual(len(table) - 1, len(craters))
+        for line, crater in zip(table[1:], craters):
+            self.assertEqual([line[0]] + [float(text) for text in line[1:]], list(crater.values()))
+
+    def test_nothing_where_there_is_no_data(self):
+        self.assertEqual(self.craters("large", square(40, 100, 5000)), [])
+        # Across the data's border: on its side alone.
+        craters = self.craters("large", region(-0.5, -0.4, 28.98, 29.02))
+        self.assertGreater(min(c["lon_deg"] for c in craters), 29 - 0.005)
+        self.assertLess(min(c["lon_deg"] for c in craters), 29.005)
+
+    def test_poles_and_date_line_are_no_error(self):
+        for box in (region(89, 90, -180, 180), region(-90, -89.5, 0, 360), region(-0.1, 0.1, 179.9, -179.9),
+                    region(-0.1, 0.1, 179.9, 180.1), region(-90, 90, 0, 0.001)):
+            self.assertEqual(self.craters("large", box, smallest_m=100), [])
+        east = self.answer("large", region(-0.1, 0.1, 179.9, -179.9), smallest_m=100)["region"]["east_deg"]
+        self.assertAlmostEqual(east, 180.1)
+
+    def test_a_preset_without_craters(self):
+        self.assertEqual(self.craters("none", square(LAT, LON, 1000)), [])
+
+    def test_refusals(self):
+        def refused(pointer, words="", **body):
+            problem = self.problem(self.service.post("/v1/features", body), 422, pointer)
+            said = " ".join(e["detail"] for e in problem["errors"] if e["pointer"] == pointer)
+            self.assertIn(words, said)
+            return said
+        box = square(LAT, LON, 1000)
+        refused("/detail", "is required", region=box)
+        refused("/detail", "rough", detail="nowhere", region=box)
+        refused("/detail", detail=None, region=box)
+        refused("/region", "is required", detail="rough")
+        refused("/region/north_deg", detail="rough", region=region(1, 1, 0, 1))
+        refused("/region/east_deg", detail="rough", region={"south_deg": 0, "north_deg": 1, "west_deg": 0})
+        refused("/region/east_deg", detail="rough", region=region(0, 1, -180, 181))
+        refused("/smallest_m", detail="rough", region=box, smallest_m=0)
+        refused("/smallest", detail="rough", region=box, smallest=3)
+        # Too many: what it says is enough is.
+        wide = square(LAT, LON, 20000)
+        said = refused("/region", "smaller region", detail="rough", region=wide)
+        enough = float(said.split("smallest_m of ")[1].split()[0])
+        number = len(self.craters("rough", wide, smallest_m=enough))
+        self.assertTrue(80000 < number < 100500, number)
+        # Few craters, but no end of places to look for them.
+        refused("/region", "too large", detail="sparse", region=region(-60, 60, -180, 180))
+        self.problem(self.service.post("/v1/features", {"detail": "rough", "region": box}, "image/png"), 406)
+
+    def test_a_deadline_ends_it(self):
+        body = {"detail": "rough", "region": square(LAT, LON, 3000)}
+        self.problem(self.service.post("/v1/features", body, Request_Timeout_Ms="1"), 504)
+
+
+class FinerPosts(WithFeatures):
+    """Posts of 30 m over posts of 118 m: what the finer ones can show they have."""
+
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.service.expect_clean_stop()
+        cls.service = harness.Service(*cls.options, "--dem", harness.path("fine"), cache="layers")
+
+    def test_none_larger_than_the_posts_let(self):
+        fine = self.craters("large", square(0.5, 30.5, 6000))
+        coarse = self.craters("large", square(-0.5, 29.5, 6000))
+        self.assertLess(max(c["diameter_m"] for c in fine), 4 * 32)
+        self.assertGreater(max(c["diameter_m"] for c in coarse), 128)
+        self.assertGreater(len(fine), 200)
+
+    def test_where_they_meet(self):
+        """Cut craters say so: what is not whole has less rise at its rim."""
+        border = self.craters("large", region(0.4, 0.6, 29.99, 30.01), smallest_m=128)
+        self.assertTrue(border)
+        self.assertLess(max(c["lon_deg"] for c in border), 30.0 + 128 / METRES_PER_DEGREE)
+        near = [c for c in border if abs(c["lon_deg"] - 30) * METRES_PER_DEGREE < 30]
+        for crater in near:
+            self.assertLess(crater["rim_share"], 1)
+
+
+class CommandLine(WithFeatures):
+    def features(self, *options):
+        return run("features", "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"), "--assets-dir",
+                   harness.path("assets"), *options)
+
+    def write(self, name, document):
+        with open(harness.path(name), "w") as file:
+            json.dump(document, file)
+        return harness.path(name)
+
+    def test_csv(self):
+        box = square(LAT, LON, 3000)
+        expected = self.service.post("/v1/features", {"detail": "large", "region": box, "smallest_m": 20}, "text/csv")[2].decode()
+        sides = [repr(box[side]) for side in ("south_deg", "north_deg", "west_deg", "east_deg")]
+        done = self.features("--detail", "large", "--region", *sides, "--smallest-m", "20")
+        self.assertEqual((done.returncode, done.stdout), (0, expected), done.stderr)
+        request = self.write("region.json", {"detail": "large", "region": box, "smallest_m": 20})
+        done = self.features(request, "-o", harness.path("craters.csv"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with open(harness.path("craters.csv"), newline="") as file:
+            self.assertEqual(file.read(), expected)
+        self.assertIn(f"{len(expected.splitlines()) - 1} craters", done.stdout)
+
+    def test_refusals(self):
+        request = self.write("wrong.json", {"detail": "nowhere", "region": square(LAT, LON, 1000)})
+        for options, words in (((), "is needed"), (("--detail", "large"), "--region"), ((request,), "/detail"),
+                               ((request, "--detail", "large"), "REQUEST.json"), (("--coco", "x.json"), "--frame"),
+                               (("--coco", harness.path("x.json"), "--frame", self.write("plain.json", frame_request())), "/detail")):
+            done = self.features(*options)
+            self.assertNotEqual(done.returncode, 0, options)
+            self.assertIn(words, done.stderr, options)
+        self.assertFalse(os.path.exists(harness.path("x.json")))
+
+    def coco(self, request, *options):
+        done = self.features("--frame", self.write("frame.json", request), "--coco", harness.path("coco.json"), *options)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with open(harness.path("coco.json")) as file:
+            document = json.load(file)
+        self.check_format(document)
+        return document
+
+    def check_format(self, document):
+        """COCO's data format of object detection: https://cocodataset.org/#format-data."""
+        self.assertEqual(set(document), {"info", "licenses", "images", "categories", "annotations"})
+        images = {image["id"]: image for image in document["images"]}
+        categories = {category["id"] for category in document["categories"]}
+        for image in images.values():
+            self.assertTrue(type(image["width"]) is type(image["height"]) is type(image["id"]) is int)
+            self.assertIsInstance(image["file_name"], str)
+        for category in document["categories"]:
+            self.assertTrue(isinstance(category["name"], str) and isinstance(category["supercategory"], str))
+        ids = [annotation["id"] for annotation in document["annotations"]]
+        self.assertEqual(len(set(ids)), len(ids))
+        for annotation in document["annotations"]:
+            self.assertIs(type(annotation["id"]), int)
+            self.assertEqual(annotation["iscrowd"], 0)
+            self.assertIn(annotation["category_id"], categories)
+            image = images[annotation["image_id"]]
+            self.assertTrue(annotation["segmentation"])
+            xs, ys, area = [], [], 0.0
+            for polygon in annotation["segmentation"]:
+                self.assertTrue(len(polygon) >= 6 and len(polygon) % 2 == 0)
+                x, y = np.array(polygon[0::2], dtype=float), np.array(polygon[1::2], dtype=float)
+                xs += x.tolist()
+                ys += y.tolist()
+                area += abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
+            self.assertTrue(0 <= min(xs) and max(xs) <= image["width"] and 0 <= min(ys) and max(ys) <= image["height"])
+            left, top, width, height = annotation["bbox"]
+            np.testing.assert_allclose([left, top, left + width, top + height], [min(xs), min(ys), max(xs), max(ys)], atol=2e-3)
+            self.assertLess(abs(annotation["area"] - area), 1e-2)
+            self.assertGreater(area, 0)
+
+    def frame(self, height_m=4000.0, **changes):
+        ground = self.heights([(LAT, LON)], None)[0]
+        camera = {"model": "pinhole", "width": 160, "height": 120, "fov_deg": 40.0,
+                  "distortion": {"model": "brown_conrady", "k1": -0.1, "k2": 0.02, "p1": 0.001}}
+        pose = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": ground + height_m}, "nadir": {"up_azimuth_deg": 30.0}}
+        return frame_request(("geodetic", "range"), **{"camera": camera, "pose": pose, "detail": "large", **changes})
+
+    def check_boxes(self, request, document):
+        """Each box holds the pixels whose ground lies within the rim, and they fill it."""
+        status, _, body = self.service.frame(request, "application/x-npz")
+        self.assertEqual(status, 200, body[:500])
+        ground = np.load(io.BytesIO(body))["geodetic"]
+        rows, columns = ground.shape[:2]
+        lat, lon = ground[..., 0], ground[..., 1]
+        checked = 0
+        for a in document["annotations"]:
+            left, top, width, height = a["bbox"]
+            whole = left > 0 and top > 0 and left + width < columns and top + height < rows
+            if not whole or a["rim_visible"] < 1:
+                continue
+            away = np.hypot(lat - a["lat_deg"], (lon - a["lon_deg"]) * math.cos(math.radians(a["lat_deg"]))) * METRES_PER_DEGREE
+            y, x = np.nonzero(away <= a["diameter_m"] / 2)
+            # A pixel's centre is half a pixel from COCO's corner.
+            self.assertGreater(x.min() + 0.5, left - 1)
+            self.assertLess(x.max() + 0.5, left + width + 1)
+            self.assertGreater(y.min() + 0.5, top - 1)
+            self.assertLess(y.max() + 0.5, top + height + 1)
+            seen = [x.min(), y.min(), x.max() + 1, y.max() + 1]
+            self.assertLess(np.abs(np.subtract(seen, [left, top, left + width, top + height])).max(), 1.5, a)
+            self.assertLess(abs(a["area"] - len(x)), 0.5 * (width + height) + 2, a)
+            checked += 1
+        return checked
+
+    def test_boxes_from_above(self):
+        request = self.frame()
+        document = self.coco(request, "--image", "above.png", "--least-px", "6")
+        self.assertEqual(document["images"], [{"id": 1, "width": 160, "height": 120, "file_name": "above.png"}])
+        self.assertGreater(self.check_boxes(request, document), 10)
+        for a in document["annotations"]:
+            self.assertTrue(0 <= a["rim_visible"] <= 1)
+            self.assertGreaterEqual(a["depth_m"], 0.02 * a["diameter_m"])
+        # They are those of the region, with the same truth.
+        box = square(LAT, LON, 6000)
+        listed = {c["id"]: c for c in self.craters("large", box)}
+        for a in document["annotations"]:
+            crater = listed[a["crater_id"]]
+            self.assertEqual({name: a[name] for name in crater if name != "id"}, {n: v for n, v in crater.items() if n != "id"})
+        # And none is missing: large, deep and in the middle of the image.
+        ids = {a["crater_id"] for a in document["annotations"]}
+        pixel_m = 2 * 4000 * math.tan(math.radians(20)) / 160
+        for crater in listed.values():
+            away = math.hypot(crater["lat_deg"] - LAT, crater["lon_deg"] - LON) * METRES_PER_DEGREE
+            if crater["diameter_m"] > 8 * pixel_m and crater["depth_m"] > 0.02 * crater["diameter_m"] and away < 40 * pixel_m:
+                self.assertIn(crater["id"], ids)
+
+    def test_boxes_at_a_slant(self):
+        pose = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.heights([(LAT, LON)], None)[0] + 1500},
+                "look_at": {"lat_deg": LAT + 0.08, "lon_deg": LON + 0.03, "up": "zenith"}}
+        request = self.frame(pose=pose)
+        document = self.coco(request)
+        self.assertGreater(self.check_boxes(request, document), 5)
+        # What the camera's foreground hides is not there, or not whole.
+        self.assertTrue(all(a["rim_visible"] > 0 or a["center_visible"] for a in document["annotations"]))
+
+    def test_all_of_them_and_other_cameras(self):
+        few = self.coco(self.frame())["annotations"]
+        more = self.coco(self.frame(), "--least-depth", "0")["annotations"]
+        self.assertGreater(len(more), len(few))
+        self.assertLessEqual({a["crater_id"] for a in few}, {a["crater_id"] for a in more})
+        fisheye = self.frame(camera={"model": "fisheye", "width": 128, "height": 128, "fov_deg": 120.0})
+        document = self.coco(fisheye, "--least-px", "5")
+        self.assertGreater(self.check_boxes(fisheye, document), 5)
+        shutter = {"line_time_s": 0.001, "velocity_m_s": [0, 0, 1500]}
+        rolling = self.frame(shutter=shutter)
+        self.assertGreater(self.check_boxes(rolling, self.coco(rolling)), 5)
+
+
+if __name__ == "__main__":
+    harness.main()
