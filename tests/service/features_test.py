@@ -17,7 +17,7 @@ LAT, LON = 0.1, 30.1
 RADIUS_M = 1737400.0
 METRES_PER_DEGREE = RADIUS_M * math.pi / 180
 # Relief so low that it is none: ground without craters at the same levels as with them.
-FLAT = {"hurst": 0.9, "deviation_m": 1e-9, "baseline_m": 10, "shortest_m": 0.5, "longest_m": 1}
+FLAT = {"hurst": 0.9, "deviation_m": 1e-9, "baseline_m": 10, "shortest_m": 8, "longest_m": 16}
 LARGE = {"smallest_m": 16, "largest_m": 256}
 PRESETS = {
     "rough": {"seed": 3, "craters": {"smallest_m": 2, "largest_m": 100}},
@@ -32,9 +32,10 @@ PRESETS = {
 
 def setUpModule():
     harness.set_up()
-    # Posts of 118 m in the west, of 30 m in the east.
     sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
-    sample("fine", "--south-deg", "0", "--west-deg", "30", "--rows", "1", "--columns", "1", "--ppd", "1024")
+    # Posts of 118 m, and of 30 m east of 33 degrees; the pyramid has such from 32 degrees on, where its block begins.
+    sample("coarse", "--south-deg", "0", "--west-deg", "31", "--rows", "1", "--columns", "2", "--ppd", "256")
+    sample("fine", "--south-deg", "0", "--west-deg", "33", "--rows", "1", "--columns", "1", "--ppd", "1024")
     os.makedirs(harness.path("assets", "details"))
     for name, preset in PRESETS.items():
         with open(harness.path("assets", "details", name + ".json"), "w") as file:
@@ -126,15 +127,15 @@ class Features(WithFeatures):
             places = np.concatenate([around(lat, lon, d, 24) for d in distances])
             rise = (self.heights(places, "alone") - self.heights(places, "none")).reshape(len(distances), 24)
             profile = np.median(rise, axis=1)  # what is left of others' ejecta is on one side
-            self.assertLess(abs(profile.max() - profile[0] - crater["depth_m"]), 0.06 * crater["depth_m"] + 0.05, crater)
+            self.assertLess(abs(profile.max() - profile[0] - crater["depth_m"]), 0.1 * crater["depth_m"] + 0.1, crater)
             ring = 2 * distances[profile.argmax()] / crater["diameter_m"]
             self.assertGreater(ring, 0.96, crater)
             self.assertLess(ring, 1.2 if crater["depth_m"] > 0.12 * crater["diameter_m"] else 1.7, crater)
 
     def test_every_crater_of_the_terrain_is_listed(self):
         """Where the ground is far below that without craters there is one; nowhere else."""
-        box = square(LAT, LON, 1500)
-        craters = self.craters("alone", square(LAT, LON, 2000))
+        box = square(LAT, LON, 5000)
+        craters = self.craters("alone", square(LAT, LON, 5500))
         lat, lon = np.meshgrid(np.linspace(box["south_deg"], box["north_deg"], 60),
                                np.linspace(box["west_deg"], box["east_deg"], 60), indexing="ij")
         places = np.stack([lat.ravel(), lon.ravel()], axis=1)
@@ -142,7 +143,7 @@ class Features(WithFeatures):
         away = np.stack([np.hypot(places[:, 0] - c["lat_deg"], (places[:, 1] - c["lon_deg"]) * math.cos(math.radians(LAT))) *
                          METRES_PER_DEGREE / (c["diameter_m"] / 2) for c in craters])
         deep = rise < np.median(rise) - 2
-        self.assertGreater(deep.sum(), 50)
+        self.assertGreater(deep.sum(), 10)
         self.assertLess(away.min(axis=0)[deep].max(), 1.15)
 
     def test_two_halves_are_the_whole(self):
@@ -219,7 +220,7 @@ class Features(WithFeatures):
         self.problem(self.service.post("/v1/features", {"detail": "rough", "region": box}, "image/png"), 406)
 
     def test_a_deadline_ends_it(self):
-        body = {"detail": "rough", "region": square(LAT, LON, 3000)}
+        body = {"detail": "rough", "region": square(LAT, LON, 3000), "smallest_m": 3}
         self.problem(self.service.post("/v1/features", body, Request_Timeout_Ms="1"), 504)
 
 
@@ -230,21 +231,22 @@ class FinerPosts(WithFeatures):
     def setUpClass(cls):
         super().setUpClass()
         cls.service.expect_clean_stop()
-        cls.service = harness.Service(*cls.options, "--dem", harness.path("fine"), cache="layers")
+        cls.service = harness.Service(*cls.options, "--dem", harness.path("fine"), dem="coarse", cache="layers")
 
     def test_none_larger_than_the_posts_let(self):
-        fine = self.craters("large", square(0.5, 30.5, 6000))
-        coarse = self.craters("large", square(-0.5, 29.5, 6000))
+        fine = self.craters("large", square(0.5, 33.5, 6000))
+        coarse = self.craters("large", square(0.5, 31.5, 6000))
         self.assertLess(max(c["diameter_m"] for c in fine), 4 * 32)
         self.assertGreater(max(c["diameter_m"] for c in coarse), 128)
         self.assertGreater(len(fine), 200)
 
     def test_where_they_meet(self):
-        """Cut craters say so: what is not whole has less rise at its rim."""
-        border = self.craters("large", region(0.4, 0.6, 29.99, 30.01), smallest_m=128)
+        """Where the finer posts begin larger craters end: what is cut says so."""
+        border = self.craters("large", region(0.3, 0.7, 31.99, 32.01), smallest_m=128)
         self.assertTrue(border)
-        self.assertLess(max(c["lon_deg"] for c in border), 30.0 + 128 / METRES_PER_DEGREE)
-        near = [c for c in border if abs(c["lon_deg"] - 30) * METRES_PER_DEGREE < 30]
+        self.assertLess(max(c["lon_deg"] for c in border), 32)
+        near = [c for c in border if (32 - c["lon_deg"]) * METRES_PER_DEGREE < 60]
+        self.assertTrue(near)
         for crater in near:
             self.assertLess(crater["rim_share"], 1)
 
@@ -323,7 +325,7 @@ class CommandLine(WithFeatures):
 
     def frame(self, height_m=4000.0, **changes):
         ground = self.heights([(LAT, LON)], None)[0]
-        camera = {"model": "pinhole", "width": 160, "height": 120, "fov_deg": 40.0,
+        camera = {"model": "pinhole", "width": 320, "height": 240, "fov_deg": 40.0,
                   "distortion": {"model": "brown_conrady", "k1": -0.1, "k2": 0.02, "p1": 0.001}}
         pose = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": ground + height_m}, "nadir": {"up_azimuth_deg": 30.0}}
         return frame_request(("geodetic", "range"), **{"camera": camera, "pose": pose, "detail": "large", **changes})
@@ -357,7 +359,7 @@ class CommandLine(WithFeatures):
     def test_boxes_from_above(self):
         request = self.frame()
         document = self.coco(request, "--image", "above.png", "--least-px", "6")
-        self.assertEqual(document["images"], [{"id": 1, "width": 160, "height": 120, "file_name": "above.png"}])
+        self.assertEqual(document["images"], [{"id": 1, "width": 320, "height": 240, "file_name": "above.png"}])
         self.assertGreater(self.check_boxes(request, document), 10)
         for a in document["annotations"]:
             self.assertTrue(0 <= a["rim_visible"] <= 1)
@@ -370,10 +372,10 @@ class CommandLine(WithFeatures):
             self.assertEqual({name: a[name] for name in crater if name != "id"}, {n: v for n, v in crater.items() if n != "id"})
         # And none is missing: large, deep and in the middle of the image.
         ids = {a["crater_id"] for a in document["annotations"]}
-        pixel_m = 2 * 4000 * math.tan(math.radians(20)) / 160
+        pixel_m = 2 * 4000 * math.tan(math.radians(20)) / 320
         for crater in listed.values():
             away = math.hypot(crater["lat_deg"] - LAT, crater["lon_deg"] - LON) * METRES_PER_DEGREE
-            if crater["diameter_m"] > 8 * pixel_m and crater["depth_m"] > 0.02 * crater["diameter_m"] and away < 40 * pixel_m:
+            if crater["diameter_m"] > 8 * pixel_m and crater["depth_m"] > 0.02 * crater["diameter_m"] and away < 80 * pixel_m:
                 self.assertIn(crater["id"], ids)
 
     def test_boxes_at_a_slant(self):
@@ -390,7 +392,7 @@ class CommandLine(WithFeatures):
         more = self.coco(self.frame(), "--least-depth", "0")["annotations"]
         self.assertGreater(len(more), len(few))
         self.assertLessEqual({a["crater_id"] for a in few}, {a["crater_id"] for a in more})
-        fisheye = self.frame(camera={"model": "fisheye", "width": 128, "height": 128, "fov_deg": 120.0})
+        fisheye = self.frame(800.0, camera={"model": "fisheye", "width": 128, "height": 128, "fov_deg": 120.0})
         document = self.coco(fisheye, "--least-px", "5")
         self.assertGreater(self.check_boxes(fisheye, document), 5)
         shutter = {"line_time_s": 0.001, "velocity_m_s": [0, 0, 1500]}
