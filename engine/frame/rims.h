@@ -4,13 +4,14 @@
 #include <cstddef>
 #include <vector>
 
+#include "dem/detail/detail.h"
 #include "dem/detail/features.h"
 
 namespace selenograph::engine {
 
 struct RimOptions {
-  double least_px = 4;        // diameter of a circle of the outline's area
-  double least_depth = 0.02;  // over the diameter: below, nobody would call it a crater
+  double least_px = 4;                      // diameter of a circle of the outline's area
+  double least_depth = dem::Detail::kWorn;  // over the diameter
 };
 
 // A place in the image, as the contract counts: the centre of the top-left pixel is (0, 0).

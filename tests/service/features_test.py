@@ -22,8 +22,9 @@ LARGE = {"smallest_m": 16, "largest_m": 256}
 PRESETS = {
     "rough": {"seed": 3, "craters": {"smallest_m": 2, "largest_m": 100}},
     "large": {"seed": 5, "craters": LARGE, "relief": FLAT},
-    # One octave, so that one crater is all there is, where no other of it is near.
-    "alone": {"seed": 7, "craters": {"smallest_m": 64, "largest_m": 128, "frequency": [{"per_m2": 0.01, "exponent": 2}]},
+    # One octave, so that one crater is all there is, where no other of it is near; far below the posts, which give up the
+    # means of larger ones.
+    "alone": {"seed": 7, "craters": {"smallest_m": 32, "largest_m": 64, "frequency": [{"per_m2": 0.01, "exponent": 2}]},
               "relief": FLAT},
     "none": {"relief": FLAT},
     "sparse": {"craters": {"smallest_m": 1, "largest_m": 100, "frequency": [{"per_m2": 1e-12, "exponent": 2}]}},
@@ -117,8 +118,7 @@ class Features(WithFeatures):
 
     def test_they_are_the_terrains(self):
         """Floor and highest ring at the listed depth and diameter, of craters that nothing else is near."""
-        box = square(LAT, LON, 8000)
-        craters = self.craters("alone", box)
+        craters = self.craters("alone", square(LAT, LON, 5000))
         undisturbed = [c for c in craters if c["rim_share"] == 1 and c["depth_m"] > 0.05 * c["diameter_m"]][:8]
         self.assertGreater(len(undisturbed), 3)
         for crater in undisturbed:
@@ -134,15 +134,15 @@ class Features(WithFeatures):
 
     def test_every_crater_of_the_terrain_is_listed(self):
         """Where the ground is far below that without craters there is one; nowhere else."""
-        box = square(LAT, LON, 5000)
-        craters = self.craters("alone", square(LAT, LON, 5500))
-        lat, lon = np.meshgrid(np.linspace(box["south_deg"], box["north_deg"], 60),
-                               np.linspace(box["west_deg"], box["east_deg"], 60), indexing="ij")
+        box = square(LAT, LON, 2500)
+        craters = self.craters("alone", square(LAT, LON, 2700))
+        lat, lon = np.meshgrid(np.linspace(box["south_deg"], box["north_deg"], 120),
+                               np.linspace(box["west_deg"], box["east_deg"], 120), indexing="ij")
         places = np.stack([lat.ravel(), lon.ravel()], axis=1)
         rise = self.heights(places, "alone") - self.heights(places, "none")
         away = np.stack([np.hypot(places[:, 0] - c["lat_deg"], (places[:, 1] - c["lon_deg"]) * math.cos(math.radians(LAT))) *
                          METRES_PER_DEGREE / (c["diameter_m"] / 2) for c in craters])
-        deep = rise < np.median(rise) - 2
+        deep = rise < np.median(rise) - 0.5
         self.assertGreater(deep.sum(), 10)
         self.assertLess(away.min(axis=0)[deep].max(), 1.15)
 
@@ -242,10 +242,12 @@ class FinerPosts(WithFeatures):
 
     def test_where_they_meet(self):
         """Where the finer posts begin larger craters end: what is cut says so."""
-        border = self.craters("large", region(0.3, 0.7, 31.99, 32.01), smallest_m=128)
+        border = self.craters("large", region(0.3, 0.7, 31.99, 32.01), smallest_m=64)
         self.assertTrue(border)
-        self.assertLess(max(c["lon_deg"] for c in border), 32)
-        near = [c for c in border if (32 - c["lon_deg"]) * METRES_PER_DEGREE < 60]
+        # The last block of the finest level touches the finer posts' block, and goes with it: 64 times 1.85 m.
+        end = 32 - 118.45 / METRES_PER_DEGREE
+        self.assertLess(max(c["lon_deg"] for c in border), end)
+        near = [c for c in border if (end - c["lon_deg"]) * METRES_PER_DEGREE < 30]
         self.assertTrue(near)
         for crater in near:
             self.assertLess(crater["rim_share"], 1)

@@ -389,6 +389,7 @@ TEST(Client, FramesComeInOrderWithPosesAhead) {
           },
           2, 3);
   EXPECT_EQ(order, (std::vector<std::string>{"\"0\"", "\"1\"", "\"2\"", "\"3\"", "\"4\"", "\"5\""}));
+  const std::lock_guard lock(mutex);
   EXPECT_LE(most, 2);
   EXPECT_EQ(aheads.at(0), Json::parse(R"([{"step": 1}, {"step": 2}, {"step": 3}])"));
   EXPECT_EQ(aheads.at(4), Json::parse(R"([{"step": 5}])"));
