@@ -148,8 +148,8 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<double
       if (dz * dz > over.reach2) continue;
       over.along_axis2 = dz * dz;
       const bool past_pole = grid.cos_lat[r] < 0;
-      const RowPlaces places{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first,
-                             past_pole ? columns : past_last};
+      const RowUnderCrater places{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first,
+                                  past_pole ? columns : past_last};
       cast_crater(over, places, lowest.data() + r * columns, highest.data() + r * columns);
       if (marked && over.along_axis2 < rim2) mark_crater(over, places, rim2, in_crater.data() + r * columns);
     }

@@ -31,7 +31,7 @@ HWY_INLINE double distance2(const CraterOverRow& crater, double x, double y) {
 }
 
 // In vectors by hand: compilers don't look up tables in vectors here. The last places are not enough for one.
-void CastCrater(const CraterOverRow& crater, const RowPlaces& row, float* HWY_RESTRICT lowest_m,
+void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* HWY_RESTRICT lowest_m,
                 float* HWY_RESTRICT highest_m) {
   const CraterOverRow k = crater;
   const hn::ScalableTag<double> f64;
@@ -73,7 +73,7 @@ void CastCrater(const CraterOverRow& crater, const RowPlaces& row, float* HWY_RE
   }
 }
 
-void MarkCrater(const CraterOverRow& crater, const RowPlaces& row, double within2, float* HWY_RESTRICT marks) {
+void MarkCrater(const CraterOverRow& crater, const RowUnderCrater& row, double within2, float* HWY_RESTRICT marks) {
   const CraterOverRow k = crater;
   const double *HWY_RESTRICT sin_lon = row.sin_lon, *HWY_RESTRICT cos_lon = row.cos_lon;
   const double cos_lat = row.cos_lat;
@@ -96,11 +96,11 @@ void add_noise(const NoisePlaces& places, std::uint32_t seed, double amplitude, 
   HWY_DYNAMIC_DISPATCH(AddNoise)(places, seed, amplitude, heights);
 }
 
-void cast_crater(const CraterOverRow& crater, const RowPlaces& row, float* lowest_m, float* highest_m) {
+void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* lowest_m, float* highest_m) {
   HWY_DYNAMIC_DISPATCH(CastCrater)(crater, row, lowest_m, highest_m);
 }
 
-void mark_crater(const CraterOverRow& crater, const RowPlaces& row, double within2, float* marks) {
+void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double within2, float* marks) {
   HWY_DYNAMIC_DISPATCH(MarkCrater)(crater, row, within2, marks);
 }
 

@@ -24,14 +24,14 @@ struct CraterOverRow {
   float share;                   // of the older one
   float scale_m;                 // of the profiles' unit
 };
-struct RowPlaces {
+struct RowUnderCrater {
   double cos_lat;
   const double *sin_lon, *cos_lon;
   std::size_t first, past_last;
 };
 // The lowest and the highest so far at each place, which are not above and not below 0.
-void cast_crater(const CraterOverRow& crater, const RowPlaces& row, float* lowest_m, float* highest_m);
+void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* lowest_m, float* highest_m);
 // 1 at places nearer to its centre than the root of `within2`.
-void mark_crater(const CraterOverRow& crater, const RowPlaces& row, double within2, float* marks);
+void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double within2, float* marks);
 
 }  // namespace selenograph::dem
