@@ -258,7 +258,7 @@ class EveryAnswer(Documented):
             if operation.path in slow:
                 self.check(operation, operation.ask(service, slow[operation.path], Request_Timeout_Ms="1"), 504)
             else:
-                cold = Service(cache="cache-cold")  # the first height has a pyramid made
+                cold = Service("--assets-dir", ASSETS, cache="cache-cold")  # the first height has a pyramid made
                 self.check(operation, operation.ask(cold, Request_Timeout_Ms="1"), 504)
                 self.assertEqual(cold.stop(), 0)
 
@@ -329,9 +329,11 @@ class EveryAnswer(Documented):
         self.assertEqual(service.stop(), 0)
 
     def damaged_terrain(self):
-        service = Service(cache="cache-damaged", dem="damaged")
+        service = Service("--assets-dir", ASSETS, cache="cache-damaged", dem="damaged")
         os.truncate(harness.path("damaged", DAMAGED + ".img"), 1000)
-        bodies = {"/v1/rays": {"rays": [{"origin_m": [1570000.0, 99700.0, 773000.0], "direction": [-0.9, -0.0569, -0.44]}]}}
+        bodies = {"/v1/rays": {"rays": [{"origin_m": [1570000.0, 99700.0, 773000.0], "direction": [-0.9, -0.0569, -0.44]}]},
+                  "/v1/features": {"detail": "highlands", "smallest_m": 20,
+                                   "region": {"south_deg": 26.1, "north_deg": 26.11, "west_deg": 3.62, "east_deg": 3.63}}}
         for operation in self.each(500):
             _, body = self.check(operation, operation.ask(service, bodies.get(operation.path)), 500)
             self.assertIn(DAMAGED, json.loads(body)["detail"])
