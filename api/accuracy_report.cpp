@@ -56,10 +56,7 @@ std::string markdown_row(const SweepRow& r) {
   const engine::ErrorMeasures& e = r.errors;
   return fmt::format(
       "| {} | {:g} | {:g} | {} | {:.2f} | {:.2f} | {:.0f} | {:.2f} | {:.3f} / {:.3f} / {:.3f} | {:.2g} / {:.2g} / "
-      "{:.2g} | "
-      "{:.2f} "
-      "/ {:.1f} | "
-      "{:.3f} / {:.1f} / {:.1f} | {:.3f} |\n",
+      "{:.2g} | {:.2f} / {:.1f} | {:.3f} / {:.1f} / {:.1f} | {:.3f} |\n",
       visibility_name(r.visibility), r.setting.max_error_px, r.setting.max_shadow_error_px, r.setting.samples_per_pixel,
       r.ratio(), static_cast<double>(r.triangles) / 1e6, static_cast<double>(r.scene_bytes) / 1048576.0, r.bound_px,
       e.geometric_px.median, e.geometric_px.p999, e.geometric_px.worst, e.geometric_m.median, e.geometric_m.p999,
@@ -69,11 +66,8 @@ std::string markdown_row(const SweepRow& r) {
 
 constexpr const char* kMarkdownHead =
     "| visibility | max_error_px | max_shadow_error_px | samples | time / bare kernel | Mtriangles | MiB | bound px | "
-    "geometric "
-    "error px: median / 99.9 % "
-    "/ "
-    "worst | m: median / 99.9 % / worst | radiance %: RMS / 99.9 % | shadow edge px: mean / 99.9 % / worst | wrong "
-    "shadow flags % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
+    "geometric error px: median / 99.9 % / worst | m: median / 99.9 % / worst | radiance %: RMS / 99.9 % | shadow edge "
+    "px: mean / 99.9 % / worst | wrong shadow flags % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
 
 }  // namespace
 
@@ -94,8 +88,7 @@ std::string accuracy_markdown(const std::vector<SweepRow>& rows, const std::vect
   std::string text = fmt::format(
       "# Speed against error\n\nMeasured on {}. Time: a warm radiance frame over the bare ray-tracing kernel on the "
       "finest mesh with one sample per pixel, alternating, medians. Errors: against the finest terrain with many "
-      "samples "
-      "per pixel; radiance relative to the mean of the sunlit pixels.\n",
+      "samples per pixel; radiance relative to the mean of the sunlit pixels.\n",
       machine);
   for (const engine::AccuracyScene& scene : scenes) {
     text += fmt::format("\n## {}: {}\n\n{}", scene.name, scene.what, kMarkdownHead);

@@ -85,8 +85,7 @@ const std::array<ProductRow, 13>& table() {
        {},
        false,
        "what is seen: 0 the DEM, between its posts, too; 1 inside a crater of the request's detail; 2 its relief; "
-       "65535 "
-       "where nothing is hit, or an object"},
+       "65535 where nothing is hit, or an object"},
   }};
   return rows;
 }

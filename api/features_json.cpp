@@ -25,8 +25,7 @@ constexpr CraterColumn kColumns[] = {
      [](const CraterFeature& f) { return f.place.height_m; }},
     {"diameter_m",
      "from rim to rim when it was fresh. With age the highest ring moves outward and sinks: it is 1.2 of these wide "
-     "when "
-     "60 % of the depth is left, and 1.5 when a third is",
+     "when 60 % of the depth is left, and 1.5 when a third is",
      [](const CraterFeature& f) { return f.crater.diameter_m; }},
     {"depth_m", "from the highest ring to the floor, today; of the crater alone",
      [](const CraterFeature& f) { return f.crater.depth_m; }},
@@ -66,11 +65,7 @@ void check_number(const JsonReader& in, const FeaturesQuery& query, const Limits
 
 }  // namespace
 
-dem::Footprint FeaturesQuery::region() const {
-  dem::Footprint region{bounds.south_deg, bounds.north_deg, bounds.west_deg, bounds.east_deg};
-  while (region.east_deg <= region.west_deg) region.east_deg += 360;
-  return region;
-}
+dem::Footprint FeaturesQuery::region() const { return footprint_of(bounds); }
 
 double FeaturesQuery::most() const {
   const double mean = dem::expected_craters(detail.content->craters(), region(), least_m());

@@ -120,8 +120,7 @@ const Members<AtmosphereForm>& atmosphere_members() {
   static const auto table = made<Members<AtmosphereForm>>(
       "Atmosphere",
       "A table that the operator put into the assets folder: transmittance, irradiance and path radiance by "
-      "wavelength, "
-      "computed elsewhere. Needs a `band` within it.",
+      "wavelength, computed elsewhere. Needs a `band` within it.",
       [](auto& m) {
         m.add("name", &AtmosphereForm::table, Asset{&Assets::atmosphere, "atmosphere", "atmospheres"},
               "of atmospheres/NAME.csv")

@@ -115,6 +115,13 @@ struct ProductsOfMaps {
 
 // --- where it lies
 
+dem::Footprint footprint_of(const MapBounds& bounds) {
+  const double west_deg = bounds.west_deg < 360 ? bounds.west_deg : 0;
+  dem::Footprint footprint{bounds.south_deg, bounds.north_deg, west_deg, bounds.east_deg};
+  while (footprint.east_deg <= footprint.west_deg) footprint.east_deg += 360;
+  return footprint;
+}
+
 const Members<MapBounds>& bounds_members() {
   static const auto members = made<Members<MapBounds>>(
       "MapBounds", "Outer edges of a map or region. East of a west edge that is larger, longitudes go on past 180.",
@@ -182,15 +189,15 @@ struct Extent {
 };
 
 Extent extent_of(const MapBounds& b, double gsd_m, dem::MapPlane& plane) {
-  const double east_deg = b.east_deg > b.west_deg ? b.east_deg : b.east_deg + 360;
+  const auto [south_deg, north_deg, west_deg, east_deg] = footprint_of(b);
   // The meridian from which no edge is farther than 180 degrees.
-  plane.lon_deg = b.west_deg >= -180 && east_deg <= 180 ? 0
-                  : b.west_deg >= 0 && east_deg <= 360  ? 180
-                                                        : (b.west_deg + east_deg) / 2;
+  plane.lon_deg = west_deg >= -180 && east_deg <= 180 ? 0
+                  : west_deg >= 0 && east_deg <= 360  ? 180
+                                                      : (west_deg + east_deg) / 2;
   const double metres_per_degree = kMetresPerDegree * std::cos(plane.standard_parallel_deg * kRadiansPerDegree);
-  return {(b.west_deg - plane.lon_deg) * metres_per_degree, b.north_deg * kMetresPerDegree,
-          pixels_that_cover((east_deg - b.west_deg) * metres_per_degree, gsd_m),
-          pixels_that_cover((b.north_deg - b.south_deg) * kMetresPerDegree, gsd_m)};
+  return {(west_deg - plane.lon_deg) * metres_per_degree, north_deg * kMetresPerDegree,
+          pixels_that_cover((east_deg - west_deg) * metres_per_degree, gsd_m),
+          pixels_that_cover((north_deg - south_deg) * kMetresPerDegree, gsd_m)};
 }
 
 Extent extent_about(const MapArea& area, dem::MapPlane& plane) {

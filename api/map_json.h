@@ -20,6 +20,8 @@ struct MapBounds {
   double south_deg = 0, north_deg = 0, west_deg = 0, east_deg = 0;
 };
 const Members<MapBounds>& bounds_members();
+// East of the western edge by up to 360 degrees.
+dem::Footprint footprint_of(const MapBounds& bounds);
 
 // "map": where it lies.
 struct MapArea {
@@ -70,8 +72,7 @@ inline constexpr Alternative kMapAnswers[] = {
     {"image/png",
      "one product but normal, 16 bit grey: 0 is no data, 1 to 65535 from the least to the largest value, of lit from 0 "
      "to 1, of radiance and slope from 0; `png_scale` in the metadata, the text chunk `selenograph`, says which. "
-     "source "
-     "is as it is"},
+     "source is as it is"},
 };
 
 // Of a map while it is in work, besides what is kept between requests, and its answer.

@@ -45,8 +45,7 @@ ObjectForm form_of(const PlacedObject& placed) {
 const Members<ObjectForm, PlacedObject>& object_members() {
   static const auto table = made<Members<ObjectForm, PlacedObject>>(
       "Object",
-      "A triangle mesh that the operator put into the assets folder, from either side. It casts shadows on the "
-      "terrain "
+      "A triangle mesh that the operator put into the assets folder, from either side. It casts shadows on the terrain "
       "and on objects and receives them.",
       [](auto& m) {
         m.add("mesh", &ObjectForm::mesh, Asset{&Assets::object, "mesh", "objects"},

@@ -1,5 +1,8 @@
 #include "api/openapi.h"
 
+#include <initializer_list>
+#include <span>
+
 #include "api/features_json.h"
 #include "api/map_json.h"
 #include "api/metadata.h"
@@ -115,6 +118,23 @@ OrderedJson frame_answer() {
   return answer;
 }
 
+// The answer in each of its media types: JSON is described, the others are bytes.
+OrderedJson answer_as_accepted(std::span<const Alternative> alternatives, const char* json_schema,
+                               std::initializer_list<const char*> headers) {
+  std::string description = "As `Accept` asks; without a preference the first.\n";
+  OrderedJson content = OrderedJson::object();
+  for (const Alternative& a : alternatives) {
+    const std::string media_type(a.media_type);
+    content[media_type] = {{"schema", media_type == "application/json"
+                                          ? schema_ref(json_schema)
+                                          : OrderedJson{{"type", "string"}, {"contentMediaType", media_type}}}};
+    description += "\n- `" + media_type + "`: " + std::string(a.meaning);
+  }
+  OrderedJson answer{{"description", description}, {"headers", OrderedJson::object()}, {"content", content}};
+  for (const char* name : headers) answer["headers"][name] = {{"$ref", std::string("#/components/headers/") + name}};
+  return answer;
+}
+
 OrderedJson body(const std::string& schema, OrderedJson examples) {
   OrderedJson json{{"required", true}, {"content", json_content(schema)}};
   for (auto& [name, value] : examples.items()) {
@@ -133,8 +153,7 @@ OrderedJson timeout_parameter() { return {{"$ref", "#/components/parameters/Requ
 void fill_frames(OrderedJson& operation) {
   operation["description"] =
       "A safe question asked with POST because it is long: nothing changes on the service, and the same question gives "
-      "the "
-      "same bytes. Therefore If-None-Match is answered with 304 as for GET, without rendering anything.";
+      "the same bytes. Therefore If-None-Match is answered with 304 as for GET, without rendering anything.";
   operation["parameters"] = {timeout_parameter(), parameter("If-None-Match", "header", "ETags that the client has",
                                                             false, {{"type", "string"}})};
   operation["requestBody"] = body("FrameRequest", frame_examples());
@@ -150,17 +169,8 @@ void fill_maps(OrderedJson& operation) {
   operation["parameters"] = {timeout_parameter(), parameter("If-None-Match", "header", "ETags that the client has",
                                                             false, {{"type", "string"}})};
   operation["requestBody"] = body("MapRequest", map_examples());
-  std::string description = "As `Accept` asks; without a preference the first.\n";
-  OrderedJson content = OrderedJson::object();
-  for (const Alternative& a : kMapAnswers) {
-    const std::string media_type(a.media_type);
-    content[media_type] = {{"schema", {{"type", "string"}, {"contentMediaType", media_type}}}};
-    description += "\n- `" + media_type + "`: " + std::string(a.meaning);
-  }
-  OrderedJson& answer = operation["responses"]["200"];
-  answer = {{"description", description}, {"headers", OrderedJson::object()}, {"content", content}};
-  for (const char* name : {"ETag", "Vary", "Server-Timing", "Selenograph-Missing-Fraction"})
-    answer["headers"][name] = {{"$ref", std::string("#/components/headers/") + name}};
+  operation["responses"]["200"] =
+      answer_as_accepted(kMapAnswers, "", {"ETag", "Vary", "Server-Timing", "Selenograph-Missing-Fraction"});
   operation["responses"]["304"] = {{"description", "The client has this map already"},
                                    {"headers", {{"ETag", {{"$ref", "#/components/headers/ETag"}}}}}};
 }
@@ -182,8 +192,7 @@ void fill_round_trip(OrderedJson& operation, const OrderedJson& place) {
   operation["description"] =
       "The check of the SENSOR++ paper (section 4, figure 5) on the finest tile that holds a place. Mode exact sends "
       "rays through the tile's posts: what differs is the engine's. Mode camera renders frames and resamples what "
-      "their "
-      "pixels see to the posts: what differs is the engine's and the sampling's.";
+      "their pixels see to the posts: what differs is the engine's and the sampling's.";
   operation["parameters"] = OrderedJson::array({timeout_parameter()});
   operation["requestBody"] = body("RoundTripRequest", {{"exact", {{"center", place}}},
                                                        {"camera",
@@ -193,25 +202,14 @@ void fill_round_trip(OrderedJson& operation, const OrderedJson& place) {
                                                          {"posts", 64},
                                                          {"footprint_ratio", 1.0},
                                                          {"max_error_px", 0.0}}}});
-  std::string description = "As `Accept` asks; without a preference the first.\n";
-  OrderedJson content = OrderedJson::object();
-  for (const Alternative& a : kRoundTripAnswers) {
-    const std::string media_type(a.media_type);
-    content[media_type] = {{"schema", media_type == "application/json"
-                                          ? schema_ref("RoundTripAnswer")
-                                          : OrderedJson{{"type", "string"}, {"contentMediaType", media_type}}}};
-    description += "\n- `" + media_type + "`: " + std::string(a.meaning);
-  }
-  operation["responses"]["200"] = {{"description", description}, {"content", content}};
-  operation["responses"]["200"]["headers"]["Vary"] = {{"$ref", "#/components/headers/Vary"}};
+  operation["responses"]["200"] = answer_as_accepted(kRoundTripAnswers, "RoundTripAnswer", {"Vary"});
 }
 
 void fill_features(OrderedJson& operation) {
   operation["description"] =
       "Truth for crater matchers and hazard detectors: each crater of a detail that the terrain shows, the largest "
       "first. The DEM's posts at its centre decide whether it is shown; one that others of its octave of diameters "
-      "cover "
-      "is left out. The same crater has the same id in every answer.";
+      "cover is left out. The same crater has the same id in every answer.";
   operation["parameters"] = OrderedJson::array({timeout_parameter()});
   operation["requestBody"] =
       body("FeaturesRequest",
@@ -219,16 +217,7 @@ void fill_features(OrderedJson& operation) {
              {{"detail", "highlands"},
               {"region", {{"south_deg", 26.125}, {"north_deg", 26.135}, {"west_deg", 3.63}, {"east_deg", 3.64}}},
               {"smallest_m", 20.0}}}});
-  std::string description = "As `Accept` asks; without a preference the first.\n";
-  OrderedJson content = OrderedJson::object();
-  for (const Alternative& a : kFeaturesAnswers) {
-    const std::string media_type(a.media_type);
-    content[media_type] = {
-        {"schema", media_type == "application/json" ? schema_ref("FeaturesAnswer") : OrderedJson{{"type", "string"}}}};
-    description += "\n- `" + media_type + "`: " + std::string(a.meaning);
-  }
-  operation["responses"]["200"] = {{"description", description}, {"content", content}};
-  operation["responses"]["200"]["headers"]["Vary"] = {{"$ref", "#/components/headers/Vary"}};
+  operation["responses"]["200"] = answer_as_accepted(kFeaturesAnswers, "FeaturesAnswer", {"Vary"});
 }
 
 void fill(OrderedJson& operation, const Route& route) {
@@ -327,8 +316,7 @@ std::string description() {
   std::string out =
       "Frames of the Moon on request: what a camera at a pose sees under a Sun, with the truth behind each pixel.\n\n"
       "Frame MOON_ME (mean Earth / polar axis, DE421), metres, degrees at this border; heights above the sphere of 1 "
-      "737 400 m. "
-      "Camera axes are OpenCV's, the centre of the top-left pixel is (0, 0).\n\n"
+      "737 400 m. Camera axes are OpenCV's, the centre of the top-left pixel is (0, 0).\n\n"
       "## Reflectance\n\n" +
       std::string(normalisation(engine::ReflectanceModel::lommel_seeliger)) + "\n\n" +
       std::string(normalisation_elsewhere()) +

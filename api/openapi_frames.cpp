@@ -39,8 +39,7 @@ void add_frame_answers(OrderedJson& schemas) {
              {"name", "version"});
   schemas["FrameMetadata"] = object(
       "What is said about a frame besides its pixels: meta.json in an .npz, the attribute `selenograph` of images, the "
-      "header "
-      "Selenograph-Meta elsewhere. The same request gives the same text.",
+      "header Selenograph-Meta elsewhere. The same request gives the same text.",
       {{"software", {{"type", "object"}, {"description", "name and version"}}},
        {"content_hash", text("the ETag without quotes")},
        {"request", with(ref("FrameRequest"), "description",

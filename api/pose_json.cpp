@@ -357,8 +357,7 @@ const Members<PoseForm, engine::Pose>& pose_members() {
         m.add("nadir", &PoseForm::nadir, Object{nadir_members()}, "boresight to the Moon's centre");
         m.add("axes", &PoseForm::axes, Word{kCameraAxes},
               "camera axes of quaternions and matrices: opencv +x right, +y down, +z boresight; opengl +x right, +y "
-              "up, -z "
-              "boresight. Without meaning for look_at and nadir");
+              "up, -z boresight. Without meaning for look_at and nadir");
         m.exactly_one({"camera_from_moon", "moon_from_camera", "camera_from_moon_matrix", "moon_from_camera_matrix",
                        "look_at", "nadir"});
         m.resolve(resolve_pose);

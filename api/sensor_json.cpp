@@ -190,8 +190,7 @@ const Members<Detector>& detector_members() {
     m.add("pixel_pitch_um", &Detector::pixel_pitch_um, Number{{0, 1e4, true, false}, "um"}, "p of eq. (8)").required();
     m.add("quantum_efficiency", efficiency_field, Efficiency{},
           "eta of eq. (8): of optics and detector; or [wavelength in um, eta] at rising wavelengths, linear in "
-          "between, 0 "
-          "outside")
+          "between, 0 outside")
         .required();
     m.add("integration_time_s", integration_time_field, Number{{0, 1e5, true, false}, "s"},
           "t of eq. (8); left out where `exposure` chooses it");
@@ -225,8 +224,7 @@ const Members<engine::Exposure>& exposure_members() {
   static const auto table = made<Members<engine::Exposure>>(
       "Exposure",
       "Chooses the integration time from the frame, as its middle moment sees it: all but the brightest thousandth of "
-      "the "
-      "pixels stay within a share of what a pixel holds or its largest digital number stands for. The metadata say "
+      "the pixels stay within a share of what a pixel holds or its largest digital number stands for. The metadata say "
       "which time it is.",
       [](auto& m) {
         m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}}, "that share").required();
@@ -243,8 +241,7 @@ const Members<Motion>& motion_members() {
   static const auto table = made<Members<Motion>>(
       "Motion",
       "During the exposure, of which the pose is the middle: light is averaged over so many moments. Other products "
-      "are "
-      "those of the pose.",
+      "are those of the pose.",
       [](auto& m) {
         m.add("angular_rate_deg_s", &Motion::angular_rate_deg_s, kAngularRate_deg_s,
               "of the camera, about its own axes (opencv)");

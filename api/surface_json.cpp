@@ -215,8 +215,7 @@ const Members<Ground>& ground_members() {
         add_material(m);
         m.add("albedo_maps", &Ground::albedo_maps, List{kMap, 1, kMaxMaps},
               "names of maps/NAME.json: rho, or w of `hapke`, from the first of these that has a value at a place; "
-              "where "
-              "none has, the reflectance's. At most 0.25 for `lunar_lambert`")
+              "where none has, the reflectance's. At most 0.25 for `lunar_lambert`")
             .written_if([](const Ground& ground) { return !ground.albedo_maps.empty(); });
         m.add("temperature_maps", &Ground::temperature_maps, List{kMap, 1, kMaxMaps, "K"},
               "names of maps/NAME.json: in the same way; where none has a value, temperature_k")

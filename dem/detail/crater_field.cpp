@@ -13,10 +13,8 @@ namespace {
 
 using std::numbers::pi;
 
-// A cell's side over the octave's smallest diameter. A crater reaches 4.8 radii, so that those which reach a place are
-// in its cell or in one beside it.
-constexpr double kCellDiameters = 8;
-static_assert(kCellDiameters > 4.8);
+// A crater reaches 4.8 radii, so that those which reach a place are in its cell or in one beside it.
+static_assert(CraterField::kCellDiameters > 4.8);
 // Beyond what a Poisson number of a cell's mean ever is: at the densest laws some 4 are expected.
 constexpr int kMostInCell = 4096;
 
@@ -104,7 +102,8 @@ CraterField::CraterField(const CraterLaw& law)
 CraterField::Cells CraterField::cells_of(int octave) const {
   Cells cells;
   cells.octave = octave;
-  cells.rows = std::max(3, static_cast<int>(std::floor(pi * kMoonRadius_m / std::ldexp(kCellDiameters, octave))));
+  cells.rows =
+      std::max(3, static_cast<int>(std::floor(pi * kMoonRadius_m / std::ldexp(CraterField::kCellDiameters, octave))));
   cells.smallest_m = std::max(law_.smallest_m, std::ldexp(1.0, octave));
   cells.largest_m = std::min(law_.largest_m, std::ldexp(2.0, octave));
   if (cells.smallest_m >= cells.largest_m) return cells;

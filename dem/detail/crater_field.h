@@ -55,6 +55,9 @@ struct Crater {
 // Const means safe to call concurrently.
 class CraterField {
  public:
+  // A cell's side over the octave's smallest diameter.
+  static constexpr double kCellDiameters = 8;
+
   explicit CraterField(const CraterLaw& law);
 
   // The octaves that have any: diameters from 2^k to 2^(k+1) m, cut to the law's.

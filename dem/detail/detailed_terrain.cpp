@@ -33,6 +33,31 @@ BlockId key_of(int number, const BlockId& id) {
   return {kManyLevels * number + id.level, id.row, id.col};
 }
 
+// A block's places by rows and columns from its first post on: between the posts, beside them, beyond the block. Past a
+// pole rows go on on the other side of the Moon, where the cosine of the latitude is negative.
+class Places {
+ public:
+  Places(const BlockExtent& extent, double first_post, double posts_apart, int side) {
+    const auto n = static_cast<std::size_t>(side);
+    for (auto& table : tables_) table.resize(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      const double post = first_post + static_cast<double>(i) * posts_apart;
+      using GeographicLib::Math;
+      Math::sincosd(-90 + (extent.lat0 + post * extent.lat_step) / kTicksPerDegree, tables_[0][i], tables_[1][i]);
+      // Degrees of ticks are exact, and so is their reduction: the same bits from either side of the date line.
+      Math::sincosd(-180 + (extent.lon0 + post * extent.lon_step) / kTicksPerDegree, tables_[2][i], tables_[3][i]);
+    }
+    constexpr double kRadiansPerTick = kRadiansPerDegree / kTicksPerDegree;
+    west_ = -M_PI + kRadiansPerTick * (extent.lon0 + first_post * extent.lon_step);
+    step_ = kRadiansPerTick * posts_apart * extent.lon_step;
+  }
+  DirectionGrid grid() const { return {tables_[0], tables_[1], tables_[2], tables_[3], west_, step_}; }
+
+ private:
+  std::array<std::vector<double>, 4> tables_;
+  double west_ = 0, step_ = 0;
+};
+
 }  // namespace
 
 // Posts of one level, by their ticks, wherever they are: over the poles and around the globe.
@@ -235,21 +260,9 @@ std::shared_ptr<Block> DetailedTerrain::make_corrected(const Block& posts, const
   const BlockExtent& e = posts.extent;
   const int side = e.quads + 1 + 2 * kAround;
   const auto cells = static_cast<std::size_t>(side), places = cells * kPlaces;
-  std::array<std::vector<double>, 4> tables;
-  for (auto& table : tables) table.resize(places);
-  for (std::size_t i = 0; i < places; ++i) {
-    const double posts_away = (static_cast<double>(i) + 0.5) / kPlaces - 0.5 - kAround;
-    const double lat = e.lat0 + posts_away * e.lat_step, lon = e.lon0 + posts_away * e.lon_step;
-    using GeographicLib::Math;
-    Math::sincosd(-90 + lat / kTicksPerDegree, tables[0][i], tables[1][i]);
-    Math::sincosd(-180 + lon / kTicksPerDegree, tables[2][i], tables[3][i]);
-  }
-  const double step = kRadiansPerDegree / kTicksPerDegree * e.lon_step,
-               west = -M_PI + kRadiansPerDegree / kTicksPerDegree * e.lon0 + (0.5 / kPlaces - 0.5 - kAround) * step;
-
+  const Places between(e, 0.5 / kPlaces - 0.5 - kAround, 1.0 / kPlaces, side * kPlaces);
   std::vector<double> means(cells * cells), heights(places * places);
-  detail_->add({tables[0], tables[1], tables[2], tables[3], west, step / kPlaces}, posts.id.level + Detail::kCellLevels,
-               posts.id.level, heights, {}, stop);
+  detail_->add(between.grid(), posts.id.level + Detail::kCellLevels, posts.id.level, heights, {}, stop);
   for (std::size_t r = 0; r < places; ++r)
     for (std::size_t c = 0; c < places; ++c) means[r / kPlaces * cells + c / kPlaces] += heights[r * places + c];
   for (double& mean : means) mean /= kPlaces * kPlaces;
@@ -282,29 +295,15 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
   const auto n = static_cast<std::size_t>(side);
   PostsAround posts(*this, posts_level, stop);
 
-  // Past a pole rows go on on the other side of the Moon, where the cosine of the latitude is negative.
-  std::array<std::vector<double>, 4> tables;
-  for (auto& table : tables) table.resize(n);
   std::vector<double> heights(n * n);
   std::vector<float> in_crater(n * n);
   std::vector<std::int64_t> lons;
-  for (int i = 0; i < side; ++i) {
-    const auto at = static_cast<std::size_t>(i);
-    const std::int64_t lat = e.lat0 + std::int64_t{i - kHalo} * e.lat_step,
-                       lon = e.lon0 + std::int64_t{i - kHalo} * e.lon_step;
-    using GeographicLib::Math;
-    Math::sincosd(-90 + static_cast<double>(lat) / kTicksPerDegree, tables[0][at], tables[1][at]);
-    Math::sincosd(lon_deg_of(wrap_lon(lon)), tables[2][at], tables[3][at]);
-    lons.push_back(lon);
-  }
+  for (int i = 0; i < side; ++i) lons.push_back(e.lon0 + std::int64_t{i - kHalo} * e.lon_step);
   for (int r = 0; r < side; ++r) {
     stop.check();
     posts.row(e.lat0 + std::int64_t{r - kHalo} * e.lat_step, lons, heights.data() + static_cast<std::size_t>(r) * n);
   }
-  const double radians_per_tick = kRadiansPerDegree / kTicksPerDegree;
-  detail_->add({tables[0], tables[1], tables[2], tables[3], -M_PI + radians_per_tick * static_cast<double>(lons[0]),
-                radians_per_tick * e.lon_step},
-               id.level, posts_level, heights, in_crater, stop);
+  detail_->add(Places(e, -kHalo, 1, side).grid(), id.level, posts_level, heights, in_crater, stop);
   const Ground between = detail_->has_relief(id.level, posts_level) ? Ground::relief : Ground::dem;
 
   std::vector<float> rounded(heights.begin(), heights.end());

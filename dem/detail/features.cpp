@@ -16,8 +16,8 @@ namespace {
 using std::numbers::pi;
 
 constexpr int kRimPoints = 16;
-// Sides of a piece and of the field's cells, over the octave's smallest diameter.
-constexpr double kPieceDiameters = 32, kCellDiameters = 8;
+// A piece's side over the octave's smallest diameter.
+constexpr double kPieceDiameters = 32;
 
 double area_m2(const Footprint& f) {
   return kMoonRadius_m * kMoonRadius_m * (f.east_deg - f.west_deg) * kRadiansPerDegree *
@@ -64,7 +64,8 @@ double cells_of_craters(const CraterField& field, const Footprint& region, doubl
                width_m = area_m2(region) / height_m;
   double cells = 0;
   for (int k = std::max(field.smallest_octave(), octave_of(smallest_m)); k <= field.largest_octave(); ++k)
-    cells += (height_m / std::ldexp(kCellDiameters, k) + 2) * (width_m / std::ldexp(kCellDiameters, k) + 2);
+    cells += (height_m / std::ldexp(CraterField::kCellDiameters, k) + 2) *
+             (width_m / std::ldexp(CraterField::kCellDiameters, k) + 2);
   return cells;
 }
 

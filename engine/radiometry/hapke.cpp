@@ -62,8 +62,8 @@ HapkeLaw::HapkeLaw(const HapkeParameters& k)
   double before[kPlaces] = {1}, now[kPlaces] = {0, 1};  // T_0, T_1
   for (int n = 0; n < kPlaces; ++n) {
     double share = 0;
-    for (int k = 0; k < kPlaces; ++k) {
-      const double turn = (k + 0.5) * std::numbers::pi / kPlaces;
+    for (int place = 0; place < kPlaces; ++place) {
+      const double turn = (place + 0.5) * std::numbers::pi / kPlaces;
       share += (n == 0 ? 1.0 : 2.0) / kPlaces * std::cos(n * turn) * means.at((1 + std::cos(turn)) / 2);
     }
     for (int i = 0; i < kPlaces; ++i) hemisphere_[i] += share * before[i];

@@ -118,8 +118,7 @@ TEST_F(Edges, AreMetOnceAtTheNearestSurface) {
   }
   fmt::print(
       "{} rays at posts and edges: {} reach their aim, {} end before it, {} are aimed at outlines; {} pass, {} end "
-      "before "
-      "the judge's surface, the others within {:.1e} m; faces that meet differ by {:.1e} m at most\n",
+      "before the judge's surface, the others within {:.1e} m; faces that meet differ by {:.1e} m at most\n",
       rays.size(), aimed, hidden, outlines, passed, before, worst, disagreement);
   EXPECT_EQ(passed + before, 0u);
   EXPECT_GT(aimed, 20000u);

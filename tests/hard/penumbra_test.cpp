@@ -274,8 +274,7 @@ void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views) {
   const auto within = [&](std::size_t per_thousand) { return errors[(errors.size() - 1) * per_thousand / 1000]; };
   fmt::print(
       "{} pixels in the penumbra: z-buffer off by {:.4f} on average, 99 % within {:.4f}, 99.9 % within {:.4f}, {} by "
-      "more "
-      "than 0.05, at worst {:.3f}; rays by {:.4f}, at worst {:.3f}; of {} others {}; {} undecided\n",
+      "more than 0.05, at worst {:.3f}; rays by {:.4f}, at worst {:.3f}; of {} others {}; {} undecided\n",
       errors.size(), zbuffer.mean(), within(990), within(999), far_off, zbuffer.worst, rays.mean(), rays.worst, others,
       others_off, undecided);
   if (full_effort())

@@ -44,6 +44,7 @@ TEST(MapJson, TheCentralMeridianKeepsAMapInOnePiece) {
            bounds + "}}")
             .request.grid;
     EXPECT_LE(std::abs(grid.west_m), 180.0001 * kMetresPerDegree);
+    EXPECT_GE(grid.width, 60);
     return grid.plane.lon_deg;
   };
   EXPECT_EQ(meridian(-180, 180), 0);
@@ -53,6 +54,7 @@ TEST(MapJson, TheCentralMeridianKeepsAMapInOnePiece) {
   EXPECT_EQ(meridian(-90, 0), 0);
   EXPECT_EQ(meridian(-10, 340), 165);
   EXPECT_EQ(meridian(20, 10), 180 + 15);
+  EXPECT_EQ(meridian(360, -180), 0);
 }
 
 // To whole pixels, about the centre.
