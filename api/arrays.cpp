@@ -84,8 +84,8 @@ const std::array<ProductRow, 13>& table() {
        &FrameProducts::detail,
        {},
        false,
-       "what is seen: 0 the DEM, between its posts, too; 1 inside a crater of the request's detail; 2 its relief; "
-       "65535 where nothing is hit, or an object"},
+       "what is seen: 0 the DEM, between its posts, too; 1 inside a crater of the request's detail; 2 its relief; 3 a "
+       "rock; 65535 where nothing is hit, or an object of the request"},
   }};
   return rows;
 }

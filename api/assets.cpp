@@ -184,6 +184,24 @@ void read_craters(const JsonReader& in, dem::CraterLaw& craters) {
       return in.fail("frequency", fmt::format("has more than ten times equilibrium's craters above {:g} m", m));
 }
 
+void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
+  if (!in.object({"smallest_m", "largest_m", "frequency", "on_ejecta", "half_life_Ma", "smallest_crater_m"})) return;
+  constexpr Range kRock_m{0.02, 100};
+  rocks.smallest_m = in.number("smallest_m", kRock_m), rocks.largest_m = in.number("largest_m", kRock_m);
+  rocks.frequency = in.has("frequency") ? read_frequency(in.at("frequency")) : dem::rocks_of_viper();
+  rocks.on_ejecta = in.number("on_ejecta", Range{1, 100}, rocks.on_ejecta);
+  rocks.half_life_Ma = in.number("half_life_Ma", Range{0, 4500, true, false}, rocks.half_life_Ma);
+  rocks.smallest_crater_m = in.number("smallest_crater_m", kFeature_m, rocks.smallest_crater_m);
+  if (!in.good()) return;
+  if (!(rocks.smallest_m < rocks.largest_m)) return in.fail("smallest_m", "must be below largest_m");
+  // Ten times Haworth's, next to craters, too.
+  for (double m = rocks.smallest_m; m < rocks.largest_m; m *= 2)
+    if (rocks.on_ejecta * rocks.frequency.above(m) > 10 * dem::rocks_of_haworth().above(m))
+      return in.fail("frequency", fmt::format("has, next to fresh craters, more than ten times the rocks above {:g} m "
+                                              "that were counted in Haworth's rocky parts",
+                                              m));
+}
+
 void read_relief(const JsonReader& in, dem::ReliefLaw& relief) {
   if (!in.object({"hurst", "deviation_m", "baseline_m", "shortest_m", "longest_m"})) return;
   relief.hurst = in.number("hurst", Range{0.1, 1, false, true}, relief.hurst);
@@ -205,15 +223,17 @@ dem::DetailPreset read_detail_file(const std::string& path) {
   Findings findings;
   const JsonReader in(json, findings);
   dem::DetailPreset preset;
-  if (in.object({"seed", "craters", "relief", "description"})) {
+  if (in.object({"seed", "craters", "relief", "rocks", "description"})) {
     constexpr std::int64_t kLargestSeed = std::int64_t{1} << 53;
     const auto seed = in.has("seed") ? in.at("seed").integer(0, kLargestSeed) : std::optional<std::int64_t>(0);
     preset.craters.seed = static_cast<std::uint64_t>(seed.value_or(0));
-    preset.relief.seed = preset.craters.seed;
+    preset.relief.seed = preset.rocks.seed = preset.craters.seed;
     if (in.has("craters")) read_craters(in.at("craters"), preset.craters);
     if (in.has("relief")) read_relief(in.at("relief"), preset.relief);
+    if (in.has("rocks")) read_rocks(in.at("rocks"), preset.rocks);
     if (in.has("description")) in.at("description").text();
-    if (!in.has("craters") && !in.has("relief")) in.fail("has neither craters nor relief");
+    if (!in.has("craters") && !in.has("relief") && !in.has("rocks"))
+      in.fail("has neither craters nor relief nor rocks");
   }
   const std::string text = json.dump();
   preset.fingerprint = XXH3_64bits(text.data(), text.size());

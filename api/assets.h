@@ -122,7 +122,7 @@ class Assets {
 // Throws DataError naming the description or the raster.
 dem::ValueMapOptions read_map_file(const std::string& path);
 
-// Detail's description; either part may be left out:
+// Detail's description; of craters, relief and rocks any may be left out:
 //   {"seed": N,
 //    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.5
 //                "frequency": [{"per_m2", "exponent"}, ...],   the smallest of these power laws (cumulative); left out:
@@ -130,6 +130,9 @@ dem::ValueMapOptions read_map_file(const std::string& path);
 //                "oldest_Ma": 3500, "diffusivity_m2_per_Ma": 4},
 //    "relief": {"hurst": 0.9, "deviation_m", "baseline_m", "shortest_m", "longest_m"},   RMS difference of heights a
 //                                                    baseline apart; wavelengths
+//    "rocks": {"smallest_m", "largest_m",            diameters; the smallest at least 0.02
+//              "frequency": [{"per_m2", "exponent"}, ...],   between craters; left out: dem::rocks_of_viper()
+//              "on_ejecta": 5, "half_life_Ma": 60, "smallest_crater_m": 30},   as in dem::RockLaw
 //    "description": "..."}
 // Throws DataError naming the description and the member.
 dem::DetailPreset read_detail_file(const std::string& path);

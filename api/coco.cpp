@@ -74,8 +74,8 @@ OrderedJson annotation(const engine::CraterRim& rim, const Polygon& polygon, dou
                    {"segmentation", OrderedJson::array({std::move(flat)})},
                    {"area", thousandths(area)},
                    {"iscrowd", 0},
-                   {"crater_id", id_text(rim.feature)}};
-  for (const CraterColumn& column : crater_columns()) json[std::string(column.name)] = column.value(rim.feature);
+                   {"crater_id", id_text(rim.feature.crater.id)}};
+  for (const auto& column : crater_columns()) json[std::string(column.name)] = column.value(rim.feature);
   json["rim_visible"] = rim.rim_visible;
   json["center"] = nullptr;
   if (!std::isnan(rim.centre.x_px))

@@ -12,10 +12,10 @@ Response answer_features(const EndpointContext& context) {
       choose(header(context.request, "accept"), std::span<const Alternative>(kFeaturesAnswers));
   const FeaturesQuery query = read_features(json_body(context), context.limits, context.assets, context.stop);
   context.memory.need(static_cast<std::size_t>(kBytesPerCrater * query.most()), "/region", context.stop);
-  const auto craters = context.renderer.craters(query.detail.content, query.region(), query.least_m(), context.stop);
+  const FeatureList list(query, context.renderer, context.stop);
   Response response;
   response.content_type = media_type;
-  response.body = media_type == "text/csv" ? features_csv(craters) : features_json(query, craters);
+  response.body = media_type == "text/csv" ? list.csv() : list.json();
   response.headers.emplace_back("Vary", "Accept");
   context.stop.check();
   return response;

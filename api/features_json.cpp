@@ -6,17 +6,22 @@
 #include <iterator>
 
 #include "api/assets.h"
+#include "dem/detail/footprints.h"
 
 namespace selenograph::api {
 namespace {
 
 using dem::CraterFeature;
+using dem::RockFeature;
+
+constexpr std::pair<std::string_view, FeatureKind> kKinds[] = {{"craters", FeatureKind::craters},
+                                                               {"rocks", FeatureKind::rocks}};
 
 constexpr Range kDiameter_m{0, 1e7, true, false};
 // Cells of the law that are looked through, over the most craters that are answered: laws may be sparse.
 constexpr double kCellsPerCrater = 40;
 
-constexpr CraterColumn kColumns[] = {
+constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
     {"lat_deg", "planetocentric latitude of the centre", [](const CraterFeature& f) { return f.place.lat_deg; }},
     {"lon_deg", "east longitude of the centre, in [-180, 180)", [](const CraterFeature& f) { return f.place.lon_deg; }},
     {"height_m",
@@ -35,55 +40,117 @@ constexpr CraterColumn kColumns[] = {
      "craters of its octave of diameters change it by more than a quarter of its depth",
      [](const CraterFeature& f) { return f.rim_share; }}};
 
+constexpr FeatureColumn<RockFeature> kRockColumns[] = {
+    {"lat_deg", "planetocentric latitude of the middle", [](const RockFeature& f) { return f.place.lat_deg; }},
+    {"lon_deg", "east longitude of the middle, in [-180, 180)", [](const RockFeature& f) { return f.place.lon_deg; }},
+    {"height_m", "of the ground that it stands on, with detail, above the sphere of 1 737 400 m",
+     [](const RockFeature& f) { return f.place.height_m; }},
+    {"diameter_m", "its largest extent along the ground, of which it is 0.5 to 0.7 high",
+     [](const RockFeature& f) { return f.rock.diameter_m; }},
+    {"age_Ma", "since it lies there", [](const RockFeature& f) { return f.rock.age_Ma; }}};
+
+// How many there may be from a diameter on, and in how many cells they are looked for.
+double expected(const FeaturesQuery& query, double diameter_m) {
+  return query.kind == FeatureKind::rocks
+             ? dem::most_rocks(query.detail.content->rocks(), query.region(), diameter_m)
+             : dem::expected_craters(query.detail.content->craters(), query.region(), diameter_m);
+}
+double cells(const FeaturesQuery& query, double diameter_m) {
+  const dem::Detail& detail = *query.detail.content;
+  return query.kind == FeatureKind::rocks
+             ? dem::cells_of(detail.rocks().smallest_octave(), detail.rocks().largest_octave(), query.region(),
+                             diameter_m)
+             : dem::cells_of(detail.craters().smallest_octave(), detail.craters().largest_octave(), query.region(),
+                             diameter_m);
+}
+double largest_m(const FeaturesQuery& query) {
+  const dem::DetailPreset& preset = query.detail.content->preset();
+  return query.kind == FeatureKind::rocks ? preset.rocks.largest_m : preset.craters.largest_m;
+}
+std::string_view name_of(FeatureKind kind) { return kind == FeatureKind::rocks ? "rocks" : "craters"; }
+
+template <typename Feature>
+void add_json(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns,
+              std::uint64_t (*id)(const Feature&), std::string& text) {
+  for (std::size_t i = 0; i < features.size(); ++i) {
+    fmt::format_to(std::back_inserter(text), R"({}{{"id":"{}")", i == 0 ? "\n" : ",\n", id_text(id(features[i])));
+    for (const auto& column : columns)
+      fmt::format_to(std::back_inserter(text), R"(,"{}":{})", column.name, column.value(features[i]));
+    text += '}';
+  }
+}
+
+template <typename Feature>
+std::string csv_of(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns,
+                   std::uint64_t (*id)(const Feature&)) {
+  std::string text = "id";
+  for (const auto& column : columns) (text += ',') += column.name;
+  text += '\n';
+  for (const Feature& feature : features) {
+    text += id_text(id(feature));
+    for (const auto& column : columns) fmt::format_to(std::back_inserter(text), ",{}", column.value(feature));
+    text += '\n';
+  }
+  return text;
+}
+
+std::uint64_t crater_id(const CraterFeature& f) { return f.crater.id; }
+std::uint64_t rock_id(const RockFeature& f) { return f.rock.id; }
+
 // What there are too many of, and from where on there are not.
 void check_number(const JsonReader& in, const FeaturesQuery& query, const Limits& limits) {
-  const dem::CraterField& field = query.detail.content->craters();
-  const dem::Footprint region = query.region();
   const double most = limits.max_rays, least_m = query.least_m();
   const auto fits = [&](double diameter_m) {
-    return dem::expected_craters(field, region, diameter_m) <= most &&
-           dem::cells_of_craters(field, region, diameter_m) <= kCellsPerCrater * most;
+    return expected(query, diameter_m) <= most && cells(query, diameter_m) <= kCellsPerCrater * most;
   };
   if (fits(least_m)) return;
   double enough_m = least_m;
-  while (enough_m < field.law().largest_m && !fits(enough_m)) enough_m *= 1.05;
+  while (enough_m < largest_m(query) && !fits(enough_m)) enough_m *= 1.05;
   // Of two digits, rounded up.
   const double unit = std::pow(10, std::floor(std::log10(enough_m)) - 1);
   enough_m = std::ceil(enough_m / unit) * unit;
-  const std::string instead = enough_m < field.law().largest_m && fits(enough_m)
+  const std::string instead = enough_m < largest_m(query) && fits(enough_m)
                                   ? fmt::format(", or smallest_m of {:g} or more", enough_m)
                                   : std::string();
-  const double expected = dem::expected_craters(field, region, least_m);
-  in.fail("region",
-          expected > most
-              ? fmt::format("holds some {:.3g} craters of at least {:g} m, at most {} are answered: ask for a smaller "
-                            "region{}",
-                            expected, least_m, limits.max_rays, instead)
-              : fmt::format("is too large to be searched for craters of at least {:g} m: ask for a smaller one{}",
-                            least_m, instead));
+  const double number = expected(query, least_m);
+  in.fail(
+      "region",
+      number > most
+          ? fmt::format("holds {} {:.3g} {} of at least {:g} m, at most {} are answered: ask for a smaller region{}",
+                        query.kind == FeatureKind::rocks ? "up to" : "some", number, name_of(query.kind), least_m,
+                        limits.max_rays, instead)
+          : fmt::format("is too large to be searched for {} of at least {:g} m: ask for a smaller one{}",
+                        name_of(query.kind), least_m, instead));
 }
 
 }  // namespace
 
 dem::Footprint FeaturesQuery::region() const { return footprint_of(bounds); }
 
+double FeaturesQuery::least_m() const {
+  const dem::DetailPreset& preset = detail.content->preset();
+  return smallest_m.value_or(kind == FeatureKind::rocks ? preset.rocks.smallest_m : preset.craters.smallest_m);
+}
+
 double FeaturesQuery::most() const {
-  const double mean = dem::expected_craters(detail.content->craters(), region(), least_m());
+  const double mean = expected(*this, least_m());
   return mean + 10 * std::sqrt(mean) + 100;
 }
 
 const Members<FeaturesQuery>& features_members() {
-  static const auto table = made<Members<
-      FeaturesQuery>>("FeaturesRequest", "Craters of a detail that the terrain shows in a region.", [](auto& m) {
-    m.add("detail", &FeaturesQuery::detail, Asset{&Assets::detail, "detail", "details"},
-          "name of details/NAME.json in the operator's assets folder")
-        .required();
-    m.add("region", &FeaturesQuery::bounds, Object{bounds_members()}, "that holds the craters' centres").required();
-    m.add("smallest_m", &FeaturesQuery::smallest_m, Number{kDiameter_m, "m"}, "least diameter; left out: the preset's");
-    m.check([](const JsonReader& in, FeaturesQuery& query, const ReadContext& context) {
-      if (in.good() && query.detail.content) check_number(in, query, context.limits);
-    });
-  });
+  static const auto table = made<Members<FeaturesQuery>>(
+      "FeaturesRequest", "Craters of a detail that the terrain shows in a region, or its rocks.", [](auto& m) {
+        m.add("detail", &FeaturesQuery::detail, Asset{&Assets::detail, "detail", "details"},
+              "name of details/NAME.json in the operator's assets folder")
+            .required();
+        m.add("kind", &FeaturesQuery::kind, Word{kKinds}, "what is listed");
+        m.add("region", &FeaturesQuery::bounds, Object{bounds_members()}, "that holds their centres").required();
+        m.add("smallest_m", &FeaturesQuery::smallest_m, Number{kDiameter_m, "m"},
+              "least diameter; left out: the preset's");
+        m.check([](const JsonReader& in, FeaturesQuery& query, const ReadContext& context) {
+          if (in.good() && query.detail.content) check_number(in, query, context.limits);
+        });
+      });
   return *table;
 }
 
@@ -94,38 +161,35 @@ FeaturesQuery read_features(const Json& body, const Limits& limits, const Assets
   return std::move(*value);
 }
 
-std::span<const CraterColumn> crater_columns() { return kColumns; }
+std::span<const FeatureColumn<CraterFeature>> crater_columns() { return kCraterColumns; }
+std::span<const FeatureColumn<RockFeature>> rock_columns() { return kRockColumns; }
 
-std::string id_text(const CraterFeature& feature) { return fmt::format("{:016x}", feature.crater.id); }
+std::string id_text(std::uint64_t id) { return fmt::format("{:016x}", id); }
 
-std::string features_json(const FeaturesQuery& query, std::span<const CraterFeature> craters) {
-  const dem::Footprint region = query.region();
-  std::string text;
-  auto out = std::back_inserter(text);
-  fmt::format_to(
-      out,
-      R"({{"detail":{},"region":{{"south_deg":{},"north_deg":{},"west_deg":{},"east_deg":{}}},"smallest_m":{},"craters":[)",
-      detail_metadata(query.detail.name, *query.detail.content).dump(), region.south_deg, region.north_deg,
-      region.west_deg, region.east_deg, query.least_m());
-  for (std::size_t i = 0; i < craters.size(); ++i) {
-    fmt::format_to(out, R"({}{{"id":"{}")", i == 0 ? "\n" : ",\n", id_text(craters[i]));
-    for (const CraterColumn& column : kColumns)
-      fmt::format_to(out, R"(,"{}":{})", column.name, column.value(craters[i]));
-    text += '}';
-  }
+FeatureList::FeatureList(const FeaturesQuery& query, const engine::Renderer& renderer, const StopToken& stop)
+    : query_(query) {
+  if (query.kind == FeatureKind::rocks)
+    rocks_ = renderer.rocks(query.detail.content, query.region(), query.least_m(), stop);
+  else
+    craters_ = renderer.craters(query.detail.content, query.region(), query.least_m(), stop);
+}
+
+std::string FeatureList::json() const {
+  const dem::Footprint region = query_.region();
+  std::string text = fmt::format(
+      R"({{"detail":{},"region":{{"south_deg":{},"north_deg":{},"west_deg":{},"east_deg":{}}},"smallest_m":{},"{}":[)",
+      detail_metadata(query_.detail.name, *query_.detail.content).dump(), region.south_deg, region.north_deg,
+      region.west_deg, region.east_deg, query_.least_m(), name_of(query_.kind));
+  if (query_.kind == FeatureKind::rocks)
+    add_json<RockFeature>(rocks_, kRockColumns, rock_id, text);
+  else
+    add_json<CraterFeature>(craters_, kCraterColumns, crater_id, text);
   return text + "]}\n";
 }
 
-std::string features_csv(std::span<const CraterFeature> craters) {
-  std::string text = "id";
-  for (const CraterColumn& column : kColumns) (text += ',') += column.name;
-  text += '\n';
-  for (const CraterFeature& crater : craters) {
-    text += id_text(crater);
-    for (const CraterColumn& column : kColumns) fmt::format_to(std::back_inserter(text), ",{}", column.value(crater));
-    text += '\n';
-  }
-  return text;
+std::string FeatureList::csv() const {
+  return query_.kind == FeatureKind::rocks ? csv_of<RockFeature>(rocks_, kRockColumns, rock_id)
+                                           : csv_of<CraterFeature>(craters_, kCraterColumns, crater_id);
 }
 
 }  // namespace selenograph::api

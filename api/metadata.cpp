@@ -155,6 +155,8 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
   meta["triangles"] = report.triangles;
   meta["hit_fraction"] = report.hit_fraction;
   if (query.request.detail) meta["detail"] = detail_metadata(query.detail, *query.request.detail);
+  if (report.least_rock_px > 0)
+    meta["rocks"] = {{"number", report.rocks}, {"least_px", report.least_rock_px}, {"fraction", report.rock_fraction}};
   if (const OrderedJson maps = maps_metadata(query.request, query.surface); !maps.empty()) meta["maps"] = maps;
   if (!query.objects.empty()) {
     meta["object_fraction"] = report.object_fraction;

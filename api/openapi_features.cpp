@@ -7,16 +7,27 @@ namespace selenograph::api {
 
 using namespace schema;
 
-void add_feature_answers(OrderedJson& schemas) {
+namespace {
+
+template <typename Feature>
+OrderedJson listed(const char* what, std::span<const FeatureColumn<Feature>> columns) {
   OrderedJson properties{{"id", with(text("the same in every answer"), "pattern", "^[0-9a-f]{16}$")}},
       required = OrderedJson::array({"id"});
-  for (const CraterColumn& column : crater_columns()) {
+  for (const auto& column : columns) {
     properties[std::string(column.name)] = number(kAnyNumber, column.meaning);
     required.push_back(column.name);
   }
-  OrderedJson crater = object("A crater of the detail.", std::move(properties), {});
-  crater["required"] = std::move(required);
-  const OrderedJson detail = object("what the craters are of, as in a frame's metadata",
+  OrderedJson schema = object(what, std::move(properties), {});
+  schema["required"] = std::move(required);
+  return schema;
+}
+
+}  // namespace
+
+void add_feature_answers(OrderedJson& schemas) {
+  OrderedJson crater = listed("A crater of the detail.", crater_columns()),
+              rock = listed("A rock of the detail.", rock_columns());
+  const OrderedJson detail = object("what they are of, as in a frame's metadata",
                                     {{"name", text("as asked")},
                                      {"version", text("changes when the preset changes")},
                                      {"synthetic", text("what of the terrain is made up")}},
@@ -27,12 +38,13 @@ void add_feature_answers(OrderedJson& schemas) {
                                      {"west_deg", number(kLongitude_deg, "")},
                                      {"east_deg", number({-180, 720}, "west_deg < east_deg <= west_deg + 360")}},
                                     {"south_deg", "north_deg", "west_deg", "east_deg"});
-  schemas["FeaturesAnswer"] = object("Craters with their centre in the region, the largest first.",
+  schemas["FeaturesAnswer"] = object("Craters, or rocks, with their centre in the region, the largest first.",
                                      {{"detail", detail},
                                       {"region", region},
                                       {"smallest_m", number(kAnyNumber, "least diameter_m")},
-                                      {"craters", array(std::move(crater))}},
-                                     {"detail", "region", "smallest_m", "craters"});
+                                      {"craters", array(std::move(crater))},
+                                      {"rocks", array(std::move(rock))}},
+                                     {"detail", "region", "smallest_m"});
 }
 
 }  // namespace selenograph::api

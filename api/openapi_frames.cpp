@@ -71,6 +71,13 @@ void add_frame_answers(OrderedJson& schemas) {
        {"hit_fraction", number(kUnitInterval, "share of pixels that see the Moon or an object")},
        {"maps", {{"type", "array"}, {"description", "of each map of the ground: name and version"}}},
        {"object_fraction", number(kUnitInterval, "share of pixels that see an object")},
+       {"rocks", object("of a detail that has rocks",
+                        {{"number", number({0, 1e9, true, false}, "in view, or whose shadow may be")},
+                         {"least_px", number(kAnyNumber,
+                                             "diameter in pixels from which on they are shown: 2 max_error_px, or "
+                                             "more where they would be too many")},
+                         {"fraction", number(kUnitInterval, "share of pixels that see one")}},
+                        {"number", "least_px", "fraction"})},
        {"objects",
         {{"type", "array"}, {"description", "of each object: mesh, version (hash of its content), triangles, parts"}}},
        {"filled_fraction", number(kUnitInterval, "share of pixels on posts filled by interpolation")},

@@ -26,8 +26,9 @@ inline constexpr SourceIndex source_of(SourceMark mark) { return mark & ~kMarkBi
 inline constexpr bool is_filled(SourceMark mark) { return (mark & kFilledBit) != 0; }
 inline constexpr bool is_blended(SourceMark mark) { return (mark & kBlendedBit) != 0; }
 
-// What a vertex shows: its DEM, be it between its posts, or detail below them. As the product `detail` has it.
-enum class Ground : std::uint8_t { dem = 0, crater = 1, relief = 2 };
+// What a vertex shows: its DEM, be it between its posts, or detail below them. As the product `detail` has it, which
+// knows of rocks, too.
+enum class Ground : std::uint8_t { dem = 0, crater = 1, relief = 2, rock = 3 };
 
 // What the lattice doesn't say of a place of its: alone in sixteen bytes, as rendering fetches it.
 struct alignas(16) Vertex {

@@ -73,6 +73,7 @@ class Terrain {
 
   const Catalogue& catalogue() const;
   const Detail* detail() const;  // null: none
+  const Terrain& plain() const { return plain_ ? *plain_ : *this; }
   // Of those that share everything each has its own; 0: without detail.
   int detail_number() const;
 

@@ -12,6 +12,7 @@
 
 #include "dem/detail/detail.h"
 #include "dem/parallel.h"
+#include "dem/surface_place.h"
 #include "engine/camera/row_views.h"
 #include "engine/render_frame.h"
 
@@ -141,32 +142,16 @@ class RimFinder {
     });
   }
 
-  // On the triangles' level: between four posts.
-  double surface_height_m(const Geographic& g, int level) const {
-    const double lat = std::clamp((g.lat_deg + 90) * dem::kTicksPerDegree, 0.0, dem::kLatTicks - 1.0);
-    const double lon = (wrap_lon_deg(g.lon_deg) + 180) * dem::kTicksPerDegree;
-    const auto row = static_cast<std::int32_t>(lat), column = dem::wrap_lon(static_cast<std::int64_t>(lon));
-    const int finest = terrain_.finest_level(dem::block_at(dem::kMaxLevel, row, column));
-    const auto block = terrain_.block(dem::block_at(std::min(level, finest), row, column), stop_);
-    if (!block) return kNaN;
-    const dem::BlockExtent& e = block->extent;
-    const double y = (lat - e.lat0) / e.lat_step, x = (lon - e.lon0) / e.lon_step;
-    const int r = std::clamp(static_cast<int>(y), 0, e.quads - 1), c = std::clamp(static_cast<int>(x), 0, e.quads - 1);
-    const auto post = [&](int dr, int dc) {
-      return static_cast<double>(block->vertices[block->index(r + dr, c + dc)].height_m);
-    };
-    return std::lerp(std::lerp(post(0, 0), post(0, 1), x - c), std::lerp(post(1, 0), post(1, 1), x - c), y - r);
-  }
-
   struct Seen {
     RimPoint pixel{kNaN, kNaN};
     bool visible = false;
   };
   Seen look(const Vec3& direction, int level) const {
-    const double height_m = surface_height_m(to_geographic(direction * kMoonRadius_m), level);
+    const Geographic at = to_geographic(direction * kMoonRadius_m);
+    const auto ground = dem::surface_at(terrain_, at.lat_deg, at.lon_deg, level, stop_);
     Seen seen;
-    if (std::isnan(height_m)) return seen;
-    const Vec3 place = direction * (kMoonRadius_m + height_m);
+    if (!ground) return seen;
+    const Vec3 place = direction * (kMoonRadius_m + ground->height_m);
     Vec3 camera_m = views_.reference().position();
     if (views_.vary()) {
       const auto sighting = views_.find(place);

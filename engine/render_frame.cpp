@@ -11,6 +11,7 @@
 #include "engine/support/stopwatch.h"
 #include "engine/visibility/frame_writer.h"
 #include "engine/visibility/raytrace/ray_pass.h"
+#include "engine/visibility/rocks_in_view.h"
 #include "engine/visibility/zbuffer/dense_samples.h"
 
 namespace selenograph::engine {
@@ -34,6 +35,7 @@ void report_pixels(const Camera& camera, const PixelCounts& counts, FrameReport&
   const double pixels = static_cast<double>(camera.width) * camera.height;
   out.hit_fraction = static_cast<double>(counts.hit) / pixels;
   out.object_fraction = static_cast<double>(counts.on_object) / pixels;
+  out.rock_fraction = static_cast<double>(counts.on_rock) / pixels;
   out.missing_fraction = static_cast<double>(counts.missing) / pixels;
   out.filled_fraction = static_cast<double>(counts.filled) / pixels;
   out.blended_fraction = static_cast<double>(counts.blended) / pixels;
@@ -233,15 +235,20 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
   Stopwatch watch;
   const RowViews views = views_of(request, stop);
   if (request.terrain) refuse_underground(terrain, views, stop);
-  const ObjectsInFrame objects(request, views);
   const RadianceTerms radiance = radiance_terms(request);
-  frame.report.emits_elsewhere = objects.emit() || !request.temperature_maps.empty();
+  frame.report.emits_elsewhere = objects_emit(request.objects) || !request.temperature_maps.empty();
   // Light of a spectrum of its own is counted in photons by a frame of its own.
   std::optional<Band> photons;
   if (sensor) photons = sensor->photon_band(!request.atmosphere && !radiance.emitted && !frame.report.emits_elsewhere);
 
   // Selection: which blocks of the terrain, how fine; what may shade them.
   const Selection selection = select_blocks(request, views, request.accuracy, terrain, kept, stop);
+  const RocksInView rocks = request.terrain
+                                ? rocks_in_view(terrain, views, wants_light(request) ? &request.sun : nullptr,
+                                                selection.blocks, request.accuracy.max_error_px, stop)
+                                : RocksInView();
+  const ObjectsInFrame objects(request, views, rocks.rocks, stop);
+  frame.report.rocks = rocks.rocks.size(), frame.report.least_rock_px = rocks.least_px;
   frame.times.select_ms = watch.lap_ms();
 
   // Scene: the blocks as one mesh, with what the visibility algorithm needs of it.

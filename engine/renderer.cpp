@@ -130,6 +130,14 @@ std::vector<dem::CraterFeature> Renderer::craters(const std::shared_ptr<const de
                   [&] { return dem::CraterSurvey(*impl_->terrain, *terrain).within(region, smallest_m, stop); });
 }
 
+std::vector<dem::RockFeature> Renderer::rocks(const std::shared_ptr<const dem::Detail>& detail,
+                                              const dem::Footprint& region, double smallest_m,
+                                              const StopToken& stop) const {
+  const Preparation::Work work(impl_->preparation, nullptr);
+  const auto terrain = impl_->terrain_with(detail);
+  return in_arena(impl_->arena, [&] { return dem::RockSurvey(*terrain).within(region, smallest_m, stop); });
+}
+
 CraterRims Renderer::rims(const FrameRequest& request, const RimOptions& options, const StopToken& stop) const {
   const Preparation::Work work(impl_->preparation, nullptr);
   const auto terrain = impl_->terrain_with(request.detail);

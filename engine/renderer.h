@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "dem/detail/rocks_on_ground.h"
 #include "dem/stop_token.h"
 #include "dem/terrain.h"
 #include "engine/budget.h"
@@ -75,7 +76,10 @@ class Renderer {
   std::vector<dem::CraterFeature> craters(const std::shared_ptr<const dem::Detail>& detail,
                                           const dem::Footprint& region, double smallest_m,
                                           const StopToken& stop = {}) const;
-  // Those of a request's detail that its frame sees. Throws as render does.
+  // The rocks of a detail in a region (dem/detail/rocks_on_ground.h).
+  std::vector<dem::RockFeature> rocks(const std::shared_ptr<const dem::Detail>& detail, const dem::Footprint& region,
+                                      double smallest_m, const StopToken& stop = {}) const;
+  // Craters of a request's detail that its frame sees. Throws as render does.
   CraterRims rims(const FrameRequest& request, const RimOptions& options, const StopToken& stop = {}) const;
 
   const dem::Terrain& terrain() const;

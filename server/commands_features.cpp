@@ -52,8 +52,10 @@ struct Written {
 Written of_region(const Json& request, const FeaturesSettings& s, const engine::Renderer& renderer,
                   const api::Assets& assets, const api::Limits& limits) {
   const api::FeaturesQuery query = api::read_features(request, limits, assets);
-  const auto craters = renderer.craters(query.detail.content, query.region(), query.least_m());
-  return {s.output, api::features_csv(craters), fmt::format("{}: {} craters\n", s.output, craters.size())};
+  const api::FeatureList list(query, renderer);
+  return {
+      s.output, list.csv(),
+      fmt::format("{}: {} {}\n", s.output, list.size(), query.kind == api::FeatureKind::rocks ? "rocks" : "craters")};
 }
 
 void refuse_without_craters(const api::FrameQuery& query) {

@@ -1,27 +1,14 @@
-// A population of craters that is a function of place, seed and law alone: nothing is drawn in an order, so that any
-// block, tile, thread and process finds the same ones.
-//
-// Craters are grouped by octaves of diameter, [2^k, 2^(k+1)) m, and each octave's are drawn in cells of its own: rings
-// of latitude, cut into pieces of nearly equal width. A cell's number of craters is Poisson, of its area times the
-// law's density.
+// A population of craters that is a function of place, seed and law alone (size_cells.h).
 #pragma once
 
 #include <cstdint>
 #include <vector>
 
 #include "dem/detail/crater_shape.h"
+#include "dem/detail/size_cells.h"
 #include "dem/geodesy.h"
 
 namespace selenograph::dem {
-
-// Number above a diameter, per m^2: the smallest of some power laws, each `per_m2 (D / 1 m)^-exponent`.
-struct SizeFrequency {
-  struct Power {
-    double per_m2 = 0, exponent = 0;
-  };
-  std::vector<Power> laws;
-  double above(double diameter_m) const;
-};
 
 // Equilibrium (Trask 1966): cumulative 10^-1.1 D^-2 per m^2.
 SizeFrequency equilibrium();
@@ -55,20 +42,18 @@ struct Crater {
 // Const means safe to call concurrently.
 class CraterField {
  public:
-  // A cell's side over the octave's smallest diameter.
-  static constexpr double kCellDiameters = 8;
-
   explicit CraterField(const CraterLaw& law);
 
   // The octaves that have any: diameters from 2^k to 2^(k+1) m, cut to the law's.
-  int smallest_octave() const { return smallest_octave_; }
-  int largest_octave() const { return largest_octave_; }
+  int smallest_octave() const { return cells_.smallest_octave(); }
+  int largest_octave() const { return cells_.largest_octave(); }
 
   // Those of an octave whose reach may meet a ball around a place on the sphere; in no particular order, but each once.
   void near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out) const;
-  // Those whose centre lies in a box. `west_deg` <= `east_deg`, which may exceed 180.
-  std::vector<Crater> within(int octave, double south_deg, double north_deg, double west_deg, double east_deg) const;
+  // Those whose centre lies in a box. `east_deg` may exceed 180.
+  std::vector<Crater> within(int octave, const Footprint& box) const;
 
+  double largest_m(int octave) const { return cells_.largest_m(octave); }
   // What an octave's craters add to heights lies between these.
   double deepest_m(int octave) const;
   double highest_m(int octave) const;
@@ -77,15 +62,11 @@ class CraterField {
   const CraterShape& shape() const { return shape_; }
 
  private:
-  struct Cells;
-  Cells cells_of(int octave) const;
-  void draw(const Cells& cells, int row, int column, std::vector<Crater>& out) const;
-  // Columns count on around the Moon; each cell is drawn once.
-  void draw_row(const Cells& cells, int row, int first, int last, std::vector<Crater>& out) const;
+  Crater made(Draws& draws, const Vec3& centre, double diameter_m) const;
 
   CraterLaw law_;
   CraterShape shape_;
-  int smallest_octave_, largest_octave_;
+  SizeCells cells_;
 };
 
 }  // namespace selenograph::dem

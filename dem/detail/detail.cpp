@@ -40,7 +40,8 @@ int Detail::smallest_octave(int level) {
   return static_cast<int>(std::ceil(std::log2(kPostsPerFeature * post_spacing_m(level)) - 1e-9));
 }
 
-Detail::Detail(const DetailPreset& preset) : preset_(preset), craters_(preset.craters), relief_(preset.relief) {
+Detail::Detail(const DetailPreset& preset)
+    : preset_(preset), craters_(preset.craters), relief_(preset.relief), rocks_(preset.rocks) {
   // The mean over many places of the octave alone. Places by an additive recurrence: the same on every machine.
   constexpr int kSide = 192;
   for (int octave = craters_.smallest_octave(); octave <= craters_.largest_octave(); ++octave) {

@@ -16,6 +16,7 @@
 #include "dem/detail/crater_field.h"
 #include "dem/detail/direction_grid.h"
 #include "dem/detail/relief.h"
+#include "dem/detail/rock_field.h"
 #include "dem/stop_token.h"
 
 namespace selenograph::dem {
@@ -24,6 +25,7 @@ struct DetailPreset {
   std::uint64_t fingerprint = 0;  // of what it was read from
   CraterLaw craters;
   ReliefLaw relief;
+  RockLaw rocks;
 };
 
 // Const means safe to call concurrently.
@@ -61,6 +63,8 @@ class Detail {
 
   const CraterField& craters() const { return craters_; }
   const Relief& relief() const { return relief_; }
+  // They are no terrain: they lie on it (rocks_on_ground.h).
+  const RockField& rocks() const { return rocks_; }
 
  private:
   void add_craters(const DirectionGrid& grid, int octave, std::span<double> heights_m,
@@ -69,6 +73,7 @@ class Detail {
   DetailPreset preset_;
   CraterField craters_;
   Relief relief_;
+  RockField rocks_;
   std::vector<double> means_m_;  // by octave, from the smallest
 };
 

@@ -8,7 +8,9 @@
 #include <tuple>
 
 #include "dem/detail/detail.h"
+#include "dem/detail/footprints.h"
 #include "dem/parallel.h"
+#include "dem/surface_place.h"
 
 namespace selenograph::dem {
 namespace {
@@ -18,18 +20,6 @@ using std::numbers::pi;
 constexpr int kRimPoints = 16;
 // A piece's side over the octave's smallest diameter.
 constexpr double kPieceDiameters = 32;
-
-double area_m2(const Footprint& f) {
-  return kMoonRadius_m * kMoonRadius_m * (f.east_deg - f.west_deg) * kRadiansPerDegree *
-         (std::sin(f.north_deg * kRadiansPerDegree) - std::sin(f.south_deg * kRadiansPerDegree));
-}
-
-int octave_of(double diameter_m) { return static_cast<int>(std::floor(std::log2(diameter_m))); }
-
-bool holds(const Footprint& f, const Geographic& g) {
-  const double east = g.lon_deg + 360 * std::ceil((f.west_deg - g.lon_deg) / 360);
-  return g.lat_deg >= f.south_deg && g.lat_deg <= f.north_deg && east <= f.east_deg;
-}
 
 // All that is no farther than so much from a box, and some more.
 Footprint around(const Footprint& f, double margin_m) {
@@ -58,43 +48,13 @@ double expected_craters(const CraterField& field, const Footprint& region, doubl
   return area_m2(region) * (law.frequency.above(least_m) - law.frequency.above(law.largest_m));
 }
 
-double cells_of_craters(const CraterField& field, const Footprint& region, double smallest_m) {
-  // As a rectangle, with those that are drawn for the pieces' margins.
-  const double height_m = (region.north_deg - region.south_deg) * kMetresPerDegree,
-               width_m = area_m2(region) / height_m;
-  double cells = 0;
-  for (int k = std::max(field.smallest_octave(), octave_of(smallest_m)); k <= field.largest_octave(); ++k)
-    cells += (height_m / std::ldexp(CraterField::kCellDiameters, k) + 2) *
-             (width_m / std::ldexp(CraterField::kCellDiameters, k) + 2);
-  return cells;
-}
-
 CraterSurvey::CraterSurvey(const Terrain& plain, const Terrain& detailed)
     : plain_(plain), detailed_(detailed), field_(detailed.detail()->craters()) {}
 
 std::vector<CraterSurvey::Piece> CraterSurvey::pieces(const Footprint& region, double smallest_m) const {
   std::vector<Piece> pieces;
-  const auto steps = [](double length_deg, double step_deg) {
-    return std::max(1, static_cast<int>(std::ceil(length_deg / step_deg)));
-  };
-  for (int k = std::max(field_.smallest_octave(), octave_of(smallest_m)); k <= field_.largest_octave(); ++k) {
-    const double side_deg = std::ldexp(kPieceDiameters, k) / kMetresPerDegree;
-    const int rows = steps(region.north_deg - region.south_deg, side_deg);
-    const auto at = [](double low, double high, int i, int n) { return i == n ? high : low + (high - low) * i / n; };
-    for (int r = 0; r < rows; ++r) {
-      Footprint box = region;
-      box.south_deg = at(region.south_deg, region.north_deg, r, rows);
-      box.north_deg = at(region.south_deg, region.north_deg, r + 1, rows);
-      const double nearest_deg = box.south_deg > 0 ? box.south_deg : std::max(0.0, -box.north_deg);
-      const int columns =
-          steps((region.east_deg - region.west_deg) * std::cos(nearest_deg * kRadiansPerDegree), side_deg);
-      for (int c = 0; c < columns; ++c) {
-        box.west_deg = at(region.west_deg, region.east_deg, c, columns);
-        box.east_deg = at(region.west_deg, region.east_deg, c + 1, columns);
-        pieces.push_back({k, box});
-      }
-    }
-  }
+  for (int k = std::max(field_.smallest_octave(), octave_of(smallest_m)); k <= field_.largest_octave(); ++k)
+    for (const Footprint& box : cut(region, std::ldexp(kPieceDiameters, k))) pieces.push_back({k, box});
   return pieces;
 }
 
@@ -122,8 +82,7 @@ void CraterSurvey::survey(const Piece& piece, double smallest_m, const StopToken
   const double largest_m = std::ldexp(2.0, piece.octave);
   const double margin_m = (CraterShape::reach(CraterShape::kOldest) + 1) * largest_m / 2;
   const Footprint wide = around(piece.box, margin_m);
-  const std::vector<Crater> all =
-      field_.within(piece.octave, wide.south_deg, wide.north_deg, wide.west_deg, wide.east_deg);
+  const std::vector<Crater> all = field_.within(piece.octave, wide);
   for (const Crater& crater : all)
     if (crater.diameter_m >= smallest_m && holds(piece.box, to_geographic(crater.centre * kMoonRadius_m)))
       add_if_shown(crater, piece.octave, all, out, stop);
@@ -185,10 +144,8 @@ double CraterSurvey::octave_height_m(double own_m, const Vec3& place, std::span<
 
 // In the block of the finest surface: what DetailedTerrain asks.
 bool CraterSurvey::shows(int octave, const Geographic& place) const {
-  const auto lat = static_cast<std::int32_t>(std::clamp((place.lat_deg + 90) * kTicksPerDegree, 0.0, kLatTicks - 1.0));
-  const std::int32_t lon = wrap_lon(static_cast<std::int64_t>((place.lon_deg + 180) * kTicksPerDegree));
-  const int level = detailed_.finest_level(block_at(kMaxLevel, lat, lon));
-  const int posts = plain_.posts_level(block_at(level, lat, lon));
+  const int level = finest_level_at(detailed_, place.lat_deg, place.lon_deg);
+  const int posts = posts_level_at(plain_, place.lat_deg, place.lon_deg, level);
   return level > posts && octave < Detail::past_largest_octave(posts);
 }
 

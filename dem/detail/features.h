@@ -26,8 +26,6 @@ struct CraterFeature {
 
 // How many craters the law expects in a region, before the terrain is asked.
 double expected_craters(const CraterField& field, const Footprint& region, double smallest_m);
-// How many cells the field has to draw to find them, whatever is in them.
-double cells_of_craters(const CraterField& field, const Footprint& region, double smallest_m);
 
 // Const means safe to call concurrently.
 class CraterSurvey {

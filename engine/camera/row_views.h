@@ -27,6 +27,7 @@ struct ViewBundle {
   bool may_see(std::span<const Vec3> points_m, double margin_m) const;
   double pixels_per_metre(const Vec3& centre_m, double radius_m,
                           double highest_m = std::numeric_limits<double>::infinity()) const;
+  double pixels_per_metre_from(double nearest_m) const { return view.pixels_per_metre_from(nearest_m - shift_m); }
 
  private:
   double slack_m(const Vec3& point_m) const;

@@ -142,6 +142,13 @@ bool View::may_see(std::span<const Vec3> points_m, double margin_m) const {
   return *std::max_element(nearest.begin(), nearest.end()) <= margin_m;
 }
 
+double View::pixels_per_metre_from(double nearest_m) const {
+  const double per_radian =
+      projection_.fisheye() ? std::max(camera_.fx, camera_.fy) * projection_.fisheye()->largest_scale(0, widest_theta_)
+                            : pixels_per_radian_;
+  return per_radian / std::max(nearest_m, 1e-3);
+}
+
 double View::pixels_per_metre(const Vec3& centre_m, double radius_m, double highest_m) const {
   const Vec3 c = camera_from_moon_ * (centre_m - position_);
   // From inside the ball there is still the height above all that is in it.

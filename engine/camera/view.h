@@ -48,6 +48,8 @@ class View {
   // sphere than highest_m.
   double pixels_per_metre(const Vec3& centre_m, double radius_m,
                           double highest_m = std::numeric_limits<double>::infinity()) const;
+  // The same of anything that is at least so far away, wherever it is.
+  double pixels_per_metre_from(double nearest_m) const;
 
  private:
   void place(const Pose& pose);

@@ -77,6 +77,9 @@ struct FrameReport {
   double blended_fraction = 0;                   // of all pixels: on posts that are a mean of two layers
   double missing_fraction = 0;                   // of all pixels: look at the Moon where there is no data
   double hit_fraction = 0, object_fraction = 0;  // of all pixels: see anything; see an object
+  double rock_fraction = 0;                      // of all pixels: see a rock
+  std::size_t rocks = 0;                         // in view, or whose shadow may be
+  double least_rock_px = 0;                      // diameter from which on they are shown; 0: the detail has none
   RadianceTerms radiance;                        // of the terrain in frames with radiance or image
   bool emits_elsewhere = false;                  // an object's material does, or the ground by a map of temperatures
   double full_scale_radiance_w_m2_sr = 0;        // that `image` was made with; 0 without image

@@ -139,7 +139,9 @@ void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& dire
   if (!wants_geometry_) return;
   const auto to = slot(at);
   if (!to) return;
-  if (!out_.object_id.empty()) out_.object_id[*to] = lanes.object[i];
+  const bool rock = is_rock(lanes.object[i]);
+  if (!out_.object_id.empty() && !rock) out_.object_id[*to] = lanes.object[i];
+  if (!out_.detail.empty() && rock) out_.detail[*to] = static_cast<std::uint16_t>(dem::Ground::rock);
   store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, at, *to);
 }
 
@@ -174,7 +176,7 @@ void FrameWriter::merge(const PixelCounts& counts) {
   const std::lock_guard lock(mutex_);
   total_.hit += counts.hit, total_.missing += counts.missing, total_.filled += counts.filled;
   total_.blended += counts.blended;
-  total_.on_object += counts.on_object;
+  total_.on_object += counts.on_object, total_.on_rock += counts.on_rock;
 }
 
 }  // namespace selenograph::engine

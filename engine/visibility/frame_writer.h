@@ -18,7 +18,7 @@
 namespace selenograph::engine {
 
 struct PixelCounts {
-  std::uint64_t hit = 0, missing = 0, filled = 0, blended = 0, on_object = 0;
+  std::uint64_t hit = 0, missing = 0, filled = 0, blended = 0, on_object = 0, on_rock = 0;
 };
 
 class FrameWriter {
@@ -44,7 +44,11 @@ class FrameWriter {
   void account(const SurfacePoints& points, int lane, std::size_t pixel, PixelCounts& counts);
   void store_geometry(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
                       std::size_t pixel) const;
-  // Of a lane that sees an object.
+  // Of a lane that sees an object, or a rock, which are numbered after those of the request.
+  bool is_rock(std::uint16_t object) const { return object != kNoObject && object >= request_.objects.size(); }
+  void count_object(std::uint16_t object, PixelCounts& counts) const {
+    ++counts.hit, ++(is_rock(object) ? counts.on_rock : counts.on_object);
+  }
   void store_object(const ObjectLanes& lanes, int lane, const Vec3& direction, float lit, std::size_t pixel) const;
 
   // What some pixels see is to be remembered.

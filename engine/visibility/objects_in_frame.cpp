@@ -9,6 +9,7 @@
 
 #include "engine/radiometry/radiometry.h"
 #include "engine/visibility/object_mesh.h"
+#include "engine/visibility/rock_shapes.h"
 
 namespace selenograph::engine {
 namespace {
@@ -66,6 +67,11 @@ class Cone {
   bool empty_ = true;
 };
 
+Ball ball_around(const ObjectMesh& mesh, const Vec3& position_m, const Eigen::Quaterniond& moon_from_object,
+                 double scale) {
+  return {position_m + moon_from_object * Vec3(scale * mesh.centre()), scale * mesh.radius() * (1 + kMargin)};
+}
+
 // Around the points of some lanes.
 Ball ball_around(const SurfacePoints& points, std::uint32_t lanes) {
   Eigen::AlignedBox3d box;
@@ -105,35 +111,82 @@ void fill_idle(RayPacket& packet, std::uint32_t active) {
 std::vector<Ball> balls_around(const std::vector<SceneObject>& objects) {
   std::vector<Ball> balls;
   balls.reserve(objects.size());
-  for (const SceneObject& o : objects)
-    balls.push_back({o.position_m + o.moon_from_object * Vec3(o.scale * o.mesh->centre()),
-                     o.scale * o.mesh->radius() * (1 + kMargin)});
+  for (const SceneObject& o : objects) balls.push_back(ball_around(*o.mesh, o.position_m, o.moon_from_object, o.scale));
   return balls;
 }
 
-ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews& views) : ObjectsInFrame(request, &views) {}
+bool objects_emit(const std::vector<SceneObject>& objects) {
+  return std::any_of(objects.begin(), objects.end(), [](const SceneObject& object) {
+    return std::any_of(object.materials.begin(), object.materials.end(),
+                       [](const Material& m) { return m.temperature_k > 0; });
+  });
+}
+
+ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews& views,
+                               std::span<const dem::RockFeature> rocks, const StopToken& stop)
+    : ObjectsInFrame(request, &views) {
+  if (rocks.empty()) return;
+  first_rock_ = placed_.size();
+  finishes_.push_back(finishes_of({{request.reflectance, request.temperature_k}}));
+  for (const dem::RockFeature& rock : rocks) {
+    const RockPose pose = rock_pose(rock.rock.form, rock.up);
+    Placed p = placed(*rock_shapes()[pose.shape], rock.position_m, pose.moon_from_rock, rock.rock.diameter_m);
+    p.in_view = true, p.finishes = &finishes_.back();
+    placed_.push_back(std::move(p));
+  }
+  any_in_view_ = true;
+  group(views.reference().position(), stop);
+}
 
 ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* views)
     : request_(request), from_one_place_(views && !views->vary()) {
-  const std::vector<Ball> balls = balls_around(request.objects);
+  finishes_.reserve(request.objects.size() + 1);  // they are pointed at
   for (const SceneObject& object : request.objects) {
-    Placed p;
-    p.mesh = object.mesh.get();
-    p.moon_from_object = object.moon_from_object.toRotationMatrix();
-    p.object_from_moon = p.moon_from_object.transpose() / object.scale;
-    p.position = object.position_m, p.scale = object.scale;
-    p.middle = object.position_m + object.moon_from_object * Vec3(object.scale * object.mesh->middle());
-    p.ball = balls[placed_.size()];
+    Placed p = placed(*object.mesh, object.position_m, object.moon_from_object, object.scale);
     p.in_view = !views || std::any_of(views->bundles().begin(), views->bundles().end(), [&](const ViewBundle& bundle) {
       return bundle.may_see(p.ball.centre_m, p.ball.radius_m);
     });
     any_in_view_ |= p.in_view;
-    for (const Material& material : object.materials) {
-      const RadianceTerms terms = radiance_terms(request, material);
-      p.finishes.push_back({Brdf(material.reflectance), terms.direct_w_m2, static_cast<float>(terms.base_w_m2_sr())});
-    }
+    finishes_.push_back(finishes_of(object.materials));
+    p.finishes = &finishes_.back();
     placed_.push_back(std::move(p));
   }
+}
+
+ObjectsInFrame::Placed ObjectsInFrame::placed(const ObjectMesh& mesh, const Vec3& position_m,
+                                              const Eigen::Quaterniond& moon_from_object, double scale) const {
+  Placed p;
+  p.mesh = &mesh;
+  p.moon_from_object = moon_from_object.toRotationMatrix();
+  p.object_from_moon = p.moon_from_object.transpose() / scale;
+  p.position = position_m, p.scale = scale;
+  p.middle = position_m + moon_from_object * Vec3(scale * mesh.middle());
+  p.ball = ball_around(mesh, position_m, moon_from_object, scale);
+  return p;
+}
+
+std::vector<ObjectsInFrame::Finish> ObjectsInFrame::finishes_of(const std::vector<Material>& materials) const {
+  std::vector<Finish> finishes;
+  for (const Material& material : materials) {
+    const RadianceTerms terms = radiance_terms(request_, material);
+    finishes.push_back({Brdf(material.reflectance), terms.direct_w_m2, static_cast<float>(terms.base_w_m2_sr())});
+  }
+  return finishes;
+}
+
+// Relative to the camera float is as fine as a small part of a pixel.
+void ObjectsInFrame::group(const Vec3& anchor_m, const StopToken& stop) {
+  anchor_m_ = anchor_m;
+  rocks_.emplace(
+      placed_.size() - first_rock_,
+      [&](std::size_t i) {
+        const Placed& p = placed_[first_rock_ + i];
+        Eigen::Affine3f place;
+        place.linear() = (p.scale * p.moon_from_object).cast<float>();
+        place.translation() = (p.middle - anchor_m_).cast<float>();
+        return ObjectGroup::Instance{&p.mesh->tracer(), place};
+      },
+      stop);
 }
 
 std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const {
@@ -145,9 +198,10 @@ std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLan
   }
   std::optional<Cone> cone;
   if (from_one_place_) cone.emplace(rays);
-  for (std::size_t k = 0; k < placed_.size(); ++k)
+  for (std::size_t k = 0; k < std::min(placed_.size(), first_rock_); ++k)
     if (placed_[k].in_view && (!cone || cone->may_meet(placed_[k].ball)))
       look(placed_[k], static_cast<std::uint16_t>(k), rays, nearest, out);
+  if (rocks_) look_at_rocks(rays, nearest, out);
   std::uint32_t lanes = 0;
   for (int i = 0; i < kPacket; ++i) {
     out.points.hit[i] = out.object[i] != kNoObject;
@@ -234,7 +288,7 @@ std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::ui
   std::uint32_t blocked = 0;
   if (asking == 0) return 0;
   const Ball from = ball_around(points, asking);
-  for (std::size_t k = 0; k < placed_.size() && asking != 0; ++k) {
+  for (std::size_t k = 0; k < std::min(placed_.size(), first_rock_) && asking != 0; ++k) {
     const Placed& object = placed_[k];
     if (!may_block(from, sun, object.ball)) continue;
     RayPacket packet;
@@ -257,21 +311,57 @@ std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::ui
     for (int i = 0; i < kPacket; ++i)
       if (here[i]) blocked |= 1U << i, asking &= ~(1U << i);
   }
+  if (rocks_ && asking != 0) blocked |= blocked_by_rocks(points, own, asking, sun);
   return blocked;
 }
 
-bool ObjectsInFrame::emit() const {
-  return std::any_of(request_.objects.begin(), request_.objects.end(), [](const SceneObject& object) {
-    return std::any_of(object.materials.begin(), object.materials.end(),
-                       [](const Material& m) { return m.temperature_k > 0; });
-  });
+void ObjectsInFrame::look_at_rocks(const Rays& rays, double* nearest, ObjectLanes& out) const {
+  RayPacket packet;
+  std::uint32_t active = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    if (!rays.valid[i]) continue;
+    set_lane(packet, i, rays.origin(i) - anchor_m_, rays.direction(i));
+    active |= 1U << i;
+  }
+  if (active == 0) return;
+  fill_idle(packet, active);
+  std::uint32_t rock[kPacket], triangle[kPacket];
+  rocks_->intersect(packet, rock, triangle);
+  for (int i = 0; i < kPacket; ++i)
+    if (rock[i] != ObjectGroup::kNone)
+      store(placed_[first_rock_ + rock[i]], static_cast<std::uint16_t>(first_rock_ + rock[i]), triangle[i], rays, i,
+            nearest, out);
+}
+
+std::uint32_t ObjectsInFrame::blocked_by_rocks(const SurfacePoints& points, const std::uint16_t* own,
+                                               std::uint32_t asking, const Vec3& sun) const {
+  constexpr double kFloat = 0x1p-22;  // of a coordinate relative to the anchor, and some more
+  RayPacket packet;
+  for (int i = 0; i < kPacket; ++i) {
+    if (!(asking >> i & 1)) continue;
+    const Vec3 from = points.position(i) - anchor_m_;
+    set_lane(packet, i, from, sun);
+    if (own && is_rock(own[i])) {
+      const Placed& rock = placed_[own[i]];
+      const double rounding_m =
+          rock.scale * rock.mesh->rounding_at(rock.inside(points.position(i))) + kFloat * (from.norm() + rock.scale);
+      packet.near[i] = static_cast<float>(rounding_m / std::max(1.0 / 64, points.facet_normal(i).dot(sun)));
+    }
+  }
+  fill_idle(packet, asking);
+  bool here[kPacket];
+  rocks_->occluded(packet, here);
+  std::uint32_t blocked = 0;
+  for (int i = 0; i < kPacket; ++i)
+    if (here[i]) blocked |= 1U << i;
+  return blocked;
 }
 
 void ObjectsInFrame::radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit, float* out,
                                float* base) const {
   for (int i = 0; i < kPacket; ++i) {
     if (!lanes.points.hit[i]) continue;
-    const Finish& finish = placed_[lanes.object[i]].finishes[lanes.part[i]];
+    const Finish& finish = (*placed_[lanes.object[i]].finishes)[lanes.part[i]];
     const Vec3 direction = rays.direction(i);
     const double cos_phase = -direction.dot(request_.sun.direction) / direction.norm();
     base[i] = finish.base;

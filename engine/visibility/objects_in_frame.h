@@ -7,13 +7,17 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
+#include <span>
 #include <vector>
 
+#include "dem/detail/rocks_on_ground.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/request.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/scene/selection.h"
 #include "engine/support/packet.h"
+#include "engine/visibility/raytrace/object_group.h"
 
 namespace selenograph::engine {
 
@@ -24,18 +28,23 @@ struct ObjectLanes {
   // As terrain's are, but `triangle`; on no triangle's edge. The facet's normal is unit and faces the camera.
   SurfacePoints points;
   Shading shading;
-  std::uint16_t object[kPacket];  // of FrameRequest::objects; kNoObject
+  std::uint16_t object[kPacket];  // of FrameRequest::objects, then of the rocks; kNoObject
   std::uint32_t part[kPacket];
 };
 
 std::vector<Ball> balls_around(const std::vector<SceneObject>& objects);
+// Whether any material does.
+bool objects_emit(const std::vector<SceneObject>& objects);
 
 class ObjectsInFrame {
  public:
-  // `request` outlives it.
-  ObjectsInFrame(const FrameRequest& request, const RowViews& views);
+  // `request` outlives it. Rocks are of the terrain's material.
+  ObjectsInFrame(const FrameRequest& request, const RowViews& views, std::span<const dem::RockFeature> rocks = {},
+                 const StopToken& stop = {});
   // For rays from anywhere. What it tells of radiance is of no camera.
   explicit ObjectsInFrame(const FrameRequest& request) : ObjectsInFrame(request, nullptr) {}
+  ObjectsInFrame(const ObjectsInFrame&) = delete;
+  ObjectsInFrame& operator=(const ObjectsInFrame&) = delete;
 
   bool empty() const { return placed_.empty(); }
 
@@ -47,8 +56,6 @@ class ObjectsInFrame {
   std::uint32_t blocked(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,
                         const Vec3& sun) const;
 
-  // Whether any material emits.
-  bool emit() const;
   // Per lane, W m-2 sr-1: with the Sun, and what is left without it.
   void radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit, float* out, float* base) const;
 
@@ -68,17 +75,29 @@ class ObjectsInFrame {
     double scale;
     Ball ball;
     bool in_view;
-    std::vector<Finish> finishes;  // per part
+    const std::vector<Finish>* finishes;  // per part
     Vec3 inside(const Vec3& place) const { return object_from_moon * (place - position); }
     Vec3 from_middle(const Vec3& place) const { return object_from_moon * (place - middle); }
   };
 
+  Placed placed(const ObjectMesh& mesh, const Vec3& position_m, const Eigen::Quaterniond& moon_from_object,
+                double scale) const;
+  std::vector<Finish> finishes_of(const std::vector<Material>& materials) const;
+  void group(const Vec3& anchor_m, const StopToken& stop);
+  void look_at_rocks(const Rays& rays, double* nearest, ObjectLanes& out) const;
+  std::uint32_t blocked_by_rocks(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,
+                                 const Vec3& sun) const;
+  bool is_rock(std::uint16_t object) const { return object != kNoObject && object >= first_rock_; }
   void look(const Placed& object, std::uint16_t index, const Rays& rays, double* nearest, ObjectLanes& out) const;
   void store(const Placed& object, std::uint16_t index, std::uint32_t triangle, const Rays& rays, int lane,
              double* nearest, ObjectLanes& out) const;
 
   const FrameRequest& request_;
+  std::vector<std::vector<Finish>> finishes_;  // of each object, then of all rocks
   std::vector<Placed> placed_;
+  std::size_t first_rock_ = kNoObject;  // of those placed; they are traced together, relative to the anchor
+  std::optional<ObjectGroup> rocks_;
+  Vec3 anchor_m_ = Vec3::Zero();
   bool any_in_view_ = false, from_one_place_;
 };
 

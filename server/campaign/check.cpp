@@ -1,7 +1,6 @@
 #include "server/campaign/check.h"
 
 #include <fmt/format.h>
-#include <tbb/parallel_for_each.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -14,6 +13,7 @@
 #include <unordered_map>
 
 #include "api/negotiate.h"
+#include "dem/parallel.h"
 #include "server/campaign/campaign.h"
 #include "server/campaign/journal.h"
 #include "server/campaign/sha256.h"
@@ -96,7 +96,8 @@ class Check {
 
   void read_tars() {
     std::sort(tars_.begin(), tars_.end());
-    tbb::parallel_for_each(tars_, [&](const std::string& tar) {
+    in_parallel(tars_.size(), [&](std::size_t i) {
+      const std::string& tar = tars_[i];
       std::vector<Found> members;
       std::string why;
       try {
@@ -128,7 +129,7 @@ class Check {
         known_.insert(line.name);
       }
     }
-    tbb::parallel_for_each(lines, [&](const ManifestLine* line) { compare(*line); });
+    in_parallel(lines.size(), [&](std::size_t i) { compare(*lines[i]); });
   }
 
   void compare(const ManifestLine& line) {

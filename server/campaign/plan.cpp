@@ -1,11 +1,11 @@
 #include "server/campaign/plan.h"
 
 #include <fmt/format.h>
-#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <numeric>
 
+#include "dem/parallel.h"
 #include "server/campaign/sha256.h"
 
 namespace selenograph::server {
@@ -19,7 +19,7 @@ struct Ordered {
 Ordered ordered(const Manifest& manifest) {
   const std::vector<ManifestLine>& lines = manifest.lines();
   std::vector<std::uint64_t> keys(lines.size()), weights(lines.size());
-  tbb::parallel_for(std::size_t{0}, lines.size(), [&](std::size_t i) {
+  in_parallel(lines.size(), [&](std::size_t i) {
     const api::Json request = lines[i].problem ? api::Json() : manifest.request(lines[i]);
     keys[i] = terrain_key(request);
     weights[i] = lines[i].problem ? 1 : weight_of(request);

@@ -22,6 +22,8 @@ def setUpModule():
     os.makedirs(harness.path("assets", "details"))
     write("rough", PRESET)
     write("bad", {"craters": {"smallest_m": 20, "largest_m": 10}})
+    write("large_rocks", {"rocks": {"smallest_m": 1, "largest_m": 1}})
+    write("all_rocks", {"rocks": {"smallest_m": 0.1, "largest_m": 1, "frequency": [{"per_m2": 1, "exponent": 3}]}})
     write("dense", {"craters": {"smallest_m": 2, "largest_m": 100, "frequency": [{"per_m2": 9, "exponent": 2}]}})
 
 
@@ -160,11 +162,12 @@ class Detail(unittest.TestCase):
         error = json.loads(answer[2])["errors"][0]
         self.assertEqual(error["pointer"], "/detail")
         self.assertIn("rough", error["detail"])
-        for name, member in (("bad", "smallest_m"), ("dense", "frequency")):
+        for name, member in (("bad", "/craters/smallest_m"), ("dense", "/craters/frequency"),
+                             ("large_rocks", "/rocks/smallest_m"), ("all_rocks", "/rocks/frequency")):
             answer = self.service.frame(self.request(("radiance",), detail=name))
             self.assertGreaterEqual(answer[0], 400)
             self.assertIn(name + ".json", json.loads(answer[2])["detail"])
-            self.assertIn("/craters/" + member, json.loads(answer[2])["detail"])
+            self.assertIn(member, json.loads(answer[2])["detail"])
         self.assertEqual(self.service.frame(self.request(("radiance",), detail=3))[0], 422)
 
 

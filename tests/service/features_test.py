@@ -27,6 +27,9 @@ PRESETS = {
     "alone": {"seed": 7, "craters": {"smallest_m": 32, "largest_m": 64, "frequency": [{"per_m2": 0.01, "exponent": 2}]},
               "relief": FLAT},
     "none": {"relief": FLAT},
+    "rocky": {"seed": 9, "craters": {"smallest_m": 4, "largest_m": 100}, "rocks": {
+        "smallest_m": 0.25, "largest_m": 6, "frequency": [{"per_m2": 0.002, "exponent": 2.6607}]}},
+    "stones": {"rocks": {"smallest_m": 1, "largest_m": 8, "on_ejecta": 1}},
     "sparse": {"craters": {"smallest_m": 1, "largest_m": 100, "frequency": [{"per_m2": 1e-12, "exponent": 2}]}},
 }
 
@@ -84,6 +87,67 @@ class WithFeatures(harness.WithService):
         points = [{"lat_deg": lat, "lon_deg": lon} for lat, lon in np.asarray(places).tolist()]
         return np.array([p["height_m"] for p in self.ok_json(
             self.service.post("/v1/heights", {"points": points, "detail": detail}))["points"]], dtype=float)
+
+
+class Rocks(WithFeatures):
+    def test_what_is_answered(self):
+        box = square(LAT, LON, 400)
+        answer = self.answer("stones", box, kind="rocks")
+        rocks = answer["rocks"]
+        self.assertNotIn("craters", answer)
+        self.assertEqual(answer["smallest_m"], 1)
+        expected = 400 ** 2 * 0.0003 * (1 - 8 ** -2.482)
+        self.assertLess(abs(len(rocks) - expected), 5 * math.sqrt(expected))
+        self.assertEqual(len({r["id"] for r in rocks}), len(rocks))
+        diameters = [r["diameter_m"] for r in rocks]
+        self.assertEqual(diameters, sorted(diameters, reverse=True))
+        self.assertTrue(all(1 <= d <= 8 for d in diameters) and all(inside(r, box) and r["age_Ma"] >= 0 for r in rocks))
+        np.testing.assert_allclose([r["height_m"] for r in rocks],
+                                   self.heights([(r["lat_deg"], r["lon_deg"]) for r in rocks], "stones"), rtol=0, atol=0.02)
+        body = {"detail": "stones", "region": box, "kind": "rocks"}
+        table = list(csv.reader(io.StringIO(self.ok(self.service.post("/v1/features", body, "text/csv"), "text/csv").decode())))
+        self.assertEqual(table[0], list(rocks[0]))
+        self.assertEqual([[line[0]] + [float(x) for x in line[1:]] for line in table[1:]], [list(r.values()) for r in rocks])
+        self.assertEqual(self.answer("rough", box, kind="rocks")["rocks"], [])
+        self.assertEqual(self.answer("stones", square(40, 100, 400), kind="rocks")["rocks"], [])
+
+    def test_they_are_the_frames(self):
+        """Every pixel that sees a rock sees one of the list; every rock of some pixels in view is seen."""
+        height = 60.0
+        ground = self.heights([(LAT, LON)], "rocky")[0]
+        request = frame_request(width=256, height=256, products=["detail", "position", "object_id"])
+        request.update(detail="rocky", pose={"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": ground + height},
+                                             "nadir": {"up_azimuth_deg": 0}},
+                       camera={"width": 256, "height": 256, "fov_deg": 50})
+        archive = np.load(io.BytesIO(self.ok(self.service.frame(request, "application/x-npz"), "application/x-npz")))
+        meta = json.loads(archive["meta.json"])
+        seen = archive["detail"] == 3
+        rocks = self.answer("rocky", square(LAT, LON, 90), kind="rocks")["rocks"]
+        centres = np.array([self.position(r) for r in rocks])
+        diameters = np.array([r["diameter_m"] for r in rocks])
+        places = archive["position"][seen]
+        self.assertGreater(len(places), 100)
+        self.assertTrue((archive["object_id"] == 65535).all())
+        away = np.linalg.norm(places[:, None] - centres[None], axis=2) / diameters[None]
+        self.assertLess(away.min(axis=1).max(), 0.95)  # half as wide as the diameter, and up to 0.7 high
+        middle = np.abs(np.array([(r["lat_deg"] - LAT, r["lon_deg"] - LON) for r in rocks])).max(axis=1) * METRES_PER_DEGREE
+        large = (diameters > 4 * 2 * height * math.tan(math.radians(25)) / 256) & (middle < 20)
+        self.assertGreater(large.sum(), 5)
+        self.assertLess(away[:, large].min(axis=0).max(), 0.95)
+        self.assertEqual(meta["rocks"]["least_px"], 1)
+        self.assertAlmostEqual(meta["rocks"]["fraction"], seen.mean())
+        self.assertGreater(meta["rocks"]["number"], large.sum())
+
+    @staticmethod
+    def position(rock):
+        lat, lon, r = math.radians(rock["lat_deg"]), math.radians(rock["lon_deg"]), RADIUS_M + rock["height_m"]
+        return r * math.cos(lat) * math.cos(lon), r * math.cos(lat) * math.sin(lon), r * math.sin(lat)
+
+    def test_refusals(self):
+        body = {"detail": "rocky", "region": region(-1, 1, 29, 31), "kind": "rocks"}
+        problem = self.problem(self.service.post("/v1/features", body), 422, "/region")
+        self.assertIn("rocks of at least 0.25 m", problem["errors"][0]["detail"])
+        self.problem(self.service.post("/v1/features", {**body, "kind": "pebbles"}), 422, "/kind")
 
 
 class Features(WithFeatures):

@@ -410,7 +410,7 @@ class Shutdown(unittest.TestCase):
 
     def test_sigterm_finishes_what_runs(self):
         for stop in (signal.SIGTERM, signal.SIGINT):
-            service = Service("--max-frames", "2", "--max-image-pixels", "16000000")
+            service = Service("--max-frames", "2", "--max-image-pixels", "16000000", "--shutdown-s", "120")
             frame = self.frame_under_way(service, frame_request(width=1024, height=1024, samples=16))
             service.process.send_signal(stop)
             ready = 200

@@ -188,7 +188,7 @@ TEST_F(ColdTerrain, DeadlinesEndTheWaitAndInTheEndItIsThere) {
   };
   int asked = 0;
   for (bool there = false; !there; ++asked) {
-    ASSERT_LT(asked, 500) << "each time it begins anew";
+    ASSERT_LT(asked, 10000) << "each time it begins anew";
     const auto start = Clock::now();
     there = ask(StopToken(start + 10ms));
     EXPECT_LT(Clock::now() - start, 510ms);

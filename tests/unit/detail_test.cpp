@@ -85,7 +85,7 @@ TEST(CraterField, CountsAreThoseOfTheLaw) {
     for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k)
       for (const double lat : {-88.0, 0.0, 61.0}) {
         const double half_deg = std::ldexp(30.0, k) / kMetresPerDegree;
-        const std::vector<Crater> found = field.within(k, lat - half_deg, lat + half_deg, 20, 20 + 2 * half_deg);
+        const std::vector<Crater> found = field.within(k, {lat - half_deg, lat + half_deg, 20, 20 + 2 * half_deg});
         const double radians = 2 * half_deg * kRadiansPerDegree;
         const double area =
             kMoonRadius_m * kMoonRadius_m * radians *
@@ -108,7 +108,7 @@ TEST(CraterField, CountsAreThoseOfTheLaw) {
 
 TEST(CraterField, DiametersAgesAndDepthsAreThoseOfTheLaw) {
   const CraterField field(small_craters(9));
-  std::vector<Crater> all = field.within(3, 0, 0.15, 0, 0.15);
+  std::vector<Crater> all = field.within(3, {0, 0.15, 0, 0.15});
   ASSERT_GT(all.size(), 5000u);
   double half_way = 0, age = 0, fresh = 0, fresh_ratio = 0;
   for (const Crater& c : all) {
@@ -353,7 +353,7 @@ TEST(DetailedTerrain, CratersAreWhereTheFieldHasThem) {
   const Ground ground(27, 3, level_ground);
   const CraterField& field = ground.detailed->detail()->craters();
   int seen = 0;
-  for (const Crater& c : field.within(6, 25.5, 26.5, 3.5, 4.5)) {
+  for (const Crater& c : field.within(6, {25.5, 26.5, 3.5, 4.5})) {
     if (c.age > 0.02 || c.diameter_m < 90) continue;  // fresh and large: nothing hides it
     const Geographic g = to_geographic(c.centre * kMoonRadius_m);
     const double floor_m = ground.detailed->height(g.lat_deg, g.lon_deg).height_m;

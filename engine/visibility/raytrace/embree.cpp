@@ -107,7 +107,8 @@ bool safe_as_bundle(const RayPacket& rays) {
 }
 
 auto flags_for(const RayPacket& rays, Bundles bundles) {
-  return bundles == Bundles::always || safe_as_bundle(rays) ? kCoherent : kIncoherent;
+  const bool bundled = bundles == Bundles::always || (bundles == Bundles::where_safe && safe_as_bundle(rays));
+  return bundled ? kCoherent : kIncoherent;
 }
 
 template <typename T>
@@ -187,6 +188,14 @@ void EmbreeScene::set_triangles(std::size_t geometry, std::size_t vertex_count, 
   rtcCommitGeometry(one);
 }
 
+void EmbreeScene::set_instance(std::size_t geometry, const EmbreeScene& of, const Eigen::Affine3f& place) {
+  RTCGeometry one = impl_->start(geometry, RTC_GEOMETRY_TYPE_INSTANCE);
+  rtcSetGeometryInstancedScene(one, of.impl_->scene);
+  const Eigen::Matrix<float, 3, 4> columns = place.affine();
+  rtcSetGeometryTransform(one, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.data());
+  rtcCommitGeometry(one);
+}
+
 void EmbreeScene::build(const StopToken& stop) {
   for (std::size_t i = 0; i < impl_->geometries.size(); ++i) {
     RTCGeometry& geometry = impl_->geometries[i];
@@ -212,6 +221,7 @@ void EmbreeScene::intersect(const RayPacket& rays, RayHits& hits, Bundles bundle
   std::fill_n(found.hit.instID[0], kPacket, RTC_INVALID_GEOMETRY_ID);
   intersect16(rays.active, impl_->scene, flags_for(rays, bundles), found);
   copy(found.hit.geomID, hits.geometry), copy(found.hit.primID, hits.primitive);
+  copy(found.hit.instID[0], hits.instance);
   copy(found.hit.u, hits.u), copy(found.hit.v, hits.v), copy(found.ray.tfar, hits.distance);
   copy(found.hit.Ng_x, hits.nx), copy(found.hit.Ng_y, hits.ny), copy(found.hit.Ng_z, hits.nz);
 }

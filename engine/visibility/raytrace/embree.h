@@ -1,6 +1,7 @@
 // Embree behind one pair of files, for versions 3.13 and 4: no other file includes its headers or names its types.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -25,6 +26,7 @@ struct alignas(64) RayHits {
   static constexpr std::uint32_t kNone = ~0U;
   std::uint32_t geometry[kPacket];              // kNone: nothing, or not active; the rest is then undefined
   std::uint32_t primitive[kPacket];             // triangle of the geometry
+  std::uint32_t instance[kPacket];              // geometry of this scene that the other one's geometry is of, or kNone
   float u[kPacket], v[kPacket];                 // over the whole grid, or barycentric in a triangle
   float distance[kPacket];                      // in units of the direction's length
   float nx[kPacket], ny[kPacket], nz[kPacket];  // geometric normal, not normalised
@@ -43,8 +45,8 @@ class EmbreeScene {
   // Says which occluders don't count by setting their `valid` to 0. Called by whoever calls occluded(), often.
   using Filter = std::function<void(const Occluders&)>;
   enum class Filters { none, on_occlusion };
-  // Whether a packet is traced as one bundle: when its directions allow it, or unchecked.
-  enum class Bundles { where_safe, always };
+  // Whether a packet is traced as one bundle: when its directions allow it, unchecked, or never.
+  enum class Bundles { where_safe, always, never };
 
   // `threads` that build it, 0: all cores. Devices live as long as the process, one per number of threads.
   EmbreeScene(std::size_t geometries, int threads, Filters filters);
@@ -58,6 +60,8 @@ class EmbreeScene {
   void set_triangles(std::size_t geometry, std::size_t vertex_count, std::size_t triangle_count,
                      const std::function<void(std::span<float>)>& vertices,
                      const std::function<void(std::span<std::uint32_t>)>& triangles);
+  // Another scene, built before, which outlives this one and has as many threads.
+  void set_instance(std::size_t geometry, const EmbreeScene& of, const Eigen::Affine3f& place);
   // Builds the acceleration structure once all geometries are set, in the caller's task arena. Throws
   // std::runtime_error when that fails: for want of memory, most likely; Cancelled when `stop` says so.
   void build(const StopToken& stop = {});

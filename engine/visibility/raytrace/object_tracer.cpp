@@ -7,7 +7,7 @@
 namespace selenograph::engine {
 
 ObjectTracer::ObjectTracer(const ObjectShape& shape, const Vec3& middle, const StopToken& stop)
-    : scene_(std::make_unique<EmbreeScene>(1, 0, EmbreeScene::Filters::none)) {
+    : scene_(std::make_unique<EmbreeScene>(1, kThreads, EmbreeScene::Filters::none)) {
   scene_->set_triangles(
       0, shape.corners.size(), shape.triangles.size(),
       [&](std::span<float> out) {

@@ -16,6 +16,7 @@ namespace selenograph::engine {
 class ObjectTracer {
  public:
   static constexpr std::uint32_t kNone = ~0U;
+  static constexpr int kThreads = 0;  // of its device: all cores
 
   // `middle`: in the shape's coordinates; rays are relative to it. Throws Cancelled when `stop` says so.
   ObjectTracer(const ObjectShape& shape, const Vec3& middle, const StopToken& stop = {});
@@ -29,6 +30,7 @@ class ObjectTracer {
   void intersect(const RayPacket& rays, std::uint32_t triangle[kPacket]) const;
   // Whether each active ray meets any.
   void occluded(const RayPacket& rays, bool blocked[kPacket]) const;
+  const EmbreeScene& scene() const { return *scene_; }
 
  private:
   std::unique_ptr<EmbreeScene> scene_;

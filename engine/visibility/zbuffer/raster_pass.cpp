@@ -162,7 +162,7 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
     if (!lanes.points.hit[i]) continue;
     const std::size_t at = row.first + static_cast<std::size_t>(i);
     if (sample.weight > 0) target[at] = radiance[i], scratch_.bases[at] = base[i];
-    if (sample.count) ++counts.hit, ++counts.on_object;
+    if (sample.count) writer_.count_object(lanes.object[i], counts);
     if (sample.store) writer_.store_object(lanes, i, rays.direction(i), lit[i], at);
   }
 }

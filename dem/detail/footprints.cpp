@@ -1,0 +1,53 @@
+#include "dem/detail/footprints.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "dem/detail/size_cells.h"
+
+namespace selenograph::dem {
+
+double area_m2(const Footprint& f) {
+  return kMoonRadius_m * kMoonRadius_m * (f.east_deg - f.west_deg) * kRadiansPerDegree *
+         (std::sin(f.north_deg * kRadiansPerDegree) - std::sin(f.south_deg * kRadiansPerDegree));
+}
+
+bool holds(const Footprint& f, const Geographic& g) {
+  const double east = g.lon_deg + 360 * std::ceil((f.west_deg - g.lon_deg) / 360);
+  return g.lat_deg >= f.south_deg && g.lat_deg <= f.north_deg && east <= f.east_deg;
+}
+
+std::vector<Footprint> cut(const Footprint& region, double side_m) {
+  std::vector<Footprint> pieces;
+  const double side_deg = side_m / kMetresPerDegree;
+  const auto steps = [&](double length_deg) { return std::max(1, static_cast<int>(std::ceil(length_deg / side_deg))); };
+  const auto at = [](double low, double high, int i, int n) { return i == n ? high : low + (high - low) * i / n; };
+  const int rows = steps(region.north_deg - region.south_deg);
+  for (int r = 0; r < rows; ++r) {
+    Footprint box = region;
+    box.south_deg = at(region.south_deg, region.north_deg, r, rows);
+    box.north_deg = at(region.south_deg, region.north_deg, r + 1, rows);
+    const double nearest_deg = box.south_deg > 0 ? box.south_deg : std::max(0.0, -box.north_deg);
+    const int columns = steps((region.east_deg - region.west_deg) * std::cos(nearest_deg * kRadiansPerDegree));
+    for (int c = 0; c < columns; ++c) {
+      box.west_deg = at(region.west_deg, region.east_deg, c, columns);
+      box.east_deg = at(region.west_deg, region.east_deg, c + 1, columns);
+      pieces.push_back(box);
+    }
+  }
+  return pieces;
+}
+
+double cells_of(int smallest_octave, int largest_octave, const Footprint& region, double smallest_m) {
+  // As a rectangle, with those that are drawn for the pieces' margins.
+  const double height_m = (region.north_deg - region.south_deg) * kMetresPerDegree,
+               width_m = area_m2(region) / height_m;
+  double cells = 0;
+  for (int k = std::max(smallest_octave, octave_of(smallest_m)); k <= largest_octave; ++k) {
+    const double side_m = std::ldexp(SizeCells::kCellDiameters, k);
+    cells += (height_m / side_m + 2) * (width_m / side_m + 2);
+  }
+  return cells;
+}
+
+}  // namespace selenograph::dem

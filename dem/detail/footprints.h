@@ -1,0 +1,22 @@
+// Regions in degrees: what lies in one, and its pieces. `east_deg` may exceed 180.
+#pragma once
+
+#include <vector>
+
+#include "dem/geodesy.h"
+#include "dem/raster_info.h"
+
+namespace selenograph::dem {
+
+double area_m2(const Footprint& region);  // on the sphere of 1 737 400 m
+
+// Its borders belong to it.
+bool holds(const Footprint& region, const Geographic& place);
+
+// Its pieces, whose sides are no longer than this, on the sphere.
+std::vector<Footprint> cut(const Footprint& region, double side_m);
+
+// How many of SizeCells' cells have to be drawn to find what is in a region, of some octaves and at least as large.
+double cells_of(int smallest_octave, int largest_octave, const Footprint& region, double smallest_m);
+
+}  // namespace selenograph::dem

@@ -1,0 +1,67 @@
+#include "dem/detail/rock_field.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "dem/detail/footprints.h"
+
+namespace selenograph::dem {
+namespace {
+
+// So that rocks aren't where craters of the same seed are.
+constexpr std::uint64_t kRocks = 0x9e3779b97f4a7c15;
+// Less than that is none, and so is what is so many radii away.
+constexpr double kLeast = 0.01, kFarthest = 4;
+
+}  // namespace
+
+SizeFrequency rocks_of_viper() { return {{{0.0003, 2.482}}}; }
+SizeFrequency rocks_of_haworth() { return {{{0.002, 2.6607}}}; }
+
+RockField::RockField(const RockLaw& law)
+    : law_(law),
+      cells_(law.seed ^ kRocks, law.frequency, law.smallest_m, law.largest_m, std::max(1.0, law.on_ejecta)) {}
+
+double RockField::enriched(double age_Ma, double radii) const {
+  if (radii > kFarthest) return 0;
+  const double outward = std::max(1.0, radii);
+  return std::exp2(-age_Ma / law_.half_life_Ma) / (outward * outward * outward);
+}
+
+std::vector<FreshCrater> RockField::fresh(const CraterField& craters, int past_largest_crater, const Vec3& direction,
+                                          double radius_m) const {
+  std::vector<FreshCrater> fresh;
+  if (empty() || law_.on_ejecta <= 1) return fresh;
+  std::vector<Crater> near;
+  const int first = std::max(craters.smallest_octave(), octave_of(law_.smallest_crater_m));
+  for (int k = first; k <= std::min(craters.largest_octave(), past_largest_crater - 1); ++k)
+    craters.near(k, direction, radius_m + kFarthest * craters.largest_m(k) / 2, near);
+  for (const Crater& c : near)
+    if (c.diameter_m >= law_.smallest_crater_m && enriched(c.age_Ma, 1) >= kLeast)
+      fresh.push_back({c.centre, c.diameter_m / 2, c.age_Ma});
+  return fresh;
+}
+
+void RockField::within(int octave, const Footprint& box, std::span<const FreshCrater> fresh,
+                       std::vector<Rock>& out) const {
+  if (empty()) return;
+  const double most = std::max(1.0, law_.on_ejecta);
+  // All that could be there are drawn, of which those stay that the place is dense enough for.
+  cells_.in_box(octave, box, [&](Draws& draws, const Vec3& centre, double diameter_m) {
+    const double rank = draws.uniform() * most, survived = draws.uniform();
+    Rock rock{centre, diameter_m, 0, draws.bits(), draws.bits()};
+    if (rank <= 1) {
+      rock.age_Ma = -law_.half_life_Ma * std::log2(survived);
+    } else {
+      double highest = 0;
+      for (const FreshCrater& crater : fresh) {
+        const double here = enriched(crater.age_Ma, (centre - crater.centre).norm() * kMoonRadius_m / crater.radius_m);
+        if (here > highest) highest = here, rock.age_Ma = crater.age_Ma;
+      }
+      if (highest * (most - 1) < rank - 1) return;
+    }
+    if (holds(box, to_geographic(centre * kMoonRadius_m))) out.push_back(rock);
+  });
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,84 @@
+#include "dem/detail/size_cells.h"
+
+#include <xxhash.h>
+
+#include <limits>
+
+namespace selenograph::dem {
+namespace {
+
+using std::numbers::pi;
+
+// Beyond what a Poisson number of a cell's mean ever is: at the densest laws some 4 are expected.
+constexpr int kMostInCell = 4096;
+
+}  // namespace
+
+double SizeFrequency::above(double diameter_m) const {
+  double fewest = std::numeric_limits<double>::infinity();
+  for (const Power& law : laws) fewest = std::min(fewest, law.per_m2 * std::pow(diameter_m, -law.exponent));
+  return laws.empty() ? 0 : fewest;
+}
+
+std::uint64_t Draws::bits() {
+  ++key_.index;
+  return XXH3_64bits(&key_, sizeof key_);
+}
+
+double Draws::normal() {
+  const double a = uniform(), b = uniform();
+  return std::sqrt(-2 * std::log(a)) * std::cos(2 * pi * b);
+}
+
+int Draws::poisson(double mean) {
+  double left = uniform(), probability = std::exp(-mean);
+  int n = 0;
+  while (left > probability && n < kMostInCell) {
+    left -= probability;
+    probability *= mean / ++n;
+  }
+  return n;
+}
+
+int SizeCells::Cells::columns(int row) const {
+  const double widest = std::cos(std::min(std::abs(south(row)), std::abs(south(row + 1))));
+  return std::max(1, static_cast<int>(std::lround(2.0 * rows * widest)));
+}
+
+int SizeCells::Cells::row_at(double latitude) const {
+  return std::clamp(static_cast<int>(std::floor((latitude / pi + 0.5) * rows)), 0, rows - 1);
+}
+
+double SizeCells::Cells::diameter_m(double uniform) const {
+  const double share = 1 - std::pow(smallest_m / largest_m, exponent);
+  return smallest_m * std::pow(1 - uniform * share, -1 / exponent);
+}
+
+double SizeCells::Cells::expected(int row) const {
+  const double low = std::sin(south(row)), high = std::sin(south(row + 1)), width = 2 * pi / columns(row);
+  return per_m2 * kMoonRadius_m * kMoonRadius_m * width * (high - low);
+}
+
+SizeCells::SizeCells(std::uint64_t seed, SizeFrequency frequency, double smallest_m, double largest_m, double times)
+    : seed_(seed),
+      frequency_(std::move(frequency)),
+      smallest_m_(smallest_m),
+      largest_m_(largest_m),
+      times_(times),
+      smallest_octave_(octave_of(smallest_m)),
+      largest_octave_(static_cast<int>(std::ceil(std::log2(largest_m))) - 1) {}
+
+SizeCells::Cells SizeCells::cells_of(int octave) const {
+  Cells cells;
+  cells.octave = octave;
+  cells.rows = std::max(3, static_cast<int>(std::floor(pi * kMoonRadius_m / std::ldexp(kCellDiameters, octave))));
+  cells.smallest_m = std::max(smallest_m_, std::ldexp(1.0, octave));
+  cells.largest_m = largest_m(octave);
+  if (cells.smallest_m >= cells.largest_m) return cells;
+  const double more = frequency_.above(cells.smallest_m), fewer = frequency_.above(cells.largest_m);
+  cells.per_m2 = times_ * (more - fewer);
+  cells.exponent = std::log(more / fewer) / std::log(cells.largest_m / cells.smallest_m);
+  return cells;
+}
+
+}  // namespace selenograph::dem

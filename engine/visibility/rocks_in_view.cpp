@@ -1,0 +1,154 @@
+#include "engine/visibility/rocks_in_view.h"
+
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+#include <span>
+
+#include "dem/detail/detail.h"
+#include "dem/parallel.h"
+#include "engine/scene/node_bounds.h"
+
+namespace selenograph::engine {
+namespace {
+
+// The octave whose rocks are looked for in blocks of a level, which are some 60 of its smallest diameters wide; those
+// that are smaller yet in the finest blocks.
+constexpr int kLevelOfOctave0 = 15;
+int level_of(int octave) { return std::min(kLevelOfOctave0 - octave, dem::kMaxLevel); }
+
+dem::Footprint footprint_of(const dem::BlockId& id) {
+  const dem::BlockExtent e = dem::extent_of(id);
+  return {dem::lat_deg_of(e.lat0), dem::lat_deg_of(e.lat1()), dem::lon_deg_of(e.lon0), dem::lon_deg_of(e.lon1())};
+}
+
+class Finder {
+ public:
+  Finder(const dem::Terrain& terrain, const RowViews& views, const Sun* sun, const StopToken& stop)
+      : terrain_(terrain), views_(views), survey_(terrain), stop_(stop) {
+    if (!sun) return;
+    constexpr double kFlattest = 0.03;  // sine of the Sun's elevation, below which shadows aren't followed
+    toward_sun_ = sun->direction, flattest_ = kFlattest;
+  }
+
+  std::vector<dem::RockFeature> find(const std::vector<dem::BlockId>& blocks, double least_px) {
+    least_px_ = least_px;
+    pieces_.clear();
+    for (const dem::BlockId& id : blocks) {
+      stop_.check();
+      const dem::NodeInfo info = terrain_.node(id, stop_);
+      if (!info.empty) look_into(id, id.level, info);
+    }
+    std::vector<dem::RockFeature> all;
+    std::mutex mutex;
+    in_parallel_pieces(pieces_.size(), 4, [&](std::size_t first, std::size_t past_last) {
+      std::vector<dem::RockFeature> some;
+      for (std::size_t i = first; i < past_last; ++i) {
+        stop_.check();
+        survey_.add(pieces_[i].octave, pieces_[i].box, pieces_[i].smallest_m, some, stop_);
+      }
+      some.erase(std::remove_if(some.begin(), some.end(), [&](const auto& rock) { return !shown(rock); }), some.end());
+      const std::lock_guard lock(mutex);
+      all.insert(all.end(), some.begin(), some.end());
+    });
+    dem::sort_rocks(all);
+    return all;
+  }
+
+ private:
+  struct Piece {
+    int octave;
+    dem::Footprint box;
+    double smallest_m;
+  };
+
+  // Of a part of a block: its terrain is a column, which may be much higher than wide.
+  double pixels_per_metre(const NodeBounds& bounds) const {
+    double most = 0;
+    for (const ViewBundle& bundle : views_.bundles()) {
+      const Vec3& camera = bundle.view.position();
+      const Vec3 axis = bounds.centre.normalized(), toward = camera.normalized();
+      double wide = 0;  // of directions from the Moon's centre
+      for (const Vec3& p : bounds.points) wide = std::max(wide, (p.normalized() - axis).norm());
+      // No nearer than the column is beside the camera, nor than it is beneath it.
+      const double beside = std::max(0.0, std::min(1.0, (toward - axis).norm()) - 1.01 * wide);
+      const double nearest_m = std::max(camera.norm() * beside * (1 - beside * beside / 4),
+                                        camera.norm() - kMoonRadius_m - bounds.high_m - bounds.bulge_m);
+      most = std::max(most, std::min(bundle.pixels_per_metre_from(nearest_m),
+                                     bundle.pixels_per_metre(bounds.centre, bounds.radius_m)));
+    }
+    return most;
+  }
+
+  double pixels_per_metre(const Vec3& place) const {
+    double most = 0;
+    for (const ViewBundle& view : views_.bundles()) most = std::max(most, view.pixels_per_metre(place, 0));
+    return most;
+  }
+
+  bool may_see(std::span<const Vec3> points, double margin_m) const {
+    return std::any_of(views_.bundles().begin(), views_.bundles().end(),
+                       [&](const ViewBundle& view) { return view.may_see(points, margin_m); });
+  }
+
+  // How far a rock's shadow reaches on ground that isn't steep.
+  double shadow_m(const Vec3& place, double diameter_m) const {
+    if (flattest_ == 0) return 0;
+    const double sine = toward_sun_.dot(place.normalized());
+    return sine <= -flattest_ ? 0 : diameter_m / std::max(flattest_, sine);
+  }
+
+  // A part of a chosen block, or all of it: its terrain lies between the block's heights.
+  void look_into(const dem::BlockId& id, int chosen_level, const dem::NodeInfo& info) {
+    const dem::RockField& field = survey_.field();
+    const NodeBounds bounds = bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
+    const double sharpest = pixels_per_metre(bounds), smallest_m = least_px_ / sharpest;
+    if (!(field.law().largest_m >= smallest_m)) return;
+    if (!may_see(bounds.points,
+                 bounds.bulge_m + 2 * field.law().largest_m + shadow_m(bounds.centre, field.law().largest_m)))
+      return;
+    bool finer = false;
+    for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
+      if (field.largest_m(k) < smallest_m) continue;
+      const int level = level_of(k);
+      if (level == id.level || (level < id.level && id.level == chosen_level)) {
+        if (may_see(bounds.points,
+                    bounds.bulge_m + 2 * field.largest_m(k) + shadow_m(bounds.centre, field.largest_m(k))))
+          pieces_.push_back({k, footprint_of(id), smallest_m});
+      }
+      finer |= level > id.level;
+    }
+    if (!finer) return;
+    for (const dem::BlockId& child : dem::children_of(id)) look_into(child, chosen_level, info);
+  }
+
+  bool shown(const dem::RockFeature& rock) const {
+    const double diameter_m = rock.rock.diameter_m;
+    return diameter_m * pixels_per_metre(rock.position_m) >= least_px_ &&
+           may_see({&rock.position_m, 1}, diameter_m + shadow_m(rock.position_m, diameter_m));
+  }
+
+  const dem::Terrain& terrain_;
+  const RowViews& views_;
+  const dem::RockSurvey survey_;
+  const StopToken& stop_;
+  Vec3 toward_sun_ = Vec3::Zero();
+  double flattest_ = 0;  // 0: no shadows
+  double least_px_ = 0;
+  std::vector<Piece> pieces_;
+};
+
+}  // namespace
+
+RocksInView rocks_in_view(const dem::Terrain& terrain, const RowViews& views, const Sun* sun,
+                          const std::vector<dem::BlockId>& blocks, double max_error_px, const StopToken& stop) {
+  RocksInView found;
+  if (!terrain.detail() || terrain.detail()->rocks().empty()) return found;
+  Finder finder(terrain, views, sun, stop);
+  for (found.least_px = std::max(kLeastRock_px, 2 * max_error_px);; found.least_px *= 2) {
+    found.rocks = finder.find(blocks, found.least_px);
+    if (found.rocks.size() <= kMostRocks) return found;
+  }
+}
+
+}  // namespace selenograph::engine

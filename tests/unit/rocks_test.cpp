@@ -1,0 +1,285 @@
+// Rocks: against the law that they are drawn by, and in frames against rays in double past every triangle.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+
+#include "dem/detail/detail.h"
+#include "dem/detail/footprints.h"
+#include "dem/detail/rocks_on_ground.h"
+#include "engine/camera/view.h"
+#include "engine/renderer.h"
+#include "engine/visibility/object_mesh.h"
+#include "engine/visibility/objects_in_frame.h"
+#include "engine/visibility/rock_shapes.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+
+namespace selenograph {
+namespace {
+
+using test::open_terrain;
+using test::TemporaryFolder;
+using test::write_float_tile;
+
+dem::Footprint square(double lat_deg, double lon_deg, double side_m) {
+  const double half_deg = side_m / 2 / kMetresPerDegree, beside_deg = half_deg / std::cos(lat_deg * kRadiansPerDegree);
+  return {lat_deg - half_deg, lat_deg + half_deg, lon_deg - beside_deg, lon_deg + beside_deg};
+}
+
+dem::RockLaw law_of(std::uint64_t seed, double on_ejecta) {
+  dem::RockLaw law;
+  law.seed = seed, law.frequency = dem::rocks_of_viper();
+  law.smallest_m = 0.1, law.largest_m = 6, law.on_ejecta = on_ejecta;
+  return law;
+}
+
+TEST(RockField, CountsAreThoseOfTheLaw) {
+  double chi2 = 0;
+  int degrees = 0;
+  for (const std::uint64_t seed : {1, 2, 3, 4})
+    for (const double on_ejecta : {1.0, 5.0}) {
+      const dem::RockField field(law_of(seed, on_ejecta));
+      for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k)
+        for (const double lat : {-88.0, 0.0, 61.0}) {
+          const dem::Footprint box = square(lat, 20, std::ldexp(600.0, k));
+          std::vector<dem::Rock> found;
+          field.within(k, box, {}, found);
+          const double low = std::max(0.1, std::ldexp(1.0, k)), high = std::min(6.0, std::ldexp(2.0, k));
+          const auto above = [](double m) { return 0.0003 * std::pow(m, -2.482); };
+          const double expected = dem::area_m2(box) * (above(low) - above(high));
+          chi2 += std::pow(static_cast<double>(found.size()) - expected, 2) / expected;
+          ++degrees;
+          for (const dem::Rock& rock : found) {
+            ASSERT_GE(rock.diameter_m, low);
+            ASSERT_LE(rock.diameter_m, high);
+            ASSERT_TRUE(dem::holds(box, to_geographic(rock.centre * kMoonRadius_m)));
+          }
+        }
+    }
+  ASSERT_GT(degrees, 100);
+  EXPECT_NEAR(chi2, degrees, 5 * std::sqrt(2.0 * degrees));
+}
+
+TEST(RockField, TheSameRocksFromPiecesOfARegion) {
+  dem::CraterLaw with_craters;
+  with_craters.smallest_m = 16, with_craters.largest_m = 200;
+  const dem::CraterField craters(with_craters);
+  const dem::RockField field(law_of(7, 5));
+  for (const dem::Footprint& box : {square(26, 3, 300), square(-75.5, 180, 300), square(89.99, 0, 300)}) {
+    std::vector<dem::Rock> whole, pieces;
+    const auto fresh_of = [&](const dem::Footprint& some, double radius_m) {
+      const Geographic middle{(some.south_deg + some.north_deg) / 2, (some.west_deg + some.east_deg) / 2, 0};
+      return field.fresh(craters, 100, to_cartesian(middle).normalized(), radius_m);
+    };
+    field.within(-1, box, fresh_of(box, 250), whole);
+    for (const dem::Footprint& piece : dem::cut(box, 37)) field.within(-1, piece, fresh_of(piece, 40), pieces);
+    const auto ids = [](const std::vector<dem::Rock>& rocks) {
+      std::set<std::uint64_t> all;
+      for (const dem::Rock& rock : rocks) all.insert(rock.id);
+      return all;
+    };
+    ASSERT_GT(whole.size(), 50U);
+    EXPECT_EQ(ids(whole), ids(pieces));
+  }
+}
+
+// Around a crater of known age, ring by ring: 1 + (on_ejecta - 1) enriched() times as many as elsewhere.
+TEST(RockField, FreshCratersHaveMore) {
+  dem::CraterLaw with_craters;
+  with_craters.smallest_m = 64, with_craters.largest_m = 128;
+  const dem::CraterField craters(with_craters);
+  dem::RockLaw law = law_of(3, 9);
+  law.frequency = {{{0.02, 2.4}}};
+  const dem::RockField field(law);
+  EXPECT_EQ(field.enriched(0, 0.5), 1);
+  EXPECT_NEAR(field.enriched(0, 2), 1.0 / 8, 1e-12);
+  EXPECT_NEAR(field.enriched(60, 1), 0.5, 1e-12);
+  EXPECT_EQ(field.enriched(0, 5), 0);
+  const dem::Footprint region = square(10, 20, 900);
+  std::vector<dem::Crater> all, fresh;
+  craters.near(6, to_cartesian({10, 20, 0}).normalized(), 900, all);
+  for (const dem::Crater& c : all)
+    if (field.enriched(c.age_Ma, 1) >= 0.01) fresh.push_back(c);
+  std::vector<dem::Rock> rocks;
+  field.within(-1, region, field.fresh(craters, 100, to_cartesian({10, 20, 0}).normalized(), 900), rocks);
+  // What the law expects of each rock's place: thinned so, they are uniform.
+  double expected_fresh = 0, found_fresh = 0;
+  const double per_m2 = law.frequency.above(0.5) - law.frequency.above(1);
+  constexpr int kPlaces = 150;
+  const auto enriched_at = [&](const Vec3& place) {
+    double most = 0;
+    for (const dem::Crater& c : fresh)
+      most = std::max(most, field.enriched(c.age_Ma, (place - c.centre).norm() * kMoonRadius_m / c.diameter_m * 2));
+    return most;
+  };
+  double fresh_area = 0, area = 0;
+  for (int r = 0; r < kPlaces; ++r)
+    for (int c = 0; c < kPlaces; ++c) {
+      const double lat = std::lerp(region.south_deg, region.north_deg, (r + 0.5) / kPlaces),
+                   lon = std::lerp(region.west_deg, region.east_deg, (c + 0.5) / kPlaces);
+      const double enriched = enriched_at(to_cartesian({lat, lon, 0}).normalized());
+      const double cell_m2 = dem::area_m2(region) / kPlaces / kPlaces;
+      area += cell_m2;
+      if (enriched > 0.2) fresh_area += cell_m2, expected_fresh += cell_m2 * per_m2 * (1 + 8 * enriched);
+    }
+  for (const dem::Rock& rock : rocks) found_fresh += enriched_at(rock.centre) > 0.2;
+  ASSERT_GT(fresh_area, area / 1000);
+  ASSERT_GT(expected_fresh, 200);
+  ASSERT_GT(expected_fresh, 2 * fresh_area * per_m2);
+  EXPECT_NEAR(found_fresh, expected_fresh, 4 * std::sqrt(expected_fresh) + 0.02 * expected_fresh);
+}
+
+TEST(RockShapes, AreClosedAndOfTheirSize) {
+  for (const auto& mesh : engine::rock_shapes()) {
+    const engine::ObjectShape& shape = mesh->shape();
+    std::set<std::pair<std::uint32_t, std::uint32_t>> edges;
+    double volume = 0;
+    for (const engine::ObjectTriangle& t : shape.triangles) {
+      for (std::size_t i = 0; i < 3; ++i) ASSERT_TRUE(edges.emplace(t.corner[i], t.corner[(i + 1) % 3]).second);
+      volume += shape.place(t, 0).dot(shape.place(t, 1).cross(shape.place(t, 2))) / 6;
+    }
+    for (const auto& [a, b] : edges) ASSERT_TRUE(edges.contains({b, a}));
+    EXPECT_GT(volume, 0.1);
+    double wide = 0, high = 0, low = 0;
+    for (const auto& a : shape.corners) {
+      const Vec3 place = shape.place(a);
+      high = std::max(high, place.z()), low = std::min(low, place.z());
+      for (const auto& b : shape.corners) wide = std::max(wide, (place - shape.place(b)).head<2>().norm());
+    }
+    EXPECT_NEAR(wide, 1, 1e-5);
+    EXPECT_GE(high, 0.5 - 1e-5);
+    EXPECT_LE(high, 0.7 + 1e-5);
+    EXPECT_NEAR(low, -high / 3, 1e-5);
+  }
+}
+
+// --- in frames
+
+class RocksInFrames : public testing::Test {
+ protected:
+  static constexpr double kLat = 10.25, kLon = 20.25;
+
+  RocksInFrames() {
+    write_float_tile(folder_.path(), "hill", {10.5, 20, 128, 65, 65},
+                     [](double lat, double lon) { return 100 + 30 * std::sin(900 * lat) + 20 * std::cos(1100 * lon); });
+    terrain_ = open_terrain(folder_.path());
+    dem::DetailPreset preset;
+    preset.craters.smallest_m = 2, preset.craters.largest_m = 100;
+    preset.rocks = law_of(5, 5);
+    preset.rocks.frequency = dem::rocks_of_haworth();
+    detail_ = std::make_shared<const dem::Detail>(preset);
+    renderer_ = std::make_unique<engine::Renderer>(terrain_, engine::RendererOptions{1, std::size_t{256} << 20});
+  }
+
+  engine::FrameRequest request(double height_m, int side) const {
+    engine::FrameRequest request;
+    request.camera.width = request.camera.height = side;
+    request.camera.fx = request.camera.fy = side, request.camera.cx = request.camera.cy = (side - 1) / 2.0;
+    const double ground_m = renderer_->terrain_with(detail_)->height(kLat, kLon).height_m;
+    request.pose.position_m = to_cartesian({kLat, kLon, ground_m + height_m});
+    const EastNorthUp axes = local_axes(request.pose.position_m);
+    Eigen::Matrix3d camera;  // nadir, north up, tilted a little
+    camera.col(0) = axes.east, camera.col(1) = -axes.north, camera.col(2) = -axes.up;
+    request.pose.camera_from_moon = (Eigen::Quaterniond(camera) * Eigen::AngleAxisd(0.3, Vec3::UnitX())).conjugate();
+    request.sun.direction = (std::sin(0.4) * axes.up + std::cos(0.4) * axes.east).normalized();
+    request.detail = detail_;
+    request.products = engine::kDetail | engine::kPosition | engine::kLit | engine::kObjectId | engine::kRange;
+    return request;
+  }
+
+  TemporaryFolder folder_;
+  std::shared_ptr<dem::Terrain> terrain_;
+  std::shared_ptr<const dem::Detail> detail_;
+  std::unique_ptr<engine::Renderer> renderer_;
+};
+
+struct Placed {
+  Vec3 position;
+  Eigen::Matrix3d turned;  // with the diameter
+  const engine::ObjectMesh* mesh;
+  double radius_m;
+
+  // The nearest triangle from `from` on, in double; its distance.
+  double meet(const Vec3& from, const Vec3& direction, double nearest) const {
+    const Vec3 to = position - from;
+    const double along = to.dot(direction);
+    if ((to - along * direction).norm() > radius_m || along < -radius_m || along - radius_m > nearest) return nearest;
+    const engine::ObjectShape& shape = mesh->shape();
+    for (const engine::ObjectTriangle& t : shape.triangles) {
+      const Vec3 a = position + turned * shape.place(t, 0), ab = position + turned * shape.place(t, 1) - a,
+                 ac = position + turned * shape.place(t, 2) - a;
+      const Vec3 p = direction.cross(ac), s = from - a, q = s.cross(ab);
+      const double det = ab.dot(p), u = s.dot(p) / det, v = direction.dot(q) / det, d = ac.dot(q) / det;
+      if (u >= 0 && v >= 0 && u + v <= 1 && d > 1e-4 * radius_m && d < nearest) nearest = d;
+    }
+    return nearest;
+  }
+};
+
+TEST_F(RocksInFrames, AreWhereTheListHasThem) {
+  engine::FrameRequest asked = request(40, 192);
+  asked.accuracy.max_error_px = 0.5;
+  const auto detailed = renderer_->terrain_with(detail_);
+  const dem::RockSurvey survey(*detailed);
+  const engine::View view(asked.camera, asked.pose);
+  std::vector<Placed> rocks;
+  for (const dem::RockFeature& rock : survey.within(square(kLat, kLon, 260), 0.1, {})) {
+    if (rock.rock.diameter_m * view.pixels_per_metre(rock.position_m, 0) < 1) continue;
+    const engine::RockPose pose = engine::rock_pose(rock.rock.form, rock.up);
+    const engine::ObjectMesh& mesh = *engine::rock_shapes()[pose.shape];
+    rocks.push_back(
+        {rock.position_m, rock.rock.diameter_m * pose.moon_from_rock.toRotationMatrix(), &mesh, rock.rock.diameter_m});
+  }
+  ASSERT_GT(rocks.size(), 300U);
+  for (const engine::Visibility visibility : {engine::Visibility::zbuffer, engine::Visibility::raytrace}) {
+    asked.visibility = visibility;
+    const engine::Frame frame = renderer_->render(asked);
+    EXPECT_EQ(frame.report.visibility, visibility);
+    EXPECT_EQ(frame.report.least_rock_px, 1);
+    EXPECT_GT(frame.report.rocks, 100U);
+    engine::FrameRequest without = asked;
+    dem::DetailPreset preset = detail_->preset();
+    preset.rocks = {}, preset.fingerprint = 1;
+    without.detail = std::make_shared<const dem::Detail>(preset);
+    const engine::Frame ground = renderer_->render(without);
+    EXPECT_EQ(ground.report.rocks, 0U);
+    std::size_t on_rocks = 0, wrong = 0, shaded = 0, wrong_light = 0, asked_light = 0;
+    const Vec3 eye = asked.pose.position_m;
+    for (std::size_t i = 0; i < frame.products.detail.size(); ++i) {
+      const auto at = [&](const engine::Frame& f) {
+        return Vec3(f.products.position[3 * i], f.products.position[3 * i + 1], f.products.position[3 * i + 2]);
+      };
+      const bool rock = frame.products.detail[i] == 3;
+      on_rocks += rock;
+      EXPECT_EQ(frame.products.object_id[i], engine::kNoObject);
+      const Vec3 there = at(ground), direction = (there - eye).normalized();
+      double nearest = (there - eye).norm();
+      for (const Placed& one : rocks) nearest = one.meet(eye, direction, nearest);
+      const bool meant = nearest < (there - eye).norm();
+      if (meant != rock || std::abs(nearest - frame.products.range[i]) > 1e-4) ++wrong;
+      // Shadows: of the ground that is lit without rocks.
+      if (rock || ground.products.lit[i] == 0 || i % 3 != 0) continue;
+      ++asked_light;
+      const double free = std::numeric_limits<double>::infinity();
+      double blocked = free;
+      for (const Placed& one : rocks) blocked = std::min(blocked, one.meet(there, asked.sun.direction, blocked));
+      shaded += frame.products.lit[i] == 0;
+      wrong_light += (frame.products.lit[i] == 0) != (blocked < free);
+    }
+    fmt::print("{} rocks in view of {}: {} pixels see one, {} of {} lie in a rock's shadow; wrong: {} and {}\n",
+               frame.report.rocks, rocks.size(), on_rocks, shaded, asked_light, wrong, wrong_light);
+    EXPECT_GT(on_rocks, 300U);
+    EXPECT_GT(shaded, 100U);
+    EXPECT_NEAR(frame.report.rock_fraction, static_cast<double>(on_rocks) / 192 / 192, 1e-12);
+    // Float chooses the triangle: a line of sight along an outline may miss what it touches.
+    EXPECT_LE(wrong, 2U);
+    EXPECT_LE(wrong_light, 2U);
+  }
+}
+
+}  // namespace
+}  // namespace selenograph
