@@ -6,6 +6,7 @@
 #include <span>
 
 #include "dem/detail/detail.h"
+#include "dem/detail/footprints.h"
 #include "dem/parallel.h"
 #include "engine/scene/node_bounds.h"
 
@@ -31,7 +32,8 @@ class Finder {
     toward_sun_ = sun->direction, flattest_ = kFlattest;
   }
 
-  std::vector<dem::RockFeature> find(const std::vector<dem::BlockId>& blocks, double least_px) {
+  // Where they may be that are at least so large; answers about how many there are.
+  double look_for(const std::vector<dem::BlockId>& blocks, double least_px) {
     least_px_ = least_px;
     pieces_.clear();
     for (const dem::BlockId& id : blocks) {
@@ -39,6 +41,19 @@ class Finder {
       const dem::NodeInfo info = terrain_.node(id, stop_);
       if (!info.empty) look_into(id, id.level, info);
     }
+    const dem::RockField& field = survey_.field();
+    const dem::SizeFrequency& above = field.law().frequency;
+    double expected = 0;
+    for (const Piece& piece : pieces_) {
+      const double largest_m = field.largest_m(piece.octave),
+                   smallest_m = std::max({piece.smallest_m, std::ldexp(1.0, piece.octave), field.law().smallest_m});
+      if (smallest_m < largest_m)
+        expected += dem::area_m2(piece.box) * (above.above(smallest_m) - above.above(largest_m));
+    }
+    return expected;
+  }
+
+  std::vector<dem::RockFeature> found() const {
     std::vector<dem::RockFeature> all;
     std::mutex mutex;
     in_parallel_pieces(pieces_.size(), 4, [&](std::size_t first, std::size_t past_last) {
@@ -100,6 +115,7 @@ class Finder {
 
   // A part of a chosen block, or all of it: its terrain lies between the block's heights.
   void look_into(const dem::BlockId& id, int chosen_level, const dem::NodeInfo& info) {
+    stop_.check();
     const dem::RockField& field = survey_.field();
     const NodeBounds bounds = bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
     const double sharpest = pixels_per_metre(bounds), smallest_m = least_px_ / sharpest;
@@ -146,7 +162,10 @@ RocksInView rocks_in_view(const dem::Terrain& terrain, const RowViews& views, co
   if (!terrain.detail() || terrain.detail()->rocks().empty()) return found;
   Finder finder(terrain, views, sun, stop);
   for (found.least_px = std::max(kLeastRock_px, 2 * max_error_px);; found.least_px *= 2) {
-    found.rocks = finder.find(blocks, found.least_px);
+    // Pieces reach beyond the view: far too many of theirs aren't put onto the ground to be counted.
+    constexpr double kFarTooMany = 8;
+    if (finder.look_for(blocks, found.least_px) > kFarTooMany * kMostRocks) continue;
+    found.rocks = finder.found();
     if (found.rocks.size() <= kMostRocks) return found;
   }
 }
