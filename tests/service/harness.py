@@ -129,8 +129,8 @@ class Service:
         self.host, self.port = found[1].strip("[]"), int(found[2])
 
     def log_text(self):
-        self.log.seek(0)
-        return self.log.read().decode(errors="replace")
+        # Without moving the file's offset, which is the service's as well: it would write where a seek has put it.
+        return os.pread(self.log.fileno(), os.fstat(self.log.fileno()).st_size, 0).decode(errors="replace")
 
     def connect(self, timeout=PATIENCE_S):
         return http.client.HTTPConnection(self.host, self.port, timeout=timeout)
