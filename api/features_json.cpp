@@ -49,6 +49,21 @@ constexpr FeatureColumn<RockFeature> kRockColumns[] = {
      [](const RockFeature& f) { return f.rock.diameter_m; }},
     {"age_Ma", "since it lies there", [](const RockFeature& f) { return f.rock.age_Ma; }}};
 
+// Whose members are asked for.
+struct Population {
+  std::string_view name;
+  double smallest_m, largest_m;
+  int smallest_octave, largest_octave;
+};
+Population population_of(const FeaturesQuery& query) {
+  const dem::Detail& detail = *query.detail.content;
+  const auto of = [](std::string_view name, const auto& field) {
+    return Population{name, field.law().smallest_m, field.law().largest_m, field.smallest_octave(),
+                      field.largest_octave()};
+  };
+  return query.kind == FeatureKind::rocks ? of("rocks", detail.rocks()) : of("craters", detail.craters());
+}
+
 // How many there may be from a diameter on, and in how many cells they are looked for.
 double expected(const FeaturesQuery& query, double diameter_m) {
   return query.kind == FeatureKind::rocks
@@ -56,24 +71,15 @@ double expected(const FeaturesQuery& query, double diameter_m) {
              : dem::expected_craters(query.detail.content->craters(), query.region(), diameter_m);
 }
 double cells(const FeaturesQuery& query, double diameter_m) {
-  const dem::Detail& detail = *query.detail.content;
-  return query.kind == FeatureKind::rocks
-             ? dem::cells_of(detail.rocks().smallest_octave(), detail.rocks().largest_octave(), query.region(),
-                             diameter_m)
-             : dem::cells_of(detail.craters().smallest_octave(), detail.craters().largest_octave(), query.region(),
-                             diameter_m);
+  const Population all = population_of(query);
+  return dem::cells_of(all.smallest_octave, all.largest_octave, query.region(), diameter_m);
 }
-double largest_m(const FeaturesQuery& query) {
-  const dem::DetailPreset& preset = query.detail.content->preset();
-  return query.kind == FeatureKind::rocks ? preset.rocks.largest_m : preset.craters.largest_m;
-}
-std::string_view name_of(FeatureKind kind) { return kind == FeatureKind::rocks ? "rocks" : "craters"; }
 
 template <typename Feature>
-void add_json(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns,
-              std::uint64_t (*id)(const Feature&), std::string& text) {
+void add_json(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns, std::string& text) {
   for (std::size_t i = 0; i < features.size(); ++i) {
-    fmt::format_to(std::back_inserter(text), R"({}{{"id":"{}")", i == 0 ? "\n" : ",\n", id_text(id(features[i])));
+    fmt::format_to(std::back_inserter(text), R"({}{{"id":"{}")", i == 0 ? "\n" : ",\n",
+                   id_text(features[i].member().id));
     for (const auto& column : columns)
       fmt::format_to(std::back_inserter(text), R"(,"{}":{})", column.name, column.value(features[i]));
     text += '}';
@@ -81,35 +87,32 @@ void add_json(std::span<const Feature> features, std::span<const FeatureColumn<F
 }
 
 template <typename Feature>
-std::string csv_of(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns,
-                   std::uint64_t (*id)(const Feature&)) {
+std::string csv_of(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns) {
   std::string text = "id";
   for (const auto& column : columns) (text += ',') += column.name;
   text += '\n';
   for (const Feature& feature : features) {
-    text += id_text(id(feature));
+    text += id_text(feature.member().id);
     for (const auto& column : columns) fmt::format_to(std::back_inserter(text), ",{}", column.value(feature));
     text += '\n';
   }
   return text;
 }
 
-std::uint64_t crater_id(const CraterFeature& f) { return f.crater.id; }
-std::uint64_t rock_id(const RockFeature& f) { return f.rock.id; }
-
 // What there are too many of, and from where on there are not.
 void check_number(const JsonReader& in, const FeaturesQuery& query, const Limits& limits) {
+  const Population all = population_of(query);
   const double most = limits.max_rays, least_m = query.least_m();
   const auto fits = [&](double diameter_m) {
     return expected(query, diameter_m) <= most && cells(query, diameter_m) <= kCellsPerCrater * most;
   };
   if (fits(least_m)) return;
   double enough_m = least_m;
-  while (enough_m < largest_m(query) && !fits(enough_m)) enough_m *= 1.05;
+  while (enough_m < all.largest_m && !fits(enough_m)) enough_m *= 1.05;
   // Of two digits, rounded up.
   const double unit = std::pow(10, std::floor(std::log10(enough_m)) - 1);
   enough_m = std::ceil(enough_m / unit) * unit;
-  const std::string instead = enough_m < largest_m(query) && fits(enough_m)
+  const std::string instead = enough_m < all.largest_m && fits(enough_m)
                                   ? fmt::format(", or smallest_m of {:g} or more", enough_m)
                                   : std::string();
   const double number = expected(query, least_m);
@@ -117,20 +120,17 @@ void check_number(const JsonReader& in, const FeaturesQuery& query, const Limits
       "region",
       number > most
           ? fmt::format("holds {} {:.3g} {} of at least {:g} m, at most {} are answered: ask for a smaller region{}",
-                        query.kind == FeatureKind::rocks ? "up to" : "some", number, name_of(query.kind), least_m,
-                        limits.max_rays, instead)
-          : fmt::format("is too large to be searched for {} of at least {:g} m: ask for a smaller one{}",
-                        name_of(query.kind), least_m, instead));
+                        query.kind == FeatureKind::rocks ? "up to" : "some", number, all.name, least_m, limits.max_rays,
+                        instead)
+          : fmt::format("is too large to be searched for {} of at least {:g} m: ask for a smaller one{}", all.name,
+                        least_m, instead));
 }
 
 }  // namespace
 
 dem::Footprint FeaturesQuery::region() const { return footprint_of(bounds); }
 
-double FeaturesQuery::least_m() const {
-  const dem::DetailPreset& preset = detail.content->preset();
-  return smallest_m.value_or(kind == FeatureKind::rocks ? preset.rocks.smallest_m : preset.craters.smallest_m);
-}
+double FeaturesQuery::least_m() const { return smallest_m.value_or(population_of(*this).smallest_m); }
 
 double FeaturesQuery::most() const {
   const double mean = expected(*this, least_m());
@@ -179,17 +179,17 @@ std::string FeatureList::json() const {
   std::string text = fmt::format(
       R"({{"detail":{},"region":{{"south_deg":{},"north_deg":{},"west_deg":{},"east_deg":{}}},"smallest_m":{},"{}":[)",
       detail_metadata(query_.detail.name, *query_.detail.content).dump(), region.south_deg, region.north_deg,
-      region.west_deg, region.east_deg, query_.least_m(), name_of(query_.kind));
+      region.west_deg, region.east_deg, query_.least_m(), population_of(query_).name);
   if (query_.kind == FeatureKind::rocks)
-    add_json<RockFeature>(rocks_, kRockColumns, rock_id, text);
+    add_json<RockFeature>(rocks_, kRockColumns, text);
   else
-    add_json<CraterFeature>(craters_, kCraterColumns, crater_id, text);
+    add_json<CraterFeature>(craters_, kCraterColumns, text);
   return text + "]}\n";
 }
 
 std::string FeatureList::csv() const {
-  return query_.kind == FeatureKind::rocks ? csv_of<RockFeature>(rocks_, kRockColumns, rock_id)
-                                           : csv_of<CraterFeature>(craters_, kCraterColumns, crater_id);
+  return query_.kind == FeatureKind::rocks ? csv_of<RockFeature>(rocks_, kRockColumns)
+                                           : csv_of<CraterFeature>(craters_, kCraterColumns);
 }
 
 }  // namespace selenograph::api

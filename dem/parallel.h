@@ -11,9 +11,7 @@
 #include <algorithm>
 #include <atomic>
 #include <exception>
-#include <mutex>
 #include <thread>
-#include <vector>
 #else
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
@@ -22,7 +20,9 @@
 #include <tbb/task_arena.h>
 
 #include <cstddef>
+#include <mutex>
 #include <utility>
+#include <vector>
 
 namespace selenograph {
 
@@ -116,6 +116,20 @@ void in_parallel(std::size_t count, const Body& body) {
   in_parallel_pieces(count, 1, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i) body(i);
   });
+}
+
+// What make(i, list) appends to a list for every i below count, in pieces of at least `grain`, in no order.
+template <typename T, typename Make>
+std::vector<T> gathered_in_parallel(std::size_t count, std::size_t grain, const Make& make) {
+  std::vector<T> all;
+  std::mutex mutex;
+  in_parallel_pieces(count, grain, [&](std::size_t first, std::size_t past_last) {
+    std::vector<T> some;
+    for (std::size_t i = first; i < past_last; ++i) make(i, some);
+    const std::lock_guard lock(mutex);
+    all.insert(all.end(), some.begin(), some.end());
+  });
+  return all;
 }
 
 }  // namespace selenograph

@@ -43,20 +43,20 @@ Ground ground_of(FrameRequest request, const dem::Terrain& terrain, RenderCache&
 
 class RimFinder {
  public:
-  RimFinder(const FrameRequest& request, const RimOptions& options, const dem::Terrain& plain,
-            const dem::Terrain& detailed, RenderCache& kept, const StopToken& stop)
+  RimFinder(const FrameRequest& request, const RimOptions& options, const dem::Terrain& terrain, RenderCache& kept,
+            const StopToken& stop)
       : options_(options),
-        terrain_(detailed),
+        terrain_(terrain),
         stop_(stop),
         views_(request.camera, request.pose, request.shutter, stop),
-        ground_(ground_of(request, detailed, kept, stop)),
-        survey_(plain, detailed) {}
+        ground_(ground_of(request, terrain, kept, stop)),
+        survey_(terrain) {}
 
   CraterRims find() const {
     std::vector<dem::CraterFeature> features;
     for (int k = survey_.field().smallest_octave(); k <= survey_.field().largest_octave(); ++k)
       add_features(k, features);
-    dem::sort_features(features);
+    features = dem::largest_first(std::move(features));
     std::vector<std::optional<CraterRim>> rims(features.size());
     std::vector<char> cut_off(features.size(), 0);
     in_parallel_pieces(features.size(), 16, [&](std::size_t first, std::size_t past_last) {
@@ -117,29 +117,20 @@ class RimFinder {
     const std::vector<Cube> all(found.begin(), found.end());
     // From the middle of a cube, moved onto the sphere, to all in it, and to what neighbouring pixels see.
     const double around_m = (std::numbers::sqrt3 + 1) * side_m;
-    std::map<std::uint64_t, dem::Crater> craters;
-    std::mutex mutex;
-    in_parallel_pieces(all.size(), 8, [&](std::size_t first, std::size_t past_last) {
-      std::vector<dem::Crater> some;
-      for (std::size_t i = first; i < past_last; ++i) {
-        stop_.check();
-        survey_.near(octave, all[i].direction(), around_m, some);
-      }
-      const std::lock_guard lock(mutex);
-      for (const dem::Crater& crater : some)
-        if (crater.depth_m >= options_.least_depth * crater.diameter_m) craters.emplace(crater.id, crater);
+    const auto near = gathered_in_parallel<dem::Crater>(all.size(), 8, [&](std::size_t i, auto& some) {
+      stop_.check();
+      survey_.near(octave, all[i].direction(), around_m, some);
     });
+    std::map<std::uint64_t, dem::Crater> craters;
+    for (const dem::Crater& crater : near)
+      if (crater.depth_m >= options_.least_depth * crater.diameter_m) craters.emplace(crater.id, crater);
     std::vector<dem::Crater> list;
     for (const auto& [id, crater] : craters) list.push_back(crater);
-    in_parallel_pieces(list.size(), 16, [&](std::size_t first, std::size_t past_last) {
-      std::vector<dem::CraterFeature> some;
-      for (std::size_t i = first; i < past_last; ++i) {
-        stop_.check();
-        survey_.add_if_shown(list[i], octave, some, stop_);
-      }
-      const std::lock_guard lock(mutex);
-      out.insert(out.end(), some.begin(), some.end());
+    const auto shown = gathered_in_parallel<dem::CraterFeature>(list.size(), 16, [&](std::size_t i, auto& some) {
+      stop_.check();
+      survey_.add_if_shown(list[i], octave, some, stop_);
     });
+    out.insert(out.end(), shown.begin(), shown.end());
   }
 
   struct Seen {
@@ -232,9 +223,9 @@ class RimFinder {
 
 }  // namespace
 
-CraterRims crater_rims(const FrameRequest& request, const RimOptions& options, const dem::Terrain& plain,
-                       const dem::Terrain& detailed, RenderCache& kept, const StopToken& stop) {
-  return RimFinder(request, options, plain, detailed, kept, stop).find();
+CraterRims crater_rims(const FrameRequest& request, const RimOptions& options, const dem::Terrain& terrain,
+                       RenderCache& kept, const StopToken& stop) {
+  return RimFinder(request, options, terrain, kept, stop).find();
 }
 
 }  // namespace selenograph::engine

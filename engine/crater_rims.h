@@ -12,9 +12,8 @@
 
 namespace selenograph::engine {
 
-// In the caller's task arena. Throws and answers as Renderer::rims does. `detailed` is `plain` with the request's
-// detail.
-CraterRims crater_rims(const FrameRequest& request, const RimOptions& options, const dem::Terrain& plain,
-                       const dem::Terrain& detailed, RenderCache& kept, const StopToken& stop);
+// In the caller's task arena. Throws and answers as Renderer::rims does. The terrain has the request's detail.
+CraterRims crater_rims(const FrameRequest& request, const RimOptions& options, const dem::Terrain& terrain,
+                       RenderCache& kept, const StopToken& stop);
 
 }  // namespace selenograph::engine

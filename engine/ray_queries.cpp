@@ -6,6 +6,7 @@
 
 #include "dem/error.h"
 #include "dem/parallel.h"
+#include "dem/surface_place.h"
 #include "engine/camera/row_views.h"
 #include "engine/scene/selection.h"
 #include "engine/visibility/disc_light.h"
@@ -147,10 +148,7 @@ class RayCaster {
     std::vector<std::pair<dem::BlockId, std::size_t>> places;
     for (std::size_t i = 0; i < rays.size(); ++i) {
       const Geographic g = to_geographic(anchor_for(rays[i].origin_m, rays[i].direction));
-      places.emplace_back(
-          dem::block_at(6, static_cast<std::int32_t>((g.lat_deg + 90) * dem::kTicksPerDegree),
-                        dem::wrap_lon(static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree))),
-          i);
+      places.emplace_back(dem::block_at_place(6, g.lat_deg, g.lon_deg), i);
     }
     std::sort(places.begin(), places.end());
     Batch order;

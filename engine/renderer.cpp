@@ -126,8 +126,7 @@ std::vector<dem::CraterFeature> Renderer::craters(const std::shared_ptr<const de
                                                   const StopToken& stop) const {
   const Preparation::Work work(impl_->preparation, nullptr);
   const auto terrain = impl_->terrain_with(detail);
-  return in_arena(impl_->arena,
-                  [&] { return dem::CraterSurvey(*impl_->terrain, *terrain).within(region, smallest_m, stop); });
+  return in_arena(impl_->arena, [&] { return dem::CraterSurvey(*terrain).within(region, smallest_m, stop); });
 }
 
 std::vector<dem::RockFeature> Renderer::rocks(const std::shared_ptr<const dem::Detail>& detail,
@@ -141,8 +140,7 @@ std::vector<dem::RockFeature> Renderer::rocks(const std::shared_ptr<const dem::D
 CraterRims Renderer::rims(const FrameRequest& request, const RimOptions& options, const StopToken& stop) const {
   const Preparation::Work work(impl_->preparation, nullptr);
   const auto terrain = impl_->terrain_with(request.detail);
-  return in_arena(impl_->arena,
-                  [&] { return crater_rims(request, options, *impl_->terrain, *terrain, impl_->kept, stop); });
+  return in_arena(impl_->arena, [&] { return crater_rims(request, options, *terrain, impl_->kept, stop); });
 }
 
 void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead) const {

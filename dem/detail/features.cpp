@@ -3,9 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <mutex>
 #include <numbers>
-#include <tuple>
 
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
@@ -43,13 +41,11 @@ double height_m(const CraterField& field, const Crater& crater, const Vec3& plac
 
 double expected_craters(const CraterField& field, const Footprint& region, double smallest_m) {
   const CraterLaw& law = field.law();
-  const double least_m = std::max(smallest_m, law.smallest_m);
-  if (least_m >= law.largest_m) return 0;
-  return area_m2(region) * (law.frequency.above(least_m) - law.frequency.above(law.largest_m));
+  return area_m2(region) * law.frequency.between(std::max(smallest_m, law.smallest_m), law.largest_m);
 }
 
-CraterSurvey::CraterSurvey(const Terrain& plain, const Terrain& detailed)
-    : plain_(plain), detailed_(detailed), field_(detailed.detail()->craters()) {}
+CraterSurvey::CraterSurvey(const Terrain& terrain)
+    : plain_(terrain.plain()), detailed_(terrain), field_(terrain.detail()->craters()) {}
 
 std::vector<CraterSurvey::Piece> CraterSurvey::pieces(const Footprint& region, double smallest_m) const {
   std::vector<Piece> pieces;
@@ -61,19 +57,10 @@ std::vector<CraterSurvey::Piece> CraterSurvey::pieces(const Footprint& region, d
 std::vector<CraterFeature> CraterSurvey::within(const Footprint& region, double smallest_m,
                                                 const StopToken& stop) const {
   const std::vector<Piece> all = pieces(region, smallest_m);
-  std::vector<CraterFeature> features;
-  std::mutex mutex;
-  in_parallel_pieces(all.size(), 4, [&](std::size_t first, std::size_t past_last) {
-    std::vector<CraterFeature> some;
-    for (std::size_t i = first; i < past_last; ++i) {
-      stop.check();
-      survey(all[i], smallest_m, stop, some);
-    }
-    const std::lock_guard lock(mutex);
-    features.insert(features.end(), some.begin(), some.end());
-  });
-  sort_features(features);
-  return features;
+  return largest_first(gathered_in_parallel<CraterFeature>(all.size(), 4, [&](std::size_t i, auto& some) {
+    stop.check();
+    survey(all[i], smallest_m, stop, some);
+  }));
 }
 
 void CraterSurvey::survey(const Piece& piece, double smallest_m, const StopToken& stop,
@@ -154,14 +141,6 @@ Vec3 CraterSurvey::on_rim(const Crater& crater, double angle) {
   // The field's distances are chords.
   const double away = 2 * std::asin(crater.diameter_m / 4 / kMoonRadius_m);
   return std::cos(away) * axes.up + std::sin(away) * (std::cos(angle) * axes.north + std::sin(angle) * axes.east);
-}
-
-void sort_features(std::vector<CraterFeature>& features) {
-  const auto key = [](const CraterFeature& f) { return std::tuple(-f.crater.diameter_m, f.crater.id); };
-  std::sort(features.begin(), features.end(),
-            [&](const CraterFeature& a, const CraterFeature& b) { return key(a) < key(b); });
-  const auto same = [&](const CraterFeature& a, const CraterFeature& b) { return key(a) == key(b); };
-  features.erase(std::unique(features.begin(), features.end(), same), features.end());
 }
 
 }  // namespace selenograph::dem

@@ -17,6 +17,7 @@ namespace selenograph::dem {
 
 struct CraterFeature {
   Crater crater;
+  const Crater& member() const { return crater; }
   int octave = 0;
   Geographic place;  // of its centre; the height is that of the terrain without detail
   // Of its rim, what the terrain shows: not where posts are finer or missing, nor where other craters of its octave
@@ -30,8 +31,8 @@ double expected_craters(const CraterField& field, const Footprint& region, doubl
 // Const means safe to call concurrently.
 class CraterSurvey {
  public:
-  // `detailed` is `plain` with detail; both outlive it.
-  CraterSurvey(const Terrain& plain, const Terrain& detailed);
+  // The terrain has detail and outlives it.
+  explicit CraterSurvey(const Terrain& terrain);
 
   // Those with their centre in a region, whose borders belong to it, in all cores of the caller's arena. The largest
   // come first. `east_deg` may exceed 180.
@@ -63,8 +64,5 @@ class CraterSurvey {
   const Terrain& detailed_;
   const CraterField& field_;
 };
-
-// By diameter, the largest first; the same ones once.
-void sort_features(std::vector<CraterFeature>& features);
 
 }  // namespace selenograph::dem

@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <mutex>
-#include <tuple>
 
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
@@ -24,10 +22,8 @@ int level_under(int octave) {
 
 double most_rocks(const RockField& field, const Footprint& region, double smallest_m) {
   const RockLaw& law = field.law();
-  const double least_m = std::max(smallest_m, law.smallest_m);
-  if (field.empty() || least_m >= law.largest_m) return 0;
   return area_m2(region) * std::max(1.0, law.on_ejecta) *
-         (law.frequency.above(least_m) - law.frequency.above(law.largest_m));
+         law.frequency.between(std::max(smallest_m, law.smallest_m), law.largest_m);
 }
 
 RockSurvey::RockSurvey(const Terrain& terrain)
@@ -87,26 +83,10 @@ std::vector<RockFeature> RockSurvey::within(const Footprint& region, double smal
   if (field_.empty()) return {};
   for (int k = std::max(field_.smallest_octave(), octave_of(smallest_m)); k <= field_.largest_octave(); ++k)
     for (const Footprint& box : cut(region, std::ldexp(kPieceDiameters, k))) pieces.push_back({k, box});
-  std::vector<RockFeature> all;
-  std::mutex mutex;
-  in_parallel_pieces(pieces.size(), 4, [&](std::size_t first, std::size_t past_last) {
-    std::vector<RockFeature> some;
-    for (std::size_t i = first; i < past_last; ++i) {
-      stop.check();
-      add(pieces[i].octave, pieces[i].box, smallest_m, some, stop);
-    }
-    const std::lock_guard lock(mutex);
-    all.insert(all.end(), some.begin(), some.end());
-  });
-  sort_rocks(all);
-  return all;
-}
-
-void sort_rocks(std::vector<RockFeature>& rocks) {
-  const auto key = [](const RockFeature& f) { return std::tuple(-f.rock.diameter_m, f.rock.id); };
-  std::sort(rocks.begin(), rocks.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
-  const auto same = [&](const auto& a, const auto& b) { return key(a) == key(b); };
-  rocks.erase(std::unique(rocks.begin(), rocks.end(), same), rocks.end());
+  return largest_first(gathered_in_parallel<RockFeature>(pieces.size(), 4, [&](std::size_t i, auto& some) {
+    stop.check();
+    add(pieces[i].octave, pieces[i].box, smallest_m, some, stop);
+  }));
 }
 
 }  // namespace selenograph::dem

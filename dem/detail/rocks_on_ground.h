@@ -15,6 +15,7 @@ namespace selenograph::dem {
 
 struct RockFeature {
   Rock rock;
+  const Rock& member() const { return rock; }
   Geographic place;  // on the ground with detail
   Vec3 position_m;   // the same, MOON_ME
   Vec3 up;           // the ground's normal, unit
@@ -47,8 +48,5 @@ class RockSurvey {
   mutable std::mutex mutex_;
   mutable std::map<BlockId, FreshCraters> fresh_;  // of some blocks, and of what is around them
 };
-
-// By diameter, the largest first; the same ones once.
-void sort_rocks(std::vector<RockFeature>& rocks);
 
 }  // namespace selenograph::dem

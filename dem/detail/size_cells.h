@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <tuple>
 #include <vector>
 
 #include "dem/geodesy.h"
@@ -24,7 +25,21 @@ struct SizeFrequency {
   };
   std::vector<Power> laws;
   double above(double diameter_m) const;
+  // 0 unless the first is the smaller one.
+  double between(double smallest_m, double largest_m) const {
+    return smallest_m < largest_m ? above(smallest_m) - above(largest_m) : 0;
+  }
 };
+
+// Of what is found (its member() has a diameter and an id), by diameter, the largest first; the same ones once.
+template <typename Feature>
+std::vector<Feature> largest_first(std::vector<Feature> found) {
+  const auto key = [](const Feature& f) { return std::tuple(-f.member().diameter_m, f.member().id); };
+  std::sort(found.begin(), found.end(), [&](const Feature& a, const Feature& b) { return key(a) < key(b); });
+  const auto same = [&](const Feature& a, const Feature& b) { return key(a) == key(b); };
+  found.erase(std::unique(found.begin(), found.end(), same), found.end());
+  return found;
+}
 
 // The octave of a diameter.
 inline int octave_of(double diameter_m) { return static_cast<int>(std::floor(std::log2(diameter_m))); }

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <mutex>
 #include <span>
 
 #include "dem/detail/detail.h"
@@ -42,32 +41,22 @@ class Finder {
       if (!info.empty) look_into(id, id.level, info);
     }
     const dem::RockField& field = survey_.field();
-    const dem::SizeFrequency& above = field.law().frequency;
     double expected = 0;
     for (const Piece& piece : pieces_) {
-      const double largest_m = field.largest_m(piece.octave),
-                   smallest_m = std::max({piece.smallest_m, std::ldexp(1.0, piece.octave), field.law().smallest_m});
-      if (smallest_m < largest_m)
-        expected += dem::area_m2(piece.box) * (above.above(smallest_m) - above.above(largest_m));
+      const double smallest_m = std::max({piece.smallest_m, std::ldexp(1.0, piece.octave), field.law().smallest_m});
+      expected += dem::area_m2(piece.box) * field.law().frequency.between(smallest_m, field.largest_m(piece.octave));
     }
     return expected;
   }
 
   std::vector<dem::RockFeature> found() const {
-    std::vector<dem::RockFeature> all;
-    std::mutex mutex;
-    in_parallel_pieces(pieces_.size(), 4, [&](std::size_t first, std::size_t past_last) {
-      std::vector<dem::RockFeature> some;
-      for (std::size_t i = first; i < past_last; ++i) {
-        stop_.check();
-        survey_.add(pieces_[i].octave, pieces_[i].box, pieces_[i].smallest_m, some, stop_);
-      }
-      some.erase(std::remove_if(some.begin(), some.end(), [&](const auto& rock) { return !shown(rock); }), some.end());
-      const std::lock_guard lock(mutex);
-      all.insert(all.end(), some.begin(), some.end());
-    });
-    dem::sort_rocks(all);
-    return all;
+    return dem::largest_first(gathered_in_parallel<dem::RockFeature>(pieces_.size(), 4, [&](std::size_t i, auto& some) {
+      stop_.check();
+      const auto before = static_cast<std::ptrdiff_t>(some.size());
+      survey_.add(pieces_[i].octave, pieces_[i].box, pieces_[i].smallest_m, some, stop_);
+      some.erase(std::remove_if(some.begin() + before, some.end(), [&](const auto& rock) { return !shown(rock); }),
+                 some.end());
+    }));
   }
 
  private:
