@@ -294,6 +294,7 @@ const Members<engine::Accuracy>& accuracy_members() {
               "bound on the mesh's vertical error; posts are at most twice as far apart; 0: the finest posts");
         m.add("max_shadow_error_px", &Accuracy::max_shadow_error_px, Number{{0, 1e6}, "px"},
               "aim for how far the mesh's error displaces a shadow's edge on level ground");
+        m.add("max_detail_error_px", &Accuracy::max_detail_error_px, Number{{0, 1e6}, "px"}, kDetailAim);
       });
   return *members;
 }
@@ -541,6 +542,7 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
   meta["lod_error_px"] = report.lod_error_px;
   meta["lod_error_m"] = report.lod_error_m;
   meta["shadow_error_px"] = report.shadow_error_px;
+  if (look.detail) meta["detail_error_px"] = report.detail_error_px;
   meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
   meta["triangles"] = report.triangles;
   if (look.detail) meta["detail"] = detail_metadata(query.detail, *look.detail);
@@ -551,11 +553,7 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
   meta["missing_fraction"] = report.missing_fraction;
   meta["sources"] = sources_json(report);
   meta["warnings"] = report.warnings;
-  if (report.shadow_limits_px.at(0) > look.accuracy.max_shadow_error_px)
-    meta["warnings"].push_back(
-        fmt::format("max_shadow_error_px gave way from {:g} to {:g}: the terrain that it asks "
-                    "for does not fit into the service's memory for scenes",
-                    look.accuracy.max_shadow_error_px, report.shadow_limits_px.at(0)));
+  warn_of_aims(look.accuracy, report, meta["warnings"]);
   if (report.hit_fraction == 0) meta["warnings"].push_back("there is no data anywhere in the map");
   return meta;
 }

@@ -20,8 +20,8 @@ double widest(const std::vector<double>& shadow_limits_px) {
   return *std::max_element(shadow_limits_px.begin(), shadow_limits_px.end());
 }
 
-bool gave_way(const FrameQuery& query, const std::vector<double>& shadow_limits_px) {
-  return widest(shadow_limits_px) > query.request.accuracy.max_shadow_error_px;
+bool gave_way(const engine::Accuracy& asked, const std::vector<double>& shadow_limits_px) {
+  return widest(shadow_limits_px) > asked.max_shadow_error_px;
 }
 
 void add_object_warnings(const FrameQuery& query, OrderedJson& warnings) {
@@ -39,11 +39,7 @@ void add_object_warnings(const FrameQuery& query, OrderedJson& warnings) {
 
 OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue) {
   OrderedJson warnings = report.warnings;
-  if (gave_way(query, report.shadow_limits_px))
-    warnings.push_back(
-        fmt::format("max_shadow_error_px gave way from {:g} to {:g}: the terrain that it asks for does "
-                    "not fit into the service's memory for scenes",
-                    query.request.accuracy.max_shadow_error_px, widest(report.shadow_limits_px)));
+  warn_of_aims(query.request.accuracy, report, warnings);
   constexpr double kMuch = 0.01;
   const engine::ProductSet products = query.request.products;
   if (report.saturated_fraction > kMuch)
@@ -109,7 +105,7 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
                    {"version", software_version()},
                    {"representation", representation.media_type}};
   if (query.request.detail) what["detail"] = detail_metadata(query.detail, *query.request.detail);
-  if (gave_way(query, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
+  if (gave_way(query.request.accuracy, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
   return content_hash(what.dump());
 }
 
@@ -121,6 +117,21 @@ std::string content_hash(const std::string& text) {
 bool names_etag(const std::string& if_none_match, const std::string& hash) {
   // A hash has no quote or comma in it, so looking for its quoted form is as good as taking the list apart.
   return if_none_match == "*" || if_none_match.find("\"" + hash + "\"") != std::string::npos;
+}
+
+void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& report, OrderedJson& warnings) {
+  const double detail_px = std::max(asked.max_error_px, asked.max_detail_error_px);
+  const bool detail_gave_way = report.detail_limit_px > detail_px;
+  if (detail_gave_way)
+    warnings.push_back(fmt::format(
+        "max_detail_error_px gave way from {:g} to {:g}: what it asks for is more than {:g} triangles a pixel",
+        detail_px, report.detail_limit_px, engine::Accuracy::kDetailTrianglesPerPixel));
+  if (gave_way(asked, report.shadow_limits_px))
+    warnings.push_back(fmt::format("max_shadow_error_px gave way from {:g} to {:g}: {}", asked.max_shadow_error_px,
+                                   widest(report.shadow_limits_px),
+                                   detail_gave_way ? "as the aim for detail did"
+                                                   : "the terrain that it asks for does not fit into the service's "
+                                                     "memory for scenes"));
 }
 
 OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
@@ -151,6 +162,7 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
   meta["lod_error_px"] = report.lod_error_px;
   meta["lod_error_m"] = report.lod_error_m;
   meta["shadow_error_px"] = report.shadow_error_px;
+  if (query.request.detail) meta["detail_error_px"] = report.detail_error_px;
   meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
   meta["triangles"] = report.triangles;
   meta["hit_fraction"] = report.hit_fraction;

@@ -30,6 +30,9 @@ bool names_etag(const std::string& if_none_match, const std::string& hash);
 nlohmann::ordered_json sources_json(const engine::FrameReport& report);
 nlohmann::ordered_json irradiance_json(const engine::FrameRequest& request, const engine::FrameReport& report);
 
+// Of each aim that gave way (Accuracy), appended.
+void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& report, nlohmann::ordered_json& warnings);
+
 nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameReport& report,
                                 const dem::Catalogue& catalogue, const std::string& hash);
 

@@ -66,6 +66,7 @@ void add_frame_answers(OrderedJson& schemas) {
        {"lod_error_m", number(kAnyNumber, "the same in metres")},
        {"shadow_error_px",
         number(kAnyNumber, "bound on how far the mesh's error displaces a shadow's edge on level ground, pixels")},
+       {"detail_error_px", number(kAnyNumber, "of lod_error_px, what the detail adds")},
        {"post_spacing_m", {{"type", "object"}, {"description", "min and max over the mesh in view"}}},
        {"triangles", {{"type", "integer"}, {"description", "of the scene"}}},
        {"hit_fraction", number(kUnitInterval, "share of pixels that see the Moon or an object")},

@@ -40,6 +40,7 @@ struct NodeInfo {
   bool empty = true;           // not one valid post
   // Unusable files that it lacks, replaced by the next coarser layer or by nothing (fall_through).
   std::vector<SourceIndex> replaced;
+  double detail_error_m = 0;  // of error_m, what a detail adds: a bound of what this level leaves out of it, and more
 };
 
 // No lunar height is outside of this (relief: +10 786 m to -9 120 m); a post that is counts as no-data.

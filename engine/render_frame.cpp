@@ -25,6 +25,7 @@ void list_sources(const dem::Catalogue& catalogue, const FrameSources& sources, 
 
 void report_scene(const Selection& selection, const Scene& scene, FrameReport& out) {
   out.lod_error_px = selection.error_px, out.lod_error_m = selection.error_m;
+  out.detail_error_px = selection.detail_error_px, out.detail_limit_px = selection.detail_limit_px;
   out.shadow_error_px = selection.shadow_error_px;
   out.shadow_limits_px.insert(out.shadow_limits_px.begin(), selection.shadow_limit_px);
   out.min_post_spacing_m = selection.min_spacing_m, out.max_post_spacing_m = selection.max_spacing_m;

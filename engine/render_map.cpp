@@ -320,6 +320,8 @@ class MapDrawing {
     FrameReport& r = out_.report;
     r.lod_error_px = std::max(r.lod_error_px, selection.error_px);
     r.lod_error_m = std::max(r.lod_error_m, selection.error_m);
+    r.detail_error_px = std::max(r.detail_error_px, selection.detail_error_px);
+    r.detail_limit_px = std::max(r.detail_limit_px, selection.detail_limit_px);
     r.shadow_error_px = std::max(r.shadow_error_px, selection.shadow_error_px);
     r.shadow_limits_px[0] = std::max(r.shadow_limits_px[0], selection.shadow_limit_px);
     if (selection.max_spacing_m > 0) r.min_post_spacing_m = std::min(r.min_post_spacing_m, selection.min_spacing_m);

@@ -198,7 +198,7 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
   if (id.level > posts) {
     const auto made = block(id, stop);
     if (!made) return {};
-    return {made->error_m, made->min_m, made->max_m, false, plain_.node(id, stop).replaced};
+    return {made->error_m, made->min_m, made->max_m, false, plain_.node(id, stop).replaced, made->error_m};
   }
   NodeInfo info = plain_.node(id, stop);
   if (info.empty) return info;
@@ -211,7 +211,7 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
   else if (posts > 0)
     bend = id.level < posts ? info.error_m : plain_.node(ancestor_of(id, posts - 1), stop).error_m;
   const double beyond = bend + detail_->beyond_posts_m(posts);
-  info.error_m += beyond;
+  info.error_m += beyond, info.detail_error_m = beyond;
   info.min_m -= static_cast<float>(beyond), info.max_m += static_cast<float>(beyond);
   return info;
 }

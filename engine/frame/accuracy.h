@@ -13,6 +13,12 @@ struct Accuracy {
   // what was reached.
   double max_shadow_error_px = kDefaultShadowError_px;
   static constexpr double kDefaultShadowError_px = 16;
+  // Aim, in pixels, for the vertical error of a terrain with detail, or max_error_px where that is more. It gives way,
+  // together with the aim for shadows, where a frame would have more than kDetailTrianglesPerPixel triangles of
+  // detail for each of its pixels: the detail's bound is of the deepest crater of each size, which few places have.
+  double max_detail_error_px = kDefaultDetailError_px;
+  static constexpr double kDefaultDetailError_px = 2;
+  static constexpr double kDetailTrianglesPerPixel = 8;
 };
 
 }  // namespace selenograph::engine

@@ -66,6 +66,8 @@ struct ViewReport {
 struct FrameReport {
   Visibility visibility = Visibility::raytrace;  // that the frame was made with
   double lod_error_px = 0, lod_error_m = 0;      // bounds on the mesh's error in view
+  double detail_error_px = 0;                    // of that, what a detail adds
+  double detail_limit_px = 0;  // Accuracy::max_detail_error_px or what it gave way to; 0: there is no detail
   double shadow_error_px = 0;  // bound on the displacement of shadow edges on level ground; 0 without Sun
   // Accuracy::max_shadow_error_px as it was used: of the frame, then of the exposure's other moments. More than what
   // was asked where that much terrain does not fit into the memory for scenes.

@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "dem/error.h"
-#include "engine/scene/light_grid.h"
+#include "engine/scene/light_tree.h"
 #include "engine/scene/node_bounds.h"
 #include "engine/scene/root_groups.h"
 
@@ -56,6 +56,9 @@ std::optional<Known> known(const dem::Terrain& terrain, const BlockId& id, const
   return Known{info, bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m))};
 }
 
+// Of blocks finer than the posts there are more than a frame has use for.
+struct TooMuchDetail {};
+
 void check(const std::size_t blocks, const StopToken& stop) {
   stop.check();
   if (blocks > kMaxBlocks)
@@ -80,16 +83,32 @@ double shadow_gain(const NodeBounds& b, const Vec3& sun) {
 // slopes of up to 60 degrees.
 double subdivision_error_m(int level) { return 7 * dem::chord_sag_m(level); }
 
+// An aim of a hundred pixels and more is none.
+constexpr double kNoAim_px = 100;
+
 class ViewSelector {
  public:
   ViewSelector(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Accuracy& accuracy,
                const SceneRoom& room, const StopToken& stop, const std::vector<Ball>& receivers)
-      : terrain_(terrain), views_(views), accuracy_(accuracy), room_(room), stop_(stop), receivers_(receivers) {}
+      : terrain_(terrain), views_(views), accuracy_(accuracy), room_(room), stop_(stop), receivers_(receivers) {
+    if (!terrain.detail() || !gives_way(accuracy)) return;
+    double pixels = 0;
+    for (const ViewBundle& view : views)
+      pixels = std::max(pixels, static_cast<double>(view.view.camera().width) * view.view.camera().height);
+    constexpr double kFewest = 256, kMost = kMaxBlocks / 2;  // of tiny images and of huge ones
+    most_of_detail_ = static_cast<std::size_t>(std::clamp(
+        pixels * Accuracy::kDetailTrianglesPerPixel / static_cast<double>(dem::triangles_of_block(dem::kMaxLevel)),
+        kFewest, kMost));
+  }
+
+  static bool gives_way(const Accuracy& accuracy) {
+    return accuracy.max_error_px > 0 && accuracy.max_detail_error_px < kNoAim_px;
+  }
 
   Selection select(const Sun* sun) {
     see_roots();
     if (sun) sharpen_shadows(*sun);
-    for (const Seen& s : seen_) choose(s.id, s.info);
+    for (const Seen& s : seen_) count_detail(s.id, -1), choose(s.id, s.info);
     balance();
     report();
     result_.blocks.assign(chosen_.begin(), chosen_.end());
@@ -163,7 +182,18 @@ class ViewSelector {
       for (const BlockId& child : dem::children_of(id)) see(child);
       return;
     }
-    seen_.push_back(*node);
+    add_seen(*node);
+  }
+
+  void add_seen(const Seen& seen) {
+    count_detail(seen.id, 1);
+    seen_.push_back(seen);
+  }
+
+  void count_detail(const BlockId& id, std::ptrdiff_t change) {
+    if (most_of_detail_ == kAny || id.level <= terrain_.plain().posts_level(id)) return;
+    of_detail_ += static_cast<std::size_t>(change);
+    if (of_detail_ > most_of_detail_) throw TooMuchDetail();
   }
 
   bool finest(const BlockId& id) const { return id.level >= terrain_.finest_level(id); }
@@ -172,20 +202,29 @@ class ViewSelector {
   double error_m(const BlockId& id) const {
     return finest(id) ? 0 : terrain_.node(id, stop_).error_m + dem::chord_sag_m(id.level);
   }
+  double detail_error_m(const BlockId& id) const { return finest(id) ? 0 : terrain_.node(id, stop_).detail_error_m; }
 
   bool refine(const BlockId& id, double pixels_per_metre) const {
     if (finest(id)) return false;
     const double allowed = accuracy_.max_error_px;
     if (allowed == 0) return true;
-    const bool coarser_than_posts = id.level < terrain_.posts_level(id);
+    const bool coarser_than_posts = id.level < terrain_.plain().posts_level(id);
     if (coarser_than_posts && dem::post_spacing_m(id.level) * pixels_per_metre > 2 * allowed) return true;
     // Where the sag alone is too much, the posts' own error, which may have to be computed, is not needed.
     if (dem::chord_sag_m(id.level) * pixels_per_metre > allowed) return true;
-    return error_m(id) * pixels_per_metre > allowed;
+    return errs(id, pixels_per_metre);
+  }
+
+  // More than it may, as the finest surface has it.
+  bool errs(const BlockId& id, double pixels_per_metre) const {
+    const double error = error_m(id) * pixels_per_metre, allowed = accuracy_.max_error_px;
+    if (error <= allowed) return false;
+    const double of_detail = detail_error_m(id) * pixels_per_metre;
+    return error - of_detail > allowed || error > std::max(allowed, accuracy_.max_detail_error_px);
   }
 
   void choose(const BlockId& id, const dem::NodeInfo& info) {
-    chosen_.insert(id);
+    if (chosen_.insert(id).second) count_detail(id, 1);
     result_.highest_m = std::max(result_.highest_m, static_cast<double>(info.max_m));
   }
 
@@ -196,8 +235,9 @@ class ViewSelector {
   void sharpen_shadows(const Sun& sun) {
     Vec3 middle = Vec3::Zero();
     for (const Seen& s : seen_) middle += s.bounds.centre.normalized();
-    LightGrid grid(sun, middle);
-    for (const Seen& s : seen_) grid.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun.direction));
+    LightTree receivers(sun, middle);
+    for (const Seen& s : seen_)
+      receivers.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun.direction));
     for (const Ball& ball : receivers_) {
       double sharpness = 0;
       for (const ViewBundle& view : views_)
@@ -205,14 +245,15 @@ class ViewSelector {
           sharpness = std::max(sharpness, view.pixels_per_metre(ball.centre_m, ball.radius_m));
       if (sharpness == 0) continue;
       const NodeBounds bounds = bounds_around(ball.centre_m, ball.radius_m);
-      grid.add_receiver(bounds, std::min(kSharpest, sharpness) * shadow_gain(bounds, sun.direction));
+      receivers.add_receiver(bounds, std::min(kSharpest, sharpness) * shadow_gain(bounds, sun.direction));
     }
-    grid.finish();
-    for (const Seen& s : std::exchange(seen_, {})) sharpen(s, grid);
-    for (const BlockId& id : std::exchange(out_of_view_, {})) cast(id, grid);
+    receivers.finish();
+    of_detail_ = 0;
+    for (const Seen& s : std::exchange(seen_, {})) sharpen(s, receivers);
+    for (const BlockId& id : std::exchange(out_of_view_, {})) cast(id, receivers);
     for (const RootGroup* group : groups_out_of_view_)
-      if (grid.shaded_pixels_per_metre(group->bounds) > 0)
-        for_each_root(terrain_, *group, [&](const BlockId& id) { cast(id, grid); });
+      if (receivers.shaded_pixels_per_metre(group->bounds) > 0)
+        for_each_root(terrain_, *group, [&](const BlockId& id) { cast(id, receivers); });
   }
 
   // What a block's error does to shadow edges, pixels; whether that is too much and finer posts would help.
@@ -231,27 +272,27 @@ class ViewSelector {
     return false;
   }
 
-  void sharpen(const Seen& seen, const LightGrid& grid) {
-    if (!blurs_shadows(seen.id, grid.shaded_pixels_per_metre(seen.bounds))) {
-      seen_.push_back(seen);
+  void sharpen(const Seen& seen, const LightTree& receivers) {
+    if (!blurs_shadows(seen.id, receivers.shaded_pixels_per_metre(seen.bounds))) {
+      add_seen(seen);
       return;
     }
     for (const BlockId& child : dem::children_of(seen.id))
-      if (const auto node = look_at(child)) sharpen(*node, grid);
+      if (const auto node = look_at(child)) sharpen(*node, receivers);
   }
 
-  void cast(const BlockId& id, const LightGrid& grid) {
+  void cast(const BlockId& id, const LightTree& receivers) {
     check(chosen_.size() + seen_.size(), stop_);
-    if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return grid.shaded_pixels_per_metre(b) > 0; }))
+    if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return receivers.shaded_pixels_per_metre(b) > 0; }))
       return;
     const auto node = known(terrain_, id, stop_);
     if (!node) return;
-    const double displaced = grid.shaded_pixels_per_metre(node->bounds);
+    const double displaced = receivers.shaded_pixels_per_metre(node->bounds);
     if (displaced == 0) return;
     // Large blocks overlap much that they don't shade: they are split until their bounds mean something.
     const bool coarse = id.level < dem::kRootLevel + 1 && !finest(id);
     if (coarse || blurs_shadows(id, displaced)) {
-      for (const BlockId& child : dem::children_of(id)) cast(child, grid);
+      for (const BlockId& child : dem::children_of(id)) cast(child, receivers);
       return;
     }
     choose(id, node->info);
@@ -266,6 +307,7 @@ class ViewSelector {
                    spacing = dem::post_spacing_m(s.id.level);
       result_.error_m = std::max(result_.error_m, error);
       result_.error_px = std::max(result_.error_px, error * s.pixels_per_metre);
+      result_.detail_error_px = std::max(result_.detail_error_px, detail_error_m(s.id) * s.pixels_per_metre);
       result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
       result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
     }
@@ -273,7 +315,7 @@ class ViewSelector {
       if (const auto seen = in_view_.find(id); seen != in_view_.end())
         around(id, [&](std::int32_t lat, std::int32_t lon) {
           const BlockId* neighbour = covering(lat, lon, id.level);
-          const double error = neighbour ? edge_error_m(id, *neighbour) : 0;
+          const double error = neighbour && follows(id, *neighbour) ? error_m(*neighbour) : 0;
           result_.error_m = std::max(result_.error_m, error);
           result_.error_px = std::max(result_.error_px, error * seen->second);
         });
@@ -297,14 +339,17 @@ class ViewSelector {
     result_.replaced.erase(std::unique(result_.replaced.begin(), result_.replaced.end()), result_.replaced.end());
   }
 
+  // What most of the terrain is there for.
+  const char* wanting() const { return 2 * of_detail_ > chosen_.size() ? "max_detail_error_px" : "max_error_px"; }
+
   void check_size() const {
     std::size_t needed = 0;
     for (const BlockId& id : result_.blocks) needed += scene_bytes_of(id, room_.visibility);
     if (needed > room_.bytes)
-      throw TooMuchTerrain(fmt::format("the view needs {} MB for its terrain, {} MB are allowed: ask for a larger "
-                                       "max_error_px or a narrower view",
-                                       needed >> 20, room_.bytes >> 20),
-                           "max_error_px");
+      throw TooMuchTerrain(fmt::format("the view needs {} MB for its terrain, {} MB are allowed: ask for a larger {} "
+                                       "or a narrower view",
+                                       needed >> 20, room_.bytes >> 20, wanting()),
+                           wanting());
   }
 
   // The chosen block that holds a place, at `level` or coarser.
@@ -327,16 +372,14 @@ class ViewSelector {
     }
   }
 
-  // The error of a joined edge that follows a coarser neighbour out of view, m. (One in view has bounds of its own.)
-  double edge_error_m(const BlockId& id, const BlockId& neighbour) const {
-    return neighbour.level < id.level && in_view_.contains(id) && !in_view_.contains(neighbour) ? error_m(neighbour)
-                                                                                                : 0;
+  // Whether a joined edge follows a coarser neighbour out of view. (One in view has bounds of its own.)
+  bool follows(const BlockId& id, const BlockId& neighbour) const {
+    return neighbour.level < id.level && in_view_.contains(id) && !in_view_.contains(neighbour);
   }
 
   bool must_split(const BlockId& neighbour, const BlockId& id) const {
     if (neighbour.level < id.level - 1) return true;
-    const double error = edge_error_m(id, neighbour);
-    return error > 0 && error * in_view_.at(id) > accuracy_.max_error_px;
+    return follows(id, neighbour) && errs(neighbour, in_view_.at(id));
   }
 
   // Splits blocks until neighbours differ by at most one level, so that edges join vertex by vertex, and until no edge
@@ -362,7 +405,7 @@ class ViewSelector {
   void split(const BlockId id, std::vector<BlockId>& todo) {
     const auto seen = in_view_.find(id);
     const double sharpness = seen == in_view_.end() ? 0 : seen->second;
-    chosen_.erase(id);
+    chosen_.erase(id), count_detail(id, -1);
     for (const BlockId& child : dem::children_of(id)) {
       const auto node = known(terrain_, child, stop_);
       if (!node) continue;
@@ -378,6 +421,8 @@ class ViewSelector {
   SceneRoom room_;
   const StopToken& stop_;
   const std::vector<Ball>& receivers_;
+  static constexpr std::size_t kAny = std::numeric_limits<std::size_t>::max();
+  std::size_t most_of_detail_ = kAny, of_detail_ = 0;  // blocks finer than the posts
   Chosen chosen_;
   std::vector<Seen> seen_;
   std::unordered_map<BlockId, double, dem::BlockIdHash> in_view_;  // pixels per metre; parts of what was split, too
@@ -463,18 +508,24 @@ Selection select_for_view(const dem::Terrain& terrain, const View& view, const S
 Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Sun* sun,
                            const Accuracy& accuracy, const StopToken& stop, const SceneRoom& room,
                            const std::vector<Ball>& receivers) {
-  // An aim of a hundred pixels and more is none.
-  constexpr double kNoAim_px = 100;
   Accuracy asked = accuracy;
+  asked.max_detail_error_px = std::max(asked.max_error_px, asked.max_detail_error_px);
+  const auto relax_shadows = [&] {
+    const bool gives_way = sun && asked.max_error_px > 0 && asked.max_shadow_error_px < kNoAim_px;
+    if (gives_way) asked.max_shadow_error_px = std::max(2 * asked.max_shadow_error_px, 1.0 / 16);
+    return gives_way;
+  };
   for (;;) {
     try {
       Selection selection = ViewSelector(terrain, views, asked, room, stop, receivers).select(sun);
       selection.shadow_limit_px = asked.max_shadow_error_px;
+      if (terrain.detail()) selection.detail_limit_px = asked.max_detail_error_px;
       return selection;
+    } catch (const TooMuchDetail&) {
+      asked.max_detail_error_px *= 2;
+      relax_shadows();
     } catch (const TooMuchTerrain&) {
-      const bool gives_way = sun && asked.max_error_px > 0 && asked.max_shadow_error_px < kNoAim_px;
-      if (!gives_way) throw;
-      asked.max_shadow_error_px = std::max(2 * asked.max_shadow_error_px, 1.0 / 16);
+      if (!relax_shadows()) throw;
     }
   }
 }

@@ -2,7 +2,8 @@
 //
 // A function of the request and the terrain only, never of what happens to be loaded: the same request selects the same
 // blocks. A block in view is refined until its posts are at most 2 max_error_px pixels apart and its vertical error (to
-// the finest surface, plus the chord's sag) projects to at most max_error_px. Terrain that is not in view is kept where
+// the finest surface, plus the chord's sag) projects to at most max_error_px, of terrain with detail to at most
+// max_detail_error_px. Terrain that is not in view is kept where
 // its shadow can reach what is. All terrain that can cast a shadow into view is refined until its vertical error moves
 // a shadow's edge on level ground by at most max_shadow_error_px: that is the error over the tangent of the Sun's
 // elevation where the shadow falls.
@@ -27,6 +28,8 @@ namespace selenograph::engine {
 struct Selection {
   std::vector<dem::BlockId> blocks;  // sorted; neighbouring levels differ by at most one
   double error_px = 0, error_m = 0;  // bounds over the blocks in view
+  double detail_error_px = 0;        // of that, what the terrain's detail adds
+  double detail_limit_px = 0;        // Accuracy::max_detail_error_px, or what it gave way to; 0: there is no detail
   double shadow_error_px = 0;        // bound on the displacement of shadow edges on level ground
   double shadow_limit_px = 0;        // Accuracy::max_shadow_error_px, or what it gave way to
   double min_spacing_m = 0, max_spacing_m = 0;

@@ -74,6 +74,41 @@ class Detail(unittest.TestCase):
         self.assertNotIn("detail", meta)
         self.assertNotIn("detail", meta["request"])
 
+    def test_from_orbit_and_to_the_horizon(self):
+        """What leaves out a crater may err by its depth: asked to be less than a pixel, that was more than fits."""
+        horizon = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.detailed + 5},
+                   "look_at": {"lat_deg": LAT + 0.001, "lon_deg": LON, "height_m": self.detailed, "up": "zenith"}}
+        camera = {"width": 256, "height": 256, "fov_deg": 60.0}
+        for view in ({"height_m": 1e5}, {"pose": horizon}):
+            for aim in (None, 0.5):
+                accuracy = {} if aim is None else {"max_detail_error_px": aim}
+                _, meta, _ = self.arrays(self.request(("radiance",), camera=camera, accuracy=accuracy, **view))
+                self.assertLessEqual(meta["detail_error_px"], meta["lod_error_px"])
+                reached = [w for w in meta["warnings"] if w.startswith("max_detail_error_px gave way from ")]
+                limit = float(reached[0].split(" to ")[1].split(":")[0]) if reached else aim or 2
+                self.assertLessEqual(meta["detail_error_px"], limit)
+                self.assertEqual(bool(reached), "pose" in view, meta["warnings"])
+
+    def test_the_aim_for_detail_is_a_bound(self):
+        triangles = []
+        for aim in (16, 2, 0.5):
+            arrays, meta, _ = self.arrays(self.request(("range", "position"), height_m=3000.0,
+                                                       accuracy={"max_detail_error_px": aim}))
+            triangles.append(meta["triangles"])
+            self.assertLessEqual(meta["detail_error_px"], aim)
+            lat, lon = np.radians([LAT, LON])
+            up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+            eye = (1737400.0 + self.ground + 3000) * up
+            rays = [{"origin_m": list(eye), "direction": list(d)}
+                    for d in ((arrays["position"] - eye) / arrays["range"][..., None])[::8, ::8].reshape(-1, 3)]
+            status, _, body = self.service.post("/v1/rays", {"rays": rays, "detail": "rough"})
+            self.assertEqual(status, 200, body[:300])
+            error = np.array([h["range_m"] for h in json.loads(body)["rays"]]) - arrays["range"][::8, ::8].ravel()
+            # Of directions 20 degrees off nadir at most, on slopes that are not steep.
+            self.assertLess(np.abs(error).max(), 1.2 * meta["lod_error_m"] + 1e-3, aim)
+        self.assertLess(triangles[0], triangles[1])
+        self.assertLess(triangles[1], triangles[2])
+
     def test_a_frame_shows_it_and_says_so(self):
         plain, _, _ = self.arrays(self.request(("radiance", "gsd", "geodetic"), detail=None))
         arrays, meta, _ = self.arrays(self.request(("radiance", "gsd", "geodetic")))

@@ -1,5 +1,5 @@
 // Who can shade whom: conservative against brute force, and not useless.
-#include "engine/scene/light_grid.h"
+#include "engine/scene/light_tree.h"
 
 #include <gtest/gtest.h>
 
@@ -74,7 +74,7 @@ TEST(NodeBoundsTest, HiddenOnlyBehindTheSolidMoon) {
   EXPECT_GT(hidden, 2000U);
 }
 
-TEST(LightGrid, AMountainShadesWhatItsShadowReaches) {
+TEST(LightTree, AMountainShadesWhatItsShadowReaches) {
   // At 2 degrees the shadow of a 5 km top would leave the sphere: the horizon seen from there dips by 4.3 degrees.
   for (const auto& [elevation, h] : {std::pair(2.0, 800.0), std::pair(5.0, 5000.0), std::pair(15.0, 5000.0)}) {
     const Vec3 sun = sun_over(10, 30, 90, elevation);
@@ -83,36 +83,36 @@ TEST(LightGrid, AMountainShadesWhatItsShadowReaches) {
     const double along = top.dot(sun), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
     ASSERT_GT(root, 0);
     const Geographic tip = to_geographic(top - sun * (along - std::sqrt(root)));
-    LightGrid grid(point(sun), top);
-    grid.add_receiver(bounds_of(block(10, tip.lat_deg, tip.lon_deg), -10, 10), 0.25);
-    grid.finish();
-    EXPECT_EQ(grid.shaded_pixels_per_metre(bounds_of(block(10, 10, 30), 0, h)), 0.25) << elevation;
-    EXPECT_EQ(grid.shaded_pixels_per_metre(bounds_of(block(10, 14, 30), 0, h)), 0) << "beside the light";
-    EXPECT_EQ(grid.shaded_pixels_per_metre(bounds_of(block(10, 10, tip.lon_deg - 2), 0, h)), 0)
+    LightTree receivers(point(sun), top);
+    receivers.add_receiver(bounds_of(block(10, tip.lat_deg, tip.lon_deg), -10, 10), 0.25);
+    receivers.finish();
+    EXPECT_EQ(receivers.shaded_pixels_per_metre(bounds_of(block(10, 10, 30), 0, h)), 0.25) << elevation;
+    EXPECT_EQ(receivers.shaded_pixels_per_metre(bounds_of(block(10, 14, 30), 0, h)), 0) << "beside the light";
+    EXPECT_EQ(receivers.shaded_pixels_per_metre(bounds_of(block(10, 10, tip.lon_deg - 2), 0, h)), 0)
         << "down-sun of the receiver";
-    EXPECT_EQ(grid.shaded_pixels_per_metre(bounds_of(block(10, 10, 30), 0, 0.5 * h)), 0) << "too low";
+    EXPECT_EQ(receivers.shaded_pixels_per_metre(bounds_of(block(10, 10, 30), 0, 0.5 * h)), 0) << "too low";
   }
 }
 
-TEST(LightGrid, WhoeverShadesIsFound) {
+TEST(LightTree, WhoeverShadesIsFound) {
   std::mt19937 random(10);
   std::uniform_real_distribution<double> any(0, 1);
   const Vec3 sun = sun_over(-40, 120, 250, 3);
   // Whatever is taken for upwards: nobody, the right one, the Sun itself, anything.
   for (const Vec3& up : {Vec3(Vec3::Zero()), to_cartesian({-39, 121, 0}), sun, Vec3(1, -2, 3)}) {
-    std::vector<NodeBounds> receivers;
-    LightGrid grid(point(sun), up);
+    std::vector<NodeBounds> places;
+    LightTree receivers(point(sun), up);
     for (int i = 0; i < 40; ++i) {
-      receivers.push_back(bounds_of(block(8, -40 + 3 * any(random), 120 + 3 * any(random)), -2000, 1000));
-      grid.add_receiver(receivers.back(), 1 + i);
+      places.push_back(bounds_of(block(8, -40 + 3 * any(random), 120 + 3 * any(random)), -2000, 1000));
+      receivers.add_receiver(places.back(), 1 + i);
     }
-    grid.finish();
+    receivers.finish();
     std::size_t shaded = 0;
     for (int i = 0; i < 20000; ++i) {
       const NodeBounds caster = bounds_of(block(8, -44 + 10 * any(random), 112 + 14 * any(random)), -2000, 6000);
-      const double answer = grid.shaded_pixels_per_metre(caster);
-      for (std::size_t k = 0; k < receivers.size(); ++k) {
-        const Vec3& from = receivers[k].points[static_cast<std::size_t>(random() % 18)];
+      const double answer = receivers.shaded_pixels_per_metre(caster);
+      for (std::size_t k = 0; k < places.size(); ++k) {
+        const Vec3& from = places[k].points[static_cast<std::size_t>(random() % 18)];
         const Vec3 to = caster.centre - from;
         const double along = to.dot(sun), off = (to - along * sun).norm();
         // The ray toward the Sun passes close by the caster's own points.
@@ -126,8 +126,20 @@ TEST(LightGrid, WhoeverShadesIsFound) {
   }
 }
 
+// Beside a camera on the ground receivers are small and sharp: far ones don't make casters beside them matter as much.
+TEST(LightTree, ASharpReceiverIsNoLargerThanItIs) {
+  const Vec3 sun = sun_over(10, 30, 90, 20);
+  LightTree receivers(point(sun), to_cartesian({10, 30, 0}));
+  receivers.add_receiver(bounds_of(block(17, 10, 30), 0, 1), 1000);
+  receivers.add_receiver(bounds_of(block(8, 10, 29.5), 0, 1), 1);
+  receivers.finish();
+  // Up-sun of the first, by about 5 m, and 90 m to the north of that, where light passes over the second only.
+  EXPECT_EQ(receivers.shaded_pixels_per_metre(bounds_of(block(17, 10, 30.0002), 0, 4)), 1000);
+  EXPECT_LE(receivers.shaded_pixels_per_metre(bounds_of(block(17, 10.003, 30.0002), 0, 4)), 1);
+}
+
 // A top that is too low to reach the disc's middle hides its lower rim.
-TEST(LightGrid, ADiscsRimIsShadedByLowerTops) {
+TEST(LightTree, ADiscsRimIsShadedByLowerTops) {
   const Vec3 toward = sun_over(10, 30, 90, 2);
   const Vec3 top = to_cartesian({10, 30, 800});
   const double along = top.dot(toward), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
@@ -136,10 +148,10 @@ TEST(LightGrid, ADiscsRimIsShadedByLowerTops) {
   const auto shaded = [&](double radius_deg, double below_m) {
     Sun sun = point(toward);
     sun.angular_radius_deg = radius_deg;
-    LightGrid grid(sun, top);
-    grid.add_receiver(bounds_of(block(14, tip.lat_deg, tip.lon_deg), -1, 1), 0.25);
-    grid.finish();
-    return grid.shaded_pixels_per_metre(bounds_of(block(14, 10, 30), 0, 800 - below_m)) > 0;
+    LightTree receivers(sun, top);
+    receivers.add_receiver(bounds_of(block(14, tip.lat_deg, tip.lon_deg), -1, 1), 0.25);
+    receivers.finish();
+    return receivers.shaded_pixels_per_metre(bounds_of(block(14, 10, 30), 0, 800 - below_m)) > 0;
   };
   const double rim_m = away_m * std::tan(0.2666 * kRadiansPerDegree);
   ASSERT_GT(rim_m, 50);
@@ -148,13 +160,13 @@ TEST(LightGrid, ADiscsRimIsShadedByLowerTops) {
   EXPECT_FALSE(shaded(0.2666, 2 * rim_m));
 }
 
-TEST(LightGrid, NightIsNotShaded) {
+TEST(LightTree, NightIsNotShaded) {
   const Vec3 sun = sun_over(0, 0, 90, 90);
-  LightGrid grid(point(sun), to_cartesian({0, 170, 0}));
-  grid.add_receiver(bounds_of(block(8, 0, 170), -2000, 1000), 1);
-  grid.finish();
+  LightTree receivers(point(sun), to_cartesian({0, 170, 0}));
+  receivers.add_receiver(bounds_of(block(8, 0, 170), -2000, 1000), 1);
+  receivers.finish();
   for (double lon = -180; lon < 180; lon += 5)
-    EXPECT_EQ(grid.shaded_pixels_per_metre(bounds_of(block(6, 0, lon), -2000, 8000)), 0);
+    EXPECT_EQ(receivers.shaded_pixels_per_metre(bounds_of(block(6, 0, lon), -2000, 8000)), 0);
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
-// Which terrain can cast a shadow into view: receivers binned on a plane across the sunlight.
+// Which terrain can cast a shadow into view: receivers on a plane across the sunlight, in a tree of rectangles. Those
+// near a camera are centimetres wide where the others are kilometres away: a grid would be too coarse for them.
 #pragma once
 
 #include <vector>
@@ -10,10 +11,10 @@ namespace selenograph::engine {
 
 // A caster matters when, seen along the sunlight, it overlaps a receiver and lies nearer to the Sun. Light from a disc
 // comes from its rim, too.
-class LightGrid {
+class LightTree {
  public:
   // `up`: where the receivers are, seen from the Moon's centre. Any will do; bounds are tightest with the right one.
-  LightGrid(const Sun& sun, const Vec3& up);
+  LightTree(const Sun& sun, const Vec3& up);
 
   // Terrain in view, with its pixels per metre. Terrain that is in the Moon's own night is left out.
   void add_receiver(const NodeBounds& bounds, double pixels_per_metre);
@@ -26,25 +27,27 @@ class LightGrid {
  private:
   struct Extent {
     double u0 = 1e300, u1 = -1e300, v0 = 1e300, v1 = -1e300, s0 = 1e300, s1 = -1e300;
+    void include(const Extent& other);
   };
   struct Receiver {
     Extent extent;
     double pixels_per_metre;
   };
-  struct Cell {
-    double nearest_s = 1e300;  // lowest receiver: farthest from the Sun
-    double pixels_per_metre = 0;
+  // The nodes of a branch follow it; behind all of them is `past`.
+  struct Node {
+    Extent extent;
+    double pixels_per_metre = 0;  // the largest
+    std::size_t past = 0;
+    std::size_t first = 0, count = 0;  // of a leaf's receivers
   };
   Extent extent_of(const NodeBounds& bounds) const;
   bool in_night(const NodeBounds& bounds) const;
-  std::pair<int, int> cells(double low, double high, double origin, double size) const;
+  void add_node(std::size_t first, std::size_t count);
 
-  static constexpr int kSide = 128;
   Vec3 sun_, u_, v_;
   double radius_;  // of the Sun's disc: tangent, with a little to spare
-  Extent all_;
   std::vector<Receiver> receivers_;
-  std::vector<Cell> cells_;
+  std::vector<Node> nodes_;
 };
 
 }  // namespace selenograph::engine
