@@ -543,6 +543,7 @@ const Catalogue& Terrain::catalogue() const { return impl_->catalogue; }
 const std::vector<BlockId>& Terrain::roots() const { return impl_->roots; }
 
 bool Terrain::has_data(const BlockId& id) const {
+  if (detailed_) return detailed_->has_data(id);
   const BlockId root = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
   // At the root level and above it a block is its root's area: the plan knows.
   return impl_->plan(root, 0).exists && (id.level <= kRootLevel || !impl_->within(id).empty());

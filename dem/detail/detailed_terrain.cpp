@@ -189,8 +189,14 @@ class DetailedTerrain::PostsAround {
 DetailedTerrain::DetailedTerrain(const Terrain& plain, std::shared_ptr<const Detail> detail, Blocks& blocks, int number)
     : plain_(plain), detail_(std::move(detail)), blocks_(blocks), number_(number) {}
 
+// Blocks may be smaller than the gap between the last posts of a tile and the first of the next, where there is a
+// surface: posts are asked for.
+bool DetailedTerrain::has_data(const BlockId& id) const {
+  return plain_.has_data(ancestor_of(id, std::min(id.level, plain_.posts_level(id))));
+}
+
 int DetailedTerrain::finest_level(const BlockId& id) const {
-  return plain_.has_data(id) ? std::max(plain_.finest_level(id), detail_->finest_level()) : plain_.finest_level(id);
+  return has_data(id) ? std::max(plain_.finest_level(id), detail_->finest_level()) : plain_.finest_level(id);
 }
 
 NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {

@@ -25,6 +25,7 @@ class DetailedTerrain {
 
   const Detail& detail() const { return *detail_; }
   int number() const { return number_; }
+  bool has_data(const BlockId& id) const;
   int finest_level(const BlockId& id) const;
   NodeInfo node(const BlockId& id, const StopToken& stop) const;
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop) const;

@@ -308,8 +308,7 @@ class FinerPosts(WithFeatures):
         """Where the finer posts begin larger craters end: what is cut says so."""
         border = self.craters("large", region(0.3, 0.7, 31.99, 32.01), smallest_m=64)
         self.assertTrue(border)
-        # The last block of the finest level touches the finer posts' block, and goes with it: 64 times 1.85 m.
-        end = 32 - 118.45 / METRES_PER_DEGREE
+        end = 32
         self.assertLess(max(c["lon_deg"] for c in border), end)
         near = [c for c in border if (end - c["lon_deg"]) * METRES_PER_DEGREE < 30]
         self.assertTrue(near)
