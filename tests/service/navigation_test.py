@@ -241,6 +241,15 @@ class MatcherTest(unittest.TestCase):
         found = matcher.peak((1 - 0.01 * ((x - 8.3) ** 2 + (y - 5.8) ** 2)).astype(np.float32))
         np.testing.assert_allclose(found[:2], (8.3, 5.8), atol=1e-3)
 
+    def test_a_level_of_the_map_serves_cameras_that_it_is_large_enough_for(self):
+        class Level:
+            def __init__(self, gsd_m, widest_gsd_m):
+                self.gsd_m, self.widest_gsd_m = gsd_m, widest_gsd_m
+
+        onboard = map.Map([Level(8, 11), Level(34, np.inf), Level(20, 22)])
+        for camera_gsd_m, level_gsd_m in ((30, 34), (22.5, 34), (21, 20), (12, 20), (10.9, 8), (1, 8)):
+            self.assertEqual(onboard.level(camera_gsd_m).gsd_m, level_gsd_m, camera_gsd_m)
+
     def test_the_search_reaches_beyond_the_matches_own_scatter(self):
         """Else matches lie about the prediction, and the filter measures its own error."""
         camera = Camera.of(256, 50.0)

@@ -43,7 +43,7 @@ def setUpModule():
     global SERVICE
     harness.set_up()
     harness.sample("dem", "--ppd", "256")  # where the examples fly
-    SERVICE = Service("--max-rays", "20000")
+    SERVICE = Service("--max-rays", "20000", "--assets-dir", os.path.join(REPOSITORY, "deploy", "assets"))
 
 
 def tearDownModule():
@@ -351,6 +351,25 @@ class Points(WithClient):
         self.assertTrue(np.isnan(heights.height_m[2]).all())
         self.assertEqual(heights.reason[2, 0], "no dataset covers this place")
         self.assertEqual(float(self.client.heights(-6.5, 40).height_m), heights.height_m[0, 0])
+
+    def test_the_ground_with_detail(self):
+        lat, lon = np.meshgrid(np.linspace(-6.501, -6.499, 9), np.linspace(39.999, 40.001, 9), indexing="ij")
+        plain, detailed = (self.client.heights(lat, lon, detail=name).height_m for name in (None, "landing"))
+        self.assertGreater(np.abs(detailed - plain).max(), 0.1)
+        self.assertLess(np.abs(detailed - plain).max(), 50)
+        down = -np.array([np.cos(np.radians(lat)) * np.cos(np.radians(lon)),
+                          np.cos(np.radians(lat)) * np.sin(np.radians(lon)), np.sin(np.radians(lat))]).transpose(1, 2, 0)
+        rays = self.client.rays(-1747400 * down, down, detail="landing")
+        np.testing.assert_allclose(rays.range_m, 10000 - detailed, atol=1e-6)
+        region = {"south_deg": -6.502, "north_deg": -6.498, "west_deg": 39.998, "east_deg": 40.002}
+        craters = self.client.features("landing", region, smallest_m=5)
+        self.assertGreater(len(craters), 10)
+        self.assertTrue((np.diff(craters.diameter_m) <= 0).all() and craters.diameter_m.min() >= 5)
+        self.assertTrue((craters.depth_m > 0).all() and (np.abs(craters.lat_deg + 6.5) <= 0.002).all())
+        rocks = self.client.features("landing", region, kind="rocks", smallest_m=0.5)
+        self.assertGreater(len(rocks), 0)
+        self.assertEqual(len(self.client.features("landing", region, kind="rocks", smallest_m=1e4)), 0)
+        self.assertEqual(len(set(rocks.id)), len(rocks))
 
     def test_more_points_than_a_request_holds(self):
         count = 2 * selenograph.POINTS_AT_ONCE + 7  # more than --max-rays

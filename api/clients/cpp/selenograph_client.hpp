@@ -510,7 +510,7 @@ class Client {
   // GET /v1/datasets: the catalogue of terrain.
   Json datasets() { return json_of(ask("GET", "/v1/datasets", "", "application/json")); }
 
-  // Any call by POST with a JSON answer, with members that the calls above don't have (objects, shutter, ...).
+  // Any call by POST with a JSON answer, with members that the calls above don't have (objects, shutter, detail, ...).
   Json post(const std::string& path, const Json& request) {
     return json_of(ask("POST", path, text_of(request), "application/json", detail::region(request)));
   }

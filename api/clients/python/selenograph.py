@@ -354,7 +354,7 @@ class Client:
     # Points
 
     def rays(self, origins_m: Any, directions: Any, sun: Optional[Request] = None,
-             objects: Optional[Sequence[Request]] = None) -> np.recarray:
+             objects: Optional[Sequence[Request]] = None, detail: Optional[str] = None) -> np.recarray:
         """Casts rays: POST /v1/rays, an altimeter or lidar.
 
         origins_m and directions are arrays of (..., 3), MOON_ME; one origin serves many directions and the other way
@@ -367,14 +367,15 @@ class Client:
             raise ValueError(f"origins_m and directions are arrays of (..., 3); together they are {origins.shape}")
         rays = [{"origin_m": o, "direction": d}
                 for o, d in zip(origins.reshape(-1, 3).tolist(), towards.reshape(-1, 3).tolist())]
-        answers = self._in_pieces("/v1/rays", "rays", rays, _given(sun=sun, objects=objects))
+        answers = self._in_pieces("/v1/rays", "rays", rays, _given(sun=sun, objects=objects, detail=detail))
         fields = [("hit", bool), ("range_m", float), ("position_m", float, 3), ("normal", float, 3), ("lit", float)]
         if objects:
             fields.append(("object", object))  # index into objects; None: terrain
         return _records(answers, fields, origins.shape[:-1])
 
     def project(self, camera: Request, pose: Optional[Request], points: Any, sun: Optional[Request] = None,
-                objects: Optional[Sequence[Request]] = None, shutter: Optional[Request] = None) -> np.recarray:
+                objects: Optional[Sequence[Request]] = None, shutter: Optional[Request] = None,
+                detail: Optional[str] = None) -> np.recarray:
         """Where landmarks appear: POST /v1/project.
 
         points is an array of (..., 3): lat_deg, lon_deg, height_m; or of (..., 2), or with NaN heights: on the terrain;
@@ -394,14 +395,15 @@ class Client:
         landmarks = [dict(zip(("lat_deg", "lon_deg", "height_m"), row if not math.isnan(row[-1]) else row[:2]))
                      for row in rows.tolist()]
         answers = self._in_pieces("/v1/project", "points", landmarks,
-                                  _given(camera=camera, pose=pose, sun=sun, objects=objects, shutter=shutter))
+                                  _given(camera=camera, pose=pose, sun=sun, objects=objects, shutter=shutter,
+                                         detail=detail))
         fields = [("x_px", float), ("y_px", float), ("range_m", float), ("height_m", float), ("in_frame", bool),
                   ("visible", bool), ("lit", float), ("reason", object)]
         if shutter:
             fields.append(("time_s", float))
         return _records(answers, fields, places.shape[:-1])
 
-    def heights(self, lat_deg: Any, lon_deg: Any) -> np.recarray:
+    def heights(self, lat_deg: Any, lon_deg: Any, detail: Optional[str] = None) -> np.recarray:
         """Heights of the terrain: POST /v1/heights, of numbers or arrays.
 
         Gives a record array of their shape: height_m (above the sphere of 1 737 400 m; NaN where there is no data),
@@ -410,10 +412,26 @@ class Client:
         """
         lats, lons = np.broadcast_arrays(np.asarray(lat_deg, float), np.asarray(lon_deg, float))
         places = [{"lat_deg": lat, "lon_deg": lon} for lat, lon in zip(lats.ravel().tolist(), lons.ravel().tolist())]
-        answers = self._in_pieces("/v1/heights", "points", places, {})
+        answers = self._in_pieces("/v1/heights", "points", places, _given(detail=detail))
         fields = [("lat_deg", float), ("lon_deg", float), ("height_m", float), ("post_spacing_m", float),
                   ("source", object), ("filled", bool), ("blended", bool), ("reason", object)]
         return _records(answers, fields, lats.shape)
+
+    def features(self, detail: str, region: Request, kind: str = "craters",
+                 smallest_m: Optional[float] = None) -> np.recarray:
+        """Craters or rocks ("rocks") of a detail: POST /v1/features, truth for what looks for them.
+
+        region is south_deg, north_deg, west_deg and east_deg of their centres. Gives a record array, the largest first:
+        id, lat_deg, lon_deg, height_m, diameter_m, age_Ma, and of craters depth_m and rim_share.
+        """
+        document = _given(detail=detail, region=region, kind=kind, smallest_m=smallest_m)
+        content = self._ask("POST", "/v1/features", _body(document), "application/json", None)[2]
+        fields = [("id", object), ("lat_deg", float), ("lon_deg", float), ("height_m", float), ("diameter_m", float),
+                  ("age_Ma", float)]
+        if kind == "craters":
+            fields += [("depth_m", float), ("rim_share", float)]
+        found = json.loads(content)[kind]
+        return _records(found, fields, (len(found),))
 
     def datasets(self) -> Dict[str, Any]:
         """The catalogue: GET /v1/datasets. "datasets" is a list of tiles (name, footprint, post_spacing_m, ...),
@@ -775,15 +793,20 @@ class AsyncClient:
         return await self._run(self._client.map, request)
 
     async def rays(self, origins_m: Any, directions: Any, sun: Optional[Request] = None,
-                   objects: Optional[Sequence[Request]] = None) -> np.recarray:
-        return await self._run(self._client.rays, origins_m, directions, sun, objects)
+                   objects: Optional[Sequence[Request]] = None, detail: Optional[str] = None) -> np.recarray:
+        return await self._run(self._client.rays, origins_m, directions, sun, objects, detail)
 
     async def project(self, camera: Request, pose: Optional[Request], points: Any, sun: Optional[Request] = None,
-                      objects: Optional[Sequence[Request]] = None, shutter: Optional[Request] = None) -> np.recarray:
-        return await self._run(self._client.project, camera, pose, points, sun, objects, shutter)
+                      objects: Optional[Sequence[Request]] = None, shutter: Optional[Request] = None,
+                      detail: Optional[str] = None) -> np.recarray:
+        return await self._run(self._client.project, camera, pose, points, sun, objects, shutter, detail)
 
-    async def heights(self, lat_deg: Any, lon_deg: Any) -> np.recarray:
-        return await self._run(self._client.heights, lat_deg, lon_deg)
+    async def heights(self, lat_deg: Any, lon_deg: Any, detail: Optional[str] = None) -> np.recarray:
+        return await self._run(self._client.heights, lat_deg, lon_deg, detail)
+
+    async def features(self, detail: str, region: Request, kind: str = "craters",
+                       smallest_m: Optional[float] = None) -> np.recarray:
+        return await self._run(self._client.features, detail, region, kind, smallest_m)
 
     async def datasets(self) -> Dict[str, Any]:
         return await self._run(self._client.datasets)

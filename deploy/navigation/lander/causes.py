@@ -7,7 +7,8 @@ from . import campaign, rehearsal
 from .camera import Detector
 from .descent import east_north_up, geodetic
 from .filter import Filter
-from .map import Level, Map, level_requests
+from .flight import post_spacing_of
+from .map import Map, level_requests, levels_of
 from .matcher import WIDEST, Matcher
 
 FRAMES = 40
@@ -25,17 +26,18 @@ class Poses:
         self.scenario, self.times = scenario, np.linspace(1, descent.duration_s - 1, 4 * FRAMES)
         positions = np.array([descent.position(t) for t in self.times])
         lat_deg, lon_deg, height_m = geodetic(positions)
-        ground = client.heights(lat_deg, lon_deg)
+        ground = client.heights(lat_deg, lon_deg, detail=scenario.detail)
         altitudes_m = height_m - ground.height_m
         inside = np.flatnonzero((altitudes_m >= ALTITUDES_M[0]) & (altitudes_m < ALTITUDES_M[1]))
         chosen = inside[np.linspace(0, len(inside) - 1, FRAMES).astype(int)]
         self.times, self.positions, self.altitudes_m = self.times[chosen], positions[chosen], altitudes_m[chosen]
         self.velocities = [descent.velocity(t) for t in self.times]
         self.attitudes = [descent.moon_from_camera(t) for t in self.times]
-        self.post_spacing_m = float(np.median(ground.post_spacing_m))
+        self.post_spacing_m = post_spacing_of(scenario, ground)
 
     def frames(self, client, sun, surface):
         requests = [{"camera": self.scenario.camera.request, "sun": sun, "products": ["radiance"], **surface,
+                     "detail": self.scenario.detail,
                      "pose": Pose.from_matrix(attitude, direction="moon_from_camera", position_m=position)}
                     for position, attitude in zip(self.positions, self.attitudes)]
         return [frame["radiance"] for frame in client.frames(requests)]
@@ -60,9 +62,8 @@ def explain(scenario, client):
     poses = Poses(scenario, client)
 
     def map_of(surface):
-        requests = level_requests(scenario.descent, scenario.camera, scenario.map_sun, poses.post_spacing_m,
-                                  campaign.INITIAL.sigmas[0])
-        return Map([Level(client.map({**request, **surface}), request["map"]["gsd_m"]) for request in requests])
+        return Map(levels_of(client, level_requests(scenario, poses.post_spacing_m, campaign.INITIAL.sigmas[0]),
+                             **surface))
 
     def noisy(frames):
         random = np.random.default_rng(0)

@@ -9,7 +9,7 @@ from . import inertial
 from .camera import Detector
 from .descent import geodetic, rotation, rotation_vector
 from .filter import Filter
-from .map import Level, level_requests
+from .map import level_requests, levels_of
 from .matcher import Matcher
 
 
@@ -24,6 +24,11 @@ class InitialError:
     @property
     def sigmas(self):
         return np.array([self.position_m, self.velocity_m_s, np.radians(self.attitude_deg)]) / np.sqrt(3)
+
+
+def post_spacing_of(scenario, ground):
+    """Of what frames and map show: of the DEM, or, with detail, as three of the map's pixels are without."""
+    return 3 * scenario.map_gsd_m if scenario.detail else float(np.median(ground.post_spacing_m))
 
 
 class Truth:
@@ -43,13 +48,14 @@ class Truth:
         self.velocities = np.array([descent.velocity(t) for t in self.frame_times_s])
         self.attitudes = np.array([descent.moon_from_camera(t) for t in self.frame_times_s])
         lat_deg, lon_deg, height_m = geodetic(self.positions)
-        ground = client.heights(lat_deg, lon_deg)
+        ground = client.heights(lat_deg, lon_deg, detail=scenario.detail)
         self.altitudes_m = height_m - ground.height_m
-        self.post_spacing_m = float(np.median(ground.post_spacing_m))
+        self.post_spacing_m = post_spacing_of(scenario, ground)
 
         self.frames, times_ms = [], []
         product = "radiance" if shadows else "angles"
         requests = [{"camera": scenario.camera.request, "sun": sun or scenario.flight_sun, "products": [product],
+                     "detail": scenario.detail,
                      **({"accuracy": accuracy} if accuracy else {}),
                      "pose": Pose.from_matrix(attitude, direction="moon_from_camera", position_m=position)}
                     for position, attitude in zip(self.positions, self.attitudes)]
@@ -68,8 +74,7 @@ def without_shadows(angles_deg):
 
 
 def map_levels(scenario, client, post_spacing_m, initial, shift_m=0.0):
-    requests = level_requests(scenario.descent, scenario.camera, scenario.map_sun, post_spacing_m, initial.sigmas[0])
-    return [Level(client.map(request), request["map"]["gsd_m"], shift_m) for request in requests]
+    return levels_of(client, level_requests(scenario, post_spacing_m, initial.sigmas[0]), shift_m=shift_m)
 
 
 COLUMNS = ("time_s", "altitude_m", "position_error_m", "velocity_error_m_s", "attitude_error_deg", "position_sigma_m",

@@ -12,9 +12,9 @@ MOST_PIXELS = 16e6  # the service's --max-map-pixels is a little above
 class Level:
     """One map of the service, equirectangular about its own centre."""
 
-    def __init__(self, frame, gsd_m, shift_m=0.0):
-        """shift_m: to the east, an error of the map."""
-        self.gsd_m = gsd_m
+    def __init__(self, frame, gsd_m, widest_gsd_m, shift_m=0.0):
+        """widest_gsd_m: of cameras that it is large enough for; shift_m: to the east, an error of the map."""
+        self.gsd_m, self.widest_gsd_m = gsd_m, widest_gsd_m
         area, transform = frame.meta["request"]["map"], frame.meta["grid"]["geotransform"]
         self._centre_lon_deg = area["center"]["lon_deg"]
         self._east_m_per_deg = np.radians(1) * MOON_RADIUS_M * np.cos(np.radians(area["center"]["lat_deg"]))
@@ -66,28 +66,36 @@ class Map:
         self.error, self.post_spacing_m = error, post_spacing_m
 
     def level(self, camera_gsd_m):
-        """The coarsest level that is at most half again as coarse as the camera; else the finest."""
-        for level in self.levels:
-            if level.gsd_m <= 1.5 * camera_gsd_m:
-                return level
-        return self.levels[-1]
+        """Of those that are large enough the coarsest that is at most half again as coarse as the camera; else the
+        finest of them."""
+        large = [level for level in self.levels if camera_gsd_m <= level.widest_gsd_m]
+        return next((level for level in large if level.gsd_m <= 1.5 * camera_gsd_m), large[-1])
 
 
-def level_requests(descent, camera, sun, post_spacing_m, position_sigma_m):
-    """Requests for /v1/maps along the nominal track; a level serves all altitudes below its own.
+def levels_of(client, requests, shift_m=0.0, **more):
+    """requests: of level_requests(); more: members for each of them."""
+    return [Level(client.map({**request, **more}), request["map"]["gsd_m"], widest_gsd_m, shift_m)
+            for request, widest_gsd_m in requests]
+
+
+def level_requests(scenario, post_spacing_m, position_sigma_m):
+    """Requests for /v1/maps along the nominal track, each with the widest pixels of a camera that it is large enough
+    for; a level serves all altitudes below its own.
 
     The finest level has three pixels a post: beyond there is no detail, and interpolation of the map costs nothing.
     """
+    descent, camera = scenario.descent, scenario.camera
     times = np.linspace(0, descent.duration_s, 400)
     points = np.array([descent.position(t) for t in times])
     lat_deg, lon_deg, height_m = geodetic(points)
     altitude_m = height_m - descent.site_height_m
     view = np.sqrt(2) * 0.5 * camera.side / camera.focal  # half a diagonal, per metre of altitude
-    gsd_m, requests = altitude_m[0] / camera.focal, []
+    gsd_m, levels = altitude_m[0] / camera.focal, []
     while True:
         # Before a level is used the error is as at first for the coarsest, and below the footprint for the others.
-        used = altitude_m <= 1.6 * gsd_m * camera.focal if requests else np.full(len(times), True)
-        doubt_m = 3 * position_sigma_m if not requests else 0.3 * altitude_m[used].max()
+        widest_gsd_m = 1.6 * gsd_m if levels else np.inf
+        used = altitude_m <= widest_gsd_m * camera.focal
+        doubt_m = 0.3 * altitude_m[used].max() if levels else 3 * position_sigma_m
         centre_lon = lon_deg[used].mean()
         center = {"lat_deg": 0.5 * (lat_deg[used].min() + lat_deg[used].max()), "lon_deg": centre_lon}
         margin_m = 1.3 * view * altitude_m[used].max() + doubt_m
@@ -96,9 +104,10 @@ def level_requests(descent, camera, sun, post_spacing_m, position_sigma_m):
         north_m = np.ptp(lat_deg[used]) * degree_m
         size = {"width_m": east_m + 2 * margin_m, "height_m": north_m + 2 * margin_m}
         fitting_m = max(gsd_m, np.sqrt(size["width_m"] * size["height_m"] / MOST_PIXELS), post_spacing_m / 3)
-        if not requests or fitting_m < 0.75 * requests[-1]["map"]["gsd_m"]:
-            requests.append({"map": {"projection": "equirectangular", "center": center, "gsd_m": fitting_m, **size},
-                             "sun": sun, "products": ["radiance", "height"]})
+        if not levels or fitting_m < 0.75 * levels[-1][0]["map"]["gsd_m"]:
+            levels.append(({"map": {"projection": "equirectangular", "center": center, "gsd_m": fitting_m, **size},
+                            "sun": scenario.map_sun, "detail": scenario.detail, "products": ["radiance", "height"]},
+                           widest_gsd_m))
         gsd_m /= 2
         if gsd_m < post_spacing_m / 3 or gsd_m * camera.focal < altitude_m[-1] / 2:
-            return requests
+            return levels

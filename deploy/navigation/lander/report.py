@@ -12,7 +12,7 @@ from .flight import COLUMNS
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
-EDGES_M = (0, 1500, 3000, 5000, 8000, 12000, 14000, 20000)
+EDGES_M = (0, 150, 300, 700, 1500, 3000, 5000, 8000, 12000, 14000, 20000)
 STYLE = {"font.size": 8, "axes.grid": True, "grid.color": "#dddddd", "grid.linewidth": 0.5, "lines.linewidth": 1.2,
          "legend.frameon": False, "figure.constrained_layout.use": True, "savefig.dpi": 80}
 BLUE, RED, GREEN = "#0072B2", "#D55E00", "#009E73"

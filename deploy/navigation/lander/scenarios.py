@@ -13,7 +13,10 @@ class Scenario:
     camera: Camera
     flight_sun: dict
     map_sun: dict
-    sample: tuple = ()  # options of `selenograph sample`; empty: a folder of the shared data, named as the scenario
+    sample: tuple = ()  # options of `selenograph sample`; empty: a folder of the shared data, `site` or named so
+    site: str = ""
+    detail: str | None = None  # below the posts, in frames and map: a preset of deploy/assets/details
+    map_gsd_m: float = 0.0  # of the finest level, with detail; without it is a third of the posts
     frame_step_s: float = 1.0
     imu_step_s: float = 0.1
 
@@ -47,7 +50,24 @@ def hadley(side=512, flight=(95, 18), map_sun=(105, 30)):
                     _sun(*site, *flight), _sun(*site, *map_sun))
 
 
-ALL = {"sample": sample, "hadley": hadley, "short": short}
+def touchdown(side=512, flight=(95, 18), map_sun=(105, 30), detail="landing"):
+    """As over Hadley, but down to 100 m, with craters and rocks below the posts: the map has them to half a metre, as
+    images from orbit do."""
+    site = (26.1322, 3.6339)
+    descent = Descent(*site, -1922.0, 276.0, 200e3, 1100.0, end_altitude_m=100.0, end_speed_m_s=5.0,
+                      end_descent_m_s=4.0)
+    return Scenario("touchdown" if detail else "touchdown-plain", descent, Camera.of(side, 50.0),
+                    _sun(*site, *flight), _sun(*site, *map_sun), site="hadley", detail=detail,
+                    map_gsd_m=0.5 if detail else 0.0)
+
+
+def touchdown_plain(**more):
+    """The same without anything below the posts."""
+    return touchdown(**more, detail=None)
+
+
+ALL = {"sample": sample, "hadley": hadley, "short": short, "touchdown": touchdown,
+       "touchdown-plain": touchdown_plain}
 
 
 def coarser(scenario, times):

@@ -16,7 +16,7 @@ def terrain(scenario, binary, work):
     """The folder of the scenario's DEM; made, where it is sample terrain."""
     if not scenario.sample:
         base = os.environ.get("SELENOGRAPH_SHARED_DATA") or ROOT.parent / "shared" / "data"
-        folder = pathlib.Path(base) / scenario.name
+        folder = pathlib.Path(base) / (scenario.site or scenario.name)
         if not folder.is_dir():
             sys.exit(f"scenario {scenario.name} needs {folder}, or SELENOGRAPH_SHARED_DATA to name its parent")
         return folder
@@ -34,7 +34,9 @@ def started(scenario, binary, work, url=None):
             yield client
         return
     folder = terrain(scenario, binary, work)
-    command = [binary, "serve", "--port", "0", "--deadline-s", "600", "--cache-dir", work / "cache", "--dem", folder]
+    command = [binary, "serve", "--port", "0", "--deadline-s", "600", "--cache-dir", work / "cache", "--dem", folder,
+               "--assets-dir", ROOT / "deploy" / "assets"]
+    work.mkdir(parents=True, exist_ok=True)
     with open(work / "service.log", "w") as log:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
         try:
