@@ -169,6 +169,14 @@ dem::SizeFrequency read_frequency(const JsonReader& in) {
   return frequency;
 }
 
+// The first diameter, of some an octave apart, above which a law has more than so many times what another has.
+std::optional<double> denser_from(const dem::SizeFrequency& law, double times, const dem::SizeFrequency& other,
+                                  double smallest_m, double largest_m) {
+  double diameter_m = smallest_m;
+  while (diameter_m < largest_m && law.above(diameter_m) <= times * other.above(diameter_m)) diameter_m *= 2;
+  return diameter_m < largest_m ? std::optional(diameter_m) : std::nullopt;
+}
+
 void read_craters(const JsonReader& in, dem::CraterLaw& craters) {
   if (!in.object({"smallest_m", "largest_m", "frequency", "oldest_Ma", "diffusivity_m2_per_Ma"})) return;
   craters.smallest_m = in.number("smallest_m", kFeature_m), craters.largest_m = in.number("largest_m", kFeature_m);
@@ -179,9 +187,8 @@ void read_craters(const JsonReader& in, dem::CraterLaw& craters) {
   if (!in.good()) return;
   if (!(craters.smallest_m < craters.largest_m)) return in.fail("smallest_m", "must be below largest_m");
   // Ten times equilibrium: nothing on the Moon is denser, and time goes with it.
-  for (double m = craters.smallest_m; m < craters.largest_m; m *= 2)
-    if (craters.frequency.above(m) > 10 * dem::equilibrium().above(m))
-      return in.fail("frequency", fmt::format("has more than ten times equilibrium's craters above {:g} m", m));
+  const auto m = denser_from(craters.frequency, 10, dem::equilibrium(), craters.smallest_m, craters.largest_m);
+  if (m) in.fail("frequency", fmt::format("has more than ten times equilibrium's craters above {:g} m", *m));
 }
 
 void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
@@ -195,11 +202,12 @@ void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
   if (!in.good()) return;
   if (!(rocks.smallest_m < rocks.largest_m)) return in.fail("smallest_m", "must be below largest_m");
   // Ten times Haworth's, next to craters, too.
-  for (double m = rocks.smallest_m; m < rocks.largest_m; m *= 2)
-    if (rocks.on_ejecta * rocks.frequency.above(m) > 10 * dem::rocks_of_haworth().above(m))
-      return in.fail("frequency", fmt::format("has, next to fresh craters, more than ten times the rocks above {:g} m "
-                                              "that were counted in Haworth's rocky parts",
-                                              m));
+  const auto m =
+      denser_from(rocks.frequency, 10 / rocks.on_ejecta, dem::rocks_of_haworth(), rocks.smallest_m, rocks.largest_m);
+  if (m)
+    in.fail("frequency", fmt::format("has, next to fresh craters, more than ten times the rocks above {:g} m that were "
+                                     "counted in Haworth's rocky parts",
+                                     *m));
 }
 
 void read_relief(const JsonReader& in, dem::ReliefLaw& relief) {
