@@ -378,6 +378,7 @@ TEST(Client, FramesComeInOrderWithPosesAhead) {
     --in_work;
   });
   std::vector<Json> requests;
+  requests.reserve(6);
   for (int i = 0; i < 6; ++i) requests.push_back({{"pose", {{"step", i}}}});
   std::vector<std::string> order;
   Client(fake.url())

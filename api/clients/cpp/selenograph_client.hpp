@@ -404,7 +404,8 @@ class Client {
 
   // url: scheme, host, port and, behind a proxy, the path before /v1. token: sent as a bearer token; empty: none.
   // timeout: for one call with all its repetitions. https needs a build with CPPHTTPLIB_OPENSSL_SUPPORT.
-  explicit Client(std::string url, std::string token = "", std::chrono::milliseconds timeout = std::chrono::seconds(60))
+  explicit Client(const std::string& url, std::string token = "",
+                  std::chrono::milliseconds timeout = std::chrono::seconds(60))
       : token_(std::move(token)), timeout_(timeout) {
     const std::size_t scheme_end = url.find("://");
     if (scheme_end == std::string::npos) throw Error("not a URL: " + url);
