@@ -13,6 +13,7 @@ void add_rays(OrderedJson& schemas, std::size_t most) {
       object("hit alone where nothing is hit",
              {{"hit", boolean("whether anything was hit")},
               {"object", number_or_null("index into the request's objects, if it has some; null: terrain")},
+              {"rock", text("its id in POST /v1/features, if it is one of the detail's rocks")},
               {"range_m", number_or_null("from the origin, m")},
               {"position_m", vector("MOON_ME, m")},
               {"normal", vector("outward unit normal, MOON_ME")},

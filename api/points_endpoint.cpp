@@ -16,6 +16,7 @@ void need_memory(const EndpointContext& context, std::size_t points, std::string
 
 std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& placed) {
   std::vector<engine::SceneObject> objects;
+  objects.reserve(placed.size());
   for (const PlacedObject& p : placed) objects.push_back(p.object);
   return objects;
 }

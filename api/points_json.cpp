@@ -3,6 +3,7 @@
 #include <charconv>
 #include <cmath>
 
+#include "api/features_json.h"
 #include "api/member_kinds.h"
 #include "api/pose_json.h"
 #include "api/ranges.h"
@@ -141,6 +142,7 @@ OrderedJson rays_json(std::span<const engine::RayHit> hits, const RaysQuery& que
       ray["position_m"] = vector_json(hit.position_m);
       ray["normal"] = vector_json(hit.normal);
       if (!query.objects.empty()) ray["object"] = hit.object ? OrderedJson(*hit.object) : OrderedJson(nullptr);
+      if (hit.rock) ray["rock"] = id_text(*hit.rock);
       if (query.sun) ray["lit"] = number_json(hit.lit);
     }
     list.push_back(std::move(ray));

@@ -264,13 +264,12 @@ void LayerEdges::settle(Group& group) const {
   };
   const auto side = static_cast<double>(std::min(group.x1 - group.x0, group.y1 - group.y0));
   if (group.sources.size() <= kSmallGroup && side < 8 * band) {
-    double half_width = side / 2;
     try {
-      half_width = half_width_posts(group, octave_of(std::min(band, side / 2)));
+      band = std::min(band, half_width_posts(group, octave_of(std::min(band, side / 2))) / 2);
     } catch (const DataError&) {
       // Who needs the posts of the file that can't be read will say so.
+      band = std::min(band, side / 4);
     }
-    band = std::min(band, half_width / 2);
   }
   group.octave = octave_of(band);
   // Less by what the distance between cells' middles, cells that are open in part and the spline reach further.

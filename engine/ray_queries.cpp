@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <unordered_map>
 #include <utility>
 
+#include "dem/detail/detail.h"
+#include "dem/detail/rocks_on_ground.h"
 #include "dem/error.h"
 #include "dem/parallel.h"
 #include "dem/surface_place.h"
@@ -13,6 +16,7 @@
 #include "engine/visibility/objects_in_frame.h"
 #include "engine/visibility/raytrace/trace.h"
 #include "engine/visibility/refine.h"
+#include "engine/visibility/rocks_in_view.h"
 
 namespace selenograph::engine {
 namespace {
@@ -31,13 +35,15 @@ class RayCaster {
  public:
   RayCaster(const std::vector<SceneObject>& objects, const dem::Terrain& terrain, RenderCache& kept,
             const StopToken& stop)
-      : scenery_(scenery_of(objects)), objects_(scenery_), terrain_(terrain), kept_(kept), stop_(stop) {}
+      : scenery_(scenery_of(objects)), objects_(scenery_), terrain_(terrain), kept_(kept), stop_(stop) {
+    if (terrain.detail() && !terrain.detail()->rocks().empty()) rocks_.emplace(terrain);
+  }
 
   enum class Meeting { terrain_alone, everything };
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, Meeting meeting) {
     std::vector<RayHit> hits(rays.size());
     std::vector<Vec3> facets(rays.size());  // their normals, as in SurfacePoints
-    in_batches({rays.begin(), rays.end()}, [&](const Scene& scene, const Batch& batch, std::size_t first, int count) {
+    const auto meet = [&](const Scene& scene, const Scenery& on_it, const Batch& batch, std::size_t first, int count) {
       Rays packet;
       for (int i = 0; i < kPacket; ++i) {
         const Ray& ray = rays[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]];
@@ -47,17 +53,19 @@ class RayCaster {
       SurfacePoints points;
       trace(scene, packet, points);
       ObjectLanes on_objects;
-      const std::uint32_t lanes =
-          meeting == Meeting::everything && !objects_.empty() ? objects_.meet(packet, points, on_objects) : 0;
+      const std::uint32_t lanes = meeting == Meeting::everything && !on_it.objects().empty()
+                                      ? on_it.objects().meet(packet, points, on_objects)
+                                      : 0;
       for (int i = 0; i < count; ++i) {
         const std::size_t at = batch[first + static_cast<std::size_t>(i)];
         if (lanes >> i & 1) {
           hits[at] = {true,
-                      on_objects.object[i],
+                      on_it.object(on_objects.object[i]),
                       on_objects.points.distance[i],
                       on_objects.points.position(i),
                       on_objects.shading.normal(i),
-                      0};
+                      0,
+                      on_it.rock(on_objects.object[i])};
           facets[at] = on_objects.points.facet_normal(i);
         }
         if (!points.hit[i]) continue;
@@ -69,7 +77,8 @@ class RayCaster {
                     0};
         facets[at] = points.facet_normal(i);
       }
-    });
+    };
+    in_batches({rays.begin(), rays.end()}, meet);
     if (sun) light(hits, facets, *sun);
     return hits;
   }
@@ -86,6 +95,37 @@ class RayCaster {
  private:
   using Batch = std::vector<std::size_t>;  // indices of rays
 
+  // What stands on the terrain of a batch: the query's objects, and rocks.
+  class Scenery {
+   public:
+    Scenery(const ObjectsInFrame& without, const FrameRequest& request, std::vector<dem::RockFeature> rocks,
+            const StopToken& stop)
+        : without_(without), rocks_(std::move(rocks)) {
+      if (rocks_.empty()) return;
+      with_.emplace(request, rocks_, stop);
+      for (std::size_t i = 0; i < rocks_.size(); ++i) numbers_.emplace(rocks_[i].rock.id, with_->index_of_rock(i));
+    }
+    const ObjectsInFrame& objects() const { return with_ ? *with_ : without_; }
+    std::optional<std::uint16_t> object(std::uint16_t index) const {
+      return objects().rock(index) ? std::nullopt : std::optional(index);
+    }
+    std::optional<std::uint64_t> rock(std::uint16_t index) const {
+      const auto number = objects().rock(index);
+      return number ? std::optional(rocks_[*number].rock.id) : std::nullopt;
+    }
+    std::uint16_t index_of(const RayHit& hit) const {
+      if (!hit.rock) return hit.object.value_or(kNoObject);
+      const auto found = numbers_.find(*hit.rock);
+      return found == numbers_.end() ? kNoObject : found->second;
+    }
+
+   private:
+    const ObjectsInFrame& without_;
+    std::vector<dem::RockFeature> rocks_;
+    std::optional<ObjectsInFrame> with_;
+    std::unordered_map<std::uint64_t, std::uint16_t> numbers_;
+  };
+
   // As in frames: by the facet and by the normal that it is shaded by.
   void light(std::vector<RayHit>& hits, const std::vector<Vec3>& facets, const Sun& sun) {
     std::vector<Ray> to_sun;
@@ -101,14 +141,14 @@ class RayCaster {
       if (hits[i].hit && std::any_of(toward.begin(), toward.end(), faces))
         to_sun.push_back({hits[i].position_m, sun.direction}), asked.push_back(i);
     }
-    const auto work = [&](const Scene& scene, const Batch& batch, std::size_t first, int count) {
+    const auto work = [&](const Scene& scene, const Scenery& on_it, const Batch& batch, std::size_t first, int count) {
       SurfacePoints points{};
       Shading shading{};
       std::uint32_t asking = 0;
       std::uint16_t own[kPacket];
       for (int i = 0; i < kPacket; ++i) {
         const RayHit& hit = hits[asked[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]]];
-        own[i] = hit.object.value_or(kNoObject);
+        own[i] = on_it.index_of(hit);
         const Vec3& facet = facets[asked[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]]];
         points.hit[i] = i < count;
         if (points.hit[i] && (disc || facet.dot(sun.direction) > 0)) asking |= 1U << i;
@@ -119,7 +159,7 @@ class RayCaster {
       float lit[kPacket];
       const auto blocked = [&](std::uint32_t of, const Vec3& d) {
         const std::uint32_t dark = shaded(scene, points, of, d);
-        return dark | (objects_.empty() ? 0 : objects_.blocked(points, own, of & ~dark, d));
+        return dark | (on_it.objects().empty() ? 0 : on_it.objects().blocked(points, own, of & ~dark, d));
       };
       if (disc) {
         DiscLanes turned;
@@ -140,9 +180,9 @@ class RayCaster {
     return hit == hits.end() ? Vec3::UnitZ() : hit->position_m;
   }
 
-  // work(scene, batch, first, count) on packets of rays, as many batches of them as the terrain along them makes scenes
-  // of bearable size. Rays that enter the terrain near each other go together.
-  // `toward`: not only along its own direction each ray is followed, but along all of these.
+  // work(scene, scenery, batch, first, count) on packets of rays, as many batches of them as the terrain along them
+  // makes scenes of bearable size. Rays that enter the terrain near each other go together. `toward`: not only along
+  // its own direction each ray is followed, but along all of these.
   template <typename Work>
   void in_batches(const std::vector<Ray>& rays, Work&& work, const std::vector<Vec3>& toward = {}) {
     std::vector<std::pair<dem::BlockId, std::size_t>> places;
@@ -169,9 +209,11 @@ class RayCaster {
     // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
     const std::size_t of_block = scene_bytes_of({.level = dem::kMaxLevel}, Visibility::raytrace);
     const std::size_t most = std::min(kMaxBlocks, kept_.capacity() / of_block);
-    const auto selection = select_for_rays(terrain_, some, batch.size() == 1 ? most : most / 4, stop_);
-    if (!selection && batch.size() == 1) throw TooMuchTerrain("a ray runs along more terrain than fits");
-    if (!selection) {
+    const double above_m = rocks_ ? rocks_->largest_m() : 0;
+    const auto selection = select_for_rays(terrain_, some, batch.size() == 1 ? most : most / 4, stop_, above_m);
+    auto rocks = selection ? rocks_of(selection->blocks) : std::nullopt;
+    if (!rocks && batch.size() == 1) throw TooMuchTerrain("a ray runs along more terrain than fits");
+    if (!rocks || (batch.size() > 1 && far_apart(*rocks))) {
       const auto middle = batch.begin() + static_cast<std::ptrdiff_t>(batch.size() / 2);
       split(rays, {batch.begin(), middle}, work, toward);
       split(rays, {middle, batch.end()}, work, toward);
@@ -180,7 +222,21 @@ class RayCaster {
     const SceneContent content{selection->blocks, anchor_for(some[0].origin_m, some[0].direction), Visibility::raytrace,
                                &terrain_};
     const auto scene = kept_.scene(content, stop_);
-    for_packets(batch.size(), stop_, [&](std::size_t first, int count) { work(*scene, batch, first, count); });
+    const Scenery scenery(objects_, scenery_, std::move(*rocks), stop_);
+    for_packets(batch.size(), stop_, [&](std::size_t first, int count) { work(*scene, scenery, batch, first, count); });
+  }
+
+  std::optional<std::vector<dem::RockFeature>> rocks_of(const std::vector<dem::BlockId>& blocks) {
+    if (!rocks_) return std::vector<dem::RockFeature>();
+    return rocks_->on(blocks, stop_);
+  }
+
+  // Float is relative to their middle.
+  static bool far_apart(const std::vector<dem::RockFeature>& rocks) {
+    constexpr double kFar_m = 20e3;
+    return std::any_of(rocks.begin(), rocks.end(), [&](const dem::RockFeature& rock) {
+      return (rock.position_m - rocks.front().position_m).norm() > kFar_m;
+    });
   }
 
   // What of a frame's request the objects are asked with; the Sun of each question is its own.
@@ -192,6 +248,7 @@ class RayCaster {
 
   const FrameRequest scenery_;
   const ObjectsInFrame objects_;
+  std::optional<RocksOnBlocks> rocks_;  // of terrain that has some
   const dem::Terrain& terrain_;
   RenderCache& kept_;
   const StopToken& stop_;

@@ -66,8 +66,8 @@ CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double a
     const double t = std::clamp((end - r) / (end / 3), 0.0, 1.0);
     return t * t * (3 - 2 * t);
   };
-  double highest = 0;
-  for (double r = 0; r < end; r += kStep) {
+  double highest = 0, r = 0;
+  for (; r < end; r += kStep) {
     const double h = at(annuli, r) * (age == 0 ? 1 : share(r));
     row.heights.push_back(static_cast<float>(h));
     highest = std::max(highest, h);

@@ -304,6 +304,7 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
   std::vector<double> heights(n * n);
   std::vector<float> in_crater(n * n);
   std::vector<std::int64_t> lons;
+  lons.reserve(n);
   for (int i = 0; i < side; ++i) lons.push_back(e.lon0 + std::int64_t{i - kHalo} * e.lon_step);
   for (int r = 0; r < side; ++r) {
     stop.check();

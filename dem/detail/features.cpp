@@ -19,18 +19,6 @@ constexpr int kRimPoints = 16;
 // A piece's side over the octave's smallest diameter.
 constexpr double kPieceDiameters = 32;
 
-// All that is no farther than so much from a box, and some more.
-Footprint around(const Footprint& f, double margin_m) {
-  const double angle = margin_m / kMoonRadius_m, margin_deg = angle * kDegreesPerRadian;
-  Footprint wide{std::max(-90.0, f.south_deg - margin_deg), std::min(90.0, f.north_deg + margin_deg), -180, 180};
-  const double across = std::cos(std::max(-wide.south_deg, wide.north_deg) * kRadiansPerDegree);
-  if (wide.south_deg <= -90 || wide.north_deg >= 90 || std::sin(angle) >= across) return wide;
-  const double beside_deg = std::asin(std::sin(angle) / across) * kDegreesPerRadian;
-  if (f.east_deg - f.west_deg + 2 * beside_deg >= 360) return wide;
-  wide.west_deg = f.west_deg - beside_deg, wide.east_deg = f.east_deg + beside_deg;
-  return wide;
-}
-
 double height_m(const CraterField& field, const Crater& crater, const Vec3& place) {
   const double distance_m = (place - crater.centre).norm() * kMoonRadius_m;
   if (distance_m >= crater.reach_m()) return 0;

@@ -38,6 +38,17 @@ std::vector<Footprint> cut(const Footprint& region, double side_m) {
   return pieces;
 }
 
+Footprint around(const Footprint& f, double margin_m) {
+  const double angle = margin_m / kMoonRadius_m, margin_deg = angle * kDegreesPerRadian;
+  Footprint wide{std::max(-90.0, f.south_deg - margin_deg), std::min(90.0, f.north_deg + margin_deg), -180, 180};
+  const double across = std::cos(std::max(-wide.south_deg, wide.north_deg) * kRadiansPerDegree);
+  if (wide.south_deg <= -90 || wide.north_deg >= 90 || std::sin(angle) >= across) return wide;
+  const double beside_deg = std::asin(std::sin(angle) / across) * kDegreesPerRadian;
+  if (f.east_deg - f.west_deg + 2 * beside_deg >= 360) return wide;
+  wide.west_deg = f.west_deg - beside_deg, wide.east_deg = f.east_deg + beside_deg;
+  return wide;
+}
+
 double cells_of(int smallest_octave, int largest_octave, const Footprint& region, double smallest_m) {
   // As a rectangle, with those that are drawn for the pieces' margins.
   const double height_m = (region.north_deg - region.south_deg) * kMetresPerDegree,

@@ -16,6 +16,9 @@ bool holds(const Footprint& region, const Geographic& place);
 // Its pieces, whose sides are no longer than this, on the sphere.
 std::vector<Footprint> cut(const Footprint& region, double side_m);
 
+// All that is no farther than so much from it, and some more.
+Footprint around(const Footprint& region, double margin_m);
+
 // How many of SizeCells' cells have to be drawn to find what is in a region, of some octaves and at least as large.
 double cells_of(int smallest_octave, int largest_octave, const Footprint& region, double smallest_m);
 

@@ -51,15 +51,19 @@ void RockSurvey::add(int octave, const Footprint& box, double smallest_m, std::v
   // Block by block, so that a rock's surroundings are the same whoever asks.
   constexpr int kLevel = 11;  // 950 m wide
   std::vector<Rock> rocks;
-  for (double south = box.south_deg, north; south < box.north_deg; south = north) {
-    north = std::min(box.north_deg, lat_deg_of(extent_of(block_at_place(kLevel, south, box.west_deg)).lat1()));
-    for (double west = box.west_deg, east; west < box.east_deg; west = east) {
+  double south = box.south_deg;
+  while (south < box.north_deg) {
+    double north = std::min(box.north_deg, lat_deg_of(extent_of(block_at_place(kLevel, south, box.west_deg)).lat1()));
+    double west = box.west_deg;
+    while (west < box.east_deg) {
       const BlockId id = block_at_place(kLevel, south, west);
-      east = std::min(box.east_deg, west + (lon_deg_of(extent_of(id).lon1()) - wrap_lon_deg(west)));
+      double east = std::min(box.east_deg, west + (lon_deg_of(extent_of(id).lon1()) - wrap_lon_deg(west)));
       if (!(east > west)) east = std::nextafter(west, 1000);
       field_.within(octave, {south, north, west, east}, *fresh_around(id), rocks);
+      west = east;
     }
     if (!(north > south)) north = std::nextafter(south, 1000);
+    south = north;
   }
   for (const Rock& rock : rocks) {
     if (rock.diameter_m < smallest_m) continue;

@@ -17,11 +17,12 @@ struct Ray {
 
 struct RayHit {
   bool hit = false;
-  std::optional<std::uint16_t> object{};  // index into the query's objects; empty: terrain
+  std::optional<std::uint16_t> object{};  // index into the query's objects; empty: terrain, or a rock of its detail
   double range_m = std::numeric_limits<double>::quiet_NaN();
   Vec3 position_m = Vec3::Zero();
   Vec3 normal = Vec3::Zero();
-  double lit = 0;  // meaningful when a Sun was given
+  double lit = 0;                       // meaningful when a Sun was given
+  std::optional<std::uint64_t> rock{};  // dem::Rock::id
 };
 
 // A point of POST /v1/project.

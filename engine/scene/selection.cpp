@@ -433,34 +433,35 @@ class ViewSelector {
 
 // Whether a ray passes through a node: within its ball it must come below the highest and reach above the lowest
 // height.
-bool may_meet(const Ray& ray, const NodeBounds& b) {
+bool may_meet(const Ray& ray, const NodeBounds& b, double above_m) {
   const Vec3 to = b.centre - ray.origin_m;
-  const double along = to.dot(ray.direction), off2 = to.squaredNorm() - along * along, reach2 = b.radius_m * b.radius_m;
+  const double along = to.dot(ray.direction), off2 = to.squaredNorm() - along * along, reach = b.radius_m + above_m,
+               reach2 = reach * reach;
   if (off2 > reach2) return false;
   const double half = std::sqrt(reach2 - off2), t0 = std::max(0.0, along - half), t1 = along + half;
   if (t1 < 0) return false;
   const double closest = std::clamp(-ray.origin_m.dot(ray.direction), t0, t1);
-  return (ray.origin_m + closest * ray.direction).norm() <= kMoonRadius_m + b.high_m + b.bulge_m + 1;
+  return (ray.origin_m + closest * ray.direction).norm() <= kMoonRadius_m + b.high_m + b.bulge_m + 1 + above_m;
 }
 
 // False once there are too many.
 bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std::vector<std::size_t>& some,
-            const BlockId& id, std::size_t max_blocks, Selection& out, const StopToken& stop) {
+            const BlockId& id, std::size_t max_blocks, double above_m, Selection& out, const StopToken& stop) {
   stop.check();
   const bool worth_asking = may_matter(terrain, id, stop, [&](const NodeBounds& b) {
-    return std::any_of(some.begin(), some.end(), [&](std::size_t i) { return may_meet(rays[i], b); });
+    return std::any_of(some.begin(), some.end(), [&](std::size_t i) { return may_meet(rays[i], b, above_m); });
   });
   if (!worth_asking) return true;
   const auto node = known(terrain, id, stop);
   if (!node) return true;
   std::vector<std::size_t> meeting;
   for (const std::size_t i : some)
-    if (may_meet(rays[i], node->bounds)) meeting.push_back(i);
+    if (may_meet(rays[i], node->bounds, above_m)) meeting.push_back(i);
   if (meeting.empty()) return true;
   if (id.level < terrain.finest_level(id)) {
     const std::vector<BlockId> children = dem::children_of(id);
     return std::all_of(children.begin(), children.end(), [&](const BlockId& child) {
-      return follow(terrain, rays, meeting, child, max_blocks, out, stop);
+      return follow(terrain, rays, meeting, child, max_blocks, above_m, out, stop);
     });
   }
   out.blocks.push_back(id);
@@ -531,17 +532,17 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
 }
 
 std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
-                                         std::size_t max_blocks, const StopToken& stop) {
+                                         std::size_t max_blocks, const StopToken& stop, double above_m) {
   Selection selection;
   std::vector<std::size_t> all(rays.size());
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
   std::vector<BlockId> near;
   for (const RootGroup& group : root_groups())
-    if (std::any_of(rays.begin(), rays.end(), [&](const Ray& ray) { return may_meet(ray, group.bounds); }))
+    if (std::any_of(rays.begin(), rays.end(), [&](const Ray& ray) { return may_meet(ray, group.bounds, above_m); }))
       for_each_root(terrain, group, [&](const BlockId& id) { near.push_back(id); });
   std::sort(near.begin(), near.end());
   for (const BlockId& id : near)
-    if (!follow(terrain, rays, all, id, max_blocks, selection, stop)) return std::nullopt;
+    if (!follow(terrain, rays, all, id, max_blocks, above_m, selection, stop)) return std::nullopt;
   std::sort(selection.blocks.begin(), selection.blocks.end());
   return selection;
 }

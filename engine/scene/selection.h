@@ -70,10 +70,10 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
                            const Accuracy& accuracy, const StopToken& stop, const SceneRoom& room = {},
                            const std::vector<Ball>& receivers = {});
 
-// The finest blocks that rays may meet; empty when they are more than max_blocks. Neighbours can differ in level where
-// sources do: the mesh joins them all the same.
+// The finest blocks that rays may meet, or pass so far above; empty when they are more than max_blocks. Neighbours can
+// differ in level where sources do: the mesh joins them all the same.
 std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
-                                         std::size_t max_blocks, const StopToken& stop);
+                                         std::size_t max_blocks, const StopToken& stop, double above_m = 0);
 
 double triangles_of(const Selection& selection);
 

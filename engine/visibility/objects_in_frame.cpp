@@ -125,9 +125,21 @@ bool objects_emit(const std::vector<SceneObject>& objects) {
 ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews& views,
                                std::span<const dem::RockFeature> rocks, const StopToken& stop)
     : ObjectsInFrame(request, &views) {
+  place(rocks, views.reference().position(), stop);
+}
+
+ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, std::span<const dem::RockFeature> rocks,
+                               const StopToken& stop)
+    : ObjectsInFrame(request, nullptr) {
+  Eigen::AlignedBox3d box;
+  for (const dem::RockFeature& rock : rocks) box.extend(rock.position_m);
+  if (!rocks.empty()) place(rocks, box.center(), stop);
+}
+
+void ObjectsInFrame::place(std::span<const dem::RockFeature> rocks, const Vec3& anchor_m, const StopToken& stop) {
   if (rocks.empty()) return;
   first_rock_ = placed_.size();
-  finishes_.push_back(finishes_of({{request.reflectance, request.temperature_k}}));
+  finishes_.push_back(finishes_of({{request_.reflectance, request_.temperature_k}}));
   for (const dem::RockFeature& rock : rocks) {
     const RockPose pose = rock_pose(rock.rock.form, rock.up);
     Placed p = placed(*rock_shapes()[pose.shape], rock.position_m, pose.moon_from_rock, rock.rock.diameter_m);
@@ -135,7 +147,7 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews& view
     placed_.push_back(std::move(p));
   }
   any_in_view_ = true;
-  group(views.reference().position(), stop);
+  group(anchor_m, stop);
 }
 
 ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* views)
@@ -177,6 +189,9 @@ std::vector<ObjectsInFrame::Finish> ObjectsInFrame::finishes_of(const std::vecto
 // Relative to the camera float is as fine as a small part of a pixel.
 void ObjectsInFrame::group(const Vec3& anchor_m, const StopToken& stop) {
   anchor_m_ = anchor_m;
+  for (std::size_t i = first_rock_; i < placed_.size(); ++i)
+    rocks_radius_m_ =
+        std::max(rocks_radius_m_, (placed_[i].ball.centre_m - anchor_m_).norm() + placed_[i].ball.radius_m);
   rocks_.emplace(
       placed_.size() - first_rock_,
       [&](std::size_t i) {
@@ -320,7 +335,14 @@ void ObjectsInFrame::look_at_rocks(const Rays& rays, double* nearest, ObjectLane
   std::uint32_t active = 0;
   for (int i = 0; i < kPacket; ++i) {
     if (!rays.valid[i]) continue;
-    set_lane(packet, i, rays.origin(i) - anchor_m_, rays.direction(i));
+    Vec3 origin = rays.origin(i) - anchor_m_;
+    // Those from afar begin where the rocks do: float would not resolve them from there.
+    if (!from_one_place_) {
+      const Entry entry = enter_ball(origin, rays.direction(i), rocks_radius_m_);
+      if (!entry.meets) continue;
+      origin += entry.distance * rays.direction(i);
+    }
+    set_lane(packet, i, origin, rays.direction(i));
     active |= 1U << i;
   }
   if (active == 0) return;

@@ -42,11 +42,17 @@ class ObjectsInFrame {
   ObjectsInFrame(const FrameRequest& request, const RowViews& views, std::span<const dem::RockFeature> rocks = {},
                  const StopToken& stop = {});
   // For rays from anywhere. What it tells of radiance is of no camera.
-  explicit ObjectsInFrame(const FrameRequest& request) : ObjectsInFrame(request, nullptr) {}
+  explicit ObjectsInFrame(const FrameRequest& request, std::span<const dem::RockFeature> rocks = {},
+                          const StopToken& stop = {});
   ObjectsInFrame(const ObjectsInFrame&) = delete;
   ObjectsInFrame& operator=(const ObjectsInFrame&) = delete;
 
   bool empty() const { return placed_.empty(); }
+  // Which of the rocks an index of ObjectLanes is, if it is one, and the other way round.
+  std::optional<std::size_t> rock(std::uint16_t object) const {
+    return is_rock(object) ? std::optional<std::size_t>(object - first_rock_) : std::nullopt;
+  }
+  std::uint16_t index_of_rock(std::size_t rock) const { return static_cast<std::uint16_t>(first_rock_ + rock); }
 
   // Where an object is nearer than the terrain: a bit for each lane, which the terrain and its rays lose.
   std::uint32_t meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const;
@@ -83,6 +89,7 @@ class ObjectsInFrame {
   Placed placed(const ObjectMesh& mesh, const Vec3& position_m, const Eigen::Quaterniond& moon_from_object,
                 double scale) const;
   std::vector<Finish> finishes_of(const std::vector<Material>& materials) const;
+  void place(std::span<const dem::RockFeature> rocks, const Vec3& anchor_m, const StopToken& stop);
   void group(const Vec3& anchor_m, const StopToken& stop);
   void look_at_rocks(const Rays& rays, double* nearest, ObjectLanes& out) const;
   std::uint32_t blocked_by_rocks(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,
@@ -98,6 +105,7 @@ class ObjectsInFrame {
   std::size_t first_rock_ = kNoObject;  // of those placed; they are traced together, relative to the anchor
   std::optional<ObjectGroup> rocks_;
   Vec3 anchor_m_ = Vec3::Zero();
+  double rocks_radius_m_ = 0;  // of a ball around the anchor that holds them
   bool any_in_view_ = false, from_one_place_;
 };
 

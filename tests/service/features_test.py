@@ -138,6 +138,39 @@ class Rocks(WithFeatures):
         self.assertAlmostEqual(meta["rocks"]["fraction"], seen.mean())
         self.assertGreater(meta["rocks"]["number"], large.sum())
 
+    def test_rays_meet_them(self):
+        """Along the pixels of a frame that see one, from the camera and from far above it: a lidar's truth."""
+        ground = self.heights([(LAT, LON)], "rocky")[0]
+        sun = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80, "elevation_deg": 25}}
+        eye = np.array(self.position({"lat_deg": LAT, "lon_deg": LON, "height_m": ground + 40}))
+        request = frame_request(width=128, height=128, products=["detail", "position", "lit"])
+        request.update(detail="rocky", sun=sun, camera={"width": 128, "height": 128, "fov_deg": 50},
+                       pose={"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": ground + 40},
+                             "nadir": {"up_azimuth_deg": 0}})
+        archive = np.load(io.BytesIO(self.ok(self.service.frame(request, "application/x-npz"), "application/x-npz")))
+        stone = (archive["detail"] == 3).ravel()
+        places, lit = archive["position"].reshape(-1, 3), archive["lit"].ravel()
+        known = {r["id"] for r in self.answer("rocky", square(LAT, LON, 90), kind="rocks")["rocks"]}
+        chosen = np.concatenate([np.flatnonzero(stone), np.flatnonzero(~stone)[::41]])
+        stone, places, lit = stone[chosen], places[chosen], lit[chosen]
+        self.assertGreater(stone.sum(), 100)
+        self.assertGreater((~stone).sum(), 300)
+        for away in (0, 1e5):
+            origins = eye - away * (places - eye) / np.linalg.norm(places - eye, axis=1)[:, None]
+            rays = [{"origin_m": o.tolist(), "direction": (p - o).tolist()} for o, p in zip(origins, places)]
+            body = self.ok(self.service.post("/v1/rays", {"rays": rays, "detail": "rocky", "sun": sun}), "application/json")
+            hits = json.loads(body)["rays"]
+            nearer = np.linalg.norm(places - origins, axis=1) - [hit["range_m"] for hit in hits]
+            met = np.array(["rock" in hit for hit in hits])
+            self.assertTrue({hit["rock"] for hit in hits if "rock" in hit} <= known)
+            self.assertGreater(nearer.min(), -0.02)  # what the frame's terrain lacks is below
+            # Smaller ones than the frame has may stand before what it sees.
+            same = np.abs(nearer) < 1e-3
+            self.assertTrue((met | ~stone)[same].all())
+            self.assertGreater(same[stone].mean(), 0.97)
+            self.assertGreater((~met)[~stone].mean(), 0.9)
+            self.assertGreater(np.mean([hit["lit"] == l for hit, l, s in zip(hits, lit, same & stone) if s]), 0.98)
+
     @staticmethod
     def position(rock):
         lat, lon, r = math.radians(rock["lat_deg"]), math.radians(rock["lon_deg"]), RADIUS_M + rock["height_m"]
