@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The flight table: what a camera in flight waits for on tiles of real size, against one that hovers.
 
-    SELENOGRAPH_BINARY=build/selenograph tests/benchmark/flight_benchmark.py TILES [--rows ROW,ROW...] [--frames N]
+    SELENOGRAPH_BINARY=build/selenograph tests/benchmark/flight_benchmark.py TILES [--rows ROW,ROW...] [--frames N] [--detail NAME]
 
 TILES is what `build/selenograph_real_size_tiles COARSE_FOLDER TILES` makes. Each frame is 1024 x 1024 pixels of
 `radiance` as octet-stream over one kept connection, Sun at 15 degrees; times are the client's, from the request to the
@@ -18,7 +18,7 @@ last byte.
 
 A restart and a flight begin with the tiles and the cache folder read once, hovering at its first pose; nothing else is in the service's memory, which `--pretouch`
 has had from the system. N replaces the 300 frames of a flight, the 3000 of `memory` and, where it is less, the 60 of
-hovering: it is a trial then.
+hovering: it is a trial then. NAME is a detail of deploy/assets, for all frames.
 """
 
 import argparse
@@ -79,7 +79,8 @@ def ms(value):
 class Area:
     """Where the tiles of a folder lie, and the places and requests of the flights over them."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, detail=None):
+        self.detail = detail
         text = ""
         for name in glob.glob(os.path.join(folder, "*.lbl")):
             with open(name) as label:
@@ -117,6 +118,7 @@ class Area:
         request = harness.frame_request(["radiance"], side_px, side_px, pose=of_pose, sun={
             "local": {"lat_deg": lat, "lon_deg": lon, "azimuth_deg": 90.0, "elevation_deg": 15.0}})
         request["camera"]["fov_deg"] = fov_deg
+        request["detail"] = self.detail
         if ahead:
             request["ahead"] = list(ahead)
         return json.dumps(request).encode()
@@ -144,7 +146,8 @@ class Client:
 
     def __init__(self, tiles, cache, *options):
         start = time.perf_counter()
-        self.service = harness.Service("--deadline-s", str(PATIENCE_S), "--log-level", "warning", *options, cache=cache,
+        self.service = harness.Service("--deadline-s", str(PATIENCE_S), "--log-level", "warning", "--assets-dir",
+                                       os.path.join(harness.REPOSITORY, "deploy", "assets"), *options, cache=cache,
                                        dem=tiles)
         self.start_s = time.perf_counter() - start
         self.connection = self.service.connect(PATIENCE_S)
@@ -215,8 +218,8 @@ class Client:
 class Table:
     """The rows of one set of tiles."""
 
-    def __init__(self, name, tiles, frames):
-        self.name, self.tiles, self.area = name, tiles, Area(tiles)
+    def __init__(self, name, tiles, frames, detail=None):
+        self.name, self.tiles, self.area = name, tiles, Area(tiles, detail)
         self.flight_frames = frames or FLIGHT_FRAMES
         self.memory_frames = frames or MEMORY_FRAMES
         self.hover_frames = min(frames or HOVER_FRAMES, HOVER_FRAMES)
@@ -470,12 +473,14 @@ def main():
     parser.add_argument("tiles", metavar="TILES")
     parser.add_argument("--rows", type=rows_of, default=ROWS)
     parser.add_argument("--frames", type=positive)
+    parser.add_argument("--detail", metavar="NAME")
     asked = parser.parse_args()
     if not os.access(harness.BINARY, os.X_OK):
         sys.exit("set SELENOGRAPH_BINARY to the executable")
     version = subprocess.run([harness.BINARY, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout
     print(f"selenograph {version.strip()}; {machine()}")
-    print(f"{SIDE_PX} x {SIDE_PX} radiance, octet-stream, one client{'; a trial' if asked.frames else ''}")
+    print(f"{SIDE_PX} x {SIDE_PX} radiance, octet-stream, one client{'; a trial' if asked.frames else ''}"
+          f"{f'; detail {asked.detail}' if asked.detail else ''}")
     unfinished = 0
     harness.set_up()
     try:
@@ -484,7 +489,7 @@ def main():
             if not glob.glob(os.path.join(folder, "*.lbl")):
                 print(f"{name}: no tiles in {folder}")
                 continue
-            table = Table(name, folder, asked.frames)
+            table = Table(name, folder, asked.frames, asked.detail)
             print(f"\n{f'{name}, tiles: {len(table.images)}':<57} {'figure':>14} {'ratio':>8} {'target':>8}")
             for wanted in asked.rows:
                 try:

@@ -219,8 +219,8 @@ def _monte_carlo_page(tables):
             for row in tables["by_altitude"][::-1]]
     return [
         f"### {conditions['scenario']}: {conditions['runs']} flights", "",
-        f"Posts of {of_map['post_spacing_m']:.0f} m, map pixels of "
-        f"{', '.join(f'{gsd:.0f}' for gsd in of_map['gsd_m'])} m. Sun (azimuth, elevation): frames "
+        (f"Detail `{conditions['detail']}`" if conditions.get("detail") else f"Posts of {of_map['post_spacing_m']:.0f} m")
+        + f", map pixels of {', '.join(f'{gsd:.2g}' for gsd in of_map['gsd_m'])} m. Sun (azimuth, elevation): frames "
         f"{flight['azimuth_deg']:g}, {flight['elevation_deg']:g}; map {over['azimuth_deg']:g}, "
         f"{over['elevation_deg']:g} degrees. {conditions['frames']} frames of {conditions['camera_px']} x "
         f"{conditions['camera_px']}, each {conditions['frame_step_s']:g} s.", "",

@@ -51,8 +51,8 @@ def hadley(side=512, flight=(95, 18), map_sun=(105, 30)):
 
 
 def touchdown(side=512, flight=(95, 18), map_sun=(105, 30), detail="landing"):
-    """As over Hadley, but down to 100 m, with craters and rocks below the posts: the map has them to half a metre, as
-    images from orbit do."""
+    """As over Hadley, but down to 100 m, with craters and rocks below the posts. The map shows them (but no rocks) in
+    pixels of 0.85 m, as images from orbit do."""
     site = (26.1322, 3.6339)
     descent = Descent(*site, -1922.0, 276.0, 200e3, 1100.0, end_altitude_m=100.0, end_speed_m_s=5.0,
                       end_descent_m_s=4.0)
