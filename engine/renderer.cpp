@@ -63,6 +63,14 @@ struct Renderer::Impl {
     return details.front();
   }
 
+  // work(terrain with that detail), with its loops in the arena, while nothing is prepared.
+  template <typename Work>
+  auto query(const std::shared_ptr<const dem::Detail>& detail, const Work& work) {
+    const Preparation::Work busy(preparation, nullptr);
+    const auto detailed = terrain_with(detail);
+    return in_arena(arena, [&] { return work(*detailed); });
+  }
+
   std::shared_ptr<dem::Terrain> terrain;
   static constexpr std::size_t kMostDetails = 16;
   std::mutex details_mutex;
@@ -105,42 +113,37 @@ std::vector<double> Renderer::shadow_limits_px(const FrameRequest& request, cons
 std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop,
                                    const std::vector<SceneObject>& objects,
                                    const std::shared_ptr<const dem::Detail>& detail) const {
-  const Preparation::Work work(impl_->preparation, nullptr);
-  const auto terrain = impl_->terrain_with(detail);
-  return in_arena(impl_->arena, [&] { return cast_rays(rays, objects, sun, *terrain, impl_->kept, stop); });
+  return impl_->query(
+      detail, [&](const dem::Terrain& terrain) { return cast_rays(rays, objects, sun, terrain, impl_->kept, stop); });
 }
 
 std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
                                         std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
                                         const StopToken& stop, const std::vector<SceneObject>& objects,
                                         const std::shared_ptr<const dem::Detail>& detail) const {
-  const Preparation::Work work(impl_->preparation, nullptr);
-  const auto terrain = impl_->terrain_with(detail);
-  return in_arena(impl_->arena, [&] {
-    return project_landmarks(camera, pose, shutter, points, objects, sun, *terrain, impl_->kept, stop);
+  return impl_->query(detail, [&](const dem::Terrain& terrain) {
+    return project_landmarks(camera, pose, shutter, points, objects, sun, terrain, impl_->kept, stop);
   });
 }
 
 std::vector<dem::CraterFeature> Renderer::craters(const std::shared_ptr<const dem::Detail>& detail,
                                                   const dem::Footprint& region, double smallest_m,
                                                   const StopToken& stop) const {
-  const Preparation::Work work(impl_->preparation, nullptr);
-  const auto terrain = impl_->terrain_with(detail);
-  return in_arena(impl_->arena, [&] { return dem::CraterSurvey(*terrain).within(region, smallest_m, stop); });
+  return impl_->query(
+      detail, [&](const dem::Terrain& terrain) { return dem::CraterSurvey(terrain).within(region, smallest_m, stop); });
 }
 
 std::vector<dem::RockFeature> Renderer::rocks(const std::shared_ptr<const dem::Detail>& detail,
                                               const dem::Footprint& region, double smallest_m,
                                               const StopToken& stop) const {
-  const Preparation::Work work(impl_->preparation, nullptr);
-  const auto terrain = impl_->terrain_with(detail);
-  return in_arena(impl_->arena, [&] { return dem::RockSurvey(*terrain).within(region, smallest_m, stop); });
+  return impl_->query(
+      detail, [&](const dem::Terrain& terrain) { return dem::RockSurvey(terrain).within(region, smallest_m, stop); });
 }
 
 CraterRims Renderer::rims(const FrameRequest& request, const RimOptions& options, const StopToken& stop) const {
-  const Preparation::Work work(impl_->preparation, nullptr);
-  const auto terrain = impl_->terrain_with(request.detail);
-  return in_arena(impl_->arena, [&] { return crater_rims(request, options, *terrain, impl_->kept, stop); });
+  return impl_->query(request.detail, [&](const dem::Terrain& terrain) {
+    return crater_rims(request, options, terrain, impl_->kept, stop);
+  });
 }
 
 void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead) const {

@@ -88,6 +88,7 @@ constexpr double kNoAim_px = 100;
 
 class ViewSelector {
  public:
+  // The aim for detail is max_error_px at least.
   ViewSelector(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Accuracy& accuracy,
                const SceneRoom& room, const StopToken& stop, const std::vector<Ball>& receivers)
       : terrain_(terrain), views_(views), accuracy_(accuracy), room_(room), stop_(stop), receivers_(receivers) {
@@ -218,9 +219,9 @@ class ViewSelector {
   // More than it may, as the finest surface has it.
   bool errs(const BlockId& id, double pixels_per_metre) const {
     const double error = error_m(id) * pixels_per_metre, allowed = accuracy_.max_error_px;
-    if (error <= allowed) return false;
+    if (error <= allowed || !terrain_.detail()) return error > allowed;
     const double of_detail = detail_error_m(id) * pixels_per_metre;
-    return error - of_detail > allowed || error > std::max(allowed, accuracy_.max_detail_error_px);
+    return error - of_detail > allowed || error > accuracy_.max_detail_error_px;
   }
 
   void choose(const BlockId& id, const dem::NodeInfo& info) {
@@ -307,7 +308,8 @@ class ViewSelector {
                    spacing = dem::post_spacing_m(s.id.level);
       result_.error_m = std::max(result_.error_m, error);
       result_.error_px = std::max(result_.error_px, error * s.pixels_per_metre);
-      result_.detail_error_px = std::max(result_.detail_error_px, detail_error_m(s.id) * s.pixels_per_metre);
+      if (terrain_.detail())
+        result_.detail_error_px = std::max(result_.detail_error_px, detail_error_m(s.id) * s.pixels_per_metre);
       result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
       result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
     }
