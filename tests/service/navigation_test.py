@@ -241,14 +241,46 @@ class MatcherTest(unittest.TestCase):
         found = matcher.peak((1 - 0.01 * ((x - 8.3) ** 2 + (y - 5.8) ** 2)).astype(np.float32))
         np.testing.assert_allclose(found[:2], (8.3, 5.8), atol=1e-3)
 
-    def test_a_level_of_the_map_serves_cameras_that_it_is_large_enough_for(self):
-        class Level:
-            def __init__(self, gsd_m, widest_gsd_m):
-                self.gsd_m, self.widest_gsd_m = gsd_m, widest_gsd_m
+    def test_a_level_of_the_map_serves_cameras_whose_view_it_holds(self):
+        levels = [mock.Mock(gsd_m=gsd_m) for gsd_m in (8, 34, 20)]
+        for camera_gsd_m, held, level_gsd_m in ((30, (34, 20, 8), 34), (21, (34, 20, 8), 20), (21, (34, 8), 8),
+                                                (21, (34,), 34), (1, (34, 20), 20), (1, (), 34)):
+            found = map.Map(levels).level(camera_gsd_m, lambda one: one.gsd_m in held)
+            self.assertEqual(found.gsd_m, level_gsd_m, (camera_gsd_m, held))
 
-        onboard = map.Map([Level(8, 11), Level(34, np.inf), Level(20, 22)])
-        for camera_gsd_m, level_gsd_m in ((30, 34), (22.5, 34), (21, 20), (12, 20), (10.9, 8), (1, 8)):
-            self.assertEqual(onboard.level(camera_gsd_m).gsd_m, level_gsd_m, camera_gsd_m)
+    def test_a_level_holds_what_lies_on_it(self):
+        side = 301  # pixels of 100 m, about the place below
+        area = {"center": {"lat_deg": 10.0, "lon_deg": 20.0}}
+        north_m = np.radians(10.0) * descent.MOON_RADIUS_M + 15050.0
+        meta = {"request": {"map": area}, "grid": {"geotransform": [-15050.0, 100.0, 0, north_m, 0, -100.0]}}
+        flat = np.zeros((side, side))
+        frame = mock.MagicMock(meta=meta)
+        frame.__getitem__.side_effect = {"radiance": flat, "height": flat}.get
+        level = map.Level(frame, 100.0)
+        camera = Camera.of(256, 53.13)  # as wide as it is high
+        east, north, up = descent.east_north_up(descent.unit_vector(10.0, 20.0)).T
+        looking_down = np.column_stack([east, -north, -up])
+        for altitude_m, margin_px, held in ((10e3, 0, True), (25e3, 0, True), (35e3, 0, False), (10e3, 100, True),
+                                            (10e3, 300, False)):
+            position = (descent.MOON_RADIUS_M + altitude_m) * up
+            self.assertEqual(level.holds_view(camera, position, looking_down, margin_px), held, (altitude_m, margin_px))
+
+    def test_the_coarse_search_ends_with_the_frame_and_the_height(self):
+        """A doubt of many footprints near the ground: the search took minutes."""
+        camera = Camera.of(256, 50.0)
+        searching, state = matcher.Matcher(camera, map.Map([mock.Mock(gsd_m=30.0)])), some_filter(sigmas=(2000.0, 1.0, 0.01))
+        searching.altitude_m = lambda state: 100.0
+        margins = []
+
+        def view(level, camera, position, moon_from_camera, margin):
+            margins.append(margin)
+            size = camera.side + 2 * margin
+            return mock.Mock(image=np.zeros((size, size), np.float32))
+
+        with mock.patch.object(matcher, "View", view):
+            searching.coarse(state, np.zeros((256, 256), np.float32), None, 1, 1e5)
+        self.assertLessEqual(max(margins), 64)
+        self.assertLessEqual(len(margins), 41)
 
     def test_the_search_reaches_beyond_the_matches_own_scatter(self):
         """Else matches lie about the prediction, and the filter measures its own error."""

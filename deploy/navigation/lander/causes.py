@@ -50,7 +50,7 @@ def found(poses, i, image, onboard, reach, displaced_m=(0.0, 0.0, 0.0)):
     believed = position + east_north_up(position) @ np.array(displaced_m)
     state = Filter(believed, poses.velocities[i], attitude, np.zeros(3), campaign.IMU)
     matcher = Matcher(scenario.camera, onboard)
-    matches = matcher.fine(state, image, *matcher.working_scale(matcher.altitude_m(state)), reach)
+    matches = matcher.fine(state, image, *matcher.working_scale(state), reach)
     if matches is None:
         return None
     shift, _ = rehearsal.offset(scenario.camera, position, attitude, matches.points_m, matches.pixels,

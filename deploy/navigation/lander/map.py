@@ -12,9 +12,9 @@ MOST_PIXELS = 16e6  # the service's --max-map-pixels is a little above
 class Level:
     """One map of the service, equirectangular about its own centre."""
 
-    def __init__(self, frame, gsd_m, widest_gsd_m, shift_m=0.0):
-        """widest_gsd_m: of cameras that it is large enough for; shift_m: to the east, an error of the map."""
-        self.gsd_m, self.widest_gsd_m = gsd_m, widest_gsd_m
+    def __init__(self, frame, gsd_m, shift_m=0.0):
+        """shift_m: to the east, an error of the map."""
+        self.gsd_m = gsd_m
         area, transform = frame.meta["request"]["map"], frame.meta["grid"]["geotransform"]
         self._centre_lon_deg = area["center"]["lon_deg"]
         self._east_m_per_deg = np.radians(1) * MOON_RADIUS_M * np.cos(np.radians(area["center"]["lat_deg"]))
@@ -59,28 +59,32 @@ class Level:
         rows, columns = self.radiance.shape
         return (column >= 0) & (column <= columns - 1) & (row >= 0) & (row <= rows - 1)
 
+    def holds_view(self, camera, position, moon_from_camera, margin_px):
+        """All that the camera sees, and as many pixels around it."""
+        side = np.array([-margin_px, camera.centre, camera.side - 1 + margin_px])
+        _, column, row = self.ground(position, camera.rays(*np.meshgrid(side, side)) @ moon_from_camera.T)
+        return bool(self.holds(column, row).all())
+
 
 class Map:
     def __init__(self, levels, error=NO_MAP_ERROR, post_spacing_m=0.0):
         self.levels = sorted(levels, key=lambda level: -level.gsd_m)
         self.error, self.post_spacing_m = error, post_spacing_m
 
-    def level(self, camera_gsd_m):
-        """Of those that are large enough the coarsest that is at most half again as coarse as the camera; else the
-        finest of them."""
-        large = [level for level in self.levels if camera_gsd_m <= level.widest_gsd_m]
+    def level(self, camera_gsd_m, holds):
+        """Of those that hold what is seen, holds(level), the coarsest that is at most half again as coarse as the
+        camera; else the finest of them. The coarsest of all where none does."""
+        large = [level for level in self.levels if holds(level)] or self.levels[:1]
         return next((level for level in large if level.gsd_m <= 1.5 * camera_gsd_m), large[-1])
 
 
 def levels_of(client, requests, shift_m=0.0, **more):
     """requests: of level_requests(); more: members for each of them."""
-    return [Level(client.map({**request, **more}), request["map"]["gsd_m"], widest_gsd_m, shift_m)
-            for request, widest_gsd_m in requests]
+    return [Level(client.map({**request, **more}), request["map"]["gsd_m"], shift_m) for request in requests]
 
 
 def level_requests(scenario, post_spacing_m, position_sigma_m):
-    """Requests for /v1/maps along the nominal track, each with the widest pixels of a camera that it is large enough
-    for; a level serves all altitudes below its own.
+    """Requests for /v1/maps along the nominal track; a level serves all altitudes below its own.
 
     The finest level has three pixels a post: beyond there is no detail, and interpolation of the map costs nothing.
     """
@@ -93,8 +97,7 @@ def level_requests(scenario, post_spacing_m, position_sigma_m):
     gsd_m, levels = altitude_m[0] / camera.focal, []
     while True:
         # Before a level is used the error is as at first for the coarsest, and below the footprint for the others.
-        widest_gsd_m = 1.6 * gsd_m if levels else np.inf
-        used = altitude_m <= widest_gsd_m * camera.focal
+        used = altitude_m <= (1.6 * gsd_m * camera.focal if levels else np.inf)
         doubt_m = 0.3 * altitude_m[used].max() if levels else 3 * position_sigma_m
         centre_lon = lon_deg[used].mean()
         center = {"lat_deg": 0.5 * (lat_deg[used].min() + lat_deg[used].max()), "lon_deg": centre_lon}
@@ -104,10 +107,9 @@ def level_requests(scenario, post_spacing_m, position_sigma_m):
         north_m = np.ptp(lat_deg[used]) * degree_m
         size = {"width_m": east_m + 2 * margin_m, "height_m": north_m + 2 * margin_m}
         fitting_m = max(gsd_m, np.sqrt(size["width_m"] * size["height_m"] / MOST_PIXELS), post_spacing_m / 3)
-        if not levels or fitting_m < 0.75 * levels[-1][0]["map"]["gsd_m"]:
-            levels.append(({"map": {"projection": "equirectangular", "center": center, "gsd_m": fitting_m, **size},
-                            "sun": scenario.map_sun, "detail": scenario.detail, "products": ["radiance", "height"]},
-                           widest_gsd_m))
+        if not levels or fitting_m < 0.75 * levels[-1]["map"]["gsd_m"]:
+            levels.append({"map": {"projection": "equirectangular", "center": center, "gsd_m": fitting_m, **size},
+                           "sun": scenario.map_sun, "detail": scenario.detail, "products": ["radiance", "height"]})
         gsd_m /= 2
         if gsd_m < post_spacing_m / 3 or gsd_m * camera.focal < altitude_m[-1] / 2:
             return levels

@@ -90,18 +90,19 @@ class Matcher:
         self.camera, self.map = camera, onboard_map
         self._map_sigmas = None  # of a match, x and y, in pixels of the map; learnt in flight
 
-    def working_scale(self, altitude_m):
+    def working_scale(self, state):
         """The map's level, and by how much frames are averaged to what detail the map has."""
-        gsd_m = altitude_m / self.camera.focal
-        level = self.map.level(gsd_m)
+        gsd_m = self.altitude_m(state) / self.camera.focal
+        margin_px = 3 * self._sigma_px(state, self.map.levels[0])
+        level = self.map.level(gsd_m, lambda one: one.holds_view(self.camera, state.map_position,
+                                                                 state.moon_from_camera, margin_px))
         factor = int(np.clip(round(0.7 * level.gsd_m / gsd_m), 1, max(1, self.camera.side // 96)))
         return level, factor
 
     def update(self, state, image):
         """Coarse, where the prediction is too uncertain for the fine search, then fine; returns what was used."""
         used = []
-        altitude_m = self.altitude_m(state)
-        level, factor = self.working_scale(altitude_m)
+        level, factor = self.working_scale(state)
         sigma_px = self._sigma_px(state, level) / factor
         before = None
         if 3 * sigma_px > WIDEST - 3:
@@ -111,7 +112,7 @@ class Matcher:
             before = state.copy()
             state.update(self.camera, coarse.points_m, coarse.pixels, coarse.counted_px)
             used.append(coarse)
-            level, factor = self.working_scale(self.altitude_m(state))
+            level, factor = self.working_scale(state)
             sigma_px = self._sigma_px(state, level) / factor
         fine = self.fine(state, image, level, factor, self.reach_px(state, sigma_px, level, factor))
         if fine is not None:
@@ -128,18 +129,21 @@ class Matcher:
     def coarse(self, state, image, level, factor, reach_px):
         """Five large patches of the frame, searched in the map as seen from the predicted pose with a wide margin.
 
-        An uncertain height changes the scale: it is tried in steps of its standard deviation.
+        An uncertain height changes the scale: it is tried in steps of 5 %, to twice its standard deviation. No search
+        reaches farther than the frame is wide, or beyond twice the height: near the ground a doubt of many footprints
+        would take minutes.
         """
         more = int(np.clip(np.ceil(reach_px / 40), 1, max(1, self.camera.side // factor // 64)))
         factor *= more
         camera, small = self.camera.reduced(factor), averaged(image, factor)
-        reach = int(np.ceil(reach_px / more)) + 2
+        reach = min(int(np.ceil(reach_px / more)) + 2, camera.side)
         up = state.position / np.linalg.norm(state.position)
         sigma_m = np.sqrt(up @ state.covariance[:3, :3] @ up)
         altitude_m = self.altitude_m(state)
-        steps = int(np.ceil(2 * sigma_m / (0.05 * altitude_m))) if sigma_m > 0.02 * altitude_m else 0
+        doubt_m = min(2 * sigma_m, altitude_m)
+        steps = int(np.ceil(doubt_m / (0.05 * altitude_m))) if sigma_m > 0.02 * altitude_m else 0
         best = None
-        for offset_m in np.linspace(-2 * sigma_m, 2 * sigma_m, 2 * steps + 1) if steps else [0.0]:
+        for offset_m in np.linspace(-doubt_m, doubt_m, 2 * steps + 1) if steps else [0.0]:
             if altitude_m + offset_m < 0.2 * altitude_m:
                 continue
             view = View(level, camera, state.map_position + offset_m * up, state.moon_from_camera, reach)

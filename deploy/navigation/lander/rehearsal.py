@@ -52,7 +52,7 @@ def offsets(truth, onboard, imu, detector, seed=0):
         pose = truth.positions[i], truth.attitudes[i]
         state = Filter(pose[0], truth.velocities[i], pose[1], np.zeros(3), imu)
         image = detector.image(frame, truth.whites[i], random)
-        level, factor = matcher.working_scale(matcher.altitude_m(state))
+        level, factor = matcher.working_scale(state)
         found = matcher.fine(state, image, level, factor, matcher.reach_px(state, 0.0, level, factor))
         if found is not None:
             matches = found.points_m, found.pixels, found.sigmas_px
