@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "api/assets.h"
+#include "engine/frame/accuracy.h"
 
 namespace selenograph::api {
 
@@ -12,6 +13,13 @@ std::optional<DetailName::Value> DetailName::read(const JsonReader& in, const Re
 }
 
 OrderedJson DetailName::write(const Value& value) const { return value.content ? OrderedJson(value.name) : nullptr; }
+
+std::string detail_aim() {
+  return fmt::format(
+      "aim for the error of terrain with detail, or max_error_px where that is more; gives way where it takes more "
+      "than {:g} triangles a pixel: `detail_error_px` says what was reached",
+      engine::Accuracy::kDetailTrianglesPerPixel);
+}
 
 OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail) {
   return {{"name", name},

@@ -22,6 +22,9 @@ inline constexpr const char* kOfDetail =
     "craters and relief below the posts: name of details/NAME.json in the operator's assets folder; null or left out: "
     "none";
 
+// Of Accuracy::max_detail_error_px.
+std::string detail_aim();
+
 // What is said of it in metadata: synthetic terrain is never silent.
 OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail);
 

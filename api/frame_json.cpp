@@ -85,7 +85,7 @@ const Members<AccuracyForm>& accuracy_members() {
         "max_shadow_error_px", &AccuracyForm::max_shadow_error_px, Number{{0, 1e6}, "px"},
         "aim for how far the mesh's error displaces a shadow's edge on level ground; gives way where the terrain that "
         "it takes doesn't fit: `shadow_error_px` says what was reached");
-    m.add("max_detail_error_px", &AccuracyForm::max_detail_error_px, Number{{0, 1e6}, "px"}, kDetailAim);
+    m.add("max_detail_error_px", &AccuracyForm::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
     m.add("budget_ms", &AccuracyForm::budget_ms, Number{{0, 3.6e6, true, false}, "ms"},
           "instead of the others: the best of them that is predicted to take no longer, on terrain in memory. The "
           "metadata's request says what was chosen, the header Selenograph-Budget what was predicted; asked for by its "

@@ -294,7 +294,7 @@ const Members<engine::Accuracy>& accuracy_members() {
               "bound on the mesh's vertical error; posts are at most twice as far apart; 0: the finest posts");
         m.add("max_shadow_error_px", &Accuracy::max_shadow_error_px, Number{{0, 1e6}, "px"},
               "aim for how far the mesh's error displaces a shadow's edge on level ground");
-        m.add("max_detail_error_px", &Accuracy::max_detail_error_px, Number{{0, 1e6}, "px"}, kDetailAim);
+        m.add("max_detail_error_px", &Accuracy::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
       });
   return *members;
 }

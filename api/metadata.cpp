@@ -120,7 +120,7 @@ bool names_etag(const std::string& if_none_match, const std::string& hash) {
 }
 
 void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& report, OrderedJson& warnings) {
-  const double detail_px = std::max(asked.max_error_px, asked.max_detail_error_px);
+  const double detail_px = asked.detail_aim_px();
   const bool detail_gave_way = report.detail_limit_px > detail_px;
   if (detail_gave_way)
     warnings.push_back(fmt::format(

@@ -29,9 +29,6 @@ inline constexpr Range kWavelength_um{0, 1e4, true, false};
 inline constexpr Range kTemperature_k{0, 1e4};
 inline constexpr Range kFNumber{0.1, 1000};
 inline constexpr Range kMaxError_px{0, 100};
-inline constexpr char kDetailAim[] =
-    "aim for the error of terrain with detail, or max_error_px where that is more; gives way where it takes more than "
-    "8 triangles a pixel: `detail_error_px` says what was reached";
 // Cameras of a round trip: from a metre above the ground to beyond the Earth.
 inline constexpr Range kStationHeight_m{1, 1e9};
 inline constexpr Range kFootprintRatio{0.1, 10};

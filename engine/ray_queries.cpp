@@ -16,7 +16,7 @@
 #include "engine/visibility/objects_in_frame.h"
 #include "engine/visibility/raytrace/trace.h"
 #include "engine/visibility/refine.h"
-#include "engine/visibility/rocks_in_view.h"
+#include "engine/visibility/rocks_near_rays.h"
 
 namespace selenograph::engine {
 namespace {
@@ -103,7 +103,6 @@ class RayCaster {
         : without_(without), rocks_(std::move(rocks)) {
       if (rocks_.empty()) return;
       with_.emplace(request, rocks_, stop);
-      for (std::size_t i = 0; i < rocks_.size(); ++i) numbers_.emplace(rocks_[i].rock.id, with_->index_of_rock(i));
     }
     const ObjectsInFrame& objects() const { return with_ ? *with_ : without_; }
     std::optional<std::uint16_t> object(std::uint16_t index) const {
@@ -112,6 +111,10 @@ class RayCaster {
     std::optional<std::uint64_t> rock(std::uint16_t index) const {
       const auto number = objects().rock(index);
       return number ? std::optional(rocks_[*number].rock.id) : std::nullopt;
+    }
+    // So that index_of() knows them.
+    void number_rocks() {
+      for (std::size_t i = 0; i < rocks_.size(); ++i) numbers_.emplace(rocks_[i].rock.id, with_->index_of_rock(i));
     }
     std::uint16_t index_of(const RayHit& hit) const {
       if (!hit.rock) return hit.object.value_or(kNoObject);
@@ -210,8 +213,8 @@ class RayCaster {
     const std::size_t of_block = scene_bytes_of({.level = dem::kMaxLevel}, Visibility::raytrace);
     const std::size_t most = std::min(kMaxBlocks, kept_.capacity() / of_block);
     const double above_m = rocks_ ? rocks_->largest_m() : 0;
-    const auto selection = select_for_rays(terrain_, some, batch.size() == 1 ? most : most / 4, stop_, above_m);
-    auto rocks = selection ? rocks_of(selection->blocks) : std::nullopt;
+    const auto met = select_for_rays(terrain_, some, batch.size() == 1 ? most : most / 4, stop_, above_m);
+    auto rocks = met ? rocks_along(some, *met) : std::nullopt;
     if (!rocks && batch.size() == 1) throw TooMuchTerrain("a ray runs along more terrain than fits");
     if (!rocks || (batch.size() > 1 && far_apart(*rocks))) {
       const auto middle = batch.begin() + static_cast<std::ptrdiff_t>(batch.size() / 2);
@@ -219,16 +222,20 @@ class RayCaster {
       split(rays, {middle, batch.end()}, work, toward);
       return;
     }
-    const SceneContent content{selection->blocks, anchor_for(some[0].origin_m, some[0].direction), Visibility::raytrace,
+    std::vector<dem::BlockId> blocks;
+    for (const BlockOnRays& block : *met) blocks.push_back(block.id);
+    const SceneContent content{blocks, anchor_for(some[0].origin_m, some[0].direction), Visibility::raytrace,
                                &terrain_};
     const auto scene = kept_.scene(content, stop_);
-    const Scenery scenery(objects_, scenery_, std::move(*rocks), stop_);
+    Scenery scenery(objects_, scenery_, std::move(*rocks), stop_);
+    if (!toward.empty()) scenery.number_rocks();  // rays of light begin on what was hit
     for_packets(batch.size(), stop_, [&](std::size_t first, int count) { work(*scene, scenery, batch, first, count); });
   }
 
-  std::optional<std::vector<dem::RockFeature>> rocks_of(const std::vector<dem::BlockId>& blocks) {
+  std::optional<std::vector<dem::RockFeature>> rocks_along(const std::vector<Ray>& rays,
+                                                           const std::vector<BlockOnRays>& blocks) {
     if (!rocks_) return std::vector<dem::RockFeature>();
-    return rocks_->on(blocks, stop_);
+    return rocks_->along(rays, blocks, stop_);
   }
 
   // Float is relative to their middle.
@@ -248,7 +255,7 @@ class RayCaster {
 
   const FrameRequest scenery_;
   const ObjectsInFrame objects_;
-  std::optional<RocksOnBlocks> rocks_;  // of terrain that has some
+  std::optional<RocksNearRays> rocks_;  // of terrain that has some
   const dem::Terrain& terrain_;
   RenderCache& kept_;
   const StopToken& stop_;

@@ -7,6 +7,11 @@
 
 namespace selenograph::dem {
 
+Footprint footprint_of(const BlockId& id) {
+  const BlockExtent e = extent_of(id);
+  return {lat_deg_of(e.lat0), lat_deg_of(e.lat1()), lon_deg_of(e.lon0), lon_deg_of(e.lon1())};
+}
+
 double area_m2(const Footprint& f) {
   return kMoonRadius_m * kMoonRadius_m * (f.east_deg - f.west_deg) * kRadiansPerDegree *
          (std::sin(f.north_deg * kRadiansPerDegree) - std::sin(f.south_deg * kRadiansPerDegree));
@@ -15,6 +20,15 @@ double area_m2(const Footprint& f) {
 bool holds(const Footprint& f, const Geographic& g) {
   const double east = g.lon_deg + 360 * std::ceil((f.west_deg - g.lon_deg) / 360);
   return g.lat_deg >= f.south_deg && g.lat_deg <= f.north_deg && east <= f.east_deg;
+}
+
+std::optional<Footprint> common(const Footprint& a, const Footprint& b) {
+  // The first b that ends east of where a begins.
+  const double turns_deg = 360 * std::ceil((a.west_deg - b.east_deg) / 360);
+  const Footprint both{std::max(a.south_deg, b.south_deg), std::min(a.north_deg, b.north_deg),
+                       std::max(a.west_deg, b.west_deg + turns_deg), std::min(a.east_deg, b.east_deg + turns_deg)};
+  if (both.south_deg > both.north_deg || both.west_deg > both.east_deg) return std::nullopt;
+  return both;
 }
 
 std::vector<Footprint> cut(const Footprint& region, double side_m) {

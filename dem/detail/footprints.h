@@ -1,17 +1,24 @@
 // Regions in degrees: what lies in one, and its pieces. `east_deg` may exceed 180.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "dem/geodesy.h"
+#include "dem/lattice.h"
 #include "dem/raster_info.h"
 
 namespace selenograph::dem {
+
+Footprint footprint_of(const BlockId& id);
 
 double area_m2(const Footprint& region);  // on the sphere of 1 737 400 m
 
 // Its borders belong to it.
 bool holds(const Footprint& region, const Geographic& place);
+
+// What two regions have in common, one of which is narrower than half the Moon; nothing: they don't touch.
+std::optional<Footprint> common(const Footprint& a, const Footprint& b);
 
 // Its pieces, whose sides are no longer than this, on the sphere.
 std::vector<Footprint> cut(const Footprint& region, double side_m);

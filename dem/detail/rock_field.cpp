@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include "dem/detail/footprints.h"
 
@@ -46,21 +47,30 @@ void RockField::within(int octave, const Footprint& box, std::span<const FreshCr
                        std::vector<Rock>& out) const {
   if (empty()) return;
   const double most = std::max(1.0, law_.on_ejecta);
+  std::vector<FreshCrater> near;
+  const Vec3 middle = to_cartesian({(box.south_deg + box.north_deg) / 2, (box.west_deg + box.east_deg) / 2, 0});
+  double reach_m = 0;
+  for (const double lat_deg : {box.south_deg, box.north_deg})
+    reach_m = std::max(reach_m, 1 + (to_cartesian({lat_deg, box.west_deg, 0}) - middle).norm());
+  std::copy_if(fresh.begin(), fresh.end(), std::back_inserter(near), [&](const FreshCrater& c) {
+    return (c.centre * kMoonRadius_m - middle).norm() <= reach_m + kFarthest * c.radius_m;
+  });
   // All that could be there are drawn, of which those stay that the place is dense enough for.
   cells_.in_box(octave, box, [&](Draws& draws, const Vec3& centre, double diameter_m) {
     const double rank = draws.uniform() * most, survived = draws.uniform();
     Rock rock{centre, diameter_m, 0, draws.bits(), draws.bits()};
+    if (!holds(box, to_geographic(centre * kMoonRadius_m))) return;
     if (rank <= 1) {
       rock.age_Ma = -law_.half_life_Ma * std::log2(survived);
     } else {
       double highest = 0;
-      for (const FreshCrater& crater : fresh) {
+      for (const FreshCrater& crater : near) {
         const double here = enriched(crater.age_Ma, (centre - crater.centre).norm() * kMoonRadius_m / crater.radius_m);
         if (here > highest) highest = here, rock.age_Ma = crater.age_Ma;
       }
       if (highest * (most - 1) < rank - 1) return;
     }
-    if (holds(box, to_geographic(centre * kMoonRadius_m))) out.push_back(rock);
+    out.push_back(rock);
   });
 }
 

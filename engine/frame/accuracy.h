@@ -1,6 +1,8 @@
 // How fine the terrain and how dense the samples of a frame are.
 #pragma once
 
+#include <algorithm>
+
 namespace selenograph::engine {
 
 struct Accuracy {
@@ -19,6 +21,7 @@ struct Accuracy {
   double max_detail_error_px = kDefaultDetailError_px;
   static constexpr double kDefaultDetailError_px = 2;
   static constexpr double kDetailTrianglesPerPixel = 8;
+  double detail_aim_px() const { return std::max(max_error_px, max_detail_error_px); }
 };
 
 }  // namespace selenograph::engine

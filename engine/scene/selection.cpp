@@ -433,8 +433,7 @@ class ViewSelector {
   Selection result_;
 };
 
-// Whether a ray passes through a node: within its ball it must come below the highest and reach above the lowest
-// height.
+// Whether a ray passes through a node: within its ball it must come below the highest height.
 bool may_meet(const Ray& ray, const NodeBounds& b, double above_m) {
   const Vec3 to = b.centre - ray.origin_m;
   const double along = to.dot(ray.direction), off2 = to.squaredNorm() - along * along, reach = b.radius_m + above_m,
@@ -448,7 +447,8 @@ bool may_meet(const Ray& ray, const NodeBounds& b, double above_m) {
 
 // False once there are too many.
 bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std::vector<std::size_t>& some,
-            const BlockId& id, std::size_t max_blocks, double above_m, Selection& out, const StopToken& stop) {
+            const BlockId& id, std::size_t max_blocks, double above_m, std::vector<BlockOnRays>& out,
+            const StopToken& stop) {
   stop.check();
   const bool worth_asking = may_matter(terrain, id, stop, [&](const NodeBounds& b) {
     return std::any_of(some.begin(), some.end(), [&](std::size_t i) { return may_meet(rays[i], b, above_m); });
@@ -466,9 +466,8 @@ bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std
       return follow(terrain, rays, meeting, child, max_blocks, above_m, out, stop);
     });
   }
-  out.blocks.push_back(id);
-  out.highest_m = std::max(out.highest_m, static_cast<double>(node->info.max_m));
-  return out.blocks.size() <= max_blocks;
+  out.push_back({id, static_cast<double>(node->info.min_m), static_cast<double>(node->info.max_m), std::move(meeting)});
+  return out.size() <= max_blocks;
 }
 
 // Consecutive frames share an anchor: it is snapped to a lattice.
@@ -512,7 +511,7 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
                            const Accuracy& accuracy, const StopToken& stop, const SceneRoom& room,
                            const std::vector<Ball>& receivers) {
   Accuracy asked = accuracy;
-  asked.max_detail_error_px = std::max(asked.max_error_px, asked.max_detail_error_px);
+  asked.max_detail_error_px = asked.detail_aim_px();
   const auto relax_shadows = [&] {
     const bool gives_way = sun && asked.max_error_px > 0 && asked.max_shadow_error_px < kNoAim_px;
     if (gives_way) asked.max_shadow_error_px = std::max(2 * asked.max_shadow_error_px, 1.0 / 16);
@@ -533,9 +532,9 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
   }
 }
 
-std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
-                                         std::size_t max_blocks, const StopToken& stop, double above_m) {
-  Selection selection;
+std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
+                                                        std::size_t max_blocks, const StopToken& stop, double above_m) {
+  std::vector<BlockOnRays> blocks;
   std::vector<std::size_t> all(rays.size());
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
   std::vector<BlockId> near;
@@ -544,9 +543,9 @@ std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std:
       for_each_root(terrain, group, [&](const BlockId& id) { near.push_back(id); });
   std::sort(near.begin(), near.end());
   for (const BlockId& id : near)
-    if (!follow(terrain, rays, all, id, max_blocks, above_m, selection, stop)) return std::nullopt;
-  std::sort(selection.blocks.begin(), selection.blocks.end());
-  return selection;
+    if (!follow(terrain, rays, all, id, max_blocks, above_m, blocks, stop)) return std::nullopt;
+  std::sort(blocks.begin(), blocks.end(), [](const BlockOnRays& a, const BlockOnRays& b) { return a.id < b.id; });
+  return blocks;
 }
 
 double triangles_of(const Selection& selection) {

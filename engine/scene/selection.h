@@ -70,10 +70,16 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
                            const Accuracy& accuracy, const StopToken& stop, const SceneRoom& room = {},
                            const std::vector<Ball>& receivers = {});
 
-// The finest blocks that rays may meet, or pass so far above; empty when they are more than max_blocks. Neighbours can
-// differ in level where sources do: the mesh joins them all the same.
-std::optional<Selection> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
-                                         std::size_t max_blocks, const StopToken& stop, double above_m = 0);
+// The finest blocks that rays may meet, or pass so far above, sorted, and for each of them which rays; empty when they
+// are more than max_blocks. Neighbours can differ in level where sources do: the mesh joins them all the same.
+struct BlockOnRays {
+  dem::BlockId id;
+  double low_m, high_m;           // that its terrain lies between
+  std::vector<std::size_t> rays;  // ascending
+};
+std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
+                                                        std::size_t max_blocks, const StopToken& stop,
+                                                        double above_m = 0);
 
 double triangles_of(const Selection& selection);
 

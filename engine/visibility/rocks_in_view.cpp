@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <span>
-#include <utility>
 
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
@@ -12,23 +10,15 @@
 #include "engine/scene/node_bounds.h"
 
 namespace selenograph::engine {
-namespace {
 
-// The octave whose rocks are looked for in blocks of a level, which are some 60 of its smallest diameters wide; those
-// that are smaller yet in the finest blocks.
-constexpr int kLevelOfOctave0 = 15;
-int level_of(int octave) { return std::min(kLevelOfOctave0 - octave, dem::kMaxLevel); }
+int level_of_rocks(int octave) { return std::min(15 - octave, dem::kMaxLevel); }
 
-dem::Footprint footprint_of(const dem::BlockId& id) {
-  const dem::BlockExtent e = dem::extent_of(id);
-  return {dem::lat_deg_of(e.lat0), dem::lat_deg_of(e.lat1()), dem::lon_deg_of(e.lon0), dem::lon_deg_of(e.lon1())};
-}
-
-// How many of an octave the law expects between craters.
-double expected_of(const dem::RockField& field, int octave, const dem::Footprint& box, double smallest_m) {
+double expected_of(const dem::RockField& field, int octave, const dem::Footprint& region, double smallest_m) {
   const double least_m = std::max({smallest_m, std::ldexp(1.0, octave), field.law().smallest_m});
-  return dem::area_m2(box) * field.law().frequency.between(least_m, field.largest_m(octave));
+  return dem::area_m2(region) * field.law().frequency.between(least_m, field.largest_m(octave));
 }
+
+namespace {
 
 class Finder {
  public:
@@ -120,11 +110,11 @@ class Finder {
     bool finer = false;
     for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
       if (field.largest_m(k) < smallest_m) continue;
-      const int level = level_of(k);
+      const int level = level_of_rocks(k);
       if (level == id.level || (level < id.level && id.level == chosen_level)) {
         if (may_see(bounds.points,
                     bounds.bulge_m + 2 * field.largest_m(k) + shadow_m(bounds.centre, field.largest_m(k))))
-          pieces_.push_back({k, footprint_of(id), smallest_m});
+          pieces_.push_back({k, dem::footprint_of(id), smallest_m});
       }
       finer |= level > id.level;
     }
@@ -149,40 +139,6 @@ class Finder {
 };
 
 }  // namespace
-
-std::optional<std::vector<dem::RockFeature>> RocksOnBlocks::on(const std::vector<dem::BlockId>& blocks,
-                                                               const StopToken& stop) {
-  const dem::RockField& field = survey_.field();
-  std::vector<Piece> pieces, unknown;
-  for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k)
-    for (const dem::BlockId& id : blocks) pieces.emplace_back(k, ancestor_of(id, std::min(id.level, level_of(k))));
-  std::sort(pieces.begin(), pieces.end());
-  pieces.erase(std::unique(pieces.begin(), pieces.end()), pieces.end());
-  double expected = 0;
-  for (const auto& [octave, id] : pieces) expected += expected_of(field, octave, footprint_of(id), 0);
-  if (expected > kMost) return std::nullopt;
-
-  if (remembered_ > kMostRemembered) found_.clear(), remembered_ = 0;
-  std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(unknown),
-               [&](const Piece& piece) { return !found_.contains(piece); });
-  std::vector<std::vector<dem::RockFeature>> new_ones(unknown.size());
-  in_parallel(unknown.size(), [&](std::size_t i) {
-    const auto& [octave, id] = unknown[i];
-    const dem::Footprint reaching = around(footprint_of(id), field.largest_m(octave));
-    survey_.add(octave, reaching, field.law().smallest_m, new_ones[i], stop);
-  });
-  for (std::size_t i = 0; i < unknown.size(); ++i)
-    remembered_ += new_ones[i].size(), found_.emplace(unknown[i], std::move(new_ones[i]));
-
-  std::vector<dem::RockFeature> rocks;
-  for (const Piece& piece : pieces) {
-    const std::vector<dem::RockFeature>& some = found_.at(piece);
-    rocks.insert(rocks.end(), some.begin(), some.end());
-  }
-  rocks = dem::largest_first(std::move(rocks));
-  if (rocks.size() > kMost) return std::nullopt;
-  return rocks;
-}
 
 RocksInView rocks_in_view(const dem::Terrain& terrain, const RowViews& views, const Sun* sun,
                           const std::vector<dem::BlockId>& blocks, double max_error_px, const StopToken& stop) {

@@ -1,9 +1,6 @@
 // Which rocks of a detail a frame shows: those that are large enough in it, in view or with their shadow.
 #pragma once
 
-#include <map>
-#include <optional>
-#include <utility>
 #include <vector>
 
 #include "dem/detail/rocks_on_ground.h"
@@ -27,22 +24,11 @@ inline constexpr std::size_t kMostRocks = 32768;
 RocksInView rocks_in_view(const dem::Terrain& terrain, const RowViews& views, const Sun* sun,
                           const std::vector<dem::BlockId>& blocks, double max_error_px, const StopToken& stop);
 
-// Of terrain with rocks: all that lie in blocks, or reach into them. It remembers those that were asked for.
-class RocksOnBlocks {
- public:
-  explicit RocksOnBlocks(const dem::Terrain& terrain) : survey_(terrain) {}
+// The level of the blocks in which an octave's rocks are looked for: some 60 of its smallest diameters wide. Those that
+// are smaller yet are looked for in the finest.
+int level_of_rocks(int octave);
 
-  double largest_m() const { return survey_.field().law().largest_m; }
-  // The largest first; nothing where they were more than kMost.
-  std::optional<std::vector<dem::RockFeature>> on(const std::vector<dem::BlockId>& blocks, const StopToken& stop);
-  static constexpr std::size_t kMost = 60000;
-
- private:
-  using Piece = std::pair<int, dem::BlockId>;  // of an octave
-  static constexpr std::size_t kMostRemembered = 500000;
-  dem::RockSurvey survey_;
-  std::map<Piece, std::vector<dem::RockFeature>> found_;
-  std::size_t remembered_ = 0;
-};
+// How many of an octave the law expects in a region, between craters.
+double expected_of(const dem::RockField& field, int octave, const dem::Footprint& region, double smallest_m);
 
 }  // namespace selenograph::engine

@@ -281,5 +281,44 @@ TEST_F(RocksInFrames, AreWhereTheListHasThem) {
   }
 }
 
+// Together all rocks of the blocks below are looked for, alone those along the ray.
+TEST_F(RocksInFrames, RaysMeetTheSameOnesAloneAndTogether) {
+  const double ground_m = renderer_->terrain_with(detail_)->height(kLat, kLon).height_m;
+  int all_on_rocks = 0;
+  struct Fan {
+    double height_m, below_horizon_deg, azimuth_deg, half_width_deg;
+  };
+  for (const Fan& fan : {Fan{50, 80, 10, 4}, Fan{40, 30, 200, 4}, Fan{3, 4, 300, 3}}) {
+    const Vec3 from = to_cartesian({kLat, kLon, ground_m + fan.height_m});
+    const EastNorthUp axes = local_axes(from);
+    std::vector<engine::Ray> rays;
+    constexpr int kSide = 16;
+    for (int i = 0; i < kSide * kSide; ++i) {
+      const auto off = [&](int k) { return fan.half_width_deg * (2.0 * k / kSide - 1); };
+      const double down = (fan.below_horizon_deg + off(i / kSide)) * kRadiansPerDegree,
+                   around = (fan.azimuth_deg + off(i % kSide)) * kRadiansPerDegree;
+      const Vec3 ahead = std::sin(around) * axes.east + std::cos(around) * axes.north;
+      rays.push_back({from, (std::cos(down) * ahead - std::sin(down) * axes.up).normalized()});
+    }
+    const engine::Sun sun{(std::sin(0.2) * axes.up + std::cos(0.2) * axes.east).normalized(), 1, 0.27};
+    const std::vector<engine::RayHit> together = renderer_->cast(rays, sun, {}, {}, detail_);
+    int on_rocks = 0, asked = 0, other = 0, other_light = 0;
+    for (std::size_t i = 0; i < rays.size(); i += 7, ++asked) {
+      const engine::RayHit alone = renderer_->cast({&rays[i], 1}, sun, {}, {}, detail_).front();
+      on_rocks += alone.rock.has_value();
+      other += alone.hit != together[i].hit || alone.rock != together[i].rock ||
+               std::abs(alone.range_m - together[i].range_m) > 1e-6;
+      other_light += std::abs(alone.lit - together[i].lit) > 0.01;
+    }
+    fmt::print("{} degrees below the horizon: {} of {} rays on rocks; otherwise: {}, light {}\n", fan.below_horizon_deg,
+               on_rocks, asked, other, other_light);
+    all_on_rocks += on_rocks;
+    // Float chooses the triangle, relative to another place: a ray along an outline may miss what it touches.
+    EXPECT_LE(other, 1);
+    EXPECT_LE(other_light, 1);
+  }
+  EXPECT_GT(all_on_rocks, 5);
+}
+
 }  // namespace
 }  // namespace selenograph

@@ -174,12 +174,23 @@ TEST_F(SelectionTest, RaysFindTheFinestBlocksTheyMeet) {
   const Vec3 from = to_cartesian({10, 26, 50000});
   std::vector<Ray> rays{
       {from, -from.normalized()}, {from, (to_cartesian({11, 27, 0}) - from).normalized()}, {from, from.normalized()}};
-  const Selection s = *select_for_rays(*terrain_, rays, 1000, {});
-  for (const BlockId& id : s.blocks) EXPECT_EQ(id.level, 8);
-  const Mesh mesh(*terrain_, s.blocks);
+  const auto met = *select_for_rays(*terrain_, rays, 1000, {});
+  std::vector<BlockId> blocks;
+  for (const BlockOnRays& block : met) {
+    EXPECT_EQ(block.id.level, 8);
+    // Straight down, or away to the side; none of them the ray that looks up.
+    ASSERT_FALSE(block.rays.empty());
+    EXPECT_LE(block.rays.back(), 1U);
+    blocks.push_back(block.id);
+  }
+  for (const std::size_t ray : {0U, 1U})
+    EXPECT_TRUE(std::any_of(met.begin(), met.end(), [&](const BlockOnRays& block) {
+      return std::find(block.rays.begin(), block.rays.end(), ray) != block.rays.end();
+    }));
+  const Mesh mesh(*terrain_, blocks);
   EXPECT_TRUE(mesh.block_at(std::llround(100 * dem::kTicksPerDegree), std::llround(206 * dem::kTicksPerDegree)));
   EXPECT_TRUE(mesh.block_at(std::llround(101 * dem::kTicksPerDegree), std::llround(207 * dem::kTicksPerDegree)));
-  EXPECT_LT(s.blocks.size(), 20U);
+  EXPECT_LT(blocks.size(), 20U);
 }
 
 TEST_F(SelectionTest, StopsWhenTold) {

@@ -1,0 +1,156 @@
+#include "engine/visibility/rocks_near_rays.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+#include "dem/detail/footprints.h"
+#include "dem/geodesy.h"
+#include "dem/parallel.h"
+#include "engine/scene/node_bounds.h"
+#include "engine/visibility/rocks_in_view.h"
+
+namespace selenograph::engine {
+namespace {
+
+// Where more rays than that pass a block, all of its rocks are looked for at once.
+constexpr std::size_t kFewRays = 16;
+constexpr double kLength = 4;  // of the parts of a ray that are looked around at once, in diameters
+
+// From where to where along a ray.
+struct Stretch {
+  double from_m, to_m;
+};
+
+// Where the straight line of a ray is nearest to the Moon's middle.
+double lowest_at(const Ray& ray) { return -ray.origin_m.dot(ray.direction); }
+
+// Squared; from there to where it is at a height. Negative: it never is.
+double half_chord2(const Ray& ray, double height_m) {
+  const double radius = kMoonRadius_m + height_m, along = lowest_at(ray);
+  return radius * radius - (ray.origin_m.squaredNorm() - along * along);
+}
+
+// Within the ball around a block, where the ray is no higher than its terrain, or so far above that.
+std::optional<Stretch> stretch_over(const Ray& ray, const NodeBounds& b, double above_m) {
+  const Vec3 to = b.centre - ray.origin_m;
+  const double along = to.dot(ray.direction), reach = b.radius_m + above_m,
+               ball = reach * reach - (to.squaredNorm() - along * along),
+               low = half_chord2(ray, b.high_m + b.bulge_m + 1 + above_m);
+  if (ball < 0 || low < 0) return std::nullopt;
+  const Stretch found{std::max({0.0, along - std::sqrt(ball), lowest_at(ray) - std::sqrt(low)}),
+                      std::min(along + std::sqrt(ball), lowest_at(ray) + std::sqrt(low))};
+  return found.from_m <= found.to_m ? std::optional(found) : std::nullopt;
+}
+
+// What is left of it where the ray doesn't come back from below a height.
+Stretch until_below(const Ray& ray, Stretch stretch, double height_m) {
+  if (const double below = half_chord2(ray, height_m); below > 0)
+    if (const double enters = lowest_at(ray) - std::sqrt(below); enters >= stretch.from_m)
+      stretch.to_m = std::min(stretch.to_m, enters);
+  return stretch;
+}
+
+// No longer than so much: the box around a slanting stretch is as wide as it is long.
+std::vector<Stretch> parts_of(const Stretch& stretch, double longest_m) {
+  std::vector<Stretch> parts;
+  const double length_m = stretch.to_m - stretch.from_m, count = std::max(1.0, std::ceil(length_m / longest_m));
+  for (double i = 0; i < count; ++i)
+    parts.push_back({stretch.from_m + i / count * length_m, stretch.from_m + (i + 1) / count * length_m});
+  return parts;
+}
+
+// What lies below a stretch, or so near to it; nothing where meridians are too close to each other for a box of degrees
+// to be a small one.
+std::optional<dem::Footprint> beneath(const Ray& ray, const Stretch& stretch, double margin_m) {
+  const Vec3 from = ray.origin_m + stretch.from_m * ray.direction, to = ray.origin_m + stretch.to_m * ray.direction;
+  const Geographic a = to_geographic(from), b = to_geographic(to);
+  const double length_m = stretch.to_m - stretch.from_m, to_axis_m = std::hypot(from.x(), from.y());
+  if (to_axis_m < 20 * (length_m + margin_m)) return std::nullopt;
+  double west = a.lon_deg, east = b.lon_deg;
+  if (west > east) std::swap(west, east);
+  if (east - west > 180) {
+    std::swap(west, east);
+    east += 360;
+  }
+  // A straight way leaves the box of its ends by no more than this.
+  const double bend_m = length_m * length_m / to_axis_m;
+  return dem::around({std::min(a.lat_deg, b.lat_deg), std::max(a.lat_deg, b.lat_deg), west, east}, margin_m + bend_m);
+}
+
+}  // namespace
+
+std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<const Ray> rays,
+                                                                  std::span<const BlockOnRays> blocks,
+                                                                  const StopToken& stop) {
+  const dem::RockField& field = survey_.field();
+  struct Strip {
+    int octave;
+    dem::Footprint box;
+  };
+  std::vector<Piece> pieces;
+  std::vector<Strip> strips;
+  for (const BlockOnRays& block : blocks) {
+    stop.check();
+    const auto all_of = [&](int octave) {
+      pieces.emplace_back(octave, ancestor_of(block.id, std::min(block.id.level, level_of_rocks(octave))));
+    };
+    const NodeBounds bounds = bounds_of(block.id, block.low_m, block.high_m);
+    const dem::Footprint footprint = dem::footprint_of(block.id);
+    for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
+      if (block.rays.size() > kFewRays) {
+        all_of(k);
+        continue;
+      }
+      for (const std::size_t i : block.rays) {
+        const auto stretch = stretch_over(rays[i], bounds, field.largest_m(k));
+        if (!stretch) continue;
+        const double lowest_m = bounds.low_m - bounds.bulge_m - 1 - field.largest_m(k);
+        for (const Stretch& part : parts_of(until_below(rays[i], *stretch, lowest_m), kLength * field.largest_m(k))) {
+          const auto box = beneath(rays[i], part, field.largest_m(k));
+          if (!box)
+            all_of(k);
+          else if (const auto here = common(*box, dem::around(footprint, field.largest_m(k))))
+            strips.push_back({k, *here});
+        }
+      }
+    }
+  }
+  std::sort(pieces.begin(), pieces.end());
+  pieces.erase(std::unique(pieces.begin(), pieces.end()), pieces.end());
+  double expected = 0;
+  for (const auto& [octave, id] : pieces) expected += expected_of(field, octave, dem::footprint_of(id), 0);
+  for (const auto& [octave, box] : strips) expected += expected_of(field, octave, box, 0);
+  if (expected > kMost) return std::nullopt;
+
+  auto rocks = gathered_in_parallel<dem::RockFeature>(strips.size(), 64, [&](std::size_t i, auto& some) {
+    stop.check();
+    survey_.add(strips[i].octave, strips[i].box, field.law().smallest_m, some, stop);
+  });
+  find(pieces, stop);
+  for (const Piece& piece : pieces) {
+    const std::vector<dem::RockFeature>& some = found_.at(piece);
+    rocks.insert(rocks.end(), some.begin(), some.end());
+  }
+  rocks = dem::largest_first(std::move(rocks));
+  if (rocks.size() > kMost) return std::nullopt;
+  return rocks;
+}
+
+void RocksNearRays::find(const std::vector<Piece>& pieces, const StopToken& stop) {
+  const dem::RockField& field = survey_.field();
+  if (remembered_ > kMostRemembered) found_.clear(), remembered_ = 0;
+  std::vector<Piece> unknown;
+  std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(unknown),
+               [&](const Piece& piece) { return !found_.contains(piece); });
+  std::vector<std::vector<dem::RockFeature>> new_ones(unknown.size());
+  in_parallel(unknown.size(), [&](std::size_t i) {
+    const auto& [octave, id] = unknown[i];
+    const dem::Footprint reaching = dem::around(dem::footprint_of(id), field.largest_m(octave));
+    survey_.add(octave, reaching, field.law().smallest_m, new_ones[i], stop);
+  });
+  for (std::size_t i = 0; i < unknown.size(); ++i)
+    remembered_ += new_ones[i].size(), found_.emplace(unknown[i], std::move(new_ones[i]));
+}
+
+}  // namespace selenograph::engine
