@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <stdexcept>
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
@@ -210,6 +211,22 @@ void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
                                      *m));
 }
 
+dem::Region read_region(const JsonReader& in) {
+  constexpr std::size_t kMostCorners = 256;
+  std::vector<Geographic> corners;
+  in.elements(3, kMostCorners, [&](const JsonReader& corner) {
+    if (const auto place = corner.pair(Range{-90, 90}, Range{-360, 360}))
+      corners.push_back({place->first, place->second, 0});
+  });
+  if (!in.good()) return {};
+  try {
+    return dem::Region(corners);
+  } catch (const std::invalid_argument& e) {
+    in.fail(e.what());
+    return {};
+  }
+}
+
 void read_relief(const JsonReader& in, dem::ReliefLaw& relief) {
   if (!in.object({"hurst", "deviation_m", "baseline_m", "shortest_m", "longest_m"})) return;
   relief.hurst = in.number("hurst", Range{0.1, 1, false, true}, relief.hurst);
@@ -231,11 +248,13 @@ dem::DetailPreset read_detail_file(const std::string& path) {
   Findings findings;
   const JsonReader in(json, findings);
   dem::DetailPreset preset;
-  if (in.object({"seed", "craters", "relief", "rocks", "description"})) {
+  if (in.object({"seed", "region", "craters", "relief", "rocks", "description"})) {
     constexpr std::int64_t kLargestSeed = std::int64_t{1} << 53;
     const auto seed = in.has("seed") ? in.at("seed").integer(0, kLargestSeed) : std::optional<std::int64_t>(0);
     preset.craters.seed = static_cast<std::uint64_t>(seed.value_or(0));
     preset.relief.seed = preset.rocks.seed = preset.craters.seed;
+    if (in.has("region")) preset.region = read_region(in.at("region"));
+    preset.craters.region = preset.rocks.region = preset.region;
     if (in.has("craters")) read_craters(in.at("craters"), preset.craters);
     if (in.has("relief")) read_relief(in.at("relief"), preset.relief);
     if (in.has("rocks")) read_rocks(in.at("rocks"), preset.rocks);

@@ -124,6 +124,8 @@ dem::ValueMapOptions read_map_file(const std::string& path);
 
 // Detail's description; of craters, relief and rocks any may be left out:
 //   {"seed": N,
+//    "region": [[lat_deg, lon_deg], ...],            corners of a polygon in order, which craters and rocks have their
+//                                                    centres in; left out: everywhere (dem::Region)
 //    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.5
 //                "frequency": [{"per_m2", "exponent"}, ...],   the smallest of these power laws (cumulative); left out:
 //                                                    equilibrium (Trask 1966)

@@ -48,18 +48,20 @@ Crater CraterField::made(Draws& draws, const Vec3& centre, double diameter_m) co
 
 void CraterField::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out) const {
   const double reach_m = CraterShape::reach(CraterShape::kOldest) * cells_.largest_m(octave) / 2;
-  cells_.near(octave, direction, (radius_m + reach_m) / kMoonRadius_m,
-              [&](Draws& draws, const Vec3& centre, double diameter_m) {
-                const Crater crater = made(draws, centre, diameter_m);
-                if ((centre - direction).norm() * kMoonRadius_m <= radius_m + crater.reach_m()) out.push_back(crater);
-              });
+  cells_.near(
+      octave, direction, (radius_m + reach_m) / kMoonRadius_m,
+      [&](Draws& draws, const Vec3& centre, double diameter_m) {
+        const Crater crater = made(draws, centre, diameter_m);
+        if ((centre - direction).norm() * kMoonRadius_m <= radius_m + crater.reach_m() && law_.region.holds(centre))
+          out.push_back(crater);
+      });
 }
 
 std::vector<Crater> CraterField::within(int octave, const Footprint& box) const {
   std::vector<Crater> out;
   cells_.in_box(octave, box, [&](Draws& draws, const Vec3& centre, double diameter_m) {
     const Crater crater = made(draws, centre, diameter_m);
-    if (holds(box, to_geographic(centre * kMoonRadius_m))) out.push_back(crater);
+    if (holds(box, to_geographic(centre * kMoonRadius_m)) && law_.region.holds(centre)) out.push_back(crater);
   });
   return out;
 }

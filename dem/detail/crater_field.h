@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "dem/detail/crater_shape.h"
+#include "dem/detail/region.h"
 #include "dem/detail/size_cells.h"
 #include "dem/geodesy.h"
 
@@ -21,6 +22,7 @@ struct CraterLaw {
   // what an equilibrium is: craters vanish as fast as they are made.
   double oldest_Ma = 3500;
   double diffusivity_m2_per_Ma = kDiffusivity_m2_per_Ma;
+  Region region;  // that their centres lie in
 };
 
 // From rim to floor over the diameter, of fresh ones (Stopar et al. 2017, table of medians by size), between them by

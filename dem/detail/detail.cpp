@@ -14,6 +14,11 @@ namespace {
 
 constexpr double kPostsPerFeature = 4;
 
+CraterLaw everywhere(CraterLaw law) {
+  law.region = {};
+  return law;
+}
+
 // The ball around a grid's places.
 struct Around {
   Vec3 direction;
@@ -41,7 +46,11 @@ int Detail::smallest_octave(int level) {
 }
 
 Detail::Detail(const DetailPreset& preset)
-    : preset_(preset), craters_(preset.craters), relief_(preset.relief), rocks_(preset.rocks) {
+    : preset_(preset),
+      craters_(everywhere(preset.craters)),
+      relief_(preset.relief),
+      rocks_(preset.rocks),
+      fade_m_(std::max(preset.craters.largest_m, preset.relief.longest_m)) {
   // The mean over many places of the octave alone. Places by an additive recurrence: the same on every machine.
   constexpr int kSide = 192;
   for (int octave = craters_.smallest_octave(); octave <= craters_.largest_octave(); ++octave) {
@@ -56,11 +65,12 @@ Detail::Detail(const DetailPreset& preset)
     }
     std::vector<double> heights(kSide * kSide);
     means_m_.push_back(0);
-    add_craters({table[0], table[1], table[2], table[3], 1, step}, octave, heights, {});
+    add_craters({table[0], table[1], table[2], table[3], 1, step}, octave, {}, heights, {});
     double sum = 0;
     for (const double h : heights) sum += h;
     means_m_.back() = sum / (kSide * kSide);
   }
+  craters_ = CraterField(preset.craters);
 }
 
 int Detail::finest_level() const {
@@ -82,7 +92,8 @@ double Detail::left_out_m(int level, int posts_level) const {
   double sum = 0;
   const int shown = std::min(smallest_octave(level), past_largest_octave(posts_level));
   for (int k = craters_.smallest_octave(); k <= std::min(shown - 1, craters_.largest_octave()); ++k)
-    sum += std::max(craters_.deepest_m(k) + mean_m(k), craters_.highest_m(k) - mean_m(k));
+    sum += std::max({craters_.deepest_m(k) + mean_m(k), craters_.highest_m(k) - mean_m(k),
+                     preset_.region.everywhere() ? 0 : craters_.deepest_m(k)});  // where the mean has faded
   for (int k = relief_.shortest_octave(); k <= std::min(shown - 1, relief_.longest_octave()); ++k)
     sum += relief_.most_m(k);
   return sum;
@@ -96,7 +107,8 @@ double Detail::beyond_posts_m(int posts_level) const {
   const int in_means = smallest_octave(posts_level + kCellLevels), past = past_largest_octave(posts_level);
   double range = 0;
   for (int k = std::max(in_means, craters_.smallest_octave()); k <= std::min(past - 1, craters_.largest_octave()); ++k)
-    range += craters_.deepest_m(k) + craters_.highest_m(k);
+    range += craters_.deepest_m(k) + craters_.highest_m(k) +
+             (preset_.region.everywhere() ? 0 : std::abs(mean_m(k)));  // which fades
   for (int k = std::max(in_means, relief_.shortest_octave()); k <= std::min(past - 1, relief_.longest_octave()); ++k)
     range += 2 * relief_.most_m(k);
   return kFarthest * range + left_out_m(posts_level + kCellLevels, posts_level);
@@ -121,8 +133,9 @@ std::pair<std::size_t, std::size_t> columns_of(const DirectionGrid& grid, const 
 
 }  // namespace
 
-void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<double> heights_m,
-                         std::span<float> in_crater) const {
+// `shares`: of the mean; empty: all of it.
+void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const double> shares,
+                         std::span<double> heights_m, std::span<float> in_crater) const {
   const std::size_t rows = grid.rows(), columns = grid.columns();
   const Around all = around(grid);
   std::vector<Crater> craters;
@@ -157,7 +170,8 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<double
   }
   const double mean = mean_m(octave);
   for (std::size_t i = 0; i < heights_m.size(); ++i)
-    heights_m[i] += static_cast<double>(lowest[i]) + static_cast<double>(highest[i]) - mean;
+    heights_m[i] +=
+        static_cast<double>(lowest[i]) + static_cast<double>(highest[i]) - (shares.empty() ? mean : shares[i] * mean);
 }
 
 bool Detail::has_relief(int level, int posts_level) const {
@@ -168,14 +182,48 @@ bool Detail::has_relief(int level, int posts_level) const {
 void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m,
                  std::span<float> in_crater, const StopToken& stop) const {
   std::fill(in_crater.begin(), in_crater.end(), 0.F);
+  const std::vector<double> shares = shares_of(grid);
   const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
   for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k) {
     stop.check();
-    add_craters(grid, k, heights_m, in_crater);
+    add_craters(grid, k, shares, heights_m, in_crater);
   }
+  std::vector<double> alone(shares.empty() ? 0 : grid.columns());
   for (int k = std::max(shown, relief_.shortest_octave()); k <= std::min(relief_.longest_octave(), past - 1); ++k)
-    for (std::size_t r = 0; r < grid.rows(); stop.check(), ++r)
-      relief_.add_row(k, grid, r, heights_m.subspan(r * grid.columns(), grid.columns()));
+    for (std::size_t r = 0; r < grid.rows(); stop.check(), ++r) {
+      const auto row = heights_m.subspan(r * grid.columns(), grid.columns());
+      if (shares.empty()) {
+        relief_.add_row(k, grid, r, row);
+        continue;
+      }
+      // Added the same way wherever it is, so that blocks agree to the bit.
+      std::fill(alone.begin(), alone.end(), 0.0);
+      relief_.add_row(k, grid, r, alone);
+      for (std::size_t c = 0; c < row.size(); ++c) row[c] += shares[r * grid.columns() + c] * alone[c];
+    }
+}
+
+std::vector<double> Detail::shares_of(const DirectionGrid& grid) const {
+  std::vector<double> shares;
+  if (preset_.region.everywhere()) return shares;
+  const Around all = around(grid);
+  const double inside_m = preset_.region.inside_m(all.direction.normalized());
+  constexpr double kSure = 1.01;  // chords for arcs, and rounding
+  // The very numbers that each place by itself would have.
+  if (std::abs(inside_m) > kSure * all.radius_m + fade_m_) {
+    shares.assign(grid.rows() * grid.columns(), inside_m > 0 ? 1 : 0);
+    return shares;
+  }
+  for (std::size_t r = 0; r < grid.rows(); ++r)
+    for (std::size_t c = 0; c < grid.columns(); ++c)
+      shares.push_back(
+          share(Vec3(grid.cos_lat[r] * grid.cos_lon[c], grid.cos_lat[r] * grid.sin_lon[c], grid.sin_lat[r])));
+  return shares;
+}
+
+bool Detail::reaches(const Vec3& direction, double radius_m) const {
+  const double beyond_m = CraterShape::reach(CraterShape::kOldest) * preset_.craters.largest_m / 2;
+  return preset_.region.inside_m(direction) > -(radius_m + beyond_m);
 }
 
 }  // namespace selenograph::dem

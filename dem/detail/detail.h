@@ -15,6 +15,7 @@
 
 #include "dem/detail/crater_field.h"
 #include "dem/detail/direction_grid.h"
+#include "dem/detail/region.h"
 #include "dem/detail/relief.h"
 #include "dem/detail/rock_field.h"
 #include "dem/stop_token.h"
@@ -26,6 +27,8 @@ struct DetailPreset {
   CraterLaw craters;
   ReliefLaw relief;
   RockLaw rocks;
+  // The craters' and the rocks' region is to be the same.
+  Region region;
 };
 
 // Const means safe to call concurrently.
@@ -58,6 +61,12 @@ class Detail {
   // The octaves of diameters and of wavelengths [2^k, 2^(k+1)) m that are added to posts are below this one.
   static int past_largest_octave(int posts_level) { return smallest_octave(posts_level) - 1; }
 
+  // Relief and the craters' mean go to 0 towards the region's border over as much as the largest crater or the longest
+  // wavelength measures: how much of them there is at a place, on the unit sphere.
+  double share(const Vec3& direction) const { return preset_.region.share(direction, fade_m_); }
+  // Whether anything may be added so near to a place.
+  bool reaches(const Vec3& direction, double radius_m) const;
+
   // Where the mean of an octave of craters would be, were it not subtracted: so that detail moves no ground as a whole.
   double mean_m(int octave) const;
 
@@ -67,7 +76,8 @@ class Detail {
   const RockField& rocks() const { return rocks_; }
 
  private:
-  void add_craters(const DirectionGrid& grid, int octave, std::span<double> heights_m,
+  std::vector<double> shares_of(const DirectionGrid& grid) const;  // empty: 1 everywhere
+  void add_craters(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
                    std::span<float> in_crater) const;
 
   DetailPreset preset_;
@@ -75,6 +85,7 @@ class Detail {
   Relief relief_;
   RockField rocks_;
   std::vector<double> means_m_;  // by octave, from the smallest
+  double fade_m_;
 };
 
 }  // namespace selenograph::dem

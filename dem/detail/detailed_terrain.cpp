@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "dem/cubic.h"
+#include "dem/detail/footprints.h"
 #include "dem/parallel.h"
 #include "dem/shading_normals.h"
 
@@ -195,8 +196,23 @@ bool DetailedTerrain::has_data(const BlockId& id) const {
   return plain_.has_data(ancestor_of(id, std::min(id.level, plain_.posts_level(id))));
 }
 
+bool DetailedTerrain::reached(const BlockId& id) const {
+  if (detail_->preset().region.everywhere()) return true;
+  const BlockId of_posts = ancestor_of(id, std::min(id.level, plain_.posts_level(id)));
+  const Footprint box = footprint_of(of_posts);
+  const auto place = [](double lat_deg, double lon_deg) { return to_cartesian({lat_deg, lon_deg, 0}); };
+  const Vec3 middle = place((box.south_deg + box.north_deg) / 2, (box.west_deg + box.east_deg) / 2);
+  double radius_m = 0;
+  for (const double lat_deg : {box.south_deg, box.north_deg})
+    radius_m = std::max(radius_m, (place(lat_deg, box.west_deg) - middle).norm());
+  // A child's ball may stick out of its parent's. What detail takes from posts reaches some posts beyond it.
+  constexpr double kSure = 1.01, kPosts = 4;
+  return detail_->reaches(middle.normalized(), kSure * radius_m + kPosts * post_spacing_m(of_posts.level));
+}
+
 int DetailedTerrain::finest_level(const BlockId& id) const {
-  return has_data(id) ? std::max(plain_.finest_level(id), detail_->finest_level()) : plain_.finest_level(id);
+  return has_data(id) && reached(id) ? std::max(plain_.finest_level(id), detail_->finest_level())
+                                     : plain_.finest_level(id);
 }
 
 NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
@@ -207,7 +223,7 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
     return {made->error_m, made->min_m, made->max_m, false, plain_.node(id, stop).replaced, made->error_m};
   }
   NodeInfo info = plain_.node(id, stop);
-  if (info.empty) return info;
+  if (info.empty || !reached(id)) return info;
   // Between the posts the surface is curved: by no more, about, than posts lie off the surface of every second one. Of
   // much coarser levels half of their own error is more than that: rough ground is rougher over longer distances.
   constexpr int kMuchCoarser = 3;
@@ -223,6 +239,7 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
 }
 
 void DetailedTerrain::widen(const BlockId& id, HeightRange& range) const {
+  if (!reached(id)) return;
   const int posts = plain_.posts_level(id);
   // Catmull-Rom's overshoot: an eighth of the range on either side of each axis, at most.
   const float beyond = static_cast<float>(detail_->beyond_posts_m(posts)) + 0.3F * (range.high - range.low);
@@ -312,6 +329,7 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
   }
   detail_->add(Places(e, -kHalo, 1, side).grid(), id.level, posts_level, heights, in_crater, stop);
   const Ground between = detail_->has_relief(id.level, posts_level) ? Ground::relief : Ground::dem;
+  const bool everywhere = detail_->preset().region.everywhere();
 
   std::vector<float> rounded(heights.begin(), heights.end());
   block->vertices.reserve(block->index(e.quads, e.quads) + 1);
@@ -326,7 +344,8 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
       block->vertices.push_back({*h, Eigen::Vector3f::Zero()});
       block->sources.push_back(
           posts.source(e.lat0 + std::int64_t{r} * e.lat_step, e.lon0 + std::int64_t{c} * e.lon_step));
-      block->ground.push_back(in_crater[at] > 0 ? Ground::crater : between);
+      const bool outside = !everywhere && detail_->share(block->position(r, c, 0).normalized()) == 0;
+      block->ground.push_back(in_crater[at] > 0 ? Ground::crater : outside ? Ground::dem : between);
       if (std::isnan(*h)) continue;
       low = std::min(low, *h), high = std::max(high, *h);
       for (const std::ptrdiff_t step : {std::ptrdiff_t{1}, static_cast<std::ptrdiff_t>(n)})

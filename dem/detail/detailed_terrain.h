@@ -34,6 +34,9 @@ class DetailedTerrain {
 
  private:
   class PostsAround;
+  // Whether the detail's region does, or what stands in it: decided for whole blocks of posts, so that heights, frames
+  // and rays agree on which level is a place's finest.
+  bool reached(const BlockId& id) const;
   std::shared_ptr<const Block> made(const BlockId& id, int posts_level, const StopToken& stop) const;
   // Posts with the detail's means taken from them; null where there are none.
   std::shared_ptr<const Block> corrected(const BlockId& id, const StopToken& stop) const;

@@ -59,7 +59,7 @@ void RockField::within(int octave, const Footprint& box, std::span<const FreshCr
   cells_.in_box(octave, box, [&](Draws& draws, const Vec3& centre, double diameter_m) {
     const double rank = draws.uniform() * most, survived = draws.uniform();
     Rock rock{centre, diameter_m, 0, draws.bits(), draws.bits()};
-    if (!holds(box, to_geographic(centre * kMoonRadius_m))) return;
+    if (!holds(box, to_geographic(centre * kMoonRadius_m)) || !law_.region.holds(centre)) return;
     if (rank <= 1) {
       rock.age_Ma = -law_.half_life_Ma * std::log2(survived);
     } else {

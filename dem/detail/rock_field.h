@@ -25,6 +25,7 @@ struct RockLaw {
   double half_life_Ma = 60;
   // Smaller craters don't reach through the regolith, and dig out none.
   double smallest_crater_m = 30;
+  Region region;  // that their centres lie in
 };
 
 struct Rock {

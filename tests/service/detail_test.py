@@ -24,6 +24,10 @@ def setUpModule():
     write("bad", {"craters": {"smallest_m": 20, "largest_m": 10}})
     write("large_rocks", {"rocks": {"smallest_m": 1, "largest_m": 1}})
     write("all_rocks", {"rocks": {"smallest_m": 0.1, "largest_m": 1, "frequency": [{"per_m2": 1, "exponent": 3}]}})
+    # Its border runs through what the frames below see.
+    write("patch", {**PRESET, "region": [[LAT - 0.05, LON - 0.05], [LAT - 0.05, LON], [LAT, LON + 0.0005],
+                                         [LAT + 0.05, LON], [LAT + 0.05, LON - 0.05]]})
+    write("crossed", {**PRESET, "region": [[0, 0], [1, 1], [0, 1], [1, 0]]})
     write("dense", {"craters": {"smallest_m": 2, "largest_m": 100, "frequency": [{"per_m2": 9, "exponent": 2}]}})
 
 
@@ -39,7 +43,7 @@ def write(name, preset):
 class Detail(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.service = harness.Service("--assets-dir", harness.path("assets"))
+        cls.service = harness.Service("--assets-dir", harness.path("assets"), "--deadline-s", "600")
         cls.ground = cls.heights([(LAT, LON)])[0]
         cls.detailed = cls.heights([(LAT, LON)], "rough")[0]
 
@@ -165,11 +169,16 @@ class Detail(unittest.TestCase):
             self.assertLess((drawn["lit"] != traced["lit"]).mean(), 1e-3)
 
     def test_frames_heights_rays_and_maps_have_one_ground(self):
-        exact = self.request(("geodetic",), accuracy={"max_error_px": 0})
+        for preset in ("rough", "patch"):
+            with self.subTest(preset):
+                self.check_one_ground(preset)
+
+    def check_one_ground(self, preset):
+        exact = self.request(("geodetic",), accuracy={"max_error_px": 0}, detail=preset)
         arrays, meta, _ = self.arrays(exact)
         self.assertEqual(meta["lod_error_m"], 0)
         places = arrays["geodetic"].reshape(-1, 3)[::97]
-        heights = np.array(self.heights([(p[0], p[1]) for p in places], "rough"))
+        heights = np.array(self.heights([(p[0], p[1]) for p in places], preset))
         np.testing.assert_allclose(heights, places[:, 2], rtol=0, atol=1e-6)
         plain = np.array(self.heights([(p[0], p[1]) for p in places]))
         self.assertGreater(np.abs(heights - plain).max(), 0.1)
@@ -177,17 +186,32 @@ class Detail(unittest.TestCase):
         up = [np.array([np.cos(np.radians(p[0])) * np.cos(np.radians(p[1])),
                         np.cos(np.radians(p[0])) * np.sin(np.radians(p[1])), np.sin(np.radians(p[0]))]) for p in places]
         rays = [{"origin_m": ((1737400.0 + 5000) * u).tolist(), "direction": (-u).tolist()} for u in up]
-        status, _, body = self.service.post("/v1/rays", {"rays": rays, "detail": "rough"})
+        status, _, body = self.service.post("/v1/rays", {"rays": rays, "detail": preset})
         self.assertEqual(status, 200, body[:500])
         ranges = np.array([ray["range_m"] for ray in json.loads(body)["rays"]])
         np.testing.assert_allclose(5000 - ranges, heights, rtol=0, atol=1e-6)
 
         area = {"projection": "orthographic", "center": {"lat_deg": LAT, "lon_deg": LON}, "width_m": 40.0,
                 "height_m": 40.0, "gsd_m": 2.0}
-        request = {"map": area, "products": ["height"], "accuracy": {"max_error_px": 0}, "detail": "rough"}
+        request = {"map": area, "products": ["height"], "accuracy": {"max_error_px": 0}, "detail": preset}
         status, _, body = self.service.post("/v1/maps", request, "application/x-npz")
         self.assertEqual(status, 200, body[:500])
         self.assertAlmostEqual(np.load(io.BytesIO(body))["height"].mean(), self.detailed, delta=10)
+
+    def test_beyond_its_region_there_is_none(self):
+        # As far as the largest crater and a block of posts reach.
+        places = [(LAT + dlat, LON + dlon) for dlat, dlon in ((0, 0.5), (0.4, 0.3), (-0.5, -0.4), (0, -0.4))]
+        self.assertEqual(self.heights(places, "patch"), self.heights(places))
+        # And far inside it is that of a preset without a region.
+        inside = [(LAT + dlat, LON - 0.025) for dlat in (-0.01, 0.0, 0.013)]
+        np.testing.assert_allclose(self.heights(inside, "patch"), self.heights(inside, "rough"), rtol=0, atol=1e-4)
+        for detail in ("patch", "rough"):
+            box = {"south_deg": LAT - 0.01, "north_deg": LAT + 0.01, "west_deg": LON - 0.01, "east_deg": LON + 0.01}
+            status, _, body = self.service.post("/v1/features", {"detail": detail, "region": box, "smallest_m": 20})
+            self.assertEqual(status, 200, body[:300])
+            beyond = [c for c in json.loads(body)["craters"] if c["lon_deg"] > LON + 0.0005]
+            self.assertEqual(bool(beyond), detail == "rough")
+
 
     def test_a_coarser_frame_is_within_its_bound(self):
         exact, _, _ = self.arrays(self.request(("geodetic",), accuracy={"max_error_px": 0}))
@@ -218,7 +242,7 @@ class Detail(unittest.TestCase):
         error = json.loads(answer[2])["errors"][0]
         self.assertEqual(error["pointer"], "/detail")
         self.assertIn("rough", error["detail"])
-        for name, member in (("bad", "/craters/smallest_m"), ("dense", "/craters/frequency"),
+        for name, member in (("bad", "/craters/smallest_m"), ("crossed", "/region"), ("dense", "/craters/frequency"),
                              ("large_rocks", "/rocks/smallest_m"), ("all_rocks", "/rocks/frequency")):
             answer = self.service.frame(self.request(("radiance",), detail=name))
             self.assertGreaterEqual(answer[0], 400)

@@ -8,8 +8,11 @@
 #include <numbers>
 #include <random>
 #include <set>
+#include <stdexcept>
 
 #include "dem/detail/detailed_terrain.h"
+#include "dem/detail/features.h"
+#include "dem/detail/region.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 
@@ -218,10 +221,12 @@ DetailPreset preset() {
 }
 
 struct Ground {
-  explicit Ground(double top, double west, double (*height)(double, double) = hills) {
+  explicit Ground(double top, double west, double (*height)(double, double) = hills, const Region& region = {}) {
     write_kaguya_tile(folder.path(), top, west, 2, 256, height);
     plain = open_terrain(folder.path());
-    detailed = std::make_shared<Terrain>(plain, std::make_shared<Detail>(preset()));
+    DetailPreset p = preset();
+    p.region = p.craters.region = p.rocks.region = region;
+    detailed = std::make_shared<Terrain>(plain, std::make_shared<Detail>(p));
   }
   TemporaryFolder folder;
   std::shared_ptr<const Terrain> plain;
@@ -235,9 +240,17 @@ BlockId block_over(int level, double lat_deg, double lon_deg) {
 
 // To the bit, whoever is made first: neighbours share their border's heights, and a second service has the same.
 TEST(DetailedTerrain, BlocksAgreeOnTheirBorders) {
-  for (const auto& [top, west, lat, lon] :
-       {std::array<double, 4>{27, 3, 26, 4}, {76, 20, 75.5, 20.7}, {-60, -180, -61, -179.2}}) {
-    const Ground ground(top, west), again(top, west);
+  struct Case {
+    double top, west, lat, lon;
+    Region region;
+  };
+  // The last one's border runs through the blocks.
+  for (const auto& [top, west, lat, lon, region] :
+       {Case{27, 3, 26, 4, {}},
+        {76, 20, 75.5, 20.7, {}},
+        {-60, -180, -61, -179.2, {}},
+        {27, 3, 26, 4, Region({{25.4, 4.1, 0}, {25.4, 4.6, 0}, {25.71, 4.31, 0}, {26, 4.6, 0}, {26, 4.1, 0}})}}) {
+    const Ground ground(top, west, hills, region), again(top, west, hills, region);
     for (int level = 9; level <= 13; ++level) {
       const BlockId id = block_over(level, lat - 0.3, lon + 0.3);
       const auto here = ground.detailed->block(id), same = again.detailed->block(id);
@@ -267,6 +280,87 @@ TEST(DetailedTerrain, BlocksAgreeOnTheirBorders) {
       }
     }
   }
+}
+
+// Inside it is the ground that there is without a region, outside the DEM's; craters are those that have their middle
+// in it.
+TEST(DetailedTerrain, DetailIsInItsRegion) {
+  const Region region({{25.8, 3.8, 0}, {25.8, 4.2, 0}, {26.2, 4.2, 0}, {26.2, 3.8, 0}});
+  const Ground everywhere(27, 3), within(27, 3, hills, region);
+  std::mt19937 random(8);
+  std::uniform_real_distribution<double> any(0.2, 1.8);
+  int inside = 0, outside = 0, between = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const double lat = 25 + any(random), lon = 3 + any(random);
+    const double inside_m = region.inside_m(to_cartesian({lat, lon, 0}).normalized());
+    const HeightAnswer with = within.detailed->height(lat, lon), plain = within.plain->height(lat, lon);
+    const double unlimited_m = everywhere.detailed->height(lat, lon).height_m;
+    if (inside_m > 1500) {
+      // Craters from outside reach in, and posts are corrected for what is around them.
+      EXPECT_NEAR(with.height_m, unlimited_m, 1e-4) << lat << ' ' << lon;
+      ++inside;
+    } else if (inside_m < -16000) {  // wider than a block of posts
+      EXPECT_EQ(with.height_m, plain.height_m) << lat << ' ' << lon;
+      ++outside;
+    } else {
+      EXPECT_LT(std::abs(with.height_m - plain.height_m), 30) << lat << ' ' << lon;
+      ++between;
+    }
+  }
+  EXPECT_GT(inside, 50);
+  EXPECT_GT(outside, 100);
+  EXPECT_GT(between, 100);
+  const CraterSurvey all(*everywhere.detailed), some(*within.detailed);
+  const Footprint box{25.7, 25.9, 3.7, 3.9};
+  const auto listed = all.within(box, 20, {}), listed_here = some.within(box, 20, {});
+  std::vector<std::uint64_t> expected, found;
+  for (const CraterFeature& f : listed)
+    if (region.holds(f.crater.centre)) expected.push_back(f.crater.id);
+  for (const CraterFeature& f : listed_here) {
+    EXPECT_TRUE(region.holds(f.crater.centre));
+    found.push_back(f.crater.id);
+  }
+  EXPECT_GT(expected.size(), 30U);
+  EXPECT_LT(expected.size(), listed.size() / 2);
+  // One that is buried under another from outside is there without that.
+  EXPECT_LE(expected.size(), found.size());
+  EXPECT_LE(found.size(), expected.size() + expected.size() / 20 + 1);
+}
+
+TEST(Region, DistancesAreThoseOnTheSphere) {
+  const auto place = [](double lat, double lon) { return to_cartesian({lat, lon, 0}).normalized(); };
+  // An octant: its edges are on the equator and on two meridians. 45 degrees from the middle: 54.7.
+  const Region octant({{0, 0, 0}, {0, 90, 0}, {90, 0, 0}});
+  for (const double lon : {1.0, 30.0, 44.0})
+    for (const double lat : {-20.0, -1.0, 0.5, 10.0}) {
+      const double to_equator = lat,
+                   to_meridian = std::asin(std::cos(lat * kRadiansPerDegree) * std::sin(lon * kRadiansPerDegree)) *
+                                 kDegreesPerRadian;
+      const double expected = lat < 0 ? to_equator : std::min(to_equator, to_meridian);
+      EXPECT_NEAR(octant.inside_m(place(lat, lon)), expected * kRadiansPerDegree * kMoonRadius_m, 1e-3)
+          << lat << ' ' << lon;
+    }
+  EXPECT_NEAR(octant.inside_m(place(-3, -4)),
+              -kMoonRadius_m * std::acos(std::cos(3 * kRadiansPerDegree) * std::cos(4 * kRadiansPerDegree)), 1e-3);
+  EXPECT_FALSE(octant.holds(place(-45, -135)));  // opposite
+  // A pole, the date line, and a corner that points inward.
+  const Region pole({{88, 0, 0}, {88, 90, 0}, {88, 180, 0}, {88, -90, 0}});
+  EXPECT_TRUE(pole.holds(place(89, 123)) && pole.holds(Vec3::UnitZ()) && !pole.holds(place(87.9, 45)));
+  const double half_way = std::atan(std::tan(2 * kRadiansPerDegree) * std::sqrt(0.5));
+  EXPECT_NEAR(pole.inside_m(Vec3::UnitZ()), kMoonRadius_m * half_way, 1e-3);
+  const Region dateline({{-1, 179, 0}, {-1, -179, 0}, {0, 179.9, 0}, {1, -179, 0}, {1, 179, 0}});
+  EXPECT_TRUE(dateline.holds(place(0, 179.5)) && dateline.holds(place(-0.8, -179.5)));
+  EXPECT_FALSE(dateline.holds(place(0, -179.5)));
+  EXPECT_TRUE(Region().holds(Vec3::UnitX()));
+  EXPECT_EQ(Region().share(Vec3::UnitX(), 100), 1);
+  EXPECT_EQ(octant.share(place(-1, 45), 100), 0);
+  EXPECT_EQ(octant.share(place(1, 45), 100), 1);
+  for (const auto& corners :
+       std::vector<std::vector<Geographic>>{{{0, 0, 0}, {0, 1, 0}},                         // two
+                                            {{0, 0, 0}, {0, 120, 0}, {0, -120, 0}},         // around the Moon
+                                            {{0, 0, 0}, {1, 1, 0}, {0, 1, 0}, {1, 0, 0}},   // crossed
+                                            {{0, 0, 0}, {0, 0, 0}, {0, 1, 0}, {1, 0, 0}}})  // twice
+    EXPECT_THROW((Region(corners)), std::invalid_argument);
 }
 
 // Between a level's vertices and the finest surface lies no more than is said.

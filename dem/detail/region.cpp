@@ -1,0 +1,93 @@
+#include "dem/detail/region.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+namespace selenograph::dem {
+namespace {
+
+using Eigen::Vector2d;
+
+double side_of(const Vector2d& p, const Vector2d& a, const Vector2d& b) {
+  return (b.x() - a.x()) * (p.y() - a.y()) - (b.y() - a.y()) * (p.x() - a.x());
+}
+
+// Touching is meeting.
+bool meet(const Vector2d& a, const Vector2d& b, const Vector2d& c, const Vector2d& d) {
+  return side_of(a, c, d) * side_of(b, c, d) <= 0 && side_of(c, a, b) * side_of(d, a, b) <= 0;
+}
+
+double arc_m(const Vec3& a, const Vec3& b) { return 2 * std::asin(std::min(1.0, (a - b).norm() / 2)) * kMoonRadius_m; }
+
+}  // namespace
+
+// On the gnomonic plane about the corners' middle great circles are straight.
+struct Region::Polygon {
+  Vec3 middle, right, up;
+  std::vector<Vec3> corners;
+  std::vector<Vector2d> flat;
+
+  // Only of what is less than a quarter turn from the middle.
+  Vector2d onto_plane(const Vec3& p) const { return Vector2d(p.dot(right), p.dot(up)) / p.dot(middle); }
+};
+
+Region::Region(const std::vector<Geographic>& corners) {
+  if (corners.size() < 3) throw std::invalid_argument("has fewer than three corners");
+  Polygon polygon;
+  polygon.middle = Vec3::Zero();
+  for (const Geographic& corner : corners) {
+    polygon.corners.push_back(to_cartesian({corner.lat_deg, corner.lon_deg, 0}).normalized());
+    polygon.middle += polygon.corners.back();
+  }
+  const double length = polygon.middle.norm();
+  if (length > 0) polygon.middle /= length;
+  for (const Vec3& corner : polygon.corners)
+    if (!(corner.dot(polygon.middle) > std::cos(kWidest_deg * kRadiansPerDegree)))
+      throw std::invalid_argument("has a corner more than 60 degrees from the middle of all");
+  polygon.right = polygon.middle.unitOrthogonal(), polygon.up = polygon.middle.cross(polygon.right);
+  for (const Vec3& corner : polygon.corners) polygon.flat.push_back(polygon.onto_plane(corner));
+  const std::size_t n = corners.size();
+  const auto at = [&](std::size_t i) -> const Vector2d& { return polygon.flat[i % n]; };
+  for (std::size_t i = 0; i < n; ++i) {
+    if (at(i) == at(i + 1)) throw std::invalid_argument("has the same corner twice in a row");
+    for (std::size_t k = i + 2; k < n; ++k)
+      if ((k + 1) % n != i && meet(at(i), at(i + 1), at(k), at(k + 1)))
+        throw std::invalid_argument("has edges that meet");
+  }
+  polygon_ = std::make_shared<const Polygon>(std::move(polygon));
+}
+
+bool Region::within(const Vec3& direction) const {
+  if (!(direction.dot(polygon_->middle) > std::cos(kWidest_deg * kRadiansPerDegree))) return false;
+  const Vector2d p = polygon_->onto_plane(direction);
+  bool inside = false;
+  const std::vector<Vector2d>& c = polygon_->flat;
+  for (std::size_t i = 0, before = c.size() - 1; i < c.size(); before = i++) {
+    if ((c[i].y() > p.y()) == (c[before].y() > p.y())) continue;
+    inside ^= p.x() < c[i].x() + (p.y() - c[i].y()) / (c[before].y() - c[i].y()) * (c[before].x() - c[i].x());
+  }
+  return inside;
+}
+
+double Region::inside_m(const Vec3& direction) const {
+  if (everywhere()) return std::numeric_limits<double>::infinity();
+  const std::vector<Vec3>& corners = polygon_->corners;
+  double nearest_m = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0, before = corners.size() - 1; i < corners.size(); before = i++) {
+    const Vec3 &a = corners[before], &b = corners[i], normal = a.cross(b).normalized();
+    const bool beside = normal.cross(a).dot(direction) >= 0 && b.cross(normal).dot(direction) >= 0;
+    nearest_m = std::min(nearest_m, beside ? std::asin(std::min(1.0, std::abs(normal.dot(direction)))) * kMoonRadius_m
+                                           : std::min(arc_m(a, direction), arc_m(b, direction)));
+  }
+  return within(direction) ? nearest_m : -nearest_m;
+}
+
+double Region::share(const Vec3& direction, double fade_m) const {
+  const double t = std::clamp(inside_m(direction) / fade_m, 0.0, 1.0);
+  return t * t * (3 - 2 * t);
+}
+
+}  // namespace selenograph::dem
