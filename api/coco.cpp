@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "api/detail_json.h"
@@ -84,9 +86,53 @@ OrderedJson annotation(const engine::CraterRim& rim, const Polygon& polygon, dou
   return json;
 }
 
+// The pixels that see a rock, down one column of the image after the other: COCO's order.
+struct Mask {
+  std::vector<std::size_t> runs;  // of other pixels and its own, in turn
+  std::size_t past_last = 0, area = 0;
+  int left = std::numeric_limits<int>::max(), right = -1, top = std::numeric_limits<int>::max(), bottom = -1;
+
+  void add(int x, int y, std::size_t at) {
+    if (area > 0 && at == past_last)
+      ++runs.back();
+    else
+      runs.push_back(at - past_last), runs.push_back(1);
+    past_last = at + 1, ++area;
+    left = std::min(left, x), right = std::max(right, x), top = std::min(top, y), bottom = std::max(bottom, y);
+  }
+};
+
+std::vector<Mask> masks_of(const engine::Frame& frame, const engine::Camera& camera) {
+  std::vector<Mask> masks(frame.rocks.size());
+  if (masks.empty()) return masks;
+  std::size_t at = 0;
+  for (int x = 0; x < camera.width; ++x)
+    for (int y = 0; y < camera.height; ++y, ++at) {
+      const std::uint16_t rock = frame.products.rock[static_cast<std::size_t>(y) * camera.width + x];
+      if (rock < masks.size()) masks[rock].add(x, y, at);
+    }
+  return masks;
+}
+
+OrderedJson annotation(const dem::RockFeature& rock, Mask mask, const engine::Camera& camera, std::size_t id) {
+  const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+  if (mask.past_last < pixels) mask.runs.push_back(pixels - mask.past_last);
+  OrderedJson json{{"id", id},
+                   {"image_id", 1},
+                   {"category_id", 2},
+                   {"bbox", {mask.left, mask.top, mask.right - mask.left + 1, mask.bottom - mask.top + 1}},
+                   {"segmentation", {{"size", {camera.height, camera.width}}, {"counts", mask.runs}}},
+                   {"area", mask.area},
+                   {"iscrowd", 0},
+                   {"rock_id", id_text(rock.rock.id)}};
+  for (const auto& column : rock_columns()) json[std::string(column.name)] = column.value(rock);
+  return json;
+}
+
 }  // namespace
 
-OrderedJson coco_json(const FrameQuery& query, const engine::CraterRims& rims, const std::string& image) {
+OrderedJson coco_json(const FrameQuery& query, const engine::CraterRims& rims, const engine::Frame& rocks,
+                      double least_px, const std::string& image) {
   const engine::Camera& camera = query.request.camera;
   OrderedJson annotations = OrderedJson::array();
   for (const engine::CraterRim& rim : rims.rims) {
@@ -95,14 +141,20 @@ OrderedJson coco_json(const FrameQuery& query, const engine::CraterRims& rims, c
     if (const double area = area_of(polygon); polygon.size() >= 3 && area > kLeastArea_px)
       annotations.push_back(annotation(rim, polygon, area, annotations.size() + 1));
   }
+  std::vector<Mask> masks = masks_of(rocks, camera);
+  for (std::size_t i = 0; i < masks.size(); ++i)
+    if (masks[i].area > 0 && 4 * static_cast<double>(masks[i].area) >= M_PI * least_px * least_px)
+      annotations.push_back(annotation(rocks.rocks[i], std::move(masks[i]), camera, annotations.size() + 1));
   return {{"info",
-           {{"description", "Craters of a selenograph frame"},
+           {{"description", "Craters and rocks of a selenograph frame"},
             {"version", software_version()},
             {"detail", detail_metadata(query.detail, *query.request.detail)},
             {"request", resolved_json(query)}}},
           {"licenses", OrderedJson::array()},
           {"images", {{{"id", 1}, {"width", camera.width}, {"height", camera.height}, {"file_name", image}}}},
-          {"categories", {{{"id", 1}, {"name", "crater"}, {"supercategory", "landform"}}}},
+          {"categories",
+           {{{"id", 1}, {"name", "crater"}, {"supercategory", "landform"}},
+            {{"id", 2}, {"name", "rock"}, {"supercategory", "landform"}}}},
           {"annotations", std::move(annotations)}};
 }
 

@@ -250,6 +250,7 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
                                 : RocksInView();
   const ObjectsInFrame objects(request, views, rocks.rocks, stop);
   frame.report.rocks = rocks.rocks.size(), frame.report.least_rock_px = rocks.least_px;
+  if (request.products & kRock) frame.rocks = rocks.rocks;
   frame.times.select_ms = watch.lap_ms();
 
   // Scene: the blocks as one mesh, with what the visibility algorithm needs of it.

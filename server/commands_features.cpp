@@ -1,6 +1,7 @@
-// `selenograph features`: a detail's craters in a region, as POST /v1/features answers them, and in a frame.
+// `selenograph features`: a detail's craters or rocks in a region, as POST /v1/features answers them, and in a frame.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <stdexcept>
 
@@ -58,22 +59,29 @@ Written of_region(const Json& request, const FeaturesSettings& s, const engine::
       fmt::format("{}: {} {}\n", s.output, list.size(), query.kind == api::FeatureKind::rocks ? "rocks" : "craters")};
 }
 
-void refuse_without_craters(const api::FrameQuery& query) {
+void refuse_without_features(const api::FrameQuery& query) {
   const auto refuse = [](const std::string& pointer, const std::string& why) {
-    throw api::RequestError("invalid_request", "the frame has no craters", {{pointer, why}});
+    throw api::RequestError("invalid_request", "the frame has no craters and no rocks", {{pointer, why}});
   };
-  if (!query.request.detail) refuse("/detail", "is required: the craters are its");
-  if (!query.request.terrain) refuse("/terrain", "is false: craters are terrain's");
+  if (!query.request.detail) refuse("/detail", "is required: craters and rocks are its");
+  if (!query.request.terrain) refuse("/terrain", "is false: craters are terrain's, and rocks lie on it");
 }
 
 Written of_frame(const Json& request, const FeaturesSettings& s, const engine::Renderer& renderer,
                  const api::Assets& assets, const api::Limits& limits) {
   const api::FrameQuery query = api::read_frame(request, limits, assets);
-  refuse_without_craters(query);
+  refuse_without_features(query);
   const engine::CraterRims rims = renderer.rims(query.request, s.rims);
   const std::string image = !s.image.empty() ? s.image : fs::path(s.frame).stem().string() + ".png";
-  const api::OrderedJson coco = api::coco_json(query, rims, image);
-  std::string said = fmt::format("{}: {} craters in {}\n", s.coco, coco["annotations"].size(), image);
+  engine::FrameRequest of_rocks = query.request;
+  of_rocks.products = engine::kRock, of_rocks.truth.reset();
+  const engine::Frame rocks = renderer.render(of_rocks);
+  const api::OrderedJson coco = api::coco_json(query, rims, rocks, s.rims.least_px, image);
+  const auto& listed = coco["annotations"];
+  const auto on_rocks =
+      std::count_if(listed.begin(), listed.end(), [](const auto& a) { return a["category_id"] == 2; });
+  std::string said = fmt::format("{}: {} craters and {} rocks in {}\n", s.coco,
+                                 listed.size() - static_cast<std::size_t>(on_rocks), on_rocks, image);
   if (rims.cut_off > 0)
     said += fmt::format("{}: {} more are left out: the camera can't image all of their rim\n", s.coco, rims.cut_off);
   return {s.coco, coco.dump(-1, ' ', false, api::OrderedJson::error_handler_t::replace) + "\n", said};
@@ -93,8 +101,8 @@ void add_options(CLI::App& command, FeaturesSettings& s) {
   command.add_option("-o,--output", s.output, "CSV to write; -: standard output")
       ->type_name("OUT.csv")
       ->capture_default_str();
-  auto* coco =
-      command.add_option("--coco", s.coco, "COCO file to write: the craters in a frame")->type_name("OUT.json");
+  auto* coco = command.add_option("--coco", s.coco, "COCO file to write: the craters and rocks in a frame")
+                   ->type_name("OUT.json");
   auto* frame = command.add_option("--frame", s.frame, "The frame: JSON file as for POST /v1/frames, with a detail")
                     ->type_name("REQUEST.json");
   coco->needs(frame), frame->needs(coco);
@@ -102,7 +110,7 @@ void add_options(CLI::App& command, FeaturesSettings& s) {
       ->type_name("NAME");
   command
       .add_option("--least-px", s.rims.least_px,
-                  "In a frame: diameter of a circle that is as large as the rim's outline")
+                  "In a frame: diameter of a circle that is as large as a crater's rim, or as what is seen of a rock")
       ->check(CLI::Range(1.0, 1e4))
       ->capture_default_str();
   command.add_option("--least-depth", s.rims.least_depth, "In a frame: depth over diameter, today; 0: all")

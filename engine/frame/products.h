@@ -22,6 +22,8 @@ enum Product : std::uint32_t {
   kSource = 1u << 10,
   kObjectId = 1u << 11,
   kDetail = 1u << 12,
+  // Not of the contract's: for what lists the rocks of a frame.
+  kRock = 1u << 13,
 };
 
 using ProductSet = std::uint32_t;
@@ -40,15 +42,16 @@ struct FrameProducts {
   std::vector<std::uint16_t> source;
   std::vector<std::uint16_t> object_id;  // index into FrameRequest::objects; 65535: terrain, or nothing
   std::vector<std::uint16_t> detail;     // a dem::Ground; 65535: an object, or nothing
+  std::vector<std::uint16_t> rock;       // index into Frame::rocks; 65535: none
 };
 
 // References to all arrays of a frame's products, const or not: an array that is left out here doesn't compile.
 template <typename Products>
 auto all_arrays(Products& products) {
-  auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id, detail] =
+  auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id, detail, rock] =
       products;
   return std::tie(image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id,
-                  detail);
+                  detail, rock);
 }
 
 }  // namespace selenograph::engine

@@ -36,6 +36,7 @@ void allocate_all(const FrameRequest& request, FrameProducts& out) {
   allocate(out.source, want & kSource, n, FrameSources::kNone);
   allocate(out.object_id, want & kObjectId, n, kNoObject);
   allocate(out.detail, want & kDetail, n, kNoGround);
+  allocate(out.rock, want & kRock, n, kNoObject);
 }
 
 struct SourceAt {
@@ -141,6 +142,8 @@ void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& dire
   if (!to) return;
   const bool rock = is_rock(lanes.object[i]);
   if (!out_.object_id.empty() && !rock) out_.object_id[*to] = lanes.object[i];
+  if (!out_.rock.empty() && rock)
+    out_.rock[*to] = static_cast<std::uint16_t>(lanes.object[i] - request_.objects.size());
   if (!out_.detail.empty() && rock) out_.detail[*to] = static_cast<std::uint16_t>(dem::Ground::rock);
   store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, at, *to);
 }

@@ -408,6 +408,9 @@ class CommandLine(WithFeatures):
             self.assertIn(annotation["category_id"], categories)
             image = images[annotation["image_id"]]
             self.assertTrue(annotation["segmentation"])
+            if isinstance(annotation["segmentation"], dict):
+                self.check_mask(annotation, image)
+                continue
             xs, ys, area = [], [], 0.0
             for polygon in annotation["segmentation"]:
                 self.assertTrue(len(polygon) >= 6 and len(polygon) % 2 == 0)
@@ -420,6 +423,21 @@ class CommandLine(WithFeatures):
             np.testing.assert_allclose([left, top, left + width, top + height], [min(xs), min(ys), max(xs), max(ys)], atol=2e-3)
             self.assertLess(abs(annotation["area"] - area), 1e-2)
             self.assertGreater(area, 0)
+
+    @staticmethod
+    def mask_of(annotation):
+        """As COCO's tools read run lengths: down the columns, of others and its own in turn."""
+        counts, size = annotation["segmentation"]["counts"], annotation["segmentation"]["size"]
+        flat = np.concatenate([np.full(n, i % 2 == 1) for i, n in enumerate(counts)])
+        return flat.reshape(size[::-1]).T
+
+    def check_mask(self, annotation, image):
+        mask = self.mask_of(annotation)
+        self.assertEqual(mask.shape, (image["height"], image["width"]))
+        self.assertTrue(all(n > 0 for n in annotation["segmentation"]["counts"][1:]))
+        self.assertEqual(annotation["area"], mask.sum())
+        y, x = np.nonzero(mask)
+        self.assertEqual(annotation["bbox"], [x.min(), y.min(), x.max() + 1 - x.min(), y.max() + 1 - y.min()])
 
     def frame(self, height_m=4000.0, **changes):
         ground = self.heights([(LAT, LON)], None)[0]
@@ -484,6 +502,31 @@ class CommandLine(WithFeatures):
         self.assertGreater(self.check_boxes(request, document), 5)
         # What the camera's foreground hides is not there, or not whole.
         self.assertTrue(all(a["rim_visible"] > 0 or a["center_visible"] for a in document["annotations"]))
+
+    def test_pixels_of_rocks(self):
+        """Together the masks are the pixels on which the frame says that it shows a rock."""
+        near = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.heights([(LAT, LON)], "rocky")[0] + 40},
+                "nadir": {"up_azimuth_deg": 30.0}}
+        request = {**self.frame(detail="rocky", pose=near), "products": ["detail"]}
+        document = self.coco(request, "--least-px", "1")
+        self.assertEqual([c["name"] for c in document["categories"]], ["crater", "rock"])
+        rocks = [a for a in document["annotations"] if a["category_id"] == 2]
+        self.assertGreater(len(rocks), 20)
+        status, _, body = self.service.frame(request, "application/x-npz")
+        self.assertEqual(status, 200, body[:500])
+        masks = np.sum([self.mask_of(a) for a in rocks], axis=0)
+        np.testing.assert_array_equal(masks, np.load(io.BytesIO(body))["detail"] == 3)
+        listed = {r["id"]: r for r in self.answer("rocky", square(LAT, LON, 90), kind="rocks")["rocks"]}
+        for a in rocks:
+            rock = listed[a["rock_id"]]
+            for name in ("lat_deg", "lon_deg", "height_m", "diameter_m", "age_Ma"):
+                self.assertAlmostEqual(a[name], rock[name], delta=1e-9 * max(1, abs(rock[name])))
+        larger = [a for a in self.coco(request, "--least-px", "4")["annotations"] if a["category_id"] == 2]
+        self.assertEqual([a["rock_id"] for a in larger],
+                         [a["rock_id"] for a in rocks if 4 * a["area"] >= math.pi * 4**2])
+        # Of a part of the pixels, too: the list is the frame's.
+        part = self.coco({**request, "truth": {"every_px": 4}}, "--least-px", "1")["annotations"]
+        self.assertEqual([a["id"] for a in part if a["category_id"] == 2], [a["id"] for a in rocks])
 
     def test_all_of_them_and_other_cameras(self):
         few = self.coco(self.frame())["annotations"]

@@ -125,7 +125,8 @@ class IndexedJob(unittest.TestCase):
                     width=8, height=8, pose={"geodetic": place, "nadir": {"up_azimuth_deg": 0}})) + "\n")
         os.makedirs(harness.path("bin"))
         os.symlink(os.path.abspath(BINARY), harness.path("bin", "selenograph"))
-        environment = {"PATH": harness.path("bin") + ":" + os.environ["PATH"],
+        sanitizers = {name: value for name, value in os.environ.items() if name.endswith("SAN_OPTIONS")}
+        environment = {"PATH": harness.path("bin") + ":" + os.environ["PATH"], **sanitizers,
                        **{name: here(value) for name, value in self.environment.items()}}
         for index in range(self.spec["completions"]):
             done = subprocess.run([here(word) for word in self.container["command"]],
