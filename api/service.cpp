@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <mutex>
 #include <new>
 
 #include "api/endpoint.h"
@@ -11,6 +10,7 @@
 #include "api/problem.h"
 #include "api/routes.h"
 #include "dem/error.h"
+#include "dem/once.h"
 
 namespace selenograph::api {
 namespace {
@@ -47,7 +47,7 @@ struct Service::Impl {
   mutable LongMetadata long_metadata{kLongMetadataBytes};
   std::string openapi;
   // Made when first asked for: a catalogue of 64 800 tiles is 30 MB of text that most services never send.
-  mutable std::once_flag datasets_made;
+  mutable dem::Once datasets_made;
   mutable std::string datasets;
 
   // What the request needs of the budget while it is in work, and its answer until it is sent.
@@ -91,7 +91,7 @@ struct Service::Impl {
       case Endpoint::features:
         return answer_features(context);
       case Endpoint::datasets:
-        std::call_once(datasets_made, [&] { datasets = datasets_text(renderer->terrain().catalogue()); });
+        datasets_made.run([&] { datasets = datasets_text(renderer->terrain().catalogue()); });
         taken.need(datasets.size(), "", context.stop);
         return json_response(datasets);
       case Endpoint::verify_round_trip:

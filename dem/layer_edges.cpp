@@ -122,7 +122,7 @@ struct LayerEdges::Group {
   std::vector<int> sources;
   std::int64_t x0 = 0, y0 = 0, x1 = 0, y1 = 0;  // of the sheet's posts
   // Once settled:
-  std::once_flag once;
+  Once once;
   double spacing_ratio = 1;  // of the coarser layer's posts: the finest that it lies over
   double band_posts = 0;
   int octave = 0;    // of the band
@@ -170,7 +170,7 @@ bool LayerEdges::meets(int source) const {
 }
 
 const LayerEdges::Groups& LayerEdges::groups() const {
-  std::call_once(grouped_, [&] {
+  grouped_.run([&] {
     auto found = std::make_unique<Groups>();
     const std::vector<RasterInfo>& rasters = catalogue_.rasters();
     const std::size_t n = rasters.size();
@@ -239,7 +239,7 @@ const LayerEdges::Groups& LayerEdges::groups() const {
 const LayerEdges::Group& LayerEdges::settled(int source) const {
   const Groups& all = groups();
   Group& group = *all.groups[static_cast<std::size_t>(all.group[static_cast<std::size_t>(source)])];
-  std::call_once(group.once, [&] { settle(group); });
+  group.once.run([&] { settle(group); });
   return group;
 }
 

@@ -28,6 +28,7 @@
 #include <vector>
 
 #include "dem/catalogue.h"
+#include "dem/once.h"
 
 namespace selenograph::dem {
 
@@ -99,7 +100,7 @@ class LayerEdges {
   Read read_;
   bool fall_through_;
   mutable std::vector<std::atomic<signed char>> meets_;  // -1: not yet known
-  mutable std::once_flag grouped_;
+  mutable Once grouped_;
   mutable std::unique_ptr<Groups> groups_;
   mutable std::mutex mutex_;
   mutable std::map<TileKey, std::shared_ptr<const Tile>> tiles_;
