@@ -96,7 +96,7 @@ class ViewSelector {
     double pixels = 0;
     for (const ViewBundle& view : views)
       pixels = std::max(pixels, static_cast<double>(view.view.camera().width) * view.view.camera().height);
-    constexpr double kFewest = 256, kMost = kMaxBlocks / 2;  // of tiny images and of huge ones
+    constexpr double kFewest = 256, kMost = 0.5 * kMaxBlocks;  // of tiny images and of huge ones
     most_of_detail_ = static_cast<std::size_t>(std::clamp(
         pixels * Accuracy::kDetailTrianglesPerPixel / static_cast<double>(dem::triangles_of_block(dem::kMaxLevel)),
         kFewest, kMost));

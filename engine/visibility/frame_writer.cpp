@@ -115,9 +115,8 @@ std::uint32_t FrameWriter::account_all(const SurfacePoints& points, std::uint32_
 void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, PixelCounts& counts) {
   const SourceAt source = source_at(mesh_, points, i);
   if (source.index != dem::kNoSource) {
-    if (out_.source.empty())
-      sources_.number(source.index);
-    else if (const auto to = slot(at))
+    const auto to = out_.source.empty() ? std::nullopt : slot(at);
+    if (to)
       out_.source[*to] = sources_.product_number(source.index);
     else
       sources_.number(source.index);
