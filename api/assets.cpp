@@ -254,7 +254,6 @@ dem::DetailPreset read_detail_file(const std::string& path) {
     preset.craters.seed = static_cast<std::uint64_t>(seed.value_or(0));
     preset.relief.seed = preset.rocks.seed = preset.craters.seed;
     if (in.has("region")) preset.region = read_region(in.at("region"));
-    preset.craters.region = preset.rocks.region = preset.region;
     if (in.has("craters")) read_craters(in.at("craters"), preset.craters);
     if (in.has("relief")) read_relief(in.at("relief"), preset.relief);
     if (in.has("rocks")) read_rocks(in.at("rocks"), preset.rocks);

@@ -28,8 +28,8 @@ double fresh_depth_over_diameter(double diameter_m) {
   return std::max(0.08, low.ratio + share * (high.ratio - low.ratio));
 }
 
-CraterField::CraterField(const CraterLaw& law)
-    : law_(law), cells_(law.seed, law.frequency, law.smallest_m, law.largest_m) {}
+CraterField::CraterField(const CraterLaw& law, const Region& of_centres)
+    : law_(law), region_(of_centres), cells_(law.seed, law.frequency, law.smallest_m, law.largest_m) {}
 
 Crater CraterField::made(Draws& draws, const Vec3& centre, double diameter_m) const {
   Crater crater;
@@ -48,20 +48,19 @@ Crater CraterField::made(Draws& draws, const Vec3& centre, double diameter_m) co
 
 void CraterField::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out) const {
   const double reach_m = CraterShape::reach(CraterShape::kOldest) * cells_.largest_m(octave) / 2;
-  cells_.near(
-      octave, direction, (radius_m + reach_m) / kMoonRadius_m,
-      [&](Draws& draws, const Vec3& centre, double diameter_m) {
-        const Crater crater = made(draws, centre, diameter_m);
-        if ((centre - direction).norm() * kMoonRadius_m <= radius_m + crater.reach_m() && law_.region.holds(centre))
-          out.push_back(crater);
-      });
+  cells_.near(octave, direction, (radius_m + reach_m) / kMoonRadius_m,
+              [&](Draws& draws, const Vec3& centre, double diameter_m) {
+                const Crater crater = made(draws, centre, diameter_m);
+                if ((centre - direction).norm() * kMoonRadius_m <= radius_m + crater.reach_m() && region_.holds(centre))
+                  out.push_back(crater);
+              });
 }
 
 std::vector<Crater> CraterField::within(int octave, const Footprint& box) const {
   std::vector<Crater> out;
   cells_.in_box(octave, box, [&](Draws& draws, const Vec3& centre, double diameter_m) {
     const Crater crater = made(draws, centre, diameter_m);
-    if (holds(box, to_geographic(centre * kMoonRadius_m)) && law_.region.holds(centre)) out.push_back(crater);
+    if (holds(box, to_geographic(centre * kMoonRadius_m)) && region_.holds(centre)) out.push_back(crater);
   });
   return out;
 }

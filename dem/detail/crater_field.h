@@ -22,7 +22,6 @@ struct CraterLaw {
   // what an equilibrium is: craters vanish as fast as they are made.
   double oldest_Ma = 3500;
   double diffusivity_m2_per_Ma = kDiffusivity_m2_per_Ma;
-  Region region;  // that their centres lie in
 };
 
 // From rim to floor over the diameter, of fresh ones (Stopar et al. 2017, table of medians by size), between them by
@@ -44,7 +43,7 @@ struct Crater {
 // Const means safe to call concurrently.
 class CraterField {
  public:
-  explicit CraterField(const CraterLaw& law);
+  explicit CraterField(const CraterLaw& law, const Region& of_centres = {});
 
   // The octaves that have any: diameters from 2^k to 2^(k+1) m, cut to the law's.
   int smallest_octave() const { return cells_.smallest_octave(); }
@@ -67,6 +66,7 @@ class CraterField {
   Crater made(Draws& draws, const Vec3& centre, double diameter_m) const;
 
   CraterLaw law_;
+  Region region_;
   CraterShape shape_;
   SizeCells cells_;
 };

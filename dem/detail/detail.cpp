@@ -14,11 +14,6 @@ namespace {
 
 constexpr double kPostsPerFeature = 4;
 
-CraterLaw everywhere(CraterLaw law) {
-  law.region = {};
-  return law;
-}
-
 // The ball around a grid's places.
 struct Around {
   Vec3 direction;
@@ -47,11 +42,12 @@ int Detail::smallest_octave(int level) {
 
 Detail::Detail(const DetailPreset& preset)
     : preset_(preset),
-      craters_(everywhere(preset.craters)),
+      craters_(preset.craters),
       relief_(preset.relief),
-      rocks_(preset.rocks),
+      rocks_(preset.rocks, preset.region),
       fade_m_(std::max(preset.craters.largest_m, preset.relief.longest_m)) {
-  // The mean over many places of the octave alone. Places by an additive recurrence: the same on every machine.
+  // The mean over many places, whatever the region, of the octave alone. Places by an additive recurrence: the same on
+  // every machine.
   constexpr int kSide = 192;
   for (int octave = craters_.smallest_octave(); octave <= craters_.largest_octave(); ++octave) {
     std::array<std::vector<double>, 4> table;
@@ -70,7 +66,7 @@ Detail::Detail(const DetailPreset& preset)
     for (const double h : heights) sum += h;
     means_m_.back() = sum / (kSide * kSide);
   }
-  craters_ = CraterField(preset.craters);
+  craters_ = CraterField(preset.craters, preset.region);
 }
 
 int Detail::finest_level() const {

@@ -27,8 +27,7 @@ struct DetailPreset {
   CraterLaw craters;
   ReliefLaw relief;
   RockLaw rocks;
-  // The craters' and the rocks' region is to be the same.
-  Region region;
+  Region region;  // of all of it
 };
 
 // Const means safe to call concurrently.

@@ -199,15 +199,10 @@ bool DetailedTerrain::has_data(const BlockId& id) const {
 bool DetailedTerrain::reached(const BlockId& id) const {
   if (detail_->preset().region.everywhere()) return true;
   const BlockId of_posts = ancestor_of(id, std::min(id.level, plain_.posts_level(id)));
-  const Footprint box = footprint_of(of_posts);
-  const auto place = [](double lat_deg, double lon_deg) { return to_cartesian({lat_deg, lon_deg, 0}); };
-  const Vec3 middle = place((box.south_deg + box.north_deg) / 2, (box.west_deg + box.east_deg) / 2);
-  double radius_m = 0;
-  for (const double lat_deg : {box.south_deg, box.north_deg})
-    radius_m = std::max(radius_m, (place(lat_deg, box.west_deg) - middle).norm());
+  const Circle all = circle_around(footprint_of(of_posts));
   // A child's ball may stick out of its parent's. What detail takes from posts reaches some posts beyond it.
   constexpr double kSure = 1.01, kPosts = 4;
-  return detail_->reaches(middle.normalized(), kSure * radius_m + kPosts * post_spacing_m(of_posts.level));
+  return detail_->reaches(all.middle, kSure * all.radius_m + kPosts * post_spacing_m(of_posts.level));
 }
 
 int DetailedTerrain::finest_level(const BlockId& id) const {

@@ -20,6 +20,13 @@ bool holds(const Footprint& region, const Geographic& place);
 // What two regions have in common, one of which is narrower than half the Moon; nothing: they don't touch.
 std::optional<Footprint> common(const Footprint& a, const Footprint& b);
 
+// The smallest around its middle that holds all of it, which is narrower than half the Moon.
+struct Circle {
+  Vec3 middle;      // unit, MOON_ME
+  double radius_m;  // along the chord
+};
+Circle circle_around(const Footprint& region);
+
 // Its pieces, whose sides are no longer than this, on the sphere.
 std::vector<Footprint> cut(const Footprint& region, double side_m);
 

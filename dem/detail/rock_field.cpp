@@ -19,8 +19,9 @@ constexpr double kLeast = 0.01, kFarthest = 4;
 SizeFrequency rocks_of_viper() { return {{{0.0003, 2.482}}}; }
 SizeFrequency rocks_of_haworth() { return {{{0.002, 2.6607}}}; }
 
-RockField::RockField(const RockLaw& law)
+RockField::RockField(const RockLaw& law, const Region& of_centres)
     : law_(law),
+      region_(of_centres),
       cells_(law.seed ^ kRocks, law.frequency, law.smallest_m, law.largest_m, std::max(1.0, law.on_ejecta)) {}
 
 double RockField::enriched(double age_Ma, double radii) const {
@@ -48,18 +49,15 @@ void RockField::within(int octave, const Footprint& box, std::span<const FreshCr
   if (empty()) return;
   const double most = std::max(1.0, law_.on_ejecta);
   std::vector<FreshCrater> near;
-  const Vec3 middle = to_cartesian({(box.south_deg + box.north_deg) / 2, (box.west_deg + box.east_deg) / 2, 0});
-  double reach_m = 0;
-  for (const double lat_deg : {box.south_deg, box.north_deg})
-    reach_m = std::max(reach_m, 1 + (to_cartesian({lat_deg, box.west_deg, 0}) - middle).norm());
+  const Circle reach = circle_around(box);
   std::copy_if(fresh.begin(), fresh.end(), std::back_inserter(near), [&](const FreshCrater& c) {
-    return (c.centre * kMoonRadius_m - middle).norm() <= reach_m + kFarthest * c.radius_m;
+    return (c.centre - reach.middle).norm() * kMoonRadius_m <= reach.radius_m + 1 + kFarthest * c.radius_m;
   });
   // All that could be there are drawn, of which those stay that the place is dense enough for.
   cells_.in_box(octave, box, [&](Draws& draws, const Vec3& centre, double diameter_m) {
     const double rank = draws.uniform() * most, survived = draws.uniform();
     Rock rock{centre, diameter_m, 0, draws.bits(), draws.bits()};
-    if (!holds(box, to_geographic(centre * kMoonRadius_m)) || !law_.region.holds(centre)) return;
+    if (!holds(box, to_geographic(centre * kMoonRadius_m)) || !region_.holds(centre)) return;
     if (rank <= 1) {
       rock.age_Ma = -law_.half_life_Ma * std::log2(survived);
     } else {

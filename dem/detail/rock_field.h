@@ -25,7 +25,6 @@ struct RockLaw {
   double half_life_Ma = 60;
   // Smaller craters don't reach through the regolith, and dig out none.
   double smallest_crater_m = 30;
-  Region region;  // that their centres lie in
 };
 
 struct Rock {
@@ -45,7 +44,7 @@ struct FreshCrater {
 // Const means safe to call concurrently.
 class RockField {
  public:
-  explicit RockField(const RockLaw& law);
+  explicit RockField(const RockLaw& law, const Region& of_centres = {});
 
   bool empty() const { return law_.smallest_m >= law_.largest_m || law_.frequency.laws.empty(); }
   int smallest_octave() const { return cells_.smallest_octave(); }
@@ -67,6 +66,7 @@ class RockField {
 
  private:
   RockLaw law_;
+  Region region_;
   SizeCells cells_;
 };
 

@@ -225,7 +225,7 @@ struct Ground {
     write_kaguya_tile(folder.path(), top, west, 2, 256, height);
     plain = open_terrain(folder.path());
     DetailPreset p = preset();
-    p.region = p.craters.region = p.rocks.region = region;
+    p.region = region;
     detailed = std::make_shared<Terrain>(plain, std::make_shared<Detail>(p));
   }
   TemporaryFolder folder;
