@@ -95,7 +95,7 @@ std::size_t bytes_of(const engine::FrameRequest& request) {
                     working = engine::working_bytes_per_pixel(request);
   const std::size_t truth = request.truth ? request.truth->size() * 2 * bytes_per_pixel(arrays & engine::kTruth) : 0;
   return truth + engine::rendered_pixels(request) * (bytes_per_pixel(whole) + std::max(working, answer)) +
-         engine::bytes_of_rows(request.camera, request.shutter);
+         engine::bytes_of_rows(request.camera, request.shutter) + engine::bytes_of_rocks(request.detail.get());
 }
 
 // The engine's refusals are of where the camera is, but for those that name a member.

@@ -14,6 +14,10 @@ void need_memory(const EndpointContext& context, std::size_t points, std::string
   context.memory.need(kBytesPerPoint * points + more, pointer, context.stop);
 }
 
+std::size_t bytes_of_rocks(const Named<dem::Detail>& detail) {
+  return engine::bytes_of_rocks(detail.content.get(), engine::kMostRememberedRocks);
+}
+
 std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& placed) {
   std::vector<engine::SceneObject> objects;
   objects.reserve(placed.size());
@@ -28,7 +32,7 @@ void throw_if_stopped(const EndpointContext& context) { context.stop.check(); }
 
 Response answer_rays(const EndpointContext& context) {
   const RaysQuery query = read_rays(json_body(context), context.limits, context.assets, context.stop);
-  need_memory(context, query.rays.size(), "/rays");
+  need_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query.detail));
   const auto hits = with_refusals_at({}, "/rays", [&] {
     return context.renderer.cast(query.rays, query.sun, context.stop, scene_objects(query.objects),
                                  query.detail.content);
@@ -39,7 +43,8 @@ Response answer_rays(const EndpointContext& context) {
 
 Response answer_project(const EndpointContext& context) {
   const ProjectQuery query = read_project(json_body(context), context.limits, context.assets, context.stop);
-  need_memory(context, query.points.size(), "/points", engine::bytes_of_rows(query.camera, query.shutter));
+  need_memory(context, query.points.size(), "/points",
+              engine::bytes_of_rows(query.camera, query.shutter) + bytes_of_rocks(query.detail));
   constexpr MemberPointer kRefusable[] = {{"shutter", "/shutter"}};
   const auto landmarks = with_refusals_at(kRefusable, "/pose", [&] {
     return context.renderer.project(query.camera, query.pose, query.shutter, query.points, query.sun, context.stop,

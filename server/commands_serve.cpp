@@ -42,24 +42,17 @@ HttpOptions http_options(const ServeSettings& s, std::shared_ptr<api::MemoryBudg
           .trusted_proxies = s.trusted_proxy};
 }
 
-MemorySettings memory_settings(const ServeSettings& s) {
-  return {.memory_mb = s.memory_mb,
-          .cache_mb = s.terrain.cache_mb,
-          .scene_mb = s.terrain.scene_mb,
-          .mesh_mb = s.terrain.mesh_mb};
-}
-
 // Of the program, its libraries and threads (service/memory_test.py).
 constexpr std::size_t kIdleBytes = std::size_t{160} << 20;
 
-std::size_t budgets_bytes(const TerrainSettings& s) { return (s.cache_mb + s.scene_mb) << 20; }
+std::size_t budgets_bytes(const MemoryParts& parts) { return (parts.cache_mb + parts.scene_mb) << 20; }
 
 // Both budgets for terrain and scenes and a twentieth, for the program itself and what the heap can't give back; of
 // small budgets as much as leaves most of them to what they are for. Small requests are in that, too; large ones come
 // on top.
-HeapTrim::Plan heap_plan(const ServeSettings& s, const engine::Renderer& renderer,
+HeapTrim::Plan heap_plan(const MemoryParts& parts, bool keep_free, const engine::Renderer& renderer,
                          std::function<std::size_t()> requests_bytes) {
-  const std::size_t of_terrain = s.terrain.cache_mb << 20, budgets = budgets_bytes(s.terrain);
+  const std::size_t of_terrain = parts.cache_mb << 20, budgets = budgets_bytes(parts);
   const auto most_bytes = [budgets, of_requests = std::move(requests_bytes)] {
     const std::size_t requests = of_requests();
     return std::max(budgets + budgets / 20, kIdleBytes + budgets / 10 * 7) + (requests > budgets / 8 ? requests : 0);
@@ -69,14 +62,14 @@ HeapTrim::Plan heap_plan(const ServeSettings& s, const engine::Renderer& rendere
   };
   return {.slack_bytes = budgets / 20,
           .most_less_bytes = of_terrain / 2,
-          .keep_free = s.pretouch,
+          .keep_free = keep_free,
           .most_bytes = most_bytes,
           .keep_less = keep_less};
 }
 
 // What the budgets leave beside the memory that the process has already.
-void pretouch(const TerrainSettings& s) {
-  const std::size_t bytes = budgets_bytes(s) - std::min(budgets_bytes(s), resident_bytes());
+void pretouch(const MemoryParts& parts) {
+  const std::size_t bytes = budgets_bytes(parts) - std::min(budgets_bytes(parts), resident_bytes());
   if (!engine::touch_memory(bytes)) spdlog::warn("--pretouch: the system has no {} MiB to give", bytes >> 20);
 }
 
@@ -155,12 +148,18 @@ int serve(const ServeSettings& settings) {
   ShutdownSignals signals;  // the last to go: it also ends what won't end
   const AsyncLog log(settings.terrain.log_level, STDERR_FILENO, settings.log_format);
   raise_open_files_limit(settings.max_connections);
+  const MemoryParts parts = memory_parts(settings.terrain.memory);
+  const MemoryPlan plan = plan_memory(parts);
+  spdlog::info("memory: {} MiB, of which terrain has {}, scenes {}, meshes {}, requests {}, bodies {}", parts.total_mb,
+               parts.cache_mb, parts.scene_mb, parts.mesh_mb, plan.requests_bytes >> 20, plan.bodies_bytes >> 20);
+  if (const std::size_t there_mb = machine_memory_mb(); parts.total_mb > there_mb)
+    spdlog::warn("--memory-mb {} is more than the {} MiB that this process may have", parts.total_mb, there_mb);
   const auto renderer = make_renderer(settings.terrain);
-  const MemoryPlan plan = plan_memory(memory_settings(settings), machine_memory_mb());
   const auto memory = std::make_shared<api::MemoryBudget>(plan.requests_bytes),
              bodies = std::make_shared<api::MemoryBudget>(plan.bodies_bytes);
-  if (settings.pretouch) pretouch(settings.terrain);
-  const HeapTrim trim(heap_plan(settings, *renderer, [&] { return memory->in_use() + bodies->in_use(); }));
+  if (settings.pretouch) pretouch(parts);
+  const HeapTrim trim(
+      heap_plan(parts, settings.pretouch, *renderer, [&] { return memory->in_use() + bodies->in_use(); }));
   const api::Limits& limits = settings.limits;
   const api::Service service(renderer, limits, settings.terrain.assets_dir, mesh_options(settings.terrain), memory);
   Admission admission({.max_in_work = places_in_work(settings),

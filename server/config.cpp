@@ -104,6 +104,7 @@ std::string config_path(CLI::App& command, const ReadVariable& variable) {
 }  // namespace
 
 void add_options(CLI::App& command, TerrainSettings& s) {
+  const std::string without = "; without: 1024, less where that doesn't fit";
   s.cache_dir = default_cache_dir();
   command.add_option("--config", "TOML file whose members are these options, e.g. cache-mb = 2048")->type_name("FILE");
   command.add_option("--dem", s.dem, "DEM files and folders; without: sample terrain")
@@ -120,21 +121,19 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       ->type_name("PREFIX")
       ->expected(1, 1 << 20);
   command
-      .add_option("--mesh-mb", s.mesh_mb,
-                  "Memory for reading one of its objects' meshes, and for those that are kept, MiB")
-      ->check(CLI::Range(16, 1 << 24))
-      ->capture_default_str();
+      .add_option("--mesh-mb", s.memory.mesh_mb,
+                  "Memory for reading one of its objects' meshes, and for those that are kept, MiB" + without)
+      ->check(CLI::Range(16, 1 << 24));
   command.add_option("--mesh-s", s.mesh_s, "Time for reading one mesh")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
   command.add_option("--cache-dir", s.cache_dir, "Folder for pyramids")->type_name("DIR")->capture_default_str();
-  command.add_option("--cache-mb", s.cache_mb, "Memory for terrain, MiB")
-      ->check(CLI::Range(16, 1 << 24))
-      ->capture_default_str();
+  command.add_option("--cache-mb", s.memory.cache_mb, "Memory for terrain, MiB" + without)
+      ->check(CLI::Range(16, 1 << 24));
   command
-      .add_option("--scene-mb", s.scene_mb, "Memory for acceleration structures and what frames are drawn with, MiB")
-      ->check(CLI::Range(16, 1 << 24))
-      ->capture_default_str();
+      .add_option("--scene-mb", s.memory.scene_mb,
+                  "Memory for acceleration structures and what frames are drawn with, MiB" + without)
+      ->check(CLI::Range(16, 1 << 24));
   command.add_option("--threads", s.threads, "Render threads; 0: all cores")
       ->check(CLI::Range(0, 4096))
       ->capture_default_str();
@@ -210,7 +209,7 @@ void add_options(CLI::App& command, ServeSettings& s) {
       ->check(CLI::Range(0, 65535))
       ->capture_default_str();
   command
-      .add_option("--memory-mb", s.memory_mb,
+      .add_option("--memory-mb", s.terrain.memory.memory_mb,
                   "Memory for everything, MiB: --cache-mb, --scene-mb, --mesh-mb, requests in work, bodies and "
                   "answers. 0: three "
                   "quarters of what there is, at most 8192")

@@ -12,6 +12,7 @@
 
 #include "api/service.h"
 #include "server/async_log.h"
+#include "server/memory_plan.h"
 #include "server/pages.h"
 
 namespace selenograph::server {
@@ -20,13 +21,10 @@ namespace selenograph::server {
 struct TerrainSettings {
   std::vector<std::string> dem;  // files and folders; empty: the sample terrain, made in the cache folder
   std::string cache_dir;         // see default_cache_dir()
-  std::size_t cache_mb = dem::TerrainOptions{}.cache_bytes >> 20;  // memory for terrain blocks and pyramids, MiB
-  // Memory for acceleration structures: of one frame at most, and kept between frames, MiB.
-  std::size_t scene_mb = engine::RendererOptions{}.scene_bytes >> 20;
+  MemorySettings memory;
   int threads = 0;                         // 0: all cores
   std::string assets_dir;                  // atmospheres and the like that requests name; empty: none
   std::vector<std::string> remote_prefix;  // of names on a network that may be read; empty: none
-  std::size_t mesh_mb = engine::MeshReaderOptions{}.max_bytes >> 20;  // see there, MiB
   double mesh_s = std::chrono::duration<double>(engine::MeshReaderOptions{}.time).count();
   std::string on_data_error = "fail";                  // or "fall-through"
   double blend_posts = dem::LayerJoins{}.blend_posts;  // see there
@@ -40,9 +38,8 @@ struct ServeSettings {
   api::Limits limits;
   std::string host = "127.0.0.1";
   int port = 8080;
-  std::size_t memory_mb = 0;  // for everything, the terrain's and scenes' parts included; 0: see plan_memory()
-  int max_frames = 0;         // in work at once; 0: as many as cores
-  int max_waiting = 256;      // a waiting request costs a connection, a thread and its body
+  int max_frames = 0;     // in work at once; 0: as many as cores
+  int max_waiting = 256;  // a waiting request costs a connection, a thread and its body
   int max_connections = 256;
   double idle_timeout_s = 30, receive_timeout_s = 20;
   double send_kb_per_s = 64;            // an answer must be read at, KiB/s on average after ten seconds

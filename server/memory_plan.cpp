@@ -8,6 +8,10 @@
 #include <fstream>
 #include <stdexcept>
 
+#include "dem/terrain.h"
+#include "engine/renderer.h"
+#include "engine/visibility/mesh_reader.h"
+
 namespace selenograph::server {
 namespace {
 
@@ -15,24 +19,34 @@ constexpr std::size_t kMostByDefaultMb = 8192;
 // A body that is only half there keeps nobody's frame waiting.
 constexpr std::size_t kPartOfBodies = 8;
 
-// cgroups(7): "0::/path" names the group of version 2, whose limit and those of the groups above it hold; "max" is
-// none.
+// The least limit of a control group and those above it, in bytes. "max", in version 2, is none. Inside a container the
+// root is what the container has, and the path may not be there.
+std::size_t least_limit(const std::string& root, std::string path, const char* file) {
+  std::size_t least = SIZE_MAX;
+  for (;; path = path.substr(0, path.rfind('/'))) {
+    std::size_t bytes = 0;
+    if (std::ifstream(root + path + "/" + file) >> bytes) least = std::min(least, bytes);
+    if (path.empty()) return least;
+  }
+}
+
+// cgroups(7): "0::/path" names the group of version 2, "4:memory:/path" that of version 1.
 std::size_t control_group_limit_mb() {
   std::size_t least = SIZE_MAX;
   std::ifstream groups("/proc/self/cgroup");
   for (std::string line; std::getline(groups, line);) {
-    if (!line.starts_with("0::/")) continue;
-    for (std::string path = line.substr(3);; path = path.substr(0, path.rfind('/'))) {
-      std::size_t bytes = 0;
-      if (std::ifstream("/sys/fs/cgroup" + path + "/memory.max") >> bytes) least = std::min(least, bytes >> 20);
-      if (path.empty()) break;
-    }
+    const std::size_t first = line.find(':'), second = line.find(':', first + 1);
+    if (second == std::string::npos) continue;
+    const std::string controllers = line.substr(first + 1, second - first - 1), path = line.substr(second + 1);
+    if (controllers.empty())
+      least = std::min(least, least_limit("/sys/fs/cgroup", path, "memory.max"));
+    else if (("," + controllers + ",").find(",memory,") != std::string::npos)
+      least = std::min(least, least_limit("/sys/fs/cgroup/memory", path, "memory.limit_in_bytes"));
   }
-  // Version 1, as seen from inside a container.
-  std::size_t bytes = 0;
-  if (std::ifstream("/sys/fs/cgroup/memory/memory.limit_in_bytes") >> bytes) least = std::min(least, bytes >> 20);
-  return least;
+  return least >> 20;
 }
+
+std::size_t less(std::size_t a, std::size_t b) { return a - std::min(a, b); }
 
 }  // namespace
 
@@ -45,22 +59,35 @@ std::size_t machine_memory_mb() {
   return std::min({(pages * page) >> 20, control_group_limit_mb(), allowed >> 20});
 }
 
-std::size_t default_memory_mb(std::size_t machine_mb, const MemorySettings& s) {
-  return std::max(std::min(kMostByDefaultMb, machine_mb / 4 * 3), s.cache_mb + s.scene_mb + s.mesh_mb + kOwnMb + 1024);
+MemoryParts memory_parts(const MemorySettings& s, std::size_t machine_mb) {
+  const std::size_t asked_mb = s.cache_mb.value_or(0) + s.scene_mb.value_or(0) + s.mesh_mb.value_or(0);
+  const std::size_t by_default_mb =
+      std::min(machine_mb / 4 * 3, std::max(kMostByDefaultMb, asked_mb > 0 ? asked_mb + kOwnMb + 1024 : 0));
+  MemoryParts parts{.total_mb = s.memory_mb > 0 ? s.memory_mb : by_default_mb};
+  std::size_t half_mb = less(less(parts.total_mb, kOwnMb) / 2, asked_mb);
+  const auto share_out = [&](const std::optional<std::size_t>& asked, std::size_t most_mb, std::size_t here_mb) {
+    if (asked) return *asked;
+    const std::size_t share_mb = std::max(kLeastPartMb, std::min(most_mb, here_mb));
+    half_mb = less(half_mb, share_mb);
+    return share_mb;
+  };
+  const std::size_t others = (s.cache_mb ? 0 : 1) + (s.mesh_mb ? 0 : 1);
+  const std::size_t for_others_mb = others * std::min<std::size_t>(64, half_mb / 4);
+  parts.scene_mb = share_out(s.scene_mb, engine::RendererOptions{}.scene_bytes >> 20, half_mb - for_others_mb);
+  parts.mesh_mb = share_out(s.mesh_mb, engine::MeshReaderOptions{}.max_bytes >> 20, half_mb / (s.cache_mb ? 1 : 2));
+  parts.cache_mb = share_out(s.cache_mb, dem::TerrainOptions{}.cache_bytes >> 20, half_mb);
+  return parts;
 }
 
-MemoryPlan plan_memory(const MemorySettings& s, std::size_t machine_mb) {
-  const std::size_t total_mb = s.memory_mb > 0 ? s.memory_mb : default_memory_mb(machine_mb, s);
-  const std::size_t kept_mb = s.cache_mb + s.scene_mb + s.mesh_mb;
-  const std::size_t least_mb = kept_mb + kOwnMb + kLeastForRequestsMb;
-  if (total_mb < least_mb)
+MemoryPlan plan_memory(const MemoryParts& p) {
+  const std::size_t kept_mb = p.cache_mb + p.scene_mb + p.mesh_mb, least_mb = kept_mb + kOwnMb + kLeastForRequestsMb;
+  if (p.total_mb < least_mb)
     throw std::runtime_error(
         fmt::format("--memory-mb {} is too little: --cache-mb {}, --scene-mb {} and --mesh-mb {} are parts of it, the "
-                    "program takes "
-                    "{} and requests at least {}, {} together",
-                    total_mb, s.cache_mb, s.scene_mb, s.mesh_mb, kOwnMb, kLeastForRequestsMb, least_mb));
-  const std::size_t rest_mb = total_mb - kept_mb - kOwnMb, bodies_mb = rest_mb / kPartOfBodies;
-  return {total_mb << 20, (rest_mb - bodies_mb) << 20, bodies_mb << 20};
+                    "program takes {} and requests at least {}, {} together",
+                    p.total_mb, p.cache_mb, p.scene_mb, p.mesh_mb, kOwnMb, kLeastForRequestsMb, least_mb));
+  const std::size_t rest_mb = p.total_mb - kept_mb - kOwnMb, bodies_mb = rest_mb / kPartOfBodies;
+  return {p.total_mb << 20, (rest_mb - bodies_mb) << 20, bodies_mb << 20};
 }
 
 }  // namespace selenograph::server

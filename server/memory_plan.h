@@ -1,17 +1,22 @@
-// How the service's memory is shared out: caches, scenes, what requests hold.
+// How the process's memory is shared out: caches, scenes, what requests hold.
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <string>
 
 namespace selenograph::server {
 
 // MiB, as the options give them.
 struct MemorySettings {
-  std::size_t memory_mb = 0;  // for everything; 0: see default_memory_mb()
-  std::size_t cache_mb = 0;   // terrain blocks and pyramids
-  std::size_t scene_mb = 0;   // acceleration structures and what frames are drawn with
-  std::size_t mesh_mb = 0;    // objects' meshes
+  std::size_t memory_mb = 0;            // for everything; 0: by what there is
+  std::optional<std::size_t> cache_mb;  // terrain blocks and pyramids; nothing: what fits, as of the others
+  std::optional<std::size_t> scene_mb;  // acceleration structures: of one frame at most, and kept between frames
+  std::optional<std::size_t> mesh_mb;   // objects' meshes: to read one, and kept
+};
+
+struct MemoryParts {
+  std::size_t total_mb = 0, cache_mb = 0, scene_mb = 0, mesh_mb = 0;
 };
 
 struct MemoryPlan {
@@ -24,15 +29,19 @@ struct MemoryPlan {
 inline constexpr std::size_t kOwnMb = 512;
 // Requests get at least this much.
 inline constexpr std::size_t kLeastForRequestsMb = 64;
-
-// Without --memory-mb: three quarters of what there is, at most 8192: that serves a request of the default limits
-// and small ones beside it. Never less than the caches and scenes ask for and 1024 more.
-std::size_t default_memory_mb(std::size_t machine_mb, const MemorySettings& settings);
+// A part that no option names is at least this large.
+inline constexpr std::size_t kLeastPartMb = 16;
 
 // Of the machine, of the control group that the process is in, or RLIMIT_AS: the least. MiB.
 std::size_t machine_memory_mb();
 
+// Without --memory-mb the whole is three quarters of what there is, at most 8192, which serve a request of the default
+// limits and small ones beside it, or what the options ask for and 1024 more. Parts that no option names have 1024 each
+// where half of what the program leaves has room for that. Where it has not, scenes come first: the others only cost
+// time when they are small.
+MemoryParts memory_parts(const MemorySettings& settings, std::size_t machine_mb = machine_memory_mb());
+
 // Throws std::runtime_error naming the options when the parts don't fit into the whole.
-MemoryPlan plan_memory(const MemorySettings& settings, std::size_t machine_mb);
+MemoryPlan plan_memory(const MemoryParts& parts);
 
 }  // namespace selenograph::server

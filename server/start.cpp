@@ -76,7 +76,7 @@ std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings) {
     spdlog::warn("not used: {}: {}", problem.path, problem.what);
   dem::TerrainOptions options;
   options.cache_dir = settings.cache_dir;
-  options.cache_bytes = settings.cache_mb << 20;
+  options.cache_bytes = memory_parts(settings.memory).cache_mb << 20;
   options.fall_through = settings.on_data_error == "fall-through";
   options.log = [](const std::string& text) { spdlog::warn("{}", text); };
   options.threads = settings.threads;
@@ -86,13 +86,13 @@ std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings) {
 std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& settings) {
   engine::RendererOptions options;
   options.threads = settings.threads;
-  options.scene_bytes = settings.scene_mb << 20;
+  options.scene_bytes = memory_parts(settings.memory).scene_mb << 20;
   return std::make_shared<const engine::Renderer>(open_terrain(settings), options);
 }
 
 engine::MeshReaderOptions mesh_options(const TerrainSettings& settings) {
   // What runs, even if another file has taken its place by now.
-  return {"/proc/self/exe", settings.mesh_mb << 20, milliseconds(settings.mesh_s)};
+  return {"/proc/self/exe", memory_parts(settings.memory).mesh_mb << 20, milliseconds(settings.mesh_s)};
 }
 
 }  // namespace selenograph::server

@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <optional>
 
+#include "dem/detail/detail.h"
+#include "dem/detail/rocks_on_ground.h"
 #include "engine/frame/request.h"
 
 namespace selenograph::engine {
@@ -50,6 +52,15 @@ inline std::size_t rendered_pixels(const FrameRequest& request) {
 inline std::size_t bytes_of_rows(const Camera& camera, const std::optional<Shutter>& shutter) {
   constexpr std::size_t kBytesOfView = 1024;
   return shutter ? kBytesOfView * static_cast<std::size_t>(camera.height) : 0;
+}
+
+// The rocks of a detail that a frame or a batch of rays has at most, in places and shapes for Embree, and those that
+// rays remember from batch to batch.
+inline constexpr std::size_t kMostRocks = 32768, kMostRememberedRocks = 100000;
+inline std::size_t bytes_of_rocks(const dem::Detail* detail, std::size_t remembered = 0) {
+  constexpr std::size_t kBytesOfRock = 2000;  // measured: 1600
+  const bool any = detail && !detail->rocks().empty();
+  return any ? kMostRocks * kBytesOfRock + remembered * sizeof(dem::RockFeature) : 0;
 }
 
 }  // namespace selenograph::engine

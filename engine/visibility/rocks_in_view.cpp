@@ -7,6 +7,7 @@
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
 #include "dem/parallel.h"
+#include "engine/frame/needs.h"
 #include "engine/scene/node_bounds.h"
 
 namespace selenograph::engine {

@@ -17,10 +17,9 @@ struct RocksInView {
 };
 
 // Rocks are shown from a diameter of 2 max_error_px pixels on, so that what is left out is no higher than the mesh's
-// error may be; and from kLeastRock_px on at least. Where that were more than kMostRocks, the diameter is doubled until
-// it isn't. `blocks`: that the frame is made of.
+// error may be; and from kLeastRock_px on at least. Where that were more than kMostRocks (frame/needs.h), the diameter
+// is doubled until it isn't. `blocks`: that the frame is made of.
 inline constexpr double kLeastRock_px = 0.5;
-inline constexpr std::size_t kMostRocks = 32768;
 RocksInView rocks_in_view(const dem::Terrain& terrain, const RowViews& views, const Sun* sun,
                           const std::vector<dem::BlockId>& blocks, double max_error_px, const StopToken& stop);
 

@@ -7,6 +7,7 @@
 #include "dem/detail/footprints.h"
 #include "dem/geodesy.h"
 #include "dem/parallel.h"
+#include "engine/frame/needs.h"
 #include "engine/scene/node_bounds.h"
 #include "engine/visibility/rocks_in_view.h"
 
@@ -121,7 +122,7 @@ std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<cons
   double expected = 0;
   for (const auto& [octave, id] : pieces) expected += expected_of(field, octave, dem::footprint_of(id), 0);
   for (const auto& [octave, box] : strips) expected += expected_of(field, octave, box, 0);
-  if (expected > kMost) return std::nullopt;
+  if (expected > kMostRocks) return std::nullopt;
 
   auto rocks = gathered_in_parallel<dem::RockFeature>(strips.size(), 64, [&](std::size_t i, auto& some) {
     stop.check();
@@ -133,13 +134,13 @@ std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<cons
     rocks.insert(rocks.end(), some.begin(), some.end());
   }
   rocks = dem::largest_first(std::move(rocks));
-  if (rocks.size() > kMost) return std::nullopt;
+  if (rocks.size() > kMostRocks) return std::nullopt;
   return rocks;
 }
 
 void RocksNearRays::find(const std::vector<Piece>& pieces, const StopToken& stop) {
   const dem::RockField& field = survey_.field();
-  if (remembered_ > kMostRemembered) found_.clear(), remembered_ = 0;
+  if (remembered_ > kMostRememberedRocks) found_.clear(), remembered_ = 0;
   std::vector<Piece> unknown;
   std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(unknown),
                [&](const Piece& piece) { return !found_.contains(piece); });

@@ -22,14 +22,13 @@ class RocksNearRays {
   explicit RocksNearRays(const dem::Terrain& terrain) : survey_(terrain) {}
 
   double largest_m() const { return survey_.field().law().largest_m; }
-  // The largest first; nothing where they were more than kMost. `blocks`: what the rays may meet (select_for_rays).
+  // The largest first; nothing where they were more than kMostRocks. `blocks`: what the rays may meet
+  // (select_for_rays).
   std::optional<std::vector<dem::RockFeature>> along(std::span<const Ray> rays, std::span<const BlockOnRays> blocks,
                                                      const StopToken& stop);
-  static constexpr std::size_t kMost = 60000;
 
  private:
   using Piece = std::pair<int, dem::BlockId>;  // of an octave
-  static constexpr std::size_t kMostRemembered = 500000;
   void find(const std::vector<Piece>& pieces, const StopToken& stop);
 
   dem::RockSurvey survey_;

@@ -7,7 +7,7 @@ import time
 import unittest
 
 import harness
-from harness import WithService, frame_request, sample
+from harness import Service, WithService, frame_request, sample
 
 MEMORY_MB, CACHE_MB, SCENE_MB, MESH_MB = 1028, 64, 64, 16
 EVERYTHING = ("image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source",
@@ -49,6 +49,17 @@ class Budget(WithService):
         status, _, body = self.service.frame(frame_request(EVERYTHING, width=1024, height=1024), "application/x-npz")
         self.assertEqual(status, 200, body[:300])
         self.service.wait_for("selenograph_request_memory_bytes", 0)
+
+    def test_rocks_are_on_the_budget(self):
+        """Places and shapes of as many as a frame or a batch of rays may have: 66 MB, of 56 that requests have here."""
+        service = Service("--assets-dir", harness.assets(), "--memory-mb", "720", *self.options[2:])
+        rays = {"rays": [{"origin_m": [1757400.0, 0, 0], "direction": [-1, 0, 0]}]}
+        for path, request, pointer in (("/v1/frames", frame_request(), "/camera"), ("/v1/rays", rays, "/rays")):
+            with self.subTest(path):
+                self.assertEqual(service.post(path, request)[0], 200)
+                self.problem(service.post(path, dict(request, detail="landing")), 422, pointer)
+        self.assertEqual(service.post("/v1/frames", frame_request(detail="highlands"))[0], 200)
+        self.assertEqual(service.stop(), 0)
 
     def test_answers_that_nobody_reads_are_on_the_budget(self):
         """Of answers of 111 MB each, a few fit at once; the rest is told to come back, and small frames are served."""

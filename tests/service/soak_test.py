@@ -30,6 +30,7 @@ CLIENTS = 4
 DIFFERENT = 150  # well-formed requests, sent again and again
 HOSTILE = 0.25
 BUDGET_MB = 32
+MEMORY_MB = 768  # for everything
 MEBI = 1 << 20
 MOST_FILES = 72  # 32 idle tiles, open twice each, and maps
 LONG = 5000  # requests from which on a trend of memory shows
@@ -143,8 +144,8 @@ REFUSED = {
 
 class Soak(unittest.TestCase):
     def setUp(self):
-        self.service = Service("--assets-dir", harness.path("assets"), "--cache-mb", str(BUDGET_MB), "--scene-mb", str(BUDGET_MB), "--receive-timeout-s", "1",
-                               "--idle-timeout-s", "5", "--max-waiting", "64", "--max-body-kb", "600", "--log-level", "error")
+        self.service = Service("--assets-dir", harness.path("assets"), "--cache-mb", str(BUDGET_MB), "--scene-mb", str(BUDGET_MB), "--mesh-mb", str(BUDGET_MB), "--memory-mb", str(MEMORY_MB),
+                               "--receive-timeout-s", "1", "--idle-timeout-s", "5", "--max-waiting", "64", "--max-body-kb", "600", "--log-level", "error")
         mixture = Mixture(seed=2, most_pixels_a_side=64)
         self.wellformed = [mixture.next() for _ in range(DIFFERENT)]
         self.first = {}  # digest of the first answer to each
@@ -294,6 +295,7 @@ class Soak(unittest.TestCase):
         self.assertLessEqual(sum(now.values()), sum(descriptors.values()) + 1 + MOST_FILES, now)
         self.assertLessEqual(max(terrain), 1.1 * BUDGET_MB)
         self.assertLessEqual(max(scenes), 1.1 * BUDGET_MB)
+        self.assertLessEqual(max(resident), 1.15 * MEMORY_MB)
         if REQUESTS >= LONG:
             # As in memory_test: the allocator's wandering, which an added 60 KiB a request would exceed.
             middle = [r for n, r in zip(done, resident) if REQUESTS // 4 <= n < REQUESTS * 5 // 8]

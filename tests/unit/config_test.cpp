@@ -78,7 +78,7 @@ TEST_F(Config, EnvironmentBeatsFile) {
   environment_["SELENOGRAPH_PORT"] = "2222";
   parse({});
   EXPECT_EQ(settings_.port, 2222);
-  EXPECT_EQ(settings_.terrain.cache_mb, 100u);
+  EXPECT_EQ(settings_.terrain.memory.cache_mb, 100u);
 }
 
 TEST_F(Config, CommandLineBeatsEnvironmentAndFile) {
