@@ -16,6 +16,7 @@ namespace selenograph::server {
 namespace {
 
 constexpr std::size_t kMostByDefaultMb = 8192;
+constexpr std::size_t kEnoughForRequestsMb = 1024;
 // A body that is only half there keeps nobody's frame waiting.
 constexpr std::size_t kPartOfBodies = 8;
 
@@ -61,21 +62,22 @@ std::size_t machine_memory_mb() {
 
 MemoryParts memory_parts(const MemorySettings& s, std::size_t machine_mb) {
   const std::size_t asked_mb = s.cache_mb.value_or(0) + s.scene_mb.value_or(0) + s.mesh_mb.value_or(0);
-  const std::size_t by_default_mb =
-      std::min(machine_mb / 4 * 3, std::max(kMostByDefaultMb, asked_mb > 0 ? asked_mb + kOwnMb + 1024 : 0));
+  const std::size_t by_default_mb = std::min(
+      machine_mb / 4 * 3, std::max(kMostByDefaultMb, asked_mb > 0 ? asked_mb + kOwnMb + kEnoughForRequestsMb : 0));
   MemoryParts parts{.total_mb = s.memory_mb > 0 ? s.memory_mb : by_default_mb};
-  std::size_t half_mb = less(less(parts.total_mb, kOwnMb) / 2, asked_mb);
+  const std::size_t rest_mb = less(parts.total_mb, kOwnMb);
+  std::size_t left_mb = less(rest_mb - std::min(rest_mb / 2, kEnoughForRequestsMb), asked_mb);
   const auto share_out = [&](const std::optional<std::size_t>& asked, std::size_t most_mb, std::size_t here_mb) {
     if (asked) return *asked;
     const std::size_t share_mb = std::max(kLeastPartMb, std::min(most_mb, here_mb));
-    half_mb = less(half_mb, share_mb);
+    left_mb = less(left_mb, share_mb);
     return share_mb;
   };
   const std::size_t others = (s.cache_mb ? 0 : 1) + (s.mesh_mb ? 0 : 1);
-  const std::size_t for_others_mb = others * std::min<std::size_t>(64, half_mb / 4);
-  parts.scene_mb = share_out(s.scene_mb, engine::RendererOptions{}.scene_bytes >> 20, half_mb - for_others_mb);
-  parts.mesh_mb = share_out(s.mesh_mb, engine::MeshReaderOptions{}.max_bytes >> 20, half_mb / (s.cache_mb ? 1 : 2));
-  parts.cache_mb = share_out(s.cache_mb, dem::TerrainOptions{}.cache_bytes >> 20, half_mb);
+  const std::size_t for_others_mb = others * std::min<std::size_t>(64, left_mb / 4);
+  parts.scene_mb = share_out(s.scene_mb, engine::RendererOptions{}.scene_bytes >> 20, left_mb - for_others_mb);
+  parts.mesh_mb = share_out(s.mesh_mb, engine::MeshReaderOptions{}.max_bytes >> 20, left_mb / (s.cache_mb ? 1 : 4));
+  parts.cache_mb = share_out(s.cache_mb, dem::TerrainOptions{}.cache_bytes >> 20, left_mb);
   return parts;
 }
 

@@ -9,10 +9,10 @@ namespace selenograph::server {
 
 // MiB, as the options give them.
 struct MemorySettings {
-  std::size_t memory_mb = 0;            // for everything; 0: by what there is
-  std::optional<std::size_t> cache_mb;  // terrain blocks and pyramids; nothing: what fits, as of the others
-  std::optional<std::size_t> scene_mb;  // acceleration structures: of one frame at most, and kept between frames
-  std::optional<std::size_t> mesh_mb;   // objects' meshes: to read one, and kept
+  std::size_t memory_mb = 0;              // for everything; 0: by what there is
+  std::optional<std::size_t> cache_mb{};  // terrain blocks and pyramids; nothing: what fits, as of the others
+  std::optional<std::size_t> scene_mb{};  // acceleration structures: of one frame at most, and kept between frames
+  std::optional<std::size_t> mesh_mb{};   // objects' meshes: to read one, and kept
 };
 
 struct MemoryParts {
@@ -37,8 +37,8 @@ std::size_t machine_memory_mb();
 
 // Without --memory-mb the whole is three quarters of what there is, at most 8192, which serve a request of the default
 // limits and small ones beside it, or what the options ask for and 1024 more. Parts that no option names have 1024 each
-// where half of what the program leaves has room for that. Where it has not, scenes come first: the others only cost
-// time when they are small.
+// where that leaves as much, or half, to requests. Where it doesn't, scenes come first: the others only cost time when
+// they are small.
 MemoryParts memory_parts(const MemorySettings& settings, std::size_t machine_mb = machine_memory_mb());
 
 // Throws std::runtime_error naming the options when the parts don't fit into the whole.
