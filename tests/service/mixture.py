@@ -18,10 +18,12 @@ def unit(lat_deg, lon_deg):
 
 
 class Mixture:
-    """Requests (method, path, headers, body), the same for the same seed."""
+    """Requests (method, path, headers, body), the same for the same seed. maps=False: for services whose --scene-mb differ,
+    which is in a map's ETag."""
 
-    def __init__(self, seed, most_pixels_a_side=96):
+    def __init__(self, seed, most_pixels_a_side=96, maps=True):
         self.random = random.Random(seed)
+        self.maps = maps
         self.most = most_pixels_a_side
 
     def place(self):
@@ -57,7 +59,11 @@ class Mixture:
                                 "material": {"reflectance": {"model": "lambert"}}}]
         if self.random.random() < 0.3:
             more["surface"] = {"albedo_maps": ["made-up-albedo", "everywhere"]}
-        return more
+        return dict(more, **self.detail())
+
+    def detail(self, places=1):
+        """Craters, relief and rocks below the posts; mostly not, and not where the ground is made at many places."""
+        return {"detail": "landing"} if self.random.random() < 0.2 and places <= 5 else {}
 
     def frame(self):
         products, accept = self.random.choice([
@@ -73,21 +79,37 @@ class Mixture:
             up = unit(*self.place())
             rays.append({"origin_m": [(RADIUS_M + 5e4) * x for x in up], "direction": [-x for x in up]})
         lat, lon = self.place()
-        return self.post("/v1/rays", {"rays": rays, "sun": self.sun(lat, lon)})
+        return self.post("/v1/rays", {"rays": rays, "sun": self.sun(lat, lon), **self.detail(len(rays))})
 
     def points(self, most):
         return [dict(zip(("lat_deg", "lon_deg"), self.place())) for _ in range(self.random.randint(1, most))]
 
     def project(self):
-        return self.post("/v1/project", dict(self.scene(), points=self.points(20)))
+        points = self.points(20)
+        return self.post("/v1/project", dict(self.scene(), points=points, **self.detail(len(points))))
 
     def heights(self):
-        return self.post("/v1/heights", {"points": self.points(40)})
+        return self.post("/v1/heights", {"points": self.points(40), **self.detail()})
+
+    def map(self):
+        lat, lon = self.place()
+        side_m = math.exp(self.random.uniform(math.log(2e3), math.log(2e4)))
+        area = {"projection": self.random.choice(["orthographic", "equirectangular"]), "center": {"lat_deg": lat, "lon_deg": lon},
+                "width_m": side_m, "height_m": side_m, "gsd_m": side_m / self.random.randint(4, self.most)}
+        products, accept = self.random.choice([(["height", "slope"], "application/x-npz"), (["radiance"], "image/tiff"), (["lit"], "image/png")])
+        return self.post("/v1/maps", dict(self.detail(), map=area, products=products, sun=self.sun(lat, lon)), accept)
+
+    def features(self):
+        lat, lon = self.place()
+        half_deg = self.random.uniform(1e-4, 2e-3)
+        box = {"south_deg": lat - half_deg, "north_deg": lat + half_deg, "west_deg": lon - half_deg, "east_deg": lon + half_deg}
+        return self.post("/v1/features", {"detail": "landing", "region": box, "kind": self.random.choice(["craters", "rocks"]),
+                                          "smallest_m": self.random.uniform(1, 20)}, self.random.choice(["application/json", "text/csv"]))
 
     def get(self):
         lat, lon = self.place()
         return "GET", self.random.choice([f"/v1/height?lat_deg={lat}&lon_deg={lon}", "/v1/datasets", "/openapi.json"]), {}, None
 
     def next(self):
-        kinds, weights = (self.frame, self.rays, self.project, self.heights, self.get), (8, 3, 3, 2, 2)
+        kinds, weights = (self.frame, self.rays, self.project, self.heights, self.map, self.features, self.get), (8, 3, 3, 2, 2 if self.maps else 0, 1, 2)
         return self.random.choices(kinds, weights)[0]()

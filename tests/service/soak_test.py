@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""SOAK_REQUESTS mixed requests (500 unless the environment says otherwise), a quarter of them hostile.
+"""SOAK_REQUESTS mixed requests (500 unless the environment says otherwise) for frames of up to SOAK_PIXELS (64) a side,
+a quarter of them hostile.
 
 Each well-formed request gets exactly one complete answer, the same every time; each hostile one is refused with the status of
 its fault or loses its connection; nothing grows. Python's standard library only.
@@ -26,6 +27,7 @@ from harness import Service, frame_request
 from mixture import PLACE, Mixture
 
 REQUESTS = int(os.environ.get("SOAK_REQUESTS", "500"))
+PIXELS = int(os.environ.get("SOAK_PIXELS", "64"))  # a side of a frame, at most
 CLIENTS = 4
 DIFFERENT = 150  # well-formed requests, sent again and again
 HOSTILE = 0.25
@@ -146,7 +148,7 @@ class Soak(unittest.TestCase):
     def setUp(self):
         self.service = Service("--assets-dir", harness.path("assets"), "--cache-mb", str(BUDGET_MB), "--scene-mb", str(BUDGET_MB), "--mesh-mb", str(BUDGET_MB), "--memory-mb", str(MEMORY_MB),
                                "--receive-timeout-s", "1", "--idle-timeout-s", "5", "--max-waiting", "64", "--max-body-kb", "600", "--log-level", "error")
-        mixture = Mixture(seed=2, most_pixels_a_side=64)
+        mixture = Mixture(seed=2, most_pixels_a_side=PIXELS)
         self.wellformed = [mixture.next() for _ in range(DIFFERENT)]
         self.first = {}  # digest of the first answer to each
         self.lock = threading.Lock()
