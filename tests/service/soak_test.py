@@ -35,6 +35,7 @@ BUDGET_MB = 32
 MEMORY_MB = 768  # for everything
 MEBI = 1 << 20
 MOST_FILES = 72  # 32 idle tiles, open twice each, and maps
+IDLE_S = 5  # before a connection without requests is closed
 LONG = 5000  # requests from which on a trend of memory shows
 
 
@@ -147,7 +148,7 @@ REFUSED = {
 class Soak(unittest.TestCase):
     def setUp(self):
         self.service = Service("--assets-dir", harness.path("assets"), "--cache-mb", str(BUDGET_MB), "--scene-mb", str(BUDGET_MB), "--mesh-mb", str(BUDGET_MB), "--memory-mb", str(MEMORY_MB),
-                               "--receive-timeout-s", "1", "--idle-timeout-s", "5", "--max-waiting", "64", "--max-body-kb", "600", "--log-level", "error")
+                               "--receive-timeout-s", "1", "--idle-timeout-s", str(IDLE_S), "--max-waiting", "64", "--max-body-kb", "600", "--log-level", "error")
         mixture = Mixture(seed=2, most_pixels_a_side=PIXELS)
         self.wellformed = [mixture.next() for _ in range(DIFFERENT)]
         self.first = {}  # digest of the first answer to each
@@ -173,7 +174,10 @@ class Soak(unittest.TestCase):
     def ordinary(self, client):
         i = client.random.randrange(DIFFERENT)
         method, path, headers, body = self.wellformed[i]
+        if time.monotonic() - client.used > IDLE_S / 2:
+            client.connection.close()  # the service may have closed it, or be about to: the request opens it again
         status, _, content = self.service.ask(method, path, body, headers, client.connection)
+        client.used = time.monotonic()
         self.judge(i, status, content)
 
     def pipelined(self, client):
@@ -229,7 +233,7 @@ class Soak(unittest.TestCase):
     def client(self, seed):
         client = types.SimpleNamespace()
         client.random = random.Random(seed)
-        client.connection = self.service.connect()
+        client.connection, client.used = self.service.connect(), time.monotonic()
         while sum(self.counts.values()) < REQUESTS and len(self.faults) < 10:
             hostile = client.random.random() < HOSTILE
             act = client.random.choices([self.refused, self.abrupt, self.slow], [80, 15, 5])[0] if hostile else \
