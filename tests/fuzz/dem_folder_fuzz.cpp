@@ -1,5 +1,7 @@
 // From a label and an image in a folder to the terrain: catalogue, pyramid, posts. The input is as that of pds_tile:
 // the label, and behind its first NUL byte the data file "tile.img". Beside them lies a sound tile of the layer below.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -52,6 +54,17 @@ void check_height(const HeightAnswer& answer, std::size_t rasters) {
   require(answer.post_spacing_m > 0 && std::isfinite(answer.post_spacing_m), "posts have a spacing");
 }
 
+bool is_height(float post) { return post >= kLowestRelief_m && post <= kHighestRelief_m; }
+
+// Whether all posts of the file beside one are heights.
+bool all_around(Raster& raster, const RasterInfo& info, int x, int y) {
+  const int x0 = std::max(0, x - 1), y0 = std::max(0, y - 1), w = std::min(info.width, x + 2) - x0,
+            h = std::min(info.height, y + 2) - y0;
+  std::vector<float> posts(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
+  raster.read(x0, y0, w, h, posts.data());
+  return std::all_of(posts.begin(), posts.end(), is_height);
+}
+
 // What is in the file is on the terrain: a tile that is in the catalogue is no hole.
 void check_terrain(const Catalogue& catalogue, const RasterInfo& info) {
   const Terrain terrain(catalogue, {});
@@ -63,15 +76,18 @@ void check_terrain(const Catalogue& catalogue, const RasterInfo& info) {
       const Geographic place = place_of_post(info, x, y);
       const HeightAnswer answer = terrain.height(place.lat_deg, place.lon_deg);
       check_height(answer, catalogue.rasters().size());
-      const bool is_post = info.lattice_level && post >= kLowestRelief_m && post <= kHighestRelief_m;
-      if (!is_post) continue;
+      if (!info.lattice_level || !is_height(post)) continue;
+      // A post without valid ones beside it is no corner of a triangle.
+      if (answer.source < 0 && !all_around(raster, info, x, y)) continue;
       // Beside the layer below they share its height.
       constexpr double kRounding_m = 1e-2;
       const auto own = static_cast<double>(post);
       const double lowest = answer.blended ? std::min(own, kBelow_m) : own,
                    highest = answer.blended ? std::max(own, kBelow_m) : own;
       require(answer.height_m > lowest - kRounding_m && answer.height_m < highest + kRounding_m,
-              "a post of the file is one of the terrain, or between it and the layer below");
+              "a post of the file is one of the terrain, or between it and the layer below:",
+              fmt::format("post ({}, {}) at {} N, {} E: {} m, the terrain {} m{}", x, y, place.lat_deg, place.lon_deg,
+                          post, answer.height_m, answer.blended ? ", blended" : ""));
     }
   const BlockId block =
       block_at(2, static_cast<std::int32_t>((info.footprint.south_deg + 90) * kTicksPerDegree),
