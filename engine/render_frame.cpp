@@ -293,7 +293,7 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
       report_view(writer.marks(), what, views.reference(), terrain.catalogue(), frame.report.view);
     };
     if (!scene->raster) {
-      FrameWriter writer(request, views, scene->mesh, catalogue_size, frame.products);
+      FrameWriter writer(request, views, scene->mesh, catalogue_size, frame.products, stop);
       writer.look_at(marks);
       RayPass(job, writer).for_pixels(stages);
       finish(writer, job);
@@ -306,7 +306,7 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
       FrameRequest at_centres = request;
       if (dense) at_centres.products &= ~static_cast<ProductSet>(kRadiance | kImage);
       if (!dense || at_centres.products) {
-        FrameWriter writer(at_centres, views, scene->mesh, catalogue_size, frame.products);
+        FrameWriter writer(at_centres, views, scene->mesh, catalogue_size, frame.products, stop);
         writer.look_at(marks);
         draw({at_centres, views, *scene, objects, radiance, *lens, stop, each}, writer);
         finish(writer, job);

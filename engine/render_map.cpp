@@ -14,6 +14,7 @@
 #include "engine/frame/needs.h"
 #include "engine/radiometry/radiometry.h"
 #include "engine/scene/selection.h"
+#include "engine/support/assign.h"
 #include "engine/support/stopwatch.h"
 #include "engine/visibility/frame_writer.h"
 #include "engine/visibility/objects_in_frame.h"
@@ -122,7 +123,7 @@ class MapDrawing {
     radiance_ = radiance_terms(frame_);
     const std::size_t n = pixels_in_all();
     const auto allocate = [&](auto& array, MapProduct product, std::size_t size, auto value) {
-      if (request.products & product) array.assign(size, value);
+      if (request.products & product) assign(array, size, value, stop_);
     };
     allocate(out_.products.radiance, kMapRadiance, n, kNaN32);
     allocate(out_.products.lit, kMapLit, n, kNaN32);
@@ -229,7 +230,7 @@ class MapDrawing {
     const EachSample each;
     const FrameJob job{frame_, above, scene, objects, radiance_, lens, stop_, each};
     FrameProducts drawn;
-    FrameWriter writer(frame_, above, scene.mesh, terrain_.catalogue().rasters().size(), drawn);
+    FrameWriter writer(frame_, above, scene.mesh, terrain_.catalogue().rasters().size(), drawn, stop_);
     RayPass(job, writer).for_pixels([&](RayPass& pass, RayPass::Packet& packet) {
       aim(patch, directions, packet);
       pass.meet(packet);

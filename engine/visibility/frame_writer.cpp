@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "engine/frame/needs.h"
+#include "engine/support/assign.h"
 #include "engine/visibility/facets.h"
 
 namespace selenograph::engine {
@@ -14,12 +15,10 @@ constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
 constexpr std::uint16_t kNoGround = 65535;
 constexpr double kNaN64 = std::numeric_limits<double>::quiet_NaN();
 
-template <typename T>
-void allocate(std::vector<T>& array, bool wanted, std::size_t size, T value) {
-  if (wanted) array.assign(size, value);
-}
-
-void allocate_all(const FrameRequest& request, FrameProducts& out) {
+void allocate_all(const FrameRequest& request, FrameProducts& out, const StopToken& stop) {
+  const auto allocate = [&](auto& array, bool wanted, std::size_t size, auto value) {
+    if (wanted) assign(array, size, value, stop);
+  };
   const std::size_t pixels =
       static_cast<std::size_t>(request.camera.width) * static_cast<std::size_t>(request.camera.height);
   const std::size_t n = request.truth ? request.truth->size() : pixels;
@@ -76,14 +75,14 @@ double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)
 }  // namespace
 
 FrameWriter::FrameWriter(const FrameRequest& request, const RowViews& views, const Mesh& mesh,
-                         std::size_t catalogue_size, FrameProducts& out)
+                         std::size_t catalogue_size, FrameProducts& out, const StopToken& stop)
     : request_(request),
       views_(views),
       mesh_(mesh),
       out_(out),
       wants_geometry_(engine::wants_geometry(request)),
       sources_(catalogue_size) {
-  allocate_all(request, out);
+  allocate_all(request, out, stop);
 }
 
 std::uint32_t FrameWriter::account_all(const SurfacePoints& points, std::uint32_t hits, PixelCounts& counts) {

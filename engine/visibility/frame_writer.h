@@ -5,6 +5,7 @@
 #include <mutex>
 #include <optional>
 
+#include "dem/stop_token.h"
 #include "engine/camera/packet_rays.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/products.h"
@@ -23,9 +24,9 @@ struct PixelCounts {
 
 class FrameWriter {
  public:
-  // Sizes and initialises the products that are asked for. `request`, `views` and `mesh` outlive it.
+  // Sizes and initialises the products that are asked for, which takes time. `request`, `views` and `mesh` outlive it.
   FrameWriter(const FrameRequest& request, const RowViews& views, const Mesh& mesh, std::size_t catalogue_size,
-              FrameProducts& out);
+              FrameProducts& out, const StopToken& stop);
 
   FrameProducts& out() const { return out_; }
   bool wants_geometry() const { return wants_geometry_; }

@@ -10,9 +10,8 @@ import random
 import unittest
 
 import harness
-from harness import PLACE, Service, frame_request
+from harness import PLACE, PRODUCTS, Service, frame_request
 
-PRODUCTS = ("image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source")
 SIDES_PX = ((4096, 2048), (2048, 2048), (1024, 1024), (512, 512))
 AT_ONCE = 6
 MEBI = 1 << 20

@@ -7,9 +7,8 @@ import resource
 import unittest
 
 import harness
-from harness import PLACE, Service, frame_request
+from harness import PLACE, PRODUCTS, Service, frame_request
 
-PRODUCTS = ("image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles", "lit", "gsd", "source")
 GIBI = 1 << 30
 AT_ONCE = 4
 

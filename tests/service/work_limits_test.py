@@ -8,7 +8,7 @@ import time
 import unittest
 
 import harness
-from harness import WithService, frame_request
+from harness import PRODUCTS, WithService, frame_request
 
 BAND = {"center_um": 0.65, "width_um": 0.3}
 SENSOR = {
@@ -75,11 +75,13 @@ class WorkLimitsTest(WithService):
             "kernel": (0.5, with_sensor(EVEN, **dict(LARGE, width=8192))),
             "motion": (1.0, with_sensor({"model": "none"}, motion={"angular_rate_deg_s": [1.0, 0, 0], "samples": 8}, **LARGE)),
             "lens": (1.5, frame_request(("range",), camera=LENS, accuracy={"max_error_px": 8})),
+            # Memory that the system has not given before: the writer of the products waits for it.
+            "products": (0.5, frame_request(PRODUCTS, 8192, 2048)),
             "samples": (1.5, frame_request(("radiance",), 1024, 1024, 36, visibility="raytrace")),
         }
         for name, (after_s, document) in cases.items():
             with self.subTest(name):
-                self.late(lambda headers: self.service.frame(document, "application/octet-stream", **headers), after_s)
+                self.late(lambda headers: self.service.frame(document, "application/x-npz" if name == "products" else "application/octet-stream", **headers), after_s)
         mertis = {"channels": 10000, "first_um": 1e-3, "last_um": 1e4, "temperatures_k": [300.0 + i for i in range(16)]}
         self.late(lambda headers: self.service.post("/v1/verify/mertis", mertis, **headers), 0.02)
         trip = {"center": {"lat_deg": 0.1, "lon_deg": 30.1}, "mode": "camera", "footprint_ratio": 0.1, "posts": 256}

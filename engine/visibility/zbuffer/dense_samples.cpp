@@ -42,7 +42,7 @@ DenseSamples::DenseSamples(const FrameJob& job, const PixelRays& lens, std::size
       request_(dense_request(job.request)),
       views_(request_.camera, request_.pose, {}, job.stop),
       job_{request_, views_, job.scene, job.objects, job.radiance, lens, job.stop, each_},
-      writer_(request_, views_, job.scene.mesh, catalogue_size, products_) {
+      writer_(request_, views_, job.scene.mesh, catalogue_size, products_, job.stop) {
   if (job.each)
     each_ = [this](const SubpixelSample& sample, const std::vector<float>& radiance) { split(sample, radiance); };
 }
