@@ -55,9 +55,10 @@ Stretch until_below(const Ray& ray, Stretch stretch, double height_m) {
 // No longer than so much: the box around a slanting stretch is as wide as it is long.
 std::vector<Stretch> parts_of(const Stretch& stretch, double longest_m) {
   std::vector<Stretch> parts;
-  const double length_m = stretch.to_m - stretch.from_m, count = std::max(1.0, std::ceil(length_m / longest_m));
-  for (double i = 0; i < count; ++i)
-    parts.push_back({stretch.from_m + i / count * length_m, stretch.from_m + (i + 1) / count * length_m});
+  const double length_m = stretch.to_m - stretch.from_m;
+  const int count = static_cast<int>(std::max(1.0, std::ceil(length_m / longest_m)));
+  const auto at = [&](int i) { return stretch.from_m + static_cast<double>(i) / count * length_m; };
+  for (int i = 0; i < count; ++i) parts.push_back({at(i), at(i + 1)});
   return parts;
 }
 
