@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -56,13 +57,16 @@ void check_height(const HeightAnswer& answer, std::size_t rasters) {
 
 bool is_height(float post) { return post >= kLowestRelief_m && post <= kHighestRelief_m; }
 
-// Whether all posts of the file beside one are heights.
-bool all_around(Raster& raster, const RasterInfo& info, int x, int y) {
-  const int x0 = std::max(0, x - 1), y0 = std::max(0, y - 1), w = std::min(info.width, x + 2) - x0,
-            h = std::min(info.height, y + 2) - y0;
-  std::vector<float> posts(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
-  raster.read(x0, y0, w, h, posts.data());
-  return std::all_of(posts.begin(), posts.end(), is_height);
+// Whether a post is a corner of a quad of heights: of triangles, whichever way it is cut.
+bool has_quad(Raster& raster, const RasterInfo& info, int x, int y) {
+  for (const int y0 : {y - 1, y})
+    for (const int x0 : {x - 1, x}) {
+      if (x0 < 0 || y0 < 0 || x0 + 1 >= info.width || y0 + 1 >= info.height) continue;
+      std::array<float, 4> posts{};
+      raster.read(x0, y0, 2, 2, posts.data());
+      if (std::all_of(posts.begin(), posts.end(), is_height)) return true;
+    }
+  return false;
 }
 
 // What is in the file is on the terrain: a tile that is in the catalogue is no hole.
@@ -77,8 +81,8 @@ void check_terrain(const Catalogue& catalogue, const RasterInfo& info) {
       const HeightAnswer answer = terrain.height(place.lat_deg, place.lon_deg);
       check_height(answer, catalogue.rasters().size());
       if (!info.lattice_level || !is_height(post)) continue;
-      // A post without valid ones beside it is no corner of a triangle.
-      if (answer.source < 0 && !all_around(raster, info, x, y)) continue;
+      // A post without valid ones beside it may be no corner of a triangle.
+      if (answer.source < 0 && !has_quad(raster, info, x, y)) continue;
       // Beside the layer below they share its height.
       constexpr double kRounding_m = 1e-2;
       const auto own = static_cast<double>(post);
