@@ -62,7 +62,7 @@ struct Block {
   void pack() {
     const auto packed = [](auto& of_vertices) {
       if (std::any_of(of_vertices.begin(), of_vertices.end(), [&](auto v) { return v != of_vertices[0]; })) return;
-      of_vertices.resize(std::min<std::size_t>(of_vertices.size(), 1));
+      if (!of_vertices.empty()) of_vertices.erase(of_vertices.begin() + 1, of_vertices.end());
       of_vertices.shrink_to_fit();
     };
     packed(sources), packed(ground);

@@ -608,6 +608,11 @@ Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, con
 }
 
 PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, const StopToken& stop) {
+  return compose_block(node, id, source, source.files(), stop);
+}
+
+PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, int files,
+                           const StopToken& stop) {
   const BlockExtent e = extent_of(id);
   // Longitude by longitude as in the chunk's grid, so that voids are filled as there.
   const std::int32_t lon_step = grid_lon_step(node, id.level);
@@ -623,11 +628,11 @@ PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSou
   };
   int margin = 0;
   PostWindow window = window_with(margin);
-  Posts posts = source.compose(window, stop);
+  Posts posts = source.compose(window, files, stop);
   if (std::any_of(posts.heights.begin(), posts.heights.end(), [](float h) { return std::isnan(h); })) {
     margin = kFillReach;
     window = window_with(margin);
-    posts = source.compose(window, stop);
+    posts = source.compose(window, files, stop);
     PostSource::fill_voids(window, posts, stop);
   }
   PostsOfBlock out;

@@ -94,5 +94,8 @@ struct PostsOfBlock {
   std::vector<SourceIndex> replaced;
 };
 PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, const StopToken& stop);
+// Of the first `files` of the catalogue alone.
+PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, int files,
+                           const StopToken& stop);
 
 }  // namespace selenograph::dem

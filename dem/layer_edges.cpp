@@ -550,16 +550,31 @@ LayerEdges::Cells LayerEdges::open_cells(int sheet, int octave, std::int64_t x0,
 
 std::optional<LayerEdges::Shares> LayerEdges::shares(int source, int x0, int y0, int w, int h,
                                                      std::vector<SourceIndex>& unusable) const {
+  return shares_of(source, x0, y0, w, h, Octaves::all, unusable);
+}
+
+std::optional<LayerEdges::Shares> LayerEdges::shares_of_outline(int source, int x0, int y0, int w, int h) const {
+  std::vector<SourceIndex> unusable;  // are told of where heights are
+  return shares_of(source, x0, y0, w, h, Octaves::coarsest, unusable);
+}
+
+std::optional<LayerEdges::Shares> LayerEdges::shares_of(int source, int x0, int y0, int w, int h, Octaves octaves,
+                                                        std::vector<SourceIndex>& unusable) const {
   if (!meets(source)) return std::nullopt;
   const Group& group = settled(source);
   if (!(group.band_posts > 0)) return std::nullopt;
   const Sheet& sheet = groups().sheets[static_cast<std::size_t>(group.sheet)];
   const auto [shift_x, shift_y] = groups().shift[static_cast<std::size_t>(source)];
-  std::vector<Region> regions{{shift_x + x0 - 1, shift_y + y0 - 1, shift_x + x0 + w + 1, shift_y + y0 + h + 1}};
-  for (int j = 0; j < group.octave; ++j) regions.push_back(coarser(regions.back()));
+  const int finest = octaves == Octaves::all ? 0 : group.octave;
+  const std::int64_t finest_cell = std::int64_t{1} << finest;
+  std::vector<Region> regions(static_cast<std::size_t>(group.octave) + 1);
+  regions[static_cast<std::size_t>(finest)] = {
+      floor_div(shift_x + x0, finest_cell) - 1, floor_div(shift_y + y0, finest_cell) - 1,
+      floor_div(shift_x + x0 + w - 1, finest_cell) + 2, floor_div(shift_y + y0 + h - 1, finest_cell) + 2};
+  for (auto j = static_cast<std::size_t>(finest); j + 1 < regions.size(); ++j) regions[j + 1] = coarser(regions[j]);
 
   std::vector<float> points;  // empty: 0
-  for (int j = group.octave; j >= 0; --j) {
+  for (int j = group.octave; j >= finest; --j) {
     const Region& r = regions[static_cast<std::size_t>(j)];
     if (!points.empty()) points = refined(points, regions[static_cast<std::size_t>(j) + 1], r);
     const double width = j == group.octave ? group.cells : kHoleCells;
@@ -614,23 +629,34 @@ std::optional<LayerEdges::Shares> LayerEdges::shares(int source, int x0, int y0,
   }
   if (std::all_of(points.begin(), points.end(), [](float e) { return e == 0; })) return std::nullopt;
   Shares found;
-  found.x0_ = x0 - 1, found.y0_ = y0 - 1, found.w_ = w + 2;
+  const Region& r = regions[static_cast<std::size_t>(finest)];
+  found.x0_ = r.x0, found.y0_ = r.y0, found.columns_ = r.x1 - r.x0;
+  found.octave_ = finest;
+  if (finest == 0)
+    found.x0_ -= shift_x, found.y0_ -= shift_y;
+  else
+    found.shift_x_ = shift_x, found.shift_y_ = shift_y;
   found.points_ = std::move(points);
   return found;
 }
 
 double LayerEdges::Shares::at(double x, double y) const {
+  if (octave_ != 0) {  // cells' middles
+    const double cell = std::ldexp(1.0, octave_);
+    x = (x + static_cast<double>(shift_x_) + 0.5) / cell - 0.5;
+    y = (y + static_cast<double>(shift_y_) + 0.5) / cell - 0.5;
+  }
   const double px = std::round(x), py = std::round(y);
   const auto weights = [](double u) {
     return std::array{(0.5 - u) * (0.5 - u) / 2, 0.75 - u * u, (0.5 + u) * (0.5 + u) / 2};
   };
   const std::array<double, 3> wx = weights(x - px), wy = weights(y - py);
-  const std::size_t rows = points_.size() / static_cast<std::size_t>(w_);
-  const int c = static_cast<int>(px) - x0_ - 1, r = static_cast<int>(py) - y0_ - 1;
-  if (c < 0 || r < 0 || c + 2 >= w_ || static_cast<std::size_t>(r) + 2 >= rows) return 0;  // not asked for
+  const auto rows = static_cast<std::int64_t>(points_.size()) / columns_;
+  const std::int64_t c = static_cast<std::int64_t>(px) - x0_ - 1, r = static_cast<std::int64_t>(py) - y0_ - 1;
+  if (c < 0 || r < 0 || c + 2 >= columns_ || r + 2 >= rows) return 0;  // not asked for
   double sum = 0;
   for (int j = 0; j < 3; ++j) {
-    const float* row = points_.data() + static_cast<std::size_t>(r + j) * static_cast<std::size_t>(w_) + c;
+    const float* row = points_.data() + (r + j) * columns_ + c;
     sum +=
         wy[static_cast<std::size_t>(j)] * (wx[0] * static_cast<double>(row[0]) + wx[1] * static_cast<double>(row[1]) +
                                            wx[2] * static_cast<double>(row[2]));

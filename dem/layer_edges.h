@@ -56,11 +56,15 @@ class LayerEdges {
 
    private:
     friend class LayerEdges;
-    int x0_ = 0, y0_ = 0, w_ = 0;  // of the control points
+    int octave_ = 0;                              // of the control points: 0: one for each post of the file
+    std::int64_t shift_x_ = 0, shift_y_ = 0;      // otherwise: of the file's posts among the sheet's
+    std::int64_t x0_ = 0, y0_ = 0, columns_ = 0;  // of the control points
     std::vector<float> points_;
   };
   // Empty: 0 everywhere. Files that could not be read are appended to `unusable`.
   std::optional<Shares> shares(int source, int x0, int y0, int w, int h, std::vector<SourceIndex>& unusable) const;
+  // As the outline and large holes alone make them: of the coarsest octave, however many posts there are.
+  std::optional<Shares> shares_of_outline(int source, int x0, int y0, int w, int h) const;
 
   // A valid post beside the layer beneath.
   struct BorderPost {
@@ -73,6 +77,9 @@ class LayerEdges {
   const std::vector<int>& group_of(int source) const;
 
  private:
+  enum class Octaves { all, coarsest };
+  std::optional<Shares> shares_of(int source, int x0, int y0, int w, int h, Octaves octaves,
+                                  std::vector<SourceIndex>& unusable) const;
   struct Sheet;
   struct Group;
   struct Tile;

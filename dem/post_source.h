@@ -67,6 +67,8 @@ class PostSource {
   // Posts of one file, as Raster::read() has them, with its layer's offset.
   void read(int source, int x0, int y0, int w, int h, float* heights_m) const;
 
+  // In the catalogue.
+  int files() const { return static_cast<int>(catalogue_.rasters().size()); }
   // Layers composed, voids not yet filled. Of the first `files` of the catalogue alone: what lies beneath the others.
   Posts compose(const PostWindow& window, const StopToken& stop = {}) const;
   Posts compose(const PostWindow& window, int files, const StopToken& stop) const;

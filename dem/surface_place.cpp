@@ -28,10 +28,6 @@ int finest_level_at(const Terrain& terrain, double lat_deg, double lon_deg) {
   return terrain.finest_level(ticks_of(lat_deg, lon_deg).block(kMaxLevel));
 }
 
-int posts_level_at(const Terrain& terrain, double lat_deg, double lon_deg, int level) {
-  return terrain.posts_level(ticks_of(lat_deg, lon_deg).block(level));
-}
-
 std::optional<SurfacePlace> surface_at(const Terrain& terrain, double lat_deg, double lon_deg, int level,
                                        const StopToken& stop) {
   const Ticks at = ticks_of(lat_deg, lon_deg);

@@ -17,8 +17,6 @@ struct SurfacePlace {
 BlockId block_at_place(int level, double lat_deg, double lon_deg);
 // The finest level that the terrain has at a place.
 int finest_level_at(const Terrain& terrain, double lat_deg, double lon_deg);
-// The level of the posts themselves there, of those that a level has.
-int posts_level_at(const Terrain& terrain, double lat_deg, double lon_deg, int level);
 
 // On the triangles of a level, or of the finest that there is; nothing where one of the posts is missing.
 std::optional<SurfacePlace> surface_at(const Terrain& terrain, double lat_deg, double lon_deg, int level,

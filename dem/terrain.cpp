@@ -536,9 +536,14 @@ Terrain::Terrain(const std::shared_ptr<const Terrain>& plain, std::shared_ptr<co
 Terrain::~Terrain() = default;
 
 const Detail* Terrain::detail() const { return detailed_ ? &detailed_->detail() : nullptr; }
+bool Terrain::has_detail(const BlockId& id) const { return detailed_ && detailed_->is_made(id); }
+int Terrain::detail_begins_at(double lat_deg, double lon_deg) const {
+  return detailed_->posts_level_at(lat_deg, lon_deg);
+}
 int Terrain::detail_number() const { return detailed_ ? detailed_->number() : 0; }
 
 const Catalogue& Terrain::catalogue() const { return impl_->catalogue; }
+const PostSource& Terrain::post_source() const { return impl_->source; }
 
 const std::vector<BlockId>& Terrain::roots() const { return impl_->roots; }
 
@@ -557,7 +562,9 @@ int Terrain::posts_level(const BlockId& id) const {
   return impl_->finest_posts(root, 0, id);
 }
 
-bool Terrain::node_is_cheap(const BlockId& id) const { return impl_->plan_for(id).direct; }
+bool Terrain::node_is_cheap(const BlockId& id) const {
+  return impl_->plan_for(id).direct || (detailed_ && detailed_->is_made(id));
+}
 
 NodeInfo Terrain::node(const BlockId& id, const StopToken& stop) const {
   if (detailed_) return detailed_->node(id, stop);

@@ -19,6 +19,7 @@ namespace selenograph::dem {
 
 class Detail;
 class DetailedTerrain;
+class PostSource;
 
 struct TerrainOptions {
   std::string cache_dir;  // where pyramids are kept; empty: nothing is written, everything is rebuilt when it is needed
@@ -73,8 +74,13 @@ class Terrain {
   ~Terrain();  // stops building, where no other shares it
 
   const Catalogue& catalogue() const;
+  const PostSource& post_source() const;
   const Detail* detail() const;  // null: none
   const Terrain& plain() const { return plain_ ? *plain_ : *this; }
+  // Whether a block has detail on it: it is finer than the posts that its ground is made of.
+  bool has_detail(const BlockId& id) const;
+  // The level of these posts at a place, with detail.
+  int detail_begins_at(double lat_deg, double lon_deg) const;
   // Of those that share everything each has its own; 0: without detail.
   int detail_number() const;
 

@@ -63,6 +63,8 @@ class Detail {
   // Relief and the craters' mean go to 0 towards the region's border over as much as the largest crater or the longest
   // wavelength measures: how much of them there is at a place, on the unit sphere.
   double share(const Vec3& direction) const { return preset_.region.share(direction, fade_m_); }
+  // The largest crater or the longest wavelength.
+  double widest_m() const { return fade_m_; }
   // Whether anything may be added so near to a place.
   bool reaches(const Vec3& direction, double radius_m) const;
 

@@ -9,9 +9,11 @@
 #include <unordered_map>
 #include <vector>
 
+#include "dem/chunk_format.h"
 #include "dem/cubic.h"
 #include "dem/detail/footprints.h"
 #include "dem/parallel.h"
+#include "dem/post_source.h"
 #include "dem/shading_normals.h"
 
 namespace selenograph::dem {
@@ -28,10 +30,10 @@ std::int64_t floor_to(std::int64_t value, std::int64_t step) {
 double weighted(double weight, double value) { return weight == 0 ? 0 : weight * value; }
 
 // Levels that there are none of: the plain terrain's blocks are kept under their own.
-BlockId key_of(int number, const BlockId& id) {
+BlockId key_of(int number, int kind, const BlockId& id) {
   constexpr int kManyLevels = 32;
   static_assert(kMaxLevel < kManyLevels);
-  return {kManyLevels * number + id.level, id.row, id.col};
+  return {kManyLevels * (2 * number + kind) + id.level, id.row, id.col};
 }
 
 // A block's places by rows and columns from its first post on: between the posts, beside them, beyond the block. Past a
@@ -64,8 +66,9 @@ class Places {
 // Posts of one level, by their ticks, wherever they are: over the poles and around the globe.
 class DetailedTerrain::PostsAround {
  public:
-  PostsAround(const DetailedTerrain& ground, int level, const StopToken& stop)
-      : ground_(ground), level_(level), stop_(stop) {}
+  enum class Posts { as_they_are, corrected };
+  PostsAround(const DetailedTerrain& ground, int level, Posts posts, const StopToken& stop)
+      : ground_(ground), level_(level), posts_(posts), stop_(stop) {}
 
   std::int32_t lat_step() const { return 1 << (kTickLevel - level_); }
 
@@ -169,13 +172,18 @@ class DetailedTerrain::PostsAround {
   const Block* find(const BlockId& id) {
     if (latest_ && latest_id_ == id) return latest_;
     auto found = blocks_.find(id);
-    if (found == blocks_.end()) found = blocks_.emplace(id, ground_.corrected(id, stop_)).first;
+    if (found == blocks_.end())
+      found =
+          blocks_
+              .emplace(id, posts_ == Posts::corrected ? ground_.corrected(id, stop_) : ground_.plain_.block(id, stop_))
+              .first;
     latest_id_ = id, latest_ = found->second.get();
     return latest_;
   }
 
   const DetailedTerrain& ground_;
   int level_;
+  Posts posts_;
   const StopToken& stop_;
   std::unordered_map<BlockId, std::shared_ptr<const Block>, BlockIdHash> blocks_;
   BlockId latest_id_;
@@ -188,7 +196,11 @@ class DetailedTerrain::PostsAround {
 };
 
 DetailedTerrain::DetailedTerrain(const Terrain& plain, std::shared_ptr<const Detail> detail, Blocks& blocks, int number)
-    : plain_(plain), detail_(std::move(detail)), blocks_(blocks), number_(number) {}
+    : plain_(plain),
+      detail_(std::move(detail)),
+      blocks_(blocks),
+      number_(number),
+      layers_(plain, detail_->widest_m()) {}
 
 // Blocks may be smaller than the gap between the last posts of a tile and the first of the next, where there is a
 // surface: posts are asked for.
@@ -210,12 +222,27 @@ int DetailedTerrain::finest_level(const BlockId& id) const {
                                      : plain_.finest_level(id);
 }
 
+bool DetailedTerrain::is_made(const BlockId& id) const {
+  return id.level > layers_.of(id)->front().level && (reached(id) || id.level > plain_.posts_level(id));
+}
+
+bool DetailedTerrain::of_coarse_posts_alone(const BlockId& id) const {
+  const LayeredPosts::Layers layers = layers_.of(id);
+  return layers->size() == 1 && layers->front().level < std::min(id.level, plain_.posts_level(id)) && is_made(id);
+}
+
 NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
-  const int posts = plain_.posts_level(id);
-  if (id.level > posts) {
+  const int posts = layers_.of(id)->front().level;
+  if (is_made(id)) {
     const auto made = block(id, stop);
     if (!made) return {};
-    return {made->error_m, made->min_m, made->max_m, false, plain_.node(id, stop).replaced, made->error_m};
+    // Files that can't be used are the exception: then the plain terrain is asked.
+    if (of_coarse_posts_alone(id) && !plain_.has_replacements())
+      return {made->error_m, made->min_m, made->max_m, false, {}, made->error_m};
+    const NodeInfo plain = plain_.node(id, stop);
+    // Layers of finer posts than the block has: what it leaves out of them is no detail.
+    const double of_posts = layers_.of(id)->back().level > id.level ? plain.error_m : 0;
+    return {made->error_m, made->min_m, made->max_m, false, plain.replaced, std::max(0.0, made->error_m - of_posts)};
   }
   NodeInfo info = plain_.node(id, stop);
   if (info.empty || !reached(id)) return info;
@@ -235,28 +262,28 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
 
 void DetailedTerrain::widen(const BlockId& id, HeightRange& range) const {
   if (!reached(id)) return;
-  const int posts = plain_.posts_level(id);
+  const int posts = layers_.of(id)->front().level;
   // Catmull-Rom's overshoot: an eighth of the range on either side of each axis, at most.
   const float beyond = static_cast<float>(detail_->beyond_posts_m(posts)) + 0.3F * (range.high - range.low);
   range.low -= beyond, range.high += beyond;
 }
 
 std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const StopToken& stop) const {
-  const int posts = plain_.posts_level(id);
-  if (id.level <= posts) return plain_.block(id, stop);
-  if (const auto here = blocks_.find(key_of(number_, id))) return *here;
+  if (!is_made(id)) return plain_.block(id, stop);
+  if (const auto here = blocks_.find(key_of(number_, static_cast<int>(Kind::made), id))) return *here;
   // As of the plain terrain's blocks: a pyramid is waited for out here, and who begins to make a block has his place in
   // the arena, which those who wait for the block may have taken all the others of.
-  plain_.node(ancestor_of(id, posts), stop);
+  if (!of_coarse_posts_alone(id)) plain_.node(ancestor_of(id, std::min(id.level, plain_.posts_level(id))), stop);
   std::shared_ptr<const Block> block;
-  where_loops_run([&] { block = kept(id, stop, [&] { return made(id, posts, stop); }); });
+  where_loops_run([&] { block = kept(Kind::made, id, stop, [&] { return made(id, stop); }); });
   return block;
 }
 
 template <typename Make>
-std::shared_ptr<const Block> DetailedTerrain::kept(const BlockId& id, const StopToken& stop, const Make& make) const {
+std::shared_ptr<const Block> DetailedTerrain::kept(Kind kind, const BlockId& id, const StopToken& stop,
+                                                   const Make& make) const {
   return blocks_.get(
-      key_of(number_, id),
+      key_of(number_, static_cast<int>(kind), id),
       [&] {
         std::shared_ptr<const Block> one = make();
         const std::size_t bytes = one ? one->bytes() : sizeof(Block);
@@ -266,11 +293,32 @@ std::shared_ptr<const Block> DetailedTerrain::kept(const BlockId& id, const Stop
 }
 
 std::shared_ptr<const Block> DetailedTerrain::corrected(const BlockId& id, const StopToken& stop) const {
-  return kept(id, stop, [&]() -> std::shared_ptr<const Block> {
-    const auto posts = plain_.block(id, stop);
+  return kept(Kind::corrected, id, stop, [&]() -> std::shared_ptr<const Block> {
+    // Coarser blocks of a pyramid are means of finer posts.
+    const auto posts = id.level == plain_.posts_level(id) ? plain_.block(id, stop) : posts_beneath(id, stop);
     if (!posts) return nullptr;
     return make_corrected(*posts, stop);
   });
+}
+
+std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const StopToken& stop) const {
+  const BlockId root = id.level <= kRootLevel ? id : ancestor_of(id, kRootLevel);
+  PostsOfBlock posts = compose_block(root, id, plain_.post_source(), layers_.files_up_to(id.level), stop);
+  auto block = std::make_shared<Block>();
+  block->id = id, block->extent = extent_of(id);
+  fill_trigonometry(*block);
+  const int side = block->side(), wide = side + 2 * kHalo;
+  bool any = false;
+  for (int r = 0; r < side; ++r)
+    for (int c = 0; c < side; ++c) {
+      const float height_m = posts.heights[static_cast<std::size_t>((r + kHalo) * wide + c + kHalo)];
+      block->vertices.push_back({height_m, Eigen::Vector3f::Zero()});
+      any |= !std::isnan(height_m);
+    }
+  if (!any) return nullptr;
+  block->sources = std::move(posts.sources);
+  block->pack();
+  return block;
 }
 
 std::shared_ptr<Block> DetailedTerrain::make_corrected(const Block& posts, const StopToken& stop) const {
@@ -304,29 +352,87 @@ std::shared_ptr<Block> DetailedTerrain::make_corrected(const Block& posts, const
   return block;
 }
 
-std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_level, const StopToken& stop) const {
-  auto block = std::make_shared<Block>();
-  block->id = id, block->extent = extent_of(id);
-  fill_trigonometry(*block);
-  const BlockExtent& e = block->extent;
+// Of a block and of kHalo posts around it, row by row.
+struct DetailedTerrain::Surface {
+  std::vector<double> posts_m, heights_m;  // without detail, with it
+  std::vector<float> in_crater;
+  std::vector<SourceMark> sources;
+  std::vector<Ground> ground;  // where no crater is
+  double left_out_m;
+};
+
+DetailedTerrain::Surface DetailedTerrain::surface_of(const BlockId& id, int posts_level, const StopToken& stop) const {
+  const BlockExtent e = extent_of(id);
   const int side = e.quads + 1 + 2 * kHalo;
   const auto n = static_cast<std::size_t>(side);
-  PostsAround posts(*this, posts_level, stop);
-
-  std::vector<double> heights(n * n);
-  std::vector<float> in_crater(n * n);
+  const bool finer = id.level > posts_level;
+  PostsAround posts(*this, finer ? posts_level : id.level,
+                    finer ? PostsAround::Posts::corrected : PostsAround::Posts::as_they_are, stop);
+  Surface out{{}, std::vector<double>(n * n), std::vector<float>(n * n), {}, {}, 0};
+  out.sources.reserve(n * n);
   std::vector<std::int64_t> lons;
   lons.reserve(n);
   for (int i = 0; i < side; ++i) lons.push_back(e.lon0 + std::int64_t{i - kHalo} * e.lon_step);
   for (int r = 0; r < side; ++r) {
     stop.check();
-    posts.row(e.lat0 + std::int64_t{r - kHalo} * e.lat_step, lons, heights.data() + static_cast<std::size_t>(r) * n);
+    const std::int64_t lat = e.lat0 + std::int64_t{r - kHalo} * e.lat_step;
+    posts.row(lat, lons, out.heights_m.data() + static_cast<std::size_t>(r) * n);
+    for (const std::int64_t lon : lons) out.sources.push_back(posts.source(lat, lon));
   }
-  detail_->add(Places(e, -kHalo, 1, side).grid(), id.level, posts_level, heights, in_crater, stop);
-  const Ground between = detail_->has_relief(id.level, posts_level) ? Ground::relief : Ground::dem;
+  out.posts_m = out.heights_m;
+  if (!finer) {
+    out.left_out_m = plain_.node(id, stop).error_m;
+    out.ground.assign(n * n, Ground::dem);
+    return out;
+  }
+  detail_->add(Places(e, -kHalo, 1, side).grid(), id.level, posts_level, out.heights_m, out.in_crater, stop);
+  out.left_out_m = detail_->left_out_m(id.level, posts_level);
+  out.ground.assign(n * n, detail_->has_relief(id.level, posts_level) ? Ground::relief : Ground::dem);
+  return out;
+}
+
+// Where a layer begins to count, its own ground over that of those beneath.
+void DetailedTerrain::blend(Surface& below, const Surface& above, const BlockId& id,
+                            const LayeredPosts::Layer& layer) const {
+  const BlockExtent e = extent_of(id);
+  const int side = e.quads + 1 + 2 * kHalo;
+  const LayeredPosts::Shares shares = layers_.shares(layer, id);
+  // To the bit one or the other beyond the band: blocks there don't look at both.
+  const auto mixed = [](double share, double a, double b) {
+    return share == 0 ? a : share == 1 ? b : a + share * (b - a);
+  };
+  std::size_t at = 0;
+  for (int r = 0; r < side; ++r)
+    for (int c = 0; c < side; ++c, ++at) {
+      double lat_deg = -90 + (e.lat0 + static_cast<double>(r - kHalo) * e.lat_step) / kTicksPerDegree,
+             lon_deg = -180 + (e.lon0 + static_cast<double>(c - kHalo) * e.lon_step) / kTicksPerDegree;
+      if (std::abs(lat_deg) > 90) lat_deg = std::copysign(180, lat_deg) - lat_deg, lon_deg += 180;
+      const auto [of_posts, of_detail] = shares.at(lat_deg, lon_deg);
+      if (of_posts == 0 && of_detail == 0) continue;
+      double &posts_m = below.posts_m[at], &height_m = below.heights_m[at];
+      const double added_m = mixed(of_detail, height_m - posts_m, above.heights_m[at] - above.posts_m[at]);
+      posts_m = mixed(of_posts, posts_m, above.posts_m[at]);
+      height_m = of_posts == 1 && of_detail == 1 ? above.heights_m[at] : posts_m + added_m;
+      if (of_posts > 0.5) below.sources[at] = above.sources[at];
+      if (of_detail <= 0.5) continue;
+      below.in_crater[at] = above.in_crater[at], below.ground[at] = above.ground[at];
+    }
+  below.left_out_m = std::max(below.left_out_m, above.left_out_m);
+}
+
+std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, const StopToken& stop) const {
+  auto block = std::make_shared<Block>();
+  block->id = id, block->extent = extent_of(id);
+  fill_trigonometry(*block);
+  const BlockExtent& e = block->extent;
+  const auto n = static_cast<std::size_t>(e.quads + 1 + 2 * kHalo);
+  const LayeredPosts::Layers layers = layers_.of(id);
+  Surface surface = surface_of(id, layers->front().level, stop);
+  for (auto layer = layers->begin() + 1; layer != layers->end(); ++layer)
+    blend(surface, surface_of(id, layer->level, stop), id, *layer);
   const bool everywhere = detail_->preset().region.everywhere();
 
-  std::vector<float> rounded(heights.begin(), heights.end());
+  std::vector<float> rounded(surface.heights_m.begin(), surface.heights_m.end());
   block->vertices.reserve(block->index(e.quads, e.quads) + 1);
   block->sources.reserve(block->index(e.quads, e.quads) + 1);
   block->ground.reserve(block->index(e.quads, e.quads) + 1);
@@ -337,10 +443,9 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
       const std::size_t at = static_cast<std::size_t>(r + kHalo) * n + static_cast<std::size_t>(c + kHalo);
       const float* h = rounded.data() + at;
       block->vertices.push_back({*h, Eigen::Vector3f::Zero()});
-      block->sources.push_back(
-          posts.source(e.lat0 + std::int64_t{r} * e.lat_step, e.lon0 + std::int64_t{c} * e.lon_step));
+      block->sources.push_back(surface.sources[at]);
       const bool outside = !everywhere && detail_->share(block->position(r, c, 0).normalized()) == 0;
-      block->ground.push_back(in_crater[at] > 0 ? Ground::crater : outside ? Ground::dem : between);
+      block->ground.push_back(surface.in_crater[at] > 0 ? Ground::crater : outside ? Ground::dem : surface.ground[at]);
       if (std::isnan(*h)) continue;
       low = std::min(low, *h), high = std::max(high, *h);
       for (const std::ptrdiff_t step : {std::ptrdiff_t{1}, static_cast<std::ptrdiff_t>(n)})
@@ -351,8 +456,7 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, int posts_
   block->pack();
   // A kink between two posts lies off the line between them by up to half of what the nearer post's second difference
   // says; along two axes, three quarters are more than was ever seen (unit.detail).
-  const double left_out = detail_->left_out_m(id.level, posts_level);
-  block->error_m = id.level >= detail_->finest_level() ? 0 : 0.75 * bend + left_out;
+  block->error_m = id.level >= finest_level(id) ? 0 : 0.75 * bend + surface.left_out_m;
   block->min_m = low - static_cast<float>(block->error_m), block->max_m = high + static_cast<float>(block->error_m);
   fill_shading_normals(*block, rounded, {});
   return block;

@@ -5,12 +5,14 @@
 // makes them. A detail is shown where the posts are too far apart for it (detail.h): what they can show they have. And
 // it keeps what they say: before they are interpolated, the detail's mean over each post's cell is taken from the post,
 // so that means over cells of the ground with detail are those of the ground without (unit.detail says how nearly).
+// Where a finer layer lies over a coarser one, each place has the ground of its own layer's posts (layered_posts.h).
 #pragma once
 
 #include <memory>
 
 #include "dem/cache.h"
 #include "dem/detail/detail.h"
+#include "dem/detail/layered_posts.h"
 #include "dem/terrain.h"
 
 namespace selenograph::dem {
@@ -29,6 +31,12 @@ class DetailedTerrain {
   int finest_level(const BlockId& id) const;
   NodeInfo node(const BlockId& id, const StopToken& stop) const;
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop) const;
+  // The level of the posts that the ground at a place is made of.
+  int posts_level_at(double lat_deg, double lon_deg) const { return layers_.level_at(lat_deg, lon_deg); }
+  // Whether there is detail on it.
+  bool is_made(const BlockId& id) const;
+  // Whether it has, and there are finer posts near it that it is not made of: the plain terrain's block isn't needed.
+  bool of_coarse_posts_alone(const BlockId& id) const;
   // Of the posts' heights, by what detail may do to them.
   void widen(const BlockId& id, HeightRange& range) const;
 
@@ -37,17 +45,25 @@ class DetailedTerrain {
   // Whether the detail's region does, or what stands in it: decided for whole blocks of posts, so that heights, frames
   // and rays agree on which level is a place's finest.
   bool reached(const BlockId& id) const;
-  std::shared_ptr<const Block> made(const BlockId& id, int posts_level, const StopToken& stop) const;
+  // Posts of a layer and of those beneath it alone, at a block's vertices: heights and sources. Null where there are
+  // none.
+  std::shared_ptr<Block> posts_beneath(const BlockId& id, const StopToken& stop) const;
+  struct Surface;
+  Surface surface_of(const BlockId& id, int posts_level, const StopToken& stop) const;
+  void blend(Surface& below, const Surface& above, const BlockId& id, const LayeredPosts::Layer& layer) const;
+  std::shared_ptr<const Block> made(const BlockId& id, const StopToken& stop) const;
   // Posts with the detail's means taken from them; null where there are none.
   std::shared_ptr<const Block> corrected(const BlockId& id, const StopToken& stop) const;
   std::shared_ptr<Block> make_corrected(const Block& posts, const StopToken& stop) const;
+  enum class Kind { made, corrected };
   template <typename Make>
-  std::shared_ptr<const Block> kept(const BlockId& id, const StopToken& stop, const Make& make) const;
+  std::shared_ptr<const Block> kept(Kind kind, const BlockId& id, const StopToken& stop, const Make& make) const;
 
   const Terrain& plain_;
   std::shared_ptr<const Detail> detail_;
   Blocks& blocks_;
   int number_;
+  LayeredPosts layers_;
 };
 
 }  // namespace selenograph::dem

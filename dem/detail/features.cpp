@@ -120,7 +120,7 @@ double CraterSurvey::octave_height_m(double own_m, const Vec3& place, std::span<
 // In the block of the finest surface: what DetailedTerrain asks.
 bool CraterSurvey::shows(int octave, const Geographic& place) const {
   const int level = finest_level_at(detailed_, place.lat_deg, place.lon_deg);
-  const int posts = posts_level_at(plain_, place.lat_deg, place.lon_deg, level);
+  const int posts = detailed_.detail_begins_at(place.lat_deg, place.lon_deg);
   return level > posts && octave < Detail::past_largest_octave(posts);
 }
 

@@ -32,7 +32,9 @@ std::optional<Footprint> common(const Footprint& a, const Footprint& b) {
 }
 
 Circle circle_around(const Footprint& f) {
-  const auto place = [](double lat_deg, double lon_deg) { return to_cartesian({lat_deg, lon_deg, 0}) / kMoonRadius_m; };
+  const auto place = [](double lat_deg, double lon_deg) -> Vec3 {
+    return to_cartesian({lat_deg, lon_deg, 0}) / kMoonRadius_m;
+  };
   const Vec3 middle = place((f.south_deg + f.north_deg) / 2, (f.west_deg + f.east_deg) / 2);
   // Corners are the farthest, those in the east as far as those in the west.
   return {middle, kMoonRadius_m * std::max((place(f.south_deg, f.west_deg) - middle).norm(),

@@ -192,7 +192,7 @@ class ViewSelector {
   }
 
   void count_detail(const BlockId& id, std::ptrdiff_t change) {
-    if (most_of_detail_ == kAny || id.level <= terrain_.plain().posts_level(id)) return;
+    if (most_of_detail_ == kAny || !terrain_.has_detail(id)) return;
     of_detail_ += static_cast<std::size_t>(change);
     if (of_detail_ > most_of_detail_) throw TooMuchDetail();
   }
@@ -209,7 +209,7 @@ class ViewSelector {
     if (finest(id)) return false;
     const double allowed = accuracy_.max_error_px;
     if (allowed == 0) return true;
-    const bool coarser_than_posts = id.level < terrain_.plain().posts_level(id);
+    const bool coarser_than_posts = !terrain_.has_detail(id) && id.level < terrain_.plain().posts_level(id);
     if (coarser_than_posts && dem::post_spacing_m(id.level) * pixels_per_metre > 2 * allowed) return true;
     // Where the sag alone is too much, the posts' own error, which may have to be computed, is not needed.
     if (dem::chord_sag_m(id.level) * pixels_per_metre > allowed) return true;

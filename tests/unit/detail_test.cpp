@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -239,6 +240,33 @@ BlockId block_over(int level, double lat_deg, double lon_deg) {
 }
 
 // To the bit, whoever is made first: neighbours share their border's heights, and a second service has the same.
+void expect_borders_agree(const Terrain& terrain, const Terrain& again, const BlockId& id) {
+  const auto here = terrain.block(id), same = again.block(id);
+  ASSERT_TRUE(here && same);
+  const BlockExtent e = here->extent;
+  for (int i = 0; i <= e.quads; ++i)
+    for (int k = 0; k <= e.quads; ++k)
+      ASSERT_EQ(here->vertices[here->index(i, k)].height_m, same->vertices[same->index(i, k)].height_m);
+  for (const auto& [dlat, dlon] : {std::pair{-1, 0}, {e.quads * e.lat_step, 0}, {0, -1}, {0, e.quads * e.lon_step}}) {
+    const BlockId other_id = block_at(id.level, e.lat0 + dlat, wrap_lon(std::int64_t{e.lon0} + dlon));
+    const auto other = terrain.block(other_id);
+    ASSERT_TRUE(other) << to_string(other_id);
+    const BlockExtent o = other->extent;
+    int shared = 0;
+    for (int r = 0; r <= e.quads; ++r)
+      for (int c = 0; c <= e.quads; ++c) {
+        const std::int32_t at_lat = e.lat0 + r * e.lat_step - o.lat0, at_lon = e.lon0 + c * e.lon_step - o.lon0;
+        if (at_lat < 0 || at_lon < 0 || at_lat % o.lat_step || at_lon % o.lon_step) continue;
+        const int orow = at_lat / o.lat_step, ocol = at_lon / o.lon_step;
+        if (orow > o.quads || ocol > o.quads) continue;
+        ASSERT_EQ(here->vertices[here->index(r, c)].height_m, other->vertices[other->index(orow, ocol)].height_m)
+            << to_string(id) << ' ' << to_string(other_id) << ' ' << r << ' ' << c;
+        ++shared;
+      }
+    EXPECT_GE(shared, e.quads / 2);
+  }
+}
+
 TEST(DetailedTerrain, BlocksAgreeOnTheirBorders) {
   struct Case {
     double top, west, lat, lon;
@@ -251,35 +279,96 @@ TEST(DetailedTerrain, BlocksAgreeOnTheirBorders) {
         {-60, -180, -61, -179.2, {}},
         {27, 3, 26, 4, Region({{25.4, 4.1, 0}, {25.4, 4.6, 0}, {25.71, 4.31, 0}, {26, 4.6, 0}, {26, 4.1, 0}})}}) {
     const Ground ground(top, west, hills, region), again(top, west, hills, region);
-    for (int level = 9; level <= 13; ++level) {
-      const BlockId id = block_over(level, lat - 0.3, lon + 0.3);
-      const auto here = ground.detailed->block(id), same = again.detailed->block(id);
-      ASSERT_TRUE(here && same);
-      const BlockExtent e = here->extent;
-      for (int i = 0; i <= e.quads; ++i)
-        for (int k = 0; k <= e.quads; ++k)
-          ASSERT_EQ(here->vertices[here->index(i, k)].height_m, same->vertices[same->index(i, k)].height_m);
-      for (const auto& [dlat, dlon] :
-           {std::pair{-1, 0}, {e.quads * e.lat_step, 0}, {0, -1}, {0, e.quads * e.lon_step}}) {
-        const BlockId other_id = block_at(level, e.lat0 + dlat, wrap_lon(std::int64_t{e.lon0} + dlon));
-        const auto other = ground.detailed->block(other_id);
-        ASSERT_TRUE(other) << to_string(other_id);
-        const BlockExtent o = other->extent;
-        int shared = 0;
-        for (int r = 0; r <= e.quads; ++r)
-          for (int c = 0; c <= e.quads; ++c) {
-            const std::int32_t at_lat = e.lat0 + r * e.lat_step - o.lat0, at_lon = e.lon0 + c * e.lon_step - o.lon0;
-            if (at_lat < 0 || at_lon < 0 || at_lat % o.lat_step || at_lon % o.lon_step) continue;
-            const int orow = at_lat / o.lat_step, ocol = at_lon / o.lon_step;
-            if (orow > o.quads || ocol > o.quads) continue;
-            ASSERT_EQ(here->vertices[here->index(r, c)].height_m, other->vertices[other->index(orow, ocol)].height_m)
-                << to_string(id) << ' ' << to_string(other_id) << ' ' << r << ' ' << c;
-            ++shared;
-          }
-        EXPECT_GE(shared, e.quads / 2);
-      }
-    }
+    for (int level = 9; level <= 13; ++level)
+      expect_borders_agree(*ground.detailed, *again.detailed, block_over(level, lat - 0.3, lon + 0.3));
   }
+}
+
+// A layer of posts 30 m apart over one of 470 m, and each by itself.
+struct Layered {
+  Layered() {
+    const auto made = [&](const std::string& folder) {
+      plain.push_back(open_terrain(folder));
+      detailed.push_back(std::make_shared<Terrain>(plain.back(), std::make_shared<Detail>(preset())));
+    };
+    write_kaguya_tile(folders[0].path(), 27, 3, 2, 64, hills);
+    write_kaguya_tile(folders[1].path(), 26, 4, 1, 1024, hills);
+    for (const auto& [top, west, degrees, ppd] : {std::array{27, 3, 2, 64}, {26, 4, 1, 1024}})
+      write_kaguya_tile(folders[2].path(), top, west, degrees, ppd, hills);
+    for (const TemporaryFolder& folder : folders) made(folder.path());
+  }
+  const Terrain& coarse() const { return *detailed[0]; }
+  const Terrain& fine() const { return *detailed[1]; }
+  const Terrain& both() const { return *detailed[2]; }
+  std::array<TemporaryFolder, 3> folders;
+  std::vector<std::shared_ptr<const Terrain>> plain, detailed;
+};
+
+TEST(DetailedTerrain, EachLayerHasTheDetailOfItsOwnPosts) {
+  const Layered layers;
+  std::mt19937 random(9);
+  std::uniform_real_distribution<double> any(-1, 1);
+  // Beside the outline of the fine layer and more than the band away, and in its middle, where nothing shows through.
+  double added2 = 0;
+  constexpr int kPlaces = 500;
+  for (int i = 0; i < kPlaces; ++i) {
+    const double lat = 25.5 + 0.3 * any(random), lon = 3.8 + 0.15 * any(random);
+    const double height_m = layers.both().height(lat, lon).height_m;
+    EXPECT_NEAR(height_m, layers.coarse().height(lat, lon).height_m, 1e-3) << lat << ' ' << lon;
+    added2 += std::pow(height_m - layers.plain[2]->height(lat, lon).height_m, 2);
+    const double in_lat = 25.5 + 0.05 * any(random), in_lon = 4.5 + 0.05 * any(random);
+    EXPECT_NEAR(layers.both().height(in_lat, in_lon).height_m, layers.fine().height(in_lat, in_lon).height_m, 1e-3)
+        << in_lat << ' ' << in_lon;
+  }
+  EXPECT_GT(std::sqrt(added2 / kPlaces), 0.5);
+  // From one to the other without a step, every metre.
+  const auto steepest = [](const Terrain& terrain, double from_lon, double to_lon) {
+    double before = std::nan(""), most = 0;
+    for (double lon = from_lon; lon < to_lon; lon += 1 / kMetresPerDegree) {
+      const double height_m = terrain.height(25.5, lon).height_m;
+      if (!std::isnan(before)) most = std::max(most, std::abs(height_m - before));
+      before = height_m;
+    }
+    return most;
+  };
+  const double across = steepest(layers.both(), 3.96, 4.01);
+  EXPECT_LT(across, 1.2 * std::max(steepest(layers.coarse(), 3.96, 4.01), steepest(layers.fine(), 4.4, 4.45)));
+}
+
+TEST(DetailedTerrain, BlocksOfLayersAgreeOnTheirBorders) {
+  const Layered here, again;
+  for (const auto& [lat, lon] : {std::pair{25.5, 4.0001}, {25.5, 3.999}, {25.999, 4.001}, {26.001, 3.999}, {25.5, 3.7}})
+    for (int level = 7; level <= 13; ++level)
+      expect_borders_agree(here.both(), again.both(), block_over(level, lat, lon));
+}
+
+// Tiles of one layer that touch are one: nothing of the layer beneath shows between them.
+TEST(DetailedTerrain, TilesOfALayerHaveNoBorderBetweenThem) {
+  const TemporaryFolder fine, both;
+  for (const TemporaryFolder* folder : {&fine, &both})
+    for (const double west : {3.0, 4.0}) write_kaguya_tile(folder->path(), 27, west, 1, 1024, hills);
+  write_kaguya_tile(both.path(), 27, 3, 2, 64, hills);
+  const auto detailed = [](const TemporaryFolder& folder) {
+    return std::make_shared<Terrain>(open_terrain(folder.path()), std::make_shared<Detail>(preset()));
+  };
+  const auto alone = detailed(fine), over = detailed(both);
+  for (int i = -30; i <= 30; ++i) {
+    const double lat = 26.5 + 1e-3 * i, lon = 4 + i / (16 * 1024.0);
+    EXPECT_NEAR(over->height(lat, lon).height_m, alone->height(lat, lon).height_m, 1e-3) << lat << ' ' << lon;
+  }
+}
+
+TEST(CraterSurvey, ListsWhatALayerIsTooCoarseFor) {
+  const Layered layers;
+  const Footprint beside{25.5, 25.55, 3.85, 3.9};
+  const auto ids = [&](const Terrain& terrain) {
+    std::vector<std::uint64_t> found;
+    for (const CraterFeature& f : CraterSurvey(terrain).within(beside, 30, {})) found.push_back(f.crater.id);
+    return found;
+  };
+  const std::vector<std::uint64_t> listed = ids(layers.both());
+  EXPECT_GT(listed.size(), 5U);
+  EXPECT_EQ(listed, ids(layers.coarse()));
 }
 
 // Inside it is the ground that there is without a region, outside the DEM's; craters are those that have their middle

@@ -84,8 +84,8 @@ TEST(OpenApi, EveryRouteIsThereWithItsProblems) {
 
 TEST(OpenApi, NoPathThatIsNoRoute) {
   for (const auto& [path, operations] : document().at("paths").items()) {
-    const bool route =
-        std::any_of(std::begin(kRoutes), std::end(kRoutes), [&](const Route& r) { return r.path == path; });
+    const bool route = std::any_of(std::begin(kRoutes), std::end(kRoutes),
+                                   [&, path = path](const Route& r) { return r.path == path; });
     const bool operators = path.starts_with("/health/") || path == "/metrics";
     EXPECT_TRUE(route || operators) << path;
   }

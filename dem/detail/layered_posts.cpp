@@ -1,0 +1,181 @@
+#include "dem/detail/layered_posts.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "dem/detail/footprints.h"
+#include "dem/lattice.h"
+#include "dem/post_source.h"
+#include "dem/shading_normals.h"
+#include "dem/surface_place.h"
+
+namespace selenograph::dem {
+namespace {
+
+// A layer's ground reaches so far beyond its outermost posts: up to those of the next of its files.
+constexpr double kReachPosts = 2;
+
+bool inside(const RasterInfo& info, const PostXY& at) {
+  return (info.wraps_longitude || (at.x >= -0.5 && at.x <= info.width - 0.5)) && at.y >= -0.5 &&
+         at.y <= info.height - 0.5;
+}
+
+// How far a place is from a file's posts, less what its ground reaches beyond them.
+double beyond_m(const RasterInfo& info, const PostXY& at, double lat_deg) {
+  double x = std::max({0.0, -at.x, at.x - (info.width - 1)});
+  const double y = std::max({0.0, -at.y, at.y - (info.height - 1)});
+  double x_m = info.post_spacing_m;
+  if (const auto* g = std::get_if<GeographicGrid>(&info.grid)) {
+    if (info.wraps_longitude) x = 0;
+    x_m = kMetresPerDegree / g->lon_posts_per_degree * std::cos(lat_deg * kRadiansPerDegree);
+  }
+  return std::max(0.0, std::hypot(x * x_m, y * info.post_spacing_m) - kReachPosts * info.post_spacing_m);
+}
+
+// A block with the posts beside it that its surface and normals are made of.
+Footprint with_posts_beside(const BlockId& id) {
+  const BlockExtent e = extent_of(id);
+  Footprint box = footprint_of(id);
+  const double lat_deg = kHalo * e.lat_step / kTicksPerDegree, lon_deg = kHalo * e.lon_step / kTicksPerDegree;
+  box.south_deg -= lat_deg, box.north_deg += lat_deg, box.west_deg -= lon_deg, box.east_deg += lon_deg;
+  if (box.south_deg < -90 || box.north_deg > 90) box.west_deg = -180, box.east_deg = 180;
+  box.south_deg = std::max(box.south_deg, -90.0), box.north_deg = std::min(box.north_deg, 90.0);
+  return box;
+}
+
+struct PostBox {
+  int x0, y0, w, h;
+};
+
+// Of a file's posts, those that a region may lie between; none: nullopt.
+std::optional<PostBox> posts_around(const RasterInfo& info, const Footprint& region) {
+  constexpr int kAlong = 9;
+  double x0 = info.width, x1 = -1, y0 = info.height, y1 = -1;
+  for (int r = 0; r < kAlong; ++r)
+    for (int c = 0; c < kAlong; ++c) {
+      const PostXY at = locate(info, region.south_deg + r * (region.north_deg - region.south_deg) / (kAlong - 1),
+                               region.west_deg + c * (region.east_deg - region.west_deg) / (kAlong - 1));
+      x0 = std::min(x0, at.x), x1 = std::max(x1, at.x), y0 = std::min(y0, at.y), y1 = std::max(y1, at.y);
+    }
+  // Between the places that were looked at, a border may be curved.
+  const double beside = 1 + std::max(x1 - x0, y1 - y0) / kAlong;
+  x0 = std::max(0.0, std::floor(x0 - beside)), y0 = std::max(0.0, std::floor(y0 - beside));
+  x1 = std::min<double>(info.width - 1, std::ceil(x1 + beside));
+  y1 = std::min<double>(info.height - 1, std::ceil(y1 + beside));
+  if (x0 > x1 || y0 > y1) return std::nullopt;
+  return PostBox{static_cast<int>(x0), static_cast<int>(y0), static_cast<int>(x1 - x0) + 1,
+                 static_cast<int>(y1 - y0) + 1};
+}
+
+}  // namespace
+
+LayeredPosts::LayeredPosts(const Terrain& plain, double widest_m) : plain_(plain), widest_m_(widest_m) {}
+
+LayeredPosts::Layers LayeredPosts::of(const BlockId& id) const {
+  constexpr std::size_t kMostKnown = 100000;
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto known = known_.find(id); known != known_.end()) return known->second;
+  }
+  auto made = std::make_shared<const std::vector<Layer>>(found(id));
+  const std::lock_guard lock(mutex_);
+  if (known_.size() >= kMostKnown) known_.clear();
+  return known_.try_emplace(id, std::move(made)).first->second;
+}
+
+std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
+  const Catalogue& catalogue = plain_.catalogue();
+  if (catalogue.one_layer()) return {{plain_.posts_level(id)}};
+  // What lies beside the block is asked for, too: a bicubic surface and normals.
+  const Footprint box = footprint_of(id);
+  constexpr double kPostsBeside = 4;
+  const auto files_near = [&](double margin_m) {
+    const Footprint wide = around(box, margin_m + kPostsBeside * post_spacing_m(id.level));
+    return catalogue.touching(wide.south_deg, wide.north_deg, wide.west_deg, wide.east_deg);
+  };
+  const auto level_of = [&](int file) {
+    return PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(file)]);
+  };
+  const std::vector<int> near = files_near(widest_m_);
+  if (near.empty()) return {{plain_.posts_level(id)}};
+  std::vector<int> levels;
+  for (const int file : near) levels.push_back(level_of(file));
+  std::sort(levels.begin(), levels.end());
+  levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
+
+  std::vector<Layer> layers{{levels.front()}};
+  for (std::size_t k = 1; k < levels.size(); ++k) {
+    Layer layer{levels[k], std::min(widest_m_, 2 * post_spacing_m(levels[k - 1]))};
+    for (const int file : near)
+      if (level_of(file) >= levels[k]) layer.files.push_back(file);
+    // At places of the block, borders included, and beside them.
+    constexpr int kAlong = 9;
+    const Footprint wide = with_posts_beside(id);
+    const Shares shares = this->shares(layer, wide);
+    bool all = std::none_of(shares.files_.begin(), shares.files_.end(), [](const auto& f) { return f.beneath; });
+    for (int r = 0; r < kAlong && all; ++r)
+      for (int c = 0; c < kAlong && all; ++c)
+        all = shares
+                  .at(wide.south_deg + r * (wide.north_deg - wide.south_deg) / (kAlong - 1),
+                      wide.west_deg + c * (wide.east_deg - wide.west_deg) / (kAlong - 1))
+                  .posts == 1;
+    if (all) layers.clear(), layer.files.clear();
+    layers.push_back(std::move(layer));
+  }
+  return layers;
+}
+
+LayeredPosts::Shares LayeredPosts::shares(const Layer& layer, const BlockId& id) const {
+  return shares(layer, with_posts_beside(id));
+}
+
+LayeredPosts::Shares LayeredPosts::shares(const Layer& layer, const Footprint& box) const {
+  const LayerEdges& edges = plain_.post_source().edges();
+  Shares shares;
+  shares.layers_ = this, shares.band_m_ = layer.band_m;
+  for (const int file : layer.files) {
+    const RasterInfo& info = plain_.catalogue().rasters()[static_cast<std::size_t>(file)];
+    Shares::File one{file, edges.band_posts(file) > 0, {}};
+    if (one.blended)
+      if (const auto posts = posts_around(info, box))
+        one.beneath = edges.shares_of_outline(file, posts->x0, posts->y0, posts->w, posts->h);
+    shares.files_.push_back(std::move(one));
+  }
+  return shares;
+}
+
+LayeredPosts::Share LayeredPosts::Shares::at(double lat_deg, double lon_deg) const {
+  double nearest_m = band_m_, beneath = 1;
+  bool blended = false;
+  for (const File& file : files_) {
+    const RasterInfo& info = layers_->plain_.catalogue().rasters()[static_cast<std::size_t>(file.number)];
+    const PostXY at = locate(info, lat_deg, lon_deg);
+    nearest_m = std::min(nearest_m, beyond_m(info, at, lat_deg));
+    blended |= file.blended;
+    if (!inside(info, at)) continue;
+    // Of the outermost posts beyond them: shares are known of posts alone.
+    const double x = std::clamp(at.x, 0.0, info.width - 1.0), y = std::clamp(at.y, 0.0, info.height - 1.0);
+    beneath = std::min(beneath, file.beneath ? file.beneath->at(x, y) : 0);
+    if (beneath == 0) return {1, 1};
+  }
+  const double t = 1 - nearest_m / band_m_, posts = t * t * (3 - 2 * t);
+  return {posts, blended ? 1 - beneath : posts};
+}
+
+int LayeredPosts::files_up_to(int level) const {
+  // Files are in the order of their spacing, and so are the levels that they need.
+  const auto& files = plain_.catalogue().rasters();
+  const auto past = std::partition_point(
+      files.begin(), files.end(), [&](const RasterInfo& file) { return PostSource::level_needed(file) <= level; });
+  return static_cast<int>(past - files.begin());
+}
+
+int LayeredPosts::level_at(double lat_deg, double lon_deg) const {
+  const BlockId id = block_at_place(plain_.posts_level(block_at_place(kMaxLevel, lat_deg, lon_deg)), lat_deg, lon_deg);
+  const Layers layers = of(id);
+  for (auto layer = layers->rbegin(); layer + 1 != layers->rend(); ++layer)
+    if (shares(*layer, {lat_deg, lat_deg, lon_deg, lon_deg}).at(lat_deg, lon_deg).detail > 0.5) return layer->level;
+  return layers->front().level;
+}
+
+}  // namespace selenograph::dem
