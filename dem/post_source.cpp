@@ -292,9 +292,10 @@ struct PostSource::Range {
   // In a geographic file: the window's columns or rows that lie well inside of what is read, if they follow each other.
   // Nothing otherwise: then each post is to be looked at.
   std::optional<Part> well_inside(const std::vector<double>& all) const {
+    if (empty()) return std::nullopt;
     const auto inside = [&](double v) { return v >= first() + 1 && v <= past_last() - 3; };
     const auto from = std::find_if(all.begin(), all.end(), inside), to = std::find_if_not(from, all.end(), inside);
-    if (empty() || std::any_of(to, all.end(), inside)) return std::nullopt;
+    if (std::any_of(to, all.end(), inside)) return std::nullopt;
     Part part{static_cast<int>(from - all.begin()), static_cast<int>(to - all.begin()), {}, true};
     part.places.reserve(static_cast<std::size_t>(to - from));
     for (auto v = from; v != to; ++v) {
