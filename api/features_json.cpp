@@ -32,8 +32,9 @@ constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
      "from rim to rim when it was fresh. With age the highest ring moves outward and sinks: it is 1.2 of these wide "
      "when 60 % of the depth is left, and 1.5 when a third is",
      [](const CraterFeature& f) { return f.crater.diameter_m; }},
-    {"depth_m", "from the highest ring to the floor, today; of the crater alone",
-     [](const CraterFeature& f) { return f.crater.depth_m; }},
+    {"depth_m",
+     "from the highest ring to the floor, today; of the crater alone. Where layers of the DEM meet, what shows of it",
+     [](const CraterFeature& f) { return f.depth_m; }},
     {"age_Ma", "since the impact", [](const CraterFeature& f) { return f.crater.age_Ma; }},
     {"rim_share",
      "of the rim, 0 to 1, what the terrain shows: not where the DEM's posts are finer or missing, nor where other "

@@ -537,8 +537,8 @@ Terrain::~Terrain() = default;
 
 const Detail* Terrain::detail() const { return detailed_ ? &detailed_->detail() : nullptr; }
 bool Terrain::has_detail(const BlockId& id) const { return detailed_ && detailed_->is_made(id); }
-int Terrain::detail_begins_at(double lat_deg, double lon_deg) const {
-  return detailed_->posts_level_at(lat_deg, lon_deg);
+std::vector<DetailOfPosts> Terrain::detail_at(double lat_deg, double lon_deg) const {
+  return detailed_->at(lat_deg, lon_deg);
 }
 int Terrain::detail_number() const { return detailed_ ? detailed_->number() : 0; }
 

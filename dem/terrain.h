@@ -44,6 +44,12 @@ struct NodeInfo {
   double detail_error_m = 0;  // of error_m, what a detail adds: a bound of what this level leaves out of it, and more
 };
 
+// Where layers meet, the detail of each shows by a share.
+struct DetailOfPosts {
+  int level;  // of the posts
+  double share;
+};
+
 // No lunar height is outside of this (relief: +10 786 m to -9 120 m); a post that is counts as no-data.
 inline constexpr float kLowestRelief_m = -12000.F, kHighestRelief_m = 13000.F;
 
@@ -79,8 +85,8 @@ class Terrain {
   const Terrain& plain() const { return plain_ ? *plain_ : *this; }
   // Whether a block has detail on it: it is finer than the posts that its ground is made of.
   bool has_detail(const BlockId& id) const;
-  // The level of these posts at a place, with detail.
-  int detail_begins_at(double lat_deg, double lon_deg) const;
+  // With detail: what a place has of it, by the posts that it belongs to, from coarse to fine.
+  std::vector<DetailOfPosts> detail_at(double lat_deg, double lon_deg) const;
   // Of those that share everything each has its own; 0: without detail.
   int detail_number() const;
 

@@ -31,8 +31,7 @@ class DetailedTerrain {
   int finest_level(const BlockId& id) const;
   NodeInfo node(const BlockId& id, const StopToken& stop) const;
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop) const;
-  // The level of the posts that the ground at a place is made of.
-  int posts_level_at(double lat_deg, double lon_deg) const { return layers_.level_at(lat_deg, lon_deg); }
+  std::vector<DetailOfPosts> at(double lat_deg, double lon_deg) const { return layers_.at(lat_deg, lon_deg); }
   // Whether there is detail on it.
   bool is_made(const BlockId& id) const;
   // Whether it has, and there are finer posts near it that it is not made of: the plain terrain's block isn't needed.

@@ -83,7 +83,9 @@ void CraterSurvey::add_if_shown(const Crater& crater, int octave, std::span<cons
                                 std::vector<CraterFeature>& out, const StopToken& stop) const {
   CraterFeature feature{crater, octave, to_geographic(crater.centre * kMoonRadius_m), 0};
   Geographic& place = feature.place;
-  if (!shows(octave, place)) return;
+  const double share = this->share(octave, place);
+  if (!(share > 0.5)) return;
+  feature.depth_m = share * crater.depth_m;
   place.height_m = plain_.height(place.lat_deg, place.lon_deg, stop).height_m;
   if (std::isnan(place.height_m)) return;
   std::vector<Crater> others;
@@ -118,10 +120,12 @@ double CraterSurvey::octave_height_m(double own_m, const Vec3& place, std::span<
 }
 
 // In the block of the finest surface: what DetailedTerrain asks.
-bool CraterSurvey::shows(int octave, const Geographic& place) const {
+double CraterSurvey::share(int octave, const Geographic& place) const {
   const int level = finest_level_at(detailed_, place.lat_deg, place.lon_deg);
-  const int posts = detailed_.detail_begins_at(place.lat_deg, place.lon_deg);
-  return level > posts && octave < Detail::past_largest_octave(posts);
+  double share = 0;
+  for (const DetailOfPosts& layer : detailed_.detail_at(place.lat_deg, place.lon_deg))
+    if (level > layer.level && octave < Detail::past_largest_octave(layer.level)) share += layer.share;
+  return share;
 }
 
 Vec3 CraterSurvey::on_rim(const Crater& crater, double angle) {

@@ -1,8 +1,8 @@
 // The craters of a detail that the terrain has: truth for what looks for craters.
 //
 // The detail's law says which craters there are, the DEM's posts which of them the terrain shows (detail.h). It is
-// decided for each crater by the posts at its centre. A crater across a border of posts levels, or of the data, is cut
-// by it: its rim_share says so.
+// decided for each crater by the posts at its centre. A crater across the border of the data is cut by it, one across
+// the band between layers (layered_posts.h) ends within it: its rim_share says so.
 #pragma once
 
 #include <span>
@@ -23,6 +23,7 @@ struct CraterFeature {
   // Of its rim, what the terrain shows: not where posts are finer or missing, nor where other craters of its octave
   // change it by more than a quarter of its depth. (Of craters of one octave the deepest counts: they don't add up.)
   double rim_share = 0;
+  double depth_m = 0;  // the crater's, as far as its layer's detail counts at its centre
 };
 
 // How many craters the law expects in a region, before the terrain is asked.
@@ -57,7 +58,9 @@ class CraterSurvey {
   void survey(const Piece& piece, double smallest_m, const StopToken& stop, std::vector<CraterFeature>& out) const;
   void add_if_shown(const Crater& crater, int octave, std::span<const Crater> candidates,
                     std::vector<CraterFeature>& out, const StopToken& stop) const;
-  bool shows(int octave, const Geographic& place) const;
+  // How much of an octave there is.
+  double share(int octave, const Geographic& place) const;
+  bool shows(int octave, const Geographic& place) const { return share(octave, place) > 0.5; }
   double octave_height_m(double own_m, const Vec3& place, std::span<const Crater> others) const;
 
   const Terrain& plain_;

@@ -170,12 +170,16 @@ int LayeredPosts::files_up_to(int level) const {
   return static_cast<int>(past - files.begin());
 }
 
-int LayeredPosts::level_at(double lat_deg, double lon_deg) const {
+std::vector<DetailOfPosts> LayeredPosts::at(double lat_deg, double lon_deg) const {
   const BlockId id = block_at_place(plain_.posts_level(block_at_place(kMaxLevel, lat_deg, lon_deg)), lat_deg, lon_deg);
-  const Layers layers = of(id);
-  for (auto layer = layers->rbegin(); layer + 1 != layers->rend(); ++layer)
-    if (shares(*layer, {lat_deg, lat_deg, lon_deg, lon_deg}).at(lat_deg, lon_deg).detail > 0.5) return layer->level;
-  return layers->front().level;
+  std::vector<DetailOfPosts> found;
+  for (const Layer& layer : *of(id)) {
+    const double share =
+        found.empty() ? 1 : shares(layer, Footprint{lat_deg, lat_deg, lon_deg, lon_deg}).at(lat_deg, lon_deg).detail;
+    for (DetailOfPosts& below : found) below.share *= 1 - share;
+    found.push_back({layer.level, share});
+  }
+  return found;
 }
 
 }  // namespace selenograph::dem

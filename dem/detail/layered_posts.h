@@ -59,8 +59,8 @@ class LayeredPosts {
   Shares shares(const Layer& layer, const BlockId& id) const;
   // How many of the catalogue's files, from the first on, have no finer posts than a level shows.
   int files_up_to(int level) const;
-  // The level of the layer at a place that counts most.
-  int level_at(double lat_deg, double lon_deg) const;
+  // Whose detail there is at a place, from coarse to fine: the shares' sum is 1.
+  std::vector<DetailOfPosts> at(double lat_deg, double lon_deg) const;
 
  private:
   std::vector<Layer> found(const BlockId& id) const;

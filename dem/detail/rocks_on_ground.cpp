@@ -38,7 +38,10 @@ RockSurvey::FreshCraters RockSurvey::fresh_around(const BlockId& id) const {
     const double lat_deg = (lat_deg_of(e.lat0) + lat_deg_of(e.lat1())) / 2,
                  lon_deg = (lon_deg_of(e.lon0) + lon_deg_of(e.lon1())) / 2;
     const double side_m = e.quads * std::max(e.lat_step, e.lon_step) * (kMetresPerDegree / kTicksPerDegree);
-    const int posts = terrain_.detail_begins_at(lat_deg, lon_deg);
+    const std::vector<DetailOfPosts> layers = terrain_.detail_at(lat_deg, lon_deg);
+    const int posts = std::max_element(layers.begin(), layers.end(), [](const auto& a, const auto& b) {
+                        return a.share < b.share;
+                      })->level;
     kept = std::make_shared<const std::vector<FreshCrater>>(
         field_.fresh(detail_.craters(), Detail::past_largest_octave(posts),
                      to_cartesian({lat_deg, lon_deg, 0}).normalized(), side_m));

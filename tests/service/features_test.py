@@ -37,7 +37,7 @@ PRESETS = {
 def setUpModule():
     harness.set_up()
     sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
-    # Posts of 118 m, and of 30 m east of 33 degrees; the pyramid has such from 32 degrees on, where its block begins.
+    # Posts of 118 m, and of 30 m east of 33 degrees.
     sample("coarse", "--south-deg", "0", "--west-deg", "31", "--rows", "1", "--columns", "2", "--ppd", "256")
     sample("fine", "--south-deg", "0", "--west-deg", "33", "--rows", "1", "--columns", "1", "--ppd", "1024")
     os.makedirs(harness.path("assets", "details"))
@@ -338,15 +338,16 @@ class FinerPosts(WithFeatures):
         self.assertGreater(len(fine), 200)
 
     def test_where_they_meet(self):
-        """Where the finer posts begin larger craters end: what is cut says so."""
-        border = self.craters("large", region(0.3, 0.7, 31.99, 32.01), smallest_m=64)
-        self.assertTrue(border)
-        end = 32
-        self.assertLess(max(c["lon_deg"] for c in border), end)
-        near = [c for c in border if (end - c["lon_deg"]) * METRES_PER_DEGREE < 30]
+        """Before the finer posts begin larger craters fade: over a band as wide as two coarse posts, which ends two fine
+        ones before them. Those of half their depth and more are listed; what is cut says so."""
+        border = self.craters("large", region(0.02, 0.98, 32.95, 33.05), smallest_m=128)
+        middle = 33 - 1 / 256 - 2 / 1024
+        self.assertLess(max(c["lon_deg"] for c in border), middle + 1e-4)
+        near = [c for c in border if (middle - c["lon_deg"]) * METRES_PER_DEGREE < 64]
         self.assertTrue(near)
         for crater in near:
             self.assertLess(crater["rim_share"], 1)
+        self.assertGreater(len(border), 100)
 
 
 class CommandLine(WithFeatures):

@@ -369,6 +369,27 @@ TEST(CraterSurvey, ListsWhatALayerIsTooCoarseFor) {
   const std::vector<std::uint64_t> listed = ids(layers.both());
   EXPECT_GT(listed.size(), 5U);
   EXPECT_EQ(listed, ids(layers.coarse()));
+
+  // Inside the outline the coarse layer's craters fade with its posts, to the middle of the band.
+  const Footprint across{25.5, 25.7, 4, 4.3};
+  const std::vector<CraterFeature> whole = CraterSurvey(layers.coarse()).within(across, 100, {}),
+                                   faded = CraterSurvey(layers.both()).within(across, 100, {});
+  ASSERT_GT(faded.size(), 20U);
+  EXPECT_LT(faded.size(), whole.size());
+  double least = 1, easternmost = 4;
+  for (const CraterFeature& f : faded) {
+    const auto same =
+        std::find_if(whole.begin(), whole.end(), [&](const auto& w) { return w.crater.id == f.crater.id; });
+    ASSERT_NE(same, whole.end());
+    const double share = f.depth_m / same->depth_m;
+    EXPECT_GT(share, 0.5);
+    EXPECT_LE(share, 1);
+    if (f.place.lon_deg < 4.01) EXPECT_GT(share, 0.95);
+    least = std::min(least, share), easternmost = std::max(easternmost, f.place.lon_deg);
+  }
+  EXPECT_LT(least, 0.6);
+  EXPECT_GT(easternmost, 4.05);
+  EXPECT_LT(easternmost, 4.2);
 }
 
 // Inside it is the ground that there is without a region, outside the DEM's; craters are those that have their middle
