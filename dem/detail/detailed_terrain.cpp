@@ -223,16 +223,16 @@ int DetailedTerrain::finest_level(const BlockId& id) const {
 }
 
 bool DetailedTerrain::is_made(const BlockId& id) const {
-  return id.level > layers_.of(id)->front().level && (reached(id) || id.level > plain_.posts_level(id));
+  return id.level > layers_.coarsest(id) && (reached(id) || id.level > plain_.posts_level(id));
 }
 
 bool DetailedTerrain::of_coarse_posts_alone(const BlockId& id) const {
-  const LayeredPosts::Layers layers = layers_.of(id);
-  return layers->size() == 1 && layers->front().level < std::min(id.level, plain_.posts_level(id)) && is_made(id);
+  return layers_.coarsest(id) < std::min(id.level, plain_.posts_level(id)) && layers_.of(id)->size() == 1 &&
+         is_made(id);
 }
 
 NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
-  const int posts = layers_.of(id)->front().level;
+  const int posts = layers_.coarsest(id);
   if (is_made(id)) {
     const auto made = block(id, stop);
     if (!made) return {};
@@ -262,7 +262,7 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
 
 void DetailedTerrain::widen(const BlockId& id, HeightRange& range) const {
   if (!reached(id)) return;
-  const int posts = layers_.of(id)->front().level;
+  const int posts = layers_.coarsest(id);
   // Catmull-Rom's overshoot: an eighth of the range on either side of each axis, at most.
   const float beyond = static_cast<float>(detail_->beyond_posts_m(posts)) + 0.3F * (range.high - range.low);
   range.low -= beyond, range.high += beyond;

@@ -72,7 +72,9 @@ std::optional<PostBox> posts_around(const RasterInfo& info, const Footprint& reg
 LayeredPosts::LayeredPosts(const Terrain& plain, double widest_m) : plain_(plain), widest_m_(widest_m) {}
 
 LayeredPosts::Layers LayeredPosts::of(const BlockId& id) const {
-  constexpr std::size_t kMostKnown = 100000;
+  if (plain_.catalogue().one_layer())
+    return std::make_shared<const std::vector<Layer>>(1, Layer{plain_.posts_level(id)});
+  constexpr std::size_t kMostKnown = 20000;  // some 5 MB
   {
     const std::lock_guard lock(mutex_);
     if (const auto known = known_.find(id); known != known_.end()) return known->second;
@@ -83,9 +85,12 @@ LayeredPosts::Layers LayeredPosts::of(const BlockId& id) const {
   return known_.try_emplace(id, std::move(made)).first->second;
 }
 
+int LayeredPosts::coarsest(const BlockId& id) const {
+  return plain_.catalogue().one_layer() ? plain_.posts_level(id) : of(id)->front().level;
+}
+
 std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
   const Catalogue& catalogue = plain_.catalogue();
-  if (catalogue.one_layer()) return {{plain_.posts_level(id)}};
   // What lies beside the block is asked for, too: a bicubic surface and normals.
   const Footprint box = footprint_of(id);
   constexpr double kPostsBeside = 4;

@@ -36,6 +36,8 @@ class LayeredPosts {
   using Layers = std::shared_ptr<const std::vector<Layer>>;
   // Those that count somewhere in a block, from coarse to fine; one at least.
   Layers of(const BlockId& id) const;
+  // The level of the first of them.
+  int coarsest(const BlockId& id) const;
   // How much a layer and those finer count against those beneath: their posts, and the detail that goes with them.
   struct Share {
     double posts, detail;  // 0 to 1
