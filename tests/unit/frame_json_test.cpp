@@ -310,7 +310,7 @@ TEST(PoseJson, InertialPosesTurnWithTheMoon) {
   // The Sun's epoch is the pose's, unless it has its own; of what the client expects next, too.
   Json suns = body;
   suns["sun"] = {{"utc", utc}};
-  suns["ahead"] = {body["pose"]};
+  suns["ahead"] = nlohmann::json::array({body["pose"]});
   expect_there(read(suns).request.pose);
   expect_there(read(suns).ahead.at(0));
   suns["pose"]["utc"] = "2026-11-20T07:30:00Z";
@@ -832,7 +832,7 @@ FrameQuery with_objects(const std::string& pose) {
                     {"material", {{"reflectance", {{"model", "lambert"}, {"rho", 0.3}}}, {"temperature_k", 280}}},
                     {"part_materials", {{"panel", {{"reflectance", {{"model", "blinn_phong"}}}}}}}};
   Json body = minimal();
-  body["objects"] = {object};
+  body["objects"] = nlohmann::json::array({object});
   return read_frame(body, Limits{}, assets);
 }
 
