@@ -36,7 +36,8 @@ double beyond_m(const RasterInfo& info, const PostXY& at, double lat_deg) {
 Footprint with_posts_beside(const BlockId& id) {
   const BlockExtent e = extent_of(id);
   Footprint box = footprint_of(id);
-  const double lat_deg = kHalo * e.lat_step / kTicksPerDegree, lon_deg = kHalo * e.lon_step / kTicksPerDegree;
+  constexpr double kDegreesPerTick = 1.0 / kTicksPerDegree;
+  const double lat_deg = kDegreesPerTick * kHalo * e.lat_step, lon_deg = kDegreesPerTick * kHalo * e.lon_step;
   box.south_deg -= lat_deg, box.north_deg += lat_deg, box.west_deg -= lon_deg, box.east_deg += lon_deg;
   if (box.south_deg < -90 || box.north_deg > 90) box.west_deg = -180, box.east_deg = 180;
   box.south_deg = std::max(box.south_deg, -90.0), box.north_deg = std::min(box.north_deg, 90.0);
@@ -104,6 +105,7 @@ std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
   const std::vector<int> near = files_near(widest_m_);
   if (near.empty()) return {{plain_.posts_level(id)}};
   std::vector<int> levels;
+  levels.reserve(near.size());
   for (const int file : near) levels.push_back(level_of(file));
   std::sort(levels.begin(), levels.end());
   levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
