@@ -123,7 +123,7 @@ class RemoteFile final : public VSIVirtualHandle {
 
   int Seek(vsi_l_offset offset, int whence) override {
     at_ = whence == SEEK_SET ? offset : whence == SEEK_CUR ? at_ + offset : bytes_ + offset;
-    end_ = false;
+    end_ = failed_ = false;
     return 0;
   }
   vsi_l_offset Tell() override { return at_; }
@@ -131,13 +131,19 @@ class RemoteFile final : public VSIVirtualHandle {
     if (size == 0 || count == 0) return 0;
     const vsi_l_offset left = at_ < bytes_ ? bytes_ - at_ : 0;
     const auto wanted = static_cast<size_t>(std::min<vsi_l_offset>(left, size * count));
-    if (wanted > 0 && !with_retries(name_, [&](RemoteTrouble& t) { return read_once(buffer, wanted, t); })) return 0;
+    if (wanted > 0 && !with_retries(name_, [&](RemoteTrouble& t) { return read_once(buffer, wanted, t); })) {
+      failed_ = true;
+      return 0;
+    }
     end_ = wanted < size * count;
     at_ += wanted;
     return wanted / size;
   }
   size_t Write(const void*, size_t, size_t) override { return 0; }
   int Eof() override { return end_; }
+  // Overrides from GDAL 3.10 on, Debian 13's.
+  void ClearErr() { end_ = failed_ = false; }
+  int Error() { return failed_; }
   int Close() override {
     handle_.reset();
     return 0;
@@ -174,7 +180,7 @@ class RemoteFile final : public VSIVirtualHandle {
   vsi_l_offset bytes_, at_ = 0;
   std::int64_t modified_s_;
   HandlePtr handle_;
-  bool end_ = false;
+  bool end_ = false, failed_ = false;
 };
 
 // Stands before a file system of GDAL's and lets through what is allowed, for reading.
