@@ -473,19 +473,16 @@ TEST(Region, DistancesAreThoseOnTheSphere) {
 }
 
 // Between a level's vertices and the finest surface lies no more than is said.
-TEST(DetailedTerrain, BoundsHold) {
-  const Ground ground(27, 3);
-  std::mt19937 random(4);
-  std::uniform_real_distribution<double> any(0.3, 1.7);
-  const int finest = ground.detailed->finest_level(block_over(8, 26, 4));
-  EXPECT_EQ(finest, 14);
+// That the heights are between those that are told, too. `place` gives another place at each call.
+template <typename Place>
+void expect_bounds_hold(const Terrain& terrain, int finest, const Place& place) {
   for (int level = 5; level < finest; ++level) {
     double tightest = 1e9;
     for (int i = 0; i < 60; ++i) {
-      const double lat = 25 + any(random), lon = 3 + any(random);
+      const auto [lat, lon] = place();
       const BlockId id = block_over(level, lat, lon);
-      const NodeInfo info = ground.detailed->node(id);
-      const auto block = ground.detailed->block(id);
+      const NodeInfo info = terrain.node(id);
+      const auto block = terrain.block(id);
       const BlockExtent e = block->extent;
       const double y = ((lat + 90) * kTicksPerDegree - e.lat0) / e.lat_step,
                    x = ((lon + 180) * kTicksPerDegree - e.lon0) / e.lon_step;
@@ -497,14 +494,32 @@ TEST(DetailedTerrain, BoundsHold) {
       const double fy = y - r, fx = x - c;
       const double here = fx + fy <= 1 ? h(0, 0) + fx * (h(0, 1) - h(0, 0)) + fy * (h(1, 0) - h(0, 0))
                                        : h(1, 1) + (1 - fx) * (h(1, 0) - h(1, 1)) + (1 - fy) * (h(0, 1) - h(1, 1));
-      const double truth = ground.detailed->height(lat, lon).height_m;
+      const double truth = terrain.height(lat, lon).height_m;
       ASSERT_LE(std::abs(here - truth), info.error_m + chord_sag_m(level)) << level;
       ASSERT_GE(truth, static_cast<double>(info.min_m));
       ASSERT_LE(truth, static_cast<double>(info.max_m));
       tightest = std::min(tightest, info.error_m / std::abs(here - truth));
     }
-    RecordProperty("tightest_" + std::to_string(level), std::to_string(tightest));
+    testing::Test::RecordProperty("tightest_" + std::to_string(level), std::to_string(tightest));
   }
+}
+
+TEST(DetailedTerrain, BoundsHold) {
+  const Ground ground(27, 3);
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> any(0.3, 1.7);
+  const int finest = ground.detailed->finest_level(block_over(8, 26, 4));
+  EXPECT_EQ(finest, 14);
+  expect_bounds_hold(*ground.detailed, finest, [&] { return std::pair{25 + any(random), 3 + any(random)}; });
+}
+
+TEST(DetailedTerrain, BoundsHoldWhereLayersMeet) {
+  const Layered layers;
+  std::mt19937 random(21);
+  std::uniform_real_distribution<double> lat(25.6, 26.02), lon(3.97, 4.15);
+  expect_bounds_hold(layers.both(), layers.both().finest_level(block_over(8, 25.9, 4.1)), [&] {
+    return std::pair{lat(random), lon(random)};
+  });
 }
 
 // The DEM stays true: over each post's cell the ground with detail has the mean that it has without.
