@@ -36,6 +36,13 @@ BlockId key_of(int number, int kind, const BlockId& id) {
   return {kManyLevels * (2 * number + kind) + id.level, id.row, id.col};
 }
 
+std::shared_ptr<Block> empty_block(const BlockId& id) {
+  auto block = std::make_shared<Block>();
+  block->id = id, block->extent = extent_of(id);
+  fill_trigonometry(*block);
+  return block;
+}
+
 // A block's places by rows and columns from its first post on: between the posts, beside them, beyond the block. Past a
 // pole rows go on on the other side of the Moon, where the cosine of the latitude is negative.
 class Places {
@@ -232,20 +239,21 @@ bool DetailedTerrain::of_coarse_posts_alone(const BlockId& id) const {
 }
 
 NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
-  const int posts = layers_.coarsest(id);
   if (is_made(id)) {
     const auto made = block(id, stop);
     if (!made) return {};
+    NodeInfo info{made->error_m, made->min_m, made->max_m, false, {}, made->error_m};
     // Files that can't be used are the exception: then the plain terrain is asked.
-    if (of_coarse_posts_alone(id) && !plain_.has_replacements())
-      return {made->error_m, made->min_m, made->max_m, false, {}, made->error_m};
-    const NodeInfo plain = plain_.node(id, stop);
+    if (of_coarse_posts_alone(id) && !plain_.has_replacements()) return info;
+    NodeInfo plain = plain_.node(id, stop);
+    info.replaced = std::move(plain.replaced);
     // Layers of finer posts than the block has: what it leaves out of them is no detail.
-    const double of_posts = layers_.of(id)->back().level > id.level ? plain.error_m : 0;
-    return {made->error_m, made->min_m, made->max_m, false, plain.replaced, std::max(0.0, made->error_m - of_posts)};
+    if (layers_.of(id)->back().level > id.level) info.detail_error_m = std::max(0.0, made->error_m - plain.error_m);
+    return info;
   }
   NodeInfo info = plain_.node(id, stop);
   if (info.empty || !reached(id)) return info;
+  const int posts = layers_.coarsest(id);
   // Between the posts the surface is curved: by no more, about, than posts lie off the surface of every second one. Of
   // much coarser levels half of their own error is more than that: rough ground is rougher over longer distances.
   constexpr int kMuchCoarser = 3;
@@ -304,9 +312,7 @@ std::shared_ptr<const Block> DetailedTerrain::corrected(const BlockId& id, const
 std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const StopToken& stop) const {
   const BlockId root = id.level <= kRootLevel ? id : ancestor_of(id, kRootLevel);
   PostsOfBlock posts = compose_block(root, id, plain_.post_source(), layers_.files_up_to(id.level), stop);
-  auto block = std::make_shared<Block>();
-  block->id = id, block->extent = extent_of(id);
-  fill_trigonometry(*block);
+  auto block = empty_block(id);
   const int side = block->side(), wide = side + 2 * kHalo;
   bool any = false;
   for (int r = 0; r < side; ++r)
@@ -421,9 +427,7 @@ void DetailedTerrain::blend(Surface& below, const Surface& above, const BlockId&
 }
 
 std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, const StopToken& stop) const {
-  auto block = std::make_shared<Block>();
-  block->id = id, block->extent = extent_of(id);
-  fill_trigonometry(*block);
+  auto block = empty_block(id);
   const BlockExtent& e = block->extent;
   const auto n = static_cast<std::size_t>(e.quads + 1 + 2 * kHalo);
   const LayeredPosts::Layers layers = layers_.of(id);

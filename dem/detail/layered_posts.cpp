@@ -93,16 +93,12 @@ int LayeredPosts::coarsest(const BlockId& id) const {
 std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
   const Catalogue& catalogue = plain_.catalogue();
   // What lies beside the block is asked for, too: a bicubic surface and normals.
-  const Footprint box = footprint_of(id);
   constexpr double kPostsBeside = 4;
-  const auto files_near = [&](double margin_m) {
-    const Footprint wide = around(box, margin_m + kPostsBeside * post_spacing_m(id.level));
-    return catalogue.touching(wide.south_deg, wide.north_deg, wide.west_deg, wide.east_deg);
-  };
+  const Footprint asked = around(footprint_of(id), widest_m_ + kPostsBeside * post_spacing_m(id.level));
   const auto level_of = [&](int file) {
     return PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(file)]);
   };
-  const std::vector<int> near = files_near(widest_m_);
+  const std::vector<int> near = catalogue.touching(asked.south_deg, asked.north_deg, asked.west_deg, asked.east_deg);
   if (near.empty()) return {{plain_.posts_level(id)}};
   std::vector<int> levels;
   levels.reserve(near.size());
@@ -110,6 +106,7 @@ std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
   std::sort(levels.begin(), levels.end());
   levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
 
+  const Footprint wide = with_posts_beside(id);
   std::vector<Layer> layers{{levels.front()}};
   for (std::size_t k = 1; k < levels.size(); ++k) {
     Layer layer{levels[k], std::min(widest_m_, 2 * post_spacing_m(levels[k - 1]))};
@@ -117,7 +114,6 @@ std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
       if (level_of(file) >= levels[k]) layer.files.push_back(file);
     // At places of the block, borders included, and beside them.
     constexpr int kAlong = 9;
-    const Footprint wide = with_posts_beside(id);
     const Shares shares = this->shares(layer, wide);
     bool all = std::none_of(shares.files_.begin(), shares.files_.end(), [](const auto& f) { return f.beneath; });
     for (int r = 0; r < kAlong && all; ++r)

@@ -472,8 +472,8 @@ TEST(Region, DistancesAreThoseOnTheSphere) {
     EXPECT_THROW((Region(corners)), std::invalid_argument);
 }
 
-// Between a level's vertices and the finest surface lies no more than is said.
-// That the heights are between those that are told, too. `place` gives another place at each call.
+// Between a level's vertices and the finest surface lies no more than is said, and all heights are within those that
+// are told. `place` gives another place at each call.
 template <typename Place>
 void expect_bounds_hold(const Terrain& terrain, int finest, const Place& place) {
   for (int level = 5; level < finest; ++level) {
