@@ -258,7 +258,7 @@ Response answer_cameras(const EndpointContext& context, const Json& body) {
   std::string budgets;
   for (const CameraFrame& camera : cameras) {
     if (!camera.budget.empty()) budgets += (budgets.empty() ? "" : "; ") + camera.name + ": " + camera.budget;
-    context.renderer.expect(camera.query.request, camera.query.ahead);
+    context.renderer.expect(camera.query.request, camera.query.ahead, camera.name);
   }
   if (!budgets.empty()) response.headers.emplace_back("Selenograph-Budget", budgets);
   return with_echo(cameras.front().query, std::move(response));

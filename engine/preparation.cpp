@@ -9,8 +9,8 @@
 namespace selenograph::engine {
 namespace {
 
-// A camera that was farther away a frame ago is another one, or was moved by hand.
-constexpr double kFarthestStep_m = 20000;
+// A camera that was farther away a frame ago, or looked elsewhere, is another one, or was moved by hand.
+constexpr double kFarthestStep_m = 20000, kWidestTurn_rad = 0.4;
 // Frames that are expected of a camera whose client says nothing.
 constexpr int kExtrapolated = 2;
 
@@ -56,34 +56,44 @@ Preparation::Work::~Work() {
   preparation_.changed_.notify_all();
 }
 
-Preparation::Track& Preparation::track_of(const FrameRequest& frame) {
+Preparation::Track& Preparation::track_of(const FrameRequest& frame, std::string_view name) {
+  const auto goes_on = [&](const Pose& last) {
+    return (last.position_m - frame.pose.position_m).norm() <= kFarthestStep_m &&
+           last.camera_from_moon.angularDistance(frame.pose.camera_from_moon) <= kWidestTurn_rad;
+  };
   const auto found = std::find_if(tracks_.begin(), tracks_.end(), [&](const Track& track) {
-    return track.last.camera == frame.camera &&
-           (track.last.pose.position_m - frame.pose.position_m).norm() <= kFarthestStep_m;
+    return track.name == name && track.last.camera == frame.camera && goes_on(track.last.pose);
   });
   if (found != tracks_.end()) {
     std::rotate(tracks_.begin(), found, found + 1);
   } else {
-    tracks_.push_front({++next_track_, frame});
+    tracks_.push_front({++next_track_, std::string(name), frame});
     if (tracks_.size() > kMostTracks) tracks_.pop_back();
   }
   return tracks_.front();
 }
 
-void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead) {
+void Preparation::expect_at(Expected next) {
+  const auto later =
+      std::find_if(expected_.begin(), expected_.end(), [&](const Expected& e) { return e.step > next.step; });
+  expected_.insert(later, std::move(next));
+}
+
+void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name) {
   // Without memory or threads for it nothing is prepared; the frame has its answer all the same.
   try {
     const std::lock_guard lock(mutex_);
     if (stopping_) return;
-    Track& track = track_of(frame);
+    Track& track = track_of(frame, name);
     const Pose before = std::exchange(track.last, frame).pose;
     std::erase_if(expected_, [&](const Expected& e) { return e.track == track.number; });
     std::vector<Pose> poses(ahead.begin(), ahead.end());
     if (poses.empty() && !same(before, frame.pose))
       for (int steps = 1; steps <= kExtrapolated; ++steps) poses.push_back(extrapolated(before, frame.pose, steps));
-    for (const Pose& pose : poses) {
-      expected_.push_back({track.number, frame});
-      expected_.back().request.pose = pose;
+    for (std::size_t step = 0; step < poses.size(); ++step) {
+      Expected next{track.number, step, frame};
+      next.request.pose = poses[step];
+      expect_at(std::move(next));
     }
     if (!thread_.joinable() && !expected_.empty()) thread_ = std::thread([this] { run(); });
   } catch (const std::exception&) {

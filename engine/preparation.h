@@ -11,6 +11,8 @@
 #include <mutex>
 #include <optional>
 #include <span>
+#include <string>
+#include <string_view>
 #include <thread>
 #include <vector>
 
@@ -48,8 +50,8 @@ class Preparation {
   };
 
   // After a frame: where its camera is expected next, soonest first. Of none, the camera is taken to go on as it did
-  // from the frame before. Replaces what was expected of this camera.
-  void expect(const FrameRequest& frame, std::span<const Pose> ahead);
+  // from the frame before. Replaces what was expected of this camera. `name`: tells cameras apart that are alike.
+  void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {});
 
   // Returns when nothing is left to prepare. For tests: with frames in work it never does.
   void wait_until_done();
@@ -58,13 +60,16 @@ class Preparation {
   // A camera on its way.
   struct Track {
     std::uint64_t number = 0;
+    std::string name;
     FrameRequest last;
   };
   struct Expected {
     std::uint64_t track = 0;
+    std::size_t step = 0;  // 0: its camera's next
     FrameRequest request;
   };
-  Track& track_of(const FrameRequest& frame);
+  Track& track_of(const FrameRequest& frame, std::string_view name);
+  void expect_at(Expected next);
   void run();
   bool prepared(const FrameRequest& request);
   void try_again(const Expected& next);
@@ -74,9 +79,9 @@ class Preparation {
   const Prepare prepare_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::deque<Track> tracks_;  // first the latest
-  std::deque<Expected> expected_;
-  std::optional<Pose> current_;  // being prepared
+  std::deque<Track> tracks_;       // first the latest
+  std::deque<Expected> expected_;  // by steps
+  std::optional<Pose> current_;    // being prepared
   int in_work_ = 0;
   std::uint64_t next_track_ = 0;
   bool stopping_ = false;

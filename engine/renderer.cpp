@@ -146,9 +146,9 @@ CraterRims Renderer::rims(const FrameRequest& request, const RimOptions& options
   });
 }
 
-void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead) const {
+void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name) const {
   // What goes through poses of its own has no pose of which another is the next.
-  if (frame.terrain && !(frame.shutter && !frame.shutter->poses.empty())) impl_->preparation.expect(frame, ahead);
+  if (frame.terrain && !(frame.shutter && !frame.shutter->poses.empty())) impl_->preparation.expect(frame, ahead, name);
 }
 
 PreparationStatistics Renderer::preparation_statistics() const { return impl_->kept.preparation_statistics(); }

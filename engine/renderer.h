@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "dem/detail/rocks_on_ground.h"
@@ -45,8 +46,9 @@ class Renderer {
           const std::function<void(double share)>& progress = {}) const;
 
   // After a frame: the poses that its camera is expected at next, soonest first; none: it goes on as it did. What they
-  // need is made while no frame is in work (preparation.h). Changes no byte of any frame.
-  void expect(const FrameRequest& frame, std::span<const Pose> ahead) const;
+  // need is made while no frame is in work (preparation.h). Changes no byte of any frame. `name`: of one of several
+  // cameras at an instant, which may be alike.
+  void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {}) const;
   void wait_until_prepared() const;  // returns when there is nothing left to prepare
   PreparationStatistics preparation_statistics() const;
 

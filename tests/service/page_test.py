@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """The pages for people: who gets them, and in a real browser that a drag changes the frame and that what is copied gives
-the same bytes. Needs chromium-driver and python3-selenium for the latter."""
+the same bytes. Needs chromium-driver, python3-selenium and python3-scipy for the latter."""
 
 import hashlib
 import json
@@ -11,10 +11,13 @@ import subprocess
 import sys
 import unittest
 
+import numpy as np
+
 import harness
 from harness import sample
 
 try:
+    from scipy.spatial.transform import Rotation
     from selenium import webdriver
     from selenium.webdriver.common.by import By
     from selenium.webdriver.support.ui import WebDriverWait
@@ -103,7 +106,7 @@ class InABrowser(unittest.TestCase):
         return self.browser.find_element(By.ID, element).text
 
     def errors(self):
-        return [e for e in self.browser.get_log("browser") if e["level"] == "SEVERE" and "favicon" not in e["message"]]
+        return [e for e in self.browser.get_log("browser") if e["level"] == "SEVERE"]
 
     def set(self, element, value):
         self.browser.execute_script(
@@ -198,7 +201,41 @@ class InABrowser(unittest.TestCase):
         self.wait(lambda: int(self.data("frames")) >= frames + 3)
         self.assertEqual(self.browser.execute_script("return camera.height_m"), 15000)
         self.browser.execute_script("play(new File(['a,b\\n1,2'], 'way.csv'))")
-        self.wait(lambda: "no column lat_deg" in self.text("problem"))
+        self.wait(lambda: "either lat_deg, lon_deg, height_m or" in self.text("problem"))
+
+    def test_a_trajectory_has_positions_attitudes_and_times(self):
+        self.open()
+        rng = np.random.default_rng(3)
+        quaternions = rng.normal(size=(20, 4))
+        # Straight down at 0.1 N 30 E with north up, too, where a tilt has no azimuth.
+        lat, lon = np.radians((0.1, 30.0))
+        up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+        east = np.array([-np.sin(lon), np.cos(lon), 0.0])
+        down = Rotation.from_matrix([east, np.cross(east, up), -up]).as_quat()
+        quaternions = np.vstack([quaternions, np.roll(down, 1)])
+        quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+        for name in ("camera_from_moon", "moon_from_camera"):
+            columns = ["x_m", "y_m", "z_m", *(f"{name}_{c}" for c in "wxyz")]
+            place = up * (1737400.0 + 20000.0)
+            rows = [",".join(columns), *(",".join(map(repr, [*map(float, place), *map(float, q)])) for q in quaternions)]
+            poses = self.browser.execute_script("return trajectory(arguments[0]).map(poseOf)", "\n".join(rows))
+            for pose, (w, *v) in zip(poses, quaternions):
+                matrix = Rotation.from_quat([*v, w]).as_matrix()
+                matrix = matrix if name == "camera_from_moon" else matrix.T
+                np.testing.assert_allclose(pose["camera_from_moon_matrix"], matrix, atol=1e-9)
+                np.testing.assert_allclose([pose["geodetic"][m] for m in ("lat_deg", "lon_deg", "height_m")],
+                                           (0.1, 30.0, 20000.0), rtol=1e-9)
+        frames = int(self.data("frames"))
+        self.browser.execute_script("""play(new File([['utc,lat_deg,lon_deg,height_m,tilt_deg',
+            '2026-11-20T00:00:00Z,0.1,30.0,20000,5', '2026-11-20T00:10:00Z,0.1,30.1,20000,5'].join('\\n')], 'way.csv'))""")
+        self.wait(lambda: int(self.data("frames")) >= frames + 2)
+        self.assertEqual(self.browser.execute_script("return asked.sun"), {"utc": "2026-11-20T00:10:00Z"})
+        for wrong, said in (("lat_deg,lon_deg,height_m,pitch\n1,2,3,4", "column pitch is unknown"),
+                            ("lat_deg,lon_deg,height_m,camera_from_moon_w\n1,2,3,4", "has not all of"),
+                            ("lat_deg,lon_deg,height_m\n1,,3", "line 2: lon_deg is no number"),
+                            ("lat_deg,lon_deg,height_m\n1,3", "line 2: 2 values for 3 columns")):
+            self.browser.execute_script("play(new File([arguments[0]], 'way.csv'))", wrong)
+            self.wait(lambda said=said: said in self.text("problem"))
 
     def test_the_api_document_is_readable(self):
         self.browser.get(self.url + "/docs")
@@ -211,5 +248,5 @@ class InABrowser(unittest.TestCase):
 
 if __name__ == "__main__":
     if not webdriver:
-        print("no selenium: the browser's part is skipped", file=sys.stderr)
+        print("no selenium or no SciPy: the browser's part is skipped", file=sys.stderr)
     harness.main()

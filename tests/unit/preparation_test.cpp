@@ -155,6 +155,24 @@ TEST(Preparation, NewsReplaceWhatWasExpectedOfTheSameCamera) {
   EXPECT_EQ(prepared.places(), (std::vector<double>{77, 11}));
 }
 
+TEST(Preparation, CamerasThatAreAlikeGoTheirOwnWays) {
+  Prepared prepared;
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { prepared(request); });
+  // A stereo pair: told apart by name alone. A third one looks elsewhere.
+  FrameRequest aside = frame_at(0);
+  aside.pose.camera_from_moon = Eigen::AngleAxisd(0.8, Vec3::UnitY());
+  for (const double x : {0.0, 100.0}) {
+    const Pose frame = frame_at(x).pose;
+    const Preparation::Work work(preparation, &frame);
+    preparation.expect(frame_at(x), {}, "left");
+    preparation.expect(frame_at(x + 1), {}, "right");
+    aside.pose.position_m = frame_at(x + 5).pose.position_m;
+    preparation.expect(aside, {}, "right");
+  }
+  preparation.wait_until_done();
+  EXPECT_EQ(prepared.places(), (std::vector<double>{200, 201, 205, 300, 301, 305})) << "the soonest first";
+}
+
 TEST(Preparation, WhatCannotBePreparedIsTheFramesMatter) {
   Prepared prepared;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) {
