@@ -73,6 +73,18 @@ Preparation::Track& Preparation::track_of(const FrameRequest& frame, std::string
   return tracks_.front();
 }
 
+// Of what is ready that which is for these poses and still there. The soonest is asked for last: of what is kept on a
+// budget, that which was used longest ago goes first.
+void Preparation::keep_ready(Track& track, std::span<const Pose> poses) {
+  std::vector<Ready> kept;
+  for (auto pose = poses.rbegin(); pose != poses.rend(); ++pose) {
+    const auto found = std::find_if(track.ready.begin(), track.ready.end(),
+                                    [&](const Ready& ready) { return same(ready.pose, *pose); });
+    if (found != track.ready.end() && found->still_there()) kept.push_back(*found);
+  }
+  track.ready = std::move(kept);
+}
+
 void Preparation::expect_at(Expected next) {
   const auto later =
       std::find_if(expected_.begin(), expected_.end(), [&](const Expected& e) { return e.step > next.step; });
@@ -90,7 +102,10 @@ void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead,
     std::vector<Pose> poses(ahead.begin(), ahead.end());
     if (poses.empty() && !same(before, frame.pose))
       for (int steps = 1; steps <= kExtrapolated; ++steps) poses.push_back(extrapolated(before, frame.pose, steps));
+    keep_ready(track, poses);
     for (std::size_t step = 0; step < poses.size(); ++step) {
+      const auto is_ready = [&](const Ready& ready) { return same(ready.pose, poses[step]); };
+      if (std::any_of(track.ready.begin(), track.ready.end(), is_ready)) continue;
       Expected next{track.number, step, frame};
       next.request.pose = poses[step];
       expect_at(std::move(next));
@@ -116,7 +131,7 @@ void Preparation::run() {
     current_ = next.request.pose;
     give_up_ = false;
     lock.unlock();
-    const bool given_up = !prepared(next.request);
+    const bool given_up = !prepared(next);
     lock.lock();
     current_.reset();
     // Again, unless something else is expected of this camera by now.
@@ -128,15 +143,21 @@ void Preparation::run() {
 }
 
 // False: it was given up for a frame.
-bool Preparation::prepared(const FrameRequest& request) {
+bool Preparation::prepared(const Expected& next) {
   try {
-    prepare_(request, StopToken(StopToken::Clock::time_point::max(), &give_up_));
+    remember(next, prepare_(next.request, StopToken(StopToken::Clock::time_point::max(), &give_up_)));
   } catch (const Cancelled&) {
     return !give_up_;
   } catch (const std::exception&) {
     // The frame will say so itself, if it is ever asked for.
   }
   return true;
+}
+
+void Preparation::remember(const Expected& next, StillThere still_there) {
+  const std::lock_guard lock(mutex_);
+  for (Track& track : tracks_)
+    if (track.number == next.track) track.ready.push_back({next.request.pose, std::move(still_there)});
 }
 
 void Preparation::try_again(const Expected& next) {

@@ -29,8 +29,10 @@ struct PreparationStatistics {
 // Safe to use concurrently.
 class Preparation {
  public:
+  // Whether what was made is still there; then it has been used just now.
+  using StillThere = std::function<bool()>;
   // Makes what a frame needs; gives up (Cancelled) when it is told to. What else it throws is the frame's own matter.
-  using Prepare = std::function<void(const FrameRequest&, const StopToken&)>;
+  using Prepare = std::function<StillThere(const FrameRequest&, const StopToken&)>;
   explicit Preparation(Prepare prepare);
   ~Preparation();
   Preparation(const Preparation&) = delete;
@@ -57,11 +59,17 @@ class Preparation {
   void wait_until_done();
 
  private:
+  // What was prepared, for a pose that a client is expected to ask for.
+  struct Ready {
+    Pose pose;
+    StillThere still_there;
+  };
   // A camera on its way.
   struct Track {
     std::uint64_t number = 0;
     std::string name;
     FrameRequest last;
+    std::vector<Ready> ready{};
   };
   struct Expected {
     std::uint64_t track = 0;
@@ -69,9 +77,11 @@ class Preparation {
     FrameRequest request;
   };
   Track& track_of(const FrameRequest& frame, std::string_view name);
+  static void keep_ready(Track& track, std::span<const Pose> poses);
   void expect_at(Expected next);
   void run();
-  bool prepared(const FrameRequest& request);
+  bool prepared(const Expected& next);
+  void remember(const Expected& next, StillThere still_there);
   void try_again(const Expected& next);
 
   static constexpr std::size_t kMostTracks = 8;

@@ -181,6 +181,10 @@ PreparationStatistics RenderCache::preparation_statistics() {
 
 bool RenderCache::holds(const SceneContent& content) const { return scenes_.holds(key_of(content)); }
 
+std::function<bool()> RenderCache::use_of(const SceneContent& content) {
+  return [this, key = key_of(content)] { return scenes_.find(key).has_value(); };
+}
+
 void RenderCache::forget(const SceneContent& content) {
   scenes_.erase(key_of(content));
   const std::lock_guard lock(latest_mutex_);

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <unordered_set>
@@ -38,6 +39,8 @@ class RenderCache {
   std::shared_ptr<const Scene> scene(const SceneContent& content, const StopToken& stop = {},
                                      Purpose purpose = Purpose::frame);
   bool holds(const SceneContent& content) const;
+  // Which says whether the scene is still kept, and counts as a use of it; for as long as this lives.
+  std::function<bool()> use_of(const SceneContent& content);
   void forget(const SceneContent& content);
 
   PreparationStatistics preparation_statistics();

@@ -216,11 +216,14 @@ std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terra
   return limits;
 }
 
-void prepare_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
+std::function<bool()> prepare_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept,
+                                    const StopToken& stop) {
   const FrameRequest request = with_margin_of(sensor_of(asked, stop), asked);
   const RowViews views = views_of(request, stop);
   const Selection selection = select_blocks(request, views, request.accuracy, terrain, kept, stop);
-  kept.scene(content_of(request, views, selection, terrain), stop, RenderCache::Purpose::preparation);
+  const SceneContent content = content_of(request, views, selection, terrain);
+  kept.scene(content, stop, RenderCache::Purpose::preparation);
+  return kept.use_of(content);
 }
 
 namespace {

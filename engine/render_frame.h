@@ -1,6 +1,7 @@
 // The one function that renders a frame and names its stages.
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "dem/stop_token.h"
@@ -15,8 +16,10 @@ namespace selenograph::engine {
 // Throws as Renderer::render does. In the caller's task arena.
 Frame render_frame(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
 
-// What a frame would need that is kept between frames: its terrain and its scene. Throws as render_frame.
-void prepare_frame(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
+// What a frame would need that is kept between frames: its terrain and its scene. What is returned says whether the
+// scene still is, and uses it. Throws as render_frame.
+std::function<bool()> prepare_frame(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept,
+                                    const StopToken& stop);
 
 // The first stage: which blocks of the terrain, how fine. None where the objects are alone.
 Selection select_blocks(const FrameRequest& request, const RowViews& views, const Accuracy& accuracy,

@@ -30,7 +30,7 @@ struct Renderer::Impl {
         kept(terrain, o.scene_bytes, threads),
         preparation([this](const FrameRequest& request, const StopToken& stop) {
           const auto detailed = terrain_with(request.detail);
-          in_arena(arena_of_preparation, [&] { prepare_frame(request, *detailed, kept, stop); });
+          return in_arena(arena_of_preparation, [&] { return prepare_frame(request, *detailed, kept, stop); });
         }) {
     start_threads();
   }

@@ -54,9 +54,9 @@ class Detail {
   double left_out_m(int level, int posts_level) const;
   // The same of all levels finer than the posts, once their mean over each post's cell is taken out (DetailedTerrain).
   double beyond_posts_m(int posts_level) const;
-  // Means over a post's cell are of so many places, along each side, and of the octaves that a level shows which has
-  // them.
-  static constexpr int kCellLevels = 3, kCellPlaces = 1 << kCellLevels;
+  // Means over a post's cell are of so many places, along each side, and of the octaves that are shown so many levels
+  // below the posts. Of eight places they were no truer (unit.detail), and making them took most of a first frame.
+  static constexpr int kCellLevels = 3, kCellPlaces = 3;
   // The octaves of diameters and of wavelengths [2^k, 2^(k+1)) m that are added to posts are below this one.
   static int past_largest_octave(int posts_level) { return smallest_octave(posts_level) - 1; }
 

@@ -5,11 +5,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <type_traits>
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
 
 #include "dem/error.h"
+#include "dem/parallel.h"
 #include "engine/scene/light_tree.h"
 #include "engine/scene/node_bounds.h"
 #include "engine/scene/root_groups.h"
@@ -108,6 +110,7 @@ class ViewSelector {
 
   Selection select(const Sun* sun) {
     see_roots();
+    see_detail();
     if (sun) sharpen_shadows(*sun);
     for (const Seen& s : seen_) count_detail(s.id, -1), choose(s.id, s.info);
     balance();
@@ -127,23 +130,31 @@ class ViewSelector {
     double pixels_per_metre;
   };
 
+  enum class Look { in_view, out_of_view, nothing };
+  struct Looked {
+    Look look = Look::nothing;
+    std::optional<Seen> seen{};
+  };
+
+  Looked looked_at(const BlockId& id) const {
+    if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return may_see(b); })) return {Look::out_of_view};
+    const auto node = known(terrain_, id, stop_);
+    if (!node) return {Look::nothing};
+    const NodeBounds& b = node->bounds;
+    if (!may_see(b)) return {Look::out_of_view};
+    return {Look::in_view, Seen{id, node->info, b, pixels_per_metre(b)}};
+  }
+
   std::optional<Seen> look_at(const BlockId& id) {
     check(chosen_.size() + seen_.size(), stop_);
-    if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return may_see(b); })) {
-      out_of_view_.push_back(id);
-      return std::nullopt;
-    }
-    const auto node = known(terrain_, id, stop_);
-    if (!node) {
-      note_void(id);
-      return std::nullopt;
-    }
-    const NodeBounds& b = node->bounds;
-    if (!may_see(b)) {
-      out_of_view_.push_back(id);
-      return std::nullopt;
-    }
-    return Seen{id, node->info, b, pixels_per_metre(b)};
+    Looked looked = looked_at(id);
+    note(id, looked.look);
+    return std::move(looked.seen);
+  }
+
+  void note(const BlockId& id, Look look) {
+    if (look == Look::out_of_view) out_of_view_.push_back(id);
+    if (look == Look::nothing) note_void(id);
   }
 
   static bool may_see(const ViewBundle& view, const NodeBounds& b) {
@@ -179,11 +190,68 @@ class ViewSelector {
   void see(const BlockId& id) {
     const auto node = look_at(id);
     if (!node) return;
-    if (refine(id, node->pixels_per_metre)) {
-      for (const BlockId& child : dem::children_of(id)) see(child);
+    if (!refine(id, node->pixels_per_metre)) {
+      add_seen(*node);
       return;
     }
-    add_seen(*node);
+    for (const BlockId& child : dem::children_of(id))
+      if (terrain_.has_detail(child))
+        want_detail(child, node->info, of_detail_in_view_);
+      else
+        see(child);
+  }
+
+  // A block is as high as what it is part of: one that would be out of view even so needn't be made.
+  void want_detail(const BlockId& child, const dem::NodeInfo& parent, std::vector<BlockId>& wanted) {
+    if (may_see(bounds_of(child, static_cast<double>(parent.min_m), static_cast<double>(parent.max_m))))
+      wanted.push_back(child);
+    else
+      out_of_view_.push_back(child);
+  }
+
+  // Blocks with detail are made when they are first looked at, a millisecond each: by all threads. In waves, and those
+  // in pieces, so that what is too much is found out before it is made. That is a matter of the blocks alone, not of
+  // the threads. judge(id), by any thread; take(id, judged, next wave), one after the other.
+  template <typename Judge, typename Take>
+  void in_waves(std::vector<BlockId> wave, const Judge& judge, const Take& take) {
+    constexpr std::size_t kPiece = 256;
+    while (!wave.empty()) {
+      std::vector<BlockId> next;
+      for (std::size_t first = 0; first < wave.size(); first += kPiece) {
+        const std::size_t wanted = wave.size() - first + next.size();
+        check(chosen_.size() + seen_.size() + wanted, stop_);
+        if (most_of_detail_ != kAny && of_detail_ + wanted > most_of_detail_) throw TooMuchDetail();
+        std::vector<std::invoke_result_t<Judge, const BlockId&>> judged(std::min(kPiece, wave.size() - first));
+        in_parallel(judged.size(), [&](std::size_t i) {
+          stop_.check();
+          judged[i] = judge(wave[first + i]);
+        });
+        for (std::size_t i = 0; i < judged.size(); ++i) take(wave[first + i], judged[i], next);
+      }
+      wave = std::move(next);
+    }
+  }
+
+  void see_detail() {
+    struct Judged {
+      Looked looked;
+      bool refine = false;
+    };
+    in_waves(
+        std::exchange(of_detail_in_view_, {}),
+        [&](const BlockId& id) {
+          Judged judged{looked_at(id)};
+          judged.refine = judged.looked.seen && refine(id, judged.looked.seen->pixels_per_metre);
+          return judged;
+        },
+        [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
+          const auto& [looked, refine] = judged;
+          note(id, looked.look);
+          if (refine)
+            for (const BlockId& child : dem::children_of(id)) want_detail(child, looked.seen->info, next);
+          else if (looked.seen)
+            add_seen(*looked.seen);
+        });
   }
 
   void add_seen(const Seen& seen) {
@@ -251,52 +319,125 @@ class ViewSelector {
     receivers.finish();
     of_detail_ = 0;
     for (const Seen& s : std::exchange(seen_, {})) sharpen(s, receivers);
-    for (const BlockId& id : std::exchange(out_of_view_, {})) cast(id, receivers);
+    sharpen_detail(receivers);
+    std::vector<BlockId> of_detail;
+    for (const BlockId& id : std::exchange(out_of_view_, {})) cast(id, receivers, of_detail);
     for (const RootGroup* group : groups_out_of_view_)
       if (receivers.shaded_pixels_per_metre(group->bounds) > 0)
-        for_each_root(terrain_, *group, [&](const BlockId& id) { cast(id, receivers); });
+        for_each_root(terrain_, *group, [&](const BlockId& id) { cast(id, receivers, of_detail); });
+    cast_detail(std::move(of_detail), receivers);
   }
 
   // What a block's error does to shadow edges, pixels; whether that is too much and finer posts would help.
-  bool blurs_shadows(const BlockId& id, double displaced_pixels_per_metre) {
-    if (displaced_pixels_per_metre == 0 || finest(id)) return false;
-    if (accuracy_.max_error_px == 0) return true;
+  struct Blur {
+    bool too_much = false;
+    double displaced_px = 0;
+  };
+  Blur blur(const BlockId& id, double displaced_pixels_per_metre) const {
+    if (displaced_pixels_per_metre == 0 || finest(id)) return {};
+    if (accuracy_.max_error_px == 0) return {true};
     // The error of a block far coarser than its posts has to be built first, with all that is beneath. Where it would
     // have to be less than a 16th of the spacing, finer blocks are taken without asking: they do as well.
     constexpr double kWorthAsking = 16;
     if (!terrain_.node_is_cheap(id) &&
         dem::post_spacing_m(id.level) * displaced_pixels_per_metre > kWorthAsking * accuracy_.max_shadow_error_px)
-      return true;
-    const double displaced = error_m(id) * displaced_pixels_per_metre;
-    if (displaced > accuracy_.max_shadow_error_px) return true;
-    result_.shadow_error_px = std::max(result_.shadow_error_px, displaced);
-    return false;
+      return {true};
+    const double displaced_px = error_m(id) * displaced_pixels_per_metre;
+    return {displaced_px > accuracy_.max_shadow_error_px, displaced_px};
+  }
+  bool too_much(const Blur& blur) {
+    if (!blur.too_much) result_.shadow_error_px = std::max(result_.shadow_error_px, blur.displaced_px);
+    return blur.too_much;
   }
 
   void sharpen(const Seen& seen, const LightTree& receivers) {
-    if (!blurs_shadows(seen.id, receivers.shaded_pixels_per_metre(seen.bounds))) {
+    if (!too_much(blur(seen.id, receivers.shaded_pixels_per_metre(seen.bounds)))) {
       add_seen(seen);
       return;
     }
-    for (const BlockId& child : dem::children_of(seen.id))
-      if (const auto node = look_at(child)) sharpen(*node, receivers);
+    for (const BlockId& child : dem::children_of(seen.id)) {
+      if (terrain_.has_detail(child))
+        want_detail(child, seen.info, of_detail_in_view_);
+      else if (const auto node = look_at(child))
+        sharpen(*node, receivers);
+    }
   }
 
-  void cast(const BlockId& id, const LightTree& receivers) {
-    check(chosen_.size() + seen_.size(), stop_);
+  void sharpen_detail(const LightTree& receivers) {
+    struct Judged {
+      Looked looked;
+      Blur blur{};
+    };
+    in_waves(
+        std::exchange(of_detail_in_view_, {}),
+        [&](const BlockId& id) {
+          Judged judged{looked_at(id)};
+          if (const auto& seen = judged.looked.seen)
+            judged.blur = blur(id, receivers.shaded_pixels_per_metre(seen->bounds));
+          return judged;
+        },
+        [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
+          note(id, judged.looked.look);
+          const auto& seen = judged.looked.seen;
+          if (!seen) return;
+          if (too_much(judged.blur))
+            for (const BlockId& child : dem::children_of(id)) want_detail(child, seen->info, next);
+          else
+            add_seen(*seen);
+        });
+  }
+
+  // What casts shadows into view from outside of it.
+  struct Caster {
+    bool matters = false, too_coarse = false;
+    dem::NodeInfo info{};
+    Blur blur{};
+  };
+  Caster caster(const BlockId& id, const LightTree& receivers) const {
     if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return receivers.shaded_pixels_per_metre(b) > 0; }))
-      return;
+      return {};
     const auto node = known(terrain_, id, stop_);
-    if (!node) return;
+    if (!node) return {};
     const double displaced = receivers.shaded_pixels_per_metre(node->bounds);
-    if (displaced == 0) return;
+    if (displaced == 0) return {};
     // Large blocks overlap much that they don't shade: they are split until their bounds mean something.
-    const bool coarse = id.level < dem::kRootLevel + 1 && !finest(id);
-    if (coarse || blurs_shadows(id, displaced)) {
-      for (const BlockId& child : dem::children_of(id)) cast(child, receivers);
-      return;
-    }
-    choose(id, node->info);
+    if (id.level < dem::kRootLevel + 1 && !finest(id)) return {true, true};
+    return {true, false, node->info, blur(id, displaced)};
+  }
+
+  // Of what is too coarse, the children: those with detail are for later.
+  void cast(const BlockId& id, const LightTree& receivers, std::vector<BlockId>& of_detail) {
+    check(chosen_.size() + seen_.size(), stop_);
+    const Caster judged = caster(id, receivers);
+    if (!take_caster(id, judged)) return;
+    for (const BlockId& child : dem::children_of(id))
+      if (terrain_.has_detail(child))
+        want_caster(child, judged.info, receivers, of_detail);
+      else
+        cast(child, receivers, of_detail);
+  }
+
+  static void want_caster(const BlockId& child, const dem::NodeInfo& parent, const LightTree& receivers,
+                          std::vector<BlockId>& wanted) {
+    const NodeBounds bounds = bounds_of(child, static_cast<double>(parent.min_m), static_cast<double>(parent.max_m));
+    if (receivers.shaded_pixels_per_metre(bounds) > 0) wanted.push_back(child);
+  }
+
+  void cast_detail(std::vector<BlockId> wave, const LightTree& receivers) {
+    in_waves(
+        std::move(wave), [&](const BlockId& id) { return caster(id, receivers); },
+        [&](const BlockId& id, const Caster& judged, std::vector<BlockId>& next) {
+          if (!take_caster(id, judged)) return;
+          for (const BlockId& child : dem::children_of(id)) want_caster(child, judged.info, receivers, next);
+        });
+  }
+
+  // Whether it has to be finer.
+  bool take_caster(const BlockId& id, const Caster& caster) {
+    if (!caster.matters) return false;
+    if (caster.too_coarse || too_much(caster.blur)) return true;
+    choose(id, caster.info);
+    return false;
   }
 
   // Bounds over what is in view.
@@ -408,8 +549,16 @@ class ViewSelector {
     const auto seen = in_view_.find(id);
     const double sharpness = seen == in_view_.end() ? 0 : seen->second;
     chosen_.erase(id), count_detail(id, -1);
-    for (const BlockId& child : dem::children_of(id)) {
-      const auto node = known(terrain_, child, stop_);
+    const std::vector<BlockId> children = dem::children_of(id);
+    std::vector<std::optional<Known>> nodes(children.size());
+    const auto look = [&](std::size_t i) { nodes[i] = known(terrain_, children[i], stop_); };
+    if (terrain_.has_detail(children.front()))
+      in_parallel(children.size(), look);
+    else
+      for (std::size_t i = 0; i < children.size(); ++i) look(i);
+    for (std::size_t i = 0; i < children.size(); ++i) {
+      const BlockId& child = children[i];
+      const std::optional<Known>& node = nodes[i];
       if (!node) continue;
       choose(child, node->info);
       todo.push_back(child);
@@ -428,7 +577,7 @@ class ViewSelector {
   Chosen chosen_;
   std::vector<Seen> seen_;
   std::unordered_map<BlockId, double, dem::BlockIdHash> in_view_;  // pixels per metre; parts of what was split, too
-  std::vector<BlockId> out_of_view_;
+  std::vector<BlockId> out_of_view_, of_detail_in_view_;           // the latter are still to be looked at
   std::vector<const RootGroup*> groups_out_of_view_;
   Selection result_;
 };

@@ -87,12 +87,12 @@ class Area:
                 text += label.read()
 
         def all_of(member):  # posts end short of the border, which is at a whole degree
-            return [round(float(value)) for value in re.findall(rf"^{member} *= *([-\d.]+)", text, re.M)]
+            return [round(float(value)) for value in re.findall(rf"^ *{member} *= *([-\d.]+)", text, re.M)]
 
         self.south, self.north = min(all_of("MINIMUM_LATITUDE")), max(all_of("MAXIMUM_LATITUDE"))
         self.west, self.east = min(all_of("WESTERNMOST_LONGITUDE")), max(all_of("EASTERNMOST_LONGITUDE"))
         self.middle = ((self.south + self.north) / 2, (self.west + self.east) / 2)
-        per_degree = max(float(value) for value in re.findall(r"^MAP_RESOLUTION *= *([\d.]+)", text, re.M))
+        per_degree = max(float(value) for value in re.findall(r"^ *MAP_RESOLUTION *= *([\d.]+)", text, re.M))
         self.posts_made = (2 ** math.ceil(math.log2(per_degree)) / per_degree) ** 2  # of each post of a tile
 
     def on_track(self, i, step_m=STEP_M):

@@ -24,13 +24,17 @@ FrameRequest frame_at(double x) {
   return request;
 }
 
+const Preparation::StillThere kStillThere = [] { return true; };
+
 // Where frames were prepared for.
 class Prepared {
  public:
-  void operator()(const FrameRequest& request) {
+  Preparation::StillThere operator()(const FrameRequest& request) {
     const std::lock_guard lock(mutex_);
     places_.push_back(request.pose.position_m.x());
+    return [this] { return still_there.load(); };
   }
+  std::atomic<bool> still_there{true};
   std::vector<double> places() const {
     const std::lock_guard lock(mutex_);
     return places_;
@@ -49,15 +53,29 @@ std::vector<Pose> poses(std::initializer_list<double> places) {
 
 TEST(Preparation, WhatIsAheadIsPreparedInOrder) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { prepared(request); });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   preparation.expect(frame_at(0), poses({10, 20, 30}));
   preparation.wait_until_done();
   EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20, 30}));
 }
 
+TEST(Preparation, WhatIsReadyIsPreparedAgainOnlyWhereItIsGone) {
+  Prepared prepared;
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
+  preparation.expect(frame_at(0), poses({10, 20, 30}));
+  preparation.wait_until_done();
+  preparation.expect(frame_at(10), poses({20, 30, 40}));
+  preparation.wait_until_done();
+  EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20, 30, 40}));
+  prepared.still_there = false;
+  preparation.expect(frame_at(20), poses({30, 40}));
+  preparation.wait_until_done();
+  EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20, 30, 40, 30, 40}));
+}
+
 TEST(Preparation, ACameraGoesOnAsItDid) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { prepared(request); });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   preparation.expect(frame_at(0), {});
   preparation.wait_until_done();
   EXPECT_EQ(prepared.places(), std::vector<double>{}) << "it stands still, as far as is known";
@@ -74,7 +92,10 @@ TEST(Preparation, ACameraGoesOnAsItDid) {
 
 TEST(Preparation, TurnsGoOn) {
   Pose last;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { last = request.pose; });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) {
+    last = request.pose;
+    return kStillThere;
+  });
   const auto turned = [](double degrees) {
     FrameRequest request = frame_at(0);
     request.pose.camera_from_moon = Eigen::AngleAxisd(degrees * kRadiansPerDegree, Vec3::UnitY());
@@ -88,7 +109,7 @@ TEST(Preparation, TurnsGoOn) {
 
 TEST(Preparation, RestsWhileAFrameIsInWork) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { prepared(request); });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   {
     const Pose frame = frame_at(0).pose;
     const Preparation::Work work(preparation, &frame);
@@ -103,12 +124,13 @@ TEST(Preparation, RestsWhileAFrameIsInWork) {
 TEST(Preparation, GivesWayToAFrameAndComesBack) {
   std::atomic<int> begun{0}, given_up{0};
   Preparation preparation([&](const FrameRequest&, const StopToken& stop) {
-    if (++begun > 1) return;
+    if (++begun > 1) return kStillThere;
     for (const auto limit = StopToken::Clock::now() + 20s; StopToken::Clock::now() < limit;) {
       if (stop.stopped()) ++given_up;
       stop.check();
       std::this_thread::sleep_for(1ms);
     }
+    return kStillThere;
   });
   preparation.expect(frame_at(0), poses({10}));
   while (begun == 0) std::this_thread::sleep_for(1ms);
@@ -127,6 +149,7 @@ TEST(Preparation, GoesOnForTheFrameThatItIsFor) {
     begun = true;
     while (!asked) std::this_thread::sleep_for(1ms);
     told = stop.stopped();
+    return kStillThere;
   });
   preparation.expect(frame_at(0), poses({10}));
   while (!begun) std::this_thread::sleep_for(1ms);
@@ -141,7 +164,7 @@ TEST(Preparation, GoesOnForTheFrameThatItIsFor) {
 
 TEST(Preparation, NewsReplaceWhatWasExpectedOfTheSameCamera) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { prepared(request); });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   FrameRequest other = frame_at(0);
   other.camera.width = 32;
   {
@@ -157,7 +180,7 @@ TEST(Preparation, NewsReplaceWhatWasExpectedOfTheSameCamera) {
 
 TEST(Preparation, CamerasThatAreAlikeGoTheirOwnWays) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { prepared(request); });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   // A stereo pair: told apart by name alone. A third one looks elsewhere.
   FrameRequest aside = frame_at(0);
   aside.pose.camera_from_moon = Eigen::AngleAxisd(0.8, Vec3::UnitY());
@@ -178,6 +201,7 @@ TEST(Preparation, WhatCannotBePreparedIsTheFramesMatter) {
   Preparation preparation([&](const FrameRequest& request, const StopToken&) {
     prepared(request);
     throw DataError("tile", "is damaged");
+    return kStillThere;
   });
   preparation.expect(frame_at(0), poses({10, 20}));
   preparation.wait_until_done();
@@ -190,6 +214,7 @@ TEST(Preparation, EndsAtOnce) {
     Preparation preparation([&](const FrameRequest&, const StopToken& stop) {
       begun = true;
       for (;; std::this_thread::sleep_for(1ms)) stop.check();
+      return kStillThere;
     });
     preparation.expect(frame_at(0), poses({10}));
     while (!begun) std::this_thread::sleep_for(1ms);

@@ -2,14 +2,19 @@
 #include "engine/scene/selection.h"
 
 #include <gtest/gtest.h>
+#include <tbb/task_arena.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <memory>
+#include <optional>
 #include <random>
 #include <unordered_set>
 
+#include "dem/detail/detail.h"
 #include "dem/error.h"
+#include "dem/parallel.h"
 #include "engine/scene/mesh.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
@@ -191,6 +196,35 @@ TEST_F(SelectionTest, RaysFindTheFinestBlocksTheyMeet) {
   EXPECT_TRUE(mesh.block_at(std::llround(100 * dem::kTicksPerDegree), std::llround(206 * dem::kTicksPerDegree)));
   EXPECT_TRUE(mesh.block_at(std::llround(101 * dem::kTicksPerDegree), std::llround(207 * dem::kTicksPerDegree)));
   EXPECT_LT(blocks.size(), 20U);
+}
+
+// Blocks with detail are made while they are selected, by all threads.
+TEST_F(SelectionTest, DetailIsSelectedTheSameByAnyThreads) {
+  dem::DetailPreset preset;
+  preset.craters.smallest_m = 4;
+  const auto detail = std::make_shared<const dem::Detail>(preset);
+  const Sun sun{to_cartesian({9, 95, 0}).normalized()};
+  const std::vector<View> from{view_from(to_cartesian({10, 26, 20000}), to_cartesian({10, 26, 0}), 1000),
+                               view_from(to_cartesian({10, 26, 6000}), to_cartesian({10.3, 26.3, 0}), 600)};
+  for (const View& view : from)
+    for (const Accuracy& accuracy : {Accuracy{}, Accuracy{.max_error_px = 4, .max_detail_error_px = 8}}) {
+      std::optional<Selection> by_one;
+      for (const int threads : {1, 2}) {
+        const dem::Terrain terrain(open(), detail);
+        tbb::task_arena arena(threads);
+        const Selection s = in_arena(arena, [&] { return select_for_view(terrain, view, &sun, accuracy, {}); });
+        if (!by_one) {
+          EXPECT_GT(std::count_if(s.blocks.begin(), s.blocks.end(),
+                                  [&](const BlockId& id) { return terrain.has_detail(id); }),
+                    20);
+          by_one = s;
+        }
+        EXPECT_EQ(s.blocks, by_one->blocks) << threads;
+        EXPECT_EQ(s.detail_limit_px, by_one->detail_limit_px) << threads;
+        EXPECT_EQ(s.error_px, by_one->error_px) << threads;
+        EXPECT_EQ(s.shadow_error_px, by_one->shadow_error_px) << threads;
+      }
+    }
 }
 
 TEST_F(SelectionTest, StopsWhenTold) {
