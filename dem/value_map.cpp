@@ -16,7 +16,7 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr int kTile = 128;  // texels along a tile's side
+constexpr int kTile = kMapTile;
 constexpr std::size_t kTexels = static_cast<std::size_t>(kTile) * kTile;
 constexpr int kMostProbes = 16;    // along a side
 constexpr double kPolar_deg = 75;  // beyond, a texel is about a quarter as wide as high, or less
@@ -99,15 +99,23 @@ struct ValueMap::Impl {
   Impl(const ValueMapOptions& o, std::shared_ptr<ValueMapTiles> t)
       : options(o), file(o), kept(std::move(t)), number(kept->maps++) {
     width = file.width(), height = file.height();
+    texels_per_deg = {1 / file.grid().dx_deg, 1 / file.grid().dy_deg};
     wraps = std::abs(width * file.grid().dx_deg - 360) < 0.5 * file.grid().dx_deg;
     while (std::max(level_width(levels - 1), level_height(levels - 1)) > 1) ++levels;
     for (int n = 1; n < levels; ++n) overviews.push_back(file.overview_of_size(level_width(n), level_height(n)));
   }
 
   Texel texel_of(double lat_deg, double lon_deg) const {
-    const double turned = lon_deg - 360 * std::floor((lon_deg - file.grid().west_deg) / 360);
-    return {(turned - file.grid().west_deg) / file.grid().dx_deg - 0.5,
-            (file.grid().north_deg - lat_deg) / file.grid().dy_deg - 0.5};
+    const double east_deg = lon_deg - file.grid().west_deg;
+    return {(east_deg - 360 * std::floor(east_deg / 360)) * texels_per_deg[0] - 0.5,
+            (file.grid().north_deg - lat_deg) * texels_per_deg[1] - 0.5};
+  }
+
+  // Sides in texels.
+  std::array<double, 2> side_of(const std::array<double, 2>& side_m, double cos_lat) const {
+    constexpr double kDegreesPerMetre = 1 / kMetresPerDegree;
+    return {side_m[0] * (texels_per_deg[0] * kDegreesPerMetre) / cos_lat,
+            -side_m[1] * (texels_per_deg[1] * kDegreesPerMetre)};
   }
 
   int level_width(int level) const { return 1 + ((width - 1) >> level); }
@@ -179,11 +187,14 @@ struct ValueMap::Impl {
   ValueMapOptions options;
   ValueRaster file;
   int width = 0, height = 0, levels = 1;
+  std::array<double, 2> texels_per_deg{};
   bool wraps = false;
   std::vector<int> overviews{-1};  // of each level, the file's overview of that size; -1: none
   std::shared_ptr<ValueMapTiles> kept;
   std::uint64_t number;  // of this map among those
 };
+
+double ValueMap::Footprint2::cosine(double lat_deg) { return std::cos(lat_deg * kRadiansPerDegree); }
 
 ValueMap::ValueMap(const ValueMapOptions& options, std::shared_ptr<ValueMapTiles> tiles)
     : impl_(std::make_unique<Impl>(options, std::move(tiles))) {}
@@ -256,16 +267,31 @@ ValueMap::Sampler::Sum ValueMap::Sampler::bilinear(double x, double y, int level
   return sum;
 }
 
+std::uint32_t ValueMap::Sampler::means_of_small(const Footprints& footprints, std::size_t first, double* values) {
+  const Impl& map = *map_->impl_;
+  const Texel middle = map.texel_of(footprints.lat_deg[first], footprints.lon_deg[first]);
+  if (!(middle.x >= 0 && middle.y >= 0 && middle.x < map.width && middle.y < map.height)) return 0;
+  const int tx = static_cast<int>(middle.x) / kTile, ty = static_cast<int>(middle.y) / kTile;
+  const std::vector<float>& of = tile(tx, ty, 0);
+  const int columns = std::min(kTile, map.width - tx * kTile), rows = std::min(kTile, map.height - ty * kTile);
+  if (of.size() != kTexels || columns < 2 || rows < 2) return 0;
+  const auto [per_deg_east, per_deg_south] = map.texels_per_deg;
+  return means_within_texels(
+      {of.data(), footprints.lon_deg[first] - (middle.x - tx * kTile) / per_deg_east,
+       footprints.lat_deg[first] + (middle.y - ty * kTile) / per_deg_south, per_deg_east, per_deg_south, columns, rows},
+      footprints, values);
+}
+
 ValueMap::Sampler::Mean ValueMap::Sampler::mean(const Footprint2& f) {
   const Impl& map = *map_->impl_;
-  const ValueRaster::Grid& g = map.file.grid();
   const bool polar = std::abs(f.lat_deg) > kPolar_deg;
   // Sides in texels. Near a pole a row's texels are many for little ground: there, texels along a meridian count, and
   // probes lie on the plane that touches the sphere.
-  const double texel_m = g.dy_deg * kMetresPerDegree;
-  const double across =
-      polar ? 1 / texel_m : 1 / (g.dx_deg * kMetresPerDegree * std::cos(f.lat_deg * kRadiansPerDegree));
-  const std::array<double, 2> a{f.a_m[0] * across, -f.a_m[1] / texel_m}, b{f.b_m[0] * across, -f.b_m[1] / texel_m};
+  const double texel_m = map.file.grid().dy_deg * kMetresPerDegree;
+  const auto side = [&](const std::array<double, 2>& m) {
+    return polar ? std::array{m[0] / texel_m, -m[1] / texel_m} : map.side_of(m, f.cos_lat);
+  };
+  const std::array<double, 2> a = side(f.a_m), b = side(f.b_m);
   const double a_length = length_of(a), b_length = length_of(b);
   // Texels of half the shorter side at most, as far as the longer one allows: a probe is made of few texels, and many
   // probes make the footprint.

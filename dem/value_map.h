@@ -15,6 +15,7 @@
 
 #include "dem/raster_info.h"
 #include "dem/stop_token.h"
+#include "dem/value_map_kernels.h"
 
 namespace selenograph::dem {
 
@@ -51,6 +52,8 @@ class ValueMap {
   struct Footprint2 {
     double lat_deg, lon_deg;
     std::array<double, 2> a_m, b_m;
+    double cos_lat = cosine(lat_deg);  // of those that have it at hand
+    static double cosine(double lat_deg);
   };
 
   // For one thread: remembers the tiles that it used last.
@@ -65,6 +68,9 @@ class ValueMap {
     // Of up to 16 probes along its longer side. Throws DataError when the file can't be read, Cancelled when `stop`
     // says so.
     Mean mean(const Footprint2& footprint);
+    // The means of those footprints that are smaller than a texel and within four of one tile that have values, as most
+    // are near the ground. A bit for each such one; other `values` mean nothing. The tile is that of the `first` one.
+    std::uint32_t means_of_small(const Footprints& footprints, std::size_t first, double* values);
 
    private:
     struct Held {

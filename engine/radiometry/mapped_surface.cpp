@@ -4,16 +4,72 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <filesystem>
 #include <string>
 
 #include "dem/error.h"
+#include "dem/vector_targets.h"
 #include "engine/camera/packet_rays.h"
 #include "engine/radiometry/brdf.h"
+#include "engine/radiometry/footprint_lanes.h"
 #include "engine/radiometry/radiometry.h"
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/radiometry/mapped_surface.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
+
+// False: the lanes are too far apart for its series. Where there is no hit, numbers without a meaning.
+bool FootprintsNear(const Near& near, const Vec3& right, const Vec3& down, const SurfacePoints& p, const Rays& rays,
+                    FootprintLanes& out) {
+  // Radians, from the packet's first place. The next terms of the series are 1e-12 of the Moon's radius.
+  constexpr double kFarthest = 2e-3;
+  const double ex = near.east.x(), ey = near.east.y(), nx = near.north.x(), ny = near.north.y(), nz = near.north.z(),
+               ux = near.up.x(), uy = near.up.y(), uz = near.up.z();
+  const double sine = near.sin_lat, cosine = near.cos_lat;
+  alignas(64) double off[kPacket];
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double x = p.x[i] * ex + p.y[i] * ey, y = p.x[i] * nx + p.y[i] * ny + p.z[i] * nz,
+                 z = p.x[i] * ux + p.y[i] * uy + p.z[i] * uz;
+    const double axis = z * sine + y * cosine, meridian = z * cosine - y * sine;
+    const double ring = std::sqrt(x * x + meridian * meridian), unit = 1 / std::sqrt(ring * ring + axis * axis);
+    const double tan_lon = x / meridian, tan_lat = (axis * cosine - ring * sine) / (ring * cosine + axis * sine);
+    out.lon_deg[i] = near.lon_deg + kDegreesPerRadian * tan_lon * (1 - tan_lon * tan_lon / 3);
+    out.lat_deg[i] = near.lat_deg + kDegreesPerRadian * tan_lat * (1 - tan_lat * tan_lat / 3);
+    out.cos_lat[i] = ring * unit;
+    off[i] = std::abs(tan_lon) + std::abs(tan_lat);
+
+    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
+    const double fx = p.nx[i], fy = p.ny[i], fz = p.nz[i], toward = p.distance[i] / (fx * dx + fy * dy + fz * dz);
+    const double along_right = toward * (fx * right.x() + fy * right.y() + fz * right.z()),
+                 along_down = toward * (fx * down.x() + fy * down.y() + fz * down.z());
+    const double t = p.distance[i];
+    const double rx = t * right.x() - dx * along_right, ry = t * right.y() - dy * along_right,
+                 rz = t * right.z() - dz * along_right;
+    const double bx = t * down.x() - dx * along_down, by = t * down.y() - dy * along_down,
+                 bz = t * down.z() - dz * along_down;
+    out.right_m[0][i] = rx * ex + ry * ey, out.right_m[1][i] = rx * nx + ry * ny + rz * nz;
+    out.down_m[0][i] = bx * ex + by * ey, out.down_m[1][i] = bx * nx + by * ny + bz * nz;
+  }
+  bool near_all = true;
+  for (int i = 0; i < kPacket; ++i) near_all &= !p.hit[i] || off[i] < kFarthest;
+  return near_all;
+}
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
 namespace selenograph::engine {
+
+HWY_EXPORT(FootprintsNear);
+
 namespace {
 
 // Steps of 1.5 %: 500 temperatures.
@@ -107,29 +163,57 @@ dem::ValueMap::Footprint2 MappedSurface::footprint(const Steps& steps, const Sur
   return {std::atan2(place.z(), ring) * kDegreesPerRadian,
           std::atan2(place.y(), place.x()) * kDegreesPerRadian,
           {a.dot(east), a.dot(north)},
-          {b.dot(east), b.dot(north)}};
+          {b.dot(east), b.dot(north)},
+          ring / radius};
+}
+
+void MappedSurface::footprints(const SurfacePoints& points, const Rays& rays, int first_row,
+                               FootprintLanes& out) const {
+  const int first = std::countr_zero(hit_bits(points));
+  if (!steps_.fisheye_boresight && !views_.vary() &&
+      HWY_DYNAMIC_DISPATCH(FootprintsNear)(Near(points.position(first)), steps_.right, steps_.down, points, rays, out))
+    return;
+  Steps steps = steps_;
+  for (int i = first; i < kPacket; ++i) {
+    if (!points.hit[i]) continue;
+    if (views_.vary()) steps = steps_of(views_.of(first_row + i / kPacketSide));
+    out.set(i, footprint(steps, points, i, rays.direction(i)));
+  }
 }
 
 void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
                            int first_row) const {
   constexpr double kRounding = 1e-6;
-  Steps steps = steps_;
-  for (int i = 0; i < kPacket; ++i) {
-    albedo[i] = 0;
-    if (!points.hit[i]) continue;
-    if (views_.vary()) steps = steps_of(views_.of(first_row + i / kPacketSide));
-    const dem::ValueMap::Footprint2 pixel = footprint(steps, points, i, rays.direction(i));
-    parts_of(sampler.albedo, pixel, fallback_, [&](double value, double share) {
-      if (value > most_ + kRounding) refuse_brightness(value, pixel, request_, *sampler.stop);
-      albedo[i] += share * std::clamp(value, 0.0, most_);
-    });
-    double dark = path_w_m2_sr_;
-    if (emission_)  // eq. (3)
-      parts_of(sampler.temperature, pixel, request_.temperature_k, [&](double temperature_k, double share) {
-        dark += share * (*emission_)(temperature_k) * (1 - albedo[i]);
-      });
-    base[i] = static_cast<float>(dark);
-  }
+  std::fill(albedo, albedo + kPacket, 0.0);
+  const std::uint32_t hits = hit_bits(points);
+  if (hits == 0) return;
+  const auto first = static_cast<std::size_t>(std::countr_zero(hits));
+  FootprintLanes pixels;
+  footprints(points, rays, first_row, pixels);
+  alignas(64) double values[kPacket];
+  // part(value, share, lane) of each pixel's parts. Of several maps the first decides where it has values.
+  const auto each = [&](std::vector<dem::ValueMap::Sampler>& maps, double fallback, const auto& part) {
+    const std::uint32_t small = maps.empty() ? 0 : maps.front().means_of_small(pixels.all(), first, values);
+    for (int i = 0; i < kPacket; ++i) {
+      if (!points.hit[i]) continue;
+      if (small >> i & 1)
+        part(values[i], 1.0, i);
+      else
+        parts_of(maps, pixels.at(i), fallback, [&](double value, double share) { part(value, share, i); });
+    }
+  };
+  each(sampler.albedo, fallback_, [&](double value, double share, int i) {
+    if (value > most_ + kRounding) refuse_brightness(value, pixels.at(i), request_, *sampler.stop);
+    albedo[i] += share * std::clamp(value, 0.0, most_);
+  });
+  std::fill(base, base + kPacket, static_cast<float>(path_w_m2_sr_));
+  if (!emission_) return;
+  alignas(64) double emitted[kPacket] = {};  // eq. (3)
+  each(sampler.temperature, request_.temperature_k, [&](double temperature_k, double share, int i) {
+    emitted[i] += share * (*emission_)(temperature_k) * (1 - albedo[i]);
+  });
+  for (int i = 0; i < kPacket; ++i) base[i] = static_cast<float>(path_w_m2_sr_ + emitted[i]);
 }
 
 }  // namespace selenograph::engine
+#endif  // HWY_ONCE

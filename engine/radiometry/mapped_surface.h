@@ -8,6 +8,7 @@
 #include "dem/value_map.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/request.h"
+#include "engine/radiometry/footprint_lanes.h"
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {
@@ -36,6 +37,8 @@ class MappedSurface {
   };
   Sampler sampler(const StopToken& stop) const;
 
+  // Whether the radiance without the Sun is another at every place.
+  bool emits() const { return emission_ != nullptr; }
   // Per lane that hits: rho, or Hapke's w; and W m-2 sr-1 without the Sun. Throws ImpossibleRequest where a map of
   // albedo says more than 1. `first_row`: of a square packet, where rows have views of their own.
   void sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
@@ -52,6 +55,7 @@ class MappedSurface {
   Steps steps_of(const View& view) const;
   static dem::ValueMap::Footprint2 footprint(const Steps& steps, const SurfacePoints& points, int lane,
                                              const Vec3& direction);
+  void footprints(const SurfacePoints& points, const Rays& rays, int first_row, FootprintLanes& out) const;
 
   const FrameRequest& request_;
   const RowViews& views_;

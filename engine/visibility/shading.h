@@ -22,13 +22,14 @@ class PacketShader {
   void shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const;
 
   // Per lane, W m-2 sr-1, eq. (1). `lit`: how much of the Sun each point sees. `base`: what is left without the Sun;
-  // written where mapped(), else it is base_radiance() everywhere. `sampler`: the calling task's own.
+  // written where a map decides, else it is base_radiance() everywhere. `sampler`: the calling task's own.
   // `first_row`: of a square packet, where rows have views of their own.
   using Sampler = MappedSurface::Sampler;
   void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                  Sampler& sampler, float* out, float* base, int first_row = 0) const;
   Sampler sampler(const StopToken& stop) const { return mapped_ ? mapped_->sampler(stop) : Sampler(); }
-  bool mapped() const { return mapped_.has_value(); }
+  // Whether base radiance is another at every place.
+  bool bases_vary() const { return mapped_ && mapped_->emits(); }
   float base_radiance() const { return base_; }
 
  private:

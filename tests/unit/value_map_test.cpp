@@ -53,6 +53,43 @@ double mean(const ValueMap& map, double lat_deg, double lon_deg, double side_m =
   return square(map, lat_deg, lon_deg, side_m).value;
 }
 
+// Sixteen at once, where they are small, have the means that each has alone: over several tiles, beside voids and the
+// map's borders, and past the date line.
+TEST_F(ValueMaps, SmallFootprintsTogetherHaveTheirOwnMeans) {
+  std::mt19937 random(31);
+  std::normal_distribution<float> any(0.5F, 0.2F);
+  // 3.6 km, so that a thousandth of a degree is nothing.
+  const Footprint all{-12, 12, 168, 204};
+  const ValueMap map = open(write("noise.tif", all, 300, 200, [&](double lat, double lon) {
+    return std::hypot(lat - 3, lon - 182) < 1 ? std::nan("") : static_cast<double>(any(random));
+  }));
+  ValueMap::Sampler sampler(map, kNever);
+  std::uniform_real_distribution<double> lat(-13, 13), lon(166, 206), side(-1500, 1500), near(-0.15, 0.15);
+  int found = 0, beside_voids = 0;
+  for (int packet = 0; packet < 3000; ++packet) {
+    double lats[kFootprints], lons[kFootprints], cosines[kFootprints], ae[kFootprints], an[kFootprints],
+        be[kFootprints], bn[kFootprints], values[kFootprints];
+    const double middle_lat = lat(random), middle_lon = lon(random) - (packet % 2 ? 360 : 0);
+    for (std::size_t i = 0; i < kFootprints; ++i) {
+      lats[i] = middle_lat + near(random), lons[i] = middle_lon + near(random);
+      cosines[i] = std::cos(lats[i] * kRadiansPerDegree);
+      ae[i] = side(random), an[i] = side(random), be[i] = side(random), bn[i] = side(random);
+    }
+    const std::uint32_t bits = sampler.means_of_small({lats, lons, cosines, ae, an, be, bn}, packet % 16, values);
+    for (std::size_t i = 0; i < kFootprints; ++i) {
+      const auto [value, coverage] = sampler.mean({lats[i], lons[i], {ae[i], an[i]}, {be[i], bn[i]}});
+      beside_voids += coverage > 0 && coverage < 1;
+      if (!(bits >> i & 1)) continue;
+      ++found;
+      // Alone, a side shorter than a twentieth of a texel counts as a point.
+      ASSERT_NEAR(values[i], value, 3e-4) << lats[i] << " " << lons[i];
+      ASSERT_EQ(coverage, 1) << lats[i] << " " << lons[i];
+    }
+  }
+  EXPECT_GT(found, 3000);
+  EXPECT_GT(beside_voids, 100);
+}
+
 TEST_F(ValueMaps, AreLinearBetweenTexels) {
   const auto plane = [](double lat, double lon) { return 0.1 + 0.01 * lat - 0.003 * lon; };
   const ValueMap map = open(write("plane.tif", {-5, 5, 20, 30}, 100, 100, plane));

@@ -52,7 +52,7 @@ void RasterPass::find_points(Pixels& pixels) {
   scratch_.samples.resize(scratch_.tiles.size());
   if (sample.weight > 0 && !sample.store) scratch_.radiance.assign(size, 0.F);
   scratch_.bases.clear();
-  if (sample.weight > 0 && (shader_.mapped() || !job_.objects.empty()))
+  if (sample.weight > 0 && (shader_.bases_vary() || !job_.objects.empty()))
     scratch_.bases.assign(size, shader_.base_radiance());
 
   pixels.watch.lap_ms();
@@ -122,7 +122,7 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
   if (sample.light) place_under_sun(points, nullptr, row.first, shading, lit, samples);
   if (sample.weight > 0) shader_.radiances(points, shading, rays, lit, sampler, radiance, base);
-  const bool bases = sample.weight > 0 && shader_.mapped();
+  const bool bases = sample.weight > 0 && shader_.bases_vary();
   std::vector<float>& target = radiance_of(sample);
   std::uint32_t left = hits;  // to be accounted for
   if (writer_.out().source.empty()) left = sample.count ? writer_.account_all(points, hits, counts) : 0;
