@@ -154,10 +154,10 @@ bool Preparation::prepared(const Expected& next) {
   return true;
 }
 
-void Preparation::remember(const Expected& next, StillThere still_there) {
+void Preparation::remember(const Expected& next, const StillThere& still_there) {
   const std::lock_guard lock(mutex_);
   for (Track& track : tracks_)
-    if (track.number == next.track) track.ready.push_back({next.request.pose, std::move(still_there)});
+    if (track.number == next.track) track.ready.push_back({next.request.pose, still_there});
 }
 
 void Preparation::try_again(const Expected& next) {

@@ -81,7 +81,7 @@ class Preparation {
   void expect_at(Expected next);
   void run();
   bool prepared(const Expected& next);
-  void remember(const Expected& next, StillThere still_there);
+  void remember(const Expected& next, const StillThere& still_there);
   void try_again(const Expected& next);
 
   static constexpr std::size_t kMostTracks = 8;

@@ -321,7 +321,11 @@ class ViewSelector {
     for (const Seen& s : std::exchange(seen_, {})) sharpen(s, receivers);
     sharpen_detail(receivers);
     std::vector<BlockId> of_detail;
-    for (const BlockId& id : std::exchange(out_of_view_, {})) cast(id, receivers, of_detail);
+    for (const BlockId& id : std::exchange(out_of_view_, {}))
+      if (terrain_.has_detail(id))
+        want_caster(id, terrain_.node(dem::ancestor_of(id, id.level - 1), stop_), receivers, of_detail);
+      else
+        cast(id, receivers, of_detail);
     for (const RootGroup* group : groups_out_of_view_)
       if (receivers.shaded_pixels_per_metre(group->bounds) > 0)
         for_each_root(terrain_, *group, [&](const BlockId& id) { cast(id, receivers, of_detail); });
@@ -401,7 +405,7 @@ class ViewSelector {
     const double displaced = receivers.shaded_pixels_per_metre(node->bounds);
     if (displaced == 0) return {};
     // Large blocks overlap much that they don't shade: they are split until their bounds mean something.
-    if (id.level < dem::kRootLevel + 1 && !finest(id)) return {true, true};
+    if (id.level < dem::kRootLevel + 1 && !finest(id)) return {true, true, node->info};
     return {true, false, node->info, blur(id, displaced)};
   }
 
