@@ -73,15 +73,17 @@ Preparation::Track& Preparation::track_of(const FrameRequest& frame, std::string
   return tracks_.front();
 }
 
+const Preparation::Ready* Preparation::Track::ready_for(const Pose& pose) const {
+  const auto found = std::find_if(ready.begin(), ready.end(), [&](const Ready& r) { return same(r.pose, pose); });
+  return found == ready.end() ? nullptr : &*found;
+}
+
 // Of what is ready that which is for these poses and still there. The soonest is asked for last: of what is kept on a
 // budget, that which was used longest ago goes first.
 void Preparation::keep_ready(Track& track, std::span<const Pose> poses) {
   std::vector<Ready> kept;
-  for (auto pose = poses.rbegin(); pose != poses.rend(); ++pose) {
-    const auto found = std::find_if(track.ready.begin(), track.ready.end(),
-                                    [&](const Ready& ready) { return same(ready.pose, *pose); });
-    if (found != track.ready.end() && found->still_there()) kept.push_back(*found);
-  }
+  for (auto pose = poses.rbegin(); pose != poses.rend(); ++pose)
+    if (const Ready* ready = track.ready_for(*pose); ready && ready->still_there()) kept.push_back(*ready);
   track.ready = std::move(kept);
 }
 
@@ -104,8 +106,7 @@ void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead,
       for (int steps = 1; steps <= kExtrapolated; ++steps) poses.push_back(extrapolated(before, frame.pose, steps));
     keep_ready(track, poses);
     for (std::size_t step = 0; step < poses.size(); ++step) {
-      const auto is_ready = [&](const Ready& ready) { return same(ready.pose, poses[step]); };
-      if (std::any_of(track.ready.begin(), track.ready.end(), is_ready)) continue;
+      if (track.ready_for(poses[step])) continue;
       Expected next{track.number, step, frame};
       next.request.pose = poses[step];
       expect_at(std::move(next));

@@ -70,6 +70,7 @@ class Preparation {
     std::string name;
     FrameRequest last;
     std::vector<Ready> ready{};
+    const Ready* ready_for(const Pose& pose) const;  // null: none is
   };
   struct Expected {
     std::uint64_t track = 0;

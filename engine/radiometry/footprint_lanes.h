@@ -12,7 +12,8 @@
 
 namespace selenograph::engine {
 
-// A place that others are near.
+// A place that others are near. On the sphere by hand: a texel isn't a matter of the last digits, and to_geographic
+// took a third of the time.
 struct Near {
   explicit Near(const Vec3& place) {
     const double ring = std::max(std::sqrt(place.x() * place.x() + place.y() * place.y()), 1e-6);

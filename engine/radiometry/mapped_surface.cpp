@@ -156,15 +156,8 @@ dem::ValueMap::Footprint2 MappedSurface::footprint(const Steps& steps, const Sur
     if (around.norm() > 1e-9) right = steps.angle * around.normalized(), down = right.cross(direction);
   }
   const Vec3 a = side(right), b = side(down);
-  // On the sphere by hand: a texel isn't a matter of the last digits, and to_geographic took a third of the time.
-  const double ring = std::max(std::sqrt(place.x() * place.x() + place.y() * place.y()), 1e-6),
-               radius = std::sqrt(ring * ring + place.z() * place.z());
-  const Vec3 east(-place.y() / ring, place.x() / ring, 0), north = (place / radius).cross(east);
-  return {std::atan2(place.z(), ring) * kDegreesPerRadian,
-          std::atan2(place.y(), place.x()) * kDegreesPerRadian,
-          {a.dot(east), a.dot(north)},
-          {b.dot(east), b.dot(north)},
-          ring / radius};
+  const Near at(place);
+  return {at.lat_deg, at.lon_deg, {a.dot(at.east), a.dot(at.north)}, {b.dot(at.east), b.dot(at.north)}, at.cos_lat};
 }
 
 void MappedSurface::footprints(const SurfacePoints& points, const Rays& rays, int first_row,

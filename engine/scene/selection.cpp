@@ -35,6 +35,10 @@ NodeBounds loose_bounds(const BlockId& id) {
   return bounds_of_all(id, static_cast<double>(dem::kLowestRelief_m), static_cast<double>(dem::kHighestRelief_m));
 }
 
+NodeBounds bounds_within(const BlockId& id, const dem::NodeInfo& heights) {
+  return bounds_of(id, static_cast<double>(heights.min_m), static_cast<double>(heights.max_m));
+}
+
 // What of a node needs no pyramid, or no more than is there: false when it can't matter whatever its heights are, or
 // those that its files hold. `matters` must be true of wider bounds where it is of narrower ones, so that answers don't
 // depend on what has been built.
@@ -55,7 +59,7 @@ std::optional<Known> known(const dem::Terrain& terrain, const BlockId& id, const
   dem::NodeInfo info{0, dem::kLowestRelief_m, dem::kHighestRelief_m, false, {}};
   if (terrain.node_is_cheap(id)) info = terrain.node(id, stop);
   if (info.empty) return std::nullopt;
-  return Known{info, bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m))};
+  return Known{info, bounds_within(id, info)};
 }
 
 // Of blocks finer than the posts there are more than a frame has use for.
@@ -203,7 +207,7 @@ class ViewSelector {
 
   // A block is as high as what it is part of: one that would be out of view even so needn't be made.
   void want_detail(const BlockId& child, const dem::NodeInfo& parent, std::vector<BlockId>& wanted) {
-    if (may_see(bounds_of(child, static_cast<double>(parent.min_m), static_cast<double>(parent.max_m))))
+    if (may_see(bounds_within(child, parent)))
       wanted.push_back(child);
     else
       out_of_view_.push_back(child);
@@ -245,13 +249,18 @@ class ViewSelector {
           return judged;
         },
         [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
-          const auto& [looked, refine] = judged;
-          note(id, looked.look);
-          if (refine)
-            for (const BlockId& child : dem::children_of(id)) want_detail(child, looked.seen->info, next);
-          else if (looked.seen)
-            add_seen(*looked.seen);
+          take_detail(id, judged.looked, judged.refine, next);
         });
+  }
+
+  // Of what is in view its children are next where it has to be finer.
+  void take_detail(const BlockId& id, const Looked& looked, bool finer, std::vector<BlockId>& next) {
+    note(id, looked.look);
+    if (!looked.seen) return;
+    if (finer)
+      for (const BlockId& child : dem::children_of(id)) want_detail(child, looked.seen->info, next);
+    else
+      add_seen(*looked.seen);
   }
 
   void add_seen(const Seen& seen) {
@@ -381,13 +390,7 @@ class ViewSelector {
           return judged;
         },
         [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
-          note(id, judged.looked.look);
-          const auto& seen = judged.looked.seen;
-          if (!seen) return;
-          if (too_much(judged.blur))
-            for (const BlockId& child : dem::children_of(id)) want_detail(child, seen->info, next);
-          else
-            add_seen(*seen);
+          take_detail(id, judged.looked, judged.looked.seen && too_much(judged.blur), next);
         });
   }
 
@@ -423,8 +426,7 @@ class ViewSelector {
 
   static void want_caster(const BlockId& child, const dem::NodeInfo& parent, const LightTree& receivers,
                           std::vector<BlockId>& wanted) {
-    const NodeBounds bounds = bounds_of(child, static_cast<double>(parent.min_m), static_cast<double>(parent.max_m));
-    if (receivers.shaded_pixels_per_metre(bounds) > 0) wanted.push_back(child);
+    if (receivers.shaded_pixels_per_metre(bounds_within(child, parent)) > 0) wanted.push_back(child);
   }
 
   void cast_detail(std::vector<BlockId> wave, const LightTree& receivers) {
