@@ -81,6 +81,11 @@ const Members<AccuracyForm>& accuracy_members() {
           "bound on the mesh's projected error; 0: the finest posts everywhere");
     m.add("samples_per_pixel", &AccuracyForm::samples_per_pixel, Integer{1, most_samples},
           "radiance and image are means over so many points of each pixel; a square number");
+    m.add("edge_samples", &AccuracyForm::edge_samples, Choice{{1, 4}},
+          "of radiance and image: so many points in the place of each sample that has less than three quarters of a "
+          "neighbour's radiance, or more than four thirds: edges of shadows, silhouettes. With 1 or 4 "
+          "`samples_per_pixel`, without a `shutter`")
+        .written_if([](const AccuracyForm& accuracy) { return accuracy.edge_samples > 1; });
     m.add(
         "max_shadow_error_px", &AccuracyForm::max_shadow_error_px, Number{{0, 1e6}, "px"},
         "aim for how far the mesh's error displaces a shadow's edge on level ground; gives way where the terrain that "
@@ -90,12 +95,15 @@ const Members<AccuracyForm>& accuracy_members() {
           "instead of the others: the best of them that is predicted to take no longer, on terrain in memory. The "
           "metadata's request says what was chosen, the header Selenograph-Budget what was predicted; asked for by its "
           "numbers the choice gives the same bytes");
-    for (const char* chosen : {"max_error_px", "samples_per_pixel", "max_shadow_error_px", "max_detail_error_px"})
+    for (const char* chosen :
+         {"max_error_px", "samples_per_pixel", "edge_samples", "max_shadow_error_px", "max_detail_error_px"})
       m.excludes(chosen, {"budget_ms"}, "a budget chooses the accuracy");
     m.check([](const JsonReader& in, AccuracyForm& accuracy, const ReadContext&) {
       const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
       if (side * side != accuracy.samples_per_pixel)
         in.fail("samples_per_pixel", "must be a square number: 1, 4, 9, 16, ...");
+      if (accuracy.edge_samples > 1 && side > 2)
+        in.fail("edge_samples", "is of frames with 1 or 4 \"samples_per_pixel\"");
     });
   });
   return *table;
@@ -277,6 +285,8 @@ void check_shutter(const JsonReader& in, FrameQuery& query) {
   engine::FrameRequest& request = query.request;
   check_pose(in, request.camera, request.shutter, request.pose);
   if (!request.shutter) return;
+  if (request.accuracy.edge_samples > 1)
+    in.at("accuracy").fail("edge_samples", "does not go with \"shutter\": of such rows each has a view of its own");
   if (request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "rows with times are rendered by \"raytrace\": \"zbuffer\" draws all from one place");
   if (!request.shutter->poses.empty() && in.has("ahead"))

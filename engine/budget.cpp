@@ -32,9 +32,12 @@ FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, Visibil
   const bool centres_too = accuracy.samples_per_pixel > 1 && wants_geometry(request);
   // Four drawn at once take twice a frame's time, or a little more.
   constexpr double kOfFourAtOnce = 0.55;
-  const bool at_once = visibility == Visibility::zbuffer && drawn_at_once(request, accuracy) > 1;
-  const double samples =
-      !wants_radiance(request) ? 1 : accuracy.samples_per_pixel * (at_once ? kOfFourAtOnce : 1) + centres_too;
+  const bool at_once = visibility == Visibility::zbuffer && drawn_at_once(request, accuracy, visibility) > 1;
+  // Edges take as long again as what they are edges of.
+  const double at_edges = accuracy.edge_samples > 1 ? 2 : 1;
+  const double samples = !wants_radiance(request)
+                             ? 1
+                             : accuracy.samples_per_pixel * at_edges * (at_once ? kOfFourAtOnce : 1) + centres_too;
   // Of a disc, horizons cost about as much again as the shadow map. By rays nine directions are asked for, and 256 in
   // the penumbra, which is a tenth of the frame or so.
   constexpr double kByHorizons = 2, kByRays = 35;

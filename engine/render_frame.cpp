@@ -9,10 +9,10 @@
 #include "engine/radiometry/radiometry.h"
 #include "engine/sensor/sensor.h"
 #include "engine/support/stopwatch.h"
+#include "engine/visibility/dense_samples.h"
 #include "engine/visibility/frame_writer.h"
 #include "engine/visibility/raytrace/ray_pass.h"
 #include "engine/visibility/rocks_in_view.h"
-#include "engine/visibility/zbuffer/dense_samples.h"
 
 namespace selenograph::engine {
 namespace {
@@ -295,33 +295,27 @@ Frame render_samples(const FrameRequest& asked, const dem::Terrain& terrain, Ren
       report_pixels(what.request.camera, writer.counts(), frame.report);
       report_view(writer.marks(), what, views.reference(), terrain.catalogue(), frame.report.view);
     };
-    if (!scene->raster) {
-      FrameWriter writer(request, views, scene->mesh, catalogue_size, frame.products, stop);
-      writer.look_at(marks);
-      RayPass(job, writer).for_pixels(stages);
-      finish(writer, job);
-    } else {
+    const auto draw = [&](const FrameJob& what, FrameWriter& writer) {
+      if (!scene->raster) return RayPass(what, writer).for_pixels(stages);
       const Pool<FrameScratch>::Lease scratch(kept.scratch());
-      const auto draw = [&](const FrameJob& what, FrameWriter& writer) {
-        RasterPass(what, writer, *scratch, frame.times).for_pixels(stages);
-      };
-      const bool dense = drawn_at_once(request, request.accuracy) > 1;
-      FrameRequest at_centres = request;
-      if (dense) at_centres.products &= ~static_cast<ProductSet>(kRadiance | kImage);
-      if (!dense || at_centres.products) {
-        FrameWriter writer(at_centres, views, scene->mesh, catalogue_size, frame.products, stop);
-        writer.look_at(marks);
-        draw({at_centres, views, *scene, objects, radiance, *lens, stop, each}, writer);
-        finish(writer, job);
-      }
-      if (dense) {
-        const std::shared_ptr<const PixelRays> dense_lens = kept.lens(dense_camera(request.camera), stop);
-        DenseSamples samples(job, *dense_lens, catalogue_size);
-        samples.writer().look_at(marks.dense());
-        draw(samples.job(), samples.writer());
-        frame.products.radiance = samples.radiance();
-        if (!at_centres.products) finish(samples.writer(), samples.job());
-      }
+      RasterPass(what, writer, *scratch, frame.times).for_pixels(stages);
+    };
+    const bool dense = drawn_at_once(request, request.accuracy, content.visibility) > 1;
+    FrameRequest at_centres = request;
+    if (dense) at_centres.products &= ~static_cast<ProductSet>(kRadiance | kImage);
+    if (!dense || at_centres.products) {
+      FrameWriter writer(at_centres, views, scene->mesh, catalogue_size, frame.products, stop);
+      writer.look_at(marks);
+      draw({at_centres, views, *scene, objects, radiance, *lens, stop, each}, writer);
+      finish(writer, job);
+    }
+    if (dense) {
+      const std::shared_ptr<const PixelRays> dense_lens = kept.lens(dense_camera(request.camera), stop);
+      DenseSamples samples(job, *dense_lens, catalogue_size);
+      samples.writer().look_at(marks.dense());
+      draw(samples.job(), samples.writer());
+      frame.products.radiance = samples.radiance();
+      if (!at_centres.products) finish(samples.writer(), samples.job());
     }
     report_scene(selection, *scene, frame.report);
   }

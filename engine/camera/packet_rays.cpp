@@ -125,6 +125,19 @@ void PacketRays::aim(PacketShape shape, int x, int y, double dx, double dy, cons
     aim_shape<PacketShape::square>(x, y, dx, dy, lens, out);
 }
 
+void PacketRays::aim_at(const int* x, const int* y, const PixelRays* lens, Rays& out) const {
+  const double *m = view_.moon_from_camera().data(), *origin = view_.position().data();
+  for (int i = 0; i < kPacket; ++i) {
+    if (linear_) {
+      out.set(i, view_.position(), rays_.first + x[i] * rays_.right + y[i] * rays_.down);
+      continue;
+    }
+    const auto d = looks_along(view_, lens, x[i], y[i], 0, 0);
+    turned_ray(d.value_or(Vec3::UnitZ()), m, origin, i, out);
+    out.valid[i] = d.has_value();
+  }
+}
+
 void aim_rows(const RowViews& views, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) {
   const int width = views.camera().width;
   const bool linear = views.camera().rectilinear();

@@ -30,6 +30,9 @@ class PacketRays {
   // all pixels at these places, where there is distortion and it is known; else null.
   void aim(PacketShape shape, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) const;
 
+  // Rays of sixteen pixels wherever they are, through their centres. `lens` as above.
+  void aim_at(const int* x, const int* y, const PixelRays* lens, Rays& out) const;
+
  private:
   template <PacketShape shape>
   void aim_shape(int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) const;

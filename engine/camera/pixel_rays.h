@@ -16,6 +16,10 @@ struct PixelRays {
   // takes a tenth of a millisecond a pixel.
   PixelRays(const Camera& camera, double dx, double dy, const StopToken& stop = {});
 
+  // Of a camera's pixels from those of the same camera with pixels twice as wide and high: by parabolas, which are some
+  // 1e-5 of a pixel from what the lens does, and much faster. Parallel.
+  PixelRays(const PixelRays& of_pixels, const Camera& camera, const Camera& dense, const StopToken& stop = {});
+
   // Row-major; NaN where the lens images nothing. Empty for a rectilinear camera. `z`: of unit directions; empty where
   // it is 1 everywhere.
   dem::UninitialisedVector<double> x, y, z;

@@ -21,6 +21,9 @@ struct Accuracy {
   double max_detail_error_px = kDefaultDetailError_px;
   static constexpr double kDefaultDetailError_px = 2;
   static constexpr double kDetailTrianglesPerPixel = 8;
+  // 4: samples at edges (visibility/edge_samples.h) give way to four each in their parts of the pixel; of 1 or 4
+  // samples per pixel, without a shutter. 1: they don't.
+  int edge_samples = 1;
   double detail_aim_px() const { return std::max(max_error_px, max_detail_error_px); }
 };
 

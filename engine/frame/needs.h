@@ -16,14 +16,16 @@ inline bool wants_radiance(const FrameRequest& request) { return request.product
 inline bool wants_light(const FrameRequest& request) { return wants_radiance(request) || (request.products & kLit); }
 inline bool wants_geometry(const FrameRequest& request) { return request.products & kTruth; }
 
-// Of a pixel's samples, how many the z-buffer draws at once (visibility/zbuffer/dense_samples.h): 4 where there is an
+// Of a pixel's samples, how many are drawn at once (visibility/dense_samples.h): 4 by the z-buffer where there is an
 // even number of them along a pixel's side. They take four times the memory, here that of the largest image which is
-// served by default (16 million pixels); larger ones have one at a time.
-inline int drawn_at_once(const FrameRequest& request, const Accuracy& accuracy) {
+// served by default (16 million pixels); larger ones have one at a time. Edges are looked for among all four.
+inline int drawn_at_once(const FrameRequest& request, const Accuracy& accuracy, Visibility visibility) {
   constexpr int kLargest_px = 2048;  // side
+  if (!wants_radiance(request)) return 1;
+  if (accuracy.edge_samples > 1 && !request.shutter) return accuracy.samples_per_pixel;
   const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
   const bool fits = std::max(request.camera.width, request.camera.height) <= kLargest_px;
-  return wants_radiance(request) && side % 2 == 0 && fits ? 4 : 1;
+  return visibility != Visibility::raytrace && side % 2 == 0 && fits ? 4 : 1;
 }
 
 // Besides its products, of what a frame is rendered with: samples under the Sun and the shadow map's lists, twice as
@@ -31,11 +33,14 @@ inline int drawn_at_once(const FrameRequest& request, const Accuracy& accuracy) 
 // radiance and digital numbers. An upper bound; scenes and terrain are not of it.
 inline std::size_t working_bytes_per_pixel(const FrameRequest& request) {
   std::size_t bytes = 0;
-  const bool dense = request.visibility != Visibility::raytrace && drawn_at_once(request, request.accuracy) > 1;
-  const std::size_t at_once = dense ? 4 : 1;
+  const auto at_once = static_cast<std::size_t>(drawn_at_once(request, request.accuracy, request.visibility));
+  const bool dense = at_once > 1;
   if (wants_radiance(request)) bytes += (dense ? 12 : 8) * at_once;
   if (wants_light(request)) bytes += (request.sun.angular_radius_deg > 0 ? 96 : 48) * at_once;
   if (!request.camera.rectilinear()) bytes += dense ? 24 + 24 * (at_once + 1) : 48;
+  // Edges: where they are, and samples under the Sun once more, of half the pixels at a time.
+  if (wants_radiance(request) && request.accuracy.edge_samples > 1)
+    bytes += (4 + (request.sun.angular_radius_deg > 0 ? 52 : 28) + (request.camera.rectilinear() ? 0 : 96)) * at_once;
   if (request.sensor && request.products & kImage) bytes += request.accuracy.samples_per_pixel > 1 ? 40 : 24;
   return bytes;
 }

@@ -66,7 +66,8 @@ double pixels_of(const Json& frame) {
   // A preset's size isn't known here.
   const double across = number_or(part("camera"), "width", 1024), down = number_or(part("camera"), "height", 1024);
   const double samples = number_or(part("accuracy"), "samples_per_pixel", 1);
-  return std::clamp(across, 1.0, 65535.0) * std::clamp(down, 1.0, 65535.0) * std::clamp(samples, 1.0, 65536.0);
+  const double edges = number_or(part("accuracy"), "edge_samples", 1) > 1 ? 2 : 1;
+  return edges * std::clamp(across, 1.0, 65535.0) * std::clamp(down, 1.0, 65535.0) * std::clamp(samples, 1.0, 65536.0);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include "dem/parallel.h"
 #include "engine/camera/packet_rays.h"
 #include "engine/visibility/disc_light.h"
+#include "engine/visibility/edge_samples.h"
 #include "engine/visibility/frame_job.h"
 #include "engine/visibility/frame_writer.h"
 #include "engine/visibility/raytrace/trace.h"
@@ -47,12 +48,14 @@ class RayPass {
   template <typename Stages>
   void for_pixels(const Stages& stages) {
     const std::vector<SubpixelSample> samples = samples_of(job_.request);
-    if (!job_.each) return for_samples(samples, stages);
+    const bool at_edges = EdgeSamples::wanted(job_);
+    if (!job_.each && !at_edges) return for_samples(samples, stages);
     for (const SubpixelSample& sample : samples) {
       if (sample.weight > 0) sample_radiance_.assign(writer_.out().radiance.size(), 0.F);
       for_samples({sample}, stages);
       if (!(sample.weight > 0)) continue;
-      job_.each(sample, sample_radiance_);
+      if (at_edges) refine_edges(sample_radiance_);
+      if (job_.each) job_.each(sample, sample_radiance_);
       for (std::size_t i = 0; i < sample_radiance_.size(); ++i)
         writer_.out().radiance[i] += sample.weight * sample_radiance_[i];
     }
@@ -85,14 +88,17 @@ class RayPass {
     meet(packet);
   }
   void aim(Packet& packet) const;
-  void meet(Packet& packet) const;
+  void meet(Packet& packet) const { meet(packet, shader_); }
   void find_light(Packet& packet) const;
-  void find_radiance(Packet& packet) const;
+  void find_radiance(Packet& packet) const { find_radiance(packet, shader_); }
   void write_products(Packet& packet) const;
 
  private:
   static constexpr int kTile = 32;  // pixels; a tile is one task
 
+  void meet(Packet& packet, const PacketShader& shader) const;
+  void find_radiance(Packet& packet, const PacketShader& shader) const;
+  void refine_edges(std::vector<float>& radiance) const;
   void find_objects(Packet& packet) const;
   void write_objects(Packet& packet) const;
   void light(const SurfacePoints& points, const std::uint16_t* own, Shading& shading, float* lit) const;

@@ -18,6 +18,8 @@ struct RasterPass::Row {
   std::size_t first;  // pixel
   const SubpixelSample& sample;
   const PixelRays& lens;
+  const PacketShader& shader;
+  float *radiance, *bases;  // of the sixteen; null: none are wanted, or they are the same everywhere
 };
 
 RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& scratch, StageTimes& times)
@@ -92,8 +94,10 @@ void RasterPass::resolve_tile(const ImageTile& tile, const TileBuffer& buffer, c
       const std::uint32_t* triangles =
           &buffer.triangle[static_cast<std::size_t>(y) * static_cast<std::size_t>(tile.width) +
                            static_cast<std::size_t>(x)];
-      resolve({tile.x0 + x, tile.y0 + y, std::min(kPacket, tile.width - x), first, sample, lens}, triangles, counts,
-              samples, sampler);
+      resolve({tile.x0 + x, tile.y0 + y, std::min(kPacket, tile.width - x), first, sample, lens, shader_,
+               sample.weight > 0 ? radiance_of(sample).data() + first : nullptr,
+               scratch_.bases.empty() ? nullptr : scratch_.bases.data() + first},
+              triangles, counts, samples, sampler);
     }
   samples.bound();
 }
@@ -108,6 +112,13 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   prefetch(triangles + kPacket);
   Facets facets;
   refine(job_.scene.mesh, rays, points, facets);
+  resolve_points(row, rays, points, facets, counts, samples, sampler);
+}
+
+// Once it is known what of the terrain the row's rays meet.
+void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets,
+                                PixelCounts& counts, LightSamples& samples, PacketShader::Sampler& sampler) {
+  const SubpixelSample& sample = row.sample;
   if (!job_.objects.empty()) resolve_objects(row, rays, points, counts, samples);
   const std::uint32_t hits = hit_bits(points);
   const bool all = hits == kAllLanes;
@@ -118,24 +129,23 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   if (!hits) return;
   if (sample.count && writer_.marked(row.y, 1)) mark(row, points);
   Shading shading;
-  shader_.shade(facets, points, rays, shading);
+  row.shader.shade(facets, points, rays, shading);
   alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
   if (sample.light) place_under_sun(points, nullptr, row.first, shading, lit, samples);
-  if (sample.weight > 0) shader_.radiances(points, shading, rays, lit, sampler, radiance, base);
-  const bool bases = sample.weight > 0 && shader_.bases_vary();
-  std::vector<float>& target = radiance_of(sample);
+  if (sample.weight > 0) row.shader.radiances(points, shading, rays, lit, sampler, radiance, base);
+  const bool bases = sample.weight > 0 && row.shader.bases_vary();
   std::uint32_t left = hits;  // to be accounted for
   if (writer_.out().source.empty()) left = sample.count ? writer_.account_all(points, hits, counts) : 0;
   const bool stores = sample.store && writer_.wants_geometry_of(row.y);
   if (all && left == 0 && !stores && !bases) {
-    if (sample.weight > 0) std::memcpy(&target[row.first], radiance, sizeof radiance);
+    if (sample.weight > 0) std::memcpy(row.radiance, radiance, sizeof radiance);
     return;
   }
   for (int i = 0; i < kPacket; ++i) {
     if (!points.hit[i]) continue;
     const std::size_t at = row.first + static_cast<std::size_t>(i);
-    if (sample.weight > 0) target[at] = radiance[i];
-    if (bases) scratch_.bases[at] = base[i];
+    if (sample.weight > 0) row.radiance[i] = radiance[i];
+    if (bases) row.bases[i] = base[i];
     if (left >> i & 1 && sample.count) writer_.account(points, i, at, counts);
     if (stores) writer_.store_geometry(points, i, rays.direction(i), shading, lit[i], at);
   }
@@ -157,11 +167,10 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
   if (sample.light) place_under_sun(lanes.points, lanes.object, row.first, lanes.shading, lit, samples);
   if (sample.weight > 0) job_.objects.radiances(lanes, rays, lit, radiance, base);
-  std::vector<float>& target = radiance_of(sample);
   for (int i = 0; i < kPacket; ++i) {
     if (!lanes.points.hit[i]) continue;
     const std::size_t at = row.first + static_cast<std::size_t>(i);
-    if (sample.weight > 0) target[at] = radiance[i], scratch_.bases[at] = base[i];
+    if (sample.weight > 0) row.radiance[i] = radiance[i], row.bases[i] = base[i];
     if (sample.count) writer_.count_object(lanes.object[i], counts);
     if (sample.store) writer_.store_object(lanes, i, rays.direction(i), lit[i], at);
   }
@@ -259,7 +268,14 @@ void RasterPass::add_samples(const SurfacePoints& p, std::uint32_t first_pixel, 
 
 // Casts the shadows: for_shaded says of what.
 void RasterPass::find_light(Pixels& pixels) {
-  if (pixels.sample.light) shadows_->cast(scratch_.samples, scratch_.light, job_.stop);
+  const SubpixelSample& sample = pixels.sample;
+  if (!sample.light) return;
+  shadows_->cast(scratch_.samples, scratch_.light, job_.stop);
+  FrameProducts& out = writer_.out();
+  if (!sample.store || out.lit.empty()) return;
+  for_shaded([&](const PartlyLit& left) {
+    if (const auto slot = writer_.slot(left.pixel)) out.lit[*slot] *= left.share;
+  });
 }
 
 // work(what is left of the light of a pixel whose point has some as far as it is alone with the Sun). Parallel.
@@ -274,25 +290,127 @@ void RasterPass::for_shaded(const Work& work) const {
 
 void RasterPass::find_radiance(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
-  if (sample.weight > 0 && sample.light) {
-    std::vector<float>& radiance = radiance_of(sample);
-    const float everywhere = shader_.base_radiance();
-    const auto base_of = [&](std::uint32_t at) { return scratch_.bases.empty() ? everywhere : scratch_.bases[at]; };
-    for_shaded([&](const PartlyLit& left) {
-      radiance[left.pixel] = base_of(left.pixel) + (radiance[left.pixel] - base_of(left.pixel)) * left.cosine;
-    });
-  }
+  if (sample.weight > 0 && sample.light) shade(radiance_of(sample), scratch_.bases);
   times_.shadow_ms += pixels.watch.lap_ms();
+  if (sample.weight > 0 && EdgeSamples::wanted(job_)) refine_edges(pixels);
+}
+
+// What shadows leave of radiance.
+void RasterPass::shade(std::vector<float>& radiance, const std::vector<float>& bases) const {
+  const float everywhere = shader_.base_radiance();
+  for_shaded([&](const PartlyLit& left) {
+    const float base = bases.empty() ? everywhere : bases[left.pixel];
+    radiance[left.pixel] = base + (radiance[left.pixel] - base) * left.cosine;
+  });
+}
+
+// Tiles from first to past_last of the dense frame.
+struct RasterPass::EdgeTiles {
+  const EdgeSamples& edges;
+  const ImageTiling& tiling;
+  std::size_t first, past_last;
+};
+
+// The same stages for samples at edges.
+void RasterPass::refine_edges(Pixels& pixels) {
+  EdgeScratch& own = scratch_.edges;
+  const std::vector<float>& radiance = radiance_of(pixels.sample);
+  const EdgeSamples edges(job_);
+  const ImageTiling tiling(mesh_, edges.dense_view());
+  tiling.lay(0, 0, edges.dense_lens(), scratch_.boxes, own.tiles);
+  own.pixels.resize(own.tiles.size());
+  in_parallel(own.tiles.size(), [&](std::size_t i) {
+    constexpr int kSide = EdgeSamples::kSide;
+    job_.stop.check();
+    const ImageTile& tile = own.tiles[i];
+    own.pixels[i] = edges.find(radiance, tile.x0 / kSide, tile.y0 / kSide, tile.width / kSide, tile.height / kSide);
+  });
+  // Batches bound the memory: frame/needs.h.
+  const std::size_t most = radiance.size() / 2;
+  for (EdgeTiles batch{edges, tiling, 0, 0}; batch.first < own.tiles.size(); batch.first = batch.past_last) {
+    own.first.assign(1, 0);
+    do {
+      own.first.push_back(own.first.back() + own.pixels[batch.past_last].size() * EdgeSamples::kPerPixel);
+      ++batch.past_last;
+    } while (batch.past_last < own.tiles.size() &&
+             own.first.back() + own.pixels[batch.past_last].size() * EdgeSamples::kPerPixel <= most);
+    refine_tiles(batch, pixels);
+  }
+}
+
+void RasterPass::refine_tiles(const EdgeTiles& batch, Pixels& pixels) {
+  EdgeScratch& own = scratch_.edges;
+  const std::size_t tiles = batch.past_last - batch.first, room = own.first.back() + kPacket;
+  own.radiance.assign(room, 0.F), own.bases.clear();
+  if (!scratch_.bases.empty()) own.bases.assign(room, shader_.base_radiance());
+  own.samples.clear(), own.samples.resize(tiles);
+  in_parallel(tiles, [&](std::size_t i) {
+    job_.stop.check();
+    const std::size_t count = own.first[i + 1] - own.first[i];
+    if (count > 0) {
+      own.samples[i].clear(count + kPacket);
+      if (disc_) own.samples[i].disc.clear(count + kPacket, !job_.objects.empty());
+      const Pool<TileBuffer>::Lease buffer(scratch_.buffers);
+      batch.tiling.draw(own.tiles[batch.first + i], 0, 0, batch.edges.dense_lens(), scratch_.boxes, *buffer);
+      resolve_edges(batch, i, *buffer);
+    }
+    own.samples[i].bound();
+  });
+  times_.resolve_ms += pixels.watch.lap_ms();
+  if (pixels.sample.light) {
+    shadows_->cast(own.samples, scratch_.light, job_.stop);
+    shade(own.radiance, own.bases);
+  }
+  std::vector<float>& radiance = radiance_of(pixels.sample);
+  in_parallel(tiles, [&](std::size_t i) {
+    const float* of_sample = own.radiance.data() + own.first[i];
+    for (const std::uint32_t pixel : own.pixels[batch.first + i]) {
+      radiance[pixel] = EdgeSamples::mean(of_sample);
+      of_sample += EdgeSamples::kPerPixel;
+    }
+  });
+  times_.shadow_ms += pixels.watch.lap_ms();
+}
+
+// Of one tile, drawn.
+void RasterPass::resolve_edges(const EdgeTiles& batch, std::size_t i, const TileBuffer& buffer) {
+  constexpr SubpixelSample kSample{0, 0, false, 1, true, false};
+  EdgeScratch& own = scratch_.edges;
+  const ImageTile& tile = own.tiles[batch.first + i];
+  const std::vector<std::uint32_t>& pixels = own.pixels[batch.first + i];
+  PacketShader::Sampler sampler = batch.edges.shader().sampler(job_.stop);
+  PixelCounts uncounted;
+  for (std::size_t at = 0; at < pixels.size() * EdgeSamples::kPerPixel; at += kPacket) {
+    EdgeSamples::Places places;
+    Rays rays;
+    const int count = batch.edges.get(pixels, at, places, rays);
+    std::uint32_t triangles[kPacket];
+    for (int k = 0; k < count; ++k)
+      triangles[k] =
+          buffer.triangle[static_cast<std::size_t>(places.y[k] - tile.y0) * static_cast<std::size_t>(tile.width) +
+                          static_cast<std::size_t>(places.x[k] - tile.x0)];
+    SurfacePoints points;
+    take_triangles(triangles, count, points);
+    Facets facets;
+    refine(job_.scene.mesh, rays, points, facets);
+    const std::size_t first = own.first[i] + at;
+    const Row row{0,
+                  0,
+                  count,
+                  first,
+                  kSample,
+                  batch.edges.dense_lens(),
+                  batch.edges.shader(),
+                  own.radiance.data() + first,
+                  own.bases.empty() ? nullptr : own.bases.data() + first};
+    resolve_points(row, rays, points, facets, uncounted, own.samples[i], sampler);
+  }
 }
 
 // Of geometry, what the points' places say is written when they are found.
 void RasterPass::write_products(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
   FrameProducts& out = writer_.out();
-  if (sample.light && sample.store && !out.lit.empty())
-    for_shaded([&](const PartlyLit& left) {
-      if (const auto slot = writer_.slot(left.pixel)) out.lit[*slot] *= left.share;
-    });
   if (sample.weight > 0 && job_.each) job_.each(sample, radiance_of(sample));
   if (sample.weight > 0 && !sample.store)
     in_parallel_pieces(scratch_.radiance.size(), 65536, [&](std::size_t first, std::size_t past_last) {
@@ -300,9 +418,17 @@ void RasterPass::write_products(Pixels& pixels) {
     });
 }
 
+std::size_t EdgeScratch::bytes() const {
+  std::size_t sum = bytes_of(tiles) + bytes_of(pixels) + bytes_of(first) + bytes_of(radiance) + bytes_of(bases);
+  for (const ImageTile& tile : tiles) sum += bytes_of(tile.strips);
+  for (const auto& list : pixels) sum += bytes_of(list);
+  for (const LightSamples& s : samples) sum += s.bytes();
+  return sum;
+}
+
 std::size_t FrameScratch::bytes() const {
   std::size_t sum = sizeof(FrameScratch) + bytes_of(boxes) + bytes_of(tiles) + bytes_of(radiance) + bytes_of(bases) +
-                    light.bytes() + buffers.bytes();
+                    edges.bytes() + light.bytes() + buffers.bytes();
   for (const ImageTile& tile : tiles) sum += bytes_of(tile.strips);
   for (const LightSamples& s : samples) sum += s.bytes();
   return sum;

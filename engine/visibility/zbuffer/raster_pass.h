@@ -10,6 +10,7 @@
 #include "engine/frame/report.h"
 #include "engine/support/pool.h"
 #include "engine/support/stopwatch.h"
+#include "engine/visibility/edge_samples.h"
 #include "engine/visibility/frame_job.h"
 #include "engine/visibility/frame_writer.h"
 #include "engine/visibility/shading.h"
@@ -19,6 +20,17 @@
 
 namespace selenograph::engine {
 
+// What the samples at edges (edge_samples.h) need.
+struct EdgeScratch {
+  std::vector<ImageTile> tiles;                    // of the dense frame
+  std::vector<std::vector<std::uint32_t>> pixels;  // per tile, of the frame
+  // Of a batch of tiles: the first of each tile's samples; one more: the end. Radiance and bases: of each sample.
+  std::vector<std::size_t> first;
+  std::vector<LightSamples> samples;
+  std::vector<float> radiance, bases;
+  std::size_t bytes() const;
+};
+
 // All that a frame needs while it is drawn; kept from frame to frame.
 struct FrameScratch {
   std::vector<StripBox> boxes;
@@ -26,6 +38,7 @@ struct FrameScratch {
   std::vector<LightSamples> samples;  // per tile
   std::vector<float> radiance;        // of one sub-pixel sample
   std::vector<float> bases;           // per pixel, without the Sun; empty: the same everywhere
+  EdgeScratch edges;
   LightScratch light;
   Pool<TileBuffer> buffers;  // one per thread
   std::size_t bytes() const;
@@ -67,6 +80,13 @@ class RasterPass {
                     const PixelRays& lens, PixelCounts& counts, LightSamples& samples);
   void resolve(const Row& row, const std::uint32_t* triangles, PixelCounts& counts, LightSamples& samples,
                PacketShader::Sampler& sampler);
+  void resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets, PixelCounts& counts,
+                      LightSamples& samples, PacketShader::Sampler& sampler);
+  void refine_edges(Pixels& pixels);
+  struct EdgeTiles;  // a batch
+  void refine_tiles(const EdgeTiles& batch, Pixels& pixels);
+  void resolve_edges(const EdgeTiles& batch, std::size_t i, const TileBuffer& buffer);
+  void shade(std::vector<float>& radiance, const std::vector<float>& bases) const;
   void resolve_objects(const Row& row, Rays& rays, SurfacePoints& points, PixelCounts& counts, LightSamples& samples);
   void mark(const Row& row, const SurfacePoints& points);
   void prefetch(const std::uint32_t* triangles) const;

@@ -1,4 +1,4 @@
-#include "engine/visibility/zbuffer/dense_samples.h"
+#include "engine/visibility/dense_samples.h"
 
 #include "dem/parallel.h"
 
