@@ -22,6 +22,8 @@ const std::vector<Column>& columns() {
   static const std::vector<Column> all{
       {"max_error_px", [](const SweepRow& r) { return r.setting.max_error_px; }},
       {"samples_per_pixel", [](const SweepRow& r) { return r.setting.samples_per_pixel; }},
+      {"edge_samples", [](const SweepRow& r) { return r.setting.edge_samples; }},
+      {"max_detail_error_px", [](const SweepRow& r) { return r.with_detail ? r.setting.max_detail_error_px : 0; }},
       {"max_shadow_error_px", [](const SweepRow& r) { return r.setting.max_shadow_error_px; }},
       {"reference_max_error_px", [](const SweepRow& r) { return r.reference_max_error_px; }},
       {"frame_ms", [](const SweepRow& r) { return r.frame_ms; }},
@@ -54,11 +56,14 @@ const std::vector<Column>& columns() {
 
 std::string markdown_row(const SweepRow& r) {
   const engine::ErrorMeasures& e = r.errors;
+  std::string aim = fmt::format("{:g}", r.setting.max_error_px), samples = fmt::to_string(r.setting.samples_per_pixel);
+  if (r.with_detail) aim += fmt::format(", {:g}", r.setting.detail_aim_px());
+  if (r.setting.edge_samples > 1) samples += ", edges";
   return fmt::format(
-      "| {} | {:g} | {:g} | {} | {:.2f} | {:.2f} | {:.0f} | {:.2f} | {:.3f} / {:.3f} / {:.3f} | {:.2g} / {:.2g} / "
+      "| {} | {} | {:g} | {} | {:.2f} | {:.2f} | {:.0f} | {:.2f} | {:.3f} / {:.3f} / {:.3f} | {:.2g} / {:.2g} / "
       "{:.2g} | {:.2f} / {:.1f} | {:.3f} / {:.1f} / {:.1f} | {:.3f} |\n",
-      visibility_name(r.visibility), r.setting.max_error_px, r.setting.max_shadow_error_px, r.setting.samples_per_pixel,
-      r.ratio(), static_cast<double>(r.triangles) / 1e6, static_cast<double>(r.scene_bytes) / 1048576.0, r.bound_px,
+      visibility_name(r.visibility), aim, r.setting.max_shadow_error_px, samples, r.ratio(),
+      static_cast<double>(r.triangles) / 1e6, static_cast<double>(r.scene_bytes) / 1048576.0, r.bound_px,
       e.geometric_px.median, e.geometric_px.p999, e.geometric_px.worst, e.geometric_m.median, e.geometric_m.p999,
       e.geometric_m.worst, 100 * e.radiance_rms, 100 * e.radiance_p999, e.shadow_edge_mean_px, e.shadow_edge_px.p999,
       e.shadow_edge_px.worst, 100 * e.wrong_shadow_flags);
@@ -88,7 +93,8 @@ std::string accuracy_markdown(const std::vector<SweepRow>& rows, const std::vect
   std::string text = fmt::format(
       "# Speed against error\n\nMeasured on {}. Time: a warm radiance frame over the bare ray-tracing kernel on the "
       "finest mesh with one sample per pixel, alternating, medians. Errors: against the finest terrain with many "
-      "samples per pixel; radiance relative to the mean of the sunlit pixels.\n",
+      "samples per pixel; radiance relative to the mean of the sunlit pixels. \"edges\": with `edge_samples` 4. With "
+      "detail, max_error_px is followed by what detail was aimed at.\n",
       machine);
   for (const engine::AccuracyScene& scene : scenes) {
     text += fmt::format("\n## {}: {}\n\n{}", scene.name, scene.what, kMarkdownHead);
@@ -104,7 +110,8 @@ OrderedJson accuracy_json(const std::vector<engine::AccuracyScene>& scenes, cons
                    {"default",
                     {{"max_error_px", standard.max_error_px},
                      {"max_shadow_error_px", standard.max_shadow_error_px},
-                     {"samples_per_pixel", standard.samples_per_pixel}}},
+                     {"samples_per_pixel", standard.samples_per_pixel},
+                     {"edge_samples", standard.edge_samples}}},
                    {"scenes", OrderedJson::array()}};
   for (const engine::AccuracyScene& scene : scenes)
     json["scenes"].push_back({{"name", scene.name}, {"description", scene.what}});

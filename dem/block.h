@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "dem/geodesy.h"
@@ -78,6 +79,21 @@ struct Block {
            sources.size() * sizeof(SourceMark) + ground.size() + 8 * 2 * (sin_lat.size() + sin_lon.size());
   }
 };
+
+// The post of a block at a place (ticks), if its lattice has one there and it is valid.
+inline std::optional<float> post_at(const Block& block, std::int64_t lat, std::int64_t lon) {
+  const BlockExtent& e = block.extent;
+  const std::int64_t dy = lat - e.lat0;
+  std::int64_t dx = wrap_lon(lon) - e.lon0;
+  if (dx < 0) dx += kLonTicks;  // the eastern edge of a block that ends at 180 degrees
+  if (dy < 0 || dy > std::int64_t{e.quads} * e.lat_step || dx > std::int64_t{e.quads} * e.lon_step || dy % e.lat_step ||
+      dx % e.lon_step)
+    return std::nullopt;
+  const float h =
+      block.vertices[block.index(static_cast<int>(dy / e.lat_step), static_cast<int>(dx / e.lon_step))].height_m;
+  if (std::isnan(h)) return std::nullopt;
+  return h;
+}
 
 // Fills the sine and cosine tables from the extent.
 void fill_trigonometry(Block& block);

@@ -590,6 +590,67 @@ std::shared_ptr<const Block> Terrain::block(const BlockId& id, const StopToken& 
 
 void Terrain::stop_building() const { impl_->builds.stop(); }
 
+// A block at its finest beside others at theirs, as a mesh joins them (engine/scene/mesh.h): of the vertices on an edge
+// with a coarser one those are left which that one has, too, the others give way to the ones before them; and their
+// heights are those of the neighbour, where its posts are coarser.
+struct Terrain::FinestEdges {
+  struct Edge {
+    int stride = 1;
+    std::shared_ptr<const Block> coarser;  // null: own heights
+  };
+  const Block& block;
+  Edge south{}, north{}, west{}, east{};
+
+  Vec3 vertex(int r, int c) const {
+    const int quads = block.extent.quads;
+    const Edge none;
+    const Edge& across = r == 0 ? south : r == quads ? north : none;
+    const Edge& beside = c == 0 ? west : c == quads ? east : none;
+    const int at_r = r - r % beside.stride, at_c = c - c % across.stride;
+    float height_m = block.vertices[block.index(at_r, at_c)].height_m;
+    for (const Edge* edge : {&across, &beside})
+      if (edge->coarser) {
+        const std::int64_t lat = block.extent.lat0 + std::int64_t{at_r} * block.extent.lat_step,
+                           lon = block.extent.lon0 + std::int64_t{at_c} * block.extent.lon_step;
+        height_m = post_at(*edge->coarser, lat, lon).value_or(height_m);
+      }
+    return block.position(at_r, at_c, static_cast<double>(height_m));
+  }
+
+  // Of the quads whose triangles may have a place in one of them: those that share what is left of an edge.
+  std::pair<int, int> rows(int r, int c) const {
+    return group(r, c == 0 ? west.stride : c == block.extent.quads - 1 ? east.stride : 1);
+  }
+  std::pair<int, int> columns(int r, int c) const {
+    return group(c, r == 0 ? south.stride : r == block.extent.quads - 1 ? north.stride : 1);
+  }
+
+ private:
+  static std::pair<int, int> group(int i, int stride) { return {i - i % stride, i - i % stride + stride}; }
+};
+
+// Of the edges that a quad is at.
+Terrain::FinestEdges Terrain::edges_beside(const Block& block, int r, int c, const StopToken& stop) const {
+  const BlockExtent& e = block.extent;
+  const int posts = plain().posts_level(block.id);
+  const auto edge = [&](std::int64_t lat, std::int64_t lon, bool along_lon) -> FinestEdges::Edge {
+    if (lat < 0 || lat >= kLatTicks) return {};
+    const auto at = [&](int level) { return block_at(level, static_cast<std::int32_t>(lat), wrap_lon(lon)); };
+    const BlockId probe = at(kMaxLevel);
+    if (plain().posts_level(probe) >= posts) return {};
+    std::shared_ptr<const Block> other = this->block(at(std::min(finest_level(probe), block.id.level)), stop);
+    if (!other) return {};
+    const int stride = along_lon ? other->extent.lon_step / e.lon_step : other->extent.lat_step / e.lat_step;
+    return {std::clamp(stride, 1, e.quads), std::move(other)};
+  };
+  FinestEdges edges{block};
+  if (r == 0) edges.south = edge(std::int64_t{e.lat0} - 1, e.lon0, true);
+  if (r == e.quads - 1) edges.north = edge(e.lat1(), e.lon0, true);
+  if (c == 0) edges.west = edge(e.lat0, std::int64_t{e.lon0} - 1, false);
+  if (c == e.quads - 1) edges.east = edge(e.lat0, e.lon1(), false);
+  return edges;
+}
+
 HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& stop) const {
   stop.check();
   HeightAnswer answer{lat_deg, wrap_lon_deg(lon_deg), std::nan(""), 0, -1, false};
@@ -603,6 +664,25 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& st
   const int level = finest_level(probe);
   const double step = std::ldexp(1.0, kTickLevel - level);
   const double y = lat / step, x = lon / step;
+  const auto answered = [&](const Block& block, const FinestEdges& edges, int r, int c) {
+    for (const bool upper : {false, true}) {
+      const QuadVertices q = vertices_of(r, c, upper);
+      const auto vertex = [&](int i) { return edges.vertex(q.r[i], q.c[i]); };
+      const auto distance = radial_distance({vertex(0), vertex(1), vertex(2)}, direction, 1e-9);
+      if (!distance) continue;
+      answer.height_m = *distance - kMoonRadius_m;
+      const SourceIndex from = source_of(block.source(q.r[0], q.c[0]));
+      for (int i = 0; i < 3; ++i) {
+        answer.filled |= is_filled(block.source(q.r[i], q.c[i]));
+        answer.blended |= is_blended(block.source(q.r[i], q.c[i]));
+      }
+      answer.source = from == kNoSource ? -1 : static_cast<int>(from);
+      if (answer.source >= 0)
+        answer.post_spacing_m = catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
+      return true;
+    }
+    return false;
+  };
   // The quad that the place is in; beside an edge the neighbours too, because the mesh's edges are great circles, not
   // parallels.
   for (const int dy : {0, -1, 1})
@@ -616,25 +696,12 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& st
       const BlockExtent& e = block->extent;
       const int r = static_cast<int>((static_cast<std::int64_t>(row * step) - e.lat0) / e.lat_step);
       const int c = static_cast<int>((wrap_lon(static_cast<std::int64_t>(col * step)) - e.lon0) / e.lon_step);
-      for (const bool upper : {false, true}) {
-        const QuadVertices q = vertices_of(r, c, upper);
-        const auto vertex = [&](int i) {
-          const float height_m = block->vertices[block->index(q.r[i], q.c[i])].height_m;
-          return block->position(q.r[i], q.c[i], static_cast<double>(height_m));
-        };
-        const auto distance = radial_distance({vertex(0), vertex(1), vertex(2)}, direction, 1e-9);
-        if (!distance) continue;
-        answer.height_m = *distance - kMoonRadius_m;
-        const SourceIndex from = source_of(block->source(q.r[0], q.c[0]));
-        for (int i = 0; i < 3; ++i) {
-          answer.filled |= is_filled(block->source(q.r[i], q.c[i]));
-          answer.blended |= is_blended(block->source(q.r[i], q.c[i]));
-        }
-        answer.source = from == kNoSource ? -1 : static_cast<int>(from);
-        if (answer.source >= 0)
-          answer.post_spacing_m = catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
-        return answer;
-      }
+      const FinestEdges edges = edges_beside(*block, r, c, stop);
+      const auto [first_r, past_r] = edges.rows(r, c);
+      const auto [first_c, past_c] = edges.columns(r, c);
+      for (int at_r = first_r; at_r < past_r; ++at_r)
+        for (int at_c = first_c; at_c < past_c; ++at_c)
+          if (answered(*block, edges, at_r, at_c)) return answer;
     }
   return answer;
 }

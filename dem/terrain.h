@@ -146,6 +146,8 @@ class Terrain {
  private:
   std::vector<BlockId> chunks_to_ingest() const;
   void ensure_chunk(const BlockId& chunk) const;
+  struct FinestEdges;
+  FinestEdges edges_beside(const Block& block, int r, int c, const StopToken& stop) const;
   struct Impl;
   std::shared_ptr<Impl> impl_;
   std::shared_ptr<const Terrain> plain_;  // null without detail

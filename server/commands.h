@@ -86,6 +86,9 @@ struct VerifyRoundTripSettings {
 struct VerifyAccuracySettings {
   TerrainSettings terrain;
   std::string center, polar_center;  // "LAT,LON", degrees; empty: see the options
+  std::string detail;                // of the assets folder; empty: no scene with one
+  std::vector<std::string> scenes;   // names of those that are measured; empty: all
+  double height_m = 20e3;            // of all scenes but the descents
   int size_px = 256;
   int repetitions = 5;
   int reference_samples = 256;

@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "api/accuracy_report.h"
+#include "api/assets.h"
 #include "api/frame_json.h"
 #include "engine/verify/accuracy_sweep.h"
 #include "server/commands.h"
@@ -53,6 +54,16 @@ Places places_of(const VerifyAccuracySettings& s, const dem::Terrain& terrain) {
   return places;
 }
 
+std::shared_ptr<const dem::Detail> detail_of(const VerifyAccuracySettings& s) {
+  if (s.detail.empty()) return nullptr;
+  auto detail = api::Assets(s.terrain.assets_dir).detail(s.detail);
+  if (!detail)
+    throw std::runtime_error(
+        fmt::format("--detail {}: there is no details/{}.json in the assets folder \"{}\" (--assets-dir)", s.detail,
+                    s.detail, s.terrain.assets_dir));
+  return detail;
+}
+
 // "AMD EPYC, 2 cores": what the times belong to.
 std::string machine() {
   std::ifstream info("/proc/cpuinfo");
@@ -66,11 +77,12 @@ std::string machine() {
 }
 
 void print_summary(const std::vector<engine::SweepRow>& rows) {
-  fmt::print("{:<10}{:<10}{:>14}{:>9}{:>9}{:>14}{:>16}{:>14}\n", "scene", "visibility", "max_error_px", "samples",
+  fmt::print("{:<10}{:<10}{:>14}{:>12}{:>9}{:>14}{:>16}{:>14}\n", "scene", "visibility", "max_error_px", "samples",
              "time", "points px", "shadow edge px", "radiance %");
   for (const engine::SweepRow& r : rows)
-    fmt::print("{:<10}{:<10}{:>14g}{:>9}{:>9.2f}{:>14.3f}{:>16.3f}{:>14.2f}\n", r.scene,
-               api::visibility_name(r.visibility), r.setting.max_error_px, r.setting.samples_per_pixel, r.ratio(),
+    fmt::print("{:<10}{:<10}{:>14g}{:>12}{:>9.2f}{:>14.3f}{:>16.3f}{:>14.2f}\n", r.scene,
+               api::visibility_name(r.visibility), r.setting.max_error_px,
+               fmt::format("{}{}", r.setting.samples_per_pixel, r.setting.edge_samples > 1 ? ", edges" : ""), r.ratio(),
                r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px, 100 * r.errors.radiance_rms);
 }
 
@@ -80,6 +92,14 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
   add_place(command, "--center", s.center, "Where the scenes are; without: the middle of the finest DEM file");
   add_place(command, "--polar-center", s.polar_center,
             "Where the Sun of the polar scene is low; without: no such scene");
+  command.add_option("--detail", s.detail, "Detail of the assets folder: adds a scene with it; without: no such scene")
+      ->type_name("NAME");
+  command.add_option("--scenes", s.scenes, "Only these")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"nadir", "oblique", "limb", "polar", "descent", "touchdown"}));
+  command.add_option("--height-m", s.height_m, "Of the camera above the ground, but for the descents")
+      ->check(CLI::Range(1.0, 1e9))
+      ->capture_default_str();
   command.add_option("--size-px", s.size_px, "Side of the frames")->check(CLI::Range(32, 4096))->capture_default_str();
   command.add_option("--repetitions", s.repetitions, "Of each time measurement; the median counts")
       ->check(CLI::Range(1, 1000))
@@ -97,7 +117,14 @@ int verify_accuracy(const VerifyAccuracySettings& settings) {
   if (terrain.dem.empty()) terrain.dem = sample_folders(terrain.cache_dir);
   const auto renderer = make_renderer(terrain);
   const Places places = places_of(settings, renderer->terrain());
-  const auto scenes = engine::accuracy_scenes(renderer->terrain(), places.center, places.polar, settings.size_px);
+  auto scenes =
+      engine::accuracy_scenes(renderer->terrain(), places.center, places.polar, settings.size_px, settings.height_m);
+  if (const auto detail = detail_of(settings))
+    scenes.push_back(engine::touchdown_scene(*renderer->terrain_with(detail), detail, places.center, settings.size_px));
+  if (!settings.scenes.empty())
+    std::erase_if(scenes, [&](const auto& scene) {
+      return std::find(settings.scenes.begin(), settings.scenes.end(), scene.name) == settings.scenes.end();
+    });
   engine::SweepOptions options;
   options.repetitions = settings.repetitions, options.reference_samples = settings.reference_samples;
   ProgressBar bar;

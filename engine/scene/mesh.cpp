@@ -8,6 +8,7 @@
 #include <cstring>
 #include <limits>
 #include <stdexcept>
+#include <tuple>
 #include <utility>
 
 #include "dem/parallel.h"
@@ -17,21 +18,6 @@ namespace {
 
 using dem::BlockExtent;
 using dem::BlockId;
-
-// The post of a block at a place, if its lattice has one there and it is valid.
-std::optional<float> post_at(const dem::Block& block, std::int64_t lat, std::int64_t lon) {
-  const BlockExtent& e = block.extent;
-  const std::int64_t dy = lat - e.lat0;
-  std::int64_t dx = dem::wrap_lon(lon) - e.lon0;
-  if (dx < 0) dx += dem::kLonTicks;  // the eastern edge of a block that ends at 180 degrees
-  if (dy < 0 || dy > std::int64_t{e.quads} * e.lat_step || dx > std::int64_t{e.quads} * e.lon_step || dy % e.lat_step ||
-      dx % e.lon_step)
-    return std::nullopt;
-  const float h =
-      block.vertices[block.index(static_cast<int>(dy / e.lat_step), static_cast<int>(dx / e.lon_step))].height_m;
-  if (std::isnan(h)) return std::nullopt;
-  return h;
-}
 
 // Whether they have at least a point in common; around a pole all that end there do.
 bool meet(const BlockExtent& a, const BlockExtent& b) {
@@ -125,6 +111,10 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
     index_[posts->id] = static_cast<std::uint32_t>(posts_.size());
     posts_.push_back(std::move(posts));
   }
+  posts_levels_.resize(posts_.size());
+  in_parallel_pieces(posts_.size(), 64, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t i = first; i < past_last; ++i) posts_levels_[i] = terrain.plain().posts_level(posts_[i]->id);
+  });
   blocks_.resize(posts_.size());
   const std::vector<BlockExtent> changed = before ? changes_since(*before) : std::vector<BlockExtent>{};
   in_parallel(blocks_.size(), [&](std::size_t i) {
@@ -164,6 +154,13 @@ std::optional<std::uint32_t> Mesh::block_at(std::int64_t lat_tick, std::int64_t 
   return std::nullopt;
 }
 
+// Whose heights a common edge has: the coarser block's, of two of one level those of the coarser posts. A finer post
+// beside them is a curve's, theirs are a chord's, whatever a frame is made of (dem::Terrain::height).
+bool Mesh::is_before(std::uint32_t block, std::uint32_t other) const {
+  const auto key = [&](std::uint32_t i) { return std::tuple(posts_[i]->id.level, posts_levels_[i], posts_[i]->id); };
+  return key(block) < key(other);
+}
+
 BlockBorder Mesh::border_of(const dem::Block& block) const {
   BlockBorder border;
   for (int edge = 0; edge < 4; ++edge) join_edge(block, edge, border);
@@ -192,7 +189,7 @@ void Mesh::join_edge(const dem::Block& own, int edge, BlockBorder& out) const {
   const bool several =
       neighbour && along_lon &&
       dem::lon_shift(own.id.level, own.id.row + (edge == 1 ? 1 : -1)) < dem::lon_shift(own.id.level, own.id.row);
-  const bool neighbour_first = neighbour && neighbour->id < own.id;
+  const bool neighbour_first = across && is_before(*across, index_.at(own.id));
   const int remaining = out.stride[static_cast<std::size_t>(edge)];
   std::vector<float>& heights = out.height[static_cast<std::size_t>(edge)];
   heights.reserve(static_cast<std::size_t>(e.quads) + 1);
@@ -207,7 +204,7 @@ void Mesh::join_edge(const dem::Block& own, int edge, BlockBorder& out) const {
     if (i == 0 || i == e.quads || several) {
       h = joined_height(own.id, lat, lon);
     } else if (neighbour && (neighbour_first || std::isnan(h))) {
-      h = post_at(*neighbour, lat, lon).value_or(h);
+      h = dem::post_at(*neighbour, lat, lon).value_or(h);
     }
     heights.push_back(h);
   }
@@ -220,14 +217,14 @@ float Mesh::joined_height(const BlockId& own, std::int64_t lat, std::int64_t lon
   const auto consider = [&](std::int64_t y, std::int64_t x) {
     if (y < 0 || y >= dem::kLatTicks) return;
     const auto at = block_at(y, x);
-    if (!at || (first && posts_[*at]->id > posts_[*first]->id)) return;
-    if (const auto h = post_at(*posts_[*at], lat, lon)) first = at, height = *h;
+    if (!at || (first && is_before(*first, *at))) return;
+    if (const auto h = dem::post_at(*posts_[*at], lat, lon)) first = at, height = *h;
   };
   for (const int dy : {-1, 0})
     for (const int dx : {-1, 0}) consider(lat + dy, lon + dx);
   if (lat == 0 || lat == dem::kLatTicks) {  // a pole: every block around it holds the same raw post
     const auto at = index_.find(own);
-    height = post_at(*posts_[at->second], lat, lon).value_or(height);
+    height = dem::post_at(*posts_[at->second], lat, lon).value_or(height);
   }
   return height;
 }

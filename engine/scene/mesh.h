@@ -145,9 +145,11 @@ class Mesh {
   std::vector<dem::BlockExtent> changes_since(const Mesh& before) const;
   BlockBorder border_of(const dem::Block& block) const;
   void join_edge(const dem::Block& block, int edge, BlockBorder& out) const;
+  bool is_before(std::uint32_t block, std::uint32_t other) const;
   float joined_height(const dem::BlockId& own, std::int64_t lat, std::int64_t lon) const;
 
   std::vector<std::shared_ptr<const dem::Block>> posts_;  // of blocks_
+  std::vector<int> posts_levels_;                         // of the terrain there, without detail
   std::vector<std::shared_ptr<const MeshBlock>> blocks_;
   std::unordered_map<dem::BlockId, std::uint32_t, dem::BlockIdHash> index_;
   int coarsest_ = 0, finest_ = 0;

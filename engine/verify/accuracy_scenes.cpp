@@ -1,5 +1,7 @@
 #include "engine/verify/accuracy_scenes.h"
 
+#include <fmt/format.h>
+
 #include <cmath>
 #include <numbers>
 
@@ -49,24 +51,35 @@ Pose tilted_pose(const Vec3& position_m, double tilt_deg) {
 }
 
 std::vector<AccuracyScene> accuracy_scenes(const dem::Terrain& terrain, const Geographic& place,
-                                           const std::optional<Geographic>& polar_place, int side_px) {
+                                           const std::optional<Geographic>& polar_place, int side_px, double height_m) {
   const Seat seat{terrain, place, side_px};
   std::vector<AccuracyScene> scenes;
-  scenes.push_back({"nadir", "straight down from 20 km, Sun 15 degrees high", {seat.frame(20e3, 0, 90, 15)}});
+  const std::string from = fmt::format("from {:g} km", height_m / 1e3);
+  scenes.push_back({"nadir", "straight down " + from + ", Sun 15 degrees high", {seat.frame(height_m, 0, 90, 15)}});
   scenes.push_back(
-      {"oblique", "60 degrees from the nadir, from 20 km, Sun 15 degrees high", {seat.frame(20e3, 60, 90, 15)}});
+      {"oblique", "60 degrees from the nadir, " + from + ", Sun 15 degrees high", {seat.frame(height_m, 60, 90, 15)}});
   scenes.push_back({"limb",
-                    "towards the horizon from 20 km, Sun 15 degrees high",
-                    {seat.frame(20e3, horizon_tilt_deg(20e3), 90, 15)}});
+                    "towards the horizon " + from + ", Sun 15 degrees high",
+                    {seat.frame(height_m, horizon_tilt_deg(height_m), 90, 15)}});
   if (polar_place)
     scenes.push_back({"polar",
-                      "straight down from 20 km near a pole, Sun 2 degrees high",
-                      {Seat{terrain, *polar_place, side_px}.frame(20e3, 0, 90, 2)}});
+                      "straight down " + from + " near a pole, Sun 2 degrees high",
+                      {Seat{terrain, *polar_place, side_px}.frame(height_m, 0, 90, 2)}});
   AccuracyScene descent{
       "descent", "straight down from 100 km, 32, 10, 3.2, 1 km, 320 and 100 m, Sun 10 degrees high", {}};
   for (int i = 0; i < 7; ++i) descent.frames.push_back(seat.frame(100e3 * std::pow(10, -0.5 * i), 0, 90, 10));
   scenes.push_back(std::move(descent));
   return scenes;
+}
+
+AccuracyScene touchdown_scene(const dem::Terrain& detailed, const std::shared_ptr<const dem::Detail>& detail,
+                              const Geographic& place, int side_px) {
+  AccuracyScene scene{"touchdown", "straight down from 300, 100, 30 and 10 m, Sun 10 degrees high, with detail", {}};
+  for (const double height_m : {300.0, 100.0, 30.0, 10.0}) {
+    scene.frames.push_back(Seat{detailed, place, side_px}.frame(height_m, 0, 90, 10));
+    scene.frames.back().detail = detail;
+  }
+  return scene;
 }
 
 }  // namespace selenograph::engine

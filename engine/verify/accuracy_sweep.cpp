@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <memory>
 
 #include "dem/error.h"
@@ -33,6 +34,8 @@ double median(std::vector<double> values) {
 
 // Where even the finest posts of all casters don't fit: much less than the edges that are measured.
 constexpr double kReferenceShadowError_px = 0.25;
+// Where detail is as fine as this, or as what fits.
+constexpr double kReferenceDetailError_px = 1.0 / 16;
 
 struct Setting {
   Accuracy accuracy;
@@ -44,8 +47,9 @@ class EmbreeBaseline {
  public:
   EmbreeBaseline(const Renderer& renderer, const FrameRequest& request, const Accuracy& setting, const StopToken& stop)
       : arena_(renderer.threads()), view_(request.camera, request.pose), sun_(request.sun.direction) {
-    const Selection finest = select_for_view(renderer.terrain(), view_, &request.sun, setting, stop);
-    const Mesh mesh(renderer.terrain(), finest.blocks);
+    const auto terrain = renderer.terrain_with(request.detail);
+    const Selection finest = select_for_view(*terrain, view_, &request.sun, setting, stop);
+    const Mesh mesh(*terrain, finest.blocks);
     shell_m_ = kMoonRadius_m + Scene::highest_m(mesh) + 1;
     kernel_ = std::make_unique<BareKernel>(mesh, anchor_for(view_.position(), view_.middle()), renderer.threads());
   }
@@ -72,29 +76,39 @@ class EmbreeBaseline {
 class FrameSweep {
  public:
   FrameSweep(const Renderer& renderer, const FrameRequest& request, const SweepOptions& options, const StopToken& stop)
-      : renderer_(renderer), request_(request), options_(options), stop_(stop), view_(request.camera, request.pose) {}
+      : renderer_(renderer),
+        request_(request),
+        options_(options),
+        stop_(stop),
+        terrain_(renderer.terrain_with(request.detail)),
+        view_(request.camera, request.pose) {}
 
   // The truth: the finest posts, and many samples for radiance.
   void prepare() {
-    for (double error = 0;; error = error > 0 ? 2 * error : 1.0 / 64) {
+    Accuracy setting{0, options_.reference_samples, kReferenceShadowError_px};
+    double& aim = request_.detail ? setting.max_detail_error_px : setting.max_error_px;
+    if (request_.detail) aim = kReferenceDetailError_px;
+    for (;; aim = aim > 0 ? 2 * aim : 1.0 / 64) {
       try {
-        const Accuracy setting{error, options_.reference_samples, kReferenceShadowError_px};
         reference_ = frame({setting, Visibility::raytrace}, kRadiance | kLit).products;
         baseline_ = std::make_unique<EmbreeBaseline>(renderer_, request_, setting, stop_);
-        reference_max_error_px_ = error;
+        reference_max_error_px_ = aim;
         return;
       } catch (const TooMuchTerrain&) {
-        if (error >= 4) throw;
+        if (aim >= 4) throw;
       }
     }
   }
 
   // Throws TooMuchTerrain where the setting's terrain doesn't fit.
   void measure(const Setting& setting, SweepRow& row, ErrorCollector& errors) {
-    const Frame measured = frame(setting, kRadiance | kLit | kPosition);
+    Frame measured = frame(setting, kRadiance | kLit | kPosition | (request_.detail ? ProductSet{kRock} : 0));
     const FrameReport& report = measured.report;
-    errors.add_geometry(view_, renderer_.terrain(), measured.products.position, report.lod_error_m,
-                        report.lod_error_px);
+    // Rocks stand on the terrain.
+    for (std::size_t i = 0; i < measured.products.rock.size(); ++i)
+      if (measured.products.rock[i] < measured.rocks.size())
+        std::fill_n(&measured.products.position[3 * i], 3, std::numeric_limits<double>::quiet_NaN());
+    errors.add_geometry(view_, *terrain_, measured.products.position, report.lod_error_m, report.lod_error_px);
     errors.add_shadows(request_.camera.width, request_.camera.height, measured.products.lit, reference_.lit);
     errors.add_radiance(measured.products.radiance, reference_.radiance);
     row.reference_max_error_px = std::max(row.reference_max_error_px, reference_max_error_px_);
@@ -128,6 +142,7 @@ class FrameSweep {
   const FrameRequest& request_;
   const SweepOptions& options_;
   const StopToken& stop_;
+  std::shared_ptr<const dem::Terrain> terrain_;
   View view_;
   FrameProducts reference_;
   double reference_max_error_px_ = 0;
@@ -143,39 +158,51 @@ bool measured(FrameSweep& frame, const Setting& setting, SweepRow& row, ErrorCol
   }
 }
 
-std::vector<Setting> settings_of(const SweepOptions& options) {
+std::vector<Setting> settings_of(const SweepOptions& options, bool with_detail) {
   std::vector<Setting> settings;
   for (const Visibility method : options.methods) {
     for (const double error : options.max_errors_px)
-      for (const int samples : options.samples_per_pixel)
+      for (const int samples : options.samples_per_pixel) {
         settings.push_back({{.max_error_px = error, .samples_per_pixel = samples}, method});
+        const auto& with_edges = options.samples_with_edges;
+        if (std::find(with_edges.begin(), with_edges.end(), samples) != with_edges.end())
+          settings.push_back({{.max_error_px = error, .samples_per_pixel = samples, .edge_samples = 4}, method});
+      }
     for (const double shadows : options.max_shadow_errors_px)
       settings.push_back({{.max_shadow_error_px = shadows}, method});
+    if (!with_detail) continue;
+    for (const double detail : options.max_detail_errors_px)
+      settings.push_back(
+          {{.max_error_px = std::min(Accuracy{}.max_error_px, detail), .max_detail_error_px = detail}, method});
   }
   return settings;
 }
 
-std::size_t frames_of(const std::vector<AccuracyScene>& scenes) {
-  std::size_t frames = 0;
-  for (const AccuracyScene& s : scenes) frames += s.frames.size();
-  return frames;
+bool has_detail(const AccuracyScene& scene) { return scene.frames.front().detail != nullptr; }
+
+// Measurements, a reference of each frame counted as one.
+std::size_t steps_of(const std::vector<AccuracyScene>& scenes, const SweepOptions& options) {
+  std::size_t steps = 0;
+  for (const AccuracyScene& s : scenes) steps += s.frames.size() * (settings_of(options, has_detail(s)).size() + 1);
+  return steps;
 }
 
 }  // namespace
 
 std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<AccuracyScene>& scenes,
                             const SweepOptions& options, const SweepProgress& progress, const StopToken& stop) {
-  const std::vector<Setting> settings = settings_of(options);
-  const std::size_t total = frames_of(scenes) * (settings.size() + 1);
+  const std::size_t total = steps_of(scenes, options);
   std::vector<SweepRow> rows;
   std::size_t done = 0;
   for (const AccuracyScene& scene : scenes) {
+    const std::vector<Setting> settings = settings_of(options, has_detail(scene));
     std::vector<SweepRow> of_scene;
     std::vector<ErrorCollector> errors(settings.size());
     std::vector<char> fits(settings.size(), 1);
     for (const Setting& setting : settings) {
       SweepRow& row = of_scene.emplace_back();
       row.scene = scene.name, row.setting = setting.accuracy, row.visibility = setting.visibility;
+      row.with_detail = has_detail(scene);
     }
     for (const FrameRequest& request : scene.frames) {
       FrameSweep frame(renderer, request, options, stop);

@@ -14,8 +14,10 @@ namespace selenograph::engine {
 struct SweepOptions {
   std::vector<double> max_errors_px = {4, 2, 1, 0.5, 0.25, 0.125, 0};
   std::vector<int> samples_per_pixel = {1, 4, 16};
+  std::vector<int> samples_with_edges = {4};  // of the former, once more with samples at edges
   std::vector<Visibility> methods = {Visibility::raytrace, Visibility::zbuffer};
   std::vector<double> max_shadow_errors_px = {64, 4, 1};  // besides the default: with the default of everything else
+  std::vector<double> max_detail_errors_px = {1, 0.5};    // the same, of scenes with detail
   int reference_samples = 256;
   int repetitions = 7;  // of each time measurement; the median counts
 };
@@ -34,8 +36,9 @@ struct SweepRow {
   double shadow_bound_px = 0;        // the same of shadow_error_px
   ErrorMeasures errors;
   // What the reference was made with: 0, the finest posts everywhere, or the smallest bound (a power of two) of which
-  // the terrain in view fits.
+  // the terrain in view fits. Of a scene with detail that of the detail, which has no finest posts.
   double reference_max_error_px = 0;
+  bool with_detail = false;
   double ratio() const { return frame_ms / bare_ms; }
 };
 

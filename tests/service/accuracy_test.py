@@ -90,30 +90,53 @@ class Budgets(WithService):
 
 
 class VerifyAccuracy(unittest.TestCase):
-    def test_measures_what_it_says(self):
-        output = harness.path("accuracy")
-        done = run("verify", "accuracy", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "64", "--repetitions", "1",
-                   "--reference-samples", "16", "--cache-dir", harness.path("cache"), "--log-level", "error", "-o", output)
+    def measured(self, name, size_px, *options):
+        output = harness.path(name)
+        done = run("verify", "accuracy", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", str(size_px),
+                   "--repetitions", "1", "--reference-samples", "16", "--cache-dir", harness.path("cache"), "--log-level", "error",
+                   "-o", output, *options)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertEqual(sorted(os.listdir(output)), ["accuracy.csv", "accuracy.json", "accuracy.md"])
         with open(os.path.join(output, "accuracy.csv"), newline="") as file:
             rows = list(csv.DictReader(file))
-        self.assertEqual({row["scene"] for row in rows}, {"nadir", "oblique", "limb", "descent"})  # no place for the polar one
         for row in rows:
             self.assertGreater(float(row["time_ratio"]), 0)
             self.assertEqual(float(row["within_lod_error_px"]), 1, row)
         self.assertEqual({row["visibility"] for row in rows}, {"raytrace", "zbuffer"})
+        return output, rows
+
+    def test_with_detail(self):
+        _, rows = self.measured("touchdown", 48, "--scenes", "touchdown", "--detail", "landing", "--assets-dir",
+                                os.path.join(harness.REPOSITORY, "deploy", "assets"))
+        self.assertEqual({row["scene"] for row in rows}, {"touchdown"})
+        self.assertEqual({row["max_detail_error_px"] for row in rows}, {"2", "1", "0.5"})
+        # The finest posts are the truth.
+        finest = [row for row in rows if row["max_error_px"] == "0"]
+        self.assertTrue(finest)
+        for row in finest:
+            self.assertLess(float(row["geometric_worst_m"]), 1e-6)
+        done = run("verify", "accuracy", "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"), "--detail", "nothing",
+                   "-o", harness.path("nowhere"))
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("details/nothing.json", done.stderr)
+
+    def test_measures_what_it_says(self):
+        output, rows = self.measured("accuracy", 64)
+        self.assertEqual({row["scene"] for row in rows}, {"nadir", "oblique", "limb", "descent"})  # no place for the polar one
         for method in ("raytrace", "zbuffer"):
             self.check_nadir([row for row in rows if (row["scene"], row["visibility"]) == ("nadir", method)])
         with open(os.path.join(output, "accuracy.json")) as file:
             facts = json.load(file)
         self.assertEqual([scene["name"] for scene in facts["scenes"]], ["nadir", "oblique", "limb", "descent"])
-        self.assertEqual(facts["default"], {"max_error_px": 0.5, "max_shadow_error_px": 16, "samples_per_pixel": 1})
+        self.assertEqual(facts["default"], {"max_error_px": 0.5, "max_shadow_error_px": 16, "samples_per_pixel": 1, "edge_samples": 1})
         with open(os.path.join(output, "accuracy.md")) as file:
             self.assertEqual(file.read().count("\n## "), 4)
 
     def check_nadir(self, rows):
-        nadir = {(row["max_error_px"], row["samples_per_pixel"]): row for row in rows}
+        nadir = {(row["max_error_px"], row["samples_per_pixel"]): row for row in rows if row["edge_samples"] == "1"}
+        edges, without = [[float(row["radiance_rms"]) for row in rows if (row["max_error_px"], row["samples_per_pixel"],
+                                                                          row["edge_samples"]) == ("0", "4", n)] for n in ("4", "1")]
+        self.assertLess(edges[0], 0.8 * without[0])
         coarse, finest, smooth = nadir["4", "1"], nadir["0", "1"], nadir["0", "16"]
         self.assertEqual(float(finest["wrong_shadow_flags"]), 0)
         self.assertLess(float(finest["geometric_worst_m"]), 1e-6)

@@ -8,6 +8,7 @@
 #include <random>
 
 #include "dem/error.h"
+#include "dem/sample/sample_terrain.h"
 #include "engine/camera/view.h"
 #include "engine/radiometry/photometry.h"
 #include "tests/support/float_tiles.h"
@@ -271,6 +272,43 @@ TEST_F(SmoothMoon, RaysMeetTheSphere) {
     ASSERT_EQ(hits[i].lit, 1);
   }
   EXPECT_FALSE(hits.back().hit);
+}
+
+// Fine posts in a corner of coarse ones: where the finest blocks of either meet, coarser ones decide the edge's
+// heights.
+TEST(FinestSurface, HeightsAreWhatRaysMeetWherePostsOfTwoSpacingsMeet) {
+  const TemporaryFolder folder;
+  dem::SampleOptions coarse, fine;
+  coarse.south_deg = -6, coarse.rows = 3, coarse.columns = 2, coarse.posts_per_degree = 64;
+  fine.south_deg = -6, fine.rows = fine.columns = 1, fine.posts_per_degree = 512;
+  dem::write_sample_terrain(folder.path(), coarse);
+  dem::write_sample_terrain(folder / "fine", fine);
+  const Renderer renderer(test::open_terrain(folder.path()), RendererOptions{2, std::size_t{512} << 20});
+  // Across the borders of blocks of 1, 1/2 and 1/4 degree, north and east of the fine posts.
+  double worst_m = 0;
+  std::size_t beside = 0;
+  for (const double border : {-5.0, -4.75, -4.5, -4.0}) {
+    std::vector<Ray> rays;
+    std::vector<Geographic> places;
+    for (int i = -60; i < 60; ++i) {
+      const double lat = border + 5e-5 * i, lon = 39.3 + 0.0137 * (i & 15);
+      places.push_back({lat, lon, 0});
+      places.push_back({-5.6 + 0.0137 * (i & 15), 45 + border + 5e-5 * i, 0});
+    }
+    for (const Geographic& place : places) {
+      const Vec3 from = to_cartesian({place.lat_deg, place.lon_deg, 20000});
+      rays.push_back({from, -from.normalized()});
+    }
+    const auto hits = renderer.cast(rays, std::nullopt);
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+      const double height_m = renderer.terrain().height(places[i].lat_deg, places[i].lon_deg).height_m;
+      if (!hits[i].hit || std::isnan(height_m)) continue;
+      ++beside;
+      worst_m = std::max(worst_m, std::abs(to_geographic(hits[i].position_m).height_m - height_m));
+    }
+  }
+  EXPECT_GT(beside, 700U);
+  EXPECT_LT(worst_m, 1e-6);
 }
 
 TEST_F(SmoothMoon, LandmarksAreWhereTheyProject) {
