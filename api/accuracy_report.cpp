@@ -109,6 +109,7 @@ OrderedJson accuracy_json(const std::vector<engine::AccuracyScene>& scenes, cons
   OrderedJson json{{"machine", machine},
                    {"default",
                     {{"max_error_px", standard.max_error_px},
+                     {"max_detail_error_px", standard.max_detail_error_px},
                      {"max_shadow_error_px", standard.max_shadow_error_px},
                      {"samples_per_pixel", standard.samples_per_pixel},
                      {"edge_samples", standard.edge_samples}}},

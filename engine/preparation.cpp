@@ -1,6 +1,7 @@
 #include "engine/preparation.h"
 
 #include <algorithm>
+#include <array>
 #include <exception>
 #include <utility>
 
@@ -11,8 +12,10 @@ namespace {
 
 // A camera that was farther away a frame ago, or looked elsewhere, is another one, or was moved by hand.
 constexpr double kFarthestStep_m = 20000, kWidestTurn_rad = 0.4;
-// Frames that are expected of a camera whose client says nothing.
-constexpr int kExtrapolated = 2;
+// Frames that are expected of a camera whose client says nothing: the next ones, and with detail, whose blocks take
+// longest to make, some that are far ahead.
+constexpr std::array kExtrapolated{1, 2};
+constexpr std::array kExtrapolatedWithDetail{1, 2, 6, 14};
 
 bool same(const Pose& a, const Pose& b) {
   return a.position_m == b.position_m && a.camera_from_moon.coeffs() == b.camera_from_moon.coeffs();
@@ -102,8 +105,11 @@ void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead,
     const Pose before = std::exchange(track.last, frame).pose;
     std::erase_if(expected_, [&](const Expected& e) { return e.track == track.number; });
     std::vector<Pose> poses(ahead.begin(), ahead.end());
-    if (poses.empty() && !same(before, frame.pose))
-      for (int steps = 1; steps <= kExtrapolated; ++steps) poses.push_back(extrapolated(before, frame.pose, steps));
+    if (poses.empty() && !same(before, frame.pose)) {
+      const std::span<const int> steps =
+          frame.detail ? std::span<const int>(kExtrapolatedWithDetail) : std::span<const int>(kExtrapolated);
+      for (const int step : steps) poses.push_back(extrapolated(before, frame.pose, step));
+    }
     keep_ready(track, poses);
     for (std::size_t step = 0; step < poses.size(); ++step) {
       if (track.ready_for(poses[step])) continue;

@@ -128,7 +128,7 @@ class VerifyAccuracy(unittest.TestCase):
         with open(os.path.join(output, "accuracy.json")) as file:
             facts = json.load(file)
         self.assertEqual([scene["name"] for scene in facts["scenes"]], ["nadir", "oblique", "limb", "descent"])
-        self.assertEqual(facts["default"], {"max_error_px": 0.5, "max_shadow_error_px": 16, "samples_per_pixel": 1, "edge_samples": 1})
+        self.assertEqual(facts["default"], {"max_error_px": 0.5, "max_detail_error_px": 2, "max_shadow_error_px": 16, "samples_per_pixel": 1, "edge_samples": 1})
         with open(os.path.join(output, "accuracy.md")) as file:
             self.assertEqual(file.read().count("\n## "), 4)
 
