@@ -17,6 +17,7 @@
 #include "tests/support/same_bytes.h"
 #include "tests/support/sample_scenery.h"
 #include "tests/support/tiles.h"
+#include "tests/support/views.h"
 
 namespace selenograph::test {
 namespace {
@@ -133,6 +134,37 @@ TEST_F(TwoWays, SubPixelSamplesAreTheSameMean) {
       request.products = engine::kLit;
       EXPECT_EQ(scenery().renderer->render(request).products.lit, drawn.products.lit);
     }
+}
+
+// Beside the edge of the data rays look again where they find nothing, and mostly find nothing again: what the others
+// of their packet see stays as it was.
+TEST_F(TwoWays, AgreeOnNormalsWhereTheTerrainEndsAtTheLimb) {
+  const auto& rasters = scenery().renderer->terrain().catalogue().rasters();
+  const dem::Footprint& some = rasters.front().footprint;
+  const Vec3 seen = to_cartesian({(some.south_deg + some.north_deg) / 2, (some.west_deg + some.east_deg) / 2, 0});
+  std::size_t compared = 0, different = 0;
+  for (const double aside_deg : {83.0, 84.0, 85.0}) {
+    const Geographic place = to_geographic(seen);
+    const Vec3 from = to_cartesian({place.lat_deg, place.lon_deg - aside_deg, 2e7});
+    engine::FrameRequest request = square_view(looking(from, seen - from, local_axes(from).north), kSide, 0.15,
+                                               engine::sun_direction(seen, 100, 12));
+    request.products = engine::kDepth | engine::kNormal;
+    request.visibility = engine::Visibility::raytrace;
+    const engine::FrameProducts rays = scenery().renderer->render(request).products;
+    request.visibility = engine::Visibility::zbuffer;
+    const engine::FrameProducts drawn = scenery().renderer->render(request).products;
+    for (std::size_t i = 0; i < rays.depth.size(); ++i) {
+      if (!(std::abs(rays.depth[i] - drawn.depth[i]) < 1e-6)) continue;
+      ++compared;
+      for (std::size_t k = 3 * i; k < 3 * i + 3; ++k)
+        if (std::abs(rays.normal[k] - drawn.normal[k]) > 1e-5F) {
+          ++different;
+          break;
+        }
+    }
+  }
+  EXPECT_GT(compared, 1000U);
+  EXPECT_EQ(different, 0U);
 }
 
 // A lens's pixels are where the lens puts them, to either.

@@ -128,8 +128,9 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
     }
     if (!any) break;
     SurfacePoints again;
+    Facets of_these;
     scene.tracer->intersect(aside, again);
-    refine(scene.mesh, rays, again, facets);
+    refine(scene.mesh, rays, again, of_these);
     for (int i = 0; i < kPacket; ++i) {
       if (!aside.active[i] || !again.hit[i]) continue;
       found = true;
