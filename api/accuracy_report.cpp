@@ -56,13 +56,12 @@ const std::vector<Column>& columns() {
 
 std::string markdown_row(const SweepRow& r) {
   const engine::ErrorMeasures& e = r.errors;
-  std::string aim = fmt::format("{:g}", r.setting.max_error_px), samples = fmt::to_string(r.setting.samples_per_pixel);
+  std::string aim = fmt::format("{:g}", r.setting.max_error_px);
   if (r.with_detail) aim += fmt::format(", {:g}", r.setting.detail_aim_px());
-  if (r.setting.edge_samples > 1) samples += ", edges";
   return fmt::format(
       "| {} | {} | {:g} | {} | {:.2f} | {:.2f} | {:.0f} | {:.2f} | {:.3f} / {:.3f} / {:.3f} | {:.2g} / {:.2g} / "
       "{:.2g} | {:.2f} / {:.1f} | {:.3f} / {:.1f} / {:.1f} | {:.3f} |\n",
-      visibility_name(r.visibility), aim, r.setting.max_shadow_error_px, samples, r.ratio(),
+      visibility_name(r.visibility), aim, r.setting.max_shadow_error_px, samples_text(r.setting), r.ratio(),
       static_cast<double>(r.triangles) / 1e6, static_cast<double>(r.scene_bytes) / 1048576.0, r.bound_px,
       e.geometric_px.median, e.geometric_px.p999, e.geometric_px.worst, e.geometric_m.median, e.geometric_m.p999,
       e.geometric_m.worst, 100 * e.radiance_rms, 100 * e.radiance_p999, e.shadow_edge_mean_px, e.shadow_edge_px.p999,
@@ -75,6 +74,10 @@ constexpr const char* kMarkdownHead =
     "px: mean / 99.9 % / worst | wrong shadow flags % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
 
 }  // namespace
+
+std::string samples_text(const engine::Accuracy& setting) {
+  return fmt::format("{}{}", setting.samples_per_pixel, setting.edge_samples > 1 ? ", edges" : "");
+}
 
 std::string accuracy_csv(const std::vector<SweepRow>& rows) {
   std::string csv = "scene,visibility";

@@ -9,6 +9,9 @@
 
 namespace selenograph::api {
 
+// Of a setting: "4", or "4, edges" with samples at edges.
+std::string samples_text(const engine::Accuracy& setting);
+
 // A header line, then a line per row; errors in the units that the column's name ends in, shares as fractions.
 std::string accuracy_csv(const std::vector<engine::SweepRow>& rows);
 

@@ -632,6 +632,8 @@ struct Terrain::FinestEdges {
 // Of the edges that a quad is at.
 Terrain::FinestEdges Terrain::edges_beside(const Block& block, int r, int c, const StopToken& stop) const {
   const BlockExtent& e = block.extent;
+  FinestEdges edges{block};
+  if (r > 0 && r < e.quads - 1 && c > 0 && c < e.quads - 1) return edges;
   const int posts = plain().posts_level(block.id);
   const auto edge = [&](std::int64_t lat, std::int64_t lon, bool along_lon) -> FinestEdges::Edge {
     if (lat < 0 || lat >= kLatTicks) return {};
@@ -643,7 +645,6 @@ Terrain::FinestEdges Terrain::edges_beside(const Block& block, int r, int c, con
     const int stride = along_lon ? other->extent.lon_step / e.lon_step : other->extent.lat_step / e.lat_step;
     return {std::clamp(stride, 1, e.quads), std::move(other)};
   };
-  FinestEdges edges{block};
   if (r == 0) edges.south = edge(std::int64_t{e.lat0} - 1, e.lon0, true);
   if (r == e.quads - 1) edges.north = edge(e.lat1(), e.lon0, true);
   if (c == 0) edges.west = edge(e.lat0, std::int64_t{e.lon0} - 1, false);

@@ -81,8 +81,7 @@ void print_summary(const std::vector<engine::SweepRow>& rows) {
              "time", "points px", "shadow edge px", "radiance %");
   for (const engine::SweepRow& r : rows)
     fmt::print("{:<10}{:<10}{:>14g}{:>12}{:>9.2f}{:>14.3f}{:>16.3f}{:>14.2f}\n", r.scene,
-               api::visibility_name(r.visibility), r.setting.max_error_px,
-               fmt::format("{}{}", r.setting.samples_per_pixel, r.setting.edge_samples > 1 ? ", edges" : ""), r.ratio(),
+               api::visibility_name(r.visibility), r.setting.max_error_px, api::samples_text(r.setting), r.ratio(),
                r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px, 100 * r.errors.radiance_rms);
 }
 

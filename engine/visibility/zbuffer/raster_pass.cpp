@@ -418,20 +418,27 @@ void RasterPass::write_products(Pixels& pixels) {
     });
 }
 
-std::size_t EdgeScratch::bytes() const {
-  std::size_t sum = bytes_of(tiles) + bytes_of(pixels) + bytes_of(first) + bytes_of(radiance) + bytes_of(bases);
+namespace {
+
+std::size_t bytes_of_tiles(const std::vector<ImageTile>& tiles, const std::vector<LightSamples>& samples) {
+  std::size_t sum = bytes_of(tiles);
   for (const ImageTile& tile : tiles) sum += bytes_of(tile.strips);
-  for (const auto& list : pixels) sum += bytes_of(list);
   for (const LightSamples& s : samples) sum += s.bytes();
   return sum;
 }
 
-std::size_t FrameScratch::bytes() const {
-  std::size_t sum = sizeof(FrameScratch) + bytes_of(boxes) + bytes_of(tiles) + bytes_of(radiance) + bytes_of(bases) +
-                    edges.bytes() + light.bytes() + buffers.bytes();
-  for (const ImageTile& tile : tiles) sum += bytes_of(tile.strips);
-  for (const LightSamples& s : samples) sum += s.bytes();
+}  // namespace
+
+std::size_t EdgeScratch::bytes() const {
+  std::size_t sum =
+      bytes_of_tiles(tiles, samples) + bytes_of(pixels) + bytes_of(first) + bytes_of(radiance) + bytes_of(bases);
+  for (const auto& list : pixels) sum += bytes_of(list);
   return sum;
+}
+
+std::size_t FrameScratch::bytes() const {
+  return sizeof(FrameScratch) + bytes_of_tiles(tiles, samples) + bytes_of(boxes) + bytes_of(radiance) +
+         bytes_of(bases) + edges.bytes() + light.bytes() + buffers.bytes();
 }
 
 }  // namespace selenograph::engine
