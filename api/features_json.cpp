@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <iterator>
 
@@ -17,7 +18,8 @@ using dem::RockFeature;
 constexpr std::pair<std::string_view, FeatureKind> kKinds[] = {{"craters", FeatureKind::craters},
                                                                {"rocks", FeatureKind::rocks}};
 
-constexpr Range kDiameter_m{0, 1e7, true, false};
+// From below the smallest rock of any preset to beyond the largest crater.
+constexpr Range kDiameter_m{0.01, 1e7};
 // Cells of the law that are looked through, over the most craters that are answered: laws may be sparse.
 constexpr double kCellsPerCrater = 40;
 
@@ -108,7 +110,8 @@ void check_number(const JsonReader& in, const FeaturesQuery& query, const Limits
     return expected(query, diameter_m) <= most && cells(query, diameter_m) <= kCellsPerCrater * most;
   };
   if (fits(least_m)) return;
-  double enough_m = least_m;
+  // In steps of 5 % over the preset's diameters: their number depends on the preset, not on the request.
+  double enough_m = std::max(least_m, all.smallest_m);
   while (enough_m < all.largest_m && !fits(enough_m)) enough_m *= 1.05;
   // Of two digits, rounded up.
   const double unit = std::pow(10, std::floor(std::log10(enough_m)) - 1);

@@ -5,11 +5,14 @@
 #include <string>
 
 #include "api/arrays.h"
+#include "api/features_json.h"
 #include "api/frame_json.h"
 #include "api/map_json.h"
+#include "api/mertis_json.h"
 #include "api/points_json.h"
 #include "api/problem.h"
 #include "api/ranges.h"
+#include "api/round_trip_json.h"
 #include "dem/error.h"
 #include "engine/camera/row_views.h"
 #include "engine/camera/view.h"
@@ -192,6 +195,20 @@ void check_heights(const Json& document) {
     require(is_place(place.lat_deg, place.lon_deg), "a place is one");
 }
 
+void check_features(const Json& document) {
+  const api::FeaturesQuery query = api::read_features(document, kLimits, kAssets);
+  require(query.least_m() > 0 && std::isfinite(query.least_m()), "the least diameter is a length");
+  require(query.most() >= 0 && std::isfinite(query.most()), "the number of features is bounded");
+  const dem::Footprint region = query.region();
+  require(region.south_deg < region.north_deg && region.west_deg < region.east_deg &&
+              region.east_deg - region.west_deg <= 360,
+          "the region has an inside");
+}
+
+void check_mertis(const Json& document) { api::read_mertis(document); }
+
+void check_round_trip(const Json& document) { api::read_round_trip(document, kLimits); }
+
 }  // namespace
 }  // namespace selenograph::fuzz
 
@@ -206,8 +223,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   }
   fuzz::require(api::parse_json(document.dump(), fuzz::kLimits.max_json_depth) == document,
                 "JSON that was read is written and read again");
-  for (const auto check :
-       {fuzz::check_frame, fuzz::check_map, fuzz::check_rays, fuzz::check_project, fuzz::check_heights}) {
+  for (const auto check : {fuzz::check_frame, fuzz::check_map, fuzz::check_rays, fuzz::check_project,
+                           fuzz::check_heights, fuzz::check_features, fuzz::check_mertis, fuzz::check_round_trip}) {
     try {
       check(document);
     } catch (const api::RequestError& refusal) {

@@ -64,6 +64,8 @@ MAPS = {
     "polar": {"projection": "polar_stereographic", **CENTER},
     "orthographic": {"projection": "orthographic", **CENTER},
 }
+MOON = {"south_deg": -90, "north_deg": 90, "west_deg": -180, "east_deg": 180}
+EXTREMES = {"denormal": 5e-324, "normal": 2.3e-308, "largest": 1.7976931348623157e308, "below-zero": -5e-324}
 WRONG = {
     "twice": '{"products": ["depth"], "products": ["depth"]}',
     "nan": '{"camera": NaN}',
@@ -100,6 +102,19 @@ def write_json():
     rays = {"rays": [{"origin_m": [1757400, 0, 0], "direction": [-1, 0, 1e-9]}], "sun": SUNS["direction"]}
     write("json_request", "rays.json", json.dumps(rays))
     write("json_request", "heights.json", json.dumps({"points": [{"lat_deg": -90, "lon_deg": 360}, {"lat_deg": 0.5, "lon_deg": -180}]}))
+    for name, number in EXTREMES.items():
+        for kind in ("craters", "rocks"):
+            features = {"detail": "landing", "kind": kind, "region": MOON, "smallest_m": number}
+            write("json_request", f"features-{kind}-{name}.json", json.dumps(features))
+        camera = {"width": 8, "height": 6, "fx": number, "cx": number, "distortion": {"model": "brown_conrady", "k1": number}}
+        pole = {"geodetic": {"lat_deg": 90, "lon_deg": 20, "height_m": number}, "nadir": {"up_azimuth_deg": number}}
+        sun = {"local": {"lat_deg": -90, "lon_deg": 20, "azimuth_deg": 0, "elevation_deg": number}, "distance_au": number}
+        write("json_request", f"frame-pole-{name}.json", json.dumps({"camera": camera, "pose": pole, "sun": sun}))
+        area = {"projection": "orthographic", "center": {"lat_deg": -90, "lon_deg": 20}, "width_m": number, "height_m": 200, "gsd_m": 50}
+        write("json_request", f"map-pole-{name}.json", json.dumps({"map": area, "sun": sun}))
+        write("json_request", f"rays-{name}.json", json.dumps({"rays": [{"origin_m": [number, 0, 0], "direction": [number, 0, 0]}]}))
+    write("json_request", "mertis.json", json.dumps({"first_um": 7, "last_um": 14, "channels": 20, "efficiency": [[7, 0.3], [14, 0.4]]}))
+    write("json_request", "roundtrip.json", json.dumps({"center": {"lat_deg": -90, "lon_deg": 20}, "height_m": 2000, "posts": 8}))
     for name, text in WRONG.items():
         write("json_request", f"wrong-{name}.json", text)
 
