@@ -6,12 +6,10 @@
 namespace selenograph::api {
 
 Response answer_features(const EndpointContext& context) {
-  // A crater while it is in work, with its text.
-  constexpr double kBytesPerCrater = 1000;
   const std::string_view media_type =
       choose(header(context.request, "accept"), std::span<const Alternative>(kFeaturesAnswers));
   const FeaturesQuery query = read_features(json_body(context), context.limits, context.assets, context.stop);
-  context.memory.need(static_cast<std::size_t>(kBytesPerCrater * query.most()), "/region", context.stop);
+  context.memory.need(query.bytes(), "/region", context.stop);
   const FeatureList list(query, context.renderer, context.stop);
   Response response;
   response.content_type = media_type;

@@ -79,8 +79,10 @@ double cells(const FeaturesQuery& query, double diameter_m) {
 }
 
 template <typename Feature>
-void add_json(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns, std::string& text) {
+void add_json(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns, const StopToken& stop,
+              std::string& text) {
   for (std::size_t i = 0; i < features.size(); ++i) {
+    stop.check();
     fmt::format_to(std::back_inserter(text), R"({}{{"id":"{}")", i == 0 ? "\n" : ",\n",
                    id_text(features[i].member().id));
     for (const auto& column : columns)
@@ -90,11 +92,13 @@ void add_json(std::span<const Feature> features, std::span<const FeatureColumn<F
 }
 
 template <typename Feature>
-std::string csv_of(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns) {
+std::string csv_of(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns,
+                   const StopToken& stop) {
   std::string text = "id";
   for (const auto& column : columns) (text += ',') += column.name;
   text += '\n';
   for (const Feature& feature : features) {
+    stop.check();
     text += id_text(feature.member().id);
     for (const auto& column : columns) fmt::format_to(std::back_inserter(text), ",{}", column.value(feature));
     text += '\n';
@@ -136,9 +140,12 @@ dem::Footprint FeaturesQuery::region() const { return footprint_of(bounds); }
 
 double FeaturesQuery::least_m() const { return smallest_m.value_or(population_of(*this).smallest_m); }
 
-double FeaturesQuery::most() const {
-  const double mean = expected(*this, least_m());
-  return mean + 10 * std::sqrt(mean) + 100;
+std::size_t FeaturesQuery::bytes() const {
+  // Of a crater while it is in work, with its text, and of the pieces of a region, which are some cells wide.
+  constexpr double kBytesPerFeature = 1000, kBytesPerCell = 16;
+  const double mean = expected(*this, least_m()), most = mean + 10 * std::sqrt(mean) + 100;
+  const std::size_t kept = kind == FeatureKind::rocks ? dem::RockSurvey::kKeptBytes : 0;
+  return static_cast<std::size_t>(kBytesPerFeature * most + kBytesPerCell * cells(*this, least_m())) + kept;
 }
 
 const Members<FeaturesQuery>& features_members() {
@@ -171,7 +178,7 @@ std::span<const FeatureColumn<RockFeature>> rock_columns() { return kRockColumns
 std::string id_text(std::uint64_t id) { return fmt::format("{:016x}", id); }
 
 FeatureList::FeatureList(const FeaturesQuery& query, const engine::Renderer& renderer, const StopToken& stop)
-    : query_(query) {
+    : query_(query), stop_(stop) {
   if (query.kind == FeatureKind::rocks)
     rocks_ = renderer.rocks(query.detail.content, query.region(), query.least_m(), stop);
   else
@@ -185,15 +192,15 @@ std::string FeatureList::json() const {
       detail_metadata(query_.detail.name, *query_.detail.content).dump(), region.south_deg, region.north_deg,
       region.west_deg, region.east_deg, query_.least_m(), population_of(query_).name);
   if (query_.kind == FeatureKind::rocks)
-    add_json<RockFeature>(rocks_, kRockColumns, text);
+    add_json<RockFeature>(rocks_, kRockColumns, stop_, text);
   else
-    add_json<CraterFeature>(craters_, kCraterColumns, text);
+    add_json<CraterFeature>(craters_, kCraterColumns, stop_, text);
   return text + "]}\n";
 }
 
 std::string FeatureList::csv() const {
-  return query_.kind == FeatureKind::rocks ? csv_of<RockFeature>(rocks_, kRockColumns)
-                                           : csv_of<CraterFeature>(craters_, kCraterColumns);
+  return query_.kind == FeatureKind::rocks ? csv_of<RockFeature>(rocks_, kRockColumns, stop_)
+                                           : csv_of<CraterFeature>(craters_, kCraterColumns, stop_);
 }
 
 }  // namespace selenograph::api

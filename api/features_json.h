@@ -27,8 +27,9 @@ struct FeaturesQuery {
 
   dem::Footprint region() const;  // east of its west
   double least_m() const;
-  // About as many as there are at most.
-  double most() const;
+  // About as much as the answer takes at most while it is made: the craters or rocks with their text, and where they
+  // are looked for.
+  std::size_t bytes() const;
 };
 
 const Members<FeaturesQuery>& features_members();
@@ -66,6 +67,7 @@ class FeatureList {
 
  private:
   const FeaturesQuery& query_;
+  StopToken stop_;
   std::vector<dem::CraterFeature> craters_;
   std::vector<dem::RockFeature> rocks_;
 };

@@ -7,9 +7,9 @@
 // between tasks looks like a race, and suppressing those would hide the races of the loops' bodies with them.
 #pragma once
 
+#include <atomic>
 #ifdef __SANITIZE_THREAD__
 #include <algorithm>
-#include <atomic>
 #include <exception>
 #include <thread>
 #else
@@ -21,6 +21,7 @@
 
 #include <cstddef>
 #include <mutex>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -130,6 +131,20 @@ std::vector<T> gathered_in_parallel(std::size_t count, std::size_t grain, const 
     all.insert(all.end(), some.begin(), some.end());
   });
   return all;
+}
+
+// The same, but nothing where they are more than `most`: hardly more than that are ever held.
+template <typename T, typename Make>
+std::optional<std::vector<T>> gathered_in_parallel(std::size_t count, std::size_t grain, std::size_t most,
+                                                   const Make& make) {
+  std::atomic<std::size_t> number{0};
+  auto all = gathered_in_parallel<T>(count, grain, [&](std::size_t i, std::vector<T>& some) {
+    if (number > most) return;
+    const std::size_t before = some.size();
+    make(i, some);
+    number += some.size() - before;
+  });
+  return number > most ? std::nullopt : std::optional(std::move(all));
 }
 
 }  // namespace selenograph

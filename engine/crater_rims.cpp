@@ -92,11 +92,11 @@ class RimFinder {
     std::set<Cube> found;
     std::mutex mutex;
     in_parallel_pieces(static_cast<std::size_t>(ground_.height), 16, [&](std::size_t first, std::size_t past_last) {
-      stop_.check();
       std::set<Cube> some;
       std::optional<Cube> latest;
       const auto width = static_cast<std::size_t>(ground_.width);
       for (std::size_t i = first * width; i < past_last * width; ++i) {
+        if (i % width == 0) stop_.check();
         if (std::isnan(ground_.range[i]) || (!ground_.object.empty() && ground_.object[i] != kNothing)) continue;
         const Vec3 at = position(i);
         if (largest_m * views_.of_pixel(i).pixels_per_metre(at, 0) < options_.least_px) continue;
@@ -119,7 +119,7 @@ class RimFinder {
     const double around_m = (std::numbers::sqrt3 + 1) * side_m;
     const auto near = gathered_in_parallel<dem::Crater>(all.size(), 8, [&](std::size_t i, auto& some) {
       stop_.check();
-      survey_.near(octave, all[i].direction(), around_m, some);
+      survey_.near(octave, all[i].direction(), around_m, some, stop_);
     });
     std::map<std::uint64_t, dem::Crater> craters;
     for (const dem::Crater& crater : near)

@@ -46,9 +46,10 @@ Crater CraterField::made(Draws& draws, const Vec3& centre, double diameter_m) co
   return crater;
 }
 
-void CraterField::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out) const {
+void CraterField::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out,
+                       const StopToken& stop) const {
   const double reach_m = CraterShape::reach(CraterShape::kOldest) * cells_.largest_m(octave) / 2;
-  cells_.near(octave, direction, (radius_m + reach_m) / kMoonRadius_m,
+  cells_.near(octave, direction, (radius_m + reach_m) / kMoonRadius_m, stop,
               [&](Draws& draws, const Vec3& centre, double diameter_m) {
                 const Crater crater = made(draws, centre, diameter_m);
                 if ((centre - direction).norm() * kMoonRadius_m <= radius_m + crater.reach_m() && region_.holds(centre))
@@ -56,9 +57,9 @@ void CraterField::near(int octave, const Vec3& direction, double radius_m, std::
               });
 }
 
-std::vector<Crater> CraterField::within(int octave, const Footprint& box) const {
+std::vector<Crater> CraterField::within(int octave, const Footprint& box, const StopToken& stop) const {
   std::vector<Crater> out;
-  cells_.in_box(octave, box, [&](Draws& draws, const Vec3& centre, double diameter_m) {
+  cells_.in_box(octave, box, stop, [&](Draws& draws, const Vec3& centre, double diameter_m) {
     const Crater crater = made(draws, centre, diameter_m);
     if (holds(box, to_geographic(centre * kMoonRadius_m)) && region_.holds(centre)) out.push_back(crater);
   });

@@ -50,9 +50,10 @@ class CraterField {
   int largest_octave() const { return cells_.largest_octave(); }
 
   // Those of an octave whose reach may meet a ball around a place on the sphere; in no particular order, but each once.
-  void near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out) const;
+  void near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out,
+            const StopToken& stop = {}) const;
   // Those whose centre lies in a box. `east_deg` may exceed 180.
-  std::vector<Crater> within(int octave, const Footprint& box) const;
+  std::vector<Crater> within(int octave, const Footprint& box, const StopToken& stop = {}) const;
 
   double largest_m(int octave) const { return cells_.largest_m(octave); }
   // What an octave's craters add to heights lies between these.

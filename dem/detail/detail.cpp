@@ -61,7 +61,7 @@ Detail::Detail(const DetailPreset& preset)
     }
     std::vector<double> heights(kSide * kSide);
     means_m_.push_back(0);
-    add_craters({table[0], table[1], table[2], table[3], 1, step}, octave, {}, heights, {});
+    add_craters({table[0], table[1], table[2], table[3], 1, step}, octave, {}, heights, {}, {});
     double sum = 0;
     for (const double h : heights) sum += h;
     means_m_.back() = sum / (kSide * kSide);
@@ -131,13 +131,14 @@ std::pair<std::size_t, std::size_t> columns_of(const DirectionGrid& grid, const 
 
 // `shares`: of the mean; empty: all of it.
 void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const double> shares,
-                         std::span<double> heights_m, std::span<float> in_crater) const {
+                         std::span<double> heights_m, std::span<float> in_crater, const StopToken& stop) const {
   const std::size_t rows = grid.rows(), columns = grid.columns();
   const Around all = around(grid);
   std::vector<Crater> craters;
-  craters_.near(octave, all.direction, all.radius_m, craters);
+  craters_.near(octave, all.direction, all.radius_m, craters, stop);
   std::vector<float> lowest(rows * columns, 0.F), highest(rows * columns, 0.F);
   for (const Crater& crater : craters) {
+    stop.check();
     const double reach = crater.reach_m() / kMoonRadius_m;
     const CraterShape::Profile profile = craters_.shape().profile(crater.age);
     CraterOverRow over{crater.centre.x(),
@@ -180,10 +181,8 @@ void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::spa
   std::fill(in_crater.begin(), in_crater.end(), 0.F);
   const std::vector<double> shares = shares_of(grid);
   const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
-  for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k) {
-    stop.check();
-    add_craters(grid, k, shares, heights_m, in_crater);
-  }
+  for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
+    add_craters(grid, k, shares, heights_m, in_crater, stop);
   std::vector<double> alone(shares.empty() ? 0 : grid.columns());
   for (int k = std::max(shown, relief_.shortest_octave()); k <= std::min(relief_.longest_octave(), past - 1); ++k)
     for (std::size_t r = 0; r < grid.rows(); stop.check(), ++r) {

@@ -79,7 +79,7 @@ class Detail {
  private:
   std::vector<double> shares_of(const DirectionGrid& grid) const;  // empty: 1 everywhere
   void add_craters(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
-                   std::span<float> in_crater) const;
+                   std::span<float> in_crater, const StopToken& stop) const;
 
   DetailPreset preset_;
   CraterField craters_;

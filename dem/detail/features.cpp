@@ -57,15 +57,18 @@ void CraterSurvey::survey(const Piece& piece, double smallest_m, const StopToken
   const double largest_m = std::ldexp(2.0, piece.octave);
   const double margin_m = (CraterShape::reach(CraterShape::kOldest) + 1) * largest_m / 2;
   const Footprint wide = around(piece.box, margin_m);
-  const std::vector<Crater> all = field_.within(piece.octave, wide);
-  for (const Crater& crater : all)
+  const std::vector<Crater> all = field_.within(piece.octave, wide, stop);
+  for (const Crater& crater : all) {
+    stop.check();
     if (crater.diameter_m >= smallest_m && holds(piece.box, to_geographic(crater.centre * kMoonRadius_m)))
       add_if_shown(crater, piece.octave, all, out, stop);
+  }
 }
 
-void CraterSurvey::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out) const {
+void CraterSurvey::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out,
+                        const StopToken& stop) const {
   const std::size_t before = out.size();
-  field_.near(octave, direction, radius_m, out);
+  field_.near(octave, direction, radius_m, out, stop);
   const auto away = [&](const Crater& c) {
     return (c.centre - direction).norm() * kMoonRadius_m > radius_m + c.diameter_m / 2;
   };
@@ -75,7 +78,7 @@ void CraterSurvey::near(int octave, const Vec3& direction, double radius_m, std:
 void CraterSurvey::add_if_shown(const Crater& crater, int octave, std::vector<CraterFeature>& out,
                                 const StopToken& stop) const {
   std::vector<Crater> others;
-  field_.near(octave, crater.centre, crater.diameter_m / 2, others);
+  field_.near(octave, crater.centre, crater.diameter_m / 2, others, stop);
   add_if_shown(crater, octave, others, out, stop);
 }
 

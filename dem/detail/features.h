@@ -39,7 +39,7 @@ class CraterSurvey {
   // come first. `east_deg` may exceed 180.
   std::vector<CraterFeature> within(const Footprint& region, double smallest_m, const StopToken& stop) const;
   // Those of an octave whose rim may meet a ball around a place on the sphere, as the field has them.
-  void near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out) const;
+  void near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out, const StopToken& stop) const;
   // Appended to `out` if the terrain shows it: neither where posts are finer or missing at its centre, nor where others
   // of its octave cover both its floor and its rim.
   void add_if_shown(const Crater& crater, int octave, std::vector<CraterFeature>& out, const StopToken& stop) const;

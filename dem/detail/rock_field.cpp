@@ -31,21 +31,26 @@ double RockField::enriched(double age_Ma, double radii) const {
 }
 
 std::vector<FreshCrater> RockField::fresh(const CraterField& craters, int past_largest_crater, const Vec3& direction,
-                                          double radius_m) const {
+                                          double radius_m, const StopToken& stop) const {
   std::vector<FreshCrater> fresh;
   if (empty() || law_.on_ejecta <= 1) return fresh;
-  std::vector<Crater> near;
+  std::vector<Crater> near;  // of one octave at a time
   const int first = std::max(craters.smallest_octave(), octave_of(law_.smallest_crater_m));
-  for (int k = first; k <= std::min(craters.largest_octave(), past_largest_crater - 1); ++k)
-    craters.near(k, direction, radius_m + kFarthest * craters.largest_m(k) / 2, near);
-  for (const Crater& c : near)
-    if (c.diameter_m >= law_.smallest_crater_m && enriched(c.age_Ma, 1) >= kLeast)
-      fresh.push_back({c.centre, c.diameter_m / 2, c.age_Ma});
+  for (int k = first; k <= std::min(craters.largest_octave(), past_largest_crater - 1); ++k) {
+    near.clear();
+    craters.near(k, direction, radius_m + kFarthest * craters.largest_m(k) / 2, near, stop);
+    for (const Crater& c : near) {
+      const double reach_m = radius_m + kFarthest * c.diameter_m / 2;
+      if (c.diameter_m >= law_.smallest_crater_m && enriched(c.age_Ma, 1) >= kLeast &&
+          (c.centre - direction).norm() * kMoonRadius_m <= reach_m + 1)
+        fresh.push_back({c.centre, c.diameter_m / 2, c.age_Ma});
+    }
+  }
   return fresh;
 }
 
-void RockField::within(int octave, const Footprint& box, std::span<const FreshCrater> fresh,
-                       std::vector<Rock>& out) const {
+void RockField::within(int octave, const Footprint& box, std::span<const FreshCrater> fresh, std::vector<Rock>& out,
+                       const StopToken& stop) const {
   if (empty()) return;
   const double most = std::max(1.0, law_.on_ejecta);
   std::vector<FreshCrater> near;
@@ -54,7 +59,7 @@ void RockField::within(int octave, const Footprint& box, std::span<const FreshCr
     return (c.centre - reach.middle).norm() * kMoonRadius_m <= reach.radius_m + 1 + kFarthest * c.radius_m;
   });
   // All that could be there are drawn, of which those stay that the place is dense enough for.
-  cells_.in_box(octave, box, [&](Draws& draws, const Vec3& centre, double diameter_m) {
+  cells_.in_box(octave, box, stop, [&](Draws& draws, const Vec3& centre, double diameter_m) {
     const double rank = draws.uniform() * most, survived = draws.uniform();
     Rock rock{centre, diameter_m, 0, draws.bits(), draws.bits()};
     if (!holds(box, to_geographic(centre * kMoonRadius_m)) || !region_.holds(centre)) return;

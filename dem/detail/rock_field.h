@@ -55,10 +55,11 @@ class RockField {
   // What makes places denser that are no farther than this from a direction's. `past_largest_crater`: the ground shows
   // craters of smaller octaves (Detail).
   std::vector<FreshCrater> fresh(const CraterField& craters, int past_largest_crater, const Vec3& direction,
-                                 double radius_m) const;
+                                 double radius_m, const StopToken& stop = {}) const;
   // Rocks of an octave of diameters whose centre lies in a box, whose borders belong to it: appended. `fresh`: of all
   // of the box.
-  void within(int octave, const Footprint& box, std::span<const FreshCrater> fresh, std::vector<Rock>& out) const;
+  void within(int octave, const Footprint& box, std::span<const FreshCrater> fresh, std::vector<Rock>& out,
+              const StopToken& stop = {}) const;
 
   // Of a place at a distance from the centre of a crater, over its radius: how far it is from 1 times as many rocks, 0,
   // to on_ejecta times as many, 1.

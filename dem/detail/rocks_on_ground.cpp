@@ -18,6 +18,14 @@ int level_under(int octave) {
   return level;
 }
 
+// Of blocks 950 m wide, or 32 of the smallest craters that have rocks: never more than some thousands surround one.
+int level_of_surroundings(const RockLaw& law) {
+  constexpr double kQuads = 64, kCraters = 32;
+  int level = 11;
+  while (level < kMaxLevel && kQuads * post_spacing_m(level) > kCraters * law.smallest_crater_m) ++level;
+  return level;
+}
+
 }  // namespace
 
 double most_rocks(const RockField& field, const Footprint& region, double smallest_m) {
@@ -29,40 +37,42 @@ double most_rocks(const RockField& field, const Footprint& region, double smalle
 RockSurvey::RockSurvey(const Terrain& terrain)
     : terrain_(terrain), detail_(*terrain.detail()), field_(detail_.rocks()) {}
 
-// Of a block and what is around it: neighbouring pieces ask for the same ones.
-RockSurvey::FreshCraters RockSurvey::fresh_around(const BlockId& id) const {
-  const std::lock_guard lock(mutex_);
-  FreshCraters& kept = fresh_[id];
-  if (!kept) {
-    const BlockExtent e = extent_of(id);
-    const double lat_deg = (lat_deg_of(e.lat0) + lat_deg_of(e.lat1())) / 2,
-                 lon_deg = (lon_deg_of(e.lon0) + lon_deg_of(e.lon1())) / 2;
-    const double side_m = e.quads * std::max(e.lat_step, e.lon_step) * (kMetresPerDegree / kTicksPerDegree);
+BlockId RockSurvey::block_around(double lat_deg, double lon_deg) const {
+  return block_at_place(level_of_surroundings(field_.law()), lat_deg, lon_deg);
+}
+
+std::shared_ptr<const RockSurvey::FreshCraters> RockSurvey::fresh_around(const BlockId& id,
+                                                                         const StopToken& stop) const {
+  const auto find = [&] {
+    const Footprint box = footprint_of(id);
+    const double lat_deg = (box.south_deg + box.north_deg) / 2, lon_deg = (box.west_deg + box.east_deg) / 2;
     const std::vector<DetailOfPosts> layers = terrain_.detail_at(lat_deg, lon_deg);
     const int posts = std::max_element(layers.begin(), layers.end(), [](const auto& a, const auto& b) {
                         return a.share < b.share;
                       })->level;
-    kept = std::make_shared<const std::vector<FreshCrater>>(
-        field_.fresh(detail_.craters(), Detail::past_largest_octave(posts),
-                     to_cartesian({lat_deg, lon_deg, 0}).normalized(), side_m));
-  }
-  return kept;
+    // On the ground, where degrees of longitude are short near a pole.
+    const Circle reach = circle_around(box);
+    auto found = std::make_shared<const FreshCraters>(
+        field_.fresh(detail_.craters(), Detail::past_largest_octave(posts), reach.middle, reach.radius_m, stop));
+    constexpr std::size_t kBytesOfEntry = 256;
+    const std::size_t bytes = kBytesOfEntry + found->capacity() * sizeof(FreshCrater);
+    return Cache<BlockId, FreshCraters, BlockIdHash>::Loaded{std::move(found), bytes};
+  };
+  return fresh_.get(id, find, stop);
 }
 
 void RockSurvey::add(int octave, const Footprint& box, double smallest_m, std::vector<RockFeature>& out,
                      const StopToken& stop) const {
-  // Block by block, so that a rock's surroundings are the same whoever asks.
-  constexpr int kLevel = 11;  // 950 m wide
   std::vector<Rock> rocks;
   double south = box.south_deg;
   while (south < box.north_deg) {
-    double north = std::min(box.north_deg, lat_deg_of(extent_of(block_at_place(kLevel, south, box.west_deg)).lat1()));
+    double north = std::min(box.north_deg, lat_deg_of(extent_of(block_around(south, box.west_deg)).lat1()));
     double west = box.west_deg;
     while (west < box.east_deg) {
-      const BlockId id = block_at_place(kLevel, south, west);
+      const BlockId id = block_around(south, west);
       double east = std::min(box.east_deg, west + (lon_deg_of(extent_of(id).lon1()) - wrap_lon_deg(west)));
       if (!(east > west)) east = std::nextafter(west, 1000);
-      field_.within(octave, {south, north, west, east}, *fresh_around(id), rocks);
+      field_.within(octave, {south, north, west, east}, *fresh_around(id, stop), rocks, stop);
       west = east;
     }
     if (!(north > south)) north = std::nextafter(south, 1000);

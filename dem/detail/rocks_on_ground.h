@@ -1,11 +1,10 @@
 // The rocks of a detail, where they lie on the terrain.
 #pragma once
 
-#include <map>
 #include <memory>
-#include <mutex>
 #include <vector>
 
+#include "dem/cache.h"
 #include "dem/catalogue.h"
 #include "dem/detail/rock_field.h"
 #include "dem/stop_token.h"
@@ -39,14 +38,19 @@ class RockSurvey {
   // All of a region, in all cores of the caller's arena; the largest first.
   std::vector<RockFeature> within(const Footprint& region, double smallest_m, const StopToken& stop) const;
 
+  // Rocks are drawn block by block, so that a rock's surroundings are the same whoever asks.
+  BlockId block_around(double lat_deg, double lon_deg) const;
+  // The craters that make a block's rocks denser. Kept for neighbouring pieces, which ask for the same ones: in
+  // kKeptBytes at most, besides those that threads are using, some kilobytes each.
+  using FreshCraters = std::vector<FreshCrater>;
+  static constexpr std::size_t kKeptBytes = std::size_t{8} << 20;
+  std::shared_ptr<const FreshCraters> fresh_around(const BlockId& id, const StopToken& stop) const;
+
  private:
   const Terrain& terrain_;
   const Detail& detail_;
   const RockField& field_;
-  using FreshCraters = std::shared_ptr<const std::vector<FreshCrater>>;
-  FreshCraters fresh_around(const BlockId& id) const;
-  mutable std::mutex mutex_;
-  mutable std::map<BlockId, FreshCraters> fresh_;  // of some blocks, and of what is around them
+  mutable Cache<BlockId, FreshCraters, BlockIdHash> fresh_{kKeptBytes};
 };
 
 }  // namespace selenograph::dem

@@ -15,6 +15,7 @@
 
 #include "dem/geodesy.h"
 #include "dem/raster_info.h"
+#include "dem/stop_token.h"
 
 namespace selenograph::dem {
 
@@ -82,9 +83,9 @@ class SizeCells {
   // make(draws, centre, diameter_m) of each member of an octave in the cells that an angle around a direction touches,
   // or a box: those of some places beyond, too. The centre is on the unit sphere. `east_deg` may exceed 180.
   template <typename Make>
-  void near(int octave, const Vec3& direction, double angle_rad, const Make& make) const;
+  void near(int octave, const Vec3& direction, double angle_rad, const StopToken& stop, const Make& make) const;
   template <typename Make>
-  void in_box(int octave, const Footprint& box, const Make& make) const;
+  void in_box(int octave, const Footprint& box, const StopToken& stop, const Make& make) const;
 
  private:
   struct Cells {
@@ -104,7 +105,7 @@ class SizeCells {
   void draw(const Cells& cells, int row, int column, const Make& make) const;
   // Columns count on around the Moon; each cell is drawn once.
   template <typename Make>
-  void draw_row(const Cells& cells, int row, int first, int last, const Make& make) const;
+  void draw_row(const Cells& cells, int row, int first, int last, const StopToken& stop, const Make& make) const;
 
   std::uint64_t seed_;
   SizeFrequency frequency_;
@@ -128,13 +129,18 @@ void SizeCells::draw(const Cells& cells, int row, int column, const Make& make) 
 }
 
 template <typename Make>
-void SizeCells::draw_row(const Cells& cells, int row, int first, int last, const Make& make) const {
+void SizeCells::draw_row(const Cells& cells, int row, int first, int last, const StopToken& stop,
+                         const Make& make) const {
+  constexpr int kCellsPerLook = 64;  // at the clock, which takes a tenth of a cell's time
   const int columns = cells.columns(row), most = std::min(last - first + 1, columns);
-  for (int i = 0; i < most; ++i) draw(cells, row, ((first + i) % columns + columns) % columns, make);
+  for (int i = 0; i < most; ++i) {
+    if (i % kCellsPerLook == 0) stop.check();
+    draw(cells, row, ((first + i) % columns + columns) % columns, make);
+  }
 }
 
 template <typename Make>
-void SizeCells::near(int octave, const Vec3& direction, double angle, const Make& make) const {
+void SizeCells::near(int octave, const Vec3& direction, double angle, const StopToken& stop, const Make& make) const {
   using std::numbers::pi;
   const Cells cells = cells_of(octave);
   if (!(cells.per_m2 > 0)) return;
@@ -147,12 +153,12 @@ void SizeCells::near(int octave, const Vec3& direction, double angle, const Make
     const double half = away >= pi / 2 ? pi : std::asin(std::min(1.0, std::sin(angle) / std::cos(latitude)));
     const double place = (longitude + pi) / (2 * pi) * columns, reach = half / (2 * pi) * columns;
     const auto first = static_cast<int>(std::floor(place - reach)), last = static_cast<int>(std::floor(place + reach));
-    draw_row(cells, row, first, last, make);
+    draw_row(cells, row, first, last, stop, make);
   }
 }
 
 template <typename Make>
-void SizeCells::in_box(int octave, const Footprint& box, const Make& make) const {
+void SizeCells::in_box(int octave, const Footprint& box, const StopToken& stop, const Make& make) const {
   const Cells cells = cells_of(octave);
   if (!(cells.per_m2 > 0)) return;
   for (int row = cells.row_at(box.south_deg * kRadiansPerDegree);
@@ -161,7 +167,7 @@ void SizeCells::in_box(int octave, const Footprint& box, const Make& make) const
     const auto column_at = [&](double lon_deg) {
       return static_cast<int>(std::floor((lon_deg + 180) / 360 * columns));
     };
-    draw_row(cells, row, column_at(box.west_deg), column_at(box.east_deg), make);
+    draw_row(cells, row, column_at(box.west_deg), column_at(box.east_deg), stop, make);
   }
 }
 

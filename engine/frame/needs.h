@@ -59,13 +59,16 @@ inline std::size_t bytes_of_rows(const Camera& camera, const std::optional<Shutt
   return shutter ? kBytesOfView * static_cast<std::size_t>(camera.height) : 0;
 }
 
-// The rocks of a detail that a frame or a batch of rays has at most, in places and shapes for Embree, and those that
-// rays remember from batch to batch.
-inline constexpr std::size_t kMostRocks = 32768, kMostRememberedRocks = 100000;
+// The rocks of a detail that a frame or a batch of rays has at most, in places and shapes for Embree; those that are
+// put onto the ground at once before it is known that they are too many; and those that rays remember from batch to
+// batch, with them.
+inline constexpr std::size_t kMostRocks = 32768, kMostNewRocks = 2 * kMostRocks,
+                             kMostRememberedRocks = 100000 + kMostNewRocks;
 inline std::size_t bytes_of_rocks(const dem::Detail* detail, std::size_t remembered = 0) {
   constexpr std::size_t kBytesOfRock = 2000;  // measured: 1600
   const bool any = detail && !detail->rocks().empty();
-  return any ? kMostRocks * kBytesOfRock + remembered * sizeof(dem::RockFeature) : 0;
+  if (!any) return 0;
+  return kMostRocks * kBytesOfRock + dem::RockSurvey::kKeptBytes + remembered * sizeof(dem::RockFeature);
 }
 
 }  // namespace selenograph::engine

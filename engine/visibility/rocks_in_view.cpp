@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <span>
+#include <utility>
 
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
@@ -45,14 +47,17 @@ class Finder {
     return expected;
   }
 
-  std::vector<dem::RockFeature> found() const {
-    return dem::largest_first(gathered_in_parallel<dem::RockFeature>(pieces_.size(), 4, [&](std::size_t i, auto& some) {
+  // The largest first; nothing where they are more than kMostRocks.
+  std::optional<std::vector<dem::RockFeature>> found() const {
+    auto rocks = gathered_in_parallel<dem::RockFeature>(pieces_.size(), 4, kMostRocks, [&](std::size_t i, auto& some) {
       stop_.check();
       const auto before = static_cast<std::ptrdiff_t>(some.size());
       survey_.add(pieces_[i].octave, pieces_[i].box, pieces_[i].smallest_m, some, stop_);
       some.erase(std::remove_if(some.begin() + before, some.end(), [&](const auto& rock) { return !shown(rock); }),
                  some.end());
-    }));
+    });
+    if (rocks) rocks = dem::largest_first(std::move(*rocks));
+    return rocks;
   }
 
  private:
@@ -150,8 +155,10 @@ RocksInView rocks_in_view(const dem::Terrain& terrain, const RowViews& views, co
     // Pieces reach beyond the view: far too many of theirs aren't put onto the ground to be counted.
     constexpr double kFarTooMany = 8;
     if (finder.look_for(blocks, found.least_px) > kFarTooMany * kMostRocks) continue;
-    found.rocks = finder.found();
-    if (found.rocks.size() <= kMostRocks) return found;
+    auto rocks = finder.found();
+    if (!rocks) continue;
+    found.rocks = std::move(*rocks);
+    return found;
   }
 }
 

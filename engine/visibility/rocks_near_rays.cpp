@@ -1,6 +1,7 @@
 #include "engine/visibility/rocks_near_rays.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <iterator>
 
@@ -82,77 +83,91 @@ std::optional<dem::Footprint> beneath(const Ray& ray, const Stretch& stretch, do
 
 }  // namespace
 
-std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<const Ray> rays,
-                                                                  std::span<const BlockOnRays> blocks,
-                                                                  const StopToken& stop) {
+// Where rocks are looked for: their expected number is no more than kMostRocks, or there is nothing.
+std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const Ray> rays,
+                                                                 std::span<const BlockOnRays> blocks,
+                                                                 const StopToken& stop) const {
+  constexpr std::size_t kMostStrips = std::size_t{1} << 19;  // 20 MB; where they were more, whole blocks are searched
   const dem::RockField& field = survey_.field();
-  struct Strip {
-    int octave;
-    dem::Footprint box;
-  };
-  std::vector<Piece> pieces;
-  std::vector<Strip> strips;
+  Places found;
+  double expected = 0;
   for (const BlockOnRays& block : blocks) {
-    stop.check();
     const auto all_of = [&](int octave) {
-      pieces.emplace_back(octave, ancestor_of(block.id, std::min(block.id.level, level_of_rocks(octave))));
+      found.pieces.emplace_back(octave, ancestor_of(block.id, std::min(block.id.level, level_of_rocks(octave))));
     };
     const NodeBounds bounds = bounds_of(block.id, block.low_m, block.high_m);
     const dem::Footprint footprint = dem::footprint_of(block.id);
-    for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
-      if (block.rays.size() > kFewRays) {
+    for (int k = field.smallest_octave(); k <= field.largest_octave() && expected <= kMostRocks; ++k) {
+      if (block.rays.size() > kFewRays || found.strips.size() > kMostStrips) {
         all_of(k);
         continue;
       }
+      const dem::Footprint reaching = dem::around(footprint, field.largest_m(k));
       for (const std::size_t i : block.rays) {
+        stop.check();
         const auto stretch = stretch_over(rays[i], bounds, field.largest_m(k));
         if (!stretch) continue;
         const double lowest_m = bounds.low_m - bounds.bulge_m - 1 - field.largest_m(k);
         for (const Stretch& part : parts_of(until_below(rays[i], *stretch, lowest_m), kLength * field.largest_m(k))) {
           const auto box = beneath(rays[i], part, field.largest_m(k));
-          if (!box)
+          if (!box) {
             all_of(k);
-          else if (const auto here = common(*box, dem::around(footprint, field.largest_m(k))))
-            strips.push_back({k, *here});
+            break;
+          }
+          const auto here = common(*box, reaching);
+          if (here) found.strips.push_back({k, *here}), expected += expected_of(field, k, *here, 0);
         }
       }
     }
   }
-  std::sort(pieces.begin(), pieces.end());
-  pieces.erase(std::unique(pieces.begin(), pieces.end()), pieces.end());
-  double expected = 0;
-  for (const auto& [octave, id] : pieces) expected += expected_of(field, octave, dem::footprint_of(id), 0);
-  for (const auto& [octave, box] : strips) expected += expected_of(field, octave, box, 0);
+  std::sort(found.pieces.begin(), found.pieces.end());
+  found.pieces.erase(std::unique(found.pieces.begin(), found.pieces.end()), found.pieces.end());
+  for (const auto& [octave, id] : found.pieces) expected += expected_of(field, octave, dem::footprint_of(id), 0);
   if (expected > kMostRocks) return std::nullopt;
+  return found;
+}
 
-  auto rocks = gathered_in_parallel<dem::RockFeature>(strips.size(), 64, [&](std::size_t i, auto& some) {
-    stop.check();
-    survey_.add(strips[i].octave, strips[i].box, field.law().smallest_m, some, stop);
-  });
-  find(pieces, stop);
-  for (const Piece& piece : pieces) {
+std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<const Ray> rays,
+                                                                  std::span<const BlockOnRays> blocks,
+                                                                  const StopToken& stop) {
+  const auto places = places_along(rays, blocks, stop);
+  if (!places || !find(places->pieces, stop)) return std::nullopt;
+  // Strips overlap: a rock may be found several times.
+  auto rocks =
+      gathered_in_parallel<dem::RockFeature>(places->strips.size(), 64, kMostNewRocks, [&](std::size_t i, auto& some) {
+        stop.check();
+        survey_.add(places->strips[i].octave, places->strips[i].box, survey_.field().law().smallest_m, some, stop);
+      });
+  if (!rocks) return std::nullopt;
+  for (const Piece& piece : places->pieces) {
     const std::vector<dem::RockFeature>& some = found_.at(piece);
-    rocks.insert(rocks.end(), some.begin(), some.end());
+    rocks->insert(rocks->end(), some.begin(), some.end());
   }
-  rocks = dem::largest_first(std::move(rocks));
-  if (rocks.size() > kMostRocks) return std::nullopt;
+  rocks = dem::largest_first(std::move(*rocks));
+  if (rocks->size() > kMostRocks) return std::nullopt;
   return rocks;
 }
 
-void RocksNearRays::find(const std::vector<Piece>& pieces, const StopToken& stop) {
+bool RocksNearRays::find(const std::vector<Piece>& pieces, const StopToken& stop) {
   const dem::RockField& field = survey_.field();
-  if (remembered_ > kMostRememberedRocks) found_.clear(), remembered_ = 0;
+  if (remembered_ > kMostRememberedRocks - kMostNewRocks) found_.clear(), remembered_ = 0;
   std::vector<Piece> unknown;
   std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(unknown),
                [&](const Piece& piece) { return !found_.contains(piece); });
   std::vector<std::vector<dem::RockFeature>> new_ones(unknown.size());
+  std::atomic<std::size_t> number{0};
   in_parallel(unknown.size(), [&](std::size_t i) {
+    stop.check();
+    if (number > kMostNewRocks) return;
     const auto& [octave, id] = unknown[i];
     const dem::Footprint reaching = dem::around(dem::footprint_of(id), field.largest_m(octave));
     survey_.add(octave, reaching, field.law().smallest_m, new_ones[i], stop);
+    number += new_ones[i].size() + 1;  // an empty piece takes memory, too
   });
-  for (std::size_t i = 0; i < unknown.size(); ++i)
-    remembered_ += new_ones[i].size(), found_.emplace(unknown[i], std::move(new_ones[i]));
+  if (number > kMostNewRocks) return false;
+  for (std::size_t i = 0; i < unknown.size(); ++i) found_.emplace(unknown[i], std::move(new_ones[i]));
+  remembered_ += number;
+  return true;
 }
 
 }  // namespace selenograph::engine

@@ -29,7 +29,18 @@ class RocksNearRays {
 
  private:
   using Piece = std::pair<int, dem::BlockId>;  // of an octave
-  void find(const std::vector<Piece>& pieces, const StopToken& stop);
+  struct Strip {                               // beneath a part of a ray
+    int octave;
+    dem::Footprint box;
+  };
+  struct Places {
+    std::vector<Piece> pieces;
+    std::vector<Strip> strips;
+  };
+  std::optional<Places> places_along(std::span<const Ray> rays, std::span<const BlockOnRays> blocks,
+                                     const StopToken& stop) const;
+  // From now on they are known; false: their rocks are more than kMostNewRocks.
+  bool find(const std::vector<Piece>& pieces, const StopToken& stop);
 
   dem::RockSurvey survey_;
   std::map<Piece, std::vector<dem::RockFeature>> found_;

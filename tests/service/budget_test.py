@@ -51,7 +51,7 @@ class Budget(WithService):
         self.service.wait_for("selenograph_request_memory_bytes", 0)
 
     def test_rocks_are_on_the_budget(self):
-        """Places and shapes of as many as a frame or a batch of rays may have: 66 MB, of 56 that requests have here."""
+        """Places and shapes of as many as a frame or a batch of rays may have: 74 MB, of 56 that requests have here."""
         service = Service("--assets-dir", harness.assets(), "--memory-mb", "720", *self.options[2:])
         rays = {"rays": [{"origin_m": [1757400.0, 0, 0], "direction": [-1, 0, 0]}]}
         for path, request, pointer in (("/v1/frames", frame_request(), "/camera"), ("/v1/rays", rays, "/rays")):

@@ -6,6 +6,8 @@ import io
 import json
 import math
 import os
+import shutil
+import time
 import unittest
 
 import numpy as np
@@ -40,7 +42,11 @@ def setUpModule():
     # Posts of 118 m, and of 30 m east of 33 degrees.
     sample("coarse", "--south-deg", "0", "--west-deg", "31", "--rows", "1", "--columns", "2", "--ppd", "256")
     sample("fine", "--south-deg", "0", "--west-deg", "33", "--rows", "1", "--columns", "1", "--ppd", "1024")
+    # Both poles, from posts of 1.9 km.
+    for name, south in (("north", "89"), ("south", "-90")):
+        sample(name, "--south-deg", south, "--west-deg", "-180", "--rows", "1", "--columns", "360", "--ppd", "16")
     os.makedirs(harness.path("assets", "details"))
+    shutil.copy(os.path.join(harness.REPOSITORY, "deploy", "assets", "details", "landing.json"), harness.path("assets", "details"))
     for name, preset in PRESETS.items():
         with open(harness.path("assets", "details", name + ".json"), "w") as file:
             json.dump(preset, file)
@@ -348,6 +354,62 @@ class FinerPosts(WithFeatures):
         for crater in near:
             self.assertLess(crater["rim_share"], 1)
         self.assertGreater(len(border), 100)
+
+
+class AtThePoles(WithFeatures):
+    """A block of longitudes is narrow there: what is around it is little ground."""
+
+    MOST_MB = 250
+
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.service.expect_clean_stop()
+        cls.service = harness.Service(*cls.options, "--dem", harness.path("north"), "--dem", harness.path("south"), cache="poles")
+
+    def resident_mb(self, what):
+        with open(f"/proc/{self.service.process.pid}/status") as status:
+            return next(int(line.split()[1]) / 1024 for line in status if line.startswith(what + ":"))
+
+    def peak_mb(self, ask):
+        """By how much the resident memory grows meanwhile."""
+        before = self.resident_mb("VmRSS")
+        with open(f"/proc/{self.service.process.pid}/clear_refs", "w") as reset:
+            reset.write("5")  # proc(5): the peak starts anew
+        ask()
+        return self.resident_mb("VmHWM") - before
+
+    def test_a_lander_takes_no_more_memory_than_elsewhere(self):
+        for lat in (90.0, 89.9, -90.0):
+            ground = self.heights([(lat, 20.0)], "landing")[0]
+            request = frame_request(products=["radiance", "detail"], width=128, height=128)
+            request.update(detail="landing", pose={"geodetic": {"lat_deg": lat, "lon_deg": 20.0, "height_m": ground + 30},
+                                                   "nadir": {"up_azimuth_deg": 0}},
+                           sun={"local": {"lat_deg": lat, "lon_deg": 20.0, "azimuth_deg": 80, "elevation_deg": 25}})
+            grown = self.peak_mb(lambda: self.ok(self.service.frame(request, "application/x-npz"), "application/x-npz"))
+            self.assertLess(grown, self.MOST_MB, lat)
+
+    def test_rocks_and_craters_around_a_pole(self):
+        for south, north in ((89.97, 90.0), (-90.0, -89.97)):
+            box = region(south, north, -180, 180)
+            area = 2 * math.pi * RADIUS_M ** 2 * (1 - math.sin(math.radians(89.97)))
+            for kind, expected in (("rocks", area * 0.0003), ("craters", area * 10 ** -1.1 / 100)):
+                found = []
+                smallest = 1 if kind == "rocks" else 10
+                grown = self.peak_mb(lambda: found.extend(self.answer("landing", box, kind=kind, smallest_m=smallest)[kind]))
+                self.assertLess(grown, self.MOST_MB, (kind, south))
+                # The law's, with more rocks around fresh craters, without craters that others cover.
+                self.assertGreater(len(found), 0.85 * expected, (kind, south))
+                self.assertLess(len(found), 1.6 * expected, (kind, south))
+                quarters = np.histogram([f["lon_deg"] for f in found], 4, (-180, 180))[0]
+                self.assertGreater(quarters.min(), 0.6 * quarters.max(), (kind, south))
+
+    def test_a_deadline_ends_it(self):
+        for kind, smallest in (("rocks", 0.7), ("craters", 3)):
+            body = {"detail": "landing", "region": region(89.95, 90, -180, 180), "kind": kind, "smallest_m": smallest}
+            start = time.monotonic()
+            self.problem(self.service.post("/v1/features", body, Request_Timeout_Ms="50"), 504)
+            self.assertLess(time.monotonic() - start, 5)  # it goes on for longer where nothing looks at the clock
 
 
 class CommandLine(WithFeatures):

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <set>
@@ -131,6 +132,89 @@ TEST(RockField, FreshCratersHaveMore) {
   ASSERT_GT(expected_fresh, 200);
   ASSERT_GT(expected_fresh, 2 * fresh_area * per_m2);
   EXPECT_NEAR(found_fresh, expected_fresh, 4 * std::sqrt(expected_fresh) + 0.02 * expected_fresh);
+}
+
+// Blocks are narrow in metres where they are wide in degrees. What surrounds one is all that its rocks depend on.
+TEST(RockSurvey, SearchesAsMuchGroundAtAPoleAsAtTheEquator) {
+  const TemporaryFolder folder;
+  test::write_global_tile(folder.path(), 4, [](double, double) { return 0; });
+  dem::DetailPreset preset;
+  preset.craters.smallest_m = 16, preset.craters.largest_m = 500;
+  preset.rocks = law_of(5, 5);
+  const dem::Terrain terrain(open_terrain(folder.path()), std::make_shared<const dem::Detail>(preset));
+  const dem::RockSurvey survey(terrain);
+  const dem::RockField& field = survey.field();
+  std::size_t at_equator = 0;
+  for (const auto& [lat, lon] : {std::pair{0.01, 20.0},
+                                 {45.01, 20.0},
+                                 {89.9, 20.0},
+                                 {89.99, 20.0},
+                                 {90.0, 20.0},
+                                 {90.0, -180.0},
+                                 {-89.9, 100.0},
+                                 {-90.0, 100.0}}) {
+    const dem::BlockId id = survey.block_around(lat, lon);
+    const auto found = survey.fresh_around(id, {});
+    if (lat == 0.01) at_equator = found->size();
+    ASSERT_GT(at_equator, 100U);
+    EXPECT_LT(found->size(), 5 * at_equator / 4) << lat;
+    EXPECT_GT(found->size(), at_equator / 4) << lat;
+    // Whatever is farther away changes nothing.
+    const dem::Circle block = dem::circle_around(dem::footprint_of(id));
+    const std::vector<dem::FreshCrater> wide = field.fresh(terrain.detail()->craters(), 100, block.middle, 4000);
+    ASSERT_GT(wide.size(), found->size());
+    const dem::Footprint box = dem::footprint_of(id);
+    for (int i = 0; i < 25; ++i) {
+      const Vec3 place = to_cartesian({std::lerp(box.south_deg, box.north_deg, i / 5 / 4.0),
+                                       std::lerp(box.west_deg, box.east_deg, i % 5 / 4.0), 0})
+                             .normalized();
+      const auto enriched = [&](const std::vector<dem::FreshCrater>& craters) {
+        double most = 0;
+        for (const dem::FreshCrater& c : craters)
+          most = std::max(most, field.enriched(c.age_Ma, (place - c.centre).norm() * kMoonRadius_m / c.radius_m));
+        return most;
+      };
+      EXPECT_EQ(enriched(*found), enriched(wide)) << lat;
+    }
+  }
+}
+
+// Each by itself, whatever is called before and after it.
+TEST(RockField, WhatLooksThroughCellsStopsWhenTold) {
+  dem::CraterLaw with_craters;
+  with_craters.smallest_m = 16, with_craters.largest_m = 200;
+  const dem::CraterField craters(with_craters);
+  const dem::RockField field(law_of(7, 5));
+  const std::atomic<bool> abandoned{true};
+  const StopToken stop(StopToken::Clock::time_point::max(), &abandoned);
+  for (const double lat : {0.0, 89.9, -90.0}) {
+    const Vec3 direction = to_cartesian({lat, 20, 0}).normalized();
+    const dem::Footprint box{std::min(lat, 89.8), std::min(lat, 89.8) + 0.1, 20, 21};
+    std::vector<dem::Crater> near;
+    std::vector<dem::Rock> rocks;
+    EXPECT_THROW(craters.near(5, direction, 1000, near, stop), Cancelled) << lat;
+    EXPECT_THROW(craters.within(5, box, stop), Cancelled) << lat;
+    EXPECT_THROW(field.fresh(craters, 100, direction, 1000, stop), Cancelled) << lat;
+    EXPECT_THROW(field.within(0, box, {}, rocks, stop), Cancelled) << lat;
+  }
+}
+
+// Where small craters have rocks, too, blocks are smaller: what is kept of one stays some kilobytes.
+TEST(RockSurvey, SurroundingsOfSmallCratersAreSmall) {
+  const TemporaryFolder folder;
+  test::write_global_tile(folder.path(), 4, [](double, double) { return 0; });
+  dem::DetailPreset preset;
+  preset.craters.smallest_m = 0.5, preset.craters.largest_m = 200;
+  preset.craters.frequency = {{{10 * std::pow(10, -1.1), 2}}};  // the densest that a preset may have
+  preset.rocks = law_of(5, 5);
+  preset.rocks.smallest_crater_m = 0.5, preset.rocks.half_life_Ma = 4500;
+  const dem::Terrain terrain(open_terrain(folder.path()), std::make_shared<const dem::Detail>(preset));
+  const dem::RockSurvey survey(terrain);
+  for (const double lat : {0.0, 89.999}) {
+    const auto craters = survey.fresh_around(survey.block_around(lat, 20), {});
+    EXPECT_GT(craters->size(), 500U) << lat;
+    EXPECT_LT(craters->size() * sizeof(dem::FreshCrater), std::size_t{512} << 10) << lat;
+  }
 }
 
 TEST(RockShapes, AreClosedAndOfTheirSize) {
