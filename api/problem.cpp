@@ -16,11 +16,15 @@
 namespace selenograph::api {
 namespace {
 
-constexpr std::array<ErrorRow, 21> kTable{{
+constexpr std::array<ErrorRow, 23> kTable{{
     {"malformed_request", 400, "Malformed request",
      "The request line, a header or a query parameter can't be understood."},
     {"malformed_json", 400, "Malformed JSON",
      "The body is not JSON text (RFC 8259), or is nested deeper than the service accepts."},
+    {"foreign_origin", 403, "Foreign origin",
+     "A page of another site asks: its `Origin` is neither the request's own host and port nor allowed by the "
+     "service's "
+     "operator (`--allowed-host`)."},
     {"not_found", 404, "Not found", "There is nothing at this path."},
     {"method_not_allowed", 405, "Method not allowed",
      "The path exists but not with this method; `Allow` lists those that it has."},
@@ -30,6 +34,9 @@ constexpr std::array<ErrorRow, 21> kTable{{
     {"too_large", 413, "Body too large", "The body is larger than the service accepts."},
     {"uri_too_long", 414, "URI too long", "The request target is longer than the service accepts."},
     {"unsupported_media_type", 415, "Unsupported media type", "The body must be `application/json`."},
+    {"misdirected_request", 421, "Unknown host",
+     "The request is addressed to a name that the service does not have. Its operator can add one with "
+     "`--allowed-host`; an address of the machine, or localhost there, needs none."},
     {"invalid_request", 422, "Invalid request",
      "Well-formed JSON that asks for something impossible; `errors` points at each offending member."},
     {"headers_too_large", 431, "Headers too large", "The request's headers are larger than the service accepts."},

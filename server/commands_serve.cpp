@@ -39,7 +39,8 @@ HttpOptions http_options(const ServeSettings& s, std::shared_ptr<api::MemoryBudg
           .receive_timeout = milliseconds(s.receive_timeout_s),
           .send_pace = {.bytes_per_s = s.send_kb_per_s * 1024},
           .retry_after_s = std::move(retry_after_s),
-          .trusted_proxies = s.trusted_proxy};
+          .trusted_proxies = s.trusted_proxy,
+          .allowed_hosts = s.allowed_host};
 }
 
 // Of the program, its libraries and threads (service/memory_test.py).

@@ -11,6 +11,7 @@
 #include <stdexcept>
 
 #include "dem/layer_joins.h"
+#include "server/allowed_hosts.h"
 
 namespace selenograph::server {
 namespace {
@@ -66,12 +67,18 @@ bool is_of_url(const std::string& text, std::size_t from, std::size_t colon) {
          std::isdigit(static_cast<unsigned char>(text[colon + 1]));
 }
 
+// Whether a colon of this list is part of an address: "[fd00::1]".
+bool is_bracketed(const std::string& text, std::size_t from, std::size_t colon) {
+  return text[from] == '[' && text.find(']', from) != std::string::npos && text.find(']', from) > colon;
+}
+
 // At colons, as PATH is.
 std::vector<std::string> split_list(const std::string& text) {
   std::vector<std::string> parts;
   for (std::size_t from = 0; from < text.size();) {
     std::size_t colon = text.find(':', from);
-    while (colon != std::string::npos && is_of_url(text, from, colon)) colon = text.find(':', colon + 1);
+    while (colon != std::string::npos && (is_of_url(text, from, colon) || is_bracketed(text, from, colon)))
+      colon = text.find(':', colon + 1);
     const std::size_t end = std::min(colon, text.size());
     if (end > from) parts.push_back(text.substr(from, end - from));
     from = end + 1;
@@ -262,6 +269,15 @@ void add_options(CLI::App& command, ServeSettings& s) {
         const bool numeric =
             ::inet_pton(AF_INET, text.c_str(), &address) == 1 || ::inet_pton(AF_INET6, text.c_str(), &address) == 1;
         return numeric ? std::string() : text + " is no IP address";
+      })
+      ->expected(1, 1 << 20);
+  command
+      .add_option("--allowed-host", s.allowed_host,
+                  "Name or address that clients may use for the service, and whose pages may ask it, beside --host, "
+                  "localhost, 127.0.0.1, [::1] and the address that a connection comes to")
+      ->type_name("NAME")
+      ->check([](const std::string& text) {
+        return is_host(text) ? std::string() : text + " is no host name or address (without scheme and port)";
       })
       ->expected(1, 1 << 20);
   command.add_flag("--pretouch", s.pretouch,

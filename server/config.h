@@ -48,6 +48,7 @@ struct ServeSettings {
   PageAccess page = PageAccess::local;  // who gets the pages for people
   LogFormat log_format = LogFormat::text;
   std::vector<std::string> trusted_proxy;  // addresses, beside loopback: who may say by whose token a request came
+  std::vector<std::string> allowed_host;   // names and addresses, beside `host`, that requests may be addressed to
   bool pretouch = false;                   // the budgets' memory is taken from the system at the start
   bool trial = false;
 };
@@ -71,7 +72,7 @@ std::string variable_name(const std::string& option);
 // Gives every option of a parsed `command` that was not on the command line its value from the environment or, failing
 // that, from the TOML file named by --config or SELENOGRAPH_CONFIG. (CLI11 would let the file win over the
 // environment.)
-//  - Lists (`dem`) are separated by ':' in the environment, arrays in the file.
+//  - Lists (`dem`) are separated by ':' in the environment ("[fd00::1]" is one item), arrays in the file.
 //  - `known` holds the options of all commands: one file may serve them all. A member that no command has is an error.
 // Throws CLI::ParseError (as the command line does) naming the variable, or file and member.
 void complete_from_environment_and_file(CLI::App& command, const std::set<std::string>& known,

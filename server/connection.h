@@ -23,6 +23,7 @@ struct Peer {
   std::uint64_t number = 0;  // of the connection, from 1; 0: it is shared by clients
   // Beyond --max-connections, and of an address that has many: it gets health and metrics, and nothing else.
   bool reserved = false;
+  std::string local;  // our own address that the connection came to, numeric, without port; empty: unknown
 };
 
 class Connection {

@@ -15,6 +15,7 @@
 #include <variant>
 
 #include "api/problem.h"
+#include "server/allowed_hosts.h"
 #include "server/caller.h"
 #include "server/chunked_body.h"
 #include "server/connection.h"
@@ -159,6 +160,7 @@ struct HttpServer::Impl : private httplib::Server {
   void observe(const AccessRecord& record) noexcept;
 
   const HttpOptions options;
+  const AllowedHosts hosts;
   const HttpServer::Handler handler;
   const Observer observer;
   const std::string spare_answer;  // when there is no memory to make one
@@ -168,6 +170,7 @@ struct HttpServer::Impl : private httplib::Server {
 
 HttpServer::Impl::Impl(const HttpOptions& options_in, HttpServer::Handler handler_in, Observer observer_in)
     : options(options_in),
+      hosts(options.host, options.allowed_hosts),
       handler(std::move(handler_in)),
       observer(std::move(observer_in)),
       spare_answer(on_the_wire(
@@ -291,6 +294,8 @@ bool HttpServer::Impl::serve_one(Connection& connection) {
   if (is_trusted_proxy(connection.peer().host, options.trusted_proxies))
     exchange.record.token = token_of(exchange.head.headers);
   exchange.close = exchange.head.close;
+  if (const auto problem = hosts.refusal(exchange.head, connection.peer().local))
+    return refuse(connection, *problem, exchange.record);
   if (const auto problem = receive_body(exchange)) return refuse(connection, *problem, exchange.record);
   exchange.record.request_bytes = exchange.request.body.size();
   const bool delivered = process(exchange);
@@ -401,7 +406,12 @@ bool HttpServer::Impl::refuse(Connection& connection, const HeadProblem& why, Ac
   if (refused.request_id.empty()) refused.request_id = new_request_id();
   refused.host = connection.peer().host;
   answer.headers.emplace_back(kRequestId, refused.request_id);
-  if (connection.write(on_the_wire(answer)) && connection.flush()) connection.linger(kLinger);
+  std::string text = on_the_wire(answer);
+  if (refused.method == "HEAD") {  // the head of what GET would be answered
+    text.resize(text.size() - answer.body.size());
+    answer.body.clear();
+  }
+  if (connection.write(text) && connection.flush()) connection.linger(kLinger);
   refused.status = answer.status;
   refused.bytes = answer.body.size();
   refused.error_code = answer.error_code;

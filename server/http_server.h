@@ -24,6 +24,7 @@ struct HttpOptions {
   SendPace send_pace;                          // for a whole answer
   std::function<int()> retry_after_s;          // for a client that there is no connection for
   std::vector<std::string> trusted_proxies{};  // beside loopback: they say by whose token a request came
+  std::vector<std::string> allowed_hosts{};    // beside host and the names of loopback: see AllowedHosts
 };
 
 // One request answered, for the log and the metrics. `path` is without query; empty when the request could not be read.

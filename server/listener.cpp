@@ -53,12 +53,17 @@ int bind_host(const std::string& host, int port) {
   throw std::runtime_error("can't listen on " + host + " port " + service + ": " + std::strerror(errno));
 }
 
-int port_of(int fd) {
+sockaddr_storage local_address_of(int fd) {
   sockaddr_storage address{};
   socklen_t size = sizeof(address);
   ::getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size);
-  return address.ss_family == AF_INET6 ? ntohs(reinterpret_cast<sockaddr_in6&>(address).sin6_port)
-                                       : ntohs(reinterpret_cast<sockaddr_in&>(address).sin_port);
+  return address;
+}
+
+int port_of(int fd) {
+  const sockaddr_storage address = local_address_of(fd);
+  return address.ss_family == AF_INET6 ? ntohs(reinterpret_cast<const sockaddr_in6&>(address).sin6_port)
+                                       : ntohs(reinterpret_cast<const sockaddr_in&>(address).sin_port);
 }
 
 std::string host_of(const sockaddr_storage& from) {
@@ -184,6 +189,7 @@ void Listener::accept_one(const Serve& serve) {
   try {
     peer.host = host_of(from);
     peer.address = client_of(from);
+    peer.local = host_of(local_address_of(fd));
     room = find_room(peer.address);
   } catch (const std::bad_alloc&) {  // refused, then
   }

@@ -38,14 +38,17 @@ std::vector<std::string_view> lines_of(std::string_view raw) {
   return lines;
 }
 
-// "http://host/path" means "/path" (RFC 9112 3.2.2).
-std::string_view origin_form(std::string_view target) {
+// "http://host/path" means "/path" of that host (RFC 9112 3.2.2).
+void read_target(std::string_view target, RequestHead& head) {
+  head.target = target;
   for (const std::string_view scheme : {"http://", "https://"}) {
-    if (target.substr(0, scheme.size()) != scheme) continue;
-    const std::size_t path = target.find('/', scheme.size());
-    return path == std::string_view::npos ? "/" : target.substr(path);
+    if (!target.starts_with(scheme)) continue;
+    target.remove_prefix(scheme.size());
+    const std::size_t path = target.find('/');
+    head.authority = target.substr(0, path);
+    head.target = path == std::string_view::npos ? "/" : target.substr(path);
+    return;
   }
-  return target;
 }
 
 Refusal read_request_line(std::string_view line, RequestHead& head) {
@@ -54,7 +57,7 @@ Refusal read_request_line(std::string_view line, RequestHead& head) {
     return malformed("the request line is not 'METHOD target HTTP/1.1'");
   const std::string_view target = line.substr(first + 1, last - first - 1), version = line.substr(last + 1);
   head.method = line.substr(0, first);
-  head.target = origin_form(target);
+  read_target(target, head);
   if (!is_token(head.method)) return malformed("the method is not a token");
   if (std::find(std::begin(kMethods), std::end(kMethods), head.method) == std::end(kMethods))
     return HeadProblem{"not_implemented", "no resource here has the method " + head.method.substr(0, 40)};
@@ -152,7 +155,9 @@ std::variant<RequestHead, HeadProblem> check_head(std::string_view raw, std::siz
   for (std::size_t i = 1; i < lines.size(); ++i) {
     if (Refusal refusal = read_header_line(lines[i], head)) return *refusal;
   }
-  if (!head.http_1_0 && head.headers.count("host") != 1) return malformed("exactly one Host header is needed");
+  const auto hosts = head.headers.count("host");
+  if (hosts > 1 || (hosts == 0 && !head.http_1_0)) return malformed("exactly one Host header is needed");
+  if (hosts == 1 && !head.authority) head.authority = *only(head, "host");
   if (Refusal refusal = check_framing(head, max_body_bytes)) return *refusal;
   head.close = head.close || asks_to_close(head);
   const std::string* expected = only(head, "expect");

@@ -8,6 +8,7 @@
 
 #include <cstddef>
 #include <map>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -22,8 +23,11 @@ struct RequestHead {
   std::string method;
   std::string target;                               // as sent: path and query, free of control characters
   std::multimap<std::string, std::string> headers;  // lower-case names; everything that was sent
-  std::string text;                                 // the head for the library, with its empty line
-  bool close = false;                               // the connection must end after the answer
+  // Whom the request is for, as sent: the authority of an absolute target, else Host (RFC 9112 3.2.2); only HTTP/1.0
+  // may say neither. AllowedHosts judges it.
+  std::optional<std::string> authority;
+  std::string text;    // the head for the library, with its empty line
+  bool close = false;  // the connection must end after the answer
   bool http_1_0 = false;
   // The body to read before the request is handed on: chunked, or as many bytes; none on other methods than POST.
   bool chunked = false;

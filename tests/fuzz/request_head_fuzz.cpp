@@ -3,6 +3,7 @@
 #include <variant>
 
 #include "api/problem.h"
+#include "server/allowed_hosts.h"
 #include "server/request_head.h"
 #include "tests/fuzz/fuzz.h"
 
@@ -33,6 +34,10 @@ void check_accepted(const RequestHead& head) {
     require(head.text.find(hidden) == std::string::npos, "hidden from the library:", hidden);
   require(head.headers.count("content-length") + head.headers.count("transfer-encoding") <= 1, "one length");
   require(head.close || head.headers.count("host") == 1, "one host");
+  require(head.authority || head.http_1_0, "it is for somebody");
+  const auto refused = server::AllowedHosts("127.0.0.1", {"moon.example"}).refusal(head, "10.0.0.1");
+  const int status = refused ? api::error_row(refused->error_code).status : 200;
+  require(status == 200 || status == 400 || status == 403 || status == 421, "a host is taken or refused");
   require(head.body_bytes <= kMaxBody && !(head.chunked && head.body_bytes > 0),
           "the body to read is bounded, and one");
   require(!(head.chunked && head.http_1_0), "no chunks in HTTP/1.0");

@@ -91,23 +91,23 @@ class AccessLog(unittest.TestCase):
         self.assertEqual(len(ids), 30, "each has its own")
 
     def test_refusals_have_ids_too(self):
-        for sent in (b"nonsense\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", b"BREW / HTTP/1.1\r\nHost: a\r\n\r\n",
-                     b"POST /v1/heights HTTP/1.1\r\nHost: a\r\nContent-Length: 99999999\r\n\r\n",
-                     b"GET /" + b"x" * 3000 + b" HTTP/1.1\r\nHost: a\r\n\r\n", b"GET /%zz HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n",
-                     b"POST /v1/heights HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n"):
+        for sent in (b"nonsense\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", b"BREW / HTTP/1.1\r\nHost: localhost\r\n\r\n",
+                     b"POST /v1/heights HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99999999\r\n\r\n",
+                     b"GET /" + b"x" * 3000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n", b"GET /%zz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n",
+                     b"POST /v1/heights HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n"):
             answer = self.service.raw(sent)
             found = re.search(rb"\r\nX-Request-Id: ([A-Za-z0-9._-]+)\r\n", answer)
             self.assertTrue(found, answer[:300])
             self.assertGreaterEqual(self.line_of(found[1].decode())["status"], 400)
-        answer = self.service.raw(b"POST /v1/heights HTTP/1.1\r\nHost: a\r\nX-Request-Id: mine\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n")
+        answer = self.service.raw(b"POST /v1/heights HTTP/1.1\r\nHost: localhost\r\nX-Request-Id: mine\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n")
         self.assertIn(b"\r\nX-Request-Id: mine\r\n", answer)
 
     def test_what_clients_send_stays_one_line(self):
-        self.service.raw(b"GET /v1/\xff\"\\x{}? HTTP/1.1\r\nHost: a\r\nX-Request-Id: odd\r\nConnection: close\r\n\r\n")
+        self.service.raw(b"GET /v1/\xff\"\\x{}? HTTP/1.1\r\nHost: localhost\r\nX-Request-Id: odd\r\nConnection: close\r\n\r\n")
         self.assertIn('"\\x{}?', self.line_of("odd")["target"])
         for name in ("two words", 'a"b', "", "x" * 65):
             with socket.create_connection((self.service.host, self.service.port)) as s:
-                s.sendall(b"GET /v1/datasets HTTP/1.1\r\nHost: a\r\nX-Request-Id: t%d\r\nSelenograph-Token: %s\r\n"
+                s.sendall(b"GET /v1/datasets HTTP/1.1\r\nHost: localhost\r\nX-Request-Id: t%d\r\nSelenograph-Token: %s\r\n"
                           b"Connection: close\r\n\r\n" % (len(name), name.encode()))
                 while s.recv(65536):
                     pass

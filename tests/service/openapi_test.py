@@ -236,14 +236,18 @@ class EveryAnswer(Documented):
 
     def refusals_of_http(self, service):
         for operation in self.each(400):
-            self.check(operation, operation.raw(service, b"Host: a\r\n folded\r\n\r\n"), 400)
+            self.check(operation, operation.raw(service, b"Host: localhost\r\n folded\r\n\r\n"), 400)
+        for operation in self.each(421):
+            self.check(operation, operation.raw(service, b"Host: evil.example\r\n\r\n"), 421)
+        for operation in self.each(403):
+            self.check(operation, operation.raw(service, b"Host: localhost\r\nOrigin: http://evil.example\r\n\r\n"), 403)
         for operation in self.each(414):
-            self.check(operation, operation.raw(service, b"Host: a\r\n\r\n", operation.path + "?" + "a" * 6000), 414)
+            self.check(operation, operation.raw(service, b"Host: localhost\r\n\r\n", operation.path + "?" + "a" * 6000), 414)
         for operation in self.each(431):
-            self.check(operation, operation.raw(service, b"Host: a\r\nX: " + b"a" * 100000 + b"\r\n\r\n"), 431)
+            self.check(operation, operation.raw(service, b"Host: localhost\r\nX: " + b"a" * 100000 + b"\r\n\r\n"), 431)
         slow = self.each(408)
         with concurrent.futures.ThreadPoolExecutor(len(slow)) as pool:  # they only wait
-            for operation, answer in zip(slow, pool.map(lambda o: o.raw(service, b"Host: a\r\n"), slow)):
+            for operation, answer in zip(slow, pool.map(lambda o: o.raw(service, b"Host: localhost\r\n"), slow)):
                 self.check(operation, answer, 408)
 
     def deadlines(self, service):
@@ -316,7 +320,7 @@ class EveryAnswer(Documented):
             time.sleep(pause_s)
             pause_s *= 1.5
         for operation in self.operations:
-            answer = operation.raw(service, b"Host: a\r\nContent-Length: 0\r\n\r\n")
+            answer = operation.raw(service, b"Host: localhost\r\nContent-Length: 0\r\n\r\n")
             if operation.path in OPERATORS:
                 self.check(operation, answer, 200)
                 self.seen.add((operation.path, operation.method, "503", "application/problem+json"))  # were there more of them

@@ -43,7 +43,7 @@ def slow_reader(service, request, buffer=4096):
     s.connect((service.host, service.port))
     s.settimeout(PATIENCE_S)
     body = json.dumps(request).encode()
-    s.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nAccept: application/octet-stream\r\n"
+    s.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nAccept: application/octet-stream\r\n"
               b"Content-Length: %d\r\n\r\n" % len(body) + body)
     return s
 
@@ -181,7 +181,7 @@ class End(unittest.TestCase):
         reader = slow_reader(service, frame_request(["position"], width=1500, height=1500))
         reader.recv(1000)
         silent = socket.create_connection((service.host, service.port))
-        silent.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nContent-Length: 500\r\n\r\n{")
+        silent.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 500\r\n\r\n{")
         frames = [service.start_frame(long_frame()) for _ in range(4)]
         service.wait_for("selenograph_frames_waiting", 2)
         took = self.ends_in_time(service)

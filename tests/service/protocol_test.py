@@ -39,7 +39,7 @@ HEIGHTS = json.dumps({"points": [{"lat_deg": 0.1, "lon_deg": 30.1}]}).encode()
 
 
 def chunked(chunks, head=b"POST /v1/heights HTTP/1.1\r\n"):
-    return (head + b"Host: a\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n" + chunks)
+    return (head + b"Host: localhost\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n" + chunks)
 
 
 def size_of(body):
@@ -51,7 +51,7 @@ def statuses(answer):
 
 
 class Chunks(WithTheService):
-    END = b"GET /health/live HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
+    END = b"GET /health/live HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
 
     def test_well_formed(self):
         for chunks in (size_of(HEIGHTS) + b"\r\n" + HEIGHTS + b"\r\n0\r\n\r\n",
@@ -80,7 +80,7 @@ class Chunks(WithTheService):
                 "no content end": n + b"\r\n" + body + b"0\r\n\r\n",
                 "trailer": n + b"\r\n" + body + b"\r\n0\r\nno colon\r\n\r\n"}.items():
             with self.subTest(name):
-                answer = self.service.raw(chunked(chunks) + b"GET /metrics HTTP/1.1\r\nHost: a\r\n\r\n")
+                answer = self.service.raw(chunked(chunks) + b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n")
                 self.assertEqual(statuses(answer), [400], answer[:300])
                 self.assertIn(b"Connection: close", answer)
 
@@ -95,7 +95,7 @@ class Chunks(WithTheService):
 
 class Heads(WithTheService):
     def status_of(self, head):
-        return statuses(self.service.raw(head + b"\r\nHost: a\r\nConnection: close\r\n\r\n"))
+        return statuses(self.service.raw(head + b"\r\nHost: localhost\r\nConnection: close\r\n\r\n"))
 
     def test_methods(self):
         self.assertEqual(self.status_of(b"BREW /v1/height HTTP/1.1"), [501])
@@ -110,7 +110,7 @@ class Heads(WithTheService):
 
     def test_a_body_is_asked_for(self):
         with socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S) as s:
-            s.sendall(b"POST /v1/heights HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nExpect: 100-continue\r\n"
+            s.sendall(b"POST /v1/heights HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nExpect: 100-continue\r\n"
                       b"Connection: close\r\nContent-Length: %d\r\n\r\n" % len(HEIGHTS))
             self.assertEqual(s.recv(1000), b"HTTP/1.1 100 Continue\r\n\r\n")
             s.sendall(HEIGHTS)
@@ -141,7 +141,7 @@ class HalfClose(WithTheService):
     def send(self, request, version="1.1"):
         body = json.dumps(request).encode()
         s = socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S)
-        s.sendall(f"POST /v1/frames HTTP/{version}\r\nHost: a\r\nContent-Type: application/json\r\nAccept: application/x-npy\r\n"
+        s.sendall(f"POST /v1/frames HTTP/{version}\r\nHost: localhost\r\nContent-Type: application/json\r\nAccept: application/x-npy\r\n"
                   f"Content-Length: {len(body)}\r\n\r\n".encode() + body)
         return s
 
@@ -158,7 +158,7 @@ class HalfClose(WithTheService):
 
     def test_pipelined_requests_are_all_answered(self):
         with socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S) as s:
-            s.sendall(b"GET /v1/height?lat_deg=0&lon_deg=30 HTTP/1.1\r\nHost: a\r\n\r\n" * 5)
+            s.sendall(b"GET /v1/height?lat_deg=0&lon_deg=30 HTTP/1.1\r\nHost: localhost\r\n\r\n" * 5)
             s.shutdown(socket.SHUT_WR)
             self.assertEqual([status for status in statuses(read_all(s)) if status != 100], [200] * 5)
 
@@ -195,7 +195,7 @@ class Pipelining(WithTheService):
             return next(int(line.split()[1]) for line in status if line.startswith("VmRSS:")) / 1024
 
     def test_a_client_that_never_pauses_is_not_kept_in_memory(self):
-        batch = b"GET /health/live HTTP/1.1\r\nHost: a\r\nX: " + b"a" * 7900 + b"\r\n\r\n"
+        batch = b"GET /health/live HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * 7900 + b"\r\n\r\n"
         before = self.resident_mb()
         with socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S) as s:
             def read():

@@ -285,24 +285,24 @@ class Errors(WithService):
         self.problem(self.service.ask("POST", "/v1/frames", (b" " * 1000 for _ in range(100)), {"Content-Type": "application/json"}), 413)
 
     def test_endless_chunk_header(self):
-        answer = self.service.raw(b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n" + b"0" * 400000)
+        answer = self.service.raw(b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n" + b"0" * 400000)
         self.assertRegex(answer, rb"^HTTP/1.1 4(00|13) ")
 
     def test_malformed_http(self):
-        for request in (b"garbage\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", b"GET / HTTP/1.1\r\nHost: a\r\n folded\r\n\r\n",
-                        b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Length: 2\r\nContent-Length: 3\r\n\r\n{}",
-                        b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Length: 2\r\nTransfer-Encoding: chunked\r\n\r\n{}"):
+        for request in (b"garbage\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", b"GET / HTTP/1.1\r\nHost: localhost\r\n folded\r\n\r\n",
+                        b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\nContent-Length: 3\r\n\r\n{}",
+                        b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\nTransfer-Encoding: chunked\r\n\r\n{}"):
             self.assertTrue(self.service.raw(request).startswith(b"HTTP/1.1 400 "), request)
-        self.assertTrue(self.service.raw(b"GET /" + b"a" * 5000 + b" HTTP/1.1\r\nHost: a\r\n\r\n").startswith(b"HTTP/1.1 414 "))
-        self.assertTrue(self.service.raw(b"GET / HTTP/1.1\r\nHost: a\r\nX: " + b"a" * 50000 + b"\r\n\r\n").startswith(b"HTTP/1.1 431 "))
+        self.assertTrue(self.service.raw(b"GET /" + b"a" * 5000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n").startswith(b"HTTP/1.1 414 "))
+        self.assertTrue(self.service.raw(b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * 50000 + b"\r\n\r\n").startswith(b"HTTP/1.1 431 "))
 
     def test_requests_that_never_end_are_answered_408(self):
-        for start in (b"POST /v1/frames HTTP/1.1\r\nHost:", b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Length: 10\r\n\r\n{"):
+        for start in (b"POST /v1/frames HTTP/1.1\r\nHost:", b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nContent-Length: 10\r\n\r\n{"):
             self.assertTrue(self.service.raw(start).startswith(b"HTTP/1.1 408 "), start)
 
     def test_a_body_on_get_is_no_second_request(self):
-        answer = self.service.raw(b"GET /health/live HTTP/1.1\r\nHost: a\r\nContent-Length: 44\r\n\r\n"
-                                  b"GET /health/ready HTTP/1.1\r\nHost: a\r\n\r\n    ")
+        answer = self.service.raw(b"GET /health/live HTTP/1.1\r\nHost: localhost\r\nContent-Length: 44\r\n\r\n"
+                                  b"GET /health/ready HTTP/1.1\r\nHost: localhost\r\n\r\n    ")
         self.assertEqual(answer.count(b"HTTP/1.1 "), 1)
 
 
@@ -318,7 +318,7 @@ class SlowClients(WithService):
             if i % 3 == 1:
                 client.sendall(b"GET /health/live HT")
             if i % 3 == 2:
-                client.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nContent-Length: 500\r\n\r\n{")
+                client.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 500\r\n\r\n{")
             clients.append(client)
         for _ in range(5):
             self.assertEqual(self.service.ask("GET", "/health/ready")[0], 200)

@@ -51,7 +51,7 @@ def tearDownModule():
 
 def raw(method, path, headers, body):
     """A request's bytes."""
-    lines = [f"{method} {path} HTTP/1.1", "Host: soak"] + [f"{name}: {value}" for name, value in headers.items()]
+    lines = [f"{method} {path} HTTP/1.1", "Host: localhost"] + [f"{name}: {value}" for name, value in headers.items()]
     if body is not None:
         lines.append(f"Content-Length: {len(body)}")
     return "\r\n".join(lines).encode() + b"\r\n\r\n" + (body or b"")

@@ -273,10 +273,25 @@ class Tokens(unittest.TestCase):
                 self.assertTrue(headers["X-Request-Id"])
 
 
+class Names(unittest.TestCase):
+    def ask(self, host):
+        with contextlib.closing(team.connect()) as connection:
+            connection.request("GET", "/v1/datasets", headers={"Authorization": f"Bearer {team.first}", "Host": host})
+            answer = connection.getresponse()
+            return answer.status, json.loads(answer.read())
+
+    def test_the_proxys_own_alone(self):
+        for host in ("localhost", f"localhost:{team.port}", "LOCALHOST", f"127.0.0.1:{team.port}", "[::1]:1"):
+            self.assertEqual(self.ask(host)[0], 200, host)
+        for host in ("evil.example", f"evil.example:{team.port}", "localhost.evil.example"):
+            status, problem = self.ask(host)
+            self.assertEqual((status, problem["type"]), (421, "urn:selenograph:problem:misdirected_request"), host)
+
+
 class Network(unittest.TestCase):
     def test_plain_http_gets_nothing(self):
         with socket.create_connection(("localhost", team.port), timeout=PATIENCE_S) as s:
-            s.sendall(f"GET /v1/datasets HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {team.first}\r\n\r\n".encode())
+            s.sendall(f"GET /v1/datasets HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {team.first}\r\n\r\n".encode())
             received = b""
             with contextlib.suppress(ConnectionResetError):
                 while piece := s.recv(4096):
@@ -314,7 +329,7 @@ class Network(unittest.TestCase):
         self.fail("the proxy waits for ever")
 
     def test_slow_clients_are_given_up_and_hold_no_place(self):
-        line = f"POST /v1/frames HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {team.first}\r\n".encode()
+        line = f"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {team.first}\r\n".encode()
         asked = len(team.lines("node1.log") + team.lines("node2.log"))
         self.assertIn(b"HTTP/1.1 408 ", self.dribble(line, b"X"))  # HAProxy's own: it knows nothing of the request yet
         body = b"Content-Type: application/json\r\nContent-Length: 4000\r\n\r\n{"

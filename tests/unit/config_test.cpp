@@ -179,6 +179,21 @@ TEST_F(Config, ProxiesAreAddressesAndTheLogHasAFormat) {
   EXPECT_NE(failure({"--log-format", "xml"}), "");
 }
 
+TEST_F(Config, AllowedHostsAreNamesAndAddresses) {
+  parse({"--allowed-host", "moon.example", "--allowed-host", "::1", "b"});
+  EXPECT_EQ(settings_.allowed_host, (std::vector<std::string>{"moon.example", "::1", "b"}));
+  for (const char* text : {"http://moon.example", "moon.example:80", "moon.example/", ""})
+    EXPECT_NE(failure({"--allowed-host", text}).find("is no host name or address"), std::string::npos) << text;
+}
+
+TEST_F(Config, AnAddressInBracketsIsOneOfAList) {
+  environment_["SELENOGRAPH_ALLOWED_HOST"] = "a:[fd00::1]:[::1]:b";
+  environment_["SELENOGRAPH_TRUSTED_PROXY"] = "10.0.0.1:[fd00::2]";
+  parse({});  // CLI11 takes the brackets off
+  EXPECT_EQ(settings_.allowed_host, (std::vector<std::string>{"a", "fd00::1", "::1", "b"}));
+  EXPECT_EQ(settings_.trusted_proxy, (std::vector<std::string>{"10.0.0.1", "fd00::2"}));
+}
+
 TEST_F(Config, ListForASingleValueIsAnError) {
   file("port = [1, 2]\n");
   EXPECT_NE(failure({}).find("one value"), std::string::npos);

@@ -32,7 +32,7 @@ TEST(ErrorTable, CodesAreUniqueAndStatusesAreErrors) {
 TEST(ErrorTable, HoldsTheContractsStatuses) {
   std::set<int> statuses;
   for (const ErrorRow& row : error_table()) statuses.insert(row.status);
-  for (const int status : {400, 404, 405, 406, 413, 415, 422, 500, 503, 504})
+  for (const int status : {400, 403, 404, 405, 406, 413, 415, 421, 422, 500, 503, 504})
     EXPECT_TRUE(statuses.contains(status)) << status;
 }
 
