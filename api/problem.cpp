@@ -22,9 +22,8 @@ constexpr std::array<ErrorRow, 23> kTable{{
     {"malformed_json", 400, "Malformed JSON",
      "The body is not JSON text (RFC 8259), or is nested deeper than the service accepts."},
     {"foreign_origin", 403, "Foreign origin",
-     "A page of another site asks: its `Origin` is neither the request's own host and port nor allowed by the "
-     "service's "
-     "operator (`--allowed-host`)."},
+     "A page of another site asks: its `Origin` is neither the request's own host and port nor allowed by "
+     "the service's operator (`--allowed-host`)."},
     {"not_found", 404, "Not found", "There is nothing at this path."},
     {"method_not_allowed", 405, "Method not allowed",
      "The path exists but not with this method; `Allow` lists those that it has."},
