@@ -150,6 +150,11 @@ struct LayerEdges::Cells {
   std::vector<char> open{};
 };
 
+double widest_post_deg(const RasterInfo& info) {
+  const auto* grid = std::get_if<GeographicGrid>(&info.grid);
+  return 1 / (grid ? std::min(grid->lat_posts_per_degree, grid->lon_posts_per_degree) : info.posts_per_degree);
+}
+
 LayerEdges::LayerEdges(const Catalogue& catalogue, Read read, bool fall_through)
     : catalogue_(catalogue), read_(std::move(read)), fall_through_(fall_through), meets_(catalogue.rasters().size()) {
   for (auto& m : meets_) m = -1;
@@ -207,7 +212,7 @@ const LayerEdges::Groups& LayerEdges::groups() const {
       if (found->sheet[i] < 0) continue;
       const Footprint& f = rasters[i].footprint;
       for (const int other :
-           catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, 2 / rasters[i].posts_per_degree)) {
+           catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, 2 * widest_post_deg(rasters[i]))) {
         if (found->sheet[static_cast<std::size_t>(other)] != found->sheet[i]) continue;
         const int a = root_of(static_cast<int>(i)), b = root_of(other);
         root[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b);
@@ -457,7 +462,7 @@ std::shared_ptr<const LayerEdges::Tile> LayerEdges::make_tile(const TileKey& key
   if (sheet.polar()) west = -180, east = 180;
   south = std::max(south, -90.0), north = std::min(north, 90.0);
   if (south > north) return made;  // beyond a pole
-  const double margin = 2 * static_cast<double>(cell) / sheet.reference->posts_per_degree;
+  const double margin = 2 * static_cast<double>(cell) * widest_post_deg(*sheet.reference);
   const std::vector<int> touching = catalogue_.touching(south, north, west, east, margin);
 
   // Which samples are valid posts of the sheet.

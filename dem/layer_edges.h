@@ -32,6 +32,10 @@
 
 namespace selenograph::dem {
 
+// How far a file's posts are apart, in degrees of latitude or of longitude, whichever is more. Of a file that is true
+// to scale at a high latitude that is longitude.
+double widest_post_deg(const RasterInfo& info);
+
 // const means safe to call concurrently.
 class LayerEdges {
  public:

@@ -141,7 +141,7 @@ PostSource::PostSource(const Catalogue& catalogue, bool fall_through, Warn warn)
       edges_(
           catalogue, [this](int source, int x0, int y0, int w, int h, float* m) { read(source, x0, y0, w, h, m); },
           fall_through) {
-  for (const RasterInfo& info : catalogue.rasters()) post_deg_ = std::max(post_deg_, 1 / info.posts_per_degree);
+  for (const RasterInfo& info : catalogue.rasters()) post_deg_ = std::max(post_deg_, widest_post_deg(info));
 }
 
 PostSource::~PostSource() = default;
@@ -431,14 +431,17 @@ void PostSource::close_gaps(int source, Patch& patch) const {
   if (info.projection() != Projection::geographic || info.wraps_longitude) return;
   if (std::none_of(patch.posts.begin(), patch.posts.end(), [](float h) { return std::isnan(h); })) return;
   const Footprint& f = info.footprint;
-  const double post_deg = 1 / info.posts_per_degree, globe = 360 * info.posts_per_degree;
-  for (const int other : catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, 4 * post_deg)) {
+  const auto& grid = std::get<GeographicGrid>(info.grid);
+  for (const int other :
+       catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, 4 * widest_post_deg(info))) {
     const RasterInfo& tile = catalogue_.rasters()[static_cast<std::size_t>(other)];
-    if (other == source || tile.projection() != Projection::geographic ||
-        std::abs(tile.posts_per_degree / info.posts_per_degree - 1) > 1e-9)
+    const auto* beside = std::get_if<GeographicGrid>(&tile.grid);
+    if (other == source || !beside || std::abs(beside->lat_posts_per_degree / grid.lat_posts_per_degree - 1) > 1e-9 ||
+        std::abs(beside->lon_posts_per_degree / grid.lon_posts_per_degree - 1) > 1e-9)
       continue;
-    const double dx = std::remainder((tile.footprint.west_deg - f.west_deg) * info.posts_per_degree, globe);
-    const double dy = (f.north_deg - tile.footprint.north_deg) * info.posts_per_degree;
+    const double dx = std::remainder((tile.footprint.west_deg - f.west_deg) * grid.lon_posts_per_degree,
+                                     360 * grid.lon_posts_per_degree);
+    const double dy = (f.north_deg - tile.footprint.north_deg) * grid.lat_posts_per_degree;
     if (std::abs(dx - std::round(dx)) > 1e-3 || std::abs(dy - std::round(dy)) > 1e-3) continue;
     const int ix = static_cast<int>(std::lround(dx)), iy = static_cast<int>(std::lround(dy));
     const int x0 = std::max(patch.x0, ix), x1 = std::min(patch.x0 + patch.w, ix + tile.width);

@@ -17,6 +17,8 @@
 
 #include "dem/error.h"
 #include "dem/geodesy.h"
+#include "dem/layer_joins.h"
+#include "dem/post_source.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {
@@ -515,6 +517,49 @@ TEST_F(RasterTest, EquirectangularMetres) {
   double lon = 5000 + 2.5 * 1000, lat = 905000 - 1.5 * 1000;
   ASSERT_TRUE(transform->Transform(1, &lon, &lat));
   expect_at(inspect_raster(file("ts.tif")), lat, lon, 2, 1, 1e-6);
+}
+
+// Posts along a parallel are then as far apart in degrees as four along a meridian. Two tiles with a post's gap between
+// their posts are as one file, over a coarser layer, too.
+TEST_F(RasterTest, TilesThatAreTrueToScaleAtAHighLatitudeAreOneLayer) {
+  Tif all;
+  all.srs = "+proj=eqc +lat_ts=75 +lon_0=0 +R=1737400 +units=m +no_defs";
+  all.width = 64, all.height = 32;
+  const double post_m = kMetresPerDegree / 64, cos_lat = std::cos(75 * kRadiansPerDegree);
+  all.dx = post_m, all.dy = -post_m, all.west = 10 * kMetresPerDegree * cos_lat, all.north = 75.25 * kMetresPerDegree;
+  const auto height_m = [](int r, int c) { return (c - 32) * (c - 32) + 10 * r; };
+  const auto columns = [&](int first, int past_last) {
+    Tif t = all;
+    t.width = past_last - first, t.west += first * t.dx;
+    for (int r = 0; r < t.height; ++r)
+      for (int c = first; c < past_last; ++c) t.values.push_back(height_m(r, c));
+    return t;
+  };
+  Tif beneath;
+  beneath.width = 80, beneath.height = 20, beneath.west = 0, beneath.north = 80, beneath.dx = 0.5, beneath.dy = -0.5;
+  beneath.values.assign(80 * 20, 5000);
+  for (const char* folder : {"one", "two"}) {
+    fs::create_directories(folder_ / folder);
+    write(file(folder + std::string("/beneath.tif")), beneath);
+  }
+  write(file("one/all.tif"), columns(0, 64));
+  write(file("two/west.tif"), columns(0, 32)), write(file("two/east.tif"), columns(32, 64));
+  const auto posts_of = [&](const char* folder) {
+    Catalogue catalogue(std::vector<std::string>{file(folder)});
+    join_layers(catalogue, 2, {});
+    const PostSource source(catalogue, false, [](const std::string&, const std::string&) {});
+    const std::int32_t step = 1 << (kTickLevel - 7);
+    return source.compose({std::llround((90 + 74.8) * kTicksPerDegree), std::llround((180 + 10.2) * kTicksPerDegree),
+                           step, step, 48, 448});
+  };
+  const Posts one = posts_of("one"), two = posts_of("two");
+  ASSERT_EQ(one.heights.size(), two.heights.size());
+  int of_tiles = 0;
+  for (std::size_t i = 0; i < one.heights.size(); ++i) {
+    ASSERT_NEAR(one.heights[i], two.heights[i], 0.01) << i;
+    of_tiles += one.heights[i] < 1400;
+  }
+  EXPECT_GT(of_tiles, 5000);
 }
 
 TEST_F(RasterTest, PolarStereographicAgreesWithGdal) {
