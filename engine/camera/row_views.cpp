@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "dem/error.h"
 
@@ -74,6 +75,7 @@ void RowViews::bundle(const std::vector<Pose>& poses, std::size_t first, std::si
   constexpr double kLittle_px = 8, kNear_m = 100;
   const std::size_t middle = (first + past_last) / 2, fewest = rows_.size() / 256 + 1;
   ViewBundle all{rows_[middle]};
+  all.first_row = static_cast<int>(first), all.past_last_row = static_cast<int>(past_last);
   for (std::size_t i = first; i < past_last; ++i) {
     all.shift_m = std::max(all.shift_m, (poses[i].position_m - poses[middle].position_m).norm());
     all.turn_rad = std::max(all.turn_rad, turn_between(poses[i], poses[middle]));
@@ -91,7 +93,8 @@ View RowViews::at_row(double row) const { return reference_.at(track_->at(shutte
 
 // How far below the row of a moment, in which the camera is then, a point appears; empty where it isn't imaged.
 std::optional<double> RowViews::off_row_px(const Vec3& point_m, double row) const {
-  const auto pixel = at_row(row).project(point_m);
+  const bool whole = row >= 0 && row < height_ && row == std::floor(row);
+  const auto pixel = whole ? of(static_cast<int>(row)).project(point_m) : at_row(row).project(point_m);
   if (!pixel) return std::nullopt;
   return pixel->y - (pushbroom_ ? 0 : row);
 }
@@ -120,40 +123,90 @@ std::optional<double> RowViews::row_by_secant(const Vec3& point_m) const {
   return std::nullopt;
 }
 
-// The first change of sign among places all over the image, and from there by halves.
-std::optional<double> RowViews::row_by_search(const Vec3& point_m) const {
-  constexpr int kPlaces = 64;
-  const double top = -0.5, bottom = height_ - 0.5;
-  double above = top;
-  std::optional<double> off_above = off_row_px(point_m, above);
-  for (int i = 1; i <= kPlaces; ++i) {
-    double below = top + (bottom - top) * i / kPlaces;
-    const auto off_below = off_row_px(point_m, below);
-    if (off_above && off_below && (*off_above > 0) != (*off_below > 0)) {
-      const bool positive_above = *off_above > 0;
-      for (;;) {
-        const double middle = (above + below) / 2;
-        if (middle == above || middle == below) return middle;
-        const auto off = off_row_px(point_m, middle);
-        if (!off) return std::nullopt;  // not one way through: it left what the lens images in between
-        if (std::abs(*off) <= kFound_px) return middle;
-        ((*off > 0) == positive_above ? above : below) = middle;
-      }
-    }
-    above = below, off_above = off_below;
+// By halves, where the point is on one side of its row above and on the other side below.
+std::optional<double> RowViews::row_between(const Vec3& point_m, double above, double below,
+                                            bool positive_above) const {
+  for (;;) {
+    const double middle = (above + below) / 2;
+    if (middle == above || middle == below) return middle;
+    const auto off = off_row_px(point_m, middle);
+    if (!off) return std::nullopt;  // not one way through: it left what the lens images in between
+    if (std::abs(*off) <= kFound_px) return middle;
+    ((*off > 0) == positive_above ? above : below) = middle;
   }
-  return std::nullopt;
 }
 
-std::optional<Sighting> RowViews::find(const Vec3& point_m) const {
-  const auto in_image = [&](double row) { return row >= -0.5 && row < height_ - 0.5; };
-  std::optional<double> row = row_by_secant(point_m);
-  if (!row || !in_image(*row)) row = row_by_search(point_m);
-  if (!row || !in_image(*row)) return std::nullopt;
-  const View view = at_row(*row);
+std::optional<Sighting> RowViews::sighting(const Vec3& point_m, double row) const {
+  const View view = at_row(row);
   const auto pixel = view.project(point_m);
   if (!pixel) return std::nullopt;
-  return Sighting{{pixel->x, *row}, shutter_->time_s(*row), view.position()};
+  return Sighting{{pixel->x, row}, shutter_->time_s(row), view.position()};
+}
+
+// A walk down the image. Between two stops at which the point is on different sides of the row that is exposed then,
+// there is a time at which it is on it.
+class RowViews::Search {
+ public:
+  // `beside`: where the point is known to be seen beside the image.
+  Search(const RowViews& views, const Vec3& point_m, std::optional<Sighting> beside)
+      : views_(views), point_m_(point_m), beside_(std::move(beside)), off_above_(off(above_)) {}
+
+  // On to a row, which may be in between two. True: the point is found in the image.
+  bool reach(double row) {
+    if (row <= above_) return false;
+    const std::optional<double> off_here = off(row);
+    std::optional<Sighting> crossing;
+    if (off_above_ && off_here && (*off_above_ > 0) != (*off_here > 0))
+      if (const auto found = views_.row_between(point_m_, above_, row, *off_above_ > 0))
+        crossing = views_.sighting(point_m_, *found);
+    above_ = row, off_above_ = off_here;
+    if (!crossing || !views_.in_rows(crossing->pixel.y)) return false;
+    const bool in_image = views_.in_columns(crossing->pixel.x);
+    if (in_image || !beside_) (in_image ? in_image_ : beside_) = crossing;
+    return in_image;
+  }
+
+  // A row's pixels reach half a row to each side of it. A point that comes that near and turns back is on none at its
+  // time, and is seen by the nearest one.
+  void note_nearest(int row) {
+    if (!off_above_ || std::abs(*off_above_) > least_px_) return;
+    const auto here = views_.sighting(point_m_, row);
+    if (!here || !views_.in_columns(here->pixel.x)) return;
+    least_px_ = std::abs(*off_above_), nearest_ = here;
+  }
+
+  std::optional<Sighting> found() const { return in_image_ ? in_image_ : nearest_ ? nearest_ : beside_; }
+
+ private:
+  std::optional<double> off(double row) const { return views_.off_row_px(point_m_, row); }
+
+  const RowViews& views_;
+  const Vec3& point_m_;
+  std::optional<Sighting> in_image_, nearest_, beside_;
+  double above_ = -0.5, least_px_ = 0.5;
+  std::optional<double> off_above_;
+};
+
+// By secants from the middle, which is all that a slow camera needs. What that doesn't find in the image is looked for
+// row by row where the point may be in the image, and in steps of bundles elsewhere.
+std::optional<Sighting> RowViews::find(const Vec3& point_m) const {
+  const std::optional<double> row = row_by_secant(point_m);
+  const auto quick = row && in_rows(*row) ? sighting(point_m, *row) : std::nullopt;
+  if (quick && in_columns(quick->pixel.x)) return quick;
+  Search search(*this, point_m, quick);
+  for (const ViewBundle& some : bundles_) {
+    if (!some.may_see(point_m, 0)) {
+      if (search.reach(some.first_row)) return search.found();
+      continue;
+    }
+    if (search.reach(some.first_row - 1)) return search.found();
+    for (int i = some.first_row; i < some.past_last_row; ++i) {
+      if (search.reach(i)) return search.found();
+      search.note_nearest(i);
+    }
+  }
+  search.reach(height_ - 0.5);
+  return search.found();
 }
 
 }  // namespace selenograph::engine

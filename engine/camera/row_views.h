@@ -21,6 +21,7 @@ namespace selenograph::engine {
 struct ViewBundle {
   View view;
   double shift_m = 0, turn_rad = 0;
+  int first_row = 0, past_last_row = 0;  // of a frame whose rows vary
 
   // As View has them: upper bounds over all views.
   bool may_see(const Vec3& centre_m, double radius_m) const;
@@ -61,16 +62,21 @@ class RowViews {
   // Together they bound the views of all rows; neither empty nor many.
   std::span<const ViewBundle> bundles() const { return bundles_; }
 
-  // Where rows vary: one of the places where a point appears, in the row of that time; empty where no row sees it:
-  // beside the image in y.
+  // Where rows vary: one of the places where a point appears, in the row of that time; in the image, wherever any row
+  // sees it there (a turning camera's rows may see it several times), else beside it in x. Empty where no row sees it:
+  // beside the image in y. Costs a projection for each row, at most.
   std::optional<Sighting> find(const Vec3& point_m) const;
 
  private:
+  class Search;
   View at_row(double row) const;
   void bundle(const std::vector<Pose>& poses, std::size_t first, std::size_t past_last);
   std::optional<double> off_row_px(const Vec3& point_m, double row) const;
   std::optional<double> row_by_secant(const Vec3& point_m) const;
-  std::optional<double> row_by_search(const Vec3& point_m) const;
+  std::optional<double> row_between(const Vec3& point_m, double above, double below, bool positive_above) const;
+  bool in_columns(double x_px) const { return x_px >= -0.5 && x_px < static_cast<double>(width_) - 0.5; }
+  bool in_rows(double row) const { return row >= -0.5 && row < height_ - 0.5; }
+  std::optional<Sighting> sighting(const Vec3& point_m, double row) const;
 
   std::size_t width_;
   int height_;

@@ -1,6 +1,7 @@
 // Rows with times: poses in between, the views of the rows and what bounds them, where a point is seen and when.
 #include "engine/camera/row_views.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -230,6 +231,76 @@ TEST(RowViews, APointIsFoundInTheRowThatSeesIt) {
     // Ahead of all rows; behind the camera.
     EXPECT_FALSE(views.find(-3 * in_orbit(0).position_m + Vec3(0, 3e7, 0)));
     EXPECT_FALSE(views.find(1.5 * in_orbit(0).position_m));
+  }
+}
+
+// Cameras that turn by as much as a row or more while a row is read: a point may be on its row several times, in the
+// image and beside it, or come near its row and turn back.
+std::vector<Case> fast_cases() {
+  std::vector<Case> all;
+  Camera camera{96, 64, 130, 130, 47.5, 31.5, {}}, lens = camera, fisheye = camera;
+  lens.distortion = {-0.2, 0.05, 0, 0.001, -0.002};
+  fisheye.model = CameraModel::fisheye, fisheye.fx = fisheye.fy = 60;
+  const Rates roll{Vec3(0, 0, 60), Vec3::Zero()}, back{Vec3(0, 0, -60), Vec3(300, 1600, 0)},
+      mixed{Vec3(20, -30, 60), Vec3(0, 1600, 0)};
+  for (const double line_time_s : {0.002, 0.01, 0.0125, 0.015, 0.02, 0.05}) {
+    for (const Camera& of : {camera, lens, fisheye})
+      for (const Rates& rates : {roll, back, mixed})
+        all.push_back({"rolling", of, at_rates(line_time_s, rates, false)});
+    all.push_back({"pitch", camera, at_rates(line_time_s, {Vec3(30, 0, 0), Vec3::Zero()}, false)});
+    all.push_back({"against the rows", camera, at_rates(line_time_s, {Vec3(-30, 0, 0), Vec3::Zero()}, false)});
+    all.push_back({"yaw", camera, at_rates(line_time_s, {Vec3(0, 60, 0), Vec3::Zero()}, false)});
+    all.push_back({"line", camera, at_rates(line_time_s, mixed, true)});
+    all.push_back({"turning line", lens, at_rates(line_time_s, roll, true)});
+  }
+  return all;
+}
+
+TEST(RowViews, WhatAPixelOfAFastTurningCameraSeesIsFoundInTheImage) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> share(0, 1);
+  int elsewhere = 0, all = 0;
+  for (const Case& c : fast_cases()) {
+    SCOPED_TRACE(fmt::format("{} {} s", c.name, c.shutter.line_time_s));
+    const RowViews views(c.camera, in_orbit(0), c.shutter);
+    const PoseTrack track(in_orbit(0), c.shutter);
+    for (int row = 0; row < c.camera.height; ++row)
+      for (int x = 0; x < c.camera.width; ++x) {
+        // Its middle, and a place that is not on the row at the row's own time.
+        const double aside_px = x % 2 == 0 ? 0 : 0.98 * (share(random) - 0.5);
+        const auto ray = views.of(row).ray(x, views.line(row) + aside_px);
+        if (!ray) continue;
+        const Vec3 point = views.of(row).position() + (50000 + 3000 * share(random)) * ray->normalized();
+        const auto found = views.find(point);
+        ASSERT_TRUE(found) << x << " " << row;
+        ASSERT_TRUE(found->pixel.x >= -0.5 && found->pixel.x < c.camera.width - 0.5) << found->pixel.x;
+        ASSERT_TRUE(found->pixel.y >= -0.5 && found->pixel.y < c.camera.height - 0.5) << found->pixel.y;
+        ASSERT_NEAR(found->time_s, found->pixel.y * c.shutter.line_time_s, 1e-12);
+        // Seen there: by the row of that time, or by a row that it comes within half a row of.
+        const auto seen = views.reference().at(track.at(found->time_s)).project(point);
+        ASSERT_TRUE(seen);
+        const double off_px = seen->y - (c.shutter.pushbroom ? 0 : found->pixel.y);
+        ASSERT_NEAR(seen->x, found->pixel.x, 1e-6);
+        ASSERT_LE(std::abs(off_px), found->pixel.y == std::round(found->pixel.y) ? 0.5 : 1e-6);
+        if (aside_px != 0) continue;
+        ASSERT_LE(std::abs(off_px), 1e-6) << "a pixel's middle is on its row";
+        ++all, elsewhere += std::hypot(found->pixel.x - x, found->pixel.y - row) > 1e-4;
+      }
+  }
+  EXPECT_LT(elsewhere, all / 4) << "that are seen by several rows";
+}
+
+TEST(RowViews, BundlesAreOfAllRowsInOrder) {
+  for (const Case& c : cases()) {
+    SCOPED_TRACE(c.name);
+    const RowViews views(c.camera, in_orbit(0), c.shutter);
+    int next = 0;
+    for (const ViewBundle& some : views.bundles()) {
+      EXPECT_EQ(some.first_row, next);
+      EXPECT_GT(some.past_last_row, next);
+      next = some.past_last_row;
+    }
+    EXPECT_EQ(next, c.camera.height);
   }
 }
 
