@@ -23,19 +23,23 @@ void add_rays(OrderedJson& schemas, std::size_t most) {
 }
 
 void add_project(OrderedJson& schemas, std::size_t most) {
-  const OrderedJson seen = object("",
-                                  {{"x_px", number_or_null("column; null behind the camera")},
-                                   {"y_px", number_or_null("row; null behind the camera. With a shutter both, and "
-                                                           "range_m, are null where no row sees the point")},
-                                   {"range_m", number_or_null("from the camera, m")},
-                                   {"time_s", number_or_null("with a shutter: when the row that sees it is exposed, "
-                                                             "line_time_s * y_px; null where none does")},
-                                   {"height_m", number_or_null("that was used; null without data")},
-                                   {"in_frame", boolean("in front of the camera and within the image")},
-                                   {"visible", boolean("in_frame and nothing stands between")},
-                                   {"lit", number_or_null("lit fraction, when a Sun was given")},
-                                   {"reason", text("why a value is null")}},
-                                  {"x_px", "y_px", "range_m", "height_m", "in_frame", "visible"});
+  const OrderedJson seen =
+      object("",
+             {{"x_px", number_or_null("column; null behind the camera and beyond the lens's field of view")},
+              {"y_px", number_or_null("row; null as x_px is. With a shutter both, and range_m, are "
+                                      "null where no row sees the point; where several do, they "
+                                      "are of one of its places, in the image if it has any there")},
+              {"range_m", number_or_null("from the camera, m")},
+              {"time_s", number_or_null("with a shutter: when the row that sees it is exposed, "
+                                        "line_time_s * y_px; null where none does")},
+              {"height_m", number_or_null("that was used; null without data")},
+              {"in_frame", boolean("in front of the camera and within the image")},
+              {"visible", boolean("in_frame and nothing stands between")},
+              {"lit", number_or_null("lit fraction, when a Sun was given")},
+              {"reason", text("why a value is null: no data there; behind the camera; beyond the "
+                              "lens's field of view, where its distortion folds and at 179 degrees "
+                              "from a fisheye's boresight; seen by no row")}},
+             {"x_px", "y_px", "range_m", "height_m", "in_frame", "visible"});
   schemas["ProjectAnswer"] =
       object("In the order of the request.", {{"points", list(seen, most, "landmarks")}}, {"points"});
 }

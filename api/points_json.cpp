@@ -58,6 +58,12 @@ Json number_or_text(const std::string& text) {
   return error == std::errc() && end == text.data() + text.size() ? Json(x) : Json(text);
 }
 
+// Of a landmark without a place in the image.
+const char* why_not_imaged(const engine::Landmark& landmark, const ProjectQuery& query) {
+  if (query.shutter) return "seen by no row";
+  return landmark.behind_camera ? "behind the camera" : "beyond the lens's field of view";
+}
+
 const char* why_no_height(double lat_deg, double lon_deg, const dem::Catalogue& catalogue) {
   return catalogue.touching(lat_deg, lat_deg, lon_deg, lon_deg).empty() ? "no dataset covers this place"
                                                                         : "the datasets here have no valid post";
@@ -166,7 +172,7 @@ OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, const Pr
     if (!std::isfinite(landmark.height_m)) {
       point["reason"] = why_no_height(query.points[i].lat_deg, query.points[i].lon_deg, catalogue);
     } else if (!std::isfinite(landmark.x_px)) {
-      point["reason"] = query.shutter ? "seen by no row" : "behind the camera";
+      point["reason"] = why_not_imaged(landmark, query);
     }
     list.push_back(std::move(point));
   }

@@ -277,6 +277,8 @@ Vec3 look(const RowViews& views, const Vec3& place, Landmark& out) {
   const View& view = views.reference();
   out.range_m = (place - view.position()).norm();
   if (const auto pixel = view.project(place)) out.x_px = pixel->x, out.y_px = pixel->y;
+  const double along_boresight_m = view.moon_from_camera().col(2).dot(place - view.position());
+  out.behind_camera = !view.projection().fisheye() && !(along_boresight_m > 0);
   return view.position();
 }
 

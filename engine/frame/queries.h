@@ -32,7 +32,7 @@ struct LandmarkQuery {
 };
 
 struct Landmark {
-  double x_px = 0, y_px = 0;  // NaN behind the camera
+  double x_px = 0, y_px = 0;  // NaN behind the camera, and where the lens images nothing
   double range_m = 0;
   double height_m = 0;  // NaN: no data there
   bool in_frame = false, visible = false;
@@ -40,6 +40,7 @@ struct Landmark {
   // Where rows are exposed one after the other: when the row is that it appears in, from the exposure of row 0; NaN,
   // as x_px, y_px and range_m are, where no row sees it.
   double time_s = std::numeric_limits<double>::quiet_NaN();
+  bool behind_camera = false;  // of a pinhole whose rows are exposed at once
 };
 
 }  // namespace selenograph::engine

@@ -183,6 +183,23 @@ class OtherCalls(WithService):
         self.assertTrue(centre["in_frame"] and centre["visible"])
         self.assertFalse(behind["in_frame"] or behind["visible"])
 
+    def test_why_a_landmark_has_no_place_in_the_image(self):
+        request = {key: frame_request()[key] for key in ("camera", "pose")}
+        # From 20 km above: 2 km lower and 9 km aside, 78 degrees from the boresight; 10 km higher.
+        request["points"] = [{"lat_deg": 0.4, "lon_deg": 30.1, "height_m": 18000.0}, {"lat_deg": 0.4, "lon_deg": 30.1, "height_m": 30000.0}]
+        pinhole = dict(request["camera"])
+        fisheye = dict(pinhole, model="fisheye")
+        beyond, behind = "beyond the lens's field of view", "behind the camera"
+        for camera, expected in (
+                (pinhole, [None, behind]),
+                (dict(pinhole, distortion={"k1": -0.2}), [beyond, behind]),  # folds 52 degrees from the boresight
+                (fisheye, [None, None]),
+                (dict(fisheye, distortion={"model": "kannala_brandt", "k1": -0.2}), [beyond, beyond])):  # at 74 degrees
+            points = self.ok_json(self.service.post("/v1/project", dict(request, camera=camera)))["points"]
+            self.assertEqual([p.get("reason") for p in points], expected, camera)
+            self.assertEqual([p["x_px"] is None for p in points], [e is not None for e in expected])
+            self.assertFalse(any(p["in_frame"] for p in points))
+
     def test_heights(self):
         one = self.ok_json(self.service.ask("GET", "/v1/height?lat_deg=0.25&lon_deg=30.25"))
         many = self.ok_json(self.service.post("/v1/heights", {"points": [{"lat_deg": 0.25, "lon_deg": 30.25}, {"lat_deg": -60, "lon_deg": 10}]}))

@@ -706,12 +706,17 @@ TEST(PointsJson, NumbersThatAreNoneAreNull) {
   const dem::Catalogue nothing{std::vector<dem::RasterInfo>{}};
   EXPECT_EQ(height_json({10, 190, nan, 0, -1, false}, nothing).dump(),
             R"({"lat_deg":10.0,"lon_deg":-170.0,"height_m":null,"reason":"no dataset covers this place"})");
-  const std::vector<engine::Landmark> landmarks{{nan, nan, 100, 5, false, false, 0}};
+  std::vector<engine::Landmark> landmarks{{nan, nan, 100, 5, false, false, 0}};
+  landmarks[0].behind_camera = true;
   ProjectQuery query;
   query.points = {{10, 20, 5.0}};
   EXPECT_EQ(
       landmarks_json(landmarks, query, nothing).dump(),
       R"({"points":[{"x_px":null,"y_px":null,"range_m":100.0,"height_m":5.0,"in_frame":false,"visible":false,"reason":"behind the camera"}]})");
+  landmarks[0].behind_camera = false;
+  EXPECT_EQ(landmarks_json(landmarks, query, nothing)["points"][0]["reason"], "beyond the lens's field of view");
+  query.shutter.emplace();
+  EXPECT_EQ(landmarks_json(landmarks, query, nothing)["points"][0]["reason"], "seen by no row");
 }
 
 // --- row times

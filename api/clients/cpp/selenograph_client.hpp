@@ -366,7 +366,7 @@ struct Place {
 };
 
 struct Landmark {
-  double x_px = 0, y_px = 0;  // the centre of the top-left pixel is (0, 0); NaN behind the camera
+  double x_px = 0, y_px = 0;  // the centre of the top-left pixel is (0, 0); NaN where nothing is imaged
   double range_m = 0, height_m = 0;
   bool in_frame = false, visible = false;
   double lit = 0;      // NaN without a Sun
