@@ -136,6 +136,23 @@ OrderedJson MemberTable::Rule::schema() const {
   return {};
 }
 
+std::string MemberTable::Rule::text() const {
+  std::string names;
+  for (const std::string_view other : others) names += fmt::format("{}`{}`", names.empty() ? "" : ", ", other);
+  const bool one = others.size() == 1;
+  switch (kind) {
+    case Kind::exactly_one:
+      return fmt::format("exactly one of {} is required", names);
+    case Kind::any_of:
+      return fmt::format("at least one of {} is required", names);
+    case Kind::excludes:
+      return fmt::format("`{}` cannot be combined with {}", name, names);
+    case Kind::needs:
+      return fmt::format("`{}` needs {}{}", name, one ? "" : "one of ", names);
+  }
+  return {};
+}
+
 bool MemberTable::Rule::check(const JsonReader& in) const {
   const auto given = [&](std::string_view other) { return in.has(other); };
   const auto first = std::find_if(others.begin(), others.end(), given);
@@ -258,8 +275,10 @@ OrderedJson MemberTable::schema(const Limits& limits) const {
 }
 
 std::string MemberTable::markdown(const Limits& limits) const {
-  std::string out = fmt::format("### {}\n\n{}\n\n| member | value | unit | default | |\n|---|---|---|---|---|\n", name_,
-                                description_);
+  std::string out = fmt::format("### {}\n\n{}\n\n", name_, description_);
+  for (const Rule& rule : rules_) out += fmt::format("{}{}", &rule == &rules_.front() ? "Rules: " : "; ", rule.text());
+  if (!rules_.empty()) out += ".\n\n";
+  out += "| member | value | unit | default | |\n|---|---|---|---|---|\n";
   for (const MemberRow& row : rows_) {
     const std::string of = row.models.empty() ? "" : fmt::format("; of {}", quoted_list(row.models, ", "));
     out += fmt::format("| `{}` | {} | {} | {} | {} |\n", row.name, cell(type_text(row.schema(limits))), row.unit,

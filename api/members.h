@@ -68,7 +68,7 @@ class MemberTable {
   void also(std::function<OrderedJson(const Limits&)> condition) { conditions_.push_back(std::move(condition)); }
 
   OrderedJson schema(const Limits& limits) const;
-  // "### Name", the description, a line for each member.
+  // "### Name", the description, the rules, a line for each member.
   std::string markdown(const Limits& limits) const;
 
  protected:
@@ -87,6 +87,7 @@ class MemberTable {
     std::vector<std::string_view> others;
     std::string why;
     OrderedJson schema() const;
+    std::string text() const;                // for people
     bool check(const JsonReader& in) const;  // false: broken, and reported
   };
   std::optional<std::string> model_of(const JsonReader& in) const;

@@ -54,7 +54,8 @@ void check_mertis(const JsonReader& in, MertisQuery& query, const ReadContext&) 
   engine::Spectrometer& s = query.spectrometer;
   if (!(s.last_um > s.first_um)) return in.fail("last_um", "must be above first_um");
   check_widths(in, s);
-  if (in.has("efficiency") && in.at("efficiency").value().is_number()) s.efficiency[0].wavelength_um = s.first_um;
+  // One number, given or left out, is of all wavelengths; the answer lists it at the first.
+  if (!in.has("efficiency") || in.at("efficiency").value().is_number()) s.efficiency[0].wavelength_um = s.first_um;
 }
 
 constexpr const char* kAssumptions[] = {

@@ -34,8 +34,9 @@ const Members<Shutter>& shutter_members() {
   static const auto table = made<Members<Shutter>>(
       "Shutter",
       "The rows are exposed one after the other, from the top: row y at the time y * line_time_s. Each is seen from "
-      "the pose of its time, by ray tracing. The camera moves from `pose`, which is that of row 0, at constant rates, "
-      "or through `poses`, which take the place of `pose`.",
+      "the pose of its time, by ray tracing. The camera moves from `pose`, which is that of row 0, at constant rates "
+      "(`velocity_m_s`, `angular_rate_deg_s` or both: what is left out beside the other is zero), or through `poses`, "
+      "which take the place of `pose`.",
       [](auto& m) {
         m.add("line_time_s", &Shutter::line_time_s, Number{{1e-9, 1e4}, "s"},
               "from the exposure of one row to that of the next")

@@ -21,7 +21,7 @@ struct Spectrometer {
   int channels = 80;
   double pixel_pitch_um = 35;
   double f_number = 2;
-  std::vector<EfficiencyPoint> efficiency{{7, 0.3}, {14, 0.3}};  // eta, linear in between, constant beyond
+  std::vector<EfficiencyPoint> efficiency{{7, 0.3}};  // eta, linear in between, constant beyond
   double noise_equivalent_power_w = 1e-12;
 };
 

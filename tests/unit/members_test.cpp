@@ -157,6 +157,12 @@ TEST(Members, RulesAreReportedAndInTheSchema) {
   EXPECT_EQ(members->schema(Limits{})["allOf"][0].dump(),
             R"({"oneOf":[{"required":["power_w"]},{"required":["wavelength_um"]}]})");
   EXPECT_EQ(members->schema(Limits{})["allOf"].size(), 3U);
+  const std::string document = members->markdown(Limits{});
+  EXPECT_NE(
+      document.find("\n\nRules: exactly one of `power_w`, `wavelength_um` is required; `power_w` cannot be combined "
+                    "with `on`; `wavelength_um` needs `on`.\n\n| member |"),
+      std::string::npos)
+      << document;
 }
 
 // --- the service's own tables

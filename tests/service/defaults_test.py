@@ -1,0 +1,187 @@
+#!/usr/bin/env python3
+"""What /openapi.json calls a default is what a member that is left out means: written out, it makes the same request. Every
+default that the document has is tried. Python's standard library and jsonschema only.
+"""
+
+import copy
+import json
+import os
+import unittest
+
+import jsonschema
+
+import harness
+from harness import Service
+
+PLACE = ("--south-deg", "25", "--west-deg", "2", "--rows", "2", "--columns", "2", "--ppd", "64")  # of the document's examples
+
+POSE = {"geodetic": {"lat_deg": 26.1, "lon_deg": 3.6, "height_m": 20000.0}, "nadir": {}}
+FRAME = {"camera": {"width": 16, "height": 12, "fov_deg": 40.0}, "pose": POSE,
+         "sun": {"local": {"lat_deg": 26.1, "lon_deg": 3.6, "azimuth_deg": 90.0, "elevation_deg": 30.0}}}
+OBJECT = {"mesh": "satellite", "pose": {"geodetic": {"lat_deg": 26.1, "lon_deg": 3.6, "height_m": 19500.0}, "upright": {}},
+          "material": {"reflectance": {}}}
+SENSOR = {"optics": {"f_number": 4.0}, "motion": {},
+          "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.001, "gain_e_dn": 50.0}}
+AT_TIMES = [{"time_s": t, "pose": POSE} for t in (0.0, 1.0)]
+# Beside the document's examples: what else may be left out.
+BODIES = {
+    "/v1/frames": (
+        dict(FRAME, shutter={"line_time_s": 0.01, "velocity_m_s": [0, 0, 1600]}),
+        dict(FRAME, shutter={"line_time_s": 0.01, "angular_rate_deg_s": [0, 0, 1]}),
+        dict({name: FRAME[name] for name in ("camera", "sun")}, shutter={"line_time_s": 0.01, "poses": AT_TIMES}),
+        dict(FRAME, camera=dict(FRAME["camera"], distortion={})),
+        dict(FRAME, camera=dict(FRAME["camera"], model="fisheye", distortion={"model": "kannala_brandt"})),
+        dict(FRAME, accuracy={}, truth={}, surface={"reflectance": {}}, objects=[OBJECT], products=["lit", "radiance"]),
+        dict(FRAME, accuracy={"budget_ms": 50}),
+        *(dict(FRAME, surface={"reflectance": {"model": model}}) for model in (
+            "lambert", "lommel_seeliger", "blinn_phong", "lunar_lambert", "hapke")),
+        dict(FRAME, surface={"reflectance": {"model": "hapke", "terms": "2002"}}),
+        dict(FRAME, products=["image"], image={}),
+        dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=SENSOR),
+        dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=dict(
+            SENSOR, exposure={"target_fill": 0.5}, detector={**SENSOR["detector"], "full_well_e": 1e4, "integration_time_s": None})),
+    ),
+    "/v1/maps": ({"map": {"projection": "equirectangular", "center": {"lat_deg": 26.1, "lon_deg": 3.6}, "width_m": 2000, "height_m": 2000,
+                          "gsd_m": 200}, "sun": FRAME["sun"], "accuracy": {}},),
+    "/v1/features": ({"detail": "highlands", "smallest_m": 200, "region": {
+        "south_deg": 26.1, "north_deg": 26.11, "west_deg": 3.62, "east_deg": 3.63}},),
+    "/v1/verify/roundtrip": ({"center": {"lat_deg": 26.1, "lon_deg": 3.6}, "mode": "camera", "posts": 8},),
+    "/v1/verify/mertis": ({},),
+}
+# Defaults in words, for what depends on other members: (members beside a frame's, the member, what it is then).
+IN_WORDS = (
+    ({"camera": {"width": 16, "height": 12, "fx": 20.0}}, ("camera", "fy"), 20.0),
+    ({"camera": {"width": 16, "height": 12, "fx": 20.0}}, ("camera", "cx"), 7.5),
+    ({"camera": {"width": 16, "height": 12, "fx": 20.0}}, ("camera", "cy"), 5.5),
+    ({}, ("sun", "distance_au"), 1.0),
+    ({}, ("sun", "angular_radius_deg"), 0.0),
+    ({"sun": {"utc": "2026-11-20T00:00:00Z"}}, ("sun", "angular_radius_deg"), "sun"),
+    ({}, ("detail",), None),
+)
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("dem", *PLACE)
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def without_null(node):
+    if isinstance(node, dict):
+        return {name: without_null(value) for name, value in node.items() if value is not None}
+    return [without_null(value) for value in node] if isinstance(node, list) else node
+
+
+def with_member(body, where, value):
+    whole = copy.deepcopy(body)
+    node = whole
+    for step in where[:-1]:
+        node = node[step]
+    node[where[-1]] = value
+    return whole
+
+
+class Defaults(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.service = Service("--assets-dir", os.path.join(harness.REPOSITORY, "deploy", "assets"))
+        cls.document = json.loads(cls.service.ask("GET", "/openapi.json")[2])
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.service.expect_clean_stop()
+
+    def resolve(self, schema):
+        """(name of the component or None, schema)"""
+        name = None
+        while "$ref" in schema:
+            name = schema["$ref"].rsplit("/", 1)[1]
+            schema = self.document["components"]["schemas"][name]
+        return name, schema
+
+    def valid(self, schema, value):
+        return jsonschema.Draft202012Validator(schema, resolver=jsonschema.RefResolver("", self.document)).is_valid(value)
+
+    def left_out(self, schema, value, path=()):
+        """(component, member, where, default) of each member with a default that a value does not have."""
+        name, schema = self.resolve(schema)
+        for either in schema.get("oneOf", []) + schema.get("anyOf", []):
+            if "required" not in either and self.valid(either, value):
+                yield from self.left_out(either, value, path)
+        if isinstance(value, dict):
+            for member, of_it in schema.get("properties", {}).items():
+                if member in value:
+                    yield from self.left_out(of_it, value[member], (*path, member))
+                elif "default" in of_it:
+                    yield name, member, (*path, member), of_it["default"]
+            if isinstance(more := schema.get("additionalProperties"), dict):
+                for member, inner in value.items():
+                    yield from self.left_out(more, inner, (*path, member))
+        elif isinstance(value, list) and "items" in schema:
+            for i, inner in enumerate(value):
+                yield from self.left_out(schema["items"], inner, (*path, i))
+
+    def small(self, body):
+        body = without_null(copy.deepcopy(body))
+        if "map" in body:
+            body["map"]["gsd_m"] = 2000.0
+        elif "camera" in body:
+            body["camera"].update(width=16, height=12)
+            body["camera"].pop("cx", None)
+            body["camera"].pop("cy", None)
+        return body
+
+    def answer(self, path, body, tag=None):
+        """(status, what tells one request from another)"""
+        headers = {"Content-Type": "application/json", **({"If-None-Match": tag} if tag else {})}
+        status, got, content = self.service.ask("POST", path, json.dumps(body).encode(), headers)
+        return status, got.get("ETag") or content
+
+    def same(self, path, body, where, default):
+        longer = with_member(body, where, default)
+        status, without = self.answer(path, body)
+        self.assertEqual(status, 200, (body, without))
+        tag = without if path in ("/v1/frames", "/v1/maps") else None
+        status, written = self.answer(path, longer, tag)
+        self.assertEqual((status, written), (304 if tag else 200, without), (where, default, written))
+
+    def test_what_is_left_out_is_the_documents_default(self):
+        tried = set()
+        for path, methods in self.document["paths"].items():
+            content = methods.get("post", {}).get("requestBody", {}).get("content", {}).get("application/json")
+            if not content:
+                continue
+            examples = [example["value"] for example in content["examples"].values()]
+            for body in map(self.small, (*examples, *BODIES.get(path, ()))):
+                self.assertTrue(self.valid(content["schema"], body), body)
+                for component, member, where, default in self.left_out(content["schema"], body):
+                    if not self.valid(content["schema"], with_member(body, where, default)):
+                        continue  # the document says that it isn't this request's
+                    tried.add((component, member))
+                    with self.subTest(path=path, member=where, default=default):
+                        self.same(path, body, where, default)
+        there = {(name, member) for name, schema in self.document["components"]["schemas"].items()
+                 for member, of_it in schema.get("properties", {}).items() if "default" in of_it}
+        self.assertEqual(there - tried, set(), "no request leaves these out")
+        print(f"\n  {len(tried)} defaults", end=" ", flush=True)
+
+    def test_defaults_in_words(self):
+        for beside, where, default in IN_WORDS:
+            with self.subTest(member=where, default=default):
+                self.same("/v1/frames", {**FRAME, **beside}, where, default)
+
+    def test_a_shutter_without_any_motion_is_refused_as_the_document_says(self):
+        body = dict(FRAME, shutter={"line_time_s": 0.01})
+        schema = self.document["paths"]["/v1/frames"]["post"]["requestBody"]["content"]["application/json"]["schema"]
+        self.assertFalse(self.valid(schema, body))
+        self.assertEqual(self.answer("/v1/frames", body)[0], 422)
+        with open(os.path.join(harness.REPOSITORY, "api", "requests.md")) as f:
+            text = f.read()
+        self.assertIn("at least one of `velocity_m_s`, `angular_rate_deg_s`, `poses` is required", text)
+
+
+if __name__ == "__main__":
+    harness.main()
