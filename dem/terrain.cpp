@@ -176,7 +176,7 @@ struct Terrain::Impl {
     hash_in(state, plan.base_level);
     hash_in(state, options.fall_through);
     // Context beyond the border (filter and void filling) comes from the neighbours.
-    for (const int i : touching(node, margin_deg(plan))) {
+    for (const int i : around(plan, margin_deg(plan))) {
       const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(i)];
       XXH3_64bits_update(state, info.path.data(), info.path.size());
       hash_in(state, info.bytes);
@@ -199,7 +199,7 @@ struct Terrain::Impl {
   void hash_joins(XXH3_state_t* state, const ChunkPlan& plan) const {
     const double margin = margin_deg(plan);
     double band_deg = 0;
-    for (const int i : touching(plan.node, margin)) {
+    for (const int i : around(plan, margin)) {
       const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(i)];
       const double offset_m = catalogue.offset_m(i), band_posts = source.edges().band_posts(i);
       if (offset_m == 0 && band_posts == 0) continue;
@@ -208,7 +208,7 @@ struct Terrain::Impl {
       band_deg = std::max(band_deg, band_posts / info.posts_per_degree);
     }
     if (band_deg == 0) return;
-    for (const int i : touching(plan.node, margin + 8 * band_deg)) {
+    for (const int i : around(plan, margin + kWidest * band_deg)) {
       const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(i)];
       XXH3_64bits_update(state, info.path.data(), info.path.size());
       hash_in(state, info.bytes);
@@ -217,11 +217,24 @@ struct Terrain::Impl {
     }
   }
 
-  // How far beyond its border a chunk's content depends on sources, at most: blocks are up to 8 times as wide as high
-  // near a pole, and finer chunks look beyond their own borders too.
+  // How far beyond its border a chunk's content depends on sources, at most, where its posts are up to 8 times as far
+  // apart in longitude as in latitude. Finer chunks look beyond their own borders, too.
+  static constexpr int kWidestShift = 3, kWidest = 1 << kWidestShift;
   static double margin_deg(const ChunkPlan& plan) {
     const double halo = 3 * std::ldexp(1.0, plan.base_level - plan.node.level) + kFillReach;
-    return 8 * halo / std::ldexp(1.0, plan.base_level) + (plan.direct ? 0 : 2);
+    return kWidest * halo / std::ldexp(1.0, plan.base_level) + (plan.direct ? 0 : 2);
+  }
+
+  // Those no farther from a chunk than a margin, which is of more longitude next to a pole.
+  std::vector<int> around(const ChunkPlan& plan, double margin) const {
+    const BlockExtent e = extent_of(plan.node);
+    const double poleward_deg = std::max(-lat_deg_of(e.lat0), lat_deg_of(e.lat1())) + margin;
+    const BlockId nearest =
+        block_at(plan.base_level, static_cast<std::int32_t>((90 + std::min(90.0, poleward_deg)) * kTicksPerDegree), 0);
+    const int more = std::max(0, lon_shift(plan.base_level, nearest.row) - kWidestShift);
+    const double beside_deg = std::ldexp(margin, more) - margin;
+    return catalogue.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), lon_deg_of(e.lon0) - beside_deg,
+                              lon_deg_of(e.lon1()) + beside_deg, margin);
   }
 
   std::vector<int> touching(const BlockId& id, double margin) const {

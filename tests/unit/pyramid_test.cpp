@@ -428,6 +428,28 @@ TEST_F(PyramidFile, ATileBesideChangesTheEdge) {
   EXPECT_FALSE(after.filled);
 }
 
+// Next to a pole the posts that a chunk looks at beyond its border reach over some degrees of longitude.
+TEST(Pyramid, ATileBesideChangesTheEdgeNextToAPole) {
+  const TemporaryFolder folder;
+  const auto west_of_8_degrees = [&](const char* cache) {
+    const auto terrain = open_terrain(folder / "dem", folder / cache);
+    std::vector<float> heights;
+    for (const int level : {9, 10, 12}) {
+      const auto lat = static_cast<std::int32_t>((90 + 89.62) * kTicksPerDegree),
+                 lon = static_cast<std::int32_t>((180 + 7.999) * kTicksPerDegree);
+      const auto block = terrain->block(block_at(level, lat, lon));
+      for (const Vertex& v : block->vertices) heights.push_back(std::isnan(v.height_m) ? -77777 : v.height_m);
+    }
+    return heights;
+  };
+  write_float_tile(folder / "dem", "west", {89.7, 7, 4096, 600, 4096 + 1}, noise);
+  const std::vector<float> alone = west_of_8_degrees("cache");
+  write_float_tile(folder / "dem", "east", {89.7, 8.1875, 4096, 600, 2048}, [](double, double) { return 5000; });
+  const std::vector<float> again = west_of_8_degrees("cache");
+  EXPECT_NE(again, alone);
+  EXPECT_EQ(again, west_of_8_degrees("new"));
+}
+
 TEST_F(PyramidFile, OnlyItsOwnStaleTemporariesAreRemoved) {
   posts(*open());
   const std::string pyramid = fs::path(files().at(0)).parent_path().string();
