@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <stdexcept>
 #define XXH_INLINE_ALL
 #include <xxhash.h>
@@ -14,6 +12,7 @@
 #include "api/problem.h"
 #include "api/ranges.h"
 #include "dem/error.h"
+#include "dem/files.h"
 #include "engine/support/csv.h"
 
 namespace selenograph::api {
@@ -36,9 +35,8 @@ bool is_plain(std::string_view name) {
 }
 
 Json read_object_file(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  const std::string text{std::istreambuf_iterator<char>(file), {}};
-  if (!file) throw DataError(path, "can't be read");
+  constexpr std::size_t kLongest_bytes = std::size_t{64} << 20;
+  const std::string text = dem::read_head(path, kLongest_bytes);
   try {
     Json json = parse_json(text, kMaxAssetDepth);
     if (!json.is_object()) throw DataError(path, "must be a JSON object");

@@ -98,10 +98,15 @@ void remove_stale_temporaries(const std::string& folder, std::string_view mark) 
 }
 
 std::string read_head(const std::string& path, std::size_t most) {
-  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  // Opening a FIFO would wait for its writer.
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
   if (fd < 0) throw_file_error(path, errno);
   struct stat s {};
-  if (::fstat(fd, &s) == 0) most = std::min(most, static_cast<std::size_t>(s.st_size));
+  if (::fstat(fd, &s) != 0 || !S_ISREG(s.st_mode)) {
+    ::close(fd);
+    throw DataError(path, "is not a regular file");
+  }
+  most = std::min(most, static_cast<std::size_t>(s.st_size));
   std::string bytes(most, '\0');
   std::size_t done = 0;
   int code = 0;

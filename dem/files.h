@@ -36,7 +36,7 @@ bool is_system_fault(int code);
 // by the number of a process that is no more.
 void remove_stale_temporaries(const std::string& folder, std::string_view mark);
 
-// The first `most` bytes of a file. Throws as throw_file_error.
+// The first `most` bytes of a regular file; others are refused without waiting for them. Throws as throw_file_error.
 std::string read_head(const std::string& path, std::size_t most);
 
 }  // namespace selenograph::dem

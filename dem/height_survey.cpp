@@ -59,29 +59,34 @@ Window window_of(const RasterInfo& info, const Area& area) {
 }
 
 Survey survey_of(const PostSource& source, int raster, const Window& w, const StopToken& stop) {
-  constexpr std::size_t kRows = 64;
+  // Fewer, where rows are long.
+  constexpr std::size_t kMostRows = 64, kMostPosts = std::size_t{1} << 23;
+  const std::size_t strip_rows =
+      std::clamp<std::size_t>(kMostPosts / static_cast<std::size_t>(std::max(w.columns, 1)), 1, kMostRows);
   Survey found;
   std::mutex mutex;
-  in_parallel_pieces(
-      (static_cast<std::size_t>(w.rows) + kRows - 1) / kRows, 1, [&](std::size_t first, std::size_t past) {
-        Survey here;
-        std::vector<float> posts;
-        for (std::size_t strip = first; strip < past; ++strip) {
-          stop.check();
-          // With the next strip's first row.
-          const int y = static_cast<int>(strip * kRows), rows = std::min(static_cast<int>(kRows) + 1, w.rows - y);
-          posts.resize(static_cast<std::size_t>(rows) * static_cast<std::size_t>(w.columns));
-          source.read(raster, w.x0, w.y0 + y, w.columns, rows, posts.data());
-          for (int r = 0; r < rows; ++r) {
-            const float* row = posts.data() + static_cast<std::ptrdiff_t>(r) * w.columns;
-            extend_range(row, w.columns, here.range);
-            here.steepest_m = largest_distance(row, row + 1, w.columns - 1, here.steepest_m);
-            if (r > 0) here.steepest_m = largest_distance(row - w.columns, row, w.columns, here.steepest_m);
-          }
-        }
-        const std::lock_guard lock(mutex);
-        found.add(here);
-      });
+  in_parallel_pieces((static_cast<std::size_t>(w.rows) + strip_rows - 1) / strip_rows, 1,
+                     [&](std::size_t first, std::size_t past) {
+                       Survey here;
+                       std::vector<float> posts;
+                       for (std::size_t strip = first; strip < past; ++strip) {
+                         stop.check();
+                         // With the next strip's first row.
+                         const int y = static_cast<int>(strip * strip_rows),
+                                   rows = std::min(static_cast<int>(strip_rows) + 1, w.rows - y);
+                         posts.resize(static_cast<std::size_t>(rows) * static_cast<std::size_t>(w.columns));
+                         source.read(raster, w.x0, w.y0 + y, w.columns, rows, posts.data());
+                         for (int r = 0; r < rows; ++r) {
+                           const float* row = posts.data() + static_cast<std::ptrdiff_t>(r) * w.columns;
+                           extend_range(row, w.columns, here.range);
+                           here.steepest_m = largest_distance(row, row + 1, w.columns - 1, here.steepest_m);
+                           if (r > 0)
+                             here.steepest_m = largest_distance(row - w.columns, row, w.columns, here.steepest_m);
+                         }
+                       }
+                       const std::lock_guard lock(mutex);
+                       found.add(here);
+                     });
   return found;
 }
 

@@ -1,12 +1,62 @@
 #include "dem/raster_info.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+#include <variant>
 
 #include "dem/error.h"
+#include "dem/lattice.h"
 
 namespace selenograph::dem {
 namespace {
+
+// What a file may say of its grid. Whatever is beyond these is a mistake or an attack, and numbers of posts made from
+// it would not be whole numbers of any type.
+constexpr double kFewestPerDegree = 1.0 / 30, kMostPerDegree = kTicksPerDegree;  // posts 900 km to 3 cm apart
+constexpr double kLongestPosts = 100;            // a post's width by its height, or the other way round
+constexpr int kMostPosts = 1 << 24;              // along a side: the whole Moon has as many at 0.65 m
+constexpr double kFarthestLongitude_deg = 1e4;   // after some turns; precise to far below a post
+constexpr double kFarthestColatitude_deg = 135;  // of a polar raster
+
+void check_size(const RasterInfo& info) {
+  if (std::max(info.width, info.height) > kMostPosts)
+    throw DataError(info.path,
+                    fmt::format("has {} x {} posts, more than {} along a side", info.width, info.height, kMostPosts));
+}
+
+// Comparisons with NaN are false.
+void check_spacing(const RasterInfo& info, double per_degree) {
+  if (!(per_degree >= kFewestPerDegree && per_degree <= kMostPerDegree))
+    throw DataError(info.path, fmt::format("has impossible posts: {:.6g} a degree, where {:.6g} to {:.6g} are possible",
+                                           per_degree, kFewestPerDegree, kMostPerDegree));
+}
+
+void check_grid(const RasterInfo& info, const GeographicGrid& g) {
+  check_spacing(info, g.lat_posts_per_degree);
+  check_spacing(info, g.lon_posts_per_degree);
+  const double longer = g.lat_posts_per_degree / g.lon_posts_per_degree;
+  if (std::max(longer, 1 / longer) > kLongestPosts)
+    throw DataError(info.path, fmt::format("has impossible posts: {:.6g} a degree of latitude and {:.6g} of longitude",
+                                           g.lat_posts_per_degree, g.lon_posts_per_degree));
+  if (!(std::abs(g.first_lon_deg) <= kFarthestLongitude_deg))
+    throw DataError(info.path, fmt::format("begins at an impossible longitude: {:.6g} degrees", g.first_lon_deg));
+}
+
+void check_grid(const RasterInfo& info, const PolarGrid& g) {
+  if (!(g.scale > 0)) throw DataError(info.path, fmt::format("has an impossible scale at its pole: {:.6g}", g.scale));
+  check_spacing(info, kMetresPerDegree * g.scale / g.spacing_m);
+  if (!(std::abs(g.central_lon_deg) <= kFarthestLongitude_deg))
+    throw DataError(info.path, fmt::format("has an impossible central longitude: {:.6g} degrees", g.central_lon_deg));
+  const double farthest_m = 2 * kMoonRadius_m * g.scale * std::tan(kFarthestColatitude_deg / 2 * kRadiansPerDegree);
+  const double east_m = g.first_x_m + (info.width - 1) * g.spacing_m;
+  const double south_m = g.first_y_m - (info.height - 1) * g.spacing_m;
+  for (const double m : {g.first_x_m, g.first_y_m, east_m, south_m})
+    if (!(std::abs(m) <= farthest_m))
+      throw DataError(info.path, fmt::format("reaches {:.6g} m from its pole, farther than {:.0f} degrees", std::abs(m),
+                                             kFarthestColatitude_deg));
+}
 
 // Width of the columns that differ; a product that repeats its first meridian (0 and 360) loses the copy.
 void settle_columns(RasterInfo& info, GeographicGrid& g) {
@@ -94,6 +144,8 @@ void set_polar(RasterInfo& info, const PolarGrid& g) {
 }  // namespace
 
 void set_grid(RasterInfo& info, const PostGrid& grid) {
+  check_size(info);
+  std::visit([&](const auto& g) { check_grid(info, g); }, grid);
   if (const auto* g = std::get_if<GeographicGrid>(&grid)) set_geographic(info, *g);
   if (const auto* g = std::get_if<PolarGrid>(&grid)) set_polar(info, *g);
 }

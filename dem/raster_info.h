@@ -47,7 +47,8 @@ struct RasterInfo {
 };
 
 // Gives a raster of known size its grid and everything that follows from it. A geographic grid that repeats its first
-// meridian (0 and 360) loses the copy. Throws DataError naming the file when the grid is no map of the Moon.
+// meridian (0 and 360) loses the copy. Throws DataError naming the file when the grid is no map of the Moon: numbers
+// that aren't finite, posts more than 30 degrees or less than 2^-20 degree apart, more than 2^24 along a side.
 void set_grid(RasterInfo& info, const PostGrid& grid);
 
 // Post coordinates of a place. For a raster that wraps x is in [0, width).

@@ -11,6 +11,9 @@ namespace selenograph::dem {
 // read again when a connection is lost.
 void shut_file_systems();
 
+// Once, too: of this machine's files only regular ones are opened for reading.
+void guard_local_files();
+
 bool is_allowed(std::string_view name);
 
 // Why this thread could not read a remote file, in the end.

@@ -4,6 +4,7 @@
 #include <gdal_priv.h>
 #include <ogr_spatialref.h>
 
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -18,11 +19,11 @@ inline constexpr const char* kDemDrivers[] = {"GTiff", "VRT", nullptr};
 // Of DEMs on a network: a server's VRT would name files of this machine.
 inline constexpr const char* kRemoteDrivers[] = {"GTiff", nullptr};
 
+// GDAL's cache of decoded blocks, of all files together.
+inline constexpr std::uint64_t kBlockCache_bytes = std::uint64_t{64} << 20;
+
 // Before anything else of GDAL; works once per process.
 void register_gdal();
-
-// Throws DataError naming the file if it is a VRT one of whose sources is no file of this machine, and not allowed.
-void check_sources(const std::string& path);
 
 // Keeps GDAL's complaints off stderr and hands them to our exceptions. For this thread, while it lives.
 class QuietGdal {

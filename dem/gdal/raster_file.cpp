@@ -11,6 +11,7 @@
 
 #include "dem/error.h"
 #include "dem/files.h"
+#include "dem/gdal/dataset.h"
 #include "dem/gdal/georeference.h"
 #include "dem/pds_label.h"
 
@@ -23,23 +24,6 @@ constexpr double kUndeclaredVoid = 1e30;    // and beyond: a DUMMY such as -3.4e
 constexpr double kNoRadiusBelow_m = 1.6e6;  // heights are within 11 km of zero, radii within 11 km of 1737.4 km
 constexpr const char* kHeightDatum = "sphere 1737.4 km, height";
 constexpr const char* kRadiusDatum = "planetary radius, converted";
-
-// While opening, for this thread: no listing of the folder per file (64 800 tiles), and no source datasets shared
-// between two VRTs opened by one thread, since those may later be read by different threads.
-class OpenOptions {
- public:
-  // Of a file on a network not even the names of those that may lie beside it are asked for.
-  explicit OpenOptions(const std::string& path) { set(is_remote(path) ? "EMPTY_DIR" : "TRUE", "FALSE"); }
-  ~OpenOptions() { set(nullptr, nullptr); }
-  OpenOptions(const OpenOptions&) = delete;
-  OpenOptions& operator=(const OpenOptions&) = delete;
-
- private:
-  static void set(const char* no_listing, const char* share) {
-    CPLSetThreadLocalConfigOption("GDAL_DISABLE_READDIR_ON_OPEN", no_listing);
-    CPLSetThreadLocalConfigOption("VRT_SHARED_SOURCE", share);
-  }
-};
 
 FileState must_exist(const std::string& path, const std::string& named) {
   if (const auto state = file_state(path)) return *state;
@@ -183,19 +167,6 @@ RasterFile describe_pds(const std::string& label_path, const RasterInfo* known, 
   return s;
 }
 
-DatasetPtr open_dataset(const std::string& path) {
-  register_gdal();
-  if (!is_remote(path)) check_sources(path);
-  const OpenOptions options(path);
-  const QuietGdal quiet;
-  // Other drivers are left out: their georeferencing of lunar products has not been judged.
-  DatasetPtr dataset(
-      static_cast<GDALDataset*>(GDALOpenEx(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR,
-                                           is_remote(path) ? kRemoteDrivers : kDemDrivers, nullptr, nullptr)));
-  if (!dataset) quiet.fail(path, "can't be opened");
-  return dataset;
-}
-
 // The file and, for a VRT, everything that it reads; not the caches that GDAL tools leave beside it.
 void note_files(RasterInfo& info, GDALDataset& dataset) {
   char** files = dataset.GetFileList();
@@ -238,7 +209,11 @@ void find_values(RasterFile& s, const RasterInfo* known, Damage damage) {
 RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damage damage) {
   const FileState state = is_remote(path) ? remote_state(path) : must_exist(path, path);
   RasterFile s;
-  s.dataset = open_dataset(path);
+  // Other drivers are left out: their georeferencing of lunar products has not been judged.
+  OpenDataset open =
+      open_dataset(path, is_remote(path) ? kRemoteDrivers : kDemDrivers, known ? Look::again : Look::first);
+  s.dataset = std::move(open.dataset);
+  s.remote = open.remote;
   const QuietGdal quiet;
   s.info.path = path;
   s.info.name = fs::path(path).stem().string();
@@ -279,7 +254,7 @@ void open_band(RasterFile& s) {
                                           static_cast<int>(s.pds->row_bytes), s.type, order, s.file_width,
                                           s.file_height, RawRasterBand::OwnFP::YES);
   s.band = s.raw.get();
-  if (s.type == GDT_Int16) s.posts = std::make_unique<OpenFile>(s.pds->data_path, O_RDONLY);
+  if (s.type == GDT_Int16) s.posts = std::make_unique<OpenFile>(s.pds->data_path, O_RDONLY | O_NONBLOCK);
 }
 
 namespace {
@@ -344,6 +319,7 @@ void read_posts(const RasterFile& s, int x, int y, int w, int h, float* out, std
 
 void read_samples(RasterFile& s, int x, int y, int w, int h, double* out) {
   check_still_there(s);
+  const OpenOptions options(s.remote);
   const QuietGdal quiet;
   const CPLErr error = s.band->RasterIO(GF_Read, x, y, w, h, out, w, h, GDT_Float64, 0, 0, nullptr);
   if (error != CE_None) quiet.fail(s.info.path, "can't be read");

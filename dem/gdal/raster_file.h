@@ -31,6 +31,7 @@ struct RasterFile {
   int file_width = 0, file_height = 0;
   std::optional<PdsPixels> pds;
   DatasetPtr dataset;                  // of everything that isn't PDS3
+  bool remote = false;                 // it, or a source of a VRT, is on a network
   std::unique_ptr<RawRasterBand> raw;  // of PDS3, once open
   GDALRasterBand* band = nullptr;
   std::unique_ptr<OpenFile> posts;  // of PDS3 in int16, once open: read without GDAL

@@ -9,7 +9,7 @@
 #include <optional>
 
 #include "dem/error.h"
-#include "dem/gdal/library.h"
+#include "dem/gdal/dataset.h"
 #include "dem/value_map.h"
 
 namespace selenograph::dem {
@@ -29,15 +29,10 @@ OGRSpatialReference degrees_like(const OGRSpatialReference& srs) {
 
 struct ValueRaster::Impl {
   explicit Impl(const ValueMapOptions& options) : path(options.path), no_data(options.no_data), bands(options.bands) {
-    register_gdal();
     const auto found = file_state(path);
     if (!found) throw DataError(path, "is missing or not a file");
     state = *found;
-    check_sources(path);
-    const QuietGdal quiet;
-    dataset.reset(static_cast<GDALDataset*>(GDALOpenEx(
-        path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, kMapDrivers, nullptr, nullptr)));
-    if (!dataset) quiet.fail(path, "can't be opened");
+    dataset = open_dataset(path, kMapDrivers, Look::first).dataset;
     find_grid(options.extent);
     choose_bands();
   }

@@ -6,10 +6,13 @@
 #include <fstream>
 
 #include "dem/error.h"
+#include "dem/files.h"
 
 namespace selenograph::engine {
 
 void each_csv_line(const std::string& path, const std::function<void(std::string_view)>& each) {
+  // Opening a FIFO would wait for its writer.
+  if (!dem::file_state(path)) throw DataError(path, "is missing or not a file");
   std::ifstream file(path);
   if (!file) throw DataError(path, "can't be read");
   std::string line;

@@ -1,5 +1,6 @@
 // From a label and an image in a folder to the terrain: catalogue, pyramid, posts. The input is as that of pds_tile:
-// the label, and behind its first NUL byte the data file "tile.img". Beside them lies a sound tile of the layer below.
+// the label, and behind its first NUL byte the data file "tile.img". What begins as a TIFF or a VRT is
+// one, "tile.tif" or "tile.vrt". Beside them lies a sound tile of the layer below.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -31,7 +32,8 @@ struct Folder {
     test::write_kaguya_tile(folder.path(), 12, 0, 12, 1, [](double, double) { return kBelow_m; });
   }
   test::TemporaryFolder folder;
-  std::string label = folder / "tile.lbl", image = folder / "tile.img";
+  std::string label = folder / "tile.lbl", image = folder / "tile.img", tiff = folder / "tile.tif",
+              vrt = folder / "tile.vrt";
 };
 
 void write(const std::string& path, std::string_view bytes) {
@@ -100,14 +102,15 @@ void check_terrain(const Catalogue& catalogue, const RasterInfo& info) {
   require(node.empty || (node.min_m <= node.max_m && std::isfinite(node.error_m)), "a block has bounds");
 }
 
-void check(const Folder& in) {
+// `path`: of the label or of the georeferenced file.
+void check(const Folder& in, const std::string& path) {
   const Catalogue catalogue({in.folder.path()});
-  const auto index = catalogue.find(in.label);
+  const auto index = catalogue.find(path);
   const auto& problems = catalogue.problems();
   const bool told = std::any_of(problems.begin(), problems.end(), [&](const CatalogueProblem& p) {
-    return (p.path == in.label || p.path == in.image) && !p.what.empty();
+    return (p.path == path || p.path == in.image) && !p.what.empty();
   });
-  require(index || told || !describes_map(read_pds_label(in.label)),
+  require(index || told || (path == in.label && !describes_map(read_pds_label(path))),
           "a tile is in the catalogue or a problem, or both");
   if (!index) return;
   const RasterInfo& info = catalogue.rasters()[*index];
@@ -117,7 +120,9 @@ void check(const Folder& in) {
   try {
     check_terrain(catalogue, info);
   } catch (const DataError& error) {
-    require(!info.damage.empty() && error.file() == in.label, "what is damaged was known to be:", error.what());
+    // A GeoTIFF's posts may turn out to be damaged when they are read.
+    require(error.file() == path && (path != in.label || !info.damage.empty()),
+            "what is damaged is named, and was known to be:", error.what());
   }
 }
 
@@ -128,14 +133,14 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   using namespace selenograph;
   static const fuzz::Folder in;
   const std::string_view input = fuzz::text_of(data, size);
-  const std::size_t nul = input.find('\0');
-  fuzz::write(in.label, input);
-  if (nul != std::string_view::npos)
+  for (const std::string& old : {in.label, in.image, in.tiff, in.vrt}) std::filesystem::remove(old);
+  const bool tiff = input.starts_with("II") || input.starts_with("MM"), vrt = input.starts_with("<VRTDataset");
+  const std::string& path = tiff ? in.tiff : vrt ? in.vrt : in.label;
+  fuzz::write(path, input);
+  if (const std::size_t nul = input.find('\0'); path == in.label && nul != std::string_view::npos)
     fuzz::write(in.image, input.substr(nul + 1));
-  else
-    std::filesystem::remove(in.image);
   try {
-    fuzz::check(in);
+    fuzz::check(in, path);
   } catch (const DataError& error) {
     // read_pds_label's: no label at all, which the catalogue has told.
     fuzz::require(error.file() == in.label, "the error names the file:", error.what());

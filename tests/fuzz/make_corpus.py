@@ -272,6 +272,48 @@ def write_folders():
     write("dem_folder", "another-product.lbl", b"PDS_VERSION_ID = PDS3\nOBJECT = TABLE\nEND_OBJECT\nEND\n\0" + big)
 
 
+def geotiff(width=6, height=6, tile=(16, 16), step=(0.0625, 0.0625), corner=(12.5, 12), blocks=b"\1\2" * 256, compression=1):
+    """Posts in degrees on the Moon's sphere, in tiles that all are `blocks`."""
+    keys = [1, 1, 0, 9, 1024, 0, 1, 2, 1025, 0, 1, 1, 2048, 0, 1, 32767, 2050, 0, 1, 32767, 2052, 0, 1, 9001, 2054, 0, 1, 9102,
+            2056, 0, 1, 32767, 2057, 34736, 1, 0, 2058, 34736, 1, 1]
+    count = -(-width // tile[0]) * -(-height // tile[1])
+    tags = [(256, "L", [width]), (257, "L", [height]), (258, "H", [16]), (259, "H", [compression]), (262, "H", [1]), (277, "H", [1]),
+            (322, "L", [tile[0]]), (323, "L", [tile[1]]), (324, "L", [0] * count), (325, "L", [len(blocks)] * count), (339, "H", [2]),
+            (33550, "d", [*step, 0]), (33922, "d", [0, 0, 0, *corner, 0]), (34735, "H", keys), (34736, "d", [1737400.0, 1737400.0])]
+    start = 8 + 2 + 12 * len(tags) + 4
+    first = start + sum(len(v) * struct.calcsize("<" + k) for _, k, v in tags if len(v) * struct.calcsize("<" + k) > 4)
+    entries = values = b""
+    for tag, kind, numbers in tags:
+        data = struct.pack(f"<{len(numbers)}{kind}", *([first] * count if tag == 324 else numbers))
+        where = data.ljust(4, b"\0") if len(data) <= 4 else struct.pack("<L", start + len(values))
+        values += data if len(data) > 4 else b""
+        entries += struct.pack("<HHL", tag, {"H": 3, "L": 4, "d": 12}[kind], len(numbers)) + where
+    return b"II*\0\x08\0\0\0" + struct.pack("<H", len(tags)) + entries + b"\0\0\0\0" + values + blocks
+
+
+def vrt(source, transform="12.5, 0.0625, 0, 12, 0, -0.0625"):
+    return ('<VRTDataset rasterXSize="6" rasterYSize="6"><SRS>GEOGCS["Moon",DATUM["Moon",SPHEROID["Moon",1737400,0]],'
+            f'PRIMEM["0",0],UNIT["degree",0.0174532925199433]]</SRS><GeoTransform>{transform}</GeoTransform>'
+            '<VRTRasterBand dataType="Int16" band="1"><SimpleSource><SourceFilename relativeToVRT="1">' + source +
+            '</SourceFilename><SourceBand>1</SourceBand><SourceProperties RasterXSize="6" RasterYSize="6" DataType="Int16" '
+            'BlockXSize="6" BlockYSize="6"/></SimpleSource></VRTRasterBand></VRTDataset>').encode()
+
+
+def write_rasters():
+    """GeoTIFFs and VRTs: sound, and such as would take all memory or never end."""
+    write("dem_folder", "sound.tif", geotiff())
+    write("dem_folder", "too-wide.tif", geotiff(width=2, height=2, step=(1e9, 0.25)))
+    write("dem_folder", "denormal.tif", geotiff(step=(4.9e-324, 4.9e-324)))
+    write("dem_folder", "not-finite.tif", geotiff(corner=(float("nan"), float("inf"))))
+    write("dem_folder", "one-huge-tile.tif", geotiff(width=60000, height=60000, tile=(60000, 60000), step=(1e-5, 1e-5), compression=8))
+    write("dem_folder", "no-tile.tif", geotiff(tile=(1 << 31, 1 << 31)))
+    write("dem_folder", "truncated.tif", geotiff()[:-100])
+    write("dem_folder", "nothing.vrt", vrt(""))
+    write("dem_folder", "itself.vrt", vrt("tile.vrt"))
+    write("dem_folder", "device.vrt", vrt("/dev/zero"))
+    write("dem_folder", "not-finite.vrt", vrt("", "nan, inf, 0, -inf, 0, nan"))
+
+
 # --- pyramid ---------------------------------------------------------------------------------------------------------
 
 STEPS, EMPTY, FROM_SOURCES = 1, 4, 8
@@ -402,6 +444,7 @@ if __name__ == "__main__":
     write_json()
     write_pds()
     write_folders()
+    write_rasters()
     write_pyramid()
     write_meshes()
     write_heads()

@@ -12,10 +12,12 @@ import json
 import os
 import resource
 import shutil
+import struct
 import threading
 import time
 import unittest
 import zipfile
+import zlib
 
 import harness
 from harness import PLACE, Service, frame_request
@@ -269,6 +271,63 @@ class Labels(unittest.TestCase):
         folder = shutil.copytree(harness.path("dem"), harness.path("dem-unlabelled"))
         os.remove(os.path.join(folder, HIT + ".lbl"))
         service = self.assert_named(folder, HIT + ".img")
+        self.assertEqual(service.stop(), 0)
+
+
+def geotiff(width, height, step_deg, corner_deg=(30.0, 1.0), deflated=b""):
+    """Of one tile as large as the image, int16 posts in degrees on the Moon's sphere."""
+    keys = [1, 1, 0, 9, 1024, 0, 1, 2, 1025, 0, 1, 1, 2048, 0, 1, 32767, 2050, 0, 1, 32767, 2052, 0, 1, 9001, 2054, 0, 1, 9102,
+            2056, 0, 1, 32767, 2057, 34736, 1, 0, 2058, 34736, 1, 1]
+    side = [-(-n // 16) * 16 for n in (width, height)]
+    tags = [(256, "L", [width]), (257, "L", [height]), (258, "H", [16]), (259, "H", [8]), (262, "H", [1]), (277, "H", [1]),
+            (322, "L", side[:1]), (323, "L", side[1:]), (324, "L", [0]), (325, "L", [len(deflated)]), (339, "H", [2]),
+            (33550, "d", [*step_deg, 0]), (33922, "d", [0, 0, 0, *corner_deg, 0]), (34735, "H", keys), (34736, "d", [1737400.0] * 2)]
+    start = 8 + 2 + 12 * len(tags) + 4
+    entries = values = b""
+    for tag, kind, numbers in tags:
+        data = struct.pack(f"<{len(numbers)}{kind}", *numbers)
+        where = data.ljust(4, b"\0") if len(data) <= 4 else struct.pack("<L", start + len(values))
+        values += data if len(data) > 4 else b""
+        entries += struct.pack("<HHL", tag, {"H": 3, "L": 4, "d": 12}[kind], len(numbers)) + where
+    first = start + len(values)
+    entries = entries.replace(struct.pack("<HHLL", 324, 4, 1, 0), struct.pack("<HHLL", 324, 4, 1, first))
+    return b"II*\0\x08\0\0\0" + struct.pack("<H", len(tags)) + entries + b"\0\0\0\0" + values + deflated
+
+
+def deflated_zeros(count):
+    packer = zlib.compressobj()
+    return b"".join(packer.compress(bytes(1 << 20)) for _ in range(count >> 20)) + packer.compress(bytes(count & 0xfffff)) + packer.flush()
+
+
+class HostileFiles(unittest.TestCase):
+    """Files that would end the service, take all memory or never end: named and left out, and the other tiles are served."""
+
+    def test_they_are_named_and_left_out(self):
+        folder = shutil.copytree(harness.path("dem"), harness.path("dem-hostile"))
+        side = 20000  # 800 MB
+        contents = {"wide.tif": geotiff(2, 2, (1e9, 0.25)), "huge.tif": geotiff(side, side, (1 / side, 1 / side), deflated=deflated_zeros(2 * side * side)),
+                    "pipe.vrt": VRT.format(name=os.path.join(folder, "pipe"), properties=PROPERTIES).encode(),
+                    "nested.vrt": VRT.format(name=os.path.join(folder, "inner.xml"), properties=PROPERTIES).encode(),
+                    "inner.xml": VRT.format(name=os.path.join(folder, "pipe"), properties=PROPERTIES).encode(),
+                    "zero.vrt": VRT.format(name="/dev/zero", properties="").encode(),
+                    "itself.vrt": VRT.format(name=os.path.join(folder, "itself.vrt"), properties=PROPERTIES).encode()}
+        source = VRT.partition("<SimpleSource>")[2].partition("</VRTRasterBand>")[0].format(name=os.path.join(folder, "none"), properties=PROPERTIES)
+        many = VRT.format(name=os.path.join(folder, "none"), properties=PROPERTIES)
+        contents["many.vrt"] = many.replace("<SimpleSource>", 100000 * ("<SimpleSource>" + source) + "<SimpleSource>", 1).encode()
+        for name, content in contents.items():
+            with open(os.path.join(folder, name), "wb") as f:
+                f.write(content)
+        os.mkfifo(os.path.join(folder, "pipe"))
+        bad = sorted(set(contents) - {"inner.xml"})
+        info = harness.run("info", "--dem", folder, "--cache-dir", harness.path("cache-hostile"))
+        self.assertEqual(info.returncode, 0, info.stderr)
+        for name in bad:
+            self.assertIn(name, info.stdout)
+        service = Service("--memory-mb", "1500", "--on-data-error", "fall-through", cache="cache-hostile", dem=folder)
+        problems = [os.path.basename(p["path"]) for p in json.loads(service.ask("GET", "/v1/datasets")[2])["problems"]]
+        self.assertEqual(sorted(problems), bad)
+        self.assertEqual(service.ask("GET", HEIGHT)[0], 200)
+        self.assertEqual(service.frame(frame_request())[0], 200)
         self.assertEqual(service.stop(), 0)
 
 

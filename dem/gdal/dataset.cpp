@@ -1,0 +1,72 @@
+#include "dem/gdal/dataset.h"
+
+#include <fmt/format.h>
+
+#include <cstdint>
+
+#include "dem/error.h"
+#include "dem/gdal/vrt_sources.h"
+
+namespace selenograph::dem {
+namespace {
+
+DatasetPtr try_to_open(const std::string& path, const char* const* drivers) {
+  return DatasetPtr(static_cast<GDALDataset*>(
+      GDALOpenEx(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, drivers, nullptr, nullptr)));
+}
+
+// Bytes of one block as it is decoded: of all bands, where they are interleaved pixel by pixel.
+std::uint64_t block_bytes(GDALRasterBand& band, int bands_within) {
+  int width = 0, height = 0;
+  band.GetBlockSize(&width, &height);
+  return static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height) *
+         static_cast<std::uint64_t>(GDALGetDataTypeSizeBytes(band.GetRasterDataType())) *
+         static_cast<std::uint64_t>(bands_within);
+}
+
+// Each read decodes whole blocks, which nobody can interrupt.
+void check_blocks(GDALDataset& dataset, Look look, const std::string& path, const std::string& whose) {
+  const char* interleave = dataset.GetMetadataItem("INTERLEAVE", "IMAGE_STRUCTURE");
+  const int within = interleave && EQUAL(interleave, "PIXEL") ? dataset.GetRasterCount() : 1;
+  const auto check = [&](GDALRasterBand* band, int bands_within) {
+    const std::uint64_t bytes = band ? block_bytes(*band, bands_within) : 0;
+    if (bytes > kBlockCache_bytes)
+      throw DataError(path, fmt::format("one block of {}samples takes {} MiB decoded, more than {}: tile it, e.g. with "
+                                        "gdal_translate -co TILED=YES",
+                                        whose, bytes >> 20, kBlockCache_bytes >> 20));
+  };
+  for (int b = 1; b <= dataset.GetRasterCount(); ++b) {
+    GDALRasterBand& band = *dataset.GetRasterBand(b);
+    check(&band, within);
+    if (look == Look::again) continue;
+    for (int i = 0; i < band.GetOverviewCount(); ++i) check(band.GetOverview(i), within);
+    if ((band.GetMaskFlags() & GMF_PER_DATASET) != 0) check(band.GetMaskBand(), 1);
+  }
+}
+
+}  // namespace
+
+OpenDataset open_dataset(const std::string& path, const char* const* drivers, Look look) {
+  register_gdal();
+  OpenDataset open;
+  open.remote = is_remote(path);
+  // GDAL takes such a name for the VRT itself.
+  if (path.find("<VRTDataset") != std::string::npos) throw DataError(path, "is no name of a file");
+  VrtSources sources;
+  if (!open.remote) sources = vrt_sources(path);
+  const OpenOptions options(open.remote);
+  const QuietGdal quiet;
+  open.dataset = try_to_open(path, drivers);
+  if (!open.dataset) quiet.fail(path, "can't be opened");
+  // What lies within a file on a network is not asked for before it is needed.
+  check_blocks(*open.dataset, open.remote || sources.remote ? Look::again : look, path, "its ");
+  if (look == Look::first)
+    for (const std::string& file : sources.files)
+      // One that can't be opened is no danger, and who reads it is told.
+      if (const DatasetPtr source = try_to_open(file, drivers))
+        check_blocks(*source, look, path, "the source " + file + "'s ");
+  open.remote |= sources.remote;
+  return open;
+}
+
+}  // namespace selenograph::dem
