@@ -232,8 +232,10 @@ TEST_F(RefusedFiles, OneHugeTileInAVrt) {
 TEST_F(RefusedFiles, OneHugeTileOfAMap) {
   Tiff t{.width = 60000, .height = 60000, .block_width = 60000, .block_height = 60000};
   t.transform[0] = 1.0 / 60000, t.transform[5] = -1.0 / 60000;
+  ValueMapOptions options;
+  options.path = put("h.tif", tiff(t));
   try {
-    ValueMap({.path = put("h.tif", tiff(t))}, make_value_map_tiles(std::size_t{1} << 20));
+    ValueMap(options, make_value_map_tiles(std::size_t{1} << 20));
     FAIL();
   } catch (const DataError& e) {
     EXPECT_NE(std::string(e.what()).find("one block of its samples"), std::string::npos) << e.what();
