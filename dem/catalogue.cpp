@@ -77,8 +77,7 @@ std::uint64_t fingerprint_of(const std::vector<RasterInfo>& rasters) {
   for (const RasterInfo& r : rasters) {
     hash = XXH64(r.name.data(), r.name.size(), hash);
     const Footprint& f = r.footprint;
-    const std::uint64_t facts[] = {r.bytes,
-                                   static_cast<std::uint64_t>(r.modified_ns),
+    const std::uint64_t facts[] = {r.stamp,
                                    static_cast<std::uint64_t>(r.width),
                                    static_cast<std::uint64_t>(r.height),
                                    std::bit_cast<std::uint64_t>(f.south_deg),

@@ -52,8 +52,14 @@ std::optional<FileState> file_state(const std::string& path) {
     return std::nullopt;
   }
   if (!S_ISREG(s.st_mode)) return std::nullopt;
-  return FileState{static_cast<std::uint64_t>(s.st_size),
-                   static_cast<std::int64_t>(s.st_mtim.tv_sec) * 1'000'000'000 + s.st_mtim.tv_nsec};
+  return state_from(s);
+}
+
+FileState state_from(const struct stat& s) {
+  const auto nanoseconds = [](const timespec& t) {
+    return static_cast<std::int64_t>(t.tv_sec) * 1'000'000'000 + t.tv_nsec;
+  };
+  return {static_cast<std::uint64_t>(s.st_size), nanoseconds(s.st_mtim), nanoseconds(s.st_ctim)};
 }
 
 bool is_system_fault(int code) {

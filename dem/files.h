@@ -8,6 +8,8 @@
 #include <string>
 #include <string_view>
 
+struct stat;
+
 namespace selenograph::dem {
 
 // By the extension, in upper or lower case. A pds_image has its label beside it, or attached.
@@ -20,10 +22,13 @@ std::optional<std::string> label_beside(const std::filesystem::path& image);
 struct FileState {
   std::uint64_t bytes = 0;
   std::int64_t modified_ns = 0;
+  std::int64_t changed_ns = 0;  // of content, name, owner or mode: it can't be set as modified_ns can; 0: unknown
   bool operator==(const FileState&) const = default;
 };
 // Empty: not there, or not a file. Throws SystemFault where the system can't tell.
 std::optional<FileState> file_state(const std::string& path);
+// What the system says of a file that is open or named.
+FileState state_from(const struct stat& s);
 
 // Whether an error (as in errno) says nothing about the file: no descriptors, no memory, a disk or a network that
 // fails.

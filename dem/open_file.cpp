@@ -42,8 +42,7 @@ void OpenFile::write(std::string_view bytes) const {
 FileState OpenFile::state() const {
   struct stat s {};
   if (::fstat(fd_, &s) != 0) throw SystemFault(path_, errno);
-  return {static_cast<std::uint64_t>(s.st_size),
-          static_cast<std::int64_t>(s.st_mtim.tv_sec) * 1'000'000'000 + s.st_mtim.tv_nsec};
+  return state_from(s);
 }
 
 }  // namespace selenograph::dem

@@ -108,11 +108,22 @@ class PostSource::Pool {
  public:
   explicit Pool(const Catalogue& catalogue) : catalogue_(catalogue) {}
 
+  // use(raster) fails when the file changed under it. A file that was only touched, or is what it was again, is opened
+  // anew; opening fails where it is another than was catalogued.
   template <typename Use>
   void with(int source, Use&& use) {
+    constexpr int kAttempts = 3;
     std::unique_ptr<Raster> raster = take(source);
-    if (!raster) raster = std::make_unique<Raster>(catalogue_.rasters()[static_cast<std::size_t>(source)]);
-    use(*raster);  // a file that fails isn't kept
+    for (int attempt = 1;; ++attempt) {
+      if (!raster) raster = std::make_unique<Raster>(catalogue_.rasters()[static_cast<std::size_t>(source)]);
+      try {
+        use(*raster);
+        break;
+      } catch (const DataError&) {  // a file that fails isn't kept
+        if (attempt == kAttempts || raster->current()) throw;
+        raster.reset();
+      }
+    }
     std::lock_guard lock(mutex_);
     idle_.emplace_front(source, std::move(raster));
     if (idle_.size() > kIdleFiles) idle_.pop_back();

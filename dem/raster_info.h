@@ -39,6 +39,8 @@ struct RasterInfo {
   std::optional<double> void_value;  // in file units
   std::uint64_t bytes = 0;           // size of the file(s) that hold the posts
   std::int64_t modified_ns = 0;      // newest modification time of label and data
+  std::uint64_t stamp = 0;           // of the sizes and modification times of all files that it is read from
+  bool on_network = false;           // it, or a source of a VRT: reads may take seconds
   std::string damage;                // why the posts can't be read although it is known where they lie; empty: they can
 
   Projection projection() const {

@@ -82,9 +82,9 @@ class Writer {
       visit(south, north, west, east);
     } else {
       auto& [path, name, format, width, height, grid, ppd, spacing, footprint, wraps, level, datum, quantisation,
-             void_value, bytes, modified, damage] = info;
+             void_value, bytes, modified, stamp, on_network, damage] = info;
       visit(path, name, format, width, height, grid, ppd, spacing, footprint, wraps, level, datum, quantisation,
-            void_value, bytes, modified, damage);
+            void_value, bytes, modified, stamp, on_network, damage);
     }
   }
 

@@ -179,8 +179,7 @@ struct Terrain::Impl {
     for (const int i : around(plan, margin_deg(plan))) {
       const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(i)];
       XXH3_64bits_update(state, info.path.data(), info.path.size());
-      hash_in(state, info.bytes);
-      hash_in(state, info.modified_ns);
+      hash_in(state, info.stamp);
     }
     if (!catalogue.joins().offsets_m.empty() || !catalogue.one_layer()) hash_joins(state, plan);
     // Between posts of tiles: earlier versions left the gaps between them open.
@@ -211,8 +210,7 @@ struct Terrain::Impl {
     for (const int i : around(plan, margin + kWidest * band_deg)) {
       const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(i)];
       XXH3_64bits_update(state, info.path.data(), info.path.size());
-      hash_in(state, info.bytes);
-      hash_in(state, info.modified_ns);
+      hash_in(state, info.stamp);
       if (const double offset_m = catalogue.offset_m(i); offset_m != 0) hash_in(state, offset_m);
     }
   }

@@ -1,10 +1,13 @@
 #include "dem/gdal/raster.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <string>
+#include <thread>
 #include <vector>
 
 #include "dem/error.h"
@@ -12,8 +15,39 @@
 
 namespace selenograph::dem {
 
+namespace {
+
+// Clocks of file systems step: by 10 ms at most where they tell nanoseconds, by 2 s where they tell whole seconds. A
+// file that changes twice within a step has the same times after both. Waits until the next change will show.
+void wait_for_next_step(const RasterFile& file) {
+  using namespace std::chrono;
+  std::int64_t changed_ns = 0;
+  for (const FileSeen& seen : file.files) changed_ns = std::max(changed_ns, seen.state.changed_ns);
+  constexpr nanoseconds kFineStep = milliseconds(20), kCoarseStep = seconds(2);
+  const nanoseconds step = changed_ns % nanoseconds(seconds(1)).count() == 0 ? kCoarseStep : kFineStep;
+  const nanoseconds age = system_clock::now().time_since_epoch() - nanoseconds(changed_ns);
+  if (age > -step && age < step) std::this_thread::sleep_for(step - age);
+}
+
+RasterFile inspect(const std::string& path) {
+  constexpr int kAttempts = 5;
+  for (int attempt = 0; attempt < kAttempts; ++attempt) {
+    RasterFile file = describe_raster_file(path, nullptr, Damage::refuse);
+    wait_for_next_step(file);
+    if (is_current(file)) return file;
+  }
+  throw DataError(path, "is being written: start again when it is complete");
+}
+
+DataError changed(const std::string& path, const char* when) {
+  return DataError(
+      path, std::string("has changed ") + when + ": put the original back, or start again to use what is there now");
+}
+
+}  // namespace
+
 RasterInfo inspect_raster(const std::string& path, std::vector<std::string>* files) {
-  RasterFile file = describe_raster_file(path, nullptr, Damage::refuse);
+  RasterFile file = inspect(path);
   if (files) {
     files->push_back(file.info.path);
     if (file.pds && file.pds->data_path != file.info.path) files->push_back(file.pds->data_path);
@@ -24,7 +58,9 @@ RasterInfo inspect_raster(const std::string& path, std::vector<std::string>* fil
 std::string gdal_version() { return GDALVersionInfo("RELEASE_NAME"); }
 
 RasterInfo inspect_damaged_raster(const std::string& path) {
-  return describe_raster_file(path, nullptr, Damage::describe).info;
+  RasterInfo info = describe_raster_file(path, nullptr, Damage::describe).info;
+  if (info.damage.empty()) info.damage = "was being written when it was catalogued: start again when it is complete";
+  return info;
 }
 
 struct Raster::Impl {
@@ -102,9 +138,8 @@ Raster::Raster(const RasterInfo& info) {
   if (!info.damage.empty()) throw DataError(info.path, info.damage);
   RasterFile file = describe_raster_file(info.path, &info, Damage::refuse);
   const RasterInfo& now = file.info;
-  if (now.bytes != info.bytes || now.modified_ns != info.modified_ns || now.width != info.width ||
-      now.height != info.height)
-    throw DataError(info.path, "has changed since it was catalogued");
+  if (now.stamp != info.stamp || now.width != info.width || now.height != info.height)
+    throw changed(info.path, "since it was catalogued");
   open_band(file);
   impl_ = std::make_unique<Impl>(std::move(file));
 }
@@ -132,6 +167,9 @@ void Raster::read(int x0, int y0, int w, int h, float* heights_m) {
     }
     j += count;
   }
+  if (!current()) throw changed(info().path, "while it was open");
 }
+
+bool Raster::current() const { return is_current(impl_->file); }
 
 }  // namespace selenograph::dem

@@ -15,7 +15,8 @@
 namespace selenograph::dem {
 
 // Reads what a file says about itself without reading posts. Throws DataError naming the file, SystemFault where the
-// system or a connection is at fault. `files`: the label and its data are appended; of other formats, the file.
+// system or a connection is at fault. `files`: the label and its data are appended; of other formats, the file. What is
+// being written is waited for a little: files that change after this have other times than `stamp` is of.
 RasterInfo inspect_raster(const std::string& path, std::vector<std::string>* files = nullptr);
 
 // The same for a file whose data are missing or too short, when its label still says what should be where: `damage`
@@ -38,8 +39,13 @@ class Raster {
 
   // Reads columns x0 .. x0 + w-1 and rows y0 .. y0 + h-1 into heights[h][w] (row-major). Posts outside the file are
   // NaN, except that x wraps on a raster that wraps, and rows just beyond a pole of a global raster continue on the
-  // opposite meridian. Throws DataError when the file can't be read, SystemFault as above.
+  // opposite meridian. Throws DataError when the file can't be read, or was not the same until the end; SystemFault as
+  // above.
   void read(int x0, int y0, int w, int h, float* heights_m);
+
+  // Whether its files, and those that a VRT is made of, are what they were when this was opened. Files on a network are
+  // not asked for: that is one request for each read.
+  bool current() const;
 
  private:
   struct Impl;

@@ -1,6 +1,7 @@
 #include "dem/gdal/raster_file.h"
 
 #include <fcntl.h>
+#include <xxhash.h>
 
 #include <algorithm>
 #include <bit>
@@ -137,9 +138,9 @@ void place_posts(RasterInfo& info, const PostGrid& grid) {
 }
 
 RasterFile describe_pds(const std::string& label_path, const RasterInfo* known, Damage damage) {
+  const FileState label = must_exist(label_path, label_path);
   const PdsImage image = describe_pds_image(read_pds_label(label_path), label_path);
   if (image.row_bytes > std::numeric_limits<int>::max()) throw DataError(label_path, "its rows are too long");
-  const FileState label = must_exist(label_path, label_path);
   const bool gone = damage == Damage::describe && !file_state(image.data_path);
   const FileState data = gone ? FileState{} : must_exist(image.data_path, label_path);
 
@@ -151,6 +152,8 @@ RasterFile describe_pds(const std::string& label_path, const RasterInfo* known, 
   s.info.height = s.file_height = image.height;
   s.info.bytes = data.bytes;
   s.info.modified_ns = std::max(label.modified_ns, data.modified_ns);
+  s.files.push_back({label_path, label});
+  if (!gone && image.data_path != label_path) s.files.push_back({image.data_path, data});
   s.type = gdal_type(image.sample);
   s.scale = image.scale * image.unit_m;
   s.offset_m = image.offset * image.unit_m;
@@ -167,16 +170,18 @@ RasterFile describe_pds(const std::string& label_path, const RasterInfo* known, 
   return s;
 }
 
-// The file and, for a VRT, everything that it reads; not the caches that GDAL tools leave beside it.
-void note_files(RasterInfo& info, GDALDataset& dataset) {
-  char** files = dataset.GetFileList();
+// The file, whose state is that before it was opened, and, for a VRT, everything that it reads; not the caches that
+// GDAL tools leave beside it.
+void note_files(RasterFile& s, const FileState& own) {
+  char** files = s.dataset->GetFileList();
   for (int i = 0; files && files[i]; ++i) {
     const std::string file = files[i];
     if (file.ends_with(".aux.xml") || file.ends_with(".ovr")) continue;
-    const auto state = file_state(file);
+    const auto state = file == s.info.path ? own : file_state(file);
     if (!state) continue;
-    info.bytes += state->bytes;
-    info.modified_ns = std::max(info.modified_ns, state->modified_ns);
+    s.files.push_back({file, *state});
+    s.info.bytes += state->bytes;
+    s.info.modified_ns = std::max(s.info.modified_ns, state->modified_ns);
   }
   CSLDestroy(files);
 }
@@ -213,7 +218,7 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
   OpenDataset open =
       open_dataset(path, is_remote(path) ? kRemoteDrivers : kDemDrivers, known ? Look::again : Look::first);
   s.dataset = std::move(open.dataset);
-  s.remote = open.remote;
+  s.info.on_network = open.remote;
   const QuietGdal quiet;
   s.info.path = path;
   s.info.name = fs::path(path).stem().string();
@@ -223,7 +228,7 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
   if (is_remote(path))
     s.info.bytes = state.bytes, s.info.modified_ns = state.modified_ns;
   else
-    note_files(s.info, *s.dataset);
+    note_files(s, state);
   find_values(s, known, damage);
   const Georeference place = georeference_of(*s.dataset, path);
   s.flip_x = place.flip_x, s.flip_y = place.flip_y;
@@ -231,13 +236,32 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
   return s;
 }
 
-}  // namespace
-
-RasterFile describe_raster_file(const std::string& path, const RasterInfo* known, Damage damage) {
+RasterFile describe(const std::string& path, const RasterInfo* known, Damage damage) {
   if (is_remote(path)) return describe_gdal(path, known, damage);
   must_exist(path, path);
   if (const auto label = pds_label_of(path)) return describe_pds(*label, known, damage);
   return describe_gdal(path, known, damage);
+}
+
+// One file's change shows, whatever the others' sizes and times are.
+std::uint64_t stamp_of(const RasterFile& s) {
+  std::vector<std::int64_t> facts{static_cast<std::int64_t>(s.info.bytes), s.info.modified_ns};
+  for (const FileSeen& file : s.files)
+    facts.insert(facts.end(), {static_cast<std::int64_t>(file.state.bytes), file.state.modified_ns});
+  return XXH3_64bits(facts.data(), facts.size() * sizeof facts[0]);
+}
+
+}  // namespace
+
+RasterFile describe_raster_file(const std::string& path, const RasterInfo* known, Damage damage) {
+  RasterFile file = describe(path, known, damage);
+  file.info.stamp = stamp_of(file);
+  return file;
+}
+
+bool is_current(const RasterFile& s) {
+  return std::all_of(s.files.begin(), s.files.end(),
+                     [](const FileSeen& file) { return file_state(file.path) == file.state; });
 }
 
 // GDAL's own raw band with a file handle of ours, read-only: a VRT over raw data would open the file for writing and
@@ -319,7 +343,7 @@ void read_posts(const RasterFile& s, int x, int y, int w, int h, float* out, std
 
 void read_samples(RasterFile& s, int x, int y, int w, int h, double* out) {
   check_still_there(s);
-  const OpenOptions options(s.remote);
+  const OpenOptions options(s.info.on_network);
   const QuietGdal quiet;
   const CPLErr error = s.band->RasterIO(GF_Read, x, y, w, h, out, w, h, GDT_Float64, 0, 0, nullptr);
   if (error != CE_None) quiet.fail(s.info.path, "can't be read");

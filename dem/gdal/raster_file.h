@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "dem/files.h"
 #include "dem/gdal/library.h"
 #include "dem/open_file.h"
 #include "dem/raster_info.h"
@@ -21,8 +22,15 @@ struct PdsPixels {
   bool little_endian = false;
 };
 
+struct FileSeen {
+  std::string path;
+  FileState state;
+};
+
 struct RasterFile {
   RasterInfo info;
+  // All files of this machine that it is read from, as they were before anything was read. Of a VRT its sources, too.
+  std::vector<FileSeen> files;
   GDALDataType type = GDT_Unknown;
   // height_m = sample * scale + offset
   double scale = 1, offset_m = 0;
@@ -31,7 +39,6 @@ struct RasterFile {
   int file_width = 0, file_height = 0;
   std::optional<PdsPixels> pds;
   DatasetPtr dataset;                  // of everything that isn't PDS3
-  bool remote = false;                 // it, or a source of a VRT, is on a network
   std::unique_ptr<RawRasterBand> raw;  // of PDS3, once open
   GDALRasterBand* band = nullptr;
   std::unique_ptr<OpenFile> posts;  // of PDS3 in int16, once open: read without GDAL
@@ -42,6 +49,10 @@ enum class Damage { refuse, describe };
 
 // `known`: what an earlier inspection found, so that opening needs no second look at the samples; may be null.
 RasterFile describe_raster_file(const std::string& path, const RasterInfo* known, Damage damage);
+
+// Whether its files are what they were: then all that was read until now is theirs. A change during a read shows in the
+// time of change even where the times of modification were put back.
+bool is_current(const RasterFile& file);
 
 // Opens the band of a PDS3 file that was only described so far.
 void open_band(RasterFile& file);

@@ -81,10 +81,7 @@ struct ValueRaster::Impl {
     if (bands.empty()) throw DataError(path, "has no band of values");
   }
 
-  bool current() const {
-    const auto now = file_state(path);
-    return now && now->bytes == state.bytes && now->modified_ns == state.modified_ns;
-  }
+  bool current() const { return file_state(path) == state; }
 
   // One band's samples and where they are none.
   void read_band(int b, int overview, const Window& w, double* samples, std::uint8_t* mask) const {
@@ -134,7 +131,6 @@ void ValueRaster::read(int overview, const Window& w, int stride, double* out) c
   std::vector<double> samples(size), sum(size, 0);
   std::vector<std::uint8_t> mask(size, 255);
   const std::lock_guard lock(impl_->mutex);
-  if (!impl_->current()) throw DataError(impl_->path, "has changed since it was opened");
   for (const int b : impl_->bands) {
     impl_->read_band(b, overview, w, samples.data(), mask.data());
     GDALRasterBand& band = *impl_->dataset->GetRasterBand(b);
@@ -145,6 +141,8 @@ void ValueRaster::read(int overview, const Window& w, int stride, double* out) c
       sum[i] += nothing ? std::nan("") : s * scale + offset;
     }
   }
+  // After reading: a change meanwhile shows, too.
+  if (!impl_->current()) throw DataError(impl_->path, "has changed since it was opened");
   for (int y = 0; y < w.height; ++y)
     for (int x = 0; x < w.width; ++x)
       out[static_cast<std::size_t>(y) * static_cast<std::size_t>(stride) + static_cast<std::size_t>(x)] =

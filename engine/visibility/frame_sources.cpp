@@ -11,7 +11,7 @@
 namespace selenograph::engine {
 
 SourceTile source_tile(const dem::RasterInfo& info) {
-  const std::string identity = fmt::format("{}:{}:{}", info.name, info.bytes, info.modified_ns);
+  const std::string identity = fmt::format("{}:{:016x}", info.name, info.stamp);
   return {info.name, info.path, XXH3_64bits(identity.data(), identity.size())};
 }
 
