@@ -1,5 +1,6 @@
 #include "dem/build_queue.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "dem/cache.h"
@@ -14,7 +15,8 @@ BuildQueue::BuildQueue(int threads, TakeTurn take_turn, std::function<void()> re
 
 BuildQueue::~BuildQueue() {
   stop();
-  if (thread_.joinable()) thread_.join();
+  for (Builder& builder : builders_)
+    if (builder.thread.joinable()) builder.thread.join();
 }
 
 void BuildQueue::stop() {
@@ -29,7 +31,6 @@ void BuildQueue::stop() {
 std::shared_ptr<const Chunk> BuildQueue::get(const ChunkPlan& plan, const StopToken& stop) {
   std::unique_lock lock(mutex_);
   if (stopping_) throw Cancelled();
-  if (!thread_.joinable()) thread_ = std::thread([this] { run(); });
   const std::shared_ptr<Job> job = find_or_add(plan);
   ++job->wanted;
   try {
@@ -39,7 +40,7 @@ std::shared_ptr<const Chunk> BuildQueue::get(const ChunkPlan& plan, const StopTo
       landed_.wait_for(lock, kLookUp);
     }
   } catch (...) {
-    --job->wanted;
+    if (--job->wanted == 0) added_.notify_all();  // it can be dropped
     throw;
   }
   --job->wanted;
@@ -48,32 +49,40 @@ std::shared_ptr<const Chunk> BuildQueue::get(const ChunkPlan& plan, const StopTo
 }
 
 std::shared_ptr<BuildQueue::Job> BuildQueue::find_or_add(const ChunkPlan& plan) {
-  std::shared_ptr<Job>& job = jobs_[plan.node];
-  if (!job) {
-    job = std::make_shared<Job>();
-    job->work.plan = plan;
-    queue_.push_back(job);
-    added_.notify_all();
-  }
+  if (const auto found = jobs_.find(plan.node); found != jobs_.end()) return found->second;
+  Builder& builder = builders_[plan.on_network];
+  if (!builder.thread.joinable())
+    builder.thread = std::thread([this, on_network = plan.on_network] { run(on_network); });
+  const auto job = std::make_shared<Job>();
+  job->work.plan = plan;
+  builder.queue.push_back(job);
+  jobs_[plan.node] = job;
+  added_.notify_all();
   return job;
 }
 
-void BuildQueue::run() {
+// Not what waits for another chunk, which may be with the other builder.
+bool BuildQueue::can_go_on(const Job& job) { return job.wanted == 0 || !job.awaited || job.awaited->done; }
+
+void BuildQueue::run(bool on_network) {
   std::unique_lock lock(mutex_);
+  std::deque<std::shared_ptr<Job>>& queue = builders_[on_network].queue;
+  const auto next = [&] {
+    return std::find_if(queue.begin(), queue.end(), [](const auto& job) { return can_go_on(*job); });
+  };
   for (;;) {
-    const auto something_to_do = [&] { return stopping_ || !queue_.empty(); };
+    const auto something_to_do = [&] { return stopping_ || next() != queue.end(); };
     if (!added_.wait_for(lock, std::chrono::seconds(1), something_to_do)) {
-      if (rest_) rest_();
+      if (rest_ && !on_network) rest_();
       added_.wait(lock, something_to_do);
     }
     if (stopping_) return;
-    const std::shared_ptr<Job> job = std::move(queue_.front());
-    queue_.pop_front();
+    const auto place = next();
+    const std::shared_ptr<Job> job = std::move(*place);
+    queue.erase(place);
     if (job->wanted == 0) {
       let_go(*job);
       jobs_.erase(job->work.plan.node);
-    } else if (job->awaited && !job->awaited->done) {
-      queue_.push_back(job);  // what it needs stands before it
     } else {
       advance(job, lock);
     }
@@ -91,25 +100,27 @@ void BuildQueue::advance(const std::shared_ptr<Job>& job, std::unique_lock<std::
   std::exception_ptr error;
   lock.unlock();
   try {
-    turn = in_arena(arena_,
-                    [&] { return take_turn_(job->work, StopToken(StopToken::Clock::time_point::max(), &stopping_)); });
+    const auto take = [&] { return take_turn_(job->work, StopToken(StopToken::Clock::time_point::max(), &stopping_)); };
+    turn = job->work.plan.on_network ? on_own_threads(kConnections, take) : in_arena(arena_, take);
   } catch (...) {
     error = std::current_exception();
   }
   lock.lock();
-  if (error || turn.chunk)
-    finish(*job, std::move(turn.chunk), error);
-  else
-    await(job, *turn.needs_first);
+  try {
+    if (!error && !turn.chunk) return await(job, *turn.needs_first);
+  } catch (...) {  // the system has no thread for the other builder
+    error = std::current_exception();
+  }
+  finish(*job, std::move(turn.chunk), error);
 }
 
 // The finer chunk comes first, then this one again; others in the queue have their turns between.
 void BuildQueue::await(const std::shared_ptr<Job>& job, const ChunkPlan& first) {
-  job->work.asked_for = first;
-  job->work.made.reset();
   job->awaited = find_or_add(first);
   ++job->awaited->wanted;
-  queue_.push_back(job);
+  job->work.asked_for = first;
+  job->work.made.reset();
+  builders_[job->work.plan.on_network].queue.push_back(job);
 }
 
 void BuildQueue::finish(Job& job, std::shared_ptr<const Chunk> chunk, std::exception_ptr error) {
@@ -119,11 +130,12 @@ void BuildQueue::finish(Job& job, std::shared_ptr<const Chunk> chunk, std::excep
   job.done = true;
   job.work.finer = {};
   landed_.notify_all();
+  added_.notify_all();  // those that it was needed for can go on
 }
 
 void BuildQueue::let_go(Job& job) {
   if (!job.awaited) return;
-  --job.awaited->wanted;
+  if (--job.awaited->wanted == 0) added_.notify_all();
   job.awaited.reset();
 }
 

@@ -1,4 +1,5 @@
 // Pyramid chunks that are not on the disk are built here, one turn of work after the other, on a thread of their own.
+// What needs files on a network has another such thread, so that nothing else waits for a slow server.
 //
 // Whoever needs a chunk waits for it until its own stop token says otherwise; the build goes on without it to the end
 // of its turn, so that the same request, asked again, finds a little more done each time and in the end all of it. Of
@@ -7,6 +8,7 @@
 
 #include <tbb/task_arena.h>
 
+#include <array>
 #include <atomic>
 #include <condition_variable>
 #include <deque>
@@ -39,10 +41,11 @@ class BuildQueue {
   };
   using TakeTurn = std::function<Turn(Work&, const StopToken&)>;
 
-  // `threads` that build, 0: all cores. take_turn() is called by one thread at a time; what it throws is what those who
-  // wait get. The same thread calls rest() when there was nothing to build for a second.
+  // `threads` that build, 0: all cores. take_turn() is called by one thread at a time for what is on this machine, and
+  // by one for what is on a network (ChunkPlan::on_network); what it throws is what those who wait get. The first of
+  // them calls rest() when it had nothing to build for a second.
   BuildQueue(int threads, TakeTurn take_turn, std::function<void()> rest = {});
-  ~BuildQueue();  // stops and waits for the turn to end
+  ~BuildQueue();  // stops and waits for the turns to end
 
   // Waits for the chunk. Throws Cancelled when `stop` says so, and after stop().
   std::shared_ptr<const Chunk> get(const ChunkPlan& plan, const StopToken& stop);
@@ -60,12 +63,18 @@ class BuildQueue {
     std::exception_ptr error;
   };
 
+  struct Builder {
+    std::deque<std::shared_ptr<Job>> queue;
+    std::thread thread;  // from its first build on
+  };
+  static bool can_go_on(const Job& job);
+
   std::shared_ptr<Job> find_or_add(const ChunkPlan& plan);
-  void run();
+  void run(bool on_network);
   void advance(const std::shared_ptr<Job>& job, std::unique_lock<std::mutex>& lock);
   void await(const std::shared_ptr<Job>& job, const ChunkPlan& first);
   void finish(Job& job, std::shared_ptr<const Chunk> chunk, std::exception_ptr error);
-  static void let_go(Job& job);
+  void let_go(Job& job);
 
   const TakeTurn take_turn_;
   const std::function<void()> rest_;
@@ -73,9 +82,8 @@ class BuildQueue {
   std::mutex mutex_;
   std::condition_variable added_, landed_;
   std::unordered_map<BlockId, std::shared_ptr<Job>, BlockIdHash> jobs_;
-  std::deque<std::shared_ptr<Job>> queue_;
   std::atomic<bool> stopping_{false};
-  std::thread thread_;  // from the first build on
+  std::array<Builder, 2> builders_;  // of what is on this machine, and on a network
 };
 
 }  // namespace selenograph::dem

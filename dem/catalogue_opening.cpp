@@ -3,7 +3,6 @@
 #include <xxhash.h>
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <exception>
 #include <filesystem>
@@ -13,7 +12,6 @@
 #include <map>
 #include <memory>
 #include <system_error>
-#include <thread>
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
@@ -208,14 +206,7 @@ class Opening {
       for (std::size_t i = first; i < past_last; ++i)
         if (candidates_[i].folder) look_at(i);
     });
-    // They wait for the network, not for a core.
-    constexpr std::size_t kConnections = 16;
-    std::atomic<std::size_t> next{0};
-    std::vector<std::jthread> threads;
-    for (std::size_t k = 0; k < std::min(kConnections, remote.size()); ++k)
-      threads.emplace_back([&] {
-        for (std::size_t i; (i = next++) < remote.size();) look_at(remote[i]);
-      });
+    on_own_threads(kConnections, [&] { in_parallel(remote.size(), [&](std::size_t k) { look_at(remote[k]); }); });
   }
 
   SavedFile* still_valid(const std::string& path, std::uint64_t stamp) {

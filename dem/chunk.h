@@ -34,6 +34,7 @@ struct ChunkPlan {
   bool direct = true;
   std::uint64_t fingerprint = 0;  // of everything that the content depends on
   bool exists = false;            // some source touches it
+  bool on_network = false;        // one of the files that it is made of is on a network
   int coarsest_level() const { return node.level == kRootLevel ? 0 : node.level; }
   int finest_level() const { return direct ? base_level : base_level - 1; }
 };

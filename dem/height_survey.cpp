@@ -92,7 +92,7 @@ Survey survey_of(const PostSource& source, int raster, const Window& w, const St
 
 bool easy(const RasterInfo& info) {
   if (!info.damage.empty() || info.projection() != Projection::geographic) return false;
-  if (info.path.starts_with("/vsi")) return false;  // a network's time is worth more than ours
+  if (info.on_network) return false;  // a network's time is worth more than ours
   return info.wraps_longitude || info.footprint.east_deg - info.footprint.west_deg < 180;
 }
 

@@ -1,4 +1,4 @@
-// Loops over all cores of the caller's task arena (in_arena).
+// Loops over all cores of the caller's task arena (in_arena), or on threads of their own (on_own_threads).
 //
 // Isolated: a thread that waits here for the loop's end doesn't pick up unrelated work meanwhile, which could be
 // another client's frame or could wait for the very thing that this thread is loading.
@@ -7,35 +7,63 @@
 // between tasks looks like a race, and suppressing those would hide the races of the loops' bodies with them.
 #pragma once
 
-#include <atomic>
-#ifdef __SANITIZE_THREAD__
-#include <algorithm>
-#include <exception>
-#include <thread>
-#else
+#ifndef __SANITIZE_THREAD__
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_group.h>
 #endif
 #include <tbb/task_arena.h>
 
+#include <algorithm>
+#include <atomic>
 #include <cstddef>
+#include <exception>
 #include <mutex>
 #include <optional>
+#include <thread>
 #include <utility>
 #include <vector>
 
 namespace selenograph {
 
 #ifdef __SANITIZE_THREAD__
-inline constexpr std::size_t kThreadsOfALoop = 4;
+inline constexpr std::size_t kThreadsWithin = 4;  // that a loop within a loop has
+inline thread_local std::size_t threads_of_loops = 4;
+#else
+inline constexpr std::size_t kThreadsWithin = 1;
+// How many threads of their own this thread's loops have; 0: they run in an arena.
+inline thread_local std::size_t threads_of_loops = 0;
+#endif
+
+class ThreadsOfLoops {
+ public:
+  explicit ThreadsOfLoops(std::size_t threads) : before_(std::exchange(threads_of_loops, threads)) {}
+  ~ThreadsOfLoops() { threads_of_loops = before_; }
+  ThreadsOfLoops(const ThreadsOfLoops&) = delete;
+  ThreadsOfLoops& operator=(const ThreadsOfLoops&) = delete;
+
+ private:
+  std::size_t before_;
+};
+
+// How many reads from a network wait at once.
+inline constexpr std::size_t kConnections = 16;
+
+// body(), with its loops on threads of their own: for work that waits for a network. Meanwhile it holds no place in an
+// arena and none of its threads, which others' loops need. Loops within those loops have one thread.
+template <typename Body>
+auto on_own_threads(std::size_t threads, const Body& body) {
+  const ThreadsOfLoops own(threads_of_loops > 0 ? threads_of_loops : threads);
+  return body();
+}
 
 template <typename Body>
-void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
+void pieces_on_threads(std::size_t threads, std::size_t count, std::size_t grain, const Body& body) {
   std::atomic<std::size_t> next{0};
   std::mutex mutex;
   std::exception_ptr thrown;
   const auto work = [&] {
+    const ThreadsOfLoops within(kThreadsWithin);
     try {
       // Relaxed: pieces of one loop must not order each other.
       for (std::size_t first; (first = next.fetch_add(grain, std::memory_order_relaxed)) < count;)
@@ -47,10 +75,21 @@ void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) 
     }
   };
   std::vector<std::thread> helpers;
-  for (std::size_t i = 1; i < std::min(kThreadsOfALoop, (count + grain - 1) / grain); ++i) helpers.emplace_back(work);
+  helpers.reserve(threads);
+  try {
+    for (std::size_t i = 1; i < std::min(threads, (count + grain - 1) / grain); ++i) helpers.emplace_back(work);
+  } catch (const std::exception&) {
+    // The system has no more threads or memory for them: those that there are do it all.
+  }
   work();
   for (std::thread& helper : helpers) helper.join();
   if (thrown) std::rethrow_exception(thrown);
+}
+
+#ifdef __SANITIZE_THREAD__
+template <typename Body>
+void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
+  pieces_on_threads(threads_of_loops, count, grain, body);
 }
 
 template <typename Body>
@@ -89,6 +128,7 @@ auto in_arena(tbb::task_arena& arena, const Body& body) {
 // body() as one loop, perhaps on another thread: for libraries that have loops of their own.
 template <typename Body>
 void where_loops_run(const Body& body) {
+  if (threads_of_loops > 0) return body();
   const ArenaOfLoops here(nullptr);
   const auto alone = [&] { tbb::this_task_arena::isolate(body); };
   if (here.before())
@@ -102,6 +142,7 @@ void where_loops_run(const Body& body) {
 // has not begun and return as if it were done.
 template <typename Body>
 void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
+  if (threads_of_loops > 0) return pieces_on_threads(threads_of_loops, count, grain, body);
   where_loops_run([&] {
     tbb::task_group_context whole(tbb::task_group_context::isolated);
     tbb::parallel_for(

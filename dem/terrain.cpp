@@ -117,6 +117,8 @@ struct Terrain::Impl {
 
   Impl(Catalogue c, const TerrainOptions& o)
       : catalogue(std::move(c)),
+        any_on_network(std::any_of(catalogue.rasters().begin(), catalogue.rasters().end(),
+                                   [](const RasterInfo& info) { return info.on_network; })),
         options(o),
         source(catalogue, o.fall_through,
                [this](const std::string& file, const std::string& text) { warn(file, text); }),
@@ -168,6 +170,7 @@ struct Terrain::Impl {
       needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
     plan.direct = needed <= node.level + kChunkOctaves;
     plan.base_level = plan.direct ? needed : kStrata[stratum + 1];
+    plan.on_network = touches_network(node, halo_deg(plan));
     const std::unique_ptr<XXH3_state_t, XXH_errorcode (*)(XXH3_state_t*)> owned(XXH3_createState(), XXH3_freeState);
     XXH3_state_t* state = owned.get();
     XXH3_64bits_reset(state);
@@ -218,9 +221,10 @@ struct Terrain::Impl {
   // How far beyond its border a chunk's content depends on sources, at most, where its posts are up to 8 times as far
   // apart in longitude as in latitude. Finer chunks look beyond their own borders, too.
   static constexpr int kWidestShift = 3, kWidest = 1 << kWidestShift;
-  static double margin_deg(const ChunkPlan& plan) {
+  static double margin_deg(const ChunkPlan& plan) { return kWidest * halo_deg(plan) + (plan.direct ? 0 : 2); }
+  static double halo_deg(const ChunkPlan& plan) {
     const double halo = 3 * std::ldexp(1.0, plan.base_level - plan.node.level) + kFillReach;
-    return kWidest * halo / std::ldexp(1.0, plan.base_level) + (plan.direct ? 0 : 2);
+    return halo / std::ldexp(1.0, plan.base_level);
   }
 
   // Those no farther from a chunk than a margin, which is of more longitude next to a pole.
@@ -233,6 +237,23 @@ struct Terrain::Impl {
     const double beside_deg = std::ldexp(margin, more) - margin;
     return catalogue.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), lon_deg_of(e.lon0) - beside_deg,
                               lon_deg_of(e.lon1()) + beside_deg, margin);
+  }
+
+  // Whether a file that lies within a block and so far around it, in degrees of latitude, is on a network.
+  bool touches_network(const BlockId& id, double around_deg) const {
+    if (!any_on_network) return false;
+    const BlockExtent e = extent_of(id);
+    const std::vector<int> files = touching(id, around_deg * e.lon_step / e.lat_step);
+    return std::any_of(files.begin(), files.end(),
+                       [&](int i) { return catalogue.rasters()[static_cast<std::size_t>(i)].on_network; });
+  }
+
+  // Whether loading a block that isn't here reads posts on a network.
+  bool waits_for_network(const BlockId& id) {
+    if (!any_on_network || blocks.holds(id)) return false;
+    const ChunkPlan found = plan_for(id);
+    return found.direct && id.level >= found.base_level &&
+           touches_network(id, kFillReach / std::ldexp(1.0, found.base_level));
   }
 
   std::vector<int> touching(const BlockId& id, double margin) const {
@@ -325,7 +346,7 @@ struct Terrain::Impl {
 
   static bool is_forbidden(const SystemFault& fault) { return fault.code() == EACCES || fault.code() == EPERM; }
 
-  // On the builder's thread, which never waits for another.
+  // On a builder's thread, which never waits for another.
   BuildQueue::Turn take_turn(BuildQueue::Work& work, const StopToken& stop) {
     if (!work.plan.direct)
       if (const auto first = collect_finer(work, stop)) return {nullptr, first};
@@ -366,7 +387,8 @@ struct Terrain::Impl {
   }
 
   std::shared_ptr<const Chunk> build(const ChunkPlan& plan, const Chunk::Finer& finer, const StopToken& stop) {
-    Chunk::Built built = Chunk::build(plan, catalogue, source, finer, stop, &scratch);
+    // The memory that one build leaves to the next is that of one of the two builders.
+    Chunk::Built built = Chunk::build(plan, catalogue, source, finer, stop, plan.on_network ? nullptr : &scratch);
     ++chunks_built;
     if (!built.replaced.empty()) replacements = true;
     // A replacement for an unusable file isn't kept: the next start finds the file back, or warns again.
@@ -409,7 +431,11 @@ struct Terrain::Impl {
     // Loading has loops. Loops' bodies wait for blocks that others load, too, and keep their places in the arena: who
     // would begin to load and then wait for a place there could wait for those who wait for it.
     std::shared_ptr<const Block> block;
-    where_loops_run([&] { block = load_once(id, found, stop); });
+    const auto load = [&] { block = load_once(id, found, stop); };
+    if (waits_for_network(id))
+      on_own_threads(kConnections, load);
+    else
+      where_loops_run(load);
     return block;
   }
 
@@ -517,6 +543,7 @@ struct Terrain::Impl {
   }
 
   Catalogue catalogue;
+  bool any_on_network = false;
   TerrainOptions options;
   PostSource source;
   Blocks blocks;
@@ -533,7 +560,7 @@ struct Terrain::Impl {
   std::map<std::string, std::string> warnings;  // by file
   std::string cache_trouble;
   std::vector<BlockId> roots;
-  Chunk::Scratch scratch;  // of the builder's thread
+  Chunk::Scratch scratch;  // of the thread that builds what is on this machine
   ChunkWriter writer;
   BuildQueue builds;  // the last: its thread uses all of the above
 };
@@ -594,6 +621,8 @@ std::optional<HeightRange> Terrain::heights_without_building(const BlockId& id, 
   if (range && detailed_) detailed_->widen(id, *range);
   return range;
 }
+
+bool Terrain::waits_for_network(const BlockId& id) const { return impl_->waits_for_network(id); }
 
 std::shared_ptr<const Block> Terrain::block(const BlockId& id, const StopToken& stop) const {
   return detailed_ ? detailed_->block(id, stop) : impl_->block(id, stop);

@@ -109,6 +109,9 @@ class Terrain {
   // Where node() would have something built first: wider bounds of the heights of the block and all that is beneath, by
   // a look at the files alone. Nothing where node() needs no building, or where a look doesn't tell.
   std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const;
+  // Whether block() has posts to read from a network: not to be called within a loop then, or the loop's threads wait
+  // for the network, and with them all who share their arena (on_own_threads).
+  bool waits_for_network(const BlockId& id) const;
   // Null when the block has not one valid post.
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const;
 

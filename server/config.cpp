@@ -125,6 +125,7 @@ void add_options(CLI::App& command, TerrainSettings& s) {
           "--remote-prefix", s.remote_prefix,
           "DEMs on a network: names that begin so may be read, e.g. /vsicurl/https://example.org/dem/; without: "
           "files only")
+      ->each([&s](const std::string&) { s.memory.remote_tiles = true; })
       ->type_name("PREFIX")
       ->expected(1, 1 << 20);
   command

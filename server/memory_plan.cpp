@@ -62,10 +62,11 @@ std::size_t machine_memory_mb() {
 
 MemoryParts memory_parts(const MemorySettings& s, std::size_t machine_mb) {
   const std::size_t asked_mb = s.cache_mb.value_or(0) + s.scene_mb.value_or(0) + s.mesh_mb.value_or(0);
+  const std::size_t own_mb = kOwnMb + (s.remote_tiles ? kSecondBuildMb : 0);
   const std::size_t by_default_mb = std::min(
-      machine_mb / 4 * 3, std::max(kMostByDefaultMb, asked_mb > 0 ? asked_mb + kOwnMb + kEnoughForRequestsMb : 0));
-  MemoryParts parts{.total_mb = s.memory_mb > 0 ? s.memory_mb : by_default_mb};
-  const std::size_t rest_mb = less(parts.total_mb, kOwnMb);
+      machine_mb / 4 * 3, std::max(kMostByDefaultMb, asked_mb > 0 ? asked_mb + own_mb + kEnoughForRequestsMb : 0));
+  MemoryParts parts{.total_mb = s.memory_mb > 0 ? s.memory_mb : by_default_mb, .own_mb = own_mb};
+  const std::size_t rest_mb = less(parts.total_mb, own_mb);
   std::size_t left_mb = less(rest_mb - std::min(rest_mb / 2, kEnoughForRequestsMb), asked_mb);
   const auto share_out = [&](const std::optional<std::size_t>& asked, std::size_t most_mb, std::size_t here_mb) {
     if (asked) return *asked;
@@ -82,13 +83,13 @@ MemoryParts memory_parts(const MemorySettings& s, std::size_t machine_mb) {
 }
 
 MemoryPlan plan_memory(const MemoryParts& p) {
-  const std::size_t kept_mb = p.cache_mb + p.scene_mb + p.mesh_mb, least_mb = kept_mb + kOwnMb + kLeastForRequestsMb;
+  const std::size_t kept_mb = p.cache_mb + p.scene_mb + p.mesh_mb, least_mb = kept_mb + p.own_mb + kLeastForRequestsMb;
   if (p.total_mb < least_mb)
     throw std::runtime_error(
         fmt::format("--memory-mb {} is too little: --cache-mb {}, --scene-mb {} and --mesh-mb {} are parts of it, the "
                     "program takes {} and requests at least {}, {} together",
-                    p.total_mb, p.cache_mb, p.scene_mb, p.mesh_mb, kOwnMb, kLeastForRequestsMb, least_mb));
-  const std::size_t rest_mb = p.total_mb - kept_mb - kOwnMb, bodies_mb = rest_mb / kPartOfBodies;
+                    p.total_mb, p.cache_mb, p.scene_mb, p.mesh_mb, p.own_mb, kLeastForRequestsMb, least_mb));
+  const std::size_t rest_mb = p.total_mb - kept_mb - p.own_mb, bodies_mb = rest_mb / kPartOfBodies;
   return {p.total_mb << 20, (rest_mb - bodies_mb) << 20, bodies_mb << 20};
 }
 

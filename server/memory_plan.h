@@ -13,10 +13,12 @@ struct MemorySettings {
   std::optional<std::size_t> cache_mb{};  // terrain blocks and pyramids; nothing: what fits, as of the others
   std::optional<std::size_t> scene_mb{};  // acceleration structures: of one frame at most, and kept between frames
   std::optional<std::size_t> mesh_mb{};   // objects' meshes: to read one, and kept
+  bool remote_tiles = false;              // may be read: what is made of them has a builder of its own
 };
 
 struct MemoryParts {
   std::size_t total_mb = 0, cache_mb = 0, scene_mb = 0, mesh_mb = 0;
+  std::size_t own_mb = 0;  // nobody's part
 };
 
 struct MemoryPlan {
@@ -27,6 +29,8 @@ struct MemoryPlan {
 
 // The program itself, its threads' stacks, one pyramid that is being built, and maps.
 inline constexpr std::size_t kOwnMb = 512;
+// Another pyramid that is being built, of tiles on a network.
+inline constexpr std::size_t kSecondBuildMb = 160;
 // Requests get at least this much.
 inline constexpr std::size_t kLeastForRequestsMb = 64;
 // A part that no option names is at least this large.

@@ -91,15 +91,37 @@ std::size_t MeshBlock::bytes() const {
          mixed.size() * sizeof(std::uint64_t) + 4 * static_cast<std::size_t>(side) * sizeof(float);
 }
 
-Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before, const StopToken& stop) {
+namespace {
+
+// Null where there is nothing, as of Terrain::block().
+std::vector<std::shared_ptr<const dem::Block>> load(const dem::Terrain& terrain, const std::vector<BlockId>& ids,
+                                                    const Mesh* before, const StopToken& stop) {
   std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
+  std::vector<std::size_t> here, on_network;
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    if (const auto known = before ? before->share(ids[i]) : nullptr)
+      loaded[i] = known->posts;
+    else
+      (terrain.waits_for_network(ids[i]) ? on_network : here).push_back(i);
+  }
+  const auto load_all = [&](const std::vector<std::size_t>& places) {
+    in_parallel(places.size(), [&](std::size_t k) {
+      stop.check();
+      loaded[places[k]] = terrain.block(ids[places[k]], stop);
+    });
+  };
+  load_all(here);
+  on_own_threads(kConnections, [&] { load_all(on_network); });
+  return loaded;
+}
+
+}  // namespace
+
+Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before, const StopToken& stop) {
+  std::vector<std::shared_ptr<const dem::Block>> loaded;
   {
     const Waiting loading(stop.waits(), &Waits::load);
-    in_parallel(ids.size(), [&](std::size_t i) {
-      stop.check();
-      const auto known = before ? before->share(ids[i]) : nullptr;
-      loaded[i] = known ? known->posts : terrain.block(ids[i], stop);
-    });
+    loaded = load(terrain, ids, before, stop);
   }
   if (ids.size() > TriangleId::kMostBlocks)
     throw std::length_error(fmt::format("mesh: {} blocks are more than {}", ids.size(), TriangleId::kMostBlocks));

@@ -347,6 +347,76 @@ class RemoteTiles(AsksForHeights):
             self.assertAlmostEqual(json.loads(body)["height_m"], height_at(*place), delta=1.01)
 
 
+class ASlowServer(AsksForHeights):
+    """One that lets requests for its tile wait keeps nobody waiting who asks for something else."""
+
+    def setUp(self):
+        self.server = Tiles()
+        self.server.files["/dem/moon.tif"] = tiff()
+        self.url = self.server.prefix + "dem/moon.tif"
+        if not os.path.isdir(harness.path("local")):
+            harness.sample("local", "--south-deg", "0", "--west-deg", "90", "--rows", "1", "--columns", "1", "--ppd", "512")
+        self.cache = harness.path(f"cache-{self.id()}")
+        self.service = None
+
+    def tearDown(self):
+        self.server.over.set()
+        self.assertEqual(self.service.stop(), 0)
+        self.server.shutdown()
+        self.server.server_close()
+
+    def start(self, *more):
+        with unittest.mock.patch.dict(os.environ, {"GDAL_HTTP_TIMEOUT": "60", "GDAL_HTTP_LOW_SPEED_TIME": "60"}):
+            self.service = Service(options=["--port", "0", "--cache-dir", self.cache, *more, "--remote-prefix", self.server.prefix + "dem/",
+                                            "--dem", self.url, harness.path("local")])
+
+    def frame_over(self, lat_deg, lon_deg, height_m=20000.0, **accuracy):
+        pose = {"geodetic": {"lat_deg": lat_deg, "lon_deg": lon_deg, "height_m": height_m}, "nadir": {"up_azimuth_deg": 0.0}}
+        sun = {"local": {"lat_deg": lat_deg, "lon_deg": lon_deg, "azimuth_deg": 90.0, "elevation_deg": 15.0}}
+        return self.service.frame(harness.frame_request(pose=pose, sun=sun, accuracy=accuracy), "application/x-npy",
+                                  Request_Timeout_Ms="40000")
+
+    def check_others_while(self, ask, least_offset=0):
+        """ask() needs what lies behind an offset in the slow tile."""
+        answers = []
+        waiting = threading.Thread(target=lambda: answers.append(ask()))
+        self.server.go_wrong("delay", least_offset=least_offset)
+        waiting.start()
+        give_up = time.monotonic() + 20
+        while self.server.fault[1] == 10 ** 9 and time.monotonic() < give_up:
+            time.sleep(0.01)
+        self.assertLess(self.server.fault[1], 10 ** 9, "nobody waits")
+        time.sleep(0.5)  # until all that can wait for the server does
+        self.assertEqual([self.frame_over(0.5, 90.5)[0] for _ in range(2)], [200, 200])
+        self.assertEqual(self.service.ask("GET", "/v1/height?lat_deg=0.2&lon_deg=90.8")[0], 200)
+        for path in ("/health/ready", "/health/live", "/v1/datasets", "/metrics"):
+            self.assertEqual(self.service.ask("GET", path)[0], 200, path)
+        self.assertEqual(len(answers), 0, "they waited for the slow tile")
+        self.server.go_wrong(None)
+        self.server.over.set()
+        waiting.join()
+        self.assertEqual(answers[0][0], 200, answers[0][2][:300])
+
+    def test_pyramids_of_other_tiles_are_built(self):
+        self.start()
+        self.check_others_while(lambda: self.frame_over(0.5, 30.5))
+        self.check_heights()
+
+    def test_frames_of_other_tiles_have_threads(self):
+        def ask():
+            return self.frame_over(0.85, 30.5, 40000.0, max_error_px=0)
+
+        self.start()
+        first = ask()
+        self.assertEqual(first[0], 200)
+        self.assertEqual(self.service.stop(), 0)
+        self.start()  # the pyramid is there; the posts themselves come from the server
+        again = []
+        # The ground below the camera is there, what else it sees, by many blocks, isn't.
+        self.check_others_while(lambda: again.append(ask()) or again[0], least_offset=len(self.server.files["/dem/moon.tif"]) // 2)
+        self.assertTrue(again[0][2] == first[2])
+
+
 class TilesInABucket(AsksForHeights):
     """The same by GDAL's file system for S3, at an endpoint of this machine."""
 

@@ -71,6 +71,17 @@ TEST(MemoryPlan, WhatOptionsNameStaysAndTheRestFollows) {
   EXPECT_EQ(memory_parts({.memory_mb = 8192}, 1024).total_mb, 8192U);
 }
 
+TEST(MemoryPlan, TilesOnANetworkHaveABuilderOfTheirOwn) {
+  const MemorySettings settings{.memory_mb = 4096, .cache_mb = 1024, .scene_mb = 512, .mesh_mb = 256};
+  MemorySettings of_remote = settings;
+  of_remote.remote_tiles = true;
+  const MemoryPlan plan = plan_memory(memory_parts(settings, kMachineMb)),
+                   remote = plan_memory(memory_parts(of_remote, kMachineMb));
+  EXPECT_EQ(plan.total_bytes, remote.total_bytes);
+  EXPECT_EQ(plan.requests_bytes + plan.bodies_bytes,
+            remote.requests_bytes + remote.bodies_bytes + (kSecondBuildMb << 20));
+}
+
 TEST(MemoryPlan, ThisMachineHasMemory) {
   EXPECT_GT(machine_memory_mb(), 64U);
   EXPECT_LT(machine_memory_mb(), std::size_t{1} << 30);
