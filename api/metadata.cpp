@@ -44,7 +44,15 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
   const engine::ProductSet products = query.request.products;
   if (report.saturated_fraction > kMuch)
     warnings.push_back(fmt::format("{:.1f} % of the image is saturated: {}", 100 * report.saturated_fraction,
-                                   query.request.sensor ? "expose shorter" : "raise image.full_scale_radiance"));
+                                   !query.request.sensor    ? "raise image.full_scale_radiance"
+                                   : report.smear_fill >= 1 ? "smear alone fills pixels; shorten detector.smear_time_s"
+                                                            : "expose shorter"));
+  if (const auto& sensor = query.request.sensor;
+      sensor && sensor->exposure.target_fill > 0 && report.smear_fill >= sensor->exposure.target_fill)
+    warnings.push_back(
+        fmt::format("exposure.target_fill {:g} is out of reach: smear alone fills {:.3g} of a pixel; "
+                    "shorten detector.smear_time_s",
+                    sensor->exposure.target_fill, report.smear_fill));
   if (products & (engine::kImage | engine::kRadiance) && report.hit_fraction > 0 && !(report.brightest_w_m2_sr > 0))
     warnings.push_back("no signal: nothing in view is lit" + sun_there(report.view));
   if (report.motion_samples > 0 && report.longest_streak_px > 1.5 * report.motion_samples)

@@ -55,7 +55,9 @@ void add_frame_answers(OrderedJson& schemas) {
         {{"type", "object"},
          {"description",
           "of an image by a sensor: margin_px that was rendered around it (the shares of pixels below count "
-          "it), captured_fraction of a point's light within the kernel"}}},
+          "it), captured_fraction of a point's light within the kernel (\"airy\": 12 rings, 32 pixels at most; the "
+          "rest "
+          "is spread evenly over the kernel)"}}},
        {"motion",
         {{"type", "object"},
          {"description",

@@ -34,11 +34,10 @@ Eigen::Quaterniond resolve_quaternion(const Eigen::Quaterniond& client_camera_fr
 }
 
 // North is the Moon's axis. Where the boresight is along it but the target is not on the equator (straight down at a
-// pole, say), the target's own north still says which way is up; at a pole that is the direction of longitude 180
-// (north pole) or 0 (south pole), as local_axes has it.
-std::optional<Eigen::Quaterniond> camera_north_up(const Vec3& boresight, const Vec3& target_m) {
+// pole, say), the target's own north still says which way is up.
+std::optional<Eigen::Quaterniond> camera_north_up(const Vec3& boresight, const Vec3& target_north) {
   if (const auto q = camera_looking(boresight, Vec3::UnitZ())) return q;
-  return camera_looking(boresight, local_axes(target_m).north);
+  return camera_looking(boresight, target_north);
 }
 
 // "north", "zenith" or a direction.
@@ -208,7 +207,7 @@ std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& fo
       case ImageUp::Kind::north:
         break;
     }
-    return camera_north_up(*boresight, target_m);
+    return camera_north_up(*boresight, local_axes(form.lat_deg, form.lon_deg).north);
   }();
   if (attitude) return attitude;
   in.fail("up", form.up.kind == ImageUp::Kind::direction ? "is along the boresight"
@@ -218,17 +217,19 @@ std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& fo
   return std::nullopt;
 }
 
-// Local axes at a position, which must not be the Moon's centre.
-std::optional<EastNorthUp> axes_at(const JsonReader& in, const Vec3& position_m) {
+// Local axes at a position, which must not be the Moon's centre: along its meridian where that is given, which at a
+// pole position_m doesn't know.
+std::optional<EastNorthUp> axes_at(const JsonReader& in, const PositionForm& form, const Vec3& position_m) {
+  if (form.geodetic) return local_axes(form.geodetic->lat_deg, form.geodetic->lon_deg);
   if (position_m.norm() > 0) return local_axes(position_m);
   in.fail("has no direction from the Moon's centre");
   return std::nullopt;
 }
 
-std::optional<Eigen::Quaterniond> look_down(const JsonReader& in, const Nadir& form, const Vec3& position_m) {
-  const auto local = axes_at(in, position_m);
+std::optional<Eigen::Quaterniond> look_down(const JsonReader& in, const PoseForm& pose, const Vec3& position_m) {
+  const auto local = axes_at(in, pose, position_m);
   if (!local) return std::nullopt;
-  const double azimuth = form.up_azimuth_deg * kRadiansPerDegree;
+  const double azimuth = pose.nadir->up_azimuth_deg * kRadiansPerDegree;
   const Vec3 up = std::cos(azimuth) * local->north + std::sin(azimuth) * local->east;
   return camera_looking(-local->up, up).value_or(Eigen::Quaterniond::Identity());
 }
@@ -250,7 +251,7 @@ std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& f
   if (form.look_at) {
     attitude = look_at(in.at("look_at"), *form.look_at, *position_m);
   } else if (form.nadir) {
-    attitude = look_down(in.at("nadir"), *form.nadir, *position_m);
+    attitude = look_down(in.at("nadir"), form, *position_m);
   } else {
     attitude = resolve_quaternion(camera_from_frame(form), form.axes, *moon_me_from_frame);
   }
@@ -276,10 +277,10 @@ const Members<Upright>& upright_members() {
   return *table;
 }
 
-std::optional<Eigen::Quaterniond> stand(const JsonReader& in, const Upright& form, const Vec3& position_m) {
-  const auto local = axes_at(in, position_m);
+std::optional<Eigen::Quaterniond> stand(const JsonReader& in, const ObjectPoseForm& pose, const Vec3& position_m) {
+  const auto local = axes_at(in, pose, position_m);
   if (!local) return std::nullopt;
-  const double azimuth = form.azimuth_deg * kRadiansPerDegree;
+  const double azimuth = pose.upright->azimuth_deg * kRadiansPerDegree;
   Eigen::Matrix3d moon_from_object;
   moon_from_object.col(0) = std::cos(azimuth) * local->north + std::sin(azimuth) * local->east;
   moon_from_object.col(2) = local->up;
@@ -294,7 +295,7 @@ std::optional<ObjectPose> resolve_object_pose(const JsonReader& in, const Object
   const std::optional<Vec3> position_m = resolve_position(in, form, *moon_me_from_frame);
   if (!position_m) return std::nullopt;
   if (form.upright) {
-    const auto attitude = stand(in.at("upright"), *form.upright, *position_m);
+    const auto attitude = stand(in.at("upright"), form, *position_m);
     if (!attitude) return std::nullopt;
     return ObjectPose{*position_m, canonical(*attitude)};
   }

@@ -224,8 +224,9 @@ const Members<engine::Exposure>& exposure_members() {
   static const auto table = made<Members<engine::Exposure>>(
       "Exposure",
       "Chooses the integration time from the frame, as its middle moment sees it: all but the brightest thousandth of "
-      "the pixels stay within a share of what a pixel holds or its largest digital number stands for. The metadata say "
-      "which time it is.",
+      "the pixels stay within a share of what a pixel holds or its largest digital number stands for, with smear and "
+      "dark current, without noise and fixed pattern. The metadata say which time it is; a warning, where smear alone "
+      "is more.",
       [](auto& m) {
         m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}}, "that share").required();
         m.add("shortest_s", &engine::Exposure::shortest_s, Number{{0, 1e5, true, false}, "s"}, "at least");

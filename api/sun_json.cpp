@@ -36,7 +36,7 @@ std::optional<Sun> resolve_sun(const JsonReader& in, const SunForm& form, const 
   }
   if (form.subsolar) sun.direction = to_cartesian(*form.subsolar).normalized();
   if (const auto& l = form.local)
-    sun.direction = engine::sun_direction(to_cartesian({l->lat_deg, l->lon_deg, 0}), l->azimuth_deg, l->elevation_deg);
+    sun.direction = engine::sun_direction(local_axes(l->lat_deg, l->lon_deg), l->azimuth_deg, l->elevation_deg);
   if (form.utc) {
     try {
       const engine::SunPosition position = engine::sun_at(*form.utc);

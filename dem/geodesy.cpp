@@ -35,6 +35,15 @@ double wrap_lon_deg(double lon_deg) {
   return wrapped >= 180.0 ? -180.0 : wrapped;
 }
 
+EastNorthUp local_axes(double lat_deg, double lon_deg) {
+  double sin_lat, cos_lat, sin_lon, cos_lon;
+  GeographicLib::Math::sincosd(lat_deg, sin_lat, cos_lat);
+  GeographicLib::Math::sincosd(lon_deg, sin_lon, cos_lon);
+  return {{-sin_lon, cos_lon, 0},
+          {-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat},
+          {cos_lat * cos_lon, cos_lat * sin_lon, sin_lat}};
+}
+
 EastNorthUp local_axes(const Vec3& p_m) {
   const Vec3 up = p_m.normalized();
   const double ring = std::hypot(up.x(), up.y());

@@ -39,7 +39,9 @@ struct EastNorthUp {
   Vec3 east, north, up;
 };
 
-// Local axes at a direction from the Moon's centre. At a pole, where east is undefined, longitude 0 is taken.
+// Local axes at a place. At a pole they are those of the meridian `lon_deg`, as just beside the pole.
+EastNorthUp local_axes(double lat_deg, double lon_deg);
+// Local axes at a direction from the Moon's centre. At a pole, where that has no longitude, longitude 0 is taken.
 EastNorthUp local_axes(const Vec3& p_m);
 
 }  // namespace selenograph

@@ -8,21 +8,12 @@ namespace {
 
 Vec3 unit(double lat_deg, double lon_deg) { return to_cartesian({lat_deg, lon_deg, 0}) / kMoonRadius_m; }
 
-// Of the projection's origin, where x and y point. At the poles, which have no east: with the central meridian downward
-// in the north, upward in the south.
-EastNorthUp axes_of(const MapPlane& plane) {
-  if (plane.projection == MapProjection::orthographic) return local_axes(unit(plane.lat_deg, plane.lon_deg));
-  const Vec3 meridian = unit(0, plane.lon_deg), east = unit(0, plane.lon_deg + 90);
-  if (plane.lat_deg > 0) return {east, -meridian, Vec3::UnitZ()};
-  return {east, meridian, -Vec3::UnitZ()};
-}
-
 }  // namespace
 
 MapDirections::MapDirections(const MapPlane& plane)
     : plane_(plane),
       metres_per_degree_(kMetresPerDegree * std::cos(plane.standard_parallel_deg * kRadiansPerDegree)),
-      axes_(axes_of(plane)) {}
+      axes_(local_axes(plane.lat_deg, plane.lon_deg)) {}
 
 // Snyder (12-3), (12-4).
 std::optional<Vec3> MapDirections::from_equirectangular(const MapPoint& p) const {
@@ -70,7 +61,7 @@ std::optional<MapPoint> MapPlane::place(double at_lat_deg, double at_lon_deg) co
                       -sign * rho * std::cos(east_deg * kRadiansPerDegree)};
     }
     case MapProjection::orthographic: {  // Snyder (20-3), (20-4)
-      const EastNorthUp axes = axes_of(*this);
+      const EastNorthUp axes = local_axes(lat_deg, lon_deg);
       const Vec3 p = unit(at_lat_deg, at_lon_deg);
       if (p.dot(axes.up) < 0) return std::nullopt;
       return MapPoint{kMoonRadius_m * p.dot(axes.east), kMoonRadius_m * p.dot(axes.north)};

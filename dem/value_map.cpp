@@ -60,7 +60,7 @@ Probes probes_along(const std::array<double, 2>& side, int level) {
 class Touching {
  public:
   Touching(double lat_deg, double lon_deg, double texel_m)
-      : middle_(to_cartesian({lat_deg, lon_deg, 0})), axes_(local_axes(middle_)), texel_m_(texel_m) {}
+      : middle_(to_cartesian({lat_deg, lon_deg, 0})), axes_(local_axes(lat_deg, lon_deg)), texel_m_(texel_m) {}
   Geographic place(double x, double y) const {
     return to_geographic(middle_ + texel_m_ * (x * axes_.east - y * axes_.north));
   }

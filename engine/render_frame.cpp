@@ -171,6 +171,7 @@ void capture(Sensor& sensor, const FrameRequest& request, const Camera& camera, 
   sensor.image(camera, lens, std::move(radiance), frame.products.image, stop);
   frame.report.integration_time_s = sensor.integration_time_s();
   frame.report.saturated_fraction = sensor.saturated_fraction();
+  frame.report.smear_fill = sensor.smear_fill();
   crop(frame.products, request.camera, sensor.margin_px(), request.truth.has_value());
   frame.report.full_scale_radiance_w_m2_sr = sensor.full_scale_radiance_w_m2_sr();
   frame.report.margin_px = sensor.margin_px(), frame.report.captured_fraction = sensor.captured();

@@ -89,6 +89,7 @@ struct FrameReport {
   int motion_samples = 0;                        // moments of the exposure; 0 without motion
   double longest_streak_px = 0;                  // that a point on the ground or an object may draw meanwhile: about
   double saturated_fraction = 0;                 // of `image`: pixels that are full, or as bright as it goes
+  double smear_fill = 0;                         // of a sensor: what smear alone takes of what a pixel holds
   double brightest_w_m2_sr = 0;                  // of frames with radiance or image
   int margin_px = 0;             // rendered around the image for what spreads into it; shares of pixels count it
   double captured_fraction = 1;  // of a point's light, within the point spread's kernel

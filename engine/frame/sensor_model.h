@@ -65,7 +65,8 @@ struct Detector {
 };
 
 // Chooses the integration time from the frame: all but the brightest thousandth of the pixels stay within a share of
-// what a pixel holds, or of what the largest digital number stands for.
+// what a pixel holds, or of what the largest digital number stands for, with smear and dark current, without noise and
+// fixed pattern.
 struct Exposure {
   double target_fill = 0;  // 0: the integration time is given
   double shortest_s = 1e-6, longest_s = 10;

@@ -10,9 +10,8 @@ double sun_radius_deg(double distance_au) {
   return std::asin(std::min(1.0, kRadius_km / (distance_au * kAu_km))) * kDegreesPerRadian;
 }
 
-Vec3 sun_direction(const Vec3& place_m, double azimuth_deg, double elevation_deg) {
+Vec3 sun_direction(const EastNorthUp& local, double azimuth_deg, double elevation_deg) {
   const double azimuth = azimuth_deg * kRadiansPerDegree, elevation = elevation_deg * kRadiansPerDegree;
-  const EastNorthUp local = local_axes(place_m);
   const Vec3 horizontal = std::cos(azimuth) * local.north + std::sin(azimuth) * local.east;
   return (std::cos(elevation) * horizontal + std::sin(elevation) * local.up).normalized();
 }

@@ -17,8 +17,8 @@ struct Sun {
 // Of the Sun's disc at a distance. Its radius is 695 700 km: IAU 2015 resolution B3.
 double sun_radius_deg(double distance_au);
 
-// Unit vector toward a Sun that stands at a compass azimuth (clockwise from north) and an elevation over the local
-// horizontal of a place.
-Vec3 sun_direction(const Vec3& place_m, double azimuth_deg, double elevation_deg);
+// Unit vector toward a Sun that stands at a compass azimuth (clockwise from north) and an elevation over the horizontal
+// of local axes.
+Vec3 sun_direction(const EastNorthUp& local, double azimuth_deg, double elevation_deg);
 
 }  // namespace selenograph::engine

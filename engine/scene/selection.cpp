@@ -89,7 +89,7 @@ double shadow_gain(const NodeBounds& b, const Vec3& sun) {
 // slopes of up to 60 degrees.
 double subdivision_error_m(int level) { return 7 * dem::chord_sag_m(level); }
 
-// An aim of a hundred pixels and more is none.
+// An aim for detail of a hundred pixels and more is none.
 constexpr double kNoAim_px = 100;
 
 class ViewSelector {
@@ -125,6 +125,9 @@ class ViewSelector {
     note_replacements();
     return std::move(result_);
   }
+
+  // Whether the aim for shadows has made anything finer, as far as select() came: a larger one takes less terrain then.
+  bool refined_for_shadows() const { return refined_for_shadows_; }
 
  private:
   struct Seen {
@@ -359,6 +362,7 @@ class ViewSelector {
     return {displaced_px > accuracy_.max_shadow_error_px, displaced_px};
   }
   bool too_much(const Blur& blur) {
+    refined_for_shadows_ |= blur.too_much && accuracy_.max_error_px > 0;
     if (!blur.too_much) result_.shadow_error_px = std::max(result_.shadow_error_px, blur.displaced_px);
     return blur.too_much;
   }
@@ -585,6 +589,7 @@ class ViewSelector {
   std::unordered_map<BlockId, double, dem::BlockIdHash> in_view_;  // pixels per metre; parts of what was split, too
   std::vector<BlockId> out_of_view_, of_detail_in_view_;           // the latter are still to be looked at
   std::vector<const RootGroup*> groups_out_of_view_;
+  bool refined_for_shadows_ = false;
   Selection result_;
 };
 
@@ -667,22 +672,20 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
                            const std::vector<Ball>& receivers) {
   Accuracy asked = accuracy;
   asked.max_detail_error_px = asked.detail_aim_px();
-  const auto relax_shadows = [&] {
-    const bool gives_way = sun && asked.max_error_px > 0 && asked.max_shadow_error_px < kNoAim_px;
-    if (gives_way) asked.max_shadow_error_px = std::max(2 * asked.max_shadow_error_px, 1.0 / 16);
-    return gives_way;
-  };
+  const auto relax_shadows = [&] { asked.max_shadow_error_px = std::max(2 * asked.max_shadow_error_px, 1.0 / 16); };
   for (;;) {
+    ViewSelector selector(terrain, views, asked, room, stop, receivers);
     try {
-      Selection selection = ViewSelector(terrain, views, asked, room, stop, receivers).select(sun);
+      Selection selection = selector.select(sun);
       selection.shadow_limit_px = asked.max_shadow_error_px;
       if (terrain.detail()) selection.detail_limit_px = asked.max_detail_error_px;
       return selection;
     } catch (const TooMuchDetail&) {
-      asked.max_detail_error_px *= 2;
-      relax_shadows();
+      asked.max_detail_error_px = std::max(2 * asked.max_detail_error_px, 1.0 / 16);
+      if (sun && asked.max_shadow_error_px < kNoAim_px) relax_shadows();
     } catch (const TooMuchTerrain&) {
-      if (!relax_shadows()) throw;
+      if (!selector.refined_for_shadows()) throw;
+      relax_shadows();
     }
   }
 }

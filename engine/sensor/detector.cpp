@@ -1,8 +1,10 @@
 #include "engine/sensor/detector.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 
 #include "dem/parallel.h"
 #include "dem/vector_targets.h"
@@ -28,7 +30,7 @@ struct alignas(64) PixelLanes {
   float radiance[kDraw], smear[kDraw];                             // smear: electrons
   float response[kDraw], offset[kDraw], hot[kDraw], alive[kDraw];  // the detector's fixed pattern
   float mean[kDraw], counted[kDraw], fixed[kDraw], noise[kDraw];   // electrons; noise: standard normal
-  std::uint16_t numbers[kDraw];
+  std::uint16_t numbers[kDraw], saturated[kDraw];
 };
 
 }  // namespace selenograph::engine
@@ -56,6 +58,7 @@ void ReadLanes(const PixelModel& m, const float* electrons, PixelLanes& p) {
     const float dn = std::floor(read * m.per_electron + m.offset + 0.5F);
     const float low = dn > 0 ? dn : 0, clamped = low < m.top ? low : m.top;
     p.numbers[i] = static_cast<std::uint16_t>(static_cast<std::int32_t>(clamped));
+    p.saturated[i] = electrons[i] >= m.full_well || dn >= m.top ? 1 : 0;
   }
 }
 
@@ -84,17 +87,12 @@ std::uint32_t threshold(double fraction) {
   return static_cast<std::uint32_t>(std::min(std::llround(fraction * 0x1p32), 0xffffffffLL));
 }
 
-// What a row passes on its way out of the image: its column's light, all rows' alike.
-std::vector<float> smear_of(const Detector& d, double per_radiance, const std::vector<float>& radiance, int width,
-                            int height) {
-  std::vector<double> sums(static_cast<std::size_t>(width), 0);
-  for (std::size_t y = 0; y < static_cast<std::size_t>(height); ++y)
-    for (std::size_t x = 0; x < sums.size(); ++x) sums[x] += static_cast<double>(radiance[y * sums.size() + x]);
-  std::vector<float> smear;
-  smear.reserve(sums.size());
-  for (const double sum : sums)
-    smear.push_back(static_cast<float>(sum * per_radiance * d.smear_time_s / d.integration_time_s));
-  return smear;
+// Of the values that are not the brightest thousandth of them, the most.
+double most_of(std::vector<float> values) {
+  if (values.empty()) return 0;
+  const auto at = values.end() - 1 - static_cast<std::ptrdiff_t>(values.size() / 1000);
+  std::nth_element(values.begin(), at, values.end());
+  return static_cast<double>(*at);
 }
 
 class Chain {
@@ -114,15 +112,15 @@ class Chain {
               static_cast<float>(1 / d.gain_e_dn),
               static_cast<float>(d.offset_dn),
               static_cast<float>((1 << d.bit_depth) - 1)};
-    if (d.smear_time_s > 0) smear_ = smear_of(d, per_radiance, radiance, width, height);
+    smear_ = smear_e(d, per_radiance, radiance, width, height);
     dead_ = threshold(d.dead_fraction), dead_or_hot_ = threshold(d.dead_fraction + d.hot_fraction);
     has_pattern_ = d.prnu > 0 || d.dsnu_e > 0 || dead_or_hot_ > 0;
     has_noise_ = d.photon_noise || d.read_noise_e > 0;
     if (line && has_pattern_) draw_line();
   }
 
-  // Pixels from `first` on, kDraw of them or fewer.
-  void run(std::size_t first, std::size_t count, std::uint16_t* image) const {
+  // Pixels from `first` on, kDraw of them or fewer. Answers how many are saturated.
+  int run(std::size_t first, std::size_t count, std::uint16_t* image) const {
     PixelLanes p{};
     std::copy_n(&radiance_[first], count, p.radiance);
     if (!smear_.empty())
@@ -140,7 +138,9 @@ class Chain {
     if (sensor_.detector.read_noise_e > 0) normals(words.word[1], p.noise);
     HWY_DYNAMIC_DISPATCH(ReadLanes)(model_, sensor_.detector.photon_noise ? p.counted : p.mean, p);
     std::copy_n(p.numbers, count, image + first);
+    return std::accumulate(p.saturated, p.saturated + count, 0);
   }
+  double most_smear_e() const { return most_of(smear_); }
 
  private:
   // The fixed pattern of kDraw pixels of the detector.
@@ -197,18 +197,54 @@ double radiant_flux_w(double pixel_pitch_um, double f_number, double efficiency,
   return std::numbers::pi / 4 * p * p / (f_number * f_number) * efficiency * radiance_w_m2_sr;  // eq. (9)
 }
 
-void detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,
-            std::vector<std::uint16_t>& image, const StopToken& stop, bool line) {
+std::vector<float> smear_e(const Detector& d, double per_radiance, const std::vector<float>& radiance, int width,
+                           int height) {
+  if (!(d.smear_time_s > 0)) return {};
+  std::vector<double> sums(static_cast<std::size_t>(width), 0);
+  for (std::size_t y = 0; y < static_cast<std::size_t>(height); ++y)
+    for (std::size_t x = 0; x < sums.size(); ++x) sums[x] += static_cast<double>(radiance[y * sums.size() + x]);
+  std::vector<float> smear;
+  smear.reserve(sums.size());
+  for (const double sum : sums)
+    smear.push_back(static_cast<float>(sum * per_radiance * d.smear_time_s / d.integration_time_s));
+  return smear;
+}
+
+double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double target_e, std::vector<float> radiance,
+                      int width, int height) {
+  Detector d = sensor.detector;
+  d.integration_time_s = 1;
+  const double per_second = electrons_per_radiance(sensor.optics, d, wavelength_um);
+  const std::vector<float> smear = smear_e(d, per_second, radiance, width, height);
+  constexpr double kMost_s = 1e30, kLeast_e_s = 1e-30;  // not to divide by zero
+  std::vector<float>& times_s = radiance;
+  for (std::size_t i = 0; i < times_s.size(); ++i) {
+    const double left_e = target_e - (smear.empty() ? 0 : static_cast<double>(smear[i % smear.size()])),
+                 rate_e_s = static_cast<double>(radiance[i]) * per_second + d.dark_current_e_s;
+    times_s[i] = static_cast<float>(std::clamp(left_e / std::max(rate_e_s, kLeast_e_s), -kMost_s, kMost_s));
+  }
+  const auto at = times_s.begin() + static_cast<std::ptrdiff_t>(times_s.size() / 1000);
+  std::nth_element(times_s.begin(), at, times_s.end());
+  return static_cast<double>(*at);
+}
+
+ReadOut detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width,
+               int height, std::vector<std::uint16_t>& image, const StopToken& stop, bool line) {
   const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   image.resize(pixels);
   const Chain chain(sensor, wavelength_um, radiance, width, height, line);
   constexpr std::size_t kLanes = kDraw;
+  std::atomic<std::size_t> saturated{0};
   in_parallel_pieces((pixels + kLanes - 1) / kLanes, 64, [&](std::size_t first, std::size_t past_last) {
+    std::size_t here = 0;
     for (std::size_t k = first; k < past_last; ++k) {
       if (k % 64 == 0) stop.check();
-      chain.run(k * kLanes, std::min(kLanes, pixels - k * kLanes), image.data());
+      here += static_cast<std::size_t>(chain.run(k * kLanes, std::min(kLanes, pixels - k * kLanes), image.data()));
     }
+    saturated += here;
   });
+  const double share = pixels == 0 ? 0 : static_cast<double>(saturated) / static_cast<double>(pixels);
+  return {share, chain.most_smear_e()};
 }
 
 }  // namespace selenograph::engine

@@ -27,12 +27,29 @@ inline double signal_to_noise(double flux_w, double noise_equivalent_power_w) {
 // Electrons at which a pixel is full, or its digital number the largest.
 double saturation_e(const Detector& detector);
 
+// Electrons that smear adds to each pixel of a column, all rows' alike: what they pass on their way out of the image.
+// It doesn't depend on the integration time, which `per_radiance` (electrons_per_radiance) is of. Empty without smear.
+// `radiance`: after the optics, as below.
+std::vector<float> smear_e(const Detector& detector, double per_radiance, const std::vector<float>& radiance, int width,
+                           int height);
+
+// The integration time after which all but the brightest thousandth of the pixels hold `target_e` electrons or fewer,
+// s, without noise and fixed pattern: light, smear and dark current. Negative where smear alone is more, 1e30 at most,
+// where nothing fills them.
+double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double target_e, std::vector<float> radiance,
+                      int width, int height);
+
+struct ReadOut {
+  double saturated_fraction = 0;  // of the pixels: full, or their digital number the largest
+  double smear_e = 0;             // in all but the brightest thousandth of the columns, at most
+};
+
 // Digital numbers of a frame of width x height; `radiance`: after the optics. Parallel; the same numbers give the same
 // image however many threads there are. Throws Cancelled when `stop` says so.
 //   electrons = min(full well, Poisson(signal (1 + PRNU) + smear + dark)) + DSNU + read noise
 //   DN = clamp(round(electrons / gain + offset))
 // `line`: the rows are one line of pixels at different times, and their fixed pattern is one row's.
-void detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,
-            std::vector<std::uint16_t>& image, const StopToken& stop = {}, bool line = false);
+ReadOut detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width,
+               int height, std::vector<std::uint16_t>& image, const StopToken& stop = {}, bool line = false);
 
 }  // namespace selenograph::engine

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
+#include <utility>
 
 #include "dem/parallel.h"
 #include "dem/vector_targets.h"
@@ -40,7 +42,7 @@ constexpr std::size_t kRows = 16;  // of a parallel piece
 
 // An Airy disc whose unit is below this has all of its rings' structure well within a pixel. Its neighbours get what
 // the mean of the far rings is: 1e-6 of the light from what the rings themselves would give
-// (tests/unit/optics_test.cpp), in no time, while the midpoints that see every ring would be many millions.
+// (tests/unit/optics_test.cpp), in no time, while integration over every ring takes ever more points.
 constexpr double kFarAiry_px = 0.005;
 
 // Of a point so far beside its pixel's center.
@@ -61,7 +63,48 @@ double airy(double v) {
   return bessel * bessel / (4 * std::numbers::pi);
 }
 
+// Gauss-Legendre quadrature over a pixel, from -1/2 to 1/2: Newton's iteration from Tricomi's estimate of the roots.
+struct PixelQuadrature {
+  std::vector<double> places, weights;
+  explicit PixelQuadrature(int points) {
+    for (int i = 0; i < points; ++i) {
+      double x = std::cos(std::numbers::pi * (i + 0.75) / (points + 0.5)), slope = 1;
+      for (int step = 0; step < 5; ++step) {
+        double before = 1, at = x;
+        for (int n = 2; n <= points; ++n) before = std::exchange(at, ((2 * n - 1) * x * at - (n - 1) * before) / n);
+        slope = points * (x * at - before) / (x * x - 1);
+        x -= at / slope;
+      }
+      places.push_back(x / 2), weights.push_back(1 / ((1 - x * x) * slope * slope));
+    }
+  }
+};
+
 }  // namespace
+
+// airy() in between steps of 1/16, by the cubic through four of them: within 1e-6 of the middle's.
+class AiryTable {
+ public:
+  AiryTable(double last_v, const StopToken& stop) {
+    for (std::size_t i = 0; i < static_cast<std::size_t>(last_v / kStep) + 4; ++i) {
+      stop.check();
+      values_.push_back(airy(static_cast<double>(i) * kStep));
+    }
+  }
+  double operator()(double v) const {
+    const double at = v / kStep;
+    // The disc is even: before the first value lies the second one.
+    const auto i = static_cast<std::size_t>(at);
+    const double t = at - static_cast<double>(i), before = values_[i > 0 ? i - 1 : 1], here = values_[i],
+                 after = values_[i + 1];
+    const double bend = after - 2 * here + before, third = values_[i + 2] - 3 * after + 3 * here - before;
+    return here + t / 2 * (after - before + t * bend + (t * t - 1) / 3 * third);
+  }
+
+ private:
+  static constexpr double kStep = 0.0625;
+  std::vector<double> values_;
+};
 
 SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um,
                            const StopToken& stop) {
@@ -75,7 +118,14 @@ SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pi
       return;
     case PointSpread::Model::airy: {
       const double unit_px = unit_px_ = wavelength_um * f_number / std::numbers::pi / pixel_pitch_um;
-      unit_px < kFarAiry_px ? spread_far_airy(unit_px) : spread_airy(unit_px, stop);
+      if (unit_px < kFarAiry_px) {
+        spread_far_airy(unit_px);
+        return;
+      }
+      // Rings are a lambda N wide: 12 of them hold 98.4 % of the light, as far as that fits.
+      radius_ = std::clamp(static_cast<int>(std::ceil(12 * std::numbers::pi * unit_px)), 1, kMaxRadius);
+      airy_ = std::make_shared<const AiryTable>(std::numbers::sqrt2 * (radius_ + 1) / unit_px, stop);
+      spread_airy(0, 0, stop);
       return;
     }
     case PointSpread::Model::kernel: {
@@ -88,81 +138,32 @@ SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pi
   }
 }
 
-void SpreadKernel::spread_airy(double unit_px, const StopToken& stop) {
-  // Rings are a lambda N wide: 12 of them hold 98.3 % of the light, as far as that fits.
-  radius_ = std::clamp(static_cast<int>(std::ceil(12 * std::numbers::pi * unit_px)), 1, kMaxRadius);
-  // Midpoints, several to a ring and to a pixel.
-  const int fine = std::max(5, static_cast<int>(std::ceil(4 / unit_px / std::numbers::pi)) | 1);
+void SpreadKernel::spread_airy(double dx, double dy, const StopToken& stop) {
+  // J1^2 goes as cos(2 v): over a pixel that takes half a point per unit, and some more for all digits.
+  const PixelQuadrature over(4 + static_cast<int>(std::ceil(0.55 / unit_px_)));
+  const std::size_t points = over.places.size();
   const int side = 2 * radius_ + 1;
-  std::vector<double> weights(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
-  // An eighth of it says the rest.
-  for (int y = 0; y <= radius_; ++y)
-    for (int x = y; x <= radius_; ++x) {
-      double sum = 0;
-      for (int j = 0; j < fine; ++j) {
-        stop.check();
-        for (int i = 0; i < fine; ++i)
-          sum += airy(std::hypot(x + (i + 0.5) / fine - 0.5, y + (j + 0.5) / fine - 0.5) / unit_px);
-      }
-      for (const int a : {-x, x})
-        for (const int b : {-y, y})
-          weights[static_cast<std::size_t>((b + radius_) * side + a + radius_)] =
-              weights[static_cast<std::size_t>((a + radius_) * side + b + radius_)] =
-                  sum / (fine * fine * unit_px * unit_px);
-    }
-  captured_ = 0;
-  for (const double w : weights) captured_ += w;
-  kernel_.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
-  std::transform(weights.begin(), weights.end(), kernel_.begin(),
-                 [this](double w) { return static_cast<float>(w / captured_); });
-}
-
-namespace {
-
-// airy() between small steps, which is as good as the midpoints are.
-class AiryTable {
- public:
-  explicit AiryTable(double last_v, const StopToken& stop) {
-    values_.resize(static_cast<std::size_t>(last_v / kStep) + 3);
-    for (std::size_t i = 0; i < values_.size(); ++i) {
-      stop.check();
-      values_[i] = airy(static_cast<double>(i) * kStep);
-    }
-  }
-  double operator()(double v) const {
-    const double at = v / kStep;
-    const auto i = std::min(static_cast<std::size_t>(at), values_.size() - 2);
-    return values_[i] + (at - static_cast<double>(i)) * (values_[i + 1] - values_[i]);
-  }
-
- private:
-  static constexpr double kStep = 0.0625;
-  std::vector<double> values_;
-};
-
-}  // namespace
-
-void SpreadKernel::spread_shifted_airy(double dx, double dy, const StopToken& stop) {
-  const int fine = std::max(9, static_cast<int>(std::ceil(8 / unit_px_ / std::numbers::pi)) | 1),
-            side = 2 * radius_ + 1;
-  const AiryTable table(std::numbers::sqrt2 * (radius_ + 1.5) / unit_px_, stop);
-  std::vector<double> weights;
-  captured_ = 0;
-  for (int y = -radius_; y <= radius_; ++y)
+  std::vector<double> shares;
+  for (int y = -radius_; y <= radius_; ++y) {
+    stop.check();
     for (int x = -radius_; x <= radius_; ++x) {
-      stop.check();
-      double sum = 0;
-      for (int j = 0; j < fine; ++j)
-        for (int i = 0; i < fine; ++i) {
-          const double across = x - dx + (i + 0.5) / fine - 0.5, down = y - dy + (j + 0.5) / fine - 0.5;
-          sum += table(std::sqrt(across * across + down * down) / unit_px_);
+      double share = 0;
+      for (std::size_t j = 0; j < points; ++j) {
+        const double down = y - dy + over.places[j];
+        double row = 0;
+        for (std::size_t i = 0; i < points; ++i) {
+          const double across = x - dx + over.places[i];
+          row += over.weights[i] * (*airy_)(std::sqrt(across * across + down * down) / unit_px_);
         }
-      weights.push_back(sum / (fine * fine * unit_px_ * unit_px_));
-      captured_ += weights.back();
+        share += over.weights[j] * row;
+      }
+      shares.push_back(share / (unit_px_ * unit_px_));
     }
-  kernel_.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
-  std::transform(weights.begin(), weights.end(), kernel_.begin(),
-                 [this](double w) { return static_cast<float>(w / captured_); });
+  }
+  captured_ = std::accumulate(shares.begin(), shares.end(), 0.0);
+  const double left = (1 - captured_) / (side * side);
+  kernel_.clear();
+  for (const double share : shares) kernel_.push_back(static_cast<float>(share + left));
 }
 
 SpreadKernel SpreadKernel::shifted(const PointSpread& spread, double dx, double dy, const StopToken& stop) const {
@@ -177,7 +178,7 @@ SpreadKernel SpreadKernel::shifted(const PointSpread& spread, double dx, double 
       break;
     }
     case PointSpread::Model::airy:  // of the finest ones nearly all stays in the point's own pixel
-      if (unit_px_ >= kFarAiry_px) out.spread_shifted_airy(dx, dy, stop);
+      if (airy_) out.spread_airy(dx, dy, stop);
       break;
     case PointSpread::Model::kernel: {
       // Between the kernels of this pixel and of the one beside it; normalised anew: some may leave the square.
@@ -210,8 +211,8 @@ void SpreadKernel::spread_far_airy(double unit_px) {
   const double side = scale * 2 * (near - mixed), corner = scale * (2 * mixed - near - far);
   // All directions' integral of 1 / r^3 from the border of a square of half a width h on is 8 / (sqrt(2) h).
   captured_ = 1 - scale * 8 / (std::numbers::sqrt2 * 1.5);
-  const auto share = [this](double w) { return static_cast<float>(w / captured_); };
-  const float s = share(side), c = share(corner), middle = share(captured_ - 4 * (side + corner));
+  const auto weight_of = [this](double share) { return static_cast<float>(share + (1 - captured_) / 9); };
+  const float s = weight_of(side), c = weight_of(corner), middle = weight_of(captured_ - 4 * (side + corner));
   radius_ = 1;
   kernel_ = {c, s, c, s, middle, s, c, s, c};
 }

@@ -1,6 +1,7 @@
 // What optics do to radiance before the detector sees it: point spread and vignetting.
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "dem/stop_token.h"
@@ -10,6 +11,8 @@
 
 namespace selenograph::engine {
 
+class AiryTable;
+
 // A normalised kernel of (2 radius + 1)^2 weights, or, where it is a product, of one row and one column of them.
 class SpreadKernel {
  public:
@@ -18,9 +21,11 @@ class SpreadKernel {
   // that lost more would not be one of this camera; of wider discs nothing is promised.
   static constexpr double kMaxAiry_px = 26;
 
-  // For a wavelength and a detector's pitch. Cut off where the rest is below 1e-5 (Gaussian) or the radius reaches
-  // kMaxRadius (Airy, whose wings fall with the distance only): `captured` says what share is within. Takes a second
-  // at most. Throws Cancelled when `stop` says so, as the functions below do.
+  // For a wavelength and a detector's pitch. Integrated over pixels within 1e-5 of the light. Cut off where the rest is
+  // below 1e-5 (Gaussian, normalised again), or after 12 rings or at kMaxRadius (Airy, whose wings fall with the
+  // distance only): `captured` is the share of the light within. An Airy disc's rest, 1.6 % or so, is spread evenly
+  // over the kernel: even light stays as bright, and the weights are the disc's own but for that. Takes milliseconds.
+  // Throws Cancelled when `stop` says so, as the functions below do.
   SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um,
                const StopToken& stop = {});
   // Of points (dx, dy) beside their pixel's center, half a pixel at most: those of a sub-pixel sample. A measured
@@ -39,13 +44,13 @@ class SpreadKernel {
 
  private:
   SpreadKernel() = default;
-  void spread_airy(double unit_px, const StopToken& stop);
-  void spread_shifted_airy(double dx, double dy, const StopToken& stop);
+  void spread_airy(double dx, double dy, const StopToken& stop);
   void spread_far_airy(double unit_px);
 
   int radius_ = 0;
   double captured_ = 1;
-  double unit_px_ = 0;               // of an Airy disc: lambda N / (pi pitch)
+  double unit_px_ = 0;  // of an Airy disc: lambda N / (pi pitch)
+  std::shared_ptr<const AiryTable> airy_;
   std::vector<float> row_, column_;  // separable: 2 radius + 1 each
   std::vector<float> kernel_;        // else
 };

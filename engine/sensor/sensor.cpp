@@ -5,7 +5,6 @@
 #include <numbers>
 
 #include "engine/radiometry/spectrum.h"
-#include "engine/sensor/detector.h"
 
 namespace selenograph::engine {
 
@@ -81,14 +80,9 @@ void Sensor::choose_integration_time(const Camera& camera, const PixelRays& rays
   const Exposure& exposure = model_.exposure;
   if (!(exposure.target_fill > 0) || radiance.empty()) return;
   pass_optics(camera, rays, radiance, stop);
-  const std::size_t brightest = radiance.size() - 1 - radiance.size() / 1000;
-  std::nth_element(radiance.begin(), radiance.begin() + static_cast<std::ptrdiff_t>(brightest), radiance.end());
   Detector& d = model_.detector;
-  d.integration_time_s = 1;
-  const double per_second =
-      static_cast<double>(radiance[brightest]) * electrons_per_radiance(model_.optics, d, wavelength_um_) +
-      d.dark_current_e_s;
-  const double wanted_s = exposure.target_fill * saturation_e(d) / per_second;  // infinite in the dark
+  const double wanted_s = time_to_fill_s(model_, wavelength_um_, exposure.target_fill * saturation_e(d),
+                                         std::move(radiance), request_.camera.width, request_.camera.height);
   d.integration_time_s = std::clamp(wanted_s, exposure.shortest_s, exposure.longest_s);
 }
 
@@ -98,12 +92,8 @@ void Sensor::image(const Camera& camera, const PixelRays& rays, std::vector<floa
     pass_optics(camera, rays, radiance, stop);
   else
     radiance = std::move(samples_), samples_.clear();
-  const Detector& d = model_.detector;
-  const double full = (saturation_e(d) - d.dark_current_e_s * d.integration_time_s) /
-                      electrons_per_radiance(model_.optics, d, wavelength_um_);
-  saturated_ = share_above(radiance, full);
-  detect(model_, wavelength_um_, radiance, request_.camera.width, request_.camera.height, image, stop,
-         request_.shutter && request_.shutter->pushbroom);
+  read_out_ = detect(model_, wavelength_um_, radiance, request_.camera.width, request_.camera.height, image, stop,
+                     request_.shutter && request_.shutter->pushbroom);
 }
 
 Camera with_margin(Camera camera, int margin_px) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "engine/frame/request.h"
+#include "engine/sensor/detector.h"
 #include "engine/sensor/optics.h"
 #include "engine/visibility/frame_job.h"
 
@@ -36,8 +37,10 @@ class Sensor {
   void choose_integration_time(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
                                const StopToken& stop = {});
   double integration_time_s() const { return model_.detector.integration_time_s; }
-  // Of the pixels of the last image, margin included.
-  double saturated_fraction() const { return saturated_; }
+  // Of the pixels of the last image.
+  double saturated_fraction() const { return read_out_.saturated_fraction; }
+  // Smear alone, as a share of what a pixel holds, in all but the brightest thousandth of its columns, at most.
+  double smear_fill() const { return read_out_.smear_e / saturation_e(model_.detector); }
 
   int margin_px() const { return kernel_.radius(); }
   double captured() const { return kernel_.captured(); }
@@ -64,7 +67,7 @@ class Sensor {
   SpreadKernel kernel_;
   std::map<std::pair<double, double>, SpreadKernel> shifted_;  // by their samples' offsets
   std::vector<float> samples_;                                 // their sum so far; empty: none was added
-  double saturated_ = 0;
+  ReadOut read_out_;
 };
 
 // The camera with so many pixels more on each side.

@@ -28,7 +28,7 @@ struct Seat {
     FrameRequest request;
     request.camera = square_camera(side_px);
     request.pose = tilted_pose(to_cartesian({place.lat_deg, place.lon_deg, ground + height_m}), tilt_deg);
-    request.sun.direction = sun_direction(request.pose.position_m, sun_azimuth_deg, sun_elevation_deg);
+    request.sun.direction = sun_direction(local_axes(request.pose.position_m), sun_azimuth_deg, sun_elevation_deg);
     return request;
   }
 };

@@ -25,7 +25,7 @@ class EdgeSamplesTest : public SampleScenery {
   static engine::FrameRequest request(double tilt_deg, double disc_deg, const engine::Distortion& lens) {
     const Vec3 from = to_cartesian({-10, 44, 20000});
     engine::FrameRequest request =
-        square_view(engine::tilted_pose(from, tilt_deg), kSide, 50, engine::sun_direction(from, 100, 12));
+        square_view(engine::tilted_pose(from, tilt_deg), kSide, 50, engine::sun_direction(local_axes(from), 100, 12));
     request.camera.distortion = lens;
     request.sun.angular_radius_deg = disc_deg;
     request.accuracy.max_error_px = 0.5;

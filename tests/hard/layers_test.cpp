@@ -60,7 +60,7 @@ Seen looked_at(const Site& site, double azimuth_deg) {
   constexpr int kRays = 600;
   constexpr double kStep_deg = 0.0011;
   const Vec3 middle = to_cartesian({kLat, kLon, 0});
-  const Sun sun{engine::sun_direction(middle, azimuth_deg, kSunElevation_deg), 1, 0, 0};
+  const Sun sun{engine::sun_direction(local_axes(middle), azimuth_deg, kSunElevation_deg), 1, 0, 0};
   Seen seen;
   for (const auto& [dlat, dlon] : {std::pair{1.0, 0.0}, {-1.0, 0.0}, {0.0, 1.0}, {0.0, -1.0}})
     for (const double aside : {-0.3, -0.02, 0.21}) {

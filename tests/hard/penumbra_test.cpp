@@ -204,7 +204,7 @@ void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views) {
     for (const Seen& seen : views) {
       const Vec3 from = to_cartesian({seen.lat_deg, seen.lon_deg, seen.height_m});
       engine::FrameRequest request = square_view(engine::tilted_pose(from, seen.tilt_deg), kSide, seen.fov_deg,
-                                                 engine::sun_direction(from, 115, elevation));
+                                                 engine::sun_direction(local_axes(from), 115, elevation));
       request.sun.angular_radius_deg = 0.2666;
       request.products = engine::kPosition | engine::kLit;
       request.visibility = engine::Visibility::zbuffer;

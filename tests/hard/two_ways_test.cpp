@@ -91,7 +91,7 @@ TEST_F(TwoWays, TheJudgeSidesWithTheZBufferAtLeastAsOften) {
   for (const double elevation : {3.0, 15.0, 45.0})
     for (const double tilt : {0.0, 60.0}) {
       engine::FrameRequest request = square_view(engine::tilted_pose(from, tilt), kSide, tilt > 0 ? 25 : 50,
-                                                 engine::sun_direction(from, 115, elevation));
+                                                 engine::sun_direction(local_axes(from), 115, elevation));
       all.add(compare(fmt::format("tilt {} deg, Sun {} deg", tilt, elevation), request));
     }
   EXPECT_LE(all.zbuffer_wrong, all.rays_wrong);
@@ -101,7 +101,7 @@ TEST_F(TwoWays, TheJudgeSidesWithTheZBufferAtLeastAsOften) {
 // However many the z-buffer draws at once: of 9 one after the other, of 4 all, of 16 four; through a lens, too.
 TEST_F(TwoWays, SubPixelSamplesAreTheSameMean) {
   const Vec3 from = to_cartesian({-10, 44, 20000});
-  engine::FrameRequest request = nadir_view({-10, 44, 20000}, 96, 20, engine::sun_direction(from, 100, 12));
+  engine::FrameRequest request = nadir_view({-10, 44, 20000}, 96, 20, engine::sun_direction(local_axes(from), 100, 12));
   for (const engine::Distortion& lens : {engine::Distortion{}, engine::Distortion{-0.3, 0.1, -0.01, 0, 0}})
     for (const int samples : {4, 9, 16}) {
       request.camera.distortion = lens;
@@ -147,7 +147,7 @@ TEST_F(TwoWays, AgreeOnNormalsWhereTheTerrainEndsAtTheLimb) {
     const Geographic place = to_geographic(seen);
     const Vec3 from = to_cartesian({place.lat_deg, place.lon_deg - aside_deg, 2e7});
     engine::FrameRequest request = square_view(looking(from, seen - from, local_axes(from).north), kSide, 0.15,
-                                               engine::sun_direction(seen, 100, 12));
+                                               engine::sun_direction(local_axes(seen), 100, 12));
     request.products = engine::kDepth | engine::kNormal;
     request.visibility = engine::Visibility::raytrace;
     const engine::FrameProducts rays = scenery().renderer->render(request).products;
@@ -171,8 +171,8 @@ TEST_F(TwoWays, AgreeOnNormalsWhereTheTerrainEndsAtTheLimb) {
 TEST_F(TwoWays, AgreeThroughLenses) {
   const Vec3 from = to_cartesian({-10, 44, 20000});
   const auto through = [&](const char* name, double fov_deg, double tilt_deg, const engine::Distortion& lens) {
-    engine::FrameRequest request =
-        square_view(engine::tilted_pose(from, tilt_deg), kSide, fov_deg, engine::sun_direction(from, 115, 15));
+    engine::FrameRequest request = square_view(engine::tilted_pose(from, tilt_deg), kSide, fov_deg,
+                                               engine::sun_direction(local_axes(from), 115, 15));
     request.camera.distortion = lens;
     request.accuracy.max_error_px = 1;
     return compare(name, request);
@@ -193,7 +193,7 @@ TEST_F(TwoWays, AgreeOnThePenumbra) {
   for (const double elevation : {2.0, 15.0})
     for (const double tilt : {0.0, 60.0}) {
       engine::FrameRequest request = square_view(engine::tilted_pose(from, tilt), kSide, tilt > 0 ? 25 : 50,
-                                                 engine::sun_direction(from, 115, elevation));
+                                                 engine::sun_direction(local_axes(from), 115, elevation));
       request.sun.angular_radius_deg = 0.2666;
       request.products = engine::kRadiance | engine::kLit;
       request.visibility = engine::Visibility::raytrace;
@@ -233,14 +233,14 @@ TEST_F(TwoWays, EveryWidthOfVectorsGivesTheSameBytes) {
   const Vec3 from = to_cartesian({-10, 44, 20000});
   std::vector<engine::FrameRequest> requests;
   for (const double tilt : {0.0, 60.0})
-    requests.push_back(
-        square_view(engine::tilted_pose(from, tilt), 192, tilt > 0 ? 25 : 50, engine::sun_direction(from, 115, 8)));
+    requests.push_back(square_view(engine::tilted_pose(from, tilt), 192, tilt > 0 ? 25 : 50,
+                                   engine::sun_direction(local_axes(from), 115, 8)));
   requests.push_back(requests[1]);
   requests.back().camera.distortion = {-0.3, 0.1, -0.01, 0, 0};
   // Two metres above the ground, where triangles are clipped.
   const double ground_m = scenery().terrain->height(-10, 44).height_m;
   requests.push_back(square_view(engine::tilted_pose(to_cartesian({-10, 44, ground_m + 2}), 80), 192, 60,
-                                 engine::sun_direction(from, 115, 8)));
+                                 engine::sun_direction(local_axes(from), 115, 8)));
   const engine::ProductSet every_product = 2 * engine::kDetail - 1;
   std::vector<engine::FrameProducts> seen;
   for (engine::FrameRequest& r : requests) {
@@ -286,7 +286,7 @@ TEST_F(TwoWays, EveryWidthOfVectorsGivesTheSameBytes) {
 // The same bytes whatever the threads.
 TEST_F(TwoWays, TheZBufferIsDeterministic) {
   engine::FrameRequest request =
-      nadir_view({-10, 44, 20000}, 200, 40, engine::sun_direction(to_cartesian({-10, 44, 0}), 100, 8));
+      nadir_view({-10, 44, 20000}, 200, 40, engine::sun_direction(local_axes(-10, 44), 100, 8));
   request.visibility = engine::Visibility::zbuffer;
   const engine::Frame first = scenery().renderer->render(request);
   const engine::Renderer alone(scenery().terrain, {1, std::size_t{256} << 20});

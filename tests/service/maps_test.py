@@ -43,6 +43,13 @@ PLACES = {
                                 "width_m": 6000.0, "height_m": 5000.0},
     "orthographic, pole": {"projection": "orthographic", "gsd_m": 100.0, "center": {"lat_deg": -90.0, "lon_deg": 0.0},
                            "width_m": 6000.0, "height_m": 5000.0},
+    "orthographic, pole, along 20 degrees": {"projection": "orthographic", "gsd_m": 100.0, "center": {"lat_deg": 90.0, "lon_deg": 20.0},
+                                             "width_m": 6000.0, "height_m": 5000.0},
+    "orthographic, south pole, along 200 degrees": {"projection": "orthographic", "gsd_m": 100.0,
+                                                    "center": {"lat_deg": -90.0, "lon_deg": 200.0},
+                                                    "width_m": 6000.0, "height_m": 5000.0},
+    "orthographic, beside the pole": {"projection": "orthographic", "gsd_m": 100.0, "center": {"lat_deg": 89.9999, "lon_deg": 20.0},
+                                      "width_m": 6000.0, "height_m": 5000.0},
 }
 
 

@@ -114,25 +114,56 @@ class SensorTest(unittest.TestCase):
         self.assertEqual(status, 422)
         self.assertEqual(json.loads(body)["errors"][0]["pointer"], "/sensor/detector/quantum_efficiency")
 
+    def auto_exposed(self, fill, **detector):
+        document = copy.deepcopy(SENSOR)
+        del document["detector"]["integration_time_s"]
+        document["detector"].update(detector)
+        document["exposure"] = {"target_fill": fill}
+        status, _, body = self.service.frame(frame_request(("image",), band=BAND, sensor=document), "application/x-npz")
+        self.assertEqual(status, 200, body[:500])
+        arrays = np.load(io.BytesIO(body))
+        return arrays["image"], json.loads(bytes(arrays["meta.json"]))
+
+    def fill_of(self, image, full):
+        """What all but the brightest thousandth of the pixels stay within."""
+        return (np.sort(image, axis=None)[-1 - image.size // 1000] - 60) / full
+
     def test_the_frame_chooses_its_integration_time(self):
-        def chosen(fill, **detector):
-            document = copy.deepcopy(SENSOR)
-            del document["detector"]["integration_time_s"]
-            document["detector"].update(detector)
-            document["exposure"] = {"target_fill": fill}
-            status, _, body = self.service.frame(frame_request(("image",), band=BAND, sensor=document), "application/x-npz")
-            self.assertEqual(status, 200, body[:500])
-            arrays = np.load(io.BytesIO(body))
-            return arrays["image"], json.loads(bytes(arrays["meta.json"]))
         for detector, full in (({}, 65535 - 60), ({"full_well_e": 50000.0}, 25000)):
-            image, meta = chosen(0.6, **detector)
-            brightest = np.sort(image, axis=None)[-1 - image.size // 1000]
-            self.assertAlmostEqual((brightest - 60) / full, 0.6, delta=0.001)
+            image, meta = self.auto_exposed(0.6, **detector)
+            self.assertAlmostEqual(self.fill_of(image, full), 0.6, delta=0.001)
             time_s = meta["exposure"]["integration_time_s"]
             given = self.frame(products=("image",), detector={"integration_time_s": time_s, **detector})
             self.assertTrue(np.array_equal(given["image"], image), "another time than it says")
             self.assertEqual(meta["warnings"], [])
         self.assertEqual(meta["request"]["sensor"]["exposure"]["target_fill"], 0.6)
+
+    def test_the_exposure_aims_at_what_is_read_out(self):
+        """Smear adds the same to each exposure, however short; where it alone is too much, a warning says so."""
+        reached = 0
+        for noise in ({}, {"photon_noise": True, "read_noise_e": 13.0, "prnu": 0.003}):
+            for smear_s in (0.0, 1e-7, 1e-6, 1e-5, 1e-4):
+                for fill in (0.3, 0.8, 1.0):
+                    with self.subTest(noise=noise, smear_s=smear_s, fill=fill):
+                        image, meta = self.auto_exposed(fill, smear_time_s=smear_s, dark_current_e_s=2e5, **noise)
+                        self.assertEqual(meta["exposure"]["saturated_fraction"], (image == 65535).mean())
+                        if any("smear alone" in w for w in meta["warnings"]):
+                            self.assertEqual(meta["exposure"]["integration_time_s"], 1e-6)
+                            self.assertGreater(self.fill_of(image, 65535 - 60), fill - 0.001)
+                        else:
+                            reached += 1
+                            self.assertAlmostEqual(self.fill_of(image, 65535 - 60), fill, delta=0.015 if noise else 0.001)
+        self.assertTrue(12 < reached < 30, reached)
+
+    def test_saturation_is_counted_in_the_image(self):
+        noise = {"photon_noise": True, "read_noise_e": 13.0, "prnu": 0.02, "dsnu_e": 40.0, "hot_fraction": 0.01, "hot_current_e_s": 1e9}
+        for detector in ({}, {"smear_time_s": 1e-5}, noise, {"smear_time_s": 1e-5, **noise}):
+            for time_s in (0.001, 0.01, 0.03):
+                f = self.frame(detector={"integration_time_s": time_s, **detector})
+                self.assertEqual(f["meta"]["exposure"]["saturated_fraction"], (f["image"] == 65535).mean(), (detector, time_s))
+        full = self.frame(detector={"integration_time_s": 0.05, "full_well_e": 50000.0})
+        self.assertAlmostEqual(full["meta"]["exposure"]["saturated_fraction"], (full["image"] >= 25060).mean(), delta=1e-3)
+        self.assertGreater(full["meta"]["exposure"]["saturated_fraction"], 0.01)
 
     def test_saturation_and_darkness_are_warned_of(self):
         burnt = self.frame(detector={"integration_time_s": 0.5})["meta"]

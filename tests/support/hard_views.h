@@ -8,7 +8,9 @@
 namespace selenograph::test {
 
 // A compass azimuth (clockwise from north) and an elevation at a place, as a unit vector: of a Sun or of a boresight.
-constexpr auto local_direction = engine::sun_direction;
+inline Vec3 local_direction(const Vec3& place_m, double azimuth_deg, double elevation_deg) {
+  return engine::sun_direction(local_axes(place_m), azimuth_deg, elevation_deg);
+}
 
 // Of the finest posts, with all that a judge wants to know.
 inline engine::FrameRequest square_view(const engine::Pose& pose, int side, double fov_deg, const Vec3& sun) {

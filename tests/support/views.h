@@ -16,7 +16,7 @@ inline constexpr double kDegree = std::numbers::pi / 180;
 
 // Direction toward a Sun that stands at a compass azimuth and an elevation over a place of the sphere.
 inline Vec3 local_sun(double lat_deg, double lon_deg, double azimuth_deg, double elevation_deg) {
-  return engine::sun_direction(to_cartesian({lat_deg, lon_deg, 0}), azimuth_deg, elevation_deg);
+  return engine::sun_direction(local_axes(lat_deg, lon_deg), azimuth_deg, elevation_deg);
 }
 
 // Looking along `boresight`, image up nearest to `up`.

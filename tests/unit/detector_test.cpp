@@ -183,6 +183,53 @@ TEST(Detector, SmearIsTheColumnsLight) {
   }
 }
 
+// All but the brightest thousandth reach the target, smear and dark current included.
+TEST(Detector, TheTimeToFillIsThatOfWhatIsReadOut) {
+  constexpr int kWidth = 64, kHeight = 100;
+  constexpr std::size_t kOver = kWidth * kHeight / 1000;
+  std::vector<float> light(std::size_t{kWidth} * kHeight);
+  for (std::size_t i = 0; i < light.size(); ++i) light[i] = static_cast<float>(100 + i * 7919 % 3001);
+  for (const double smear_time_s : {0.0, 1e-4, 1e-3}) {
+    SensorModel s = plain();
+    const double unit_s = s.detector.integration_time_s;
+    s.detector.dark_current_e_s = 300 / unit_s, s.detector.smear_time_s = smear_time_s * unit_s;
+    for (const double target_e : {20000.0, 50000.0}) {
+      s.detector.integration_time_s = time_to_fill_s(s, 0.65, target_e, light, kWidth, kHeight);
+      std::vector<std::uint16_t> image;
+      const ReadOut out = detect(s, 0.65, light, kWidth, kHeight, image);
+      std::sort(image.begin(), image.end());
+      EXPECT_NEAR(image[image.size() - 1 - kOver], target_e, 1) << smear_time_s;
+      EXPECT_GE(image[image.size() - kOver], image[image.size() - 1 - kOver]);
+      EXPECT_EQ(out.saturated_fraction, 0);
+      EXPECT_NEAR(out.smear_e, smear_time_s * 1.7e5, smear_time_s * 0.3e5);
+    }
+  }
+  SensorModel s = plain();
+  s.detector.smear_time_s = s.detector.integration_time_s;
+  EXPECT_LT(time_to_fill_s(s, 0.65, 50000, light, kWidth, kHeight), 0) << "smear alone is more";
+  s = plain();
+  EXPECT_GT(time_to_fill_s(s, 0.65, 50000, std::vector<float>(100, 0.F), 10, 10), 1e29) << "nothing fills it";
+}
+
+// What is at the top of the image, or held by a full pixel: with smear, noise and a fixed pattern.
+TEST(Detector, SaturationIsCountedInTheImage) {
+  std::vector<float> light(kPixels);
+  for (std::size_t i = 0; i < kPixels; ++i) light[i] = static_cast<float>(i * 7919 % 80021);
+  SensorModel s = plain();
+  s.detector.smear_time_s = s.detector.integration_time_s / 5000;
+  std::vector<std::uint16_t> image;
+  const auto share_at = [&](int number) {
+    return static_cast<double>(std::count(image.begin(), image.end(), number)) / static_cast<double>(kPixels);
+  };
+  for (const bool noise : {false, true}) {
+    s.detector.photon_noise = noise, s.detector.read_noise_e = noise ? 20 : 0, s.detector.prnu = noise ? 0.02 : 0;
+    EXPECT_EQ(detect(s, 0.65, light, kSide, kSide, image).saturated_fraction, share_at(65535)) << noise;
+    EXPECT_GT(share_at(65535), 0.15);
+  }
+  s.detector.photon_noise = false, s.detector.read_noise_e = s.detector.prnu = 0, s.detector.full_well_e = 40000;
+  EXPECT_NEAR(detect(s, 0.65, light, kSide, kSide, image).saturated_fraction, share_at(40000), 5e-5);
+}
+
 TEST(Detector, StopsWhenItIsTime) {
   std::vector<std::uint16_t> image;
   const StopToken now(std::chrono::steady_clock::now());

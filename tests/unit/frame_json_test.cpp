@@ -1,5 +1,6 @@
 #include "api/frame_json.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -175,6 +176,27 @@ TEST(PoseJson, LookAtStraightDownHasLocalNorthUp) {
   expect_same_attitude(looking.pose.camera_from_moon,
                        accepted(R"({"pose": )" + pole + R"("nadir": {}}})").pose.camera_from_moon);
   EXPECT_LT(pixel_of(looking, to_cartesian({89.9, 180, 0})).y(), 255);
+}
+
+// Straight down, what is north up with, and just beside the pole.
+TEST(PoseJson, AtAPoleNorthIsAlongTheLongitudeThatIsGiven) {
+  for (const int lat_deg : {-90, 90})
+    for (const int lon_deg : {20, 200}) {
+      const auto above = [&](const std::string& lat, const std::string& attitude) {
+        return accepted(fmt::format(R"({{"pose": {{"geodetic": {{"lat_deg": {}, "lon_deg": {}}}, {}}}}})", lat, lon_deg,
+                                    attitude))
+            .pose.camera_from_moon;
+      };
+      const std::string pole = std::to_string(lat_deg), beside = lat_deg > 0 ? "89.999999" : "-89.999999";
+      const std::string nadir = R"("nadir": {"up_azimuth_deg": 0})";
+      const Eigen::Quaterniond down = above(pole, nadir);
+      EXPECT_LT(down.angularDistance(above(beside, nadir)), 2e-8);
+      // The image's up (-y) is north.
+      EXPECT_LT((down.conjugate() * -Vec3::UnitY() - local_axes(lat_deg, lon_deg).north).norm(), 1e-12);
+      expect_same_attitude(
+          above(pole, fmt::format(R"("nadir": null, "look_at": {{"lat_deg": {}, "lon_deg": {}}})", lat_deg, lon_deg)),
+          down);
+    }
 }
 
 TEST(PoseJson, LookAtUpVector) {
@@ -400,6 +422,18 @@ TEST(SunJson, EveryWayGivesTheSameDirection) {
       (direction(R"("local": {"lat_deg": 10, "lon_deg": 40, "azimuth_deg": 0, "elevation_deg": 90})") - local).norm(),
       1e-15);
   EXPECT_EQ(direction(R"("subsolar": {"lat_deg": 0, "lon_deg": 360})"), Vec3::UnitX());
+}
+
+TEST(SunJson, AtAPoleAzimuthsAreFromTheLongitudeThatIsGiven) {
+  const auto subsolar = [](const std::string& lat, const std::string& azimuth) {
+    return accepted(R"({"sun": {"direction": null, "local": {"lat_deg": )" + lat +
+                    R"(, "lon_deg": 20, "azimuth_deg": )" + azimuth + R"(, "elevation_deg": 0}}})")
+        .sun.direction;
+  };
+  EXPECT_LT((subsolar("90", "0") - to_cartesian({0, -160, 0}).normalized()).norm(), 1e-15);
+  EXPECT_LT((subsolar("90", "90") - to_cartesian({0, 110, 0}).normalized()).norm(), 1e-15);
+  EXPECT_LT((subsolar("-90", "0") - to_cartesian({0, 20, 0}).normalized()).norm(), 1e-15);
+  EXPECT_LT((subsolar("-90", "30") - subsolar("-89.9999999", "30")).norm(), 2e-9);
 }
 
 TEST(SunJson, LocalIsAzimuthClockwiseFromNorthAndElevation) {
@@ -875,6 +909,12 @@ TEST(Objects, PosesInEveryFormAreOnePose) {
   EXPECT_LT((other.position_m - me_from_pa * Vec3(1737400, 5, 6)).norm(), 1e-9);
   EXPECT_LT((other.moon_from_object * Vec3::UnitX() - me_from_pa * (forward.moon_from_object * Vec3::UnitX())).norm(),
             1e-12);
+}
+
+TEST(Objects, AtAPoleTheyStandAlongTheLongitudeThatIsGiven) {
+  const engine::SceneObject object =
+      with_objects(R"({"geodetic": {"lat_deg": -90, "lon_deg": 20, "height_m": 0}, "upright": {}})").request.objects[0];
+  EXPECT_LT((object.moon_from_object * Vec3::UnitX() - to_cartesian({0, 20, 0}).normalized()).norm(), 1e-12);
 }
 
 TEST(Objects, MaterialsAreByPart) {

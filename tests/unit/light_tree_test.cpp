@@ -26,7 +26,7 @@ Sun point(const Vec3& direction) {
 
 // The Sun at an azimuth (from north, clockwise) and elevation over a place.
 Vec3 sun_over(double lat, double lon, double azimuth_deg, double elevation_deg) {
-  return sun_direction(to_cartesian({lat, lon, 0}), azimuth_deg, elevation_deg);
+  return sun_direction(local_axes(lat, lon), azimuth_deg, elevation_deg);
 }
 
 TEST(NodeBoundsTest, HoldEveryPlaceOfTheBlock) {

@@ -57,9 +57,27 @@ TEST(MapPlane, OrthographicIsTheViewFromAfar) {
   EXPECT_FALSE(MapDirections(orthographic(0, 0))({0.8 * kMoonRadius_m, 0.8 * kMoonRadius_m}));
 }
 
+// At a pole y is along the centre's meridian, and x toward the one 90 degrees east of it, as just beside the pole.
+TEST(MapPlane, OrthographicAtAPoleIsAlongItsMeridian) {
+  const double half_m = kMoonRadius_m / 2;
+  EXPECT_LT(off_m(orthographic(90, 20), {0, -half_m}, 60, 20), kClose_m);
+  EXPECT_LT(off_m(orthographic(90, 20), {half_m, 0}, 60, 110), kClose_m);
+  EXPECT_LT(off_m(orthographic(-90, 20), {0, half_m}, -60, 20), kClose_m);
+  EXPECT_LT(off_m(orthographic(-90, -160), {half_m, 0}, -60, -70), kClose_m);
+  for (const double pole_deg : {-90.0, 90.0})
+    for (const double lon_deg : {-160.0, 20.0, 300.0}) {
+      const double beside_deg = pole_deg * (1 - 1e-9), apart_m = 90e-9 * kMetresPerDegree;
+      const MapPoint point{3000, -4000};
+      const Vec3 at = *MapDirections(orthographic(pole_deg, lon_deg))(point),
+                 beside = *MapDirections(orthographic(beside_deg, lon_deg))(point);
+      EXPECT_NEAR((at - beside).norm() * kMoonRadius_m, apart_m, 1e-3 * apart_m) << pole_deg << " " << lon_deg;
+    }
+}
+
 TEST(MapPlane, ThereAndBack) {
-  for (const MapPlane& plane : {equirectangular(0, 0), equirectangular(180, -50), polar(90), polar(-90),
-                                orthographic(70, 100), orthographic(-90, 0), orthographic(0, -180)})
+  for (const MapPlane& plane :
+       {equirectangular(0, 0), equirectangular(180, -50), polar(90), polar(-90), orthographic(70, 100),
+        orthographic(-90, 0), orthographic(90, 20), orthographic(0, -180)})
     for (double lat = -89.5; lat < 90; lat += 12.3)
       for (double lon = -179.5; lon < 180; lon += 17.1) {
         const auto point = plane.place(lat, lon);

@@ -175,6 +175,32 @@ TEST_F(SelectionTest, TheSunOnlyAdds) {
   EXPECT_GT(select_for_view(*terrain_, view, &low, {.max_error_px = 1}, {}).blocks.size(), without.size());
 }
 
+std::size_t scene_bytes(const Selection& selection) {
+  std::size_t bytes = 0;
+  for (const BlockId& id : selection.blocks) bytes += scene_bytes_of(id, Visibility::automatic);
+  return bytes;
+}
+
+// Under a low Sun, where an edge moves by up to 5700 times the height error, the aim has far to go.
+TEST_F(SelectionTest, TheAimForShadowsGivesWayUntilTheSceneFits) {
+  const View view = views()[1];
+  const Vec3 up = view.position().normalized();
+  const Sun low{(local_axes(up).east + 0.01 * up).normalized(), 1, 0};
+  const auto with_aim = [&](double aim_px, const SceneRoom& room) {
+    return select_for_view(*terrain_, view, &low, {.max_shadow_error_px = aim_px}, {}, room);
+  };
+  const std::size_t least = scene_bytes(with_aim(1e6, {})), at_128_px = scene_bytes(with_aim(128, {}));
+  ASSERT_GT(at_128_px, least + least / 10) << "an aim of 128 px is too much as well";
+  const SceneRoom room{.bytes = least};
+  const Selection selection = with_aim(Accuracy::kDefaultShadowError_px, room);
+  EXPECT_LE(scene_bytes(selection), room.bytes);
+  EXPECT_GT(selection.shadow_limit_px, 128);
+  EXPECT_LE(selection.shadow_error_px, selection.shadow_limit_px);
+  EXPECT_EQ(selection.blocks, with_aim(selection.shadow_limit_px, {}).blocks) << "as asked for by its number";
+  EXPECT_GT(scene_bytes(with_aim(selection.shadow_limit_px / 2, {})), room.bytes) << "no farther than it has to";
+  EXPECT_THROW(with_aim(Accuracy::kDefaultShadowError_px, {.bytes = least / 2}), TooMuchTerrain);
+}
+
 TEST_F(SelectionTest, RaysFindTheFinestBlocksTheyMeet) {
   const Vec3 from = to_cartesian({10, 26, 50000});
   std::vector<Ray> rays{
