@@ -56,8 +56,7 @@ void add_frame_answers(OrderedJson& schemas) {
          {"description",
           "of an image by a sensor: margin_px that was rendered around it (the shares of pixels below count "
           "it), captured_fraction of a point's light within the kernel (\"airy\": 12 rings, 32 pixels at most; the "
-          "rest "
-          "is spread evenly over the kernel)"}}},
+          "rest is spread evenly over the kernel)"}}},
        {"motion",
         {{"type", "object"},
          {"description",
@@ -67,7 +66,9 @@ void add_frame_answers(OrderedJson& schemas) {
        {"lod_error_px", number(kAnyNumber, "level-of-detail error bound actually reached, pixels")},
        {"lod_error_m", number(kAnyNumber, "the same in metres")},
        {"shadow_error_px",
-        number(kAnyNumber, "bound on how far the mesh's error displaces a shadow's edge on level ground, pixels")},
+        number(kAnyNumber,
+               "bound on how far the mesh's error displaces a shadow's edge on level ground, pixels. The edge's own: "
+               "read from the pixels of two frames it may be displaced by up to a pixel's diagonal more")},
        {"detail_error_px", number(kAnyNumber, "of lod_error_px, what the detail adds")},
        {"post_spacing_m", {{"type", "object"}, {"description", "min and max over the mesh in view"}}},
        {"triangles", {{"type", "integer"}, {"description", "of the scene"}}},
