@@ -75,14 +75,14 @@ double share_by_frequencies(double lambda_n_px, double x, double y) {
   const int around = 32 + static_cast<int>(phase), outward = 200 + static_cast<int>(phase);
   double sum = 0;
   for (int i = 0; i < outward; ++i) {
-    // Closer toward the end, where the MTF has no second derivative.
-    const double s = (i + 0.5) / outward, place = s * (2 - s), frequency = end * place;
+    // Closer at both ends, where the MTF has kinks.
+    const double s = (i + 0.5) / outward, place = s * s * (3 - 2 * s), frequency = end * place;
     double ring = 0;
     for (int k = 0; k < around; ++k) {
       const double angle = kPi * (k + 0.5) / around, fx = frequency * std::cos(angle), fy = frequency * std::sin(angle);
       ring += sinc(fx) * sinc(fy) * std::cos(2 * kPi * (fx * x + fy * y));
     }
-    sum += aperture_mtf(place) * frequency * ring / around * end * 2 * (1 - s) / outward;
+    sum += aperture_mtf(place) * frequency * ring / around * end * 6 * s * (1 - s) / outward;
   }
   return 2 * kPi * sum;
 }
