@@ -223,11 +223,13 @@ TEST(Detector, SaturationIsCountedInTheImage) {
   };
   for (const bool noise : {false, true}) {
     s.detector.photon_noise = noise, s.detector.read_noise_e = noise ? 20 : 0, s.detector.prnu = noise ? 0.02 : 0;
-    EXPECT_EQ(detect(s, 0.65, light, kSide, kSide, image).saturated_fraction, share_at(65535)) << noise;
+    const ReadOut out = detect(s, 0.65, light, kSide, kSide, image);
+    EXPECT_EQ(out.saturated_fraction, share_at(65535)) << noise;
     EXPECT_GT(share_at(65535), 0.15);
   }
   s.detector.photon_noise = false, s.detector.read_noise_e = s.detector.prnu = 0, s.detector.full_well_e = 40000;
-  EXPECT_NEAR(detect(s, 0.65, light, kSide, kSide, image).saturated_fraction, share_at(40000), 5e-5);
+  const ReadOut out = detect(s, 0.65, light, kSide, kSide, image);
+  EXPECT_NEAR(out.saturated_fraction, share_at(40000), 5e-5);
 }
 
 TEST(Detector, StopsWhenItIsTime) {
