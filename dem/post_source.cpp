@@ -151,7 +151,8 @@ PostSource::PostSource(const Catalogue& catalogue, bool fall_through, Warn warn)
       pool_(std::make_unique<Pool>(catalogue)),
       edges_(
           catalogue, [this](int source, int x0, int y0, int w, int h, float* m) { read(source, x0, y0, w, h, m); },
-          fall_through) {
+          fall_through),
+      borders_(catalogue) {
   for (const RasterInfo& info : catalogue.rasters()) post_deg_ = std::max(post_deg_, widest_post_deg(info));
 }
 
@@ -183,7 +184,8 @@ struct PostSource::Strip {
   // Of the whole window.
   std::vector<SourceIndex>* replaced;
   ColumnsOfFiles* columns;
-  int files;  // of the catalogue: the first so many
+  int files;           // of the catalogue: the first so many
+  bool joined = true;  // with the triangles of coarser posts
 };
 
 // Rows in strips: small reads, and a strip past a pole or on one is a window of its own.
@@ -268,6 +270,7 @@ void PostSource::compose_part(const PostWindow& part, std::size_t offset, const 
   for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer)
     if (!catalogue_.rasters()[static_cast<std::size_t>(*layer)].lattice_level)
       missing -= add_layer(*layer, part, offset, Reach::beside_posts, strip);
+  if (strip.joined && !pole) join(part, offset, strip, stop);
   if (!catalogue_.one_layer() && catalogue_.joins().blend_posts > 0) blend(part, offset, strip, stop);
   const bool all = strip.files == static_cast<int>(catalogue_.rasters().size());
   if (pole && all && strip.sources[offset] == kNoSource) {
@@ -619,6 +622,18 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
   return filling.filled();
 }
 
+void PostSource::join(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const {
+  const auto compose_line = [&](const PostWindow& line) {
+    std::vector<float> heights(line.size());
+    std::vector<SourceMark> marks(line.size());
+    ColumnsOfFiles columns;
+    compose_strip(line, {0, line.rows, heights.data(), marks.data(), strip.replaced, &columns, strip.files, false},
+                  stop);
+    return heights;
+  };
+  join_levels(borders_, part, compose_line, strip.sources + offset, strip.heights + offset);
+}
+
 // A file that shares posts of a part with the layers beneath.
 struct PostSource::Blending {
   int source, beneath;  // `beneath`: so many files are coarser
@@ -687,7 +702,8 @@ void PostSource::blend_layer(const PostWindow& part, std::size_t offset, const S
   std::vector<float> heights(rows.size(), kNaN);
   std::vector<SourceMark> marks(rows.size(), kNoSource);
   compose_part(rows, 0,
-               {0, rows.rows, heights.data(), marks.data(), strip.replaced, strip.columns, sources.front().beneath},
+               {0, rows.rows, heights.data(), marks.data(), strip.replaced, strip.columns, sources.front().beneath,
+                strip.joined},
                stop);
   constexpr double kWhole = 1 - 1e-6;  // of the layer beneath: rounding
   for (const Shared& s : shared) {

@@ -20,6 +20,7 @@
 #include "dem/block.h"
 #include "dem/catalogue.h"
 #include "dem/layer_edges.h"
+#include "dem/level_borders.h"
 #include "dem/source_rows.h"
 #include "dem/stop_token.h"
 #include "dem/uninitialised.h"
@@ -77,8 +78,9 @@ class PostSource {
   // Fills voids, in place. Needs kFillReach posts of context around what must be right.
   static void fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop = {});
 
-  // Where layers meet.
+  // Where layers meet, and where levels do.
   const LayerEdges& edges() const { return edges_; }
+  const LevelBorders& borders() const { return borders_; }
 
  private:
   class Pool;
@@ -90,6 +92,7 @@ class PostSource {
   void for_strips(const PostWindow& window, const StopToken& stop, Use&& use) const;
   void compose_strip(const PostWindow& window, const Strip& strip, const StopToken& stop) const;
   void compose_part(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
+  void join(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
   struct Blending;
   void blend(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
   void blend_layer(const PostWindow& part, std::size_t offset, const Strip& strip, std::span<Blending> sources,
@@ -111,6 +114,7 @@ class PostSource {
   mutable std::mutex replaced_mutex_;  // of any Posts::replaced, which strips share
   double post_deg_ = 0;                // of the coarsest file
   LayerEdges edges_;
+  LevelBorders borders_;
 };
 
 }  // namespace selenograph::dem

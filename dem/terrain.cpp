@@ -24,6 +24,7 @@
 #include "dem/error.h"
 #include "dem/files.h"
 #include "dem/height_survey.h"
+#include "dem/level_borders.h"
 #include "dem/parallel.h"
 #include "dem/post_source.h"
 #include "dem/surface.h"
@@ -31,10 +32,6 @@
 namespace selenograph::dem {
 namespace {
 
-// A chunk starts at one of these levels and reaches at most kChunkOctaves finer: one file stays below 100 MB, and a
-// frame of a small area of fine posts doesn't read the 4-degree tile around it.
-constexpr std::array<int, 3> kStrata{kRootLevel, 6, 12};
-constexpr int kChunkOctaves = 6;
 // Chords of this level stay within 2 mm of the sphere: coarser layers are subdivided to it where finest posts are asked
 // for.
 constexpr int kSmoothLevel = 8;
@@ -137,7 +134,7 @@ struct Terrain::Impl {
     if (!options.cache_dir.empty()) open_cache_folder();
     for (int row = 0; row < rows_of(0); ++row)
       for (int col = 0; col < columns_of(0, row); ++col)
-        if (!within({0, row, col}).empty()) roots.push_back({0, row, col});
+        if (!files_within(catalogue, {0, row, col}).empty()) roots.push_back({0, row, col});
   }
 
   void open_cache_folder() {
@@ -163,13 +160,9 @@ struct Terrain::Impl {
   ChunkPlan make_plan(const BlockId& node, std::size_t stratum) const {
     ChunkPlan plan;
     plan.node = node;
-    const std::vector<int> layers = touching(node, 0);
-    plan.exists = !within(node).empty();
-    int needed = node.level;
-    for (const int i : layers)
-      needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
-    plan.direct = needed <= node.level + kChunkOctaves;
-    plan.base_level = plan.direct ? needed : kStrata[stratum + 1];
+    const std::vector<int> layers = files_touching(catalogue, node, 0);
+    const ChunkLevels levels = source.borders().levels_of(node, stratum);
+    plan.exists = levels.exists, plan.direct = levels.direct, plan.base_level = levels.base_level;
     plan.on_network = touches_network(node, halo_deg(plan));
     const std::unique_ptr<XXH3_state_t, XXH_errorcode (*)(XXH3_state_t*)> owned(XXH3_createState(), XXH3_freeState);
     XXH3_state_t* state = owned.get();
@@ -192,8 +185,25 @@ struct Terrain::Impl {
       return level && *level < plan.base_level;
     };
     if (std::count_if(layers.begin(), layers.end(), is_coarser) > 1) hash_in(state, kGapsClosed);
+    if (source.borders().any()) hash_borders(state, plan);
     plan.fingerprint = XXH3_64bits_digest(state);
     return plan;
+  }
+
+  // The coarser posts beside a chunk, and a mark where there may be such beside the finer chunks that it is made of.
+  void hash_borders(XXH3_state_t* state, const ChunkPlan& plan) const {
+    constexpr std::uint64_t kLevelsJoined = 2;  // earlier versions left a wall one post wide
+    if (!plan.direct) hash_in(state, kLevelsJoined);
+    const BlockExtent e = extent_of(plan.node);
+    const auto margin = static_cast<std::int64_t>(margin_deg(plan) * kTicksPerDegree);
+    PostWindow w;
+    w.lat_step = w.lon_step = 1 << (kTickLevel - plan.base_level);
+    w.lat0 = e.lat0 - margin, w.lon0 = e.lon0 - margin;
+    w.rows = static_cast<int>((e.lat1() - e.lat0 + 2 * margin) / w.lat_step) + 1;
+    w.cols = static_cast<int>((e.lon1() - e.lon0 + 2 * margin) / w.lon_step) + 1;
+    for (const LevelBorder& b : source.borders().near(w))
+      for (const std::int64_t number : {std::int64_t{b.along_parallel}, b.at, b.from, b.to, std::int64_t{b.level}})
+        hash_in(state, number);
   }
 
   // What a chunk in which layers meet, or have an offset, depends on besides: their bands, and what lies in them. A
@@ -243,7 +253,7 @@ struct Terrain::Impl {
   bool touches_network(const BlockId& id, double around_deg) const {
     if (!any_on_network) return false;
     const BlockExtent e = extent_of(id);
-    const std::vector<int> files = touching(id, around_deg * e.lon_step / e.lat_step);
+    const std::vector<int> files = files_touching(catalogue, id, around_deg * e.lon_step / e.lat_step);
     return std::any_of(files.begin(), files.end(),
                        [&](int i) { return catalogue.rasters()[static_cast<std::size_t>(i)].on_network; });
   }
@@ -254,19 +264,6 @@ struct Terrain::Impl {
     const ChunkPlan found = plan_for(id);
     return found.direct && id.level >= found.base_level &&
            touches_network(id, kFillReach / std::ldexp(1.0, found.base_level));
-  }
-
-  std::vector<int> touching(const BlockId& id, double margin) const {
-    const BlockExtent e = extent_of(id);
-    const double west = static_cast<double>(e.lon0) / kTicksPerDegree - 180,
-                 east = static_cast<double>(e.lon1()) / kTicksPerDegree - 180;
-    return catalogue.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), west, east, margin);  // over a pole too
-  }
-
-  // Those that have more than a border in common with a block: a row of posts alone makes no surface.
-  std::vector<int> within(const BlockId& id) const {
-    constexpr double kBorder_deg = 1e-6;  // 3 cm
-    return touching(id, -kBorder_deg);
   }
 
   // The chunk that holds a block; where the block is finer than the posts, the one that holds its finest ancestor.
@@ -285,7 +282,7 @@ struct Terrain::Impl {
     if (here.direct) return here.base_level;
     if (id.level >= kStrata[stratum + 1]) return finest_posts(ancestor_of(id, kStrata[stratum + 1]), stratum + 1, id);
     int needed = 0;
-    for (const int i : touching(id, 0))
+    for (const int i : files_touching(catalogue, id, 0))
       needed = std::max(needed, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(i)]));
     return std::max(needed, here.base_level);
   }
@@ -589,7 +586,7 @@ bool Terrain::has_data(const BlockId& id) const {
   if (detailed_) return detailed_->has_data(id);
   const BlockId root = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
   // At the root level and above it a block is its root's area: the plan knows.
-  return impl_->plan(root, 0).exists && (id.level <= kRootLevel || !impl_->within(id).empty());
+  return impl_->plan(root, 0).exists && (id.level <= kRootLevel || !files_within(impl_->catalogue, id).empty());
 }
 
 int Terrain::finest_level(const BlockId& id) const { return std::max(kSmoothLevel, posts_level(id)); }
@@ -701,7 +698,7 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& st
                                  wrap_lon(static_cast<std::int64_t>(lon)));
   // More than a block of kSmoothLevel (0.25 degrees), the largest that is looked into below.
   constexpr double kFarFromAnyFile_deg = 0.3;
-  if (!has_data(probe) && impl_->touching(probe, kFarFromAnyFile_deg).empty()) return answer;
+  if (!has_data(probe) && files_touching(impl_->catalogue, probe, kFarFromAnyFile_deg).empty()) return answer;
   const int level = finest_level(probe);
   const double step = std::ldexp(1.0, kTickLevel - level);
   const double y = lat / step, x = lon / step;

@@ -383,5 +383,77 @@ TEST(SideLayers, AreKnownByTheirNames) {
     EXPECT_EQ(side_layer_kind(dem), "") << dem;
 }
 
+// What is coarse goes on into a chunk of fine posts: on its side the coarse layer's bicubic surface, on the other
+// triangles between coarse posts. Places one fine post apart.
+TEST(Layers, NoWallStandsWhereAChunkOfFinePostsEnds) {
+  struct Place {
+    double lat_deg, lon_deg, relief_m;
+    bool parallel;  // across a border that is one
+  };
+  // Chunks of level 6 end at whole degrees, near the pole at every fourth of longitude.
+  for (const Place& p :
+       {Place{0.46, 3, 200, false}, {1, 2.46, 200, true}, {-84.54, 4, 20, false}, {-84, 2.46, 20, true}}) {
+    TemporaryFolder folder;
+    std::mt19937 random(7);
+    std::uniform_real_distribution<double> relief(-p.relief_m, p.relief_m);
+    const auto rough = [&](double, double) { return relief(random); };
+    write_float_tile(folder.path(), "coarse", {p.lat_deg < 0 ? -80.0 : 6.0, -6, 16, 8 * 16 + 1, 24 * 16 + 1}, rough);
+    write_float_tile(folder.path(), "fine", {p.lat_deg < 0 ? -84.5 : 0.5, 2.5, 4096, 80, 80}, flat);
+    const auto terrain = test::open_terrain(folder.path());
+    constexpr double kPost_deg = 1 / 4096.0;
+    const auto height = [&](double along_deg, int posts) {
+      const double lat = p.parallel ? p.lat_deg + posts * kPost_deg : p.lat_deg + along_deg,
+                   lon = p.parallel ? p.lon_deg + along_deg : p.lon_deg + posts * kPost_deg * (p.lat_deg < 0 ? 4 : 1);
+      return terrain->height(lat, lon).height_m;
+    };
+    double elsewhere = 0, there = 0;
+    for (double along_deg = 0; along_deg < 0.0625; along_deg += 0.0031)
+      for (int posts = -20; posts < 20; ++posts) {
+        const double step_m = std::abs(height(along_deg, posts + 1) - height(along_deg, posts));
+        double& steepest = posts == 0 || posts == -1 ? there : elsewhere;
+        steepest = std::max(steepest, step_m);
+      }
+    EXPECT_LT(there, 1.5 * elsewhere) << p.lat_deg << " N, " << p.lon_deg << " E: " << there << " and " << elsewhere;
+    EXPECT_GT(elsewhere, 0.05);
+  }
+}
+
+// Around the corner of a chunk of fine posts: a window's heights are those of any other, of its own spacing or another.
+TEST(Layers, JoinFinePostsWithCoarseTrianglesTheSameFromAnyWindow) {
+  TemporaryFolder folder;
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> relief(-200, 200);
+  write_float_tile(folder.path(), "coarse", {6, -6, 16, 8 * 16 + 1, 24 * 16 + 1},
+                   [&](double, double) { return relief(random); });
+  write_float_tile(folder.path(), "fine", {0.5, 2.5, 4096, 80, 80}, flat);
+  const Layers all(folder.path()), coarse_only(folder.path() + "/coarse.lbl");
+  constexpr int kSide = 240;
+  const PostWindow whole = window(12, 1 - 0.03, 3 - 0.03, kSide, kSide);
+  const Posts posts = all.source.compose(whole), plain = coarse_only.source.compose(whole);
+  EXPECT_NE(posts.heights, plain.heights) << "nothing is joined";
+  for (const int step : {1, 2, 8})
+    for (const int first : {0, 40, 88, 127, 160}) {
+      PostWindow part = whole;
+      part.lat_step *= step, part.lon_step *= step;
+      part.lat0 += first * whole.lat_step, part.lon0 += (first / 2) * whole.lon_step;
+      part.rows = (kSide - 1 - first) / step + 1, part.cols = 40 / step;
+      const Posts other = all.source.compose(part);
+      for (int r = 0; r < part.rows; ++r)
+        for (int c = 0; c < part.cols; ++c)
+          ASSERT_EQ(other.heights[static_cast<std::size_t>(r * part.cols + c)],
+                    posts.heights[static_cast<std::size_t>((first + r * step) * kSide + first / 2 + c * step)])
+              << step << " " << first << ": " << r << " " << c;
+    }
+  // Beyond a quad of the coarser side from its border, and on its posts, the coarse layer is as it was.
+  for (std::size_t i = 0; i < posts.heights.size(); ++i) {
+    const std::int64_t lat = whole.lat0 + static_cast<std::int64_t>(i / kSide) * whole.lat_step - 91 * kTicksPerDegree,
+                       lon = whole.lon0 + static_cast<std::int64_t>(i % kSide) * whole.lon_step - 183 * kTicksPerDegree;
+    constexpr std::int64_t kQuad = kTicksPerDegree / 64;
+    if ((std::abs(lat) >= kQuad && std::abs(lon) >= kQuad) || (lat % kQuad == 0 && lon % kQuad == 0)) {
+      ASSERT_EQ(posts.heights[i], plain.heights[i]) << i;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace selenograph::dem
