@@ -140,7 +140,8 @@ const Members<PointSpread>& point_spread_members() {
       "as exact as the middle.",
       [](auto& m) {
         m.add("model", &PointSpread::model, Word{kPointSpreads},
-              "airy: of f_number at the band's center wavelength, which times f_number is at most 26 pixels wide")
+              "airy: of f_number at the band's center wavelength, which times f_number is at most 26 pixels wide; what "
+              "lies beyond 12 rings or 32 pixels is spread evenly over those (captured_fraction)")
             .required();
         m.set_model("model");
         // The kernel of the largest reaches 4.5 times as far.

@@ -142,7 +142,7 @@ class SensorTest(unittest.TestCase):
         """Smear adds the same to each exposure, however short; where it alone is too much, a warning says so."""
         reached = 0
         for noise in ({}, {"photon_noise": True, "read_noise_e": 13.0, "prnu": 0.003}):
-            for smear_s in (0.0, 1e-6, 1e-5, 1e-4, 1e-3):
+            for smear_s in (0.0, 1e-6, 1e-4, 1e-3, 1e-2):
                 for fill in (0.3, 0.8, 1.0):
                     with self.subTest(noise=noise, smear_s=smear_s, fill=fill):
                         image, meta = self.auto_exposed(fill, smear_time_s=smear_s, dark_current_e_s=2e5, **noise)
