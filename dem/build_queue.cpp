@@ -101,7 +101,7 @@ void BuildQueue::advance(const std::shared_ptr<Job>& job, std::unique_lock<std::
   lock.unlock();
   try {
     const auto take = [&] { return take_turn_(job->work, StopToken(StopToken::Clock::time_point::max(), &stopping_)); };
-    turn = job->work.plan.on_network ? on_own_threads(kConnections, take) : in_arena(arena_, take);
+    turn = job->work.plan.on_network ? on_own_threads(kNetworkReaders, take) : in_arena(arena_, take);
   } catch (...) {
     error = std::current_exception();
   }

@@ -25,6 +25,10 @@
 
 namespace selenograph::dem {
 
+// Threads that read posts from a network for one request, or for the builder. Few: when one thread closes a file, GDAL
+// forgets it for all, and another that is opening it asks the server again, for its folder, too.
+inline constexpr std::size_t kNetworkReaders = 2;
+
 class BuildQueue {
  public:
   // A chunk on its way, as far as its builder sees it.

@@ -430,7 +430,7 @@ struct Terrain::Impl {
     std::shared_ptr<const Block> block;
     const auto load = [&] { block = load_once(id, found, stop); };
     if (waits_for_network(id))
-      on_own_threads(kConnections, load);
+      on_own_threads(kNetworkReaders, load);
     else
       where_loops_run(load);
     return block;

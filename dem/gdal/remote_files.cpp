@@ -62,28 +62,10 @@ bool climbs(std::string_view name) {
   return plain.find("/../") != std::string::npos || plain.ends_with("/..") || plain.find("%25") != std::string::npos;
 }
 
-// While GDAL looks for a file of a server, in this thread: it does not ask for the listing of its folder first, which
-// it does where another thread has just let it forget the file.
-class NoListing {
- public:
-  NoListing() {
-    if (const char* value = CPLGetThreadLocalConfigOption(kOption, nullptr)) before_ = value;
-    CPLSetThreadLocalConfigOption(kOption, "EMPTY_DIR");
-  }
-  ~NoListing() { CPLSetThreadLocalConfigOption(kOption, before_ ? before_->c_str() : nullptr); }
-  NoListing(const NoListing&) = delete;
-  NoListing& operator=(const NoListing&) = delete;
-
- private:
-  static constexpr const char* kOption = "GDAL_DISABLE_READDIR_ON_OPEN";
-  std::optional<std::string> before_;
-};
-
 // Tries again what fails for another reason than that there is no such file.
 template <typename Try>
 bool with_retries(const std::string& name, Try&& attempt) {
   const KeptErrno kept;
-  const NoListing no_listing;
   RemoteTrouble trouble;
   for (int i = 0; i < kTries; ++i) {
     if (i > 0) std::this_thread::sleep_for(kFirstPause * (1 << (i - 1)));

@@ -11,6 +11,7 @@
 #include <tuple>
 #include <utility>
 
+#include "dem/build_queue.h"
 #include "dem/parallel.h"
 
 namespace selenograph::engine {
@@ -111,7 +112,7 @@ std::vector<std::shared_ptr<const dem::Block>> load(const dem::Terrain& terrain,
     });
   };
   load_all(here);
-  on_own_threads(kConnections, [&] { load_all(on_network); });
+  on_own_threads(dem::kNetworkReaders, [&] { load_all(on_network); });
   return loaded;
 }
 
