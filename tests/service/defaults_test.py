@@ -75,15 +75,6 @@ def without_null(node):
     return [without_null(value) for value in node] if isinstance(node, list) else node
 
 
-def with_member(body, where, value):
-    whole = copy.deepcopy(body)
-    node = whole
-    for step in where[:-1]:
-        node = node[step]
-    node[where[-1]] = value
-    return whole
-
-
 class Defaults(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -141,7 +132,7 @@ class Defaults(unittest.TestCase):
         return status, got.get("ETag") or content
 
     def same(self, path, body, where, default):
-        longer = with_member(body, where, default)
+        longer = harness.changed(body, where, default)
         status, without = self.answer(path, body)
         self.assertEqual(status, 200, (body, without))
         tag = without if path in ("/v1/frames", "/v1/maps") else None
@@ -158,7 +149,7 @@ class Defaults(unittest.TestCase):
             for body in map(self.small, (*examples, *BODIES.get(path, ()))):
                 self.assertTrue(self.valid(content["schema"], body), body)
                 for component, member, where, default in self.left_out(content["schema"], body):
-                    if not self.valid(content["schema"], with_member(body, where, default)):
+                    if not self.valid(content["schema"], harness.changed(body, where, default)):
                         continue  # the document says that it isn't this request's
                     tried.add((component, member))
                     with self.subTest(path=path, member=where, default=default):

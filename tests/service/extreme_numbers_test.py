@@ -10,7 +10,7 @@ import time
 import unittest
 
 import harness
-from harness import frame_request
+from harness import changed, frame_request
 
 FINE = {200, 422, 504}
 DEADLINE_S = 3
@@ -159,15 +159,6 @@ def ends(schema):
     if "exclusiveMaximum" in schema:
         high = math.nextafter(high, -math.inf)
     return [low, high] + ([DENORMAL, NORMAL] if low <= 0 < high else [])
-
-
-def changed(document, path, value):
-    document = copy.deepcopy(document)
-    place = document
-    for step in path[:-1]:
-        place = place[step]
-    place[path[-1]] = value
-    return document
 
 
 class ExtremeNumbersTest(unittest.TestCase):

@@ -4,6 +4,7 @@ SELENOGRAPH_BINARY names the executable. Python's standard library only. A test 
 setUpModule() and tearDownModule(), and main() at its end.
 """
 
+import copy
 import http.client
 import json
 import os
@@ -103,6 +104,16 @@ def frame_request(products=("radiance",), width=WIDTH, height=HEIGHT, samples=1,
     }
     request.update(changes)
     return request
+
+
+def changed(document, path, value):
+    """A copy with another value of the member at a path (names and indices)."""
+    document = copy.deepcopy(document)
+    place = document
+    for step in path[:-1]:
+        place = place[step]
+    place[path[-1]] = value
+    return document
 
 
 def long_frame():

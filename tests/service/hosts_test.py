@@ -33,17 +33,7 @@ def other_address():
         return s.getsockname()[0]
 
 
-class Asking(unittest.TestCase):
-    options = ()
-
-    @classmethod
-    def setUpClass(cls):
-        cls.service = Service(*cls.options)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.service.expect_clean_stop()
-
+class Asking(harness.WithService):
     def ask(self, host, *lines, path="/v1/datasets", method="GET", version="1.1", address=None):
         """(status, headers as text, body); host None: no Host."""
         head = [f"{method} {path} HTTP/{version}", *([f"Host: {host}"] if host is not None else []), *lines, "Connection: close"]
