@@ -4,13 +4,13 @@
 #include <charconv>
 #include <new>
 
-#include "api/endpoint.h"
-#include "api/negotiate.h"
-#include "api/openapi.h"
-#include "api/problem.h"
-#include "api/routes.h"
-#include "dem/error.h"
-#include "dem/once.h"
+#include "api/document/openapi.h"
+#include "api/encode/negotiate.h"
+#include "api/endpoints/endpoint.h"
+#include "api/message/problem.h"
+#include "api/message/routes.h"
+#include "dem/support/error.h"
+#include "dem/support/once.h"
 
 namespace selenograph::api {
 namespace {

@@ -12,9 +12,9 @@
 #include <utility>
 #include <vector>
 
-#include "api/memory_budget.h"
+#include "api/message/memory_budget.h"
 #include "engine/renderer.h"
-#include "engine/visibility/mesh_reader.h"
+#include "engine/visibility/meshes/mesh_reader.h"
 
 namespace selenograph::api {
 

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 #include "engine/frame/needs.h"
 
 namespace selenograph::engine {

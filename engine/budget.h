@@ -8,7 +8,7 @@
 #include <array>
 #include <atomic>
 
-#include "dem/stop_token.h"
+#include "dem/support/stop_token.h"
 #include "engine/frame/report.h"
 #include "engine/frame/request.h"
 

@@ -2,7 +2,7 @@
 
 #include <optional>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 #include "engine/render_frame.h"
 #include "engine/support/stopwatch.h"
 

@@ -1,8 +1,8 @@
 // Which accuracy a frame gets that has a budget of time.
 #pragma once
 
-#include "dem/stop_token.h"
-#include "dem/terrain.h"
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
 #include "engine/budget.h"
 #include "engine/render_cache.h"
 

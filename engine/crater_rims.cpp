@@ -11,8 +11,8 @@
 #include <utility>
 
 #include "dem/detail/detail.h"
-#include "dem/parallel.h"
-#include "dem/surface_place.h"
+#include "dem/support/parallel.h"
+#include "dem/terrain/surface_place.h"
 #include "engine/camera/row_views.h"
 #include "engine/render_frame.h"
 

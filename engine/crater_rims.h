@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "dem/detail/features.h"
-#include "dem/stop_token.h"
-#include "dem/terrain.h"
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
 #include "engine/frame/request.h"
 #include "engine/frame/rims.h"
 #include "engine/render_cache.h"

@@ -5,7 +5,7 @@
 #include <exception>
 #include <utility>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 
 namespace selenograph::engine {
 namespace {

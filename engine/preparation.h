@@ -16,7 +16,7 @@
 #include <thread>
 #include <vector>
 
-#include "dem/stop_token.h"
+#include "dem/support/stop_token.h"
 #include "engine/frame/request.h"
 
 namespace selenograph::engine {

@@ -7,16 +7,16 @@
 
 #include "dem/detail/detail.h"
 #include "dem/detail/rocks_on_ground.h"
-#include "dem/error.h"
-#include "dem/parallel.h"
-#include "dem/surface_place.h"
+#include "dem/support/error.h"
+#include "dem/support/parallel.h"
+#include "dem/terrain/surface_place.h"
 #include "engine/camera/row_views.h"
 #include "engine/scene/selection.h"
-#include "engine/visibility/disc_light.h"
-#include "engine/visibility/objects_in_frame.h"
-#include "engine/visibility/raytrace/trace.h"
-#include "engine/visibility/refine.h"
-#include "engine/visibility/rocks_near_rays.h"
+#include "engine/visibility/objects/objects_in_frame.h"
+#include "engine/visibility/objects/rocks_near_rays.h"
+#include "engine/visibility/points/disc_light.h"
+#include "engine/visibility/points/refine.h"
+#include "engine/visibility/points/trace.h"
 
 namespace selenograph::engine {
 namespace {

@@ -6,8 +6,8 @@
 #include <span>
 #include <vector>
 
-#include "dem/stop_token.h"
-#include "dem/terrain.h"
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
 #include "engine/frame/camera.h"
 #include "engine/frame/objects.h"
 #include "engine/frame/pose.h"

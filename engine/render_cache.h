@@ -12,14 +12,14 @@
 #include <mutex>
 #include <unordered_set>
 
-#include "dem/cache.h"
-#include "dem/stop_token.h"
-#include "dem/terrain.h"
+#include "dem/support/cache.h"
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
 #include "engine/budget.h"
 #include "engine/camera/pixel_rays.h"
 #include "engine/preparation.h"
 #include "engine/support/pool.h"
-#include "engine/visibility/scene.h"
+#include "engine/visibility/points/scene.h"
 #include "engine/visibility/zbuffer/raster_pass.h"
 
 namespace selenograph::engine {

@@ -9,10 +9,10 @@
 #include "engine/radiometry/radiometry.h"
 #include "engine/sensor/sensor.h"
 #include "engine/support/stopwatch.h"
-#include "engine/visibility/dense_samples.h"
-#include "engine/visibility/frame_writer.h"
+#include "engine/visibility/image/dense_samples.h"
+#include "engine/visibility/image/frame_writer.h"
+#include "engine/visibility/objects/rocks_in_view.h"
 #include "engine/visibility/raytrace/ray_pass.h"
-#include "engine/visibility/rocks_in_view.h"
 
 namespace selenograph::engine {
 namespace {

@@ -4,8 +4,8 @@
 #include <functional>
 #include <vector>
 
-#include "dem/stop_token.h"
-#include "dem/terrain.h"
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
 #include "engine/frame/frame.h"
 #include "engine/frame/request.h"
 #include "engine/render_cache.h"

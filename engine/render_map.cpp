@@ -8,18 +8,18 @@
 #include <utility>
 #include <vector>
 
-#include "dem/error.h"
-#include "dem/parallel.h"
+#include "dem/support/error.h"
+#include "dem/support/parallel.h"
 #include "engine/budget.h"
 #include "engine/frame/needs.h"
 #include "engine/radiometry/radiometry.h"
 #include "engine/scene/selection.h"
 #include "engine/support/assign.h"
 #include "engine/support/stopwatch.h"
-#include "engine/visibility/frame_writer.h"
-#include "engine/visibility/objects_in_frame.h"
+#include "engine/visibility/image/frame_writer.h"
+#include "engine/visibility/objects/objects_in_frame.h"
+#include "engine/visibility/points/trace.h"
 #include "engine/visibility/raytrace/ray_pass.h"
-#include "engine/visibility/raytrace/trace.h"
 
 namespace selenograph::engine {
 namespace {

@@ -7,8 +7,8 @@
 
 #include <functional>
 
-#include "dem/stop_token.h"
-#include "dem/terrain.h"
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
 #include "engine/frame/map.h"
 #include "engine/render_cache.h"
 

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "dem/detail/features.h"
-#include "dem/parallel.h"
+#include "dem/support/parallel.h"
 #include "engine/choose_accuracy.h"
 #include "engine/crater_rims.h"
 #include "engine/preparation.h"

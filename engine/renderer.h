@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "dem/detail/rocks_on_ground.h"
-#include "dem/stop_token.h"
-#include "dem/terrain.h"
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
 #include "engine/budget.h"
 #include "engine/frame/frame.h"
 #include "engine/frame/map.h"

@@ -11,10 +11,10 @@
 #include <string>
 #include <string_view>
 
-#include "api/metadata.h"
-#include "engine/visibility/mesh_reader.h"
-#include "server/commands.h"
-#include "server/config.h"
+#include "api/answers/metadata.h"
+#include "engine/visibility/meshes/mesh_reader.h"
+#include "server/commands/commands.h"
+#include "server/commands/config.h"
 
 namespace {
 

@@ -7,7 +7,7 @@
 #include "dem/detail/crater_shape.h"
 #include "dem/detail/region.h"
 #include "dem/detail/size_cells.h"
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::dem {
 

@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "dem/detail/detail_kernels.h"
-#include "dem/lattice.h"
+#include "dem/grid/lattice.h"
 
 namespace selenograph::dem {
 namespace {

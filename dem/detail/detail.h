@@ -18,7 +18,7 @@
 #include "dem/detail/region.h"
 #include "dem/detail/relief.h"
 #include "dem/detail/rock_field.h"
-#include "dem/stop_token.h"
+#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

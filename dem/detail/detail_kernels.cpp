@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dem/noise.h"
-#include "dem/vector_targets.h"
+#include "dem/support/noise.h"
+#include "dem/support/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "dem/detail/detail_kernels.cpp"

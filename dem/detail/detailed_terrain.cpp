@@ -9,12 +9,12 @@
 #include <unordered_map>
 #include <vector>
 
-#include "dem/chunk_format.h"
-#include "dem/cubic.h"
 #include "dem/detail/footprints.h"
-#include "dem/parallel.h"
-#include "dem/post_source.h"
-#include "dem/shading_normals.h"
+#include "dem/grid/shading_normals.h"
+#include "dem/posts/cubic.h"
+#include "dem/posts/post_source.h"
+#include "dem/pyramid/chunk_format.h"
+#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 namespace {

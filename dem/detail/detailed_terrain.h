@@ -10,10 +10,10 @@
 
 #include <memory>
 
-#include "dem/cache.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/layered_posts.h"
-#include "dem/terrain.h"
+#include "dem/support/cache.h"
+#include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {
 

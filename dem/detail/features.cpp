@@ -7,8 +7,8 @@
 
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
-#include "dem/parallel.h"
-#include "dem/surface_place.h"
+#include "dem/support/parallel.h"
+#include "dem/terrain/surface_place.h"
 
 namespace selenograph::dem {
 namespace {

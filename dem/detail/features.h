@@ -8,10 +8,10 @@
 #include <span>
 #include <vector>
 
-#include "dem/catalogue.h"
+#include "dem/catalogue/catalogue.h"
 #include "dem/detail/crater_field.h"
-#include "dem/stop_token.h"
-#include "dem/terrain.h"
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {
 

@@ -4,9 +4,9 @@
 #include <optional>
 #include <vector>
 
-#include "dem/geodesy.h"
-#include "dem/lattice.h"
-#include "dem/raster_info.h"
+#include "dem/files/raster_info.h"
+#include "dem/grid/geodesy.h"
+#include "dem/grid/lattice.h"
 
 namespace selenograph::dem {
 

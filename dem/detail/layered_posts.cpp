@@ -4,10 +4,10 @@
 #include <cmath>
 
 #include "dem/detail/footprints.h"
-#include "dem/lattice.h"
-#include "dem/post_source.h"
-#include "dem/shading_normals.h"
-#include "dem/surface_place.h"
+#include "dem/grid/lattice.h"
+#include "dem/grid/shading_normals.h"
+#include "dem/posts/post_source.h"
+#include "dem/terrain/surface_place.h"
 
 namespace selenograph::dem {
 namespace {

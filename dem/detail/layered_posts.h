@@ -13,10 +13,10 @@
 #include <unordered_map>
 #include <vector>
 
-#include "dem/block.h"
-#include "dem/catalogue.h"
-#include "dem/layer_edges.h"
-#include "dem/terrain.h"
+#include "dem/catalogue/catalogue.h"
+#include "dem/grid/block.h"
+#include "dem/posts/layer_edges.h"
+#include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {
 

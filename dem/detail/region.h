@@ -4,7 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::dem {
 

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "dem/detail/detail_kernels.h"
-#include "dem/noise.h"
+#include "dem/support/noise.h"
 
 namespace selenograph::dem {
 namespace {

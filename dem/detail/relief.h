@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "dem/detail/direction_grid.h"
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::dem {
 

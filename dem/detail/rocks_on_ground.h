@@ -4,11 +4,11 @@
 #include <memory>
 #include <vector>
 
-#include "dem/cache.h"
-#include "dem/catalogue.h"
+#include "dem/catalogue/catalogue.h"
 #include "dem/detail/rock_field.h"
-#include "dem/stop_token.h"
-#include "dem/terrain.h"
+#include "dem/support/cache.h"
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {
 

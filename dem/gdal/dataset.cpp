@@ -4,8 +4,8 @@
 
 #include <cstdint>
 
-#include "dem/error.h"
 #include "dem/gdal/vrt_sources.h"
+#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

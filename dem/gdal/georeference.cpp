@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "dem/gdal/library.h"
-#include "dem/post_grid.h"
+#include "dem/grid/post_grid.h"
 
 namespace selenograph::dem {
 

@@ -13,9 +13,9 @@
 #include <system_error>
 #include <vector>
 
-#include "dem/error.h"
 #include "dem/gdal/library.h"
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
+#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

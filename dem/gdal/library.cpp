@@ -5,9 +5,9 @@
 #include <filesystem>
 #include <mutex>
 
-#include "dem/error.h"
-#include "dem/files.h"
+#include "dem/files/files.h"
 #include "dem/gdal/gate.h"
+#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/raster_info.h"
+#include "dem/files/raster_info.h"
 
 namespace selenograph::dem {
 

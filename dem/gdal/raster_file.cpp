@@ -10,11 +10,11 @@
 #include <filesystem>
 #include <limits>
 
-#include "dem/error.h"
-#include "dem/files.h"
+#include "dem/files/files.h"
+#include "dem/files/pds_label.h"
 #include "dem/gdal/dataset.h"
 #include "dem/gdal/georeference.h"
-#include "dem/pds_label.h"
+#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

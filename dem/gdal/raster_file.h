@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
-#include "dem/files.h"
+#include "dem/files/files.h"
+#include "dem/files/open_file.h"
+#include "dem/files/raster_info.h"
 #include "dem/gdal/library.h"
-#include "dem/open_file.h"
-#include "dem/raster_info.h"
 
 namespace selenograph::dem {
 

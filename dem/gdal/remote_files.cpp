@@ -16,10 +16,10 @@
 #include <thread>
 #include <utility>
 
-#include "dem/error.h"
-#include "dem/folder_files.h"
+#include "dem/files/folder_files.h"
 #include "dem/gdal/gate.h"
 #include "dem/gdal/library.h"
+#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/files.h"
+#include "dem/files/files.h"
 
 namespace selenograph::dem {
 

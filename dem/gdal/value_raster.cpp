@@ -8,9 +8,9 @@
 #include <mutex>
 #include <optional>
 
-#include "dem/error.h"
 #include "dem/gdal/dataset.h"
-#include "dem/value_map.h"
+#include "dem/support/error.h"
+#include "dem/value_maps/value_map.h"
 
 namespace selenograph::dem {
 namespace {

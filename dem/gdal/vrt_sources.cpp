@@ -13,10 +13,10 @@
 #include <string_view>
 #include <vector>
 
-#include "dem/error.h"
-#include "dem/files.h"
+#include "dem/files/files.h"
 #include "dem/gdal/gate.h"
 #include "dem/gdal/library.h"
+#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

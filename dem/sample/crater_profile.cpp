@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "dem/noise.h"
+#include "dem/support/noise.h"
 
 namespace selenograph::dem::sample {
 namespace {

@@ -9,7 +9,7 @@
 #include <memory>
 #include <vector>
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 
 // Apart from dem/detail, which has craters of its own.
 namespace selenograph::dem::sample {

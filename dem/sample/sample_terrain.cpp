@@ -12,9 +12,9 @@
 #include <optional>
 #include <stdexcept>
 
-#include "dem/error.h"
-#include "dem/parallel.h"
 #include "dem/sample/crater_profile.h"
+#include "dem/support/error.h"
+#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 namespace {

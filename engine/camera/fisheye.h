@@ -8,7 +8,7 @@
 
 #include <optional>
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 #include "engine/frame/camera.h"
 
 namespace selenograph::engine {

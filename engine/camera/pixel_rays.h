@@ -4,8 +4,8 @@
 
 #include <cstddef>
 
-#include "dem/stop_token.h"
-#include "dem/uninitialised.h"
+#include "dem/support/stop_token.h"
+#include "dem/support/uninitialised.h"
 #include "engine/frame/camera.h"
 
 namespace selenograph::engine {

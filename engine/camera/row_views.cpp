@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 
 namespace selenograph::engine {
 namespace {

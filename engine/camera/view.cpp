@@ -5,7 +5,7 @@
 #include <limits>
 #include <numbers>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 
 namespace selenograph::engine {
 

@@ -5,7 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "dem/map_grid.h"
+#include "dem/grid/map_grid.h"
 #include "engine/frame/report.h"
 #include "engine/frame/request.h"
 

@@ -5,7 +5,7 @@
 #include <memory>
 #include <vector>
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 #include "engine/frame/surface.h"
 
 namespace selenograph::engine {

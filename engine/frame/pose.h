@@ -3,7 +3,7 @@
 
 #include <Eigen/Geometry>
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::engine {
 

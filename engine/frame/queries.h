@@ -5,7 +5,7 @@
 #include <limits>
 #include <optional>
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::engine {
 

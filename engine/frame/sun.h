@@ -1,7 +1,7 @@
 // The Sun as a frame sees it: a direction, a distance, a disc or a point.
 #pragma once
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::engine {
 

@@ -6,7 +6,7 @@
 #include <utility>
 #include <variant>
 
-#include "dem/vector_targets.h"
+#include "dem/support/vector_targets.h"
 #include "engine/radiometry/phase_law.h"
 
 #undef HWY_TARGET_INCLUDE

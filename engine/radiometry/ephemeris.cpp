@@ -19,7 +19,7 @@
 #include <optional>
 #include <string_view>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 
 namespace selenograph::engine {
 namespace {

@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 #include <string>
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::engine {
 

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <cstddef>
 
-#include "dem/geodesy.h"
-#include "dem/value_map.h"
+#include "dem/grid/geodesy.h"
+#include "dem/value_maps/value_map.h"
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {

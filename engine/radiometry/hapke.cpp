@@ -5,7 +5,7 @@
 #include <iterator>
 #include <numbers>
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::engine {
 

@@ -9,8 +9,8 @@
 #include <filesystem>
 #include <string>
 
-#include "dem/error.h"
-#include "dem/vector_targets.h"
+#include "dem/support/error.h"
+#include "dem/support/vector_targets.h"
 #include "engine/camera/packet_rays.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/footprint_lanes.h"

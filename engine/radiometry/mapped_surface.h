@@ -5,7 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "dem/value_map.h"
+#include "dem/value_maps/value_map.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/request.h"
 #include "engine/radiometry/footprint_lanes.h"

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 
 namespace selenograph::engine {
 

@@ -11,8 +11,8 @@
 #include <tuple>
 #include <utility>
 
-#include "dem/build_queue.h"
-#include "dem/parallel.h"
+#include "dem/support/parallel.h"
+#include "dem/terrain/build_queue.h"
 
 namespace selenograph::engine {
 namespace {

@@ -14,9 +14,9 @@
 #include <unordered_map>
 #include <vector>
 
-#include "dem/block.h"
-#include "dem/surface.h"
-#include "dem/terrain.h"
+#include "dem/grid/block.h"
+#include "dem/grid/surface.h"
+#include "dem/terrain/terrain.h"
 #include "engine/support/triangle_id.h"
 
 namespace selenograph::engine {

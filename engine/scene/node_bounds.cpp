@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 
 namespace selenograph::engine {
 

@@ -3,8 +3,8 @@
 
 #include <array>
 
-#include "dem/geodesy.h"
-#include "dem/lattice.h"
+#include "dem/grid/geodesy.h"
+#include "dem/grid/lattice.h"
 
 namespace selenograph::engine {
 

@@ -9,7 +9,7 @@
 #include <limits>
 #include <unordered_map>
 
-#include "dem/parallel.h"
+#include "dem/support/parallel.h"
 #include "engine/scene/vertex_rows.h"
 
 namespace selenograph::engine {

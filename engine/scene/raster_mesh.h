@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-#include "dem/stop_token.h"
+#include "dem/support/stop_token.h"
 #include "engine/scene/mesh.h"
 
 namespace selenograph::engine {

@@ -1,6 +1,6 @@
 #include "engine/scene/root_groups.h"
 
-#include "dem/lattice.h"
+#include "dem/grid/lattice.h"
 
 namespace selenograph::engine {
 namespace {

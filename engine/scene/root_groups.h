@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "engine/scene/node_bounds.h"
 
 namespace selenograph::engine {

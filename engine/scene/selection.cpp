@@ -10,8 +10,8 @@
 #include <unordered_set>
 #include <utility>
 
-#include "dem/error.h"
-#include "dem/parallel.h"
+#include "dem/support/error.h"
+#include "dem/support/parallel.h"
 #include "engine/scene/light_tree.h"
 #include "engine/scene/node_bounds.h"
 #include "engine/scene/root_groups.h"

@@ -14,8 +14,8 @@
 #include <span>
 #include <vector>
 
-#include "dem/stop_token.h"
-#include "dem/terrain.h"
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
 #include "engine/camera/row_views.h"
 #include "engine/camera/view.h"
 #include "engine/frame/accuracy.h"

@@ -6,8 +6,8 @@
 #include <numbers>
 #include <numeric>
 
-#include "dem/parallel.h"
-#include "dem/vector_targets.h"
+#include "dem/support/parallel.h"
+#include "dem/support/vector_targets.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/sensor/random.h"
 

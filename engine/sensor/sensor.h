@@ -10,7 +10,7 @@
 #include "engine/frame/request.h"
 #include "engine/sensor/detector.h"
 #include "engine/sensor/optics.h"
-#include "engine/visibility/frame_job.h"
+#include "engine/visibility/image/frame_job.h"
 
 namespace selenograph::engine {
 

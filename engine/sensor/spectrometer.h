@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "dem/stop_token.h"
+#include "dem/support/stop_token.h"
 
 namespace selenograph::engine {
 
@@ -33,7 +33,7 @@ struct SpectrometerChannel {
   double width_error;  // of L Delta lambda against the integral over the channel, relative: Delta lambda << lambda
 };
 
-// Channels must be told apart from 0 and from each other in double: api/mertis_json.cpp refuses others. Throws
+// Channels must be told apart from 0 and from each other in double: api/requests/mertis_json.cpp refuses others. Throws
 // Cancelled when `stop` says so.
 std::vector<SpectrometerChannel> look_at_blackbody(const Spectrometer& spectrometer, double temperature_k,
                                                    const StopToken& stop = {});

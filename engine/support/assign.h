@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "dem/stop_token.h"
+#include "dem/support/stop_token.h"
 
 namespace selenograph::engine {
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/stop_token.h"
+#include "dem/support/stop_token.h"
 
 namespace selenograph::engine {
 

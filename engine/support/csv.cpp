@@ -5,8 +5,8 @@
 #include <charconv>
 #include <fstream>
 
-#include "dem/error.h"
-#include "dem/files.h"
+#include "dem/files/files.h"
+#include "dem/support/error.h"
 
 namespace selenograph::engine {
 

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <cstring>
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 #include "engine/support/triangle_id.h"
 
 namespace selenograph::engine {

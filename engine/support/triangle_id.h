@@ -1,9 +1,9 @@
-// A triangle of the mesh in 32 bits: its block, its quad (south-west vertex) and which half (dem/surface.h).
+// A triangle of the mesh in 32 bits: its block, its quad (south-west vertex) and which half (dem/grid/surface.h).
 #pragma once
 
 #include <cstdint>
 
-#include "dem/surface.h"
+#include "dem/grid/surface.h"
 
 namespace selenograph::engine {
 

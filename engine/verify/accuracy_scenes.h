@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "engine/frame/request.h"
 
 namespace selenograph::engine {

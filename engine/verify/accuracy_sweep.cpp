@@ -8,11 +8,11 @@
 #include <limits>
 #include <memory>
 
-#include "dem/error.h"
-#include "dem/parallel.h"
+#include "dem/support/error.h"
+#include "dem/support/parallel.h"
 #include "engine/scene/selection.h"
 #include "engine/verify/bare_kernel.h"
-#include "engine/visibility/scene.h"
+#include "engine/visibility/points/scene.h"
 
 namespace selenograph::engine {
 namespace {

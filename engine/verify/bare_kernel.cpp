@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dem/parallel.h"
+#include "dem/support/parallel.h"
 
 namespace selenograph::engine {
 

@@ -9,7 +9,7 @@
 
 #include "engine/camera/view.h"
 #include "engine/scene/mesh.h"
-#include "engine/visibility/raytrace/embree.h"
+#include "engine/visibility/embree/embree.h"
 
 namespace selenograph::engine {
 

@@ -5,7 +5,7 @@
 #include <limits>
 #include <numbers>
 
-#include "dem/parallel.h"
+#include "dem/support/parallel.h"
 
 namespace selenograph::engine {
 namespace {

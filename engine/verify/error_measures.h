@@ -6,7 +6,7 @@
 
 #include <vector>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "engine/camera/view.h"
 #include "engine/frame/frame.h"
 

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "dem/stop_token.h"
+#include "dem/support/stop_token.h"
 
 namespace selenograph::engine {
 

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 #include "engine/verify/resample.h"
 
 namespace selenograph::engine {

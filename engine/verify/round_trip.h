@@ -5,7 +5,7 @@
 // camera: ordinary frames; the pixels' surface points are resampled to the posts. What differs is the engine's and the
 //         sampling's: pixels don't meet posts, and the plane between three of them cuts a crest between posts off.
 // The file's values come from dem/raster.h: neither lattice nor pyramid has touched them. Where the mesh hasn't all of
-// a tile's posts (resampled products; every second one or fewer poleward of 75.5 degrees, see dem/lattice.h),
+// a tile's posts (resampled products; every second one or fewer poleward of 75.5 degrees, see dem/grid/lattice.h),
 // differences in mode exact are what that costs.
 #pragma once
 

@@ -13,7 +13,7 @@
 #include <thread>
 #include <vector>
 
-#include "api/negotiate.h"
+#include "api/encode/negotiate.h"
 #include "server/campaign/progress.h"
 #include "server/campaign/store.h"
 

@@ -12,8 +12,8 @@
 #include <stdexcept>
 #include <unordered_map>
 
-#include "api/negotiate.h"
-#include "dem/parallel.h"
+#include "api/encode/negotiate.h"
+#include "dem/support/parallel.h"
 #include "server/campaign/campaign.h"
 #include "server/campaign/journal.h"
 #include "server/campaign/sha256.h"

@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <unordered_map>
 
-#include "api/problem.h"
+#include "api/message/problem.h"
 #include "server/campaign/sha256.h"
 
 namespace selenograph::server {

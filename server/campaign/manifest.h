@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include "api/json_reader.h"
+#include "api/json/json_reader.h"
 
 namespace selenograph::server {
 

@@ -6,8 +6,8 @@
 #include <limits>
 #include <optional>
 
-#include "api/frame_json.h"
-#include "api/problem.h"
+#include "api/message/problem.h"
+#include "api/requests/frame_json.h"
 
 namespace selenograph::server {
 namespace {

@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "api/json_reader.h"
-#include "dem/geodesy.h"
+#include "api/json/json_reader.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::server {
 

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <numeric>
 
-#include "dem/parallel.h"
+#include "dem/support/parallel.h"
 #include "server/campaign/sha256.h"
 
 namespace selenograph::server {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "api/json_reader.h"
+#include "api/json/json_reader.h"
 
 namespace selenograph::server {
 

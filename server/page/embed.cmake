@@ -1,5 +1,5 @@
 # Writes a C++ source that holds files as character arrays: cmake -DOUT=FILE "-DFILES=NAME=PATH;..." -P embed.cmake
-file(WRITE ${OUT}.new "#include \"server/pages.h\"\n\nnamespace selenograph::server {\n")
+file(WRITE ${OUT}.new "#include \"server/service/pages.h\"\n\nnamespace selenograph::server {\n")
 foreach(entry ${FILES})
   string(REGEX REPLACE "=.*" "" name "${entry}")
   string(REGEX REPLACE "^[^=]*=" "" path "${entry}")

@@ -25,12 +25,12 @@
 
 #include "dem/gdal/geotiff_writer.h"
 #include "dem/sample/sample_terrain.h"
-#include "dem/value_map.h"
+#include "dem/value_maps/value_map.h"
 #include "engine/radiometry/atmosphere.h"
 #include "engine/render_frame.h"
 #include "engine/renderer.h"
 #include "engine/verify/bare_kernel.h"
-#include "engine/visibility/object_mesh.h"
+#include "engine/visibility/objects/object_mesh.h"
 
 namespace selenograph {
 namespace {

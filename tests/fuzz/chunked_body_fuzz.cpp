@@ -7,7 +7,7 @@
 #include <string>
 #include <string_view>
 
-#include "server/chunked_body.h"
+#include "server/http/chunked_body.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace selenograph::fuzz {

@@ -11,11 +11,11 @@
 #include <string>
 #include <vector>
 
-#include "dem/error.h"
+#include "dem/files/pds_label.h"
 #include "dem/gdal/raster.h"
-#include "dem/pds_label.h"
-#include "dem/post_source.h"
-#include "dem/terrain.h"
+#include "dem/posts/post_source.h"
+#include "dem/support/error.h"
+#include "dem/terrain/terrain.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"

@@ -322,7 +322,7 @@ HALO, VOID = 2, 65535
 
 
 def pyramid(row, kinds, names=b"a.lbl\0b.lbl\0"):
-    """A file as dem/chunk_format.h has it; checksums are left 0: the target makes them right."""
+    """A file as dem/pyramid/chunk_format.h has it; checksums are left 0: the target makes them right."""
     records = []
     for level, flags in kinds:
         side = (4 << level) + 1

@@ -1,8 +1,8 @@
 // What the process that reads meshes answers: it may have been made to say anything.
 #include <stdexcept>
 
-#include "engine/visibility/mesh_answer.h"
-#include "engine/visibility/object_mesh.h"
+#include "engine/visibility/meshes/mesh_answer.h"
+#include "engine/visibility/objects/object_mesh.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/shape_promises.h"
 

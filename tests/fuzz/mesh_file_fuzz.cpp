@@ -5,7 +5,7 @@
 #include <iterator>
 #include <stdexcept>
 
-#include "engine/visibility/mesh_answer.h"
+#include "engine/visibility/meshes/mesh_answer.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/shape_promises.h"
 #include "tests/support/mesh_files.h"

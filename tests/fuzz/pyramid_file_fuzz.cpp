@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "dem/catalogue.h"
-#include "dem/chunk.h"
-#include "dem/chunk_format.h"
-#include "dem/error.h"
+#include "dem/catalogue/catalogue.h"
+#include "dem/pyramid/chunk.h"
+#include "dem/pyramid/chunk_format.h"
+#include "dem/support/error.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace selenograph::fuzz {

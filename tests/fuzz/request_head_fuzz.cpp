@@ -2,9 +2,9 @@
 #include <string>
 #include <variant>
 
-#include "api/problem.h"
-#include "server/allowed_hosts.h"
-#include "server/request_head.h"
+#include "api/message/problem.h"
+#include "server/http/allowed_hosts.h"
+#include "server/http/request_head.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace selenograph::fuzz {

@@ -1,8 +1,8 @@
 // What holds for every shape that a frame is made with.
 #pragma once
 
+#include "engine/scene/object_shape.h"
 #include "engine/support/utf8.h"
-#include "engine/visibility/object_shape.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace selenograph::fuzz {

@@ -17,7 +17,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "engine/renderer.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"

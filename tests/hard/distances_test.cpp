@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "engine/renderer.h"
 #include "engine/scene/selection.h"
 #include "tests/support/judge.h"

@@ -1,5 +1,5 @@
 // Samples at edges: each pixel is what it is without them, or the mean of its quarters; and edges are nearer the truth.
-#include "engine/visibility/edge_samples.h"
+#include "engine/visibility/image/edge_samples.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "engine/verify/accuracy_scenes.h"
-#include "engine/visibility/dense_samples.h"
+#include "engine/visibility/image/dense_samples.h"
 #include "tests/support/hard_views.h"
 #include "tests/support/same_bytes.h"
 #include "tests/support/sample_scenery.h"

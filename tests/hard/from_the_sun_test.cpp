@@ -19,7 +19,7 @@
 #include <vector>
 
 #include "dem/sample/sample_terrain.h"
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "engine/renderer.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"

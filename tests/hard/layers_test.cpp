@@ -8,7 +8,7 @@
 #include <memory>
 #include <vector>
 
-#include "dem/layer_joins.h"
+#include "dem/posts/layer_joins.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

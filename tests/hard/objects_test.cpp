@@ -8,7 +8,7 @@
 #include <optional>
 
 #include "engine/camera/view.h"
-#include "engine/visibility/object_mesh.h"
+#include "engine/visibility/objects/object_mesh.h"
 #include "tests/support/meshes.h"
 #include "tests/support/sample_scenery.h"
 #include "tests/support/views.h"

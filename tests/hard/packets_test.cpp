@@ -6,7 +6,7 @@
 #include <random>
 
 #include "engine/scene/selection.h"
-#include "engine/visibility/raytrace/trace.h"
+#include "engine/visibility/points/trace.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

@@ -15,7 +15,7 @@
 #include "engine/radiometry/photometry.h"
 #include "engine/renderer.h"
 #include "engine/verify/accuracy_scenes.h"
-#include "engine/visibility/object_mesh.h"
+#include "engine/visibility/objects/object_mesh.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/hard_views.h"

@@ -6,11 +6,11 @@
 #include <cmath>
 #include <cstdio>
 
-#include "dem/error.h"
 #include "dem/gdal/geotiff_writer.h"
-#include "dem/value_map.h"
+#include "dem/support/error.h"
+#include "dem/value_maps/value_map.h"
 #include "engine/camera/pose_track.h"
-#include "engine/visibility/object_mesh.h"
+#include "engine/visibility/objects/object_mesh.h"
 #include "tests/support/meshes.h"
 #include "tests/support/same_bytes.h"
 #include "tests/support/sample_scenery.h"

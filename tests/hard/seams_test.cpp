@@ -27,11 +27,11 @@
 #include <vector>
 
 #include "dem/sample/sample_terrain.h"
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "engine/camera/view.h"
 #include "engine/scene/selection.h"
-#include "engine/visibility/raytrace/trace.h"
-#include "engine/visibility/scene.h"
+#include "engine/visibility/points/scene.h"
+#include "engine/visibility/points/trace.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
 

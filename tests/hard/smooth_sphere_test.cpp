@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/lattice.h"
+#include "dem/grid/lattice.h"
 #include "tests/support/effort.h"
 #include "tests/support/moon_without_relief.h"
 #include "tests/support/views.h"

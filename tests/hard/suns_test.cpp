@@ -9,9 +9,9 @@
 #include <numbers>
 #include <string>
 
-#include "api/frame_json.h"
+#include "api/requests/frame_json.h"
 #include "api/service.h"
-#include "dem/lattice.h"
+#include "dem/grid/lattice.h"
 #include "engine/radiometry/photometry.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/frame_judge.h"

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/lattice.h"
+#include "dem/grid/lattice.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/frame_judge.h"
 #include "tests/support/hard_views.h"
@@ -70,7 +70,7 @@ double hills(const Vec3& direction) {
 }
 
 // Plane triangles between the posts that the lattice keeps around a pole, in double: the ring of blocks there, all of
-// the longitude step that dem/lattice.h documents.
+// the longitude step that dem/grid/lattice.h documents.
 class PolarCap {
  public:
   static constexpr int kLevel = 8;

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "engine/verify/accuracy_scenes.h"
-#include "engine/visibility/dense_samples.h"
+#include "engine/visibility/image/dense_samples.h"
 #include "tests/support/hard_views.h"
 #include "tests/support/same_bytes.h"
 #include "tests/support/sample_scenery.h"

@@ -255,7 +255,7 @@ def flipped(content, positions):
     return bytes(damaged)
 
 
-# dem/chunk_format.h. The header's last two numbers are those of index records and of bytes of names.
+# dem/pyramid/chunk_format.h. The header's last two numbers are those of index records and of bytes of names.
 HEADER_BYTES, RECORD_BYTES = 64, 56
 HEADER_FIELDS = (0, 8, 16, 24, 32, 39, 40, 44, 48, 52, 56, 60)
 

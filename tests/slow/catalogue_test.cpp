@@ -1,5 +1,5 @@
 // All of the Moon in tiles of one degree: how long its catalogue takes to open, and what a frame costs over it.
-#include "dem/catalogue.h"
+#include "dem/catalogue/catalogue.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>

@@ -6,7 +6,7 @@
 #include <memory>
 #include <string>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "tests/support/tiles.h"
 
 namespace selenograph::test {

@@ -9,7 +9,7 @@
 #include <mutex>
 #include <vector>
 
-#include "dem/parallel.h"
+#include "dem/support/parallel.h"
 
 namespace selenograph::test {
 namespace {

@@ -8,7 +8,7 @@
 #include <memory>
 #include <string>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "engine/renderer.h"
 #include "tests/support/judge.h"
 

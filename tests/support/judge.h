@@ -16,7 +16,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::test {
 

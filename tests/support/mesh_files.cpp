@@ -12,8 +12,8 @@
 #include <cstdint>
 #include <stdexcept>
 
-#include "engine/visibility/mesh_answer.h"
-#include "engine/visibility/mesh_file.h"
+#include "engine/visibility/meshes/mesh_answer.h"
+#include "engine/visibility/meshes/mesh_file.h"
 
 namespace selenograph::test {
 namespace {

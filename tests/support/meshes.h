@@ -4,8 +4,8 @@
 #include <memory>
 #include <string>
 
-#include "engine/visibility/mesh_reader.h"
-#include "engine/visibility/object_mesh.h"
+#include "engine/visibility/meshes/mesh_reader.h"
+#include "engine/visibility/objects/object_mesh.h"
 
 namespace selenograph::test {
 

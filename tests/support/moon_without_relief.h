@@ -7,7 +7,7 @@
 #include <cstddef>
 #include <optional>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

@@ -1,4 +1,4 @@
-#include "server/admission.h"
+#include "server/service/admission.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Whom a request may be addressed to, and which pages may ask: names, addresses, ports, and what is no host at all.
-#include "server/allowed_hosts.h"
+#include "server/http/allowed_hosts.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "server/async_log.h"
+#include "server/service/async_log.h"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>

@@ -5,7 +5,7 @@
 
 #include <chrono>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

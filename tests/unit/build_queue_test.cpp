@@ -1,5 +1,5 @@
 // Terrain that has to be built first: who waits leaves by its own token, and what was begun is not lost.
-#include "dem/build_queue.h"
+#include "dem/terrain/build_queue.h"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@
 #include <thread>
 #include <vector>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

@@ -1,4 +1,4 @@
-#include "server/caller.h"
+#include "server/http/caller.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Which files are found, in what order, and which of them lie where.
-#include "dem/catalogue.h"
+#include "dem/catalogue/catalogue.h"
 
 #include <gtest/gtest.h>
 #include <stdlib.h>
@@ -11,8 +11,8 @@
 #include <numeric>
 #include <random>
 
-#include "dem/error.h"
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
+#include "dem/support/error.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {

@@ -13,7 +13,7 @@
 #include <cstdlib>
 #include <fstream>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 #include "engine/support/confinement.h"
 #include "tests/support/shared_data.h"
 

@@ -1,5 +1,5 @@
 // Chunks on their way to the cache folder.
-#include "dem/chunk_writer.h"
+#include "dem/terrain/chunk_writer.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "server/chunked_body.h"
+#include "server/http/chunked_body.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "server/departure_watch.h"
+#include "server/http/departure_watch.h"
 
 #include <arpa/inet.h>
 #include <gtest/gtest.h>

@@ -11,7 +11,7 @@
 #include <set>
 #include <stdexcept>
 
-#include "api/assets.h"
+#include "api/assets/assets.h"
 #include "dem/detail/detailed_terrain.h"
 #include "dem/detail/features.h"
 #include "dem/detail/region.h"

@@ -1,5 +1,5 @@
 // The Sun's disc as light: closed forms and quadratures against sums over very many places of it.
-#include "engine/visibility/disc_light.h"
+#include "engine/visibility/points/disc_light.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "api/encode.h"
+#include "api/encode/encode.h"
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
@@ -23,7 +23,7 @@
 #include <thread>
 #include <vector>
 
-#include "api/arrays.h"
+#include "api/encode/arrays.h"
 
 namespace selenograph::api {
 namespace {

@@ -8,8 +8,8 @@
 #include <cstdio>
 #include <string>
 
-#include "dem/error.h"
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
+#include "dem/support/error.h"
 
 namespace selenograph::engine {
 namespace {

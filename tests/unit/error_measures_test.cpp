@@ -7,7 +7,7 @@
 #include <limits>
 #include <numbers>
 
-#include "api/accuracy_report.h"
+#include "api/answers/accuracy_report.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"

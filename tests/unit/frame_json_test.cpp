@@ -1,4 +1,4 @@
-#include "api/frame_json.h"
+#include "api/requests/frame_json.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "api/points_json.h"
+#include "api/requests/points_json.h"
 #include "tests/support/meshes.h"
 
 namespace selenograph::api {

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <memory>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "engine/frame/needs.h"
 #include "engine/render_cache.h"
 #include "engine/render_frame.h"

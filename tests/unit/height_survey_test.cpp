@@ -1,5 +1,5 @@
 // What a look at files says of heights holds of everything that is made of them.
-#include "dem/height_survey.h"
+#include "dem/terrain/height_survey.h"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

@@ -17,16 +17,16 @@ ENGINE_FLOORS = ["verify", "", "sensor", "visibility", "scene", "radiometry", "c
 
 # What a foreign header is called, and the files that may include it: a folder (with a slash) or a pair of files.
 LIBRARIES = [
-    (r"embree\d/", ["engine/visibility/raytrace/embree"]),
+    (r"embree\d/", ["engine/visibility/embree/embree"]),
     (r"(gdal|ogr|cpl_)", ["dem/gdal/"]),
-    (r"httplib", ["server/http_server"]),
-    (r"hwy/", ["engine/", "dem/post_kernels", "dem/normal_kernels", "dem/value_map_kernels",
+    (r"httplib", ["server/http/http_server"]),
+    (r"hwy/", ["engine/", "dem/posts/post_kernels", "dem/grid/normal_kernels", "dem/value_maps/value_map_kernels",
                "dem/detail/detail_kernels"]),
-    (r"assimp/", ["engine/visibility/mesh_file"]),
+    (r"assimp/", ["engine/visibility/meshes/mesh_file"]),
     (r"erfa", ["engine/radiometry/ephemeris"]),
     (r"GeographicLib/", ["dem/"]),
     (r"(OpenImageIO/|zip\.h)", ["api/"]),
-    (r"nlohmann/", ["api/", "server/", "engine/visibility/mesh_recentre"]),
+    (r"nlohmann/", ["api/", "server/", "engine/visibility/meshes/mesh_recentre"]),
     (r"openssl/", ["server/campaign/sha256"]),
     (r"archive", ["server/campaign/tar"]),
     (r"spdlog/", ["api/", "server/"]),
@@ -138,21 +138,21 @@ class IncludeArrows(unittest.TestCase):
 
     def test_what_is_wrong_is_found(self):
         wrong = {
-            "dem/cache.h": '#include "engine/renderer.h"',
-            "engine/scene/mesh.h": '#include "engine/visibility/scene.h"',
+            "dem/support/cache.h": '#include "engine/renderer.h"',
+            "engine/scene/mesh.h": '#include "engine/visibility/points/scene.h"',
             "engine/camera/view.cpp": '  #  include "engine/budget.h"',
-            "engine/renderer.cpp": '#include "api/json_reader.h"',
+            "engine/renderer.cpp": '#include "api/json/json_reader.h"',
             "engine/gui/window.cpp": '#include "engine/renderer.h"',
             "api/service.cpp": "#include <httplib.h>",
             "engine/verify/bare_kernel.cpp": "#include <embree4/rtcore.h>",
-            "engine/visibility/scene.cpp": "#include <gdal_priv.h>",
+            "engine/visibility/points/scene.cpp": "#include <gdal_priv.h>",
             "dem/raster.cpp": "#include <hwy/highway.h>",
         }
         right = {
-            "server/main.cpp": '#include "dem/cache.h"',
+            "server/main.cpp": '#include "dem/support/cache.h"',
             "engine/verify/sweep.cpp": '#include "engine/renderer.h"',
             "engine/budget.cpp": '#include "engine/sensor/sensor.h"',
-            "engine/visibility/raytrace/embree.cpp": "#include <embree4/rtcore.h>",
+            "engine/visibility/embree/embree.cpp": "#include <embree4/rtcore.h>",
             "engine/camera/lens.cpp": '// #include "engine/renderer.h"\n#include <hwy/highway.h>',
         }
         with tempfile.TemporaryDirectory() as folder:

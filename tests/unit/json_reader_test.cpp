@@ -1,4 +1,4 @@
-#include "api/json_reader.h"
+#include "api/json/json_reader.h"
 
 #include <gtest/gtest.h>
 

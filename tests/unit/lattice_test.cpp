@@ -1,5 +1,5 @@
 // The lattice covers the globe exactly once at every level, and the same place has the same tick at every level.
-#include "dem/lattice.h"
+#include "dem/grid/lattice.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <random>
 #include <set>
 
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::dem {
 namespace {

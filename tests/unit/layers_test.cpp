@@ -5,9 +5,9 @@
 #include <random>
 #include <stdexcept>
 
-#include "dem/error.h"
-#include "dem/layer_joins.h"
-#include "dem/post_source.h"
+#include "dem/posts/layer_joins.h"
+#include "dem/posts/post_source.h"
+#include "dem/support/error.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <random>
 
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 #include "engine/frame/sun.h"
 
 namespace selenograph::engine {

@@ -3,10 +3,10 @@
 
 #include <cmath>
 
-#include "dem/error.h"
-#include "dem/terrain.h"
+#include "dem/support/error.h"
+#include "dem/terrain/terrain.h"
 #include "engine/renderer.h"
-#include "engine/visibility/frame_sources.h"
+#include "engine/visibility/image/frame_sources.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"

@@ -1,5 +1,5 @@
 // Projections against their closed forms, and against themselves.
-#include "dem/map_grid.h"
+#include "dem/grid/map_grid.h"
 
 #include <cpl_string.h>
 #include <cpl_vsi.h>

@@ -1,5 +1,5 @@
 // A map's request: where it lies, what is refused, what it resolves to.
-#include "api/map_json.h"
+#include "api/requests/map_json.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // One row of a table is a member's reader, its text in the resolved request, its schema and its line in requests.md.
-#include "api/members.h"
+#include "api/schema/members.h"
 
 #include <gtest/gtest.h>
 
@@ -8,9 +8,9 @@
 #include <set>
 #include <sstream>
 
-#include "api/member_kinds.h"
-#include "api/openapi.h"
-#include "api/requests.h"
+#include "api/document/openapi.h"
+#include "api/document/requests.h"
+#include "api/schema/member_kinds.h"
 
 namespace selenograph::api {
 namespace {

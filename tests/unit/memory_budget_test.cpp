@@ -1,4 +1,4 @@
-#include "api/memory_budget.h"
+#include "api/message/memory_budget.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <thread>
 #include <vector>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 
 namespace selenograph::api {
 namespace {

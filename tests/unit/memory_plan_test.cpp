@@ -1,4 +1,4 @@
-#include "server/memory_plan.h"
+#include "server/service/memory_plan.h"
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>

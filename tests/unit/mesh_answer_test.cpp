@@ -1,5 +1,5 @@
 // What a mesh's reader answers, and what is made of an answer that is none.
-#include "engine/visibility/mesh_answer.h"
+#include "engine/visibility/meshes/mesh_answer.h"
 
 #include <gtest/gtest.h>
 

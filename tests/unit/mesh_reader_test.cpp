@@ -1,5 +1,5 @@
 // Mesh files that are damaged, prepared or too large, read in a process of their own; and the assets that hold them.
-#include "engine/visibility/mesh_reader.h"
+#include "engine/visibility/meshes/mesh_reader.h"
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -10,11 +10,11 @@
 #include <iterator>
 #include <thread>
 
-#include "api/assets.h"
-#include "api/problem.h"
-#include "dem/error.h"
+#include "api/assets/assets.h"
+#include "api/message/problem.h"
+#include "dem/support/error.h"
 #include "engine/support/child_process.h"
-#include "engine/visibility/mesh_answer.h"
+#include "engine/visibility/meshes/mesh_answer.h"
 #include "tests/support/mesh_files.h"
 #include "tests/support/meshes.h"
 #include "tests/support/shared_data.h"

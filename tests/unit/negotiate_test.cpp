@@ -1,8 +1,8 @@
-#include "api/negotiate.h"
+#include "api/encode/negotiate.h"
 
 #include <gtest/gtest.h>
 
-#include "api/problem.h"
+#include "api/message/problem.h"
 
 namespace selenograph::api {
 namespace {

@@ -1,5 +1,5 @@
 // Meshes from files in the formats that people have.
-#include "engine/visibility/object_shape.h"
+#include "engine/scene/object_shape.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -10,8 +10,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "dem/error.h"
-#include "engine/visibility/object_mesh.h"
+#include "dem/support/error.h"
+#include "engine/visibility/objects/object_mesh.h"
 #include "tests/support/mesh_files.h"
 #include "tests/support/meshes.h"
 #include "tests/support/shared_data.h"

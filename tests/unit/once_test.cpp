@@ -1,4 +1,4 @@
-#include "dem/once.h"
+#include "dem/support/once.h"
 
 #include <gtest/gtest.h>
 

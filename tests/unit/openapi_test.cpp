@@ -1,18 +1,18 @@
-#include "api/openapi.h"
+#include "api/document/openapi.h"
 
 #include <gtest/gtest.h>
 
 #include <set>
 #include <string>
 
-#include "api/arrays.h"
-#include "api/frame_json.h"
-#include "api/negotiate.h"
-#include "api/points_json.h"
-#include "api/problem.h"
-#include "api/ranges.h"
-#include "api/round_trip_json.h"
-#include "api/routes.h"
+#include "api/encode/arrays.h"
+#include "api/encode/negotiate.h"
+#include "api/json/ranges.h"
+#include "api/message/problem.h"
+#include "api/message/routes.h"
+#include "api/requests/frame_json.h"
+#include "api/requests/points_json.h"
+#include "api/requests/round_trip_json.h"
 #include "tests/support/meshes.h"
 
 namespace selenograph::api {

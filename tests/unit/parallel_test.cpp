@@ -1,4 +1,4 @@
-#include "dem/parallel.h"
+#include "dem/support/parallel.h"
 
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>

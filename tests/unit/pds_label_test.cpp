@@ -1,5 +1,5 @@
 // Labels only: syntax, and where each dialect puts its first post.
-#include "dem/pds_label.h"
+#include "dem/files/pds_label.h"
 
 #include <gtest/gtest.h>
 #include <stdlib.h>
@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {

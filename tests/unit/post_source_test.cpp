@@ -1,6 +1,6 @@
 // Layers composed to posts: copied bit for bit where they lie on the lattice, exact for slopes where they don't, voids
 // and seams.
-#include "dem/post_source.h"
+#include "dem/posts/post_source.h"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,8 @@
 #include <fstream>
 #include <random>
 
-#include "dem/error.h"
 #include "dem/gdal/raster.h"
+#include "dem/support/error.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

@@ -9,8 +9,8 @@
 #include <thread>
 #include <vector>
 
-#include "dem/error.h"
-#include "dem/geodesy.h"
+#include "dem/grid/geodesy.h"
+#include "dem/support/error.h"
 
 namespace selenograph::engine {
 namespace {

@@ -1,4 +1,4 @@
-#include "api/problem.h"
+#include "api/message/problem.h"
 
 #include <gtest/gtest.h>
 #include <spdlog/sinks/ostream_sink.h>
@@ -13,8 +13,8 @@
 #include <stdexcept>
 #include <system_error>
 
-#include "api/endpoint.h"
-#include "dem/error.h"
+#include "api/endpoints/endpoint.h"
+#include "dem/support/error.h"
 
 namespace selenograph::api {
 namespace {

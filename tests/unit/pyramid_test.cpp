@@ -14,9 +14,9 @@
 #include <random>
 #include <set>
 
-#include "dem/chunk.h"
-#include "dem/chunk_format.h"
-#include "dem/error.h"
+#include "dem/pyramid/chunk.h"
+#include "dem/pyramid/chunk_format.h"
+#include "dem/support/error.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

@@ -15,10 +15,10 @@
 #include <limits>
 #include <thread>
 
-#include "dem/error.h"
-#include "dem/geodesy.h"
-#include "dem/layer_joins.h"
-#include "dem/post_source.h"
+#include "dem/grid/geodesy.h"
+#include "dem/posts/layer_joins.h"
+#include "dem/posts/post_source.h"
+#include "dem/support/error.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {

@@ -1,5 +1,5 @@
 // One ray at a time against a sphere of triangles: which one it meets, and whether the Sun is in sight.
-#include "engine/visibility/raytrace/ray_tracer.h"
+#include "engine/visibility/embree/ray_tracer.h"
 
 #include <gtest/gtest.h>
 

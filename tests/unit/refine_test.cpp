@@ -1,5 +1,5 @@
 // One ray, one triangle: where they meet follows from the weights that the place was made of.
-#include "engine/visibility/refine.h"
+#include "engine/visibility/points/refine.h"
 
 #include <gtest/gtest.h>
 

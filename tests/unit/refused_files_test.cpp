@@ -16,11 +16,11 @@
 #include <string>
 #include <vector>
 
-#include "dem/catalogue.h"
-#include "dem/error.h"
+#include "dem/catalogue/catalogue.h"
 #include "dem/gdal/raster.h"
-#include "dem/terrain.h"
-#include "dem/value_map.h"
+#include "dem/support/error.h"
+#include "dem/terrain/terrain.h"
+#include "dem/value_maps/value_map.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
 

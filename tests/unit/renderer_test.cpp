@@ -7,8 +7,8 @@
 #include <cstring>
 #include <random>
 
-#include "dem/error.h"
 #include "dem/sample/sample_terrain.h"
+#include "dem/support/error.h"
 #include "engine/camera/view.h"
 #include "engine/radiometry/photometry.h"
 #include "tests/support/float_tiles.h"

@@ -1,5 +1,5 @@
 // Places of posts and what resampling does to them.
-#include "dem/resampling.h"
+#include "dem/terrain/resampling.h"
 
 #include <gtest/gtest.h>
 

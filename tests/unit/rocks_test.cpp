@@ -13,9 +13,9 @@
 #include "dem/detail/rocks_on_ground.h"
 #include "engine/camera/view.h"
 #include "engine/renderer.h"
-#include "engine/visibility/object_mesh.h"
-#include "engine/visibility/objects_in_frame.h"
-#include "engine/visibility/rock_shapes.h"
+#include "engine/visibility/objects/object_mesh.h"
+#include "engine/visibility/objects/objects_in_frame.h"
+#include "engine/visibility/objects/rock_shapes.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

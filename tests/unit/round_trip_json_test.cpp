@@ -1,10 +1,10 @@
-#include "api/round_trip_json.h"
+#include "api/requests/round_trip_json.h"
 
 #include <gtest/gtest.h>
 
 #include <string>
 
-#include "api/negotiate.h"
+#include "api/encode/negotiate.h"
 
 namespace selenograph::api {
 namespace {

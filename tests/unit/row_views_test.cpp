@@ -8,7 +8,7 @@
 #include <cstring>
 #include <random>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 #include "engine/camera/packet_rays.h"
 #include "tests/support/views.h"
 

@@ -15,8 +15,8 @@
 #include <string>
 #include <vector>
 
-#include "dem/error.h"
 #include "dem/sample/crater_profile.h"
+#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

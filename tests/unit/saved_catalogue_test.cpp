@@ -1,5 +1,5 @@
 // A catalogue that is opened again finds what it would find the first time.
-#include "dem/saved_catalogue.h"
+#include "dem/catalogue/saved_catalogue.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -11,10 +11,10 @@
 #include <iterator>
 #include <thread>
 
-#include "dem/catalogue.h"
-#include "dem/error.h"
-#include "dem/folder_files.h"
+#include "dem/catalogue/catalogue.h"
+#include "dem/files/folder_files.h"
 #include "dem/gdal/geotiff_writer.h"
+#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

@@ -13,8 +13,8 @@
 #include <unordered_set>
 
 #include "dem/detail/detail.h"
-#include "dem/error.h"
-#include "dem/parallel.h"
+#include "dem/support/error.h"
+#include "dem/support/parallel.h"
 #include "engine/scene/mesh.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

@@ -1,6 +1,6 @@
 // Least-squares normals: exact for planes in latitude and longitude, smooth on quantised slopes, vertical where nothing
 // is known.
-#include "dem/shading_normals.h"
+#include "dem/grid/shading_normals.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "dem/source_rows.h"
+#include "dem/posts/source_rows.h"
 
 #include <gtest/gtest.h>
 

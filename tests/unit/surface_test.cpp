@@ -1,5 +1,5 @@
 // Plane triangles seen from the centre: closed forms.
-#include "dem/surface.h"
+#include "dem/grid/surface.h"
 
 #include <gtest/gtest.h>
 

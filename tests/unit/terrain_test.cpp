@@ -1,5 +1,5 @@
 // Heights at places: on the posts, on the triangles between them, at every border there is.
-#include "dem/terrain.h"
+#include "dem/terrain/terrain.h"
 
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>
@@ -12,8 +12,8 @@
 #include <random>
 #include <thread>
 
-#include "dem/parallel.h"
-#include "dem/surface.h"
+#include "dem/grid/surface.h"
+#include "dem/support/parallel.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

@@ -1,5 +1,5 @@
 // Maps with values in closed form: what a pixel's footprint gets of them.
-#include "dem/value_map.h"
+#include "dem/value_maps/value_map.h"
 
 #include <gdal_priv.h>
 #include <gtest/gtest.h>
@@ -12,8 +12,8 @@
 #include <random>
 #include <thread>
 
-#include "dem/error.h"
 #include "dem/gdal/geotiff_writer.h"
+#include "dem/support/error.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "dem/detail/detail.h"
-#include "dem/lattice.h"
+#include "dem/grid/lattice.h"
 #include "engine/sensor/detector.h"
 #include "engine/sensor/optics.h"
 #include "engine/sensor/random.h"

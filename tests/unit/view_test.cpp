@@ -8,7 +8,7 @@
 #include <cmath>
 #include <random>
 
-#include "dem/error.h"
+#include "dem/support/error.h"
 
 namespace selenograph::engine {
 namespace {

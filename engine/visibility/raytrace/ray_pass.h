@@ -5,14 +5,14 @@
 #include <optional>
 #include <vector>
 
-#include "dem/parallel.h"
+#include "dem/support/parallel.h"
 #include "engine/camera/packet_rays.h"
-#include "engine/visibility/disc_light.h"
-#include "engine/visibility/edge_samples.h"
-#include "engine/visibility/frame_job.h"
-#include "engine/visibility/frame_writer.h"
-#include "engine/visibility/raytrace/trace.h"
-#include "engine/visibility/shading.h"
+#include "engine/visibility/image/edge_samples.h"
+#include "engine/visibility/image/frame_job.h"
+#include "engine/visibility/image/frame_writer.h"
+#include "engine/visibility/points/disc_light.h"
+#include "engine/visibility/points/shading.h"
+#include "engine/visibility/points/trace.h"
 
 namespace selenograph::engine {
 

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "engine/scene/raster_mesh.h"
-#include "engine/visibility/disc_light.h"
+#include "engine/visibility/points/disc_light.h"
 #include "engine/visibility/zbuffer/raster_kernels.h"
 
 namespace selenograph::engine {

@@ -4,10 +4,10 @@
 #include <cstring>
 #include <mutex>
 
-#include "dem/parallel.h"
+#include "dem/support/parallel.h"
 #include "engine/frame/needs.h"
-#include "engine/visibility/raytrace/trace.h"
-#include "engine/visibility/refine.h"
+#include "engine/visibility/points/refine.h"
+#include "engine/visibility/points/trace.h"
 #include "engine/visibility/zbuffer/pixel_kernels.h"
 
 namespace selenograph::engine {

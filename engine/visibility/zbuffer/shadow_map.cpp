@@ -7,10 +7,10 @@
 #include <limits>
 #include <numbers>
 
-#include "dem/error.h"
-#include "dem/parallel.h"
-#include "dem/vector_targets.h"
-#include "engine/visibility/raytrace/trace.h"
+#include "dem/support/error.h"
+#include "dem/support/parallel.h"
+#include "dem/support/vector_targets.h"
+#include "engine/visibility/points/trace.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/visibility/zbuffer/shadow_map.cpp"

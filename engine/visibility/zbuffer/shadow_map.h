@@ -12,10 +12,10 @@
 #include <cstring>
 #include <vector>
 
-#include "dem/stop_token.h"
+#include "dem/support/stop_token.h"
 #include "engine/support/packet.h"
 #include "engine/support/pool.h"
-#include "engine/visibility/disc_light.h"
+#include "engine/visibility/points/disc_light.h"
 #include "engine/visibility/zbuffer/horizons.h"
 #include "engine/visibility/zbuffer/raster_kernels.h"
 

@@ -1,0 +1,126 @@
+#include "api/answers/accuracy_report.h"
+
+#include <fmt/format.h>
+
+#include <functional>
+
+#include "api/answers/metadata.h"
+#include "api/requests/frame_json.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::SweepRow;
+using OrderedJson = nlohmann::ordered_json;
+
+struct Column {
+  const char* name;
+  std::function<double(const SweepRow&)> value;
+};
+
+const std::vector<Column>& columns() {
+  static const std::vector<Column> all{
+      {"max_error_px", [](const SweepRow& r) { return r.setting.max_error_px; }},
+      {"samples_per_pixel", [](const SweepRow& r) { return r.setting.samples_per_pixel; }},
+      {"edge_samples", [](const SweepRow& r) { return r.setting.edge_samples; }},
+      {"max_detail_error_px", [](const SweepRow& r) { return r.with_detail ? r.setting.max_detail_error_px : 0; }},
+      {"max_shadow_error_px", [](const SweepRow& r) { return r.setting.max_shadow_error_px; }},
+      {"reference_max_error_px", [](const SweepRow& r) { return r.reference_max_error_px; }},
+      {"frame_ms", [](const SweepRow& r) { return r.frame_ms; }},
+      {"bare_kernel_ms", [](const SweepRow& r) { return r.bare_ms; }},
+      {"time_ratio", [](const SweepRow& r) { return r.ratio(); }},
+      {"triangles", [](const SweepRow& r) { return static_cast<double>(r.triangles); }},
+      {"scene_bytes", [](const SweepRow& r) { return static_cast<double>(r.scene_bytes); }},
+      {"lod_error_px", [](const SweepRow& r) { return r.bound_px; }},
+      {"lod_error_m", [](const SweepRow& r) { return r.bound_m; }},
+      {"shadow_error_px", [](const SweepRow& r) { return r.shadow_bound_px; }},
+      {"geometric_median_px", [](const SweepRow& r) { return r.errors.geometric_px.median; }},
+      {"geometric_p999_px", [](const SweepRow& r) { return r.errors.geometric_px.p999; }},
+      {"geometric_worst_px", [](const SweepRow& r) { return r.errors.geometric_px.worst; }},
+      {"geometric_median_m", [](const SweepRow& r) { return r.errors.geometric_m.median; }},
+      {"geometric_p999_m", [](const SweepRow& r) { return r.errors.geometric_m.p999; }},
+      {"geometric_worst_m", [](const SweepRow& r) { return r.errors.geometric_m.worst; }},
+      {"within_lod_error_px", [](const SweepRow& r) { return r.errors.within_bound_px; }},
+      {"within_lod_error_m", [](const SweepRow& r) { return r.errors.within_bound_m; }},
+      {"wrong_hits", [](const SweepRow& r) { return r.errors.wrong_hits; }},
+      {"radiance_rms", [](const SweepRow& r) { return r.errors.radiance_rms; }},
+      {"radiance_p999", [](const SweepRow& r) { return r.errors.radiance_p999; }},
+      {"wrong_shadow_flags", [](const SweepRow& r) { return r.errors.wrong_shadow_flags; }},
+      {"shadow_edge_mean_px", [](const SweepRow& r) { return r.errors.shadow_edge_mean_px; }},
+      {"shadow_edge_median_px", [](const SweepRow& r) { return r.errors.shadow_edge_px.median; }},
+      {"shadow_edge_p999_px", [](const SweepRow& r) { return r.errors.shadow_edge_px.p999; }},
+      {"shadow_edge_worst_px", [](const SweepRow& r) { return r.errors.shadow_edge_px.worst; }},
+  };
+  return all;
+}
+
+std::string markdown_row(const SweepRow& r) {
+  const engine::ErrorMeasures& e = r.errors;
+  std::string aim = fmt::format("{:g}", r.setting.max_error_px);
+  if (r.with_detail) aim += fmt::format(", {:g}", r.setting.detail_aim_px());
+  return fmt::format(
+      "| {} | {} | {:g} | {} | {:.2f} | {:.2f} | {:.0f} | {:.2f} | {:.3f} / {:.3f} / {:.3f} | {:.2g} / {:.2g} / "
+      "{:.2g} | {:.2f} / {:.1f} | {:.3f} / {:.1f} / {:.1f} | {:.3f} |\n",
+      visibility_name(r.visibility), aim, r.setting.max_shadow_error_px, samples_text(r.setting), r.ratio(),
+      static_cast<double>(r.triangles) / 1e6, static_cast<double>(r.scene_bytes) / 1048576.0, r.bound_px,
+      e.geometric_px.median, e.geometric_px.p999, e.geometric_px.worst, e.geometric_m.median, e.geometric_m.p999,
+      e.geometric_m.worst, 100 * e.radiance_rms, 100 * e.radiance_p999, e.shadow_edge_mean_px, e.shadow_edge_px.p999,
+      e.shadow_edge_px.worst, 100 * e.wrong_shadow_flags);
+}
+
+constexpr const char* kMarkdownHead =
+    "| visibility | max_error_px | max_shadow_error_px | samples | time / bare kernel | Mtriangles | MiB | bound px | "
+    "geometric error px: median / 99.9 % / worst | m: median / 99.9 % / worst | radiance %: RMS / 99.9 % | shadow edge "
+    "px: mean / 99.9 % / worst | wrong shadow flags % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
+
+}  // namespace
+
+std::string samples_text(const engine::Accuracy& setting) {
+  return fmt::format("{}{}", setting.samples_per_pixel, setting.edge_samples > 1 ? ", edges" : "");
+}
+
+std::string accuracy_csv(const std::vector<SweepRow>& rows) {
+  std::string csv = "scene,visibility";
+  for (const Column& c : columns()) csv += fmt::format(",{}", c.name);
+  csv += '\n';
+  for (const SweepRow& r : rows) {
+    csv += r.scene + "," + std::string(visibility_name(r.visibility));
+    for (const Column& c : columns()) csv += fmt::format(",{:.9g}", c.value(r));
+    csv += '\n';
+  }
+  return csv;
+}
+
+std::string accuracy_markdown(const std::vector<SweepRow>& rows, const std::vector<engine::AccuracyScene>& scenes,
+                              const std::string& machine) {
+  std::string text = fmt::format(
+      "# Speed against error\n\nMeasured on {}. Time: a warm radiance frame over the bare ray-tracing kernel on the "
+      "finest mesh with one sample per pixel, alternating, medians. Errors: against the finest terrain with many "
+      "samples per pixel; radiance relative to the mean of the sunlit pixels. \"edges\": with `edge_samples` 4. With "
+      "detail, max_error_px is followed by what detail was aimed at.\n",
+      machine);
+  for (const engine::AccuracyScene& scene : scenes) {
+    text += fmt::format("\n## {}: {}\n\n{}", scene.name, scene.what, kMarkdownHead);
+    for (const SweepRow& r : rows)
+      if (r.scene == scene.name) text += markdown_row(r);
+  }
+  return text;
+}
+
+OrderedJson accuracy_json(const std::vector<engine::AccuracyScene>& scenes, const std::string& machine) {
+  const engine::Accuracy standard;
+  OrderedJson json{{"machine", machine},
+                   {"default",
+                    {{"max_error_px", standard.max_error_px},
+                     {"max_detail_error_px", standard.max_detail_error_px},
+                     {"max_shadow_error_px", standard.max_shadow_error_px},
+                     {"samples_per_pixel", standard.samples_per_pixel},
+                     {"edge_samples", standard.edge_samples}}},
+                   {"scenes", OrderedJson::array()}};
+  for (const engine::AccuracyScene& scene : scenes)
+    json["scenes"].push_back({{"name", scene.name}, {"description", scene.what}});
+  json["software"] = fmt::format("selenograph {}", software_version());
+  return json;
+}
+
+}  // namespace selenograph::api

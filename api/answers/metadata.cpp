@@ -1,0 +1,205 @@
+#include "api/answers/metadata.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "api/answers/view_json.h"
+#include "api/requests/parts/detail_json.h"
+#include "engine/radiometry/photometry.h"
+
+namespace selenograph::api {
+namespace {
+
+std::string hex(std::uint64_t x) { return fmt::format("{:016x}", x); }
+
+double widest(const std::vector<double>& shadow_limits_px) {
+  return *std::max_element(shadow_limits_px.begin(), shadow_limits_px.end());
+}
+
+bool gave_way(const engine::Accuracy& asked, const std::vector<double>& shadow_limits_px) {
+  return widest(shadow_limits_px) > asked.max_shadow_error_px;
+}
+
+void add_object_warnings(const FrameQuery& query, OrderedJson& warnings) {
+  for (std::size_t i = 0; i < query.objects.size(); ++i) {
+    const engine::SceneObject& object = query.request.objects[i];
+    const auto warn = [&](const std::string& what) {
+      warnings.push_back(fmt::format("objects/{}, {}: {}", i, query.objects[i].mesh, what));
+    };
+    for (const std::string& note : object.mesh->notes()) warn(note);
+    const double across = 2 * object.scale * object.mesh->radius();
+    if (across > 1e6 || across < 1e-3)
+      warn(fmt::format("is {:.3g} m across: \"scale\" makes metres of a file's units", across));
+  }
+}
+
+OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue) {
+  OrderedJson warnings = report.warnings;
+  warn_of_aims(query.request.accuracy, report, warnings);
+  constexpr double kMuch = 0.01;
+  const engine::ProductSet products = query.request.products;
+  if (report.saturated_fraction > kMuch)
+    warnings.push_back(fmt::format("{:.1f} % of the image is saturated: {}", 100 * report.saturated_fraction,
+                                   !query.request.sensor    ? "raise image.full_scale_radiance"
+                                   : report.smear_fill >= 1 ? "smear alone fills pixels; shorten detector.smear_time_s"
+                                                            : "expose shorter"));
+  if (const auto& sensor = query.request.sensor;
+      sensor && sensor->exposure.target_fill > 0 && report.smear_fill >= sensor->exposure.target_fill)
+    warnings.push_back(
+        fmt::format("exposure.target_fill {:g} is out of reach: smear alone fills {:.3g} of a pixel; "
+                    "shorten detector.smear_time_s",
+                    sensor->exposure.target_fill, report.smear_fill));
+  if (products & (engine::kImage | engine::kRadiance) && report.hit_fraction > 0 && !(report.brightest_w_m2_sr > 0))
+    warnings.push_back("no signal: nothing in view is lit" + sun_there(report.view));
+  if (report.motion_samples > 0 && report.longest_streak_px > 1.5 * report.motion_samples)
+    warnings.push_back(
+        fmt::format("the longest streak of motion has about {:.0f} px and is averaged over {} moments: "
+                    "there are gaps in it; {}",
+                    report.longest_streak_px, report.motion_samples,
+                    query.request.sensor->motion.samples ? "motion.samples may be left out or larger"
+                                                         : "motion.samples may be larger"));
+  add_object_warnings(query, warnings);
+  if (query.request.terrain) add_view_warnings(query, report, catalogue, warnings);
+  return warnings;
+}
+
+std::string compact(const OrderedJson& json) { return json.dump(-1, ' ', true, OrderedJson::error_handler_t::replace); }
+
+void omit(OrderedJson& metadata, const char* list) {
+  metadata[std::string(list) + "_omitted"] = metadata.at(list).size();
+  metadata[list] = OrderedJson::array();
+}
+
+}  // namespace
+
+std::string_view software_version() { return SELENOGRAPH_VERSION; }
+
+OrderedJson sources_json(const engine::FrameReport& report) {
+  OrderedJson sources = OrderedJson::array();
+  for (const engine::SourceTile& tile : report.sources) {
+    sources.push_back({{"name", tile.name}, {"version", hex(tile.version)}});
+  }
+  return sources;
+}
+
+// E_sun tau of eq. (2).
+OrderedJson irradiance_json(const engine::FrameRequest& request, const engine::FrameReport& report) {
+  if (!request.band)
+    return {{"value_w_m2", report.radiance.direct_w_m2},
+            {"band", "all wavelengths"},
+            {"source", fmt::format("{} W m-2 at 1 au (IAU 2015 resolution B3, after Kopp & Lean 2011), times 1/r^2",
+                                   engine::kSolarConstant_w_m2)}};
+  return {
+      {"value_w_m2", report.radiance.direct_w_m2},
+      {"band", fmt::format("centre {:.6g} um, width {:.6g} um", request.band->center_um(), request.band->width_um())},
+      {"source", request.atmosphere
+                     ? "the atmosphere's table: E_sun tau, times 1/r^2"
+                     : fmt::format("ASTM E-490-00a (2000), 1 nm to 2 nm resolution below 2.5 um, scaled to {} W m-2 at "
+                                   "1 au, times 1/r^2",
+                                   engine::kSolarConstant_w_m2)}};
+}
+
+std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
+                         std::uint64_t terrain_fingerprint, const Representation& representation) {
+  OrderedJson what{{"request", resolved_json(query)},
+                   {"terrain", hex(terrain_fingerprint)},
+                   {"objects", objects_metadata(query.request, query.objects)},
+                   {"maps", maps_metadata(query.request, query.surface)},
+                   {"atmosphere", hex(Assets::fingerprint(query.request.atmosphere.get()))},
+                   {"version", software_version()},
+                   {"representation", representation.media_type}};
+  if (query.request.detail) what["detail"] = detail_metadata(query.detail, *query.request.detail);
+  if (gave_way(query.request.accuracy, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
+  return content_hash(what.dump());
+}
+
+std::string content_hash(const std::string& text) {
+  const XXH128_hash_t hash = XXH3_128bits(text.data(), text.size());
+  return hex(hash.high64) + hex(hash.low64);
+}
+
+bool names_etag(const std::string& if_none_match, const std::string& hash) {
+  // A hash has no quote or comma in it, so looking for its quoted form is as good as taking the list apart.
+  return if_none_match == "*" || if_none_match.find("\"" + hash + "\"") != std::string::npos;
+}
+
+void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& report, OrderedJson& warnings) {
+  const double detail_px = asked.detail_aim_px();
+  const bool detail_gave_way = report.detail_limit_px > detail_px;
+  if (detail_gave_way)
+    warnings.push_back(fmt::format(
+        "max_detail_error_px gave way from {:g} to {:g}: what it asks for is more than {:g} triangles a pixel",
+        detail_px, report.detail_limit_px, engine::Accuracy::kDetailTrianglesPerPixel));
+  if (gave_way(asked, report.shadow_limits_px))
+    warnings.push_back(fmt::format("max_shadow_error_px gave way from {:g} to {:g}: {}", asked.max_shadow_error_px,
+                                   widest(report.shadow_limits_px),
+                                   detail_gave_way ? "as the aim for detail did"
+                                                   : "the terrain that it asks for does not fit into the service's "
+                                                     "memory for scenes"));
+}
+
+OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
+                     const std::string& hash) {
+  const engine::ProductSet products = query.request.products;
+  OrderedJson meta{{"software", {{"name", "selenograph"}, {"version", software_version()}}},
+                   {"content_hash", hash},
+                   {"request", resolved_json(query)}};
+  if (query.sun_given) {
+    meta["reflectance"] = {{"normalisation", normalisation(query.request.reflectance.model)}};
+  }
+  if (products & (engine::kImage | engine::kRadiance)) {
+    meta["solar_irradiance"] = irradiance_json(query.request, report);
+    meta["radiance_terms"] = report.radiance.names();
+    if (report.emits_elsewhere && !report.radiance.emitted) meta["radiance_terms"].push_back("emitted");
+  }
+  if (products & engine::kImage) {
+    meta["full_scale_radiance_w_m2_sr"] = report.full_scale_radiance_w_m2_sr;
+    if (query.request.sensor)
+      meta["exposure"] = {{"integration_time_s", report.integration_time_s},
+                          {"saturated_fraction", report.saturated_fraction}};
+    if (report.motion_samples > 0)
+      meta["motion"] = {{"samples", report.motion_samples}, {"longest_streak_px", report.longest_streak_px}};
+    if (query.request.sensor)
+      meta["point_spread"] = {{"margin_px", report.margin_px}, {"captured_fraction", report.captured_fraction}};
+  }
+  meta["visibility"] = visibility_name(report.visibility);
+  meta["lod_error_px"] = report.lod_error_px;
+  meta["lod_error_m"] = report.lod_error_m;
+  meta["shadow_error_px"] = report.shadow_error_px;
+  if (query.request.detail) meta["detail_error_px"] = report.detail_error_px;
+  meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
+  meta["triangles"] = report.triangles;
+  meta["hit_fraction"] = report.hit_fraction;
+  if (query.request.detail) meta["detail"] = detail_metadata(query.detail, *query.request.detail);
+  if (report.least_rock_px > 0)
+    meta["rocks"] = {{"number", report.rocks}, {"least_px", report.least_rock_px}, {"fraction", report.rock_fraction}};
+  if (const OrderedJson maps = maps_metadata(query.request, query.surface); !maps.empty()) meta["maps"] = maps;
+  if (!query.objects.empty()) {
+    meta["object_fraction"] = report.object_fraction;
+    meta["objects"] = objects_metadata(query.request, query.objects);
+  }
+  meta["filled_fraction"] = report.filled_fraction;
+  meta["blended_fraction"] = report.blended_fraction;
+  meta["missing_fraction"] = report.missing_fraction;
+  if (query.request.terrain) meta["view"] = view_json(query, report.view);
+  meta["sources"] = sources_json(report);
+  meta["warnings"] = warnings_json(query, report, catalogue);
+  return meta;
+}
+
+MetadataHeader metadata_header(OrderedJson metadata) {
+  if (std::string text = compact(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), true};
+  const std::string hash = metadata.at("content_hash"), place = "/v1/frames/" + hash + "/meta";
+  metadata["metadata_at"] = place;
+  for (const char* list : {"sources", "warnings"}) {
+    omit(metadata, list);
+    if (std::string text = compact(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), false};
+  }
+  return {compact({{"content_hash", hash}, {"metadata_at", place}}), false};
+}
+
+}  // namespace selenograph::api

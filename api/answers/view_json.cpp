@@ -1,0 +1,135 @@
+#include "api/answers/view_json.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "api/schema/members.h"
+
+namespace selenograph::api {
+namespace {
+
+constexpr double kWidePost_px = 8, kMuchMissing = 0.5;
+
+template <typename T>
+OrderedJson or_null(const std::optional<T>& value) {
+  return value ? OrderedJson(*value) : OrderedJson();
+}
+
+// The angle between the boresight of an attitude and the nadir, radians; empty where it misses the Moon.
+std::optional<double> off_nadir(const Vec3& position_m, const Eigen::Quaterniond& camera_from_moon) {
+  const Vec3 boresight = camera_from_moon.conjugate() * Vec3::UnitZ();
+  const double along = -position_m.dot(boresight), aside2 = position_m.squaredNorm() - along * along;
+  if (!(along > 0 && aside2 < kMoonRadius_m * kMoonRadius_m)) return std::nullopt;
+  return std::atan2(std::sqrt(std::max(0.0, aside2)), along);
+}
+
+// Which usual mistake would have made this attitude of one that looks at the Moon, the nearest to its middle.
+std::string likely_mistake(const engine::Pose& pose) {
+  const Eigen::Quaterniond q = pose.camera_from_moon, inverse = q.conjugate(), half_turn(0, 1, 0, 0);  // about x
+  const auto scalar_last = [](const Eigen::Quaterniond& p) { return Eigen::Quaterniond(p.z(), p.w(), p.x(), p.y()); };
+  const auto scalar_first = [](const Eigen::Quaterniond& p) { return Eigen::Quaterniond(p.x(), p.y(), p.z(), p.w()); };
+  struct Mistake {
+    Eigen::Quaterniond meant;
+    const char* words;
+  };
+  const char* const last = "are its components in the order x, y, z, w? w is the scalar part";
+  const char* const first = "are its components in the order w, x, y, z, and were taken for x, y, z, w?";
+  const Mistake mistakes[] = {
+      {inverse, "is it the inverse, camera_from_moon and moon_from_camera in each other's place?"},
+      {half_turn * q, "are its axes OpenGL's (+y up, -z boresight)? Then say \"axes\": \"opengl\""},
+      {half_turn * inverse, "is it the inverse, with OpenGL's axes (+y up, -z boresight)?"},
+      {scalar_last(q), last},
+      {scalar_last(inverse).conjugate(), last},
+      {scalar_first(q), first},
+      {scalar_first(inverse).conjugate(), first}};
+  const char* words = nullptr;
+  double least = std::numeric_limits<double>::infinity();
+  for (const Mistake& m : mistakes)
+    if (const auto angle = off_nadir(pose.position_m, m.meant); angle && *angle < least - 1e-9)
+      least = *angle, words = m.words;
+  return words ? fmt::format("an attitude of the same numbers would look at the Moon: {}", words) : std::string();
+}
+
+// Of the Moon's disc, in pixels, where it is in the middle of the image.
+double moon_px(const engine::FrameRequest& request) {
+  const double distance_m = request.pose.position_m.norm();
+  return distance_m > kMoonRadius_m ? 2 * request.camera.fx * std::tan(std::asin(kMoonRadius_m / distance_m)) : 1e9;
+}
+
+std::string why_nothing(const engine::FrameRequest& request, const engine::ViewReport& view) {
+  const double distance_m = request.pose.position_m.norm();
+  std::string text = fmt::format(
+      "nothing of the Moon is in view: the boresight is {:.1f} degrees off the nadir, {:.6g} km "
+      "above the sphere",
+      view.off_nadir_deg, (distance_m - kMoonRadius_m) / 1e3);
+  if (moon_px(request) < 1) return text + "; from there the Moon is smaller than a pixel: lengths are metres";
+  if (const std::string mistake = likely_mistake(request.pose); !mistake.empty()) text += "; " + mistake;
+  return text;
+}
+
+bool has_data(const dem::Catalogue& catalogue, double lat_deg, double lon_deg) {
+  return !catalogue.touching(lat_deg, lat_deg, lon_deg, lon_deg).empty();
+}
+
+// Where the camera looks at without data; whether there are some where latitude and longitude change places.
+std::string why_missing(const engine::FrameRequest& request, const dem::Catalogue& catalogue) {
+  const Vec3 boresight = request.pose.camera_from_moon.conjugate() * Vec3::UnitZ();
+  const Vec3& from = request.pose.position_m;
+  const double along = -from.dot(boresight), below = from.squaredNorm() - along * along;
+  if (!(along > 0 && below < kMoonRadius_m * kMoonRadius_m)) return {};
+  const Geographic g = to_geographic(from + (along - std::sqrt(kMoonRadius_m * kMoonRadius_m - below)) * boresight);
+  if (has_data(catalogue, g.lat_deg, g.lon_deg)) return {};
+  std::string text = fmt::format(": there are none at latitude {:.4f}, longitude {:.4f}", g.lat_deg, g.lon_deg);
+  if (std::abs(g.lon_deg) <= 90 && has_data(catalogue, g.lon_deg, g.lat_deg))
+    text += fmt::format(", but at latitude {:.4f}, longitude {:.4f}: are they in each other's place?", g.lon_deg,
+                        g.lat_deg);
+  return text;
+}
+
+}  // namespace
+
+OrderedJson view_json(const FrameQuery& query, const engine::ViewReport& view) {
+  const auto place = [](const std::optional<Geographic>& at, double Geographic::*member) {
+    return at ? OrderedJson((*at).*member) : OrderedJson();
+  };
+  OrderedJson corners = OrderedJson::array();
+  for (const auto& corner : view.corners)
+    corners.push_back(corner ? OrderedJson{{"lat_deg", corner->lat_deg}, {"lon_deg", corner->lon_deg}} : OrderedJson());
+  OrderedJson out{{"lat_deg", place(view.boresight, &Geographic::lat_deg)},
+                  {"lon_deg", place(view.boresight, &Geographic::lon_deg)},
+                  {"height_m", place(view.boresight, &Geographic::height_m)},
+                  {"off_nadir_deg", view.off_nadir_deg},
+                  {"up_azimuth_deg", or_null(view.up_azimuth_deg)},
+                  {"corners", corners}};
+  if (query.sun_given)
+    out["sun"] = {{"azimuth_deg", or_null(view.sun_azimuth_deg)}, {"elevation_deg", or_null(view.sun_elevation_deg)}};
+  out["post_px"] = or_null(view.post_px);
+  return out;
+}
+
+std::string sun_there(const engine::ViewReport& view) {
+  if (!view.sun_elevation_deg) return {};
+  return fmt::format(", where the Sun stands at an elevation of {:.2f} degrees", *view.sun_elevation_deg);
+}
+
+void add_view_warnings(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
+                       OrderedJson& warnings) {
+  const engine::FrameRequest& request = query.request;
+  if (!(report.hit_fraction > 0) && !(report.missing_fraction > 0))
+    warnings.push_back(why_nothing(request, report.view));
+  if (report.missing_fraction > kMuchMissing)
+    warnings.push_back(fmt::format("{:.0f} % of the pixels look at places without data{}",
+                                   100 * report.missing_fraction, why_missing(request, catalogue)));
+  if (!query.request.detail && report.view.post_px && *report.view.post_px > kWidePost_px)
+    warnings.push_back(
+        fmt::format("the posts of the DEM are {:.0f} pixels wide in the middle: it has nothing that is "
+                    "smaller",
+                    *report.view.post_px));
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,145 @@
+// Files that requests name: what the operator put into the assets folder, one subfolder per kind.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "api/json/json_reader.h"
+#include "dem/detail/detail.h"
+#include "dem/support/cache.h"
+#include "dem/support/stop_token.h"
+#include "dem/value_maps/value_map.h"
+#include "engine/radiometry/atmosphere.h"
+#include "engine/visibility/meshes/mesh_reader.h"
+#include "engine/visibility/objects/object_mesh.h"
+
+namespace selenograph::api {
+
+// const means safe to call concurrently. A file that changed is read again. Null: there is no such file. They throw
+// RequestError("asset_error") naming the file when it can't be used.
+class Assets {
+ public:
+  // What is in memory of the maps.
+  static constexpr std::size_t kMapTilesBytes = std::size_t{128} << 20;
+
+  // Empty: there are none.
+  explicit Assets(std::string folder = {}, engine::MeshReaderOptions meshes = {})
+      : folder_(std::move(folder)), meshes_(meshes.max_bytes), reader_(std::move(meshes)) {}
+
+  // atmospheres/NAME.csv, as engine::Atmosphere::read says.
+  std::shared_ptr<const engine::Atmosphere> atmosphere(std::string_view name, const StopToken& stop = {}) const;
+  // cameras/NAME.json: an object. What its members are is the request's matter.
+  std::shared_ptr<const Json> camera(std::string_view name) const;
+
+  // objects/NAME.obj, .ply, .gltf or .glb, the first of these that there is, as engine::MeshReader reads it. Meshes
+  // that nobody uses are kept as long as all have room in the reader's max_bytes. What could not be read is not tried
+  // again for a minute unless it changes. Throws Cancelled when `stop` says so.
+  std::shared_ptr<const engine::ObjectMesh> object(std::string_view name, const StopToken& stop = {}) const;
+  // Of the meshes that are kept, with what rays need of them.
+  std::size_t mesh_bytes() const { return meshes_.bytes(); }
+
+  // maps/NAME.json, as read_map_file says; opened again when its raster has changed.
+  std::shared_ptr<const dem::ValueMap> map(std::string_view name, const StopToken& stop = {}) const;
+
+  // details/NAME.json, as read_detail_file says.
+  std::shared_ptr<const dem::Detail> detail(std::string_view name, const StopToken& stop = {}) const;
+
+  // kernels/NAME.csv: rows of weights.
+  std::shared_ptr<const std::vector<std::vector<double>>> kernel(std::string_view name,
+                                                                 const StopToken& stop = {}) const;
+
+  // Of the files of a kind ("atmospheres", "cameras", "details", "kernels", "maps", "objects"), without their
+  // extension; sorted.
+  std::vector<std::string> names(std::string_view kind) const;
+
+  // Of what an atmosphere was read from, so that a frame's ETag changes with it; 0 for null.
+  static std::uint64_t fingerprint(const engine::Atmosphere* atmosphere);
+
+ private:
+  struct Stamp {
+    std::int64_t modified_ns;
+    std::uintmax_t bytes;
+    bool operator==(const Stamp&) const = default;
+  };
+  struct Stamped {
+    std::string path;
+    Stamp stamp;
+  };
+  using Meshes = dem::Cache<std::string, engine::ObjectMesh>;  // by path and stamp
+
+  // Whatever a mesh's reading takes, it is taken once a minute at most.
+  struct Failure {
+    StopToken::Clock::time_point since;
+    std::string what;
+  };
+  void refuse_failed(const std::string& key) const;
+  void remember_failed(const std::string& key, const std::string& what) const;
+
+  template <typename T>
+  struct Known {
+    Stamp stamp;
+    std::shared_ptr<const T> content;
+  };
+  template <typename T>
+  using Files = std::map<std::string, Known<T>, std::less<>>;
+
+  // Empty: there is no such file.
+  std::optional<Stamped> stamped(const char* kind, const char* extension, std::string_view name) const;
+
+  template <typename T, typename Read>
+  std::shared_ptr<const T> find(Files<T>& files, const char* kind, const char* extension, std::string_view name,
+                                const Read& read) const;
+
+  std::string folder_;
+  mutable std::mutex mutex_;
+  mutable Files<engine::Atmosphere> atmospheres_;
+  mutable Files<Json> cameras_;
+  mutable Files<dem::Detail> details_;
+  mutable Files<dem::ValueMap> maps_;
+  mutable Files<std::vector<std::vector<double>>> kernels_;
+  // Of all maps.
+  std::shared_ptr<dem::ValueMapTiles> map_tiles_ = dem::make_value_map_tiles(kMapTilesBytes);
+  mutable Meshes meshes_;
+  mutable std::map<std::string, Failure> failed_;  // by a mesh's key
+  engine::MeshReader reader_;
+};
+
+// A map's description:
+//   {"file": "RASTER",                     GeoTIFF, VRT, AAIGrid, PNG, JPEG, PDS, ISIS3; a relative path starts at the
+//   description's folder
+//    "bands": [1, 2, 3],                   whose mean counts; left out: all but alpha
+//    "extent": {"south_deg", "north_deg", "west_deg", "east_deg"},   of a raster that doesn't say where it lies
+//    "scale": 1, "offset": 0,              value = scale * sample + offset
+//    "no_data": N,                         a sample that is no value, besides the file's own
+//    "low": L, "high": H,                  values are clamped
+//    "description": "..."}
+// Throws DataError naming the description or the raster.
+dem::ValueMapOptions read_map_file(const std::string& path);
+
+// Detail's description; of craters, relief and rocks any may be left out:
+//   {"seed": N,
+//    "region": [[lat_deg, lon_deg], ...],            corners of a polygon in order, which craters and rocks have their
+//                                                    centres in; left out: everywhere (dem::Region)
+//    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.5
+//                "frequency": [{"per_m2", "exponent"}, ...],   the smallest of these power laws (cumulative); left out:
+//                                                    equilibrium (Trask 1966)
+//                "oldest_Ma": 3500, "diffusivity_m2_per_Ma": 4},
+//    "relief": {"hurst": 0.9, "deviation_m", "baseline_m", "shortest_m", "longest_m"},   RMS difference of heights a
+//                                                    baseline apart; wavelengths
+//    "rocks": {"smallest_m", "largest_m",            diameters; the smallest at least 0.02
+//              "frequency": [{"per_m2", "exponent"}, ...],   between craters; left out: dem::rocks_of_viper()
+//              "on_ejecta": 5, "half_life_Ma": 60, "smallest_crater_m": 30},   as in dem::RockLaw
+//    "description": "..."}
+// Throws DataError naming the description and the member.
+dem::DetailPreset read_detail_file(const std::string& path);
+
+// "a, b, c" or "none".
+std::string listed(const std::vector<std::string>& names);
+
+}  // namespace selenograph::api

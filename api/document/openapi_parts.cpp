@@ -1,0 +1,44 @@
+#include "api/document/openapi_parts.h"
+
+namespace selenograph::api::schema {
+
+OrderedJson with(OrderedJson json, const char* key, OrderedJson value) {
+  json[key] = std::move(value);
+  return json;
+}
+
+OrderedJson ref(const std::string& name) { return {{"$ref", "#/components/schemas/" + name}}; }
+
+OrderedJson number(const Range& range, const char* description) {
+  return with(number_schema(range), "description", description);
+}
+
+OrderedJson number_or_null(const char* description) {
+  return {{"type", {"number", "null"}}, {"description", description}};
+}
+
+OrderedJson integer(std::int64_t min, std::int64_t max, const char* description) {
+  return {{"type", "integer"}, {"minimum", min}, {"maximum", max}, {"description", description}};
+}
+
+OrderedJson boolean(const char* description) { return {{"type", "boolean"}, {"description", description}}; }
+
+OrderedJson text(const char* description) { return {{"type", "string"}, {"description", description}}; }
+
+OrderedJson vector(const char* description) {
+  return with(array_schema(number_schema({}), 3, 3), "description", description);
+}
+
+OrderedJson list(const OrderedJson& items, std::size_t most, const char* description) {
+  return with(array_schema(items, 1, most), "description", description);
+}
+
+OrderedJson array(OrderedJson items) { return {{"type", "array"}, {"items", std::move(items)}}; }
+
+OrderedJson object(const char* description, OrderedJson properties, std::initializer_list<const char*> required) {
+  OrderedJson json{{"type", "object"}, {"description", description}, {"properties", std::move(properties)}};
+  if (required.size() > 0) json["required"] = required;
+  return json;
+}
+
+}  // namespace selenograph::api::schema

@@ -1,0 +1,72 @@
+#include "api/document/requests.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "api/encode/arrays.h"
+#include "api/requests/features_json.h"
+#include "api/requests/frame_json.h"
+#include "api/requests/map_json.h"
+#include "api/requests/mertis_json.h"
+#include "api/requests/points_json.h"
+#include "api/requests/round_trip_json.h"
+
+namespace selenograph::api {
+namespace {
+
+struct RequestBody {
+  const char* path;
+  const MemberTable& members;
+};
+
+std::vector<RequestBody> bodies() {
+  return {{"/v1/frames", frame_members()},
+          {"/v1/maps", map_members()},
+          {"/v1/rays", rays_members()},
+          {"/v1/project", project_members()},
+          {"/v1/heights", heights_members()},
+          {"/v1/features", features_members()},
+          {"/v1/verify/roundtrip", round_trip_members()},
+          {"/v1/verify/mertis", mertis_members()}};
+}
+
+void add_with_parts(std::vector<const MemberTable*>& tables, const MemberTable& table) {
+  if (std::find(tables.begin(), tables.end(), &table) != tables.end()) return;
+  tables.push_back(&table);
+  for (const MemberRow& row : table.rows())
+    for (const MemberTable* part : row.objects) add_with_parts(tables, *part);
+}
+
+std::string products_markdown() {
+  std::string out = "## Products\n\nArrays of height x width, row 0 on top.\n\n| name | type | |\n|---|---|---|\n";
+  for (const ProductRow& row : products())
+    out += fmt::format("| `{}` | {} | {} |\n", row.name, type_text(row), row.meaning);
+  out += "\nOf maps, row 0 in the north; NaN where there is no data or no Moon.\n\n| name | type | |\n|---|---|---|\n";
+  for (const MapProductRow& row : map_products())
+    out += fmt::format("| `{}` | {} | {} |\n", row.name, type_text(row), row.meaning);
+  return out;
+}
+
+}  // namespace
+
+std::vector<const MemberTable*> request_tables() {
+  std::vector<const MemberTable*> tables;
+  for (const RequestBody& body : bodies()) add_with_parts(tables, body.members);
+  return tables;
+}
+
+std::string requests_markdown() {
+  std::string out =
+      "# Members of the requests\n\n"
+      "Made from the tables that requests are read with; a test holds this file to them. Limits are the defaults: a\n"
+      "service's own are in its `/openapi.json`. Unknown members are errors. Angles are in degrees, lengths in "
+      "metres,\n"
+      "places in MOON_ME.\n\n| call | body |\n|---|---|\n";
+  for (const RequestBody& body : bodies()) out += fmt::format("| `POST {}` | {} |\n", body.path, link_to(body.members));
+  out += fmt::format("\n{}\n## Objects\n", products_markdown());
+  for (const MemberTable* table : request_tables()) out += fmt::format("\n{}", table->markdown(Limits{}));
+  return out;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,181 @@
+#include "api/encode/arrays.h"
+
+#include <algorithm>
+#include <array>
+#include <stdexcept>
+#include <string>
+
+namespace selenograph::api {
+namespace {
+
+using engine::FrameProducts;
+
+const std::array<ProductRow, 13>& table() {
+  static const std::array<ProductRow, 13> rows{{
+      {engine::kImage,
+       "image",
+       &FrameProducts::image,
+       {},
+       true,
+       "digital numbers; 0, or a sensor's own offset and noise, where nothing is hit"},
+      {engine::kRadiance,
+       "radiance",
+       &FrameProducts::radiance,
+       {},
+       true,
+       "at-sensor radiance, W m-2 sr-1; 0 where nothing is hit"},
+      {engine::kDepth,
+       "depth",
+       &FrameProducts::depth,
+       {},
+       false,
+       "distance along the boresight, m; NaN where nothing is hit"},
+      {engine::kRange, "range", &FrameProducts::range, {}, false, "Euclidean distance, m; NaN where nothing is hit"},
+      {engine::kPosition,
+       "position",
+       &FrameProducts::position,
+       {"x", "y", "z"},
+       false,
+       "hit point in MOON_ME, m; NaN where nothing is hit"},
+      {engine::kGeodetic,
+       "geodetic",
+       &FrameProducts::geodetic,
+       {"lat_deg", "lon_deg", "height_m"},
+       false,
+       "lat_deg, lon_deg, height_m of the hit point; NaN where nothing is hit"},
+      {engine::kNormal,
+       "normal",
+       &FrameProducts::normal,
+       {"x", "y", "z"},
+       false,
+       "outward unit normal used for shading, MOON_ME; NaN where nothing is hit"},
+      {engine::kAngles,
+       "angles",
+       &FrameProducts::angles,
+       {"incidence_deg", "emission_deg", "phase_deg"},
+       true,
+       "incidence, emission, phase, degrees; NaN where nothing is hit"},
+      {engine::kLit,
+       "lit",
+       &FrameProducts::lit,
+       {},
+       true,
+       "lit fraction of the solar disc after self-shadowing; NaN where nothing is hit"},
+      {engine::kGsd,
+       "gsd",
+       &FrameProducts::gsd,
+       {},
+       false,
+       "post spacing of the mesh that was hit, m; NaN where nothing is hit, or an object"},
+      {engine::kSource,
+       "source",
+       &FrameProducts::source,
+       {},
+       false,
+       "index into the frame's list of sources; 65535 where nothing is hit, or an object"},
+      {engine::kObjectId,
+       "object_id",
+       &FrameProducts::object_id,
+       {},
+       false,
+       "index into the request's objects; 65535 where none is hit"},
+      {engine::kDetail,
+       "detail",
+       &FrameProducts::detail,
+       {},
+       false,
+       "what is seen: 0 the DEM, between its posts, too; 1 inside a crater of the request's detail; 2 its relief; 3 a "
+       "rock; 65535 where nothing is hit, or an object of the request"},
+  }};
+  return rows;
+}
+
+const ProductRow& row_of(engine::Product product) {
+  for (const ProductRow& row : table())
+    if (row.product == product) return row;
+  throw std::logic_error("unknown product");
+}
+
+ElementType type_of(const std::vector<std::uint8_t>&) { return ElementType::uint8; }
+ElementType type_of(const std::vector<std::uint16_t>&) { return ElementType::uint16; }
+ElementType type_of(const std::vector<float>&) { return ElementType::float32; }
+ElementType type_of(const std::vector<double>&) { return ElementType::float64; }
+
+template <typename Element>
+ArrayView view(const ProductRow& row, const std::vector<Element>& data, const engine::FrameRequest& request) {
+  const std::string name(row.name);
+  const std::size_t channels = std::max<std::size_t>(row.components.size(), 1);
+  const bool thinned = request.truth && row.product & engine::kTruth;
+  const int height = thinned ? request.truth->rows() : request.camera.height,
+            width = thinned ? request.truth->columns() : request.camera.width;
+  const std::size_t expected = std::size_t(height) * std::size_t(width) * channels;
+  if (data.size() != expected) {
+    throw std::logic_error("the frame has " + std::to_string(data.size()) + " elements of " + name + ", not " +
+                           std::to_string(expected));
+  }
+  std::vector<std::string> channel_names;
+  channel_names.reserve(channels);
+  for (const std::string_view component : row.components) channel_names.push_back(name + "." + std::string(component));
+  if (row.components.empty()) channel_names.push_back(name);
+  return {row.name, type_of(data), height, width, int(channels), data.data(), channel_names};
+}
+
+ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engine::FrameRequest& request,
+                  Narrowed& narrowed) {
+  if (row.product == engine::kImage && image_bits(request) == 8) {
+    const std::vector<std::uint16_t>& image = frame.products.image;
+    narrowed.image.resize(image.size());
+    std::transform(image.begin(), image.end(), narrowed.image.begin(),
+                   [](std::uint16_t number) { return static_cast<std::uint8_t>(number); });
+    return view(row, narrowed.image, request);
+  }
+  if (row.product == engine::kPosition && request.truth && request.truth->position_origin_m) {
+    const std::vector<double>& position = frame.products.position;
+    const Vec3& origin_m = *request.truth->position_origin_m;
+    narrowed.position.resize(position.size());
+    for (std::size_t i = 0; i < position.size(); ++i)
+      narrowed.position[i] = static_cast<float>(position[i] - origin_m[static_cast<Eigen::Index>(i % 3)]);
+    return view(row, narrowed.position, request);
+  }
+  return std::visit([&](const auto elements) { return view(row, frame.products.*elements, request); }, row.elements);
+}
+
+}  // namespace
+
+std::span<const ProductRow> products() { return table(); }
+
+std::string type_text(const ProductRow& row) {
+  if (row.product == engine::kImage) return "uint8 or uint16";
+  static constexpr std::string_view kTypes[] = {"uint16", "float32", "float64"};  // in the order of ProductElements
+  return std::string(kTypes[row.elements.index()]) +
+         (row.components.empty() ? "" : " x " + std::to_string(row.components.size()));
+}
+
+std::size_t bytes_per_pixel(engine::ProductSet products) {
+  std::size_t sum = 0;
+  for (const ProductRow& row : table()) {
+    if (!(products & row.product)) continue;
+    sum += std::max<std::size_t>(row.components.size(), 1) *
+           std::visit([](const auto elements) { return sizeof((FrameProducts().*elements)[0]); }, row.elements);
+  }
+  return sum;
+}
+
+engine::ProductSet products_that_need_a_sun() {
+  engine::ProductSet set = 0;
+  for (const ProductRow& row : table())
+    if (row.needs_sun) set |= row.product;
+  return set;
+}
+
+std::string_view name_of(engine::Product product) { return row_of(product).name; }
+
+std::vector<ArrayView> arrays_of(const engine::Frame& frame, const engine::FrameRequest& request,
+                                 engine::ProductSet wanted, Narrowed& narrowed) {
+  std::vector<ArrayView> arrays;
+  for (const ProductRow& row : table())
+    if (wanted & row.product) arrays.push_back(view_of(row, frame, request, narrowed));
+  return arrays;
+}
+
+}  // namespace selenograph::api

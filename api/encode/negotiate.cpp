@@ -1,0 +1,174 @@
+#include "api/encode/negotiate.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <charconv>
+#include <optional>
+
+#include "api/message/problem.h"
+
+namespace selenograph::api {
+namespace {
+
+constexpr engine::ProductSet kAll = ~engine::ProductSet{0};
+
+constexpr std::array<Representation, 6> kRepresentations{{
+    {Format::npy, "application/x-npy", "npy", false, kAll, "one product as a NumPy .npy array"},
+    {Format::npz, "application/x-npz", "npz", true, kAll, "all products as one NumPy .npz, with meta.json inside"},
+    {Format::png, "image/png", "png", false, engine::kImage, "`image`, 8 or 16 bit grey"},
+    {Format::tiff, "image/tiff", "tiff", false, kAll, "one product, float or integer"},
+    {Format::exr, "image/x-exr", "exr", true, kAll, "all products as named channels"},
+    {Format::raw, "application/octet-stream", "raw", false, kAll,
+     "one product, raw little-endian, row by row; shape and type in headers"},
+}};
+
+// One element of an Accept header. Parameters other than q don't distinguish anything that there is.
+struct MediaRange {
+  std::string_view type, subtype;
+  double q = 1;
+  int specificity() const { return (type != "*") + (subtype != "*"); }
+  bool matches(std::string_view media_type) const {
+    const std::size_t slash = media_type.find('/');
+    return (type == "*" || type == media_type.substr(0, slash)) &&
+           (subtype == "*" || subtype == media_type.substr(slash + 1));
+  }
+};
+
+std::string_view trimmed(std::string_view s) {
+  const std::size_t first = s.find_first_not_of(" \t");
+  return first == std::string_view::npos ? "" : s.substr(first, s.find_last_not_of(" \t") - first + 1);
+}
+
+std::vector<std::string_view> split(std::string_view s, char separator) {
+  std::vector<std::string_view> parts;
+  while (true) {
+    const std::size_t at = s.find(separator);
+    parts.push_back(trimmed(s.substr(0, at)));
+    if (at == std::string_view::npos) return parts;
+    s.remove_prefix(at + 1);
+  }
+}
+
+// 0 for what is no weight: a range that can't be understood is not preferred.
+double weight(std::string_view text) {
+  double q = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), q);
+  return error == std::errc() && end == text.data() + text.size() && q >= 0 && q <= 1 ? q : 0;
+}
+
+std::optional<MediaRange> read_media_range(std::string_view element) {
+  const std::vector<std::string_view> parts = split(element, ';');
+  const std::size_t slash = parts[0].find('/');
+  if (slash == std::string_view::npos) return std::nullopt;
+  MediaRange range{trimmed(parts[0].substr(0, slash)), trimmed(parts[0].substr(slash + 1))};
+  for (const std::string_view parameter : std::span(parts).subspan(1)) {
+    if (parameter.starts_with("q=")) range.q = weight(parameter.substr(2));
+  }
+  return range;
+}
+
+std::string lower_case(std::string s) {
+  std::transform(s.begin(), s.end(), s.begin(), [](char c) { return c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c; });
+  return s;
+}
+
+// The ranges point into the header's text, which therefore lives as long as they do.
+class Accept {
+ public:
+  explicit Accept(const std::string& header) : text_(lower_case(header)) {
+    if (trimmed(text_).empty()) text_ = "*/*";
+    for (const std::string_view element : split(text_, ',')) {
+      if (const auto range = read_media_range(element)) ranges_.push_back(*range);
+    }
+  }
+  Accept(const Accept&) = delete;
+  Accept& operator=(const Accept&) = delete;
+
+  // The weight of the most specific range that matches; 0 without one.
+  double q(std::string_view media_type) const {
+    const MediaRange* best = nullptr;
+    for (const MediaRange& range : ranges_) {
+      if (range.matches(media_type) && (!best || range.specificity() > best->specificity())) best = &range;
+    }
+    return best ? best->q : 0;
+  }
+
+ private:
+  std::string text_;
+  std::vector<MediaRange> ranges_;
+};
+
+bool can_hold(const Representation& r, engine::ProductSet products) {
+  return (products & ~r.able) == 0 && (r.several || std::has_single_bit(products));
+}
+
+bool favourite(const Representation& r, engine::ProductSet products) {
+  if (products == engine::kImage) return r.format == Format::png;
+  return r.format == (std::has_single_bit(products) ? Format::npy : Format::npz);
+}
+
+std::string list_of(bool (*wanted)(const Representation&)) {
+  std::string out;
+  for (const Representation& r : kRepresentations) {
+    if (wanted(r)) out += (out.empty() ? "" : ", ") + std::string(r.media_type);
+  }
+  return out;
+}
+
+[[noreturn]] void refuse(const Representation* unable) {
+  if (!unable) {
+    throw RequestError("not_acceptable", "there is " + list_of([](const Representation&) { return true; }) +
+                                             "; Accept allows none of them");
+  }
+  const std::string what = unable->format == Format::png
+                               ? std::string(unable->media_type) + " holds the product \"image\" alone"
+                               : std::string(unable->media_type) + " holds exactly one product";
+  const std::string several = list_of([](const Representation& r) { return r.several; });
+  throw RequestError("invalid_request", what, {{"/products", what + "; several are held by " + several}});
+}
+
+}  // namespace
+
+std::span<const Representation> representations() { return kRepresentations; }
+
+const Representation& representation(Format format) {
+  return *std::find_if(kRepresentations.begin(), kRepresentations.end(),
+                       [&](const Representation& r) { return r.format == format; });
+}
+
+bool accepts(const std::string& accept, std::string_view media_type) { return Accept(accept).q(media_type) > 0; }
+
+std::string_view choose(const std::string& accept, std::span<const Alternative> alternatives) {
+  const Accept allowed(accept);
+  const Alternative* best = nullptr;
+  double best_q = 0;
+  std::string all;
+  for (const Alternative& a : alternatives) {
+    all += (all.empty() ? "" : ", ") + std::string(a.media_type);
+    if (const double q = allowed.q(a.media_type); q > best_q) best = &a, best_q = q;
+  }
+  if (!best) throw RequestError("not_acceptable", "there is " + all + "; Accept allows none of them");
+  return best->media_type;
+}
+
+const Representation& negotiate(const std::string& accept, engine::ProductSet products) {
+  const Accept allowed(accept);
+  const Representation* best = nullptr;
+  const Representation* unable = nullptr;  // accepted, but it can't hold these products
+  double best_q = 0;
+  for (const Representation& r : kRepresentations) {
+    const double q = allowed.q(r.media_type);
+    if (q <= 0) continue;
+    if (!can_hold(r, products)) {
+      if (!unable) unable = &r;
+    } else if (q > best_q || (q == best_q && favourite(r, products))) {
+      best = &r;
+      best_q = q;
+    }
+  }
+  if (!best) refuse(unable);
+  return *best;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,85 @@
+#include "api/endpoints/endpoint.h"
+
+#include <fmt/format.h>
+
+#include <chrono>
+
+#include "engine/budget.h"
+
+namespace selenograph::api {
+namespace {
+
+// How long a request that is in work waits for others' memory: then it makes room for one that needs less.
+constexpr auto kPatience = std::chrono::seconds(2);
+
+// A document takes up to so many times its text: numbers of one digit are 16 bytes of a value, names 32 and a node.
+constexpr std::size_t kDocumentBytesPerByte = 24;
+
+// "application/json", in any case, whatever parameters follow: JSON is UTF-8 by definition (RFC 8259, 8.1).
+bool says_json(std::string content_type) {
+  content_type = content_type.substr(0, content_type.find(';'));
+  content_type.erase(content_type.find_last_not_of(" \t") + 1);
+  for (char& c : content_type) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return content_type == "application/json";
+}
+
+}  // namespace
+
+std::string header(const Request& request, const std::string& name) {
+  std::string joined;
+  const auto [first, last] = request.headers.equal_range(name);
+  for (auto it = first; it != last; ++it) joined += (it == first ? "" : ", ") + it->second;
+  return joined;
+}
+
+void refuse_work(const TooMuchWork& e, const std::string& pointer, const Limits& limits) {
+  const auto longest_ms = static_cast<double>(limits.default_deadline.count());
+  if (engine::SpeedGauge::in_reach(e.predicted_ms(), longest_ms)) throw;
+  const std::string detail = fmt::format("{}; this service allows {:g} s", e.what(), longest_ms / 1e3);
+  throw RequestError("invalid_request", detail, {{pointer, detail}});
+}
+
+Json json_body(const EndpointContext& context) {
+  const Request& request = context.request;
+  if (!says_json(header(request, "content-type"))) {
+    throw RequestError("unsupported_media_type", "the body must be application/json");
+  }
+  if (request.body.size() > context.limits.max_body_bytes) {
+    throw RequestError("too_large", "the body has " + std::to_string(request.body.size()) + " bytes, at most " +
+                                        std::to_string(context.limits.max_body_bytes) + " are taken");
+  }
+  context.memory.need(kDocumentBytesPerByte * request.body.size(), "", context.stop);
+  return parse_json(request.body, context.limits.max_json_depth);
+}
+
+void RequestMemory::need(std::size_t bytes, std::string_view pointer, const StopToken& stop) {
+  claim_ = {};  // whoever waits holds nothing
+  if (!budget_.fits(bytes)) {
+    const std::string detail =
+        fmt::format("takes {} MB of memory, the service has {} MB for all requests (--memory-mb)", bytes >> 20,
+                    budget_.capacity() >> 20);
+    throw RequestError("invalid_request", "the request " + detail, {{std::string(pointer), detail}});
+  }
+  auto claim = budget_.claim(bytes, StopToken::Clock::now() + kPatience, stop);
+  if (!claim) throw RequestError("busy", "the memory that this request takes is in use by others");
+  claim_ = std::move(*claim);
+}
+
+MemoryBudget::Claim RequestMemory::give_for(std::size_t answer_bytes) {
+  if (claim_.bytes() == 0) need(answer_bytes, "", {});
+  claim_.resize(answer_bytes);
+  return std::move(claim_);
+}
+
+Response json_response(std::string text) {
+  Response response;
+  response.content_type = "application/json";
+  response.body = std::move(text);
+  return response;
+}
+
+Response json_response(const nlohmann::ordered_json& json) {
+  return json_response(json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+}
+
+}  // namespace selenograph::api

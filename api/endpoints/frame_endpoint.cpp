@@ -1,0 +1,311 @@
+// POST /v1/frames, from the body to the bytes of the answer.
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include <chrono>
+#include <list>
+
+#include "api/answers/metadata.h"
+#include "api/encode/arrays.h"
+#include "api/encode/encode.h"
+#include "api/encode/negotiate.h"
+#include "api/endpoints/endpoint.h"
+#include "api/requests/cameras.h"
+#include "api/requests/frame_json.h"
+#include "dem/support/error.h"
+#include "engine/budget.h"
+#include "engine/frame/needs.h"
+
+namespace selenograph::api {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double ms_since(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+// Of all threads. Most of it goes into memory that is touched for the first time.
+double kernel_ms() {
+  ::rusage used{};
+  ::getrusage(RUSAGE_SELF, &used);
+  return 1e3 * static_cast<double>(used.ru_stime.tv_sec) + 1e-3 * static_cast<double>(used.ru_stime.tv_usec);
+}
+
+// https://www.w3.org/TR/server-timing/: durations in milliseconds.
+std::string server_timing(double parse_ms, const engine::StageTimes& times, double encode_ms, double kernel_ms) {
+  std::string drawn;
+  if (times.draw_ms > 0)
+    drawn = fmt::format("draw;dur={:.3f}, resolve;dur={:.3f}, shadow;dur={:.3f}, ", times.draw_ms, times.resolve_ms,
+                        times.shadow_ms);
+  return fmt::format(
+      "parse;dur={:.3f}, select;dur={:.3f}, build;dur={:.3f}, pyramid;dur={:.3f}, load;dur={:.3f}, "
+      "visibility;dur={:.3f}, {}sensor;dur={:.3f}, encode;dur={:.3f}, touch;dur={:.3f}",
+      parse_ms, times.select_ms, times.build_ms, times.pyramid_ms, times.load_ms, times.visibility_ms, drawn,
+      times.sensor_ms, encode_ms, kernel_ms);
+}
+
+std::string encode(const std::vector<ArrayView>& arrays, Format format, const std::string& meta,
+                   const StopToken& stop) {
+  const Attributes attributes{{"selenograph", meta}};
+  switch (format) {
+    case Format::npy:
+      return encode_npy(arrays.front());
+    case Format::npz:
+      return encode_npz(arrays, meta, stop);
+    case Format::png:
+      return encode_png(arrays.front(), attributes, stop);
+    case Format::tiff:
+      return encode_tiff(arrays.front(), attributes, stop);
+    case Format::exr:
+      return encode_exr(arrays, attributes, stop);
+    case Format::raw:
+      return encode_raw(arrays.front());
+  }
+  throw std::logic_error("no such format");
+}
+
+std::string shape(const ArrayView& array) {
+  return fmt::format("{},{}", array.height, array.width) +
+         (array.channels > 1 ? fmt::format(",{}", array.channels) : "");
+}
+
+// For representations without room for metadata of their own.
+void add_array_headers(Response& response, const ArrayView& array, MetadataHeader meta) {
+  response.headers.emplace_back("Selenograph-Product", array.name);
+  response.headers.emplace_back("Selenograph-Shape", shape(array));
+  response.headers.emplace_back("Selenograph-Dtype", numpy_descr(array.type));
+  response.headers.emplace_back("Selenograph-Meta", std::move(meta.text));
+}
+
+void remember(const std::string& hash, std::string metadata, LongMetadata& long_metadata) {
+  long_metadata.erase(hash);  // of a frame without a file that was replaced, say
+  const std::size_t bytes = metadata.size();
+  long_metadata.get(hash, [&] {
+    return LongMetadata::Loaded{std::make_shared<const std::string>(std::move(metadata)), bytes};
+  });
+}
+
+// A frame while it is in work, besides what is kept between frames, and its answer.
+std::size_t bytes_of(const engine::FrameRequest& request) {
+  engine::ProductSet arrays = request.products;
+  if (arrays & engine::kImage) arrays |= engine::kRadiance;
+  const engine::ProductSet whole = request.truth ? arrays & ~engine::kTruth : arrays;
+  const std::size_t answer = bytes_per_pixel(request.products & whole),
+                    working = engine::working_bytes_per_pixel(request);
+  const std::size_t truth = request.truth ? request.truth->size() * 2 * bytes_per_pixel(arrays & engine::kTruth) : 0;
+  return truth + engine::rendered_pixels(request) * (bytes_per_pixel(whole) + std::max(working, answer)) +
+         engine::bytes_of_rows(request.camera, request.shutter) + engine::bytes_of_rocks(request.detail.get());
+}
+
+// The engine's refusals are of where the camera is, but for those that name a member.
+constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"},
+                                        {"visibility", "/visibility"},
+                                        {"shutter", "/shutter"},
+                                        {"albedo_maps", "/surface/albedo_maps"}};
+
+// OpenEXR's channels have one size.
+void refuse_sizes(const engine::FrameRequest& request, const Representation& representation) {
+  if (representation.format != Format::exr || !request.truth || !(request.products & engine::kTruth)) return;
+  const bool whole = request.truth->width == request.camera.width && request.truth->height == request.camera.height &&
+                     request.truth->every_px == 1;
+  if (whole || !(request.products & ~engine::kTruth)) return;
+  const std::string what = fmt::format("image and radiance have another size in it than the other products: ask for {}",
+                                       api::representation(Format::npz).media_type);
+  throw RequestError("invalid_request", "OpenEXR holds arrays of one size", {{"/truth", what}});
+}
+
+engine::Frame render(const FrameQuery& query, const EndpointContext& context) {
+  try {
+    return with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.render(query.request, context.stop); });
+  } catch (const TooMuchWork& e) {
+    refuse_work(e, "/camera", context.limits);
+  }
+}
+
+Response not_modified(const std::string& hash) {
+  Response response;
+  response.status = 304;
+  response.headers = {{"ETag", "\"" + hash + "\""}, {"Vary", "Accept"}};
+  return response;
+}
+
+Response with_echo(const FrameQuery& query, Response response) {
+  if (!query.echo.empty()) response.headers.emplace_back("Selenograph-Echo", query.echo);
+  return response;
+}
+
+Response answer(const FrameQuery& query, const engine::Frame& frame, const Representation& representation,
+                const dem::Catalogue& catalogue, const std::string& hash, LongMetadata& long_metadata,
+                const StopToken& stop) {
+  Response response;
+  response.content_type = representation.media_type;
+  response.headers.emplace_back("Vary", "Accept");
+  // With an unusable file replaced by a coarser layer the bytes are not those that the hash stands for.
+  if (frame.report.warnings.empty()) response.headers.emplace_back("ETag", "\"" + hash + "\"");
+  const nlohmann::ordered_json meta = metadata(query, frame.report, catalogue, hash);
+  Narrowed narrowed;
+  const std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
+  std::string text = meta.dump(2, ' ', false, Json::error_handler_t::replace);
+  response.body = encode(arrays, representation.format, text, stop);
+  if (representation.format == Format::npy || representation.format == Format::raw) {
+    MetadataHeader header = metadata_header(meta);
+    if (!header.whole) remember(hash, std::move(text), long_metadata);
+    add_array_headers(response, arrays.front(), std::move(header));
+  }
+  // Black pixels there look like the sky: whoever sees only the image is told, too.
+  if (frame.report.missing_fraction > 0)
+    response.headers.emplace_back("Selenograph-Missing-Fraction", fmt::format("{:.6g}", frame.report.missing_fraction));
+  return response;
+}
+
+// Puts the setting that the budget allows into the request; what is said about it in a header. Not in the metadata: the
+// same setting asked for by its numbers has the same bytes and the same ETag.
+std::string choose_within_budget(FrameQuery& query, const EndpointContext& context) {
+  if (!query.budget_ms) return {};
+  const engine::BudgetChoice choice = with_refusals_at(kRefusable, "/pose", [&] {
+    return context.renderer.choose(query.request, *query.budget_ms, context.limits.max_samples_per_pixel, context.stop);
+  });
+  query.request.accuracy = choice.accuracy;
+  return fmt::format("budget_ms={:g}, predicted_ms={:.3f}, fits={}, max_error_px={:g}, samples_per_pixel={}",
+                     *query.budget_ms, choice.predicted_ms, choice.fits ? 1 : 0, choice.accuracy.max_error_px,
+                     choice.accuracy.samples_per_pixel);
+}
+
+std::string hash_of(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
+                    const Representation& representation, const EndpointContext& context) {
+  return content_hash(query, shadow_limits_px, context.renderer.terrain().catalogue().fingerprint(), representation);
+}
+
+// The same of a frame that is not rendered yet; refusals point at `pointer`.
+std::string hash_beforehand(const FrameQuery& query, std::string_view pointer, const Representation& representation,
+                            const EndpointContext& context) {
+  const auto limits = with_refusals_at(kRefusable, pointer,
+                                       [&] { return context.renderer.shadow_limits_px(query.request, context.stop); });
+  return hash_of(query, limits, representation, context);
+}
+
+// One camera of several.
+struct CameraFrame {
+  std::string name;
+  FrameQuery query;
+  std::string budget;
+  engine::Frame frame{};
+  std::string hash{};
+  Narrowed narrowed{};
+};
+
+std::string hash_of_all(const std::vector<CameraFrame>& cameras) {
+  std::string text;
+  for (const CameraFrame& camera : cameras) text += camera.name + "\n" + camera.hash + "\n";
+  return content_hash(text);
+}
+
+Response answer_cameras(const EndpointContext& context, const Json& body) {
+  const Clock::time_point start = Clock::now();
+  const double kernel_before_ms = kernel_ms();
+  const Representation& npz = representation(Format::npz);
+  const std::string accept = header(context.request, "accept");
+  if (!accepts(accept, npz.media_type))
+    throw RequestError("not_acceptable", fmt::format("several cameras are answered as {}", npz.media_type));
+  std::vector<CameraFrame> cameras;
+  std::size_t bytes = 0;
+  for (CameraBody& one : split_cameras(body)) {
+    with_pointers_of(body, one.name, [&] {
+      cameras.push_back({one.name, read_frame(one.body, context.limits, context.assets, context.stop), {}});
+      cameras.back().budget = choose_within_budget(cameras.back().query, context);
+    });
+    bytes += bytes_of(cameras.back().query.request);
+  }
+  if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
+    for (CameraFrame& camera : cameras) camera.hash = hash_beforehand(camera.query, "/cameras", npz, context);
+    if (const std::string hash = hash_of_all(cameras); names_etag(known, hash))
+      return with_echo(cameras.front().query, not_modified(hash));
+  }
+  context.memory.need(bytes, "/cameras", context.stop);
+  const double parse_ms = ms_since(start);
+
+  engine::StageTimes times;
+  bool warned = false;
+  for (CameraFrame& camera : cameras) {
+    with_pointers_of(body, camera.name, [&] { camera.frame = render(camera.query, context); });
+    context.stop.check();
+    times += camera.frame.times;
+    camera.hash = hash_of(camera.query, camera.frame.report.shadow_limits_px, npz, context);
+    warned |= !camera.frame.report.warnings.empty();
+  }
+  const Clock::time_point encode_start = Clock::now();
+  const std::string hash = hash_of_all(cameras);
+  OrderedJson meta{{"content_hash", hash}, {"cameras", OrderedJson::object()}};
+  std::vector<ArrayView> arrays;
+  std::list<std::string> names;
+  for (CameraFrame& camera : cameras) {
+    meta["cameras"][camera.name] =
+        metadata(camera.query, camera.frame.report, context.renderer.terrain().catalogue(), camera.hash);
+    const engine::FrameRequest& request = camera.query.request;
+    for (ArrayView& array : arrays_of(camera.frame, request, request.products, camera.narrowed)) {
+      array.name = names.emplace_back(camera.name + "/" + std::string(array.name));
+      arrays.push_back(std::move(array));
+    }
+  }
+  Response response;
+  response.content_type = npz.media_type;
+  response.headers.emplace_back("Vary", "Accept");
+  if (!warned) response.headers.emplace_back("ETag", "\"" + hash + "\"");
+  response.body = encode_npz(arrays, meta.dump(2, ' ', false, Json::error_handler_t::replace), context.stop);
+  response.headers.emplace_back("Server-Timing",
+                                server_timing(parse_ms, times, ms_since(encode_start), kernel_ms() - kernel_before_ms));
+  std::string budgets;
+  for (const CameraFrame& camera : cameras) {
+    if (!camera.budget.empty()) budgets += (budgets.empty() ? "" : "; ") + camera.name + ": " + camera.budget;
+    context.renderer.expect(camera.query.request, camera.query.ahead, camera.name);
+  }
+  if (!budgets.empty()) response.headers.emplace_back("Selenograph-Budget", budgets);
+  return with_echo(cameras.front().query, std::move(response));
+}
+
+Response answer_frame(const EndpointContext& context, const Json& body) {
+  const Clock::time_point start = Clock::now();
+  const double kernel_before_ms = kernel_ms();
+  FrameQuery query = read_frame(body, context.limits, context.assets, context.stop);
+  const std::string accept = header(context.request, "accept");
+  const Representation& representation = negotiate(accept, query.request.products);
+  refuse_sizes(query.request, representation);
+  const std::string budget = choose_within_budget(query, context);
+  if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
+    const std::string hash = hash_beforehand(query, "/pose", representation, context);
+    if (names_etag(known, hash)) return with_echo(query, not_modified(hash));
+  }
+  context.memory.need(bytes_of(query.request), "/camera", context.stop);
+  const double parse_ms = ms_since(start);
+
+  const engine::Frame frame = render(query, context);
+  context.stop.check();
+
+  const Clock::time_point encode_start = Clock::now();
+  Response response = answer(query, frame, representation, context.renderer.terrain().catalogue(),
+                             hash_of(query, frame.report.shadow_limits_px, representation, context),
+                             context.long_metadata, context.stop);
+  if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
+  response.headers.emplace_back(
+      "Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start), kernel_ms() - kernel_before_ms));
+  context.renderer.expect(query.request, query.ahead);
+  return with_echo(query, std::move(response));
+}
+
+}  // namespace
+
+Response answer_frames(const EndpointContext& context) {
+  const Json body = json_body(context);
+  return has_cameras(body) ? answer_cameras(context, body) : answer_frame(context, body);
+}
+
+Response answer_frame_metadata(const EndpointContext& context, std::string_view hash) {
+  return json_response(*context.long_metadata.get(std::string(hash), []() -> LongMetadata::Loaded {
+    throw RequestError("not_found",
+                       "no metadata are kept under this hash: they are for a while, and only those that a "
+                       "header had no room for");
+  }) + "\n");
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,60 @@
+// POST /v1/maps, from the body to the bytes of the answer.
+#include <fmt/format.h>
+
+#include <chrono>
+
+#include "api/answers/metadata.h"
+#include "api/encode/negotiate.h"
+#include "api/endpoints/endpoint.h"
+#include "api/requests/map_json.h"
+#include "dem/support/error.h"
+
+namespace selenograph::api {
+namespace {
+
+constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"},
+                                        {"albedo_maps", "/surface/albedo_maps"}};
+
+engine::Map draw(const MapQuery& query, const EndpointContext& context) {
+  try {
+    return with_refusals_at(kRefusable, "/map", [&] { return context.renderer.map(query.request, context.stop); });
+  } catch (const TooMuchWork& e) {
+    refuse_work(e, "/map", context.limits);
+  }
+}
+
+}  // namespace
+
+Response answer_maps(const EndpointContext& context) {
+  const std::string_view media_type =
+      choose(header(context.request, "accept"), std::span<const Alternative>(kMapAnswers));
+  const MapQuery query = read_map(json_body(context), context.limits, context.assets, context.stop);
+  check_map_answer(query, media_type);
+  const std::string hash = content_hash(query, context.renderer.scene_bytes(),
+                                        context.renderer.terrain().catalogue().fingerprint(), media_type);
+  Response response;
+  response.headers = {{"ETag", "\"" + hash + "\""}, {"Vary", "Accept"}};
+  if (const std::string known = header(context.request, "if-none-match"); !known.empty() && names_etag(known, hash)) {
+    response.status = 304;
+    return response;
+  }
+  context.memory.need(bytes_of(query.request), "/map", context.stop);
+  const engine::Map map = draw(query, context);
+  context.stop.check();
+  const auto start = std::chrono::steady_clock::now();
+  response.content_type = media_type;
+  response.body = encode_map(query, map, hash, media_type, context.stop);
+  // With an unusable file replaced by a coarser layer the bytes are not those that the hash stands for.
+  if (!map.report.warnings.empty()) response.headers.erase(response.headers.begin());
+  if (map.report.missing_fraction > 0)
+    response.headers.emplace_back("Selenograph-Missing-Fraction", fmt::format("{:.6g}", map.report.missing_fraction));
+  response.headers.emplace_back(
+      "Server-Timing",
+      fmt::format("select;dur={:.3f}, build;dur={:.3f}, visibility;dur={:.3f}, encode;dur={:.3f}", map.times.select_ms,
+                  map.times.build_ms, map.times.visibility_ms,
+                  std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count()));
+  context.stop.check();
+  return response;
+}
+
+}  // namespace selenograph::api

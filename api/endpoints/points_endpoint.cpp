@@ -1,0 +1,77 @@
+// POST /v1/rays, /v1/project, /v1/heights and GET /v1/height.
+#include "api/endpoints/endpoint.h"
+#include "api/requests/points_json.h"
+#include "dem/support/error.h"
+#include "engine/frame/needs.h"
+
+namespace selenograph::api {
+namespace {
+
+// A ray or point while it is in work: the engine's, its JSON values and its text.
+constexpr std::size_t kBytesPerPoint = 3000;
+
+void need_memory(const EndpointContext& context, std::size_t points, std::string_view pointer, std::size_t more = 0) {
+  context.memory.need(kBytesPerPoint * points + more, pointer, context.stop);
+}
+
+std::size_t bytes_of_rocks(const Named<dem::Detail>& detail) {
+  return engine::bytes_of_rocks(detail.content.get(), engine::kMostRememberedRocks);
+}
+
+std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& placed) {
+  std::vector<engine::SceneObject> objects;
+  objects.reserve(placed.size());
+  for (const PlacedObject& p : placed) objects.push_back(p.object);
+  return objects;
+}
+
+// An answer that is ready too late is none: 504, as if the work had been stopped.
+void throw_if_stopped(const EndpointContext& context) { context.stop.check(); }
+
+}  // namespace
+
+Response answer_rays(const EndpointContext& context) {
+  const RaysQuery query = read_rays(json_body(context), context.limits, context.assets, context.stop);
+  need_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query.detail));
+  const auto hits = with_refusals_at({}, "/rays", [&] {
+    return context.renderer.cast(query.rays, query.sun, context.stop, scene_objects(query.objects),
+                                 query.detail.content);
+  });
+  throw_if_stopped(context);
+  return json_response(rays_json(hits, query));
+}
+
+Response answer_project(const EndpointContext& context) {
+  const ProjectQuery query = read_project(json_body(context), context.limits, context.assets, context.stop);
+  need_memory(context, query.points.size(), "/points",
+              engine::bytes_of_rows(query.camera, query.shutter) + bytes_of_rocks(query.detail));
+  constexpr MemberPointer kRefusable[] = {{"shutter", "/shutter"}};
+  const auto landmarks = with_refusals_at(kRefusable, "/pose", [&] {
+    return context.renderer.project(query.camera, query.pose, query.shutter, query.points, query.sun, context.stop,
+                                    scene_objects(query.objects), query.detail.content);
+  });
+  throw_if_stopped(context);
+  return json_response(landmarks_json(landmarks, query, context.renderer.terrain().catalogue()));
+}
+
+Response answer_heights(const EndpointContext& context) {
+  const HeightsQuery query = read_heights(json_body(context), context.limits, context.assets, context.stop);
+  need_memory(context, query.points.size(), "/points");
+  const std::shared_ptr<const dem::Terrain> terrain = context.renderer.terrain_with(query.detail.content);
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const Geographic& place : query.points) {
+    list.push_back(height_json(terrain->height(place.lat_deg, place.lon_deg, context.stop), terrain->catalogue()));
+    throw_if_stopped(context);
+  }
+  return json_response(nlohmann::ordered_json{{"points", std::move(list)}});
+}
+
+Response answer_height(const EndpointContext& context) {
+  const Geographic place = read_height_query(context.request.query);
+  const dem::Terrain& terrain = context.renderer.terrain();
+  const dem::HeightAnswer height = terrain.height(place.lat_deg, place.lon_deg, context.stop);
+  throw_if_stopped(context);
+  return json_response(height_json(height, terrain.catalogue()));
+}
+
+}  // namespace selenograph::api

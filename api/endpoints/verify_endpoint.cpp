@@ -1,0 +1,55 @@
+// POST /v1/verify/roundtrip and /v1/verify/mertis.
+#include <algorithm>
+
+#include "api/encode/negotiate.h"
+#include "api/endpoints/endpoint.h"
+#include "api/requests/mertis_json.h"
+#include "api/requests/round_trip_json.h"
+#include "dem/support/error.h"
+
+namespace selenograph::api {
+namespace {
+
+engine::RoundTrip made(const EndpointContext& context, const engine::RoundTripRequest& request) {
+  constexpr MemberPointer kRefusable[] = {
+      {"height_m", "/height_m"}, {"footprint_ratio", "/footprint_ratio"}, {"max_error_px", "/max_error_px"}};
+  return with_refusals_at(kRefusable, "/center",
+                          [&] { return engine::round_trip(context.renderer, request, {}, context.stop); });
+}
+
+// Of each post the original, the difference and its place in an answer; of each pixel of a camera's frames what they
+// hold of the surface.
+std::size_t bytes_of(const engine::RoundTripRequest& request) {
+  constexpr double kBytesPerPost = 24, kBytesPerPixel = 64;
+  constexpr double kWholeTile = 10800, kPostsPerFrame = 1000, kBeside = 1.2;
+  const double posts = request.posts > 0 ? request.posts : kWholeTile;
+  const double side = kBeside * std::min(posts, kPostsPerFrame) / request.footprint_ratio;
+  const double pixels = request.mode == engine::RoundTripMode::camera ? std::min(side * side, 0x1p25) : 65536;
+  return static_cast<std::size_t>(kBytesPerPost * posts * posts + kBytesPerPixel * pixels);
+}
+
+}  // namespace
+
+Response answer_verify_round_trip(const EndpointContext& context) {
+  const std::string_view media_type =
+      choose(header(context.request, "accept"), std::span<const Alternative>(kRoundTripAnswers));
+  const engine::RoundTripRequest request = read_round_trip(json_body(context), context.limits);
+  context.memory.need(bytes_of(request), "/posts", context.stop);
+  const engine::RoundTrip trip = made(context, request);
+  Response response;
+  response.content_type = media_type;
+  if (media_type == "image/tiff") {
+    response.body = dem::geotiff_bytes(grid_of(trip.window), trip.difference_m, "extracted - original");
+  } else {
+    response = json_response(round_trip_json(request, trip, engine::statistics_of(trip)));
+  }
+  response.headers.emplace_back("Vary", "Accept");
+  context.stop.check();
+  return response;
+}
+
+Response answer_verify_mertis(const EndpointContext& context) {
+  return json_response(mertis_json(read_mertis(json_body(context)), context.stop));
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,193 @@
+#include "api/message/problem.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <array>
+#include <new>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <system_error>
+#include <utility>
+
+#include "api/message/routes.h"
+#include "dem/support/error.h"
+
+namespace selenograph::api {
+namespace {
+
+constexpr std::array<ErrorRow, 23> kTable{{
+    {"malformed_request", 400, "Malformed request",
+     "The request line, a header or a query parameter can't be understood."},
+    {"malformed_json", 400, "Malformed JSON",
+     "The body is not JSON text (RFC 8259), or is nested deeper than the service accepts."},
+    {"foreign_origin", 403, "Foreign origin",
+     "A page of another site asks: its `Origin` is neither the request's own host and port nor allowed by "
+     "the service's operator (`--allowed-host`)."},
+    {"not_found", 404, "Not found", "There is nothing at this path."},
+    {"method_not_allowed", 405, "Method not allowed",
+     "The path exists but not with this method; `Allow` lists those that it has."},
+    {"not_acceptable", 406, "No such representation",
+     "Nothing in `Accept` is a representation that this call has; `detail` lists those that there are."},
+    {"request_timeout", 408, "Request too slow", "The request did not arrive in time."},
+    {"too_large", 413, "Body too large", "The body is larger than the service accepts."},
+    {"uri_too_long", 414, "URI too long", "The request target is longer than the service accepts."},
+    {"unsupported_media_type", 415, "Unsupported media type", "The body must be `application/json`."},
+    {"misdirected_request", 421, "Unknown host",
+     "The request is addressed to a name that the service does not have. Its operator can add one with "
+     "`--allowed-host`; an address of the machine, or localhost there, needs none."},
+    {"invalid_request", 422, "Invalid request",
+     "Well-formed JSON that asks for something impossible; `errors` points at each offending member."},
+    {"headers_too_large", 431, "Headers too large", "The request's headers are larger than the service accepts."},
+    {"client_gone", 499, "Client closed the connection",
+     "The client left before its answer was ready. Seen in metrics only."},
+    {"internal", 500, "Internal error", "A fault of the service itself."},
+    {"terrain_data_error", 500, "Terrain data unusable",
+     "A DEM file that this call needs is missing, truncated or corrupt; `detail` names it. Asking again does not help: "
+     "the operator must mend the file."},
+    {"asset_error", 500, "Asset unusable",
+     "A file of the assets folder that the request names can't be used; `detail` names file and line. The operator "
+     "must mend it."},
+    {"not_implemented", 501, "Not implemented", "No resource of this service has this method."},
+    {"busy", 503, "Busy",
+     "As many requests are in work and waiting as the service holds; `Retry-After` says when to come back."},
+    {"storage_unavailable", 503, "Storage unavailable",
+     "A file could not be opened or read for a reason that lies in the system: no descriptors, no memory, a disk that "
+     "fails. Nothing is known to be wrong with the file; ask again."},
+    {kOutOfMemory, 503, "Out of memory",
+     "There is not enough memory for this request beside those in work; `Retry-After` says when to come back."},
+    {"shutting_down", 503, "Shutting down", "The service finishes what it has and accepts nothing new."},
+    {"deadline_exceeded", 504, "Deadline exceeded",
+     "The answer was not ready within the service's deadline or the request's `Request-Timeout-Ms`."},
+}};
+
+// Where there is GET the server answers HEAD with the same and no body.
+std::string allowed_methods(std::string_view path) {
+  std::string methods;
+  for (const Route& route : kRoutes) {
+    if (segment_of(route, path))
+      methods += (methods.empty() ? "" : ", ") + std::string(route.method == "GET" ? "GET, HEAD" : route.method);
+  }
+  return methods;
+}
+
+bool client_has_left(const Request& request) {
+  return request.abandoned && request.abandoned->load(std::memory_order_relaxed);
+}
+
+}  // namespace
+
+std::span<const ErrorRow> error_table() { return kTable; }
+
+const ErrorRow& error_row(std::string_view code) {
+  const auto by_code = [](std::string_view wanted) {
+    return std::find_if(kTable.begin(), kTable.end(), [&](const ErrorRow& row) { return row.code == wanted; });
+  };
+  const auto found = by_code(code);
+  return found != kTable.end() ? *found : *by_code("internal");
+}
+
+std::string problem_type(const ErrorRow& row) { return "urn:selenograph:problem:" + std::string(row.code); }
+
+void Findings::add(std::string pointer, std::string detail) {
+  ++seen_;
+  if (!full()) kept_.push_back({std::move(pointer), std::move(detail)});
+}
+
+void Findings::throw_if_any() const {
+  if (empty()) return;
+  if (kept_.size() == 1) {
+    const Finding& only = kept_.front();
+    throw RequestError("invalid_request", (only.pointer.empty() ? "the body" : only.pointer) + ": " + only.detail,
+                       kept_);
+  }
+  const std::string count = std::to_string(kept_.size()) + (full() ? " or more" : "");
+  throw RequestError("invalid_request", count + " members are at fault; see errors", kept_);
+}
+
+RequestError::RequestError(std::string_view code, const std::string& detail, std::vector<Finding> findings)
+    : std::runtime_error(detail), code_(code), findings_(std::move(findings)) {}
+
+Response problem(const std::string& code, const std::string& detail, const std::vector<Finding>& findings) {
+  const ErrorRow& row = error_row(code);
+  nlohmann::ordered_json body{
+      {"type", problem_type(row)}, {"title", row.title}, {"status", row.status}, {"detail", detail}};
+  for (const Finding& finding : findings) {
+    body["errors"].push_back({{"pointer", finding.pointer}, {"detail", finding.detail}});
+  }
+  Response response;
+  response.status = row.status;
+  response.content_type = "application/problem+json";
+  // Details may quote what the client sent; `replace` because that need not be UTF-8.
+  response.body = body.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+  response.error_code = row.code;
+  return response;
+}
+
+// 503 with Retry-After; what can't be had now may be had when others are done.
+Response memory_problem() {
+  Response answer = problem(std::string(kOutOfMemory), "not enough memory for this request", {});
+  answer.headers.emplace_back("Retry-After", "5");
+  return answer;
+}
+
+Response unexpected(const Request& request, const std::exception& e) {
+  spdlog::error("{} {}: {}", request.method, request.path, e.what());
+  return problem("internal", "an unexpected fault");
+}
+
+// Throws std::bad_alloc at most: there may be no memory for the problem, either.
+Response answer_or_described_problem(const Request& request, const std::function<Response()>& work) {
+  try {
+    return work();
+  } catch (const RequestError& e) {
+    Response response = problem(e.code(), e.what(), e.findings());
+    if (e.code() == "method_not_allowed") response.headers.emplace_back("Allow", allowed_methods(request.path));
+    return response;
+  } catch (const ImpossibleRequest& e) {
+    return problem("invalid_request", e.what());
+  } catch (const DataError& e) {
+    return problem("terrain_data_error", e.what());
+  } catch (const SystemFault& e) {
+    Response response = problem("storage_unavailable", e.what());
+    response.headers.emplace_back("Retry-After", "1");
+    return response;
+  } catch (const TooMuchWork& e) {
+    return problem("deadline_exceeded", e.what());
+  } catch (const Cancelled&) {
+    if (client_has_left(request)) return problem("client_gone", "the client left");
+    return problem("deadline_exceeded", "not ready in time; ask for less or allow more with Request-Timeout-Ms");
+  } catch (const std::bad_alloc&) {
+    return memory_problem();
+  } catch (const std::length_error&) {  // more than a container can have
+    return memory_problem();
+  } catch (const std::system_error& e) {
+    if (e.code() == std::errc::resource_unavailable_try_again || e.code() == std::errc::not_enough_memory)
+      return memory_problem();  // a thread that could not be started
+    return unexpected(request, e);
+  } catch (const std::exception& e) {
+    return unexpected(request, e);
+  } catch (...) {
+    return problem("internal", "an unexpected fault");
+  }
+}
+
+Response answer_or_problem(const Request& request, const std::function<Response()>& work) noexcept {
+  try {
+    return answer_or_described_problem(request, work);
+  } catch (...) {
+    return out_of_memory();
+  }
+}
+
+// Neither of these strings is long enough to be allocated.
+Response out_of_memory() noexcept {
+  Response answer;
+  answer.status = 503;
+  answer.error_code = kOutOfMemory;
+  return answer;
+}
+
+Response problem(const std::string& error_code, const std::string& detail) { return problem(error_code, detail, {}); }
+
+}  // namespace selenograph::api

@@ -1,0 +1,206 @@
+#include "api/requests/features_json.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+#include "api/assets/assets.h"
+#include "dem/detail/footprints.h"
+
+namespace selenograph::api {
+namespace {
+
+using dem::CraterFeature;
+using dem::RockFeature;
+
+constexpr std::pair<std::string_view, FeatureKind> kKinds[] = {{"craters", FeatureKind::craters},
+                                                               {"rocks", FeatureKind::rocks}};
+
+// From below the smallest rock of any preset to beyond the largest crater.
+constexpr Range kDiameter_m{0.01, 1e7};
+// Cells of the law that are looked through, over the most craters that are answered: laws may be sparse.
+constexpr double kCellsPerCrater = 40;
+
+constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
+    {"lat_deg", "planetocentric latitude of the centre", [](const CraterFeature& f) { return f.place.lat_deg; }},
+    {"lon_deg", "east longitude of the centre, in [-180, 180)", [](const CraterFeature& f) { return f.place.lon_deg; }},
+    {"height_m",
+     "of the terrain without detail at the centre, above the sphere of 1 737 400 m: of the ground before all impacts. "
+     "POST /v1/heights with `detail` has that of the floor",
+     [](const CraterFeature& f) { return f.place.height_m; }},
+    {"diameter_m",
+     "from rim to rim when it was fresh. With age the highest ring moves outward and sinks: it is 1.2 of these wide "
+     "when 60 % of the depth is left, and 1.5 when a third is",
+     [](const CraterFeature& f) { return f.crater.diameter_m; }},
+    {"depth_m",
+     "from the highest ring to the floor, today; of the crater alone. Where layers of the DEM meet, what shows of it",
+     [](const CraterFeature& f) { return f.depth_m; }},
+    {"age_Ma", "since the impact", [](const CraterFeature& f) { return f.crater.age_Ma; }},
+    {"rim_share",
+     "of the rim, 0 to 1, what the terrain shows: not where the DEM's posts are finer or missing, nor where other "
+     "craters of its octave of diameters change it by more than a quarter of its depth",
+     [](const CraterFeature& f) { return f.rim_share; }}};
+
+constexpr FeatureColumn<RockFeature> kRockColumns[] = {
+    {"lat_deg", "planetocentric latitude of the middle", [](const RockFeature& f) { return f.place.lat_deg; }},
+    {"lon_deg", "east longitude of the middle, in [-180, 180)", [](const RockFeature& f) { return f.place.lon_deg; }},
+    {"height_m", "of the ground that it stands on, with detail, above the sphere of 1 737 400 m",
+     [](const RockFeature& f) { return f.place.height_m; }},
+    {"diameter_m", "its largest extent along the ground, of which it is 0.5 to 0.7 high",
+     [](const RockFeature& f) { return f.rock.diameter_m; }},
+    {"age_Ma", "since it lies there", [](const RockFeature& f) { return f.rock.age_Ma; }}};
+
+// Whose members are asked for.
+struct Population {
+  std::string_view name;
+  double smallest_m, largest_m;
+  int smallest_octave, largest_octave;
+};
+Population population_of(const FeaturesQuery& query) {
+  const dem::Detail& detail = *query.detail.content;
+  const auto of = [](std::string_view name, const auto& field) {
+    return Population{name, field.law().smallest_m, field.law().largest_m, field.smallest_octave(),
+                      field.largest_octave()};
+  };
+  return query.kind == FeatureKind::rocks ? of("rocks", detail.rocks()) : of("craters", detail.craters());
+}
+
+// How many there may be from a diameter on, and in how many cells they are looked for.
+double expected(const FeaturesQuery& query, double diameter_m) {
+  return query.kind == FeatureKind::rocks
+             ? dem::most_rocks(query.detail.content->rocks(), query.region(), diameter_m)
+             : dem::expected_craters(query.detail.content->craters(), query.region(), diameter_m);
+}
+double cells(const FeaturesQuery& query, double diameter_m) {
+  const Population all = population_of(query);
+  return dem::cells_of(all.smallest_octave, all.largest_octave, query.region(), diameter_m);
+}
+
+template <typename Feature>
+void add_json(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns, const StopToken& stop,
+              std::string& text) {
+  for (std::size_t i = 0; i < features.size(); ++i) {
+    stop.check();
+    fmt::format_to(std::back_inserter(text), R"({}{{"id":"{}")", i == 0 ? "\n" : ",\n",
+                   id_text(features[i].member().id));
+    for (const auto& column : columns)
+      fmt::format_to(std::back_inserter(text), R"(,"{}":{})", column.name, column.value(features[i]));
+    text += '}';
+  }
+}
+
+template <typename Feature>
+std::string csv_of(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns,
+                   const StopToken& stop) {
+  std::string text = "id";
+  for (const auto& column : columns) (text += ',') += column.name;
+  text += '\n';
+  for (const Feature& feature : features) {
+    stop.check();
+    text += id_text(feature.member().id);
+    for (const auto& column : columns) fmt::format_to(std::back_inserter(text), ",{}", column.value(feature));
+    text += '\n';
+  }
+  return text;
+}
+
+// What there are too many of, and from where on there are not.
+void check_number(const JsonReader& in, const FeaturesQuery& query, const Limits& limits) {
+  const Population all = population_of(query);
+  const double most = limits.max_rays, least_m = query.least_m();
+  const auto fits = [&](double diameter_m) {
+    return expected(query, diameter_m) <= most && cells(query, diameter_m) <= kCellsPerCrater * most;
+  };
+  if (fits(least_m)) return;
+  // In steps of 5 % over the preset's diameters: their number depends on the preset, not on the request.
+  double enough_m = std::max(least_m, all.smallest_m);
+  while (enough_m < all.largest_m && !fits(enough_m)) enough_m *= 1.05;
+  // Of two digits, rounded up.
+  const double unit = std::pow(10, std::floor(std::log10(enough_m)) - 1);
+  enough_m = std::ceil(enough_m / unit) * unit;
+  const std::string instead = enough_m < all.largest_m && fits(enough_m)
+                                  ? fmt::format(", or smallest_m of {:g} or more", enough_m)
+                                  : std::string();
+  const double number = expected(query, least_m);
+  in.fail(
+      "region",
+      number > most
+          ? fmt::format("holds {} {:.3g} {} of at least {:g} m, at most {} are answered: ask for a smaller region{}",
+                        query.kind == FeatureKind::rocks ? "up to" : "some", number, all.name, least_m, limits.max_rays,
+                        instead)
+          : fmt::format("is too large to be searched for {} of at least {:g} m: ask for a smaller one{}", all.name,
+                        least_m, instead));
+}
+
+}  // namespace
+
+dem::Footprint FeaturesQuery::region() const { return footprint_of(bounds); }
+
+double FeaturesQuery::least_m() const { return smallest_m.value_or(population_of(*this).smallest_m); }
+
+std::size_t FeaturesQuery::bytes() const {
+  // Of a crater while it is in work, with its text, and of the pieces of a region, which are some cells wide.
+  constexpr double kBytesPerFeature = 1000, kBytesPerCell = 16;
+  const double mean = expected(*this, least_m()), most = mean + 10 * std::sqrt(mean) + 100;
+  const std::size_t kept = kind == FeatureKind::rocks ? dem::RockSurvey::kKeptBytes : 0;
+  return static_cast<std::size_t>(kBytesPerFeature * most + kBytesPerCell * cells(*this, least_m())) + kept;
+}
+
+const Members<FeaturesQuery>& features_members() {
+  static const auto table = made<Members<FeaturesQuery>>(
+      "FeaturesRequest", "Craters of a detail that the terrain shows in a region, or its rocks.", [](auto& m) {
+        m.add("detail", &FeaturesQuery::detail, Asset{&Assets::detail, "detail", "details"},
+              "name of details/NAME.json in the operator's assets folder")
+            .required();
+        m.add("kind", &FeaturesQuery::kind, Word{kKinds}, "what is listed");
+        m.add("region", &FeaturesQuery::bounds, Object{bounds_members()}, "that holds their centres").required();
+        m.add("smallest_m", &FeaturesQuery::smallest_m, Number{kDiameter_m, "m"},
+              "least diameter; left out: the preset's");
+        m.check([](const JsonReader& in, FeaturesQuery& query, const ReadContext& context) {
+          if (in.good() && query.detail.content) check_number(in, query, context.limits);
+        });
+      });
+  return *table;
+}
+
+FeaturesQuery read_features(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  Findings findings;
+  auto value = features_members().read(JsonReader(body, findings), {limits, assets, stop});
+  findings.throw_if_any();
+  return std::move(*value);
+}
+
+std::span<const FeatureColumn<CraterFeature>> crater_columns() { return kCraterColumns; }
+std::span<const FeatureColumn<RockFeature>> rock_columns() { return kRockColumns; }
+
+std::string id_text(std::uint64_t id) { return fmt::format("{:016x}", id); }
+
+FeatureList::FeatureList(const FeaturesQuery& query, const engine::Renderer& renderer, const StopToken& stop)
+    : query_(query), stop_(stop) {
+  if (query.kind == FeatureKind::rocks)
+    rocks_ = renderer.rocks(query.detail.content, query.region(), query.least_m(), stop);
+  else
+    craters_ = renderer.craters(query.detail.content, query.region(), query.least_m(), stop);
+}
+
+std::string FeatureList::json() const {
+  const dem::Footprint region = query_.region();
+  std::string text = fmt::format(
+      R"({{"detail":{},"region":{{"south_deg":{},"north_deg":{},"west_deg":{},"east_deg":{}}},"smallest_m":{},"{}":[)",
+      detail_metadata(query_.detail.name, *query_.detail.content).dump(), region.south_deg, region.north_deg,
+      region.west_deg, region.east_deg, query_.least_m(), population_of(query_).name);
+  if (query_.kind == FeatureKind::rocks)
+    add_json<RockFeature>(rocks_, kRockColumns, stop_, text);
+  else
+    add_json<CraterFeature>(craters_, kCraterColumns, stop_, text);
+  return text + "]}\n";
+}
+
+std::string FeatureList::csv() const {
+  return query_.kind == FeatureKind::rocks ? csv_of<RockFeature>(rocks_, kRockColumns, stop_)
+                                           : csv_of<CraterFeature>(craters_, kCraterColumns, stop_);
+}
+
+}  // namespace selenograph::api

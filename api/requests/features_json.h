@@ -1,0 +1,75 @@
+// Requests for a detail's craters and rocks: JSON -> a region, and the answers as JSON and CSV.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "api/encode/negotiate.h"
+#include "api/requests/map_json.h"
+#include "api/requests/parts/detail_json.h"
+#include "dem/catalogue/catalogue.h"
+#include "dem/detail/features.h"
+#include "dem/detail/rocks_on_ground.h"
+#include "engine/renderer.h"
+
+namespace selenograph::api {
+
+enum class FeatureKind { craters, rocks };
+
+struct FeaturesQuery {
+  Named<dem::Detail> detail;
+  FeatureKind kind = FeatureKind::craters;
+  MapBounds bounds;
+  std::optional<double> smallest_m;  // empty: the preset's
+
+  dem::Footprint region() const;  // east of its west
+  double least_m() const;
+  // About as much as the answer takes at most while it is made: the craters or rocks with their text, and where they
+  // are looked for.
+  std::size_t bytes() const;
+};
+
+const Members<FeaturesQuery>& features_members();
+// Throws RequestError("invalid_request") with the faults found, too many of them among those.
+FeaturesQuery read_features(const Json& body, const Limits& limits, const Assets& assets = Assets(),
+                            const StopToken& stop = {});
+
+// In the order of the server's preference.
+inline constexpr Alternative kFeaturesAnswers[] = {
+    {"application/json", "the craters or rocks, with what they are of"},
+    {"text/csv", "a line for each, after one with the columns' names"},
+};
+
+// What is said of a crater or rock besides its id.
+template <typename Feature>
+struct FeatureColumn {
+  std::string_view name;
+  const char* meaning;
+  double (*value)(const Feature& feature);
+};
+std::span<const FeatureColumn<dem::CraterFeature>> crater_columns();
+std::span<const FeatureColumn<dem::RockFeature>> rock_columns();
+// 16 hexadecimal digits: JSON's numbers have no room for 64 bits.
+std::string id_text(std::uint64_t id);
+
+// What a query asks for.
+class FeatureList {
+ public:
+  FeatureList(const FeaturesQuery& query, const engine::Renderer& renderer, const StopToken& stop = {});
+
+  std::size_t size() const { return craters_.size() + rocks_.size(); }
+  // Numbers in as few digits as tell them from all others.
+  std::string json() const;
+  std::string csv() const;
+
+ private:
+  const FeaturesQuery& query_;
+  StopToken stop_;
+  std::vector<dem::CraterFeature> craters_;
+  std::vector<dem::RockFeature> rocks_;
+};
+
+}  // namespace selenograph::api

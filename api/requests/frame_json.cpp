@@ -1,0 +1,470 @@
+#include "api/requests/frame_json.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "api/encode/arrays.h"
+#include "api/json/ranges.h"
+#include "api/requests/cameras.h"
+#include "api/requests/parts/band_json.h"
+#include "api/requests/parts/detail_json.h"
+#include "api/requests/parts/sensor_json.h"
+#include "api/requests/parts/shutter_json.h"
+#include "api/requests/parts/truth_json.h"
+#include "dem/support/error.h"
+#include "engine/radiometry/spectrum.h"
+#include "engine/sensor/optics.h"
+
+namespace selenograph::api {
+namespace {
+
+// --- products
+
+struct Products {
+  using Value = engine::ProductSet;
+  std::optional<Value> read(const JsonReader& in, const ReadContext&) const;
+  OrderedJson write(Value set) const;
+  OrderedJson schema(const Limits&) const;
+};
+
+Words<engine::Product> product_words() {
+  static const auto words = [] {
+    std::vector<std::pair<std::string_view, engine::Product>> list;
+    for (const ProductRow& row : products()) list.emplace_back(row.name, row.product);
+    return list;
+  }();
+  return words;
+}
+
+std::optional<engine::ProductSet> Products::read(const JsonReader& in, const ReadContext&) const {
+  const std::size_t before = in.faults();
+  engine::ProductSet set = 0;
+  in.elements(1, products().size(), [&](const JsonReader& element) {
+    const auto product = element.word(product_words());
+    if (!product) return;
+    if (set & *product) element.fail("is listed twice");
+    set |= *product;
+  });
+  return in.faults() == before ? std::optional(set) : std::nullopt;
+}
+
+OrderedJson Products::write(engine::ProductSet set) const {
+  OrderedJson names = OrderedJson::array();
+  for (const ProductRow& row : products())
+    if (set & row.product) names.push_back(row.name);
+  return names;
+}
+
+OrderedJson Products::schema(const Limits& limits) const {
+  OrderedJson json = array_schema(Word<engine::Product>{product_words()}.schema(limits), 1, products().size());
+  json["uniqueItems"] = true;
+  std::string each;
+  for (const ProductRow& row : products())
+    each += fmt::format("\n- `{}` {}: {}", row.name, type_text(row), row.meaning);
+  json["description"] = each;
+  return json;
+}
+
+// --- the small objects
+
+struct AccuracyForm : engine::Accuracy {
+  std::optional<double> budget_ms;
+};
+
+std::int64_t most_samples(const Limits& limits) { return limits.max_samples_per_pixel; }
+
+const Members<AccuracyForm>& accuracy_members() {
+  static const auto table = made<Members<AccuracyForm>>("Accuracy", "How exact, against how fast.", [](auto& m) {
+    m.add("max_error_px", &AccuracyForm::max_error_px, Number{kMaxError_px, "px"},
+          "bound on the mesh's projected error; 0: the finest posts everywhere");
+    m.add("samples_per_pixel", &AccuracyForm::samples_per_pixel, Integer{1, most_samples},
+          "radiance and image are means over so many points of each pixel; a square number");
+    m.add("edge_samples", &AccuracyForm::edge_samples, Choice{{1, 4}},
+          "of radiance and image: so many points in the place of each sample that has less than three quarters of a "
+          "neighbour's radiance, or more than four thirds: edges of shadows, silhouettes. With 1 or 4 "
+          "`samples_per_pixel`, without a `shutter`")
+        .written_if([](const AccuracyForm& accuracy) { return accuracy.edge_samples > 1; });
+    m.add(
+        "max_shadow_error_px", &AccuracyForm::max_shadow_error_px, Number{{0, 1e6}, "px"},
+        "aim for how far the mesh's error displaces a shadow's edge on level ground; gives way where the terrain that "
+        "it takes doesn't fit: `shadow_error_px` says what was reached");
+    m.add("max_detail_error_px", &AccuracyForm::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
+    m.add("budget_ms", &AccuracyForm::budget_ms, Number{{0, 3.6e6, true, false}, "ms"},
+          "instead of the others: the best of them that is predicted to take no longer, on terrain in memory. The "
+          "metadata's request says what was chosen, the header Selenograph-Budget what was predicted; asked for by its "
+          "numbers the choice gives the same bytes");
+    for (const char* chosen :
+         {"max_error_px", "samples_per_pixel", "edge_samples", "max_shadow_error_px", "max_detail_error_px"})
+      m.excludes(chosen, {"budget_ms"}, "a budget chooses the accuracy");
+    m.check([](const JsonReader& in, AccuracyForm& accuracy, const ReadContext&) {
+      const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
+      if (side * side != accuracy.samples_per_pixel)
+        in.fail("samples_per_pixel", "must be a square number: 1, 4, 9, 16, ...");
+      if (accuracy.edge_samples > 1 && side > 2)
+        in.fail("edge_samples", "is of frames with 1 or 4 \"samples_per_pixel\"");
+    });
+  });
+  return *table;
+}
+
+const Members<engine::ImageSettings>& image_members() {
+  using engine::ImageSettings;
+  static const auto table = made<Members<ImageSettings>>(
+      "ImageSettings", "How radiance becomes the digital numbers of the product `image`.", [](auto& m) {
+        m.add("bit_depth", &ImageSettings::bit_depth, Choice{{8, 16}}, "of the digital numbers");
+        m.add("full_scale_radiance", &ImageSettings::full_scale_radiance_w_m2_sr,
+              NumberOr{{0, 1e12, true, false}, "auto", "W m-2 sr-1"},
+              "radiance of the largest digital number; auto: the largest radiance in the frame");
+      });
+  return *table;
+}
+
+struct AtmosphereForm {
+  Named<engine::Atmosphere> table;
+};
+
+const Members<AtmosphereForm>& atmosphere_members() {
+  static const auto table = made<Members<AtmosphereForm>>(
+      "Atmosphere",
+      "A table that the operator put into the assets folder: transmittance, irradiance and path radiance by "
+      "wavelength, computed elsewhere. Needs a `band` within it.",
+      [](auto& m) {
+        m.add("name", &AtmosphereForm::table, Asset{&Assets::atmosphere, "atmosphere", "atmospheres"},
+              "of atmospheres/NAME.csv")
+            .required();
+      });
+  return *table;
+}
+
+// --- the frame
+
+// Where the query has what the engine's request has no place for.
+const auto sun_field =
+    Property{[](const FrameQuery& q) { return q.sun_given ? std::optional(q.request.sun) : std::nullopt; },
+             [](FrameQuery& q, const engine::Sun& sun) { q.request.sun = sun, q.sun_given = true; }};
+const auto surface_field =
+    Property{[](const FrameQuery& q) { return std::optional(ground_of(q.request, q.surface)); },
+             [](FrameQuery& q, const Ground& ground) { set_ground(q.request, q.surface, ground); }};
+const auto detail_field = Property{
+    [](const FrameQuery& q) {
+      return q.request.detail ? std::optional(DetailName::Value{q.detail, q.request.detail}) : std::nullopt;
+    },
+    [](FrameQuery& q, const DetailName::Value& detail) { q.request.detail = detail.content, q.detail = detail.name; }};
+const auto atmosphere_field =
+    Property{[](const FrameQuery& q) {
+               return q.request.atmosphere ? std::optional(AtmosphereForm{{q.atmosphere_name, q.request.atmosphere}})
+                                           : std::nullopt;
+             },
+             [](FrameQuery& q, const AtmosphereForm& form) {
+               q.request.atmosphere = form.table.content, q.atmosphere_name = form.table.name;
+             }};
+const auto objects_field = Property{[](const FrameQuery& q) {
+                                      std::vector<PlacedObject> list;
+                                      for (std::size_t i = 0; i < q.objects.size(); ++i)
+                                        list.push_back({q.request.objects[i], q.objects[i]});
+                                      return list.empty() ? std::nullopt : std::optional(std::move(list));
+                                    },
+                                    [](FrameQuery& q, const std::vector<PlacedObject>& list) {
+                                      for (const auto& [object, query] : list)
+                                        q.request.objects.push_back(object), q.objects.push_back(query);
+                                    }};
+// A budget is gone when its choice was made.
+const auto accuracy_field =
+    Property{[](const FrameQuery& q) {
+               return std::optional(AccuracyForm{q.request.accuracy, std::nullopt});
+             },
+             [](FrameQuery& q, const AccuracyForm& form) { q.request.accuracy = form, q.budget_ms = form.budget_ms; }};
+// A request has none by the time that it is read: it was replaced by what it stands for.
+const auto preset_field =
+    Property{[](const FrameQuery&) { return std::optional<std::string>(); }, [](FrameQuery&, const std::string&) {}};
+
+// No part of what the frame is: left out of the resolved request, and so of the ETag.
+constexpr std::size_t kMostAhead = 64;
+const auto ahead_field = Property{[](const FrameQuery&) { return std::optional<std::vector<engine::Pose>>(); },
+                                  [](FrameQuery& q, const std::vector<engine::Pose>& poses) { q.ahead = poses; }};
+
+// What is split into frames of their own before a frame is read.
+struct CamerasByName {
+  using Value = std::monostate;
+  std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
+    in.fail("is for requests of POST /v1/frames as a whole");
+    return std::nullopt;
+  }
+  OrderedJson write(Value) const { return {}; }
+  OrderedJson schema(const Limits&) const {
+    return {{"type", "object"},
+            {"minProperties", 1},
+            {"maxProperties", kMostCameras},
+            {"propertyNames", {{"pattern", fmt::format("^[A-Za-z0-9_-]{{1,{}}}$", kLongestCameraName)}}},
+            {"additionalProperties", {{"type", "object"}}}};
+  }
+  OrderedJson fallback() const { return {}; }
+};
+
+// A condition that requests of several cameras needn't meet: each camera must.
+std::function<OrderedJson(const Limits&)> of_one_camera(OrderedJson (*condition)(const Limits&)) {
+  return [condition](const Limits& limits) {
+    const OrderedJson cameras{{"required", OrderedJson::array({"cameras"})}};
+    return OrderedJson{{"anyOf", OrderedJson::array({condition(limits), cameras})}};
+  };
+}
+
+// Any object, as compact JSON.
+struct Echo {
+  using Value = std::string;
+  static constexpr std::size_t kMostBytes = 1024;
+  std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
+    if (!in.value().is_object()) {
+      in.fail("must be an object");
+      return std::nullopt;
+    }
+    Value text = in.value().dump(-1, ' ', true, Json::error_handler_t::replace);
+    if (text.size() <= kMostBytes) return text;
+    in.fail(fmt::format("has {} bytes as compact JSON in ASCII: at most {}", text.size(), kMostBytes));
+    return std::nullopt;
+  }
+  OrderedJson write(const Value&) const { return {}; }
+  OrderedJson schema(const Limits&) const { return {{"type", "object"}}; }
+  OrderedJson fallback() const { return {}; }
+};
+
+void require_sun(const JsonReader& in, engine::ProductSet wanted) {
+  for (const ProductRow& row : products()) {
+    if (!row.needs_sun || !(wanted & row.product)) continue;
+    in.fail("sun", "is required for the product \"" + std::string(row.name) + "\"");
+    return;
+  }
+}
+
+// Without a Sun only products that need none.
+OrderedJson sun_where_needed(const Limits&) {
+  OrderedJson names = OrderedJson::array();
+  for (const ProductRow& row : products())
+    if (!row.needs_sun) names.push_back(row.name);
+  const OrderedJson sunless{{"required", {"products"}}, {"properties", {{"products", {{"items", {{"enum", names}}}}}}}};
+  return {{"anyOf", OrderedJson::array({{{"required", {"sun"}}}, sunless})}};
+}
+
+void check_efficiency(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
+  if (sensor.detector.efficiency.empty()) return;
+  try {
+    engine::in_photons(band, sensor.detector.efficiency);
+  } catch (const ImpossibleRequest&) {
+    const JsonReader model = in.at("sensor");
+    model.at("detector").fail("quantum_efficiency", "is 0 all over the band");
+  }
+}
+
+// An Airy disc that its kernel holds. Where it is too wide, any of three members may be the one that is wrong.
+void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
+  if (sensor.optics.point_spread.model != engine::PointSpread::Model::airy) return;
+  constexpr double kMost = engine::SpreadKernel::kMaxAiry_px;
+  const double wide_px = band.center_um() * sensor.optics.f_number / sensor.detector.pixel_pitch_um;
+  if (wide_px <= kMost) return;
+  const std::string why = fmt::format(
+      "with \"airy\", wavelength * f_number / pixel_pitch_um must be at most {:g} pixels; it is {:g}", kMost, wide_px);
+  const JsonReader model = in.at("sensor");
+  model.at("optics").fail("f_number", why), model.at("detector").fail("pixel_pitch_um", why), in.fail("band", why);
+}
+
+// What is made of an image after it was rendered as if all rows were of one time.
+void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& sensor, const engine::Shutter& shutter) {
+  const JsonReader model = in.at("sensor");
+  if (!sensor.motion.none()) model.fail("motion", "does not go with \"shutter\": of moving rows no blur is modelled");
+  if (sensor.detector.smear_time_s > 0)
+    model.at("detector").fail("smear_time_s", "is of frame transfer: a \"shutter\" reads row by row");
+  if (!shutter.pushbroom) return;
+  const std::string line = "with a pushbroom: neighbouring rows of its image are not neighbours on the detector";
+  if (sensor.optics.point_spread.model != engine::PointSpread::Model::none)
+    model.at("optics").fail("point_spread", "must be left out " + line);
+}
+
+void check_shutter(const JsonReader& in, FrameQuery& query) {
+  engine::FrameRequest& request = query.request;
+  check_pose(in, request.camera, request.shutter, request.pose);
+  if (!request.shutter) return;
+  if (request.accuracy.edge_samples > 1)
+    in.at("accuracy").fail("edge_samples", "does not go with \"shutter\": of such rows each has a view of its own");
+  if (request.visibility == engine::Visibility::zbuffer)
+    in.fail("visibility", "rows with times are rendered by \"raytrace\": \"zbuffer\" draws all from one place");
+  if (!request.shutter->poses.empty() && in.has("ahead"))
+    in.fail("ahead", "would replace a \"pose\", which a shutter with poses has not");
+  if (request.sensor) check_sensor_of_rows(in, *request.sensor, *request.shutter);
+}
+
+void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
+  const engine::FrameRequest& request = query.request;
+  check_shutter(in, query);
+  if (query.request.truth) resolve_truth(in, request.camera, *query.request.truth);
+  if (request.sensor && request.band) {
+    check_airy(in, *request.sensor, *request.band);
+    check_efficiency(in, *request.sensor, *request.band);
+  }
+  if (request.atmosphere && request.band) {
+    try {
+      request.atmosphere->over(*request.band, 0);
+    } catch (const ImpossibleRequest& e) {
+      in.fail("atmosphere", e.what());
+    }
+  }
+  if (!request.terrain && !in.has("objects")) in.fail("terrain", "without terrain and \"objects\" there is nothing");
+  if (!request.terrain && request.visibility == engine::Visibility::zbuffer)
+    in.fail("visibility", "\"zbuffer\" draws terrain, and there is none");
+  if (request.camera.model == engine::CameraModel::fisheye && request.visibility == engine::Visibility::zbuffer)
+    in.fail("visibility", "a fisheye is rendered by \"raytrace\": \"zbuffer\" draws onto a plane");
+  if (!in.has("sun")) require_sun(in, request.products);
+}
+
+bool has_image_by_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && q.request.sensor; }
+bool has_image_without_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && !q.request.sensor; }
+
+// --- presets
+
+struct Preset {
+  std::optional<std::string> description;
+  std::optional<engine::Camera> camera;
+  std::optional<engine::Band> band;
+  std::optional<engine::SensorModel> sensor;
+};
+
+const Members<Preset>& preset_members() {
+  static const auto table =
+      made<Members<Preset>>("CameraPreset", "cameras/NAME.json of the assets folder.", [](auto& m) {
+        m.add("description", &Preset::description, Text{}, "of the camera; ignored");
+        m.add("camera", &Preset::camera, Object{camera_members()}, "where the request has none");
+        m.add("band", &Preset::band, Object{band_members()}, "where the request has none");
+        m.add("sensor", &Preset::sensor, Object{sensor_members()}, "whose members the request's own replace");
+      });
+  return *table;
+}
+
+// A preset's faults are the operator's: they are told with the file's name.
+void check_preset(const Json& preset, const std::string& name, const ReadContext& context) {
+  Findings findings;
+  preset_members().read(JsonReader(preset, findings), context);
+  if (findings.empty()) return;
+  const Finding& first = findings.kept().front();
+  throw RequestError("asset_error", fmt::format("cameras/{}.json: {}: {}", name, first.pointer, first.detail));
+}
+
+// The request with the preset's members where it has none of its own; of the sensor, member by member.
+Json with_preset(const Json& body, const ReadContext& context) {
+  Findings findings;
+  const JsonReader in(body, findings);
+  const JsonReader named = in.at("camera_preset");
+  const std::string name = named.text().value_or("");
+  const std::shared_ptr<const Json> preset = context.assets.camera(name);
+  if (!preset && findings.empty())
+    named.fail("no such preset; the service has " + listed(context.assets.names("cameras")));
+  findings.throw_if_any();
+  check_preset(*preset, name, context);
+  Json merged = body;
+  merged.erase("camera_preset");
+  for (const char* member : {"camera", "band"})
+    if (preset->contains(member) && !merged.contains(member)) merged[member] = preset->at(member);
+  if (preset->contains("sensor")) {
+    Json sensor = preset->at("sensor");
+    if (merged.contains("sensor")) sensor.merge_patch(merged["sensor"]);
+    merged["sensor"] = sensor;
+  }
+  return merged;
+}
+
+}  // namespace
+
+std::string_view visibility_name(engine::Visibility visibility) { return word_of(kVisibilities, visibility); }
+
+const Members<FrameQuery>& frame_members() {
+  static const auto table = made<Members<FrameQuery>>(
+      "FrameRequest",
+      "What to render. Unknown members are errors. `sun` is required for image, radiance, angles and lit.",
+      [](auto& m) {
+        // The order is that of the resolved request, whose text the ETag is made from.
+        m.add(
+            "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
+            "projection and image size; required unless `camera_preset` has one");
+        m.add(
+             "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
+             "where the camera is and where it looks; required unless `shutter.poses` says so")
+            .written_if([](const FrameQuery& q) { return !q.request.shutter || q.request.shutter->poses.empty(); });
+        m.add(
+            "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
+            "times of the rows: a rolling shutter or a line camera; left out: all rows are exposed at once");
+        m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
+        m.add("detail", detail_field, DetailName{}, kOfDetail).written_if([](const FrameQuery& q) {
+          return q.request.detail != nullptr;
+        });
+        m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
+        m.add(
+            "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
+            "spectral channel; left out: all wavelengths");
+        m.add("atmosphere", atmosphere_field, Object{atmosphere_members()}, "left out: none");
+        m.add("objects", objects_field, List{Object{object_members()}, 1, kMaxObjects},
+              "what is there besides terrain; `object_id` indexes this");
+        m.add(
+             "terrain", [](auto& q) -> auto& { return q.request.terrain; }, Flag{},
+             "false: the objects are alone, without the Moon")
+            .written_if([](const FrameQuery& q) { return !q.request.terrain; });
+        m.add(
+            "visibility", [](auto& q) -> auto& { return q.request.visibility; }, Word{kVisibilities},
+            "visibility algorithm: zbuffer (z-buffer and irregular shadow map, several times as fast but for tiny "
+            "images), raytrace, or auto, which of the two is faster by the request and the terrain alone. Both are "
+            "exact; the metadata says which it was");
+        m.add("accuracy", accuracy_field, Object{accuracy_members()}, "level of detail and samples");
+        m.add(
+             "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
+             "makes `image` as a detector does")
+            .written_if(has_image_by_sensor);
+        m.add(
+             "image", [](auto& q) -> auto& { return q.request.image; }, Object{image_members()},
+             "makes `image` without a sensor's model")
+            .written_if(has_image_without_sensor);
+        m.add("camera_preset", preset_field, Text{},
+              "name of cameras/NAME.json in the operator's assets folder: its camera and band where the request has "
+              "none, its sensor, of which the request's own members replace those that it has. The metadata's request "
+              "says what came of it");
+        m.add(
+            "products", [](auto& q) -> auto& { return q.request.products; }, Products{},
+            "what to render: arrays of height x width, row 0 on top");
+        m.add(
+             "truth", [](auto& q) -> auto& { return q.request.truth; }, Object{truth_members()},
+             "left out: every pixel of every product, positions as float64")
+            .written_if([](const FrameQuery& q) { return q.request.truth && q.request.products & engine::kTruth; });
+        m.add("ahead", ahead_field, List{Object{pose_members()}, 1, kMostAhead},
+              "poses that the next frames of this camera are expected at, soonest first: what they need is made ready "
+              "while no frame is in work. Left out: the camera is taken to go on as it did. Changes no byte of any "
+              "answer");
+        m.add("echo", &FrameQuery::echo, Echo{},
+              "any object of at most 1024 bytes (a time tag, the frame's number, the camera's name): given back "
+              "unchanged in the header Selenograph-Echo. Changes no byte of any answer")
+            .written_if([](const FrameQuery&) { return false; });
+        m.add("cameras", no_field<FrameQuery>(), CamerasByName{},
+              "several cameras at one instant, by their names: each an object of members of this table, which take "
+              "the place of the request's own. The answer is one .npz of arrays called NAME/PRODUCT, and its meta.json "
+              "has the metadata of each camera; `echo` is the request's alone");
+        m.any_of({"camera", "camera_preset", "cameras"});
+        m.excludes("sensor", {"image"}, "that is exposure without a sensor");
+        m.needs("sensor", {"band", "camera_preset"}, "which photons it counts");
+        m.needs("atmosphere", {"band", "camera_preset"});
+        m.check(check_frame);
+        m.also(of_one_camera(pose_condition));
+        m.also(of_one_camera(sun_where_needed));
+      });
+  return *table;
+}
+
+FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  const ReadContext context{limits, assets, stop, utc_of_sun(body)};
+  if (body.is_object() && body.contains("camera_preset") && body.at("camera_preset").is_string())
+    return read_frame(with_preset(body, context), limits, assets, stop);
+  Findings findings;
+  std::optional<FrameQuery> query = frame_members().read(JsonReader(body, findings), context);
+  findings.throw_if_any();
+  return std::move(*query);
+}
+
+OrderedJson resolved_json(const FrameQuery& query) { return frame_members().write(query); }
+
+}  // namespace selenograph::api

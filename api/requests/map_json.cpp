@@ -1,0 +1,586 @@
+#include "api/requests/map_json.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <limits>
+
+#include "api/answers/metadata.h"
+#include "api/json/ranges.h"
+#include "api/requests/parts/band_json.h"
+#include "api/requests/parts/detail_json.h"
+#include "dem/support/error.h"
+
+namespace selenograph::api {
+namespace {
+
+using dem::MapProjection;
+using engine::MapProducts;
+
+constexpr std::pair<std::string_view, MapProjection> kProjections[] = {
+    {"equirectangular", MapProjection::equirectangular},
+    {"polar_stereographic", MapProjection::polar_stereographic},
+    {"orthographic", MapProjection::orthographic}};
+
+// --- products
+
+const std::array<MapProductRow, 6>& table() {
+  static const std::array<MapProductRow, 6> rows{{
+      {engine::kMapRadiance,
+       "radiance",
+       &MapProducts::radiance,
+       {},
+       "W m-2 sr-1",
+       true,
+       "radiance toward the viewer, W m-2 sr-1; NaN, too, where terrain stands before the viewer"},
+      {engine::kMapLit,
+       "lit",
+       &MapProducts::lit,
+       {},
+       "",
+       true,
+       "lit fraction of the solar disc, self-shadowing included"},
+      {engine::kMapHeight, "height", &MapProducts::height, {}, "m", false, "above the sphere of 1 737 400 m"},
+      {engine::kMapSlope,
+       "slope",
+       &MapProducts::slope,
+       {},
+       "degree",
+       false,
+       "of the normal used for shading against the sphere's vertical"},
+      {engine::kMapNormal,
+       "normal",
+       &MapProducts::normal,
+       {"x", "y", "z"},
+       "",
+       false,
+       "outward unit normal used for shading, MOON_ME"},
+      {engine::kMapSource,
+       "source",
+       &MapProducts::source,
+       {},
+       "",
+       false,
+       "index into the map's list of sources; 65535 for no data"},
+  }};
+  return rows;
+}
+
+struct ProductsOfMaps {
+  using Value = engine::MapProductSet;
+
+  static Words<engine::MapProduct> words() {
+    static const auto list = [] {
+      std::vector<std::pair<std::string_view, engine::MapProduct>> all;
+      for (const MapProductRow& row : table()) all.emplace_back(row.name, row.product);
+      return all;
+    }();
+    return list;
+  }
+
+  std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
+    const std::size_t before = in.faults();
+    Value set = 0;
+    in.elements(1, table().size(), [&](const JsonReader& element) {
+      const auto product = element.word(words());
+      if (!product) return;
+      if (set & *product) element.fail("is listed twice");
+      set |= *product;
+    });
+    return in.faults() == before ? std::optional(set) : std::nullopt;
+  }
+
+  OrderedJson write(Value set) const {
+    OrderedJson names = OrderedJson::array();
+    for (const MapProductRow& row : table())
+      if (set & row.product) names.push_back(row.name);
+    return names;
+  }
+
+  OrderedJson schema(const Limits& limits) const {
+    OrderedJson json = array_schema(Word<engine::MapProduct>{words()}.schema(limits), 1, table().size());
+    json["uniqueItems"] = true;
+    std::string each;
+    for (const MapProductRow& row : table())
+      each += fmt::format("\n- `{}` {}: {}", row.name, type_text(row), row.meaning);
+    json["description"] = each;
+    return json;
+  }
+};
+
+}  // namespace
+
+// --- where it lies
+
+dem::Footprint footprint_of(const MapBounds& bounds) {
+  const double west_deg = bounds.west_deg < 360 ? bounds.west_deg : 0;
+  dem::Footprint footprint{bounds.south_deg, bounds.north_deg, west_deg, bounds.east_deg};
+  while (footprint.east_deg <= footprint.west_deg) footprint.east_deg += 360;
+  return footprint;
+}
+
+const Members<MapBounds>& bounds_members() {
+  static const auto members = made<Members<MapBounds>>(
+      "MapBounds", "Outer edges of a map or region. East of a west edge that is larger, longitudes go on past 180.",
+      [](auto& m) {
+        m.add("south_deg", &MapBounds::south_deg, Number{kLatitude_deg, "deg"}, "latitude").required();
+        m.add("north_deg", &MapBounds::north_deg, Number{kLatitude_deg, "deg"}, "latitude").required();
+        m.add("west_deg", &MapBounds::west_deg, Number{kLongitude_deg, "deg"}, "longitude, east-positive").required();
+        m.add("east_deg", &MapBounds::east_deg, Number{kLongitude_deg, "deg"}, "longitude, east-positive").required();
+        m.check([](const JsonReader& in, MapBounds& bounds, const ReadContext&) {
+          if (in.has("south_deg") && in.has("north_deg") && !(bounds.south_deg < bounds.north_deg))
+            in.fail("north_deg", "must be greater than south_deg");
+          if (in.has("west_deg") && in.has("east_deg") && bounds.west_deg == bounds.east_deg)
+            in.fail("east_deg", "must differ from west_deg");
+          if (bounds.east_deg - bounds.west_deg > 360) in.fail("east_deg", "is more than 360 degrees east of west_deg");
+        });
+      });
+  return *members;
+}
+
+namespace {
+
+constexpr Range kMapSide_m{0, 2e7, true, false}, kGsd_m{0.01, 1e6}, kStandardParallel_deg{-89, 89};
+
+const Members<MapArea>& area_members() {
+  static const auto members = made<Members<MapArea>>(
+      "MapArea",
+      "Where a map lies, on the sphere of 1 737 400 m. Its pixels are squares on the projection's plane, their values "
+      "those at their centres; row 0 is in the north.",
+      [](auto& m) {
+        m.add(
+             "projection", &MapArea::projection, Word{kProjections},
+             "equirectangular; polar_stereographic: about the pole of the centre's hemisphere, longitude 0 downward in "
+             "the north and upward in the south, true to scale at the pole; orthographic: about the centre")
+            .required();
+        m.set_model("projection");
+        m.add("bounds", &MapArea::bounds, Object{bounds_members()},
+              "covered from the north-west corner on: the last row and column may reach beyond. The standard parallel "
+              "is the equator, the central meridian 0, or 180 for a map that goes on past it")
+            .of({"equirectangular"});
+        m.add("center", &MapArea::center, Object{place_members()},
+              "of a map of width_m x height_m; of equirectangular maps its latitude is the standard parallel");
+        m.add("width_m", &MapArea::width_m, Number{kMapSide_m, "m"}, "on the projection's plane, to whole pixels");
+        m.add("height_m", &MapArea::height_m, Number{kMapSide_m, "m"}, "on the projection's plane, to whole pixels");
+        m.add("gsd_m", &MapArea::gsd_m, Number{kGsd_m, "m"}, "side of a pixel where the projection is true to scale")
+            .required();
+        m.add("standard_parallel_deg", &MapArea::standard_parallel_deg, Number{kStandardParallel_deg, "deg"},
+              "latitude where a pixel is gsd_m wide; left out: 0 with bounds, the centre's with center")
+            .of({"equirectangular"});
+        m.exactly_one({"bounds", "center"});
+        m.excludes("bounds", {"width_m", "height_m"}, "they say the size");
+        m.needs("center", {"width_m"});
+        m.needs("center", {"height_m"});
+      });
+  return *members;
+}
+
+// Whole pixels that a length takes; rounding of lengths and angles is none.
+double pixels_that_cover(double length_m, double gsd_m) {
+  constexpr double kRounding = 1e-6;
+  return std::max(1.0, std::ceil(length_m / gsd_m - kRounding));
+}
+
+struct Extent {
+  double west_m, north_m, width_px, height_px;
+};
+
+Extent extent_of(const MapBounds& b, double gsd_m, dem::MapPlane& plane) {
+  const auto [south_deg, north_deg, west_deg, east_deg] = footprint_of(b);
+  // The meridian from which no edge is farther than 180 degrees.
+  plane.lon_deg = west_deg >= -180 && east_deg <= 180 ? 0
+                  : west_deg >= 0 && east_deg <= 360  ? 180
+                                                      : (west_deg + east_deg) / 2;
+  const double metres_per_degree = kMetresPerDegree * std::cos(plane.standard_parallel_deg * kRadiansPerDegree);
+  return {(west_deg - plane.lon_deg) * metres_per_degree, north_deg * kMetresPerDegree,
+          pixels_that_cover((east_deg - west_deg) * metres_per_degree, gsd_m),
+          pixels_that_cover((north_deg - south_deg) * kMetresPerDegree, gsd_m)};
+}
+
+Extent extent_about(const MapArea& area, dem::MapPlane& plane) {
+  const Geographic& center = *area.center;
+  if (plane.projection == MapProjection::polar_stereographic) {
+    plane.lat_deg = center.lat_deg >= 0 ? 90 : -90;
+  } else {
+    plane.lon_deg = wrap_lon_deg(center.lon_deg);
+    if (plane.projection == MapProjection::orthographic) plane.lat_deg = center.lat_deg;
+  }
+  const bool at_origin = plane.projection == MapProjection::orthographic;
+  const dem::MapPoint middle = at_origin ? dem::MapPoint() : plane.place(center.lat_deg, center.lon_deg).value();
+  const double width_px = std::max(1.0, std::round(*area.width_m / area.gsd_m)),
+               height_px = std::max(1.0, std::round(*area.height_m / area.gsd_m));
+  return {middle.x_m - width_px * area.gsd_m / 2, middle.y_m + height_px * area.gsd_m / 2, width_px, height_px};
+}
+
+// Faults are reported with pointers from the request's root.
+std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, const Limits& limits) {
+  dem::MapGrid grid;
+  grid.plane.projection = area.projection, grid.gsd_m = area.gsd_m;
+  if (area.projection == MapProjection::equirectangular)
+    grid.plane.standard_parallel_deg = area.standard_parallel_deg.value_or(area.bounds ? 0 : area.center->lat_deg);
+  if (!kStandardParallel_deg.contains(grid.plane.standard_parallel_deg)) {
+    in.at("center").fail("lat_deg",
+                         fmt::format("is no standard parallel of an equirectangular map, which is at most {:g} "
+                                     "degrees from the equator: give standard_parallel_deg, or ask for "
+                                     "polar_stereographic",
+                                     kStandardParallel_deg.max));
+    return std::nullopt;
+  }
+  const Extent extent = area.bounds ? extent_of(*area.bounds, area.gsd_m, grid.plane) : extent_about(area, grid.plane);
+  constexpr double kLongestSide_px = 65500;  // of a PNG, as libraries read it
+  const auto most = static_cast<double>(limits.max_map_pixels);
+  if (extent.width_px > kLongestSide_px || extent.height_px > kLongestSide_px ||
+      extent.width_px * extent.height_px > most) {
+    in.fail("gsd_m",
+            fmt::format("the map would have {:.0f} x {:.0f} pixels, more than the {:.0f} allowed, or the {:.0f} "
+                        "along a side",
+                        extent.width_px, extent.height_px, most, kLongestSide_px));
+    return std::nullopt;
+  }
+  grid.west_m = extent.west_m, grid.north_m = extent.north_m;
+  grid.width = static_cast<int>(extent.width_px), grid.height = static_cast<int>(extent.height_px);
+  return grid;
+}
+
+// --- who looks
+
+struct MapView {
+  Vec3 direction = Vec3::UnitZ();
+};
+const Members<MapView>& view_members() {
+  static const auto members = made<Members<MapView>>(
+      "MapView", "A viewer so far away that all pixels are seen from the same direction.", [](auto& m) {
+        m.add("direction", &MapView::direction, Vector{kAnyNumber}, "toward the viewer, MOON_ME; any length but zero")
+            .required();
+        m.resolve([](const JsonReader& in, MapView& view, const ReadContext&) -> std::optional<MapView> {
+          const std::optional<Vec3> direction = direction_of(view.direction);
+          if (direction) return MapView{*direction};
+          in.fail("direction", "is zero: no direction");
+          return std::nullopt;
+        });
+      });
+  return *members;
+}
+
+// "nadir", or an object.
+struct NadirOr {
+  using Value = std::optional<MapView>;
+  static constexpr std::string_view kNadir = "nadir";
+  std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
+    if (in.value().is_string()) {
+      const std::pair<std::string_view, std::monostate> words[] = {{kNadir, {}}};
+      return in.word(Words<std::monostate>(words)) ? std::optional<Value>(Value()) : std::nullopt;
+    }
+    const auto view = view_members().read(in, context);
+    return view ? std::optional<Value>(view) : std::nullopt;
+  }
+  OrderedJson write(const Value& value) const { return value ? view_members().write(*value) : OrderedJson(kNadir); }
+  OrderedJson schema(const Limits&) const {
+    return {{"anyOf", {{{"type", "string"}, {"const", kNadir}}, reference_to(view_members())}}};
+  }
+  std::vector<const MemberTable*> objects() const { return {&view_members()}; }
+};
+
+// --- the rest
+
+const Members<engine::Accuracy>& accuracy_members() {
+  using engine::Accuracy;
+  static const auto members =
+      made<Members<Accuracy>>("MapAccuracy", "How exact, against how fast. A pixel is gsd_m wide.", [](auto& m) {
+        m.add("max_error_px", &Accuracy::max_error_px, Number{kMaxError_px, "px"},
+              "bound on the mesh's vertical error; posts are at most twice as far apart; 0: the finest posts");
+        m.add("max_shadow_error_px", &Accuracy::max_shadow_error_px, Number{{0, 1e6}, "px"},
+              "aim for how far the mesh's error displaces a shadow's edge on level ground");
+        m.add("max_detail_error_px", &Accuracy::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
+      });
+  return *members;
+}
+
+const auto sun_field =
+    Property{[](const MapQuery& q) { return q.sun_given ? std::optional(q.request.look.sun) : std::nullopt; },
+             [](MapQuery& q, const engine::Sun& sun) { q.request.look.sun = sun, q.sun_given = true; }};
+const auto surface_field =
+    Property{[](const MapQuery& q) { return std::optional(ground_of(q.request.look, q.surface)); },
+             [](MapQuery& q, const Ground& ground) { set_ground(q.request.look, q.surface, ground); }};
+const auto detail_field = Property{
+    [](const MapQuery& q) {
+      return q.request.look.detail ? std::optional(DetailName::Value{q.detail, q.request.look.detail}) : std::nullopt;
+    },
+    [](MapQuery& q, const DetailName::Value& detail) {
+      q.request.look.detail = detail.content, q.detail = detail.name;
+    }};
+const auto view_field =
+    Property{[](const MapQuery& q) {
+               const auto& toward = q.request.toward_viewer;
+               return std::optional<NadirOr::Value>(toward ? NadirOr::Value(MapView{*toward}) : NadirOr::Value());
+             },
+             [](MapQuery& q, const NadirOr::Value& view) {
+               if (view) q.request.toward_viewer = view->direction;
+             }};
+
+OrderedJson sun_where_needed(const Limits&) {
+  OrderedJson names = OrderedJson::array();
+  for (const MapProductRow& row : table())
+    if (!row.needs_sun) names.push_back(row.name);
+  const OrderedJson sunless{{"required", {"products"}}, {"properties", {{"products", {{"items", {{"enum", names}}}}}}}};
+  return {{"anyOf", OrderedJson::array({{{"required", {"sun"}}}, sunless})}};
+}
+
+void check_map(const JsonReader& in, MapQuery& query, const ReadContext& context) {
+  for (const MapProductRow& row : table()) {
+    if (!row.needs_sun || !(query.request.products & row.product) || in.has("sun")) continue;
+    in.fail("sun", fmt::format("is required for the product \"{}\"", row.name));
+    break;
+  }
+  if (!in.good()) return;  // what isn't read has no place
+  if (const auto grid = grid_of(in.at("map"), query.area, context.limits)) query.request.grid = *grid;
+}
+
+}  // namespace
+
+std::span<const MapProductRow> map_products() { return table(); }
+
+std::string type_text(const MapProductRow& row) {
+  static constexpr std::string_view kTypes[] = {"uint16", "float32", "float64"};  // in the order of MapElements
+  return std::string(kTypes[row.elements.index()]) +
+         (row.components.empty() ? "" : " x " + std::to_string(row.components.size()));
+}
+
+const Members<MapQuery>& map_members() {
+  static const auto members = made<Members<MapQuery>>(
+      "MapRequest", "A map-projected product. Unknown members are errors. `sun` is required for radiance and lit.",
+      [](auto& m) {
+        // The order is that of the resolved request, whose text the ETag is made from.
+        m.add("map", &MapQuery::area, Object{area_members()}, "projection, extent and pixels").required();
+        m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
+        m.add("detail", detail_field, DetailName{}, kOfDetail).written_if([](const MapQuery& q) {
+          return q.request.look.detail != nullptr;
+        });
+        m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
+        m.add(
+            "band", [](auto& q) -> auto& { return q.request.look.band; }, Object{band_members()},
+            "spectral channel of the radiance; left out: all wavelengths");
+        m.add("view", view_field, NadirOr{},
+              "of the radiance: nadir, from straight above each pixel, or from a direction. The ground stays where it "
+              "is; what terrain hides from the viewer has no radiance. Left out: nadir");
+        m.add(
+            "accuracy", [](auto& q) -> auto& { return q.request.look.accuracy; }, Object{accuracy_members()},
+            "level of detail");
+        m.add(
+            "products", [](auto& q) -> auto& { return q.request.products; }, ProductsOfMaps{},
+            "arrays of height x width, row 0 in the north; NaN where there is no data or no Moon");
+        m.check(check_map);
+        m.also(sun_where_needed);
+      });
+  return *members;
+}
+
+MapQuery read_map(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  Findings findings;
+  std::optional<MapQuery> query = map_members().read(JsonReader(body, findings), {limits, assets, stop});
+  findings.throw_if_any();
+  return std::move(*query);
+}
+
+OrderedJson resolved_json(const MapQuery& query) { return map_members().write(query); }
+
+// --- answers
+
+namespace {
+
+template <typename Element>
+constexpr ElementType element_type() {
+  return sizeof(Element) == 2   ? ElementType::uint16
+         : sizeof(Element) == 4 ? ElementType::float32
+                                : ElementType::float64;
+}
+
+std::vector<std::string> channel_names(const MapProductRow& row) {
+  std::vector<std::string> names;
+  for (const std::string_view component : row.components) names.push_back(fmt::format("{}.{}", row.name, component));
+  if (names.empty()) names.emplace_back(row.name);
+  return names;
+}
+
+// visit(row, elements) of each product that a map has.
+template <typename Visit>
+void for_each_product(const MapQuery& query, const MapProducts& products, const Visit& visit) {
+  for (const MapProductRow& row : table())
+    if (query.request.products & row.product)
+      std::visit([&](const auto elements) { visit(row, products.*elements); }, row.elements);
+}
+
+std::vector<ArrayView> arrays_of(const MapQuery& query, const MapProducts& products) {
+  const dem::MapGrid& grid = query.request.grid;
+  std::vector<ArrayView> arrays;
+  for_each_product(
+      query, products, [&]<typename Element>(const MapProductRow& row, const std::vector<Element>& values) {
+        const int channels = row.components.empty() ? 1 : static_cast<int>(row.components.size());
+        arrays.push_back(
+            {row.name, element_type<Element>(), grid.height, grid.width, channels, values.data(), channel_names(row)});
+      });
+  return arrays;
+}
+
+std::vector<dem::MapBand> bands_of(const MapQuery& query, const MapProducts& products) {
+  std::vector<dem::MapBand> bands;
+  for_each_product(query, products, [&](const MapProductRow& row, const auto& values) {
+    const std::vector<std::string> names = channel_names(row);
+    const int step = static_cast<int>(names.size());
+    for (int i = 0; i < step; ++i)
+      bands.push_back({names[static_cast<std::size_t>(i)], std::string(row.unit), values.data() + i, step});
+  });
+  return bands;
+}
+
+struct Scale {
+  double low, high;  // values of 1 and 65535
+};
+
+template <typename Element>
+Scale scale_of(const MapProductRow& row, const std::vector<Element>& values) {
+  if (row.product == engine::kMapLit) return {0, 1};
+  Scale scale{std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()};
+  for (const Element element : values) {
+    const auto value = static_cast<double>(element);
+    if (std::isnan(value)) continue;
+    scale.low = std::min(scale.low, value), scale.high = std::max(scale.high, value);
+  }
+  if (row.product != engine::kMapHeight) scale.low = 0;
+  if (!(scale.high > scale.low)) scale.high = std::isfinite(scale.low) ? scale.low + 1 : 1;
+  if (!std::isfinite(scale.low)) scale.low = 0;
+  return scale;
+}
+
+std::string encode_map_png(const MapQuery& query, const MapProducts& products, OrderedJson meta,
+                           const StopToken& stop) {
+  const dem::MapGrid& grid = query.request.grid;
+  std::string png;
+  const auto encode = [&](const MapProductRow& row, const std::vector<std::uint16_t>& numbers) {
+    const ArrayView view{row.name, ElementType::uint16, grid.height, grid.width, 1, numbers.data(), {}};
+    png = encode_png(view, {{"selenograph", meta.dump(-1, ' ', true, Json::error_handler_t::replace)}}, stop);
+  };
+  for_each_product(query, products,
+                   [&]<typename Element>(const MapProductRow& row, const std::vector<Element>& values) {
+                     if constexpr (std::is_same_v<Element, std::uint16_t>) {
+                       encode(row, values);
+                     } else {
+                       const Scale scale = scale_of(row, values);
+                       meta["png_scale"] = {{"value_of_1", scale.low}, {"value_of_65535", scale.high}, {"no_data", 0}};
+                       std::vector<std::uint16_t> numbers(values.size());
+                       std::transform(values.begin(), values.end(), numbers.begin(), [&](Element element) {
+                         const auto value = static_cast<double>(element);
+                         if (std::isnan(value)) return std::uint16_t{0};
+                         const double share = std::clamp((value - scale.low) / (scale.high - scale.low), 0.0, 1.0);
+                         return static_cast<std::uint16_t>(1 + std::lround(65534 * share));
+                       });
+                       encode(row, numbers);
+                     }
+                   });
+  return png;
+}
+
+OrderedJson grid_json(const dem::MapGrid& grid) {
+  return {{"width", grid.width},
+          {"height", grid.height},
+          {"pixel", "a value is that at its pixel's centre"},
+          {"geotransform", dem::geotransform_of(grid)},
+          {"wkt", dem::wkt_of(grid.plane)}};
+}
+
+}  // namespace
+
+std::size_t bytes_of(const engine::MapRequest& request) {
+  const std::size_t pixels =
+      static_cast<std::size_t>(request.grid.width) * static_cast<std::size_t>(request.grid.height);
+  std::size_t arrays = 0;
+  std::vector<dem::MapBand> bands;
+  for (const MapProductRow& row : table()) {
+    if (!(request.products & row.product)) continue;
+    std::visit(
+        [&](const auto elements) {
+          using Elements = std::remove_cvref_t<decltype(MapProducts().*elements)>;
+          const std::size_t components = std::max<std::size_t>(row.components.size(), 1);
+          arrays += components * pixels * sizeof(typename Elements::value_type);
+          const typename Elements::value_type* none = nullptr;
+          bands.insert(bands.end(), components, {"", "", none});
+        },
+        row.elements);
+  }
+  // A patch of 512 x 512 pixels: directions and a frame's arrays. An answer is made beside the arrays, and a GeoTIFF's
+  // bytes are copied once.
+  constexpr std::size_t kPatch = std::size_t{512} * 512 * 96;
+  return arrays + 2 * std::max(arrays, dem::geotiff_bytes_at_most(request.grid, bands)) + kPatch;
+}
+
+std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::uint64_t terrain_fingerprint,
+                         std::string_view media_type) {
+  OrderedJson what{{"map_request", resolved_json(query)},
+                   {"terrain", terrain_fingerprint},
+                   {"maps", maps_metadata(query.request.look, query.surface)},
+                   {"scene_bytes", scene_bytes},
+                   {"version", software_version()},
+                   {"representation", media_type}};
+  if (const auto& detail = query.request.look.detail) what["detail"] = detail_metadata(query.detail, *detail);
+  return content_hash(what.dump());
+}
+
+OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, const std::string& hash) {
+  const engine::FrameRequest& look = query.request.look;
+  OrderedJson meta{{"software", {{"name", "selenograph"}, {"version", software_version()}}},
+                   {"content_hash", hash},
+                   {"request", resolved_json(query)},
+                   {"grid", grid_json(query.request.grid)}};
+  if (query.request.products & engine::kMapRadiance) {
+    meta["reflectance"] = {{"normalisation", normalisation(look.reflectance.model)}};
+    meta["solar_irradiance"] = irradiance_json(look, report);
+    meta["radiance_terms"] = report.radiance.names();
+  }
+  meta["lod_error_px"] = report.lod_error_px;
+  meta["lod_error_m"] = report.lod_error_m;
+  meta["shadow_error_px"] = report.shadow_error_px;
+  if (look.detail) meta["detail_error_px"] = report.detail_error_px;
+  meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
+  meta["triangles"] = report.triangles;
+  if (look.detail) meta["detail"] = detail_metadata(query.detail, *look.detail);
+  if (const OrderedJson maps = maps_metadata(look, query.surface); !maps.empty()) meta["maps"] = maps;
+  meta["hit_fraction"] = report.hit_fraction;
+  meta["filled_fraction"] = report.filled_fraction;
+  meta["blended_fraction"] = report.blended_fraction;
+  meta["missing_fraction"] = report.missing_fraction;
+  meta["sources"] = sources_json(report);
+  meta["warnings"] = report.warnings;
+  warn_of_aims(look.accuracy, report, meta["warnings"]);
+  if (report.hit_fraction == 0) meta["warnings"].push_back("there is no data anywhere in the map");
+  return meta;
+}
+
+void check_map_answer(const MapQuery& query, std::string_view media_type) {
+  if (media_type != "image/png") return;
+  const engine::MapProductSet products = query.request.products;
+  if (std::has_single_bit(products) && products != engine::kMapNormal) return;
+  const std::string what = "image/png holds exactly one product, and not normal";
+  throw RequestError("invalid_request", what, {{"/products", what + "; image/tiff and application/x-npz hold all"}});
+}
+
+std::string encode_map(const MapQuery& query, const engine::Map& map, const std::string& hash,
+                       std::string_view media_type, const StopToken& stop) {
+  check_map_answer(query, media_type);
+  OrderedJson meta = metadata(query, map.report, hash);
+  if (media_type == "image/png") return encode_map_png(query, map.products, std::move(meta), stop);
+  if (media_type == "application/x-npz")
+    return encode_npz(arrays_of(query, map.products), meta.dump(2, ' ', false, Json::error_handler_t::replace), stop);
+  return dem::geotiff_bytes(query.request.grid, bands_of(query, map.products),
+                            meta.dump(-1, ' ', true, Json::error_handler_t::replace), stop);
+}
+
+std::string encode_illumination(const MapQuery& query, std::span<const float> fraction, const OrderedJson& meta) {
+  const dem::MapBand band{"illumination_fraction", "", fraction.data()};
+  return dem::geotiff_bytes(query.request.grid, {&band, 1}, meta.dump(-1, ' ', true, Json::error_handler_t::replace),
+                            {});
+}
+
+}  // namespace selenograph::api

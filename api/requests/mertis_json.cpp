@@ -1,0 +1,145 @@
+#include "api/requests/mertis_json.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "api/json/ranges.h"
+#include "api/schema/member_kinds.h"
+#include "dem/support/error.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::SpectrometerChannel;
+// A number at all wavelengths, or a curve. A number is a curve of one point, which check_mertis puts at first_um.
+struct Efficiency {
+  using Value = std::vector<engine::EfficiencyPoint>;
+  std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
+    if (!in.value().is_number()) return read_curve(in, context);
+    const auto eta = in.number(kUnitInterval);
+    return eta ? std::optional(Value{{0, *eta}}) : std::nullopt;
+  }
+  OrderedJson write(const Value& curve) const { return kCurve.write(curve); }
+  OrderedJson schema(const Limits& limits) const {
+    return {{"oneOf", {number_schema(kUnitInterval), kCurve.schema(limits)}}};
+  }
+  OrderedJson fallback() const { return engine::Spectrometer().efficiency[0].efficiency; }
+
+ private:
+  static std::optional<Value> read_curve(const JsonReader& in, const ReadContext& context) {
+    const auto curve = kCurve.read(in, context);
+    if (!curve) return std::nullopt;
+    std::size_t i = 0;
+    in.elements(1, curve->size(), [&](const JsonReader& point) {
+      if (i > 0 && !((*curve)[i].wavelength_um > (*curve)[i - 1].wavelength_um)) point.fail("wavelengths must rise");
+      ++i;
+    });
+    return curve;
+  }
+  static inline const auto kCurve = List{Pair<engine::EfficiencyPoint>{kWavelength_um, kUnitInterval}, 1, 1000};
+};
+
+// Double tells a channel's two ends from each other and from 0, with room for what follows from their difference.
+void check_widths(const JsonReader& in, const engine::Spectrometer& s) {
+  constexpr double kTold = 1e-9;
+  const double width_um = (s.last_um - s.first_um) / s.channels;
+  if (s.first_um < kTold * width_um)
+    in.fail("first_um", fmt::format("is too near to 0 for channels of {:g} um", width_um));
+  if (width_um < kTold * s.last_um)
+    in.fail("channels", fmt::format("of {:g} um at {:g} um are too narrow", width_um, s.last_um));
+}
+
+void check_mertis(const JsonReader& in, MertisQuery& query, const ReadContext&) {
+  engine::Spectrometer& s = query.spectrometer;
+  if (!(s.last_um > s.first_um)) return in.fail("last_um", "must be above first_um");
+  check_widths(in, s);
+  // One number, given or left out, is of all wavelengths; the answer lists it at the first.
+  if (!in.has("efficiency") || in.at("efficiency").value().is_number()) s.efficiency[0].wavelength_um = s.first_um;
+}
+
+constexpr const char* kAssumptions[] = {
+    "SENSOR++ prints 80 channels from 7 to 14 um and equations (3), (9) and (12); it doesn't print what follows",
+    "channels of equal width",
+    "f/2 and pixels of 35 um (Hiesinger, Helbert et al. 2010)",
+    "efficiency of optics and grating 0.3 at all wavelengths",
+    "noise-equivalent power 1 pW per channel, after averaging over frames",
+    "blackbodies of 350 and 500 K",
+};
+
+}  // namespace
+
+const Members<MertisQuery>& mertis_members() {
+  static const auto table = made<Members<MertisQuery>>(
+      "MertisRequest",
+      "A spectrometer that looks at blackbodies: SENSOR++ eqs. (3), (9), (12). What is left out is MERTIS, or assumed: "
+      "the answer says what.",
+      [](auto& m) {
+        using engine::Spectrometer;
+        const auto of = [](auto Spectrometer::*field) {
+          return [field](auto& query) -> auto& { return query.spectrometer.*field; };
+        };
+        m.add("description",
+              Property{[](const MertisQuery&) { return std::optional<std::string>(); },
+                       [](MertisQuery&, const std::string&) {}},
+              Text{}, "of a file; ignored");
+        m.add("first_um", of(&Spectrometer::first_um), Number{kWavelength_um, "um"}, "where the first channel begins");
+        m.add("last_um", of(&Spectrometer::last_um), Number{kWavelength_um, "um"}, "where the last one ends");
+        m.add("channels", of(&Spectrometer::channels), Integer{1, kMaxChannels}, "of equal width");
+        m.add("pixel_pitch_um", of(&Spectrometer::pixel_pitch_um), Number{{0, 1e4, true, false}, "um"}, "p");
+        m.add("f_number", of(&Spectrometer::f_number), Number{kFNumber}, "f_#");
+        m.add("efficiency", of(&Spectrometer::efficiency), Efficiency{},
+              "eta of optics and grating: at all wavelengths, or [um, eta], wavelengths rising");
+        m.add("noise_equivalent_power_w", of(&Spectrometer::noise_equivalent_power_w), Number{{0, 1, true, false}, "W"},
+              "NEP of a pixel");
+        m.add("temperatures_k", &MertisQuery::temperatures_k, List{Number{{1, 1e4}}, 1, 16, "K"}, "of the blackbodies");
+        m.check(check_mertis);
+      });
+  return *table;
+}
+
+MertisQuery read_mertis(const Json& body) {
+  const Limits limits;
+  const Assets none;
+  Findings findings;
+  auto query = mertis_members().read(JsonReader(body, findings), {limits, none});
+  findings.throw_if_any();
+  return std::move(*query);
+}
+
+OrderedJson mertis_json(const MertisQuery& query, const StopToken& stop) {
+  OrderedJson spectra = OrderedJson::array();
+  for (const double kelvin : query.temperatures_k) {
+    OrderedJson channels = OrderedJson::array();
+    for (const SpectrometerChannel& c : engine::look_at_blackbody(query.spectrometer, kelvin, stop))
+      channels.push_back({{"center_um", c.center_um},
+                          {"width_um", c.width_um},
+                          {"radiance_w_m2_sr_um", c.radiance_w_m2_sr_um},
+                          {"flux_w", c.flux_w},
+                          {"noise_equivalent_power_w", query.spectrometer.noise_equivalent_power_w},
+                          {"signal_to_noise", c.signal_to_noise},
+                          {"width_error", c.width_error}});
+    spectra.push_back({{"temperature_k", kelvin}, {"channels", channels}});
+  }
+  return {{"instrument", mertis_members().write(query)},
+          {"assumptions_of_the_defaults", kAssumptions},
+          {"spectra", spectra}};
+}
+
+std::string mertis_csv(const MertisQuery& query) {
+  std::string csv = "# SENSOR++ equations (3), (9), (12)\n";
+  for (const char* assumption : kAssumptions) csv += fmt::format("# defaults: {}\n", assumption);
+  csv +=
+      "temperature_k,channel,center_um,width_um,efficiency,radiance_w_m2_sr_um,flux_w,noise_equivalent_power_w,"
+      "signal_to_noise,width_error\n";
+  for (const double kelvin : query.temperatures_k) {
+    int channel = 0;
+    for (const SpectrometerChannel& c : engine::look_at_blackbody(query.spectrometer, kelvin))
+      csv += fmt::format("{:g},{},{:.9g},{:.9g},{:.6g},{:.9g},{:.9g},{:g},{:.9g},{:.3e}\n", kelvin, ++channel,
+                         c.center_um, c.width_um, c.efficiency, c.radiance_w_m2_sr_um, c.flux_w,
+                         query.spectrometer.noise_equivalent_power_w, c.signal_to_noise, c.width_error);
+  }
+  return csv;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,49 @@
+#include "api/requests/parts/band_json.h"
+
+#include <fmt/format.h>
+
+#include "api/json/ranges.h"
+#include "api/schema/member_kinds.h"
+#include "dem/support/error.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::Band;
+
+std::optional<Band> resolve_band(const JsonReader& in, const BandForm& form, const ReadContext&) {
+  if (!form.response && !kWavelength_um.contains(*form.center_um + *form.width_um / 2)) {
+    in.fail("width_um", fmt::format("the band must end at {} um or before", kWavelength_um.max));
+    return std::nullopt;
+  }
+  try {
+    return form.response ? Band(*form.response) : Band(*form.center_um, *form.width_um);
+  } catch (const ImpossibleRequest& e) {
+    in.fail(form.response ? "response" : "width_um", e.what());
+    return std::nullopt;
+  }
+}
+
+}  // namespace
+
+const Members<BandForm, Band>& band_members() {
+  static const auto table = made<Members<BandForm, Band>>(
+      "Band",
+      "The spectral channel that radiance is integrated over: center and width, or a response curve. Left out: all "
+      "wavelengths.",
+      [](auto& m) {
+        m.add("center_um", &BandForm::center_um, Number{kWavelength_um, "um"}, "with width_um: response 1 within it");
+        m.add("width_um", &BandForm::width_um, Number{kWavelength_um, "um"}, "below twice the center");
+        m.add("response", &BandForm::response,
+              List{Pair<engine::ResponsePoint>{kWavelength_um, kUnitInterval}, 2, 10000},
+              "[wavelength in um, response] at rising wavelengths; linear in between, 0 outside");
+        m.exactly_one({"center_um", "response"});
+        m.needs("center_um", {"width_um"});
+        m.excludes("response", {"width_um"}, "that belongs to \"center_um\"");
+        m.resolve(resolve_band);
+        m.unresolve([](const Band& band) { return BandForm{{}, {}, band.response()}; });
+      });
+  return *table;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,139 @@
+#include "api/requests/parts/camera_json.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "api/json/ranges.h"
+#include "api/schema/member_kinds.h"
+#include "dem/grid/geodesy.h"
+#include "engine/camera/fisheye.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::Camera;
+using engine::CameraModel;
+
+constexpr std::pair<std::string_view, CameraModel> kCameraModels[] = {
+    {"pinhole", CameraModel::pinhole},
+    {"fisheye", CameraModel::fisheye},
+};
+// Each camera model has its own.
+constexpr std::pair<std::string_view, CameraModel> kDistortions[] = {
+    {"brown_conrady", CameraModel::pinhole},
+    {"kannala_brandt", CameraModel::fisheye},
+};
+
+const Members<DistortionForm>& distortion_members() {
+  static const auto table = made<Members<DistortionForm>>(
+      "Distortion",
+      "Of a pinhole Brown-Conrady, OpenCV's coefficients, on the plane z = 1: x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + "
+      "2 p1 x y + p2 (r^2 + 2 x^2), and y' alike. Of a fisheye Kannala-Brandt, as OpenCV's fisheye: radius = theta (1 "
+      "+ k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), theta: angle from the boresight in radians.",
+      [](auto& m) {
+        m.add("model", &DistortionForm::model, Word{kDistortions}, "distortion model");
+        m.add("k1", &DistortionForm::k1, Number{kDistortion}, "radial, r^2 or theta^2");
+        m.add("k2", &DistortionForm::k2, Number{kDistortion}, "radial, r^4 or theta^4");
+        m.add("k3", &DistortionForm::k3, Number{kDistortion}, "radial, r^6 or theta^6");
+        m.add("k4", &DistortionForm::k4, Number{kDistortion}, "radial, theta^8").of({"kannala_brandt"});
+        m.add("p1", &DistortionForm::p1, Number{kDistortion}, "tangential").of({"brown_conrady"});
+        m.add("p2", &DistortionForm::p2, Number{kDistortion}, "tangential").of({"brown_conrady"});
+        m.set_model("model");
+      });
+  return *table;
+}
+
+// fov_deg is the full horizontal angle between the outer edges of the outermost columns. Square pixels.
+double focal_length_px(const Camera& camera, double fov_deg) {
+  if (camera.model == CameraModel::pinhole)
+    return 0.5 * camera.width / std::tan(0.5 * fov_deg * std::numbers::pi / 180);
+  return 0.5 * camera.width / engine::Fisheye(camera.fisheye).radius(0.5 * fov_deg * kRadiansPerDegree);
+}
+
+void check_field_of_view(const JsonReader& in, const Camera& camera, double fov_deg) {
+  if (camera.model == CameraModel::pinhole && !kFieldOfView_deg.contains(fov_deg))
+    return in.fail("fov_deg", fmt::format("must be below {} of a pinhole", kFieldOfView_deg.max));
+  if (camera.model == CameraModel::fisheye) {
+    const double widest_deg = 2 * kDegreesPerRadian * engine::Fisheye(camera.fisheye).limit();
+    if (fov_deg > widest_deg)
+      in.fail("fov_deg", fmt::format("is wider than the distortion images: {:.6g} degrees", widest_deg));
+  }
+}
+
+void set_distortion(const JsonReader& in, const std::optional<DistortionForm>& form, Camera& camera) {
+  if (!form) return;
+  if (form->model != camera.model)
+    return in.fail("distortion", fmt::format("of a {} must have the model \"{}\"", word_of(kCameraModels, camera.model),
+                                             word_of(kDistortions, camera.model)));
+  if (camera.model == CameraModel::pinhole)
+    camera.distortion = {form->k1, form->k2, form->k3, form->p1, form->p2};
+  else
+    camera.fisheye = {form->k1, form->k2, form->k3, form->k4};
+}
+
+std::optional<Camera> resolve_camera(const JsonReader& in, const CameraForm& form, const ReadContext& context) {
+  const std::size_t before = in.faults();
+  Camera camera{form.width, form.height};
+  camera.model = form.model;
+  set_distortion(in, form.distortion, camera);
+  if (std::int64_t{camera.width} * camera.height > context.limits.max_image_pixels)
+    in.fail(fmt::format("{} x {} are more pixels than the {} that this service renders", camera.width, camera.height,
+                        context.limits.max_image_pixels));
+  if (form.fov_deg) check_field_of_view(in, camera, *form.fov_deg);
+  if (in.faults() != before) return std::nullopt;
+  camera.fx = form.fov_deg ? focal_length_px(camera, *form.fov_deg) : *form.fx;
+  camera.fy = form.fy.value_or(camera.fx);
+  camera.cx = form.cx.value_or(0.5 * (camera.width - 1));
+  camera.cy = form.cy.value_or(0.5 * (camera.height - 1));
+  if (!kFocalLength_px.contains(camera.fx))
+    in.fail("fov_deg", fmt::format("gives a focal length of {:.3g} px; must be at least {} and at most {} px",
+                                   camera.fx, kFocalLength_px.min, kFocalLength_px.max));
+  return in.faults() == before ? std::optional(camera) : std::nullopt;
+}
+
+CameraForm form_of(const Camera& c) {
+  const engine::Distortion& d = c.distortion;
+  const engine::FisheyeDistortion& f = c.fisheye;
+  const DistortionForm distortion = c.model == CameraModel::pinhole
+                                        ? DistortionForm{c.model, d.k1, d.k2, d.k3, 0, d.p1, d.p2}
+                                        : DistortionForm{c.model, f.k1, f.k2, f.k3, f.k4, 0, 0};
+  return {c.model, c.width, c.height, {}, c.fx, c.fy, c.cx, c.cy, distortion};
+}
+
+}  // namespace
+
+std::int64_t largest_side(const Limits& limits) { return limits.max_image_side; }
+
+const Members<CameraForm, Camera>& camera_members() {
+  static const auto table = made<Members<CameraForm, Camera>>(
+      "Camera",
+      "A pinhole or a fisheye, by `fov_deg` or by `fx`, `fy`, `cx`, `cy`. The centre of the top-left pixel is (0, 0). "
+      "A fisheye without distortion is equidistant: radius = f theta. It is rendered by ray tracing. The service "
+      "limits width x height, too.",
+      [](auto& m) {
+        m.add("model", &CameraForm::model, Word{kCameraModels}, "projection");
+        m.add("width", &CameraForm::width, Integer{1, largest_side, "px"}, "columns").required();
+        m.add("height", &CameraForm::height, Integer{1, largest_side, "px"}, "rows").required();
+        m.add("fov_deg", &CameraForm::fov_deg, Number{kFisheyeFieldOfView_deg, "deg"},
+              "horizontal, full angle: fx = fy = (width/2) / tan(fov/2) of a pinhole, whose is below 180, and "
+              "(width/2) / radius(fov/2) of a fisheye; principal point in the middle");
+        m.add("fx", &CameraForm::fx, Number{kFocalLength_px, "px"}, "focal length");
+        m.add("fy", &CameraForm::fy, Number{kFocalLength_px, "px"}, "focal length; default: fx");
+        m.add("cx", &CameraForm::cx, Number{kPrincipalPoint_px, "px"}, "principal point; default: (width-1)/2");
+        m.add("cy", &CameraForm::cy, Number{kPrincipalPoint_px, "px"}, "principal point; default: (height-1)/2");
+        m.add("distortion", &CameraForm::distortion, Object{distortion_members()}, "of the lens; left out: none");
+        m.also([](const Limits&) {
+          return OrderedJson{{"if", {{"properties", {{"model", {{"const", "fisheye"}}}}}, {"required", {"model"}}}},
+                             {"else", {{"properties", {{"fov_deg", {{"exclusiveMaximum", kFieldOfView_deg.max}}}}}}}};
+        });
+        m.exactly_one({"fov_deg", "fx"});
+        m.excludes("fov_deg", {"fy", "cx", "cy"});
+        m.resolve(resolve_camera);
+        m.unresolve(form_of);
+      });
+  return *table;
+}
+
+}  // namespace selenograph::api

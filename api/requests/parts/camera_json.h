@@ -1,0 +1,28 @@
+// "camera": a pinhole or a fisheye, by field of view or by intrinsics.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "api/schema/members.h"
+#include "engine/frame/camera.h"
+
+namespace selenograph::api {
+
+struct DistortionForm {
+  engine::CameraModel model = engine::CameraModel::pinhole;  // that it belongs to
+  double k1 = 0, k2 = 0, k3 = 0, k4 = 0, p1 = 0, p2 = 0;
+};
+
+struct CameraForm {
+  engine::CameraModel model = engine::CameraModel::pinhole;
+  int width = 0, height = 0;
+  std::optional<double> fov_deg, fx, fy, cx, cy;
+  std::optional<DistortionForm> distortion;
+};
+const Members<CameraForm, engine::Camera>& camera_members();
+
+// Of an image, px: a bound of members.
+std::int64_t largest_side(const Limits& limits);
+
+}  // namespace selenograph::api

@@ -1,0 +1,30 @@
+#include "api/requests/parts/detail_json.h"
+
+#include <fmt/format.h>
+
+#include "api/assets/assets.h"
+#include "engine/frame/accuracy.h"
+
+namespace selenograph::api {
+
+std::optional<DetailName::Value> DetailName::read(const JsonReader& in, const ReadContext& context) const {
+  if (in.value().is_null()) return Value{};
+  return Asset{&Assets::detail, "detail", "details"}.read(in, context);
+}
+
+OrderedJson DetailName::write(const Value& value) const { return value.content ? OrderedJson(value.name) : nullptr; }
+
+std::string detail_aim() {
+  return fmt::format(
+      "aim for the error of terrain with detail, or max_error_px where that is more; gives way where it takes more "
+      "than {:g} triangles a pixel: `detail_error_px` says what was reached",
+      engine::Accuracy::kDetailTrianglesPerPixel);
+}
+
+OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail) {
+  return {{"name", name},
+          {"version", fmt::format("{:016x}", detail.preset().fingerprint)},
+          {"synthetic", "craters and relief below the posts: where `gsd` is finer than the source's posts"}};
+}
+
+}  // namespace selenograph::api

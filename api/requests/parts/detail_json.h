@@ -1,0 +1,31 @@
+// Detail below the posts: what an operator's preset says, and which one a request names.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "api/schema/member_kinds.h"
+#include "dem/detail/detail.h"
+
+namespace selenograph::api {
+
+// A preset by its name, or null: none.
+struct DetailName {
+  using Value = Named<dem::Detail>;
+  std::optional<Value> read(const JsonReader& in, const ReadContext& context) const;
+  OrderedJson write(const Value& value) const;
+  OrderedJson schema(const Limits&) const { return {{"oneOf", {{{"type", "string"}}, {{"type", "null"}}}}}; }
+  OrderedJson fallback() const { return {}; }
+};
+
+inline constexpr const char* kOfDetail =
+    "craters and relief below the posts: name of details/NAME.json in the operator's assets folder; null or left out: "
+    "none";
+
+// Of Accuracy::max_detail_error_px.
+std::string detail_aim();
+
+// What is said of it in metadata: synthetic terrain is never silent.
+OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail);
+
+}  // namespace selenograph::api

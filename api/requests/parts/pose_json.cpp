@@ -1,0 +1,385 @@
+#include "api/requests/parts/pose_json.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "dem/support/error.h"
+
+namespace selenograph::api {
+namespace {
+
+// Sine of the angle between boresight and up below which the roll would be decided by rounding.
+constexpr double kDegenerate = 1e-8;
+
+// Rows are the camera's axes in MOON_ME: x right, y down, z boresight. Empty when up is along the boresight.
+std::optional<Eigen::Quaterniond> camera_looking(const Vec3& boresight, const Vec3& up) {
+  const Vec3 right = boresight.cross(up);
+  if (right.norm() < kDegenerate) return std::nullopt;
+  Eigen::Matrix3d camera_from_moon;
+  camera_from_moon.row(0) = right.normalized();
+  camera_from_moon.row(1) = boresight.cross(right.normalized());
+  camera_from_moon.row(2) = boresight;
+  return Eigen::Quaterniond(camera_from_moon).normalized();
+}
+
+// camera_from_moon in OpenCV axes and MOON_ME, from a quaternion in the client's axes and body frame.
+Eigen::Quaterniond resolve_quaternion(const Eigen::Quaterniond& client_camera_from_body, CameraAxes axes,
+                                      const Eigen::Matrix3d& moon_me_from_body) {
+  // OpenGL's camera has y up and looks along -z: half a turn about x.
+  const Eigen::Quaterniond opencv_from_client =
+      axes == CameraAxes::opengl ? Eigen::Quaterniond(0, 1, 0, 0) : Eigen::Quaterniond::Identity();
+  const Eigen::Quaterniond body_from_moon_me(moon_me_from_body.transpose());
+  return opencv_from_client * client_camera_from_body * body_from_moon_me;
+}
+
+// North is the Moon's axis. Where the boresight is along it but the target is not on the equator (straight down at a
+// pole, say), the target's own north still says which way is up.
+std::optional<Eigen::Quaterniond> camera_north_up(const Vec3& boresight, const Vec3& target_north) {
+  if (const auto q = camera_looking(boresight, Vec3::UnitZ())) return q;
+  return camera_looking(boresight, target_north);
+}
+
+// "north", "zenith" or a direction.
+struct Up {
+  using Value = ImageUp;
+  std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
+    if (in.value().is_string()) {
+      if (in.value() == "north") return Value();
+      if (in.value() == "zenith") return Value{Value::Kind::zenith};
+      in.fail("must be \"north\", \"zenith\" or a vector [x, y, z] in MOON_ME");
+      return std::nullopt;
+    }
+    const std::size_t before = in.faults();
+    const std::optional<Vec3> up = direction_of(in.vector(kAnyNumber));
+    if (in.faults() != before) return std::nullopt;
+    if (up) return Value{Value::Kind::direction, *up};
+    in.fail("is zero: no direction");
+    return std::nullopt;
+  }
+  OrderedJson write(const Value& up) const {
+    if (up.kind == Value::Kind::direction) return vector_json(up.direction);
+    return up.kind == Value::Kind::zenith ? "zenith" : "north";
+  }
+  OrderedJson schema(const Limits& limits) const {
+    return {{"oneOf",
+             {{{"type", "string"}, {"const", "north"}},
+              {{"type", "string"}, {"const", "zenith"}},
+              Vector{kAnyNumber}.schema(limits)}}};
+  }
+};
+
+// A rotation matrix, rows first.
+struct RotationMatrix {
+  using Value = Eigen::Matrix3d;
+  static constexpr double kTolerance = 1e-6;
+  std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
+    const std::size_t before = in.faults();
+    Value m = Value::Zero();
+    Eigen::Index row = 0;
+    in.elements(3, 3, [&](const JsonReader& one) { m.row(row++) = one.vector(kAnyNumber); });
+    if (in.faults() != before) return std::nullopt;
+    const double off = (m * m.transpose() - Value::Identity()).cwiseAbs().maxCoeff();
+    if (!(off <= kTolerance)) {
+      in.fail(fmt::format("is not orthonormal: its rows' products are off by {:.3g}, more than {}", off, kTolerance));
+    } else if (m.determinant() < 0) {
+      in.fail("has determinant -1: a reflection, no rotation. Does an axis point the other way?");
+    } else {
+      return m;
+    }
+    return std::nullopt;
+  }
+  OrderedJson write(const Value& m) const {
+    return OrderedJson::array({vector_json(m.row(0)), vector_json(m.row(1)), vector_json(m.row(2))});
+  }
+  OrderedJson schema(const Limits& limits) const { return array_schema(Vector{kAnyNumber}.schema(limits), 3, 3); }
+};
+
+Eigen::Quaterniond quaternion_of(const Eigen::Matrix3d& m) { return Eigen::Quaterniond(m).normalized(); }
+
+std::optional<Eigen::Quaterniond> resolve_unit(const JsonReader& in, const QuaternionForm& form, const ReadContext&) {
+  const Eigen::Vector4d xyzw(form.x, form.y, form.z, form.w);
+  const double length = xyzw.stableNorm();
+  if (length == 0) {
+    in.fail("is zero: no attitude");
+  } else if (!(std::abs(length - 1) <= kQuaternionTolerance)) {
+    in.fail(fmt::format("has length {:.6g}; a unit quaternion is needed (within {})", length, kQuaternionTolerance));
+  } else {
+    return Eigen::Quaterniond(is_unit(xyzw) ? xyzw : Eigen::Vector4d(xyzw / length));
+  }
+  return std::nullopt;
+}
+
+const Members<QuaternionForm, Eigen::Quaterniond>& quaternion_members() {
+  static const auto table = made<Members<QuaternionForm, Eigen::Quaterniond>>(
+      "Quaternion", "A unit quaternion (its length within 0.001 of 1; it is normalised).", [](auto& m) {
+        m.add("w", &QuaternionForm::w, Number{kAnyNumber}, "scalar part").required();
+        m.add("x", &QuaternionForm::x, Number{kAnyNumber}, "vector part").required();
+        m.add("y", &QuaternionForm::y, Number{kAnyNumber}, "vector part").required();
+        m.add("z", &QuaternionForm::z, Number{kAnyNumber}, "vector part").required();
+        m.resolve(resolve_unit);
+        m.unresolve([](const Eigen::Quaterniond& q) { return QuaternionForm{q.w(), q.x(), q.y(), q.z()}; });
+      });
+  return *table;
+}
+
+// The rows of a PositionForm, and that one of the two ways is needed.
+template <typename Form, typename Value>
+void add_position(Members<Form, Value>& m) {
+  m.add("frame", &Form::frame, Word{kPoseFrames},
+        "of position_m and of the attitude: a frame of the Moon's body, or ICRF, inertial axes at the Moon's centre");
+  m.add("utc", &Form::utc, Text{}, "epoch of ICRF, ISO 8601; left out: the Sun's");
+  m.add("position_m", &Form::position_m, Vector{kCoordinate_m, "m"}, "Cartesian position");
+  m.add("geodetic", &Form::geodetic, Object{geodetic_members()}, "position in MOON_ME; not with another `frame`");
+  m.exactly_one({"position_m", "geodetic"});
+}
+
+// Rotates vectors of the form's frame into MOON_ME.
+std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const PositionForm& form,
+                                             const ReadContext& context) {
+  const std::string utc = form.utc.value_or(context.sun_utc);
+  if (form.frame) {
+    if (!form.utc) return engine::moon_me_from(*form.frame);
+    in.fail("utc", "goes with \"frame\": \"ICRF\": the Moon's frames turn with it");
+  } else if (utc.empty()) {
+    in.fail("frame", "ICRF needs an epoch: \"utc\" here, or a Sun given by \"utc\"");
+  } else {
+    try {
+      return engine::moon_me_from_icrf(utc);
+    } catch (const ImpossibleRequest& e) {
+      in.fail("utc", e.what());
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& form,
+                                     const Eigen::Matrix3d& moon_me_from_frame) {
+  if (form.geodetic && form.frame != engine::BodyFrame::moon_me) {
+    // The two frames are 860 m apart: taking one for the other silently is the one mistake not to make.
+    in.fail("geodetic", "is MOON_ME always; with another frame give position_m");
+    return std::nullopt;
+  }
+  const Vec3 position_m = form.position_m ? Vec3(moon_me_from_frame * *form.position_m) : to_cartesian(*form.geodetic);
+  // Turning it or adding the Moon's radius can take it out of the range that it must be in to be a request again.
+  if (position_m.cwiseAbs().maxCoeff() <= kCoordinate_m.max) return position_m;
+  in.fail(form.position_m ? "position_m" : "geodetic",
+          fmt::format("lies more than {} m from the Moon's centre along an axis of MOON_ME", kCoordinate_m.max));
+  return std::nullopt;
+}
+
+// --- cameras
+
+const Members<LookAt>& look_at_members() {
+  static const auto table = made<Members<LookAt>>(
+      "LookAt", "Boresight through a place, which then appears at (cx, cy). MOON_ME whatever `frame` says.",
+      [](auto& m) {
+        add_latitude_and_longitude(m);
+        m.add("height_m", &LookAt::height_m, Number{kHeight_m, "m"}, "above the sphere of 1 737 400 m");
+        m.add("up", &LookAt::up, Up{},
+              "up in the image: the Moon's north (local north where the boresight is vertical); the zenith, the local "
+              "vertical below the camera, so that the horizon lies level; or a MOON_ME vector");
+      });
+  return *table;
+}
+
+const Members<Nadir>& nadir_members() {
+  static const auto table = made<Members<Nadir>>("Nadir", "Boresight to the Moon's centre.", [](auto& m) {
+    m.add("up_azimuth_deg", &Nadir::up_azimuth_deg, Number{kAzimuth_deg, "deg"},
+          "compass azimuth, clockwise from north, of the image's up direction (-y)");
+  });
+  return *table;
+}
+
+std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& form, const Vec3& position_m) {
+  const Vec3 target_m = to_cartesian({form.lat_deg, form.lon_deg, form.height_m});
+  const std::optional<Vec3> boresight = direction_of(target_m - position_m);
+  if (!boresight) {
+    in.fail("is where the camera is: no direction");
+    return std::nullopt;
+  }
+  const auto attitude = [&]() -> std::optional<Eigen::Quaterniond> {
+    switch (form.up.kind) {
+      case ImageUp::Kind::direction:
+        return camera_looking(*boresight, form.up.direction);
+      case ImageUp::Kind::zenith:
+        return camera_looking(*boresight, position_m.stableNormalized());
+      case ImageUp::Kind::north:
+        break;
+    }
+    return camera_north_up(*boresight, local_axes(form.lat_deg, form.lon_deg).north);
+  }();
+  if (attitude) return attitude;
+  in.fail("up", form.up.kind == ImageUp::Kind::direction ? "is along the boresight"
+                : form.up.kind == ImageUp::Kind::zenith
+                    ? "\"zenith\" is along the boresight: give \"north\" or a vector"
+                    : "\"north\" is along the boresight: give a vector");
+  return std::nullopt;
+}
+
+// Local axes at a position, which must not be the Moon's centre: along its meridian where that is given, which at a
+// pole position_m doesn't know.
+std::optional<EastNorthUp> axes_at(const JsonReader& in, const PositionForm& form, const Vec3& position_m) {
+  if (form.geodetic) return local_axes(form.geodetic->lat_deg, form.geodetic->lon_deg);
+  if (position_m.norm() > 0) return local_axes(position_m);
+  in.fail("has no direction from the Moon's centre");
+  return std::nullopt;
+}
+
+std::optional<Eigen::Quaterniond> look_down(const JsonReader& in, const PoseForm& pose, const Vec3& position_m) {
+  const auto local = axes_at(in, pose, position_m);
+  if (!local) return std::nullopt;
+  const double azimuth = pose.nadir->up_azimuth_deg * kRadiansPerDegree;
+  const Vec3 up = std::cos(azimuth) * local->north + std::sin(azimuth) * local->east;
+  return camera_looking(-local->up, up).value_or(Eigen::Quaterniond::Identity());
+}
+
+// In the client's axes and frame.
+Eigen::Quaterniond camera_from_frame(const PoseForm& form) {
+  if (form.camera_from_moon) return *form.camera_from_moon;
+  if (form.moon_from_camera) return form.moon_from_camera->conjugate();
+  return quaternion_of(form.camera_from_moon_matrix ? *form.camera_from_moon_matrix
+                                                    : Eigen::Matrix3d(form.moon_from_camera_matrix->transpose()));
+}
+
+std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& form, const ReadContext& context) {
+  const std::optional<Eigen::Matrix3d> moon_me_from_frame = resolve_frame(in, form, context);
+  if (!moon_me_from_frame) return std::nullopt;
+  const std::optional<Vec3> position_m = resolve_position(in, form, *moon_me_from_frame);
+  if (!position_m) return std::nullopt;
+  std::optional<Eigen::Quaterniond> attitude;
+  if (form.look_at) {
+    attitude = look_at(in.at("look_at"), *form.look_at, *position_m);
+  } else if (form.nadir) {
+    attitude = look_down(in.at("nadir"), form, *position_m);
+  } else {
+    attitude = resolve_quaternion(camera_from_frame(form), form.axes, *moon_me_from_frame);
+  }
+  if (!attitude) return std::nullopt;
+  return engine::Pose{*position_m, canonical(*attitude)};
+}
+
+PoseForm form_of(const engine::Pose& pose) {
+  PoseForm form;
+  form.position_m = pose.position_m;
+  form.camera_from_moon = pose.camera_from_moon;
+  return form;
+}
+
+// --- objects
+
+const Members<Upright>& upright_members() {
+  static const auto table =
+      made<Members<Upright>>("Upright", "The object's z axis points away from the Moon's centre.", [](auto& m) {
+        m.add("azimuth_deg", &Upright::azimuth_deg, Number{kAzimuth_deg, "deg"},
+              "compass azimuth of its x axis, clockwise from north");
+      });
+  return *table;
+}
+
+std::optional<Eigen::Quaterniond> stand(const JsonReader& in, const ObjectPoseForm& pose, const Vec3& position_m) {
+  const auto local = axes_at(in, pose, position_m);
+  if (!local) return std::nullopt;
+  const double azimuth = pose.upright->azimuth_deg * kRadiansPerDegree;
+  Eigen::Matrix3d moon_from_object;
+  moon_from_object.col(0) = std::cos(azimuth) * local->north + std::sin(azimuth) * local->east;
+  moon_from_object.col(2) = local->up;
+  moon_from_object.col(1) = local->up.cross(Vec3(moon_from_object.col(0)));
+  return Eigen::Quaterniond(moon_from_object).normalized();
+}
+
+std::optional<ObjectPose> resolve_object_pose(const JsonReader& in, const ObjectPoseForm& form,
+                                              const ReadContext& context) {
+  const std::optional<Eigen::Matrix3d> moon_me_from_frame = resolve_frame(in, form, context);
+  if (!moon_me_from_frame) return std::nullopt;
+  const std::optional<Vec3> position_m = resolve_position(in, form, *moon_me_from_frame);
+  if (!position_m) return std::nullopt;
+  if (form.upright) {
+    const auto attitude = stand(in.at("upright"), form, *position_m);
+    if (!attitude) return std::nullopt;
+    return ObjectPose{*position_m, canonical(*attitude)};
+  }
+  const Eigen::Quaterniond body_from_object =
+      form.moon_from_object ? *form.moon_from_object : form.object_from_moon->conjugate();
+  return ObjectPose{*position_m, canonical(Eigen::Quaterniond(*moon_me_from_frame) * body_from_object)};
+}
+
+ObjectPoseForm form_of(const ObjectPose& pose) {
+  ObjectPoseForm form;
+  form.position_m = pose.position_m;
+  form.moon_from_object = pose.moon_from_object;
+  return form;
+}
+
+}  // namespace
+
+Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
+  if (!is_unit(q.coeffs())) q.normalize();
+  for (const double component : {q.w(), q.x(), q.y(), q.z()}) {
+    if (component == 0) continue;
+    if (component < 0) q.coeffs() = -q.coeffs();
+    break;
+  }
+  q.coeffs().array() += 0.0;  // -0 + 0 is 0
+  return q;
+}
+
+const Members<Geographic>& place_members() {
+  static const auto table =
+      made<Members<Geographic>>("Place", "A place on the Moon.", [](auto& m) { add_latitude_and_longitude(m); });
+  return *table;
+}
+
+const Members<Geographic>& geodetic_members() {
+  static const auto table = made<Members<Geographic>>("Geodetic", "A place and its height.", [](auto& m) {
+    add_latitude_and_longitude(m);
+    m.add("height_m", &Geographic::height_m, Number{kHeight_m, "m"}, "above the sphere of 1 737 400 m").required();
+  });
+  return *table;
+}
+
+const Members<PoseForm, engine::Pose>& pose_members() {
+  static const auto table = made<Members<PoseForm, engine::Pose>>(
+      "Pose",
+      "Where the camera is (`position_m` or `geodetic`) and how it is turned (one of `camera_from_moon`, "
+      "`moon_from_camera`, `look_at`, `nadir`, or a matrix). `frame` applies to `position_m`, the quaternions and the "
+      "matrices; places in latitude and longitude, and `look_at.up`, are MOON_ME always, so `geodetic` excludes the "
+      "other frames. PA and ME differ by about 860 m. ICRF is turned by the model of the Moon's rotation that the "
+      "Sun's `utc` uses (WGCCRE 2009), 0.01 degrees: 300 m on the ground at most.",
+      [](auto& m) {
+        add_position(m);
+        m.add("camera_from_moon", &PoseForm::camera_from_moon, Object{quaternion_members()},
+              "rotates vectors of `frame` into camera axes");
+        m.add("moon_from_camera", &PoseForm::moon_from_camera, Object{quaternion_members()}, "the inverse");
+        m.add("camera_from_moon_matrix", &PoseForm::camera_from_moon_matrix, RotationMatrix{},
+              "the same as a matrix, rows first: they are the camera's axes in `frame`; orthonormal within 1e-6");
+        m.add("moon_from_camera_matrix", &PoseForm::moon_from_camera_matrix, RotationMatrix{}, "its transpose");
+        m.add("look_at", &PoseForm::look_at, Object{look_at_members()}, "boresight through a place");
+        m.add("nadir", &PoseForm::nadir, Object{nadir_members()}, "boresight to the Moon's centre");
+        m.add("axes", &PoseForm::axes, Word{kCameraAxes},
+              "camera axes of quaternions and matrices: opencv +x right, +y down, +z boresight; opengl +x right, +y "
+              "up, -z boresight. Without meaning for look_at and nadir");
+        m.exactly_one({"camera_from_moon", "moon_from_camera", "camera_from_moon_matrix", "moon_from_camera_matrix",
+                       "look_at", "nadir"});
+        m.resolve(resolve_pose);
+        m.unresolve([](const engine::Pose& pose) { return form_of(pose); });
+      });
+  return *table;
+}
+
+const Members<ObjectPoseForm, ObjectPose>& object_pose_members() {
+  static const auto table = made<Members<ObjectPoseForm, ObjectPose>>(
+      "ObjectPose", "Where an object's origin is and how its own axes, which are its file's, are turned.", [](auto& m) {
+        add_position(m);
+        m.add("moon_from_object", &ObjectPoseForm::moon_from_object, Object{quaternion_members()},
+              "rotates vectors of the object's axes into `frame`");
+        m.add("object_from_moon", &ObjectPoseForm::object_from_moon, Object{quaternion_members()}, "the inverse");
+        m.add("upright", &ObjectPoseForm::upright, Object{upright_members()}, "its z axis is the local vertical");
+        m.exactly_one({"moon_from_object", "object_from_moon", "upright"});
+        m.resolve(resolve_object_pose);
+        m.unresolve([](const ObjectPose& pose) { return form_of(pose); });
+      });
+  return *table;
+}
+
+}  // namespace selenograph::api

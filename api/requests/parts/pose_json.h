@@ -1,0 +1,98 @@
+// Places and poses: where a camera or an object is and how it is turned, in whichever way the client knows it.
+//
+// What frame and axes apply to: `frame` names the frame of `position_m` and of the MOON side of quaternions and
+// matrices, `axes` their camera side. Places in latitude and longitude (`geodetic`, `look_at`), and
+// `look_at.up`, are MOON_ME always.
+#pragma once
+
+#include <optional>
+#include <string_view>
+#include <utility>
+
+#include "api/json/ranges.h"
+#include "api/schema/member_kinds.h"
+#include "engine/frame/pose.h"
+#include "engine/radiometry/ephemeris.h"
+
+namespace selenograph::api {
+
+// What positions and attitudes are given in: a frame of the Moon's body, or (none) inertial, ICRF axes at its centre.
+using PoseFrame = std::optional<engine::BodyFrame>;
+inline constexpr std::pair<std::string_view, PoseFrame> kPoseFrames[] = {
+    {"MOON_ME", engine::BodyFrame::moon_me},
+    {"MOON_PA_DE421", engine::BodyFrame::moon_pa_de421},
+    {"MOON_PA_DE440", engine::BodyFrame::moon_pa_de440},
+    {"ICRF", std::nullopt},
+};
+
+// How a camera moves.
+inline constexpr Vector kAngularRate_deg_s{{-3600, 3600}, "deg/s"};
+inline constexpr Vector kVelocity_m_s{{-1e6, 1e6}, "m/s"};
+
+enum class CameraAxes { opencv, opengl };
+inline constexpr std::pair<std::string_view, CameraAxes> kCameraAxes[] = {
+    {"opencv", CameraAxes::opencv},
+    {"opengl", CameraAxes::opengl},
+};
+
+// "lat_deg" and "lon_deg" of a form that has members of these names.
+template <typename Form, typename Value>
+void add_latitude_and_longitude(Members<Form, Value>& m) {
+  m.add("lat_deg", &Form::lat_deg, Number{kLatitude_deg, "deg"}, "planetocentric latitude, MOON_ME").required();
+  m.add("lon_deg", &Form::lon_deg, Number{kLongitude_deg, "deg"}, "longitude, east-positive, MOON_ME").required();
+}
+
+const Members<Geographic>& place_members();     // on the sphere
+const Members<Geographic>& geodetic_members();  // with a height
+
+struct QuaternionForm {
+  double w = 0, x = 0, y = 0, z = 0;
+};
+
+// Where a position is, common to cameras and objects.
+struct PositionForm {
+  PoseFrame frame = engine::BodyFrame::moon_me;
+  std::optional<std::string> utc;  // of ICRF
+  std::optional<Vec3> position_m;
+  std::optional<Geographic> geodetic;
+};
+
+// What is up in an image: north, the local vertical below the camera, or a direction.
+struct ImageUp {
+  enum class Kind { north, zenith, direction } kind = Kind::north;
+  Vec3 direction = Vec3::Zero();  // unit, MOON_ME
+};
+struct LookAt {
+  double lat_deg = 0, lon_deg = 0, height_m = 0;
+  ImageUp up;
+};
+struct Nadir {
+  double up_azimuth_deg = 0;
+};
+struct PoseForm : PositionForm {
+  std::optional<Eigen::Quaterniond> camera_from_moon, moon_from_camera;
+  std::optional<Eigen::Matrix3d> camera_from_moon_matrix, moon_from_camera_matrix;
+  std::optional<LookAt> look_at;
+  std::optional<Nadir> nadir;
+  CameraAxes axes = CameraAxes::opencv;
+};
+const Members<PoseForm, engine::Pose>& pose_members();
+
+// Of q and -q, which are one attitude, the one whose first component of w, x, y, z that is not zero is positive, and no
+// zero negative: one attitude has one text and one content hash.
+Eigen::Quaterniond canonical(Eigen::Quaterniond q);
+
+struct ObjectPose {
+  Vec3 position_m = Vec3::Zero();
+  Eigen::Quaterniond moon_from_object = Eigen::Quaterniond::Identity();
+};
+struct Upright {
+  double azimuth_deg = 0;
+};
+struct ObjectPoseForm : PositionForm {
+  std::optional<Eigen::Quaterniond> moon_from_object, object_from_moon;
+  std::optional<Upright> upright;
+};
+const Members<ObjectPoseForm, ObjectPose>& object_pose_members();
+
+}  // namespace selenograph::api

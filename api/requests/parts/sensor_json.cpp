@@ -1,0 +1,288 @@
+#include "api/requests/parts/sensor_json.h"
+
+#include <fmt/format.h>
+
+#include <variant>
+
+#include "api/json/ranges.h"
+#include "api/requests/parts/pose_json.h"
+#include "api/schema/member_kinds.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::Detector;
+using engine::Motion;
+using engine::Optics;
+using engine::PointSpread;
+using engine::SensorModel;
+using engine::Vignetting;
+
+constexpr Range kAboveZero{0, 1e9, true, false};
+constexpr Range kNotNegative{0, 1e9};
+constexpr std::int64_t kMaxSeed = std::int64_t{1} << 53;  // what JSON's numbers hold exactly everywhere
+constexpr std::size_t kMaxKernelSide = 65;
+
+constexpr std::pair<std::string_view, PointSpread::Model> kPointSpreads[] = {
+    {"none", PointSpread::Model::none},
+    {"gaussian", PointSpread::Model::gaussian},
+    {"airy", PointSpread::Model::airy},
+    {"kernel", PointSpread::Model::kernel},
+};
+constexpr std::pair<std::string_view, Vignetting::Model> kVignettings[] = {
+    {"none", Vignetting::Model::none},
+    {"cos4", Vignetting::Model::cos4},
+    {"table", Vignetting::Model::table},
+};
+
+using Rows = std::vector<std::vector<double>>;
+
+// Rows of weights: in the request, or a file of the assets folder by name.
+struct Kernel {
+  using Value = Rows;
+  std::optional<Rows> read(const JsonReader& in, const ReadContext& context) const;
+  OrderedJson write(const Rows& rows) const { return rows; }
+  OrderedJson schema(const Limits& limits) const { return {{"anyOf", {kRows.schema(limits), {{"type", "string"}}}}}; }
+  static inline const auto kRows = List{List{Number{kNotNegative}, 1, kMaxKernelSide}, 1, kMaxKernelSide};
+};
+
+std::optional<Rows> Kernel::read(const JsonReader& in, const ReadContext& context) const {
+  const std::size_t before = in.faults();
+  std::optional<Rows> rows;
+  if (in.value().is_string()) {
+    const auto file = Asset{&Assets::kernel, "kernel", "kernels"}.read(in, context);
+    if (file) rows = *file->content;
+  } else {
+    rows = kRows.read(in, context);
+  }
+  if (!rows || in.faults() != before) return std::nullopt;
+  double sum = 0;
+  bool fits = rows->size() % 2 == 1 && rows->size() <= kMaxKernelSide;
+  for (const std::vector<double>& row : *rows) {
+    fits &= row.size() == rows->size();
+    for (const double weight : row) fits &= kNotNegative.contains(weight), sum += weight;
+  }
+  if (!fits)
+    in.fail(fmt::format("must have as many columns as rows, an odd number up to {}, and no negative weight",
+                        kMaxKernelSide));
+  if (!(sum > 0)) in.fail("must not be 0 everywhere");
+  return rows;
+}
+
+// The engine has the rows one after the other.
+const auto kernel_field =
+    Property{[](const PointSpread& spread) -> std::optional<Rows> {
+               Rows rows;
+               for (auto row = spread.kernel.begin(); row != spread.kernel.end(); row += spread.side)
+                 rows.emplace_back(row, row + spread.side);
+               return rows.empty() ? std::nullopt : std::optional(std::move(rows));
+             },
+             [](PointSpread& spread, const Rows& rows) {
+               spread.side = static_cast<int>(rows.size());
+               for (const std::vector<double>& row : rows)
+                 spread.kernel.insert(spread.kernel.end(), row.begin(), row.end());
+             }};
+
+// A number, or [wavelength in um, number] at rising wavelengths.
+struct Efficiency {
+  using Curve = std::vector<engine::ResponsePoint>;
+  using Value = std::variant<double, Curve>;
+  std::optional<Value> read(const JsonReader& in, const ReadContext& context) const;
+  OrderedJson write(const Value& value) const {
+    if (const double* constant = std::get_if<double>(&value)) return *constant;
+    return kCurve.write(std::get<Curve>(value));
+  }
+  OrderedJson schema(const Limits& limits) const {
+    return {{"anyOf", {kConstant.schema(limits), kCurve.schema(limits)}}};
+  }
+  static inline const auto kConstant = Number{{0, 1, true, false}};
+  static inline const auto kCurve = List{Pair<engine::ResponsePoint>{kWavelength_um, kUnitInterval}, 2, 1000};
+};
+
+std::optional<Efficiency::Value> Efficiency::read(const JsonReader& in, const ReadContext& context) const {
+  if (!in.value().is_array()) {
+    const auto constant = kConstant.read(in, context);
+    return constant ? std::optional(Value(*constant)) : std::nullopt;
+  }
+  auto curve = kCurve.read(in, context);
+  if (!curve) return std::nullopt;
+  for (std::size_t i = 1; i < curve->size(); ++i)
+    if (!((*curve)[i].wavelength_um > (*curve)[i - 1].wavelength_um)) {
+      in.fail("its wavelengths must rise");
+      return std::nullopt;
+    }
+  return Value(std::move(*curve));
+}
+
+const auto efficiency_field = Property{[](const Detector& d) -> std::optional<Efficiency::Value> {
+                                         if (d.efficiency.empty()) return d.quantum_efficiency;
+                                         return d.efficiency;
+                                       },
+                                       [](Detector& d, const Efficiency::Value& value) {
+                                         d.quantum_efficiency = 1, d.efficiency.clear();
+                                         if (const double* constant = std::get_if<double>(&value))
+                                           d.quantum_efficiency = *constant;
+                                         else
+                                           d.efficiency = std::get<Efficiency::Curve>(value);
+                                       }};
+
+// None where the frame chooses it.
+const auto integration_time_field =
+    Property{[](const Detector& d) -> std::optional<double> {
+               return d.integration_time_s > 0 ? std::optional(d.integration_time_s) : std::nullopt;
+             },
+             [](Detector& d, double seconds) { d.integration_time_s = seconds; }};
+
+const Members<PointSpread>& point_spread_members() {
+  static const auto table = made<Members<PointSpread>>(
+      "PointSpread",
+      "How light spreads over pixels, applied in radiance; the frame is rendered with a margin, so that the border is "
+      "as exact as the middle.",
+      [](auto& m) {
+        m.add("model", &PointSpread::model, Word{kPointSpreads},
+              "airy: of f_number at the band's center wavelength, which times f_number is at most 26 pixels wide; what "
+              "lies beyond 12 rings or 32 pixels is spread evenly over those (captured_fraction)")
+            .required();
+        m.set_model("model");
+        // The kernel of the largest reaches 4.5 times as far.
+        m.add("sigma_px", &PointSpread::sigma_px, Number{{0.01, 7}, "px"}, "standard deviation")
+            .required()
+            .of({"gaussian"});
+        m.add(
+             "kernel", kernel_field, Kernel{},
+             "as measured, rows of weights, or the name of kernels/NAME.csv, which holds such rows; as many columns as "
+             "rows, an odd number; normalised to 1. The metadata's request has its rows")
+            .required()
+            .of({"kernel"});
+      });
+  return *table;
+}
+
+const Members<Vignetting>& vignetting_members() {
+  static const auto table = made<Members<Vignetting>>(
+      "Vignetting", "Transmission of the optics by the angle from the boresight.", [](auto& m) {
+        m.add("model", &Vignetting::model, Word{kVignettings}, "which function").required();
+        m.set_model("model");
+        m.add("table", &Vignetting::table, List{Pair<Vignetting::Point>{{0, 90}, kUnitInterval}, 1, 1000},
+              "[degrees, transmission], angles rising; linear in between, constant beyond")
+            .required()
+            .of({"table"});
+        m.check([](const JsonReader& in, Vignetting& vignetting, const ReadContext&) {
+          for (std::size_t i = 1; i < vignetting.table.size(); ++i)
+            if (!(vignetting.table[i].angle_deg > vignetting.table[i - 1].angle_deg))
+              return in.fail("table", "its angles must rise");
+        });
+      });
+  return *table;
+}
+
+const Members<Optics>& optics_members() {
+  static const auto table = made<Members<Optics>>("Optics", "Optics: f-number, point spread, vignetting.", [](auto& m) {
+    m.add("f_number", &Optics::f_number, Number{kFNumber}, "focal length over aperture").required();
+    m.add("point_spread", &Optics::point_spread, Object{point_spread_members()}, "left out: none");
+    m.add("vignetting", &Optics::vignetting, Object{vignetting_members()}, "left out: none");
+  });
+  return *table;
+}
+
+const Members<Detector>& detector_members() {
+  static const auto table = made<
+      Members<Detector>>("Detector", "A quantum detector: SENSOR++ eq. (8), and its electronics.", [](auto& m) {
+    m.add("pixel_pitch_um", &Detector::pixel_pitch_um, Number{{0, 1e4, true, false}, "um"}, "p of eq. (8)").required();
+    m.add("quantum_efficiency", efficiency_field, Efficiency{},
+          "eta of eq. (8): of optics and detector; or [wavelength in um, eta] at rising wavelengths, linear in "
+          "between, 0 outside")
+        .required();
+    m.add("integration_time_s", integration_time_field, Number{{0, 1e5, true, false}, "s"},
+          "t of eq. (8); left out where `exposure` chooses it");
+    m.add("full_well_e", &Detector::full_well_e, Number{kNotNegative, "e"}, "that a pixel holds; 0: any number");
+    m.add("dark_current_e_s", &Detector::dark_current_e_s, Number{kNotNegative, "e/s"}, "of each pixel");
+    m.add("smear_time_s", &Detector::smear_time_s, Number{kNotNegative, "s"},
+          "electronic smear of frame transfer without a shutter: how long a row passes each row of the image");
+    m.add("read_noise_e", &Detector::read_noise_e, Number{kNotNegative, "e"}, "standard deviation");
+    m.add("prnu", &Detector::prnu, Number{kUnitInterval},
+          "photo response non-uniformity: relative standard deviation of the pixels' responses");
+    m.add("dsnu_e", &Detector::dsnu_e, Number{kNotNegative, "e"},
+          "dark signal non-uniformity: standard deviation of the pixels' offsets");
+    m.add("dead_fraction", &Detector::dead_fraction, Number{kUnitInterval}, "share of the pixels without response");
+    m.add("hot_fraction", &Detector::hot_fraction, Number{kUnitInterval},
+          "share of the pixels whose dark current is higher");
+    m.add("hot_current_e_s", &Detector::hot_current_e_s, Number{kNotNegative, "e/s"}, "by this much");
+    m.add("gain_e_dn", &Detector::gain_e_dn, Number{kAboveZero, "e/DN"}, "electrons per digital number").required();
+    m.add("offset_dn", &Detector::offset_dn, Number{{0, 65535}, "DN"}, "digital number of no electrons");
+    m.add("bit_depth", &Detector::bit_depth, Integer{1, 16},
+          "digital numbers from 0 to 2^bit_depth - 1; the image is uint8 up to 8, else uint16");
+    m.add("photon_noise", &Detector::photon_noise, Flag{},
+          "photons and dark electrons arrive one by one: Poisson statistics");
+    m.check([](const JsonReader& in, Detector& detector, const ReadContext&) {
+      if (detector.dead_fraction + detector.hot_fraction > 1) in.fail("hot_fraction", "is more than what isn't dead");
+    });
+  });
+  return *table;
+}
+
+const Members<engine::Exposure>& exposure_members() {
+  static const auto table = made<Members<engine::Exposure>>(
+      "Exposure",
+      "Chooses the integration time from the frame, as its middle moment sees it: all but the brightest thousandth of "
+      "the pixels stay within a share of what a pixel holds or its largest digital number stands for, with smear and "
+      "dark current, without noise and fixed pattern. The metadata say which time it is; a warning, where smear alone "
+      "is more.",
+      [](auto& m) {
+        m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}}, "that share").required();
+        m.add("shortest_s", &engine::Exposure::shortest_s, Number{{0, 1e5, true, false}, "s"}, "at least");
+        m.add("longest_s", &engine::Exposure::longest_s, Number{{0, 1e5, true, false}, "s"}, "at most");
+        m.check([](const JsonReader& in, engine::Exposure& exposure, const ReadContext&) {
+          if (exposure.longest_s < exposure.shortest_s) in.fail("longest_s", "is less than shortest_s");
+        });
+      });
+  return *table;
+}
+
+const Members<Motion>& motion_members() {
+  static const auto table = made<Members<Motion>>(
+      "Motion",
+      "During the exposure, of which the pose is the middle: light is averaged over so many moments. Other products "
+      "are those of the pose.",
+      [](auto& m) {
+        m.add("angular_rate_deg_s", &Motion::angular_rate_deg_s, kAngularRate_deg_s,
+              "of the camera, about its own axes (opencv)");
+        m.add("velocity_m_s", &Motion::velocity_m_s, kVelocity_m_s, "of the camera, MOON_ME");
+        m.add("samples", &Motion::samples, Integer{1, 256},
+              fmt::format("moments; left out: as many as the longest streak has pixels, {} at most",
+                          Motion::kMostMoments));
+      });
+  return *table;
+}
+
+}  // namespace
+
+const Members<SensorModel>& sensor_members() {
+  static const auto table = made<Members<SensorModel>>(
+      "Sensor",
+      "Makes `image` from radiance: vignetting, point spread, electrons (SENSOR++ eq. 8), smear, PRNU, dark current, "
+      "photon noise, full well, DSNU, read noise, gain, offset, digital numbers. Needs a `band`; excludes `image`. "
+      "Noise is a function of seed, frame, pixel and source: the same request gives the same bytes.",
+      [](auto& m) {
+        m.add("optics", &SensorModel::optics, Object{optics_members()}, "from radiance to irradiance").required();
+        m.add("detector", &SensorModel::detector, Object{detector_members()}, "from irradiance to digital numbers")
+            .required();
+        m.add("exposure", &SensorModel::exposure, Object{exposure_members()},
+              "instead of the detector's integration_time_s")
+            .written_if([](const SensorModel& sensor) { return sensor.exposure.target_fill > 0; });
+        m.add("motion", &SensorModel::motion, Object{motion_members()}, "left out: none")
+            .written_if([](const SensorModel& sensor) { return !sensor.motion.none(); });
+        m.add("seed", &SensorModel::seed, Integer{0, kMaxSeed}, "of the detector: its fixed pattern follows from it");
+        m.add("frame", &SensorModel::frame, Integer{0, kMaxSeed}, "number of the frame: another one has other noise");
+        m.check([](const JsonReader& in, SensorModel& sensor, const ReadContext&) {
+          if (in.faults() > 0) return;  // perhaps of the detector
+          const bool given = sensor.detector.integration_time_s > 0, chosen = sensor.exposure.target_fill > 0;
+          if (given && chosen)
+            in.fail("exposure", "chooses the integration time, and so does detector.integration_time_s");
+          if (!given && !chosen) in.at("detector").fail("integration_time_s", "is required, or the sensor's exposure");
+        });
+      });
+  return *table;
+}
+
+}  // namespace selenograph::api

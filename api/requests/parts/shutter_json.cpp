@@ -1,0 +1,92 @@
+#include "api/requests/parts/shutter_json.h"
+
+#include <fmt/format.h>
+
+#include "engine/camera/pose_track.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::PoseAtTime;
+using engine::Shutter;
+
+constexpr std::size_t kMostPoses = 1000;
+
+const Members<PoseAtTime>& pose_at_time_members() {
+  static const auto table = made<Members<PoseAtTime>>("PoseAtTime", "A pose that a camera passes.", [](auto& m) {
+    m.add("time_s", &PoseAtTime::time_s, Number{{-1e6, 1e6}, "s"}, "from the exposure of row 0").required();
+    m.add("pose", &PoseAtTime::pose, Object{pose_members()}, "where the camera is then and where it looks").required();
+  });
+  return *table;
+}
+
+bool through_poses(const Shutter& shutter) { return !shutter.poses.empty(); }
+bool at_rates(const Shutter& shutter) { return shutter.poses.empty(); }
+
+void check_times(const JsonReader& in, Shutter& shutter, const ReadContext&) {
+  for (std::size_t i = 1; i < shutter.poses.size(); ++i)
+    if (!(shutter.poses[i].time_s > shutter.poses[i - 1].time_s)) return in.fail("poses", "their times must rise");
+}
+
+}  // namespace
+
+const Members<Shutter>& shutter_members() {
+  static const auto table = made<Members<Shutter>>(
+      "Shutter",
+      "The rows are exposed one after the other, from the top: row y at the time y * line_time_s. Each is seen from "
+      "the pose of its time, by ray tracing. The camera moves from `pose`, which is that of row 0, at constant rates "
+      "(`velocity_m_s`, `angular_rate_deg_s` or both: what is left out beside the other is zero), or through `poses`, "
+      "which take the place of `pose`.",
+      [](auto& m) {
+        m.add("line_time_s", &Shutter::line_time_s, Number{{1e-9, 1e4}, "s"},
+              "from the exposure of one row to that of the next")
+            .required();
+        m.add(
+             "angular_rate_deg_s", [](auto& s) -> auto& { return s.rates.angular_rate_deg_s; }, kAngularRate_deg_s,
+             "of the camera, about its own axes (opencv)")
+            .written_if(at_rates);
+        m.add(
+             "velocity_m_s", [](auto& s) -> auto& { return s.rates.velocity_m_s; }, kVelocity_m_s,
+             "of the camera, MOON_ME")
+            .written_if(at_rates);
+        m.add("poses", &Shutter::poses, List{Object{pose_at_time_members()}, 2, kMostPoses},
+              "at rising times, the first not after row 0, the last not before the last row. In between positions are "
+              "those of cubic Hermite polynomials (each pose's velocity is that of the parabola through it and its "
+              "neighbours), attitudes turn at a constant rate, the shorter way (slerp)")
+            .written_if(through_poses);
+        m.add("pushbroom", &Shutter::pushbroom, Flag{},
+              "true: a line camera, whose rows all look along the camera's row through the principal point (cy); "
+              "false: a rolling shutter, whose rows look along their own");
+        m.any_of({"velocity_m_s", "angular_rate_deg_s", "poses"});
+        m.excludes("poses", {"velocity_m_s", "angular_rate_deg_s"}, "the poses say how the camera moves");
+        m.check(check_times);
+      });
+  return *table;
+}
+
+void check_pose(const JsonReader& in, const engine::Camera& camera, const std::optional<Shutter>& shutter,
+                engine::Pose& pose) {
+  const bool poses = in.has("shutter") && in.at("shutter").value().is_object() && in.at("shutter").has("poses");
+  if (!poses && !in.has("pose")) in.fail("pose", "is required");
+  if (poses && in.has("pose")) in.fail("pose", "\"pose\" does not go with \"shutter.poses\", which take its place");
+  if (!shutter || shutter->poses.empty()) return;
+  const double last_s = shutter->time_s(camera.height - 1);
+  if (shutter->poses.front().time_s > 0)
+    in.at("shutter").fail("poses", "the first is later than row 0, whose time is 0");
+  if (shutter->poses.back().time_s < last_s)
+    in.at("shutter").fail("poses", fmt::format("the last is earlier than the last row, whose time is {:g} s", last_s));
+  if (in.faults() > 0) return;
+  pose = engine::PoseTrack(pose, *shutter).at(0);
+  pose.camera_from_moon = canonical(pose.camera_from_moon);
+  // Where times are far more uneven than places, the polynomials swing out.
+  if (!(pose.position_m.cwiseAbs().maxCoeff() <= kCoordinate_m.max))
+    in.at("shutter").fail("poses", fmt::format("take row 0 more than {} m from the Moon's centre", kCoordinate_m.max));
+}
+
+OrderedJson pose_condition(const Limits&) {
+  const OrderedJson poses{{"required", OrderedJson::array({"shutter"})},
+                          {"properties", {{"shutter", {{"required", OrderedJson::array({"poses"})}}}}}};
+  return {{"oneOf", OrderedJson::array({{{"required", OrderedJson::array({"pose"})}}, poses})}};
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,106 @@
+#include "api/requests/parts/sun_json.h"
+
+#include <fmt/format.h>
+
+#include "api/json/ranges.h"
+#include "api/requests/parts/pose_json.h"
+#include "api/schema/member_kinds.h"
+#include "dem/support/error.h"
+#include "engine/radiometry/ephemeris.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::Sun;
+
+const Members<SunLocal>& local_members() {
+  static const auto table =
+      made<Members<SunLocal>>("SunLocal", "The Sun as seen from a place on the sphere of 1 737 400 m.", [](auto& m) {
+        add_latitude_and_longitude(m);
+        m.add("azimuth_deg", &SunLocal::azimuth_deg, Number{kAzimuth_deg, "deg"}, "clockwise from north").required();
+        m.add("elevation_deg", &SunLocal::elevation_deg, Number{kElevation_deg, "deg"}, "above the local horizontal")
+            .required();
+      });
+  return *table;
+}
+
+std::optional<Sun> resolve_sun(const JsonReader& in, const SunForm& form, const ReadContext&) {
+  Sun sun;
+  if (form.direction) {
+    const std::optional<Vec3> direction = direction_of(*form.direction);
+    if (!direction) {
+      in.fail("direction", "is zero: no direction");
+      return std::nullopt;
+    }
+    sun.direction = *direction;
+  }
+  if (form.subsolar) sun.direction = to_cartesian(*form.subsolar).normalized();
+  if (const auto& l = form.local)
+    sun.direction = engine::sun_direction(local_axes(l->lat_deg, l->lon_deg), l->azimuth_deg, l->elevation_deg);
+  if (form.utc) {
+    try {
+      const engine::SunPosition position = engine::sun_at(*form.utc);
+      sun.direction = position.direction;
+      sun.distance_au = position.distance_au;
+    } catch (const ImpossibleRequest& e) {
+      in.fail("utc", e.what());
+      return std::nullopt;
+    }
+  }
+  sun.distance_au = form.distance_au.value_or(sun.distance_au);
+  // An epoch says what the Sun is like, unless the request does.
+  if (form.angular_radius_deg ? !form.angular_radius_deg->has_value() : form.utc.has_value()) {
+    sun.angular_radius_deg = engine::sun_radius_deg(sun.distance_au);
+    if (sun.angular_radius_deg > kAngularRadius_deg.max) {
+      in.fail("angular_radius_deg", fmt::format("is {:.3g} degrees at {} au: at most {}", sun.angular_radius_deg,
+                                                sun.distance_au, kAngularRadius_deg.max));
+      return std::nullopt;
+    }
+  } else if (form.angular_radius_deg) {
+    sun.angular_radius_deg = **form.angular_radius_deg;
+  }
+  sun.limb_darkening = form.limb_darkening;
+  return sun;
+}
+
+SunForm form_of(const Sun& sun) {
+  SunForm form;
+  form.direction = sun.direction;
+  form.distance_au = sun.distance_au;
+  form.angular_radius_deg = sun.angular_radius_deg;
+  form.limb_darkening = sun.limb_darkening;
+  return form;
+}
+
+}  // namespace
+
+std::string utc_of_sun(const Json& body) {
+  if (!body.is_object() || !body.contains("sun") || !body["sun"].is_object()) return {};
+  const Json& sun = body["sun"];
+  return sun.contains("utc") && sun["utc"].is_string() ? sun["utc"].get<std::string>() : std::string();
+}
+
+const Members<SunForm, Sun>& sun_members() {
+  static const auto table = made<Members<SunForm, Sun>>(
+      "Sun", "Exactly one of direction, subsolar, local, utc. Always MOON_ME.", [](auto& m) {
+        m.add("direction", &SunForm::direction, Vector{kAnyNumber}, "toward the Sun; any length but zero");
+        m.add("subsolar", &SunForm::subsolar, Object{place_members()}, "the sub-solar point");
+        m.add("local", &SunForm::local, Object{local_members()}, "azimuth and elevation at a place");
+        m.add("utc", &SunForm::utc, Text{}, "epoch, ISO 8601, e.g. 2026-11-20T00:00:00Z");
+        m.add("distance_au", &SunForm::distance_au, Number{kDistance_au, "au"},
+              "scales irradiance by 1/r^2; default: 1, or the ephemeris' with utc");
+        m.add("angular_radius_deg", &SunForm::angular_radius_deg, NumberOr{kAngularRadius_deg, "sun", "deg"},
+              "of the solar disc; 0: a point Sun with hard shadows; \"sun\": what it is at distance_au; default: 0, or "
+              "\"sun\" with utc");
+        m.add("limb_darkening", &SunForm::limb_darkening, Number{kUnitInterval},
+              "u of the disc's brightness 1 - u (1 - cos), cos of the angle from the Sun's own vertical; about 0.6 in "
+              "the visible")
+            .written_if([](const SunForm& form) { return form.limb_darkening > 0; });
+        m.exactly_one({"direction", "subsolar", "local", "utc"});
+        m.resolve(resolve_sun);
+        m.unresolve(form_of);
+      });
+  return *table;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,29 @@
+// "sun": a direction toward the Sun, given in one of four ways.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "api/schema/members.h"
+#include "engine/frame/sun.h"
+
+namespace selenograph::api {
+
+struct SunLocal {
+  double lat_deg = 0, lon_deg = 0, azimuth_deg = 0, elevation_deg = 0;
+};
+struct SunForm {
+  std::optional<Vec3> direction;
+  std::optional<Geographic> subsolar;
+  std::optional<SunLocal> local;
+  std::optional<std::string> utc;
+  std::optional<double> distance_au;
+  std::optional<std::optional<double>> angular_radius_deg;  // "sun" is none
+  double limb_darkening = 0;
+};
+const Members<SunForm, engine::Sun>& sun_members();
+
+// For ReadContext: of a request whose "sun" has a "utc"; empty otherwise.
+std::string utc_of_sun(const Json& body);
+
+}  // namespace selenograph::api

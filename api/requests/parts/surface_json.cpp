@@ -1,0 +1,259 @@
+#include "api/requests/parts/surface_json.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "api/json/ranges.h"
+#include "engine/radiometry/brdf.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::Material;
+using engine::Reflectance;
+using engine::ReflectanceModel;
+
+constexpr ReflectanceRow kReflectanceModels[] = {
+    {"lambert", ReflectanceModel::lambert,
+     "f_r = rho / pi (SENSOR++ eq. 4), per steradian; radiance = E_sun * mu0 * f_r * lit"},
+    {"lommel_seeliger", ReflectanceModel::lommel_seeliger,
+     "f_r = rho / (2 pi) / (mu0 + mu) (SENSOR++ eq. 10 as printed), per steradian; radiance = E_sun * mu0 * f_r * "
+     "lit; a quarter of Lambert's at mu0 = mu = 1"},
+    {"lunar", ReflectanceModel::lommel_seeliger_lambert,
+     "f_r = w * rho / (2 pi) / (mu0 + mu) + (1 - w) * rho / pi, w = lommel_seeliger_weight (SENSOR++ 3.1, eqs. 10 "
+     "and 4), per steradian; radiance = E_sun * mu0 * f_r * lit"},
+    {"blinn_phong", ReflectanceModel::blinn_phong,
+     "f_r = rho / (8 pi) * (p + 4) (p + 2) / (p + 2^(-p/2)) * (n.h)^p, p = shininess, h halfway between Sun and "
+     "camera (SENSOR++ eq. 11), per steradian; radiance = E_sun * mu0 * f_r * lit; reflects at most rho of what "
+     "arrives, exactly rho from the zenith"},
+    {"lunar_lambert", ReflectanceModel::lunar_lambert,
+     "f_r = rho / pi * (2 L / (mu0 + mu) + 1 - L), L = limb_darkening, or, left out, 1 - 0.019 g + 0.242e-3 g^2 - "
+     "1.46e-6 g^3 of the phase angle g in degrees, not below 0 (McEwen 1991, 1996), per steradian; radiance = "
+     "E_sun * mu0 * f_r * lit; equal to Lambert at mu0 = mu = 1, four times lommel_seeliger for L = 1: rho is a "
+     "normal albedo"},
+    {"hapke", ReflectanceModel::hapke,
+     "f_r = w / (4 pi) / (mu0' + mu') * ((1 + B(g)) p(g) + H(mu0') H(mu') - 1) * S * mu0' / mu0, H(x) = (1 + 2x) / "
+     "(1 + 2x sqrt(1 - w)), B(g) = b0 / (1 + tan(g/2) / h), mu0', mu' and S of roughness theta_bar (Hapke 1981, "
+     "1984; `terms`: those of 2002 instead), per steradian: Hapke's bidirectional reflectance is mu0 f_r, I/F is pi "
+     "mu0 f_r; radiance = E_sun * "
+     "mu0 * f_r * lit"},
+};
+
+constexpr std::pair<std::string_view, engine::PhaseFunction> kPhaseFunctions[] = {
+    {"legendre", engine::PhaseFunction::legendre},
+    {"double_henyey_greenstein", engine::PhaseFunction::double_henyey_greenstein},
+};
+
+constexpr std::pair<std::string_view, engine::HapkeTerms> kHapkeTerms[] = {
+    {"1984", engine::HapkeTerms::terms_1984},
+    {"2002", engine::HapkeTerms::terms_2002},
+};
+
+constexpr std::pair<std::string_view, engine::PhaseLaw> kPhaseLaws[] = {
+    {"none", engine::PhaseLaw::none},
+    {"allen", engine::PhaseLaw::allen},
+    {"rolo", engine::PhaseLaw::rolo},
+};
+
+constexpr const char* kNoRho = "the model \"hapke\" has no rho, which emission, B(T) (1 - rho), needs";
+
+Words<ReflectanceModel> model_words() {
+  static const auto words = [] {
+    std::vector<std::pair<std::string_view, ReflectanceModel>> list;
+    for (const ReflectanceRow& row : kReflectanceModels) list.emplace_back(row.word, row.model);
+    return list;
+  }();
+  return words;
+}
+
+std::string reflectance_description() {
+  std::string out = "The BRDF f_r; radiance is E_sun * mu0 * f_r * lit.\n";
+  for (const ReflectanceRow& row : kReflectanceModels) out += fmt::format("\n- `{}`: {}", row.word, row.normalisation);
+  return out + "\n\n" + std::string(normalisation_elsewhere());
+}
+
+void check_reflectance(const JsonReader& in, Reflectance& reflectance, const ReadContext&) {
+  if (reflectance.model == ReflectanceModel::lunar_lambert && reflectance.rho > engine::kLunarLambertMaxRho)
+    in.fail("rho", fmt::format("must be at most {} for \"lunar_lambert\", whose rho is a normal albedo: more would "
+                               "reflect more than arrives",
+                               engine::kLunarLambertMaxRho));
+  if (reflectance.model != ReflectanceModel::hapke || !in.good()) return;
+  for (const char* name : {"bc0", "hc"})
+    if (in.has(name) && reflectance.hapke.terms != engine::HapkeTerms::terms_2002)
+      return in.fail(name, "needs \"terms\": \"2002\"");
+  for (int phase_deg = 0; phase_deg <= 180; ++phase_deg)
+    if (engine::phase_function(reflectance.hapke, std::cos(phase_deg * kRadiansPerDegree)) < 0)
+      return in.fail("c", fmt::format("with this b the phase function is negative at {} degrees", phase_deg));
+}
+
+OrderedJson rho_of_lunar_lambert(const Limits&) {
+  return {{"if", {{"properties", {{"model", {{"const", "lunar_lambert"}}}}}, {"required", {"model"}}}},
+          {"then", {{"properties", {{"rho", {{"maximum", engine::kLunarLambertMaxRho}}}}}}}};
+}
+
+OrderedJson coherent_backscatter_of_2002(const Limits&) {
+  return {{"if", {{"anyOf", {{{"required", {"bc0"}}}, {{"required", {"hc"}}}}}}},
+          {"then", {{"properties", {{"terms", {{"const", "2002"}}}}}, {"required", {"terms"}}}}};
+}
+
+const Members<Reflectance>& reflectance_members() {
+  static const auto table = made<Members<Reflectance>>("Reflectance", reflectance_description(), [](auto& m) {
+    m.add("model", &Reflectance::model, Word<ReflectanceModel>{model_words()}, "which BRDF");
+    m.set_model("model");
+    m.add("rho", &Reflectance::rho, Number{kUnitInterval}, "rho of the equations")
+        .of({"lambert", "lommel_seeliger", "lunar", "blinn_phong", "lunar_lambert"});
+    m.add("lommel_seeliger_weight", &Reflectance::lommel_seeliger_weight, Number{kUnitInterval},
+          "w of the weighted average")
+        .of({"lunar"});
+    m.add("shininess", &Reflectance::shininess, Number{{0, 1e6}},
+          "p of the equation: 0 is Lambert, a mirror has a large one")
+        .of({"blinn_phong"});
+    m.add("limb_darkening", &Reflectance::limb_darkening, Number{kUnitInterval},
+          "L of the equation; left out: McEwen's function of the phase angle")
+        .of({"lunar_lambert"});
+    m.add("phase", &Reflectance::phase, Word{kPhaseLaws},
+          "a factor f(g) on f_r, f(0) = 1, with which a uniform sphere's light follows the Moon's: `allen`: its "
+          "magnitudes in the visible, 0.026 g + 4e-9 g^4 (Allen 1973), 0 to 150 degrees, held beyond; `rolo`: its "
+          "reflectance at 0.554 um with the opposition surge (Kieffer & Stone 2005), 1.55 to 97 degrees, extrapolated "
+          "to 0 and by `allen` beyond; `none`: 1. With `lunar_lambert` and its McEwen's L(g), f(g) is his A(g)")
+        .of({"lommel_seeliger", "lunar", "lunar_lambert"})
+        .written_if([](const Reflectance& r) { return r.phase != engine::PhaseLaw::none; });
+    const auto of_hapke = [&m](std::string_view name, auto engine::HapkeParameters::*field, auto kind,
+                               std::string text) {
+      return m
+          .add(
+              name, [field](auto& r) -> auto& { return r.hapke.*field; }, kind, std::move(text))
+          .of({"hapke"});
+    };
+    using Hapke = engine::HapkeParameters;
+    of_hapke("w", &Hapke::w, Number{kUnitInterval}, "single-scattering albedo");
+    of_hapke("b0", &Hapke::b0, Number{{0, 10}}, "amplitude of the opposition surge, B_0");
+    of_hapke("h", &Hapke::h, Number{{0, 10, true, false}}, "angular width of the opposition surge");
+    of_hapke("b", &Hapke::b, Number{{-1, 1, true, true}}, "b of the phase function");
+    of_hapke("c", &Hapke::c, Number{{-2, 3}}, "c of the phase function");
+    of_hapke("theta_bar_deg", &Hapke::theta_bar_deg, Number{{0, 60, false, true}, "deg"},
+             "mean slope of the roughness below the mesh's resolution");
+    of_hapke("phase_function", &Hapke::phase_function, Word{kPhaseFunctions},
+             "1 + b cos g + c (3 cos^2 g - 1)/2, or two lobes of width b, weighted by c; negative nowhere");
+    const auto of_2002 = [](const Reflectance& r) { return r.hapke.terms == engine::HapkeTerms::terms_2002; };
+    of_hapke("terms", &Hapke::terms, Word{kHapkeTerms},
+             "1984: isotropic multiple scattering, H(x) as above; 2002 (Hapke, Icarus 157, 523): multiple scattering "
+             "that knows p(g), H to 1 %, coherent backscatter")
+        .written_if(of_2002);
+    of_hapke("bc0", &Hapke::bc0, Number{kUnitInterval}, "amplitude of coherent backscatter; needs `terms` 2002")
+        .written_if(of_2002);
+    of_hapke("hc", &Hapke::hc, Number{{0, 10, true, false}},
+             "angular width of coherent backscatter; needs `terms` 2002")
+        .written_if(of_2002);
+    m.check(check_reflectance);
+    m.also(rho_of_lunar_lambert);
+    m.also(coherent_backscatter_of_2002);
+  });
+  return *table;
+}
+
+// The rows of a material, in a form that is one.
+template <typename Form>
+void add_material(Members<Form>& m) {
+  m.add("reflectance", &Form::reflectance, Object{reflectance_members()}, "the BRDF and its parameters");
+  m.add("temperature_k", &Form::temperature_k, Number{kTemperature_k, "K"},
+        "it emits B(T) (1 - rho) (SENSOR++ eq. 3); 0: nothing. Not with `hapke`, which has no rho")
+      .written_if([](const Form& form) { return form.temperature_k > 0; });
+}
+
+void check_material(const JsonReader& in, const Material& material) {
+  if (material.temperature_k > 0 && material.reflectance.model == ReflectanceModel::hapke)
+    in.fail("temperature_k", kNoRho);
+}
+
+const Asset<dem::ValueMap> kMap{&Assets::map, "map", "maps"};
+
+}  // namespace
+
+std::span<const ReflectanceRow> reflectance_models() { return kReflectanceModels; }
+
+std::string_view normalisation(ReflectanceModel model) {
+  for (const ReflectanceRow& row : kReflectanceModels)
+    if (row.model == model) return row.normalisation;
+  return "";
+}
+
+std::string_view normalisation_elsewhere() {
+  return "Tools differ by factors of 2, 4 and pi in what they call by the same name. Compare before comparing "
+         "radiances:\n"
+         "- Lommel-Seeliger here (SENSOR++ eq. 10): `f_r = rho/(2 pi) / (mu0 + mu)`; at mu0 = mu = 1 it is rho/(4 "
+         "pi), a quarter of Lambert's rho/pi;\n"
+         "- Hapke, with an isotropic phase function and without multiple scattering: `f_r = w/(4 pi) / (mu0 + "
+         "mu)`, half of `lommel_seeliger` for rho = w;\n"
+         "- lunar-Lambert in ISIS's photomet is divided by its own value at mu0 = mu = 1 where an albedo is asked "
+         "for, and Hapke there is the radiance factor I/F = pi mu0 f_r;\n"
+         "- lunar-Lambert elsewhere is also written `A (L mu0/(mu0 + mu) + (1 - L) mu0)`, without the 2: half of "
+         "ours for L = 1;\n"
+         "- Hapke's double Henyey-Greenstein function has its lobes' weights as (1 + c)/2 and (1 - c)/2 here "
+         "(Hapke 2012), as c and 1 - c in ISIS (Hg2) and in Hapke 1993, and either sign of b for backward;\n"
+         "- Blinn-Phong in graphics is normalised by (p + 8)/(8 pi) (an approximation) or (p + 2)/(2 pi), or not "
+         "at all: eq. 11's factor is exact for a Sun in the zenith;\n"
+         "- tools that answer I/F (radiance factor) are a factor of pi above the f_r * mu0 of their own equation.";
+}
+
+const Members<Material>& material_members() {
+  static const auto table = made<Members<Material>>("Material", "What a surface is made of.", [](auto& m) {
+    add_material(m);
+    m.check([](const JsonReader& in, Material& material, const ReadContext&) { check_material(in, material); });
+  });
+  return *table;
+}
+
+const Members<Ground>& ground_members() {
+  static const auto table = made<Members<Ground>>(
+      "Surface",
+      "The ground: what it is made of, or maps of it that the operator put into the assets folder. A map's mean over a "
+      "pixel's footprint counts.",
+      [](auto& m) {
+        add_material(m);
+        m.add("albedo_maps", &Ground::albedo_maps, List{kMap, 1, kMaxMaps},
+              "names of maps/NAME.json: rho, or w of `hapke`, from the first of these that has a value at a place; "
+              "where none has, the reflectance's. At most 0.25 for `lunar_lambert`")
+            .written_if([](const Ground& ground) { return !ground.albedo_maps.empty(); });
+        m.add("temperature_maps", &Ground::temperature_maps, List{kMap, 1, kMaxMaps, "K"},
+              "names of maps/NAME.json: in the same way; where none has a value, temperature_k")
+            .written_if([](const Ground& ground) { return !ground.temperature_maps.empty(); });
+        m.check([](const JsonReader& in, Ground& ground, const ReadContext&) {
+          check_material(in, ground);
+          if (in.has("temperature_maps") && ground.reflectance.model == ReflectanceModel::hapke)
+            in.fail("temperature_maps", kNoRho);
+        });
+      });
+  return *table;
+}
+
+Ground ground_of(const engine::FrameRequest& request, const SurfaceQuery& query) {
+  Ground ground{{request.reflectance, request.temperature_k}, {}, {}};
+  for (std::size_t i = 0; i < query.albedo_maps.size(); ++i)
+    ground.albedo_maps.push_back({query.albedo_maps[i], request.albedo_maps[i]});
+  for (std::size_t i = 0; i < query.temperature_maps.size(); ++i)
+    ground.temperature_maps.push_back({query.temperature_maps[i], request.temperature_maps[i]});
+  return ground;
+}
+
+void set_ground(engine::FrameRequest& request, SurfaceQuery& query, const Ground& ground) {
+  request.reflectance = ground.reflectance, request.temperature_k = ground.temperature_k;
+  for (const auto& [name, map] : ground.albedo_maps)
+    query.albedo_maps.push_back(name), request.albedo_maps.push_back(map);
+  for (const auto& [name, map] : ground.temperature_maps)
+    query.temperature_maps.push_back(name), request.temperature_maps.push_back(map);
+}
+
+nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceQuery& query) {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  const auto add = [&](const auto& maps, const std::vector<std::string>& names) {
+    for (std::size_t i = 0; i < maps.size(); ++i)
+      list.push_back({{"name", names[i]}, {"version", fmt::format("{:016x}", maps[i]->fingerprint())}});
+  };
+  add(request.albedo_maps, query.albedo_maps), add(request.temperature_maps, query.temperature_maps);
+  return list;
+}
+
+}  // namespace selenograph::api

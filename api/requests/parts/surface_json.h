@@ -1,0 +1,46 @@
+// What surfaces are made of: reflectance, materials, the ground. The one table of reflectance models.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "api/schema/member_kinds.h"
+#include "dem/value_maps/value_map.h"
+#include "engine/frame/request.h"
+
+namespace selenograph::api {
+
+struct ReflectanceRow {
+  std::string_view word;
+  engine::ReflectanceModel model;
+  // The equation as printed in its paper, and the factors by which other tools differ.
+  std::string_view normalisation;
+};
+std::span<const ReflectanceRow> reflectance_models();
+std::string_view normalisation(engine::ReflectanceModel model);
+// How other tools normalise Lommel-Seeliger, for the API document.
+std::string_view normalisation_elsewhere();
+
+// {"reflectance", "temperature_k"}, of an object.
+const Members<engine::Material>& material_members();
+
+// What a ground's maps were called by.
+struct SurfaceQuery {
+  std::vector<std::string> albedo_maps, temperature_maps;
+};
+inline constexpr std::size_t kMaxMaps = 16;  // of a kind
+
+// The same and maps, of the ground.
+struct Ground : engine::Material {
+  std::vector<Named<dem::ValueMap>> albedo_maps, temperature_maps;
+};
+const Members<Ground>& ground_members();
+Ground ground_of(const engine::FrameRequest& request, const SurfaceQuery& query);
+void set_ground(engine::FrameRequest& request, SurfaceQuery& query, const Ground& ground);
+
+// Of a frame's metadata: each map's name and version.
+nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceQuery& query);
+
+}  // namespace selenograph::api

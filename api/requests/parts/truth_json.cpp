@@ -1,0 +1,65 @@
+#include "api/requests/parts/truth_json.h"
+
+#include <fmt/format.h>
+
+#include "api/json/ranges.h"
+#include "api/schema/member_kinds.h"
+
+namespace selenograph::api {
+namespace {
+
+struct Region {
+  int x = 0, y = 0, width = 0, height = 0;
+};
+
+std::int64_t last_pixel(const Limits& limits) { return limits.max_image_side - 1; }
+
+const Members<Region>& region_members() {
+  static const auto table = made<Members<Region>>("Region", "Pixels of the image.", [](auto& m) {
+    m.add("x", &Region::x, Integer{0, last_pixel, "px"}, "first column").required();
+    m.add("y", &Region::y, Integer{0, last_pixel, "px"}, "first row").required();
+    m.add("width", &Region::width, Integer{1, largest_side, "px"}, "columns").required();
+    m.add("height", &Region::height, Integer{1, largest_side, "px"}, "rows").required();
+  });
+  return *table;
+}
+
+const auto region_field = Property{
+    [](const engine::TruthGrid& t) {
+      return std::optional(Region{t.x, t.y, t.width, t.height});
+    },
+    [](engine::TruthGrid& t, const Region& r) { t.x = r.x, t.y = r.y, t.width = r.width, t.height = r.height; }};
+
+}  // namespace
+
+const Members<engine::TruthGrid>& truth_members() {
+  using engine::TruthGrid;
+  static const auto table = made<Members<TruthGrid>>(
+      "Truth",
+      "Less of the products that describe what is seen: all but image and radiance, which stay whole. Element (r, c) "
+      "of their arrays is of the image's pixel in row y + r * every_px and column x + c * every_px.",
+      [](auto& m) {
+        m.add("region", region_field, Object{region_members()}, "left out: the whole image");
+        m.add("every_px", &TruthGrid::every_px, Integer{1, largest_side, "px"},
+              "every n-th row and column of the region, from its first");
+        m.add("position_origin_m", &TruthGrid::position_origin_m, Vector{kCoordinate_m, "m"},
+              "MOON_ME, whatever frame the pose has: `position` is relative to it, as float32 (right to 6e-8 of the "
+              "distance: 1 mm at 17 km); left out: absolute, as float64");
+      });
+  return *table;
+}
+
+void resolve_truth(const JsonReader& in, const engine::Camera& camera, engine::TruthGrid& truth) {
+  if (truth.width == 0) {
+    truth.width = camera.width, truth.height = camera.height;
+    return;
+  }
+  const JsonReader given = in.at("truth"), region = given.at("region");
+  const auto check = [&](const char* member, int first, int size, int of_image) {
+    if (first + size > of_image)
+      region.fail(member, fmt::format("ends at pixel {}: the image has {}", first + size - 1, of_image));
+  };
+  check("width", truth.x, truth.width, camera.width), check("height", truth.y, truth.height, camera.height);
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,197 @@
+#include "api/requests/points_json.h"
+
+#include <charconv>
+#include <cmath>
+
+#include "api/json/ranges.h"
+#include "api/requests/features_json.h"
+#include "api/requests/parts/pose_json.h"
+#include "api/requests/parts/shutter_json.h"
+#include "api/schema/member_kinds.h"
+
+namespace selenograph::api {
+namespace {
+
+OrderedJson number_json(double x) { return std::isfinite(x) ? OrderedJson(x) : OrderedJson(nullptr); }
+
+std::int64_t most(const Limits& limits) { return limits.max_rays; }
+
+const Members<engine::Ray>& ray_members() {
+  using engine::Ray;
+  static const auto table = made<Members<Ray>>("Ray", "A ray from a point.", [](auto& m) {
+    m.add("origin_m", &Ray::origin_m, Vector{kCoordinate_m, "m"}, "MOON_ME").required();
+    m.add("direction", &Ray::direction, Vector{kAnyNumber}, "MOON_ME; any length but zero").required();
+    m.resolve([](const JsonReader& in, Ray& ray, const ReadContext&) -> std::optional<Ray> {
+      const std::optional<Vec3> direction = direction_of(ray.direction);
+      if (direction) return Ray{ray.origin_m, *direction};
+      in.fail("direction", "is no direction: three numbers, not all zero");
+      return std::nullopt;
+    });
+  });
+  return *table;
+}
+
+const Members<engine::LandmarkQuery>& landmark_members() {
+  using engine::LandmarkQuery;
+  static const auto table =
+      made<Members<LandmarkQuery>>("Landmark", "A place, on the terrain or at a height.", [](auto& m) {
+        add_latitude_and_longitude(m);
+        m.add("height_m", &LandmarkQuery::height_m, Number{kHeight_m, "m"},
+              "above the sphere of 1 737 400 m; left out: on the terrain");
+      });
+  return *table;
+}
+
+template <typename M>
+auto checked(const M& members, const Json& body, const Limits& limits, const Assets& assets = Assets(),
+             const StopToken& stop = {}) {
+  Findings findings;
+  auto value = members.read(JsonReader(body, findings), {limits, assets, stop, utc_of_sun(body)});
+  findings.throw_if_any();
+  return std::move(*value);
+}
+
+// A query string's text as the JSON value it stands for: a number where it reads as one.
+Json number_or_text(const std::string& text) {
+  double x = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), x);
+  return error == std::errc() && end == text.data() + text.size() ? Json(x) : Json(text);
+}
+
+// Of a landmark without a place in the image.
+const char* why_not_imaged(const engine::Landmark& landmark, const ProjectQuery& query) {
+  if (query.shutter) return "seen by no row";
+  return landmark.behind_camera ? "behind the camera" : "beyond the lens's field of view";
+}
+
+const char* why_no_height(double lat_deg, double lon_deg, const dem::Catalogue& catalogue) {
+  return catalogue.touching(lat_deg, lat_deg, lon_deg, lon_deg).empty() ? "no dataset covers this place"
+                                                                        : "the datasets here have no valid post";
+}
+
+}  // namespace
+
+const Members<RaysQuery>& rays_members() {
+  static const auto table =
+      made<Members<RaysQuery>>("RaysRequest", "Rays against the finest terrain and objects.", [](auto& m) {
+        m.add("rays", &RaysQuery::rays, List{Object{ray_members()}, 1, most}, "the rays").required();
+        m.add("sun", &RaysQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
+        m.add("detail", &RaysQuery::detail, DetailName{}, kOfDetail);
+        m.add("objects", &RaysQuery::objects, List{Object{object_members()}, 1, kMaxObjects},
+              "as in a frame: rays meet them, and they cast shadows");
+      });
+  return *table;
+}
+
+const Members<ProjectQuery>& project_members() {
+  static const auto table =
+      made<Members<ProjectQuery>>("ProjectRequest", "Landmarks for a camera and a pose.", [](auto& m) {
+        m.add("camera", &ProjectQuery::camera, Object{camera_members()}, "projection and image size").required();
+        m.add("pose", &ProjectQuery::pose, Object{pose_members()},
+              "where the camera is and where it looks; required unless `shutter.poses` says so");
+        m.add("shutter", &ProjectQuery::shutter, Object{shutter_members()},
+              "times of the rows: the answer has a `time_s`; left out: all rows are exposed at once");
+        m.add("sun", &ProjectQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
+        m.add("detail", &ProjectQuery::detail, DetailName{}, kOfDetail);
+        m.add("objects", &ProjectQuery::objects, List{Object{object_members()}, 1, kMaxObjects},
+              "as in a frame: they hide landmarks, and they cast shadows");
+        m.add("points", &ProjectQuery::points, List{Object{landmark_members()}, 1, most}, "the landmarks").required();
+        m.check([](const JsonReader& in, ProjectQuery& query, const ReadContext&) {
+          check_pose(in, query.camera, query.shutter, query.pose);
+        });
+        m.also(pose_condition);
+      });
+  return *table;
+}
+
+namespace {
+
+const Members<HeightsQuery>& heights_form() {
+  static const auto table = made<Members<HeightsQuery>>("HeightsRequest", "Places on the terrain.", [](auto& m) {
+    m.add("points", &HeightsQuery::points, List{Object{place_members()}, 1, most}, "the places").required();
+    m.add("detail", &HeightsQuery::detail, DetailName{}, kOfDetail);
+  });
+  return *table;
+}
+
+}  // namespace
+
+const MemberTable& heights_members() { return heights_form(); }
+
+RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  return checked(rays_members(), body, limits, assets, stop);
+}
+
+ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  return checked(project_members(), body, limits, assets, stop);
+}
+
+HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  return checked(heights_form(), body, limits, assets, stop);
+}
+
+Geographic read_height_query(const std::multimap<std::string, std::string>& query) {
+  Json object = Json::object();
+  for (const auto& [name, text] : query) {
+    if (query.count(name) > 1) throw RequestError("invalid_request", "a query parameter is given twice");
+    object[name] = number_or_text(text);
+  }
+  return checked(place_members(), object, Limits{});
+}
+
+OrderedJson rays_json(std::span<const engine::RayHit> hits, const RaysQuery& query) {
+  OrderedJson list = OrderedJson::array();
+  for (const engine::RayHit& hit : hits) {
+    OrderedJson ray{{"hit", hit.hit}};
+    if (hit.hit) {
+      ray["range_m"] = number_json(hit.range_m);
+      ray["position_m"] = vector_json(hit.position_m);
+      ray["normal"] = vector_json(hit.normal);
+      if (!query.objects.empty()) ray["object"] = hit.object ? OrderedJson(*hit.object) : OrderedJson(nullptr);
+      if (hit.rock) ray["rock"] = id_text(*hit.rock);
+      if (query.sun) ray["lit"] = number_json(hit.lit);
+    }
+    list.push_back(std::move(ray));
+  }
+  return {{"rays", std::move(list)}};
+}
+
+OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, const ProjectQuery& query,
+                           const dem::Catalogue& catalogue) {
+  OrderedJson list = OrderedJson::array();
+  for (std::size_t i = 0; i < landmarks.size(); ++i) {
+    const engine::Landmark& landmark = landmarks[i];
+    OrderedJson point{{"x_px", number_json(landmark.x_px)},
+                      {"y_px", number_json(landmark.y_px)},
+                      {"range_m", number_json(landmark.range_m)},
+                      {"height_m", number_json(landmark.height_m)},
+                      {"in_frame", landmark.in_frame},
+                      {"visible", landmark.visible}};
+    if (query.shutter) point["time_s"] = number_json(landmark.time_s);
+    if (query.sun) point["lit"] = number_json(landmark.lit);
+    if (!std::isfinite(landmark.height_m)) {
+      point["reason"] = why_no_height(query.points[i].lat_deg, query.points[i].lon_deg, catalogue);
+    } else if (!std::isfinite(landmark.x_px)) {
+      point["reason"] = why_not_imaged(landmark, query);
+    }
+    list.push_back(std::move(point));
+  }
+  return {{"points", std::move(list)}};
+}
+
+OrderedJson height_json(const dem::HeightAnswer& answer, const dem::Catalogue& catalogue) {
+  OrderedJson json{{"lat_deg", answer.lat_deg}, {"lon_deg", wrap_lon_deg(answer.lon_deg)}};
+  if (!std::isfinite(answer.height_m) || answer.source < 0) {
+    json["height_m"] = nullptr;
+    json["reason"] = why_no_height(answer.lat_deg, answer.lon_deg, catalogue);
+    return json;
+  }
+  json["height_m"] = answer.height_m;
+  json["post_spacing_m"] = number_json(answer.post_spacing_m);
+  json["source"] = catalogue.rasters().at(static_cast<std::size_t>(answer.source)).name;
+  json["filled"] = answer.filled;
+  json["blended"] = answer.blended;
+  return json;
+}
+
+}  // namespace selenograph::api

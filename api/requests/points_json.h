@@ -1,0 +1,62 @@
+// Requests about rays and points: JSON -> engine types, and the answers back. Places are MOON_ME.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "api/requests/parts/camera_json.h"
+#include "api/requests/parts/detail_json.h"
+#include "api/requests/parts/objects_json.h"
+#include "api/requests/parts/pose_json.h"
+#include "api/requests/parts/sun_json.h"
+#include "dem/terrain/terrain.h"
+#include "engine/frame/camera.h"
+#include "engine/frame/pose.h"
+#include "engine/frame/queries.h"
+#include "engine/frame/shutter.h"
+#include "engine/frame/sun.h"
+
+namespace selenograph::api {
+
+struct RaysQuery {
+  std::vector<engine::Ray> rays;
+  std::optional<engine::Sun> sun;
+  std::vector<PlacedObject> objects;
+  Named<dem::Detail> detail{};  // null: none
+};
+struct ProjectQuery {
+  engine::Camera camera;
+  engine::Pose pose;
+  std::optional<engine::Shutter> shutter;
+  std::optional<engine::Sun> sun;
+  std::vector<engine::LandmarkQuery> points;
+  std::vector<PlacedObject> objects;
+  Named<dem::Detail> detail{};  // null: none
+};
+struct HeightsQuery {
+  std::vector<Geographic> points;
+  Named<dem::Detail> detail{};  // null: none
+};
+
+const Members<RaysQuery>& rays_members();
+const Members<ProjectQuery>& project_members();
+const MemberTable& heights_members();
+
+// Throw RequestError("invalid_request") with the faults found.
+RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets = Assets(),
+                    const StopToken& stop = {});
+ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets = Assets(),
+                          const StopToken& stop = {});
+HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets = Assets(),
+                          const StopToken& stop = {});
+// Of a query string; its names are the pointers: "/lat_deg".
+Geographic read_height_query(const std::multimap<std::string, std::string>& query);
+
+// JSON has no NaN: a number that is not finite is null.
+nlohmann::ordered_json rays_json(std::span<const engine::RayHit> hits, const RaysQuery& query);
+nlohmann::ordered_json landmarks_json(std::span<const engine::Landmark> landmarks, const ProjectQuery& query,
+                                      const dem::Catalogue& catalogue);
+nlohmann::ordered_json height_json(const dem::HeightAnswer& answer, const dem::Catalogue& catalogue);
+
+}  // namespace selenograph::api

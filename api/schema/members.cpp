@@ -1,0 +1,290 @@
+#include "api/schema/members.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace selenograph::api {
+namespace {
+
+OrderedJson requires_each(std::span<const std::string_view> names) {
+  OrderedJson list = OrderedJson::array();
+  for (const std::string_view name : names) list.push_back({{"required", {name}}});
+  return list;
+}
+
+OrderedJson requires_none(std::span<const std::string_view> names) {
+  return {{"not", {{"anyOf", requires_each(names)}}}};
+}
+
+std::string with_unit(const MemberRow& row) {
+  if (row.unit.empty()) return row.text;
+  return row.text.empty() ? std::string(row.unit) : fmt::format("{} ({})", row.text, row.unit);
+}
+
+bool is_default(const OrderedJson& fallback) {
+  return !fallback.is_null() && !(fallback.is_structured() && fallback.empty());
+}
+
+OrderedJson row_schema(const MemberRow& row, const Limits& limits) {
+  OrderedJson json = row.schema(limits);
+  std::string description = with_unit(row);
+  if (json.contains("description")) description.append("\n").append(json["description"].get<std::string>());
+  json["description"] = description;
+  if (row.fallback)
+    if (const OrderedJson fallback = row.fallback(limits); is_default(fallback)) json["default"] = fallback;
+  return json;
+}
+
+// --- for people
+
+std::string bounds_text(const OrderedJson& schema) {
+  const auto bound = [&](const char* closed, const char* open, const char* at, const char* beyond) -> std::string {
+    if (schema.contains(closed)) return fmt::format("{}{}", at, schema[closed].get<double>());
+    if (schema.contains(open)) return fmt::format("{}{}", beyond, schema[open].get<double>());
+    return {};
+  };
+  const std::string low = bound("minimum", "exclusiveMinimum", "≥ ", "> "),
+                    high = bound("maximum", "exclusiveMaximum", "≤ ", "< ");
+  return low.empty() || high.empty() ? low + high : low + ", " + high;
+}
+
+std::string count_text(const OrderedJson& schema) {
+  if (!schema.contains("minItems")) return {};
+  const auto min = schema["minItems"].get<std::int64_t>(), max = schema["maxItems"].get<std::int64_t>();
+  return min == max ? fmt::format("{} × ", min) : fmt::format("{} to {} × ", min, max);
+}
+
+std::string quoted_code(const OrderedJson& value) { return fmt::format("`{}`", value.dump()); }
+
+std::string link_text(std::string_view name) {
+  std::string anchor;
+  for (const char c : name) anchor += c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return fmt::format("[{}](#{})", name, anchor);
+}
+
+std::string type_text(const OrderedJson& schema);
+
+std::string joined(const OrderedJson& list, const char* separator, std::string (*text)(const OrderedJson&)) {
+  std::string out;
+  for (const OrderedJson& one : list) out += (out.empty() ? "" : separator) + text(one);
+  return out;
+}
+
+std::string type_text(const OrderedJson& schema) {
+  if (schema.contains("$ref")) {
+    const std::string reference = schema["$ref"].get<std::string>();
+    return link_text(std::string_view(reference).substr(reference.rfind('/') + 1));
+  }
+  for (const char* either : {"oneOf", "anyOf"})
+    if (schema.contains(either)) return joined(schema[either], " or ", type_text);
+  if (schema.contains("const")) return quoted_code(schema["const"]);
+  if (schema.contains("enum")) return joined(schema["enum"], ", ", quoted_code);
+  const std::string type = schema["type"].get<std::string>();
+  if (type == "array" && schema.contains("prefixItems"))
+    return "[" + joined(schema["prefixItems"], "; ", type_text) + "]";
+  if (type == "array") return fmt::format("array of {}{}", count_text(schema), type_text(schema["items"]));
+  if (type == "object" && schema.contains("additionalProperties"))
+    return "object of any names: " + type_text(schema["additionalProperties"]);
+  const std::string bounds = bounds_text(schema);
+  return bounds.empty() ? type : type + " " + bounds;
+}
+
+std::string default_text(const MemberRow& row, const Limits& limits) {
+  if (row.required) return "required";
+  const OrderedJson fallback = row.fallback ? row.fallback(limits) : OrderedJson();
+  return is_default(fallback) ? quoted_code(fallback) : "";
+}
+
+// A cell of a table is one line.
+std::string cell(std::string text) {
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  std::string out;
+  for (const char c : text) out += c == '|' ? "\\|" : std::string(1, c);
+  return out;
+}
+
+}  // namespace
+
+void MemberTable::exactly_one(std::vector<std::string_view> names) {
+  rules_.push_back({Rule::Kind::exactly_one, {}, std::move(names), {}});
+}
+
+void MemberTable::any_of(std::vector<std::string_view> names) {
+  rules_.push_back({Rule::Kind::any_of, {}, std::move(names), {}});
+}
+
+void MemberTable::excludes(std::string_view name, std::vector<std::string_view> others, std::string why) {
+  rules_.push_back({Rule::Kind::excludes, name, std::move(others), std::move(why)});
+}
+
+void MemberTable::needs(std::string_view name, std::vector<std::string_view> others, std::string why) {
+  rules_.push_back({Rule::Kind::needs, name, std::move(others), std::move(why)});
+}
+
+OrderedJson MemberTable::Rule::schema() const {
+  switch (kind) {
+    case Kind::exactly_one:
+      return {{"oneOf", requires_each(others)}};
+    case Kind::any_of:
+      return {{"anyOf", requires_each(others)}};
+    case Kind::excludes:
+      return {{"dependentSchemas", {{std::string(name), requires_none(others)}}}};
+    case Kind::needs:
+      return {{"dependentSchemas", {{std::string(name), {{"anyOf", requires_each(others)}}}}}};
+  }
+  return {};
+}
+
+std::string MemberTable::Rule::text() const {
+  std::string names;
+  for (const std::string_view other : others) names += fmt::format("{}`{}`", names.empty() ? "" : ", ", other);
+  const bool one = others.size() == 1;
+  switch (kind) {
+    case Kind::exactly_one:
+      return fmt::format("exactly one of {} is required", names);
+    case Kind::any_of:
+      return fmt::format("at least one of {} is required", names);
+    case Kind::excludes:
+      return fmt::format("`{}` cannot be combined with {}", name, names);
+    case Kind::needs:
+      return fmt::format("`{}` needs {}{}", name, one ? "" : "one of ", names);
+  }
+  return {};
+}
+
+bool MemberTable::Rule::check(const JsonReader& in) const {
+  const auto given = [&](std::string_view other) { return in.has(other); };
+  const auto first = std::find_if(others.begin(), others.end(), given);
+  switch (kind) {
+    case Kind::exactly_one:
+      return !in.alternative(others, true).empty();
+    case Kind::any_of:
+      if (first != others.end()) return true;
+      in.fail(others.front(), "is required");
+      return false;
+    case Kind::excludes:
+      if (first == others.end() || !in.has(name)) return true;
+      in.fail(*first, fmt::format("\"{}\" does not go with \"{}\"{}", *first, name, why.empty() ? "" : ": " + why));
+      return false;
+    case Kind::needs:
+      if (first != others.end() || !in.has(name)) return true;
+      if (others.size() == 1)
+        in.fail(others.front(), fmt::format("is required with \"{}\"", name));
+      else
+        in.fail(name, fmt::format("needs a \"{}\"{}", others.front(), why.empty() ? "" : ": " + why));
+      return false;
+  }
+  return true;
+}
+
+const MemberRow* MemberTable::row_called(std::string_view name) const {
+  const auto row = std::find_if(rows_.begin(), rows_.end(), [&](const MemberRow& r) { return r.name == name; });
+  return row == rows_.end() ? nullptr : &*row;
+}
+
+bool MemberTable::check_names(const JsonReader& in) const {
+  std::vector<std::string_view> names;
+  names.reserve(rows_.size());
+  for (const MemberRow& row : rows_) names.push_back(row.name);
+  if (!in.object(names)) return false;
+  for (const MemberRow& row : rows_)
+    if (row.required && row.models.empty() && !in.has(row.name)) in.fail(row.name, "is required");
+  check_models(in);
+  return true;
+}
+
+void MemberTable::check_rules(const JsonReader& in) const {
+  bool alternatives_hold = true;
+  for (const Rule& rule : rules_) {
+    // Of alternatives that were both given, what else they exclude is not worth saying.
+    if (rule.kind == Rule::Kind::excludes && !alternatives_hold) continue;
+    const bool holds = rule.check(in);
+    if (rule.kind == Rule::Kind::exactly_one) alternatives_hold &= holds;
+  }
+}
+
+// Nothing where it isn't known, which is reported elsewhere.
+std::optional<std::string> MemberTable::model_of(const JsonReader& in) const {
+  if (in.has(model_)) {
+    const Json& given = in.at(model_).value();
+    return given.is_string() ? std::optional(given.get<std::string>()) : std::nullopt;
+  }
+  const MemberRow* row = row_called(model_);
+  return row->required ? std::nullopt : std::optional(row->fallback(Limits{}).get<std::string>());
+}
+
+void MemberTable::check_models(const JsonReader& in) const {
+  if (model_.empty()) return;
+  const std::optional<std::string> model = model_of(in);
+  if (!model) return;
+  const OrderedJson words = row_called(model_)->schema(Limits{})["enum"];
+  if (std::find(words.begin(), words.end(), *model) == words.end()) return;
+  for (const MemberRow& row : rows_) {
+    if (row.models.empty()) continue;
+    const bool its_own = std::find(row.models.begin(), row.models.end(), *model) != row.models.end();
+    if (!its_own && in.has(row.name))
+      in.fail(row.name, fmt::format("belongs to {}, not to \"{}\"", quoted_list(row.models, ", "), *model));
+    if (its_own && row.required && !in.has(row.name)) in.fail(row.name, fmt::format("is required for \"{}\"", *model));
+  }
+}
+
+bool MemberTable::belongs(const MemberRow& row, const OrderedJson& written) const {
+  if (row.models.empty()) return true;
+  const std::string model = written.at(std::string(model_)).get<std::string>();
+  return std::find(row.models.begin(), row.models.end(), model) != row.models.end();
+}
+
+std::vector<OrderedJson> MemberTable::model_schemas(const Limits& limits) const {
+  std::vector<OrderedJson> list;
+  if (model_.empty()) return list;
+  const MemberRow* row = row_called(model_);
+  const OrderedJson fallback = row->required ? OrderedJson() : row->fallback(limits);
+  const OrderedJson words = row->schema(limits)["enum"];
+  for (const OrderedJson& word : words) {
+    OrderedJson is_it{{"properties", {{std::string(model_), {{"const", word}}}}}};
+    if (word != fallback) is_it["required"] = {model_};
+    std::vector<std::string_view> foreign, own;
+    for (const MemberRow& member : rows_) {
+      if (member.models.empty()) continue;
+      const bool its_own =
+          std::find(member.models.begin(), member.models.end(), word.get<std::string>()) != member.models.end();
+      if (!its_own) foreign.push_back(member.name);
+      if (its_own && member.required) own.push_back(member.name);
+    }
+    OrderedJson then = foreign.empty() ? OrderedJson::object() : requires_none(foreign);
+    if (!own.empty()) then["required"] = own;
+    if (!then.empty()) list.push_back({{"if", is_it}, {"then", then}});
+  }
+  return list;
+}
+
+std::string link_to(const MemberTable& table) { return link_text(table.name()); }
+
+OrderedJson MemberTable::schema(const Limits& limits) const {
+  OrderedJson json{{"type", "object"}, {"description", description_}, {"additionalProperties", false}};
+  json["properties"] = OrderedJson::object();
+  for (const MemberRow& row : rows_) {
+    json["properties"][std::string(row.name)] = row_schema(row, limits);
+    if (row.required && row.models.empty()) json["required"].push_back(row.name);
+  }
+  for (const Rule& rule : rules_) json["allOf"].push_back(rule.schema());
+  for (const OrderedJson& model : model_schemas(limits)) json["allOf"].push_back(model);
+  for (const auto& condition : conditions_) json["allOf"].push_back(condition(limits));
+  return json;
+}
+
+std::string MemberTable::markdown(const Limits& limits) const {
+  std::string out = fmt::format("### {}\n\n{}\n\n", name_, description_);
+  for (const Rule& rule : rules_) out += fmt::format("{}{}", &rule == &rules_.front() ? "Rules: " : "; ", rule.text());
+  if (!rules_.empty()) out += ".\n\n";
+  out += "| member | value | unit | default | |\n|---|---|---|---|---|\n";
+  for (const MemberRow& row : rows_) {
+    const std::string of = row.models.empty() ? "" : fmt::format("; of {}", quoted_list(row.models, ", "));
+    out += fmt::format("| `{}` | {} | {} | {} | {} |\n", row.name, cell(type_text(row.schema(limits))), row.unit,
+                       cell(default_text(row, limits)), cell(row.text + of));
+  }
+  return out;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,172 @@
+#include "dem/catalogue/catalogue.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <numeric>
+#include <tuple>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "dem/catalogue/catalogue_opening.h"
+
+namespace selenograph::dem {
+namespace {
+
+constexpr int kRows = 180, kColumns = 360;
+constexpr double kTouch_deg = 1e-9;  // 0.03 mm: borders that touch do so despite rounding
+
+double wrap_360(double deg) {
+  const double w = std::fmod(deg, 360.0);
+  return w < 0 ? w + 360 : w;
+}
+
+// Whether the arcs [west, east] share a longitude.
+bool longitudes_meet(double west_a, double east_a, double west_b, double east_b) {
+  return wrap_360(west_b - west_a + kTouch_deg) <= east_a - west_a + 2 * kTouch_deg ||
+         wrap_360(west_a - west_b + kTouch_deg) <= east_b - west_b + 2 * kTouch_deg;
+}
+
+// A box of latitudes and longitudes in the bucket grid.
+struct Cells {
+  int first_row, last_row, first_column, columns;
+};
+
+Cells cells_of(double south, double north, double west, double east) {
+  const auto row = [](double lat) { return std::clamp(static_cast<int>(std::floor(lat + 90)), 0, kRows - 1); };
+  Cells c{row(south - kTouch_deg), row(north + kTouch_deg), 0, kColumns};
+  const double from = std::floor(west - kTouch_deg), to = std::floor(east + kTouch_deg);
+  if (to - from + 1 >= kColumns) return c;
+  c.first_column = static_cast<int>(wrap_360(from + 180));
+  c.columns = static_cast<int>(to - from) + 1;
+  return c;
+}
+
+template <typename Visit>
+void for_each_cell(const Cells& c, Visit&& visit) {
+  for (int row = c.first_row; row <= c.last_row; ++row)
+    for (int k = 0; k < c.columns; ++k)
+      visit(static_cast<std::size_t>(row) * kColumns + static_cast<std::size_t>((c.first_column + k) % kColumns));
+}
+
+struct Box {
+  double south, north, west, east;
+};
+
+// Several, where the box reaches over a pole: what lies beyond it is on other longitudes.
+std::vector<Box> grown_boxes(double south, double north, double west, double east, double margin) {
+  std::vector<Box> boxes = {
+      {std::max(south - margin, -90.0), std::min(north + margin, 90.0), west - margin, east + margin}};
+  if (east - west + 2 * margin >= 360) boxes[0].west = -180, boxes[0].east = 180;
+  if (north + margin > 90) boxes.push_back({180 - north - margin, 90, -180, 180});
+  if (south - margin < -90) boxes.push_back({-90, -180 - south + margin, -180, 180});
+  return boxes;
+}
+
+bool touches(const Footprint& f, const Box& b) {
+  return f.south_deg <= b.north + kTouch_deg && f.north_deg >= b.south - kTouch_deg &&
+         longitudes_meet(f.west_deg, f.east_deg, b.west, b.east);
+}
+
+constexpr double kSameSpacing = 1.01;  // of posts of one layer: labels round it
+
+std::uint64_t fingerprint_of(const std::vector<RasterInfo>& rasters) {
+  // Names and not folders: the same tiles give the same frames wherever they are mounted.
+  std::uint64_t hash = XXH64(nullptr, 0, rasters.size());
+  for (const RasterInfo& r : rasters) {
+    hash = XXH64(r.name.data(), r.name.size(), hash);
+    const Footprint& f = r.footprint;
+    const std::uint64_t facts[] = {r.stamp,
+                                   static_cast<std::uint64_t>(r.width),
+                                   static_cast<std::uint64_t>(r.height),
+                                   std::bit_cast<std::uint64_t>(f.south_deg),
+                                   std::bit_cast<std::uint64_t>(f.north_deg),
+                                   std::bit_cast<std::uint64_t>(f.west_deg),
+                                   std::bit_cast<std::uint64_t>(f.east_deg)};
+    hash = XXH64(facts, sizeof facts, hash);
+  }
+  return hash;
+}
+
+}  // namespace
+
+Catalogue::Catalogue(const std::vector<std::string>& paths, const CatalogueOptions& options) {
+  FoundFiles found = find_files(paths, options);
+  rasters_ = std::move(found.rasters);
+  problems_ = std::move(found.problems);
+  side_layers_ = std::move(found.side_layers);
+  inspected_ = found.inspected;
+  index();
+}
+
+Catalogue::Catalogue(std::vector<RasterInfo> rasters) : rasters_(std::move(rasters)) { index(); }
+
+void Catalogue::index() {
+  // By pointers: exchanging the descriptions themselves would take longer than all the rest.
+  std::vector<RasterInfo*> order;
+  order.reserve(rasters_.size());
+  for (RasterInfo& raster : rasters_) order.push_back(&raster);
+  std::sort(order.begin(), order.end(), [](const RasterInfo* a, const RasterInfo* b) {
+    return std::tie(b->post_spacing_m, a->name, a->path) < std::tie(a->post_spacing_m, b->name, b->path);
+  });
+  std::vector<RasterInfo> sorted;
+  sorted.reserve(rasters_.size());
+  for (RasterInfo* raster : order) sorted.push_back(std::move(*raster));
+  rasters_ = std::move(sorted);
+  by_path_.resize(rasters_.size());
+  std::iota(by_path_.begin(), by_path_.end(), SourceIndex{0});
+  std::sort(by_path_.begin(), by_path_.end(), [&](SourceIndex a, SourceIndex b) {
+    return std::tie(rasters_[a].path, a) < std::tie(rasters_[b].path, b);
+  });
+  buckets_.assign(static_cast<std::size_t>(kRows) * kColumns, {});
+  for (std::size_t i = 0; i < rasters_.size(); ++i) {
+    const Footprint& f = rasters_[i].footprint;
+    for_each_cell(cells_of(f.south_deg, f.north_deg, f.west_deg, f.east_deg),
+                  [&](std::size_t cell) { buckets_[cell].push_back(static_cast<int>(i)); });
+  }
+  layer_begin_.clear();
+  for (std::size_t i = 0; i < rasters_.size(); ++i) {
+    const int before = i == 0 ? 0 : layer_begin_.back();
+    const bool same =
+        i > 0 && rasters_[static_cast<std::size_t>(before)].post_spacing_m < kSameSpacing * rasters_[i].post_spacing_m;
+    layer_begin_.push_back(same ? before : static_cast<int>(i));
+  }
+  find_fingerprint();
+}
+
+void Catalogue::join_layers(LayerJoins joins) {
+  joins_ = std::move(joins);
+  if (std::all_of(joins_.offsets_m.begin(), joins_.offsets_m.end(), [](double m) { return m == 0; }))
+    joins_.offsets_m.clear();
+  find_fingerprint();
+}
+
+void Catalogue::find_fingerprint() {
+  fingerprint_ = fingerprint_of(rasters_);
+  const std::vector<double>& offsets = joins_.offsets_m;
+  if (!offsets.empty()) fingerprint_ = XXH64(offsets.data(), offsets.size() * sizeof(double), fingerprint_);
+  if (!one_layer()) fingerprint_ = XXH64(&joins_.blend_posts, sizeof joins_.blend_posts, fingerprint_);
+}
+
+std::optional<SourceIndex> Catalogue::find(const std::string& path) const {
+  const auto found = std::lower_bound(by_path_.begin(), by_path_.end(), path,
+                                      [&](SourceIndex i, const std::string& p) { return rasters_[i].path < p; });
+  if (found == by_path_.end() || rasters_[*found].path != path) return std::nullopt;
+  return *found;
+}
+
+std::vector<int> Catalogue::touching(double south_deg, double north_deg, double west_deg, double east_deg,
+                                     double margin_deg) const {
+  std::vector<int> found;
+  for (const Box& box : grown_boxes(south_deg, north_deg, west_deg, east_deg, margin_deg))
+    for_each_cell(cells_of(box.south, box.north, box.west, box.east), [&](std::size_t cell) {
+      for (const int i : buckets_[cell])
+        if (touches(rasters_[static_cast<std::size_t>(i)].footprint, box)) found.push_back(i);
+    });
+  std::sort(found.begin(), found.end());
+  found.erase(std::unique(found.begin(), found.end()), found.end());
+  return found;
+}
+
+}  // namespace selenograph::dem

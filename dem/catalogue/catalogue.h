@@ -1,0 +1,109 @@
+// Which DEM files there are and where they lie: a lookup, not open files.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dem/files/raster_info.h"
+#include "dem/grid/block.h"
+
+namespace selenograph::dem {
+
+// A file or folder that could not be used, and why. Reported by `info`, /v1/datasets and the log; never silent.
+struct CatalogueProblem {
+  std::string path;
+  std::string what;
+  bool located = false;    // its label is legible: it is among the rasters, and fails where its posts are needed
+  bool unrelated = false;  // an image, or nothing says that it is a height map: answers don't suffer from its absence
+};
+
+// A file beside a DEM that says something about its heights, and holds none.
+struct SideLayer {
+  std::string path;
+  std::string kind;  // "effective resolution" or "error of heights"
+};
+// Empty: the name is none of a side layer's. They are LOLA's: "..._effres.tif", "..._err.tif".
+std::string side_layer_kind(std::string_view path);
+
+// How layers of different resolution are joined: see layer_edges.h.
+struct LayerJoins {
+  double blend_posts = 16;          // width of the band, in posts of the coarser layer; 0: layers end as they are
+  std::vector<double> offsets_m{};  // added to the heights of each raster, by its index; empty: none
+};
+
+struct CatalogueOptions {
+  // What was found is kept in "catalogue/" there, and files that are still the same need not be read at the next
+  // opening; empty: nothing is kept, and every file is read.
+  std::string cache_dir{};
+  // Told, each once, what the operator should know: why a saved catalogue could not be used or kept, and which files on
+  // a network could not be reached. May be empty.
+  std::function<void(const std::string&)> log{};
+  // A second change within one step of the file system's clock leaves size and time as they are: what changed this
+  // short a time before it was read is read again at the next opening.
+  std::chrono::nanoseconds settling = std::chrono::seconds(2);
+};
+
+class Catalogue {
+ public:
+  // `paths` are files, folders (searched recursively), or GeoTIFFs on a network by GDAL's names
+  // ("/vsicurl/https://...", where allow_remote_files() lets them). Label and data of one PDS product are one entry. A
+  // file named explicitly that can't be used throws DataError; one found in a folder becomes a problem. Throws
+  // SystemFault where the system, or a connection, is at fault. Entries are sorted from coarse to fine, then by name: a
+  // later entry wins over an earlier one where both have a valid post. What is found is the same with a saved catalogue
+  // and without.
+  explicit Catalogue(const std::vector<std::string>& paths, const CatalogueOptions& options = {});
+  // For tests and callers who know their files.
+  explicit Catalogue(std::vector<RasterInfo> rasters);
+
+  const std::vector<RasterInfo>& rasters() const { return rasters_; }
+  const std::vector<CatalogueProblem>& problems() const { return problems_; }
+  const std::vector<SideLayer>& side_layers() const { return side_layers_; }
+
+  // Rasters of equal resolution (within 1 %) are one layer: from this index on to the next layer's.
+  int layer_begin(int raster) const { return layer_begin_[static_cast<std::size_t>(raster)]; }
+  bool one_layer() const { return rasters_.empty() || layer_begin_.back() == 0; }
+
+  // Before anything is made of the posts.
+  void join_layers(LayerJoins joins);
+  const LayerJoins& joins() const { return joins_; }
+  double offset_m(int raster) const {
+    return joins_.offsets_m.empty() ? 0 : joins_.offsets_m[static_cast<std::size_t>(raster)];
+  }
+
+  // How many files this opening had to read; the others were as the saved catalogue says.
+  std::size_t inspected() const { return inspected_; }
+
+  // The index in rasters() of the file of that path.
+  std::optional<SourceIndex> find(const std::string& path) const;
+
+  // Indices into rasters() of those whose footprint touches the box, grown by margin_deg (below 0: shrunk); ascending
+  // (coarse to fine). west may be anything, east >= west; boxes of 360 degrees and more mean all longitudes. Fast for
+  // 64 800 tiles (a 1-degree bucket grid).
+  std::vector<int> touching(double south_deg, double north_deg, double west_deg, double east_deg,
+                            double margin_deg = 0) const;
+
+  // Changes whenever a file, its size or its time changes, and with what layers are joined by where there are several.
+  // Part of every frame's content hash.
+  std::uint64_t fingerprint() const { return fingerprint_; }
+
+ private:
+  void index();
+  void find_fingerprint();
+  std::vector<RasterInfo> rasters_;
+  std::vector<CatalogueProblem> problems_;
+  std::vector<SideLayer> side_layers_;
+  std::vector<int> layer_begin_;
+  LayerJoins joins_;
+  std::size_t inspected_ = 0;
+  std::uint64_t fingerprint_ = 0;
+  std::vector<SourceIndex> by_path_;       // ascending by path
+  std::vector<std::vector<int>> buckets_;  // 180 x 360 cells of one degree, row 0 at the south pole, column 0 at -180
+};
+
+}  // namespace selenograph::dem

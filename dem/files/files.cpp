@@ -1,0 +1,132 @@
+#include "dem/files/files.h"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <system_error>
+
+#include "dem/files/folder_files.h"
+#include "dem/support/error.h"
+
+namespace selenograph::dem {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct KnownExtension {
+  const char* extension;
+  FileKind kind;
+};
+constexpr KnownExtension kKnownExtensions[] = {{".lbl", FileKind::pds_label},
+                                               {".img", FileKind::pds_image},
+                                               {".tif", FileKind::georeferenced},
+                                               {".tiff", FileKind::georeferenced},
+                                               {".vrt", FileKind::georeferenced}};
+
+}  // namespace
+
+FileKind kind_of(std::string_view path) {
+  const std::string_view name = name_of(path), extension = name.substr(stem_of(name).size());
+  for (const KnownExtension& known : kKnownExtensions)
+    if (same_text(extension, known.extension)) return known.kind;
+  return FileKind::other;
+}
+
+std::optional<std::string> label_beside(const fs::path& image) {
+  for (const char* extension : {".lbl", ".LBL", ".Lbl"}) {
+    const std::string label = fs::path(image).replace_extension(extension).string();
+    if (file_state(label)) return label;
+  }
+  return std::nullopt;
+}
+
+std::optional<FileState> file_state(const std::string& path) {
+  struct stat s {};
+  if (::stat(path.c_str(), &s) != 0) {
+    if (is_system_fault(errno)) throw SystemFault(path, errno);
+    return std::nullopt;
+  }
+  if (!S_ISREG(s.st_mode)) return std::nullopt;
+  return state_from(s);
+}
+
+FileState state_from(const struct stat& s) {
+  const auto nanoseconds = [](const timespec& t) {
+    return static_cast<std::int64_t>(t.tv_sec) * 1'000'000'000 + t.tv_nsec;
+  };
+  return {static_cast<std::uint64_t>(s.st_size), nanoseconds(s.st_mtim), nanoseconds(s.st_ctim)};
+}
+
+bool is_system_fault(int code) {
+  switch (code) {
+    case EMFILE:
+    case ENFILE:
+    case ENOMEM:
+    case ENOBUFS:
+    case EIO:
+    case EAGAIN:
+    case EINTR:
+    case ENODEV:
+    case ENXIO:
+    case ESTALE:
+    case ETIMEDOUT:
+    case EREMOTEIO:
+    case ENOTCONN:
+    case EHOSTDOWN:
+      return true;
+    default:
+      return false;
+  }
+}
+
+void throw_file_error(const std::string& file, int code) {
+  if (is_system_fault(code)) throw SystemFault(file, code);
+  throw DataError(file, "can't be opened: " + std::generic_category().message(code));
+}
+
+void remove_stale_temporaries(const std::string& folder, std::string_view mark) {
+  std::error_code error;
+  for (fs::recursive_directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    const std::string name = it->path().filename().string();
+    const std::size_t at = name.find(mark);
+    if (at == std::string::npos) continue;
+    const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + at + mark.size(), nullptr, 10));
+    std::error_code ignored;
+    // Our own number: we have written nothing yet, so an earlier life has (in a container each is process 1).
+    const bool dead = owner <= 0 || owner == ::getpid() || (::kill(owner, 0) != 0 && errno == ESRCH);
+    if (dead) fs::remove(it->path(), ignored);
+  }
+}
+
+std::string read_head(const std::string& path, std::size_t most) {
+  // Opening a FIFO would wait for its writer.
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+  if (fd < 0) throw_file_error(path, errno);
+  struct stat s {};
+  if (::fstat(fd, &s) != 0 || !S_ISREG(s.st_mode)) {
+    ::close(fd);
+    throw DataError(path, "is not a regular file");
+  }
+  most = std::min(most, static_cast<std::size_t>(s.st_size));
+  std::string bytes(most, '\0');
+  std::size_t done = 0;
+  int code = 0;
+  while (done < most) {
+    const ssize_t n = ::read(fd, bytes.data() + done, most - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) code = errno;
+    if (n <= 0) break;
+    done += static_cast<std::size_t>(n);
+  }
+  ::close(fd);
+  if (code != 0) throw_file_error(path, code);
+  bytes.resize(done);
+  return bytes;
+}
+
+}  // namespace selenograph::dem

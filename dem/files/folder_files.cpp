@@ -1,0 +1,136 @@
+#include "dem/files/folder_files.h"
+
+#include <dirent.h>
+#include <sys/stat.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cerrno>
+#include <iterator>
+#include <memory>
+#include <tuple>
+#include <utility>
+
+#include "dem/files/files.h"
+#include "dem/support/error.h"
+
+namespace selenograph::dem {
+namespace {
+
+constexpr std::int64_t kSecond_ns = 1'000'000'000;
+
+std::int64_t nanoseconds(const timespec& t) { return static_cast<std::int64_t>(t.tv_sec) * kSecond_ns + t.tv_nsec; }
+
+char lower_of(char c) { return static_cast<char>(std::tolower(static_cast<unsigned char>(c))); }
+
+std::string group_name(std::string_view name) { return lower(name.substr(0, name.find('.'))); }
+
+// Of a name that the folder itself doesn't give.
+mode_t type_of(const std::string& path, bool follow) {
+  struct stat s {};
+  const int failed = follow ? ::stat(path.c_str(), &s) : ::lstat(path.c_str(), &s);
+  return failed ? 0 : s.st_mode & S_IFMT;
+}
+
+}  // namespace
+
+std::string lower(std::string_view text) {
+  std::string out(text);
+  std::transform(out.begin(), out.end(), out.begin(), lower_of);
+  return out;
+}
+
+bool same_text(std::string_view a, std::string_view b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](char x, char y) { return lower_of(x) == lower_of(y); });
+}
+
+std::string_view name_of(std::string_view path) { return path.substr(path.rfind('/') + 1); }
+
+std::string_view stem_of(std::string_view name) {
+  const std::size_t dot = name.rfind('.');
+  return dot == std::string_view::npos || dot == 0 ? name : name.substr(0, dot);
+}
+
+std::optional<FileStamp> stamp_of(const std::string& path) {
+  struct stat s {};
+  if (::stat(path.c_str(), &s) != 0) return errno == ENOENT ? std::optional(FileStamp{}) : std::nullopt;
+  // The time of change, too: a file can be given any time of modification.
+  const std::int64_t changed_ns = nanoseconds(s.st_ctim);
+  const std::int64_t facts[] = {s.st_size, nanoseconds(s.st_mtim), changed_ns, S_ISREG(s.st_mode)};
+  return FileStamp{XXH3_64bits(facts, sizeof facts), changed_ns};
+}
+
+FolderFiles::FolderFiles(std::string folder, std::vector<std::string>* folders) : folder_(std::move(folder)) {
+  const std::unique_ptr<DIR, int (*)(DIR*)> listing(::opendir(folder_.empty() ? "." : folder_.c_str()), ::closedir);
+  if (!listing) {
+    trouble_ = errno;
+    if (is_system_fault(trouble_)) throw SystemFault(folder_, trouble_);
+    return;
+  }
+  struct Place {
+    std::size_t group, name, end;  // in text_
+    bool link;
+  };
+  std::vector<Place> places;  // text_ moves while it grows
+  for (;;) {
+    errno = 0;
+    const dirent* entry = ::readdir(listing.get());
+    if (!entry) break;
+    const std::string_view name = entry->d_name;
+    if (name == "." || name == "..") continue;
+    unsigned char type = entry->d_type;
+    if (type == DT_UNKNOWN) type = static_cast<unsigned char>(IFTODT(type_of(path_of(name), false)));
+    if (type == DT_DIR && folders) folders->push_back(path_of(name));
+    const bool link = type == DT_LNK;
+    if (type != DT_REG && !(link && type_of(path_of(name), true) == S_IFREG)) continue;
+    const std::size_t group = text_.size();
+    text_ += group_name(name);
+    places.push_back({group, text_.size(), text_.size() + name.size(), link});
+    text_ += name;
+  }
+  trouble_ = errno;
+  if (is_system_fault(trouble_)) throw SystemFault(folder_, trouble_);
+  entries_.reserve(places.size());
+  const std::string_view text = text_;
+  for (const Place& p : places)
+    entries_.push_back({text.substr(p.group, p.name - p.group), text.substr(p.name, p.end - p.name), p.link});
+  std::sort(entries_.begin(), entries_.end(), [](const FolderEntry& a, const FolderEntry& b) {
+    return std::tie(a.group, a.name) < std::tie(b.group, b.name);
+  });
+}
+
+std::string FolderFiles::path_of(std::string_view name) const {
+  std::string path = folder_;
+  if (!path.empty() && path.back() != '/') path += '/';
+  return path.append(name);
+}
+
+const FolderEntry* FolderFiles::find(std::string_view name) const {
+  const std::string group = group_name(name);
+  const FolderEntry wanted{group, name};
+  const auto found = std::lower_bound(
+      entries_.begin(), entries_.end(), wanted,
+      [](const FolderEntry& a, const FolderEntry& b) { return std::tie(a.group, a.name) < std::tie(b.group, b.name); });
+  return found == entries_.end() || found->name != name ? nullptr : &*found;
+}
+
+std::span<const FolderEntry> FolderFiles::group_of(const FolderEntry& entry) const {
+  auto first = entries_.begin() + (&entry - entries_.data()), last = first;
+  while (first != entries_.begin() && std::prev(first)->group == entry.group) --first;
+  while (last != entries_.end() && last->group == entry.group) ++last;
+  return {first, last};
+}
+
+std::optional<FileStamp> FolderFiles::stamp(const FolderEntry& entry) const {
+  FileStamp all;
+  for (const FolderEntry& file : group_of(entry)) {
+    const auto one = stamp_of(path_of(file.name));
+    if (!one) return std::nullopt;
+    all.hash = XXH3_64bits_withSeed(file.name.data(), file.name.size(), all.hash ^ one->hash);
+    all.changed_ns = std::max(all.changed_ns, one->changed_ns);
+  }
+  return all;
+}
+
+}  // namespace selenograph::dem

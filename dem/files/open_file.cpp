@@ -1,0 +1,48 @@
+#include "dem/files/open_file.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <utility>
+
+#include "dem/support/error.h"
+
+namespace selenograph::dem {
+
+OpenFile::OpenFile(std::string path, int flags)
+    : path_(std::move(path)), fd_(::open(path_.c_str(), flags | O_CLOEXEC, 0644)) {
+  if (fd_ < 0) throw SystemFault(path_, errno);
+}
+
+OpenFile::~OpenFile() { ::close(fd_); }
+
+bool OpenFile::read(std::uint64_t offset, std::size_t bytes, void* out) const {
+  for (std::size_t done = 0; done < bytes;) {
+    const ssize_t n = ::pread(fd_, static_cast<char*>(out) + done, bytes - done, static_cast<off_t>(offset + done));
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) throw SystemFault(path_, errno);
+    if (n == 0) return false;
+    done += static_cast<std::size_t>(n);
+  }
+  return true;
+}
+
+void OpenFile::write(std::string_view bytes) const {
+  for (std::size_t done = 0; done < bytes.size();) {
+    const ssize_t n = ::write(fd_, bytes.data() + done, bytes.size() - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) throw SystemFault(path_, errno);
+    done += static_cast<std::size_t>(n);
+  }
+  if (::fsync(fd_) != 0) throw SystemFault(path_, errno);
+}
+
+FileState OpenFile::state() const {
+  struct stat s {};
+  if (::fstat(fd_, &s) != 0) throw SystemFault(path_, errno);
+  return state_from(s);
+}
+
+}  // namespace selenograph::dem

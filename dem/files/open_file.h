@@ -1,0 +1,34 @@
+// An open file by its descriptor.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+#include "dem/files/files.h"
+
+namespace selenograph::dem {
+
+// Errors of opening, reading and writing are the system's: what a file holds is for others to judge. Safe to read
+// concurrently.
+class OpenFile {
+ public:
+  // `flags` as in open(2). Throws SystemFault naming the path.
+  OpenFile(std::string path, int flags);
+  ~OpenFile();
+  OpenFile(const OpenFile&) = delete;
+  OpenFile& operator=(const OpenFile&) = delete;
+
+  // False when the file ends before. Throws SystemFault.
+  bool read(std::uint64_t offset, std::size_t bytes, void* out) const;
+  // All of it, flushed to the disk. Throws SystemFault.
+  void write(std::string_view bytes) const;
+  FileState state() const;
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+  int fd_;
+};
+
+}  // namespace selenograph::dem

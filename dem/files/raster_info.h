@@ -1,0 +1,62 @@
+// What is known of a DEM file without reading its posts.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "dem/grid/geodesy.h"
+#include "dem/grid/post_grid.h"
+
+namespace selenograph::dem {
+
+// The Moon's heights lie between -9.1 and +10.8 km. What a file says beyond this is none (infinity, a DUMMY that nobody
+// declared, a wrong unit) and reads as no-data.
+inline constexpr double kFarthestHeight_m = 1e5;
+
+enum class Projection { geographic, polar_stereographic };
+
+// Footprint in degrees of the area where posts are: south <= north; west in [-180, 180), east in (west, west + 360].
+struct Footprint {
+  double south_deg = 0, north_deg = 0, west_deg = 0, east_deg = 0;
+};
+
+struct RasterInfo {
+  std::string path;    // as opened (for PDS products, the label)
+  std::string name;    // file name without folder and extension: what `source` lists
+  std::string format;  // "PDS3 Kaguya", "PDS3 LOLA", "GTiff", ...
+  int width = 0, height = 0;
+  PostGrid grid;
+  // The rest of where posts lie follows from size and grid: see set_grid.
+  double posts_per_degree = 0;   // along a meridian; for a projected raster at the centre of projection
+  double post_spacing_m = 0;     // along a meridian on the sphere
+  Footprint footprint;           // tight around the posts (outermost posts are on its border)
+  bool wraps_longitude = false;  // covers 360 degrees: x is periodic
+  // When every post lies at an integer multiple of 2^-n degree (both axes): n. Posts are then copied, never resampled.
+  std::optional<int> lattice_level;
+  std::string datum;                 // e.g. "sphere 1737.4 km, height" or "planetary radius, converted"
+  double quantisation_m = 0;         // step between representable heights (1 for integer metres), 0 for float
+  std::optional<double> void_value;  // in file units
+  std::uint64_t bytes = 0;           // size of the file(s) that hold the posts
+  std::int64_t modified_ns = 0;      // newest modification time of label and data
+  std::uint64_t stamp = 0;           // of the sizes and modification times of all files that it is read from
+  bool on_network = false;           // it, or a source of a VRT: reads may take seconds
+  std::string damage;                // why the posts can't be read although it is known where they lie; empty: they can
+
+  Projection projection() const {
+    return std::holds_alternative<PolarGrid>(grid) ? Projection::polar_stereographic : Projection::geographic;
+  }
+};
+
+// Gives a raster of known size its grid and everything that follows from it. A geographic grid that repeats its first
+// meridian (0 and 360) loses the copy. Throws DataError naming the file when the grid is no map of the Moon: numbers
+// that aren't finite, posts more than 30 degrees or less than 2^-20 degree apart, more than 2^24 along a side.
+void set_grid(RasterInfo& info, const PostGrid& grid);
+
+// Post coordinates of a place. For a raster that wraps x is in [0, width).
+PostXY locate(const RasterInfo& info, double lat_deg, double lon_deg);
+
+// The inverse: where a post is. height_m is 0.
+Geographic place_of_post(const RasterInfo& info, int x, int y);
+
+}  // namespace selenograph::dem

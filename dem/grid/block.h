@@ -1,0 +1,101 @@
+// One block of the mesh: the posts of one level over one quadtree node, with shading normals and sources.
+#pragma once
+
+#include <malloc.h>
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "dem/grid/geodesy.h"
+#include "dem/grid/lattice.h"
+
+namespace selenograph::dem {
+
+// A file, by its place in Catalogue::rasters(): 64 800 Kaguya tiles and more. kNoSource: none.
+using SourceIndex = std::uint32_t;
+inline constexpr SourceIndex kNoSource = 0x3fffffff;
+
+// Where a post comes from: a SourceIndex, with kFilledBit where the post was interpolated across no-data, and
+// kBlendedBit where it is a mean of the source and the layers beneath it.
+using SourceMark = std::uint32_t;
+inline constexpr SourceMark kFilledBit = 0x80000000, kBlendedBit = 0x40000000, kMarkBits = kFilledBit | kBlendedBit;
+inline constexpr SourceIndex source_of(SourceMark mark) { return mark & ~kMarkBits; }
+inline constexpr bool is_filled(SourceMark mark) { return (mark & kFilledBit) != 0; }
+inline constexpr bool is_blended(SourceMark mark) { return (mark & kBlendedBit) != 0; }
+
+// What a vertex shows: its DEM, be it between its posts, or detail below them. As the product `detail` has it, which
+// knows of rocks, too.
+enum class Ground : std::uint8_t { dem = 0, crater = 1, relief = 2, rock = 3 };
+
+// What the lattice doesn't say of a place of its: alone in sixteen bytes, as rendering fetches it.
+struct alignas(16) Vertex {
+  float height_m;          // above the sphere; NaN: no data
+  Eigen::Vector3f normal;  // unit, MOON_ME, for shading: see shading_normals.h
+};
+static_assert(sizeof(Vertex) == 16);
+
+// Immutable once made, shared between frames. Arrays are (quads + 1)^2, row 0 in the south, column 0 in the west.
+struct Block {
+  BlockId id;
+  BlockExtent extent{};
+  std::vector<Vertex> vertices;
+  std::vector<SourceMark> sources;  // one when the whole block has the same, else one per post
+  std::vector<Ground> ground;       // empty: of the DEM alone, else as `sources`
+  double error_m = 0;               // as in NodeInfo
+  float min_m = 0, max_m = 0;       // of the heights here and of the finest surface beneath
+  // Separable sines and cosines of rows and columns: the bulk conversion to Cartesian.
+  std::vector<double> sin_lat, cos_lat, sin_lon, cos_lon;
+
+  int side() const { return extent.quads + 1; }
+  std::size_t index(int r, int c) const {
+    return static_cast<std::size_t>(r) * static_cast<std::size_t>(side()) + static_cast<std::size_t>(c);
+  }
+  SourceMark source(int r, int c) const { return sources.size() == 1 ? sources[0] : sources[index(r, c)]; }
+  Ground shown(int r, int c) const {
+    if (ground.empty()) return Ground::dem;
+    return ground.size() == 1 ? ground[0] : ground[index(r, c)];
+  }
+  // Keeps one of `sources` and of `ground` where they are all the same.
+  void pack() {
+    const auto packed = [](auto& of_vertices) {
+      if (std::any_of(of_vertices.begin(), of_vertices.end(), [&](auto v) { return v != of_vertices[0]; })) return;
+      if (!of_vertices.empty()) of_vertices.erase(of_vertices.begin() + 1, of_vertices.end());
+      of_vertices.shrink_to_fit();
+    };
+    packed(sources), packed(ground);
+  }
+  Vec3 position(int r, int c, double height_m) const {
+    const auto row = static_cast<std::size_t>(r), col = static_cast<std::size_t>(c);
+    const double radius = kMoonRadius_m + height_m;
+    return {radius * cos_lat[row] * cos_lon[col], radius * cos_lat[row] * sin_lon[col], radius * sin_lat[row]};
+  }
+  std::size_t bytes() const {
+    // Of vertices as the heap has them, who rounds arrays of their size up by a fifth.
+    return sizeof(Block) + ::malloc_usable_size(const_cast<Vertex*>(vertices.data())) +
+           sources.size() * sizeof(SourceMark) + ground.size() + 8 * 2 * (sin_lat.size() + sin_lon.size());
+  }
+};
+
+// The post of a block at a place (ticks), if its lattice has one there and it is valid.
+inline std::optional<float> post_at(const Block& block, std::int64_t lat, std::int64_t lon) {
+  const BlockExtent& e = block.extent;
+  const std::int64_t dy = lat - e.lat0;
+  std::int64_t dx = wrap_lon(lon) - e.lon0;
+  if (dx < 0) dx += kLonTicks;  // the eastern edge of a block that ends at 180 degrees
+  if (dy < 0 || dy > std::int64_t{e.quads} * e.lat_step || dx > std::int64_t{e.quads} * e.lon_step || dy % e.lat_step ||
+      dx % e.lon_step)
+    return std::nullopt;
+  const float h =
+      block.vertices[block.index(static_cast<int>(dy / e.lat_step), static_cast<int>(dx / e.lon_step))].height_m;
+  if (std::isnan(h)) return std::nullopt;
+  return h;
+}
+
+// Fills the sine and cosine tables from the extent.
+void fill_trigonometry(Block& block);
+
+}  // namespace selenograph::dem

@@ -1,0 +1,54 @@
+#include "dem/grid/geodesy.h"
+
+#include <Eigen/Geometry>
+#include <GeographicLib/Geocentric.hpp>
+#include <GeographicLib/Math.hpp>
+#include <cmath>
+
+namespace selenograph {
+namespace {
+
+// A sphere: GeographicLib's defaults are WGS84, so radius and flattening are always given.
+const GeographicLib::Geocentric& moon() {
+  static const GeographicLib::Geocentric sphere(kMoonRadius_m, 0.0);
+  return sphere;
+}
+
+}  // namespace
+
+Vec3 to_cartesian(const Geographic& g) {
+  Vec3 p;
+  moon().Forward(g.lat_deg, g.lon_deg, g.height_m, p.x(), p.y(), p.z());
+  return p;
+}
+
+Geographic to_geographic(const Vec3& p_m) {
+  Geographic g;
+  if (p_m.squaredNorm() == 0) return {0, 0, -kMoonRadius_m};
+  moon().Reverse(p_m.x(), p_m.y(), p_m.z(), g.lat_deg, g.lon_deg, g.height_m);
+  g.lon_deg = wrap_lon_deg(g.lon_deg);
+  return g;
+}
+
+double wrap_lon_deg(double lon_deg) {
+  const double wrapped = GeographicLib::Math::AngNormalize(lon_deg);
+  return wrapped >= 180.0 ? -180.0 : wrapped;
+}
+
+EastNorthUp local_axes(double lat_deg, double lon_deg) {
+  double sin_lat, cos_lat, sin_lon, cos_lon;
+  GeographicLib::Math::sincosd(lat_deg, sin_lat, cos_lat);
+  GeographicLib::Math::sincosd(lon_deg, sin_lon, cos_lon);
+  return {{-sin_lon, cos_lon, 0},
+          {-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat},
+          {cos_lat * cos_lon, cos_lat * sin_lon, sin_lat}};
+}
+
+EastNorthUp local_axes(const Vec3& p_m) {
+  const Vec3 up = p_m.normalized();
+  const double ring = std::hypot(up.x(), up.y());
+  const Vec3 east = ring > 0 ? Vec3(-up.y() / ring, up.x() / ring, 0) : Vec3(0, 1, 0);
+  return {east, up.cross(east), up};
+}
+
+}  // namespace selenograph

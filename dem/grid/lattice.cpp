@@ -1,0 +1,86 @@
+#include "dem/grid/lattice.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "dem/grid/geodesy.h"
+
+namespace selenograph::dem {
+namespace {
+
+constexpr int kBlockQuads = 64;
+
+int lat_step_of(int level) { return 1 << (kTickLevel - level); }
+
+}  // namespace
+
+std::string to_string(const BlockId& id) { return fmt::format("L{:02} r{} c{}", id.level, id.row, id.col); }
+
+int quads_per_side(int level) { return level >= kRootLevel ? kBlockQuads : kBlockQuads >> (kRootLevel - level); }
+
+int rows_of(int level) { return kLatTicks / (quads_per_side(level) * lat_step_of(level)); }
+
+int lon_shift(int level, int row) {
+  const std::int32_t side = quads_per_side(level) * lat_step_of(level);
+  const double south = std::abs(lat_deg_of(row * side)), north = std::abs(lat_deg_of((row + 1) * side));
+  const double nearest_equator =
+      (row * side <= kLatTicks / 2 && (row + 1) * side >= kLatTicks / 2) ? 0 : std::min(south, north);
+  if (nearest_equator < 75)
+    return 0;  // cos > 1/4: no need to compute it, and this is called for every block all the time
+  const double aspect = std::cos(nearest_equator * kRadiansPerDegree);
+  const int cap = std::max(0, level - kRootLevel) + 1;  // blocks of 8 degrees: 45 around the globe
+  int shift = 0;
+  while (shift < cap && std::ldexp(aspect, shift + 1) <= 0.5) ++shift;
+  return shift;
+}
+
+int columns_of(int level, int row) {
+  return kLonTicks / ((quads_per_side(level) * lat_step_of(level)) << lon_shift(level, row));
+}
+
+BlockExtent extent_of(const BlockId& id) {
+  const int quads = quads_per_side(id.level);
+  const std::int32_t lat_step = lat_step_of(id.level), lon_step = lat_step << lon_shift(id.level, id.row);
+  return {id.row * quads * lat_step, id.col * quads * lon_step, lat_step, lon_step, quads};
+}
+
+std::vector<BlockId> children_of(const BlockId& id) {
+  if (id.level < kRootLevel) return {{id.level + 1, id.row, id.col}};
+  const BlockExtent e = extent_of(id);
+  std::vector<BlockId> children;
+  for (int row = 2 * id.row; row <= 2 * id.row + 1; ++row) {
+    const BlockId first = block_at(id.level + 1, row * e.quads * (e.lat_step / 2), e.lon0);
+    const BlockExtent c = extent_of(first);
+    for (int i = 0; i < (e.lon1() - e.lon0) / (c.lon1() - c.lon0); ++i)
+      children.push_back({first.level, first.row, first.col + i});
+  }
+  return children;
+}
+
+BlockId ancestor_of(const BlockId& id, int level) {
+  const BlockExtent e = extent_of(id);
+  return block_at(level, e.lat0, e.lon0);
+}
+
+BlockId block_at(int level, std::int32_t lat_tick, std::int32_t lon_tick) {
+  const std::int32_t side = quads_per_side(level) * lat_step_of(level);
+  const int row = std::min(lat_tick / side, rows_of(level) - 1);
+  return {level, row, lon_tick / (side << lon_shift(level, row))};
+}
+
+std::int32_t wrap_lon(std::int64_t lon_tick) {
+  const std::int64_t wrapped = lon_tick % kLonTicks;
+  return static_cast<std::int32_t>(wrapped < 0 ? wrapped + kLonTicks : wrapped);
+}
+
+double post_spacing_m(int level) { return kMetresPerDegree / std::ldexp(1.0, level); }
+
+double chord_sag_m(int level) {
+  const double half_diagonal = post_spacing_m(level) / std::numbers::sqrt2;
+  return half_diagonal * half_diagonal / (2 * kMoonRadius_m);
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,38 @@
+// Smooth shading normals from posts.
+//
+// Integer metres quantise slopes: 1 m in 7.4 m is 7.7 degrees, and normals from raw neighbour differences show
+// terraces. The slope at a post is therefore the least-squares plane through the posts around it (Savitzky & Golay
+// 1964): 3 x 3, or 5 x 5 where quantisation would still leave more than kQuantisationSlope of noise (standard
+// deviation) in the small one. Positions stay on the posts as they are: only shading is smoothed.
+//
+// So it is where vertices are the posts. Heights of a filtered level are smoothed already, by the pyramid's low-pass,
+// and normals are smoothed once more where they are interpolated between vertices. A plane through 3 x 3 of them
+// smooths a third time: at one post per pixel that was most of the radiance error. A filtered level's slopes are
+// therefore differences along the row and the column of a vertex alone, of weights (1, -6, 0, 6, -1) / 8. Such a
+// difference has the frequency response 1 + w^2 / 12 + O(w^4); to second order it undoes the low-pass, whose variance
+// tends to 1/6 of a squared post spacing. Measured on Hadley's heights, interpolated, that is as near to the truth as
+// the mean of the finest posts' slopes over each vertex's cell, which would have to be stored.
+#pragma once
+
+#include <span>
+
+#include "dem/grid/block.h"
+
+namespace selenograph::dem {
+
+inline constexpr int kHalo = 2;                     // posts beyond the block on each side that the stencil may need
+inline constexpr double kQuantisationSlope = 0.01;  // 0.6 degrees
+
+// What a block's heights are: posts as their files have them, in steps of `quantisation_m`, or of a filtered level.
+struct HeightsKind {
+  bool filtered = false;
+  double quantisation_m = 0;
+};
+
+// `heights` are (quads + 1 + 2 kHalo)^2 posts, row-major from the south-west, around the block whose extent,
+// trigonometry and heights are already filled. NaN posts are left out: where a filtered level lacks one of those that
+// its differences need, a plane through 3 x 3 posts stands in. A post without enough valid neighbours gets the local
+// vertical.
+void fill_shading_normals(Block& block, std::span<const float> heights, const HeightsKind& kind);
+
+}  // namespace selenograph::dem

@@ -1,0 +1,20 @@
+#include "dem/grid/surface.h"
+
+#include <Eigen/Geometry>
+
+namespace selenograph::dem {
+
+std::optional<double> radial_distance(const Triangle& t, const Vec3& direction, double slack) {
+  // Scaled to the sphere so that `slack` is a fraction of the triangle's own area.
+  const Vec3 ab = t.b - t.a, ac = t.c - t.a;
+  const Vec3 normal = ab.cross(ac);
+  const double through = normal.dot(direction);
+  if (!(through > 0)) return std::nullopt;
+  const double distance = normal.dot(t.a) / through;
+  const Vec3 p = direction * distance - t.a;
+  const double v = normal.dot(p.cross(ac)) / normal.squaredNorm(), w = normal.dot(ab.cross(p)) / normal.squaredNorm();
+  if (v < -slack || w < -slack || v + w > 1 + slack) return std::nullopt;
+  return distance;
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,120 @@
+// Where layers of different resolution meet, and how much of the layer beneath shows there.
+//
+// Rasters of equal resolution are one layer: they never blend among each other. Those of them that lie on one grid and
+// touch are a group, and have one band. Beside each place where a group has no post and a coarser layer has one, the
+// share of the coarser layer falls smoothly from 1 to 0:
+//  - over the band, beside what is at least about a tenth of the band wide: the outline, a large hole;
+//  - beside a smaller hole over about two to seven times its width. A hole of one post shall not cost the posts of a
+//    whole band around it, and a hole is bridged the more easily, the smaller it is.
+// Nothing shows through where there is nothing beneath: an outermost border stays as it is.
+//
+// The shares are made on the group's own posts, octave by octave. Octave j has cells of 2^j x 2^j posts; a cell is open
+// when none of 16 posts of it, evenly spread, is valid, and something lies beneath. The share of a cell follows from
+// the distance to the nearest open cell of the octave, and the octaves' shares are joined as 1 - (1 - a)(1 - b) on the
+// way to the posts, by the subdivision of quadratic B-splines (Chaikin 1974): the result is C1 everywhere, exactly 0
+// where no open cell is near, and a function of the place alone, whatever window asks.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <tuple>
+#include <unordered_map>
+#include <vector>
+
+#include "dem/catalogue/catalogue.h"
+#include "dem/support/once.h"
+
+namespace selenograph::dem {
+
+// How far a file's posts are apart, in degrees of latitude or of longitude, whichever is more. Of a file that is true
+// to scale at a high latitude that is longitude.
+double widest_post_deg(const RasterInfo& info);
+
+// const means safe to call concurrently.
+class LayerEdges {
+ public:
+  // Posts of one file, as PostSource::read() has them.
+  using Read = std::function<void(int source, int x0, int y0, int w, int h, float* heights_m)>;
+  // With `fall_through` a file that can't be read counts as if none of its posts were valid, and is told; without it
+  // throws DataError.
+  LayerEdges(const Catalogue& catalogue, Read read, bool fall_through);
+  ~LayerEdges();
+
+  // Whether a file lies over a coarser layer. Quick: reads no posts.
+  bool meets(int source) const;
+  // The width of its band in its own posts; 0: it has none. At most half of the largest distance from the group's
+  // border, so that a small layer keeps posts of its own in its middle.
+  double band_posts(int source) const;
+
+  // Shares of the layers beneath around posts (x0, y0) .. (x0 + w - 1, y0 + h - 1) of a file.
+  class Shares {
+   public:
+    // Of a place there, by post coordinates.
+    double at(double x, double y) const;
+
+   private:
+    friend class LayerEdges;
+    int octave_ = 0;                              // of the control points: 0: one for each post of the file
+    std::int64_t shift_x_ = 0, shift_y_ = 0;      // otherwise: of the file's posts among the sheet's
+    std::int64_t x0_ = 0, y0_ = 0, columns_ = 0;  // of the control points
+    std::vector<float> points_;
+  };
+  // Empty: 0 everywhere. Files that could not be read are appended to `unusable`.
+  std::optional<Shares> shares(int source, int x0, int y0, int w, int h, std::vector<SourceIndex>& unusable) const;
+  // As the outline and large holes alone make them: of the coarsest octave, however many posts there are.
+  std::optional<Shares> shares_of_outline(int source, int x0, int y0, int w, int h) const;
+
+  // A valid post beside the layer beneath.
+  struct BorderPost {
+    int source, x, y;
+  };
+  // Of the group of a file: about one for each half post of the layer beneath along the border, some 256 of a small
+  // group, at most `most`, evenly spread. Nothing of groups too large to be looked at.
+  std::vector<BorderPost> border(int source, std::size_t most) const;
+  // The files of its group, ascending.
+  const std::vector<int>& group_of(int source) const;
+
+ private:
+  enum class Octaves { all, coarsest };
+  std::optional<Shares> shares_of(int source, int x0, int y0, int w, int h, Octaves octaves,
+                                  std::vector<SourceIndex>& unusable) const;
+  struct Sheet;
+  struct Group;
+  struct Tile;
+  struct Cells;
+  struct Groups;
+  using TileKey = std::tuple<int, int, std::int64_t, std::int64_t>;  // sheet, octave, column, row
+
+  const Groups& groups() const;
+  const Group& settled(int source) const;
+  void settle(Group& group) const;
+  double half_width_posts(const Group& group, int octave) const;
+  std::shared_ptr<const Tile> tile(const TileKey& key) const;
+  std::shared_ptr<const Tile> make_tile(const TileKey& key) const;
+  std::shared_ptr<const Tile> joined_tile(const TileKey& key) const;
+  Cells open_cells(int sheet, int octave, std::int64_t x0, std::int64_t y0, std::int64_t x1, std::int64_t y1,
+                   std::vector<SourceIndex>& unusable) const;
+  void read_valid(int source, std::int64_t x0, std::int64_t y0, int w, int h, std::vector<char>& valid,
+                  std::vector<SourceIndex>& unusable) const;
+  static constexpr char kBeside = 1, kInside = 2;
+  enum class Reach { none, half_a_post };  // of a file beyond its outermost posts
+  void cover(int source, const std::vector<Geographic>& places, Reach reach, std::vector<char>& cover,
+             std::vector<SourceIndex>& unusable) const;
+
+  const Catalogue& catalogue_;
+  Read read_;
+  bool fall_through_;
+  mutable std::vector<std::atomic<signed char>> meets_;  // -1: not yet known
+  mutable Once grouped_;
+  mutable std::unique_ptr<Groups> groups_;
+  mutable std::mutex mutex_;
+  mutable std::map<TileKey, std::shared_ptr<const Tile>> tiles_;
+};
+
+}  // namespace selenograph::dem

@@ -1,0 +1,82 @@
+// Which chunks the quadtree is cut into, down to which level of posts, and where their levels differ.
+//
+// Between posts that are far apart the finest surface is triangles; where finer posts lie beside, a coarse layer's
+// surface between its own posts is bicubic. On the border of both the finer side takes the coarser one's edges
+// (terrain.h). They are metres apart where a global layer of 2 km goes on into a chunk of 5 m posts: a wall one fine
+// post wide. So the coarse layer's heights go over from one to the other within a quad of the coarser side.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <mutex>
+#include <unordered_map>
+#include <vector>
+
+#include "dem/catalogue/catalogue.h"
+#include "dem/grid/block.h"
+#include "dem/grid/lattice.h"
+
+namespace selenograph::dem {
+
+struct PostWindow;
+
+// A chunk starts at one of these levels and reaches at most kChunkOctaves finer: one file stays below 100 MB, and a
+// frame of a small area of fine posts doesn't read the 4-degree tile around it.
+inline constexpr std::array<int, 3> kStrata{kRootLevel, 6, 12};
+inline constexpr int kChunkOctaves = 6;
+
+// The files of a catalogue that come within `margin_deg` of a block, over a pole, too.
+std::vector<int> files_touching(const Catalogue& catalogue, const BlockId& id, double margin_deg);
+// Those that have more than a border in common with it: a row of posts alone makes no surface.
+std::vector<int> files_within(const Catalogue& catalogue, const BlockId& id);
+
+// What the chunk of a node is made of: see ChunkPlan.
+struct ChunkLevels {
+  bool exists = false, direct = true;
+  int base_level = 0;
+};
+
+// A piece of a parallel or a meridian with the triangles of coarser posts on one side. It begins and ends at such
+// posts.
+struct LevelBorder {
+  bool along_parallel = false;
+  std::int64_t at = 0, from = 0, to = 0;  // ticks: where it lies, and between which it runs
+  int level = 0;                          // of the coarser posts
+  std::int32_t step = 0, reach = 0;       // ticks between them along the border, and across it
+};
+
+// Safe to call concurrently.
+class LevelBorders {
+ public:
+  explicit LevelBorders(const Catalogue& catalogue);
+
+  // Whether there are posts of different levels at all.
+  bool any() const { return any_; }
+  // `node`: of level kStrata[stratum].
+  ChunkLevels levels_of(const BlockId& node, std::size_t stratum) const;
+  // The level that a file needs (PostSource::level_needed).
+  int level_of_file(std::size_t file) const { return levels_[file]; }
+  // Those that posts of a window lie beside, within `reach`, and whose coarser side is coarser than the window.
+  std::vector<LevelBorder> near(const PostWindow& window) const;
+
+ private:
+  bool is_finer(const BlockId& place, std::size_t stratum, int level) const;
+  void add_borders_of(const BlockId& node, std::size_t stratum, int level, std::vector<LevelBorder>& found) const;
+
+  const Catalogue& catalogue_;
+  std::vector<int> levels_;  // by file
+  bool any_ = false;
+  mutable std::mutex mutex_;
+  mutable std::unordered_map<BlockId, ChunkLevels, BlockIdHash> known_;
+};
+
+// Heights that are composed at a row or a column of posts, without being joined.
+using ComposeLine = std::function<std::vector<float>(const PostWindow& line)>;
+
+// Joins the heights of a window's posts with the triangles of coarser posts beside them: those of files that are no
+// finer than these. NaN stays.
+void join_levels(const LevelBorders& borders, const PostWindow& window, const ComposeLine& compose,
+                 const SourceMark* sources, float* heights_m);
+
+}  // namespace selenograph::dem

@@ -1,0 +1,120 @@
+// Finest posts over a window of the lattice, composed from every layer that covers it.
+//
+// The finest valid layer wins; no-data is filled from the next coarser layer. What is still missing between valid posts
+// is interpolated and flagged. Beside its border a layer is blended into those beneath (layer_edges.h): its own height
+// h becomes (1 - e) h + e b, where b is what the coarser layers alone give there, blended likewise.
+// A product whose posts lie on the lattice is copied; any other is interpolated by a
+// Catmull-Rom bicubic kernel (bilinear beside voids), exact for a linear slope.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <list>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "dem/catalogue/catalogue.h"
+#include "dem/grid/block.h"
+#include "dem/posts/layer_edges.h"
+#include "dem/posts/level_borders.h"
+#include "dem/posts/source_rows.h"
+#include "dem/support/stop_token.h"
+#include "dem/support/uninitialised.h"
+
+namespace selenograph::dem {
+
+// A window of posts: rows of latitude ticks lat0 + r * lat_step, columns of longitude ticks lon0 + c * lon_step. It may
+// reach past a pole (rows continue on the opposite meridian) and around the globe.
+struct PostWindow {
+  std::int64_t lat0 = 0, lon0 = 0;
+  std::int32_t lat_step = 1, lon_step = 1;
+  int rows = 0, cols = 0;
+  std::size_t size() const { return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols); }
+};
+
+struct Posts {
+  std::vector<float> heights;           // m, NaN: no data
+  std::vector<SourceMark> sources;      // as in Block::sources
+  std::vector<SourceIndex> replaced{};  // unusable files that the next coarser layer replaced; ascending
+};
+
+// A grid of posts too large for a mark each.
+struct PostGridRows {
+  UninitialisedVector<float> heights;  // as in Posts
+  SourceRows sources;
+  std::vector<SourceIndex> replaced{};
+};
+
+// No-data is interpolated when valid posts lie on two opposite sides within this many posts: 240 m at SLDEM2013's
+// 4096 px/deg, which closes what stereo matching loses in small shadows and leaves real gaps as gaps.
+inline constexpr int kFillReach = 32;
+
+// Safe to call concurrently: keeps a pool of open files, each lent to one thread at a time.
+class PostSource {
+ public:
+  // `warn(file, text)` is told of each unusable file that a coarser layer replaced (fall_through), and of impossible
+  // posts; without fall_through an unusable file throws DataError. A SystemFault is nobody's replacement: it is thrown.
+  using Warn = std::function<void(const std::string& file, const std::string& text)>;
+  PostSource(const Catalogue& catalogue, bool fall_through, Warn warn);
+  ~PostSource();
+
+  // The lattice level that a source needs for its posts to be (nearly) vertices.
+  static int level_needed(const RasterInfo& info);
+
+  // Posts of one file, as Raster::read() has them, with its layer's offset.
+  void read(int source, int x0, int y0, int w, int h, float* heights_m) const;
+
+  // In the catalogue.
+  int files() const { return static_cast<int>(catalogue_.rasters().size()); }
+  // Layers composed, voids not yet filled. Of the first `files` of the catalogue alone: what lies beneath the others.
+  Posts compose(const PostWindow& window, const StopToken& stop = {}) const;
+  Posts compose(const PostWindow& window, int files, const StopToken& stop) const;
+  // The same with voids filled, in the memory that `grid` has already.
+  void compose_filled(const PostWindow& window, PostGridRows& grid, const StopToken& stop) const;
+  // Fills voids, in place. Needs kFillReach posts of context around what must be right.
+  static void fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop = {});
+
+  // Where layers meet, and where levels do.
+  const LayerEdges& edges() const { return edges_; }
+  const LevelBorders& borders() const { return borders_; }
+
+ private:
+  class Pool;
+  class Mapping;
+  struct Patch;
+  void close_gaps(int source, Patch& patch) const;
+  struct Strip;
+  template <typename Use>
+  void for_strips(const PostWindow& window, const StopToken& stop, Use&& use) const;
+  void compose_strip(const PostWindow& window, const Strip& strip, const StopToken& stop) const;
+  void compose_part(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
+  void join(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
+  struct Blending;
+  void blend(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
+  void blend_layer(const PostWindow& part, std::size_t offset, const Strip& strip, std::span<Blending> sources,
+                   const StopToken& stop) const;
+  enum class Reach { between_posts, beside_posts };
+  class Filling;
+  struct Part;
+  struct Range;
+  class Columns;
+  class ColumnsOfFiles;
+  class AlongRows;
+  static void fill_rows(const Patch& patch, const Columns& columns, const Part& rows, Filling& filling);
+  std::size_t add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
+                        const Strip& strip) const;
+  const Catalogue& catalogue_;
+  bool fall_through_;
+  Warn warn_;
+  std::unique_ptr<Pool> pool_;
+  mutable std::mutex replaced_mutex_;  // of any Posts::replaced, which strips share
+  double post_deg_ = 0;                // of the coarsest file
+  LayerEdges edges_;
+  LevelBorders borders_;
+};
+
+}  // namespace selenograph::dem

@@ -1,0 +1,127 @@
+// Voids between valid posts, filled tile by tile.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "dem/posts/post_source.h"
+
+namespace selenograph::dem {
+
+inline bool any_void(const float* h, int n) {
+  int any = 0;  // not bool: the compiler makes vectors of it
+  for (int i = 0; i < n; ++i) any |= h[i] != h[i];
+  return any != 0;
+}
+
+inline bool all_void(const float* h, int n) {
+  int any = 0;
+  for (int i = 0; i < n; ++i) any |= h[i] == h[i];
+  return any == 0;
+}
+
+struct FilledPost {
+  std::size_t at;
+  float height_m;
+  SourceMark source;
+};
+
+// The voids of one tile of a window.
+class TileOfVoids {
+ public:
+  static constexpr int kSide = 64;
+
+  TileOfVoids(const PostWindow& window, const float* heights, int row, int col)
+      : window_(window),
+        heights_(heights),
+        r0_(row),
+        r1_(std::min(row + kSide, window.rows)),
+        c0_(col),
+        c1_(std::min(col + kSide, window.cols)) {}
+
+  // `mark(place)`: of a valid post, by its place among the heights.
+  template <typename Mark>
+  std::vector<FilledPost> filled(const Mark& mark) const {
+    if (!has_voids() || !has_valid_nearby()) return {};
+    Distances west{}, east{}, south{}, north{};
+    for (int r = r0_; r < r1_; ++r) {
+      std::uint8_t since = 0;
+      for (int c = std::max(c0_ - kFillReach, 0); c < c1_; ++c) step(r, c, since, west);
+      since = 0;
+      for (int c = std::min(c1_ + kFillReach, window_.cols) - 1; c >= c0_; --c) step(r, c, since, east);
+    }
+    std::array<std::uint8_t, kSide> below{}, above{};  // posts since the last valid one, 0: too long ago
+    for (int r = std::max(r0_ - kFillReach, 0); r < r1_; ++r)
+      for (int c = c0_; c < c1_; ++c) step(r, c, below[static_cast<std::size_t>(c - c0_)], south);
+    for (int r = std::min(r1_ + kFillReach, window_.rows) - 1; r >= r0_; --r)
+      for (int c = c0_; c < c1_; ++c) step(r, c, above[static_cast<std::size_t>(c - c0_)], north);
+
+    std::vector<FilledPost> found;
+    for (int r = r0_; r < r1_; ++r)
+      for (int c = c0_; c < c1_; ++c) {
+        const std::size_t k = local(r, c);
+        const auto at = static_cast<std::ptrdiff_t>(index(r, c));
+        if (!std::isnan(heights_[static_cast<std::size_t>(at)])) continue;
+        double sum = 0, weight = 0;
+        int nearest = kFillReach + 1;
+        SourceMark source = kNoSource;
+        const auto between = [&](int before, int after, std::ptrdiff_t apart) {
+          if (before == 0 || after == 0) return;
+          for (const auto& [distance, from] : {std::pair{before, at - before * apart}, {after, at + after * apart}}) {
+            const auto there = static_cast<std::size_t>(from);
+            sum += static_cast<double>(heights_[there]) / distance, weight += 1.0 / distance;
+            if (distance < nearest) nearest = distance, source = mark(there);
+          }
+        };
+        between(west[k], east[k], 1);
+        between(south[k], north[k], window_.cols);
+        if (weight > 0)
+          found.push_back({static_cast<std::size_t>(at), static_cast<float>(sum / weight), source | kFilledBit});
+      }
+    return found;
+  }
+
+ private:
+  // Of each post of the tile: how far the nearest valid one is in one direction; 0: none within kFillReach.
+  using Distances = std::array<std::uint8_t, kSide * kSide>;
+  static_assert(kFillReach < 256);
+
+  bool has_voids() const {
+    for (int r = r0_; r < r1_; ++r)
+      if (any_void(&heights_[index(r, c0_)], c1_ - c0_)) return true;
+    return false;
+  }
+
+  bool has_valid_nearby() const {
+    const int west = std::max(c0_ - kFillReach, 0), east = std::min(c1_ + kFillReach, window_.cols);
+    for (int r = std::max(r0_ - kFillReach, 0); r < std::min(r1_ + kFillReach, window_.rows); ++r)
+      if (!all_void(&heights_[index(r, west)], east - west)) return true;
+    return false;
+  }
+
+  std::size_t index(int r, int c) const {
+    return static_cast<std::size_t>(r) * static_cast<std::size_t>(window_.cols) + static_cast<std::size_t>(c);
+  }
+  std::size_t local(int r, int c) const { return static_cast<std::size_t>((r - r0_) * kSide + c - c0_); }
+
+  // One post further along a row or column.
+  void step(int r, int c, std::uint8_t& since, Distances& distances) const {
+    if (!std::isnan(heights_[index(r, c)])) {
+      since = 1;
+      return;
+    }
+    if (r >= r0_ && r < r1_ && c >= c0_ && c < c1_) distances[local(r, c)] = since;
+    since = since == 0 || since == kFillReach ? 0 : static_cast<std::uint8_t>(since + 1);
+  }
+
+  const PostWindow& window_;
+  const float* heights_;
+  int r0_, r1_, c0_, c1_;
+};
+
+}  // namespace selenograph::dem

@@ -1,0 +1,139 @@
+// A piece of the pyramid: all blocks of one quadtree node, from its own level down to the posts, as one file.
+//
+// Level k keeps every 2^k-th position, low-pass filtered per octave by the binomial [1 2 1]/4 in both directions, so
+// that a coarse mesh is the band-limited surface. Each block stores the largest vertical distance from its surface to
+// the finest one (by the same triangles that are rendered), and the lowest and highest height. Of blocks of the posts
+// themselves the file holds only these: their heights are read from the sources.
+//
+// File: header, index of records, names of sources, records. Everything is little-endian and covered by XXH3 checksums.
+// A file appears whole or not at all (temporary name, fsync, rename).
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <vector>
+
+#include "dem/files/files.h"
+#include "dem/grid/block.h"
+#include "dem/posts/post_source.h"
+#include "dem/support/error.h"
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
+
+namespace selenograph::dem {
+
+// What a chunk is made of. Direct: its base level comes from the sources. Otherwise its base level is the top level of
+// the finer chunks beneath, which hold that level themselves.
+struct ChunkPlan {
+  BlockId node;
+  int base_level = 0;
+  bool direct = true;
+  std::uint64_t fingerprint = 0;  // of everything that the content depends on
+  bool exists = false;            // some source touches it
+  bool on_network = false;        // one of the files that it is made of is on a network
+  int coarsest_level() const { return node.level == kRootLevel ? 0 : node.level; }
+  int finest_level() const { return direct ? base_level : base_level - 1; }
+};
+
+class Chunk {
+ public:
+  struct Record {
+    std::int32_t level = 0, row = 0, col = 0;
+    std::uint32_t flags = 0;
+    std::uint64_t offset = 0, size = 0, checksum = 0;
+    double error_m = 0;
+    float min_m = 0, max_m = 0;
+    float lowest_m = 0;  // kSteps: of what is stored
+    std::uint32_t reserved = 0;
+  };
+  static constexpr std::uint32_t kSteps = 1, kEmpty = 4, kFromSources = 8;
+
+  // What a chunk that is not direct is made of: the finer chunks' top blocks, null where there is nothing, and the
+  // files that those lack.
+  struct Finer {
+    std::unordered_map<BlockId, std::shared_ptr<const Block>, BlockIdHash> blocks;
+    std::vector<SourceIndex> replaced;
+  };
+  // Those blocks, by the plan.
+  static std::vector<BlockId> finer_blocks(const ChunkPlan& plan);
+
+  // The bytes of a chunk file, and the files that it lacks: unusable, so the next coarser layer replaced them. What is
+  // made with any of these is not to be kept.
+  struct Built {
+    std::string bytes;
+    std::vector<SourceIndex> replaced;
+  };
+  // Grids of one build for the next: some 120 MB, which the system would have to clear again.
+  class Scratch {
+   public:
+    PostGridRows take() {
+      if (kept_.empty()) return {};
+      PostGridRows grid = std::move(kept_.back());
+      kept_.pop_back();
+      return grid;
+    }
+    void give(PostGridRows grid) { kept_.push_back(std::move(grid)); }
+    void clear() { kept_.clear(); }
+
+   private:
+    std::vector<PostGridRows> kept_;
+  };
+
+  // `finer` is for a plan that is not direct; `scratch` may be null. Throws Cancelled when it is stopped.
+  static Built build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
+                     const Finer& finer = {}, const StopToken& stop = {}, Scratch* scratch = nullptr);
+
+  // Null when there is no such file. Throws DataError when it is damaged, or made of something else than the plan's
+  // fingerprint; SystemFault when it can't be read, which says nothing about it.
+  static std::shared_ptr<const Chunk> open(const std::string& path, const ChunkPlan& plan, const Catalogue& catalogue);
+  static std::shared_ptr<const Chunk> from_bytes(std::string bytes, const ChunkPlan& plan, const Catalogue& catalogue,
+                                                 std::vector<SourceIndex> replaced = {});
+
+  // The file's content, of a chunk that is in memory; empty, of one that is read from its file.
+  std::string_view content() const { return bytes_; }
+
+  const Record* find(const BlockId& id) const;
+  // Null when the block is empty. Throws DataError naming this (see name()) when its record is damaged, naming another
+  // file when posts can't be read; OtherSources when there are others than when it was made; SystemFault.
+  std::shared_ptr<const Block> load(const BlockId& id, const PostSource& source, const StopToken& stop = {}) const;
+  // Its path; of one in memory, what it is.
+  std::string name() const;
+  // Posts are not what bounds and coarser levels were made from: a file has vanished meanwhile, or changed.
+  class OtherSources : public DataError {
+    using DataError::DataError;
+  };
+  // As in Built.
+  const std::vector<SourceIndex>& replaced() const { return replaced_; }
+  // Whether the file that was opened is still there, unchanged.
+  bool current() const;
+  std::size_t bytes() const;
+
+ private:
+  void parse(const std::string& head, const ChunkPlan& plan, const Catalogue& catalogue);
+  std::string read(std::uint64_t offset, std::uint64_t size) const;
+  std::vector<float> stored(const Record& record, Block& block) const;
+
+  BlockId node_;
+  std::string path_;  // empty when the bytes are here
+  FileState state_;   // of that file
+  std::string bytes_;
+  std::vector<SourceIndex> replaced_;
+  std::uint64_t total_ = 0;
+  double quantisation_m_ = 0;
+  int base_level_ = 0;
+  std::vector<SourceIndex> catalogue_index_;  // of the chunk's own source numbers
+  std::unordered_map<BlockId, Record, BlockIdHash> records_;
+};
+
+// Writes `bytes` under a temporary name, flushes and renames; what can't be is removed again. Throws SystemFault naming
+// the path.
+void write_whole_file(const std::string& path, std::string_view bytes);
+
+// Throws SystemFault when write_whole_file() to this folder would: makes it if missing, and writes a byte.
+void probe_folder(const std::string& folder);
+
+}  // namespace selenograph::dem

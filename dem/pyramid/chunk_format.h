@@ -1,0 +1,101 @@
+// The bytes of a chunk file: see chunk.h. Shared by building and reading only.
+#pragma once
+
+#include <xxhash.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "dem/pyramid/chunk.h"
+
+namespace selenograph::dem::format {
+
+inline constexpr char kMagic[8] = {'S', 'G', 'P', 'Y', 'R', 'A', 'M', '2'};
+
+// Heights of filtered levels are whole multiples of this. A power of two, so that they are exact as float; the slope
+// between two posts is known to 0.0006 or better, and 16 bits of it reach over 28 degrees across a block. It follows
+// from the level alone: blocks that meet agree on their border.
+inline double height_step_m(int level) { return std::clamp(std::ldexp(1.0, 4 - level), 1.0 / 256, 0.5); }
+inline constexpr std::uint16_t kVoidSteps = 65535;
+
+struct Header {
+  char magic[8];
+  std::uint64_t total_bytes;
+  std::uint64_t fingerprint;
+  std::uint64_t head_checksum;  // over everything before the first record, itself taken as 0
+  double quantisation_m;
+  std::int32_t level, row, col, base_level;
+  std::uint32_t records, names_bytes;
+};
+static_assert(std::is_trivially_copyable_v<Header> && std::is_trivially_copyable_v<Chunk::Record>);
+
+// Posts that follow each other, row by row from the south-west, and come from the same source.
+struct Run {
+  SourceMark mark;
+  std::uint32_t posts;
+};
+
+// `head` is the header and what follows it up to the first record.
+inline std::uint64_t checksum_of_head(std::string head) {
+  std::memset(head.data() + offsetof(Header, head_checksum), 0, sizeof(Header::head_checksum));
+  return XXH3_64bits(head.data(), head.size());
+}
+
+template <typename T>
+void append(std::string& out, const std::vector<T>& values) {
+  out.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
+}
+
+// `for_each` calls back with every (record, bytes), twice with the same order.
+template <typename ForEach>
+std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::vector<const RasterInfo*>& sources,
+                     ForEach&& for_each) {
+  std::string names;
+  for (const RasterInfo* info : sources) names.append(info->path.c_str(), info->path.size() + 1);
+  Header header{};
+  std::memcpy(header.magic, kMagic, sizeof kMagic);
+  header.fingerprint = plan.fingerprint;
+  header.quantisation_m = quantisation_m;
+  header.level = plan.node.level, header.row = plan.node.row, header.col = plan.node.col,
+  header.base_level = plan.base_level;
+  header.names_bytes = static_cast<std::uint32_t>(names.size());
+  for_each([&](Chunk::Record&, std::string&) { ++header.records; });
+  std::uint64_t offset = sizeof(Header) + header.records * sizeof(Chunk::Record) + names.size();
+  std::string index;
+  for_each([&](Chunk::Record& record, std::string&) {
+    record.offset = offset;
+    offset += record.size;
+    index.append(reinterpret_cast<const char*>(&record), sizeof record);
+  });
+  index += names;
+  header.total_bytes = offset;
+  header.head_checksum = checksum_of_head(std::string(reinterpret_cast<const char*>(&header), sizeof header) + index);
+  std::string out(reinterpret_cast<const char*>(&header), sizeof header);
+  out.reserve(offset);
+  out += index;
+  for_each([&](Chunk::Record&, std::string& bytes) { out += bytes; });
+  return out;
+}
+
+}  // namespace selenograph::dem::format
+
+namespace selenograph::dem {
+
+// A block of the posts themselves, from their files: as the base of the chunk of `node` has them.
+struct PostsOfBlock {
+  std::vector<float> heights;       // (quads + 1 + 2 kHalo)^2
+  std::vector<SourceMark> sources;  // (quads + 1)^2, by the catalogue's numbers
+  std::vector<SourceIndex> replaced;
+};
+PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, const StopToken& stop);
+// Of the first `files` of the catalogue alone.
+PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, int files,
+                           const StopToken& stop);
+
+}  // namespace selenograph::dem

@@ -1,0 +1,220 @@
+// A single-flight LRU cache with a budget in bytes: of several callers who miss the same key, one loads.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <unordered_map>
+#include <utility>
+
+#include "dem/support/error.h"
+#include "dem/support/stop_token.h"
+
+namespace selenograph::dem {
+
+// How often somebody who waits looks whether to wait on.
+inline constexpr std::chrono::milliseconds kLookUp{20};
+
+// Values are shared and immutable; an evicted value lives on until its last user lets go. A load that throws is not
+// remembered: the next caller tries again. Safe to call concurrently.
+template <typename Key, typename Value, typename Hash = std::hash<Key>>
+class Cache {
+ public:
+  using Pointer = std::shared_ptr<const Value>;
+  struct Loaded {
+    Pointer value;  // may be null: "nothing there" is remembered too
+    std::size_t bytes;
+  };
+
+  // What values take that have parts in common: how many bytes one more adds, and how many go with one.
+  class Count {
+   public:
+    virtual ~Count() = default;
+    virtual std::size_t add(const Value& value) = 0;
+    virtual std::size_t remove(const Value& value) = 0;
+  };
+
+  // Without a `count` each takes the bytes that its loading says.
+  explicit Cache(std::size_t capacity_bytes, std::unique_ptr<Count> count = nullptr)
+      : capacity_(capacity_bytes), count_(std::move(count)) {}
+
+  // The value for `key`, loading it by `load() -> Loaded` if needed. Of several callers at once, one loads, the others
+  // wait, each until its own `stop`: then Cancelled. A load that is given up (it throws Cancelled) fails nobody else:
+  // one of those who wait loads in its place.
+  template <typename Load>
+  Pointer get(const Key& key, Load&& load, const StopToken& stop = {}) {
+    std::shared_ptr<Flight> flight;
+    {
+      std::unique_lock lock(mutex_);
+      for (;;) {
+        if (const auto found = entries_.find(key); found != entries_.end()) return used(found);
+        const auto flying = flights_.find(key);
+        if (flying == flights_.end()) break;
+        flight = flying->second;
+        while (!flight->done) {
+          stop.check();
+          landed_.wait_for(lock, kLookUp);
+        }
+        if (flight->given_up) continue;
+        if (flight->error) std::rethrow_exception(flight->error);
+        ++hits_;
+        return flight->value;
+      }
+      ++misses_;
+      flight = flights_[key] = std::make_shared<Flight>();
+    }
+    try {
+      Loaded loaded = load();
+      land(key, *flight, std::move(loaded));
+    } catch (const Cancelled&) {
+      flight->given_up = true;
+      fail(key, *flight, nullptr);
+      throw;
+    } catch (...) {
+      fail(key, *flight, std::current_exception());
+      throw;
+    }
+    return flight->value;
+  }
+
+  // Of values that somebody has a pointer to: what no eviction can free now.
+  std::size_t bytes_in_use() const {
+    std::lock_guard lock(mutex_);
+    std::size_t sum = 0;
+    for (const auto& [key, entry] : entries_)
+      if (entry.value.use_count() > 1) sum += entry.bytes;
+    return std::min(sum, bytes_);
+  }
+
+  // Neither loads nor counts as a use.
+  bool holds(const Key& key) const {
+    std::lock_guard lock(mutex_);
+    return entries_.count(key) > 0;
+  }
+
+  // What is here, perhaps a null pointer; nullopt when nothing is. Counts as a use.
+  std::optional<Pointer> find(const Key& key) {
+    std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    return found == entries_.end() ? std::nullopt : std::optional(used(found));
+  }
+
+  // What is here, null when nothing is. Neither loads nor counts as a use.
+  Pointer peek(const Key& key) const {
+    std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    return found == entries_.end() ? nullptr : found->second.value;
+  }
+
+  // Another value in the place of one that is still here.
+  void replace(const Key& key, const Pointer& before, Pointer value, std::size_t bytes) {
+    std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    if (found == entries_.end() || found->second.value != before) return;
+    bytes_ += bytes - found->second.bytes;
+    found->second.value = std::move(value), found->second.bytes = bytes;
+  }
+
+  void erase(const Key& key) {
+    std::lock_guard lock(mutex_);
+    if (const auto found = entries_.find(key); found != entries_.end()) drop(found);
+  }
+
+  // Bytes held elsewhere on the same budget: this much less may be kept here.
+  void reserve(std::size_t bytes) {
+    std::lock_guard lock(mutex_);
+    reserved_ = bytes;
+    evict();
+  }
+
+  std::size_t bytes() const { return locked(bytes_); }
+  std::size_t capacity() const { return capacity_; }
+  std::uint64_t hits() const { return locked(hits_); }
+  std::uint64_t misses() const { return locked(misses_); }
+  std::uint64_t evictions() const { return locked(evictions_); }
+
+ private:
+  struct Entry {
+    Pointer value;
+    std::size_t bytes;
+    typename std::list<Key>::iterator place;
+  };
+  struct Flight {
+    bool done = false, given_up = false;
+    Pointer value;
+    std::exception_ptr error;
+  };
+  using Entries = std::unordered_map<Key, Entry, Hash>;
+
+  template <typename T>
+  T locked(const T& value) const {
+    std::lock_guard lock(mutex_);
+    return value;
+  }
+
+  Pointer used(typename Entries::iterator entry) {
+    ++hits_;
+    order_.splice(order_.begin(), order_, entry->second.place);
+    return entry->second.value;
+  }
+
+  void land(const Key& key, Flight& flight, Loaded loaded) {
+    std::lock_guard lock(mutex_);
+    const std::size_t bytes = count_ && loaded.value ? count_->add(*loaded.value) : loaded.bytes;
+    flight.value = loaded.value;
+    flight.done = true;
+    flights_.erase(key);
+    order_.push_front(key);
+    entries_[key] = {std::move(loaded.value), loaded.bytes, order_.begin()};
+    bytes_ += bytes;
+    evict();
+    landed_.notify_all();
+  }
+
+  void fail(const Key& key, Flight& flight, const std::exception_ptr& error) {
+    std::lock_guard lock(mutex_);
+    flight.error = error;
+    flight.done = true;
+    flights_.erase(key);
+    landed_.notify_all();
+  }
+
+  // Entries in use are passed over: they stay in memory anyway, and dropping them would only hide them from the
+  // budget.
+  void evict() {
+    auto place = order_.end();
+    while (bytes_ + reserved_ > capacity_ && place != order_.begin()) {
+      --place;
+      const auto found = entries_.find(*place);
+      if (found->second.value.use_count() > 1) continue;
+      ++place;
+      drop(found);
+      ++evictions_;
+    }
+  }
+
+  void drop(typename Entries::iterator entry) {
+    const Pointer& value = entry->second.value;
+    bytes_ -= count_ && value ? count_->remove(*value) : entry->second.bytes;
+    order_.erase(entry->second.place);
+    entries_.erase(entry);
+  }
+
+  mutable std::mutex mutex_;
+  std::condition_variable landed_;
+  Entries entries_;
+  std::list<Key> order_;  // most recently used first
+  std::unordered_map<Key, std::shared_ptr<Flight>, Hash> flights_;
+  std::size_t capacity_, bytes_ = 0, reserved_ = 0;
+  std::unique_ptr<Count> count_;
+  std::uint64_t hits_ = 0, misses_ = 0, evictions_ = 0;
+};
+
+}  // namespace selenograph::dem

@@ -1,0 +1,142 @@
+#include "dem/terrain/build_queue.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "dem/support/cache.h"
+#include "dem/support/parallel.h"
+
+namespace selenograph::dem {
+
+BuildQueue::BuildQueue(int threads, TakeTurn take_turn, std::function<void()> rest)
+    : take_turn_(std::move(take_turn)),
+      rest_(std::move(rest)),
+      arena_(threads > 0 ? threads : tbb::task_arena::automatic) {}
+
+BuildQueue::~BuildQueue() {
+  stop();
+  for (Builder& builder : builders_)
+    if (builder.thread.joinable()) builder.thread.join();
+}
+
+void BuildQueue::stop() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  added_.notify_all();
+  landed_.notify_all();
+}
+
+std::shared_ptr<const Chunk> BuildQueue::get(const ChunkPlan& plan, const StopToken& stop) {
+  std::unique_lock lock(mutex_);
+  if (stopping_) throw Cancelled();
+  const std::shared_ptr<Job> job = find_or_add(plan);
+  ++job->wanted;
+  try {
+    while (!job->done) {
+      stop.check();
+      if (stopping_) throw Cancelled();
+      landed_.wait_for(lock, kLookUp);
+    }
+  } catch (...) {
+    if (--job->wanted == 0) added_.notify_all();  // it can be dropped
+    throw;
+  }
+  --job->wanted;
+  if (job->error) std::rethrow_exception(job->error);
+  return job->chunk;
+}
+
+std::shared_ptr<BuildQueue::Job> BuildQueue::find_or_add(const ChunkPlan& plan) {
+  if (const auto found = jobs_.find(plan.node); found != jobs_.end()) return found->second;
+  Builder& builder = builders_[plan.on_network];
+  if (!builder.thread.joinable())
+    builder.thread = std::thread([this, on_network = plan.on_network] { run(on_network); });
+  const auto job = std::make_shared<Job>();
+  job->work.plan = plan;
+  builder.queue.push_back(job);
+  jobs_[plan.node] = job;
+  added_.notify_all();
+  return job;
+}
+
+// Not what waits for another chunk, which may be with the other builder.
+bool BuildQueue::can_go_on(const Job& job) { return job.wanted == 0 || !job.awaited || job.awaited->done; }
+
+void BuildQueue::run(bool on_network) {
+  std::unique_lock lock(mutex_);
+  std::deque<std::shared_ptr<Job>>& queue = builders_[on_network].queue;
+  const auto next = [&] {
+    return std::find_if(queue.begin(), queue.end(), [](const auto& job) { return can_go_on(*job); });
+  };
+  for (;;) {
+    const auto something_to_do = [&] { return stopping_ || next() != queue.end(); };
+    if (!added_.wait_for(lock, std::chrono::seconds(1), something_to_do)) {
+      if (rest_ && !on_network) rest_();
+      added_.wait(lock, something_to_do);
+    }
+    if (stopping_) return;
+    const auto place = next();
+    const std::shared_ptr<Job> job = std::move(*place);
+    queue.erase(place);
+    if (job->wanted == 0) {
+      let_go(*job);
+      jobs_.erase(job->work.plan.node);
+    } else {
+      advance(job, lock);
+    }
+  }
+}
+
+void BuildQueue::advance(const std::shared_ptr<Job>& job, std::unique_lock<std::mutex>& lock) {
+  if (job->awaited) {
+    const std::shared_ptr<Job> finer = job->awaited;
+    let_go(*job);
+    if (finer->error) return finish(*job, nullptr, finer->error);
+    job->work.made = finer->chunk;
+  }
+  Turn turn;
+  std::exception_ptr error;
+  lock.unlock();
+  try {
+    const auto take = [&] { return take_turn_(job->work, StopToken(StopToken::Clock::time_point::max(), &stopping_)); };
+    turn = job->work.plan.on_network ? on_own_threads(kNetworkReaders, take) : in_arena(arena_, take);
+  } catch (...) {
+    error = std::current_exception();
+  }
+  lock.lock();
+  try {
+    if (!error && !turn.chunk) return await(job, *turn.needs_first);
+  } catch (...) {  // the system has no thread for the other builder
+    error = std::current_exception();
+  }
+  finish(*job, std::move(turn.chunk), error);
+}
+
+// The finer chunk comes first, then this one again; others in the queue have their turns between.
+void BuildQueue::await(const std::shared_ptr<Job>& job, const ChunkPlan& first) {
+  job->awaited = find_or_add(first);
+  ++job->awaited->wanted;
+  job->work.asked_for = first;
+  job->work.made.reset();
+  builders_[job->work.plan.on_network].queue.push_back(job);
+}
+
+void BuildQueue::finish(Job& job, std::shared_ptr<const Chunk> chunk, std::exception_ptr error) {
+  jobs_.erase(job.work.plan.node);
+  job.chunk = std::move(chunk);
+  job.error = std::move(error);
+  job.done = true;
+  job.work.finer = {};
+  landed_.notify_all();
+  added_.notify_all();  // those that it was needed for can go on
+}
+
+void BuildQueue::let_go(Job& job) {
+  if (!job.awaited) return;
+  if (--job.awaited->wanted == 0) added_.notify_all();
+  job.awaited.reset();
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,325 @@
+#include "dem/value_maps/value_map.h"
+
+#include <fmt/format.h>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+
+#include "dem/gdal/value_raster.h"
+#include "dem/grid/geodesy.h"
+#include "dem/support/cache.h"
+
+namespace selenograph::dem {
+namespace {
+
+constexpr int kTile = kMapTile;
+constexpr std::size_t kTexels = static_cast<std::size_t>(kTile) * kTile;
+constexpr int kMostProbes = 16;    // along a side
+constexpr double kPolar_deg = 75;  // beyond, a texel is about a quarter as wide as high, or less
+constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+
+struct TileKey {
+  std::uint64_t map;
+  std::int64_t level, tx, ty;
+  bool operator==(const TileKey&) const = default;
+};
+struct TileKeyHash {
+  std::size_t operator()(const TileKey& key) const { return XXH3_64bits(&key, sizeof key); }
+};
+
+using Tile = std::shared_ptr<const std::vector<float>>;
+
+double length_of(const std::array<double, 2>& v) { return std::sqrt(v[0] * v[0] + v[1] * v[1]); }
+
+// Probes along one side of a footprint.
+struct Probes {
+  int count;
+  std::array<double, 2> step, first;
+  std::array<double, 2> at(int i) const { return {first[0] + i * step[0], first[1] + i * step[1]}; }
+};
+
+// A probe is a mean itself: of a texel's square and of what lies between texels, which together vary by t^2 / 4. So
+// that all probes together vary by side^2 / 12 more than a point of the map itself does (1 / 4), those of coarse levels
+// lie a little closer together.
+Probes probes_along(const std::array<double, 2>& side, int level) {
+  constexpr double kPoint = 0.05;
+  const double texel = std::ldexp(1.0, level), length = length_of(side);
+  const double left = length * length - 3 * (texel * texel - 1);
+  if (length < kPoint || left <= 0) return {1, {0, 0}, {0, 0}};
+  const int count = std::clamp(static_cast<int>(std::ceil(length / texel)) + (level == 0), 2, kMostProbes);
+  const double spread = std::sqrt(left / (1 - 1.0 / (count * count))) / length, step = spread / count;
+  const double first = 0.5 * (step - spread);
+  return {count, {side[0] * step, side[1] * step}, {side[0] * first, side[1] * first}};
+}
+
+// A plane that touches the sphere, in texels along a meridian, x east and y south.
+class Touching {
+ public:
+  Touching(double lat_deg, double lon_deg, double texel_m)
+      : middle_(to_cartesian({lat_deg, lon_deg, 0})), axes_(local_axes(lat_deg, lon_deg)), texel_m_(texel_m) {}
+  Geographic place(double x, double y) const {
+    return to_geographic(middle_ + texel_m_ * (x * axes_.east - y * axes_.north));
+  }
+
+ private:
+  Vec3 middle_;
+  EastNorthUp axes_;
+  double texel_m_;
+};
+
+// A tile: values, and behind them how much of each texel has one, unless all of those that have a value have all of it.
+double coverage_of(const std::vector<float>& tile, std::size_t texel) {
+  if (std::isnan(tile[texel])) return 0;
+  return tile.size() > kTexels ? static_cast<double>(tile[kTexels + texel]) : 1;
+}
+
+// Of level 0, whose first has its middle at (0, 0).
+struct Texel {
+  double x, y;
+};
+
+}  // namespace
+
+class ValueMapTiles {
+ public:
+  explicit ValueMapTiles(std::size_t bytes) : tiles(bytes) {}
+  Cache<TileKey, std::vector<float>, TileKeyHash> tiles;
+  std::atomic<std::uint64_t> maps{0};  // so many have been opened
+};
+
+std::shared_ptr<ValueMapTiles> make_value_map_tiles(std::size_t bytes) {
+  return std::make_shared<ValueMapTiles>(bytes);
+}
+
+struct ValueMap::Impl {
+  Impl(const ValueMapOptions& o, std::shared_ptr<ValueMapTiles> t)
+      : options(o), file(o), kept(std::move(t)), number(kept->maps++) {
+    width = file.width(), height = file.height();
+    texels_per_deg = {1 / file.grid().dx_deg, 1 / file.grid().dy_deg};
+    wraps = std::abs(width * file.grid().dx_deg - 360) < 0.5 * file.grid().dx_deg;
+    while (std::max(level_width(levels - 1), level_height(levels - 1)) > 1) ++levels;
+    for (int n = 1; n < levels; ++n) overviews.push_back(file.overview_of_size(level_width(n), level_height(n)));
+  }
+
+  Texel texel_of(double lat_deg, double lon_deg) const {
+    const double east_deg = lon_deg - file.grid().west_deg;
+    return {(east_deg - 360 * std::floor(east_deg / 360)) * texels_per_deg[0] - 0.5,
+            (file.grid().north_deg - lat_deg) * texels_per_deg[1] - 0.5};
+  }
+
+  // Sides in texels.
+  std::array<double, 2> side_of(const std::array<double, 2>& side_m, double cos_lat) const {
+    constexpr double kDegreesPerMetre = 1 / kMetresPerDegree;
+    return {side_m[0] * (texels_per_deg[0] * kDegreesPerMetre) / cos_lat,
+            -side_m[1] * (texels_per_deg[1] * kDegreesPerMetre)};
+  }
+
+  int level_width(int level) const { return 1 + ((width - 1) >> level); }
+  int level_height(int level) const { return 1 + ((height - 1) >> level); }
+
+  // Of a coarse level without an overview, all of the file that it covers is read, once.
+  Tile tile(int level, int tx, int ty, const StopToken& stop) const {
+    const auto make = [&] {
+      stop.check();
+      auto made = std::make_shared<std::vector<float>>(kTexels, kNone);
+      const bool stored = level == 0 || overviews[static_cast<std::size_t>(level)] >= 0;
+      if (stored)
+        read(level, tx, ty, *made);
+      else
+        shrink(level, tx, ty, *made, stop);
+      const std::size_t bytes = made->size() * sizeof(float);
+      return Cache<TileKey, std::vector<float>, TileKeyHash>::Loaded{std::move(made), bytes};
+    };
+    return kept->tiles.get({number, level, tx, ty}, make, stop);
+  }
+
+  void read(int level, int tx, int ty, std::vector<float>& out) const {
+    const int x0 = tx * kTile, y0 = ty * kTile, w = std::min(kTile, level_width(level) - x0),
+              h = std::min(kTile, level_height(level) - y0);
+    std::vector<double> samples(kTexels);
+    file.read(overviews[static_cast<std::size_t>(level)], {x0, y0, w, h}, kTile, samples.data());
+    for (int y = 0; y < h; ++y)
+      for (int x = 0; x < w; ++x) {
+        const auto at = static_cast<std::size_t>(y * kTile + x);
+        const double value = options.scale * samples[at] + options.offset;
+        if (!std::isnan(value)) out[at] = static_cast<float>(std::clamp(value, options.low, options.high));
+      }
+  }
+
+  // Means of 2 x 2 texels of the level below. What is beyond the raster's last row and column is no part of a texel.
+  void shrink(int level, int tx, int ty, std::vector<float>& out, const StopToken& stop) const {
+    constexpr int kHalf = kTile / 2;
+    out.resize(2 * kTexels, 0.F);
+    bool whole = true;
+    for (const int dy : {0, 1})
+      for (const int dx : {0, 1}) {
+        const int x = 2 * tx + dx, y = 2 * ty + dy;
+        const int w = level_width(level - 1) - x * kTile, h = level_height(level - 1) - y * kTile;
+        if (w <= 0 || h <= 0) continue;
+        const Tile from = tile(level - 1, x, y, stop);
+        for (int v = 0; 2 * v < std::min(kTile, h); ++v)
+          for (int u = 0; 2 * u < std::min(kTile, w); ++u) {
+            double sum = 0, covered = 0;
+            int there = 0;
+            for (const int j : {2 * v, 2 * v + 1})
+              for (const int i : {2 * u, 2 * u + 1}) {
+                if (i >= w || j >= h) continue;
+                const auto at = static_cast<std::size_t>(j * kTile + i);
+                const double coverage = coverage_of(*from, at);
+                ++there, covered += coverage;
+                if (coverage > 0) sum += coverage * static_cast<double>((*from)[at]);
+              }
+            const auto to = static_cast<std::size_t>((dy * kHalf + v) * kTile + dx * kHalf + u);
+            if (covered > 0) out[to] = static_cast<float>(sum / covered);
+            out[kTexels + to] = static_cast<float>(covered / there);
+            whole &= covered == 0 || covered == there;
+          }
+      }
+    if (!whole) return;
+    out.resize(kTexels);
+    out.shrink_to_fit();
+  }
+
+  ValueMapOptions options;
+  ValueRaster file;
+  int width = 0, height = 0, levels = 1;
+  std::array<double, 2> texels_per_deg{};
+  bool wraps = false;
+  std::vector<int> overviews{-1};  // of each level, the file's overview of that size; -1: none
+  std::shared_ptr<ValueMapTiles> kept;
+  std::uint64_t number;  // of this map among those
+};
+
+double ValueMap::Footprint2::cosine(double lat_deg) { return std::cos(lat_deg * kRadiansPerDegree); }
+
+ValueMap::ValueMap(const ValueMapOptions& options, std::shared_ptr<ValueMapTiles> tiles)
+    : impl_(std::make_unique<Impl>(options, std::move(tiles))) {}
+ValueMap::~ValueMap() = default;
+ValueMap::ValueMap(ValueMap&&) noexcept = default;
+
+const std::string& ValueMap::path() const { return impl_->options.path; }
+
+bool ValueMap::current() const { return impl_->file.current(); }
+
+std::uint64_t ValueMap::fingerprint() const {
+  const ValueMapOptions& o = impl_->options;
+  std::string identity =
+      fmt::format("{}:{}:{}:{:a}:{:a}:{:a}:{:a}:{}", o.path, impl_->file.state().bytes, impl_->file.state().modified_ns,
+                  o.scale, o.offset, o.low, o.high, fmt::join(impl_->file.bands(), ","));
+  if (o.no_data) identity += fmt::format(":{:a}", *o.no_data);
+  if (o.extent)
+    identity += fmt::format(":{:a}:{:a}:{:a}:{:a}", o.extent->west_deg, o.extent->east_deg, o.extent->south_deg,
+                            o.extent->north_deg);
+  return XXH3_64bits(identity.data(), identity.size());
+}
+
+const std::vector<float>& ValueMap::Sampler::tile(int tx, int ty, int level) {
+  Held& held = held_[static_cast<std::size_t>((tx & 1) | (ty & 1) << 1 | (level & 3) << 2)];
+  if (held.level != level || held.tx != tx || held.ty != ty)
+    held = {level, tx, ty, map_->impl_->tile(level, tx, ty, *stop_)};
+  return *held.tile;
+}
+
+ValueMap::Sampler::Sum ValueMap::Sampler::texel(int x, int y, int level) {
+  const Impl& map = *map_->impl_;
+  const int w = map.level_width(level);
+  if (map.wraps) x = (x % w + w) % w;
+  if (x < 0 || x >= w) return {0, 0};
+  // Above a map's first row there is nothing; but above the pole's there is the pole's.
+  const int h = map.level_height(level);
+  if (y == -1 && map.file.grid().north_deg > 90 - 1e-9) y = 0;
+  if (y == h && map.file.grid().north_deg - map.height * map.file.grid().dy_deg < -90 + 1e-9) y = h - 1;
+  if (y < 0 || y >= h) return {0, 0};
+  const std::vector<float>& of = tile(x / kTile, y / kTile, level);
+  const auto at = static_cast<std::size_t>((y % kTile) * kTile + x % kTile);
+  const double coverage = coverage_of(of, at);
+  return {coverage > 0 ? coverage * static_cast<double>(of[at]) : 0, coverage};
+}
+
+// x, y: in texels of level 0.
+ValueMap::Sampler::Sum ValueMap::Sampler::bilinear(double x, double y, int level) {
+  const double shrink = std::ldexp(1.0, -level), xn = (x + 0.5) * shrink - 0.5, yn = (y + 0.5) * shrink - 0.5;
+  const double x0 = std::floor(xn), y0 = std::floor(yn), fx = xn - x0, fy = yn - y0;
+  // Mostly all four are in one tile, and have values.
+  const int left = static_cast<int>(x0), top = static_cast<int>(y0), in_x = left % kTile, in_y = top % kTile;
+  const Impl& map = *map_->impl_;
+  if (left >= 0 && top >= 0 && in_x < kTile - 1 && in_y < kTile - 1 && left + 1 < map.level_width(level) &&
+      top + 1 < map.level_height(level)) {
+    const std::vector<float>& of = tile(left / kTile, top / kTile, level);
+    const float* t = of.data() + in_y * kTile + in_x;
+    const double upper = (1 - fx) * static_cast<double>(t[0]) + fx * static_cast<double>(t[1]),
+                 lower = (1 - fx) * static_cast<double>(t[kTile]) + fx * static_cast<double>(t[kTile + 1]),
+                 value = (1 - fy) * upper + fy * lower;
+    if (!std::isnan(value) && of.size() == kTexels) return {value, 1};
+  }
+  Sum sum{0, 0};
+  for (const int dy : {0, 1})
+    for (const int dx : {0, 1}) {
+      const double weight = (dx ? fx : 1 - fx) * (dy ? fy : 1 - fy);
+      if (weight == 0) continue;
+      const Sum one = texel(static_cast<int>(x0) + dx, static_cast<int>(y0) + dy, level);
+      sum.value += weight * one.value, sum.weight += weight * one.weight;
+    }
+  return sum;
+}
+
+std::uint32_t ValueMap::Sampler::means_of_small(const Footprints& footprints, std::size_t first, double* values) {
+  const Impl& map = *map_->impl_;
+  const Texel middle = map.texel_of(footprints.lat_deg[first], footprints.lon_deg[first]);
+  if (!(middle.x >= 0 && middle.y >= 0 && middle.x < map.width && middle.y < map.height)) return 0;
+  const int tx = static_cast<int>(middle.x) / kTile, ty = static_cast<int>(middle.y) / kTile;
+  const std::vector<float>& of = tile(tx, ty, 0);
+  const int columns = std::min(kTile, map.width - tx * kTile), rows = std::min(kTile, map.height - ty * kTile);
+  if (of.size() != kTexels || columns < 2 || rows < 2) return 0;
+  const auto [per_deg_east, per_deg_south] = map.texels_per_deg;
+  return means_within_texels(
+      {of.data(), footprints.lon_deg[first] - (middle.x - tx * kTile) / per_deg_east,
+       footprints.lat_deg[first] + (middle.y - ty * kTile) / per_deg_south, per_deg_east, per_deg_south, columns, rows},
+      footprints, values);
+}
+
+ValueMap::Sampler::Mean ValueMap::Sampler::mean(const Footprint2& f) {
+  const Impl& map = *map_->impl_;
+  const bool polar = std::abs(f.lat_deg) > kPolar_deg;
+  // Sides in texels. Near a pole a row's texels are many for little ground: there, texels along a meridian count, and
+  // probes lie on the plane that touches the sphere.
+  const double texel_m = map.file.grid().dy_deg * kMetresPerDegree;
+  const auto side = [&](const std::array<double, 2>& m) {
+    return polar ? std::array{m[0] / texel_m, -m[1] / texel_m} : map.side_of(m, f.cos_lat);
+  };
+  const std::array<double, 2> a = side(f.a_m), b = side(f.b_m);
+  const double a_length = length_of(a), b_length = length_of(b);
+  // Texels of half the shorter side at most, as far as the longer one allows: a probe is made of few texels, and many
+  // probes make the footprint.
+  const double size = std::max({std::min(a_length, b_length), std::max(a_length, b_length) / (0.5 * kMostProbes), 2.0});
+  const int level = size < 4 ? 0 : std::min(static_cast<int>(std::log2(size / 2)), map.levels - 1);
+  const Texel middle = map.texel_of(f.lat_deg, f.lon_deg);
+  std::optional<Touching> plane;
+  if (polar) plane.emplace(f.lat_deg, f.lon_deg, texel_m);
+  const auto from = [&](int of_level) -> Mean {
+    const Probes along_a = probes_along(a, of_level), along_b = probes_along(b, of_level);
+    Sum sum{0, 0};
+    for (int j = 0; j < along_b.count; ++j)
+      for (int i = 0; i < along_a.count; ++i) {
+        const auto [ax, ay] = along_a.at(i);
+        const auto [bx, by] = along_b.at(j);
+        Texel probe{middle.x + ax + bx, middle.y + ay + by};
+        if (polar) {
+          const Geographic place = plane->place(ax + bx, ay + by);
+          probe = map.texel_of(place.lat_deg, place.lon_deg);
+        }
+        const Sum one = bilinear(probe.x, probe.y, of_level);
+        sum.value += one.value, sum.weight += one.weight;
+      }
+    return {sum.weight > 0 ? sum.value / sum.weight : std::nan(""), sum.weight / (along_a.count * along_b.count)};
+  };
+  const Mean mean = from(level);
+  // At the border of what has a value, few probes would weigh its parts unevenly.
+  return mean.coverage > 0 && mean.coverage < 1 - 1e-9 && level > 0 ? from(std::max(0, level - 2)) : mean;
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,236 @@
+#include "engine/visibility/embree/embree.h"
+
+// CMakeLists.txt looks for 4 first, too.
+#if __has_include(<embree4/rtcore.h>)
+#include <embree4/rtcore.h>
+#else
+#include <embree3/rtcore.h>
+#endif
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+#include <mutex>
+#include <stdexcept>
+#include <unordered_map>
+#include <vector>
+
+#include "engine/visibility/zbuffer/raster_kernels.h"
+
+namespace selenograph::engine {
+namespace {
+
+using Filter = EmbreeScene::Filter;
+using Bundles = EmbreeScene::Bundles;
+
+// One call of Embree for a packet. What it passes on to filters is `Query`: Embree hands out its first member's
+// address.
+#if RTC_VERSION_MAJOR >= 4
+struct Query {
+  RTCRayQueryContext embree;
+  const Filter* filter;
+};
+constexpr auto kCoherent = RTC_RAY_QUERY_FLAG_COHERENT, kIncoherent = RTC_RAY_QUERY_FLAG_INCOHERENT;
+
+void intersect16(const int* active, RTCScene scene, RTCRayQueryFlags flags, RTCRayHit16& ray_hit) {
+  RTCRayQueryContext context;
+  rtcInitRayQueryContext(&context);
+  RTCIntersectArguments arguments;
+  rtcInitIntersectArguments(&arguments);
+  arguments.flags = flags, arguments.context = &context;
+  rtcIntersect16(active, scene, &ray_hit, &arguments);
+}
+
+void occluded16(const int* active, RTCScene scene, RTCRayQueryFlags flags, const Filter& filter, RTCRay16& ray) {
+  Query query{{}, &filter};
+  rtcInitRayQueryContext(&query.embree);
+  RTCOccludedArguments arguments;
+  rtcInitOccludedArguments(&arguments);
+  arguments.flags = flags, arguments.context = &query.embree;
+  rtcOccluded16(active, scene, &ray, &arguments);
+}
+#else
+struct Query {
+  RTCIntersectContext embree;
+  const Filter* filter;
+};
+constexpr auto kCoherent = RTC_INTERSECT_CONTEXT_FLAG_COHERENT, kIncoherent = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+
+void intersect16(const int* active, RTCScene scene, RTCIntersectContextFlags flags, RTCRayHit16& ray_hit) {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = flags;
+  rtcIntersect16(active, scene, &context, &ray_hit);
+}
+
+void occluded16(const int* active, RTCScene scene, RTCIntersectContextFlags flags, const Filter& filter,
+                RTCRay16& ray) {
+  Query query{{}, &filter};
+  rtcInitIntersectContext(&query.embree);
+  query.embree.flags = flags;
+  rtcOccluded16(active, scene, &query.embree, &ray);
+}
+#endif
+
+void call_filter(const RTCFilterFunctionNArguments* args) {
+  const std::size_t n = args->N;
+  const float* normal = &RTCHitN_Ng_x(args->hit, args->N, 0);
+  (*reinterpret_cast<const Query*>(args->context)->filter)(
+      {n, normal, normal + n, normal + 2 * n, &RTCRayN_tfar(args->ray, args->N, 0), args->valid});
+}
+
+// One device per number of threads for the whole process: a device owns worker threads.
+RTCDevice device_for(int threads) {
+  static std::mutex mutex;
+  static std::unordered_map<int, RTCDevice> devices;
+  std::lock_guard lock(mutex);
+  RTCDevice& d = devices[threads];
+  if (!d) d = rtcNewDevice(threads > 0 ? fmt::format("threads={}", threads).c_str() : nullptr);
+  if (!d)
+    throw std::runtime_error(fmt::format("Embree: no device (error {})", static_cast<int>(rtcGetDeviceError(nullptr))));
+  return d;
+}
+
+// Embree 3.13's bundles lose hits when a direction's component is (next to) zero for some rays and not for others, so a
+// bundle must keep clear of zero in every component.
+bool safe_as_bundle(const RayPacket& rays) {
+  constexpr float kClear = 0x1p-10F;
+  float low[3], high[3];
+  range_of(rays.dx, kPacket, low[0], high[0]);
+  range_of(rays.dy, kPacket, low[1], high[1]);
+  range_of(rays.dz, kPacket, low[2], high[2]);
+  const float size = std::max({-low[0], -low[1], -low[2], high[0], high[1], high[2]});
+  for (int k = 0; k < 3; ++k)
+    if (!(low[k] > kClear * size || high[k] < -kClear * size)) return false;
+  return true;
+}
+
+auto flags_for(const RayPacket& rays, Bundles bundles) {
+  const bool bundled = bundles == Bundles::always || (bundles == Bundles::where_safe && safe_as_bundle(rays));
+  return bundled ? kCoherent : kIncoherent;
+}
+
+template <typename T>
+void copy(const T (&from)[kPacket], T (&to)[kPacket]) {
+  std::memcpy(to, from, sizeof from);
+}
+
+void set_rays(const RayPacket& in, RTCRay16& out) {
+  copy(in.ox, out.org_x), copy(in.oy, out.org_y), copy(in.oz, out.org_z);
+  copy(in.dx, out.dir_x), copy(in.dy, out.dir_y), copy(in.dz, out.dir_z);
+  std::fill_n(out.tfar, kPacket, std::numeric_limits<float>::infinity());
+  copy(in.near, out.tnear), std::fill_n(out.time, kPacket, 0.F);
+  std::fill_n(out.mask, kPacket, ~0U), std::fill_n(out.flags, kPacket, 0U);
+}
+
+// By this name in tests/tsan.supp.
+bool goes_on_building(void* stop, double) { return !static_cast<const StopToken*>(stop)->stopped(); }
+
+}  // namespace
+
+struct EmbreeScene::Impl {
+  Impl(std::size_t count, int threads, Filters filters_in)
+      : filters(filters_in), device(device_for(threads)), scene(rtcNewScene(device)), geometries(count) {
+    rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
+  }
+  ~Impl() {
+    for (RTCGeometry geometry : geometries)
+      if (geometry) rtcReleaseGeometry(geometry);
+    rtcReleaseScene(scene);
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
+  RTCGeometry start(std::size_t index, RTCGeometryType type) {
+    RTCGeometry geometry = geometries[index] = rtcNewGeometry(device, type);
+    if (filters == Filters::on_occlusion) rtcSetGeometryOccludedFilterFunction(geometry, call_filter);
+    return geometry;
+  }
+  template <typename T>
+  std::span<T> buffer(RTCGeometry geometry, RTCBufferType type, RTCFormat format, std::size_t components,
+                      std::size_t count) const {
+    auto* data = static_cast<T*>(rtcSetNewGeometryBuffer(geometry, type, 0, format, components * sizeof(T), count));
+    if (!data) check();
+    return {data, components * count};
+  }
+  void check() const { check(rtcGetDeviceError(device)); }
+  static void check(RTCError error) {
+    if (error != RTC_ERROR_NONE)
+      throw std::runtime_error(fmt::format("Embree: building the scene failed (error {})", static_cast<int>(error)));
+  }
+
+  const Filters filters;
+  const RTCDevice device;
+  const RTCScene scene;
+  std::vector<RTCGeometry> geometries;  // until they are the scene's
+};
+
+EmbreeScene::EmbreeScene(std::size_t geometries, int threads, Filters filters)
+    : impl_(std::make_unique<Impl>(geometries, threads, filters)) {}
+EmbreeScene::~EmbreeScene() = default;
+
+void EmbreeScene::set_grid(std::size_t geometry, int side, const std::function<void(std::span<float>)>& vertices) {
+  RTCGeometry one = impl_->start(geometry, RTC_GEOMETRY_TYPE_GRID);
+  const auto count = static_cast<std::size_t>(side);
+  vertices(impl_->buffer<float>(one, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, 3, count * count));
+  impl_->buffer<RTCGrid>(one, RTC_BUFFER_TYPE_GRID, RTC_FORMAT_GRID, 1, 1)[0] = {
+      0, static_cast<unsigned>(side), static_cast<std::uint16_t>(side), static_cast<std::uint16_t>(side)};
+  rtcCommitGeometry(one);
+}
+
+void EmbreeScene::set_triangles(std::size_t geometry, std::size_t vertex_count, std::size_t triangle_count,
+                                const std::function<void(std::span<float>)>& vertices,
+                                const std::function<void(std::span<std::uint32_t>)>& triangles) {
+  RTCGeometry one = impl_->start(geometry, RTC_GEOMETRY_TYPE_TRIANGLE);
+  vertices(impl_->buffer<float>(one, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, 3, vertex_count));
+  triangles(impl_->buffer<std::uint32_t>(one, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, 3, triangle_count));
+  rtcCommitGeometry(one);
+}
+
+void EmbreeScene::set_instance(std::size_t geometry, const EmbreeScene& of, const Eigen::Affine3f& place) {
+  RTCGeometry one = impl_->start(geometry, RTC_GEOMETRY_TYPE_INSTANCE);
+  rtcSetGeometryInstancedScene(one, of.impl_->scene);
+  const Eigen::Matrix<float, 3, 4> columns = place.affine();
+  rtcSetGeometryTransform(one, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.data());
+  rtcCommitGeometry(one);
+}
+
+void EmbreeScene::build(const StopToken& stop) {
+  for (std::size_t i = 0; i < impl_->geometries.size(); ++i) {
+    RTCGeometry& geometry = impl_->geometries[i];
+    if (!geometry) continue;
+    rtcAttachGeometryByID(impl_->scene, geometry, static_cast<unsigned>(i));
+    rtcReleaseGeometry(geometry);
+    geometry = nullptr;
+  }
+  // Asked every now and then while it builds.
+  rtcSetSceneProgressMonitorFunction(impl_->scene, goes_on_building, const_cast<StopToken*>(&stop));
+  rtcCommitScene(impl_->scene);
+  const RTCError error = rtcGetDeviceError(impl_->device);
+  stop.check();  // a build that was stopped is an error, too
+  impl_->check(error);
+  rtcSetSceneProgressMonitorFunction(impl_->scene, nullptr, nullptr);
+}
+
+void EmbreeScene::intersect(const RayPacket& rays, RayHits& hits, Bundles bundles) const {
+  static_assert(RayHits::kNone == RTC_INVALID_GEOMETRY_ID);
+  RTCRayHit16 found;
+  set_rays(rays, found.ray);
+  std::fill_n(found.hit.geomID, kPacket, RTC_INVALID_GEOMETRY_ID);
+  std::fill_n(found.hit.instID[0], kPacket, RTC_INVALID_GEOMETRY_ID);
+  intersect16(rays.active, impl_->scene, flags_for(rays, bundles), found);
+  copy(found.hit.geomID, hits.geometry), copy(found.hit.primID, hits.primitive);
+  copy(found.hit.instID[0], hits.instance);
+  copy(found.hit.u, hits.u), copy(found.hit.v, hits.v), copy(found.ray.tfar, hits.distance);
+  copy(found.hit.Ng_x, hits.nx), copy(found.hit.Ng_y, hits.ny), copy(found.hit.Ng_z, hits.nz);
+}
+
+void EmbreeScene::occluded(const RayPacket& rays, bool blocked[kPacket], const Filter& filter, Bundles bundles) const {
+  RTCRay16 shadow;
+  set_rays(rays, shadow);
+  occluded16(rays.active, impl_->scene, flags_for(rays, bundles), filter, shadow);
+  for (int i = 0; i < kPacket; ++i) blocked[i] = rays.active[i] && shadow.tfar[i] < 0;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,33 @@
+// Many objects of few shapes, traced at once: instances in one acceleration structure.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+
+#include "engine/visibility/embree/embree.h"
+#include "engine/visibility/embree/object_tracer.h"
+
+namespace selenograph::engine {
+
+class ObjectGroup {
+ public:
+  static constexpr std::uint32_t kNone = ~0U;
+  struct Instance {
+    const ObjectTracer* of;
+    Eigen::Affine3f place;  // from the tracer's coordinates to the group's
+  };
+
+  // `instance` of each index below `count`; their tracers outlive the group.
+  ObjectGroup(std::size_t count, const std::function<Instance(std::size_t)>& instance, const StopToken& stop = {});
+
+  // Which instance each active ray meets first, or kNone, and which of its triangles.
+  void intersect(const RayPacket& rays, std::uint32_t instance[kPacket], std::uint32_t triangle[kPacket]) const;
+  void occluded(const RayPacket& rays, bool blocked[kPacket]) const;
+
+ private:
+  EmbreeScene scene_;
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,39 @@
+// An object's triangles, in the object's own coordinates from the middle of the object: which one does a ray
+// meet first, and does any stand in a ray's way. From either side.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "dem/support/stop_token.h"
+#include "engine/scene/object_shape.h"
+#include "engine/visibility/embree/embree.h"
+
+namespace selenograph::engine {
+
+class ObjectTracer {
+ public:
+  static constexpr std::uint32_t kNone = ~0U;
+  static constexpr int kThreads = 0;  // of its device: all cores
+
+  // `middle`: in the shape's coordinates; rays are relative to it. Throws Cancelled when `stop` says so.
+  ObjectTracer(const ObjectShape& shape, const Vec3& middle, const StopToken& stop = {});
+
+  // Of the structure, by what it was measured to take (Embree 3.13): 83 bytes a triangle besides its buffers.
+  static std::size_t bytes_for(const ObjectShape& shape) {
+    return shape.corners.size() * 12 + shape.triangles.size() * (12 + 83);
+  }
+
+  // Index of the triangle that each active ray meets first, or kNone.
+  void intersect(const RayPacket& rays, std::uint32_t triangle[kPacket]) const;
+  // Whether each active ray meets any.
+  void occluded(const RayPacket& rays, bool blocked[kPacket]) const;
+  const EmbreeScene& scene() const { return *scene_; }
+
+ private:
+  std::unique_ptr<EmbreeScene> scene_;
+};
+
+}  // namespace selenograph::engine

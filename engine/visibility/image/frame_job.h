@@ -1,0 +1,41 @@
+// What the pixels of one frame are made from.
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "dem/support/stop_token.h"
+#include "engine/camera/pixel_rays.h"
+#include "engine/camera/row_views.h"
+#include "engine/frame/report.h"
+#include "engine/frame/request.h"
+#include "engine/visibility/objects/objects_in_frame.h"
+#include "engine/visibility/points/scene.h"
+
+namespace selenograph::engine {
+
+// One sample of every pixel, at an offset from its centre: geometry is stored if asked for, radiance added with a
+// weight, light looked for where either wants it, hits counted once.
+struct SubpixelSample {
+  double dx, dy;
+  bool store;
+  float weight;
+  bool light, count;
+};
+// Called with all pixels' radiance of each sample that has a weight, one sample after the other.
+using EachSample = std::function<void(const SubpixelSample& sample, const std::vector<float>& radiance)>;
+
+struct FrameJob {
+  const FrameRequest& request;
+  const RowViews& views;
+  const Scene& scene;
+  const ObjectsInFrame& objects;
+  const RadianceTerms& radiance;  // of the terrain
+  const PixelRays& centres;       // of the pixels' centres, where the camera has distortion
+  const StopToken& stop;
+  const EachSample& each;  // may be empty
+};
+
+std::vector<SubpixelSample> samples_of(const FrameRequest& request);
+
+}  // namespace selenograph::engine

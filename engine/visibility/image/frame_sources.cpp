@@ -1,0 +1,53 @@
+#include "engine/visibility/image/frame_sources.h"
+
+#include <fmt/format.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <string>
+
+#include "dem/support/error.h"
+
+namespace selenograph::engine {
+
+SourceTile source_tile(const dem::RasterInfo& info) {
+  const std::string identity = fmt::format("{}:{:016x}", info.name, info.stamp);
+  return {info.name, info.path, XXH3_64bits(identity.data(), identity.size())};
+}
+
+FrameSources::FrameSources(std::size_t catalogue_size)
+    : pages_(std::make_unique<std::atomic<Page*>[]>((catalogue_size + kPage - 1) / kPage)) {}
+
+std::uint32_t FrameSources::add(dem::SourceIndex source) {
+  const std::lock_guard lock(mutex_);
+  std::atomic<Page*>& page = pages_[source / kPage];
+  if (!page.load(std::memory_order_relaxed)) {
+    made_.push_back(std::make_unique<Page>());
+    page.store(made_.back().get(), std::memory_order_release);
+  }
+  std::atomic<std::uint32_t>& number = (*page.load(std::memory_order_relaxed))[source % kPage];
+  if (number.load(std::memory_order_relaxed) == 0) {
+    seen_.push_back(source);
+    number.store(static_cast<std::uint32_t>(seen_.size()), std::memory_order_relaxed);
+  }
+  return number.load(std::memory_order_relaxed);
+}
+
+std::uint16_t FrameSources::product_number(dem::SourceIndex source) {
+  const std::uint32_t number = this->number(source);
+  if (number >= kNone) throw TooMuchTerrain("the frame sees more sources than its product 'source' can tell apart");
+  return static_cast<std::uint16_t>(number);
+}
+
+std::vector<dem::SourceIndex> FrameSources::settle(std::vector<std::uint16_t>& product) const {
+  std::vector<dem::SourceIndex> sorted = seen_;
+  std::sort(sorted.begin(), sorted.end());
+  std::vector<std::uint16_t> place(seen_.size());
+  for (std::size_t i = 0; i < seen_.size(); ++i)
+    place[i] = static_cast<std::uint16_t>(std::lower_bound(sorted.begin(), sorted.end(), seen_[i]) - sorted.begin());
+  for (std::uint16_t& number : product)
+    if (number != kNone) number = place[number];
+  return sorted;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,183 @@
+#include "engine/visibility/image/frame_writer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "engine/frame/needs.h"
+#include "engine/support/assign.h"
+#include "engine/visibility/points/facets.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
+constexpr std::uint16_t kNoGround = 65535;
+constexpr double kNaN64 = std::numeric_limits<double>::quiet_NaN();
+
+void allocate_all(const FrameRequest& request, FrameProducts& out, const StopToken& stop) {
+  const auto allocate = [&](auto& array, bool wanted, std::size_t size, auto value) {
+    if (wanted) assign(array, size, value, stop);
+  };
+  const std::size_t pixels =
+      static_cast<std::size_t>(request.camera.width) * static_cast<std::size_t>(request.camera.height);
+  const std::size_t n = request.truth ? request.truth->size() : pixels;
+  const ProductSet want = request.products;
+  allocate(out.radiance, want & (kRadiance | kImage), pixels, 0.F);
+  allocate(out.depth, want & kDepth, n, kNaN64);
+  allocate(out.range, want & kRange, n, kNaN64);
+  allocate(out.position, want & kPosition, 3 * n, kNaN64);
+  allocate(out.geodetic, want & kGeodetic, 3 * n, kNaN64);
+  allocate(out.normal, want & kNormal, 3 * n, kNaN32);
+  allocate(out.angles, want & kAngles, 3 * n, kNaN32);
+  allocate(out.lit, want & kLit, n, kNaN32);
+  allocate(out.gsd, want & kGsd, n, kNaN32);
+  allocate(out.source, want & kSource, n, FrameSources::kNone);
+  allocate(out.object_id, want & kObjectId, n, kNoObject);
+  allocate(out.detail, want & kDetail, n, kNoGround);
+  allocate(out.rock, want & kRock, n, kNoObject);
+}
+
+struct SourceAt {
+  dem::SourceIndex index;  // dem::kNoSource if none
+  bool filled, blended;
+};
+
+// The tile of the nearest vertex; filled or blended when any vertex of the triangle is.
+SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
+  const TriangleId& t = p.triangle[lane];
+  const dem::Block& block = *mesh.blocks()[t.block()].posts;
+  if (const dem::SourceMark s = block.sources[0]; block.sources.size() == 1)
+    return {dem::source_of(s), dem::is_filled(s), dem::is_blended(s)};
+  const dem::QuadVertices q = t.vertices();
+  const double weights[3] = {1 - p.v[lane] - p.w[lane], p.v[lane], p.w[lane]};
+  SourceAt at{dem::kNoSource, false, false};
+  double heaviest = -1;
+  for (int i = 0; i < 3; ++i) {
+    const dem::SourceMark s = block.source(q.r[i], q.c[i]);
+    at.filled |= dem::is_filled(s), at.blended |= dem::is_blended(s);
+    if (weights[i] > heaviest) heaviest = weights[i], at.index = dem::source_of(s);
+  }
+  return at;
+}
+
+// What the nearest vertex shows.
+dem::Ground ground_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
+  const TriangleId& t = p.triangle[lane];
+  const dem::QuadVertices q = t.vertices();
+  const double weights[3] = {1 - p.v[lane] - p.w[lane], p.v[lane], p.w[lane]};
+  const auto i = std::max_element(weights, weights + 3) - weights;
+  return mesh.blocks()[t.block()].posts->shown(q.r[i], q.c[i]);
+}
+
+double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)) * kDegreesPerRadian; }
+
+}  // namespace
+
+FrameWriter::FrameWriter(const FrameRequest& request, const RowViews& views, const Mesh& mesh,
+                         std::size_t catalogue_size, FrameProducts& out, const StopToken& stop)
+    : request_(request),
+      views_(views),
+      mesh_(mesh),
+      out_(out),
+      wants_geometry_(engine::wants_geometry(request)),
+      sources_(catalogue_size) {
+  allocate_all(request, out, stop);
+}
+
+std::uint32_t FrameWriter::account_all(const SurfacePoints& points, std::uint32_t hits, PixelCounts& counts) {
+  const auto add = [&](const MeshBlock& block, std::uint64_t lanes) {
+    counts.hit += lanes;
+    if (dem::is_filled(block.source)) counts.filled += lanes;
+    if (dem::is_blended(block.source)) counts.blended += lanes;
+    if (const dem::SourceIndex index = dem::source_of(block.source); index != dem::kNoSource) sources_.number(index);
+  };
+  // Most packets are in one block of one source.
+  const MeshBlock& first = mesh_.blocks()[points.triangle[0].block()];
+  if (hits == kAllLanes && first.mixed.empty() && in_one_block(points.triangle)) {
+    add(first, kPacket);
+    return 0;
+  }
+  std::uint32_t left = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    if (!(hits >> i & 1)) continue;
+    const TriangleId id = points.triangle[i];
+    const MeshBlock& block = mesh_.blocks()[id.block()];
+    if (!block.mixed.empty() && block.mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1)
+      left |= 1U << i;
+    else
+      add(block, 1);
+  }
+  return left;
+}
+
+void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, PixelCounts& counts) {
+  const SourceAt source = source_at(mesh_, points, i);
+  if (source.index != dem::kNoSource) {
+    const auto to = out_.source.empty() ? std::nullopt : slot(at);
+    if (to)
+      out_.source[*to] = sources_.product_number(source.index);
+    else
+      sources_.number(source.index);
+  }
+  ++counts.hit;
+  counts.filled += source.filled, counts.blended += source.blended;
+}
+
+void FrameWriter::store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading,
+                                 float lit, std::size_t at) const {
+  const auto to = slot(at);
+  if (!to) return;
+  const auto spacing_m = static_cast<float>(dem::post_spacing_m(mesh_.blocks()[p.triangle[i].block()].posts->id.level));
+  if (!out_.detail.empty()) out_.detail[*to] = static_cast<std::uint16_t>(ground_at(mesh_, p, i));
+  store_point(p, i, direction, shading, lit, spacing_m, at, *to);
+}
+
+void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& direction, float lit,
+                               std::size_t at) const {
+  if (!wants_geometry_) return;
+  const auto to = slot(at);
+  if (!to) return;
+  const bool rock = is_rock(lanes.object[i]);
+  if (!out_.object_id.empty() && !rock) out_.object_id[*to] = lanes.object[i];
+  if (!out_.rock.empty() && rock)
+    out_.rock[*to] = static_cast<std::uint16_t>(lanes.object[i] - request_.objects.size());
+  if (!out_.detail.empty() && rock) out_.detail[*to] = static_cast<std::uint16_t>(dem::Ground::rock);
+  store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, at, *to);
+}
+
+void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit,
+                              float spacing_m, std::size_t pixel, std::size_t at) const {
+  const double length = direction.norm();
+  const Vec3 position = p.position(i), normal = shading.normal(i);
+  if (!out_.depth.empty()) out_.depth[at] = views_.of_pixel(pixel).depth(direction, p.distance[i]);
+  if (!out_.range.empty()) out_.range[at] = p.distance[i] * length;
+  if (!out_.position.empty()) std::copy_n(position.data(), 3, &out_.position[3 * at]);
+  if (!out_.geodetic.empty()) {
+    const Geographic g = to_geographic(position);
+    out_.geodetic[3 * at] = g.lat_deg, out_.geodetic[3 * at + 1] = g.lon_deg, out_.geodetic[3 * at + 2] = g.height_m;
+  }
+  if (!out_.normal.empty())
+    for (int k = 0; k < 3; ++k) out_.normal[3 * at + static_cast<std::size_t>(k)] = static_cast<float>(normal[k]);
+  if (!out_.angles.empty()) {
+    const Vec3 to_camera = -direction / length;
+    out_.angles[3 * at] = static_cast<float>(angle_deg(shading.mu0[i]));
+    out_.angles[3 * at + 1] = static_cast<float>(angle_deg(shading.mu[i]));
+    out_.angles[3 * at + 2] = static_cast<float>(angle_deg(to_camera.dot(request_.sun.direction)));
+  }
+  if (!out_.lit.empty()) out_.lit[at] = lit;
+  if (!out_.gsd.empty()) out_.gsd[at] = spacing_m;
+}
+
+void FrameWriter::mark(int x, int y, const SurfacePoints& points, int lane) {
+  marks_.meet(x, y, points, lane, source_at(mesh_, points, lane).index);
+}
+
+void FrameWriter::merge(const PixelCounts& counts) {
+  const std::lock_guard lock(mutex_);
+  total_.hit += counts.hit, total_.missing += counts.missing, total_.filled += counts.filled;
+  total_.blended += counts.blended;
+  total_.on_object += counts.on_object, total_.on_rock += counts.on_rock;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,84 @@
+// What writes the frame: the products of pixels that see something, and what is counted of them.
+#pragma once
+
+#include <cstdint>
+#include <mutex>
+#include <optional>
+
+#include "dem/support/stop_token.h"
+#include "engine/camera/packet_rays.h"
+#include "engine/camera/row_views.h"
+#include "engine/frame/products.h"
+#include "engine/frame/request.h"
+#include "engine/scene/mesh.h"
+#include "engine/support/packet.h"
+#include "engine/visibility/image/frame_sources.h"
+#include "engine/visibility/image/view_marks.h"
+#include "engine/visibility/objects/objects_in_frame.h"
+
+namespace selenograph::engine {
+
+struct PixelCounts {
+  std::uint64_t hit = 0, missing = 0, filled = 0, blended = 0, on_object = 0, on_rock = 0;
+};
+
+class FrameWriter {
+ public:
+  // Sizes and initialises the products that are asked for, which takes time. `request`, `views` and `mesh` outlive it.
+  FrameWriter(const FrameRequest& request, const RowViews& views, const Mesh& mesh, std::size_t catalogue_size,
+              FrameProducts& out, const StopToken& stop);
+
+  FrameProducts& out() const { return out_; }
+  bool wants_geometry() const { return wants_geometry_; }
+  // Whether products other than image and radiance are wanted of a row of pixels.
+  bool wants_geometry_of(int y) const { return wants_geometry_ && (!request_.truth || request_.truth->has_row(y)); }
+  // Where those products have a pixel; empty: nowhere.
+  std::optional<std::size_t> slot(std::size_t pixel) const {
+    if (!request_.truth) return pixel;
+    const auto width = static_cast<std::size_t>(request_.camera.width);
+    return request_.truth->slot(static_cast<int>(pixel % width), static_cast<int>(pixel / width));
+  }
+
+  // Counts the lanes that hit at once but for those on quads of several sources, which are left: a bit for each.
+  std::uint32_t account_all(const SurfacePoints& points, std::uint32_t hits, PixelCounts& counts);
+  // One lane: its source and counts.
+  void account(const SurfacePoints& points, int lane, std::size_t pixel, PixelCounts& counts);
+  void store_geometry(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
+                      std::size_t pixel) const;
+  // Of a lane that sees an object, or a rock, which are numbered after those of the request.
+  bool is_rock(std::uint16_t object) const { return object != kNoObject && object >= request_.objects.size(); }
+  void count_object(std::uint16_t object, PixelCounts& counts) const {
+    ++counts.hit, ++(is_rock(object) ? counts.on_rock : counts.on_object);
+  }
+  void store_object(const ObjectLanes& lanes, int lane, const Vec3& direction, float lit, std::size_t pixel) const;
+
+  // What some pixels see is to be remembered.
+  void look_at(const ViewMarks& marks) { marks_ = marks; }
+  const ViewMarks& marks() const { return marks_; }
+  // Whether some are in these rows: then each of their pixels that sees terrain is told, of the sample that is counted.
+  bool marked(int first_row, int rows) const { return marks_.in_rows(first_row, rows); }
+  void mark(int x, int y, const SurfacePoints& points, int lane);
+
+  // Safe to call concurrently.
+  void merge(const PixelCounts& counts);
+
+  const PixelCounts& counts() const { return total_; }
+  const FrameSources& sources() const { return sources_; }
+
+ private:
+  // Of terrain or of an object; `spacing_m`: NaN on an object.
+  void store_point(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
+                   float spacing_m, std::size_t pixel, std::size_t slot) const;
+
+  const FrameRequest& request_;
+  const RowViews& views_;
+  const Mesh& mesh_;
+  FrameProducts& out_;
+  bool wants_geometry_;
+  FrameSources sources_;
+  std::mutex mutex_;
+  PixelCounts total_;
+  ViewMarks marks_;
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,135 @@
+#include "engine/visibility/meshes/mesh_answer.h"
+
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <stdexcept>
+
+#include "engine/support/utf8.h"
+
+namespace selenograph::engine {
+
+// Both ends are the same executable: numbers are as they lie in memory.
+static_assert(std::endian::native == std::endian::little);
+static_assert(sizeof(ObjectCorner) == 24 && sizeof(ObjectTriangle) == 16);
+
+namespace {
+
+constexpr std::uint32_t kShape = 0x53474d31, kRefusal = 0x53474d30;
+
+[[noreturn]] void fail(const char* why) {
+  throw std::runtime_error(std::string("the answer of its reader is damaged: ") + why);
+}
+
+void append(std::string& to, const void* from, std::size_t bytes) { to.append(static_cast<const char*>(from), bytes); }
+
+void append_number(std::string& to, std::uint32_t number) { append(to, &number, sizeof number); }
+
+// What is no list.
+struct Whole {
+  std::uint32_t kind, corners, triangles, parts;
+  double origin[3], rounding;
+  std::uint32_t textured, unused;
+};
+static_assert(sizeof(Whole) == 56);
+
+class Bytes {
+ public:
+  explicit Bytes(std::string_view bytes) : left_(bytes) {}
+
+  template <typename T>
+  T item() {
+    T value{};
+    copy(&value, sizeof value);
+    return value;
+  }
+  std::uint32_t number() { return item<std::uint32_t>(); }
+  // The count is the answer's own word: no room is made for what isn't there.
+  template <typename T>
+  std::vector<T> list(std::size_t count) {
+    if (count > left_.size() / sizeof(T)) fail("too short");
+    std::vector<T> items(count);
+    copy(items.data(), count * sizeof(T));
+    return items;
+  }
+  std::string text(std::size_t size) {
+    const std::vector<char> characters = list<char>(size);
+    return {characters.begin(), characters.end()};
+  }
+  bool empty() const { return left_.empty(); }
+
+ private:
+  void copy(void* to, std::size_t bytes) {
+    if (bytes > left_.size()) fail("too short");
+    if (bytes > 0) std::memcpy(to, left_.data(), bytes);
+    left_.remove_prefix(bytes);
+  }
+  std::string_view left_;
+};
+
+void check(const ObjectShape& shape) {
+  if (shape.triangles.empty() || shape.parts.empty()) fail("no triangle");
+  if (!shape.origin.allFinite() || !(shape.rounding >= 0 && std::isfinite(shape.rounding)))
+    fail("an origin that isn't finite");
+  for (const ObjectCorner& corner : shape.corners) {
+    if (!corner.place.allFinite()) fail("a corner that isn't finite");
+    const float length2 = corner.normal.squaredNorm();
+    if (!(length2 == 0 || std::abs(length2 - 1) < 1e-4F)) fail("a normal that isn't one");
+  }
+  for (const ObjectTriangle& t : shape.triangles) {
+    for (const std::uint32_t corner : t.corner)
+      if (corner >= shape.corners.size()) fail("a corner that isn't there");
+    if (t.part >= shape.parts.size()) fail("a part that isn't there");
+  }
+  for (const std::string& part : shape.parts)
+    if (!is_utf8(part)) fail("a part whose name is not UTF-8");
+}
+
+}  // namespace
+
+std::string shape_answer(const ObjectShape& shape) {
+  const std::size_t corner_bytes = shape.corners.size() * sizeof(ObjectCorner),
+                    triangle_bytes = shape.triangles.size() * sizeof(ObjectTriangle);
+  std::string answer;
+  const Whole whole{kShape,
+                    static_cast<std::uint32_t>(shape.corners.size()),
+                    static_cast<std::uint32_t>(shape.triangles.size()),
+                    static_cast<std::uint32_t>(shape.parts.size()),
+                    {shape.origin.x(), shape.origin.y(), shape.origin.z()},
+                    shape.rounding,
+                    shape.textured,
+                    0};
+  answer.reserve(sizeof whole + corner_bytes + triangle_bytes);
+  append(answer, &whole, sizeof whole);
+  append(answer, shape.corners.data(), corner_bytes);
+  append(answer, shape.triangles.data(), triangle_bytes);
+  for (const std::string& part : shape.parts)
+    append_number(answer, static_cast<std::uint32_t>(part.size())), answer += part;
+  return answer;
+}
+
+std::string refusal_answer(std::string_view why) {
+  std::string answer;
+  append_number(answer, kRefusal);
+  return answer.append(why.substr(0, kMaxRefusalBytes));
+}
+
+ObjectShape shape_of_answer(std::string_view answer) {
+  const auto kind = Bytes(answer).number();
+  if (kind == kRefusal) throw std::runtime_error(std::string(answer.substr(sizeof kind, kMaxRefusalBytes)));
+  if (kind != kShape) fail("neither a mesh nor a refusal");
+  Bytes in(answer);
+  const auto whole = in.item<Whole>();
+  if (whole.textured > 1 || whole.unused != 0) fail("neither yes nor no");
+  ObjectShape shape;
+  shape.corners = in.list<ObjectCorner>(whole.corners);
+  shape.triangles = in.list<ObjectTriangle>(whole.triangles);
+  for (std::uint32_t i = 0; i < whole.parts; ++i) shape.parts.push_back(in.text(in.number()));
+  shape.origin = Vec3(whole.origin[0], whole.origin[1], whole.origin[2]);
+  shape.rounding = whole.rounding, shape.textured = whole.textured != 0;
+  if (!in.empty()) fail("too long");
+  check(shape);
+  return shape;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,225 @@
+#include "engine/visibility/meshes/mesh_file.h"
+
+#include <assimp/BaseImporter.h>
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <assimp/IOStream.hpp>
+#include <assimp/IOSystem.hpp>
+#include <assimp/Importer.hpp>
+#include <cmath>
+#include <cstring>
+#include <stdexcept>
+#include <vector>
+
+#include "engine/support/utf8.h"
+#include "engine/visibility/meshes/mesh_recentre.h"
+
+namespace selenograph::engine {
+namespace {
+
+// Assimp's readers of some formats (PLY's header, 5.2) wait for more at the end of a file, forever. A stream that has
+// been asked in vain so often says so by an exception, which Assimp makes an error of.
+class MemoryStream : public Assimp::IOStream {
+ public:
+  explicit MemoryStream(std::string_view content) : content_(content) {}
+  std::size_t Read(void* to, std::size_t size, std::size_t count) override {
+    if (size == 0 || count == 0) return 0;
+    const std::size_t items = std::min(count, (content_.size() - at_) / size);
+    std::memcpy(to, content_.data() + at_, items * size);
+    at_ += items * size;
+    in_vain_ = items == 0 ? in_vain_ + 1 : 0;
+    if (in_vain_ > 100) throw std::runtime_error("the file ends too early");
+    return items;
+  }
+  std::size_t Write(const void*, std::size_t, std::size_t) override { return 0; }
+  aiReturn Seek(std::size_t offset, aiOrigin origin) override {
+    const std::size_t from = origin == aiOrigin_SET ? 0 : origin == aiOrigin_CUR ? at_ : content_.size();
+    const std::size_t to = from + offset;  // may count backwards, modulo 2^64
+    if (to > content_.size()) return aiReturn_FAILURE;
+    at_ = to;
+    return aiReturn_SUCCESS;
+  }
+  std::size_t Tell() const override { return at_; }
+  std::size_t FileSize() const override { return content_.size(); }
+  void Flush() override {}
+
+ private:
+  const std::string_view content_;
+  std::size_t at_ = 0;
+  int in_vain_ = 0;
+};
+
+// A file system of one file.
+class OneFile : public Assimp::IOSystem {
+ public:
+  OneFile(std::string name, std::string_view content, std::string& refused)
+      : name_(std::move(name)), content_(content), refused_(refused) {}
+  bool Exists(const char* path) const override { return path == name_; }
+  char getOsSeparator() const override { return '/'; }
+  Assimp::IOStream* Open(const char* path, const char* mode) override {
+    if (path == name_ && mode[0] == 'r') return new MemoryStream(content_);
+    refused_ = path;
+    return nullptr;
+  }
+  void Close(Assimp::IOStream* stream) override { delete stream; }
+
+ private:
+  const std::string name_;
+  const std::string_view content_;
+  std::string& refused_;  // the last other file that was asked for
+};
+
+// Those that the extension leads to. Assimp would try all of its sixty on a file that they don't know.
+void keep_readers_of(const std::string& extension, Assimp::Importer& importer) {
+  for (std::size_t i = importer.GetImporterCount(); i-- > 0;) {
+    const std::string known = fmt::format(" {} ", importer.GetImporterInfo(i)->mFileExtensions);
+    if (known.find(" " + extension + " ") != std::string::npos) continue;
+    Assimp::BaseImporter* const reader = importer.GetImporter(i);
+    importer.UnregisterLoader(reader);
+    delete reader;
+  }
+}
+
+[[noreturn]] void refuse_size(double bytes, std::size_t max_bytes) {
+  throw std::runtime_error(fmt::format("would take {:.0f} MiB, more than the {:.0f} of a mesh", bytes / 0x1p20,
+                                       static_cast<double>(max_bytes) / 0x1p20));
+}
+
+// Nodes are instances: what they come to is counted before it is made.
+void check_instances(const aiScene& scene, std::size_t max_bytes) {
+  std::vector<double> bytes_of_mesh;
+  for (unsigned i = 0; i < scene.mNumMeshes; ++i) {
+    const aiMesh& mesh = *scene.mMeshes[i];
+    double triangles = 0;
+    for (unsigned k = 0; k < mesh.mNumFaces; ++k) triangles += std::max(2U, mesh.mFaces[k].mNumIndices) - 2;
+    bytes_of_mesh.push_back(mesh.mNumVertices * double{sizeof(ObjectCorner)} +
+                            triangles * double{sizeof(ObjectTriangle)});
+  }
+  double bytes = 0;
+  std::vector<const aiNode*> nodes{scene.mRootNode};
+  while (!nodes.empty()) {
+    const aiNode& node = *nodes.back();
+    nodes.pop_back();
+    for (unsigned i = 0; i < node.mNumMeshes; ++i) bytes += bytes_of_mesh[node.mMeshes[i]];
+    nodes.insert(nodes.end(), node.mChildren, node.mChildren + node.mNumChildren);
+  }
+  if (bytes > static_cast<double>(max_bytes)) refuse_size(bytes, max_bytes);
+}
+
+Eigen::Vector3f vector_of(const aiVector3D& v) { return {v.x, v.y, v.z}; }
+
+void add_corners(const aiMesh& mesh, ObjectShape& out) {
+  for (unsigned i = 0; i < mesh.mNumVertices; ++i) {
+    const Eigen::Vector3f place = vector_of(mesh.mVertices[i]);
+    const Eigen::Vector3f normal = mesh.HasNormals() ? vector_of(mesh.mNormals[i]) : Eigen::Vector3f::Zero();
+    if (!place.allFinite()) throw std::runtime_error("has a corner that isn't finite");
+    const bool usable = normal.allFinite() && normal.norm() > 0;
+    out.corners.push_back({place, usable ? Eigen::Vector3f(normal.normalized()) : Eigen::Vector3f::Zero()});
+  }
+}
+
+void add_triangles(const aiMesh& mesh, std::uint32_t first_corner, ObjectShape& out) {
+  for (unsigned i = 0; i < mesh.mNumFaces; ++i) {
+    const aiFace& face = mesh.mFaces[i];
+    if (face.mNumIndices != 3) continue;
+    ObjectTriangle t{{}, mesh.mMaterialIndex};
+    for (unsigned k = 0; k < 3; ++k) {
+      if (face.mIndices[k] >= mesh.mNumVertices) throw std::runtime_error("has a corner that isn't there");
+      t.corner[k] = first_corner + face.mIndices[k];
+    }
+    const Vec3 a = out.place(t, 0), ab = out.place(t, 1) - a, ac = out.place(t, 2) - a;
+    if (ab.cross(ac).squaredNorm() > 0) out.triangles.push_back(t);
+  }
+}
+
+// Where a name stands in a file of lines; empty elsewhere.
+std::string line_of(const std::string& name, std::string_view content) {
+  const std::size_t at = content.find(name);
+  if (at == std::string_view::npos) return {};
+  return fmt::format("line {}: ",
+                     1 + std::count(content.begin(), content.begin() + static_cast<std::ptrdiff_t>(at), '\n'));
+}
+
+// Assimp adds a material of its own that nothing may be made of.
+void keep_used_parts(ObjectShape& shape) {
+  std::vector<std::uint32_t> number(shape.parts.size(), ~0U);
+  std::vector<std::string> used;
+  for (ObjectTriangle& t : shape.triangles) {
+    if (t.part >= number.size()) throw std::runtime_error("has a material that isn't there");
+    if (number[t.part] == ~0U) {
+      number[t.part] = static_cast<std::uint32_t>(used.size());
+      used.push_back(shape.parts[t.part]);
+    }
+    t.part = number[t.part];
+  }
+  shape.parts = std::move(used);
+}
+
+// glTF's coordinates are float before its nodes move them.
+double float_rounding(const aiScene& scene) {
+  float largest = 0;
+  for (unsigned i = 0; i < scene.mNumMeshes; ++i)
+    for (unsigned k = 0; k < scene.mMeshes[i]->mNumVertices; ++k)
+      largest = std::max(largest, vector_of(scene.mMeshes[i]->mVertices[k]).cwiseAbs().maxCoeff());
+  return std::isfinite(largest) ? static_cast<double>(largest) * 0x1p-24 : 0;
+}
+
+bool has_textures(const aiScene& scene) {
+  if (scene.mNumTextures > 0) return true;
+  for (unsigned i = 0; i < scene.mNumMaterials; ++i)
+    for (int type = aiTextureType_NONE + 1; type <= AI_TEXTURE_TYPE_MAX; ++type)
+      if (scene.mMaterials[i]->GetTextureCount(static_cast<aiTextureType>(type)) > 0) return true;
+  return false;
+}
+
+// An OBJ is a mesh without the materials that it names.
+std::string why_not(const Assimp::Importer& importer, const std::string& extension, const std::string& refused) {
+  if (!refused.empty() && extension != "obj")
+    return fmt::format(
+        "names another file, \"{}\", which is not read: a mesh must be one file (.glb, or .gltf with data: URIs)",
+        refused);
+  return fmt::format("can't be read as a mesh: {}", importer.GetErrorString());
+}
+
+}  // namespace
+
+ObjectShape read_mesh_file(std::string content, const std::string& extension, std::size_t max_bytes) {
+  const std::string name = "mesh." + extension;
+  const Recentred moved = recentred(std::move(content), extension);
+  std::string refused;
+  Assimp::Importer importer;
+  keep_readers_of(extension, importer);
+  importer.SetIOHandler(new OneFile(name, moved.content, refused));  // the importer's own from now on
+  const aiScene* scene = importer.ReadFile(name, aiProcess_ValidateDataStructure);
+  if (!scene || !scene->mRootNode) throw std::runtime_error(why_not(importer, extension, refused));
+  check_instances(*scene, max_bytes);
+  const double rounding = extension == "gltf" || extension == "glb" ? float_rounding(*scene) : moved.rounding;
+  // What isn't a triangle by then is a point or a line.
+  scene = importer.ApplyPostProcessing(aiProcess_Triangulate | aiProcess_JoinIdenticalVertices | aiProcess_SortByPType |
+                                       aiProcess_PreTransformVertices);
+  if (!scene) throw std::runtime_error(why_not(importer, extension, refused));
+
+  ObjectShape shape;
+  shape.origin = moved.origin, shape.rounding = rounding, shape.textured = has_textures(*scene);
+  for (unsigned i = 0; i < scene->mNumMaterials; ++i) shape.parts.emplace_back(scene->mMaterials[i]->GetName().C_Str());
+  if (shape.parts.empty()) shape.parts.emplace_back();
+  for (unsigned i = 0; i < scene->mNumMeshes; ++i) {
+    const aiMesh& mesh = *scene->mMeshes[i];
+    const auto first = static_cast<std::uint32_t>(shape.corners.size());
+    add_corners(mesh, shape);
+    add_triangles(mesh, first, shape);
+    if (shape.bytes() > max_bytes) refuse_size(static_cast<double>(shape.bytes()), max_bytes);
+  }
+  if (shape.triangles.empty()) throw std::runtime_error("has no triangle");
+  keep_used_parts(shape);
+  for (const std::string& part : shape.parts)
+    if (!is_utf8(part))
+      throw std::runtime_error(fmt::format("{}the name of a material is not UTF-8", line_of(part, moved.content)));
+  return shape;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,129 @@
+#include "engine/visibility/meshes/mesh_reader.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <new>
+#include <utility>
+
+#include "dem/support/error.h"
+#include "engine/support/child_process.h"
+#include "engine/support/confinement.h"
+#include "engine/visibility/meshes/mesh_answer.h"
+#include "engine/visibility/meshes/mesh_file.h"
+#include "engine/visibility/objects/object_mesh.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kMiB = 0x1p20;
+
+// An ordinary file that fits. Opening a FIFO would wait for its writer.
+class MeshFile {
+ public:
+  MeshFile(const std::string& path, std::size_t max_bytes)
+      : descriptor_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY)) {
+    if (descriptor_ < 0) throw DataError(path, fmt::format("can't be opened: {}", std::strerror(errno)));
+    struct stat status {};
+    const bool ordinary = ::fstat(descriptor_, &status) == 0 && S_ISREG(status.st_mode);
+    if (ordinary && static_cast<std::size_t>(status.st_size) <= max_bytes) return;
+    ::close(descriptor_);
+    if (!ordinary) throw DataError(path, "is not an ordinary file");
+    throw DataError(
+        path, fmt::format("has {:.0f} MiB, more than the {:.0f} of a mesh", static_cast<double>(status.st_size) / kMiB,
+                          static_cast<double>(max_bytes) / kMiB));
+  }
+  ~MeshFile() { ::close(descriptor_); }
+  MeshFile(const MeshFile&) = delete;
+  MeshFile& operator=(const MeshFile&) = delete;
+  int descriptor() const { return descriptor_; }
+
+ private:
+  int descriptor_;
+};
+
+std::string extension_of(const std::string& path) {
+  const std::string dotted = std::filesystem::path(path).extension().string();
+  return dotted.empty() ? dotted : dotted.substr(1);
+}
+
+void lock_until(std::unique_lock<std::timed_mutex>& lock, const StopToken& stop) {
+  while (!lock.try_lock_for(std::chrono::milliseconds(20))) stop.check();
+}
+
+// --- the child
+
+// Told when memory ends: made while there is some.
+std::string& want_of_memory() {
+  static std::string answer;
+  return answer;
+}
+
+// Without destructors and what libraries do at exit: there is nothing to tidy.
+[[noreturn]] void answer(const std::string& text) { ::_exit(write_to_parent(text) ? EXIT_SUCCESS : EXIT_FAILURE); }
+
+std::string read_input() {
+  // By seeking, which the process may: it may not ask about files.
+  const off_t size = ::lseek(STDIN_FILENO, 0, SEEK_END);
+  if (size < 0 || ::lseek(STDIN_FILENO, 0, SEEK_SET) != 0) throw std::runtime_error("can't be read");
+  std::string content(static_cast<std::size_t>(size), '\0');
+  for (std::size_t have = 0; have < content.size();) {
+    const ssize_t got = ::read(STDIN_FILENO, content.data() + have, content.size() - have);
+    if (got < 0 && errno == EINTR) continue;
+    if (got <= 0) throw std::runtime_error("has become shorter while it was read");
+    have += static_cast<std::size_t>(got);
+  }
+  return content;
+}
+
+}  // namespace
+
+ObjectShape MeshReader::read(const std::string& path, const StopToken& stop) const {
+  if (options_.program.empty()) throw DataError(path, "no program is set up to read meshes");
+  const MeshFile file(path, options_.max_bytes);
+  std::unique_lock lock(one_, std::defer_lock);
+  lock_until(lock, stop);
+  ObjectShape shape;
+  try {
+    const auto seconds = std::chrono::ceil<std::chrono::seconds>(options_.time).count();
+    shape = shape_of_answer(
+        run_child(options_.program,
+                  {kReadMeshCommand, extension_of(path), std::to_string(options_.max_bytes), std::to_string(seconds)},
+                  file.descriptor(), {options_.time, options_.max_bytes}, stop));
+  } catch (const ChildFailed& e) {
+    throw DataError(path, fmt::format("can't be read as a mesh: its reader {}", e.what()));
+  } catch (const Cancelled&) {
+    throw;
+  } catch (const std::runtime_error& e) {
+    throw DataError(path, e.what());
+  }
+  if (const std::size_t bytes = ObjectMesh::bytes_for(shape); bytes > options_.max_bytes)
+    throw DataError(path, fmt::format("has {} triangles, which take {:.0f} MiB: more than the {:.0f} of a mesh",
+                                      shape.triangles.size(), static_cast<double>(bytes) / kMiB,
+                                      static_cast<double>(options_.max_bytes) / kMiB));
+  return shape;
+}
+
+int read_mesh_as_child(int argc, char** argv) {
+  if (argc != 5) return EXIT_FAILURE;
+  const std::string extension = argv[2];
+  const std::size_t max_bytes = std::strtoull(argv[3], nullptr, 10);
+  const auto seconds = static_cast<unsigned>(std::strtoul(argv[4], nullptr, 10));
+  want_of_memory() = refusal_answer(
+      fmt::format("takes more than {:.0f} MiB to read as a mesh", static_cast<double>(max_bytes) / kMiB));
+  std::set_new_handler([] { answer(want_of_memory()); });
+  try {
+    confine(max_bytes, seconds);
+    answer(shape_answer(read_mesh_file(read_input(), extension, max_bytes)));
+  } catch (const std::exception& e) {
+    answer(refusal_answer(e.what()));
+  }
+}
+
+}  // namespace selenograph::engine

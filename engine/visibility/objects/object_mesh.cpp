@@ -1,0 +1,104 @@
+#include "engine/visibility/objects/object_mesh.h"
+
+#define XXH_INLINE_ALL
+#include <fmt/format.h>
+#include <xxhash.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+
+namespace selenograph::engine {
+namespace {
+
+std::uint64_t fingerprint_of(const ObjectShape& shape) {
+  std::uint64_t hash = 0;
+  const auto add = [&](const auto& list) {
+    hash = XXH3_64bits_withSeed(list.data(), list.size() * sizeof list[0], hash ^ list.size());
+  };
+  add(shape.corners), add(shape.triangles);
+  for (const std::string& part : shape.parts) add(part);
+  if (!shape.origin.isZero(0)) add(std::vector<double>(shape.origin.begin(), shape.origin.end()));
+  return hash;
+}
+
+// Float has 24 bits; what of it a ray is surer of than of its neighbours: 20.
+constexpr double kRounding = 0x1p-20;
+
+}  // namespace
+
+ObjectMesh::Median ObjectMesh::median_of(const ObjectShape& shape) {
+  std::vector<double> values(3 * shape.triangles.size());
+  const auto median = [&](auto&& value_of) {
+    for (std::size_t i = 0; i < values.size(); ++i)
+      values[i] = value_of(shape.place(shape.triangles[i / 3], static_cast<int>(i % 3)));
+    const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::nth_element(values.begin(), at, values.end());
+    return *at;
+  };
+  Median m{};
+  for (int axis = 0; axis < 3; ++axis) m.place[axis] = median([axis](const Vec3& p) { return p[axis]; });
+  m.distance = median([&](const Vec3& p) { return (p - m.place).norm(); });
+  return m;
+}
+
+ObjectShape ObjectMesh::without_strays(ObjectShape shape, Median& m, std::vector<std::string>& notes) {
+  m = median_of(shape);
+  const double most = kStray * m.distance;
+  if (m.distance == 0) return shape;
+  double farthest = 0;
+  const auto stray = [&](const ObjectTriangle& t) {
+    double reach = 0;
+    for (int k = 0; k < 3; ++k) reach = std::max(reach, (shape.place(t, k) - m.place).norm());
+    if (reach > most) farthest = std::max(farthest, reach);
+    return reach > most;
+  };
+  const auto gone = std::count_if(shape.triangles.begin(), shape.triangles.end(), stray);
+  if (gone == 0 || gone == std::ssize(shape.triangles)) return shape;
+  std::erase_if(shape.triangles, stray);
+  notes.push_back(fmt::format(
+      "{} triangle{} left out, which reach{} as far as {:.3g} from the middle; half of all corners are within {:.3g}",
+      gone, gone == 1 ? " is" : "s are", gone == 1 ? "es" : "", farthest, m.distance));
+  // Of the corners only those that are left: float would have to hold the others, too.
+  std::vector<std::uint32_t> number(shape.corners.size(), ~0U);
+  std::vector<ObjectCorner> kept;
+  for (ObjectTriangle& t : shape.triangles)
+    for (std::uint32_t& corner : t.corner) {
+      if (number[corner] == ~0U)
+        number[corner] = static_cast<std::uint32_t>(kept.size()), kept.push_back(shape.corners[corner]);
+      corner = number[corner];
+    }
+  shape.corners = std::move(kept);
+  m = median_of(shape);
+  return shape;
+}
+
+ObjectMesh::Bounds ObjectMesh::bounds_of() const {
+  Eigen::AlignedBox3d box;
+  for (const ObjectTriangle& t : shape_.triangles)
+    for (int k = 0; k < 3; ++k) box.extend(shape_.place(t, k));
+  Bounds b{box.center(), box.center(), 0};
+  for (const ObjectTriangle& t : shape_.triangles)
+    for (int k = 0; k < 3; ++k) b.radius = std::max(b.radius, (shape_.place(t, k) - b.centre).norm());
+  if (b.radius > median_.core()) b.middle = median_.place;
+  return b;
+}
+
+ObjectMesh::ObjectMesh(ObjectShape shape, const StopToken& stop)
+    : shape_(without_strays(std::move(shape), median_, notes_)),
+      bounds_(bounds_of()),
+      tracer_(shape_, bounds_.middle, stop),
+      fingerprint_(fingerprint_of(shape_)) {
+  constexpr double kMuch = 1e-4;
+  if (shape_.rounding > kMuch * bounds_.radius)
+    notes_.push_back(
+        fmt::format("its file holds coordinates as float, so far from their origin that they are rounded by "
+                    "{:.2g}; the object's radius is {:.3g}",
+                    shape_.rounding, bounds_.radius));
+  if (shape_.textured) notes_.emplace_back("its textures are not used: its parts are of the materials in the request");
+}
+
+double ObjectMesh::rounding_at(const Vec3& place) const {
+  return kRounding * std::min(bounds_.radius, std::max(median_.core(), (place - bounds_.middle).norm()));
+}
+
+}  // namespace selenograph::engine

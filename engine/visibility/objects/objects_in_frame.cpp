@@ -1,0 +1,396 @@
+#include "engine/visibility/objects/objects_in_frame.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "engine/radiometry/radiometry.h"
+#include "engine/visibility/objects/object_mesh.h"
+#include "engine/visibility/objects/rock_shapes.h"
+
+namespace selenograph::engine {
+namespace {
+
+// Room for float: the ball on which rays start encloses what Embree sees of the object.
+constexpr double kMargin = 1e-5;
+
+struct Entry {
+  bool meets;
+  double distance;  // in the direction's lengths; 0 from inside
+};
+
+Entry enter_ball(const Vec3& from_centre, const Vec3& direction, double radius) {
+  const double a = direction.squaredNorm(), closest = -from_centre.dot(direction) / a;
+  // The perpendicular itself: its length from squares would be lost when the ray comes from afar.
+  const double off2 = (from_centre + closest * direction).squaredNorm(), inside2 = radius * radius - off2;
+  if (inside2 <= 0) return {false, 0};
+  const double half = std::sqrt(inside2 / a);
+  if (closest + half < 0) return {false, 0};
+  return {true, std::max(0.0, closest - half)};
+}
+
+// Around a packet's rays, which all come from one place, or, where each row has a view of its own, from next to it.
+class Cone {
+ public:
+  explicit Cone(const Rays& rays) {
+    Vec3 unit[kPacket], sum = Vec3::Zero();
+    for (int i = 0; i < kPacket; ++i) {
+      if (!rays.valid[i]) continue;
+      unit[i] = rays.direction(i).normalized(), sum += unit[i];
+      if (empty_) apex_ = rays.origin(i), empty_ = false;
+      spread_m_ = std::max(spread_m_, (rays.origin(i) - apex_).norm());
+    }
+    middle_ = sum.normalized();
+    double widest2 = 0;
+    for (int i = 0; i < kPacket; ++i)
+      if (rays.valid[i]) widest2 = std::max(widest2, (unit[i] - middle_).squaredNorm());
+    spread_ = angle_of_chord(std::sqrt(widest2));
+  }
+
+  bool may_meet(const Ball& ball) const {
+    if (empty_) return false;
+    const Vec3 to = ball.centre_m - apex_;
+    // A ray from beside the apex meets the ball where the same ray from the apex meets one that is so much larger.
+    const double distance = to.norm(), radius_m = ball.radius_m + spread_m_;
+    if (distance <= radius_m) return true;
+    return angle_of_chord((to / distance - middle_).norm()) <= spread_ + std::asin(radius_m / distance) + 1e-12;
+  }
+
+ private:
+  static double angle_of_chord(double chord) { return 2 * std::asin(std::min(1.0, chord / 2)); }
+
+  Vec3 apex_ = Vec3::Zero(), middle_;
+  double spread_, spread_m_ = 0;  // of directions, radians; of origins
+  bool empty_ = true;
+};
+
+Ball ball_around(const ObjectMesh& mesh, const Vec3& position_m, const Eigen::Quaterniond& moon_from_object,
+                 double scale) {
+  return {position_m + moon_from_object * Vec3(scale * mesh.centre()), scale * mesh.radius() * (1 + kMargin)};
+}
+
+// Around the points of some lanes.
+Ball ball_around(const SurfacePoints& points, std::uint32_t lanes) {
+  Eigen::AlignedBox3d box;
+  for (int i = 0; i < kPacket; ++i)
+    if (lanes >> i & 1) box.extend(points.position(i));
+  return {box.center(), box.diagonal().norm() / 2};
+}
+
+// Whether rays toward a (unit) direction from within one ball may meet another.
+bool may_block(const Ball& from, const Vec3& toward, const Ball& ball) {
+  const Vec3 to = ball.centre_m - from.centre_m;
+  const double along = to.dot(toward), reach = from.radius_m + ball.radius_m;
+  return along >= -reach && (to - along * toward).squaredNorm() <= reach * reach;
+}
+
+void set_lane(RayPacket& packet, int i, const Vec3& origin, const Vec3& direction) {
+  packet.ox[i] = static_cast<float>(origin.x()), packet.oy[i] = static_cast<float>(origin.y()),
+  packet.oz[i] = static_cast<float>(origin.z());
+  packet.dx[i] = static_cast<float>(direction.x()), packet.dy[i] = static_cast<float>(direction.y()),
+  packet.dz[i] = static_cast<float>(direction.z());
+  packet.active[i] = -1;
+}
+
+// Lanes that aren't traced: some ray, none that would spoil a bundle.
+void fill_idle(RayPacket& packet, std::uint32_t active) {
+  const int some = std::countr_zero(active);
+  for (int i = 0; i < kPacket; ++i) {
+    if (active >> i & 1) continue;
+    packet.ox[i] = packet.ox[some], packet.oy[i] = packet.oy[some], packet.oz[i] = packet.oz[some];
+    packet.dx[i] = packet.dx[some], packet.dy[i] = packet.dy[some], packet.dz[i] = packet.dz[some];
+    packet.active[i] = 0;
+  }
+}
+
+}  // namespace
+
+std::vector<Ball> balls_around(const std::vector<SceneObject>& objects) {
+  std::vector<Ball> balls;
+  balls.reserve(objects.size());
+  for (const SceneObject& o : objects) balls.push_back(ball_around(*o.mesh, o.position_m, o.moon_from_object, o.scale));
+  return balls;
+}
+
+bool objects_emit(const std::vector<SceneObject>& objects) {
+  return std::any_of(objects.begin(), objects.end(), [](const SceneObject& object) {
+    return std::any_of(object.materials.begin(), object.materials.end(),
+                       [](const Material& m) { return m.temperature_k > 0; });
+  });
+}
+
+ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews& views,
+                               std::span<const dem::RockFeature> rocks, const StopToken& stop)
+    : ObjectsInFrame(request, &views) {
+  place(rocks, views.reference().position(), stop);
+}
+
+ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, std::span<const dem::RockFeature> rocks,
+                               const StopToken& stop)
+    : ObjectsInFrame(request, nullptr) {
+  Eigen::AlignedBox3d box;
+  for (const dem::RockFeature& rock : rocks) box.extend(rock.position_m);
+  if (!rocks.empty()) place(rocks, box.center(), stop);
+}
+
+void ObjectsInFrame::place(std::span<const dem::RockFeature> rocks, const Vec3& anchor_m, const StopToken& stop) {
+  if (rocks.empty()) return;
+  first_rock_ = placed_.size();
+  finishes_.push_back(finishes_of({{request_.reflectance, request_.temperature_k}}));
+  for (const dem::RockFeature& rock : rocks) {
+    const RockPose pose = rock_pose(rock.rock.form, rock.up);
+    Placed p = placed(*rock_shapes()[pose.shape], rock.position_m, pose.moon_from_rock, rock.rock.diameter_m);
+    p.in_view = true, p.finishes = &finishes_.back();
+    placed_.push_back(std::move(p));
+  }
+  any_in_view_ = true;
+  group(anchor_m, stop);
+}
+
+ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* views)
+    : request_(request), from_one_place_(views && !views->vary()) {
+  finishes_.reserve(request.objects.size() + 1);  // they are pointed at
+  for (const SceneObject& object : request.objects) {
+    Placed p = placed(*object.mesh, object.position_m, object.moon_from_object, object.scale);
+    p.in_view = !views || std::any_of(views->bundles().begin(), views->bundles().end(), [&](const ViewBundle& bundle) {
+      return bundle.may_see(p.ball.centre_m, p.ball.radius_m);
+    });
+    any_in_view_ |= p.in_view;
+    finishes_.push_back(finishes_of(object.materials));
+    p.finishes = &finishes_.back();
+    placed_.push_back(std::move(p));
+  }
+}
+
+ObjectsInFrame::Placed ObjectsInFrame::placed(const ObjectMesh& mesh, const Vec3& position_m,
+                                              const Eigen::Quaterniond& moon_from_object, double scale) const {
+  Placed p;
+  p.mesh = &mesh;
+  p.moon_from_object = moon_from_object.toRotationMatrix();
+  p.object_from_moon = p.moon_from_object.transpose() / scale;
+  p.position = position_m, p.scale = scale;
+  p.middle = position_m + moon_from_object * Vec3(scale * mesh.middle());
+  p.ball = ball_around(mesh, position_m, moon_from_object, scale);
+  return p;
+}
+
+std::vector<ObjectsInFrame::Finish> ObjectsInFrame::finishes_of(const std::vector<Material>& materials) const {
+  std::vector<Finish> finishes;
+  for (const Material& material : materials) {
+    const RadianceTerms terms = radiance_terms(request_, material);
+    finishes.push_back({Brdf(material.reflectance), terms.direct_w_m2, static_cast<float>(terms.base_w_m2_sr())});
+  }
+  return finishes;
+}
+
+// Relative to the camera float is as fine as a small part of a pixel.
+void ObjectsInFrame::group(const Vec3& anchor_m, const StopToken& stop) {
+  anchor_m_ = anchor_m;
+  for (std::size_t i = first_rock_; i < placed_.size(); ++i)
+    rocks_radius_m_ =
+        std::max(rocks_radius_m_, (placed_[i].ball.centre_m - anchor_m_).norm() + placed_[i].ball.radius_m);
+  rocks_.emplace(
+      placed_.size() - first_rock_,
+      [&](std::size_t i) {
+        const Placed& p = placed_[first_rock_ + i];
+        Eigen::Affine3f place;
+        place.linear() = (p.scale * p.moon_from_object).cast<float>();
+        place.translation() = (p.middle - anchor_m_).cast<float>();
+        return ObjectGroup::Instance{&p.mesh->tracer(), place};
+      },
+      stop);
+}
+
+std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const {
+  if (!any_in_view_) return 0;
+  double nearest[kPacket];
+  for (int i = 0; i < kPacket; ++i) {
+    nearest[i] = terrain.hit[i] ? terrain.distance[i] : std::numeric_limits<double>::infinity();
+    out.object[i] = kNoObject;
+  }
+  std::optional<Cone> cone;
+  if (from_one_place_) cone.emplace(rays);
+  for (std::size_t k = 0; k < std::min(placed_.size(), first_rock_); ++k)
+    if (placed_[k].in_view && (!cone || cone->may_meet(placed_[k].ball)))
+      look(placed_[k], static_cast<std::uint16_t>(k), rays, nearest, out);
+  if (rocks_) look_at_rocks(rays, nearest, out);
+  std::uint32_t lanes = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    out.points.hit[i] = out.object[i] != kNoObject;
+    if (!out.points.hit[i]) continue;
+    lanes |= 1U << i;
+    terrain.hit[i] = terrain.toward_moon[i] = rays.valid[i] = false;
+  }
+  if (lanes == 0) return 0;
+  const int some = std::countr_zero(lanes);
+  for (int i = 0; i < kPacket; ++i) {
+    out.points.toward_moon[i] = false;
+    if (lanes >> i & 1) continue;
+    // Numbers that whole vectors can be worked with.
+    SurfacePoints& p = out.points;
+    p.x[i] = p.x[some], p.y[i] = p.y[some], p.z[i] = p.z[some];
+    p.nx[i] = p.nx[some], p.ny[i] = p.ny[some], p.nz[i] = p.nz[some];
+    p.v[i] = p.v[some], p.w[i] = p.w[some], p.distance[i] = p.distance[some];
+    out.shading.mu0[i] = out.shading.incident[i] = out.shading.mu[i] = 0;
+    out.shading.nx[i] = out.shading.nx[some], out.shading.ny[i] = out.shading.ny[some],
+    out.shading.nz[i] = out.shading.nz[some];
+  }
+  return lanes;
+}
+
+void ObjectsInFrame::look(const Placed& object, std::uint16_t index, const Rays& rays, double* nearest,
+                          ObjectLanes& out) const {
+  RayPacket packet;
+  std::uint32_t active = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    if (!rays.valid[i]) continue;
+    const Vec3 origin = rays.origin(i), direction = rays.direction(i);
+    const Entry entry = enter_ball(origin - object.ball.centre_m, direction, object.ball.radius_m);
+    if (!entry.meets || entry.distance >= nearest[i]) continue;
+    set_lane(packet, i, object.from_middle(origin + entry.distance * direction), object.object_from_moon * direction);
+    active |= 1U << i;
+  }
+  if (active == 0) return;
+  fill_idle(packet, active);
+  std::uint32_t triangle[kPacket];
+  object.mesh->tracer().intersect(packet, triangle);
+  for (int i = 0; i < kPacket; ++i)
+    if (triangle[i] != ObjectTracer::kNone) store(object, index, triangle[i], rays, i, nearest, out);
+}
+
+// Where the ray meets the triangle's plane: float chose the triangle.
+void ObjectsInFrame::store(const Placed& object, std::uint16_t index, std::uint32_t triangle, const Rays& rays, int i,
+                           double* nearest, ObjectLanes& out) const {
+  const ObjectShape& shape = object.mesh->shape();
+  const ObjectTriangle& t = shape.triangles[triangle];
+  const Vec3 a = shape.place(t, 0), ab = shape.place(t, 1) - a, ac = shape.place(t, 2) - a, normal = ab.cross(ac);
+  const Vec3 direction = object.object_from_moon * rays.direction(i), from_a = object.inside(rays.origin(i)) - a;
+  const double toward = normal.dot(direction);
+  if (toward == 0) return;  // edge-on: there is nothing of it to be seen
+  const double distance = -normal.dot(from_a) / toward;
+  if (!(distance > 0 && distance < nearest[i])) return;
+  nearest[i] = distance;
+  const Vec3 place = from_a + distance * direction;
+  const double area2 = normal.squaredNorm();
+  const double v = normal.dot(place.cross(ac)) / area2, w = normal.dot(ab.cross(place)) / area2;
+  const auto corner = [&](std::size_t k) -> Vec3 { return shape.corners[t.corner[k]].normal.cast<double>(); };
+  const Vec3 smooth = (1 - v - w) * corner(0) + v * corner(1) + w * corner(2);
+
+  const Vec3 facet = object.moon_from_object * ((toward > 0 ? -1 : 1) * normal.normalized());
+  Vec3 shading = object.moon_from_object * smooth;
+  if (shading.dot(facet) < 0) shading = -shading;  // the other side of a sheet
+  const Vec3 looking = rays.direction(i).normalized();
+  // As for terrain: what is seen faces the camera.
+  shading = shading.dot(looking) < 0 ? Vec3(shading.normalized()) : facet;
+
+  SurfacePoints& p = out.points;
+  const Vec3 position = rays.origin(i) + distance * rays.direction(i);
+  p.x[i] = position.x(), p.y[i] = position.y(), p.z[i] = position.z();
+  p.nx[i] = facet.x(), p.ny[i] = facet.y(), p.nz[i] = facet.z();
+  p.v[i] = p.w[i] = 1.0 / 3;
+  p.distance[i] = distance, p.hit[i] = true;
+  out.shading.nx[i] = shading.x(), out.shading.ny[i] = shading.y(), out.shading.nz[i] = shading.z();
+  out.shading.mu0[i] = out.shading.incident[i] = shading.dot(request_.sun.direction);
+  out.shading.mu[i] = -shading.dot(looking);
+  out.object[i] = index, out.part[i] = t.part;
+}
+
+std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,
+                                      const Vec3& sun) const {
+  std::uint32_t blocked = 0;
+  if (asking == 0) return 0;
+  const Ball from = ball_around(points, asking);
+  for (std::size_t k = 0; k < std::min(placed_.size(), first_rock_) && asking != 0; ++k) {
+    const Placed& object = placed_[k];
+    if (!may_block(from, sun, object.ball)) continue;
+    RayPacket packet;
+    std::uint32_t active = 0;
+    for (int i = 0; i < kPacket; ++i) {
+      if (!(asking >> i & 1)) continue;
+      const Vec3 place = points.position(i);
+      const Entry entry = enter_ball(place - object.ball.centre_m, sun, object.ball.radius_m);
+      if (!entry.meets) continue;
+      set_lane(packet, i, object.from_middle(place + entry.distance * sun), object.object_from_moon * sun);
+      if (own && own[i] == k)
+        packet.near[i] = static_cast<float>(object.scale * object.mesh->rounding_at(object.inside(place)) /
+                                            std::max(1.0 / 64, points.facet_normal(i).dot(sun)));
+      active |= 1U << i;
+    }
+    if (active == 0) continue;
+    fill_idle(packet, active);
+    bool here[kPacket];
+    object.mesh->tracer().occluded(packet, here);
+    for (int i = 0; i < kPacket; ++i)
+      if (here[i]) blocked |= 1U << i, asking &= ~(1U << i);
+  }
+  if (rocks_ && asking != 0) blocked |= blocked_by_rocks(points, own, asking, sun);
+  return blocked;
+}
+
+void ObjectsInFrame::look_at_rocks(const Rays& rays, double* nearest, ObjectLanes& out) const {
+  RayPacket packet;
+  std::uint32_t active = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    if (!rays.valid[i]) continue;
+    Vec3 origin = rays.origin(i) - anchor_m_;
+    // Those from afar begin where the rocks do: float would not resolve them from there.
+    if (!from_one_place_) {
+      const Entry entry = enter_ball(origin, rays.direction(i), rocks_radius_m_);
+      if (!entry.meets) continue;
+      origin += entry.distance * rays.direction(i);
+    }
+    set_lane(packet, i, origin, rays.direction(i));
+    active |= 1U << i;
+  }
+  if (active == 0) return;
+  fill_idle(packet, active);
+  std::uint32_t rock[kPacket], triangle[kPacket];
+  rocks_->intersect(packet, rock, triangle);
+  for (int i = 0; i < kPacket; ++i)
+    if (rock[i] != ObjectGroup::kNone)
+      store(placed_[first_rock_ + rock[i]], static_cast<std::uint16_t>(first_rock_ + rock[i]), triangle[i], rays, i,
+            nearest, out);
+}
+
+std::uint32_t ObjectsInFrame::blocked_by_rocks(const SurfacePoints& points, const std::uint16_t* own,
+                                               std::uint32_t asking, const Vec3& sun) const {
+  constexpr double kFloat = 0x1p-22;  // of a coordinate relative to the anchor, and some more
+  RayPacket packet;
+  for (int i = 0; i < kPacket; ++i) {
+    if (!(asking >> i & 1)) continue;
+    const Vec3 from = points.position(i) - anchor_m_;
+    set_lane(packet, i, from, sun);
+    if (own && is_rock(own[i])) {
+      const Placed& rock = placed_[own[i]];
+      const double rounding_m =
+          rock.scale * rock.mesh->rounding_at(rock.inside(points.position(i))) + kFloat * (from.norm() + rock.scale);
+      packet.near[i] = static_cast<float>(rounding_m / std::max(1.0 / 64, points.facet_normal(i).dot(sun)));
+    }
+  }
+  fill_idle(packet, asking);
+  bool here[kPacket];
+  rocks_->occluded(packet, here);
+  std::uint32_t blocked = 0;
+  for (int i = 0; i < kPacket; ++i)
+    if (here[i]) blocked |= 1U << i;
+  return blocked;
+}
+
+void ObjectsInFrame::radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit, float* out,
+                               float* base) const {
+  for (int i = 0; i < kPacket; ++i) {
+    if (!lanes.points.hit[i]) continue;
+    const Finish& finish = (*placed_[lanes.object[i]].finishes)[lanes.part[i]];
+    const Vec3 direction = rays.direction(i);
+    const double cos_phase = -direction.dot(request_.sun.direction) / direction.norm();
+    base[i] = finish.base;
+    out[i] =
+        finish.base + static_cast<float>(direct_radiance(finish.brdf, finish.direct_w_m2, lanes.shading.incident[i],
+                                                         lanes.shading.mu[i], cos_phase, static_cast<double>(lit[i])));
+  }
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,87 @@
+// What visibility works on: a joined mesh and its acceleration structure, shared between frames that see the same
+// terrain.
+#pragma once
+
+#include <algorithm>
+#include <memory>
+#include <vector>
+
+#include "engine/frame/request.h"
+#include "engine/scene/mesh.h"
+#include "engine/scene/raster_mesh.h"
+#include "engine/visibility/embree/ray_tracer.h"
+
+namespace selenograph::engine {
+
+// All that a scene depends on: of equal content, one is kept.
+struct SceneContent {
+  std::vector<dem::BlockId> blocks;  // as selected: sorted
+  Vec3 anchor_m = Vec3::Zero();      // of its float coordinates
+  Visibility visibility = Visibility::raytrace;
+  const dem::Terrain* terrain = nullptr;  // that has the blocks, with its detail; null: the one without
+};
+
+// What another scene may take over of one.
+struct SceneParts {
+  std::shared_ptr<const Mesh> mesh;  // may be null
+  RasterParts raster;
+};
+
+struct Scene {
+  // For one of the two visibility algorithms: the other's structure is not made. `before`: of a scene that may have
+  // blocks in common, for this one's anchor. Throws Cancelled when it is stopped.
+  Scene(const dem::Terrain& terrain, const SceneContent& content, int threads, const SceneParts& before = {},
+        const StopToken& stop = {})
+      : shared_mesh(std::make_shared<Mesh>(terrain, content.blocks, before.mesh.get(), stop)),
+        shell_m(kMoonRadius_m + highest_m(mesh) + 1),
+        anchor(content.anchor_m),
+        detail(terrain.detail_number()) {
+    stop.check();
+    if (content.visibility == Visibility::zbuffer)
+      raster = std::make_unique<RasterMesh>(mesh, anchor, before.raster, stop);
+    else
+      tracer = std::make_unique<RayTracer>(mesh, anchor, threads, stop);
+    bytes = mesh.bytes() + (tracer ? tracer->bytes() : 0) + (raster ? raster->bytes() : 0);
+    for (const MeshBlock& b : mesh.blocks())  // those without any data are not in the mesh
+      triangles += static_cast<std::size_t>(dem::triangles_of_block(b.posts->id.level));
+  }
+
+  // For a scene of another anchor this holds on to less than the scene itself would.
+  SceneParts parts_for(const Vec3& anchor_m) const {
+    return {shared_mesh, raster ? raster->parts_for(anchor_m) : RasterParts{}};
+  }
+
+  // From the blocks alone, not from how they were selected: scenes of the same blocks are the same scene.
+  static double highest_m(const Mesh& mesh) {
+    float highest = dem::kLowestRelief_m;
+    for (const MeshBlock& b : mesh.blocks()) highest = std::max(highest, b.posts->max_m);
+    return static_cast<double>(highest);
+  }
+
+  // What it may share with other scenes: each as part(address, bytes); and what it has besides.
+  template <typename Part>
+  void for_each_part(const Part& part) const {
+    for (const MeshBlock& block : mesh.blocks()) part(static_cast<const void*>(&block), block.bytes());
+    if (!raster) return;
+    for (const auto& piece : raster->pieces()) {
+      part(static_cast<const void*>(piece.get()), piece->bytes());
+      part(static_cast<const void*>(piece->shape.get()), piece->shape->bytes());
+    }
+  }
+  std::size_t own_bytes() const {
+    return sizeof(Scene) + mesh.blocks().size() * 64 + (tracer ? tracer->bytes() : 0) +
+           (raster ? raster->own_bytes() : 0);
+  }
+
+  const std::shared_ptr<const Mesh> shared_mesh;
+  const Mesh& mesh = *shared_mesh;
+  std::unique_ptr<RayTracer> tracer;
+  std::unique_ptr<RasterMesh> raster;
+  double shell_m;  // radius of a sphere around everything in it
+  Vec3 anchor;     // of both structures' float coordinates
+  int detail;      // dem::Terrain::detail_number()
+  // Of all parts. Counted once: to look at each block takes milliseconds.
+  std::size_t bytes = 0, triangles = 0;
+};
+
+}  // namespace selenograph::engine

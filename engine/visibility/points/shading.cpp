@@ -1,0 +1,129 @@
+#include "engine/visibility/points/shading.h"
+
+#include <cmath>
+
+#include "dem/support/vector_targets.h"
+#include "engine/frame/needs.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/visibility/points/shading.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
+
+void ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const Vec3& sun, Shading& out) {
+  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double v = p.v[i], w = p.w[i], u = 1 - v - w;
+    const double smooth_x = u * static_cast<double>(n.normal_a[0][i]) + v * static_cast<double>(n.normal_b[0][i]) +
+                            w * static_cast<double>(n.normal_c[0][i]);
+    const double smooth_y = u * static_cast<double>(n.normal_a[1][i]) + v * static_cast<double>(n.normal_b[1][i]) +
+                            w * static_cast<double>(n.normal_c[1][i]);
+    const double smooth_z = u * static_cast<double>(n.normal_a[2][i]) + v * static_cast<double>(n.normal_b[2][i]) +
+                            w * static_cast<double>(n.normal_c[2][i]);
+    // What is seen faces the camera. Where the smooth normal doesn't, the facet's own does: otherwise slopes seen at
+    // grazing angles had black specks at opposition.
+    const bool away = smooth_x * rays.dx[i] + smooth_y * rays.dy[i] + smooth_z * rays.dz[i] >= 0;
+    const double x = away ? p.nx[i] : smooth_x, y = away ? p.ny[i] : smooth_y, z = away ? p.nz[i] : smooth_z;
+    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
+    const double unit = 1 / std::sqrt(x * x + y * y + z * z), back = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
+    out.nx[i] = x * unit, out.ny[i] = y * unit, out.nz[i] = z * unit;
+    const double mu0 = (x * sx + y * sy + z * sz) * unit;
+    out.mu0[i] = mu0, out.incident[i] = mu0;
+    out.mu[i] = (x * dx + y * dy + z * dz) * unit * back;
+  }
+}
+
+void RadiancesOf(const BrdfTerms& terms, double irradiance, const Shading& shading, const float* lit, float* out) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i)
+    out[i] = static_cast<float>(
+        direct_radiance(terms, irradiance, shading.incident[i], shading.mu[i], static_cast<double>(lit[i])));
+}
+
+// `mu`: of emission, not below 0.
+void Cosines(const Rays& rays, const Shading& shading, const Vec3& sun, double* cos_phase, double* mu) {
+  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
+    cos_phase[i] = -(dx * sx + dy * sy + dz * sz) / std::sqrt(dx * dx + dy * dy + dz * dz);
+    mu[i] = shading.mu[i] > 0 ? shading.mu[i] : 0;
+  }
+}
+
+// What direct_radiance does, of a model that was evaluated before; `albedo`: none, or what to multiply by.
+void ReflectedBy(double irradiance, const Shading& shading, const double* mu0_brdf, const double* albedo,
+                 const float* lit, float* out) {
+  double factor[kPacket];
+  for (int i = 0; i < kPacket; ++i) factor[i] = albedo ? irradiance * albedo[i] : irradiance;
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double value = factor[i] * mu0_brdf[i] * static_cast<double>(lit[i]);
+    out[i] = static_cast<float>(shading.incident[i] > 0 && lit[i] > 0 ? value : 0.0);
+  }
+}
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(ShadeLanes);
+HWY_EXPORT(RadiancesOf);
+HWY_EXPORT(Cosines);
+HWY_EXPORT(ReflectedBy);
+
+namespace {
+
+bool mapped(const FrameRequest& request) {
+  return wants_radiance(request) && !(request.albedo_maps.empty() && request.temperature_maps.empty());
+}
+
+// All models that have a rho are proportional to it: a map's multiplies what 1 would reflect, eq. (2).
+Reflectance evaluated(const FrameRequest& request) {
+  Reflectance reflectance = request.reflectance;
+  if (mapped(request)) reflectance.rho = 1;
+  return reflectance;
+}
+
+}  // namespace
+
+PacketShader::PacketShader(const FrameRequest& request, const RowViews& views, const RadianceTerms& terms)
+    : request_(request),
+      irradiance_(terms.direct_w_m2),
+      base_(static_cast<float>(terms.base_w_m2_sr())),
+      brdf_(evaluated(request)) {
+  if (engine::mapped(request)) mapped_.emplace(request, views);
+}
+
+void PacketShader::shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const {
+  HWY_DYNAMIC_DISPATCH(ShadeLanes)(facets, points, rays, request_.sun.direction, out);
+}
+
+void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
+                             Sampler& sampler, float* out, float* base, int first_row) const {
+  if (const BrdfTerms* terms = brdf_.terms(); terms && !mapped_) {
+    HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, lit, out);
+  } else {
+    alignas(64) double cos_phase[kPacket], mu[kPacket], mu0_brdf[kPacket], albedo[kPacket];
+    HWY_DYNAMIC_DISPATCH(Cosines)(rays, shading, request_.sun.direction, cos_phase, mu);
+    if (mapped_) mapped_->sample(points, rays, sampler, albedo, base, first_row);
+    const bool hapke = request_.reflectance.model == ReflectanceModel::hapke;
+    brdf_.times_mu0(shading.incident, mu, cos_phase, mapped_ && hapke ? albedo : nullptr, mu0_brdf);
+    HWY_DYNAMIC_DISPATCH(ReflectedBy)
+    (irradiance_, shading, mu0_brdf, mapped_ && !hapke ? albedo : nullptr, lit, out);
+  }
+  if (mapped_) {
+    for (int i = 0; i < kPacket; ++i) out[i] += points.hit[i] ? base[i] : 0;
+  } else if (base_ != 0) {
+    for (int i = 0; i < kPacket; ++i) out[i] += base_;  // eq. (1)
+  }
+}
+
+}  // namespace selenograph::engine
+#endif  // HWY_ONCE

@@ -1,0 +1,217 @@
+#include "engine/visibility/points/trace.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "dem/support/vector_targets.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/visibility/points/trace.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#ifndef SELENOGRAPH_ENGINE_TRACE_SHARED
+#define SELENOGRAPH_ENGINE_TRACE_SHARED
+namespace selenograph::engine {
+
+// Whether a ray from `outside` (squared distance from the centre less the datum's radius squared) meets the datum; a:
+// its direction squared, b: origin . direction.
+inline bool meets_datum(double outside, double a, double b) {
+  return outside <= 0 || (b < 0 && b * b - a * outside >= 0);
+}
+
+}  // namespace selenograph::engine
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace selenograph::engine::HWY_NAMESPACE {
+
+// What float leaves open of a point and of the plane it lies on, as a share of the largest coordinates.
+constexpr float kRounding = 0x1p-22F;
+
+// More than 0 where a triangle faces the Sun and the solid inside of the Moon (below all relief) isn't in between; for
+// loops over lanes: one number chosen by another becomes vectors, `and` doesn't.
+inline double toward_sun(const SurfacePoints& p, int i, double sx, double sy, double sz) {
+  constexpr double kCore2 = (kMoonRadius_m + dem::kLowestRelief_m) * (kMoonRadius_m + dem::kLowestRelief_m);
+  const double x = p.x[i], y = p.y[i], z = p.z[i], along = x * sx + y * sy + z * sz;
+  const double off_axis2 = x * x + y * y + z * z - along * along, behind2 = along < 0 ? off_axis2 : kCore2;
+  const double toward = p.nx[i] * sx + p.ny[i] * sy + p.nz[i] * sz;
+  return behind2 < kCore2 ? 0 : toward;
+}
+
+// Per lane: entry into the sphere (or the start, inside of it), relative to the anchor, in float. `active` where there
+// is one.
+void StartRays(const Rays& rays, double radius, const Vec3& anchor, RayPacket& packet, std::int32_t* toward_moon) {
+  const double radius2 = radius * radius, ax = anchor.x(), ay = anchor.y(), az = anchor.z();
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double ox = rays.ox[i], oy = rays.oy[i], oz = rays.oz[i], dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
+    const double outside = ox * ox + oy * oy + oz * oz - radius2;
+    const double a = dx * dx + dy * dy + dz * dz, b = ox * dx + oy * dy + oz * dz, root2 = b * b - a * outside;
+    const double entry = outside / (-b + std::sqrt(root2 > 0 ? root2 : 0));  // the stable form of the nearer root
+    const bool inside = outside <= 0, meets = inside || (b < 0 && root2 >= 0);
+    const double t = inside || !meets ? 0 : entry;
+    packet.ox[i] = static_cast<float>(ox + t * dx - ax), packet.oy[i] = static_cast<float>(oy + t * dy - ay),
+    packet.oz[i] = static_cast<float>(oz + t * dz - az);
+    packet.dx[i] = static_cast<float>(dx), packet.dy[i] = static_cast<float>(dy), packet.dz[i] = static_cast<float>(dz);
+    packet.active[i] = meets ? -1 : 0;
+    const double above = ox * ox + oy * oy + oz * oz - kMoonRadius_m * kMoonRadius_m;
+    toward_moon[i] = meets_datum(above, a, b) ? 1 : 0;
+  }
+}
+
+// Per lane: the point, toward the Sun. `active` where the facet faces the Sun and the solid inside of the Moon (below
+// all relief) doesn't stand between. Within the coordinates' own rounding lies the surface that the ray leaves; found
+// there and dropped, it would keep Embree's packets from looking at the quad's other half. The flatter the ray, the
+// longer the way (`near`). (What rises within that way is met where the ray comes out of it.)
+void StartShadowRays(const SurfacePoints& p, const Vec3& anchor, const Vec3& sun, RayPacket& packet,
+                     float* rounding_m) {
+  const double ax = anchor.x(), ay = anchor.y(), az = anchor.z(), sx = sun.x(), sy = sun.y(), sz = sun.z();
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double x = p.x[i], y = p.y[i], z = p.z[i], nx = p.nx[i], ny = p.ny[i], nz = p.nz[i];
+    const double area = std::sqrt(nx * nx + ny * ny + nz * nz), facing = nx * sx + ny * sy + nz * sz;
+    const double steepness = facing / area;
+    // Next to the anchor the triangle's vertices are farther from it than the point.
+    const double rx = x - ax, ry = y - ay, rz = z - az,
+                 size = std::abs(rx) + std::abs(ry) + std::abs(rz) + 4 * std::sqrt(area),
+                 rounding = size * static_cast<double>(kRounding);
+    rounding_m[i] = static_cast<float>(rounding);
+    packet.ox[i] = static_cast<float>(rx), packet.oy[i] = static_cast<float>(ry), packet.oz[i] = static_cast<float>(rz);
+    packet.dx[i] = static_cast<float>(sx), packet.dy[i] = static_cast<float>(sy), packet.dz[i] = static_cast<float>(sz);
+    packet.near[i] = static_cast<float>(rounding / (steepness > 1.0 / 64 ? steepness : 1.0 / 64));
+    packet.active[i] = toward_sun(p, i, sx, sy, sz) > 0 ? -1 : 0;
+  }
+}
+
+// Per lane: 1 where the point's facet faces the Sun and the solid inside of the Moon doesn't stand between.
+void FaceTheSun(const SurfacePoints& p, const Vec3& sun, std::int32_t* facing) {
+  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) facing[i] = toward_sun(p, i, sx, sy, sz) > 0 ? 1 : 0;
+}
+
+}  // namespace selenograph::engine::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace selenograph::engine {
+
+HWY_EXPORT(StartRays);
+HWY_EXPORT(StartShadowRays);
+HWY_EXPORT(FaceTheSun);
+
+// Embree's ROBUST grids lose about one in 3000 rays that pass exactly through an edge or a vertex. Aside by its own
+// rounding they don't: rays that are lost though they head for the Moon get four more looks. Where exactly they meet is
+// up to the ray itself, in double.
+void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, SurfacePoints& points, Facets& facets) {
+  float farthest = 0;
+  for (int i = 0; i < kPacket; ++i)
+    if (packet.active[i])
+      farthest = std::max({farthest, std::abs(packet.ox[i]), std::abs(packet.oy[i]), std::abs(packet.oz[i])});
+  bool found = false;
+  for (int k = 0; k < 4; ++k) {
+    RayPacket aside = packet;
+    bool any = false;
+    for (int i = 0; i < kPacket; ++i) {
+      aside.active[i] = points.toward_moon[i] && packet.active[i] ? -1 : 0;
+      if (!aside.active[i]) continue;
+      any = true;
+      const Vec3 d = rays.direction(i).normalized(), across = any_across(d);
+      const Vec3 shift =
+          static_cast<double>(farthest) * 0x1p-21 * (k < 2 ? across : d.cross(across)) * (k % 2 ? -1 : 1);
+      aside.ox[i] += static_cast<float>(shift.x()), aside.oy[i] += static_cast<float>(shift.y()),
+          aside.oz[i] += static_cast<float>(shift.z());
+    }
+    if (!any) break;
+    SurfacePoints again;
+    Facets of_these;
+    scene.tracer->intersect(aside, again);
+    refine(scene.mesh, rays, again, of_these);
+    for (int i = 0; i < kPacket; ++i) {
+      if (!aside.active[i] || !again.hit[i]) continue;
+      found = true;
+      points.x[i] = again.x[i], points.y[i] = again.y[i], points.z[i] = again.z[i],
+      points.distance[i] = again.distance[i];
+      points.v[i] = again.v[i], points.w[i] = again.w[i], points.nx[i] = again.nx[i], points.ny[i] = again.ny[i],
+      points.nz[i] = again.nz[i];
+      points.triangle[i] = again.triangle[i], points.hit[i] = true, points.toward_moon[i] = false;
+    }
+  }
+  if (found) gather(scene.mesh, points.triangle, facets);
+}
+
+void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& facets) {
+  RayPacket packet;
+  alignas(64) std::int32_t toward_moon[kPacket];
+  HWY_DYNAMIC_DISPATCH(StartRays)(rays, scene.shell_m, scene.anchor, packet, toward_moon);
+  bool any = false;
+  for (int i = 0; i < kPacket; ++i) {
+    if (!rays.valid[i]) packet.active[i] = 0;
+    any |= packet.active[i] != 0;
+    points.hit[i] = points.toward_moon[i] = false;
+  }
+  if (any) {
+    scene.tracer->intersect(packet, points);
+    if (std::find(points.hit, points.hit + kPacket, true) != points.hit + kPacket)
+      refine(scene.mesh, rays, points, facets);
+  }
+  int hits = 0, misses = 0, active = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    active += packet.active[i] != 0, hits += points.hit[i];
+    if (!rays.valid[i] || points.hit[i]) continue;
+    points.toward_moon[i] = toward_moon[i] != 0;
+    misses += points.toward_moon[i];
+  }
+  // A whole packet that sees nothing looks at a place without data.
+  if (misses > 0 && active > 0 && (hits > 0 || active < kPacket)) look_again(scene, rays, packet, points, facets);
+}
+
+void find_missing(const Rays& rays, SurfacePoints& points) {
+  for (int i = 0; i < kPacket; ++i) {
+    points.toward_moon[i] = false;
+    if (!rays.valid[i] || points.hit[i]) continue;
+    const Vec3 o = rays.origin(i), d = rays.direction(i);
+    const double above = o.squaredNorm() - kMoonRadius_m * kMoonRadius_m, a = d.squaredNorm(), b = o.dot(d);
+    points.toward_moon[i] = meets_datum(above, a, b);
+  }
+}
+
+void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t* facing) {
+  HWY_DYNAMIC_DISPATCH(FaceTheSun)(points, sun, facing);
+}
+
+void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit) {
+  RayPacket packet;
+  alignas(64) float rounding_m[kPacket];
+  HWY_DYNAMIC_DISPATCH(StartShadowRays)(points, scene.anchor, sun, packet, rounding_m);
+  bool any = false;
+  float largest_m = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    lit[i] = 0;
+    if (!wanted[i]) packet.active[i] = 0;
+    if (!packet.active[i]) continue;
+    any = true;
+    largest_m = std::max(largest_m, rounding_m[i]);
+  }
+  if (!any) return;
+  bool blocked[kPacket];
+  scene.tracer->occluded(packet, sun, largest_m, blocked);
+  for (int i = 0; i < kPacket; ++i) lit[i] = packet.active[i] && !blocked[i] ? 1.F : 0.F;
+}
+
+std::uint32_t shaded(const Scene& scene, const SurfacePoints& points, std::uint32_t asking, const Vec3& sun) {
+  bool wanted[kPacket];
+  float lit[kPacket];
+  for (int i = 0; i < kPacket; ++i) wanted[i] = asking >> i & 1;
+  sunlit(scene, points, wanted, sun, lit);
+  std::uint32_t out = 0;
+  for (int i = 0; i < kPacket; ++i) out |= wanted[i] && !(lit[i] > 0) ? 1U << i : 0U;
+  return out;
+}
+
+}  // namespace selenograph::engine
+#endif  // HWY_ONCE

@@ -1,0 +1,129 @@
+// The commands of the executable. Each answers the process's exit status and throws what main() reports.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "dem/sample/sample_terrain.h"
+#include "engine/frame/rims.h"
+#include "engine/verify/round_trip.h"
+#include "server/commands/config.h"
+
+namespace selenograph::server {
+
+struct RenderSettings {
+  TerrainSettings terrain;
+  api::Limits limits;
+  std::string request;  // path, "-": stdin
+  std::string output;   // its extension is the format
+};
+
+struct MapSettings {
+  TerrainSettings terrain;
+  std::string request;           // path, "-": stdin
+  std::string output;            // its extension is the format
+  std::vector<std::string> utc;  // FROM, TO, STEP of a series; empty: one map
+};
+
+struct FeaturesSettings {
+  TerrainSettings terrain;
+  std::string request;         // path, "-": stdin; empty: by the three below
+  std::string detail;          // a preset's name
+  std::vector<double> region;  // south, north, west, east, degrees
+  std::optional<double> smallest_m;
+  std::string output = "-";  // CSV; "-": stdout
+  std::string coco, frame;   // file to write, and the request of its frame; empty: none
+  std::string image;         // that the frame was written to; empty: the frame's name with .png
+  engine::RimOptions rims;
+};
+
+struct BatchSettings {
+  TerrainSettings terrain;
+  api::Limits limits;
+  std::string manifest, output;  // output: folder
+  std::string shard = "0/1";     // I/N, I from 0
+  std::string format = "npz";
+  std::size_t frames_per_tar = 256;
+  bool resume = false;
+  int in_work = 0;  // 0: two, where there is more than one core
+};
+
+struct BatchVerifySettings {
+  std::string manifest, output;
+  std::string rerun;  // manifest to write; empty: none
+};
+
+struct ManifestSettings {
+  std::string trajectory;  // CSV
+  std::string camera;      // a preset's name, or a file
+  std::string sun;         // "utc", or JSON, or a file of it
+  std::string base;        // a request's other members; empty: none
+  std::string frame = "MOON_ME";
+  std::string output;
+};
+
+struct InfoSettings {
+  TerrainSettings terrain;
+  bool json = false;
+  int resampling = 0;  // posts of each resampled file to compare with the mesh
+  int borders = 64;    // layers whose borders are measured
+};
+
+struct SampleSettings {
+  dem::SampleOptions options;
+  std::string folder;
+};
+
+struct VerifyRoundTripSettings {
+  TerrainSettings terrain;
+  std::string center;                // "LAT,LON", degrees; the request's own place is filled in from it
+  std::string mode = "both";         // or "exact", "camera"
+  engine::RoundTripRequest request;  // its mode is each of those in turn
+  std::string output;                // folder
+};
+
+struct VerifyAccuracySettings {
+  TerrainSettings terrain;
+  std::string center, polar_center;  // "LAT,LON", degrees; empty: see the options
+  std::string detail;                // of the assets folder; empty: no scene with one
+  std::vector<std::string> scenes;   // names of those that are measured; empty: all
+  double height_m = 20e3;            // of all scenes but the descents
+  int size_px = 256;
+  int repetitions = 5;
+  int reference_samples = 256;
+  std::string output;  // folder
+};
+
+struct VerifyMertisSettings {
+  std::string instrument;  // JSON file; empty: MERTIS as the paper prints it and as is assumed
+  std::string output;      // folder
+};
+
+void add_options(CLI::App& command, RenderSettings& settings);
+void add_options(CLI::App& command, MapSettings& settings);
+void add_options(CLI::App& command, FeaturesSettings& settings);
+void add_options(CLI::App& command, BatchSettings& settings);
+void add_options(CLI::App& command, BatchVerifySettings& settings);
+void add_options(CLI::App& command, ManifestSettings& settings);
+void add_options(CLI::App& command, InfoSettings& settings);
+void add_options(CLI::App& command, SampleSettings& settings);
+void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
+void add_options(CLI::App& command, VerifyAccuracySettings& settings);
+void add_options(CLI::App& command, VerifyMertisSettings& settings);
+
+int serve(const ServeSettings& settings);
+int render(const RenderSettings& settings);
+int map(const MapSettings& settings);
+int features(const FeaturesSettings& settings);
+int batch(const BatchSettings& settings);
+int batch_verify(const BatchVerifySettings& settings);
+int manifest(const ManifestSettings& settings);
+int ingest(const TerrainSettings& settings);
+int info(const InfoSettings& settings);
+int sample(const SampleSettings& settings);
+int verify_round_trip(const VerifyRoundTripSettings& settings);
+int verify_accuracy(const VerifyAccuracySettings& settings);
+int verify_mertis(const VerifyMertisSettings& settings);
+
+}  // namespace selenograph::server

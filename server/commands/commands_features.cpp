@@ -1,0 +1,152 @@
+// `selenograph features`: a detail's craters or rocks in a region, as POST /v1/features answers them, and in a frame.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <stdexcept>
+
+#include "api/answers/coco.h"
+#include "api/message/problem.h"
+#include "api/requests/features_json.h"
+#include "api/requests/frame_json.h"
+#include "server/commands/commands.h"
+#include "server/commands/output.h"
+#include "server/commands/request_file.h"
+#include "server/commands/start.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+using api::Json;
+
+// Whoever asks here waits as long as it takes.
+api::Limits limits_of_patience() {
+  api::Limits limits;
+  limits.max_rays = 1 << 24;
+  limits.max_image_pixels = std::int64_t{1} << 28;
+  limits.max_image_side = 65535;
+  return limits;
+}
+
+// A region's request as text; empty: neither a file nor an option says one.
+std::string region_request(const FeaturesSettings& s) {
+  const bool by_options = !s.detail.empty() || !s.region.empty() || s.smallest_m;
+  if (!s.request.empty() && by_options)
+    throw std::runtime_error("REQUEST.json or --detail, --region and --smallest-m: they say the same");
+  if (!s.request.empty()) return read_request(s.request);
+  if (!by_options) return {};
+  if (s.detail.empty() || s.region.empty()) throw std::runtime_error("--detail and --region are needed, both");
+  Json request{
+      {"detail", s.detail},
+      {"region",
+       {{"south_deg", s.region[0]}, {"north_deg", s.region[1]}, {"west_deg", s.region[2]}, {"east_deg", s.region[3]}}}};
+  if (s.smallest_m) request["smallest_m"] = *s.smallest_m;
+  return request.dump();
+}
+
+// What is to be written, and said of it.
+struct Written {
+  std::string path, text, said;
+};
+
+Written of_region(const Json& request, const FeaturesSettings& s, const engine::Renderer& renderer,
+                  const api::Assets& assets, const api::Limits& limits) {
+  const api::FeaturesQuery query = api::read_features(request, limits, assets);
+  const api::FeatureList list(query, renderer);
+  return {
+      s.output, list.csv(),
+      fmt::format("{}: {} {}\n", s.output, list.size(), query.kind == api::FeatureKind::rocks ? "rocks" : "craters")};
+}
+
+void refuse_without_features(const api::FrameQuery& query) {
+  const auto refuse = [](const std::string& pointer, const std::string& why) {
+    throw api::RequestError("invalid_request", "the frame has no craters and no rocks", {{pointer, why}});
+  };
+  if (!query.request.detail) refuse("/detail", "is required: craters and rocks are its");
+  if (!query.request.terrain) refuse("/terrain", "is false: craters are terrain's, and rocks lie on it");
+}
+
+Written of_frame(const Json& request, const FeaturesSettings& s, const engine::Renderer& renderer,
+                 const api::Assets& assets, const api::Limits& limits) {
+  const api::FrameQuery query = api::read_frame(request, limits, assets);
+  refuse_without_features(query);
+  const engine::CraterRims rims = renderer.rims(query.request, s.rims);
+  const std::string image = !s.image.empty() ? s.image : fs::path(s.frame).stem().string() + ".png";
+  engine::FrameRequest of_rocks = query.request;
+  of_rocks.products = engine::kRock, of_rocks.truth.reset();
+  const engine::Frame rocks = renderer.render(of_rocks);
+  const api::OrderedJson coco = api::coco_json(query, rims, rocks, s.rims.least_px, image);
+  const auto& listed = coco["annotations"];
+  const auto on_rocks =
+      std::count_if(listed.begin(), listed.end(), [](const auto& a) { return a["category_id"] == 2; });
+  std::string said = fmt::format("{}: {} craters and {} rocks in {}\n", s.coco,
+                                 listed.size() - static_cast<std::size_t>(on_rocks), on_rocks, image);
+  if (rims.cut_off > 0)
+    said += fmt::format("{}: {} more are left out: the camera can't image all of their rim\n", s.coco, rims.cut_off);
+  return {s.coco, coco.dump(-1, ' ', false, api::OrderedJson::error_handler_t::replace) + "\n", said};
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, FeaturesSettings& s) {
+  command.add_option("request", s.request, "JSON file as for POST /v1/features; -: standard input")
+      ->type_name("REQUEST.json");
+  command.add_option("--detail", s.detail, "Instead of a file: name of details/NAME.json in the assets folder")
+      ->type_name("NAME");
+  command.add_option("--region", s.region, "Instead of a file: degrees; EAST may be beyond 180")
+      ->type_name("SOUTH NORTH WEST EAST")
+      ->expected(4);
+  command.add_option("--smallest-m", s.smallest_m, "Instead of a file: least diameter; left out: the preset's");
+  command.add_option("-o,--output", s.output, "CSV to write; -: standard output")
+      ->type_name("OUT.csv")
+      ->capture_default_str();
+  auto* coco = command.add_option("--coco", s.coco, "COCO file to write: the craters and rocks in a frame")
+                   ->type_name("OUT.json");
+  auto* frame = command.add_option("--frame", s.frame, "The frame: JSON file as for POST /v1/frames, with a detail")
+                    ->type_name("REQUEST.json");
+  coco->needs(frame), frame->needs(coco);
+  command.add_option("--image", s.image, "The COCO file's name for the frame; left out: that of --frame with .png")
+      ->type_name("NAME");
+  command
+      .add_option("--least-px", s.rims.least_px,
+                  "In a frame: diameter of a circle that is as large as a crater's rim, or as what is seen of a rock")
+      ->check(CLI::Range(1.0, 1e4))
+      ->capture_default_str();
+  command.add_option("--least-depth", s.rims.least_depth, "In a frame: depth over diameter, today; 0: all")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  add_options(command, s.terrain);
+}
+
+int features(const FeaturesSettings& settings) {
+  set_up_log(settings.terrain.log_level);
+  const std::string region = region_request(settings),
+                    frame = settings.frame.empty() ? "" : read_request(settings.frame);
+  if (region.empty() && frame.empty()) throw std::runtime_error("a REQUEST.json, --region or --coco is needed");
+  const api::Assets assets(settings.terrain.assets_dir, mesh_options(settings.terrain));
+  const api::Limits limits = limits_of_patience();
+  const auto renderer = make_renderer(settings.terrain);
+  std::vector<Written> all;
+  const api::Response answer = api::answer_or_problem({}, [&] {
+    const auto json = [&](const std::string& text) { return api::parse_json(text, limits.max_json_depth); };
+    if (!region.empty()) all.push_back(of_region(json(region), settings, *renderer, assets, limits));
+    if (!frame.empty()) all.push_back(of_frame(json(frame), settings, *renderer, assets, limits));
+    return api::Response{};
+  });
+  if (answer.status != 200) {
+    print_problem(answer);
+    return 1;
+  }
+  for (const Written& written : all) {
+    if (written.path == "-") {
+      fmt::print("{}", written.text);
+    } else {
+      write_whole(written.path, written.text);
+      fmt::print("{}", written.said);
+    }
+  }
+  return 0;
+}
+
+}  // namespace selenograph::server

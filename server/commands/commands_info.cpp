@@ -1,0 +1,161 @@
+// `selenograph info` and `selenograph sample`.
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "api/endpoints/endpoint.h"
+#include "dem/posts/layer_joins.h"
+#include "dem/terrain/resampling.h"
+#include "server/commands/commands.h"
+#include "server/commands/start.h"
+#include "server/service/coverage.h"
+
+namespace selenograph::server {
+namespace {
+
+std::string box(const dem::Footprint& f) {
+  return fmt::format("{:8.3f}..{:8.3f} N {:9.3f}..{:9.3f} E", f.south_deg, f.north_deg, f.west_deg, f.east_deg);
+}
+
+std::string steps_text(const dem::Steps& s) {
+  return fmt::format("mean {:+.2f} m, rms {:.2f} m, worst {:+.2f} m", s.mean_m, s.rms_m, s.worst_m);
+}
+
+void print_borders(const dem::Catalogue& catalogue, const std::vector<dem::LayerBorder>& borders) {
+  const auto name = [&](int i) { return catalogue.rasters()[static_cast<std::size_t>(i)].name; };
+  for (const dem::LayerBorder& b : borders) {
+    const std::string more = b.sources.size() > 1 ? fmt::format(" and {} more", b.sources.size() - 1) : "";
+    fmt::print("border of {}{} over {}: {} posts, offset {:+.3f} m, blended over {:.0f} m\n", name(b.sources.front()),
+               more, name(b.beneath), b.posts, b.offset_m, b.band_m);
+    fmt::print("  step before: {}\n  step after:  {}\n", steps_text(b.before), steps_text(b.after));
+  }
+}
+
+void print_table(const dem::Catalogue& catalogue) {
+  fmt::print("{} DEM files, coarse to fine\n", catalogue.rasters().size());
+  for (const dem::RasterInfo& r : catalogue.rasters()) {
+    fmt::print("  {:<32} {}  {:8.2f} m/post  {:>6} x {:<6} {}, {}{}\n", r.name, box(r.footprint), r.post_spacing_m,
+               r.width, r.height, r.format, r.datum, r.lattice_level ? "" : ", resampled");
+  }
+  const auto gaps = uncovered(catalogue);
+  fmt::print("{} gaps within the area covered (whole degrees)\n", gaps.size());
+  for (const dem::Footprint& gap : gaps) fmt::print("  {}\n", box(gap));
+  if (!catalogue.problems().empty()) fmt::print("{} files that can't be used\n", catalogue.problems().size());
+  for (const dem::CatalogueProblem& problem : catalogue.problems())
+    fmt::print("  {}: {}\n", problem.path, problem.what);
+  for (const dem::SideLayer& side : catalogue.side_layers())
+    fmt::print("side layer, not used as heights: {} ({})\n", side.path, side.kind);
+}
+
+nlohmann::ordered_json steps_json(const dem::Steps& s) {
+  return {{"mean_m", s.mean_m}, {"rms_m", s.rms_m}, {"worst_m", s.worst_m}};
+}
+
+nlohmann::ordered_json borders_json(const dem::Catalogue& catalogue, const std::vector<dem::LayerBorder>& borders) {
+  const auto name = [&](int i) { return catalogue.rasters()[static_cast<std::size_t>(i)].name; };
+  auto list = nlohmann::ordered_json::array();
+  for (const dem::LayerBorder& b : borders) {
+    auto names = nlohmann::ordered_json::array();
+    for (const int i : b.sources) names.push_back(name(i));
+    list.push_back({{"names", std::move(names)},
+                    {"beneath", name(b.beneath)},
+                    {"posts", b.posts},
+                    {"offset_m", b.offset_m},
+                    {"band_m", b.band_m},
+                    {"step_before", steps_json(b.before)},
+                    {"step_after", steps_json(b.after)}});
+  }
+  return list;
+}
+
+// What /v1/datasets answers, the gaps and the borders.
+void print_json(const dem::Catalogue& catalogue, const std::vector<dem::LayerBorder>& borders) {
+  auto json = nlohmann::ordered_json::parse(api::datasets_text(catalogue));
+  auto gaps = nlohmann::ordered_json::array();
+  for (const dem::Footprint& f : uncovered(catalogue)) {
+    gaps.push_back(
+        {{"south_deg", f.south_deg}, {"north_deg", f.north_deg}, {"west_deg", f.west_deg}, {"east_deg", f.east_deg}});
+  }
+  json["uncovered"] = std::move(gaps);
+  json["borders"] = borders_json(catalogue, borders);
+  fmt::print("{}\n", json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+}
+
+void print_resampling(const dem::Terrain& terrain, int posts) {
+  const auto& rasters = terrain.catalogue().rasters();
+  for (std::size_t i = 0; i < rasters.size(); ++i) {
+    if (rasters[i].lattice_level) continue;
+    const dem::ResamplingError e = dem::resampling_error(terrain, static_cast<int>(i), posts);
+    fmt::print("  {:<32} mesh against {} of its posts: rms {:.3f} m, worst {:.3f} m\n", rasters[i].name, e.posts,
+               e.rms_m, e.worst_m);
+  }
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, InfoSettings& s) {
+  add_options(command, s.terrain);
+  command
+      .add_option("--resampling", s.resampling,
+                  "Compare this many posts of each resampled file with the mesh (builds the pyramid)")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  command
+      .add_option("--borders", s.borders,
+                  "Measure the steps along the borders of so many layers (reads their files); 0: none")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  command.add_flag("--json", s.json, "As JSON");
+}
+
+int info(const InfoSettings& settings) {
+  set_up_log(settings.terrain.log_level);
+  const dem::Catalogue catalogue = open_catalogue(settings.terrain);
+  const auto borders = dem::measure_borders(catalogue, static_cast<std::size_t>(settings.borders));
+  if (settings.json) {
+    print_json(catalogue, borders);
+  } else {
+    print_table(catalogue);
+    print_borders(catalogue, borders);
+  }
+  if (settings.resampling > 0) print_resampling(*open_terrain(settings.terrain), settings.resampling);
+  return 0;
+}
+
+void add_options(CLI::App& command, SampleSettings& s) {
+  command.add_option("folder", s.folder, "Where to write; made if missing")->required()->type_name("DIR");
+  command.add_option("--seed", s.options.seed, "Another seed, another landscape")->capture_default_str();
+  command.add_option("--south-deg", s.options.south_deg, "Southern border")
+      ->check(CLI::Range(-90, 89))
+      ->capture_default_str();
+  command.add_option("--west-deg", s.options.west_deg, "Western border")
+      ->check(CLI::Range(-180, 359))
+      ->capture_default_str();
+  command.add_option("--rows", s.options.rows, "Tiles from south to north")
+      ->check(CLI::Range(1, 180))
+      ->capture_default_str();
+  command.add_option("--columns", s.options.columns, "Tiles from west to east")
+      ->check(CLI::Range(1, 360))
+      ->capture_default_str();
+  command.add_option("--ppd", s.options.posts_per_degree, "Posts per degree, a power of two")
+      ->check(CLI::Range(16, 8192))
+      ->check([](const std::string& text) {
+        const long ppd = std::stol(text);
+        return (ppd & (ppd - 1)) == 0 ? std::string() : std::string("must be a power of two");
+      })
+      ->capture_default_str();
+  command.add_flag("--date-line", s.options.date_line, "Also tiles on both sides of the 180th meridian");
+}
+
+int sample(const SampleSettings& settings) {
+  const bool terminal = ::isatty(STDERR_FILENO) == 1;
+  const auto labels = dem::write_sample_terrain(settings.folder, settings.options, [&](double share) {
+    if (terminal) fmt::print(stderr, "\rwriting sample terrain {:3.0f}%{}", share * 100.0, share >= 1.0 ? "\n" : "");
+  });
+  for (const std::string& label : labels) fmt::print("{}\n", label);
+  return 0;
+}
+
+}  // namespace selenograph::server

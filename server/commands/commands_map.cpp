@@ -1,0 +1,233 @@
+// `selenograph map`: the bytes that POST /v1/maps would answer, or a series of them over time.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <vector>
+
+#include "api/answers/metadata.h"
+#include "api/message/problem.h"
+#include "api/requests/map_json.h"
+#include "server/commands/commands.h"
+#include "server/commands/output.h"
+#include "server/commands/request_file.h"
+#include "server/commands/start.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+using Epoch = std::chrono::sys_seconds;
+
+// Those of kMapAnswers, in their order.
+constexpr std::string_view kExtensions[] = {".tif", ".npz", ".png"};
+
+std::string_view media_type_for(const std::string& output) {
+  std::string extension = fs::path(output).extension().string();
+  if (extension == ".tiff") extension = ".tif";
+  for (std::size_t i = 0; i < std::size(kExtensions); ++i)
+    if (extension == kExtensions[i]) return api::kMapAnswers[i].media_type;
+  throw std::runtime_error(output + ": the name must end in one of .tif, .npz, .png");
+}
+
+// --- times of a series; UTC's leap seconds are not counted
+
+Epoch epoch_of(const std::string& text) {
+  int year = 0, month = 0, day = 0, hour = 0, minute = 0, second = 0, end = 0;
+  const int read =
+      std::sscanf(text.c_str(), "%4d-%2d-%2dT%2d:%2d:%2d%n", &year, &month, &day, &hour, &minute, &second, &end);
+  const std::string rest = read == 6 ? text.substr(static_cast<std::size_t>(end)) : "?";
+  const std::chrono::year_month_day date{std::chrono::year(year), std::chrono::month(static_cast<unsigned>(month)),
+                                         std::chrono::day(static_cast<unsigned>(day))};
+  const bool in_range = hour >= 0 && hour < 24 && minute >= 0 && minute < 60 && second >= 0 && second < 60;
+  if ((rest != "" && rest != "Z") || !date.ok() || !in_range)
+    throw std::runtime_error("--utc: \"" + text + "\" is no epoch like 2026-11-20T00:00:00Z, in whole seconds");
+  return std::chrono::sys_days(date) + std::chrono::hours(hour) + std::chrono::minutes(minute) +
+         std::chrono::seconds(second);
+}
+
+std::chrono::seconds step_of(const std::string& text) {
+  constexpr std::pair<std::string_view, std::int64_t> kUnits[] = {{"", 1},     {"s", 1},    {"m", 60},
+                                                                  {"min", 60}, {"h", 3600}, {"d", 86400}};
+  std::int64_t number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  const std::string_view unit(end, static_cast<std::size_t>(text.data() + text.size() - end));
+  for (const auto& [name, seconds] : kUnits)
+    if (error == std::errc() && unit == name && number > 0 && number <= 36600 * (86400 / seconds))
+      return std::chrono::seconds(number * seconds);
+  throw std::runtime_error("--utc: \"" + text + "\" is no step like 600s, 30m, 6h or 1d");
+}
+
+struct Parts {
+  std::chrono::year_month_day date;
+  std::chrono::hh_mm_ss<std::chrono::seconds> time;
+};
+Parts parts_of(Epoch epoch) {
+  const auto day = std::chrono::floor<std::chrono::days>(epoch);
+  return {day, std::chrono::hh_mm_ss<std::chrono::seconds>(epoch - day)};
+}
+
+std::string text_of(Epoch epoch, const char* format) {
+  const auto [date, time] = parts_of(epoch);
+  return fmt::format(fmt::runtime(format), static_cast<int>(date.year()), static_cast<unsigned>(date.month()),
+                     static_cast<unsigned>(date.day()), time.hours().count(), time.minutes().count(),
+                     time.seconds().count());
+}
+std::string utc_of(Epoch epoch) { return text_of(epoch, "{:04}-{:02}-{:02}T{:02}:{:02}:{:02}Z"); }
+
+std::vector<Epoch> epochs_of(const std::vector<std::string>& utc) {
+  if (utc.empty()) return {};
+  const Epoch from = epoch_of(utc[0]), to = epoch_of(utc[1]);
+  const std::chrono::seconds step = step_of(utc[2]);
+  if (to < from) throw std::runtime_error("--utc: " + utc[1] + " is before " + utc[0]);
+  constexpr std::int64_t kMost = 1000000;
+  if ((to - from) / step >= kMost) throw std::runtime_error(fmt::format("--utc: more than {} epochs", kMost));
+  std::vector<Epoch> epochs;
+  for (Epoch epoch = from; epoch <= to; epoch += step) epochs.push_back(epoch);
+  return epochs;
+}
+
+// site.tif and "20261120T000000Z": site-20261120T000000Z.tif.
+std::string with_name(const std::string& output, const std::string& name, const std::string& extension) {
+  const fs::path path(output);
+  return (path.parent_path() / (path.stem().string() + "-" + name + extension)).string();
+}
+
+// --- maps
+
+struct Atlas {
+  const MapSettings& settings;
+  const engine::Renderer& renderer;
+  const api::Assets& assets;
+  const api::Limits& limits;
+  std::string_view media_type;
+  ProgressBar& bar;
+
+  // Writes one map, the number-th of `count`. `more`: products besides those that the file is to have.
+  engine::Map write(const api::MapQuery& query, const std::string& path, engine::MapProductSet more, std::size_t number,
+                    std::size_t count) const {
+    engine::MapRequest request = query.request;
+    request.products |= more;
+    engine::Map map = renderer.map(request, {}, [&](double share) {
+      bar.show((static_cast<double>(number) + share) / static_cast<double>(count), path);
+    });
+    const std::string hash =
+        api::content_hash(query, renderer.scene_bytes(), renderer.terrain().catalogue().fingerprint(), media_type);
+    write_whole(path, api::encode_map(query, map, hash, media_type));
+    return map;
+  }
+};
+
+api::Json at_epoch(api::Json body, Epoch epoch) {
+  if (!body.is_object()) return body;  // refused where it is read
+  api::Json& sun = body["sun"];
+  if (sun.is_null()) sun = api::Json::object();
+  if (!sun.is_object()) return body;
+  for (const char* other : {"direction", "subsolar", "local"})
+    if (sun.contains(other)) {
+      const std::string why = std::string("does not go with --utc, which says where the Sun is");
+      throw api::RequestError("invalid_request", why, {{std::string("/sun/") + other, why}});
+    }
+  sun["utc"] = utc_of(epoch);
+  return body;
+}
+
+void add_lit(const std::vector<float>& lit, std::vector<double>& sum) {
+  sum.resize(lit.size());
+  for (std::size_t i = 0; i < lit.size(); ++i) sum[i] += static_cast<double>(lit[i]);  // no data stays NaN
+}
+
+void write_illumination(const api::MapQuery& query, const std::vector<double>& sum, const std::vector<Epoch>& epochs,
+                        const MapSettings& settings, const std::string& path) {
+  std::vector<float> fraction(sum.size());
+  std::transform(sum.begin(), sum.end(), fraction.begin(),
+                 [&](double all) { return static_cast<float>(all / static_cast<double>(epochs.size())); });
+  const nlohmann::ordered_json meta{{"software", {{"name", "selenograph"}, {"version", api::software_version()}}},
+                                    {"what", "mean of `lit` over the epochs"},
+                                    {"from", utc_of(epochs.front())},
+                                    {"to", utc_of(epochs.back())},
+                                    {"step_s", step_of(settings.utc[2]).count()},
+                                    {"epochs", epochs.size()},
+                                    {"last_request", api::resolved_json(query)}};
+  write_whole(path, api::encode_illumination(query, fraction, meta));
+}
+
+std::string draw_series(const Atlas& atlas, const api::Json& body, const std::vector<Epoch>& epochs) {
+  std::vector<double> sum;
+  std::optional<api::MapQuery> last;
+  const std::string extension = fs::path(atlas.settings.output).extension().string();
+  for (std::size_t i = 0; i < epochs.size(); ++i) {
+    last = api::read_map(at_epoch(body, epochs[i]), atlas.limits, atlas.assets);
+    api::check_map_answer(*last, atlas.media_type);
+    const std::string name = text_of(epochs[i], "{:04}{:02}{:02}T{:02}{:02}{:02}Z");
+    const std::string path = with_name(atlas.settings.output, name, extension);
+    add_lit(atlas.write(*last, path, engine::kMapLit, i, epochs.size()).products.lit, sum);
+  }
+  const std::string path = with_name(atlas.settings.output, "illumination", ".tif");
+  write_illumination(*last, sum, epochs, atlas.settings, path);
+  return fmt::format("{} maps, and {}: the mean of lit over them\n", epochs.size(), path);
+}
+
+std::string draw_one(const Atlas& atlas, const api::Json& body) {
+  const api::MapQuery query = api::read_map(body, atlas.limits, atlas.assets);
+  api::check_map_answer(query, atlas.media_type);
+  const engine::FrameReport report = atlas.write(query, atlas.settings.output, 0, 0, 1).report;
+  std::string said = fmt::format("{}: {} x {} pixels of {:g} m\n", atlas.settings.output, query.request.grid.width,
+                                 query.request.grid.height, query.request.grid.gsd_m);
+  if (report.missing_fraction > 0)
+    said += fmt::format("{}: a share of {:.6g} of the pixels has no data: NaN, 65535 in source, 0 in a PNG\n",
+                        atlas.settings.output, report.missing_fraction);
+  for (const std::string& warning : report.warnings) said += fmt::format("warning: {}\n", warning);
+  return said;
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, MapSettings& s) {
+  command.add_option("request", s.request, "JSON file as for POST /v1/maps; -: standard input")
+      ->required()
+      ->type_name("REQUEST.json");
+  command.add_option("-o,--output", s.output, "Map to write: .tif .npz .png")->required()->type_name("OUT");
+  command
+      .add_option("--utc", s.utc,
+                  "A series: a map for each epoch from FROM to TO, OUT's name with its time, and the mean of lit over "
+                  "all of them, OUT-illumination.tif. Epochs like 2026-11-20T00:00:00Z, a step like 600s, 30m, 6h, 1d")
+      ->type_name("FROM TO STEP")
+      ->expected(3);
+  add_options(command, s.terrain);
+}
+
+int map(const MapSettings& settings) {
+  set_up_log(settings.terrain.log_level);
+  const std::string_view media_type = media_type_for(settings.output);
+  const std::vector<Epoch> epochs = epochs_of(settings.utc);
+  const std::string text = read_request(settings.request);
+  // Whoever asks here waits as long as it takes.
+  api::Limits limits;
+  limits.max_map_pixels = std::int64_t{1} << 28;
+  const api::Assets assets(settings.terrain.assets_dir, mesh_options(settings.terrain));
+  const auto renderer = make_renderer(settings.terrain);
+  ProgressBar bar;
+  const api::Response answer = api::answer_or_problem({}, [&] {
+    const Atlas atlas{settings, *renderer, assets, limits, media_type, bar};
+    const api::Json body = api::parse_json(text, limits.max_json_depth);
+    api::Response said;
+    said.body = epochs.empty() ? draw_one(atlas, body) : draw_series(atlas, body, epochs);
+    return said;
+  });
+  if (answer.status != 200) {
+    print_problem(answer);
+    return 1;
+  }
+  fmt::print("{}", answer.body);
+  return 0;
+}
+
+}  // namespace selenograph::server

@@ -1,0 +1,67 @@
+// `selenograph render`: the very bytes that the service would answer, without a socket.
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <stdexcept>
+
+#include "api/encode/negotiate.h"
+#include "server/commands/commands.h"
+#include "server/commands/output.h"
+#include "server/commands/request_file.h"
+#include "server/commands/start.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string media_type_for(const std::string& output) {
+  std::string extension = fs::path(output).extension().string();
+  if (!extension.empty()) extension.erase(0, 1);
+  if (extension == "tif") extension = "tiff";
+  std::string known;
+  for (const api::Representation& r : api::representations()) {
+    if (r.extension == extension) return std::string(r.media_type);
+    known += (known.empty() ? "." : ", .") + std::string(r.extension);
+  }
+  throw std::runtime_error(output + ": the name must end in one of " + known);
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, RenderSettings& s) {
+  command.add_option("request", s.request, "JSON file as for POST /v1/frames; -: standard input")
+      ->required()
+      ->type_name("REQUEST.json");
+  command.add_option("-o,--output", s.output, "Frame to write: .png .tiff .exr .npy .npz .raw")
+      ->required()
+      ->type_name("OUT");
+  add_options(command, s.terrain);
+  add_options(command, s.limits);
+}
+
+int render(const RenderSettings& settings) {
+  set_up_log(settings.terrain.log_level);
+  api::Request request;
+  request.method = "POST";
+  request.path = "/v1/frames";
+  request.headers = {{"accept", media_type_for(settings.output)}, {"content-type", "application/json"}};
+  request.body = read_request(settings.request);
+  const api::Service service(make_renderer(settings.terrain), settings.limits, settings.terrain.assets_dir,
+                             mesh_options(settings.terrain));
+  request.received = std::chrono::steady_clock::now();
+  const api::Response answer = service.handle(request);
+  if (answer.status != 200) {
+    print_problem(answer);
+    return 1;
+  }
+  write_whole(settings.output, answer.body);
+  fmt::print("{}: {} bytes\n", settings.output, answer.body.size());
+  for (const auto& [name, value] : answer.headers)
+    if (name == "Selenograph-Missing-Fraction")
+      fmt::print("{}: a share of {} of the pixels looks at the Moon outside the data: black, NaN or 65535 there\n",
+                 settings.output, value);
+  return 0;
+}
+
+}  // namespace selenograph::server

@@ -1,0 +1,207 @@
+// `selenograph serve`.
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <thread>
+#include <utility>
+
+#include "api/answers/metadata.h"
+#include "engine/support/heap.h"
+#include "server/commands/commands.h"
+#include "server/commands/start.h"
+#include "server/http/http_server.h"
+#include "server/service/async_log.h"
+#include "server/service/front.h"
+#include "server/service/heap_trim.h"
+#include "server/service/memory_plan.h"
+#include "server/service/open_files.h"
+#include "server/service/shutdown_signals.h"
+#include "server/commands/trial.h"
+
+namespace selenograph::server {
+namespace {
+
+HttpOptions http_options(const ServeSettings& s, std::shared_ptr<api::MemoryBudget> bodies,
+                         std::function<int()> retry_after_s) {
+  return {.host = s.host,
+          .port = s.port,
+          .max_connections = s.max_connections,
+          .max_body_bytes = s.limits.max_body_bytes,
+          .bodies = std::move(bodies),
+          .idle_timeout = milliseconds(s.idle_timeout_s),
+          .receive_timeout = milliseconds(s.receive_timeout_s),
+          .send_pace = {.bytes_per_s = s.send_kb_per_s * 1024},
+          .retry_after_s = std::move(retry_after_s),
+          .trusted_proxies = s.trusted_proxy,
+          .allowed_hosts = s.allowed_host};
+}
+
+// Of the program, its libraries and threads (service/memory_test.py).
+constexpr std::size_t kIdleBytes = std::size_t{160} << 20;
+
+std::size_t budgets_bytes(const MemoryParts& parts) { return (parts.cache_mb + parts.scene_mb) << 20; }
+
+// Both budgets for terrain and scenes and a twentieth, for the program itself and what the heap can't give back; of
+// small budgets as much as leaves most of them to what they are for. Small requests are in that, too; large ones come
+// on top.
+HeapTrim::Plan heap_plan(const MemoryParts& parts, bool keep_free, const engine::Renderer& renderer,
+                         std::function<std::size_t()> requests_bytes) {
+  const std::size_t of_terrain = parts.cache_mb << 20, budgets = budgets_bytes(parts);
+  const auto most_bytes = [budgets, of_requests = std::move(requests_bytes)] {
+    const std::size_t requests = of_requests();
+    return std::max(budgets + budgets / 20, kIdleBytes + budgets / 10 * 7) + (requests > budgets / 8 ? requests : 0);
+  };
+  const auto keep_less = [&renderer](std::size_t bytes) {
+    renderer.terrain().keep_less(bytes), renderer.keep_less(bytes);
+  };
+  return {.slack_bytes = budgets / 20,
+          .most_less_bytes = of_terrain / 2,
+          .keep_free = keep_free,
+          .most_bytes = most_bytes,
+          .keep_less = keep_less};
+}
+
+// What the budgets leave beside the memory that the process has already.
+void pretouch(const MemoryParts& parts) {
+  const std::size_t bytes = budgets_bytes(parts) - std::min(budgets_bytes(parts), resident_bytes());
+  if (!engine::touch_memory(bytes)) spdlog::warn("--pretouch: the system has no {} MiB to give", bytes >> 20);
+}
+
+int places_in_work(const ServeSettings& s) {
+  return s.max_frames > 0 ? s.max_frames : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+double round_ms(double seconds) { return std::round(seconds * 1e6) / 1e3; }
+
+// deploy/README.md lists the members.
+std::string members_of(const AccessRecord& e) {
+  const auto text_or_null = [](const std::string& text) {
+    return text.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(text);
+  };
+  nlohmann::ordered_json line{{"request_id", e.request_id},
+                              {"token", text_or_null(e.token)},
+                              {"client", text_or_null(e.host)},
+                              {"method", text_or_null(e.method)},
+                              {"target", text_or_null(e.target)},
+                              {"status", e.status},
+                              {"error", text_or_null(e.error_code)},
+                              {"request_bytes", e.request_bytes},
+                              {"bytes", e.bytes},
+                              {"duration_ms", round_ms(e.seconds)},
+                              {"queued_ms", round_ms(e.queued_s)},
+                              {"work_ms", round_ms(e.work_s)},
+                              {"stages_ms", nlohmann::ordered_json::object()}};
+  for (const auto& [stage, ms] : e.stages_ms) line["stages_ms"][stage] = ms;
+  const std::string text = line.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+  return text.substr(1, text.size() - 2);
+}
+
+void note(Metrics& metrics, const AccessRecord& e, LogFormat format) {
+  const std::string_view route = route_label(e.path);
+  metrics.count_answer(route, method_label(e.method), e.status, e.seconds, e.bytes);
+  if (!e.error_code.empty()) metrics.count_error(e.error_code);
+  const bool probe = route.substr(0, 8) == "/health/" || route == "/metrics";
+  const spdlog::level::level_enum level = probe ? spdlog::level::debug : spdlog::level::info;
+  if (!spdlog::should_log(level)) return;
+  if (format == LogFormat::json) return AsyncLog::log_members(level, members_of(e));
+  spdlog::log(level, "{} {} {} {:.1f} ms {} B {} {}", e.method.empty() ? "-" : e.method,
+              e.target.empty() ? "-" : e.target.substr(0, 200), e.status, e.seconds * 1000.0, e.bytes, e.request_id,
+              e.error_code);
+}
+
+// A proxy has time to see that this node goes, before it refuses anything.
+void drain(Front& front, std::chrono::milliseconds time) {
+  front.begin_drain();
+  if (time.count() == 0) return;
+  spdlog::info("not ready any more; refusing work in {:g} s", std::chrono::duration<double>(time).count());
+  std::this_thread::sleep_for(time);
+}
+
+// What runs is finished; health and metrics answer until then. What is not done shortly before the last moment is cut:
+// connections, and with them what is computed for them.
+void finish(Front& front, Admission& admission, HttpServer& server, const dem::Terrain& terrain,
+            std::chrono::milliseconds at_most) {
+  const auto cut = Admission::Clock::now() + at_most - std::min(at_most / 5, std::chrono::milliseconds(1000));
+  front.begin_shutdown();
+  spdlog::info("shutting down: {} in work, {} waiting", admission.in_work(), admission.waiting());
+  const bool computed = admission.wait_until_idle(cut);
+  server.stop();
+  if (computed && server.wait_until_done(cut)) return;
+  spdlog::warn("cutting off {} connections: {} requests in work, {} waiting", server.connections(), admission.in_work(),
+               admission.waiting());
+  server.cut();
+  terrain.stop_building();
+}
+
+}  // namespace
+
+int serve(const ServeSettings& settings) {
+  if (settings.drain_s >= settings.shutdown_s)
+    throw std::runtime_error(fmt::format("--drain-s {:g} is a part of --shutdown-s {:g}, and must be less",
+                                         settings.drain_s, settings.shutdown_s));
+  ShutdownSignals signals;  // the last to go: it also ends what won't end
+  const AsyncLog log(settings.terrain.log_level, STDERR_FILENO, settings.log_format);
+  raise_open_files_limit(settings.max_connections);
+  const MemoryParts parts = memory_parts(settings.terrain.memory);
+  const MemoryPlan plan = plan_memory(parts);
+  spdlog::info("memory: {} MiB, of which terrain has {}, scenes {}, meshes {}, requests {}, bodies {}", parts.total_mb,
+               parts.cache_mb, parts.scene_mb, parts.mesh_mb, plan.requests_bytes >> 20, plan.bodies_bytes >> 20);
+  if (const std::size_t there_mb = machine_memory_mb(); parts.total_mb > there_mb)
+    spdlog::warn("--memory-mb {} is more than the {} MiB that this process may have", parts.total_mb, there_mb);
+  const auto renderer = make_renderer(settings.terrain);
+  const auto memory = std::make_shared<api::MemoryBudget>(plan.requests_bytes),
+             bodies = std::make_shared<api::MemoryBudget>(plan.bodies_bytes);
+  if (settings.pretouch) pretouch(parts);
+  const HeapTrim trim(
+      heap_plan(parts, settings.pretouch, *renderer, [&] { return memory->in_use() + bodies->in_use(); }));
+  const api::Limits& limits = settings.limits;
+  const api::Service service(renderer, limits, settings.terrain.assets_dir, mesh_options(settings.terrain), memory);
+  Admission admission({.max_in_work = places_in_work(settings),
+                       .max_waiting = settings.max_waiting,
+                       .patience = limits.default_deadline});
+  Metrics metrics{std::string(api::software_version())};
+  const HttpServer* http = nullptr;
+  Front front(service, admission, metrics, settings.page, [&](Gauges& gauges) {
+    gauges.connections = http->connections();
+    gauges.cache = renderer->terrain().statistics();
+    gauges.terrain_warnings = renderer->terrain().warnings().size();
+    gauges.scene_bytes = renderer->scene_bytes_in_use();
+    gauges.heap = engine::heap_statistics();
+    gauges.preparation = renderer->preparation_statistics();
+    gauges.cache_trouble = renderer->terrain().cache_trouble();
+    gauges.mesh_bytes = service.mesh_bytes();
+    gauges.request_memory_bytes = memory->in_use();
+    gauges.request_memory_capacity_bytes = memory->capacity();
+    gauges.body_bytes = bodies->in_use();
+    gauges.log_lines_dropped = log.dropped();
+  });
+  HttpServer server(
+      http_options(settings, bodies, [&] { return admission.retry_after_s(); }),
+      [&](const api::Request& request, const Peer& peer, Admission::Clock::duration& queued) {
+        return front.handle(request, peer, queued);
+      },
+      [&](const AccessRecord& record) { note(metrics, record, settings.log_format); });
+  http = &server;
+  const std::chrono::milliseconds at_most = milliseconds(settings.shutdown_s);
+  signals.arm(at_most);
+  std::thread accepting([&] { server.run(); });
+  fmt::print("selenograph: listening on {}\n", server.url());
+  std::fflush(stdout);
+
+  bool good = true;
+  settings.trial ? void(good = run_trial(server.url(), renderer->terrain().catalogue())) : signals.wait();
+  if (!settings.trial) drain(front, milliseconds(settings.drain_s));
+  finish(front, admission, server, renderer->terrain(),
+         settings.trial ? at_most : at_most - milliseconds(settings.drain_s));
+  accepting.join();
+  return good ? 0 : 1;
+}
+
+}  // namespace selenograph::server

@@ -1,0 +1,144 @@
+// `selenograph verify accuracy`: what a frame costs and how true it is, for every setting, as tables.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <thread>
+
+#include "api/answers/accuracy_report.h"
+#include "api/assets/assets.h"
+#include "api/requests/frame_json.h"
+#include "engine/verify/accuracy_sweep.h"
+#include "server/commands/commands.h"
+#include "server/commands/output.h"
+#include "server/commands/start.h"
+#include "server/service/place.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Where the scenes are seen when no terrain is given: posts every 15 m under the nearer views, every 474 m out to the
+// horizon of the limb, every 59 m near the south pole.
+std::vector<std::string> sample_folders(const std::string& cache_dir) {
+  dem::SampleOptions near, far, polar;
+  near.south_deg = -7, near.west_deg = 39, near.rows = near.columns = 2, near.posts_per_degree = 2048;
+  far.south_deg = -16, far.west_deg = 30, far.rows = far.columns = 20, far.posts_per_degree = 64;
+  polar.south_deg = -88, polar.west_deg = 30, polar.rows = 2, polar.columns = 24, polar.posts_per_degree = 512;
+  return {sample_folder(cache_dir, near), sample_folder(cache_dir, far), sample_folder(cache_dir, polar)};
+}
+constexpr Geographic kSampleCenter{-6, 40, 0}, kSamplePolarCenter{-87, 42, 0};
+
+struct Places {
+  Geographic center;
+  std::optional<Geographic> polar;
+};
+
+Places places_of(const VerifyAccuracySettings& s, const dem::Terrain& terrain) {
+  Places places;
+  if (s.terrain.dem.empty()) {
+    places = {kSampleCenter, kSamplePolarCenter};
+  } else if (s.center.empty()) {
+    const std::vector<dem::RasterInfo>& rasters = terrain.catalogue().rasters();
+    const auto finest = std::min_element(rasters.begin(), rasters.end(), [](const auto& a, const auto& b) {
+      return a.post_spacing_m < b.post_spacing_m;
+    });
+    if (finest == rasters.end()) throw std::runtime_error("no DEM file to measure on");
+    const dem::Footprint& f = finest->footprint;
+    places.center = {(f.south_deg + f.north_deg) / 2, (f.west_deg + f.east_deg) / 2, 0};
+  }
+  if (!s.center.empty()) places.center = place_of(s.center).value();
+  if (!s.polar_center.empty()) places.polar = place_of(s.polar_center).value();
+  return places;
+}
+
+std::shared_ptr<const dem::Detail> detail_of(const VerifyAccuracySettings& s) {
+  if (s.detail.empty()) return nullptr;
+  auto detail = api::Assets(s.terrain.assets_dir).detail(s.detail);
+  if (!detail)
+    throw std::runtime_error(
+        fmt::format("--detail {}: there is no details/{}.json in the assets folder \"{}\" (--assets-dir)", s.detail,
+                    s.detail, s.terrain.assets_dir));
+  return detail;
+}
+
+// "AMD EPYC, 2 cores": what the times belong to.
+std::string machine() {
+  std::ifstream info("/proc/cpuinfo");
+  std::string name = "an unnamed processor";
+  for (std::string line; std::getline(info, line);)
+    if (const auto colon = line.find(": "); line.starts_with("model name") && colon != std::string::npos) {
+      name = line.substr(colon + 2);
+      break;
+    }
+  return fmt::format("{}, {} cores", name, std::thread::hardware_concurrency());
+}
+
+void print_summary(const std::vector<engine::SweepRow>& rows) {
+  fmt::print("{:<10}{:<10}{:>14}{:>12}{:>9}{:>14}{:>16}{:>14}\n", "scene", "visibility", "max_error_px", "samples",
+             "time", "points px", "shadow edge px", "radiance %");
+  for (const engine::SweepRow& r : rows)
+    fmt::print("{:<10}{:<10}{:>14g}{:>12}{:>9.2f}{:>14.3f}{:>16.3f}{:>14.2f}\n", r.scene,
+               api::visibility_name(r.visibility), r.setting.max_error_px, api::samples_text(r.setting), r.ratio(),
+               r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px, 100 * r.errors.radiance_rms);
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, VerifyAccuracySettings& s) {
+  add_place(command, "--center", s.center, "Where the scenes are; without: the middle of the finest DEM file");
+  add_place(command, "--polar-center", s.polar_center,
+            "Where the Sun of the polar scene is low; without: no such scene");
+  command.add_option("--detail", s.detail, "Detail of the assets folder: adds a scene with it; without: no such scene")
+      ->type_name("NAME");
+  command.add_option("--scenes", s.scenes, "Only these")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"nadir", "oblique", "limb", "polar", "descent", "touchdown"}));
+  command.add_option("--height-m", s.height_m, "Of the camera above the ground, but for the descents")
+      ->check(CLI::Range(1.0, 1e9))
+      ->capture_default_str();
+  command.add_option("--size-px", s.size_px, "Side of the frames")->check(CLI::Range(32, 4096))->capture_default_str();
+  command.add_option("--repetitions", s.repetitions, "Of each time measurement; the median counts")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  command.add_option("--reference-samples", s.reference_samples, "Per pixel of the reference; a square number")
+      ->check(CLI::IsMember({1, 4, 16, 64, 256, 1024}))
+      ->capture_default_str();
+  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
+  add_options(command, s.terrain);
+}
+
+int verify_accuracy(const VerifyAccuracySettings& settings) {
+  set_up_log(settings.terrain.log_level);
+  TerrainSettings terrain = settings.terrain;
+  if (terrain.dem.empty()) terrain.dem = sample_folders(terrain.cache_dir);
+  const auto renderer = make_renderer(terrain);
+  const Places places = places_of(settings, renderer->terrain());
+  auto scenes =
+      engine::accuracy_scenes(renderer->terrain(), places.center, places.polar, settings.size_px, settings.height_m);
+  if (const auto detail = detail_of(settings))
+    scenes.push_back(engine::touchdown_scene(*renderer->terrain_with(detail), detail, places.center, settings.size_px));
+  if (!settings.scenes.empty())
+    std::erase_if(scenes, [&](const auto& scene) {
+      return std::find(settings.scenes.begin(), settings.scenes.end(), scene.name) == settings.scenes.end();
+    });
+  engine::SweepOptions options;
+  options.repetitions = settings.repetitions, options.reference_samples = settings.reference_samples;
+  ProgressBar bar;
+  const auto rows =
+      engine::sweep(*renderer, scenes, options, [&](std::size_t done, std::size_t total, const auto& next) {
+        bar.show(static_cast<double>(done) / static_cast<double>(total), next);
+      });
+  const fs::path folder = settings.output;
+  fs::create_directories(folder);
+  write_whole((folder / "accuracy.csv").string(), api::accuracy_csv(rows));
+  write_whole((folder / "accuracy.md").string(), api::accuracy_markdown(rows, scenes, machine()));
+  write_json((folder / "accuracy.json").string(), api::accuracy_json(scenes, machine()));
+  print_summary(rows);
+  fmt::print("{0}: accuracy.csv, accuracy.json, accuracy.md; pictures: deploy/plot {0}\n", settings.output);
+  return 0;
+}
+
+}  // namespace selenograph::server

@@ -1,0 +1,57 @@
+// `selenograph verify mertis`: what a thermal imaging spectrometer measures of blackbodies, as tables.
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <stdexcept>
+
+#include "api/requests/mertis_json.h"
+#include "server/commands/commands.h"
+#include "server/commands/output.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+api::MertisQuery read_instrument(const std::string& path) {
+  if (path.empty()) return {};
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw std::runtime_error(path + ": can't be read");
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  try {
+    return api::read_mertis(api::parse_json(text, 8));
+  } catch (const api::RequestError& e) {
+    std::string what = path + ": " + e.what();
+    for (const api::Finding& f : e.findings()) what += fmt::format("\n  {}: {}", f.pointer, f.detail);
+    throw std::runtime_error(what);
+  }
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, VerifyMertisSettings& s) {
+  command.add_option("--instrument", s.instrument, "JSON as for POST /v1/verify/mertis; without: MERTIS")
+      ->type_name("FILE");
+  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
+}
+
+int verify_mertis(const VerifyMertisSettings& settings) {
+  const api::MertisQuery query = read_instrument(settings.instrument);
+  const fs::path folder = settings.output;
+  fs::create_directories(folder);
+  write_whole((folder / "mertis.csv").string(), api::mertis_csv(query));
+  write_json((folder / "mertis.json").string(), api::mertis_json(query));
+  fmt::print("{:>14}{:>12}{:>16}{:>16}\n", "temperature K", "channels", "least SNR", "largest SNR");
+  for (const double kelvin : query.temperatures_k) {
+    double least = 1e300, largest = 0;
+    for (const auto& c : engine::look_at_blackbody(query.spectrometer, kelvin))
+      least = std::min(least, c.signal_to_noise), largest = std::max(largest, c.signal_to_noise);
+    fmt::print("{:>14g}{:>12}{:>16.1f}{:>16.1f}\n", kelvin, query.spectrometer.channels, least, largest);
+  }
+  fmt::print("{0}: mertis.csv, mertis.json; picture: deploy/plot {0}\n", settings.output);
+  return 0;
+}
+
+}  // namespace selenograph::server

@@ -1,0 +1,132 @@
+// `selenograph verify roundtrip`: a DEM's way into images and back, as figures and rasters.
+#include <fmt/format.h>
+
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <vector>
+
+#include "api/requests/round_trip_json.h"
+#include "server/commands/commands.h"
+#include "server/commands/output.h"
+#include "server/commands/start.h"
+#include "server/service/place.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Verified {
+  engine::RoundTripRequest request;
+  engine::RoundTrip trip;
+  engine::DifferenceStatistics statistics;
+  double seconds = 0;
+};
+
+void write_rasters(const fs::path& folder, const engine::RoundTrip& trip) {
+  const dem::GeotiffGrid grid = api::grid_of(trip.window);
+  dem::write_geotiff((folder / "difference.tif").string(), grid, trip.difference_m, "extracted - original");
+  std::vector<float> extracted = trip.original_m;
+  for (std::size_t i = 0; i < extracted.size(); ++i)
+    extracted[i] = static_cast<float>(static_cast<double>(extracted[i]) + static_cast<double>(trip.difference_m[i]));
+  dem::write_geotiff((folder / "extracted.tif").string(), grid, extracted, "height above 1737.4 km, extracted");
+}
+
+Verified verify(const engine::Renderer& renderer, const engine::RoundTripRequest& request, const fs::path& output) {
+  const std::string mode(api::mode_name(request.mode));
+  ProgressBar bar;
+  const auto start = std::chrono::steady_clock::now();
+  Verified v{
+      request, engine::round_trip(renderer, request, [&](double share) { bar.show(share, "mode " + mode); }), {}};
+  v.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  v.statistics = engine::statistics_of(v.trip);
+  const fs::path folder = output / mode;
+  fs::create_directories(folder);
+  write_rasters(folder, v.trip);
+  write_json((folder / "statistics.json").string(), api::round_trip_json(request, v.trip, v.statistics));
+  // Only figures are wanted from here on.
+  v.trip.original_m = {};
+  v.trip.difference_m = {};
+  return v;
+}
+
+template <typename Value>
+void print_row(const char* what, const std::vector<Verified>& all, Value&& value) {
+  fmt::print("{:<28}", what);
+  for (const Verified& v : all) fmt::print("{:>16}", value(v));
+  fmt::print("\n");
+}
+
+double largest_z(const Verified& v) {
+  double largest = 0;
+  for (const engine::Quadrant& q : v.statistics.quadrants)
+    if (!(std::abs(q.statistics.z) <= std::abs(largest))) largest = q.statistics.z;
+  return largest;
+}
+
+void print_summary(const std::vector<Verified>& all) {
+  using api::length_text;
+  fmt::print("{}\n", all.front().trip.window.tile.name);
+  print_row("extracted - original", all, [](const Verified& v) { return api::mode_name(v.request.mode); });
+  print_row("posts compared", all, [](const Verified& v) { return v.trip.compared; });
+  print_row("hidden", all, [](const Verified& v) { return v.trip.hidden; });
+  print_row("missed", all, [](const Verified& v) { return v.trip.missed; });
+  print_row("under a finer tile", all, [](const Verified& v) { return v.trip.elsewhere; });
+  print_row("void", all, [](const Verified& v) { return v.trip.voids; });
+  print_row("mean", all, [](const Verified& v) { return length_text(v.statistics.all.mean_m); });
+  print_row("mean of size", all, [](const Verified& v) { return length_text(v.statistics.all.mean_absolute_m); });
+  print_row("median", all, [](const Verified& v) { return length_text(v.statistics.median_m); });
+  print_row("rms", all, [](const Verified& v) { return length_text(v.statistics.all.rms_m); });
+  print_row("99.9 % within", all,
+            [](const Verified& v) { return length_text(v.statistics.absolute_percentiles.back().value_m); });
+  print_row("worst", all, [](const Verified& v) { return length_text(v.statistics.worst_m); });
+  print_row("largest z of a quadrant", all, [](const Verified& v) { return fmt::format("{:.1f}", largest_z(v)); });
+  print_row("camera positions", all, [](const Verified& v) { return v.trip.stations; });
+  print_row("seconds", all, [](const Verified& v) { return fmt::format("{:.1f}", v.seconds); });
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, VerifyRoundTripSettings& s) {
+  add_place(command, "--center", s.center, "Place on the tile: the finest one there is compared")->required();
+  command.add_option("--height-m", s.request.height_m, "Cameras above the ground")
+      ->check(CLI::Range(1.0, 1e9))
+      ->capture_default_str();
+  command.add_option("--mode", s.mode, "Rays through the posts, ordinary frames resampled to them, or both")
+      ->check(CLI::IsMember({"exact", "camera", "both"}))
+      ->capture_default_str();
+  command.add_option("--posts", s.request.posts, "Posts along each side of the window; 0: the whole tile")
+      ->check(CLI::Range(0, 1 << 20))
+      ->capture_default_str();
+  command.add_option("--footprint", s.request.footprint_ratio, "Pixel footprint over post spacing, mode camera")
+      ->check(CLI::Range(0.01, 100.0))
+      ->capture_default_str();
+  command.add_option("--max-error-px", s.request.max_error_px, "Level of detail of the frames; 0: the finest posts")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  command.add_option("-o,--output", s.output, "Folder for a folder of each mode; made if missing")
+      ->required()
+      ->type_name("DIR");
+  add_options(command, s.terrain);
+}
+
+int verify_round_trip(const VerifyRoundTripSettings& settings) {
+  set_up_log(settings.terrain.log_level);
+  engine::RoundTripRequest request = settings.request;
+  const Geographic center = place_of(settings.center).value();
+  request.lat_deg = center.lat_deg, request.lon_deg = center.lon_deg;
+  const auto renderer = make_renderer(settings.terrain);
+  std::vector<Verified> all;
+  for (const auto& [name, mode] : api::kRoundTripModes) {
+    if (settings.mode != "both" && settings.mode != name) continue;
+    request.mode = mode;
+    all.push_back(verify(*renderer, request, settings.output));
+  }
+  print_summary(all);
+  fmt::print("{0}: difference.tif, extracted.tif, statistics.json of each mode; pictures: deploy/plot {0}\n",
+             settings.output);
+  return 0;
+}
+
+}  // namespace selenograph::server

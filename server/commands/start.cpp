@@ -1,0 +1,98 @@
+#include "server/commands/start.h"
+
+#include <fmt/format.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "dem/gdal/remote_files.h"
+#include "dem/posts/layer_joins.h"
+#include "dem/sample/sample_terrain.h"
+#include "dem/support/error.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The last file to appear: an interrupted generation is simply done again (same seed, same bytes).
+constexpr const char* kComplete = "complete";
+
+}  // namespace
+
+std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions& options) {
+  const std::string name = fmt::format("sample-{}-{}-{}-{}x{}-{}", options.seed, options.south_deg, options.west_deg,
+                                       options.rows, options.columns, options.posts_per_degree);
+  const fs::path folder = fs::path(cache_dir) / name;
+  if (fs::exists(folder / kComplete)) return folder.string();
+  spdlog::info("writing sample terrain to {}", folder.string());
+  dem::write_sample_terrain(folder.string(), options);
+  std::ofstream(folder / kComplete) << "sample terrain, all files written\n";
+  return folder.string();
+}
+
+void set_up_log(const std::string& level) {
+  use_as_log(std::make_shared<spdlog::sinks::stderr_color_sink_mt>(), level);
+}
+
+void use_as_log(std::shared_ptr<spdlog::sinks::sink> sink, const std::string& level) {
+  auto log = std::make_shared<spdlog::logger>("selenograph", std::move(sink));
+  log->set_pattern("%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
+  log->set_level(spdlog::level::from_str(level));
+  spdlog::set_default_logger(std::move(log));
+}
+
+std::vector<std::string> dem_paths(const TerrainSettings& settings) {
+  return settings.dem.empty() ? std::vector{sample_folder(settings.cache_dir, {})} : settings.dem;
+}
+
+dem::Catalogue open_catalogue(const TerrainSettings& settings) {
+  dem::allow_remote_files(settings.remote_prefix);
+  dem::CatalogueOptions options;
+  options.cache_dir = settings.cache_dir;
+  options.log = [](const std::string& text) { spdlog::warn("{}", text); };
+  dem::Catalogue catalogue(dem_paths(settings), options);
+  if (settings.strict)
+    for (const dem::CatalogueProblem& problem : catalogue.problems())
+      if (problem.unrelated) throw DataError(problem.path, problem.what + " (--strict)");
+  std::vector<dem::LayerOffset> offsets;
+  for (const std::string& text : settings.layer_offset) offsets.push_back(dem::parse_layer_offset(text));
+  for (const dem::FittedOffset& fit : dem::join_layers(catalogue, settings.blend_posts, offsets)) {
+    const std::string& name = catalogue.rasters()[static_cast<std::size_t>(fit.source)].name;
+    if (fit.posts == 0)
+      spdlog::warn("{}: no offset can be fitted: it borders on no coarser layer", name);
+    else
+      spdlog::info("{}: offset {:+.3f} m, the median of {} posts along its border", name, fit.offset_m, fit.posts);
+  }
+  return catalogue;
+}
+
+std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings) {
+  dem::Catalogue catalogue = open_catalogue(settings);
+  spdlog::info("catalogue: {} DEM files, {} of them inspected", catalogue.rasters().size(), catalogue.inspected());
+  for (const dem::CatalogueProblem& problem : catalogue.problems())
+    spdlog::warn("not used: {}: {}", problem.path, problem.what);
+  dem::TerrainOptions options;
+  options.cache_dir = settings.cache_dir;
+  options.cache_bytes = memory_parts(settings.memory).cache_mb << 20;
+  options.fall_through = settings.on_data_error == "fall-through";
+  options.log = [](const std::string& text) { spdlog::warn("{}", text); };
+  options.threads = settings.threads;
+  return std::make_shared<dem::Terrain>(std::move(catalogue), options);
+}
+
+std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& settings) {
+  engine::RendererOptions options;
+  options.threads = settings.threads;
+  options.scene_bytes = memory_parts(settings.memory).scene_mb << 20;
+  return std::make_shared<const engine::Renderer>(open_terrain(settings), options);
+}
+
+engine::MeshReaderOptions mesh_options(const TerrainSettings& settings) {
+  // What runs, even if another file has taken its place by now.
+  return {"/proc/self/exe", memory_parts(settings.memory).mesh_mb << 20, milliseconds(settings.mesh_s)};
+}
+
+}  // namespace selenograph::server

@@ -1,0 +1,14 @@
+// Where a catalogue has holes: what `info` says about gaps.
+#pragma once
+
+#include <vector>
+
+#include "dem/catalogue/catalogue.h"
+
+namespace selenograph::server {
+
+// Boxes of whole degrees within the catalogue's bounding box that no file touches, sorted from south to north. Holes
+// smaller than a degree, and voids inside a file, are not looked for. West in [-180, 180); east above west.
+std::vector<dem::Footprint> uncovered(const dem::Catalogue& catalogue);
+
+}  // namespace selenograph::server

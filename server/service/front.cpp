@@ -1,0 +1,127 @@
+#include "server/service/front.h"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+#include "api/message/problem.h"
+
+namespace selenograph::server {
+namespace {
+
+using Clock = Admission::Clock;
+
+bool is_own(const std::string& path) { return path == "/metrics" || path == "/health/live" || path == "/health/ready"; }
+
+api::Response text_answer(int status, std::string body, std::string content_type = "text/plain; charset=utf-8") {
+  api::Response answer;
+  answer.status = status;
+  answer.content_type = std::move(content_type);
+  answer.headers = {{"Cache-Control", "no-store"}};
+  answer.body = std::move(body);
+  return answer;
+}
+
+api::Response refused(const std::string& code, const std::string& detail, int retry_after_s) {
+  api::Response answer = api::problem(code, detail);
+  answer.headers.emplace_back("Retry-After", std::to_string(retry_after_s));
+  return answer;
+}
+
+// The time in the queue is a stage like the service's own.
+void add_queue_time(api::Response& answer, Clock::duration waited) {
+  const std::string stage = fmt::format("queue;dur={:.3f}", std::chrono::duration<double, std::milli>(waited).count());
+  for (auto& [name, value] : answer.headers) {
+    if (name == "Server-Timing") {
+      value = stage + ", " + value;
+      return;
+    }
+  }
+}
+
+// What is no time is for the service to refuse.
+Clock::time_point deadline_of(const api::Request& request, const api::Limits& limits) {
+  return request.received + api::time_allowed(request, limits).value_or(limits.default_deadline);
+}
+
+}  // namespace
+
+Front::Front(const api::Service& service, Admission& admission, const Metrics& metrics, PageAccess pages,
+             ReadGauges read_gauges)
+    : service_(service),
+      admission_(admission),
+      metrics_(metrics),
+      pages_(pages),
+      read_gauges_(std::move(read_gauges)) {}
+
+void Front::begin_shutdown() {
+  ready_ = false;
+  admission_.close();
+}
+
+api::Response Front::handle(const api::Request& request, const Peer& peer, Clock::duration& queued) const noexcept {
+  return api::answer_or_problem(
+      request, [&] { return is_own(request.path) ? own(request) : for_others(request, peer, queued); });
+}
+
+api::Response Front::for_others(const api::Request& request, const Peer& peer, Clock::duration& queued) const {
+  if (peer.reserved) return refused("busy", "too many connections", admission_.retry_after_s());
+  if (request.method == "HEAD") {
+    api::Request get = request;
+    get.method = "GET";
+    return for_others(get, peer, queued);
+  }
+  if (auto page = page_for(request, peer, pages_)) return std::move(*page);
+  return api::Service::needs_admission(request) ? admitted(request, peer, queued) : service_.handle(request);
+}
+
+api::Response Front::own(const api::Request& request) const {
+  if (request.method != "GET" && request.method != "HEAD") {
+    api::Response answer = api::problem("method_not_allowed", "this path has GET only");
+    answer.headers.emplace_back("Allow", "GET, HEAD");
+    return answer;
+  }
+  if (request.path == "/metrics") return metrics_answer();
+  if (request.path == "/health/live") return text_answer(200, "ok\n");
+  if (!ready_) return text_answer(503, "shutting down\n");
+  Gauges gauges;
+  read_gauges_(gauges);
+  return text_answer(200, gauges.cache_trouble.empty() ? "ok\n" : "ok\n" + gauges.cache_trouble + "\n");
+}
+
+api::Response Front::metrics_answer() const {
+  Gauges gauges;
+  gauges.ready = ready_;
+  gauges.frames_in_work = admission_.in_work();
+  gauges.frames_waiting = admission_.waiting();
+  gauges.max_in_work = admission_.max_in_work();
+  gauges.max_waiting = admission_.max_waiting();
+  read_gauges_(gauges);
+  return text_answer(200, metrics_.exposition(gauges), "text/plain; version=0.0.4; charset=utf-8");
+}
+
+api::Response Front::admitted(const api::Request& request, const Peer& peer, Clock::duration& queued) const {
+  const auto arrived = Clock::now();
+  const Admission::Entry entry =
+      admission_.enter({peer.address, peer.number}, deadline_of(request, service_.limits()), request.abandoned);
+  queued = Clock::now() - arrived;
+  switch (entry.outcome) {
+    case Admission::Outcome::full:
+      return refused("busy", "all places in work and in the queue are taken", entry.retry_after_s);
+    case Admission::Outcome::closing:
+      return refused("shutting_down", "the service is about to stop", entry.retry_after_s);
+    case Admission::Outcome::expired:
+      return api::problem("deadline_exceeded", "no place came free in time");
+    case Admission::Outcome::abandoned:
+      return api::problem("client_gone", "the client left");
+    case Admission::Outcome::admitted:
+      break;
+  }
+  api::Response answer = service_.handle(request);
+  add_queue_time(answer, queued);
+  if (answer.error_code == "busy")  // no memory came free for it
+    answer.headers.emplace_back("Retry-After", std::to_string(admission_.retry_after_s()));
+  return answer;
+}
+
+}  // namespace selenograph::server

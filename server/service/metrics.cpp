@@ -1,0 +1,216 @@
+#include "server/service/metrics.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+
+#include "api/message/problem.h"
+#include "api/message/routes.h"
+#include "server/service/heap_trim.h"
+
+namespace selenograph::server {
+namespace {
+
+std::string escaped(std::string_view label) {
+  std::string out;
+  for (const char c : label) {
+    if (c == '\\' || c == '"') out += '\\';
+    out += c == '\n' ? std::string("\\n") : std::string(1, c);
+  }
+  return out;
+}
+
+class Exposition {
+ public:
+  void family(std::string_view name, std::string_view type, std::string_view help) {
+    fmt::format_to(to(), "# HELP {} {}\n# TYPE {} {}\n", name, help, name, type);
+  }
+  template <typename Value>
+  void sample(std::string_view name, std::string_view labels, Value value) {
+    labels.empty() ? fmt::format_to(to(), "{} {}\n", name, value)
+                   : fmt::format_to(to(), "{}{{{}}} {}\n", name, labels, value);
+  }
+  template <typename Value>
+  void single(std::string_view name, std::string_view type, std::string_view help, Value value) {
+    family(name, type, help);
+    sample(name, "", value);
+  }
+  std::string text() && { return std::move(text_); }
+
+ private:
+  std::back_insert_iterator<std::string> to() { return std::back_inserter(text_); }
+  std::string text_;
+};
+
+struct Process {
+  double cpu_s = 0, start_s = 0;
+};
+
+// Fields of /proc/self/stat by proc(5): 14 utime, 15 stime, 22 starttime (clock ticks). The name in field 2 may hold
+// blanks, so counting starts behind its closing bracket.
+Process read_process() {
+  std::ifstream stat("/proc/self/stat"), system("/proc/stat");
+  std::string text((std::istreambuf_iterator<char>(stat)), {});
+  std::istringstream fields(text.substr(std::min(text.rfind(')') + 1, text.size())));
+  const double tick = static_cast<double>(::sysconf(_SC_CLK_TCK));
+  Process process;
+  std::string field;
+  for (int i = 3; i <= 22 && fields >> field; ++i) {
+    if (i == 14 || i == 15) process.cpu_s += std::stod(field) / tick;
+    if (i == 22) process.start_s = std::stod(field) / tick;
+  }
+  for (std::string line; std::getline(system, line);) {
+    if (line.rfind("btime ", 0) == 0) process.start_s += std::stod(line.substr(6));
+  }
+  return process;
+}
+
+void write_process(Exposition& out) {
+  const Process process = read_process();
+  out.single("process_cpu_seconds_total", "counter", "User and system CPU time spent.", process.cpu_s);
+  out.single("process_resident_memory_bytes", "gauge", "Resident memory.", resident_bytes());
+  out.single("process_start_time_seconds", "gauge", "Start of the process since the Unix epoch.", process.start_s);
+}
+
+void write_gauges(Exposition& out, const Gauges& g) {
+  out.single("selenograph_ready", "gauge", "1 while the service takes work.", g.ready ? 1 : 0);
+  out.single("selenograph_frames_in_work", "gauge", "Admitted requests that are being computed.", g.frames_in_work);
+  out.single("selenograph_frames_waiting", "gauge", "Requests in the queue for a place.", g.frames_waiting);
+  out.single("selenograph_frames_in_work_limit", "gauge", "Places for requests in work.", g.max_in_work);
+  out.single("selenograph_frames_waiting_limit", "gauge", "Places in the queue.", g.max_waiting);
+  out.single("selenograph_http_connections", "gauge", "Open client connections.", g.connections);
+  out.single("selenograph_log_dropped_total", "counter", "Lines of the log that nobody read in time.",
+             g.log_lines_dropped);
+  out.single("selenograph_scene_bytes", "gauge",
+             "Bytes of acceleration structures, lenses and scratch memory held between frames.", g.scene_bytes);
+  out.single("selenograph_heap_used_bytes", "gauge", "Bytes of memory that something is in.", g.heap.used_bytes);
+  out.single("selenograph_heap_free_bytes", "gauge", "Bytes kept for what comes next.", g.heap.free_bytes);
+  out.single("selenograph_prefetched_scenes_total", "counter", "Scenes made before a frame asked for them.",
+             g.preparation.prepared);
+  out.single("selenograph_prefetched_scenes_used_total", "counter", "Those that a frame has had.", g.preparation.used);
+  out.single("selenograph_prefetched_scenes_wasted_total", "counter", "Those that were dropped without.",
+             g.preparation.wasted);
+  out.single("selenograph_request_memory_bytes", "gauge", "Bytes that requests in work and answers not yet sent take.",
+             g.request_memory_bytes);
+  out.single("selenograph_request_memory_capacity_bytes", "gauge", "Bytes that they may take.",
+             g.request_memory_capacity_bytes);
+  out.single("selenograph_body_bytes", "gauge", "Bytes of bodies being received.", g.body_bytes);
+  out.single("selenograph_mesh_bytes", "gauge", "Bytes of objects' meshes, with what rays need of them.", g.mesh_bytes);
+  out.single("selenograph_cache_trouble", "gauge", "1 while the cache folder can't be used; /health/ready says why.",
+             g.cache_trouble.empty() ? 0 : 1);
+  out.single("selenograph_terrain_warnings", "gauge", "Unusable DEM files that a coarser layer replaced.",
+             g.terrain_warnings);
+}
+
+void write_cache(Exposition& out, const dem::CacheStatistics& c) {
+  out.single("selenograph_terrain_cache_bytes", "gauge", "Bytes of terrain blocks and pyramids in memory.", c.bytes);
+  out.single("selenograph_terrain_cache_capacity_bytes", "gauge", "Budget of the terrain cache.", c.capacity_bytes);
+  out.single("selenograph_terrain_cache_hits_total", "counter", "Blocks found in memory.", c.hits);
+  out.single("selenograph_terrain_cache_misses_total", "counter", "Blocks not found in memory.", c.misses);
+  out.single("selenograph_terrain_cache_evictions_total", "counter", "Blocks dropped to stay within the budget.",
+             c.evictions);
+  out.single("selenograph_terrain_chunks_built_total", "counter", "Pyramid chunks built from posts.", c.chunks_built);
+  out.single("selenograph_terrain_chunks_read_total", "counter", "Pyramid chunks read from disk.", c.chunks_read);
+  out.single("selenograph_terrain_chunks_rejected_total", "counter",
+             "Pyramid chunks on disk that were damaged or out of date.", c.chunks_rejected);
+}
+
+}  // namespace
+
+Metrics::Metrics(std::string version) : version_(std::move(version)) {
+  for (const api::ErrorRow& row : api::error_table()) errors_.emplace(row.code, 0);
+}
+
+void Metrics::count_answer(std::string_view route, std::string_view method, int status, double seconds,
+                           std::size_t bytes) {
+  const std::lock_guard lock(mutex_);
+  ++answers_[{std::string(route), std::string(method), status}];
+  bytes_[std::string(route)] += bytes;
+  Histogram& histogram = durations_[std::string(route)];
+  ++histogram.count;
+  histogram.sum_s += seconds;
+  const auto bucket = std::lower_bound(kBuckets_s.begin(), kBuckets_s.end(), seconds);
+  if (bucket != kBuckets_s.end()) ++histogram.at_most[static_cast<std::size_t>(bucket - kBuckets_s.begin())];
+}
+
+void Metrics::count_error(std::string_view code) {
+  const std::lock_guard lock(mutex_);
+  ++errors_[std::string(code)];
+}
+
+std::string Metrics::answers() const {
+  constexpr std::string_view kName = "selenograph_http_requests_total";
+  Exposition out;
+  out.family(kName, "counter", "Requests answered.");
+  for (const auto& [key, count] : answers_) {
+    const auto& [route, method, status] = key;
+    out.sample(kName, fmt::format("route=\"{}\",method=\"{}\",status=\"{}\"", escaped(route), escaped(method), status),
+               count);
+  }
+  return std::move(out).text();
+}
+
+std::string Metrics::durations() const {
+  const std::string name = "selenograph_http_request_duration_seconds";
+  Exposition out;
+  out.family(name, "histogram", "From the complete head of a request to the last byte of its answer.");
+  for (const auto& [route, histogram] : durations_) {
+    const std::string label = fmt::format("route=\"{}\"", escaped(route));
+    std::uint64_t cumulative = 0;
+    for (std::size_t i = 0; i < kBuckets_s.size(); ++i) {
+      cumulative += histogram.at_most[i];
+      out.sample(name + "_bucket", fmt::format("{},le=\"{}\"", label, kBuckets_s[i]), cumulative);
+    }
+    out.sample(name + "_bucket", label + ",le=\"+Inf\"", histogram.count);
+    out.sample(name + "_sum", label, histogram.sum_s);
+    out.sample(name + "_count", label, histogram.count);
+  }
+  return std::move(out).text();
+}
+
+std::string Metrics::bytes_and_errors() const {
+  Exposition out;
+  out.family("selenograph_http_response_bytes_total", "counter", "Bytes of answers' bodies.");
+  for (const auto& [route, bytes] : bytes_) {
+    out.sample("selenograph_http_response_bytes_total", fmt::format("route=\"{}\"", escaped(route)), bytes);
+  }
+  out.family("selenograph_errors_total", "counter",
+             "Answers that were errors, by code; busy and shutting_down are rejections.");
+  for (const auto& [code, count] : errors_)
+    out.sample("selenograph_errors_total", fmt::format("code=\"{}\"", escaped(code)), count);
+  return std::move(out).text();
+}
+
+std::string Metrics::exposition(const Gauges& gauges) const {
+  Exposition out;
+  out.family("selenograph_build_info", "gauge", "Version of the running software.");
+  out.sample("selenograph_build_info", fmt::format("version=\"{}\"", escaped(version_)), 1);
+  write_gauges(out, gauges);
+  write_cache(out, gauges.cache);
+  write_process(out);
+  const std::lock_guard lock(mutex_);
+  return std::move(out).text() + answers() + durations() + bytes_and_errors();
+}
+
+std::string_view route_label(std::string_view path) {
+  for (const api::Route& route : api::kRoutes) {
+    if (api::segment_of(route, path)) return route.path;
+  }
+  for (const std::string_view own : {"/health/live", "/health/ready", "/metrics"}) {
+    if (own == path) return own;
+  }
+  return "other";
+}
+
+std::string_view method_label(std::string_view method) {
+  for (const std::string_view known : {"GET", "HEAD", "POST"}) {
+    if (known == method) return known;
+  }
+  return "other";
+}
+
+}  // namespace selenograph::server
