@@ -3,7 +3,7 @@
 #include <optional>
 
 #include "dem/support/error.h"
-#include "engine/render_frame.h"
+#include "engine/frame_moment.h"
 #include "engine/support/stopwatch.h"
 
 namespace selenograph::engine {

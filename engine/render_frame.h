@@ -1,4 +1,4 @@
-// The one function that renders a frame and names its stages.
+// The page that names the stages of a frame, in the order of the paper.
 #pragma once
 
 #include <functional>
@@ -9,7 +9,6 @@
 #include "engine/frame/frame.h"
 #include "engine/frame/request.h"
 #include "engine/render_cache.h"
-#include "engine/scene/selection.h"
 
 namespace selenograph::engine {
 
@@ -21,17 +20,9 @@ Frame render_frame(const FrameRequest& request, const dem::Terrain& terrain, Ren
 std::function<bool()> prepare_frame(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept,
                                     const StopToken& stop);
 
-// The first stage: which blocks of the terrain, how fine. None where the objects are alone.
-Selection select_blocks(const FrameRequest& request, const RowViews& views, const Accuracy& accuracy,
-                        const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop);
-
 // FrameReport::shadow_limits_px of the frame that render_frame would make: the one thing in it that depends on the
 // memory for scenes.
 std::vector<double> shadow_limits_px(const FrameRequest& request, const dem::Terrain& terrain, const RenderCache& kept,
                                      const StopToken& stop);
-
-// What the frame's scene is made of.
-SceneContent content_of(const FrameRequest& request, const RowViews& views, const Selection& selection,
-                        const dem::Terrain& terrain);
 
 }  // namespace selenograph::engine

@@ -14,7 +14,7 @@ namespace selenograph::engine {
 
 // In the file's own units.
 struct ObjectCorner {
-  Eigen::Vector3f place;   // from ObjectShape::origin
+  Eigen::Vector3f place;
   Eigen::Vector3f normal;  // for shading; zero: the facet's
 };
 
@@ -27,13 +27,11 @@ struct ObjectShape {
   std::vector<ObjectCorner> corners;
   std::vector<ObjectTriangle> triangles;
   std::vector<std::string> parts;  // the file's materials by name; at least one
-  Vec3 origin = Vec3::Zero();      // in the file's coordinates: near the corners, so that float has room for them
-  double rounding = 0;             // of the numbers in the file, where it holds no more than float
   bool textured = false;           // it has textures, which nothing is made of
 
-  // In the file's coordinates.
-  Vec3 place(const ObjectCorner& corner) const { return origin + corner.place.cast<double>(); }
-  Vec3 place(const ObjectTriangle& t, int k) const { return place(corners[t.corner[static_cast<std::size_t>(k)]]); }
+  Vec3 place(const ObjectTriangle& t, int k) const {
+    return corners[t.corner[static_cast<std::size_t>(k)]].place.cast<double>();
+  }
   std::size_t bytes() const {
     return corners.size() * sizeof(ObjectCorner) + triangles.size() * sizeof(ObjectTriangle);
   }

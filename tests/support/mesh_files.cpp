@@ -30,7 +30,7 @@ std::string bytes_of(T number) {
   ::setrlimit(RLIMIT_CPU, &seconds), ::setrlimit(RLIMIT_CORE, &no_core);
   std::string answer;
   try {
-    answer = engine::shape_answer(engine::read_mesh_file(std::string(content), extension, max_bytes));
+    answer = engine::shape_answer(engine::read_mesh_file(content, extension, max_bytes));
   } catch (const std::exception& e) {
     answer = engine::refusal_answer(e.what());
   }

@@ -6,6 +6,7 @@
 
 #include "dem/terrain/terrain.h"
 #include "engine/frame/needs.h"
+#include "engine/frame_moment.h"
 #include "engine/render_cache.h"
 #include "engine/render_frame.h"
 #include "tests/support/float_tiles.h"

@@ -1,4 +1,4 @@
-"""Includes point downwards, each foreign library is behind one pair of files, and a class has one definition.
+"""Includes point downwards, no two files include each other, no folder is crowded, each foreign library has one home.
 
 Reads the sources; needs no build:   python3 tests/unit/include_arrows_test.py
 """
@@ -10,10 +10,22 @@ import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
-# Top floor first: a file may include what is on its own floor or below.
+# Folders with sources, top floor first: a file may include files of its own folder and of the folders below.
+FLOORS = [
+    "server", "server/commands", "server/campaign", "server/service", "server/http",
+    "api", "api/endpoints", "api/document", "api/answers", "api/requests", "api/requests/parts", "api/encode",
+    "api/schema", "api/assets", "api/json", "api/message",
+    "engine/verify", "engine", "engine/sensor", "engine/visibility/zbuffer", "engine/visibility/raytrace",
+    "engine/visibility/image", "engine/visibility/meshes", "engine/visibility/objects", "engine/visibility/points",
+    "engine/visibility/embree", "engine/scene", "engine/radiometry", "engine/camera", "engine/frame", "engine/support",
+    "dem/detail", "dem/terrain", "dem/pyramid", "dem/posts", "dem/catalogue", "dem/value_maps", "dem/sample", "dem/gdal",
+    "dem/files", "dem/grid", "dem/support",
+]
 ROOMS = ["server", "api", "engine", "dem"]
-# "": the files that lie in engine/ itself (renderer, render_frame, ray_queries, budget, ...).
-ENGINE_FLOORS = ["verify", "", "sensor", "visibility", "scene", "radiometry", "camera", "frame", "support"]
+# Programs of their own, which use the service as a client does.
+CLIENTS = "api/clients/"
+# File pairs (a header and its source count as one) that a folder may hold.
+MOST_PAIRS = 24
 
 # What a foreign header is called, and the files that may include it: a folder (with a slash) or a pair of files.
 LIBRARIES = [
@@ -26,7 +38,7 @@ LIBRARIES = [
     (r"erfa", ["engine/radiometry/ephemeris"]),
     (r"GeographicLib/", ["dem/"]),
     (r"(OpenImageIO/|zip\.h)", ["api/"]),
-    (r"nlohmann/", ["api/", "server/", "engine/visibility/meshes/mesh_recentre"]),
+    (r"nlohmann/", ["api/", "server/"]),
     (r"openssl/", ["server/campaign/sha256"]),
     (r"archive", ["server/campaign/tar"]),
     (r"spdlog/", ["api/", "server/"]),
@@ -39,67 +51,106 @@ CLASS = re.compile(r"^(?:class|struct|union|enum class|enum) (?:alignas\(\w+\) )
 NAMESPACE = re.compile(r"^namespace (\S+) \{")
 
 
-def floor_of(path):
-    """Of an engine file: which of ENGINE_FLOORS, None if none."""
-    folder = path.split("/")[1] if path.count("/") > 1 else ""
-    return ENGINE_FLOORS.index(folder) if folder in ENGINE_FLOORS else None
+def folder_of(path):
+    return path.rsplit("/", 1)[0]
+
+
+def pair_of(path):
+    return path.rsplit(".", 1)[0]
 
 
 def may_hold(path, places):
-    stem = path.rsplit(".", 1)[0]
-    return any(path.startswith(place) if place.endswith("/") else stem == place for place in places)
+    return any(path.startswith(place) if place.endswith("/") else pair_of(path) == place for place in places)
 
 
 def fault(path, own, foreign):
     """Why a file must not have an include, or None."""
-    room = path.split("/")[0]
     if own:
-        other = own.split("/")[0]
-        if other not in ROOMS:
-            return f"{own} is in no room: {', '.join(ROOMS)}"
-        if ROOMS.index(other) < ROOMS.index(room):
-            return f"{room}/ must not include {other}/"
-        if room == other == "engine":
-            here, there = floor_of(path), floor_of(own)
-            if here is None or there is None:
-                return f"{path if here is None else own} is on no floor of the engine"
-            if there < here:
-                return f"engine/{ENGINE_FLOORS[here]} must not include engine/{ENGINE_FLOORS[there]}"
-        return None
+        here, there = folder_of(path), folder_of(own)
+        for folder in (here, there):
+            if folder not in FLOORS:
+                return f"{folder}/ is on no floor"
+        return f"{here}/ must not include {there}/" if FLOORS.index(there) < FLOORS.index(here) else None
     for header, places in LIBRARIES:
         if re.match(header, foreign) and not may_hold(path, places):
             return f"<{foreign}> belongs into {' or '.join(places)}"
     return None
 
 
-def faults(root):
-    found = []
+def sources(root):
+    """Paths of all sources, below the root."""
     for room in ROOMS:
         for file in sorted((root / room).rglob("*")):
-            if file.suffix not in (".h", ".cpp"):
-                continue
             path = file.relative_to(root).as_posix()
-            for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
-                include = INCLUDE.match(line)
-                why = include and fault(path, include[1], include[2])
-                if why:
-                    found.append(f"{path}:{number}: {why}")
+            if file.suffix in (".h", ".cpp", ".hpp") and not path.startswith(CLIENTS):
+                yield path
+
+
+def includes(root):
+    """(path, line number, own header or None, foreign header or None) of all includes."""
+    for path in sources(root):
+        for number, line in enumerate((root / path).read_text(encoding="utf-8").splitlines(), 1):
+            include = INCLUDE.match(line)
+            if include:
+                yield path, number, include[1], include[2]
+
+
+def faults(root):
+    found = []
+    for path, number, own, foreign in includes(root):
+        why = fault(path, own, foreign)
+        if why:
+            found.append(f"{path}:{number}: {why}")
     return found
+
+
+def cycle(root):
+    """File pairs that include each other in a circle, in the order of their includes; empty: there is none."""
+    below = {}
+    for path, _, own, _ in includes(root):
+        if own and pair_of(own) != pair_of(path):
+            below.setdefault(pair_of(path), set()).add(pair_of(own))
+    done, way = set(), []
+
+    def walk(pair):
+        if pair in way:
+            return way[way.index(pair):]
+        if pair in done:
+            return []
+        way.append(pair)
+        for other in sorted(below.get(pair, ())):
+            found = walk(other)
+            if found:
+                return found
+        done.add(way.pop())
+        return []
+
+    for pair in sorted(below):
+        found = walk(pair)
+        if found:
+            return found
+    return []
+
+
+def crowded(root):
+    """Folders with more file pairs than MOST_PAIRS, and how many they hold."""
+    pairs = {}
+    for path in sources(root):
+        pairs.setdefault(folder_of(path), set()).add(pair_of(path))
+    return {folder: len(held) for folder, held in pairs.items() if len(held) > MOST_PAIRS}
 
 
 def defined_twice(root):
     """Two definitions of one class in the headers: the linker takes one of their functions for both, in silence."""
     places = {}
-    for room in ROOMS:
-        for file in sorted((root / room).rglob("*.h")):
-            namespace = ""
-            for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
-                opened, defined = NAMESPACE.match(line), CLASS.match(line)
-                if opened:
-                    namespace = opened[1]
-                elif defined:
-                    place = f"{file.relative_to(root).as_posix()}:{number}"
-                    places.setdefault(f"{namespace}::{defined[1]}", []).append(place)
+    for path in sources(root):
+        namespace = ""
+        for number, line in enumerate((root / path).read_text(encoding="utf-8").splitlines(), 1):
+            opened, defined = NAMESPACE.match(line), CLASS.match(line)
+            if opened:
+                namespace = opened[1]
+            elif defined and path.endswith(".h"):
+                places.setdefault(f"{namespace}::{defined[1]}", []).append(f"{path}:{number}")
     return [f"{name} at {', '.join(where)}" for name, where in sorted(places.items()) if len(where) > 1]
 
 
@@ -107,6 +158,39 @@ class IncludeArrows(unittest.TestCase):
     def test_includes_point_downwards(self):
         found = faults(ROOT)
         self.assertEqual(found, [], "\n" + "\n".join(found))
+
+    def test_no_files_include_each_other(self):
+        found = cycle(ROOT)
+        self.assertEqual(found, [], "\n" + " ->\n".join(found + found[:1]))
+
+    def test_no_folder_is_crowded(self):
+        self.assertEqual(crowded(ROOT), {})
+
+    def test_a_cycle_is_found(self):
+        files = {
+            "dem/grid/a.h": '#include "dem/grid/b.h"',
+            "dem/grid/b.cpp": '#include "dem/grid/b.h"\n#include "dem/grid/c.h"',
+            "dem/grid/c.h": '#include "dem/grid/a.h"',
+            "dem/grid/d.h": '#include "dem/grid/a.h"',
+        }
+        self.assertEqual(self.result_of(cycle, files), ["dem/grid/a", "dem/grid/b", "dem/grid/c"])
+        del files["dem/grid/c.h"]
+        self.assertEqual(self.result_of(cycle, files), [])
+
+    def test_a_crowded_folder_is_found(self):
+        files = {f"dem/grid/file{i}.{kind}": "" for i in range(MOST_PAIRS) for kind in ("h", "cpp")}
+        self.assertEqual(self.result_of(crowded, files), {})
+        files["dem/grid/one_more.h"] = ""
+        self.assertEqual(self.result_of(crowded, files), {"dem/grid": MOST_PAIRS + 1})
+
+    @staticmethod
+    def result_of(check, files):
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            for path, text in files.items():
+                (root / path).parent.mkdir(parents=True, exist_ok=True)
+                (root / path).write_text(text + "\n", encoding="utf-8")
+            return check(root)
 
     def test_a_class_has_one_definition(self):
         found = defined_twice(ROOT)
@@ -118,35 +202,28 @@ class IncludeArrows(unittest.TestCase):
             "dem/deep/b.h": "namespace selenograph::dem {\nclass Crater final : Base {\n  struct Row {};\n};\n}",
             "dem/deep/c.h": "namespace selenograph::dem::deep {\nstruct Pit {\n};\nenum class Pit2 { kRow };\n}",
         }
-        with tempfile.TemporaryDirectory() as folder:
-            root = pathlib.Path(folder)
-            for path, text in files.items():
-                (root / path).parent.mkdir(parents=True, exist_ok=True)
-                (root / path).write_text(text, encoding="utf-8")
-            found = defined_twice(root)
-        self.assertEqual(found, ["selenograph::dem::Crater at dem/a.h:3, dem/deep/b.h:2"])
+        self.assertEqual(self.result_of(defined_twice, files), ["selenograph::dem::Crater at dem/a.h:3, dem/deep/b.h:2"])
 
     def test_the_rules_match_the_folders(self):
-        for room in ROOMS:
-            self.assertTrue((ROOT / room).is_dir(), f"no folder {room}/")
-        folders = {p.name for p in (ROOT / "engine").iterdir() if p.is_dir()}
-        self.assertEqual(folders, set(ENGINE_FLOORS) - {""})
+        self.assertEqual({folder_of(path) for path in sources(ROOT)}, set(FLOORS))
         for _, places in LIBRARIES:
             for place in places:
                 there = (ROOT / place).is_dir() if place.endswith("/") else (ROOT / f"{place}.cpp").is_file()
                 self.assertTrue(there, f"no {place}")
 
-    def test_what_is_wrong_is_found(self):
+    def test_wrong_includes_are_found(self):
         wrong = {
             "dem/support/cache.h": '#include "engine/renderer.h"',
             "engine/scene/mesh.h": '#include "engine/visibility/points/scene.h"',
             "engine/camera/view.cpp": '  #  include "engine/budget.h"',
             "engine/renderer.cpp": '#include "api/json/json_reader.h"',
             "engine/gui/window.cpp": '#include "engine/renderer.h"',
+            "api/message/problem.h": '#include "api/service.h"',
             "api/service.cpp": "#include <httplib.h>",
             "engine/verify/bare_kernel.cpp": "#include <embree4/rtcore.h>",
             "engine/visibility/points/scene.cpp": "#include <gdal_priv.h>",
-            "dem/raster.cpp": "#include <hwy/highway.h>",
+            "engine/visibility/meshes/mesh_file.cpp": "#include <nlohmann/json.hpp>",
+            "dem/files/raster.cpp": "#include <hwy/highway.h>",
         }
         right = {
             "server/main.cpp": '#include "dem/support/cache.h"',
@@ -154,13 +231,10 @@ class IncludeArrows(unittest.TestCase):
             "engine/budget.cpp": '#include "engine/sensor/sensor.h"',
             "engine/visibility/embree/embree.cpp": "#include <embree4/rtcore.h>",
             "engine/camera/lens.cpp": '// #include "engine/renderer.h"\n#include <hwy/highway.h>',
+            "api/clients/cpp/example.cpp": "#include <httplib.h>",
         }
-        with tempfile.TemporaryDirectory() as folder:
-            root = pathlib.Path(folder)
-            for path, text in (wrong | right).items():
-                (root / path).parent.mkdir(parents=True, exist_ok=True)
-                (root / path).write_text("// A file.\n" + text + "\n", encoding="utf-8")
-            found = faults(root)
+        files = {path: "// A file.\n" + text for path, text in (wrong | right).items()}
+        found = self.result_of(faults, files)
         self.assertEqual(sorted(line.split(": ")[0] for line in found), sorted(f"{path}:2" for path in wrong))
 
 

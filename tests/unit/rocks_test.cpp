@@ -230,9 +230,9 @@ TEST(RockShapes, AreClosedAndOfTheirSize) {
     EXPECT_GT(volume, 0.1);
     double wide = 0, high = 0, low = 0;
     for (const auto& a : shape.corners) {
-      const Vec3 place = shape.place(a);
+      const Vec3 place = a.place.cast<double>();
       high = std::max(high, place.z()), low = std::min(low, place.z());
-      for (const auto& b : shape.corners) wide = std::max(wide, (place - shape.place(b)).head<2>().norm());
+      for (const auto& b : shape.corners) wide = std::max(wide, (place - b.place.cast<double>()).head<2>().norm());
     }
     EXPECT_NEAR(wide, 1, 1e-5);
     EXPECT_GE(high, 0.5 - 1e-5);

@@ -16,7 +16,6 @@
 #include <unordered_map>
 #include <vector>
 
-#include "engine/visibility/zbuffer/raster_kernels.h"
 
 namespace selenograph::engine {
 namespace {
@@ -96,10 +95,12 @@ RTCDevice device_for(int threads) {
 // bundle must keep clear of zero in every component.
 bool safe_as_bundle(const RayPacket& rays) {
   constexpr float kClear = 0x1p-10F;
+  const float* const axes[3] = {rays.dx, rays.dy, rays.dz};
   float low[3], high[3];
-  range_of(rays.dx, kPacket, low[0], high[0]);
-  range_of(rays.dy, kPacket, low[1], high[1]);
-  range_of(rays.dz, kPacket, low[2], high[2]);
+  for (int k = 0; k < 3; ++k) {
+    low[k] = high[k] = axes[k][0];
+    for (int i = 1; i < kPacket; ++i) low[k] = std::min(low[k], axes[k][i]), high[k] = std::max(high[k], axes[k][i]);
+  }
   const float size = std::max({-low[0], -low[1], -low[2], high[0], high[1], high[2]});
   for (int k = 0; k < 3; ++k)
     if (!(low[k] > kClear * size || high[k] < -kClear * size)) return false;

@@ -13,7 +13,7 @@ ObjectTracer::ObjectTracer(const ObjectShape& shape, const Vec3& middle, const S
       [&](std::span<float> out) {
         float* place = out.data();
         for (const ObjectCorner& corner : shape.corners) {
-          const Eigen::Vector3f relative = (shape.place(corner) - middle).cast<float>();
+          const Eigen::Vector3f relative = (corner.place.cast<double>() - middle).cast<float>();
           place = std::copy_n(relative.data(), 3, place);
         }
       },

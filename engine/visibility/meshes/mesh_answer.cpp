@@ -28,10 +28,9 @@ void append_number(std::string& to, std::uint32_t number) { append(to, &number, 
 // What is no list.
 struct Whole {
   std::uint32_t kind, corners, triangles, parts;
-  double origin[3], rounding;
   std::uint32_t textured, unused;
 };
-static_assert(sizeof(Whole) == 56);
+static_assert(sizeof(Whole) == 24);
 
 class Bytes {
  public:
@@ -69,8 +68,6 @@ class Bytes {
 
 void check(const ObjectShape& shape) {
   if (shape.triangles.empty() || shape.parts.empty()) fail("no triangle");
-  if (!shape.origin.allFinite() || !(shape.rounding >= 0 && std::isfinite(shape.rounding)))
-    fail("an origin that isn't finite");
   for (const ObjectCorner& corner : shape.corners) {
     if (!corner.place.allFinite()) fail("a corner that isn't finite");
     const float length2 = corner.normal.squaredNorm();
@@ -95,8 +92,6 @@ std::string shape_answer(const ObjectShape& shape) {
                     static_cast<std::uint32_t>(shape.corners.size()),
                     static_cast<std::uint32_t>(shape.triangles.size()),
                     static_cast<std::uint32_t>(shape.parts.size()),
-                    {shape.origin.x(), shape.origin.y(), shape.origin.z()},
-                    shape.rounding,
                     shape.textured,
                     0};
   answer.reserve(sizeof whole + corner_bytes + triangle_bytes);
@@ -125,8 +120,7 @@ ObjectShape shape_of_answer(std::string_view answer) {
   shape.corners = in.list<ObjectCorner>(whole.corners);
   shape.triangles = in.list<ObjectTriangle>(whole.triangles);
   for (std::uint32_t i = 0; i < whole.parts; ++i) shape.parts.push_back(in.text(in.number()));
-  shape.origin = Vec3(whole.origin[0], whole.origin[1], whole.origin[2]);
-  shape.rounding = whole.rounding, shape.textured = whole.textured != 0;
+  shape.textured = whole.textured != 0;
   if (!in.empty()) fail("too long");
   check(shape);
   return shape;

@@ -16,7 +16,6 @@
 #include <vector>
 
 #include "engine/support/utf8.h"
-#include "engine/visibility/meshes/mesh_recentre.h"
 
 namespace selenograph::engine {
 namespace {
@@ -159,15 +158,6 @@ void keep_used_parts(ObjectShape& shape) {
   shape.parts = std::move(used);
 }
 
-// glTF's coordinates are float before its nodes move them.
-double float_rounding(const aiScene& scene) {
-  float largest = 0;
-  for (unsigned i = 0; i < scene.mNumMeshes; ++i)
-    for (unsigned k = 0; k < scene.mMeshes[i]->mNumVertices; ++k)
-      largest = std::max(largest, vector_of(scene.mMeshes[i]->mVertices[k]).cwiseAbs().maxCoeff());
-  return std::isfinite(largest) ? static_cast<double>(largest) * 0x1p-24 : 0;
-}
-
 bool has_textures(const aiScene& scene) {
   if (scene.mNumTextures > 0) return true;
   for (unsigned i = 0; i < scene.mNumMaterials; ++i)
@@ -187,24 +177,22 @@ std::string why_not(const Assimp::Importer& importer, const std::string& extensi
 
 }  // namespace
 
-ObjectShape read_mesh_file(std::string content, const std::string& extension, std::size_t max_bytes) {
+ObjectShape read_mesh_file(std::string_view content, const std::string& extension, std::size_t max_bytes) {
   const std::string name = "mesh." + extension;
-  const Recentred moved = recentred(std::move(content), extension);
   std::string refused;
   Assimp::Importer importer;
   keep_readers_of(extension, importer);
-  importer.SetIOHandler(new OneFile(name, moved.content, refused));  // the importer's own from now on
+  importer.SetIOHandler(new OneFile(name, content, refused));  // the importer's own from now on
   const aiScene* scene = importer.ReadFile(name, aiProcess_ValidateDataStructure);
   if (!scene || !scene->mRootNode) throw std::runtime_error(why_not(importer, extension, refused));
   check_instances(*scene, max_bytes);
-  const double rounding = extension == "gltf" || extension == "glb" ? float_rounding(*scene) : moved.rounding;
   // What isn't a triangle by then is a point or a line.
   scene = importer.ApplyPostProcessing(aiProcess_Triangulate | aiProcess_JoinIdenticalVertices | aiProcess_SortByPType |
                                        aiProcess_PreTransformVertices);
   if (!scene) throw std::runtime_error(why_not(importer, extension, refused));
 
   ObjectShape shape;
-  shape.origin = moved.origin, shape.rounding = rounding, shape.textured = has_textures(*scene);
+  shape.textured = has_textures(*scene);
   for (unsigned i = 0; i < scene->mNumMaterials; ++i) shape.parts.emplace_back(scene->mMaterials[i]->GetName().C_Str());
   if (shape.parts.empty()) shape.parts.emplace_back();
   for (unsigned i = 0; i < scene->mNumMeshes; ++i) {
@@ -218,7 +206,7 @@ ObjectShape read_mesh_file(std::string content, const std::string& extension, st
   keep_used_parts(shape);
   for (const std::string& part : shape.parts)
     if (!is_utf8(part))
-      throw std::runtime_error(fmt::format("{}the name of a material is not UTF-8", line_of(part, moved.content)));
+      throw std::runtime_error(fmt::format("{}the name of a material is not UTF-8", line_of(part, content)));
   return shape;
 }
 

@@ -17,8 +17,14 @@ std::uint64_t fingerprint_of(const ObjectShape& shape) {
   };
   add(shape.corners), add(shape.triangles);
   for (const std::string& part : shape.parts) add(part);
-  if (!shape.origin.isZero(0)) add(std::vector<double>(shape.origin.begin(), shape.origin.end()));
   return hash;
+}
+
+// The file's coordinates are read as float.
+double rounding_of(const ObjectShape& shape) {
+  float largest = 0;
+  for (const ObjectCorner& corner : shape.corners) largest = std::max(largest, corner.place.cwiseAbs().maxCoeff());
+  return static_cast<double>(largest) * 0x1p-24;
 }
 
 // Float has 24 bits; what of it a ray is surer of than of its neighbours: 20.
@@ -89,11 +95,11 @@ ObjectMesh::ObjectMesh(ObjectShape shape, const StopToken& stop)
       tracer_(shape_, bounds_.middle, stop),
       fingerprint_(fingerprint_of(shape_)) {
   constexpr double kMuch = 1e-4;
-  if (shape_.rounding > kMuch * bounds_.radius)
+  if (const double rounding = rounding_of(shape_); rounding > kMuch * bounds_.radius)
     notes_.push_back(
-        fmt::format("its file holds coordinates as float, so far from their origin that they are rounded by "
-                    "{:.2g}; the object's radius is {:.3g}",
-                    shape_.rounding, bounds_.radius));
+        fmt::format("its coordinates are so far from their origin that float rounds them by {:.2g}; the object's "
+                    "radius is {:.3g}",
+                    rounding, bounds_.radius));
   if (shape_.textured) notes_.emplace_back("its textures are not used: its parts are of the materials in the request");
 }
 

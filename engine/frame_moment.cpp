@@ -1,0 +1,135 @@
+#include "engine/frame_moment.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "engine/frame/needs.h"
+#include "engine/radiometry/radiometry.h"
+#include "engine/visibility/image/dense_samples.h"
+#include "engine/visibility/raytrace/ray_pass.h"
+
+namespace selenograph::engine {
+namespace {
+
+// Of sixteen pixels at a time by rays, of all pixels by z-buffer.
+constexpr auto kPixelStages = [](auto& algorithm, auto& pixels) {
+  algorithm.find_points(pixels);
+  algorithm.find_light(pixels);
+  algorithm.find_radiance(pixels);
+  algorithm.write_products(pixels);
+};
+
+RowViews views_above_ground(const FrameRequest& request, const dem::Terrain& terrain, const StopToken& stop) {
+  RowViews views(request.camera, request.pose, request.shutter, stop);
+  if (request.terrain) refuse_underground(terrain, views, stop);
+  return views;
+}
+
+RocksInView select_rocks(const FrameRequest& request, const RowViews& views, const Selection& selection,
+                         const dem::Terrain& terrain, const StopToken& stop) {
+  if (!request.terrain) return {};
+  return rocks_in_view(terrain, views, wants_light(request) ? &request.sun : nullptr, selection.blocks,
+                       request.accuracy.max_error_px, stop);
+}
+
+// `job` is what the writer's pixels were drawn from.
+Drawn drawn_by(const FrameWriter& writer, const FrameJob& job, FrameProducts& out) {
+  Drawn drawn;
+  drawn.sources = writer.sources().settle(out.source);
+  drawn.counts = writer.counts();
+  drawn.pixels = static_cast<double>(job.request.camera.width) * job.request.camera.height;
+  for (std::size_t mark = 0; mark < drawn.met.size(); ++mark)
+    drawn.met[mark] = writer.marks().met(mark, job.views, job.scene.mesh);
+  return drawn;
+}
+
+}  // namespace
+
+Selection select_blocks(const FrameRequest& request, const RowViews& views, const Accuracy& accuracy,
+                        const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop) {
+  if (!request.terrain) return {.blocks = {}, .shadow_limit_px = accuracy.max_shadow_error_px};
+  const Visibility visibility = request.shutter ? Visibility::raytrace : request.visibility;
+  return select_for_views(terrain, views.bundles(), wants_light(request) ? &request.sun : nullptr, accuracy, stop,
+                          {kept.capacity(), visibility}, balls_around(request.objects));
+}
+
+SceneContent content_of(const FrameRequest& request, const RowViews& views, const Selection& selection,
+                        const dem::Terrain& terrain) {
+  const View& view = views.reference();
+  double clearance_m = std::numeric_limits<double>::infinity();
+  for (const ViewBundle& some : views.bundles())
+    clearance_m =
+        std::min(clearance_m, some.view.position().norm() - some.shift_m - kMoonRadius_m - selection.highest_m);
+  return {selection.blocks, anchor_for(view.position(), view.middle(), clearance_m),
+          visibility_for(request, views, selection), &terrain};
+}
+
+FrameMoment::FrameMoment(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept,
+                         const StopToken& stop)
+    : request_(request),
+      terrain_(terrain),
+      kept_(kept),
+      stop_(stop.counting(waits_)),
+      views_(views_above_ground(request, terrain, stop_)),
+      selection_(select_blocks(request, views_, request.accuracy, terrain, kept, stop_)),
+      rocks_(select_rocks(request, views_, selection_, terrain, stop_)),
+      objects_(request, views_, rocks_.rocks, stop_),
+      radiance_(radiance_terms(request)),
+      content_(content_of(request, views_, selection_, terrain)) {
+  times_.select_ms = watch_.lap_ms();
+}
+
+void FrameMoment::make_scene(std::size_t draws) {
+  work_ = work_of(request_, request_.accuracy, content_.visibility, triangles_of(selection_),
+                  /*build=*/!kept_.holds(content_));
+  kept_.speed(content_.visibility).refuse_hopeless(work_, draws, stop_);
+  scene_ = kept_.scene(content_, stop_);
+  times_.build_ms = watch_.lap_ms();
+  times_.pyramid_ms = waits_.pyramid.ms(), times_.load_ms = waits_.load.ms();
+  lens_ = kept_.lens(views_.camera(), stop_);
+}
+
+Drawn FrameMoment::draw(int margin_px, const EachSample& each, FrameProducts& out) {
+  const FrameJob job{request_, views_, *scene_, objects_, radiance_, *lens_, stop_, each};
+  const ViewMarks marks(views_, margin_px);
+  const bool dense = drawn_at_once(request_, request_.accuracy, content_.visibility) > 1;
+  Drawn drawn = dense ? draw_dense(job, marks, out) : draw_centres(job, marks, out);
+  drawn.triangles = scene_->triangles, drawn.scene_bytes = scene_->bytes;
+  scene_.reset();  // an exposure's other moments have their own: who waits for room for one holds none
+  kept_.settle();
+  times_.visibility_ms = watch_.lap_ms();
+  kept_.speed(content_.visibility).learn(work_, times_);
+  return drawn;
+}
+
+Drawn FrameMoment::draw_centres(const FrameJob& job, const ViewMarks& marks, FrameProducts& out) {
+  FrameWriter writer(job.request, views_, job.scene.mesh, catalogue_size(), out, stop_);
+  writer.look_at(marks);
+  draw_pixels(job, writer);
+  return drawn_by(writer, job, out);
+}
+
+// Radiance of four samples of a pixel at once, the other products by its centre.
+Drawn FrameMoment::draw_dense(const FrameJob& job, const ViewMarks& marks, FrameProducts& out) {
+  FrameRequest at_centres = job.request;
+  at_centres.products &= ~static_cast<ProductSet>(kRadiance | kImage);
+  std::optional<Drawn> drawn;
+  if (at_centres.products)
+    drawn =
+        draw_centres({at_centres, views_, job.scene, objects_, radiance_, job.centres, stop_, job.each}, marks, out);
+  const std::shared_ptr<const PixelRays> lens = kept_.lens(dense_camera(job.request.camera), stop_);
+  DenseSamples samples(job, *lens, catalogue_size());
+  samples.writer().look_at(marks.dense());
+  draw_pixels(samples.job(), samples.writer());
+  out.radiance = samples.radiance();
+  return drawn ? *std::move(drawn) : drawn_by(samples.writer(), samples.job(), out);
+}
+
+void FrameMoment::draw_pixels(const FrameJob& job, FrameWriter& writer) {
+  if (!job.scene.raster) return RayPass(job, writer).for_pixels(kPixelStages);
+  const Pool<FrameScratch>::Lease scratch(kept_.scratch());
+  RasterPass(job, writer, *scratch, times_).for_pixels(kPixelStages);
+}
+
+}  // namespace selenograph::engine
