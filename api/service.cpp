@@ -1,7 +1,6 @@
 #include "api/service.h"
 
 #include <algorithm>
-#include <charconv>
 #include <new>
 
 #include "api/document/openapi.h"
@@ -105,15 +104,6 @@ struct Service::Impl {
     throw std::logic_error("no such endpoint");
   }
 };
-
-std::optional<std::chrono::milliseconds> time_allowed(const Request& request, const Limits& limits) {
-  const std::string text = header(request, "request-timeout-ms");
-  if (text.empty()) return limits.default_deadline;
-  std::int64_t ms = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), ms);
-  if (error != std::errc() || end != text.data() + text.size() || ms <= 0) return std::nullopt;
-  return std::min(limits.default_deadline, std::chrono::milliseconds(ms));
-}
 
 Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder,
                  const engine::MeshReaderOptions& meshes, std::shared_ptr<MemoryBudget> memory)

@@ -9,6 +9,7 @@
 
 #include "api/encode/negotiate.h"
 #include "api/requests/frame_json.h"
+#include "dem/catalogue/catalogue.h"
 #include "engine/frame/report.h"
 #include "engine/frame/surface.h"
 

@@ -3,12 +3,12 @@
 #include <initializer_list>
 #include <span>
 
+#include "api/answers/map_answer.h"
 #include "api/answers/metadata.h"
 #include "api/encode/negotiate.h"
 #include "api/message/problem.h"
 #include "api/message/routes.h"
 #include "api/requests/features_json.h"
-#include "api/requests/map_json.h"
 #include "api/requests/parts/surface_json.h"
 
 namespace selenograph::api {

@@ -3,7 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "api/service.h"
+#include "api/message/limits.h"
 
 namespace selenograph::api {
 

@@ -25,13 +25,6 @@ bool says_json(std::string content_type) {
 
 }  // namespace
 
-std::string header(const Request& request, const std::string& name) {
-  std::string joined;
-  const auto [first, last] = request.headers.equal_range(name);
-  for (auto it = first; it != last; ++it) joined += (it == first ? "" : ", ") + it->second;
-  return joined;
-}
-
 void refuse_work(const TooMuchWork& e, const std::string& pointer, const Limits& limits) {
   const auto longest_ms = static_cast<double>(limits.default_deadline.count());
   if (engine::SpeedGauge::in_reach(e.predicted_ms(), longest_ms)) throw;

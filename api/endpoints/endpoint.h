@@ -9,8 +9,8 @@
 #include "api/assets/assets.h"
 #include "api/json/json_reader.h"
 #include "api/message/memory_budget.h"
+#include "api/message/message.h"
 #include "api/message/problem.h"
-#include "api/service.h"
 #include "dem/support/cache.h"
 #include "dem/support/error.h"
 #include "engine/renderer.h"
@@ -60,9 +60,6 @@ Response answer_verify_mertis(const EndpointContext& context);
 
 // The catalogue as JSON text: tiles, footprints, resolution, datum, gaps, and files that could not be used.
 std::string datasets_text(const dem::Catalogue& catalogue);
-
-// All headers of this (lower-case) name, joined with commas; empty without one.
-std::string header(const Request& request, const std::string& name);
 
 // The body, which must be JSON within the limits. Throws RequestError.
 Json json_body(const EndpointContext& context);

@@ -3,10 +3,10 @@
 
 #include <chrono>
 
+#include "api/answers/map_answer.h"
 #include "api/answers/metadata.h"
 #include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
-#include "api/requests/map_json.h"
 #include "dem/support/error.h"
 
 namespace selenograph::api {

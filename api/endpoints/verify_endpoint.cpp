@@ -1,10 +1,10 @@
 // POST /v1/verify/roundtrip and /v1/verify/mertis.
 #include <algorithm>
 
+#include "api/answers/round_trip_answer.h"
 #include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
 #include "api/requests/mertis_json.h"
-#include "api/requests/round_trip_json.h"
 #include "dem/support/error.h"
 
 namespace selenograph::api {

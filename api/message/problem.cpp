@@ -188,6 +188,4 @@ Response out_of_memory() noexcept {
   return answer;
 }
 
-Response problem(const std::string& error_code, const std::string& detail) { return problem(error_code, detail, {}); }
-
 }  // namespace selenograph::api

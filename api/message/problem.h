@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include "api/service.h"
+#include "api/message/message.h"
 
 namespace selenograph::api {
 
@@ -66,8 +66,8 @@ class RequestError : public std::runtime_error {
 };
 
 // application/problem+json (RFC 9457) with `errors` when there are findings. Never throws on what a client may have
-// sent, bytes that are no UTF-8 included. `problem(code, detail)` without findings is declared in service.h.
-Response problem(const std::string& code, const std::string& detail, const std::vector<Finding>& findings);
+// sent, bytes that are no UTF-8 included.
+Response problem(const std::string& code, const std::string& detail, const std::vector<Finding>& findings = {});
 
 // What `work` answers, or the problem that what it throws is. A RequestError is the row that it names, an
 // ImpossibleRequest "invalid_request", a DataError "terrain_data_error", a SystemFault "storage_unavailable", Cancelled

@@ -1,4 +1,4 @@
-// A request for a map: JSON <-> engine::MapRequest, its products as arrays, and what is said about a map.
+// A request for a map: JSON <-> engine::MapRequest, and the table of its products.
 #pragma once
 
 #include <optional>
@@ -8,10 +8,7 @@
 #include <variant>
 #include <vector>
 
-#include "api/encode/encode.h"
-#include "api/encode/negotiate.h"
 #include "api/requests/frame_json.h"
-#include "dem/gdal/geotiff_writer.h"
 #include "engine/frame/map.h"
 
 namespace selenograph::api {
@@ -62,34 +59,5 @@ struct MapProductRow {
 };
 std::span<const MapProductRow> map_products();
 std::string type_text(const MapProductRow& row);
-
-// In the order of the server's preference. The last part of each is the extension of the command line's files.
-inline constexpr Alternative kMapAnswers[] = {
-    {"image/tiff",
-     "GeoTIFF: a band for each product (three of normal), of the widest of their types; NoData is NaN, of source "
-     "alone 65535; the metadata are the dataset's item SELENOGRAPH"},
-    {"application/x-npz", "the products' arrays, and meta.json with the geotransform and WKT"},
-    {"image/png",
-     "one product but normal, 16 bit grey: 0 is no data, 1 to 65535 from the least to the largest value, of lit from 0 "
-     "to 1, of radiance and slope from 0; `png_scale` in the metadata, the text chunk `selenograph`, says which. "
-     "source is as it is"},
-};
-
-// Of a map while it is in work, besides what is kept between requests, and its answer.
-std::size_t bytes_of(const engine::MapRequest& request);
-
-// 32 hexadecimal digits that stand for an answer's bytes, known before anything is rendered. `scene_bytes`: what
-// patches are made to fit.
-std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::uint64_t terrain_fingerprint,
-                         std::string_view media_type);
-OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, const std::string& hash);
-
-// The answer's bytes. Throws RequestError where the products don't go into a PNG (check_map_answer says so beforehand).
-std::string encode_map(const MapQuery& query, const engine::Map& map, const std::string& hash,
-                       std::string_view media_type, const StopToken& stop = {});
-void check_map_answer(const MapQuery& query, std::string_view media_type);
-
-// The mean of `lit` over a series, as GeoTIFF: one band `illumination_fraction`.
-std::string encode_illumination(const MapQuery& query, std::span<const float> fraction, const OrderedJson& meta);
 
 }  // namespace selenograph::api

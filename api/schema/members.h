@@ -14,7 +14,7 @@
 
 #include "api/assets/assets.h"
 #include "api/json/json_reader.h"
-#include "api/service.h"
+#include "api/message/limits.h"
 
 namespace selenograph::api {
 

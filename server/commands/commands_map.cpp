@@ -12,9 +12,9 @@
 #include <stdexcept>
 #include <vector>
 
+#include "api/answers/map_answer.h"
 #include "api/answers/metadata.h"
 #include "api/message/problem.h"
-#include "api/requests/map_json.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/request_file.h"

@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "api/encode/negotiate.h"
+#include "api/service.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/request_file.h"

@@ -16,14 +16,14 @@
 #include "engine/support/heap.h"
 #include "server/commands/commands.h"
 #include "server/commands/start.h"
+#include "server/commands/trial.h"
 #include "server/http/http_server.h"
-#include "server/service/async_log.h"
 #include "server/service/front.h"
 #include "server/service/heap_trim.h"
+#include "server/service/log.h"
 #include "server/service/memory_plan.h"
 #include "server/service/open_files.h"
 #include "server/service/shutdown_signals.h"
-#include "server/commands/trial.h"
 
 namespace selenograph::server {
 namespace {

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "api/requests/round_trip_json.h"
+#include "api/answers/round_trip_answer.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/start.h"

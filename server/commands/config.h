@@ -10,8 +10,10 @@
 #include <string>
 #include <vector>
 
-#include "api/service.h"
-#include "server/service/async_log.h"
+#include "api/message/limits.h"
+#include "dem/posts/layer_joins.h"
+#include "engine/visibility/meshes/mesh_reader.h"
+#include "server/service/log.h"
 #include "server/service/memory_plan.h"
 #include "server/service/pages.h"
 

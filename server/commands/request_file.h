@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "api/service.h"
+#include "api/message/message.h"
 
 namespace selenograph::server {
 

@@ -1,7 +1,6 @@
 #include "server/commands/start.h"
 
 #include <fmt/format.h>
-#include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include <filesystem>
@@ -31,17 +30,6 @@ std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions
   dem::write_sample_terrain(folder.string(), options);
   std::ofstream(folder / kComplete) << "sample terrain, all files written\n";
   return folder.string();
-}
-
-void set_up_log(const std::string& level) {
-  use_as_log(std::make_shared<spdlog::sinks::stderr_color_sink_mt>(), level);
-}
-
-void use_as_log(std::shared_ptr<spdlog::sinks::sink> sink, const std::string& level) {
-  auto log = std::make_shared<spdlog::logger>("selenograph", std::move(sink));
-  log->set_pattern("%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
-  log->set_level(spdlog::level::from_str(level));
-  spdlog::set_default_logger(std::move(log));
 }
 
 std::vector<std::string> dem_paths(const TerrainSettings& settings) {

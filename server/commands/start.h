@@ -1,4 +1,4 @@
-// Terrain, renderer and log as the settings say.
+// Terrain and renderer as the settings say.
 #pragma once
 
 #include <memory>
@@ -10,16 +10,7 @@
 #include "engine/renderer.h"
 #include "server/commands/config.h"
 
-namespace spdlog::sinks {
-class sink;
-}
-
 namespace selenograph::server {
-
-// To stderr, so that stdout stays for results.
-void set_up_log(const std::string& level);
-// spdlog's default logger writes there.
-void use_as_log(std::shared_ptr<spdlog::sinks::sink> sink, const std::string& level);
 
 // Sample terrain in a folder of the cache folder, written there when it is not yet complete.
 std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions& options);

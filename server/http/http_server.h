@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "api/service.h"
+#include "api/message/message.h"
 #include "server/http/connection.h"
 
 namespace selenograph::server {

@@ -5,7 +5,7 @@
 #include <optional>
 #include <string_view>
 
-#include "api/service.h"
+#include "api/message/message.h"
 #include "server/http/connection.h"
 
 namespace selenograph::server {

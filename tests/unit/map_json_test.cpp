@@ -1,9 +1,9 @@
 // A map's request: where it lies, what is refused, what it resolves to.
-#include "api/requests/map_json.h"
-
 #include <gtest/gtest.h>
 
 #include <string>
+
+#include "api/answers/map_answer.h"
 
 namespace selenograph::api {
 namespace {

@@ -1,9 +1,8 @@
-#include "api/requests/round_trip_json.h"
-
 #include <gtest/gtest.h>
 
 #include <string>
 
+#include "api/answers/round_trip_answer.h"
 #include "api/encode/negotiate.h"
 
 namespace selenograph::api {

@@ -1,7 +1,7 @@
 // Request-Timeout-Ms shortens the service's deadline and nothing else.
 #include <gtest/gtest.h>
 
-#include "api/service.h"
+#include "api/message/message.h"
 
 namespace selenograph::api {
 namespace {

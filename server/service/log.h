@@ -1,7 +1,7 @@
-// A log that nobody has to wait for.
+// The log on stderr: of commands, which wait for it, and of the service, where nobody does.
 #pragma once
 
-#include <spdlog/common.h>
+#include <spdlog/fwd.h>
 
 #include <cstddef>
 #include <cstdint>
@@ -9,21 +9,26 @@
 #include <string>
 #include <string_view>
 
+namespace spdlog::details {
+class thread_pool;
+}
+
 namespace selenograph::server {
 
-// spdlog's default logger hands its lines to a thread that writes them to stderr, while this lives. A line that finds
-// kMostBytes waiting (nobody reads stderr, or its disk is slow) is dropped and counted. Written with write(2), not with
-// stdio, whose lock a writer that can't go on would keep through exit().
-//
-// (spdlog's own asynchronous logger joins its thread at exit, and waits for the reader there.)
 enum class LogFormat {
   text,  // 2026-11-20T12:00:00.000 info what is to say
   json,  // JSON lines: {"time": .., "level": .., "message": ..}, or with the members of log_members()
 };
 
+// spdlog's default logger writes to stderr, so that stdout stays for results.
+void set_up_log(const std::string& level);
+
+// While this lives, spdlog's default logger is an asynchronous one: a thread of its own writes the lines to stderr.
+// Where kMostLines wait (nobody reads stderr, or its disk is slow), each new line displaces the oldest, which is
+// counted.
 class AsyncLog {
  public:
-  static constexpr std::size_t kMostBytes = std::size_t{1} << 20;
+  static constexpr std::size_t kMostLines = 2048;
 
   explicit AsyncLog(const std::string& level, int fd = 2, LogFormat format = LogFormat::text);
   ~AsyncLog();  // waits half a second for what is not written yet
@@ -34,9 +39,9 @@ class AsyncLog {
   static void log_members(spdlog::level::level_enum level, std::string_view members);
 
  private:
-  struct Queue;
   class Sink;
-  const std::shared_ptr<Queue> queue_;  // the thread's, too: it may be stuck in write(2) until the process ends
+  const std::shared_ptr<Sink> sink_;
+  std::shared_ptr<spdlog::details::thread_pool> thread_;  // one
 };
 
 }  // namespace selenograph::server

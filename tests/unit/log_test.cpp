@@ -1,6 +1,7 @@
-#include "server/service/async_log.h"
+#include "server/service/log.h"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
@@ -72,27 +73,29 @@ TEST_F(AsyncLogTest, JsonLinesHoldWhatever) {
 
 TEST_F(AsyncLogTest, AReaderThatDoesNotReadDelaysNobody) {
   const auto start = std::chrono::steady_clock::now();
-  const std::string line(10000, 'x');
+  constexpr std::size_t kLines = 2 * AsyncLog::kMostLines;
+  const std::string line(1000, 'x');
   {
     const AsyncLog log("info", pipe_[1]);
-    for (int i = 0; i < 1000; ++i) spdlog::info(line);
-    // The pipe holds 64 KiB and the log two batches of kMostBytes: one waits to be written, one is being filled.
-    EXPECT_GE(log.dropped(), 1000 - (2 * AsyncLog::kMostBytes + (1 << 16)) / line.size());
-    EXPECT_LT(log.dropped(), 1000u);
+    for (std::size_t i = 0; i < kLines; ++i) spdlog::info("line {} {}", i, line);
+    // The pipe holds 64 KiB, and one line is being written.
+    EXPECT_GE(log.dropped(), kLines - AsyncLog::kMostLines - (1 << 16) / line.size() - 1);
+    EXPECT_LE(log.dropped(), kLines - AsyncLog::kMostLines);
   }
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
   EXPECT_LT(took.count(), 5);
   // Its thread is still there, and goes on when there is a reader; nobody is harmed by it.
   // All is read, so that it writes nothing when the pipe is closed.
   ::fcntl(pipe_[0], F_SETFL, O_NONBLOCK);  // NOLINT(cppcoreguidelines-pro-type-vararg)
-  std::size_t received = 0;
+  std::string received;
   for (int quiet_ms = 0; quiet_ms < 300;) {
-    const std::size_t more = read_some().size();
+    const std::string more = read_some();
     received += more;
-    if (more > 0) quiet_ms = 0;
-    if (more == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1)), ++quiet_ms;
+    if (!more.empty()) quiet_ms = 0;
+    if (more.empty()) std::this_thread::sleep_for(std::chrono::milliseconds(1)), ++quiet_ms;
   }
-  EXPECT_GT(received, AsyncLog::kMostBytes - 2 * line.size());
+  EXPECT_GT(received.size(), AsyncLog::kMostLines * line.size());
+  EXPECT_NE(received.find(fmt::format(" line {} ", kLines - 1)), std::string::npos);  // the oldest were dropped
 }
 
 }  // namespace

@@ -1,27 +1,31 @@
-#include "server/service/async_log.h"
+#include "server/service/log.h"
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <spdlog/async_logger.h>
+#include <spdlog/details/null_mutex.h>
+#include <spdlog/details/thread_pool.h>
 #include <spdlog/formatter.h>
 #include <spdlog/sinks/base_sink.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cerrno>
 #include <chrono>
-#include <condition_variable>
+#include <future>
 #include <iterator>
-#include <mutex>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <string_view>
 #include <thread>
 #include <utility>
 
-#include "server/commands/start.h"
-
 namespace selenograph::server {
 namespace {
 
+constexpr const char* kLogName = "selenograph";
 constexpr auto kLastWait = std::chrono::milliseconds(500);
 constexpr const char* kMembers = "members";  // stands for a line's place in the source: its text is JSON
 
@@ -53,91 +57,70 @@ void write_all(int fd, std::string_view text) {
   }
 }
 
+void use_as_log(std::shared_ptr<spdlog::logger> log, const std::string& level) {
+  log->set_pattern("%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
+  log->set_level(spdlog::level::from_str(level));
+  spdlog::set_default_logger(std::move(log));
+}
+
 }  // namespace
 
-// Both strings are as large as they may become: nothing here needs memory later.
-struct AsyncLog::Queue {
-  std::mutex mutex;
-  std::condition_variable changed;
-  std::string lines, being_written;
-  std::uint64_t dropped = 0;
-  bool closing = false;
+void set_up_log(const std::string& level) {
+  use_as_log(std::make_shared<spdlog::logger>(kLogName, std::make_shared<spdlog::sinks::stderr_color_sink_mt>()),
+             level);
+}
 
-  Queue() {
-    lines.reserve(kMostBytes);
-    being_written.reserve(kMostBytes);
-  }
-
-  void add(std::string_view line) {
-    {
-      const std::lock_guard lock(mutex);
-      if (line.size() > kMostBytes - lines.size()) {
-        ++dropped;
-        return;
-      }
-      lines.append(line);
-    }
-    changed.notify_all();
-  }
-
-  void write_to(int fd) {
-    std::unique_lock lock(mutex);
-    for (;;) {
-      changed.wait(lock, [&] { return closing || !lines.empty(); });
-      if (lines.empty()) return;
-      std::swap(lines, being_written);
-      lock.unlock();
-      write_all(fd, being_written);
-      lock.lock();
-      being_written.clear();
-      changed.notify_all();
-    }
-  }
-
-  void close() {
-    std::unique_lock lock(mutex);
-    closing = true;
-    changed.notify_all();
-    changed.wait_for(lock, kLastWait, [&] { return lines.empty() && being_written.empty(); });
-  }
-};
-
-class AsyncLog::Sink : public spdlog::sinks::base_sink<std::mutex> {
+// Written with write(2), not with stdio, whose lock a writer that can't go on would keep through exit().
+class AsyncLog::Sink : public spdlog::sinks::base_sink<spdlog::details::null_mutex> {
  public:
-  explicit Sink(std::shared_ptr<Queue> queue) : queue_(std::move(queue)) {}
+  explicit Sink(int fd) : fd_(fd) {}
+
+  std::atomic<std::uint64_t> unwritten = 0;  // for lack of memory
 
  private:
+  // Nothing may leave it: spdlog would need memory to say what.
   void sink_it_(const spdlog::details::log_msg& message) override {
-    spdlog::memory_buf_t line;
-    base_sink::formatter_->format(message, line);
-    queue_->add({line.data(), line.size()});
+    try {
+      line_.clear();
+      base_sink::formatter_->format(message, line_);
+      write_all(fd_, {line_.data(), line_.size()});
+    } catch (const std::bad_alloc&) {
+      ++unwritten;
+    }
   }
   void flush_() override {}
 
-  const std::shared_ptr<Queue> queue_;
+  const int fd_;
+  spdlog::memory_buf_t line_;
 };
 
-AsyncLog::AsyncLog(const std::string& level, int fd, LogFormat format) : queue_(std::make_shared<Queue>()) {
-  std::thread([queue = queue_, fd] { queue->write_to(fd); }).detach();
-  use_as_log(std::make_shared<Sink>(queue_), level);
+AsyncLog::AsyncLog(const std::string& level, int fd, LogFormat format)
+    : sink_(std::make_shared<Sink>(fd)), thread_(std::make_shared<spdlog::details::thread_pool>(kMostLines, 1)) {
+  use_as_log(
+      std::make_shared<spdlog::async_logger>(kLogName, sink_, thread_, spdlog::async_overflow_policy::overrun_oldest),
+      level);
   if (format == LogFormat::json) spdlog::default_logger()->set_formatter(std::make_unique<JsonLine>());
   // Its own one writes to stderr, and waits for the reader there.
-  spdlog::default_logger()->set_error_handler([queue = queue_](const std::string&) {
-    const std::lock_guard lock(queue->mutex);
-    ++queue->dropped;
-  });
+  spdlog::default_logger()->set_error_handler([sink = sink_](const std::string&) { ++sink->unwritten; });
 }
 
-AsyncLog::~AsyncLog() { queue_->close(); }
+// spdlog's thread writes all that waits before it ends, and whoever ends it waits for that: for ever, where nobody
+// reads.
+AsyncLog::~AsyncLog() {
+  std::promise<void> ended;
+  const std::future<void> all_written = ended.get_future();
+  std::thread([thread = std::move(thread_), ended = std::move(ended)]() mutable {
+    thread.reset();
+    ended.set_value();
+  }).detach();
+  all_written.wait_for(kLastWait);
+}
 
 void AsyncLog::log_members(spdlog::level::level_enum level, std::string_view members) {
   spdlog::default_logger()->log(spdlog::source_loc{"", 1, kMembers}, level,
                                 spdlog::string_view_t(members.data(), members.size()));
 }
 
-std::uint64_t AsyncLog::dropped() const {
-  const std::lock_guard lock(queue_->mutex);
-  return queue_->dropped;
-}
+std::uint64_t AsyncLog::dropped() const { return thread_->overrun_counter() + sink_->unwritten; }
 
 }  // namespace selenograph::server
