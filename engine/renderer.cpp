@@ -9,6 +9,7 @@
 #include <thread>
 #include <vector>
 
+#include "dem/detail/detailed_terrain.h"
 #include "dem/detail/features.h"
 #include "dem/support/parallel.h"
 #include "engine/choose_accuracy.h"
@@ -22,7 +23,7 @@
 namespace selenograph::engine {
 
 struct Renderer::Impl {
-  Impl(std::shared_ptr<dem::Terrain> t, const RendererOptions& o)
+  Impl(std::shared_ptr<dem::PyramidTerrain> t, const RendererOptions& o)
       : terrain(std::move(t)),
         threads(o.threads > 0 ? o.threads : tbb::this_task_arena::max_concurrency()),
         arena(threads),
@@ -56,7 +57,7 @@ struct Renderer::Impl {
     if (found != details.end()) {
       std::rotate(details.begin(), found, found + 1);
     } else {
-      details.insert(details.begin(), std::make_shared<const dem::Terrain>(terrain, detail));
+      details.insert(details.begin(), std::make_shared<const dem::DetailedTerrain>(terrain, detail));
       // One that is read again is another: who uses the old one has it.
       if (details.size() > kMostDetails) details.pop_back();
     }
@@ -71,7 +72,7 @@ struct Renderer::Impl {
     return in_arena(arena, [&] { return work(*detailed); });
   }
 
-  std::shared_ptr<dem::Terrain> terrain;
+  std::shared_ptr<dem::PyramidTerrain> terrain;
   static constexpr std::size_t kMostDetails = 16;
   std::mutex details_mutex;
   std::vector<std::shared_ptr<const dem::Terrain>> details;  // first the latest
@@ -81,7 +82,7 @@ struct Renderer::Impl {
   Preparation preparation;  // the last: its thread uses all of the above
 };
 
-Renderer::Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions& options)
+Renderer::Renderer(std::shared_ptr<dem::PyramidTerrain> terrain, const RendererOptions& options)
     : impl_(std::make_unique<Impl>(std::move(terrain), options)) {}
 Renderer::~Renderer() = default;
 
@@ -155,7 +156,7 @@ PreparationStatistics Renderer::preparation_statistics() const { return impl_->k
 void Renderer::wait_until_prepared() const { impl_->preparation.wait_until_done(); }
 
 int Renderer::threads() const { return impl_->threads; }
-const dem::Terrain& Renderer::terrain() const { return *impl_->terrain; }
+const dem::PyramidTerrain& Renderer::terrain() const { return *impl_->terrain; }
 std::shared_ptr<const dem::Terrain> Renderer::terrain_with(const std::shared_ptr<const dem::Detail>& detail) const {
   return impl_->terrain_with(detail);
 }

@@ -10,7 +10,7 @@
 
 #include "dem/detail/rocks_on_ground.h"
 #include "dem/support/stop_token.h"
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "engine/budget.h"
 #include "engine/frame/frame.h"
 #include "engine/frame/map.h"
@@ -32,7 +32,7 @@ struct RendererOptions {
 // const means safe to call concurrently.
 class Renderer {
  public:
-  Renderer(std::shared_ptr<dem::Terrain> terrain, const RendererOptions& options);
+  Renderer(std::shared_ptr<dem::PyramidTerrain> terrain, const RendererOptions& options);
   ~Renderer();
 
   // Throws ImpossibleRequest when the camera is below the terrain, TooMuchTerrain (one, too), DataError when a
@@ -84,7 +84,7 @@ class Renderer {
   // Craters of a request's detail that its frame sees. Throws as render does.
   CraterRims rims(const FrameRequest& request, const RimOptions& options, const StopToken& stop = {}) const;
 
-  const dem::Terrain& terrain() const;
+  const dem::PyramidTerrain& terrain() const;
   // With detail; null: that of terrain().
   std::shared_ptr<const dem::Terrain> terrain_with(const std::shared_ptr<const dem::Detail>& detail) const;
   int threads() const;              // as many as work on a frame

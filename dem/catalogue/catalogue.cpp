@@ -9,8 +9,6 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
-#include "dem/catalogue/catalogue_opening.h"
-
 namespace selenograph::dem {
 namespace {
 

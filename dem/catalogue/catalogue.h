@@ -1,52 +1,22 @@
 // Which DEM files there are and where they lie: a lookup, not open files.
 #pragma once
 
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <vector>
 
+#include "dem/catalogue/catalogue_opening.h"
 #include "dem/files/raster_info.h"
 #include "dem/grid/block.h"
 
 namespace selenograph::dem {
 
-// A file or folder that could not be used, and why. Reported by `info`, /v1/datasets and the log; never silent.
-struct CatalogueProblem {
-  std::string path;
-  std::string what;
-  bool located = false;    // its label is legible: it is among the rasters, and fails where its posts are needed
-  bool unrelated = false;  // an image, or nothing says that it is a height map: answers don't suffer from its absence
-};
-
-// A file beside a DEM that says something about its heights, and holds none.
-struct SideLayer {
-  std::string path;
-  std::string kind;  // "effective resolution" or "error of heights"
-};
-// Empty: the name is none of a side layer's. They are LOLA's: "..._effres.tif", "..._err.tif".
-std::string side_layer_kind(std::string_view path);
-
 // How layers of different resolution are joined: see layer_edges.h.
 struct LayerJoins {
   double blend_posts = 16;          // width of the band, in posts of the coarser layer; 0: layers end as they are
   std::vector<double> offsets_m{};  // added to the heights of each raster, by its index; empty: none
-};
-
-struct CatalogueOptions {
-  // What was found is kept in "catalogue/" there, and files that are still the same need not be read at the next
-  // opening; empty: nothing is kept, and every file is read.
-  std::string cache_dir{};
-  // Told, each once, what the operator should know: why a saved catalogue could not be used or kept, and which files on
-  // a network could not be reached. May be empty.
-  std::function<void(const std::string&)> log{};
-  // A second change within one step of the file system's clock leaves size and time as they are: what changed this
-  // short a time before it was read is read again at the next opening.
-  std::chrono::nanoseconds settling = std::chrono::seconds(2);
 };
 
 class Catalogue {

@@ -19,9 +19,11 @@
 #include "dem/catalogue/saved_catalogue.h"
 #include "dem/files/files.h"
 #include "dem/files/folder_files.h"
+#include "dem/files/names.h"
 #include "dem/files/pds_label.h"
 #include "dem/gdal/raster.h"
 #include "dem/gdal/remote_files.h"
+#include "dem/gdal/remote_names.h"
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
 

@@ -13,8 +13,8 @@
 #include <variant>
 
 #include "dem/files/files.h"
+#include "dem/files/whole_file.h"
 #include "dem/gdal/raster.h"
-#include "dem/pyramid/chunk.h"
 #include "dem/support/error.h"
 
 namespace selenograph::dem {

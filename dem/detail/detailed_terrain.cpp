@@ -13,7 +13,7 @@
 #include "dem/grid/shading_normals.h"
 #include "dem/posts/cubic.h"
 #include "dem/posts/post_source.h"
-#include "dem/pyramid/chunk_format.h"
+#include "dem/pyramid/block_posts.h"
 #include "dem/support/parallel.h"
 
 namespace selenograph::dem {
@@ -182,7 +182,7 @@ class DetailedTerrain::PostsAround {
     if (found == blocks_.end())
       found =
           blocks_
-              .emplace(id, posts_ == Posts::corrected ? ground_.corrected(id, stop_) : ground_.plain_.block(id, stop_))
+              .emplace(id, posts_ == Posts::corrected ? ground_.corrected(id, stop_) : ground_.plain_->block(id, stop_))
               .first;
     latest_id_ = id, latest_ = found->second.get();
     return latest_;
@@ -202,56 +202,55 @@ class DetailedTerrain::PostsAround {
   SourceMark mark_ = kNoSource;
 };
 
-DetailedTerrain::DetailedTerrain(const Terrain& plain, std::shared_ptr<const Detail> detail, Blocks& blocks, int number)
-    : plain_(plain),
+DetailedTerrain::DetailedTerrain(std::shared_ptr<const PyramidTerrain> plain, std::shared_ptr<const Detail> detail)
+    : plain_(std::move(plain)),
       detail_(std::move(detail)),
-      blocks_(blocks),
-      number_(number),
-      layers_(plain, detail_->widest_m()) {}
+      number_(plain_->new_detail_number()),
+      layers_(*plain_, detail_->widest_m()) {}
 
 // Blocks may be smaller than the gap between the last posts of a tile and the first of the next, where there is a
 // surface: posts are asked for.
 bool DetailedTerrain::has_data(const BlockId& id) const {
-  return plain_.has_data(ancestor_of(id, std::min(id.level, plain_.posts_level(id))));
+  return plain_->has_data(ancestor_of(id, std::min(id.level, plain_->posts_level(id))));
 }
 
 bool DetailedTerrain::reached(const BlockId& id) const {
   if (detail_->preset().region.everywhere()) return true;
-  const BlockId of_posts = ancestor_of(id, std::min(id.level, plain_.posts_level(id)));
+  const BlockId of_posts = ancestor_of(id, std::min(id.level, plain_->posts_level(id)));
   const Circle all = circle_around(footprint_of(of_posts));
   // A child's ball may stick out of its parent's. What detail takes from posts reaches some posts beyond it.
   constexpr double kSure = 1.01, kPosts = 4;
   return detail_->reaches(all.middle, kSure * all.radius_m + kPosts * post_spacing_m(of_posts.level));
 }
 
-int DetailedTerrain::finest_level(const BlockId& id) const {
-  return has_data(id) && reached(id) ? std::max(plain_.finest_level(id), detail_->finest_level())
-                                     : plain_.finest_level(id);
+int DetailedTerrain::posts_level(const BlockId& id) const {
+  return has_data(id) && reached(id) ? std::max(plain_->finest_level(id), detail_->finest_level())
+                                     : plain_->finest_level(id);
 }
 
-bool DetailedTerrain::is_made(const BlockId& id) const {
-  return id.level > layers_.coarsest(id) && (reached(id) || id.level > plain_.posts_level(id));
+bool DetailedTerrain::has_detail(const BlockId& id) const {
+  return id.level > layers_.coarsest(id) && (reached(id) || id.level > plain_->posts_level(id));
 }
 
 bool DetailedTerrain::of_coarse_posts_alone(const BlockId& id) const {
-  return layers_.coarsest(id) < std::min(id.level, plain_.posts_level(id)) && layers_.of(id)->size() == 1 &&
-         is_made(id);
+  return layers_.coarsest(id) < std::min(id.level, plain_->posts_level(id)) && layers_.of(id)->size() == 1 &&
+         has_detail(id);
 }
 
 NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
-  if (is_made(id)) {
+  if (has_detail(id)) {
     const auto made = block(id, stop);
     if (!made) return {};
     NodeInfo info{made->error_m, made->min_m, made->max_m, false, {}, made->error_m};
     // Files that can't be used are the exception: then the plain terrain is asked.
-    if (of_coarse_posts_alone(id) && !plain_.has_replacements()) return info;
-    NodeInfo plain = plain_.node(id, stop);
+    if (of_coarse_posts_alone(id) && !plain_->has_replacements()) return info;
+    NodeInfo plain = plain_->node(id, stop);
     info.replaced = std::move(plain.replaced);
     // Layers of finer posts than the block has: what it leaves out of them is no detail.
     if (layers_.of(id)->back().level > id.level) info.detail_error_m = std::max(0.0, made->error_m - plain.error_m);
     return info;
   }
-  NodeInfo info = plain_.node(id, stop);
+  NodeInfo info = plain_->node(id, stop);
   if (info.empty || !reached(id)) return info;
   const int posts = layers_.coarsest(id);
   // Between the posts the surface is curved: by no more, about, than posts lie off the surface of every second one. Of
@@ -261,27 +260,29 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
   if (id.level + kMuchCoarser <= posts)
     bend = info.error_m / 2;
   else if (posts > 0)
-    bend = id.level < posts ? info.error_m : plain_.node(ancestor_of(id, posts - 1), stop).error_m;
+    bend = id.level < posts ? info.error_m : plain_->node(ancestor_of(id, posts - 1), stop).error_m;
   const double beyond = bend + detail_->beyond_posts_m(posts);
   info.error_m += beyond, info.detail_error_m = beyond;
   info.min_m -= static_cast<float>(beyond), info.max_m += static_cast<float>(beyond);
   return info;
 }
 
-void DetailedTerrain::widen(const BlockId& id, HeightRange& range) const {
-  if (!reached(id)) return;
+std::optional<HeightRange> DetailedTerrain::heights_without_building(const BlockId& id, const StopToken& stop) const {
+  std::optional<HeightRange> range = plain_->heights_without_building(id, stop);
+  if (!range || !reached(id)) return range;
   const int posts = layers_.coarsest(id);
   // Catmull-Rom's overshoot: an eighth of the range on either side of each axis, at most.
-  const float beyond = static_cast<float>(detail_->beyond_posts_m(posts)) + 0.3F * (range.high - range.low);
-  range.low -= beyond, range.high += beyond;
+  const float beyond = static_cast<float>(detail_->beyond_posts_m(posts)) + 0.3F * (range->high - range->low);
+  range->low -= beyond, range->high += beyond;
+  return range;
 }
 
 std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const StopToken& stop) const {
-  if (!is_made(id)) return plain_.block(id, stop);
-  if (const auto here = blocks_.find(key_of(number_, static_cast<int>(Kind::made), id))) return *here;
+  if (!has_detail(id)) return plain_->block(id, stop);
+  if (const auto here = plain_->blocks().find(key_of(number_, static_cast<int>(Kind::made), id))) return *here;
   // As of the plain terrain's blocks: a pyramid is waited for out here, and who begins to make a block has his place in
   // the arena, which those who wait for the block may have taken all the others of.
-  if (!of_coarse_posts_alone(id)) plain_.node(ancestor_of(id, std::min(id.level, plain_.posts_level(id))), stop);
+  if (!of_coarse_posts_alone(id)) plain_->node(ancestor_of(id, std::min(id.level, plain_->posts_level(id))), stop);
   std::shared_ptr<const Block> block;
   where_loops_run([&] { block = kept(Kind::made, id, stop, [&] { return made(id, stop); }); });
   return block;
@@ -290,12 +291,12 @@ std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const Sto
 template <typename Make>
 std::shared_ptr<const Block> DetailedTerrain::kept(Kind kind, const BlockId& id, const StopToken& stop,
                                                    const Make& make) const {
-  return blocks_.get(
+  return plain_->blocks().get(
       key_of(number_, static_cast<int>(kind), id),
       [&] {
         std::shared_ptr<const Block> one = make();
         const std::size_t bytes = one ? one->bytes() : sizeof(Block);
-        return Blocks::Loaded{std::move(one), bytes};
+        return BlockCache::Loaded{std::move(one), bytes};
       },
       stop);
 }
@@ -303,7 +304,7 @@ std::shared_ptr<const Block> DetailedTerrain::kept(Kind kind, const BlockId& id,
 std::shared_ptr<const Block> DetailedTerrain::corrected(const BlockId& id, const StopToken& stop) const {
   return kept(Kind::corrected, id, stop, [&]() -> std::shared_ptr<const Block> {
     // Coarser blocks of a pyramid are means of finer posts.
-    const auto posts = id.level == plain_.posts_level(id) ? plain_.block(id, stop) : posts_beneath(id, stop);
+    const auto posts = id.level == plain_->posts_level(id) ? plain_->block(id, stop) : posts_beneath(id, stop);
     if (!posts) return nullptr;
     return make_corrected(*posts, stop);
   });
@@ -311,7 +312,7 @@ std::shared_ptr<const Block> DetailedTerrain::corrected(const BlockId& id, const
 
 std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const StopToken& stop) const {
   const BlockId root = id.level <= kRootLevel ? id : ancestor_of(id, kRootLevel);
-  PostsOfBlock posts = compose_block(root, id, plain_.post_source(), layers_.files_up_to(id.level), stop);
+  PostsOfBlock posts = compose_block(root, id, plain_->post_source(), layers_.files_up_to(id.level), stop);
   auto block = empty_block(id);
   const int side = block->side(), wide = side + 2 * kHalo;
   bool any = false;
@@ -387,7 +388,7 @@ DetailedTerrain::Surface DetailedTerrain::surface_of(const BlockId& id, int post
   }
   out.posts_m = out.heights_m;
   if (!finer) {
-    out.left_out_m = plain_.node(id, stop).error_m;
+    out.left_out_m = plain_->node(id, stop).error_m;
     out.ground.assign(n * n, Ground::dem);
     return out;
   }

@@ -9,38 +9,44 @@
 #pragma once
 
 #include <memory>
+#include <optional>
+#include <vector>
 
 #include "dem/detail/detail.h"
 #include "dem/detail/layered_posts.h"
-#include "dem/support/cache.h"
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 
 namespace selenograph::dem {
 
-// Const means safe to call concurrently. What is said of Terrain's functions holds of these.
-class DetailedTerrain {
+class DetailedTerrain final : public Terrain {
  public:
-  using Blocks = Cache<BlockId, Block, BlockIdHash>;
-  // `plain` and `blocks` outlive it. The blocks are kept among the plain ones, told apart by the number, which no other
-  // of the same cache has.
-  DetailedTerrain(const Terrain& plain, std::shared_ptr<const Detail> detail, Blocks& blocks, int number);
+  // Blocks are kept among the plain ones, on the same budget in bytes.
+  DetailedTerrain(std::shared_ptr<const PyramidTerrain> plain, std::shared_ptr<const Detail> detail);
 
-  const Detail& detail() const { return *detail_; }
-  int number() const { return number_; }
-  bool has_data(const BlockId& id) const;
-  int finest_level(const BlockId& id) const;
-  NodeInfo node(const BlockId& id, const StopToken& stop) const;
-  std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop) const;
-  std::vector<DetailOfPosts> at(double lat_deg, double lon_deg) const { return layers_.at(lat_deg, lon_deg); }
-  // Whether there is detail on it.
-  bool is_made(const BlockId& id) const;
-  // Whether it has, and there are finer posts near it that it is not made of: the plain terrain's block isn't needed.
-  bool of_coarse_posts_alone(const BlockId& id) const;
-  // Of the posts' heights, by what detail may do to them.
-  void widen(const BlockId& id, HeightRange& range) const;
+  const Catalogue& catalogue() const override { return plain_->catalogue(); }
+  const Terrain& plain() const override { return *plain_; }
+  const Detail* detail() const override { return detail_.get(); }
+  bool has_detail(const BlockId& id) const override;
+  std::vector<DetailOfPosts> detail_at(double lat_deg, double lon_deg) const override {
+    return layers_.at(lat_deg, lon_deg);
+  }
+  int detail_number() const override { return number_; }
+
+  const std::vector<BlockId>& roots() const override { return plain_->roots(); }
+  bool has_data(const BlockId& id) const override;
+  int posts_level(const BlockId& id) const override;
+  bool node_is_cheap(const BlockId& id) const override { return plain_->node_is_cheap(id) || has_detail(id); }
+  NodeInfo node(const BlockId& id, const StopToken& stop = {}) const override;
+  std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const override;
+  bool waits_for_network(const BlockId& id) const override { return plain_->waits_for_network(id); }
+  std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const override;
+  bool has_replacements() const override { return plain_->has_replacements(); }
 
  private:
   class PostsAround;
+  // Whether a block has detail, and there are finer posts near it that it is not made of: the plain terrain's block
+  // isn't needed.
+  bool of_coarse_posts_alone(const BlockId& id) const;
   // Whether the detail's region does, or what stands in it: decided for whole blocks of posts, so that heights, frames
   // and rays agree on which level is a place's finest.
   bool reached(const BlockId& id) const;
@@ -58,10 +64,9 @@ class DetailedTerrain {
   template <typename Make>
   std::shared_ptr<const Block> kept(Kind kind, const BlockId& id, const StopToken& stop, const Make& make) const;
 
-  const Terrain& plain_;
+  std::shared_ptr<const PyramidTerrain> plain_;
   std::shared_ptr<const Detail> detail_;
-  Blocks& blocks_;
-  int number_;
+  int number_;  // tells its blocks from others' in the cache
   LayeredPosts layers_;
 };
 

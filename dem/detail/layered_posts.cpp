@@ -70,7 +70,7 @@ std::optional<PostBox> posts_around(const RasterInfo& info, const Footprint& reg
 
 }  // namespace
 
-LayeredPosts::LayeredPosts(const Terrain& plain, double widest_m) : plain_(plain), widest_m_(widest_m) {}
+LayeredPosts::LayeredPosts(const PyramidTerrain& plain, double widest_m) : plain_(plain), widest_m_(widest_m) {}
 
 LayeredPosts::Layers LayeredPosts::of(const BlockId& id) const {
   if (plain_.catalogue().one_layer())
@@ -95,9 +95,7 @@ std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
   // What lies beside the block is asked for, too: a bicubic surface and normals.
   constexpr double kPostsBeside = 4;
   const Footprint asked = around(footprint_of(id), widest_m_ + kPostsBeside * post_spacing_m(id.level));
-  const auto level_of = [&](int file) {
-    return PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(file)]);
-  };
+  const auto level_of = [&](int file) { return level_needed(catalogue.rasters()[static_cast<std::size_t>(file)]); };
   const std::vector<int> near = catalogue.touching(asked.south_deg, asked.north_deg, asked.west_deg, asked.east_deg);
   if (near.empty()) return {{plain_.posts_level(id)}};
   std::vector<int> levels;
@@ -168,8 +166,8 @@ LayeredPosts::Share LayeredPosts::Shares::at(double lat_deg, double lon_deg) con
 int LayeredPosts::files_up_to(int level) const {
   // Files are in the order of their spacing, and so are the levels that they need.
   const auto& files = plain_.catalogue().rasters();
-  const auto past = std::partition_point(
-      files.begin(), files.end(), [&](const RasterInfo& file) { return PostSource::level_needed(file) <= level; });
+  const auto past = std::partition_point(files.begin(), files.end(),
+                                         [&](const RasterInfo& file) { return level_needed(file) <= level; });
   return static_cast<int>(past - files.begin());
 }
 

@@ -16,7 +16,7 @@
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/block.h"
 #include "dem/posts/layer_edges.h"
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 
 namespace selenograph::dem {
 
@@ -25,7 +25,7 @@ class LayeredPosts {
  public:
   // `plain` outlives it. `widest_m`: of what appears over a band, which is as wide, or as two posts of the coarser
   // layer, if that is less.
-  LayeredPosts(const Terrain& plain, double widest_m);
+  LayeredPosts(const PyramidTerrain& plain, double widest_m);
 
   struct Layer {
     int level;          // that has its posts
@@ -68,7 +68,7 @@ class LayeredPosts {
   std::vector<Layer> found(const BlockId& id) const;
   Shares shares(const Layer& layer, const Footprint& box) const;
 
-  const Terrain& plain_;
+  const PyramidTerrain& plain_;
   double widest_m_;
   mutable std::mutex mutex_;
   mutable std::unordered_map<BlockId, Layers, BlockIdHash> known_;

@@ -1,16 +1,14 @@
 #include "dem/files/files.h"
 
 #include <fcntl.h>
-#include <signal.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdlib>
 #include <system_error>
 
-#include "dem/files/folder_files.h"
+#include "dem/files/names.h"
 #include "dem/support/error.h"
 
 namespace selenograph::dem {
@@ -87,20 +85,6 @@ bool is_system_fault(int code) {
 void throw_file_error(const std::string& file, int code) {
   if (is_system_fault(code)) throw SystemFault(file, code);
   throw DataError(file, "can't be opened: " + std::generic_category().message(code));
-}
-
-void remove_stale_temporaries(const std::string& folder, std::string_view mark) {
-  std::error_code error;
-  for (fs::recursive_directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-    const std::string name = it->path().filename().string();
-    const std::size_t at = name.find(mark);
-    if (at == std::string::npos) continue;
-    const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + at + mark.size(), nullptr, 10));
-    std::error_code ignored;
-    // Our own number: we have written nothing yet, so an earlier life has (in a container each is process 1).
-    const bool dead = owner <= 0 || owner == ::getpid() || (::kill(owner, 0) != 0 && errno == ESRCH);
-    if (dead) fs::remove(it->path(), ignored);
-  }
 }
 
 std::string read_head(const std::string& path, std::size_t most) {

@@ -37,10 +37,6 @@ bool is_system_fault(int code);
 // `file`.
 [[noreturn]] void throw_file_error(const std::string& file, int code);
 
-// Removes what processes that were killed while writing left in a folder and those within: names with `mark`, followed
-// by the number of a process that is no more.
-void remove_stale_temporaries(const std::string& folder, std::string_view mark);
-
 // The first `most` bytes of a regular file; others are refused without waiting for them. Throws as throw_file_error.
 std::string read_head(const std::string& path, std::size_t most);
 

@@ -5,7 +5,6 @@
 #include <xxhash.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cerrno>
 #include <iterator>
 #include <memory>
@@ -13,6 +12,7 @@
 #include <utility>
 
 #include "dem/files/files.h"
+#include "dem/files/names.h"
 #include "dem/support/error.h"
 
 namespace selenograph::dem {
@@ -21,8 +21,6 @@ namespace {
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 
 std::int64_t nanoseconds(const timespec& t) { return static_cast<std::int64_t>(t.tv_sec) * kSecond_ns + t.tv_nsec; }
-
-char lower_of(char c) { return static_cast<char>(std::tolower(static_cast<unsigned char>(c))); }
 
 std::string group_name(std::string_view name) { return lower(name.substr(0, name.find('.'))); }
 
@@ -34,23 +32,6 @@ mode_t type_of(const std::string& path, bool follow) {
 }
 
 }  // namespace
-
-std::string lower(std::string_view text) {
-  std::string out(text);
-  std::transform(out.begin(), out.end(), out.begin(), lower_of);
-  return out;
-}
-
-bool same_text(std::string_view a, std::string_view b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](char x, char y) { return lower_of(x) == lower_of(y); });
-}
-
-std::string_view name_of(std::string_view path) { return path.substr(path.rfind('/') + 1); }
-
-std::string_view stem_of(std::string_view name) {
-  const std::size_t dot = name.rfind('.');
-  return dot == std::string_view::npos || dot == 0 ? name : name.substr(0, dot);
-}
 
 std::optional<FileStamp> stamp_of(const std::string& path) {
   struct stat s {};

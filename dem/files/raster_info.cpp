@@ -150,6 +150,15 @@ void set_grid(RasterInfo& info, const PostGrid& grid) {
   if (const auto* g = std::get_if<PolarGrid>(&grid)) set_polar(info, *g);
 }
 
+int level_needed(const RasterInfo& info) {
+  if (info.lattice_level) return std::clamp(*info.lattice_level, 0, kMaxLevel);
+  const double octaves = std::log2(info.posts_per_degree);
+  // 2^n px/deg that are not vertices of level n lie half a pixel off (pixel is area): they are vertices of the next
+  // level.
+  const bool half_pixel = info.projection() == Projection::geographic && std::abs(octaves - std::round(octaves)) < 1e-9;
+  return std::clamp(static_cast<int>(std::ceil(octaves - 1e-9)) + (half_pixel ? 1 : 0), 0, kMaxLevel);
+}
+
 PostXY locate(const RasterInfo& info, double lat_deg, double lon_deg) {
   if (const auto* g = std::get_if<PolarGrid>(&info.grid)) return locate(*g, lat_deg, lon_deg);
   return locate_geographic(std::get<GeographicGrid>(info.grid), info, lat_deg, lon_deg);

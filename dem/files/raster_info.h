@@ -53,6 +53,9 @@ struct RasterInfo {
 // that aren't finite, posts more than 30 degrees or less than 2^-20 degree apart, more than 2^24 along a side.
 void set_grid(RasterInfo& info, const PostGrid& grid);
 
+// The lattice level that a file needs for its posts to be (nearly) vertices.
+int level_needed(const RasterInfo& info);
+
 // Post coordinates of a place. For a raster that wraps x is in [0, width).
 PostXY locate(const RasterInfo& info, double lat_deg, double lon_deg);
 

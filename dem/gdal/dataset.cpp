@@ -4,6 +4,7 @@
 
 #include <cstdint>
 
+#include "dem/gdal/remote_names.h"
 #include "dem/gdal/vrt_sources.h"
 #include "dem/support/error.h"
 

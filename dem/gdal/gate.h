@@ -3,7 +3,6 @@
 
 #include <optional>
 #include <string>
-#include <string_view>
 
 namespace selenograph::dem {
 
@@ -13,8 +12,6 @@ void shut_file_systems();
 
 // Once, too: of this machine's files only regular ones are opened for reading.
 void guard_local_files();
-
-bool is_allowed(std::string_view name);
 
 // Why this thread could not read a remote file, in the end.
 struct RemoteTrouble {

@@ -8,8 +8,6 @@
 #include <memory>
 #include <string>
 
-#include "dem/gdal/remote_files.h"
-
 namespace selenograph::dem {
 
 // Formats of maps, by GDAL's names of their drivers; of DEMs the first two. No others are registered, so that a VRT's

@@ -14,6 +14,8 @@
 #include "dem/files/pds_label.h"
 #include "dem/gdal/dataset.h"
 #include "dem/gdal/georeference.h"
+#include "dem/gdal/remote_files.h"
+#include "dem/gdal/remote_names.h"
 #include "dem/support/error.h"
 
 namespace selenograph::dem {

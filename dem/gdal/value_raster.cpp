@@ -10,7 +10,6 @@
 
 #include "dem/gdal/dataset.h"
 #include "dem/support/error.h"
-#include "dem/value_maps/value_map.h"
 
 namespace selenograph::dem {
 namespace {

@@ -1,15 +1,26 @@
 // A raster of values in degrees, by one of kMapDrivers: bands averaged, no-data as NaN.
 #pragma once
 
+#include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "dem/files/files.h"
+#include "dem/files/raster_info.h"
 
 namespace selenograph::dem {
 
-struct ValueMapOptions;
+struct ValueMapOptions {
+  std::string path;        // of a format that the README names
+  std::vector<int> bands;  // from 1: the value is their mean; empty: all but alpha
+  // Of a raster that doesn't say where it lies: its outer borders, row 0 in the north.
+  std::optional<Footprint> extent;
+  double scale = 1, offset = 0;   // value = scale * sample + offset, after what the file itself says
+  std::optional<double> no_data;  // a sample that is none, besides the file's own
+  double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();  // values are clamped
+};
 
 // Safe to call concurrently; reads take turns.
 class ValueRaster {

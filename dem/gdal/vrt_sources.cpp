@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "dem/files/files.h"
-#include "dem/gdal/gate.h"
+#include "dem/gdal/remote_names.h"
 #include "dem/gdal/library.h"
 #include "dem/support/error.h"
 

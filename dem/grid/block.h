@@ -27,6 +27,14 @@ inline constexpr SourceIndex source_of(SourceMark mark) { return mark & ~kMarkBi
 inline constexpr bool is_filled(SourceMark mark) { return (mark & kFilledBit) != 0; }
 inline constexpr bool is_blended(SourceMark mark) { return (mark & kBlendedBit) != 0; }
 
+// No lunar height is outside of this (relief: +10 786 m to -9 120 m); a post that is counts as no-data.
+inline constexpr float kLowestRelief_m = -12000.F, kHighestRelief_m = 13000.F;
+
+// Lowest and highest of some heights. None: low > high.
+struct HeightRange {
+  float low, high;
+};
+
 // What a vertex shows: its DEM, be it between its posts, or detail below them. As the product `detail` has it, which
 // knows of rocks, too.
 enum class Ground : std::uint8_t { dem = 0, crater = 1, relief = 2, rock = 3 };

@@ -7,8 +7,8 @@
 #include <numeric>
 #include <utility>
 
+#include "dem/gdal/remote_names.h"
 #include "dem/support/error.h"
-#include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {
 namespace {
@@ -26,8 +26,6 @@ constexpr std::size_t kSmallGroup = 64;  // files whose outline is looked at in 
 constexpr int kRowsRead = 64;
 
 std::int64_t floor_div(std::int64_t a, std::int64_t b) { return a >= 0 ? a / b : -((b - 1 - a) / b); }
-
-bool is_remote_name(const std::string& path) { return path.starts_with("/vsi"); }
 
 // 1 - smoothstep: 1 where a cell is beside an open one, 0 from `width` cells on.
 float share_at(double distance, double width) {
@@ -388,7 +386,7 @@ void LayerEdges::cover(int source, const std::vector<Geographic>& places, Reach 
   constexpr std::int64_t kMostAtOnce = 1 << 20;
   std::vector<char> valid;
   const int w = x1 - x0 + 1, h = y1 - y0 + 1;
-  if (is_remote_name(info.path)) {
+  if (is_remote(info.path)) {
     for (const At& at : near) add(at, true);
   } else if (std::int64_t{w} * h <= kMostAtOnce) {
     read_valid(source, x0, y0, w, h, valid, unusable);
@@ -485,7 +483,7 @@ std::shared_ptr<const LayerEdges::Tile> LayerEdges::make_tile(const TileKey& key
       const std::int64_t x_from = around ? 0 : from(first_x), x_to = around ? side : to(first_x, info.width);
       const std::int64_t y_from = around ? 0 : from(first_y), y_to = around ? side : to(first_y, info.height);
       if (x_from >= x_to || y_from >= y_to) continue;
-      const bool remote = is_remote_name(info.path);
+      const bool remote = is_remote(info.path);
       const auto w = static_cast<int>((x_to - x_from - 1) * stride + 1);
       const std::int64_t rows_at_once = stride == 1 ? kRowsRead : 1;
       for (std::int64_t y = y_from; y < y_to; y += rows_at_once) {

@@ -5,8 +5,6 @@
 #include <cstdlib>
 #include <utility>
 
-#include "dem/posts/post_source.h"
-
 namespace selenograph::dem {
 namespace {
 
@@ -40,7 +38,7 @@ std::vector<int> files_within(const Catalogue& catalogue, const BlockId& id) {
 }
 
 LevelBorders::LevelBorders(const Catalogue& catalogue) : catalogue_(catalogue) {
-  for (const RasterInfo& info : catalogue.rasters()) levels_.push_back(PostSource::level_needed(info));
+  for (const RasterInfo& info : catalogue.rasters()) levels_.push_back(level_needed(info));
   any_ = std::any_of(levels_.begin(), levels_.end(), [&](int level) { return level != levels_.front(); });
 }
 

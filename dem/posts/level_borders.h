@@ -16,10 +16,9 @@
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/block.h"
 #include "dem/grid/lattice.h"
+#include "dem/posts/post_window.h"
 
 namespace selenograph::dem {
-
-struct PostWindow;
 
 // A chunk starts at one of these levels and reaches at most kChunkOctaves finer: one file stays below 100 MB, and a
 // frame of a small area of fine posts doesn't read the 4-degree tile around it.
@@ -55,7 +54,7 @@ class LevelBorders {
   bool any() const { return any_; }
   // `node`: of level kStrata[stratum].
   ChunkLevels levels_of(const BlockId& node, std::size_t stratum) const;
-  // The level that a file needs (PostSource::level_needed).
+  // The level that a file needs (level_needed).
   int level_of_file(std::size_t file) const { return levels_[file]; }
   // Those that posts of a window lie beside, within `reach`, and whose coarser side is coarser than the window.
   std::vector<LevelBorder> near(const PostWindow& window) const;

@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "dem/support/vector_targets.h"
-#include "dem/terrain/terrain.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "dem/posts/post_kernels.cpp"

@@ -10,10 +10,7 @@
 
 namespace selenograph::dem {
 
-// Lowest and highest of some heights. None: low > high.
-struct HeightRange {
-  float low, high;
-};
+// By `n` heights.
 void extend_range(const float* heights, int n, HeightRange& range);
 
 // The largest distance between two rows of heights, or `worst` if that is more.

@@ -16,7 +16,6 @@
 #include "dem/posts/tile_of_voids.h"
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
-#include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {
 
@@ -157,15 +156,6 @@ PostSource::PostSource(const Catalogue& catalogue, bool fall_through, Warn warn)
 }
 
 PostSource::~PostSource() = default;
-
-int PostSource::level_needed(const RasterInfo& info) {
-  if (info.lattice_level) return std::clamp(*info.lattice_level, 0, kMaxLevel);
-  const double octaves = std::log2(info.posts_per_degree);
-  // 2^n px/deg that are not vertices of level n lie half a pixel off (pixel is area): they are vertices of the next
-  // level.
-  const bool half_pixel = info.projection() == Projection::geographic && std::abs(octaves - std::round(octaves)) < 1e-9;
-  return std::clamp(static_cast<int>(std::ceil(octaves - 1e-9)) + (half_pixel ? 1 : 0), 0, kMaxLevel);
-}
 
 void PostSource::read(int source, int x0, int y0, int w, int h, float* heights_m) const {
   pool_->with(source, [&](Raster& raster) { raster.read(x0, y0, w, h, heights_m); });

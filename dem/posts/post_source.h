@@ -21,37 +21,10 @@
 #include "dem/grid/block.h"
 #include "dem/posts/layer_edges.h"
 #include "dem/posts/level_borders.h"
-#include "dem/posts/source_rows.h"
+#include "dem/posts/post_window.h"
 #include "dem/support/stop_token.h"
-#include "dem/support/uninitialised.h"
 
 namespace selenograph::dem {
-
-// A window of posts: rows of latitude ticks lat0 + r * lat_step, columns of longitude ticks lon0 + c * lon_step. It may
-// reach past a pole (rows continue on the opposite meridian) and around the globe.
-struct PostWindow {
-  std::int64_t lat0 = 0, lon0 = 0;
-  std::int32_t lat_step = 1, lon_step = 1;
-  int rows = 0, cols = 0;
-  std::size_t size() const { return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols); }
-};
-
-struct Posts {
-  std::vector<float> heights;           // m, NaN: no data
-  std::vector<SourceMark> sources;      // as in Block::sources
-  std::vector<SourceIndex> replaced{};  // unusable files that the next coarser layer replaced; ascending
-};
-
-// A grid of posts too large for a mark each.
-struct PostGridRows {
-  UninitialisedVector<float> heights;  // as in Posts
-  SourceRows sources;
-  std::vector<SourceIndex> replaced{};
-};
-
-// No-data is interpolated when valid posts lie on two opposite sides within this many posts: 240 m at SLDEM2013's
-// 4096 px/deg, which closes what stereo matching loses in small shadows and leaves real gaps as gaps.
-inline constexpr int kFillReach = 32;
 
 // Safe to call concurrently: keeps a pool of open files, each lent to one thread at a time.
 class PostSource {
@@ -61,9 +34,6 @@ class PostSource {
   using Warn = std::function<void(const std::string& file, const std::string& text)>;
   PostSource(const Catalogue& catalogue, bool fall_through, Warn warn);
   ~PostSource();
-
-  // The lattice level that a source needs for its posts to be (nearly) vertices.
-  static int level_needed(const RasterInfo& info);
 
   // Posts of one file, as Raster::read() has them, with its layer's offset.
   void read(int source, int x0, int y0, int w, int h, float* heights_m) const;

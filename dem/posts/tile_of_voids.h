@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "dem/posts/post_source.h"
+#include "dem/posts/post_window.h"
 
 namespace selenograph::dem {
 

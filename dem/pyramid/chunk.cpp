@@ -16,6 +16,7 @@
 
 #include "dem/files/open_file.h"
 #include "dem/grid/shading_normals.h"
+#include "dem/pyramid/block_posts.h"
 #include "dem/pyramid/chunk_format.h"
 #include "dem/support/error.h"
 
@@ -161,7 +162,7 @@ std::vector<float> Chunk::stored(const Record& record, Block& block) const {
   if (XXH3_64bits(bytes.data(), bytes.size()) != record.checksum)
     throw DataError(name(), "damaged pyramid file: wrong checksum of block " + to_string(block.id));
   const auto side = static_cast<std::size_t>(block.side()), wide = side + 2 * kHalo;
-  const bool steps = record.flags & kSteps;
+  const bool steps = record.flags & Record::kSteps;
   const std::size_t heights_bytes = wide * wide * (steps ? 2 : 4);
   const auto impossible_size = [&] {
     return DataError(name(), "damaged pyramid file: impossible size of block " + to_string(block.id));
@@ -200,14 +201,14 @@ std::vector<float> Chunk::stored(const Record& record, Block& block) const {
 
 std::shared_ptr<const Block> Chunk::load(const BlockId& id, const PostSource& source, const StopToken& stop) const {
   const Record* record = find(id);
-  if (!record || (record->flags & kEmpty)) return nullptr;
+  if (!record || (record->flags & Record::kEmpty)) return nullptr;
   auto block = std::make_shared<Block>();
   block->id = id;
   block->extent = extent_of(id);
   block->error_m = record->error_m;
   block->min_m = record->min_m, block->max_m = record->max_m;
   fill_trigonometry(*block);
-  const bool from_sources = record->flags & kFromSources;
+  const bool from_sources = record->flags & Record::kFromSources;
   std::vector<float> heights;
   if (from_sources) {
     PostsOfBlock posts = compose_block(node_, id, source, stop);
@@ -233,59 +234,6 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id, const PostSource& so
   }
   fill_shading_normals(*block, heights, {.filtered = id.level < base_level_, .quantisation_m = quantisation_m_});
   return block;
-}
-
-namespace {
-
-std::string temporary_name(const std::string& path) {
-  static std::atomic<int> counter{0};
-  return fmt::format("{}.tmp-{}-{}", path, ::getpid(), counter++);
-}
-
-// A temporary file that is gone when this is, unless it was renamed.
-class Temporary {
- public:
-  Temporary(const std::string& path, std::string_view bytes) : name_(temporary_name(path)) {
-    std::error_code ignored;
-    std::filesystem::create_directories(std::filesystem::path(path).parent_path(), ignored);
-    try {
-      OpenFile(name_, O_WRONLY | O_CREAT | O_TRUNC).write(bytes);
-    } catch (...) {
-      ::unlink(name_.c_str());
-      throw;
-    }
-  }
-  ~Temporary() {
-    if (!name_.empty()) ::unlink(name_.c_str());
-  }
-  Temporary(const Temporary&) = delete;
-  Temporary& operator=(const Temporary&) = delete;
-
-  void rename(const std::string& path) {
-    if (::rename(name_.c_str(), path.c_str()) != 0) throw SystemFault(path, errno);
-    name_.clear();
-  }
-
- private:
-  std::string name_;
-};
-
-}  // namespace
-
-void write_whole_file(const std::string& path, std::string_view bytes) {
-  try {
-    Temporary(path, bytes).rename(path);
-  } catch (const SystemFault& fault) {
-    throw SystemFault(path, fault.code());  // not by its temporary name
-  }
-}
-
-void probe_folder(const std::string& folder) {
-  try {
-    const Temporary probe(folder + "/probe.sgp", " ");
-  } catch (const SystemFault& fault) {
-    throw SystemFault(folder, fault.code());
-  }
 }
 
 }  // namespace selenograph::dem

@@ -5,8 +5,7 @@
 // the finest one (by the same triangles that are rendered), and the lowest and highest height. Of blocks of the posts
 // themselves the file holds only these: their heights are read from the sources.
 //
-// File: header, index of records, names of sources, records. Everything is little-endian and covered by XXH3 checksums.
-// A file appears whole or not at all (temporary name, fsync, rename).
+// Its bytes are in chunk_format.h. A file appears whole or not at all (temporary name, fsync, rename).
 #pragma once
 
 #include <cstdint>
@@ -20,37 +19,16 @@
 #include "dem/files/files.h"
 #include "dem/grid/block.h"
 #include "dem/posts/post_source.h"
+#include "dem/pyramid/chunk_format.h"
+#include "dem/pyramid/chunk_plan.h"
 #include "dem/support/error.h"
 #include "dem/support/stop_token.h"
-#include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {
 
-// What a chunk is made of. Direct: its base level comes from the sources. Otherwise its base level is the top level of
-// the finer chunks beneath, which hold that level themselves.
-struct ChunkPlan {
-  BlockId node;
-  int base_level = 0;
-  bool direct = true;
-  std::uint64_t fingerprint = 0;  // of everything that the content depends on
-  bool exists = false;            // some source touches it
-  bool on_network = false;        // one of the files that it is made of is on a network
-  int coarsest_level() const { return node.level == kRootLevel ? 0 : node.level; }
-  int finest_level() const { return direct ? base_level : base_level - 1; }
-};
-
 class Chunk {
  public:
-  struct Record {
-    std::int32_t level = 0, row = 0, col = 0;
-    std::uint32_t flags = 0;
-    std::uint64_t offset = 0, size = 0, checksum = 0;
-    double error_m = 0;
-    float min_m = 0, max_m = 0;
-    float lowest_m = 0;  // kSteps: of what is stored
-    std::uint32_t reserved = 0;
-  };
-  static constexpr std::uint32_t kSteps = 1, kEmpty = 4, kFromSources = 8;
+  using Record = format::Record;
 
   // What a chunk that is not direct is made of: the finer chunks' top blocks, null where there is nothing, and the
   // files that those lack.
@@ -128,12 +106,5 @@ class Chunk {
   std::vector<SourceIndex> catalogue_index_;  // of the chunk's own source numbers
   std::unordered_map<BlockId, Record, BlockIdHash> records_;
 };
-
-// Writes `bytes` under a temporary name, flushes and renames; what can't be is removed again. Throws SystemFault naming
-// the path.
-void write_whole_file(const std::string& path, std::string_view bytes);
-
-// Throws SystemFault when write_whole_file() to this folder would: makes it if missing, and writes a byte.
-void probe_folder(const std::string& folder);
 
 }  // namespace selenograph::dem

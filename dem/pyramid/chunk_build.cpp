@@ -11,6 +11,7 @@
 
 #include "dem/grid/shading_normals.h"
 #include "dem/posts/post_kernels.h"
+#include "dem/pyramid/block_posts.h"
 #include "dem/pyramid/chunk.h"
 #include "dem/pyramid/chunk_format.h"
 #include "dem/support/parallel.h"
@@ -35,14 +36,6 @@ struct Grid {
   }
   const float* row(int r) const { return posts.heights.data() + index(std::clamp(r, 0, window.rows - 1), 0); }
 };
-
-// The longitude step of a level's grid: that of the chunk's rows nearest the equator, the finest that any block of it
-// needs.
-std::int32_t grid_lon_step(const BlockId& node, int level) {
-  const BlockExtent e = extent_of(node);
-  const std::int32_t nearest = std::clamp(kLatTicks / 2, e.lat0, e.lat1() - 1);
-  return extent_of(block_at(level, nearest, e.lon0)).lon_step;
-}
 
 PostWindow window_of(const BlockId& node, int level, int halo) {
   const BlockExtent e = extent_of(node);
@@ -431,7 +424,7 @@ struct Encoded {
 Encoded bounds_of(const BlockId& id, const Extremes& extremes) {
   Encoded out;
   out.record.level = id.level, out.record.row = id.row, out.record.col = id.col;
-  out.record.flags = extremes.low > extremes.high ? Chunk::kEmpty : Chunk::kFromSources;
+  out.record.flags = extremes.low > extremes.high ? Chunk::Record::kEmpty : Chunk::Record::kFromSources;
   out.record.error_m = static_cast<double>(extremes.error_m);
   out.record.min_m = extremes.low, out.record.max_m = extremes.high;
   return out;
@@ -475,7 +468,7 @@ Encoded encode(const Grid& grid, const Cut& cut, const Extremes& extremes) {
     const float* row = heights.data() + (r + kHalo) * wide + kHalo;
     any = std::any_of(row, row + side, [](float v) { return !std::isnan(v); });
   }
-  out.record.flags = any ? 0 : Chunk::kEmpty;
+  out.record.flags = any ? 0 : Chunk::Record::kEmpty;
   if (!any) return out;
   HeightRange range{std::numeric_limits<float>::max(), std::numeric_limits<float>::lowest()};
   extend_range(heights.data(), static_cast<int>(heights.size()), range);
@@ -485,7 +478,7 @@ Encoded encode(const Grid& grid, const Cut& cut, const Extremes& extremes) {
   const BlockExtent extent = extent_of(cut.id);
   const bool beside_pole = extent.lat0 == 0 || extent.lat1() == kLatTicks;
   if (!beside_pole && (high - low) * per_m < format::kVoidSteps) {
-    out.record.flags |= Chunk::kSteps;
+    out.record.flags |= Chunk::Record::kSteps;
     out.record.lowest_m = low;
     std::vector<std::uint16_t> steps(heights.size());
     std::transform(heights.begin(), heights.end(), steps.begin(), [&](float v) {
@@ -605,46 +598,6 @@ Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, con
   for (auto grid = levels.rbegin(); grid != levels.rend(); ++grid) scratch.give(std::move(grid->posts));
   scratch.give(std::move(base.posts));  // the last: the next build's first
   return built;
-}
-
-PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, const StopToken& stop) {
-  return compose_block(node, id, source, source.files(), stop);
-}
-
-PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, int files,
-                           const StopToken& stop) {
-  const BlockExtent e = extent_of(id);
-  // Longitude by longitude as in the chunk's grid, so that voids are filled as there.
-  const std::int32_t lon_step = grid_lon_step(node, id.level);
-  const int stride = e.lon_step / lon_step, side = e.quads + 1;
-  const auto window_with = [&](int margin) {
-    PostWindow w;
-    w.lat_step = e.lat_step, w.lon_step = lon_step;
-    w.lat0 = e.lat0 - static_cast<std::int64_t>(kHalo + margin) * e.lat_step;
-    w.lon0 = e.lon0 - static_cast<std::int64_t>(kHalo * stride + margin) * lon_step;
-    w.rows = side + 2 * (kHalo + margin);
-    w.cols = e.quads * stride + 1 + 2 * (kHalo * stride + margin);
-    return w;
-  };
-  int margin = 0;
-  PostWindow window = window_with(margin);
-  Posts posts = source.compose(window, files, stop);
-  if (std::any_of(posts.heights.begin(), posts.heights.end(), [](float h) { return std::isnan(h); })) {
-    margin = kFillReach;
-    window = window_with(margin);
-    posts = source.compose(window, files, stop);
-    PostSource::fill_voids(window, posts, stop);
-  }
-  PostsOfBlock out;
-  out.replaced = std::move(posts.replaced);
-  for (int r = 0; r < side + 2 * kHalo; ++r)
-    for (int c = 0; c < side + 2 * kHalo; ++c) {
-      const std::size_t at = static_cast<std::size_t>(r + margin) * static_cast<std::size_t>(window.cols) +
-                             static_cast<std::size_t>(c * stride + margin);
-      out.heights.push_back(posts.heights[at]);
-      if (r >= kHalo && c >= kHalo && r < side + kHalo && c < side + kHalo) out.sources.push_back(posts.sources[at]);
-    }
-  return out;
 }
 
 }  // namespace selenograph::dem

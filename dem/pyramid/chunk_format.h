@@ -1,4 +1,5 @@
-// The bytes of a chunk file: see chunk.h. Shared by building and reading only.
+// The bytes of a chunk file: header, index of records, names of sources, records. Everything is little-endian and
+// covered by XXH3 checksums.
 #pragma once
 
 #include <xxhash.h>
@@ -12,7 +13,9 @@
 #include <type_traits>
 #include <vector>
 
-#include "dem/pyramid/chunk.h"
+#include "dem/files/raster_info.h"
+#include "dem/grid/block.h"
+#include "dem/pyramid/chunk_plan.h"
 
 namespace selenograph::dem::format {
 
@@ -24,6 +27,19 @@ inline constexpr char kMagic[8] = {'S', 'G', 'P', 'Y', 'R', 'A', 'M', '2'};
 inline double height_step_m(int level) { return std::clamp(std::ldexp(1.0, 4 - level), 1.0 / 256, 0.5); }
 inline constexpr std::uint16_t kVoidSteps = 65535;
 
+// What the file holds of a block.
+struct Record {
+  std::int32_t level = 0, row = 0, col = 0;
+  std::uint32_t flags = 0;
+  std::uint64_t offset = 0, size = 0, checksum = 0;
+  double error_m = 0;
+  float min_m = 0, max_m = 0;
+  float lowest_m = 0;  // kSteps: of what is stored
+  std::uint32_t reserved = 0;
+
+  static constexpr std::uint32_t kSteps = 1, kEmpty = 4, kFromSources = 8;
+};
+
 struct Header {
   char magic[8];
   std::uint64_t total_bytes;
@@ -33,7 +49,7 @@ struct Header {
   std::int32_t level, row, col, base_level;
   std::uint32_t records, names_bytes;
 };
-static_assert(std::is_trivially_copyable_v<Header> && std::is_trivially_copyable_v<Chunk::Record>);
+static_assert(std::is_trivially_copyable_v<Header> && std::is_trivially_copyable_v<Record>);
 
 // Posts that follow each other, row by row from the south-west, and come from the same source.
 struct Run {
@@ -65,10 +81,10 @@ std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::ve
   header.level = plan.node.level, header.row = plan.node.row, header.col = plan.node.col,
   header.base_level = plan.base_level;
   header.names_bytes = static_cast<std::uint32_t>(names.size());
-  for_each([&](Chunk::Record&, std::string&) { ++header.records; });
-  std::uint64_t offset = sizeof(Header) + header.records * sizeof(Chunk::Record) + names.size();
+  for_each([&](Record&, std::string&) { ++header.records; });
+  std::uint64_t offset = sizeof(Header) + header.records * sizeof(Record) + names.size();
   std::string index;
-  for_each([&](Chunk::Record& record, std::string&) {
+  for_each([&](Record& record, std::string&) {
     record.offset = offset;
     offset += record.size;
     index.append(reinterpret_cast<const char*>(&record), sizeof record);
@@ -79,23 +95,8 @@ std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::ve
   std::string out(reinterpret_cast<const char*>(&header), sizeof header);
   out.reserve(offset);
   out += index;
-  for_each([&](Chunk::Record&, std::string& bytes) { out += bytes; });
+  for_each([&](Record&, std::string& bytes) { out += bytes; });
   return out;
 }
 
 }  // namespace selenograph::dem::format
-
-namespace selenograph::dem {
-
-// A block of the posts themselves, from their files: as the base of the chunk of `node` has them.
-struct PostsOfBlock {
-  std::vector<float> heights;       // (quads + 1 + 2 kHalo)^2
-  std::vector<SourceMark> sources;  // (quads + 1)^2, by the catalogue's numbers
-  std::vector<SourceIndex> replaced;
-};
-PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, const StopToken& stop);
-// Of the first `files` of the catalogue alone.
-PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, int files,
-                           const StopToken& stop);
-
-}  // namespace selenograph::dem

@@ -114,7 +114,7 @@ std::optional<HeightRange> survey_heights(const Catalogue& catalogue, const Post
   bool resampled = false;
   int finest = 0;
   for (const int layer : layers)
-    finest = std::max(finest, PostSource::level_needed(catalogue.rasters()[static_cast<std::size_t>(layer)]));
+    finest = std::max(finest, level_needed(catalogue.rasters()[static_cast<std::size_t>(layer)]));
   try {
     for (const int layer : layers) {
       const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(layer)];

@@ -12,14 +12,11 @@
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/block.h"
 #include "dem/grid/lattice.h"
-#include "dem/posts/post_kernels.h"
 #include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 
 class Detail;
-class DetailedTerrain;
-class PostSource;
 
 struct TerrainOptions {
   std::string cache_dir;  // where pyramids are kept; empty: nothing is written, everything is rebuilt when it is needed
@@ -50,9 +47,6 @@ struct DetailOfPosts {
   double share;
 };
 
-// No lunar height is outside of this (relief: +10 786 m to -9 120 m); a post that is counts as no-data.
-inline constexpr float kLowestRelief_m = -12000.F, kHighestRelief_m = 13000.F;
-
 struct HeightAnswer {
   double lat_deg = 0, lon_deg = 0;
   double height_m = 0;        // NaN: no data here
@@ -67,94 +61,57 @@ struct CacheStatistics {
   std::uint64_t hits = 0, misses = 0, evictions = 0, chunks_built = 0, chunks_read = 0, chunks_rejected = 0;
 };
 
-// const means safe to call concurrently.
+// What everything above sees: the pyramid's terrain (pyramid_terrain.h), or that with detail on it
+// (detailed_terrain.h). const means safe to call concurrently.
 //
 // What isn't in memory or in the cache folder is built, in the background, while those who need it wait, each until its
 // own `stop`: then they throw Cancelled. What was begun is finished and kept all the same (build_queue.h). They throw
 // DataError when a file is unusable, SystemFault when the system can't read it now.
 class Terrain {
  public:
-  Terrain(Catalogue catalogue, const TerrainOptions& options);
-  // The same with detail finer than the posts. Shares everything with `plain`, the budget in bytes, too.
-  Terrain(const std::shared_ptr<const Terrain>& plain, std::shared_ptr<const Detail> detail);
-  ~Terrain();  // stops building, where no other shares it
+  virtual ~Terrain() = default;
 
-  const Catalogue& catalogue() const;
-  const PostSource& post_source() const;
-  const Detail* detail() const;  // null: none
-  const Terrain& plain() const { return plain_ ? *plain_ : *this; }
+  virtual const Catalogue& catalogue() const = 0;
+  // The same without detail.
+  virtual const Terrain& plain() const = 0;
+  virtual const Detail* detail() const { return nullptr; }
   // Whether a block has detail on it: it is finer than the posts that its ground is made of.
-  bool has_detail(const BlockId& id) const;
+  virtual bool has_detail(const BlockId&) const { return false; }
   // With detail: what a place has of it, by the posts that it belongs to, from coarse to fine.
-  std::vector<DetailOfPosts> detail_at(double lat_deg, double lon_deg) const;
+  virtual std::vector<DetailOfPosts> detail_at(double, double) const { return {}; }  // lat_deg, lon_deg
   // Of those that share everything each has its own; 0: without detail.
-  int detail_number() const;
-
-  // Of its budget so many bytes are needed elsewhere: that much less is kept in memory.
-  void keep_less(std::size_t bytes) const;
+  virtual int detail_number() const { return 0; }
 
   // The blocks of level 0 that have data: where a walk down the quadtree starts.
-  const std::vector<BlockId>& roots() const;
+  virtual const std::vector<BlockId>& roots() const = 0;
   // False where no source comes near: nothing to load.
-  bool has_data(const BlockId& id) const;
+  virtual bool has_data(const BlockId& id) const = 0;
   // The level whose vertices are the posts (or, for coarse layers, fine enough that chords stay within millimetres of
   // the sphere): the finest level worth asking for in this block's area.
   int finest_level(const BlockId& id) const;
   // The level of the posts themselves, or of the finest detail: finer blocks only follow the sphere more closely.
-  int posts_level(const BlockId& id) const;
+  virtual int posts_level(const BlockId& id) const = 0;
   // Whether node() can answer from the sources beneath the block's own surroundings. Where it can't (a coarse block
   // over very fine posts), node() first has everything beneath built: ask only when the block is really wanted.
-  bool node_is_cheap(const BlockId& id) const;
-  NodeInfo node(const BlockId& id, const StopToken& stop = {}) const;
+  virtual bool node_is_cheap(const BlockId& id) const = 0;
+  virtual NodeInfo node(const BlockId& id, const StopToken& stop = {}) const = 0;
   // Where node() would have something built first: wider bounds of the heights of the block and all that is beneath, by
   // a look at the files alone. Nothing where node() needs no building, or where a look doesn't tell.
-  std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const;
+  virtual std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const = 0;
   // Whether block() has posts to read from a network: not to be called within a loop then, or the loop's threads wait
   // for the network, and with them all who share their arena (on_own_threads).
-  bool waits_for_network(const BlockId& id) const;
+  virtual bool waits_for_network(const BlockId& id) const = 0;
   // Null when the block has not one valid post.
-  std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const;
+  virtual std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const = 0;
 
   // On the finest surface, by the triangles that frames are made of.
   HeightAnswer height(double lat_deg, double lon_deg, const StopToken& stop = {}) const;
 
-  // Whoever waits for a build throws Cancelled, and nothing is built any more: the service ends. Returns at once.
-  void stop_building() const;
-
-  // Since the terrain was opened, one for each file at fault, in the words of the log.
-  std::vector<std::string> warnings() const;
   // Whether any NodeInfo::replaced may hold something.
-  bool has_replacements() const;
+  virtual bool has_replacements() const = 0;
   // What a client is told about what it was given: the names of these files, and of those whose place is unknown. A
   // function of the files alone, not of this machine.
   std::vector<std::string> warnings_about(std::span<const SourceIndex> replaced) const;
-  // Why pyramids are kept in memory only; empty: they are in the cache folder, or there is none.
-  std::string cache_trouble() const;
-  CacheStatistics statistics() const;
-
-  // Builds the pyramid of everything in the catalogue that is not yet on disk. Calls progress(done, total, name) after
-  // each chunk; stops early when it answers false. What is done stays done.
-  template <typename Progress>
-  void ingest(Progress&& progress) const {
-    const std::vector<BlockId> chunks = chunks_to_ingest();
-    for (std::size_t i = 0; i < chunks.size(); ++i) {
-      ensure_chunk(chunks[i]);
-      if (!progress(i + 1, chunks.size(), to_string(chunks[i]))) break;
-    }
-    wait_until_written();
-  }
-  // Until what has been built is in the cache folder, or can't be.
-  void wait_until_written() const;
-
- private:
-  std::vector<BlockId> chunks_to_ingest() const;
-  void ensure_chunk(const BlockId& chunk) const;
-  struct FinestEdges;
-  FinestEdges edges_beside(const Block& block, int r, int c, const StopToken& stop) const;
-  struct Impl;
-  std::shared_ptr<Impl> impl_;
-  std::shared_ptr<const Terrain> plain_;  // null without detail
-  std::unique_ptr<DetailedTerrain> detailed_;
 };
 
 }  // namespace selenograph::dem

@@ -9,7 +9,6 @@
 #include <atomic>
 #include <cmath>
 
-#include "dem/gdal/value_raster.h"
 #include "dem/grid/geodesy.h"
 #include "dem/support/cache.h"
 

@@ -7,27 +7,16 @@
 
 #include <array>
 #include <cstdint>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "dem/files/raster_info.h"
+#include "dem/gdal/value_raster.h"
 #include "dem/support/stop_token.h"
 #include "dem/value_maps/value_map_kernels.h"
 
 namespace selenograph::dem {
-
-struct ValueMapOptions {
-  std::string path;        // of a format that the README names
-  std::vector<int> bands;  // from 1: the value is their mean; empty: all but alpha
-  // Of a raster that doesn't say where it lies: its outer borders, row 0 in the north.
-  std::optional<Footprint> extent;
-  double scale = 1, offset = 0;   // value = scale * sample + offset, after what the file itself says
-  std::optional<double> no_data;  // a sample that is none, besides the file's own
-  double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();  // values are clamped
-};
 
 // What is in memory of the maps that share it, on one budget in bytes.
 class ValueMapTiles;

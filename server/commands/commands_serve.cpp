@@ -126,7 +126,7 @@ void drain(Front& front, std::chrono::milliseconds time) {
 
 // What runs is finished; health and metrics answer until then. What is not done shortly before the last moment is cut:
 // connections, and with them what is computed for them.
-void finish(Front& front, Admission& admission, HttpServer& server, const dem::Terrain& terrain,
+void finish(Front& front, Admission& admission, HttpServer& server, const dem::PyramidTerrain& terrain,
             std::chrono::milliseconds at_most) {
   const auto cut = Admission::Clock::now() + at_most - std::min(at_most / 5, std::chrono::milliseconds(1000));
   front.begin_shutdown();

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "dem/gdal/remote_files.h"
+#include "dem/gdal/remote_names.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/sample/sample_terrain.h"
 #include "dem/support/error.h"
@@ -57,7 +57,7 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   return catalogue;
 }
 
-std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings) {
+std::shared_ptr<dem::PyramidTerrain> open_terrain(const TerrainSettings& settings) {
   dem::Catalogue catalogue = open_catalogue(settings);
   spdlog::info("catalogue: {} DEM files, {} of them inspected", catalogue.rasters().size(), catalogue.inspected());
   for (const dem::CatalogueProblem& problem : catalogue.problems())
@@ -68,7 +68,7 @@ std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings) {
   options.fall_through = settings.on_data_error == "fall-through";
   options.log = [](const std::string& text) { spdlog::warn("{}", text); };
   options.threads = settings.threads;
-  return std::make_shared<dem::Terrain>(std::move(catalogue), options);
+  return std::make_shared<dem::PyramidTerrain>(std::move(catalogue), options);
 }
 
 std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& settings) {

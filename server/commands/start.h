@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "dem/sample/sample_terrain.h"
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "engine/renderer.h"
 #include "server/commands/config.h"
 
@@ -21,7 +21,7 @@ std::vector<std::string> dem_paths(const TerrainSettings& settings);
 // What is there, and may be opened. Throws DataError.
 dem::Catalogue open_catalogue(const TerrainSettings& settings);
 // These throw DataError and say in the log what was found, and what could not be used.
-std::shared_ptr<dem::Terrain> open_terrain(const TerrainSettings& settings);
+std::shared_ptr<dem::PyramidTerrain> open_terrain(const TerrainSettings& settings);
 std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& settings);
 
 // Meshes are read by this same executable.

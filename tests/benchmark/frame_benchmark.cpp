@@ -86,7 +86,7 @@ double milliseconds(Work&& work) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-void compare(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terrain, const Place& place,
+void compare(benchmark::State& state, const std::shared_ptr<dem::PyramidTerrain>& terrain, const Place& place,
              const Setting& setting) {
   const engine::FrameRequest r = request(*terrain, place, setting);
   const engine::View view(r.camera, r.pose);
@@ -234,7 +234,7 @@ const Addition kAdditions[] = {
      }},
 };
 
-void add(benchmark::State& state, const std::shared_ptr<dem::Terrain>& terrain, const Place& place,
+void add(benchmark::State& state, const std::shared_ptr<dem::PyramidTerrain>& terrain, const Place& place,
          const Addition& addition) {
   const engine::FrameRequest plain =
       request(*terrain, place, {.name = "", .height_m = 30000, .tilt_deg = 0, .sun_deg = addition.sun_deg});
@@ -367,7 +367,7 @@ int main(int argc, char** argv) {
   }
   dem::TerrainOptions options;
   options.cache_bytes = std::size_t{4} << 30;
-  const auto terrain = std::make_shared<dem::Terrain>(dem::Catalogue(paths), options);
+  const auto terrain = std::make_shared<dem::PyramidTerrain>(dem::Catalogue(paths), options);
   double south = 90, north = -90, west = 360, east = -360;
   for (const auto& info : terrain->catalogue().rasters()) {
     south = std::min(south, info.footprint.south_deg), north = std::max(north, info.footprint.north_deg);

@@ -15,7 +15,7 @@
 #include "dem/gdal/raster.h"
 #include "dem/posts/post_source.h"
 #include "dem/support/error.h"
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
@@ -43,8 +43,8 @@ void write(const std::string& path, std::string_view bytes) {
 // A pyramid of very fine posts, or of the whole Moon, takes seconds: not here.
 bool is_small(const RasterInfo& info) {
   const Footprint& f = info.footprint;
-  return PostSource::level_needed(info) <= kRootLevel + 2 && f.north_deg - f.south_deg < 9 &&
-         f.east_deg - f.west_deg < 9 && std::abs(f.south_deg) < 70 && std::abs(f.north_deg) < 70;
+  return level_needed(info) <= kRootLevel + 2 && f.north_deg - f.south_deg < 9 && f.east_deg - f.west_deg < 9 &&
+         std::abs(f.south_deg) < 70 && std::abs(f.north_deg) < 70;
 }
 
 void check_height(const HeightAnswer& answer, std::size_t rasters) {
@@ -73,7 +73,7 @@ bool has_quad(Raster& raster, const RasterInfo& info, int x, int y) {
 
 // What is in the file is on the terrain: a tile that is in the catalogue is no hole.
 void check_terrain(const Catalogue& catalogue, const RasterInfo& info) {
-  const Terrain terrain(catalogue, {});
+  const PyramidTerrain terrain(catalogue, {});
   Raster raster(info);
   for (const int y : {0, info.height / 2, info.height - 1})
     for (const int x : {0, info.width / 2, info.width - 1}) {

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "engine/renderer.h"
 #include "engine/scene/selection.h"
 #include "tests/support/judge.h"
@@ -68,8 +68,8 @@ class Distances : public ::testing::Test {
     });
     judge_ = new Judge(folder_->path());
     renderer_ =
-        new engine::Renderer(std::make_shared<dem::Terrain>(dem::Catalogue(std::vector<std::string>{folder_->path()}),
-                                                            dem::TerrainOptions{}),
+        new engine::Renderer(std::make_shared<dem::PyramidTerrain>(
+                                 dem::Catalogue(std::vector<std::string>{folder_->path()}), dem::TerrainOptions{}),
                              {1, std::size_t{256} << 20});
   }
   static void TearDownTestSuite() {

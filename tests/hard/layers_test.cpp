@@ -40,11 +40,11 @@ struct Site {
     std::vector<dem::LayerOffset> offsets;
     if (fit || offset_m) offsets.push_back({"site", offset_m});
     dem::join_layers(catalogue, blend_posts, offsets);
-    terrain = std::make_shared<dem::Terrain>(std::move(catalogue), dem::TerrainOptions{});
+    terrain = std::make_shared<dem::PyramidTerrain>(std::move(catalogue), dem::TerrainOptions{});
     renderer = std::make_unique<engine::Renderer>(terrain, engine::RendererOptions{});
   }
   TemporaryFolder folder;
-  std::shared_ptr<dem::Terrain> terrain;
+  std::shared_ptr<dem::PyramidTerrain> terrain;
   std::unique_ptr<engine::Renderer> renderer;
 };
 

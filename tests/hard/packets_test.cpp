@@ -44,7 +44,7 @@ TEST(Packets, LoseNoRayAlongTheAxes) {
   test::write_global_tile(folder.path(), 4, [](double lat_deg, double lon_deg) {
     return 1500 * std::sin(lat_deg) * std::cos(2 * lon_deg) * std::cos(lat_deg * 0.0174);
   });
-  const dem::Terrain terrain(dem::Catalogue(std::vector<std::string>{folder.path()}), {});
+  const dem::PyramidTerrain terrain(dem::Catalogue(std::vector<std::string>{folder.path()}), {});
   std::mt19937_64 random(1);
   for (int axis = 0; axis < 6; ++axis) {
     Vec3 up = Vec3::Zero();

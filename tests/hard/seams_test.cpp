@@ -27,7 +27,7 @@
 #include <vector>
 
 #include "dem/sample/sample_terrain.h"
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "engine/camera/view.h"
 #include "engine/scene/selection.h"
 #include "engine/visibility/points/scene.h"
@@ -52,8 +52,8 @@ std::int64_t rays_per_scene() {
   return ((in_all ? std::atoll(in_all) : 250'000) + kScenes - 1) / kScenes;
 }
 
-std::shared_ptr<dem::Terrain> terrain_of(const std::string& folder) {
-  return std::make_shared<dem::Terrain>(dem::Catalogue(std::vector<std::string>{folder}), dem::TerrainOptions{});
+std::shared_ptr<dem::PyramidTerrain> terrain_of(const std::string& folder) {
+  return std::make_shared<dem::PyramidTerrain>(dem::Catalogue(std::vector<std::string>{folder}), dem::TerrainOptions{});
 }
 
 // Slopes up to about 15 degrees at every scale that the posts resolve.
@@ -440,7 +440,7 @@ class SampleSeams : public ::testing::Test {
 
  private:
   static inline TemporaryFolder* folder_ = nullptr;
-  static inline std::shared_ptr<dem::Terrain> terrain_;
+  static inline std::shared_ptr<dem::PyramidTerrain> terrain_;
 };
 
 constexpr double kMosaicMargin_m = 12000;  // rays at 65 degrees from the vertical cross 2.1 times the relief

@@ -77,8 +77,8 @@ TEST_F(WholeMoon, IsOpenedAgainWithoutReadingIt) {
 // The same sixteen tiles are seen, with a ring of neighbours around them or among all of the Moon.
 TEST_F(WholeMoon, AFrameCostsAsMuchAsWithSixteenTiles) {
   const auto terrain_of = [](std::vector<dem::RasterInfo> rasters) {
-    return std::make_shared<dem::Terrain>(dem::Catalogue(std::move(rasters)),
-                                          dem::TerrainOptions{{}, std::size_t{512} << 20, false});
+    return std::make_shared<dem::PyramidTerrain>(dem::Catalogue(std::move(rasters)),
+                                                 dem::TerrainOptions{{}, std::size_t{512} << 20, false});
   };
   const auto lies_within = [](const dem::Footprint& f, double around_deg) {
     return f.south_deg > 9.99 - around_deg && f.north_deg < 14.01 + around_deg && f.west_deg > 19.99 - around_deg &&

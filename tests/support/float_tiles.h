@@ -6,7 +6,7 @@
 #include <memory>
 #include <string>
 
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "tests/support/tiles.h"
 
 namespace selenograph::test {
@@ -51,10 +51,10 @@ inline void write_global_tile(const std::string& folder, double posts_per_degree
   write_float_tile(folder, "global", {90, 0, posts_per_degree, 180 * n + 1, 360 * n}, height_m);
 }
 
-inline std::shared_ptr<dem::Terrain> open_terrain(const std::string& folder, const std::string& cache_dir = {},
-                                                  bool fall_through = false) {
-  return std::make_shared<dem::Terrain>(dem::Catalogue(std::vector<std::string>{folder}),
-                                        dem::TerrainOptions{cache_dir, std::size_t{512} << 20, fall_through});
+inline std::shared_ptr<dem::PyramidTerrain> open_terrain(const std::string& folder, const std::string& cache_dir = {},
+                                                         bool fall_through = false) {
+  return std::make_shared<dem::PyramidTerrain>(dem::Catalogue(std::vector<std::string>{folder}),
+                                               dem::TerrainOptions{cache_dir, std::size_t{512} << 20, fall_through});
 }
 
 }  // namespace selenograph::test

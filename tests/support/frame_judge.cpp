@@ -150,8 +150,8 @@ bool at_outline(const Judge& judge, const Vec3& eye, const Vec3& direction, doub
 
 Scenery::Scenery(const std::string& folder, const std::string& cache_dir)
     : judge(std::make_unique<Judge>(folder)),
-      terrain(std::make_shared<dem::Terrain>(dem::Catalogue(std::vector<std::string>{folder}),
-                                             dem::TerrainOptions{cache_dir})),
+      terrain(std::make_shared<dem::PyramidTerrain>(dem::Catalogue(std::vector<std::string>{folder}),
+                                                    dem::TerrainOptions{cache_dir})),
       renderer(std::make_unique<engine::Renderer>(terrain, engine::RendererOptions{})) {}
 
 void Findings::add(const Findings& o) {

@@ -8,7 +8,7 @@
 #include <memory>
 #include <string>
 
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "engine/renderer.h"
 #include "tests/support/judge.h"
 
@@ -22,7 +22,7 @@ inline constexpr double kGrazing_m = 1.0;
 // A folder of Kaguya tiles: what is rendered, and its judge. `cache_dir` as in dem::TerrainOptions.
 struct Scenery {
   std::unique_ptr<Judge> judge;
-  std::shared_ptr<dem::Terrain> terrain;
+  std::shared_ptr<dem::PyramidTerrain> terrain;
   std::unique_ptr<engine::Renderer> renderer;
   explicit Scenery(const std::string& folder, const std::string& cache_dir = {});
 };

@@ -43,7 +43,7 @@ class SphereMesh : public ::testing::Test {
 
  private:
   static inline TemporaryFolder* folder_ = nullptr;
-  static inline std::shared_ptr<dem::Terrain> terrain_;
+  static inline std::shared_ptr<dem::PyramidTerrain> terrain_;
   static inline std::unique_ptr<engine::Mesh> mesh_;
 };
 

@@ -226,7 +226,7 @@ double bumpy(double lat, double lon) { return std::round(300 * std::sin(lat * 30
 class ColdTerrain : public ::testing::Test {
  protected:
   ColdTerrain() { test::write_kaguya_tile(folder_ / "dem", 20, 1, 2, 2048, bumpy); }
-  std::shared_ptr<Terrain> open() const { return open_terrain(folder_ / "dem", folder_ / "cache"); }
+  std::shared_ptr<PyramidTerrain> open() const { return open_terrain(folder_ / "dem", folder_ / "cache"); }
   static constexpr double kLat = 19.5, kLon = 1.5;
   // A coarse block: all of the tile is beneath it.
   static BlockId coarse() { return block_at(2, (90 + 19) * kTicksPerDegree, (180 + 1) * kTicksPerDegree); }

@@ -194,7 +194,7 @@ TEST_F(ChangingFiles, NothingOfAChangeIsKept) {
   const auto terrain_in = [&](const std::string& cache) {
     return test::open_terrain(folder_ / "tiles", folder_ / cache);
   };
-  const auto expect_bumps = [&](const Terrain& terrain) {
+  const auto expect_bumps = [&](const PyramidTerrain& terrain) {
     for (const double lon : {1.5, 2.5}) EXPECT_NEAR(terrain.height(19.5, lon).height_m, bumpy(19.5, lon), 1e-6) << lon;
     terrain.wait_until_written();
   };

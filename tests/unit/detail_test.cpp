@@ -228,10 +228,10 @@ struct Ground {
     plain = open_terrain(folder.path());
     DetailPreset p = preset();
     p.region = region;
-    detailed = std::make_shared<Terrain>(plain, std::make_shared<Detail>(p));
+    detailed = std::make_shared<DetailedTerrain>(plain, std::make_shared<Detail>(p));
   }
   TemporaryFolder folder;
-  std::shared_ptr<const Terrain> plain;
+  std::shared_ptr<const PyramidTerrain> plain;
   std::shared_ptr<const Terrain> detailed;
 };
 
@@ -290,7 +290,7 @@ struct Layered {
   Layered() {
     const auto made = [&](const std::string& folder) {
       plain.push_back(open_terrain(folder));
-      detailed.push_back(std::make_shared<Terrain>(plain.back(), std::make_shared<Detail>(preset())));
+      detailed.push_back(std::make_shared<DetailedTerrain>(plain.back(), std::make_shared<Detail>(preset())));
     };
     write_kaguya_tile(folders[0].path(), 27, 3, 2, 64, hills);
     write_kaguya_tile(folders[1].path(), 26, 4, 1, 1024, hills);
@@ -302,7 +302,8 @@ struct Layered {
   const Terrain& fine() const { return *detailed[1]; }
   const Terrain& both() const { return *detailed[2]; }
   std::array<TemporaryFolder, 3> folders;
-  std::vector<std::shared_ptr<const Terrain>> plain, detailed;
+  std::vector<std::shared_ptr<const PyramidTerrain>> plain;
+  std::vector<std::shared_ptr<const Terrain>> detailed;
 };
 
 TEST(DetailedTerrain, EachLayerHasTheDetailOfItsOwnPosts) {
@@ -350,7 +351,7 @@ TEST(DetailedTerrain, TilesOfALayerHaveNoBorderBetweenThem) {
     for (const double west : {3.0, 4.0}) write_kaguya_tile(folder->path(), 27, west, 1, 1024, hills);
   write_kaguya_tile(both.path(), 27, 3, 2, 64, hills);
   const auto detailed = [](const TemporaryFolder& folder) {
-    return std::make_shared<Terrain>(open_terrain(folder.path()), std::make_shared<Detail>(preset()));
+    return std::make_shared<DetailedTerrain>(open_terrain(folder.path()), std::make_shared<Detail>(preset()));
   };
   const auto alone = detailed(fine), over = detailed(both);
   for (int i = -30; i <= 30; ++i) {
@@ -533,7 +534,7 @@ DetailPreset shipped(const std::string& name) {
 struct GroundOf {
   GroundOf(const DetailPreset& preset, int top_lat_deg) {
     write_kaguya_tile(folder.path(), top_lat_deg, 3, 2, 256, [](double, double) { return 0; });
-    detailed = std::make_shared<Terrain>(open_terrain(folder.path()), std::make_shared<Detail>(preset));
+    detailed = std::make_shared<DetailedTerrain>(open_terrain(folder.path()), std::make_shared<Detail>(preset));
   }
   TemporaryFolder folder;
   std::shared_ptr<const Terrain> detailed;

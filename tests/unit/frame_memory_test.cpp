@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <memory>
 
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "engine/frame/needs.h"
 #include "engine/frame_moment.h"
 #include "engine/render_cache.h"
@@ -49,7 +49,7 @@ class FrameMemory : public ::testing::Test {
   }
 
   TemporaryFolder folder_;
-  std::shared_ptr<dem::Terrain> terrain_;
+  std::shared_ptr<dem::PyramidTerrain> terrain_;
 };
 
 TEST_F(FrameMemory, ScratchStaysBelowTheEstimate) {

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "dem/support/error.h"
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "engine/renderer.h"
 #include "engine/visibility/image/frame_sources.h"
 #include "tests/support/float_tiles.h"
@@ -39,7 +39,7 @@ dem::Catalogue large_catalogue(const std::string& folder) {
 TEST(TerrainOfManySources, HeightsNameTheirSource) {
   TemporaryFolder folder, cache;
   for (const char* pyramid : {"built", "read"}) {
-    const dem::Terrain terrain(large_catalogue(folder.path()), {cache.path(), std::size_t{256} << 20, false});
+    const dem::PyramidTerrain terrain(large_catalogue(folder.path()), {cache.path(), std::size_t{256} << 20, false});
     ASSERT_EQ(terrain.catalogue().rasters().size(), kOthers + 2);
     for (const double lon_deg : {20.5, 21.5}) {
       const dem::HeightAnswer answer = terrain.height(10.5, lon_deg);
@@ -53,8 +53,8 @@ TEST(TerrainOfManySources, HeightsNameTheirSource) {
 
 TEST(TerrainOfManySources, FramesListWhatTheySee) {
   TemporaryFolder folder;
-  const auto terrain = std::make_shared<dem::Terrain>(large_catalogue(folder.path()),
-                                                      dem::TerrainOptions{{}, std::size_t{256} << 20, false});
+  const auto terrain = std::make_shared<dem::PyramidTerrain>(large_catalogue(folder.path()),
+                                                             dem::TerrainOptions{{}, std::size_t{256} << 20, false});
   const engine::Renderer renderer(terrain, {2, std::size_t{256} << 20});
   for (const auto visibility : {engine::Visibility::zbuffer, engine::Visibility::raytrace}) {
     engine::FrameRequest request;

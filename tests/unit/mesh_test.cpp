@@ -106,10 +106,10 @@ class MeshTest : public ::testing::Test {
     delete folder_;
   }
   static TemporaryFolder* folder_;
-  static std::shared_ptr<dem::Terrain> terrain_;
+  static std::shared_ptr<dem::PyramidTerrain> terrain_;
 };
 TemporaryFolder* MeshTest::folder_ = nullptr;
-std::shared_ptr<dem::Terrain> MeshTest::terrain_;
+std::shared_ptr<dem::PyramidTerrain> MeshTest::terrain_;
 
 auto border(double south, double north, double west, double east) {
   return [=](const Geographic& g) {

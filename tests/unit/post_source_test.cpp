@@ -137,7 +137,7 @@ TEST(PostSource, OtherLatticesAreExactForSlopes) {
   write_float_tile(folder.path(), "t", {12, 20, 20, 41, 41}, slope);
   Layers layers(folder.path());
   ASSERT_FALSE(layers.catalogue.rasters()[0].lattice_level);
-  EXPECT_EQ(PostSource::level_needed(layers.catalogue.rasters()[0]), 5);
+  EXPECT_EQ(level_needed(layers.catalogue.rasters()[0]), 5);
   const Posts posts = layers.source.compose(window(5, 10, 20, 65, 65));
   for (int r = 0; r < 65; ++r)
     for (int c = 0; c < 65; ++c)

@@ -285,7 +285,7 @@ TEST(Pyramid, VoidsAreFilledFlaggedOrMissing) {
 class PyramidFile : public ::testing::Test {
  protected:
   PyramidFile() { write_kaguya_tile(folder_ / "dem", 12, 20, 2, 32, noise); }
-  std::shared_ptr<Terrain> open() const { return open_terrain(folder_ / "dem", folder_ / "cache"); }
+  std::shared_ptr<PyramidTerrain> open() const { return open_terrain(folder_ / "dem", folder_ / "cache"); }
   std::vector<float> posts(const Terrain& terrain) const {
     std::vector<float> all;
     for (const int level : {4, 5})  // from the pyramid, and from the tile
@@ -478,13 +478,13 @@ TEST_F(PyramidFile, AReadOnlyFolderCostsTimeNotAnswers) {
 
 // What the operator was told.
 struct Told {
-  std::shared_ptr<Terrain> open(const std::string& dem, const std::string& cache, bool fall_through = false) {
+  std::shared_ptr<PyramidTerrain> open(const std::string& dem, const std::string& cache, bool fall_through = false) {
     TerrainOptions options{cache, std::size_t{512} << 20, fall_through, {}, 0};
     options.log = [this](const std::string& text) {
       const std::lock_guard lock(mutex);
       texts.push_back(text);
     };
-    return std::make_shared<Terrain>(Catalogue(std::vector<std::string>{dem}), options);
+    return std::make_shared<PyramidTerrain>(Catalogue(std::vector<std::string>{dem}), options);
   }
   std::mutex mutex;
   std::vector<std::string> texts;

@@ -19,7 +19,7 @@
 #include "dem/catalogue/catalogue.h"
 #include "dem/gdal/raster.h"
 #include "dem/support/error.h"
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "dem/value_maps/value_map.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
@@ -290,7 +290,7 @@ TEST_F(NoFiles, BesideAFile) {
   put("a.tif.aux.xml", "");
   fs::resize_file(file("a.tif.aux.xml"), std::uintmax_t{1} << 40);  // sparse, and read as a whole
   EXPECT_EQ(refusal(put("a.tif", tiff(t))), "");
-  const Terrain terrain(Catalogue({folder_.path()}), {});
+  const PyramidTerrain terrain(Catalogue({folder_.path()}), {});
   EXPECT_NEAR(terrain.height(0.5, 30.5).height_m, 0, 1e-6);
 }
 

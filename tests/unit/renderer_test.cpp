@@ -51,11 +51,11 @@ class SmoothMoon : public ::testing::Test {
     delete folder_;
   }
   static TemporaryFolder* folder_;
-  static std::shared_ptr<dem::Terrain> terrain_;
+  static std::shared_ptr<dem::PyramidTerrain> terrain_;
   static std::shared_ptr<Renderer> renderer_;
 };
 TemporaryFolder* SmoothMoon::folder_ = nullptr;
-std::shared_ptr<dem::Terrain> SmoothMoon::terrain_;
+std::shared_ptr<dem::PyramidTerrain> SmoothMoon::terrain_;
 std::shared_ptr<Renderer> SmoothMoon::renderer_;
 
 TEST_F(SmoothMoon, EveryProductHasItsFormula) {
@@ -340,7 +340,7 @@ class Mountain : public ::testing::Test {
     return std::max(0.0, height * (1 - r_deg / 0.02));
   }
   // Tiles of four degrees, level 8; the mountain stands a quarter of a degree east of a seam.
-  static std::shared_ptr<dem::Terrain> open(const TemporaryFolder& folder, double height) {
+  static std::shared_ptr<dem::PyramidTerrain> open(const TemporaryFolder& folder, double height) {
     for (int k = 0; k < 3; ++k)
       test::write_float_tile(folder.path(), "tile" + std::to_string(k), {12, 21.75 + 4 * k, 256, 4 * 256 + 1, 4 * 256},
                              [=](double lat, double lon) { return cone(height, lat, lon); });

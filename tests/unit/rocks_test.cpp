@@ -9,6 +9,7 @@
 #include <set>
 
 #include "dem/detail/detail.h"
+#include "dem/detail/detailed_terrain.h"
 #include "dem/detail/footprints.h"
 #include "dem/detail/rocks_on_ground.h"
 #include "engine/camera/view.h"
@@ -141,7 +142,7 @@ TEST(RockSurvey, SearchesAsMuchGroundAtAPoleAsAtTheEquator) {
   dem::DetailPreset preset;
   preset.craters.smallest_m = 16, preset.craters.largest_m = 500;
   preset.rocks = law_of(5, 5);
-  const dem::Terrain terrain(open_terrain(folder.path()), std::make_shared<const dem::Detail>(preset));
+  const dem::DetailedTerrain terrain(open_terrain(folder.path()), std::make_shared<const dem::Detail>(preset));
   const dem::RockSurvey survey(terrain);
   const dem::RockField& field = survey.field();
   std::size_t at_equator = 0;
@@ -208,7 +209,7 @@ TEST(RockSurvey, SurroundingsOfSmallCratersAreSmall) {
   preset.craters.frequency = {{{10 * std::pow(10, -1.1), 2}}};  // the densest that a preset may have
   preset.rocks = law_of(5, 5);
   preset.rocks.smallest_crater_m = 0.5, preset.rocks.half_life_Ma = 4500;
-  const dem::Terrain terrain(open_terrain(folder.path()), std::make_shared<const dem::Detail>(preset));
+  const dem::DetailedTerrain terrain(open_terrain(folder.path()), std::make_shared<const dem::Detail>(preset));
   const dem::RockSurvey survey(terrain);
   for (const double lat : {0.0, 89.999}) {
     const auto craters = survey.fresh_around(survey.block_around(lat, 20), {});
@@ -276,7 +277,7 @@ class RocksInFrames : public testing::Test {
   }
 
   TemporaryFolder folder_;
-  std::shared_ptr<dem::Terrain> terrain_;
+  std::shared_ptr<dem::PyramidTerrain> terrain_;
   std::shared_ptr<const dem::Detail> detail_;
   std::unique_ptr<engine::Renderer> renderer_;
 };

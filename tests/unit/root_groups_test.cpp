@@ -36,7 +36,7 @@ TEST(RootGroups, GiveTheBlocksThatHaveData) {
   test::write_float_tile(folder.path(), "a", {3, 20, 8, 25, 65}, [](double, double) { return 1.0; });
   test::write_float_tile(folder.path(), "b", {90, -180, 8, 17, 2880}, [](double, double) { return 2.0; });
   test::write_float_tile(folder.path(), "c", {-80, 178, 8, 9, 32}, [](double, double) { return 3.0; });
-  const dem::Terrain terrain(dem::Catalogue(std::vector<std::string>{folder.path()}), {});
+  const dem::PyramidTerrain terrain(dem::Catalogue(std::vector<std::string>{folder.path()}), {});
   std::multiset<dem::BlockId> met;
   for (const RootGroup& group : root_groups())
     for_each_root(terrain, group, [&](const dem::BlockId& id) { met.insert(id); });

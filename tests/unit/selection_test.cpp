@@ -13,6 +13,7 @@
 #include <unordered_set>
 
 #include "dem/detail/detail.h"
+#include "dem/detail/detailed_terrain.h"
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
 #include "engine/scene/mesh.h"
@@ -48,7 +49,7 @@ class SelectionTest : public ::testing::Test {
     terrain_.reset();
     delete folder_;
   }
-  static std::shared_ptr<dem::Terrain> open() { return test::open_terrain(folder_->path()); }
+  static std::shared_ptr<dem::PyramidTerrain> open() { return test::open_terrain(folder_->path()); }
   static std::vector<View> views() {
     return {view_from(to_cartesian({10, 26, 100000}), to_cartesian({10, 26, 0}), 1000),     // nadir
             view_from(to_cartesian({9, 25, 20000}), to_cartesian({11, 27, 0}), 800),        // oblique
@@ -56,10 +57,10 @@ class SelectionTest : public ::testing::Test {
             view_from(to_cartesian({10, 26, 3e6}), to_cartesian({10, 26, 0}), 9000)};
   }
   static TemporaryFolder* folder_;
-  static std::shared_ptr<dem::Terrain> terrain_;
+  static std::shared_ptr<dem::PyramidTerrain> terrain_;
 };
 TemporaryFolder* SelectionTest::folder_ = nullptr;
-std::shared_ptr<dem::Terrain> SelectionTest::terrain_;
+std::shared_ptr<dem::PyramidTerrain> SelectionTest::terrain_;
 
 // The height of a mesh of blocks in a direction from the centre; NaN where it has none.
 double height_of(const Mesh& mesh, double lat, double lon) {
@@ -236,7 +237,7 @@ TEST_F(SelectionTest, DetailIsSelectedTheSameByAnyThreads) {
     for (const Accuracy& accuracy : {Accuracy{}, Accuracy{.max_error_px = 4, .max_detail_error_px = 8}}) {
       std::optional<Selection> by_one;
       for (const int threads : {1, 2}) {
-        const dem::Terrain terrain(open(), detail);
+        const dem::DetailedTerrain terrain(open(), detail);
         tbb::task_arena arena(threads);
         const Selection s = in_arena(arena, [&] { return select_for_view(terrain, view, &sun, accuracy, {}); });
         if (!by_one) {

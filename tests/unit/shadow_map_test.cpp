@@ -68,7 +68,7 @@ class ShadowMapTest : public ::testing::Test {
   }
 
   static inline test::TemporaryFolder* folder_ = nullptr;
-  static inline std::shared_ptr<dem::Terrain> terrain_;
+  static inline std::shared_ptr<dem::PyramidTerrain> terrain_;
   static inline std::unique_ptr<Mesh> mesh_;
   static inline std::unique_ptr<RasterMesh> raster_;
 };

@@ -1,0 +1,87 @@
+#include "dem/files/whole_file.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <signal.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <cstdlib>
+#include <filesystem>
+#include <system_error>
+
+#include "dem/files/open_file.h"
+#include "dem/support/error.h"
+
+namespace selenograph::dem {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string temporary_name(const std::string& path) {
+  static std::atomic<int> counter{0};
+  return fmt::format("{}.tmp-{}-{}", path, ::getpid(), counter++);
+}
+
+// A temporary file that is gone when this is, unless it was renamed.
+class Temporary {
+ public:
+  Temporary(const std::string& path, std::string_view bytes) : name_(temporary_name(path)) {
+    std::error_code ignored;
+    fs::create_directories(fs::path(path).parent_path(), ignored);
+    try {
+      OpenFile(name_, O_WRONLY | O_CREAT | O_TRUNC).write(bytes);
+    } catch (...) {
+      ::unlink(name_.c_str());
+      throw;
+    }
+  }
+  ~Temporary() {
+    if (!name_.empty()) ::unlink(name_.c_str());
+  }
+  Temporary(const Temporary&) = delete;
+  Temporary& operator=(const Temporary&) = delete;
+
+  void rename(const std::string& path) {
+    if (::rename(name_.c_str(), path.c_str()) != 0) throw SystemFault(path, errno);
+    name_.clear();
+  }
+
+ private:
+  std::string name_;
+};
+
+}  // namespace
+
+void write_whole_file(const std::string& path, std::string_view bytes) {
+  try {
+    Temporary(path, bytes).rename(path);
+  } catch (const SystemFault& fault) {
+    throw SystemFault(path, fault.code());  // not by its temporary name
+  }
+}
+
+void probe_folder(const std::string& folder) {
+  try {
+    const Temporary probe(folder + "/probe.sgp", " ");
+  } catch (const SystemFault& fault) {
+    throw SystemFault(folder, fault.code());
+  }
+}
+
+void remove_stale_temporaries(const std::string& folder, std::string_view mark) {
+  std::error_code error;
+  for (fs::recursive_directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    const std::string name = it->path().filename().string();
+    const std::size_t at = name.find(mark);
+    if (at == std::string::npos) continue;
+    const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + at + mark.size(), nullptr, 10));
+    std::error_code ignored;
+    // Our own number: we have written nothing yet, so an earlier life has (in a container each is process 1).
+    const bool dead = owner <= 0 || owner == ::getpid() || (::kill(owner, 0) != 0 && errno == ESRCH);
+    if (dead) fs::remove(it->path(), ignored);
+  }
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,20 @@
+// Files that appear whole or not at all: written under a temporary name, then renamed.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace selenograph::dem {
+
+// Writes `bytes` under a temporary name, flushes and renames; what can't be is removed again. Throws SystemFault naming
+// the path.
+void write_whole_file(const std::string& path, std::string_view bytes);
+
+// Throws SystemFault when write_whole_file() to this folder would: makes it if missing, and writes a byte.
+void probe_folder(const std::string& folder);
+
+// Removes what processes that were killed while writing left in a folder and those within: names with `mark`, followed
+// by the number of a process that is no more.
+void remove_stale_temporaries(const std::string& folder, std::string_view mark);
+
+}  // namespace selenograph::dem

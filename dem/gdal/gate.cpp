@@ -1,0 +1,236 @@
+#include "dem/gdal/gate.h"
+
+#include <cpl_conv.h>
+#include <cpl_error.h>
+#include <cpl_string.h>
+#include <cpl_vsi.h>
+#include <cpl_vsi_error.h>
+#include <cpl_vsi_virtual.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <memory>
+#include <mutex>
+#include <thread>
+#include <utility>
+
+#include "dem/gdal/remote_names.h"
+#include "dem/support/error.h"
+
+namespace selenograph::dem {
+namespace {
+
+// A request is sent this often, with pauses that double.
+constexpr int kTries = 4;
+constexpr std::chrono::milliseconds kFirstPause{250};
+
+std::optional<RemoteTrouble>& trouble_of_this_thread() {
+  thread_local std::optional<RemoteTrouble> trouble;
+  return trouble;
+}
+
+// libcurl leaves errors of its sockets behind that are none of ours.
+class KeptErrno {
+ public:
+  KeptErrno() = default;
+  ~KeptErrno() { errno = code_; }
+  KeptErrno(const KeptErrno&) = delete;
+  KeptErrno& operator=(const KeptErrno&) = delete;
+
+ private:
+  int code_ = errno;
+};
+
+// Tries again what fails for another reason than that there is no such file.
+template <typename Try>
+bool with_retries(const std::string& name, Try&& attempt) {
+  const KeptErrno kept;
+  RemoteTrouble trouble;
+  for (int i = 0; i < kTries; ++i) {
+    if (i > 0) std::this_thread::sleep_for(kFirstPause * (1 << (i - 1)));
+    trouble = {name, {}, false};
+    CPLErrorReset();
+    VSIErrorReset();
+    if (attempt(trouble)) return true;
+    if (trouble.gone) break;
+  }
+  trouble_of_this_thread() = std::move(trouble);
+  return false;
+}
+
+struct HandleCloser {
+  void operator()(VSIVirtualHandle* handle) const {
+    const KeptErrno kept;
+    handle->Close();
+    delete handle;
+  }
+};
+using HandlePtr = std::unique_ptr<VSIVirtualHandle, HandleCloser>;
+
+// Reads what GDAL says about a request that failed: of opening, "HTTP response code: 404", of the rest "HTTP response
+// code on URL: 404".
+void explain(RemoteTrouble& trouble) {
+  const int code = VSIGetLastErrorNo();
+  std::string text = VSIGetLastErrorMsg();
+  if (text.empty()) text = CPLGetLastErrorMsg();
+  const bool http = text.starts_with("HTTP response code");
+  trouble.gone = code == VSIE_AWSObjectNotFound || code == VSIE_AWSBucketNotFound ||
+                 (http && (text.ends_with(": 404") || text.ends_with(": 410")));
+  if (http && text.ends_with(": 0")) text = "no answer";
+  trouble.what = trouble.gone   ? "is missing on its server"
+                 : text.empty() ? "can't be read from its server"
+                                : "can't be read from its server: " + text;
+}
+
+bool stat_once(VSIFilesystemHandler& behind, const std::string& name, VSIStatBufL* state, RemoteTrouble& trouble) {
+  *state = {};
+  constexpr int kAll = VSI_STAT_EXISTS_FLAG | VSI_STAT_NATURE_FLAG | VSI_STAT_SIZE_FLAG | VSI_STAT_SET_ERROR_FLAG;
+  if (behind.Stat(name.c_str(), state, kAll) == 0) return true;
+  // Not a word about what is only not there: opening tells.
+  if (CPLGetLastErrorMsg()[0] == '\0') HandlePtr(behind.Open(name.c_str(), "rb", true, nullptr));
+  explain(trouble);
+  return false;
+}
+
+// A file of a server, read by GDAL's own handle. An answer that is cut short is never handed on: it is asked for again,
+// by another handle since GDAL remembers within one what it was given, and then the read fails.
+class RemoteFile final : public VSIVirtualHandle {
+ public:
+  RemoteFile(VSIFilesystemHandler* behind, std::string name, vsi_l_offset bytes, std::int64_t modified_s,
+             HandlePtr handle)
+      : behind_(behind), name_(std::move(name)), bytes_(bytes), modified_s_(modified_s), handle_(std::move(handle)) {}
+
+  int Seek(vsi_l_offset offset, int whence) override {
+    at_ = whence == SEEK_SET ? offset : whence == SEEK_CUR ? at_ + offset : bytes_ + offset;
+    end_ = failed_ = false;
+    return 0;
+  }
+  vsi_l_offset Tell() override { return at_; }
+  size_t Read(void* buffer, size_t size, size_t count) override {
+    if (size == 0 || count == 0) return 0;
+    const vsi_l_offset left = at_ < bytes_ ? bytes_ - at_ : 0;
+    const auto wanted = static_cast<size_t>(std::min<vsi_l_offset>(left, size * count));
+    if (wanted > 0 && !with_retries(name_, [&](RemoteTrouble& t) { return read_once(buffer, wanted, t); })) {
+      failed_ = true;
+      return 0;
+    }
+    end_ = wanted < size * count;
+    at_ += wanted;
+    return wanted / size;
+  }
+  size_t Write(const void*, size_t, size_t) override { return 0; }
+  int Eof() override { return end_; }
+  // Overrides from GDAL 3.10 on, Debian 13's.
+  void ClearErr() { end_ = failed_ = false; }
+  int Error() { return failed_; }
+  int Close() override {
+    handle_.reset();
+    return 0;
+  }
+
+ private:
+  bool read_once(void* buffer, size_t wanted, RemoteTrouble& trouble) {
+    if (!handle_ && !open_again(trouble)) return false;
+    size_t done = 0;
+    if (handle_->Seek(at_, SEEK_SET) == 0) done = handle_->Read(buffer, 1, wanted);
+    if (done == wanted) return true;
+    explain(trouble);
+    trouble.gone = false;  // which only open_again() can tell
+    if (trouble.what.empty() || done > 0) trouble.what = "can't be read from its server: its answer was cut short";
+    handle_.reset();
+    return false;
+  }
+
+  bool open_again(RemoteTrouble& trouble) {
+    VSIStatBufL state;
+    if (!stat_once(*behind_, name_, &state, trouble)) return false;
+    if (static_cast<vsi_l_offset>(state.st_size) != bytes_ || state.st_mtime != modified_s_) {
+      trouble.gone = true;
+      trouble.what = "has changed on its server while it was read";
+      return false;
+    }
+    handle_.reset(behind_->Open(name_.c_str(), "rb", true, nullptr));
+    if (!handle_) explain(trouble);
+    return handle_ != nullptr;
+  }
+
+  VSIFilesystemHandler* behind_;
+  std::string name_;
+  vsi_l_offset bytes_, at_ = 0;
+  std::int64_t modified_s_;
+  HandlePtr handle_;
+  bool end_ = false, failed_ = false;
+};
+
+// Stands before a file system of GDAL's and lets through what is allowed, for reading.
+class Gate final : public VSIFilesystemHandler {
+ public:
+  explicit Gate(VSIFilesystemHandler* behind) : behind_(behind) {}
+
+  using VSIFilesystemHandler::Open;
+  VSIVirtualHandle* Open(const char* name, const char* access, bool, CSLConstList options) override {
+    if (!is_allowed(name) || access[0] != 'r' || std::strchr(access, '+')) {
+      errno = EACCES;
+      return nullptr;
+    }
+    HandlePtr handle;
+    VSIStatBufL state;
+    const bool open = with_retries(name, [&](RemoteTrouble& trouble) {
+      if (!stat_once(*behind_, name, &state, trouble)) return false;
+      handle.reset(behind_->Open(name, access, true, options));
+      if (!handle) explain(trouble);
+      return handle != nullptr;
+    });
+    if (!open) return nullptr;
+    return new RemoteFile(behind_, name, static_cast<vsi_l_offset>(state.st_size), state.st_mtime, std::move(handle));
+  }
+  int Stat(const char* name, VSIStatBufL* state, int) override {
+    if (is_allowed(name))
+      return with_retries(name, [&](RemoteTrouble& t) { return stat_once(*behind_, name, state, t); }) ? 0 : -1;
+    errno = EACCES;
+    return -1;
+  }
+  // What lies beside a file is not asked for: a server's listing of its folder, or one request for each name that might
+  // be there.
+  char** SiblingFiles(const char* name) override { return CSLAddString(nullptr, CPLGetFilename(name)); }
+
+ private:
+  VSIFilesystemHandler* behind_;  // GDAL's own, for the life of the process
+};
+
+// GDAL's defaults wait for ever. The environment has the last word.
+void set_default(const char* option, const char* value) {
+  if (!CPLGetConfigOption(option, nullptr)) CPLSetConfigOption(option, value);
+}
+
+}  // namespace
+
+const std::optional<RemoteTrouble>& remote_trouble() { return trouble_of_this_thread(); }
+
+void forget_remote_trouble() { trouble_of_this_thread().reset(); }
+
+void throw_remote_trouble() {
+  const std::optional<RemoteTrouble>& trouble = remote_trouble();
+  if (!trouble) return;
+  if (trouble->gone) throw DataError(trouble->file, trouble->what);
+  throw SystemFault(trouble->file, EREMOTEIO, trouble->what);
+}
+
+// All but memory, which GDAL itself works with. Handlers are never removed: GDAL's manager has no way to.
+void shut_file_systems() {
+  set_default("GDAL_HTTP_CONNECTTIMEOUT", "10");
+  set_default("GDAL_HTTP_TIMEOUT", "60");
+  set_default("GDAL_HTTP_LOW_SPEED_TIME", "10");  // below LOW_SPEED_LIMIT bytes/s
+  set_default("GDAL_HTTP_LOW_SPEED_LIMIT", "100");
+  // Neither a failed answer nor an older file's bytes are remembered beyond the handle that met them.
+  CPLSetConfigOption("CPL_VSIL_CURL_NON_CACHED", "/vsi");
+  char** prefixes = VSIGetFileSystemsPrefixes();
+  for (char** p = prefixes; p && *p; ++p)  // NOLINT(clang-analyzer-cplusplus.NewDeleteLeaks): the manager keeps them
+    if (std::string_view(*p) != "/vsimem/")
+      VSIFileManager::InstallHandler(*p, new Gate(VSIFileManager::GetHandler(*p)));  // NOLINT: as GDAL does
+  CSLDestroy(prefixes);
+}
+
+}  // namespace selenograph::dem

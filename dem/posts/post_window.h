@@ -1,0 +1,40 @@
+// Windows of the lattice, and the posts in them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "dem/grid/block.h"
+#include "dem/posts/source_rows.h"
+#include "dem/support/uninitialised.h"
+
+namespace selenograph::dem {
+
+// A window of posts: rows of latitude ticks lat0 + r * lat_step, columns of longitude ticks lon0 + c * lon_step. It may
+// reach past a pole (rows continue on the opposite meridian) and around the globe.
+struct PostWindow {
+  std::int64_t lat0 = 0, lon0 = 0;
+  std::int32_t lat_step = 1, lon_step = 1;
+  int rows = 0, cols = 0;
+  std::size_t size() const { return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols); }
+};
+
+struct Posts {
+  std::vector<float> heights;           // m, NaN: no data
+  std::vector<SourceMark> sources;      // as in Block::sources
+  std::vector<SourceIndex> replaced{};  // unusable files that the next coarser layer replaced; ascending
+};
+
+// A grid of posts too large for a mark each.
+struct PostGridRows {
+  UninitialisedVector<float> heights;  // as in Posts
+  SourceRows sources;
+  std::vector<SourceIndex> replaced{};
+};
+
+// No-data is interpolated when valid posts lie on two opposite sides within this many posts: 240 m at SLDEM2013's
+// 4096 px/deg, which closes what stereo matching loses in small shadows and leaves real gaps as gaps.
+inline constexpr int kFillReach = 32;
+
+}  // namespace selenograph::dem

@@ -1,0 +1,28 @@
+// A block of the posts themselves, from their files: as the base of a chunk has them.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "dem/grid/block.h"
+#include "dem/posts/post_source.h"
+#include "dem/support/stop_token.h"
+
+namespace selenograph::dem {
+
+// The longitude step of a level's grid: that of the chunk's rows nearest the equator, the finest that any block of it
+// needs.
+std::int32_t grid_lon_step(const BlockId& node, int level);
+
+struct PostsOfBlock {
+  std::vector<float> heights;       // (quads + 1 + 2 kHalo)^2
+  std::vector<SourceMark> sources;  // (quads + 1)^2, by the catalogue's numbers
+  std::vector<SourceIndex> replaced;
+};
+// `node`: of the chunk.
+PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, const StopToken& stop);
+// Of the first `files` of the catalogue alone.
+PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, int files,
+                           const StopToken& stop);
+
+}  // namespace selenograph::dem

@@ -1,0 +1,215 @@
+#include "dem/terrain/chunk_plans.h"
+
+#include <xxhash.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <string>
+
+#include "dem/posts/level_borders.h"
+
+namespace selenograph::dem {
+namespace {
+
+// Raised when the same sources give other files: those in cache folders are then built anew.
+constexpr std::uint64_t kFormatVersion = 7;
+
+// How far beyond its border a chunk's content depends on sources, at most, where its posts are up to 8 times as far
+// apart in longitude as in latitude. Finer chunks look beyond their own borders, too.
+constexpr int kWidestShift = 3, kWidest = 1 << kWidestShift;
+double halo_deg(const ChunkPlan& plan) {
+  const double halo = 3 * std::ldexp(1.0, plan.base_level - plan.node.level) + kFillReach;
+  return halo / std::ldexp(1.0, plan.base_level);
+}
+double margin_deg(const ChunkPlan& plan) { return kWidest * halo_deg(plan) + (plan.direct ? 0 : 2); }
+
+// The block of the root level that a block is in, or is.
+BlockId root_of(const BlockId& id) {
+  return id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
+}
+
+}  // namespace
+
+class ChunkPlans::Fingerprint {
+ public:
+  Fingerprint() : state_(XXH3_createState(), XXH3_freeState) { XXH3_64bits_reset(state_.get()); }
+  void add(const auto& value) { XXH3_64bits_update(state_.get(), &value, sizeof value); }
+  void add_text(const std::string& text) { XXH3_64bits_update(state_.get(), text.data(), text.size()); }
+  std::uint64_t digest() const { return XXH3_64bits_digest(state_.get()); }
+
+ private:
+  std::unique_ptr<XXH3_state_t, XXH_errorcode (*)(XXH3_state_t*)> state_;
+};
+
+ChunkPlans::ChunkPlans(const Catalogue& catalogue, const PostSource& source, bool fall_through)
+    : catalogue_(catalogue),
+      source_(source),
+      fall_through_(fall_through),
+      any_on_network_(std::any_of(catalogue.rasters().begin(), catalogue.rasters().end(),
+                                  [](const RasterInfo& info) { return info.on_network; })) {
+  for (int row = 0; row < rows_of(0); ++row)
+    for (int col = 0; col < columns_of(0, row); ++col)
+      if (!files_within(catalogue, {0, row, col}).empty()) roots_.push_back({0, row, col});
+}
+
+ChunkPlan ChunkPlans::plan(const BlockId& node, std::size_t stratum) const {
+  {
+    std::lock_guard lock(mutex_);
+    if (const auto found = plans_.find(node); found != plans_.end()) return found->second;
+  }
+  const ChunkPlan made = make_plan(node, stratum);
+  std::lock_guard lock(mutex_);
+  return plans_.emplace(node, made).first->second;
+}
+
+ChunkPlan ChunkPlans::make_plan(const BlockId& node, std::size_t stratum) const {
+  ChunkPlan plan;
+  plan.node = node;
+  const ChunkLevels levels = source_.borders().levels_of(node, stratum);
+  plan.exists = levels.exists, plan.direct = levels.direct, plan.base_level = levels.base_level;
+  plan.on_network = touches_network(node, halo_deg(plan));
+  plan.fingerprint = fingerprint_of(plan);
+  return plan;
+}
+
+std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
+  Fingerprint f;
+  f.add(kFormatVersion);
+  f.add(plan.node);
+  f.add(plan.base_level);
+  f.add(fall_through_);
+  // Context beyond the border (filter and void filling) comes from the neighbours.
+  for (const int i : around(plan, margin_deg(plan))) {
+    const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(i)];
+    f.add_text(info.path);
+    f.add(info.stamp);
+  }
+  if (!catalogue_.joins().offsets_m.empty() || !catalogue_.one_layer()) add_joins(plan, f);
+  const std::vector<int> layers = files_touching(catalogue_, plan.node, 0);
+  // Between posts of tiles: earlier versions left the gaps between them open.
+  constexpr std::uint64_t kGapsClosed = 1;
+  const auto is_coarser = [&](int i) {
+    const auto& level = catalogue_.rasters()[static_cast<std::size_t>(i)].lattice_level;
+    return level && *level < plan.base_level;
+  };
+  if (std::count_if(layers.begin(), layers.end(), is_coarser) > 1) f.add(kGapsClosed);
+  if (source_.borders().any()) add_borders(plan, f);
+  return f.digest();
+}
+
+// The coarser posts beside a chunk, and a mark where there may be such beside the finer chunks that it is made of.
+void ChunkPlans::add_borders(const ChunkPlan& plan, Fingerprint& f) const {
+  constexpr std::uint64_t kLevelsJoined = 2;  // earlier versions left a wall one post wide
+  if (!plan.direct) f.add(kLevelsJoined);
+  const BlockExtent e = extent_of(plan.node);
+  const auto margin = static_cast<std::int64_t>(margin_deg(plan) * kTicksPerDegree);
+  PostWindow w;
+  w.lat_step = w.lon_step = 1 << (kTickLevel - plan.base_level);
+  w.lat0 = e.lat0 - margin, w.lon0 = e.lon0 - margin;
+  w.rows = static_cast<int>((e.lat1() - e.lat0 + 2 * margin) / w.lat_step) + 1;
+  w.cols = static_cast<int>((e.lon1() - e.lon0 + 2 * margin) / w.lon_step) + 1;
+  for (const LevelBorder& b : source_.borders().near(w))
+    for (const std::int64_t number : {std::int64_t{b.along_parallel}, b.at, b.from, b.to, std::int64_t{b.level}})
+      f.add(number);
+}
+
+// What a chunk in which layers meet, or have an offset, depends on besides: their bands, and what lies in them. A chunk
+// in which none do depends on nothing of it.
+void ChunkPlans::add_joins(const ChunkPlan& plan, Fingerprint& f) const {
+  const double margin = margin_deg(plan);
+  double band_deg = 0;
+  for (const int i : around(plan, margin)) {
+    const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(i)];
+    const double offset_m = catalogue_.offset_m(i), band_posts = source_.edges().band_posts(i);
+    if (offset_m == 0 && band_posts == 0) continue;
+    f.add_text(info.path);
+    f.add(offset_m), f.add(band_posts);
+    band_deg = std::max(band_deg, band_posts / info.posts_per_degree);
+  }
+  if (band_deg == 0) return;
+  for (const int i : around(plan, margin + kWidest * band_deg)) {
+    const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(i)];
+    f.add_text(info.path);
+    f.add(info.stamp);
+    if (const double offset_m = catalogue_.offset_m(i); offset_m != 0) f.add(offset_m);
+  }
+}
+
+// Those no farther from a chunk than a margin, which is of more longitude next to a pole.
+std::vector<int> ChunkPlans::around(const ChunkPlan& plan, double margin) const {
+  const BlockExtent e = extent_of(plan.node);
+  const double poleward_deg = std::max(-lat_deg_of(e.lat0), lat_deg_of(e.lat1())) + margin;
+  const BlockId nearest =
+      block_at(plan.base_level, static_cast<std::int32_t>((90 + std::min(90.0, poleward_deg)) * kTicksPerDegree), 0);
+  const int more = std::max(0, lon_shift(plan.base_level, nearest.row) - kWidestShift);
+  const double beside_deg = std::ldexp(margin, more) - margin;
+  return catalogue_.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), lon_deg_of(e.lon0) - beside_deg,
+                             lon_deg_of(e.lon1()) + beside_deg, margin);
+}
+
+// Whether a file that lies within a block and so far around it, in degrees of latitude, is on a network.
+bool ChunkPlans::touches_network(const BlockId& id, double around_deg) const {
+  if (!any_on_network_) return false;
+  const BlockExtent e = extent_of(id);
+  const std::vector<int> files = files_touching(catalogue_, id, around_deg * e.lon_step / e.lat_step);
+  return std::any_of(files.begin(), files.end(),
+                     [&](int i) { return catalogue_.rasters()[static_cast<std::size_t>(i)].on_network; });
+}
+
+bool ChunkPlans::reads_network(const BlockId& id) const {
+  if (!any_on_network_) return false;
+  const ChunkPlan found = plan_for(id);
+  return found.direct && id.level >= found.base_level &&
+         touches_network(id, kFillReach / std::ldexp(1.0, found.base_level));
+}
+
+ChunkPlan ChunkPlans::plan_for(const BlockId& id) const {
+  for (std::size_t stratum = 0;; ++stratum) {
+    const BlockId node = id.level <= kRootLevel ? root_of(id) : ancestor_of(id, kStrata[stratum]);
+    const ChunkPlan found = plan(node, stratum);
+    if (found.direct || id.level <= found.finest_level()) return found;
+  }
+}
+
+bool ChunkPlans::has_data(const BlockId& id) const {
+  // At the root level and above it a block is its root's area: the plan knows.
+  return plan(root_of(id), 0).exists && (id.level <= kRootLevel || !files_within(catalogue_, id).empty());
+}
+
+int ChunkPlans::posts_level(const BlockId& id) const { return posts_level(root_of(id), 0, id); }
+
+int ChunkPlans::posts_level(const BlockId& node, std::size_t stratum, const BlockId& id) const {
+  const ChunkPlan here = plan(node, stratum);
+  if (!here.exists) return 0;
+  if (here.direct) return here.base_level;
+  if (id.level >= kStrata[stratum + 1]) return posts_level(ancestor_of(id, kStrata[stratum + 1]), stratum + 1, id);
+  int needed = 0;
+  for (const int i : files_touching(catalogue_, id, 0))
+    needed = std::max(needed, level_needed(catalogue_.rasters()[static_cast<std::size_t>(i)]));
+  return std::max(needed, here.base_level);
+}
+
+std::vector<ChunkPlan> ChunkPlans::all() const {
+  std::vector<ChunkPlan> found;
+  for (const BlockId& root : roots_) add_with_finer(root_of(root), 0, found);
+  return found;
+}
+
+void ChunkPlans::add_with_finer(const BlockId& node, std::size_t stratum, std::vector<ChunkPlan>& found) const {
+  const ChunkPlan here = plan(node, stratum);
+  if (!here.exists) return;
+  if (!here.direct) {
+    std::vector<BlockId> level{node};
+    while (level[0].level < here.base_level) {
+      std::vector<BlockId> next;
+      for (const BlockId& id : level)
+        for (const BlockId& child : children_of(id)) next.push_back(child);
+      level = std::move(next);
+    }
+    for (const BlockId& child : level) add_with_finer(child, stratum + 1, found);
+  }
+  found.push_back(here);
+}
+
+}  // namespace selenograph::dem

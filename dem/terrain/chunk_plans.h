@@ -1,0 +1,61 @@
+// Which chunks the pyramid of a catalogue has, which of them holds a block, and what each depends on.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <mutex>
+#include <unordered_map>
+#include <vector>
+
+#include "dem/catalogue/catalogue.h"
+#include "dem/grid/lattice.h"
+#include "dem/posts/post_source.h"
+#include "dem/pyramid/chunk_plan.h"
+
+namespace selenograph::dem {
+
+// Safe to call concurrently.
+class ChunkPlans {
+ public:
+  // Both outlive it. `fall_through` as in TerrainOptions.
+  ChunkPlans(const Catalogue& catalogue, const PostSource& source, bool fall_through);
+
+  // The chunk that holds a block; where the block is finer than the posts, the one that holds its finest ancestor.
+  ChunkPlan plan_for(const BlockId& id) const;
+  // Whether a source comes near a block.
+  bool has_data(const BlockId& id) const;
+  // The finest level of the posts in a block.
+  int posts_level(const BlockId& id) const;
+
+  // Whether any file is on a network, and whether loading a block reads posts there.
+  bool any_on_network() const { return any_on_network_; }
+  bool reads_network(const BlockId& id) const;
+
+  // The blocks of level 0 that have data.
+  const std::vector<BlockId>& roots() const { return roots_; }
+  // All chunks, each after the finer ones that it is made of.
+  std::vector<ChunkPlan> all() const;
+
+ private:
+  // `node`: of level kStrata[stratum].
+  ChunkPlan plan(const BlockId& node, std::size_t stratum) const;
+  ChunkPlan make_plan(const BlockId& node, std::size_t stratum) const;
+  std::uint64_t fingerprint_of(const ChunkPlan& plan) const;
+  int posts_level(const BlockId& node, std::size_t stratum, const BlockId& id) const;
+  bool touches_network(const BlockId& id, double around_deg) const;
+  std::vector<int> around(const ChunkPlan& plan, double margin) const;
+  void add_with_finer(const BlockId& node, std::size_t stratum, std::vector<ChunkPlan>& found) const;
+
+  class Fingerprint;
+  void add_joins(const ChunkPlan& plan, Fingerprint& fingerprint) const;
+  void add_borders(const ChunkPlan& plan, Fingerprint& fingerprint) const;
+
+  const Catalogue& catalogue_;
+  const PostSource& source_;
+  bool fall_through_, any_on_network_;
+  std::vector<BlockId> roots_;
+  mutable std::mutex mutex_;
+  mutable std::unordered_map<BlockId, ChunkPlan, BlockIdHash> plans_;
+};
+
+}  // namespace selenograph::dem

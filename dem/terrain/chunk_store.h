@@ -1,0 +1,79 @@
+// Chunks of the pyramid: in memory, in the cache folder, or built.
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <unordered_set>
+
+#include "dem/posts/post_source.h"
+#include "dem/pyramid/chunk.h"
+#include "dem/support/cache.h"
+#include "dem/terrain/build_queue.h"
+#include "dem/terrain/chunk_plans.h"
+#include "dem/terrain/chunk_writer.h"
+#include "dem/terrain/terrain.h"
+#include "dem/terrain/trouble_log.h"
+
+namespace selenograph::dem {
+
+// Safe to call concurrently.
+class ChunkStore {
+ public:
+  // All outlive it. `bytes`: of memory for chunks.
+  ChunkStore(const Catalogue& catalogue, const PostSource& source, const ChunkPlans& plans, TroubleLog& trouble,
+             const TerrainOptions& options, std::size_t bytes);
+
+  // Once, before all else: removes what was left unfinished in the cache folder, and sees whether it can be written.
+  void open_folder();
+
+  // Waits for what has to be built. Throws as Terrain does.
+  std::shared_ptr<const Chunk> get(const ChunkPlan& plan, const StopToken& stop);
+  // A block that its chunk holds.
+  std::shared_ptr<const Block> load(const BlockId& id, const ChunkPlan& plan, const StopToken& stop);
+  // Whether it is in memory or in the cache folder.
+  bool has(const ChunkPlan& plan) const;
+
+  // Whoever waits for a build throws Cancelled, and nothing is built any more. Returns at once.
+  void stop_building() { builds_.stop(); }
+  void wait_until_written() { writer_.wait_until_done(); }
+
+  // Whether any chunk lacks an unusable file.
+  bool has_replacements() const { return replacements_; }
+  // Of chunks alone, without hits and misses.
+  CacheStatistics statistics() const;
+
+ private:
+  std::string path_of(const ChunkPlan& plan) const;
+  std::shared_ptr<const Chunk> kept(const ChunkPlan& plan);
+  BuildQueue::Turn take_turn(BuildQueue::Work& work, const StopToken& stop);
+  std::optional<ChunkPlan> collect_finer(BuildQueue::Work& work, const StopToken& stop);
+  bool take_finer(BuildQueue::Work& work, const ChunkPlan& from, const BlockId& id, const StopToken& stop);
+  std::shared_ptr<const Chunk> build(const ChunkPlan& plan, const Chunk::Finer& finer, const StopToken& stop);
+  void write(const ChunkWriter::Job& job);
+  std::shared_ptr<const Block> block_of(const Chunk& chunk, const ChunkPlan& plan, const BlockId& id,
+                                        const StopToken& stop) const;
+  void reject(const ChunkPlan& plan, const Chunk& opened, const DataError& why);
+  void distrust(const BlockId& node);
+  bool is_distrusted(const BlockId& node) const;
+
+  const Catalogue& catalogue_;
+  const PostSource& source_;
+  const ChunkPlans& plans_;
+  TroubleLog& trouble_;
+  const std::string cache_dir_;
+  Cache<BlockId, Chunk, BlockIdHash> chunks_;
+  std::atomic<std::uint64_t> chunks_built_{0}, chunks_read_{0}, chunks_rejected_{0};
+  std::atomic<bool> replacements_{false};
+  mutable std::mutex mutex_;
+  // Nodes whose file is damaged and can't be removed, or may not be read.
+  std::unordered_set<BlockId, BlockIdHash> distrusted_;
+  Chunk::Scratch scratch_;  // of the thread that builds what is on this machine
+  ChunkWriter writer_;
+  BuildQueue builds_;  // the last: its thread uses all of the above
+};
+
+}  // namespace selenograph::dem

@@ -1,0 +1,160 @@
+#include "dem/terrain/pyramid_terrain.h"
+
+#include <algorithm>
+#include <atomic>
+#include <mutex>
+#include <unordered_map>
+#include <utility>
+
+#include "dem/support/error.h"
+#include "dem/support/parallel.h"
+#include "dem/support/wait_clock.h"
+#include "dem/terrain/chunk_plans.h"
+#include "dem/terrain/chunk_store.h"
+#include "dem/terrain/height_survey.h"
+#include "dem/terrain/subdivided.h"
+#include "dem/terrain/trouble_log.h"
+
+namespace selenograph::dem {
+
+struct PyramidTerrain::Impl {
+  Impl(Catalogue c, const TerrainOptions& options)
+      : catalogue(std::move(c)),
+        trouble(options.log, options.cache_dir),
+        source(catalogue, options.fall_through,
+               [this](const std::string& file, const std::string& text) { trouble.warn(file, text); }),
+        plans(catalogue, source, options.fall_through),
+        blocks(options.cache_bytes / 4 * 3),
+        store(catalogue, source, plans, trouble, options, options.cache_bytes / 4) {
+    // What a file that can't even be catalogued holds, and where, is unknown: any answer may lack it.
+    for (const CatalogueProblem& problem : catalogue.problems()) {
+      if (problem.located || problem.unrelated) continue;
+      if (!options.fall_through) throw DataError(problem.path, problem.what);
+      trouble.warn(problem.path, problem.path + ": " + problem.what);
+    }
+    store.open_folder();
+  }
+
+  std::shared_ptr<const Block> load_once(const PyramidTerrain& terrain, const BlockId& id, const ChunkPlan& plan,
+                                         const StopToken& stop) {
+    return blocks.get(
+        id,
+        [&] {
+          std::shared_ptr<const Block> made =
+              id.level > plan.finest_level() ? finer_than_posts(terrain, id, plan, stop) : store.load(id, plan, stop);
+          const std::size_t bytes = made ? made->bytes() : sizeof(Block);
+          return BlockCache::Loaded{std::move(made), bytes};
+        },
+        stop);
+  }
+
+  std::shared_ptr<const Block> finer_than_posts(const PyramidTerrain& terrain, const BlockId& id, const ChunkPlan& plan,
+                                                const StopToken& stop) {
+    const auto posts = terrain.block(ancestor_of(id, plan.base_level), stop);
+    return posts ? subdivided(*posts, id) : nullptr;
+  }
+
+  std::optional<HeightRange> surveyed(const BlockId& id, const StopToken& stop) {
+    {
+      const std::lock_guard lock(mutex);
+      if (const auto known = surveys.find(id); known != surveys.end()) return known->second;
+    }
+    const Waiting waiting(stop.waits(), &Waits::pyramid);
+    const std::optional<HeightRange> range = survey_heights(catalogue, source, id, stop);
+    const std::lock_guard lock(mutex);
+    if (surveys.size() >= kMostSurveys) surveys.clear();
+    surveys[id] = range;
+    return range;
+  }
+
+  Catalogue catalogue;
+  TroubleLog trouble;
+  PostSource source;
+  ChunkPlans plans;
+  BlockCache blocks;
+  std::atomic<int> details{0};  // terrains with detail that there were
+  std::mutex mutex;
+  static constexpr std::size_t kMostSurveys = 4096;
+  std::unordered_map<BlockId, std::optional<HeightRange>, BlockIdHash> surveys;
+  ChunkStore store;  // the last: its threads use all of the above
+};
+
+PyramidTerrain::PyramidTerrain(Catalogue catalogue, const TerrainOptions& options)
+    : impl_(std::make_unique<Impl>(std::move(catalogue), options)) {}
+PyramidTerrain::~PyramidTerrain() = default;
+
+const Catalogue& PyramidTerrain::catalogue() const { return impl_->catalogue; }
+const PostSource& PyramidTerrain::post_source() const { return impl_->source; }
+const std::vector<BlockId>& PyramidTerrain::roots() const { return impl_->plans.roots(); }
+bool PyramidTerrain::has_data(const BlockId& id) const { return impl_->plans.has_data(id); }
+int PyramidTerrain::posts_level(const BlockId& id) const { return impl_->plans.posts_level(id); }
+bool PyramidTerrain::node_is_cheap(const BlockId& id) const { return impl_->plans.plan_for(id).direct; }
+
+NodeInfo PyramidTerrain::node(const BlockId& id, const StopToken& stop) const {
+  const ChunkPlan plan = impl_->plans.plan_for(id);
+  if (!plan.exists) return {};
+  const bool beyond = id.level > plan.finest_level();
+  const auto chunk = impl_->store.get(plan, stop);
+  const Chunk::Record* record = chunk->find(beyond ? ancestor_of(id, plan.finest_level()) : id);
+  if (!record) throw DataError("pyramid " + to_string(plan.node), "block " + to_string(id) + " is missing");
+  return {beyond ? 0.0 : record->error_m, record->min_m, record->max_m, (record->flags & Chunk::Record::kEmpty) != 0,
+          chunk->replaced()};
+}
+
+std::optional<HeightRange> PyramidTerrain::heights_without_building(const BlockId& id, const StopToken& stop) const {
+  const ChunkPlan plan = impl_->plans.plan_for(id);
+  if (!plan.exists || !plan.direct || impl_->store.has(plan)) return std::nullopt;
+  return impl_->surveyed(id, stop);
+}
+
+bool PyramidTerrain::waits_for_network(const BlockId& id) const {
+  return impl_->plans.any_on_network() && !impl_->blocks.holds(id) && impl_->plans.reads_network(id);
+}
+
+std::shared_ptr<const Block> PyramidTerrain::block(const BlockId& id, const StopToken& stop) const {
+  const ChunkPlan found = impl_->plans.plan_for(id);
+  if (!found.exists) return nullptr;
+  if (const auto here = impl_->blocks.find(id)) return *here;
+  // A pyramid that is to be built is waited for out here: that may take seconds, and the arena's places are few.
+  const std::shared_ptr<const Chunk> ready = impl_->store.get(found, stop);
+  // Loading has loops. Loops' bodies wait for blocks that others load, too, and keep their places in the arena: who
+  // would begin to load and then wait for a place there could wait for those who wait for it.
+  std::shared_ptr<const Block> block;
+  const auto load = [&] { block = impl_->load_once(*this, id, found, stop); };
+  if (waits_for_network(id))
+    on_own_threads(kNetworkReaders, load);
+  else
+    where_loops_run(load);
+  return block;
+}
+
+bool PyramidTerrain::has_replacements() const { return impl_->store.has_replacements(); }
+
+BlockCache& PyramidTerrain::blocks() const { return impl_->blocks; }
+int PyramidTerrain::new_detail_number() const { return ++impl_->details; }
+
+void PyramidTerrain::keep_less(std::size_t bytes) const { impl_->blocks.reserve(bytes); }
+void PyramidTerrain::stop_building() const { impl_->store.stop_building(); }
+std::vector<std::string> PyramidTerrain::warnings() const { return impl_->trouble.warnings(); }
+std::string PyramidTerrain::cache_trouble() const { return impl_->trouble.cache_trouble(); }
+
+CacheStatistics PyramidTerrain::statistics() const {
+  const BlockCache& blocks = impl_->blocks;
+  CacheStatistics s = impl_->store.statistics();
+  s.bytes += blocks.bytes(), s.capacity_bytes += blocks.capacity();
+  s.hits = blocks.hits(), s.misses = blocks.misses(), s.evictions += blocks.evictions();
+  return s;
+}
+
+void PyramidTerrain::ingest(const Progress& progress) const {
+  const std::vector<ChunkPlan> chunks = impl_->plans.all();
+  for (std::size_t i = 0; i < chunks.size(); ++i) {
+    impl_->store.get(chunks[i], {});
+    if (!progress(i + 1, chunks.size(), to_string(chunks[i].node))) break;
+  }
+  wait_until_written();
+}
+
+void PyramidTerrain::wait_until_written() const { impl_->store.wait_until_written(); }
+
+}  // namespace selenograph::dem
