@@ -5,15 +5,13 @@ Python's standard library only.
 """
 
 import csv
-import io
 import json
 import os
 import re
 import unittest
-import zipfile
 
 import harness
-from harness import WithService, frame_request, run
+from harness import WithService, frame_request, meta_of, run
 
 
 def setUpModule():
@@ -27,11 +25,6 @@ def tearDownModule():
 
 def with_accuracy(**accuracy):
     return frame_request(["radiance"], accuracy=accuracy)
-
-
-def meta_of(body):
-    with zipfile.ZipFile(io.BytesIO(body)) as archive:
-        return json.loads(archive.read("meta.json"))
 
 
 class Budgets(WithService):

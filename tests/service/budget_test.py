@@ -4,7 +4,6 @@ import json
 import socket
 import threading
 import time
-import unittest
 
 import harness
 from harness import Service, WithService, frame_request, sample

@@ -543,8 +543,7 @@ class Ros(Adapter):
                           PYTHONPATH=os.pathsep.join([os.path.join(CLIENTS, "python"), os.environ.get("PYTHONPATH", "")]))
         master = self.start(ROSMASTER, "--core", "-p", str(port))
         self.wait_for_port(port, master)
-        with open(harness.path("ros-request.json"), "w") as file:
-            json.dump(dict(self.request, sun=SUN), file)
+        harness.write("ros-request.json", dict(self.request, sun=SUN))
         node = self.start(sys.executable, os.path.join(CLIENTS, "ros", "selenograph_node.py"), f"_url:={self.url()}",
                           "_request:=" + harness.path("ros-request.json"), "pose:=truth")
         import geometry_msgs.msg

@@ -8,7 +8,6 @@ import math
 import os
 import shutil
 import time
-import unittest
 
 import numpy as np
 
@@ -48,8 +47,7 @@ def setUpModule():
     os.makedirs(harness.path("assets", "details"))
     shutil.copy(os.path.join(harness.REPOSITORY, "deploy", "assets", "details", "landing.json"), harness.path("assets", "details"))
     for name, preset in PRESETS.items():
-        with open(harness.path("assets", "details", name + ".json"), "w") as file:
-            json.dump(preset, file)
+        harness.write(os.path.join("assets", "details", name + ".json"), preset)
 
 
 def tearDownModule():
@@ -125,8 +123,8 @@ class Rocks(WithFeatures):
         request.update(detail="rocky", pose={"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": ground + height},
                                              "nadir": {"up_azimuth_deg": 0}},
                        camera={"width": 256, "height": 256, "fov_deg": 50})
-        archive = np.load(io.BytesIO(self.ok(self.service.frame(request, "application/x-npz"), "application/x-npz")))
-        meta = json.loads(archive["meta.json"])
+        archive = self.service.arrays(request)
+        meta = archive["meta"]
         seen = archive["detail"] == 3
         rocks = self.answer("rocky", square(LAT, LON, 90), kind="rocks")["rocks"]
         centres = np.array([self.position(r) for r in rocks])
@@ -153,7 +151,7 @@ class Rocks(WithFeatures):
         request.update(detail="rocky", sun=sun, camera={"width": 128, "height": 128, "fov_deg": 50},
                        pose={"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": ground + 40},
                              "nadir": {"up_azimuth_deg": 0}})
-        archive = np.load(io.BytesIO(self.ok(self.service.frame(request, "application/x-npz"), "application/x-npz")))
+        archive = self.service.arrays(request)
         stone = (archive["detail"] == 3).ravel()
         places, lit = archive["position"].reshape(-1, 3), archive["lit"].ravel()
         known = {r["id"] for r in self.answer("rocky", square(LAT, LON, 90), kind="rocks")["rocks"]}
@@ -417,18 +415,13 @@ class CommandLine(WithFeatures):
         return run("features", "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"), "--assets-dir",
                    harness.path("assets"), *options)
 
-    def write(self, name, document):
-        with open(harness.path(name), "w") as file:
-            json.dump(document, file)
-        return harness.path(name)
-
     def test_csv(self):
         box = square(LAT, LON, 3000)
         expected = self.service.post("/v1/features", {"detail": "large", "region": box, "smallest_m": 20}, "text/csv")[2].decode()
         sides = [repr(box[side]) for side in ("south_deg", "north_deg", "west_deg", "east_deg")]
         done = self.features("--detail", "large", "--region", *sides, "--smallest-m", "20")
         self.assertEqual((done.returncode, done.stdout), (0, expected), done.stderr)
-        request = self.write("region.json", {"detail": "large", "region": box, "smallest_m": 20})
+        request = harness.write("region.json", {"detail": "large", "region": box, "smallest_m": 20})
         done = self.features(request, "-o", harness.path("craters.csv"))
         self.assertEqual(done.returncode, 0, done.stderr)
         with open(harness.path("craters.csv"), newline="") as file:
@@ -436,17 +429,17 @@ class CommandLine(WithFeatures):
         self.assertIn(f"{len(expected.splitlines()) - 1} craters", done.stdout)
 
     def test_refusals(self):
-        request = self.write("wrong.json", {"detail": "nowhere", "region": square(LAT, LON, 1000)})
+        request = harness.write("wrong.json", {"detail": "nowhere", "region": square(LAT, LON, 1000)})
         for options, words in (((), "is needed"), (("--detail", "large"), "--region"), ((request,), "/detail"),
                                ((request, "--detail", "large"), "REQUEST.json"), (("--coco", "x.json"), "--frame"),
-                               (("--coco", harness.path("x.json"), "--frame", self.write("plain.json", frame_request())), "/detail")):
+                               (("--coco", harness.path("x.json"), "--frame", harness.write("plain.json", frame_request())), "/detail")):
             done = self.features(*options)
             self.assertNotEqual(done.returncode, 0, options)
             self.assertIn(words, done.stderr, options)
         self.assertFalse(os.path.exists(harness.path("x.json")))
 
     def coco(self, request, *options):
-        done = self.features("--frame", self.write("frame.json", request), "--coco", harness.path("coco.json"), *options)
+        done = self.features("--frame", harness.write("frame.json", request), "--coco", harness.path("coco.json"), *options)
         self.assertEqual(done.returncode, 0, done.stderr)
         with open(harness.path("coco.json")) as file:
             document = json.load(file)
@@ -511,9 +504,7 @@ class CommandLine(WithFeatures):
 
     def check_boxes(self, request, document):
         """Each box holds the pixels whose ground lies within the rim, and they fill it."""
-        status, _, body = self.service.frame(request, "application/x-npz")
-        self.assertEqual(status, 200, body[:500])
-        ground = np.load(io.BytesIO(body))["geodetic"]
+        ground = self.service.arrays(request)["geodetic"]
         rows, columns = ground.shape[:2]
         lat, lon = ground[..., 0], ground[..., 1]
         checked = 0
@@ -575,10 +566,8 @@ class CommandLine(WithFeatures):
         self.assertEqual([c["name"] for c in document["categories"]], ["crater", "rock"])
         rocks = [a for a in document["annotations"] if a["category_id"] == 2]
         self.assertGreater(len(rocks), 20)
-        status, _, body = self.service.frame(request, "application/x-npz")
-        self.assertEqual(status, 200, body[:500])
         masks = np.sum([self.mask_of(a) for a in rocks], axis=0)
-        np.testing.assert_array_equal(masks, np.load(io.BytesIO(body))["detail"] == 3)
+        np.testing.assert_array_equal(masks, self.service.arrays(request)["detail"] == 3)
         listed = {r["id"]: r for r in self.answer("rocky", square(LAT, LON, 90), kind="rocks")["rocks"]}
         for a in rocks:
             rock = listed[a["rock_id"]]

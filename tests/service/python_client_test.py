@@ -193,24 +193,6 @@ class InOrder(WithClient):
         self.assertEqual(list(self.client.frames([])), [])
         self.assertEqual(list(self.client.frames(iter([]))), [])
 
-    def test_content_is_byte_for_byte_that_of_a_frame_alone(self):
-        requests = [request_at(step) for step in range(4)]
-        for i, answer in enumerate(self.client._in_order(requests, 2, 4,
-                                                         lambda r: self.client.encoded(r, "application/x-npz"))):
-            self.assertEqual(answer.content, SERVICE.frame(requests[i], "application/x-npz")[2])
-
-    def test_a_closed_loop_with_one_in_flight(self):
-        seen = []
-
-        def requests():
-            for step in range(5):
-                self.assertEqual(len(seen), step, "the frame before must have been handed out")
-                yield request_at(step)
-
-        for frame in self.client.frames(requests(), in_flight=1):
-            seen.append(frame)
-        self.all_right(seen, 5)
-
     def test_a_closed_loop_by_a_queue(self):
         waiting = queue.Queue()
         waiting.put(request_at(0))
@@ -383,11 +365,6 @@ class Points(WithClient):
             self.client.heights(lat, 40.0)
         self.assertEqual(caught.exception.pointers, [f"/points/{selenograph.POINTS_AT_ONCE + 3}/lat_deg"])
         self.assertEqual(self.client.heights([], []).shape, (0,))
-
-    def test_datasets(self):
-        catalogue = self.client.datasets()
-        self.assertEqual(len(catalogue["datasets"]), 6)
-        self.assertEqual(catalogue["problems"], [])
 
 
 class Maps(WithClient):
@@ -725,16 +702,6 @@ class Mishaps(unittest.TestCase):
             with self.asking(*[frame] * 8) as (client, server):
                 self.assertEqual(len(list(client.frames((request_at(step) for step in range(8)), in_flight, 3))), 8)
             self.assertEqual([json.loads(body).get("ahead") for *_, body in server.seen], [None] * 8)
-
-    def test_maps(self):
-        file = io.BytesIO(npz(radiance=np.zeros((2, 3), np.float32)))
-        with selenograph.zipfile.ZipFile(file, "a") as archive:
-            archive.writestr("meta.json", '{"geotransform": [1, 2, 3, 4, 5, 6], "warnings": []}')
-        with self.asking((200, {"Content-Type": "application/x-npz"}, file.getvalue())) as (client, server):
-            picture = client.map({"map": {"projection": "equirectangular"}})
-        self.assertEqual((server.seen[0][1], server.seen[0][2]["Accept"]), ("/v1/maps", "application/x-npz"))
-        self.assertEqual(picture["radiance"].shape, (2, 3))
-        self.assertEqual(picture.meta["geotransform"], [1, 2, 3, 4, 5, 6])
 
     def test_deflated_and_column_major_members_are_read(self):
         file = io.BytesIO()

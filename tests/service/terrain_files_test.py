@@ -7,7 +7,6 @@ costs time, not answers, and no byte of them; labels that contradict themselves 
 
 import contextlib
 import http.server
-import io
 import json
 import os
 import resource
@@ -16,7 +15,6 @@ import struct
 import threading
 import time
 import unittest
-import zipfile
 import zlib
 
 import harness
@@ -45,11 +43,6 @@ def pyramid(cache):
             state = os.stat(os.path.join(folder, name))
             found[os.path.join(folder, name)] = (state.st_size, state.st_mtime_ns)
     return found
-
-
-def meta_of(body):
-    with zipfile.ZipFile(io.BytesIO(body)) as archive:
-        return archive.read("meta.json").decode()
 
 
 class ColdPyramids(unittest.TestCase):
@@ -211,8 +204,8 @@ class CacheFolder(unittest.TestCase):
     def test_frames_say_nothing_of_this_machine(self):
         for folder in ("cache-full", "cache-sound"):
             shutil.rmtree(harness.path(folder), ignore_errors=True)
-        meta = meta_of(self.sound())
-        self.assertNotIn(harness.path(), meta)
+        meta = harness.meta_of(self.sound())
+        self.assertNotIn(harness.path(), json.dumps(meta))
         # The same with a tile that the layer below replaces.
         damaged = shutil.copytree(harness.path("dem"), harness.path("dem-damaged"))
         service = Service("--on-data-error", "fall-through", cache="cache-replaced", dem="dem-damaged")
@@ -220,10 +213,10 @@ class CacheFolder(unittest.TestCase):
         bodies = [service.frame(frame_request(), "application/x-npz") for _ in range(2)]
         self.assertEqual(bodies[0][2], bodies[1][2])
         self.assertNotIn("ETag", bodies[0][1])
-        meta = meta_of(bodies[0][2])
-        said = [w for w in json.loads(meta)["warnings"] if "places without data" not in w]  # the view's own
+        meta = harness.meta_of(bodies[0][2])
+        said = [w for w in meta["warnings"] if "places without data" not in w]  # the view's own
         self.assertEqual(said, [HIT + ".lbl: can't be used; the layer below stands in for it"])
-        self.assertNotIn(harness.path(), meta)
+        self.assertNotIn(harness.path(), json.dumps(meta))
         self.assertIn(HIT, service.log_text())
         self.assertEqual(service.stop(), 0)
 
@@ -263,7 +256,7 @@ class Labels(unittest.TestCase):
     def test_a_contradictory_corner(self):
         folder = self.edited("dem-corner", [("UPPER_LEFT_LATITUDE                  = ", "UPPER_LEFT_LATITUDE = 4")])
         service = self.assert_named(folder, HIT + ".lbl", "--on-data-error", "fall-through")
-        meta = json.loads(meta_of(service.frame(frame_request(), "application/x-npz")[2]))
+        meta = harness.meta_of(service.frame(frame_request(), "application/x-npz")[2])
         self.assertTrue(any(HIT in w for w in meta["warnings"]))
         self.assertEqual(service.stop(), 0)
 

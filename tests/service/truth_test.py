@@ -1,12 +1,10 @@
 """The same ETag means the same bytes, whatever memory the service has; metadata that no header holds are found."""
 
-import io
 import json
 import unittest
-import zipfile
 
 import harness
-from harness import Service, frame_request, sample
+from harness import Service, frame_request, meta_of, sample
 
 
 def setUpModule():
@@ -25,11 +23,6 @@ def low_sun(number):
               "nadir": {"up_azimuth_deg": 30.0 * number}},
         sun={"local": {"lat_deg": 0.0, "lon_deg": 30.0, "azimuth_deg": 60.0 * number, "elevation_deg": 2.0 + number}},
         accuracy={"max_error_px": 0.5, "max_shadow_error_px": 0.25})
-
-
-def meta_of(body):
-    with zipfile.ZipFile(io.BytesIO(body)) as archive:
-        return json.loads(archive.read("meta.json"))
 
 
 class Truth(unittest.TestCase):

@@ -5,7 +5,6 @@ import copy
 import json
 import os
 import time
-import unittest
 
 import harness
 from harness import PRODUCTS, WithService, frame_request
@@ -51,12 +50,6 @@ class WorkLimitsTest(WithService):
     def setUpClass(cls):
         cls.options = ("--assets-dir", harness.path("assets"), "--mesh-s", "20")
         super().setUpClass()
-
-    def test_an_airy_disc_much_smaller_than_a_pixel_takes_no_time(self):
-        start = time.monotonic()
-        status, _, body = self.service.frame(with_sensor({"model": "airy"}, 0.1, 1e4), "image/png")
-        self.assertEqual(status, 200, body[:300])
-        self.assertLess(time.monotonic() - start, 5)
 
     def test_an_airy_disc_wider_than_its_kernel_is_refused(self):
         problem = self.problem(self.service.frame(with_sensor({"model": "airy"}, 1000.0, 1.0), "image/png"), 422)
@@ -115,8 +108,7 @@ class WorkLimitsTest(WithService):
         return self.service.frame(frame_request(objects=[{**SATELLITE, "mesh": name}]), "application/x-npy", **headers)
 
     def write(self, name, content):
-        with open(harness.path("assets", "objects", name), "wb") as file:
-            file.write(content)
+        harness.write(os.path.join("assets", "objects", name), content)
 
     def test_bad_meshes_are_named(self):
         triangle = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl "
