@@ -192,21 +192,6 @@ class Detail(unittest.TestCase):
         request = {"map": area, "products": ["height"], "accuracy": {"max_error_px": 0}, "detail": preset}
         self.assertAlmostEqual(self.service.arrays(request, "/v1/maps")["height"].mean(), self.detailed, delta=10)
 
-    def test_beyond_its_region_there_is_none(self):
-        # As far as the largest crater and a block of posts reach.
-        places = [(LAT + dlat, LON + dlon) for dlat, dlon in ((0, 0.5), (0.4, 0.3), (-0.5, -0.4), (0, -0.4))]
-        self.assertEqual(self.heights(places, "patch"), self.heights(places))
-        # And far inside it is that of a preset without a region.
-        inside = [(LAT + dlat, LON - 0.025) for dlat in (-0.01, 0.0, 0.013)]
-        np.testing.assert_allclose(self.heights(inside, "patch"), self.heights(inside, "rough"), rtol=0, atol=1e-4)
-        for detail in ("patch", "rough"):
-            box = {"south_deg": LAT - 0.01, "north_deg": LAT + 0.01, "west_deg": LON - 0.01, "east_deg": LON + 0.01}
-            status, _, body = self.service.post("/v1/features", {"detail": detail, "region": box, "smallest_m": 20})
-            self.assertEqual(status, 200, body[:300])
-            beyond = [c for c in json.loads(body)["craters"] if c["lon_deg"] > LON + 0.0005]
-            self.assertEqual(bool(beyond), detail == "rough")
-
-
     def test_a_coarser_frame_is_within_its_bound(self):
         exact, _, _ = self.arrays(self.request(("geodetic",), accuracy={"max_error_px": 0}))
         for error_px in (0.5, 2.0):

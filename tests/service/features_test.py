@@ -247,27 +247,6 @@ class Features(WithFeatures):
         self.assertGreater(deep.sum(), 10)
         self.assertLess(away.min(axis=0)[deep].max(), 1.15)
 
-    def test_two_halves_are_the_whole(self):
-        def by_id(box):
-            return {c["id"]: c for c in self.craters("large", box)}
-        whole = by_id(region(-0.1, 0.1, 29.9, 30.1))
-        self.assertGreater(len(whole), 1000)
-        for halves in ((region(-0.1, 0.013, 29.9, 30.1), region(0.013, 0.1, 29.9, 30.1)),
-                       (region(-0.1, 0.1, 29.9, 30.0477), region(-0.1, 0.1, 30.0477, 30.1))):
-            parts = [by_id(half) for half in halves]
-            self.assertEqual(sum(map(len, parts)), len(whole))
-            self.assertEqual({**parts[0], **parts[1]}, whole)
-        self.assertEqual(by_id(region(-0.1, 0.1, 29.9 - 360 + 360, 30.1)), whole)
-
-    def test_another_service_has_the_same(self):
-        body = {"detail": "large", "region": square(LAT, LON, 3000)}
-        first = self.service.post("/v1/features", body)
-        again = harness.Service(*self.options, "--threads", "1", cache="other")
-        try:
-            self.assertEqual(again.post("/v1/features", body)[2], first[2])
-        finally:
-            again.expect_clean_stop()
-
     def test_csv_is_json(self):
         body = {"detail": "large", "region": square(LAT, LON, 3000)}
         craters = self.ok_json(self.service.post("/v1/features", body, "application/json"))["craters"]

@@ -56,19 +56,6 @@ class Visibility(WithService):
         _, headers, _ = self.service.frame(request, "application/octet-stream")
         self.assertEqual(json.loads(headers["Selenograph-Meta"])["visibility"], "raytrace")
 
-    def test_lens_and_disc(self):
-        request = frame_request(["depth", "lit"], 200, 150)
-        request["camera"]["distortion"] = {"model": "brown_conrady", "k1": -0.2, "p1": 0.01}
-        request["sun"] = {
-            "local": {"lat_deg": 0.1, "lon_deg": 30.1, "azimuth_deg": 90.0, "elevation_deg": 4.0},
-            "angular_radius_deg": 0.27,
-        }
-        rays, drawn = (self.service.arrays(dict(request, visibility=way)) for way in ("raytrace", "zbuffer"))
-        pixels = rays["depth"].size
-        self.assertGreater(np.sum((rays["lit"] > 0) & (rays["lit"] < 1)), 0.002 * pixels, "there is penumbra")
-        self.assertLess(np.sum(np.abs(rays["depth"] - drawn["depth"]) > 0.01), 0.001 * pixels)
-        self.assertLess(np.sum(np.abs(rays["lit"] - drawn["lit"]) > 0.05), 0.001 * pixels)
-
     def test_nothing_else(self):
         self.problem(self.service.frame(frame_request(["radiance"], visibility="quick")), 422, "/visibility")
 

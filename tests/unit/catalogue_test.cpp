@@ -2,7 +2,6 @@
 #include "dem/catalogue/catalogue.h"
 
 #include <gtest/gtest.h>
-#include <stdlib.h>
 
 #include <algorithm>
 #include <cmath>
@@ -36,12 +35,6 @@ std::string tile_label(const std::string& image_pointer, double south, double we
 
 class CatalogueTest : public ::testing::Test {
  protected:
-  CatalogueTest() {
-    std::string name = ::testing::TempDir() + "/catalogue_XXXXXX";
-    folder_ = ::mkdtemp(name.data());
-  }
-  ~CatalogueTest() override { fs::remove_all(folder_); }
-
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
   void put(const std::string& name, const std::string& bytes) const {
     fs::create_directories((folder_ / name).parent_path());
@@ -53,7 +46,8 @@ class CatalogueTest : public ::testing::Test {
     put(stem + data, std::string(128, '\1'));
   }
 
-  fs::path folder_;
+  const test::TemporaryFolder own_;
+  const fs::path folder_ = own_.path();
 };
 
 std::vector<std::string> names(const Catalogue& c) {

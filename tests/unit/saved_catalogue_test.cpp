@@ -15,6 +15,7 @@
 #include "dem/files/folder_files.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "dem/support/error.h"
+#include "tests/support/shared_data.h"
 
 namespace selenograph::dem {
 namespace {
@@ -73,14 +74,11 @@ std::string text_of(const Catalogue& c) {
 class SavedCatalogueTest : public ::testing::Test {
  protected:
   SavedCatalogueTest() {
-    std::string name = ::testing::TempDir() + "/saved_catalogue_XXXXXX";
-    folder_ = ::mkdtemp(name.data());
     fs::create_directory(folder_ / "dem");
     options_.cache_dir = (folder_ / "cache").string();
     options_.log = [this](const std::string& text) { log_.push_back(text); };
     options_.settling = {};
   }
-  ~SavedCatalogueTest() override { fs::remove_all(folder_); }
 
   std::string path(const std::string& name) const { return (folder_ / "dem" / name).string(); }
   // A file whose stamp is another one than before: clocks of file systems step slowly.
@@ -141,7 +139,8 @@ class SavedCatalogueTest : public ::testing::Test {
     return {std::istreambuf_iterator<char>(in), {}};
   }
 
-  fs::path folder_;
+  const test::TemporaryFolder own_;
+  const fs::path folder_ = own_.path();
   CatalogueOptions options_;
   std::vector<std::string> log_;
 };

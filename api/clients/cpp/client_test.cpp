@@ -286,7 +286,7 @@ TEST(Client, TokenPathAndPieces) {
   EXPECT_TRUE(std::isnan(hits[0].lit));
 }
 
-// python_client_test.py has the same.
+// tests/python_client_test.py has the same.
 TEST(Client, RegionOfARequest) {
   for (const auto& [request, region] : std::vector<std::pair<const char*, const char*>>{
            {R"({"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1,"height_m":20000}}})", "22-7"},
