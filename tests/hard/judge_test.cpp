@@ -57,7 +57,7 @@ class JudgeItself : public ::testing::Test {
   std::mt19937_64 random_{1};
 };
 
-TEST_F(JudgeItself, MarchesToWhatBruteForceFinds) {
+TEST_F(JudgeItself, AgreesWithBruteForce) {
   const Judge judge(folder_.path());
   int hits = 0;
   for (int i = 0; i < 3000; ++i) {
@@ -74,7 +74,7 @@ TEST_F(JudgeItself, MarchesToWhatBruteForceFinds) {
 }
 
 // A ray aimed at a post or an edge must not slip between the triangles that meet there.
-TEST_F(JudgeItself, LetsNoRayThroughEdges) {
+TEST_F(JudgeItself, NoRayPassesThroughEdges) {
   const Judge judge(folder_.path());
   std::uniform_int_distribution<int> quad(8, judge.columns() - 10);
   std::uniform_real_distribution<double> along(0, 1), aside(-0.5, 0.5);
@@ -91,7 +91,7 @@ TEST_F(JudgeItself, LetsNoRayThroughEdges) {
   }
 }
 
-TEST(JudgeOfAPlain, HasTheSphereAndItsShadows) {
+TEST(JudgeOfAPlain, MatchesTheClosedForm) {
   TemporaryFolder folder;
   // A plain with one wall of 500 m along a meridian: its shadow under a Sun in the east ends where trigonometry says.
   write_kaguya_tile(folder.path(), 1, 0, 1, 512, [](double, double lon) { return lon == 0.75 ? 500 : 0; });
@@ -116,7 +116,7 @@ TEST(JudgeOfAPlain, HasTheSphereAndItsShadows) {
   }
 }
 
-TEST(JudgeOfAPlain, DoesNotKnowVoids) {
+TEST(JudgeOfAPlain, VoidsAreUndecided) {
   TemporaryFolder folder;
   write_kaguya_tile(
       folder.path(), 1, 0, 1, 64, [](double, double) { return 0; },
@@ -200,7 +200,7 @@ class SampleFrames : public SampleScenery {
   static Look nadir() { return {"sample nadir 20 km", -10.0, 44.0, 20000, 0, 0, 50}; }
 };
 
-TEST_F(SampleFrames, AgreeWithTheJudge) {
+TEST_F(SampleFrames, AgreeWithTheReference) {
   // Low enough for the horizon to lie on the mosaic.
   const double ground = scenery().terrain->height(-10.85, 44.3).height_m;
   judge_views(scenery(), {nadir(),
@@ -208,7 +208,7 @@ TEST_F(SampleFrames, AgreeWithTheJudge) {
                           {"sample limb", -10.85, 44.3, ground + 700, horizon_deg(700), 350, 30}});
 }
 
-TEST_F(SampleFrames, AreFoundWrongWhenTheSurfaceIsMoved) {
+TEST_F(SampleFrames, ReferenceDetectsAMovedSurface) {
   const auto request = request_for(nadir(), 15, 115);
   const engine::Frame frame = scenery().renderer->render(request);
   const Findings raised = judged(Judge(folder(), 0.05), request, frame);
@@ -216,14 +216,14 @@ TEST_F(SampleFrames, AreFoundWrongWhenTheSurfaceIsMoved) {
   EXPECT_GT(raised.unexplained * 10, raised.hits * 9);
 }
 
-TEST_F(SampleFrames, AreFoundWrongUnderAnotherSun) {
+TEST_F(SampleFrames, ReferenceDetectsAnotherSun) {
   const engine::Frame frame = scenery().renderer->render(request_for(nadir(), 15, 115));
   const Findings turned = judged(*scenery().judge, request_for(nadir(), 15, 117), frame);
   EXPECT_GT(turned.wrong * 1000, turned.flags) << "shadows that are 2 degrees off are noticed";
   EXPECT_EQ(turned.off_terrain, 0u);
 }
 
-TEST(HadleyFrames, AgreeWithTheJudge) {
+TEST(HadleyFrames, AgreeWithTheReference) {
   const std::string folder = shared_data("hadley");
   SELENOGRAPH_SKIP_WITHOUT(folder);
   const Scenery scenery(folder);

@@ -85,7 +85,7 @@ TEST_F(TwoWays, AgreeOnTheScenesOfVerifyAccuracy) {
       }
 }
 
-TEST_F(TwoWays, TheJudgeSidesWithTheZBufferAtLeastAsOften) {
+TEST_F(TwoWays, ReferenceConfirmsTheZBufferAtLeastAsOften) {
   Disputes all;
   const Vec3 from = to_cartesian({-10, 44, 20000});
   for (const double elevation : {3.0, 15.0, 45.0})

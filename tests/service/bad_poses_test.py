@@ -94,7 +94,7 @@ def numbers_of(document, path=()):
 
 
 class Numbers(Hard):
-    def test_no_number_anywhere(self):
+    def test_non_numbers_in_every_member(self):
         """NaN, infinities, null and what overflows a double, in the place of every number of a request."""
         self.assertEqual(self.answered(self.service.frame(FULL, "application/x-npz")), 200)
         paths = list(numbers_of(FULL))
@@ -108,7 +108,7 @@ class Numbers(Hard):
                     answer = self.sends(text.replace('"here"', literal))
                     self.problem(answer, status, pointer if status == 422 else None)
 
-    def test_the_ends_of_double_anywhere(self):
+    def test_extreme_doubles_in_every_member(self):
         """Denormals and the largest doubles, of either sign, in the place of every number: a frame, or a pointer."""
         seen = {200: 0, 422: 0}
         for path in numbers_of(FULL):
@@ -235,7 +235,7 @@ class Suns(Hard):
             lit = self.array(document, "lit")
             self.assertTrue(np.all(lit[np.isfinite(lit)] == 0))
 
-    def test_rays_and_projections_take_the_same(self):
+    def test_rays_accept_vectors_of_any_length(self):
         ray = {"origin_m": [1757400.0 * math.cos(math.radians(LON)), 1757400.0 * math.sin(math.radians(LON)), 3000.0],
                "direction": [-math.cos(math.radians(LON)), -math.sin(math.radians(LON)), 0.0]}
         first = self.ok_json(self.service.post("/v1/rays", {"rays": [ray], "sun": {"direction": [1.0, 1.0, 0.0]}}))

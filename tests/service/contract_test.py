@@ -313,7 +313,7 @@ class Geometry(Test):
             self.close([r["normal"] for r in rays], f["normal"].reshape(-1, 3), 1e-5)
             self.assertLessEqual(np.sum(np.array([r["lit"] for r in rays]) != f["lit"].ravel()), 1)
 
-    def test_rays_that_hit_nothing_say_only_that(self):
+    def test_missed_rays_have_no_other_members(self):
         up = up_at(LAT, LON)
         rays = service("sample").rays([up * (RADIUS_M + 5000)] * 2, [up, np.cross(up, [0, 0, 1])])
         self.assertEqual(rays, [{"hit": False}, {"hit": False}])
@@ -518,7 +518,7 @@ class Hadley(Test):
         self.assertGreater(hidden, 50)
         self.assertGreater(shown, 50)
 
-    def test_the_bound_of_a_lander(self):
+    def test_error_bound_near_the_ground(self):
         """Near the ground the finest posts are all there is: the bound must say so, not be a division by nothing."""
         for height in (5000.0, 0.0, -1500.0, -1800.0):
             f = service("hadley").arrays(request(["range", "gsd"], lat=26.1, lon=3.5, height=height, width=64, rows=64))

@@ -185,7 +185,7 @@ class DataErrors(unittest.TestCase):
                 self.assert_fallen_through(service, below if layers == 2 else None)
                 self.assert_alive(service)
 
-    def test_what_was_read_before_is_still_answered(self):
+    def test_cached_answers_remain(self):
         """The pyramid holds what was read; it does not go stale because the tile vanishes later."""
         with self.terrain(1) as folder:
             service = self.start("fail")
@@ -204,7 +204,7 @@ class DataErrors(unittest.TestCase):
             self.assertEqual(service.frame(frame_request())[0], 200)
             self.assert_alive(service)
 
-    def test_what_was_fallen_through_is_not_kept(self):
+    def test_fall_through_is_not_cached(self):
         """The tile comes back as it was and the service starts again: nothing of the layer below may be left in the pyramid."""
         with self.terrain(2) as folder:
             service = self.start("fail")

@@ -130,7 +130,7 @@ class Detail(unittest.TestCase):
         self.assertLess(triangles[0], triangles[1])
         self.assertLess(triangles[1], triangles[2])
 
-    def test_a_frame_shows_it_and_says_so(self):
+    def test_detail_is_in_frame_and_metadata(self):
         plain, _, _ = self.arrays(self.request(("radiance", "gsd", "geodetic"), detail=None))
         arrays, meta, _ = self.arrays(self.request(("radiance", "gsd", "geodetic")))
         self.assertEqual(meta["detail"]["name"], "rough")
@@ -141,7 +141,7 @@ class Detail(unittest.TestCase):
                            3 * plain["radiance"].std() / plain["radiance"].mean())
         self.assertLess(np.abs(arrays["geodetic"][..., 2] - plain["geodetic"][..., 2]).mean(), 5)
 
-    def test_each_pixel_says_what_it_shows(self):
+    def test_detail_product(self):
         dem, crater, relief = 0, 1, 2
         plain, _, _ = self.arrays(self.request(("detail", "geodetic"), detail=None))
         self.assertEqual(set(np.unique(plain["detail"])), {dem})

@@ -115,7 +115,7 @@ class Rocks(WithFeatures):
         self.assertEqual(self.answer("rough", box, kind="rocks")["rocks"], [])
         self.assertEqual(self.answer("stones", square(40, 100, 400), kind="rocks")["rocks"], [])
 
-    def test_they_are_the_frames(self):
+    def test_rocks_are_in_the_frame(self):
         """Every pixel that sees a rock sees one of the list; every rock of some pixels in view is seen."""
         height = 60.0
         ground = self.heights([(LAT, LON)], "rocky")[0]
@@ -217,7 +217,7 @@ class Features(WithFeatures):
         for crater in craters:
             self.assertEqual(more[crater["id"]], crater)
 
-    def test_they_are_the_terrains(self):
+    def test_craters_are_in_the_terrain(self):
         """Floor and highest ring at the listed depth and diameter, of craters that nothing else is near."""
         craters = self.craters("alone", square(LAT, LON, 5000))
         undisturbed = [c for c in craters if c["rim_share"] == 1 and c["depth_m"] > 0.05 * c["diameter_m"]][:8]

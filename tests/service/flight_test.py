@@ -51,7 +51,7 @@ class Flight(harness.WithService):
         self.assertEqual(service.metric("selenograph_prefetched_scenes_wasted_total"), 0)
         self.assertEqual(service.stop(), 0)
 
-    def test_a_camera_in_flight_needs_no_words(self):
+    def test_motion_is_extrapolated(self):
         service = Service(cache="flight")
         for step in range(2):
             self.answer(service, request_at(step))
@@ -67,7 +67,7 @@ class Flight(harness.WithService):
         self.assertEqual(service.metric("selenograph_prefetched_scenes_total"), 0)
         self.assertEqual(service.stop(), 0)
 
-    def test_faults_have_their_place(self):
+    def test_faults_point_at_their_member(self):
         service = self.service
         self.problem(service.frame(request_at(0, ahead=[])), 422, "/ahead")
         self.problem(service.frame(request_at(0, ahead=[pose(1)] * 65)), 422, "/ahead")
@@ -77,7 +77,7 @@ class Flight(harness.WithService):
         below = {"geodetic": {"lat_deg": 0, "lon_deg": 30, "height_m": -9000}, "nadir": {}}
         self.answer(service, request_at(0, ahead=[below]))
 
-    def test_metadata_do_not_know(self):
+    def test_metadata_are_unchanged(self):
         status, headers, _ = self.service.frame(dict(request_at(0, ahead=[pose(1)]), products=["radiance"]), "application/octet-stream")
         self.assertEqual(status, 200)
         self.assertNotIn("ahead", json.loads(headers["Selenograph-Meta"])["request"])

@@ -341,7 +341,7 @@ class EveryAnswer(Documented):
 
 
 class Schemas(Documented):
-    def test_they_are_schemas(self):
+    def test_schemas_are_valid(self):
         for name, schema in DOCUMENT["components"]["schemas"].items():
             with self.subTest(schema=name):
                 jsonschema.Draft202012Validator.check_schema(schema)
@@ -364,7 +364,7 @@ class Schemas(Documented):
 
         walk(DOCUMENT, "")
 
-    def test_what_they_refuse_is_refused(self):
+    def test_service_refuses_what_schemas_refuse(self):
         """Each member of each example is left out, misspelt, of other types and out of range: where the schema says no, so does the
         service, and it points at something."""
         service = Service(*SMALL_LIMITS)

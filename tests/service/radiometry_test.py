@@ -59,7 +59,7 @@ class RadiometryTest(unittest.TestCase):
         self.check({"model": "hapke", "theta_bar_deg": 0.0, "w": 0.5, "b0": 0.0},
                    lambda mu0, mu, g: hapke(mu0, mu, g, w=0.5, b0=0))
 
-    def test_both_ways_see_the_same_rough_surface(self):
+    def test_both_algorithms_agree_on_roughness(self):
         both = [self.frame(surface={"reflectance": {"model": "hapke"}}, visibility=v) for v in ("zbuffer", "raytrace")]
         same = both[0]["lit"] == both[1]["lit"]
         self.assertGreater(same.mean(), 0.999)

@@ -80,7 +80,7 @@ class OnTheCommandLine(unittest.TestCase):
             self.assertEqual(json.loads(ask(service, dict(EXACT, mode=mode))[2]), written)
         self.assertEqual(service.stop(), 0)
 
-    def test_what_cannot_be_is_said(self):
+    def test_invalid_options(self):
         for center, options, status, words in (("95,3", (), None, "latitude and longitude"),
                                                ("26.1 3.6", (), None, "latitude and longitude"),
                                                ("26.1,3.6", ("--mode", "nearly"), None, "--mode"),

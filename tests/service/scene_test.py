@@ -70,7 +70,7 @@ class SceneTest(unittest.TestCase):
 
     # --- objects
 
-    def test_an_object_is_in_the_frame_and_in_what_is_said_of_it(self):
+    def test_object_is_in_frame_and_metadata(self):
         f = self.frame(["radiance", "object_id", "source", "gsd", "range"], objects=[SATELLITE], **WIDE)
         on = f["object_id"] == 0
         self.assertTrue(set(np.unique(f["object_id"])) == {0, 65535})
@@ -109,7 +109,7 @@ class SceneTest(unittest.TestCase):
         self.assertEqual(status, 422)
         self.assertEqual(json.loads(body)["errors"][0]["pointer"], "/objects/0/mesh")
 
-    def test_what_was_understood_is_a_request_for_the_same_bytes(self):
+    def test_resolved_request_gives_the_same_bytes(self):
         request = frame_request(["radiance", "object_id"], objects=[
             SATELLITE, SATELLITE | {"pose": {"frame": "MOON_PA_DE440", "position_m": [1.51e6, 8.7e5, 3000],
                                              "object_from_moon": {"w": 0.5, "x": 0.5, "y": -0.5, "z": 0.5}}}],

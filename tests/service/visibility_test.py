@@ -46,7 +46,7 @@ class Visibility(WithService):
         for _ in range(3):
             self.assertEqual(self.service.frame(request, "application/x-npz")[2], first)
 
-    def test_auto_says_which(self):
+    def test_auto_reports_its_choice(self):
         _, meta, _ = self.frame()
         self.assertEqual(meta["request"]["visibility"], "auto")
         self.assertEqual(meta["visibility"], "zbuffer")
@@ -56,7 +56,7 @@ class Visibility(WithService):
         _, headers, _ = self.service.frame(request, "application/octet-stream")
         self.assertEqual(json.loads(headers["Selenograph-Meta"])["visibility"], "raytrace")
 
-    def test_nothing_else(self):
+    def test_other_names_are_refused(self):
         self.problem(self.service.frame(frame_request(["radiance"], visibility="quick")), 422, "/visibility")
 
 

@@ -80,7 +80,7 @@ class WorkLimitsTest(WithService):
         trip = {"center": {"lat_deg": 0.1, "lon_deg": 30.1}, "mode": "camera", "footprint_ratio": 0.1, "posts": 256}
         self.late(lambda headers: self.service.post("/v1/verify/roundtrip", trip, **headers), 0.2)
 
-    def test_what_is_out_of_reach_is_not_begun(self):
+    def test_unreachable_deadlines_are_refused(self):
         hopeless = frame_request(("radiance",), 4096, 4096, 256, visibility="raytrace")
         hopeless["sun"]["angular_radius_deg"] = 0.27
         start = time.monotonic()
@@ -126,7 +126,7 @@ class WorkLimitsTest(WithService):
             self.assertIn(name, problem["detail"])
             self.assertIn(what, problem["detail"])
 
-    def test_what_could_not_be_read_is_read_again_when_it_changes(self):
+    def test_changed_meshes_are_reread(self):
         bad, good = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
         self.write("changing.obj", bad)
         path = harness.path("assets", "objects", "changing.obj")

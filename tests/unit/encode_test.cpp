@@ -166,7 +166,7 @@ TEST(Arrays, AnEightBitImageIsNarrowed) {
   for (int i = 0; i < kPixels; ++i) EXPECT_EQ(narrowed[i], sample.frame.products.image[std::size_t(i)]);
 }
 
-TEST(Arrays, AMissingProductIsAnErrorOfOurs) {
+TEST(Arrays, MissingProductThrows) {
   engine::Frame frame = sample_frame();
   frame.products.lit.clear();
   Narrowed narrowed;
@@ -439,7 +439,7 @@ TEST(Exr, TallImagesAreWhole) {
   for (std::size_t i = 0; i < numbers.size(); ++i) EXPECT_EQ(image.at<std::uint32_t>(int(i), 0), i);
 }
 
-TEST(Images, RefuseWhatTheFormatCantHold) {
+TEST(Images, RejectUnsupportedArrays) {
   const Sample sample(16);
   EXPECT_THROW(encode_png(sample["radiance"], {}), std::invalid_argument);
   EXPECT_THROW(encode_png(sample["position"], {}), std::invalid_argument);

@@ -114,7 +114,7 @@ TEST(PixelRaysTest, BeyondTheFoldThereIsNone) {
 
 TEST(PixelRaysTest, AreEmptyWithoutALens) { EXPECT_TRUE(PixelRays(camera({}), 0, 0).x.empty()); }
 
-TEST(PixelRaysTest, StopWhenItIsTime) {
+TEST(PixelRaysTest, StopAtTheDeadline) {
   using Clock = std::chrono::steady_clock;
   Camera wide = camera(strong());
   wide.width = 8192, wide.height = 2048;

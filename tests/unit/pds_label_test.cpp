@@ -238,7 +238,7 @@ TEST(PdsLabel, PointersAndFiles) {
   EXPECT_NE(product.complaint(LabelText{}, 1799).find("tile.img is truncated"), std::string::npos);
 }
 
-TEST(PdsLabel, RefusesWhatItWouldGetWrong) {
+TEST(PdsLabel, RejectsUnsupportedLabels) {
   Product product;
   const auto with_map = [&](const std::string& line) {
     LabelText text;

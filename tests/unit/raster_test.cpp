@@ -423,7 +423,7 @@ TEST_F(RasterTest, VoidsReadAsNan) {
   EXPECT_EQ(post(by_nan, 2, 0), 0);
 }
 
-TEST_F(RasterTest, WhatIsNoHeightOnTheMoonIsVoid) {
+TEST_F(RasterTest, ImpossibleHeightsAreVoid) {
   Tif t;
   t.type = GDT_Float32;
   t.values.assign(16, 7);
@@ -761,7 +761,7 @@ TEST_F(RasterTest, Garbage) {
   EXPECT_DATA_ERROR(inspect_raster(file("g.lbl")), "not a valid PDS3 label");
 }
 
-TEST_F(RasterTest, RefusesWhatIsNoHeightMapOfTheMoon) {
+TEST_F(RasterTest, RejectsRastersThatAreNotLunarHeights) {
   const auto refused = [&](const Tif& t, const char* why) {
     write(file("r.tif"), t);
     EXPECT_DATA_ERROR(inspect_raster(file("r.tif")), why);

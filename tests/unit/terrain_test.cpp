@@ -96,7 +96,7 @@ TEST(Terrain, ContinuousAcrossEdgesOfQuadsBlocksAndChunks) {
 
 // Two loops have all places of an arena and wait for a block. A third caller, outside of any loop, must not have begun
 // to load that block when it needs a place there itself.
-TEST(Terrain, WhoLoadsABlockNeverWaitsForThoseWhoWaitForIt) {
+TEST(Terrain, LoadersNeverWaitForTheirWaiters) {
   if (tbb::this_task_arena::max_concurrency() < 2) GTEST_SKIP() << "one core";
   TemporaryFolder folder;
   write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
@@ -129,7 +129,7 @@ TEST(Terrain, WhoLoadsABlockNeverWaitsForThoseWhoWaitForIt) {
   EXPECT_TRUE(block);
 }
 
-TEST(Terrain, OutsideThereIsNothing) {
+TEST(Terrain, NoDataOutside) {
   TemporaryFolder folder;
   write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
   const auto terrain = open_terrain(folder.path());

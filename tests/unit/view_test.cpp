@@ -75,7 +75,7 @@ TEST(View, RaysAndProjectionAreInverse) {
   }
 }
 
-TEST(View, BeyondTheFoldThereIsNothing) {
+TEST(View, NoRaysBeyondTheFold) {
   // r (1 - 0.45 r^2) grows up to r = 1 / sqrt(1.35) = 0.861, where it is 0.5738: nothing lands farther out.
   Camera camera{1000, 1000, 500, 500, 499.5, 499.5, {-0.45, 0, 0, 0, 0}};
   const View view(camera, some_pose());
@@ -94,7 +94,7 @@ TEST(View, BeyondTheFoldThereIsNothing) {
     EXPECT_FALSE(view.project(view.position() + view.moon_from_camera() * Vec3(r, 0, 1)));
 }
 
-TEST(View, MayBeSeenWheneverItIs) {
+TEST(View, MayBeSeenIsConservative) {
   std::mt19937 random(4);
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> any(0, 1);
@@ -128,7 +128,7 @@ TEST(View, MayBeSeenWheneverItIs) {
   }
 }
 
-TEST(View, WhatIsFarOutsideIsNotSeen) {
+TEST(View, PointsFarOutsideAreNotSeen) {
   const View view(plain(), some_pose());
   const Eigen::Matrix3d& m = view.moon_from_camera();
   EXPECT_FALSE(view.may_see(view.position() + m * Vec3(0, 0, -1000), 10));

@@ -261,7 +261,7 @@ class Octave(Examples, WithClients):
         self.assertEqual(fake.requests[0][1], "/v1/maps")
         self.assertEqual(json.loads(fake.requests[0][3]), {"map": {"gsd_m": 40}})
 
-    def test_answers_that_are_none(self):
+    def test_invalid_answers(self):
         cases = (
             ("selenograph:bad_answer", "selenograph_frame(url, struct('a', 1))", (200, {}, b"<html>")),
             ("selenograph:bad_answer", "selenograph_heights(url, 1, 2)", (200, {}, b"<html>")),
@@ -403,14 +403,14 @@ class Basilisk(Adapter):
         self.assertLess(numpy.mean(out.image != self.right["image"]), 0.01)
         self.assertGreater(len(numpy.unique(out.image)), 5)
 
-    def test_what_is_refused_is_no_image(self):
+    def test_refusals_give_no_image(self):
         model = self.camera(height_m=-5000.0)
         model.UpdateState(1)
         self.assertEqual((model.imageOutMsg().valid, model.imageOutMsg().image), (0, None))
         self.assertEqual(len(model.errors), 1)
         self.assertIn("/pose", model.errors[0])
 
-    def test_what_is_not_linked_is_said(self):
+    def test_unlinked_messages_are_reported(self):
         model = self.module.SelenographCamera(self.client, self.request)
         model.Reset(0)
         self.assertEqual(len(model.errors), 3)

@@ -248,7 +248,7 @@ class InOrder(WithClient):
         self.assertEqual(sorted(asked), [0, 1, 2])
         self.assertEqual(list(in_order), list(range(1, 9)))
 
-    def test_an_error_has_its_place(self):
+    def test_errors_are_raised_in_order(self):
         requests = [request_at(0), request_at(1), request_at(2, products=["nonsense"]), request_at(3)]
         below = request_at(2, pose=Pose.nadir(lat_deg=-6.5, lon_deg=40, height_m=-9000))
         bad_pose = request_at(2, pose={"nadir": {}})  # a fault in "ahead" of those before, too
@@ -263,7 +263,7 @@ class InOrder(WithClient):
                 self.assertTrue(caught.exception.pointers[0].startswith(("/pose", "/products")), caught.exception)
                 self.assertRaises(StopIteration, next, frames)
 
-    def test_an_error_of_the_iterable_has_its_place(self):
+    def test_errors_of_the_iterable_are_raised_in_order(self):
         def requests():
             yield request_at(0)
             yield request_at(1)
@@ -274,7 +274,7 @@ class InOrder(WithClient):
             self.same(next(frames), self.alone[1])
             self.assertRaisesRegex(RuntimeError, "the simulator stopped", next, frames)
 
-    def test_wrong_arguments_are_told_at_once(self):
+    def test_invalid_arguments(self):
         self.assertRaisesRegex(ValueError, "in_flight is 0", self.client.frames, [], 0)
         self.assertRaisesRegex(ValueError, "ahead is 65", self.client.frames, [], 2, 65)
         self.assertRaisesRegex(TypeError, r"for one there is frame\(\)", self.client.frames, request_at(0))
@@ -501,7 +501,7 @@ class Mishaps(unittest.TestCase):
         with self.asking(past, FINE, slept=(0.05,)) as (client, _):
             self.assertEqual(client.heights(0, 0).height_m, 1.5)
 
-    def test_without_retry_after_an_error_is_one(self):
+    def test_503_without_retry_after_is_an_error(self):
         stopping = (503, {}, b"shutting down\n")
         with self.asking(stopping) as (client, _):
             with self.assertRaisesRegex(Refused, "503 Service Unavailable: shutting down") as caught:
@@ -543,7 +543,7 @@ class Mishaps(unittest.TestCase):
             with self.assertRaisesRegex(TimeoutError, "timeout_s = 0.2 s"):
                 Client(f"http://127.0.0.1:{silent.getsockname()[1]}", timeout_s=0.2).datasets()
 
-    def test_no_http(self):
+    def test_server_that_does_not_speak_http(self):
         with socket.create_server(("127.0.0.1", 0)) as other:
             def answer():
                 connection, _ = other.accept()
@@ -598,7 +598,7 @@ class Mishaps(unittest.TestCase):
             with self.subTest(text):
                 self.assertEqual(selenograph._region(json.loads(text)) or "", region)
 
-    def test_what_is_sent(self):
+    def test_headers_and_body_of_requests(self):
         with self.asking(FINE, FINE, token="s3cret", timeout_s=20) as (client, server):
             client.url, client._prefix = client.url + "/moon", "/moon"  # as behind a proxy
             client.heights(1, 2)
@@ -703,7 +703,7 @@ class CommandLine(unittest.TestCase):
             with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
                 return selenograph.main(arguments), out.getvalue(), errors.getvalue()
 
-    def test_it_is_a_program(self):
+    def test_module_is_executable(self):
         done = python("-m", "selenograph", "render", "-", "stdin.png", input=json.dumps(request_at(0, ["image"])),
                       environment={"PYTHONPATH": FOLDER, "SELENOGRAPH_URL": url()})
         self.assertEqual((done.returncode, done.stderr), (0, ""))
@@ -735,7 +735,7 @@ class CommandLine(unittest.TestCase):
         harness.write("dark.json", request_at(0, ["image"], sun=dark))
         self.assertIn("dark.npz: warning: no signal", self.command("render", "dark.json", "dark.npz")[2])
 
-    def test_what_goes_wrong_is_one_message_and_no_file(self):
+    def test_errors_print_one_message_and_leave_no_file(self):
         harness.write("broken.json", "{")
         harness.write("bad.json", request_at(0, ["range"], camera={}))
         for arguments, words in ((("render", "broken.json", "no.npz"), "broken.json: no JSON"),

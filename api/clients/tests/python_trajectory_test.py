@@ -158,7 +158,7 @@ class Attitudes(unittest.TestCase):
             self.assertLess(abs(np.linalg.norm(q) - 1), 1e-15)
             np.testing.assert_allclose(selenograph._matrix_of(q), matrix, atol=3e-15)
 
-    def test_mistakes_are_told_with_what_to_write(self):
+    def test_errors_say_what_to_write(self):
         place, q = self.PLACE, [1, 0, 0, 0]
         for words, make in {
                 "missing 2 required keyword-only arguments: 'order' and 'direction'":
@@ -329,7 +329,7 @@ class Trajectories(unittest.TestCase):
         got = [trajectory.position_m(t) for t in inside]
         np.testing.assert_allclose(got, wanted[:, [1, 1, 2]], rtol=1e-15, atol=1e-9)
 
-    def test_the_nearest_nodes_count(self):
+    def test_interpolation_uses_the_nearest_nodes(self):
         times = np.arange(10.0)
         random = np.random.default_rng(3)
         positions, velocities = random.normal(size=(2, 10, 3))
@@ -383,7 +383,7 @@ class Trajectories(unittest.TestCase):
         self.assertEqual(len(list(trajectory)), 11)
         self.assertRaisesRegex(ValueError, "no attitude at 99 s", trajectory.at, 99)
 
-    def test_files_that_cannot_be_used_are_told(self):
+    def test_invalid_files(self):
         fine = Orbit.oem([0, 10])
         attitude = Orbit.aem([0, 10])
         for words, oem, aem in (
@@ -423,7 +423,7 @@ class Trajectories(unittest.TestCase):
         pose = inertial.at(5)
         self.assertEqual((pose["frame"], pose["utc"]), ("ICRF", "2026-11-20T12:00:05Z"))
 
-    def test_an_inertial_orbit_is_the_services_to_turn(self):
+    def test_service_rotates_inertial_orbits(self):
         with Client(f"http://{SERVICE.host}:{SERVICE.port}") as client:
             oem = harness.write("icrf.oem", Orbit.oem(np.arange(0, 61, 10), frame="ICRF"))
             aem = harness.write("icrf.aem", Orbit.aem([0, 60], a="ICRF"))
@@ -459,7 +459,7 @@ class Trajectories(unittest.TestCase):
         self.assertAlmostEqual(math.degrees(lat), -6.45, 6)
         self.assertEqual(trajectory.utc(10.5), "2026-11-20T00:00:10.500000Z")
 
-    def test_csv_that_cannot_be_used_is_told(self):
+    def test_invalid_csv(self):
         place = "lat_deg,lon_deg,height_m"
         for words, lines in {
                 "semicolons": ("time_s;x_m;y_m", "1;2;3"),
