@@ -346,7 +346,7 @@ TEST(PoseJson, InertialPosesTurnWithTheMoon) {
       "/pose/utc");
 }
 
-TEST(FrameJson, EchoIsNoPartOfTheFrame) {
+TEST(FrameJson, EchoIsNotPartOfTheResolvedRequest) {
   const auto read = [](const std::string& patch) { return read_frame(patched(patch), Limits{}); };
   const FrameQuery plain = read("{}"), echoing = read(R"({"echo": {"t": 12.5, "camera": "n\u00e4v", "n": [1, null]}})");
   EXPECT_EQ(resolved_json(plain), resolved_json(echoing));
@@ -358,7 +358,7 @@ TEST(FrameJson, EchoIsNoPartOfTheFrame) {
   EXPECT_EQ(refused(R"({"echo": {"a": ")" + std::string(1016, 'x') + "\"}}"), "accepted");
 }
 
-TEST(PoseJson, AxesMeanNothingForLookAtAndNadir) {
+TEST(PoseJson, AxesAreIgnoredForLookAtAndNadir) {
   expect_same_attitude(accepted(R"({"pose": {"axes": "opengl"}})").pose.camera_from_moon,
                        accepted("{}").pose.camera_from_moon);
 }
@@ -397,7 +397,7 @@ TEST(PoseJson, PrincipalAxesTurnAttitudeAndPositionAlike) {
   EXPECT_GT(me.camera_from_moon.angularDistance(pa.camera_from_moon), 1e-4);
 }
 
-TEST(PoseJson, GeodeticIsNeverTakenForPrincipalAxes) {
+TEST(PoseJson, GeodeticIsRefusedInPrincipalAxes) {
   EXPECT_EQ(refused(R"({"pose": {"frame": "MOON_PA_DE421"}})"), "/pose/geodetic");
 }
 
@@ -830,7 +830,7 @@ TEST(ShutterJson, Refusals) {
             "/ahead");
 }
 
-TEST(ShutterJson, WhatOfASensorIsNotOfRows) {
+TEST(ShutterJson, RejectsMotionSmearAndSpreadOfASensor) {
   const auto patch = [](const std::string& sensor, bool pushbroom) {
     Json body = Json::parse(R"({"band": {"center_um": 0.6, "width_um": 0.1}, "products": ["image"],
       "shutter": {"line_time_s": 0.001, "velocity_m_s": [1, 0, 0]},

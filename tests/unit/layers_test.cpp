@@ -88,14 +88,6 @@ TEST(Layers, AreBlendedOverTheBandAndUntouchedInside) {
   EXPECT_LT(posts.heights[64], 0.05) << "no cliff at the border";
 }
 
-TEST(Layers, WithoutABandAreNotBlended) {
-  TemporaryFolder folder;
-  write_coarse(folder), write_fine(folder);
-  const Layers layers(folder.path(), 0);
-  const Posts posts = layers.source.compose(window(6, 14, 17, 1, 2 * 64 + 1));
-  for (std::size_t c = 0; c < posts.heights.size(); ++c) ASSERT_EQ(posts.heights[c], c < 64 ? 0.F : 100.F) << c;
-}
-
 // A layer with a slanted border, holes of all sizes, another layer between, all of them rough, and off the lattice.
 struct Rough {
   Rough() {

@@ -45,16 +45,6 @@ TEST(View, PinholeByHand) {
   EXPECT_FALSE(view.project({2000000, 5, 0})) << "beside";
 }
 
-TEST(View, DistortionByHand) {
-  Camera c{100, 100, 100, 100, 0, 0, {0.1, 0.02, 0.003, 0.01, -0.02}};
-  const View view(c, {Vec3::Zero(), Eigen::Quaterniond::Identity()});
-  // x = 0.5, y = -0.25: r^2 = 0.3125, radial = 1.034 + 0.02 r^4 + ...
-  const double r2 = 0.3125, k = 1 + 0.1 * r2 + 0.02 * r2 * r2 + 0.003 * r2 * r2 * r2;
-  const auto p = view.project({0.5, -0.25, 1});
-  EXPECT_NEAR(p->x, 100 * (0.5 * k + 2 * 0.01 * 0.5 * -0.25 - 0.02 * (r2 + 2 * 0.25)), 1e-10);
-  EXPECT_NEAR(p->y, 100 * (-0.25 * k + 0.01 * (r2 + 2 * 0.0625) + 2 * -0.02 * 0.5 * -0.25), 1e-10);
-}
-
 TEST(View, RaysAndProjectionAreInverse) {
   for (const Camera& camera : cameras()) {
     const View view(camera, some_pose());

@@ -7,27 +7,24 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <memory>
-#include <numbers>
 #include <random>
 #include <string>
 #include <vector>
 
 #include "tests/support/effort.h"
 #include "tests/support/frame_judge.h"
+#include "tests/support/hard_views.h"
 #include "tests/support/sample_scenery.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
-#include "tests/support/views.h"
 
 namespace selenograph::test {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 const int kSide = full_effort() ? 256 : 160;  // pixels
 constexpr double kSunElevations_deg[] = {3, 15, 45};
 
@@ -141,26 +138,11 @@ struct Look {
 };
 
 engine::FrameRequest request_for(const Look& look, double sun_elevation_deg, double sun_azimuth_deg) {
-  engine::FrameRequest q = blank_request();
-  q.camera.width = q.camera.height = kSide;
-  q.camera.fx = q.camera.fy = kSide / 2.0 / std::tan(look.fov_deg / 2 * kDegree);
-  q.camera.cx = q.camera.cy = (kSide - 1) / 2.0;
   const Vec3 position = to_cartesian({look.lat_deg, look.lon_deg, look.height_m});
-  const EastNorthUp axes = local_axes(position);
-  const auto compass = [&](double azimuth_deg) -> Vec3 {
-    return std::cos(azimuth_deg * kDegree) * axes.north + std::sin(azimuth_deg * kDegree) * axes.east;
-  };
-  const Vec3 ahead = compass(look.azimuth_deg);
-  const double tilt = look.off_nadir_deg * kDegree;
-  const Vec3 z = std::sin(tilt) * ahead - std::cos(tilt) * axes.up, x = ahead.cross(axes.up);
-  Eigen::Matrix3d camera_from_moon;
-  camera_from_moon << x.transpose(), z.cross(x).transpose(), z.transpose();
-  q.pose = {position, Eigen::Quaterniond(camera_from_moon)};
-  const double elevation = sun_elevation_deg * kDegree;
-  q.sun.direction = (std::sin(elevation) * axes.up + std::cos(elevation) * compass(sun_azimuth_deg)).normalized();
-  q.accuracy.max_error_px = 0;
-  q.products = engine::kDepth | engine::kPosition | engine::kNormal | engine::kLit;
-  return q;
+  const Vec3 boresight = local_direction(position, look.azimuth_deg, look.off_nadir_deg - 90);
+  const Vec3 up = look.off_nadir_deg > 0 ? position : local_direction(position, look.azimuth_deg, 0);
+  return square_view(looking(position, boresight, up), kSide, look.fov_deg,
+                     local_direction(position, sun_azimuth_deg, sun_elevation_deg));
 }
 
 // Off-nadir angle of the horizon of the sphere through the ground.

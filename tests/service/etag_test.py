@@ -25,7 +25,7 @@ def low_sun(number):
         accuracy={"max_error_px": 0.5, "max_shadow_error_px": 0.25})
 
 
-class Truth(unittest.TestCase):
+class ETags(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "1024")
