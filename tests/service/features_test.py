@@ -344,17 +344,13 @@ class AtThePoles(WithFeatures):
         cls.service.expect_clean_stop()
         cls.service = harness.Service(*cls.options, "--dem", harness.path("north"), "--dem", harness.path("south"), cache="poles")
 
-    def resident_mb(self, what):
-        with open(f"/proc/{self.service.process.pid}/status") as status:
-            return next(int(line.split()[1]) / 1024 for line in status if line.startswith(what + ":"))
-
     def peak_mb(self, ask):
         """By how much the resident memory grows meanwhile."""
-        before = self.resident_mb("VmRSS")
+        before = self.service.resident_mb("VmRSS")
         with open(f"/proc/{self.service.process.pid}/clear_refs", "w") as reset:
             reset.write("5")  # proc(5): the peak starts anew
         ask()
-        return self.resident_mb("VmHWM") - before
+        return self.service.resident_mb("VmHWM") - before
 
     def test_a_lander_takes_no_more_memory_than_elsewhere(self):
         for lat in (90.0, 89.9, -90.0):

@@ -211,6 +211,11 @@ class Service:
         assert status == 200, (status, body[:500])
         return arrays_of(body) | {"headers": headers, "body": body}
 
+    def resident_mb(self, what="VmRSS"):
+        """Memory of the process in MiB; VmHWM is its peak."""
+        with open(f"/proc/{self.process.pid}/status") as status:
+            return next(int(line.split()[1]) / 1024 for line in status if line.startswith(what + ":"))
+
     def metric(self, name):
         text = self.ask("GET", "/metrics")[2].decode()
         found = re.search("^" + re.escape(name) + r" (\S+)$", text, re.M)
