@@ -203,8 +203,11 @@ TEST(AdmissionByClients, RetryAfterIsThePlaceInTheQueueTimesTheMeanDuration) {
   holder.reset();
 }
 
-// Those who are served and ask again at once don't take what was promised to others.
-TEST(AdmissionByClients, APromisedPlaceIsKept) {
+// Those who are served and ask again at once don't take what was promised to others, who may come on a new connection.
+class PromisedPlace : public ::testing::TestWithParam<int> {};
+INSTANTIATE_TEST_SUITE_P(OnTheSameAndOnANewConnection, PromisedPlace, ::testing::Values(3, 4));
+
+TEST_P(PromisedPlace, IsKept) {
   Admission admission({.max_in_work = 1, .max_waiting = 1});
   std::optional<Admission::Entry> holder(admission.enter({"a", 1}, far_away(), nullptr));
   std::atomic<bool> left{false};
@@ -222,26 +225,7 @@ TEST(AdmissionByClients, APromisedPlaceIsKept) {
   EXPECT_EQ(admission.enter({"a", 3}, far_away(), nullptr).outcome, Outcome::full) << "too early";
   std::this_thread::sleep_for(std::chrono::seconds(promised.retry_after_s));
   auto returned = std::async(std::launch::async, [&] {
-    return admission.enter({"a", 3}, far_away(), nullptr).outcome;
-  });
-  until([&] { return admission.waiting() == 1; });
-  holder.reset();
-  EXPECT_EQ(returned.get(), Outcome::admitted);
-}
-
-TEST(AdmissionByClients, APromiseIsTakenOnANewConnection) {
-  Admission admission({.max_in_work = 1, .max_waiting = 1});
-  std::optional<Admission::Entry> holder(admission.enter({"a", 1}, far_away(), nullptr));
-  std::atomic<bool> left{false};
-  auto waiting = std::async(std::launch::async, [&] { return admission.enter({"a", 2}, far_away(), &left).outcome; });
-  until([&] { return admission.waiting() == 1; });
-  const auto promised = admission.enter({"a", 3}, far_away(), nullptr);
-  EXPECT_EQ(promised.outcome, Outcome::full);
-  left = true;
-  waiting.get();
-  std::this_thread::sleep_for(std::chrono::seconds(promised.retry_after_s));
-  auto returned = std::async(std::launch::async, [&] {
-    return admission.enter({"a", 4}, far_away(), nullptr).outcome;
+    return admission.enter({"a", GetParam()}, far_away(), nullptr).outcome;
   });
   until([&] { return admission.waiting() == 1; });
   holder.reset();
