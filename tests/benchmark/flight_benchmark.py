@@ -210,10 +210,6 @@ class Client:
         text = self.service.ask("GET", "/metrics", connection=self.connection)[2].decode()
         return re.findall(r"^([^#\s]\S*) (\S+)$", text, re.M)
 
-    def status_mb(self, member):
-        with open(f"/proc/{self.service.process.pid}/status") as status:
-            return next(int(line.split()[1]) for line in status if line.startswith(member + ":")) / 1024
-
 
 class Table:
     """The rows of one set of tiles."""
@@ -392,7 +388,7 @@ class Table:
         resident, refused = [], []
         sides, made = [*sorted(SMALLER_PX), SIDE_PX], {}
         with Client(self.tiles, self.ingest(), "--cache-mb", str(BUDGET_MB), "--scene-mb", str(BUDGET_MB)) as client:
-            idle_mb = client.status_mb("VmRSS")
+            idle_mb = client.service.resident_mb("VmRSS")
             for i, at in enumerate(poses):
                 while True:
                     body = self.area.body(at, ahead=poses[i + 1:i + 1 + AHEAD] if ahead else (), side_px=sides[-1])
@@ -405,8 +401,8 @@ class Table:
                             raise
                         refused.append(f"{sides.pop()} px from frame {i} on, {problem}")
                 if i % 50 == 49 or i + 1 == len(poses):
-                    resident.append(client.status_mb("VmRSS"))
-            peak_mb = client.status_mb("VmHWM")
+                    resident.append(client.service.resident_mb("VmRSS"))
+            peak_mb = client.service.resident_mb("VmHWM")
             evictions = dict(client.metrics()).get("selenograph_terrain_cache_evictions_total", "no count of")
         tiles = len({(math.floor(lat), math.floor(lon)) for lat, lon in places})
         row("memory", f"{len(poses)} frames{' with `ahead`' if ahead else ''}; / both budgets + 15 %",

@@ -21,7 +21,7 @@ import unittest
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "service"))
 import harness  # noqa: E402
-from harness import BINARY, REPOSITORY, run  # noqa: E402
+from harness import BINARY, REPOSITORY, free_port, run, wait_until  # noqa: E402
 
 FRAMES = int(os.environ.get("SLURM_TEST_FRAMES", "10000"))
 SLOTS = 4
@@ -67,20 +67,6 @@ SchedulerParameters=sched_min_interval=100000,batch_sched_delay=0
 NodeName={host} NodeAddr=127.0.0.1 CPUs={slots} RealMemory=1000
 PartitionName=main Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 """
-
-
-def free_port():
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
-
-
-def wait_until(condition, what, patience_s=PATIENCE_S):
-    give_up = time.monotonic() + patience_s
-    while not condition():
-        if time.monotonic() > give_up:
-            raise AssertionError(f"{what}: not within {patience_s} s")
-        time.sleep(0.2)
 
 
 class Cluster:

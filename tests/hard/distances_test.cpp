@@ -171,7 +171,7 @@ TEST_F(Distances, EveryHeightIsExactToRounding) {
   }
 }
 
-TEST_F(Distances, ACropIsAsExactAsItsWhole) {
+TEST_F(Distances, CropsAreExact) {
   // From 400 000 km a camera looks at the Moon's centre, and the image is a crop far from its boresight: down to where
   // the tile lies near the limb, up to 1700 km from the camera's foot.
   for (const double off_deg : {0.0, 30.0, 60.0, 80.0, 85.0}) {
@@ -196,7 +196,7 @@ TEST_F(Distances, ACropIsAsExactAsItsWhole) {
   }
 }
 
-TEST_F(Distances, TheSameRaysMeetTheSamePointsFromAnywhere) {
+TEST_F(Distances, HitsDoNotDependOnTheRayOrigin) {
   // Each ray is started 2 m to 400 000 km before it reaches its target; the anchor moves with the first one's start.
   const EastNorthUp axes = local_axes(centre());
   std::vector<engine::Ray> rays;

@@ -97,7 +97,7 @@ TEST_F(EdgeSamplesTest, PixelsAtEdgesAreTheMeanOfTheirQuarters) {
 }
 
 // Four samples and four at edges come near sixteen samples.
-TEST_F(EdgeSamplesTest, HalveTheErrorWhereEdgesMakeIt) {
+TEST_F(EdgeSamplesTest, HalveTheErrorAtEdges) {
   for (const engine::Visibility by : {engine::Visibility::raytrace, engine::Visibility::zbuffer})
     for (const double tilt_deg : {0.0, 60.0, 75.0}) {
       engine::FrameRequest asked = request(tilt_deg, 0, {});
@@ -121,7 +121,7 @@ TEST_F(EdgeSamplesTest, HalveTheErrorWhereEdgesMakeIt) {
 }
 
 // The other products are of the pixels' centres, and the same; whatever the image's edge cuts.
-TEST_F(EdgeSamplesTest, LeaveTheOtherProductsAlone) {
+TEST_F(EdgeSamplesTest, DoNotChangeOtherProducts) {
   engine::FrameRequest asked = request(0, 0, {});
   asked.camera.width = 129, asked.camera.height = 67;
   asked.products = engine::kRadiance | engine::kLit | engine::kDepth;

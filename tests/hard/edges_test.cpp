@@ -82,7 +82,7 @@ std::vector<double> meetings(const Judge& judge, const Target& target, const eng
   return distances;
 }
 
-TEST_F(Edges, AreMetOnceAtTheNearestSurface) {
+TEST_F(Edges, RaysHitTheNearestSurfaceOnce) {
   Random random(1);
   std::vector<engine::Ray> rays;
   std::vector<Target> targets;
@@ -129,7 +129,7 @@ TEST_F(Edges, AreMetOnceAtTheNearestSurface) {
 
 // From posts and edges toward the Sun. The faces that meet there may disagree (one of them faces away from it); then
 // either answer is right. Where they agree, so must the engine.
-TEST_F(Edges, AreLitAsTheJudgeHasThem) {
+TEST_F(Edges, ShadowsAgreeWithTheReference) {
   Random random(2);
   for (const double elevation : {2.0, 10.0, 40.0}) {
     const Vec3 sun = local_direction(to_cartesian({30.5, 59.5, 0}), 133, elevation);

@@ -77,13 +77,6 @@ TEST_F(FisheyeFrames, WholeSphereOfDirections) { expect_closed_form(renderer(), 
 TEST_F(FisheyeFrames, GroundBehindTheCamera) { expect_closed_form(renderer(), 20000, 150, true); }
 TEST_F(FisheyeFrames, FarAway) { expect_closed_form(renderer(), 3e6, 60, false); }
 
-TEST_F(FisheyeFrames, NotByZBuffer) {
-  const Vec3 eye = to_cartesian({12, 34, 20000});
-  engine::FrameRequest q = fisheye_view(looking(eye, -eye, local_axes(eye).north), 32, 80);
-  q.visibility = engine::Visibility::zbuffer;
-  EXPECT_THROW(renderer().render(q), ImpossibleRequest);
-}
-
 // Vignetting through cos^4 of the angle from the boresight, and nothing from behind.
 TEST_F(FisheyeFrames, Vignetting) {
   const Vec3 eye = to_cartesian({12, 34, 20000});

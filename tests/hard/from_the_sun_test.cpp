@@ -185,10 +185,10 @@ class SampleFromTheSun : public ::testing::Test {
   static inline Sunlight* light_ = nullptr;
 };
 
-TEST_F(SampleFromTheSun, ParallelRaysMeetNoShadow) { light().cast_parallel_rays("sample"); }
+TEST_F(SampleFromTheSun, ParallelRaysHitLitPoints) { light().cast_parallel_rays("sample"); }
 TEST_F(SampleFromTheSun, FramesSeeNoShadow) { light().look("sample"); }
 
-TEST(HadleyFromTheSun, NothingIsInShadow) {
+TEST(HadleyFromTheSun, FramesSeeNoShadow) {
   const std::string folder = shared_data("hadley");
   SELENOGRAPH_SKIP_WITHOUT(folder);
   // Far from the mosaic's rim: light that comes from beneath it doesn't get here.
@@ -198,7 +198,7 @@ TEST(HadleyFromTheSun, NothingIsInShadow) {
 }
 
 // A mosaic's rim is open: a low Sun shines beneath the surface there. What it meets from beneath is not to be seen.
-TEST(RimFromTheSun, WhatIsMetFromBeneathIsNoSurface) {
+TEST(RimFromTheSun, BackFacesAreNotHit) {
   TemporaryFolder folder;
   dem::SampleOptions options;
   options.south_deg = -8, options.west_deg = 39, options.rows = options.columns = 1, options.posts_per_degree = 256;

@@ -98,7 +98,7 @@ void report(const char* name, const Seen& s) {
              s.highest_m, s.steepest);
 }
 
-TEST(HardLayers, ABiasedSiteHasNoCliffAndNoShadowOfItsOwn) {
+TEST(HardLayers, BiasedSiteHasNoCliffAtItsBorder) {
   const Site cliff(0, std::nullopt), blended(16, std::nullopt);
   int shaded_by_cliff = 0;
   for (const double azimuth_deg : {0.0, 90.0, 180.0, 270.0}) {
@@ -121,7 +121,7 @@ TEST(HardLayers, ABiasedSiteHasNoCliffAndNoShadowOfItsOwn) {
   EXPECT_GT(shaded_by_cliff, 50) << "otherwise nothing is shown";
 }
 
-TEST(HardLayers, AFittedOffsetTakesTheBiasOut) {
+TEST(HardLayers, FittedOffsetRemovesTheBias) {
   const Site fitted(16, std::nullopt, true);
   const Seen seen = looked_at(fitted, 90);
   report("fitted", seen);

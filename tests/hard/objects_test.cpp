@@ -139,7 +139,7 @@ class ObjectsOverTerrain : public test::SampleScenery {
 };
 
 // Where every pixel's ray and shadow ray ends, within what float may leave open along borders.
-TEST_F(ObjectsOverTerrain, AreWhereTheJudgeSeesThemAndShadeWhatItSays) {
+TEST_F(ObjectsOverTerrain, PositionsAndShadowsAgreeWithTheReference) {
   const auto [rim_lat, rim_lon] = where_shadow_ends(6, 30, 300);
   int by_terrain = 0;
   for (const FrameRequest& with : {request(10, 14), request(100, 14), request(30, 6, rim_lat, rim_lon)}) {
@@ -195,7 +195,7 @@ TEST_F(ObjectsOverTerrain, AreWhereTheJudgeSeesThemAndShadeWhatItSays) {
 }
 
 // In a crater's shadow, or behind the horizon from the Sun, an object is dark as the ground is.
-TEST_F(ObjectsOverTerrain, AreShadedByTheTerrain) {
+TEST_F(ObjectsOverTerrain, TerrainCastsShadowsOnObjects) {
   FrameRequest r = request(10, 14);
   const Frame day = scenery().renderer->render(r);
   r.sun.direction = test::local_sun(-10.2, 44.1, 75, -4);
@@ -217,7 +217,7 @@ std::size_t differing(const std::vector<float>& a, const std::vector<float>& b, 
 }
 
 // As without objects: points agree to the bit, shadow flags but for edges.
-TEST_F(ObjectsOverTerrain, LookTheSameByZBufferAndByRays) {
+TEST_F(ObjectsOverTerrain, AreTheSameByZBufferAndByRays) {
   for (const double radius_deg : {0.0, 0.2666})
     for (const int samples : {1, 4})
       for (const bool lens : {false, true}) {
@@ -262,7 +262,7 @@ TEST_F(ObjectsOverTerrain, SameBytesWithAnyNumberOfThreads) {
 
 // A plate of 10 m x 10 m faces a telescope 2 million kilometres away, 38 million times its half: what float would do to
 // it is told by its range, in closed form, and by its outline.
-TEST_F(ObjectsOverTerrain, FarAwayCostsNoAccuracy) {
+TEST_F(ObjectsOverTerrain, AccurateFarAway) {
   FrameRequest r;
   r.terrain = false;
   const Vec3 eye(3.1e8, -1.2e8, 4.3e7), toward = Vec3(0.6, 0.3, -0.7).normalized();
@@ -296,7 +296,7 @@ TEST_F(ObjectsOverTerrain, FarAwayCostsNoAccuracy) {
 }
 
 // A file whose coordinates begin far from the object: float has less of them for it, its rays and shadows don't.
-TEST_F(ObjectsOverTerrain, FarFromItsOwnOriginItIsTheSame) {
+TEST_F(ObjectsOverTerrain, VerticesFarFromTheMeshOrigin) {
   ObjectShape shape = test::read_shape(kSatellite);
   // What is left of the corners there: the same shape at both places.
   const Eigen::Vector3f away(4096, -2048, 1024);
@@ -322,7 +322,7 @@ TEST_F(ObjectsOverTerrain, FarFromItsOwnOriginItIsTheSame) {
 
 // Rays through a frame's pixels meet what the frame shows there, and it is as lit; landmarks behind an object are
 // hidden.
-TEST_F(ObjectsOverTerrain, RaysAndLandmarksKnowThem) {
+TEST_F(ObjectsOverTerrain, RaysAndLandmarksSeeObjects) {
   for (const double radius_deg : {0.0, 0.2666}) {
     FrameRequest r = request(10, 14);
     r.visibility = Visibility::raytrace;
@@ -373,7 +373,7 @@ TEST_F(ObjectsOverTerrain, RaysAndLandmarksKnowThem) {
 }
 
 // A corner that a damaged file puts 1e10 m away: what else there is of the object stays, to the last bit of its range.
-TEST_F(ObjectsOverTerrain, AStrayCornerErasesNothing) {
+TEST_F(ObjectsOverTerrain, DistantVertexHidesNothing) {
   FrameRequest r = request(10, 14);
   r.objects.resize(1);
   const FrameProducts whole = scenery().renderer->render(r).products;
@@ -399,7 +399,7 @@ TEST_F(ObjectsOverTerrain, AStrayCornerErasesNothing) {
 }
 
 // Round the clock: a sheet's both sides are surface, and neither shines through.
-TEST_F(ObjectsOverTerrain, ASheetHasTwoSides) {
+TEST_F(ObjectsOverTerrain, SheetsHaveTwoSides) {
   ObjectShape shape;
   for (const auto& [x, y] : {std::pair{-5.F, -5.F}, {5.F, -5.F}, {5.F, 5.F}, {-5.F, 5.F}})
     shape.corners.push_back({{x, y, 0}, {0, 0, 1}});
@@ -422,7 +422,7 @@ TEST_F(ObjectsOverTerrain, ASheetHasTwoSides) {
 }
 
 // SENSOR++ figure 4: a specular panel that turns is bright where the halfway vector meets its normal, by equation (11).
-TEST_F(ObjectsOverTerrain, AGlintSweepsAsThePanelTurns) {
+TEST_F(ObjectsOverTerrain, GlintFollowsThePanel) {
   ObjectShape shape;
   for (const auto& [x, y] : {std::pair{-5.F, -5.F}, {5.F, -5.F}, {5.F, 5.F}, {-5.F, 5.F}})
     shape.corners.push_back({{x, y, 0}, Eigen::Vector3f::Zero()});

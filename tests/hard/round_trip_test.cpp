@@ -131,7 +131,7 @@ TEST(RoundTripOfHadley, ExactAndCamera) {
 
 // On a smooth sphere all that differs is the chords' depth below it: s^2 / (2 R) (u (1 - u) + v (1 - v)) at the place
 // u, v of a quad, s^2 / (6 R) in the mean near the equator, since pixels fall anywhere.
-TEST(RoundTrip, OfASphereIsTheChordsDepth) {
+TEST(RoundTrip, SphereDiffersByTheChordSag) {
   const test::TemporaryFolder folder;
   test::write_kaguya_tile(folder.path(), 2, 10, 2, 256, [](double, double) { return 0; });
   const auto renderer = renderer_over(folder.path());
@@ -143,7 +143,7 @@ TEST(RoundTrip, OfASphereIsTheChordsDepth) {
 }
 
 // Walls of 1500 m between neighbouring posts, seen from 2000 m above the ground between them.
-TEST(RoundTrip, WhatWallsHideIsNotCompared) {
+TEST(RoundTrip, HiddenPostsAreNotCompared) {
   const test::TemporaryFolder folder;
   const auto height = [](double lat_deg, double lon_deg) {
     return std::fmod(lon_deg, 0.125) < 0.03 && std::fmod(lat_deg, 0.125) < 0.03 ? 1500 : 0;
@@ -233,7 +233,7 @@ TEST(RoundTrip, AcrossTheDateLineAndFarNorth) {
   EXPECT_EQ(trip.compared, trip.window.size());
 }
 
-TEST(RoundTrip, RefusesWhatCannotBe) {
+TEST(RoundTrip, RejectsImpossibleRequests) {
   const test::TemporaryFolder folder;
   test::write_kaguya_tile(folder.path(), 2, 10, 2, 64, [](double, double) { return 0; });
   const auto renderer = renderer_over(folder.path());

@@ -68,7 +68,7 @@ TEST_F(RowTimes, WithoutMotionTheFrameIsThePlainOne) {
 }
 
 // A point spread's margin is rows before the first one and after the last one.
-TEST_F(RowTimes, ASensorsImageToo) {
+TEST_F(RowTimes, WithoutMotionTheSensorImageIsThePlainOne) {
   FrameRequest plain = request(80, 60);
   plain.products = kImage | kDepth;
   plain.band = Band{{{0.6, 1}, {0.7, 1}}};
@@ -154,7 +154,7 @@ TEST_F(RowTimes, ARollingShuttersRowsAreThoseOfCamerasAtRest) {
 }
 
 // From row to row by more than the image is high: 30 km in all.
-TEST_F(RowTimes, ARollingShutterThatFliesFar) {
+TEST_F(RowTimes, RollingShutterOverALongFlight) {
   FrameRequest moving = request(96, 96);
   moving.image.full_scale_radiance_w_m2_sr = 30;
   moving.shutter.emplace();

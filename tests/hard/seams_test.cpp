@@ -542,7 +542,7 @@ TEST_F(SampleSeams, TheMosaicReachesItsRim) {
 }
 
 // The test of the test: with two neighbouring blocks left out, rays at the edge that was between them pass.
-TEST_F(SampleSeams, AreFoundOpenWhereBlocksAreMissing) {
+TEST_F(SampleSeams, DetectsMissingBlocks) {
   Selection selection = selection_of(terrain(), blocks_in(9, -11, -9, 43, 45));
   const Scene whole(terrain(), {selection.blocks, anchor_for(middle(), -middle().normalized())}, 0);
   const Seams seams = seams_of(whole.mesh, kMosaicMargin_m);

@@ -1,21 +1,17 @@
-// Suns where formulas have their corners: in the zenith, at a pole, on the horizon and below it, and as vectors of any
-// length.
+// Suns where formulas have their corners: in the zenith, at a pole, on the horizon and below it.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstring>
 #include <memory>
 #include <numbers>
 #include <string>
 
-#include "api/requests/frame_json.h"
-#include "api/service.h"
 #include "dem/grid/lattice.h"
 #include "engine/radiometry/photometry.h"
-#include "tests/support/float_tiles.h"
 #include "tests/support/frame_judge.h"
 #include "tests/support/hard_views.h"
+#include "tests/support/moon_without_relief.h"
 #include "tests/support/reflectance.h"
 #include "tests/support/shared_data.h"
 
@@ -27,19 +23,8 @@ using engine::FrameRequest;
 
 // ---- a sphere without relief ---------------------------------------------------------------------------------------
 
-class SmoothMoonUnder : public ::testing::Test {
+class SmoothMoonUnder : public MoonWithoutRelief {
  protected:
-  static void SetUpTestSuite() {
-    folder_ = new TemporaryFolder;
-    write_global_tile(folder_->path(), 2, [](double, double) { return 0.0; });
-    renderer_ = std::make_shared<engine::Renderer>(open_terrain(folder_->path()), engine::RendererOptions{});
-  }
-  static void TearDownTestSuite() {
-    renderer_.reset();
-    delete folder_;
-    folder_ = nullptr;
-  }
-
   // A facet's own normal is up to half a post's angle off the sphere's: within that of the terminator it decides.
   static double post_rad() { return dem::post_spacing_m(8) / kMoonRadius_m; }
 
@@ -50,7 +35,7 @@ class SmoothMoonUnder : public ::testing::Test {
 
   // Each pixel against the sphere: lit by day, dark by night, radiance equal to the formula.
   static Light expect_formula(const FrameRequest& request) {
-    const Frame frame = renderer_->render(request);
+    const Frame frame = renderer().render(request);
     Light light;
     EXPECT_EQ(frame.report.hit_fraction, 1);
     for (std::size_t i = 0; i < frame.products.lit.size(); ++i) {
@@ -83,9 +68,6 @@ class SmoothMoonUnder : public ::testing::Test {
     fmt::print("{:<34} lit {:5} dark {:5} within a post of the terminator {:4}  radiance off by {:.1e} W m-2 sr-1\n",
                name, light.lit, light.dark, light.near_terminator, light.worst_radiance);
   }
-
-  static inline TemporaryFolder* folder_ = nullptr;
-  static inline std::shared_ptr<engine::Renderer> renderer_;
 };
 
 TEST_F(SmoothMoonUnder, ASunInTheZenith) {
@@ -140,7 +122,7 @@ TEST_F(SmoothMoonUnder, ASunExactlyOnTheHorizon) {
     SCOPED_TRACE(c.name);
     const FrameRequest request = nadir_view(c.place, 65, 50, c.sun);
     print(fmt::format("Sun on the horizon, {}", c.name), expect_formula(request));
-    const Frame frame = renderer_->render(request);
+    const Frame frame = renderer().render(request);
     double brightest = 0;
     for (std::size_t k = 0; k < 65; ++k) {
       const std::size_t i = c.along_row ? 32 * 65 + k : k * 65 + 32;
@@ -242,82 +224,6 @@ TEST_F(CragsUnder, ASunFarBelowTheHorizonAtTheRimOfTheData) {
       lit += frame.products.lit[i] > 0 || frame.products.radiance[i] != 0;
     EXPECT_EQ(lit, 0u) << elevation;
     EXPECT_GT(frame.report.hit_fraction, 0.8);
-  }
-}
-
-// ---- vectors of any length, through the JSON door ------------------------------------------------------------------
-
-std::string frame_body(const std::string& sun_direction, const char* product) {
-  return R"({"camera": {"width": 64, "height": 64, "fov_deg": 50},
-             "pose": {"geodetic": {"lat_deg": 0, "lon_deg": 30, "height_m": 20000}, "nadir": {}},
-             "sun": {"direction": )" +
-         sun_direction + R"(}, "accuracy": {"max_error_px": 0}, "products": [")" + product + "\"]}";
-}
-
-std::string text_of(const Vec3& v) { return fmt::format("[{:.17g}, {:.17g}, {:.17g}]", v.x(), v.y(), v.z()); }
-
-Vec3 read_direction(const std::string& text) {
-  const api::Json body = api::parse_json(frame_body(text, "lit"), 16);
-  return api::read_frame(body, api::Limits{}).request.sun.direction;
-}
-
-// Scaling by a power of two rounds nothing, and neither does a vector along an axis: same bits. Any other factor
-// rounds each component once, as does dividing by the largest: a few 1e-16. (A vector that is of unit length already is
-// kept as it is, which may be the last bit off what normalising it would give.)
-TEST(SunVectors, OfAnyLengthAreOneDirection) {
-  const Vec3 sun = local_direction(to_cartesian({0, 30, 0}), 115, 7);
-  double worst = 0;
-  for (const Vec3& v : {sun, Vec3(0.3, 0.8, -0.1), Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(1e-9, 1, 1e-16)}) {
-    const Vec3 unit = read_direction(text_of(2 * v));
-    EXPECT_NEAR(unit.norm(), 1, 3e-16);
-    worst = std::max(worst, (read_direction(text_of(v)) - unit).norm());
-    for (const int exponent : {-900, -60, 60, 1000})
-      EXPECT_EQ(read_direction(text_of(v * std::ldexp(1.0, exponent))), unit) << exponent;
-    for (const double scale : {1e-300, 1e-200, 1e-3, 7.0, 1e200, 1e300, 1.7e308})
-      worst = std::max(worst, (read_direction(text_of(v * scale)) - unit).norm());
-  }
-  fmt::print("Sun vectors scaled by 1e-300 to 1.7e308: off by {:.1e} rad at most\n", worst);
-  EXPECT_LE(worst, 5e-16);
-  for (const double length : {5e-324, 1e-310, 1e-300, 1e300, 1.7976931348623157e308}) {
-    EXPECT_EQ(read_direction(text_of(length * Vec3::UnitY())), Vec3::UnitY()) << length;
-    EXPECT_LE((read_direction(text_of(length * Vec3(0, 1, -1))) - Vec3(0, 1, -1).normalized()).norm(), 2e-16);
-  }
-}
-
-TEST_F(CragsUnder, SunVectorsOfAnyLengthGiveTheSameFrame) {
-  const api::Service service(std::shared_ptr<const engine::Renderer>(scenery_->renderer.get(), [](const auto*) {}),
-                             api::Limits{});
-  const auto bytes = [&](const Vec3& sun, const char* product) {
-    api::Request request{"POST",
-                         "/v1/frames",
-                         {},
-                         {{"accept", "application/octet-stream"}, {"content-type", "application/json"}},
-                         frame_body(text_of(sun), product)};
-    const api::Response response = service.handle(request);
-    EXPECT_EQ(response.status, 200) << response.body;
-    return response.body;
-  };
-  const Vec3 sun = local_direction(to_cartesian({0, 30, 0}), 115, 7);
-  for (const char* product : {"radiance", "lit"}) {
-    const std::string unit = bytes(sun, product);
-    ASSERT_EQ(unit.size(), 64u * 64 * 4);
-    EXPECT_EQ(bytes(std::ldexp(2.0, -990) * sun, product), bytes(2 * sun, product));
-    EXPECT_EQ(bytes(std::ldexp(2.0, 990) * sun, product), bytes(2 * sun, product));
-    for (const double scale : {2.0, 1e-300, 1e300}) {
-      const std::string scaled = bytes(scale * sun, product);
-      std::size_t different = 0;
-      double worst = 0;
-      for (std::size_t i = 0; i < 64 * 64; ++i) {
-        float a, b;
-        std::memcpy(&a, &unit[4 * i], 4), std::memcpy(&b, &scaled[4 * i], 4);
-        different += a != b;
-        worst = std::max(worst, static_cast<double>(std::abs(a - b)));
-      }
-      fmt::print("Sun vector times {:g}, {}: {} of 4096 pixels differ, by {:.1e} at most\n", scale, product, different,
-                 worst);
-      // The last bit of a float of at most 26 W m-2 sr-1; a shadow's edge would have to lie within 1e-16 of a pixel.
-      EXPECT_LE(worst, 2e-6);
-    }
   }
 }
 

@@ -85,7 +85,7 @@ TEST_F(HardViews, AlongTheSurface) {
   }
 }
 
-TEST_F(HardViews, StraightUpThereIsNothing) {
+TEST_F(HardViews, SkyHasNoHits) {
   for (const double fov_deg : {0.01, 40.0, 90.0}) {
     const Vec3 eye = above_ground(40.3, 70.25, 2);
     FrameRequest request = square_view(looking(eye, eye, local_axes(eye).north), 48, fov_deg, sun(120, 12));
@@ -214,7 +214,7 @@ std::vector<Distortion> strong_lenses() {
 
 // For each pixel a ray that the lens maps to it, without a fold on the way; or none, where a walk from the axis to that
 // pixel finds the fold too.
-TEST(StrongLenses, HaveOneRayForEachPixelUpToTheFoldAndNoneBeyond) {
+TEST(StrongLenses, OneRayPerPixelUpToTheFold) {
   std::size_t rays = 0, masked = 0, folded = 0, wrongly_masked = 0;
   double worst_px = 0;
   for (const Distortion& d : strong_lenses()) {

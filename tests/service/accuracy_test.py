@@ -5,15 +5,13 @@ Python's standard library only.
 """
 
 import csv
-import io
 import json
 import os
 import re
 import unittest
-import zipfile
 
 import harness
-from harness import WithService, frame_request, run
+from harness import WithService, frame_request, meta_of, run
 
 
 def setUpModule():
@@ -29,11 +27,6 @@ def with_accuracy(**accuracy):
     return frame_request(["radiance"], accuracy=accuracy)
 
 
-def meta_of(body):
-    with zipfile.ZipFile(io.BytesIO(body)) as archive:
-        return json.loads(archive.read("meta.json"))
-
-
 class Budgets(WithService):
     def chosen(self, budget_ms):
         """The metadata, and the header as numbers."""
@@ -42,7 +35,7 @@ class Budgets(WithService):
         said = {key: float(value) for key, value in re.findall(r"(\w+)=([0-9.e+-]+)", headers["Selenograph-Budget"])}
         return meta_of(body), said, headers["ETag"], body
 
-    def test_much_time_buys_much(self):
+    def test_large_budget_chooses_the_finest(self):
         meta, said, _, _ = self.chosen(3.6e6)
         accuracy = meta["request"]["accuracy"]
         self.assertEqual(said["fits"], 1)
@@ -50,14 +43,14 @@ class Budgets(WithService):
         self.assertEqual((said["max_error_px"], said["samples_per_pixel"]), (0.125, 16))
         self.assertLessEqual(said["predicted_ms"], said["budget_ms"])
 
-    def test_no_time_buys_the_coarsest(self):
+    def test_tiny_budget_chooses_the_coarsest(self):
         meta, said, _, _ = self.chosen(1e-6)
         self.assertEqual(said["fits"], 0)
         self.assertGreater(said["predicted_ms"], said["budget_ms"])
         self.assertEqual(meta["request"]["accuracy"]["samples_per_pixel"], 1)
         self.assertGreater(meta["request"]["accuracy"]["max_error_px"], 1)
 
-    def test_what_was_chosen_gives_the_same_bytes_by_its_numbers(self):
+    def test_chosen_settings_reproduce_the_frame(self):
         meta, _, etag, body = self.chosen(50)
         self.assertNotIn("budget_ms", meta["request"]["accuracy"])
         status, headers, again = self.service.frame(meta["request"], "application/x-npz")
@@ -120,7 +113,7 @@ class VerifyAccuracy(unittest.TestCase):
         self.assertEqual(done.returncode, 1)
         self.assertIn("details/nothing.json", done.stderr)
 
-    def test_measures_what_it_says(self):
+    def test_every_scene_is_measured(self):
         output, rows = self.measured("accuracy", 64)
         self.assertEqual({row["scene"] for row in rows}, {"nadir", "oblique", "limb", "descent"})  # no place for the polar one
         for method in ("raytrace", "zbuffer"):

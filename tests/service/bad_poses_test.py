@@ -8,12 +8,11 @@ service lives on.
 import io
 import json
 import math
-import unittest
 
 import numpy as np
 
 import harness
-from harness import WithService, frame_request
+from harness import WithService, changed, frame_request
 
 LAT, LON = 0.1, 30.1
 DENORMAL = 5e-324
@@ -49,16 +48,6 @@ def request(products=("radiance",), **changes):
 
 def pose(**attitude):
     return {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": 20000.0}, **attitude}
-
-
-def replaced(document, path, value):
-    """A copy with one member replaced; made if missing."""
-    copy = json.loads(json.dumps(document))
-    at = copy
-    for key in path[:-1]:
-        at = at[key]
-    at[path[-1]] = value
-    return copy
 
 
 class Hard(WithService):
@@ -105,27 +94,27 @@ def numbers_of(document, path=()):
 
 
 class Numbers(Hard):
-    def test_no_number_anywhere(self):
+    def test_non_numbers_in_every_member(self):
         """NaN, infinities, null and what overflows a double, in the place of every number of a request."""
         self.assertEqual(self.answered(self.service.frame(FULL, "application/x-npz")), 200)
         paths = list(numbers_of(FULL))
         self.assertGreater(len(paths), 25)
         for path in paths:
             pointer = "/" + "/".join(map(str, path))
-            text = json.dumps(replaced(FULL, path, "here"))
+            text = json.dumps(changed(FULL, path, "here"))
             for literal, status in (("NaN", 400), ("Infinity", 400), ("-Infinity", 400), ("nan", 400), ("null", 422), ("1e999", 422),
                                     ("-1e999", 422), ('"NaN"', 422)):
                 with self.subTest(pointer=pointer, literal=literal):
                     answer = self.sends(text.replace('"here"', literal))
                     self.problem(answer, status, pointer if status == 422 else None)
 
-    def test_the_ends_of_double_anywhere(self):
+    def test_extreme_doubles_in_every_member(self):
         """Denormals and the largest doubles, of either sign, in the place of every number: a frame, or a pointer."""
         seen = {200: 0, 422: 0}
         for path in numbers_of(FULL):
             for value in (DENORMAL, -DENORMAL, 2.2250738585072014e-308, 1e-300, 1.7976931348623157e308, -1.7976931348623157e308, -0.0):
                 with self.subTest(pointer=path, value=value):
-                    status = self.answered(self.service.frame(replaced(FULL, path, value), "application/x-npz"))
+                    status = self.answered(self.service.frame(changed(FULL, path, value), "application/x-npz"))
                     seen[status] += 1
         print("ends of double in every number: %d frames, %d refusals with a pointer" % (seen[200], seen[422]))
         self.assertGreater(seen[200], 50)
@@ -135,7 +124,7 @@ class Numbers(Hard):
         whole = self.array(FULL, "radiance")
         for path in (("pose", "position_m", 1), ("pose", "camera_from_moon", "x"), ("camera", "distortion", "k1"),
                      ("camera", "distortion", "p2"), ("sun", "angular_radius_deg")):
-            got = self.array(replaced(FULL, path, DENORMAL), "radiance")
+            got = self.array(changed(FULL, path, DENORMAL), "radiance")
             np.testing.assert_array_equal(got, whole, str(path))
 
 
@@ -191,11 +180,6 @@ class Cameras(Hard):
 
 
 class Attitudes(Hard):
-    def test_a_unit_quaternion_is_the_nadir_view(self):
-        down, nadir = self.array(request(pose=pose(camera_from_moon=quaternion_down())), "position"), self.array(
-            request(pose=pose(nadir={"up_azimuth_deg": 0.0})), "position")
-        np.testing.assert_allclose(down, nadir, atol=1e-6)
-
     def test_lengths(self):
         """Within 1e-3 of one a quaternion is normalised: the frame is the same. Any other is refused."""
         q = quaternion_down()
@@ -211,13 +195,6 @@ class Attitudes(Hard):
                 with self.subTest(way=way, length=length):
                     scaled = {k: v * length for k, v in q.items()}
                     self.problem(self.service.frame(request(pose=pose(**{way: scaled}))), 422, "/pose/" + way)
-
-    def test_zero(self):
-        zero = {"w": 0.0, "x": 0.0, "y": 0.0, "z": 0.0}
-        for way in ("camera_from_moon", "moon_from_camera"):
-            self.problem(self.service.frame(request(pose=pose(**{way: zero}))), 422, "/pose/" + way)
-            self.problem(self.service.frame(request(pose=pose(**{way: dict(zero, x=DENORMAL)}))), 422, "/pose/" + way)
-            self.problem(self.service.frame(request(pose=pose(**{way: dict(zero, y=-0.0)}))), 422, "/pose/" + way)
 
     def test_up_vectors(self):
         target = {"lat_deg": LAT + 0.1, "lon_deg": LON}
@@ -258,7 +235,7 @@ class Suns(Hard):
             lit = self.array(document, "lit")
             self.assertTrue(np.all(lit[np.isfinite(lit)] == 0))
 
-    def test_rays_and_projections_take_the_same(self):
+    def test_rays_accept_vectors_of_any_length(self):
         ray = {"origin_m": [1757400.0 * math.cos(math.radians(LON)), 1757400.0 * math.sin(math.radians(LON)), 3000.0],
                "direction": [-math.cos(math.radians(LON)), -math.sin(math.radians(LON)), 0.0]}
         first = self.ok_json(self.service.post("/v1/rays", {"rays": [ray], "sun": {"direction": [1.0, 1.0, 0.0]}}))

@@ -373,8 +373,7 @@ class Interrupted(Batch):
         self.assert_complete("out")
         # What no journal knows, another format.
         os.makedirs(harness.path("foreign"))
-        with open(harness.path("foreign", "000002.npz"), "wb") as file:
-            file.write(b"mine")
+        harness.write(os.path.join("foreign", "000002.npz"), b"mine")
         refused = batch(self.path, "foreign")
         self.assert_status(refused, AGAIN)
         self.assertIn("000002.npz", refused.stderr)
@@ -406,8 +405,7 @@ class Verified(Batch):
     def damage(self, name, change):
         content = bytearray(read("out", name))
         change(content)
-        with open(harness.path("out", name), "wb") as file:
-            file.write(content)
+        harness.write(os.path.join("out", name), content)
 
     def test_all_is_there(self):
         done = verify(self.path, "out")
@@ -444,8 +442,7 @@ class Verified(Batch):
 
     def test_extra(self):
         for name in ("stray.npz", "f01.npz.part-00001-of-00002"):
-            with open(harness.path("out", name), "wb") as file:
-                file.write(b"?")
+            harness.write(os.path.join("out", name), b"?")
             done = verify(self.path, "out")
             self.assert_status(done, AGAIN)
             self.assertIn(f"extra: {name}", done.stderr)
@@ -537,8 +534,7 @@ class WebDataset(Batch):
         shutil.copytree(harness.path("web"), harness.path("out"))
         content = bytearray(read("out", "frames-000001.tar"))
         content[3000] ^= 1
-        with open(harness.path("out", "frames-000001.tar"), "wb") as file:
-            file.write(content)
+        harness.write(os.path.join("out", "frames-000001.tar"), content)
         os.unlink(harness.path("out", "frames-000003.tar"))
         shutil.copy(harness.path("out", "frames-000002.tar"), harness.path("out", "again.tar"))
         rerun = harness.path("rerun.jsonl")
@@ -570,11 +566,6 @@ class FromATrajectory(Batch):
             csv.writer(file).writerows(rows)
         return harness.path(name)
 
-    def write_json(self, name, value):
-        with open(harness.path(name), "w") as file:
-            json.dump(value, file)
-        return harness.path(name)
-
     def manifest_of(self, path, *options):
         output = harness.path("made.jsonl")
         done = run("manifest", "--trajectory", path, "-o", output, *options)
@@ -586,8 +577,8 @@ class FromATrajectory(Batch):
         path = self.write_csv([["utc", "lat_deg", "lon_deg", "height_m", "up_azimuth_deg"],
                                *([f"2026-11-20T00:00:{i:02}.500", 0.1 * i, 30 + 0.1 * i, 20e3, 10 * i] for i in range(4))],
                               before="# a comment\n\n")
-        camera = self.write_json("camera.json", self.CAMERA)
-        base = self.write_json("base.json", {"products": ["radiance", "range"], "surface": {"reflectance": {"rho": 0.2}}})
+        camera = harness.write("camera.json", self.CAMERA)
+        base = harness.write("base.json", {"products": ["radiance", "range"], "surface": {"reflectance": {"rho": 0.2}}})
         made, lines = self.manifest_of(path, "--camera", camera, "--sun", "utc", "--base", base)
         self.assertEqual([line["name"] for line in lines], ["000001", "000002", "000003", "000004"])
         self.assertEqual(lines[2]["sun"], {"utc": "2026-11-20T00:00:02.500Z"})
@@ -639,7 +630,7 @@ class FromATrajectory(Batch):
                  (good[:1], "at least one of numbers"), ([r[:4] for r in good], "one attitude"),
                  ([good[0], [1, 2]], "line 2: 2 values for 5 columns"), ([r[1:] for r in good], "time_s or utc"),
                  (changed(0, 4, "lat_deg"), "two columns"), ([[*r, 1] for r in good], 'unknown column "1"'))
-        camera = self.write_json("camera.json", self.CAMERA)
+        camera = harness.write("camera.json", self.CAMERA)
         for rows, words in cases:
             with self.subTest(words=words):
                 done = run("manifest", "--trajectory", self.write_csv(rows), "--camera", camera, "-o", harness.path("none.jsonl"))

@@ -4,7 +4,6 @@ import json
 import socket
 import threading
 import time
-import unittest
 
 import harness
 from harness import Service, WithService, frame_request, sample
@@ -21,11 +20,6 @@ def setUpModule():
 
 def tearDownModule():
     harness.tear_down()
-
-
-def resident_mb(service, what="VmRSS"):
-    with open(f"/proc/{service.process.pid}/status") as status:
-        return next(int(line.split()[1]) / 1024 for line in status if line.startswith(what + ":"))
 
 
 def head_of(service, request):
@@ -80,7 +74,7 @@ class Budget(WithService):
             thread.start()
         for thread in threads:
             thread.join(harness.PATIENCE_S)
-        self.assertLess(resident_mb(self.service, "VmHWM"), 1.15 * MEMORY_MB)
+        self.assertLess(self.service.resident_mb("VmHWM"), 1.15 * MEMORY_MB)
         self.assertIn(b"HTTP/1.1 200", first)
         self.assertIn(b"HTTP/1.1 503", first)
         self.assertEqual(self.service.frame(frame_request())[0], 200)
@@ -91,7 +85,7 @@ class Budget(WithService):
         """Clients that send the first 3 MB of 4 each: most are told that there is no room."""
         head = (f"POST /v1/frames HTTP/1.1\r\nHost: {self.service.host}\r\nContent-Type: application/json\r\n"
                 f"Content-Length: {4 << 20}\r\n\r\n").encode()
-        before = resident_mb(self.service)
+        before = self.service.resident_mb()
         clients = []
         for _ in range(60):
             client = socket.create_connection((self.service.host, self.service.port))
@@ -101,7 +95,7 @@ class Budget(WithService):
             except OSError:
                 pass  # refused meanwhile
             clients.append(client)
-        self.assertLess(resident_mb(self.service) - before, 120)
+        self.assertLess(self.service.resident_mb() - before, 120)
         self.assertEqual(self.service.frame(frame_request())[0], 200, "others are served meanwhile")
         refused = 0
         for client in clients:
@@ -117,13 +111,13 @@ class Budget(WithService):
         width, height, bytes_per_pixel = 1536, 1024, 106
         answer_mb = width * height * bytes_per_pixel / 2**20
         for accept in ("application/x-npz", "image/x-exr"):
-            before = resident_mb(self.service)
+            before = self.service.resident_mb()
             with open(f"/proc/{self.service.process.pid}/clear_refs", "w") as reset:
                 reset.write("5")  # proc(5): the peak starts anew
             status, _, body = self.service.frame(frame_request(EVERYTHING, width=width, height=height), accept)
             self.assertEqual(status, 200, body[:300])
             self.assertGreater(len(body), 0.95 * answer_mb * 2**20)
-            peak = resident_mb(self.service, "VmHWM") - min(before, resident_mb(self.service))
+            peak = self.service.resident_mb("VmHWM") - min(before, self.service.resident_mb())
             self.assertLess(peak, 2.3 * len(body) / 2**20 + 100, accept)
             time.sleep(2)  # freed memory goes back to the system
 

@@ -139,7 +139,7 @@ class Defaults(unittest.TestCase):
         status, written = self.answer(path, longer, tag)
         self.assertEqual((status, written), (304 if tag else 200, without), (where, default, written))
 
-    def test_what_is_left_out_is_the_documents_default(self):
+    def test_documented_defaults(self):
         tried = set()
         for path, methods in self.document["paths"].items():
             content = methods.get("post", {}).get("requestBody", {}).get("content", {}).get("application/json")

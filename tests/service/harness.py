@@ -6,6 +6,7 @@ setUpModule() and tearDownModule(), and main() at its end.
 
 import copy
 import http.client
+import io
 import json
 import os
 import re
@@ -16,6 +17,7 @@ import sys
 import tempfile
 import time
 import unittest
+import zipfile
 
 BINARY = os.environ.get("SELENOGRAPH_BINARY", "")
 PATIENCE_S = 120
@@ -54,6 +56,29 @@ def tear_down():
 def path(*parts):
     """Below the temporary folder; an absolute path stays what it is."""
     return os.path.join(_folder, *parts)
+
+
+def write(name, content):
+    """A file of text, bytes or, of all else, JSON; returns its path."""
+    if not isinstance(content, (str, bytes, bytearray)):
+        content = json.dumps(content)
+    with open(path(name), "w" if isinstance(content, str) else "wb") as file:
+        file.write(content)
+    return path(name)
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+def wait_until(condition, what, patience_s=PATIENCE_S):
+    """`what` is said of a condition that is not met in time: a text, or a function that makes it."""
+    give_up = time.monotonic() + patience_s
+    while not condition():
+        if time.monotonic() > give_up:
+            raise AssertionError(f"not within {patience_s} s: {what() if callable(what) else what}")
+        time.sleep(0.01)
 
 
 def run(*arguments, **options):
@@ -121,16 +146,30 @@ def long_frame():
     return frame_request(width=4000, height=4000, samples=100)
 
 
+def meta_of(body):
+    """The metadata of an NPZ answer."""
+    with zipfile.ZipFile(io.BytesIO(body)) as archive:
+        return json.loads(archive.read("meta.json"))
+
+
+def arrays_of(body):
+    """The arrays of an NPZ answer by product, and `meta`. Needs NumPy."""
+    import numpy
+    with numpy.load(io.BytesIO(body), allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files if name != "meta.json"} | {"meta": meta_of(body)}
+
+
 class Service:
     """A running `selenograph serve`."""
 
     started = []
 
-    def __init__(self, *more, cache="cache", dem="dem", binary=None, options=None, limits=None):
-        """With `more` options; or with these `options` alone. `limits` is called in the process before it starts."""
+    def __init__(self, *more, cache="cache", dem="dem", binary=None, options=None, limits=None, log=None):
+        """With `more` options; or with these `options` alone. `limits` is called in the process before it starts. `log` is
+        the file that takes its standard error."""
         options = options or ["--port", "0", "--cache-dir", path(cache), *more, "--dem", path(dem)]
         command = [binary or BINARY, "serve", *options]
-        self.log = tempfile.TemporaryFile()
+        self.log = log or tempfile.TemporaryFile()
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True, preexec_fn=limits)
         Service.started.append(self)
         line = self.process.stdout.readline()
@@ -166,17 +205,24 @@ class Service:
     def frame(self, request, accept="*/*", **headers):
         return self.post("/v1/frames", request, accept, **headers)
 
+    def arrays(self, request, path="/v1/frames"):
+        """The arrays of the answer by product, and `meta`, `headers`, `body`."""
+        status, headers, body = self.post(path, request, "application/x-npz")
+        assert status == 200, (status, body[:500])
+        return arrays_of(body) | {"headers": headers, "body": body}
+
+    def resident_mb(self, what="VmRSS"):
+        """Memory of the process in MiB; VmHWM is its peak."""
+        with open(f"/proc/{self.process.pid}/status") as status:
+            return next(int(line.split()[1]) / 1024 for line in status if line.startswith(what + ":"))
+
     def metric(self, name):
         text = self.ask("GET", "/metrics")[2].decode()
         found = re.search("^" + re.escape(name) + r" (\S+)$", text, re.M)
         return float(found[1]) if found else None
 
     def wait_for(self, name, value):
-        give_up = time.monotonic() + PATIENCE_S
-        while self.metric(name) != value:
-            if time.monotonic() > give_up:
-                raise AssertionError(f"{name} is {self.metric(name)}, never became {value}")
-            time.sleep(0.01)
+        wait_until(lambda: self.metric(name) == value, lambda: f"{name} is {self.metric(name)}, not {value}")
 
     def start_frame(self, request):
         """Sends a request and does not wait; close() the connection to leave."""

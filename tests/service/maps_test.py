@@ -1,13 +1,11 @@
 #!/usr/bin/env python3
 """POST /v1/maps and `selenograph map`: maps lie where GDAL says, and hold what rays, heights and closed forms say."""
 
-import io
 import itertools
 import json
 import math
 import os
 import unittest
-import zipfile
 
 import numpy as np
 from osgeo import gdal, osr
@@ -92,9 +90,8 @@ def tearDownModule():
 
 
 def npz(body):
-    arrays = dict(np.load(io.BytesIO(body)))
-    with zipfile.ZipFile(io.BytesIO(body)) as archive:
-        return arrays, json.loads(archive.read("meta.json"))
+    arrays = harness.arrays_of(body)
+    return arrays, arrays["meta"]
 
 
 class Tiff:
@@ -188,34 +185,6 @@ class Maps(harness.WithService):
         self.assertEqual(tiff.bands["source"].dtype, np.uint16)
         self.assertEqual(tiff.band("source").GetNoDataValue(), 65535)
         self.assertEqual(set(tiff.bands["source"].ravel()), {0})
-
-    def test_sizes(self):
-        bounds = PLACES["equirectangular"]
-        arrays, meta = npz(self.map(map_request(bounds, "height")))
-        side = math.ceil(math.radians(0.2) * RADIUS_M / 100)
-        self.assertEqual(arrays["height"].shape, (side, side))
-        self.assertAlmostEqual(meta["grid"]["geotransform"][0], math.radians(39.9) * RADIUS_M, places=5)
-        self.assertAlmostEqual(meta["grid"]["geotransform"][3], math.radians(-6.4) * RADIUS_M, places=5)
-        arrays, meta = npz(self.map(map_request(PLACES["orthographic"], "height")))
-        self.assertEqual(arrays["height"].shape, (50, 60))
-        self.assertEqual(meta["grid"]["geotransform"], [-3000.0, 100.0, 0.0, 2500.0, 0.0, -100.0])
-    def test_radiance_of_level_ground(self):
-        """Lommel-Seeliger and Lambert; from above, and from a direction."""
-        area = PLACES["orthographic"]
-        up = vector(area["center"]["lat_deg"], area["center"]["lon_deg"])
-        sun = up + 0.7 * np.array([0.0, 1.0, 0.0])
-        viewer = up - 0.9 * np.array([0.0, 0.3, 1.0])
-        sun, viewer = sun / np.linalg.norm(sun), viewer / np.linalg.norm(viewer)
-        for view, model in itertools.product((None, viewer), ("lommel_seeliger", "lambert")):
-            request = map_request(area, "radiance", "normal", sun={"direction": sun.tolist(), "distance_au": 1.1},
-                                  surface={"reflectance": {"model": model, "rho": 0.2}})
-            if view is not None:
-                request["view"] = {"direction": (3 * view).tolist()}
-            arrays, _ = npz(self.map(request))
-            mu0 = arrays["normal"].astype(float) @ sun
-            mu = 1 if view is None else arrays["normal"].astype(float) @ view
-            factor = 0.2 / math.pi if model == "lambert" else 0.2 / (2 * math.pi) / (mu0 + mu)
-            np.testing.assert_allclose(arrays["radiance"], SOLAR_CONSTANT / 1.1 ** 2 * mu0 * factor, rtol=2e-6)
 
     def test_slope_of_an_inclined_plane(self):
         """r = R + a phi: the slope's tangent is a / r."""
@@ -414,17 +383,6 @@ class OfRelief(harness.WithService):
         differing = (hidden != (from_there.bands["lit"] == 0)).mean()  # but where the smooth normal faces away, the facet not
         self.assertLess(differing, 0.02)
         self.assertEqual((hidden & (from_there.bands["lit"] == 1)).sum(), 0)
-
-    def test_one_map_of_many_patches(self):
-        """The same numbers, whether or not a pixel is in another patch."""
-        area = {"projection": "equirectangular", "gsd_m": 200.0, "standard_parallel_deg": 0.0, "center": {"lat_deg": 2.0, "lon_deg": 0.0},
-                "width_m": 120000.0, "height_m": 40000.0}
-        sun = {"local": {"lat_deg": 2.0, "lon_deg": 0.0, "azimuth_deg": 100.0, "elevation_deg": 5.0}}
-        whole, _ = npz(self.map(map_request(area, "height", "lit", sun=sun, accuracy={"max_error_px": 0})))
-        part, _ = npz(self.map(map_request({**area, "width_m": 40000.0}, "height", "lit", sun=sun, accuracy={"max_error_px": 0})))
-        self.assertEqual(whole["height"].shape, (200, 600))
-        np.testing.assert_allclose(whole["height"][:, 200:400], part["height"], rtol=0, atol=1e-6)
-        self.assertLess((whole["lit"][:, 200:400] != part["lit"]).mean(), 1e-4)
 
 
 class CommandLine(unittest.TestCase):

@@ -44,11 +44,6 @@ def request(box, i):
     return frame
 
 
-def resident_mb(service):
-    with open(f"/proc/{service.process.pid}/status") as status:
-        return next(int(line.split()[1]) for line in status if line.startswith("VmRSS:")) / 1024
-
-
 def gauges(service, connection):
     text = service.ask("GET", "/metrics", connection=connection)[2].decode()
     return {name: float(value) for name, value in re.findall(r"^(selenograph_\w+) (\S+)$", text, re.M)}
@@ -65,7 +60,7 @@ class Memory(unittest.TestCase):
             self.assertEqual(status, 200, body[:300])
             self.assertEqual(len(body), 4 * 128 * 128)
             now = gauges(service, connection)
-            rows.append((resident_mb(service), now["selenograph_terrain_cache_bytes"] / MEBI,
+            rows.append((service.resident_mb(), now["selenograph_terrain_cache_bytes"] / MEBI,
                          now["selenograph_scene_bytes"] / MEBI))
         connection.close()
         return zip(*rows)
@@ -73,7 +68,7 @@ class Memory(unittest.TestCase):
     def orbit(self, dem, box):
         self.assertEqual(run("ingest", "--cache-dir", harness.path("cache"), "--dem", dem).returncode, 0)
         service = Service("--cache-mb", str(BUDGET_MB), "--scene-mb", str(BUDGET_MB), "--log-level", "warning", dem=dem)
-        idle = resident_mb(service)
+        idle = service.resident_mb()
         resident, terrain, scenes = self.fly(service, box)
         evictions = service.metric("selenograph_terrain_cache_evictions_total")
         self.assertEqual(service.metric("selenograph_terrain_cache_capacity_bytes"), BUDGET_MB * MEBI)
@@ -98,7 +93,7 @@ class Memory(unittest.TestCase):
         """The budgets' memory is there from the start, and frames take it instead of more."""
         dem = harness.sample("dem", "--south-deg", "-1", "--west-deg", "28", "--rows", "2", "--columns", "6", "--ppd", "512")
         service = Service("--cache-mb", "256", "--scene-mb", "256", "--pretouch", "--log-level", "warning", dem=dem)
-        idle, heap = resident_mb(service), service.metric("selenograph_heap_used_bytes")
+        idle, heap = service.resident_mb(), service.metric("selenograph_heap_used_bytes")
         resident, _, _ = self.fly(service, (-0.8, 0.8, 28.2, 33.8))
         self.assertEqual(service.stop(), 0)
         if heap == 0:
@@ -124,7 +119,7 @@ class Memory(unittest.TestCase):
             status, _, body = service.ask("POST", "/v1/frames", json.dumps(frame),
                                           {"Content-Type": "application/json", "Accept": "application/octet-stream"}, connection)
             self.assertEqual(status, 200, body[:300])
-            most = max(most, resident_mb(service))
+            most = max(most, service.resident_mb())
         connection.close()
         self.assertEqual(service.stop(), 0)
         print(f"\n  {frames} frames around the Moon, --cache-mb 256 --scene-mb 256: resident at most {most:.0f} MiB", end=" ", flush=True)

@@ -80,4 +80,4 @@ class MertisTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main()
+    harness.main()

@@ -92,12 +92,12 @@ class Monitoring(unittest.TestCase):
     def tearDownClass(cls):
         cls.service.expect_clean_stop()
 
-    def test_the_dashboard_shows_what_there_is(self):
+    def test_dashboard_queries_existing_metrics(self):
         expressions = dashboard_expressions()
         self.assertGreater(len(expressions), 30)
         self.assertEqual(missing(expressions, self.there, ("selenograph_", "process_")), [])
 
-    def test_the_alerts_are_about_what_there_is(self):
+    def test_alerts_query_existing_metrics(self):
         expressions = alert_expressions()
         self.assertGreater(len(expressions), 15)
         self.assertEqual(missing(expressions, self.there, ("selenograph_", "process_")), [])

@@ -98,7 +98,7 @@ class PlotTest(unittest.TestCase):
         self.assertTrue(last.startswith(f"deploy/plot: {folder}: "), done.stderr)
         self.assertIn(words, last)
 
-    def test_what_is_no_result_is_refused(self):
+    def test_invalid_results_are_refused(self):
         self.refused(harness.path("nowhere"), "no such folder")
         self.refused(harness.path("dem"), "nothing that `selenograph verify` writes")
         source = os.path.join(self.round_trip(), "camera")

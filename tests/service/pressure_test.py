@@ -4,15 +4,14 @@
 import concurrent.futures
 import http.client
 import json
-import re
+import os
 import resource
 import socket
-import subprocess
 import time
 import unittest
 
 import harness
-from harness import BINARY, PATIENCE_S, PLACE, Service, frame_request, long_frame
+from harness import PATIENCE_S, PLACE, Service, frame_request, long_frame
 
 FRAME_HEADERS = {"Content-Type": "application/json", "Accept": "application/octet-stream"}
 
@@ -110,10 +109,8 @@ class ManyClients(unittest.TestCase):
         service = Service("--log-level", "warning", "--max-connections", "16", "--max-frames", "4")
         large = frame_request(["position"], width=700, height=700)  # 12 MB: more than sockets hold
         readers = [slow_reader(service, large) for _ in range(16)]
-        give_up = time.monotonic() + PATIENCE_S
-        while service.metric("selenograph_frames_in_work") + service.metric("selenograph_frames_waiting") > 0:
-            self.assertLess(time.monotonic(), give_up)
-            time.sleep(0.05)
+        service.wait_for("selenograph_frames_in_work", 0)
+        service.wait_for("selenograph_frames_waiting", 0)
         for path in ("/health/live", "/health/ready", "/metrics"):
             self.assertEqual(service.ask("GET", path)[0], 200, path)
         # Another address is served beside them, and soon its own address, too: the slowest give way.
@@ -222,44 +219,34 @@ class End(unittest.TestCase):
 
 class Descriptors(unittest.TestCase):
     def limited(self, soft, hard, *options):
-        limit = lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-        return [BINARY, "serve", "--port", "0", "--cache-dir", harness.path("cache"), *options, "--dem", harness.path("dem")], limit
+        return harness.run("serve", "--port", "0", "--cache-dir", harness.path("cache"), *options, "--dem", harness.path("dem"),
+                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard)))
 
     def test_too_few_are_refused_with_both_figures(self):
-        command, limit = self.limited(64, 64)
-        done = subprocess.run(command, preexec_fn=limit, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
+        done = self.limited(64, 64)
         self.assertEqual(done.returncode, 1)
         self.assertIn("--max-connections 256", done.stderr)
         self.assertRegex(done.stderr, r"\b64\b")
 
     def test_the_soft_limit_is_raised(self):
-        command, limit = self.limited(64, 2000, "--trial")
-        done = subprocess.run(command, preexec_fn=limit, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
+        done = self.limited(64, 2000, "--trial")
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
 
 
 class Log(unittest.TestCase):
     def test_a_log_that_nobody_reads_blocks_nothing(self):
-        command = [BINARY, "serve", "--port", "0", "--cache-dir", harness.path("cache"), "--dem", harness.path("dem")]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        host, port = re.search(r"http://(\S+):(\d+)$", process.stdout.readline().strip()).groups()
-        try:
-            # Lines of 300 bytes, over the pipe's 64 KiB and the log's own memory.
-            connection = http.client.HTTPConnection(host, int(port), timeout=PATIENCE_S)
-            for _ in range(12000):
-                connection.request("GET", "/nothing?" + "x" * 200)
-                connection.getresponse().read()
-            connection.request("GET", "/metrics")
-            metrics = connection.getresponse().read().decode()
-            connection.close()
-            self.assertGreater(int(re.search(r"^selenograph_log_dropped_total (\d+)$", metrics, re.M)[1]), 0)
-            process.terminate()
-            start = time.monotonic()
-            self.assertEqual(process.wait(PATIENCE_S), 0)
-            self.assertLess(time.monotonic() - start, 5)
-        finally:
-            process.kill()
-            process.communicate()
+        unread, log = os.pipe()
+        service = Service(log=open(log, "wb"))
+        # Lines of 300 bytes, over the pipe's 64 KiB and the log's own memory.
+        connection = service.connect()
+        for _ in range(12000):
+            service.ask("GET", "/nothing?" + "x" * 200, connection=connection)
+        connection.close()
+        self.assertGreater(service.metric("selenograph_log_dropped_total"), 0)
+        start = time.monotonic()
+        self.assertEqual(service.stop(), 0)
+        self.assertLess(time.monotonic() - start, 5)
+        os.close(unread)
 
 
 if __name__ == "__main__":

@@ -190,13 +190,9 @@ class HalfClose(WithTheService):
 
 
 class Pipelining(WithTheService):
-    def resident_mb(self):
-        with open(f"/proc/{self.service.process.pid}/status") as status:
-            return next(int(line.split()[1]) for line in status if line.startswith("VmRSS:")) / 1024
-
     def test_a_client_that_never_pauses_is_not_kept_in_memory(self):
         batch = b"GET /health/live HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * 7900 + b"\r\n\r\n"
-        before = self.resident_mb()
+        before = self.service.resident_mb()
         with socket.create_connection((self.service.host, self.service.port), timeout=PATIENCE_S) as s:
             def read():
                 try:
@@ -210,7 +206,7 @@ class Pipelining(WithTheService):
             while sent < 40e6:
                 s.sendall(batch * 64)
                 sent += len(batch) * 64
-            grown = self.resident_mb() - before
+            grown = self.service.resident_mb() - before
             s.shutdown(socket.SHUT_RDWR)
             reader.join()
         print(f"\n  {sent / 1e6:.0f} MB sent, resident memory grew by {grown:.0f} MB", end=" ", flush=True)

@@ -216,7 +216,7 @@ class RemoteTiles(AsksForHeights):
         self.assertEqual("Retry-After" in headers, status == 503)
         return document["detail"]
 
-    def test_what_is_allowed_is_read(self):
+    def test_allowed_prefixes_are_read(self):
         self.start()
         self.check_heights()
         datasets = json.loads(self.service.ask("GET", "/v1/datasets")[2])["datasets"]
@@ -224,7 +224,7 @@ class RemoteTiles(AsksForHeights):
         # Neither a folder's listing nor names that might lie beside it.
         self.assertEqual({r[1] for r in self.server.asked()}, {"/dem/moon.tif"})
 
-    def test_nothing_else_is(self):
+    def test_other_urls_are_refused(self):
         self.server.files["/other.tif"] = self.server.files["/dem/moon.tif"]
         for name in (self.server.prefix + "other.tif", self.server.prefix + "dem/../other.tif", self.server.prefix + "dem/%2e%2E/other.tif",
                      self.url.replace("/vsicurl/", "/vsicurl_streaming/"), self.url.replace("/vsicurl/", "/vsicurl?url="),

@@ -61,31 +61,6 @@ class OverHttp(WithService):
         self.assertLess(abs(answer["difference"]["mean_m"]), 0.1)
         self.assertGreater(answer["difference"]["mean_absolute_m"], 1e-3)
 
-    def test_same_question_same_answer(self):
-        for accept in ("application/json", "image/tiff"):
-            first, second = ask(self.service, EXACT, accept), ask(self.service, EXACT, accept)
-            self.assertEqual(first[0], 200)
-            self.assertEqual(first[2], second[2], accept)
-
-    def test_raster(self):
-        _, headers, content = ask(self.service, EXACT, "image/tiff")
-        self.assertEqual(headers["Content-Type"], "image/tiff")
-        self.assertEqual(content[:4], b"II*\0")
-
-    def test_refusals_point_at_members(self):
-        for body, pointer in (({}, "/center"),
-                              (dict(EXACT, posts=317), "/posts"),
-                              (dict(EXACT, mode="both"), "/mode"),
-                              (dict(EXACT, hieght_m=1), "/hieght_m"),
-                              (dict(EXACT, center={"lat_deg": -60, "lon_deg": 100}), "/center"),
-                              (dict(EXACT, mode="camera", height_m=500), "/height_m")):
-            with self.subTest(body=body):
-                status, _, content = ask(self.service, body)
-                self.assertEqual(status, 422, content)
-                self.assertEqual(json.loads(content)["errors"][0]["pointer"], pointer)
-        for accept in ("text/html", "image/png"):
-            self.assertEqual(ask(self.service, EXACT, accept)[0], 406)
-
 
 class OnTheCommandLine(unittest.TestCase):
     def verify(self, *options, center="26.1322,3.6339"):
@@ -105,7 +80,7 @@ class OnTheCommandLine(unittest.TestCase):
             self.assertEqual(json.loads(ask(service, dict(EXACT, mode=mode))[2]), written)
         self.assertEqual(service.stop(), 0)
 
-    def test_what_cannot_be_is_said(self):
+    def test_invalid_options(self):
         for center, options, status, words in (("95,3", (), None, "latitude and longitude"),
                                                ("26.1 3.6", (), None, "latitude and longitude"),
                                                ("26.1,3.6", ("--mode", "nearly"), None, "--mode"),

@@ -247,10 +247,6 @@ class Soak(unittest.TestCase):
 
     # --- what the process holds ---
 
-    def resident_mb(self):
-        with open(f"/proc/{self.service.process.pid}/status") as status:
-            return next(int(line.split()[1]) for line in status if line.startswith("VmRSS:")) / 1024
-
     def descriptors(self):
         """What is open, and how often: files by name, other things (sockets, pipes) by kind."""
         folder = f"/proc/{self.service.process.pid}/fd"
@@ -268,7 +264,7 @@ class Soak(unittest.TestCase):
         rows = []
         while not all(client.done() for client in clients):
             time.sleep(0.2)
-            rows.append((sum(self.counts.values()), self.resident_mb(), self.service.metric("selenograph_terrain_cache_bytes") / MEBI,
+            rows.append((sum(self.counts.values()), self.service.resident_mb(), self.service.metric("selenograph_terrain_cache_bytes") / MEBI,
                          self.service.metric("selenograph_scene_bytes") / MEBI))
         return rows
 

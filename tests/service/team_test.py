@@ -137,11 +137,7 @@ class Team:
         return sum(map(float, values))
 
     def wait_until(self, true, what):
-        give_up = time.monotonic() + PATIENCE_S
-        while not true():
-            if time.monotonic() > give_up:
-                raise AssertionError(f"never: {what}{self.logs()}")
-            time.sleep(0.05)
+        harness.wait_until(true, lambda: what + self.logs())
 
     def stop(self):
         self.process.terminate()

@@ -5,9 +5,7 @@ Deadlines hold while pyramids are built; nothing good is deleted for want of des
 costs time, not answers, and no byte of them; labels that contradict themselves are named; nothing is fetched from a network.
 """
 
-import contextlib
 import http.server
-import io
 import json
 import os
 import resource
@@ -16,7 +14,6 @@ import struct
 import threading
 import time
 import unittest
-import zipfile
 import zlib
 
 import harness
@@ -45,11 +42,6 @@ def pyramid(cache):
             state = os.stat(os.path.join(folder, name))
             found[os.path.join(folder, name)] = (state.st_size, state.st_mtime_ns)
     return found
-
-
-def meta_of(body):
-    with zipfile.ZipFile(io.BytesIO(body)) as archive:
-        return archive.read("meta.json").decode()
 
 
 class ColdPyramids(unittest.TestCase):
@@ -86,74 +78,6 @@ class ColdPyramids(unittest.TestCase):
     def test_the_first_answer_of_a_cold_service_is_late(self):
         """Otherwise the test above would show nothing."""
         self.assertEqual(self.service.ask("GET", "/v1/height?lat_deg=0.5&lon_deg=30.5", headers={"Request-Timeout-Ms": "4"})[0], 504)
-
-    def test_who_leaves_fails_nobody(self):
-        with contextlib.closing(self.service.connect()) as leaving:
-            leaving.request("GET", "/v1/height?lat_deg=0.5&lon_deg=30.5", headers={"Request-Timeout-Ms": "50"})
-            self.assertEqual(self.service.ask("GET", "/v1/height?lat_deg=0.5&lon_deg=30.5")[0], 200)
-
-    def test_a_build_does_not_outlive_the_service(self):
-        self.assertEqual(self.service.ask("GET", "/v1/height?lat_deg=0.5&lon_deg=30.5", headers={"Request-Timeout-Ms": "4"})[0], 504)
-        start = time.monotonic()
-        self.assertEqual(self.service.stop(), 0)
-        self.assertLess(time.monotonic() - start, 5)
-        self.assertEqual([f for f in pyramid(self.cache) if ".tmp-" in f], [])
-
-
-class Descriptors(unittest.TestCase):
-    def without_descriptors(self, service, call):
-        """The answer of `call(connection)` while the process can open nothing; the connection is there before."""
-        with contextlib.closing(service.connect()) as connection:
-            service.ask("GET", "/health/live", connection=connection)
-            pid = service.process.pid
-            before = resource.prlimit(pid, resource.RLIMIT_NOFILE)
-            resource.prlimit(pid, resource.RLIMIT_NOFILE, (3, before[1]))
-            try:
-                return call(connection)
-            finally:
-                resource.prlimit(pid, resource.RLIMIT_NOFILE, before)
-
-    def assert_unavailable(self, answer):
-        status, headers, body = answer
-        self.assertEqual(status, 503, body[:300])
-        self.assertTrue(headers["Retry-After"].isdigit())
-        self.assertEqual(json.loads(body)["type"], "urn:selenograph:problem:storage_unavailable")
-
-    def test_good_pyramids_stay(self):
-        service = Service(cache="cache-few")
-        wanted = service.ask("GET", HEIGHT)[2]
-        self.assertEqual(service.stop(), 0)
-        before = pyramid("cache-few")
-        self.assertTrue(before)
-        service = Service(cache="cache-few")
-        self.assert_unavailable(self.without_descriptors(service, lambda c: service.ask("GET", HEIGHT, connection=c)))
-        self.assertEqual(pyramid("cache-few"), before)
-        status, _, body = service.ask("GET", HEIGHT)
-        self.assertEqual((status, body), (200, wanted))
-        self.assertEqual(service.stop(), 0)
-        self.assertEqual(pyramid("cache-few"), before)
-
-    def test_tiles_are_not_blamed(self):
-        for policy in ("fail", "fall-through"):
-            service = Service("--on-data-error", policy, cache="cache-none-" + policy)
-            self.assert_unavailable(self.without_descriptors(service, lambda c: service.ask("GET", HEIGHT, connection=c)))
-            self.assertIsNotNone(json.loads(service.ask("GET", HEIGHT)[2])["height_m"])
-            self.assertEqual(service.stop(), 0)
-
-    def test_deletions_are_logged(self):
-        service = Service(cache="cache-damaged")
-        wanted = service.ask("GET", HEIGHT)[2]
-        self.assertEqual(service.stop(), 0)
-        for file in pyramid("cache-damaged"):
-            size = os.path.getsize(file)
-            with open(file, "r+b") as f:  # the head is right, most blocks are not
-                f.seek(size // 4)
-                f.write(b"\x7f" * (size - size // 4))
-        service = Service(cache="cache-damaged")
-        self.assertEqual(service.frame(frame_request())[0], 200)
-        self.assertEqual(service.ask("GET", HEIGHT)[2], wanted)
-        self.assertRegex(service.log_text(), r"\.sgp: .*checksum.*the file was deleted")
-        self.assertEqual(service.stop(), 0)
 
 
 class CacheFolder(unittest.TestCase):
@@ -211,8 +135,8 @@ class CacheFolder(unittest.TestCase):
     def test_frames_say_nothing_of_this_machine(self):
         for folder in ("cache-full", "cache-sound"):
             shutil.rmtree(harness.path(folder), ignore_errors=True)
-        meta = meta_of(self.sound())
-        self.assertNotIn(harness.path(), meta)
+        meta = harness.meta_of(self.sound())
+        self.assertNotIn(harness.path(), json.dumps(meta))
         # The same with a tile that the layer below replaces.
         damaged = shutil.copytree(harness.path("dem"), harness.path("dem-damaged"))
         service = Service("--on-data-error", "fall-through", cache="cache-replaced", dem="dem-damaged")
@@ -220,57 +144,11 @@ class CacheFolder(unittest.TestCase):
         bodies = [service.frame(frame_request(), "application/x-npz") for _ in range(2)]
         self.assertEqual(bodies[0][2], bodies[1][2])
         self.assertNotIn("ETag", bodies[0][1])
-        meta = meta_of(bodies[0][2])
-        said = [w for w in json.loads(meta)["warnings"] if "places without data" not in w]  # the view's own
+        meta = harness.meta_of(bodies[0][2])
+        said = [w for w in meta["warnings"] if "places without data" not in w]  # the view's own
         self.assertEqual(said, [HIT + ".lbl: can't be used; the layer below stands in for it"])
-        self.assertNotIn(harness.path(), meta)
+        self.assertNotIn(harness.path(), json.dumps(meta))
         self.assertIn(HIT, service.log_text())
-        self.assertEqual(service.stop(), 0)
-
-
-class Labels(unittest.TestCase):
-    def edited(self, name, edits):
-        """A copy of the tiles, with the first tile's label changed."""
-        folder = shutil.copytree(harness.path("dem"), harness.path(name))
-        label = os.path.join(folder, HIT + ".lbl")
-        with open(label) as f:
-            text = f.read()
-        for before, after in edits:
-            self.assertIn(before, text)
-            text = text.replace(before, after)
-        with open(label, "w") as f:
-            f.write(text)
-        return folder
-
-    def assert_named(self, folder, name, *options):
-        info = harness.run("info", "--dem", folder, "--cache-dir", harness.path("cache"))
-        self.assertEqual(info.returncode, 0, info.stderr)
-        self.assertRegex(info.stdout, r"1 files that can't be used\n.*" + name)
-        service = Service(*options, cache="cache-" + os.path.basename(folder), dem=folder)
-        problems = json.loads(service.ask("GET", "/v1/datasets")[2])["problems"]
-        self.assertEqual([os.path.basename(p["path"]) for p in problems], [name])
-        self.assertIn(name, service.log_text())
-        return service
-
-    def test_an_impossible_scale(self):
-        folder = self.edited("dem-scale", [("SCALING_FACTOR                     = 1.000000", "SCALING_FACTOR = 1e308")])
-        service = self.assert_named(folder, HIT + ".lbl")
-        status, _, body = service.ask("GET", HEIGHT)  # not a hole
-        self.assertEqual(status, 500)
-        self.assertIn(HIT.encode(), body)
-        self.assertEqual(service.stop(), 0)
-
-    def test_a_contradictory_corner(self):
-        folder = self.edited("dem-corner", [("UPPER_LEFT_LATITUDE                  = ", "UPPER_LEFT_LATITUDE = 4")])
-        service = self.assert_named(folder, HIT + ".lbl", "--on-data-error", "fall-through")
-        meta = json.loads(meta_of(service.frame(frame_request(), "application/x-npz")[2]))
-        self.assertTrue(any(HIT in w for w in meta["warnings"]))
-        self.assertEqual(service.stop(), 0)
-
-    def test_an_image_without_its_label(self):
-        folder = shutil.copytree(harness.path("dem"), harness.path("dem-unlabelled"))
-        os.remove(os.path.join(folder, HIT + ".lbl"))
-        service = self.assert_named(folder, HIT + ".img")
         self.assertEqual(service.stop(), 0)
 
 

@@ -5,7 +5,6 @@ import copy
 import json
 import os
 import time
-import unittest
 
 import harness
 from harness import PRODUCTS, WithService, frame_request
@@ -52,12 +51,6 @@ class WorkLimitsTest(WithService):
         cls.options = ("--assets-dir", harness.path("assets"), "--mesh-s", "20")
         super().setUpClass()
 
-    def test_an_airy_disc_much_smaller_than_a_pixel_takes_no_time(self):
-        start = time.monotonic()
-        status, _, body = self.service.frame(with_sensor({"model": "airy"}, 0.1, 1e4), "image/png")
-        self.assertEqual(status, 200, body[:300])
-        self.assertLess(time.monotonic() - start, 5)
-
     def test_an_airy_disc_wider_than_its_kernel_is_refused(self):
         problem = self.problem(self.service.frame(with_sensor({"model": "airy"}, 1000.0, 1.0), "image/png"), 422)
         self.assertEqual([e["pointer"] for e in problem["errors"]],
@@ -87,7 +80,7 @@ class WorkLimitsTest(WithService):
         trip = {"center": {"lat_deg": 0.1, "lon_deg": 30.1}, "mode": "camera", "footprint_ratio": 0.1, "posts": 256}
         self.late(lambda headers: self.service.post("/v1/verify/roundtrip", trip, **headers), 0.2)
 
-    def test_what_is_out_of_reach_is_not_begun(self):
+    def test_unreachable_deadlines_are_refused(self):
         hopeless = frame_request(("radiance",), 4096, 4096, 256, visibility="raytrace")
         hopeless["sun"]["angular_radius_deg"] = 0.27
         start = time.monotonic()
@@ -115,8 +108,7 @@ class WorkLimitsTest(WithService):
         return self.service.frame(frame_request(objects=[{**SATELLITE, "mesh": name}]), "application/x-npy", **headers)
 
     def write(self, name, content):
-        with open(harness.path("assets", "objects", name), "wb") as file:
-            file.write(content)
+        harness.write(os.path.join("assets", "objects", name), content)
 
     def test_bad_meshes_are_named(self):
         triangle = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl "
@@ -134,7 +126,7 @@ class WorkLimitsTest(WithService):
             self.assertIn(name, problem["detail"])
             self.assertIn(what, problem["detail"])
 
-    def test_what_could_not_be_read_is_read_again_when_it_changes(self):
+    def test_changed_meshes_are_reread(self):
         bad, good = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
         self.write("changing.obj", bad)
         path = harness.path("assets", "objects", "changing.obj")

@@ -71,7 +71,7 @@ TEST(Admission, ADeadlineEndsTheWait) {
   EXPECT_EQ(admission.waiting(), 0);
 }
 
-TEST(Admission, AClientThatLeavesGivesItsPlaceInTheQueueBack) {
+TEST(Admission, DepartedClientsLeaveTheQueue) {
   Admission admission({.max_in_work = 1, .max_waiting = 1});
   const auto holder = admission.enter(kSomebody, far_away(), nullptr);
   std::atomic<bool> left{false};
@@ -158,7 +158,7 @@ class Queue {
   std::vector<int> refused_;
 };
 
-TEST(AdmissionByClients, TheyTakeTurns) {
+TEST(AdmissionByClients, ClientsTakeTurns) {
   Admission admission({.max_in_work = 1, .max_waiting = 16});
   std::optional<Admission::Entry> holder(admission.enter(kSomebody, far_away(), nullptr));
   Queue queue(admission);
@@ -170,7 +170,7 @@ TEST(AdmissionByClients, TheyTakeTurns) {
   EXPECT_EQ(queue.entered(), (std::vector<std::string>{"a", "b", "c", "a", "b", "a", "a"}));
 }
 
-TEST(AdmissionByClients, AFullQueueMakesRoomForOneWithFewer) {
+TEST(AdmissionByClients, FullQueueMakesRoomForClientsWithFewerRequests) {
   Admission admission({.max_in_work = 1, .max_waiting = 4});
   std::optional<Admission::Entry> holder(admission.enter(kSomebody, far_away(), nullptr));
   {
@@ -203,8 +203,11 @@ TEST(AdmissionByClients, RetryAfterIsThePlaceInTheQueueTimesTheMeanDuration) {
   holder.reset();
 }
 
-// Those who are served and ask again at once don't take what was promised to others.
-TEST(AdmissionByClients, APromisedPlaceIsKept) {
+// Those who are served and ask again at once don't take what was promised to others, who may come on a new connection.
+class PromisedPlace : public ::testing::TestWithParam<int> {};
+INSTANTIATE_TEST_SUITE_P(OnTheSameAndOnANewConnection, PromisedPlace, ::testing::Values(3, 4));
+
+TEST_P(PromisedPlace, IsKept) {
   Admission admission({.max_in_work = 1, .max_waiting = 1});
   std::optional<Admission::Entry> holder(admission.enter({"a", 1}, far_away(), nullptr));
   std::atomic<bool> left{false};
@@ -222,33 +225,14 @@ TEST(AdmissionByClients, APromisedPlaceIsKept) {
   EXPECT_EQ(admission.enter({"a", 3}, far_away(), nullptr).outcome, Outcome::full) << "too early";
   std::this_thread::sleep_for(std::chrono::seconds(promised.retry_after_s));
   auto returned = std::async(std::launch::async, [&] {
-    return admission.enter({"a", 3}, far_away(), nullptr).outcome;
+    return admission.enter({"a", GetParam()}, far_away(), nullptr).outcome;
   });
   until([&] { return admission.waiting() == 1; });
   holder.reset();
   EXPECT_EQ(returned.get(), Outcome::admitted);
 }
 
-TEST(AdmissionByClients, APromiseIsTakenOnANewConnection) {
-  Admission admission({.max_in_work = 1, .max_waiting = 1});
-  std::optional<Admission::Entry> holder(admission.enter({"a", 1}, far_away(), nullptr));
-  std::atomic<bool> left{false};
-  auto waiting = std::async(std::launch::async, [&] { return admission.enter({"a", 2}, far_away(), &left).outcome; });
-  until([&] { return admission.waiting() == 1; });
-  const auto promised = admission.enter({"a", 3}, far_away(), nullptr);
-  EXPECT_EQ(promised.outcome, Outcome::full);
-  left = true;
-  waiting.get();
-  std::this_thread::sleep_for(std::chrono::seconds(promised.retry_after_s));
-  auto returned = std::async(std::launch::async, [&] {
-    return admission.enter({"a", 4}, far_away(), nullptr).outcome;
-  });
-  until([&] { return admission.waiting() == 1; });
-  holder.reset();
-  EXPECT_EQ(returned.get(), Outcome::admitted);
-}
-
-TEST(AdmissionByClients, WhoWouldWaitTooLongIsToldAtOnce) {
+TEST(AdmissionByClients, RefusesAtOnceWhenTheWaitIsTooLong) {
   Admission admission({.max_in_work = 1, .max_waiting = 100, .patience = milliseconds(1200)});
   std::optional<Admission::Entry> holder(admission.enter(kSomebody, far_away(), nullptr));
   Queue queue(admission);
@@ -258,7 +242,7 @@ TEST(AdmissionByClients, WhoWouldWaitTooLongIsToldAtOnce) {
 }
 
 // 30 clients of one address, a queue of 4: all obey Retry-After, and all are served however often the others ask again.
-TEST(AdmissionByClients, WhoObeysIsServed) {
+TEST(AdmissionByClients, ClientsThatObeyRetryAfterAreServed) {
   Admission admission({.max_in_work = 2, .max_waiting = 4});
   std::atomic<int> unserved{30};
   std::vector<std::thread> threads;
@@ -282,7 +266,7 @@ TEST(AdmissionByClients, WhoObeysIsServed) {
   for (std::thread& thread : threads) thread.join();
 }
 
-TEST(Admission, NeverMoreInWorkThanAllowed) {
+TEST(Admission, NeverMoreActiveThanAllowed) {
   Admission admission({.max_in_work = 3, .max_waiting = 100});
   std::atomic<int> now{0}, most{0}, admitted{0};
   std::vector<std::thread> threads;

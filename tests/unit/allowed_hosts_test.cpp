@@ -37,7 +37,7 @@ TEST(AllowedHosts, LoopbackHasItsNames) {
     EXPECT_EQ(of_host(hosts, host), "misdirected_request") << host;
 }
 
-TEST(AllowedHosts, AuthoritiesThatAreNone) {
+TEST(AllowedHosts, RejectsInvalidAuthorities) {
   const AllowedHosts hosts("127.0.0.1", {});
   for (const char* host : {"",
                            ":8080",
@@ -62,7 +62,7 @@ TEST(AllowedHosts, AuthoritiesThatAreNone) {
     EXPECT_EQ(of_host(hosts, host), "malformed_request") << host;
 }
 
-TEST(AllowedHosts, TheAddressThatTheConnectionCameToIsOne) {
+TEST(AllowedHosts, LocalAddressOfTheConnectionIsAllowed) {
   const AllowedHosts everywhere("0.0.0.0", {});
   EXPECT_EQ(of_host(everywhere, "10.1.2.3:8080", "10.1.2.3"), "");
   EXPECT_EQ(of_host(everywhere, "10.1.2.3", "::ffff:10.1.2.3"), "") << "IPv4 at an IPv6 socket";
@@ -73,7 +73,7 @@ TEST(AllowedHosts, TheAddressThatTheConnectionCameToIsOne) {
   EXPECT_EQ(of_host(everywhere, "localhost", ""), "");
 }
 
-TEST(AllowedHosts, TheOperatorsNames) {
+TEST(AllowedHosts, ConfiguredNamesAreAllowed) {
   const AllowedHosts hosts("moon.example", {"Team.Example.", "10.0.0.7", "[fd00::1]", "fd00::2"});
   for (const char* host : {"moon.example", "moon.example:80", "MOON.EXAMPLE.", "team.example", "10.0.0.7",
                            "[fd00::1]:1", "[fd00:0::2]", "localhost"})
@@ -82,13 +82,13 @@ TEST(AllowedHosts, TheOperatorsNames) {
     EXPECT_EQ(of_host(hosts, host), "misdirected_request") << host;
 }
 
-TEST(AllowedHosts, WhatTheOptionTakes) {
+TEST(AllowedHosts, ParsesTheOption) {
   for (const char* host : {"a", "a.example", "10.0.0.1", "::1", "[::1]", "a_b"}) EXPECT_TRUE(is_host(host)) << host;
   for (const char* host : {"", "http://a", "a:80", "a/b", "[a]", "a b", "[::1]:80", "a@b"})
     EXPECT_FALSE(is_host(host)) << host;
 }
 
-TEST(AllowedHosts, AnAbsoluteTargetSaysWhomItIsFor) {
+TEST(AllowedHosts, AbsoluteTargetOverridesHost) {
   const AllowedHosts hosts("127.0.0.1", {});
   const auto of_target = [&](const std::string& target, const std::string& host) {
     const auto checked = check_head("GET " + target + " HTTP/1.1\r\nHost: " + host + "\r\n\r\n", 1000);
@@ -101,7 +101,7 @@ TEST(AllowedHosts, AnAbsoluteTargetSaysWhomItIsFor) {
     EXPECT_EQ(of_target(target, "localhost"), "malformed_request") << target;
 }
 
-TEST(AllowedHosts, HttpOneZeroMayLeaveItOut) {
+TEST(AllowedHosts, Http10NeedsNoHost) {
   const AllowedHosts hosts("127.0.0.1", {});
   const auto of_head = [&](const std::string& more) {
     return refusal(hosts, std::get<RequestHead>(check_head("GET / HTTP/1.0\r\n" + more + "\r\n", 1000)));
@@ -111,7 +111,7 @@ TEST(AllowedHosts, HttpOneZeroMayLeaveItOut) {
   EXPECT_EQ(of_head("Origin: http://localhost\r\n"), "foreign_origin") << "of what is not known";
 }
 
-TEST(AllowedHosts, PagesOfTheServiceItselfMayAsk) {
+TEST(AllowedHosts, OwnOriginIsAllowed) {
   const AllowedHosts hosts("127.0.0.1", {});
   for (const auto& [host, origin] : {std::pair("localhost:8080", "http://localhost:8080"),
                                      {"127.0.0.1:8080", "http://127.0.0.1:8080"},
@@ -141,7 +141,7 @@ TEST(AllowedHosts, PagesOfTheServiceItselfMayAsk) {
       << "each of several";
 }
 
-TEST(AllowedHosts, PagesOfTheOperatorsHostsMayAsk) {
+TEST(AllowedHosts, ConfiguredOriginsAreAllowed) {
   const AllowedHosts hosts("moon.example", {"viewer.example"});
   EXPECT_EQ(of_origin(hosts, "127.0.0.1:8080", "https://viewer.example"), "") << "a proxy that rewrites Host";
   EXPECT_EQ(of_origin(hosts, "127.0.0.1:8080", "http://viewer.example:3000"), "");

@@ -41,7 +41,7 @@ TEST(FrameWork, CountsRays) {
   EXPECT_LT(rays({.samples_per_pixel = 4}, Visibility::zbuffer), 20);
 }
 
-TEST(SpeedGauge, LearnsWhatFramesTake) {
+TEST(SpeedGauge, LearnsTheTimeOfFrames) {
   SpeedGauge gauge(2);
   const FrameWork warm{1e6, 1e6, false}, cold{1e6, 1e6, true};
   EXPECT_GT(gauge.predicted_ms(cold), gauge.predicted_ms(warm));
@@ -110,7 +110,7 @@ class Budget : public ::testing::Test {
   FrameRequest request_;
 };
 
-TEST_F(Budget, AnHourBuysTheBest) {
+TEST_F(Budget, LargeBudgetChoosesTheFinest) {
   const BudgetChoice choice = renderer_->choose(request_, 3.6e6, 256);
   EXPECT_TRUE(choice.fits);
   EXPECT_EQ(choice.accuracy.max_error_px, kBudgetErrors_px.back());
@@ -118,7 +118,7 @@ TEST_F(Budget, AnHourBuysTheBest) {
   EXPECT_EQ(renderer_->choose(request_, 3.6e6, 4).accuracy.samples_per_pixel, 4) << "no more than the service allows";
 }
 
-TEST_F(Budget, NothingBuysTheCoarsestAndSaysSo) {
+TEST_F(Budget, TinyBudgetChoosesTheCoarsest) {
   const BudgetChoice choice = renderer_->choose(request_, 1e-6, 256);
   EXPECT_FALSE(choice.fits);
   EXPECT_GT(choice.predicted_ms, 1e-6);
@@ -126,7 +126,7 @@ TEST_F(Budget, NothingBuysTheCoarsestAndSaysSo) {
   EXPECT_EQ(choice.accuracy.samples_per_pixel, 1);
 }
 
-TEST_F(Budget, MoreTimeIsNeverSpentOnLess) {
+TEST_F(Budget, MoreTimeNeverChoosesLess) {
   double error = 1e9;
   for (double ms = 0.05; ms < 1e5; ms *= 4) {
     const BudgetChoice choice = renderer_->choose(request_, ms, 256);

@@ -52,7 +52,7 @@ class Door {
 
 StopToken in(Clock::duration time) { return StopToken(Clock::now() + time); }
 
-TEST(BuildQueue, OneBuildServesAllWhoWait) {
+TEST(BuildQueue, OneBuildServesAllWaiters) {
   std::atomic<int> turns{0};
   Door door;
   BuildQueue queue(1, [&](BuildQueue::Work&, const StopToken&) {
@@ -71,7 +71,7 @@ TEST(BuildQueue, OneBuildServesAllWhoWait) {
   EXPECT_EQ(turns, 1);
 }
 
-TEST(BuildQueue, WhoLeavesFailsNobodyAndTheBuildGoesOn) {
+TEST(BuildQueue, DepartedWaiterDoesNotCancelTheBuild) {
   std::atomic<int> turns{0};
   Door door;
   BuildQueue queue(1, [&](BuildQueue::Work&, const StopToken& stop) {
@@ -92,7 +92,7 @@ TEST(BuildQueue, WhoLeavesFailsNobodyAndTheBuildGoesOn) {
   EXPECT_EQ(turns, 1);
 }
 
-TEST(BuildQueue, WhatNobodyWantsAnyMoreIsNotBegun) {
+TEST(BuildQueue, UnwantedBuildsAreDropped) {
   std::atomic<int> turns{0};
   Door door;
   BuildQueue queue(1, [&](BuildQueue::Work&, const StopToken&) {
@@ -132,7 +132,7 @@ TEST(BuildQueue, FinerChunksComeFirstAndOthersBetween) {
   EXPECT_NE(order[3], 7) << "a single chunk waited for all of the large one";
 }
 
-TEST(BuildQueue, FaultsReachWhoWaitsAndAreNotRemembered) {
+TEST(BuildQueue, ErrorsReachWaitersAndAreNotCached) {
   int turns = 0;
   BuildQueue queue(1, [&](BuildQueue::Work& work, const StopToken&) -> Turn {
     if (!work.plan.direct && !work.made) return {nullptr, plan(1)};
@@ -148,7 +148,7 @@ ChunkPlan on_network(ChunkPlan plan) {
   return plan;
 }
 
-TEST(BuildQueue, WhatIsOnANetworkKeepsNobodyElseWaiting) {
+TEST(BuildQueue, NetworkBuildsDoNotDelayOthers) {
   Door door;
   BuildQueue queue(1, [&](BuildQueue::Work& work, const StopToken&) {
     if (work.plan.on_network) door.pass();
@@ -182,7 +182,7 @@ TEST(BuildQueue, EitherBuilderWaitsForTheOthersChunks) {
   }
 }
 
-TEST(BuildQueue, WhatOnlyADroppedChunkNeedsIsNotBegun) {
+TEST(BuildQueue, DependenciesOfDroppedChunksAreDropped) {
   Door door;
   std::atomic<int> finer{0};
   BuildQueue queue(1, [&](BuildQueue::Work& work, const StopToken&) -> Turn {
@@ -199,7 +199,7 @@ TEST(BuildQueue, WhatOnlyADroppedChunkNeedsIsNotBegun) {
   EXPECT_EQ(finer, 0);
 }
 
-TEST(BuildQueue, TheEndStopsTheTurnAndAllWhoWait) {
+TEST(BuildQueue, ShutdownCancelsBuildsAndWaiters) {
   Door begun;
   std::optional<BuildQueue> queue;
   queue.emplace(1, [&](BuildQueue::Work&, const StopToken& stop) -> Turn {
@@ -233,7 +233,7 @@ class ColdTerrain : public ::testing::Test {
   TemporaryFolder folder_;
 };
 
-TEST_F(ColdTerrain, DeadlinesEndTheWaitAndInTheEndItIsThere) {
+TEST_F(ColdTerrain, DeadlinesHoldAndTheBuildCompletes) {
   const auto terrain = open();
   const auto ask = [&](const StopToken& stop) {
     try {
@@ -257,7 +257,7 @@ TEST_F(ColdTerrain, DeadlinesEndTheWaitAndInTheEndItIsThere) {
   EXPECT_NEAR(terrain->height(kLat, kLon).height_m, bumpy(kLat, kLon), 1e-6);
 }
 
-TEST_F(ColdTerrain, EveryCallObeys) {
+TEST_F(ColdTerrain, EveryCallHonoursItsDeadline) {
   const auto terrain = open();
   const std::atomic<bool> left{true};
   const StopToken gone(Clock::time_point::max(), &left);
@@ -268,7 +268,7 @@ TEST_F(ColdTerrain, EveryCallObeys) {
   EXPECT_LT(Clock::now() - start, 1s);
 }
 
-TEST_F(ColdTerrain, WhoLeavesFailsNobody) {
+TEST_F(ColdTerrain, DepartedClientFailsNobody) {
   const auto terrain = open();
   std::vector<std::thread> impatient;
   std::atomic<int> given_up{0}, answered{0};
@@ -288,7 +288,7 @@ TEST_F(ColdTerrain, WhoLeavesFailsNobody) {
   EXPECT_EQ(answered, 3);
 }
 
-TEST_F(ColdTerrain, TheServiceEndsInTheMiddle) {
+TEST_F(ColdTerrain, ShutdownDuringABuild) {
   auto terrain = open();
   EXPECT_THROW(terrain->node(coarse(), in(3ms)), Cancelled);
   auto start = Clock::now();

@@ -90,7 +90,7 @@ TEST(Cache, BytesStayWithinTheBudget) {
   EXPECT_EQ(depot.evictions(), 1000U - 14);
 }
 
-TEST(Cache, WhatIsInUseStays) {
+TEST(Cache, EntriesInUseAreKept) {
   Depot depot(30);
   const auto held = depot.get(1, [] { return made(1, 20); });
   for (const int key : {2, 3, 4}) touch(depot, key, 10);
@@ -98,7 +98,7 @@ TEST(Cache, WhatIsInUseStays) {
   EXPECT_EQ(*held, 1);
 }
 
-TEST(Cache, MoreThanTheBudgetIsDroppedOnceItIsFree) {
+TEST(Cache, EntriesBeyondTheBudgetAreDroppedOnRelease) {
   Depot depot(30);
   {
     const auto held = depot.get(1, [] { return made(1, 500); });
@@ -108,7 +108,7 @@ TEST(Cache, MoreThanTheBudgetIsDroppedOnceItIsFree) {
   EXPECT_EQ(depot.bytes(), 10U);
 }
 
-TEST(Cache, FailuresAreTriedAgain) {
+TEST(Cache, FailuresAreRetried) {
   Depot depot(30);
   int attempts = 0;
   const auto load = [&]() -> Depot::Loaded {
@@ -121,7 +121,7 @@ TEST(Cache, FailuresAreTriedAgain) {
   EXPECT_EQ(attempts, 3);
 }
 
-TEST(Cache, AFailureReachesAllThatWait) {
+TEST(Cache, FailureReachesAllWaiters) {
   Depot depot(30);
   std::atomic<int> loads{0}, failures{0}, started{0};
   std::vector<std::thread> threads;
@@ -145,7 +145,7 @@ TEST(Cache, AFailureReachesAllThatWait) {
   EXPECT_TRUE(touch(depot, 1, 1)) << "the failure was remembered";
 }
 
-TEST(Cache, WhoeverWaitsLeavesByItsOwnToken) {
+TEST(Cache, WaitersHaveTheirOwnStopTokens) {
   Depot depot(30);
   std::atomic<bool> waited{false};
   std::thread loader([&] {
@@ -171,7 +171,7 @@ TEST(Cache, WhoeverWaitsLeavesByItsOwnToken) {
   EXPECT_EQ(depot.misses(), 1U);
 }
 
-TEST(Cache, AGivenUpLoadFailsNobodyElse) {
+TEST(Cache, CancelledLoadFailsNobodyElse) {
   Depot depot(30);
   std::atomic<int> loads{0}, started{0}, got{0};
   std::vector<std::thread> threads;
@@ -194,7 +194,7 @@ TEST(Cache, AGivenUpLoadFailsNobodyElse) {
   EXPECT_EQ(got, 5);  // all but the three that gave up themselves
 }
 
-TEST(Cache, NothingThereIsRememberedToo) {
+TEST(Cache, MissingEntriesAreCached) {
   Depot depot(30);
   int loads = 0;
   for (int i = 0; i < 3; ++i)
@@ -207,7 +207,7 @@ TEST(Cache, NothingThereIsRememberedToo) {
   EXPECT_EQ(loads, 1);
 }
 
-TEST(Cache, ErasedIsLoadedAgain) {
+TEST(Cache, ErasedEntriesAreReloaded) {
   Depot depot(30);
   touch(depot, 1, 10);
   depot.erase(1);

@@ -15,7 +15,7 @@ TEST(Caller, NamesAreSafeEverywhere) {
     EXPECT_FALSE(is_plain_name(bad)) << bad;
 }
 
-TEST(Caller, AnIdIsTakenOrMade) {
+TEST(Caller, RequestIdIsTakenOrGenerated) {
   EXPECT_EQ(request_id_of({{"x-request-id", "mine"}}), "mine");
   std::set<std::string> made;
   for (const Headers& headers :
@@ -33,7 +33,7 @@ TEST(Caller, ATokenHasOneName) {
   EXPECT_EQ(token_of({{"selenograph-token", "a"}, {"selenograph-token", "b"}}), "");
 }
 
-TEST(Caller, ProxiesAreThisMachineAndThoseThatAreNamed) {
+TEST(Caller, TrustedProxiesAreLoopbackAndConfigured) {
   for (const char* here : {"127.0.0.1", "127.8.9.1", "::1", "::ffff:127.0.0.1"})
     EXPECT_TRUE(is_trusted_proxy(here, {}));
   for (const char* other : {"10.0.0.1", "::ffff:10.0.0.1", "fd00::1", "", "::"})

@@ -40,7 +40,7 @@ Json nadir(double lat_deg, double lon_deg, double height_m) {
             {"nadir", {{"up_azimuth_deg", 0}}}}}};
 }
 
-TEST(CampaignOrder, PlaceSeenCountsNotTheCamera) {
+TEST(CampaignOrder, OrdersByThePlaceSeen) {
   EXPECT_EQ(terrain_key(nadir(10, 20, 1000)), terrain_key(nadir(10, 20, 90000)));
   EXPECT_NE(terrain_key(nadir(10, 20, 1000)), terrain_key(nadir(11, 20, 1000)));
   Json looking = nadir(12, 20, 50000);
@@ -49,7 +49,7 @@ TEST(CampaignOrder, PlaceSeenCountsNotTheCamera) {
   EXPECT_EQ(terrain_key(looking), terrain_key(nadir(10, 20, 1000)));
 }
 
-TEST(CampaignOrder, OtherFormsOfAPose) {
+TEST(CampaignOrder, AcceptsEveryFormOfAPose) {
   const Json pose = nadir(10, 20, 1000)["pose"];
   Json timed = pose;
   timed["time_s"] = 0;
@@ -60,7 +60,7 @@ TEST(CampaignOrder, OtherFormsOfAPose) {
   EXPECT_EQ(terrain_key({{"pose", pose}, {"camera", 5}, {"camera_preset", "none"}}), terrain_key({{"pose", pose}}));
 }
 
-TEST(CampaignOrder, WithoutAPlaceLast) {
+TEST(CampaignOrder, RequestsWithoutAPlaceComeLast) {
   for (const Json& request : {Json(), Json(17), Json::object(), Json{{"pose", 5}}, Json{{"pose", Json::object()}},
                               Json{{"shutter", {{"poses", Json::array()}}}}, Json{{"cameras", Json::array()}}})
     EXPECT_EQ(terrain_key(request), kNoPlace) << request;

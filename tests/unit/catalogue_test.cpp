@@ -2,7 +2,6 @@
 #include "dem/catalogue/catalogue.h"
 
 #include <gtest/gtest.h>
-#include <stdlib.h>
 
 #include <algorithm>
 #include <cmath>
@@ -36,12 +35,6 @@ std::string tile_label(const std::string& image_pointer, double south, double we
 
 class CatalogueTest : public ::testing::Test {
  protected:
-  CatalogueTest() {
-    std::string name = ::testing::TempDir() + "/catalogue_XXXXXX";
-    folder_ = ::mkdtemp(name.data());
-  }
-  ~CatalogueTest() override { fs::remove_all(folder_); }
-
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
   void put(const std::string& name, const std::string& bytes) const {
     fs::create_directories((folder_ / name).parent_path());
@@ -53,7 +46,8 @@ class CatalogueTest : public ::testing::Test {
     put(stem + data, std::string(128, '\1'));
   }
 
-  fs::path folder_;
+  const test::TemporaryFolder own_;
+  const fs::path folder_ = own_.path();
 };
 
 std::vector<std::string> names(const Catalogue& c) {
@@ -71,7 +65,7 @@ RasterInfo tile(double south, double west, double size = 1, double spacing_m = 7
   return r;
 }
 
-TEST_F(CatalogueTest, FindsWhatIsThere) {
+TEST_F(CatalogueTest, FindsAllTiles) {
   put_tile("a/DTM_A", 0, 10);
   put_tile("a/b/DTM_B", 0, 11, ".LBL", ".IMG");
   std::string attached = tile_label("2", 0, 12);
@@ -182,7 +176,7 @@ TEST_F(CatalogueTest, AContradictoryCornerIsReported) {
   EXPECT_EQ(problem_of("", "", "UPPER_LEFT_LATITUDE = 1\r\nLOWER_RIGHT_LONGITUDE = 371.875\r\n"), "");
 }
 
-TEST_F(CatalogueTest, AVrtMayNameFilesOnly) {
+TEST_F(CatalogueTest, VrtSourcesMustBeLocalFiles) {
   for (const char* source : {"/vsicurl/http://127.0.0.1:9/a.tif", "http://127.0.0.1:9/a.tif", "/vsis3/bucket/a.tif",
                              "/vsizip/a.zip/a.tif", "&#47;vsicurl/http://127.0.0.1:9/a.tif"}) {
     put("v.vrt",
@@ -200,7 +194,7 @@ TEST_F(CatalogueTest, AVrtMayNameFilesOnly) {
   }
 }
 
-TEST_F(CatalogueTest, NamedFilesMustWork) {
+TEST_F(CatalogueTest, NamedFilesMustBeUsable) {
   put("garbage.lbl", "\x01\x02\x03");
   EXPECT_THROW(Catalogue({path("garbage.lbl")}), DataError);
   EXPECT_THROW(Catalogue({path("nowhere")}), DataError);

@@ -109,7 +109,7 @@ class ChangingFiles : public ::testing::Test {
   TemporaryFolder folder_;
 };
 
-TEST_F(ChangingFiles, AReadIsOfOneFileOrFails) {
+TEST_F(ChangingFiles, ReadsNeverMixTwoVersions) {
   const auto all = rasters();
   ASSERT_EQ(all.size(), 4U);
   for (const auto& [path, data] : all) {
@@ -151,7 +151,7 @@ TEST_F(ChangingFiles, ChangesRightAfterAnInspectionShow) {
   }
 }
 
-TEST_F(ChangingFiles, WhatWasOnlyTouchedOrIsBackIsReadAgain) {
+TEST_F(ChangingFiles, TouchedAndRestoredFilesAreReread) {
   const auto all = rasters();
   const Catalogue catalogue(std::vector<std::string>{folder_ / "t.tif"});
   const PostSource source(catalogue, false, {});
@@ -177,7 +177,7 @@ TEST_F(ChangingFiles, WhatWasOnlyTouchedOrIsBackIsReadAgain) {
 }
 
 // Pyramids beside each other, one made before its tile changed and one after.
-TEST_F(ChangingFiles, NothingOfAChangeIsKept) {
+TEST_F(ChangingFiles, NothingOfAChangedFileIsCached) {
   const auto bumpy = [](double lat, double lon) { return std::round(300 * std::sin(lat * 300) * std::sin(lon * 200)); };
   test::write_kaguya_tile(folder_ / "tiles", 20, 1, 2, 2048, bumpy);
   std::string data;

@@ -41,7 +41,7 @@ class Disk {
   std::vector<int> written_;
 };
 
-TEST(ChunkWriter, WritesInOrderAndKnowsWhatIsOnItsWay) {
+TEST(ChunkWriter, WritesInOrderAndReportsPendingChunks) {
   Disk disk;
   ChunkWriter writer([&](const ChunkWriter::Job& j) { disk.write(j); });
   const ChunkWriter::Job first = job(1), second = job(2);
@@ -57,7 +57,7 @@ TEST(ChunkWriter, WritesInOrderAndKnowsWhatIsOnItsWay) {
   EXPECT_EQ(disk.written(), (std::vector{1, 2}));
 }
 
-TEST(ChunkWriter, HoldsFew) {
+TEST(ChunkWriter, QueueIsBounded) {
   Disk disk;
   ChunkWriter writer([&](const ChunkWriter::Job& j) { disk.write(j); });
   writer.add(job(1));
@@ -71,7 +71,7 @@ TEST(ChunkWriter, HoldsFew) {
   EXPECT_EQ(disk.written(), (std::vector{1, 2, 3}));
 }
 
-TEST(ChunkWriter, EndsWhenAllIsWritten) {
+TEST(ChunkWriter, DestructorWaitsForAllWrites) {
   Disk disk;
   {
     ChunkWriter writer([&](const ChunkWriter::Job& j) { disk.write(j); });

@@ -48,7 +48,7 @@ class ColdView : public ::testing::Test {
 };
 
 // Of a camera low over the western one the other is neither in view nor between it and the Sun, however high it may be.
-TEST_F(ColdView, BuildsWhatItCanUse) {
+TEST_F(ColdView, BuildsVisibleTerrain) {
   tiles(bumpy);
   frame(2.3, 270, 60, 1);
 }

@@ -107,7 +107,7 @@ TEST_F(Config, ListsInTheEnvironmentAreSeparatedByColons) {
   EXPECT_EQ(settings_.terrain.dem, (std::vector<std::string>{"/x", "/y y"}));
 }
 
-TEST_F(Config, ColonsOfUrlsSeparateNothing) {
+TEST_F(Config, ColonsInUrlsDoNotSeparate) {
   environment_["SELENOGRAPH_DEM"] = "/x:/vsicurl/http://127.0.0.1:8000/a.tif:b:/vsicurl/https://example.org/c.tif:8000";
   environment_["SELENOGRAPH_REMOTE_PREFIX"] = "/vsicurl/http://127.0.0.1:8000/:/vsis3/bucket/";
   parse({});
@@ -145,22 +145,22 @@ TEST_F(Config, MembersOfOtherCommandsAreAllowed) {
   EXPECT_EQ(settings_.port, 1111);
 }
 
-TEST_F(Config, ValuesAreCheckedWhereverTheyComeFrom) {
+TEST_F(Config, ChecksValuesOfTheEnvironment) {
   environment_["SELENOGRAPH_PORT"] = "99999";
   EXPECT_NE(failure({}).find("SELENOGRAPH_PORT"), std::string::npos);
 }
 
-TEST_F(Config, ValuesOfTheFileAreChecked) {
+TEST_F(Config, ChecksValuesOfTheFile) {
   file("on-data-error = \"ignore\"\n");
   EXPECT_NE(failure({}).find("on-data-error"), std::string::npos);
 }
 
-TEST_F(Config, WordsThatAreNoNumbersAreErrors) {
+TEST_F(Config, RejectsValuesThatAreNotNumbers) {
   environment_["SELENOGRAPH_THREADS"] = "many";
   EXPECT_NE(failure({}).find("SELENOGRAPH_THREADS"), std::string::npos);
 }
 
-TEST_F(Config, TablesAndTypingMistakesAreErrors) {
+TEST_F(Config, RejectsTables) {
   file("[port]\nx = 1\n");
   EXPECT_NE(failure({}).find("port"), std::string::npos);
 }
@@ -170,7 +170,7 @@ TEST_F(Config, BrokenTomlSaysWhere) {
   EXPECT_NE(failure({}).find("line 2"), std::string::npos);
 }
 
-TEST_F(Config, ProxiesAreAddressesAndTheLogHasAFormat) {
+TEST_F(Config, TrustedProxiesAndLogFormat) {
   parse({"--trusted-proxy", "10.0.0.1", "fd00::1", "--log-format", "json"});
   EXPECT_EQ(settings_.trusted_proxy, (std::vector<std::string>{"10.0.0.1", "fd00::1"}));
   EXPECT_EQ(settings_.log_format, LogFormat::json);
@@ -186,7 +186,7 @@ TEST_F(Config, AllowedHostsAreNamesAndAddresses) {
     EXPECT_NE(failure({"--allowed-host", text}).find("is no host name or address"), std::string::npos) << text;
 }
 
-TEST_F(Config, AnAddressInBracketsIsOneOfAList) {
+TEST_F(Config, BracketedAddressesInLists) {
   environment_["SELENOGRAPH_ALLOWED_HOST"] = "a:[fd00::1]:[::1]:b";
   environment_["SELENOGRAPH_TRUSTED_PROXY"] = "10.0.0.1:[fd00::2]";
   parse({});  // CLI11 takes the brackets off

@@ -184,7 +184,7 @@ TEST(Detector, SmearIsTheColumnsLight) {
 }
 
 // All but the brightest thousandth reach the target, smear and dark current included.
-TEST(Detector, TheTimeToFillIsThatOfWhatIsReadOut) {
+TEST(Detector, TimeToFillCountsDarkCurrentAndSmear) {
   constexpr int kWidth = 64, kHeight = 100;
   constexpr std::size_t kOver = kWidth * kHeight / 1000;
   std::vector<float> light(std::size_t{kWidth} * kHeight);
@@ -232,7 +232,7 @@ TEST(Detector, SaturationIsCountedInTheImage) {
   EXPECT_NEAR(out.saturated_fraction, share_at(40000), 5e-5);
 }
 
-TEST(Detector, StopsWhenItIsTime) {
+TEST(Detector, StopsAtTheDeadline) {
   std::vector<std::uint16_t> image;
   const StopToken now(std::chrono::steady_clock::now());
   EXPECT_THROW(detect(plain(), 0.65, std::vector<float>(kPixels, 1.F), kSide, kSide, image, now), Cancelled);

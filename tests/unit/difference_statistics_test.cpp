@@ -63,7 +63,7 @@ TEST(DifferenceStatistics, HistogramIsCentredOnZero) {
   EXPECT_EQ(h.counts[9], 298u) << "(-0.14 + 0.2) / 0.4 x 61 = 9.15";
 }
 
-TEST(DifferenceStatistics, HistogramOfNothing) {
+TEST(DifferenceStatistics, EmptyHistogram) {
   const DifferenceStatistics s = statistics_of(trip_of(3, 1, [](int, int) { return kVoid; }));
   EXPECT_GT(s.histogram.reach_m, 0);
   EXPECT_EQ(s.histogram.below + s.histogram.above + s.histogram.counts[30], 0u);
@@ -102,7 +102,7 @@ TEST(DifferenceStatistics, StandardErrorComesFromSquares) {
 
 // Correlated differences have fewer independent ones than posts: the naive standard error would call this a bias of six
 // sigma. Uncorrelated ones with a true lean are found out.
-TEST(DifferenceStatistics, WavesAreNoBiasAndALeanIsOne) {
+TEST(DifferenceStatistics, TiltIsBiasAndWavesAreNot) {
   const auto wave = [](int r, int c) { return static_cast<float>(std::sin(r / 9.0) * std::sin(c / 11.0)); };
   EXPECT_LT(std::abs(statistics_of(trip_of(256, 256, wave)).all.z), 3);
   const auto noise = [](int r, int c) { return static_cast<float>(((r * 7919 + c * 104729) % 1000) / 500.0 - 0.9995); };
@@ -110,7 +110,7 @@ TEST(DifferenceStatistics, WavesAreNoBiasAndALeanIsOne) {
   EXPECT_GT(statistics_of(trip_of(256, 256, [&](int r, int c) { return noise(r, c) + 0.1F; })).all.z, 10);
 }
 
-TEST(DifferenceStatistics, RoundingOfDoubleIsNoBias) {
+TEST(DifferenceStatistics, RoundingIsNotBias) {
   const DifferenceStatistics s = statistics_of(trip_of(256, 256, [](int, int) { return 1e-11F; }));
   EXPECT_LT(s.all.z, 1);
 }
@@ -131,7 +131,7 @@ TEST(DifferenceStatistics, SlopesAreTheOriginals) {
   EXPECT_DOUBLE_EQ(s.slopes.back().statistics.mean_m, 2);
 }
 
-TEST(DifferenceStatistics, NothingComparedIsNotANumber) {
+TEST(DifferenceStatistics, EmptyStatisticsAreNan) {
   const DifferenceStatistics s = statistics_of(trip_of(4, 4, [](int, int) { return kVoid; }));
   EXPECT_EQ(s.all.posts, 0u);
   EXPECT_TRUE(std::isnan(s.all.mean_m));

@@ -208,7 +208,7 @@ TEST(DiscLight, DirectionsPastAStraightEdge) {
   EXPECT_LT(worst, 0.02);
 }
 
-TEST(DiscLight, NothingInTheWayAsksOnlyTheScouts) {
+TEST(DiscLight, UnobstructedSunNeedsOnlyScoutRays) {
   const DiscLight disc(sun(0), Vec3::UnitZ());
   DiscLanes turned{};
   float lit[kPacket];

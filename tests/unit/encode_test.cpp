@@ -3,7 +3,6 @@
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <bit>
@@ -13,7 +12,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <filesystem>
 #include <fstream>
 #include <limits>
 #include <set>
@@ -24,6 +22,7 @@
 #include <vector>
 
 #include "api/encode/arrays.h"
+#include "tests/support/shared_data.h"
 
 namespace selenograph::api {
 namespace {
@@ -167,7 +166,7 @@ TEST(Arrays, AnEightBitImageIsNarrowed) {
   for (int i = 0; i < kPixels; ++i) EXPECT_EQ(narrowed[i], sample.frame.products.image[std::size_t(i)]);
 }
 
-TEST(Arrays, AMissingProductIsAnErrorOfOurs) {
+TEST(Arrays, MissingProductThrows) {
   engine::Frame frame = sample_frame();
   frame.products.lit.clear();
   Narrowed narrowed;
@@ -205,32 +204,18 @@ TEST(Npy, HasTheHeaderOfVersionOneAndAlignedData) {
   }
 }
 
-// A folder that goes away with the test.
-class ScratchFolder {
- public:
-  ScratchFolder() {
-    std::string form = (std::filesystem::temp_directory_path() / "selenograph-encode-XXXXXX").string();
-    if (!mkdtemp(form.data())) throw std::runtime_error("no scratch folder");
-    path_ = form;
-  }
-  ~ScratchFolder() { std::filesystem::remove_all(path_); }
-  std::filesystem::path write(const std::string& name, const std::string& bytes) const {
-    std::ofstream(path_ / name, std::ios::binary) << bytes;
-    return path_ / name;
-  }
-
- private:
-  std::filesystem::path path_;
-};
+std::string write(const test::TemporaryFolder& folder, const std::string& name, const std::string& bytes) {
+  std::ofstream(folder / name, std::ios::binary) << bytes;
+  return folder / name;
+}
 
 constexpr const char* kPython = "/usr/bin/python3";
 
 bool has_numpy() { return std::system((std::string(kPython) + " -c 'import numpy' 2>/dev/null").c_str()) == 0; }
 
 // What the script prints; "failed" if it raises.
-std::string python(const ScratchFolder& folder, const std::string& script, const std::string& argument) {
-  const std::string command =
-      std::string(kPython) + " '" + folder.write("script.py", script).string() + "' '" + argument + "'";
+std::string python(const test::TemporaryFolder& folder, const std::string& script, const std::string& argument) {
+  const std::string command = std::string(kPython) + " '" + write(folder, "script.py", script) + "' '" + argument + "'";
   std::FILE* pipe = popen(command.c_str(), "r");
   if (!pipe) return "failed";
   std::string output;
@@ -251,10 +236,10 @@ std::string hexadecimal(const std::string& bytes) {
 
 TEST(Npy, NumpyReadsIt) {
   if (!has_numpy()) GTEST_SKIP() << kPython << " with numpy is not here";
-  const ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const Sample sample(8);
   for (const ArrayView& a : sample.arrays) {
-    const std::string file = folder.write("a.npy", encode_npy(a)).string();
+    const std::string file = write(folder, "a.npy", encode_npy(a));
     const std::string seen = python(folder,
                                     "import numpy, sys\n"
                                     "a = numpy.load(sys.argv[1], mmap_mode='r')\n"
@@ -267,9 +252,9 @@ TEST(Npy, NumpyReadsIt) {
 
 TEST(Npz, NumpyReadsItWithTheMetadata) {
   if (!has_numpy()) GTEST_SKIP() << kPython << " with numpy is not here";
-  const ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const Sample sample(16);
-  const std::string file = folder.write("a.npz", encode_npz(sample.arrays, kMeta)).string();
+  const std::string file = write(folder, "a.npz", encode_npz(sample.arrays, kMeta));
   const std::string seen = python(folder,
                                   "import json, numpy, sys, zipfile\n"
                                   "z = numpy.load(sys.argv[1])\n"
@@ -454,7 +439,7 @@ TEST(Exr, TallImagesAreWhole) {
   for (std::size_t i = 0; i < numbers.size(); ++i) EXPECT_EQ(image.at<std::uint32_t>(int(i), 0), i);
 }
 
-TEST(Images, RefuseWhatTheFormatCantHold) {
+TEST(Images, RejectUnsupportedArrays) {
   const Sample sample(16);
   EXPECT_THROW(encode_png(sample["radiance"], {}), std::invalid_argument);
   EXPECT_THROW(encode_png(sample["position"], {}), std::invalid_argument);

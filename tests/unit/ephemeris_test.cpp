@@ -116,7 +116,7 @@ TEST(SunAt, LeapSecondsAreSecondsOfTheirOwn) {
   EXPECT_NEAR((after - leap).norm(), 2.46e-6, 0.1e-6);
 }
 
-TEST(SunAt, ComplaintsSayWhatIsWrong) {
+TEST(SunAt, RejectsInvalidEpochs) {
   const struct {
     const char *utc, *complaint;
   } cases[] = {

@@ -267,7 +267,7 @@ TEST(PoseJson, ZenithUpLaysTheHorizonLevel) {
   EXPECT_EQ(details, "\"zenith\" is along the boresight: give \"north\" or a vector\n");
 }
 
-TEST(PoseJson, MatricesAreQuaternionsInOtherWords) {
+TEST(PoseJson, MatricesAreEquivalentToQuaternions) {
   const std::string start = R"({"pose": {"nadir": null, )";
   const auto same = [&](const std::string& matrix, const std::string& quaternion) {
     expect_same_attitude(accepted(start + matrix + "}}").pose.camera_from_moon,
@@ -346,7 +346,7 @@ TEST(PoseJson, InertialPosesTurnWithTheMoon) {
       "/pose/utc");
 }
 
-TEST(FrameJson, EchoIsNoPartOfTheFrame) {
+TEST(FrameJson, EchoIsNotPartOfTheResolvedRequest) {
   const auto read = [](const std::string& patch) { return read_frame(patched(patch), Limits{}); };
   const FrameQuery plain = read("{}"), echoing = read(R"({"echo": {"t": 12.5, "camera": "n\u00e4v", "n": [1, null]}})");
   EXPECT_EQ(resolved_json(plain), resolved_json(echoing));
@@ -358,7 +358,7 @@ TEST(FrameJson, EchoIsNoPartOfTheFrame) {
   EXPECT_EQ(refused(R"({"echo": {"a": ")" + std::string(1016, 'x') + "\"}}"), "accepted");
 }
 
-TEST(PoseJson, AxesMeanNothingForLookAtAndNadir) {
+TEST(PoseJson, AxesAreIgnoredForLookAtAndNadir) {
   expect_same_attitude(accepted(R"({"pose": {"axes": "opengl"}})").pose.camera_from_moon,
                        accepted("{}").pose.camera_from_moon);
 }
@@ -397,7 +397,7 @@ TEST(PoseJson, PrincipalAxesTurnAttitudeAndPositionAlike) {
   EXPECT_GT(me.camera_from_moon.angularDistance(pa.camera_from_moon), 1e-4);
 }
 
-TEST(PoseJson, GeodeticIsNeverTakenForPrincipalAxes) {
+TEST(PoseJson, GeodeticIsRefusedInPrincipalAxes) {
   EXPECT_EQ(refused(R"({"pose": {"frame": "MOON_PA_DE421"}})"), "/pose/geodetic");
 }
 
@@ -725,7 +725,7 @@ TEST(PointsJson, RaysAndPlaces) {
   EXPECT_THROW(read_height_query({{"lat_deg", "1"}, {"lon_deg", "0"}, {"height", "0"}}), RequestError);
 }
 
-TEST(PointsJson, NumbersThatAreNoneAreNull) {
+TEST(PointsJson, NonFiniteNumbersAreNull) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<engine::RayHit> hits{{}, {true, std::nullopt, 5, Vec3(1, 2, 3), Vec3::UnitX(), 0.5}};
   RaysQuery rays;
@@ -779,7 +779,7 @@ TEST(ShutterJson, PosesTakeThePlaceOfThePose) {
   EXPECT_LT(std::abs(request.pose.position_m.y()), 100) << "row 0's is between the first two";
 }
 
-TEST(ShutterJson, TheResolvedRequestIsOneItselfAndSaysNothingOfWhatIsNotAsked) {
+TEST(ShutterJson, ResolvedRequestIsAccepted) {
   EXPECT_FALSE(resolved_json(read_frame(minimal(), Limits())).contains("shutter"));
   for (const std::string patch :
        {R"({"shutter": {"line_time_s": 0.001, "angular_rate_deg_s": [1, 0, 0]}})", kThroughPoses}) {
@@ -830,7 +830,7 @@ TEST(ShutterJson, Refusals) {
             "/ahead");
 }
 
-TEST(ShutterJson, WhatOfASensorIsNotOfRows) {
+TEST(ShutterJson, RejectsMotionSmearAndSpreadOfASensor) {
   const auto patch = [](const std::string& sensor, bool pushbroom) {
     Json body = Json::parse(R"({"band": {"center_um": 0.6, "width_um": 0.1}, "products": ["image"],
       "shutter": {"line_time_s": 0.001, "velocity_m_s": [1, 0, 0]},
@@ -849,7 +849,7 @@ TEST(ShutterJson, WhatOfASensorIsNotOfRows) {
   EXPECT_EQ(refused(patch(spread, true)), "/sensor/optics/point_spread");
 }
 
-TEST(ShutterJson, LandmarksHaveOneToo) {
+TEST(ShutterJson, LandmarksAcceptAShutter) {
   Json body = minimal();
   body.erase("sun");
   body["points"] = Json::array({{{"lat_deg", 1}, {"lon_deg", 2}}});
@@ -884,7 +884,7 @@ FrameQuery with_objects(const std::string& pose) {
   return read_frame(body, Limits{}, assets);
 }
 
-TEST(Objects, PosesInEveryFormAreOnePose) {
+TEST(Objects, EveryFormOfAPoseIsEquivalent) {
   const Vec3 place = to_cartesian({26, 3, 500});
   const EastNorthUp local = local_axes(place);
   const engine::SceneObject up =
@@ -930,7 +930,7 @@ TEST(Objects, MaterialsAreByPart) {
   }
 }
 
-TEST(Objects, WhatWasUnderstoodIsUnderstoodAgain) {
+TEST(Objects, ResolvedRequestIsAccepted) {
   const Assets assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets", test::mesh_options());
   const std::string first = resolved_json(with_objects(R"({"frame": "MOON_PA_DE421", "position_m": [1737400, 5, 6],
                                                            "object_from_moon": {"w": -0.6, "x": 0, "y": 0.8, "z": 0}})"))

@@ -70,7 +70,7 @@ TEST_F(FrameMemory, ScratchStaysBelowTheEstimate) {
     }
 }
 
-TEST_F(FrameMemory, AScenePinnedByOneFrameIsWaitedForByTheNext) {
+TEST_F(FrameMemory, NextFrameWaitsForAPinnedScene) {
   engine::RenderCache kept(terrain_, std::size_t{10} << 20, 1);
   auto first = kept.scene(content_at(20, kept));
   ASSERT_GT(first->bytes, std::size_t{5} << 20) << "two of them must be too many";
@@ -82,7 +82,7 @@ TEST_F(FrameMemory, AScenePinnedByOneFrameIsWaitedForByTheNext) {
   EXPECT_LE(kept.bytes(), std::size_t{10} << 20);
 }
 
-TEST_F(FrameMemory, PreparationLeavesTheLatestSceneWhereItIs) {
+TEST_F(FrameMemory, PreparationKeepsTheLatestScene) {
   engine::RenderCache kept(terrain_, std::size_t{10} << 20, 1);
   const engine::SceneContent here = content_at(20, kept), next = content_at(60, kept);
   kept.scene(here);
@@ -93,7 +93,7 @@ TEST_F(FrameMemory, PreparationLeavesTheLatestSceneWhereItIs) {
   EXPECT_FALSE(kept.holds(here));
 }
 
-TEST_F(FrameMemory, ToldToKeepLessTheLatestSceneStays) {
+TEST_F(FrameMemory, LatestSceneSurvivesASmallerBudget) {
   engine::RenderCache kept(terrain_, kScenes, 1);
   const engine::SceneContent before = content_at(20, kept), latest = content_at(60, kept);
   kept.scene(before), kept.scene(latest);
@@ -108,7 +108,7 @@ TEST_F(FrameMemory, ToldToKeepLessTheLatestSceneStays) {
 }
 
 // Of another anchor a scene takes shapes over, and holds on to nothing else of the one before.
-TEST_F(FrameMemory, FloatsOfAnotherAnchorAreLetGo) {
+TEST_F(FrameMemory, VerticesOfOtherAnchorsAreFreed) {
   engine::RenderCache kept(terrain_, kScenes, 1);
   engine::SceneContent content = content_at(20, kept);
   const std::shared_ptr<const engine::Scene> scene = kept.scene(content);

@@ -55,13 +55,13 @@ double widest(
   return widest_m;
 }
 
-TEST(HeightSurvey, HoldsOfPostsOnTheLattice) {
+TEST(HeightSurvey, BoundsPostsOnTheLattice) {
   const test::TemporaryFolder folder;
   test::write_kaguya_tile(folder.path(), 12, 20, 2, 256, relief);
   EXPECT_LT(widest(folder.path(), 20), 1200);  // blocks look beyond themselves, and relief is of this size
 }
 
-TEST(HeightSurvey, HoldsOfResampledPostsAndBesideVoids) {
+TEST(HeightSurvey, BoundsResampledPostsAndBesideVoids) {
   const test::TemporaryFolder folder;
   const auto steps = [](double lat, double lon) {
     return std::fmod(std::floor(lat * 50) + std::floor(lon * 50), 2) * 900;
@@ -78,7 +78,7 @@ TEST(HeightSurvey, HoldsOfResampledPostsAndBesideVoids) {
   widest(folder.path(), 20);
 }
 
-TEST(HeightSurvey, HoldsUnderAGlobalLayerAndAcrossTheDateLine) {
+TEST(HeightSurvey, BoundsUnderAGlobalLayerAndAcrossTheDateLine) {
   const test::TemporaryFolder folder;
   test::write_float_tile(folder.path(), "global",
                          {.north_deg = 60, .west_deg = -180, .posts_per_degree = 4, .rows = 481, .columns = 1440},
@@ -92,7 +92,7 @@ TEST(HeightSurvey, HoldsUnderAGlobalLayerAndAcrossTheDateLine) {
   });
 }
 
-TEST(HeightSurvey, SaysNothingOfWhatIsThereAndOfWhatCantBeRead) {
+TEST(HeightSurvey, UnknownWhereFilesCannotBeRead) {
   const test::TemporaryFolder folder;
   test::write_kaguya_tile(folder.path(), 12, 20, 2, 256, relief);
   const auto terrain = test::open_terrain(folder.path());

@@ -127,7 +127,7 @@ TEST(JsonReader, WordsGetASuggestion) {
   EXPECT_EQ(findings_of(R"({"axes": 3})", read), "/axes: must be a string\n");
 }
 
-TEST(JsonReader, ReportsStopAtAReadableNumber) {
+TEST(JsonReader, NumberOfFindingsIsLimited) {
   std::string text = "[0";
   for (int i = 0; i < 1000; ++i) text += ",0";
   const auto read = [](const JsonReader& in) {
@@ -139,7 +139,7 @@ TEST(JsonReader, ReportsStopAtAReadableNumber) {
             ": must have at most 2 elements, has 3\n");
 }
 
-TEST(DirectionOf, WhateverTheLength) {
+TEST(DirectionOf, NormalisesAnyLength) {
   for (const double scale : {5e-324, 1e-300, 1.0, 1e300}) {
     const auto direction = direction_of(Vec3(0, -scale, scale));
     ASSERT_TRUE(direction) << scale;

@@ -88,14 +88,6 @@ TEST(Layers, AreBlendedOverTheBandAndUntouchedInside) {
   EXPECT_LT(posts.heights[64], 0.05) << "no cliff at the border";
 }
 
-TEST(Layers, WithoutABandEndAsTheyAre) {
-  TemporaryFolder folder;
-  write_coarse(folder), write_fine(folder);
-  const Layers layers(folder.path(), 0);
-  const Posts posts = layers.source.compose(window(6, 14, 17, 1, 2 * 64 + 1));
-  for (std::size_t c = 0; c < posts.heights.size(); ++c) ASSERT_EQ(posts.heights[c], c < 64 ? 0.F : 100.F) << c;
-}
-
 // A layer with a slanted border, holes of all sizes, another layer between, all of them rough, and off the lattice.
 struct Rough {
   Rough() {
@@ -181,7 +173,7 @@ TEST(Layers, AreContinuousAcrossEveryBorder) {
   EXPECT_LT(largest_step(Layers(folder.path()).source.compose(w), w), 6);
 }
 
-TEST(Layers, ThreeDeepEachBlendsIntoWhatLiesBeneath) {
+TEST(Layers, EachOfThreeBlendsIntoTheNextCoarser) {
   TemporaryFolder folder;
   write_coarse(folder);
   write_float_tile(folder.path(), "middle", {17, 17, 64, 4 * 64 + 1, 4 * 64 + 1}, high);
@@ -244,7 +236,7 @@ TEST(Layers, BlendASmallHoleOverASmallBand) {
   EXPECT_LE(touched(many), 40);
 }
 
-TEST(Layers, ThatAreSmallKeepTheirMiddle) {
+TEST(Layers, SmallLayersKeepTheirMiddle) {
   // The band would be wider than the layer: half of its half-width is left to it.
   TemporaryFolder folder;
   write_coarse(folder);
@@ -258,7 +250,7 @@ TEST(Layers, ThatAreSmallKeepTheirMiddle) {
   EXPECT_FALSE(is_blended(posts.sources[0]));
 }
 
-TEST(Layers, WithNothingBeneathEndAsTheyAre) {
+TEST(Layers, WithoutACoarserLayerAreNotBlended) {
   TemporaryFolder folder;
   // The coarse layer ends where the fine one does, in the west.
   write_float_tile(folder.path(), "coarse", {20, 18, kCoarse, 161, 161}, flat);
@@ -268,7 +260,7 @@ TEST(Layers, WithNothingBeneathEndAsTheyAre) {
   for (std::size_t c = 0; c < posts.heights.size(); ++c) ASSERT_EQ(posts.heights[c], 100) << c;
 }
 
-TEST(Layers, MeetOverTheSeamsOfTheTilesBeneath) {
+TEST(Layers, BlendOverTheSeamsOfCoarserTiles) {
   TemporaryFolder folder;
   // Coarse tiles as Kaguya's are, a post apart; the fine layer begins on the seam of two and lies over another.
   const auto slope = [](double lat, double lon) { return 10 * lat - 5 * lon; };
@@ -322,7 +314,7 @@ TEST(Layers, OffsetsAreAddedAndPartOfTheFingerprint) {
   EXPECT_EQ(Layers(single.path(), 16).catalogue.fingerprint(), Layers(single.path(), 8).catalogue.fingerprint());
 }
 
-TEST(Layers, AKnownBiasIsFoundBack) {
+TEST(Layers, FitRecoversAKnownBias) {
   const auto truth = [](double lat, double lon) { return 200 * std::sin(lat) + 150 * std::cos(1.3 * lon); };
   TemporaryFolder folder;
   write_coarse(folder, truth);

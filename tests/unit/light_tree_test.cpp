@@ -29,7 +29,7 @@ Vec3 sun_over(double lat, double lon, double azimuth_deg, double elevation_deg) 
   return sun_direction(local_axes(lat, lon), azimuth_deg, elevation_deg);
 }
 
-TEST(NodeBoundsTest, HoldEveryPlaceOfTheBlock) {
+TEST(NodeBoundsTest, ContainEveryPlaceOfTheBlock) {
   std::mt19937 random(8);
   std::uniform_real_distribution<double> any(0, 1);
   for (int level = 2; level <= 14; ++level)
@@ -74,7 +74,7 @@ TEST(NodeBoundsTest, HiddenOnlyBehindTheSolidMoon) {
   EXPECT_GT(hidden, 2000U);
 }
 
-TEST(LightTree, AMountainShadesWhatItsShadowReaches) {
+TEST(LightTree, MountainShadowsWhatItReaches) {
   // At 2 degrees the shadow of a 5 km top would leave the sphere: the horizon seen from there dips by 4.3 degrees.
   for (const auto& [elevation, h] : {std::pair(2.0, 800.0), std::pair(5.0, 5000.0), std::pair(15.0, 5000.0)}) {
     const Vec3 sun = sun_over(10, 30, 90, elevation);
@@ -94,7 +94,7 @@ TEST(LightTree, AMountainShadesWhatItsShadowReaches) {
   }
 }
 
-TEST(LightTree, WhoeverShadesIsFound) {
+TEST(LightTree, FindsEveryOccluder) {
   std::mt19937 random(10);
   std::uniform_real_distribution<double> any(0, 1);
   const Vec3 sun = sun_over(-40, 120, 250, 3);
@@ -139,7 +139,7 @@ TEST(LightTree, ASharpReceiverIsNoLargerThanItIs) {
 }
 
 // A top that is too low to reach the disc's middle hides its lower rim.
-TEST(LightTree, ADiscsRimIsShadedByLowerTops) {
+TEST(LightTree, SolarDiscIsShadowedByLowerOccluders) {
   const Vec3 toward = sun_over(10, 30, 90, 2);
   const Vec3 top = to_cartesian({10, 30, 800});
   const double along = top.dot(toward), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
@@ -160,7 +160,7 @@ TEST(LightTree, ADiscsRimIsShadedByLowerTops) {
   EXPECT_FALSE(shaded(0.2666, 2 * rim_m));
 }
 
-TEST(LightTree, NightIsNotShaded) {
+TEST(LightTree, NightHasNoOccluders) {
   const Vec3 sun = sun_over(0, 0, 90, 90);
   LightTree receivers(point(sun), to_cartesian({0, 170, 0}));
   receivers.add_receiver(bounds_of(block(8, 0, 170), -2000, 1000), 1);

@@ -86,7 +86,7 @@ TEST(FrameSources, NumbersFollowTheCatalogueWhateverTheOrder) {
   EXPECT_EQ(product, (std::vector<std::uint16_t>{2, 0, engine::FrameSources::kNone, 1, 0}));
 }
 
-TEST(FrameSources, MoreThanTheProductTellsApartIsAnError) {
+TEST(FrameSources, TooManySourcesThrow) {
   engine::FrameSources sources(65536);
   for (dem::SourceIndex i = 0; i < 65535; ++i) ASSERT_EQ(sources.product_number(i), i);
   EXPECT_THROW(sources.product_number(65535), TooMuchTerrain);

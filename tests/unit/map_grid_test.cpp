@@ -74,7 +74,7 @@ TEST(MapPlane, OrthographicAtAPoleIsAlongItsMeridian) {
     }
 }
 
-TEST(MapPlane, ThereAndBack) {
+TEST(MapPlane, ProjectionIsInvertible) {
   for (const MapPlane& plane :
        {equirectangular(0, 0), equirectangular(180, -50), polar(90), polar(-90), orthographic(70, 100),
         orthographic(-90, 0), orthographic(90, 20), orthographic(0, -180)})
@@ -92,7 +92,7 @@ TEST(MapPlane, ThereAndBack) {
       }
 }
 
-TEST(MapPlane, PlacesWithoutAPoint) {
+TEST(MapPlane, PlacesOutsideTheProjection) {
   EXPECT_FALSE(polar(90).place(-90, 0));
   EXPECT_FALSE(polar(-90).place(90, 0));
   EXPECT_FALSE(orthographic(0, 0).place(0, 91));
@@ -118,7 +118,7 @@ TEST(MapGrid, WktNamesProjectionAndSphere) {
   }
 }
 
-TEST(MapGrid, StopsWhenTold) {
+TEST(MapGrid, StopsAtTheDeadline) {
   const MapGrid grid{equirectangular(0, 0), 0, 0, 10, 8, 8};
   const std::vector<float> values(64, 1.F);
   const MapBand band{"height", "m", values.data()};
@@ -127,7 +127,7 @@ TEST(MapGrid, StopsWhenTold) {
 }
 
 // Everything that GDAL says of a map goes into the file itself, and nothing is left in memory.
-TEST(MapGrid, NoFileIsLeft) {
+TEST(MapGrid, FailedWriteLeavesNoFile) {
   const std::vector<float> values(64, 1.F);
   const MapBand band{"height", "m", values.data()};
   for (const MapPlane& plane : {equirectangular(180, 0), equirectangular(10, 60), polar(90), orthographic(26, 3)})

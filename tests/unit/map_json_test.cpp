@@ -77,7 +77,7 @@ TEST(MapJson, SizesAreAboutTheCentre) {
   EXPECT_NEAR(polar.north_m - 250, -rho * std::cos(200 * kRadiansPerDegree), 1e-6);
 }
 
-TEST(MapJson, WhatIsRefusedIsPointedAt) {
+TEST(MapJson, RefusalsPointAtMembers) {
   const std::string site = std::string(R"({"products": ["height"], "map": {"projection": "orthographic", )") + kSite;
   EXPECT_EQ(pointer_of(site + "}"), "accepted");
   Limits small;

@@ -136,7 +136,7 @@ TEST_F(MappedGround, TheGroundEmitsByItsTemperatureAndAlbedo) {
     }
 }
 
-TEST_F(MappedGround, WhereNoMapHasAValueTheNumberCounts) {
+TEST_F(MappedGround, UsesTheNumberWhereNoMapHasAValue) {
   FrameRequest r = request(Visibility::zbuffer);
   r.reflectance.model = ReflectanceModel::lambert, r.reflectance.rho = 0.4;
   const auto half = map("half.tif", [](double lat, double) { return lat < kLat ? 0.9 : std::nan(""); });

@@ -67,7 +67,7 @@ TEST(MemoryBudget, AClaimWaitsForRoomUntilItsTime) {
   EXPECT_EQ(budget.in_use(), 70U);
 }
 
-TEST(MemoryBudget, ALargeClaimIsNotPassedOverBySmallOnes) {
+TEST(MemoryBudget, LargeClaimsAreNotStarved) {
   MemoryBudget budget(100);
   auto first = budget.try_claim(50);
   std::atomic<bool> large{false};
@@ -90,7 +90,7 @@ TEST(MemoryBudget, AWaitEndsWithItsStopToken) {
   EXPECT_EQ(budget.in_use(), 100U);
 }
 
-TEST(MemoryBudget, WhatIsClaimedFromManyThreadsNeverExceedsTheCapacity) {
+TEST(MemoryBudget, ConcurrentClaimsNeverExceedTheCapacity) {
   MemoryBudget budget(1000);
   std::atomic<std::size_t> held{0}, most{0};
   std::vector<std::thread> threads;

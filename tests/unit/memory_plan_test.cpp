@@ -53,7 +53,7 @@ TEST(MemoryPlan, WithoutOptionsItFollowsTheMachine) {
   }
 }
 
-TEST(MemoryPlan, WhatOptionsNameStaysAndTheRestFollows) {
+TEST(MemoryPlan, GivenOptionsAreKept) {
   const MemoryParts of_total = memory_parts({.memory_mb = 2048}, kMachineMb);
   EXPECT_EQ(of_total.total_mb, 2048U);
   EXPECT_EQ(of_total.scene_mb, 640U);  // of 768, beside 64 each

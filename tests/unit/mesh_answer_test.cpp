@@ -29,7 +29,7 @@ std::string fault_of(const std::string& answer) {
   return "";
 }
 
-TEST(MeshAnswer, IsTheShape) {
+TEST(MeshAnswer, RoundTripsTheShape) {
   const ObjectShape shape = shape_of_answer(shape_answer(triangle()));
   ASSERT_EQ(shape.corners.size(), 3U);
   EXPECT_EQ(shape.corners[2].normal, triangle().corners[2].normal);
@@ -39,18 +39,18 @@ TEST(MeshAnswer, IsTheShape) {
   EXPECT_TRUE(shape.textured);
 }
 
-TEST(MeshAnswer, OrWhyThereIsNone) {
+TEST(MeshAnswer, HoldsTheError) {
   EXPECT_EQ(fault_of(refusal_answer("has no triangle")), "has no triangle");
   EXPECT_EQ(fault_of(refusal_answer(std::string(5000, 'x'))), std::string(kMaxRefusalBytes, 'x'));
 }
 
-TEST(MeshAnswer, NoPartOfItIsMissing) {
+TEST(MeshAnswer, RejectsTruncatedAnswers) {
   const std::string whole = shape_answer(triangle());
   for (std::size_t n = 0; n < whole.size(); ++n) EXPECT_NE(fault_of(whole.substr(0, n)), "") << n;
   EXPECT_NE(fault_of(whole + "x"), "");
 }
 
-TEST(MeshAnswer, NothingInItIsTakenOnTrust) {
+TEST(MeshAnswer, RejectsInvalidAnswers) {
   const auto with = [](void (*change)(ObjectShape&)) {
     ObjectShape shape = triangle();
     change(shape);
@@ -69,7 +69,7 @@ TEST(MeshAnswer, NothingInItIsTakenOnTrust) {
     EXPECT_NE(fault_of(shape_answer(triangle()).replace(count, 4, "\xff\xff\xff\xff")), "");
 }
 
-TEST(Utf8, IsToldFromOtherBytes) {
+TEST(Utf8, DetectsInvalidSequences) {
   for (const char* good : {"", "plain", "gr\xc3\xbcn", "\xe2\x82\xac", "\xf0\x9f\x8c\x95", "\xf4\x8f\xbf\xbf"})
     EXPECT_TRUE(is_utf8(good)) << good;
   for (const char* bad : {"gr\xfcn", "\xc3", "\xc0\xaf", "\xe0\x80\xaf", "\xed\xa0\x80", "\xf0\x80\x80\xaf",

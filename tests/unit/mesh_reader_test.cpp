@@ -52,7 +52,7 @@ class MeshFiles : public ::testing::Test {
   test::TemporaryFolder folder_;
 };
 
-TEST_F(MeshFiles, AreOneFile) {
+TEST_F(MeshFiles, MayNotNameOtherFiles) {
   write("secret.bin", std::string(36, '\0'));
   for (const char* uri : {"/etc/hostname", "secret.bin", "../secret.bin", "file:///etc/hostname", "http://127.0.0.1/x"})
     expect_within(fault_of(write("a.gltf", test::gltf_file(uri))), std::string("names another file, \""));
@@ -60,7 +60,7 @@ TEST_F(MeshFiles, AreOneFile) {
 }
 
 // An OBJ's materials are their names, whatever the library of materials that it names would say.
-TEST_F(MeshFiles, MaterialsOfAnObjAreNamesAlone) {
+TEST_F(MeshFiles, ObjMaterialsAreNamesOnly) {
   const ObjectShape shape = test::read_shape(
       write("a.obj", "mtllib /etc/hostname\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl foil\nf 1 2 3\nusemtl glass\nf 3 2 1\n"));
   EXPECT_EQ(shape.parts, (std::vector<std::string>{"foil", "glass"}));
@@ -73,7 +73,7 @@ TEST_F(MeshFiles, NamesAreUtf8) {
   EXPECT_EQ(test::read_shape(write("good.obj", before + "\xc3\xbcn\nf 1 2 3\n")).parts[0], "gr\xc3\xbcn");
 }
 
-TEST_F(MeshFiles, AreOrdinary) {
+TEST_F(MeshFiles, MustBeRegularFiles) {
   ::mkfifo((folder_ / "pipe.obj").c_str(), 0600);
   expect_within(fault_of(folder_ / "pipe.obj"), "not an ordinary file");
   std::filesystem::create_directory(folder_ / "folder.obj");
@@ -87,7 +87,7 @@ TEST_F(MeshFiles, AreOrdinary) {
 }
 
 // 26 bytes whose header asks for 4 GB.
-TEST_F(MeshFiles, TakeNoMoreMemoryThanTheyMay) {
+TEST_F(MeshFiles, MemoryIsLimited) {
   std::string glb("glTF\2\0\0\0\xff\xff\xff\xff\xf0\xff\xff\xffJSON{}    ", 26);
   EXPECT_NE(fault_of(write("header.glb", glb)), "");
   if (kSanitized) GTEST_SKIP() << "sanitizers reserve addresses without end";
@@ -106,7 +106,7 @@ TEST_F(MeshFiles, InstancesAreCountedBeforeTheyAreMade) {
   EXPECT_EQ(test::read_shape(write("b.gltf", test::gltf_of_instances(20, 10))).triangles.size(), 200U);
 }
 
-TEST_F(MeshFiles, WhatRaysNeedOfThemCounts) {
+TEST_F(MeshFiles, MemoryOfRayTracingCounts) {
   const std::string path = write("a.gltf", test::gltf_of_instances(100, 2000));  // of 16 bytes; 95 more for rays
   MeshReaderOptions options = test::mesh_options();
   options.max_bytes = std::size_t{40} << 20;
@@ -115,7 +115,7 @@ TEST_F(MeshFiles, WhatRaysNeedOfThemCounts) {
   EXPECT_NE(fault_of(path, options), "");
 }
 
-TEST_F(MeshFiles, AReaderThatFailsIsNamed) {
+TEST_F(MeshFiles, ReaderFailuresAreReported) {
   const std::string path = write("a.obj", "v 0 0 0\n");
   MeshReaderOptions options = test::mesh_options();
   options.program = script("kill -SEGV $$");
@@ -130,7 +130,7 @@ TEST_F(MeshFiles, AReaderThatFailsIsNamed) {
 }
 
 // Whatever is done to a file, it is a mesh or an error that names it.
-TEST_F(MeshFiles, DamagedOnesAreErrors) {
+TEST_F(MeshFiles, DamagedFilesAreMeshesOrErrors) {
   std::mt19937 random(1);
   int errors = 0;
   for (int i = 0; i < 10; ++i) {
@@ -142,7 +142,7 @@ TEST_F(MeshFiles, DamagedOnesAreErrors) {
 }
 
 // The same for hundreds, without a program for each.
-TEST_F(MeshFiles, AnswersOfDamagedOnesAreWhole) {
+TEST_F(MeshFiles, DamagedFilesGiveWholeAnswers) {
   std::mt19937 random(2);
   int meshes = 0, refused = 0, crashed = 0;
   for (int i = 0; i < 400; ++i) {
@@ -185,7 +185,7 @@ class ObjectAssets : public MeshFiles {
   }
 };
 
-TEST_F(ObjectAssets, AreReadOnceForAllWhoAsk) {
+TEST_F(ObjectAssets, ConcurrentRequestsReadOnce) {
   const api::Assets assets(folder_.path(), counted("sleep 0.3"));
   std::vector<std::shared_ptr<const ObjectMesh>> found(6);
   std::vector<std::thread> asking;
@@ -199,7 +199,7 @@ TEST_F(ObjectAssets, AreReadOnceForAllWhoAsk) {
   EXPECT_EQ(reads(), 1);
 }
 
-TEST_F(ObjectAssets, AreGivenUpWithTheRequestAndReadForTheNext) {
+TEST_F(ObjectAssets, CancelledReadsAreRepeatedForTheNextRequest) {
   const api::Assets assets(folder_.path(), counted("[ -e " + (folder_ / "go") + " ] || exec sleep 60"));
   const auto start = Clock::now();
   EXPECT_THROW(assets.object("a", StopToken(start + 100ms)), Cancelled);
@@ -212,7 +212,7 @@ TEST_F(ObjectAssets, AreGivenUpWithTheRequestAndReadForTheNext) {
   impatient.join();
 }
 
-TEST_F(ObjectAssets, FaultsAreTheAssets) {
+TEST_F(ObjectAssets, FaultsAreAssetErrors) {
   write("objects/c.obj", "f 1 2 3\n");
   const api::Assets assets(folder_.path(), test::mesh_options());
   try {
@@ -226,7 +226,7 @@ TEST_F(ObjectAssets, FaultsAreTheAssets) {
 }
 
 // Those that nobody uses make room.
-TEST_F(ObjectAssets, KeepToTheirRoom) {
+TEST_F(ObjectAssets, StayWithinTheirMemory) {
   for (const char* name : {"a", "b"})
     write(std::string("objects/") + name + ".gltf", test::gltf_of_instances(100, 2000));
   for (const char* name : {"objects/a.ply", "objects/b.ply"}) std::filesystem::remove(folder_ / name);

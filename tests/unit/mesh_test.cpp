@@ -204,7 +204,7 @@ TEST_F(MeshTest, TwoLayersOfPostsJoinAtTheirBorder) {
 }
 
 // A mesh that takes over blocks of another one, and its drawn form, are what they are when made from nothing.
-TEST_F(MeshTest, TakenOverIsTheSame) {
+TEST_F(MeshTest, ReusedBlocksAreIdentical) {
   const Vec3 anchor = to_cartesian({6, 24, 0});
   const auto other_halves = [](const BlockId& id) { return !pseudo_random(id); };
   const std::vector<std::vector<BlockId>> steps{box(5, 2, 10, 20, 28, pseudo_random),
@@ -258,7 +258,7 @@ TEST_F(MeshTest, TakenOverIsTheSame) {
 }
 
 // Wherever loading is given up, what it leaves in the terrain's memory is what a fresh one would have.
-TEST_F(MeshTest, GivenUpAtAnyMomentLeavesNothingWrong) {
+TEST_F(MeshTest, CancellationLeavesAValidMesh) {
   using Clock = StopToken::Clock;
   const auto blocks = box(5, 2, 10, 20, 28, [](const BlockId&) { return true; });
   const Mesh right(*terrain_, blocks);
@@ -327,7 +327,7 @@ TEST_F(MeshTest, StripsKnowTheirSteepestTriangles) {
 }
 
 // Skirts hang under the border of the data and nowhere else: as many as that border has edges, two each.
-TEST_F(MeshTest, SkirtsHangUnderTheBorderAlone) {
+TEST_F(MeshTest, SkirtsHangAtDataBoundariesOnly) {
   for (const auto& split : {std::function<bool(const BlockId&)>([](const BlockId&) { return false; }),
                             std::function<bool(const BlockId&)>(pseudo_random)}) {
     const Mesh mesh(*terrain_, box(5, 2, 10, 20, 28, split));

@@ -42,7 +42,7 @@ TEST(Negotiate, TheMoreSpecificRangeGoverns) {
   EXPECT_EQ(chosen("image/png;q=0, image/*", kImage), "image/tiff");
 }
 
-TEST(Negotiate, WhatCantHoldTheProductsIsPassedOver) {
+TEST(Negotiate, SkipsFormatsThatCannotHoldTheProducts) {
   EXPECT_EQ(chosen("application/x-npy, application/x-npz;q=0.1", kRadiance | kRange), "application/x-npz");
   EXPECT_EQ(chosen("image/png, */*;q=0.1", kRadiance), "application/x-npy");
 }

@@ -13,7 +13,7 @@ dem::BlockId block_around(int level, double lat, double lon) {
                        dem::wrap_lon(std::llround((lon + 180) * dem::kTicksPerDegree)));
 }
 
-TEST(NodeBoundsTest, TheBallHoldsTheFootprintBetweenLowestAndHighest) {
+TEST(NodeBoundsTest, BoundingSphereContainsTheFootprint) {
   for (const double lat : {0.3, 60.1, 88.9}) {
     const dem::BlockId id = block_around(5, lat, 23);
     const dem::BlockExtent e = dem::extent_of(id);
@@ -31,7 +31,7 @@ TEST(NodeBoundsTest, TheBallHoldsTheFootprintBetweenLowestAndHighest) {
   }
 }
 
-TEST(NodeBoundsTest, ABallThatIsNoTerrainIsItself) {
+TEST(NodeBoundsTest, NonTerrainReceiverIsItsBoundingSphere) {
   const Vec3 centre(1.8e6, 2e5, -3e4);
   const NodeBounds bounds = bounds_around(centre, 300);
   EXPECT_EQ(bounds.centre, centre);

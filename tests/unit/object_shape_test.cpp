@@ -103,7 +103,7 @@ TEST_F(ObjectShapes, WarnsOfCoordinatesTooFarForFloat) {
   EXPECT_NE(notes(10)[0].find("float rounds them by 0.074"), std::string::npos) << notes(10)[0];
 }
 
-TEST_F(ObjectShapes, TexturesAreNotUsedAndItIsSaid) {
+TEST_F(ObjectShapes, WarnsOfUnusedTextures) {
   nlohmann::json gltf = nlohmann::json::parse(test::gltf_file());
   EXPECT_TRUE(ObjectMesh(test::read_shape(write("plain.gltf", gltf.dump()))).notes().empty());
   gltf["images"] = {{{"uri", "data:image/png;base64,iVBORw0KGgo="}}};
@@ -114,7 +114,7 @@ TEST_F(ObjectShapes, TexturesAreNotUsedAndItIsSaid) {
   EXPECT_NE(mesh.notes()[0].find("textures"), std::string::npos);
 }
 
-TEST_F(ObjectShapes, BadFilesAreNamed) {
+TEST_F(ObjectShapes, InvalidFilesAreNamed) {
   const auto refused = [&](const std::string& path) -> std::string {
     try {
       test::read_shape(path);

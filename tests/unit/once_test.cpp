@@ -10,7 +10,7 @@
 namespace selenograph::dem {
 namespace {
 
-TEST(Once, WhatThrewIsDoneByTheNext) {
+TEST(Once, NextCallerRetriesAfterAnException) {
   Once once;
   int tried = 0;
   const auto work = [&] {
@@ -22,7 +22,7 @@ TEST(Once, WhatThrewIsDoneByTheNext) {
   EXPECT_EQ(tried, 3);
 }
 
-TEST(Once, AllWaitUntilItIsDone) {
+TEST(Once, AllCallersWaitUntilDone) {
   Once once;
   int made = 0;  // ThreadSanitizer would see whoever reads it too early
   std::atomic<int> right = 0;

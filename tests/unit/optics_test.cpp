@@ -120,32 +120,7 @@ TEST(PointSpread, AiryEncirclesItsEnergy) {
   EXPECT_NEAR(within, encircled(1.22 * kPi), 0.001);  // the first dark ring, 1.22 lambda N, holds 83.8 %
 }
 
-// Below, the far rings' mean is as good as every ring: 1e-6 of the light from midpoints of which each ring has several.
-TEST(PointSpread, ASmallAiryDiscIsItsFarRings) {
-  const auto of_unit = [](double unit_px) { return SpreadKernel(airy(), 1, 1, unit_px * kPi); };
-  const double unit = 0.00499;
-  const SpreadKernel kernel = of_unit(unit);
-  ASSERT_EQ(kernel.radius(), 1);
-  const int fine = 401;
-  const auto by_midpoints = [&](int x, int y) {
-    double sum = 0;
-    for (int j = 0; j < fine; ++j)
-      for (int i = 0; i < fine; ++i) {
-        const double v = std::hypot(x + (i + 0.5) / fine - 0.5, y + (j + 0.5) / fine - 0.5) / unit;
-        const double bessel = 2 * std::cyl_bessel_j(1.0, v) / v;
-        sum += bessel * bessel / (4 * kPi);
-      }
-    return sum / (fine * fine * unit * unit);
-  };
-  EXPECT_NEAR(own_weight(kernel, 1, 0), by_midpoints(1, 0), 1e-6);
-  EXPECT_NEAR(own_weight(kernel, -1, 1), by_midpoints(-1, 1), 1e-6);
-  // On both sides of where one takes over.
-  const SpreadKernel above = of_unit(0.00501);
-  EXPECT_NEAR(kernel.weight(0, 0), above.weight(0, 0), 3e-5);
-  EXPECT_NEAR(kernel.captured(), above.captured(), 2e-5);
-}
-
-TEST(PointSpread, NoAiryDiscTakesLong) {
+TEST(PointSpread, AiryKernelsAreMadeQuickly) {
   const auto start = std::chrono::steady_clock::now();
   for (const double unit_px : {0.0, 1e-300, 1e-12, 1e-6, 1e-3, 0.0050001, SpreadKernel::kMaxAiry_px / kPi}) {
     const SpreadKernel kernel(airy(), 1, 1, unit_px * kPi);
@@ -155,7 +130,7 @@ TEST(PointSpread, NoAiryDiscTakesLong) {
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(20));
 }
 
-TEST(PointSpread, StopsWhenItIsTime) {
+TEST(PointSpread, StopsAtTheDeadline) {
   using Clock = std::chrono::steady_clock;
   const auto stops = [](const auto& work) {
     const auto due = Clock::now() + std::chrono::milliseconds(50);

@@ -26,7 +26,7 @@ bool becomes(const std::atomic<int>& value, int wanted) {
 
 // A caller comes while another one's loop is in the arena, which then ends: from there on both of the arena's threads
 // are his.
-TEST(Parallel, WhoCameSecondHasAllThreadsOnceTheFirstHasLeft) {
+TEST(Parallel, SecondLoopGetsAllThreadsAfterTheFirst) {
   if (tbb::this_task_arena::max_concurrency() < 2) GTEST_SKIP() << "one core";
   tbb::task_arena arena(2);
   std::promise<void> first_is_in, second_is_in;
@@ -54,7 +54,7 @@ TEST(Parallel, WhoCameSecondHasAllThreadsOnceTheFirstHasLeft) {
   });
 }
 
-TEST(Parallel, LoopsWithinLoopsAndWhatTheyThrow) {
+TEST(Parallel, NestedLoopsAndExceptions) {
   tbb::task_arena arena(2);
   std::atomic<int> sum{0};
   in_arena(arena, [&] {
@@ -70,7 +70,7 @@ TEST(Parallel, LoopsWithinLoopsAndWhatTheyThrow) {
   EXPECT_EQ(sum, 99 * 100 / 2 + 2);
 }
 
-TEST(Parallel, LoopsOnThreadsOfTheirOwnHoldNoPlace) {
+TEST(Parallel, LoopsOnTheirOwnThreadsHoldNoPlace) {
   tbb::task_arena arena(1);
   std::atomic<int> waiting{0}, go_on{0}, done{0};
   std::thread slow([&] {
@@ -100,7 +100,7 @@ TEST(Parallel, LoopsOnThreadsOfTheirOwnHoldNoPlace) {
 
 // What has begun when another piece throws is done as a whole, or it would be taken for whole: a block of terrain, say,
 // whose posts nobody has read.
-TEST(Parallel, ALoopWithinOneThatIsGivenUpIsWhole) {
+TEST(Parallel, NestedLoopOfACancelledLoopCompletes) {
   if (tbb::this_task_arena::max_concurrency() < 2) GTEST_SKIP() << "one core";
   tbb::task_arena arena(2);
   std::atomic<int> within{0}, begun{0};

@@ -59,7 +59,7 @@ TEST(PostSource, LatticePostsAreCopiedBitForBit) {
     }
 }
 
-TEST(PostSource, WhatNoTileHoldsIsNoData) {
+TEST(PostSource, UncoveredPostsAreNoData) {
   TemporaryFolder folder;
   write_kaguya_tile(folder.path(), 12, 20, 2, 16, slope);
   Layers layers(folder.path());
@@ -74,7 +74,7 @@ TEST(PostSource, WhatNoTileHoldsIsNoData) {
     }
 }
 
-TEST(PostSource, FinerLayersWinAndVoidsFallThrough) {
+TEST(PostSource, FinestValidLayerWins) {
   TemporaryFolder folder;
   write_float_tile(folder.path(), "coarse", {14, 18, 8, 6 * 8 + 1, 6 * 8 + 1}, [](double, double) { return 1.0; });
   const auto hole = [](double lat, double lon) { return std::abs(lat - 11) < 0.2 && std::abs(lon - 21) < 0.2; };
@@ -114,7 +114,7 @@ TEST(PostSource, VoidsInASlopeAreFilledExactlyAndFlagged) {
   EXPECT_GT(filled, 50);
 }
 
-TEST(PostSource, NothingIsFilledBeyondTheReachOrOutside) {
+TEST(PostSource, NoFillingBeyondTheReachOrOutside) {
   PostWindow w = window(4, 0, 0, 3, 200);
   Posts posts{std::vector<float>(w.size(), std::nanf("")), std::vector<SourceMark>(w.size(), kNoSource)};
   const auto put = [&](int c) {
@@ -226,7 +226,7 @@ TEST(PostSource, ImpossibleHeightsAreVoidsWithAWarning) {
   EXPECT_NE(layers.warnings[0].find("t.lbl"), std::string::npos) << layers.warnings[0];
 }
 
-TEST(PostSource, VanishedAndTruncatedFilesAreNamedOrFallenThrough) {
+TEST(PostSource, UnreadableFilesAreErrorsOrFallThrough) {
   TemporaryFolder folder;
   write_float_tile(folder.path(), "below", {14, 18, 8, 49, 49}, [](double, double) { return 1.0; });
   write_float_tile(folder.path(), "above", {12, 20, 16, 33, 33}, [](double, double) { return 2.0; });

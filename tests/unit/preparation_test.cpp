@@ -51,7 +51,7 @@ std::vector<Pose> poses(std::initializer_list<double> places) {
   return list;
 }
 
-TEST(Preparation, WhatIsAheadIsPreparedInOrder) {
+TEST(Preparation, PosesAheadArePreparedInOrder) {
   Prepared prepared;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   preparation.expect(frame_at(0), poses({10, 20, 30}));
@@ -59,7 +59,7 @@ TEST(Preparation, WhatIsAheadIsPreparedInOrder) {
   EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20, 30}));
 }
 
-TEST(Preparation, WhatIsReadyIsPreparedAgainOnlyWhereItIsGone) {
+TEST(Preparation, ReadyScenesAreNotPreparedAgain) {
   Prepared prepared;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   preparation.expect(frame_at(0), poses({10, 20, 30}));
@@ -73,7 +73,7 @@ TEST(Preparation, WhatIsReadyIsPreparedAgainOnlyWhereItIsGone) {
   EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20, 30, 40, 30, 40}));
 }
 
-TEST(Preparation, ACameraGoesOnAsItDid) {
+TEST(Preparation, ExtrapolatesTheCamerasMotion) {
   Prepared prepared;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   preparation.expect(frame_at(0), {});
@@ -90,7 +90,7 @@ TEST(Preparation, ACameraGoesOnAsItDid) {
   EXPECT_EQ(prepared.places().size(), 2U) << "too far away to be the same flight";
 }
 
-TEST(Preparation, TurnsGoOn) {
+TEST(Preparation, ExtrapolatesTurns) {
   Pose last;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) {
     last = request.pose;
@@ -107,7 +107,7 @@ TEST(Preparation, TurnsGoOn) {
   EXPECT_LT(last.camera_from_moon.angularDistance(turned(19).pose.camera_from_moon), 1e-9);
 }
 
-TEST(Preparation, RestsWhileAFrameIsInWork) {
+TEST(Preparation, PausesWhileAFrameIsActive) {
   Prepared prepared;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   {
@@ -121,7 +121,7 @@ TEST(Preparation, RestsWhileAFrameIsInWork) {
   EXPECT_EQ(prepared.places(), std::vector<double>{10});
 }
 
-TEST(Preparation, GivesWayToAFrameAndComesBack) {
+TEST(Preparation, YieldsToAFrameAndResumes) {
   std::atomic<int> begun{0}, given_up{0};
   Preparation preparation([&](const FrameRequest&, const StopToken& stop) {
     if (++begun > 1) return kStillThere;
@@ -143,7 +143,7 @@ TEST(Preparation, GivesWayToAFrameAndComesBack) {
   EXPECT_EQ(begun, 2);
 }
 
-TEST(Preparation, GoesOnForTheFrameThatItIsFor) {
+TEST(Preparation, ContinuesForTheFrameItPrepares) {
   std::atomic<bool> begun{false}, asked{false}, told{false};
   Preparation preparation([&](const FrameRequest&, const StopToken& stop) {
     begun = true;
@@ -162,7 +162,7 @@ TEST(Preparation, GoesOnForTheFrameThatItIsFor) {
   EXPECT_FALSE(told);
 }
 
-TEST(Preparation, NewsReplaceWhatWasExpectedOfTheSameCamera) {
+TEST(Preparation, NewPosesReplaceExpectedOnes) {
   Prepared prepared;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   FrameRequest other = frame_at(0);
@@ -178,7 +178,7 @@ TEST(Preparation, NewsReplaceWhatWasExpectedOfTheSameCamera) {
   EXPECT_EQ(prepared.places(), (std::vector<double>{77, 11}));
 }
 
-TEST(Preparation, CamerasThatAreAlikeGoTheirOwnWays) {
+TEST(Preparation, SimilarCamerasAreIndependent) {
   Prepared prepared;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   // A stereo pair: told apart by name alone. A third one looks elsewhere.
@@ -196,7 +196,7 @@ TEST(Preparation, CamerasThatAreAlikeGoTheirOwnWays) {
   EXPECT_EQ(prepared.places(), (std::vector<double>{200, 201, 205, 300, 301, 305})) << "the soonest first";
 }
 
-TEST(Preparation, WhatCannotBePreparedIsTheFramesMatter) {
+TEST(Preparation, PreparationErrorsAreLeftToTheFrame) {
   Prepared prepared;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) {
     prepared(request);
@@ -208,7 +208,7 @@ TEST(Preparation, WhatCannotBePreparedIsTheFramesMatter) {
   EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20}));
 }
 
-TEST(Preparation, EndsAtOnce) {
+TEST(Preparation, StopsAtOnce) {
   std::atomic<bool> begun{false};
   {
     Preparation preparation([&](const FrameRequest&, const StopToken& stop) {

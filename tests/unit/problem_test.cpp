@@ -57,14 +57,14 @@ TEST(Problem, WithoutFindingsHasNoErrors) {
   EXPECT_FALSE(body.contains("errors"));
 }
 
-TEST(Problem, AnUnknownCodeIsOurFault) { EXPECT_EQ(problem("no_such_code", "x").status, 500); }
+TEST(Problem, UnknownCodesAreInternalErrors) { EXPECT_EQ(problem("no_such_code", "x").status, 500); }
 
-TEST(Problem, QuotesBytesThatAreNoUtf8) {
+TEST(Problem, EscapesInvalidUtf8) {
   const Response response = problem("malformed_json", "unexpected '\xff\xc3('", {{"/\xff", "\x80"}});
   EXPECT_EQ(nlohmann::json::parse(response.body).at("status"), 400);
 }
 
-TEST(Findings, OneIsNamedInTheDetailAndManyAreCounted) {
+TEST(Findings, DetailNamesOneFindingOrCountsMany) {
   Findings findings;
   EXPECT_NO_THROW(findings.throw_if_any());
   findings.add("/camera/width", "must be an integer");
@@ -135,13 +135,13 @@ TEST(AnswerOrProblem, TheLastAnswerAllocatesNothing) {
   EXPECT_EQ(response.content_type.capacity() + response.body.capacity(), 2 * std::string().capacity());
 }
 
-TEST(AnswerOrProblem, LackOfMemorySaysWhenToComeBack) {
+TEST(AnswerOrProblem, OutOfMemoryHasRetryAfter) {
   const Response response = answer_or_problem(Request{}, throwing<std::bad_alloc>());
   ASSERT_EQ(response.headers.size(), 1u);
   EXPECT_EQ(response.headers[0].first, "Retry-After");
 }
 
-TEST(AnswerOrProblem, WhatClientsAreNotToldIsLogged) {
+TEST(AnswerOrProblem, InternalErrorsAreLogged) {
   std::ostringstream log;
   const auto before = spdlog::default_logger();
   spdlog::set_default_logger(
@@ -153,14 +153,14 @@ TEST(AnswerOrProblem, WhatClientsAreNotToldIsLogged) {
   EXPECT_NE(log.str().find("POST /v1/frames: stoi"), std::string::npos) << log.str();
 }
 
-TEST(AnswerOrProblem, CancelledForAClientThatLeftIsNotTheDeadline) {
+TEST(AnswerOrProblem, DepartedClientIsNotADeadline) {
   const std::atomic<bool> left{true};
   Request request;
   request.abandoned = &left;
   EXPECT_EQ(answer_or_problem(request, throwing<Cancelled>()).status, 499);
 }
 
-TEST(AnswerOrProblem, AWrongMethodNamesTheRightOnes) {
+TEST(AnswerOrProblem, WrongMethodListsTheAllowedOnes) {
   Request request;
   request.path = "/v1/height";
   const Response response = answer_or_problem(request, throwing<RequestError>("method_not_allowed", "no"));

@@ -418,7 +418,7 @@ TEST_F(PyramidFile, AChangedSourceIsBuiltAgain) {
   EXPECT_GT(terrain->statistics().chunks_built, 0U);
 }
 
-TEST_F(PyramidFile, ATileBesideChangesTheEdge) {
+TEST_F(PyramidFile, NeighbouringTileChangesTheEdge) {
   posts(*open());
   const auto before = open()->height(10.01, 21);
   EXPECT_TRUE(std::isnan(before.height_m)) << "south of the last row";
@@ -429,7 +429,7 @@ TEST_F(PyramidFile, ATileBesideChangesTheEdge) {
 }
 
 // Next to a pole the posts that a chunk looks at beyond its border reach over some degrees of longitude.
-TEST(Pyramid, ATileBesideChangesTheEdgeNextToAPole) {
+TEST(Pyramid, NeighbouringTileChangesTheEdgeNextToAPole) {
   const TemporaryFolder folder;
   const auto west_of_8_degrees = [&](const char* cache) {
     const auto terrain = open_terrain(folder / "dem", folder / cache);
@@ -468,7 +468,7 @@ TEST_F(PyramidFile, OnlyItsOwnStaleTemporariesAreRemoved) {
   EXPECT_TRUE(fs::exists(foreign)) << "a file of somebody else was deleted";
 }
 
-TEST_F(PyramidFile, AReadOnlyFolderCostsTimeNotAnswers) {
+TEST_F(PyramidFile, ReadOnlyCacheStillAnswers) {
   std::ofstream(folder_ / "file") << "no folder";
   const auto terrain = open_terrain(folder_ / "dem", (folder_ / "file") + "/cache");
   EXPECT_FALSE(std::isnan(terrain->height(11, 21).height_m));
@@ -510,7 +510,7 @@ struct NoDescriptors : Limited {
   NoDescriptors() : Limited(RLIMIT_NOFILE, 3) {}  // 0, 1 and 2 are in use
 };
 
-TEST_F(PyramidFile, WithoutDescriptorsNoFileIsDistrusted) {
+TEST_F(PyramidFile, DescriptorExhaustionDeletesNoPyramid) {
   Told told;
   const auto right = posts(*told.open(folder_ / "dem", folder_ / "cache"));
   const std::vector<std::string> before = files();
@@ -529,7 +529,7 @@ TEST_F(PyramidFile, WithoutDescriptorsNoFileIsDistrusted) {
   EXPECT_EQ(told.texts, std::vector<std::string>{});
 }
 
-TEST_F(PyramidFile, WithoutDescriptorsNoTileIsBlamed) {
+TEST_F(PyramidFile, DescriptorExhaustionBlamesNoTile) {
   write_float_tile(folder_ / "dem", "below", {14, 18, 8, 49, 49}, [](double, double) { return 1.0; });
   for (const bool fall_through : {false, true}) {
     const auto terrain = open_terrain(folder_ / "dem", {}, fall_through);
@@ -544,7 +544,7 @@ TEST_F(PyramidFile, WithoutDescriptorsNoTileIsBlamed) {
   }
 }
 
-TEST_F(PyramidFile, AFullDiskIsToldOnceAndLeavesNothing) {
+TEST_F(PyramidFile, FullDiskIsReportedOnce) {
   std::signal(SIGXFSZ, SIG_IGN);
   write_kaguya_tile(folder_ / "dem", 12, 60, 2, 32, noise);
   Told told;
@@ -568,7 +568,7 @@ TEST_F(PyramidFile, AFullDiskIsToldOnceAndLeavesNothing) {
   EXPECT_EQ(told.texts.size(), 2U);
 }
 
-TEST_F(PyramidFile, AForbiddenFileIsLeftAsItIs) {
+TEST_F(PyramidFile, UnreadableFilesAreKept) {
   if (::geteuid() != 0) GTEST_SKIP() << "needs to be root to become somebody else";
   const auto right = posts(*open());
   const std::vector<std::string> before = files();
@@ -610,7 +610,7 @@ TEST_F(PyramidFile, EachDeletionIsLogged) {
   }
 }
 
-TEST_F(PyramidFile, AFallThroughIsForgottenOnceTheFileIsBack) {
+TEST_F(PyramidFile, FallThroughEndsWhenTheFileReturns) {
   write_float_tile(folder_ / "dem", "below", {14, 18, 8, 49, 49}, [](double, double) { return 1.0; });
   const std::string data = folder_ / "dem/DTM_MAP_02_N12E020N10E022SC.img";
   const auto terrain = open_terrain(folder_ / "dem", folder_ / "cache", true);
@@ -623,7 +623,7 @@ TEST_F(PyramidFile, AFallThroughIsForgottenOnceTheFileIsBack) {
       << "the replacement was kept as if it were the tile";
 }
 
-TEST_F(PyramidFile, IngestDoesAllAheadAndResumes) {
+TEST_F(PyramidFile, IngestBuildsEverythingAndResumes) {
   const auto terrain = open();
   std::size_t calls = 0;
   terrain->ingest([&](std::size_t done, std::size_t total, const std::string&) {

@@ -20,7 +20,7 @@ using Names = std::vector<std::string_view>;
 
 constexpr double kPi = std::numbers::pi;
 
-TEST(RadianceTerms, TheMoonHasTheDirectOneAlone) {
+TEST(RadianceTerms, MoonHasOnlyTheDirectTerm) {
   FrameRequest request;
   request.sun.distance_au = 1.02;
   const RadianceTerms terms = radiance_terms(request);
@@ -45,7 +45,7 @@ TEST(RadianceTerms, AWarmSurfaceEmits) {
 }
 
 // Eqs. (1) to (3) with everything in them: constants over wavelength make all integrals products.
-TEST(RadianceTerms, AnAtmosphereAddsAndTakesAway) {
+TEST(RadianceTerms, AtmosphereAddsAndAttenuates) {
   FrameRequest request;
   request.sun.distance_au = 2;
   request.reflectance.rho = 0.3;

@@ -85,7 +85,7 @@ TEST(Random, PoissonInvertsItsDistribution) {
   }
 }
 
-TEST(Random, PoissonOfNothingIsNothing) {
+TEST(Random, PoissonOfZeroIsZero) {
   std::uint32_t bits[kDraw];
   float means[kDraw], out[kDraw];
   for (int i = 0; i < kDraw; ++i) bits[i] = 0xffffffffU, means[i] = i % 2 ? 0.F : -3.F;

@@ -4,8 +4,6 @@
 #include <gdal_priv.h>
 #include <gtest/gtest.h>
 #include <ogr_spatialref.h>
-#include <stdlib.h>
-#include <unistd.h>
 
 #include <bit>
 #include <cmath>
@@ -32,14 +30,9 @@ constexpr const char* kSouth = "+proj=stere +lat_0=-90 +lon_0=0 +R=1737400 +unit
 
 class RasterTest : public ::testing::Test {
  protected:
-  RasterTest() {
-    std::string name = ::testing::TempDir() + "/raster_XXXXXX";
-    folder_ = ::mkdtemp(name.data());
-  }
-  ~RasterTest() override { fs::remove_all(folder_); }
-  std::string file(const std::string& name) const { return (folder_ / name).string(); }
+  std::string file(const std::string& name) const { return folder_ / name; }
 
-  fs::path folder_;
+  test::TemporaryFolder folder_;
 };
 
 OGRSpatialReference srs_of(const std::string& proj) {
@@ -157,7 +150,7 @@ float post(Raster& r, int x, int y) { return read(r, x, y, 1, 1)[0]; }
     FAIL() << "no DataError";                                                                    \
   } catch (const DataError& e) {                                                                 \
     EXPECT_NE(std::string(e.what()).find(text), std::string::npos) << "complaint: " << e.what(); \
-    EXPECT_NE(e.file().find(folder_.string()), std::string::npos) << e.file();                   \
+    EXPECT_NE(e.file().find(folder_.path()), std::string::npos) << e.file();                     \
   }
 
 void expect_at(const RasterInfo& info, double lat, double lon, double x, double y, double tolerance = 0) {
@@ -430,7 +423,7 @@ TEST_F(RasterTest, VoidsReadAsNan) {
   EXPECT_EQ(post(by_nan, 2, 0), 0);
 }
 
-TEST_F(RasterTest, WhatIsNoHeightOnTheMoonIsVoid) {
+TEST_F(RasterTest, ImpossibleHeightsAreVoid) {
   Tif t;
   t.type = GDT_Float32;
   t.values.assign(16, 7);
@@ -768,7 +761,7 @@ TEST_F(RasterTest, Garbage) {
   EXPECT_DATA_ERROR(inspect_raster(file("g.lbl")), "not a valid PDS3 label");
 }
 
-TEST_F(RasterTest, RefusesWhatIsNoHeightMapOfTheMoon) {
+TEST_F(RasterTest, RejectsRastersThatAreNotLunarHeights) {
   const auto refused = [&](const Tif& t, const char* why) {
     write(file("r.tif"), t);
     EXPECT_DATA_ERROR(inspect_raster(file("r.tif")), why);

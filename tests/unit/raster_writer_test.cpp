@@ -24,7 +24,7 @@ std::vector<float> values() {
   return v;
 }
 
-TEST(RasterWriter, PostsAreReadBackWhereTheyWere) {
+TEST(RasterWriter, RoundTripsPosts) {
   const test::TemporaryFolder folder;
   const std::string path = folder / "difference.tif";
   write_geotiff(path, kGrid, values(), "difference");
@@ -55,7 +55,7 @@ TEST(RasterWriter, SameBytesInMemory) {
   EXPECT_EQ(written.substr(0, 4), std::string("II*\0", 4));
 }
 
-TEST(RasterWriter, NothingIsLeftOfWhatFails) {
+TEST(RasterWriter, FailedWriteLeavesNoFile) {
   const test::TemporaryFolder folder;
   EXPECT_THROW(write_geotiff(folder / "none/a.tif", kGrid, values(), ""), DataError);
   std::filesystem::create_directory(folder / "taken.tif");

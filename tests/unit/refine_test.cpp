@@ -78,7 +78,7 @@ TEST_F(Refine, TheMiddleOfAnEdgeIsMetFromEitherSide) {
   }
 }
 
-TEST_F(Refine, FromBelowNothingIsMet) {
+TEST_F(Refine, NoHitFromBelow) {
   const Vec3 place = place_on(kTriangle, 0.25, 0.5);
   EXPECT_FALSE(met(0.99 * place, place, kTriangle).hit());
 }

@@ -308,7 +308,7 @@ TEST_F(NoFiles, AsTheDataOfALabel) {
   EXPECT_EQ(Catalogue({folder_.path()}).rasters().size(), 1U);
 }
 
-TEST_F(NoFiles, InTheNamesOfFilesThatWereGood) {
+TEST_F(NoFiles, ReplacingInspectedFiles) {
   const std::string path = put("v.vrt", vrt({.content = source("s.dat")}));
   put("s.dat", tiff({}));
   const RasterInfo info = inspect_raster(path);

@@ -12,6 +12,7 @@
 #include "engine/camera/view.h"
 #include "engine/radiometry/photometry.h"
 #include "tests/support/float_tiles.h"
+#include "tests/support/moon_without_relief.h"
 #include "tests/support/same_bytes.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"
@@ -37,33 +38,14 @@ FrameRequest nadir(double lat, double lon, double height_m, int size, double fov
   return request;
 }
 
-// A sphere without relief, all around.
-class SmoothMoon : public ::testing::Test {
- protected:
-  static void SetUpTestSuite() {
-    folder_ = new TemporaryFolder;
-    test::write_global_tile(*folder_ / "dem", 2, [](double, double) { return 0.0; });
-    terrain_ = test::open_terrain(*folder_ / "dem");
-    renderer_ = std::make_shared<Renderer>(terrain_, RendererOptions{2, std::size_t{512} << 20});
-  }
-  static void TearDownTestSuite() {
-    renderer_.reset(), terrain_.reset();
-    delete folder_;
-  }
-  static TemporaryFolder* folder_;
-  static std::shared_ptr<dem::PyramidTerrain> terrain_;
-  static std::shared_ptr<Renderer> renderer_;
-};
-TemporaryFolder* SmoothMoon::folder_ = nullptr;
-std::shared_ptr<dem::PyramidTerrain> SmoothMoon::terrain_;
-std::shared_ptr<Renderer> SmoothMoon::renderer_;
+using SmoothMoon = test::MoonWithoutRelief;
 
 TEST_F(SmoothMoon, EveryProductHasItsFormula) {
   FrameRequest request = nadir(20, 30, 20000, 64, 50);
   request.sun.distance_au = 1.01;
   request.accuracy.max_error_px = 0;
   const View view(request.camera, request.pose);
-  const Frame frame = renderer_->render(request);
+  const Frame frame = renderer().render(request);
   const FrameProducts& p = frame.products;
   ASSERT_EQ(frame.report.hit_fraction, 1);
   EXPECT_EQ(frame.report.missing_fraction, 0);
@@ -99,61 +81,12 @@ TEST_F(SmoothMoon, EveryProductHasItsFormula) {
   }
 }
 
-TEST_F(SmoothMoon, LitByDayAndDarkByNight) {
-  // Seen whole from far away, at several phases.
-  for (const double phase_deg : {0.0, 60.0, 120.0}) {
-    FrameRequest request = nadir(10, 30, 400000e3, 128, 0.5);
-    request.sun.direction = local_sun(10, 30, 70, 90 - phase_deg);
-    const Frame frame = renderer_->render(request);
-    const double post = frame.report.max_post_spacing_m / kMoonRadius_m;
-    std::size_t seen = 0, wrong = 0;
-    for (std::size_t i = 0; i < frame.products.lit.size(); ++i) {
-      if (std::isnan(frame.products.lit[i])) {
-        ASSERT_EQ(frame.products.radiance[i], 0.F);
-        continue;
-      }
-      ++seen;
-      const double mu0 = at3(frame.products.position, i).normalized().dot(request.sun.direction);
-      if (std::abs(mu0) < post) continue;  // within one post of the terminator
-      wrong += frame.products.lit[i] != (mu0 > 0 ? 1.F : 0.F);
-      ASSERT_EQ(frame.products.radiance[i] > 0, mu0 > 0);
-    }
-    EXPECT_EQ(wrong, 0U) << phase_deg;
-    EXPECT_GT(seen, 9000U);
-  }
-}
-
-TEST_F(SmoothMoon, AccurateNearAndFar) {
-  for (const double height : {2.0, 50.0, 1e3, 1e5, 1e7, 4e8}) {
-    FrameRequest request = nadir(-33, 100, height, 32, height > 1e6 ? 0.3 : 60);
-    request.accuracy.max_error_px = 0.25;
-    request.products = kPosition | kDepth;
-    const View view(request.camera, request.pose);
-    const Frame frame = renderer_->render(request);
-    for (std::size_t i = 0; i < frame.products.depth.size(); ++i) {
-      const Vec3 p = at3(frame.products.position, i);
-      if (std::isnan(p.x())) continue;
-      // On its ray: where it projects to is where it was asked for.
-      const auto pixel = view.project(p);
-      ASSERT_TRUE(pixel);
-      ASSERT_NEAR(pixel->x, static_cast<double>(i % 32), 1e-6) << height;
-      ASSERT_NEAR(pixel->y, static_cast<double>(i / 32), 1e-6) << height;
-      // On the terrain, within what was promised.
-      ASSERT_LE(p.norm() - kMoonRadius_m, 1e-6) << height;
-      ASSERT_GE(p.norm() - kMoonRadius_m, -std::max(frame.report.lod_error_m, 0.0022)) << height;
-    }
-    EXPECT_GT(frame.report.hit_fraction, 0.5);
-    // The chord of the finest level is all that a near camera can be off by.
-    EXPECT_LE(frame.report.lod_error_px, height >= 1e3 ? 0.25 : 1.3) << height;
-  }
-}
-
 TEST_F(SmoothMoon, OnlyWhatIsAskedFor) {
   FrameRequest request = nadir(0, 0, 20000, 16, 40);
   for (const Product wanted :
        {kImage, kRadiance, kDepth, kRange, kPosition, kGeodetic, kNormal, kAngles, kLit, kGsd, kSource}) {
     request.products = wanted;
-    const FrameProducts p = renderer_->render(request).products;
+    const FrameProducts p = renderer().render(request).products;
     EXPECT_EQ(p.image.size(), wanted == kImage ? 256U : 0U);
     EXPECT_EQ(p.radiance.size(), wanted == kRadiance ? 256U : 0U);
     EXPECT_EQ(p.depth.size(), wanted == kDepth ? 256U : 0U);
@@ -170,13 +103,13 @@ TEST_F(SmoothMoon, OnlyWhatIsAskedFor) {
 
 TEST_F(SmoothMoon, ProductsDontDependOnEachOther) {
   FrameRequest request = nadir(0, 0, 20000, 24, 40);
-  const FrameProducts all = renderer_->render(request).products;
+  const FrameProducts all = renderer().render(request).products;
   request.products = kRadiance;
-  EXPECT_EQ(renderer_->render(request).products.radiance, all.radiance);
+  EXPECT_EQ(renderer().render(request).products.radiance, all.radiance);
   request.products = kLit;
-  EXPECT_EQ(renderer_->render(request).products.lit, all.lit);
+  EXPECT_EQ(renderer().render(request).products.lit, all.lit);
   request.products = kDepth | kImage;
-  EXPECT_EQ(renderer_->render(request).products.depth, all.depth);
+  EXPECT_EQ(renderer().render(request).products.depth, all.depth);
 }
 
 TEST_F(SmoothMoon, SamplesPerPixelAreAMean) {
@@ -185,7 +118,7 @@ TEST_F(SmoothMoon, SamplesPerPixelAreAMean) {
   request.sun.direction = local_sun(0, 0, 0, 90);
   request.products = kRadiance;
   request.accuracy.samples_per_pixel = 16;
-  const auto mean = renderer_->render(request).products.radiance;
+  const auto mean = renderer().render(request).products.radiance;
   // The same samples as pixels of a camera with four times the resolution.
   FrameRequest fine = request;
   fine.camera = {96,
@@ -198,7 +131,7 @@ TEST_F(SmoothMoon, SamplesPerPixelAreAMean) {
   fine.accuracy.samples_per_pixel = 1;
   fine.accuracy.max_error_px = 4 * request.accuracy.max_error_px;
   fine.accuracy.max_shadow_error_px = 4 * request.accuracy.max_shadow_error_px;
-  const auto samples = renderer_->render(fine).products.radiance;
+  const auto samples = renderer().render(fine).products.radiance;
   for (int y = 0; y < 24; ++y)
     for (int x = 0; x < 24; ++x) {
       double sum = 0;
@@ -213,43 +146,25 @@ TEST_F(SmoothMoon, SamplesPerPixelAreAMean) {
 TEST_F(SmoothMoon, CancelledInTime) {
   FrameRequest request = nadir(5, 5, 20000, 1024, 50);
   request.accuracy.samples_per_pixel = 25;
-  EXPECT_THROW(renderer_->render(request, StopToken(StopToken::Clock::now())), Cancelled);
+  EXPECT_THROW(renderer().render(request, StopToken(StopToken::Clock::now())), Cancelled);
   FrameRequest first = request;
   first.accuracy.samples_per_pixel = 1, first.camera.width = first.camera.height = 8,
   first.camera.cx = first.camera.cy = 511.5;
-  renderer_->render(first);
+  renderer().render(first);
   const auto start = StopToken::Clock::now();
-  EXPECT_THROW(renderer_->render(request, StopToken(start + std::chrono::milliseconds(30))), Cancelled);
+  EXPECT_THROW(renderer().render(request, StopToken(start + std::chrono::milliseconds(30))), Cancelled);
   EXPECT_LT(StopToken::Clock::now() - start, std::chrono::seconds(3));
   const std::atomic<bool> abandoned{true};
-  EXPECT_THROW(renderer_->render(request, StopToken(StopToken::Clock::time_point::max(), &abandoned)), Cancelled);
+  EXPECT_THROW(renderer().render(request, StopToken(StopToken::Clock::time_point::max(), &abandoned)), Cancelled);
 }
 
 TEST_F(SmoothMoon, CamerasBelowTheTerrainAreRefused) {
   FrameRequest request = nadir(5, 5, -1, 16, 50);
-  EXPECT_THROW(renderer_->render(request), ImpossibleRequest);
+  EXPECT_THROW(renderer().render(request), ImpossibleRequest);
   request.pose.position_m = Vec3::Zero();
-  EXPECT_THROW(renderer_->render(request), ImpossibleRequest);
+  EXPECT_THROW(renderer().render(request), ImpossibleRequest);
   request = nadir(5, 5, 0.5, 16, 50);
-  EXPECT_NO_THROW(renderer_->render(request));
-}
-
-TEST_F(SmoothMoon, PixelsBeyondTheLensFoldAreMasked) {
-  FrameRequest request = nadir(0, 0, 20000, 101, 90);
-  request.camera.distortion.k1 = -0.45;  // see view_test: nothing lands farther out than 0.5738 focal lengths
-  const Frame frame = renderer_->render(request);
-  for (int y = 0; y < 101; ++y)
-    for (int x = 0; x < 101; ++x) {
-      const double r = std::hypot(x - 50, y - 50) / request.camera.fx;
-      if (std::abs(r - 0.5738) < 0.002) continue;
-      const auto i = static_cast<std::size_t>(y * 101 + x);
-      ASSERT_EQ(std::isnan(frame.products.depth[i]), r > 0.5738) << x << ' ' << y;
-      if (r > 0.5738) {
-        ASSERT_EQ(frame.products.radiance[i], 0.F);
-        ASSERT_EQ(frame.products.source[i], 65535);
-        ASSERT_TRUE(std::isnan(frame.products.lit[i]));
-      }
-    }
+  EXPECT_NO_THROW(renderer().render(request));
 }
 
 TEST_F(SmoothMoon, RaysMeetTheSphere) {
@@ -262,7 +177,7 @@ TEST_F(SmoothMoon, RaysMeetTheSphere) {
         {from, (-from.normalized() + 0.1 * Vec3(normal(random), normal(random), normal(random))).normalized()});
   }
   rays.push_back({to_cartesian({0, 0, 1000}), Vec3::UnitX()});  // into space
-  const auto hits = renderer_->cast(rays, Sun{local_sun(-12, 77, 0, 30), 1, 0});
+  const auto hits = renderer().cast(rays, Sun{local_sun(-12, 77, 0, 30), 1, 0});
   for (std::size_t i = 0; i + 1 < rays.size(); ++i) {
     const double b = rays[i].origin_m.dot(rays[i].direction),
                  c = rays[i].origin_m.squaredNorm() - kMoonRadius_m * kMoonRadius_m;
@@ -316,7 +231,7 @@ TEST_F(SmoothMoon, LandmarksAreWhereTheyProject) {
   const View view(r.camera, r.pose);
   std::vector<LandmarkQuery> queries{{12, 40, {}},         {12.2, 40.1, 0.0}, {12.2, 40.1, 500.0},
                                      {12.1, 39.9, -500.0}, {12, 60, {}},      {-12, -140, {}}};
-  const auto marks = renderer_->project(r.camera, r.pose, {}, queries, Sun{local_sun(12, 40, 90, 30), 1, 0});
+  const auto marks = renderer().project(r.camera, r.pose, {}, queries, Sun{local_sun(12, 40, 90, 30), 1, 0});
   EXPECT_NEAR(marks[0].x_px, 99.5, 1e-6);
   EXPECT_NEAR(marks[0].y_px, 99.5, 1e-6);
   EXPECT_NEAR(marks[0].range_m, 30000, 0.003);
@@ -382,67 +297,6 @@ TEST_F(Mountain, ThrowsItsShadowIntoViewFromOutside) {
     // slimmer.
     const double pixel = 4000.0 / 128, narrow = pixel / (2 * std::tan(elevation * kPi / 180) * 606 / height);
     EXPECT_GE(farthest, length - 2 * narrow - 2 * pixel) << elevation;
-  }
-}
-
-TEST_F(Mountain, SeenFromTheSunNothingIsInShadow) {
-  TemporaryFolder folder;
-  const Renderer renderer(open(folder, 3000), {2, std::size_t{512} << 20});
-  for (const double elevation : {3.0, 15.0, 60.0}) {
-    const Vec3 sun = local_sun(kLat, kLon, 120, elevation), target = to_cartesian({kLat, kLon, 1500});
-    FrameRequest request = nadir(0, 0, 1, 256, 60);
-    // So far away that the rays are nearly parallel to the light: the Sun's own place.
-    const double distance = 3e9;
-    request.camera.fx = request.camera.fy = 256 / 6000.0 * distance;
-    request.pose = looking(target + sun * distance, -sun, local_axes(target).up);
-    request.sun.direction = sun;
-    request.products = kLit | kAngles;
-    request.accuracy.max_error_px = 0.5;
-    const Frame frame = renderer.render(request);
-    std::size_t dark = 0, seen = 0;
-    for (std::size_t i = 0; i < frame.products.lit.size(); ++i) {
-      if (std::isnan(frame.products.lit[i])) continue;
-      ++seen;
-      dark += frame.products.lit[i] == 0 && frame.products.angles[3 * i] < 89.9F;
-    }
-    EXPECT_GT(seen, 5000U);
-    // The rays spread by 1e-6 rad over 3 km: a few pixels graze an edge.
-    EXPECT_LE(dark, seen / 2000) << elevation;
-  }
-}
-
-TEST_F(Mountain, PenumbraGrowsMonotonously) {
-  TemporaryFolder folder;
-  const Renderer renderer(open(folder, 3000), {2, std::size_t{512} << 20});
-  const Vec3 sun = local_sun(kLat, kLon, 90, 5), top = to_cartesian({kLat, kLon, 3000});
-  const double along = top.dot(sun), root = along * along - (top.squaredNorm() - kMoonRadius_m * kMoonRadius_m);
-  const Geographic tip = to_geographic(top - sun * (along - std::sqrt(root)));
-  FrameRequest request = nadir(tip.lat_deg, tip.lon_deg, 10000, 96, 40);
-  request.sun.direction = sun;
-  request.accuracy.max_error_px = 0;
-  request.products = kLit;
-  double before = 1e9;
-  for (const double radius : {0.0, 0.1, 0.2666}) {
-    request.sun.angular_radius_deg = radius;
-    const auto lit = renderer.render(request).products.lit;
-    // Along the shadow's axis, from the mountain (east, right) to beyond the tip.
-    std::size_t partial = 0;
-    float last = 0;
-    for (int x = 95; x >= 0; --x) {
-      const float value = lit[static_cast<std::size_t>(48 * 96 + x)];
-      ASSERT_GE(value, 0.F);
-      ASSERT_LE(value, 1.F);
-      ASSERT_GE(value, last - 1.5F / 32) << "radius " << radius << ", column " << x;
-      last = std::max(last, value);
-      partial += value > 0 && value < 1;
-    }
-    EXPECT_EQ(partial > 0, radius > 0);
-    FrameRequest nearer = request;
-    nearer.pose = nadir(kLat, kLon - 0.2, 10000, 96, 40).pose;
-    double dark = 0;
-    for (const float v : renderer.render(nearer).products.lit) dark += v == 0;
-    EXPECT_LT(dark, before) << "a larger Sun leaves less full shadow";
-    before = dark;
   }
 }
 

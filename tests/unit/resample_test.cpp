@@ -79,7 +79,7 @@ TEST(Resample, NothingIsMadeUpAcrossAGapOrAFold) {
   EXPECT_EQ(with([](SeenPoint p, int c) { return c != 2 ? p : SeenPoint{NAN, NAN, NAN}; }), 9u);
 }
 
-TEST(Resample, StopsWhenItIsTime) {
+TEST(Resample, StopsAtTheDeadline) {
   const std::vector<SeenPoint> pixels(4);
   EXPECT_THROW(resample(pixels, 2, 2, {0, 0, 1, 1}, 1, 1, StopToken(std::chrono::steady_clock::now())), Cancelled);
 }

@@ -181,7 +181,7 @@ TEST(RockSurvey, SearchesAsMuchGroundAtAPoleAsAtTheEquator) {
 }
 
 // Each by itself, whatever is called before and after it.
-TEST(RockField, WhatLooksThroughCellsStopsWhenTold) {
+TEST(RockField, CellSearchStopsWhenTold) {
   dem::CraterLaw with_craters;
   with_craters.smallest_m = 16, with_craters.largest_m = 200;
   const dem::CraterField craters(with_craters);

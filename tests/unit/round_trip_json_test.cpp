@@ -29,7 +29,7 @@ TEST(RoundTripJson, DefaultsAreTheDocumented) {
   EXPECT_EQ(r.footprint_ratio, 1);
 }
 
-TEST(RoundTripJson, WhatIsRefusedIsPointedAt) {
+TEST(RoundTripJson, RefusalsPointAtMembers) {
   EXPECT_EQ(pointer_of(R"({})"), "/center");
   EXPECT_EQ(pointer_of(R"({"center": {"lat_deg": 91, "lon_deg": 0}})"), "/center/lat_deg");
   EXPECT_EQ(pointer_of(R"({"center": {"lat_deg": 1, "lon_deg": 0}, "mode": "both"})"), "/mode");
@@ -56,7 +56,7 @@ TEST(RoundTripJson, AnswersAreChosenByWeight) {
   EXPECT_THROW(choose("image/png", all), RequestError);
 }
 
-TEST(RoundTripJson, LengthsHaveTheUnitThatSuitsThem) {
+TEST(RoundTripJson, LengthsHaveReadableUnits) {
   EXPECT_EQ(length_text(0), "0 m");
   EXPECT_EQ(length_text(-0.25), "\u22120.25 m");
   EXPECT_EQ(length_text(0.0123), "12.3 mm");

@@ -256,7 +256,7 @@ std::vector<Case> fast_cases() {
   return all;
 }
 
-TEST(RowViews, WhatAPixelOfAFastTurningCameraSeesIsFoundInTheImage) {
+TEST(RowViews, PointsSeenDuringFastTurnsAreFoundInTheImage) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> share(0, 1);
   int elsewhere = 0, all = 0;
@@ -305,7 +305,7 @@ TEST(RowViews, BundlesAreOfAllRowsInOrder) {
 }
 
 // Before the first row and after the last one nothing is seen, though the line would get there.
-TEST(RowViews, WhatIsBeyondTheStripIsSeenByNoRow) {
+TEST(RowViews, PointsBeyondTheStripAreNotSeen) {
   const Case strip = cases()[4];
   const RowViews views(strip.camera, in_orbit(0), strip.shutter);
   const auto below = [&](double row) {

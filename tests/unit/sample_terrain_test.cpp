@@ -2,7 +2,6 @@
 #include "dem/sample/sample_terrain.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -17,6 +16,7 @@
 
 #include "dem/sample/crater_profile.h"
 #include "dem/support/error.h"
+#include "tests/support/shared_data.h"
 
 namespace selenograph::dem {
 namespace {
@@ -26,21 +26,6 @@ using namespace sample;
 namespace fs = std::filesystem;
 
 constexpr int kDummy = -9999;
-
-class Folder {
- public:
-  Folder() {
-    static int count = 0;
-    path_ = fs::temp_directory_path() /
-            ("selenograph-sample-" + std::to_string(::getpid()) + "-" + std::to_string(count++));
-  }
-  ~Folder() { fs::remove_all(path_); }
-  std::string path() const { return path_.string(); }
-  std::string operator/(const std::string& name) const { return (path_ / name).string(); }
-
- private:
-  fs::path path_;
-};
 
 std::string bytes_of(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
@@ -141,7 +126,7 @@ void expect_meets_to_the_south(const Posts& north, const Posts& south) {
 }
 
 TEST(SampleTerrain, NamesFollowSldem2013) {
-  Folder folder;
+  test::TemporaryFolder folder;
   const auto labels = write_sample_terrain(folder.path(), small(-1, 359, 2, 2, 16));
   std::vector<std::string> names;
   for (const auto& label : labels) names.push_back(fs::path(label).filename().string());
@@ -151,7 +136,7 @@ TEST(SampleTerrain, NamesFollowSldem2013) {
 }
 
 TEST(SampleTerrain, SameOptionsSameBytesAloneOrInAMosaic) {
-  Folder mosaic, again, alone, other;
+  test::TemporaryFolder mosaic, again, alone, other;
   write_sample_terrain(mosaic.path(), small(-11, 43, 2, 2));
   write_sample_terrain(again.path(), small(-11, 43, 2, 2));
   write_sample_terrain(alone.path(), small(-11, 44, 1, 1));
@@ -167,7 +152,7 @@ TEST(SampleTerrain, SameOptionsSameBytesAloneOrInAMosaic) {
 }
 
 TEST(SampleTerrain, LabelIsKaguyasAndTrue) {
-  Folder folder;
+  test::TemporaryFolder folder;
   write_sample_terrain(folder.path(), small(-11, 43, 1, 1, 256));
   const std::string name = "DTM_MAP_01_S10E043S11E044SC", label = bytes_of(folder / (name + ".lbl"));
   EXPECT_EQ(std::count(label.begin(), label.end(), '\n'), std::count(label.begin(), label.end(), '\r'));
@@ -204,7 +189,7 @@ TEST(SampleTerrain, LabelIsKaguyasAndTrue) {
 }
 
 TEST(SampleTerrain, VoidsAreFewAndOneIsAFewDozenPosts) {
-  Folder folder;
+  test::TemporaryFolder folder;
   write_sample_terrain(folder.path(), small(-11, 43, 1, 1, 256));
   Posts posts = posts_of(folder / "DTM_MAP_01_S10E043S11E044SC.img");
   std::vector<int> sizes;
@@ -232,7 +217,7 @@ TEST(SampleTerrain, VoidsAreFewAndOneIsAFewDozenPosts) {
 }
 
 TEST(SampleTerrain, TilesMeet) {
-  Folder folder;
+  test::TemporaryFolder folder;
   write_sample_terrain(folder.path(), small(-11, 43, 2, 2, 256));
   const Posts nw = posts_of(folder / "DTM_MAP_01_S09E043S10E044SC.img");
   const Posts ne = posts_of(folder / "DTM_MAP_01_S09E044S10E045SC.img");
@@ -245,7 +230,7 @@ TEST(SampleTerrain, TilesMeet) {
 }
 
 TEST(SampleTerrain, TilesMeetAcrossTheDateLineAndTheZeroMeridian) {
-  Folder folder;
+  test::TemporaryFolder folder;
   SampleOptions o = small(-1, 359, 1, 2, 256);
   o.date_line = true;
   EXPECT_EQ(write_sample_terrain(folder.path(), o).size(), 4u);
@@ -256,7 +241,7 @@ TEST(SampleTerrain, TilesMeetAcrossTheDateLineAndTheZeroMeridian) {
 }
 
 TEST(SampleTerrain, ThePoleIsOnePointInEveryTile) {
-  Folder folder;
+  test::TemporaryFolder folder;
   write_sample_terrain(folder.path(), small(89, 0, 1, 360, 16));
   std::vector<int> heights;
   for (const auto& entry : fs::directory_iterator(folder.path())) {
@@ -272,7 +257,7 @@ TEST(SampleTerrain, ThePoleIsOnePointInEveryTile) {
 
 // A post at the same place is drawn from the same large craters at any resolution; only small craters are added.
 TEST(SampleTerrain, ResolutionsAgree) {
-  Folder coarse, fine;
+  test::TemporaryFolder coarse, fine;
   write_sample_terrain(coarse.path(), small(-11, 43, 1, 1, 64));
   write_sample_terrain(fine.path(), small(-11, 43, 1, 1, 256));
   const std::string name = "DTM_MAP_01_S10E043S11E044SC.img";
@@ -290,7 +275,7 @@ TEST(SampleTerrain, ResolutionsAgree) {
 }
 
 TEST(SampleTerrain, SlopesAreLunar) {
-  Folder folder;
+  test::TemporaryFolder folder;
   write_sample_terrain(folder.path(), small(-11, 43, 1, 1, 512));
   const Posts posts = posts_of(folder / "DTM_MAP_01_S10E043S11E044SC.img");
   const double step_m = kMoonRadius_m * 3.14159265358979 / 180 / 512;
@@ -313,7 +298,7 @@ TEST(SampleTerrain, SlopesAreLunar) {
 }
 
 TEST(SampleTerrain, ProgressRisesToOne) {
-  Folder folder;
+  test::TemporaryFolder folder;
   std::vector<double> seen;
   write_sample_terrain(folder.path(), small(-11, 43, 1, 2), [&](double done) { seen.push_back(done); });
   ASSERT_FALSE(seen.empty());
@@ -322,7 +307,7 @@ TEST(SampleTerrain, ProgressRisesToOne) {
 }
 
 TEST(SampleTerrain, ImpossibleOptionsAreErrors) {
-  Folder folder;
+  test::TemporaryFolder folder;
   EXPECT_THROW(write_sample_terrain(folder.path(), small(-11, 43, 1, 1, 1000)), std::invalid_argument);
   EXPECT_THROW(write_sample_terrain(folder.path(), small(89, 43, 2, 1)), std::invalid_argument);
   EXPECT_THROW(write_sample_terrain(folder.path(), small(0, 43, 0, 1)), std::invalid_argument);

@@ -15,6 +15,7 @@
 #include "dem/files/folder_files.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "dem/support/error.h"
+#include "tests/support/shared_data.h"
 
 namespace selenograph::dem {
 namespace {
@@ -73,14 +74,11 @@ std::string text_of(const Catalogue& c) {
 class SavedCatalogueTest : public ::testing::Test {
  protected:
   SavedCatalogueTest() {
-    std::string name = ::testing::TempDir() + "/saved_catalogue_XXXXXX";
-    folder_ = ::mkdtemp(name.data());
     fs::create_directory(folder_ / "dem");
     options_.cache_dir = (folder_ / "cache").string();
     options_.log = [this](const std::string& text) { log_.push_back(text); };
     options_.settling = {};
   }
-  ~SavedCatalogueTest() override { fs::remove_all(folder_); }
 
   std::string path(const std::string& name) const { return (folder_ / "dem" / name).string(); }
   // A file whose stamp is another one than before: clocks of file systems step slowly.
@@ -141,12 +139,13 @@ class SavedCatalogueTest : public ::testing::Test {
     return {std::istreambuf_iterator<char>(in), {}};
   }
 
-  fs::path folder_;
+  const test::TemporaryFolder own_;
+  const fs::path folder_ = own_.path();
   CatalogueOptions options_;
   std::vector<std::string> log_;
 };
 
-TEST_F(SavedCatalogueTest, ASecondOpeningReadsNoFileThatIsTheSame) {
+TEST_F(SavedCatalogueTest, UnchangedFilesAreNotReread) {
   put_all();
   const Catalogue expected = plain(), first = saved();
   EXPECT_EQ(text_of(first), text_of(expected));
@@ -165,7 +164,7 @@ TEST_F(SavedCatalogueTest, ASecondOpeningReadsNoFileThatIsTheSame) {
   EXPECT_TRUE(log_.empty()) << log_[0];
 }
 
-TEST_F(SavedCatalogueTest, WhatChangedIsNoticed) {
+TEST_F(SavedCatalogueTest, ChangesAreDetected) {
   put_all();
   saved();
   std::string same_size = tile_label("\"one.img\"", 0, 10);
@@ -219,7 +218,7 @@ TEST_F(SavedCatalogueTest, WhatChangedIsNoticed) {
   EXPECT_TRUE(log_.empty()) << log_[0];
 }
 
-TEST_F(SavedCatalogueTest, WhatChangedJustNowIsReadAgain) {
+TEST_F(SavedCatalogueTest, RecentChangesAreReread) {
   put_tile("a/one", 10);
   options_.settling = std::chrono::hours(1);
   for (int i = 0; i < 2; ++i) EXPECT_EQ(saved().inspected(), 1U);
@@ -228,7 +227,7 @@ TEST_F(SavedCatalogueTest, WhatChangedJustNowIsReadAgain) {
   EXPECT_EQ(saved().inspected(), 0U);
 }
 
-TEST_F(SavedCatalogueTest, OtherPathsHaveOthers) {
+TEST_F(SavedCatalogueTest, DifferentPathsHaveDifferentFiles) {
   put_tile("a/one", 10);
   put_tile("b/two", 11);
   const auto opened = [&](const std::vector<std::string>& paths) {
@@ -267,7 +266,7 @@ TEST_F(SavedCatalogueTest, ANamedFileMustStayUsable) {
   EXPECT_THROW(Catalogue(named, options_), DataError);
 }
 
-TEST_F(SavedCatalogueTest, ADamagedOneIsNoticedAndReplaced) {
+TEST_F(SavedCatalogueTest, DamagedFileIsReplaced) {
   put_tile("one", 10);
   put("polar.lbl", polar_label("\"polar.img\""));
   put("polar.img", std::string(128, '\2'));
@@ -301,7 +300,7 @@ TEST_F(SavedCatalogueTest, ADamagedOneIsNoticedAndReplaced) {
 }
 
 // The checksum is right, and yet what it says isn't what is asked for.
-TEST_F(SavedCatalogueTest, OneOfOtherPathsIsNoticed) {
+TEST_F(SavedCatalogueTest, FileOfOtherPathsIsDetected) {
   put_tile("a/one", 10);
   put_tile("b/two", 11);
   const Catalogue a({path("a")}, options_);
@@ -316,7 +315,7 @@ TEST_F(SavedCatalogueTest, OneOfOtherPathsIsNoticed) {
   EXPECT_NE(log_[0].find("other files"), std::string::npos) << log_[0];
 }
 
-TEST_F(SavedCatalogueTest, AFolderThatCantBeWrittenCostsTimeOnly) {
+TEST_F(SavedCatalogueTest, UnwritableFolderIsHarmless) {
   put_tile("one", 10);
   std::ofstream(folder_ / "file") << "no folder";
   options_.cache_dir = (folder_ / "file" / "cache").string();
@@ -354,7 +353,7 @@ TEST_F(SavedCatalogueTest, SeveralOpeningsAtOnceLeaveOneWhole) {
     EXPECT_EQ(entry.path().extension(), ".sgc") << entry.path();
 }
 
-TEST_F(SavedCatalogueTest, WhatAKilledProcessLeftIsRemoved) {
+TEST_F(SavedCatalogueTest, LeftoversOfKilledProcessesAreRemoved) {
   put_tile("one", 10);
   const fs::path left = folder_ / "cache" / "catalogue" / "0123456789abcdef.sgc.tmp-999999999-0";
   fs::create_directories(left.parent_path());

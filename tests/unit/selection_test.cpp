@@ -153,7 +153,7 @@ TEST_F(SelectionTest, NeighboursDifferByOneLevelAndNothingOverlaps) {
   }
 }
 
-TEST_F(SelectionTest, TheSameWhateverIsLoaded) {
+TEST_F(SelectionTest, DoesNotDependOnLoadedBlocks) {
   const Sun sun{Vec3(0.3, 0.9, 0.1).normalized(), 1, 0};
   std::vector<std::vector<BlockId>> expected;
   for (const View& view : views())
@@ -183,7 +183,7 @@ std::size_t scene_bytes(const Selection& selection) {
 }
 
 // Under a low Sun, where an edge moves by up to 5700 times the height error, the aim has far to go.
-TEST_F(SelectionTest, TheAimForShadowsGivesWayUntilTheSceneFits) {
+TEST_F(SelectionTest, ShadowErrorIsRelaxedUntilTheSceneFits) {
   const View view = views()[1];
   const Vec3 up = view.position().normalized();
   const Sun low{(local_axes(up).east + 0.01 * up).normalized(), 1, 0};

@@ -113,7 +113,7 @@ TEST(ShadingNormals, VoidsAreLeftOut) {
   for (const auto& v : lone.block.vertices) ASSERT_TRUE(v.normal.allFinite());
 }
 
-TEST(ShadingNormals, OfFilteredLevelsTheLowPassIsUndone) {
+TEST(ShadingNormals, LowPassOfFilteredLevelsIsUndone) {
   // A wave along the rows as the pyramid's filter leaves it after many octaves: its amplitude times
   // (sin(w / 2) / (w / 2))^2, the limit of the [1 2 1] / 4 cascade. What shades is the slope of the wave that was there
   // as a mean over the vertex's cell, times sin(w / 2) / (w / 2): a plane through 3 x 3 posts would have 79 % of it.
@@ -130,7 +130,7 @@ TEST(ShadingNormals, OfFilteredLevelsTheLowPassIsUndone) {
   }
 }
 
-TEST(ShadingNormals, OfFilteredLevelsOnlyVoidsInTheRowAndTheColumnMatter) {
+TEST(ShadingNormals, FilteredLevelsDependOnVoidsInRowAndColumnOnly) {
   const auto hills = [](int r, int c) { return 20 * std::sin(0.7 * r) * std::cos(0.9 * c); };
   const auto with_void = [&](int row, int column) {
     return field(

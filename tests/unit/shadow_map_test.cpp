@@ -110,7 +110,7 @@ TEST_F(ShadowMapTest, RoomThatWasLeftUnfinished) {
 
 // Points behind the cliff's edge at distances of 20 to 320 m, so that the edge is so many radii above the disc's
 // middle.
-TEST_F(ShadowMapTest, OfADiscBehindTheEdgeAPartIsLeft) {
+TEST_F(ShadowMapTest, DiscIsPartlyVisibleBehindAnEdge) {
   constexpr double kElevation_deg = 10;
   Sun from;
   from.direction = sun(kElevation_deg), from.angular_radius_deg = 0.2666;

@@ -45,7 +45,7 @@ TEST(Spectrometer, SignalsToNoiseAreAsPlanckSays) {
   EXPECT_NEAR(cold[0].efficiency, 0.1 + 0.4 * 0.04375 / 2, 1e-12);
 }
 
-TEST(Spectrometer, StopsWhenItIsTime) {
+TEST(Spectrometer, StopsAtTheDeadline) {
   EXPECT_THROW(look_at_blackbody({}, 300, StopToken(std::chrono::steady_clock::now())), Cancelled);
 }
 

@@ -131,7 +131,7 @@ TEST(Band, ResponseCurvesAreIntegratedExactly) {
   EXPECT_NEAR(planck_w_m2_sr(band, 2000), planck, 1e-9 * planck);
 }
 
-TEST(Band, RefusesWhatIsNone) {
+TEST(Band, RejectsInvalidBands) {
   EXPECT_THROW(Band(0.5, 0), ImpossibleRequest);
   EXPECT_THROW(Band(0.5, 1), ImpossibleRequest);
   EXPECT_THROW(Band(std::nan(""), 0.1), ImpossibleRequest);
@@ -185,12 +185,12 @@ TEST(Photons, AreCountedOverTheBand) {
   EXPECT_NEAR(planck_w_m2_sr(in_photons(Band(4, 2), {}), 300) / planck_w_m2_sr(Band(4, 2), 300), 1.11, 0.01);
 }
 
-TEST(Photons, OfANarrowBandAreThePapers) {
+TEST(Photons, NarrowBandMatchesThePaper) {
   EXPECT_NEAR(sunlight_wavelength_um(Band(0.65, 1e-3), {}), 0.65, 1e-5);
   EXPECT_NEAR(sunlight_wavelength_um(Band(0.65, 1e-3), {{0.4, 0.5}, {0.9, 0.5}}), 0.325, 1e-5);
 }
 
-TEST(Photons, OfABandAreThoseOfItsTenParts) {
+TEST(Photons, WideBandIsTheSumOfItsParts) {
   const Band whole(0.65, 0.5);
   double parts = 0;
   for (int k = 0; k < 10; ++k) {

@@ -22,7 +22,6 @@ namespace {
 
 using test::open_terrain;
 using test::TemporaryFolder;
-using test::write_float_tile;
 using test::write_kaguya_tile;
 
 double bumpy(double lat, double lon) {
@@ -96,7 +95,7 @@ TEST(Terrain, ContinuousAcrossEdgesOfQuadsBlocksAndChunks) {
 
 // Two loops have all places of an arena and wait for a block. A third caller, outside of any loop, must not have begun
 // to load that block when it needs a place there itself.
-TEST(Terrain, WhoLoadsABlockNeverWaitsForThoseWhoWaitForIt) {
+TEST(Terrain, LoadersNeverWaitForTheirWaiters) {
   if (tbb::this_task_arena::max_concurrency() < 2) GTEST_SKIP() << "one core";
   TemporaryFolder folder;
   write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
@@ -129,7 +128,7 @@ TEST(Terrain, WhoLoadsABlockNeverWaitsForThoseWhoWaitForIt) {
   EXPECT_TRUE(block);
 }
 
-TEST(Terrain, OutsideThereIsNothing) {
+TEST(Terrain, NoDataOutside) {
   TemporaryFolder folder;
   write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
   const auto terrain = open_terrain(folder.path());
@@ -175,21 +174,6 @@ TEST(Terrain, PolesHaveOneHeight) {
     ASSERT_NEAR(terrain->height(89.75, std::round(lon)).height_m, height(89.75, std::round(lon)), 8)
         << lon;  // a post, or on a chord between two
   }
-}
-
-TEST(Terrain, APoleBetweenPostsHasOneHeightToo) {
-  TemporaryFolder folder;
-  write_float_tile(folder.path(), "area", {90 - 0.125, 0.125, 4, 720, 1440}, [](double lat, double lon) {
-    return 500 * std::cos(lat * M_PI / 180) * std::cos(lon * M_PI / 180) + 3;
-  });
-  const auto terrain = open_terrain(folder.path());
-  for (double lon = -180; lon < 180; lon += 7.7)
-    for (const double pole : {-90.0, 90.0}) {
-      const HeightAnswer answer = terrain->height(pole, lon);
-      ASSERT_NEAR(answer.height_m, terrain->height(pole, 0).height_m, 1e-6) << lon;
-      ASSERT_NEAR(answer.height_m, 3, 0.1);
-      ASSERT_FALSE(answer.filled);
-    }
 }
 
 TEST(Terrain, SubdividedLevelsAreTheSameSurface) {

@@ -16,7 +16,7 @@ std::optional<milliseconds> allowed(std::initializer_list<const char*> headers) 
   return time_allowed(request, limits);
 }
 
-TEST(TimeAllowed, IsTheServicesOrLess) {
+TEST(TimeAllowed, IsAtMostTheServicesDeadline) {
   EXPECT_EQ(allowed({}), milliseconds(1000));
   EXPECT_EQ(allowed({"1"}), milliseconds(1));
   EXPECT_EQ(allowed({"250"}), milliseconds(250));
@@ -24,7 +24,7 @@ TEST(TimeAllowed, IsTheServicesOrLess) {
   EXPECT_EQ(allowed({"9223372036854775807"}), milliseconds(1000));
 }
 
-TEST(TimeAllowed, WhatIsNoTimeIsSaid) {
+TEST(TimeAllowed, RejectsInvalidTimes) {
   for (const char* text : {"0", "-1", "1.5", "1e3", "1s", " 1", "soon", "9223372036854775808"})
     EXPECT_EQ(allowed({text}), std::nullopt) << text;
   EXPECT_EQ(allowed({"1", "2"}), std::nullopt);

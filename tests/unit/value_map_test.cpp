@@ -195,7 +195,7 @@ TEST_F(ValueMaps, AGlobalMapHasNoSeam) {
   }
 }
 
-TEST_F(ValueMaps, WhatHasNoValueIsLeftOut) {
+TEST_F(ValueMaps, NoDataIsLeftOut) {
   const ValueMap map =
       open(write("hole.tif", {0, 4, 0, 4}, 400, 400, [](double lat, double) { return lat > 2 ? std::nan("") : 0.3; }));
   EXPECT_TRUE(std::isnan(mean(map, 2.5, 2)));
@@ -209,7 +209,7 @@ TEST_F(ValueMaps, WhatHasNoValueIsLeftOut) {
 }
 
 // Means at every size keep what a hole of no data takes away from them: its share of the footprint.
-TEST_F(ValueMaps, AHoleStaysAHoleFromAfar) {
+TEST_F(ValueMaps, HolesRemainInOverviews) {
   const auto in_hole = [](double lat, double lon) { return std::hypot(lat - 2.03, lon - 2.07) < 0.123; };
   const ValueMap map = open(write("disc.tif", {0, 4, 0, 4}, 400, 400,
                                   [&](double lat, double lon) { return in_hole(lat, lon) ? std::nan("") : 0.3; }));
@@ -255,7 +255,7 @@ TEST_F(ValueMaps, TheFilesOwnOverviewsAreUsed) {
 }
 
 // A picture that says nothing of itself: extent, bands and scale are told.
-TEST_F(ValueMaps, PicturesAreTakenAsTold) {
+TEST_F(ValueMaps, PicturesFollowTheirDescription) {
   const std::string path = folder_ / "picture.tif";
   with_gdal("GTiff", path, 40, 20, 3, GDT_Byte, [](GDALDataset& d) {
     for (int b = 1; b <= 3; ++b) {

@@ -15,7 +15,7 @@ Basilisk's default, IAU_MOON, is off by up to about 150 m. The camera frame C ha
 
 The message is Python's, for Python modules: it holds the array in place of CameraImageMsgPayload's imagePointer, which
 can't be set from Python. Basilisk isn't in Debian: the conversions are tested, with stand-ins for Basilisk's messages
-(tests/service/clients_test.py); inside Basilisk itself this was not run. Needs selenograph.py (../python) and NumPy.
+(../tests/clients_test.py); inside Basilisk itself this was not run. Needs selenograph.py (../python) and NumPy.
 """
 
 import dataclasses

@@ -85,7 +85,7 @@ TEST(Npz, ArraysKeepTheirTypeAndShape) {
   EXPECT_EQ(normal.at(0, 0, 2), 1);
 }
 
-TEST(Npz, NothingThatIsCutOffIsRead) {
+TEST(Npz, RejectsTruncatedArchives) {
   const std::string whole = zip({{"a.npy", npy("<f8", "1, 2", raw<double>({1, 2}))}});
   for (std::size_t size = 0; size < whole.size(); ++size) {
     EXPECT_THROW(detail::read_zip(std::string_view(whole).substr(0, size)), BadAnswer) << size;
@@ -96,7 +96,7 @@ TEST(Npz, NothingThatIsCutOffIsRead) {
   }
 }
 
-TEST(Npz, WhatTheServiceDoesNotSendIsRefused) {
+TEST(Npz, RejectsUnsupportedArrays) {
   EXPECT_THROW(detail::read_zip(zip({{"a.npy", "x"}}, 8)), BadAnswer);
   EXPECT_THROW(detail::read_npy(npy("<c16", "1", std::string(16, '\0'))), BadAnswer);
   EXPECT_THROW(detail::read_npy(npy("<f8", "1, 2", std::string(16, '\0'), "True")), BadAnswer);
@@ -104,7 +104,7 @@ TEST(Npz, WhatTheServiceDoesNotSendIsRefused) {
   EXPECT_THROW(detail::read_npy(npy("<f8", "4294967296, 4294967296", "")), BadAnswer);
 }
 
-TEST(Npz, NoChangedByteReadsOutside) {
+TEST(Npz, NoChangedByteReadsOutOfBounds) {
   const std::string whole = zip({{"a.npy", npy("<f8", "1, 2", raw<double>({1, 2}))}, {"meta.json", "{}"}});
   for (std::size_t at = 0; at < whole.size(); ++at) {
     for (const char changed : {'\0', '\x7f', '\xff'}) {
@@ -131,7 +131,7 @@ void expect_near(const Vector3& a, const Vector3& b) {
   for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(a[i], b[i], 1e-15);
 }
 
-TEST(Attitude, AQuaternionTurnsVectors) {
+TEST(Attitude, QuaternionRotatesVectors) {
   const double half = std::sqrt(0.5);  // a quarter of a turn about z takes x to y
   expect_near(Quaternion::wxyz(half, 0, 0, half).rotate({1, 0, 0}), {0, 1, 0});
   expect_near(Quaternion::xyzw(0, 0, half, half).rotate({1, 0, 0}), {0, 1, 0});
@@ -140,7 +140,7 @@ TEST(Attitude, AQuaternionTurnsVectors) {
   expect_near(a.inverse().rotate(a.rotate({1, 2, 3})), {1, 2, 3});
 }
 
-TEST(Attitude, OfAMatrixAndOfMrp) {
+TEST(Attitude, ConvertsMatricesAndMrps) {
   // Each of the four components the largest once.
   for (const Vector3& s : {Vector3{0.1, 0.2, -0.3}, {0.9, 0.1, 0.2}, {-0.1, 0.8, 0.3}, {0.2, 0.1, -0.95}}) {
     const double square = s[0] * s[0] + s[1] * s[1] + s[2] * s[2];
@@ -172,7 +172,7 @@ TEST(Pose, HasTheServicesMembers) {
             Json::parse(R"({"look_at": {"lat_deg": 4.0, "lon_deg": 5.0, "height_m": 0.0, "up": [0, 0, 1]}})"));
 }
 
-TEST(Faults, ARefusalNamesTheMembers) {
+TEST(Faults, RefusalListsInvalidMembers) {
   Fake fake([](const httplib::Request&, httplib::Response& response) {
     response.status = 422;
     response.set_content(R"({"title": "Invalid request", "status": 422, "detail": "two faults", "errors": [
@@ -191,7 +191,7 @@ TEST(Faults, ARefusalNamesTheMembers) {
   }
 }
 
-TEST(Faults, ARefusalMayBeOfAnotherForm) {
+TEST(Faults, RefusalsMayBeOtherThanProblemDocuments) {
   for (const char* body : {"", "<html>", "[]", R"({"title": 1, "errors": ["x", {"pointer": 2}, {"pointer": "/sun"}]})",
                            R"({"errors": {"pointer": "/sun"}})"}) {
     Fake fake([&](const httplib::Request&, httplib::Response& response) {
@@ -208,7 +208,7 @@ TEST(Faults, ARefusalMayBeOfAnotherForm) {
   }
 }
 
-TEST(Faults, ABusyServiceIsAskedAgainWhenItSays) {
+TEST(Faults, RetriesWhenRetryAfterSays) {
   std::atomic<int> asked = 0;
   Fake fake([&](const httplib::Request&, httplib::Response& response) {
     if (++asked < 3) {
@@ -229,7 +229,7 @@ TEST(Faults, ABusyServiceIsAskedAgainWhenItSays) {
   EXPECT_EQ(heights[0].reason, "no data");
 }
 
-TEST(Faults, ALongerWaitThanTheTimeoutIsARefusal) {
+TEST(Faults, DoesNotWaitBeyondTheTimeout) {
   Fake fake([](const httplib::Request&, httplib::Response& response) {
     response.status = 503;
     response.set_header("Retry-After", "100");
@@ -237,7 +237,7 @@ TEST(Faults, ALongerWaitThanTheTimeoutIsARefusal) {
   EXPECT_THROW(Client(fake.url(), "", std::chrono::seconds(30)).datasets(), Refused);
 }
 
-TEST(Faults, ASlowServiceEndsWithTheTimeout) {
+TEST(Faults, SlowServiceTimesOut) {
   std::atomic<bool> done = false;
   Fake fake([&](const httplib::Request&, httplib::Response&) {
     while (!done) std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -246,12 +246,12 @@ TEST(Faults, ASlowServiceEndsWithTheTimeout) {
   done = true;
 }
 
-TEST(Faults, NobodyThere) {
+TEST(Faults, NothingListens) {
   EXPECT_THROW(Client("http://127.0.0.1:1").datasets(), NoAnswer);
   EXPECT_THROW(Client("127.0.0.1"), Error);
 }
 
-TEST(Faults, AnotherProgramsAnswer) {
+TEST(Faults, RejectsAnswersThatAreNotHttp) {
   Fake fake([](const httplib::Request&, httplib::Response& response) { response.set_content("<html>", "text/html"); });
   Client client(fake.url());
   EXPECT_THROW(client.datasets(), BadAnswer);
@@ -259,7 +259,7 @@ TEST(Faults, AnotherProgramsAnswer) {
   EXPECT_THROW(client.rays({{}}), BadAnswer);
 }
 
-TEST(Client, TokenPathAndPieces) {
+TEST(Client, SendsTokenAndPrefixAndSplitsLongLists) {
   std::mutex mutex;
   std::vector<std::size_t> sizes;
   Fake fake([&](const httplib::Request& request, httplib::Response& response) {
@@ -286,8 +286,8 @@ TEST(Client, TokenPathAndPieces) {
   EXPECT_TRUE(std::isnan(hits[0].lit));
 }
 
-// python_client_test.py has the same.
-TEST(Client, RegionOfARequest) {
+// tests/python_client_test.py has the same.
+TEST(Client, RegionHeader) {
   for (const auto& [request, region] : std::vector<std::pair<const char*, const char*>>{
            {R"({"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1,"height_m":20000}}})", "22-7"},
            {R"({"pose":{"position_m":[1757400,0,0]}})", "22-0"},
@@ -313,7 +313,7 @@ TEST(Client, RegionOfARequest) {
     EXPECT_EQ(detail::region(Json::parse(request)), region) << request;
 }
 
-TEST(Client, ARefusalOfAPiecePointsIntoTheWholeList) {
+TEST(Client, PointersOfAPartReferToTheWholeList) {
   std::atomic<int> asked = 0;
   Fake fake([&](const httplib::Request& request, httplib::Response& response) {
     if (++asked == 1) {
@@ -335,7 +335,7 @@ TEST(Client, ARefusalOfAPiecePointsIntoTheWholeList) {
   }
 }
 
-TEST(Client, AMapAndWhatTheHeadersSay) {
+TEST(Client, ReadsMapsAndHeaders) {
   Fake fake([](const httplib::Request& request, httplib::Response& response) {
     EXPECT_EQ(request.path, "/v1/maps");
     EXPECT_EQ(request.get_header_value("Accept"), "application/x-npz");
@@ -397,7 +397,7 @@ TEST(Client, FramesComeInOrderWithPosesAhead) {
   EXPECT_TRUE(aheads.at(5).is_null());
 }
 
-TEST(Client, AFailureEndsTheSequence) {
+TEST(Client, FailureEndsTheSequence) {
   Fake fake([](const httplib::Request& request, httplib::Response& response) {
     if (Json::parse(request.body)["n"] == 2) response.status = 400;
     response.set_content(zip({{"meta.json", "{}"}}), "application/x-npz");

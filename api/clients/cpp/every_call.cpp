@@ -1,4 +1,4 @@
-// Makes the calls that no example makes and prints what came back as JSON: for tests/service/clients_test.py.
+// Makes the calls that no example makes and prints what came back as JSON: for ../tests/clients_test.py.
 #include <iostream>
 #include <selenograph_client.hpp>
 

@@ -15,7 +15,7 @@ left out (a Sun must be there, or the time stamps must be UTC: without "sun" it 
 ~camera_frame ("camera_optical"); ~queue_size (10): poses that wait while a frame is rendered, then the oldest is lost.
 
 Needs python3-rospy, python3-sensor-msgs, python3-geometry-msgs (Debian 12) and selenograph.py (../python) in
-PYTHONPATH. Run in Debian 12's ROS by tests/service/clients_test.py; not run in ROS Noetic or with roslaunch.
+PYTHONPATH. Run in Debian 12's ROS by ../tests/clients_test.py; not run in ROS Noetic or with roslaunch.
 """
 
 import datetime

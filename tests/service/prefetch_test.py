@@ -5,9 +5,8 @@ Python's standard library only.
 """
 
 import json
-import time
 import harness
-from harness import PATIENCE_S, Service, frame_request
+from harness import Service, frame_request
 
 STEP_DEG = 0.02  # 600 m: each frame needs some other blocks
 
@@ -31,11 +30,7 @@ def request_at(step, **changes):
 
 class Flight(harness.WithService):
     def wait_until(self, service, name, least):
-        """Metrics grow by themselves: until then."""
-        limit = time.monotonic() + PATIENCE_S
-        while service.metric(name) < least:
-            self.assertLess(time.monotonic(), limit, f"{name} is {service.metric(name)}, never {least}")
-            time.sleep(0.02)
+        harness.wait_until(lambda: service.metric(name) >= least, lambda: f"{name} is {service.metric(name)}, not {least}")
 
     def answer(self, service, request):
         status, headers, body = service.frame(request, "application/x-npz")
@@ -56,7 +51,7 @@ class Flight(harness.WithService):
         self.assertEqual(service.metric("selenograph_prefetched_scenes_wasted_total"), 0)
         self.assertEqual(service.stop(), 0)
 
-    def test_a_camera_in_flight_needs_no_words(self):
+    def test_motion_is_extrapolated(self):
         service = Service(cache="flight")
         for step in range(2):
             self.answer(service, request_at(step))
@@ -72,7 +67,7 @@ class Flight(harness.WithService):
         self.assertEqual(service.metric("selenograph_prefetched_scenes_total"), 0)
         self.assertEqual(service.stop(), 0)
 
-    def test_faults_have_their_place(self):
+    def test_faults_point_at_their_member(self):
         service = self.service
         self.problem(service.frame(request_at(0, ahead=[])), 422, "/ahead")
         self.problem(service.frame(request_at(0, ahead=[pose(1)] * 65)), 422, "/ahead")
@@ -82,7 +77,7 @@ class Flight(harness.WithService):
         below = {"geodetic": {"lat_deg": 0, "lon_deg": 30, "height_m": -9000}, "nadir": {}}
         self.answer(service, request_at(0, ahead=[below]))
 
-    def test_metadata_do_not_know(self):
+    def test_metadata_are_unchanged(self):
         status, headers, _ = self.service.frame(dict(request_at(0, ahead=[pose(1)]), products=["radiance"]), "application/octet-stream")
         self.assertEqual(status, 200)
         self.assertNotIn("ahead", json.loads(headers["Selenograph-Meta"])["request"])

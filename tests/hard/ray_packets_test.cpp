@@ -39,7 +39,7 @@ double any_size(std::mt19937_64& random, double largest) {
   return (unit(random) < 0.5 ? -1 : 1) * largest * std::pow(10, -14 * unit(random));
 }
 
-TEST(Packets, LoseNoRayAlongTheAxes) {
+TEST(Packets, AxisAlignedRaysAreNotLost) {
   const test::TemporaryFolder folder;
   test::write_global_tile(folder.path(), 4, [](double lat_deg, double lon_deg) {
     return 1500 * std::sin(lat_deg) * std::cos(2 * lon_deg) * std::cos(lat_deg * 0.0174);

@@ -316,7 +316,7 @@ class MatcherTest(unittest.TestCase):
             with mock.patch.object(matcher, "View", return_value=seen):
                 self.assertEqual(matching.fine(some_filter(), image, Level(), 1, 4) is not None, found)
 
-    def test_a_maximum_at_the_border_is_none(self):
+    def test_maximum_at_the_border_is_rejected(self):
         y, x = np.mgrid[0:15, 0:17]
         self.assertIsNone(matcher.peak((x + y).astype(np.float32)))
 
@@ -354,7 +354,7 @@ class CampaignTest(unittest.TestCase):
         folder = pathlib.Path(harness.path("campaign"))
         return campaign.Campaign(folder, 4, 1, 1, resume), {"scenario": "some", **more}
 
-    def test_a_stopped_campaign_flies_what_is_left(self):
+    def test_campaign_resumes(self):
         one, conditions = self.begun(resume=False)
         self.assertEqual(one.begin(conditions), [1, 2, 3, 4])
         rows = np.ones((5, len(flight.COLUMNS)), np.float32)

@@ -7,27 +7,24 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <memory>
-#include <numbers>
 #include <random>
 #include <string>
 #include <vector>
 
 #include "tests/support/effort.h"
 #include "tests/support/frame_judge.h"
+#include "tests/support/hard_views.h"
 #include "tests/support/sample_scenery.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
-#include "tests/support/views.h"
 
 namespace selenograph::test {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 const int kSide = full_effort() ? 256 : 160;  // pixels
 constexpr double kSunElevations_deg[] = {3, 15, 45};
 
@@ -57,7 +54,7 @@ class JudgeItself : public ::testing::Test {
   std::mt19937_64 random_{1};
 };
 
-TEST_F(JudgeItself, MarchesToWhatBruteForceFinds) {
+TEST_F(JudgeItself, AgreesWithBruteForce) {
   const Judge judge(folder_.path());
   int hits = 0;
   for (int i = 0; i < 3000; ++i) {
@@ -74,7 +71,7 @@ TEST_F(JudgeItself, MarchesToWhatBruteForceFinds) {
 }
 
 // A ray aimed at a post or an edge must not slip between the triangles that meet there.
-TEST_F(JudgeItself, LetsNoRayThroughEdges) {
+TEST_F(JudgeItself, NoRayPassesThroughEdges) {
   const Judge judge(folder_.path());
   std::uniform_int_distribution<int> quad(8, judge.columns() - 10);
   std::uniform_real_distribution<double> along(0, 1), aside(-0.5, 0.5);
@@ -91,7 +88,7 @@ TEST_F(JudgeItself, LetsNoRayThroughEdges) {
   }
 }
 
-TEST(JudgeOfAPlain, HasTheSphereAndItsShadows) {
+TEST(JudgeOfAPlain, MatchesTheClosedForm) {
   TemporaryFolder folder;
   // A plain with one wall of 500 m along a meridian: its shadow under a Sun in the east ends where trigonometry says.
   write_kaguya_tile(folder.path(), 1, 0, 1, 512, [](double, double lon) { return lon == 0.75 ? 500 : 0; });
@@ -116,7 +113,7 @@ TEST(JudgeOfAPlain, HasTheSphereAndItsShadows) {
   }
 }
 
-TEST(JudgeOfAPlain, DoesNotKnowVoids) {
+TEST(JudgeOfAPlain, VoidsAreUndecided) {
   TemporaryFolder folder;
   write_kaguya_tile(
       folder.path(), 1, 0, 1, 64, [](double, double) { return 0; },
@@ -141,26 +138,11 @@ struct Look {
 };
 
 engine::FrameRequest request_for(const Look& look, double sun_elevation_deg, double sun_azimuth_deg) {
-  engine::FrameRequest q = blank_request();
-  q.camera.width = q.camera.height = kSide;
-  q.camera.fx = q.camera.fy = kSide / 2.0 / std::tan(look.fov_deg / 2 * kDegree);
-  q.camera.cx = q.camera.cy = (kSide - 1) / 2.0;
   const Vec3 position = to_cartesian({look.lat_deg, look.lon_deg, look.height_m});
-  const EastNorthUp axes = local_axes(position);
-  const auto compass = [&](double azimuth_deg) -> Vec3 {
-    return std::cos(azimuth_deg * kDegree) * axes.north + std::sin(azimuth_deg * kDegree) * axes.east;
-  };
-  const Vec3 ahead = compass(look.azimuth_deg);
-  const double tilt = look.off_nadir_deg * kDegree;
-  const Vec3 z = std::sin(tilt) * ahead - std::cos(tilt) * axes.up, x = ahead.cross(axes.up);
-  Eigen::Matrix3d camera_from_moon;
-  camera_from_moon << x.transpose(), z.cross(x).transpose(), z.transpose();
-  q.pose = {position, Eigen::Quaterniond(camera_from_moon)};
-  const double elevation = sun_elevation_deg * kDegree;
-  q.sun.direction = (std::sin(elevation) * axes.up + std::cos(elevation) * compass(sun_azimuth_deg)).normalized();
-  q.accuracy.max_error_px = 0;
-  q.products = engine::kDepth | engine::kPosition | engine::kNormal | engine::kLit;
-  return q;
+  const Vec3 boresight = local_direction(position, look.azimuth_deg, look.off_nadir_deg - 90);
+  const Vec3 up = look.off_nadir_deg > 0 ? position : local_direction(position, look.azimuth_deg, 0);
+  return square_view(looking(position, boresight, up), kSide, look.fov_deg,
+                     local_direction(position, sun_azimuth_deg, sun_elevation_deg));
 }
 
 // Off-nadir angle of the horizon of the sphere through the ground.
@@ -200,7 +182,7 @@ class SampleFrames : public SampleScenery {
   static Look nadir() { return {"sample nadir 20 km", -10.0, 44.0, 20000, 0, 0, 50}; }
 };
 
-TEST_F(SampleFrames, AgreeWithTheJudge) {
+TEST_F(SampleFrames, AgreeWithTheReference) {
   // Low enough for the horizon to lie on the mosaic.
   const double ground = scenery().terrain->height(-10.85, 44.3).height_m;
   judge_views(scenery(), {nadir(),
@@ -208,7 +190,7 @@ TEST_F(SampleFrames, AgreeWithTheJudge) {
                           {"sample limb", -10.85, 44.3, ground + 700, horizon_deg(700), 350, 30}});
 }
 
-TEST_F(SampleFrames, AreFoundWrongWhenTheSurfaceIsMoved) {
+TEST_F(SampleFrames, ReferenceDetectsAMovedSurface) {
   const auto request = request_for(nadir(), 15, 115);
   const engine::Frame frame = scenery().renderer->render(request);
   const Findings raised = judged(Judge(folder(), 0.05), request, frame);
@@ -216,14 +198,14 @@ TEST_F(SampleFrames, AreFoundWrongWhenTheSurfaceIsMoved) {
   EXPECT_GT(raised.unexplained * 10, raised.hits * 9);
 }
 
-TEST_F(SampleFrames, AreFoundWrongUnderAnotherSun) {
+TEST_F(SampleFrames, ReferenceDetectsAnotherSun) {
   const engine::Frame frame = scenery().renderer->render(request_for(nadir(), 15, 115));
   const Findings turned = judged(*scenery().judge, request_for(nadir(), 15, 117), frame);
   EXPECT_GT(turned.wrong * 1000, turned.flags) << "shadows that are 2 degrees off are noticed";
   EXPECT_EQ(turned.off_terrain, 0u);
 }
 
-TEST(HadleyFrames, AgreeWithTheJudge) {
+TEST(HadleyFrames, AgreeWithTheReference) {
   const std::string folder = shared_data("hadley");
   SELENOGRAPH_SKIP_WITHOUT(folder);
   const Scenery scenery(folder);

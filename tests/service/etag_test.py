@@ -1,12 +1,10 @@
 """The same ETag means the same bytes, whatever memory the service has; metadata that no header holds are found."""
 
-import io
 import json
 import unittest
-import zipfile
 
 import harness
-from harness import Service, frame_request, sample
+from harness import Service, frame_request, meta_of, sample
 
 
 def setUpModule():
@@ -27,12 +25,7 @@ def low_sun(number):
         accuracy={"max_error_px": 0.5, "max_shadow_error_px": 0.25})
 
 
-def meta_of(body):
-    with zipfile.ZipFile(io.BytesIO(body)) as archive:
-        return json.loads(archive.read("meta.json"))
-
-
-class Truth(unittest.TestCase):
+class ETags(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "1024")
