@@ -85,7 +85,7 @@ std::optional<Origin> read_origin(std::string_view text) {
   return std::nullopt;
 }
 
-std::string quoted(std::string_view text) { return '"' + std::string(text.substr(0, kMostQuotedBytes)) + '"'; }
+std::string shown(std::string_view text) { return '"' + std::string(text.substr(0, kMostQuotedBytes)) + '"'; }
 
 }  // namespace
 
@@ -104,13 +104,13 @@ std::optional<HeadProblem> AllowedHosts::refusal(const RequestHead& head, std::s
     const auto authority = read_authority(*head.authority);
     if (!authority) return HeadProblem{"malformed_request", "Host is not a name or address with an optional port"};
     if (!served_.contains(authority->host) && authority->host != comparable(local_address))
-      return HeadProblem{"misdirected_request", "this service is not known as " + quoted(authority->host) +
+      return HeadProblem{"misdirected_request", "this service is not known as " + shown(authority->host) +
                                                     "; its operator can add a name with --allowed-host"};
   }
   const auto [first, last] = head.headers.equal_range("origin");
   const auto foreign = std::find_if(first, last, [&](const auto& h) { return !is_own_page(h.second, head); });
   if (foreign == last) return std::nullopt;
-  return HeadProblem{"foreign_origin", "pages of the origin " + quoted(foreign->second) +
+  return HeadProblem{"foreign_origin", "pages of the origin " + shown(foreign->second) +
                                            " may not ask this service; its operator can allow a page's host with "
                                            "--allowed-host"};
 }

@@ -162,7 +162,7 @@ class SceneTest(unittest.TestCase):
         self.assertTrue(np.array_equal(*seen))
 
     def test_an_exr_keeps_the_glints_range(self):
-        with open(os.path.join(REPOSITORY, "deploy", "debris-request.json")) as f:
+        with open(os.path.join(REPOSITORY, "deploy", "examples", "debris-request.json")) as f:
             debris = json.load(f)
         debris["camera"] = {"width": 192, "height": 128, "fov_deg": 16}
         debris["products"] = ["radiance", "object_id", "position", "normal"]
@@ -191,7 +191,7 @@ class SceneTest(unittest.TestCase):
         return expected
 
     def test_the_glint_sweeps_as_the_satellite_turns(self):
-        with open(os.path.join(REPOSITORY, "deploy", "debris-request.json")) as f:
+        with open(os.path.join(REPOSITORY, "deploy", "examples", "debris-request.json")) as f:
             debris = json.load(f)
         debris["camera"] = {"width": 192, "height": 128, "fov_deg": 16}
         debris["products"] = ["radiance", "position", "normal"]
@@ -215,7 +215,7 @@ class SceneTest(unittest.TestCase):
     def test_the_documented_commands_make_pictures(self):
         for name in ("debris", "mapped"):
             picture = harness.path(name + ".png")
-            done = subprocess.run([harness.BINARY, "render", os.path.join(REPOSITORY, "deploy", name + "-request.json"), "-o", picture,
+            done = subprocess.run([harness.BINARY, "render", os.path.join(REPOSITORY, "deploy", "examples", name + "-request.json"), "-o", picture,
                                    "--assets-dir", os.path.join(REPOSITORY, "deploy", "assets"), "--dem", harness.path("dem"),
                                    "--cache-dir", harness.path("cache")], capture_output=True, text=True)
             self.assertEqual(done.returncode, 0, done.stderr)
