@@ -122,7 +122,7 @@ def surface(model, **more):
 
 def frames(ground_m):
     """The frames. ground_m: height of the ground below the lowest camera."""
-    debris = json.load(open(os.path.join(harness.REPOSITORY, "deploy", "debris-request.json")))
+    debris = json.load(open(os.path.join(harness.REPOSITORY, "deploy", "examples", "debris-request.json")))
     alone = {name: debris[name] for name in ("pose", "sun", "objects", "terrain")}
     yield from by_both("nadir, all products", products=ALL, objects=[SATELLITE])
     yield frame("nadir, chosen by itself", camera=camera(320, height=200))

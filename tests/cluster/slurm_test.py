@@ -174,7 +174,7 @@ class Campaign(unittest.TestCase):
 
     def submit(self, *arguments):
         """The numbers of the array and of the check."""
-        done = subprocess.run([os.path.join(REPOSITORY, "deploy", "slurm", "submit"), *arguments], stdout=subprocess.PIPE,
+        done = subprocess.run([os.path.join(REPOSITORY, "deploy", "campaigns", "slurm", "submit"), *arguments], stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.said = done.stderr

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""deploy/kubernetes/campaign.yaml: its members are those of the API, and its very command line renders its shard.
+"""deploy/campaigns/kubernetes/campaign.yaml: its members are those of the API, and its command line renders its shard.
 
 No cluster is needed, and none has seen it. Needs python3-yaml; skipped without.
 """
@@ -17,7 +17,7 @@ try:
 except ImportError:
     yaml = None
 
-MANIFEST = os.path.join(REPOSITORY, "deploy", "kubernetes", "campaign.yaml")
+MANIFEST = os.path.join(REPOSITORY, "deploy", "campaigns", "kubernetes", "campaign.yaml")
 
 # As in the Kubernetes API reference, batch/v1 Job and core/v1 PodSpec (1.29): the members that a campaign may need, and
 # what they hold. [..]: a list of these; {"": ..}: any names.

@@ -1,5 +1,5 @@
-"""Each metric that the dashboard and the alerts of deploy/ name exists in a running service, with labels and values that it
-has. (Of the proxy's team_test.py.) The alerts by promtool, too, where that is installed.
+"""Each metric that the dashboard and the alerts of deploy/operation name exists in a running service, with the labels and
+values that they name. (team_test.py checks those of the proxy.) promtool checks the alerts where it is installed.
 """
 
 import json
@@ -12,9 +12,9 @@ import unittest
 import harness
 from harness import REPOSITORY, Service, frame_request
 
-DEPLOY = os.path.join(REPOSITORY, "deploy")
-DASHBOARD = os.path.join(DEPLOY, "grafana", "selenograph.json")
-ALERTS = os.path.join(DEPLOY, "prometheus", "alerts.yml")
+OPERATION = os.path.join(REPOSITORY, "deploy", "operation")
+DASHBOARD = os.path.join(OPERATION, "grafana", "selenograph.json")
+ALERTS = os.path.join(OPERATION, "prometheus", "alerts.yml")
 FUNCTIONS = {"rate", "sum", "by", "increase", "changes", "histogram_quantile", "label_values", "and", "or"}
 OF_PROMETHEUS = {"up", "instance", "job"}
 
@@ -133,7 +133,7 @@ class Monitoring(unittest.TestCase):
     def test_promtool_takes_the_alerts(self):
         done = subprocess.run(["promtool", "check", "rules", ALERTS], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         self.assertEqual(done.returncode, 0, done.stdout)
-        done = subprocess.run(["promtool", "check", "config", os.path.join(DEPLOY, "prometheus", "prometheus.yml")],
+        done = subprocess.run(["promtool", "check", "config", os.path.join(OPERATION, "prometheus", "prometheus.yml")],
                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         self.assertEqual(done.returncode, 0, done.stdout)
 

@@ -15,7 +15,7 @@ import harness
 from harness import BINARY, PATIENCE_S, REPOSITORY
 
 BUILD = os.environ.get("SELENOGRAPH_BUILD", "")
-PACKAGE = os.path.join(REPOSITORY, "deploy", "package")
+PACKAGE = os.path.join(REPOSITORY, "deploy", "operation", "package")
 
 
 def setUpModule():
@@ -77,7 +77,7 @@ class Works:
                      "share/selenograph/assets/objects/satellite.obj", "share/selenograph/haproxy/haproxy.cfg",
                      "share/selenograph/grafana/selenograph.json", "share/selenograph/prometheus/alerts.yml",
                      "share/selenograph/requests/example-request.json", "share/doc/selenograph/copyright",
-                     "share/doc/selenograph/README.md", "share/doc/selenograph/operation.md",
+                     "share/doc/selenograph/README.md", "share/doc/selenograph/operation/README.md",
                      "lib/systemd/system/selenograph.service", "lib/sysusers.d/selenograph.conf"):
             self.assertTrue(os.path.isfile(os.path.join(usr, name)), name)
         self.assertTrue(os.access(os.path.join(usr, "share/selenograph/haproxy/token"), os.X_OK))

@@ -70,7 +70,7 @@ def setUpModule():
     os.symlink(os.path.join(REPOSITORY, "deploy"), harness.path("deploy"))
     os.mkdir(harness.path("build"))
     os.symlink(os.path.abspath(harness.BINARY), harness.path("build", "selenograph"))
-    shutil.copy(os.path.join(REPOSITORY, "deploy", "example-request.json"), harness.path("request.json"))
+    shutil.copy(os.path.join(REPOSITORY, "deploy", "examples", "example-request.json"), harness.path("request.json"))
     ReadmeTest.service = harness.Service(options=quickstarts_service())
 
 

@@ -135,7 +135,7 @@ class SceneTest(unittest.TestCase):
         self.assertNotEqual(etag(plate.replace("5 5 0", "5 6 0")), first)
 
     def test_an_exr_keeps_the_glints_range(self):
-        with open(os.path.join(REPOSITORY, "deploy", "debris-request.json")) as f:
+        with open(os.path.join(REPOSITORY, "deploy", "examples", "debris-request.json")) as f:
             debris = json.load(f)
         debris["camera"] = {"width": 192, "height": 128, "fov_deg": 16}
         debris["products"] = ["radiance", "object_id", "position", "normal"]
@@ -165,7 +165,7 @@ class SceneTest(unittest.TestCase):
     def test_the_documented_commands_make_pictures(self):
         for name in ("debris", "mapped"):
             picture = harness.path(name + ".png")
-            done = subprocess.run([harness.BINARY, "render", os.path.join(REPOSITORY, "deploy", name + "-request.json"), "-o", picture,
+            done = subprocess.run([harness.BINARY, "render", os.path.join(REPOSITORY, "deploy", "examples", name + "-request.json"), "-o", picture,
                                    "--assets-dir", os.path.join(REPOSITORY, "deploy", "assets"), "--dem", harness.path("dem"),
                                    "--cache-dir", harness.path("cache")], capture_output=True, text=True)
             self.assertEqual(done.returncode, 0, done.stderr)

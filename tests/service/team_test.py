@@ -1,5 +1,5 @@
-"""deploy/team with the real HAProxy: tokens, limits, slow clients, what stays inside, affinity, and nodes that are killed and
-restarted under load. Needs haproxy and openssl (deploy/install-packages team); skipped without.
+"""deploy/operation/team with the real HAProxy: tokens, limits, slow clients, what stays inside, affinity, and nodes that
+are killed and restarted under load. Needs haproxy and openssl (deploy/install-packages team); skipped without.
 """
 
 import collections
@@ -30,7 +30,7 @@ sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
 
 AT_ONCE, RATE, RECEIVE_S = 8, 1500, 2
 KILLS = int(os.environ.get("TEAM_KILLS", "3"))
-TOKEN = os.path.join(REPOSITORY, "deploy", "haproxy", "token")
+TOKEN = os.path.join(REPOSITORY, "deploy", "operation", "haproxy", "token")
 MISSING = [tool for tool in ("haproxy", "openssl") if not shutil.which(tool, path=os.environ["PATH"] + ":/usr/sbin")]
 
 team = None
@@ -54,7 +54,8 @@ def tearDownModule():
 class Team:
     def __init__(self):
         self.folder = harness.path("team")
-        command = [os.path.join(REPOSITORY, "deploy", "team"), "--dir", self.folder, "--port", "0", "--inside-port", "0",
+        command = [os.path.join(REPOSITORY, "deploy", "operation", "team"), "--dir", self.folder, "--port", "0",
+                   "--inside-port", "0",
                    "--binary", BINARY, "--dem", harness.path("dem"), "--", "--cache-mb", "64", "--scene-mb", "64", "--mesh-mb",
                    "16", "--memory-mb", "1000", "--max-frames", "1", "--max-waiting", "12"]
         environment = {**os.environ, "SELENOGRAPH_TOKEN_AT_ONCE": str(AT_ONCE), "SELENOGRAPH_TOKEN_RATE": str(RATE),
@@ -66,7 +67,7 @@ class Team:
             if "team: ready" in line:
                 break
         else:
-            raise RuntimeError(f"deploy/team did not start: {said}{self.logs()}")
+            raise RuntimeError(f"deploy/operation/team did not start: {said}{self.logs()}")
         self.port = int(re.search(r"ready on https://localhost:(\d+)", said)[1])
         self.inside = re.search(r"inside (http://[^/]+)", said)[1]
         self.first = re.search(r"token (\S+)", said)[1]

@@ -272,7 +272,7 @@ class Client:
     """Asks a selenograph service. May be used by several threads; connections are kept and shared.
 
     url        e.g. "http://127.0.0.1:8080"; https and a path in front of /v1 (of a proxy) work, too
-    token      sent as `Authorization: Bearer TOKEN`; for a proxy that asks for it (deploy/haproxy). It also gets
+    token      sent as `Authorization: Bearer TOKEN`; for a proxy that asks for it (deploy/operation). It also gets
                `Selenograph-Region`, the part of the Moon that a request is about, to choose a node by
     timeout_s  for one call, all of its tries and waits together; the service is told, and gives up as well
 

@@ -8,12 +8,14 @@ install(FILES api/clients/cpp/selenograph_client.hpp DESTINATION ${CMAKE_INSTALL
 install(FILES api/clients/python/selenograph.py DESTINATION lib/python3/dist-packages)
 install(FILES ${package}/selenograph.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
 install(FILES ${package}/completion.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME selenograph)
-install(DIRECTORY deploy/assets deploy/haproxy deploy/grafana deploy/prometheus DESTINATION ${share} USE_SOURCE_PERMISSIONS)
-install(FILES deploy/example-request.json deploy/map-request.json deploy/debris-request.json deploy/mapped-request.json deploy/craters-request.json
-  DESTINATION ${share}/requests)
+install(DIRECTORY deploy/assets deploy/operation/haproxy deploy/operation/grafana deploy/operation/prometheus
+  DESTINATION ${share} USE_SOURCE_PERMISSIONS)
+file(GLOB requests deploy/examples/*-request.json)
+install(FILES ${requests} DESTINATION ${share}/requests)
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} RENAME copyright)
 install(FILES README.md CHANGELOG.md api/requests.md api/clients/conventions.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
-install(FILES deploy/README.md DESTINATION ${CMAKE_INSTALL_DOCDIR} RENAME operation.md)
+file(GLOB operation_pages deploy/operation/*.md)
+install(FILES ${operation_pages} DESTINATION ${CMAKE_INSTALL_DOCDIR}/operation)
 install(FILES ${package}/selenograph.service DESTINATION lib/systemd/system)
 install(FILES ${package}/selenograph.sysusers DESTINATION lib/sysusers.d RENAME selenograph.conf)
 # /etc beside /usr, else below the prefix; one that is there already is somebody's.
