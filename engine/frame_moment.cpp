@@ -6,6 +6,7 @@
 
 #include "engine/frame/needs.h"
 #include "engine/radiometry/radiometry.h"
+#include "engine/scene/anchor.h"
 #include "engine/visibility/image/dense_samples.h"
 #include "engine/visibility/raytrace/ray_pass.h"
 

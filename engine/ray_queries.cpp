@@ -11,6 +11,8 @@
 #include "dem/support/parallel.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/camera/row_views.h"
+#include "engine/scene/anchor.h"
+#include "engine/scene/ray_selection.h"
 #include "engine/scene/selection.h"
 #include "engine/visibility/objects/objects_in_frame.h"
 #include "engine/visibility/objects/rocks_near_rays.h"

@@ -13,6 +13,7 @@
 #include "engine/budget.h"
 #include "engine/frame/needs.h"
 #include "engine/radiometry/radiometry.h"
+#include "engine/scene/anchor.h"
 #include "engine/scene/selection.h"
 #include "engine/support/assign.h"
 #include "engine/support/stopwatch.h"

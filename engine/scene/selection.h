@@ -70,28 +70,12 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
                            const Accuracy& accuracy, const StopToken& stop, const SceneRoom& room = {},
                            const std::vector<Ball>& receivers = {});
 
-// The finest blocks that rays may meet, or pass so far above, sorted, and for each of them which rays; empty when they
-// are more than max_blocks. Neighbours can differ in level where sources do: the mesh joins them all the same.
-struct BlockOnRays {
-  dem::BlockId id;
-  double low_m, high_m;           // that its terrain lies between
-  std::vector<std::size_t> rays;  // ascending
-};
-std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
-                                                        std::size_t max_blocks, const StopToken& stop,
-                                                        double above_m = 0);
-
 double triangles_of(const Selection& selection);
 
 // Which way the frame is seen, where the request leaves it open: by z-buffer, whose time grows with the triangles, but
 // tiny images of much terrain by rays, whose time grows with the pixels. From the request and the terrain alone, so
 // that the same request gives the same bytes.
 Visibility visibility_for(const FrameRequest& request, const RowViews& views, const Selection& selection);
-
-// Of a frame's float coordinates: near the camera, or, far away, near the surface in the view's middle; snapped to a
-// lattice so that consecutive frames share it: of 4096 m, or, where nothing is nearer to the camera than `clearance_m`,
-// of up to four times that, at most 32768 m. Float then resolves a microradian as the camera sees it.
-Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m = 0);
 
 // Throws ImpossibleRequest for a camera that is below the terrain, be it in one row of the frame.
 void refuse_underground(const dem::Terrain& terrain, const RowViews& views, const StopToken& stop = {});

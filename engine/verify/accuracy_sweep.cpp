@@ -10,6 +10,7 @@
 
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
+#include "engine/scene/anchor.h"
 #include "engine/scene/selection.h"
 #include "engine/verify/bare_kernel.h"
 #include "engine/visibility/points/scene.h"

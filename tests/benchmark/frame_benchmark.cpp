@@ -29,6 +29,7 @@
 #include "engine/radiometry/atmosphere.h"
 #include "engine/render_frame.h"
 #include "engine/renderer.h"
+#include "engine/scene/anchor.h"
 #include "engine/verify/bare_kernel.h"
 #include "engine/visibility/objects/object_mesh.h"
 

@@ -14,6 +14,7 @@
 
 #include "dem/terrain/pyramid_terrain.h"
 #include "engine/renderer.h"
+#include "engine/scene/anchor.h"
 #include "engine/scene/selection.h"
 #include "tests/support/judge.h"
 #include "tests/support/shared_data.h"

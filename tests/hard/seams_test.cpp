@@ -29,6 +29,7 @@
 #include "dem/sample/sample_terrain.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "engine/camera/view.h"
+#include "engine/scene/anchor.h"
 #include "engine/scene/selection.h"
 #include "engine/visibility/points/scene.h"
 #include "engine/visibility/points/trace.h"

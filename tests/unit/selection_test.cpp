@@ -16,7 +16,9 @@
 #include "dem/detail/detailed_terrain.h"
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
+#include "engine/scene/anchor.h"
 #include "engine/scene/mesh.h"
+#include "engine/scene/ray_selection.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

@@ -11,6 +11,7 @@
 #include "dem/support/stop_token.h"
 #include "dem/terrain/terrain.h"
 #include "engine/frame/queries.h"
+#include "engine/scene/ray_selection.h"
 #include "engine/scene/selection.h"
 
 namespace selenograph::engine {

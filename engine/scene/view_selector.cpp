@@ -1,0 +1,247 @@
+#include "engine/scene/view_selector.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "dem/support/error.h"
+
+namespace selenograph::engine {
+namespace {
+
+using dem::BlockId;
+
+// Split by a finer neighbour, a block at its finest follows the sphere more closely than the finest surface does: along
+// a slope m by the chords' sag times 1 + 2 m^2, because heights linear in the angle aren't linear along the chord. For
+// slopes of up to 60 degrees.
+double subdivision_error_m(int level) { return 7 * dem::chord_sag_m(level); }
+
+}  // namespace
+
+void ViewSelector::check(const std::size_t blocks, const StopToken& stop) {
+  stop.check();
+  if (blocks > kMaxBlocks)
+    throw TooMuchTerrain(
+        "the view needs more terrain than fits: ask for a larger max_error_px, a narrower field of view or a higher "
+        "camera",
+        "max_error_px");
+}
+
+ViewSelector::ViewSelector(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Accuracy& accuracy,
+                           const SceneRoom& room, const StopToken& stop, const std::vector<Ball>& receivers)
+    : terrain_(terrain), views_(views), accuracy_(accuracy), room_(room), stop_(stop), receivers_(receivers) {
+  if (!terrain.detail() || !gives_way(accuracy)) return;
+  double pixels = 0;
+  for (const ViewBundle& view : views)
+    pixels = std::max(pixels, static_cast<double>(view.view.camera().width) * view.view.camera().height);
+  constexpr double kFewest = 256, kMost = 0.5 * kMaxBlocks;  // of tiny images and of huge ones
+  most_of_detail_ = static_cast<std::size_t>(std::clamp(
+      pixels * Accuracy::kDetailTrianglesPerPixel / static_cast<double>(dem::triangles_of_block(dem::kMaxLevel)),
+      kFewest, kMost));
+}
+
+Selection ViewSelector::select(const Sun* sun) {
+  see_roots();
+  see_detail();
+  if (sun) sharpen_shadows(*sun);
+  for (const Seen& s : seen_) count_detail(s.id, -1), choose(s.id, s.info);
+  balance();
+  report();
+  result_.blocks.assign(chosen_.begin(), chosen_.end());
+  std::sort(result_.blocks.begin(), result_.blocks.end());
+  check_size();
+  note_replacements();
+  return std::move(result_);
+}
+
+ViewSelector::Looked ViewSelector::looked_at(const BlockId& id) const {
+  if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return may_see(b); })) return {Look::out_of_view};
+  const auto node = known(terrain_, id, stop_);
+  if (!node) return {Look::nothing};
+  const NodeBounds& b = node->bounds;
+  if (!may_see(b)) return {Look::out_of_view};
+  return {Look::in_view, Seen{id, node->info, b, pixels_per_metre(b)}};
+}
+
+std::optional<ViewSelector::Seen> ViewSelector::look_at(const BlockId& id) {
+  check(chosen_.size() + seen_.size(), stop_);
+  Looked looked = looked_at(id);
+  note(id, looked.look);
+  return std::move(looked.seen);
+}
+
+void ViewSelector::note(const BlockId& id, Look look) {
+  if (look == Look::out_of_view) out_of_view_.push_back(id);
+  if (look == Look::nothing) note_void(id);
+}
+
+bool ViewSelector::may_see(const ViewBundle& view, const NodeBounds& b) {
+  return view.may_see(b.centre, b.radius_m) && view.may_see(b.points, b.bulge_m) &&
+         !below_horizon(view.view.position(), b, view.shift_m);
+}
+
+bool ViewSelector::may_see(const NodeBounds& b) const {
+  return std::any_of(views_.begin(), views_.end(), [&](const ViewBundle& view) { return may_see(view, b); });
+}
+
+double ViewSelector::pixels_per_metre(const NodeBounds& b) const {
+  double most = 0;
+  for (const ViewBundle& view : views_)
+    if (views_.size() == 1 || may_see(view, b))
+      most = std::max(most, view.pixels_per_metre(b.centre, b.radius_m, b.high_m + b.bulge_m));
+  return most;
+}
+
+void ViewSelector::see_roots() {
+  std::vector<BlockId> near;
+  for (const RootGroup& group : root_groups()) {
+    const NodeBounds& b = group.bounds;
+    if (!may_see(b))
+      groups_out_of_view_.push_back(&group);
+    else
+      for_each_root(terrain_, group, [&](const BlockId& id) { near.push_back(id); });
+  }
+  std::sort(near.begin(), near.end());
+  for (const BlockId& id : near) see(id);
+}
+
+void ViewSelector::see(const BlockId& id) {
+  const auto node = look_at(id);
+  if (!node) return;
+  if (!refine(id, node->pixels_per_metre)) {
+    add_seen(*node);
+    return;
+  }
+  for (const BlockId& child : dem::children_of(id))
+    if (terrain_.has_detail(child))
+      want_detail(child, node->info, of_detail_in_view_);
+    else
+      see(child);
+}
+
+void ViewSelector::want_detail(const BlockId& child, const dem::NodeInfo& parent, std::vector<BlockId>& wanted) {
+  if (may_see(bounds_within(child, parent)))
+    wanted.push_back(child);
+  else
+    out_of_view_.push_back(child);
+}
+
+void ViewSelector::see_detail() {
+  struct Judged {
+    Looked looked;
+    bool refine = false;
+  };
+  in_waves(
+      std::exchange(of_detail_in_view_, {}),
+      [&](const BlockId& id) {
+        Judged judged{looked_at(id)};
+        judged.refine = judged.looked.seen && refine(id, judged.looked.seen->pixels_per_metre);
+        return judged;
+      },
+      [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
+        take_detail(id, judged.looked, judged.refine, next);
+      });
+}
+
+void ViewSelector::take_detail(const BlockId& id, const Looked& looked, bool finer, std::vector<BlockId>& next) {
+  note(id, looked.look);
+  if (!looked.seen) return;
+  if (finer)
+    for (const BlockId& child : dem::children_of(id)) want_detail(child, looked.seen->info, next);
+  else
+    add_seen(*looked.seen);
+}
+
+void ViewSelector::add_seen(const Seen& seen) {
+  count_detail(seen.id, 1);
+  seen_.push_back(seen);
+}
+
+void ViewSelector::count_detail(const BlockId& id, std::ptrdiff_t change) {
+  if (most_of_detail_ == kAny || !terrain_.has_detail(id)) return;
+  of_detail_ += static_cast<std::size_t>(change);
+  if (of_detail_ > most_of_detail_) throw TooMuchDetail();
+}
+
+double ViewSelector::error_m(const BlockId& id) const {
+  return finest(id) ? 0 : terrain_.node(id, stop_).error_m + dem::chord_sag_m(id.level);
+}
+
+double ViewSelector::detail_error_m(const BlockId& id) const {
+  return finest(id) ? 0 : terrain_.node(id, stop_).detail_error_m;
+}
+
+bool ViewSelector::refine(const BlockId& id, double pixels_per_metre) const {
+  if (finest(id)) return false;
+  const double allowed = accuracy_.max_error_px;
+  if (allowed == 0) return true;
+  const bool coarser_than_posts = !terrain_.has_detail(id) && id.level < terrain_.plain().posts_level(id);
+  if (coarser_than_posts && dem::post_spacing_m(id.level) * pixels_per_metre > 2 * allowed) return true;
+  // Where the sag alone is too much, the posts' own error, which may have to be computed, is not needed.
+  if (dem::chord_sag_m(id.level) * pixels_per_metre > allowed) return true;
+  return errs(id, pixels_per_metre);
+}
+
+bool ViewSelector::errs(const BlockId& id, double pixels_per_metre) const {
+  const double error = error_m(id) * pixels_per_metre, allowed = accuracy_.max_error_px;
+  if (error <= allowed || !terrain_.detail()) return error > allowed;
+  const double of_detail = detail_error_m(id) * pixels_per_metre;
+  return error - of_detail > allowed || error > accuracy_.max_detail_error_px;
+}
+
+void ViewSelector::choose(const BlockId& id, const dem::NodeInfo& info) {
+  if (chosen_.insert(id).second) count_detail(id, 1);
+  result_.highest_m = std::max(result_.highest_m, static_cast<double>(info.max_m));
+}
+
+void ViewSelector::report() {
+  if (!seen_.empty()) result_.min_spacing_m = std::numeric_limits<double>::infinity();
+  for (const Seen& s : seen_) {
+    const bool split = finest(s.id) && !chosen_.contains(s.id);
+    const double error = split ? subdivision_error_m(s.id.level) : error_m(s.id),
+                 spacing = dem::post_spacing_m(s.id.level);
+    result_.error_m = std::max(result_.error_m, error);
+    result_.error_px = std::max(result_.error_px, error * s.pixels_per_metre);
+    if (terrain_.detail())
+      result_.detail_error_px = std::max(result_.detail_error_px, detail_error_m(s.id) * s.pixels_per_metre);
+    result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
+    result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
+  }
+  for (const BlockId& id : chosen_)
+    if (const auto seen = in_view_.find(id); seen != in_view_.end())
+      around(id, [&](std::int32_t lat, std::int32_t lon) {
+        const BlockId* neighbour = covering(lat, lon, id.level);
+        const double error = neighbour && follows(id, *neighbour) ? error_m(*neighbour) : 0;
+        result_.error_m = std::max(result_.error_m, error);
+        result_.error_px = std::max(result_.error_px, error * seen->second);
+      });
+}
+
+void ViewSelector::note_void(const BlockId& id) {
+  if (!terrain_.has_replacements() || !terrain_.has_data(id) || !terrain_.node_is_cheap(id)) return;
+  if (may_see(loose_bounds(id))) note_replaced(id);
+}
+
+void ViewSelector::note_replaced(const BlockId& id) {
+  const std::vector<dem::SourceIndex> here = terrain_.node(id, stop_).replaced;
+  result_.replaced.insert(result_.replaced.end(), here.begin(), here.end());
+}
+
+void ViewSelector::note_replacements() {
+  if (!terrain_.has_replacements()) return;
+  for (const BlockId& id : result_.blocks) note_replaced(id);
+  std::sort(result_.replaced.begin(), result_.replaced.end());
+  result_.replaced.erase(std::unique(result_.replaced.begin(), result_.replaced.end()), result_.replaced.end());
+}
+
+void ViewSelector::check_size() const {
+  std::size_t needed = 0;
+  for (const BlockId& id : result_.blocks) needed += scene_bytes_of(id, room_.visibility);
+  if (needed > room_.bytes)
+    throw TooMuchTerrain(fmt::format("the view needs {} MB for its terrain, {} MB are allowed: ask for a larger {} "
+                                     "or a narrower view",
+                                     needed >> 20, room_.bytes >> 20, wanting()),
+                         wanting());
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,63 @@
+#include "engine/scene/view_selector.h"
+
+namespace selenograph::engine {
+namespace {
+
+using dem::BlockId;
+
+}  // namespace
+
+const BlockId* ViewSelector::covering(std::int32_t lat, std::int32_t lon, int level) const {
+  for (int n = level; n >= 0; --n)
+    if (const auto found = chosen_.find(dem::block_at(n, lat, lon)); found != chosen_.end()) return &*found;
+  return nullptr;
+}
+
+bool ViewSelector::follows(const BlockId& id, const BlockId& neighbour) const {
+  return neighbour.level < id.level && in_view_.contains(id) && !in_view_.contains(neighbour);
+}
+
+bool ViewSelector::must_split(const BlockId& neighbour, const BlockId& id) const {
+  if (neighbour.level < id.level - 1) return true;
+  return follows(id, neighbour) && errs(neighbour, in_view_.at(id));
+}
+
+void ViewSelector::balance() {
+  for (const Seen& s : seen_) in_view_[s.id] = s.pixels_per_metre;
+  std::vector<BlockId> todo(chosen_.begin(), chosen_.end());
+  std::sort(todo.begin(), todo.end());
+  while (!todo.empty()) {
+    const BlockId id = todo.back();
+    todo.pop_back();
+    if (!chosen_.contains(id)) continue;
+    around(id, [&](std::int32_t lat, std::int32_t lon) {
+      for (const BlockId* coarser = covering(lat, lon, id.level); coarser && must_split(*coarser, id);
+           coarser = covering(lat, lon, id.level))
+        split(*coarser, todo);
+    });
+    check(chosen_.size(), stop_);
+  }
+}
+
+void ViewSelector::split(const BlockId id, std::vector<BlockId>& todo) {
+  const auto seen = in_view_.find(id);
+  const double sharpness = seen == in_view_.end() ? 0 : seen->second;
+  chosen_.erase(id), count_detail(id, -1);
+  const std::vector<BlockId> children = dem::children_of(id);
+  std::vector<std::optional<Known>> nodes(children.size());
+  const auto look = [&](std::size_t i) { nodes[i] = known(terrain_, children[i], stop_); };
+  if (terrain_.has_detail(children.front()))
+    in_parallel(children.size(), look);
+  else
+    for (std::size_t i = 0; i < children.size(); ++i) look(i);
+  for (std::size_t i = 0; i < children.size(); ++i) {
+    const BlockId& child = children[i];
+    const std::optional<Known>& node = nodes[i];
+    if (!node) continue;
+    choose(child, node->info);
+    todo.push_back(child);
+    if (sharpness > 0) in_view_[child] = sharpness;
+  }
+}
+
+}  // namespace selenograph::engine

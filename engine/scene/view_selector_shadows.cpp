@@ -1,0 +1,147 @@
+#include <cmath>
+
+#include "engine/scene/view_selector.h"
+
+namespace selenograph::engine {
+namespace {
+
+using dem::BlockId;
+
+// 1 / tan of the Sun's elevation over the lowest place of a node: how far a shadow's edge on level ground moves per
+// metre of height. Below a hundredth of a degree shadows have no edge to speak of; at a high Sun slopes still move
+// them.
+double shadow_gain(const NodeBounds& b, const Vec3& sun) {
+  constexpr double kLeast = 1, kMost = 5700;
+  const double up = std::asin(std::clamp(sun.dot(b.centre) / b.centre.norm(), -1.0, 1.0));
+  const double lowest = up - std::asin(std::min(1.0, b.radius_m / b.centre.norm()));
+  return lowest <= 0 ? kMost : std::clamp(1 / std::tan(lowest), kLeast, kMost);
+}
+
+}  // namespace
+
+void ViewSelector::sharpen_shadows(const Sun& sun) {
+  Vec3 middle = Vec3::Zero();
+  for (const Seen& s : seen_) middle += s.bounds.centre.normalized();
+  LightTree receivers(sun, middle);
+  for (const Seen& s : seen_)
+    receivers.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun.direction));
+  for (const Ball& ball : receivers_) {
+    double sharpness = 0;
+    for (const ViewBundle& view : views_)
+      if (view.may_see(ball.centre_m, ball.radius_m))
+        sharpness = std::max(sharpness, view.pixels_per_metre(ball.centre_m, ball.radius_m));
+    if (sharpness == 0) continue;
+    const NodeBounds bounds = bounds_around(ball.centre_m, ball.radius_m);
+    receivers.add_receiver(bounds, std::min(kSharpest, sharpness) * shadow_gain(bounds, sun.direction));
+  }
+  receivers.finish();
+  of_detail_ = 0;
+  for (const Seen& s : std::exchange(seen_, {})) sharpen(s, receivers);
+  sharpen_detail(receivers);
+  std::vector<BlockId> of_detail;
+  for (const BlockId& id : std::exchange(out_of_view_, {}))
+    if (terrain_.has_detail(id))
+      want_caster(id, terrain_.node(dem::ancestor_of(id, id.level - 1), stop_), receivers, of_detail);
+    else
+      cast(id, receivers, of_detail);
+  for (const RootGroup* group : groups_out_of_view_)
+    if (receivers.shaded_pixels_per_metre(group->bounds) > 0)
+      for_each_root(terrain_, *group, [&](const BlockId& id) { cast(id, receivers, of_detail); });
+  cast_detail(std::move(of_detail), receivers);
+}
+
+ViewSelector::Blur ViewSelector::blur(const BlockId& id, double displaced_pixels_per_metre) const {
+  if (displaced_pixels_per_metre == 0 || finest(id)) return {};
+  if (accuracy_.max_error_px == 0) return {true};
+  // The error of a block far coarser than its posts has to be built first, with all that is beneath. Where it would
+  // have to be less than a 16th of the spacing, finer blocks are taken without asking: they do as well.
+  constexpr double kWorthAsking = 16;
+  if (!terrain_.node_is_cheap(id) &&
+      dem::post_spacing_m(id.level) * displaced_pixels_per_metre > kWorthAsking * accuracy_.max_shadow_error_px)
+    return {true};
+  const double displaced_px = error_m(id) * displaced_pixels_per_metre;
+  return {displaced_px > accuracy_.max_shadow_error_px, displaced_px};
+}
+
+bool ViewSelector::too_much(const Blur& blur) {
+  refined_for_shadows_ |= blur.too_much && accuracy_.max_error_px > 0;
+  if (!blur.too_much) result_.shadow_error_px = std::max(result_.shadow_error_px, blur.displaced_px);
+  return blur.too_much;
+}
+
+void ViewSelector::sharpen(const Seen& seen, const LightTree& receivers) {
+  if (!too_much(blur(seen.id, receivers.shaded_pixels_per_metre(seen.bounds)))) {
+    add_seen(seen);
+    return;
+  }
+  for (const BlockId& child : dem::children_of(seen.id)) {
+    if (terrain_.has_detail(child))
+      want_detail(child, seen.info, of_detail_in_view_);
+    else if (const auto node = look_at(child))
+      sharpen(*node, receivers);
+  }
+}
+
+void ViewSelector::sharpen_detail(const LightTree& receivers) {
+  struct Judged {
+    Looked looked;
+    Blur blur{};
+  };
+  in_waves(
+      std::exchange(of_detail_in_view_, {}),
+      [&](const BlockId& id) {
+        Judged judged{looked_at(id)};
+        if (const auto& seen = judged.looked.seen)
+          judged.blur = blur(id, receivers.shaded_pixels_per_metre(seen->bounds));
+        return judged;
+      },
+      [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
+        take_detail(id, judged.looked, judged.looked.seen && too_much(judged.blur), next);
+      });
+}
+
+ViewSelector::Caster ViewSelector::caster(const BlockId& id, const LightTree& receivers) const {
+  if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return receivers.shaded_pixels_per_metre(b) > 0; }))
+    return {};
+  const auto node = known(terrain_, id, stop_);
+  if (!node) return {};
+  const double displaced = receivers.shaded_pixels_per_metre(node->bounds);
+  if (displaced == 0) return {};
+  // Large blocks overlap much that they don't shade: they are split until their bounds mean something.
+  if (id.level < dem::kRootLevel + 1 && !finest(id)) return {true, true, node->info};
+  return {true, false, node->info, blur(id, displaced)};
+}
+
+void ViewSelector::cast(const BlockId& id, const LightTree& receivers, std::vector<BlockId>& of_detail) {
+  check(chosen_.size() + seen_.size(), stop_);
+  const Caster judged = caster(id, receivers);
+  if (!take_caster(id, judged)) return;
+  for (const BlockId& child : dem::children_of(id))
+    if (terrain_.has_detail(child))
+      want_caster(child, judged.info, receivers, of_detail);
+    else
+      cast(child, receivers, of_detail);
+}
+
+void ViewSelector::want_caster(const BlockId& child, const dem::NodeInfo& parent, const LightTree& receivers,
+                               std::vector<BlockId>& wanted) {
+  if (receivers.shaded_pixels_per_metre(bounds_within(child, parent)) > 0) wanted.push_back(child);
+}
+
+void ViewSelector::cast_detail(std::vector<BlockId> wave, const LightTree& receivers) {
+  in_waves(
+      std::move(wave), [&](const BlockId& id) { return caster(id, receivers); },
+      [&](const BlockId& id, const Caster& judged, std::vector<BlockId>& next) {
+        if (!take_caster(id, judged)) return;
+        for (const BlockId& child : dem::children_of(id)) want_caster(child, judged.info, receivers, next);
+      });
+}
+
+bool ViewSelector::take_caster(const BlockId& id, const Caster& caster) {
+  if (!caster.matters) return false;
+  if (caster.too_coarse || too_much(caster.blur)) return true;
+  choose(id, caster.info);
+  return false;
+}
+
+}  // namespace selenograph::engine
