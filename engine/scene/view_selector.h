@@ -15,10 +15,13 @@
 #include <vector>
 
 #include "dem/support/parallel.h"
+#include "engine/camera/row_views.h"
+#include "engine/frame/accuracy.h"
+#include "engine/frame/sun.h"
 #include "engine/scene/known_nodes.h"
 #include "engine/scene/light_tree.h"
 #include "engine/scene/root_groups.h"
-#include "engine/scene/selection.h"
+#include "engine/scene/selected_blocks.h"
 
 namespace selenograph::engine {
 
