@@ -225,7 +225,7 @@ TEST_P(PromisedPlace, IsKept) {
   EXPECT_EQ(admission.enter({"a", 3}, far_away(), nullptr).outcome, Outcome::full) << "too early";
   std::this_thread::sleep_for(std::chrono::seconds(promised.retry_after_s));
   auto returned = std::async(std::launch::async, [&] {
-    return admission.enter({"a", GetParam()}, far_away(), nullptr).outcome;
+    return admission.enter({"a", static_cast<std::uint64_t>(GetParam())}, far_away(), nullptr).outcome;
   });
   until([&] { return admission.waiting() == 1; });
   holder.reset();

@@ -524,7 +524,7 @@ TEST(DetailedTerrain, BoundsHoldWhereLayersMeet) {
   });
 }
 
-// --- the shipped presets over posts 118 m apart, as deploy/assets/details and dem/README.md describe them
+// --- the shipped presets over posts 118 m apart, as deploy/assets/details and dem/detail/laws.md describe them
 
 DetailPreset shipped(const std::string& name) {
   return api::read_detail_file(SELENOGRAPH_SOURCE_DIR "/deploy/assets/details/" + name + ".json");
@@ -582,7 +582,7 @@ TEST(DetailedTerrain, MeansOverThePostsCellsAreTheDems) {
   const double rms = std::sqrt(squares / cells);
   std::printf("means over %d cells: rms %.3f m, worst %.2f m; the detail: rms %.2f m\n", cells, rms, worst,
               std::sqrt(detail_squares / places));
-  // dem/README.md says so. Whole metres are off by 0.29 m (RMS) and 0.5 m.
+  // dem/detail/laws.md says so. Whole metres are off by 0.29 m (RMS) and 0.5 m.
   EXPECT_LT(rms, 0.15);
   EXPECT_LT(worst, 0.7);
 }
