@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "dem/files/files.h"
-#include "dem/gdal/remote_names.h"
 #include "dem/gdal/library.h"
+#include "dem/gdal/remote_names.h"
 #include "dem/support/error.h"
 
 namespace selenograph::dem {

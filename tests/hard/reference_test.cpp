@@ -2,8 +2,6 @@
 //
 // All frames ask for the finest posts (max_error_px 0), so the engine's mesh is meant to be the judge's triangles
 // exactly. Each test prints what it found; see support/judge.h for what the judge is.
-#include "tests/support/judge.h"
-
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -18,6 +16,7 @@
 #include "tests/support/effort.h"
 #include "tests/support/frame_judge.h"
 #include "tests/support/hard_views.h"
+#include "tests/support/judge.h"
 #include "tests/support/sample_scenery.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"

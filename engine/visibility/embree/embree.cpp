@@ -16,7 +16,6 @@
 #include <unordered_map>
 #include <vector>
 
-
 namespace selenograph::engine {
 namespace {
 
