@@ -15,35 +15,27 @@
 // where no open cell is near, and a function of the place alone, whatever window asks.
 #pragma once
 
-#include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
-#include <functional>
-#include <map>
 #include <memory>
-#include <mutex>
 #include <optional>
-#include <tuple>
-#include <unordered_map>
 #include <vector>
 
 #include "dem/catalogue/catalogue.h"
+#include "dem/posts/layer_groups.h"
+#include "dem/posts/open_cells.h"
+#include "dem/posts/valid_posts.h"
 #include "dem/support/once.h"
 
 namespace selenograph::dem {
 
-// How far a file's posts are apart, in degrees of latitude or of longitude, whichever is more. Of a file that is true
-// to scale at a high latitude that is longitude.
-double widest_post_deg(const RasterInfo& info);
-
 // const means safe to call concurrently.
 class LayerEdges {
  public:
-  // Posts of one file, as PostSource::read() has them.
-  using Read = std::function<void(int source, int x0, int y0, int w, int h, float* heights_m)>;
   // With `fall_through` a file that can't be read counts as if none of its posts were valid, and is told; without it
   // throws DataError.
-  LayerEdges(const Catalogue& catalogue, Read read, bool fall_through);
+  LayerEdges(const Catalogue& catalogue, ValidPosts::Read read, bool fall_through);
   ~LayerEdges();
 
   // Whether a file lies over a coarser layer. Quick: reads no posts.
@@ -84,37 +76,26 @@ class LayerEdges {
   enum class Octaves { all, coarsest };
   std::optional<Shares> shares_of(int source, int x0, int y0, int w, int h, Octaves octaves,
                                   std::vector<SourceIndex>& unusable) const;
-  struct Sheet;
-  struct Group;
-  struct Tile;
-  struct Cells;
-  struct Groups;
-  using TileKey = std::tuple<int, int, std::int64_t, std::int64_t>;  // sheet, octave, column, row
-
-  const Groups& groups() const;
-  const Group& settled(int source) const;
-  void settle(Group& group) const;
-  double half_width_posts(const Group& group, int octave) const;
-  std::shared_ptr<const Tile> tile(const TileKey& key) const;
-  std::shared_ptr<const Tile> make_tile(const TileKey& key) const;
-  std::shared_ptr<const Tile> joined_tile(const TileKey& key) const;
-  Cells open_cells(int sheet, int octave, std::int64_t x0, std::int64_t y0, std::int64_t x1, std::int64_t y1,
-                   std::vector<SourceIndex>& unusable) const;
-  void read_valid(int source, std::int64_t x0, std::int64_t y0, int w, int h, std::vector<char>& valid,
-                  std::vector<SourceIndex>& unusable) const;
-  static constexpr char kBeside = 1, kInside = 2;
-  enum class Reach { none, half_a_post };  // of a file beyond its outermost posts
-  void cover(int source, const std::vector<Geographic>& places, Reach reach, std::vector<char>& cover,
-             std::vector<SourceIndex>& unusable) const;
+  struct Found {  // once they are needed
+    Found(const Catalogue& catalogue, const ValidPosts& posts)
+        : groups(find_groups(catalogue)), cells(catalogue, groups, posts) {}
+    LayerGroups groups;
+    CellTiles cells;
+  };
+  const Found& found() const;
+  const LayerGroups& groups() const { return found().groups; }
+  const CellTiles& cells() const { return found().cells; }
+  const LayerGroup& settled(int source) const;
+  void settle(LayerGroup& group) const;
+  double half_width_posts(const LayerGroup& group, int octave) const;
+  std::optional<BorderPost> nearest_valid(const LayerGroup& group, const CellRegion& cell, double x, double y,
+                                          std::vector<char>& valid) const;
 
   const Catalogue& catalogue_;
-  Read read_;
-  bool fall_through_;
+  ValidPosts posts_;
   mutable std::vector<std::atomic<signed char>> meets_;  // -1: not yet known
   mutable Once grouped_;
-  mutable std::unique_ptr<Groups> groups_;
-  mutable std::mutex mutex_;
-  mutable std::map<TileKey, std::shared_ptr<const Tile>> tiles_;
+  mutable std::unique_ptr<Found> found_;
 };
 
 }  // namespace selenograph::dem
