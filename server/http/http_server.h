@@ -33,7 +33,7 @@ struct AccessRecord {
   std::string target;  // as sent, free of control characters
   int status = 0;
   std::size_t bytes = 0;  // of the body
-  double seconds = 0;     // from the complete head to the last byte handed to the system
+  double seconds = 0;     // from the complete request to the last byte handed to the system
   std::string error_code;
   std::string request_id;                                   // in the answer, too: X-Request-Id
   std::string token;                                        // name of the token that a proxy let it in by; empty: none
@@ -43,21 +43,20 @@ struct AccessRecord {
   std::vector<std::pair<std::string, double>> stages_ms{};  // those of Server-Timing
 };
 
-// What httplib's own server would do wrong, and what happens here instead:
-//  - unbounded queue, few threads, idle clients holding them: Listener's thread per connection, bounded, silent ones go
-//    first;
-//  - a timeout per read() and write(): one deadline for the whole request, another for the whole answer;
-//  - bodies without Content-Length that end where two recipients may differ: ChunkedBody; bodies are read here, whole
-//  and
-//    bounded, and the library never sees one;
-//  - ranges, compression, lenient framing: check_head();
+// cpp-httplib parses requests, reads their bodies, hands them to handlers and writes the answers. It does so between a
+// stream and a handler of ours, because its own server has
+//  - an unbounded queue, few threads, idle clients that hold them: Listener's thread per connection, bounded, silent
+//    ones go first;
+//  - a timeout per read() and write(): RequestStream has one deadline for the whole request, Connection one for the
+//    whole answer;
+//  - lenient framing, ranges, compression, forms: RequestStream lets it see what check_head() and ChunkedBody leave;
 //  - exception text in a header, empty error pages: problem+json from the api's table;
 //  - select() and its 1024 descriptors, a backlog of 5, SO_REUSEPORT, no TCP_NODELAY: own sockets.
-// What remains httplib's: request line, target and header parsing, and writing status and headers.
 //
 // Where memory is lacking even for a problem, the client gets one that was made when the service started.
 class HttpServer {
  public:
+  struct Impl;
   // Gets HEAD as "HEAD"; its body is not sent then. What it waited for a place goes to `queued`. Who comes through a
   // trusted proxy with a token is a client of his own: the token's name is his address.
   using Handler = std::function<api::Response(const api::Request&, const Peer&, Connection::Clock::duration& queued)>;
@@ -78,7 +77,6 @@ class HttpServer {
   void cut();  // ends every connection, and raises `abandoned` of what is computed for them
 
  private:
-  struct Impl;
   std::unique_ptr<Impl> impl_;
 };
 

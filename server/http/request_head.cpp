@@ -17,8 +17,9 @@ using Refusal = std::optional<HeadProblem>;
 constexpr std::string_view kMethods[] = {"GET",     "HEAD",    "POST",  "PUT",  "DELETE",
                                          "CONNECT", "OPTIONS", "TRACE", "PATCH"};
 
-// What the library must not act on: we don't offer it, or have done it when the library sees the head.
-constexpr std::string_view kHidden[] = {"range",          "if-range",          "accept-encoding",
+// What the library must not act on, because we do not offer it (a body is JSON or a file, never a form), and what
+// check_framing() writes anew.
+constexpr std::string_view kHidden[] = {"range",          "if-range",          "accept-encoding", "content-type",
                                         "content-length", "transfer-encoding", "expect"};
 
 HeadProblem malformed(std::string detail) { return {"malformed_request", std::move(detail)}; }
@@ -123,7 +124,12 @@ Refusal check_framing(RequestHead& head, std::size_t max_body_bytes) {
   }
   if (Refusal refusal = check_length(head, max_body_bytes)) return refusal;
   if (head.method == "POST") {
-    head.text += "content-length: 0\r\n";
+    head.text +=
+        head.chunked ? "transfer-encoding: chunked\r\n" : "content-length: " + std::to_string(head.body_bytes) + "\r\n";
+    const std::string* expected = only(head, "expect");
+    const bool body_follows = head.chunked || head.body_bytes > 0;
+    if (body_follows && expected && !head.http_1_0 && lower(*expected) == "100-continue")
+      head.text += "expect: 100-continue\r\n";
   } else if (lengths + codings > 0) {
     head.close = true;
     head.chunked = false;
@@ -160,8 +166,6 @@ std::variant<RequestHead, HeadProblem> check_head(std::string_view raw, std::siz
   if (hosts == 1 && !head.authority) head.authority = *only(head, "host");
   if (Refusal refusal = check_framing(head, max_body_bytes)) return *refusal;
   head.close = head.close || asks_to_close(head);
-  const std::string* expected = only(head, "expect");
-  head.expects_continue = expected && !head.http_1_0 && lower(*expected) == "100-continue";
   head.text += "\r\n";
   return head;
 }

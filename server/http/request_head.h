@@ -2,8 +2,8 @@
 // it.
 //
 // cpp-httplib 0.11.4 is lenient where leniency is dangerous behind a proxy (two lengths, folded lines, bare line feeds,
-// sizes of chunks), and it acts on headers that we don't offer (ranges, content codings). So a head is either refused
-// here, or rewritten to what the library may see: a request without a body, which we read ourselves.
+// sizes of chunks), and it acts on headers that we don't offer (ranges, content codings, forms). So a head is either
+// refused here, or rewritten to what the library may see.
 #pragma once
 
 #include <cstddef>
@@ -29,13 +29,12 @@ struct RequestHead {
   std::string text;    // the head for the library, with its empty line
   bool close = false;  // the connection must end after the answer
   bool http_1_0 = false;
-  // The body to read before the request is handed on: chunked, or as many bytes; none on other methods than POST.
+  // The body that follows: chunked, or as many bytes; none on other methods than POST.
   bool chunked = false;
   std::size_t body_bytes = 0;
-  bool expects_continue = false;  // the client may wait for "100 Continue" before it sends the body
 };
 
-// A refusal: a row of the api's error table and what to say.
+// Why a request is refused: a row of the api's error table and what to say.
 struct HeadProblem {
   std::string error_code;
   std::string detail;
@@ -46,7 +45,8 @@ struct HeadProblem {
 //    refused;
 //  - a Content-Length above max_body_bytes: refused before a byte of the body is read;
 //  - Range and If-Range are left out (RFC 9110 14.2 allows a server to ignore them), so is Accept-Encoding: the same
-//    request gets the same bytes, whole and uncoded, and the ETag means those bytes;
+//    request gets the same bytes, whole and uncoded, and the ETag means those bytes; Content-Type is the handlers'
+//    matter;
 //  - a POST without any length has an empty body;
 //  - a method that HTTP does not have is "not_implemented"; one that a path does not have is no matter of the head;
 //  - a body on another method is never read, therefore the connection ends with the answer.
