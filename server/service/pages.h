@@ -13,9 +13,11 @@ namespace selenograph::server {
 // To whom they are served: nobody, peers of the loopback interface, everybody.
 enum class PageAccess { off, local, on };
 
-// page/page.html and page/docs.html; made by page/embed.cmake.
+// page/page.html, page/docs.html, and Debian's marked.js, which renders the Markdown of the document's descriptions;
+// made by page/embed.cmake.
 std::string_view page_html();
 std::string_view docs_html();
+std::string_view marked_js();
 
 // Nothing where the request is for no page, or the peer doesn't get any: it is then answered as any other path.
 std::optional<api::Response> page_for(const api::Request& request, const Peer& peer, PageAccess access);

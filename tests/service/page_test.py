@@ -58,7 +58,7 @@ class WhoGetsThem(unittest.TestCase):
             self.assertIn("default-src 'none'", headers["Content-Security-Policy"])
 
     def test_nobody_does_when_off(self):
-        for path in ("/", "/docs"):
+        for path in ("/", "/docs", "/marked.js"):
             status, headers, body = self.get(path, "--page", "off")
             self.assertEqual(status, 404)
             self.assertEqual(json.loads(body)["status"], 404)
@@ -307,6 +307,9 @@ class InABrowser(unittest.TestCase):
         text = self.browser.find_element(By.TAG_NAME, "body").text
         for said in ("POST /v1/frames", "height_m", "example: nadir"):
             self.assertIn(said, text)
+        about = self.browser.find_element(By.CSS_SELECTOR, "h1 + div")
+        self.assertTrue(about.find_elements(By.TAG_NAME, "h2") and about.find_elements(By.TAG_NAME, "li"), "Markdown is rendered")
+        self.assertNotIn("##", text)
         self.assertEqual(self.errors(), [])
 
 
