@@ -1,4 +1,4 @@
-// The executable: `selenograph serve | render | map | features | batch | manifest | ingest | sample | info |
+// The executable: `selenograph serve | render | map | features | batch | ingest | sample | info |
 // verify`.
 #include <fmt/format.h>
 
@@ -27,7 +27,6 @@ struct Settings {
   FeaturesSettings features;
   BatchSettings batch;
   BatchVerifySettings batch_verify;
-  ManifestSettings manifest;
   TerrainSettings ingest;
   InfoSettings info;
   SampleSettings sample;
@@ -57,7 +56,6 @@ Work add_commands(CLI::App& app, Settings& s) {
   CLI::App& campaign = add(app, work, "batch", "Renders a manifest's frames to a folder", s.batch, batch);
   add(campaign, work, "verify", "Shows whether every frame of a manifest is there once and whole", s.batch_verify,
       batch_verify);
-  add(app, work, "manifest", "Writes a manifest from a trajectory", s.manifest, manifest);
   add(app, work, "ingest", "Builds the terrain pyramid ahead", s.ingest, ingest);
   add(app, work, "sample", "Writes sample terrain", s.sample, sample);
   add(app, work, "info", "Lists the DEM files, their footprints and gaps", s.info, info);

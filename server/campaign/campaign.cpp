@@ -219,10 +219,10 @@ class Campaign {
     return lines.size();
   }
 
-  // The first of a tar's lines, done earlier.
-  void keep(const TarPlan& tar, std::size_t lines) {
-    for (std::size_t i = 0; i < lines; ++i)
-      tar.lines[i]->problem || record_.without_frame(*tar.lines[i]) ? ++tally_.bad : ++tally_.kept;
+  // A tar that was finished earlier.
+  void keep(const TarPlan& tar) {
+    for (const ManifestLine* line : tar.lines)
+      line->problem || record_.without_frame(*line) ? ++tally_.bad : ++tally_.kept;
   }
 
   std::size_t write_tars() {
@@ -232,7 +232,7 @@ class Campaign {
     for (const TarPlan& tar : all) {
       lines += tar.lines.size();
       if (TarWriter::has(options_.folder, tar, record_)) {
-        keep(tar, tar.lines.size());
+        keep(tar);
       } else {
         tars.push_back(&tar);
         missing += tar.lines.size();
@@ -245,14 +245,11 @@ class Campaign {
   }
 
   void write(const TarPlan& plan, CampaignProgress& progress) {
-    TarWriter tar(options_.folder, "npz", plan, record_, journal_);
-    const std::size_t behind = tar.behind();
-    keep(plan, behind);
-    for (std::size_t i = 0; i < behind; ++i) progress.step(plan.lines[i]->name);
+    TarWriter tar(options_.folder, "npz", plan, journal_);
     InTurn turn(stop_);
     bool whole = true;
-    in_parallel(plan.lines.size() - behind, [&](std::size_t i) {
-      const ManifestLine& line = *plan.lines[behind + i];
+    in_parallel(plan.lines.size(), [&](std::size_t i) {
+      const ManifestLine& line = *plan.lines[i];
       const Answer answer = answer_to(line);
       if (answer.outcome == Outcome::cancelled || !turn.wait(i)) return;
       if (answer.outcome != Outcome::frame) {
@@ -268,7 +265,7 @@ class Campaign {
       progress.step(line.name);
       turn.done();
     });
-    if (whole && turn.count() == plan.lines.size() - behind) tar.finish();
+    if (whole && turn.count() == plan.lines.size()) tar.finish();
   }
 
   const Manifest& manifest_;

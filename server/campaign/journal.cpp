@@ -150,10 +150,8 @@ void Record::take(const Json& line, bool counts) {
   without_.erase(key_of(name, request));
   if (!counts) {
     outdated_ += frames_.erase(name) == 0;
-    if (!frame.tar.empty()) frames_of_tars_[frame.tar].erase(frame.offset);
     return;
   }
-  if (!frame.tar.empty()) frames_of_tars_[frame.tar][frame.offset] = frame;
   frames_[name] = std::move(frame);
 }
 
@@ -170,11 +168,6 @@ const LineWithoutFrame* Record::without_frame(const ManifestLine& line) const {
 const DoneTar* Record::tar(const std::string& name) const {
   const auto found = tars_.find(name);
   return found == tars_.end() ? nullptr : &found->second;
-}
-
-const std::map<std::uint64_t, DoneFrame>* Record::frames_of(const std::string& tar) const {
-  const auto found = frames_of_tars_.find(tar);
-  return found == frames_of_tars_.end() ? nullptr : &found->second;
 }
 
 Journal::Journal(const std::string& folder, const Run& run)

@@ -12,7 +12,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -72,8 +71,6 @@ class Record {
   // By the request: a line may have another number in another manifest.
   const LineWithoutFrame* without_frame(const ManifestLine& line) const;
   const DoneTar* tar(const std::string& name) const;
-  // The frames of a tar by their offset.
-  const std::map<std::uint64_t, DoneFrame>* frames_of(const std::string& tar) const;
 
   // The last run's; empty: there was none.
   const std::string& format() const { return format_; }
@@ -91,7 +88,6 @@ class Record {
   std::unordered_map<std::string, DoneFrame> frames_;
   std::unordered_map<std::string, LineWithoutFrame> without_;  // by name and request
   std::unordered_map<std::string, DoneTar> tars_;
-  std::unordered_map<std::string, std::map<std::uint64_t, DoneFrame>> frames_of_tars_;
 };
 
 // One shard's, to write to. Safe to use concurrently.

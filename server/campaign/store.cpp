@@ -21,10 +21,6 @@ std::optional<std::uint64_t> size_of(const std::string& path) {
   return error ? std::nullopt : std::optional<std::uint64_t>(size);
 }
 
-std::uint64_t member_size(std::uint64_t content) {
-  return kTarHeaderBytes + (content + kTarHeaderBytes - 1) / kTarHeaderBytes * kTarHeaderBytes;
-}
-
 }  // namespace
 
 DoneFrame done_frame(const ManifestLine& line, const RenderedFrame& frame) {
@@ -93,38 +89,13 @@ bool TarWriter::has(const std::string& folder, const TarPlan& plan, const Record
   return *size == done->bytes;
 }
 
-TarWriter::TarWriter(std::string folder, std::string suffix, const TarPlan& plan, const Record& record,
-                     Journal& journal)
+TarWriter::TarWriter(const std::string& folder, const std::string& suffix, const TarPlan& plan, Journal& journal)
     : path_(in_folder(folder, plan.name)),
       suffix_("." + suffix),
       plan_(plan),
       journal_(journal),
       file_(path_ + ".part") {
-  take_over(record);
-}
-
-void TarWriter::take_over(const Record& record) {
-  std::uint64_t at = 0;
-  const auto* const known = record.frames_of(plan_.name);
-  for (std::size_t i = 0; known && i < plan_.lines.size(); ++i) {
-    const ManifestLine& line = *plan_.lines[i];
-    const auto found = known->find(at);
-    if (found == known->end()) break;
-    const DoneFrame& done = found->second;
-    if (done.name != line.name || done.request_sha256 != line.request_sha256) {
-      // A line without a frame; if it was one. Else this is another tar's.
-      if (line.problem || record.without_frame(line)) continue;
-      break;
-    }
-    const std::string member = file_.read(at, member_size(done.bytes));
-    if (member.size() != member_size(done.bytes) ||
-        sha256(std::string_view(member).substr(kTarHeaderBytes, done.bytes)) != done.sha256)
-      break;
-    digest_.add(member);
-    at += member.size(), ++frames_;
-    behind_ = i + 1;
-  }
-  file_.cut(at);
+  file_.cut(0);
 }
 
 void TarWriter::put(const ManifestLine& line, const RenderedFrame& frame) {

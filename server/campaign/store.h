@@ -43,30 +43,27 @@ class FrameFolder {
   Journal& journal_;
 };
 
-// The tar that is being written: DIR/TAR.part. It goes on behind the last member that an earlier process finished.
+// The tar that is being written: DIR/TAR.part. What an earlier process left of it is begun anew.
 class TarWriter {
  public:
   // Of nothing that is finished: ask has() first.
-  TarWriter(std::string folder, std::string suffix, const TarPlan& plan, const Record& record, Journal& journal);
+  TarWriter(const std::string& folder, const std::string& suffix, const TarPlan& plan, Journal& journal);
 
   // Whether it is complete.
   static bool has(const std::string& folder, const TarPlan& plan, const Record& record);
 
-  // How many of the plan's lines are behind us.
-  std::size_t behind() const { return behind_; }
   // In the plan's order.
   void put(const ManifestLine& line, const RenderedFrame& frame);
   // No line is left: gives the tar its name, or leaves none where it has no member.
   void finish();
 
  private:
-  void take_over(const Record& record);
   const std::string path_, suffix_;
   const TarPlan& plan_;
   Journal& journal_;
   GrowingFile file_;
   Sha256 digest_;
-  std::size_t behind_ = 0, frames_ = 0;
+  std::size_t frames_ = 0;
 };
 
 }  // namespace selenograph::server

@@ -16,6 +16,8 @@
 namespace selenograph::server {
 namespace {
 
+constexpr std::size_t kTarBlockBytes = 512;
+
 struct FreeArchive {
   void operator()(::archive* a) const { ::archive_free(a); }
 };
@@ -65,7 +67,7 @@ la_ssize_t read_hashed(::archive* archive, void* file, const void** bytes) {
 
 std::string tar_member(const std::string& name, std::string_view content) {
   std::string out;
-  out.reserve(content.size() + 2 * kTarHeaderBytes);
+  out.reserve(content.size() + 2 * kTarBlockBytes);
   const Archive archive(::archive_write_new());
   const auto good = [&](int result) { need(result, archive.get(), name); };
   good(::archive_write_set_format_ustar(archive.get()));
@@ -88,7 +90,7 @@ std::string tar_member(const std::string& name, std::string_view content) {
   return out;
 }
 
-std::string tar_end() { return std::string(2 * kTarHeaderBytes, '\0'); }
+std::string tar_end() { return std::string(2 * kTarBlockBytes, '\0'); }
 
 std::string read_tar(const std::string& path,
                      const std::function<void(const std::string&, std::uint64_t, const std::string&)>& each) {

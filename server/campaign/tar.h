@@ -17,9 +17,6 @@ inline constexpr std::size_t kLongestTarName = 100;
 std::string tar_member(const std::string& name, std::string_view content);
 std::string tar_end();
 
-// Where a member's content is, of a tar_member() of this size.
-inline constexpr std::size_t kTarHeaderBytes = 512;
-
 // What is in a tar, in its order, and the SHA-256 of the whole file. Throws std::runtime_error naming the file where it
 // can't be read or is no whole tar.
 std::string read_tar(

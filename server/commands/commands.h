@@ -54,15 +54,6 @@ struct BatchVerifySettings {
   std::string rerun;  // manifest to write; empty: none
 };
 
-struct ManifestSettings {
-  std::string trajectory;  // CSV
-  std::string camera;      // a preset's name, or a file
-  std::string sun;         // "utc", or JSON, or a file of it
-  std::string base;        // a request's other members; empty: none
-  std::string frame = "MOON_ME";
-  std::string output;
-};
-
 struct InfoSettings {
   TerrainSettings terrain;
   bool json = false;
@@ -105,7 +96,6 @@ void add_options(CLI::App& command, MapSettings& settings);
 void add_options(CLI::App& command, FeaturesSettings& settings);
 void add_options(CLI::App& command, BatchSettings& settings);
 void add_options(CLI::App& command, BatchVerifySettings& settings);
-void add_options(CLI::App& command, ManifestSettings& settings);
 void add_options(CLI::App& command, InfoSettings& settings);
 void add_options(CLI::App& command, SampleSettings& settings);
 void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
@@ -118,7 +108,6 @@ int map(const MapSettings& settings);
 int features(const FeaturesSettings& settings);
 int batch(const BatchSettings& settings);
 int batch_verify(const BatchVerifySettings& settings);
-int manifest(const ManifestSettings& settings);
 int ingest(const TerrainSettings& settings);
 int info(const InfoSettings& settings);
 int sample(const SampleSettings& settings);
