@@ -19,6 +19,7 @@
 #include <new>
 #include <nlohmann/json.hpp>
 #include <string_view>
+#include <system_error>
 #include <thread>
 #include <utility>
 
@@ -107,13 +108,18 @@ AsyncLog::AsyncLog(const std::string& level, int fd, LogFormat format)
 // spdlog's thread writes all that waits before it ends, and whoever ends it waits for that: for ever, where nobody
 // reads.
 AsyncLog::~AsyncLog() {
-  std::promise<void> ended;
-  const std::future<void> all_written = ended.get_future();
-  std::thread([thread = std::move(thread_), ended = std::move(ended)]() mutable {
-    thread.reset();
-    ended.set_value();
-  }).detach();
-  all_written.wait_for(kLastWait);
+  const auto kept = new auto(std::move(thread_));  // for ever, where its last user never ends
+  try {
+    std::promise<void> ended;
+    const std::future<void> all_written = ended.get_future();
+    std::thread([kept, ended = std::move(ended)]() mutable {
+      delete kept;
+      ended.set_value();
+    }).detach();
+    all_written.wait_for(kLastWait);
+  } catch (const std::system_error&) {  // no thread can be had: spdlog's own has as long
+    std::this_thread::sleep_for(kLastWait);
+  }
 }
 
 void AsyncLog::log_members(spdlog::level::level_enum level, std::string_view members) {
