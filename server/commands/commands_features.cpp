@@ -1,6 +1,7 @@
 // `selenograph features`: a detail's craters or rocks in a region, as POST /v1/features answers them, and in a frame.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 #include <stdexcept>

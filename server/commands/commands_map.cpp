@@ -1,6 +1,7 @@
 // `selenograph map`: the bytes that POST /v1/maps would answer, or a series of them over time.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
 #include <chrono>

@@ -1,6 +1,7 @@
 // `selenograph render`: the very bytes that the service would answer, without a socket.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <stdexcept>
 

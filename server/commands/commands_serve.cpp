@@ -140,6 +140,21 @@ void finish(Front& front, Admission& admission, HttpServer& server, const dem::P
   terrain.stop_building();
 }
 
+// What the service holds and has in work, for /metrics and /health/ready.
+void read_gauges(const engine::Renderer& renderer, const api::Service& service, const api::MemoryBudget& memory,
+                 const api::MemoryBudget& bodies, Gauges& gauges) {
+  gauges.cache = renderer.terrain().statistics();
+  gauges.terrain_warnings = renderer.terrain().warnings().size();
+  gauges.scene_bytes = renderer.scene_bytes_in_use();
+  gauges.heap = engine::heap_statistics();
+  gauges.preparation = renderer.preparation_statistics();
+  gauges.cache_trouble = renderer.terrain().cache_trouble();
+  gauges.mesh_bytes = service.mesh_bytes();
+  gauges.request_memory_bytes = memory.in_use();
+  gauges.request_memory_capacity_bytes = memory.capacity();
+  gauges.body_bytes = bodies.in_use();
+}
+
 }  // namespace
 
 int serve(const ServeSettings& settings) {
@@ -169,17 +184,8 @@ int serve(const ServeSettings& settings) {
   Metrics metrics{std::string(api::software_version())};
   const HttpServer* http = nullptr;
   Front front(service, admission, metrics, settings.page, [&](Gauges& gauges) {
+    read_gauges(*renderer, service, *memory, *bodies, gauges);
     gauges.connections = http->connections();
-    gauges.cache = renderer->terrain().statistics();
-    gauges.terrain_warnings = renderer->terrain().warnings().size();
-    gauges.scene_bytes = renderer->scene_bytes_in_use();
-    gauges.heap = engine::heap_statistics();
-    gauges.preparation = renderer->preparation_statistics();
-    gauges.cache_trouble = renderer->terrain().cache_trouble();
-    gauges.mesh_bytes = service.mesh_bytes();
-    gauges.request_memory_bytes = memory->in_use();
-    gauges.request_memory_capacity_bytes = memory->capacity();
-    gauges.body_bytes = bodies->in_use();
     gauges.log_lines_dropped = log.dropped();
   });
   HttpServer server(

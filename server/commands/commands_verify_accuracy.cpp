@@ -1,6 +1,7 @@
 // `selenograph verify accuracy`: what a frame costs and how true it is, for every setting, as tables.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 #include <fstream>

@@ -1,6 +1,7 @@
 // `selenograph verify mertis`: what a thermal imaging spectrometer measures of blackbodies, as tables.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <fstream>
 #include <iterator>

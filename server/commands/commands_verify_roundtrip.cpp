@@ -1,6 +1,7 @@
 // `selenograph verify roundtrip`: a DEM's way into images and back, as figures and rasters.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <chrono>
 #include <cmath>
 #include <filesystem>

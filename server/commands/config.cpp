@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <toml++/toml.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cctype>
 #include <cstdlib>
@@ -108,9 +109,7 @@ std::string config_path(CLI::App& command, const ReadVariable& variable) {
   return variable("SELENOGRAPH_CONFIG").value_or("");
 }
 
-}  // namespace
-
-void add_options(CLI::App& command, TerrainSettings& s) {
+void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
   const std::string without = "; without: 1024, less where that doesn't fit";
   s.cache_dir = default_cache_dir();
   command.add_option("--config", "TOML file whose members are these options, e.g. cache-mb = 2048")->type_name("FILE");
@@ -142,6 +141,60 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       .add_option("--scene-mb", s.memory.scene_mb,
                   "Memory for acceleration structures and what frames are drawn with, MiB" + without)
       ->check(CLI::Range(16, 1 << 24));
+}
+
+std::string refusal_of_layer_offset(const std::string& text) {
+  try {
+    dem::parse_layer_offset(text);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return {};
+}
+
+std::string refusal_of_address(const std::string& text) {
+  in6_addr address{};
+  const bool numeric =
+      ::inet_pton(AF_INET, text.c_str(), &address) == 1 || ::inet_pton(AF_INET6, text.c_str(), &address) == 1;
+  return numeric ? std::string() : text + " is no IP address";
+}
+
+std::string refusal_of_host(const std::string& text) {
+  return is_host(text) ? std::string() : text + " is no host name or address (without scheme and port)";
+}
+
+// Who may use the service, and what is told of it.
+void add_access(CLI::App& command, ServeSettings& s) {
+  const std::map<std::string, PageAccess> access{
+      {"off", PageAccess::off}, {"local", PageAccess::local}, {"on", PageAccess::on}};
+  command.add_option("--page", s.page, "Who gets the pages GET / and GET /docs: nobody, this machine, everybody")
+      ->transform(CLI::CheckedTransformer(access).description("{off,local,on}"))
+      ->default_str("local");
+  const std::map<std::string, LogFormat> formats{{"text", LogFormat::text}, {"json", LogFormat::json}};
+  command
+      .add_option("--log-format", s.log_format,
+                  "Of the log on stderr; json: an object a line, for requests with id, token, times and bytes")
+      ->transform(CLI::CheckedTransformer(formats).description("{text,json}"))
+      ->default_str("text");
+  command
+      .add_option("--trusted-proxy", s.trusted_proxy,
+                  "Address of a proxy that sets or removes the header Selenograph-Token, beside loopback")
+      ->type_name("ADDRESS")
+      ->check(refusal_of_address)
+      ->expected(1, 1 << 20);
+  command
+      .add_option("--allowed-host", s.allowed_host,
+                  "Name or address that clients may use for the service, and whose pages may ask it, beside --host, "
+                  "localhost, 127.0.0.1, [::1] and the address that a connection comes to")
+      ->type_name("NAME")
+      ->check(refusal_of_host)
+      ->expected(1, 1 << 20);
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, TerrainSettings& s) {
+  add_files_and_memory(command, s);
   command.add_option("--threads", s.threads, "Render threads; 0: all cores")
       ->check(CLI::Range(0, 4096))
       ->capture_default_str();
@@ -160,14 +213,7 @@ void add_options(CLI::App& command, TerrainSettings& s) {
                   "to the layer beneath along their border")
       ->type_name("PATTERN=METRES|fit")
       ->expected(1, 1 << 20)
-      ->check([](const std::string& text) {
-        try {
-          dem::parse_layer_offset(text);
-        } catch (const std::invalid_argument& error) {
-          return std::string(error.what());
-        }
-        return std::string();
-      });
+      ->check(refusal_of_layer_offset);
   command.add_flag("--strict", s.strict,
                    "A file in a DEM folder that is no DEM, such as an orthoimage, is an error instead of a warning");
   command.add_option("--log-level", s.log_level)
@@ -250,37 +296,7 @@ void add_options(CLI::App& command, ServeSettings& s) {
                   "Of --shutdown-s: requests are still taken, while /health/ready tells a proxy to send them elsewhere")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
-  const std::map<std::string, PageAccess> access{
-      {"off", PageAccess::off}, {"local", PageAccess::local}, {"on", PageAccess::on}};
-  command.add_option("--page", s.page, "Who gets the pages GET / and GET /docs: nobody, this machine, everybody")
-      ->transform(CLI::CheckedTransformer(access).description("{off,local,on}"))
-      ->default_str("local");
-  const std::map<std::string, LogFormat> formats{{"text", LogFormat::text}, {"json", LogFormat::json}};
-  command
-      .add_option("--log-format", s.log_format,
-                  "Of the log on stderr; json: an object a line, for requests with id, token, times and bytes")
-      ->transform(CLI::CheckedTransformer(formats).description("{text,json}"))
-      ->default_str("text");
-  command
-      .add_option("--trusted-proxy", s.trusted_proxy,
-                  "Address of a proxy that sets or removes the header Selenograph-Token, beside loopback")
-      ->type_name("ADDRESS")
-      ->check([](const std::string& text) {
-        in6_addr address{};
-        const bool numeric =
-            ::inet_pton(AF_INET, text.c_str(), &address) == 1 || ::inet_pton(AF_INET6, text.c_str(), &address) == 1;
-        return numeric ? std::string() : text + " is no IP address";
-      })
-      ->expected(1, 1 << 20);
-  command
-      .add_option("--allowed-host", s.allowed_host,
-                  "Name or address that clients may use for the service, and whose pages may ask it, beside --host, "
-                  "localhost, 127.0.0.1, [::1] and the address that a connection comes to")
-      ->type_name("NAME")
-      ->check([](const std::string& text) {
-        return is_host(text) ? std::string() : text + " is no host name or address (without scheme and port)";
-      })
-      ->expected(1, 1 << 20);
+  add_access(command, s);
   command.add_flag("--pretouch", s.pretouch,
                    "Take the memory of --cache-mb and --scene-mb from the system at the start, so that no frame waits "
                    "for it");

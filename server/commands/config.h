@@ -1,7 +1,6 @@
 // Settings from four places: command line, then environment, then configuration file, then the default.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <chrono>
 #include <cstddef>
 #include <functional>
@@ -16,6 +15,10 @@
 #include "server/service/log.h"
 #include "server/service/memory_plan.h"
 #include "server/service/pages.h"
+
+namespace CLI {
+class App;
+}  // namespace CLI
 
 namespace selenograph::server {
 

@@ -1,5 +1,6 @@
 #include "server/service/place.h"
 
+#include <CLI/CLI.hpp>
 #include <charconv>
 #include <cmath>
 

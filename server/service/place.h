@@ -1,11 +1,15 @@
 // Places on the command line: "26.1,3.6".
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <optional>
 #include <string>
 
 #include "dem/grid/geodesy.h"
+
+namespace CLI {
+class App;
+class Option;
+}  // namespace CLI
 
 namespace selenograph::server {
 
