@@ -2,7 +2,6 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <atomic>
 #include <charconv>
 #include <chrono>
@@ -108,36 +107,6 @@ std::string lines_to_rerun(const Manifest& manifest, const CheckResult& result) 
 
 }  // namespace
 
-void add_options(CLI::App& command, BatchSettings& s) {
-  // Not `required`: `batch verify` has its own.
-  command.add_option("manifest", s.manifest, "A request per line, as for POST /v1/frames, with an optional \"name\"")
-      ->type_name("MANIFEST.jsonl");
-  command.add_option("-o,--output", s.output, "Folder for frames and journals")->type_name("DIR");
-  command
-      .add_option("--shard", s.shard,
-                  "Which part of the manifest, of how many; from 0. The parts are about the same work")
-      ->type_name("I/N")
-      ->capture_default_str();
-  command
-      .add_option("--format", s.format,
-                  "Of the frames: DIR/NAME.FORMAT, or tars of .npz files (DIR/frames-000000.tar) for WebDataset")
-      ->check(CLI::IsMember({"npz", "exr", "tiff", "png", kWebDataset}))
-      ->capture_default_str();
-  command.add_option("--frames-per-tar", s.frames_per_tar, "Most frames of one tar of --format webdataset")
-      ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 20))
-      ->capture_default_str();
-  command.add_flag("--resume", s.resume,
-                   "DIR may hold frames of other requests, software or terrain under the manifest's names: they are "
-                   "replaced. Without, they are refused. What is finished of this manifest is never rendered again");
-  command.add_option("--in-work", s.in_work, "Frames in work at once; 0: two, or one on a single core")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
-  add_options(command, s.terrain);
-  // Whoever asks here waits as long as it takes.
-  s.limits.default_deadline = std::chrono::hours(1);
-  add_options(command, s.limits);
-}
-
 int batch(const BatchSettings& settings) {
   need(settings.manifest, "MANIFEST.jsonl");
   need(settings.output, "--output DIR");
@@ -158,17 +127,6 @@ int batch(const BatchSettings& settings) {
   print_tally(tally, settings.output);
   if (tally.interrupted || tally.failed > 0) return kRunAgain;
   return tally.bad > 0 ? kBadLines : kAllDone;
-}
-
-void add_options(CLI::App& command, BatchVerifySettings& s) {
-  command.add_option("manifest", s.manifest, "The campaign's manifest")->required()->type_name("MANIFEST.jsonl");
-  command.add_option("-o,--output", s.output, "Its folder")->required()->type_name("DIR");
-  command
-      .add_option(
-          "--rerun,--missing", s.rerun,
-          "Manifest to write: the lines that are missing, damaged or doubled, to run again. Damaged and doubled "
-          "files are put aside as FILE.damaged")
-      ->type_name("FILE");
 }
 
 int batch_verify(const BatchVerifySettings& settings) {

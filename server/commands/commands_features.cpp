@@ -1,7 +1,6 @@
 // `selenograph features`: a detail's craters or rocks in a region, as POST /v1/features answers them, and in a frame.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 #include <stdexcept>
@@ -89,36 +88,6 @@ Written of_frame(const Json& request, const FeaturesSettings& s, const engine::R
 }
 
 }  // namespace
-
-void add_options(CLI::App& command, FeaturesSettings& s) {
-  command.add_option("request", s.request, "JSON file as for POST /v1/features; -: standard input")
-      ->type_name("REQUEST.json");
-  command.add_option("--detail", s.detail, "Instead of a file: name of details/NAME.json in the assets folder")
-      ->type_name("NAME");
-  command.add_option("--region", s.region, "Instead of a file: degrees; EAST may be beyond 180")
-      ->type_name("SOUTH NORTH WEST EAST")
-      ->expected(4);
-  command.add_option("--smallest-m", s.smallest_m, "Instead of a file: least diameter; left out: the preset's");
-  command.add_option("-o,--output", s.output, "CSV to write; -: standard output")
-      ->type_name("OUT.csv")
-      ->capture_default_str();
-  auto* coco = command.add_option("--coco", s.coco, "COCO file to write: the craters and rocks in a frame")
-                   ->type_name("OUT.json");
-  auto* frame = command.add_option("--frame", s.frame, "The frame: JSON file as for POST /v1/frames, with a detail")
-                    ->type_name("REQUEST.json");
-  coco->needs(frame), frame->needs(coco);
-  command.add_option("--image", s.image, "The COCO file's name for the frame; left out: that of --frame with .png")
-      ->type_name("NAME");
-  command
-      .add_option("--least-px", s.rims.least_px,
-                  "In a frame: diameter of a circle that is as large as a crater's rim, or as what is seen of a rock")
-      ->check(CLI::Range(1.0, 1e4))
-      ->capture_default_str();
-  command.add_option("--least-depth", s.rims.least_depth, "In a frame: depth over diameter, today; 0: all")
-      ->check(CLI::Range(0.0, 1.0))
-      ->capture_default_str();
-  add_options(command, s.terrain);
-}
 
 int features(const FeaturesSettings& settings) {
   set_up_log(settings.terrain.log_level);

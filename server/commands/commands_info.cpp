@@ -2,7 +2,6 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
@@ -96,21 +95,6 @@ void print_resampling(const dem::Terrain& terrain, int posts) {
 
 }  // namespace
 
-void add_options(CLI::App& command, InfoSettings& s) {
-  add_options(command, s.terrain);
-  command
-      .add_option("--resampling", s.resampling,
-                  "Compare this many posts of each resampled file with the mesh (builds the pyramid)")
-      ->check(CLI::Range(0, 1000000))
-      ->capture_default_str();
-  command
-      .add_option("--borders", s.borders,
-                  "Measure the steps along the borders of so many layers (reads their files); 0: none")
-      ->check(CLI::Range(0, 1000000))
-      ->capture_default_str();
-  command.add_flag("--json", s.json, "As JSON");
-}
-
 int info(const InfoSettings& settings) {
   set_up_log(settings.terrain.log_level);
   const dem::Catalogue catalogue = open_catalogue(settings.terrain);
@@ -123,31 +107,6 @@ int info(const InfoSettings& settings) {
   }
   if (settings.resampling > 0) print_resampling(*open_terrain(settings.terrain), settings.resampling);
   return 0;
-}
-
-void add_options(CLI::App& command, SampleSettings& s) {
-  command.add_option("folder", s.folder, "Where to write; made if missing")->required()->type_name("DIR");
-  command.add_option("--seed", s.options.seed, "Another seed, another landscape")->capture_default_str();
-  command.add_option("--south-deg", s.options.south_deg, "Southern border")
-      ->check(CLI::Range(-90, 89))
-      ->capture_default_str();
-  command.add_option("--west-deg", s.options.west_deg, "Western border")
-      ->check(CLI::Range(-180, 359))
-      ->capture_default_str();
-  command.add_option("--rows", s.options.rows, "Tiles from south to north")
-      ->check(CLI::Range(1, 180))
-      ->capture_default_str();
-  command.add_option("--columns", s.options.columns, "Tiles from west to east")
-      ->check(CLI::Range(1, 360))
-      ->capture_default_str();
-  command.add_option("--ppd", s.options.posts_per_degree, "Posts per degree, a power of two")
-      ->check(CLI::Range(16, 8192))
-      ->check([](const std::string& text) {
-        const long ppd = std::stol(text);
-        return (ppd & (ppd - 1)) == 0 ? std::string() : std::string("must be a power of two");
-      })
-      ->capture_default_str();
-  command.add_flag("--date-line", s.options.date_line, "Also tiles on both sides of the 180th meridian");
 }
 
 int sample(const SampleSettings& settings) {

@@ -1,7 +1,6 @@
 // `selenograph map`: the bytes that POST /v1/maps would answer, or a series of them over time.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
 #include <chrono>
@@ -190,20 +189,6 @@ std::string draw_one(const Atlas& atlas, const api::Json& body) {
 }
 
 }  // namespace
-
-void add_options(CLI::App& command, MapSettings& s) {
-  command.add_option("request", s.request, "JSON file as for POST /v1/maps; -: standard input")
-      ->required()
-      ->type_name("REQUEST.json");
-  command.add_option("-o,--output", s.output, "Map to write: .tif .npz .png")->required()->type_name("OUT");
-  command
-      .add_option("--utc", s.utc,
-                  "A series: a map for each epoch from FROM to TO, OUT's name with its time, and the mean of lit over "
-                  "all of them, OUT-illumination.tif. Epochs like 2026-11-20T00:00:00Z, a step like 600s, 30m, 6h, 1d")
-      ->type_name("FROM TO STEP")
-      ->expected(3);
-  add_options(command, s.terrain);
-}
 
 int map(const MapSettings& settings) {
   set_up_log(settings.terrain.log_level);

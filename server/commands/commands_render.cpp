@@ -1,7 +1,6 @@
 // `selenograph render`: the very bytes that the service would answer, without a socket.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <stdexcept>
 
@@ -30,17 +29,6 @@ std::string media_type_for(const std::string& output) {
 }
 
 }  // namespace
-
-void add_options(CLI::App& command, RenderSettings& s) {
-  command.add_option("request", s.request, "JSON file as for POST /v1/frames; -: standard input")
-      ->required()
-      ->type_name("REQUEST.json");
-  command.add_option("-o,--output", s.output, "Frame to write: .png .tiff .exr .npy .npz .raw")
-      ->required()
-      ->type_name("OUT");
-  add_options(command, s.terrain);
-  add_options(command, s.limits);
-}
 
 int render(const RenderSettings& settings) {
   set_up_log(settings.terrain.log_level);

@@ -1,7 +1,6 @@
 // `selenograph verify accuracy`: what a frame costs and how true it is, for every setting, as tables.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
@@ -13,8 +12,8 @@
 #include "engine/verify/accuracy_sweep.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
+#include "server/commands/place.h"
 #include "server/commands/start.h"
-#include "server/service/place.h"
 
 namespace selenograph::server {
 namespace {
@@ -87,29 +86,6 @@ void print_summary(const std::vector<engine::SweepRow>& rows) {
 }
 
 }  // namespace
-
-void add_options(CLI::App& command, VerifyAccuracySettings& s) {
-  add_place(command, "--center", s.center, "Where the scenes are; without: the middle of the finest DEM file");
-  add_place(command, "--polar-center", s.polar_center,
-            "Where the Sun of the polar scene is low; without: no such scene");
-  command.add_option("--detail", s.detail, "Detail of the assets folder: adds a scene with it; without: no such scene")
-      ->type_name("NAME");
-  command.add_option("--scenes", s.scenes, "Only these")
-      ->delimiter(',')
-      ->check(CLI::IsMember({"nadir", "oblique", "limb", "polar", "descent", "touchdown"}));
-  command.add_option("--height-m", s.height_m, "Of the camera above the ground, but for the descents")
-      ->check(CLI::Range(1.0, 1e9))
-      ->capture_default_str();
-  command.add_option("--size-px", s.size_px, "Side of the frames")->check(CLI::Range(32, 4096))->capture_default_str();
-  command.add_option("--repetitions", s.repetitions, "Of each time measurement; the median counts")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  command.add_option("--reference-samples", s.reference_samples, "Per pixel of the reference; a square number")
-      ->check(CLI::IsMember({1, 4, 16, 64, 256, 1024}))
-      ->capture_default_str();
-  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
-  add_options(command, s.terrain);
-}
 
 int verify_accuracy(const VerifyAccuracySettings& settings) {
   set_up_log(settings.terrain.log_level);

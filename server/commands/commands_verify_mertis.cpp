@@ -1,7 +1,6 @@
 // `selenograph verify mertis`: what a thermal imaging spectrometer measures of blackbodies, as tables.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -31,12 +30,6 @@ api::MertisQuery read_instrument(const std::string& path) {
 }
 
 }  // namespace
-
-void add_options(CLI::App& command, VerifyMertisSettings& s) {
-  command.add_option("--instrument", s.instrument, "JSON as for POST /v1/verify/mertis; without: MERTIS")
-      ->type_name("FILE");
-  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
-}
 
 int verify_mertis(const VerifyMertisSettings& settings) {
   const api::MertisQuery query = read_instrument(settings.instrument);

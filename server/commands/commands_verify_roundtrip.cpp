@@ -1,7 +1,6 @@
 // `selenograph verify roundtrip`: a DEM's way into images and back, as figures and rasters.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -10,8 +9,8 @@
 #include "api/answers/round_trip_answer.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
+#include "server/commands/place.h"
 #include "server/commands/start.h"
-#include "server/service/place.h"
 
 namespace selenograph::server {
 namespace {
@@ -88,29 +87,6 @@ void print_summary(const std::vector<Verified>& all) {
 }
 
 }  // namespace
-
-void add_options(CLI::App& command, VerifyRoundTripSettings& s) {
-  add_place(command, "--center", s.center, "Place on the tile: the finest one there is compared")->required();
-  command.add_option("--height-m", s.request.height_m, "Cameras above the ground")
-      ->check(CLI::Range(1.0, 1e9))
-      ->capture_default_str();
-  command.add_option("--mode", s.mode, "Rays through the posts, ordinary frames resampled to them, or both")
-      ->check(CLI::IsMember({"exact", "camera", "both"}))
-      ->capture_default_str();
-  command.add_option("--posts", s.request.posts, "Posts along each side of the window; 0: the whole tile")
-      ->check(CLI::Range(0, 1 << 20))
-      ->capture_default_str();
-  command.add_option("--footprint", s.request.footprint_ratio, "Pixel footprint over post spacing, mode camera")
-      ->check(CLI::Range(0.01, 100.0))
-      ->capture_default_str();
-  command.add_option("--max-error-px", s.request.max_error_px, "Level of detail of the frames; 0: the finest posts")
-      ->check(CLI::Range(0.0, 100.0))
-      ->capture_default_str();
-  command.add_option("-o,--output", s.output, "Folder for a folder of each mode; made if missing")
-      ->required()
-      ->type_name("DIR");
-  add_options(command, s.terrain);
-}
 
 int verify_round_trip(const VerifyRoundTripSettings& settings) {
   set_up_log(settings.terrain.log_level);

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Runs every snippet of README.md against the service as deploy/quickstart starts it.
+"""Runs every snippet of the front page and the guides against the service as deploy/quickstart starts it.
 
 Blocks of Python run in order in one namespace; when the request that they build has changed, the service must answer it. Of
 shell blocks each command runs by itself; SUBSTITUTES lists what stands there for the reader's own data. A block
-after the comment <!-- not run: reason --> is left out. A failure names the README's line.
+after the comment <!-- not run: reason --> is left out. A failure names page and line.
 """
 
 import json
@@ -17,7 +17,7 @@ import unittest
 import harness
 from harness import REPOSITORY
 
-README = os.path.join(REPOSITORY, "README.md")
+PAGES = ("README.md", "api/guide.md", "dem/tiles.md", "engine/verify/errors.md", "engine/verify/speed.md")  # in this order
 ADDRESS = "127.0.0.1:8080"
 PLACE = ("--ppd", "256")  # the sample terrain where quickstart has it, but coarser
 
@@ -35,8 +35,10 @@ NOT_RUN = {"deploy/quickstart": "installs packages; its service is what this tes
            "deploy/test": "runs this test"}
 
 
-def blocks(text):
-    """(language, number of the first line in it, lines) of all fenced blocks that are to be run."""
+def blocks(page):
+    """(language, (page, number of the first line in it), lines) of all fenced blocks that are to be run."""
+    with open(os.path.join(REPOSITORY, page)) as file:
+        text = file.read()
     found, language, left_out, before = [], None, False, ""
     for number, line in enumerate(text.splitlines(), 1):
         if language is not None:
@@ -47,7 +49,7 @@ def blocks(text):
         elif line.startswith("```"):
             language, left_out = line[3:].strip(), before.startswith("<!-- not run:")
             if not left_out:
-                found.append((language, number + 1, []))
+                found.append((language, (page, number + 1), []))
         if line.strip():
             before = line.strip()
     return found
@@ -81,16 +83,15 @@ def tearDownModule():
 class ReadmeTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        with open(README) as file:
-            cls.blocks = blocks(file.read())
+        cls.blocks = [block for page in PAGES for block in blocks(page)]
         cls.here = f"{cls.service.host}:{cls.service.port}"
 
-    def run_command(self, number, line):
+    def run_command(self, place, line):
         command = re.sub(r"\s+#.*$", "", line).replace(ADDRESS, self.here)
         words = [SUBSTITUTES.get(word, word) for word in shlex.split(command)]
         if words[0] in NOT_RUN:
             return
-        self.assertIn(words[0], ("curl", "build/selenograph"), f"README.md:{number}: no rule says how to run {line!r}")
+        self.assertIn(words[0], ("curl", "build/selenograph"), f"{place}: no rule says how to run {line!r}")
         if words[0] == "curl":
             words[1:1] = ["-sS", "--fail-with-body"]
         for start, options in CHEAPER.items():
@@ -102,15 +103,15 @@ class ReadmeTest(unittest.TestCase):
             words += ["--dem", "dem"]
         done = subprocess.run(words, cwd=harness.path(), env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                               timeout=harness.PATIENCE_S * 5)
-        self.assertEqual(done.returncode, 0, f"README.md:{number}: {shlex.join(words)}\n{done.stdout[-2000:]}")
+        self.assertEqual(done.returncode, 0, f"{place}: {shlex.join(words)}\n{done.stdout[-2000:]}")
         for option in ("-o", "--output"):
             if option in words:
                 written = harness.path(words[words.index(option) + 1])
-                self.assertTrue(os.path.exists(written), f"README.md:{number}: {written} was not written")
+                self.assertTrue(os.path.exists(written), f"{place}: {written} was not written")
 
     def test_shell_blocks(self):
         count = 0
-        for language, first, lines in self.blocks:
+        for language, (page, first), lines in self.blocks:
             if language not in ("sh", "bash", "shell"):
                 continue
             joined = ""
@@ -120,39 +121,39 @@ class ReadmeTest(unittest.TestCase):
                     continue
                 if joined.strip() and not joined.lstrip().startswith("#"):
                     count += 1
-                    with self.subTest(f"README.md:{number}: {joined}"):
-                        self.run_command(number, joined)
+                    with self.subTest(f"{page}:{number}: {joined}"):
+                        self.run_command(f"{page}:{number}", joined)
                 joined = ""
         self.assertGreater(count, 1)
 
     def test_python_blocks(self):
         namespace, asked, count = {"__name__": "readme"}, None, 0
         os.chdir(harness.path())
-        for language, first, lines in self.blocks:
+        for language, (page, first), lines in self.blocks:
             if language != "python":
                 continue
             count += 1
             source = "\n" * (first - 1) + "\n".join(lines).replace(ADDRESS, self.here)
             try:
-                exec(compile(source, "README.md", "exec"), namespace)
+                exec(compile(source, page, "exec"), namespace)
             except Exception as error:
-                raise AssertionError(f"the Python block at README.md:{first} fails") from error
+                raise AssertionError(f"the Python block at {page}:{first} fails") from error
             request = json.dumps(namespace.get("request"))
             if request != asked:
                 status, _, body = self.service.frame(namespace["request"], "application/x-npz")
-                self.assertEqual(status, 200, f"the request of README.md:{first}: {body[:500]}")
+                self.assertEqual(status, 200, f"the request of {page}:{first}: {body[:500]}")
                 asked = request
         self.assertGreater(count, 1)
 
     def test_json_blocks_are_json(self):
-        for language, first, lines in self.blocks:
+        for language, place, lines in self.blocks:
             if language == "json":
-                with self.subTest(f"README.md:{first}"):
+                with self.subTest(place):
                     json.loads("\n".join(lines))
 
     def test_every_block_says_what_it_is(self):
-        for language, first, _ in self.blocks:
-            self.assertIn(language, ("sh", "bash", "shell", "python", "json", "toml", "text"), f"README.md:{first}")
+        for language, place, _ in self.blocks:
+            self.assertIn(language, ("sh", "bash", "shell", "python", "json", "toml", "text"), place)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
-#include "server/service/place.h"
+#include "server/commands/place.h"
 
-#include <CLI/CLI.hpp>
 #include <charconv>
 #include <cmath>
 
@@ -17,12 +16,6 @@ std::optional<Geographic> place_of(const std::string& text) {
   }
   const bool good = at == end && std::abs(parts[0]) <= 90 && parts[1] >= -180 && parts[1] <= 360;
   return good ? std::optional(Geographic{parts[0], parts[1], 0}) : std::nullopt;
-}
-
-CLI::Option* add_place(CLI::App& command, const std::string& name, std::string& text, const std::string& what) {
-  return command.add_option(name, text, what)->type_name("LAT,LON")->check([](const std::string& given) {
-    return place_of(given) ? std::string() : std::string("must be latitude and longitude in degrees: 26.1,3.6");
-  });
 }
 
 }  // namespace selenograph::server

@@ -1,0 +1,210 @@
+// The options of the commands. (CLI11 takes seconds to compile: the commands themselves do without.)
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <string>
+
+#include "server/campaign/campaign.h"
+#include "server/commands/commands.h"
+#include "server/service/place.h"
+
+namespace selenograph::server {
+namespace {
+
+// An option that takes a place and refuses what is none.
+CLI::Option* add_place(CLI::App& command, const std::string& name, std::string& text, const std::string& what) {
+  return command.add_option(name, text, what)->type_name("LAT,LON")->check([](const std::string& given) {
+    return place_of(given) ? std::string() : std::string("must be latitude and longitude in degrees: 26.1,3.6");
+  });
+}
+
+}  // namespace
+
+void add_options(CLI::App& command, RenderSettings& s) {
+  command.add_option("request", s.request, "JSON file as for POST /v1/frames; -: standard input")
+      ->required()
+      ->type_name("REQUEST.json");
+  command.add_option("-o,--output", s.output, "Frame to write: .png .tiff .exr .npy .npz .raw")
+      ->required()
+      ->type_name("OUT");
+  add_options(command, s.terrain);
+  add_options(command, s.limits);
+}
+
+void add_options(CLI::App& command, MapSettings& s) {
+  command.add_option("request", s.request, "JSON file as for POST /v1/maps; -: standard input")
+      ->required()
+      ->type_name("REQUEST.json");
+  command.add_option("-o,--output", s.output, "Map to write: .tif .npz .png")->required()->type_name("OUT");
+  command
+      .add_option("--utc", s.utc,
+                  "A series: a map for each epoch from FROM to TO, OUT's name with its time, and the mean of lit over "
+                  "all of them, OUT-illumination.tif. Epochs like 2026-11-20T00:00:00Z, a step like 600s, 30m, 6h, 1d")
+      ->type_name("FROM TO STEP")
+      ->expected(3);
+  add_options(command, s.terrain);
+}
+
+void add_options(CLI::App& command, FeaturesSettings& s) {
+  command.add_option("request", s.request, "JSON file as for POST /v1/features; -: standard input")
+      ->type_name("REQUEST.json");
+  command.add_option("--detail", s.detail, "Instead of a file: name of details/NAME.json in the assets folder")
+      ->type_name("NAME");
+  command.add_option("--region", s.region, "Instead of a file: degrees; EAST may be beyond 180")
+      ->type_name("SOUTH NORTH WEST EAST")
+      ->expected(4);
+  command.add_option("--smallest-m", s.smallest_m, "Instead of a file: least diameter; left out: the preset's");
+  command.add_option("-o,--output", s.output, "CSV to write; -: standard output")
+      ->type_name("OUT.csv")
+      ->capture_default_str();
+  auto* coco = command.add_option("--coco", s.coco, "COCO file to write: the craters and rocks in a frame")
+                   ->type_name("OUT.json");
+  auto* frame = command.add_option("--frame", s.frame, "The frame: JSON file as for POST /v1/frames, with a detail")
+                    ->type_name("REQUEST.json");
+  coco->needs(frame), frame->needs(coco);
+  command.add_option("--image", s.image, "The COCO file's name for the frame; left out: that of --frame with .png")
+      ->type_name("NAME");
+  command
+      .add_option("--least-px", s.rims.least_px,
+                  "In a frame: diameter of a circle that is as large as a crater's rim, or as what is seen of a rock")
+      ->check(CLI::Range(1.0, 1e4))
+      ->capture_default_str();
+  command.add_option("--least-depth", s.rims.least_depth, "In a frame: depth over diameter, today; 0: all")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  add_options(command, s.terrain);
+}
+
+void add_options(CLI::App& command, BatchSettings& s) {
+  // Not `required`: `batch verify` has its own.
+  command.add_option("manifest", s.manifest, "A request per line, as for POST /v1/frames, with an optional \"name\"")
+      ->type_name("MANIFEST.jsonl");
+  command.add_option("-o,--output", s.output, "Folder for frames and journals")->type_name("DIR");
+  command
+      .add_option("--shard", s.shard,
+                  "Which part of the manifest, of how many; from 0. The parts are about the same work")
+      ->type_name("I/N")
+      ->capture_default_str();
+  command
+      .add_option("--format", s.format,
+                  "Of the frames: DIR/NAME.FORMAT, or tars of .npz files (DIR/frames-000000.tar) for WebDataset")
+      ->check(CLI::IsMember({"npz", "exr", "tiff", "png", kWebDataset}))
+      ->capture_default_str();
+  command.add_option("--frames-per-tar", s.frames_per_tar, "Most frames of one tar of --format webdataset")
+      ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 20))
+      ->capture_default_str();
+  command.add_flag("--resume", s.resume,
+                   "DIR may hold frames of other requests, software or terrain under the manifest's names: they are "
+                   "replaced. Without, they are refused. What is finished of this manifest is never rendered again");
+  command.add_option("--in-work", s.in_work, "Frames in work at once; 0: two, or one on a single core")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  add_options(command, s.terrain);
+  // Whoever asks here waits as long as it takes.
+  s.limits.default_deadline = std::chrono::hours(1);
+  add_options(command, s.limits);
+}
+
+void add_options(CLI::App& command, BatchVerifySettings& s) {
+  command.add_option("manifest", s.manifest, "The campaign's manifest")->required()->type_name("MANIFEST.jsonl");
+  command.add_option("-o,--output", s.output, "Its folder")->required()->type_name("DIR");
+  command
+      .add_option(
+          "--rerun,--missing", s.rerun,
+          "Manifest to write: the lines that are missing, damaged or doubled, to run again. Damaged and doubled "
+          "files are put aside as FILE.damaged")
+      ->type_name("FILE");
+}
+
+void add_options(CLI::App& command, InfoSettings& s) {
+  add_options(command, s.terrain);
+  command
+      .add_option("--resampling", s.resampling,
+                  "Compare this many posts of each resampled file with the mesh (builds the pyramid)")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  command
+      .add_option("--borders", s.borders,
+                  "Measure the steps along the borders of so many layers (reads their files); 0: none")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  command.add_flag("--json", s.json, "As JSON");
+}
+
+void add_options(CLI::App& command, SampleSettings& s) {
+  command.add_option("folder", s.folder, "Where to write; made if missing")->required()->type_name("DIR");
+  command.add_option("--seed", s.options.seed, "Another seed, another landscape")->capture_default_str();
+  command.add_option("--south-deg", s.options.south_deg, "Southern border")
+      ->check(CLI::Range(-90, 89))
+      ->capture_default_str();
+  command.add_option("--west-deg", s.options.west_deg, "Western border")
+      ->check(CLI::Range(-180, 359))
+      ->capture_default_str();
+  command.add_option("--rows", s.options.rows, "Tiles from south to north")
+      ->check(CLI::Range(1, 180))
+      ->capture_default_str();
+  command.add_option("--columns", s.options.columns, "Tiles from west to east")
+      ->check(CLI::Range(1, 360))
+      ->capture_default_str();
+  command.add_option("--ppd", s.options.posts_per_degree, "Posts per degree, a power of two")
+      ->check(CLI::Range(16, 8192))
+      ->check([](const std::string& text) {
+        const long ppd = std::stol(text);
+        return (ppd & (ppd - 1)) == 0 ? std::string() : std::string("must be a power of two");
+      })
+      ->capture_default_str();
+  command.add_flag("--date-line", s.options.date_line, "Also tiles on both sides of the 180th meridian");
+}
+
+void add_options(CLI::App& command, VerifyRoundTripSettings& s) {
+  add_place(command, "--center", s.center, "Place on the tile: the finest one there is compared")->required();
+  command.add_option("--height-m", s.request.height_m, "Cameras above the ground")
+      ->check(CLI::Range(1.0, 1e9))
+      ->capture_default_str();
+  command.add_option("--mode", s.mode, "Rays through the posts, ordinary frames resampled to them, or both")
+      ->check(CLI::IsMember({"exact", "camera", "both"}))
+      ->capture_default_str();
+  command.add_option("--posts", s.request.posts, "Posts along each side of the window; 0: the whole tile")
+      ->check(CLI::Range(0, 1 << 20))
+      ->capture_default_str();
+  command.add_option("--footprint", s.request.footprint_ratio, "Pixel footprint over post spacing, mode camera")
+      ->check(CLI::Range(0.01, 100.0))
+      ->capture_default_str();
+  command.add_option("--max-error-px", s.request.max_error_px, "Level of detail of the frames; 0: the finest posts")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  command.add_option("-o,--output", s.output, "Folder for a folder of each mode; made if missing")
+      ->required()
+      ->type_name("DIR");
+  add_options(command, s.terrain);
+}
+
+void add_options(CLI::App& command, VerifyAccuracySettings& s) {
+  add_place(command, "--center", s.center, "Where the scenes are; without: the middle of the finest DEM file");
+  add_place(command, "--polar-center", s.polar_center,
+            "Where the Sun of the polar scene is low; without: no such scene");
+  command.add_option("--detail", s.detail, "Detail of the assets folder: adds a scene with it; without: no such scene")
+      ->type_name("NAME");
+  command.add_option("--scenes", s.scenes, "Only these")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"nadir", "oblique", "limb", "polar", "descent", "touchdown"}));
+  command.add_option("--height-m", s.height_m, "Of the camera above the ground, but for the descents")
+      ->check(CLI::Range(1.0, 1e9))
+      ->capture_default_str();
+  command.add_option("--size-px", s.size_px, "Side of the frames")->check(CLI::Range(32, 4096))->capture_default_str();
+  command.add_option("--repetitions", s.repetitions, "Of each time measurement; the median counts")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  command.add_option("--reference-samples", s.reference_samples, "Per pixel of the reference; a square number")
+      ->check(CLI::IsMember({1, 4, 16, 64, 256, 1024}))
+      ->capture_default_str();
+  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
+  add_options(command, s.terrain);
+}
+
+void add_options(CLI::App& command, VerifyMertisSettings& s) {
+  command.add_option("--instrument", s.instrument, "JSON as for POST /v1/verify/mertis; without: MERTIS")
+      ->type_name("FILE");
+  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
+}
+
+}  // namespace selenograph::server
