@@ -78,14 +78,14 @@ zip_buffer_fragment_t piece(const char* data, std::size_t size) {
 }
 
 // Where an archive is written to: the answer itself, which never exists twice.
-class Destination {
+class ZipDestination {
  public:
-  Destination(std::size_t expected_bytes, const StopToken& stop) : stop_(stop) { bytes_.reserve(expected_bytes); }
+  ZipDestination(std::size_t expected_bytes, const StopToken& stop) : stop_(stop) { bytes_.reserve(expected_bytes); }
   std::string take() { return std::move(bytes_); }
 
   // zip_source_function's callback. libzip begins, writes, goes back to complete a member's header, and commits.
   static zip_int64_t call(void* self, void* data, zip_uint64_t size, zip_source_cmd_t command) {
-    return static_cast<Destination*>(self)->answer(data, size, command);
+    return static_cast<ZipDestination*>(self)->answer(data, size, command);
   }
 
  private:
@@ -201,8 +201,8 @@ std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& 
   for (const ArrayView& array : arrays) headers.push_back(npy_header(array));
   std::size_t expected = meta_json.size() + kMemberBytes;
   for (const ArrayView& array : arrays) expected += size_bytes(array) + kMemberBytes;
-  Destination destination(expected, stop);
-  Source source(zip_source_function_create(Destination::call, &destination, nullptr));
+  ZipDestination destination(expected, stop);
+  Source source(zip_source_function_create(ZipDestination::call, &destination, nullptr));
   if (!source) fail("no memory");
   Archive archive(zip_open_from_source(source.get(), ZIP_CREATE | ZIP_TRUNCATE, nullptr));
   if (!archive) fail("can't start an archive");

@@ -12,12 +12,12 @@
 namespace selenograph::api {
 namespace {
 
-constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"},
-                                        {"albedo_maps", "/surface/albedo_maps"}};
+constexpr MemberPointer kRefusableOfMap[] = {{"max_error_px", "/accuracy/max_error_px"},
+                                             {"albedo_maps", "/surface/albedo_maps"}};
 
 engine::Map draw(const MapQuery& query, const EndpointContext& context) {
   try {
-    return with_refusals_at(kRefusable, "/map", [&] { return context.renderer.map(query.request, context.stop); });
+    return with_refusals_at(kRefusableOfMap, "/map", [&] { return context.renderer.map(query.request, context.stop); });
   } catch (const TooMuchWork& e) {
     refuse_work(e, "/map", context.limits);
   }

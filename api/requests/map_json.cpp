@@ -285,7 +285,7 @@ struct NadirOr {
 
 // --- the rest
 
-const Members<engine::Accuracy>& accuracy_members() {
+const Members<engine::Accuracy>& map_accuracy_members() {
   using engine::Accuracy;
   static const auto members =
       made<Members<Accuracy>>("MapAccuracy", "How exact, against how fast. A pixel is gsd_m wide.", [](auto& m) {
@@ -298,13 +298,13 @@ const Members<engine::Accuracy>& accuracy_members() {
   return *members;
 }
 
-const auto sun_field =
+const auto map_sun_field =
     Property{[](const MapQuery& q) { return q.sun_given ? std::optional(q.request.look.sun) : std::nullopt; },
              [](MapQuery& q, const engine::Sun& sun) { q.request.look.sun = sun, q.sun_given = true; }};
-const auto surface_field =
+const auto map_surface_field =
     Property{[](const MapQuery& q) { return std::optional(ground_of(q.request.look, q.surface)); },
              [](MapQuery& q, const Ground& ground) { set_ground(q.request.look, q.surface, ground); }};
-const auto detail_field = Property{
+const auto map_detail_field = Property{
     [](const MapQuery& q) {
       return q.request.look.detail ? std::optional(DetailName::Value{q.detail, q.request.look.detail}) : std::nullopt;
     },
@@ -320,7 +320,7 @@ const auto view_field =
                if (view) q.request.toward_viewer = view->direction;
              }};
 
-OrderedJson sun_where_needed(const Limits&) {
+OrderedJson map_sun_where_needed(const Limits&) {
   OrderedJson names = OrderedJson::array();
   for (const MapProductRow& row : table())
     if (!row.needs_sun) names.push_back(row.name);
@@ -354,11 +354,11 @@ const Members<MapQuery>& map_members() {
       [](auto& m) {
         // The order is that of the resolved request, whose text the ETag is made from.
         m.add("map", &MapQuery::area, Object{area_members()}, "projection, extent and pixels").required();
-        m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
-        m.add("detail", detail_field, DetailName{}, kOfDetail).written_if([](const MapQuery& q) {
+        m.add("sun", map_sun_field, Object{sun_members()}, "where the light comes from");
+        m.add("detail", map_detail_field, DetailName{}, kOfDetail).written_if([](const MapQuery& q) {
           return q.request.look.detail != nullptr;
         });
-        m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
+        m.add("surface", map_surface_field, Object{ground_members()}, "what the ground is made of");
         m.add(
             "band", [](auto& q) -> auto& { return q.request.look.band; }, Object{band_members()},
             "spectral channel of the radiance; left out: all wavelengths");
@@ -366,13 +366,13 @@ const Members<MapQuery>& map_members() {
               "of the radiance: nadir, from straight above each pixel, or from a direction. The ground stays where it "
               "is; what terrain hides from the viewer has no radiance. Left out: nadir");
         m.add(
-            "accuracy", [](auto& q) -> auto& { return q.request.look.accuracy; }, Object{accuracy_members()},
+            "accuracy", [](auto& q) -> auto& { return q.request.look.accuracy; }, Object{map_accuracy_members()},
             "level of detail");
         m.add(
             "products", [](auto& q) -> auto& { return q.request.products; }, ProductsOfMaps{},
             "arrays of height x width, row 0 in the north; NaN where there is no data or no Moon");
         m.check(check_map);
-        m.also(sun_where_needed);
+        m.also(map_sun_where_needed);
       });
   return *members;
 }

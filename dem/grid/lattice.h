@@ -26,6 +26,9 @@ inline constexpr std::int32_t kTicksPerDegree = 1 << kTickLevel;
 inline constexpr std::int32_t kLatTicks = 180 * kTicksPerDegree;
 inline constexpr std::int32_t kLonTicks = 360 * kTicksPerDegree;
 
+// Rounded down; b > 0.
+inline std::int64_t floor_div(std::int64_t a, std::int64_t b) { return a / b - (a % b < 0); }
+
 struct BlockId {
   int level = 0, row = 0, col = 0;  // row 0 touches the south pole, column 0 starts at -180
   auto operator<=>(const BlockId&) const = default;

@@ -15,8 +15,6 @@ BlockId node_at(std::size_t stratum, std::int64_t lat, std::int64_t lon) {
   return block_at(kStrata[stratum], static_cast<std::int32_t>(lat), wrap_lon(lon));
 }
 
-std::int64_t floor_div(std::int64_t a, std::int64_t b) { return a / b - (a % b < 0); }
-
 // Whether a level's posts at a latitude are farther apart than a window's, along meridians or parallels.
 bool is_coarser(const PostWindow& w, int level, std::int64_t lat) {
   const BlockExtent e = extent_of(block_at(level, static_cast<std::int32_t>(lat), 0));

@@ -15,8 +15,6 @@
 
 namespace selenograph::dem {
 
-inline std::int64_t floor_div(std::int64_t a, std::int64_t b) { return a >= 0 ? a / b : -((b - 1 - a) / b); }
-
 // Cells of one octave.
 struct CellRegion {
   std::int64_t x0, y0, x1, y1;

@@ -23,7 +23,6 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr std::uint64_t kLargestHead = std::uint64_t{64} << 20;
 
 std::string read_bytes(const OpenFile& file, std::uint64_t offset, std::uint64_t size) {
@@ -175,7 +174,7 @@ std::vector<float> Chunk::stored(const Record& record, Block& block) const {
     std::vector<std::uint16_t> raw(wide * wide);
     std::memcpy(raw.data(), bytes.data(), heights_bytes);
     for (std::size_t i = 0; i < raw.size(); ++i)
-      heights[i] = raw[i] == format::kVoidSteps ? kNaN : record.lowest_m + static_cast<float>(raw[i]) * step;
+      heights[i] = raw[i] == format::kVoidSteps ? kNoHeight_m : record.lowest_m + static_cast<float>(raw[i]) * step;
   } else {
     std::memcpy(heights.data(), bytes.data(), heights_bytes);
   }

@@ -10,6 +10,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -25,6 +26,8 @@
 #include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
+
+inline constexpr float kNoHeight_m = std::numeric_limits<float>::quiet_NaN();  // of a post without data
 
 class Chunk {
  public:

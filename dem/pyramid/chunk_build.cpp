@@ -19,8 +19,6 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-
 // Posts of one level over the chunk and a halo around it.
 struct Grid {
   int level = 0;
@@ -102,7 +100,7 @@ Grid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, LeftOut& 
                      const StopToken& stop) {
   Grid grid{plan.base_level, base_halo(plan), {}, scratch.take()};
   grid.window = window_of(plan.node, grid.level, grid.halo);
-  grid.posts.heights.assign(grid.window.size(), kNaN);
+  grid.posts.heights.assign(grid.window.size(), kNoHeight_m);
   std::vector<SourceMark> marks(grid.window.size(), kNoSource);
   grid.posts.replaced = finer.replaced;
   for (const BlockId& id : Chunk::finer_blocks(plan)) {
@@ -119,7 +117,7 @@ Grid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, LeftOut& 
 
 // Weighted mean of the valid posts under the 3 x 3 binomial; a position that is void stays void.
 float filtered_beside_voids(const Grid& fine, int r, int c, bool along_row) {
-  if (std::isnan(fine.at(r, c))) return kNaN;
+  if (std::isnan(fine.at(r, c))) return kNoHeight_m;
   float sum = 0, weight = 0;
   for (int y = -1; y <= 1; ++y)
     for (int x = along_row ? -1 : 0; x <= (along_row ? 1 : 0); ++x) {

@@ -14,7 +14,7 @@ namespace selenograph::server {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
 constexpr std::string_view kPrefix = "journal-", kSuffix = ".jsonl";
 
@@ -22,7 +22,7 @@ bool is_journal(const std::string& name) { return name.starts_with(kPrefix) && n
 
 std::string in_folder(const std::string& folder, const std::string& name) { return (fs::path(folder) / name).string(); }
 
-Json json_of(const Run& run) {
+OrderedJson json_of(const Run& run) {
   return {{"run",
            {{"software", run.software},
             {"terrain", run.terrain},
@@ -33,7 +33,7 @@ Json json_of(const Run& run) {
             {"started", run.started}}}};
 }
 
-Run run_of(const Json& run) {
+Run run_of(const OrderedJson& run) {
   return {.software = run.at("software"),
           .terrain = run.at("terrain"),
           .format = run.at("format"),
@@ -61,8 +61,8 @@ template <typename Each>
 void each_line(const std::string& path, std::size_t number, std::string_view text, const Each& each) {
   for (std::size_t at = 0, end = 0; (end = text.find('\n', at)) != std::string_view::npos; at = end + 1, ++number) {
     try {
-      each(Json::parse(text.substr(at, end - at)), number, at);
-    } catch (const Json::exception&) {
+      each(OrderedJson::parse(text.substr(at, end - at)), number, at);
+    } catch (const OrderedJson::exception&) {
       spdlog::warn("{}, line {}: is no line of a journal; passed over", path, number);
     }
   }
@@ -110,7 +110,7 @@ Record::Record(const std::string& folder, const Run* current) {
   for (const Lines& lines : runs) {
     format_ = lines.run.format;
     const bool counts = !current || lines.run.same_bytes(*current);
-    each_line(lines.path, lines.first_number, lines.text, [&](const Json& line, std::size_t, std::size_t) {
+    each_line(lines.path, lines.first_number, lines.text, [&](const OrderedJson& line, std::size_t, std::size_t) {
       if (!line.contains("run")) take(line, counts);
     });
   }
@@ -118,14 +118,14 @@ Record::Record(const std::string& folder, const Run* current) {
 
 void Record::split_into_runs(const std::string& path, const std::string& text, std::vector<Lines>& runs) {
   const std::size_t first = runs.size();
-  each_line(path, 1, text, [&](const Json& line, std::size_t number, std::size_t at) {
+  each_line(path, 1, text, [&](const OrderedJson& line, std::size_t number, std::size_t at) {
     if (!line.contains("run")) return;
     if (runs.size() > first) runs.back().text = runs.back().text.substr(0, at - offset_in(text, runs.back().text));
     runs.push_back({run_of(line.at("run")), path, number, std::string_view(text).substr(at)});
   });
 }
 
-void Record::take(const Json& line, bool counts) {
+void Record::take(const OrderedJson& line, bool counts) {
   if (line.contains("plan")) {
     const DoneTar tar{line.at("tar"), line.at("plan"), line.at("sha256"), line.at("bytes"), line.at("frames")};
     counts ? void(tars_[tar.tar] = tar) : void(tars_.erase(tar.tar));
@@ -139,7 +139,7 @@ void Record::take(const Json& line, bool counts) {
   DoneFrame frame{.name = name,
                   .line = line.at("line"),
                   .request_sha256 = request,
-                  .content_hash = line.at("content_hash").is_string() ? line.at("content_hash") : Json(""),
+                  .content_hash = line.at("content_hash").is_string() ? line.at("content_hash") : OrderedJson(""),
                   .sha256 = line.at("sha256"),
                   .bytes = line.at("bytes"),
                   .ms = line.at("ms"),
@@ -175,8 +175,8 @@ Journal::Journal(const std::string& folder, const Run& run)
   if (const std::uint64_t whole = whole_lines(file_); whole < file_.size()) file_.cut(whole);
 }
 
-void Journal::add_line(const Json& line) {
-  std::string text = line.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
+void Journal::add_line(const OrderedJson& line) {
+  std::string text = line.dump(-1, ' ', false, OrderedJson::error_handler_t::replace) + "\n";
   std::lock_guard lock(mutex_);
   if (run_) text.insert(0, json_of(*run_).dump() + "\n");
   file_.append(text);
@@ -184,26 +184,26 @@ void Journal::add_line(const Json& line) {
 }
 
 void Journal::add(const DoneFrame& frame) {
-  Json line{{"name", frame.name},
-            {"line", frame.line},
-            {"request_sha256", frame.request_sha256},
-            {"content_hash", frame.content_hash.empty() ? Json() : Json(frame.content_hash)},
-            {"sha256", frame.sha256},
-            {"bytes", frame.bytes},
-            {"ms", frame.ms}};
+  OrderedJson line{{"name", frame.name},
+                   {"line", frame.line},
+                   {"request_sha256", frame.request_sha256},
+                   {"content_hash", frame.content_hash.empty() ? OrderedJson() : OrderedJson(frame.content_hash)},
+                   {"sha256", frame.sha256},
+                   {"bytes", frame.bytes},
+                   {"ms", frame.ms}};
   if (frame.missing_fraction) line["missing_fraction"] = *frame.missing_fraction;
   if (!frame.tar.empty()) line["tar"] = frame.tar, line["offset"] = frame.offset;
   add_line(line);
 }
 
 void Journal::add(const LineWithoutFrame& line) {
-  add_line(Json{
+  add_line(OrderedJson{
       {"name", line.name}, {"line", line.line}, {"request_sha256", line.request_sha256}, {"problem", line.problem}});
 }
 
 void Journal::add(const DoneTar& tar) {
-  add_line(
-      Json{{"tar", tar.tar}, {"plan", tar.plan}, {"sha256", tar.sha256}, {"bytes", tar.bytes}, {"frames", tar.frames}});
+  add_line(OrderedJson{
+      {"tar", tar.tar}, {"plan", tar.plan}, {"sha256", tar.sha256}, {"bytes", tar.bytes}, {"frames", tar.frames}});
 }
 
 }  // namespace selenograph::server

@@ -5,7 +5,7 @@
 
 #include "server/campaign/campaign.h"
 #include "server/commands/commands.h"
-#include "server/service/place.h"
+#include "server/commands/place.h"
 
 namespace selenograph::server {
 namespace {

@@ -131,7 +131,7 @@ const Members<CameraForm, Camera>& camera_members() {
         m.exactly_one({"fov_deg", "fx"});
         m.excludes("fov_deg", {"fy", "cx", "cy"});
         m.resolve(resolve_camera);
-        m.unresolve(form_of);
+        m.unresolve([](const Camera& camera) { return form_of(camera); });
       });
   return *table;
 }

@@ -59,7 +59,7 @@ const Members<ObjectForm, PlacedObject>& object_members() {
               "by the name that the file gives to a part's material")
             .written_if([](const ObjectForm& form) { return !form.part_materials.empty(); });
         m.resolve(resolve_object);
-        m.unresolve(form_of);
+        m.unresolve([](const PlacedObject& placed) { return form_of(placed); });
       });
   return *table;
 }

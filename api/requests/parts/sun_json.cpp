@@ -98,7 +98,7 @@ const Members<SunForm, Sun>& sun_members() {
             .written_if([](const SunForm& form) { return form.limb_darkening > 0; });
         m.exactly_one({"direction", "subsolar", "local", "utc"});
         m.resolve(resolve_sun);
-        m.unresolve(form_of);
+        m.unresolve([](const Sun& sun) { return form_of(sun); });
       });
   return *table;
 }

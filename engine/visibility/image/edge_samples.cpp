@@ -8,7 +8,7 @@
 namespace selenograph::engine {
 namespace {
 
-FrameRequest dense_request(FrameRequest request) {
+FrameRequest edge_request(FrameRequest request) {
   request.camera = dense_camera(request.camera);
   return request;
 }
@@ -23,7 +23,7 @@ bool EdgeSamples::wanted(const FrameJob& job) {
 
 EdgeSamples::EdgeSamples(const FrameJob& job)
     : job_(job),
-      request_(dense_request(job.request)),
+      request_(edge_request(job.request)),
       views_(request_.camera, request_.pose, {}, job.stop),
       lens_(job.centres, job.request.camera, request_.camera, job.stop),
       rays_(views_.reference()),
