@@ -341,33 +341,41 @@ OrderedJson components(const Limits& limits) {
           {"parameters", {{"Request-Timeout-Ms", timeout}}}};
 }
 
-}  // namespace
-
-OrderedJson frame_examples() {
+// From 20 km straight down.
+OrderedJson nadir_example() {
   const OrderedJson camera{{"width", 1024}, {"height", 1024}, {"fov_deg", 50.0}};
   const OrderedJson site{{"lat_deg", 26.1322}, {"lon_deg", 3.6339}};
   OrderedJson above = site, local = site;
   above["height_m"] = 20000.0;
   local.update({{"azimuth_deg", 90.0}, {"elevation_deg", 15.0}});
-  const OrderedJson nadir{{"camera", camera},
-                          {"pose", {{"geodetic", above}, {"nadir", {{"up_azimuth_deg", 0.0}}}}},
-                          {"sun", {{"local", local}}}};
-  const OrderedJson oblique{
-      {"camera", camera},
-      {"pose", {{"geodetic", {{"lat_deg", 25.0}, {"lon_deg", 2.5}, {"height_m", 30000.0}}}, {"look_at", site}}},
-      {"sun", {{"subsolar", {{"lat_deg", 1.5}, {"lon_deg", 60.0}}}}},
-      {"image", {{"bit_depth", 16}}},
-      {"products", {"image", "range", "position"}}};
-  const OrderedJson quaternion{
-      {"camera", {{"width", 640}, {"height", 480}, {"fx", 800.0}, {"fy", 800.0}, {"cx", 319.5}, {"cy", 239.5}}},
-      {"pose",
-       {{"frame", "MOON_PA_DE440"},
-        {"position_m", {1757400.0, 0.0, 0.0}},
-        {"camera_from_moon", {{"w", 0.5}, {"x", 0.5}, {"y", 0.5}, {"z", -0.5}}}}},
-      {"sun", {{"direction", {0.0, 1.0, 0.2}}, {"distance_au", 0.99}}},
-      {"surface", {{"reflectance", {{"model", "lunar"}, {"lommel_seeliger_weight", 0.7}, {"rho", 0.12}}}}},
-      {"accuracy", {{"max_error_px", 0.5}, {"samples_per_pixel", 4}}}};
-  OrderedJson sensed = nadir;
+  return {{"camera", camera},
+          {"pose", {{"geodetic", above}, {"nadir", {{"up_azimuth_deg", 0.0}}}}},
+          {"sun", {{"local", local}}}};
+}
+
+OrderedJson oblique_example() {
+  return {{"camera", {{"width", 1024}, {"height", 1024}, {"fov_deg", 50.0}}},
+          {"pose",
+           {{"geodetic", {{"lat_deg", 25.0}, {"lon_deg", 2.5}, {"height_m", 30000.0}}},
+            {"look_at", {{"lat_deg", 26.1322}, {"lon_deg", 3.6339}}}}},
+          {"sun", {{"subsolar", {{"lat_deg", 1.5}, {"lon_deg", 60.0}}}}},
+          {"image", {{"bit_depth", 16}}},
+          {"products", {"image", "range", "position"}}};
+}
+
+OrderedJson quaternion_example() {
+  return {{"camera", {{"width", 640}, {"height", 480}, {"fx", 800.0}, {"fy", 800.0}, {"cx", 319.5}, {"cy", 239.5}}},
+          {"pose",
+           {{"frame", "MOON_PA_DE440"},
+            {"position_m", {1757400.0, 0.0, 0.0}},
+            {"camera_from_moon", {{"w", 0.5}, {"x", 0.5}, {"y", 0.5}, {"z", -0.5}}}}},
+          {"sun", {{"direction", {0.0, 1.0, 0.2}}, {"distance_au", 0.99}}},
+          {"surface", {{"reflectance", {{"model", "lunar"}, {"lommel_seeliger_weight", 0.7}, {"rho", 0.12}}}}},
+          {"accuracy", {{"max_error_px", 0.5}, {"samples_per_pixel", 4}}}};
+}
+
+OrderedJson sensor_example() {
+  OrderedJson sensed = nadir_example();
   sensed["band"] = {{"center_um", 0.65}, {"width_um", 0.2}};
   sensed["surface"] = {{"reflectance", {{"model", "hapke"}, {"theta_bar_deg", 10.0}}}};
   sensed["sensor"] = {{"optics",
@@ -387,17 +395,22 @@ OrderedJson frame_examples() {
                       {"seed", 1},
                       {"frame", 17}};
   sensed["products"] = {"image"};
-  // A satellite alone, its panels' glint toward the camera: SENSOR++ figure 4.
+  return sensed;
+}
+
+OrderedJson body_material() { return {{"reflectance", {{"model", "lambert"}, {"rho", 0.3}}}}; }
+
+// A satellite alone, its panels' glint toward the camera: SENSOR++ figure 4.
+OrderedJson debris_example() {
   const OrderedJson panel{{"reflectance", {{"model", "blinn_phong"}, {"rho", 0.4}, {"shininess", 300.0}}}};
-  const OrderedJson body{{"reflectance", {{"model", "lambert"}, {"rho", 0.3}}}};
   const OrderedJson satellite{
       {"mesh", "satellite"},
       {"pose",
        {{"position_m", {1837400.0, 60.0, 0.0}},
         {"moon_from_object", {{"w", 0.407232}, {"x", 0.425716}, {"y", -0.721573}, {"z", -0.363676}}}}},
-      {"material", body},
+      {"material", body_material()},
       {"part_materials", {{"panel", panel}}}};
-  const OrderedJson debris{
+  return {
       {"camera", {{"width", 768}, {"height", 512}, {"fov_deg", 16.0}}},
       {"pose",
        {{"position_m", {1837400.0, 0.0, 0.0}}, {"camera_from_moon", {{"w", 0.5}, {"x", 0.5}, {"y", 0.5}, {"z", 0.5}}}}},
@@ -405,17 +418,25 @@ OrderedJson frame_examples() {
       {"objects", {satellite}},
       {"terrain", false},
       {"products", {"radiance", "object_id"}}};
-  OrderedJson over_the_terrain = nadir;
+}
+
+OrderedJson object_example() {
+  OrderedJson over_the_terrain = nadir_example();
+  OrderedJson above = over_the_terrain["pose"]["geodetic"];
+  above["height_m"] = 19500.0;
   over_the_terrain["surface"] = {{"reflectance", {{"model", "lunar_lambert"}, {"rho", 0.11}}},
                                  {"albedo_maps", {"made-up-albedo"}}};
   over_the_terrain["objects"] = {{{"mesh", "satellite"},
                                   {"pose", {{"geodetic", above}, {"upright", {{"azimuth_deg", 60.0}}}}},
                                   {"scale", 2.0},
-                                  {"material", body}}};
-  over_the_terrain["objects"][0]["pose"]["geodetic"]["height_m"] = 19500.0;
+                                  {"material", body_material()}}};
   over_the_terrain["products"] = {"image", "object_id"};
-  // A line camera that flies north and keeps looking down: a strip of 4096 rows.
-  OrderedJson pushbroom = nadir;
+  return over_the_terrain;
+}
+
+// A line camera that flies north and keeps looking down: a strip of 4096 rows.
+OrderedJson pushbroom_example() {
+  OrderedJson pushbroom = nadir_example();
   pushbroom["camera"] = {{"width", 256}, {"height", 4096}, {"fov_deg", 10.0}};
   pushbroom["pose"]["nadir"]["up_azimuth_deg"] = 180.0;
   pushbroom["shutter"] = {{"line_time_s", 0.0085},
@@ -423,19 +444,29 @@ OrderedJson frame_examples() {
                           {"velocity_m_s", {-703.0, -45.0, 1436.0}},
                           {"pushbroom", true}};
   pushbroom["products"] = {"radiance", "geodetic"};
-  OrderedJson warm = oblique;
+  return pushbroom;
+}
+
+OrderedJson thermal_example() {
+  OrderedJson warm = oblique_example();
   warm.erase("image");
   warm["band"] = {{"response", {{8.0, 0.0}, {9.0, 1.0}, {12.0, 1.0}, {13.0, 0.0}}}};
   warm["surface"] = {{"reflectance", {{"model", "lambert"}, {"rho", 0.1}}}, {"temperature_k", 350.0}};
   warm["products"] = {"radiance", "lit"};
-  return {{"nadir", nadir},
-          {"oblique", oblique},
-          {"quaternion", quaternion},
-          {"sensor", sensed},
-          {"thermal", warm},
-          {"debris", debris},
-          {"over_the_terrain", over_the_terrain},
-          {"pushbroom", pushbroom}};
+  return warm;
+}
+
+}  // namespace
+
+OrderedJson frame_examples() {
+  return {{"nadir", nadir_example()},
+          {"oblique", oblique_example()},
+          {"quaternion", quaternion_example()},
+          {"sensor", sensor_example()},
+          {"thermal", thermal_example()},
+          {"debris", debris_example()},
+          {"over_the_terrain", object_example()},
+          {"pushbroom", pushbroom_example()}};
 }
 
 OrderedJson map_examples() {

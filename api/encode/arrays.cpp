@@ -1,7 +1,6 @@
 #include "api/encode/arrays.h"
 
 #include <algorithm>
-#include <array>
 #include <stdexcept>
 #include <string>
 
@@ -10,88 +9,72 @@ namespace {
 
 using engine::FrameProducts;
 
-const std::array<ProductRow, 13>& table() {
-  static const std::array<ProductRow, 13> rows{{
-      {engine::kImage,
-       "image",
-       &FrameProducts::image,
-       {},
-       true,
-       "digital numbers; 0, or a sensor's own offset and noise, where nothing is hit"},
-      {engine::kRadiance,
-       "radiance",
-       &FrameProducts::radiance,
-       {},
-       true,
-       "at-sensor radiance, W m-2 sr-1; 0 where nothing is hit"},
-      {engine::kDepth,
-       "depth",
-       &FrameProducts::depth,
-       {},
-       false,
-       "distance along the boresight, m; NaN where nothing is hit"},
-      {engine::kRange, "range", &FrameProducts::range, {}, false, "Euclidean distance, m; NaN where nothing is hit"},
-      {engine::kPosition,
-       "position",
-       &FrameProducts::position,
-       {"x", "y", "z"},
-       false,
-       "hit point in MOON_ME, m; NaN where nothing is hit"},
-      {engine::kGeodetic,
-       "geodetic",
-       &FrameProducts::geodetic,
-       {"lat_deg", "lon_deg", "height_m"},
-       false,
-       "lat_deg, lon_deg, height_m of the hit point; NaN where nothing is hit"},
-      {engine::kNormal,
-       "normal",
-       &FrameProducts::normal,
-       {"x", "y", "z"},
-       false,
-       "outward unit normal used for shading, MOON_ME; NaN where nothing is hit"},
-      {engine::kAngles,
-       "angles",
-       &FrameProducts::angles,
-       {"incidence_deg", "emission_deg", "phase_deg"},
-       true,
-       "incidence, emission, phase, degrees; NaN where nothing is hit"},
-      {engine::kLit,
-       "lit",
-       &FrameProducts::lit,
-       {},
-       true,
-       "lit fraction of the solar disc after self-shadowing; NaN where nothing is hit"},
-      {engine::kGsd,
-       "gsd",
-       &FrameProducts::gsd,
-       {},
-       false,
-       "post spacing of the mesh that was hit, m; NaN where nothing is hit, or an object"},
-      {engine::kSource,
-       "source",
-       &FrameProducts::source,
-       {},
-       false,
-       "index into the frame's list of sources; 65535 where nothing is hit, or an object"},
-      {engine::kObjectId,
-       "object_id",
-       &FrameProducts::object_id,
-       {},
-       false,
-       "index into the request's objects; 65535 where none is hit"},
-      {engine::kDetail,
-       "detail",
-       &FrameProducts::detail,
-       {},
-       false,
-       "what is seen: 0 the DEM, between its posts, too; 1 inside a crater of the request's detail; 2 its relief; 3 a "
-       "rock; 65535 where nothing is hit, or an object of the request"},
-  }};
-  return rows;
-}
+constexpr std::string_view kAxes[] = {"x", "y", "z"}, kPlace[] = {"lat_deg", "lon_deg", "height_m"},
+                           kAngles[] = {"incidence_deg", "emission_deg", "phase_deg"};
+
+constexpr ProductRow kTable[] = {
+    {engine::kImage,
+     "image",
+     &FrameProducts::image,
+     {},
+     true,
+     "digital numbers; 0, or a sensor's own offset and noise, where nothing is hit"},
+    {engine::kRadiance,
+     "radiance",
+     &FrameProducts::radiance,
+     {},
+     true,
+     "at-sensor radiance, W m-2 sr-1; 0 where nothing is hit"},
+    {engine::kDepth,
+     "depth",
+     &FrameProducts::depth,
+     {},
+     false,
+     "distance along the boresight, m; NaN where nothing is hit"},
+    {engine::kRange, "range", &FrameProducts::range, {}, false, "Euclidean distance, m; NaN where nothing is hit"},
+    {engine::kPosition, "position", &FrameProducts::position, kAxes, false,
+     "hit point in MOON_ME, m; NaN where nothing is hit"},
+    {engine::kGeodetic, "geodetic", &FrameProducts::geodetic, kPlace, false,
+     "lat_deg, lon_deg, height_m of the hit point; NaN where nothing is hit"},
+    {engine::kNormal, "normal", &FrameProducts::normal, kAxes, false,
+     "outward unit normal used for shading, MOON_ME; NaN where nothing is hit"},
+    {engine::kAngles, "angles", &FrameProducts::angles, kAngles, true,
+     "incidence, emission, phase, degrees; NaN where nothing is hit"},
+    {engine::kLit,
+     "lit",
+     &FrameProducts::lit,
+     {},
+     true,
+     "lit fraction of the solar disc after self-shadowing; NaN where nothing is hit"},
+    {engine::kGsd,
+     "gsd",
+     &FrameProducts::gsd,
+     {},
+     false,
+     "post spacing of the mesh that was hit, m; NaN where nothing is hit, or an object"},
+    {engine::kSource,
+     "source",
+     &FrameProducts::source,
+     {},
+     false,
+     "index into the frame's list of sources; 65535 where nothing is hit, or an object"},
+    {engine::kObjectId,
+     "object_id",
+     &FrameProducts::object_id,
+     {},
+     false,
+     "index into the request's objects; 65535 where none is hit"},
+    {engine::kDetail,
+     "detail",
+     &FrameProducts::detail,
+     {},
+     false,
+     "what is seen: 0 the DEM, between its posts, too; 1 inside a crater of the request's detail; 2 its relief; 3 a "
+     "rock; 65535 where nothing is hit, or an object of the request"},
+};
 
 const ProductRow& row_of(engine::Product product) {
-  for (const ProductRow& row : table())
+  for (const ProductRow& row : kTable)
     if (row.product == product) return row;
   throw std::logic_error("unknown product");
 }
@@ -142,7 +125,7 @@ ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engin
 
 }  // namespace
 
-std::span<const ProductRow> products() { return table(); }
+std::span<const ProductRow> products() { return kTable; }
 
 std::string type_text(const ProductRow& row) {
   if (row.product == engine::kImage) return "uint8 or uint16";
@@ -153,7 +136,7 @@ std::string type_text(const ProductRow& row) {
 
 std::size_t bytes_per_pixel(engine::ProductSet products) {
   std::size_t sum = 0;
-  for (const ProductRow& row : table()) {
+  for (const ProductRow& row : kTable) {
     if (!(products & row.product)) continue;
     sum += std::max<std::size_t>(row.components.size(), 1) *
            std::visit([](const auto elements) { return sizeof((FrameProducts().*elements)[0]); }, row.elements);
@@ -163,7 +146,7 @@ std::size_t bytes_per_pixel(engine::ProductSet products) {
 
 engine::ProductSet products_that_need_a_sun() {
   engine::ProductSet set = 0;
-  for (const ProductRow& row : table())
+  for (const ProductRow& row : kTable)
     if (row.needs_sun) set |= row.product;
   return set;
 }
@@ -173,7 +156,7 @@ std::string_view name_of(engine::Product product) { return row_of(product).name;
 std::vector<ArrayView> arrays_of(const engine::Frame& frame, const engine::FrameRequest& request,
                                  engine::ProductSet wanted, Narrowed& narrowed) {
   std::vector<ArrayView> arrays;
-  for (const ProductRow& row : table())
+  for (const ProductRow& row : kTable)
     if (wanted & row.product) arrays.push_back(view_of(row, frame, request, narrowed));
   return arrays;
 }

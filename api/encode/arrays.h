@@ -23,7 +23,7 @@ struct ProductRow {
   engine::Product product;
   std::string_view name;  // as in requests, .npz members and channel names: "radiance"
   ProductElements elements;
-  std::vector<std::string_view> components;  // behind the dot in channel names; empty: one channel
+  std::span<const std::string_view> components;  // behind the dot in channel names; empty: one channel
   bool needs_sun;
   std::string_view meaning;  // unit, and the value where nothing is hit
 };

@@ -201,6 +201,23 @@ std::string hash_of_all(const std::vector<CameraFrame>& cameras) {
   return content_hash(text);
 }
 
+// Arrays called NAME/PRODUCT, and the metadata of each camera.
+std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, const EndpointContext& context) {
+  OrderedJson meta{{"content_hash", hash}, {"cameras", OrderedJson::object()}};
+  std::vector<ArrayView> arrays;
+  std::list<std::string> names;
+  for (CameraFrame& camera : cameras) {
+    meta["cameras"][camera.name] =
+        metadata(camera.query, camera.frame.report, context.renderer.terrain().catalogue(), camera.hash);
+    const engine::FrameRequest& request = camera.query.request;
+    for (ArrayView& array : arrays_of(camera.frame, request, request.products, camera.narrowed)) {
+      array.name = names.emplace_back(camera.name + "/" + std::string(array.name));
+      arrays.push_back(std::move(array));
+    }
+  }
+  return encode_npz(arrays, meta.dump(2, ' ', false, Json::error_handler_t::replace), context.stop);
+}
+
 Response answer_cameras(const EndpointContext& context, const Json& body) {
   const Clock::time_point start = Clock::now();
   const double kernel_before_ms = kernel_ms();
@@ -236,23 +253,11 @@ Response answer_cameras(const EndpointContext& context, const Json& body) {
   }
   const Clock::time_point encode_start = Clock::now();
   const std::string hash = hash_of_all(cameras);
-  OrderedJson meta{{"content_hash", hash}, {"cameras", OrderedJson::object()}};
-  std::vector<ArrayView> arrays;
-  std::list<std::string> names;
-  for (CameraFrame& camera : cameras) {
-    meta["cameras"][camera.name] =
-        metadata(camera.query, camera.frame.report, context.renderer.terrain().catalogue(), camera.hash);
-    const engine::FrameRequest& request = camera.query.request;
-    for (ArrayView& array : arrays_of(camera.frame, request, request.products, camera.narrowed)) {
-      array.name = names.emplace_back(camera.name + "/" + std::string(array.name));
-      arrays.push_back(std::move(array));
-    }
-  }
   Response response;
   response.content_type = npz.media_type;
   response.headers.emplace_back("Vary", "Accept");
   if (!warned) response.headers.emplace_back("ETag", "\"" + hash + "\"");
-  response.body = encode_npz(arrays, meta.dump(2, ' ', false, Json::error_handler_t::replace), context.stop);
+  response.body = encode(cameras, hash, context);
   response.headers.emplace_back("Server-Timing",
                                 server_timing(parse_ms, times, ms_since(encode_start), kernel_ms() - kernel_before_ms));
   std::string budgets;

@@ -372,6 +372,75 @@ Json with_preset(const Json& body, const ReadContext& context) {
   return merged;
 }
 
+// The rows of a frame's request; their order is that of the resolved request, whose text the ETag is made from.
+void add_scene(Members<FrameQuery>& m) {
+  m.add(
+      "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
+      "projection and image size; required unless `camera_preset` has one");
+  m.add(
+       "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
+       "where the camera is and where it looks; required unless `shutter.poses` says so")
+      .written_if([](const FrameQuery& q) { return !q.request.shutter || q.request.shutter->poses.empty(); });
+  m.add(
+      "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
+      "times of the rows: a rolling shutter or a line camera; left out: all rows are exposed at once");
+  m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
+  m.add("detail", detail_field, DetailName{}, kOfDetail).written_if([](const FrameQuery& q) {
+    return q.request.detail != nullptr;
+  });
+  m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
+  m.add(
+      "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
+      "spectral channel; left out: all wavelengths");
+  m.add("atmosphere", atmosphere_field, Object{atmosphere_members()}, "left out: none");
+  m.add("objects", objects_field, List{Object{object_members()}, 1, kMaxObjects},
+        "what is there besides terrain; `object_id` indexes this");
+  m.add(
+       "terrain", [](auto& q) -> auto& { return q.request.terrain; }, Flag{},
+       "false: the objects are alone, without the Moon")
+      .written_if([](const FrameQuery& q) { return !q.request.terrain; });
+}
+
+void add_rendering(Members<FrameQuery>& m) {
+  m.add(
+      "visibility", [](auto& q) -> auto& { return q.request.visibility; }, Word{kVisibilities},
+      "visibility algorithm: zbuffer (z-buffer and irregular shadow map, several times as fast but for tiny "
+      "images), raytrace, or auto, which of the two is faster by the request and the terrain alone. Both are "
+      "exact; the metadata says which it was");
+  m.add("accuracy", accuracy_field, Object{accuracy_members()}, "level of detail and samples");
+  m.add(
+       "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
+       "makes `image` as a detector does")
+      .written_if(has_image_by_sensor);
+  m.add(
+       "image", [](auto& q) -> auto& { return q.request.image; }, Object{image_members()},
+       "makes `image` without a sensor's model")
+      .written_if(has_image_without_sensor);
+  m.add("camera_preset", preset_field, Text{},
+        "name of cameras/NAME.json in the operator's assets folder: its camera and band where the request has "
+        "none, its sensor, of which the request's own members replace those that it has. The metadata's request "
+        "says what came of it");
+  m.add(
+      "products", [](auto& q) -> auto& { return q.request.products; }, Products{},
+      "what to render: arrays of height x width, row 0 on top");
+  m.add(
+       "truth", [](auto& q) -> auto& { return q.request.truth; }, Object{truth_members()},
+       "left out: every pixel of every product, positions as float64")
+      .written_if([](const FrameQuery& q) { return q.request.truth && q.request.products & engine::kTruth; });
+  m.add("ahead", ahead_field, List{Object{pose_members()}, 1, kMostAhead},
+        "poses that the next frames of this camera are expected at, soonest first: what they need is made ready "
+        "while no frame is in work. Left out: the camera is taken to go on as it did. Changes no byte of any "
+        "answer");
+  m.add("echo", &FrameQuery::echo, Echo{},
+        "any object of at most 1024 bytes (a time tag, the frame's number, the camera's name): given back "
+        "unchanged in the header Selenograph-Echo. Changes no byte of any answer")
+      .written_if([](const FrameQuery&) { return false; });
+  m.add("cameras", no_field<FrameQuery>(), CamerasByName{},
+        "several cameras at one instant, by their names: each an object of members of this table, which take "
+        "the place of the request's own. The answer is one .npz of arrays called NAME/PRODUCT, and its meta.json "
+        "has the metadata of each camera; `echo` is the request's alone");
+}
+
 }  // namespace
 
 std::string_view visibility_name(engine::Visibility visibility) { return word_of(kVisibilities, visibility); }
@@ -381,69 +450,8 @@ const Members<FrameQuery>& frame_members() {
       "FrameRequest",
       "What to render. Unknown members are errors. `sun` is required for image, radiance, angles and lit.",
       [](auto& m) {
-        // The order is that of the resolved request, whose text the ETag is made from.
-        m.add(
-            "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
-            "projection and image size; required unless `camera_preset` has one");
-        m.add(
-             "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
-             "where the camera is and where it looks; required unless `shutter.poses` says so")
-            .written_if([](const FrameQuery& q) { return !q.request.shutter || q.request.shutter->poses.empty(); });
-        m.add(
-            "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
-            "times of the rows: a rolling shutter or a line camera; left out: all rows are exposed at once");
-        m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
-        m.add("detail", detail_field, DetailName{}, kOfDetail).written_if([](const FrameQuery& q) {
-          return q.request.detail != nullptr;
-        });
-        m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
-        m.add(
-            "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
-            "spectral channel; left out: all wavelengths");
-        m.add("atmosphere", atmosphere_field, Object{atmosphere_members()}, "left out: none");
-        m.add("objects", objects_field, List{Object{object_members()}, 1, kMaxObjects},
-              "what is there besides terrain; `object_id` indexes this");
-        m.add(
-             "terrain", [](auto& q) -> auto& { return q.request.terrain; }, Flag{},
-             "false: the objects are alone, without the Moon")
-            .written_if([](const FrameQuery& q) { return !q.request.terrain; });
-        m.add(
-            "visibility", [](auto& q) -> auto& { return q.request.visibility; }, Word{kVisibilities},
-            "visibility algorithm: zbuffer (z-buffer and irregular shadow map, several times as fast but for tiny "
-            "images), raytrace, or auto, which of the two is faster by the request and the terrain alone. Both are "
-            "exact; the metadata says which it was");
-        m.add("accuracy", accuracy_field, Object{accuracy_members()}, "level of detail and samples");
-        m.add(
-             "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
-             "makes `image` as a detector does")
-            .written_if(has_image_by_sensor);
-        m.add(
-             "image", [](auto& q) -> auto& { return q.request.image; }, Object{image_members()},
-             "makes `image` without a sensor's model")
-            .written_if(has_image_without_sensor);
-        m.add("camera_preset", preset_field, Text{},
-              "name of cameras/NAME.json in the operator's assets folder: its camera and band where the request has "
-              "none, its sensor, of which the request's own members replace those that it has. The metadata's request "
-              "says what came of it");
-        m.add(
-            "products", [](auto& q) -> auto& { return q.request.products; }, Products{},
-            "what to render: arrays of height x width, row 0 on top");
-        m.add(
-             "truth", [](auto& q) -> auto& { return q.request.truth; }, Object{truth_members()},
-             "left out: every pixel of every product, positions as float64")
-            .written_if([](const FrameQuery& q) { return q.request.truth && q.request.products & engine::kTruth; });
-        m.add("ahead", ahead_field, List{Object{pose_members()}, 1, kMostAhead},
-              "poses that the next frames of this camera are expected at, soonest first: what they need is made ready "
-              "while no frame is in work. Left out: the camera is taken to go on as it did. Changes no byte of any "
-              "answer");
-        m.add("echo", &FrameQuery::echo, Echo{},
-              "any object of at most 1024 bytes (a time tag, the frame's number, the camera's name): given back "
-              "unchanged in the header Selenograph-Echo. Changes no byte of any answer")
-            .written_if([](const FrameQuery&) { return false; });
-        m.add("cameras", no_field<FrameQuery>(), CamerasByName{},
-              "several cameras at one instant, by their names: each an object of members of this table, which take "
-              "the place of the request's own. The answer is one .npz of arrays called NAME/PRODUCT, and its meta.json "
-              "has the metadata of each camera; `echo` is the request's alone");
+        add_scene(m);
+        add_rendering(m);
         m.any_of({"camera", "camera_preset", "cameras"});
         m.excludes("sensor", {"image"}, "that is exposure without a sensor");
         m.needs("sensor", {"band", "camera_preset"}, "which photons it counts");
