@@ -247,15 +247,6 @@ class Features(WithFeatures):
         self.assertGreater(deep.sum(), 10)
         self.assertLess(away.min(axis=0)[deep].max(), 1.15)
 
-    def test_csv_is_json(self):
-        body = {"detail": "large", "region": square(LAT, LON, 3000)}
-        craters = self.ok_json(self.service.post("/v1/features", body, "application/json"))["craters"]
-        table = list(csv.reader(io.StringIO(self.ok(self.service.post("/v1/features", body, "text/csv"), "text/csv").decode())))
-        self.assertEqual(table[0], list(craters[0]))
-        self.assertEqual(len(table) - 1, len(craters))
-        for line, crater in zip(table[1:], craters):
-            self.assertEqual([line[0]] + [float(text) for text in line[1:]], list(crater.values()))
-
     def test_nothing_where_there_is_no_data(self):
         self.assertEqual(self.craters("large", square(40, 100, 5000)), [])
         # Across the data's border: on its side alone.
@@ -269,9 +260,6 @@ class Features(WithFeatures):
             self.assertEqual(self.craters("large", box, smallest_m=100), [])
         east = self.answer("large", region(-0.1, 0.1, 179.9, -179.9), smallest_m=100)["region"]["east_deg"]
         self.assertAlmostEqual(east, 180.1)
-
-    def test_a_preset_without_craters(self):
-        self.assertEqual(self.craters("none", square(LAT, LON, 1000)), [])
 
     def test_refusals(self):
         def refused(pointer, words="", **body):

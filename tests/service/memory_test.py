@@ -129,12 +129,6 @@ class Memory(unittest.TestCase):
         dem = harness.sample("dem", "--south-deg", "-1", "--west-deg", "28", "--rows", "2", "--columns", "6", "--ppd", "512")
         self.orbit(dem, (-0.8, 0.8, 28.2, 33.8))
 
-    def test_hadley(self):
-        dem = harness.shared_data("hadley")
-        if not dem:
-            self.skipTest("no hadley beside the project: set SELENOGRAPH_SHARED_DATA")
-        self.orbit(dem, (18.5, 29.5, 0.5, 11.5))
-
 
 if __name__ == "__main__":
     harness.main()
