@@ -255,26 +255,6 @@ class ServiceDeadline(WithService):
         self.problem(self.service.frame(frame_request(width=2000, height=2000, samples=4), Request_Timeout_Ms="9999999"), 504)
 
 
-class Determinism(unittest.TestCase):
-    def test_same_bytes_on_any_number_of_threads_alone_and_under_load(self):
-        requests = [frame_request(PRODUCTS, width=200, height=150,
-                                  pose={"geodetic": {"lat_deg": 0.05 * i, "lon_deg": 30.0, "height_m": 15000.0},
-                                        "nadir": {"up_azimuth_deg": 10.0 * i}}) for i in range(6)]
-        answers = {}
-        for threads in (1, 2):
-            service = Service("--threads", str(threads), "--max-frames", "4", "--max-waiting", "100", cache=f"cache-{threads}")
-            alone = [service.frame(r, "application/x-npz") for r in requests]
-            with concurrent.futures.ThreadPoolExecutor(8) as pool:
-                loaded = list(pool.map(lambda r: service.frame(r, "application/x-npz"), requests * 4))
-            self.assertEqual([a[0] for a in alone + loaded], [200] * 30)
-            for i, answer in enumerate(loaded):
-                self.assertEqual(answer[2], alone[i % 6][2], f"request {i % 6}, {threads} threads, under load")
-                self.assertEqual(answer[1]["ETag"], alone[i % 6][1]["ETag"])
-            answers[threads] = [a[2] for a in alone]
-            self.assertEqual(service.stop(), 0)
-        self.assertEqual(answers[1], answers[2])
-
-
 class Shutdown(unittest.TestCase):
     def frame_under_way(self, service, request):
         pool = concurrent.futures.ThreadPoolExecutor(1)
