@@ -1,5 +1,5 @@
 // Reflectance where its cosines end: denormal, zero, one, and the rows of pixels where frames have them. Conditions (5)
-// to (7) of the paper in between are unit/photometry_test.
+// to (7) of the paper in between are unit/brdf_test.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 

@@ -478,16 +478,6 @@ TEST(Seams, DateLine) {
                 {{"on the date line", &Seams::date_line}, {"block corners", &Seams::corners}});
 }
 
-TEST_F(SampleSeams, DateLineOfTheSampleJoins) {
-  const Mesh mesh(terrain(), selection_of(terrain(), blocks_in(9, -11, -9, 179, 181)).blocks);
-  ASSERT_FALSE(mesh.blocks().empty());
-  const Matching edges = match_edges(mesh);
-  EXPECT_EQ(edges.unmatched, 0u);
-  EXPECT_EQ(edges.twofold, 0u);
-  EXPECT_EQ(differing_vertices(mesh), 0u);
-  EXPECT_FALSE(seams_of(mesh, 100).date_line.empty());
-}
-
 // All longitudes down to 8 degrees from a pole, where the longitude step doubles twice on the way.
 class PolarSeams : public ::testing::Test {
  protected:

@@ -167,67 +167,6 @@ TEST_F(TwoWays, AgreeOnNormalsWhereTheTerrainEndsAtTheLimb) {
   EXPECT_EQ(different, 0U);
 }
 
-// A lens's pixels are where the lens puts them, to either.
-TEST_F(TwoWays, AgreeThroughLenses) {
-  const Vec3 from = to_cartesian({-10, 44, 20000});
-  const auto through = [&](const char* name, double fov_deg, double tilt_deg, const engine::Distortion& lens) {
-    engine::FrameRequest request = square_view(engine::tilted_pose(from, tilt_deg), kSide, fov_deg,
-                                               engine::sun_direction(local_axes(from), 115, 15));
-    request.camera.distortion = lens;
-    request.accuracy.max_error_px = 1;
-    return compare(name, request);
-  };
-  through("barrel", 60, 0, {-0.3, 0.1, -0.01, 0, 0});
-  through("pincushion", 60, 0, {0.3, 0.05, 0, 0, 0});
-  through("tangential", 60, 30, {-0.1, 0.01, 0, 0.02, -0.03});
-  through("strong barrel, oblique", 100, 60, {-0.12, 0.006, 0, 0, 0});
-  // Folds within the image: there's nothing in its corners.
-  through("folded", 90, 0, {-0.35, 0, 0, 0, 0});
-}
-
-// Of the Sun's disc one knows horizons, the other asks 256 directions: what either means is judged in penumbra_test.
-TEST_F(TwoWays, AgreeOnThePenumbra) {
-  const Vec3 from = to_cartesian({-10, 44, 20000});
-  std::size_t partial = 0, far_off = 0, pixels = 0;
-  double sum = 0, worst = 0;
-  for (const double elevation : {2.0, 15.0})
-    for (const double tilt : {0.0, 60.0}) {
-      engine::FrameRequest request = square_view(engine::tilted_pose(from, tilt), kSide, tilt > 0 ? 25 : 50,
-                                                 engine::sun_direction(local_axes(from), 115, elevation));
-      request.sun.angular_radius_deg = 0.2666;
-      request.products = engine::kRadiance | engine::kLit;
-      request.visibility = engine::Visibility::raytrace;
-      const engine::Frame rays = scenery().renderer->render(request);
-      request.visibility = engine::Visibility::zbuffer;
-      const engine::Frame drawn = scenery().renderer->render(request);
-      EXPECT_EQ(drawn.report.visibility, engine::Visibility::zbuffer);
-      pixels += rays.products.lit.size();
-      for (std::size_t i = 0; i < rays.products.lit.size(); ++i) {
-        const float a = rays.products.lit[i], b = drawn.products.lit[i];
-        if (std::isnan(a) || std::isnan(b)) continue;
-        const double difference = static_cast<double>(std::abs(a - b));
-        worst = std::max(worst, difference);
-        far_off += difference > 0.05;
-        if (difference > 0.05)
-          fmt::print("  tilt {}, Sun {}, pixel {}: rays {:.3f}, z-buffer {:.3f}\n", tilt, elevation, i, a, b);
-        if (a > 0 && a < 1) sum += difference, ++partial;
-        // Radiance is what the share of the disc is, but for how steeply its parts fall in.
-        if (a == b) {
-          EXPECT_NEAR(drawn.products.radiance[i], rays.products.radiance[i],
-                      2e-4 * std::abs(drawn.products.radiance[i]) + 1e-6);
-        }
-        if (b == 0) {
-          EXPECT_EQ(drawn.products.radiance[i], 0);
-        }
-      }
-    }
-  fmt::print("penumbra: {} of {} pixels in part, {:.4f} apart on average, {} by more than 0.05, at most {:.3f}\n",
-             partial, pixels, sum / static_cast<double>(partial), far_off, worst);
-  EXPECT_GT(partial * 200, pixels);
-  EXPECT_LT(sum / static_cast<double>(partial), 0.005);
-  EXPECT_LE(far_off * 10000, pixels);
-}
-
 // Whatever vectors a machine has, down to none: every byte of every product.
 TEST_F(TwoWays, EveryWidthOfVectorsGivesTheSameBytes) {
   const Vec3 from = to_cartesian({-10, 44, 20000});

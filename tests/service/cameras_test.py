@@ -53,8 +53,8 @@ class Cameras(harness.WithService):
         second = self.service.frame(self.request(echo={"t": 1}), "*/*")
         self.assertEqual(first[2], second[2])
         self.assertEqual(json.loads(second[1]["Selenograph-Echo"]), {"t": 1})
-        known = self.service.frame(self.request(), "application/x-npz", **{"If-None-Match": first[1]["ETag"]})
-        self.assertEqual(known[0], 304)
+        known = self.service.frame(self.request(echo={"t": 1}), "application/x-npz", **{"If-None-Match": first[1]["ETag"]})
+        self.assertEqual((known[0], json.loads(known[1]["Selenograph-Echo"])), (304, {"t": 1}))
         moved = self.request()
         moved["cameras"]["narrow"] = {**self.narrow, "products": ["lit", "range"]}
         self.assertEqual(self.service.frame(moved, "*/*", **{"If-None-Match": first[1]["ETag"]})[0], 200)

@@ -164,15 +164,6 @@ class Defaults(unittest.TestCase):
             with self.subTest(member=where, default=default):
                 self.same("/v1/frames", {**FRAME, **beside}, where, default)
 
-    def test_a_shutter_without_any_motion_is_refused_as_the_document_says(self):
-        body = dict(FRAME, shutter={"line_time_s": 0.01})
-        schema = self.document["paths"]["/v1/frames"]["post"]["requestBody"]["content"]["application/json"]["schema"]
-        self.assertFalse(self.valid(schema, body))
-        self.assertEqual(self.answer("/v1/frames", body)[0], 422)
-        with open(os.path.join(harness.REPOSITORY, "api", "requests.md")) as f:
-            text = f.read()
-        self.assertIn("at least one of `velocity_m_s`, `angular_rate_deg_s`, `poses` is required", text)
-
 
 if __name__ == "__main__":
     harness.main()

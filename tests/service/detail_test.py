@@ -89,27 +89,6 @@ class Detail(unittest.TestCase):
                 self.assertLessEqual(meta["detail_error_px"], limit)
                 self.assertEqual(bool(reached), "pose" in view, meta["warnings"])
 
-    def test_between_tiles(self):
-        """A tile's last posts lie a post west of the next tile's first: what is smaller has detail there, too."""
-        lons = 30 + np.linspace(-0.004, 0.002, 25)  # posts are 0.0039 degrees apart
-        for name in (None, "rough"):
-            heights = np.array(self.heights([(LAT, lon) for lon in lons], name))
-            up = np.array([[np.cos(np.radians(LAT)) * np.cos(np.radians(lon)),
-                            np.cos(np.radians(LAT)) * np.sin(np.radians(lon)), np.sin(np.radians(LAT))] for lon in lons])
-            rays = [{"origin_m": list(1747400 * u), "direction": list(-u)} for u in up]
-            status, _, body = self.service.post("/v1/rays", {"rays": rays, "detail": name})
-            self.assertEqual(status, 200, body[:300])
-            ranges = [ray.get("range_m", np.nan) for ray in json.loads(body)["rays"]]
-            np.testing.assert_allclose(np.array(ranges, float), 10000 - heights, atol=1e-6)
-            if name is None:
-                plain = heights
-        self.assertGreater(np.abs(heights - plain)[lons < 30].max(), 0.05)
-        pose = {"geodetic": {"lat_deg": LAT, "lon_deg": 29.998, "height_m": heights[8] + 100},
-                "nadir": {"up_azimuth_deg": 0}}
-        for visibility in ("zbuffer", "raytrace"):
-            arrays, meta, _ = self.arrays(self.request(("range", "detail"), pose=pose, visibility=visibility))
-            self.assertEqual(meta["hit_fraction"], 1, visibility)
-
     def test_the_aim_for_detail_is_a_bound(self):
         triangles = []
         for aim in (16, 2, 0.5):
@@ -191,14 +170,6 @@ class Detail(unittest.TestCase):
                 "height_m": 40.0, "gsd_m": 2.0}
         request = {"map": area, "products": ["height"], "accuracy": {"max_error_px": 0}, "detail": preset}
         self.assertAlmostEqual(self.service.arrays(request, "/v1/maps")["height"].mean(), self.detailed, delta=10)
-
-    def test_a_coarser_frame_is_within_its_bound(self):
-        exact, _, _ = self.arrays(self.request(("geodetic",), accuracy={"max_error_px": 0}))
-        for error_px in (0.5, 2.0):
-            arrays, meta, _ = self.arrays(self.request(("geodetic",), accuracy={"max_error_px": error_px}))
-            heights = np.array(self.heights([tuple(p[:2]) for p in arrays["geodetic"].reshape(-1, 3)[::53]], "rough"))
-            apart = np.abs(heights - arrays["geodetic"].reshape(-1, 3)[::53, 2])
-            self.assertLessEqual(apart.max(), meta["lod_error_m"])
 
     def test_another_preset_under_the_name_is_another_frame(self):
         write("changing", PRESET)

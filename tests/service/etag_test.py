@@ -1,6 +1,5 @@
-"""The same ETag means the same bytes, whatever memory the service has; metadata that no header holds are found."""
+"""The same ETag means the same bytes, whatever memory the service has."""
 
-import json
 import unittest
 
 import harness
@@ -76,25 +75,6 @@ class ETags(unittest.TestCase):
             self.assertEqual(status, 304)
             tags.append((headers["ETag"], body))
         self.assertEqual(tags[0][0] == tags[1][0], tags[0][1] == tags[1][1])
-
-    def test_metadata_that_no_header_holds(self):
-        response = [[0.4 + 0.0005 * i, 1.0 - 0.0001 * i] for i in range(900)]
-        request = frame_request(products=("range", ), band={"response": response})
-        for accept in ("application/x-npy", "application/octet-stream"):
-            status, headers, body = self.roomy.post("/v1/frames", request, accept)
-            self.assertEqual(status, 200, body[:300])
-            self.assertLessEqual(len(headers["Selenograph-Meta"]), 6000)
-            short = json.loads(headers["Selenograph-Meta"])
-            self.assertEqual(headers["ETag"], '"%s"' % short["content_hash"])
-            status, headers, body = self.roomy.ask("GET", short["metadata_at"])
-            self.assertEqual((status, headers["Content-Type"]), (200, "application/json"))
-            whole = json.loads(body)
-            self.assertEqual(whole["content_hash"], short["content_hash"])
-            self.assertEqual(len(whole["request"]["band"]["response"]), len(response))
-        status, _, _ = self.roomy.ask("GET", "/v1/frames/%032x/meta" % 1)
-        self.assertEqual(status, 404)
-        _, headers, _ = self.roomy.post("/v1/frames", frame_request(products=("range", )), "application/x-npy")
-        self.assertNotIn("metadata_at", json.loads(headers["Selenograph-Meta"]))
 
 
 if __name__ == "__main__":

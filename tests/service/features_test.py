@@ -38,9 +38,6 @@ PRESETS = {
 def setUpModule():
     harness.set_up()
     sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
-    # Posts of 118 m, and of 30 m east of 33 degrees.
-    sample("coarse", "--south-deg", "0", "--west-deg", "31", "--rows", "1", "--columns", "2", "--ppd", "256")
-    sample("fine", "--south-deg", "0", "--west-deg", "33", "--rows", "1", "--columns", "1", "--ppd", "1024")
     # Both poles, from posts of 1.9 km.
     for name, south in (("north", "89"), ("south", "-90")):
         sample(name, "--south-deg", south, "--west-deg", "-180", "--rows", "1", "--columns", "360", "--ppd", "16")
@@ -233,29 +230,6 @@ class Features(WithFeatures):
             self.assertGreater(ring, 0.96, crater)
             self.assertLess(ring, 1.2 if crater["depth_m"] > 0.12 * crater["diameter_m"] else 1.7, crater)
 
-    def test_every_crater_of_the_terrain_is_listed(self):
-        """Where the ground is far below that without craters there is one; nowhere else."""
-        box = square(LAT, LON, 2500)
-        craters = self.craters("alone", square(LAT, LON, 2700))
-        lat, lon = np.meshgrid(np.linspace(box["south_deg"], box["north_deg"], 120),
-                               np.linspace(box["west_deg"], box["east_deg"], 120), indexing="ij")
-        places = np.stack([lat.ravel(), lon.ravel()], axis=1)
-        rise = self.heights(places, "alone") - self.heights(places, "none")
-        away = np.stack([np.hypot(places[:, 0] - c["lat_deg"], (places[:, 1] - c["lon_deg"]) * math.cos(math.radians(LAT))) *
-                         METRES_PER_DEGREE / (c["diameter_m"] / 2) for c in craters])
-        deep = rise < np.median(rise) - 0.5
-        self.assertGreater(deep.sum(), 10)
-        self.assertLess(away.min(axis=0)[deep].max(), 1.15)
-
-    def test_csv_is_json(self):
-        body = {"detail": "large", "region": square(LAT, LON, 3000)}
-        craters = self.ok_json(self.service.post("/v1/features", body, "application/json"))["craters"]
-        table = list(csv.reader(io.StringIO(self.ok(self.service.post("/v1/features", body, "text/csv"), "text/csv").decode())))
-        self.assertEqual(table[0], list(craters[0]))
-        self.assertEqual(len(table) - 1, len(craters))
-        for line, crater in zip(table[1:], craters):
-            self.assertEqual([line[0]] + [float(text) for text in line[1:]], list(crater.values()))
-
     def test_nothing_where_there_is_no_data(self):
         self.assertEqual(self.craters("large", square(40, 100, 5000)), [])
         # Across the data's border: on its side alone.
@@ -269,9 +243,6 @@ class Features(WithFeatures):
             self.assertEqual(self.craters("large", box, smallest_m=100), [])
         east = self.answer("large", region(-0.1, 0.1, 179.9, -179.9), smallest_m=100)["region"]["east_deg"]
         self.assertAlmostEqual(east, 180.1)
-
-    def test_a_preset_without_craters(self):
-        self.assertEqual(self.craters("none", square(LAT, LON, 1000)), [])
 
     def test_refusals(self):
         def refused(pointer, words="", **body):
@@ -298,39 +269,6 @@ class Features(WithFeatures):
         # Few craters, but no end of places to look for them.
         refused("/region", "too large", detail="sparse", region=region(-60, 60, -180, 180))
         self.problem(self.service.post("/v1/features", {"detail": "rough", "region": box}, "image/png"), 406)
-
-    def test_a_deadline_ends_it(self):
-        body = {"detail": "rough", "region": square(LAT, LON, 3000), "smallest_m": 3}
-        self.problem(self.service.post("/v1/features", body, Request_Timeout_Ms="1"), 504)
-
-
-class FinerPosts(WithFeatures):
-    """Posts of 30 m over posts of 118 m: what the finer ones can show they have."""
-
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.service.expect_clean_stop()
-        cls.service = harness.Service(*cls.options, "--dem", harness.path("fine"), dem="coarse", cache="layers")
-
-    def test_none_larger_than_the_posts_let(self):
-        fine = self.craters("large", square(0.5, 33.5, 6000))
-        coarse = self.craters("large", square(0.5, 31.5, 6000))
-        self.assertLess(max(c["diameter_m"] for c in fine), 4 * 32)
-        self.assertGreater(max(c["diameter_m"] for c in coarse), 128)
-        self.assertGreater(len(fine), 200)
-
-    def test_where_they_meet(self):
-        """Before the finer posts begin larger craters fade: over a band as wide as two coarse posts, which ends two fine
-        ones before them. Those of half their depth and more are listed; what is cut says so."""
-        border = self.craters("large", region(0.02, 0.98, 32.95, 33.05), smallest_m=128)
-        middle = 33 - 1 / 256 - 2 / 1024
-        self.assertLess(max(c["lon_deg"] for c in border), middle + 1e-4)
-        near = [c for c in border if (middle - c["lon_deg"]) * METRES_PER_DEGREE < 64]
-        self.assertTrue(near)
-        for crater in near:
-            self.assertLess(crater["rim_share"], 1)
-        self.assertGreater(len(border), 100)
 
 
 class AtThePoles(WithFeatures):

@@ -7,10 +7,9 @@ import os
 import re
 import socket
 import unittest
-import unittest.mock
 
 import harness
-from harness import PATIENCE_S, PLACE, Service
+from harness import PATIENCE_S, PLACE
 
 
 def setUpModule():
@@ -176,24 +175,6 @@ class WithNames(Asking):
 
 
 class Settings(unittest.TestCase):
-    def test_from_environment_and_file(self):
-        harness.write("service.toml", 'allowed-host = ["from.file", "fd00::1"]\n')
-        for options, environment, good, bad in (
-                (("--config", harness.path("service.toml")), {}, ("from.file", "[fd00::1]"), "from.environment"),
-                ((), {"SELENOGRAPH_ALLOWED_HOST": "from.environment:[fd00::2]:b"}, ("from.environment", "[fd00::2]", "b"), "fd00")):
-            with unittest.mock.patch.dict(os.environ, environment):
-                service = Service(*options)
-            for host, status in (*((host, b"200") for host in good), (bad, b"421")):
-                answer = service.raw(f"GET /health/live HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
-                self.assertEqual(answer.split()[1], status, host)
-            service.expect_clean_stop()
-
-    def test_invalid_names(self):
-        for text in ("http://moon.example", "moon.example:80", ""):
-            done = harness.run("serve", "--allowed-host", text, "--dem", harness.path("dem"))
-            self.assertNotEqual(done.returncode, 0)
-            self.assertIn("is no host name or address (without scheme and port)", done.stderr)
-
     def test_a_trial_on_every_address_finds_itself(self):
         for host in ("0.0.0.0", "127.0.0.1"):
             done = harness.run("serve", "--trial", "--host", host, "--port", "0", "--cache-dir", harness.path("cache"), "--dem",

@@ -221,40 +221,6 @@ class Maps(harness.WithService):
         again = self.service.post("/v1/maps", resolved, "image/tiff")
         self.assertEqual((again[1]["ETag"], again[2]), (headers["ETag"], body))
 
-    def test_refusals(self):
-        def refused(pointer, area=None, accept="*/*", **changes):
-            request = map_request({**PLACES["orthographic"], **(area or {})}, "height")
-            request.update(changes)
-            request["map"] = {k: v for k, v in request["map"].items() if v is not None}
-            return self.problem(self.service.post("/v1/maps", request, accept), 422, pointer)
-
-        refused("/map/gsd_m", {"gsd_m": 1.0})  # more pixels than allowed
-        refused("/map/gsd_m", {"gsd_m": None})
-        refused("/map/projection", {"projection": "mercator"})
-        refused("/map/bounds", {"bounds": PLACES["equirectangular"]["bounds"], "center": None, "width_m": None, "height_m": None})
-        refused("/map/width_m", {"width_m": None})
-        refused("/map/center", {"projection": "equirectangular", "bounds": PLACES["equirectangular"]["bounds"]})
-        refused("/map/center/lat_deg", {"projection": "equirectangular", "center": {"lat_deg": 90, "lon_deg": 0}})
-        refused("/map/standard_parallel_deg", {"standard_parallel_deg": 3})
-        for bounds, pointer in (({"south_deg": 1, "north_deg": 1}, "north_deg"), ({"west_deg": 5, "east_deg": 5}, "east_deg"),
-                                ({"west_deg": -180, "east_deg": 200}, "east_deg"), ({"north_deg": 91}, "north_deg")):
-            bounds = {**PLACES["equirectangular"]["bounds"], **bounds}
-            refused("/map/bounds/" + pointer, {"projection": "equirectangular", "bounds": bounds, "center": None, "width_m": None,
-                                               "height_m": None})
-        refused("/sun", products=["radiance"])
-        refused("/sun", products=["lit", "height"])
-        refused("/products", products=["height", "slope"], accept="image/png")
-        refused("/products", products=["normal"], accept="image/png")
-        refused("/products/0", products=["depth"])
-        refused("/view/direction", view={"direction": [0, 0, 0]})
-        refused("/view", view="zenith")
-        refused("/camera", camera={})
-        self.problem(self.service.post("/v1/maps", map_request(PLACES["orthographic"], "height"), "text/html"), 406)
-
-    def test_a_deadline(self):
-        request = map_request({**PLACES["orthographic"], "width_m": 50000, "height_m": 50000}, "lit", sun={"direction": [0, 1, 0.01]})
-        self.problem(self.service.post("/v1/maps", request, Request_Timeout_Ms="1"), 504)
-
 
 class Regional(harness.WithService):
     """Level ground of 10 x 10 degrees, nothing around it."""

@@ -272,6 +272,7 @@ class EveryAnswer(Documented):
         frames = next(o for o in self.operations if o.path == "/v1/frames")
         body = dict(frames.small(), products=["range"], band={"response": [[0.4 + 0.0005 * i, 1.0 - 0.0001 * i] for i in range(900)]})
         headers, _ = self.check(frames, frames.ask(service, body, Accept="application/x-npy"), 200)
+        self.assertLessEqual(len(headers["Selenograph-Meta"]), 6000)
         place = json.loads(headers["Selenograph-Meta"])["metadata_at"]
         operation = next(o for o in self.operations if o.path == "/v1/frames/{hash}/meta")
         self.check(operation, operation.ask(service, target=place), 200)

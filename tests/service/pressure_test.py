@@ -123,20 +123,6 @@ class ManyClients(unittest.TestCase):
             reader.close()
         self.assertEqual(service.stop(), 0)
 
-    def test_health_beside_a_full_queue_of_connections(self):
-        service = Service("--log-level", "warning", "--max-connections", "16", "--max-frames", "1", "--max-image-pixels", "16000000")
-        working = [service.start_frame(long_frame()) for _ in range(16)]
-        service.wait_for("selenograph_frames_waiting", 15)
-        for path in ("/health/live", "/health/ready", "/metrics"):
-            self.assertEqual(service.ask("GET", path)[0], 200, path)
-        status, headers, _ = service.frame(frame_request())
-        self.assertEqual(status, 503)
-        self.assertGreaterEqual(int(headers["Retry-After"]), 1)
-        for connection in working:
-            connection.close()
-        service.wait_for("selenograph_frames_in_work", 0)
-        self.assertEqual(service.stop(), 0)
-
 
 class SlowReaders(unittest.TestCase):
     def test_an_answer_has_a_total_time(self):

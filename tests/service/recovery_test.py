@@ -181,24 +181,6 @@ class Killed(Recovery):
                 process.kill()
             self.recover(cache)
 
-    def dead_process(self):
-        process = subprocess.Popen(["true"])
-        process.wait()
-        return process.pid
-
-    def test_torn_files_of_the_dead_go_and_those_of_the_living_stay(self):
-        name = min(FILES)
-        with cache_folder("planted", copy_of="reference") as cache:
-            dead, living = (os.path.join(cache, f"{name}.tmp-{pid}-0") for pid in (self.dead_process(), os.getpid()))
-            for torn in (dead, living):
-                with open(torn, "wb") as file:
-                    file.write(FILES[name][:1000])
-            service = Service(cache=cache)
-            self.assertFalse(os.path.exists(dead))
-            self.assertTrue(os.path.exists(living))
-            self.assert_same(answers(service), ANSWERS, "another answer than with a clean cache")
-            self.assertEqual(service.stop(), 0)
-
     def test_torn_file_of_an_earlier_process_with_the_same_number(self):
         """In a container every life of the service is process 1."""
         torn = harness.path("numbered", min(FILES) + ".tmp-{}-0")

@@ -137,22 +137,6 @@ class RewrittenTile(unittest.TestCase):
         status, headers, body = service.frame(self.requests[i], "application/x-npz")
         return status, headers.get("ETag"), body
 
-    def test_the_new_tile_is_another_after_a_restart(self):
-        service = Service()
-        self.assertEqual(self.assert_clean_or_refused(self.answers(service)), 0)
-        copy_onto(self.other, image())
-        self.assertEqual(service.stop(), 0)
-        service = Service()
-        for (status, etag, body), (_, clean_etag, clean) in zip(self.answers(service), self.clean):
-            self.assertEqual(status, 200, body[:300])
-            self.assertNotEqual(etag, clean_etag)
-            self.assertFalse(body == clean)
-        self.put_back()
-        self.assertEqual(service.stop(), 0)
-        service = Service()
-        self.assertEqual(self.assert_clean_or_refused(self.answers(service)), 0)
-        self.assertEqual(service.stop(), 0)
-
 
 if __name__ == "__main__":
     harness.main()

@@ -1,7 +1,6 @@
 #!/usr/bin/env python3
 """What frames say about their view: its place in words of the ground, what is probably wrong with it, and the echo."""
 
-import json
 import math
 import unittest
 
@@ -148,19 +147,6 @@ class View(unittest.TestCase):
 
     def test_posts_wider_than_eight_pixels(self):
         self.assertIn("pixels wide", self.warned(nadir(height_m=800.0)))
-
-    def test_the_echo_comes_back_and_changes_nothing(self):
-        echo = {"t_s": 12.5, "frame": 7, "camera": "n\u00e4v", "more": [1, None, {"a": True}]}
-        plain = self.service.frame(frame_request(pose=nadir()), "application/x-npy")
-        said = self.service.frame(frame_request(pose=nadir(), echo=echo), "application/x-npy")
-        self.assertEqual(json.loads(said[1]["Selenograph-Echo"]), echo)
-        self.assertNotIn("Selenograph-Echo", plain[1])
-        self.assertEqual(plain[2], said[2])
-        self.assertEqual(plain[1]["ETag"], said[1]["ETag"])
-        same = self.service.frame(frame_request(pose=nadir(), echo=echo), "application/x-npy",
-                                  **{"If-None-Match": plain[1]["ETag"]})
-        self.assertEqual(same[0], 304)
-        self.assertEqual(json.loads(same[1]["Selenograph-Echo"]), echo)
 
 
 if __name__ == "__main__":

@@ -375,6 +375,7 @@ TEST(Brdf, DarkWithoutSun) {
   for (const auto& [name, r, most] : cases()) {
     EXPECT_EQ(direct_radiance(Brdf(r), 1361, 0, 0.5, 0.1, 1), 0) << name;
     EXPECT_EQ(direct_radiance(Brdf(r), 1361, -0.1, 0, 0.1, 1), 0) << name;
+    EXPECT_EQ(direct_radiance(Brdf(r), 1361, std::nan(""), 0.5, 0.1, 1), 0) << name;
     EXPECT_EQ(direct_radiance(Brdf(r), 1361, 0.5, 0.5, 0.1, 0), 0) << name;
     EXPECT_GE(direct_radiance(Brdf(r), 1361, 0.5, -0.01, 0.1, 1), 0) << name;
   }

@@ -9,20 +9,16 @@
 #include <chrono>
 #include <cmath>
 #include <cstdint>
-#include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
 #include <limits>
 #include <set>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "api/encode/arrays.h"
-#include "tests/support/shared_data.h"
 
 namespace selenograph::api {
 namespace {
@@ -202,76 +198,6 @@ TEST(Npy, HasTheHeaderOfVersionOneAndAlignedData) {
               0u)
         << header;
   }
-}
-
-std::string write(const test::TemporaryFolder& folder, const std::string& name, const std::string& bytes) {
-  std::ofstream(folder / name, std::ios::binary) << bytes;
-  return folder / name;
-}
-
-constexpr const char* kPython = "/usr/bin/python3";
-
-bool has_numpy() { return std::system((std::string(kPython) + " -c 'import numpy' 2>/dev/null").c_str()) == 0; }
-
-// What the script prints; "failed" if it raises.
-std::string python(const test::TemporaryFolder& folder, const std::string& script, const std::string& argument) {
-  const std::string command = std::string(kPython) + " '" + write(folder, "script.py", script) + "' '" + argument + "'";
-  std::FILE* pipe = popen(command.c_str(), "r");
-  if (!pipe) return "failed";
-  std::string output;
-  char buffer[4096];
-  while (const std::size_t n = std::fread(buffer, 1, sizeof buffer, pipe)) output.append(buffer, n);
-  return pclose(pipe) == 0 ? output : "failed";
-}
-
-std::string hexadecimal(const std::string& bytes) {
-  std::string result;
-  for (const char c : bytes) {
-    char two[3];
-    std::snprintf(two, sizeof two, "%02x", static_cast<unsigned char>(c));
-    result += two;
-  }
-  return result;
-}
-
-TEST(Npy, NumpyReadsIt) {
-  if (!has_numpy()) GTEST_SKIP() << kPython << " with numpy is not here";
-  const test::TemporaryFolder folder;
-  const Sample sample(8);
-  for (const ArrayView& a : sample.arrays) {
-    const std::string file = write(folder, "a.npy", encode_npy(a));
-    const std::string seen = python(folder,
-                                    "import numpy, sys\n"
-                                    "a = numpy.load(sys.argv[1], mmap_mode='r')\n"
-                                    "print(a.dtype.str, a.shape, a.flags.c_contiguous, a.tobytes().hex())\n",
-                                    file);
-    EXPECT_EQ(seen, numpy_descr(a.type) + (a.channels == 3 ? " (5, 7, 3)" : " (5, 7)") + " True " +
-                        hexadecimal(encode_raw(a)) + "\n");
-  }
-}
-
-TEST(Npz, NumpyReadsItWithTheMetadata) {
-  if (!has_numpy()) GTEST_SKIP() << kPython << " with numpy is not here";
-  const test::TemporaryFolder folder;
-  const Sample sample(16);
-  const std::string file = write(folder, "a.npz", encode_npz(sample.arrays, kMeta));
-  const std::string seen = python(folder,
-                                  "import json, numpy, sys, zipfile\n"
-                                  "z = numpy.load(sys.argv[1])\n"
-                                  "for n in z.files[:-1]:\n"
-                                  "  print(n, z[n].dtype.str, z[n].shape, z[n].tobytes().hex())\n"
-                                  "print(z.files[-1], json.loads(z['meta.json'])['software'])\n"
-                                  "archive = zipfile.ZipFile(sys.argv[1])\n"
-                                  "print(archive.testzip(), {i.compress_type for i in archive.infolist()},\n"
-                                  "      {i.date_time for i in archive.infolist()})\n",
-                                  file);
-  std::string expected;
-  for (const ArrayView& a : sample.arrays) {
-    expected += std::string(a.name) + " " + numpy_descr(a.type) + (a.channels == 3 ? " (5, 7, 3) " : " (5, 7) ") +
-                hexadecimal(encode_raw(a)) + "\n";
-  }
-  expected += "meta.json selenograph\nNone {0} {(1980, 1, 1, 0, 0, 0)}\n";
-  EXPECT_EQ(seen, expected);
 }
 
 TEST(Npz, DoesNotDependOnTheTimeZone) {

@@ -60,20 +60,6 @@ void expect_same_attitude(const Eigen::Quaterniond& a, const Eigen::Quaterniond&
   EXPECT_LT((a.toRotationMatrix() - b.toRotationMatrix()).norm(), 1e-14);
 }
 
-TEST(FrameJson, DefaultsAreThoseOfTheContract) {
-  const engine::FrameRequest request = accepted("{}");
-  EXPECT_EQ(request.products, engine::kRadiance);
-  EXPECT_EQ(request.accuracy.max_error_px, 0.5);
-  EXPECT_EQ(request.accuracy.samples_per_pixel, 1);
-  EXPECT_EQ(request.reflectance.model, engine::ReflectanceModel::lommel_seeliger_lambert);
-  EXPECT_EQ(request.reflectance.rho, 0.12);
-  EXPECT_EQ(request.sun.distance_au, 1);
-  EXPECT_EQ(request.sun.angular_radius_deg, 0);
-  EXPECT_EQ(request.image.bit_depth, 8);
-  EXPECT_FALSE(request.image.full_scale_radiance_w_m2_sr);
-  EXPECT_TRUE(request.camera.distortion.none());
-}
-
 TEST(CameraJson, FieldOfViewIsTheHorizontalFullAngle) {
   const engine::Camera camera = accepted("{}").camera;
   EXPECT_NEAR(camera.fx, 512, 1e-12);  // 90 degrees: half the width

@@ -1,4 +1,5 @@
 // A map's request: where it lies, what is refused, what it resolves to.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <string>
@@ -91,6 +92,25 @@ TEST(MapJson, RefusalsPointAtMembers) {
   EXPECT_EQ(pointer_of(R"({"products": ["lit"], "map": {"projection": "orthographic", )" + std::string(kSite) + "}"),
             "/sun");
   EXPECT_EQ(pointer_of(R"({"products": ["height"], "map": {"projection": "equirectangular", "gsd_m": 10}})"), "/map");
+  const auto of_area = [](const std::string& area) {
+    return pointer_of(R"({"products": ["height"], "map": )" + area + "}");
+  };
+  const std::string bounds = R"("bounds": {"south_deg": -1, "north_deg": 2, "west_deg": 10, "east_deg": 12})";
+  EXPECT_EQ(of_area(std::string(R"({"projection": "mercator", )") + kSite), "/map/projection");
+  EXPECT_EQ(of_area(std::string(R"({"projection": "orthographic", "standard_parallel_deg": 3, )") + kSite),
+            "/map/standard_parallel_deg");
+  EXPECT_EQ(of_area(R"({"projection": "orthographic", "gsd_m": 100, )" + bounds + "}"), "/map/bounds");
+  EXPECT_EQ(of_area(R"({"projection": "equirectangular", )" + bounds + ", " + kSite), "/map/center");
+  EXPECT_EQ(of_area(R"({"projection": "equirectangular", "gsd_m": 9, "width_m": 90, "height_m": 90,
+                        "center": {"lat_deg": 90, "lon_deg": 0}})"),
+            "/map/center/lat_deg");
+  for (const auto& [sides, member] :
+       {std::pair{R"("south_deg": 2, "north_deg": 2, "west_deg": 10, "east_deg": 12)", "north_deg"},
+        {R"("south_deg": 2, "north_deg": 91, "west_deg": 10, "east_deg": 12)", "north_deg"},
+        {R"("south_deg": 1, "north_deg": 2, "west_deg": 5, "east_deg": 5)", "east_deg"},
+        {R"("south_deg": 1, "north_deg": 2, "west_deg": -180, "east_deg": 200)", "east_deg"}})
+    EXPECT_EQ(of_area(fmt::format(R"({{"projection": "equirectangular", "gsd_m": 100, "bounds": {{{}}}}})", sides)),
+              std::string("/map/bounds/") + member);
 }
 
 TEST(MapJson, AResolvedRequestResolvesToItself) {

@@ -11,9 +11,6 @@
 #include "api/message/problem.h"
 #include "api/message/routes.h"
 #include "api/requests/frame_json.h"
-#include "api/requests/points_json.h"
-#include "api/requests/round_trip_json.h"
-#include "tests/support/meshes.h"
 
 namespace selenograph::api {
 namespace {
@@ -146,33 +143,6 @@ TEST(OpenApi, RequestMembersAreTheParsers) {
         found |= f.pointer == "/" + name;
       }
       EXPECT_TRUE(found) << name;
-    }
-  }
-}
-
-TEST(OpenApi, ExamplesAreAccepted) {
-  for (const auto& [path, operations] : document().at("paths").items()) {
-    if (!operations.contains("post")) continue;
-    for (const auto& [name, example] :
-         operations.at("post").at("requestBody").at("content").at("application/json").at("examples").items()) {
-      SCOPED_TRACE(path + " " + name);
-      const Json body = example.at("value");
-      if (path == "/v1/frames") {
-        EXPECT_NO_THROW(
-            read_frame(body, Limits{}, Assets(SELENOGRAPH_SOURCE_DIR "/deploy/assets", test::mesh_options())));
-      }
-      if (path == "/v1/rays") {
-        EXPECT_NO_THROW(read_rays(body, Limits{}));
-      }
-      if (path == "/v1/project") {
-        EXPECT_NO_THROW(read_project(body, Limits{}));
-      }
-      if (path == "/v1/verify/roundtrip") {
-        EXPECT_NO_THROW(read_round_trip(body, Limits{}));
-      }
-      if (path == "/v1/heights") {
-        EXPECT_NO_THROW(read_heights(body, Limits{}));
-      }
     }
   }
 }

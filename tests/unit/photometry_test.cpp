@@ -1,4 +1,4 @@
-// The paper's conditions (5) to (7) on reflectance, and values by hand.
+// The linear models of reflectance: values by hand, and radiance towards limb and terminator.
 #include "engine/radiometry/photometry.h"
 
 #include <gtest/gtest.h>
@@ -12,15 +12,6 @@ namespace selenograph::engine {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-
-std::vector<Reflectance> models() {
-  return {{ReflectanceModel::lambert, 1, 0.12},
-          {ReflectanceModel::lommel_seeliger, 1, 0.12},
-          {ReflectanceModel::lommel_seeliger_lambert, 0, 0.3},
-          {ReflectanceModel::lommel_seeliger_lambert, 0.35, 0.12},
-          {ReflectanceModel::lommel_seeliger_lambert, 1, 1},
-          {ReflectanceModel::lambert, 1, 1}};
-}
 
 TEST(Photometry, ValuesByHand) {
   const Reflectance lambert{ReflectanceModel::lambert, 1, 0.12}, seeliger{ReflectanceModel::lommel_seeliger, 1, 0.12};
@@ -60,16 +51,6 @@ TEST(Photometry, FiniteAndMonotoneTowardsLimbAndTerminator) {
     for (double mu = 0.1; mu <= 1; mu += 0.1)
       EXPECT_LT(test::direct_radiance(seeliger, 1361, mu0, mu, 1),
                 test::direct_radiance(seeliger, 1361, mu0, mu - 0.1, 1));
-}
-
-TEST(Photometry, DarkWithoutSun) {
-  for (const auto& model : models()) {
-    EXPECT_EQ(test::direct_radiance(model, 1361, 0, 0.5, 1), 0);
-    EXPECT_EQ(test::direct_radiance(model, 1361, -0.1, 0, 1), 0);
-    EXPECT_EQ(test::direct_radiance(model, 1361, std::nan(""), 0.5, 1), 0);
-    EXPECT_EQ(test::direct_radiance(model, 1361, 0.5, 0.5, 0), 0);
-    EXPECT_EQ(test::direct_radiance(model, 1361, 0.5, -0.01, 1), test::direct_radiance(model, 1361, 0.5, 0, 1));
-  }
 }
 
 }  // namespace

@@ -19,16 +19,6 @@ std::string pointer_of(const char* text) {
   return "accepted";
 }
 
-TEST(RoundTripJson, DefaultsAreTheDocumented) {
-  const engine::RoundTripRequest r = read(R"({"center": {"lat_deg": 26.1, "lon_deg": 3.6}})");
-  EXPECT_EQ(r.lat_deg, 26.1);
-  EXPECT_EQ(r.lon_deg, 3.6);
-  EXPECT_EQ(r.height_m, 20000);
-  EXPECT_EQ(r.mode, engine::RoundTripMode::exact);
-  EXPECT_EQ(r.posts, 256);
-  EXPECT_EQ(r.footprint_ratio, 1);
-}
-
 TEST(RoundTripJson, RefusalsPointAtMembers) {
   EXPECT_EQ(pointer_of(R"({})"), "/center");
   EXPECT_EQ(pointer_of(R"({"center": {"lat_deg": 91, "lon_deg": 0}})"), "/center/lat_deg");

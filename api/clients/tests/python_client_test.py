@@ -14,7 +14,6 @@ import json
 import math
 import multiprocessing
 import os
-import queue
 import shutil
 import socket
 import ssl
@@ -190,15 +189,6 @@ class InOrder(WithClient):
         self.assertEqual(list(self.client.frames([])), [])
         self.assertEqual(list(self.client.frames(iter([]))), [])
 
-    def test_a_closed_loop_by_a_queue(self):
-        waiting = queue.Queue()
-        waiting.put(request_at(0))
-        seen = []
-        for frame in self.client.frames(iter(waiting.get, None)):  # the iterable waits while frames are handed out
-            seen.append(frame)
-            waiting.put(request_at(len(seen)) if len(seen) < 5 else None)
-        self.all_right(seen, 5)
-
     def test_an_iterable_is_taken_lazily(self):
         taken = []
 
@@ -230,23 +220,6 @@ class InOrder(WithClient):
                 seen.append(frame)
             self.all_right(seen)
             self.assertTrue(all(n > step - in_flight for step, n in enumerate(known)), known)
-
-    def test_no_more_are_asked_than_are_in_flight(self):
-        asked, started = [], threading.Semaphore(0)
-
-        def ask(request):
-            asked.append(request["step"])
-            started.release()
-            return request["step"]
-
-        in_order = self.client._in_order([{"step": step} for step in range(9)], 3, 0, ask)
-        self.assertEqual(next(in_order), 0)
-        for _ in range(3):
-            self.assertTrue(started.acquire(timeout=PATIENCE_S))
-        # Nobody comes back for the next answer: there must not be a fourth.
-        self.assertFalse(started.acquire(timeout=0.1))
-        self.assertEqual(sorted(asked), [0, 1, 2])
-        self.assertEqual(list(in_order), list(range(1, 9)))
 
     def test_errors_are_raised_in_order(self):
         requests = [request_at(0), request_at(1), request_at(2, products=["nonsense"]), request_at(3)]
@@ -429,24 +402,6 @@ class Async(unittest.TestCase):
                 for some in (requests, iter(requests), later()):
                     got = [frame.etag async for frame in client.frames(some, in_flight)]
                     self.assertEqual(got, etags)
-        self.run_with_client(work)
-
-    def test_a_closed_loop(self):
-        async def work(client):
-            for in_flight in (1, 2):
-                waiting = asyncio.Queue()
-                await waiting.put(request_at(0))
-
-                async def requests():
-                    while (request := await waiting.get()) is not None:
-                        yield request
-
-                seen = []
-                async for frame in client.frames(requests(), in_flight):
-                    seen.append(frame.meta["request"]["pose"]["position_m"])
-                    await waiting.put(request_at(len(seen)) if len(seen) < 4 else None)
-                self.assertEqual(len(seen), 4)
-                self.assertEqual(len(set(map(tuple, seen))), 4)
         self.run_with_client(work)
 
     def test_leaving_early_leaves_nothing_behind(self):
@@ -838,13 +793,6 @@ class Readme(unittest.TestCase):
         self.assertEqual(len(said.getvalue().splitlines()), 7)
         self.assertLess(namespace["state"]["height_m"], 5000)
 
-    def test_its_table_names_every_method(self):
-        with open(os.path.join(FOLDER, "README.md")) as file:
-            text = file.read()
-        for name in vars(Client):
-            if not name.startswith("_") and name != "close":
-                self.assertIn(f"| `{name}(", text)
-
     def test_its_links_and_those_of_the_conventions_lead_somewhere(self):
         clients = os.path.dirname(FOLDER)
         for page in ("README.md", "conventions.md", os.path.join("python", "README.md")):
@@ -880,31 +828,6 @@ class Package(unittest.TestCase):
             self.assertTrue(ast.get_docstring(tree), source)
         with self.assertRaises(SyntaxError):  # the parser does look at the version
             ast.parse("match x:\n  case 1: pass", feature_version=(3, 9))
-
-    def test_every_public_name_is_documented_and_typed(self):
-        with open(os.path.join(FOLDER, "selenograph.py"), encoding="utf-8") as file:
-            tree = ast.parse(file.read())
-        asynchronous = next(node for node in tree.body if getattr(node, "name", "") == "AsyncClient")
-        for node in ast.walk(tree):
-            if not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-                continue
-            self.assertIsNotNone(node.returns, node.name)
-            for argument in node.args.args + node.args.kwonlyargs:
-                self.assertTrue(argument.annotation or argument.arg in ("self", "cls"), (node.name, argument.arg))
-        for node in tree.body:
-            if isinstance(node, ast.ClassDef) and node.name in selenograph.__all__:
-                self.assertTrue(ast.get_docstring(node), node.name)
-                for method in node.body:
-                    if isinstance(method, ast.FunctionDef) and not method.name.startswith("_") and node != asynchronous:
-                        self.assertTrue(ast.get_docstring(method), (node.name, method.name))
-
-    def test_it_works_as_one_copied_file(self):
-        folder = harness.path("copied")
-        os.makedirs(folder)
-        shutil.copy(os.path.join(FOLDER, "selenograph.py"), folder)
-        done = python("-c", f"import selenograph; print(len(selenograph.Client({url()!r}).datasets()['datasets']))",
-                      cwd=folder)
-        self.assertEqual((done.stdout, done.stderr), ("6\n", ""))
 
     def test_it_is_the_services_version(self):
         with open(os.path.join(REPOSITORY, "CMakeLists.txt")) as file:
