@@ -103,13 +103,9 @@ RowViews view_from(const Vec3& toward, const PatchDirections& patch, double gsd_
   return {camera, pose, std::nullopt, stop};
 }
 
-ProductSet frame_products(MapProductSet wanted) {
-  ProductSet products = kPosition;  // says where there is data
-  if (wanted & kMapRadiance) products |= kRadiance;
-  if (wanted & kMapLit) products |= kLit;
-  if (wanted & (kMapSlope | kMapNormal)) products |= kNormal;
-  if (wanted & kMapSource) products |= kSource;
-  return products;
+// What a patch is drawn with: positions say where there is data, normals how steep it is.
+ProductSet products_of_patch(ProductSet wanted) {
+  return (wanted & ~(kHeight | kSlope)) | kPosition | (wanted & kSlope ? kNormal : 0);
 }
 
 class MapDrawing {
@@ -118,20 +114,13 @@ class MapDrawing {
              const MapProgress& progress)
       : request_(request), terrain_(terrain), kept_(kept), stop_(stop), progress_(progress), frame_(request.look) {
     frame_.camera = {}, frame_.shutter.reset(), frame_.sensor.reset(), frame_.objects.clear(), frame_.terrain = true;
-    frame_.products = frame_products(request.products);
+    frame_.products = products_of_patch(request.products);
     frame_.accuracy.samples_per_pixel = 1;
     frame_.visibility = Visibility::raytrace;
     radiance_ = radiance_terms(frame_);
     const std::size_t n = pixels_in_all();
-    const auto allocate = [&](auto& array, MapProduct product, std::size_t size, auto value) {
-      if (request.products & product) assign(array, size, value, stop_);
-    };
-    allocate(out_.products.radiance, kMapRadiance, n, kNaN32);
-    allocate(out_.products.lit, kMapLit, n, kNaN32);
-    allocate(out_.products.height, kMapHeight, n, kNaN);
-    allocate(out_.products.slope, kMapSlope, n, kNaN32);
-    allocate(out_.products.normal, kMapNormal, 3 * n, kNaN32);
-    allocate(out_.products.source, kMapSource, n, FrameSources::kNone);
+    allocate_products(out_.products, request.products, n, n, stop_);
+    std::fill(out_.products.radiance.begin(), out_.products.radiance.end(), kNaN32);
     out_.report.min_post_spacing_m = std::numeric_limits<double>::infinity();
     out_.report.shadow_limits_px = {frame_.accuracy.max_shadow_error_px};
   }
@@ -290,32 +279,34 @@ class MapDrawing {
 
   void copy(const Patch& patch, const PatchDirections& directions, const FrameProducts& drawn,
             const std::vector<std::uint16_t>& numbers) {
-    MapProducts& out = out_.products;
     in_parallel_pieces(static_cast<std::size_t>(patch.height), 8, [&](std::size_t first, std::size_t past_last) {
       std::size_t from = first * static_cast<std::size_t>(patch.width);
       for (std::size_t row = first; row < past_last; ++row) {
         std::size_t to = (static_cast<std::size_t>(patch.y) + row) * static_cast<std::size_t>(request_.grid.width) +
                          static_cast<std::size_t>(patch.x);
-        for (int column = 0; column < patch.width; ++column, ++from, ++to) {
-          const Vec3 place(drawn.position[3 * from], drawn.position[3 * from + 1], drawn.position[3 * from + 2]);
-          if (std::isnan(place.x())) continue;
-          if (!out.radiance.empty()) out.radiance[to] = drawn.radiance[from];
-          if (!out.lit.empty()) out.lit[to] = drawn.lit[from];
-          if (!out.height.empty()) out.height[to] = place.norm() - kMoonRadius_m;
-          if (!drawn.normal.empty()) {
-            const float* n = &drawn.normal[3 * from];
-            const Vec3 normal(static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2]));
-            const Vec3& up = directions.all[from];
-            if (!out.slope.empty())  // as exact for level ground as for steep one
-              out.slope[to] =
-                  static_cast<float>(std::atan2(normal.cross(up).norm(), normal.dot(up)) * kDegreesPerRadian);
-            if (!out.normal.empty()) std::copy_n(n, 3, &out.normal[3 * to]);
-          }
-          if (!out.source.empty() && drawn.source[from] != FrameSources::kNone)
-            out.source[to] = numbers[drawn.source[from]];
-        }
+        for (int column = 0; column < patch.width; ++column, ++from, ++to)
+          if (!std::isnan(drawn.position[3 * from])) copy_pixel(drawn, from, directions.all[from], numbers, to);
       }
     });
+  }
+
+  void copy_pixel(const FrameProducts& drawn, std::size_t from, const Vec3& up,
+                  const std::vector<std::uint16_t>& numbers, std::size_t to) {
+    FrameProducts& out = out_.products;
+    const auto copy_one = [&](const auto& array, auto& into) {
+      if (into.empty() || array.empty()) return;
+      const std::size_t components = into.size() / pixels_in_all();
+      std::copy_n(&array[components * from], components, &into[components * to]);
+    };
+    const auto arrays = all_arrays(drawn);
+    const auto into = all_arrays(out);
+    [&]<std::size_t... i>(std::index_sequence<i...>) { (copy_one(std::get<i>(arrays), std::get<i>(into)), ...); }
+    (std::make_index_sequence<std::tuple_size_v<decltype(into)>>());
+    if (!out.source.empty() && out.source[to] != FrameSources::kNone) out.source[to] = numbers[out.source[to]];
+    if (!out.height.empty()) out.height[to] = Eigen::Map<const Vec3>(&drawn.position[3 * from]).norm() - kMoonRadius_m;
+    if (out.slope.empty()) return;
+    const Vec3 normal = Eigen::Map<const Eigen::Vector3f>(&drawn.normal[3 * from]).cast<double>();
+    out.slope[to] = static_cast<float>(std::atan2(normal.cross(up).norm(), normal.dot(up)) * kDegreesPerRadian);
   }
 
   void report(const Selection& selection, const Scene& scene) {

@@ -8,53 +8,28 @@
 #include <limits>
 
 #include "api/answers/metadata.h"
+#include "api/encode/arrays.h"
 #include "api/requests/parts/detail_json.h"
 #include "dem/gdal/geotiff_writer.h"
 
 namespace selenograph::api {
 namespace {
 
-template <typename Element>
-constexpr ElementType element_type() {
-  return sizeof(Element) == 2   ? ElementType::uint16
-         : sizeof(Element) == 4 ? ElementType::float32
-                                : ElementType::float64;
-}
-
-std::vector<std::string> channel_names(const MapProductRow& row) {
-  std::vector<std::string> names;
-  for (const std::string_view component : row.components) names.push_back(fmt::format("{}.{}", row.name, component));
-  if (names.empty()) names.emplace_back(row.name);
-  return names;
-}
-
 // visit(row, elements) of each product that a map has.
 template <typename Visit>
-void for_each_product(const MapQuery& query, const engine::MapProducts& products, const Visit& visit) {
-  for (const MapProductRow& row : map_products())
+void for_each_product(const MapQuery& query, const engine::FrameProducts& products, const Visit& visit) {
+  for (const ProductRow& row : map_products())
     if (query.request.products & row.product)
       std::visit([&](const auto elements) { visit(row, products.*elements); }, row.elements);
 }
 
-std::vector<ArrayView> arrays_of(const MapQuery& query, const engine::MapProducts& products) {
-  const dem::MapGrid& grid = query.request.grid;
-  std::vector<ArrayView> arrays;
-  for_each_product(
-      query, products, [&]<typename Element>(const MapProductRow& row, const std::vector<Element>& values) {
-        const int channels = row.components.empty() ? 1 : static_cast<int>(row.components.size());
-        arrays.push_back(
-            {row.name, element_type<Element>(), grid.height, grid.width, channels, values.data(), channel_names(row)});
-      });
-  return arrays;
-}
-
-std::vector<dem::MapBand> bands_of(const MapQuery& query, const engine::MapProducts& products) {
+std::vector<dem::MapBand> bands_of(const MapQuery& query, const engine::FrameProducts& products) {
   std::vector<dem::MapBand> bands;
-  for_each_product(query, products, [&](const MapProductRow& row, const auto& values) {
+  for_each_product(query, products, [&](const ProductRow& row, const auto& values) {
     const std::vector<std::string> names = channel_names(row);
     const int step = static_cast<int>(names.size());
     for (int i = 0; i < step; ++i)
-      bands.push_back({names[static_cast<std::size_t>(i)], std::string(row.unit), values.data() + i, step});
+      bands.push_back({names[static_cast<std::size_t>(i)], std::string(row.of_maps.unit), values.data() + i, step});
   });
   return bands;
 }
@@ -64,45 +39,44 @@ struct Scale {
 };
 
 template <typename Element>
-Scale scale_of(const MapProductRow& row, const std::vector<Element>& values) {
-  if (row.product == engine::kMapLit) return {0, 1};
+Scale scale_of(const ProductRow& row, const std::vector<Element>& values) {
+  if (row.product == engine::kLit) return {0, 1};
   Scale scale{std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()};
   for (const Element element : values) {
     const auto value = static_cast<double>(element);
     if (std::isnan(value)) continue;
     scale.low = std::min(scale.low, value), scale.high = std::max(scale.high, value);
   }
-  if (row.product != engine::kMapHeight) scale.low = 0;
+  if (row.product != engine::kHeight) scale.low = 0;
   if (!(scale.high > scale.low)) scale.high = std::isfinite(scale.low) ? scale.low + 1 : 1;
   if (!std::isfinite(scale.low)) scale.low = 0;
   return scale;
 }
 
-std::string encode_map_png(const MapQuery& query, const engine::MapProducts& products, OrderedJson meta,
+std::string encode_map_png(const MapQuery& query, const engine::FrameProducts& products, OrderedJson meta,
                            const StopToken& stop) {
   const dem::MapGrid& grid = query.request.grid;
   std::string png;
-  const auto encode = [&](const MapProductRow& row, const std::vector<std::uint16_t>& numbers) {
+  const auto encode = [&](const ProductRow& row, const std::vector<std::uint16_t>& numbers) {
     const ArrayView view{row.name, ElementType::uint16, grid.height, grid.width, 1, numbers.data(), {}};
     png = encode_png(view, {{"selenograph", meta.dump(-1, ' ', true, Json::error_handler_t::replace)}}, stop);
   };
-  for_each_product(query, products,
-                   [&]<typename Element>(const MapProductRow& row, const std::vector<Element>& values) {
-                     if constexpr (std::is_same_v<Element, std::uint16_t>) {
-                       encode(row, values);
-                     } else {
-                       const Scale scale = scale_of(row, values);
-                       meta["png_scale"] = {{"value_of_1", scale.low}, {"value_of_65535", scale.high}, {"no_data", 0}};
-                       std::vector<std::uint16_t> numbers(values.size());
-                       std::transform(values.begin(), values.end(), numbers.begin(), [&](Element element) {
-                         const auto value = static_cast<double>(element);
-                         if (std::isnan(value)) return std::uint16_t{0};
-                         const double share = std::clamp((value - scale.low) / (scale.high - scale.low), 0.0, 1.0);
-                         return static_cast<std::uint16_t>(1 + std::lround(65534 * share));
-                       });
-                       encode(row, numbers);
-                     }
-                   });
+  for_each_product(query, products, [&]<typename Element>(const ProductRow& row, const std::vector<Element>& values) {
+    if constexpr (std::is_same_v<Element, std::uint16_t>) {
+      encode(row, values);
+    } else {
+      const Scale scale = scale_of(row, values);
+      meta["png_scale"] = {{"value_of_1", scale.low}, {"value_of_65535", scale.high}, {"no_data", 0}};
+      std::vector<std::uint16_t> numbers(values.size());
+      std::transform(values.begin(), values.end(), numbers.begin(), [&](Element element) {
+        const auto value = static_cast<double>(element);
+        if (std::isnan(value)) return std::uint16_t{0};
+        const double share = std::clamp((value - scale.low) / (scale.high - scale.low), 0.0, 1.0);
+        return static_cast<std::uint16_t>(1 + std::lround(65534 * share));
+      });
+      encode(row, numbers);
+    }
+  });
   return png;
 }
 
@@ -121,11 +95,11 @@ std::size_t bytes_of(const engine::MapRequest& request) {
       static_cast<std::size_t>(request.grid.width) * static_cast<std::size_t>(request.grid.height);
   std::size_t arrays = 0;
   std::vector<dem::MapBand> bands;
-  for (const MapProductRow& row : map_products()) {
+  for (const ProductRow& row : map_products()) {
     if (!(request.products & row.product)) continue;
     std::visit(
         [&](const auto elements) {
-          using Elements = std::remove_cvref_t<decltype(engine::MapProducts().*elements)>;
+          using Elements = std::remove_cvref_t<decltype(engine::FrameProducts().*elements)>;
           const std::size_t components = std::max<std::size_t>(row.components.size(), 1);
           arrays += components * pixels * sizeof(typename Elements::value_type);
           const typename Elements::value_type* none = nullptr;
@@ -157,7 +131,7 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
                    {"content_hash", hash},
                    {"request", resolved_json(query)},
                    {"grid", grid_json(query.request.grid)}};
-  if (query.request.products & engine::kMapRadiance) {
+  if (query.request.products & engine::kRadiance) {
     meta["reflectance"] = {{"normalisation", normalisation(look.reflectance.model)}};
     meta["solar_irradiance"] = irradiance_json(look, report);
     meta["radiance_terms"] = report.radiance.names();
@@ -183,8 +157,8 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
 
 void check_map_answer(const MapQuery& query, std::string_view media_type) {
   if (media_type != "image/png") return;
-  const engine::MapProductSet products = query.request.products;
-  if (std::has_single_bit(products) && products != engine::kMapNormal) return;
+  const engine::ProductSet products = query.request.products;
+  if (std::has_single_bit(products) && products != engine::kNormal) return;
   const std::string what = "image/png holds exactly one product, and not normal";
   throw RequestError("invalid_request", what, {{"/products", what + "; image/tiff and application/x-npz hold all"}});
 }
@@ -195,7 +169,9 @@ std::string encode_map(const MapQuery& query, const engine::Map& map, const std:
   OrderedJson meta = metadata(query, map.report, hash);
   if (media_type == "image/png") return encode_map_png(query, map.products, std::move(meta), stop);
   if (media_type == "application/x-npz")
-    return encode_npz(arrays_of(query, map.products), meta.dump(2, ' ', false, Json::error_handler_t::replace), stop);
+    return encode_npz(
+        map_arrays_of(map.products, query.request.products, query.request.grid.height, query.request.grid.width),
+        meta.dump(2, ' ', false, Json::error_handler_t::replace), stop);
   return dem::geotiff_bytes(query.request.grid, bands_of(query, map.products),
                             meta.dump(-1, ' ', true, Json::error_handler_t::replace), stop);
 }

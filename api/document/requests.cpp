@@ -43,7 +43,7 @@ std::string products_markdown() {
   for (const ProductRow& row : products())
     out += fmt::format("| `{}` | {} | {} |\n", row.name, type_text(row), row.meaning);
   out += "\nOf maps, row 0 in the north; NaN where there is no data or no Moon.\n\n| name | type | |\n|---|---|---|\n";
-  for (const MapProductRow& row : map_products())
+  for (const ProductRow& row : map_products())
     out += fmt::format("| `{}` | {} | {} |\n", row.name, type_text(row), row.meaning);
   return out;
 }

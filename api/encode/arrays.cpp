@@ -24,7 +24,8 @@ constexpr ProductRow kTable[] = {
      &FrameProducts::radiance,
      {},
      true,
-     "at-sensor radiance, W m-2 sr-1; 0 where nothing is hit"},
+     "at-sensor radiance, W m-2 sr-1; 0 where nothing is hit",
+     {1, "W m-2 sr-1", "radiance toward the viewer, W m-2 sr-1; NaN, too, where terrain stands before the viewer"}},
     {engine::kDepth,
      "depth",
      &FrameProducts::depth,
@@ -36,8 +37,13 @@ constexpr ProductRow kTable[] = {
      "hit point in MOON_ME, m; NaN where nothing is hit"},
     {engine::kGeodetic, "geodetic", &FrameProducts::geodetic, kPlace, false,
      "lat_deg, lon_deg, height_m of the hit point; NaN where nothing is hit"},
-    {engine::kNormal, "normal", &FrameProducts::normal, kAxes, false,
-     "outward unit normal used for shading, MOON_ME; NaN where nothing is hit"},
+    {engine::kNormal,
+     "normal",
+     &FrameProducts::normal,
+     kAxes,
+     false,
+     "outward unit normal used for shading, MOON_ME; NaN where nothing is hit",
+     {5, "", "outward unit normal used for shading, MOON_ME"}},
     {engine::kAngles, "angles", &FrameProducts::angles, kAngles, true,
      "incidence, emission, phase, degrees; NaN where nothing is hit"},
     {engine::kLit,
@@ -45,7 +51,8 @@ constexpr ProductRow kTable[] = {
      &FrameProducts::lit,
      {},
      true,
-     "lit fraction of the solar disc after self-shadowing; NaN where nothing is hit"},
+     "lit fraction of the solar disc after self-shadowing; NaN where nothing is hit",
+     {2, "", "lit fraction of the solar disc, self-shadowing included"}},
     {engine::kGsd,
      "gsd",
      &FrameProducts::gsd,
@@ -57,7 +64,8 @@ constexpr ProductRow kTable[] = {
      &FrameProducts::source,
      {},
      false,
-     "index into the frame's list of sources; 65535 where nothing is hit, or an object"},
+     "index into the frame's list of sources; 65535 where nothing is hit, or an object",
+     {6, "", "index into the map's list of sources; 65535 for no data"}},
     {engine::kObjectId,
      "object_id",
      &FrameProducts::object_id,
@@ -71,7 +79,25 @@ constexpr ProductRow kTable[] = {
      false,
      "what is seen: 0 the DEM, between its posts, too; 1 inside a crater of the request's detail; 2 its relief; 3 a "
      "rock; 65535 where nothing is hit, or an object of the request"},
+    {engine::kHeight, "height", &FrameProducts::height, {}, false, "", {3, "m", "above the sphere of 1 737 400 m"}},
+    {engine::kSlope,
+     "slope",
+     &FrameProducts::slope,
+     {},
+     false,
+     "",
+     {4, "degree", "of the normal used for shading against the sphere's vertical"}},
 };
+
+constexpr std::size_t kOfFrames = std::size(kTable) - 2;  // the last are maps' own
+
+std::vector<ProductRow> rows_of_maps() {
+  std::vector<ProductRow> rows;
+  for (const ProductRow& row : kTable)
+    if (row.of_maps.place > 0) rows.push_back(row), rows.back().meaning = row.of_maps.meaning;
+  std::ranges::sort(rows, {}, [](const ProductRow& row) { return row.of_maps.place; });
+  return rows;
+}
 
 const ProductRow& row_of(engine::Product product) {
   for (const ProductRow& row : kTable)
@@ -85,22 +111,22 @@ ElementType type_of(const std::vector<float>&) { return ElementType::float32; }
 ElementType type_of(const std::vector<double>&) { return ElementType::float64; }
 
 template <typename Element>
-ArrayView view(const ProductRow& row, const std::vector<Element>& data, const engine::FrameRequest& request) {
-  const std::string name(row.name);
-  const std::size_t channels = std::max<std::size_t>(row.components.size(), 1);
-  const bool thinned = request.truth && row.product & engine::kTruth;
-  const int height = thinned ? request.truth->rows() : request.camera.height,
-            width = thinned ? request.truth->columns() : request.camera.width;
-  const std::size_t expected = std::size_t(height) * std::size_t(width) * channels;
+ArrayView view(const ProductRow& row, const std::vector<Element>& data, int height, int width) {
+  std::vector<std::string> channels = channel_names(row);
+  const std::size_t expected = std::size_t(height) * std::size_t(width) * channels.size();
   if (data.size() != expected) {
-    throw std::logic_error("the frame has " + std::to_string(data.size()) + " elements of " + name + ", not " +
-                           std::to_string(expected));
+    throw std::logic_error("there are " + std::to_string(data.size()) + " elements of " + std::string(row.name) +
+                           ", not " + std::to_string(expected));
   }
-  std::vector<std::string> channel_names;
-  channel_names.reserve(channels);
-  for (const std::string_view component : row.components) channel_names.push_back(name + "." + std::string(component));
-  if (row.components.empty()) channel_names.push_back(name);
-  return {row.name, type_of(data), height, width, int(channels), data.data(), channel_names};
+  const auto count = int(channels.size());
+  return {row.name, type_of(data), height, width, count, data.data(), std::move(channels)};
+}
+
+template <typename Element>
+ArrayView view(const ProductRow& row, const std::vector<Element>& data, const engine::FrameRequest& request) {
+  const bool thinned = request.truth && row.product & engine::kTruth;
+  return thinned ? view(row, data, request.truth->rows(), request.truth->columns())
+                 : view(row, data, request.camera.height, request.camera.width);
 }
 
 ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engine::FrameRequest& request,
@@ -125,7 +151,20 @@ ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engin
 
 }  // namespace
 
-std::span<const ProductRow> products() { return kTable; }
+std::span<const ProductRow> products() { return std::span(kTable).first(kOfFrames); }
+
+std::span<const ProductRow> map_products() {
+  static const std::vector<ProductRow> rows = rows_of_maps();
+  return rows;
+}
+
+std::vector<std::string> channel_names(const ProductRow& row) {
+  std::vector<std::string> names;
+  for (const std::string_view component : row.components)
+    names.push_back(std::string(row.name) + "." + std::string(component));
+  if (names.empty()) names.emplace_back(row.name);
+  return names;
+}
 
 std::string type_text(const ProductRow& row) {
   if (row.product == engine::kImage) return "uint8 or uint16";
@@ -144,20 +183,23 @@ std::size_t bytes_per_pixel(engine::ProductSet products) {
   return sum;
 }
 
-engine::ProductSet products_that_need_a_sun() {
-  engine::ProductSet set = 0;
-  for (const ProductRow& row : kTable)
-    if (row.needs_sun) set |= row.product;
-  return set;
-}
-
 std::string_view name_of(engine::Product product) { return row_of(product).name; }
 
 std::vector<ArrayView> arrays_of(const engine::Frame& frame, const engine::FrameRequest& request,
                                  engine::ProductSet wanted, Narrowed& narrowed) {
   std::vector<ArrayView> arrays;
-  for (const ProductRow& row : kTable)
+  for (const ProductRow& row : products())
     if (wanted & row.product) arrays.push_back(view_of(row, frame, request, narrowed));
+  return arrays;
+}
+
+std::vector<ArrayView> map_arrays_of(const FrameProducts& products, engine::ProductSet wanted, int height, int width) {
+  std::vector<ArrayView> arrays;
+  for (const ProductRow& row : map_products()) {
+    if (!(wanted & row.product)) continue;
+    arrays.push_back(
+        std::visit([&](const auto elements) { return view(row, products.*elements, height, width); }, row.elements));
+  }
   return arrays;
 }
 

@@ -10,6 +10,7 @@
 #include "api/requests/cameras.h"
 #include "api/requests/parts/band_json.h"
 #include "api/requests/parts/detail_json.h"
+#include "api/requests/parts/products_json.h"
 #include "api/requests/parts/sensor_json.h"
 #include "api/requests/parts/shutter_json.h"
 #include "api/requests/parts/truth_json.h"
@@ -19,53 +20,6 @@
 
 namespace selenograph::api {
 namespace {
-
-// --- products
-
-struct Products {
-  using Value = engine::ProductSet;
-  std::optional<Value> read(const JsonReader& in, const ReadContext&) const;
-  OrderedJson write(Value set) const;
-  OrderedJson schema(const Limits&) const;
-};
-
-Words<engine::Product> product_words() {
-  static const auto words = [] {
-    std::vector<std::pair<std::string_view, engine::Product>> list;
-    for (const ProductRow& row : products()) list.emplace_back(row.name, row.product);
-    return list;
-  }();
-  return words;
-}
-
-std::optional<engine::ProductSet> Products::read(const JsonReader& in, const ReadContext&) const {
-  const std::size_t before = in.faults();
-  engine::ProductSet set = 0;
-  in.elements(1, products().size(), [&](const JsonReader& element) {
-    const auto product = element.word(product_words());
-    if (!product) return;
-    if (set & *product) element.fail("is listed twice");
-    set |= *product;
-  });
-  return in.faults() == before ? std::optional(set) : std::nullopt;
-}
-
-OrderedJson Products::write(engine::ProductSet set) const {
-  OrderedJson names = OrderedJson::array();
-  for (const ProductRow& row : products())
-    if (set & row.product) names.push_back(row.name);
-  return names;
-}
-
-OrderedJson Products::schema(const Limits& limits) const {
-  OrderedJson json = array_schema(Word<engine::Product>{product_words()}.schema(limits), 1, products().size());
-  json["uniqueItems"] = true;
-  std::string each;
-  for (const ProductRow& row : products())
-    each += fmt::format("\n- `{}` {}: {}", row.name, type_text(row), row.meaning);
-  json["description"] = each;
-  return json;
-}
 
 // --- the small objects
 
@@ -141,17 +95,6 @@ const Members<AtmosphereForm>& atmosphere_members() {
 // --- the frame
 
 // Where the query has what the engine's request has no place for.
-const auto sun_field =
-    Property{[](const FrameQuery& q) { return q.sun_given ? std::optional(q.request.sun) : std::nullopt; },
-             [](FrameQuery& q, const engine::Sun& sun) { q.request.sun = sun, q.sun_given = true; }};
-const auto surface_field =
-    Property{[](const FrameQuery& q) { return std::optional(ground_of(q.request, q.surface)); },
-             [](FrameQuery& q, const Ground& ground) { set_ground(q.request, q.surface, ground); }};
-const auto detail_field = Property{
-    [](const FrameQuery& q) {
-      return q.request.detail ? std::optional(DetailName::Value{q.detail, q.request.detail}) : std::nullopt;
-    },
-    [](FrameQuery& q, const DetailName::Value& detail) { q.request.detail = detail.content, q.detail = detail.name; }};
 const auto atmosphere_field =
     Property{[](const FrameQuery& q) {
                return q.request.atmosphere ? std::optional(AtmosphereForm{{q.atmosphere_name, q.request.atmosphere}})
@@ -230,23 +173,6 @@ struct Echo {
   OrderedJson fallback() const { return {}; }
 };
 
-void require_sun(const JsonReader& in, engine::ProductSet wanted) {
-  for (const ProductRow& row : products()) {
-    if (!row.needs_sun || !(wanted & row.product)) continue;
-    in.fail("sun", "is required for the product \"" + std::string(row.name) + "\"");
-    return;
-  }
-}
-
-// Without a Sun only products that need none.
-OrderedJson sun_where_needed(const Limits&) {
-  OrderedJson names = OrderedJson::array();
-  for (const ProductRow& row : products())
-    if (!row.needs_sun) names.push_back(row.name);
-  const OrderedJson sunless{{"required", {"products"}}, {"properties", {{"products", {{"items", {{"enum", names}}}}}}}};
-  return {{"anyOf", OrderedJson::array({{{"required", {"sun"}}}, sunless})}};
-}
-
 void check_efficiency(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
   if (sensor.detector.efficiency.empty()) return;
   try {
@@ -314,7 +240,7 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
     in.fail("visibility", "\"zbuffer\" draws terrain, and there is none");
   if (request.camera.model == engine::CameraModel::fisheye && request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "a fisheye is rendered by \"raytrace\": \"zbuffer\" draws onto a plane");
-  if (!in.has("sun")) require_sun(in, request.products);
+  require_sun(in, products(), request.products);
 }
 
 bool has_image_by_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && q.request.sensor; }
@@ -384,11 +310,7 @@ void add_scene(Members<FrameQuery>& m) {
   m.add(
       "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
       "times of the rows: a rolling shutter or a line camera; left out: all rows are exposed at once");
-  m.add("sun", sun_field, Object{sun_members()}, "where the light comes from");
-  m.add("detail", detail_field, DetailName{}, kOfDetail).written_if([](const FrameQuery& q) {
-    return q.request.detail != nullptr;
-  });
-  m.add("surface", surface_field, Object{ground_members()}, "what the ground is made of");
+  add_scenery(m);
   m.add(
       "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
       "spectral channel; left out: all wavelengths");
@@ -421,7 +343,7 @@ void add_rendering(Members<FrameQuery>& m) {
         "none, its sensor, of which the request's own members replace those that it has. The metadata's request "
         "says what came of it");
   m.add(
-      "products", [](auto& q) -> auto& { return q.request.products; }, Products{},
+      "products", [](auto& q) -> auto& { return q.request.products; }, Products{products()},
       "what to render: arrays of height x width, row 0 on top");
   m.add(
        "truth", [](auto& q) -> auto& { return q.request.truth; }, Object{truth_members()},
@@ -458,7 +380,7 @@ const Members<FrameQuery>& frame_members() {
         m.needs("atmosphere", {"band", "camera_preset"});
         m.check(check_frame);
         m.also(of_one_camera(pose_condition));
-        m.also(of_one_camera(sun_where_needed));
+        m.also(of_one_camera([](const Limits&) { return sun_where_needed(products()); }));
       });
   return *table;
 }

@@ -12,8 +12,7 @@
 #include "api/requests/parts/camera_json.h"
 #include "api/requests/parts/objects_json.h"
 #include "api/requests/parts/pose_json.h"
-#include "api/requests/parts/sun_json.h"
-#include "api/requests/parts/surface_json.h"
+#include "api/requests/parts/scenery_json.h"
 #include "engine/frame/request.h"
 
 namespace selenograph::api {
@@ -24,17 +23,17 @@ inline constexpr std::pair<std::string_view, engine::Visibility> kVisibilities[]
     {"raytrace", engine::Visibility::raytrace}};
 std::string_view visibility_name(engine::Visibility visibility);
 
-struct FrameQuery {
+struct FrameQuery : SceneryQuery {
   engine::FrameRequest request;
   // Time for which the accuracy is to be chosen; empty: `request.accuracy` was given or is the default.
   std::optional<double> budget_ms;
-  std::string detail;           // that request.detail was found by
   std::string atmosphere_name;  // that request.atmosphere was found by
-  SurfaceQuery surface;
   std::vector<ObjectQuery> objects;
   std::vector<engine::Pose> ahead;  // that the client expects next; changes nothing of this frame
   std::string echo;                 // given back in a header: compact JSON in ASCII; empty: none
-  bool sun_given = false;           // false: no product needs one, request.sun means nothing
+
+  engine::FrameRequest& look() { return request; }
+  const engine::FrameRequest& look() const { return request; }
 };
 const Members<FrameQuery>& frame_members();
 

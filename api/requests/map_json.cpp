@@ -3,112 +3,23 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
-#include <bit>
 #include <cmath>
-#include <limits>
 
 #include "api/json/ranges.h"
 #include "api/requests/parts/band_json.h"
 #include "api/requests/parts/detail_json.h"
+#include "api/requests/parts/products_json.h"
 #include "dem/support/error.h"
 
 namespace selenograph::api {
 namespace {
 
 using dem::MapProjection;
-using engine::MapProducts;
 
 constexpr std::pair<std::string_view, MapProjection> kProjections[] = {
     {"equirectangular", MapProjection::equirectangular},
     {"polar_stereographic", MapProjection::polar_stereographic},
     {"orthographic", MapProjection::orthographic}};
-
-// --- products
-
-const std::array<MapProductRow, 6>& table() {
-  static const std::array<MapProductRow, 6> rows{{
-      {engine::kMapRadiance,
-       "radiance",
-       &MapProducts::radiance,
-       {},
-       "W m-2 sr-1",
-       true,
-       "radiance toward the viewer, W m-2 sr-1; NaN, too, where terrain stands before the viewer"},
-      {engine::kMapLit,
-       "lit",
-       &MapProducts::lit,
-       {},
-       "",
-       true,
-       "lit fraction of the solar disc, self-shadowing included"},
-      {engine::kMapHeight, "height", &MapProducts::height, {}, "m", false, "above the sphere of 1 737 400 m"},
-      {engine::kMapSlope,
-       "slope",
-       &MapProducts::slope,
-       {},
-       "degree",
-       false,
-       "of the normal used for shading against the sphere's vertical"},
-      {engine::kMapNormal,
-       "normal",
-       &MapProducts::normal,
-       {"x", "y", "z"},
-       "",
-       false,
-       "outward unit normal used for shading, MOON_ME"},
-      {engine::kMapSource,
-       "source",
-       &MapProducts::source,
-       {},
-       "",
-       false,
-       "index into the map's list of sources; 65535 for no data"},
-  }};
-  return rows;
-}
-
-struct ProductsOfMaps {
-  using Value = engine::MapProductSet;
-
-  static Words<engine::MapProduct> words() {
-    static const auto list = [] {
-      std::vector<std::pair<std::string_view, engine::MapProduct>> all;
-      for (const MapProductRow& row : table()) all.emplace_back(row.name, row.product);
-      return all;
-    }();
-    return list;
-  }
-
-  std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
-    const std::size_t before = in.faults();
-    Value set = 0;
-    in.elements(1, table().size(), [&](const JsonReader& element) {
-      const auto product = element.word(words());
-      if (!product) return;
-      if (set & *product) element.fail("is listed twice");
-      set |= *product;
-    });
-    return in.faults() == before ? std::optional(set) : std::nullopt;
-  }
-
-  OrderedJson write(Value set) const {
-    OrderedJson names = OrderedJson::array();
-    for (const MapProductRow& row : table())
-      if (set & row.product) names.push_back(row.name);
-    return names;
-  }
-
-  OrderedJson schema(const Limits& limits) const {
-    OrderedJson json = array_schema(Word<engine::MapProduct>{words()}.schema(limits), 1, table().size());
-    json["uniqueItems"] = true;
-    std::string each;
-    for (const MapProductRow& row : table())
-      each += fmt::format("\n- `{}` {}: {}", row.name, type_text(row), row.meaning);
-    json["description"] = each;
-    return json;
-  }
-};
 
 }  // namespace
 
@@ -298,19 +209,6 @@ const Members<engine::Accuracy>& map_accuracy_members() {
   return *members;
 }
 
-const auto map_sun_field =
-    Property{[](const MapQuery& q) { return q.sun_given ? std::optional(q.request.look.sun) : std::nullopt; },
-             [](MapQuery& q, const engine::Sun& sun) { q.request.look.sun = sun, q.sun_given = true; }};
-const auto map_surface_field =
-    Property{[](const MapQuery& q) { return std::optional(ground_of(q.request.look, q.surface)); },
-             [](MapQuery& q, const Ground& ground) { set_ground(q.request.look, q.surface, ground); }};
-const auto map_detail_field = Property{
-    [](const MapQuery& q) {
-      return q.request.look.detail ? std::optional(DetailName::Value{q.detail, q.request.look.detail}) : std::nullopt;
-    },
-    [](MapQuery& q, const DetailName::Value& detail) {
-      q.request.look.detail = detail.content, q.detail = detail.name;
-    }};
 const auto view_field =
     Property{[](const MapQuery& q) {
                const auto& toward = q.request.toward_viewer;
@@ -320,33 +218,13 @@ const auto view_field =
                if (view) q.request.toward_viewer = view->direction;
              }};
 
-OrderedJson map_sun_where_needed(const Limits&) {
-  OrderedJson names = OrderedJson::array();
-  for (const MapProductRow& row : table())
-    if (!row.needs_sun) names.push_back(row.name);
-  const OrderedJson sunless{{"required", {"products"}}, {"properties", {{"products", {{"items", {{"enum", names}}}}}}}};
-  return {{"anyOf", OrderedJson::array({{{"required", {"sun"}}}, sunless})}};
-}
-
 void check_map(const JsonReader& in, MapQuery& query, const ReadContext& context) {
-  for (const MapProductRow& row : table()) {
-    if (!row.needs_sun || !(query.request.products & row.product) || in.has("sun")) continue;
-    in.fail("sun", fmt::format("is required for the product \"{}\"", row.name));
-    break;
-  }
+  require_sun(in, map_products(), query.request.products);
   if (!in.good()) return;  // what isn't read has no place
   if (const auto grid = grid_of(in.at("map"), query.area, context.limits)) query.request.grid = *grid;
 }
 
 }  // namespace
-
-std::span<const MapProductRow> map_products() { return table(); }
-
-std::string type_text(const MapProductRow& row) {
-  static constexpr std::string_view kTypes[] = {"uint16", "float32", "float64"};  // in the order of MapElements
-  return std::string(kTypes[row.elements.index()]) +
-         (row.components.empty() ? "" : " x " + std::to_string(row.components.size()));
-}
 
 const Members<MapQuery>& map_members() {
   static const auto members = made<Members<MapQuery>>(
@@ -354,11 +232,7 @@ const Members<MapQuery>& map_members() {
       [](auto& m) {
         // The order is that of the resolved request, whose text the ETag is made from.
         m.add("map", &MapQuery::area, Object{area_members()}, "projection, extent and pixels").required();
-        m.add("sun", map_sun_field, Object{sun_members()}, "where the light comes from");
-        m.add("detail", map_detail_field, DetailName{}, kOfDetail).written_if([](const MapQuery& q) {
-          return q.request.look.detail != nullptr;
-        });
-        m.add("surface", map_surface_field, Object{ground_members()}, "what the ground is made of");
+        add_scenery(m);
         m.add(
             "band", [](auto& q) -> auto& { return q.request.look.band; }, Object{band_members()},
             "spectral channel of the radiance; left out: all wavelengths");
@@ -369,10 +243,10 @@ const Members<MapQuery>& map_members() {
             "accuracy", [](auto& q) -> auto& { return q.request.look.accuracy; }, Object{map_accuracy_members()},
             "level of detail");
         m.add(
-            "products", [](auto& q) -> auto& { return q.request.products; }, ProductsOfMaps{},
+            "products", [](auto& q) -> auto& { return q.request.products; }, Products{map_products()},
             "arrays of height x width, row 0 in the north; NaN where there is no data or no Moon");
         m.check(check_map);
-        m.also(map_sun_where_needed);
+        m.also([](const Limits&) { return sun_where_needed(map_products()); });
       });
   return *members;
 }

@@ -1,12 +1,7 @@
-// A request for a map: JSON <-> engine::MapRequest, and the table of its products.
+// A request for a map: JSON <-> engine::MapRequest.
 #pragma once
 
 #include <optional>
-#include <span>
-#include <string>
-#include <string_view>
-#include <variant>
-#include <vector>
 
 #include "api/requests/frame_json.h"
 #include "engine/frame/map.h"
@@ -30,12 +25,12 @@ struct MapArea {
   std::optional<double> standard_parallel_deg;
 };
 
-struct MapQuery {
+struct MapQuery : SceneryQuery {
   engine::MapRequest request;
   MapArea area;
-  std::string detail;  // that request.look.detail was found by
-  SurfaceQuery surface;
-  bool sun_given = false;  // false: no product needs one
+
+  engine::FrameRequest& look() { return request.look; }
+  const engine::FrameRequest& look() const { return request.look; }
 };
 
 const Members<MapQuery>& map_members();
@@ -43,21 +38,5 @@ const Members<MapQuery>& map_members();
 MapQuery read_map(const Json& body, const Limits& limits, const Assets& assets = Assets(), const StopToken& stop = {});
 // A valid request itself.
 OrderedJson resolved_json(const MapQuery& query);
-
-// Where a map has a product's elements, whose type is the product's.
-using MapElements = std::variant<std::vector<std::uint16_t> engine::MapProducts::*,
-                                 std::vector<float> engine::MapProducts::*, std::vector<double> engine::MapProducts::*>;
-
-struct MapProductRow {
-  engine::MapProduct product;
-  std::string_view name;
-  MapElements elements;
-  std::vector<std::string_view> components;  // empty: one
-  std::string_view unit;
-  bool needs_sun;
-  std::string_view meaning;
-};
-std::span<const MapProductRow> map_products();
-std::string type_text(const MapProductRow& row);
 
 }  // namespace selenograph::api

@@ -1,4 +1,4 @@
-// What a frame can hold for each pixel.
+// What a frame or a map can hold for each pixel.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +7,8 @@
 
 namespace selenograph::engine {
 
-// Products, in the order of the contract's table. Values are bits of a set.
+// Products, in the order of the contract's table. Values are bits of a set. Maps have some of them, and two of their
+// own.
 enum Product : std::uint32_t {
   kImage = 1u << 0,
   kRadiance = 1u << 1,
@@ -24,6 +25,9 @@ enum Product : std::uint32_t {
   kDetail = 1u << 12,
   // Not of the contract's: for what lists the rocks of a frame.
   kRock = 1u << 13,
+  // Of maps only.
+  kHeight = 1u << 14,
+  kSlope = 1u << 15,
 };
 
 using ProductSet = std::uint32_t;
@@ -43,15 +47,17 @@ struct FrameProducts {
   std::vector<std::uint16_t> object_id;  // index into FrameRequest::objects; 65535: terrain, or nothing
   std::vector<std::uint16_t> detail;     // a dem::Ground; 65535: an object, or nothing
   std::vector<std::uint16_t> rock;       // index into Frame::rocks; 65535: none
+  std::vector<double> height;            // of maps: m above the sphere
+  std::vector<float> slope;              // of maps: degrees, of the normal against the sphere's vertical
 };
 
 // References to all arrays of a frame's products, const or not: an array that is left out here doesn't compile.
 template <typename Products>
 auto all_arrays(Products& products) {
-  auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id, detail, rock] =
-      products;
+  auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id, detail, rock,
+         height, slope] = products;
   return std::tie(image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id,
-                  detail, rock);
+                  detail, rock, height, slope);
 }
 
 }  // namespace selenograph::engine

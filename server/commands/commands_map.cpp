@@ -111,7 +111,7 @@ struct Atlas {
   ProgressBar& bar;
 
   // Writes one map, the number-th of `count`. `more`: products besides those that the file is to have.
-  engine::Map write(const api::MapQuery& query, const std::string& path, engine::MapProductSet more, std::size_t number,
+  engine::Map write(const api::MapQuery& query, const std::string& path, engine::ProductSet more, std::size_t number,
                     std::size_t count) const {
     engine::MapRequest request = query.request;
     request.products |= more;
@@ -168,7 +168,7 @@ std::string draw_series(const Atlas& atlas, const api::Json& body, const std::ve
     api::check_map_answer(*last, atlas.media_type);
     const std::string name = text_of(epochs[i], "{:04}{:02}{:02}T{:02}{:02}{:02}Z");
     const std::string path = with_name(atlas.settings.output, name, extension);
-    add_lit(atlas.write(*last, path, engine::kMapLit, i, epochs.size()).products.lit, sum);
+    add_lit(atlas.write(*last, path, engine::kLit, i, epochs.size()).products.lit, sum);
   }
   const std::string path = with_name(atlas.settings.output, "illumination", ".tif");
   write_illumination(*last, sum, epochs, atlas.settings, path);

@@ -122,7 +122,8 @@ void check_frame(const Json& document) {
   check_pose(request.pose);
   if (query.sun_given) check_sun(request.sun);
   require(request.products != 0, "something is asked for");
-  require(query.sun_given || !(request.products & api::products_that_need_a_sun()), "no light without a Sun");
+  for (const api::ProductRow& row : api::products())
+    require(query.sun_given || !row.needs_sun || !(request.products & row.product), "no light without a Sun");
   const int samples = request.accuracy.samples_per_pixel, side = static_cast<int>(std::lround(std::sqrt(samples)));
   require(samples >= 1 && samples <= kLimits.max_samples_per_pixel && side * side == samples, "samples are a square");
   require(api::kMaxError_px.contains(request.accuracy.max_error_px), "the error bound is in range");

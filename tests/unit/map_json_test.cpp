@@ -128,10 +128,10 @@ TEST(MapJson, AResolvedRequestResolvesToItself) {
 TEST(MapJson, PngHoldsOneNumberAPixel) {
   MapQuery query = of(std::string(R"({"projection": "orthographic", )") + kSite);
   EXPECT_NO_THROW(check_map_answer(query, "image/png"));
-  query.request.products = engine::kMapHeight | engine::kMapSlope;
+  query.request.products = engine::kHeight | engine::kSlope;
   EXPECT_THROW(check_map_answer(query, "image/png"), RequestError);
   EXPECT_NO_THROW(check_map_answer(query, "image/tiff"));
-  query.request.products = engine::kMapNormal;
+  query.request.products = engine::kNormal;
   EXPECT_THROW(check_map_answer(query, "image/png"), RequestError);
 }
 
@@ -142,7 +142,7 @@ TEST(MapJson, HashesDifferWhereAnswersDo) {
   EXPECT_NE(hash, content_hash(query, 1 << 29, 7, "image/tiff"));
   EXPECT_NE(hash, content_hash(query, 1 << 30, 8, "image/tiff"));
   EXPECT_NE(hash, content_hash(query, 1 << 30, 7, "image/png"));
-  query.request.products |= engine::kMapSlope;
+  query.request.products |= engine::kSlope;
   EXPECT_NE(hash, content_hash(query, 1 << 30, 7, "image/tiff"));
 }
 

@@ -26,7 +26,7 @@ class LevelMap : public test::MoonWithoutRelief {};
 TEST_F(LevelMap, EachPixelIsTheGroundBelowIt) {
   MapRequest request;
   request.grid = about(10, 20, 1000, 40, 30);
-  request.products = kMapHeight | kMapNormal | kMapSlope | kMapSource;
+  request.products = kHeight | kNormal | kSlope | kSource;
   const Map map = renderer().map(request);
   const dem::MapDirections direction(request.grid.plane);
   ASSERT_EQ(map.products.height.size(), 1200U);
@@ -69,7 +69,7 @@ TEST_F(LevelMap, RadianceAndItsViewer) {
 TEST_F(LevelMap, ProgressRisesToOneAndWorkStops) {
   MapRequest request;
   request.grid = about(0, 0, 100, 1100, 600);
-  request.products = kMapHeight;
+  request.products = kHeight;
   std::vector<double> shares;
   renderer().map(request, {}, [&](double share) { shares.push_back(share); });
   EXPECT_EQ(shares.size(), 6U);
@@ -90,7 +90,7 @@ TEST(MapPatches, LittleMemoryMakesMorePatches) {
   const Renderer roomy(terrain, {1, std::size_t{1} << 30}), tight(terrain, {1, std::size_t{4} << 20});
   MapRequest request;
   request.grid = about(1, 11, 250, 120, 120);
-  request.products = kMapHeight | kMapLit | kMapSource;
+  request.products = kHeight | kLit | kSource;
   request.look.accuracy.max_error_px = 0;
   const Vec3 up = to_cartesian({1, 11, 0}).normalized();
   request.look.sun.direction = (0.1 * up + local_axes(up).east).normalized();
@@ -120,7 +120,7 @@ TEST(MapPatches, OutsideTheDataIsNone) {
                   kMetresPerDegree / 10,
                   30,
                   30};
-  request.products = kMapRadiance | kMapLit | kMapHeight | kMapSource;
+  request.products = kRadiance | kLit | kHeight | kSource;
   const Map map = renderer.map(request);
   for (int y = 0; y < 30; ++y)
     for (int x = 0; x < 30; ++x) {

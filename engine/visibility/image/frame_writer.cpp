@@ -15,29 +15,6 @@ constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
 constexpr std::uint16_t kNoGround = 65535;
 constexpr double kNaN64 = std::numeric_limits<double>::quiet_NaN();
 
-void allocate_all(const FrameRequest& request, FrameProducts& out, const StopToken& stop) {
-  const auto allocate = [&](auto& array, bool wanted, std::size_t size, auto value) {
-    if (wanted) assign(array, size, value, stop);
-  };
-  const std::size_t pixels =
-      static_cast<std::size_t>(request.camera.width) * static_cast<std::size_t>(request.camera.height);
-  const std::size_t n = request.truth ? request.truth->size() : pixels;
-  const ProductSet want = request.products;
-  allocate(out.radiance, want & (kRadiance | kImage), pixels, 0.F);
-  allocate(out.depth, want & kDepth, n, kNaN64);
-  allocate(out.range, want & kRange, n, kNaN64);
-  allocate(out.position, want & kPosition, 3 * n, kNaN64);
-  allocate(out.geodetic, want & kGeodetic, 3 * n, kNaN64);
-  allocate(out.normal, want & kNormal, 3 * n, kNaN32);
-  allocate(out.angles, want & kAngles, 3 * n, kNaN32);
-  allocate(out.lit, want & kLit, n, kNaN32);
-  allocate(out.gsd, want & kGsd, n, kNaN32);
-  allocate(out.source, want & kSource, n, FrameSources::kNone);
-  allocate(out.object_id, want & kObjectId, n, kNoObject);
-  allocate(out.detail, want & kDetail, n, kNoGround);
-  allocate(out.rock, want & kRock, n, kNoObject);
-}
-
 struct SourceAt {
   dem::SourceIndex index;  // dem::kNoSource if none
   bool filled, blended;
@@ -74,6 +51,27 @@ double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)
 
 }  // namespace
 
+void allocate_products(FrameProducts& out, ProductSet want, std::size_t pixels, std::size_t n, const StopToken& stop) {
+  const auto allocate = [&](auto& array, bool wanted, std::size_t size, auto value) {
+    if (wanted) assign(array, size, value, stop);
+  };
+  allocate(out.radiance, want & (kRadiance | kImage), pixels, 0.F);
+  allocate(out.depth, want & kDepth, n, kNaN64);
+  allocate(out.range, want & kRange, n, kNaN64);
+  allocate(out.position, want & kPosition, 3 * n, kNaN64);
+  allocate(out.geodetic, want & kGeodetic, 3 * n, kNaN64);
+  allocate(out.normal, want & kNormal, 3 * n, kNaN32);
+  allocate(out.angles, want & kAngles, 3 * n, kNaN32);
+  allocate(out.lit, want & kLit, n, kNaN32);
+  allocate(out.gsd, want & kGsd, n, kNaN32);
+  allocate(out.source, want & kSource, n, FrameSources::kNone);
+  allocate(out.object_id, want & kObjectId, n, kNoObject);
+  allocate(out.detail, want & kDetail, n, kNoGround);
+  allocate(out.rock, want & kRock, n, kNoObject);
+  allocate(out.height, want & kHeight, n, kNaN64);
+  allocate(out.slope, want & kSlope, n, kNaN32);
+}
+
 FrameWriter::FrameWriter(const FrameRequest& request, const RowViews& views, const Mesh& mesh,
                          std::size_t catalogue_size, FrameProducts& out, const StopToken& stop)
     : request_(request),
@@ -82,7 +80,9 @@ FrameWriter::FrameWriter(const FrameRequest& request, const RowViews& views, con
       out_(out),
       wants_geometry_(engine::wants_geometry(request)),
       sources_(catalogue_size) {
-  allocate_all(request, out, stop);
+  const std::size_t pixels =
+      static_cast<std::size_t>(request.camera.width) * static_cast<std::size_t>(request.camera.height);
+  allocate_products(out, request.products, pixels, request.truth ? request.truth->size() : pixels, stop);
 }
 
 std::uint32_t FrameWriter::account_all(const SurfacePoints& points, std::uint32_t hits, PixelCounts& counts) {

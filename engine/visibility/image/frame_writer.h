@@ -22,6 +22,10 @@ struct PixelCounts {
   std::uint64_t hit = 0, missing = 0, filled = 0, blended = 0, on_object = 0, on_rock = 0;
 };
 
+// Gives the wanted products their arrays, filled with what they hold where nothing is hit. `pixels`: of radiance, which
+// has all of the image; `n`: of the others.
+void allocate_products(FrameProducts& out, ProductSet wanted, std::size_t pixels, std::size_t n, const StopToken& stop);
+
 class FrameWriter {
  public:
   // Sizes and initialises the products that are asked for, which takes time. `request`, `views` and `mesh` outlive it.

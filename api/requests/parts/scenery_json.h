@@ -1,0 +1,42 @@
+// What requests for frames and for maps have in common: Sun, ground and detail. A query holds the engine's request,
+// which `look()` gives, and beside it what the engine's has no place for.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "api/requests/parts/detail_json.h"
+#include "api/requests/parts/sun_json.h"
+#include "api/requests/parts/surface_json.h"
+
+namespace selenograph::api {
+
+struct SceneryQuery {
+  std::string detail;  // that the request's detail was found by
+  SurfaceQuery surface;
+  bool sun_given = false;  // false: no product needs one, the request's Sun means nothing
+};
+
+// Rows "sun", "detail" and "surface", in this order. Query: a SceneryQuery with look().
+template <typename Query>
+void add_scenery(Members<Query>& m) {
+  m.add("sun",
+        Property{[](const Query& q) { return q.sun_given ? std::optional(q.look().sun) : std::nullopt; },
+                 [](Query& q, const engine::Sun& sun) { q.look().sun = sun, q.sun_given = true; }},
+        Object{sun_members()}, "where the light comes from");
+  m.add("detail",
+        Property{[](const Query& q) {
+                   return q.look().detail ? std::optional(DetailName::Value{q.detail, q.look().detail}) : std::nullopt;
+                 },
+                 [](Query& q, const DetailName::Value& detail) {
+                   q.look().detail = detail.content, q.detail = detail.name;
+                 }},
+        DetailName{}, kOfDetail)
+      .written_if([](const Query& q) { return q.look().detail != nullptr; });
+  m.add("surface",
+        Property{[](const Query& q) { return std::optional(ground_of(q.look(), q.surface)); },
+                 [](Query& q, const Ground& ground) { set_ground(q.look(), q.surface, ground); }},
+        Object{ground_members()}, "what the ground is made of");
+}
+
+}  // namespace selenograph::api
