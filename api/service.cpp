@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <new>
 
+#include "api/answers/datasets_answer.h"
 #include "api/document/openapi.h"
 #include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"

@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "api/answers/metadata.h"
+#include "api/answers/metadata_members.h"
 #include "api/encode/arrays.h"
 #include "api/requests/parts/detail_json.h"
 #include "dem/gdal/geotiff_writer.h"
@@ -80,14 +81,6 @@ std::string encode_map_png(const MapQuery& query, const engine::FrameProducts& p
   return png;
 }
 
-OrderedJson grid_json(const dem::MapGrid& grid) {
-  return {{"width", grid.width},
-          {"height", grid.height},
-          {"pixel", "a value is that at its pixel's centre"},
-          {"geotransform", dem::geotransform_of(grid)},
-          {"wkt", dem::wkt_of(grid.plane)}};
-}
-
 }  // namespace
 
 std::size_t bytes_of(const engine::MapRequest& request) {
@@ -126,33 +119,11 @@ std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::ui
 }
 
 OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, const std::string& hash) {
-  const engine::FrameRequest& look = query.request.look;
-  OrderedJson meta{{"software", {{"name", "selenograph"}, {"version", software_version()}}},
-                   {"content_hash", hash},
-                   {"request", resolved_json(query)},
-                   {"grid", grid_json(query.request.grid)}};
-  if (query.request.products & engine::kRadiance) {
-    meta["reflectance"] = {{"normalisation", normalisation(look.reflectance.model)}};
-    meta["solar_irradiance"] = irradiance_json(look, report);
-    meta["radiance_terms"] = report.radiance.names();
-  }
-  meta["lod_error_px"] = report.lod_error_px;
-  meta["lod_error_m"] = report.lod_error_m;
-  meta["shadow_error_px"] = report.shadow_error_px;
-  if (look.detail) meta["detail_error_px"] = report.detail_error_px;
-  meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
-  meta["triangles"] = report.triangles;
-  if (look.detail) meta["detail"] = detail_metadata(query.detail, *look.detail);
-  if (const OrderedJson maps = maps_metadata(look, query.surface); !maps.empty()) meta["maps"] = maps;
-  meta["hit_fraction"] = report.hit_fraction;
-  meta["filled_fraction"] = report.filled_fraction;
-  meta["blended_fraction"] = report.blended_fraction;
-  meta["missing_fraction"] = report.missing_fraction;
-  meta["sources"] = sources_json(report);
-  meta["warnings"] = report.warnings;
-  warn_of_aims(look.accuracy, report, meta["warnings"]);
-  if (report.hit_fraction == 0) meta["warnings"].push_back("there is no data anywhere in the map");
-  return meta;
+  OrderedJson warnings = report.warnings;
+  warn_of_aims(query.look().accuracy, report, warnings);
+  if (report.hit_fraction == 0) warnings.push_back("there is no data anywhere in the map");
+  return metadata_answer().write({query.look(), query.request.products, query, report, hash, resolved_json(query),
+                                  std::move(warnings), nullptr, &query});
 }
 
 void check_map_answer(const MapQuery& query, std::string_view media_type) {

@@ -7,9 +7,9 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "api/answers/metadata_members.h"
 #include "api/answers/view_json.h"
 #include "api/requests/parts/detail_json.h"
-#include "engine/radiometry/photometry.h"
 
 namespace selenograph::api {
 namespace {
@@ -78,31 +78,6 @@ void omit(OrderedJson& metadata, const char* list) {
 
 std::string_view software_version() { return SELENOGRAPH_VERSION; }
 
-OrderedJson sources_json(const engine::FrameReport& report) {
-  OrderedJson sources = OrderedJson::array();
-  for (const engine::SourceTile& tile : report.sources) {
-    sources.push_back({{"name", tile.name}, {"version", hex(tile.version)}});
-  }
-  return sources;
-}
-
-// E_sun tau of eq. (2).
-OrderedJson irradiance_json(const engine::FrameRequest& request, const engine::FrameReport& report) {
-  if (!request.band)
-    return {{"value_w_m2", report.radiance.direct_w_m2},
-            {"band", "all wavelengths"},
-            {"source", fmt::format("{} W m-2 at 1 au (IAU 2015 resolution B3, after Kopp & Lean 2011), times 1/r^2",
-                                   engine::kSolarConstant_w_m2)}};
-  return {
-      {"value_w_m2", report.radiance.direct_w_m2},
-      {"band", fmt::format("centre {:.6g} um, width {:.6g} um", request.band->center_um(), request.band->width_um())},
-      {"source", request.atmosphere
-                     ? "the atmosphere's table: E_sun tau, times 1/r^2"
-                     : fmt::format("ASTM E-490-00a (2000), 1 nm to 2 nm resolution below 2.5 um, scaled to {} W m-2 at "
-                                   "1 au, times 1/r^2",
-                                   engine::kSolarConstant_w_m2)}};
-}
-
 std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
                          std::uint64_t terrain_fingerprint, const Representation& representation) {
   OrderedJson what{{"request", resolved_json(query)},
@@ -144,51 +119,8 @@ void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& repo
 
 OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                      const std::string& hash) {
-  const engine::ProductSet products = query.request.products;
-  OrderedJson meta{{"software", {{"name", "selenograph"}, {"version", software_version()}}},
-                   {"content_hash", hash},
-                   {"request", resolved_json(query)}};
-  if (query.sun_given) {
-    meta["reflectance"] = {{"normalisation", normalisation(query.request.reflectance.model)}};
-  }
-  if (products & (engine::kImage | engine::kRadiance)) {
-    meta["solar_irradiance"] = irradiance_json(query.request, report);
-    meta["radiance_terms"] = report.radiance.names();
-    if (report.emits_elsewhere && !report.radiance.emitted) meta["radiance_terms"].push_back("emitted");
-  }
-  if (products & engine::kImage) {
-    meta["full_scale_radiance_w_m2_sr"] = report.full_scale_radiance_w_m2_sr;
-    if (query.request.sensor)
-      meta["exposure"] = {{"integration_time_s", report.integration_time_s},
-                          {"saturated_fraction", report.saturated_fraction}};
-    if (report.motion_samples > 0)
-      meta["motion"] = {{"samples", report.motion_samples}, {"longest_streak_px", report.longest_streak_px}};
-    if (query.request.sensor)
-      meta["point_spread"] = {{"margin_px", report.margin_px}, {"captured_fraction", report.captured_fraction}};
-  }
-  meta["visibility"] = visibility_name(report.visibility);
-  meta["lod_error_px"] = report.lod_error_px;
-  meta["lod_error_m"] = report.lod_error_m;
-  meta["shadow_error_px"] = report.shadow_error_px;
-  if (query.request.detail) meta["detail_error_px"] = report.detail_error_px;
-  meta["post_spacing_m"] = {{"min", report.min_post_spacing_m}, {"max", report.max_post_spacing_m}};
-  meta["triangles"] = report.triangles;
-  meta["hit_fraction"] = report.hit_fraction;
-  if (query.request.detail) meta["detail"] = detail_metadata(query.detail, *query.request.detail);
-  if (report.least_rock_px > 0)
-    meta["rocks"] = {{"number", report.rocks}, {"least_px", report.least_rock_px}, {"fraction", report.rock_fraction}};
-  if (const OrderedJson maps = maps_metadata(query.request, query.surface); !maps.empty()) meta["maps"] = maps;
-  if (!query.objects.empty()) {
-    meta["object_fraction"] = report.object_fraction;
-    meta["objects"] = objects_metadata(query.request, query.objects);
-  }
-  meta["filled_fraction"] = report.filled_fraction;
-  meta["blended_fraction"] = report.blended_fraction;
-  meta["missing_fraction"] = report.missing_fraction;
-  if (query.request.terrain) meta["view"] = view_json(query, report.view);
-  meta["sources"] = sources_json(report);
-  meta["warnings"] = warnings_json(query, report, catalogue);
-  return meta;
+  return metadata_answer().write({query.request, query.request.products, query, report, hash, resolved_json(query),
+                                  warnings_json(query, report, catalogue), &query, nullptr});
 }
 
 MetadataHeader metadata_header(OrderedJson metadata) {

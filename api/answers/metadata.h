@@ -27,10 +27,6 @@ std::string content_hash(const std::string& text);
 // True when an If-None-Match header names this hash's entity tag (weak tags count: RFC 9110, 13.1.2), or is "*".
 bool names_etag(const std::string& if_none_match, const std::string& hash);
 
-// Of metadata: the list of sources, and the irradiance with its band and source.
-nlohmann::ordered_json sources_json(const engine::FrameReport& report);
-nlohmann::ordered_json irradiance_json(const engine::FrameRequest& request, const engine::FrameReport& report);
-
 // Of each aim that gave way (Accuracy), appended.
 void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& report, nlohmann::ordered_json& warnings);
 

@@ -8,17 +8,12 @@
 #include <limits>
 #include <optional>
 
-#include "api/schema/members.h"
+#include "api/json/ranges.h"
 
 namespace selenograph::api {
 namespace {
 
 constexpr double kWidePost_px = 8, kMuchMissing = 0.5;
-
-template <typename T>
-OrderedJson or_null(const std::optional<T>& value) {
-  return value ? OrderedJson(*value) : OrderedJson();
-}
 
 // The angle between the boresight of an attitude and the nadir, radians; empty where it misses the Moon.
 std::optional<double> off_nadir(const Vec3& position_m, const Eigen::Quaterniond& camera_from_moon) {
@@ -93,23 +88,54 @@ std::string why_missing(const engine::FrameRequest& request, const dem::Catalogu
 
 }  // namespace
 
-OrderedJson view_json(const FrameQuery& query, const engine::ViewReport& view) {
-  const auto place = [](const std::optional<Geographic>& at, double Geographic::*member) {
-    return at ? OrderedJson((*at).*member) : OrderedJson();
-  };
-  OrderedJson corners = OrderedJson::array();
-  for (const auto& corner : view.corners)
-    corners.push_back(corner ? OrderedJson{{"lat_deg", corner->lat_deg}, {"lon_deg", corner->lon_deg}} : OrderedJson());
-  OrderedJson out{{"lat_deg", place(view.boresight, &Geographic::lat_deg)},
-                  {"lon_deg", place(view.boresight, &Geographic::lon_deg)},
-                  {"height_m", place(view.boresight, &Geographic::height_m)},
-                  {"off_nadir_deg", view.off_nadir_deg},
-                  {"up_azimuth_deg", or_null(view.up_azimuth_deg)},
-                  {"corners", corners}};
-  if (query.sun_given)
-    out["sun"] = {{"azimuth_deg", or_null(view.sun_azimuth_deg)}, {"elevation_deg", or_null(view.sun_elevation_deg)}};
-  out["post_px"] = or_null(view.post_px);
-  return out;
+const Answer<ViewSource>& view_answer() {
+  using S = ViewSource;
+  using namespace schema;
+  static const auto answer = answer_of<S>(
+      "The view in words of the ground. null: where no terrain is met, or an object stands before it; of the boresight "
+      "also where it is outside the image. Absent without terrain",
+      [](auto& a) {
+        const auto place = [](double Geographic::*member) {
+          return [member](const S& s) {
+            return s.view.boresight ? std::optional((*s.view.boresight).*member) : std::nullopt;
+          };
+        };
+        a.add("lat_deg", number_or_null("where the boresight meets the terrain"), place(&Geographic::lat_deg));
+        a.add("lon_deg", number_or_null("the same"), place(&Geographic::lon_deg));
+        a.add("height_m", number_or_null("the same"), place(&Geographic::height_m));
+        a.add("off_nadir_deg", number(kAnyNumber, "angle between the boresight and the direction of the Moon's centre"),
+              [](const S& s) { return s.view.off_nadir_deg; });
+        a.add("up_azimuth_deg", number_or_null("compass azimuth there of what is up in the image"),
+              [](const S& s) { return s.view.up_azimuth_deg; });
+        const OrderedJson corner =
+            object("", {{"lat_deg", number(kLatitude_deg, "")}, {"lon_deg", number(kLongitude_deg, "")}},
+                   {"lat_deg", "lon_deg"});
+        a.add(
+            "corners",
+            list({{"anyOf", {corner, {{"type", "null"}}}}}, 4,
+                 "what the corner pixels' centres see: upper left, upper right, lower right, lower left"),
+            [](const S& s) {
+              OrderedJson corners = OrderedJson::array();
+              for (const auto& at : s.view.corners)
+                corners.push_back(at ? OrderedJson{{"lat_deg", at->lat_deg}, {"lon_deg", at->lon_deg}} : OrderedJson());
+              return corners;
+            });
+        a.add(
+            "sun",
+            object("The Sun at that place; absent where the request has none.",
+                   {{"azimuth_deg", number_or_null("clockwise from north")},
+                    {"elevation_deg", number_or_null("above the sphere's horizon")}},
+                   {"azimuth_deg", "elevation_deg"}),
+            [](const S& s) {
+              return OrderedJson{{"azimuth_deg", answer_json(s.view.sun_azimuth_deg)},
+                                 {"elevation_deg", answer_json(s.view.sun_elevation_deg)}};
+            },
+            [](const S& s) { return s.query.sun_given; });
+        a.add("post_px",
+              number_or_null("how many pixels wide the post spacing of the DEM is there, across the line of sight"),
+              [](const S& s) { return s.view.post_px; });
+      });
+  return answer;
 }
 
 std::string sun_there(const engine::ViewReport& view) {

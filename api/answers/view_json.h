@@ -5,13 +5,18 @@
 #include <string>
 
 #include "api/requests/frame_json.h"
+#include "api/schema/answers.h"
 #include "dem/catalogue/catalogue.h"
 #include "engine/frame/report.h"
 
 namespace selenograph::api {
 
 // `meta.view`.
-nlohmann::ordered_json view_json(const FrameQuery& query, const engine::ViewReport& view);
+struct ViewSource {
+  const FrameQuery& query;
+  const engine::ViewReport& view;
+};
+const Answer<ViewSource>& view_answer();
 
 // ", where the Sun stands ..."; empty where the boresight meets no terrain.
 std::string sun_there(const engine::ViewReport& view);

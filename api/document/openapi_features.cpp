@@ -1,7 +1,8 @@
 // The schema of what POST /v1/features answers.
-#include "api/document/openapi_parts.h"
+#include "api/document/openapi.h"
 #include "api/json/ranges.h"
 #include "api/requests/features_json.h"
+#include "api/schema/answers.h"
 
 namespace selenograph::api {
 

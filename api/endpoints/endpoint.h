@@ -58,9 +58,6 @@ Response answer_features(const EndpointContext& context);
 Response answer_verify_round_trip(const EndpointContext& context);
 Response answer_verify_mertis(const EndpointContext& context);
 
-// The catalogue as JSON text: tiles, footprints, resolution, datum, gaps, and files that could not be used.
-std::string datasets_text(const dem::Catalogue& catalogue);
-
 // The body, which must be JSON within the limits. Throws RequestError.
 Json json_body(const EndpointContext& context);
 

@@ -1,6 +1,6 @@
 // POST /v1/rays, /v1/project, /v1/heights and GET /v1/height.
+#include "api/answers/points_answer.h"
 #include "api/endpoints/endpoint.h"
-#include "api/requests/points_json.h"
 #include "dem/support/error.h"
 #include "engine/frame/needs.h"
 
@@ -58,12 +58,13 @@ Response answer_heights(const EndpointContext& context) {
   const HeightsQuery query = read_heights(json_body(context), context.limits, context.assets, context.stop);
   need_memory(context, query.points.size(), "/points");
   const std::shared_ptr<const dem::Terrain> terrain = context.renderer.terrain_with(query.detail.content);
-  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  OrderedJson list = OrderedJson::array();
   for (const Geographic& place : query.points) {
-    list.push_back(height_json(terrain->height(place.lat_deg, place.lon_deg, context.stop), terrain->catalogue()));
+    list.push_back(
+        height_answer().write({terrain->height(place.lat_deg, place.lon_deg, context.stop), terrain->catalogue()}));
     throw_if_stopped(context);
   }
-  return json_response(nlohmann::ordered_json{{"points", std::move(list)}});
+  return json_response(OrderedJson{{"points", std::move(list)}});
 }
 
 Response answer_height(const EndpointContext& context) {
@@ -71,7 +72,7 @@ Response answer_height(const EndpointContext& context) {
   const dem::Terrain& terrain = context.renderer.terrain();
   const dem::HeightAnswer height = terrain.height(place.lat_deg, place.lon_deg, context.stop);
   throw_if_stopped(context);
-  return json_response(height_json(height, terrain.catalogue()));
+  return json_response(height_answer().write({height, terrain.catalogue()}));
 }
 
 }  // namespace selenograph::api

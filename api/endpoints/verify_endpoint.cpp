@@ -41,7 +41,7 @@ Response answer_verify_round_trip(const EndpointContext& context) {
   if (media_type == "image/tiff") {
     response.body = dem::geotiff_bytes(grid_of(trip.window), trip.difference_m, "extracted - original");
   } else {
-    response = json_response(round_trip_json(request, trip, engine::statistics_of(trip)));
+    response = json_response(round_trip_answer().write({request, trip, engine::statistics_of(trip)}));
   }
   response.headers.emplace_back("Vary", "Accept");
   context.stop.check();
@@ -49,7 +49,7 @@ Response answer_verify_round_trip(const EndpointContext& context) {
 }
 
 Response answer_verify_mertis(const EndpointContext& context) {
-  return json_response(mertis_json(read_mertis(json_body(context)), context.stop));
+  return json_response(mertis_answer().write({read_mertis(json_body(context)), context.stop}));
 }
 
 }  // namespace selenograph::api

@@ -13,7 +13,7 @@ namespace {
 
 using engine::SpectrometerChannel;
 // A number at all wavelengths, or a curve. A number is a curve of one point, which check_mertis puts at first_um.
-struct Efficiency {
+struct SpectrometerEfficiency {
   using Value = std::vector<engine::EfficiencyPoint>;
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
     if (!in.value().is_number()) return read_curve(in, context);
@@ -67,6 +67,23 @@ constexpr const char* kAssumptions[] = {
     "blackbodies of 350 and 500 K",
 };
 
+OrderedJson spectra_json(const SpectraSource& s) {
+  OrderedJson spectra = OrderedJson::array();
+  for (const double kelvin : s.query.temperatures_k) {
+    OrderedJson channels = OrderedJson::array();
+    for (const SpectrometerChannel& c : engine::look_at_blackbody(s.query.spectrometer, kelvin, s.stop))
+      channels.push_back({{"center_um", c.center_um},
+                          {"width_um", c.width_um},
+                          {"radiance_w_m2_sr_um", c.radiance_w_m2_sr_um},
+                          {"flux_w", c.flux_w},
+                          {"noise_equivalent_power_w", s.query.spectrometer.noise_equivalent_power_w},
+                          {"signal_to_noise", c.signal_to_noise},
+                          {"width_error", c.width_error}});
+    spectra.push_back({{"temperature_k", kelvin}, {"channels", channels}});
+  }
+  return spectra;
+}
+
 }  // namespace
 
 const Members<MertisQuery>& mertis_members() {
@@ -88,7 +105,7 @@ const Members<MertisQuery>& mertis_members() {
         m.add("channels", of(&Spectrometer::channels), Integer{1, kMaxChannels}, "of equal width");
         m.add("pixel_pitch_um", of(&Spectrometer::pixel_pitch_um), Number{{0, 1e4, true, false}, "um"}, "p");
         m.add("f_number", of(&Spectrometer::f_number), Number{kFNumber}, "f_#");
-        m.add("efficiency", of(&Spectrometer::efficiency), Efficiency{},
+        m.add("efficiency", of(&Spectrometer::efficiency), SpectrometerEfficiency{},
               "eta of optics and grating: at all wavelengths, or [um, eta], wavelengths rising");
         m.add("noise_equivalent_power_w", of(&Spectrometer::noise_equivalent_power_w), Number{{0, 1, true, false}, "W"},
               "NEP of a pixel");
@@ -107,23 +124,23 @@ MertisQuery read_mertis(const Json& body) {
   return std::move(*query);
 }
 
-OrderedJson mertis_json(const MertisQuery& query, const StopToken& stop) {
-  OrderedJson spectra = OrderedJson::array();
-  for (const double kelvin : query.temperatures_k) {
-    OrderedJson channels = OrderedJson::array();
-    for (const SpectrometerChannel& c : engine::look_at_blackbody(query.spectrometer, kelvin, stop))
-      channels.push_back({{"center_um", c.center_um},
-                          {"width_um", c.width_um},
-                          {"radiance_w_m2_sr_um", c.radiance_w_m2_sr_um},
-                          {"flux_w", c.flux_w},
-                          {"noise_equivalent_power_w", query.spectrometer.noise_equivalent_power_w},
-                          {"signal_to_noise", c.signal_to_noise},
-                          {"width_error", c.width_error}});
-    spectra.push_back({{"temperature_k", kelvin}, {"channels", channels}});
-  }
-  return {{"instrument", mertis_members().write(query)},
-          {"assumptions_of_the_defaults", kAssumptions},
-          {"spectra", spectra}};
+const Answer<SpectraSource>& mertis_answer() {
+  using S = SpectraSource;
+  using namespace schema;
+  const OrderedJson channel = free_object(
+      "center_um, width_um, radiance_w_m2_sr_um (B(T)), flux_w (eq. 9), noise_equivalent_power_w, signal_to_noise "
+      "(eq. 12), width_error: of L Delta lambda against the integral, relative");
+  static const auto answer = answer_of<S>("Per temperature and channel.", [&](auto& a) {
+    a.add("instrument", with(ref("MertisRequest"), "description", "as understood"),
+          [](const S& s) { return mertis_members().write(s.query); });
+    a.add("assumptions_of_the_defaults", array(text("an assumption")),
+          [](const S&) { return OrderedJson(kAssumptions); });
+    a.add("spectra",
+          array(object("", {{"temperature_k", number(kAnyNumber, "K")}, {"channels", array(channel)}},
+                       {"temperature_k", "channels"})),
+          spectra_json);
+  });
+  return answer;
 }
 
 std::string mertis_csv(const MertisQuery& query) {

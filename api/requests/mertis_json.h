@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "api/schema/members.h"
+#include "api/schema/answers.h"
 #include "dem/support/stop_token.h"
 #include "engine/sensor/spectrometer.h"
 
@@ -23,8 +23,11 @@ const Members<MertisQuery>& mertis_members();
 MertisQuery read_mertis(const Json& body);
 
 // The instrument as understood, what was assumed, and per temperature and channel what the equations give.
-// Stops between channels.
-nlohmann::ordered_json mertis_json(const MertisQuery& query, const StopToken& stop = {});
+struct SpectraSource {
+  const MertisQuery& query;
+  const StopToken& stop;  // stops between channels
+};
+const Answer<SpectraSource>& mertis_answer();
 
 // One row per channel and temperature.
 std::string mertis_csv(const MertisQuery& query);

@@ -12,8 +12,6 @@
 namespace selenograph::api {
 namespace {
 
-OrderedJson number_json(double x) { return std::isfinite(x) ? OrderedJson(x) : OrderedJson(nullptr); }
-
 std::int64_t most(const Limits& limits) { return limits.max_rays; }
 
 const Members<engine::Ray>& ray_members() {
@@ -56,17 +54,6 @@ Json number_or_text(const std::string& text) {
   double x = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), x);
   return error == std::errc() && end == text.data() + text.size() ? Json(x) : Json(text);
-}
-
-// Of a landmark without a place in the image.
-const char* why_not_imaged(const engine::Landmark& landmark, const ProjectQuery& query) {
-  if (query.shutter) return "seen by no row";
-  return landmark.behind_camera ? "behind the camera" : "beyond the lens's field of view";
-}
-
-const char* why_no_height(double lat_deg, double lon_deg, const dem::Catalogue& catalogue) {
-  return catalogue.touching(lat_deg, lat_deg, lon_deg, lon_deg).empty() ? "no dataset covers this place"
-                                                                        : "the datasets here have no valid post";
 }
 
 }  // namespace
@@ -137,61 +124,6 @@ Geographic read_height_query(const std::multimap<std::string, std::string>& quer
     object[name] = number_or_text(text);
   }
   return checked(place_members(), object, Limits{});
-}
-
-OrderedJson rays_json(std::span<const engine::RayHit> hits, const RaysQuery& query) {
-  OrderedJson list = OrderedJson::array();
-  for (const engine::RayHit& hit : hits) {
-    OrderedJson ray{{"hit", hit.hit}};
-    if (hit.hit) {
-      ray["range_m"] = number_json(hit.range_m);
-      ray["position_m"] = vector_json(hit.position_m);
-      ray["normal"] = vector_json(hit.normal);
-      if (!query.objects.empty()) ray["object"] = hit.object ? OrderedJson(*hit.object) : OrderedJson(nullptr);
-      if (hit.rock) ray["rock"] = id_text(*hit.rock);
-      if (query.sun) ray["lit"] = number_json(hit.lit);
-    }
-    list.push_back(std::move(ray));
-  }
-  return {{"rays", std::move(list)}};
-}
-
-OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, const ProjectQuery& query,
-                           const dem::Catalogue& catalogue) {
-  OrderedJson list = OrderedJson::array();
-  for (std::size_t i = 0; i < landmarks.size(); ++i) {
-    const engine::Landmark& landmark = landmarks[i];
-    OrderedJson point{{"x_px", number_json(landmark.x_px)},
-                      {"y_px", number_json(landmark.y_px)},
-                      {"range_m", number_json(landmark.range_m)},
-                      {"height_m", number_json(landmark.height_m)},
-                      {"in_frame", landmark.in_frame},
-                      {"visible", landmark.visible}};
-    if (query.shutter) point["time_s"] = number_json(landmark.time_s);
-    if (query.sun) point["lit"] = number_json(landmark.lit);
-    if (!std::isfinite(landmark.height_m)) {
-      point["reason"] = why_no_height(query.points[i].lat_deg, query.points[i].lon_deg, catalogue);
-    } else if (!std::isfinite(landmark.x_px)) {
-      point["reason"] = why_not_imaged(landmark, query);
-    }
-    list.push_back(std::move(point));
-  }
-  return {{"points", std::move(list)}};
-}
-
-OrderedJson height_json(const dem::HeightAnswer& answer, const dem::Catalogue& catalogue) {
-  OrderedJson json{{"lat_deg", answer.lat_deg}, {"lon_deg", wrap_lon_deg(answer.lon_deg)}};
-  if (!std::isfinite(answer.height_m) || answer.source < 0) {
-    json["height_m"] = nullptr;
-    json["reason"] = why_no_height(answer.lat_deg, answer.lon_deg, catalogue);
-    return json;
-  }
-  json["height_m"] = answer.height_m;
-  json["post_spacing_m"] = number_json(answer.post_spacing_m);
-  json["source"] = catalogue.rasters().at(static_cast<std::size_t>(answer.source)).name;
-  json["filled"] = answer.filled;
-  json["blended"] = answer.blended;
-  return json;
 }
 
 }  // namespace selenograph::api

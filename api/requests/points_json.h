@@ -53,10 +53,4 @@ HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& 
 // Of a query string; its names are the pointers: "/lat_deg".
 Geographic read_height_query(const std::multimap<std::string, std::string>& query);
 
-// JSON has no NaN: a number that is not finite is null.
-nlohmann::ordered_json rays_json(std::span<const engine::RayHit> hits, const RaysQuery& query);
-nlohmann::ordered_json landmarks_json(std::span<const engine::Landmark> landmarks, const ProjectQuery& query,
-                                      const dem::Catalogue& catalogue);
-nlohmann::ordered_json height_json(const dem::HeightAnswer& answer, const dem::Catalogue& catalogue);
-
 }  // namespace selenograph::api

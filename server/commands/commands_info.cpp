@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "api/endpoints/endpoint.h"
+#include "api/answers/datasets_answer.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/terrain/resampling.h"
 #include "server/commands/commands.h"

@@ -36,7 +36,7 @@ int verify_mertis(const VerifyMertisSettings& settings) {
   const fs::path folder = settings.output;
   fs::create_directories(folder);
   write_whole((folder / "mertis.csv").string(), api::mertis_csv(query));
-  write_json((folder / "mertis.json").string(), api::mertis_json(query));
+  write_json((folder / "mertis.json").string(), api::mertis_answer().write({query, {}}));
   fmt::print("{:>14}{:>12}{:>16}{:>16}\n", "temperature K", "channels", "least SNR", "largest SNR");
   for (const double kelvin : query.temperatures_k) {
     double least = 1e300, largest = 0;

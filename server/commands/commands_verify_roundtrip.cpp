@@ -44,7 +44,7 @@ Verified verify(const engine::Renderer& renderer, const engine::RoundTripRequest
   const fs::path folder = output / mode;
   fs::create_directories(folder);
   write_rasters(folder, v.trip);
-  write_json((folder / "statistics.json").string(), api::round_trip_json(request, v.trip, v.statistics));
+  write_json((folder / "statistics.json").string(), api::round_trip_answer().write({request, v.trip, v.statistics}));
   // Only figures are wanted from here on.
   v.trip.original_m = {};
   v.trip.difference_m = {};

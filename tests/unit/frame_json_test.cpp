@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "api/answers/points_answer.h"
 #include "api/requests/points_json.h"
 #include "tests/support/meshes.h"
 
@@ -724,7 +725,7 @@ TEST(PointsJson, NonFiniteNumbersAreNull) {
   EXPECT_EQ(rays_json(on_object, rays)["rays"][0]["object"], 3);
   EXPECT_TRUE(rays_json(on_object, rays)["rays"][1]["object"].is_null());
   const dem::Catalogue nothing{std::vector<dem::RasterInfo>{}};
-  EXPECT_EQ(height_json({10, 190, nan, 0, -1, false}, nothing).dump(),
+  EXPECT_EQ(height_answer().write({{10, 190, nan, 0, -1, false}, nothing}).dump(),
             R"({"lat_deg":10.0,"lon_deg":-170.0,"height_m":null,"reason":"no dataset covers this place"})");
   std::vector<engine::Landmark> landmarks{{nan, nan, 100, 5, false, false, 0}};
   landmarks[0].behind_camera = true;

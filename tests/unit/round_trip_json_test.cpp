@@ -66,7 +66,7 @@ TEST(RoundTripJson, HoldsWhatAPictureNeeds) {
   trip.difference_m[w.index(3, 4)] = -0.0125F;
   trip.difference_m[w.index(0, 0)] = std::numeric_limits<float>::quiet_NaN();
   trip.compared = w.size() - 1;
-  const Json json = round_trip_json({}, trip, engine::statistics_of(trip));
+  const Json json = round_trip_answer().write({{}, trip, engine::statistics_of(trip)});
   EXPECT_EQ(json["tile"]["name"], "a tile & its name");
   EXPECT_EQ(json["counts"]["compared"], 1199);
   EXPECT_EQ(json["window"]["north_deg"], 29 / 16.0);

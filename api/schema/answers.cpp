@@ -1,4 +1,4 @@
-#include "api/document/openapi_parts.h"
+#include "api/schema/answers.h"
 
 namespace selenograph::api::schema {
 
@@ -33,7 +33,11 @@ OrderedJson list(const OrderedJson& items, std::size_t most, const char* descrip
   return with(array_schema(items, 1, most), "description", description);
 }
 
-OrderedJson array(OrderedJson items) { return {{"type", "array"}, {"items", std::move(items)}}; }
+OrderedJson array(OrderedJson items, const char* description) {
+  return {{"type", "array"}, {"items", std::move(items)}, {"description", description}};
+}
+
+OrderedJson free_object(const char* description) { return {{"type", "object"}, {"description", description}}; }
 
 OrderedJson object(const char* description, OrderedJson properties, std::initializer_list<const char*> required) {
   OrderedJson json{{"type", "object"}, {"description", description}, {"properties", std::move(properties)}};

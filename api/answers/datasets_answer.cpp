@@ -1,0 +1,111 @@
+#include "api/answers/datasets_answer.h"
+
+#include <fmt/format.h>
+
+#include "api/json/ranges.h"
+
+namespace selenograph::api {
+namespace {
+
+struct DatasetSource {
+  const dem::RasterInfo& raster;
+  double offset_m;
+};
+
+void add_footprint(auto& a) {
+  using namespace schema;
+  a.add(
+      "footprint",
+      object("of the posts, degrees",
+             {{"south_deg", number(kLatitude_deg, "")},
+              {"north_deg", number(kLatitude_deg, "")},
+              {"west_deg", number({-180, 180, false, true}, "")},
+              {"east_deg", number({-180, 540}, "west_deg < east_deg <= west_deg + 360")}},
+             {"south_deg", "north_deg", "west_deg", "east_deg"}),
+      [](const DatasetSource& s) {
+        const dem::Footprint& f = s.raster.footprint;
+        return OrderedJson{
+            {"south_deg", f.south_deg}, {"north_deg", f.north_deg}, {"west_deg", f.west_deg}, {"east_deg", f.east_deg}};
+      });
+}
+
+const Answer<DatasetSource>& dataset_answer() {
+  using S = DatasetSource;
+  using dem::RasterInfo;
+  using namespace schema;
+  static const auto answer = answer_of<S>("One DEM tile.", [](auto& a) {
+    const auto of = [](auto RasterInfo::*field) { return [field](const S& s) { return s.raster.*field; }; };
+    a.add("name", text("what `source` lists"), of(&RasterInfo::name));
+    a.add("path", text("as opened"), of(&RasterInfo::path));
+    a.add("format", text("e.g. PDS3 Kaguya"), of(&RasterInfo::format));
+    a.add("projection", {{"type", "string"}, {"enum", {"geographic", "polar_stereographic"}}}, [](const S& s) {
+      return s.raster.projection() == dem::Projection::geographic ? "geographic" : "polar_stereographic";
+    });
+    a.add("width", integer(1, 1LL << 31, "posts"), of(&RasterInfo::width));
+    a.add("height", integer(1, 1LL << 31, "posts"), of(&RasterInfo::height));
+    add_footprint(a);
+    a.add("post_spacing_m", number(kAnyNumber, "along a meridian, m"), of(&RasterInfo::post_spacing_m));
+    a.add("posts_per_degree", number(kAnyNumber, "along a meridian"), of(&RasterInfo::posts_per_degree));
+    a.add("posts",
+          {{"type", "string"},
+           {"enum", {"copied", "resampled"}},
+           {"description", "copied: the mesh's vertices are the posts"}},
+          [](const S& s) { return s.raster.lattice_level ? "copied" : "resampled"; });
+    a.add("datum", text("of the heights"), of(&RasterInfo::datum));
+    a.add("quantisation_m", number(kAnyNumber, "step between heights; 0: floating point"),
+          of(&RasterInfo::quantisation_m));
+    a.add("gaps", free_object("void_value: what stands for a missing post, in file units; null: none"), [](const S& s) {
+      return OrderedJson{{"void_value", s.raster.void_value ? OrderedJson(*s.raster.void_value) : OrderedJson()}};
+    });
+    a.add("bytes", {{"type", "integer"}, {"description", "of the file with the posts"}}, of(&RasterInfo::bytes));
+    a.add("offset_m", number(kAnyNumber, "added to its heights (--layer-offset), m"),
+          [](const S& s) { return s.offset_m; });
+  });
+  return answer;
+}
+
+OrderedJson datasets_json(const dem::Catalogue& catalogue) {
+  OrderedJson datasets = OrderedJson::array();
+  for (std::size_t i = 0; i < catalogue.rasters().size(); ++i)
+    datasets.push_back(dataset_answer().write({catalogue.rasters()[i], catalogue.offset_m(static_cast<int>(i))}));
+  return datasets;
+}
+
+}  // namespace
+
+const Answer<dem::Catalogue>& datasets_answer() {
+  using S = dem::Catalogue;
+  using namespace schema;
+  static const auto answer = answer_of<S>("The catalogue, from coarse to fine.", [](auto& a) {
+    a.add("fingerprint", text("changes when a file changes"),
+          [](const S& s) { return fmt::format("{:016x}", s.fingerprint()); });
+    a.add("datasets", array(dataset_answer().schema()), datasets_json);
+    a.add(
+        "problems",
+        array(object("", {{"path", text("file or folder")}, {"what", text("what is wrong with it")}}, {"path", "what"}),
+              "files that can't be used"),
+        [](const S& s) {
+          OrderedJson list = OrderedJson::array();
+          for (const auto& problem : s.problems()) list.push_back({{"path", problem.path}, {"what", problem.what}});
+          return list;
+        });
+    a.add("side_layers",
+          array(object("A file beside a DEM that holds no heights.",
+                       {{"path", text("file")}, {"kind", text("what it says about the heights")}}, {"path", "kind"})),
+          [](const S& s) {
+            OrderedJson list = OrderedJson::array();
+            for (const auto& side : s.side_layers()) list.push_back({{"path", side.path}, {"kind", side.kind}});
+            return list;
+          });
+    a.add("blend_posts", number(kAnyNumber, "width of the band between layers, in posts of the coarser one"),
+          [](const S& s) { return s.joins().blend_posts; });
+  });
+  return answer;
+}
+
+std::string datasets_text(const dem::Catalogue& catalogue) {
+  // File names need not be UTF-8.
+  return datasets_answer().write(catalogue).dump(-1, ' ', false, OrderedJson::error_handler_t::replace) + "\n";
+}
+
+}  // namespace selenograph::api

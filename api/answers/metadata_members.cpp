@@ -1,0 +1,224 @@
+#include "api/answers/metadata_members.h"
+
+#include <fmt/format.h>
+
+#include "api/answers/metadata.h"
+#include "api/answers/view_json.h"
+#include "api/json/ranges.h"
+#include "api/requests/parts/detail_json.h"
+#include "dem/gdal/geotiff_writer.h"
+#include "engine/radiometry/photometry.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::FrameReport;
+
+bool of_frame(const MetadataSource& s) { return s.frame != nullptr; }
+bool with_terrain(const MetadataSource& s) { return s.frame && s.request.terrain; }
+bool with_detail(const MetadataSource& s) { return s.request.detail != nullptr; }
+bool with_objects(const MetadataSource& s) { return s.frame && !s.frame->objects.empty(); }
+bool with_light(const MetadataSource& s) { return (s.products & (engine::kImage | engine::kRadiance)) != 0; }
+bool with_image(const MetadataSource& s) { return (s.products & engine::kImage) != 0; }
+bool by_sensor(const MetadataSource& s) { return with_image(s) && s.request.sensor; }
+
+auto reported(double FrameReport::*field) {
+  return [field](const MetadataSource& s) { return s.report.*field; };
+}
+
+OrderedJson sources_json(const MetadataSource& s) {
+  OrderedJson sources = OrderedJson::array();
+  for (const engine::SourceTile& tile : s.report.sources)
+    sources.push_back({{"name", tile.name}, {"version", fmt::format("{:016x}", tile.version)}});
+  return sources;
+}
+
+// E_sun tau of eq. (2).
+OrderedJson irradiance_json(const MetadataSource& s) {
+  const engine::FrameRequest& request = s.request;
+  const double value_w_m2 = s.report.radiance.direct_w_m2;
+  if (!request.band)
+    return {{"value_w_m2", value_w_m2},
+            {"band", "all wavelengths"},
+            {"source", fmt::format("{} W m-2 at 1 au (IAU 2015 resolution B3, after Kopp & Lean 2011), times 1/r^2",
+                                   engine::kSolarConstant_w_m2)}};
+  return {
+      {"value_w_m2", value_w_m2},
+      {"band", fmt::format("centre {:.6g} um, width {:.6g} um", request.band->center_um(), request.band->width_um())},
+      {"source", request.atmosphere
+                     ? "the atmosphere's table: E_sun tau, times 1/r^2"
+                     : fmt::format("ASTM E-490-00a (2000), 1 nm to 2 nm resolution below 2.5 um, scaled to {} W m-2 at "
+                                   "1 au, times 1/r^2",
+                                   engine::kSolarConstant_w_m2)}};
+}
+
+OrderedJson grid_json(const dem::MapGrid& grid) {
+  return {{"width", grid.width},
+          {"height", grid.height},
+          {"pixel", "a value is that at its pixel's centre"},
+          {"geotransform", dem::geotransform_of(grid)},
+          {"wkt", dem::wkt_of(grid.plane)}};
+}
+
+void add_request(Answer<MetadataSource>& a) {
+  using namespace schema;
+  a.add("software", free_object("name and version"), [](const MetadataSource&) {
+    return OrderedJson{{"name", "selenograph"}, {"version", software_version()}};
+  });
+  a.add("content_hash", text("the ETag without quotes"), [](const MetadataSource& s) { return s.hash; });
+  a.add("request",
+        with(ref("FrameRequest"), "description",
+             "The request as understood: pose in MOON_ME and opencv axes, intrinsics, Sun vector. A valid request "
+             "itself"),
+        [](const MetadataSource& s) { return s.resolved; });
+  a.add(
+      "grid", free_object("of a map: width, height, pixel, geotransform, wkt"),
+      [](const MetadataSource& s) { return grid_json(s.map->request.grid); },
+      [](const MetadataSource& s) { return s.map != nullptr; });
+}
+
+void add_radiometry(Answer<MetadataSource>& a) {
+  using namespace schema;
+  a.add(
+      "reflectance", free_object("normalisation: the equation as printed in the paper"),
+      [](const MetadataSource& s) {
+        return OrderedJson{{"normalisation", normalisation(s.request.reflectance.model)}};
+      },
+      [](const MetadataSource& s) { return s.frame ? s.scenery.sun_given : with_light(s); });
+  a.add("solar_irradiance", free_object("value_w_m2 at the Moon after 1/r^2, its band and source"), irradiance_json,
+        with_light);
+  a.add(
+      "radiance_terms",
+      list(text("direct, indirect, scattered, emitted, thermal_path"), 5,
+           "components of radiance that were evaluated: SENSOR++ eq. (1)"),
+      [](const MetadataSource& s) {
+        auto names = s.report.radiance.names();
+        if (s.frame && s.report.emits_elsewhere && !s.report.radiance.emitted) names.emplace_back("emitted");
+        return names;
+      },
+      with_light);
+}
+
+void add_exposure(Answer<MetadataSource>& a) {
+  using namespace schema;
+  a.add("full_scale_radiance_w_m2_sr", number(kAnyNumber, "that `image` was made with"),
+        reported(&FrameReport::full_scale_radiance_w_m2_sr), with_image);
+  a.add(
+      "exposure", free_object("of a sensor: integration_time_s, saturated_fraction of the pixels"),
+      [](const MetadataSource& s) {
+        return OrderedJson{{"integration_time_s", s.report.integration_time_s},
+                           {"saturated_fraction", s.report.saturated_fraction}};
+      },
+      by_sensor);
+  a.add(
+      "motion",
+      free_object("of an exposure in motion: samples, the moments that it is averaged over; longest_streak_px, about "
+                  "how far the ground or an object moves in the image meanwhile"),
+      [](const MetadataSource& s) {
+        return OrderedJson{{"samples", s.report.motion_samples}, {"longest_streak_px", s.report.longest_streak_px}};
+      },
+      [](const MetadataSource& s) { return with_image(s) && s.report.motion_samples > 0; });
+  a.add(
+      "point_spread",
+      free_object("of an image by a sensor: margin_px that was rendered around it (the shares of pixels below count "
+                  "it), captured_fraction of a point's light within the kernel (\"airy\": 12 rings, 32 pixels at "
+                  "most; the rest is spread evenly over the kernel)"),
+      [](const MetadataSource& s) {
+        return OrderedJson{{"margin_px", s.report.margin_px}, {"captured_fraction", s.report.captured_fraction}};
+      },
+      by_sensor);
+}
+
+void add_geometry(Answer<MetadataSource>& a) {
+  using namespace schema;
+  a.add(
+      "visibility", with(words(kVisibilities, "that the frame was made with"), "enum", {"zbuffer", "raytrace"}),
+      [](const MetadataSource& s) { return visibility_name(s.report.visibility); }, of_frame);
+  a.add("lod_error_px", number(kAnyNumber, "level-of-detail error bound actually reached, pixels"),
+        reported(&FrameReport::lod_error_px));
+  a.add("lod_error_m", number(kAnyNumber, "the same in metres"), reported(&FrameReport::lod_error_m));
+  a.add("shadow_error_px",
+        number(kAnyNumber,
+               "bound on how far the mesh's error displaces a shadow's edge on level ground, pixels. The edge's own: "
+               "read from the pixels of two frames it may be displaced by up to a pixel's diagonal more"),
+        reported(&FrameReport::shadow_error_px));
+  a.add("detail_error_px", number(kAnyNumber, "of lod_error_px, what the detail adds"),
+        reported(&FrameReport::detail_error_px), with_detail);
+  a.add("post_spacing_m", free_object("min and max over the mesh in view"), [](const MetadataSource& s) {
+    return OrderedJson{{"min", s.report.min_post_spacing_m}, {"max", s.report.max_post_spacing_m}};
+  });
+  a.add("triangles", {{"type", "integer"}, {"description", "of the scene"}},
+        [](const MetadataSource& s) { return s.report.triangles; });
+  a.add("hit_fraction", number(kUnitInterval, "share of pixels that see the Moon or an object"),
+        reported(&FrameReport::hit_fraction));
+}
+
+void add_content(Answer<MetadataSource>& a) {
+  using namespace schema;
+  a.add(
+      "detail", free_object("of a request with a detail: name, version and what of the terrain is synthetic"),
+      [](const MetadataSource& s) { return detail_metadata(s.scenery.detail, *s.request.detail); }, with_detail);
+  a.add(
+      "rocks",
+      object("of a detail that has rocks",
+             {{"number", number({0, 1e9, true, false}, "in view, or whose shadow may be")},
+              {"least_px", number(kAnyNumber,
+                                  "diameter in pixels from which on they are shown: 2 max_error_px, or "
+                                  "more where they would be too many")},
+              {"fraction", number(kUnitInterval, "share of pixels that see one")}},
+             {"number", "least_px", "fraction"}),
+      [](const MetadataSource& s) {
+        const FrameReport& r = s.report;
+        return OrderedJson{{"number", r.rocks}, {"least_px", r.least_rock_px}, {"fraction", r.rock_fraction}};
+      },
+      [](const MetadataSource& s) { return s.frame && s.report.least_rock_px > 0; });
+  a.add(
+      "maps", {{"type", "array"}, {"description", "of each map of the ground: name and version"}},
+      [](const MetadataSource& s) { return maps_metadata(s.request, s.scenery.surface); },
+      [](const MetadataSource& s) { return !maps_metadata(s.request, s.scenery.surface).empty(); });
+  a.add("object_fraction", number(kUnitInterval, "share of pixels that see an object"),
+        reported(&FrameReport::object_fraction), with_objects);
+  a.add(
+      "objects",
+      {{"type", "array"}, {"description", "of each object: mesh, version (hash of its content), triangles, parts"}},
+      [](const MetadataSource& s) { return objects_metadata(s.request, s.frame->objects); }, with_objects);
+  a.add("filled_fraction", number(kUnitInterval, "share of pixels on posts filled by interpolation"),
+        reported(&FrameReport::filled_fraction));
+  a.add("blended_fraction", number(kUnitInterval, "share of pixels on posts that are a mean of two layers"),
+        reported(&FrameReport::blended_fraction));
+  a.add("missing_fraction", number(kUnitInterval, "share of pixels that look at the Moon where there is no data"),
+        reported(&FrameReport::missing_fraction));
+  a.add(
+      "view", view_answer().schema(),
+      [](const MetadataSource& s) {
+        return view_answer().write({*s.frame, s.report.view});
+      },
+      with_terrain);
+  const OrderedJson source =
+      object("", {{"name", text("DEM tile")}, {"version", text("hash of path, size and modification time")}},
+             {"name", "version"});
+  a.add("sources", array(source, "what the product `source` indexes"), sources_json);
+  a.describe("sources_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}});
+  a.describe("warnings_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}});
+  a.describe("metadata_at", text("in the header only: path of the metadata with what did not fit"));
+  a.add("warnings", array({{"type", "string"}}), [](const MetadataSource& s) { return s.warnings; });
+}
+
+}  // namespace
+
+const Answer<MetadataSource>& metadata_answer() {
+  static const auto answer = answer_of<MetadataSource>(
+      "What is said about a frame besides its pixels: meta.json in an .npz, the attribute `selenograph` of images, the "
+      "header Selenograph-Meta elsewhere. The same request gives the same text. A map's metadata have the same "
+      "members.",
+      [](Answer<MetadataSource>& a) {
+        add_request(a);
+        add_radiometry(a);
+        add_exposure(a);
+        add_geometry(a);
+        add_content(a);
+      });
+  return answer;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,25 @@
+// The members of the metadata of frames and maps.
+#pragma once
+
+#include <string>
+
+#include "api/requests/map_json.h"
+#include "api/schema/answers.h"
+#include "engine/frame/report.h"
+
+namespace selenograph::api {
+
+struct MetadataSource {
+  const engine::FrameRequest& request;  // of a map: its look
+  engine::ProductSet products;
+  const SceneryQuery& scenery;
+  const engine::FrameReport& report;
+  const std::string& hash;
+  OrderedJson resolved, warnings;
+  // One of these.
+  const FrameQuery* frame = nullptr;
+  const MapQuery* map = nullptr;
+};
+const Answer<MetadataSource>& metadata_answer();
+
+}  // namespace selenograph::api

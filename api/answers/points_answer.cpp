@@ -1,0 +1,134 @@
+#include "api/answers/points_answer.h"
+
+#include <cmath>
+
+#include "api/json/ranges.h"
+#include "api/requests/features_json.h"
+
+namespace selenograph::api {
+namespace {
+
+// Of a landmark without a place in the image.
+const char* why_not_imaged(const engine::Landmark& landmark, const ProjectQuery& query) {
+  if (query.shutter) return "seen by no row";
+  return landmark.behind_camera ? "behind the camera" : "beyond the lens's field of view";
+}
+
+const char* why_no_height(double lat_deg, double lon_deg, const dem::Catalogue& catalogue) {
+  return catalogue.touching(lat_deg, lat_deg, lon_deg, lon_deg).empty() ? "no dataset covers this place"
+                                                                        : "the datasets here have no valid post";
+}
+
+template <typename Field>
+auto landmark(Field field) {
+  return [field](const LandmarkSource& s) { return s.landmark.*field; };
+}
+
+void add_lit(auto& a, auto lit, auto sun_given) {
+  a.add("lit", schema::number_or_null("lit fraction, when a Sun was given"), lit, sun_given);
+}
+
+}  // namespace
+
+const Answer<HitSource>& hit_answer() {
+  using S = HitSource;
+  using namespace schema;
+  static const auto answer = answer_of<S>("hit alone where nothing is hit", [](auto& a) {
+    const auto hit = [](const S& s) { return s.hit.hit; };
+    a.add("hit", boolean("whether anything was hit"), hit);
+    a.add(
+        "range_m", number_or_null("from the origin, m"), [](const S& s) { return s.hit.range_m; }, hit);
+    a.add(
+        "position_m", schema::vector("MOON_ME, m"), [](const S& s) { return s.hit.position_m; }, hit);
+    a.add(
+        "normal", schema::vector("outward unit normal, MOON_ME"), [](const S& s) { return s.hit.normal; }, hit);
+    a.add(
+        "object", number_or_null("index into the request's objects, if it has some; null: terrain"),
+        [](const S& s) { return s.hit.object; }, [](const S& s) { return s.hit.hit && !s.query.objects.empty(); });
+    a.add(
+        "rock", text("its id in POST /v1/features, if it is one of the detail's rocks"),
+        [](const S& s) { return id_text(*s.hit.rock); }, [](const S& s) { return s.hit.hit && s.hit.rock; });
+    add_lit(
+        a, [](const S& s) { return s.hit.lit; }, [](const S& s) { return s.hit.hit && s.query.sun; });
+  });
+  return answer;
+}
+
+OrderedJson rays_json(std::span<const engine::RayHit> hits, const RaysQuery& query) {
+  OrderedJson list = OrderedJson::array();
+  for (const engine::RayHit& hit : hits) list.push_back(hit_answer().write({hit, query}));
+  return {{"rays", std::move(list)}};
+}
+
+const Answer<LandmarkSource>& landmark_answer() {
+  using S = LandmarkSource;
+  using engine::Landmark;
+  using namespace schema;
+  static const auto answer = answer_of<S>("", [](auto& a) {
+    a.add("x_px", number_or_null("column; null behind the camera and beyond the lens's field of view"),
+          landmark(&Landmark::x_px));
+    a.add("y_px",
+          number_or_null("row; null as x_px is. With a shutter both, and range_m, are null where no row sees the "
+                         "point; where several do, they are of one of its places, in the image if it has any there"),
+          landmark(&Landmark::y_px));
+    a.add("range_m", number_or_null("from the camera, m"), landmark(&Landmark::range_m));
+    a.add("height_m", number_or_null("that was used; null without data"), landmark(&Landmark::height_m));
+    a.add("in_frame", boolean("in front of the camera and within the image"), landmark(&Landmark::in_frame));
+    a.add("visible", boolean("in_frame and nothing stands between"), landmark(&Landmark::visible));
+    a.add("time_s",
+          number_or_null("with a shutter: when the row that sees it is exposed, line_time_s * y_px; null where none "
+                         "does"),
+          landmark(&Landmark::time_s), [](const S& s) { return s.query.shutter.has_value(); });
+    add_lit(a, landmark(&Landmark::lit), [](const S& s) { return s.query.sun.has_value(); });
+    a.add(
+        "reason",
+        text("why a value is null: no data there; behind the camera; beyond the lens's field of view, where its "
+             "distortion folds and at 179 degrees from a fisheye's boresight; seen by no row"),
+        [](const S& s) {
+          return std::isfinite(s.landmark.height_m) ? why_not_imaged(s.landmark, s.query)
+                                                    : why_no_height(s.point.lat_deg, s.point.lon_deg, s.catalogue);
+        },
+        [](const S& s) { return !std::isfinite(s.landmark.height_m) || !std::isfinite(s.landmark.x_px); });
+  });
+  return answer;
+}
+
+OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, const ProjectQuery& query,
+                           const dem::Catalogue& catalogue) {
+  OrderedJson list = OrderedJson::array();
+  for (std::size_t i = 0; i < landmarks.size(); ++i)
+    list.push_back(landmark_answer().write({landmarks[i], query.points[i], query, catalogue}));
+  return {{"points", std::move(list)}};
+}
+
+bool HeightSource::known() const { return std::isfinite(height.height_m) && height.source >= 0; }
+
+const Answer<HeightSource>& height_answer() {
+  using S = HeightSource;
+  using namespace schema;
+  static const auto answer = answer_of<S>("Terrain at a place, by the triangles that frames are made of.", [](auto& a) {
+    const auto known = [](const S& s) { return s.known(); };
+    a.add("lat_deg", number(kLatitude_deg, "as asked"), [](const S& s) { return s.height.lat_deg; });
+    a.add("lon_deg", number({-180, 180, false, true}, "as asked, in [-180, 180)"),
+          [](const S& s) { return wrap_lon_deg(s.height.lon_deg); });
+    a.add("height_m", number_or_null("above the sphere of 1 737 400 m; null without data"),
+          [](const S& s) { return s.known() ? std::optional(s.height.height_m) : std::nullopt; });
+    a.add(
+        "post_spacing_m", number_or_null("of the tile"), [](const S& s) { return s.height.post_spacing_m; }, known);
+    a.add(
+        "source", text("tile name"),
+        [](const S& s) { return s.catalogue.rasters().at(static_cast<std::size_t>(s.height.source)).name; }, known);
+    a.add(
+        "filled", boolean("interpolated across a void"), [](const S& s) { return s.height.filled; }, known);
+    a.add(
+        "blended", boolean("a mean of the source and the next coarser layer, near where they meet"),
+        [](const S& s) { return s.height.blended; }, known);
+    a.add(
+        "reason", text("why height_m is null"),
+        [](const S& s) { return why_no_height(s.height.lat_deg, s.height.lon_deg, s.catalogue); },
+        [](const S& s) { return !s.known(); });
+  });
+  return answer;
+}
+
+}  // namespace selenograph::api

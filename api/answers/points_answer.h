@@ -1,0 +1,36 @@
+// What rays, landmarks and heights are answered with.
+#pragma once
+
+#include <span>
+
+#include "api/requests/points_json.h"
+#include "api/schema/answers.h"
+#include "dem/catalogue/catalogue.h"
+
+namespace selenograph::api {
+
+struct HitSource {
+  const engine::RayHit& hit;
+  const RaysQuery& query;
+};
+const Answer<HitSource>& hit_answer();
+OrderedJson rays_json(std::span<const engine::RayHit> hits, const RaysQuery& query);
+
+struct LandmarkSource {
+  const engine::Landmark& landmark;
+  const engine::LandmarkQuery& point;
+  const ProjectQuery& query;
+  const dem::Catalogue& catalogue;
+};
+const Answer<LandmarkSource>& landmark_answer();
+OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, const ProjectQuery& query,
+                           const dem::Catalogue& catalogue);
+
+struct HeightSource {
+  const dem::HeightAnswer& height;
+  const dem::Catalogue& catalogue;
+  bool known() const;  // there is a valid post
+};
+const Answer<HeightSource>& height_answer();
+
+}  // namespace selenograph::api
