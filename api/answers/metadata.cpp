@@ -7,7 +7,6 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
-#include "api/answers/metadata_members.h"
 #include "api/answers/view_json.h"
 #include "api/requests/parts/detail_json.h"
 
@@ -75,8 +74,6 @@ void omit(OrderedJson& metadata, const char* list) {
 }
 
 }  // namespace
-
-std::string_view software_version() { return SELENOGRAPH_VERSION; }
 
 std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
                          std::uint64_t terrain_fingerprint, const Representation& representation) {

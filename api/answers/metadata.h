@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "api/answers/metadata_members.h"
 #include "api/encode/negotiate.h"
 #include "api/requests/frame_json.h"
 #include "dem/catalogue/catalogue.h"
@@ -42,7 +43,5 @@ struct MetadataHeader {
   bool whole;
 };
 MetadataHeader metadata_header(nlohmann::ordered_json metadata);
-
-std::string_view software_version();
 
 }  // namespace selenograph::api

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include "api/answers/metadata.h"
 #include "api/answers/view_json.h"
 #include "api/json/ranges.h"
 #include "api/requests/parts/detail_json.h"
@@ -205,6 +204,8 @@ void add_content(Answer<MetadataSource>& a) {
 }
 
 }  // namespace
+
+std::string_view software_version() { return SELENOGRAPH_VERSION; }
 
 const Answer<MetadataSource>& metadata_answer() {
   static const auto answer = answer_of<MetadataSource>(

@@ -9,6 +9,8 @@
 
 namespace selenograph::api {
 
+std::string_view software_version();
+
 struct MetadataSource {
   const engine::FrameRequest& request;  // of a map: its look
   engine::ProductSet products;

@@ -11,9 +11,9 @@ namespace selenograph::api {
 namespace {
 
 engine::RoundTrip made(const EndpointContext& context, const engine::RoundTripRequest& request) {
-  constexpr MemberPointer kRefusable[] = {
+  constexpr MemberPointer kRefusableOfTrip[] = {
       {"height_m", "/height_m"}, {"footprint_ratio", "/footprint_ratio"}, {"max_error_px", "/max_error_px"}};
-  return with_refusals_at(kRefusable, "/center",
+  return with_refusals_at(kRefusableOfTrip, "/center",
                           [&] { return engine::round_trip(context.renderer, request, {}, context.stop); });
 }
 

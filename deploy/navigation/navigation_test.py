@@ -371,7 +371,7 @@ class CampaignTest(unittest.TestCase):
     def test_the_page_has_the_tables_of_what_was_flown(self):
         work, here = pathlib.Path(harness.path("work")), pathlib.Path(harness.path("page"))
         here.mkdir(parents=True)
-        (here / "README.md").write_text("above\n" + report.BEGIN + "old\n" + report.END + "below\n")
+        (here / "results.md").write_text("above\n" + report.BEGIN + "old\n" + report.END + "below\n")
         one = campaign.Campaign(work / "short" / "monte-carlo", 2, 1, 1, False)
         one.begin(campaign.conditions_of(scenarios.short()))
         campaign.write_json(one.folder / "map.json", {"post_spacing_m": 30.0, "gsd_m": [29.0]})
@@ -383,12 +383,12 @@ class CampaignTest(unittest.TestCase):
             campaign.write_whole(one._path(seed), lambda file: np.savez(file, rows=rows, processor_s=1.0))
         (work / "short" / "report.json").write_text("{}")
         report.publish(work, here)
-        page = (here / "README.md").read_text()
+        page = (here / "results.md").read_text()
         self.assertTrue(page.startswith("above\n") and page.endswith("below\n") and "old" not in page, page)
         self.assertIn("position RMS 40.0 m", page)
         self.assertTrue((here / "results" / "short-monte-carlo.png").exists())
         report.publish(work, here)
-        self.assertEqual((here / "README.md").read_text(), page)
+        self.assertEqual((here / "results.md").read_text(), page)
 
 
 if __name__ == "__main__":

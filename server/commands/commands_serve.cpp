@@ -80,7 +80,7 @@ int places_in_work(const ServeSettings& s) {
 
 double round_ms(double seconds) { return std::round(seconds * 1e6) / 1e3; }
 
-// deploy/README.md lists the members.
+// deploy/operation/log.md lists the members.
 std::string members_of(const AccessRecord& e) {
   const auto text_or_null = [](const std::string& text) {
     return text.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(text);

@@ -116,7 +116,7 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
   command.add_option("--dem", s.dem, "DEM files and folders; without: sample terrain")
       ->type_name("PATH")
       ->expected(1, 1 << 20);
-  command.add_option("--assets-dir", s.assets_dir, "Folder of files that requests name: see deploy/README.md")
+  command.add_option("--assets-dir", s.assets_dir, "Folder of files that requests name: see deploy/assets/README.md")
       ->type_name("DIR")
       ->check(CLI::ExistingDirectory);
   command

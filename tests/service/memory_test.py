@@ -86,7 +86,7 @@ class Memory(unittest.TestCase):
         self.assertLessEqual(statistics.median(second), 1.1 * statistics.median(first))
         # What is being prepared when is a matter of time: the most wanders more than the median.
         self.assertLessEqual(max(second), 1.25 * max(first))
-        self.assertLess(idle, 200, "deploy/README.md says 145 MiB")
+        self.assertLess(idle, 200, "deploy/operation/limits.md says 145 MiB")
         self.assertLessEqual(max(resident), idle + 1.1 * 2 * BUDGET_MB + WORKING_MB)
 
     def test_pretouch(self):

@@ -42,7 +42,12 @@ LIBRARIES = [
     (r"openssl/", ["server/campaign/sha256"]),
     (r"archive", ["server/campaign/tar"]),
     (r"spdlog/", ["api/", "server/"]),
+    (r"CLI/", ["server/main", "server/commands/config", "server/commands/options"]),
 ]
+# Costly to compile: never in a header.
+IN_SOURCES_ONLY = r"(CLI/|spdlog/(?!fwd))"
+# A README is a screen; the front page is a few.
+LONGEST_README, LONGEST_FRONT = 70, 200
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)')
 
@@ -71,6 +76,8 @@ def fault(path, own, foreign):
             if folder not in FLOORS:
                 return f"{folder}/ is on no floor"
         return f"{here}/ must not include {there}/" if FLOORS.index(there) < FLOORS.index(here) else None
+    if path.endswith(".h") and re.match(IN_SOURCES_ONLY, foreign):
+        return f"<{foreign}> does not belong into a header"
     for header, places in LIBRARIES:
         if re.match(header, foreign) and not may_hold(path, places):
             return f"<{foreign}> belongs into {' or '.join(places)}"
@@ -165,6 +172,20 @@ class IncludeArrows(unittest.TestCase):
 
     def test_no_folder_is_crowded(self):
         self.assertEqual(crowded(ROOT), {})
+
+    def test_a_readme_is_a_screen(self):
+        for page in ROOT.rglob("README.md"):
+            if not page.relative_to(ROOT).parts[0].startswith(("build", ".")):
+                most = LONGEST_FRONT if page.parent == ROOT else LONGEST_README
+                self.assertLessEqual(len(page.read_text(encoding="utf-8").splitlines()), most, page)
+
+    def test_links_between_pages_lead_somewhere(self):
+        for page in ROOT.rglob("*.md"):
+            if page.relative_to(ROOT).parts[0].startswith(("build", ".")):
+                continue
+            for link in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+                if "://" not in link:
+                    self.assertTrue((page.parent / link).exists(), f"{page}: {link}")
 
     def test_a_cycle_is_found(self):
         files = {

@@ -777,8 +777,10 @@ class Examples(unittest.TestCase):
 
 class Readme(unittest.TestCase):
     def test_its_python_runs(self):
-        with open(os.path.join(FOLDER, "README.md")) as file:
-            blocks = selenograph.re.findall(r"^```python\n(.*?)^```", file.read(), selenograph.re.M | selenograph.re.S)
+        blocks = []
+        for page in ("README.md", "loops.md"):
+            with open(os.path.join(FOLDER, page)) as file:
+                blocks += selenograph.re.findall(r"^```python\n(.*?)^```", file.read(), selenograph.re.M | selenograph.re.S)
         self.assertGreater(len(blocks), 2)
         said = io.StringIO()
         here = os.getcwd()
@@ -795,7 +797,8 @@ class Readme(unittest.TestCase):
 
     def test_its_links_and_those_of_the_conventions_lead_somewhere(self):
         clients = os.path.dirname(FOLDER)
-        for page in ("README.md", "conventions.md", os.path.join("python", "README.md")):
+        for page in ("README.md", "conventions.md", os.path.join("python", "README.md"),
+                     os.path.join("python", "loops.md")):
             with open(os.path.join(clients, page)) as file:
                 links = selenograph.re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", file.read())
             for link in links:

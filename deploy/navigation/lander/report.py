@@ -36,9 +36,9 @@ def draw(folder):
 
 
 def publish(work, here):
-    """Plots beside the README, tables into it, of the scenarios that have been flown."""
-    readme = here / "README.md"
-    before, rest = readme.read_text().split(BEGIN)
+    """Plots and tables into results.md, of the scenarios that have been flown."""
+    page = here / "results.md"
+    before, rest = page.read_text().split(BEGIN)
     text = []
     for folder in sorted(path.parent for path in work.glob("*/report.json")):
         tables = draw(folder)
@@ -51,7 +51,7 @@ def publish(work, here):
                 text += [f"![{folder.name}: {name}]({plot})", ""]
         if tables.get("causes"):
             text += _causes_page(tables["causes"], folder)
-    readme.write_text(before + BEGIN + "\n".join(line for long in text for line in _lines(long)) + END + rest.split(END)[1])
+    page.write_text(before + BEGIN + "\n".join(line for long in text for line in _lines(long)) + END + rest.split(END)[1])
 
 
 def _lines(text):
