@@ -6,9 +6,8 @@
 #include "api/answers/datasets_answer.h"
 #include "api/document/openapi.h"
 #include "api/encode/negotiate.h"
-#include "api/endpoints/endpoint.h"
+#include "api/endpoints/routes.h"
 #include "api/message/problem.h"
-#include "api/message/routes.h"
 #include "dem/support/error.h"
 #include "dem/support/once.h"
 
@@ -17,19 +16,13 @@ namespace {
 
 const Route& route_of(const Request& request) {
   bool known_path = false;
-  for (const Route& route : kRoutes) {
+  for (const Route& route : routes()) {
     if (!segment_of(route, request.path)) continue;
     if (route.method == request.method) return route;
     known_path = true;
   }
   if (known_path) throw RequestError("method_not_allowed", "this path has another method; see Allow");
-  throw RequestError("not_found", "nothing is here; GET /openapi.json lists what there is");
-}
-
-// The others negotiate.
-bool answers_json_alone(Endpoint endpoint) {
-  return endpoint != Endpoint::frames && endpoint != Endpoint::maps && endpoint != Endpoint::features &&
-         endpoint != Endpoint::verify_round_trip;
+  throw RequestError("not_found", "no such path; GET /openapi.json lists those that exist");
 }
 
 }  // namespace
@@ -48,7 +41,11 @@ struct Service::Impl {
   std::string openapi;
   // Made when first asked for: a catalogue of 64 800 tiles is 30 MB of text that most services never send.
   mutable dem::Once datasets_made;
-  mutable std::string datasets;
+  mutable std::string datasets_made_text;
+  std::function<const std::string&()> datasets = [this]() -> const std::string& {
+    datasets_made.run([&] { datasets_made_text = datasets_text(renderer->terrain().catalogue()); });
+    return datasets_made_text;
+  };
 
   // What the request needs of the budget while it is in work, and its answer until it is sent.
   Response answer(const Request& request) const {
@@ -60,49 +57,14 @@ struct Service::Impl {
 
   Response dispatch(const Request& request, RequestMemory& taken) const {
     const Route& route = route_of(request);
-    if (answers_json_alone(route.endpoint) && !accepts(header(request, "accept"), "application/json")) {
-      throw RequestError("not_acceptable", "there is application/json; Accept does not allow it");
-    }
+    if (!route.negotiates && !accepts(header(request, "accept"), "application/json"))
+      throw RequestError("not_acceptable", "only application/json is available, and Accept excludes it");
     const auto allowed = time_allowed(request, limits);
     if (!allowed)
       throw RequestError("malformed_request", "Request-Timeout-Ms must be a whole number of milliseconds above 0");
-    const EndpointContext context{*renderer,
-                                  limits,
-                                  assets,
-                                  long_metadata,
-                                  taken,
-                                  request,
-                                  StopToken(request.received + *allowed, request.abandoned)};
-    switch (route.endpoint) {
-      case Endpoint::frames:
-        return answer_frames(context);
-      case Endpoint::frame_metadata:
-        return answer_frame_metadata(context, *segment_of(route, request.path));
-      case Endpoint::maps:
-        return answer_maps(context);
-      case Endpoint::rays:
-        return answer_rays(context);
-      case Endpoint::project:
-        return answer_project(context);
-      case Endpoint::heights:
-        return answer_heights(context);
-      case Endpoint::height:
-        return answer_height(context);
-      case Endpoint::features:
-        return answer_features(context);
-      case Endpoint::datasets:
-        datasets_made.run([&] { datasets = datasets_text(renderer->terrain().catalogue()); });
-        taken.need(datasets.size(), "", context.stop);
-        return json_response(datasets);
-      case Endpoint::verify_round_trip:
-        return answer_verify_round_trip(context);
-      case Endpoint::verify_mertis:
-        return answer_verify_mertis(context);
-      case Endpoint::openapi:
-        taken.need(openapi.size(), "", context.stop);
-        return json_response(openapi);
-    }
-    throw std::logic_error("no such endpoint");
+    return route.answer({*renderer, limits, assets, long_metadata, taken, request,
+                         StopToken(request.received + *allowed, request.abandoned), *segment_of(route, request.path),
+                         openapi, datasets});
   }
 };
 
@@ -118,11 +80,14 @@ Service::Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits
 Service::~Service() = default;
 
 Response Service::handle(const Request& request) const noexcept {
-  return answer_or_problem(request, [&] { return impl_->answer(request); });
+  Response response = answer_or_problem(request, [&] { return impl_->answer(request); });
+  if (response.error_code == "method_not_allowed")
+    response.headers.emplace_back("Allow", allowed_methods(request.path));
+  return response;
 }
 
 bool Service::needs_admission(const Request& request) {
-  return std::any_of(std::begin(kRoutes), std::end(kRoutes), [&](const Route& route) {
+  return std::ranges::any_of(routes(), [&](const Route& route) {
     return route.admission && route.method == request.method && segment_of(route, request.path);
   });
 }

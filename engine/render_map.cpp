@@ -105,7 +105,7 @@ RowViews view_from(const Vec3& toward, const PatchDirections& patch, double gsd_
 
 // What a patch is drawn with: positions say where there is data, normals how steep it is.
 ProductSet products_of_patch(ProductSet wanted) {
-  return (wanted & ~(kHeight | kSlope)) | kPosition | (wanted & kSlope ? kNormal : 0);
+  return (wanted & ~(kHeight | kSlope)) | kPosition | (wanted & kSlope ? ProductSet{kNormal} : 0);
 }
 
 class MapDrawing {

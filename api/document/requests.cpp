@@ -5,30 +5,25 @@
 #include <algorithm>
 
 #include "api/encode/arrays.h"
-#include "api/requests/features_json.h"
-#include "api/requests/frame_json.h"
-#include "api/requests/map_json.h"
-#include "api/requests/mertis_json.h"
-#include "api/requests/points_json.h"
-#include "api/requests/round_trip_json.h"
+#include "api/endpoints/routes.h"
 
 namespace selenograph::api {
 namespace {
 
 struct RequestBody {
-  const char* path;
+  std::string_view path;
   const MemberTable& members;
 };
 
 std::vector<RequestBody> bodies() {
-  return {{"/v1/frames", frame_members()},
-          {"/v1/maps", map_members()},
-          {"/v1/rays", rays_members()},
-          {"/v1/project", project_members()},
-          {"/v1/heights", heights_members()},
-          {"/v1/features", features_members()},
-          {"/v1/verify/roundtrip", round_trip_members()},
-          {"/v1/verify/mertis", mertis_members()}};
+  const Limits limits;
+  std::vector<RequestBody> all;
+  for (const Route& route : routes()) {
+    Operation operation(limits);
+    route.describe(operation);
+    if (operation.request) all.push_back({route.path, *operation.request});
+  }
+  return all;
 }
 
 void add_with_parts(std::vector<const MemberTable*>& tables, const MemberTable& table) {

@@ -2,6 +2,7 @@
 // problems.
 #pragma once
 
+#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -37,6 +38,8 @@ class RequestMemory {
   MemoryBudget::Claim claim_;
 };
 
+class Operation;
+
 struct EndpointContext {
   const engine::Renderer& renderer;
   const Limits& limits;
@@ -45,18 +48,37 @@ struct EndpointContext {
   RequestMemory& memory;
   const Request& request;
   StopToken stop;
+  std::string_view segment;  // of the path, where the route has one
+  // Texts that are made once.
+  const std::string& openapi;
+  const std::function<const std::string&()>& datasets;
 };
 
+// What a call answers, and what the API document says of it. endpoints/routes.cpp lists them.
 Response answer_frames(const EndpointContext& context);
-Response answer_frame_metadata(const EndpointContext& context, std::string_view hash);
+void describe_frames(Operation& operation);
+Response answer_frame_metadata(const EndpointContext& context);
+void describe_frame_metadata(Operation& operation);
 Response answer_maps(const EndpointContext& context);
+void describe_maps(Operation& operation);
 Response answer_rays(const EndpointContext& context);
+void describe_rays(Operation& operation);
 Response answer_project(const EndpointContext& context);
+void describe_project(Operation& operation);
 Response answer_heights(const EndpointContext& context);
+void describe_heights(Operation& operation);
 Response answer_height(const EndpointContext& context);
+void describe_height(Operation& operation);
 Response answer_features(const EndpointContext& context);
+void describe_features(Operation& operation);
+Response answer_datasets(const EndpointContext& context);
+void describe_datasets(Operation& operation);
 Response answer_verify_round_trip(const EndpointContext& context);
+void describe_verify_round_trip(Operation& operation);
 Response answer_verify_mertis(const EndpointContext& context);
+void describe_verify_mertis(Operation& operation);
+Response answer_openapi(const EndpointContext& context);
+void describe_openapi(Operation& operation);
 
 // The body, which must be JSON within the limits. Throws RequestError.
 Json json_body(const EndpointContext& context);

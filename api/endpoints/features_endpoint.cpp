@@ -1,9 +1,27 @@
 // POST /v1/features.
 #include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
+#include "api/endpoints/operation.h"
+#include "api/json/ranges.h"
 #include "api/requests/features_json.h"
 
 namespace selenograph::api {
+namespace {
+
+template <typename Feature>
+OrderedJson listed(const char* what, std::span<const FeatureColumn<Feature>> columns) {
+  OrderedJson properties{{"id", schema::with(schema::text("the same in every answer"), "pattern", "^[0-9a-f]{16}$")}},
+      required = OrderedJson::array({"id"});
+  for (const auto& column : columns) {
+    properties[std::string(column.name)] = schema::number(kAnyNumber, column.meaning);
+    required.push_back(column.name);
+  }
+  OrderedJson schema = schema::object(what, std::move(properties), {});
+  schema["required"] = std::move(required);
+  return schema;
+}
+
+}  // namespace
 
 Response answer_features(const EndpointContext& context) {
   const std::string_view media_type =
@@ -17,6 +35,36 @@ Response answer_features(const EndpointContext& context) {
   response.headers.emplace_back("Vary", "Accept");
   context.stop.check();
   return response;
+}
+
+void describe_features(Operation& o) {
+  using namespace schema;
+  o.describe(
+      "Truth for crater matchers and hazard detectors: each crater of a detail that the terrain shows, the largest "
+      "first. The DEM's posts at its centre decide whether it is shown; one that others of its octave of diameters "
+      "cover is left out. The same crater has the same id in every answer.");
+  o.body("/v1/features", features_members());
+  o.answer_as_accepted(kFeaturesAnswers, "FeaturesAnswer", {"Vary"});
+  OrderedJson crater = listed("A crater of the detail.", crater_columns()),
+              rock = listed("A rock of the detail.", rock_columns());
+  const OrderedJson detail = object("what they are of, as in a frame's metadata",
+                                    {{"name", text("as asked")},
+                                     {"version", text("changes when the preset changes")},
+                                     {"synthetic", text("what of the terrain is made up")}},
+                                    {"name", "version", "synthetic"});
+  const OrderedJson region = object("as asked, degrees",
+                                    {{"south_deg", number(kLatitude_deg, "")},
+                                     {"north_deg", number(kLatitude_deg, "")},
+                                     {"west_deg", number(kLongitude_deg, "")},
+                                     {"east_deg", number({-180, 720}, "west_deg < east_deg <= west_deg + 360")}},
+                                    {"south_deg", "north_deg", "west_deg", "east_deg"});
+  o.schema("FeaturesAnswer", object("Craters, or rocks, with their centre in the region, the largest first.",
+                                    {{"detail", detail},
+                                     {"region", region},
+                                     {"smallest_m", number(kAnyNumber, "least diameter_m")},
+                                     {"craters", array(std::move(crater))},
+                                     {"rocks", array(std::move(rock))}},
+                                    {"detail", "region", "smallest_m"}));
 }
 
 }  // namespace selenograph::api

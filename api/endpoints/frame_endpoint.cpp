@@ -10,6 +10,7 @@
 #include "api/encode/encode.h"
 #include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
+#include "api/endpoints/operation.h"
 #include "api/requests/cameras.h"
 #include "api/requests/frame_json.h"
 #include "dem/support/error.h"
@@ -305,12 +306,43 @@ Response answer_frames(const EndpointContext& context) {
   return has_cameras(body) ? answer_cameras(context, body) : answer_frame(context, body);
 }
 
-Response answer_frame_metadata(const EndpointContext& context, std::string_view hash) {
-  return json_response(*context.long_metadata.get(std::string(hash), []() -> LongMetadata::Loaded {
+Response answer_frame_metadata(const EndpointContext& context) {
+  return json_response(*context.long_metadata.get(std::string(context.segment), []() -> LongMetadata::Loaded {
     throw RequestError("not_found",
                        "no metadata are kept under this hash: they are for a while, and only those that a "
                        "header had no room for");
   }) + "\n");
+}
+
+void describe_frames(Operation& o) {
+  o.describe(
+      "A safe question asked with POST because it is long: nothing changes on the service, and the same question gives "
+      "the same bytes. Therefore If-None-Match is answered with 304 as for GET, without rendering anything.");
+  o.may_be_known("The client has this frame already");
+  o.body("/v1/frames", frame_members());
+  OrderedJson content = OrderedJson::object();
+  std::string description =
+      "The frame, as `Accept` asks. Without a preference: image alone as PNG, one product as .npy, several as .npz.\n";
+  for (const Representation& r : representations()) {
+    content[std::string(r.media_type)] = {{"schema", {{"type", "string"}, {"contentMediaType", r.media_type}}}};
+    description += "\n- `" + std::string(r.media_type) + "`: " + std::string(r.meaning);
+  }
+  o.json["responses"]["200"] = {
+      {"description", description},
+      {"headers", header_references({"ETag", "Vary", "Server-Timing", "Selenograph-Product", "Selenograph-Shape",
+                                     "Selenograph-Dtype", "Selenograph-Meta", "Selenograph-Missing-Fraction",
+                                     "Selenograph-Echo"})},
+      {"content", content}};
+  using namespace schema;
+  o.schema("MetadataElsewhere",
+           object("In the header, where all metadata do not fit.",
+                  {{"content_hash", text("the ETag without quotes")}, {"metadata_at", text("path of the metadata")}},
+                  {"content_hash", "metadata_at"}));
+}
+
+void describe_frame_metadata(Operation& o) {
+  o.parameter("hash", "path", "content_hash of the frame", true, {{"type", "string"}, {"minLength", 1}});
+  o.answer("All of the frame's metadata", "FrameMetadata", metadata_answer().schema());
 }
 
 }  // namespace selenograph::api

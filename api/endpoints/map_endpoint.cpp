@@ -7,6 +7,7 @@
 #include "api/answers/metadata.h"
 #include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
+#include "api/endpoints/operation.h"
 #include "dem/support/error.h"
 
 namespace selenograph::api {
@@ -55,6 +56,15 @@ Response answer_maps(const EndpointContext& context) {
                   std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count()));
   context.stop.check();
   return response;
+}
+
+void describe_maps(Operation& o) {
+  o.describe(
+      "Vertical rays through the pixels' centres: the terrain, shadows and level of detail of frames on a map's grid. "
+      "If-None-Match is answered with 304 as for frames.");
+  o.may_be_known("The client has this map already");
+  o.body("/v1/maps", map_members());
+  o.answer_as_accepted(kMapAnswers, "", {"ETag", "Vary", "Server-Timing", "Selenograph-Missing-Fraction"});
 }
 
 }  // namespace selenograph::api

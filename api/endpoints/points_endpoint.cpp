@@ -1,6 +1,7 @@
 // POST /v1/rays, /v1/project, /v1/heights and GET /v1/height.
 #include "api/answers/points_answer.h"
 #include "api/endpoints/endpoint.h"
+#include "api/endpoints/operation.h"
 #include "dem/support/error.h"
 #include "engine/frame/needs.h"
 
@@ -73,6 +74,38 @@ Response answer_height(const EndpointContext& context) {
   const dem::HeightAnswer height = terrain.height(place.lat_deg, place.lon_deg, context.stop);
   throw_if_stopped(context);
   return json_response(height_answer().write({height, terrain.catalogue()}));
+}
+
+namespace {
+
+constexpr const char* kInOrder = "In the order of the request";
+
+OrderedJson list_of(const char* name, const OrderedJson& item, std::size_t most, const char* description) {
+  return schema::object("In the order of the request.", {{name, schema::list(item, most, description)}}, {name});
+}
+
+}  // namespace
+
+void describe_rays(Operation& o) {
+  o.body("/v1/rays", rays_members());
+  o.answer(kInOrder, "RaysAnswer", list_of("rays", hit_answer().schema(), o.most_points(), "hits"));
+}
+
+void describe_project(Operation& o) {
+  o.body("/v1/project", project_members());
+  o.answer(kInOrder, "ProjectAnswer", list_of("points", landmark_answer().schema(), o.most_points(), "landmarks"));
+}
+
+void describe_heights(Operation& o) {
+  o.body("/v1/heights", heights_members());
+  o.answer(kInOrder, "HeightsAnswer", list_of("points", schema::ref("Height"), o.most_points(), "places"));
+}
+
+void describe_height(Operation& o) {
+  const std::string place = "#/components/schemas/Place/properties/";
+  o.parameter("lat_deg", "query", "planetocentric latitude", true, {{"$ref", place + "lat_deg"}});
+  o.parameter("lon_deg", "query", "east longitude", true, {{"$ref", place + "lon_deg"}});
+  o.answer("The height", "Height", height_answer().schema());
 }
 
 }  // namespace selenograph::api

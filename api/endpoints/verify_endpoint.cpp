@@ -4,13 +4,14 @@
 #include "api/answers/round_trip_answer.h"
 #include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
+#include "api/endpoints/operation.h"
 #include "api/requests/mertis_json.h"
 #include "dem/support/error.h"
 
 namespace selenograph::api {
 namespace {
 
-engine::RoundTrip made(const EndpointContext& context, const engine::RoundTripRequest& request) {
+engine::RoundTrip made_round_trip(const EndpointContext& context, const engine::RoundTripRequest& request) {
   constexpr MemberPointer kRefusableOfTrip[] = {
       {"height_m", "/height_m"}, {"footprint_ratio", "/footprint_ratio"}, {"max_error_px", "/max_error_px"}};
   return with_refusals_at(kRefusableOfTrip, "/center",
@@ -35,7 +36,7 @@ Response answer_verify_round_trip(const EndpointContext& context) {
       choose(header(context.request, "accept"), std::span<const Alternative>(kRoundTripAnswers));
   const engine::RoundTripRequest request = read_round_trip(json_body(context), context.limits);
   context.memory.need(bytes_of(request), "/posts", context.stop);
-  const engine::RoundTrip trip = made(context, request);
+  const engine::RoundTrip trip = made_round_trip(context, request);
   Response response;
   response.content_type = media_type;
   if (media_type == "image/tiff") {
@@ -50,6 +51,21 @@ Response answer_verify_round_trip(const EndpointContext& context) {
 
 Response answer_verify_mertis(const EndpointContext& context) {
   return json_response(mertis_answer().write({read_mertis(json_body(context)), context.stop}));
+}
+
+void describe_verify_round_trip(Operation& o) {
+  o.describe(
+      "The check of the SENSOR++ paper (section 4, figure 5) on the finest tile that holds a place. Mode exact sends "
+      "rays through the tile's posts: what differs is the engine's. Mode camera renders frames and resamples what "
+      "their pixels see to the posts: what differs is the engine's and the sampling's.");
+  o.body("/v1/verify/roundtrip", round_trip_members());
+  o.schema("RoundTripAnswer", round_trip_answer().schema());
+  o.answer_as_accepted(kRoundTripAnswers, "RoundTripAnswer", {"Vary"});
+}
+
+void describe_verify_mertis(Operation& o) {
+  o.body("/v1/verify/mertis", mertis_members());
+  o.answer("In the order of the request", "MertisAnswer", mertis_answer().schema());
 }
 
 }  // namespace selenograph::api

@@ -10,7 +10,6 @@
 #include <system_error>
 #include <utility>
 
-#include "api/message/routes.h"
 #include "dem/support/error.h"
 
 namespace selenograph::api {
@@ -60,16 +59,6 @@ constexpr std::array<ErrorRow, 23> kTable{{
     {"deadline_exceeded", 504, "Deadline exceeded",
      "The answer was not ready within the service's deadline or the request's `Request-Timeout-Ms`."},
 }};
-
-// Where there is GET the server answers HEAD with the same and no body.
-std::string allowed_methods(std::string_view path) {
-  std::string methods;
-  for (const Route& route : kRoutes) {
-    if (segment_of(route, path))
-      methods += (methods.empty() ? "" : ", ") + std::string(route.method == "GET" ? "GET, HEAD" : route.method);
-  }
-  return methods;
-}
 
 bool client_has_left(const Request& request) {
   return request.abandoned && request.abandoned->load(std::memory_order_relaxed);
@@ -141,9 +130,7 @@ Response answer_or_described_problem(const Request& request, const std::function
   try {
     return work();
   } catch (const RequestError& e) {
-    Response response = problem(e.code(), e.what(), e.findings());
-    if (e.code() == "method_not_allowed") response.headers.emplace_back("Allow", allowed_methods(request.path));
-    return response;
+    return problem(e.code(), e.what(), e.findings());
   } catch (const ImpossibleRequest& e) {
     return problem("invalid_request", e.what());
   } catch (const DataError& e) {

@@ -34,7 +34,9 @@ OrderedJson list(const OrderedJson& items, std::size_t most, const char* descrip
 }
 
 OrderedJson array(OrderedJson items, const char* description) {
-  return {{"type", "array"}, {"items", std::move(items)}, {"description", description}};
+  OrderedJson json{{"type", "array"}, {"items", std::move(items)}};
+  if (*description) json["description"] = description;
+  return json;
 }
 
 OrderedJson free_object(const char* description) { return {{"type", "object"}, {"description", description}}; }

@@ -6,8 +6,8 @@
 // is kept and its scale is set to kSolarConstant_w_m2.
 #pragma once
 
-#include <cstddef>
 #include <span>
+#include <string_view>
 
 namespace selenograph::engine {
 
@@ -16,8 +16,8 @@ struct SpectralSample {
   double irradiance_w_m2_um;
 };
 
-inline constexpr std::size_t kAstmE490Size = 1697;
-extern const SpectralSample kAstmE490[kAstmE490Size];
+std::span<const SpectralSample> astm_e490();
+std::string_view astm_e490_csv();  // astm_e490.csv, made by deploy/support/embed.cmake
 // As integrated linearly.
 inline constexpr double kAstmE490Total_w_m2 = 1366.0908;
 

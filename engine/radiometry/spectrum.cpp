@@ -35,7 +35,7 @@ double planck_w_m2_sr_um(double wavelength_um, double temperature_k) {
 double solar_irradiance_w_m2(const Band& band) {
   static const std::vector<double> table = [] {
     std::vector<double> wavelengths;
-    for (const SpectralSample& s : kAstmE490) wavelengths.push_back(s.wavelength_um);
+    for (const SpectralSample& s : astm_e490()) wavelengths.push_back(s.wavelength_um);
     return wavelengths;
   }();
   const std::vector<double> points = band.breakpoints(table);

@@ -8,8 +8,8 @@
 #include <iterator>
 #include <sstream>
 
+#include "api/endpoints/routes.h"
 #include "api/message/problem.h"
-#include "api/message/routes.h"
 #include "server/service/heap_trim.h"
 
 namespace selenograph::server {
@@ -197,7 +197,7 @@ std::string Metrics::exposition(const Gauges& gauges) const {
 }
 
 std::string_view route_label(std::string_view path) {
-  for (const api::Route& route : api::kRoutes) {
+  for (const api::Route& route : api::routes()) {
     if (api::segment_of(route, path)) return route.path;
   }
   for (const std::string_view own : {"/health/live", "/health/ready", "/metrics"}) {

@@ -14,7 +14,7 @@ namespace selenograph::server {
 enum class PageAccess { off, local, on };
 
 // page/page.html, page/docs.html, and Debian's marked.js, which renders the Markdown of the document's descriptions;
-// made by page/embed.cmake.
+// made by deploy/support/embed.cmake.
 std::string_view page_html();
 std::string_view docs_html();
 std::string_view marked_js();

@@ -13,7 +13,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 # Folders with sources, top floor first: a file may include files of its own folder and of the folders below.
 FLOORS = [
     "server", "server/commands", "server/campaign", "server/service", "server/http",
-    "api", "api/endpoints", "api/document", "api/answers", "api/requests", "api/requests/parts", "api/encode",
+    "api", "api/document", "api/endpoints", "api/answers", "api/requests", "api/requests/parts", "api/encode",
     "api/schema", "api/assets", "api/json", "api/message",
     "engine/verify", "engine", "engine/sensor", "engine/visibility/zbuffer", "engine/visibility/raytrace",
     "engine/visibility/image", "engine/visibility/meshes", "engine/visibility/objects", "engine/visibility/points",

@@ -14,6 +14,7 @@
 #include <system_error>
 
 #include "api/endpoints/endpoint.h"
+#include "api/endpoints/routes.h"
 #include "dem/support/error.h"
 
 namespace selenograph::api {
@@ -160,12 +161,11 @@ TEST(AnswerOrProblem, DepartedClientIsNotADeadline) {
   EXPECT_EQ(answer_or_problem(request, throwing<Cancelled>()).status, 499);
 }
 
-TEST(AnswerOrProblem, WrongMethodListsTheAllowedOnes) {
-  Request request;
-  request.path = "/v1/height";
-  const Response response = answer_or_problem(request, throwing<RequestError>("method_not_allowed", "no"));
-  ASSERT_EQ(response.headers.size(), 1u);
-  EXPECT_EQ(response.headers[0].second, "GET, HEAD");
+TEST(Routes, AllowedMethodsAreThoseOfThePath) {
+  EXPECT_EQ(allowed_methods("/v1/height"), "GET, HEAD");
+  EXPECT_EQ(allowed_methods("/v1/frames"), "POST");
+  EXPECT_EQ(allowed_methods("/v1/frames/x/meta"), "GET, HEAD");
+  EXPECT_EQ(allowed_methods("/v1/frames/x/y/meta"), "");
 }
 
 constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"}};

@@ -77,8 +77,8 @@ TEST(Planck, NarrowBandsAreTheirCentreTimesTheirWidth) {
 
 TEST(SolarSpectrum, TheTotalIsTheSolarConstant) {
   double total = 0;
-  for (std::size_t i = 0; i + 1 < kAstmE490Size; ++i) {
-    const SpectralSample &a = kAstmE490[i], &b = kAstmE490[i + 1];
+  for (std::size_t i = 0; i + 1 < astm_e490().size(); ++i) {
+    const SpectralSample &a = astm_e490()[i], &b = astm_e490()[i + 1];
     ASSERT_LT(a.wavelength_um, b.wavelength_um);
     ASSERT_GT(b.irradiance_w_m2_um, 0);
     total += (b.wavelength_um - a.wavelength_um) * (a.irradiance_w_m2_um + b.irradiance_w_m2_um) / 2;

@@ -1,5 +1,6 @@
-# Writes a C++ source that holds files as character arrays: cmake -DOUT=FILE "-DFILES=NAME=PATH;..." -P embed.cmake
-file(WRITE ${OUT}.new "#include \"server/service/pages.h\"\n\nnamespace selenograph::server {\n")
+# Writes a C++ source that holds files as character arrays, NAME() of HEADER and NAMESPACE:
+# cmake -DOUT=FILE -DHEADER=HEADER -DNAMESPACE=NAMESPACE "-DFILES=NAME=PATH;..." -P embed.cmake
+file(WRITE ${OUT}.new "#include \"${HEADER}\"\n\nnamespace ${NAMESPACE} {\n")
 foreach(entry ${FILES})
   string(REGEX REPLACE "=.*" "" name "${entry}")
   string(REGEX REPLACE "^[^=]*=" "" path "${entry}")
@@ -7,5 +8,5 @@ foreach(entry ${FILES})
   string(REGEX REPLACE "([0-9a-f][0-9a-f])" "'\\\\x\\1'," bytes "${hex}")
   file(APPEND ${OUT}.new "static const char k_${name}[] = {${bytes}};\nstd::string_view ${name}() { return {k_${name}, sizeof k_${name}}; }\n")
 endforeach()
-file(APPEND ${OUT}.new "}  // namespace selenograph::server\n")
+file(APPEND ${OUT}.new "}  // namespace ${NAMESPACE}\n")
 file(RENAME ${OUT}.new ${OUT})
