@@ -20,7 +20,7 @@
 #include "dem/files/files.h"
 #include "dem/files/folder_files.h"
 #include "dem/files/names.h"
-#include "dem/files/pds_label.h"
+#include "dem/files/pds_image.h"
 #include "dem/gdal/raster.h"
 #include "dem/gdal/remote_files.h"
 #include "dem/gdal/remote_names.h"

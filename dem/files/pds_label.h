@@ -1,10 +1,7 @@
-// PDS3 labels: what a Kaguya or LOLA product says about its pixels and where they lie.
-//
-// The georeferencing of PDS3 products comes from here and not from GDAL, whose driver ignores DUMMY and mirrors tiles
-// that carry the old positive sign of SAMPLE_PROJECTION_OFFSET. Keywords: PDS Standards Reference 3.8 (2009), chapter
-// 12 (ODL) and the Planetary Science Data Dictionary.
+// PDS3 labels as text: PDS Standards Reference 3.8 (2009), chapter 12 (ODL).
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -12,7 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "dem/grid/post_grid.h"
+#include "dem/files/files.h"
+#include "dem/support/error.h"
 
 namespace selenograph::dem {
 
@@ -46,27 +44,43 @@ bool begins_with_pds_label(const std::string& path);
 // Whether it is about a map: an IMAGE and an IMAGE_MAP_PROJECTION.
 bool describes_map(const PdsObject& label);
 
-struct PdsSample {
-  int bytes = 2;
-  bool real = false, has_sign = true, little_endian = false;
+// Keywords and names are words without case.
+std::string upper_case(std::string_view s);
+bool same_word(std::string_view a, std::string_view b);
+
+// Looks up members and complains in the label's name.
+class PdsReader {
+ public:
+  PdsReader(const PdsObject& object, const std::string& path) : object_(object), path_(path) {}
+
+  std::optional<double> maybe(std::string_view keyword) const {
+    const PdsValue* v = object_.find_deep(keyword);
+    return v ? v->number() : std::nullopt;
+  }
+  double number(std::string_view keyword) const {
+    if (const auto x = maybe(keyword)) return *x;
+    throw DataError(path_, std::string(keyword) + " is missing or not a number");
+  }
+  int count(std::string_view keyword) const {
+    const double x = number(keyword);
+    if (x >= 1 && x <= 1e9 && x == std::floor(x)) return static_cast<int>(x);
+    throw DataError(path_, std::string(keyword) + " must be a positive whole number");
+  }
+  std::string word(std::string_view keyword) const {
+    const PdsValue* v = object_.find_deep(keyword);
+    return v ? upper_case(v->text()) : std::string();
+  }
+  const PdsValue* value(std::string_view keyword) const { return object_.find_deep(keyword); }
+  [[noreturn]] void fail(const std::string& what) const { throw DataError(path_, what); }
+  // It is about something else.
+  [[noreturn]] void no_heights(const std::string& what) const { throw NotHeights(path_, what); }
+
+ private:
+  const PdsObject& object_;
+  const std::string& path_;
 };
 
-struct PdsImage {
-  std::string data_path;         // the label itself when it is attached
-  std::uint64_t first_byte = 0;  // of the first sample
-  std::uint64_t row_bytes = 0;   // from one row's first sample to the next row's
-  int width = 0, height = 0;
-  PdsSample sample;
-  // metres = (sample * scale + offset) * unit_m
-  double scale = 1, offset = 0, unit_m = 1;
-  std::vector<double> voids;  // sample values that are no heights
-  std::string format;         // "PDS3 Kaguya", "PDS3 LOLA" or "PDS3"
-  PostGrid grid;
-};
-
-// Everything needed to read the posts. Throws DataError naming the label when it contradicts itself, is not about
-// heights on the 1737.4 km sphere or uses a projection or sample type that isn't supported, and when the data file is
-// missing or shorter than the label says.
-PdsImage describe_pds_image(const PdsObject& label, const std::string& label_path);
+// 16#FF7FFFFB#: a whole number in another base.
+std::optional<std::uint64_t> parse_pds_based(std::string_view s);
 
 }  // namespace selenograph::dem

@@ -11,7 +11,7 @@
 #include <limits>
 
 #include "dem/files/files.h"
-#include "dem/files/pds_label.h"
+#include "dem/files/pds_image.h"
 #include "dem/gdal/dataset.h"
 #include "dem/gdal/georeference.h"
 #include "dem/gdal/remote_files.h"

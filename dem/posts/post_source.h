@@ -3,14 +3,11 @@
 // The finest valid layer wins; no-data is filled from the next coarser layer. What is still missing between valid posts
 // is interpolated and flagged. Beside its border a layer is blended into those beneath (layer_edges.h): its own height
 // h becomes (1 - e) h + e b, where b is what the coarser layers alone give there, blended likewise.
-// A product whose posts lie on the lattice is copied; any other is interpolated by a
-// Catmull-Rom bicubic kernel (bilinear beside voids), exact for a linear slope.
+// A product whose posts lie on the lattice is copied; any other is interpolated (post_patch.h).
 #pragma once
 
 #include <cstdint>
 #include <functional>
-#include <list>
-#include <map>
 #include <memory>
 #include <mutex>
 #include <span>
@@ -25,6 +22,9 @@
 #include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
+
+class RasterPool;
+struct PostPatch;
 
 // Safe to call concurrently: keeps a pool of open files, each lent to one thread at a time.
 class PostSource {
@@ -53,10 +53,7 @@ class PostSource {
   const LevelBorders& borders() const { return borders_; }
 
  private:
-  class Pool;
-  class Mapping;
-  struct Patch;
-  void close_gaps(int source, Patch& patch) const;
+  void close_gaps(int source, PostPatch& patch) const;
   struct Strip;
   template <typename Use>
   void for_strips(const PostWindow& window, const StopToken& stop, Use&& use) const;
@@ -68,19 +65,12 @@ class PostSource {
   void blend_layer(const PostWindow& part, std::size_t offset, const Strip& strip, std::span<Blending> sources,
                    const StopToken& stop) const;
   enum class Reach { between_posts, beside_posts };
-  class Filling;
-  struct Part;
-  struct Range;
-  class Columns;
-  class ColumnsOfFiles;
-  class AlongRows;
-  static void fill_rows(const Patch& patch, const Columns& columns, const Part& rows, Filling& filling);
   std::size_t add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
                         const Strip& strip) const;
   const Catalogue& catalogue_;
   bool fall_through_;
   Warn warn_;
-  std::unique_ptr<Pool> pool_;
+  std::unique_ptr<RasterPool> pool_;
   mutable std::mutex replaced_mutex_;  // of any Posts::replaced, which strips share
   double post_deg_ = 0;                // of the coarsest file
   LayerEdges edges_;

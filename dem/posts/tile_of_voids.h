@@ -10,6 +10,8 @@
 #include <vector>
 
 #include "dem/posts/post_window.h"
+#include "dem/support/parallel.h"
+#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 
@@ -123,5 +125,28 @@ class TileOfVoids {
   const float* heights_;
   int r0_, r1_, c0_, c1_;
 };
+
+// use(post), row by row, for each void that can be filled. A tile looks beyond itself: nothing is written before all
+// have looked.
+template <typename Mark, typename Use>
+void for_filled(const PostWindow& window, const float* heights, const Mark& mark, const std::vector<char>& has_voids,
+                const StopToken& stop, Use&& use) {
+  constexpr int kSide = TileOfVoids::kSide;
+  const auto down = static_cast<std::size_t>((window.rows + kSide - 1) / kSide);
+  std::vector<std::vector<FilledPost>> filled(down);
+  in_parallel(down, [&](std::size_t strip) {
+    stop.check();
+    const int first = static_cast<int>(strip) * kSide, past_last = std::min(first + kSide, window.rows);
+    if (std::none_of(has_voids.begin() + first, has_voids.begin() + past_last, [](char any) { return any; })) return;
+    for (int column = 0; column < window.cols; column += kSide) {
+      const std::vector<FilledPost> tile = TileOfVoids(window, heights, first, column).filled(mark);
+      filled[strip].insert(filled[strip].end(), tile.begin(), tile.end());
+    }
+    std::sort(filled[strip].begin(), filled[strip].end(),
+              [](const FilledPost& a, const FilledPost& b) { return a.at < b.at; });
+  });
+  for (const std::vector<FilledPost>& strip : filled)
+    for (const FilledPost& post : strip) use(post);
+}
 
 }  // namespace selenograph::dem

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/files/pds_label.h"
+#include "dem/files/pds_image.h"
 #include "dem/gdal/raster.h"
 #include "dem/posts/post_source.h"
 #include "dem/support/error.h"

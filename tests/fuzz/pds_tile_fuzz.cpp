@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/files/pds_label.h"
+#include "dem/files/pds_image.h"
 #include "dem/gdal/raster.h"
 #include "dem/support/error.h"
 #include "tests/fuzz/fuzz.h"

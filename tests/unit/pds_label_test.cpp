@@ -1,5 +1,5 @@
 // Labels only: syntax, and where each dialect puts its first post.
-#include "dem/files/pds_label.h"
+#include "dem/files/pds_image.h"
 
 #include <gtest/gtest.h>
 

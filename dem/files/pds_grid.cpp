@@ -1,0 +1,176 @@
+#include "dem/files/pds_grid.h"
+
+#include <algorithm>
+#include <cmath>
+#include <initializer_list>
+#include <vector>
+
+#include "dem/grid/geodesy.h"
+
+namespace selenograph::dem {
+
+namespace {
+
+// Metres per pixel. The PDS data dictionary's default unit is km/pixel.
+std::optional<double> map_scale_m(const PdsReader& map) {
+  const PdsValue* v = map.value("MAP_SCALE");
+  if (!v || !v->number()) return std::nullopt;
+  const std::string unit = upper_case(v->unit);
+  if (unit.starts_with("DEG")) return *v->number() * kMetresPerDegree;
+  return *v->number() * (unit.starts_with("M") ? 1 : 1000);
+}
+
+// MAP_RESOLUTION first: MAP_SCALE is printed rounded. A scale alone is brought back to the whole number it came from.
+double posts_per_degree(const PdsReader& map) {
+  double ppd = map.maybe("MAP_RESOLUTION").value_or(0);
+  if (ppd <= 0) {
+    const auto scale = map_scale_m(map);
+    if (!scale || *scale <= 0) map.fail("MAP_RESOLUTION and MAP_SCALE are both missing");
+    ppd = kMetresPerDegree / *scale;
+    if (std::abs(ppd / std::round(ppd) - 1) < 5e-5) ppd = std::round(ppd);  // a scale of five digits
+  }
+  if (!(ppd > 1e-3 && ppd < 1e9)) map.fail("MAP_RESOLUTION is impossible");
+  return ppd;
+}
+
+// One axis of a cylindrical map, in posts from the projection's centre, growing with the row or column number.
+struct Axis {
+  int count = 0;
+  std::optional<double> offset;       // LINE_ or SAMPLE_PROJECTION_OFFSET
+  std::optional<double> first, last;  // from the corners that the label prints
+  double period = 0;                  // of a longitude, else 0
+};
+
+// Where the first post lies. The corners that the label prints say which of the conventions in use is meant by the
+// offset, which is the more exact number:
+// - corners at the outermost posts (Kaguya) span count - 1, at the outer pixel edges (LOLA) they span count;
+// - offsets count from the first post's position (Kaguya, LOLA) or from one post before it (1-based, older products),
+// and
+//   early Kaguya products have the opposite sign.
+// A Kaguya label with edges printed is still recognised, as its offset then equals the edge.
+std::optional<double> first_post(const Axis& a) {
+  const auto near = [&](double x, double y, double tolerance) {
+    const double d = a.period > 0 ? std::remainder(x - y, a.period) : x - y;
+    return std::abs(d) < tolerance;
+  };
+  std::vector<double> candidates;
+  if (a.offset) candidates = {-*a.offset, 1 - *a.offset, *a.offset, *a.offset - 1};
+  if (!a.first || !a.last) return a.offset ? std::optional(-*a.offset) : std::nullopt;
+
+  // The conventions differ by half a post at least; printed decimals are off by much less than the tolerances here.
+  const double span = *a.last - *a.first;
+  std::vector<double> targets;
+  if (std::abs(span - (a.count - 1)) < 0.3) targets = {*a.first};
+  if (std::abs(span - a.count) < 0.3) targets = {*a.first + 0.5, *a.first};
+  for (const double candidate : candidates)
+    for (const double target : targets)
+      if (near(candidate, target, 0.1)) return candidate;
+  if (targets.empty()) return std::nullopt;
+  // No convention fits: the corners win, freed from the rounding of their six decimals.
+  const double half = std::round(targets.front() * 2) / 2;
+  return std::abs(half - targets.front()) < 0.02 ? half : targets.front();
+}
+
+std::optional<double> first_of(const PdsReader& a, std::initializer_list<const char*> keywords) {
+  for (const char* keyword : keywords)
+    if (const auto x = a.maybe(keyword)) return x;
+  return std::nullopt;
+}
+
+// Whether a printed place is that of a post, give or take conventions and rounding: what is farther off is a mistake of
+// which nobody knows whether it is in this number or in the others.
+bool agrees(const Axis& axis, double printed, double post) {
+  const double tolerance = std::max(2.0, 0.01 * axis.count), d = printed - post;
+  return std::abs(axis.period > 0 ? std::remainder(d, axis.period) : d) <= tolerance;
+}
+
+// `low` and `high`: keywords that print the first and the last post's place; `sign`: of what grows with the number.
+void check_axis(const PdsReader& label, const Axis& axis, double post, double sign, double centre_deg, double ppd,
+                std::initializer_list<const char*> low, std::initializer_list<const char*> high) {
+  int agreeing = 0;
+  const auto check = [&](const char* keyword, double expected) {
+    const auto printed = label.maybe(keyword);
+    if (!printed) return;
+    if (!agrees(axis, sign * (*printed - centre_deg) * ppd, expected))
+      label.fail(std::string(keyword) + " contradicts the rest of the label");
+    ++agreeing;
+  };
+  for (const char* keyword : low) check(keyword, post);
+  for (const char* keyword : high) check(keyword, post + axis.count - 1);
+  // A zero stands for nothing; and against two pairs of corners an offset is outvoted.
+  if (!axis.offset || *axis.offset == 0 || agreeing > 2) return;
+  for (const double candidate : {-*axis.offset, *axis.offset})
+    if (agrees(axis, candidate, post)) return;
+  label.fail("its corners and its projection offset contradict each other");
+}
+
+GeographicGrid cylindrical_grid(const PdsReader& label, const PdsReader& map, int width, int height) {
+  const double ppd = posts_per_degree(map);
+  const double centre_lon = map.maybe("CENTER_LONGITUDE").value_or(0);
+  if (std::abs(map.maybe("CENTER_LATITUDE").value_or(0)) > 1e-9)
+    map.fail("a cylindrical map with a CENTER_LATITUDE other than 0 is not supported");
+
+  Axis rows{height, map.maybe("LINE_PROJECTION_OFFSET"), {}, {}, 0};
+  if (const auto north = first_of(label, {"MAXIMUM_LATITUDE", "UPPER_LEFT_LATITUDE"})) rows.first = -*north * ppd;
+  if (const auto south = first_of(label, {"MINIMUM_LATITUDE", "LOWER_LEFT_LATITUDE"})) rows.last = -*south * ppd;
+  Axis columns{width, map.maybe("SAMPLE_PROJECTION_OFFSET"), {}, {}, 360 * ppd};
+  const auto west = first_of(label, {"WESTERNMOST_LONGITUDE", "UPPER_LEFT_LONGITUDE"});
+  auto east = first_of(label, {"EASTERNMOST_LONGITUDE", "UPPER_RIGHT_LONGITUDE"});
+  if (west && east) {
+    if (*east < *west || (*east == *west && width > 1)) *east += 360;  // E359E000
+    columns.first = (*west - centre_lon) * ppd;
+    columns.last = (*east - centre_lon) * ppd;
+  }
+  const auto row = first_post(rows);
+  const auto column = first_post(columns);
+  if (!row) map.fail("its latitudes, LINES, MAP_RESOLUTION and LINE_PROJECTION_OFFSET contradict each other");
+  if (!column)
+    map.fail("its longitudes, LINE_SAMPLES, MAP_RESOLUTION and SAMPLE_PROJECTION_OFFSET contradict each other");
+  check_axis(label, rows, *row, -1, 0, ppd, {"MAXIMUM_LATITUDE", "UPPER_LEFT_LATITUDE", "UPPER_RIGHT_LATITUDE"},
+             {"MINIMUM_LATITUDE", "LOWER_LEFT_LATITUDE", "LOWER_RIGHT_LATITUDE"});
+  check_axis(label, columns, *column, 1, centre_lon, ppd,
+             {"WESTERNMOST_LONGITUDE", "UPPER_LEFT_LONGITUDE", "LOWER_LEFT_LONGITUDE"},
+             {"EASTERNMOST_LONGITUDE", "UPPER_RIGHT_LONGITUDE", "LOWER_RIGHT_LONGITUDE"});
+  return {-*row / ppd, centre_lon + *column / ppd, ppd, ppd};
+}
+
+// Offsets from the pole. LOLA's polar products are symmetric about it, but their labels round half a pixel away in
+// different directions: a map that is symmetric to within half a pixel is symmetric.
+double polar_offset(const PdsReader& map, const char* keyword, int count) {
+  const double offset = map.number(keyword);
+  return std::abs(offset - count / 2.0) < 0.51 ? (count - 1) / 2.0 : offset;
+}
+
+// In the plane the metres per pixel are exact and the pixels per degree rounded (LOLA's DSMAP_POLAR.CAT says so).
+PolarGrid polar_grid(const PdsReader& map, int width, int height) {
+  PolarGrid g;
+  const double pole = map.number("CENTER_LATITUDE");
+  if (std::abs(std::abs(pole) - 90) > 1e-9) map.fail("CENTER_LATITUDE of a polar map must be 90 or -90");
+  g.north = pole > 0;
+  g.central_lon_deg = map.maybe("CENTER_LONGITUDE").value_or(0);
+  const auto scale = map_scale_m(map);
+  g.spacing_m = scale ? *scale : kMetresPerDegree / posts_per_degree(map);
+  if (!(g.spacing_m > 1e-3 && g.spacing_m < 1e6)) map.fail("MAP_SCALE is impossible");
+  g.first_x_m = -polar_offset(map, "SAMPLE_PROJECTION_OFFSET", width) * g.spacing_m;
+  g.first_y_m = polar_offset(map, "LINE_PROJECTION_OFFSET", height) * g.spacing_m;
+  return g;
+}
+
+}  // namespace
+
+PostGrid pds_grid(const PdsReader& label, const PdsReader& map, int width, int height) {
+  const double radius_km = map.maybe("A_AXIS_RADIUS").value_or(kMoonRadius_m / 1000);
+  if (std::abs(radius_km * 1000 - kMoonRadius_m) > 0.5)
+    map.fail("its sphere of " + std::to_string(radius_km) + " km is not the Moon's 1737.4 km");
+  if (map.maybe("MAP_PROJECTION_ROTATION").value_or(0) != 0) map.fail("rotated maps are not supported");
+  if (map.word("POSITIVE_LONGITUDE_DIRECTION") == "WEST") map.fail("west-positive longitudes are not supported");
+  std::string type = map.word("MAP_PROJECTION_TYPE");
+  std::replace(type.begin(), type.end(), '_', ' ');
+  if (type == "POLAR STEREOGRAPHIC") return polar_grid(map, width, height);
+  for (const char* name :
+       {"SIMPLE CYLINDRICAL", "EQUIRECTANGULAR", "EQUIDISTANT CYLINDRICAL", "EQUIDISTANT", "GEOGRAPHIC"})
+    if (type == name) return cylindrical_grid(label, map, width, height);
+  map.fail("the map projection '" + type + "' is not supported");
+}
+
+}  // namespace selenograph::dem

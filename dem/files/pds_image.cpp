@@ -1,0 +1,150 @@
+#include "dem/files/pds_image.h"
+
+#include <bit>
+#include <cmath>
+#include <filesystem>
+
+#include "dem/files/pds_grid.h"
+
+namespace selenograph::dem {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uint64_t kFarthestByte = 1'000'000'000'000'000;  // of a file: what is added to it stays within 64 bits
+
+// SAMPLE_TYPE names of the PDS Standards Reference, appendix C. Plain INTEGER, REAL and the like are MSB (Sun, Mac,
+// IEEE).
+PdsSample sample_type(const PdsReader& image) {
+  const std::string type = image.word("SAMPLE_TYPE");
+  const int bits = image.count("SAMPLE_BITS");
+  PdsSample s;
+  s.bytes = bits / 8;
+  s.real = type.find("REAL") != std::string::npos || type == "FLOAT";
+  s.has_sign = type.find("UNSIGNED") == std::string::npos;
+  s.little_endian = type.starts_with("LSB_") || type.starts_with("PC_") || type.starts_with("VAX_");
+  const bool integer = type.ends_with("INTEGER");
+  if (integer && bits == 8) image.no_heights("samples of 8 bits are not heights");
+  const bool vax_real = type.starts_with("VAX") && s.real;
+  const bool known_size = s.real ? bits == 32 || bits == 64 : bits == 16 || bits == 32;
+  if ((!integer && !s.real) || vax_real || !known_size)
+    image.fail("samples of type '" + type + "' with " + std::to_string(bits) + " bits are not supported");
+  return s;
+}
+
+double unit_in_metres(const PdsReader& image) {
+  const std::string unit = image.word("UNIT");
+  if (unit.empty() || unit == "N/A" || unit == "M" || unit.starts_with("MET")) return 1;
+  if (unit == "KM" || unit.starts_with("KILOMET")) return 1000;
+  image.no_heights("is not about heights: its UNIT is '" + unit + "'");
+}
+
+// A bit pattern such as 16#FF7FFFFB# stands for the real number with those bits.
+double void_of(const std::string& text, const PdsSample& sample, double number) {
+  const auto bits = sample.real ? parse_pds_based(text) : std::nullopt;
+  if (!bits) return number;
+  return sample.bytes == 4 ? static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(*bits)))
+                           : std::bit_cast<double>(*bits);
+}
+
+std::vector<double> void_values(const PdsReader& image, const PdsSample& sample) {
+  std::vector<double> voids;
+  for (const char* keyword : {"DUMMY", "MISSING_CONSTANT", "MISSING", "INVALID_CONSTANT", "NOT_APPLICABLE_CONSTANT",
+                              "NULL", "CORE_NULL", "INVALID_VALUE"}) {
+    const PdsValue* v = image.value(keyword);
+    for (std::size_t i = 0; v && i < v->items.size(); ++i)
+      if (const auto x = v->number(i)) voids.push_back(void_of(v->items[i], sample, *x));
+  }
+  return voids;
+}
+
+// The label's folder, the name it gives, and failing that the same name in another case (archives differ, labels
+// don't).
+fs::path find_data_file(const std::string& label_path, const std::string& name) {
+  const fs::path folder = fs::path(label_path).parent_path();
+  const fs::path wanted = folder / fs::path(name).filename();
+  std::error_code error;
+  if (fs::is_regular_file(wanted, error)) return wanted;
+  for (const auto& entry : fs::directory_iterator(folder.empty() ? fs::path(".") : folder, error))
+    if (same_word(entry.path().filename().string(), wanted.filename().string()))
+      return folder / entry.path().filename();
+  if (is_system_fault(error.value())) throw SystemFault(folder.string(), error.value());
+  throw DataError(label_path, "its data file " + wanted.filename().string() + " is missing");
+}
+
+// ^IMAGE = "FILE" | ("FILE", record) | ("FILE", n <BYTES>) | record | n <BYTES>; records and bytes count from 1.
+void find_pixels(const PdsReader& label, const std::string& label_path, PdsImage& out) {
+  const PdsValue* pointer = label.value("^IMAGE");
+  if (!pointer || pointer->items.empty()) label.fail("^IMAGE is missing");
+  const bool attached = pointer->number(0).has_value();
+  out.data_path = attached ? label_path : find_data_file(label_path, pointer->text()).string();
+  const std::size_t place = attached ? 0 : 1;
+  if (place >= pointer->items.size()) return;
+  const auto start = pointer->number(place);
+  if (!start || *start < 1 || *start > kFarthestByte || *start != std::floor(*start))
+    label.fail("^IMAGE has no valid position");
+  const auto before = static_cast<std::uint64_t>(*start) - 1;
+  const bool bytes = upper_case(pointer->unit).starts_with("BYTE");
+  const auto record = static_cast<std::uint64_t>(bytes || before == 0 ? 1 : label.count("RECORD_BYTES"));
+  if (before > kFarthestByte / record) label.fail("^IMAGE has no valid position");
+  out.first_byte = before * record;
+}
+
+void check_data_size(const std::string& label_path, const PdsImage& image) {
+  std::error_code error;
+  const std::uint64_t have = fs::file_size(image.data_path, error);
+  if (error && is_system_fault(error.value())) throw SystemFault(image.data_path, error.value());
+  if (error) throw DataError(label_path, "its data file " + image.data_path + " can't be read: " + error.message());
+  const std::uint64_t rows = static_cast<std::uint64_t>(image.height) - 1;
+  const std::uint64_t last = static_cast<std::uint64_t>(image.width) * static_cast<std::uint64_t>(image.sample.bytes);
+  const std::uint64_t need = image.first_byte + rows * image.row_bytes + last;
+  if (have < need)
+    throw DataError(label_path, "its data file " + fs::path(image.data_path).filename().string() +
+                                    " is truncated: it has " + std::to_string(have) + " bytes, the label asks for " +
+                                    std::to_string(need));
+}
+
+std::string format_name(const PdsReader& label) {
+  for (const char* keyword : {"MISSION_NAME", "INSTRUMENT_HOST_NAME", "DATA_SET_ID"}) {
+    const std::string word = label.word(keyword);
+    if (word.find("SELENE") != std::string::npos || word.starts_with("SLN-")) return "PDS3 Kaguya";
+  }
+  return label.word("INSTRUMENT_ID") == "LOLA" ? "PDS3 LOLA" : "PDS3";
+}
+
+}  // namespace
+
+PdsImage describe_pds_image(const PdsObject& label, const std::string& label_path) {
+  const PdsObject* image_object = label.find_object("IMAGE");
+  const PdsObject* map_object = label.find_object("IMAGE_MAP_PROJECTION");
+  if (!image_object || !map_object)
+    throw DataError(label_path, "describes no map (IMAGE or IMAGE_MAP_PROJECTION is missing)");
+  const PdsReader whole(label, label_path), image(*image_object, label_path), map(*map_object, label_path);
+
+  PdsImage out;
+  out.format = format_name(whole);
+  out.unit_m = unit_in_metres(image);
+  out.width = image.count("LINE_SAMPLES");
+  out.height = image.count("LINES");
+  if (image.maybe("BANDS").value_or(1) != 1) image.no_heights("has several BANDS; a height map has one");
+  out.sample = sample_type(image);
+  out.scale = image.maybe("SCALING_FACTOR").value_or(1);
+  out.offset = image.maybe("OFFSET").value_or(0);
+  if (out.scale == 0) image.fail("SCALING_FACTOR is zero");
+  out.voids = void_values(image, out.sample);
+
+  const double prefix = image.maybe("LINE_PREFIX_BYTES").value_or(0);
+  const double suffix = image.maybe("LINE_SUFFIX_BYTES").value_or(0);
+  if (prefix < 0 || suffix < 0 || prefix + suffix > 1e6)
+    image.fail("LINE_PREFIX_BYTES or LINE_SUFFIX_BYTES is impossible");
+  out.row_bytes = static_cast<std::uint64_t>(out.width) * static_cast<std::uint64_t>(out.sample.bytes) +
+                  static_cast<std::uint64_t>(prefix + suffix);
+  find_pixels(whole, label_path, out);
+  out.first_byte += static_cast<std::uint64_t>(prefix);
+  out.grid = pds_grid(whole, map, out.width, out.height);
+  check_data_size(label_path, out);
+  return out;
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,52 @@
+// What a layer writes into a window.
+#pragma once
+
+#include "dem/grid/block.h"
+#include "dem/posts/post_kernels.h"
+#include "dem/posts/window_mapping.h"
+
+namespace selenograph::dem {
+
+// The window's posts that a layer may still fill, in whose order they lie in the file.
+class LayerFilling {
+ public:
+  LayerFilling(int source, int window_cols, float* heights, SourceMark* sources)
+      : mark_(static_cast<SourceMark>(source)),
+        cols_(static_cast<std::size_t>(window_cols)),
+        heights_(heights),
+        sources_(sources) {}
+
+  // Heights of `n` posts of one row.
+  void row(int r, int first, const float* heights, int n) {
+    const std::size_t at = index(r, first);
+    const Taken taken = take_row(heights, n, mark_, heights_ + at, sources_ + at);
+    filled_ += static_cast<std::size_t>(taken.filled), impossible_ += static_cast<std::size_t>(taken.impossible);
+  }
+
+  bool wanted(int r, int c) const { return sources_[index(r, c)] == kNoSource; }
+  void post(int r, int c, float h, SourceMark flag) {
+    if (std::isnan(h)) return;
+    if (h < kLowestRelief_m || h > kHighestRelief_m) {
+      ++impossible_;
+      return;
+    }
+    heights_[index(r, c)] = h, sources_[index(r, c)] = mark_ | flag;
+    ++filled_;
+  }
+
+  std::size_t filled() const { return filled_; }
+  std::size_t impossible() const { return impossible_; }
+
+ private:
+  std::size_t index(int r, int c) const { return static_cast<std::size_t>(r) * cols_ + static_cast<std::size_t>(c); }
+  SourceMark mark_;
+  std::size_t cols_, filled_ = 0, impossible_ = 0;
+  float* heights_;
+  SourceMark* sources_;
+};
+
+// A geographic file's rows and columns are separable: a row of the window is some posts of a row of the file, or four
+// such rows, interpolated along themselves, with the row's weights.
+void fill_rows(const PostPatch& patch, const FileColumns& all_columns, const WindowPart& rows, LayerFilling& filling);
+
+}  // namespace selenograph::dem

@@ -1,0 +1,61 @@
+// Open files of a catalogue.
+#pragma once
+
+#include <algorithm>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <utility>
+
+#include "dem/catalogue/catalogue.h"
+#include "dem/gdal/raster.h"
+#include "dem/support/error.h"
+
+namespace selenograph::dem {
+
+// Enough for the tiles that one chunk and its neighbours touch (4 x 4 degrees of 1-degree tiles), few against the limit
+// of 1024 descriptors.
+inline constexpr std::size_t kIdleFiles = 32;
+
+// Open files, lent to one thread at a time; the least recently returned are closed past kIdleFiles.
+class RasterPool {
+ public:
+  explicit RasterPool(const Catalogue& catalogue) : catalogue_(catalogue) {}
+
+  // use(raster) fails when the file changed under it. A file that was only touched, or is what it was again, is opened
+  // anew; opening fails where it is another than was catalogued.
+  template <typename Use>
+  void with(int source, Use&& use) {
+    constexpr int kAttempts = 3;
+    std::unique_ptr<Raster> raster = take(source);
+    for (int attempt = 1;; ++attempt) {
+      if (!raster) raster = std::make_unique<Raster>(catalogue_.rasters()[static_cast<std::size_t>(source)]);
+      try {
+        use(*raster);
+        break;
+      } catch (const DataError&) {  // a file that fails isn't kept
+        if (attempt == kAttempts || raster->current()) throw;
+        raster.reset();
+      }
+    }
+    std::lock_guard lock(mutex_);
+    idle_.emplace_front(source, std::move(raster));
+    if (idle_.size() > kIdleFiles) idle_.pop_back();
+  }
+
+ private:
+  std::unique_ptr<Raster> take(int source) {
+    std::lock_guard lock(mutex_);
+    const auto found = std::find_if(idle_.begin(), idle_.end(), [&](const auto& e) { return e.first == source; });
+    if (found == idle_.end()) return nullptr;
+    std::unique_ptr<Raster> raster = std::move(found->second);
+    idle_.erase(found);
+    return raster;
+  }
+
+  const Catalogue& catalogue_;
+  std::mutex mutex_;
+  std::list<std::pair<int, std::unique_ptr<Raster>>> idle_;
+};
+
+}  // namespace selenograph::dem

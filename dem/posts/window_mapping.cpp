@@ -1,0 +1,69 @@
+#include "dem/posts/window_mapping.h"
+
+#include <algorithm>
+
+#include "dem/posts/cubic.h"
+
+namespace selenograph::dem {
+
+namespace {
+
+PostXY located(const RasterInfo& info, const PostWindow& window, int r, int c, bool pole) {
+  // A tile that touches a pole holds the pole in each of its columns: any longitude it covers will do.
+  const double lon = pole ? info.footprint.west_deg
+                          : lon_deg_of(wrap_lon(window.lon0 + static_cast<std::int64_t>(c) * window.lon_step));
+  return locate(
+      info, lat_deg_of(static_cast<std::int32_t>(window.lat0 + static_cast<std::int64_t>(r) * window.lat_step)), lon);
+}
+
+}  // namespace
+
+std::optional<WindowPart> PostRange::well_inside(const std::vector<double>& all) const {
+  if (empty()) return std::nullopt;
+  const auto inside = [&](double v) { return v >= first() + 1 && v <= past_last() - 3; };
+  const auto from = std::find_if(all.begin(), all.end(), inside), to = std::find_if_not(from, all.end(), inside);
+  if (std::any_of(to, all.end(), inside)) return std::nullopt;
+  WindowPart part{static_cast<int>(from - all.begin()), static_cast<int>(to - all.begin()), {}, true};
+  part.places.reserve(static_cast<std::size_t>(to - from));
+  for (auto v = from; v != to; ++v) {
+    part.places.emplace_back(*v);
+    part.on_posts &= part.places.back().fraction == 0;
+  }
+  return part;
+}
+
+FileColumns::FileColumns(const RasterInfo& info, const PostWindow& window, bool pole) {
+  xs.reserve(static_cast<std::size_t>(window.cols));
+  for (int c = 0; c < (pole ? 1 : window.cols); ++c) xs.push_back(located(info, window, 0, c, pole).x);
+  if (info.wraps_longitude)
+    for (std::size_t c = 1; c < xs.size(); ++c)
+      while (xs[c] < xs[c - 1] - 0.5) xs[c] += info.width;
+  for (const double v : xs) range.add(v, info.wraps_longitude ? 1e300 : info.width);
+  part = range.well_inside(xs);
+  if (!part) return;
+  for (const Place& place : part->places) {
+    first_.push_back(place.post - 1 - range.first());
+    const std::array<double, 4> four = cubic_weights(place.fraction);
+    for (std::size_t k = 0; k < 4; ++k) weights_[k].push_back(four[k]);
+  }
+}
+
+WindowMapping::WindowMapping(const RasterInfo& info, int source, const PostWindow& window, ColumnsOfFiles& files)
+    : info_(info), window_(window), pole_(window.lat0 == 0 || window.lat0 == kLatTicks) {
+  if (info.projection() == Projection::geographic) {
+    columns_ = files.of(info, source, window, pole_);
+    x_ = columns_->range;
+    for (int r = 0; r < window.rows; ++r) ys_.push_back(located(info, window, r, 0, pole_).y);
+    for (const double v : ys_) y_.add(v, info.height);
+    return;
+  }
+  places_.reserve(static_cast<std::size_t>(window_.rows) * static_cast<std::size_t>(cols()));
+  for (int r = 0; r < window_.rows; ++r)
+    for (int c = 0; c < cols(); ++c) {
+      const PostXY q = places_.emplace_back(located(info_, window_, r, c, pole_));
+      if (q.x > -2 && q.y > -2 && q.x < info_.width + 1 && q.y < info_.height + 1)
+        x_.add(q.x, info_.width), y_.add(q.y, info_.height);
+    }
+}
+
+}  // namespace selenograph::dem
