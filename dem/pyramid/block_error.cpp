@@ -1,0 +1,221 @@
+#include "dem/pyramid/block_error.h"
+
+#include <cmath>
+#include <utility>
+
+#include "dem/posts/post_kernels.h"
+#include "dem/pyramid/block_posts.h"
+#include "dem/support/parallel.h"
+
+namespace selenograph::dem {
+
+namespace {
+
+// Quad by quad. Linear in latitude and longitude within a triangle (the chord's sag over the sphere is accounted for
+// separately: lattice.h, chord_sag_m); the diagonal runs from the south-east to the north-west corner, as in the
+// rendered mesh.
+Extremes measured_by_quads(const OctaveGrid& grid, const BlockCut& cut, const OctaveGrid& base) {
+  const BlockExtent e = extent_of(cut.id);
+  const int step_r = e.lat_step / base.window.lat_step, step_c = e.lon_step / base.window.lon_step;
+  const int base_r0 = static_cast<int>((e.lat0 - base.window.lat0) / base.window.lat_step);
+  const int base_c0 = static_cast<int>((e.lon0 - base.window.lon0) / base.window.lon_step);
+  float worst = 0, low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
+  const float inv_r = 1.F / static_cast<float>(step_r), inv_c = 1.F / static_cast<float>(step_c);
+  for (int r = 0; r < e.quads; ++r)
+    for (int c = 0; c < e.quads; ++c) {
+      const float h00 = grid.at(cut.r0 + r, cut.c0 + c * cut.stride_c),
+                  h10 = grid.at(cut.r0 + r, cut.c0 + (c + 1) * cut.stride_c);
+      const float h01 = grid.at(cut.r0 + r + 1, cut.c0 + c * cut.stride_c),
+                  h11 = grid.at(cut.r0 + r + 1, cut.c0 + (c + 1) * cut.stride_c);
+      for (const float h : {h00, h10, h01, h11})
+        if (!std::isnan(h)) low = std::min(low, h), high = std::max(high, h);
+      for (int y = 0; y <= step_r; ++y) {
+        const float fy = static_cast<float>(y) * inv_r;
+        const float* row = &base.posts.heights[base.index(base_r0 + r * step_r + y, base_c0 + c * step_c)];
+        for (int x = 0; x <= step_c; ++x) {
+          const float fx = static_cast<float>(x) * inv_c, h = row[x];
+          const float lower = h00 + fx * (h10 - h00) + fy * (h01 - h00),
+                      upper = h11 + (1 - fx) * (h01 - h11) + (1 - fy) * (h10 - h11);
+          const float distance = std::abs(h - (fx + fy <= 1 ? lower : upper));
+          // Comparisons with NaN are false: voids don't count.
+          if (distance > worst) worst = distance;
+          if (h < low) low = h;
+          if (h > high) high = h;
+        }
+      }
+    }
+  return {worst, low, high};
+}
+
+Extremes range_of(const OctaveGrid& grid, int r0, int c0, int quads) {
+  const Extremes none;
+  HeightRange range{none.low, none.high};
+  for (int r = 0; r <= quads; ++r) extend_range(grid.row(r0 + r) + c0, quads + 1, range);
+  return {0, range.low, range.high};
+}
+
+// A level's surface at the posts of the next finer one: vertices, and the middles of edges. Of quads x quads quads.
+void refine_surface(const float* in, int stride, int quads, float* out) {
+  const int wide = 2 * quads + 1;
+  for (int r = 0; r <= quads; ++r, in += stride, out += 2 * static_cast<std::ptrdiff_t>(wide)) {
+    refine_row(in, quads, out);
+    if (r < quads) refine_between_rows(in, in + stride, quads, out + wide);
+  }
+}
+
+float largest_distance_in(const OctaveGrid& base, int r0, int c0, int quads, const float* surface) {
+  float worst = 0;
+  for (int r = 0; r <= quads; ++r)
+    worst = largest_distance(base.row(r0 + r) + c0, surface + static_cast<std::ptrdiff_t>(r) * (quads + 1), quads + 1,
+                             worst);
+  return worst;
+}
+
+// All blocks of a chunk whose grids and blocks halve from level to level: all but those where the longitude step
+// changes. Tile by tile of the base, small enough for the nearest cache: each level's surface is refined octave by
+// octave to the base's posts, which are exactly where it is farthest from them.
+class TileMeasurement {
+ public:
+  TileMeasurement(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels)
+      : node_(plan.node),
+        base_(base),
+        levels_(levels),
+        tile_(std::min(kTile, quads_per_side(plan.node.level) << (base.level - plan.node.level))) {
+    for (const OctaveGrid& grid : levels) starts_.push_back(start_of(grid));
+  }
+
+  static bool possible(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels) {
+    const OctaveGrid* fine = &base;
+    for (const OctaveGrid& grid : levels) {
+      if (grid.window.lon_step != 2 * fine->window.lon_step) return false;
+      fine = &grid;
+    }
+    // The longitude step of blocks is largest at the northern or southern end.
+    for (int level = plan.coarsest_level(); level <= base.level; ++level)
+      for (const std::int32_t lat : {extent_of(plan.node).lat0, extent_of(plan.node).lat1() - 1})
+        if (extent_of(block_at(level, lat, extent_of(plan.node).lon0)).lon_step != grid_lon_step(plan.node, level))
+          return false;
+    return true;
+  }
+
+  Measured measured(const StopToken& stop) const {
+    const int side = (extent_of(node_).lat1() - extent_of(node_).lat0) / base_.window.lat_step / tile_;
+    std::vector<TileExtremes> tiles(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+    in_parallel(tiles.size(), [&](std::size_t i) {
+      stop.check();
+      tiles[i] = of_tile(static_cast<int>(i) / side * tile_, static_cast<int>(i) % side * tile_);
+    });
+    Measured found;
+    for (const TileExtremes& tile : tiles) {
+      for (const auto& [id, extremes] : tile.base) found[id].add(extremes);
+      Extremes all;
+      for (const auto& [id, extremes] : tile.base) all.add(extremes);
+      for (std::size_t i = 0; i < levels_.size(); ++i) {
+        Extremes& level = found[block_at(levels_[i].level, tile.lat, tile.lon)];
+        level.add(all);
+        level.add({tile.error_m[i], level.low, level.high});
+      }
+    }
+    // A level may be lower and higher than what it is made of: where a void was left out, or a pole kept.
+    for (auto& [id, extremes] : found)
+      if (id.level < base_.level) {
+        const OctaveGrid& grid = levels_[static_cast<std::size_t>(base_.level - 1 - id.level)];
+        const BlockCut cut = cut_of(grid, id);
+        extremes.add(range_of(grid, cut.r0, cut.c0, quads_per_side(id.level)));
+      }
+    return found;
+  }
+
+ private:
+  static constexpr int kTile = 128;   // base posts: 64 KB of floats
+  static constexpr int kOctaves = 6;  // that a tile's surface is refined by; a tile has two quads of that level
+
+  struct TileExtremes {
+    std::int32_t lat = 0, lon = 0;                   // of its south-west corner
+    std::vector<std::pair<BlockId, Extremes>> base;  // of the blocks of posts
+    std::vector<float> error_m;                      // by level
+  };
+
+  // What a tile's surface is refined from: the level's own posts over the node, or, where a tile is less than two of
+  // its quads, those refined.
+  struct Start {
+    int octaves = 0;  // to the base
+    int stride = 0;
+    const float* posts = nullptr;  // of the node's south-west corner
+    std::vector<float> refined;
+  };
+
+  Start start_of(const OctaveGrid& grid) const {
+    Start start;
+    start.octaves = base_.level - grid.level, start.stride = grid.window.cols;
+    start.posts = grid.posts.heights.data() + grid.index(grid.halo, grid.halo);
+    int quads = grid.window.rows - 1 - 2 * grid.halo;
+    std::vector<float> finer;
+    for (; start.octaves > kOctaves || (tile_ >> start.octaves) < 1; --start.octaves) {
+      finer.resize(static_cast<std::size_t>(2 * quads + 1) * static_cast<std::size_t>(2 * quads + 1));
+      refine_surface(start.posts, start.stride, quads, finer.data());
+      start.refined.swap(finer);
+      quads *= 2;
+      start.posts = start.refined.data(), start.stride = quads + 1;
+    }
+    return start;
+  }
+
+  TileExtremes of_tile(int row, int col) const {
+    TileExtremes tile;
+    tile.lat = extent_of(node_).lat0 + row * base_.window.lat_step;
+    tile.lon = extent_of(node_).lon0 + col * base_.window.lon_step;
+    const int quads = quads_per_side(base_.level);
+    for (int r = 0; r < tile_; r += quads)
+      for (int c = 0; c < tile_; c += quads)
+        tile.base.emplace_back(
+            block_at(base_.level, tile.lat + r * base_.window.lat_step, tile.lon + c * base_.window.lon_step),
+            range_of(base_, base_.halo + row + r, base_.halo + col + c, quads));
+    tile.error_m.resize(starts_.size());
+    if (std::all_of(tile.base.begin(), tile.base.end(), [](const auto& b) { return b.second.low > b.second.high; }))
+      return tile;
+    const std::size_t most = static_cast<std::size_t>(tile_ + 1) * static_cast<std::size_t>(tile_ + 1);
+    std::vector<float> one(most), other(most);
+    for (std::size_t i = 0; i < starts_.size(); ++i) {
+      const Start& start = starts_[i];
+      const float* surface =
+          start.posts + static_cast<std::ptrdiff_t>(row >> start.octaves) * start.stride + (col >> start.octaves);
+      int stride = start.stride, n = tile_ >> start.octaves;
+      for (int k = 0; k < start.octaves; ++k) {
+        refine_surface(surface, stride, n, one.data());
+        n *= 2, stride = n + 1, surface = one.data();
+        one.swap(other);
+      }
+      tile.error_m[i] = largest_distance_in(base_, base_.halo + row, base_.halo + col, tile_, surface);
+    }
+    return tile;
+  }
+
+  BlockId node_;
+  const OctaveGrid& base_;
+  const std::vector<OctaveGrid>& levels_;
+  int tile_;
+  std::vector<Start> starts_;
+};
+
+}  // namespace
+
+Measured measure(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
+                 const StopToken& stop) {
+  if (TileMeasurement::possible(plan, base, levels)) return TileMeasurement(plan, base, levels).measured(stop);
+  Measured found;
+  const auto add_level = [&](const OctaveGrid& grid) {
+    const std::vector<BlockId> ids = blocks_of(plan.node, grid.level);
+    std::vector<Extremes> extremes(ids.size());
+    in_parallel(ids.size(), [&](std::size_t i) {
+      stop.check();
+      extremes[i] = measured_by_quads(grid, cut_of(grid, ids[i]), base);
+    });
+    for (std::size_t i = 0; i < ids.size(); ++i) found.emplace(ids[i], extremes[i]);
+  };
+  add_level(base);
+  for (const OctaveGrid& grid : levels) add_level(grid);
+  return found;
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,28 @@
+// How far the blocks of a chunk are from its finest posts, and between which heights they lie.
+#pragma once
+
+#include <algorithm>
+#include <limits>
+#include <unordered_map>
+#include <vector>
+
+#include "dem/pyramid/octave_grid.h"
+
+namespace selenograph::dem {
+
+// Of a block: largest vertical distance between its triangles and the base posts beneath; lowest and highest height of
+// both. None: low > high.
+struct Extremes {
+  float error_m = 0, low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
+  void add(const Extremes& other) {
+    error_m = std::max(error_m, other.error_m), low = std::min(low, other.low), high = std::max(high, other.high);
+  }
+};
+
+using Measured = std::unordered_map<BlockId, Extremes, BlockIdHash>;
+
+// Of all blocks of all levels. `levels`: coarser and coarser.
+Measured measure(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
+                 const StopToken& stop);
+
+}  // namespace selenograph::dem
