@@ -4,9 +4,9 @@
 #include <bit>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <stdexcept>
 
+#include "dem/files/whole_file.h"
 #include "dem/sample/tile_label.h"
 #include "dem/support/error.h"
 
@@ -59,19 +59,6 @@ std::string big_endian_bytes(const std::vector<std::int16_t>& posts) {
   return bytes;
 }
 
-void write_whole(const std::filesystem::path& path, const std::string& bytes) {
-  const std::filesystem::path temporary = path.string() + ".part";
-  {
-    std::ofstream file(temporary, std::ios::binary | std::ios::trunc);
-    file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-    file.close();
-    if (!file) throw DataError(temporary.string(), "cannot be written");
-  }
-  std::error_code error;
-  std::filesystem::rename(temporary, path, error);
-  if (error) throw DataError(path.string(), "cannot be written: " + error.message());
-}
-
 void check(const SampleOptions& o) {
   if (o.posts_per_degree < 16 || o.posts_per_degree > 16384 ||
       !std::has_single_bit(static_cast<unsigned>(o.posts_per_degree))) {
@@ -119,8 +106,8 @@ std::vector<std::string> write_sample_terrain(const std::string& folder, const S
     punch_voids(tile, options.seed, posts);
     // The label last: a catalogue opens labels, and must then find the image.
     const std::filesystem::path base = std::filesystem::path(folder) / name_of(tile);
-    write_whole(base.string() + ".img", big_endian_bytes(posts));
-    write_whole(base.string() + ".lbl", label_of(tile, posts));
+    write_whole_file(base.string() + ".img", big_endian_bytes(posts));
+    write_whole_file(base.string() + ".lbl", label_of(tile, posts));
     labels.push_back(base.string() + ".lbl");
   }
   return labels;
