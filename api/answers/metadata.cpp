@@ -103,14 +103,14 @@ void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& repo
   const double detail_px = asked.detail_aim_px();
   const bool detail_gave_way = report.detail_limit_px > detail_px;
   if (detail_gave_way)
-    warnings.push_back(fmt::format(
-        "max_detail_error_px gave way from {:g} to {:g}: what it asks for is more than {:g} triangles a pixel",
-        detail_px, report.detail_limit_px, engine::Accuracy::kDetailTrianglesPerPixel));
+    warnings.push_back(
+        fmt::format("max_detail_error_px was relaxed from {:g} to {:g}: it would take more than {:g} triangles a pixel",
+                    detail_px, report.detail_limit_px, engine::Accuracy::kDetailTrianglesPerPixel));
   if (gave_way(asked, report.shadow_limits_px))
-    warnings.push_back(fmt::format("max_shadow_error_px gave way from {:g} to {:g}: {}", asked.max_shadow_error_px,
+    warnings.push_back(fmt::format("max_shadow_error_px was relaxed from {:g} to {:g}: {}", asked.max_shadow_error_px,
                                    widest(report.shadow_limits_px),
-                                   detail_gave_way ? "as the aim for detail did"
-                                                   : "the terrain that it asks for does not fit into the service's "
+                                   detail_gave_way ? "as max_detail_error_px was"
+                                                   : "the terrain that it takes does not fit into the service's "
                                                      "memory for scenes"));
 }
 

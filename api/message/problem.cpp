@@ -49,12 +49,13 @@ constexpr std::array<ErrorRow, 23> kTable{{
      "must mend it."},
     {"not_implemented", 501, "Not implemented", "No resource of this service has this method."},
     {"busy", 503, "Busy",
-     "As many requests are in work and waiting as the service holds; `Retry-After` says when to come back."},
+     "The service is at capacity: as many requests are active and waiting as it holds; `Retry-After` says when to come "
+     "back."},
     {"storage_unavailable", 503, "Storage unavailable",
      "A file could not be opened or read for a reason that lies in the system: no descriptors, no memory, a disk that "
      "fails. Nothing is known to be wrong with the file; ask again."},
     {kOutOfMemory, 503, "Out of memory",
-     "There is not enough memory for this request beside those in work; `Retry-After` says when to come back."},
+     "There is not enough memory for this request beside the active ones; `Retry-After` says when to come back."},
     {"shutting_down", 503, "Shutting down", "The service finishes what it has and accepts nothing new."},
     {"deadline_exceeded", 504, "Deadline exceeded",
      "The answer was not ready within the service's deadline or the request's `Request-Timeout-Ms`."},
@@ -91,7 +92,7 @@ void Findings::throw_if_any() const {
                        kept_);
   }
   const std::string count = std::to_string(kept_.size()) + (full() ? " or more" : "");
-  throw RequestError("invalid_request", count + " members are at fault; see errors", kept_);
+  throw RequestError("invalid_request", count + " invalid members; see errors", kept_);
 }
 
 RequestError::RequestError(std::string_view code, const std::string& detail, std::vector<Finding> findings)

@@ -40,10 +40,10 @@ const Members<AccuracyForm>& accuracy_members() {
           "neighbour's radiance, or more than four thirds: edges of shadows, silhouettes. With 1 or 4 "
           "`samples_per_pixel`, without a `shutter`")
         .written_if([](const AccuracyForm& accuracy) { return accuracy.edge_samples > 1; });
-    m.add(
-        "max_shadow_error_px", &AccuracyForm::max_shadow_error_px, Number{{0, 1e6}, "px"},
-        "aim for how far the mesh's error displaces a shadow's edge on level ground; gives way where the terrain that "
-        "it takes doesn't fit: `shadow_error_px` says what was reached");
+    m.add("max_shadow_error_px", &AccuracyForm::max_shadow_error_px, Number{{0, 1e6}, "px"},
+          "limit on how far the mesh's error displaces a shadow's edge on level ground; is relaxed where the terrain "
+          "that "
+          "it takes doesn't fit: `shadow_error_px` says what was reached");
     m.add("max_detail_error_px", &AccuracyForm::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
     m.add("budget_ms", &AccuracyForm::budget_ms, Number{{0, 3.6e6, true, false}, "ms"},
           "instead of the others: the best of them that is predicted to take no longer, on terrain in memory. The "
@@ -56,8 +56,7 @@ const Members<AccuracyForm>& accuracy_members() {
       const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
       if (side * side != accuracy.samples_per_pixel)
         in.fail("samples_per_pixel", "must be a square number: 1, 4, 9, 16, ...");
-      if (accuracy.edge_samples > 1 && side > 2)
-        in.fail("edge_samples", "is of frames with 1 or 4 \"samples_per_pixel\"");
+      if (accuracy.edge_samples > 1 && side > 2) in.fail("edge_samples", "requires \"samples_per_pixel\" 1 or 4");
     });
   });
   return *table;
@@ -198,7 +197,8 @@ void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const e
 // What is made of an image after it was rendered as if all rows were of one time.
 void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& sensor, const engine::Shutter& shutter) {
   const JsonReader model = in.at("sensor");
-  if (!sensor.motion.none()) model.fail("motion", "does not go with \"shutter\": of moving rows no blur is modelled");
+  if (!sensor.motion.none())
+    model.fail("motion", "cannot be combined with \"shutter\": motion blur is not modelled for rows with times");
   if (sensor.detector.smear_time_s > 0)
     model.at("detector").fail("smear_time_s", "is of frame transfer: a \"shutter\" reads row by row");
   if (!shutter.pushbroom) return;
@@ -212,7 +212,8 @@ void check_shutter(const JsonReader& in, FrameQuery& query) {
   check_pose(in, request.camera, request.shutter, request.pose);
   if (!request.shutter) return;
   if (request.accuracy.edge_samples > 1)
-    in.at("accuracy").fail("edge_samples", "does not go with \"shutter\": of such rows each has a view of its own");
+    in.at("accuracy")
+        .fail("edge_samples", "cannot be combined with \"shutter\": each of its rows has a view of its own");
   if (request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "rows with times are rendered by \"raytrace\": \"zbuffer\" draws all from one place");
   if (!request.shutter->poses.empty() && in.has("ahead"))
@@ -235,7 +236,8 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
       in.fail("atmosphere", e.what());
     }
   }
-  if (!request.terrain && !in.has("objects")) in.fail("terrain", "without terrain and \"objects\" there is nothing");
+  if (!request.terrain && !in.has("objects"))
+    in.fail("terrain", "without terrain and \"objects\" there is nothing to render");
   if (!request.terrain && request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "\"zbuffer\" draws terrain, and there is none");
   if (request.camera.model == engine::CameraModel::fisheye && request.visibility == engine::Visibility::zbuffer)

@@ -132,11 +132,11 @@ std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, c
   if (area.projection == MapProjection::equirectangular)
     grid.plane.standard_parallel_deg = area.standard_parallel_deg.value_or(area.bounds ? 0 : area.center->lat_deg);
   if (!kStandardParallel_deg.contains(grid.plane.standard_parallel_deg)) {
-    in.at("center").fail("lat_deg",
-                         fmt::format("is no standard parallel of an equirectangular map, which is at most {:g} "
-                                     "degrees from the equator: give standard_parallel_deg, or ask for "
-                                     "polar_stereographic",
-                                     kStandardParallel_deg.max));
+    in.at("center").fail(
+        "lat_deg", fmt::format("is not a valid standard parallel of an equirectangular map, which is at most {:g} "
+                               "degrees from the equator: give standard_parallel_deg, or ask for "
+                               "polar_stereographic",
+                               kStandardParallel_deg.max));
     return std::nullopt;
   }
   const Extent extent = area.bounds ? extent_of(*area.bounds, area.gsd_m, grid.plane) : extent_about(area, grid.plane);
@@ -168,7 +168,7 @@ const Members<MapView>& view_members() {
         m.resolve([](const JsonReader& in, MapView& view, const ReadContext&) -> std::optional<MapView> {
           const std::optional<Vec3> direction = direction_of(view.direction);
           if (direction) return MapView{*direction};
-          in.fail("direction", "is zero: no direction");
+          in.fail("direction", "is zero: not a direction");
           return std::nullopt;
         });
       });
@@ -203,7 +203,7 @@ const Members<engine::Accuracy>& map_accuracy_members() {
         m.add("max_error_px", &Accuracy::max_error_px, Number{kMaxError_px, "px"},
               "bound on the mesh's vertical error; posts are at most twice as far apart; 0: the finest posts");
         m.add("max_shadow_error_px", &Accuracy::max_shadow_error_px, Number{{0, 1e6}, "px"},
-              "aim for how far the mesh's error displaces a shadow's edge on level ground");
+              "limit on how far the mesh's error displaces a shadow's edge on level ground");
         m.add("max_detail_error_px", &Accuracy::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
       });
   return *members;

@@ -22,7 +22,7 @@ const Members<engine::Ray>& ray_members() {
     m.resolve([](const JsonReader& in, Ray& ray, const ReadContext&) -> std::optional<Ray> {
       const std::optional<Vec3> direction = direction_of(ray.direction);
       if (direction) return Ray{ray.origin_m, *direction};
-      in.fail("direction", "is no direction: three numbers, not all zero");
+      in.fail("direction", "is not a direction: three numbers are required, not all zero");
       return std::nullopt;
     });
   });

@@ -165,7 +165,8 @@ bool MemberTable::Rule::check(const JsonReader& in) const {
       return false;
     case Kind::excludes:
       if (first == others.end() || !in.has(name)) return true;
-      in.fail(*first, fmt::format("\"{}\" does not go with \"{}\"{}", *first, name, why.empty() ? "" : ": " + why));
+      in.fail(*first,
+              fmt::format("\"{}\" cannot be combined with \"{}\"{}", *first, name, why.empty() ? "" : ": " + why));
       return false;
     case Kind::needs:
       if (first != others.end() || !in.has(name)) return true;

@@ -52,7 +52,7 @@ OpenDataset open_dataset(const std::string& path, const char* const* drivers, Lo
   OpenDataset open;
   open.remote = is_remote(path);
   // GDAL takes such a name for the VRT itself.
-  if (path.find("<VRTDataset") != std::string::npos) throw DataError(path, "is no name of a file");
+  if (path.find("<VRTDataset") != std::string::npos) throw DataError(path, "is not a file name");
   VrtSources sources;
   if (!open.remote) sources = vrt_sources(path);
   const OpenOptions options(open.remote);

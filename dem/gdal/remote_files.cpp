@@ -13,7 +13,7 @@ namespace selenograph::dem {
 
 FileState remote_state(const std::string& path) {
   register_gdal();
-  if (!is_allowed(path)) throw DataError(path, "is no file on this machine, and not allowed by --remote-prefix");
+  if (!is_allowed(path)) throw DataError(path, "is not a file on this machine, and not allowed by --remote-prefix");
   const QuietGdal quiet;
   VSIStatBufL state{};
   if (VSIStatExL(path.c_str(), &state, 0) != 0) {

@@ -99,7 +99,7 @@ class Walk {
     const bool there = fs::exists(status);
     // What is none, GDAL may take for XML, or for a part of a file.
     if (is_elsewhere(name) || (!there && name.find_first_of("<:") != std::string::npos))
-      refuse("its source " + name + " is no file on this machine");
+      refuse("its source " + name + " is not a file on this machine");
     if (!there) return;  // a gap, which who reads there is told
     // Those of /proc have no size, and may be waited for like FIFOs.
     if (!fs::is_regular_file(status) || fs::file_size(file, error) == 0)

@@ -48,7 +48,7 @@ Shard shard_of(const std::string& text) {
   constexpr std::size_t kMost = 100000;
   if (!slash || of.ec != std::errc() || of.ptr != end || shard.of > kMost || shard.index >= shard.of)
     throw std::runtime_error(
-        fmt::format("--shard: \"{}\" is no I/N with I from 0 to N - 1 and N up to {}, like 0/16", text, kMost));
+        fmt::format("--shard: \"{}\" is not I/N with I from 0 to N - 1 and N up to {}, like 0/16", text, kMost));
   return shard;
 }
 

@@ -48,7 +48,7 @@ Epoch epoch_of(const std::string& text) {
                                          std::chrono::day(static_cast<unsigned>(day))};
   const bool in_range = hour >= 0 && hour < 24 && minute >= 0 && minute < 60 && second >= 0 && second < 60;
   if ((rest != "" && rest != "Z") || !date.ok() || !in_range)
-    throw std::runtime_error("--utc: \"" + text + "\" is no epoch like 2026-11-20T00:00:00Z, in whole seconds");
+    throw std::runtime_error("--utc: \"" + text + "\" is not an epoch like 2026-11-20T00:00:00Z, in whole seconds");
   return std::chrono::sys_days(date) + std::chrono::hours(hour) + std::chrono::minutes(minute) +
          std::chrono::seconds(second);
 }
@@ -62,7 +62,7 @@ std::chrono::seconds step_of(const std::string& text) {
   for (const auto& [name, seconds] : kUnits)
     if (error == std::errc() && unit == name && number > 0 && number <= 36600 * (86400 / seconds))
       return std::chrono::seconds(number * seconds);
-  throw std::runtime_error("--utc: \"" + text + "\" is no step like 600s, 30m, 6h or 1d");
+  throw std::runtime_error("--utc: \"" + text + "\" is not a step like 600s, 30m, 6h or 1d");
 }
 
 struct Parts {
@@ -132,7 +132,7 @@ api::Json at_epoch(api::Json body, Epoch epoch) {
   if (!sun.is_object()) return body;
   for (const char* other : {"direction", "subsolar", "local"})
     if (sun.contains(other)) {
-      const std::string why = std::string("does not go with --utc, which says where the Sun is");
+      const std::string why = std::string("cannot be combined with --utc, which says where the Sun is");
       throw api::RequestError("invalid_request", why, {{std::string("/sun/") + other, why}});
     }
   sun["utc"] = utc_of(epoch);

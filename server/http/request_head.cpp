@@ -69,7 +69,8 @@ Refusal read_request_line(std::string_view line, RequestHead& head) {
   if (has_control(target) || target.find_first_of(" \t") != std::string_view::npos || head.target.empty()) {
     return malformed("the request target holds blanks or control characters");
   }
-  if (version != "HTTP/1.1" && version != "HTTP/1.0") return malformed("only HTTP/1.1 and HTTP/1.0 are spoken here");
+  if (version != "HTTP/1.1" && version != "HTTP/1.0")
+    return malformed("unsupported HTTP version: HTTP/1.1 and HTTP/1.0 are supported");
   head.http_1_0 = head.close = version == "HTTP/1.0";
   head.text = head.method + ' ' + head.target + ' ' + std::string(version) + "\r\n";
   return {};

@@ -99,7 +99,7 @@ void RequestStream::take(std::string_view& raw) {
   if (!text_.empty()) text_ = fmt::format("{:x}\r\n{}\r\n", text_.size(), text_);
   if (state == ChunkedBody::State::complete) text_ += "0\r\n\r\n";
   if (state == ChunkedBody::State::malformed)
-    refuse({"malformed_request", "the body is not well chunked (RFC 9112, 7.1)"});
+    refuse({"malformed_request", "invalid chunked encoding of the body (RFC 9112, 7.1)"});
   if (state == ChunkedBody::State::too_large)
     refuse({"too_large", fmt::format("the body is longer than {} bytes", bounds_.max_body_bytes)});
 }

@@ -107,11 +107,12 @@ api::Response Front::admitted(const api::Request& request, const Peer& peer, Clo
   queued = Clock::now() - arrived;
   switch (entry.outcome) {
     case Admission::Outcome::full:
-      return refused("busy", "all places in work and in the queue are taken", entry.retry_after_s);
+      return refused("busy", "server at capacity: as many requests are active and waiting as it holds",
+                     entry.retry_after_s);
     case Admission::Outcome::closing:
       return refused("shutting_down", "the service is about to stop", entry.retry_after_s);
     case Admission::Outcome::expired:
-      return api::problem("deadline_exceeded", "no place came free in time");
+      return api::problem("deadline_exceeded", "timed out in the queue");
     case Admission::Outcome::abandoned:
       return api::problem("client_gone", "the client left");
     case Admission::Outcome::admitted:

@@ -84,7 +84,7 @@ class Detail(unittest.TestCase):
                 accuracy = {} if aim is None else {"max_detail_error_px": aim}
                 _, meta, _ = self.arrays(self.request(("radiance",), camera=camera, accuracy=accuracy, **view))
                 self.assertLessEqual(meta["detail_error_px"], meta["lod_error_px"])
-                reached = [w for w in meta["warnings"] if w.startswith("max_detail_error_px gave way from ")]
+                reached = [w for w in meta["warnings"] if w.startswith("max_detail_error_px was relaxed from ")]
                 limit = float(reached[0].split(" to ")[1].split(":")[0]) if reached else aim or 2
                 self.assertLessEqual(meta["detail_error_px"], limit)
                 self.assertEqual(bool(reached), "pose" in view, meta["warnings"])

@@ -190,7 +190,7 @@ TEST_F(CatalogueTest, VrtSourcesMustBeLocalFiles) {
     const Catalogue c({folder_.string()});
     EXPECT_TRUE(c.rasters().empty());
     ASSERT_EQ(c.problems().size(), 1U);
-    EXPECT_NE(c.problems()[0].what.find("no file on this machine"), std::string::npos) << c.problems()[0].what;
+    EXPECT_NE(c.problems()[0].what.find("not a file on this machine"), std::string::npos) << c.problems()[0].what;
   }
 }
 

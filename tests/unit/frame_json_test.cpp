@@ -355,7 +355,7 @@ TEST(PoseJson, QuaternionLength) {
   EXPECT_NEAR(accepted(with(R"({"w": 1.0009, "x": 0, "y": 0, "z": 0})")).pose.camera_from_moon.norm(), 1, 1e-15);
   std::string details;
   EXPECT_EQ(refused(with(R"({"w": 0, "x": 0, "y": 0, "z": 0})"), &details), "/pose/camera_from_moon");
-  EXPECT_EQ(details, "is zero: no attitude\n");
+  EXPECT_EQ(details, "is zero: not an attitude\n");
   EXPECT_EQ(refused(with(R"({"w": 1.002, "x": 0, "y": 0, "z": 0})")), "/pose/camera_from_moon");
   EXPECT_EQ(refused(with(R"({"w": 1e300, "x": 1e300, "y": 0, "z": 0})")), "/pose/camera_from_moon");
   EXPECT_EQ(refused(with(R"({"w": 1, "x": 0, "y": 0})")), "/pose/camera_from_moon/z");

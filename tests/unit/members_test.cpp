@@ -151,7 +151,7 @@ TEST(Members, RulesAreReportedAndInTheSchema) {
   EXPECT_EQ(read(*members, R"({"count": 1, "power_w": 1, "wavelength_um": 1, "on": true})").findings,
             "/wavelength_um: \"power_w\" and \"wavelength_um\" exclude each other: give one of them\n");
   EXPECT_EQ(read(*members, R"({"count": 1, "power_w": 1, "on": true})").findings,
-            "/on: \"on\" does not go with \"power_w\": power says it\n");
+            "/on: \"on\" cannot be combined with \"power_w\": power says it\n");
   EXPECT_EQ(read(*members, R"({"count": 1, "wavelength_um": 1})").findings,
             "/on: is required with \"wavelength_um\"\n");
   EXPECT_EQ(members->schema(Limits{})["allOf"][0].dump(),

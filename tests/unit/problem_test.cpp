@@ -82,7 +82,7 @@ TEST(Findings, DetailNamesOneFindingOrCountsMany) {
     FAIL();
   } catch (const RequestError& e) {
     EXPECT_EQ(e.findings().size(), Findings::kMost);
-    EXPECT_STREQ(e.what(), "20 or more members are at fault; see errors");
+    EXPECT_STREQ(e.what(), "20 or more invalid members; see errors");
   }
 }
 

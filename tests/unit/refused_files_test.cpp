@@ -277,7 +277,7 @@ TEST_F(NoFiles, AsSourcesOfAVrt) {
     }
   for (const char* name : {"&lt;VRTDataset rasterXSize=&quot;16&quot; rasterYSize=&quot;16&quot;/>", "GTIFF_DIR:1:pipe",
                            "vrt://pipe", "/vsimem/a.tif"})
-    EXPECT_REFUSED(put("v.vrt", vrt({.content = source(name)})), "no file on this machine");
+    EXPECT_REFUSED(put("v.vrt", vrt({.content = source(name)})), "not a file on this machine");
 }
 
 TEST_F(NoFiles, BesideAFile) {

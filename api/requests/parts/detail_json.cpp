@@ -16,7 +16,7 @@ OrderedJson DetailName::write(const Value& value) const { return value.content ?
 
 std::string detail_aim() {
   return fmt::format(
-      "aim for the error of terrain with detail, or max_error_px where that is more; gives way where it takes more "
+      "limit on the error of terrain with detail, or max_error_px where that is larger; relaxed where it takes more "
       "than {:g} triangles a pixel: `detail_error_px` says what was reached",
       engine::Accuracy::kDetailTrianglesPerPixel);
 }

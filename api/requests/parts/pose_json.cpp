@@ -54,7 +54,7 @@ struct Up {
     const std::optional<Vec3> up = direction_of(in.vector(kAnyNumber));
     if (in.faults() != before) return std::nullopt;
     if (up) return Value{Value::Kind::direction, *up};
-    in.fail("is zero: no direction");
+    in.fail("is zero: not a direction");
     return std::nullopt;
   }
   OrderedJson write(const Value& up) const {
@@ -83,7 +83,7 @@ struct RotationMatrix {
     if (!(off <= kTolerance)) {
       in.fail(fmt::format("is not orthonormal: its rows' products are off by {:.3g}, more than {}", off, kTolerance));
     } else if (m.determinant() < 0) {
-      in.fail("has determinant -1: a reflection, no rotation. Does an axis point the other way?");
+      in.fail("has determinant -1: a reflection, not a rotation. Does an axis point the other way?");
     } else {
       return m;
     }
@@ -101,7 +101,7 @@ std::optional<Eigen::Quaterniond> resolve_unit(const JsonReader& in, const Quate
   const Eigen::Vector4d xyzw(form.x, form.y, form.z, form.w);
   const double length = xyzw.stableNorm();
   if (length == 0) {
-    in.fail("is zero: no attitude");
+    in.fail("is zero: not an attitude");
   } else if (!(std::abs(length - 1) <= kQuaternionTolerance)) {
     in.fail(fmt::format("has length {:.6g}; a unit quaternion is needed (within {})", length, kQuaternionTolerance));
   } else {
@@ -195,7 +195,7 @@ std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& fo
   const Vec3 target_m = to_cartesian({form.lat_deg, form.lon_deg, form.height_m});
   const std::optional<Vec3> boresight = direction_of(target_m - position_m);
   if (!boresight) {
-    in.fail("is where the camera is: no direction");
+    in.fail("is where the camera is: not a direction");
     return std::nullopt;
   }
   const auto attitude = [&]() -> std::optional<Eigen::Quaterniond> {

@@ -215,7 +215,8 @@ const Members<Detector>& detector_members() {
     m.add("photon_noise", &Detector::photon_noise, Flag{},
           "photons and dark electrons arrive one by one: Poisson statistics");
     m.check([](const JsonReader& in, Detector& detector, const ReadContext&) {
-      if (detector.dead_fraction + detector.hot_fraction > 1) in.fail("hot_fraction", "is more than what isn't dead");
+      if (detector.dead_fraction + detector.hot_fraction > 1)
+        in.fail("hot_fraction", "exceeds the share of pixels that are not dead");
     });
   });
   return *table;

@@ -68,7 +68,8 @@ void check_pose(const JsonReader& in, const engine::Camera& camera, const std::o
                 engine::Pose& pose) {
   const bool poses = in.has("shutter") && in.at("shutter").value().is_object() && in.at("shutter").has("poses");
   if (!poses && !in.has("pose")) in.fail("pose", "is required");
-  if (poses && in.has("pose")) in.fail("pose", "\"pose\" does not go with \"shutter.poses\", which take its place");
+  if (poses && in.has("pose"))
+    in.fail("pose", "\"pose\" cannot be combined with \"shutter.poses\", which take its place");
   if (!shutter || shutter->poses.empty()) return;
   const double last_s = shutter->time_s(camera.height - 1);
   if (shutter->poses.front().time_s > 0)

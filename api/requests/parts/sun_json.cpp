@@ -29,7 +29,7 @@ std::optional<Sun> resolve_sun(const JsonReader& in, const SunForm& form, const 
   if (form.direction) {
     const std::optional<Vec3> direction = direction_of(*form.direction);
     if (!direction) {
-      in.fail("direction", "is zero: no direction");
+      in.fail("direction", "is zero: not a direction");
       return std::nullopt;
     }
     sun.direction = *direction;
