@@ -240,7 +240,7 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
     in.fail("terrain", "without terrain and \"objects\" there is nothing to render");
   if (!request.terrain && request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "\"zbuffer\" draws terrain, and there is none");
-  if (request.camera.model == engine::CameraModel::fisheye && request.visibility == engine::Visibility::zbuffer)
+  if (request.camera.beyond_plane() && request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "a fisheye is rendered by \"raytrace\": \"zbuffer\" draws onto a plane");
   require_sun(in, products(), request.products);
 }

@@ -19,8 +19,8 @@
 #include "dem/catalogue/saved_catalogue.h"
 #include "dem/files/files.h"
 #include "dem/files/folder_files.h"
+#include "dem/files/labels.h"
 #include "dem/files/names.h"
-#include "dem/files/pds_image.h"
 #include "dem/gdal/raster.h"
 #include "dem/gdal/remote_files.h"
 #include "dem/gdal/remote_names.h"
@@ -65,7 +65,7 @@ bool path_less(const Candidate& a, const Candidate& b) {
 }
 
 bool is_label_of(const FolderEntry& entry, std::string_view image) {
-  return kind_of(entry.name) == FileKind::pds_label && same_text(stem_of(entry.name), stem_of(image));
+  return kind_of(entry.name) == FileKind::label && same_text(stem_of(entry.name), stem_of(image));
 }
 
 // Lists folders.
@@ -91,7 +91,7 @@ class Folders {
       for (const FolderEntry& entry : files.entries()) {
         const FileKind kind = kind_of(entry.name);
         if (kind == FileKind::other) continue;
-        if (kind == FileKind::pds_image) {
+        if (kind == FileKind::labelled_image) {
           const auto group = files.group_of(entry);
           if (std::any_of(group.begin(), group.end(), [&](const auto& e) { return is_label_of(e, entry.name); }))
             continue;
@@ -114,16 +114,6 @@ class Folders {
   std::vector<std::unique_ptr<FolderFiles>> listings_;  // all, for the candidates point at them
   std::map<std::string, const FolderFiles*> listed_;    // of files that the user names
 };
-
-// A label about something else than a map (a scene before projection, a table) is nobody's mistake in a folder.
-bool is_other_product(const std::string& path) {
-  const FileKind kind = kind_of(path);
-  try {
-    return (kind == FileKind::pds_label || kind == FileKind::pds_image) && !describes_map(read_pds_label(path));
-  } catch (const DataError&) {
-    return false;  // nobody knows what it is about
-  }
-}
 
 // The files that a file's description was read from, beside the group that bears its name.
 std::vector<std::pair<std::string, std::uint64_t>> other_files(const Candidate& file,
@@ -231,7 +221,7 @@ class Opening {
     if (out.known) return out;
     if (const std::string kind = side_layer_kind(file.path); file.named && !kind.empty())
       throw DataError(file.path, "holds no heights: by its name it is a side layer (" + kind + ")");
-    if (!file.named && kind_of(file.path) == FileKind::pds_image && !begins_with_pds_label(file.path)) {
+    if (!file.named && kind_of(file.path) == FileKind::labelled_image && !begins_with_label(file.path)) {
       out.unlabelled = true;
       return out;
     }
@@ -244,7 +234,7 @@ class Opening {
       out.problem = {file.path, e.what_is_wrong(), false, true};
     } catch (const DataError& e) {
       if (file.named) throw;
-      other_product = is_other_product(file.path);
+      other_product = describes_other_product(file.path);
       if (!other_product) describe_problem(file.path, e, out);
     }
     // What a VRT names may change, and what is at fault may be mended, where nobody looks.
@@ -337,25 +327,14 @@ class Opening {
     if (first) {
       std::vector<const FolderEntry*> labels;
       for (const FolderEntry& e : image.folder->entries())
-        if (kind_of(e.name) == FileKind::pds_label) labels.push_back(&e);
+        if (kind_of(e.name) == FileKind::label) labels.push_back(&e);
       std::vector<std::vector<std::string>> names(labels.size());
       in_parallel_pieces(labels.size(), 64, [&](std::size_t from, std::size_t to) {
-        for (std::size_t i = from; i < to; ++i) names[i] = pointers_of(image.folder->path_of(labels[i]->name));
+        for (std::size_t i = from; i < to; ++i) names[i] = files_named_by(image.folder->path_of(labels[i]->name));
       });
       for (const auto& of_one : names) found->second.insert(of_one.begin(), of_one.end());
     }
     return found->second.contains(lower(name_of(image.path)));
-  }
-
-  static std::vector<std::string> pointers_of(const std::string& label) {
-    std::vector<std::string> names;
-    try {
-      for (const auto& [key, value] : read_pds_label(label).values)
-        if (key.starts_with('^')) names.push_back(lower(value.text()));
-    } catch (const DataError&) {
-      // Illegible: it names nothing, and is a problem of its own.
-    }
-    return names;
   }
 
   static const SavedFile* kept(const Finding& finding) {

@@ -8,41 +8,9 @@
 #include <cerrno>
 #include <system_error>
 
-#include "dem/files/names.h"
 #include "dem/support/error.h"
 
 namespace selenograph::dem {
-namespace {
-
-namespace fs = std::filesystem;
-
-struct KnownExtension {
-  const char* extension;
-  FileKind kind;
-};
-constexpr KnownExtension kKnownExtensions[] = {{".lbl", FileKind::pds_label},
-                                               {".img", FileKind::pds_image},
-                                               {".tif", FileKind::georeferenced},
-                                               {".tiff", FileKind::georeferenced},
-                                               {".vrt", FileKind::georeferenced}};
-
-}  // namespace
-
-FileKind kind_of(std::string_view path) {
-  const std::string_view name = name_of(path), extension = name.substr(stem_of(name).size());
-  for (const KnownExtension& known : kKnownExtensions)
-    if (same_text(extension, known.extension)) return known.kind;
-  return FileKind::other;
-}
-
-std::optional<std::string> label_beside(const fs::path& image) {
-  for (const char* extension : {".lbl", ".LBL", ".Lbl"}) {
-    const std::string label = fs::path(image).replace_extension(extension).string();
-    if (file_state(label)) return label;
-  }
-  return std::nullopt;
-}
-
 std::optional<FileState> file_state(const std::string& path) {
   struct stat s {};
   if (::stat(path.c_str(), &s) != 0) {

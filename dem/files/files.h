@@ -1,23 +1,14 @@
-// Files by what their names say, and whether they are still what they were.
+// Files: whether they are still what they were, and why they can't be read.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <optional>
 #include <string>
-#include <string_view>
 
 struct stat;
 
 namespace selenograph::dem {
-
-// By the extension, in upper or lower case. A pds_image has its label beside it, or attached.
-enum class FileKind { pds_label, pds_image, georeferenced, other };
-FileKind kind_of(std::string_view path);
-
-// The label beside a PDS image that has none attached.
-std::optional<std::string> label_beside(const std::filesystem::path& image);
 
 struct FileState {
   std::uint64_t bytes = 0;

@@ -16,10 +16,10 @@ constexpr std::uint64_t kFarthestByte = 1'000'000'000'000'000;  // of a file: wh
 
 // SAMPLE_TYPE names of the PDS Standards Reference, appendix C. Plain INTEGER, REAL and the like are MSB (Sun, Mac,
 // IEEE).
-PdsSample sample_type(const PdsReader& image) {
+RawSample sample_type(const PdsReader& image) {
   const std::string type = image.word("SAMPLE_TYPE");
   const int bits = image.count("SAMPLE_BITS");
-  PdsSample s;
+  RawSample s;
   s.bytes = bits / 8;
   s.real = type.find("REAL") != std::string::npos || type == "FLOAT";
   s.has_sign = type.find("UNSIGNED") == std::string::npos;
@@ -41,14 +41,14 @@ double unit_in_metres(const PdsReader& image) {
 }
 
 // A bit pattern such as 16#FF7FFFFB# stands for the real number with those bits.
-double void_of(const std::string& text, const PdsSample& sample, double number) {
+double void_of(const std::string& text, const RawSample& sample, double number) {
   const auto bits = sample.real ? parse_pds_based(text) : std::nullopt;
   if (!bits) return number;
   return sample.bytes == 4 ? static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(*bits)))
                            : std::bit_cast<double>(*bits);
 }
 
-std::vector<double> void_values(const PdsReader& image, const PdsSample& sample) {
+std::vector<double> void_values(const PdsReader& image, const RawSample& sample) {
   std::vector<double> voids;
   for (const char* keyword : {"DUMMY", "MISSING_CONSTANT", "MISSING", "INVALID_CONSTANT", "NOT_APPLICABLE_CONSTANT",
                               "NULL", "CORE_NULL", "INVALID_VALUE"}) {
@@ -74,7 +74,7 @@ fs::path find_data_file(const std::string& label_path, const std::string& name) 
 }
 
 // ^IMAGE = "FILE" | ("FILE", record) | ("FILE", n <BYTES>) | record | n <BYTES>; records and bytes count from 1.
-void find_pixels(const PdsReader& label, const std::string& label_path, PdsImage& out) {
+void find_pixels(const PdsReader& label, const std::string& label_path, RawImage& out) {
   const PdsValue* pointer = label.value("^IMAGE");
   if (!pointer || pointer->items.empty()) label.fail("^IMAGE is missing");
   const bool attached = pointer->number(0).has_value();
@@ -91,7 +91,7 @@ void find_pixels(const PdsReader& label, const std::string& label_path, PdsImage
   out.first_byte = before * record;
 }
 
-void check_data_size(const std::string& label_path, const PdsImage& image) {
+void check_data_size(const std::string& label_path, const RawImage& image) {
   std::error_code error;
   const std::uint64_t have = fs::file_size(image.data_path, error);
   if (error && is_system_fault(error.value())) throw SystemFault(image.data_path, error.value());
@@ -115,14 +115,14 @@ std::string format_name(const PdsReader& label) {
 
 }  // namespace
 
-PdsImage describe_pds_image(const PdsObject& label, const std::string& label_path) {
+RawImage describe_pds_image(const PdsObject& label, const std::string& label_path) {
   const PdsObject* image_object = label.find_object("IMAGE");
   const PdsObject* map_object = label.find_object("IMAGE_MAP_PROJECTION");
   if (!image_object || !map_object)
     throw DataError(label_path, "describes no map (IMAGE or IMAGE_MAP_PROJECTION is missing)");
   const PdsReader whole(label, label_path), image(*image_object, label_path), map(*map_object, label_path);
 
-  PdsImage out;
+  RawImage out;
   out.format = format_name(whole);
   out.unit_m = unit_in_metres(image);
   out.width = image.count("LINE_SAMPLES");

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "dem/files/files.h"
+#include "dem/files/names.h"
 #include "dem/support/error.h"
 
 namespace selenograph::dem {
@@ -271,6 +272,13 @@ bool begins_with_pds_label(const std::string& path) {
   // CCSD...: the SFDU line that old archives put before it.
   return text.starts_with("PDS_VERSION_ID") ||
          (text.starts_with("CCSD") && text.find("PDS_VERSION_ID") != std::string_view::npos);
+}
+
+std::vector<std::string> files_named_by(const PdsObject& label) {
+  std::vector<std::string> names;
+  for (const auto& [key, value] : label.values)
+    if (key.starts_with('^')) names.push_back(lower(value.text()));
+  return names;
 }
 
 bool describes_map(const PdsObject& label) {

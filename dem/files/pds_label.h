@@ -41,6 +41,8 @@ PdsObject read_pds_label(const std::string& path);
 
 // Whether the file begins with a PDS3 label (a detached label, or an image with an attached one).
 bool begins_with_pds_label(const std::string& path);
+// The names of the files that its pointers (^IMAGE and the like) give, in lower case.
+std::vector<std::string> files_named_by(const PdsObject& label);
 // Whether it is about a map: an IMAGE and an IMAGE_MAP_PROJECTION.
 bool describes_map(const PdsObject& label);
 

@@ -11,7 +11,7 @@
 #include <limits>
 
 #include "dem/files/files.h"
-#include "dem/files/pds_image.h"
+#include "dem/files/labels.h"
 #include "dem/gdal/dataset.h"
 #include "dem/gdal/georeference.h"
 #include "dem/gdal/remote_files.h"
@@ -33,16 +33,9 @@ FileState must_exist(const std::string& path, const std::string& named) {
   throw DataError(named, path == named ? "is missing or not a file" : "its file " + path + " is missing");
 }
 
-// The label, when `path` is a PDS3 product: itself, or the sibling of a bare .img. Nothing for other files.
-std::optional<std::string> pds_label_of(const std::string& path) {
-  const FileKind kind = kind_of(path);
-  if (kind == FileKind::pds_label || begins_with_pds_label(path)) return path;
-  return kind == FileKind::pds_image ? label_beside(path) : std::nullopt;
-}
-
 bool is_integer(GDALDataType type) { return GDALDataTypeIsInteger(type) != 0; }
 
-GDALDataType gdal_type(const PdsSample& s) {
+GDALDataType gdal_type(const RawSample& s) {
   if (s.real) return s.bytes == 4 ? GDT_Float32 : GDT_Float64;
   if (s.bytes == 2) return s.has_sign ? GDT_Int16 : GDT_UInt16;
   return s.has_sign ? GDT_Int32 : GDT_UInt32;
@@ -139,9 +132,9 @@ void place_posts(RasterInfo& info, const PostGrid& grid) {
   set_grid(info, grid);
 }
 
-RasterFile describe_pds(const std::string& label_path, const RasterInfo* known, Damage damage) {
+RasterFile describe_labelled_file(const std::string& label_path, const RasterInfo* known, Damage damage) {
   const FileState label = must_exist(label_path, label_path);
-  const PdsImage image = describe_pds_image(read_pds_label(label_path), label_path);
+  const RawImage image = describe_labelled(label_path);
   if (image.row_bytes > std::numeric_limits<int>::max()) throw DataError(label_path, "its rows are too long");
   const bool gone = damage == Damage::describe && !file_state(image.data_path);
   const FileState data = gone ? FileState{} : must_exist(image.data_path, label_path);
@@ -241,7 +234,7 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
 RasterFile describe(const std::string& path, const RasterInfo* known, Damage damage) {
   if (is_remote(path)) return describe_gdal(path, known, damage);
   must_exist(path, path);
-  if (const auto label = pds_label_of(path)) return describe_pds(*label, known, damage);
+  if (const auto label = label_of(path)) return describe_labelled_file(*label, known, damage);
   return describe_gdal(path, known, damage);
 }
 

@@ -5,7 +5,7 @@
 namespace selenograph::engine {
 
 Projection::Projection(const Camera& camera) : camera_(camera), lens_(camera.distortion) {
-  if (camera.model == CameraModel::fisheye) fisheye_.emplace(camera.fisheye);
+  if (camera.beyond_plane()) fisheye_.emplace(camera.fisheye);
 }
 
 std::optional<Vec3> Projection::direction(double x_px, double y_px) const {

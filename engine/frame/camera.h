@@ -35,6 +35,9 @@ struct Camera {
   FisheyeDistortion fisheye{};
   // Straight lines are imaged as straight lines: a pixel's direction is linear in its coordinates.
   bool rectilinear() const { return model == CameraModel::pinhole && distortion.none(); }
+  // Images directions beyond 90 degrees from the boresight, for which there is no plane z = 1: by the radius that
+  // engine/camera/fisheye.h gives an angle, and by rays only.
+  bool beyond_plane() const { return model != CameraModel::pinhole; }
   bool operator==(const Camera&) const = default;
 };
 

@@ -72,7 +72,7 @@ Visibility visibility_for(const FrameRequest& request, const RowViews& views, co
                               "visibility");
     return Visibility::raytrace;
   }
-  if (request.camera.model == CameraModel::fisheye) {
+  if (request.camera.beyond_plane()) {
     if (request.visibility == Visibility::zbuffer)
       throw ImpossibleRequest("a fisheye is rendered by ray tracing: the z-buffer draws onto a plane", "visibility");
     return Visibility::raytrace;

@@ -200,7 +200,7 @@ class Campaign {
       }
       if (!line->problem && !options_.replace && folder.is_taken(*line))
         throw std::runtime_error(fmt::format(
-            "{}: exists but belongs to another request than line {} of {}, or to other software or terrain; "
+            "{}: exists, but line {} of {} makes another frame with this software and this terrain; "
             "--resume replaces such frames",
             folder.path_of(*line), line->number, manifest_.path()));
       missing.push_back(line);

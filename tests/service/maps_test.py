@@ -397,10 +397,10 @@ class CommandLine(unittest.TestCase):
         request = map_request(PLACES["orthographic"], "height")
         series = ("--utc", "2026-11-20T00:00:00Z", "2026-11-30T00:00:00Z")
         for options, sun, why in ((("-o", harness.path("a.jpg")), None, "must end in one of .tif, .npz, .png"),
-                                  (("-o", harness.path("a.tif"), *series, "0h"), None, "is no step"),
-                                  (("-o", harness.path("a.tif"), *series, "1 day"), None, "is no step"),
+                                  (("-o", harness.path("a.tif"), *series, "0h"), None, "is not a step"),
+                                  (("-o", harness.path("a.tif"), *series, "1 day"), None, "is not a step"),
                                   (("-o", harness.path("a.tif"), "--utc", "2026-11-31T00:00:00Z", "2026-12-30T00:00:00Z", "1d"), None,
-                                   "is no epoch"),
+                                   "is not an epoch"),
                                   (("-o", harness.path("a.tif"), "--utc", *series[2:0:-1], "1d"), None, "is before"),
                                   (("-o", harness.path("a.tif"), *series, "1d"), {"direction": [0, 1, 0]}, "/sun/direction")):
             with self.subTest(why):

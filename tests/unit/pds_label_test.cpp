@@ -1,12 +1,11 @@
 // Labels only: syntax, and where each dialect puts its first post.
-#include "dem/files/pds_image.h"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 
+#include "dem/files/pds_image.h"
 #include "dem/support/error.h"
 #include "tests/support/shared_data.h"
 
@@ -36,7 +35,7 @@ struct LabelText {
 
 class Product {
  public:
-  PdsImage describe(const LabelText& text, std::size_t data_bytes = 1800, const std::string& data_name = "tile.img") {
+  RawImage describe(const LabelText& text, std::size_t data_bytes = 1800, const std::string& data_name = "tile.img") {
     std::ofstream(folder_ / data_name) << std::string(data_bytes, '\0');
     std::ofstream(folder_ / "tile.lbl") << text.str();
     const std::string path = folder_ / "tile.lbl";
@@ -56,7 +55,7 @@ class Product {
   test::TemporaryFolder folder_;
 };
 
-GeographicGrid geographic(const PdsImage& image) { return std::get<GeographicGrid>(image.grid); }
+GeographicGrid geographic(const RawImage& image) { return std::get<GeographicGrid>(image.grid); }
 
 TEST(PdsLabel, ReadsEveryFormOfValue) {
   const PdsObject label = parse_pds_label(
@@ -221,7 +220,7 @@ TEST(PdsLabel, PointersAndFiles) {
   Product product;
   LabelText text;
   text.pointer = "RECORD_BYTES = 60\n^IMAGE = (\"TILE.IMG\", 3)";  // the file on disk is tile.img
-  const PdsImage image = product.describe(text, 1920);
+  const RawImage image = product.describe(text, 1920);
   EXPECT_EQ(image.first_byte, 120u);
   EXPECT_EQ(fs::path(image.data_path).filename(), "tile.img");
   EXPECT_NE(product.complaint(text, 1919).find("truncated"), std::string::npos);

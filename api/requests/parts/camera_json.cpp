@@ -55,7 +55,7 @@ double focal_length_px(const Camera& camera, double fov_deg) {
 void check_field_of_view(const JsonReader& in, const Camera& camera, double fov_deg) {
   if (camera.model == CameraModel::pinhole && !kFieldOfView_deg.contains(fov_deg))
     return in.fail("fov_deg", fmt::format("must be below {} of a pinhole", kFieldOfView_deg.max));
-  if (camera.model == CameraModel::fisheye) {
+  if (camera.beyond_plane()) {
     const double widest_deg = 2 * kDegreesPerRadian * engine::Fisheye(camera.fisheye).limit();
     if (fov_deg > widest_deg)
       in.fail("fov_deg", fmt::format("is wider than the distortion images: {:.6g} degrees", widest_deg));

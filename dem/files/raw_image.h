@@ -1,0 +1,30 @@
+// Samples in a file, as a label of any format describes them.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "dem/grid/post_grid.h"
+
+namespace selenograph::dem {
+
+struct RawSample {
+  int bytes = 2;
+  bool real = false, has_sign = true, little_endian = false;
+};
+
+struct RawImage {
+  std::string data_path;         // the label itself when it is attached
+  std::uint64_t first_byte = 0;  // of the first sample
+  std::uint64_t row_bytes = 0;   // from one row's first sample to the next row's
+  int width = 0, height = 0;
+  RawSample sample;
+  // metres = (sample * scale + offset) * unit_m
+  double scale = 1, offset = 0, unit_m = 1;
+  std::vector<double> voids;  // sample values that are no heights
+  std::string format;         // e.g. "PDS3 Kaguya"
+  PostGrid grid;
+};
+
+}  // namespace selenograph::dem
