@@ -199,10 +199,10 @@ class Campaign {
         continue;
       }
       if (!line->problem && !options_.replace && folder.is_taken(*line))
-        throw std::runtime_error(fmt::format(
-            "{}: exists, but line {} of {} makes another frame with this software and this terrain; "
-            "--resume replaces such frames",
-            folder.path_of(*line), line->number, manifest_.path()));
+        throw std::runtime_error(
+            fmt::format("{}: exists, but line {} of {} makes another frame with this software and this terrain; "
+                        "--resume replaces such frames",
+                        folder.path_of(*line), line->number, manifest_.path()));
       missing.push_back(line);
     }
     CampaignProgress progress(missing.size());
