@@ -1,4 +1,4 @@
-// Which accuracy a frame gets that has a budget of time.
+// Chooses the accuracy of a frame with a time budget.
 #pragma once
 
 #include "dem/support/stop_token.h"
@@ -8,9 +8,9 @@
 
 namespace selenograph::engine {
 
-// The setting with the least expected error that is predicted to take no longer than budget_ms, with no more than
-// max_samples per pixel; the coarsest if none. The time spent on choosing counts. In the caller's task arena; throws as
-// Renderer::choose does.
+// Returns the setting with the least expected error that is predicted to take no longer than budget_ms, with at most
+// max_samples per pixel; the coarsest setting if none fits. The time spent on choosing counts. Runs in the caller's
+// task arena; throws as Renderer::choose does.
 BudgetChoice choose_accuracy(const FrameRequest& request, double budget_ms, int max_samples,
                              const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
 

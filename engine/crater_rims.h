@@ -1,4 +1,4 @@
-// The craters of a frame's detail in its image: truth for crater detectors.
+// Image positions of the craters of a frame's detail: ground truth for crater detectors.
 #pragma once
 
 #include <vector>
@@ -12,7 +12,7 @@
 
 namespace selenograph::engine {
 
-// In the caller's task arena. Throws and answers as Renderer::rims does. The terrain has the request's detail.
+// Implements Renderer::rims. Runs in the caller's task arena. The terrain must have the request's detail.
 CraterRims crater_rims(const FrameRequest& request, const RimOptions& options, const dem::Terrain& terrain,
                        RenderCache& kept, const StopToken& stop);
 

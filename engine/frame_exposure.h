@@ -1,4 +1,4 @@
-// From the radiance of a frame's moments to its image: by a sensor's model, or by gain and quantisation alone.
+// Converts the radiance of a frame's moments to its image, by a sensor model or by gain and quantisation alone.
 #pragma once
 
 #include <vector>
@@ -12,18 +12,18 @@ namespace selenograph::engine {
 
 class FrameExposure {
  public:
-  // `middle`: of the exposure, whose scene is made. All outlive this.
+  // `middle`: the middle of the exposure, with its scene made. All arguments must outlive this object.
   FrameExposure(FramePlan& plan, const FrameMoment& middle, const dem::Terrain& terrain, RenderCache& kept,
                 const StopToken& stop)
       : plan_(plan), middle_(middle), terrain_(terrain), kept_(kept), stop_(stop) {}
 
-  // What takes the samples of the middle where that is all of the exposure; empty where nothing does.
+  // Callback for the samples of the middle, when the middle is the whole exposure; empty if samples are not needed.
   EachSample each_of_middle() const;
 
-  // Draws what the sensor counts besides the middle's radiance, which `frame` has: its photons, the exposure's other
-  // moments.
+  // Draws what the sensor counts in addition to the middle's radiance, which `frame` already has: photons in its own
+  // band, and the exposure's other moments.
   void draw_moments(Frame& frame);
-  // The image. Takes away what was drawn for it alone: the margin, and radiance that was not asked for.
+  // Makes the image. Removes what was drawn only for it: the margin, and radiance that was not requested.
   void make_image(Frame& frame);
 
  private:
@@ -37,7 +37,7 @@ class FrameExposure {
   const dem::Terrain& terrain_;
   RenderCache& kept_;
   const StopToken& stop_;
-  std::vector<float> captured_;  // radiance, as the sensor counts it
+  std::vector<float> captured_;  // radiance in the sensor's band
 };
 
 }  // namespace selenograph::engine

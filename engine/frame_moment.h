@@ -1,4 +1,4 @@
-// One instant of a frame: the stages from the terrain to the products of its pixels.
+// One instant of a frame: the stages from terrain to pixel products.
 #pragma once
 
 #include <array>
@@ -25,42 +25,42 @@
 
 namespace selenograph::engine {
 
-// Which blocks of the terrain, how fine. None where the objects are alone.
+// Selects the terrain blocks and their levels. None when the request has no terrain.
 Selection select_blocks(const FrameRequest& request, const RowViews& views, const Accuracy& accuracy,
                         const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop);
 
-// What the scene of a selection is made of.
+// Content of a selection's scene, the key of the scene cache.
 SceneContent content_of(const FrameRequest& request, const RowViews& views, const Selection& selection,
                         const dem::Terrain& terrain);
 
-// What is known of the pixels that were drawn, besides their products.
+// Statistics of the drawn pixels.
 struct Drawn {
-  std::vector<dem::SourceIndex> sources;  // that the product `source` numbers
+  std::vector<dem::SourceIndex> sources;  // the product `source` holds indices into it
   PixelCounts counts;
-  double pixels = 0;  // that were counted
+  double pixels = 0;  // number of counted pixels
   std::array<std::optional<ViewMarks::Met>, ViewMarks::kCount> met;
   std::size_t triangles = 0, scene_bytes = 0;
 };
 
-// Its stages are called in this order, each once.
+// The stages are called in this order, each once.
 class FrameMoment {
  public:
-  // Select. What is given outlives it. Throws as Renderer::render does, as the other stages do.
+  // Select stage. The arguments must outlive this object. Throws as Renderer::render does, as do the other stages.
   FrameMoment(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
 
-  // Scene: the blocks as one mesh, with what the visibility algorithm needs of it. Refuses when so many draws of such
-  // a scene would by far take longer than the request has time.
+  // Scene stage: joins the blocks to one mesh with the structures of the visibility algorithm. Throws TooMuchWork when
+  // `draws` draws of it would take much longer than the request has time.
   void make_scene(std::size_t draws);
 
-  // Draw: visible points, light, radiance, products. Lets the scene go. `margin_px`: of the image within the frame;
-  // `each` may be empty.
+  // Draw stage: visible points, light, radiance, products. Releases the scene. `margin_px`: margin of the frame around
+  // the image; `each` may be empty.
   Drawn draw(int margin_px, const EachSample& each, FrameProducts& out);
 
   const RowViews& views() const { return views_; }
   const Selection& selection() const { return selection_; }
   const RocksInView& rocks() const { return rocks_; }
   Visibility visibility() const { return content_.visibility; }
-  // Where its camera's pixels look.
+  // Directions of the camera's pixels.
   const PixelRays& lens() const { return *lens_; }
   const StageTimes& times() const { return times_; }
 

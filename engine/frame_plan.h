@@ -1,4 +1,4 @@
-// What a frame needs, as far as its request says: what is drawn, what its sensor counts, over how many moments.
+// Plan of a frame: what is drawn, what its sensor counts, and how many moments of the exposure there are.
 #pragma once
 
 #include <optional>
@@ -13,27 +13,28 @@
 namespace selenograph::engine {
 
 struct FramePlan {
-  // `asked` outlives it. Throws as Sensor does.
+  // `asked` must outlive this object. Throws as Sensor does.
   FramePlan(const FrameRequest& asked, const StopToken& stop);
   FramePlan(const FramePlan&) = delete;
   FramePlan& operator=(const FramePlan&) = delete;
 
-  // Of an exposure of so many seconds over the terrain that was selected: how far a point in view moves in the image,
-  // and the moments that stand for the exposure: as few as the image needs, of which the middle is one.
+  // For an exposure time and the selected terrain: how far a point in view moves in the image, and the number of
+  // moments of the exposure, as few as the image needs, including the middle.
   double streak_px(double exposure_s, const Selection& selection, const dem::Terrain& terrain,
                    const StopToken& stop) const;
   int moments(double exposure_s, const Selection& selection, const dem::Terrain& terrain, const StopToken& stop) const;
-  // As many times as scenes like the frame's are drawn. Where the frame chooses its exposure, that isn't known yet.
+  // Number of scenes like the frame's that are drawn. Unknown, and counted as one moment, when the frame chooses its
+  // exposure time.
   std::size_t draws(const Selection& selection, const dem::Terrain& terrain, const StopToken& stop) const;
 
   int margin_px() const { return sensor ? sensor->margin_px() : 0; }
   bool moving() const { return sensor && !request.sensor->motion.none(); }
 
-  std::optional<Sensor> sensor;  // where it makes an image
-  FrameRequest request;          // to be drawn: as asked, with the sensor's margin
+  std::optional<Sensor> sensor;  // if it makes an image
+  FrameRequest request;          // the request to draw: as asked, with the sensor's margin
   RadianceTerms radiance;
-  bool emits_elsewhere;  // an object's material does, or the ground by a map of temperatures
-  // Radiance in the band that the sensor counts photons in, where that is not the request's.
+  bool emits_elsewhere;  // an object emits, or the ground by a temperature map
+  // Request for radiance in the band in which the sensor counts photons, if that differs from the request's band.
   std::optional<FrameRequest> counted;
 };
 

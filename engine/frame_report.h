@@ -1,4 +1,4 @@
-// What is said of a frame besides its pixels, once it is drawn.
+// Writes the metadata of a drawn frame.
 #pragma once
 
 #include "engine/frame/frame.h"
@@ -7,7 +7,7 @@
 
 namespace selenograph::engine {
 
-// `moment` is the one that the products show.
+// `moment`: the one shown by the products.
 void report_frame(const FramePlan& plan, const FrameMoment& moment, const Drawn& drawn, const dem::Terrain& terrain,
                   Frame& frame);
 

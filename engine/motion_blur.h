@@ -1,4 +1,4 @@
-// The moments that stand for an exposure in motion.
+// Moments that sample an exposure in motion.
 #pragma once
 
 #include <span>
@@ -9,16 +9,16 @@
 
 namespace selenograph::engine {
 
-// How far what is in view moves in the image during an exposure of so many seconds, px: the longest of a grid of
-// places, along its way. The ground counts as a sphere through its height `ground_m` below the camera, above the sphere
-// of 1 737 400 m: what rises from it moves a little farther. Objects count from the ball's nearest point.
+// Longest image motion during an exposure, px, over a grid of places. The ground is taken as a sphere through the
+// height `ground_m` (above the datum) below the camera; higher ground moves slightly more. Objects are counted at the
+// nearest point of their bounding sphere.
 double longest_streak_px(const FrameRequest& request, double integration_time_s, double ground_m,
                          std::span<const Ball> objects);
 
-// As many as the request says, or as the streak has pixels: odd, Motion::kMostMoments at most.
+// Number of moments: as requested, or the streak's length in pixels, odd, at most Motion::kMostMoments.
 int motion_samples(const Motion& motion, double longest_streak_px);
 
-// Seconds from the exposure's middle.
+// Times of the moments, seconds from the exposure's middle.
 std::vector<double> moments_of(int samples, double integration_time_s);
 
 }  // namespace selenograph::engine

@@ -1,5 +1,4 @@
-// What the next frames need, made before they are asked for: in idle time, on the budgets, and never for a byte's
-// difference in any answer.
+// Prepares scenes of expected frames in idle time, within the memory budgets. It never changes a byte of any answer.
 #pragma once
 
 #include <atomic>
@@ -21,25 +20,26 @@
 
 namespace selenograph::engine {
 
-// Of scenes that were made in preparation: how many, how many of them a frame has had, and how many went without.
+// Counts of prepared scenes: made, used by a frame, evicted unused.
 struct PreparationStatistics {
   std::uint64_t prepared = 0, used = 0, wasted = 0;
 };
 
-// Safe to use concurrently.
+// Thread-safe.
 class Preparation {
  public:
-  // Whether what was made is still there; then it has been used just now.
+  // Whether the prepared scene is still cached; marks it as used.
   using StillThere = std::function<bool()>;
-  // Makes what a frame needs; gives up (Cancelled) when it is told to. What else it throws is the frame's own matter.
+  // Makes the scene of a frame; throws Cancelled when stopped. Other exceptions are ignored: the frame itself will
+  // report them.
   using Prepare = std::function<StillThere(const FrameRequest&, const StopToken&)>;
   explicit Preparation(Prepare prepare);
   ~Preparation();
   Preparation(const Preparation&) = delete;
   Preparation& operator=(const Preparation&) = delete;
 
-  // Something in work: while there is any nothing is prepared, and what was begun is given up, unless it is for this
-  // very frame. `pose` is a frame's; null: it is no frame.
+  // Marks active work. While any exists nothing is prepared, and a preparation in progress is cancelled unless it is
+  // for this very pose. `pose`: that of a frame; null for other work.
   class Work {
    public:
     Work(Preparation& preparation, const Pose* pose);
@@ -51,30 +51,31 @@ class Preparation {
     Preparation& preparation_;
   };
 
-  // After a frame: where its camera is expected next, soonest first. Of none, the camera is taken to go on as it did
-  // from the frame before. Replaces what was expected of this camera. `name`: tells cameras apart that are alike.
+  // Called after a frame: the poses at which its camera is expected next, soonest first. If empty, the camera's motion
+  // since the previous frame is extrapolated. Replaces earlier expectations for this camera. `name` distinguishes
+  // identical cameras.
   void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {});
 
-  // Returns when nothing is left to prepare. For tests: with frames in work it never does.
+  // Returns when nothing is left to prepare. For tests: it never returns while frames are active.
   void wait_until_done();
 
  private:
-  // What was prepared, for a pose that a client is expected to ask for.
+  // A prepared scene and the pose it is expected for.
   struct Ready {
     Pose pose;
     StillThere still_there;
   };
-  // A camera on its way.
+  // A camera and its expected course.
   struct Track {
     std::uint64_t number = 0;
     std::string name;
     FrameRequest last;
     std::vector<Ready> ready{};
-    const Ready* ready_for(const Pose& pose) const;  // null: none is
+    const Ready* ready_for(const Pose& pose) const;  // null: none
   };
   struct Expected {
     std::uint64_t track = 0;
-    std::size_t step = 0;  // 0: its camera's next
+    std::size_t step = 0;  // 0: the camera's next frame
     FrameRequest request;
   };
   Track& track_of(const FrameRequest& frame, std::string_view name);
@@ -90,14 +91,14 @@ class Preparation {
   const Prepare prepare_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::deque<Track> tracks_;       // first the latest
-  std::deque<Expected> expected_;  // by steps
+  std::deque<Track> tracks_;       // most recent first
+  std::deque<Expected> expected_;  // ordered by step
   std::optional<Pose> current_;    // being prepared
   int in_work_ = 0;
   std::uint64_t next_track_ = 0;
   bool stopping_ = false;
   std::atomic<bool> give_up_{false};
-  std::thread thread_;  // from the first expectation on
+  std::thread thread_;  // started with the first expectation
 };
 
 }  // namespace selenograph::engine

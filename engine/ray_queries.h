@@ -1,5 +1,5 @@
-// Arbitrary rays against the finest terrain and objects, and where landmarks appear: POST /v1/rays and POST
-// /v1/project.
+// Intersects arbitrary rays with the finest terrain and objects, and finds landmarks in an image: POST /v1/rays and
+// POST /v1/project.
 #pragma once
 
 #include <optional>
@@ -18,7 +18,7 @@
 
 namespace selenograph::engine {
 
-// In the caller's task arena. What they throw and answer is what Renderer::cast and Renderer::project do.
+// Run in the caller's task arena; results and exceptions are those of Renderer::cast and Renderer::project.
 std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<SceneObject>& objects,
                               const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
                               const StopToken& stop);

@@ -1,5 +1,5 @@
-// What is kept from frame to frame, on one budget in bytes: scenes, lenses, scratch memory; and how fast frames have
-// been.
+// Data kept from frame to frame, on one memory budget: scenes, lenses, scratch memory; and the measured speed of
+// frames.
 #pragma once
 
 #include <array>
@@ -24,38 +24,38 @@
 
 namespace selenograph::engine {
 
-// Safe to use concurrently.
+// Thread-safe.
 class RenderCache {
  public:
-  // `threads`: that work on a frame.
+  // `threads`: number that work on a frame.
   RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads);
 
-  // What a scene is made for: a frame that is asked for, or one that may be.
+  // Purpose of a scene: a requested frame, or one that is expected.
   enum class Purpose { frame, preparation };
 
-  // Of several who need the same scene one makes it; each waits until its own `stop`, then Cancelled is thrown. Scenes
-  // in use can't be evicted: one that doesn't fit beside them waits for them to be let go, so the caller must hold
-  // none.
+  // Concurrent requests for the same scene build it once; the others wait, each until its own `stop`, and then
+  // Cancelled is thrown. Scenes in use cannot be evicted: a scene that does not fit beside them waits until they are
+  // released, so the caller must not hold one.
   std::shared_ptr<const Scene> scene(const SceneContent& content, const StopToken& stop = {},
                                      Purpose purpose = Purpose::frame);
   bool holds(const SceneContent& content) const;
-  // Which says whether the scene is still kept, and counts as a use of it; for as long as this lives.
+  // Returns a function that tells whether the scene is still cached and marks it as used. This object must outlive it.
   std::function<bool()> use_of(const SceneContent& content);
   void forget(const SceneContent& content);
 
   PreparationStatistics preparation_statistics();
 
-  // Where the camera's pixels look; empty without distortion. Throws Cancelled when `stop` says so.
+  // Directions of the camera's pixels; empty without distortion. Throws Cancelled when `stop` says so.
   std::shared_ptr<const PixelRays> lens(const Camera& camera, const StopToken& stop);
 
-  // Leases are to be short: what is lent is not on the budget.
+  // Keep leases short: memory that is lent is not on the budget.
   Pool<FrameScratch>& scratch() { return scratch_; }
-  // After a lease has ended. Scratch memory and lenses are on the scenes' budget. A frame much larger than the others
-  // leaves its scratch memory behind only if that is a small part of it.
+  // Call after a lease has ended. Scratch memory and lenses count towards the scenes' budget. A frame much larger than
+  // the others leaves its scratch memory behind only if that is a small part of the budget.
   void settle();
 
-  // Of the budget so many bytes are needed elsewhere: so much less is kept, but for the latest scene. What a frame may
-  // take stays the same.
+  // Reduces the budget by memory that is needed elsewhere: less is kept, except for the latest scene. What one frame
+  // may take does not change.
   void keep_less(std::size_t bytes);
 
   SpeedGauge& speed(Visibility visibility) {
@@ -73,7 +73,7 @@ class RenderCache {
   struct SceneKeyHash {
     std::size_t operator()(const SceneKey& key) const { return key.low; }
   };
-  // Of what most cameras differ in; whether they are the same is decided by all members.
+  // Hashes the members in which most cameras differ; equality compares all members.
   struct CameraHash {
     std::size_t operator()(const Camera& camera) const;
   };
@@ -87,17 +87,17 @@ class RenderCache {
   std::shared_ptr<const dem::Terrain> terrain_;
   int threads_;
   dem::Cache<SceneKey, Scene, SceneKeyHash> scenes_;
-  dem::Cache<Camera, PixelRays, CameraHash> lenses_;  // where pixels look doesn't depend on the pose
+  dem::Cache<Camera, PixelRays, CameraHash> lenses_;  // pixel directions do not depend on the pose
   Pool<FrameScratch> scratch_;
   std::mutex room_mutex_;
-  std::size_t being_made_bytes_ = 0;  // of scenes
+  std::size_t being_made_bytes_ = 0;  // scenes being built
   std::atomic<std::size_t> less_{0};
-  // The scenes that were made last, if still in use or kept: a moving camera has most of one in common. First the
-  // latest.
+  // The most recent scenes, newest first, if still in use or cached: a moving camera's next scene shares most blocks
+  // with one of them.
   static constexpr std::size_t kLatest = 4;
   std::mutex latest_mutex_;
   std::deque<std::weak_ptr<const Scene>> latest_;
-  std::unordered_set<SceneKey, SceneKeyHash> prepared_;  // that no frame has had yet
+  std::unordered_set<SceneKey, SceneKeyHash> prepared_;  // not yet used by a frame
   PreparationStatistics statistics_;
   SpeedGauge speed_of_rays_, speed_of_zbuffer_;
 };

@@ -1,4 +1,4 @@
-// The page that names the stages of a frame, in the order of the paper.
+// The stages of a frame on one page, in the order of the paper.
 #pragma once
 
 #include <functional>
@@ -12,15 +12,15 @@
 
 namespace selenograph::engine {
 
-// Throws as Renderer::render does. In the caller's task arena.
+// Implements Renderer::render. Runs in the caller's task arena.
 Frame render_frame(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
 
-// What a frame would need that is kept between frames: its terrain and its scene. What is returned says whether the
-// scene still is, and uses it. Throws as render_frame.
+// Prepares what a frame needs and can be cached: its terrain and its scene. The returned function tells whether the
+// scene is still cached, and marks it as used. Throws as render_frame does.
 std::function<bool()> prepare_frame(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept,
                                     const StopToken& stop);
 
-// FrameReport::shadow_limits_px of the frame that render_frame would make: the one thing in it that depends on the
+// FrameReport::shadow_limits_px of the frame that render_frame would make: the only part of a frame that depends on the
 // memory for scenes.
 std::vector<double> shadow_limits_px(const FrameRequest& request, const dem::Terrain& terrain, const RenderCache& kept,
                                      const StopToken& stop);

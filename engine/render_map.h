@@ -1,7 +1,7 @@
-// Map-projected products: each pixel is the ground at its latitude and longitude, met by a vertical ray.
+// Map-projected products: each pixel is the ground at its latitude and longitude, hit by a vertical ray.
 //
-// A map is drawn in patches. For each, terrain is selected as for a camera far above that sees the patch with a pixel's
-// size on the ground, so level of detail, error bounds and casters of shadows are a frame's; then rays, light and
+// A map is rendered in patches. For each patch, terrain is selected as for a camera far above it whose pixels have the
+// map's size on the ground, so level of detail, error bounds and shadow casters are those of a frame. Rays, light and
 // shading are a frame's, too (visibility/raytrace/ray_pass.h).
 #pragma once
 
@@ -14,10 +14,10 @@
 
 namespace selenograph::engine {
 
-// Share of the map that is done, 0 to 1; may be empty.
+// Receives the finished share of the map, 0 to 1; may be empty.
 using MapProgress = std::function<void(double share)>;
 
-// In the caller's task arena. What it throws is what Renderer::map does.
+// Implements Renderer::map. Runs in the caller's task arena.
 Map render_map(const MapRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
                const MapProgress& progress = {});
 

@@ -1,8 +1,8 @@
 // Brown-Conrady distortion and its inverse, on the plane z = 1 of the camera.
 //
-// The polynomial folds where it is strong: places far out are mapped back into the image, on top of others. The lens
-// ends there. A place belongs to it when the map, on the straight way from the axis to the place, never turns: its
-// Jacobian (which is symmetric: the map is a gradient) stays positive definite.
+// A strong polynomial is not invertible everywhere: it maps places far from the axis back into the image. Distortion is
+// used only where it is invertible: a place is valid when the Jacobian of the map (symmetric, since the map is a
+// gradient) stays positive definite along the straight line from the axis to that place.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,13 +20,13 @@ class Lens {
   Eigen::Vector2d distorted(double x, double y) const;
   Eigen::Matrix2d jacobian(double x, double y) const;
 
-  // The one place of the lens that is mapped here; empty beyond the fold.
+  // Inverse of distorted(); empty where no valid place is mapped here.
   std::optional<Eigen::Vector2d> undistorted(double xd, double yd) const;
 
-  // Whether a place comes before the fold.
+  // Whether the map is invertible between the axis and this place.
   bool holds(double x, double y) const;
 
-  // No place farther out than this belongs to it; infinite when it doesn't fold.
+  // Upper bound on the radius of valid places; infinite when the map is invertible everywhere.
   double reach() const { return reach_; }
 
  private:
@@ -37,8 +37,8 @@ class Lens {
   double safe_radius() const;
 
   Distortion d_;
-  double safe_ = std::numeric_limits<double>::infinity();   // all places nearer than this belong to it
-  double reach_ = std::numeric_limits<double>::infinity();  // none farther
+  double safe_ = std::numeric_limits<double>::infinity();   // all places nearer than this are valid
+  double reach_ = std::numeric_limits<double>::infinity();  // no place farther out is valid
 };
 
 }  // namespace selenograph::engine

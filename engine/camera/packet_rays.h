@@ -1,4 +1,4 @@
-// What makes rays: the directions in which a packet of sixteen pixels looks.
+// Ray generation for packets of sixteen pixels.
 #pragma once
 
 #include "engine/camera/pixel_rays.h"
@@ -8,14 +8,13 @@
 
 namespace selenograph::engine {
 
-// How a packet's pixels lie together: rays that are traced are bundled best in a square, pixels that are drawn lie in a
-// row.
+// Layout of a packet's pixels: a square for traced rays, which makes compact bundles; a row for rasterised pixels.
 enum class PacketShape { square, row };
 inline constexpr int kPacketSide = 4;
 static_assert(kPacketSide * kPacketSide == kPacket);
 constexpr int pixels_across(PacketShape shape) { return shape == PacketShape::square ? kPacketSide : kPacket; }
 
-// Of a camera without distortion: the ray of the place (x, y) in the image is first + right x + down y.
+// Rays of a camera without distortion: the ray of the image place (x, y) is first + right x + down y.
 struct LinearRays {
   explicit LinearRays(const View& view);
   Vec3 first, right, down;
@@ -23,14 +22,14 @@ struct LinearRays {
 
 class PacketRays {
  public:
-  // `view` outlives it.
+  // `view` must outlive this object.
   explicit PacketRays(const View& view);
 
-  // Rays of the packet whose first pixel is (x, y), through the places (dx, dy) beside the pixels' centres. `lens`: of
-  // all pixels at these places, where there is distortion and it is known; else null.
+  // Rays of the packet whose first pixel is (x, y), through the places (dx, dy) beside the pixels' centres. `lens`:
+  // precomputed rays of all pixels at these offsets, for a camera with distortion; null otherwise.
   void aim(PacketShape shape, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) const;
 
-  // Rays of sixteen pixels wherever they are, through their centres. `lens` as above.
+  // Rays through the centres of sixteen arbitrary pixels. `lens` as above.
   void aim_at(const int* x, const int* y, const PixelRays* lens, Rays& out) const;
 
  private:
@@ -42,8 +41,8 @@ class PacketRays {
   LinearRays rays_;
 };
 
-// Rays of the same square packets where each row has a view of its own; `lens`: of RowViews::camera(). With the views
-// all alike they are the above's, bit for bit.
+// Rays of a square packet when each row has its own view; `lens`: of RowViews::camera(). With identical views the
+// result equals PacketRays::aim, bit for bit.
 void aim_rows(const RowViews& views, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out);
 
 }  // namespace selenograph::engine

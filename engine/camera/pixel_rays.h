@@ -1,5 +1,5 @@
-// Where each pixel of a camera looks, solved once for a lens: the place on the plane z = 1 that the lens maps to it, or
-// a unit direction where a camera looks past that plane.
+// Directions of all pixels of a camera with distortion, solved once: the undistorted place on the plane z = 1, or a
+// unit direction for cameras that see beyond that plane.
 #pragma once
 
 #include <cstddef>
@@ -12,15 +12,15 @@ namespace selenograph::engine {
 
 struct PixelRays {
   PixelRays() = default;
-  // Of the places (x + dx, y + dy) of all pixels. Parallel. Throws Cancelled when `stop` says so: a lens near its fold
-  // takes a tenth of a millisecond a pixel.
+  // Directions of the places (x + dx, y + dy) of all pixels. Parallel. Throws Cancelled when `stop` says so: near the
+  // end of its valid range a lens takes a tenth of a millisecond per pixel.
   PixelRays(const Camera& camera, double dx, double dy, const StopToken& stop = {});
 
-  // Of a camera's pixels from those of the same camera with pixels twice as wide and high: by parabolas, which are some
-  // 1e-5 of a pixel from what the lens does, and much faster. Parallel.
+  // Directions of a camera's pixels, interpolated by parabolas from those of the same camera with pixels twice as wide
+  // and high. The error is about 1e-5 pixels, and it is much faster than solving. Parallel.
   PixelRays(const PixelRays& of_pixels, const Camera& camera, const Camera& dense, const StopToken& stop = {});
 
-  // Row-major; NaN where the lens images nothing. Empty for a rectilinear camera. `z`: of unit directions; empty where
+  // Row-major; NaN where the lens images nothing. Empty for a rectilinear camera. `z`: of unit directions; empty when
   // it is 1 everywhere.
   dem::UninitialisedVector<double> x, y, z;
   std::size_t bytes() const {

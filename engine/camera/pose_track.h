@@ -1,4 +1,4 @@
-// A camera's pose at any time while the rows of a frame are exposed.
+// Camera pose as a function of time while the rows of a frame are exposed.
 #pragma once
 
 #include <vector>
@@ -8,13 +8,13 @@
 
 namespace selenograph::engine {
 
-// At constant rates: engine::moved. Through poses at times: positions by cubic Hermite polynomials whose velocity at
-// each pose is that of the parabola through it and its two neighbours (Catmull & Rom 1974, for uneven times), so that
-// an orbit's arc costs no accuracy; attitudes turn at a constant rate from each pose to the next, the shorter way
-// (slerp, Shoemake 1985). Two poses: constant rates. Before the first and after the last pose velocity and rate stay.
+// With constant rates: engine::moved. Through timed poses: positions by cubic Hermite polynomials whose velocity at
+// each pose is that of the parabola through it and its two neighbours (Catmull & Rom 1974, for uneven times), which
+// follows an orbit's arc; attitudes by slerp (Shoemake 1985), a constant rate from each pose to the next, the shorter
+// way. Two poses give constant rates. Velocity and rate are held before the first and after the last pose.
 class PoseTrack {
  public:
-  // `start`: the pose of row 0; not used where the shutter has poses.
+  // `start`: the pose of row 0; unused when the shutter has poses.
   PoseTrack(const Pose& start, const Shutter& shutter);
 
   // Seconds from the exposure of row 0.

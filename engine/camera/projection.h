@@ -1,5 +1,5 @@
-// A camera's two maps: from a place in the image to a direction, and back. In camera axes: +x right, +y down, +z along
-// the boresight.
+// Projection of a camera, both ways: image place to direction and back. Camera axes: +x right, +y down, +z along the
+// boresight.
 #pragma once
 
 #include <optional>
@@ -18,14 +18,14 @@ class Projection {
  public:
   explicit Projection(const Camera& camera);
 
-  // Of a pinhole scaled so that its z is 1: a distance along it is the depth. Of a fisheye, which may look behind that
-  // plane, of unit length. Empty where the lens images nothing: such a pixel sees nothing.
+  // For a pinhole the direction has z = 1, so a distance along it is the depth. For a fisheye, which may look behind
+  // that plane, it has unit length. Empty where the lens images nothing.
   std::optional<Vec3> direction(double x_px, double y_px) const;
 
-  // Image place of a point; empty behind a pinhole and where the lens images nothing.
+  // Image place of a point; empty when it is behind a pinhole or the lens does not image it.
   std::optional<PixelXY> image(const Vec3& in_camera_m) const;
 
-  const Lens& lens() const { return lens_; }  // a pinhole's
+  const Lens& lens() const { return lens_; }  // of a pinhole
   const std::optional<Fisheye>& fisheye() const { return fisheye_; }
 
  private:

@@ -1,4 +1,4 @@
-// Who sees each row of a frame: one view all of them or, where rows are exposed one after the other, each its own.
+// Views of a frame's rows: one view for all rows or, when rows are exposed one after the other, one per row.
 #pragma once
 
 #include <cstddef>
@@ -14,16 +14,17 @@
 
 namespace selenograph::engine {
 
-// The views of some rows: one of them, and how far the others are from it at most. What it answers holds for all.
+// The views of several rows: one of them, and an upper bound on how far the others deviate from it. Its answers hold
+// for all of them.
 //
-// In camera axes a point is, from the others, at most slack_m elsewhere: they are moved by up to shift_m and turned by
-// up to turn_rad. A ball that is larger by that encloses what the others see of it.
+// The other views are shifted by up to shift_m and rotated by up to turn_rad, so in camera axes a point moves by at
+// most slack_m. A sphere enlarged by that encloses what the others see of it.
 struct ViewBundle {
   View view;
   double shift_m = 0, turn_rad = 0;
-  int first_row = 0, past_last_row = 0;  // of a frame whose rows vary
+  int first_row = 0, past_last_row = 0;  // of a frame whose rows have their own views
 
-  // As View has them: upper bounds over all views.
+  // As in View: upper bounds over all views.
   bool may_see(const Vec3& centre_m, double radius_m) const;
   bool may_see(std::span<const Vec3> points_m, double margin_m) const;
   double pixels_per_metre(const Vec3& centre_m, double radius_m,
@@ -34,37 +35,38 @@ struct ViewBundle {
   double slack_m(const Vec3& point_m) const;
 };
 
-// Where a point appears in a frame whose rows are exposed one after the other.
+// Image place of a point in a frame whose rows are exposed one after the other.
 struct Sighting {
   PixelXY pixel;  // of the frame; y is the row, not rounded
   double time_s;  // from the exposure of row 0
-  Vec3 camera_m;  // where the camera is then
+  Vec3 camera_m;  // camera position at that time
 };
 
 class RowViews {
  public:
-  // Throws ImpossibleRequest for a camera or pose that can't be, Cancelled when `stop` says so.
+  // Throws ImpossibleRequest for an invalid camera or pose, Cancelled when `stop` says so.
   RowViews(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter, const StopToken& stop = {});
 
-  // Whether each row has a view of its own.
+  // Whether each row has its own view.
   bool vary() const { return !rows_.empty(); }
   const View& of(int row) const { return rows_.empty() ? reference_ : rows_[static_cast<std::size_t>(row)]; }
   const View& of_pixel(std::size_t pixel) const { return rows_.empty() ? reference_ : rows_[pixel / width_]; }
-  // The one view, or that of the row in the middle.
+  // The only view, or that of the middle row.
   const View& reference() const { return reference_; }
 
   int height() const { return height_; }  // of the frame
-  // Of all views: the frame's, but of a line camera, whose image is a single line on the row of the principal point.
+  // Camera of all views: the frame's camera or, for a line camera, a single-line image on the row of the principal
+  // point.
   const Camera& camera() const { return reference_.camera(); }
-  // The row of that camera which a row of the frame is.
+  // The row of camera() that a row of the frame corresponds to.
   int line(int row) const { return pushbroom_ ? 0 : row; }
 
-  // Together they bound the views of all rows; neither empty nor many.
+  // They bound the views of all rows; at least one, and few.
   std::span<const ViewBundle> bundles() const { return bundles_; }
 
-  // Where rows vary: one of the places where a point appears, in the row of that time; in the image, wherever any row
-  // sees it there (a turning camera's rows may see it several times), else beside it in x. Empty where no row sees it:
-  // beside the image in y. Costs a projection for each row, at most.
+  // For rows with their own views: a place where a point appears, in the row exposed at that time. It is inside the
+  // image if any row sees it there (a turning camera may see it in several rows), otherwise beside it in x. Empty when
+  // no row sees it: beside the image in y. Costs at most one projection per row.
   std::optional<Sighting> find(const Vec3& point_m) const;
 
  private:

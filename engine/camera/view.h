@@ -1,4 +1,4 @@
-// One camera at one place: pixels <-> directions, and what lies in view.
+// One camera at one pose: pixels to directions and back, and visibility of bounding volumes.
 #pragma once
 
 #include <array>
@@ -14,41 +14,40 @@ namespace selenograph::engine {
 
 class View {
  public:
-  // Throws ImpossibleRequest for a camera or pose that can't be.
+  // Throws ImpossibleRequest for an invalid camera or pose.
   View(const Camera& camera, const Pose& pose);
-  // The same camera elsewhere: its bounds needn't be found again.
+  // The same camera at another pose; its image bounds are reused.
   View at(const Pose& pose) const;
 
   const Camera& camera() const { return camera_; }
   const Vec3& position() const { return position_; }
   const Eigen::Matrix3d& moon_from_camera() const { return moon_from_camera_; }
-  // Unit direction of the middle of what is in the image: not the boresight, where the image is a crop of a larger one.
+  // Unit direction of the image's middle. It differs from the boresight when the image is a crop of a larger one.
   Vec3 middle() const;
 
-  // Direction (MOON_ME) of a place in the image, scaled as Projection::direction says. Empty where the lens images
-  // nothing: such a pixel sees nothing.
+  // Direction (MOON_ME) of an image place, scaled as in Projection::direction. Empty where the lens images nothing.
   std::optional<Vec3> ray(double x_px, double y_px) const;
 
-  // The distance along the boresight of a point at `distance` along such a ray.
+  // Depth, the distance along the boresight, of a point at `distance` along such a ray.
   double depth(const Vec3& ray, double distance) const {
     return projection_.fisheye() ? distance * moon_from_camera_.col(2).dot(ray) : distance;
   }
 
   const Projection& projection() const { return projection_; }
 
-  // Image place of a point; empty behind a pinhole and where the lens images nothing.
+  // Image place of a point; empty when it is behind a pinhole or the lens does not image it.
   std::optional<PixelXY> project(const Vec3& point_m) const;
 
-  // Whether any part of a ball may be in the image.
+  // Whether any part of a sphere may be in the image.
   bool may_see(const Vec3& centre_m, double radius_m) const;
-  // The same of what lies between some points, or no farther than `margin_m` from there.
+  // Whether anything within `margin_m` of the convex hull of some points may be in the image.
   bool may_see(std::span<const Vec3> points_m, double margin_m) const;
 
-  // Upper bound on pixels per metre, across the line of sight, for anything within the ball and not higher above the
-  // sphere than highest_m.
+  // Upper bound on pixels per metre, across the line of sight, for anything within the sphere and not higher above the
+  // datum than highest_m.
   double pixels_per_metre(const Vec3& centre_m, double radius_m,
                           double highest_m = std::numeric_limits<double>::infinity()) const;
-  // The same of anything that is at least so far away, wherever it is.
+  // The same for anything at least this far away, in any direction.
   double pixels_per_metre_from(double nearest_m) const;
 
  private:
@@ -62,11 +61,11 @@ class View {
   Projection projection_;
   Vec3 position_;
   Eigen::Matrix3d camera_from_moon_, moon_from_camera_;
-  // Slopes x/z and y/z of the image's border, slightly outside.
+  // Slopes x/z and y/z of the image border, enlarged by a small margin.
   double left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
   double pixels_per_radian_ = 0, stretched_focal_ = 0;
   double widest_ = 0;        // largest slope sqrt(x^2 + y^2) / z in the image
-  double widest_theta_ = 0;  // of a fisheye: largest angle from the boresight in the image
+  double widest_theta_ = 0;  // fisheye: largest angle from the boresight in the image
 };
 
 }  // namespace selenograph::engine

@@ -1,4 +1,4 @@
-// How fine the terrain and how dense the samples of a frame are.
+// Level of detail of the terrain, and samples per pixel.
 #pragma once
 
 #include <algorithm>
@@ -6,23 +6,23 @@
 namespace selenograph::engine {
 
 struct Accuracy {
-  // Bound, in pixels, on the projected vertical error of the mesh; post spacing is kept below twice this many pixels.
-  // 0: the finest posts everywhere.
+  // Upper bound, in pixels, on the projected vertical error of the mesh; the post spacing is kept below twice this many
+  // pixels. 0: the finest posts everywhere.
   double max_error_px = 0.5;
-  int samples_per_pixel = 1;  // radiance and image are means over a regular sub-pixel grid; must be a square number
-  // Aim, in pixels, for how far a shadow's edge on level ground is displaced by the mesh's error: vertical error over
-  // the tangent of the Sun's elevation. Where not even this much more terrain fits, it gives way: the frame reports
-  // what was reached.
+  int samples_per_pixel = 1;  // a square number: radiance and image are means over a regular sub-pixel grid
+  // Target, in pixels, for the displacement of a shadow edge on level ground by the mesh's error: vertical error over
+  // the tangent of the Sun's elevation. It is relaxed when that much terrain does not fit into memory; the frame
+  // reports the value that was used.
   double max_shadow_error_px = kDefaultShadowError_px;
   static constexpr double kDefaultShadowError_px = 16;
-  // Aim, in pixels, for the vertical error of a terrain with detail, or max_error_px where that is more. It gives way,
-  // together with the aim for shadows, where a frame would have more than kDetailTrianglesPerPixel triangles of
-  // detail for each of its pixels: the detail's bound is of the deepest crater of each size, which few places have.
+  // Target, in pixels, for the vertical error of terrain with detail, or max_error_px if that is larger. It is relaxed,
+  // together with the shadow target, when a frame would have more than kDetailTrianglesPerPixel triangles of detail per
+  // pixel: the error bound is that of the deepest crater of each size, which few places have.
   double max_detail_error_px = kDefaultDetailError_px;
   static constexpr double kDefaultDetailError_px = 2;
   static constexpr double kDetailTrianglesPerPixel = 8;
-  // 4: samples at edges (visibility/edge_samples.h) give way to four each in their parts of the pixel; of 1 or 4
-  // samples per pixel, without a shutter. 1: they don't.
+  // 4: a sample at an edge is replaced by four samples in its part of the pixel (visibility/image/edge_samples.h);
+  // requires samples_per_pixel 1 or 4 and no shutter. 1: no edge sampling.
   int edge_samples = 1;
   double detail_aim_px() const { return std::max(max_error_px, max_detail_error_px); }
 };

@@ -11,21 +11,22 @@ struct ResponsePoint {
   double response;  // 0 to 1
 };
 
-// A spectral channel: linear between the points of its response curve, 0 outside of it.
+// A spectral channel: linear between the points of its response curve, 0 outside.
 class Band {
  public:
-  // Response 1 from center - width / 2 to center + width / 2. Throws ImpossibleRequest unless 0 < width < 2 center.
+  // A response of 1 from center - width / 2 to center + width / 2. Throws ImpossibleRequest unless 0 < width < 2
+  // center.
   Band(double center_um, double width_um);
-  // Throws ImpossibleRequest unless there are two points or more at rising wavelengths above 0, none of whose
-  // responses is negative and not all 0.
+  // Throws ImpossibleRequest unless there are at least two points, at increasing wavelengths above 0, with non-negative
+  // responses that are not all 0.
   explicit Band(std::vector<ResponsePoint> response);
 
   const std::vector<ResponsePoint>& response() const { return response_; }
-  // The response's centre of gravity, and its integral: what eqs. (8) and (9) call lambda and Delta lambda.
+  // Centroid and integral of the response: lambda and Delta lambda of eqs. (8) and (9).
   double center_um() const { return center_um_; }
   double width_um() const { return width_um_; }
   double response_at(double wavelength_um) const;
-  // The curve's wavelengths and those of a table that lie between them, rising.
+  // The curve's wavelengths and the table's wavelengths between them, increasing.
   std::vector<double> breakpoints(const std::vector<double>& table_um = {}) const;
 
  private:

@@ -35,8 +35,8 @@ struct Camera {
   FisheyeDistortion fisheye{};
   // Straight lines are imaged as straight lines: a pixel's direction is linear in its coordinates.
   bool rectilinear() const { return model == CameraModel::pinhole && distortion.none(); }
-  // Images directions beyond 90 degrees from the boresight, for which there is no plane z = 1: by the radius that
-  // engine/camera/fisheye.h gives an angle, and by rays only.
+  // Directions beyond 90 degrees from the boresight are imaged. They have no place on the plane z = 1: such a camera is
+  // described by a radius per angle (engine/camera/fisheye.h) and rendered by ray tracing only.
   bool beyond_plane() const { return model != CameraModel::pinhole; }
   bool operator==(const Camera&) const = default;
 };

@@ -1,4 +1,4 @@
-// What the engine answers: products, report, times.
+// Result of a frame: products, report, times.
 #pragma once
 
 #include <vector>
@@ -12,7 +12,7 @@ namespace selenograph::engine {
 struct Frame {
   FrameProducts products;
   FrameReport report;
-  std::vector<dem::RockFeature> rocks;  // with kRock: those that the frame is made with, the largest first
+  std::vector<dem::RockFeature> rocks;  // with kRock: all rocks in the scene, the largest first
   StageTimes times;
 };
 

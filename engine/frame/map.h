@@ -1,4 +1,4 @@
-// A map-projected product: what is asked and answered.
+// A map-projected product: request and result.
 #pragma once
 
 #include <optional>
@@ -11,19 +11,19 @@ namespace selenograph::engine {
 
 struct MapRequest {
   dem::MapGrid grid;
-  // Sun, surface, band, accuracy. What it has of a camera, of products and of objects isn't looked at; a pixel of
-  // `accuracy` is grid.gsd_m wide.
+  // Sun, surface, band and accuracy. Its camera, products and objects are ignored; one pixel of `accuracy` is
+  // grid.gsd_m wide.
   FrameRequest look;
-  // Unit, toward whoever sees the radiance; empty: from straight above each pixel.
+  // Unit vector toward the viewer of the radiance; empty: straight above each pixel.
   std::optional<Vec3> toward_viewer;
   ProductSet products = kRadiance;
 };
 
-// A pixel is the value at its centre. Row 0 is in the north. Where there is no data, or no Moon, arrays hold NaN and
-// 65535; radiance is NaN, too, where terrain stands before the viewer.
+// A pixel holds the value at its centre. Row 0 is the northernmost. Arrays hold NaN and 65535 where there is no data or
+// no Moon; radiance is also NaN where terrain hides the ground from the viewer.
 struct Map {
   FrameProducts products;
-  FrameReport report;  // bounds over all of the map; triangles: of all scenes that it was made with
+  FrameReport report;  // bounds over the whole map; triangles of all its scenes
   StageTimes times;
 };
 

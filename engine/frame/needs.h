@@ -1,4 +1,4 @@
-// What a frame's products need to be known of each pixel: radiance, how much of the Sun its point sees, geometry.
+// Derives from the requested products what must be computed for each pixel (radiance, light, geometry) and its memory.
 #pragma once
 
 #include <algorithm>
@@ -16,9 +16,10 @@ inline bool wants_radiance(const FrameRequest& request) { return request.product
 inline bool wants_light(const FrameRequest& request) { return wants_radiance(request) || (request.products & kLit); }
 inline bool wants_geometry(const FrameRequest& request) { return request.products & kTruth; }
 
-// Of a pixel's samples, how many are drawn at once (visibility/dense_samples.h): 4 by the z-buffer where there is an
-// even number of them along a pixel's side. They take four times the memory, here that of the largest image which is
-// served by default (16 million pixels); larger ones have one at a time. Edges are looked for among all four.
+// Number of samples of a pixel that are drawn at once (visibility/image/dense_samples.h): 4 by the z-buffer when the
+// number of samples along a pixel's side is even. Four samples take four times the memory, so this is limited to the
+// largest image that is served by default (16 million pixels); larger images are drawn one sample at a time. Edges are
+// searched among all four.
 inline int drawn_at_once(const FrameRequest& request, const Accuracy& accuracy, Visibility visibility) {
   constexpr int kLargest_px = 2048;  // side
   if (!wants_radiance(request)) return 1;
@@ -28,9 +29,9 @@ inline int drawn_at_once(const FrameRequest& request, const Accuracy& accuracy, 
   return visibility != Visibility::raytrace && side % 2 == 0 && fits ? 4 : 1;
 }
 
-// Besides its products, of what a frame is rendered with: samples under the Sun and the shadow map's lists, twice as
-// many of a disc, a lens's rays (of the pixels' centres and of a sample beside them), what a sensor's model has between
-// radiance and digital numbers. An upper bound; scenes and terrain are not of it.
+// Upper bound on the working memory of a frame besides its products, scene and terrain: light-space samples and
+// shadow-map lists (twice as many for a solar disc), rays of a lens (pixel centres and one sample offset), and the
+// sensor's intermediate images.
 inline std::size_t working_bytes_per_pixel(const FrameRequest& request) {
   std::size_t bytes = 0;
   const auto at_once = static_cast<std::size_t>(drawn_at_once(request, request.accuracy, request.visibility));
@@ -45,7 +46,7 @@ inline std::size_t working_bytes_per_pixel(const FrameRequest& request) {
   return bytes;
 }
 
-// The sensor's margin, which is not known before its kernel is, at its widest.
+// The sensor's margin is counted at its maximum: it is unknown until the kernel has been computed.
 inline std::size_t rendered_pixels(const FrameRequest& request) {
   constexpr int kWidestMargin_px = 32;
   const int margin = request.sensor && request.products & kImage ? 2 * kWidestMargin_px : 0;
@@ -53,15 +54,14 @@ inline std::size_t rendered_pixels(const FrameRequest& request) {
          static_cast<std::size_t>(request.camera.height + margin);
 }
 
-// The rows' views, where rows have views of their own (camera/row_views.h). An upper bound.
+// Upper bound on the memory for views of rows (camera/row_views.h).
 inline std::size_t bytes_of_rows(const Camera& camera, const std::optional<Shutter>& shutter) {
   constexpr std::size_t kBytesOfView = 1024;
   return shutter ? kBytesOfView * static_cast<std::size_t>(camera.height) : 0;
 }
 
-// The rocks of a detail that a frame or a batch of rays has at most, in places and shapes for Embree; those that are
-// put onto the ground at once before it is known that they are too many; and those that rays remember from batch to
-// batch, with them.
+// Limits on rocks of a detail: per frame or batch of rays, as placed shapes for Embree; per search, before it is known
+// whether there are too many; and remembered from batch to batch of rays.
 inline constexpr std::size_t kMostRocks = 32768, kMostNewRocks = 2 * kMostRocks,
                              kMostRememberedRocks = 100000 + kMostNewRocks;
 inline std::size_t bytes_of_rocks(const dem::Detail* detail, std::size_t remembered = 0) {

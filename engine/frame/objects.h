@@ -1,4 +1,4 @@
-// A triangle mesh in the scene, besides the terrain.
+// Triangle meshes in the scene other than the terrain.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -12,7 +12,7 @@ namespace selenograph::engine {
 
 class ObjectMesh;
 
-// A triangle mesh that isn't terrain. Both of its sides are surface. It casts shadows and receives them.
+// Both sides of its triangles are surface. It casts and receives shadows.
 struct SceneObject {
   std::shared_ptr<const ObjectMesh> mesh;
   Vec3 position_m = Vec3::Zero();                                        // of the mesh's origin

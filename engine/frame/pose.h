@@ -12,14 +12,14 @@ struct Pose {
   Eigen::Quaterniond camera_from_moon = Eigen::Quaterniond::Identity();  // unit
 };
 
-// How a camera moves, at constant rates.
+// Constant rates of a camera's motion.
 struct Rates {
-  Vec3 angular_rate_deg_s = Vec3::Zero();  // of the camera, about its own axes
+  Vec3 angular_rate_deg_s = Vec3::Zero();  // about the camera's own axes
   Vec3 velocity_m_s = Vec3::Zero();        // MOON_ME
   bool none() const { return angular_rate_deg_s.isZero(0) && velocity_m_s.isZero(0); }
 };
 
-// The pose so many seconds later.
+// The pose after `seconds` of motion at these rates.
 Pose moved(const Pose& pose, const Rates& rates, double seconds);
 
 }  // namespace selenograph::engine

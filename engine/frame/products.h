@@ -1,4 +1,4 @@
-// What a frame or a map can hold for each pixel.
+// Per-pixel products of frames and maps.
 #pragma once
 
 #include <cstdint>
@@ -7,8 +7,8 @@
 
 namespace selenograph::engine {
 
-// Products, in the order of the contract's table. Values are bits of a set. Maps have some of them, and two of their
-// own.
+// Products, in the order of the API's table; values are bits of a set. Maps have some of them, and
+// two of their own.
 enum Product : std::uint32_t {
   kImage = 1u << 0,
   kRadiance = 1u << 1,
@@ -23,18 +23,18 @@ enum Product : std::uint32_t {
   kSource = 1u << 10,
   kObjectId = 1u << 11,
   kDetail = 1u << 12,
-  // Not of the contract's: for what lists the rocks of a frame.
+  // Internal: used to list the rocks of a frame.
   kRock = 1u << 13,
-  // Of maps only.
+  // Maps only.
   kHeight = 1u << 14,
   kSlope = 1u << 15,
 };
 
 using ProductSet = std::uint32_t;
 
-// Arrays of height x width (x components), row 0 on top; empty unless asked for. Missing values as in the contract.
+// Arrays of height x width (x components), row 0 on top; empty when not requested. Missing values are those of the API.
 struct FrameProducts {
-  std::vector<std::uint16_t> image;  // 8-bit images too: the encoder narrows
+  std::vector<std::uint16_t> image;  // 8-bit images, too: the encoder converts them
   std::vector<float> radiance;       // W m-2 sr-1, band-integrated over the solar irradiance's band
   std::vector<double> depth, range;  // m
   std::vector<double> position;      // 3 per pixel, MOON_ME m
@@ -47,11 +47,11 @@ struct FrameProducts {
   std::vector<std::uint16_t> object_id;  // index into FrameRequest::objects; 65535: terrain, or nothing
   std::vector<std::uint16_t> detail;     // a dem::Ground; 65535: an object, or nothing
   std::vector<std::uint16_t> rock;       // index into Frame::rocks; 65535: none
-  std::vector<double> height;            // of maps: m above the sphere
-  std::vector<float> slope;              // of maps: degrees, of the normal against the sphere's vertical
+  std::vector<double> height;            // maps: m above the datum
+  std::vector<float> slope;              // maps: degrees between the normal and the datum's vertical
 };
 
-// References to all arrays of a frame's products, const or not: an array that is left out here doesn't compile.
+// References to all arrays of the products, const or not. A new array that is not listed here does not compile.
 template <typename Products>
 auto all_arrays(Products& products) {
   auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id, detail, rock,

@@ -17,11 +17,11 @@ struct Ray {
 
 struct RayHit {
   bool hit = false;
-  std::optional<std::uint16_t> object{};  // index into the query's objects; empty: terrain, or a rock of its detail
+  std::optional<std::uint16_t> object{};  // index into the query's objects; empty: terrain or a rock
   double range_m = std::numeric_limits<double>::quiet_NaN();
   Vec3 position_m = Vec3::Zero();
   Vec3 normal = Vec3::Zero();
-  double lit = 0;                       // meaningful when a Sun was given
+  double lit = 0;                       // valid when a Sun was given
   std::optional<std::uint64_t> rock{};  // dem::Rock::id
 };
 
@@ -32,15 +32,15 @@ struct LandmarkQuery {
 };
 
 struct Landmark {
-  double x_px = 0, y_px = 0;  // NaN behind the camera, and where the lens images nothing
+  double x_px = 0, y_px = 0;  // NaN behind the camera and where the lens images nothing
   double range_m = 0;
-  double height_m = 0;  // NaN: no data there
+  double height_m = 0;  // NaN: no data
   bool in_frame = false, visible = false;
   double lit = 0;
-  // Where rows are exposed one after the other: when the row is that it appears in, from the exposure of row 0; NaN,
-  // as x_px, y_px and range_m are, where no row sees it.
+  // For rows exposed one after the other: time of the row in which the point appears, from the exposure of row 0. NaN,
+  // like x_px, y_px and range_m, when no row sees it.
   double time_s = std::numeric_limits<double>::quiet_NaN();
-  bool behind_camera = false;  // of a pinhole whose rows are exposed at once
+  bool behind_camera = false;  // for a pinhole whose rows are exposed at once
 };
 
 }  // namespace selenograph::engine

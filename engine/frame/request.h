@@ -1,5 +1,4 @@
-// What the engine is asked for: trusted, resolved values only (checked by api/ on the way in). Frame MOON_ME, metres,
-// double.
+// Request to the engine. All values are trusted and resolved (api/ checks them). Frame MOON_ME, metres, double.
 #pragma once
 
 #include <cstdint>
@@ -28,14 +27,14 @@ namespace selenograph::engine {
 
 class Atmosphere;
 
-// How the engine finds what each pixel sees and whether the Sun reaches it.
+// Visibility algorithm, for camera rays and for shadows.
 enum class Visibility {
-  automatic,  // by what the frame has: see visibility_for
+  automatic,  // chosen by visibility_for()
   zbuffer,    // z-buffer and irregular shadow map
   raytrace    // Embree
 };
 
-// How radiance becomes digital numbers without a sensor's model: DN = clamp(round(L / full_scale * (2^bits - 1))).
+// Conversion of radiance to digital numbers without a sensor model: DN = clamp(round(L / full_scale * (2^bits - 1))).
 struct ImageSettings {
   int bit_depth = 8;  // 8 or 16
   std::optional<double>
@@ -45,30 +44,30 @@ struct ImageSettings {
 struct FrameRequest {
   Camera camera;
   Pose pose;
-  std::optional<Shutter> shutter;  // that exposes the rows one after the other; empty: all at once
+  std::optional<Shutter> shutter;  // rows exposed one after the other; empty: all at once
   Sun sun;
   Reflectance reflectance;
-  std::optional<Band> band;  // that radiance is integrated over; empty: all wavelengths
-  double temperature_k = 0;  // of the surface; 0: nothing is emitted
-  // Of the ground: rho (not of hapke, which has none) and temperature in K. The first that has a value at a place
-  // decides; where none has, the numbers above.
+  std::optional<Band> band;  // integration band of radiance; empty: all wavelengths
+  double temperature_k = 0;  // surface temperature; 0: no thermal emission
+  // Maps of the ground's rho (Hapke's model has none) and of its temperature in K. The first map with a value at a
+  // place is used, otherwise the constants above.
   std::vector<std::shared_ptr<const dem::ValueMap>> albedo_maps, temperature_maps;
   std::shared_ptr<const Atmosphere> atmosphere;  // null: none
   std::vector<SceneObject> objects;
-  std::shared_ptr<const dem::Detail> detail;  // of the terrain below its posts; null: none
-  bool terrain = true;                        // false: the objects are alone, without the Moon
+  std::shared_ptr<const dem::Detail> detail;  // terrain detail finer than the posts; null: none
+  bool terrain = true;                        // false: objects only, without the Moon
   Accuracy accuracy;
   ImageSettings image;
-  std::optional<SensorModel> sensor;  // that makes the image, of the band; empty: ImageSettings alone
+  std::optional<SensorModel> sensor;  // sensor model of the image; empty: ImageSettings apply
   Visibility visibility = Visibility::automatic;
   ProductSet products = kRadiance;
-  std::optional<TruthGrid> truth;  // of products other than image and radiance; empty: of every pixel
+  std::optional<TruthGrid> truth;  // subset of pixels for ground-truth products; empty: all
 };
 
-// Products that TruthGrid is about.
+// Ground-truth products, to which TruthGrid applies.
 inline constexpr ProductSet kTruth = ~static_cast<ProductSet>(kImage | kRadiance);
 
-// Of the image's numbers as they are stored: 8 or 16.
+// Stored bits of a digital number: 8 or 16.
 inline int image_bits(const FrameRequest& request) {
   return (request.sensor ? request.sensor->detector.bit_depth : request.image.bit_depth) <= 8 ? 8 : 16;
 }

@@ -1,4 +1,4 @@
-// Rims of craters in an image: what Renderer::rims is asked for and answers.
+// Rims of craters in an image: options and result of Renderer::rims.
 #pragma once
 
 #include <cstddef>
@@ -10,26 +10,27 @@
 namespace selenograph::engine {
 
 struct RimOptions {
-  double least_px = 4;                      // diameter of a circle of the outline's area
-  double least_depth = dem::Detail::kWorn;  // over the diameter
+  double least_px = 4;                      // diameter of the circle with the outline's area
+  double least_depth = dem::Detail::kWorn;  // depth over diameter
 };
 
-// A place in the image, as the contract counts: the centre of the top-left pixel is (0, 0).
+// An image place in pixels; the centre of the top-left pixel is (0, 0).
 struct RimPoint {
   double x_px, y_px;
 };
 
 struct CraterRim {
   dem::CraterFeature feature;
-  RimPoint centre;  // of its floor; NaN: not imaged
+  RimPoint centre;  // centre of its floor; NaN: not imaged
   bool centre_visible = false;
-  std::vector<RimPoint> outline;  // of the rim, in order; it may leave the image
-  double rim_visible = 0;         // share of its points that are in the image and not hidden
+  std::vector<RimPoint> outline;  // rim points in order; some may be outside the image
+  double rim_visible = 0;         // share of the rim points that are in the image and visible
 };
 
 struct CraterRims {
   std::vector<CraterRim> rims;  // the largest first
-  // Large enough and in view, but with a part of the rim that the camera can't image: behind a pinhole, say.
+  // Number of craters in view that are large enough but have rim points without an image place, for example behind a
+  // pinhole.
   std::size_t cut_off = 0;
 };
 

@@ -1,4 +1,5 @@
-// A camera's optics and detector: SENSOR++ (Paproth et al.), section 2.3. Trusted values, like all of frame.h.
+// Optics and detector of a camera: SENSOR++ (Paproth et al.), section 2.3. Trusted values, like all requests to the
+// engine.
 #pragma once
 
 #include <cstdint>
@@ -10,30 +11,30 @@
 
 namespace selenograph::engine {
 
-// How much of a point's light arrives in each pixel around it.
+// Point spread function: the share of a point's light that arrives in each pixel around it.
 struct PointSpread {
   enum class Model {
     none,
-    gaussian,  // of standard deviation sigma_px, integrated over pixels
-    airy,      // of a circular aperture without aberrations, at the band's center wavelength, integrated over pixels
-    kernel     // as measured
+    gaussian,  // standard deviation sigma_px, integrated over pixels
+    airy,      // ideal circular aperture at the band's center wavelength, integrated over pixels
+    kernel     // measured
   };
   Model model = Model::none;
   double sigma_px = 0;
-  // side x side weights, row 0 on top, side odd: of what a point at the middle pixel's center leaves in the pixels
-  // around it. Normalised where they are used.
+  // side x side weights, row 0 on top, side odd: the light that a point at the centre of the middle pixel leaves in
+  // each pixel. Normalised on use.
   std::vector<double> kernel;
   int side = 0;
 };
 
-// Transmission of the optics by the angle from the boresight.
+// Transmission of the optics as a function of the angle from the boresight.
 struct Vignetting {
   enum class Model { none, cos4, table };
   Model model = Model::none;
   struct Point {
     double angle_deg, transmission;
   };
-  std::vector<Point> table;  // angles rise from 0; linear in between, the last one's transmission beyond
+  std::vector<Point> table;  // angles increase from 0; linear in between, constant beyond the last
 };
 
 struct Optics {
@@ -42,39 +43,39 @@ struct Optics {
   Vignetting vignetting;
 };
 
-// A quantum detector, eq. (8), and what its electronics add. Electrons are e.
+// A quantum detector, eq. (8), with its electronics. Electrons are e.
 struct Detector {
   double pixel_pitch_um = 0;      // p
-  double quantum_efficiency = 1;  // eta: of optics and detector, 0 to 1
-  // eta by wavelength: times the above; linear between the points, 0 outside. Empty: 1.
+  double quantum_efficiency = 1;  // eta of optics and detector, 0 to 1
+  // Relative eta by wavelength, multiplied by the above; linear between the points, 0 outside. Empty: 1.
   std::vector<ResponsePoint> efficiency;
-  double integration_time_s = 0;  // t; 0: as Exposure says
-  double full_well_e = 0;         // a pixel holds no more; 0: any number
+  double integration_time_s = 0;  // t; 0: chosen by Exposure
+  double full_well_e = 0;         // capacity of a pixel; 0: unlimited
   double dark_current_e_s = 0;
-  double smear_time_s = 0;     // that a row passes each row of the image in, unshuttered: frame transfer
-  bool photon_noise = true;    // photons and dark electrons arrive one by one: Poisson
+  double smear_time_s = 0;     // frame transfer without shutter: time per row shift
+  bool photon_noise = true;    // Poisson noise of photons and dark electrons
   double read_noise_e = 0;     // standard deviation
-  double prnu = 0;             // standard deviation of the pixels' responses, relative
+  double prnu = 0;             // relative standard deviation of the pixels' responses
   double dsnu_e = 0;           // standard deviation of the pixels' offsets
-  double dead_fraction = 0;    // of the pixels that see nothing
-  double hot_fraction = 0;     // of the pixels whose dark current is
-  double hot_current_e_s = 0;  // higher by this
+  double dead_fraction = 0;    // share of pixels without response
+  double hot_fraction = 0;     // share of pixels with additional dark current
+  double hot_current_e_s = 0;  // additional dark current of a hot pixel
   double gain_e_dn = 1;        // electrons per digital number
   double offset_dn = 0;
   int bit_depth = 8;  // 1 to 16: digital numbers from 0 to 2^bit_depth - 1
 };
 
-// Chooses the integration time from the frame: all but the brightest thousandth of the pixels stay within a share of
-// what a pixel holds, or of what the largest digital number stands for, with smear and dark current, without noise and
-// fixed pattern.
+// Automatic exposure. The integration time is chosen so that all but the brightest thousandth of the pixels stay within
+// a share of the full well, or of the largest digital number, including smear and dark current, without noise and fixed
+// pattern.
 struct Exposure {
   double target_fill = 0;  // 0: the integration time is given
   double shortest_s = 1e-6, longest_s = 10;
 };
 
-// What the camera does while it is exposed, from half the integration time before the pose's moment to half after it:
-// light is averaged over so many moments in between. Left out: as many as the longest streak has pixels, an odd number,
-// kMostMoments at most.
+// Camera motion during the exposure, from half the integration time before the pose's time to half after it. Light is
+// averaged over `samples` moments. Default: as many as the longest streak has pixels, an odd number, at most
+// kMostMoments.
 struct Motion : Rates {
   std::optional<int> samples{};
   static constexpr int kMostMoments = 65;
@@ -85,8 +86,8 @@ struct SensorModel {
   Detector detector;
   Exposure exposure;
   Motion motion;
-  std::uint64_t seed = 0;   // one detector's: its fixed pattern follows from it
-  std::uint64_t frame = 0;  // another one has other noise
+  std::uint64_t seed = 0;   // identifies a detector and its fixed pattern
+  std::uint64_t frame = 0;  // number of the frame: each has its own noise
 };
 
 }  // namespace selenograph::engine

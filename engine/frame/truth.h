@@ -1,4 +1,4 @@
-// Of which pixels the products that describe what is seen are wanted: all but image and radiance.
+// Subset of pixels for ground-truth products: all products but image and radiance.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,12 +7,12 @@
 
 namespace selenograph::engine {
 
-// Every n-th pixel of a region, from its first: the arrays have rows() x columns() elements, of which (r, c) is of the
-// image's pixel in row y + r * every_px and column x + c * every_px.
+// Every n-th pixel of a region, from its first. The arrays have rows() x columns() elements; element (r, c) belongs to
+// the image's pixel in row y + r * every_px and column x + c * every_px.
 struct TruthGrid {
   int x = 0, y = 0, width = 0, height = 0;  // the region, px
   int every_px = 1;
-  // MOON_ME, m: positions are relative to it, as float. Empty: absolute, as double.
+  // MOON_ME, m: positions are stored relative to it, as float. Empty: absolute, as double.
   std::optional<Eigen::Vector3d> position_origin_m{};
 
   int columns() const { return (width + every_px - 1) / every_px; }
@@ -20,7 +20,7 @@ struct TruthGrid {
   std::size_t size() const { return static_cast<std::size_t>(columns()) * static_cast<std::size_t>(rows()); }
 
   bool has_row(int pixel_y) const { return has(pixel_y - y, height); }
-  // Where the arrays have the pixel; empty: nowhere.
+  // Index of a pixel in the arrays; empty: not in the subset.
   std::optional<std::size_t> slot(int pixel_x, int pixel_y) const {
     if (!has_row(pixel_y) || !has(pixel_x - x, width)) return std::nullopt;
     return static_cast<std::size_t>((pixel_y - y) / every_px) * static_cast<std::size_t>(columns()) +

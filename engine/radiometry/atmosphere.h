@@ -1,4 +1,4 @@
-// What an atmosphere does to radiance, computed elsewhere (SENSOR++ section 2.2: MODTRAN), as a table over wavelength.
+// Effects of an atmosphere on radiance, computed elsewhere (SENSOR++ section 2.2: MODTRAN), as a table over wavelength.
 #pragma once
 
 #include <string>
@@ -11,29 +11,29 @@ namespace selenograph::engine {
 struct AtmosphereRow {
   double wavelength_um;
   double transmittance;            // tau, surface to sensor, 0 to 1
-  double irradiance_w_m2_um;       // E_sun at the surface, on a plane across the sunlight
+  double irradiance_w_m2_um;       // E_sun at the surface, normal to the sunlight
   double indirect_w_m2_sr_um;      // L_ind
   double scattered_w_m2_sr_um;     // L_sc
   double thermal_path_w_m2_sr_um;  // L_th
 };
 
-// For one viewing geometry and one surface, those that it was computed for; at 1 au.
+// Valid for the viewing geometry and surface it was computed for; at 1 au.
 class Atmosphere {
  public:
-  // A CSV file whose first line that isn't a comment (#) is
+  // Reads a CSV file whose first line that is not a comment (#) is
   //   wavelength_um,transmittance,e_sun_w_m2_um,l_ind_w_m2_sr_um,l_sc_w_m2_sr_um,l_th_w_m2_sr_um
-  // and then two rows or more at rising wavelengths. Throws DataError naming file and line.
+  // followed by at least two rows at increasing wavelengths. Throws DataError naming file and line.
   static Atmosphere read(const std::string& path);
 
   explicit Atmosphere(std::vector<AtmosphereRow> rows) : rows_(std::move(rows)) {}
   const std::vector<AtmosphereRow>& rows() const { return rows_; }
 
-  // Integrals over a band that lies within the table; exact for a table that is linear in between. Throws
-  // ImpossibleRequest when it doesn't lie within.
+  // Integrals over a band, exact for a table that is linear in between. Throws ImpossibleRequest when the band is not
+  // within the table.
   struct InBand {
-    double direct_w_m2;  // of E_sun tau
+    double direct_w_m2;  // E_sun tau
     double indirect_w_m2_sr, scattered_w_m2_sr, thermal_path_w_m2_sr;
-    double emitted_w_m2_sr;  // of B(T) tau
+    double emitted_w_m2_sr;  // B(T) tau
   };
   InBand over(const Band& band, double temperature_k) const;
 

@@ -1,5 +1,5 @@
 // Bidirectional reflectance distribution functions behind one interface: SENSOR++ (Paproth et al.), sections 2.2, 3.1
-// and 3.2, and what other tools offer for the Moon.
+// and 3.2, and other lunar models.
 #pragma once
 
 #include <memory>
@@ -12,29 +12,30 @@
 
 namespace selenograph::engine {
 
-// Above this lunar-Lambert, whose rho is a normal albedo, would reflect more than arrives: 4 rho L towards grazing
-// incidence.
+// Largest rho of lunar-Lambert, where it is a normal albedo: above this it would reflect more than arrives, 4 rho L
+// towards grazing incidence.
 inline constexpr double kLunarLambertMaxRho = 0.25;
 
-// mu0 = cos(incidence) > 0, mu = cos(emission) >= 0; cos_phase: of the angle between the directions to Sun and camera.
+// mu0 = cos(incidence) > 0, mu = cos(emission) >= 0; cos_phase: cosine of the angle between the directions to Sun and
+// camera.
 class Brdf {
  public:
   explicit Brdf(const Reflectance& reflectance);
 
   // f_r, sr-1.
   double operator()(double mu0, double mu, double cos_phase) const { return times_mu0(mu0, mu, cos_phase) / mu0; }
-  // mu0 f_r, which is what radiance is made of: finite towards limb and terminator, where f_r needn't be.
+  // mu0 f_r, the factor in radiance: finite towards limb and terminator, where f_r need not be.
   double times_mu0(double mu0, double mu, double cos_phase) const;
 
-  // Its two constants, if that is all there is to it.
+  // The two constants of a model that has no others; null for other models.
   const BrdfTerms* terms() const { return terms_ ? &*terms_ : nullptr; }
 
-  // The same for a whole packet, to 1e-6 of itself; what lanes without mu0 > 0 get means nothing. `albedo`: none, or
-  // one per lane, 0 to 1, in place of Hapke's w.
+  // The same for a whole packet, to a relative error of 1e-6; lanes without mu0 > 0 are undefined. `albedo`: null, or
+  // one per lane, 0 to 1, that replaces Hapke's w.
   void times_mu0(const double* mu0, const double* mu, const double* cos_phase, const double* albedo, double* out) const;
 
  private:
-  struct Model;  // any other
+  struct Model;  // any other model
   std::optional<BrdfTerms> terms_;
   std::shared_ptr<const Model> model_;
 };

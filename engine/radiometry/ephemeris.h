@@ -1,5 +1,4 @@
-// Where the Sun stands as seen from the Moon's surface at a UTC epoch, and the constant rotations between lunar body
-// frames.
+// Direction of the Sun as seen from the Moon at a UTC epoch, and the constant rotations between lunar body frames.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,9 +9,8 @@
 namespace selenograph::engine {
 
 struct SunPosition {
-  // Unit, MOON_ME, from the Moon's centre toward the Sun as it is seen there: light time and aberration (20 arcsec)
-  // included, since shadows follow the light that arrives. The Sun's parallax over the Moon's radius (2.4 arcsec) is
-  // not.
+  // Unit, MOON_ME, from the Moon's centre toward the apparent Sun: light time and aberration (20 arcsec) are included,
+  // since shadows follow the arriving light. The Sun's parallax over the Moon's radius (2.4 arcsec) is not.
   Vec3 direction;
   double distance_au = 1;  // at the time the light left
 };

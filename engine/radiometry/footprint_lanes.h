@@ -1,4 +1,4 @@
-// Where sixteen pixels' footprints are on a map, and how large: relative to one of them, by series instead of arc
+// Positions and sizes of sixteen pixels' footprints on a map, computed relative to one of them by series instead of arc
 // tangents.
 #pragma once
 
@@ -12,8 +12,8 @@
 
 namespace selenograph::engine {
 
-// A place that others are near. On the sphere by hand: a texel isn't a matter of the last digits, and to_geographic
-// took a third of the time.
+// A reference place for others nearby. Written out on the sphere, since a texel does not depend on the last digits:
+// to_geographic took a third of the time.
 struct Near {
   explicit Near(const Vec3& place) {
     const double ring = std::max(std::sqrt(place.x() * place.x() + place.y() * place.y()), 1e-6);
@@ -26,7 +26,7 @@ struct Near {
   double sin_lat, cos_lat, lat_deg, lon_deg;
 };
 
-// Metres to the east and to the north from one sample's ray to the next one's, to the right and down in the image.
+// Metres east and north from one sample's ray to the next one's, to the right and down in the image.
 static_assert(dem::kFootprints == kPacket);
 struct alignas(64) FootprintLanes {
   double lat_deg[kPacket], lon_deg[kPacket], cos_lat[kPacket];

@@ -8,15 +8,15 @@
 
 namespace selenograph::engine {
 
-// p(g).
+// Phase function p(g).
 double phase_function(const HapkeParameters& parameters, double cos_phase);
 
-// P(x) and its mean of Hapke 2002, eqs. 23 to 25: p(g)'s mean over a hemisphere of directions around the nadir, for a
-// direction with cosine x; and this one's, over directions from below. `legendre`: their series end with the first
-// term; `double_henyey_greenstein`: to 1e-9, or to n = 47.
+// P(x) and its mean, Hapke 2002, eqs. 23 to 25: the mean of p(g) over a hemisphere of directions around the nadir, for
+// a direction with cosine x; and the mean of P over directions from below. For `legendre` the series end with the first
+// term; for `double_henyey_greenstein` they are truncated at 1e-9 or n = 47.
 struct HemisphereMeans {
   static constexpr int kMost = 24;
-  double odd[kMost];  // A_n b_n of n = 1, 3, 5, ...
+  double odd[kMost];  // A_n b_n for n = 1, 3, 5, ...
   int terms = 0;
   double mean = 1;
   explicit HemisphereMeans(const HapkeParameters& parameters);
@@ -27,7 +27,7 @@ class HapkeLaw {
  public:
   explicit HapkeLaw(const HapkeParameters& parameters);
 
-  // visit.operator()<kLegendre, kOf2002>() of this law: a loop over lanes needs them as constants.
+  // Calls visit.operator()<kLegendre, kOf2002>() for this law: loops over lanes need them as constants.
   template <class Visit>
   auto with_kind(const Visit& visit) const {
     if (legendre_) return of_2002_ ? visit.template operator()<true, true>() : visit.template operator()<true, false>();
@@ -35,7 +35,7 @@ class HapkeLaw {
   }
   double albedo() const { return w_; }
 
-  // mu0 f_r, sr-1, of a ground with single-scattering albedo w, 0 to 1; the parameter's is albedo(). mu0 > 0, mu >= 0.
+  // mu0 f_r, sr-1, of ground with single-scattering albedo w, 0 to 1 (albedo() is the law's own). mu0 > 0, mu >= 0.
   template <class Math, bool kLegendre, bool kOf2002>
   SELENOGRAPH_LANE double times_mu0(double mu0, double mu, double cos_phase, double w) const;
 
@@ -48,17 +48,17 @@ class HapkeLaw {
   SELENOGRAPH_LANE Tilted tilted(double mu0, double mu, double cos_phase) const;
   template <bool kLegendre>
   SELENOGRAPH_LANE double particles(double cos_phase) const;
-  // 1 / H(x) of 2002; `r`: (1 - sqrt(1 - w)) / (1 + sqrt(1 - w)); `log`: of (1 + x) / x.
+  // 1 / H(x) of Hapke 2002; `r`: (1 - sqrt(1 - w)) / (1 + sqrt(1 - w)); `log`: that of (1 + x) / x.
   SELENOGRAPH_LANE static double one_over_h(double x, double w, double r, double log) {
     return 1 - w * x * (r + (1 - 2 * r * x) / 2 * log);
   }
-  // P(x), 0 <= x <= 1: a polynomial through Chebyshev's places, to 1e-5 for |b| up to 0.5, 1e-3 to 0.85.
+  // P(x), 0 <= x <= 1, by a polynomial through Chebyshev nodes: to 1e-5 for |b| up to 0.5, 1e-3 up to 0.85.
   SELENOGRAPH_LANE double hemisphere(double x) const;
 
   static constexpr int kDegree = 11;
   bool legendre_, of_2002_;
   double w_, b0_, h_, b_, c_, tan_theta_, cot_theta_, chi_, bc0_, inverse_hc_, mean_ = 1;
-  double hemisphere_[kDegree + 1];  // of powers of 2 x - 1
+  double hemisphere_[kDegree + 1];  // coefficients of powers of 2 x - 1
 };
 
 template <bool kLegendre>

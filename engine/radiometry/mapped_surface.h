@@ -1,4 +1,4 @@
-// A ground whose albedo or temperature is a map: what the map says of each pixel's footprint, and the radiance of it.
+// Ground whose albedo or temperature is given by maps: the map's value over each pixel's footprint, and the radiance.
 #pragma once
 
 #include <memory>
@@ -13,8 +13,8 @@
 
 namespace selenograph::engine {
 
-// B(T) tau in the frame's band over all temperatures: SENSOR++ eq. (3) but for 1 - rho. Its logarithm is interpolated
-// over 1 / T, along which it is nearly straight: to 8e-5 of itself in a band, 1.5e-4 over all wavelengths
+// B(T) tau in the frame's band as a function of temperature: SENSOR++ eq. (3) without the factor 1 - rho. Its logarithm
+// is interpolated over 1 / T, where it is nearly straight: relative error 8e-5 in a band, 1.5e-4 over all wavelengths
 // (tests/unit/mapped_surface_test.cpp).
 class EmissionTable {
  public:
@@ -27,28 +27,28 @@ class EmissionTable {
 
 class MappedSurface {
  public:
-  // `request` and `views` outlive it.
+  // `request` and `views` must outlive this object.
   MappedSurface(const FrameRequest& request, const RowViews& views);
 
-  // For one task; `stop` outlives it.
+  // State of one task; `stop` must outlive it.
   struct Sampler {
     std::vector<dem::ValueMap::Sampler> albedo, temperature;
     const StopToken* stop = nullptr;
   };
   Sampler sampler(const StopToken& stop) const;
 
-  // Whether the radiance without the Sun is another at every place.
+  // Whether radiance without the Sun varies from place to place.
   bool emits() const { return emission_ != nullptr; }
-  // Per lane that hits: rho, or Hapke's w; and W m-2 sr-1 without the Sun. Throws ImpossibleRequest where a map of
-  // albedo says more than 1. `first_row`: of a square packet, where rows have views of their own.
+  // For each lane that hits: rho or Hapke's w, and the radiance without the Sun, W m-2 sr-1. Throws ImpossibleRequest
+  // where an albedo map has a value above 1. `first_row`: of a square packet, when rows have their own views.
   void sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
               int first_row = 0) const;
 
  private:
-  // From one sample's ray to the next one's.
+  // Steps from one sample's ray to the next.
   struct Steps {
     Vec3 right, down;
-    // Of a fisheye's rays, which are unit vectors: its boresight, and the angle from one sample to the next on it.
+    // For a fisheye, whose rays are unit vectors: its boresight, and the angle between adjacent samples there.
     std::optional<Vec3> fisheye_boresight{};
     double angle = 0;
   };
@@ -61,11 +61,11 @@ class MappedSurface {
   const RowViews& views_;
   double path_w_m2_sr_, fallback_, most_;
   std::unique_ptr<const EmissionTable> emission_;
-  Steps steps_;  // of the reference view
+  Steps steps_;  // for the reference view
 };
 
-// What a footprint is made of: of each of its parts the first map that has a value decides, `fallback` where none has.
-// part(value, share of the footprint).
+// Visits the parts of a footprint as part(value, share of the footprint): for each part the value of the first map that
+// has one, `fallback` where none has.
 template <typename Part>
 void parts_of(std::vector<dem::ValueMap::Sampler>& maps, const dem::ValueMap::Footprint2& footprint, double fallback,
               Part&& part) {

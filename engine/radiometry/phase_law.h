@@ -1,5 +1,5 @@
-// What the phase angle does to Lommel-Seeliger and lunar-Lambert, which themselves say nothing of it: McEwen's A(g).
-// Written once for a lane alone and for whole vectors: no branches.
+// Phase dependence of Lommel-Seeliger and lunar-Lambert, which have none of their own: McEwen's A(g). Written once,
+// branch-free, for single lanes and for vectors.
 #pragma once
 
 #include "engine/frame/surface.h"
@@ -14,19 +14,19 @@ SELENOGRAPH_LANE double mcewen_limb_darkening(double phase_deg) {
   return cubic > 0 ? cubic : 0.0;
 }
 
-// A uniform sphere's light at g over what Lambert's white disc of its size, facing Sun and camera, sends: of
-// Lommel-Seeliger's 2 mu0 / (mu0 + mu), 1 at g = 0; of Lambert's mu0, 2/3 there. Closed forms, e.g. Hapke, Theory of
-// Reflectance and Emittance Spectroscopy (2012), 11.
+// Integrated light of a uniform sphere at phase angle g, relative to a white Lambert disc of its size that faces Sun
+// and camera: for Lommel-Seeliger's 2 mu0 / (mu0 + mu) it is 1 at g = 0, for Lambert's mu0 it is 2/3. Closed forms,
+// e.g. Hapke, Theory of Reflectance and Emittance Spectroscopy (2012), 11.
 double lommel_seeliger_sphere(double phase_deg);
 double lambert_sphere(double phase_deg);
 
-// The Moon's light at g over that at 0. Allen (Astrophysical Quantities, 1973; JPL Horizons has the same): 0.026 g +
-// 4e-9 g^4 magnitudes fainter, observed to 150 degrees and held from there on. ROLO: Kieffer & Stone (AJ 129, 2887,
-// 2005), eq. (10) in its band at 553.8 nm without libration and the Sun's longitude, from 1.55 to 97 degrees;
-// extrapolated to 0, and from 97 on in Allen's proportion. 1 for `none`.
+// The Moon's integrated light at phase angle g relative to g = 0. Allen (Astrophysical Quantities, 1973; also JPL
+// Horizons): 0.026 g + 4e-9 g^4 magnitudes, observed to 150 degrees and constant beyond. ROLO: Kieffer & Stone (AJ 129,
+// 2887, 2005), eq. (10), band at 553.8 nm, without libration and solar longitude, from 1.55 to 97 degrees; extrapolated
+// to 0, and beyond 97 in proportion to Allen's. 1 for `none`.
 double moon_light(PhaseLaw law, double phase_deg);
 
-// visit.operator()<kLaw>() of the law: a loop over lanes needs it as a constant.
+// Calls visit.operator()<kLaw>(): loops over lanes need the law as a constant.
 template <class Visit>
 auto with_law(PhaseLaw law, const Visit& visit) {
   switch (law) {
@@ -40,14 +40,14 @@ auto with_law(PhaseLaw law, const Visit& visit) {
   return visit.template operator()<PhaseLaw::none>();
 }
 
-// The two constants of lambert, lommel_seeliger, lommel_seeliger_lambert and lunar_lambert by the phase angle, times
-// f(g) = moon_light(g) over the sphere's own light with these constants, both over their values at 0. With McEwen's
-// L(g) that is his A(g).
+// The two constants of lambert, lommel_seeliger, lommel_seeliger_lambert and lunar_lambert as functions of the phase
+// angle, times f(g) = moon_light(g) over the sphere's own light with these constants, both relative to g = 0. With
+// McEwen's L(g) this is his A(g).
 class TermsByPhase {
  public:
   explicit TermsByPhase(const Reflectance& reflectance);
 
-  // Whether they are other ones at other phase angles.
+  // Whether they depend on the phase angle.
   bool vary() const { return law_ != PhaseLaw::none || weighed_ > 0; }
   PhaseLaw law() const { return law_; }
 
@@ -67,8 +67,8 @@ class TermsByPhase {
   SELENOGRAPH_LANE static double rolo_reflectance(double phase_deg);
 
   PhaseLaw law_;
-  double weighed_;             // 1: by McEwen's L; 0: not. (A bool in a loop of doubles kept it from becoming vectors.)
-  double seeliger_, lambert_;  // weighed: of L = 1 and L = 0
+  double weighed_;             // 1: McEwen's L; 0: constant. (A bool would prevent vectorisation.)
+  double seeliger_, lambert_;  // if weighed: for L = 1 and L = 0
   double full_ = 1;            // the sphere's light at 0
 };
 

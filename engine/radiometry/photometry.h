@@ -1,10 +1,10 @@
-// The Moon's reflectance and radiance: SENSOR++ (Paproth et al.), section 2.2 and 3.1. Other models are in brdf.h.
+// Lunar reflectance and radiance: SENSOR++ (Paproth et al.), sections 2.2 and 3.1. Other models are in brdf.h.
 #pragma once
 
 namespace selenograph::engine {
 
-// Total solar irradiance at 1 au, W m-2, over all wavelengths: Kopp & Lean 2011 (1360.8 +- 0.5), rounded as IAU 2015
-// resolution B3 does. "Band-integrated" radiance is therefore of the whole solar spectrum.
+// Total solar irradiance at 1 au, W m-2, over all wavelengths: Kopp & Lean 2011 (1360.8 +- 0.5), rounded as in IAU 2015
+// resolution B3. Radiance without a band is over the whole solar spectrum.
 inline constexpr double kSolarConstant_w_m2 = 1361.0;
 
 // The BRDF's two constants: f_r = lommel_seeliger / (mu0 + mu) + lambert, sr-1.
@@ -13,8 +13,8 @@ struct BrdfTerms {
   double lambert = 0;          // (1 - w) rho / pi, eq. (4)
 
   // mu0 f_r, sr-1. mu0 = cos(incidence) > 0, mu = cos(emission) >= 0: n.omega_i and n.omega_o of the paper. At the limb
-  // and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound, but mu0 f_r, which is what radiance is made
-  // of, stays finite: mu0 / (mu0 + mu) is formed first and is at most 1, however small both are.
+  // and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound, but mu0 f_r, the factor in radiance, stays
+  // finite: mu0 / (mu0 + mu) is formed first and is at most 1, however small both are.
   double times_mu0(double mu0, double mu, double = 1) const {
     return lommel_seeliger * (mu0 / (mu0 + mu)) + lambert * mu0;
   }
@@ -25,7 +25,7 @@ inline double direct_radiance(const BrdfTerms& terms, double irradiance_w_m2, do
                               double lit_fraction) {
   // A smoothed normal can lean a little away from a camera that sees the facet: grazing emission then.
   const double emission = mu > 0 ? mu : 0;
-  // Before the question, not after it: a loop over lanes becomes vectors then.
+  // Computed before the condition, so that a loop over lanes is vectorised.
   const double mu0_brdf = terms.times_mu0(mu0, emission);
   return mu0 > 0 ? irradiance_w_m2 * mu0_brdf * lit_fraction : 0;
 }

@@ -1,5 +1,5 @@
-// At-sensor radiance as the sum of its components: SENSOR++ (Paproth et al.), equations (1) to (3). What no member of a
-// request asks for isn't evaluated.
+// At-sensor radiance as the sum of its components: SENSOR++ (Paproth et al.), equations (1) to (3). Components that the
+// request does not ask for are not evaluated.
 #pragma once
 
 #include "engine/frame/report.h"
@@ -7,10 +7,9 @@
 
 namespace selenograph::engine {
 
-// Throws ImpossibleRequest for an atmosphere without a band or with one that reaches beyond
-// its table.
+// Throws ImpossibleRequest for an atmosphere without a band, or with a band that reaches beyond its table.
 RadianceTerms radiance_terms(const FrameRequest& request, const Material& material);
-// Of the terrain.
+// Components for the terrain.
 inline RadianceTerms radiance_terms(const FrameRequest& request) {
   return radiance_terms(request, {request.reflectance, request.temperature_k});
 }

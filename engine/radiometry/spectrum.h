@@ -17,23 +17,24 @@ inline constexpr double kBoltzmann_j_k = 1.380649e-23;
 // B(T) of eq. (3): spectral radiance of a blackbody, W m-2 sr-1 um-1. 0 at 0 K.
 double planck_w_m2_sr_um(double wavelength_um, double temperature_k);
 
-// Integral of weight(wavelength) B(T), W m-2 sr-1, to 1e-10 of itself for a weight that is a polynomial of low degree
-// between the breakpoints, which rise.
+// Integral of weight(wavelength) B(T), W m-2 sr-1, to a relative error of 1e-10 for a weight that is a polynomial of
+// low degree between the breakpoints, which increase.
 double integrate_planck(const std::vector<double>& breakpoints_um, double temperature_k,
                         const std::function<double(double)>& weight);
 
-// Integral of E_sun over the band at 1 au, W m-2: exact for the table, which is linear in between.
+// Integral of E_sun over the band at 1 au, W m-2; exact for the table, which is linear in between.
 double solar_irradiance_w_m2(const Band& band);
 
 // Integral of B(T) over the band, W m-2 sr-1.
 double planck_w_m2_sr(const Band& band, double temperature_k);
 
-// The band as a detector counts photons in it: its response times `efficiency` (linear between its points, 0 outside)
-// times lambda / center. Electrons of eq. (8) are the radiance in this band at the center's photon energy, whatever the
-// spectrum is. To 1e-5; no points of efficiency: 1. Throws ImpossibleRequest where nothing is left of the band.
+// The band in which a detector counts photons: the response times `efficiency` (linear between its points, 0 outside;
+// no points: 1) times lambda / center. Electrons of eq. (8) are the radiance in this band at the center's photon
+// energy, for any spectrum. Accurate to 1e-5. Throws ImpossibleRequest when the resulting response is 0 everywhere.
 Band in_photons(const Band& band, const std::vector<ResponsePoint>& efficiency);
 
-// The wavelength whose photons the band's sunlight has as many of as if all were of it, efficiency included.
+// The wavelength at which the band's sunlight, were it monochromatic, would have the same number of photons, efficiency
+// included.
 double sunlight_wavelength_um(const Band& band, const std::vector<ResponsePoint>& efficiency);
 
 }  // namespace selenograph::engine

@@ -1,4 +1,4 @@
-// What is known of the quadtree's nodes, and which of them need no look into a pyramid.
+// Height bounds of quadtree nodes, and which nodes can be judged without their pyramid.
 #pragma once
 
 #include <optional>
@@ -14,8 +14,9 @@ struct Known {
   NodeBounds bounds;
 };
 
-// Of lunar relief. What can't matter even so needs no look into a pyramid, which may have to be built first. Only asked
-// of nodes that may be the root of one, whatever has been built: of finer ones such bounds say nothing.
+// Nodes of these levels are first judged with the bounds of all lunar relief: if they cannot matter even then, no
+// pyramid is read or built for them. Only nodes that may be the root of a pyramid are judged this way; for finer ones
+// such bounds say nothing.
 inline constexpr int kLooseLevels = 8;
 
 inline NodeBounds loose_bounds(const dem::BlockId& id) {
@@ -26,9 +27,9 @@ inline NodeBounds bounds_within(const dem::BlockId& id, const dem::NodeInfo& hei
   return bounds_of(id, static_cast<double>(heights.min_m), static_cast<double>(heights.max_m));
 }
 
-// What of a node needs no pyramid, or no more than is there: false when it can't matter whatever its heights are, or
-// those that its files hold. `matters` must be true of wider bounds where it is of narrower ones, so that answers don't
-// depend on what has been built.
+// Judges a node without building a pyramid. Returns false when it cannot matter whatever its heights are, or given the
+// heights that its files hold. `matters` must be monotonic: true for wider bounds if it is true for narrower ones, so
+// that answers do not depend on what has been built.
 template <typename Matters>
 bool may_matter(const dem::Terrain& terrain, const dem::BlockId& id, const StopToken& stop, const Matters& matters) {
   if (id.level > kLooseLevels) return true;
@@ -40,7 +41,7 @@ bool may_matter(const dem::Terrain& terrain, const dem::BlockId& id, const StopT
   return !range || matters(bounds_of_all(id, static_cast<double>(range->low), static_cast<double>(range->high)));
 }
 
-// Heights of a node; lunar relief's own bounds where the true ones would cost building everything beneath.
+// Heights of a node, or the bounds of all lunar relief where the true ones would require building everything below.
 inline std::optional<Known> known(const dem::Terrain& terrain, const dem::BlockId& id, const StopToken& stop) {
   if (!terrain.has_data(id)) return std::nullopt;
   dem::NodeInfo info{0, dem::kLowestRelief_m, dem::kHighestRelief_m, false, {}};

@@ -1,5 +1,5 @@
-// Which terrain can cast a shadow into view: receivers on a plane across the sunlight, in a tree of rectangles. Those
-// near a camera are centimetres wide where the others are kilometres away: a grid would be too coarse for them.
+// Finds terrain that can cast a shadow into view: receivers projected on a plane normal to the sunlight, in a tree of
+// rectangles. Receivers near a camera are centimetres wide and others kilometres, so a grid would be too coarse.
 #pragma once
 
 #include <vector>
@@ -9,19 +9,20 @@
 
 namespace selenograph::engine {
 
-// A caster matters when, seen along the sunlight, it overlaps a receiver and lies nearer to the Sun. Light from a disc
-// comes from its rim, too.
+// A caster matters when, seen along the sunlight, it overlaps a receiver and is nearer to the Sun. For a solar disc,
+// light from its limb counts, too.
 class LightTree {
  public:
-  // `up`: where the receivers are, seen from the Moon's centre. Any will do; bounds are tightest with the right one.
+  // `up`: direction of the receivers from the Moon's centre. Any value is correct; the right one gives the tightest
+  // bounds.
   LightTree(const Sun& sun, const Vec3& up);
 
-  // Terrain in view, with its pixels per metre. Terrain that is in the Moon's own night is left out.
+  // Adds terrain in view, with its pixels per metre. Terrain on the Moon's own night side is left out.
   void add_receiver(const NodeBounds& bounds, double pixels_per_metre);
-  // After the last receiver, before the first question.
+  // Call after the last receiver and before the first query.
   void finish();
 
-  // Largest pixels per metre among the receivers that the terrain could shade; 0: none.
+  // Largest pixels per metre among the receivers that this terrain could shade; 0: none.
   double shaded_pixels_per_metre(const NodeBounds& bounds) const;
 
  private:
@@ -33,19 +34,19 @@ class LightTree {
     Extent extent;
     double pixels_per_metre;
   };
-  // The nodes of a branch follow it; behind all of them is `past`.
+  // The nodes of a branch follow it; `past` is the index after the last of them.
   struct Node {
     Extent extent;
     double pixels_per_metre = 0;  // the largest
     std::size_t past = 0;
-    std::size_t first = 0, count = 0;  // of a leaf's receivers
+    std::size_t first = 0, count = 0;  // receivers of a leaf
   };
   Extent extent_of(const NodeBounds& bounds) const;
   bool in_night(const NodeBounds& bounds) const;
   void add_node(std::size_t first, std::size_t count);
 
   Vec3 sun_, u_, v_;
-  double radius_;  // of the Sun's disc: tangent, with a little to spare
+  double radius_;  // tangent of the disc's angular radius, slightly enlarged
   std::vector<Receiver> receivers_;
   std::vector<Node> nodes_;
 };

@@ -1,8 +1,8 @@
-// Selected blocks joined to one continuous mesh without holes.
+// Joins the selected blocks to one continuous mesh without holes.
 //
-// Where blocks meet, every vertex on the common edge is the same one, bit for bit: the finer side gives up the vertices
-// that the coarser one lacks (they collapse onto the next one that it has), and heights on an edge are those of one of
-// the blocks, chosen the same way from either side: the coarsest, then the smallest id, among those with data there.
+// Blocks share every vertex on a common edge, bit for bit. The finer side drops the vertices that the coarser side
+// lacks (they collapse onto the next one that it has). Heights on an edge are those of one of the adjacent blocks,
+// chosen the same way from either side: the coarsest, then the smallest id, among those with data there.
 #pragma once
 
 #include <array>
@@ -21,16 +21,16 @@
 
 namespace selenograph::engine {
 
-// A block's border as joined: edge 0 south, 1 north, 2 west, 3 east, from west or south.
+// A block's border as joined: edge 0 south, 1 north, 2 west, 3 east, starting from west or south.
 struct BlockBorder {
-  std::array<int, 4> stride{1, 1, 1, 1};     // every stride-th vertex of the edge remains
-  std::array<std::vector<float>, 4> height;  // of the vertices that remain, and between them of the last one that does
+  std::array<int, 4> stride{1, 1, 1, 1};            // every stride-th vertex of the edge remains
+  std::array<std::vector<float>, 4> height;         // of the remaining vertices; between them, the last one's
   bool operator==(const BlockBorder& other) const;  // bit for bit
 };
 
-// Immutable, shared between the meshes of frames that have it and its surroundings in common.
+// Immutable; shared between the meshes of frames that have the block and its surroundings in common.
 struct MeshBlock {
-  // Sine and cosine of a row's latitude or of a column's longitude.
+  // Sine and cosine of a row's latitude or a column's longitude.
   struct alignas(16) Turn {
     double sin, cos;
   };
@@ -42,18 +42,18 @@ struct MeshBlock {
   std::shared_ptr<const dem::Block> posts;
   BlockBorder border;
   int side;  // quads + 1
-  // (quads + 1)^2, row-major from the south-west, as joined. A vertex that has collapsed holds height and normal of the
-  // one that it has collapsed onto. Where the border is as the posts have it, these are the posts'.
+  // (quads + 1)^2 joined vertices, row-major from the south-west. A collapsed vertex holds height and normal of the one
+  // that it has collapsed onto. If the border is as in the posts, these are the posts' own vertices.
   std::span<const dem::Vertex> vertices;
   std::vector<Turn> rows, columns;
-  bool collapses;  // some vertices of the border have
+  bool collapses;  // some vertices of the border have collapsed
 
-  // Where the posts have one source, and are all filled or none: that mark. Else that of its middle, and which quads
-  // have another or several, a bit for each column.
+  // If all posts have one source and are all filled or all not: that mark. Otherwise the mark of the middle post;
+  // `mixed` then says which quads have another or several, one bit per column.
   dem::SourceMark source;
-  std::vector<std::uint64_t> mixed;  // per row of quads; empty where there are none
+  std::vector<std::uint64_t> mixed;  // per row of quads; empty if there are none
 
-  // Row and column of the vertex that remains of this one.
+  // Row and column of the remaining vertex that this one has collapsed onto.
   std::array<int, 2> remaining(int r, int c) const {
     const int quads = posts->extent.quads;
     const std::array<int, 4>& stride = border.stride;
@@ -76,15 +76,15 @@ struct MeshBlock {
   }
   bool present(int r, int c) const { return !std::isnan(vertices[posts->index(r, c)].height_m); }
   const Eigen::Vector3f& normal(int r, int c) const { return vertices[posts->index(r, c)].normal; }
-  std::size_t bytes() const;  // without the posts: while they are in use, the terrain's cache counts them
+  std::size_t bytes() const;  // without the posts, which the terrain's cache counts
 
  private:
   bool joined_as_it_was() const;
 
-  std::vector<dem::Vertex> own_;  // vertices, where they aren't the posts'
+  std::vector<dem::Vertex> own_;  // vertices, if they are not the posts'
 };
 
-// Blocks that are shared, as if they were in an array. (No std::views: Clang 14 and GCC 12's library disagree on them.)
+// Shared blocks as a random-access range. (Not std::views: Clang 14 and GCC 12's library are incompatible there.)
 class MeshBlocks {
  public:
   using Shared = std::vector<std::shared_ptr<const MeshBlock>>;
@@ -117,15 +117,14 @@ class MeshBlocks {
 
 class Mesh {
  public:
-  // `blocks` sorted, at most TriangleId::kMostBlocks; those without a single valid post are left out. Loads in
-  // parallel; throws what the terrain throws.
-  // `before`: a mesh whose unchanged blocks are reused; may be null.
+  // `blocks`: sorted, at most TriangleId::kMostBlocks; those without a valid post are left out. Loads in parallel;
+  // throws what the terrain throws. `before`: a mesh whose unchanged blocks are reused; may be null.
   Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks, const Mesh* before = nullptr,
        const StopToken& stop = {});
 
   MeshBlocks blocks() const { return MeshBlocks(blocks_); }
   std::shared_ptr<const MeshBlock> share(std::size_t block) const { return blocks_[block]; }
-  // Null where it isn't among them.
+  // Null if the mesh does not have the block.
   std::shared_ptr<const MeshBlock> share(const dem::BlockId& id) const;
   dem::Triangle triangle(const TriangleId& id) const {
     const dem::QuadVertices q = id.vertices();
@@ -133,7 +132,7 @@ class Mesh {
     return {b.vertex(q.r[0], q.c[0]), b.vertex(q.r[1], q.c[1]), b.vertex(q.r[2], q.c[2])};
   }
 
-  // Index of the block that holds a place (ticks of the lattice).
+  // Index of the block that contains a place (in lattice ticks).
   std::optional<std::uint32_t> block_at(std::int64_t lat_tick, std::int64_t lon_tick,
                                         int finest_level = dem::kMaxLevel) const;
 
@@ -148,8 +147,8 @@ class Mesh {
   bool is_before(std::uint32_t block, std::uint32_t other) const;
   float joined_height(const dem::BlockId& own, std::int64_t lat, std::int64_t lon) const;
 
-  std::vector<std::shared_ptr<const dem::Block>> posts_;  // of blocks_
-  std::vector<int> posts_levels_;                         // of the terrain there, without detail
+  std::vector<std::shared_ptr<const dem::Block>> posts_;  // posts of blocks_
+  std::vector<int> posts_levels_;                         // level of the terrain there, without detail
   std::vector<std::shared_ptr<const MeshBlock>> blocks_;
   std::unordered_map<dem::BlockId, std::uint32_t, dem::BlockIdHash> index_;
   int coarsest_ = 0, finest_ = 0;

@@ -1,5 +1,4 @@
-// A triangle mesh that isn't terrain, as its file says: corners, triangles and which part of the object each is of.
-// mesh_reader.h reads one.
+// An object's triangle mesh as read from its file (mesh_reader.h): corners, triangles and the part each belongs to.
 #pragma once
 
 #include <array>
@@ -12,22 +11,22 @@
 
 namespace selenograph::engine {
 
-// In the file's own units.
+// Coordinates in the file's units.
 struct ObjectCorner {
   Eigen::Vector3f place;
-  Eigen::Vector3f normal;  // for shading; zero: the facet's
+  Eigen::Vector3f normal;  // for shading; zero: use the facet's normal
 };
 
 struct ObjectTriangle {
-  std::array<std::uint32_t, 3> corner;  // of ObjectShape::corners
-  std::uint32_t part;                   // of ObjectShape::parts
+  std::array<std::uint32_t, 3> corner;  // indices into ObjectShape::corners
+  std::uint32_t part;                   // index into ObjectShape::parts
 };
 
 struct ObjectShape {
   std::vector<ObjectCorner> corners;
   std::vector<ObjectTriangle> triangles;
-  std::vector<std::string> parts;  // the file's materials by name; at least one
-  bool textured = false;           // it has textures, which nothing is made of
+  std::vector<std::string> parts;  // names of the file's materials; at least one
+  bool textured = false;           // it has textures, which are ignored
 
   Vec3 place(const ObjectTriangle& t, int k) const {
     return corners[t.corner[static_cast<std::size_t>(k)]].place.cast<double>();

@@ -1,4 +1,4 @@
-// The mesh as rasterisers want it: float relative to an anchor, structure of arrays, in strips with tight bounds.
+// The mesh for rasterisation: float relative to an anchor, structure of arrays, in strips with tight bounds.
 #pragma once
 
 #include <array>
@@ -12,31 +12,31 @@
 
 namespace selenograph::engine {
 
-inline constexpr std::uint32_t kNoTriangle = 0xffffffff;  // instead of TriangleId::packed()
+inline constexpr std::uint32_t kNoTriangle = 0xffffffff;  // in place of TriangleId::packed()
 
-// Vertices of one block, rows from the south, `stride` floats apart; what lies beyond the last column is NaN.
+// Vertices of one block, rows from the south, `stride` floats apart; entries beyond the last column are NaN.
 struct RasterBlock {
   const float *x = nullptr, *y = nullptr, *z = nullptr;  // relative to the anchor, metres
   int quads = 0, stride = 0;
   const dem::Vertex* vertices = nullptr;
 };
 
-// Some rows of quads of a block, in a box along the block's own axes (east, north, up at its middle).
+// Several rows of quads of a block, with a bounding box along the block's own axes (east, north, up at its middle).
 struct Strip {
   std::uint32_t block;
   int first_row, rows;
-  float centre[3];    // of the box, relative to the anchor
-  float half[3][3];   // half its edges: east, north, up
+  float centre[3];    // centre of the box, relative to the anchor
+  float half[3][3];   // half edges: east, north, up
   float steepest[8];  // as in LocalBounds
 };
 
-// A triangle of the skirts at data boundaries, which reach down to below all relief: with them every ray that goes into
-// the ground does so through a triangle that it meets from outside. Shadows rely on that.
+// A triangle of the skirts at data boundaries, which extend below all relief. With them every ray that enters the
+// ground does so through the front face of a triangle; shadows rely on that.
 struct Skirt {
   float a[3], b[3], c[3];  // counter-clockwise from outside, relative to the anchor
 };
 
-// What doesn't depend on the anchor of one block of a mesh; immutable, shared like it.
+// The part of one block's raster data that does not depend on the anchor; immutable, shared like the block.
 struct RasterShape {
   explicit RasterShape(std::shared_ptr<const MeshBlock> block);
 
@@ -45,23 +45,23 @@ struct RasterShape {
     int first_row, rows;
     Vec3 centre;
     EastNorthUp axes;
-    Vec3 half_m;                    // half its edges along them
-    std::array<float, 8> steepest;  // of its triangles, as in LocalBounds
+    Vec3 half_m;                    // half edges along the axes
+    std::array<float, 8> steepest;  // of the triangles, as in LocalBounds
   };
-  // Index of a vertex in RasterBlock; the triangle is on the left.
+  // Indices of vertices in RasterBlock; the triangle is on the left.
   struct Edge {
     std::uint16_t from, to;
   };
 
   std::shared_ptr<const MeshBlock> of;
-  int stride;  // of RasterBlock
+  int stride;  // as in RasterBlock
   std::vector<Box> boxes;
-  // Edges of triangles that no other triangle of the block shares: beside voids, and along the two halves (from west or
-  // south) of each side of the block.
+  // Edges that belong to one triangle of the block only: beside no-data, and along the two halves (from west or south)
+  // of each side of the block.
   std::vector<Edge> inside;
   struct Half {
     std::vector<Edge> edges;
-    std::uint64_t mark = 0;  // a sum over its edges, the same for whatever runs along it the other way; 0: none
+    std::uint64_t mark = 0;  // hash of its edges, equal for the opposite direction; 0: none
   };
   std::array<std::array<Half, 2>, 4> along;
 
@@ -69,26 +69,26 @@ struct RasterShape {
   std::size_t bytes() const;
 };
 
-// What is drawn of one block of a mesh; immutable, shared like it.
+// Drawable data of one block; immutable, shared like the block.
 struct RasterPiece {
   RasterPiece(std::shared_ptr<const RasterShape> shape_of_block, const Vec3& anchor_m);
 
   std::shared_ptr<const RasterShape> shape;
-  std::vector<float> xyz;  // x, y, z one after the other
+  std::vector<float> xyz;  // all x, then all y, then all z
   RasterBlock block;
-  std::vector<Strip> strips;  // of block 0
+  std::vector<Strip> strips;  // strips, numbered as of block 0
   std::size_t bytes() const;
 };
 
-// What another mesh may take over of one: shapes, and for the same anchor the pieces made of them.
+// Parts of a mesh that another one may reuse: shapes and, for the same anchor, pieces.
 struct RasterParts {
   std::vector<std::shared_ptr<const RasterShape>> shapes;
-  std::vector<std::shared_ptr<const RasterPiece>> pieces;  // as many, or none
+  std::vector<std::shared_ptr<const RasterPiece>> pieces;  // as many as shapes, or none
 };
 
 class RasterMesh {
  public:
-  // `before`: of a mesh that may have blocks in common, for the same anchor. Throws Cancelled when `stop` says so.
+  // `before`: parts of a mesh that may have blocks in common. Throws Cancelled when `stop` says so.
   RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterParts& before = {}, const StopToken& stop = {});
 
   RasterParts parts_for(const Vec3& anchor_m) const;
@@ -98,8 +98,8 @@ class RasterMesh {
   const std::vector<Strip>& strips() const { return strips_; }
   const std::vector<Skirt>& skirts() const { return skirts_; }
   const std::vector<std::shared_ptr<const RasterPiece>>& pieces() const { return pieces_; }
-  std::size_t bytes() const;      // of all
-  std::size_t own_bytes() const;  // without the pieces
+  std::size_t bytes() const;      // including shared pieces
+  std::size_t own_bytes() const;  // without shared pieces
 
  private:
   void add_skirts();

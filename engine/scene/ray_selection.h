@@ -1,4 +1,4 @@
-// Which blocks rays need.
+// Selects the blocks that rays need.
 #pragma once
 
 #include <optional>
@@ -10,11 +10,12 @@
 
 namespace selenograph::engine {
 
-// The finest blocks that rays may meet, or pass so far above, sorted, and for each of them which rays; empty when they
-// are more than max_blocks. Neighbours can differ in level where sources do: the mesh joins them all the same.
+// The finest blocks that rays may hit, or pass within a height above, sorted, each with its rays; empty when there are
+// more than max_blocks. Neighbours may differ by more than one level where sources differ: the mesh joins them all the
+// same.
 struct BlockOnRays {
   dem::BlockId id;
-  double low_m, high_m;           // that its terrain lies between
+  double low_m, high_m;           // height bounds of its terrain
   std::vector<std::size_t> rays;  // ascending
 };
 std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,

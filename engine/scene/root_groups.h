@@ -1,5 +1,5 @@
-// The blocks that a walk down the quadtree starts with, by regions: what can't matter is left out without a look at
-// each, so that a frame over all of the Moon costs what it costs over the few tiles that it sees.
+// Root blocks of the quadtree, grouped by region: groups out of view are skipped as a whole, so that the cost of a
+// frame does not grow with terrain that it does not see.
 #pragma once
 
 #include <algorithm>
@@ -12,14 +12,14 @@ namespace selenograph::engine {
 
 struct RootGroup {
   int first_row, past_last_row;
-  std::vector<int> first_column, past_last_column;  // of each row
-  NodeBounds bounds;                                // a ball around all that its blocks can hold
+  std::vector<int> first_column, past_last_column;  // per row
+  NodeBounds bounds;                                // bounds of everything its blocks can contain
 };
 
-// A partition of all blocks of level 0, the same for every terrain.
+// Partition of all blocks of level 0, the same for every terrain.
 const std::vector<RootGroup>& root_groups();
 
-// visit(id) for each of the group's blocks that has data, ascending.
+// Calls visit(id) for each of the group's blocks that has data, ascending.
 template <typename Visit>
 void for_each_root(const dem::Terrain& terrain, const RootGroup& group, const Visit& visit) {
   const std::vector<dem::BlockId>& roots = terrain.roots();  // ascending

@@ -1,35 +1,35 @@
-// Rows of vertices from the angles and heights of their posts, for every vector width.
+// Computes rows of vertices from the angles and heights of their posts, vectorised.
 #pragma once
 
 #include "engine/scene/mesh.h"
 
 namespace selenograph::engine {
 
-// A row's latitude and its columns' longitudes.
+// Latitude of a row and longitudes of its columns.
 struct RowPlace {
   double cos_lat, sin_lat;
   const double *cos_lon, *sin_lon;
 };
 
-// x, y, z: `n` vertices, MOON_ME relative to the anchor, metres, rounded once. What MeshBlock::vertex() says of
+// Computes `n` vertices x, y, z, MOON_ME relative to the anchor, metres, rounded once; equal to MeshBlock::vertex() for
 // vertices that have not collapsed.
 void place_row(const dem::Vertex* row, int n, const RowPlace& place, const Vec3& anchor_m, float* x, float* y,
                float* z);
 
-// A row of vertices along the axes of a place among them, metres; float is enough for bounds. NaN: no data.
+// A row of vertices in the local axes of a place among them, metres; float is enough for bounds. NaN: no data.
 struct LocalRow {
-  static constexpr int kMost = 96;  // a block's columns, and a vector more
+  static constexpr int kMost = 96;  // columns of a block plus one vector
   alignas(64) float east[kMost], north[kMost], up[kMost];
   void set(int column, const Vec3& local) {
     east[column] = static_cast<float>(local.x()), north[column] = static_cast<float>(local.y()),
     up[column] = static_cast<float>(local.z());
   }
 };
-// As if none had collapsed.
+// Ignores collapsed vertices.
 void local_row(const dem::Vertex* row, int n, const RowPlace& place, const Vec3& origin_m, const EastNorthUp& axes,
                LocalRow& out);
 
-// Bounds over rows of vertices and the triangles between them. What has no data doesn't count.
+// Bounds over rows of vertices and the triangles between them. No-data is ignored.
 struct LocalBounds {
   LocalBounds();
   void extend(const LocalRow& row, int n);
@@ -37,8 +37,7 @@ struct LocalBounds {
 
   bool empty() const { return !(low[0] <= high[0]); }
   float low[3], high[3];  // along east, north, up
-  // The steepest rise of any triangle toward east, north-east, north, north-west ...; infinite where one stands
-  // upright.
+  // Steepest rise of any triangle toward east, north-east, north, north-west ...; infinite for a vertical one.
   float steepest[8];
 };
 

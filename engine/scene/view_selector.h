@@ -1,5 +1,5 @@
-// How selection.h chooses the blocks of a frame: what is in view, as fine as it has to be (view_selector.cpp); what
-// casts shadows into view (view_selector_shadows.cpp); neighbours whose levels differ by at most one
+// Implementation of selection.h: blocks in view, as fine as needed (view_selector.cpp); shadow casters
+// (view_selector_shadows.cpp); balancing, so that levels of neighbours differ by at most one
 // (view_selector_balance.cpp).
 #pragma once
 
@@ -25,10 +25,10 @@
 
 namespace selenograph::engine {
 
-// Of blocks finer than the posts there are more than a frame has use for.
+// Thrown when there are more blocks of detail than a frame may have.
 struct TooMuchDetail {};
 
-// An aim for detail of a hundred pixels and more is none.
+// A detail target of this many pixels or more is no constraint.
 inline constexpr double kNoAim_px = 100;
 
 class ViewSelector {
@@ -36,7 +36,7 @@ class ViewSelector {
   using Chosen = std::unordered_set<BlockId, dem::BlockIdHash>;
 
  public:
-  // The aim for detail is max_error_px at least.
+  // The detail target is at least max_error_px.
   ViewSelector(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Accuracy& accuracy,
                const SceneRoom& room, const StopToken& stop, const std::vector<Ball>& receivers);
 
@@ -46,7 +46,7 @@ class ViewSelector {
 
   Selection select(const Sun* sun);
 
-  // Whether the aim for shadows has made anything finer, as far as select() came: a larger one takes less terrain then.
+  // Whether the shadow target has refined anything so far: if so, a larger target needs less terrain.
   bool refined_for_shadows() const { return refined_for_shadows_; }
 
  private:
@@ -73,18 +73,18 @@ class ViewSelector {
   static bool may_see(const ViewBundle& view, const NodeBounds& b);
   bool may_see(const NodeBounds& b) const;
 
-  // The largest of the views that may see it.
+  // Maximum over the views that may see it.
   double pixels_per_metre(const NodeBounds& b) const;
 
   void see_roots();
   void see(const BlockId& id);
 
-  // A block is as high as what it is part of: one that would be out of view even so needn't be made.
+  // Adds a block of detail unless it is out of view by its parent's height bounds: then it need not be made.
   void want_detail(const BlockId& child, const dem::NodeInfo& parent, std::vector<BlockId>& wanted);
 
-  // Blocks with detail are made when they are first looked at, a millisecond each: by all threads. In waves, and those
-  // in pieces, so that what is too much is found out before it is made. That is a matter of the blocks alone, not of
-  // the threads. judge(id), by any thread; take(id, judged, next wave), one after the other.
+  // Processes blocks with detail, which are made on first access, a millisecond each, by all threads. The work is done
+  // in waves of pieces, so that too much detail is noticed before it is made; the result depends on the blocks only,
+  // not on the threads. judge(id) is called by any thread; take(id, judged, next wave) by one at a time.
   template <typename Judge, typename Take>
   void in_waves(std::vector<BlockId> wave, const Judge& judge, const Take& take) {
     constexpr std::size_t kPiece = 256;
@@ -107,7 +107,7 @@ class ViewSelector {
 
   void see_detail();
 
-  // Of what is in view its children are next where it has to be finer.
+  // Takes a block in view; its children follow if it must be refined.
   void take_detail(const BlockId& id, const Looked& looked, bool finer, std::vector<BlockId>& next);
 
   void add_seen(const Seen& seen);
@@ -115,24 +115,24 @@ class ViewSelector {
 
   bool finest(const BlockId& id) const { return id.level >= terrain_.finest_level(id); }
 
-  // The finest surface is what errors are measured to: it has none.
+  // Vertical error of a block; 0 for the finest surface, to which errors are measured.
   double error_m(const BlockId& id) const;
 
   double detail_error_m(const BlockId& id) const;
   bool refine(const BlockId& id, double pixels_per_metre) const;
 
-  // More than it may, as the finest surface has it.
+  // Whether the block's error exceeds the limit.
   bool errs(const BlockId& id, double pixels_per_metre) const;
 
   void choose(const BlockId& id, const dem::NodeInfo& info);
 
-  // Pixels per metre: an object next to the camera doesn't ask for terrain finer than there is.
+  // Upper limit on pixels per metre: an object next to the camera does not require arbitrarily fine terrain.
   static constexpr double kSharpest = 1;
 
-  // Refines what can cast a shadow into view, in view itself or not.
+  // Refines terrain that can cast a shadow into view, whether it is in view or not.
   void sharpen_shadows(const Sun& sun);
 
-  // What a block's error does to shadow edges, pixels; whether that is too much and finer posts would help.
+  // Displacement of shadow edges by a block's error, pixels; whether it is too large and finer posts would reduce it.
   struct Blur {
     bool too_much = false;
     double displaced_px = 0;
@@ -143,7 +143,7 @@ class ViewSelector {
   void sharpen(const Seen& seen, const LightTree& receivers);
   void sharpen_detail(const LightTree& receivers);
 
-  // What casts shadows into view from outside of it.
+  // A caster outside the view.
   struct Caster {
     bool matters = false, too_coarse = false;
     dem::NodeInfo info{};
@@ -152,34 +152,34 @@ class ViewSelector {
 
   Caster caster(const BlockId& id, const LightTree& receivers) const;
 
-  // Of what is too coarse, the children: those with detail are for later.
+  // Adds a caster, or its children if it is too coarse; those with detail are deferred.
   void cast(const BlockId& id, const LightTree& receivers, std::vector<BlockId>& of_detail);
 
   static void want_caster(const BlockId& child, const dem::NodeInfo& parent, const LightTree& receivers,
                           std::vector<BlockId>& wanted);
   void cast_detail(std::vector<BlockId> wave, const LightTree& receivers);
 
-  // Whether it has to be finer.
+  // Returns whether it must be refined.
   bool take_caster(const BlockId& id, const Caster& caster);
 
-  // Bounds over what is in view.
+  // Computes the reported bounds over the blocks in view.
   void report();
 
-  // Something in view that an unusable file alone would have filled is not among the blocks, but lacks it.
+  // Notes terrain in view that is missing because of an unusable file.
   void note_void(const BlockId& id);
 
   void note_replaced(const BlockId& id);
   void note_replacements();
 
-  // What most of the terrain is there for.
+  // Name of the setting that most of the terrain is selected for.
   const char* wanting() const { return 2 * of_detail_ > chosen_.size() ? "max_detail_error_px" : "max_error_px"; }
 
   void check_size() const;
 
-  // The chosen block that holds a place, at `level` or coarser.
+  // The chosen block that contains a place, at `level` or coarser.
   const BlockId* covering(std::int32_t lat, std::int32_t lon, int level) const;
 
-  // visit(latitude, longitude) just outside of each side's middle and of each corner.
+  // Calls visit(latitude, longitude) just outside the middle of each side and each corner.
   template <typename Visit>
   static void around(const BlockId& id, const Visit& visit) {
     const dem::BlockExtent e = dem::extent_of(id);
@@ -192,16 +192,16 @@ class ViewSelector {
     }
   }
 
-  // Whether a joined edge follows a coarser neighbour out of view. (One in view has bounds of its own.)
+  // Whether a joined edge follows a coarser neighbour that is out of view. (A neighbour in view has its own bounds.)
   bool follows(const BlockId& id, const BlockId& neighbour) const;
 
   bool must_split(const BlockId& neighbour, const BlockId& id) const;
 
-  // Splits blocks until neighbours differ by at most one level, so that edges join vertex by vertex, and until no edge
-  // in view is worse than what is promised.
+  // Splits blocks until levels of neighbours differ by at most one, so that edges join vertex by vertex, and until no
+  // edge in view exceeds the promised error.
   void balance();
 
-  // By value: the block is on its way out of the set that holds it.
+  // Takes the id by value: it is removed from the set that holds it.
   void split(const BlockId id, std::vector<BlockId>& todo);
 
   const dem::Terrain& terrain_;
@@ -215,8 +215,8 @@ class ViewSelector {
   Chosen chosen_;
   std::vector<Seen> seen_;
 
-  std::unordered_map<BlockId, double, dem::BlockIdHash> in_view_;  // pixels per metre; parts of what was split, too
-  std::vector<BlockId> out_of_view_, of_detail_in_view_;           // the latter are still to be looked at
+  std::unordered_map<BlockId, double, dem::BlockIdHash> in_view_;  // pixels per metre; includes parts of split blocks
+  std::vector<BlockId> out_of_view_, of_detail_in_view_;           // the latter are yet to be processed
   std::vector<const RootGroup*> groups_out_of_view_;
 
   bool refined_for_shadows_ = false;

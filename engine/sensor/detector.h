@@ -10,45 +10,45 @@
 namespace selenograph::engine {
 
 // Paper eq. (8): electrons that a quantum detector counts in its integration time, n_el = t pi p^2 / (4 f_#^2) eta L
-// lambda / (h c) Delta lambda, for L Delta lambda = 1 W m-2 sr-1 at wavelength lambda. Delta lambda << lambda: of a
-// wide band lambda is that of sunlight_wavelength_um, or its center of radiance that is counted in photons
-// (in_photons).
+// lambda / (h c) Delta lambda, for L Delta lambda = 1 W m-2 sr-1 at wavelength lambda. The equation assumes Delta
+// lambda << lambda; for a wide band lambda is sunlight_wavelength_um, or the band's center if the radiance is counted
+// in photons (in_photons).
 double electrons_per_radiance(const Optics& optics, const Detector& detector, double wavelength_um);
 
 // Paper eq. (9): radiant flux on a detector's pixel, W: Phi = pi / 4 p^2 / f_#^2 eta L Delta lambda.
 // `radiance_w_m2_sr`: L Delta lambda; `efficiency`: eta, of optics, filters and, in a spectrometer, the grating.
 double radiant_flux_w(double pixel_pitch_um, double f_number, double efficiency, double radiance_w_m2_sr);
 
-// Paper eq. (12), of a bolometer with a noise-equivalent power.
+// Paper eq. (12), for a bolometer with a noise-equivalent power.
 inline double signal_to_noise(double flux_w, double noise_equivalent_power_w) {
   return flux_w / noise_equivalent_power_w;
 }
 
-// Electrons at which a pixel is full, or its digital number the largest.
+// Electrons at which a pixel is full or its digital number is the largest.
 double saturation_e(const Detector& detector);
 
-// Electrons that smear adds to each pixel of a column, all rows' alike: what they pass on their way out of the image.
-// It doesn't depend on the integration time, which `per_radiance` (electrons_per_radiance) is of. Empty without smear.
-// `radiance`: after the optics, as below.
+// Electrons that frame-transfer smear adds to each pixel of a column, equal for all rows. They do not depend on the
+// integration time that `per_radiance` (electrons_per_radiance) is for. Empty without smear. `radiance`: after the
+// optics, as below.
 std::vector<float> smear_e(const Detector& detector, double per_radiance, const std::vector<float>& radiance, int width,
                            int height);
 
-// The integration time after which all but the brightest thousandth of the pixels hold `target_e` electrons or fewer,
-// s, without noise and fixed pattern: light, smear and dark current. Negative where smear alone is more, 1e30 at most,
-// where nothing fills them.
+// The integration time, s, after which all but the brightest thousandth of the pixels hold at most `target_e`
+// electrons: light, smear and dark current, without noise and fixed pattern. Negative if smear alone exceeds the
+// target; 1e30 at most, if nothing fills the pixels.
 double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double target_e, std::vector<float> radiance,
                       int width, int height);
 
 struct ReadOut {
-  double saturated_fraction = 0;  // of the pixels: full, or their digital number the largest
-  double smear_e = 0;             // in all but the brightest thousandth of the columns, at most
+  double saturated_fraction = 0;  // share of pixels that are full or have the largest digital number
+  double smear_e = 0;             // maximum over all but the brightest thousandth of the columns
 };
 
 // Digital numbers of a frame of width x height; `radiance`: after the optics. Parallel; the same numbers give the same
 // image however many threads there are. Throws Cancelled when `stop` says so.
 //   electrons = min(full well, Poisson(signal (1 + PRNU) + smear + dark)) + DSNU + read noise
 //   DN = clamp(round(electrons / gain + offset))
-// `line`: the rows are one line of pixels at different times, and their fixed pattern is one row's.
+// `line`: all rows are the same line of pixels at different times and share one row's fixed pattern.
 ReadOut detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width,
                int height, std::vector<std::uint16_t>& image, const StopToken& stop = {}, bool line = false);
 

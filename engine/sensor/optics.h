@@ -1,4 +1,4 @@
-// What optics do to radiance before the detector sees it: point spread and vignetting.
+// Effects of the optics on radiance: point spread and vignetting.
 #pragma once
 
 #include <memory>
@@ -13,32 +13,33 @@ namespace selenograph::engine {
 
 class AiryTable;
 
-// A normalised kernel of (2 radius + 1)^2 weights, or, where it is a product, of one row and one column of them.
+// A normalised kernel of (2 radius + 1)^2 weights or, if separable, of one row and one column.
 class SpreadKernel {
  public:
   static constexpr int kMaxRadius = 32;
-  // lambda N / pitch of an Airy disc, at most: its first dark ring, 1.22 of these away, is within the kernel. A kernel
-  // that lost more would not be one of this camera; of wider discs nothing is promised.
+  // Largest lambda N / pitch of an Airy disc: its first dark ring, at 1.22 times this, is within the kernel. Wider
+  // discs are not supported: the kernel would lose too much of their light.
   static constexpr double kMaxAiry_px = 26;
 
-  // For a wavelength and a detector's pitch. Integrated over pixels within 1e-5 of the light. Cut off where the rest is
-  // below 1e-5 (Gaussian, normalised again), or after 12 rings or at kMaxRadius (Airy, whose wings fall with the
-  // distance only): `captured` is the share of the light within. An Airy disc's rest, 1.6 % or so, is spread evenly
-  // over the kernel: even light stays as bright, and the weights are the disc's own but for that. Takes milliseconds.
-  // Throws Cancelled when `stop` says so, as the functions below do.
+  // Makes a kernel for a wavelength and a pixel pitch, integrated over pixels to within 1e-5 of the light. It is cut
+  // off where the rest is below 1e-5 (Gaussian, renormalised), or after 12 rings or at kMaxRadius (Airy, whose wings
+  // decrease slowly): `captured` is the share of the light within. The rest of an Airy disc, about 1.6 %, is spread
+  // evenly over the kernel, so that uniform light keeps its level. Takes milliseconds. Throws Cancelled when `stop`
+  // says so, as the functions below do.
   SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um,
                const StopToken& stop = {});
-  // Of points (dx, dy) beside their pixel's center, half a pixel at most: those of a sub-pixel sample. A measured
-  // kernel, which says only what pixels' centers leave, is interpolated linearly, which keeps its centroid.
+  // The kernel for points at an offset (dx, dy), at most half a pixel, from their pixel's center: those of a sub-pixel
+  // sample. A measured kernel, which is known at pixel centers only, is interpolated linearly, which preserves its
+  // centroid.
   SpreadKernel shifted(const PointSpread& spread, double dx, double dy, const StopToken& stop = {}) const;
 
   int radius() const { return radius_; }
   double captured() const { return captured_; }
-  // Of a pixel (dx, dy) away from the point.
+  // Weight of the pixel at (dx, dy) from the point.
   double weight(int dx, int dy) const;
 
-  // `in`: (width + 2 radius) x (height + 2 radius), an image with the border that light comes from; `out`: width x
-  // height.
+  // `in`: (width + 2 radius) x (height + 2 radius), an image with the border from which light spreads into it; `out`:
+  // width x height.
   void apply(const std::vector<float>& in, int width, int height, std::vector<float>& out,
              const StopToken& stop = {}) const;
 
@@ -49,14 +50,14 @@ class SpreadKernel {
 
   int radius_ = 0;
   double captured_ = 1;
-  double unit_px_ = 0;  // of an Airy disc: lambda N / (pi pitch)
+  double unit_px_ = 0;  // Airy disc: lambda N / (pi pitch)
   std::shared_ptr<const AiryTable> airy_;
   std::vector<float> row_, column_;  // separable: 2 radius + 1 each
-  std::vector<float> kernel_;        // else
+  std::vector<float> kernel_;        // otherwise
 };
 
-// Multiplies by the transmission at each pixel's angle from the boresight. `rays`: of the pixels' centres, where there
-// is distortion. Of a line camera the one row is each row of the radiance.
+// Multiplies by the transmission at each pixel's angle from the boresight. `rays`: of the pixel centres, for a camera
+// with distortion. For a line camera, its one row applies to each row of the radiance.
 void vignette(const Vignetting& vignetting, const Camera& camera, const PixelRays& rays, std::vector<float>& radiance,
               const StopToken& stop = {});
 

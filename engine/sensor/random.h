@@ -1,6 +1,6 @@
-// Random numbers that are functions of where they are used: nothing is drawn in an order, so any thread may make any of
-// them. Bits from Philox4x32-10 (Salmon, Moraes, Dror, Shaw: Parallel random numbers: as easy as 1, 2, 3, SC'11). Every
-// operation is exact or IEEE-rounded, and so are the bytes on every machine.
+// Random numbers as functions of their position: there is no sequence, so any thread may compute any of them. Bits from
+// Philox4x32-10 (Salmon, Moraes, Dror, Shaw: Parallel random numbers: as easy as 1, 2, 3, SC'11). Every operation is
+// exact or IEEE-rounded, so the bytes are the same on every machine.
 #pragma once
 
 #include <cstdint>
@@ -8,8 +8,8 @@
 namespace selenograph::engine {
 
 enum class RandomSource : std::uint32_t {
-  exposure = 0,      // new in every frame: photons, reading
-  fixed_pattern = 1  // the detector's own, the same in every frame
+  exposure = 0,      // different in every frame: photon and read noise
+  fixed_pattern = 1  // the same in every frame
 };
 
 inline constexpr int kDraw = 64;  // pixels at a time
@@ -20,12 +20,13 @@ struct RandomWords {
 };
 void draw(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uint32_t pixel, RandomWords& out);
 
-// Standard normal, by the inverse of its distribution function (Wichura, AS 241, PPND7, Appl. Statist. 37, 477, 1988):
-// 1e-6 of the probability in either tail, within 6.3 standard deviations.
+// Standard normal deviates by the inverse of the distribution function (Wichura, AS 241, PPND7, Appl. Statist. 37, 477,
+// 1988): to 1e-6 of the probability in either tail, within 6.3 standard deviations.
 void normals(const std::uint32_t bits[kDraw], float out[kDraw]);
 
-// Poisson, by the inverse of its distribution function: exactly below a mean of kExactPoisson, above by its asymptotic
-// expansion (Giles, ACM TOMS 42(1), 7, 2016, eq. 7), whose probabilities are within 5e-5. 0 for means of 0 and less.
+// Poisson deviates by the inverse of the distribution function: exact below a mean of kExactPoisson, above it by the
+// asymptotic expansion of Giles (ACM TOMS 42(1), 7, 2016, eq. 7), whose probabilities are within 5e-5. 0 for means of 0
+// and less.
 inline constexpr float kExactPoisson = 10;
 void poisson(const std::uint32_t bits[kDraw], const float mean[kDraw], float out[kDraw]);
 

@@ -1,4 +1,4 @@
-// Radiance to digital numbers: by a sensor's model, or by exposure and quantisation alone where there is none.
+// Converts radiance to digital numbers, by a sensor model or by exposure and quantisation alone.
 #pragma once
 
 #include <cstdint>
@@ -14,46 +14,47 @@
 
 namespace selenograph::engine {
 
-// DN = clamp(round(L / full scale * (2^bits - 1))). Answers the full scale that was used: as given, else the largest
-// radiance in the frame (0 when everything is dark).
+// DN = clamp(round(L / full scale * (2^bits - 1))). Returns the full scale that was used: as given, otherwise the
+// largest radiance in the frame (0 when everything is dark).
 double expose(const ImageSettings& settings, const std::vector<float>& radiance, std::vector<std::uint16_t>& image);
 
-// Share of the pixels whose radiance is more than that.
+// Share of pixels whose radiance exceeds `limit`.
 double share_above(const std::vector<float>& radiance, double limit);
 
-// A frame's sensor, with what follows from it. Light spreads into the image from around it: the frame is rendered with
-// a margin, so that the border is as exact as the middle.
+// The sensor model of a frame. Light spreads into the image from around it, so the frame is rendered with a margin: the
+// border is as exact as the middle.
 class Sensor {
  public:
-  // Of a request that has a sensor and a band. Throws Cancelled when `stop` says so, as image() does.
+  // `request` must have a sensor and a band. Throws Cancelled when `stop` says so, as image() does.
   explicit Sensor(const FrameRequest& request, const StopToken& stop = {});
 
-  // Eq. (8) of a wide band: photons are counted over it. Of sunlight alone that is a factor. Where other light has a
-  // spectrum of its own, radiance is to be rendered in the band that this returns, as the detector counts it.
+  // Eq. (8) for a wide band: photons are counted over the band. For sunlight alone this is a constant factor. When
+  // other light has its own spectrum, radiance must be rendered in the returned band, in which the detector counts
+  // photons.
   std::optional<Band> photon_band(bool sunlight_alone);
 
-  // From the frame in the middle of the exposure, as image() takes it; where the request leaves that to the frame.
-  // `camera`: RowViews::camera().
+  // Chooses the integration time, if the request leaves it to the frame, from the radiance at the middle of the
+  // exposure, as image() takes it. `camera`: RowViews::camera().
   void choose_integration_time(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
                                const StopToken& stop = {});
   double integration_time_s() const { return model_.detector.integration_time_s; }
-  // Of the pixels of the last image.
+  // Share of saturated pixels of the last image.
   double saturated_fraction() const { return read_out_.saturated_fraction; }
-  // Smear alone, as a share of what a pixel holds, in all but the brightest thousandth of its columns, at most.
+  // Smear alone as a share of a pixel's capacity: maximum over all but the brightest thousandth of the columns.
   double smear_fill() const { return read_out_.smear_e / saturation_e(model_.detector); }
 
   int margin_px() const { return kernel_.radius(); }
   double captured() const { return kernel_.captured(); }
-  // Of the largest digital number, W m-2 sr-1.
+  // Radiance of the largest digital number, W m-2 sr-1.
   double full_scale_radiance_w_m2_sr() const;
 
-  // A point spread is of points: where pixels are means over samples, each sample is spread by itself, and what was
-  // added is the image, whatever radiance image() is given. `share` of the exposure.
+  // A point spread applies to points: when pixels are means over samples, each sample is spread by itself, and the sum
+  // of the added samples becomes the image, whatever radiance image() is given. `share`: of the exposure.
   bool wants_samples() const;
   void add_sample(const Camera& camera, const PixelRays& rays, const SubpixelSample& sample, float share,
                   std::vector<float> radiance, const StopToken& stop);
 
-  // `radiance` has the margin around it, as `camera` and `rays` have.
+  // `radiance`, `camera` and `rays` include the margin.
   void image(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
              std::vector<std::uint16_t>& image, const StopToken& stop = {});
 
@@ -65,14 +66,14 @@ class Sensor {
   SensorModel model_;  // with its integration time
   double wavelength_um_;
   SpreadKernel kernel_;
-  std::map<std::pair<double, double>, SpreadKernel> shifted_;  // by their samples' offsets
-  std::vector<float> samples_;                                 // their sum so far; empty: none was added
+  std::map<std::pair<double, double>, SpreadKernel> shifted_;  // by sample offset
+  std::vector<float> samples_;                                 // sum of the spread samples; empty: none was added
   ReadOut read_out_;
 };
 
-// The camera with so many pixels more on each side.
+// The camera with `margin_px` more pixels on each side.
 Camera with_margin(Camera camera, int margin_px);
-// Takes them away again from the products: those of a TruthGrid have none. `camera`: with the margin.
+// Removes the margin from the products; those of a TruthGrid have none. `camera`: with the margin.
 void crop(FrameProducts& products, const Camera& camera, int margin_px, bool of_truth_grid);
 
 }  // namespace selenograph::engine

@@ -12,10 +12,10 @@ struct EfficiencyPoint {
   double wavelength_um, efficiency;
 };
 
-// Defaults: MERTIS. The paper prints 80 channels from 7 to 14 um. Assumed, because it doesn't print them: channels of
-// equal width; f/2 and 35 um (0.7 mrad behind 50 mm: Hiesinger, Helbert et al., Planet. Space Sci. 58, 144, 2010); an
-// efficiency of optics and grating of 0.3 at all wavelengths; a noise-equivalent power of 1 pW, after averaging over
-// frames.
+// Defaults: MERTIS. The paper gives 80 channels from 7 to 14 um. Assumed, because the paper does not give them:
+// channels of equal width; f/2 and 35 um (0.7 mrad behind 50 mm: Hiesinger, Helbert et al., Planet. Space Sci. 58, 144,
+// 2010); an efficiency of optics and grating of 0.3 at all wavelengths; a noise-equivalent power of 1 pW after
+// averaging over frames.
 struct Spectrometer {
   double first_um = 7, last_um = 14;
   int channels = 80;
@@ -30,11 +30,11 @@ struct SpectrometerChannel {
   double radiance_w_m2_sr_um;  // L = L_em = B(T): rho = 0, tau = 1
   double flux_w;               // Phi, eq. (9)
   double signal_to_noise;      // eq. (12)
-  double width_error;  // of L Delta lambda against the integral over the channel, relative: Delta lambda << lambda
+  double width_error;          // relative error of L Delta lambda against the integral over the channel
 };
 
-// Channels must be told apart from 0 and from each other in double: api/requests/mertis_json.cpp refuses others. Throws
-// Cancelled when `stop` says so.
+// Channels must be distinct from 0 and from each other in double precision: api/requests/mertis_json.cpp rejects
+// others. Throws Cancelled when `stop` says so.
 std::vector<SpectrometerChannel> look_at_blackbody(const Spectrometer& spectrometer, double temperature_k,
                                                    const StopToken& stop = {});
 

@@ -1,4 +1,4 @@
-// Large arrays, filled while somebody may give up waiting for them.
+// Fills large arrays while the caller may be cancelled.
 #pragma once
 
 #include <algorithm>
@@ -9,8 +9,8 @@
 
 namespace selenograph::engine {
 
-// As std::vector's assign, in pieces, between which `stop` is looked at: memory that the system has not given before
-// takes up to 3 ms a megabyte on virtual machines. Throws Cancelled.
+// Like std::vector::assign, in pieces between which `stop` is checked: first-touched memory takes up to 3 ms per
+// megabyte on virtual machines. Throws Cancelled.
 template <typename T>
 void assign(std::vector<T>& array, std::size_t size, T value, const StopToken& stop) {
   constexpr std::size_t kPiece = std::size_t{1} << 20;

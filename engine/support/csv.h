@@ -1,4 +1,4 @@
-// CSV files of numbers, as users keep tables in.
+// CSV files of numbers.
 #pragma once
 
 #include <functional>
@@ -9,17 +9,17 @@
 
 namespace selenograph::engine {
 
-// What is wrong with one line of a file.
+// An error in one line of a file.
 class BadLine : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-// Calls each(line) for the lines that are neither empty nor comments (#). What `each` throws as BadLine becomes
-// DataError with the file's name and the line's number; so does a file that can't be read.
+// Calls each(line) for lines that are neither empty nor comments (#). A BadLine thrown by `each` becomes a DataError
+// with the file's name and the line's number; so does an unreadable file.
 void each_csv_line(const std::string& path, const std::function<void(std::string_view line)>& each);
 
-// Numbers separated by commas. Throws BadLine when something else is in the line.
+// Parses numbers separated by commas. Throws BadLine for anything else in the line.
 std::vector<double> csv_numbers(std::string_view line);
 
 }  // namespace selenograph::engine

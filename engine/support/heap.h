@@ -1,6 +1,6 @@
-// The heap of all executables: jemalloc, on huge pages where the system has them. Meshes and samples are hundreds of
-// megabytes that each frame reads in no order; on pages of 4 KiB a third of the frame goes by in looking up where they
-// are (engine/support/README.md).
+// The heap of all executables: jemalloc, on huge pages if the system has them. Meshes and samples are hundreds of
+// megabytes that each frame reads in random order; with pages of 4 KiB a third of the frame time is spent on address
+// translation (engine/support/README.md).
 #pragma once
 
 #include <cstddef>
@@ -8,17 +8,17 @@
 namespace selenograph::engine {
 
 struct HeapStatistics {
-  std::size_t used_bytes = 0;  // what the program has asked for and not freed
-  std::size_t free_bytes = 0;  // kept from the system though nothing is in it
+  std::size_t used_bytes = 0;  // allocated by the program
+  std::size_t free_bytes = 0;  // free, but not returned to the system
 };
-// Zeros where the heap can't tell.
+// Zeros if the heap does not report them.
 HeapStatistics heap_statistics();
 
-// Gives memory that is free back to the system. Nothing else does: what a frame frees, the next one takes.
+// Returns free memory to the system. Nothing else does: the next frame reuses what a frame frees.
 void give_back_free_memory();
 
-// Has so much free memory ready that was written to once. The system makes a page when it is first written to, which on
-// virtual machines can take seconds a gigabyte. False: there is not so much memory.
+// Touches so much free memory. The system allocates a page on its first write, which on virtual machines can take
+// seconds per gigabyte. Returns false if there is not so much memory.
 bool touch_memory(std::size_t bytes);
 
 }  // namespace selenograph::engine

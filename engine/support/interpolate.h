@@ -1,4 +1,4 @@
-// Tables that are linear between their entries.
+// Tables with linear interpolation.
 #pragma once
 
 #include <algorithm>
@@ -6,8 +6,8 @@
 
 namespace selenograph::engine {
 
-// Two neighbouring entries of a table of two or more, rising by `key`, and how far x is from the one to the other.
-// Outside of the table: its first or last two.
+// Two neighbouring entries of a table of at least two, increasing by `key`, and the position of x between them. Outside
+// the table: its first or last two.
 template <typename Entry>
 struct Segment {
   const Entry& a;
@@ -24,7 +24,7 @@ Segment<Entry> segment_at(const Table& table, double x, double Entry::*key) {
   return {a, b, (x - a.*key) / (b.*key - a.*key)};
 }
 
-// Linear between the entries of a table of one or more, constant beyond.
+// Interpolates linearly in a table of at least one entry, constant beyond its ends.
 template <typename Table, typename Entry>
 double interpolated(const Table& table, double x, double Entry::*key, double Entry::*value) {
   const Entry &first = *std::begin(table), &last = *(std::end(table) - 1);
@@ -34,7 +34,7 @@ double interpolated(const Table& table, double x, double Entry::*key, double Ent
   return s.between(s.a.*value, s.b.*value);
 }
 
-// Integral of a product of two linear functions by Simpson's rule: exact.
+// Integral of a product of two linear functions by Simpson's rule, which is exact.
 inline double integral_of_product(double width, double a0, double a1, double b0, double b1) {
   return width / 6 * (a0 * b0 + (a0 + a1) * (b0 + b1) + a1 * b1);
 }

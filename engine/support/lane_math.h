@@ -1,5 +1,5 @@
-// Functions for loops over lanes that the compiler makes vectors of: plain arithmetic, no calls, no branches, the same
-// bits for every vector width.
+// Functions for loops over lanes that the compiler vectorises: plain arithmetic, no calls, no branches, the same bits
+// for every vector width.
 #pragma once
 
 #include <bit>
@@ -10,7 +10,7 @@ namespace selenograph::engine {
 
 #define SELENOGRAPH_LANE [[gnu::always_inline]] inline
 
-// The calls' own, where a lane stands alone.
+// The standard library's functions, for a single lane.
 struct ScalarMath {
   static double exp(double x) { return std::exp(x); }
   static double log(double x) { return std::log(x); }
@@ -19,7 +19,7 @@ struct ScalarMath {
 };
 
 struct LaneMath {
-  // To 4e-16 of itself and 1e-307: 2^k e^r, |r| <= ln 2 / 2, by its series. -infinity to 700.
+  // Relative error 4e-16, absolute 1e-307: 2^k e^r, |r| <= ln 2 / 2, by its series. Arguments from -infinity to 700.
   SELENOGRAPH_LANE static double exp(double x) {
     constexpr double kLn2High = 0x1.62e42fefap-1, kLn2Low = 0x1.cf79abc9e3b39803p-40, kRound = 0x1.8p52;
     const double within = x > -708 ? x : -708;
@@ -36,7 +36,7 @@ struct LaneMath {
     return sum * std::bit_cast<double>(power);
   }
 
-  // To 1e-15; of normal positive numbers. 2 atanh s, s = (m - 1) / (m + 1), by its series.
+  // To 1e-15, for normal positive numbers: 2 atanh s, s = (m - 1) / (m + 1), by its series.
   SELENOGRAPH_LANE static double log(double x) {
     constexpr std::uint64_t kMantissa = (std::uint64_t{1} << 52) - 1;
     constexpr std::uint64_t kHalfRoot = std::bit_cast<std::uint64_t>(0x1.6a09e667f3bcdp-1);
@@ -52,7 +52,7 @@ struct LaneMath {
     return exponent * 0.6931471805599453 + 2 * s * (1 + sum * q);
   }
 
-  // To 1e-14, up to 1e4: its series around the nearest multiple of pi.
+  // To 1e-14, for arguments up to 1e4: series around the nearest multiple of pi.
   SELENOGRAPH_LANE static double cos(double x) {
     constexpr double kPi = 3.141592653589793, kPiRest = 1.2246467991473532e-16, kRound = 0x1.8p52;
     const double shifted = x / kPi + kRound, k = shifted - kRound;

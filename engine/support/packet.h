@@ -1,5 +1,4 @@
-// Sixteen pixels at a time, structure of arrays: their rays, the surface points that these meet, and how the surface is
-// turned there.
+// Packets of sixteen pixels, structure of arrays: rays, surface points, and shading geometry.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +11,7 @@ namespace selenograph::engine {
 
 inline constexpr int kPacket = 16;
 
-// In double. Directions need not be unit: distances are in units of their lengths.
+// Double precision. Directions need not be unit vectors: distances are in units of their lengths.
 struct alignas(64) Rays {
   double ox[kPacket], oy[kPacket], oz[kPacket];  // MOON_ME, m
   double dx[kPacket], dy[kPacket], dz[kPacket];
@@ -26,25 +25,25 @@ struct alignas(64) Rays {
 
 struct alignas(64) SurfacePoints {
   double x[kPacket], y[kPacket], z[kPacket];     // MOON_ME, m
-  double distance[kPacket];                      // along the ray, in its direction's lengths
+  double distance[kPacket];                      // along the ray, in lengths of its direction
   double v[kPacket], w[kPacket];                 // barycentric weights of the triangle's second and third vertex
   double nx[kPacket], ny[kPacket], nz[kPacket];  // the facet's outward normal, not normalised
-  TriangleId triangle[kPacket];                  // some triangle, too, where there is no hit
+  TriangleId triangle[kPacket];                  // a valid triangle even without a hit
   bool hit[kPacket];
-  bool toward_moon[kPacket];  // no hit, but the ray meets the datum sphere: there is no data
+  bool toward_moon[kPacket];  // no hit, but the ray meets the datum sphere: no data
   Vec3 position(int i) const { return {x[i], y[i], z[i]}; }
-  Vec3 facet_normal(int i) const { return {nx[i], ny[i], nz[i]}; }  // twice the facet's area long
+  Vec3 facet_normal(int i) const { return {nx[i], ny[i], nz[i]}; }  // its length is twice the facet's area
 };
 
 struct alignas(64) Shading {
   double nx[kPacket], ny[kPacket],
-      nz[kPacket];                   // unit smooth normal: vertex normals weighted by the place in the triangle
+      nz[kPacket];                   // unit shading normal: interpolated vertex normals
   double mu0[kPacket], mu[kPacket];  // cosines of incidence and emission
-  double incident[kPacket];          // of incidence, as a mean over what arrives of the Sun; of a point Sun: mu0
+  double incident[kPacket];          // mean cosine of incidence of the arriving sunlight; point Sun: mu0
   Vec3 normal(int i) const { return {nx[i], ny[i], nz[i]}; }
 };
 
-// A bit for each lane that hits.
+// One bit per lane that hits.
 inline constexpr std::uint32_t kAllLanes = 0xffff;
 inline std::uint32_t hit_bits(const SurfacePoints& points) {
   // Eight bools at a time: each is a byte of 0 or 1, and the product moves them next to each other into the top byte.

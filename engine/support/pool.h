@@ -1,4 +1,4 @@
-// Scratch memory that is used again: as much as has ever been in use at once.
+// Reusable scratch memory: as much as has ever been in use at once.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 
 namespace selenograph::engine {
 
-// Safe to use concurrently. One lease per task, not per pixel: it takes a lock.
+// Thread-safe. Take one lease per task, not per pixel: it takes a lock.
 template <typename Scratch>
 class Pool {
  public:
@@ -31,7 +31,7 @@ class Pool {
     std::unique_ptr<Scratch> scratch_;
   };
 
-  // What isn't lent now.
+  // Memory that is not lent.
   std::size_t bytes() const {
     std::lock_guard lock(mutex_);
     std::size_t sum = 0;
@@ -49,7 +49,7 @@ class Pool {
     std::thread::id user;
   };
 
-  // Rather what this thread had before: it may still be in its caches. Null when there's nothing free.
+  // Prefers what this thread had before: it may still be in its caches. Null when nothing is free.
   std::unique_ptr<Scratch> take_free() {
     std::lock_guard lock(mutex_);
     if (free_.empty()) return nullptr;
@@ -60,7 +60,7 @@ class Pool {
     free_.erase(mine);
     return one;
   }
-  // Called while a lack of memory unwinds, too: what the list has no room for is not used again.
+  // Also called while std::bad_alloc unwinds: an item that the list has no room for is dropped.
   void give(std::unique_ptr<Scratch> one) noexcept {
     std::lock_guard lock(mutex_);
     try {

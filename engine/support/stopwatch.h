@@ -1,4 +1,4 @@
-// Laps of a steady clock.
+// Lap times of a steady clock.
 #pragma once
 
 #include <chrono>
@@ -7,7 +7,7 @@ namespace selenograph::engine {
 
 class Stopwatch {
  public:
-  // Since it was made or asked last.
+  // Time since construction or the last call.
   double lap_ms() {
     const auto now = std::chrono::steady_clock::now();
     const double ms = std::chrono::duration<double, std::milli>(now - start_).count();

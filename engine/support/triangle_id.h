@@ -1,4 +1,4 @@
-// A triangle of the mesh in 32 bits: its block, its quad (south-west vertex) and which half (dem/grid/surface.h).
+// A triangle of the mesh in 32 bits: block, quad (south-west vertex), and which half (dem/grid/surface.h).
 #pragma once
 
 #include <cstdint>

@@ -5,7 +5,7 @@
 
 namespace selenograph::engine {
 
-// No overlong form, no surrogate, nothing beyond U+10FFFF.
+// Rejects overlong forms, surrogates, and anything beyond U+10FFFF.
 inline bool is_utf8(std::string_view bytes) {
   const auto at = [&](std::size_t i) { return static_cast<unsigned char>(bytes[i]); };
   for (std::size_t i = 0; i < bytes.size();) {

@@ -1,4 +1,4 @@
-// The views on which speed is measured against error: what a lander sees on its way down.
+// Views for measuring speed against error: what a lander sees during its descent.
 #pragma once
 
 #include <memory>
@@ -13,21 +13,21 @@ namespace selenograph::engine {
 
 struct AccuracyScene {
   std::string name, what;
-  std::vector<FrameRequest> frames;  // accuracy and products are the sweep's to choose
+  std::vector<FrameRequest> frames;  // accuracy and products are set by the sweep
 };
 
-// Square frames of side_px pixels, 50 degrees wide, but for the descent seen from height_m. Heights are above the
-// ground at the place. The low Sun of the polar scene needs no pole, but terrain where such a Sun is the usual one;
-// without a place for it there is no such scene.
+// Square frames of side_px pixels, 50 degrees wide, except the descent, which is seen from height_m. Heights are above
+// the ground at the place. The polar scene needs a place where the Sun is always low; without one there is no such
+// scene.
 std::vector<AccuracyScene> accuracy_scenes(const dem::Terrain& terrain, const Geographic& place,
                                            const std::optional<Geographic>& polar_place, int side_px,
                                            double height_m = 20e3);
 
-// The end of the descent, where there is a detail. `detailed`: the terrain with it (Renderer::terrain_with).
+// The end of the descent, on terrain with detail. `detailed`: Renderer::terrain_with(detail).
 AccuracyScene touchdown_scene(const dem::Terrain& detailed, const std::shared_ptr<const dem::Detail>& detail,
                               const Geographic& place, int side_px);
 
-// The camera above a place whose boresight is tilted from the nadir towards north, east to the right.
+// Pose of a camera above a place, with the boresight tilted from the nadir towards north and east to the right.
 Pose tilted_pose(const Vec3& position_m, double tilt_deg);
 
 }  // namespace selenograph::engine

@@ -1,8 +1,7 @@
-// The Embree baseline: what Embree alone needs for the primary and shadow rays of a frame, nothing else.
+// The Embree baseline: the time of Embree alone for the primary and shadow rays of a frame.
 //
-// Float throughout, a constant bias instead of exact shadows, geometric normals, no refinement, no products but one
-// float per pixel. It shares Embree's own door with ray_tracer.h and nothing else: what is measured by it must not be
-// part of it.
+// It uses float throughout, a constant bias instead of exact shadows, geometric normals, no refinement, and one float
+// per pixel as output. It shares only embree.h with ray_tracer.h: the code under test must not be part of its baseline.
 #pragma once
 
 #include <vector>
@@ -17,8 +16,8 @@ class BareKernel {
  public:
   BareKernel(const Mesh& mesh, const Vec3& anchor_m, int threads);
 
-  // One frame of the (undistorted) view from inside or outside of the terrain's shell, in the caller's task arena;
-  // `image` gets mu0 / (mu0 + mu) or 0. Pixels beyond the last whole 32 x 32 tile are left out.
+  // Renders one frame of the (undistorted) view, from inside or outside the terrain's shell, in the caller's task
+  // arena; `image` gets mu0 / (mu0 + mu) or 0. Pixels beyond the last whole 32 x 32 tile are left out.
   void render(const View& view, const Vec3& sun, double shell_radius_m, std::vector<float>& image) const;
 
  private:

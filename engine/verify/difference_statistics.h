@@ -1,4 +1,4 @@
-// What a round trip's differences say: how large they are, and whether they lean to one side.
+// Statistics of a round trip's differences: their size and bias.
 #pragma once
 
 #include <array>
@@ -9,14 +9,14 @@
 
 namespace selenograph::engine {
 
-// Of some of the differences. NaN where there are too few to say.
+// Statistics of a group of differences. NaN where there are too few.
 //
 // Neighbouring differences are not independent, so the standard error comes from the scatter of the means over squares
 // of 32 x 32 posts (more in windows above 1024), each weighted by its posts, and is no smaller than double's rounding
 // of a radius (0.07 nm). z = mean / standard error: without a bias |z| is above 3 in one group of 370.
 //
-// In mode camera a plane between pixels lies above a post in a hollow and below one on a rise: groups of posts that
-// have their ground's shape in common (a slope class is such a group, a quadrant within one crater, too) lean by that.
+// In mode camera the plane between pixels lies above a post in a hollow and below one on a rise: groups of posts with a
+// common shape of the ground (a slope class, or a quadrant within one crater) are biased by that.
 struct GroupStatistics {
   std::size_t posts = 0;
   double mean_m = 0, mean_absolute_m = 0, rms_m = 0;
@@ -24,12 +24,12 @@ struct GroupStatistics {
 };
 
 struct Quadrant {
-  std::string_view name;  // "NE", "NW", "SE", "SW" of the window
+  std::string_view name;  // quadrant of the window: "NE", "NW", "SE", "SW"
   GroupStatistics statistics;
 };
 
-// Posts whose ground slopes by from_deg or more, and less than to_deg. Slopes are the tile's own, from neighbours on
-// both sides.
+// Posts whose slope is at least from_deg and below to_deg. Slopes are the tile's own, from the neighbours on both
+// sides.
 struct SlopeClass {
   double from_deg, to_deg;
   GroupStatistics statistics;
@@ -39,7 +39,7 @@ struct Percentile {
   double percent, value_m;
 };
 
-// Counts in classes of equal width over [-reach_m, reach_m]. The number of classes is odd: zero is in the middle of
+// Counts in bins of equal width over [-reach_m, reach_m]. The number of bins is odd, so that zero is in the middle of
 // one.
 struct Histogram {
   double reach_m =

@@ -1,7 +1,7 @@
-// How far frames are from the truth: what `verify accuracy` measures for each setting.
+// Error measures of frames: what `verify accuracy` reports for each setting.
 //
-// Truth is the finest terrain seen through many samples per pixel. Frames of one scene are pooled: quantiles are over
-// all their pixels.
+// The reference is the finest terrain seen through many samples per pixel. Frames of one scene are pooled: quantiles
+// are over all their pixels.
 #pragma once
 
 #include <vector>
@@ -12,35 +12,35 @@
 
 namespace selenograph::engine {
 
-// Of absolute values. All zero without any value.
+// Statistics of absolute values; all zero without any value.
 struct Spread {
   double median = 0, p999 = 0, worst = 0;
 };
 
 struct ErrorMeasures {
-  // Each point seen against the finest surface vertically above or below it: the distance in metres, and how far apart
-  // the two appear in the image.
+  // Each visible point against the finest surface vertically above or below it: the distance in metres, and the
+  // distance between the two in the image.
   Spread geometric_m, geometric_px;
-  // Share of points whose error is at most the bound that their frame reported, in metres and in pixels.
+  // Share of points whose error is within the bound that their frame reported, in metres and in pixels.
   double within_bound_m = 1, within_bound_px = 1;
-  // Share of pixels that see terrain in one of the frames and sky in the other.
+  // Share of pixels that see terrain in one frame and sky in the other.
   double wrong_hits = 0;
-  // Radiance over the reference's mean radiance of the sunlit pixels.
+  // Radiance errors relative to the reference's mean radiance of sunlit pixels.
   double radiance_rms = 0, radiance_p999 = 0;
-  // Share of pixels in shadow in one and in sunlight in the other, of those that see terrain in both.
+  // Share of pixels in shadow in one frame and sunlit in the other, among those that see terrain in both.
   double wrong_shadow_flags = 0;
-  // Shadow edges, pixels: the mean displacement (area between the edges over the length of the reference's), and over
-  // the wrong pixels their distance from the reference's edge.
+  // Shadow edges, pixels: the mean displacement (area between the edges over the length of the reference's edges); and,
+  // over the wrong pixels, the distance from the reference's edge.
   double shadow_edge_mean_px = 0;
   Spread shadow_edge_px;
 };
 
 class ErrorCollector {
  public:
-  // `position_m`: the product of a frame of this view; bounds: what the frame reported (FrameReport).
+  // `position_m`: the frame's product; bounds: as reported by the frame (FrameReport).
   void add_geometry(const View& view, const dem::Terrain& terrain, const std::vector<double>& position_m,
                     double bound_m, double bound_px);
-  // Both of height x width, the product `lit` (NaN where nothing is hit).
+  // Both are products `lit` of height x width (NaN where nothing is hit).
   void add_shadows(int width, int height, const std::vector<float>& lit, const std::vector<float>& reference);
   void add_radiance(const std::vector<float>& radiance, const std::vector<float>& reference);
 
@@ -57,8 +57,8 @@ class ErrorCollector {
   double edge_length_px_ = 0;
 };
 
-// From the pixel to the nearest one that the reference has like `lit`, less the half pixel by which an edge lies nearer
-// than a pixel's centre. The image's diagonal where there is none.
+// Distance from the pixel to the nearest one with the flag `lit` in the reference, minus half a pixel, by which an edge
+// is nearer than a pixel's centre. The image's diagonal if there is none.
 double distance_to_flag(int width, int height, const std::vector<float>& reference, int x, int y, bool lit);
 
 Spread spread_of(std::vector<double> values);

@@ -1,4 +1,4 @@
-// Surface points seen by a frame's pixels -> heights at the posts of a grid.
+// Resamples surface points seen by a frame's pixels to heights at the posts of a grid.
 #pragma once
 
 #include <span>
@@ -8,7 +8,8 @@
 
 namespace selenograph::engine {
 
-// A surface point in post coordinates: x along rows of posts (eastwards), y down them (southwards). NaN: nothing seen.
+// A surface point in post coordinates: x along rows of posts (eastwards), y across them (southwards). NaN: nothing
+// seen.
 struct SeenPoint {
   double x = 0, y = 0, height_m = 0;
 };
@@ -18,10 +19,10 @@ struct PostRectangle {
   int x0 = 0, y0 = 0, width = 0, height = 0;
 };
 
-// Every 2 x 2 pixels are two triangles; a post within one gets the height of its plane. A triangle wider than
-// `widest_x` or higher than `widest_y` posts, or one turned over, spans ground that nearer terrain hides: it gives
-// nothing. `pixels` are width x height, row 0 on top, columns eastwards and rows southwards. Answers one height for
-// each post, row by row; NaN where no triangle is. Throws Cancelled when `stop` says so.
+// Every 2 x 2 pixels form two triangles; a post within one gets the height of its plane. Triangles wider than
+// `widest_x` or higher than `widest_y` posts, or turned over, span hidden ground and are skipped. `pixels` are width x
+// height, row 0 on top, columns eastwards and rows southwards. Returns one height per post, row by row; NaN where no
+// triangle is. Throws Cancelled when `stop` says so.
 std::vector<double> resample(std::span<const SeenPoint> pixels, int width, int height, const PostRectangle& posts,
                              double widest_x, double widest_y, const StopToken& stop = {});
 

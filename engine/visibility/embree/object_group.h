@@ -1,4 +1,4 @@
-// Many objects of few shapes, traced at once: instances in one acceleration structure.
+// Many objects of few shapes as instances in one acceleration structure.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -16,13 +16,13 @@ class ObjectGroup {
   static constexpr std::uint32_t kNone = ~0U;
   struct Instance {
     const ObjectTracer* of;
-    Eigen::Affine3f place;  // from the tracer's coordinates to the group's
+    Eigen::Affine3f place;  // group from tracer coordinates
   };
 
-  // `instance` of each index below `count`; their tracers outlive the group.
+  // Calls `instance` for each index below `count`; the instances' tracers must outlive the group.
   ObjectGroup(std::size_t count, const std::function<Instance(std::size_t)>& instance, const StopToken& stop = {});
 
-  // Which instance each active ray meets first, or kNone, and which of its triangles.
+  // First instance that each active ray hits, or kNone, and which of its triangles.
   void intersect(const RayPacket& rays, std::uint32_t instance[kPacket], std::uint32_t triangle[kPacket]) const;
   void occluded(const RayPacket& rays, bool blocked[kPacket]) const;
 

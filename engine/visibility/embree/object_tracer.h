@@ -1,5 +1,5 @@
-// An object's triangles, in the object's own coordinates from the middle of the object: which one does a ray
-// meet first, and does any stand in a ray's way. From either side.
+// Ray queries on an object's triangles, two-sided, in the object's own coordinates relative to its middle: first hit
+// and occlusion.
 #pragma once
 
 #include <cstddef>
@@ -16,19 +16,19 @@ namespace selenograph::engine {
 class ObjectTracer {
  public:
   static constexpr std::uint32_t kNone = ~0U;
-  static constexpr int kThreads = 0;  // of its device: all cores
+  static constexpr int kThreads = 0;  // for its device: all cores
 
   // `middle`: in the shape's coordinates; rays are relative to it. Throws Cancelled when `stop` says so.
   ObjectTracer(const ObjectShape& shape, const Vec3& middle, const StopToken& stop = {});
 
-  // Of the structure, by what it was measured to take (Embree 3.13): 83 bytes a triangle besides its buffers.
+  // Memory of the structure, measured (Embree 3.13): 83 bytes per triangle besides its buffers.
   static std::size_t bytes_for(const ObjectShape& shape) {
     return shape.corners.size() * 12 + shape.triangles.size() * (12 + 83);
   }
 
-  // Index of the triangle that each active ray meets first, or kNone.
+  // Index of the first triangle that each active ray hits, or kNone.
   void intersect(const RayPacket& rays, std::uint32_t triangle[kPacket]) const;
-  // Whether each active ray meets any.
+  // Whether each active ray hits any triangle.
   void occluded(const RayPacket& rays, bool blocked[kPacket]) const;
   const EmbreeScene& scene() const { return *scene_; }
 

@@ -1,6 +1,6 @@
-// Which triangle of the terrain does a ray meet first, and is the way to the Sun free.
+// Ray queries on the terrain: first hit, and occlusion toward the Sun.
 //
-// Vertices are float relative to an anchor near the scene; one grid geometry per mesh block.
+// Vertices are float relative to an anchor near the scene; each mesh block is one grid geometry.
 #pragma once
 
 #include <cstddef>
@@ -24,14 +24,14 @@ class RayTracer {
 
   const Vec3& anchor() const { return anchor_; }
 
-  // The triangle that each ray meets first. Float decides which; where exactly is for refine.h.
-  // Sets `hit` and `triangle` of the points.
+  // Finds the first triangle that each ray hits, in float; refine.h computes the exact point. Sets `hit` and `triangle`
+  // of the points.
   void intersect(const RayPacket& rays, SurfacePoints& points) const;
 
-  // blocked[i]: something stands in the way along the (common, unit) direction toward the Sun. Triangles that face the
-  // Sun don't count where they are the surface that the ray leaves: where it starts less than `rounding_m` beneath
-  // their plane. That makes an offset needless. From deeper beneath one it comes out of the ground, wherever it went
-  // in: next to where it starts, perhaps, in a crease.
+  // blocked[i]: the ray along the (common, unit) direction toward the Sun is blocked. A triangle that faces the Sun is
+  // ignored when the ray starts less than `rounding_m` below its plane: it is the surface that the ray leaves, so no
+  // offset is needed. A ray that starts deeper below comes out of the ground, so it is blocked, even by a triangle next
+  // to its start, as in a crease.
   void occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m, bool blocked[kPacket]) const;
 
   std::size_t bytes() const { return bytes_; }

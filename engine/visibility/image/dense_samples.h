@@ -1,5 +1,5 @@
-// Four samples of each pixel drawn at once: as the pixels of a frame twice as wide and as high. Strips are bounded,
-// triangles set up and shadows cast once for all four; as frames of their own they took 3.4 times one frame's time.
+// Draws four samples of each pixel at once, as the pixels of a frame twice as wide and high. Bounds, triangle setup and
+// shadow casting are then done once for all four; as separate frames they took 3.4 times one frame's time.
 #pragma once
 
 #include <vector>
@@ -9,21 +9,21 @@
 
 namespace selenograph::engine {
 
-// Sees what `camera` sees in pixels half as wide and high.
+// The camera with pixels half as wide and high.
 Camera dense_camera(const Camera& camera);
 
 class DenseSamples {
  public:
-  // Of the frame's radiance, where drawn_at_once (frame/needs.h) says 4. `job` outlives this, and so does `lens`: the
-  // rays of its dense_camera.
+  // For frames where drawn_at_once (frame/needs.h) is 4. `job` and `lens`, the rays of its dense_camera, must outlive
+  // this object.
   DenseSamples(const FrameJob& job, const PixelRays& lens, std::size_t catalogue_size);
   DenseSamples(const DenseSamples&) = delete;
   DenseSamples& operator=(const DenseSamples&) = delete;
 
-  // What is to be drawn instead. Its samples reach the frame's `each` as the frame's own.
+  // The job to draw instead. Its samples reach the frame's `each` as the frame's own.
   const FrameJob& job() const { return job_; }
   FrameWriter& writer() { return writer_; }
-  // Of the frame's pixels, once all are drawn.
+  // Radiance of the frame's pixels; call it after all are drawn.
   std::vector<float> radiance() const;
 
  private:

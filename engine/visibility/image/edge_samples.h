@@ -1,6 +1,5 @@
-// More samples where a frame's are too few: where neighbours' radiance differs much, as at shadows' edges and
-// silhouettes, a pixel's becomes the mean of its four quarters', which are pixels of the frame's dense camera
-// (dense_samples.h). Elsewhere a sample is like those beside it.
+// Adaptive supersampling: where the radiance of neighbouring pixels differs much, as at shadow edges and silhouettes, a
+// pixel becomes the mean of its four quarters, which are pixels of the frame's dense camera (dense_samples.h).
 #pragma once
 
 #include <cstdint>
@@ -21,10 +20,10 @@ class EdgeSamples {
   static constexpr int kSide = 2;
   static constexpr std::size_t kPerPixel = kSide * kSide;
 
-  // Whether a job wants them. Its pixels have one sample each then, in their centres.
+  // Whether a job uses edge samples. Its pixels then have one sample each, at their centres.
   static bool wanted(const FrameJob& job);
 
-  // `job` outlives it.
+  // `job` must outlive this object.
   explicit EdgeSamples(const FrameJob& job);
   EdgeSamples(const EdgeSamples&) = delete;
   EdgeSamples& operator=(const EdgeSamples&) = delete;
@@ -33,12 +32,12 @@ class EdgeSamples {
   const PixelRays& dense_lens() const { return lens_; }
   const PacketShader& shader() const { return shader_; }
 
-  // The frame's pixels at edges among those from (x0, y0): beside, above or below each there is one that has less than
-  // kContrast of its radiance, or of which it has less.
+  // Edge pixels of the frame within a rectangle from (x0, y0): pixels with a neighbour beside, above or below whose
+  // radiance, or their own relative to it, is below kContrast.
   std::vector<std::uint32_t> find(const std::vector<float>& radiance, int x0, int y0, int width, int height) const;
 
-  // Their samples from `first` on, sixteen or as many as there are: their rays, and which of the dense frame's pixels
-  // they are. Returns how many.
+  // Makes the rays of up to sixteen of their samples from `first` on, with the dense frame's pixels that they are.
+  // Returns their number.
   static float mean(const float* of_samples) {
     return ((of_samples[0] + of_samples[1]) + (of_samples[2] + of_samples[3])) / kPerPixel;
   }

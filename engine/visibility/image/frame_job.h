@@ -1,4 +1,4 @@
-// What the pixels of one frame are made from.
+// Input of the per-pixel stages of one frame.
 #pragma once
 
 #include <functional>
@@ -14,15 +14,15 @@
 
 namespace selenograph::engine {
 
-// One sample of every pixel, at an offset from its centre: geometry is stored if asked for, radiance added with a
-// weight, light looked for where either wants it, hits counted once.
+// One sample of every pixel, at an offset from its centre: whether geometry is stored, the weight of its radiance,
+// whether light is needed, whether hits are counted.
 struct SubpixelSample {
   double dx, dy;
   bool store;
   float weight;
   bool light, count;
 };
-// Called with all pixels' radiance of each sample that has a weight, one sample after the other.
+// Called with all pixels' radiance for each sample that has a weight, one sample after the other.
 using EachSample = std::function<void(const SubpixelSample& sample, const std::vector<float>& radiance)>;
 
 struct FrameJob {
@@ -31,7 +31,7 @@ struct FrameJob {
   const Scene& scene;
   const ObjectsInFrame& objects;
   const RadianceTerms& radiance;  // of the terrain
-  const PixelRays& centres;       // of the pixels' centres, where the camera has distortion
+  const PixelRays& centres;       // rays of the pixel centres, for a camera with distortion
   const StopToken& stop;
   const EachSample& each;  // may be empty
 };

@@ -1,4 +1,4 @@
-// What writes the frame: the products of pixels that see something, and what is counted of them.
+// Writes the products of pixels and counts what they see.
 #pragma once
 
 #include <cstdint>
@@ -22,55 +22,57 @@ struct PixelCounts {
   std::uint64_t hit = 0, missing = 0, filled = 0, blended = 0, on_object = 0, on_rock = 0;
 };
 
-// Gives the wanted products their arrays, filled with what they hold where nothing is hit. `pixels`: of radiance, which
-// has all of the image; `n`: of the others.
+// Allocates the wanted products, filled with the value for no hit. `pixels`: of radiance, which covers the whole image;
+// `n`: of the others.
 void allocate_products(FrameProducts& out, ProductSet wanted, std::size_t pixels, std::size_t n, const StopToken& stop);
 
 class FrameWriter {
  public:
-  // Sizes and initialises the products that are asked for, which takes time. `request`, `views` and `mesh` outlive it.
+  // Allocates and initialises the requested products, which takes time. `request`, `views` and `mesh` must outlive this
+  // object.
   FrameWriter(const FrameRequest& request, const RowViews& views, const Mesh& mesh, std::size_t catalogue_size,
               FrameProducts& out, const StopToken& stop);
 
   FrameProducts& out() const { return out_; }
   bool wants_geometry() const { return wants_geometry_; }
-  // Whether products other than image and radiance are wanted of a row of pixels.
+  // Whether ground-truth products are wanted for a row of pixels.
   bool wants_geometry_of(int y) const { return wants_geometry_ && (!request_.truth || request_.truth->has_row(y)); }
-  // Where those products have a pixel; empty: nowhere.
+  // Index of a pixel in the ground-truth products; empty: not wanted.
   std::optional<std::size_t> slot(std::size_t pixel) const {
     if (!request_.truth) return pixel;
     const auto width = static_cast<std::size_t>(request_.camera.width);
     return request_.truth->slot(static_cast<int>(pixel % width), static_cast<int>(pixel / width));
   }
 
-  // Counts the lanes that hit at once but for those on quads of several sources, which are left: a bit for each.
+  // Counts all lanes that hit at once, except those on quads with several sources, which are returned, one bit each.
   std::uint32_t account_all(const SurfacePoints& points, std::uint32_t hits, PixelCounts& counts);
-  // One lane: its source and counts.
+  // Counts one lane and its source.
   void account(const SurfacePoints& points, int lane, std::size_t pixel, PixelCounts& counts);
   void store_geometry(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
                       std::size_t pixel) const;
-  // Of a lane that sees an object, or a rock, which are numbered after those of the request.
+  // Whether an object index is a rock: rocks are numbered after the request's objects.
   bool is_rock(std::uint16_t object) const { return object != kNoObject && object >= request_.objects.size(); }
   void count_object(std::uint16_t object, PixelCounts& counts) const {
     ++counts.hit, ++(is_rock(object) ? counts.on_rock : counts.on_object);
   }
   void store_object(const ObjectLanes& lanes, int lane, const Vec3& direction, float lit, std::size_t pixel) const;
 
-  // What some pixels see is to be remembered.
+  // Sets the marks: pixels whose hits are recorded.
   void look_at(const ViewMarks& marks) { marks_ = marks; }
   const ViewMarks& marks() const { return marks_; }
-  // Whether some are in these rows: then each of their pixels that sees terrain is told, of the sample that is counted.
+  // Whether marks are in these rows: then each of their pixels that sees terrain must be reported, for the counted
+  // sample.
   bool marked(int first_row, int rows) const { return marks_.in_rows(first_row, rows); }
   void mark(int x, int y, const SurfacePoints& points, int lane);
 
-  // Safe to call concurrently.
+  // Thread-safe.
   void merge(const PixelCounts& counts);
 
   const PixelCounts& counts() const { return total_; }
   const FrameSources& sources() const { return sources_; }
 
  private:
-  // Of terrain or of an object; `spacing_m`: NaN on an object.
+  // Stores the products of a lane on terrain or on an object; `spacing_m`: NaN on an object.
   void store_point(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
                    float spacing_m, std::size_t pixel, std::size_t slot) const;
 

@@ -1,5 +1,5 @@
-// Where a few lines of sight meet the terrain: the boresight and the image's corners. The pixels that they go through
-// are drawn anyway: each of these lines is looked for among the triangles around the one that its pixel sees.
+// Intersections of a few lines of sight with the terrain: the boresight and the image's corners. Their pixels are drawn
+// anyway, so each line is intersected with the triangles around the one that its pixel sees.
 #pragma once
 
 #include <array>
@@ -15,15 +15,15 @@ namespace selenograph::engine {
 
 class ViewMarks {
  public:
-  // The boresight; the corner pixels' centres: upper left, upper right, lower right, lower left.
+  // The boresight; the centres of the corner pixels: upper left, upper right, lower right, lower left.
   static constexpr std::size_t kBoresight = 0, kFirstCorner = 1, kCount = 5;
 
   // No marks.
   ViewMarks() = default;
-  // Of an image that lies `margin_px` within what `views` see. The boresight of rows with times is that of the middle
-  // row. One that doesn't go through a pixel of the image has no mark.
+  // For an image that lies `margin_px` inside the views. With a shutter the boresight is that of the middle row. A
+  // boresight outside the image has no mark.
   ViewMarks(const RowViews& views, int margin_px);
-  // The same places in a frame of pixels half as wide and high.
+  // The same places in a frame with pixels half as wide and high.
   ViewMarks dense() const;
 
   bool in_rows(int first, int count) const {
@@ -31,7 +31,8 @@ class ViewMarks {
     for (const Mark& m : marks_) some |= m.row >= first && m.row < first + count;
     return some;
   }
-  // Of a pixel that sees terrain, whose row in_rows() says yes to. Pixels may be told concurrently.
+  // Records the hit of a pixel that sees terrain, in a row for which in_rows() is true. Thread-safe for different
+  // pixels.
   void meet(int x, int y, const SurfacePoints& points, int lane, dem::SourceIndex source) {
     for (Mark& m : marks_)
       if (m.column == x && m.row == y)
@@ -39,10 +40,10 @@ class ViewMarks {
   }
 
   struct Met {
-    Vec3 position_m, direction;  // direction: unit, of the line of sight there
+    Vec3 position_m, direction;  // direction: unit vector of the line of sight
     dem::SourceIndex source = dem::kNoSource;
   };
-  // `views` and `mesh`: of the frame that the pixels were of. Empty: no terrain was seen there.
+  // `views` and `mesh`: of the frame that was drawn. Empty: no terrain was seen there.
   std::optional<Met> met(std::size_t mark, const RowViews& views, const Mesh& mesh) const;
 
  private:

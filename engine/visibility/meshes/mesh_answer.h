@@ -1,4 +1,4 @@
-// What the process that reads a mesh file tells the one that asked, as bytes: a shape, or why there is none.
+// The answer of the mesh-reading process, as bytes: a shape, or the reason why there is none.
 #pragma once
 
 #include <cstddef>
@@ -12,12 +12,12 @@ namespace selenograph::engine {
 inline constexpr std::size_t kMaxRefusalBytes = 1000;
 
 std::string shape_answer(const ObjectShape& shape);
-// What is beyond kMaxRefusalBytes is cut off.
+// Truncates the text to kMaxRefusalBytes.
 std::string refusal_answer(std::string_view why);
 
-// Throws std::runtime_error with the refusal's text, or when the bytes are no answer: nothing in them is taken on
-// trust. The shape has a triangle and a part at least, indices within bounds, finite places, normals of unit length or
-// zero, and names in UTF-8. No more is allocated than is there.
+// Throws std::runtime_error with the refusal's text, or when the bytes are not a valid answer: they are untrusted. The
+// shape has at least one triangle and one part, indices within bounds, finite positions, normals of unit length or
+// zero, and names in UTF-8. Allocates no more than the answer's size.
 ObjectShape shape_of_answer(std::string_view answer);
 
 }  // namespace selenograph::engine

@@ -1,9 +1,8 @@
-// Objects over the terrain, or alone: what of them a packet of pixels sees, where they stand in the Sun's way, how they
-// shine.
+// Objects over the terrain, or alone: their visibility, shadows and radiance for packets of pixels.
 //
-// Rays are moved into an object's own coordinates in double and start on the ball around it; there float decides which
-// triangle is met and double where. So an object's place costs no accuracy: in lunar orbit, on the ground, or next to
-// the Earth.
+// Rays are transformed to an object's own coordinates in double and start on its bounding sphere; there float finds the
+// triangle and double the point. Accuracy therefore does not depend on an object's position: in lunar orbit, on the
+// ground, or next to the Earth.
 #pragma once
 
 #include <cstdint>
@@ -23,50 +22,52 @@ namespace selenograph::engine {
 
 inline constexpr std::uint16_t kNoObject = 65535;
 
-// Sixteen pixels, as far as they see objects.
+// Object hits of sixteen pixels.
 struct ObjectLanes {
-  // As terrain's are, but `triangle`; on no triangle's edge. The facet's normal is unit and faces the camera.
+  // As for terrain, except `triangle`; never on a triangle's edge. The facet's normal is a unit vector and faces the
+  // camera.
   SurfacePoints points;
   Shading shading;
-  std::uint16_t object[kPacket];  // of FrameRequest::objects, then of the rocks; kNoObject
+  std::uint16_t object[kPacket];  // index into FrameRequest::objects, then into the rocks; or kNoObject
   std::uint32_t part[kPacket];
 };
 
 std::vector<Ball> balls_around(const std::vector<SceneObject>& objects);
-// Whether any material does.
+// Whether any object's material emits.
 bool objects_emit(const std::vector<SceneObject>& objects);
 
 class ObjectsInFrame {
  public:
-  // `request` outlives it. Rocks are of the terrain's material.
+  // `request` must outlive this object. Rocks have the terrain's material.
   ObjectsInFrame(const FrameRequest& request, const RowViews& views, std::span<const dem::RockFeature> rocks = {},
                  const StopToken& stop = {});
-  // For rays from anywhere. What it tells of radiance is of no camera.
+  // For rays with arbitrary origins; its radiances are not those of a camera.
   explicit ObjectsInFrame(const FrameRequest& request, std::span<const dem::RockFeature> rocks = {},
                           const StopToken& stop = {});
   ObjectsInFrame(const ObjectsInFrame&) = delete;
   ObjectsInFrame& operator=(const ObjectsInFrame&) = delete;
 
   bool empty() const { return placed_.empty(); }
-  // Which of the rocks an index of ObjectLanes is, if it is one, and the other way round.
+  // Index of a rock from an index in ObjectLanes, if it is a rock; and the other way round.
   std::optional<std::size_t> rock(std::uint16_t object) const {
     return is_rock(object) ? std::optional<std::size_t>(object - first_rock_) : std::nullopt;
   }
   std::uint16_t index_of_rock(std::size_t rock) const { return static_cast<std::uint16_t>(first_rock_ + rock); }
 
-  // Where an object is nearer than the terrain: a bit for each lane, which the terrain and its rays lose.
+  // Finds lanes where an object is nearer than the terrain, one bit each, and removes them from the terrain's points
+  // and rays.
   std::uint32_t meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const;
 
-  // Lanes from whose points an object blocks the way toward the Sun, of those that ask: a bit for each. `own`: objects
-  // that the points are on; null: on terrain.
+  // Lanes, of those asking, from whose points an object blocks the direction toward the Sun, one bit each. `own`: the
+  // objects that the points are on; null: on terrain.
   std::uint32_t blocked(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,
                         const Vec3& sun) const;
 
-  // Per lane, W m-2 sr-1: with the Sun, and what is left without it.
+  // Radiance per lane, W m-2 sr-1: with the Sun, and without it.
   void radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit, float* out, float* base) const;
 
  private:
-  // Without a view all objects may be seen, by rays that don't come from one place.
+  // `views` null: all objects may be seen, by rays without a common origin.
   ObjectsInFrame(const FrameRequest& request, const RowViews* views);
 
   struct Finish {
@@ -76,8 +77,8 @@ class ObjectsInFrame {
   };
   struct Placed {
     const ObjectMesh* mesh;
-    Eigen::Matrix3d moon_from_object, object_from_moon;  // the latter with the scale
-    Vec3 position, middle;                               // MOON_ME, m; middle: what the tracer's rays are relative to
+    Eigen::Matrix3d moon_from_object, object_from_moon;  // the latter includes the scale
+    Vec3 position, middle;                               // MOON_ME, m; middle: origin of the tracer's rays
     double scale;
     Ball ball;
     bool in_view;
@@ -100,12 +101,12 @@ class ObjectsInFrame {
              double* nearest, ObjectLanes& out) const;
 
   const FrameRequest& request_;
-  std::vector<std::vector<Finish>> finishes_;  // of each object, then of all rocks
+  std::vector<std::vector<Finish>> finishes_;  // per object, then one for all rocks
   std::vector<Placed> placed_;
-  std::size_t first_rock_ = kNoObject;  // of those placed; they are traced together, relative to the anchor
+  std::size_t first_rock_ = kNoObject;  // first rock; rocks are traced as one group, relative to the anchor
   std::optional<ObjectGroup> rocks_;
   Vec3 anchor_m_ = Vec3::Zero();
-  double rocks_radius_m_ = 0;  // of a ball around the anchor that holds them
+  double rocks_radius_m_ = 0;  // radius of their bounding sphere around the anchor
   bool any_in_view_ = false, from_one_place_;
 };
 

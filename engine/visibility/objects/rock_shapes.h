@@ -1,4 +1,4 @@
-// What rocks look like: a handful of shapes, deformed and turned by hash.
+// Shapes of rocks: a few meshes, deformed and rotated by hash.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -10,12 +10,12 @@
 
 namespace selenograph::engine {
 
-// Angular stones: a ball, flattened, that planes have cut pieces off. The largest horizontal extent is 1, the origin
-// where it leaves the ground, z up: from 0.5 to 0.7 of its diameter high (lunar boulders: 0.6 on average, Demidov &
-// Basilevsky 2014), and a third as deep in the ground. Made once.
+// Angular stones: a flattened sphere cut by planes. The largest horizontal extent is 1; the origin is at ground level,
+// z is up. They are 0.5 to 0.7 of their diameter high (lunar boulders: 0.6 on average, Demidov & Basilevsky 2014), with
+// a third of the height below ground. Made once.
 const std::vector<std::shared_ptr<const ObjectMesh>>& rock_shapes();
 
-// Of a rock of such a form (dem::Rock): which shape, and how it stands where the ground's normal is `up`.
+// Shape and orientation of a rock (dem::Rock) where the ground's normal is `up`.
 struct RockPose {
   std::size_t shape;
   Eigen::Quaterniond moon_from_rock;

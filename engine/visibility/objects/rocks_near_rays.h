@@ -1,4 +1,4 @@
-// Which rocks of a detail rays may meet.
+// Finds the rocks of a detail that rays may hit.
 #pragma once
 
 #include <map>
@@ -16,21 +16,21 @@
 
 namespace selenograph::engine {
 
-// Of terrain with rocks. Where few rays pass a block, the rocks along each of them; else all that lie in the block or
-// reach into it, which it remembers.
+// For terrain with rocks. If few rays pass a block, it finds the rocks along each of them; otherwise all rocks in the
+// block or reaching into it, which it remembers.
 class RocksNearRays {
  public:
   explicit RocksNearRays(const dem::Terrain& terrain) : survey_(terrain) {}
 
   double largest_m() const { return survey_.field().law().largest_m; }
-  // The largest first; nothing where they were more than kMostRocks. `blocks`: what the rays may meet
-  // (select_for_rays).
+  // Returns the rocks, the largest first; empty when there are more than kMostRocks. `blocks`: the blocks that the rays
+  // may hit (select_for_rays).
   std::optional<std::vector<dem::RockFeature>> along(std::span<const Ray> rays, std::span<const BlockOnRays> blocks,
                                                      const StopToken& stop);
 
  private:
-  using Piece = std::pair<int, dem::BlockId>;  // of an octave
-  struct Strip {                               // beneath a part of a ray
+  using Piece = std::pair<int, dem::BlockId>;  // octave and block
+  struct Strip {                               // ground below a part of a ray
     int octave;
     dem::Footprint box;
   };
@@ -40,7 +40,7 @@ class RocksNearRays {
   };
   std::optional<Places> places_along(std::span<const Ray> rays, std::span<const BlockOnRays> blocks,
                                      const StopToken& stop) const;
-  // From now on they are known; false: their rocks are more than kMostNewRocks.
+  // Finds the rocks of pieces and remembers them; false: more than kMostNewRocks.
   bool find(const std::vector<Piece>& pieces, const StopToken& stop);
 
   dem::RockSurvey survey_;

@@ -1,9 +1,9 @@
-// The Sun's disc as a surface receives it: how much of its light a point sees, and how steeply that falls in.
+// Light of the solar disc on a surface: the visible share of the disc, and the mean cosine of incidence.
 //
-// Places on the disc are in units of its radius: `across` (level, seen from the scene) and `upward` (along the sky,
-// away from the ground). Terrain blocks, of each column of the disc, what is below a horizon: kColumns of them stand
-// for the disc (Gauss-Chebyshev quadrature of the second kind, exact for smooth horizons and weighed by the disc's
-// light, limb darkening included).
+// Places on the disc are in units of its radius: `across` (horizontal, seen from the scene) and `upward` (along the
+// sky, away from the ground). In each column of the disc, terrain blocks what is below a horizon. kColumns columns
+// represent the disc (Gauss-Chebyshev quadrature of the second kind, exact for smooth horizons, weighted by the disc's
+// light including limb darkening).
 #pragma once
 
 #include <array>
@@ -16,20 +16,20 @@
 
 namespace selenograph::engine {
 
-// Of a normal: its product with the unit direction to a place on the disc, which is linear in the place to within the
-// disc's radius squared (a part in 50 000 for the Sun). A facet's normal may have any length.
+// The dot product of a normal with the unit direction to a place on the disc. It is linear in the place to within the
+// disc's radius squared (1 in 50 000 for the Sun). A facet's normal may have any length.
 struct DiscPlane {
   double middle = 0, across = 0, upward = 0;
   double at(double x, double y) const { return middle + across * x + upward * y; }
 };
 
-// share: of the disc's light, that arrives. cosine: mean, over all of the disc's light, of the cosine of incidence
-// where it arrives, else 0: what the disc's irradiance at normal incidence is multiplied by.
+// share: share of the disc's light that arrives. cosine: mean, over all of the disc's light, of the cosine of incidence
+// where the light arrives, and 0 elsewhere: the factor of the disc's irradiance at normal incidence.
 struct DiscShare {
   double share = 0, cosine = 0;
 };
 
-// Sixteen planes, as floats.
+// Sixteen planes in float.
 struct DiscPlanes {
   alignas(64) float middle[kPacket], across[kPacket], upward[kPacket];
   DiscPlane lane(std::size_t i) const {
@@ -37,11 +37,11 @@ struct DiscPlanes {
   }
 };
 
-// Of sixteen points, their facets and the normals that they are shaded by.
+// Planes of sixteen points: of their facets and of their shading normals.
 struct DiscLanes {
   DiscPlanes facet, shading;
-  // Those that face all of the disc, a bit each, and of these how steeply the cosine grows across and upward, in parts
-  // of its value at the middle.
+  // Lanes that face the whole disc, one bit each, and for these the gradient of the cosine across and upward, relative
+  // to its value at the middle.
   std::uint32_t whole;
   alignas(64) float tilt_across[kPacket], tilt_upward[kPacket];
 };
@@ -51,43 +51,42 @@ class DiscLight {
   static constexpr int kColumns = 7;
   static constexpr float kNoHorizon = -1e9F;
 
-  // `up`: away from the ground at the scene.
+  // `up`: direction away from the ground at the scene.
   DiscLight(const Sun& sun, const Vec3& up);
 
   double radius() const { return radius_; }  // tangent of the angular radius
-  // Unit, toward a place on the disc or beside it.
+  // Unit direction toward a place on the disc or beside it.
   Vec3 direction(double across, double upward) const;
-  float column(int j) const { return columns_[static_cast<std::size_t>(j)]; }  // across, ascending
+  float column(int j) const { return columns_[static_cast<std::size_t>(j)]; }  // position across, ascending
 
   DiscPlane plane(const Vec3& normal) const {
     return {normal.dot(toward_), radius_ * normal.dot(across_), radius_ * normal.dot(upward_)};
   }
-  // What a facet receives whose surroundings block nothing, in closed form. `shading`: the plane of the normal that
-  // cosines are taken of; light counts only where it faces the Sun, too.
+  // Light on a facet without occluders, in closed form. `shading`: plane of the normal for the cosine; light counts
+  // only where this normal, too, faces the Sun.
   DiscShare alone(const DiscPlane& facet, const DiscPlane& shading) const;
 
-  // The same of sixteen points that hit, unless the solid inside of the Moon, below all relief, stands between. Sets
-  // `lit`, the share, and `shading.incident`; returns the lanes to which some light comes, a bit each.
+  // The same for sixteen points that hit, unless the Moon's interior, below all relief, hides the Sun. Sets `lit`, the
+  // share, and `shading.incident`; returns the lanes that receive light, one bit each.
   std::uint32_t alone(const SurfacePoints& points, Shading& shading, DiscLanes& out, float* lit) const;
 
-  // Sixteen points under horizons (upward, per column; kNoHorizon): which part is left of what each would receive
-  // alone. Of `share` and of `cosine`. Where all face the whole disc, their planes are not needed.
+  // For sixteen points with horizons (upward, per column; kNoHorizon): the remaining part of `share` and of `cosine`,
+  // relative to alone(). If all face the whole disc, their planes are not needed.
   void left(const float (*horizons)[kPacket], const DiscLanes& turned, float* of_share, float* of_cosine) const;
 
-  // Directions of equal light (Vogel's sunflower), for whatever is not a horizon: objects, and rays. A few tell whether
-  // the disc is in doubt at all: the middle and the rim come first.
+  // Directions of equal light (Vogel's sunflower), for occlusion that is not a horizon: objects, and ray tracing. The
+  // scouts (the middle and the rim, which come first) decide whether the disc is partly hidden at all.
   static constexpr int kScouts = 14, kDirections = 256;
   struct Place {
     double across, upward;
   };
   const std::array<Place, kDirections>& places() const { return places_; }
   const std::array<Vec3, kDirections>& directions() const { return directions_; }
-  using Free = std::bitset<kDirections>;  // directions in which nothing stands
+  using Free = std::bitset<kDirections>;  // unblocked directions
 
-  // blocked(lanes, direction) says from which of these lanes' points something stands in that direction, a bit each.
-  // Takes that out of the `lanes`' lit and incident, as alone() has set them. The directions are asked for one after
-  // the other, all but the scouts only where these disagree about some lane. free: per lane; may be null. Returns the
-  // lanes of which a part is blocked.
+  // Reduces `lit` and incident, as set by alone(), of the `lanes` that are partly blocked. blocked(lanes, direction)
+  // returns the lanes, one bit each, that are blocked in a direction. All directions are asked only if the scouts
+  // disagree about a lane. free: unblocked directions per lane; may be null. Returns the lanes that are partly blocked.
   template <typename Blocked>
   std::uint32_t take_out(const Blocked& blocked, std::uint32_t lanes, const DiscLanes& turned, float* lit,
                          double* incident, Free* free = nullptr) const {
@@ -117,31 +116,31 @@ class DiscLight {
     return partly;
   }
 
-  // Of a lane whose free directions are known, under horizons besides: as left() has it.
+  // The remaining part for a lane with known free directions and horizons, as in left().
   DiscShare left_of(const Free& free, const float* horizons, std::size_t stride, const DiscLanes& turned,
                     std::uint32_t lane) const;
 
-  // Takes a part out of what alone() has set.
+  // Applies a remaining part to the values set by alone().
   static void reduce(const DiscShare& left, float& lit, double& incident) {
     if (left.share > 0) incident *= left.cosine / left.share;
     lit *= static_cast<float>(left.share);
   }
 
-  // Columns with their weights and tables of the light above a place in them: for `left`.
+  // Columns with their weights, and tables of the light above a place in them, for left().
   struct Table {
     static constexpr int kSteps = 64;
-    bool even;                               // not darkened toward the limb
-    float half[kColumns], weight[kColumns];  // half its length; share of the disc's light
-    // Of the column's light, the share above a place from its lower to its upper end, and the mean of `upward` over the
-    // column of what is above.
+    bool even;                               // no limb darkening
+    float half[kColumns], weight[kColumns];  // half length; share of the disc's light
+    // Share of the column's light above a place, from its lower to its upper end, and the first moment of that light in
+    // `upward`.
     float above[kColumns][kSteps + 2], moment[kColumns][kSteps + 2];
   };
 
  private:
-  // Columns of equal width in angle: for facets that two chords bound.
+  // Columns of equal angular width, for facets bounded by two chords.
   static constexpr int kFine = 32;
   struct FineColumn {
-    double across, half, weight;  // the sum of all weights over all light is 1
+    double across, half, weight;  // weights sum to 1 over the disc's light
   };
 
   DiscShare ratio(const Free& open, const Free& faced, const DiscLanes& turned, std::uint32_t lane) const;

@@ -1,4 +1,4 @@
-// Sixteen triangles of the mesh at a time, structure of arrays.
+// Sixteen triangles of the mesh, structure of arrays.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@ namespace selenograph::engine {
 
 struct alignas(64) Facets {
   double a[3][kPacket], b[3][kPacket], c[3][kPacket];                      // vertices, MOON_ME, metres
-  float normal_a[3][kPacket], normal_b[3][kPacket], normal_c[3][kPacket];  // theirs, for shading
+  float normal_a[3][kPacket], normal_b[3][kPacket], normal_c[3][kPacket];  // vertex normals, for shading
 };
 
 inline bool in_one_block(const TriangleId ids[kPacket]) {
@@ -19,7 +19,7 @@ inline bool in_one_block(const TriangleId ids[kPacket]) {
   return TriangleId(other).block() == 0;
 }
 
-// For a mesh that has triangles. The triangles' vertices are those of Mesh::triangle, bit for bit.
+// For a mesh with triangles. The vertices equal those of Mesh::triangle, bit for bit.
 void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out);
 
 }  // namespace selenograph::engine

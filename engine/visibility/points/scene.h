@@ -1,5 +1,4 @@
-// What visibility works on: a joined mesh and its acceleration structure, shared between frames that see the same
-// terrain.
+// A joined mesh with its acceleration structure, shared between frames that see the same terrain.
 #pragma once
 
 #include <algorithm>
@@ -13,23 +12,23 @@
 
 namespace selenograph::engine {
 
-// All that a scene depends on: of equal content, one is kept.
+// Everything that a scene depends on: the key of the scene cache.
 struct SceneContent {
-  std::vector<dem::BlockId> blocks;  // as selected: sorted
-  Vec3 anchor_m = Vec3::Zero();      // of its float coordinates
+  std::vector<dem::BlockId> blocks;  // as selected, sorted
+  Vec3 anchor_m = Vec3::Zero();      // origin of its float coordinates
   Visibility visibility = Visibility::raytrace;
-  const dem::Terrain* terrain = nullptr;  // that has the blocks, with its detail; null: the one without
+  const dem::Terrain* terrain = nullptr;  // the terrain with its detail; null: without detail
 };
 
-// What another scene may take over of one.
+// Parts of a scene that another one may reuse.
 struct SceneParts {
   std::shared_ptr<const Mesh> mesh;  // may be null
   RasterParts raster;
 };
 
 struct Scene {
-  // For one of the two visibility algorithms: the other's structure is not made. `before`: of a scene that may have
-  // blocks in common, for this one's anchor. Throws Cancelled when it is stopped.
+  // Builds the structure of one visibility algorithm only. `before`: parts of a scene that may have blocks in common,
+  // with the same anchor. Throws Cancelled when stopped.
   Scene(const dem::Terrain& terrain, const SceneContent& content, int threads, const SceneParts& before = {},
         const StopToken& stop = {})
       : shared_mesh(std::make_shared<Mesh>(terrain, content.blocks, before.mesh.get(), stop)),
@@ -46,19 +45,19 @@ struct Scene {
       triangles += static_cast<std::size_t>(dem::triangles_of_block(b.posts->id.level));
   }
 
-  // For a scene of another anchor this holds on to less than the scene itself would.
+  // For another anchor this keeps less than the whole scene alive.
   SceneParts parts_for(const Vec3& anchor_m) const {
     return {shared_mesh, raster ? raster->parts_for(anchor_m) : RasterParts{}};
   }
 
-  // From the blocks alone, not from how they were selected: scenes of the same blocks are the same scene.
+  // Computed from the blocks only, not from their selection: scenes of the same blocks are identical.
   static double highest_m(const Mesh& mesh) {
     float highest = dem::kLowestRelief_m;
     for (const MeshBlock& b : mesh.blocks()) highest = std::max(highest, b.posts->max_m);
     return static_cast<double>(highest);
   }
 
-  // What it may share with other scenes: each as part(address, bytes); and what it has besides.
+  // Visits the parts that may be shared with other scenes as part(address, bytes); and the bytes of the rest.
   template <typename Part>
   void for_each_part(const Part& part) const {
     for (const MeshBlock& block : mesh.blocks()) part(static_cast<const void*>(&block), block.bytes());
@@ -77,10 +76,10 @@ struct Scene {
   const Mesh& mesh = *shared_mesh;
   std::unique_ptr<RayTracer> tracer;
   std::unique_ptr<RasterMesh> raster;
-  double shell_m;  // radius of a sphere around everything in it
-  Vec3 anchor;     // of both structures' float coordinates
+  double shell_m;  // radius of a sphere around the scene
+  Vec3 anchor;     // origin of both structures' float coordinates
   int detail;      // dem::Terrain::detail_number()
-  // Of all parts. Counted once: to look at each block takes milliseconds.
+  // Bytes of all parts, counted once: visiting every block takes milliseconds.
   std::size_t bytes = 0, triangles = 0;
 };
 

@@ -1,4 +1,4 @@
-// What shades: from a packet's surface points to its radiance.
+// Shading: from a packet's surface points to its radiance.
 #pragma once
 
 #include <optional>
@@ -15,20 +15,20 @@ namespace selenograph::engine {
 
 class PacketShader {
  public:
-  // `request` and `views` outlive it.
+  // `request` and `views` must outlive this object.
   PacketShader(const FrameRequest& request, const RowViews& views, const RadianceTerms& terms);
 
   // Unit normals and cosines to Sun and camera.
   void shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const;
 
-  // Per lane, W m-2 sr-1, eq. (1). `lit`: how much of the Sun each point sees. `base`: what is left without the Sun;
-  // written where a map decides, else it is base_radiance() everywhere. `sampler`: the calling task's own.
-  // `first_row`: of a square packet, where rows have views of their own.
+  // Radiance per lane, W m-2 sr-1, eq. (1). `lit`: share of the Sun that each point sees. `base`: radiance without the
+  // Sun; written if a map decides it, otherwise it is base_radiance() everywhere. `sampler`: the calling task's own.
+  // `first_row`: of a square packet, when rows have their own views.
   using Sampler = MappedSurface::Sampler;
   void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                  Sampler& sampler, float* out, float* base, int first_row = 0) const;
   Sampler sampler(const StopToken& stop) const { return mapped_ ? mapped_->sampler(stop) : Sampler(); }
-  // Whether base radiance is another at every place.
+  // Whether base radiance varies from place to place.
   bool bases_vary() const { return mapped_ && mapped_->emits(); }
   float base_radiance() const { return base_; }
 

@@ -1,4 +1,4 @@
-// Frames by rays: what each pixel sees and whether the Sun reaches it is asked of Embree, sixteen pixels at a time.
+// Renders frames by ray tracing: visibility and shadows of sixteen pixels at a time by Embree.
 #pragma once
 
 #include <algorithm>
@@ -20,22 +20,23 @@ class RayPass {
  public:
   RayPass(const FrameJob& job, FrameWriter& writer);
 
-  // What a task has to itself.
+  // State of one task.
   struct Task {
     PixelCounts counts;
     PacketShader::Sampler sampler;
   };
 
-  // One sample of 4 x 4 pixels, from (x, y); it goes through the stages at once. What a stage finds, the next ones use.
+  // One sample of 4 x 4 pixels, from (x, y). It goes through all stages in turn; each stage uses what the former ones
+  // found.
   struct Packet {
-    // (Written out: the arrays needn't be zeroed.)
+    // (A constructor, so that the arrays are not zeroed.)
     Packet(int x0, int y0, const SubpixelSample& of, Task& by) : x(x0), y(y0), sample(of), task(by) {}
 
     int x, y;
     const SubpixelSample& sample;
     Task& task;
     Rays rays;
-    // Lanes that see terrain, and those that see objects: a bit each.
+    // Lanes that see terrain, and lanes that see objects, one bit each.
     std::uint32_t on_terrain, on_object;
     SurfacePoints points;
     Shading shading;
@@ -44,7 +45,7 @@ class RayPass {
     float object_lit[kPacket], object_radiance[kPacket];
   };
 
-  // stages(*this, packet) for all packets of all samples. Parallel; stops after a few packets.
+  // Calls stages(*this, packet) for all packets of all samples. Parallel; stops after a few packets.
   template <typename Stages>
   void for_pixels(const Stages& stages) {
     const std::vector<SubpixelSample> samples = samples_of(job_.request);
@@ -82,7 +83,7 @@ class RayPass {
     });
   }
 
-  // The stages, in order. The first: where the pixels look, and what is met there.
+  // The stages, in order. The first one makes the rays and finds the visible points.
   void find_points(Packet& packet) const {
     aim(packet);
     meet(packet);
@@ -116,7 +117,7 @@ class RayPass {
   PacketRays rays_;
   PacketShader shader_;
   std::optional<DiscLight> disc_;
-  mutable std::vector<float> sample_radiance_;  // of one sample, where each is asked for; else empty
+  mutable std::vector<float> sample_radiance_;  // of one sample, if `each` needs it; otherwise empty
 };
 
 }  // namespace selenograph::engine

@@ -1,9 +1,9 @@
-// The image in tiles, and which strips of the mesh may be in each.
+// Divides the image into tiles and finds the strips of the mesh that may be in each.
 //
-// A lens bends what the image plane shows straight. Its pixels are then samples in the plane before the lens: each tile
-// has an affine map from that plane to its pixels, close enough that a sample lies within a fraction of a pixel of its
-// place in the tile (TileView::slack), and triangles, which an affine map leaves triangles, are tested at the samples
-// themselves. So the z-buffer is exact at the centres of a distorted image's pixels, too.
+// With distortion, pixels are samples in the undistorted image plane: each tile has an affine map from that plane to
+// its pixels, close enough that a sample lies within a fraction of a pixel of its place in the tile (TileView::slack).
+// Triangles, which stay triangles under an affine map, are tested at the samples themselves, so the z-buffer is exact
+// at the pixel centres of a distorted image, too.
 #pragma once
 
 #include <cstdint>
@@ -16,29 +16,29 @@
 
 namespace selenograph::engine {
 
-// Where a strip may be in the image, in pixels of the camera without its lens; empty when it can't be in view.
+// Bounding box of a strip in the image, in pixels of the undistorted camera; empty when it is out of view.
 struct StripBox {
   float low[2], high[2];
-  bool leaves_guard_band;  // some of its vertices may, in some tile: see in_guard_band
+  bool leaves_guard_band;  // some vertices may leave it in some tile: see in_guard_band
   bool empty() const { return !(low[0] <= high[0] && low[1] <= high[1]); }
 };
 
 // One tile of the image.
 struct ImageTile {
   int x0, y0, width, height;
-  float low[2], high[2];              // of its samples, in pixels of the camera without its lens
-  std::vector<std::uint32_t> strips;  // that may be in it
+  float low[2], high[2];              // bounds of its samples, in pixels of the undistorted camera
+  std::vector<std::uint32_t> strips;  // strips that may be in the tile
 };
 
 class ImageTiling {
  public:
-  // Both outlive it.
+  // Both arguments must outlive this object.
   ImageTiling(const RasterMesh& mesh, const View& view);
 
   bool bends() const { return bends_; }  // whether there is distortion
 
-  // Tiles of the image whose pixels are seen at places (dx, dy) beside their centres. `rays`: there, of a camera with
-  // distortion. Parallel.
+  // Makes the tiles of the image for samples at offsets (dx, dy) from the pixel centres. `rays`: of these samples, for
+  // a camera with distortion. Parallel.
   void lay(double dx, double dy, const PixelRays& rays, std::vector<StripBox>& boxes,
            std::vector<ImageTile>& tiles) const;
 

@@ -1,7 +1,7 @@
-// The two inner loops of rasterisation, for every vector width that the machine may have (Highway, chosen at run time).
+// The two inner loops of rasterisation, vectorised with Highway and dispatched at run time.
 //
-// Both are exact where it counts: a shared edge is evaluated from the same end in the same order for either triangle,
-// so that no sample falls between two of them.
+// A shared edge is evaluated from the same end in the same order for both of its triangles, so that no sample falls
+// between them.
 #pragma once
 
 #include <cmath>
@@ -13,28 +13,29 @@
 
 namespace selenograph::engine {
 
-// From places relative to the anchor to pixels of one tile: x / z and y / z of row . (p - pivot) + offset.
+// Projection from places relative to the anchor to pixels of one tile: x / z and y / z of row . (p - pivot) + offset.
 //
-// The pivot is near whatever is near: the eye; or, from far away, the anchor, because what float would round off a
-// place relative to the eye is tens of metres at 400 000 km. Nearness is a growing function of 1 / depth, and linear in
-// it (so that it is linear in the image): (near0 - near1 row[2] . (p - pivot)) / depth.
+// The pivot is the eye or, for a distant camera, the anchor: relative to the eye, float would round places by tens of
+// metres at 400 000 km. Nearness is an increasing function of 1 / depth and linear in it (and so linear in the image):
+// (near0 - near1 row[2] . (p - pivot)) / depth.
 struct TileView {
   float pivot[3];   // relative to the anchor, metres
-  float row[3][3];  // focal lengths and the tile's corner included
+  float row[3][3];  // includes focal lengths and the tile's corner
   float offset[3];
   float near0, near1;
   int width, height;
   float least_depth;  // metres
-  // Where the samples are, row by row, and how far from their pixels at most; null: they are the pixels. NaN: none.
+  // Positions of the samples, row by row, and their largest distance from their pixels; null: they are the pixels. NaN:
+  // none.
   const float *sample_x, *sample_y;
   float slack[2];
 };
-inline constexpr std::size_t kTilePadding = 32;  // beyond the last pixel: vectors reach there, and a look ahead
+inline constexpr std::size_t kTilePadding = 32;  // padding beyond the last pixel for vectors and prefetching
 inline constexpr float kFarthest = -2;           // less than any nearness
 
 // Nearest triangle of each pixel of a tile, row by row.
 struct TileBuffer {
-  std::vector<float> nearness;  // kFarthest: nothing
+  std::vector<float> nearness;  // kFarthest: none
   std::vector<std::uint32_t> triangle;
   std::vector<float> sample_x, sample_y;  // for TileView
   void clear(int width, int height);
@@ -43,29 +44,29 @@ struct TileBuffer {
   }
 };
 
-// The guard band: in front of the eye and not too far beside the tile. There a vertex has a place in pixels that float
-// can hold: at 16 384 pixels to 1/512.
+// Guard band: in front of the eye and not too far outside the tile. There float resolves a vertex's pixel position to
+// 1/512 at 16 384 pixels.
 inline constexpr float kGuardBand_px = 16384;
 inline bool in_guard_band(float depth, float x, float y, float least_depth) {
   return depth >= least_depth && std::abs(x) <= kGuardBand_px && std::abs(y) <= kGuardBand_px;
 }
 
-// Draws the strip's triangles, whichever way they face. All of its vertices are in the guard band, unless it
-// `leaves_guard_band`: then each triangle is drawn by itself, by homogeneous edges in double. The nearest triangle
-// wins; of several that are equally near, one and the same at every vector width.
+// Draws the strip's triangles, two-sided. All vertices are inside the guard band unless it `leaves_guard_band`: then
+// each triangle is drawn by itself with homogeneous edge functions in double. The nearest triangle wins; among equally
+// near ones the choice is the same at every vector width.
 void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& view, bool leaves_guard_band,
                 TileBuffer& out);
 
-// Rows of cells of samples under the Sun, one band of them: the samples of a row lie one after the other, those of a
-// cell too. u, v across the Sun's direction, d toward the Sun, metres.
+// One band of light space: samples in rows of cells, contiguous per row and per cell. u, v across the Sun's direction,
+// d toward the Sun, metres.
 struct LightBand {
-  float u0, v0;        // of the first cell's corner (v0: of the band's)
+  float u0, v0;        // corner of the first cell (v0: of the band)
   float per_u, per_v;  // cells per metre
   int columns, rows;
-  float margin_m;                    // how far beside the band, by rounding, samples of it may lie
+  float margin_m;                    // rounding margin of samples outside the band
   std::vector<std::uint32_t> start;  // columns * rows + 1
   std::vector<float> u, v, d;        // padded by 16; infinite d: in shadow
-  // Least d of kCoarse cells of a row together, for a quick look: see find_least.
+  // Minimum of d over kCoarse cells of a row, for a quick rejection: see find_least.
   static constexpr int kCoarse = 16;
   int coarse_columns = 0;
   std::vector<float> least;
@@ -78,7 +79,7 @@ struct LightBand {
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(coarse_columns) +
            static_cast<std::size_t>(coarse_column);
   }
-  // Whether anything in a box of cells (columns c0 to c1, rows r0 to r1) may lie below d_m and isn't dark already.
+  // Whether any sample in a box of cells (columns c0 to c1, rows r0 to r1) may be below d_m and is not in shadow yet.
   bool any_below(int c0, int c1, int r0, int r1, float d_m) {
     for (int r = r0; r <= r1; ++r)
       for (int q = c0 / kCoarse; q <= c1 / kCoarse; ++q)
@@ -92,13 +93,13 @@ struct LightAxes {
   float u[3], v[3], d[3];
 };
 
-// Smallest and largest of n > 0 values.
+// Minimum and maximum of n > 0 values.
 void range_of(const float* x, std::size_t n, float& low, float& high);
 
 // Sets band.least for a box of cells (columns c0 to c1, rows r0 to r1).
 void find_least(LightBand& band, int c0, int c1, int r0, int r1);
 
-// Puts the samples into shadow that lie under triangles of the strip that face away from the Sun.
+// Marks the samples as shadowed that lie under triangles of the strip that face away from the Sun.
 void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band);
 void cast_skirt(const Skirt& skirt, const LightAxes& axes, LightBand& band);
 

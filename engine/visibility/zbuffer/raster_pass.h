@@ -1,5 +1,5 @@
-// Frames by z-buffer and irregular shadow map: strips of the mesh are drawn into tiles of the image, each pixel's point
-// is refined in double by the code that rays use, and shadows are cast on exactly these points.
+// Renders frames by z-buffer and irregular shadow map: strips of the mesh are drawn into tiles of the image, each
+// pixel's point is refined in double by the code that ray tracing uses, and shadows are cast on exactly these points.
 #pragma once
 
 #include <cstdint>
@@ -20,24 +20,24 @@
 
 namespace selenograph::engine {
 
-// What the samples at edges (edge_samples.h) need.
+// Scratch memory of edge samples (edge_samples.h).
 struct EdgeScratch {
   std::vector<ImageTile> tiles;                    // of the dense frame
-  std::vector<std::vector<std::uint32_t>> pixels;  // per tile, of the frame
-  // Of a batch of tiles: the first of each tile's samples; one more: the end. Radiance and bases: of each sample.
+  std::vector<std::vector<std::uint32_t>> pixels;  // edge pixels of the frame, per tile
+  // For a batch of tiles: index of each tile's first sample, plus the end. Radiance and bases: per sample.
   std::vector<std::size_t> first;
   std::vector<LightSamples> samples;
   std::vector<float> radiance, bases;
   std::size_t bytes() const;
 };
 
-// All that a frame needs while it is drawn; kept from frame to frame.
+// Scratch memory of a frame, reused from frame to frame.
 struct FrameScratch {
   std::vector<StripBox> boxes;
   std::vector<ImageTile> tiles;
   std::vector<LightSamples> samples;  // per tile
   std::vector<float> radiance;        // of one sub-pixel sample
-  std::vector<float> bases;           // per pixel, without the Sun; empty: the same everywhere
+  std::vector<float> bases;           // radiance without the Sun per pixel; empty: the same everywhere
   EdgeScratch edges;
   LightScratch light;
   Pool<TileBuffer> buffers;  // one per thread
@@ -48,16 +48,16 @@ class RasterPass {
  public:
   RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& scratch, StageTimes& times);
 
-  // One sample of all pixels; it goes through the stages at once. Between them a point is no more than its place under
-  // the Sun (FrameScratch::samples) and its radiance with the Sun in view and without it: the shadow map needs all
-  // points before it can answer for any.
+  // One sample of all pixels. It goes through all stages in turn. Between stages a point is only its place in light
+  // space (FrameScratch::samples) and its radiance with and without the Sun: the shadow map needs all points before it
+  // can answer for any.
   struct Pixels {
     explicit Pixels(const SubpixelSample& of) : sample(of) {}
     const SubpixelSample& sample;
     Stopwatch watch;
   };
 
-  // stages(*this, pixels) for each sample.
+  // Calls stages(*this, pixels) for each sample.
   template <typename Stages>
   void for_pixels(const Stages& stages) {
     for (const SubpixelSample& sample : samples_of(request_)) {
@@ -74,7 +74,7 @@ class RasterPass {
   void write_products(Pixels& pixels);
 
  private:
-  struct Row;  // of a tile, sixteen pixels
+  struct Row;  // sixteen pixels of a tile
 
   void resolve_tile(const ImageTile& tile, const TileBuffer& buffer, const SubpixelSample& sample,
                     const PixelRays& lens, PixelCounts& counts, LightSamples& samples);
@@ -83,7 +83,7 @@ class RasterPass {
   void resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets, PixelCounts& counts,
                       LightSamples& samples, PacketShader::Sampler& sampler);
   void refine_edges(Pixels& pixels);
-  struct EdgeTiles;  // a batch
+  struct EdgeTiles;  // a batch of tiles
   void refine_tiles(const EdgeTiles& batch, Pixels& pixels);
   void resolve_edges(const EdgeTiles& batch, std::size_t i, const TileBuffer& buffer);
   void shade(std::vector<float>& radiance, const std::vector<float>& bases) const;
@@ -93,7 +93,8 @@ class RasterPass {
   void place_under_sun(const SurfacePoints& points, const std::uint16_t* own, std::size_t first_pixel, Shading& shading,
                        float* lit, LightSamples& samples) const;
   void shade_by_objects(const SurfacePoints& points, const std::uint16_t* own, std::int32_t* facing) const;
-  // Sixteen points before the Sun's disc, if it has one. partly: the lanes that objects leave some of it; free: which.
+  // Sixteen points and the solar disc, if the Sun has one. partly: lanes for which objects hide part of it; free: which
+  // directions remain.
   struct BeforeDisc {
     const DiscLanes* turned = nullptr;
     std::uint32_t partly = 0;
