@@ -1,5 +1,5 @@
-// The service without a socket: a request in, an answer out. server/ maps HTTP onto it; `render` uses it directly, so
-// that both give the very same bytes.
+// The service without HTTP: a request in, an answer out. server/ adds HTTP; `render` uses it directly, so that both
+// give the same bytes.
 #pragma once
 
 #include <cstddef>
@@ -12,25 +12,26 @@
 
 namespace selenograph::api {
 
-// const means safe to call concurrently.
+// Thread-safe: const functions may be called concurrently.
 class Service {
  public:
-  // `assets_folder`: see Assets; empty: none. `meshes`: how those of its objects are read. `memory`: of requests in
-  // work and their answers; null: unbounded. A request that could never fit is refused, one that doesn't fit now waits
-  // a moment for its turn.
+  // `assets_folder`: see Assets; empty: none. `meshes`: options for reading object meshes. `memory`: budget of active
+  // requests and their responses; null: unbounded. A request that could never fit is rejected, one that does not fit
+  // now waits briefly for its turn.
   Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder = {},
           const engine::MeshReaderOptions& meshes = {}, std::shared_ptr<MemoryBudget> memory = nullptr);
   ~Service();
 
-  // /v1/*, /openapi.json. Unknown paths 404, known path with a wrong method 405 with Allow. (Health and metrics are
-  // server/'s.)
+  // Serves /v1/* and /openapi.json. Unknown paths give 404, known paths with a wrong method 405 with Allow. (Health and
+  // metrics are served by server/.)
   Response handle(const Request& request) const noexcept;
 
-  // True for requests that cost time and therefore pass admission control: all but the catalogue and the API document.
+  // True for expensive requests, which pass admission control: all but the catalogue, a frame's metadata and the API
+  // document.
   static bool needs_admission(const Request& request);
 
   const Limits& limits() const;
-  // Of the meshes that are kept between requests.
+  // Memory of cached meshes.
   std::size_t mesh_bytes() const;
 
  private:

@@ -56,16 +56,16 @@ Work add_commands(CLI::App& app, Settings& s) {
   CLI::App& campaign = add(app, work, "batch", "Renders a manifest's frames to a folder", s.batch, batch);
   add(campaign, work, "verify", "Shows whether every frame of a manifest is there once and whole", s.batch_verify,
       batch_verify);
-  add(app, work, "ingest", "Builds the terrain pyramid ahead", s.ingest, ingest);
+  add(app, work, "ingest", "Builds the terrain pyramid in advance", s.ingest, ingest);
   add(app, work, "sample", "Writes sample terrain", s.sample, sample);
   add(app, work, "info", "Lists the DEM files, their footprints and gaps", s.info, info);
-  CLI::App& verify = *app.add_subcommand("verify", "Shows how true the answers are");
+  CLI::App& verify = *app.add_subcommand("verify", "Measures the accuracy of the answers");
   verify.require_subcommand(1);
   add(verify, work, "roundtrip", "Extracts a DEM from what cameras see and compares it with its original",
       s.verify_round_trip, verify_round_trip);
   add(verify, work, "accuracy", "Measures speed against error, on named scenes for every setting", s.verify_accuracy,
       verify_accuracy);
-  add(verify, work, "mertis", "Flux and signal to noise of a thermal imaging spectrometer", s.verify_mertis,
+  add(verify, work, "mertis", "Flux and signal-to-noise ratio of a thermal imaging spectrometer", s.verify_mertis,
       verify_mertis);
   return work;
 }
@@ -90,7 +90,7 @@ int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == selenograph::engine::kReadMeshCommand)
     return selenograph::engine::read_mesh_as_child(argc, argv);
   std::signal(SIGXFSZ, SIG_IGN);  // a file over its limit is an error of writing, as a full disk is
-  CLI::App app("Images of the Moon for navigation: frames with true shadows, and the truth behind each pixel.",
+  CLI::App app("Images of the Moon for navigation: frames with exact shadows, and ground truth for every pixel.",
                "selenograph");
   app.set_version_flag("--version", std::string(selenograph::api::software_version()));
   app.require_subcommand(1);

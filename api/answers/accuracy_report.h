@@ -1,4 +1,4 @@
-// What `verify accuracy` leaves behind: the sweep's rows as CSV and Markdown, and what they belong to as JSON.
+// Reports of `verify accuracy`: the sweep's rows as CSV and Markdown, and their context as JSON.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -9,17 +9,17 @@
 
 namespace selenograph::api {
 
-// Of a setting: "4", or "4, edges" with samples at edges.
+// Samples of a setting: "4", or "4, edges" with edge samples.
 std::string samples_text(const engine::Accuracy& setting);
 
-// A header line, then a line per row; errors in the units that the column's name ends in, shares as fractions.
+// A header line, then one line per row. Errors are in the unit that the column's name ends in, shares are fractions.
 std::string accuracy_csv(const std::vector<engine::SweepRow>& rows);
 
-// A table per scene. `machine`: where the times were measured.
+// One table per scene. `machine`: the machine on which the times were measured.
 std::string accuracy_markdown(const std::vector<engine::SweepRow>& rows,
                               const std::vector<engine::AccuracyScene>& scenes, const std::string& machine);
 
-// The machine, the scenes in words, and the default setting: what a reader of the CSV needs besides.
+// The machine, the descriptions of the scenes, the default setting and the software version.
 nlohmann::ordered_json accuracy_json(const std::vector<engine::AccuracyScene>& scenes, const std::string& machine);
 
 }  // namespace selenograph::api

@@ -1,5 +1,5 @@
-// Craters and rocks in a frame as annotations in COCO's data format (https://cocodataset.org/#format-data): what object
-// detectors are trained with.
+// Craters and rocks in a frame as annotations in the COCO data format (https://cocodataset.org/#format-data), on which
+// object detectors are trained.
 #pragma once
 
 #include <string>
@@ -10,11 +10,11 @@
 
 namespace selenograph::api {
 
-// Of a frame of one camera, in a file called `image`. Coordinates are COCO's: the top-left corner of the top-left
-// pixel is (0, 0), its centre (0.5, 0.5). Craters have outlines, cut at the image's border; rocks the pixels that see
-// them, as uncompressed run lengths. `rocks`: the frame with kRock as its product, of whose rocks those are listed that
-// have at least as many pixels as a circle of so large a diameter. What COCO has no place for are further members of
-// the annotations, which its readers leave alone.
+// Annotations of a frame of one camera, in a file called `image`. Coordinates are COCO's: the top-left corner of the
+// top-left pixel is (0, 0), its centre (0.5, 0.5). Craters have outlines, clipped at the image's border; rocks have the
+// pixels that see them, as uncompressed run lengths. `rocks`: the frame with product kRock; rocks are listed if they
+// cover at least as many pixels as a circle of diameter `least_px`. Properties without a place in COCO are additional
+// members of the annotations, which its readers ignore.
 OrderedJson coco_json(const FrameQuery& query, const engine::CraterRims& rims, const engine::Frame& rocks,
                       double least_px, const std::string& image);
 

@@ -1,4 +1,4 @@
-// The catalogue, as GET /v1/datasets says it.
+// The catalogue as the answer of GET /v1/datasets.
 #pragma once
 
 #include <string>
@@ -10,7 +10,7 @@ namespace selenograph::api {
 
 const Answer<dem::Catalogue>& datasets_answer();
 
-// The answer's text.
+// The response as JSON text.
 std::string datasets_text(const dem::Catalogue& catalogue);
 
 }  // namespace selenograph::api

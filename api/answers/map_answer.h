@@ -1,4 +1,4 @@
-// A map as an answer: its products as GeoTIFF, npz or PNG, what is said about it, and its content hash.
+// Answers with a map: its products as GeoTIFF, npz or PNG, metadata, and content hash.
 #pragma once
 
 #include <cstddef>
@@ -13,7 +13,7 @@
 
 namespace selenograph::api {
 
-// In the order of the server's preference. The last part of each is the extension of the command line's files.
+// In the server's order of preference; commands_map.cpp lists the file name extensions in the same order.
 inline constexpr Alternative kMapAnswers[] = {
     {"image/tiff",
      "GeoTIFF: a band for each product (three of normal), of the widest of their types; NoData is NaN, of source "
@@ -25,21 +25,22 @@ inline constexpr Alternative kMapAnswers[] = {
      "source is as it is"},
 };
 
-// Of a map while it is in work, besides what is kept between requests, and its answer.
+// Memory of a map during its computation, besides what is cached, and of its answer.
 std::size_t bytes_of(const engine::MapRequest& request);
 
-// 32 hexadecimal digits that stand for an answer's bytes, known before anything is rendered. `scene_bytes`: what
-// patches are made to fit.
+// 32 hexadecimal digits that identify the response's bytes, known before rendering. `scene_bytes`: memory for scenes,
+// which determines the patches that a map is rendered in.
 std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::uint64_t terrain_fingerprint,
                          std::string_view media_type);
 OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, const std::string& hash);
 
-// The answer's bytes. Throws RequestError where the products don't go into a PNG (check_map_answer says so beforehand).
+// The response's body. Throws RequestError when a PNG cannot hold the products (check_map_answer checks this
+// beforehand).
 std::string encode_map(const MapQuery& query, const engine::Map& map, const std::string& hash,
                        std::string_view media_type, const StopToken& stop = {});
 void check_map_answer(const MapQuery& query, std::string_view media_type);
 
-// The mean of `lit` over a series, as GeoTIFF: one band `illumination_fraction`.
+// Mean of `lit` over a series, as a GeoTIFF with one band `illumination_fraction`.
 std::string encode_illumination(const MapQuery& query, std::span<const float> fraction, const OrderedJson& meta);
 
 }  // namespace selenograph::api

@@ -1,5 +1,4 @@
-// What is said about a frame besides its pixels: meta.json, headers, content hash. Deterministic: no times, no
-// counters.
+// Metadata of a frame: meta.json, headers, content hash. Deterministic: no times, no counters.
 #pragma once
 
 #include <cstdint>
@@ -16,27 +15,28 @@
 
 namespace selenograph::api {
 
-// 32 hexadecimal digits that stand for an answer's bytes: resolved request, terrain (Catalogue::fingerprint), software
-// version and representation go in, and the frame's FrameReport::shadow_limits_px where they gave way. All of it can be
-// known before anything is rendered, so that If-None-Match costs no frame.
+// 32 hexadecimal digits that identify a response's bytes. Input: the resolved request, the terrain
+// (Catalogue::fingerprint), the versions of the assets it uses, the software version, the representation, and
+// FrameReport::shadow_limits_px if they were relaxed. All of it is known before rendering, so If-None-Match costs no
+// frame.
 std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
                          std::uint64_t terrain_fingerprint, const Representation& representation);
 
-// The same of any text.
+// Hash of any text.
 std::string content_hash(const std::string& text);
 
 // True when an If-None-Match header names this hash's entity tag (weak tags count: RFC 9110, 13.1.2), or is "*".
 bool names_etag(const std::string& if_none_match, const std::string& hash);
 
-// Of each aim that gave way (Accuracy), appended.
+// Appends a warning for each relaxed target (Accuracy).
 void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& report, nlohmann::ordered_json& warnings);
 
 nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameReport& report,
                                 const dem::Catalogue& catalogue, const std::string& hash);
 
-// The same for the header `Selenograph-Meta`: compact, ASCII only, at most kMetaHeaderBytes. Where it would be longer,
-// the lists of sources and then of warnings are replaced by their lengths ("sources_omitted"), and if that is not
-// enough all but the hash goes. What is left out is found at "metadata_at" for a while.
+// The metadata for the header `Selenograph-Meta`: compact, ASCII only, at most kMetaHeaderBytes. If it is longer, the
+// lists of sources and then of warnings are replaced by their lengths ("sources_omitted"), and if that is not enough
+// everything but the hash is omitted. The full metadata are at "metadata_at" for a while.
 inline constexpr std::size_t kMetaHeaderBytes = 6000;  // HTTP libraries commonly refuse lines beyond 8192
 struct MetadataHeader {
   std::string text;

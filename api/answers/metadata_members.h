@@ -12,13 +12,13 @@ namespace selenograph::api {
 std::string_view software_version();
 
 struct MetadataSource {
-  const engine::FrameRequest& request;  // of a map: its look
+  const engine::FrameRequest& request;  // for a map: its look
   engine::ProductSet products;
   const SceneryQuery& scenery;
   const engine::FrameReport& report;
   const std::string& hash;
   OrderedJson resolved, warnings;
-  // One of these.
+  // One of these is set.
   const FrameQuery* frame = nullptr;
   const MapQuery* map = nullptr;
 };

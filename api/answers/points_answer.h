@@ -1,4 +1,4 @@
-// What rays, landmarks and heights are answered with.
+// Answers for rays, landmarks and heights.
 #pragma once
 
 #include <span>
@@ -29,7 +29,7 @@ OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, const Pr
 struct HeightSource {
   const dem::HeightAnswer& height;
   const dem::Catalogue& catalogue;
-  bool known() const;  // there is a valid post
+  bool known() const;  // whether there is a valid post
 };
 const Answer<HeightSource>& height_answer();
 

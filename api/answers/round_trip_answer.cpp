@@ -104,7 +104,7 @@ void add_request(Answer<RoundTripSource>& a) {
   a.add("center", ref("Place"), [](const RoundTripSource& s) {
     return OrderedJson{{"lat_deg", s.request.lat_deg}, {"lon_deg", s.request.lon_deg}};
   });
-  a.add("height_m", number(kStationHeight_m, "of the cameras above the ground"),
+  a.add("height_m", number(kStationHeight_m, "height of the cameras above the ground"),
         [](const RoundTripSource& s) { return s.request.height_m; });
   a.add(
       "footprint_ratio", number(kFootprintRatio, "as asked; mode camera"),

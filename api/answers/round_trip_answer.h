@@ -1,5 +1,5 @@
-// A round trip's figures as JSON and as text, and where its window lies: for POST /v1/verify/roundtrip and for
-// `selenograph verify roundtrip`.
+// Results of a round trip as JSON and as text, and its window's grid: for POST /v1/verify/roundtrip and `selenograph
+// verify roundtrip`.
 #pragma once
 
 #include <string>
@@ -18,10 +18,10 @@ struct RoundTripSource {
 };
 const Answer<RoundTripSource>& round_trip_answer();
 
-// A length with three digits in the unit that suits it: "0.0831 nm", "−1.27 mm", "8.16 m"; "none" for NaN.
+// Formats a length with three significant digits in a suitable unit: "0.0831 nm", "−1.27 mm", "8.16 m"; "none" for NaN.
 std::string length_text(double length_m);
 
-// Where the window's posts lie.
+// Grid of the window's posts.
 dem::GeotiffGrid grid_of(const engine::PostWindow& window);
 
 }  // namespace selenograph::api

@@ -1,4 +1,4 @@
-// What a frame's view is in words of the ground, and what is probably wrong with a view that shows nothing of it.
+// Describes a frame's view in terms of the ground, and diagnoses a view that shows no ground.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -18,12 +18,12 @@ struct ViewSource {
 };
 const Answer<ViewSource>& view_answer();
 
-// ", where the Sun stands ..."; empty where the boresight meets no terrain.
+// ", where the Sun stands ..."; empty if the boresight meets no terrain.
 std::string sun_there(const engine::ViewReport& view);
 
-// A frame that sees nothing, or hardly any data, or posts as large as tiles, is rarely what was meant. Says what is
-// seen, and which usual mistake would explain it: an attitude that is the inverse of what was meant, has its scalar
-// part elsewhere or OpenGL's axes; latitude and longitude in each other's place; lengths that are not metres.
+// Adds warnings when a frame sees nothing, hardly any data, or posts as large as tiles. They say what is seen and which
+// common mistake would explain it: an inverted attitude, another order of the quaternion, OpenGL axes; swapped latitude
+// and longitude; lengths that are not in metres.
 void add_view_warnings(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                        nlohmann::ordered_json& warnings);
 

@@ -1,4 +1,4 @@
-// Files that requests name: what the operator put into the assets folder, one subfolder per kind.
+// The operator's assets: files that requests refer to by name, one subfolder per kind.
 #pragma once
 
 #include <cstdint>
@@ -21,44 +21,44 @@
 
 namespace selenograph::api {
 
-// const means safe to call concurrently. A file that changed is read again. Null: there is no such file. They throw
-// RequestError("asset_error") naming the file when it can't be used.
+// Thread-safe: const functions may be called concurrently. Changed files are read again. Functions return null if there
+// is no such file, and throw RequestError("asset_error") naming the file when it cannot be used.
 class Assets {
  public:
-  // What is in memory of the maps.
+  // Memory for tiles of maps.
   static constexpr std::size_t kMapTilesBytes = std::size_t{128} << 20;
 
-  // Empty: there are none.
+  // `folder` empty: no assets.
   explicit Assets(std::string folder = {}, engine::MeshReaderOptions meshes = {})
       : folder_(std::move(folder)), meshes_(meshes.max_bytes), reader_(std::move(meshes)) {}
 
-  // atmospheres/NAME.csv, as engine::Atmosphere::read says.
+  // atmospheres/NAME.csv; format: engine::Atmosphere::read.
   std::shared_ptr<const engine::Atmosphere> atmosphere(std::string_view name, const StopToken& stop = {}) const;
-  // cameras/NAME.json: an object. What its members are is the request's matter.
+  // cameras/NAME.json: an object, whose members the request's reader checks.
   std::shared_ptr<const Json> camera(std::string_view name) const;
 
-  // objects/NAME.obj, .ply, .gltf or .glb, the first of these that there is, as engine::MeshReader reads it. Meshes
-  // that nobody uses are kept as long as all have room in the reader's max_bytes. What could not be read is not tried
-  // again for a minute unless it changes. Throws Cancelled when `stop` says so.
+  // objects/NAME.obj, .ply, .gltf or .glb, the first of these that exists, read by engine::MeshReader. Unused meshes
+  // are kept while all fit into the reader's max_bytes. A file that could not be read is not tried again for a minute
+  // unless it changes. Throws Cancelled when `stop` says so.
   std::shared_ptr<const engine::ObjectMesh> object(std::string_view name, const StopToken& stop = {}) const;
-  // Of the meshes that are kept, with what rays need of them.
+  // Memory of cached meshes with their ray-tracing structures.
   std::size_t mesh_bytes() const { return meshes_.bytes(); }
 
-  // maps/NAME.json, as read_map_file says; opened again when its raster has changed.
+  // maps/NAME.json; format: read_map_file. It is opened again when its raster has changed.
   std::shared_ptr<const dem::ValueMap> map(std::string_view name, const StopToken& stop = {}) const;
 
-  // details/NAME.json, as read_detail_file says.
+  // details/NAME.json; format: read_detail_file.
   std::shared_ptr<const dem::Detail> detail(std::string_view name, const StopToken& stop = {}) const;
 
   // kernels/NAME.csv: rows of weights.
   std::shared_ptr<const std::vector<std::vector<double>>> kernel(std::string_view name,
                                                                  const StopToken& stop = {}) const;
 
-  // Of the files of a kind ("atmospheres", "cameras", "details", "kernels", "maps", "objects"), without their
-  // extension; sorted.
+  // Sorted names, without extension, of a kind's files ("atmospheres", "cameras", "details", "kernels", "maps",
+  // "objects").
   std::vector<std::string> names(std::string_view kind) const;
 
-  // Of what an atmosphere was read from, so that a frame's ETag changes with it; 0 for null.
+  // Hash of an atmosphere's rows, so that a frame's ETag changes with them; 0 for null.
   static std::uint64_t fingerprint(const engine::Atmosphere* atmosphere);
 
  private:
@@ -73,7 +73,7 @@ class Assets {
   };
   using Meshes = dem::Cache<std::string, engine::ObjectMesh>;  // by path and stamp
 
-  // Whatever a mesh's reading takes, it is taken once a minute at most.
+  // A failure is remembered for a minute, so that the cost of reading a bad mesh is limited.
   struct Failure {
     StopToken::Clock::time_point since;
     std::string what;
@@ -89,7 +89,7 @@ class Assets {
   template <typename T>
   using Files = std::map<std::string, Known<T>, std::less<>>;
 
-  // Empty: there is no such file.
+  // Empty if there is no such file.
   std::optional<Stamped> stamped(const char* kind, const char* extension, std::string_view name) const;
 
   template <typename T, typename Read>
@@ -103,7 +103,7 @@ class Assets {
   mutable Files<dem::Detail> details_;
   mutable Files<dem::ValueMap> maps_;
   mutable Files<std::vector<std::vector<double>>> kernels_;
-  // Of all maps.
+  // Tiles of all maps.
   std::shared_ptr<dem::ValueMapTiles> map_tiles_ = dem::make_value_map_tiles(kMapTilesBytes);
   mutable Meshes meshes_;
   mutable std::map<std::string, Failure> failed_;  // by a mesh's key
@@ -113,25 +113,25 @@ class Assets {
 // A map's description:
 //   {"file": "RASTER",                     GeoTIFF, VRT, AAIGrid, PNG, JPEG, PDS, ISIS3; a relative path starts at the
 //   description's folder
-//    "bands": [1, 2, 3],                   whose mean counts; left out: all but alpha
-//    "extent": {"south_deg", "north_deg", "west_deg", "east_deg"},   of a raster that doesn't say where it lies
+//    "bands": [1, 2, 3],                   their mean is used; left out: all but alpha
+//    "extent": {"south_deg", "north_deg", "west_deg", "east_deg"},   of a raster without georeferencing
 //    "scale": 1, "offset": 0,              value = scale * sample + offset
-//    "no_data": N,                         a sample that is no value, besides the file's own
+//    "no_data": N,                         another no-data sample, besides the file's own
 //    "low": L, "high": H,                  values are clamped
 //    "description": "..."}
 // Throws DataError naming the description or the raster.
 dem::ValueMapOptions read_map_file(const std::string& path);
 
-// Detail's description; of craters, relief and rocks any may be left out:
+// A detail's description; any of craters, relief and rocks may be left out, but not all:
 //   {"seed": N,
-//    "region": [[lat_deg, lon_deg], ...],            corners of a polygon in order, which craters and rocks have their
-//                                                    centres in; left out: everywhere (dem::Region)
+//    "region": [[lat_deg, lon_deg], ...],            corners of a polygon in order that contains the centres of craters
+//                                                    and rocks; left out: everywhere (dem::Region)
 //    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.5
-//                "frequency": [{"per_m2", "exponent"}, ...],   the smallest of these power laws (cumulative); left out:
+//                "frequency": [{"per_m2", "exponent"}, ...],   the minimum of these power laws (cumulative); left out:
 //                                                    equilibrium (Trask 1966)
 //                "oldest_Ma": 3500, "diffusivity_m2_per_Ma": 4},
-//    "relief": {"hurst": 0.9, "deviation_m", "baseline_m", "shortest_m", "longest_m"},   RMS difference of heights a
-//                                                    baseline apart; wavelengths
+//    "relief": {"hurst": 0.9, "deviation_m", "baseline_m", "shortest_m", "longest_m"},   RMS height difference over
+//                                                    a baseline; wavelengths
 //    "rocks": {"smallest_m", "largest_m",            diameters; the smallest at least 0.02
 //              "frequency": [{"per_m2", "exponent"}, ...],   between craters; left out: dem::rocks_of_viper()
 //              "on_ejecta": 5, "half_life_Ma": 60, "smallest_crater_m": 30},   as in dem::RockLaw

@@ -53,11 +53,9 @@ std::vector<const MemberTable*> request_tables() {
 
 std::string requests_markdown() {
   std::string out =
-      "# Members of the requests\n\n"
-      "Made from the tables that requests are read with; a test holds this file to them. Limits are the defaults: a\n"
-      "service's own are in its `/openapi.json`. Unknown members are errors. Angles are in degrees, lengths in "
-      "metres,\n"
-      "places in MOON_ME.\n\n| call | body |\n|---|---|\n";
+      "# Members of the requests\n\nGenerated from the tables that requests are parsed with; a test compares this file "
+      "with them. Limits are the defaults: a\nservice's own are in its `/openapi.json`. Unknown members are errors. "
+      "Angles are in degrees, lengths in metres,\nplaces in MOON_ME.\n\n| call | body |\n|---|---|\n";
   for (const RequestBody& body : bodies()) out += fmt::format("| `POST {}` | {} |\n", body.path, link_to(body.members));
   out += fmt::format("\n{}\n## Objects\n", products_markdown());
   for (const MemberTable* table : request_tables()) out += fmt::format("\n{}", table->markdown(Limits{}));

@@ -1,4 +1,4 @@
-// All tables of requests' members, for the API document and for requests.md.
+// All member tables of the requests, for the API document and for requests.md.
 #pragma once
 
 #include <string>
@@ -8,10 +8,10 @@
 
 namespace selenograph::api {
 
-// Each request's, followed by those of the objects in it; each once.
+// The table of each request, followed by those of its objects; each once.
 std::vector<const MemberTable*> request_tables();
 
-// requests.md: the tables as text, with the defaults of the limits.
+// The text of requests.md: the tables, with the default limits.
 std::string requests_markdown();
 
 }  // namespace selenograph::api

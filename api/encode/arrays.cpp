@@ -25,7 +25,8 @@ constexpr ProductRow kTable[] = {
      {},
      true,
      "at-sensor radiance, W m-2 sr-1; 0 where nothing is hit",
-     {1, "W m-2 sr-1", "radiance toward the viewer, W m-2 sr-1; NaN, too, where terrain stands before the viewer"}},
+     {1, "W m-2 sr-1",
+      "radiance toward the viewer, W m-2 sr-1; also NaN where terrain hides the ground from the viewer"}},
     {engine::kDepth,
      "depth",
      &FrameProducts::depth,
@@ -77,8 +78,8 @@ constexpr ProductRow kTable[] = {
      &FrameProducts::detail,
      {},
      false,
-     "what is seen: 0 the DEM, between its posts, too; 1 inside a crater of the request's detail; 2 its relief; 3 a "
-     "rock; 65535 where nothing is hit, or an object of the request"},
+     "kind of ground: 0 the DEM, including between its posts; 1 inside a crater of the request's detail; 2 its relief; "
+     "3 a rock; 65535 where nothing is hit, or an object of the request"},
     {engine::kHeight, "height", &FrameProducts::height, {}, false, "", {3, "m", "above the sphere of 1 737 400 m"}},
     {engine::kSlope,
      "slope",
@@ -86,7 +87,7 @@ constexpr ProductRow kTable[] = {
      {},
      false,
      "",
-     {4, "degree", "of the normal used for shading against the sphere's vertical"}},
+     {4, "degree", "angle between the normal used for shading and the sphere's vertical"}},
 };
 
 constexpr std::size_t kOfFrames = std::size(kTable) - 2;  // the last are maps' own

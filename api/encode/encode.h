@@ -1,4 +1,4 @@
-// Products <-> bytes: NumPy .npy/.npz, PNG, TIFF, OpenEXR, raw little-endian.
+// Encodes products: NumPy .npy/.npz, PNG, TIFF, OpenEXR, raw little-endian.
 #pragma once
 
 #include <cstddef>
@@ -13,47 +13,46 @@ namespace selenograph::api {
 
 enum class ElementType { uint8, uint16, float32, float64 };
 
-// One product as an array: height x width (x channels when channels > 1), C order. Owns no pixels: `data`
-// points into a Frame, `name` to static text.
+// One product as an array: height x width (x channels when channels > 1), C order. Non-owning: `data` points into a
+// Frame, `name` to static text.
 struct ArrayView {
   std::string_view name;  // "radiance"
   ElementType type;
   int height, width, channels;  // channels 1 or 3
   const void* data;             // native (little-endian) elements
-  // As OpenEXR shows them, one for each channel: {"radiance"}, or {"position.x", "position.y", "position.z"}.
+  // Channel names in OpenEXR: {"radiance"}, or {"position.x", "position.y", "position.z"}.
   std::vector<std::string> channel_names;
 };
 
 std::size_t element_size(ElementType type);
 std::string numpy_descr(ElementType type);  // "<f4", "|u1", ...
 
-// All encoders: the same arrays and attributes give the same bytes, always (no dates, no versions of libraries). They
-// throw std::invalid_argument for what the format can't hold, Cancelled when `stop` says so. Safe to call concurrently.
+// All encoders are deterministic: the same arrays and attributes give the same bytes (no dates, no library versions).
+// They throw std::invalid_argument for data that the format cannot hold, Cancelled when `stop` says so. Thread-safe.
 
-// Native elements, which are little-endian on every machine that this is built for.
+// Native elements, which are little-endian on all supported platforms.
 std::string encode_raw(const ArrayView& array);
 
-// NPY 1.0: shape (height, width) or (height, width, channels), data at a multiple of 64 bytes.
+// NPY 1.0: shape (height, width) or (height, width, channels); the data are aligned to 64 bytes.
 std::string encode_npy(const ArrayView& array);
 
-// One .npy per array plus meta.json, in a zip archive without compression. Names must differ.
+// One .npy per array plus meta.json, in an uncompressed zip archive. Names must differ.
 std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json, const StopToken& stop = {});
 
 // (name, value) text metadata, e.g. {"selenograph", meta_json}.
 using Attributes = std::vector<std::pair<std::string, std::string>>;
 
-// uint8 or uint16 grey, one channel. Attributes become text chunks, whose text most readers take for Latin-1:
-// keep it ASCII.
+// uint8 or uint16 grey, one channel. Attributes become text chunks, which most readers take for Latin-1: use ASCII.
 std::string encode_png(const ArrayView& array, const Attributes& attributes, const StopToken& stop = {});
 
-// Every element type, 1 or 3 channels; float64 stays float64. TIFF has one text field for this: ImageDescription holds
-// the attributes' values, one per line.
+// All element types, 1 or 3 channels; float64 is preserved. TIFF has one text field for attributes: ImageDescription
+// holds their values, one per line.
 std::string encode_tiff(const ArrayView& array, const Attributes& attributes, const StopToken& stop = {});
 
-// All arrays, of one height and width, as named channels; attributes become header attributes. OpenEXR has no double,
+// All arrays, of equal height and width, as named channels; attributes become header attributes. OpenEXR has no double,
 // and a lunar coordinate rounded to float is off by up to 6 cm: a float64 channel "depth" is written as float "depth"
-// plus float "depth.residual" (double - float), whose sum in double is right to 2^-49 of the value, 2 nm at the Moon's
-// radius. Integers become uint32 channels, float32 stays as it is.
+// plus float "depth.residual" (double - float). Their sum in double is accurate to 2^-49 of the value, 2 nm at the
+// Moon's radius. Integers become uint32 channels, float32 is preserved.
 std::string encode_exr(const std::vector<ArrayView>& arrays, const Attributes& attributes, const StopToken& stop = {});
 
 }  // namespace selenograph::api

@@ -1,4 +1,4 @@
-// What every endpoint is given, and the endpoints. Each answers or throws; service.cpp turns what is thrown into
+// The endpoints and their context. An endpoint returns an answer or throws; service.cpp converts exceptions to
 // problems.
 #pragma once
 
@@ -18,19 +18,19 @@
 
 namespace selenograph::api {
 
-// Frames' metadata by content hash, of those whose header has no room for all of it: the latest, on a budget.
+// Metadata, by content hash, of recent frames whose header could not hold all of it; on a memory budget.
 using LongMetadata = dem::Cache<std::string, std::string>;
 
-// What one request takes of the service's budget.
+// Memory of one request, taken from the service's budget.
 class RequestMemory {
  public:
   explicit RequestMemory(MemoryBudget& budget) : budget_(budget) {}
 
-  // From now on so many bytes, instead of what was taken before; waits a moment for its turn. Throws RequestError:
-  // invalid_request at `pointer` when the budget never holds as much, busy when it doesn't now; Cancelled.
+  // Claims `bytes` instead of the previous amount; waits briefly for its turn. Throws RequestError: invalid_request at
+  // `pointer` when the budget can never hold as much, busy when it cannot now; Cancelled.
   void need(std::size_t bytes, std::string_view pointer, const StopToken& stop);
 
-  // The claim, of an answer of so many bytes.
+  // Hands over the claim, resized for an answer of `answer_bytes`.
   MemoryBudget::Claim give_for(std::size_t answer_bytes);
 
  private:
@@ -48,13 +48,13 @@ struct EndpointContext {
   RequestMemory& memory;
   const Request& request;
   StopToken stop;
-  std::string_view segment;  // of the path, where the route has one
-  // Texts that are made once.
+  std::string_view segment;  // variable segment of the path, if the route has one
+  // Texts that are generated once.
   const std::string& openapi;
   const std::function<const std::string&()>& datasets;
 };
 
-// What a call answers, and what the API document says of it. endpoints/routes.cpp lists them.
+// Each endpoint's answer and its description in the API document. endpoints/routes.cpp lists them.
 Response answer_frames(const EndpointContext& context);
 void describe_frames(Operation& operation);
 Response answer_frame_metadata(const EndpointContext& context);
@@ -80,16 +80,16 @@ void describe_verify_mertis(Operation& operation);
 Response answer_openapi(const EndpointContext& context);
 void describe_openapi(Operation& operation);
 
-// The body, which must be JSON within the limits. Throws RequestError.
+// Parses the body, which must be JSON within the limits. Throws RequestError.
 Json json_body(const EndpointContext& context);
 
-// Where a member that the engine can object to (ImpossibleRequest::member) stands in an endpoint's request.
+// JSON Pointer of a request member that the engine may reject (ImpossibleRequest::member).
 struct MemberPointer {
   std::string_view member, pointer;
 };
 
-// Does `work`. The engine's refusal of a request whose every member is possible but that is not as a whole becomes an
-// error of that member, or of `else_pointer` when it names none.
+// Calls `work`. A rejection by the engine of a request whose members are valid one by one becomes an error of the
+// member it names, or of `else_pointer`.
 template <typename Work>
 auto with_refusals_at(std::span<const MemberPointer> members, std::string_view else_pointer, Work&& work) {
   try {
@@ -101,11 +101,11 @@ auto with_refusals_at(std::span<const MemberPointer> members, std::string_view e
   }
 }
 
-// While `e` is handled: rethrows it, too much work for a request's deadline; what is too much for any that this service
-// grants, as an error of the member at `pointer`.
+// Call while handling `e`: rethrows it if the work only exceeds the request's deadline; throws an error of the member
+// at `pointer` if it exceeds any deadline that this service grants.
 [[noreturn]] void refuse_work(const TooMuchWork& e, const std::string& pointer, const Limits& limits);
 
-// 200 with application/json.
+// Status 200 with application/json.
 Response json_response(std::string text);
 Response json_response(const nlohmann::ordered_json& json);
 

@@ -1,4 +1,4 @@
-// Every endpoint there is: what the dispatcher looks up and the API document lists.
+// The table of endpoints, used by the dispatcher and by the API document.
 #pragma once
 
 #include <optional>
@@ -12,24 +12,24 @@
 namespace selenograph::api {
 
 struct Route {
-  std::string_view method, path;  // "{hash}" in the path stands for any one segment
+  std::string_view method, path;  // "{hash}" in the path matches any one segment
   std::string_view operation_id, tag, summary;
-  bool admission;      // takes time: passes through the server's admission
-  bool negotiates;     // false: answers JSON alone
-  bool reads_terrain;  // whose files may be unusable
+  bool admission;      // true: expensive, passes through the server's admission
+  bool negotiates;     // false: responds with JSON only
+  bool reads_terrain;  // true: may fail because of unusable DEM files
   Response (*answer)(const EndpointContext& context);
   void (*describe)(Operation& operation);
 
-  bool has_body() const { return method == "POST"; }  // JSON
+  bool has_body() const { return method == "POST"; }  // a JSON body
 };
 
 std::span<const Route> routes();
 
-// What stands in a request's path where the route has "{...}", empty when it has none; nothing when the path isn't the
-// route's.
+// Variable segment of a path for a route with "{...}", empty for a route without; no value if the path does not match
+// the route.
 std::optional<std::string_view> segment_of(const Route& route, std::string_view path);
 
-// The methods of a path, as Allow lists them. Where there is GET the server answers HEAD with the same and no body.
+// Methods of a path for the header Allow. Where there is GET the server also answers HEAD, without a body.
 std::string allowed_methods(std::string_view path);
 
 }  // namespace selenograph::api

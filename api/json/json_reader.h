@@ -1,4 +1,4 @@
-// Untrusted JSON -> checked values. Everything that a client sends crosses into typed values here and nowhere else.
+// Converts untrusted JSON to checked values. All client input becomes typed values here and nowhere else.
 #pragma once
 
 #include <cmath>
@@ -18,15 +18,15 @@
 
 namespace selenograph::api {
 
-// What comes in: members in a tree, so that no body makes looking them up slow. (What goes out is ordered_json.)
+// Type of input: members are in a tree, so that look-up is fast for any body. (Output is ordered_json.)
 using Json = nlohmann::json;
 
-// Parses strict JSON (RFC 8259). Throws RequestError: "malformed_json" for what is not JSON, NaN and Infinity included,
-// and for nesting deeper than max_depth; "invalid_request" for a member given twice and for numbers beyond the range of
-// double.
+// Parses strict JSON (RFC 8259). Throws RequestError: "malformed_json" for text that is not JSON, NaN and Infinity
+// included, and for nesting deeper than max_depth; "invalid_request" for a duplicate member and for numbers beyond the
+// range of double.
 Json parse_json(std::string_view text, int max_depth);
 
-// An interval of numbers, closed unless said otherwise. The API document prints the same objects.
+// An interval of numbers, closed by default. The API document prints the same objects.
 struct Range {
   double min = std::numeric_limits<double>::lowest();
   double max = std::numeric_limits<double>::max();
@@ -34,11 +34,11 @@ struct Range {
   bool contains(double x) const { return (min_open ? x > min : x >= min) && (max_open ? x < max : x <= max); }
 };
 
-// Words that a member may hold and what they mean inside.
+// Table of words and their values.
 template <typename T>
 using Words = std::span<const std::pair<std::string_view, T>>;
 
-// The word for a value in a table like those; empty for a value that has none.
+// The word for a value in such a table; empty if there is none.
 template <typename Table, typename T>
 constexpr std::string_view word_of(const Table& table, const T& value) {
   for (const auto& [word, meaning] : table)
@@ -49,12 +49,12 @@ constexpr std::string_view word_of(const Table& table, const T& value) {
 // "a", "b" or "c".
 std::string quoted_list(std::span<const std::string_view> names, std::string_view last_separator);
 
-// The name nearest to a misspelt one, if one is near enough to be meant.
+// The known name closest to a misspelt one, if it is close enough.
 std::optional<std::string_view> did_you_mean(std::string_view name, std::span<const std::string_view> known);
 
-// A place in a JSON document. Readers of members hold a pointer to their parent's reader, which must outlive them: keep
-// them on the stack. Faults are added to `findings` with the JSON Pointer of the place, and a fallback is answered, so
-// that one pass reports all of them; callers check findings before they compute with the values.
+// A position in a JSON document. Readers of members point to their parent's reader, which must outlive them: keep them
+// on the stack. Faults are added to `findings` with their JSON Pointer, and a fallback is returned, so that one pass
+// reports all faults; callers check the findings before they compute with the values.
 class JsonReader {
  public:
   JsonReader(const Json& root, Findings& findings) : value_(&root), findings_(&findings) {}
@@ -62,40 +62,40 @@ class JsonReader {
   std::string pointer() const;
   const Json& value() const { return *value_; }
   bool good() const { return findings_->empty(); }
-  // Found so far, of this reader and all others of the request.
+  // Number of faults found so far in the whole request.
   std::size_t faults() const { return findings_->seen(); }
   void fail(std::string detail) const;
-  // About a member, present or not.
+  // Reports a fault of a member, present or not.
   void fail(std::string_view member, std::string detail) const;
 
-  // True for an object; reports when it is none and each member that is not one of these.
+  // Returns true for an object; reports a value that is not one, and each unknown member.
   bool object(std::span<const std::string_view> members) const;
   bool object(std::initializer_list<std::string_view> members) const {
     return object(std::span<const std::string_view>(members.begin(), members.size()));
   }
   bool has(std::string_view name) const;
-  JsonReader at(std::string_view name) const;  // must have it; `name` must outlive the reader
+  JsonReader at(std::string_view name) const;  // the member must exist; `name` must outlive the reader
 
-  // Of members that exclude each other: the one given. Two are an error that names both, as is none when `required`.
-  // Answers "" then.
+  // Returns which one of mutually exclusive members is given. Two are an error that names both, as is none if
+  // `required`; then "" is returned.
   std::string_view alternative(std::span<const std::string_view> names, bool required) const;
   std::string_view alternative(std::initializer_list<std::string_view> names, bool required) const {
     return alternative(std::span<const std::string_view>(names.begin(), names.size()), required);
   }
 
-  // The value itself; nothing where it is none, or out of range, which is reported.
+  // The number; empty, and reported, if it is not a number in range.
   std::optional<double> number(const Range& range) const;
   std::optional<std::int64_t> integer(std::int64_t min, std::int64_t max) const;
   std::optional<bool> boolean() const;
   double number(std::string_view name, const Range& range) const;                   // required
   double number(std::string_view name, const Range& range, double fallback) const;  // optional
   std::optional<std::string> text() const;
-  // [a, b], each within its range; empty, and reported, when it isn't two numbers.
+  // [a, b], each within its range; nullopt, and an error, if it is not two such numbers.
   std::optional<std::pair<double, double>> pair(const Range& first, const Range& second) const;
   // [x, y, z], each within range.
   Vec3 vector(const Range& range) const;
 
-  // The word's meaning; nothing when it is no such word, which is reported.
+  // The word's value; empty, and reported, if the word is unknown.
   template <typename T>
   std::optional<T> word(Words<T> words) const {
     std::vector<std::string_view> names;
@@ -104,7 +104,7 @@ class JsonReader {
     return found < 0 ? std::nullopt : std::optional<T>(words[static_cast<std::size_t>(found)].second);
   }
 
-  // Calls each(reader) for the elements of an array of min..max elements; reports and calls nothing otherwise.
+  // Calls each(reader) for the elements of an array of min..max elements; otherwise reports an error only.
   template <typename Each>
   void elements(std::size_t min, std::size_t max, Each&& each) const {
     if (!array(min, max)) return;
@@ -119,20 +119,20 @@ class JsonReader {
 
   const Json* value_;
   Findings* findings_;
-  // The pointer is put together only when there is something to report: most requests are right.
+  // The JSON Pointer is composed only when there is something to report.
   const JsonReader* parent_ = nullptr;
   std::string_view key_;
   std::size_t index_ = 0;
 };
 
-// Whether a vector is of unit length but for the rounding of having been normalised before. Then it is kept as it is:
-// doing it twice would move the last bit, and a resolved request would no longer resolve to itself.
+// Whether a vector has unit length within rounding. Then it is kept as it is: normalising twice would change the last
+// bit, and a resolved request would no longer resolve to itself.
 template <typename Vector>
 bool is_unit(const Vector& v) {
   return std::abs(v.squaredNorm() - 1) <= 8 * std::numeric_limits<double>::epsilon();
 }
 
-// A vector's direction whatever its length (1e-300 and 1e300 alike); empty for zero.
+// A vector's direction for any length (1e-300 and 1e300 alike); empty for zero.
 std::optional<Vec3> direction_of(const Vec3& v);
 
 }  // namespace selenograph::api

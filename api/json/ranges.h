@@ -1,4 +1,4 @@
-// Ranges that several members of requests share, or checks across members. Others stand in their members' rows.
+// Ranges shared by several members of requests, or used in checks across members. Others are in their members' rows.
 #pragma once
 
 #include "api/json/json_reader.h"
@@ -11,13 +11,14 @@ inline constexpr Range kLongitude_deg{-180, 360};
 inline constexpr Range kAzimuth_deg{-360, 360};
 inline constexpr Range kElevation_deg{-90, 90};
 
-// Below the deepest crater a place is a mistake; far out there is room for a camera at the Sun and beyond.
+// The lower limit is below the deepest crater; the upper one allows for a camera at the Sun and beyond.
 inline constexpr Range kHeight_m{-50e3, 1e12};
 inline constexpr Range kCoordinate_m{-1e12, 1e12};
 
 inline constexpr Range kFieldOfView_deg{0, 180, true, true};
 inline constexpr Range kFisheyeFieldOfView_deg{0, 358, true, false};  // to engine::Fisheye::kWidest
-// One pixel seen as anything from nearly a half-space to a nanoradian. A field of view must come out in here, too.
+// A pixel may cover anything from nearly a half-space to a nanoradian. Focal lengths from a field of view must be in
+// this range, too.
 inline constexpr Range kFocalLength_px{1e-6, 1e9};
 inline constexpr Range kPrincipalPoint_px{-1e6, 1e6};
 inline constexpr Range kDistortion{-1e6, 1e6};
@@ -29,11 +30,11 @@ inline constexpr Range kWavelength_um{0, 1e4, true, false};
 inline constexpr Range kTemperature_k{0, 1e4};
 inline constexpr Range kFNumber{0.1, 1000};
 inline constexpr Range kMaxError_px{0, 100};
-// Cameras of a round trip: from a metre above the ground to beyond the Earth.
+// Height of a round trip's cameras: from a metre above the ground to beyond the Earth.
 inline constexpr Range kStationHeight_m{1, 1e9};
 inline constexpr Range kFootprintRatio{0.1, 10};
 
-// How far a quaternion's length may be from 1: room for rounding (and for float32), not for a forgotten normalisation.
+// Tolerance of a quaternion's length: room for rounding (and float32), not for a missing normalisation.
 inline constexpr double kQuaternionTolerance = 1e-3;
 
 }  // namespace selenograph::api

@@ -1,4 +1,4 @@
-// What the service grants one request.
+// Limits of one request.
 #pragma once
 
 #include <chrono>
@@ -14,8 +14,8 @@ struct Limits {
   std::int64_t max_image_pixels = std::int64_t{16} << 20;
   std::int64_t max_map_pixels = std::int64_t{16} << 20;
   int max_samples_per_pixel = 256;
-  int max_rays = 100000;                              // rays, points of one request; craters of one answer
-  std::chrono::milliseconds default_deadline{60000};  // a client may ask for less: header `Request-Timeout-Ms`
+  int max_rays = 100000;                              // rays or points of a request; craters of a response
+  std::chrono::milliseconds default_deadline{60000};  // clients may ask for less: header `Request-Timeout-Ms`
 };
 
 }  // namespace selenograph::api

@@ -1,4 +1,4 @@
-// One budget in bytes for what requests hold: bodies being received, frames in work, answers not yet sent.
+// Memory budget for requests: bodies being received, active frames, answers not yet sent.
 #pragma once
 
 #include <condition_variable>
@@ -13,12 +13,12 @@
 
 namespace selenograph::api {
 
-// All members may be called from any thread. It must outlive its claims.
+// Thread-safe. It must outlive its claims.
 class MemoryBudget {
  public:
   static constexpr std::size_t kUnbounded = std::numeric_limits<std::size_t>::max();
 
-  // Bytes of the budget, given back on destruction.
+  // Bytes of the budget, returned on destruction.
   class Claim {
    public:
     Claim() = default;
@@ -26,9 +26,10 @@ class MemoryBudget {
     Claim& operator=(Claim&& other) noexcept;
     ~Claim();
     std::size_t bytes() const { return bytes_; }
-    // Never waits: for what turned out smaller than was claimed, or for what exists already.
+    // Never waits: for memory that turned out smaller than claimed, or that exists already.
     void resize(std::size_t bytes);
-    // For what is yet to come: at once or not at all. A claim of nothing has no budget to ask.
+    // For memory yet to be allocated. Never waits: false if the bytes are not free. A default-constructed claim has no
+    // budget.
     bool try_resize(std::size_t bytes);
 
    private:
@@ -40,10 +41,10 @@ class MemoryBudget {
 
   explicit MemoryBudget(std::size_t capacity_bytes = kUnbounded) : capacity_(capacity_bytes) {}
 
-  // At once or not at all.
+  // Never waits: nullopt if the bytes are not free.
   std::optional<Claim> try_claim(std::size_t bytes);
-  // Waits until `until`, first come first served; empty when the bytes weren't free by then. Throws Cancelled when
-  // `stop` says so. More than capacity() never comes free: ask fits() first.
+  // Waits until `until`, first come first served; nullopt when the bytes were not free by then. Throws Cancelled when
+  // `stop` says so. More than capacity() never become free: check fits() first.
   std::optional<Claim> claim(std::size_t bytes, StopToken::Clock::time_point until, const StopToken& stop);
   bool fits(std::size_t bytes) const { return bytes <= capacity_; }
 

@@ -1,4 +1,4 @@
-// A request and its answer, without the HTTP around them.
+// A request and its response, independent of HTTP.
 #pragma once
 
 #include <atomic>
@@ -18,12 +18,12 @@ namespace selenograph::api {
 // Header names are lower case.
 struct Request {
   std::string method;                             // "GET", "POST"
-  std::string path;                               // "/v1/frames", without query
+  std::string path;                               // "/v1/frames", without the query
   std::multimap<std::string, std::string> query;  // decoded
   std::multimap<std::string, std::string> headers;
   std::string body;
   std::chrono::steady_clock::time_point received = std::chrono::steady_clock::now();
-  const std::atomic<bool>* abandoned = nullptr;  // set true when the client has left
+  const std::atomic<bool>* abandoned = nullptr;  // becomes true when the client has disconnected
 };
 
 struct Response {
@@ -31,17 +31,17 @@ struct Response {
   std::string content_type;
   std::vector<std::pair<std::string, std::string>> headers;  // without Content-Type and Content-Length
   std::string body;
-  // Code of the row of the error table, the metrics' label; empty on success.
+  // Error code, also the label in metrics; empty on success.
   std::string error_code;
-  // What the answer takes of the service's budget: to be kept until it is sent.
+  // The answer's claim on the service's memory budget: kept until it is sent.
   std::shared_ptr<const MemoryBudget::Claim> memory;
 };
 
-// All headers of this (lower-case) name, joined with commas; empty without one.
+// Values of all headers of this (lower-case) name, joined with commas; empty if there are none.
 std::string header(const Request& request, const std::string& name);
 
-// How long a request may take: the service's own limit, or less if the client asks so by Request-Timeout-Ms. Empty when
-// that header is no whole number of milliseconds above 0.
+// Time limit of a request: the service's own, or less if the client asks for it by Request-Timeout-Ms. Empty when that
+// header is not a whole number of milliseconds above 0.
 std::optional<std::chrono::milliseconds> time_allowed(const Request& request, const Limits& limits);
 
 }  // namespace selenograph::api

@@ -1,4 +1,4 @@
-// What can go wrong, in one table: error code, HTTP status, title. Nothing about errors lives anywhere else.
+// The table of errors: code, HTTP status, title. Nothing about errors is defined anywhere else.
 #pragma once
 
 #include <cstddef>
@@ -14,9 +14,9 @@
 namespace selenograph::api {
 
 struct ErrorRow {
-  std::string_view code;     // the end of the problem's `type`, and the label of the Prometheus counter
+  std::string_view code;     // last part of the problem's `type`, and label of the Prometheus counter
   int status;                // HTTP
-  std::string_view title;    // the problem's `title`: the same words every time
+  std::string_view title;    // the problem's `title`, constant
   std::string_view meaning;  // one sentence for the API document
 };
 
@@ -24,28 +24,29 @@ inline constexpr std::string_view kOutOfMemory = "out_of_memory";
 
 std::span<const ErrorRow> error_table();
 
-// The row of a code; an unknown code is a mistake of ours and answers "internal".
+// The row of a code; an unknown code is a bug and gives "internal".
 const ErrorRow& error_row(std::string_view code);
 
-// `type` of a problem, e.g. "urn:selenograph:problem:invalid_request".
+// `type` of a problem document, e.g. "urn:selenograph:problem:invalid_request".
 std::string problem_type(const ErrorRow& row);
 
-// One fault in a request: a JSON Pointer (RFC 6901) to the offending member, and what is wrong with it.
+// An error in a request: a JSON Pointer (RFC 6901) to the offending member, and a description.
 struct Finding {
   std::string pointer;
   std::string detail;
 };
 
-// The faults found in one request, up to kMost: an answer stays readable, and a hostile request is not read to its end.
+// The errors found in one request. At most kMost are kept: a response stays readable, and a hostile request is not read
+// to its end.
 class Findings {
  public:
   static constexpr std::size_t kMost = 20;
   void add(std::string pointer, std::string detail);
   bool empty() const { return kept_.empty(); }
   bool full() const { return kept_.size() >= kMost; }
-  std::size_t seen() const { return seen_; }  // kept or not
+  std::size_t seen() const { return seen_; }  // including those not kept
   const std::vector<Finding>& kept() const { return kept_; }
-  // Throws RequestError("invalid_request") when there is one.
+  // Throws RequestError("invalid_request") if there are any.
   void throw_if_any() const;
 
  private:
@@ -53,7 +54,7 @@ class Findings {
   std::size_t seen_ = 0;
 };
 
-// A request that can't be served, and why. The only exception by which api/ refuses what a client sent.
+// A request that cannot be served, and the reason. The only exception with which api/ rejects client input.
 class RequestError : public std::runtime_error {
  public:
   RequestError(std::string_view code, const std::string& detail, std::vector<Finding> findings = {});
@@ -65,17 +66,18 @@ class RequestError : public std::runtime_error {
   std::vector<Finding> findings_;
 };
 
-// application/problem+json (RFC 9457) with `errors` when there are findings. Never throws on what a client may have
-// sent, bytes that are no UTF-8 included.
+// application/problem+json (RFC 9457) with `errors` when there are findings. Accepts any client input, including bytes
+// that are not UTF-8.
 Response problem(const std::string& code, const std::string& detail, const std::vector<Finding>& findings = {});
 
-// What `work` answers, or the problem that what it throws is. A RequestError is the row that it names, an
-// ImpossibleRequest "invalid_request", a DataError "terrain_data_error", a SystemFault "storage_unavailable", Cancelled
-// "client_gone" or "deadline_exceeded", a lack of memory or threads kOutOfMemory. All else, a library's
-// std::invalid_argument among it, is "internal": what it says is logged for the operator and not sent.
+// Returns the result of `work`, or the problem for its exception. A RequestError gives the row that it names, an
+// ImpossibleRequest "invalid_request", a DataError "terrain_data_error", a SystemFault "storage_unavailable",
+// TooMuchWork "deadline_exceeded", Cancelled "client_gone" or "deadline_exceeded", a lack of memory or threads
+// kOutOfMemory. Anything else, including a library's std::invalid_argument, is "internal": its text is logged for the
+// operator and not sent.
 Response answer_or_problem(const Request& request, const std::function<Response()>& work) noexcept;
 
-// Status and error code alone: where there is no memory for a problem, server/ sends one that it made beforehand.
+// Status and error code only: if there is no memory for a problem, server/ sends one that was made beforehand.
 Response out_of_memory() noexcept;
 
 }  // namespace selenograph::api

@@ -1,4 +1,4 @@
-// A request for several cameras at one instant: the frames that it is made of.
+// Splits a request for several cameras at one instant into frames.
 #pragma once
 
 #include <cstddef>
@@ -12,19 +12,19 @@ namespace selenograph::api {
 
 struct CameraBody {
   std::string name;
-  Json body;  // of a frame of its own: the request's members, but those that the camera has itself
+  Json body;  // body of its frame: the request's members, overridden by the camera's
 };
 
 inline constexpr std::size_t kMostCameras = 16, kLongestCameraName = 64;
 
-// Whether it is one: has "cameras".
+// Whether a request has "cameras".
 bool has_cameras(const Json& body);
 
-// Throws RequestError("invalid_request") with every fault found of the names and of what may be in a camera.
+// Throws RequestError("invalid_request") with all faults of the names and members of the cameras.
 std::vector<CameraBody> split_cameras(const Json& body);
 
-// Calls work() and turns the pointers of what it refuses into those of the request: of members that the camera has
-// itself, below "/cameras/NAME".
+// Calls work() and converts JSON Pointers in its errors to those of the request: members overridden by the camera are
+// below "/cameras/NAME".
 void with_pointers_of(const Json& body, const std::string& camera, const std::function<void()>& work);
 
 }  // namespace selenograph::api

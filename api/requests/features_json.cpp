@@ -155,7 +155,7 @@ const Members<FeaturesQuery>& features_members() {
               "name of details/NAME.json in the operator's assets folder")
             .required();
         m.add("kind", &FeaturesQuery::kind, Word{kKinds}, "what is listed");
-        m.add("region", &FeaturesQuery::bounds, Object{bounds_members()}, "that holds their centres").required();
+        m.add("region", &FeaturesQuery::bounds, Object{bounds_members()}, "region of their centres").required();
         m.add("smallest_m", &FeaturesQuery::smallest_m, Number{kDiameter_m, "m"},
               "least diameter; left out: the preset's");
         m.check([](const JsonReader& in, FeaturesQuery& query, const ReadContext& context) {

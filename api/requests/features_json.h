@@ -1,4 +1,4 @@
-// Requests for a detail's craters and rocks: JSON -> a region, and the answers as JSON and CSV.
+// Requests for a detail's craters and rocks, and their answers as JSON and CSV.
 #pragma once
 
 #include <cstdint>
@@ -25,15 +25,14 @@ struct FeaturesQuery {
   MapBounds bounds;
   std::optional<double> smallest_m;  // empty: the preset's
 
-  dem::Footprint region() const;  // east of its west
+  dem::Footprint region() const;  // its east is larger than its west
   double least_m() const;
-  // About as much as the answer takes at most while it is made: the craters or rocks with their text, and where they
-  // are looked for.
+  // Approximate upper bound on memory: the craters or rocks with their text, and the search.
   std::size_t bytes() const;
 };
 
 const Members<FeaturesQuery>& features_members();
-// Throws RequestError("invalid_request") with the faults found, too many of them among those.
+// Throws RequestError("invalid_request") with the faults found, including too many features.
 FeaturesQuery read_features(const Json& body, const Limits& limits, const Assets& assets = Assets(),
                             const StopToken& stop = {});
 
@@ -43,7 +42,7 @@ inline constexpr Alternative kFeaturesAnswers[] = {
     {"text/csv", "a line for each, after one with the columns' names"},
 };
 
-// What is said of a crater or rock besides its id.
+// The members of a crater or rock other than its id.
 template <typename Feature>
 struct FeatureColumn {
   std::string_view name;
@@ -52,16 +51,16 @@ struct FeatureColumn {
 };
 std::span<const FeatureColumn<dem::CraterFeature>> crater_columns();
 std::span<const FeatureColumn<dem::RockFeature>> rock_columns();
-// 16 hexadecimal digits: JSON's numbers have no room for 64 bits.
+// 16 hexadecimal digits: JSON numbers do not hold 64 bits.
 std::string id_text(std::uint64_t id);
 
-// What a query asks for.
+// The features of a query.
 class FeatureList {
  public:
   FeatureList(const FeaturesQuery& query, const engine::Renderer& renderer, const StopToken& stop = {});
 
   std::size_t size() const { return craters_.size() + rocks_.size(); }
-  // Numbers in as few digits as tell them from all others.
+  // Numbers have the fewest digits that identify them.
   std::string json() const;
   std::string csv() const;
 

@@ -30,25 +30,24 @@ struct AccuracyForm : engine::Accuracy {
 std::int64_t most_samples(const Limits& limits) { return limits.max_samples_per_pixel; }
 
 const Members<AccuracyForm>& accuracy_members() {
-  static const auto table = made<Members<AccuracyForm>>("Accuracy", "How exact, against how fast.", [](auto& m) {
+  static const auto table = made<Members<AccuracyForm>>("Accuracy", "Accuracy against speed.", [](auto& m) {
     m.add("max_error_px", &AccuracyForm::max_error_px, Number{kMaxError_px, "px"},
-          "bound on the mesh's projected error; 0: the finest posts everywhere");
+          "upper bound on the mesh's projected error; 0: the finest posts everywhere");
     m.add("samples_per_pixel", &AccuracyForm::samples_per_pixel, Integer{1, most_samples},
-          "radiance and image are means over so many points of each pixel; a square number");
+          "number of samples that radiance and image are averaged over; a square number");
     m.add("edge_samples", &AccuracyForm::edge_samples, Choice{{1, 4}},
-          "of radiance and image: so many points in the place of each sample that has less than three quarters of a "
-          "neighbour's radiance, or more than four thirds: edges of shadows, silhouettes. With 1 or 4 "
-          "`samples_per_pixel`, without a `shutter`")
+          "adaptive supersampling of radiance and image: number of samples that replace each sample whose radiance is "
+          "less than three quarters or more than four thirds of a neighbour's, as at shadow edges and silhouettes. "
+          "Requires 1 or 4 `samples_per_pixel` and no `shutter`")
         .written_if([](const AccuracyForm& accuracy) { return accuracy.edge_samples > 1; });
     m.add("max_shadow_error_px", &AccuracyForm::max_shadow_error_px, Number{{0, 1e6}, "px"},
-          "limit on how far the mesh's error displaces a shadow's edge on level ground; is relaxed where the terrain "
-          "that "
-          "it takes doesn't fit: `shadow_error_px` says what was reached");
+          "limit on how far the mesh's error displaces a shadow's edge on level ground; it is relaxed when the terrain "
+          "that it needs does not fit into memory: `shadow_error_px` is the value that was reached");
     m.add("max_detail_error_px", &AccuracyForm::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
     m.add("budget_ms", &AccuracyForm::budget_ms, Number{{0, 3.6e6, true, false}, "ms"},
-          "instead of the others: the best of them that is predicted to take no longer, on terrain in memory. The "
-          "metadata's request says what was chosen, the header Selenograph-Budget what was predicted; asked for by its "
-          "numbers the choice gives the same bytes");
+          "replaces the other members: the most accurate setting that is predicted to take no longer, on terrain in "
+          "memory. The request in the metadata has the chosen setting, the header Selenograph-Budget the prediction; "
+          "requested by its numbers, the setting gives the same bytes");
     for (const char* chosen :
          {"max_error_px", "samples_per_pixel", "edge_samples", "max_shadow_error_px", "max_detail_error_px"})
       m.excludes(chosen, {"budget_ms"}, "a budget chooses the accuracy");
@@ -65,7 +64,7 @@ const Members<AccuracyForm>& accuracy_members() {
 const Members<engine::ImageSettings>& image_members() {
   using engine::ImageSettings;
   static const auto table = made<Members<ImageSettings>>(
-      "ImageSettings", "How radiance becomes the digital numbers of the product `image`.", [](auto& m) {
+      "ImageSettings", "Conversion of radiance to the digital numbers of the product `image`.", [](auto& m) {
         m.add("bit_depth", &ImageSettings::bit_depth, Choice{{8, 16}}, "of the digital numbers");
         m.add("full_scale_radiance", &ImageSettings::full_scale_radiance_w_m2_sr,
               NumberOr{{0, 1e12, true, false}, "auto", "W m-2 sr-1"},
@@ -81,11 +80,11 @@ struct AtmosphereForm {
 const Members<AtmosphereForm>& atmosphere_members() {
   static const auto table = made<Members<AtmosphereForm>>(
       "Atmosphere",
-      "A table that the operator put into the assets folder: transmittance, irradiance and path radiance by "
-      "wavelength, computed elsewhere. Needs a `band` within it.",
+      "A table in the operator's assets folder: transmittance, irradiance and path radiance by wavelength, computed "
+      "elsewhere. Needs a `band` within its wavelengths.",
       [](auto& m) {
         m.add("name", &AtmosphereForm::table, Asset{&Assets::atmosphere, "atmosphere", "atmospheres"},
-              "of atmospheres/NAME.csv")
+              "name of atmospheres/NAME.csv")
             .required();
       });
   return *table;
@@ -307,7 +306,7 @@ void add_scene(Members<FrameQuery>& m) {
       "projection and image size; required unless `camera_preset` has one");
   m.add(
        "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
-       "where the camera is and where it looks; required unless `shutter.poses` says so")
+       "position and attitude of the camera; required unless `shutter.poses` is given")
       .written_if([](const FrameQuery& q) { return !q.request.shutter || q.request.shutter->poses.empty(); });
   m.add(
       "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
@@ -318,51 +317,48 @@ void add_scene(Members<FrameQuery>& m) {
       "spectral channel; left out: all wavelengths");
   m.add("atmosphere", atmosphere_field, Object{atmosphere_members()}, "left out: none");
   m.add("objects", objects_field, List{Object{object_members()}, 1, kMaxObjects},
-        "what is there besides terrain; `object_id` indexes this");
+        "triangle meshes besides the terrain; `object_id` holds indices into this list");
   m.add(
-       "terrain", [](auto& q) -> auto& { return q.request.terrain; }, Flag{},
-       "false: the objects are alone, without the Moon")
+       "terrain", [](auto& q) -> auto& { return q.request.terrain; }, Flag{}, "false: objects only, without the Moon")
       .written_if([](const FrameQuery& q) { return !q.request.terrain; });
 }
 
 void add_rendering(Members<FrameQuery>& m) {
   m.add(
       "visibility", [](auto& q) -> auto& { return q.request.visibility; }, Word{kVisibilities},
-      "visibility algorithm: zbuffer (z-buffer and irregular shadow map, several times as fast but for tiny "
-      "images), raytrace, or auto, which of the two is faster by the request and the terrain alone. Both are "
-      "exact; the metadata says which it was");
+      "visibility algorithm: zbuffer (z-buffer and irregular shadow map, several times as fast but for tiny images), "
+      "raytrace, or auto, the faster of the two, chosen from the request and the terrain alone. Both are exact; the "
+      "metadata names the one used");
   m.add("accuracy", accuracy_field, Object{accuracy_members()}, "level of detail and samples");
   m.add(
        "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
-       "makes `image` as a detector does")
+       "sensor model that makes `image`")
       .written_if(has_image_by_sensor);
   m.add(
        "image", [](auto& q) -> auto& { return q.request.image; }, Object{image_members()},
-       "makes `image` without a sensor's model")
+       "makes `image` without a sensor model")
       .written_if(has_image_without_sensor);
   m.add("camera_preset", preset_field, Text{},
-        "name of cameras/NAME.json in the operator's assets folder: its camera and band where the request has "
-        "none, its sensor, of which the request's own members replace those that it has. The metadata's request "
-        "says what came of it");
+        "name of cameras/NAME.json in the operator's assets folder: its camera and band if the request has none, and "
+        "its sensor, whose members the request's own replace. The request in the metadata shows the result");
   m.add(
       "products", [](auto& q) -> auto& { return q.request.products; }, Products{products()},
       "what to render: arrays of height x width, row 0 on top");
   m.add(
        "truth", [](auto& q) -> auto& { return q.request.truth; }, Object{truth_members()},
-       "left out: every pixel of every product, positions as float64")
+       "subset of pixels for ground truth; left out: every pixel of every product, positions as float64")
       .written_if([](const FrameQuery& q) { return q.request.truth && q.request.products & engine::kTruth; });
   m.add("ahead", ahead_field, List{Object{pose_members()}, 1, kMostAhead},
-        "poses that the next frames of this camera are expected at, soonest first: what they need is made ready "
-        "while no frame is in work. Left out: the camera is taken to go on as it did. Changes no byte of any "
-        "answer");
+        "expected poses of this camera's next frames, soonest first: their scenes are prepared while no frame is being "
+        "rendered. Left out: the camera's motion is extrapolated. Changes no byte of any answer");
   m.add("echo", &FrameQuery::echo, Echo{},
-        "any object of at most 1024 bytes (a time tag, the frame's number, the camera's name): given back "
-        "unchanged in the header Selenograph-Echo. Changes no byte of any answer")
+        "any object of at most 1024 bytes (a time tag, the frame's number, the camera's name): returned unchanged in "
+        "the header Selenograph-Echo. Changes no byte of any answer")
       .written_if([](const FrameQuery&) { return false; });
   m.add("cameras", no_field<FrameQuery>(), CamerasByName{},
-        "several cameras at one instant, by their names: each an object of members of this table, which take "
-        "the place of the request's own. The answer is one .npz of arrays called NAME/PRODUCT, and its meta.json "
-        "has the metadata of each camera; `echo` is the request's alone");
+        "several cameras at one instant, by name: each is an object of members of this table, which replace the "
+        "request's own. The answer is one .npz with arrays NAME/PRODUCT, and its meta.json has the metadata of each "
+        "camera; only the request itself can have `echo`");
 }
 
 }  // namespace

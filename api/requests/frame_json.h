@@ -1,5 +1,4 @@
-// A request for a frame: JSON <-> engine::FrameRequest, as the contract says. The way from untrusted to resolved
-// values.
+// Requests for frames: JSON to engine::FrameRequest, untrusted to resolved values, and back.
 #pragma once
 
 #include <optional>
@@ -25,26 +24,25 @@ std::string_view visibility_name(engine::Visibility visibility);
 
 struct FrameQuery : SceneryQuery {
   engine::FrameRequest request;
-  // Time for which the accuracy is to be chosen; empty: `request.accuracy` was given or is the default.
+  // Time budget for choosing the accuracy; empty: `request.accuracy` was given or is the default.
   std::optional<double> budget_ms;
-  std::string atmosphere_name;  // that request.atmosphere was found by
+  std::string atmosphere_name;  // name of request.atmosphere
   std::vector<ObjectQuery> objects;
-  std::vector<engine::Pose> ahead;  // that the client expects next; changes nothing of this frame
-  std::string echo;                 // given back in a header: compact JSON in ASCII; empty: none
+  std::vector<engine::Pose> ahead;  // expected next poses; they do not change this frame
+  std::string echo;                 // returned in a header: compact ASCII JSON; empty: none
 
   engine::FrameRequest& look() { return request; }
   const engine::FrameRequest& look() const { return request; }
 };
 const Members<FrameQuery>& frame_members();
 
-// Throws RequestError("invalid_request") with every fault found, Cancelled when `stop` says so: meshes take long to
-// read.
+// Throws RequestError("invalid_request") with all faults found; Cancelled when `stop` says so: reading meshes takes
+// long.
 FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets = Assets(),
                       const StopToken& stop = {});
 
-// The request as it was understood: pose in MOON_ME and OpenCV axes, intrinsics in pixels, a Sun vector. A valid
-// request itself: sent back to the service it gives the same frame. Same meaning, same text, so it is also what ETag is
-// made from.
+// The resolved request: pose in MOON_ME and OpenCV axes, intrinsics in pixels, a Sun vector. It is a valid request that
+// gives the same frame. Requests with the same meaning have the same text, from which the ETag is made.
 nlohmann::ordered_json resolved_json(const FrameQuery& query);
 
 }  // namespace selenograph::api

@@ -34,7 +34,8 @@ dem::Footprint footprint_of(const MapBounds& bounds) {
 
 const Members<MapBounds>& bounds_members() {
   static const auto members = made<Members<MapBounds>>(
-      "MapBounds", "Outer edges of a map or region. East of a west edge that is larger, longitudes go on past 180.",
+      "MapBounds",
+      "Outer edges of a map or region. If west_deg is larger than east_deg, the region crosses 180 degrees.",
       [](auto& m) {
         m.add("south_deg", &MapBounds::south_deg, Number{kLatitude_deg, "deg"}, "latitude").required();
         m.add("north_deg", &MapBounds::north_deg, Number{kLatitude_deg, "deg"}, "latitude").required();
@@ -58,8 +59,8 @@ constexpr Range kMapSide_m{0, 2e7, true, false}, kGsd_m{0.01, 1e6}, kStandardPar
 const Members<MapArea>& area_members() {
   static const auto members = made<Members<MapArea>>(
       "MapArea",
-      "Where a map lies, on the sphere of 1 737 400 m. Its pixels are squares on the projection's plane, their values "
-      "those at their centres; row 0 is in the north.",
+      "Projection and extent of a map, on the sphere of 1 737 400 m. Pixels are squares on the projection's plane and "
+      "hold the values at their centres; row 0 is the northernmost.",
       [](auto& m) {
         m.add(
              "projection", &MapArea::projection, Word{kProjections},
@@ -68,11 +69,11 @@ const Members<MapArea>& area_members() {
             .required();
         m.set_model("projection");
         m.add("bounds", &MapArea::bounds, Object{bounds_members()},
-              "covered from the north-west corner on: the last row and column may reach beyond. The standard parallel "
-              "is the equator, the central meridian 0, or 180 for a map that goes on past it")
+              "covered from the north-west corner; the last row and column may extend beyond. The standard parallel is "
+              "the equator, the central meridian 0, or 180 for a map that crosses it")
             .of({"equirectangular"});
         m.add("center", &MapArea::center, Object{place_members()},
-              "of a map of width_m x height_m; of equirectangular maps its latitude is the standard parallel");
+              "centre of a map of width_m x height_m; for equirectangular maps its latitude is the standard parallel");
         m.add("width_m", &MapArea::width_m, Number{kMapSide_m, "m"}, "on the projection's plane, to whole pixels");
         m.add("height_m", &MapArea::height_m, Number{kMapSide_m, "m"}, "on the projection's plane, to whole pixels");
         m.add("gsd_m", &MapArea::gsd_m, Number{kGsd_m, "m"}, "side of a pixel where the projection is true to scale")
@@ -199,9 +200,9 @@ struct NadirOr {
 const Members<engine::Accuracy>& map_accuracy_members() {
   using engine::Accuracy;
   static const auto members =
-      made<Members<Accuracy>>("MapAccuracy", "How exact, against how fast. A pixel is gsd_m wide.", [](auto& m) {
+      made<Members<Accuracy>>("MapAccuracy", "Accuracy against speed. A pixel is gsd_m wide.", [](auto& m) {
         m.add("max_error_px", &Accuracy::max_error_px, Number{kMaxError_px, "px"},
-              "bound on the mesh's vertical error; posts are at most twice as far apart; 0: the finest posts");
+              "upper bound on the mesh's vertical error; posts are at most twice as far apart; 0: the finest posts");
         m.add("max_shadow_error_px", &Accuracy::max_shadow_error_px, Number{{0, 1e6}, "px"},
               "limit on how far the mesh's error displaces a shadow's edge on level ground");
         m.add("max_detail_error_px", &Accuracy::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
@@ -236,9 +237,10 @@ const Members<MapQuery>& map_members() {
         m.add(
             "band", [](auto& q) -> auto& { return q.request.look.band; }, Object{band_members()},
             "spectral channel of the radiance; left out: all wavelengths");
-        m.add("view", view_field, NadirOr{},
-              "of the radiance: nadir, from straight above each pixel, or from a direction. The ground stays where it "
-              "is; what terrain hides from the viewer has no radiance. Left out: nadir");
+        m.add(
+            "view", view_field, NadirOr{},
+            "viewing direction of the radiance: nadir, from straight above each pixel, or from a direction. The map's "
+            "geometry does not change; ground that terrain hides from the viewer has no radiance. Left out: nadir");
         m.add(
             "accuracy", [](auto& q) -> auto& { return q.request.look.accuracy; }, Object{map_accuracy_members()},
             "level of detail");

@@ -1,4 +1,4 @@
-// A request for a map: JSON <-> engine::MapRequest.
+// Requests for maps: JSON to engine::MapRequest and back.
 #pragma once
 
 #include <optional>
@@ -12,10 +12,10 @@ struct MapBounds {
   double south_deg = 0, north_deg = 0, west_deg = 0, east_deg = 0;
 };
 const Members<MapBounds>& bounds_members();
-// East of the western edge by up to 360 degrees.
+// The east edge is up to 360 degrees east of the west edge.
 dem::Footprint footprint_of(const MapBounds& bounds);
 
-// "map": where it lies.
+// "map": projection and extent.
 struct MapArea {
   dem::MapProjection projection = dem::MapProjection::equirectangular;
   std::optional<MapBounds> bounds;
@@ -36,7 +36,7 @@ struct MapQuery : SceneryQuery {
 const Members<MapQuery>& map_members();
 // Throws RequestError("invalid_request") with every fault found.
 MapQuery read_map(const Json& body, const Limits& limits, const Assets& assets = Assets(), const StopToken& stop = {});
-// A valid request itself.
+// The resolved request, which is a valid request.
 OrderedJson resolved_json(const MapQuery& query);
 
 }  // namespace selenograph::api

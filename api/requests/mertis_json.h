@@ -1,5 +1,5 @@
-// A spectrometer's request and its channels, as JSON and CSV: for POST /v1/verify/mertis and for `selenograph
-// verify mertis`.
+// Requests and answers of the spectrometer, as JSON and CSV: for POST /v1/verify/mertis and `selenograph verify
+// mertis`.
 #pragma once
 
 #include <string>
@@ -15,14 +15,14 @@ inline constexpr int kMaxChannels = 10000;
 
 struct MertisQuery {
   engine::Spectrometer spectrometer;
-  std::vector<double> temperatures_k{350, 500};  // assumed: of the paper's figure 6 there is no number in the text
+  std::vector<double> temperatures_k{350, 500};  // assumed: the paper's text has no numbers for its figure 6
 };
 
 const Members<MertisQuery>& mertis_members();
-// Throws RequestError with every fault found. Every member may be left out: MERTIS.
+// Throws RequestError with all faults found. All members are optional; the defaults are MERTIS.
 MertisQuery read_mertis(const Json& body);
 
-// The instrument as understood, what was assumed, and per temperature and channel what the equations give.
+// The resolved instrument, the assumptions, and the results per temperature and channel.
 struct SpectraSource {
   const MertisQuery& query;
   const StopToken& stop;  // stops between channels

@@ -65,17 +65,17 @@ const Members<RaysQuery>& rays_members() {
         m.add("sun", &RaysQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
         m.add("detail", &RaysQuery::detail, DetailName{}, kOfDetail);
         m.add("objects", &RaysQuery::objects, List{Object{object_members()}, 1, kMaxObjects},
-              "as in a frame: rays meet them, and they cast shadows");
+              "as in a frame: rays hit them, and they cast shadows");
       });
   return *table;
 }
 
 const Members<ProjectQuery>& project_members() {
   static const auto table =
-      made<Members<ProjectQuery>>("ProjectRequest", "Landmarks for a camera and a pose.", [](auto& m) {
+      made<Members<ProjectQuery>>("ProjectRequest", "Landmarks to project, for a camera and a pose.", [](auto& m) {
         m.add("camera", &ProjectQuery::camera, Object{camera_members()}, "projection and image size").required();
         m.add("pose", &ProjectQuery::pose, Object{pose_members()},
-              "where the camera is and where it looks; required unless `shutter.poses` says so");
+              "position and attitude of the camera; required unless `shutter.poses` is given");
         m.add("shutter", &ProjectQuery::shutter, Object{shutter_members()},
               "times of the rows: the answer has a `time_s`; left out: all rows are exposed at once");
         m.add("sun", &ProjectQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");

@@ -1,4 +1,4 @@
-// Requests about rays and points: JSON -> engine types, and the answers back. Places are MOON_ME.
+// Requests for rays and points. Places are MOON_ME.
 #pragma once
 
 #include <optional>
@@ -50,7 +50,7 @@ ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& 
                           const StopToken& stop = {});
 HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets = Assets(),
                           const StopToken& stop = {});
-// Of a query string; its names are the pointers: "/lat_deg".
+// From a query string; its names are the pointers: "/lat_deg".
 Geographic read_height_query(const std::multimap<std::string, std::string>& query);
 
 }  // namespace selenograph::api

@@ -24,27 +24,30 @@ int default_posts(const Limits& limits) { return std::min(256, most_posts(limits
 
 const Members<engine::RoundTripRequest>& round_trip_members() {
   using Trip = engine::RoundTripRequest;
-  static const auto table = made<Members<Trip>>("RoundTripRequest", "A DEM's way into images and back.", [](auto& m) {
-    m.start_from([](const Limits& limits) {
-      Trip request;
-      request.posts = default_posts(limits);
-      return request;
-    });
-    m.add("center",
-          Property{[](const Trip& r) {
-                     return std::optional(Geographic{r.lat_deg, r.lon_deg, 0});
-                   },
-                   [](Trip& r, const Geographic& g) { r.lat_deg = g.lat_deg, r.lon_deg = g.lon_deg; }},
-          Object{place_members()}, "the finest tile that holds it is compared")
-        .required();
-    m.add("height_m", &Trip::height_m, Number{kStationHeight_m, "m"}, "of the cameras above the ground");
-    m.add("mode", &Trip::mode, Word{kRoundTripModes}, "exact: rays through the posts; camera: frames");
-    m.add("posts", &Trip::posts, Integer{1, posts_allowed}, "along each side of the window; fewer where the tile ends");
-    m.add("footprint_ratio", &Trip::footprint_ratio, Number{kFootprintRatio},
-          "pixel footprint over post spacing, mode camera");
-    m.add("max_error_px", &Trip::max_error_px, Number{kMaxError_px, "px"},
-          "of the frames, mode camera; 0: the finest posts");
-  });
+  static const auto table = made<Members<Trip>>(
+      "RoundTripRequest", "DEM round trip: frames of a tile, converted back to heights and compared with the file.",
+      [](auto& m) {
+        m.start_from([](const Limits& limits) {
+          Trip request;
+          request.posts = default_posts(limits);
+          return request;
+        });
+        m.add("center",
+              Property{[](const Trip& r) {
+                         return std::optional(Geographic{r.lat_deg, r.lon_deg, 0});
+                       },
+                       [](Trip& r, const Geographic& g) { r.lat_deg = g.lat_deg, r.lon_deg = g.lon_deg; }},
+              Object{place_members()}, "the finest tile that contains it is compared")
+            .required();
+        m.add("height_m", &Trip::height_m, Number{kStationHeight_m, "m"}, "height of the cameras above the ground");
+        m.add("mode", &Trip::mode, Word{kRoundTripModes}, "exact: rays through the posts; camera: frames");
+        m.add("posts", &Trip::posts, Integer{1, posts_allowed},
+              "posts along each side of the window; fewer at the tile's border");
+        m.add("footprint_ratio", &Trip::footprint_ratio, Number{kFootprintRatio},
+              "pixel footprint over post spacing, mode camera");
+        m.add("max_error_px", &Trip::max_error_px, Number{kMaxError_px, "px"},
+              "level of detail of the frames, mode camera; 0: the finest posts");
+      });
   return *table;
 }
 

@@ -26,12 +26,12 @@ OrderedJson boolean(const char* description);
 OrderedJson text(const char* description);
 OrderedJson vector(const char* description);
 OrderedJson list(const OrderedJson& items, std::size_t most, const char* description);
-// Of any length.
+// An array of any length.
 OrderedJson array(OrderedJson items, const char* description = "");
 OrderedJson with(OrderedJson json, const char* key, OrderedJson value);
-// An object whose members the description names.
+// An object whose members are named in the description.
 OrderedJson free_object(const char* description);
-// Later versions may say more.
+// An object; later versions may add members.
 OrderedJson object(const char* description, OrderedJson properties, std::initializer_list<const char*> required);
 
 template <typename Table>
@@ -56,7 +56,7 @@ OrderedJson answer_json(const T& value) {
     return OrderedJson(value);
 }
 
-// An object of an answer, made from a Source.
+// An object in an answer, written from a Source.
 template <typename Source>
 class Answer {
  public:
@@ -64,13 +64,13 @@ class Answer {
 
   explicit Answer(const char* description) : description_(description) {}
 
-  // A member that is written in this place, always or where `there` says so.
+  // Adds a member, written always or if `there` is true.
   template <typename Value>
   void add(const char* name, OrderedJson schema, Value value, There there = {}) {
     rows_.push_back(
         {name, std::move(schema), [value](const Source& s) { return answer_json(value(s)); }, std::move(there)});
   }
-  // A member that somebody else writes.
+  // Describes a member that is written elsewhere.
   void describe(const char* name, OrderedJson schema) { rows_.push_back({name, std::move(schema), {}, {}}); }
 
   OrderedJson write(const Source& source) const {
@@ -86,7 +86,7 @@ class Answer {
     return json;
   }
 
-  // Members that are always there are required.
+  // Members that are always written are required.
   OrderedJson schema() const {
     OrderedJson json = schema::object(description_, OrderedJson::object(), {});
     for (const Row& row : rows_) {

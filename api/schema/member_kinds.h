@@ -1,5 +1,5 @@
-// What a member of a request can hold. A kind reads a value, writes it, and says in JSON Schema what it takes; it holds
-// the range, so that these can't differ.
+// Kinds of request members. A kind reads a value, writes it, and gives its JSON Schema; it holds the range, so that
+// these cannot differ.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ namespace selenograph::api {
 
 // {"type": "number"} with the range's bounds.
 OrderedJson number_schema(const Range& range);
-// Of at least `min` and at most `max` elements.
+// An array of at least `min` and at most `max` elements.
 OrderedJson array_schema(OrderedJson items, std::size_t min, std::size_t max);
 // A reference to a table's component in the API document.
 OrderedJson reference_to(const MemberTable& table);
@@ -90,7 +90,7 @@ struct Word {
 template <typename T, std::size_t N>
 Word(const std::pair<std::string_view, T> (&)[N]) -> Word<T>;
 
-// The only word that there is.
+// A constant word.
 struct Constant {
   using Value = std::monostate;
   std::string_view word;
@@ -99,7 +99,7 @@ struct Constant {
   OrderedJson schema(const Limits&) const { return {{"type", "string"}, {"const", word}}; }
   OrderedJson fallback() const { return {}; }
 };
-// A field that always has that word.
+// A field with that constant.
 template <typename Form>
 auto no_field() {
   return Property{[](const Form&) { return std::optional(std::monostate()); }, [](Form&, std::monostate) {}};
@@ -123,7 +123,7 @@ struct Vector {
   OrderedJson schema(const Limits&) const { return array_schema(number_schema(range), 3, 3); }
 };
 
-// A number within the range, or a word that stands for none.
+// A number within the range, or a word in place of one (an empty value).
 struct NumberOr {
   using Value = std::optional<double>;
   Range range;
@@ -134,7 +134,7 @@ struct NumberOr {
   OrderedJson schema(const Limits&) const;
 };
 
-// [a, b], the first two members of a struct.
+// [a, b], as the first two members of a struct.
 template <typename T>
 struct Pair {
   using Value = T;
@@ -155,7 +155,7 @@ struct Pair {
   }
 };
 
-// An object with a table of its own.
+// An object with its own table.
 template <typename M>
 struct Object {
   using Value = typename M::ValueType;
@@ -231,7 +231,7 @@ struct Map {
 template <typename Kind>
 Map(Kind) -> Map<Kind>;
 
-// What a file of the assets folder holds, and the name that a request calls it by.
+// The content of a file in the assets folder, and its name in the request.
 template <typename T>
 struct Named {
   std::string name;

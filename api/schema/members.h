@@ -20,17 +20,17 @@ namespace selenograph::api {
 
 using OrderedJson = nlohmann::ordered_json;
 
-// What reading depends on besides the request.
+// Context for reading a request.
 struct ReadContext {
   const Limits& limits;
   const Assets& assets;
   StopToken stop{};       // files may take long to read
-  std::string sun_utc{};  // the epoch that the request's Sun is given by; empty: it is given otherwise
+  std::string sun_utc{};  // epoch of the request's Sun; empty: not given by an epoch
 };
 
 class MemberTable;
 
-// What is said about a member: all of its row but the functions that touch a C++ object.
+// Description of a member: its row without the functions that access a C++ object.
 struct MemberRow {
   std::string_view name;
   std::string_view unit;  // empty: none
@@ -38,33 +38,33 @@ struct MemberRow {
   bool required = false;
   // Words of the table's model (MemberTable::set_model) that have this member; empty: all. The others refuse it.
   std::vector<std::string_view> models{};
-  std::function<OrderedJson(const Limits&)> schema{};    // of its values, without description and default
-  std::function<OrderedJson(const Limits&)> fallback{};  // null: left out, it has no value
-  std::vector<const MemberTable*> objects{};             // that its values consist of
+  std::function<OrderedJson(const Limits&)> schema{};    // schema of its values, without description and default
+  std::function<OrderedJson(const Limits&)> fallback{};  // null: no default
+  std::vector<const MemberTable*> objects{};             // tables of its objects
 };
 
-// What is said about an object, whatever C++ type it is read into.
+// Description of an object, independent of its C++ type.
 class MemberTable {
  public:
   MemberTable(std::string_view name, std::string description) : name_(name), description_(std::move(description)) {}
   MemberTable(const MemberTable&) = delete;
   MemberTable& operator=(const MemberTable&) = delete;
 
-  std::string_view name() const { return name_; }  // of the component in the API document
+  std::string_view name() const { return name_; }  // name of the component in the API document
   const std::string& description() const { return description_; }
   std::span<const MemberRow> rows() const { return rows_; }
 
-  // Rules across members. What breaks one is reported by name, and the schema says the same.
+  // Rules across members. Violations are reported by name, and the schema has the same rules.
   void exactly_one(std::vector<std::string_view> names);
-  // One of these at least; the first is what is asked for.
+  // At least one of these; an error asks for the first.
   void any_of(std::vector<std::string_view> names);
-  // Where `name` is, none of `others` may be.
+  // `name` excludes all of `others`.
   void excludes(std::string_view name, std::vector<std::string_view> others, std::string why = {});
-  // Where `name` is, one of `others` must be; the first is what is asked for. A single other is what is reported.
+  // `name` requires one of `others`; an error asks for the first, or reports the only one.
   void needs(std::string_view name, std::vector<std::string_view> others, std::string why = {});
-  // The member whose word decides which rows belong (MemberRow::models).
+  // Sets the member whose word decides which rows apply (MemberRow::models).
   void set_model(std::string_view name) { model_ = name; }
-  // A condition that a check beside the table makes; one more of the schema's "allOf".
+  // Adds a condition to the schema's "allOf" for a check outside the table.
   void also(std::function<OrderedJson(const Limits&)> condition) { conditions_.push_back(std::move(condition)); }
 
   OrderedJson schema(const Limits& limits) const;
@@ -72,7 +72,7 @@ class MemberTable {
   std::string markdown(const Limits& limits) const;
 
  protected:
-  // Reports what is no object, unknown members, missing ones, those of other models.
+  // Reports values that are not objects, unknown members, missing ones, and those of other models.
   bool check_names(const JsonReader& in) const;
   void check_rules(const JsonReader& in) const;
   bool belongs(const MemberRow& row, const OrderedJson& written) const;
@@ -83,12 +83,12 @@ class MemberTable {
   struct Rule {
     enum class Kind { exactly_one, any_of, excludes, needs };
     Kind kind;
-    std::string_view name;  // of excludes and needs
+    std::string_view name;  // for excludes and needs
     std::vector<std::string_view> others;
     std::string why;
     OrderedJson schema() const;
-    std::string text() const;                // for people
-    bool check(const JsonReader& in) const;  // false: broken, and reported
+    std::string text() const;                // in words
+    bool check(const JsonReader& in) const;  // false: violated and reported
   };
   std::optional<std::string> model_of(const JsonReader& in) const;
   void check_models(const JsonReader& in) const;
@@ -105,7 +105,7 @@ class MemberTable {
 // A table's heading in requests.md.
 std::string link_to(const MemberTable& table);
 
-// Where a row's value lives when that is no member of the form: `get` answers nothing where there is none to write.
+// Accessors of a value that is not a member of the form: `get` returns empty if there is nothing to write.
 template <typename Get, typename Set>
 struct Property {
   Get get;
@@ -125,7 +125,7 @@ template <typename Get, typename Set>
 inline constexpr bool is_property<Property<Get, Set>> = true;
 }  // namespace detail
 
-// An object that is read into a Form and then, when nothing is wrong with it, resolved into a Value.
+// An object that is read into a Form and then, if it is valid, resolved into a Value.
 template <typename Form, typename Value = Form>
 class Members : public MemberTable {
  public:
@@ -133,13 +133,13 @@ class Members : public MemberTable {
   using ValueType = Value;
   using MemberTable::MemberTable;
 
-  // A row as it is being declared.
+  // A row being declared.
   class Added {
    public:
     Added(MemberRow& row, std::function<bool(const Form&)>& written) : row_(row), written_(written) {}
     Added& required() { return row_.required = true, row_.fallback = nullptr, *this; }
     Added& of(std::vector<std::string_view> models) { return row_.models = std::move(models), *this; }
-    // Left out of the resolved request otherwise.
+    // Written into the resolved request only if the condition holds.
     Added& written_if(std::function<bool(const Form&)> condition) { return written_ = std::move(condition), *this; }
 
    private:
@@ -147,9 +147,9 @@ class Members : public MemberTable {
     std::function<bool(const Form&)>& written_;
   };
 
-  // A field is a pointer to a member of Form, a function that answers a reference to one, or a Property. A
-  // std::optional of the kind's value may stay empty; of anything else the value of a new Form is the default. A kind
-  // is one of member_kinds.h, or of their shape.
+  // A field is a pointer to a member of Form, a function that returns a reference to one, or a Property. A
+  // std::optional of the kind's value may stay empty; for anything else the default is the value in a new Form. A kind
+  // is one of member_kinds.h, or a type with the same interface.
   template <typename Field, typename Kind>
   Added add(std::string_view name, Field field, Kind kind, std::string text) {
     MemberRow row{name, {}, std::move(text)};
@@ -166,17 +166,17 @@ class Members : public MemberTable {
     return {rows_.back(), access_.back().written_if};
   }
 
-  // The value of what is left out where that depends on the service's limits.
+  // Sets defaults that depend on the service's limits.
   void start_from(std::function<Form(const Limits&)> initial) { initial_ = std::move(initial); }
-  // More checks, made when an object was read, whatever is wrong with it: faulty members have their defaults.
+  // Adds checks that are made after an object was read, even if it has faults: faulty members have their defaults.
   void check(std::function<void(const JsonReader&, Form&, const ReadContext&)> check) { check_ = std::move(check); }
-  // From a form without faults to a value; reports and answers nothing where that can't be. And back.
+  // Sets the conversion of a form without faults to a value; it reports and returns empty if there is none.
   void resolve(std::function<std::optional<Value>(const JsonReader&, Form&, const ReadContext&)> resolve) {
     resolve_ = std::move(resolve);
   }
   void unresolve(std::function<Form(const Value&)> form_of) { form_of_ = std::move(form_of); }
 
-  // Nothing where there are faults, which are reported.
+  // Empty if there are faults, which are reported.
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
     const std::size_t before = in.faults();
     if (!check_names(in)) return std::nullopt;
@@ -191,7 +191,7 @@ class Members : public MemberTable {
     return std::nullopt;
   }
 
-  // As resolved: a request's members that give this value again, in the order of the table.
+  // Writes the resolved members, which give this value when read, in the order of the table.
   OrderedJson write(const Value& value) const {
     if constexpr (std::is_same_v<Form, Value>) {
       if (!form_of_) return write_form(value);
@@ -202,7 +202,7 @@ class Members : public MemberTable {
  private:
   struct Access {
     std::function<void(const JsonReader&, Form&, const ReadContext&)> read;
-    std::function<OrderedJson(const Form&)> write;  // null: there is nothing to write
+    std::function<OrderedJson(const Form&)> write;  // null: nothing to write
     std::function<bool(const Form&)> written_if;
   };
 
@@ -249,7 +249,7 @@ class Members : public MemberTable {
     }
   }
 
-  // Objects have no default of their own: their members have.
+  // Objects have no default: their members have.
   template <typename Field, typename Kind>
   static OrderedJson fallback(const Field& field, const Kind& kind, const Form& form) {
     if constexpr (requires { kind.objects(); }) {
@@ -268,7 +268,7 @@ class Members : public MemberTable {
   std::function<Form(const Value&)> form_of_;
 };
 
-// Builds a table in place: tables are not copied, rows refer to them.
+// Builds a table in place: tables are not copied, since rows refer to them.
 template <typename M, typename Fill>
 std::unique_ptr<const M> made(std::string_view name, std::string description, Fill&& fill) {
   auto members = std::make_unique<M>(name, std::move(description));

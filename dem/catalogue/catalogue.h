@@ -1,4 +1,4 @@
-// Which DEM files there are and where they lie: a lookup, not open files.
+// Catalogue of DEM files and their footprints: a lookup without open files.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,7 @@ namespace selenograph::dem {
 // How layers of different resolution are joined: see layer_edges.h.
 struct LayerJoins {
   double blend_posts = 16;          // width of the band, in posts of the coarser layer; 0: layers end as they are
-  std::vector<double> offsets_m{};  // added to the heights of each raster, by its index; empty: none
+  std::vector<double> offsets_m{};  // added to the heights of each raster, by index; empty: none
 };
 
 class Catalogue {
@@ -28,7 +28,7 @@ class Catalogue {
   // later entry wins over an earlier one where both have a valid post. What is found is the same with a saved catalogue
   // and without.
   explicit Catalogue(const std::vector<std::string>& paths, const CatalogueOptions& options = {});
-  // For tests and callers who know their files.
+  // For tests, and for callers that know their files.
   explicit Catalogue(std::vector<RasterInfo> rasters);
 
   const std::vector<RasterInfo>& rasters() const { return rasters_; }
@@ -39,27 +39,27 @@ class Catalogue {
   int layer_begin(int raster) const { return layer_begin_[static_cast<std::size_t>(raster)]; }
   bool one_layer() const { return rasters_.empty() || layer_begin_.back() == 0; }
 
-  // Before anything is made of the posts.
+  // Call before any posts are used.
   void join_layers(LayerJoins joins);
   const LayerJoins& joins() const { return joins_; }
   double offset_m(int raster) const {
     return joins_.offsets_m.empty() ? 0 : joins_.offsets_m[static_cast<std::size_t>(raster)];
   }
 
-  // How many files this opening had to read; the others were as the saved catalogue says.
+  // Number of files that had to be read; the others were taken from the saved catalogue.
   std::size_t inspected() const { return inspected_; }
 
-  // The index in rasters() of the file of that path.
+  // Index in rasters() of the file with this path.
   std::optional<SourceIndex> find(const std::string& path) const;
 
-  // Indices into rasters() of those whose footprint touches the box, grown by margin_deg (below 0: shrunk); ascending
-  // (coarse to fine). west may be anything, east >= west; boxes of 360 degrees and more mean all longitudes. Fast for
-  // 64 800 tiles (a 1-degree bucket grid).
+  // Indices into rasters() of files whose footprint touches the box, grown by margin_deg (negative: shrunk); ascending
+  // (coarse to fine). west may be any longitude, east >= west; boxes of 360 degrees or more cover all longitudes. Fast
+  // for 64 800 tiles (1-degree buckets).
   std::vector<int> touching(double south_deg, double north_deg, double west_deg, double east_deg,
                             double margin_deg = 0) const;
 
-  // Changes whenever a file, its size or its time changes, and with what layers are joined by where there are several.
-  // Part of every frame's content hash.
+  // Changes whenever a file, its size or its modification time changes, and with the joins of layers if there are
+  // several. Part of every frame's content hash.
   std::uint64_t fingerprint() const { return fingerprint_; }
 
  private:

@@ -1,4 +1,4 @@
-// A population of craters that is a function of place, seed and law alone (size_cells.h).
+// A population of craters as a function of place, seed and law only (size_cells.h).
 #pragma once
 
 #include <cstdint>
@@ -17,46 +17,46 @@ SizeFrequency equilibrium();
 struct CraterLaw {
   std::uint64_t seed = 0;
   SizeFrequency frequency = equilibrium();
-  double largest_m = 1, smallest_m = 1;  // diameters; equal: there are none
-  // Impacts come at a constant rate: ages are uniform up to this, or to when CraterShape::kOldest is reached. That is
-  // what an equilibrium is: craters vanish as fast as they are made.
+  double largest_m = 1, smallest_m = 1;  // diameters; equal: no craters
+  // Impacts occur at a constant rate: ages are uniform up to this, or until CraterShape::kOldest is reached. This is
+  // equilibrium: craters vanish as fast as they form.
   double oldest_Ma = 3500;
   double diffusivity_m2_per_Ma = kDiffusivity_m2_per_Ma;
 };
 
-// From rim to floor over the diameter, of fresh ones (Stopar et al. 2017, table of medians by size), between them by
-// the logarithm of the diameter.
+// Depth from rim to floor over the diameter of fresh craters (Stopar et al. 2017, table of medians by size),
+// interpolated in the logarithm of the diameter.
 double fresh_depth_over_diameter(double diameter_m);
 inline constexpr double kDepthScatter = 0.02;  // standard deviation
 
 struct Crater {
   Vec3 centre;  // unit, MOON_ME
   double diameter_m;
-  double depth_m;  // from rim to floor, today
+  double depth_m;  // present depth, from rim to floor
   double age_Ma;
   double age;    // as CraterShape takes it
-  double scale;  // m: the shape's height is to be multiplied by it
+  double scale;  // factor of the shape's height, m
   std::uint64_t id;
   double reach_m() const { return CraterShape::reach(age) * diameter_m / 2; }
 };
 
-// Const means safe to call concurrently.
+// Thread-safe: const functions may be called concurrently.
 class CraterField {
  public:
   explicit CraterField(const CraterLaw& law, const Region& of_centres = {});
 
-  // The octaves that have any: diameters from 2^k to 2^(k+1) m, cut to the law's.
+  // Octaves that have craters: diameters from 2^k to 2^(k+1) m, limited to the law's.
   int smallest_octave() const { return cells_.smallest_octave(); }
   int largest_octave() const { return cells_.largest_octave(); }
 
-  // Those of an octave whose reach may meet a ball around a place on the sphere; in no particular order, but each once.
+  // Finds the craters of an octave whose reach may touch a sphere around a place; each once, in no particular order.
   void near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out,
             const StopToken& stop = {}) const;
-  // Those whose centre lies in a box. `east_deg` may exceed 180.
+  // Craters whose centre is in a box. `east_deg` may exceed 180.
   std::vector<Crater> within(int octave, const Footprint& box, const StopToken& stop = {}) const;
 
   double largest_m(int octave) const { return cells_.largest_m(octave); }
-  // What an octave's craters add to heights lies between these.
+  // Bounds on what an octave's craters add to heights.
   double deepest_m(int octave) const;
   double highest_m(int octave) const;
 

@@ -1,8 +1,8 @@
-// The shape of a simple crater and how it ages.
+// The shape of a simple crater and its degradation.
 //
-// Fresh: Fassett & Thomson (2014), J. Geophys. Res. Planets 119, eq. 4, fitted to craters of 0.8 to 5 km. Ageing is
-// diffusion of topography, dh/dt = kappa laplace(h), of which the time enters as kappa t / R^2 alone: one table of
-// solutions serves craters of all sizes.
+// Fresh shape: Fassett & Thomson (2014), J. Geophys. Res. Planets 119, eq. 4, fitted to craters of 0.8 to 5 km.
+// Degradation is diffusion of topography, dh/dt = kappa laplace(h), which depends on time as kappa t / R^2 only: one
+// table of solutions serves craters of all sizes.
 #pragma once
 
 #include <vector>
@@ -11,27 +11,27 @@ namespace selenograph::dem {
 
 class CraterShape {
  public:
-  // Solves the equation: some milliseconds.
+  // Solves the equation; takes some milliseconds.
   CraterShape();
 
-  // Height over the ground before the impact, in diameters, of a crater whose depth from rim to floor is kFreshDepth
-  // when it is fresh. `r`: distance from the centre in crater radii; `age`: kappa t / R^2. Beyond reach(age): 0.
+  // Height above the pre-impact ground, in diameters, of a crater whose fresh depth from rim to floor is kFreshDepth.
+  // `r`: distance from the centre in crater radii; `age`: kappa t / R^2. 0 beyond reach(age).
   double height(double r, double age) const;
-  // The same as two rows of heights at distances of 1 / kStepsPerRadius, to be interpolated: beyond reach(age), too, by
-  // one step.
+  // The same as two rows of heights at distances in steps of 1 / kStepsPerRadius, to be interpolated; they extend
+  // beyond reach(age) by one step.
   struct Profile {
     const float *younger, *older;
-    double share;  // of the older one
+    double share;  // weight of the older one
   };
   Profile profile(double age) const;
   static constexpr int kStepsPerRadius = 96;
-  // In crater radii. Beyond it less than 2 % of the depth that is left would be left out.
+  // Radius, in crater radii, beyond which less than 2 % of the remaining depth is omitted.
   static double reach(double age);
-  // From the highest rim to the floor, over that of a fresh one.
+  // Depth from the highest rim to the floor, relative to that of a fresh crater.
   double depth_left(double age) const;
 
   static constexpr double kFreshDepth = 0.228809953 + 0.036822095;
-  // As old as craters get here: 3 % of the depth is left. Older ones are ground.
+  // Largest age: 3 % of the depth remains. Older craters are omitted.
   static constexpr double kOldest = 1.2;
 
  private:
@@ -45,7 +45,7 @@ class CraterShape {
   };
   Row row_of(const std::vector<double>& heights, double age) const;
   Between rows_at(double age) const;
-  std::vector<Row> rows_;  // of ages at equal steps of their square root
+  std::vector<Row> rows_;  // for ages in equal steps of their square root
 };
 
 // kappa of 4.0 m^2 per Ma leaves a crater of 1 km 52 % and one of 300 m 7 % of its depth after 3 Ga, which is what

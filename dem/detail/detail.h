@@ -1,4 +1,4 @@
-// Terrain below the posts: what craters and relief add to heights, level by level.
+// Terrain detail finer than the posts: craters and relief added to heights, level by level.
 //
 // A level shows an octave of craters when its posts are at most a quarter of the octave's smallest diameter apart, and
 // an octave of relief when they are at most a quarter of its wavelength apart. What a level shows it has exactly: the
@@ -23,14 +23,14 @@
 namespace selenograph::dem {
 
 struct DetailPreset {
-  std::uint64_t fingerprint = 0;  // of what it was read from
+  std::uint64_t fingerprint = 0;  // of its source
   CraterLaw craters;
   ReliefLaw relief;
   RockLaw rocks;
-  Region region;  // of all of it
+  Region region;  // where the detail is
 };
 
-// Const means safe to call concurrently.
+// Thread-safe: const functions may be called concurrently.
 class Detail {
  public:
   explicit Detail(const DetailPreset& preset);
@@ -38,42 +38,45 @@ class Detail {
   const DetailPreset& preset() const { return preset_; }
   // The first level that shows everything.
   int finest_level() const;
-  // The smallest octave of craters, and of relief, that a level shows.
+  // Smallest octave of craters, and of relief, that a level shows.
   static int smallest_octave(int level);
 
-  // To heights in metres, row by row: what a level shows that the posts' level doesn't. The same at a place from any
-  // grid, to the bit. `in_crater`, if not empty, becomes 1 inside the rim of one that is not worn away (kWorn), else 0.
+  // Adds to heights in metres, row by row, what a level shows and the posts' level does not. The result at a place does
+  // not depend on the grid, to the bit. `in_crater`, if not empty, is set to 1 inside the rim of a crater that is not
+  // worn away (kWorn), else to 0.
   void add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m,
            std::span<float> in_crater = {}, const StopToken& stop = {}) const;
-  // Depth over diameter below which nobody would call it a crater.
+  // Depth over diameter below which it is no longer recognised as a crater.
   static constexpr double kWorn = 0.02;
   // Whether a level shows relief that the posts' level doesn't.
   bool has_relief(int level, int posts_level) const;
 
-  // What finer levels add to a level's heights lies between -this and this; the level is finer than the posts.
+  // Bound on the absolute value of what finer levels add to a level's heights; the level is finer than the posts.
   double left_out_m(int level, int posts_level) const;
-  // The same of all levels finer than the posts, once their mean over each post's cell is taken out (DetailedTerrain).
+  // The same for all levels finer than the posts, after the mean over each post's cell has been subtracted
+  // (DetailedTerrain).
   double beyond_posts_m(int posts_level) const;
-  // Means over a post's cell are of so many places, along each side, and of the octaves that are shown so many levels
-  // below the posts. Of eight places they were no truer (unit.detail), and making them took most of a first frame.
+  // Means over a post's cell use kCellPlaces places along each side, and the octaves that are shown kCellLevels levels
+  // below the posts. Eight places were not more accurate (unit.detail), and they took most of the time of a first
+  // frame.
   static constexpr int kCellLevels = 3, kCellPlaces = 3;
-  // The octaves of diameters and of wavelengths [2^k, 2^(k+1)) m that are added to posts are below this one.
+  // Octaves of diameters and of wavelengths, [2^k, 2^(k+1)) m, added to posts are below this one.
   static int past_largest_octave(int posts_level) { return smallest_octave(posts_level) - 1; }
 
-  // Relief and the craters' mean go to 0 towards the region's border over as much as the largest crater or the longest
-  // wavelength measures: how much of them there is at a place, on the unit sphere.
+  // Relief and the craters' mean fade to 0 towards the region's border, over the largest crater diameter or the longest
+  // wavelength: their share at a place on the unit sphere.
   double share(const Vec3& direction) const { return preset_.region.share(direction, fade_m_); }
   // The largest crater or the longest wavelength.
   double widest_m() const { return fade_m_; }
   // Whether anything may be added so near to a place.
   bool reaches(const Vec3& direction, double radius_m) const;
 
-  // Where the mean of an octave of craters would be, were it not subtracted: so that detail moves no ground as a whole.
+  // Mean height of an octave of craters, which is subtracted so that detail does not shift the ground as a whole.
   double mean_m(int octave) const;
 
   const CraterField& craters() const { return craters_; }
   const Relief& relief() const { return relief_; }
-  // They are no terrain: they lie on it (rocks_on_ground.h).
+  // Rocks are not part of the terrain: they lie on it (rocks_on_ground.h).
   const RockField& rocks() const { return rocks_; }
 
  private:

@@ -1,4 +1,4 @@
-// What detail takes its time for, in vectors of whatever width the machine has.
+// Vectorised inner loops of detail.
 #pragma once
 
 #include <cstddef>
@@ -16,22 +16,22 @@ void add_noise(const NoisePlaces& places, std::uint32_t seed, double amplitude, 
 
 // A crater over a row of equal latitude. Distances are chords of the unit sphere.
 struct CraterOverRow {
-  double x, y;                   // of its centre
-  double along_axis2;            // squared part of the distances along the Moon's axis
-  double reach2;                 // squared; beyond it there is nothing
-  double steps;                  // of the profiles, per unit
-  const float *younger, *older;  // its profile lies between these
-  float share;                   // of the older one
-  float scale_m;                 // of the profiles' unit
+  double x, y;                   // centre
+  double along_axis2;            // squared distance along the Moon's axis
+  double reach2;                 // squared reach
+  double steps;                  // steps of the profiles per unit
+  const float *younger, *older;  // profiles to interpolate between
+  float share;                   // weight of the older one
+  float scale_m;                 // scale of the profiles' heights
 };
 struct RowUnderCrater {
   double cos_lat;
   const double *sin_lon, *cos_lon;
   std::size_t first, past_last;
 };
-// The lowest and the highest so far at each place, which are not above and not below 0.
+// Updates the lowest (<= 0) and highest (>= 0) height so far at each place.
 void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* lowest_m, float* highest_m);
-// 1 at places nearer to its centre than the root of `within2`.
+// Sets marks to 1 at places nearer to the centre than the square root of `within2`.
 void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double within2, float* marks);
 
 }  // namespace selenograph::dem

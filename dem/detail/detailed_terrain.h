@@ -1,4 +1,4 @@
-// Blocks finer than the posts: the posts' own surface, smooth between them, with craters and relief on it.
+// Blocks finer than the posts: the surface of the posts, interpolated smoothly, with craters and relief.
 //
 // Between posts the surface is Catmull-Rom's bicubic through them (linear along the triangles beside voids), so that it
 // has no facets. All of it is a function of the place and the level: blocks agree on their borders to the bit, whoever
@@ -20,7 +20,7 @@ namespace selenograph::dem {
 
 class DetailedTerrain final : public Terrain {
  public:
-  // Blocks are kept among the plain ones, on the same budget in bytes.
+  // Blocks are cached together with the plain ones, on the same memory budget.
   DetailedTerrain(std::shared_ptr<const PyramidTerrain> plain, std::shared_ptr<const Detail> detail);
 
   const Catalogue& catalogue() const override { return plain_->catalogue(); }
@@ -44,20 +44,20 @@ class DetailedTerrain final : public Terrain {
 
  private:
   class PostsAround;
-  // Whether a block has detail, and there are finer posts near it that it is not made of: the plain terrain's block
-  // isn't needed.
+  // Whether a block has detail, and finer posts are near that it is not made of: the plain terrain's block is then not
+  // needed.
   bool of_coarse_posts_alone(const BlockId& id) const;
-  // Whether the detail's region does, or what stands in it: decided for whole blocks of posts, so that heights, frames
-  // and rays agree on which level is a place's finest.
+  // Whether the detail's region, or a crater at its border, reaches a block: decided for whole blocks of posts, so that
+  // heights, frames and rays agree on the finest level of a place.
   bool reached(const BlockId& id) const;
-  // Posts of a layer and of those beneath it alone, at a block's vertices: heights and sources. Null where there are
+  // Posts of a layer and of the coarser layers only, at a block's vertices: heights and sources. Null if there are
   // none.
   std::shared_ptr<Block> posts_beneath(const BlockId& id, const StopToken& stop) const;
   struct Surface;
   Surface surface_of(const BlockId& id, int posts_level, const StopToken& stop) const;
   void blend(Surface& below, const Surface& above, const BlockId& id, const LayeredPosts::Layer& layer) const;
   std::shared_ptr<const Block> made(const BlockId& id, const StopToken& stop) const;
-  // Posts with the detail's means taken from them; null where there are none.
+  // Posts with the detail's means subtracted; null if there are none.
   std::shared_ptr<const Block> corrected(const BlockId& id, const StopToken& stop) const;
   std::shared_ptr<Block> make_corrected(const Block& posts, const StopToken& stop) const;
   enum class Kind { made, corrected };
@@ -66,7 +66,7 @@ class DetailedTerrain final : public Terrain {
 
   std::shared_ptr<const PyramidTerrain> plain_;
   std::shared_ptr<const Detail> detail_;
-  int number_;  // tells its blocks from others' in the cache
+  int number_;  // distinguishes its blocks in the cache
   LayeredPosts layers_;
 };
 

@@ -1,4 +1,4 @@
-// Places on the sphere where detail is asked for.
+// Grid of places on the sphere at which detail is evaluated.
 #pragma once
 
 #include <cstddef>

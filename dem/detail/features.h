@@ -1,4 +1,4 @@
-// The craters of a detail that the terrain has: truth for what looks for craters.
+// The craters of a detail that the terrain shows: ground truth for crater detectors.
 //
 // The detail's law says which craters there are, the DEM's posts which of them the terrain shows (detail.h). It is
 // decided for each crater by the posts at its centre. A crater across the border of the data is cut by it, one across
@@ -19,37 +19,37 @@ struct CraterFeature {
   Crater crater;
   const Crater& member() const { return crater; }
   int octave = 0;
-  Geographic place;  // of its centre; the height is that of the terrain without detail
-  // Of its rim, what the terrain shows: not where posts are finer or missing, nor where other craters of its octave
-  // change it by more than a quarter of its depth. (Of craters of one octave the deepest counts: they don't add up.)
+  Geographic place;  // of the centre; height of the terrain without detail
+  // Share of its rim that the terrain shows: not where posts are finer or missing, nor where other craters of its
+  // octave change it by more than a quarter of its depth. (Craters of one octave do not add up: the deepest counts.)
   double rim_share = 0;
-  double depth_m = 0;  // the crater's, as far as its layer's detail counts at its centre
+  double depth_m = 0;  // the crater's, weighted by its layer's share at its centre
 };
 
-// How many craters the law expects in a region, before the terrain is asked.
+// Expected number of craters in a region by the law, before the terrain is considered.
 double expected_craters(const CraterField& field, const Footprint& region, double smallest_m);
 
-// Const means safe to call concurrently.
+// Thread-safe: const functions may be called concurrently.
 class CraterSurvey {
  public:
-  // The terrain has detail and outlives it.
+  // The terrain must have detail and outlive this object.
   explicit CraterSurvey(const Terrain& terrain);
 
-  // Those with their centre in a region, whose borders belong to it, in all cores of the caller's arena. The largest
-  // come first. `east_deg` may exceed 180.
+  // Craters with their centre in a region (borders included), on all cores of the caller's arena. Largest first.
+  // `east_deg` may exceed 180.
   std::vector<CraterFeature> within(const Footprint& region, double smallest_m, const StopToken& stop) const;
-  // Those of an octave whose rim may meet a ball around a place on the sphere, as the field has them.
+  // Craters of an octave whose rim may touch a sphere around a place, as given by the field.
   void near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out, const StopToken& stop) const;
-  // Appended to `out` if the terrain shows it: neither where posts are finer or missing at its centre, nor where others
-  // of its octave cover both its floor and its rim.
+  // Appends the crater to `out` if the terrain shows it: posts are neither finer nor missing at its centre, and other
+  // craters of its octave do not cover both its floor and its rim.
   void add_if_shown(const Crater& crater, int octave, std::vector<CraterFeature>& out, const StopToken& stop) const;
 
   const CraterField& field() const { return field_; }
-  // An angle about the centre, from north to east; on the sphere, of unit length.
+  // Point of the rim at an angle about the centre, from north to east; a unit vector.
   static Vec3 on_rim(const Crater& crater, double angle);
 
  private:
-  // A part of the region, of one octave.
+  // A part of the region, for one octave.
   struct Piece {
     int octave;
     Footprint box;
@@ -58,7 +58,7 @@ class CraterSurvey {
   void survey(const Piece& piece, double smallest_m, const StopToken& stop, std::vector<CraterFeature>& out) const;
   void add_if_shown(const Crater& crater, int octave, std::span<const Crater> candidates,
                     std::vector<CraterFeature>& out, const StopToken& stop) const;
-  // How much of an octave there is.
+  // Share of an octave at a place.
   double share(int octave, const Geographic& place) const;
   bool shows(int octave, const Geographic& place) const { return share(octave, place) > 0.5; }
   double octave_height_m(double own_m, const Vec3& place, std::span<const Crater> others) const;

@@ -1,4 +1,4 @@
-// Regions in degrees: what lies in one, and its pieces. `east_deg` may exceed 180.
+// Regions in degrees: containment, intersection and subdivision. `east_deg` may exceed 180.
 #pragma once
 
 #include <optional>
@@ -14,26 +14,26 @@ Footprint footprint_of(const BlockId& id);
 
 double area_m2(const Footprint& region);  // on the sphere of 1 737 400 m
 
-// Its borders belong to it.
+// Borders are included.
 bool holds(const Footprint& region, const Geographic& place);
 
-// What two regions have in common, one of which is narrower than half the Moon; nothing: they don't touch.
+// Intersection of two regions, one of which is narrower than half the Moon; empty: they do not touch.
 std::optional<Footprint> common(const Footprint& a, const Footprint& b);
 
-// The smallest around its middle that holds all of it, which is narrower than half the Moon.
+// Smallest circle around the region's middle that contains it; the region is narrower than half the Moon.
 struct Circle {
   Vec3 middle;      // unit, MOON_ME
   double radius_m;  // along the chord
 };
 Circle circle_around(const Footprint& region);
 
-// Its pieces, whose sides are no longer than this, on the sphere.
+// Pieces of a region whose sides are at most this long on the sphere.
 std::vector<Footprint> cut(const Footprint& region, double side_m);
 
-// All that is no farther than so much from it, and some more.
+// A region that contains everything within a margin, and slightly more.
 Footprint around(const Footprint& region, double margin_m);
 
-// How many of SizeCells' cells have to be drawn to find what is in a region, of some octaves and at least as large.
+// Number of cells of SizeCells that must be drawn to find what is in a region, for some octaves and a smallest size.
 double cells_of(int smallest_octave, int largest_octave, const Footprint& region, double smallest_m);
 
 }  // namespace selenograph::dem

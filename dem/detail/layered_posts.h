@@ -1,4 +1,4 @@
-// Whose posts ground with detail is made of, where layers of different resolution lie over each other.
+// Decides which layer's posts ground with detail is made of, where layers of different resolution overlap.
 //
 // Within the outlines of a layer's files it is that layer's, and beyond them the next coarser one's, with all the
 // detail that the coarser posts are too far apart for. Posts go from one to the other over a band outside of the
@@ -20,29 +20,29 @@
 
 namespace selenograph::dem {
 
-// Const means safe to call concurrently.
+// Thread-safe: const functions may be called concurrently.
 class LayeredPosts {
  public:
-  // `plain` outlives it. `widest_m`: of what appears over a band, which is as wide, or as two posts of the coarser
-  // layer, if that is less.
+  // `plain` must outlive this object. `widest_m`: width of the widest feature that appears over a band; the band is as
+  // wide, or as two posts of the coarser layer if that is less.
   LayeredPosts(const PyramidTerrain& plain, double widest_m);
 
   struct Layer {
-    int level;          // that has its posts
+    int level;          // level of its posts
     double band_m = 0;  // beyond its outlines
-    // Its own and all finer ones; none of the first of a block's, which is beneath the others.
+    // Its own files and all finer ones; empty for a block's first layer, which is below the others.
     std::vector<int> files{};
   };
   using Layers = std::shared_ptr<const std::vector<Layer>>;
-  // Those that count somewhere in a block, from coarse to fine; one at least.
+  // Layers that count anywhere in a block, from coarse to fine; at least one.
   Layers of(const BlockId& id) const;
-  // The level of the first of them.
+  // Level of the coarsest of them.
   int coarsest(const BlockId& id) const;
-  // How much a layer and those finer count against those beneath: their posts, and the detail that goes with them.
+  // Weight of a layer and the finer ones against the coarser ones: of their posts, and of their detail.
   struct Share {
     double posts, detail;  // 0 to 1
   };
-  // In a block and beside it.
+  // Shares in a block and around it.
   class Shares {
    public:
     Share at(double lat_deg, double lon_deg) const;
@@ -59,9 +59,9 @@ class LayeredPosts {
     std::vector<File> files_;
   };
   Shares shares(const Layer& layer, const BlockId& id) const;
-  // How many of the catalogue's files, from the first on, have no finer posts than a level shows.
+  // Number of the catalogue's first files whose posts are no finer than a level shows.
   int files_up_to(int level) const;
-  // Whose detail there is at a place, from coarse to fine: the shares' sum is 1.
+  // Layers whose detail is shown at a place, from coarse to fine; the shares sum to 1.
   std::vector<DetailOfPosts> at(double lat_deg, double lon_deg) const;
 
  private:

@@ -1,4 +1,4 @@
-// The rocks of a detail, where they lie on the terrain.
+// The rocks of a detail, placed on the terrain.
 #pragma once
 
 #include <memory>
@@ -20,28 +20,28 @@ struct RockFeature {
   Vec3 up;           // the ground's normal, unit
 };
 
-// How many rocks the law expects in a region, if all of it were next to fresh craters.
+// Expected number of rocks in a region by the law, if all of it were next to fresh craters.
 double most_rocks(const RockField& field, const Footprint& region, double smallest_m);
 
-// Const means safe to call concurrently.
+// Thread-safe: const functions may be called concurrently.
 class RockSurvey {
  public:
-  // The terrain has detail and outlives it.
+  // The terrain must have detail and outlive this object.
   explicit RockSurvey(const Terrain& terrain);
 
   const RockField& field() const { return field_; }
-  // Of an octave of diameters and at least as large, with their centre in a box: appended. None where there is no
-  // terrain. A rock lies on the level whose posts are half its octave's smallest diameter apart, or on the finest that
-  // there is.
+  // Appends the rocks of an octave of diameters, at least smallest_m large, with their centre in a box; none where
+  // there is no terrain. A rock lies on the level whose posts are half its octave's smallest diameter apart, or on the
+  // finest level.
   void add(int octave, const Footprint& box, double smallest_m, std::vector<RockFeature>& out,
            const StopToken& stop) const;
-  // All of a region, in all cores of the caller's arena; the largest first.
+  // All rocks of a region, on all cores of the caller's arena; largest first.
   std::vector<RockFeature> within(const Footprint& region, double smallest_m, const StopToken& stop) const;
 
-  // Rocks are drawn block by block, so that a rock's surroundings are the same whoever asks.
+  // Rocks are generated block by block, so that a rock's surroundings do not depend on the query.
   BlockId block_around(double lat_deg, double lon_deg) const;
-  // The craters that make a block's rocks denser. Kept for neighbouring pieces, which ask for the same ones: in
-  // kKeptBytes at most, besides those that threads are using, some kilobytes each.
+  // The fresh craters around a block, cached for neighbouring queries: at most kKeptBytes besides those in use, some
+  // kilobytes each.
   using FreshCraters = std::vector<FreshCrater>;
   static constexpr std::size_t kKeptBytes = std::size_t{8} << 20;
   std::shared_ptr<const FreshCraters> fresh_around(const BlockId& id, const StopToken& stop) const;

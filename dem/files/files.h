@@ -1,4 +1,4 @@
-// Files: whether they are still what they were, and why they can't be read.
+// State of files, and errors of opening and reading them.
 #pragma once
 
 #include <cstddef>
@@ -16,19 +16,18 @@ struct FileState {
   std::int64_t changed_ns = 0;  // of content, name, owner or mode: it can't be set as modified_ns can; 0: unknown
   bool operator==(const FileState&) const = default;
 };
-// Empty: not there, or not a file. Throws SystemFault where the system can't tell.
+// Empty: missing, or not a file. Throws SystemFault when the system cannot tell.
 std::optional<FileState> file_state(const std::string& path);
-// What the system says of a file that is open or named.
+// State from a stat structure.
 FileState state_from(const struct stat& s);
 
-// Whether an error (as in errno) says nothing about the file: no descriptors, no memory, a disk or a network that
-// fails.
+// Whether an errno is the system's fault rather than the file's: no descriptors, no memory, a failing disk or network.
 bool is_system_fault(int code);
-// Of a file that could not be opened, read or written: SystemFault where the system is at fault, else DataError naming
-// `file`.
+// Throws for a file that could not be opened, read or written: SystemFault when the system is at fault, otherwise
+// DataError naming `file`.
 [[noreturn]] void throw_file_error(const std::string& file, int code);
 
-// The first `most` bytes of a regular file; others are refused without waiting for them. Throws as throw_file_error.
+// Reads the first `most` bytes of a regular file; other kinds are refused without blocking. Throws as throw_file_error.
 std::string read_head(const std::string& path, std::size_t most);
 
 }  // namespace selenograph::dem

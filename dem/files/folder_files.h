@@ -1,4 +1,4 @@
-// The files of a folder, and whether those that belong together are still what they were.
+// The files of a folder in groups that belong together, and whether they have changed.
 #pragma once
 
 #include <cstddef>
@@ -18,20 +18,19 @@ struct FolderEntry {
   bool link = false;  // symbolic, to a file
 };
 
-// A file's size and times as a number, and when it last changed by its file system's clock. What is not there has a
-// stamp, too.
+// Hash of a file's size and times, and its last change by the file system's clock. Missing files have a stamp, too.
 struct FileStamp {
   std::uint64_t hash = 0;
   std::int64_t changed_ns = 0;
 };
-// Empty: the system can't tell.
+// Empty when the system cannot tell.
 std::optional<FileStamp> stamp_of(const std::string& path);
 
 // A listing of one folder: names only, no file is looked at but where the folder doesn't say what is a file.
 class FolderFiles {
  public:
-  // Folders within are appended to `folders`. Throws SystemFault where the system is at fault; any other trouble is
-  // told by trouble(), and what was listed until then stays.
+  // Appends subfolders to `folders`. Throws SystemFault when the system is at fault; other errors are returned by
+  // trouble(), and entries listed before remain.
   explicit FolderFiles(std::string folder, std::vector<std::string>* folders = nullptr);
   FolderFiles(const FolderFiles&) = delete;
   FolderFiles& operator=(const FolderFiles&) = delete;
@@ -39,22 +38,22 @@ class FolderFiles {
   const std::string& folder() const { return folder_; }
   // An errno, or 0.
   int trouble() const { return trouble_; }
-  // By group, then by name.
+  // Sorted by group, then by name.
   const std::vector<FolderEntry>& entries() const { return entries_; }
-  // Null: not listed.
+  // Null if not listed.
   const FolderEntry* find(std::string_view name) const;
   // "folder/name".
   std::string path_of(std::string_view name) const;
 
-  // All that bear the name of one of entries(): what is known of it may depend on any of them.
+  // All entries of the same group: what is known of a file may depend on any of them.
   std::span<const FolderEntry> group_of(const FolderEntry& entry) const;
-  // Changes whenever one of them comes, goes or changes. Empty: the system can't tell. Safe to call concurrently.
+  // Changes whenever one of them is added, removed or changed. Empty when the system cannot tell. Thread-safe.
   std::optional<FileStamp> stamp(const FolderEntry& entry) const;
 
  private:
   std::string folder_;
   int trouble_ = 0;
-  std::string text_;  // that entries_ point into
+  std::string text_;  // storage of entries_
   std::vector<FolderEntry> entries_;
 };
 

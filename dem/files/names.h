@@ -1,4 +1,4 @@
-// Names of files as texts.
+// Operations on file names.
 #pragma once
 
 #include <string>
@@ -6,13 +6,13 @@
 
 namespace selenograph::dem {
 
-// In lower case (ASCII).
+// Converts to lower case (ASCII).
 std::string lower(std::string_view text);
-// Whether they are, but for the case.
+// Equality ignoring case.
 bool same_text(std::string_view a, std::string_view b);
-// The last component.
+// Last component of a path.
 std::string_view name_of(std::string_view path);
-// Without its last extension.
+// Name without its last extension.
 std::string_view stem_of(std::string_view name);
 
 }  // namespace selenograph::dem

@@ -1,4 +1,4 @@
-// An open file by its descriptor.
+// An open file descriptor.
 #pragma once
 
 #include <cstddef>
@@ -9,8 +9,8 @@
 
 namespace selenograph::dem {
 
-// Errors of opening, reading and writing are the system's: what a file holds is for others to judge. Safe to read
-// concurrently.
+// Errors of opening, reading and writing are the system's; this class does not judge the content. Reading is
+// thread-safe.
 class OpenFile {
  public:
   // `flags` as in open(2). Throws SystemFault naming the path.
@@ -19,9 +19,9 @@ class OpenFile {
   OpenFile(const OpenFile&) = delete;
   OpenFile& operator=(const OpenFile&) = delete;
 
-  // False when the file ends before. Throws SystemFault.
+  // False when the file is too short. Throws SystemFault.
   bool read(std::uint64_t offset, std::size_t bytes, void* out) const;
-  // All of it, flushed to the disk. Throws SystemFault.
+  // Writes everything and flushes it to the disk. Throws SystemFault.
   void write(std::string_view bytes) const;
   FileState state() const;
   const std::string& path() const { return path_; }

@@ -1,4 +1,4 @@
-// Where the posts of a PDS3 map lie.
+// Grid of the posts of a PDS3 map.
 #pragma once
 
 #include "dem/files/pds_label.h"

@@ -1,4 +1,4 @@
-// What a PDS3 label of a Kaguya or LOLA product says about its pixels and where they lie.
+// Interprets PDS3 labels of Kaguya and LOLA products: samples and georeferencing.
 //
 // The georeferencing of PDS3 products comes from here and not from GDAL, whose driver ignores DUMMY and mirrors tiles
 // that carry the old positive sign of SAMPLE_PROJECTION_OFFSET. Keywords: Planetary Science Data Dictionary.

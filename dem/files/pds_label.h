@@ -43,14 +43,14 @@ PdsObject read_pds_label(const std::string& path);
 bool begins_with_pds_label(const std::string& path);
 // The names of the files that its pointers (^IMAGE and the like) give, in lower case.
 std::vector<std::string> files_named_by(const PdsObject& label);
-// Whether it is about a map: an IMAGE and an IMAGE_MAP_PROJECTION.
+// Whether the label describes a map: it has an IMAGE and an IMAGE_MAP_PROJECTION.
 bool describes_map(const PdsObject& label);
 
-// Keywords and names are words without case.
+// Keywords and names ignore case.
 std::string upper_case(std::string_view s);
 bool same_word(std::string_view a, std::string_view b);
 
-// Looks up members and complains in the label's name.
+// Looks up keywords; errors name the label.
 class PdsReader {
  public:
   PdsReader(const PdsObject& object, const std::string& path) : object_(object), path_(path) {}
@@ -74,7 +74,7 @@ class PdsReader {
   }
   const PdsValue* value(std::string_view keyword) const { return object_.find_deep(keyword); }
   [[noreturn]] void fail(const std::string& what) const { throw DataError(path_, what); }
-  // It is about something else.
+  // Throws: the label does not describe heights.
   [[noreturn]] void no_heights(const std::string& what) const { throw NotHeights(path_, what); }
 
  private:

@@ -1,4 +1,4 @@
-// What is known of a DEM file without reading its posts.
+// Properties of a DEM file that are known without reading its posts.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,8 @@
 
 namespace selenograph::dem {
 
-// The Moon's heights lie between -9.1 and +10.8 km. What a file says beyond this is none (infinity, a DUMMY that nobody
-// declared, a wrong unit) and reads as no-data.
+// Lunar heights are between -9.1 and +10.8 km. Values beyond this limit (infinity, an undeclared DUMMY, a wrong unit)
+// are read as no-data.
 inline constexpr double kFarthestHeight_m = 1e5;
 
 enum class Projection { geographic, polar_stereographic };
@@ -39,9 +39,9 @@ struct RasterInfo {
   std::optional<double> void_value;  // in file units
   std::uint64_t bytes = 0;           // size of the file(s) that hold the posts
   std::int64_t modified_ns = 0;      // newest modification time of label and data
-  std::uint64_t stamp = 0;           // of the sizes and modification times of all files that it is read from
-  bool on_network = false;           // it, or a source of a VRT: reads may take seconds
-  std::string damage;                // why the posts can't be read although it is known where they lie; empty: they can
+  std::uint64_t stamp = 0;           // hash of sizes and modification times of all its files
+  bool on_network = false;           // it, or a source of a VRT, is remote: reads may take seconds
+  std::string damage;                // why the posts of a located file cannot be read; empty: they can
 
   Projection projection() const {
     return std::holds_alternative<PolarGrid>(grid) ? Projection::polar_stereographic : Projection::geographic;
@@ -53,13 +53,13 @@ struct RasterInfo {
 // that aren't finite, posts more than 30 degrees or less than 2^-20 degree apart, more than 2^24 along a side.
 void set_grid(RasterInfo& info, const PostGrid& grid);
 
-// The lattice level that a file needs for its posts to be (nearly) vertices.
+// Lattice level at which a file's posts are (nearly) vertices.
 int level_needed(const RasterInfo& info);
 
 // Post coordinates of a place. For a raster that wraps x is in [0, width).
 PostXY locate(const RasterInfo& info, double lat_deg, double lon_deg);
 
-// The inverse: where a post is. height_m is 0.
+// Inverse of locate(): place of a post; height_m is 0.
 Geographic place_of_post(const RasterInfo& info, int x, int y);
 
 }  // namespace selenograph::dem

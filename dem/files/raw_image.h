@@ -16,13 +16,13 @@ struct RawSample {
 
 struct RawImage {
   std::string data_path;         // the label itself when it is attached
-  std::uint64_t first_byte = 0;  // of the first sample
-  std::uint64_t row_bytes = 0;   // from one row's first sample to the next row's
+  std::uint64_t first_byte = 0;  // offset of the first sample
+  std::uint64_t row_bytes = 0;   // stride of rows
   int width = 0, height = 0;
   RawSample sample;
   // metres = (sample * scale + offset) * unit_m
   double scale = 1, offset = 0, unit_m = 1;
-  std::vector<double> voids;  // sample values that are no heights
+  std::vector<double> voids;  // sample values that mean no-data
   std::string format;         // e.g. "PDS3 Kaguya"
   PostGrid grid;
 };

@@ -1,4 +1,4 @@
-// Files that appear whole or not at all: written under a temporary name, then renamed.
+// Atomic writing of files: under a temporary name, then renamed.
 #pragma once
 
 #include <string>
@@ -10,11 +10,11 @@ namespace selenograph::dem {
 // the path.
 void write_whole_file(const std::string& path, std::string_view bytes);
 
-// Throws SystemFault when write_whole_file() to this folder would: makes it if missing, and writes a byte.
+// Throws SystemFault if write_whole_file() to this folder would: creates the folder if missing, and writes a byte.
 void probe_folder(const std::string& folder);
 
-// Removes what processes that were killed while writing left in a folder and those within: names with `mark`, followed
-// by the number of a process that is no more.
+// Removes temporary files left by killed processes in a folder and its subfolders: names with `mark` followed by the
+// number of a process that no longer exists.
 void remove_stale_temporaries(const std::string& folder, std::string_view mark);
 
 }  // namespace selenograph::dem

@@ -1,4 +1,4 @@
-// Opening a file with GDAL, and what is refused before any of its samples is decoded. Within dem/gdal/ only.
+// Opens files with GDAL, and the checks before any sample is decoded. Within dem/gdal/ only.
 #pragma once
 
 #include <cstddef>
@@ -8,9 +8,9 @@
 
 namespace selenograph::dem {
 
-// While GDAL opens files, for this thread: no listing of the folder per file (64 800 tiles, or as many sources of a
-// VRT), and no source datasets shared between two VRTs opened by one thread, since those may later be read by different
-// threads. A VRT's sources are opened when they are read.
+// GDAL options for this thread while files are opened: no directory listing per file (64 800 tiles, or as many sources
+// of a VRT), and no source datasets shared between two VRTs opened by one thread, since those may later be read by
+// different threads. A VRT's sources are opened when they are read.
 class OpenOptions {
  public:
   // `remote`: of a file on a network not even the names of those that may lie beside it are asked for.
@@ -26,8 +26,8 @@ class OpenOptions {
   }
 };
 
-// Whether a file is met for the first time: then all that it may read is looked at, the sources of a VRT one by one,
-// overviews and masks. Of one that was looked at, and has not changed since, only itself.
+// Whether a file is opened for the first time: then everything that it may read is checked, including each source of a
+// VRT, overviews and masks. If it was checked before and has not changed, only the file itself.
 enum class Look { first, again };
 
 struct OpenDataset {
@@ -35,8 +35,8 @@ struct OpenDataset {
   bool remote = false;  // it, or a source of it, is on a network
 };
 
-// Throws DataError naming `path`: it can't be opened by one of `drivers`, vrt_sources() refuses it, or one block (tile
-// or strip) of it takes more memory than GDAL's cache of blocks has. SystemFault as QuietGdal::fail.
+// Throws DataError naming `path` when it cannot be opened by one of `drivers`, vrt_sources() rejects it, or one of its
+// blocks (tiles or strips) exceeds GDAL's block cache; SystemFault as QuietGdal::fail.
 OpenDataset open_dataset(const std::string& path, const char* const* drivers, Look look);
 
 }  // namespace selenograph::dem

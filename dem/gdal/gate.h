@@ -1,4 +1,4 @@
-// What stands before GDAL's file systems. Within dem/gdal/ only.
+// Access control of GDAL's file systems. Within dem/gdal/ only.
 #pragma once
 
 #include <optional>
@@ -6,23 +6,23 @@
 
 namespace selenograph::dem {
 
-// Once, after GDAL's drivers are registered: from then on only what allow_remote_files() names is read, and what is
-// read again when a connection is lost.
+// Call once, after GDAL's drivers are registered: from then on only names permitted by allow_remote_files() are read,
+// and reads are retried when a connection is lost.
 void shut_file_systems();
 
-// Once, too: of this machine's files only regular ones are opened for reading.
+// Call once: only regular local files are opened for reading.
 void guard_local_files();
 
-// Why this thread could not read a remote file, in the end.
+// Why this thread could not read a remote file.
 struct RemoteTrouble {
   std::string file;
   std::string what;
-  bool gone = false;  // the server answers, and has no such file, or another one by now; else a passing fault
+  bool gone = false;  // true: the file is gone or has changed on the server; false: a temporary error
 };
-// Of the last one since forget_remote_trouble(), if any.
+// The last error since forget_remote_trouble(), if any.
 const std::optional<RemoteTrouble>& remote_trouble();
 void forget_remote_trouble();
-// Throws what there is as DataError or SystemFault, if any.
+// Throws the recorded error as DataError or SystemFault, if any.
 void throw_remote_trouble();
 
 }  // namespace selenograph::dem

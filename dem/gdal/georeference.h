@@ -1,4 +1,4 @@
-// What a georeferenced raster's coordinate system and geotransform say about its posts. Within dem/gdal/ only.
+// Post grid from a raster's coordinate system and geotransform. Within dem/gdal/ only.
 #pragma once
 
 #include <string>
@@ -9,11 +9,11 @@
 namespace selenograph::dem {
 
 struct Georeference {
-  PostGrid grid;                        // of the raster with its first row in the north, its first column in the west
+  PostGrid grid;                        // with the first row in the north and the first column in the west
   bool flip_x = false, flip_y = false;  // stored east to west, south to north
 };
 
-// Throws DataError naming `path` where the raster doesn't lie on the Moon's sphere in a projection that is supported.
+// Throws DataError naming `path` when the raster is not on the Moon's sphere in a supported projection.
 Georeference georeference_of(GDALDataset& dataset, const std::string& path);
 
 }  // namespace selenograph::dem

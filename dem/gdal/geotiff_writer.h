@@ -1,4 +1,4 @@
-// Posts and maps -> GeoTIFF, as GIS programs open it in place.
+// Writes posts and maps as GeoTIFF files that GIS programs can place.
 #pragma once
 
 #include <array>
@@ -25,10 +25,10 @@ struct GeotiffGrid {
 void write_geotiff(const std::string& path, const GeotiffGrid& grid, std::span<const float> values,
                    const std::string& name);
 
-// The same in memory.
+// The same file in memory.
 std::string geotiff_bytes(const GeotiffGrid& grid, std::span<const float> values, const std::string& name);
 
-// One of a map's bands: every step-th element, from `values` on.
+// One band of a map: every step-th element, starting at `values`.
 struct MapBand {
   std::string name, unit;  // unit: empty for none
   std::variant<const std::uint16_t*, const float*, const double*> values;
@@ -36,14 +36,15 @@ struct MapBand {
 };
 inline constexpr std::uint16_t kNoMapNumber = 65535;  // NoData of bands of uint16
 
-// Of the widest of the bands' types. NoData is NaN; of uint16 alone kNoMapNumber, which becomes NaN among floats.
-// `metadata`: the dataset's item SELENOGRAPH. Throws DataError, Cancelled when `stop` says so.
+// A GeoTIFF with the widest of the bands' types. NoData is NaN; for uint16 bands only, kNoMapNumber, which becomes NaN
+// among floats. `metadata`: content of the dataset's item SELENOGRAPH. Throws DataError, or Cancelled when `stop` says
+// so.
 std::string geotiff_bytes(const MapGrid& grid, std::span<const MapBand> bands, const std::string& metadata,
                           const StopToken& stop);
-// Upper bound on that file's size, about, and on what is held besides it while it is written.
+// Approximate upper bound on that file's size, including working memory.
 std::size_t geotiff_bytes_at_most(const MapGrid& grid, std::span<const MapBand> bands);
 
-// As GDAL understands them: the coordinate system as WKT 2, and the geotransform of the pixels' corners.
+// The coordinate system as WKT 2, and the geotransform of the pixels' corners, as defined by GDAL.
 std::string wkt_of(const MapPlane& plane);
 std::array<double, 6> geotransform_of(const MapGrid& grid);
 

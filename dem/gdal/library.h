@@ -1,4 +1,4 @@
-// GDAL as it is used here. Within dem/gdal/ only: no other folder includes a header of GDAL.
+// Set-up and error handling of GDAL. Within dem/gdal/ only: no other folder includes a header of GDAL.
 #pragma once
 
 #include <gdal_priv.h>
@@ -10,20 +10,20 @@
 
 namespace selenograph::dem {
 
-// Formats of maps, by GDAL's names of their drivers; of DEMs the first two. No others are registered, so that a VRT's
-// sources are of these, too. None of them fetches anything.
+// Drivers of map formats, by GDAL's names; the first two are also for DEMs. No others are registered, so a VRT's
+// sources are restricted to these, too. None of them accesses a network.
 inline constexpr const char* kMapDrivers[] = {"GTiff", "VRT", "AAIGrid", "PNG", "JPEG", "PDS", "ISIS3", nullptr};
 inline constexpr const char* kDemDrivers[] = {"GTiff", "VRT", nullptr};
-// Of DEMs on a network: a server's VRT would name files of this machine.
+// Drivers of remote DEMs: a remote VRT could name local files.
 inline constexpr const char* kRemoteDrivers[] = {"GTiff", nullptr};
 
-// GDAL's cache of decoded blocks, of all files together.
+// Size of GDAL's cache of decoded blocks, for all files together.
 inline constexpr std::uint64_t kBlockCache_bytes = std::uint64_t{64} << 20;
 
-// Before anything else of GDAL; works once per process.
+// Call before any other use of GDAL; has an effect once per process.
 void register_gdal();
 
-// Keeps GDAL's complaints off stderr and hands them to our exceptions. For this thread, while it lives.
+// Redirects GDAL's error messages of this thread from stderr to our exceptions, during its lifetime.
 class QuietGdal {
  public:
   QuietGdal();
@@ -31,8 +31,8 @@ class QuietGdal {
   QuietGdal(const QuietGdal&) = delete;
   QuietGdal& operator=(const QuietGdal&) = delete;
 
-  // Throws what GDAL complains about: "`file`: `what`: ..." as DataError, SystemFault where the system or a connection
-  // is at fault.
+  // Throws GDAL's error message as "`file`: `what`: ...": DataError, or SystemFault when the system or a connection is
+  // at fault.
   [[noreturn]] void fail(const std::string& file, const std::string& what) const;
 };
 

@@ -14,22 +14,23 @@
 
 namespace selenograph::dem {
 
-// Reads what a file says about itself without reading posts. Throws DataError naming the file, SystemFault where the
-// system or a connection is at fault. `files`: the label and its data are appended; of other formats, the file. What is
-// being written is waited for a little: files that change after this have other times than `stamp` is of.
+// Reads a file's metadata without reading posts. Throws DataError naming the file, SystemFault when the system or a
+// connection is at fault. `files`: the label and its data, or the file itself, are appended. A file that is just being
+// written is waited for briefly: later changes give times other than those in `stamp`.
 RasterInfo inspect_raster(const std::string& path, std::vector<std::string>* files = nullptr);
 
-// The same for a file whose data are missing or too short, when its label still says what should be where: `damage`
-// tells. What needs its posts then fails by its name, instead of finding nothing there.
+// The same for a file whose data are missing or truncated while its label is valid: `damage` tells why. Requests that
+// need its posts then fail and name it, instead of finding nothing there.
 RasterInfo inspect_damaged_raster(const std::string& path);
 
-// What else but a file decides what it is taken for.
+// Version of GDAL, on which the interpretation of a file also depends.
 std::string gdal_version();
 
-// An open file. Not for use by two threads at once (GDAL's rule).
+// An open file. Not thread-safe (GDAL's rule).
 class Raster {
  public:
-  // Throws DataError: vanished, truncated, changed since `info`; SystemFault: the system or a connection is at fault.
+  // Throws DataError when the file has vanished, is truncated or has changed since `info`; SystemFault when the system
+  // or a connection is at fault.
   explicit Raster(const RasterInfo& info);
   ~Raster();
   Raster(Raster&&) noexcept;
@@ -43,8 +44,8 @@ class Raster {
   // above.
   void read(int x0, int y0, int w, int h, float* heights_m);
 
-  // Whether its files, and those that a VRT is made of, are what they were when this was opened. Files on a network are
-  // not asked for: that is one request for each read.
+  // Whether its files, and those of a VRT, are unchanged since it was opened. Remote files are not checked: that would
+  // be one request per read.
   bool current() const;
 
  private:

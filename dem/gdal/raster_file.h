@@ -1,4 +1,4 @@
-// A DEM file as GDAL reads it: pixels as they are stored, and how they become heights. Within dem/gdal/ only.
+// A DEM file as GDAL reads it: stored pixels, and their conversion to heights. Within dem/gdal/ only.
 #pragma once
 
 #include <rawdataset.h>
@@ -29,7 +29,7 @@ struct FileSeen {
 
 struct RasterFile {
   RasterInfo info;
-  // All files of this machine that it is read from, as they were before anything was read. Of a VRT its sources, too.
+  // All local files that it is read from, including a VRT's sources, with their state before anything was read.
   std::vector<FileSeen> files;
   GDALDataType type = GDT_Unknown;
   // height_m = sample * scale + offset
@@ -38,30 +38,30 @@ struct RasterFile {
   bool flip_x = false, flip_y = false;  // stored east to west, south to north
   int file_width = 0, file_height = 0;
   std::optional<PdsPixels> pds;
-  DatasetPtr dataset;                  // of everything that isn't PDS3
-  std::unique_ptr<RawRasterBand> raw;  // of PDS3, once open
+  DatasetPtr dataset;                  // for all formats but PDS3
+  std::unique_ptr<RawRasterBand> raw;  // for PDS3, once open
   GDALRasterBand* band = nullptr;
-  std::unique_ptr<OpenFile> posts;  // of PDS3 in int16, once open: read without GDAL
+  std::unique_ptr<OpenFile> posts;  // for PDS3 in int16, once open: read without GDAL
 };
 
-// Whether a file whose data are missing or too short is an error, or described as far as its label goes.
+// Whether a file whose data are missing or truncated is an error, or is described as far as its label allows.
 enum class Damage { refuse, describe };
 
-// `known`: what an earlier inspection found, so that opening needs no second look at the samples; may be null.
+// `known`: result of an earlier inspection, so that opening need not examine the samples again; may be null.
 RasterFile describe_raster_file(const std::string& path, const RasterInfo* known, Damage damage);
 
-// Whether its files are what they were: then all that was read until now is theirs. A change during a read shows in the
-// time of change even where the times of modification were put back.
+// Whether its files are unchanged, so that everything read so far is theirs. A change during a read shows in the change
+// time even if the modification time was reset.
 bool is_current(const RasterFile& file);
 
-// Opens the band of a PDS3 file that was only described so far.
+// Opens the band of a PDS3 file that has only been described.
 void open_band(RasterFile& file);
 
-// File pixels (x, y, w, h) as double, row-major.
+// Reads file pixels (x, y, w, h) as double, row-major.
 void read_samples(RasterFile& file, int x, int y, int w, int h, double* out);
 
-// Heights in metres, NaN where there is none; `stride` counts floats from one row of `out` to the next. Only of a file
-// whose posts lie as they are read: not flipped, PDS3 in int16 (`posts` is open).
+// Reads heights in metres, NaN for no-data; `stride`: floats from one row of `out` to the next. Only for a file whose
+// posts are stored in reading order: not flipped, PDS3 in int16 (`posts` is open).
 void read_posts(const RasterFile& file, int x, int y, int w, int h, float* out, std::size_t stride);
 
 bool is_void(const RasterFile& file, double sample);

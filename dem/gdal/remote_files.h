@@ -1,4 +1,4 @@
-// Files on a network, as their servers describe them.
+// State of remote files.
 #pragma once
 
 #include <string>
@@ -7,8 +7,8 @@
 
 namespace selenograph::dem {
 
-// What the server says of a file that is allowed; modified_ns is 0 where it says nothing about time. Throws DataError
-// where it isn't allowed, or not there, and SystemFault where the server can't be reached or fails.
+// State of an allowed file as reported by the server; modified_ns is 0 if it reports no time. Throws DataError when the
+// file is not allowed or missing, SystemFault when the server cannot be reached or fails.
 FileState remote_state(const std::string& path);
 
 }  // namespace selenograph::dem

@@ -15,47 +15,47 @@
 
 namespace selenograph::dem {
 
-// A file, by its place in Catalogue::rasters(): 64 800 Kaguya tiles and more. kNoSource: none.
+// A file's index in Catalogue::rasters(), which may have more than 64 800 entries. kNoSource: none.
 using SourceIndex = std::uint32_t;
 inline constexpr SourceIndex kNoSource = 0x3fffffff;
 
-// Where a post comes from: a SourceIndex, with kFilledBit where the post was interpolated across no-data, and
-// kBlendedBit where it is a mean of the source and the layers beneath it.
+// Origin of a post: a SourceIndex, with kFilledBit if the post was interpolated across no-data, and kBlendedBit if it
+// is a mean of the source and the coarser layers.
 using SourceMark = std::uint32_t;
 inline constexpr SourceMark kFilledBit = 0x80000000, kBlendedBit = 0x40000000, kMarkBits = kFilledBit | kBlendedBit;
 inline constexpr SourceIndex source_of(SourceMark mark) { return mark & ~kMarkBits; }
 inline constexpr bool is_filled(SourceMark mark) { return (mark & kFilledBit) != 0; }
 inline constexpr bool is_blended(SourceMark mark) { return (mark & kBlendedBit) != 0; }
 
-// No lunar height is outside of this (relief: +10 786 m to -9 120 m); a post that is counts as no-data.
+// Bounds of lunar heights (relief: +10 786 m to -9 120 m); a post outside counts as no-data.
 inline constexpr float kLowestRelief_m = -12000.F, kHighestRelief_m = 13000.F;
 
-// Lowest and highest of some heights. None: low > high.
+// Range of heights; low > high if there are none.
 struct HeightRange {
   float low, high;
 };
 
-// What a vertex shows: its DEM, be it between its posts, or detail below them. As the product `detail` has it, which
-// knows of rocks, too.
+// What a vertex shows: the DEM, including interpolation between its posts, or detail below them. Values of the product
+// `detail`, which also has rocks.
 enum class Ground : std::uint8_t { dem = 0, crater = 1, relief = 2, rock = 3 };
 
-// What the lattice doesn't say of a place of its: alone in sixteen bytes, as rendering fetches it.
+// Data of a vertex that do not follow from the lattice: sixteen bytes, as rendering fetches them.
 struct alignas(16) Vertex {
-  float height_m;          // above the sphere; NaN: no data
+  float height_m;          // above the datum; NaN: no data
   Eigen::Vector3f normal;  // unit, MOON_ME, for shading: see shading_normals.h
 };
 static_assert(sizeof(Vertex) == 16);
 
-// Immutable once made, shared between frames. Arrays are (quads + 1)^2, row 0 in the south, column 0 in the west.
+// Immutable, shared between frames. Arrays are (quads + 1)^2, row 0 in the south, column 0 in the west.
 struct Block {
   BlockId id;
   BlockExtent extent{};
   std::vector<Vertex> vertices;
-  std::vector<SourceMark> sources;  // one when the whole block has the same, else one per post
-  std::vector<Ground> ground;       // empty: of the DEM alone, else as `sources`
+  std::vector<SourceMark> sources;  // one for the whole block, or one per post
+  std::vector<Ground> ground;       // empty: DEM only; otherwise as `sources`
   double error_m = 0;               // as in NodeInfo
-  float min_m = 0, max_m = 0;       // of the heights here and of the finest surface beneath
-  // Separable sines and cosines of rows and columns: the bulk conversion to Cartesian.
+  float min_m = 0, max_m = 0;       // range of these heights and of the finest surface
+  // Separable sines and cosines of rows and columns, for fast conversion to Cartesian coordinates.
   std::vector<double> sin_lat, cos_lat, sin_lon, cos_lon;
 
   int side() const { return extent.quads + 1; }
@@ -67,7 +67,7 @@ struct Block {
     if (ground.empty()) return Ground::dem;
     return ground.size() == 1 ? ground[0] : ground[index(r, c)];
   }
-  // Keeps one of `sources` and of `ground` where they are all the same.
+  // Reduces `sources` and `ground` to one element where all are the same.
   void pack() {
     const auto packed = [](auto& of_vertices) {
       if (std::any_of(of_vertices.begin(), of_vertices.end(), [&](auto v) { return v != of_vertices[0]; })) return;

@@ -14,10 +14,10 @@ using Vec3 = Eigen::Vector3d;
 // Mean lunar radius, the vertical datum of Kaguya and LOLA products (IAU WGCCRE 2009, Archinal et al. 2011, table 5).
 inline constexpr double kMoonRadius_m = 1737400.0;
 
-// The one door between degrees (outside, and in every name that ends in _deg) and radians (in arithmetic only).
+// The conversion between degrees (in interfaces, and in every name that ends in _deg) and radians (in arithmetic only).
 inline constexpr double kRadiansPerDegree = std::numbers::pi / 180;
 inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
-// Along a great circle of the sphere: a degree of latitude everywhere, a degree of longitude at the equator.
+// Length along a great circle of the sphere: a degree of latitude everywhere, a degree of longitude at the equator.
 inline constexpr double kMetresPerDegree = kMoonRadius_m * kRadiansPerDegree;
 
 struct Geographic {
@@ -29,7 +29,7 @@ struct Geographic {
 // Exact at multiples of 90 degrees: at a pole x and y are zero whatever the longitude.
 Vec3 to_cartesian(const Geographic& g);
 
-// Longitude in [-180, 180). Defined everywhere but at the centre, where it answers latitude and longitude 0.
+// Longitude in [-180, 180). The centre gives latitude and longitude 0.
 Geographic to_geographic(const Vec3& p_m);
 
 // Wraps into [-180, 180).
@@ -39,9 +39,9 @@ struct EastNorthUp {
   Vec3 east, north, up;
 };
 
-// Local axes at a place. At a pole they are those of the meridian `lon_deg`, as just beside the pole.
+// Local axes at a place. At a pole they are those of the meridian `lon_deg`, as next to the pole.
 EastNorthUp local_axes(double lat_deg, double lon_deg);
-// Local axes at a direction from the Moon's centre. At a pole, where that has no longitude, longitude 0 is taken.
+// Local axes at a direction from the Moon's centre. At a pole, which has no longitude, longitude 0 is used.
 EastNorthUp local_axes(const Vec3& p_m);
 
 }  // namespace selenograph

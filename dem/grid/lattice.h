@@ -45,7 +45,7 @@ struct BlockExtent {
 };
 
 int quads_per_side(int level);
-// Two for each quad of a block.
+// Triangles of a block: two per quad.
 inline std::int64_t triangles_of_block(int level) {
   return std::int64_t{2} * quads_per_side(level) * quads_per_side(level);
 }
@@ -66,7 +66,7 @@ inline double lon_deg_of(std::int32_t lon_tick) { return -180.0 + static_cast<do
 // Post spacing along a meridian on the sphere, m.
 double post_spacing_m(int level);
 
-// Largest distance between a level's chords and the sphere beneath them, m: half a quad's diagonal, squared, over 2 R.
+// Largest distance between a level's chords and the sphere below them, m: half a quad's diagonal, squared, over 2 R.
 double chord_sag_m(int level);
 
 struct BlockIdHash {

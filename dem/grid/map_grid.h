@@ -1,6 +1,5 @@
-// Maps of the Moon's sphere: where each pixel of one lies. The formulas are Snyder's (Map Projections: A Working
-// Manual, USGS Professional Paper 1395, 1987) on the sphere of 1 737 400 m; dem/gdal/geotiff_writer.h tells GDAL the
-// same.
+// Map projections of the Moon's sphere. The formulas are Snyder's (Map Projections: A Working Manual, USGS Professional
+// Paper 1395, 1987) on the sphere of 1 737 400 m; dem/gdal/geotiff_writer.h gives GDAL the same definitions.
 #pragma once
 
 #include <optional>
@@ -15,26 +14,26 @@ enum class MapProjection {
   orthographic          // Snyder 20, true to scale at its centre
 };
 
-// On the plane of a projection, m: x to the right, y up.
+// A point on the plane of a projection, m: x to the right, y up.
 struct MapPoint {
   double x_m = 0, y_m = 0;
 };
 
 struct MapPlane {
   MapProjection projection = MapProjection::equirectangular;
-  // Of the projection's origin. Equirectangular: 0, and the central meridian; polar: 90 or -90, and 0.
+  // The projection's origin. Equirectangular: latitude 0 and the central meridian; polar: 90 or -90, and 0.
   double lat_deg = 0, lon_deg = 0;
-  double standard_parallel_deg = 0;  // of equirectangular
+  double standard_parallel_deg = 0;  // for equirectangular
 
   // Empty on the far side of an orthographic map, and at the other pole of a stereographic one.
   std::optional<MapPoint> place(double lat_deg, double lon_deg) const;
 };
 
-// From the plane to the Moon.
+// Inverse projection.
 class MapDirections {
  public:
   explicit MapDirections(const MapPlane& plane);
-  // Unit, from the Moon's centre; empty where the plane has no point of the Moon.
+  // Unit vector from the Moon's centre; empty where the plane has no point of the Moon.
   std::optional<Vec3> operator()(const MapPoint& point) const;
 
  private:
@@ -43,18 +42,18 @@ class MapDirections {
   std::optional<Vec3> from_orthographic(const MapPoint& p) const;
 
   MapPlane plane_;
-  double metres_per_degree_;  // of longitude
-  EastNorthUp axes_;          // of the projection's origin; at a pole along its central meridian
+  double metres_per_degree_;  // metres per degree of longitude
+  EastNorthUp axes_;          // axes at the projection's origin; at a pole along its central meridian
 };
 
-// A raster on it: square pixels, row 0 in the north.
+// A raster on the projection's plane: square pixels, row 0 in the north.
 struct MapGrid {
   MapPlane plane;
   double west_m = 0, north_m = 0;  // outer corner of the first pixel
   double gsd_m = 1;                // side of a pixel
   int width = 0, height = 0;
 
-  // Of a pixel's centre.
+  // Position of a pixel's centre.
   MapPoint point(int column, int row) const { return {west_m + (column + 0.5) * gsd_m, north_m - (row + 0.5) * gsd_m}; }
 };
 

@@ -1,4 +1,4 @@
-// Where the posts of a raster lie: multiples of a step in degrees, or squares on a plane that touches a pole.
+// Grid of a raster's posts: multiples of a step in degrees, or squares on a polar stereographic plane.
 #pragma once
 
 #include <optional>
@@ -31,11 +31,12 @@ struct PolarGrid {
 
 using PostGrid = std::variant<GeographicGrid, PolarGrid>;
 
-// n of the 2^-n degree lattice that all posts lie on exactly, if there is one; `posts_along`: the longer side's posts.
+// n of the 2^-n degree lattice on which all posts lie exactly, if there is one; `posts_along`: posts of the longer
+// side.
 std::optional<int> lattice_level_of(const GeographicGrid& grid, int posts_along);
 
 PostXY locate(const PolarGrid& grid, double lat_deg, double lon_deg);
-// Of a place on the plane. height_m is 0.
+// Geographic coordinates of a place on the plane; height_m is 0.
 Geographic place_on(const PolarGrid& grid, double x_m, double y_m);
 
 }  // namespace selenograph::dem

@@ -23,7 +23,7 @@ namespace selenograph::dem {
 inline constexpr int kHalo = 2;                     // posts beyond the block on each side that the stencil may need
 inline constexpr double kQuantisationSlope = 0.01;  // 0.6 degrees
 
-// What a block's heights are: posts as their files have them, in steps of `quantisation_m`, or of a filtered level.
+// Kind of a block's heights: posts as in their files, in steps of `quantisation_m`, or a filtered level.
 struct HeightsKind {
   bool filtered = false;
   double quantisation_m = 0;

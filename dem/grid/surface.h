@@ -1,4 +1,4 @@
-// The surface between posts: plane triangles, two per quad, seen from the Moon's centre.
+// The surface between posts: plane triangles, two per quad, intersected by rays from the Moon's centre.
 //
 // A quad's diagonal runs from its south-east to its north-west vertex. The mesh is star-shaped about the centre: every
 // direction meets one triangle, whatever the lattice's curvature, and that is what "which triangle contains this place"
@@ -15,8 +15,8 @@ struct Triangle {
   Vec3 a, b, c;  // counter-clockwise from outside
 };
 
-// Distance along the unit direction from the centre to the triangle's plane, if the direction passes within it (or
-// within `slack`, a fraction of its size, outside).
+// Distance along the unit direction from the Moon's centre to the triangle's plane, if the direction passes through it
+// (or within `slack`, a fraction of its size, outside).
 std::optional<double> radial_distance(const Triangle& t, const Vec3& direction, double slack);
 
 // lower: the south-western triangle of the quad whose south-west vertex is (r, c); upper: the north-eastern.

@@ -1,4 +1,4 @@
-// Where layers of different resolution meet, and how much of the layer beneath shows there.
+// Blending of layers of different resolution: the share of the coarser layer near the border of a finer one.
 //
 // Rasters of equal resolution are one layer: they never blend among each other. Those of them that lie on one grid and
 // touch are a group, and have one band. Beside each place where a group has no post and a coarser layer has one, the
@@ -30,24 +30,24 @@
 
 namespace selenograph::dem {
 
-// const means safe to call concurrently.
+// Thread-safe: const functions may be called concurrently.
 class LayerEdges {
  public:
-  // With `fall_through` a file that can't be read counts as if none of its posts were valid, and is told; without it
-  // throws DataError.
+  // With `fall_through` an unreadable file counts as if none of its posts were valid, and is reported; otherwise
+  // DataError is thrown.
   LayerEdges(const Catalogue& catalogue, ValidPosts::Read read, bool fall_through);
   ~LayerEdges();
 
-  // Whether a file lies over a coarser layer. Quick: reads no posts.
+  // Whether a file overlaps a coarser layer. Fast: reads no posts.
   bool meets(int source) const;
-  // The width of its band in its own posts; 0: it has none. At most half of the largest distance from the group's
-  // border, so that a small layer keeps posts of its own in its middle.
+  // Width of its band in its own posts; 0: no band. At most half of the largest distance from the group's border, so
+  // that a small layer keeps its own posts in its middle.
   double band_posts(int source) const;
 
-  // Shares of the layers beneath around posts (x0, y0) .. (x0 + w - 1, y0 + h - 1) of a file.
+  // Shares of the coarser layers around posts (x0, y0) .. (x0 + w - 1, y0 + h - 1) of a file.
   class Shares {
    public:
-    // Of a place there, by post coordinates.
+    // Share at a place, in post coordinates.
     double at(double x, double y) const;
 
    private:
@@ -57,19 +57,19 @@ class LayerEdges {
     std::int64_t x0_ = 0, y0_ = 0, columns_ = 0;  // of the control points
     std::vector<float> points_;
   };
-  // Empty: 0 everywhere. Files that could not be read are appended to `unusable`.
+  // Empty: 0 everywhere. Unreadable files are appended to `unusable`.
   std::optional<Shares> shares(int source, int x0, int y0, int w, int h, std::vector<SourceIndex>& unusable) const;
-  // As the outline and large holes alone make them: of the coarsest octave, however many posts there are.
+  // Shares from the outline and large holes only, in the coarsest octave, for any number of posts.
   std::optional<Shares> shares_of_outline(int source, int x0, int y0, int w, int h) const;
 
-  // A valid post beside the layer beneath.
+  // A valid post next to the coarser layer.
   struct BorderPost {
     int source, x, y;
   };
-  // Of the group of a file: about one for each half post of the layer beneath along the border, some 256 of a small
-  // group, at most `most`, evenly spread. Nothing of groups too large to be looked at.
+  // Border posts of a file's group: about one for each half post of the coarser layer along the border, some 256 for a
+  // small group, at most `most`, evenly spread. Empty for groups that are too large.
   std::vector<BorderPost> border(int source, std::size_t most) const;
-  // The files of its group, ascending.
+  // Files of its group, ascending.
   const std::vector<int>& group_of(int source) const;
 
  private:

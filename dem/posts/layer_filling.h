@@ -1,4 +1,4 @@
-// What a layer writes into a window.
+// Fills a window with the posts of a layer.
 #pragma once
 
 #include "dem/grid/block.h"
@@ -7,7 +7,7 @@
 
 namespace selenograph::dem {
 
-// The window's posts that a layer may still fill, in whose order they lie in the file.
+// The window's posts that are not yet filled, in the order of the file.
 class LayerFilling {
  public:
   LayerFilling(int source, int window_cols, float* heights, SourceMark* sources)
@@ -16,7 +16,7 @@ class LayerFilling {
         heights_(heights),
         sources_(sources) {}
 
-  // Heights of `n` posts of one row.
+  // Takes heights of `n` posts of one row.
   void row(int r, int first, const float* heights, int n) {
     const std::size_t at = index(r, first);
     const Taken taken = take_row(heights, n, mark_, heights_ + at, sources_ + at);
@@ -45,8 +45,8 @@ class LayerFilling {
   SourceMark* sources_;
 };
 
-// A geographic file's rows and columns are separable: a row of the window is some posts of a row of the file, or four
-// such rows, interpolated along themselves, with the row's weights.
+// Rows and columns of a geographic file are separable: a row of the window consists of posts of one row of the file, or
+// is interpolated from four such rows with the row's weights.
 void fill_rows(const PostPatch& patch, const FileColumns& all_columns, const WindowPart& rows, LayerFilling& filling);
 
 }  // namespace selenograph::dem

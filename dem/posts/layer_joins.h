@@ -1,4 +1,4 @@
-// What joins layers, from what is asked for: offsets, given or fitted; and how large the steps between layers are.
+// Joins of layers: offsets, given or fitted; and the steps at layer borders.
 #pragma once
 
 #include <cstddef>
@@ -10,42 +10,42 @@
 
 namespace selenograph::dem {
 
-// Added to the heights of the files whose name the pattern matches (as in a shell, with extension or without).
+// Offset added to the heights of files whose name matches the pattern (as in a shell, with or without extension).
 struct LayerOffset {
   std::string pattern;
-  std::optional<double> metres;  // nothing: fitted
+  std::optional<double> metres;  // empty: fitted
 };
-// "PATTERN=METRES" or "PATTERN=fit". Throws std::invalid_argument that says what is wrong.
+// Parses "PATTERN=METRES" or "PATTERN=fit". Throws std::invalid_argument that says what is wrong.
 LayerOffset parse_layer_offset(const std::string& text);
 
 struct FittedOffset {
-  int source;  // the first file of those that touch each other on one grid: they have one offset
+  int source;  // first file of a group, which has one offset
   double offset_m = 0;
-  std::size_t posts = 0;  // along the border; 0: there is none, and no offset
+  std::size_t posts = 0;  // border posts; 0: no border and no offset
 };
 
-// Sets the catalogue's joins. Of several patterns that match a file the last one counts. "fit" takes the median of the
-// differences between the layer beneath and the file's posts along their border, layer by layer from the coarsest on.
-// Throws DataError naming a pattern that matches no file, or a file that can't be read.
+// Sets the catalogue's joins. If several patterns match a file the last one applies. "fit" uses the median of the
+// differences between the coarser layer and the file's posts along their border, layer by layer from the coarsest on.
+// Throws DataError naming a pattern that matches no file, or an unreadable file.
 std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
                                       const std::vector<LayerOffset>& offsets);
 
-// Heights on the finer side of a border less those of what lies beneath, m.
+// Heights on the finer side of a border minus those of the coarser layer, m.
 struct Steps {
   double mean_m = 0, rms_m = 0, worst_m = 0;  // `worst_m`: the largest in size
 };
 
 struct LayerBorder {
-  std::vector<int> sources;  // files that touch each other on one grid, ascending
-  int beneath = -1;          // the file that most of the border lies over
-  std::size_t posts = 0;     // that were compared
-  double offset_m = 0;       // of the first file
-  double band_m = 0;         // 0: it isn't blended
-  Steps before, after;       // as the files have them; with offset and blending
+  std::vector<int> sources;  // files of the group, ascending
+  int beneath = -1;          // the file below most of the border
+  std::size_t posts = 0;     // compared posts
+  double offset_m = 0;       // offset of the first file
+  double band_m = 0;         // 0: not blended
+  Steps before, after;       // as in the files; with offset and blending
 };
 
-// Of the first `most` layers' pieces that lie over coarser ones, from coarse to fine. A piece without a border (a layer
-// that covers all that is beneath it) is left out. Throws as above.
+// Measures the borders of at most `most` groups that overlap coarser layers, from coarse to fine. Groups without a
+// border (that cover everything below them) are omitted. Throws as above.
 std::vector<LayerBorder> measure_borders(const Catalogue& catalogue, std::size_t most);
 
 }  // namespace selenograph::dem

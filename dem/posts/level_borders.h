@@ -1,4 +1,4 @@
-// Which chunks the quadtree is cut into, down to which level of posts, and where their levels differ.
+// Divides the quadtree into chunks, determines their levels of posts, and joins heights where levels differ.
 //
 // Between posts that are far apart the finest surface is triangles; where finer posts lie beside, a coarse layer's
 // surface between its own posts is bicubic. On the border of both the finer side takes the coarser one's edges
@@ -25,38 +25,37 @@ namespace selenograph::dem {
 inline constexpr std::array<int, 3> kStrata{kRootLevel, 6, 12};
 inline constexpr int kChunkOctaves = 6;
 
-// The files of a catalogue that come within `margin_deg` of a block, over a pole, too.
+// Files of a catalogue within `margin_deg` of a block, also across a pole.
 std::vector<int> files_touching(const Catalogue& catalogue, const BlockId& id, double margin_deg);
-// Those that have more than a border in common with it: a row of posts alone makes no surface.
+// Files that overlap a block by more than a border: a single row of posts makes no surface.
 std::vector<int> files_within(const Catalogue& catalogue, const BlockId& id);
 
-// What the chunk of a node is made of: see ChunkPlan.
+// Levels of a node's chunk: see ChunkPlan.
 struct ChunkLevels {
   bool exists = false, direct = true;
   int base_level = 0;
 };
 
-// A piece of a parallel or a meridian with the triangles of coarser posts on one side. It begins and ends at such
-// posts.
+// Part of a parallel or a meridian with the triangles of coarser posts on one side. It begins and ends at such posts.
 struct LevelBorder {
   bool along_parallel = false;
-  std::int64_t at = 0, from = 0, to = 0;  // ticks: where it lies, and between which it runs
-  int level = 0;                          // of the coarser posts
-  std::int32_t step = 0, reach = 0;       // ticks between them along the border, and across it
+  std::int64_t at = 0, from = 0, to = 0;  // ticks: its position, and its ends
+  int level = 0;                          // level of the coarser posts
+  std::int32_t step = 0, reach = 0;       // ticks between coarser posts, along and across the border
 };
 
-// Safe to call concurrently.
+// Thread-safe.
 class LevelBorders {
  public:
   explicit LevelBorders(const Catalogue& catalogue);
 
-  // Whether there are posts of different levels at all.
+  // Whether there are posts of different levels.
   bool any() const { return any_; }
   // `node`: of level kStrata[stratum].
   ChunkLevels levels_of(const BlockId& node, std::size_t stratum) const;
-  // The level that a file needs (level_needed).
+  // Level of a file (level_needed).
   int level_of_file(std::size_t file) const { return levels_[file]; }
-  // Those that posts of a window lie beside, within `reach`, and whose coarser side is coarser than the window.
+  // Borders within `reach` of a window's posts whose coarser side is coarser than the window.
   std::vector<LevelBorder> near(const PostWindow& window) const;
 
  private:
@@ -64,17 +63,17 @@ class LevelBorders {
   void add_borders_of(const BlockId& node, std::size_t stratum, int level, std::vector<LevelBorder>& found) const;
 
   const Catalogue& catalogue_;
-  std::vector<int> levels_;  // by file
+  std::vector<int> levels_;  // per file
   bool any_ = false;
   mutable std::mutex mutex_;
   mutable std::unordered_map<BlockId, ChunkLevels, BlockIdHash> known_;
 };
 
-// Heights that are composed at a row or a column of posts, without being joined.
+// Composes the heights of a row or a column of posts, without joining levels.
 using ComposeLine = std::function<std::vector<float>(const PostWindow& line)>;
 
-// Joins the heights of a window's posts with the triangles of coarser posts beside them: those of files that are no
-// finer than these. NaN stays.
+// Joins the heights of a window's posts with the triangles of adjacent coarser posts, using files that are no finer
+// than these. NaN stays.
 void join_levels(const LevelBorders& borders, const PostWindow& window, const ComposeLine& compose,
                  const SourceMark* sources, float* heights_m);
 

@@ -1,4 +1,4 @@
-// Cells of a sheet, octave by octave, in which a layer shows what lies beneath it (layer_edges.h).
+// Cells of a sheet, per octave, in which the coarser layer shows (layer_edges.h).
 #pragma once
 
 #include <cstddef>
@@ -28,18 +28,18 @@ struct CellRegion {
 struct OpenCells {
   CellRegion region;
   bool any = false;
-  std::vector<char> open{};  // empty where there is none
+  std::vector<char> open{};  // empty if there are none
 };
 
-// Which cells are open: none of 16 posts of a cell, evenly spread, is valid, and something lies beneath. const means
-// safe to call concurrently.
+// Finds open cells: none of 16 posts of a cell, evenly spread, is valid, and a coarser layer has one. Thread-safe:
+// const functions may be called concurrently.
 class CellTiles {
  public:
-  // All outlive it.
+  // The arguments must outlive this object.
   CellTiles(const Catalogue& catalogue, const LayerGroups& groups, const ValidPosts& posts);
   ~CellTiles();
 
-  // Files that could not be read are appended to `unusable`.
+  // Unreadable files are appended to `unusable`.
   OpenCells within(int sheet, int octave, const CellRegion& region, std::vector<SourceIndex>& unusable) const;
 
  private:

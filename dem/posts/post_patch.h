@@ -19,8 +19,8 @@ struct PostPatch {
   }
 };
 
-// Along a row or column: at or after a post. Places a rounding error beside a post are on it: neighbours that are void
-// must not matter then.
+// Position along a row or column: at or after a post. Places within rounding of a post are on it, so that neighbouring
+// no-data does not matter.
 struct Place {
   int post;
   double fraction;
@@ -34,8 +34,8 @@ struct Place {
 // must hold columns x-1 .. x+2 and rows y-1 .. y+2 around the place.
 float interpolate(const PostPatch& patch, const Place& px, const Place& py);
 
-// Beside a void or past the last row or column: less than a post from a valid one, along its slope. Without this a
-// product whose posts are not vertices would lose its outermost posts with the quads around them.
+// Extrapolates by less than a post from a valid one, along its slope: beside no-data or beyond the last row or column.
+// Without this a product whose posts are not vertices would lose its outermost posts and the quads around them.
 float extended(const PostPatch& patch, double px, double py);
 
 }  // namespace selenograph::dem

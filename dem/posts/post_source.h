@@ -1,4 +1,4 @@
-// Finest posts over a window of the lattice, composed from every layer that covers it.
+// Composes the finest posts over a window of the lattice from all layers that cover it.
 //
 // The finest valid layer wins; no-data is filled from the next coarser layer. What is still missing between valid posts
 // is interpolated and flagged. Beside its border a layer is blended into those beneath (layer_edges.h): its own height
@@ -26,29 +26,29 @@ namespace selenograph::dem {
 class RasterPool;
 struct PostPatch;
 
-// Safe to call concurrently: keeps a pool of open files, each lent to one thread at a time.
+// Thread-safe: keeps a pool of open files, each used by one thread at a time.
 class PostSource {
  public:
-  // `warn(file, text)` is told of each unusable file that a coarser layer replaced (fall_through), and of impossible
-  // posts; without fall_through an unusable file throws DataError. A SystemFault is nobody's replacement: it is thrown.
+  // `warn(file, text)` receives each unusable file that a coarser layer replaced (fall_through), and impossible posts;
+  // without fall_through an unusable file throws DataError. A SystemFault is always thrown.
   using Warn = std::function<void(const std::string& file, const std::string& text)>;
   PostSource(const Catalogue& catalogue, bool fall_through, Warn warn);
   ~PostSource();
 
-  // Posts of one file, as Raster::read() has them, with its layer's offset.
+  // Reads posts of one file as Raster::read() does, with its layer's offset.
   void read(int source, int x0, int y0, int w, int h, float* heights_m) const;
 
-  // In the catalogue.
+  // Number of files in the catalogue.
   int files() const { return static_cast<int>(catalogue_.rasters().size()); }
-  // Layers composed, voids not yet filled. Of the first `files` of the catalogue alone: what lies beneath the others.
+  // Composes the layers without filling voids. With `files`: only the first files of the catalogue, the coarser layers.
   Posts compose(const PostWindow& window, const StopToken& stop = {}) const;
   Posts compose(const PostWindow& window, int files, const StopToken& stop) const;
-  // The same with voids filled, in the memory that `grid` has already.
+  // The same with voids filled, into the memory of `grid`.
   void compose_filled(const PostWindow& window, PostGridRows& grid, const StopToken& stop) const;
-  // Fills voids, in place. Needs kFillReach posts of context around what must be right.
+  // Fills voids in place. Needs kFillReach posts of context around the result.
   static void fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop = {});
 
-  // Where layers meet, and where levels do.
+  // Borders of layers and of levels.
   const LayerEdges& edges() const { return edges_; }
   const LevelBorders& borders() const { return borders_; }
 
@@ -71,7 +71,7 @@ class PostSource {
   bool fall_through_;
   Warn warn_;
   std::unique_ptr<RasterPool> pool_;
-  mutable std::mutex replaced_mutex_;  // of any Posts::replaced, which strips share
+  mutable std::mutex replaced_mutex_;  // for Posts::replaced, which strips share
   double post_deg_ = 0;                // of the coarsest file
   LayerEdges edges_;
   LevelBorders borders_;

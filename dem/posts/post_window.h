@@ -1,4 +1,4 @@
-// Windows of the lattice, and the posts in them.
+// Windows of the lattice, and their posts.
 #pragma once
 
 #include <cstddef>
@@ -26,7 +26,7 @@ struct Posts {
   std::vector<SourceIndex> replaced{};  // unusable files that the next coarser layer replaced; ascending
 };
 
-// A grid of posts too large for a mark each.
+// A grid of posts that is too large for a mark per post.
 struct PostGridRows {
   UninitialisedVector<float> heights;  // as in Posts
   SourceRows sources;

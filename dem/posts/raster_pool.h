@@ -13,17 +13,17 @@
 
 namespace selenograph::dem {
 
-// Enough for the tiles that one chunk and its neighbours touch (4 x 4 degrees of 1-degree tiles), few against the limit
-// of 1024 descriptors.
+// Enough for the tiles of one chunk and its neighbours (4 x 4 degrees of 1-degree tiles), few against the limit of 1024
+// descriptors.
 inline constexpr std::size_t kIdleFiles = 32;
 
-// Open files, lent to one thread at a time; the least recently returned are closed past kIdleFiles.
+// Open files, lent to one thread at a time; beyond kIdleFiles the least recently returned ones are closed.
 class RasterPool {
  public:
   explicit RasterPool(const Catalogue& catalogue) : catalogue_(catalogue) {}
 
-  // use(raster) fails when the file changed under it. A file that was only touched, or is what it was again, is opened
-  // anew; opening fails where it is another than was catalogued.
+  // use(raster) fails when the file has changed. A file that was only touched, or is restored, is reopened; reopening
+  // fails if it differs from the catalogue.
   template <typename Use>
   void with(int source, Use&& use) {
     constexpr int kAttempts = 3;

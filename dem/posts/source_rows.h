@@ -1,5 +1,5 @@
-// Where the posts of a grid come from, row by row: runs of the same source. Most rows are one, or one for each file
-// that they cross: next to nothing, where a mark for each post is as much as its height.
+// Sources of a grid's posts as runs, row by row. Most rows have one run, or one per file that they cross, which takes
+// little memory; one mark per post would take as much as its height.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +15,7 @@ struct SourceRun {
   int past_last;  // column
 };
 
-// Rows are independent: different threads may set different ones.
+// Different threads may set different rows.
 class SourceRows {
  public:
   void reset(int rows, int columns) {
@@ -25,9 +25,9 @@ class SourceRows {
   int rows() const { return static_cast<int>(rows_.size()); }
   int columns() const { return columns_; }
 
-  // A mark for each column.
+  // Sets a row from one mark per column.
   void set(int row, const SourceMark* marks);
-  // All columns, once their runs have been appended from the first on.
+  // Clears a row, before its runs are appended from the first column on.
   void clear(int row) { at(row).clear(); }
   void append(int row, SourceMark mark, int past_last) {
     std::vector<SourceRun>& runs = at(row);
@@ -40,7 +40,7 @@ class SourceRows {
   std::span<const SourceRun> row(int row) const { return rows_[static_cast<std::size_t>(row)]; }
   std::span<SourceRun> row(int row) { return at(row); }
   SourceMark mark(int row, int column) const;
-  // The opposite of set().
+  // Inverse of set().
   void expand(int row, SourceMark* marks) const;
 
  private:

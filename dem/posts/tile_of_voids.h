@@ -1,4 +1,4 @@
-// Voids between valid posts, filled tile by tile.
+// Fills voids between valid posts, tile by tile.
 #pragma once
 
 #include <algorithm>
@@ -46,7 +46,7 @@ class TileOfVoids {
         c0_(col),
         c1_(std::min(col + kSide, window.cols)) {}
 
-  // `mark(place)`: of a valid post, by its place among the heights.
+  // `mark(place)`: the mark of a valid post, by its index among the heights.
   template <typename Mark>
   std::vector<FilledPost> filled(const Mark& mark) const {
     if (!has_voids() || !has_valid_nearby()) return {};
@@ -89,7 +89,7 @@ class TileOfVoids {
   }
 
  private:
-  // Of each post of the tile: how far the nearest valid one is in one direction; 0: none within kFillReach.
+  // For each post of the tile: distance of the nearest valid post in one direction; 0: none within kFillReach.
   using Distances = std::array<std::uint8_t, kSide * kSide>;
   static_assert(kFillReach < 256);
 
@@ -126,8 +126,8 @@ class TileOfVoids {
   int r0_, r1_, c0_, c1_;
 };
 
-// use(post), row by row, for each void that can be filled. A tile looks beyond itself: nothing is written before all
-// have looked.
+// Calls use(post), row by row, for each void that can be filled. A tile reads beyond itself: nothing may be written
+// before all tiles have been read.
 template <typename Mark, typename Use>
 void for_filled(const PostWindow& window, const float* heights, const Mark& mark, const std::vector<char>& has_voids,
                 const StopToken& stop, Use&& use) {

@@ -1,4 +1,4 @@
-// Which posts of a file are valid, and which places they cover.
+// Finds the valid posts of a file, and the places that they cover.
 #pragma once
 
 #include <cstdint>
@@ -10,16 +10,16 @@
 
 namespace selenograph::dem {
 
-// const means safe to call concurrently.
+// Thread-safe: const functions may be called concurrently.
 class ValidPosts {
  public:
-  // Posts of one file, as PostSource::read() has them.
+  // Reads posts of one file as PostSource::read() does.
   using Read = std::function<void(int source, int x0, int y0, int w, int h, float* heights_m)>;
-  // With `fall_through` a file that can't be read counts as if none of its posts were valid, and is appended to
-  // `unusable`; without it throws DataError.
+  // With `fall_through` an unreadable file counts as if none of its posts were valid, and is appended to `unusable`;
+  // otherwise DataError is thrown.
   ValidPosts(const Catalogue& catalogue, Read read, bool fall_through);
 
-  // Of a piece of a file that is w x h posts.
+  // Validity of w x h posts of a file.
   void read(int source, std::int64_t x0, std::int64_t y0, int w, int h, std::vector<char>& valid,
             std::vector<SourceIndex>& unusable) const;
 

@@ -18,11 +18,11 @@
 
 namespace selenograph::dem {
 
-// Some columns or rows of a window, and where they lie in a file.
+// Columns or rows of a window, and their positions in a file.
 struct WindowPart {
   int first = 0, past_last = 0;
   std::vector<Place> places;
-  bool on_posts = true;  // all of them
+  bool on_posts = true;  // all are on posts
   bool in_one_piece() const {
     for (std::size_t i = 1; i < places.size(); ++i)
       if (places[i].post != places[i - 1].post + 1) return false;
@@ -30,8 +30,8 @@ struct WindowPart {
   }
 };
 
-// Of places along columns or rows those in a file or just beside it, and the posts that they need with the kernel's
-// margin.
+// The range of places, along columns or rows, that are in a file or next to it, and the posts that they need including
+// the kernel's margin.
 struct PostRange {
   double low = 1e300, high = -1e300;
   void add(double v, double size) {
@@ -41,17 +41,17 @@ struct PostRange {
   int first() const { return static_cast<int>(std::floor(low)) - 2; }
   int past_last() const { return static_cast<int>(std::ceil(high)) + 4; }
 
-  // In a geographic file: the window's columns or rows that lie well inside of what is read, if they follow each other.
-  // Nothing otherwise: then each post is to be looked at.
+  // In a geographic file: the window's columns or rows well inside the range, if they are contiguous. Empty otherwise:
+  // then each post must be examined.
   std::optional<WindowPart> well_inside(const std::vector<double>& all) const;
 };
 
-// A window's columns in a geographic file: the same for all of its strips.
+// A window's columns in a geographic file, shared by all of its strips.
 class FileColumns {
  public:
   FileColumns(const RasterInfo& info, const PostWindow& window, bool pole);
 
-  // For interpolate_row(), of the part's columns in a row of the range.
+  // Places of the part's columns in a row of the range, for interpolate_row().
   RowPlaces row_places() const {
     return {first_.data(), {weights_[0].data(), weights_[1].data(), weights_[2].data(), weights_[3].data()}};
   }
@@ -65,7 +65,7 @@ class FileColumns {
   std::array<std::vector<double>, 4> weights_;
 };
 
-// Of the files that a window's strips are composed of.
+// Columns in all files that a window's strips are composed from.
 class ColumnsOfFiles {
  public:
   std::shared_ptr<const FileColumns> of(const RasterInfo& info, int source, const PostWindow& window, bool pole) {
@@ -88,7 +88,7 @@ class WindowMapping {
   int cols() const { return pole_ ? 1 : window_.cols; }
   bool pole() const { return pole_; }
 
-  // Null and nothing where each post is to be looked at.
+  // Null if each post must be examined.
   const FileColumns* columns() const { return columns_ && columns_->part ? columns_.get() : nullptr; }
   std::optional<WindowPart> rows() const { return y_.well_inside(ys_); }
 
@@ -116,9 +116,9 @@ class WindowMapping {
   const RasterInfo& info_;
   const PostWindow& window_;
   bool pole_;
-  std::shared_ptr<const FileColumns> columns_;  // of a geographic file
+  std::shared_ptr<const FileColumns> columns_;  // for a geographic file
   std::vector<double> ys_;
-  std::vector<PostXY> places_;  // of a polar file, each computed once
+  std::vector<PostXY> places_;  // for a polar file, each computed once
   PostRange x_, y_;
 };
 

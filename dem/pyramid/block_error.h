@@ -1,4 +1,4 @@
-// How far the blocks of a chunk are from its finest posts, and between which heights they lie.
+// Errors of a chunk's blocks against its finest posts, and their height ranges.
 #pragma once
 
 #include <algorithm>
@@ -10,8 +10,8 @@
 
 namespace selenograph::dem {
 
-// Of a block: largest vertical distance between its triangles and the base posts beneath; lowest and highest height of
-// both. None: low > high.
+// For a block: largest vertical distance between its triangles and the base posts; lowest and highest height of both.
+// None: low > high.
 struct Extremes {
   float error_m = 0, low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
   void add(const Extremes& other) {
@@ -21,7 +21,7 @@ struct Extremes {
 
 using Measured = std::unordered_map<BlockId, Extremes, BlockIdHash>;
 
-// Of all blocks of all levels. `levels`: coarser and coarser.
+// Measures all blocks of all levels. `levels`: from fine to coarse.
 Measured measure(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
                  const StopToken& stop);
 

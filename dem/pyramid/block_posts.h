@@ -1,4 +1,4 @@
-// A block of the posts themselves, from their files: as the base of a chunk has them.
+// Composes a block at the posts' own level from the files, as in the base of a chunk.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace selenograph::dem {
 
-// The longitude step of a level's grid: that of the chunk's rows nearest the equator, the finest that any block of it
+// Longitude step of a level's grid: that of the chunk's rows nearest the equator, the finest that any of its blocks
 // needs.
 std::int32_t grid_lon_step(const BlockId& node, int level);
 
@@ -19,9 +19,9 @@ struct PostsOfBlock {
   std::vector<SourceMark> sources;  // (quads + 1)^2, by the catalogue's numbers
   std::vector<SourceIndex> replaced;
 };
-// `node`: of the chunk.
+// `node`: the chunk's.
 PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, const StopToken& stop);
-// Of the first `files` of the catalogue alone.
+// Uses only the first `files` of the catalogue.
 PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, int files,
                            const StopToken& stop);
 

@@ -27,28 +27,28 @@
 
 namespace selenograph::dem {
 
-inline constexpr float kNoHeight_m = std::numeric_limits<float>::quiet_NaN();  // of a post without data
+inline constexpr float kNoHeight_m = std::numeric_limits<float>::quiet_NaN();  // a post without data
 
 class Chunk {
  public:
   using Record = format::Record;
 
-  // What a chunk that is not direct is made of: the finer chunks' top blocks, null where there is nothing, and the
-  // files that those lack.
+  // Input of a chunk that is not direct: the finer chunks' top blocks, null where there is nothing, and the files that
+  // they lack.
   struct Finer {
     std::unordered_map<BlockId, std::shared_ptr<const Block>, BlockIdHash> blocks;
     std::vector<SourceIndex> replaced;
   };
-  // Those blocks, by the plan.
+  // Ids of those blocks, from the plan.
   static std::vector<BlockId> finer_blocks(const ChunkPlan& plan);
 
-  // The bytes of a chunk file, and the files that it lacks: unusable, so the next coarser layer replaced them. What is
-  // made with any of these is not to be kept.
+  // The bytes of a chunk file, and the unusable files that the next coarser layer replaced. A chunk that lacks files
+  // must not be cached.
   struct Built {
     std::string bytes;
     std::vector<SourceIndex> replaced;
   };
-  // Grids of one build for the next: some 120 MB, which the system would have to clear again.
+  // Grids reused from one build to the next: some 120 MB, which the system would have to clear again.
   class Scratch {
    public:
     PostGridRows take() {
@@ -64,32 +64,32 @@ class Chunk {
     std::vector<PostGridRows> kept_;
   };
 
-  // `finer` is for a plan that is not direct; `scratch` may be null. Throws Cancelled when it is stopped.
+  // `finer`: for a plan that is not direct; `scratch` may be null. Throws Cancelled when stopped.
   static Built build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
                      const Finer& finer = {}, const StopToken& stop = {}, Scratch* scratch = nullptr);
 
-  // Null when there is no such file. Throws DataError when it is damaged, or made of something else than the plan's
-  // fingerprint; SystemFault when it can't be read, which says nothing about it.
+  // Null when there is no such file. Throws DataError when it is damaged, or does not have the plan's fingerprint;
+  // SystemFault when it cannot be read, which says nothing about the file.
   static std::shared_ptr<const Chunk> open(const std::string& path, const ChunkPlan& plan, const Catalogue& catalogue);
   static std::shared_ptr<const Chunk> from_bytes(std::string bytes, const ChunkPlan& plan, const Catalogue& catalogue,
                                                  std::vector<SourceIndex> replaced = {});
 
-  // The file's content, of a chunk that is in memory; empty, of one that is read from its file.
+  // The file's content for a chunk in memory; empty for one that is read from its file.
   std::string_view content() const { return bytes_; }
 
   const Record* find(const BlockId& id) const;
-  // Null when the block is empty. Throws DataError naming this (see name()) when its record is damaged, naming another
-  // file when posts can't be read; OtherSources when there are others than when it was made; SystemFault.
+  // Null when the block is empty. Throws DataError naming this chunk (see name()) when its record is damaged, or naming
+  // a DEM file when its posts cannot be read; OtherSources when the sources have changed; SystemFault.
   std::shared_ptr<const Block> load(const BlockId& id, const PostSource& source, const StopToken& stop = {}) const;
-  // Its path; of one in memory, what it is.
+  // Its path, or a description for one in memory.
   std::string name() const;
-  // Posts are not what bounds and coarser levels were made from: a file has vanished meanwhile, or changed.
+  // The posts are no longer those that bounds and coarser levels were made from: a file has vanished or changed.
   class OtherSources : public DataError {
     using DataError::DataError;
   };
   // As in Built.
   const std::vector<SourceIndex>& replaced() const { return replaced_; }
-  // Whether the file that was opened is still there, unchanged.
+  // Whether the opened file still exists, unchanged.
   bool current() const;
   std::size_t bytes() const;
 
@@ -99,14 +99,14 @@ class Chunk {
   std::vector<float> stored(const Record& record, Block& block) const;
 
   BlockId node_;
-  std::string path_;  // empty when the bytes are here
-  FileState state_;   // of that file
+  std::string path_;  // empty for a chunk in memory
+  FileState state_;   // state of that file
   std::string bytes_;
   std::vector<SourceIndex> replaced_;
   std::uint64_t total_ = 0;
   double quantisation_m_ = 0;
   int base_level_ = 0;
-  std::vector<SourceIndex> catalogue_index_;  // of the chunk's own source numbers
+  std::vector<SourceIndex> catalogue_index_;  // by the chunk's own source numbers
   std::unordered_map<BlockId, Record, BlockIdHash> records_;
 };
 

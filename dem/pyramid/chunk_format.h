@@ -27,14 +27,14 @@ inline constexpr char kMagic[8] = {'S', 'G', 'P', 'Y', 'R', 'A', 'M', '2'};
 inline double height_step_m(int level) { return std::clamp(std::ldexp(1.0, 4 - level), 1.0 / 256, 0.5); }
 inline constexpr std::uint16_t kVoidSteps = 65535;
 
-// What the file holds of a block.
+// Record of a block in the file.
 struct Record {
   std::int32_t level = 0, row = 0, col = 0;
   std::uint32_t flags = 0;
   std::uint64_t offset = 0, size = 0, checksum = 0;
   double error_m = 0;
   float min_m = 0, max_m = 0;
-  float lowest_m = 0;  // kSteps: of what is stored
+  float lowest_m = 0;  // kSteps: lowest stored height
   std::uint32_t reserved = 0;
 
   static constexpr std::uint32_t kSteps = 1, kEmpty = 4, kFromSources = 8;
@@ -51,13 +51,13 @@ struct Header {
 };
 static_assert(std::is_trivially_copyable_v<Header> && std::is_trivially_copyable_v<Record>);
 
-// Posts that follow each other, row by row from the south-west, and come from the same source.
+// Consecutive posts, row by row from the south-west, with the same source.
 struct Run {
   SourceMark mark;
   std::uint32_t posts;
 };
 
-// `head` is the header and what follows it up to the first record.
+// `head`: the file's bytes up to the first record.
 inline std::uint64_t checksum_of_head(std::string head) {
   std::memset(head.data() + offsetof(Header, head_checksum), 0, sizeof(Header::head_checksum));
   return XXH3_64bits(head.data(), head.size());
@@ -68,7 +68,7 @@ void append(std::string& out, const std::vector<T>& values) {
   out.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
 }
 
-// `for_each` calls back with every (record, bytes), twice with the same order.
+// `for_each` calls back with every (record, bytes); it is called twice and must use the same order.
 template <typename ForEach>
 std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::vector<const RasterInfo*>& sources,
                      ForEach&& for_each) {

@@ -1,4 +1,4 @@
-// The posts of a chunk, level by level: the finest, and the next coarser one filtered from them.
+// The posts of a chunk, level by level: the finest, and each coarser one filtered from it.
 #pragma once
 
 #include <algorithm>
@@ -26,34 +26,34 @@ struct OctaveGrid {
   const float* row(int r) const { return posts.heights.data() + index(std::clamp(r, 0, window.rows - 1), 0); }
 };
 
-// Lattice posts of a node at a level, and `halo` more on each side.
+// Lattice posts of a node at a level, with `halo` more on each side.
 PostWindow window_of(const BlockId& node, int level, int halo);
-// Posts that the halo of a chunk's finest level has: each octave takes one, and kHalo are left at the coarsest.
+// Halo of a chunk's finest level: each octave uses one post, and kHalo remain at the coarsest.
 int base_halo(const ChunkPlan& plan);
 
-// What the finer chunks' top blocks leave out of the finest surface: largest distance, and how far it goes below and
-// above them.
+// Deviation of the finer chunks' top blocks from the finest surface: largest distance, and how far the surface extends
+// below and above them.
 struct LeftOut {
   double error_m = 0;
   float below_m = 0, above_m = 0;
   void add(const Block& block);
 };
 
-// A chunk's finest posts: from the files, or from the top blocks of finer chunks.
+// Makes a chunk's finest posts: from the files, or from the top blocks of finer chunks.
 OctaveGrid direct_base(const ChunkPlan& plan, const PostSource& source, Chunk::Scratch& scratch, const StopToken& stop);
 OctaveGrid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, LeftOut& left_out, Chunk::Scratch& scratch,
                            const StopToken& stop);
-// The next coarser level: a 3 x 3 binomial filter, rounded to the level's step.
+// Makes the next coarser level: a 3 x 3 binomial filter, rounded to the level's step.
 OctaveGrid coarser(const BlockId& node, const OctaveGrid& fine, Chunk::Scratch& scratch, const StopToken& stop);
 
-// A block's posts cut out of its level's grid.
+// A block's posts as a part of its level's grid.
 struct BlockCut {
   BlockId id;
   int r0, c0, stride_c;  // grid position of the south-west vertex; grid columns per block column
 };
 
 BlockCut cut_of(const OctaveGrid& grid, const BlockId& id);
-// The blocks of a node at a level.
+// Blocks of a node at a level.
 std::vector<BlockId> blocks_of(const BlockId& node, int level);
 
 }  // namespace selenograph::dem

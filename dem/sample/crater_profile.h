@@ -1,4 +1,4 @@
-// Impact craters of the sample terrain: how many, how large, how old, and what one looks like.
+// Impact craters of the sample terrain: number, size, age and shape.
 //
 // A population is a pure function of the seed: it is drawn per octave of diameter and per cell of the sphere, so
 // whoever asks about a place meets the same craters, whatever the extent or resolution asked for. Metres, unit
@@ -11,7 +11,7 @@
 
 #include "dem/grid/geodesy.h"
 
-// Apart from dem/detail, which has craters of its own.
+// Independent of dem/detail, which has its own craters.
 namespace selenograph::dem::sample {
 
 // Reproducible on every machine, unlike the distributions of <random>. Steele et al. 2014, "SplitMix".
@@ -38,7 +38,7 @@ double smoothstep(double from, double to, double x);
 // Fresh crater dimensions, metres from metres.
 double crater_depth_m(double diameter_m);         // rim crest to floor
 double crater_rim_height_m(double diameter_m);    // rim crest above the surroundings
-double central_peak_height_m(double diameter_m);  // above the floor, 0 where there is none
+double central_peak_height_m(double diameter_m);  // above the floor; 0: no peak
 
 // Octave 0 is 32..64 km, octave 1 16..32 km and so on.
 inline constexpr double kLargestCrater_m = 64000.0;
@@ -48,7 +48,8 @@ struct Crater {
   Vec3 center = Vec3::UnitZ();
   double diameter_m = 0;
   int octave = 0;
-  // When it formed: 0 is today, 1 the flooding of the maria, 2 the oldest surface. Younger lies on older.
+  // Time of formation: 0 is today, 1 the flooding of the maria, 2 the oldest surface. Younger craters overlie older
+  // ones.
   double age = 0;
   // Diffusion age kappa t / R^2 (Fassett & Thomson 2014): 0 is fresh, at kErasedDegradation little is left.
   double degradation = 0;
@@ -90,7 +91,7 @@ class CraterShape {
   explicit CraterShape(const Crater& crater);
 
   struct Trace {
-    double height_m = 0;  // to add to what was there
+    double height_m = 0;  // added to the existing height
     double keep = 1;      // the share of older relief of its own size and smaller that survives
   };
   Trace trace(double east_m, double north_m) const;
@@ -116,7 +117,7 @@ class CraterShape {
   double cosine_[kMostHarmonics + 1] = {}, sine_[kMostHarmonics + 1] = {};
 };
 
-// How far from its centre, in radii, a crater of this size may leave a trace.
+// Reach of a crater's ejecta from its centre, in radii.
 double crater_reach_radii(double diameter_m);
 
 }  // namespace selenograph::dem::sample

@@ -1,4 +1,4 @@
-// The ground before the craters: highlands, and maria that flood them.
+// The landscape before craters: highlands, and maria that flood them.
 #pragma once
 
 #include <algorithm>

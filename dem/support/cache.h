@@ -19,21 +19,21 @@
 
 namespace selenograph::dem {
 
-// How often somebody who waits looks whether to wait on.
+// Interval at which waiting callers check whether to stop.
 inline constexpr std::chrono::milliseconds kLookUp{20};
 
-// Values are shared and immutable; an evicted value lives on until its last user lets go. A load that throws is not
-// remembered: the next caller tries again. Safe to call concurrently.
+// Values are shared and immutable; an evicted value lives until its last user releases it. A load that throws is not
+// remembered: the next caller tries again. Thread-safe.
 template <typename Key, typename Value, typename Hash = std::hash<Key>>
 class Cache {
  public:
   using Pointer = std::shared_ptr<const Value>;
   struct Loaded {
-    Pointer value;  // may be null: "nothing there" is remembered too
+    Pointer value;  // may be null: that there is nothing is cached, too
     std::size_t bytes;
   };
 
-  // What values take that have parts in common: how many bytes one more adds, and how many go with one.
+  // Memory of values with shared parts: how many bytes a value adds, and how many are freed with it.
   class Count {
    public:
     virtual ~Count() = default;
@@ -41,13 +41,13 @@ class Cache {
     virtual std::size_t remove(const Value& value) = 0;
   };
 
-  // Without a `count` each takes the bytes that its loading says.
+  // Without a `count`, a value takes the bytes that its load returns.
   explicit Cache(std::size_t capacity_bytes, std::unique_ptr<Count> count = nullptr)
       : capacity_(capacity_bytes), count_(std::move(count)) {}
 
-  // The value for `key`, loading it by `load() -> Loaded` if needed. Of several callers at once, one loads, the others
-  // wait, each until its own `stop`: then Cancelled. A load that is given up (it throws Cancelled) fails nobody else:
-  // one of those who wait loads in its place.
+  // Returns the value for `key`, loading it by `load() -> Loaded` if needed. Of concurrent callers, one loads and the
+  // others wait, each until its own `stop`: then Cancelled. If the load throws Cancelled, one of the waiting callers
+  // loads instead.
   template <typename Load>
   Pointer get(const Key& key, Load&& load, const StopToken& stop = {}) {
     std::shared_ptr<Flight> flight;
@@ -84,7 +84,7 @@ class Cache {
     return flight->value;
   }
 
-  // Of values that somebody has a pointer to: what no eviction can free now.
+  // Bytes of values in use, which eviction cannot free.
   std::size_t bytes_in_use() const {
     std::lock_guard lock(mutex_);
     std::size_t sum = 0;
@@ -93,27 +93,27 @@ class Cache {
     return std::min(sum, bytes_);
   }
 
-  // Neither loads nor counts as a use.
+  // Whether a key is cached; does not count as a use.
   bool holds(const Key& key) const {
     std::lock_guard lock(mutex_);
     return entries_.count(key) > 0;
   }
 
-  // What is here, perhaps a null pointer; nullopt when nothing is. Counts as a use.
+  // The cached value, possibly a null pointer; nullopt if not cached. Counts as a use.
   std::optional<Pointer> find(const Key& key) {
     std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);
     return found == entries_.end() ? std::nullopt : std::optional(used(found));
   }
 
-  // What is here, null when nothing is. Neither loads nor counts as a use.
+  // The cached value, or null. Does not count as a use.
   Pointer peek(const Key& key) const {
     std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);
     return found == entries_.end() ? nullptr : found->second.value;
   }
 
-  // Another value in the place of one that is still here.
+  // Replaces a value that is still cached.
   void replace(const Key& key, const Pointer& before, Pointer value, std::size_t bytes) {
     std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);
@@ -127,7 +127,7 @@ class Cache {
     if (const auto found = entries_.find(key); found != entries_.end()) drop(found);
   }
 
-  // Bytes held elsewhere on the same budget: this much less may be kept here.
+  // Reserves bytes that are held elsewhere on the same budget.
   void reserve(std::size_t bytes) {
     std::lock_guard lock(mutex_);
     reserved_ = bytes;
@@ -186,8 +186,7 @@ class Cache {
     landed_.notify_all();
   }
 
-  // Entries in use are passed over: they stay in memory anyway, and dropping them would only hide them from the
-  // budget.
+  // Entries in use are skipped: they stay in memory anyway, and dropping them would only hide them from the budget.
   void evict() {
     auto place = order_.end();
     while (bytes_ + reserved_ > capacity_ && place != order_.begin()) {

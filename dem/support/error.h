@@ -1,4 +1,4 @@
-// Errors that a caller can act on. Every message names the file, tile or member that is at fault.
+// Errors that a caller can act on. Every message names the file, tile or member that caused it.
 #pragma once
 
 #include <stdexcept>
@@ -20,14 +20,13 @@ class DataError : public std::runtime_error {
   std::string file_;
 };
 
-// The file is a whole and readable image of something else than heights: its samples, bands or unit say so.
+// The file is a valid image, but not of heights: its samples, bands or unit say so.
 class NotHeights : public DataError {
   using DataError::DataError;
 };
 
-// A file could not be opened, read or written for a reason that lies in the system and not in the file: no descriptors,
-// no memory, a disk that fails or is full, no permission, a connection that is lost. What is on the disk is as good as
-// before; asking again may help.
+// A file could not be opened, read or written because of the system, not the file: no descriptors, no memory, a failing
+// or full disk, no permission, a lost connection. The file is intact; retrying may help.
 class SystemFault : public std::runtime_error {
  public:
   // `code`: as in errno.
@@ -42,11 +41,11 @@ class SystemFault : public std::runtime_error {
   int code_;
 };
 
-// A well-formed request that can't be served as it stands: whoever sent it must change it. Only this type becomes the
-// client's fault. A library's std::invalid_argument is a fault of ours.
+// A well-formed request that cannot be served: the client must change it. Only this type becomes a client error; a
+// library's std::invalid_argument is an internal error.
 class ImpossibleRequest : public std::runtime_error {
  public:
-  // `member`: which member of the engine's request to change, e.g. "max_error_px"; empty: none in particular.
+  // `member`: the member of the engine's request to change, e.g. "max_error_px"; empty: none in particular.
   explicit ImpossibleRequest(const std::string& what_is_wrong, std::string member = {})
       : std::runtime_error(what_is_wrong), member_(std::move(member)) {}
   const std::string& member() const { return member_; }
@@ -55,13 +54,13 @@ class ImpossibleRequest : public std::runtime_error {
   std::string member_;
 };
 
-// A request needs more terrain at once than the memory that it may use holds.
+// A request needs more terrain than the memory for scenes holds.
 class TooMuchTerrain : public ImpossibleRequest {
  public:
   using ImpossibleRequest::ImpossibleRequest;
 };
 
-// Work was given up because its deadline passed or its client left.
+// Work was cancelled because its deadline passed or its client disconnected.
 class Cancelled : public std::runtime_error {
  public:
   Cancelled() : std::runtime_error("cancelled") {}
@@ -70,7 +69,7 @@ class Cancelled : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// Work was not begun because it is expected to take much longer than its deadline allows.
+// Work was not started because it is expected to take much longer than its deadline allows.
 class TooMuchWork : public Cancelled {
  public:
   TooMuchWork(const std::string& what_is_wrong, double predicted_ms)

@@ -1,14 +1,14 @@
-// Numbers that look random but are functions of place and seed: the same on every machine.
+// Pseudo-random numbers as functions of place and seed: the same on every machine.
 #pragma once
 
 #include <cstdint>
 
-// Into loops over lanes, which are vectors only where nothing is called.
+// Forces inlining into loops over lanes, which are vectorised only without calls.
 #define SELENOGRAPH_INTO_LANES __attribute__((always_inline))
 
 namespace selenograph::dem {
 
-// What a SplitMix64 generator makes of its state (Steele, Lea & Flood 2014).
+// Output function of a SplitMix64 generator (Steele, Lea & Flood 2014).
 inline constexpr std::uint64_t kSplitMixStep = 0x9E3779B97F4A7C15u;
 inline constexpr std::uint64_t split_mix(std::uint64_t state) {
   state = (state ^ (state >> 30)) * 0xBF58476D1CE4E5B9u;
@@ -16,7 +16,7 @@ inline constexpr std::uint64_t split_mix(std::uint64_t state) {
   return state ^ (state >> 31);
 }
 
-// Of a lattice point; cheap: only the top bits are used.
+// Hash of a lattice point; cheap, since only the top bits are used.
 SELENOGRAPH_INTO_LANES inline std::uint32_t lattice_hash(std::int32_t x, std::int32_t y, std::int32_t z,
                                                          std::uint32_t seed) {
   std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * 0x8DA6B343u) ^
@@ -26,8 +26,8 @@ SELENOGRAPH_INTO_LANES inline std::uint32_t lattice_hash(std::int32_t x, std::in
   return h ^ (h >> 15);
 }
 
-// Along the direction to one of a cube's twelve edges, four of which have two numbers (Perlin 2002). Without a table:
-// loops over lanes become vectors.
+// Dot product with the direction to one of a cube's twelve edges, four of which have two numbers (Perlin 2002). Without
+// a table, so that loops over lanes are vectorised.
 template <typename Real>
 SELENOGRAPH_INTO_LANES inline Real along_gradient(std::uint32_t number, Real x, Real y, Real z) {
   number = number == 14 ? 9 : number;
@@ -36,7 +36,7 @@ SELENOGRAPH_INTO_LANES inline Real along_gradient(std::uint32_t number, Real x, 
   return (number & 1 ? -a : a) + (number & 2 ? -b : b);
 }
 
-// std::lerp guards cases that don't occur here, at several times the cost.
+// std::lerp handles cases that do not occur here, at several times the cost.
 template <typename Real>
 SELENOGRAPH_INTO_LANES inline Real blend(Real a, Real b, Real t) {
   return a + t * (b - a);
@@ -45,7 +45,7 @@ SELENOGRAPH_INTO_LANES inline Real blend(Real a, Real b, Real t) {
 // Gradient noise in three dimensions (Perlin 2002), of unit wavelength, within +-1.0364.
 template <typename Real>
 SELENOGRAPH_INTO_LANES inline Real perlin_noise(double x, double y, double z, std::uint32_t seed) {
-  // std::floor guards cases that don't occur here, at several times the cost.
+  // std::floor handles cases that do not occur here, at several times the cost.
   const auto floor_of = [](double v) SELENOGRAPH_INTO_LANES {
     const auto whole = static_cast<std::int32_t>(v);
     return whole - (v < whole ? 1 : 0);

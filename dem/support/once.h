@@ -1,4 +1,4 @@
-// Something that is done once, by whoever needs it first.
+// One-time initialisation.
 #pragma once
 
 #include <atomic>
@@ -6,8 +6,8 @@
 
 namespace selenograph::dem {
 
-// std::call_once, but for what may throw: then it isn't done, and the next caller does it. (By std::call_once the next
-// caller waits for ever wherever pthread_once does not let exceptions through: GCC's bug 66146, ThreadSanitizer.)
+// Like std::call_once, for functions that may throw: then the next caller tries again. (With std::call_once the next
+// caller would wait forever where pthread_once does not let exceptions through: GCC's bug 66146, ThreadSanitizer.)
 class Once {
  public:
   template <typename Work>

@@ -27,11 +27,11 @@
 namespace selenograph {
 
 #ifdef __SANITIZE_THREAD__
-inline constexpr std::size_t kThreadsWithin = 4;  // that a loop within a loop has
+inline constexpr std::size_t kThreadsWithin = 4;  // threads of a nested loop
 inline thread_local std::size_t threads_of_loops = 4;
 #else
 inline constexpr std::size_t kThreadsWithin = 1;
-// How many threads of their own this thread's loops have; 0: they run in an arena.
+// Number of own threads of this thread's loops; 0: they run in an arena.
 inline thread_local std::size_t threads_of_loops = 0;
 #endif
 
@@ -46,11 +46,11 @@ class ThreadsOfLoops {
   std::size_t before_;
 };
 
-// How many reads from a network wait at once.
+// Maximum number of concurrent reads from a network.
 inline constexpr std::size_t kConnections = 16;
 
-// body(), with its loops on threads of their own: for work that waits for a network. Meanwhile it holds no place in an
-// arena and none of its threads, which others' loops need. Loops within those loops have one thread.
+// Calls body() with its loops on their own threads: for work that waits for a network. Meanwhile it occupies no place
+// in an arena and none of its threads, which other loops need. Nested loops have one thread.
 template <typename Body>
 auto on_own_threads(std::size_t threads, const Body& body) {
   const ThreadsOfLoops own(threads_of_loops > 0 ? threads_of_loops : threads);
@@ -79,7 +79,7 @@ void pieces_on_threads(std::size_t threads, std::size_t count, std::size_t grain
   try {
     for (std::size_t i = 1; i < std::min(threads, (count + grain - 1) / grain); ++i) helpers.emplace_back(work);
   } catch (const std::exception&) {
-    // The system has no more threads or memory for them: those that there are do it all.
+    // The system has no more threads or memory: the existing ones do all the work.
   }
   work();
   for (std::thread& helper : helpers) helper.join();
@@ -102,7 +102,7 @@ void where_loops_run(const Body& body) {
   body();
 }
 #else
-// Where this thread's loops run; null: where it is.
+// Arena of this thread's loops; null: the current one.
 inline thread_local tbb::task_arena* arena_of_loops = nullptr;
 
 class ArenaOfLoops {
@@ -117,15 +117,15 @@ class ArenaOfLoops {
   tbb::task_arena* before_;
 };
 
-// body(), with its loops in the arena. They enter it one by one: an arena has one place that only callers may take, and
-// who comes while another caller has it takes a worker's, and is without that worker as long as it stays.
+// Calls body() with its loops in the arena. They enter it one by one: an arena has one place reserved for callers;
+// another caller would take a worker's place, and the arena would lack that worker meanwhile.
 template <typename Body>
 auto in_arena(tbb::task_arena& arena, const Body& body) {
   const ArenaOfLoops loops(&arena);
   return body();
 }
 
-// body() as one loop, perhaps on another thread: for libraries that have loops of their own.
+// Calls body() as one loop, possibly on another thread: for libraries that have their own loops.
 template <typename Body>
 void where_loops_run(const Body& body) {
   if (threads_of_loops > 0) return body();
@@ -137,9 +137,9 @@ void where_loops_run(const Body& body) {
     alone();
 }
 
-// body(first, past_last) for pieces of 0 .. count, of at least `grain`. It returns when all are done, or throws what
-// one of them did. The context is its own: of a loop within another whose body has thrown, oneTBB would leave out what
-// has not begun and return as if it were done.
+// Calls body(first, past_last) for pieces of 0 .. count of at least `grain`. Returns when all are done, or throws one
+// of their exceptions. The loop has its own context: with a shared one, oneTBB would skip pieces of a nested loop in a
+// body that has thrown, and return as if they were done.
 template <typename Body>
 void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
   if (threads_of_loops > 0) return pieces_on_threads(threads_of_loops, count, grain, body);
@@ -152,7 +152,7 @@ void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) 
 }
 #endif
 
-// body(i) for every i below count.
+// Calls body(i) for every i below count.
 template <typename Body>
 void in_parallel(std::size_t count, const Body& body) {
   in_parallel_pieces(count, 1, [&](std::size_t first, std::size_t past_last) {
@@ -160,7 +160,7 @@ void in_parallel(std::size_t count, const Body& body) {
   });
 }
 
-// What make(i, list) appends to a list for every i below count, in pieces of at least `grain`, in no order.
+// Collects what make(i, list) appends for every i below count, in pieces of at least `grain`, in no particular order.
 template <typename T, typename Make>
 std::vector<T> gathered_in_parallel(std::size_t count, std::size_t grain, const Make& make) {
   std::vector<T> all;
@@ -174,7 +174,7 @@ std::vector<T> gathered_in_parallel(std::size_t count, std::size_t grain, const 
   return all;
 }
 
-// The same, but nothing where they are more than `most`: hardly more than that are ever held.
+// The same, but empty if there are more than `most`; hardly more than that are ever held.
 template <typename T, typename Make>
 std::optional<std::vector<T>> gathered_in_parallel(std::size_t count, std::size_t grain, std::size_t most,
                                                    const Make& make) {

@@ -1,4 +1,4 @@
-// How long work may take: until a deadline, and while somebody waits for it.
+// Cancellation of work: by a deadline, or when nobody waits for it any more.
 #pragma once
 
 #include <atomic>
@@ -22,7 +22,7 @@ class StopToken {
     return (abandoned_ && abandoned_->load(std::memory_order_relaxed)) ||
            (deadline_ != Clock::time_point::max() && Clock::now() >= deadline_);
   }
-  // Infinite without a deadline, below 0 when it has passed.
+  // Infinite without a deadline, negative when it has passed.
   double remaining_ms() const {
     if (deadline_ == Clock::time_point::max()) return std::numeric_limits<double>::infinity();
     return std::chrono::duration<double, std::milli>(deadline_ - Clock::now()).count();
@@ -31,7 +31,7 @@ class StopToken {
     if (stopped()) throw Cancelled();
   }
 
-  // The same, for work whose waits are counted.
+  // A copy that counts waits.
   StopToken counting(Waits& waits) const {
     StopToken token = *this;
     token.waits_ = &waits;

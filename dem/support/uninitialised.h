@@ -1,4 +1,4 @@
-// For arrays that are filled at once, by several threads: resize() does not write them before.
+// A vector whose resize() does not initialise: for arrays that are filled by several threads at once.
 #pragma once
 
 #include <memory>

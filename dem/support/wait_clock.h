@@ -1,4 +1,4 @@
-// What a request has waited for.
+// Clocks of a request's waits.
 #pragma once
 
 #include <chrono>
@@ -6,7 +6,7 @@
 
 namespace selenograph {
 
-// How long any of the threads that work on a request has waited for one thing: two at once count once.
+// Time that any of a request's threads has waited for one thing; simultaneous waits count once.
 class WaitClock {
  public:
   using Clock = std::chrono::steady_clock;
@@ -33,11 +33,11 @@ class WaitClock {
 };
 
 struct Waits {
-  WaitClock pyramid;  // for parts of it to be read, or to be made from tiles
-  WaitClock load;     // for blocks: read, decoded, given normals
+  WaitClock pyramid;  // for chunks to be read or built
+  WaitClock load;     // for blocks to be loaded
 };
 
-// While it exists, its thread waits; `waits` may be null.
+// Counts its thread as waiting during its lifetime; `waits` may be null.
 class Waiting {
  public:
   Waiting(Waits* waits, WaitClock Waits::*what) : clock_(waits ? &(waits->*what) : nullptr) {

@@ -1,9 +1,9 @@
-// Pyramid chunks that are not on the disk are built here, one turn of work after the other, on a thread of their own.
-// What needs files on a network has another such thread, so that nothing else waits for a slow server.
+// Builds pyramid chunks that are not on disk, one turn of work after the other, on its own thread. Chunks that need
+// remote files have a second thread, so that nothing else waits for a slow server.
 //
-// Whoever needs a chunk waits for it until its own stop token says otherwise; the build goes on without it to the end
-// of its turn, so that the same request, asked again, finds a little more done each time and in the end all of it. Of
-// several who need the same chunk one build serves all. What nobody waits for any more when its turn comes is dropped.
+// Callers wait for a chunk until their own stop token says otherwise; the build continues to the end of its turn, so
+// that a repeated request finds more done each time, and finally everything. Concurrent requests for a chunk share one
+// build. Builds that nobody waits for any more are dropped when their turn comes.
 #pragma once
 
 #include <tbb/task_arena.h>
@@ -26,41 +26,41 @@
 namespace selenograph::dem {
 
 // Threads that read posts from a network for one request, or for the builder. Few: when one thread closes a file, GDAL
-// forgets it for all, and another that is opening it asks the server again, for its folder, too.
+// forgets it for all, and another thread that is opening it asks the server again, including its folder.
 inline constexpr std::size_t kNetworkReaders = 2;
 
 class BuildQueue {
  public:
-  // A chunk on its way, as far as its builder sees it.
+  // Progress of a chunk's build.
   struct Work {
     ChunkPlan plan;
     Chunk::Finer finer;                  // collected so far
-    std::optional<ChunkPlan> asked_for;  // the finer chunk that the last turn asked for,
-    std::shared_ptr<const Chunk> made;   // which is this
+    std::optional<ChunkPlan> asked_for;  // the finer chunk requested by the last turn,
+    std::shared_ptr<const Chunk> made;   // and its result
   };
-  // What a turn came to: the chunk, or the finer one without which it can't go on.
+  // Result of a turn: the chunk, or the finer chunk that it needs first.
   struct Turn {
     std::shared_ptr<const Chunk> chunk;
     std::optional<ChunkPlan> needs_first;
   };
   using TakeTurn = std::function<Turn(Work&, const StopToken&)>;
 
-  // `threads` that build, 0: all cores. take_turn() is called by one thread at a time for what is on this machine, and
-  // by one for what is on a network (ChunkPlan::on_network); what it throws is what those who wait get. The first of
-  // them calls rest() when it had nothing to build for a second.
+  // `threads`: number that build, 0: all cores. take_turn() is called by one thread at a time for local files, and by
+  // one for remote files (ChunkPlan::on_network); its exceptions are passed to the waiting callers. The first of the
+  // two calls rest() after a second without work.
   BuildQueue(int threads, TakeTurn take_turn, std::function<void()> rest = {});
   ~BuildQueue();  // stops and waits for the turns to end
 
   // Waits for the chunk. Throws Cancelled when `stop` says so, and after stop().
   std::shared_ptr<const Chunk> get(const ChunkPlan& plan, const StopToken& stop);
 
-  // Gives up what is being built, and everybody who waits: from now on nothing is built. Does not wait.
+  // Cancels builds and all waiting callers: nothing is built from now on. Does not wait.
   void stop();
 
  private:
   struct Job {
     Work work;
-    int wanted = 0;                // by those who wait, and by coarser chunks
+    int wanted = 0;                // by waiting callers and by coarser chunks
     std::shared_ptr<Job> awaited;  // the job of work.asked_for
     bool done = false;
     std::shared_ptr<const Chunk> chunk;
@@ -69,7 +69,7 @@ class BuildQueue {
 
   struct Builder {
     std::deque<std::shared_ptr<Job>> queue;
-    std::thread thread;  // from its first build on
+    std::thread thread;  // started with the first build
   };
   static bool can_go_on(const Job& job);
 
@@ -87,7 +87,7 @@ class BuildQueue {
   std::condition_variable added_, landed_;
   std::unordered_map<BlockId, std::shared_ptr<Job>, BlockIdHash> jobs_;
   std::atomic<bool> stopping_{false};
-  std::array<Builder, 2> builders_;  // of what is on this machine, and on a network
+  std::array<Builder, 2> builders_;  // for local and for remote files
 };
 
 }  // namespace selenograph::dem

@@ -1,4 +1,4 @@
-// Which chunks the pyramid of a catalogue has, which of them holds a block, and what each depends on.
+// The chunks of a catalogue's pyramid, which of them holds a block, and their dependencies.
 #pragma once
 
 #include <cstddef>
@@ -14,20 +14,20 @@
 
 namespace selenograph::dem {
 
-// Safe to call concurrently.
+// Thread-safe.
 class ChunkPlans {
  public:
-  // Both outlive it. `fall_through` as in TerrainOptions.
+  // Both must outlive this object. `fall_through` as in TerrainOptions.
   ChunkPlans(const Catalogue& catalogue, const PostSource& source, bool fall_through);
 
   // The chunk that holds a block; where the block is finer than the posts, the one that holds its finest ancestor.
   ChunkPlan plan_for(const BlockId& id) const;
-  // Whether a source comes near a block.
+  // Whether a source is near a block.
   bool has_data(const BlockId& id) const;
   // The finest level of the posts in a block.
   int posts_level(const BlockId& id) const;
 
-  // Whether any file is on a network, and whether loading a block reads posts there.
+  // Whether any file is remote, and whether loading a block reads remote posts.
   bool any_on_network() const { return any_on_network_; }
   bool reads_network(const BlockId& id) const;
 

@@ -1,4 +1,4 @@
-// Chunks of the pyramid: in memory, in the cache folder, or built.
+// Provides pyramid chunks: from memory, from the cache folder, or built.
 #pragma once
 
 #include <atomic>
@@ -20,30 +20,30 @@
 
 namespace selenograph::dem {
 
-// Safe to call concurrently.
+// Thread-safe.
 class ChunkStore {
  public:
-  // All outlive it. `bytes`: of memory for chunks.
+  // The arguments must outlive this object. `bytes`: memory for chunks.
   ChunkStore(const Catalogue& catalogue, const PostSource& source, const ChunkPlans& plans, TroubleLog& trouble,
              const TerrainOptions& options, std::size_t bytes);
 
-  // Once, before all else: removes what was left unfinished in the cache folder, and sees whether it can be written.
+  // Call once, first: removes unfinished files in the cache folder, and checks whether it can be written.
   void open_folder();
 
-  // Waits for what has to be built. Throws as Terrain does.
+  // Waits for builds. Throws as Terrain does.
   std::shared_ptr<const Chunk> get(const ChunkPlan& plan, const StopToken& stop);
-  // A block that its chunk holds.
+  // Loads a block from its chunk.
   std::shared_ptr<const Block> load(const BlockId& id, const ChunkPlan& plan, const StopToken& stop);
-  // Whether it is in memory or in the cache folder.
+  // Whether the chunk is in memory or in the cache folder.
   bool has(const ChunkPlan& plan) const;
 
-  // Whoever waits for a build throws Cancelled, and nothing is built any more. Returns at once.
+  // Waiting callers throw Cancelled, and nothing is built any more. Returns at once.
   void stop_building() { builds_.stop(); }
   void wait_until_written() { writer_.wait_until_done(); }
 
   // Whether any chunk lacks an unusable file.
   bool has_replacements() const { return replacements_; }
-  // Of chunks alone, without hits and misses.
+  // Statistics of chunks only, without hits and misses.
   CacheStatistics statistics() const;
 
  private:
@@ -69,11 +69,11 @@ class ChunkStore {
   std::atomic<std::uint64_t> chunks_built_{0}, chunks_read_{0}, chunks_rejected_{0};
   std::atomic<bool> replacements_{false};
   mutable std::mutex mutex_;
-  // Nodes whose file is damaged and can't be removed, or may not be read.
+  // Nodes whose file is damaged and cannot be removed, or may not be read.
   std::unordered_set<BlockId, BlockIdHash> distrusted_;
-  Chunk::Scratch scratch_;  // of the thread that builds what is on this machine
+  Chunk::Scratch scratch_;  // of the thread that builds from local files
   ChunkWriter writer_;
-  BuildQueue builds_;  // the last: its thread uses all of the above
+  BuildQueue builds_;  // declared last: its thread uses all of the above
 };
 
 }  // namespace selenograph::dem

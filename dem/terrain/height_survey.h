@@ -1,5 +1,4 @@
-// Between which heights an area's terrain lies, by one look at its files: a pyramid that can't matter need not be
-// built.
+// Bounds on an area's heights from a scan of its files, so that a pyramid that cannot matter need not be built.
 #pragma once
 
 #include <optional>
@@ -12,10 +11,9 @@
 
 namespace selenograph::dem {
 
-// Bounds of every surface of the block: of the posts beneath it, of what is interpolated between them, and of the
-// coarser levels made of those, its own and finer ones. Wider than NodeInfo's, by a few metres where terrain is level.
-// Nothing where they would be hard to tell (near a pole, a polar or remote file, one that can't be read, many layers).
-// Throws Cancelled.
+// Bounds of all surfaces of the block: posts, interpolation between them, and filtered levels, its own and finer ones.
+// Wider than NodeInfo's by a few metres on level terrain. Empty where they are hard to find (near a pole, polar or
+// remote files, unreadable files, many layers). Throws Cancelled.
 std::optional<HeightRange> survey_heights(const Catalogue& catalogue, const PostSource& source, const BlockId& block,
                                           const StopToken& stop);
 

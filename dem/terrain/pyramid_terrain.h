@@ -1,4 +1,4 @@
-// The terrain of the posts themselves, from a pyramid over the files of a catalogue.
+// The terrain of the posts, from a pyramid over the files of a catalogue.
 #pragma once
 
 #include <cstddef>
@@ -34,26 +34,25 @@ class PyramidTerrain final : public Terrain {
   bool has_replacements() const override;
 
   const PostSource& post_source() const;
-  // The blocks in memory. Terrains with detail over this one keep theirs here, too, told apart by a number of their
-  // own.
+  // The cache of blocks. Terrains with detail over this one share it; their blocks have a number of their own.
   BlockCache& blocks() const;
   int new_detail_number() const;
 
-  // Of its budget so many bytes are needed elsewhere: that much less is kept in memory.
+  // Reduces its budget by memory that is needed elsewhere.
   void keep_less(std::size_t bytes) const;
-  // Whoever waits for a build throws Cancelled, and nothing is built any more: the service ends. Returns at once.
+  // Waiting callers throw Cancelled, and nothing is built any more: the service is shutting down. Returns at once.
   void stop_building() const;
-  // Since the terrain was opened, one for each file at fault, in the words of the log.
+  // Warnings since the terrain was opened, one per faulty file, as in the log.
   std::vector<std::string> warnings() const;
-  // Why pyramids are kept in memory only; empty: they are in the cache folder, or there is none.
+  // Why pyramids are kept in memory only; empty: they are in the cache folder, or there is no cache folder.
   std::string cache_trouble() const;
   CacheStatistics statistics() const;
 
   // Builds the pyramid of everything in the catalogue that is not yet on disk. Calls progress(done, total, name) after
-  // each chunk; stops early when it answers false. What is done stays done.
+  // each chunk; stops when it returns false. Finished chunks are kept.
   using Progress = std::function<bool(std::size_t done, std::size_t total, const std::string& name)>;
   void ingest(const Progress& progress) const;
-  // Until what has been built is in the cache folder, or can't be.
+  // Waits until all built chunks have been written to the cache folder, or have failed.
   void wait_until_written() const;
 
  private:

@@ -1,4 +1,4 @@
-// How far the mesh is from the posts of a product that had to be resampled onto the lattice.
+// Deviation of the mesh from the posts of a product that was resampled to the lattice.
 #pragma once
 
 #include "dem/terrain/terrain.h"
@@ -6,12 +6,12 @@
 namespace selenograph::dem {
 
 struct ResamplingError {
-  int posts = 0;  // compared: valid ones on which no finer layer lies
+  int posts = 0;  // compared posts: valid and not covered by a finer layer
   double rms_m = 0, worst_m = 0;
 };
 
-// Compares about `posts` posts spread over a file (always the same ones) with the finest surface. Has the pyramid
-// beneath them built.
+// Compares about `posts` posts spread over a file (always the same ones) with the finest surface. Builds the pyramid
+// there.
 ResamplingError resampling_error(const Terrain& terrain, int source, int posts);
 
 }  // namespace selenograph::dem

@@ -1,4 +1,4 @@
-// Levels beyond the posts.
+// Levels finer than the posts.
 #pragma once
 
 #include <memory>
@@ -7,8 +7,8 @@
 
 namespace selenograph::dem {
 
-// A block of a finer level, subdivided along the same triangles in latitude, longitude and height, so that the surface
-// stays what it was but follows the sphere. Null where it has not one valid post.
+// A block of a finer level, subdivided along the same triangles in latitude, longitude and height: the surface stays
+// the same but follows the sphere. Null if it has no valid post.
 std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id);
 
 }  // namespace selenograph::dem

@@ -15,10 +15,10 @@ struct SurfacePlace {
 };
 
 BlockId block_at_place(int level, double lat_deg, double lon_deg);
-// The finest level that the terrain has at a place.
+// Finest level of the terrain at a place.
 int finest_level_at(const Terrain& terrain, double lat_deg, double lon_deg);
 
-// On the triangles of a level, or of the finest that there is; nothing where one of the posts is missing.
+// Place on the triangles of a level, or of the finest level there; empty where a post is missing.
 std::optional<SurfacePlace> surface_at(const Terrain& terrain, double lat_deg, double lon_deg, int level,
                                        const StopToken& stop = {});
 

@@ -1,4 +1,4 @@
-// What the operator is told about files, each thing once.
+// Messages about files for the operator, each once.
 #pragma once
 
 #include <functional>
@@ -11,29 +11,29 @@
 
 namespace selenograph::dem {
 
-// Safe to call concurrently.
+// Thread-safe.
 class TroubleLog {
  public:
   // `log` may be empty. `cache_dir`: where pyramids are kept.
   TroubleLog(std::function<void(const std::string&)> log, std::string cache_dir);
 
   void log(const std::string& text) const;
-  // The first text about a file alone.
+  // Reports the first text about each file only.
   void warn(const std::string& file, const std::string& text);
-  // One for each file, in the order of their names.
+  // One per file, sorted by name.
   std::vector<std::string> warnings() const;
 
-  // The cache folder can't be read or written (`done`: "read" or "written"), or can be written again.
+  // Reports that the cache folder cannot be read or written (`done`: "read" or "written"), or can be written again.
   void cache_failed(const char* done, const SystemFault& fault);
   void cache_works();
-  // Empty: there is none.
+  // Empty: no trouble.
   std::string cache_trouble() const;
 
  private:
   const std::function<void(const std::string&)> log_;
   const std::string cache_dir_;
   mutable std::mutex mutex_;
-  std::map<std::string, std::string> warnings_;  // by file
+  std::map<std::string, std::string> warnings_;  // per file
   std::string cache_trouble_;
 };
 

@@ -1,8 +1,8 @@
 // A map of a quantity over the Moon's surface (albedo, temperature), averaged over a pixel's footprint.
 //
-// Between the middles of its texels it is linear. Level 0 of its pyramid is the raster; a texel of level n is the mean
-// of the 2 x 2 texels of level n - 1, as far as they have values, and how much of it that is; or the raster's own
-// overview of that size, which doesn't say. Tiles of levels are made when they are needed.
+// The map is linear between the centres of its texels. Level 0 of its pyramid is the raster; a texel of level n is the
+// mean of the valid ones among 2 x 2 texels of level n - 1, with their share; or it is from the raster's own overview
+// of that size, which has no shares. Tiles of levels are made on demand.
 #pragma once
 
 #include <array>
@@ -18,47 +18,48 @@
 
 namespace selenograph::dem {
 
-// What is in memory of the maps that share it, on one budget in bytes.
+// Cache of tiles, shared by maps, on one memory budget.
 class ValueMapTiles;
 std::shared_ptr<ValueMapTiles> make_value_map_tiles(std::size_t bytes);
 
-// const means safe to call concurrently.
+// Thread-safe: const functions may be called concurrently.
 class ValueMap {
  public:
-  // Throws DataError naming the file: it can't be opened, doesn't say where it lies, isn't the Moon's sphere. Projected
-  // rasters are warped to degrees on the way.
+  // Throws DataError naming the file when it cannot be opened, has no georeferencing, or is not on the Moon's sphere.
+  // Projected rasters are warped to geographic coordinates.
   ValueMap(const ValueMapOptions& options, std::shared_ptr<ValueMapTiles> tiles);
   ~ValueMap();
   ValueMap(ValueMap&&) noexcept;
 
   const std::string& path() const;
-  // Of the file's path, size and modification time, and of the options.
+  // Hash of the file's path, size and modification time, and of the options.
   std::uint64_t fingerprint() const;
-  // Whether the file is still the one that was opened.
+  // Whether the file is unchanged since it was opened.
   bool current() const;
 
-  // What a pixel covers: a parallelogram around a place, by its sides in metres (east, north).
+  // Footprint of a pixel: a parallelogram around a place, by its sides in metres (east, north).
   struct Footprint2 {
     double lat_deg, lon_deg;
     std::array<double, 2> a_m, b_m;
-    double cos_lat = cosine(lat_deg);  // of those that have it at hand
+    double cos_lat = cosine(lat_deg);  // may be given if known
     static double cosine(double lat_deg);
   };
 
-  // For one thread: remembers the tiles that it used last.
+  // For one thread: remembers the tiles used last.
   class Sampler {
    public:
-    // `stop` outlives it.
+    // `stop` must outlive this object.
     Sampler(const ValueMap& map, const StopToken& stop) : map_(&map), stop_(&stop) {}
-    // Of what has a value within the footprint; which share of it that is, 0 to 1. NaN where nothing has.
+    // Mean of the valid part of the footprint, and the share of that part, 0 to 1. NaN if there is none.
     struct Mean {
       double value, coverage;
     };
-    // Of up to 16 probes along its longer side. Throws DataError when the file can't be read, Cancelled when `stop`
-    // says so.
+    // Computes the mean with up to 16 probes along the longer side. Throws DataError when the file cannot be read,
+    // Cancelled when `stop` says so.
     Mean mean(const Footprint2& footprint);
-    // The means of those footprints that are smaller than a texel and within four of one tile that have values, as most
-    // are near the ground. A bit for each such one; other `values` mean nothing. The tile is that of the `first` one.
+    // Computes the means of footprints that are smaller than a texel and between four valid texels of one tile, as most
+    // near the ground are. Returns one bit per such footprint; other `values` are undefined. The tile is that of
+    // footprint `first`.
     std::uint32_t means_of_small(const Footprints& footprints, std::size_t first, double* values);
 
    private:

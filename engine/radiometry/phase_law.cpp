@@ -19,22 +19,15 @@ TermsByPhase::TermsByPhase(const Reflectance& r)
   const double seeliger = r.rho / (2 * std::numbers::pi);  // eq. (10)
   const double lambert = r.rho / std::numbers::pi;         // eq. (4)
   const double w = r.lommel_seeliger_weight, l = r.limb_darkening.value_or(1);
-  switch (r.model) {
-    case ReflectanceModel::lommel_seeliger:
-      seeliger_ = seeliger, lambert_ = 0;
-      break;
-    case ReflectanceModel::lommel_seeliger_lambert:
-      seeliger_ = w * seeliger, lambert_ = (1 - w) * lambert;  // section 3.1
-      break;
-    case ReflectanceModel::lunar_lambert:
-      seeliger_ = 2 * l * lambert, lambert_ = weighed_ > 0 ? lambert : (1 - l) * lambert;
-      break;
-    case ReflectanceModel::lambert:
-    case ReflectanceModel::blinn_phong:
-    case ReflectanceModel::hapke:
-      seeliger_ = 0, lambert_ = lambert;
-      break;
-  }
+  // Not a switch: models with equations of their own (brdf.cpp) have no such constants, and need not be named here.
+  if (r.model == ReflectanceModel::lommel_seeliger)
+    seeliger_ = seeliger, lambert_ = 0;
+  else if (r.model == ReflectanceModel::lommel_seeliger_lambert)
+    seeliger_ = w * seeliger, lambert_ = (1 - w) * lambert;  // section 3.1
+  else if (r.model == ReflectanceModel::lunar_lambert)
+    seeliger_ = 2 * l * lambert, lambert_ = weighed_ > 0 ? lambert : (1 - l) * lambert;
+  else
+    seeliger_ = 0, lambert_ = lambert;
   full_ = seeliger_ / 2 + (1 - weighed_) * lambert_ * lambert_sphere(0);  // L(0) = 1
 }
 

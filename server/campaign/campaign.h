@@ -1,4 +1,4 @@
-// A campaign's shard, from the manifest to the last frame.
+// Renders a shard of a campaign, from the manifest to the last frame.
 #pragma once
 
 #include <atomic>
@@ -19,22 +19,22 @@ struct CampaignOptions {
   std::string folder;
   std::string format = "npz";
   Shard shard;
-  std::size_t frames_per_tar = 256;  // of kWebDataset
-  bool replace = false;              // frames of other requests under the manifest's names
+  std::size_t frames_per_tar = 256;  // for kWebDataset
+  bool replace = false;              // replace frames of other requests with the manifest's names
   int in_work = 2;                   // frames at once
 };
 
-// What became of a shard's lines.
+// Outcome of a shard's lines.
 struct CampaignTally {
-  std::size_t rendered = 0, kept = 0;  // kept: were there already
-  std::size_t bad = 0;                 // can never be a frame
-  std::size_t failed = 0;              // aren't one now: a file that can't be read, no memory
-  std::size_t outside = 0;             // frames with pixels that look at the Moon outside the data
+  std::size_t rendered = 0, kept = 0;  // kept: existed already
+  std::size_t bad = 0;                 // can never become a frame
+  std::size_t failed = 0;              // temporary failure: an unreadable file, no memory
+  std::size_t outside = 0;             // frames with pixels on the Moon outside the data
   bool interrupted = false;
 };
 
-// Renders what is missing. `stop` ends it: a frame in work is given up, what is written is finished. Throws
-// std::runtime_error naming the file where the folder holds what isn't this campaign's, or can't be written.
+// Renders missing frames. `stop` cancels active frames; files being written are finished. Throws std::runtime_error
+// naming the file when the folder holds files that are not this campaign's, or cannot be written.
 CampaignTally run_campaign(const Manifest& manifest, const api::Service& service, const Run& run,
                            const CampaignOptions& options, std::atomic<bool>& stop);
 

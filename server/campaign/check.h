@@ -1,4 +1,4 @@
-// Whether a folder holds what a manifest asks for: every frame once and whole, and nothing else.
+// Checks that a folder holds exactly the frames of a manifest: every frame once and intact, and nothing else.
 #pragma once
 
 #include <cstddef>
@@ -11,29 +11,29 @@
 namespace selenograph::server {
 
 enum class Fault {
-  missing,  // no journal knows it, or its file is gone
-  damaged,  // other bytes than the journal says, or another request's
+  missing,  // never rendered, or its file is missing
+  damaged,  // in no journal, with other bytes than in the journal, or of another request
   doubled,  // in more than one place
-  bad,      // a line that can never be a frame
-  extra,    // what no line asks for
+  bad,      // a line that can never become a frame
+  extra,    // not requested by any line
 };
 std::string_view fault_name(Fault fault);
 
 struct FoundFault {
   Fault fault = Fault::missing;
-  const ManifestLine* line = nullptr;  // null: of none
-  std::string file;                    // in the folder; empty: there is none
+  const ManifestLine* line = nullptr;  // null: no line
+  std::string file;                    // file in the folder; empty: none
   std::string why;
 };
 
 struct CheckResult {
   std::size_t good = 0;
   bool tars = false;
-  std::vector<FoundFault> faults;  // in the manifest's order; what is of no line last
+  std::vector<FoundFault> faults;  // in the manifest's order; those without a line last
   std::size_t count(Fault fault) const;
 };
 
-// Reads every frame. Throws std::runtime_error naming the folder.
+// Reads every frame. Throws std::runtime_error naming the folder or the unreadable file.
 CheckResult check_campaign(const Manifest& manifest, const std::string& folder);
 
 }  // namespace selenograph::server

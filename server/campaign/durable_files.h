@@ -1,5 +1,5 @@
-// Files that outlive a crash: whole or not there, and a journal whose lines are never lost once they are written. All
-// of it throws std::runtime_error naming the file and the system's reason.
+// Crash-safe files: written atomically, and a journal whose written lines are never lost. All functions throw
+// std::runtime_error naming the file and the system's reason.
 #pragma once
 
 #include <cstdint>
@@ -8,17 +8,17 @@
 
 namespace selenograph::server {
 
-// A new file with these bytes, on the disk when this returns. Removed again where that fails.
+// Writes a new file; it is on disk when this returns. It is removed on failure.
 void write_to_disk(const std::string& path, std::string_view bytes);
 
-// `from` under the name `to`, which it replaces; on the disk when this returns.
+// Renames `from` to `to`, which it replaces; on disk when this returns.
 void rename_on_disk(const std::string& from, const std::string& to);
 
-// Gone, and gone after a crash, too.
+// Removes a file; it stays removed after a crash.
 void remove_on_disk(const std::string& path);
 
-// A file that grows at its end, and whose only writer is this process: made if it isn't there, and locked. Throws if
-// another process has it.
+// An append-only file with this process as its only writer: created if missing, and locked. Throws if another process
+// holds the lock; file systems without locks only cause a warning.
 class GrowingFile {
  public:
   explicit GrowingFile(std::string path);
@@ -28,7 +28,7 @@ class GrowingFile {
 
   const std::string& path() const { return path_; }
   std::uint64_t size() const { return size_; }
-  // Adds the bytes; on the disk when this returns. What was written of them is cut off again where that fails.
+  // Appends bytes; on disk when this returns. On failure a partial append is truncated.
   void append(std::string_view bytes);
   void cut(std::uint64_t size);
   // Up to `count` bytes from `offset`; fewer at the end.

@@ -1,4 +1,4 @@
-// What a campaign has done, as lines of JSON: one file per shard, which only grows.
+// The journal of a campaign, as lines of JSON: one append-only file per shard.
 //
 //   {"run": {"software": "0.1.0", "terrain": "...", "format": "npz", "shard": 0, "of": 4, "manifest_sha256": "...",
 //    "started": "2026-11-20T00:00:00.000Z"}}
@@ -7,7 +7,8 @@
 //   {"name": "000002", "line": 2, "request_sha256": "...", "problem": {"status": 422, ...}}      a line without a frame
 //   {"tar": "frames-000000.tar", "plan": "...", "sha256": "...", "bytes": 1073807360, "frames": 256}
 //
-// A frame's line is on the disk before its file has its name: a file that no journal knows is not the campaign's.
+// A frame's line is on disk before its file gets its name: a file without a journal line does not belong to the
+// campaign.
 #pragma once
 
 #include <cstddef>
@@ -24,7 +25,7 @@
 
 namespace selenograph::server {
 
-// What besides its request decides a frame's bytes, and where it is put.
+// Parameters, other than the request, that determine a frame's bytes and its location.
 struct Run {
   std::string software, terrain, format;
   std::size_t shard = 0, of = 1;
@@ -40,8 +41,8 @@ struct DoneFrame {
   std::uint64_t bytes = 0;
   double ms = 0;
   std::optional<double> missing_fraction;
-  std::string tar;           // empty: a file of its own
-  std::uint64_t offset = 0;  // in the tar, of its header
+  std::string tar;           // empty: its own file
+  std::uint64_t offset = 0;  // offset of its header in the tar
 };
 
 struct LineWithoutFrame {
@@ -59,23 +60,23 @@ struct DoneTar {
 
 std::string journal_name(std::size_t shard, std::size_t of);
 
-// All journals of a folder, the latest run's word on each thing. Torn last lines are passed over; other lines that
-// can't be read are, too, and the log says so.
+// All journals of a folder; the latest run's entry counts. Incomplete last lines are ignored; other unreadable lines
+// are, too, with a message in the log.
 class Record {
  public:
-  // `current`: what runs of other software or other terrain did doesn't count as done.
+  // `current`: frames from other software or other terrain do not count as done.
   explicit Record(const std::string& folder, const Run* current = nullptr);
 
-  // Null: nothing is known of it.
+  // Null if unknown.
   const DoneFrame* frame(const std::string& name) const;
-  // By the request: a line may have another number in another manifest.
+  // Found by the request: the line's number may differ between manifests.
   const LineWithoutFrame* without_frame(const ManifestLine& line) const;
   const DoneTar* tar(const std::string& name) const;
 
-  // The last run's; empty: there was none.
+  // Format of the last run; empty: no run.
   const std::string& format() const { return format_; }
   const std::vector<std::string>& journals() const { return journals_; }
-  // Of frames, those that other software or other terrain made.
+  // Number of frames from other software or other terrain.
   std::size_t outdated() const { return outdated_; }
 
  private:
@@ -90,10 +91,10 @@ class Record {
   std::unordered_map<std::string, DoneTar> tars_;
 };
 
-// One shard's, to write to. Safe to use concurrently.
+// The journal of one shard, for writing. Thread-safe.
 class Journal {
  public:
-  // Cuts off a torn last line. Throws as GrowingFile does.
+  // Truncates an incomplete last line. Throws as GrowingFile does.
   Journal(const std::string& folder, const Run& run);
   void add(const DoneFrame& frame);
   void add(const LineWithoutFrame& line);

@@ -23,14 +23,14 @@ struct ManifestLine {
   std::size_t number = 0;  // in the file, from 1
   std::string name;
   std::string_view text;
-  std::string request_sha256;  // of the request without its name as compact JSON, members sorted; else of the text
-  // Why it can never be a frame, as far as the manifest alone tells.
+  std::string request_sha256;  // of the request without its name as compact sorted JSON; if invalid, of the text
+  // Reason why it can never become a frame, as far as the manifest tells.
   std::optional<Problem> problem;
 };
 
-// Empty lines are none. Lines without a "name" have their number's, with zeros in front: six digits, more if the file
-// has more. Names are letters, digits, '.', '_' and '-', and don't begin with a '.' or '-'. A name that is not the
-// first of its kind is a problem.
+// Empty lines are ignored. A line without a "name" is named by its number, with leading zeros: six digits, or more if
+// the file has more. Names consist of letters, digits, '.', '_' and '-', and do not begin with '.' or '-'. A repeated
+// name is a problem.
 class Manifest {
  public:
   // Throws std::runtime_error naming the file.
@@ -41,7 +41,7 @@ class Manifest {
   const std::string& path() const { return path_; }
   const std::string& sha256() const { return sha256_; }
   const std::vector<ManifestLine>& lines() const { return lines_; }
-  // Of a line without a problem.
+  // Request of a line without a problem.
   api::Json request(const ManifestLine& line) const;
 
  private:
@@ -50,7 +50,7 @@ class Manifest {
   std::vector<ManifestLine> lines_;
 };
 
-// What is wrong, from an answer that is no frame.
+// Extracts the problem from an answer that is not a frame.
 Problem problem_of(const std::string& body, int status);
 
 }  // namespace selenograph::server

@@ -1,5 +1,5 @@
-// In which order a campaign's frames are rendered, and which process renders which: decided by the manifest alone, so
-// that every process of a campaign comes to the same answer.
+// Order of a campaign's frames, and their distribution to processes: determined by the manifest only, so that all
+// processes agree.
 #pragma once
 
 #include <cstddef>
@@ -11,15 +11,15 @@
 
 namespace selenograph::server {
 
-// Where a frame comes in the order of the terrain: along the Hilbert curve through the places that are seen. Of one
-// that says no pose: kNoPlace, the last.
+// Rank of a frame in the order of the terrain: along the Hilbert curve through the places in view. Without a pose:
+// kNoPlace, the last.
 inline constexpr std::uint64_t kNoPlace = ~std::uint64_t{0};
 std::uint64_t terrain_key(const api::Json& request);
 
-// What rendering it takes, about: in pixels.
+// Approximate cost of rendering, in pixels.
 std::uint64_t weight_of(const api::Json& request);
 
-// How far along the Hilbert curve through the cube of +-1 a point is; `bits` of each coordinate count, 21 at most.
+// Position of a point along the Hilbert curve through the cube of +-1; `bits` of each coordinate count, at most 21.
 // Neighbours on the curve are neighbours in space.
 std::uint64_t hilbert_index(const Vec3& point, int bits);
 
@@ -30,8 +30,8 @@ struct Span {
   bool operator==(const Span&) const = default;
 };
 
-// Cuts a sequence of these weights into `count` spans of about the same weight. Some are empty where there are more
-// than elements.
+// Cuts a sequence of these weights into `count` spans of about equal weight. Some are empty if there are fewer elements
+// than spans.
 std::vector<Span> cut_evenly(const std::vector<std::uint64_t>& weights, std::size_t count);
 
 }  // namespace selenograph::server

@@ -1,4 +1,4 @@
-// Which lines of a manifest one process renders, in which order, and into which tars.
+// The lines of a manifest that one process renders, their order, and their tars.
 #pragma once
 
 #include <cstddef>
@@ -18,16 +18,16 @@ struct Shard {
 struct TarPlan {
   std::string name;  // frames-000000.tar
   std::vector<const ManifestLine*> lines;
-  // Of names and requests: what the tar's bytes follow from, with software and terrain.
+  // Hash of names and requests, which determine the tar's bytes together with software and terrain.
   std::string sha256() const;
 };
 
-// A shard's part of all lines in the order of the terrain, in which those of one place keep the manifest's order and
-// those that can't be read come last. The shards are a partition, contiguous along the order and of about the same
-// work.
+// A shard's part of all lines in the order of the terrain; lines of one place keep the manifest's order, and unreadable
+// lines come last. The shards are a partition, contiguous along the order, with about equal work.
 std::vector<const ManifestLine*> lines_of(const Manifest& manifest, const Shard& shard);
 
-// The same as tars of so many lines. A tar is of one shard, and the tars are the same however many shards there are.
+// A shard's tars, of lines_per_tar lines each. A tar belongs to one shard, and the tars do not depend on the number of
+// shards.
 std::vector<TarPlan> tars_of(const Manifest& manifest, const Shard& shard, std::size_t lines_per_tar);
 
 }  // namespace selenograph::server

@@ -1,4 +1,4 @@
-// How far a campaign is, on stderr: one line that is rewritten on a terminal, a line a minute elsewhere.
+// Progress of a campaign on stderr: one line that is rewritten on a terminal, otherwise a line per minute.
 #pragma once
 
 #include <chrono>
@@ -8,12 +8,12 @@
 
 namespace selenograph::server {
 
-// Safe to use concurrently.
+// Thread-safe.
 class CampaignProgress {
  public:
   explicit CampaignProgress(std::size_t frames);
   ~CampaignProgress();
-  // One more is done.
+  // Counts one more finished line.
   void step(const std::string& name);
 
  private:

@@ -15,7 +15,7 @@ class Sha256 {
   Sha256& operator=(const Sha256&) = delete;
 
   void add(std::string_view bytes);
-  // Of all that was added so far: 64 hexadecimal digits.
+  // Digest of everything added so far: 64 hexadecimal digits.
   std::string hex() const;
 
  private:

@@ -1,5 +1,5 @@
-// Where a campaign's frames go: files of a folder, or tars. What is in there at any moment is whole, whatever becomes
-// of the process.
+// Storage of a campaign's frames: files in a folder, or tars. Finished files are intact at any moment, whatever happens
+// to the process.
 #pragma once
 
 #include <memory>
@@ -15,24 +15,24 @@
 
 namespace selenograph::server {
 
-// A frame as the service answers it.
+// A frame as returned by the service.
 struct RenderedFrame {
   std::string_view bytes;
-  std::string content_hash;  // empty: has none
+  std::string content_hash;  // empty: none
   double ms = 0;
   std::optional<double> missing_fraction;
 };
 
 DoneFrame done_frame(const ManifestLine& line, const RenderedFrame& frame);
 
-// Frames as DIR/NAME.SUFFIX. Safe to use concurrently.
+// Frames as DIR/NAME.SUFFIX. Thread-safe.
 class FrameFolder {
  public:
-  // What an earlier process of this shard left half-written is removed.
+  // Removes unfinished files of an earlier process of this shard.
   FrameFolder(std::string folder, std::string suffix, const Shard& shard, const Record& record, Journal& journal);
 
   bool has(const ManifestLine& line) const;
-  // Whether there is something else under the line's name.
+  // Whether another file has the line's name.
   bool is_taken(const ManifestLine& line) const;
   void put(const ManifestLine& line, const RenderedFrame& frame);
   std::string path_of(const ManifestLine& line) const;
@@ -43,18 +43,18 @@ class FrameFolder {
   Journal& journal_;
 };
 
-// The tar that is being written: DIR/TAR.part. What an earlier process left of it is begun anew.
+// The tar being written: DIR/TAR.part. An unfinished one of an earlier process is started anew.
 class TarWriter {
  public:
-  // Of nothing that is finished: ask has() first.
+  // Not for a finished tar: check has() first.
   TarWriter(const std::string& folder, const std::string& suffix, const TarPlan& plan, Journal& journal);
 
-  // Whether it is complete.
+  // Whether the tar is complete. Throws std::runtime_error naming a file of another manifest, software or terrain.
   static bool has(const std::string& folder, const TarPlan& plan, const Record& record);
 
   // In the plan's order.
   void put(const ManifestLine& line, const RenderedFrame& frame);
-  // No line is left: gives the tar its name, or leaves none where it has no member.
+  // Call after the last line: renames the tar, or leaves no file if it has no member.
   void finish();
 
  private:

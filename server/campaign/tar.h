@@ -1,5 +1,5 @@
-// Tar files whose bytes depend on their members alone: ustar, no times, no owners. All of libarchive is behind this
-// pair of files.
+// Reproducible tar files: ustar, no times, no owners, so that the bytes depend on the members only. All of libarchive
+// is behind this pair of files.
 #pragma once
 
 #include <cstddef>
@@ -13,12 +13,12 @@ namespace selenograph::server {
 // Longest name that fits into a plain header.
 inline constexpr std::size_t kLongestTarName = 100;
 
-// A member: header, content, padding. A tar is these one after the other, and kTarEnd.
+// A member: header, content, padding. A tar is a sequence of members, followed by tar_end().
 std::string tar_member(const std::string& name, std::string_view content);
 std::string tar_end();
 
-// What is in a tar, in its order, and the SHA-256 of the whole file. Throws std::runtime_error naming the file where it
-// can't be read or is no whole tar.
+// Calls `each` for the members of a tar in order; returns the SHA-256 of the whole file. Throws std::runtime_error
+// naming the file when it cannot be read or is not a complete tar.
 std::string read_tar(
     const std::string& path,
     const std::function<void(const std::string& name, std::uint64_t bytes, const std::string& sha256)>& each);

@@ -1,4 +1,4 @@
-// The commands of the executable. Each answers the process's exit status and throws what main() reports.
+// The commands of the executable. Each returns the exit status and throws what main() reports.
 #pragma once
 
 #include <optional>
@@ -28,13 +28,13 @@ struct MapSettings {
 
 struct FeaturesSettings {
   TerrainSettings terrain;
-  std::string request;         // path, "-": stdin; empty: by the three below
+  std::string request;         // path, "-": stdin; empty: from the three members below
   std::string detail;          // a preset's name
   std::vector<double> region;  // south, north, west, east, degrees
   std::optional<double> smallest_m;
   std::string output = "-";  // CSV; "-": stdout
   std::string coco, frame;   // file to write, and the request of its frame; empty: none
-  std::string image;         // that the frame was written to; empty: the frame's name with .png
+  std::string image;         // file name of the frame's image; empty: the frame's name with .png
   engine::RimOptions rims;
 };
 
@@ -46,7 +46,7 @@ struct BatchSettings {
   std::string format = "npz";
   std::size_t frames_per_tar = 256;
   bool resume = false;
-  int in_work = 0;  // 0: two, where there is more than one core
+  int in_work = 0;  // 0: two, or one on a single core
 };
 
 struct BatchVerifySettings {
@@ -68,18 +68,18 @@ struct SampleSettings {
 
 struct VerifyRoundTripSettings {
   TerrainSettings terrain;
-  std::string center;                // "LAT,LON", degrees; the request's own place is filled in from it
+  std::string center;                // "LAT,LON", degrees; copied into `request`
   std::string mode = "both";         // or "exact", "camera"
-  engine::RoundTripRequest request;  // its mode is each of those in turn
+  engine::RoundTripRequest request;  // run once for each mode
   std::string output;                // folder
 };
 
 struct VerifyAccuracySettings {
   TerrainSettings terrain;
   std::string center, polar_center;  // "LAT,LON", degrees; empty: see the options
-  std::string detail;                // of the assets folder; empty: no scene with one
-  std::vector<std::string> scenes;   // names of those that are measured; empty: all
-  double height_m = 20e3;            // of all scenes but the descents
+  std::string detail;                // name in the assets folder; empty: no scene with detail
+  std::vector<std::string> scenes;   // names of the scenes to measure; empty: all
+  double height_m = 20e3;            // for all scenes but the descents
   int size_px = 256;
   int repetitions = 5;
   int reference_samples = 256;
@@ -87,7 +87,7 @@ struct VerifyAccuracySettings {
 };
 
 struct VerifyMertisSettings {
-  std::string instrument;  // JSON file; empty: MERTIS as the paper prints it and as is assumed
+  std::string instrument;  // JSON file; empty: MERTIS with the paper's and assumed values
   std::string output;      // folder
 };
 

@@ -110,36 +110,37 @@ std::string config_path(CLI::App& command, const ReadVariable& variable) {
 }
 
 void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
-  const std::string without = "; without: 1024, less where that doesn't fit";
+  const std::string by_default = "; default: 1024, or less if that does not fit";
   s.cache_dir = default_cache_dir();
   command.add_option("--config", "TOML file whose members are these options, e.g. cache-mb = 2048")->type_name("FILE");
-  command.add_option("--dem", s.dem, "DEM files and folders; without: sample terrain")
+  command.add_option("--dem", s.dem, "DEM files and folders; default: sample terrain")
       ->type_name("PATH")
       ->expected(1, 1 << 20);
-  command.add_option("--assets-dir", s.assets_dir, "Folder of files that requests name: see deploy/assets/README.md")
+  command
+      .add_option("--assets-dir", s.assets_dir,
+                  "Folder of files that requests refer to by name: see deploy/assets/README.md")
       ->type_name("DIR")
       ->check(CLI::ExistingDirectory);
   command
-      .add_option(
-          "--remote-prefix", s.remote_prefix,
-          "DEMs on a network: names that begin so may be read, e.g. /vsicurl/https://example.org/dem/; without: "
-          "files only")
+      .add_option("--remote-prefix", s.remote_prefix,
+                  "Remote DEMs: names with this prefix may be read, e.g. /vsicurl/https://example.org/dem/; default: "
+                  "local files only")
       ->each([&s](const std::string&) { s.memory.remote_tiles = true; })
       ->type_name("PREFIX")
       ->expected(1, 1 << 20);
   command
       .add_option("--mesh-mb", s.memory.mesh_mb,
-                  "Memory for reading one of its objects' meshes, and for those that are kept, MiB" + without)
+                  "Memory for reading one object mesh, and for cached meshes, MiB" + by_default)
       ->check(CLI::Range(16, 1 << 24));
-  command.add_option("--mesh-s", s.mesh_s, "Time for reading one mesh")
+  command.add_option("--mesh-s", s.mesh_s, "Time limit for reading one mesh")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
   command.add_option("--cache-dir", s.cache_dir, "Folder for pyramids")->type_name("DIR")->capture_default_str();
-  command.add_option("--cache-mb", s.memory.cache_mb, "Memory for terrain, MiB" + without)
+  command.add_option("--cache-mb", s.memory.cache_mb, "Memory for terrain, MiB" + by_default)
       ->check(CLI::Range(16, 1 << 24));
   command
       .add_option("--scene-mb", s.memory.scene_mb,
-                  "Memory for acceleration structures and what frames are drawn with, MiB" + without)
+                  "Memory for acceleration structures and rendering buffers, MiB" + by_default)
       ->check(CLI::Range(16, 1 << 24));
 }
 
@@ -167,13 +168,14 @@ std::string refusal_of_host(const std::string& text) {
 void add_access(CLI::App& command, ServeSettings& s) {
   const std::map<std::string, PageAccess> access{
       {"off", PageAccess::off}, {"local", PageAccess::local}, {"on", PageAccess::on}};
-  command.add_option("--page", s.page, "Who gets the pages GET / and GET /docs: nobody, this machine, everybody")
+  command.add_option("--page", s.page, "Who may open the pages / and /docs: nobody, this machine, everybody")
       ->transform(CLI::CheckedTransformer(access).description("{off,local,on}"))
       ->default_str("local");
   const std::map<std::string, LogFormat> formats{{"text", LogFormat::text}, {"json", LogFormat::json}};
   command
-      .add_option("--log-format", s.log_format,
-                  "Of the log on stderr; json: an object a line, for requests with id, token, times and bytes")
+      .add_option(
+          "--log-format", s.log_format,
+          "Format of the log on stderr; json: one object per line, for requests with id, token, times and bytes")
       ->transform(CLI::CheckedTransformer(formats).description("{text,json}"))
       ->default_str("text");
   command
@@ -199,23 +201,25 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       ->check(CLI::Range(0, 4096))
       ->capture_default_str();
   command
-      .add_option("--on-data-error", s.on_data_error, "Corrupt or vanished DEM file: an error, or the layer below it")
+      .add_option("--on-data-error", s.on_data_error,
+                  "Corrupt or vanished DEM file: an error, or use the coarser layer")
       ->check(CLI::IsMember({"fail", "fall-through"}))
       ->capture_default_str();
   command
       .add_option("--blend-posts", s.blend_posts,
-                  "Width of the band in which a layer is blended into the next coarser one, in posts of that; 0: none")
+                  "Width of the band in which a layer is blended into the next coarser one, in posts of the coarser "
+                  "one; 0: none")
       ->check(CLI::Range(0.0, 1000.0))
       ->capture_default_str();
   command
       .add_option("--layer-offset", s.layer_offset,
-                  "Added to the heights of the files of that name (* and ? as in a shell), m; fit: what brings them "
-                  "to the layer beneath along their border")
+                  "Offset added to the heights of files with that name (* and ? as in a shell), m; fit: fitted to the "
+                  "coarser layer along the border")
       ->type_name("PATTERN=METRES|fit")
       ->expected(1, 1 << 20)
       ->check(refusal_of_layer_offset);
   command.add_flag("--strict", s.strict,
-                   "A file in a DEM folder that is no DEM, such as an orthoimage, is an error instead of a warning");
+                   "A file in a DEM folder that is not a DEM, such as an orthoimage, is an error instead of a warning");
   command.add_option("--log-level", s.log_level)
       ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
       ->capture_default_str();
@@ -226,30 +230,31 @@ void add_options(CLI::App& command, api::Limits& s) {
   command
       .add_option_function<double>(
           "--deadline-s", [&s](double seconds) { s.default_deadline = milliseconds(seconds); },
-          "Time for one request; clients can ask for less")
+          "Time limit of one request; clients can ask for less")
       ->check(CLI::Range(0.001, 86400.0))
       ->default_str(fmt::format("{:g}", deadline.count()));
   command
       .add_option_function<std::size_t>(
-          "--max-body-kb", [&s](std::size_t kib) { s.max_body_bytes = kib << 10; }, "Largest request body, KiB")
+          "--max-body-kb", [&s](std::size_t kib) { s.max_body_bytes = kib << 10; },
+          "Maximum size of a request body, KiB")
       ->check(CLI::Range(1, 1 << 20))
       ->default_str(std::to_string(s.max_body_bytes >> 10));
-  command.add_option("--max-image-pixels", s.max_image_pixels, "Most pixels of one frame")
+  command.add_option("--max-image-pixels", s.max_image_pixels, "Maximum pixels of a frame")
       ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 30))
       ->capture_default_str();
-  command.add_option("--max-image-side", s.max_image_side, "Most pixels of one side")
+  command.add_option("--max-image-side", s.max_image_side, "Maximum pixels of a frame's side")
       ->check(CLI::Range(1, 65535))
       ->capture_default_str();
-  command.add_option("--max-map-pixels", s.max_map_pixels, "Most pixels of one map")
+  command.add_option("--max-map-pixels", s.max_map_pixels, "Maximum pixels of a map")
       ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 30))
       ->capture_default_str();
   command.add_option("--max-samples-per-pixel", s.max_samples_per_pixel)
       ->check(CLI::Range(1, 65536))
       ->capture_default_str();
-  command.add_option("--max-rays", s.max_rays, "Most rays or points of one request, craters of one answer")
+  command.add_option("--max-rays", s.max_rays, "Maximum rays or points of a request, and craters of an answer")
       ->check(CLI::Range(1, 1 << 24))
       ->capture_default_str();
-  command.add_option("--max-json-depth", s.max_json_depth, "Deepest nesting of a request")
+  command.add_option("--max-json-depth", s.max_json_depth, "Maximum nesting depth of a request")
       ->check(CLI::Range(4, 256))
       ->capture_default_str();
 }
@@ -259,41 +264,44 @@ void add_options(CLI::App& command, ServeSettings& s) {
   add_options(command, s.limits);
   command.add_option("--host", s.host, "Address to listen on; put a proxy in front of anything but loopback")
       ->capture_default_str();
-  command.add_option("--port", s.port, "0: any free one; it is printed")
+  command.add_option("--port", s.port, "Port; 0: any free one, which is printed")
       ->check(CLI::Range(0, 65535))
       ->capture_default_str();
   command
       .add_option("--memory-mb", s.terrain.memory.memory_mb,
-                  "Memory for everything, MiB: --cache-mb, --scene-mb, --mesh-mb, requests in work, bodies and "
-                  "answers. 0: three "
-                  "quarters of what there is, at most 8192")
+                  "Memory for everything, MiB: --cache-mb, --scene-mb, --mesh-mb, active requests, bodies and answers. "
+                  "0: three quarters of the machine's memory, at most 8192")
       ->check(CLI::Range(0, 1 << 24))
       ->capture_default_str();
-  command.add_option("--max-frames", s.max_frames, "Requests in work at once; 0: as many as cores")
+  command.add_option("--max-frames", s.max_frames, "Requests processed at once; 0: number of cores")
       ->check(CLI::Range(0, 4096))
       ->capture_default_str();
-  command.add_option("--max-waiting", s.max_waiting, "Requests that may wait for a place")
+  command.add_option("--max-waiting", s.max_waiting, "Requests that may wait in the queue")
       ->check(CLI::Range(0, 65536))
       ->capture_default_str();
-  command.add_option("--max-connections", s.max_connections, "Connections; some more for health and metrics")
+  command
+      .add_option("--max-connections", s.max_connections,
+                  "Maximum connections; a few more are reserved for health and metrics")
       ->check(CLI::Range(4, 65536))
       ->capture_default_str();
-  command.add_option("--idle-timeout-s", s.idle_timeout_s, "For a silent connection")
+  command.add_option("--idle-timeout-s", s.idle_timeout_s, "Time limit of an idle connection")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
-  command.add_option("--receive-timeout-s", s.receive_timeout_s, "For a whole request to arrive")
+  command.add_option("--receive-timeout-s", s.receive_timeout_s, "Time limit for receiving a whole request")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
   command
-      .add_option("--send-kb-per-s", s.send_kb_per_s, "Least rate at which an answer is read, KiB/s after ten seconds")
+      .add_option("--send-kb-per-s", s.send_kb_per_s,
+                  "Minimum rate at which a client must read an answer, KiB/s, after ten seconds")
       ->check(CLI::Range(1.0, 1e6))
       ->capture_default_str();
-  command.add_option("--shutdown-s", s.shutdown_s, "From SIGTERM to the end of the process, whatever is in work")
+  command.add_option("--shutdown-s", s.shutdown_s, "Time limit from SIGTERM to the end of the process")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
   command
       .add_option("--drain-s", s.drain_s,
-                  "Of --shutdown-s: requests are still taken, while /health/ready tells a proxy to send them elsewhere")
+                  "Part of --shutdown-s in which requests are still accepted while /health/ready tells a proxy to send "
+                  "them elsewhere")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
   add_access(command, s);

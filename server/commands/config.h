@@ -28,13 +28,13 @@ struct TerrainSettings {
   std::string cache_dir;         // see default_cache_dir()
   MemorySettings memory;
   int threads = 0;                         // 0: all cores
-  std::string assets_dir;                  // atmospheres and the like that requests name; empty: none
-  std::vector<std::string> remote_prefix;  // of names on a network that may be read; empty: none
+  std::string assets_dir;                  // folder of assets; empty: none
+  std::vector<std::string> remote_prefix;  // prefixes of remote names that may be read; empty: none
   double mesh_s = std::chrono::duration<double>(engine::MeshReaderOptions{}.time).count();
   std::string on_data_error = "fail";                  // or "fall-through"
-  double blend_posts = dem::LayerJoins{}.blend_posts;  // see there
+  double blend_posts = dem::LayerJoins{}.blend_posts;  // see LayerJoins
   std::vector<std::string> layer_offset;               // "PATTERN=METRES" or "PATTERN=fit"
-  bool strict = false;                                 // a file in a DEM folder that is no DEM is an error
+  bool strict = false;                                 // a file in a DEM folder that is not a DEM is an error
   std::string log_level = "info";                      // debug, info, warning, error
 };
 
@@ -43,18 +43,18 @@ struct ServeSettings {
   api::Limits limits;
   std::string host = "127.0.0.1";
   int port = 8080;
-  int max_frames = 0;     // in work at once; 0: as many as cores
+  int max_frames = 0;     // requests processed at once; 0: number of cores
   int max_waiting = 256;  // a waiting request costs a connection, a thread and its body
   int max_connections = 256;
   double idle_timeout_s = 30, receive_timeout_s = 20;
-  double send_kb_per_s = 64;            // an answer must be read at, KiB/s on average after ten seconds
+  double send_kb_per_s = 64;            // minimum rate of reading an answer, KiB/s on average after ten seconds
   double shutdown_s = 10;               // from SIGTERM to the end of the process
-  double drain_s = 0;                   // of it, while requests are still taken
-  PageAccess page = PageAccess::local;  // who gets the pages for people
+  double drain_s = 0;                   // part of it in which requests are still accepted
+  PageAccess page = PageAccess::local;  // who may open the pages
   LogFormat log_format = LogFormat::text;
-  std::vector<std::string> trusted_proxy;  // addresses, beside loopback: who may say by whose token a request came
-  std::vector<std::string> allowed_host;   // names and addresses, beside `host`, that requests may be addressed to
-  bool pretouch = false;                   // the budgets' memory is taken from the system at the start
+  std::vector<std::string> trusted_proxy;  // addresses, beside loopback, whose token header is trusted
+  std::vector<std::string> allowed_host;   // names and addresses, beside `host`, accepted in Host
+  bool pretouch = false;                   // touch the budgets' memory at the start
   bool trial = false;
 };
 
@@ -62,7 +62,7 @@ void add_options(CLI::App& command, TerrainSettings& settings);
 void add_options(CLI::App& command, api::Limits& limits);
 void add_options(CLI::App& command, ServeSettings& settings);
 
-// Settings are in seconds.
+// Converts a setting in seconds.
 std::chrono::milliseconds milliseconds(double seconds);
 
 // $XDG_CACHE_HOME/selenograph, else ~/.cache/selenograph, else /tmp/selenograph-cache.

@@ -79,9 +79,7 @@ void add_options(CLI::App& command, BatchSettings& s) {
   command.add_option("manifest", s.manifest, "A request per line, as for POST /v1/frames, with an optional \"name\"")
       ->type_name("MANIFEST.jsonl");
   command.add_option("-o,--output", s.output, "Folder for frames and journals")->type_name("DIR");
-  command
-      .add_option("--shard", s.shard,
-                  "Which part of the manifest, of how many; from 0. The parts are about the same work")
+  command.add_option("--shard", s.shard, "Part I (from 0) of N of the manifest. The parts have about the same work")
       ->type_name("I/N")
       ->capture_default_str();
   command
@@ -89,13 +87,13 @@ void add_options(CLI::App& command, BatchSettings& s) {
                   "Of the frames: DIR/NAME.FORMAT, or tars of .npz files (DIR/frames-000000.tar) for WebDataset")
       ->check(CLI::IsMember({"npz", "exr", "tiff", "png", kWebDataset}))
       ->capture_default_str();
-  command.add_option("--frames-per-tar", s.frames_per_tar, "Most frames of one tar of --format webdataset")
+  command.add_option("--frames-per-tar", s.frames_per_tar, "Maximum frames per tar of --format webdataset")
       ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 20))
       ->capture_default_str();
   command.add_flag("--resume", s.resume,
                    "DIR may hold frames of other requests, software or terrain under the manifest's names: they are "
                    "replaced. Without, they are refused. What is finished of this manifest is never rendered again");
-  command.add_option("--in-work", s.in_work, "Frames in work at once; 0: two, or one on a single core")
+  command.add_option("--in-work", s.in_work, "Frames rendered at once; 0: two, or one on a single core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   add_options(command, s.terrain);

@@ -1,4 +1,4 @@
-// Output of commands: files written whole, and a progress line.
+// Output of commands: files written atomically, and a progress line.
 #pragma once
 
 #include <chrono>
@@ -7,18 +7,18 @@
 
 namespace selenograph::server {
 
-// Appears whole or not at all. Throws std::runtime_error naming the file.
+// Writes a file atomically. Throws std::runtime_error naming the file.
 void write_whole(const std::string& path, const std::string& bytes);
-// The same, indented and with a newline at the end. Names that are no UTF-8 get replacement characters.
+// Writes indented JSON with a final newline, atomically. Invalid UTF-8 is replaced.
 void write_json(const std::string& path, const nlohmann::ordered_json& json);
 
-// On stderr: one line that is rewritten on a terminal, a line every five percent elsewhere.
+// Progress on stderr: one line that is rewritten on a terminal, otherwise a line every five percent.
 class ProgressBar {
  public:
   ProgressBar();
-  // share 0..1.
+  // `share`: 0 to 1.
   void show(double share, const std::string& detail);
-  // After work that ended early.
+  // Ends the line after work that stopped early.
   void end_line() const;
 
  private:

@@ -8,7 +8,7 @@
 
 namespace selenograph::server {
 
-// Latitude and longitude in degrees; empty for anything else.
+// Parses latitude and longitude in degrees; empty for invalid text.
 std::optional<Geographic> place_of(const std::string& text);
 
 }  // namespace selenograph::server

@@ -1,4 +1,4 @@
-// Requests from files, and what is wrong with them on stderr: for commands that answer as the service does.
+// Reads requests from files and prints problems to stderr, for commands that answer like the service.
 #pragma once
 
 #include <string>
@@ -7,10 +7,10 @@
 
 namespace selenograph::server {
 
-// "-": standard input. Throws std::runtime_error naming the file.
+// Reads a file; "-": standard input. Throws std::runtime_error naming the file.
 std::string read_request(const std::string& path);
 
-// An answer that is none.
+// Prints the problem document of a failed response.
 void print_problem(const api::Response& answer);
 
 }  // namespace selenograph::server

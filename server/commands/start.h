@@ -1,4 +1,4 @@
-// Terrain and renderer as the settings say.
+// Makes terrain and renderer from the settings.
 #pragma once
 
 #include <memory>
@@ -12,19 +12,19 @@
 
 namespace selenograph::server {
 
-// Sample terrain in a folder of the cache folder, written there when it is not yet complete.
+// Folder with the sample terrain, in the cache folder; written if it is not yet complete.
 std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions& options);
 
 // settings.dem, or the folder of the default sample terrain.
 std::vector<std::string> dem_paths(const TerrainSettings& settings);
 
-// What is there, and may be opened. Throws DataError.
+// Opens the catalogue of the settings. Throws DataError.
 dem::Catalogue open_catalogue(const TerrainSettings& settings);
-// These throw DataError and say in the log what was found, and what could not be used.
+// Opens the terrain; logs what was found and what could not be used. Throws DataError.
 std::shared_ptr<dem::PyramidTerrain> open_terrain(const TerrainSettings& settings);
 std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& settings);
 
-// Meshes are read by this same executable.
+// Options for reading meshes, with this same executable as the reading program.
 engine::MeshReaderOptions mesh_options(const TerrainSettings& settings);
 
 }  // namespace selenograph::server

@@ -1,8 +1,8 @@
-// Which names a request may address the service by, and which pages may ask it.
+// Access control by Host and Origin.
 //
-// A browser lets a page read what its own origin answers. A page of evil.example is of the service's own origin once
-// its owner lets that name mean the service's address (DNS rebinding), and then Host holds that name. So Host must be a
-// name that the operator has given, or a numeric address, which no name server can give another meaning.
+// A browser lets a page read the responses of its own origin. A page of evil.example has the service's origin once its
+// owner resolves that name to the service's address (DNS rebinding), and then Host holds that name. So Host must be a
+// name that the operator has given, or a numeric address, which no name server can redirect.
 #pragma once
 
 #include <optional>
@@ -23,22 +23,21 @@ class AllowedHosts {
   // `listens_on`: --host. `given`: --allowed-host, each of which is_host().
   AllowedHosts(const std::string& listens_on, const std::vector<std::string>& given);
 
-  // Empty: the request is taken. Names are compared without case and without a final dot, addresses by value; ports of
-  // hosts are not compared, because a forwarded port is another one and a rebound page has the right one.
+  // Empty: the request is accepted. Names are compared without case and without a final dot, addresses by value; ports
+  // of hosts are not compared, because a forwarded port differs and a rebound page has the right one.
   //  - "malformed_request": the authority is not a host with an optional port;
   //  - "misdirected_request": its host is none of localhost, 127.0.0.1, [::1], --host, --allowed-host and
-  //    `local_address`, the numeric address of ours that the connection came to. HTTP/1.0 without Host passes: no
-  //    browser asks so, and health checks of proxies do;
-  //  - "foreign_origin": Origin is sent, and is neither the request's own host and port nor, by http or https and on
-  //  any
-  //    port, a host of --allowed-host. "null" (a file, a sandboxed frame) is always foreign.
+  //    `local_address`, the server's numeric address of this connection. HTTP/1.0 without Host passes: browsers do not
+  //    send it, and health checks of proxies do;
+  //  - "foreign_origin": Origin is neither the request's own host and port nor, by http or https and on any port, a
+  //    host of --allowed-host. "null" (a file, a sandboxed frame) is always foreign.
   std::optional<HeadProblem> refusal(const RequestHead& head, std::string_view local_address) const;
 
  private:
   bool is_own_page(std::string_view origin, const RequestHead& head) const;
 
-  std::set<std::string> served_;  // names and addresses that Host may be
-  std::set<std::string> given_;   // of --allowed-host: pages of these may ask, too
+  std::set<std::string> served_;  // names and addresses accepted in Host
+  std::set<std::string> given_;   // --allowed-host: also accepted in Origin
 };
 
 }  // namespace selenograph::server

@@ -1,5 +1,5 @@
-// Decodes a request body sent in chunks (RFC 9112, 7.1), strictly: what two recipients could read in two ways is no
-// body at all.
+// Decodes a chunked request body (RFC 9112, 7.1) strictly: anything that two recipients could interpret differently is
+// rejected.
 #pragma once
 
 #include <cstddef>
@@ -8,8 +8,8 @@
 
 namespace selenograph::server {
 
-// Incremental, and bounded whatever comes: a line of framing that is not complete yet is all that it keeps.
-//  - A size is 1 to 16 hexadecimal digits, nothing before and only extensions behind it. Lines end with CRLF.
+// Incremental, with bounded memory: it stores at most one incomplete framing line.
+//  - A size is 1 to 16 hexadecimal digits, preceded by nothing and followed only by extensions. Lines end with CRLF.
 //  - Extensions (`;name`, `;name=value`) and trailer fields are checked, then dropped.
 class ChunkedBody {
  public:
@@ -20,14 +20,14 @@ class ChunkedBody {
   explicit ChunkedBody(std::size_t max_body_bytes) : max_body_bytes_(max_body_bytes) {}
 
   enum class State {
-    more,       // is not at its end
-    complete,   // what follows belongs to the next request
-    malformed,  // not chunked as it should be, or with more extensions or trailers than are taken
+    more,       // incomplete
+    complete,   // complete; further bytes belong to the next request
+    malformed,  // invalid framing, or too many extensions or trailers
     too_large,  // content of more than max_body_bytes
   };
 
-  // Takes from the front of `raw` what belongs to this body, and appends the content to `body`, which holds that of
-  // earlier calls. Once the state is not `more`, nothing is taken.
+  // Consumes from the front of `raw` what belongs to this body, and appends the content to `body`, which holds that of
+  // earlier calls. Once the state is not `more`, nothing is consumed.
   State take(std::string_view& raw, std::string& body);
   State state() const { return state_; }
 
@@ -42,7 +42,7 @@ class ChunkedBody {
   State state_ = State::more;
   Part part_ = Part::size;
   std::string line_;              // of framing, without CRLF
-  bool carriage_return_ = false;  // has come, its line feed has not
+  bool carriage_return_ = false;  // received, without its line feed
   std::size_t content_left_ = 0;  // of this chunk
   std::size_t body_bytes_ = 0, extension_bytes_ = 0, trailer_bytes_ = 0;
 };

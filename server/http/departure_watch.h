@@ -11,19 +11,19 @@ namespace selenograph::server {
 
 // One thread for all connections (epoll; cpp-httplib 0.11.4 has no way to ask).
 //
-// A client that closes its connection and one that closes only its sending half (it has no more requests, and waits for
-// its answer) both send FIN, and nothing else tells them apart until something is sent to them. So that is what happens
-// then: an interim answer "100 Continue", which HTTP/1.1 lets a server send at any time and clients ignore (RFC 9110,
-// 15.2). A closed socket answers with a reset, which is a departure; a half-closed one takes it, and is asked again
-// every few seconds in case it leaves later. HTTP/1.0 has no interim answers: there a FIN is taken for a half-close,
-// and only a reset for a departure.
+// A client that closes its connection and one that closes only its sending half (no more requests, but it waits for its
+// response) both send FIN; they cannot be told apart until something is sent to them. Therefore an interim response
+// "100 Continue" is sent, which HTTP/1.1 allows at any time and clients ignore (RFC 9110, 15.2). A closed socket
+// replies with a reset, which is a departure; a half-closed one accepts it, and is probed again every few seconds in
+// case it leaves later. HTTP/1.0 has no interim responses: there a FIN counts as a half-close, and only a reset as a
+// departure.
 class DepartureWatch {
  public:
   DepartureWatch();
   ~DepartureWatch();
 
-  // While it lives, `*left` becomes true when the peer of socket `fd` is gone. `interim_answers`: it speaks HTTP/1.1.
-  // Nothing else may be written to the socket meanwhile.
+  // While it exists, `*left` becomes true when the peer of socket `fd` is gone. `interim_answers`: the peer uses
+  // HTTP/1.1. Nothing else may be written to the socket meanwhile.
   class Guard {
    public:
     Guard(DepartureWatch& watch, int fd, bool interim_answers, std::atomic<bool>* left);

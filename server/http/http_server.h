@@ -1,4 +1,4 @@
-// HTTP/1.1 in and out. The only pair of files that knows cpp-httplib.
+// HTTP/1.1 server. The only pair of files that uses cpp-httplib.
 #pragma once
 
 #include <chrono>
@@ -14,20 +14,20 @@
 namespace selenograph::server {
 
 struct HttpOptions {
-  std::string host;     // loopback: a proxy belongs in front of anything wider
+  std::string host;     // put a proxy in front of anything but loopback
   int port;             // 0: any free one
-  int max_connections;  // who goes or is refused when it is reached: see Listener
+  int max_connections;  // limit: see Listener
   std::size_t max_body_bytes;
-  std::shared_ptr<api::MemoryBudget> bodies;   // being received
+  std::shared_ptr<api::MemoryBudget> bodies;   // budget of bodies being received
   std::chrono::milliseconds idle_timeout;      // between requests of one connection
-  std::chrono::milliseconds receive_timeout;   // for a whole request, first byte to last, however it dribbles
+  std::chrono::milliseconds receive_timeout;   // for a whole request, from first to last byte
   SendPace send_pace;                          // for a whole answer
-  std::function<int()> retry_after_s;          // for a client that there is no connection for
-  std::vector<std::string> trusted_proxies{};  // beside loopback: they say by whose token a request came
+  std::function<int()> retry_after_s;          // for a client that gets no connection
+  std::vector<std::string> trusted_proxies{};  // beside loopback, whose token header is trusted
   std::vector<std::string> allowed_hosts{};    // beside host and the names of loopback: see AllowedHosts
 };
 
-// One request answered, for the log and the metrics. `path` is without query; empty when the request could not be read.
+// A completed request, for the log and the metrics. `path` is without query; empty when the request was unreadable.
 struct AccessRecord {
   std::string method, path;
   std::string target;  // as sent, free of control characters
@@ -35,16 +35,16 @@ struct AccessRecord {
   std::size_t bytes = 0;  // of the body
   double seconds = 0;     // from the complete request to the last byte handed to the system
   std::string error_code;
-  std::string request_id;                                   // in the answer, too: X-Request-Id
-  std::string token;                                        // name of the token that a proxy let it in by; empty: none
-  std::string host;                                         // at the other end: the client's or the proxy's address
-  std::size_t request_bytes = 0;                            // of the body
-  double queued_s = 0, work_s = 0;                          // waiting for a place; from there to the finished answer
+  std::string request_id;           // also in the response: X-Request-Id
+  std::string token;                // name of the token that a trusted proxy accepted; empty: none
+  std::string host;                 // address of the client or proxy
+  std::size_t request_bytes = 0;    // of the body
+  double queued_s = 0, work_s = 0;  // in the queue; from there to the finished answer
   std::vector<std::pair<std::string, double>> stages_ms{};  // those of Server-Timing
 };
 
-// cpp-httplib parses requests, reads their bodies, hands them to handlers and writes the answers. It does so between a
-// stream and a handler of ours, because its own server has
+// cpp-httplib parses requests, reads their bodies, calls handlers and writes the responses. It runs between our own
+// stream and handler, because its own server has
 //  - an unbounded queue, few threads, idle clients that hold them: Listener's thread per connection, bounded, silent
 //    ones go first;
 //  - a timeout per read() and write(): RequestStream has one deadline for the whole request, Connection one for the
@@ -53,16 +53,16 @@ struct AccessRecord {
 //  - exception text in a header, empty error pages: problem+json from the api's table;
 //  - select() and its 1024 descriptors, a backlog of 5, SO_REUSEPORT, no TCP_NODELAY: own sockets.
 //
-// Where memory is lacking even for a problem, the client gets one that was made when the service started.
+// If there is no memory even for a problem document, the client gets one that was made when the service started.
 class HttpServer {
  public:
   struct Impl;
-  // Gets HEAD as "HEAD"; its body is not sent then. What it waited for a place goes to `queued`. Who comes through a
-  // trusted proxy with a token is a client of his own: the token's name is his address.
+  // HEAD is passed as "HEAD"; its body is not sent. The time in the queue is returned in `queued`. Requests with a
+  // token through a trusted proxy count as a client of their own, with the token's name as address.
   using Handler = std::function<api::Response(const api::Request&, const Peer&, Connection::Clock::duration& queued)>;
   using Observer = std::function<void(const AccessRecord&)>;
 
-  // Binds at once; throws std::runtime_error when it can't.
+  // Binds immediately; throws std::runtime_error on failure.
   HttpServer(const HttpOptions& options, Handler handler, Observer observer);
   ~HttpServer();
 
@@ -70,17 +70,17 @@ class HttpServer {
   int connections() const;
   std::string url() const;  // "http://127.0.0.1:8080"
 
-  void run();  // until stop(); answers under way are finished
+  void run();  // until stop(); active answers are finished
   // From any thread:
   void stop();
-  bool wait_until_done(Connection::Clock::time_point deadline);  // true: all answers have been sent since stop()
-  void cut();  // ends every connection, and raises `abandoned` of what is computed for them
+  bool wait_until_done(Connection::Clock::time_point deadline);  // after stop(); true: all responses have been sent
+  void cut();  // ends all connections, and sets `abandoned` of their requests
 
  private:
   std::unique_ptr<Impl> impl_;
 };
 
-// A small client, for `serve --trial`. status 0: no answer came.
+// A small client for `serve --trial`. status 0: no response.
 struct ClientAnswer {
   int status = 0;
   std::string content_type, body;

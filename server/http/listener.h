@@ -1,12 +1,13 @@
-// Accepts connections and gives each a thread of its own; no HTTP here.
+// Accepts connections and gives each its own thread; independent of HTTP.
 //
 // A connection that only waits for its client (idle, or sending slowly) costs a sleeping thread and nothing else, and
-// is the first to go when the number of connections reaches its bound: silent clients can't keep others out. Then go
-// clients that read their answer slowly. When all are at work,
-//  - an address with less than its share (the bound over the addresses that are connected) is still let in, up to
+// is the first to be closed at the limit of connections: silent clients cannot keep others out. Next are clients that
+// read their response slowly. If all are at work,
+//  - an address with less than its share (the limit over the number of connected addresses) is still accepted, up to
 //    extra_connections() more;
-//  - health_connections() more get health and metrics only;
-//  - anybody else gets the busy answer.
+//  - health_connections() more are served health and metrics only;
+//  - then the oldest connection that waits for its client is closed, silent or not;
+//  - if there is none, the new client gets the busy response.
 #pragma once
 
 #include <atomic>
@@ -29,13 +30,13 @@ struct ListenerOptions {
   int port;          // 0: any free one
   int max_connections;
   SendPace pace;
-  std::function<std::string()> busy_answer;  // for a client for whom there is no room
-  std::string spare_answer;                  // the same when there is no memory to make one, or for a thread
+  std::function<std::string()> busy_answer;  // answer to a client when the limit is reached
+  std::string spare_answer;                  // sent instead if there is no memory for it
 };
 
 class Listener {
  public:
-  using Serve = std::function<void(Connection&)>;  // returns when the connection is done with; must not throw
+  using Serve = std::function<void(Connection&)>;  // returns when the connection is finished; must not throw
 
   // Binds and listens. Throws std::runtime_error saying what can't be bound and why.
   explicit Listener(ListenerOptions options);
@@ -47,16 +48,16 @@ class Listener {
 
   // Accepts until stop(); returns when the last connection is done. Once only.
   void run(const Serve& serve);
-  // From any thread: accept no more, give up those that wait for their client.
+  // From any thread: accepts no more, and gives up connections that wait for their client.
   void stop();
-  // True once stop() was called and every connection is done; false when the deadline comes first.
+  // Call after stop(). True once every connection is done; false if the deadline comes first.
   bool wait_until_done(Connection::Clock::time_point deadline);
-  // Ends all connections, whatever they do.
+  // Ends all connections in any state.
   void cut();
 
   static int extra_connections(int max_connections);
   static int health_connections(int max_connections);
-  // At once, in the worst case.
+  // Maximum number of open sockets.
   static int most_sockets(int max_connections);
 
  private:
@@ -83,7 +84,7 @@ class Listener {
   std::atomic<bool> stopping_{false};
   // Refused clients may still be sending: closed at once, they would get a reset instead of the answer.
   std::deque<std::pair<Connection::Clock::time_point, int>> refused_;
-  mutable std::mutex mutex_;  // of clients_
+  mutable std::mutex mutex_;  // guards clients_
   std::condition_variable closed_;
   std::list<Client> clients_;
 };

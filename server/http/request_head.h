@@ -2,8 +2,8 @@
 // it.
 //
 // cpp-httplib 0.11.4 is lenient where leniency is dangerous behind a proxy (two lengths, folded lines, bare line feeds,
-// sizes of chunks), and it acts on headers that we don't offer (ranges, content codings, forms). So a head is either
-// refused here, or rewritten to what the library may see.
+// sizes of chunks), and it acts on headers that this service does not support (ranges, content codings, forms). So a
+// head is either refused here, or rewritten to what the library may see.
 #pragma once
 
 #include <cstddef>
@@ -23,18 +23,18 @@ struct RequestHead {
   std::string method;
   std::string target;                               // as sent: path and query, free of control characters
   std::multimap<std::string, std::string> headers;  // lower-case names; everything that was sent
-  // Whom the request is for, as sent: the authority of an absolute target, else Host (RFC 9112 3.2.2); only HTTP/1.0
-  // may say neither. AllowedHosts judges it.
+  // Authority of the request, as sent: of an absolute target, else Host (RFC 9112 3.2.2); only HTTP/1.0 may have none.
+  // AllowedHosts checks it.
   std::optional<std::string> authority;
   std::string text;    // the head for the library, with its empty line
   bool close = false;  // the connection must end after the answer
   bool http_1_0 = false;
-  // The body that follows: chunked, or as many bytes; none on other methods than POST.
+  // Body that follows: chunked, or body_bytes long; methods other than POST have none.
   bool chunked = false;
   std::size_t body_bytes = 0;
 };
 
-// Why a request is refused: a row of the api's error table and what to say.
+// Reason of a refusal: a row of the api's error table, and details.
 struct HeadProblem {
   std::string error_code;
   std::string detail;
@@ -43,12 +43,13 @@ struct HeadProblem {
 // `raw` ends with the empty line ("\r\n\r\n"). Rules of RFC 9112, strictly:
 //  - Content-Length together with Transfer-Encoding, two of either, another coding than `chunked`, or any in HTTP/1.0:
 //    refused;
-//  - a Content-Length above max_body_bytes: refused before a byte of the body is read;
-//  - Range and If-Range are left out (RFC 9110 14.2 allows a server to ignore them), so is Accept-Encoding: the same
-//    request gets the same bytes, whole and uncoded, and the ETag means those bytes; Content-Type is the handlers'
-//    matter;
+//  - a Content-Length above max_body_bytes, or a Content-Encoding other than identity: refused before a byte of the
+//    body is read;
+//  - Range and If-Range are removed (RFC 9110 14.2 allows a server to ignore them), and so is Accept-Encoding: the same
+//    request gets the same bytes, complete and unencoded, and the ETag identifies them; the handlers check
+//    Content-Type;
 //  - a POST without any length has an empty body;
-//  - a method that HTTP does not have is "not_implemented"; one that a path does not have is no matter of the head;
+//  - a method that HTTP does not have is "not_implemented"; whether the path has the method is not checked here;
 //  - a body on another method is never read, therefore the connection ends with the answer.
 std::variant<RequestHead, HeadProblem> check_head(std::string_view raw, std::size_t max_body_bytes);
 

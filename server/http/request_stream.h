@@ -1,4 +1,4 @@
-// One request as the HTTP library may read it: strictly framed, bounded in size, complete by one deadline.
+// The byte stream of one request for the HTTP library: strictly framed, bounded in size, complete by one deadline.
 #pragma once
 
 #include <sys/types.h>
@@ -18,26 +18,25 @@ namespace selenograph::server {
 struct RequestBounds {
   std::size_t max_body_bytes;
   std::chrono::milliseconds idle_timeout;     // until its first byte
-  std::chrono::milliseconds receive_timeout;  // first byte to last, however it dribbles
+  std::chrono::milliseconds receive_timeout;  // from first to last byte
 };
 
-// Bytes behind the end of the request stay in the connection: they are the next request's.
+// Bytes after the end of the request stay in the connection: they belong to the next request.
 class RequestStream {
  public:
   RequestStream(Connection& connection, const RequestBounds& bounds) : connection_(connection), bounds_(bounds) {}
 
-  // Waits for a request and reads its head. False: no request comes, and there is nobody to answer. A head that is
-  // refused is a problem().
+  // Waits for a request and reads its head. False: no request, and nobody to respond to. A refused head is a problem().
   bool open();
 
-  // As far as it is known. What is refused before it is read, here or by refuse(), reads as a request without headers
-  // and body, so that the library has one to answer.
+  // The head as far as it is known. A request refused before it is read, here or by refuse(), reads as one without
+  // headers and body, so that the library has one to answer.
   const RequestHead& head() const { return head_; }
   const std::optional<HeadProblem>& problem() const { return problem_; }
   void refuse(HeadProblem why);
 
-  // The next bytes: the head as check_head() wrote it, then the body. Chunks have other sizes than those that came, and
-  // neither extensions nor trailers. -1: there are no more, or there is a problem().
+  // Reads the next bytes: the head as rewritten by check_head(), then the body. Chunk sizes differ from the received
+  // ones; extensions and trailers are removed. -1: no more bytes, or a problem().
   ssize_t read(char* to, std::size_t size);
 
  private:
@@ -51,8 +50,8 @@ class RequestStream {
   Connection::Clock::time_point deadline_{};
   RequestHead head_;
   std::optional<HeadProblem> problem_;
-  bool begun_ = false;          // to be read
-  std::string text_;            // a part of what read() gives
+  bool begun_ = false;          // reading has begun
+  std::string text_;            // current part of the output of read()
   std::size_t read_bytes_ = 0;  // of text_
   std::size_t body_bytes_left_ = 0;
   ChunkedBody chunks_{bounds_.max_body_bytes};

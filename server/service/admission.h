@@ -1,12 +1,12 @@
-// Who may render now: a bounded number of requests in work and a bounded queue behind them, shared fairly by clients.
+// Admission control: a bounded number of active requests and a bounded queue, shared fairly by clients.
 //
 // A client is an address. Within a client the oldest request enters first, and clients take turns: one that sends 200
 // requests at once delays another's single one by one request. When the queue is full, the newest request of the client
-// with most of it gives way to one of a client with fewer.
+// with the most requests in it makes room for one of a client with fewer.
 //
-// Who is refused is told when to come back: when a newcomer may expect to enter, behind those who wait and those who
-// were told so before. His place is kept for a while (a promise), so that clients who are served and ask again at once
-// don't take it meanwhile. It is his who comes back on the same connection, or of the same client on a new one.
+// A refused client is told when to retry: when a newcomer may expect to enter, behind those in the queue and those
+// promised before. Its place is reserved for a while (a promise), so that clients who are served and ask again at once
+// do not take it. It is identified by its connection, or by a new connection of the same client.
 #pragma once
 
 #include <atomic>
@@ -23,30 +23,30 @@ namespace selenograph::server {
 
 struct AdmissionLimits {
   int max_in_work = 1;  // at least 1
-  int max_waiting = 0;  // and promised places
-  // Who would wait longer than this (by the mean time that requests take) is rather told when to come back.
+  int max_waiting = 0;  // including promised places
+  // A client that would wait longer than this, by the mean time of requests, is told to retry instead.
   std::chrono::milliseconds patience{60000};
 };
 
-// All members may be called from any thread.
+// Thread-safe.
 class Admission {
  public:
   using Clock = std::chrono::steady_clock;
 
   enum class Outcome {
     admitted,
-    full,       // no place in the queue, or it was given to a client with fewer: see Entry::retry_after_s
+    full,       // queue full, or the place went to a client with fewer: see Entry::retry_after_s
     closing,    // close() was called
     expired,    // the deadline passed in the queue
     abandoned,  // the client left while queueing
   };
 
   struct Visitor {
-    std::string client;            // takes turns with others
-    std::uint64_t connection = 0;  // who comes back on it is the same
+    std::string client;            // identity of the client, for taking turns
+    std::uint64_t connection = 0;  // identifies a returning client
   };
 
-  // A place in work, given back on destruction. Empty unless the outcome is `admitted`.
+  // Permission to work, returned on destruction. Empty unless the outcome is `admitted`.
   class Place {
    public:
     Place() = default;
@@ -69,13 +69,13 @@ class Admission {
 
   explicit Admission(const AdmissionLimits& limits);
 
-  // Waits in the queue until a place is free; no longer than the deadline, and not when `*abandoned` (null: never) is
+  // Waits in the queue until a place is free; no longer than the deadline, and not if `*abandoned` (null: never) is
   // true.
   Entry enter(const Visitor& visitor, Clock::time_point deadline, const std::atomic<bool>* abandoned);
 
-  // Refuses newcomers from now on; those in work and in the queue go on.
+  // Refuses new requests from now on; active and queued ones continue.
   void close();
-  // True once nobody is in work or waiting; false when the deadline comes first.
+  // True once no request is active or queued; false if the deadline comes first.
   bool wait_until_idle(Clock::time_point deadline);
 
   int in_work() const;
@@ -83,7 +83,7 @@ class Admission {
   int max_in_work() const { return limits_.max_in_work; }
   int max_waiting() const { return limits_.max_waiting; }
 
-  // When a client that has nothing here may find a place. Whole seconds, 1 to 120. Nothing is promised by it.
+  // Estimated time until a new client may find a place. Whole seconds, 1 to 120. Promises nothing.
   int retry_after_s() const;
 
  private:
@@ -91,14 +91,14 @@ class Admission {
     bool displaced = false;
   };
   struct Promise {
-    std::uint64_t connection;  // that it was made to
-    std::uint64_t newest;      // connection at that time: those that came later may be the same client's
+    std::uint64_t connection;  // that it was promised to
+    std::uint64_t newest;      // latest connection then: later ones may be the same client's
     Clock::time_point due;
   };
   struct Client {
     std::list<Waiting*> waiting;  // oldest first
     std::list<Promise> promises;  // oldest first
-    std::uint64_t turn = 0;       // drawn when it came and with each request that enters: the least is next
+    std::uint64_t turn = 0;       // drawn on arrival and for each request that enters: the lowest is next
     std::size_t size() const { return waiting.size() + promises.size(); }
   };
   using Clients = std::map<std::string, Client>;
@@ -126,7 +126,7 @@ class Admission {
   std::uint64_t turns_ = 0, newest_ = 0;
   int in_work_ = 0;
   bool closing_ = false;
-  double mean_s_ = 0.5;  // of a place's use, moving average
+  double mean_s_ = 0.5;  // moving average of the time per request
 };
 
 }  // namespace selenograph::server

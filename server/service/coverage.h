@@ -1,4 +1,4 @@
-// Where a catalogue has holes: what `info` says about gaps.
+// Finds gaps in a catalogue's coverage, for `info`.
 #pragma once
 
 #include <vector>
@@ -8,7 +8,7 @@
 namespace selenograph::server {
 
 // Boxes of whole degrees within the catalogue's bounding box that no file touches, sorted from south to north. Holes
-// smaller than a degree, and voids inside a file, are not looked for. West in [-180, 180); east above west.
+// smaller than a degree, and voids inside a file, are not detected. West in [-180, 180); east is greater than west.
 std::vector<dem::Footprint> uncovered(const dem::Catalogue& catalogue);
 
 }  // namespace selenograph::server

@@ -1,4 +1,4 @@
-// What a request meets between the socket and the service: health, metrics, admission.
+// Requests between socket and service: health, metrics, admission.
 #pragma once
 
 #include <atomic>
@@ -15,21 +15,21 @@ namespace selenograph::server {
 
 class Front {
  public:
-  using ReadGauges = std::function<void(Gauges&)>;  // fills what only the owner knows: terrain, scenes, connections
+  using ReadGauges = std::function<void(Gauges&)>;  // fills gauges known to the owner: terrain, scenes, connections
 
   Front(const api::Service& service, Admission& admission, const Metrics& metrics, PageAccess pages,
         ReadGauges read_gauges);
 
-  // /health/live, /health/ready and /metrics never queue, and are all that a reserved connection gets. Calls that cost
-  // time need a place from admission; all others go straight to the service. HEAD is GET whose body the HTTP layer
-  // leaves out. What there is no memory for is api::out_of_memory().
-  // `queued` is given the time that the request waited for its place.
+  // /health/live, /health/ready and /metrics never queue, and are all that a reserved connection gets. Expensive calls
+  // need a place from admission; all others go straight to the service. HEAD is handled as GET; the HTTP layer omits
+  // its body. Without memory for a response the result is api::out_of_memory(). `queued` receives the time that the
+  // request waited for its place.
   api::Response handle(const api::Request& request, const Peer& peer,
                        Admission::Clock::duration& queued) const noexcept;
 
-  // From now on /health/ready says no: a proxy sends its requests elsewhere. Those that come are answered.
+  // /health/ready returns 503 from now on, so that a proxy sends its requests elsewhere. Requests are still answered.
   void begin_drain() { ready_ = false; }
-  // From now on: not ready, and no new work is taken.
+  // Not ready from now on, and no new work is accepted.
   void begin_shutdown();
 
  private:

@@ -1,4 +1,4 @@
-// Keeps resident memory near what the budgets say.
+// Keeps resident memory near the budgets.
 #pragma once
 
 #include <condition_variable>
@@ -9,20 +9,20 @@
 
 namespace selenograph::server {
 
-// Of this process.
+// Resident memory of this process.
 std::size_t resident_bytes();
 
-// Caches that turn over leave free memory in the heap, which keeps it, and holes, which it can't give back. Many times
-// a second this gives free memory back when the process is larger than `most_bytes` says and, but with `keep_free`,
-// when it is more than `slack_bytes`. When the process is still too large, caches are told to keep so much less, up to
-// `most_less_bytes`, until it no longer is.
+// Turnover of caches leaves free memory in the heap, which keeps it, and holes, which it cannot return. Many times a
+// second this returns free memory when the process is larger than `most_bytes` and, unless `keep_free`, when more than
+// `slack_bytes` are free. If the process is still too large, caches are told to keep less, up to `most_less_bytes`,
+// until it no longer is.
 class HeapTrim {
  public:
   struct Plan {
     std::size_t slack_bytes, most_less_bytes;
     bool keep_free;
-    std::function<std::size_t()> most_bytes;           // that may be resident now
-    std::function<void(std::size_t bytes)> keep_less;  // by so many bytes than the budget
+    std::function<std::size_t()> most_bytes;           // limit of resident memory
+    std::function<void(std::size_t bytes)> keep_less;  // makes caches keep `bytes` less than their budget
   };
   // Both functions are called on this object's thread.
   explicit HeapTrim(Plan plan);

@@ -1,4 +1,4 @@
-// The log on stderr: of commands, which wait for it, and of the service, where nobody does.
+// The log on stderr: synchronous for commands, asynchronous for the service.
 #pragma once
 
 #include <spdlog/fwd.h>
@@ -23,15 +23,15 @@ enum class LogFormat {
 // spdlog's default logger writes to stderr, so that stdout stays for results.
 void set_up_log(const std::string& level);
 
-// While this lives, spdlog's default logger is an asynchronous one: a thread of its own writes the lines to stderr.
-// Where kMostLines wait (nobody reads stderr, or its disk is slow), each new line displaces the oldest, which is
+// While this object exists, spdlog's default logger is asynchronous: a separate thread writes the lines to stderr. When
+// kMostLines are waiting (nobody reads stderr, or its disk is slow), each new line displaces the oldest, which is
 // counted.
 class AsyncLog {
  public:
   static constexpr std::size_t kMostLines = 2048;
 
   explicit AsyncLog(const std::string& level, int fd = 2, LogFormat format = LogFormat::text);
-  ~AsyncLog();  // waits half a second for what is not written yet
+  ~AsyncLog();  // waits up to half a second for pending lines
 
   std::uint64_t dropped() const;
 
@@ -41,7 +41,7 @@ class AsyncLog {
  private:
   class Sink;
   const std::shared_ptr<Sink> sink_;
-  std::shared_ptr<spdlog::details::thread_pool> thread_;  // one
+  std::shared_ptr<spdlog::details::thread_pool> thread_;  // a single thread
 };
 
 }  // namespace selenograph::server

@@ -16,14 +16,14 @@
 
 namespace selenograph::server {
 
-// What is read at the moment of scraping.
+// Gauges read at the time of scraping.
 struct Gauges {
   bool ready = false;
   int frames_in_work = 0, frames_waiting = 0, max_in_work = 0, max_waiting = 0;
   int connections = 0;
   dem::CacheStatistics cache;
   std::size_t terrain_warnings = 0;
-  std::string cache_trouble;  // of /health/ready; the metric says whether; empty: none
+  std::string cache_trouble;  // text of /health/ready; the metric is 0 or 1; empty: none
   std::size_t scene_bytes = 0;
   engine::HeapStatistics heap;
   engine::PreparationStatistics preparation;
@@ -39,10 +39,10 @@ class Metrics {
 
   explicit Metrics(std::string version);
 
-  // `route` must come from route_label(): a label may have few values only, never what a client made up.
+  // `route` must come from route_label(): a label may have few values only, never client input.
   void count_answer(std::string_view route, std::string_view method, int status, double seconds, std::size_t bytes);
-  // `code` is one of the api's error table, which are all there from the start: of a counter that first appears as 1,
-  // Prometheus sees no increase.
+  // `code` is in the api's error table. All codes are exported from the start: Prometheus sees no increase of a counter
+  // that first appears as 1.
   void count_error(std::string_view code);
 
   // HELP and TYPE before each family, each family in one piece; process_* are read from /proc.
@@ -65,7 +65,7 @@ class Metrics {
   std::map<std::string, std::uint64_t, std::less<>> bytes_, errors_;            // by route; by code
 };
 
-// The path itself where it is one that the service has, else "other". The same for methods.
+// The path itself if the service has it, else "other". The same for methods.
 std::string_view route_label(std::string_view path);
 std::string_view method_label(std::string_view method);
 

@@ -1,5 +1,5 @@
-// The pages for people: GET / (a map, a camera's frame, what it says of itself) and GET /docs (the API document). Each
-// is one file of page/, in the executable; they ask the same service that everybody asks.
+// The web pages: GET / (a map, a camera's frame, service status) and GET /docs (the API document). Each is one file of
+// page/, embedded in the executable; they use the public API.
 #pragma once
 
 #include <optional>
@@ -10,7 +10,7 @@
 
 namespace selenograph::server {
 
-// To whom they are served: nobody, peers of the loopback interface, everybody.
+// Who may open them: nobody, loopback peers, everybody.
 enum class PageAccess { off, local, on };
 
 // page/page.html, page/docs.html, and Debian's marked.js, which renders the Markdown of the document's descriptions;
@@ -19,7 +19,7 @@ std::string_view page_html();
 std::string_view docs_html();
 std::string_view marked_js();
 
-// Nothing where the request is for no page, or the peer doesn't get any: it is then answered as any other path.
+// Empty if the request is not for a page, or the peer may not open it: it is then answered like any other path.
 std::optional<api::Response> page_for(const api::Request& request, const Peer& peer, PageAccess access);
 
 }  // namespace selenograph::server

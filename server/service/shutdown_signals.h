@@ -8,9 +8,9 @@
 
 namespace selenograph::server {
 
-// Make it before any other thread: these inherit the blocked signals. A second signal ends the process at once; before
-// arm(), while there is nothing to finish, the first does. `at_most` after the first signal the process ends with
-// status 1 and whatever runs in it, unless this object is gone by then.
+// Create it before any other thread: threads inherit the blocked signals. A second signal ends the process at once; so
+// does the first before arm(), while there is nothing to finish. The process ends with status 1 `at_most` after the
+// first signal, unless this object has been destroyed by then.
 class ShutdownSignals {
  public:
   ShutdownSignals();

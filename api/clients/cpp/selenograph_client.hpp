@@ -1,4 +1,4 @@
-// A client of the lunar image service selenograph. One file, C++17, on cpp-httplib and nlohmann-json.
+// Client for the lunar image service selenograph. One file, C++17, uses cpp-httplib and nlohmann-json.
 //
 //   apt-get install libcpp-httplib-dev libssl-dev zlib1g-dev libbrotli-dev nlohmann-json3-dev
 //   g++ -std=c++17 mine.cpp $(pkg-config --cflags --libs cpp-httplib) -lcrypto -lssl -pthread
@@ -11,15 +11,15 @@
 //       {"products", {"radiance", "range"}}});
 //   double metres = frame["range"].at(512, 512);
 //
-// Requests and answers are those of the service's HTTP interface (GET /openapi.json), as nlohmann::json. Body frame
-// MOON_ME, metres, degrees at this border; camera axes and pixels as in OpenCV: +x right, +y down, +z boresight.
+// Requests and responses are those of the service's HTTP interface (GET /openapi.json), as nlohmann::json. Body frame
+// MOON_ME, metres, degrees; camera axes and pixels as in OpenCV: +x right, +y down, +z boresight.
 //
-// Threads: all calls of one Client may be made from several threads at once. Each call in flight has a connection of
-// its own; connections are kept alive and used again.
+// Thread-safe: all calls of one Client may be made from several threads at once. Each call in flight has its own
+// connection; connections are kept alive and reused.
 //
-// Failures are exceptions, all of them selenograph::Error: Refused (the service said no, and why), NoAnswer (none came
-// in time), BadAnswer (what came can't be read). Asking for a frame changes nothing in the service, so a call whose
-// connection is dropped is repeated; 429 and 503 with Retry-After (in seconds) are repeated when that time has passed.
+// Failures are exceptions derived from selenograph::Error: Refused (the service rejected the request, and why),
+// NoAnswer (no response in time), BadAnswer (an unreadable response). Rendering changes nothing in the service, so a
+// call whose connection breaks is repeated; 429 and 503 with Retry-After (in seconds) are repeated after that time.
 #ifndef SELENOGRAPH_CLIENT_HPP
 #define SELENOGRAPH_CLIENT_HPP
 
@@ -62,17 +62,18 @@ class Error : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// No answer within the timeout, or connections that break.
+// No response within the timeout, or broken connections.
 class NoAnswer : public Error {
   using Error::Error;
 };
 
-// An answer that isn't what the service sends: another program's, or one cut off.
+// An invalid answer: from another program, or truncated.
 class BadAnswer : public Error {
   using Error::Error;
 };
 
-// The service's problem document (RFC 9457). what() has the title, the detail and all pointers.
+// A rejection by the service with its problem document (RFC 9457). what() contains the title, the detail and all
+// pointers.
 class Refused : public Error {
  public:
   Refused(int http_status, Json document)
@@ -81,7 +82,7 @@ class Refused : public Error {
   }
 
   int status;
-  Json problem;                       // null where the answer was no problem document
+  Json problem;                       // null if the response was not a problem document
   std::vector<std::string> pointers;  // JSON Pointers to the request's offending members, e.g. "/camera/width"
 
  private:
@@ -92,7 +93,7 @@ class Refused : public Error {
     return all;
   }
 
-  // Of whatever a proxy may have put there instead.
+  // Accepts any JSON: a proxy may have sent something else.
   static Json errors(const Json& problem) {
     const auto found = problem.find("errors");
     return found != problem.end() && found->is_array() ? *found : Json::array();
@@ -127,7 +128,7 @@ class Array {
     return kNames[data.index()];
   }
 
-  // The elements in their own type: as<float>() of a float32 array. Another type is an Error; at() converts.
+  // The elements without conversion: as<float>() for a float32 array. Another type is an Error; at() converts.
   template <typename T>
   const std::vector<T>& as() const {
     const auto* values = std::get_if<std::vector<T>>(&data);
@@ -149,7 +150,7 @@ namespace detail {
 
 [[noreturn]] inline void bad(const std::string& what) { throw BadAnswer("the answer can't be read: " + what); }
 
-// Little-endian, whatever this machine is.
+// Reads a little-endian number on any machine.
 inline std::uint64_t unsigned_at(std::string_view bytes, std::size_t at, std::size_t size) {
   if (at > bytes.size() || size > bytes.size() - at) bad("it is cut off");
   std::uint64_t value = 0;
@@ -193,7 +194,7 @@ inline Array::Data typed(const std::string& descr, std::string_view bytes, std::
   bad("elements of the type " + descr);
 }
 
-// What follows 'name': in the dictionary of an npy header.
+// The text after 'name': in the dictionary of an npy header.
 inline std::string_view npy_entry(std::string_view dictionary, const std::string& name) {
   const std::size_t at = dictionary.find("'" + name + "':");
   if (at == std::string_view::npos) bad("an npy header without " + name);
@@ -230,8 +231,7 @@ inline Array read_npy(std::string_view bytes) {
   return array;
 }
 
-// The members of a zip (PKWARE's APPNOTE, 4.3) that are stored as they are, which is what the service sends. Views into
-// `zip`.
+// The members of an uncompressed zip (PKWARE's APPNOTE, 4.3), which is what the service sends, as views into `zip`.
 inline std::map<std::string, std::string_view> read_zip(std::string_view zip) {
   constexpr std::size_t kEndBytes = 22, kEntryBytes = 46, kLocalBytes = 30;
   const std::size_t end = zip.rfind("PK\x05\x06");
@@ -284,7 +284,7 @@ inline Vector3 vector_or_nan(const Json& object, const char* name) {
   return found != object.end() ? found->get<Vector3>() : Vector3{kNan, kNan, kNan};
 }
 
-// Latitude and longitude of a place as JSON; what isn't one throws Json::exception.
+// Latitude and longitude of a place in JSON; throws Json::exception if it is not one.
 inline std::pair<double, double> degrees(const Json& place) {
   return {place.at("lat_deg").get<double>(), place.at("lon_deg").get<double>()};
 }
@@ -300,7 +300,7 @@ inline std::pair<double, double> place_of(const Json& request) {
   if (one || (request.contains("cameras") && !request["cameras"].empty())) {
     const Json& pose = one ? request["pose"] : request["cameras"].begin()->at("pose");
     if (pose.contains("geodetic")) return degrees(pose["geodetic"]);
-    // ICRF turns with the Moon.
+    // ICRF does not rotate with the Moon: a position in it names no place.
     if (pose.contains("position_m") && pose.value("frame", "") != "ICRF") return below(pose["position_m"]);
     return degrees(pose.at("look_at"));
   }
@@ -308,9 +308,9 @@ inline std::pair<double, double> place_of(const Json& request) {
   return request.contains("rays") ? below(request["rays"].at(0).at("origin_m")) : degrees(request.at("points").at(0));
 }
 
-// The header Selenograph-Region: the cell of about 120 km that a request is about, by which a proxy in front of several
-// nodes sends neighbouring views to the node that has their terrain in memory. Empty where that isn't plain; what is
-// wrong with the request is for the service to say. (The Python client's cells are the same.)
+// Value of the header Selenograph-Region: the cell of about 120 km that a request looks at, by which a proxy in front
+// of several nodes sends neighbouring views to the node that has their terrain in memory. Empty if the request does not
+// say it plainly; the service reports errors in the request. (The Python client's cells are the same.)
 inline std::string region(const Json& request) {
   constexpr double kCell_deg = 4;
   try {
@@ -331,7 +331,7 @@ inline std::string region(const Json& request) {
 
 // --- answers
 
-// A frame or a map: arrays by name, and what is said about them.
+// A frame or a map: arrays by name, and their metadata.
 class Frame {
  public:
   std::map<std::string, Array> products;
@@ -354,7 +354,7 @@ struct Ray {
 
 struct RayHit {
   bool hit = false;
-  double range_m = 0;       // NaN without a hit, as all that follows
+  double range_m = 0;       // NaN without a hit, like all members below
   Vector3 position_m = {};  // MOON_ME
   Vector3 normal = {};      // outward, MOON_ME
   double lit = 0;           // lit fraction of the solar disc; NaN without a Sun
@@ -370,20 +370,20 @@ struct Landmark {
   double range_m = 0, height_m = 0;
   bool in_frame = false, visible = false;
   double lit = 0;      // NaN without a Sun
-  std::string reason;  // why there is no place in the image, or no height
+  std::string reason;  // reason for a missing position in the image, or height
 };
 
 struct Height {
   double lat_deg = 0, lon_deg = 0;
   double height_m = 0;        // above the sphere of 1 737 400 m; NaN without data
   double post_spacing_m = 0;  // NaN without data
-  std::string source;         // the tile that it came from
+  std::string source;         // name of the source tile
   bool filled = false;        // interpolated across no-data
-  std::string reason;         // why there is no height
+  std::string reason;         // reason for a missing height
   bool blended = false;       // a mean of two layers
 };
 
-// What came back over HTTP, as it is.
+// The raw HTTP answer.
 struct Answer {
   int status = 0;
   httplib::Headers headers;
@@ -403,7 +403,7 @@ class Client {
   using Clock = std::chrono::steady_clock;
 
   // url: scheme, host, port and, behind a proxy, the path before /v1. token: sent as a bearer token; empty: none.
-  // timeout: for one call with all its repetitions. https needs a build with CPPHTTPLIB_OPENSSL_SUPPORT.
+  // timeout: for one call with all its retries. https needs a build with CPPHTTPLIB_OPENSSL_SUPPORT.
   explicit Client(const std::string& url, std::string token = "",
                   std::chrono::milliseconds timeout = std::chrono::seconds(60))
       : token_(std::move(token)), timeout_(timeout) {
@@ -415,22 +415,22 @@ class Client {
     while (!prefix_.empty() && prefix_.back() == '/') prefix_.pop_back();
   }
 
-  // POST /v1/frames. All products that the request names, and its metadata.
+  // POST /v1/frames: all products that the request names, and metadata.
   Frame frame(const Json& request) { return arrays("/v1/frames", request); }
 
   // POST /v1/maps: a map's arrays; meta has the geotransform and the coordinate system.
   Frame map(const Json& request) { return arrays("/v1/maps", request); }
 
-  // A sequence of frames: `take(index, frame)` is called for each, in order, in the calling thread, while up to
-  // `in_flight` others are under way. Each request carries the poses of the `ahead` that follow it, so that the service
-  // loads terrain in idle time; a request with an "ahead" of its own keeps that. `next` gives the requests one by one,
-  // and nothing at the end; it is asked for `ahead` more than are under way. The first failure ends the sequence. Where
-  // a pose depends on the frame before it, call frame() instead.
+  // Renders a sequence of frames: calls `take(index, frame)` for each, in order, in the calling thread, while up to
+  // `in_flight` others are in flight. Each request carries the poses of the `ahead` that follow it, so that the service
+  // loads terrain in idle time; a request with its own "ahead" keeps that. `next` returns the requests one by one, and
+  // nullopt at the end; it is called for `ahead` more than are in flight. The first failure ends the sequence. If a
+  // pose depends on the frame before it, call frame() instead.
   void frames(const std::function<std::optional<Json>()>& next, const std::function<void(std::size_t, Frame)>& take,
               std::size_t in_flight = 2, std::size_t ahead = 4) {
     if (in_flight == 0 || ahead > kMostAhead) throw Error("in_flight must be at least 1, ahead at most 64");
     std::deque<Json> coming;
-    std::deque<std::future<Frame>> flying;  // each joins its thread when it goes
+    std::deque<std::future<Frame>> flying;  // each joins its thread on destruction
     bool more = true;
     const auto refill = [&] {
       while (flying.size() < in_flight) {
@@ -461,7 +461,7 @@ class Client {
            in_flight, ahead);
   }
 
-  // POST /v1/rays: where rays meet the terrain. Any number; they are sent in pieces.
+  // POST /v1/rays: intersections of rays with the terrain. Any number; they are split into several requests.
   std::vector<RayHit> rays(const std::vector<Ray>& rays, const Json& sun = nullptr) {
     std::vector<RayHit> hits;
     in_pieces(
@@ -477,7 +477,7 @@ class Client {
     return hits;
   }
 
-  // POST /v1/project: where places appear in the image, and whether they are seen.
+  // POST /v1/project: positions of places in the image, and whether they are visible.
   std::vector<Landmark> project(const Json& camera, const Json& pose, const std::vector<Place>& points,
                                 const Json& sun = nullptr) {
     std::vector<Landmark> landmarks;
@@ -491,7 +491,7 @@ class Client {
     return landmarks;
   }
 
-  // POST /v1/heights: the terrain's height at places, whose own heights have no meaning here.
+  // POST /v1/heights: the terrain's height at places, whose own heights are ignored.
   std::vector<Height> heights(const std::vector<Place>& points) {
     std::vector<Height> heights;
     in_pieces(
@@ -511,12 +511,12 @@ class Client {
   // GET /v1/datasets: the catalogue of terrain.
   Json datasets() { return json_of(ask("GET", "/v1/datasets", "", "application/json")); }
 
-  // Any call by POST with a JSON answer, with members that the calls above don't have (objects, shutter, detail, ...).
+  // Any POST with a JSON response, with members that the calls above lack (objects, shutter, detail, ...).
   Json post(const std::string& path, const Json& request) {
     return json_of(ask("POST", path, text_of(request), "application/json", detail::region(request)));
   }
 
-  // A frame or a map in another form, e.g. "image/png" to be written to a file.
+  // A frame or a map in another format, e.g. "image/png" to be written to a file.
   Answer post(const std::string& path, const Json& request, const std::string& accept) {
     return ask("POST", path, text_of(request), accept, detail::region(request));
   }
@@ -524,10 +524,10 @@ class Client {
  private:
   using Connection = std::unique_ptr<httplib::Client>;
   static constexpr std::size_t kMostAhead = 64;
-  static constexpr std::size_t kPiece = 10000;  // rays or points of one request: within the service's usual limits
-  static constexpr int kAttempts = 3;           // on connections that break
+  static constexpr std::size_t kPiece = 10000;  // rays or points per request: within the service's usual limits
+  static constexpr int kAttempts = 3;           // on broken connections
 
-  // A connection that is in use by nobody else.
+  // Returns a connection that no other call uses.
   Connection connect() {
     {
       const std::lock_guard lock(mutex_);
@@ -549,7 +549,7 @@ class Client {
     return connection;
   }
 
-  // One request, whatever its answer; nothing when the connection broke, and why in `broken`.
+  // Sends one request and returns any response; nullopt if the connection broke, with the reason in `broken`.
   std::optional<Answer> attempt(httplib::Request request, Clock::time_point until, std::string& broken) {
     Connection connection = connect();
     const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
@@ -557,7 +557,7 @@ class Client {
     connection->set_connection_timeout(wait);
     connection->set_read_timeout(wait);
     connection->set_write_timeout(wait);
-    // The service gives up when nobody waits any more.
+    // The service stops when this client no longer waits.
     request.set_header("Request-Timeout-Ms", std::to_string(wait.count()));
     Answer answer;
     request.content_receiver = [&](const char* data, std::size_t size, std::uint64_t offset, std::uint64_t total) {
@@ -600,7 +600,7 @@ class Client {
     }
   }
 
-  // Sleeps for as long as a busy service asks for. False where it doesn't ask, or for more time than is left.
+  // Sleeps as long as a busy service asks for. False if it does not ask, or asks for more than the time left.
   static bool wait_to_retry(const Answer& answer, Clock::time_point until) {
     const std::string text = answer.header("Retry-After");
     if ((answer.status != 429 && answer.status != 503) || text.empty()) return false;
@@ -611,7 +611,7 @@ class Client {
     return true;
   }
 
-  // What isn't UTF-8 is replaced, and the service then says where it doesn't know the word.
+  // Invalid UTF-8 is replaced; the service then reports an unknown word.
   static std::string text_of(const Json& request) {
     return request.dump(-1, ' ', false, Json::error_handler_t::replace);
   }
@@ -664,7 +664,8 @@ class Client {
     return json;
   }
 
-  // Sends `items` as the list `member` of `request`, kPiece at a time, and hands over the answers' lists, one by one.
+  // Sends `items` as the list `member` of `request`, kPiece per request, and passes the elements of the responses to
+  // `read`.
   template <typename Item, typename Write, typename Read>
   void in_pieces(const std::string& path, const char* member, Json request, const std::vector<Item>& items,
                  const Write& write, const Read& read) {
@@ -685,7 +686,7 @@ class Client {
     }
   }
 
-  // A refusal points into the whole list.
+  // Converts the pointers of a refusal to indices into the whole list.
   Json post_piece(const std::string& path, const Json& request, const std::string& list, std::size_t begin) {
     try {
       return post(path, request);
@@ -714,14 +715,14 @@ class Client {
 
 // --- attitudes and poses
 
-// A unit quaternion that rotates vectors: b_from_a.rotate(v_a) is v_b, and c_from_b * b_from_a is c_from_a. Its numbers
-// are only given with their order by name.
+// A unit quaternion that rotates vectors: b_from_a.rotate(v_a) is v_b, and c_from_b * b_from_a is c_from_a. The names
+// of the functions that create one give the order of the components.
 class Quaternion {
  public:
   static Quaternion wxyz(double w, double x, double y, double z) { return Quaternion(w, x, y, z); }  // scalar first
   static Quaternion xyzw(double x, double y, double z, double w) { return Quaternion(w, x, y, z); }  // scalar last
 
-  // Of a rotation matrix b_from_a: its rows are the axes of b in a. (Shepperd 1978: the largest component first.)
+  // From a rotation matrix b_from_a: its rows are the axes of b in a. (Shepperd 1978: the largest component first.)
   static Quaternion matrix(const Matrix3& m) {
     const double trace = m[0][0] + m[1][1] + m[2][2];
     const std::array<double, 4> squares{1 + trace, 1 + 2 * m[0][0] - trace, 1 + 2 * m[1][1] - trace,
@@ -736,9 +737,9 @@ class Quaternion {
     return Quaternion(wz, xz, yz, twice / 2);
   }
 
-  // Of modified Rodrigues parameters as Schaub and Junkins and Basilisk have them: sigma_BN gives b_from_n, whose
-  // matrix is [BN] = I + (8 [s~]^2 - 4 (1 - s^2) [s~]) / (1 + s^2)^2. Their Euler parameters turn axes, this class
-  // turns vectors: hence the sign.
+  // From modified Rodrigues parameters in the convention of Schaub and Junkins and of Basilisk: sigma_BN gives
+  // b_from_n, whose matrix is [BN] = I + (8 [s~]^2 - 4 (1 - s^2) [s~]) / (1 + s^2)^2. Their Euler parameters rotate
+  // axes, this class rotates vectors: hence the sign.
   static Quaternion mrp(const Vector3& sigma) {
     const double square = sigma[0] * sigma[0] + sigma[1] * sigma[1] + sigma[2] * sigma[2], f = -2 / (1 + square);
     return Quaternion((1 - square) / (1 + square), f * sigma[0], f * sigma[1], f * sigma[2]);
@@ -766,7 +767,7 @@ class Quaternion {
   double w_, x_, y_, z_;
 };
 
-// Poses for requests. Start from where the camera is, cartesian() or geodetic(), and add how it is turned.
+// Poses for requests. Start with the camera's position, cartesian() or geodetic(), and add its attitude.
 namespace pose {
 
 inline Json cartesian(const Vector3& position_m) { return {{"position_m", position_m}}; }  // MOON_ME

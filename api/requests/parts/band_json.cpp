@@ -32,8 +32,10 @@ const Members<BandForm, Band>& band_members() {
       "The spectral channel that radiance is integrated over: center and width, or a response curve. Left out: all "
       "wavelengths.",
       [](auto& m) {
-        m.add("center_um", &BandForm::center_um, Number{kWavelength_um, "um"}, "with width_um: response 1 within it");
-        m.add("width_um", &BandForm::width_um, Number{kWavelength_um, "um"}, "below twice the center");
+        m.add("center_um", &BandForm::center_um, Number{kWavelength_um, "um"},
+              "center of a band of response 1 that is width_um wide");
+        m.add("width_um", &BandForm::width_um, Number{kWavelength_um, "um"},
+              "width of the band, below twice the center");
         m.add("response", &BandForm::response,
               List{Pair<engine::ResponsePoint>{kWavelength_um, kUnitInterval}, 2, 10000},
               "[wavelength in um, response] at rising wavelengths; linear in between, 0 outside");

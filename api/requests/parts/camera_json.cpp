@@ -29,9 +29,9 @@ constexpr std::pair<std::string_view, CameraModel> kDistortions[] = {
 const Members<DistortionForm>& distortion_members() {
   static const auto table = made<Members<DistortionForm>>(
       "Distortion",
-      "Of a pinhole Brown-Conrady, OpenCV's coefficients, on the plane z = 1: x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + "
-      "2 p1 x y + p2 (r^2 + 2 x^2), and y' alike. Of a fisheye Kannala-Brandt, as OpenCV's fisheye: radius = theta (1 "
-      "+ k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), theta: angle from the boresight in radians.",
+      "Pinhole: Brown-Conrady with OpenCV's coefficients, on the plane z = 1: x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + "
+      "2 p1 x y + p2 (r^2 + 2 x^2), and y' accordingly. Fisheye: Kannala-Brandt, as in OpenCV's fisheye module: radius "
+      "= theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), theta: angle from the boresight in radians.",
       [](auto& m) {
         m.add("model", &DistortionForm::model, Word{kDistortions}, "distortion model");
         m.add("k1", &DistortionForm::k1, Number{kDistortion}, "radial, r^2 or theta^2");
@@ -110,20 +110,20 @@ const Members<CameraForm, Camera>& camera_members() {
   static const auto table = made<Members<CameraForm, Camera>>(
       "Camera",
       "A pinhole or a fisheye, by `fov_deg` or by `fx`, `fy`, `cx`, `cy`. The centre of the top-left pixel is (0, 0). "
-      "A fisheye without distortion is equidistant: radius = f theta. It is rendered by ray tracing. The service "
-      "limits width x height, too.",
+      "A fisheye without distortion is equidistant: radius = f theta. It is rendered by ray tracing. The service also "
+      "limits width x height.",
       [](auto& m) {
         m.add("model", &CameraForm::model, Word{kCameraModels}, "projection");
         m.add("width", &CameraForm::width, Integer{1, largest_side, "px"}, "columns").required();
         m.add("height", &CameraForm::height, Integer{1, largest_side, "px"}, "rows").required();
         m.add("fov_deg", &CameraForm::fov_deg, Number{kFisheyeFieldOfView_deg, "deg"},
-              "horizontal, full angle: fx = fy = (width/2) / tan(fov/2) of a pinhole, whose is below 180, and "
-              "(width/2) / radius(fov/2) of a fisheye; principal point in the middle");
+              "full horizontal angle: fx = fy = (width/2) / tan(fov/2) for a pinhole (below 180), (width/2) / "
+              "radius(fov/2) for a fisheye; principal point in the middle");
         m.add("fx", &CameraForm::fx, Number{kFocalLength_px, "px"}, "focal length");
         m.add("fy", &CameraForm::fy, Number{kFocalLength_px, "px"}, "focal length; default: fx");
         m.add("cx", &CameraForm::cx, Number{kPrincipalPoint_px, "px"}, "principal point; default: (width-1)/2");
         m.add("cy", &CameraForm::cy, Number{kPrincipalPoint_px, "px"}, "principal point; default: (height-1)/2");
-        m.add("distortion", &CameraForm::distortion, Object{distortion_members()}, "of the lens; left out: none");
+        m.add("distortion", &CameraForm::distortion, Object{distortion_members()}, "lens distortion; left out: none");
         m.also([](const Limits&) {
           return OrderedJson{{"if", {{"properties", {{"model", {{"const", "fisheye"}}}}}, {"required", {"model"}}}},
                              {"else", {{"properties", {{"fov_deg", {{"exclusiveMaximum", kFieldOfView_deg.max}}}}}}}};

@@ -10,7 +10,7 @@
 namespace selenograph::api {
 
 struct DistortionForm {
-  engine::CameraModel model = engine::CameraModel::pinhole;  // that it belongs to
+  engine::CameraModel model = engine::CameraModel::pinhole;  // camera model that it belongs to
   double k1 = 0, k2 = 0, k3 = 0, k4 = 0, p1 = 0, p2 = 0;
 };
 
@@ -22,7 +22,7 @@ struct CameraForm {
 };
 const Members<CameraForm, engine::Camera>& camera_members();
 
-// Of an image, px: a bound of members.
+// Largest side of an image, px.
 std::int64_t largest_side(const Limits& limits);
 
 }  // namespace selenograph::api

@@ -16,8 +16,8 @@ OrderedJson DetailName::write(const Value& value) const { return value.content ?
 
 std::string detail_aim() {
   return fmt::format(
-      "limit on the error of terrain with detail, or max_error_px where that is larger; relaxed where it takes more "
-      "than {:g} triangles a pixel: `detail_error_px` says what was reached",
+      "limit on the error of terrain with detail, or max_error_px where that is larger; it is relaxed when it needs "
+      "more than {:g} triangles per pixel: `detail_error_px` is the value that was reached",
       engine::Accuracy::kDetailTrianglesPerPixel);
 }
 

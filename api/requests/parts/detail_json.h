@@ -1,4 +1,4 @@
-// Detail below the posts: what an operator's preset says, and which one a request names.
+// Terrain detail: the operator's presets, and the member that names one.
 #pragma once
 
 #include <optional>
@@ -9,7 +9,7 @@
 
 namespace selenograph::api {
 
-// A preset by its name, or null: none.
+// The name of a preset, or null for none.
 struct DetailName {
   using Value = Named<dem::Detail>;
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const;
@@ -22,10 +22,10 @@ inline constexpr const char* kOfDetail =
     "craters and relief below the posts: name of details/NAME.json in the operator's assets folder; null or left out: "
     "none";
 
-// Of Accuracy::max_detail_error_px.
+// Description of Accuracy::max_detail_error_px.
 std::string detail_aim();
 
-// What is said of it in metadata: synthetic terrain is never silent.
+// Metadata of a detail: synthetic terrain is always declared.
 OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail);
 
 }  // namespace selenograph::api

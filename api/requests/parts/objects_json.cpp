@@ -44,19 +44,18 @@ ObjectForm form_of(const PlacedObject& placed) {
 
 const Members<ObjectForm, PlacedObject>& object_members() {
   static const auto table = made<Members<ObjectForm, PlacedObject>>(
-      "Object",
-      "A triangle mesh that the operator put into the assets folder, from either side. It casts shadows on the terrain "
-      "and on objects and receives them.",
+      "Object", "A triangle mesh in the operator's assets folder, two-sided. It casts and receives shadows.",
       [](auto& m) {
         m.add("mesh", &ObjectForm::mesh, Asset{&Assets::object, "mesh", "objects"},
               "name of objects/NAME.obj, .ply, .gltf or .glb")
             .required();
         m.add("pose", &ObjectForm::pose, Object{object_pose_members()}, "where it is").required();
-        m.add("scale", &ObjectForm::scale, Number{kScale, "m"}, "one unit of the file");
-        m.add("material", &ObjectForm::material, Object{material_members()}, "of all parts but those in part_materials")
+        m.add("scale", &ObjectForm::scale, Number{kScale, "m"}, "metres per unit of the file");
+        m.add("material", &ObjectForm::material, Object{material_members()},
+              "material of all parts except those in part_materials")
             .required();
         m.add("part_materials", &ObjectForm::part_materials, Map{Object{material_members()}},
-              "by the name that the file gives to a part's material")
+              "materials of parts, by the name of the part's material in the file")
             .written_if([](const ObjectForm& form) { return !form.part_materials.empty(); });
         m.resolve(resolve_object);
         m.unresolve([](const PlacedObject& placed) { return form_of(placed); });

@@ -14,7 +14,7 @@ namespace selenograph::api {
 inline constexpr std::size_t kMaxObjects = 100;
 inline constexpr Range kScale{1e-6, 1e6};
 
-// What the engine's objects were called by.
+// Names of an object's mesh and materials in the request.
 struct ObjectQuery {
   std::string mesh;
   engine::Material material;
@@ -28,14 +28,14 @@ struct ObjectForm {
   engine::Material material;
   std::map<std::string, engine::Material> part_materials;
 };
-// An object as the engine has it, and as it was asked for.
+// An object for the engine, and as requested.
 struct PlacedObject {
   engine::SceneObject object;
   ObjectQuery query;
 };
 const Members<ObjectForm, PlacedObject>& object_members();
 
-// Of a frame's metadata: each object's mesh, its version and size.
+// Metadata of objects: each object's mesh, its version and size.
 nlohmann::ordered_json objects_metadata(const engine::FrameRequest& request, const std::vector<ObjectQuery>& queries);
 
 }  // namespace selenograph::api

@@ -112,7 +112,7 @@ std::optional<Eigen::Quaterniond> resolve_unit(const JsonReader& in, const Quate
 
 const Members<QuaternionForm, Eigen::Quaterniond>& quaternion_members() {
   static const auto table = made<Members<QuaternionForm, Eigen::Quaterniond>>(
-      "Quaternion", "A unit quaternion (its length within 0.001 of 1; it is normalised).", [](auto& m) {
+      "Quaternion", "A unit quaternion. Its length must be within 0.001 of 1; it is normalised.", [](auto& m) {
         m.add("w", &QuaternionForm::w, Number{kAnyNumber}, "scalar part").required();
         m.add("x", &QuaternionForm::x, Number{kAnyNumber}, "vector part").required();
         m.add("y", &QuaternionForm::y, Number{kAnyNumber}, "vector part").required();
@@ -127,8 +127,8 @@ const Members<QuaternionForm, Eigen::Quaterniond>& quaternion_members() {
 template <typename Form, typename Value>
 void add_position(Members<Form, Value>& m) {
   m.add("frame", &Form::frame, Word{kPoseFrames},
-        "of position_m and of the attitude: a frame of the Moon's body, or ICRF, inertial axes at the Moon's centre");
-  m.add("utc", &Form::utc, Text{}, "epoch of ICRF, ISO 8601; left out: the Sun's");
+        "frame of position_m and of the attitude: a body-fixed lunar frame, or ICRF axes at the Moon's centre");
+  m.add("utc", &Form::utc, Text{}, "epoch for ICRF, ISO 8601; left out: the Sun's");
   m.add("position_m", &Form::position_m, Vector{kCoordinate_m, "m"}, "Cartesian position");
   m.add("geodetic", &Form::geodetic, Object{geodetic_members()}, "position in MOON_ME; not with another `frame`");
   m.exactly_one({"position_m", "geodetic"});
@@ -172,7 +172,7 @@ std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& f
 
 const Members<LookAt>& look_at_members() {
   static const auto table = made<Members<LookAt>>(
-      "LookAt", "Boresight through a place, which then appears at (cx, cy). MOON_ME whatever `frame` says.",
+      "LookAt", "Boresight through a place, which then appears at (cx, cy). Always MOON_ME, whatever `frame` is.",
       [](auto& m) {
         add_latitude_and_longitude(m);
         m.add("height_m", &LookAt::height_m, Number{kHeight_m, "m"}, "above the sphere of 1 737 400 m");
@@ -269,8 +269,8 @@ PoseForm form_of(const engine::Pose& pose) {
 // --- objects
 
 const Members<Upright>& upright_members() {
-  static const auto table =
-      made<Members<Upright>>("Upright", "The object's z axis points away from the Moon's centre.", [](auto& m) {
+  static const auto table = made<Members<Upright>>(
+      "Upright", "Attitude of an object whose z axis points away from the Moon's centre.", [](auto& m) {
         m.add("azimuth_deg", &Upright::azimuth_deg, Number{kAzimuth_deg, "deg"},
               "compass azimuth of its x axis, clockwise from north");
       });
@@ -341,24 +341,24 @@ const Members<Geographic>& geodetic_members() {
 const Members<PoseForm, engine::Pose>& pose_members() {
   static const auto table = made<Members<PoseForm, engine::Pose>>(
       "Pose",
-      "Where the camera is (`position_m` or `geodetic`) and how it is turned (one of `camera_from_moon`, "
-      "`moon_from_camera`, `look_at`, `nadir`, or a matrix). `frame` applies to `position_m`, the quaternions and the "
-      "matrices; places in latitude and longitude, and `look_at.up`, are MOON_ME always, so `geodetic` excludes the "
-      "other frames. PA and ME differ by about 860 m. ICRF is turned by the model of the Moon's rotation that the "
-      "Sun's `utc` uses (WGCCRE 2009), 0.01 degrees: 300 m on the ground at most.",
+      "Position (`position_m` or `geodetic`) and attitude (one of `camera_from_moon`, `moon_from_camera`, `look_at`, "
+      "`nadir`, or a matrix) of the camera. `frame` applies to `position_m`, the quaternions and the matrices; "
+      "latitudes, longitudes and `look_at.up` are always MOON_ME, so `geodetic` cannot be combined with other frames. "
+      "PA and ME differ by about 860 m. ICRF is rotated by the model of the Moon's rotation that the Sun's `utc` uses "
+      "(WGCCRE 2009), accurate to 0.01 degrees: at most 300 m on the ground.",
       [](auto& m) {
         add_position(m);
         m.add("camera_from_moon", &PoseForm::camera_from_moon, Object{quaternion_members()},
               "rotates vectors of `frame` into camera axes");
         m.add("moon_from_camera", &PoseForm::moon_from_camera, Object{quaternion_members()}, "the inverse");
         m.add("camera_from_moon_matrix", &PoseForm::camera_from_moon_matrix, RotationMatrix{},
-              "the same as a matrix, rows first: they are the camera's axes in `frame`; orthonormal within 1e-6");
+              "the same as a matrix, row by row: its rows are the camera's axes in `frame`; orthonormal within 1e-6");
         m.add("moon_from_camera_matrix", &PoseForm::moon_from_camera_matrix, RotationMatrix{}, "its transpose");
         m.add("look_at", &PoseForm::look_at, Object{look_at_members()}, "boresight through a place");
         m.add("nadir", &PoseForm::nadir, Object{nadir_members()}, "boresight to the Moon's centre");
         m.add("axes", &PoseForm::axes, Word{kCameraAxes},
               "camera axes of quaternions and matrices: opencv +x right, +y down, +z boresight; opengl +x right, +y "
-              "up, -z boresight. Without meaning for look_at and nadir");
+              "up, -z boresight. Ignored for look_at and nadir");
         m.exactly_one({"camera_from_moon", "moon_from_camera", "camera_from_moon_matrix", "moon_from_camera_matrix",
                        "look_at", "nadir"});
         m.resolve(resolve_pose);
@@ -369,7 +369,8 @@ const Members<PoseForm, engine::Pose>& pose_members() {
 
 const Members<ObjectPoseForm, ObjectPose>& object_pose_members() {
   static const auto table = made<Members<ObjectPoseForm, ObjectPose>>(
-      "ObjectPose", "Where an object's origin is and how its own axes, which are its file's, are turned.", [](auto& m) {
+      "ObjectPose", "Position of an object's origin and attitude of its axes, which are those of its file.",
+      [](auto& m) {
         add_position(m);
         m.add("moon_from_object", &ObjectPoseForm::moon_from_object, Object{quaternion_members()},
               "rotates vectors of the object's axes into `frame`");

@@ -1,8 +1,7 @@
-// Places and poses: where a camera or an object is and how it is turned, in whichever way the client knows it.
+// Places and poses of cameras and objects, in any of the accepted forms.
 //
-// What frame and axes apply to: `frame` names the frame of `position_m` and of the MOON side of quaternions and
-// matrices, `axes` their camera side. Places in latitude and longitude (`geodetic`, `look_at`), and
-// `look_at.up`, are MOON_ME always.
+// `frame` is the frame of `position_m` and of the MOON side of quaternions and matrices, `axes` defines their camera
+// side. Latitudes, longitudes (`geodetic`, `look_at`) and `look_at.up` are always MOON_ME.
 #pragma once
 
 #include <optional>
@@ -16,7 +15,7 @@
 
 namespace selenograph::api {
 
-// What positions and attitudes are given in: a frame of the Moon's body, or (none) inertial, ICRF axes at its centre.
+// Frame of positions and attitudes: body-fixed, or (empty) ICRF axes at the Moon's centre.
 using PoseFrame = std::optional<engine::BodyFrame>;
 inline constexpr std::pair<std::string_view, PoseFrame> kPoseFrames[] = {
     {"MOON_ME", engine::BodyFrame::moon_me},
@@ -25,7 +24,7 @@ inline constexpr std::pair<std::string_view, PoseFrame> kPoseFrames[] = {
     {"ICRF", std::nullopt},
 };
 
-// How a camera moves.
+// Ranges of rates.
 inline constexpr Vector kAngularRate_deg_s{{-3600, 3600}, "deg/s"};
 inline constexpr Vector kVelocity_m_s{{-1e6, 1e6}, "m/s"};
 
@@ -35,7 +34,7 @@ inline constexpr std::pair<std::string_view, CameraAxes> kCameraAxes[] = {
     {"opengl", CameraAxes::opengl},
 };
 
-// "lat_deg" and "lon_deg" of a form that has members of these names.
+// Adds "lat_deg" and "lon_deg" of a form with members of these names.
 template <typename Form, typename Value>
 void add_latitude_and_longitude(Members<Form, Value>& m) {
   m.add("lat_deg", &Form::lat_deg, Number{kLatitude_deg, "deg"}, "planetocentric latitude, MOON_ME").required();
@@ -49,15 +48,15 @@ struct QuaternionForm {
   double w = 0, x = 0, y = 0, z = 0;
 };
 
-// Where a position is, common to cameras and objects.
+// Position, common to cameras and objects.
 struct PositionForm {
   PoseFrame frame = engine::BodyFrame::moon_me;
-  std::optional<std::string> utc;  // of ICRF
+  std::optional<std::string> utc;  // epoch for ICRF
   std::optional<Vec3> position_m;
   std::optional<Geographic> geodetic;
 };
 
-// What is up in an image: north, the local vertical below the camera, or a direction.
+// Up direction of an image: north, the local vertical below the camera, or a vector.
 struct ImageUp {
   enum class Kind { north, zenith, direction } kind = Kind::north;
   Vec3 direction = Vec3::Zero();  // unit, MOON_ME
@@ -78,8 +77,8 @@ struct PoseForm : PositionForm {
 };
 const Members<PoseForm, engine::Pose>& pose_members();
 
-// Of q and -q, which are one attitude, the one whose first component of w, x, y, z that is not zero is positive, and no
-// zero negative: one attitude has one text and one content hash.
+// Chooses between q and -q, which are the same attitude: the first non-zero component of w, x, y, z is positive, and no
+// zero is negative. An attitude has one text and one content hash.
 Eigen::Quaterniond canonical(Eigen::Quaterniond q);
 
 struct ObjectPose {

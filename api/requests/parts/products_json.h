@@ -1,4 +1,4 @@
-// "products": those of frames and those of maps, and the Sun that some of them need.
+// "products" of frames and of maps, and whether they need a Sun.
 #pragma once
 
 #include <span>
@@ -19,7 +19,7 @@ struct Products {
 
 // Reports the first of the wanted products that cannot be made without a Sun.
 void require_sun(const JsonReader& in, std::span<const ProductRow> rows, engine::ProductSet wanted);
-// The same as a condition of the schema: there is a "sun", or no product needs one.
+// That rule as a schema condition: there is a "sun", or no product needs one.
 OrderedJson sun_where_needed(std::span<const ProductRow> rows);
 
 }  // namespace selenograph::api

@@ -1,5 +1,5 @@
-// What requests for frames and for maps have in common: Sun, ground and detail. A query holds the engine's request,
-// which `look()` gives, and beside it what the engine's has no place for.
+// Members common to requests for frames and maps: Sun, ground and detail. A query holds the engine's request, returned
+// by `look()`, and data that the engine's request has no place for.
 #pragma once
 
 #include <optional>
@@ -12,9 +12,9 @@
 namespace selenograph::api {
 
 struct SceneryQuery {
-  std::string detail;  // that the request's detail was found by
+  std::string detail;  // name of the request's detail
   SurfaceQuery surface;
-  bool sun_given = false;  // false: no product needs one, the request's Sun means nothing
+  bool sun_given = false;  // false: no product needs one; the engine's Sun is unused
 };
 
 // Rows "sun", "detail" and "surface", in this order. Query: a SceneryQuery with look().
@@ -23,7 +23,7 @@ void add_scenery(Members<Query>& m) {
   m.add("sun",
         Property{[](const Query& q) { return q.sun_given ? std::optional(q.look().sun) : std::nullopt; },
                  [](Query& q, const engine::Sun& sun) { q.look().sun = sun, q.sun_given = true; }},
-        Object{sun_members()}, "where the light comes from");
+        Object{sun_members()}, "direction, distance and size of the Sun");
   m.add("detail",
         Property{[](const Query& q) {
                    return q.look().detail ? std::optional(DetailName::Value{q.detail, q.look().detail}) : std::nullopt;
@@ -36,7 +36,7 @@ void add_scenery(Members<Query>& m) {
   m.add("surface",
         Property{[](const Query& q) { return std::optional(ground_of(q.look(), q.surface)); },
                  [](Query& q, const Ground& ground) { set_ground(q.look(), q.surface, ground); }},
-        Object{ground_members()}, "what the ground is made of");
+        Object{ground_members()}, "reflectance and temperature of the ground");
 }
 
 }  // namespace selenograph::api

@@ -140,18 +140,17 @@ const Members<PointSpread>& point_spread_members() {
       "as exact as the middle.",
       [](auto& m) {
         m.add("model", &PointSpread::model, Word{kPointSpreads},
-              "airy: of f_number at the band's center wavelength, which times f_number is at most 26 pixels wide; what "
-              "lies beyond 12 rings or 32 pixels is spread evenly over those (captured_fraction)")
+              "airy: ideal aperture of f_number at the band's center wavelength; wavelength times f_number is at most "
+              "26 pixels; light beyond 12 rings or 32 pixels is spread evenly within (captured_fraction)")
             .required();
         m.set_model("model");
         // The kernel of the largest reaches 4.5 times as far.
         m.add("sigma_px", &PointSpread::sigma_px, Number{{0.01, 7}, "px"}, "standard deviation")
             .required()
             .of({"gaussian"});
-        m.add(
-             "kernel", kernel_field, Kernel{},
-             "as measured, rows of weights, or the name of kernels/NAME.csv, which holds such rows; as many columns as "
-             "rows, an odd number; normalised to 1. The metadata's request has its rows")
+        m.add("kernel", kernel_field, Kernel{},
+              "measured kernel: rows of weights, or the name of kernels/NAME.csv, which holds such rows; as many "
+              "columns as rows, an odd number; normalised to 1. The request in the metadata has the rows")
             .required()
             .of({"kernel"});
       });
@@ -164,7 +163,7 @@ const Members<Vignetting>& vignetting_members() {
         m.add("model", &Vignetting::model, Word{kVignettings}, "which function").required();
         m.set_model("model");
         m.add("table", &Vignetting::table, List{Pair<Vignetting::Point>{{0, 90}, kUnitInterval}, 1, 1000},
-              "[degrees, transmission], angles rising; linear in between, constant beyond")
+              "[degrees, transmission] at increasing angles; linear in between, constant beyond")
             .required()
             .of({"table"});
         m.check([](const JsonReader& in, Vignetting& vignetting, const ReadContext&) {
@@ -190,15 +189,15 @@ const Members<Detector>& detector_members() {
       Members<Detector>>("Detector", "A quantum detector: SENSOR++ eq. (8), and its electronics.", [](auto& m) {
     m.add("pixel_pitch_um", &Detector::pixel_pitch_um, Number{{0, 1e4, true, false}, "um"}, "p of eq. (8)").required();
     m.add("quantum_efficiency", efficiency_field, Efficiency{},
-          "eta of eq. (8): of optics and detector; or [wavelength in um, eta] at rising wavelengths, linear in "
+          "eta of eq. (8), of optics and detector; or [wavelength in um, eta] at increasing wavelengths, linear in "
           "between, 0 outside")
         .required();
     m.add("integration_time_s", integration_time_field, Number{{0, 1e5, true, false}, "s"},
           "t of eq. (8); left out where `exposure` chooses it");
-    m.add("full_well_e", &Detector::full_well_e, Number{kNotNegative, "e"}, "that a pixel holds; 0: any number");
+    m.add("full_well_e", &Detector::full_well_e, Number{kNotNegative, "e"}, "capacity of a pixel; 0: unlimited");
     m.add("dark_current_e_s", &Detector::dark_current_e_s, Number{kNotNegative, "e/s"}, "of each pixel");
     m.add("smear_time_s", &Detector::smear_time_s, Number{kNotNegative, "s"},
-          "electronic smear of frame transfer without a shutter: how long a row passes each row of the image");
+          "smear of frame transfer without a shutter: time per row shift");
     m.add("read_noise_e", &Detector::read_noise_e, Number{kNotNegative, "e"}, "standard deviation");
     m.add("prnu", &Detector::prnu, Number{kUnitInterval},
           "photo response non-uniformity: relative standard deviation of the pixels' responses");
@@ -206,14 +205,14 @@ const Members<Detector>& detector_members() {
           "dark signal non-uniformity: standard deviation of the pixels' offsets");
     m.add("dead_fraction", &Detector::dead_fraction, Number{kUnitInterval}, "share of the pixels without response");
     m.add("hot_fraction", &Detector::hot_fraction, Number{kUnitInterval},
-          "share of the pixels whose dark current is higher");
-    m.add("hot_current_e_s", &Detector::hot_current_e_s, Number{kNotNegative, "e/s"}, "by this much");
+          "share of the pixels with additional dark current");
+    m.add("hot_current_e_s", &Detector::hot_current_e_s, Number{kNotNegative, "e/s"},
+          "additional dark current of a hot pixel");
     m.add("gain_e_dn", &Detector::gain_e_dn, Number{kAboveZero, "e/DN"}, "electrons per digital number").required();
     m.add("offset_dn", &Detector::offset_dn, Number{{0, 65535}, "DN"}, "digital number of no electrons");
     m.add("bit_depth", &Detector::bit_depth, Integer{1, 16},
           "digital numbers from 0 to 2^bit_depth - 1; the image is uint8 up to 8, else uint16");
-    m.add("photon_noise", &Detector::photon_noise, Flag{},
-          "photons and dark electrons arrive one by one: Poisson statistics");
+    m.add("photon_noise", &Detector::photon_noise, Flag{}, "Poisson noise of photons and dark electrons");
     m.check([](const JsonReader& in, Detector& detector, const ReadContext&) {
       if (detector.dead_fraction + detector.hot_fraction > 1)
         in.fail("hot_fraction", "exceeds the share of pixels that are not dead");
@@ -225,12 +224,14 @@ const Members<Detector>& detector_members() {
 const Members<engine::Exposure>& exposure_members() {
   static const auto table = made<Members<engine::Exposure>>(
       "Exposure",
-      "Chooses the integration time from the frame, as its middle moment sees it: all but the brightest thousandth of "
-      "the pixels stay within a share of what a pixel holds or its largest digital number stands for, with smear and "
-      "dark current, without noise and fixed pattern. The metadata say which time it is; a warning, where smear alone "
-      "is more.",
+      "Automatic exposure: the integration time is chosen from the frame at the middle of the exposure, so that all "
+      "but the brightest thousandth of the pixels stay within a share of the full well or of the largest digital "
+      "number, including smear and dark current, without noise and fixed pattern. The metadata has the time; there is "
+      "a warning if smear alone exceeds the share.",
       [](auto& m) {
-        m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}}, "that share").required();
+        m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}},
+              "share of the full well, or of the largest digital number")
+            .required();
         m.add("shortest_s", &engine::Exposure::shortest_s, Number{{0, 1e5, true, false}, "s"}, "at least");
         m.add("longest_s", &engine::Exposure::longest_s, Number{{0, 1e5, true, false}, "s"}, "at most");
         m.check([](const JsonReader& in, engine::Exposure& exposure, const ReadContext&) {
@@ -243,14 +244,14 @@ const Members<engine::Exposure>& exposure_members() {
 const Members<Motion>& motion_members() {
   static const auto table = made<Members<Motion>>(
       "Motion",
-      "During the exposure, of which the pose is the middle: light is averaged over so many moments. Other products "
-      "are those of the pose.",
+      "Camera motion during the exposure, whose middle is the pose: light is averaged over several moments. Other "
+      "products are those of the pose.",
       [](auto& m) {
         m.add("angular_rate_deg_s", &Motion::angular_rate_deg_s, kAngularRate_deg_s,
-              "of the camera, about its own axes (opencv)");
-        m.add("velocity_m_s", &Motion::velocity_m_s, kVelocity_m_s, "of the camera, MOON_ME");
+              "angular rate about the camera's own axes (opencv)");
+        m.add("velocity_m_s", &Motion::velocity_m_s, kVelocity_m_s, "velocity of the camera, MOON_ME");
         m.add("samples", &Motion::samples, Integer{1, 256},
-              fmt::format("moments; left out: as many as the longest streak has pixels, {} at most",
+              fmt::format("number of moments; left out: the length of the longest streak in pixels, at most {}",
                           Motion::kMostMoments));
       });
   return *table;
@@ -269,12 +270,12 @@ const Members<SensorModel>& sensor_members() {
         m.add("detector", &SensorModel::detector, Object{detector_members()}, "from irradiance to digital numbers")
             .required();
         m.add("exposure", &SensorModel::exposure, Object{exposure_members()},
-              "instead of the detector's integration_time_s")
+              "automatic exposure, instead of the detector's integration_time_s")
             .written_if([](const SensorModel& sensor) { return sensor.exposure.target_fill > 0; });
         m.add("motion", &SensorModel::motion, Object{motion_members()}, "left out: none")
             .written_if([](const SensorModel& sensor) { return !sensor.motion.none(); });
-        m.add("seed", &SensorModel::seed, Integer{0, kMaxSeed}, "of the detector: its fixed pattern follows from it");
-        m.add("frame", &SensorModel::frame, Integer{0, kMaxSeed}, "number of the frame: another one has other noise");
+        m.add("seed", &SensorModel::seed, Integer{0, kMaxSeed}, "identifies the detector and its fixed pattern");
+        m.add("frame", &SensorModel::frame, Integer{0, kMaxSeed}, "number of the frame: each has its own noise");
         m.check([](const JsonReader& in, SensorModel& sensor, const ReadContext&) {
           if (in.faults() > 0) return;  // perhaps of the detector
           const bool given = sensor.detector.integration_time_s > 0, chosen = sensor.exposure.target_fill > 0;

@@ -13,9 +13,10 @@ using engine::Shutter;
 constexpr std::size_t kMostPoses = 1000;
 
 const Members<PoseAtTime>& pose_at_time_members() {
-  static const auto table = made<Members<PoseAtTime>>("PoseAtTime", "A pose that a camera passes.", [](auto& m) {
-    m.add("time_s", &PoseAtTime::time_s, Number{{-1e6, 1e6}, "s"}, "from the exposure of row 0").required();
-    m.add("pose", &PoseAtTime::pose, Object{pose_members()}, "where the camera is then and where it looks").required();
+  static const auto table = made<Members<PoseAtTime>>("PoseAtTime", "A pose of the camera at a time.", [](auto& m) {
+    m.add("time_s", &PoseAtTime::time_s, Number{{-1e6, 1e6}, "s"}, "time from the exposure of row 0").required();
+    m.add("pose", &PoseAtTime::pose, Object{pose_members()}, "position and attitude of the camera at that time")
+        .required();
   });
   return *table;
 }
@@ -33,30 +34,30 @@ void check_times(const JsonReader& in, Shutter& shutter, const ReadContext&) {
 const Members<Shutter>& shutter_members() {
   static const auto table = made<Members<Shutter>>(
       "Shutter",
-      "The rows are exposed one after the other, from the top: row y at the time y * line_time_s. Each is seen from "
-      "the pose of its time, by ray tracing. The camera moves from `pose`, which is that of row 0, at constant rates "
-      "(`velocity_m_s`, `angular_rate_deg_s` or both: what is left out beside the other is zero), or through `poses`, "
-      "which take the place of `pose`.",
+      "The rows are exposed one after the other, from the top: row y at the time y * line_time_s. Each row is rendered "
+      "by ray tracing from the pose at its time. The camera moves from `pose`, which is that of row 0, at constant "
+      "rates (`velocity_m_s`, `angular_rate_deg_s` or both; one that is left out is zero), or through `poses`, which "
+      "replace `pose`.",
       [](auto& m) {
         m.add("line_time_s", &Shutter::line_time_s, Number{{1e-9, 1e4}, "s"},
-              "from the exposure of one row to that of the next")
+              "time between the exposures of consecutive rows")
             .required();
         m.add(
              "angular_rate_deg_s", [](auto& s) -> auto& { return s.rates.angular_rate_deg_s; }, kAngularRate_deg_s,
-             "of the camera, about its own axes (opencv)")
+             "angular rate about the camera's own axes (opencv)")
             .written_if(at_rates);
         m.add(
              "velocity_m_s", [](auto& s) -> auto& { return s.rates.velocity_m_s; }, kVelocity_m_s,
-             "of the camera, MOON_ME")
+             "velocity of the camera, MOON_ME")
             .written_if(at_rates);
         m.add("poses", &Shutter::poses, List{Object{pose_at_time_members()}, 2, kMostPoses},
-              "at rising times, the first not after row 0, the last not before the last row. In between positions are "
-              "those of cubic Hermite polynomials (each pose's velocity is that of the parabola through it and its "
-              "neighbours), attitudes turn at a constant rate, the shorter way (slerp)")
+              "at increasing times, the first not after row 0, the last not before the last row. Positions are "
+              "interpolated by cubic Hermite polynomials (each pose's velocity is that of the parabola through it and "
+              "its neighbours), attitudes by slerp, the shorter way")
             .written_if(through_poses);
         m.add("pushbroom", &Shutter::pushbroom, Flag{},
-              "true: a line camera, whose rows all look along the camera's row through the principal point (cy); "
-              "false: a rolling shutter, whose rows look along their own");
+              "true: a line camera; all rows look along the camera's row through the principal point (cy). False: a "
+              "rolling shutter; each row looks along its own");
         m.any_of({"velocity_m_s", "angular_rate_deg_s", "poses"});
         m.excludes("poses", {"velocity_m_s", "angular_rate_deg_s"}, "the poses say how the camera moves");
         m.check(check_times);

@@ -11,10 +11,10 @@ namespace selenograph::api {
 
 const Members<engine::Shutter>& shutter_members();
 
-// A pose is given, or a shutter's poses are instead: then the pose is the one that they give for row 0.
+// Requires a pose, or a shutter with poses: then the pose is the one that they give for row 0.
 void check_pose(const JsonReader& in, const engine::Camera& camera, const std::optional<engine::Shutter>& shutter,
                 engine::Pose& pose);
-// The same as a condition of the schema.
+// That requirement as a schema condition.
 OrderedJson pose_condition(const Limits& limits);
 
 }  // namespace selenograph::api

@@ -82,19 +82,19 @@ std::string utc_of_sun(const Json& body) {
 
 const Members<SunForm, Sun>& sun_members() {
   static const auto table = made<Members<SunForm, Sun>>(
-      "Sun", "Exactly one of direction, subsolar, local, utc. Always MOON_ME.", [](auto& m) {
+      "Sun", "Exactly one of direction, subsolar, local, utc is required. Always MOON_ME.", [](auto& m) {
         m.add("direction", &SunForm::direction, Vector{kAnyNumber}, "toward the Sun; any length but zero");
         m.add("subsolar", &SunForm::subsolar, Object{place_members()}, "the sub-solar point");
         m.add("local", &SunForm::local, Object{local_members()}, "azimuth and elevation at a place");
         m.add("utc", &SunForm::utc, Text{}, "epoch, ISO 8601, e.g. 2026-11-20T00:00:00Z");
         m.add("distance_au", &SunForm::distance_au, Number{kDistance_au, "au"},
-              "scales irradiance by 1/r^2; default: 1, or the ephemeris' with utc");
+              "scales irradiance by 1/r^2; default: 1, with utc from the ephemeris");
         m.add("angular_radius_deg", &SunForm::angular_radius_deg, NumberOr{kAngularRadius_deg, "sun", "deg"},
-              "of the solar disc; 0: a point Sun with hard shadows; \"sun\": what it is at distance_au; default: 0, or "
-              "\"sun\" with utc");
+              "angular radius of the solar disc; 0: a point Sun with hard shadows; \"sun\": the true radius at "
+              "distance_au; default: 0, with utc \"sun\"");
         m.add("limb_darkening", &SunForm::limb_darkening, Number{kUnitInterval},
-              "u of the disc's brightness 1 - u (1 - cos), cos of the angle from the Sun's own vertical; about 0.6 in "
-              "the visible")
+              "coefficient u of limb darkening, 1 - u (1 - cos), cos: of the angle from the Sun's own vertical; about "
+              "0.6 in the visible")
             .written_if([](const SunForm& form) { return form.limb_darkening > 0; });
         m.exactly_one({"direction", "subsolar", "local", "utc"});
         m.resolve(resolve_sun);

@@ -18,12 +18,12 @@ struct SunForm {
   std::optional<SunLocal> local;
   std::optional<std::string> utc;
   std::optional<double> distance_au;
-  std::optional<std::optional<double>> angular_radius_deg;  // "sun" is none
+  std::optional<std::optional<double>> angular_radius_deg;  // the inner one is empty for "sun"
   double limb_darkening = 0;
 };
 const Members<SunForm, engine::Sun>& sun_members();
 
-// For ReadContext: of a request whose "sun" has a "utc"; empty otherwise.
+// The "utc" of a request's "sun" for ReadContext; empty if there is none.
 std::string utc_of_sun(const Json& body);
 
 }  // namespace selenograph::api

@@ -108,16 +108,17 @@ const Members<Reflectance>& reflectance_members() {
           "w of the weighted average")
         .of({"lunar"});
     m.add("shininess", &Reflectance::shininess, Number{{0, 1e6}},
-          "p of the equation: 0 is Lambert, a mirror has a large one")
+          "p of the equation: 0 is Lambert, large values a mirror")
         .of({"blinn_phong"});
     m.add("limb_darkening", &Reflectance::limb_darkening, Number{kUnitInterval},
-          "L of the equation; left out: McEwen's function of the phase angle")
+          "L of the equation; left out: McEwen's L(g) of the phase angle")
         .of({"lunar_lambert"});
     m.add("phase", &Reflectance::phase, Word{kPhaseLaws},
-          "a factor f(g) on f_r, f(0) = 1, with which a uniform sphere's light follows the Moon's: `allen`: its "
-          "magnitudes in the visible, 0.026 g + 4e-9 g^4 (Allen 1973), 0 to 150 degrees, held beyond; `rolo`: its "
-          "reflectance at 0.554 um with the opposition surge (Kieffer & Stone 2005), 1.55 to 97 degrees, extrapolated "
-          "to 0 and by `allen` beyond; `none`: 1. With `lunar_lambert` and its McEwen's L(g), f(g) is his A(g)")
+          "phase law: a factor f(g) of f_r, f(0) = 1, such that the integrated light of a uniform sphere follows the "
+          "Moon's: `allen`: magnitudes in the visible, 0.026 g + 4e-9 g^4 (Allen 1973), 0 to 150 degrees, constant "
+          "beyond; `rolo`: reflectance at 0.554 um with the opposition surge (Kieffer & Stone 2005), 1.55 to 97 "
+          "degrees, extrapolated to 0 and by `allen` beyond; `none`: 1. With `lunar_lambert` and McEwen's L(g), f(g) "
+          "is his A(g)")
         .of({"lommel_seeliger", "lunar", "lunar_lambert"})
         .written_if([](const Reflectance& r) { return r.phase != engine::PhaseLaw::none; });
     const auto of_hapke = [&m](std::string_view name, auto engine::HapkeParameters::*field, auto kind,
@@ -140,7 +141,7 @@ const Members<Reflectance>& reflectance_members() {
     const auto of_2002 = [](const Reflectance& r) { return r.hapke.terms == engine::HapkeTerms::terms_2002; };
     of_hapke("terms", &Hapke::terms, Word{kHapkeTerms},
              "1984: isotropic multiple scattering, H(x) as above; 2002 (Hapke, Icarus 157, 523): multiple scattering "
-             "that knows p(g), H to 1 %, coherent backscatter")
+             "that depends on p(g), H to 1 %, coherent backscatter")
         .written_if(of_2002);
     of_hapke("bc0", &Hapke::bc0, Number{kUnitInterval}, "amplitude of coherent backscatter; needs `terms` 2002")
         .written_if(of_2002);
@@ -159,7 +160,7 @@ template <typename Form>
 void add_material(Members<Form>& m) {
   m.add("reflectance", &Form::reflectance, Object{reflectance_members()}, "the BRDF and its parameters");
   m.add("temperature_k", &Form::temperature_k, Number{kTemperature_k, "K"},
-        "it emits B(T) (1 - rho) (SENSOR++ eq. 3); 0: nothing. Not with `hapke`, which has no rho")
+        "thermal emission B(T) (1 - rho) (SENSOR++ eq. 3); 0: none. Cannot be combined with `hapke`, which has no rho")
       .written_if([](const Form& form) { return form.temperature_k > 0; });
 }
 
@@ -181,21 +182,17 @@ std::string_view normalisation(ReflectanceModel model) {
 }
 
 std::string_view normalisation_elsewhere() {
-  return "Tools differ by factors of 2, 4 and pi in what they call by the same name. Compare before comparing "
-         "radiances:\n"
-         "- Lommel-Seeliger here (SENSOR++ eq. 10): `f_r = rho/(2 pi) / (mu0 + mu)`; at mu0 = mu = 1 it is rho/(4 "
-         "pi), a quarter of Lambert's rho/pi;\n"
-         "- Hapke, with an isotropic phase function and without multiple scattering: `f_r = w/(4 pi) / (mu0 + "
-         "mu)`, half of `lommel_seeliger` for rho = w;\n"
-         "- lunar-Lambert in ISIS's photomet is divided by its own value at mu0 = mu = 1 where an albedo is asked "
-         "for, and Hapke there is the radiance factor I/F = pi mu0 f_r;\n"
-         "- lunar-Lambert elsewhere is also written `A (L mu0/(mu0 + mu) + (1 - L) mu0)`, without the 2: half of "
-         "ours for L = 1;\n"
-         "- Hapke's double Henyey-Greenstein function has its lobes' weights as (1 + c)/2 and (1 - c)/2 here "
-         "(Hapke 2012), as c and 1 - c in ISIS (Hg2) and in Hapke 1993, and either sign of b for backward;\n"
-         "- Blinn-Phong in graphics is normalised by (p + 8)/(8 pi) (an approximation) or (p + 2)/(2 pi), or not "
-         "at all: eq. 11's factor is exact for a Sun in the zenith;\n"
-         "- tools that answer I/F (radiance factor) are a factor of pi above the f_r * mu0 of their own equation.";
+  return "Tools differ by factors of 2, 4 and pi in models of the same name. Check the equations before comparing "
+         "radiances:\n- Lommel-Seeliger here (SENSOR++ eq. 10): `f_r = rho/(2 pi) / (mu0 + mu)`; at mu0 = mu = 1 it is "
+         "rho/(4 pi), a quarter of Lambert's rho/pi;\n- Hapke, with an isotropic phase function and without multiple "
+         "scattering: `f_r = w/(4 pi) / (mu0 + mu)`, half of `lommel_seeliger` for rho = w;\n- lunar-Lambert in ISIS's "
+         "photomet is divided by its own value at mu0 = mu = 1 where an albedo is asked for, and Hapke there is the "
+         "radiance factor I/F = pi mu0 f_r;\n- lunar-Lambert elsewhere is also written `A (L mu0/(mu0 + mu) + (1 - L) "
+         "mu0)`, without the 2: half of ours for L = 1;\n- Hapke's double Henyey-Greenstein function has its lobes' "
+         "weights as (1 + c)/2 and (1 - c)/2 here (Hapke 2012), as c and 1 - c in ISIS (Hg2) and in Hapke 1993, and "
+         "either sign of b for backward;\n- Blinn-Phong in graphics is normalised by (p + 8)/(8 pi) (an approximation) "
+         "or (p + 2)/(2 pi), or not at all: eq. 11's factor is exact for a Sun in the zenith;\n- tools that return I/F "
+         "(radiance factor) are a factor of pi above f_r * mu0.";
 }
 
 const Members<Material>& material_members() {
@@ -209,16 +206,16 @@ const Members<Material>& material_members() {
 const Members<Ground>& ground_members() {
   static const auto table = made<Members<Ground>>(
       "Surface",
-      "The ground: what it is made of, or maps of it that the operator put into the assets folder. A map's mean over a "
-      "pixel's footprint counts.",
+      "The ground's reflectance and temperature: constants, or maps from the operator's assets folder. Maps are "
+      "averaged over a pixel's footprint.",
       [](auto& m) {
         add_material(m);
         m.add("albedo_maps", &Ground::albedo_maps, List{kMap, 1, kMaxMaps},
-              "names of maps/NAME.json: rho, or w of `hapke`, from the first of these that has a value at a place; "
-              "where none has, the reflectance's. At most 0.25 for `lunar_lambert`")
+              "names of maps/NAME.json: rho, or w of `hapke`, from the first map that has a value at a place; where "
+              "none has, the constant. At most 0.25 for `lunar_lambert`")
             .written_if([](const Ground& ground) { return !ground.albedo_maps.empty(); });
         m.add("temperature_maps", &Ground::temperature_maps, List{kMap, 1, kMaxMaps, "K"},
-              "names of maps/NAME.json: in the same way; where none has a value, temperature_k")
+              "names of maps/NAME.json: used in the same way; where none has a value, temperature_k")
             .written_if([](const Ground& ground) { return !ground.temperature_maps.empty(); });
         m.check([](const JsonReader& in, Ground& ground, const ReadContext&) {
           check_material(in, ground);

@@ -1,4 +1,4 @@
-// What surfaces are made of: reflectance, materials, the ground. The one table of reflectance models.
+// Surfaces: reflectance, materials, the ground. The only table of reflectance models.
 #pragma once
 
 #include <span>
@@ -26,13 +26,13 @@ std::string_view normalisation_elsewhere();
 // {"reflectance", "temperature_k"}, of an object.
 const Members<engine::Material>& material_members();
 
-// What a ground's maps were called by.
+// Names of the ground's maps in the request.
 struct SurfaceQuery {
   std::vector<std::string> albedo_maps, temperature_maps;
 };
-inline constexpr std::size_t kMaxMaps = 16;  // of a kind
+inline constexpr std::size_t kMaxMaps = 16;  // per kind
 
-// The same and maps, of the ground.
+// Material of the ground, with maps.
 struct Ground : engine::Material {
   std::vector<Named<dem::ValueMap>> albedo_maps, temperature_maps;
 };
@@ -40,7 +40,7 @@ const Members<Ground>& ground_members();
 Ground ground_of(const engine::FrameRequest& request, const SurfaceQuery& query);
 void set_ground(engine::FrameRequest& request, SurfaceQuery& query, const Ground& ground);
 
-// Of a frame's metadata: each map's name and version.
+// Metadata of maps: each map's name and version.
 nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceQuery& query);
 
 }  // namespace selenograph::api

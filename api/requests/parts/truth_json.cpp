@@ -36,14 +36,14 @@ const Members<engine::TruthGrid>& truth_members() {
   using engine::TruthGrid;
   static const auto table = made<Members<TruthGrid>>(
       "Truth",
-      "Less of the products that describe what is seen: all but image and radiance, which stay whole. Element (r, c) "
-      "of their arrays is of the image's pixel in row y + r * every_px and column x + c * every_px.",
+      "Subset of pixels for ground-truth products: all but image and radiance, which stay whole. Element (r, c) of "
+      "their arrays belongs to the image's pixel in row y + r * every_px and column x + c * every_px.",
       [](auto& m) {
         m.add("region", region_field, Object{region_members()}, "left out: the whole image");
         m.add("every_px", &TruthGrid::every_px, Integer{1, largest_side, "px"},
               "every n-th row and column of the region, from its first");
         m.add("position_origin_m", &TruthGrid::position_origin_m, Vector{kCoordinate_m, "m"},
-              "MOON_ME, whatever frame the pose has: `position` is relative to it, as float32 (right to 6e-8 of the "
+              "MOON_ME, whatever the pose's frame: `position` is relative to it, as float32 (accurate to 6e-8 of the "
               "distance: 1 mm at 17 km); left out: absolute, as float64");
       });
   return *table;

@@ -1,4 +1,4 @@
-// JSON <-> engine::TruthGrid.
+// "truth": engine::TruthGrid as JSON.
 #pragma once
 
 #include "api/requests/parts/camera_json.h"
@@ -11,7 +11,7 @@ namespace selenograph::api {
 // A region of width 0 is the whole image: resolve_truth() knows how large that is.
 const Members<engine::TruthGrid>& truth_members();
 
-// Sets the region, or reports what of it lies outside of the image; `in`: of the frame's request.
+// Sets the region, or reports that it exceeds the image; `in`: the frame's request.
 void resolve_truth(const JsonReader& in, const engine::Camera& camera, engine::TruthGrid& truth);
 
 }  // namespace selenograph::api
