@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <exception>
@@ -10,8 +11,10 @@
 #include <map>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "api/answers/metadata.h"
+#include "api/json/json_reader.h"
 #include "engine/visibility/meshes/mesh_reader.h"
 #include "server/commands/commands.h"
 #include "server/commands/config.h"
@@ -19,6 +22,7 @@
 namespace {
 
 using namespace selenograph::server;
+namespace api = selenograph::api;
 
 struct Settings {
   ServeSettings serve;
@@ -76,6 +80,33 @@ std::set<std::string> options_of_all(const Work& work) {
   return names;
 }
 
+void print_nearest(const std::string& given, const std::vector<std::string>& known) {
+  const std::vector<std::string_view> names(known.begin(), known.end());
+  if (const auto meant = api::did_you_mean(given, names)) fmt::print(stderr, "{}: did you mean {}?\n", given, *meant);
+}
+
+// After an error of parsing: the command or option that is nearest to the first one that does not exist.
+void suggest(const CLI::App& app, int argc, char** argv) {
+  const CLI::App* command = &app;
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    std::vector<std::string> known;
+    if (word.starts_with("--")) {
+      for (const CLI::Option* option : command->get_options())
+        for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
+      const std::string name = word.substr(0, word.find('='));
+      if (std::ranges::find(known, name) == known.end()) return print_nearest(name, known);
+      continue;
+    }
+    const auto commands = command->get_subcommands([](const CLI::App*) { return true; });
+    const auto next = std::ranges::find(commands, word, [](const CLI::App* c) { return c->get_name(); });
+    if (next == commands.end() && command->get_require_subcommand_min() == 0) continue;
+    for (const CLI::App* one : commands) known.push_back(one->get_name());
+    if (next == commands.end()) return print_nearest(word, known);
+    command = *next;
+  }
+}
+
 int run(CLI::App& app, const Work& work) {
   CLI::App* command = &app;
   while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
@@ -103,7 +134,9 @@ int main(int argc, char** argv) {
     app.parse(argc, argv);
     return run(app, work);
   } catch (const CLI::ParseError& e) {
-    return app.exit(e);
+    const int status = app.exit(e);
+    if (status != 0) suggest(app, argc, argv);
+    return status;
   } catch (const std::exception& e) {
     fmt::print(stderr, "error: {}\n", e.what());
     return 1;

@@ -5,8 +5,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <optional>
+#include <utility>
+#include <vector>
 
 #include "api/json/ranges.h"
 
@@ -23,7 +24,7 @@ std::optional<double> off_nadir(const Vec3& position_m, const Eigen::Quaterniond
   return std::atan2(std::sqrt(std::max(0.0, aside2)), along);
 }
 
-// Which usual mistake would have made this attitude of one that looks at the Moon, the nearest to its middle.
+// Which usual mistakes would have made this attitude of one that looks at the Moon, the nearest to its middle first.
 std::string likely_mistake(const engine::Pose& pose) {
   const Eigen::Quaterniond q = pose.camera_from_moon, inverse = q.conjugate(), half_turn(0, 1, 0, 0);  // about x
   const auto scalar_last = [](const Eigen::Quaterniond& p) { return Eigen::Quaterniond(p.z(), p.w(), p.x(), p.y()); };
@@ -42,12 +43,17 @@ std::string likely_mistake(const engine::Pose& pose) {
       {scalar_last(inverse).conjugate(), last},
       {scalar_first(q), first},
       {scalar_first(inverse).conjugate(), first}};
-  const char* words = nullptr;
-  double least = std::numeric_limits<double>::infinity();
+  std::vector<std::pair<double, const char*>> found;
   for (const Mistake& m : mistakes)
-    if (const auto angle = off_nadir(pose.position_m, m.meant); angle && *angle < least - 1e-9)
-      least = *angle, words = m.words;
-  return words ? fmt::format("an attitude of the same numbers would look at the Moon: {}", words) : std::string();
+    if (const auto angle = off_nadir(pose.position_m, m.meant)) found.emplace_back(*angle, m.words);
+  std::ranges::stable_sort(found, [](const auto& a, const auto& b) { return a.first < b.first - 1e-9; });
+  std::string text;
+  for (std::size_t i = 0; i < found.size(); ++i)
+    if (std::none_of(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(i),
+                     [&](const auto& before) { return before.second == found[i].second; }))
+      text += fmt::format(
+          "{}{}", text.empty() ? "an attitude of the same numbers would look at the Moon: " : " Or: ", found[i].second);
+  return text;
 }
 
 // Of the Moon's disc, in pixels, where it is in the middle of the image.
@@ -83,6 +89,9 @@ std::string why_missing(const engine::FrameRequest& request, const dem::Catalogu
   if (std::abs(g.lon_deg) <= 90 && has_data(catalogue, g.lon_deg, g.lat_deg))
     text += fmt::format(", but at latitude {:.4f}, longitude {:.4f}: are they in each other's place?", g.lon_deg,
                         g.lat_deg);
+  const double lat_deg = g.lat_deg * kDegreesPerRadian, lon_deg = g.lon_deg * kDegreesPerRadian;
+  if (std::abs(lat_deg) <= 90 && std::abs(lon_deg) <= 360 && has_data(catalogue, lat_deg, lon_deg))
+    text += fmt::format(", but at latitude {:.4f}, longitude {:.4f}: are they in radians?", lat_deg, lon_deg);
   return text;
 }
 
@@ -152,10 +161,10 @@ void add_view_warnings(const FrameQuery& query, const engine::FrameReport& repor
     warnings.push_back(fmt::format("{:.0f} % of the pixels look at places without data{}",
                                    100 * report.missing_fraction, why_missing(request, catalogue)));
   if (!query.request.detail && report.view.post_px && *report.view.post_px > kWidePost_px)
-    warnings.push_back(
-        fmt::format("the posts of the DEM are {:.0f} pixels wide in the middle: it has nothing that is "
-                    "smaller",
-                    *report.view.post_px));
+    warnings.push_back(fmt::format(
+        "the posts of the DEM are more than {} pixels wide in the middle of the image (view.post_px): it has "
+        "nothing that is smaller",
+        kWidePost_px));
 }
 
 }  // namespace selenograph::api

@@ -307,11 +307,16 @@ bool JsonReader::array(std::size_t min, std::size_t max) const {
   return false;
 }
 
-int JsonReader::word_index(const std::vector<std::string_view>& names) const {
+int JsonReader::word_index(const std::vector<std::string_view>& names, WordHints hints) const {
   const std::optional<std::string> given = text();
   if (!given) return -1;
   const auto found = std::find(names.begin(), names.end(), *given);
   if (found != names.end()) return static_cast<int>(found - names.begin());
+  for (const auto& [word, instead] : hints)
+    if (word == *given) {
+      fail("must be " + quoted_list(names, " or ") + "; " + std::string(instead));
+      return -1;
+    }
   const auto meant = did_you_mean(*given, names);
   fail("must be " + quoted_list(names, " or ") + (meant ? "; did you mean \"" + std::string(*meant) + "\"?" : ""));
   return -1;

@@ -34,6 +34,9 @@ struct Range {
   bool contains(double x) const { return (min_open ? x > min : x >= min) && (max_open ? x < max : x <= max); }
 };
 
+// Words that other tools use and that are not accepted here: each with what to give instead.
+using WordHints = std::span<const std::pair<std::string_view, std::string_view>>;
+
 // Table of words and their values.
 template <typename T>
 using Words = std::span<const std::pair<std::string_view, T>>;
@@ -97,10 +100,10 @@ class JsonReader {
 
   // The word's value; empty, and reported, if the word is unknown.
   template <typename T>
-  std::optional<T> word(Words<T> words) const {
+  std::optional<T> word(Words<T> words, WordHints hints = {}) const {
     std::vector<std::string_view> names;
     for (const auto& [name, meaning] : words) names.push_back(name);
-    const int found = word_index(names);
+    const int found = word_index(names, hints);
     return found < 0 ? std::nullopt : std::optional<T>(words[static_cast<std::size_t>(found)].second);
   }
 
@@ -115,7 +118,7 @@ class JsonReader {
   JsonReader(const Json& value, const JsonReader* parent, std::string_view key, std::size_t index)
       : value_(&value), findings_(parent->findings_), parent_(parent), key_(key), index_(index) {}
   bool array(std::size_t min, std::size_t max) const;
-  int word_index(const std::vector<std::string_view>& names) const;
+  int word_index(const std::vector<std::string_view>& names, WordHints hints) const;
 
   const Json* value_;
   Findings* findings_;

@@ -79,7 +79,8 @@ template <typename T>
 struct Word {
   using Value = T;
   Words<T> words;
-  std::optional<T> read(const JsonReader& in, const ReadContext&) const { return in.word(words); }
+  WordHints hints{};
+  std::optional<T> read(const JsonReader& in, const ReadContext&) const { return in.word(words, hints); }
   OrderedJson write(const T& value) const { return word_of(words, value); }
   OrderedJson schema(const Limits&) const {
     std::vector<std::string_view> names;

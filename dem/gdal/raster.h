@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "dem/files/raster_info.h"
+#include "dem/grid/block.h"
 
 namespace selenograph::dem {
 
@@ -52,5 +53,9 @@ class Raster {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+// Lowest and highest height of whole rows, evenly spread, of about `posts` posts in all; low > high: none is valid.
+// Throws as Raster does.
+HeightRange sampled_heights(const RasterInfo& info, std::size_t posts);
 
 }  // namespace selenograph::dem

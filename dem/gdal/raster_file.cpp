@@ -1,6 +1,7 @@
 #include "dem/gdal/raster_file.h"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <xxhash.h>
 
 #include <algorithm>
@@ -53,29 +54,50 @@ bool is_possible(double height_m) {
   return std::abs(height_m) <= kFarthestHeight_m || std::abs(height_m - kMoonRadius_m) <= kFarthestHeight_m;
 }
 
+// Heights of a few posts, evenly spread; without no-data.
+std::vector<double> some_heights(RasterFile& s) {
+  open_band(s);
+  constexpr int kAcross = 6;
+  std::vector<double> heights;
+  for (int i = 0; i < kAcross * kAcross; ++i) {
+    const auto pick = [](int n, int k) { return static_cast<int>((2LL * k + 1) * n / (2 * kAcross)); };
+    double sample = 0;
+    read_samples(s, pick(s.file_width, i % kAcross), pick(s.file_height, i / kAcross), 1, 1, &sample);
+    if (!is_void(s, sample) && std::abs(sample) < kUndeclaredVoid) heights.push_back(sample * s.scale + s.offset_m);
+  }
+  return heights;
+}
+
 // Whether the samples are radii: by the offset, else (where the type can hold a radius at all) by the median of a few.
 bool holds_radii(RasterFile& s) {
   if (s.offset_m > kNoRadiusBelow_m) return true;
   const bool narrow = is_integer(s.type) && GDALGetDataTypeSizeBytes(s.type) <= 2;
   if (narrow && std::abs(s.scale) * 65535 + s.offset_m < kNoRadiusBelow_m) return false;
-  open_band(s);
-  constexpr int kAcross = 6;
-  std::vector<double> heights;
-  int impossible = 0;
-  for (int i = 0; i < kAcross * kAcross; ++i) {
-    const auto pick = [](int n, int k) { return static_cast<int>((2LL * k + 1) * n / (2 * kAcross)); };
-    double sample = 0;
-    read_samples(s, pick(s.file_width, i % kAcross), pick(s.file_height, i / kAcross), 1, 1, &sample);
-    if (is_void(s, sample)) continue;
-    heights.push_back(sample * s.scale + s.offset_m);
-    impossible += std::abs(sample) < kUndeclaredVoid && !is_possible(heights.back());
-  }
-  if (impossible == kAcross * kAcross)
-    throw DataError(s.info.path, "its samples can't be heights: " + std::to_string(heights.front()) + " m is one");
+  std::vector<double> heights = some_heights(s);
   if (heights.empty()) return false;
+  if (std::none_of(heights.begin(), heights.end(), is_possible))
+    throw DataError(s.info.path, "its samples can't be heights: " + std::to_string(heights.front()) + " m is one");
   const auto middle = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2);
   std::nth_element(heights.begin(), middle, heights.end());
   return *middle > kNoRadiusBelow_m;
+}
+
+// Of a file that declares no unit: nowhere is the Moon so level over so far, and nothing is 1.7 km above the datum and
+// level besides. (The Moon's heights are -9.1 to 10.8 km, radii 1728 to 1748 km.)
+std::string doubt_of(RasterFile& s) {
+  constexpr double kFar_m = 20e3, kHighest_km = 12, kLeastRadius_km = 1725, kLargestRadius_km = 1750;
+  const std::vector<double> heights = some_heights(s);
+  const double side_m = s.info.post_spacing_m * std::max(s.info.width, s.info.height);
+  if (heights.empty() || side_m < kFar_m) return {};
+  const auto [low, high] = std::minmax_element(heights.begin(), heights.end());
+  const bool heights_km = *low >= -kHighest_km && *high <= kHighest_km;
+  const bool radii_km = *low >= kLeastRadius_km && *high <= kLargestRadius_km;
+  if (*low == *high || !(heights_km || radii_km)) return {};
+  return fmt::format(
+      "its values lie between {:.3f} and {:.3f} m over {:.0f} km: are they {} in kilometres? Declare the unit (km) in "
+      "the "
+      "file, or convert them to metres",
+      *low, *high, side_m / 1e3, radii_km ? "radii" : "heights");
 }
 
 // Why samples times scale plus offset can't be heights or radii of the Moon; empty: they can. Such a file would be a
@@ -228,6 +250,8 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
   const Georeference place = georeference_of(*s.dataset, path);
   s.flip_x = place.flip_x, s.flip_y = place.flip_y;
   place_posts(s.info, place.grid);
+  const bool has_unit = *s.band->GetUnitType() != 0;
+  if (!known && !has_unit && !open.remote && s.info.damage.empty()) s.info.doubt = doubt_of(s);
   return s;
 }
 

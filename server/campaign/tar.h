@@ -10,9 +10,6 @@
 
 namespace selenograph::server {
 
-// Longest name that fits into a plain header.
-inline constexpr std::size_t kLongestTarName = 100;
-
 // A member: header, content, padding. A tar is a sequence of members, followed by tar_end().
 std::string tar_member(const std::string& name, std::string_view content);
 std::string tar_end();

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/answers/datasets_answer.h"
+#include "dem/gdal/raster.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/terrain/resampling.h"
 #include "server/commands/commands.h"
@@ -33,11 +34,21 @@ void print_borders(const dem::Catalogue& catalogue, const std::vector<dem::Layer
   }
 }
 
-void print_table(const dem::Catalogue& catalogue) {
+// Of files that can be read, and of not so many that this would take minutes.
+std::string heights_text(const dem::Catalogue& catalogue, const dem::RasterInfo& info, std::size_t posts) {
+  constexpr std::size_t kMostFiles = 4096;
+  if (posts == 0 || catalogue.rasters().size() > kMostFiles || !info.damage.empty()) return {};
+  const dem::HeightRange range = dem::sampled_heights(info, posts);
+  return range.low > range.high ? ", no valid posts" : fmt::format(", {:.1f} to {:.1f} m", range.low, range.high);
+}
+
+void print_table(const dem::Catalogue& catalogue, std::size_t posts) {
   fmt::print("{} DEM files, coarse to fine\n", catalogue.rasters().size());
   for (const dem::RasterInfo& r : catalogue.rasters()) {
-    fmt::print("  {:<32} {}  {:8.2f} m/post  {:>6} x {:<6} {}, {}{}\n", r.name, box(r.footprint), r.post_spacing_m,
-               r.width, r.height, r.format, r.datum, r.lattice_level ? "" : ", resampled");
+    fmt::print("  {:<32} {}  {:8.2f} m/post  {:>6} x {:<6} {}, {}{}{}\n", r.name, box(r.footprint), r.post_spacing_m,
+               r.width, r.height, r.format, r.datum, r.lattice_level ? "" : ", resampled",
+               heights_text(catalogue, r, posts));
+    if (!r.doubt.empty()) fmt::print("    {}\n", r.doubt);
   }
   const auto gaps = uncovered(catalogue);
   fmt::print("{} gaps within the area covered (whole degrees)\n", gaps.size());
@@ -102,7 +113,7 @@ int info(const InfoSettings& settings) {
   if (settings.json) {
     print_json(catalogue, borders);
   } else {
-    print_table(catalogue);
+    print_table(catalogue, settings.heights);
     print_borders(catalogue, borders);
   }
   if (settings.resampling > 0) print_resampling(*open_terrain(settings.terrain), settings.resampling);

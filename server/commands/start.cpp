@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 
@@ -18,6 +19,17 @@ namespace fs = std::filesystem;
 
 // The last file to appear: an interrupted generation is simply done again (same seed, same bytes).
 constexpr const char* kComplete = "complete";
+
+void refuse_folder_without_dems(const std::string& path, const dem::Catalogue& catalogue) {
+  if (dem::is_remote(path) || !fs::is_directory(path)) return;
+  const std::string folder = path.ends_with('/') ? path : path + "/";
+  const auto within = [&](const auto& file) { return file.path.starts_with(folder); };
+  if (std::ranges::any_of(catalogue.rasters(), within)) return;
+  const auto problem = std::ranges::find_if(catalogue.problems(), within);
+  if (problem != catalogue.problems().end())
+    throw DataError(path, fmt::format("has no DEM file that can be used: {}: {}", problem->path, problem->what));
+  throw DataError(path, "has no DEM file: .img with .lbl, .tif or .vrt are looked for (dem/files/products.md)");
+}
 
 }  // namespace
 
@@ -41,7 +53,9 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   dem::CatalogueOptions options;
   options.cache_dir = settings.cache_dir;
   options.log = [](const std::string& text) { spdlog::warn("{}", text); };
-  dem::Catalogue catalogue(dem_paths(settings), options);
+  const std::vector<std::string> paths = dem_paths(settings);
+  dem::Catalogue catalogue(paths, options);
+  for (const std::string& path : paths) refuse_folder_without_dems(path, catalogue);
   if (settings.strict)
     for (const dem::CatalogueProblem& problem : catalogue.problems())
       if (problem.unrelated) throw DataError(problem.path, problem.what + " (--strict)");
@@ -62,6 +76,8 @@ std::shared_ptr<dem::PyramidTerrain> open_terrain(const TerrainSettings& setting
   spdlog::info("catalogue: {} DEM files, {} of them inspected", catalogue.rasters().size(), catalogue.inspected());
   for (const dem::CatalogueProblem& problem : catalogue.problems())
     spdlog::warn("not used: {}: {}", problem.path, problem.what);
+  for (const dem::RasterInfo& raster : catalogue.rasters())
+    if (!raster.doubt.empty()) spdlog::warn("{}: {}", raster.path, raster.doubt);
   dem::TerrainOptions options;
   options.cache_dir = settings.cache_dir;
   options.cache_bytes = memory_parts(settings.memory).cache_mb << 20;

@@ -157,7 +157,7 @@ std::string Metrics::answers() const {
 std::string Metrics::durations() const {
   const std::string name = "selenograph_http_request_duration_seconds";
   Exposition out;
-  out.family(name, "histogram", "From the complete head of a request to the last byte of its answer.");
+  out.family(name, "histogram", "From the complete request to the last byte of its answer.");
   for (const auto& [route, histogram] : durations_) {
     const std::string label = fmt::format("route=\"{}\"", escaped(route));
     std::uint64_t cumulative = 0;

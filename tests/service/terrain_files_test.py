@@ -7,8 +7,10 @@ A cache folder that can't be written costs time, not answers, and no byte of the
 import http.server
 import json
 import os
+import re
 import resource
 import shutil
+import subprocess
 import threading
 import unittest
 
@@ -36,6 +38,33 @@ def pyramid(cache):
             state = os.stat(os.path.join(folder, name))
             found[os.path.join(folder, name)] = (state.st_size, state.st_mtime_ns)
     return found
+
+
+class CommandLine(unittest.TestCase):
+    def run_it(self, *arguments):
+        return subprocess.run([harness.BINARY, *arguments], capture_output=True, text=True, timeout=60, check=False)
+
+    def test_a_folder_without_dems_is_an_error(self):
+        os.makedirs(harness.path("nothing", "within"))
+        for command in (("info",), ("serve", "--port", "0")):
+            done = self.run_it(*command, "--dem", harness.path("nothing"), "--cache-dir", harness.path("cache-nothing"))
+            self.assertEqual(done.returncode, 1, done.stdout)
+            self.assertIn(f"{harness.path('nothing')}: has no DEM file", done.stderr)
+        harness.write(os.path.join("nothing", "a.lbl"), "not a label")
+        self.assertIn("has no DEM file that can be used: ", self.run_it("info", "--dem", harness.path("nothing")).stderr)
+
+    def test_info_has_lowest_and_highest_height(self):
+        for line in self.run_it("info", "--dem", harness.path("dem")).stdout.splitlines()[1:5]:
+            found = re.search(r", (-?\d+\.\d) to (-?\d+\.\d) m$", line)
+            self.assertTrue(found, line)
+            self.assertLess(float(found[1]), float(found[2]))
+
+    def test_misspelt_commands_and_options(self):
+        for arguments, meant in ((("rendr", "x"), "rendr: did you mean render?"), (("info", "--dme", "x"), "--dme: did you mean --dem?"),
+                                 (("verify", "accurcy"), "accurcy: did you mean accuracy?"), (("serve", "--prot=1"), "--port?")):
+            done = self.run_it(*arguments)
+            self.assertNotEqual(done.returncode, 0)
+            self.assertIn(meant, done.stderr)
 
 
 class CacheFolder(unittest.TestCase):

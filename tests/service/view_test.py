@@ -139,6 +139,24 @@ class View(unittest.TestCase):
         self.assertIn("without data", said)
         self.assertIn("each other's place", said)
 
+    def test_radians_and_kilometres(self):
+        self.assertIn("are they in radians?", self.warned(nadir(lat_deg=math.radians(LAT), lon_deg=math.radians(LON))))
+        there = cartesian(LAT, LON, 20000.0)
+        request = frame_request(["radiance"])
+        request["pose"] = {"position_m": (there / 1000).tolist(), "nadir": {}}
+        status, _, body = self.service.frame(request, "application/x-npz")
+        self.assertEqual(status, 422)
+        self.assertIn("are lengths in kilometres?", body.decode())
+
+    def test_all_attitudes_that_see_the_moon_are_named(self):
+        there = cartesian(LAT, LON, 20000.0)
+        matrix = np.array(looking(there, -there, np.array([0, 0, -1.0]))["camera_from_moon_matrix"])
+        opengl = np.diag([1.0, -1.0, -1.0]) @ matrix
+        said = self.warned({"position_m": there.tolist(), "camera_from_moon_matrix": opengl.tolist()})
+        first, *others = said.split(" Or: ")
+        self.assertIn("OpenGL", first)
+        self.assertTrue(others, said)
+
     def test_nothing_lit_says_where_the_sun_stands(self):
         sun = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0, "elevation_deg": -12.0}}
         said = self.warned(nadir(), sun=sun)

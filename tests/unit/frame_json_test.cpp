@@ -316,6 +316,8 @@ TEST(PoseJson, InertialPosesTurnWithTheMoon) {
   Json own = body;
   own["pose"]["utc"] = utc;
   expect_there(read(own).request.pose);
+  own["pose"]["frame"] = "J2000";
+  expect_there(read(own).request.pose);
   // The Sun's epoch is the pose's, unless it has its own; of what the client expects next, too.
   Json suns = body;
   suns["sun"] = {{"utc", utc}};
@@ -395,7 +397,12 @@ TEST(PoseJson, AlternativesExcludeEachOther) {
   EXPECT_EQ(refused(R"({"pose": {"look_at": {"lat_deg": 0, "lon_deg": 0}}})"), "/pose/nadir");
   EXPECT_EQ(refused(R"({"pose": {"nadir": null}})"), "/pose");
   EXPECT_EQ(refused(R"({"pose": {"geodetic": null}})"), "/pose");
-  EXPECT_EQ(refused(R"({"pose": {"frame": "MOON_PA"}})"), "/pose/frame");
+  EXPECT_EQ(refused(R"({"pose": {"frame": "MOON_PA"}})", &details), "/pose/frame");
+  EXPECT_NE(details.find("\"MOON_PA_DE421\" or \"MOON_PA_DE440\"? MOON_ME is 860 m away"), std::string::npos)
+      << details;
+  EXPECT_EQ(details.find("did you mean"), std::string::npos) << details;
+  EXPECT_EQ(refused(R"({"pose": {"frame": "IAU_MOON"}})", &details), "/pose/frame");
+  EXPECT_NE(details.find("agrees with \"MOON_ME\" to 0.01 degrees"), std::string::npos) << details;
 }
 
 TEST(SunJson, EveryWayGivesTheSameDirection) {

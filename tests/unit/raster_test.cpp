@@ -337,6 +337,42 @@ TEST_F(RasterTest, PdsKilometresOfRadius) {  // as SLDEM2015 has it
   EXPECT_NEAR(post(plain, 3, 3), 2000, 0.1);  // float kilometres
 }
 
+// Numbers that no label explains: -3544 m given as -3.544.
+TEST_F(RasterTest, HeightsThatMayBeKilometresAreDoubted) {
+  const auto doubt = [&](std::vector<double> values, double dx, const char* unit = nullptr) {
+    Tif t;
+    t.type = GDT_Float32, t.dx = dx, t.dy = -dx, t.values = std::move(values), t.unit = unit;
+    write(file("doubt.tif"), t);
+    return inspect_raster(file("doubt.tif")).doubt;
+  };
+  const auto ramp = [](double from, double step) {
+    std::vector<double> values(16);
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = from + step * static_cast<double>(i);
+    return values;
+  };
+  EXPECT_NE(doubt(ramp(-3.544, 0.2), 1).find("heights in kilometres?"), std::string::npos);
+  EXPECT_NE(doubt(ramp(1735.2, 0.2), 1).find("radii in kilometres?"), std::string::npos);
+  EXPECT_EQ(doubt(ramp(-3.544, 0.2), 1, "km"), "") << "declared";
+  EXPECT_EQ(doubt(ramp(-3544, 200), 1), "") << "metres";
+  EXPECT_EQ(doubt(ramp(-3.544, 0.2), 1e-4), "") << "level ground of a small site";
+  EXPECT_EQ(doubt(std::vector<double>(16, 0.0), 1), "") << "a made-up plain";
+}
+
+TEST_F(RasterTest, LowestAndHighestOfWholeRows) {
+  Tif t;
+  write(file("range.tif"), t);
+  const HeightRange all = sampled_heights(inspect_raster(file("range.tif")), 100);
+  EXPECT_EQ(all.low, 0);
+  EXPECT_EQ(all.high, 303);
+  const HeightRange one_row = sampled_heights(inspect_raster(file("range.tif")), 1);
+  EXPECT_EQ(one_row.low, 200);
+  EXPECT_EQ(one_row.high, 203);
+  t.no_data = -1, t.values.assign(16, -1);
+  write(file("range.tif"), t);
+  const HeightRange none = sampled_heights(inspect_raster(file("range.tif")), 100);
+  EXPECT_GT(none.low, none.high);
+}
+
 TEST_F(RasterTest, PdsAttachedLabel) {
   Pds p;
   p.attached_label_bytes = 2048;

@@ -126,8 +126,9 @@ const Members<QuaternionForm, Eigen::Quaterniond>& quaternion_members() {
 // The rows of a PositionForm, and that one of the two ways is needed.
 template <typename Form, typename Value>
 void add_position(Members<Form, Value>& m) {
-  m.add("frame", &Form::frame, Word{kPoseFrames},
-        "frame of position_m and of the attitude: a body-fixed lunar frame, or ICRF axes at the Moon's centre");
+  m.add("frame", &Form::frame, Word<PoseFrame>{kPoseFrames, kOtherFrames},
+        "frame of position_m and of the attitude: a body-fixed lunar frame, or ICRF axes at the Moon's centre; J2000 "
+        "is taken as ICRF, 0.02 arcsec away");
   m.add("utc", &Form::utc, Text{}, "epoch for ICRF, ISO 8601; left out: the Sun's");
   m.add("position_m", &Form::position_m, Vector{kCoordinate_m, "m"}, "Cartesian position");
   m.add("geodetic", &Form::geodetic, Object{geodetic_members()}, "position in MOON_ME; not with another `frame`");

@@ -1,0 +1,246 @@
+#!/usr/bin/env python3
+"""deploy/terrain against a local archive that has the layout of the real ones, and stalls, cuts, redirects and refuses."""
+
+import http.server
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+import unittest
+
+import harness
+from harness import REPOSITORY, Service, frame_request
+
+TOOL = os.path.join(REPOSITORY, "deploy", "terrain")
+NAME = "DTM_MAP_01_N01E030N00E031SC"
+BOUNDS = ("--bounds", "0.1", "0.9", "30.1", "30.9")
+
+
+class Archive(http.server.ThreadingHTTPServer):
+    """Files by path; `faults`: what happens to requests for a path, one after the other."""
+
+    daemon_threads = True
+
+    def __init__(self):
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.files, self.faults, self.asked, self.version = {}, {}, [], 1
+        self.url = f"http://127.0.0.1:{self.server_address[1]}/"
+        self.released = threading.Event()
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+
+    def handle_error(self, request, client_address):
+        pass  # the client went away, as it may
+
+
+class Handler(http.server.BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def log_message(self, *_):
+        pass
+
+    def do_HEAD(self):
+        self.do_GET()
+
+    def do_GET(self):
+        archive, path = self.server, self.path.lstrip("/").removeprefix("moved/")
+        archive.asked.append((self.command, self.path, self.headers.get("Range")))
+        if path not in archive.files:
+            return self.answer(404, b"no such file")
+        faults = archive.faults.get(path, [])
+        fault = faults.pop(0) if faults and self.command == "GET" else None
+        if fault == "redirect":
+            self.send_response(302)
+            self.send_header("Location", "/moved/" + path)
+            self.send_header("Content-Length", "0")
+            return self.end_headers()
+        if fault == "busy":
+            return self.answer(503, b"later")
+        content, tag, start = archive.files[path], f'"{archive.version}"', 0
+        asked = re.fullmatch(r"bytes=(\d+)-", self.headers.get("Range", ""))
+        if asked and self.headers.get("If-Range") == tag and fault != "no ranges":
+            start = int(asked.group(1))
+        self.send_response(206 if start else 200)
+        self.send_header("ETag", tag)
+        if start:
+            self.send_header("Content-Range", f"bytes {start}-{len(content) - 1}/{len(content)}")
+        self.send_header("Content-Length", str(len(content) - start))
+        self.end_headers()
+        if self.command == "HEAD":
+            return None
+        end = len(content) if fault not in ("stall", "cut", "wait") else (start + len(content)) // 2
+        self.wfile.write(content[start:end])
+        if fault in ("stall", "wait"):
+            self.wfile.flush()
+            archive.released.wait(30 if fault == "wait" else 5)
+        if fault in ("stall", "cut", "wait"):
+            self.close_connection = True
+        return None
+
+    def answer(self, status, body):
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        if self.command == "GET":
+            self.wfile.write(body)
+
+
+def setUpModule():
+    harness.set_up()
+    harness.sample("tile", "--south-deg", "0", "--west-deg", "30", "--rows", "1", "--columns", "1", "--ppd", "4096")
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+class Downloads(unittest.TestCase):
+    def setUp(self):
+        self.archive = Archive()
+        self.image, self.label = f"lon030/data/{NAME}.img", f"lon030/data/{NAME}.lbl"
+        for path in (self.image, self.label):
+            with open(harness.path("tile", os.path.basename(path)), "rb") as file:
+                self.archive.files[path] = file.read()
+        self.folder = harness.path(self.id().rsplit(".", 1)[1])
+
+    def tearDown(self):
+        self.archive.released.set()
+        self.archive.shutdown()
+        self.archive.server_close()
+
+    def command(self, *more, product="sldem2013", region=BOUNDS):
+        return [sys.executable, TOOL, "get", product, *region, "-o", self.folder, "--base-url", self.archive.url, "--timeout", "1",
+                "--retry-s", "0.05", *more]
+
+    def get(self, *more, status=0, **which):
+        done = subprocess.run(self.command(*more, **which), capture_output=True, text=True, timeout=120, check=False)
+        self.assertEqual(done.returncode, status, done.stdout + done.stderr)
+        return done.stdout, done.stderr
+
+    def fetched(self, path):
+        with open(os.path.join(self.folder, os.path.basename(path)), "rb") as file:
+            return file.read()
+
+    def assert_no_parts(self):
+        self.assertEqual([n for n in os.listdir(self.folder) if ".part" in n], [])
+
+    def test_stalled_cut_moved_and_busy(self):
+        self.archive.faults = {self.image: ["redirect", "cut", "stall", "no ranges"], self.label: ["busy", "redirect"]}
+        said, _ = self.get()
+        self.assertIn("2 files, 33.6 MB", said)
+        for path in (self.image, self.label):
+            self.assertEqual(self.fetched(path), self.archive.files[path])
+        self.assert_no_parts()
+        self.assertTrue(any(asked for _, _, asked in self.archive.asked), "nothing was resumed")
+        asked = len(self.archive.asked)
+        self.get()
+        self.assertEqual(len(self.archive.asked), asked, "what is there is not asked for")
+        service = Service(dem=self.folder, cache="cache-downloaded")
+        try:
+            status, _, body = service.frame(frame_request(), "application/x-npz")
+            self.assertEqual(status, 200, body[:300])
+        finally:
+            service.stop()
+
+    def test_missing_files_are_named_and_others_come(self):
+        del self.archive.files[self.image]
+        _, said = self.get(status=1)
+        self.assertIn(self.archive.url + self.image + ": 404", said)
+        self.assertEqual(self.fetched(self.label), self.archive.files[self.label])
+
+    def test_sizes_and_labels_are_checked(self):
+        self.archive.files[self.image] = self.archive.files[self.image][:-2]
+        self.archive.files[self.label] = b"<html>please log in</html>"
+        _, said = self.get(status=1)
+        self.assertIn("has 33554430 bytes, expected 33554432", said)
+        self.assertIn("is not a PDS3 label", said)
+        self.assertEqual(set(os.listdir(self.folder)), {".terrain.lock"})
+
+    def killed(self, how):
+        self.archive.faults = {self.image: ["wait"]}
+        process = subprocess.Popen(self.command("--timeout", "60"), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        part = os.path.join(self.folder, NAME + ".img.part")
+        half = len(self.archive.files[self.image]) // 2
+        harness.wait_until(lambda: os.path.exists(part) and os.path.getsize(part) > half - (1 << 18), "half a file")
+        began = time.monotonic()
+        process.send_signal(how)
+        said = process.communicate(timeout=30)[1]
+        self.assertFalse(os.path.exists(os.path.join(self.folder, NAME + ".img")), "half a file under its real name")
+        return time.monotonic() - began, said
+
+    def test_killed_it_resumes(self):
+        self.killed(signal.SIGKILL)
+        self.get()
+        self.assertEqual(self.fetched(self.image), self.archive.files[self.image])
+        self.assertTrue(any(asked and not asked.startswith("bytes=0-") for _, _, asked in self.archive.asked), "not resumed")
+
+    def test_interrupted_it_ends(self):
+        seconds, said = self.killed(signal.SIGINT)
+        self.assertLess(seconds, 10)
+        self.assertIn("the same command resumes", said)
+
+    def test_another_version_is_fetched_anew(self):
+        self.killed(signal.SIGKILL)
+        self.archive.version = 2
+        self.archive.files[self.image] = bytes(len(self.archive.files[self.image]))
+        self.get()
+        self.assertEqual(self.fetched(self.image), self.archive.files[self.image])
+
+    def test_one_at_a_time_in_a_folder(self):
+        self.archive.faults = {self.image: ["wait"]}
+        process = subprocess.Popen(self.command("--timeout", "60"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        harness.wait_until(lambda: os.path.exists(os.path.join(self.folder, NAME + ".img.part")), "a download")
+        self.assertIn("another download", self.get(status=1)[1])
+        process.kill()
+        process.wait()
+
+    def test_sites_and_maps(self):
+        self.archive.files = {"WAC_EMP_643NM_E300N0450_304P.IMG": b"pixels"}
+        self.get(product="wac-albedo", region=("--site", "E300N0450"))
+        with open(os.path.join(self.folder, "WAC_EMP_643NM_E300N0450_304P.json"), encoding="utf-8") as file:
+            description = json.load(file)
+        # I/F = pi mu0 rho / (2 pi) / (mu0 + mu) at 30 degrees of incidence, 0 of emission.
+        self.assertAlmostEqual(1 / description["scale"], 0.5 * 0.8660254 / 1.8660254, places=6)
+        _, said = self.get(product="nac", region=("--site", "../x"), status=1)
+        self.assertIn("--site ../x: names have letters, digits and _", said)
+
+
+class Names(unittest.TestCase):
+    def urls(self, product, *region):
+        done = subprocess.run([sys.executable, TOOL, "get", product, *region, "-o", "unused", "--dry-run"], capture_output=True, text=True,
+                              check=True)
+        return [line.split()[0].rsplit("/", 3)[-1] for line in done.stdout.splitlines()]
+
+    def test_tiles_of_a_region(self):
+        self.assertEqual(self.urls("sldem2013", "--bounds", "26.2", "26.8", "3.2", "3.8"),
+                         ["DTM_MAP_01_N27E003N26E004SC.lbl", "DTM_MAP_01_N27E003N26E004SC.img"])
+        across = self.urls("sldem2013", "--bounds", "-1", "1", "359", "361")
+        self.assertEqual([n for n in across if n.endswith(".img")],
+                         ["DTM_MAP_01_N01E359N00E000SC.img", "DTM_MAP_01_N01E000N00E001SC.img",
+                          "DTM_MAP_01_N00E359S01E000SC.img", "DTM_MAP_01_N00E000S01E001SC.img"])
+        self.assertEqual(self.urls("kaguya-seamless", "--bounds", "26", "26.5", "3.1", "4")[0], "DTM_MAPs02_N27E003N24E006SC.lbl")
+        self.assertEqual(self.urls("sldem2015", "--bounds", "-5", "-4", "44", "46"),
+                         [f"SLDEM2015_512_30S_00S_{x}_FLOAT.{e}" for x in ("000_045", "045_090") for e in ("LBL", "IMG")])
+
+    def test_nothing_is_asked_twice(self):
+        for product in ("sldem2013", "kaguya-seamless", "sldem2015"):
+            urls = self.urls(product, "--bounds", "-2", "2", "-180", "180")
+            self.assertEqual(len(urls), len(set(urls)))
+
+    def test_wrong_requests(self):
+        for arguments, said in ((("sldem2013", "--site", "A"), "has tiles: give --bounds"),
+                                (("nac", "--bounds", "0", "1", "0", "1"), "has named files: give --site"),
+                                (("lola", "--site", "LDEM_3"), "unknown; known are LDEM_4"),
+                                (("sldem2013", "--bounds", "1", "0", "0", "1"), "south below north"),
+                                (("sldem2015", "--bounds", "70", "80", "0", "1"), "ends at 60 degrees")):
+            done = subprocess.run([sys.executable, TOOL, "get", *arguments, "-o", "unused", "--dry-run"], capture_output=True, text=True,
+                                  check=False)
+            self.assertEqual(done.returncode, 1, arguments)
+            self.assertIn(said, done.stderr)
+
+
+if __name__ == "__main__":
+    harness.main()
