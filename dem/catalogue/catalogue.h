@@ -13,7 +13,7 @@
 
 namespace selenograph::dem {
 
-// How layers of different resolution are joined: see layer_edges.h.
+// Parameters for joining layers of different resolution: see layer_edges.h.
 struct LayerJoins {
   double blend_posts = 16;          // width of the band, in posts of the coarser layer; 0: layers end as they are
   std::vector<double> offsets_m{};  // added to the heights of each raster, by index; empty: none
@@ -21,12 +21,11 @@ struct LayerJoins {
 
 class Catalogue {
  public:
-  // `paths` are files, folders (searched recursively), or GeoTIFFs on a network by GDAL's names
-  // ("/vsicurl/https://...", where allow_remote_files() lets them). Label and data of one PDS product are one entry. A
-  // file named explicitly that can't be used throws DataError; one found in a folder becomes a problem. Throws
-  // SystemFault where the system, or a connection, is at fault. Entries are sorted from coarse to fine, then by name: a
-  // later entry wins over an earlier one where both have a valid post. What is found is the same with a saved catalogue
-  // and without.
+  // `paths` are files, folders (searched recursively), or remote GeoTIFFs by GDAL's names ("/vsicurl/https://...", as
+  // permitted by allow_remote_files()). Label and data of one PDS product are one entry. A file named explicitly that
+  // cannot be used throws DataError; one found in a folder becomes a problem. Throws SystemFault when the system or a
+  // connection fails. Entries are sorted from coarse to fine, then by name: a later entry takes precedence where both
+  // have a valid post. A saved catalogue does not change the result.
   explicit Catalogue(const std::vector<std::string>& paths, const CatalogueOptions& options = {});
   // For tests, and for callers that know their files.
   explicit Catalogue(std::vector<RasterInfo> rasters);

@@ -1,12 +1,12 @@
 // Terrain detail finer than the posts: craters and relief added to heights, level by level.
 //
-// A level shows an octave of craters when its posts are at most a quarter of the octave's smallest diameter apart, and
-// an octave of relief when they are at most a quarter of its wavelength apart. What a level shows it has exactly: the
-// height at a vertex is a function of the place, of the preset and of the level. To posts of a DEM octaves are added
-// that reach up to about twice their spacing: what is larger the posts can show.
+// A level shows an octave of craters when the spacing of its posts is at most a quarter of the octave's smallest
+// diameter, and an octave of relief when it is at most a quarter of its wavelength. What a level shows is exact: the
+// height at a vertex is a function of place, preset and level. Posts of a DEM get octaves of up to about twice their
+// spacing; larger features are in the posts themselves.
 //
-// Craters of one octave don't add up: of cavities the deepest counts, of rims the highest. So an octave's part lies
-// between bounds, whatever the population, and the bound of what a level leaves out follows.
+// Craters of one octave are not summed: the deepest cavity and the highest rim count. The contribution of an octave is
+// therefore bounded for any population, and so is what a level omits.
 #pragma once
 
 #include <cstdint>

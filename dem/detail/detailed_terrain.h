@@ -1,11 +1,11 @@
 // Blocks finer than the posts: the surface of the posts, interpolated smoothly, with craters and relief.
 //
-// Between posts the surface is Catmull-Rom's bicubic through them (linear along the triangles beside voids), so that it
-// has no facets. All of it is a function of the place and the level: blocks agree on their borders to the bit, whoever
-// makes them. A detail is shown where the posts are too far apart for it (detail.h): what they can show they have. And
-// it keeps what they say: before they are interpolated, the detail's mean over each post's cell is taken from the post,
-// so that means over cells of the ground with detail are those of the ground without (unit.detail says how nearly).
-// Where a finer layer lies over a coarser one, each place has the ground of its own layer's posts (layered_posts.h).
+// Between posts the surface is bicubic (Catmull-Rom; linear along the triangles next to no-data), so that it has no
+// facets. It is a function of place and level only: blocks agree on their borders to the bit. Only detail below the
+// resolution of the posts is added (detail.h), and the posts' information is preserved: before interpolation, the
+// detail's mean over each post's cell is subtracted from the post, so that means over cells are the same with and
+// without detail (unit.detail has the accuracy). Where a finer layer overlaps a coarser one, each place has the ground
+// of its own layer's posts (layered_posts.h).
 #pragma once
 
 #include <memory>

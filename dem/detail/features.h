@@ -1,8 +1,8 @@
 // The craters of a detail that the terrain shows: ground truth for crater detectors.
 //
-// The detail's law says which craters there are, the DEM's posts which of them the terrain shows (detail.h). It is
-// decided for each crater by the posts at its centre. A crater across the border of the data is cut by it, one across
-// the band between layers (layered_posts.h) ends within it: its rim_share says so.
+// The detail's law defines the craters; the DEM's posts determine which of them the terrain shows (detail.h), for each
+// crater by the posts at its centre. A crater across the border of the data is cut off there, and one across the band
+// between layers (layered_posts.h) ends within it: rim_share gives the part that is left.
 #pragma once
 
 #include <span>

@@ -1,10 +1,10 @@
-// Decides which layer's posts ground with detail is made of, where layers of different resolution overlap.
+// Selects the layer whose posts ground with detail is made from, where layers of different resolution overlap.
 //
-// Within the outlines of a layer's files it is that layer's, and beyond them the next coarser one's, with all the
-// detail that the coarser posts are too far apart for. Posts go from one to the other over a band outside of the
+// Within the outlines of a layer's files the ground is that layer's; beyond them it is the next coarser layer's, with
+// all detail that the coarser posts cannot resolve. Posts change from one to the other over a band outside the
 // outlines, from composed posts to the coarser layer's own curved surface. The coarser layer's detail ends where its
-// posts do: over the band inside in which they are blended into the finer layer (layer_edges.h), or over the one
-// outside where there is none.
+// posts do: over the band inside the outlines in which they are blended into the finer layer (layer_edges.h), or over
+// the outer band if there is none.
 #pragma once
 
 #include <memory>
@@ -30,7 +30,7 @@ class LayeredPosts {
   struct Layer {
     int level;          // level of its posts
     double band_m = 0;  // beyond its outlines
-    // Its own files and all finer ones; empty for a block's first layer, which is below the others.
+    // Files of this layer and of all finer ones; empty for the coarsest layer of a block.
     std::vector<int> files{};
   };
   using Layers = std::shared_ptr<const std::vector<Layer>>;
@@ -51,7 +51,7 @@ class LayeredPosts {
     friend class LayeredPosts;
     struct File {
       int number;
-      bool blended;  // over a band of its own
+      bool blended;  // has its own blending band
       std::optional<LayerEdges::Shares> beneath;
     };
     const LayeredPosts* layers_ = nullptr;

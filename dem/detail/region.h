@@ -1,4 +1,4 @@
-// Where a preset's detail is: everywhere, or within a polygon.
+// The region of a preset's detail: everywhere, or within a polygon.
 #pragma once
 
 #include <memory>

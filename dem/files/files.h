@@ -13,7 +13,7 @@ namespace selenograph::dem {
 struct FileState {
   std::uint64_t bytes = 0;
   std::int64_t modified_ns = 0;
-  std::int64_t changed_ns = 0;  // of content, name, owner or mode: it can't be set as modified_ns can; 0: unknown
+  std::int64_t changed_ns = 0;  // of content, name, owner or mode; unlike modified_ns it cannot be set; 0: unknown
   bool operator==(const FileState&) const = default;
 };
 // Empty: missing, or not a file. Throws SystemFault when the system cannot tell.

@@ -26,7 +26,7 @@ struct FileStamp {
 // Empty when the system cannot tell.
 std::optional<FileStamp> stamp_of(const std::string& path);
 
-// A listing of one folder: names only, no file is looked at but where the folder doesn't say what is a file.
+// A listing of one folder: names only; a file is examined only if the folder does not give its type.
 class FolderFiles {
  public:
   // Appends subfolders to `folders`. Throws SystemFault when the system is at fault; other errors are returned by
@@ -45,7 +45,7 @@ class FolderFiles {
   // "folder/name".
   std::string path_of(std::string_view name) const;
 
-  // All entries of the same group: what is known of a file may depend on any of them.
+  // All entries of the same group: properties of a file may depend on any of them.
   std::span<const FolderEntry> group_of(const FolderEntry& entry) const;
   // Changes whenever one of them is added, removed or changed. Empty when the system cannot tell. Thread-safe.
   std::optional<FileStamp> stamp(const FolderEntry& entry) const;

@@ -14,7 +14,7 @@
 
 namespace selenograph::dem {
 
-// The right-hand side of `KEYWORD = ...`. Quotes are taken off; a sequence or set has several items.
+// The right-hand side of `KEYWORD = ...`. Quotes are removed; a sequence or set has several items.
 struct PdsValue {
   std::vector<std::string> items;
   std::string unit;  // the text between < and >, of the last item that has one
@@ -35,7 +35,7 @@ struct PdsObject {
 };
 
 // Both throw DataError naming `path` and, for bad syntax, the line. Anything without PDS_VERSION_ID is not a label.
-// Reading stops at END, so that the pixels behind an attached label are never looked at.
+// Reading stops at END, so that the pixels after an attached label are never read.
 PdsObject parse_pds_label(std::string_view text, const std::string& path);
 PdsObject read_pds_label(const std::string& path);
 

@@ -27,7 +27,7 @@ struct RasterInfo {
   std::string format;  // "PDS3 Kaguya", "PDS3 LOLA", "GTiff", ...
   int width = 0, height = 0;
   PostGrid grid;
-  // The rest of where posts lie follows from size and grid: see set_grid.
+  // Members from here to lattice_level are derived from size and grid: see set_grid.
   double posts_per_degree = 0;   // along a meridian; for a projected raster at the centre of projection
   double post_spacing_m = 0;     // along a meridian on the sphere
   Footprint footprint;           // tight around the posts (outermost posts are on its border)
@@ -49,9 +49,9 @@ struct RasterInfo {
   }
 };
 
-// Gives a raster of known size its grid and everything that follows from it. A geographic grid that repeats its first
-// meridian (0 and 360) loses the copy. Throws DataError naming the file when the grid is no map of the Moon: numbers
-// that aren't finite, posts more than 30 degrees or less than 2^-20 degree apart, more than 2^24 along a side.
+// Sets the grid of a raster of known size, and everything derived from it. A geographic grid that repeats its first
+// meridian (0 and 360) loses the copy. Throws DataError naming the file when the grid is not a valid map of the Moon:
+// non-finite numbers, posts more than 30 degrees or less than 2^-20 degree apart, more than 2^24 along a side.
 void set_grid(RasterInfo& info, const PostGrid& grid);
 
 // Lattice level at which a file's posts are (nearly) vertices.

@@ -6,8 +6,8 @@
 
 namespace selenograph::dem {
 
-// Writes `bytes` under a temporary name, flushes and renames; what can't be is removed again. Throws SystemFault naming
-// the path.
+// Writes `bytes` under a temporary name, flushes and renames; on failure the temporary file is removed. Throws
+// SystemFault naming the path.
 void write_whole_file(const std::string& path, std::string_view bytes);
 
 // Throws SystemFault if write_whole_file() to this folder would: creates the folder if missing, and writes a byte.

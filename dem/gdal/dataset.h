@@ -13,7 +13,7 @@ namespace selenograph::dem {
 // different threads. A VRT's sources are opened when they are read.
 class OpenOptions {
  public:
-  // `remote`: of a file on a network not even the names of those that may lie beside it are asked for.
+  // `remote`: for a remote file, not even the names of neighbouring files are requested.
   explicit OpenOptions(bool remote) { set(remote ? "EMPTY_DIR" : "TRUE", "FALSE"); }
   ~OpenOptions() { set(nullptr, nullptr); }
   OpenOptions(const OpenOptions&) = delete;

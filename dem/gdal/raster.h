@@ -1,9 +1,9 @@
 // One DEM file, opened for reading posts.
 //
-// Pixel coordinates here are *post* coordinates: (x, y) = (0, 0) is the position of the first post, whatever the
-// product's registration (a pixel-is-area product's post lies at its pixel's centre). x grows along a row, y down the
-// rows. Heights are metres above the sphere of 1 737 400 m; products given as planetary radius are converted here;
-// scale, offset and byte order are obeyed; no-data (DUMMY, NoData, NaN, what can't be a height) reads as NaN.
+// Pixel coordinates here are *post* coordinates: (x, y) = (0, 0) is the first post, for any registration of the product
+// (a pixel-is-area product's post lies at its pixel's centre). x grows along a row, y down the rows. Heights are metres
+// above the sphere of 1 737 400 m; products given as planetary radius are converted here; scale, offset and byte order
+// are applied; no-data (DUMMY, NoData, NaN, impossible heights) reads as NaN.
 #pragma once
 
 #include <memory>
@@ -16,12 +16,12 @@
 namespace selenograph::dem {
 
 // Reads a file's metadata without reading posts. Throws DataError naming the file, SystemFault when the system or a
-// connection is at fault. `files`: the label and its data, or the file itself, are appended. A file that is just being
-// written is waited for briefly: later changes give times other than those in `stamp`.
+// connection is at fault. `files`: the label and its data, or the file itself, are appended. Waits briefly for a file
+// that is being written, so that later changes give times other than those in `stamp`.
 RasterInfo inspect_raster(const std::string& path, std::vector<std::string>* files = nullptr);
 
-// The same for a file whose data are missing or truncated while its label is valid: `damage` tells why. Requests that
-// need its posts then fail and name it, instead of finding nothing there.
+// The same for a file whose data are missing or truncated while its label is valid: `damage` gives the reason. Requests
+// that need its posts then fail and name it, instead of finding no data.
 RasterInfo inspect_damaged_raster(const std::string& path);
 
 // Version of GDAL, on which the interpretation of a file also depends.
@@ -41,8 +41,7 @@ class Raster {
 
   // Reads columns x0 .. x0 + w-1 and rows y0 .. y0 + h-1 into heights[h][w] (row-major). Posts outside the file are
   // NaN, except that x wraps on a raster that wraps, and rows just beyond a pole of a global raster continue on the
-  // opposite meridian. Throws DataError when the file can't be read, or was not the same until the end; SystemFault as
-  // above.
+  // opposite meridian. Throws DataError when the file cannot be read or has changed meanwhile; SystemFault as above.
   void read(int x0, int y0, int w, int h, float* heights_m);
 
   // Whether its files, and those of a VRT, are unchanged since it was opened. Remote files are not checked: that would

@@ -13,7 +13,7 @@
 namespace selenograph::dem {
 
 struct ValueMapOptions {
-  std::string path;        // of a format that the README names
+  std::string path;        // in a format listed in the README
   std::vector<int> bands;  // from 1: the value is their mean; empty: all but alpha
   // For a raster without georeferencing: its outer borders, row 0 in the north.
   std::optional<Footprint> extent;

@@ -82,7 +82,7 @@ struct Block {
     return {radius * cos_lat[row] * cos_lon[col], radius * cos_lat[row] * sin_lon[col], radius * sin_lat[row]};
   }
   std::size_t bytes() const {
-    // Of vertices as the heap has them, who rounds arrays of their size up by a fifth.
+    // Vertices as allocated: the heap rounds arrays of their size up by a fifth.
     return sizeof(Block) + ::malloc_usable_size(const_cast<Vertex*>(vertices.data())) +
            sources.size() * sizeof(SourceMark) + ground.size() + 8 * 2 * (sin_lat.size() + sin_lon.size());
   }

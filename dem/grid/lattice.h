@@ -54,9 +54,9 @@ int lon_shift(int level, int row);
 int columns_of(int level, int row);
 BlockExtent extent_of(const BlockId& id);
 
-std::vector<BlockId> children_of(
-    const BlockId& id);                             // 1 below the root level, else 2 to 4; south to north, west to east
-BlockId ancestor_of(const BlockId& id, int level);  // level <= id.level
+// From south to north and west to east: one child if id.level < kRootLevel, else 2 to 4.
+std::vector<BlockId> children_of(const BlockId& id);
+BlockId ancestor_of(const BlockId& id, int level);                          // level <= id.level
 BlockId block_at(int level, std::int32_t lat_tick, std::int32_t lon_tick);  // the pole belongs to the last row
 
 std::int32_t wrap_lon(std::int64_t lon_tick);  // into [0, kLonTicks)

@@ -5,13 +5,13 @@
 // 1964): 3 x 3, or 5 x 5 where quantisation would still leave more than kQuantisationSlope of noise (standard
 // deviation) in the small one. Positions stay on the posts as they are: only shading is smoothed.
 //
-// So it is where vertices are the posts. Heights of a filtered level are smoothed already, by the pyramid's low-pass,
-// and normals are smoothed once more where they are interpolated between vertices. A plane through 3 x 3 of them
-// smooths a third time: at one post per pixel that was most of the radiance error. A filtered level's slopes are
-// therefore differences along the row and the column of a vertex alone, of weights (1, -6, 0, 6, -1) / 8. Such a
-// difference has the frequency response 1 + w^2 / 12 + O(w^4); to second order it undoes the low-pass, whose variance
-// tends to 1/6 of a squared post spacing. Measured on Hadley's heights, interpolated, that is as near to the truth as
-// the mean of the finest posts' slopes over each vertex's cell, which would have to be stored.
+// This applies where vertices are posts. Heights of a filtered level are already smoothed by the pyramid's low-pass,
+// and normals are smoothed again by interpolation between vertices. A plane through 3 x 3 vertices would smooth a third
+// time: at one post per pixel that was most of the radiance error. Slopes of a filtered level are therefore differences
+// along the row and the column of a vertex only, with weights (1, -6, 0, 6, -1) / 8. Such a difference has the
+// frequency response 1 + w^2 / 12 + O(w^4); to second order it inverts the low-pass, whose variance tends to 1/6 of a
+// squared post spacing. Measured on interpolated heights of Hadley, this is as accurate as the mean of the finest
+// posts' slopes over each vertex's cell, which would have to be stored.
 #pragma once
 
 #include <span>

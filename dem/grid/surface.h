@@ -1,8 +1,7 @@
 // The surface between posts: plane triangles, two per quad, intersected by rays from the Moon's centre.
 //
-// A quad's diagonal runs from its south-east to its north-west vertex. The mesh is star-shaped about the centre: every
-// direction meets one triangle, whatever the lattice's curvature, and that is what "which triangle contains this place"
-// means.
+// A quad's diagonal runs from its south-east to its north-west vertex. The mesh is star-shaped about the centre: each
+// direction intersects exactly one triangle, for any curvature of the lattice; that triangle contains the place.
 #pragma once
 
 #include <optional>

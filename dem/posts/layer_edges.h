@@ -1,18 +1,18 @@
 // Blending of layers of different resolution: the share of the coarser layer near the border of a finer one.
 //
-// Rasters of equal resolution are one layer: they never blend among each other. Those of them that lie on one grid and
-// touch are a group, and have one band. Beside each place where a group has no post and a coarser layer has one, the
-// share of the coarser layer falls smoothly from 1 to 0:
-//  - over the band, beside what is at least about a tenth of the band wide: the outline, a large hole;
-//  - beside a smaller hole over about two to seven times its width. A hole of one post shall not cost the posts of a
-//    whole band around it, and a hole is bridged the more easily, the smaller it is.
-// Nothing shows through where there is nothing beneath: an outermost border stays as it is.
+// Rasters of equal resolution are one layer and are not blended with each other. Rasters of a layer that lie on one
+// grid and touch are a group, which has one band. Next to places where a group has no post and a coarser layer has one,
+// the share of the coarser layer falls smoothly from 1 to 0:
+//  - over the band, next to gaps at least about a tenth of the band wide: the outline, large holes;
+//  - over about two to seven times the width of a smaller hole. A hole of one post must not cost the posts of a whole
+//    band around it, and smaller holes are bridged more easily.
+// Without a coarser layer below there is no blending: an outermost border stays unchanged.
 //
-// The shares are made on the group's own posts, octave by octave. Octave j has cells of 2^j x 2^j posts; a cell is open
-// when none of 16 posts of it, evenly spread, is valid, and something lies beneath. The share of a cell follows from
-// the distance to the nearest open cell of the octave, and the octaves' shares are joined as 1 - (1 - a)(1 - b) on the
-// way to the posts, by the subdivision of quadratic B-splines (Chaikin 1974): the result is C1 everywhere, exactly 0
-// where no open cell is near, and a function of the place alone, whatever window asks.
+// The shares are computed on the group's own posts, octave by octave. Octave j has cells of 2^j x 2^j posts; a cell is
+// open when none of 16 evenly spread posts is valid and a coarser layer covers it. The share of a cell follows from the
+// distance to the nearest open cell of the octave. Shares of octaves are combined as 1 - (1 - a)(1 - b) while they are
+// refined to the posts by subdivision of quadratic B-splines (Chaikin 1974): the result is C1 everywhere, exactly 0
+// where no open cell is near, and a function of the place only, independent of the window.
 #pragma once
 
 #include <atomic>
@@ -52,8 +52,8 @@ class LayerEdges {
 
    private:
     friend class LayerEdges;
-    int octave_ = 0;                              // of the control points: 0: one for each post of the file
-    std::int64_t shift_x_ = 0, shift_y_ = 0;      // otherwise: of the file's posts among the sheet's
+    int octave_ = 0;                              // of the control points; 0: one per post of the file
+    std::int64_t shift_x_ = 0, shift_y_ = 0;      // otherwise: position of the file's first post in the sheet
     std::int64_t x0_ = 0, y0_ = 0, columns_ = 0;  // of the control points
     std::vector<float> points_;
   };
@@ -76,7 +76,7 @@ class LayerEdges {
   enum class Octaves { all, coarsest };
   std::optional<Shares> shares_of(int source, int x0, int y0, int w, int h, Octaves octaves,
                                   std::vector<SourceIndex>& unusable) const;
-  struct Found {  // once they are needed
+  struct Found {  // created on first use
     Found(const Catalogue& catalogue, const ValidPosts& posts)
         : groups(find_groups(catalogue)), cells(catalogue, groups, posts) {}
     LayerGroups groups;

@@ -53,12 +53,12 @@ struct LayerGroup {
   int sheet = 0;
   std::vector<int> sources;
   std::int64_t x0 = 0, y0 = 0, x1 = 0, y1 = 0;  // in posts of the sheet
-  // Once settled:
+  // Valid once settled:
   Once once;
   double spacing_ratio = 1;  // post spacing of the finest coarser layer below it, over its own
   double band_posts = 0;
   int octave = 0;    // octave of the band
-  double cells = 1;  // width of the band
+  double cells = 1;  // width of the band in cells of that octave, less a margin
 };
 
 struct LayerGroups {

@@ -1,9 +1,9 @@
 // Divides the quadtree into chunks, determines their levels of posts, and joins heights where levels differ.
 //
-// Between posts that are far apart the finest surface is triangles; where finer posts lie beside, a coarse layer's
-// surface between its own posts is bicubic. On the border of both the finer side takes the coarser one's edges
-// (terrain.h). They are metres apart where a global layer of 2 km goes on into a chunk of 5 m posts: a wall one fine
-// post wide. So the coarse layer's heights go over from one to the other within a quad of the coarser side.
+// Between widely spaced posts the finest surface consists of triangles; next to finer posts, the coarse layer's surface
+// between its own posts is bicubic. On their common border the finer side takes the coarser side's edges. The two
+// surfaces differ by metres where a global layer of 2 km adjoins a chunk of 5 m posts: a wall one fine post wide. The
+// coarse layer's heights therefore change from one to the other within a quad of the coarser side.
 #pragma once
 
 #include <array>
@@ -21,7 +21,7 @@
 namespace selenograph::dem {
 
 // A chunk starts at one of these levels and reaches at most kChunkOctaves finer: one file stays below 100 MB, and a
-// frame of a small area of fine posts doesn't read the 4-degree tile around it.
+// frame of a small area of fine posts need not read the 4-degree tile around it.
 inline constexpr std::array<int, 3> kStrata{kRootLevel, 6, 12};
 inline constexpr int kChunkOctaves = 6;
 

@@ -30,7 +30,7 @@ struct Place {
   }
 };
 
-// Catmull-Rom, exact for a linear slope; bilinear where a void is among the sixteen posts. NaN beside voids. The patch
+// Catmull-Rom, exact for a linear slope; bilinear if no-data is among the sixteen posts. NaN next to no-data. The patch
 // must hold columns x-1 .. x+2 and rows y-1 .. y+2 around the place.
 float interpolate(const PostPatch& patch, const Place& px, const Place& py);
 

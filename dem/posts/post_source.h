@@ -1,9 +1,9 @@
 // Composes the finest posts over a window of the lattice from all layers that cover it.
 //
-// The finest valid layer wins; no-data is filled from the next coarser layer. What is still missing between valid posts
-// is interpolated and flagged. Beside its border a layer is blended into those beneath (layer_edges.h): its own height
-// h becomes (1 - e) h + e b, where b is what the coarser layers alone give there, blended likewise.
-// A product whose posts lie on the lattice is copied; any other is interpolated (post_patch.h).
+// The finest valid layer wins; no-data is filled from the next coarser layer. Remaining gaps between valid posts are
+// interpolated and flagged. Near its border a layer is blended into the coarser ones (layer_edges.h): its height h
+// becomes (1 - e) h + e b, where b is the height from the coarser layers alone, blended likewise. A product whose posts
+// lie on the lattice is copied; any other is interpolated (post_patch.h).
 #pragma once
 
 #include <cstdint>

@@ -33,8 +33,8 @@ struct PostGridRows {
   std::vector<SourceIndex> replaced{};
 };
 
-// No-data is interpolated when valid posts lie on two opposite sides within this many posts: 240 m at SLDEM2013's
-// 4096 px/deg, which closes what stereo matching loses in small shadows and leaves real gaps as gaps.
+// No-data is interpolated when valid posts lie on two opposite sides within this many posts: 240 m at SLDEM2013's 4096
+// px/deg, which closes gaps of stereo matching in small shadows and leaves real gaps open.
 inline constexpr int kFillReach = 32;
 
 }  // namespace selenograph::dem

@@ -24,15 +24,15 @@ class ValidPosts {
             std::vector<SourceIndex>& unusable) const;
 
   // Adds to the cover of places: kInside where the nearest post is a valid one of the file, kBeside less than a post
-  // outside of a valid outermost one. Tiles of one product leave a gap of a post between them: what is beside two of
-  // them lies between.
+  // outside a valid outermost one. Tiles of one product leave a gap of one post between them: a place beside two of
+  // them is in that gap.
   static constexpr char kBeside = 1, kInside = 2;
-  enum class Reach { none, half_a_post };  // of a file beyond its outermost posts
+  enum class Reach { none, half_a_post };  // extent of a file beyond its outermost posts
   void cover(int source, const std::vector<Geographic>& places, Reach reach, std::vector<char>& cover,
              std::vector<SourceIndex>& unusable) const;
 
  private:
-  // A place by the post of a file that is nearest to it.
+  // A place and the nearest post of a file.
   struct Near {
     std::size_t place;
     int x, y;

@@ -97,7 +97,7 @@ class WindowMapping {
     return places_[static_cast<std::size_t>(r) * static_cast<std::size_t>(cols()) + static_cast<std::size_t>(c)];
   }
 
-  // The part of the file that the window needs, with the kernel's margin; empty (w = 0) when they don't meet.
+  // The part of the file that the window needs, with the kernel's margin; empty (w = 0) if they do not overlap.
   struct Box {
     int x0, y0, w, h;
   };

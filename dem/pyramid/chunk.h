@@ -2,10 +2,10 @@
 //
 // Level k keeps every 2^k-th position, low-pass filtered per octave by the binomial [1 2 1]/4 in both directions, so
 // that a coarse mesh is the band-limited surface. Each block stores the largest vertical distance from its surface to
-// the finest one (by the same triangles that are rendered), and the lowest and highest height. Of blocks of the posts
-// themselves the file holds only these: their heights are read from the sources.
+// the finest one (by the same triangles that are rendered), and the lowest and highest height. For blocks at the posts'
+// own level the file holds only these: their heights are read from the sources.
 //
-// Its bytes are in chunk_format.h. A file appears whole or not at all (temporary name, fsync, rename).
+// The format is in chunk_format.h. Files are written atomically (temporary name, fsync, rename).
 #pragma once
 
 #include <cstdint>

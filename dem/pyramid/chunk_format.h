@@ -21,9 +21,9 @@ namespace selenograph::dem::format {
 
 inline constexpr char kMagic[8] = {'S', 'G', 'P', 'Y', 'R', 'A', 'M', '2'};
 
-// Heights of filtered levels are whole multiples of this. A power of two, so that they are exact as float; the slope
-// between two posts is known to 0.0006 or better, and 16 bits of it reach over 28 degrees across a block. It follows
-// from the level alone: blocks that meet agree on their border.
+// Step of the heights of filtered levels: a power of two, so that they are exact as float. Up to level 12 the slope
+// between two posts is known to 0.0006 or better; 16 bits cover a slope of over 28 degrees across a block, or all lunar
+// heights. The step depends on the level only: adjacent blocks agree on their border.
 inline double height_step_m(int level) { return std::clamp(std::ldexp(1.0, 4 - level), 1.0 / 256, 0.5); }
 inline constexpr std::uint16_t kVoidSteps = 65535;
 

@@ -1,8 +1,8 @@
 // Impact craters of the sample terrain: number, size, age and shape.
 //
-// A population is a pure function of the seed: it is drawn per octave of diameter and per cell of the sphere, so
-// whoever asks about a place meets the same craters, whatever the extent or resolution asked for. Metres, unit
-// directions in MOON_ME, degrees at the border.
+// A population is a pure function of the seed: it is drawn per octave of diameter and per cell of the sphere, so that
+// the craters at a place do not depend on the extent or resolution requested. Metres, unit directions in MOON_ME,
+// degrees in interfaces.
 #pragma once
 
 #include <cstdint>
@@ -29,8 +29,8 @@ class SplitMix {
 
 std::uint64_t mix(std::uint64_t a, std::uint64_t b);
 
-// Gradient noise in three dimensions (Perlin 2002), about -1..1, of unit wavelength. Noise on a sphere is taken from
-// 3-D, where neither the date line nor a pole is a special place.
+// Gradient noise in three dimensions (Perlin 2002), about -1..1, of unit wavelength. Noise on a sphere is sampled in
+// 3-D, without singularities at the date line or the poles.
 double gradient_noise(double x, double y, double z, std::uint64_t seed);
 
 double smoothstep(double from, double to, double x);
@@ -92,7 +92,7 @@ class CraterShape {
 
   struct Trace {
     double height_m = 0;  // added to the existing height
-    double keep = 1;      // the share of older relief of its own size and smaller that survives
+    double keep = 1;      // share of older relief that survives: see Layers
   };
   Trace trace(double east_m, double north_m) const;
   double reach_m() const { return reach_m_; }
@@ -117,7 +117,7 @@ class CraterShape {
   double cosine_[kMostHarmonics + 1] = {}, sine_[kMostHarmonics + 1] = {};
 };
 
-// Reach of a crater's ejecta from its centre, in radii.
+// Upper bound on the reach of a crater's ejecta from its centre, in radii.
 double crater_reach_radii(double diameter_m);
 
 }  // namespace selenograph::dem::sample

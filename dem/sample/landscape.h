@@ -9,10 +9,9 @@
 
 namespace selenograph::dem::sample {
 
-// Height at one post, split by the size of the relief it belongs to: layer 0 is what no crater erases, layer o + 1 goes
-// with craters of octave o. A new crater erases older relief of its own size and smaller, and merely lies on the
-// larger. That makes superposition a matter of each post alone: no crater needs the height anywhere else, so tiles
-// can't disagree.
+// Height at one post, split by the size of the relief: layer 0 is never erased, layer o + 1 has relief of the size of
+// craters of octave o. A new crater erases older relief of up to twice its own size, and is added to larger relief.
+// Superposition is therefore local to each post: no crater needs heights elsewhere, so tiles cannot disagree.
 struct Layers {
   std::array<float, 16> m{};
   double sum() const {
@@ -28,9 +27,9 @@ class Landscape {
  public:
   explicit Landscape(std::uint64_t seed) : seed_(mix(seed, 77)) {}
 
-  // Highlands that sink into a basin where the lowest frequencies say so.
+  // Lays highlands, with basins from the lowest frequencies of a noise.
   void lay_highlands(const Vec3& p_m, Layers& layers) const;
-  // Lava fills the basin up to its level and buries what lies below, small relief and all.
+  // Fills the basins with lava up to its level, which buries everything below, including small relief.
   void flood_maria(const Vec3& p_m, Layers& layers) const;
 
  private:

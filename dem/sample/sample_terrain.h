@@ -22,9 +22,10 @@ struct SampleOptions {
 };
 
 // Writes tiles (.img big-endian int16, .lbl detached PDS3 with CRLF) into `folder`, created if missing; returns the
-// label paths. Same options, same bytes. Each file appears whole (temporary name, then rename). `progress` gets 0..1,
-// from the calling thread. Tiles are drawn independently: a tile has the same bytes alone and in any mosaic, and its
-// neighbours meet it. Throws std::invalid_argument for impossible options, DataError where a file can't be written.
+// label paths. Equal options give equal bytes. Each file is written atomically (temporary name, then rename).
+// `progress` gets 0..1, from the calling thread. Tiles are independent: a tile has the same bytes alone and in any
+// mosaic, and agrees with its neighbours. Throws std::invalid_argument for impossible options, DataError when a file
+// cannot be written.
 std::vector<std::string> write_sample_terrain(const std::string& folder, const SampleOptions& options,
                                               const std::function<void(double)>& progress = {});
 

@@ -20,7 +20,7 @@ struct CraterInBlock {
   const CraterShape* shape;
 };
 
-// Heights of a tile, block by block. The height of a post follows from its place and the seed alone.
+// Heights of a tile, block by block. The height of a post depends on its place and the seed only.
 class TileTerrain {
  public:
   TileTerrain(const Tile& tile, std::uint64_t seed);

@@ -54,7 +54,7 @@ class ImpossibleRequest : public std::runtime_error {
   std::string member_;
 };
 
-// A request needs more terrain than the memory for scenes holds.
+// A request needs more terrain than its memory budget holds, or more sources than the product `source` can number.
 class TooMuchTerrain : public ImpossibleRequest {
  public:
   using ImpossibleRequest::ImpossibleRequest;

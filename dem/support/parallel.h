@@ -1,7 +1,7 @@
-// Loops over all cores of the caller's task arena (in_arena), or on threads of their own (on_own_threads).
+// Loops over all cores of the caller's task arena (in_arena), or on their own threads (on_own_threads).
 //
-// Isolated: a thread that waits here for the loop's end doesn't pick up unrelated work meanwhile, which could be
-// another client's frame or could wait for the very thing that this thread is loading.
+// Loops are isolated: a thread that waits for the end of a loop does not start unrelated work meanwhile, which could be
+// another client's frame or wait for the data that this thread is loading.
 //
 // Under ThreadSanitizer the loops run on plain threads. Debian's oneTBB is not instrumented: with it every hand-over
 // between tasks looks like a race, and suppressing those would hide the races of the loops' bodies with them.

@@ -9,7 +9,7 @@
 // machines use NEON, or none.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 
-// Before a loop over lanes: its iterations don't touch each other's memory.
+// Precedes a loop over lanes whose iterations do not access each other's memory.
 #if defined(__clang__)
 #define SELENOGRAPH_INDEPENDENT_LANES _Pragma("clang loop vectorize(assume_safety)")
 #elif defined(__GNUC__)

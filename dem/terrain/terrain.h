@@ -19,7 +19,7 @@ namespace selenograph::dem {
 class Detail;
 
 struct TerrainOptions {
-  std::string cache_dir;                           // folder of pyramids; empty: nothing is written
+  std::string cache_dir;                           // empty: nothing is written, pyramids are rebuilt when needed
   std::size_t cache_bytes = std::size_t{1} << 30;  // memory for blocks and pyramids
   // Treatment of a corrupt, truncated or missing file: an error that names it (false), or the next coarser layer and a
   // warning (true).
@@ -98,8 +98,8 @@ class Terrain {
   // If node() would have to build first: wider bounds on the heights of the block and everything below, from a scan of
   // the files. Empty if node() need not build, or if a scan gives no bounds.
   virtual std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const = 0;
-  // Whether block() reads posts from a network: then do not call it within a loop, whose threads, and everybody who
-  // shares their arena, would wait for the network (on_own_threads).
+  // Whether block() reads posts from a network: then do not call it within a loop, whose threads, and all others of
+  // their arena, would wait for the network (on_own_threads).
   virtual bool waits_for_network(const BlockId& id) const = 0;
   // Null when the block has no valid post.
   virtual std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const = 0;

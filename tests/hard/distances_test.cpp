@@ -24,8 +24,8 @@
 namespace selenograph::test {
 namespace {
 
-constexpr int kSide = 48;  // pixels
-constexpr double kLat = 9.5, kLon = 30.5;
+constexpr int kSmallSide = 48;  // pixels
+constexpr double kTileLat = 9.5, kTileLon = 30.5;
 
 // What double allows: a few units in the last place of what is subtracted from each other, coordinates of the Moon's
 // radius and the range itself. (One is 2.3e-10 m at the Moon's radius and 6e-8 m at 400 000 km.) A plane that is met
@@ -84,7 +84,7 @@ class Distances : public ::testing::Test {
     return renderer_->terrain().height(g.lat_deg, g.lon_deg).height_m;
   }
   static Vec3 centre() {
-    const Vec3 place = to_cartesian({kLat, kLon, 0});
+    const Vec3 place = to_cartesian({kTileLat, kTileLon, 0});
     return place * (1 + ground_m(place) / kMoonRadius_m);
   }
 
@@ -99,7 +99,7 @@ class Distances : public ::testing::Test {
       position = to_cartesian({g.lat_deg, g.lon_deg, ground_m(position) + height_m});
     }
     engine::FrameRequest q = blank_request();
-    q.camera = square_camera(kSide, std::min(60.0, 2 * std::atan(5000 / height_m) / kDegree));
+    q.camera = square_camera(kSmallSide, std::min(60.0, 2 * std::atan(5000 / height_m) / kDegree));
     q.pose = looking(position, boresight, axes.north);
     q.accuracy.max_error_px = 0;
     q.products = engine::kPosition | engine::kRange;
@@ -109,7 +109,7 @@ class Distances : public ::testing::Test {
   static Errors errors_of(const engine::FrameRequest& q, const engine::FrameProducts& p) {
     const Pinhole pinhole{q.camera, q.pose};
     Errors e;
-    for (int i = 0; i < kSide * kSide; ++i) {
+    for (int i = 0; i < kSmallSide * kSmallSide; ++i) {
       const auto at = static_cast<std::size_t>(i);
       e.range_error_m.push_back(std::nan(""));
       const Vec3 position = at3(p.position, at);
@@ -136,7 +136,7 @@ class Distances : public ::testing::Test {
   static inline engine::Renderer* renderer_ = nullptr;
 };
 
-std::vector<double> heights_m() {
+std::vector<double> tile_heights_m() {
   std::vector<double> heights;
   for (double decade = 1; decade < 1e9; decade *= 10)
     for (const double h : {1.0, 2.0, 5.0})
@@ -148,7 +148,7 @@ std::vector<double> heights_m() {
 TEST_F(Distances, EveryHeightIsExactToRounding) {
   fmt::print("{:>10} {:>10} {:>9} {:>9} {:>9} {:>10} | default: {:>8} {:>9} {:>10} {:>8}\n", "height m", "m/pixel",
              "pixel px", "range m", "relative", "terrain m", "pixel px", "terrain m", "promised m", "px");
-  for (const double height : heights_m()) {
+  for (const double height : tile_heights_m()) {
     SCOPED_TRACE(height);
     engine::FrameRequest q = request_at(height, 20);
     const Errors e = errors_of(q, renderer().render(q).products);
@@ -159,7 +159,7 @@ TEST_F(Distances, EveryHeightIsExactToRounding) {
     fmt::print("{:10.0f} {:10.3g} {:9.1e} {:9.1e} {:9.1e} {:10.1e} | {:17.1e} {:9.1e} {:10.1e} {:8.3f}\n", height,
                m_per_px, e.px, e.range_m, e.range_m / e.farthest_m, e.off_terrain_m, d.px, d.off_terrain_m,
                coarse.report.lod_error_m, d.off_terrain_m / m_per_px);
-    EXPECT_EQ(e.hits, kSide * kSide) << "the view is of the tile";
+    EXPECT_EQ(e.hits, kSmallSide * kSmallSide) << "the view is of the tile";
     EXPECT_EQ(e.outlines, 0);
     // Across the ray, rounding is that of the position and of its difference from the camera.
     EXPECT_LT(e.px, 1e-12 * q.camera.fx + allowed_m / m_per_px);
@@ -214,7 +214,7 @@ TEST_F(Distances, HitsDoNotDependOnTheRayOrigin) {
   }
   const auto nearest = renderer().cast(rays, {});
   double worst = 0;
-  for (const double height : heights_m()) {
+  for (const double height : tile_heights_m()) {
     std::vector<engine::Ray> from = rays;
     for (engine::Ray& r : from) r.origin_m -= (height - 2) * r.direction;
     const auto hits = renderer().cast(from, {});
@@ -267,7 +267,7 @@ TEST_F(Distances, NoJumpWhereTheAnchorChanges) {
     SCOPED_TRACE(w.name);
     engine::FrameRequest q = request_at(w.height_m, w.tilt_deg);
     q.products |= engine::kLit;
-    q.sun.direction = local_sun(kLat, kLon, 120, 10);
+    q.sun.direction = local_sun(kTileLat, kTileLon, 120, 10);
     const Vec3 boresight = q.pose.camera_from_moon.conjugate() * Vec3::UnitZ();
     const Vec3 from = q.pose.position_m - w.step_m / 2;
     const double clearance_m = w.height_m / 2;  // on the same side of what the anchor's lattice asks as the frame's
@@ -294,7 +294,7 @@ TEST_F(Distances, NoJumpWhereTheAnchorChanges) {
     }
     fmt::print("{:<24} anchor moves {:8.0f} m: range jumps by {:.1e} m, error {:.1e} m, {} of {} lit flags change\n",
                w.name, moved_m.norm(), jump, std::max(steps[0].range_m, steps[1].range_m), changed, steps[0].hits);
-    EXPECT_GT(steps[0].hits, kSide * kSide / 2);
+    EXPECT_GT(steps[0].hits, kSmallSide * kSmallSide / 2);
     EXPECT_EQ(steps[0].hits, steps[1].hits);
     EXPECT_LT(jump, 2 * rounding_m(steps[0].farthest_m));
     EXPECT_LT(changed, steps[0].hits / 500);

@@ -18,14 +18,14 @@
 namespace selenograph::test {
 namespace {
 
-constexpr int kSide = 160;
+constexpr int kEdgeSide = 160;
 
 class EdgeSamplesTest : public SampleScenery {
  protected:
   static engine::FrameRequest request(double tilt_deg, double disc_deg, const engine::Distortion& lens) {
     const Vec3 from = to_cartesian({-10, 44, 20000});
-    engine::FrameRequest request =
-        square_view(engine::tilted_pose(from, tilt_deg), kSide, 50, engine::sun_direction(local_axes(from), 100, 12));
+    engine::FrameRequest request = square_view(engine::tilted_pose(from, tilt_deg), kEdgeSide, 50,
+                                               engine::sun_direction(local_axes(from), 100, 12));
     request.camera.distortion = lens;
     request.sun.angular_radius_deg = disc_deg;
     request.accuracy.max_error_px = 0.5;
@@ -43,10 +43,10 @@ class EdgeSamplesTest : public SampleScenery {
   // Whether a pixel has a neighbour of other radiance; written anew.
   static bool at_edge(const std::vector<float>& radiance, int x, int y) {
     const auto at = [&](int column, int row) {
-      return static_cast<double>(radiance[static_cast<std::size_t>(row * kSide + column)]);
+      return static_cast<double>(radiance[static_cast<std::size_t>(row * kEdgeSide + column)]);
     };
     for (const auto& [dx, dy] : {std::pair{-1, 0}, {1, 0}, {0, -1}, {0, 1}}) {
-      if (x + dx < 0 || x + dx >= kSide || y + dy < 0 || y + dy >= kSide) continue;
+      if (x + dx < 0 || x + dx >= kEdgeSide || y + dy < 0 || y + dy >= kEdgeSide) continue;
       const double own = at(x, y), other = at(x + dx, y + dy);
       if (own < 0.75 * other || other < 0.75 * own) return true;
     }
@@ -75,17 +75,17 @@ TEST_F(EdgeSamplesTest, PixelsAtEdgesAreTheMeanOfTheirQuarters) {
       const std::vector<float> dense = radiance(quarters, by);
       const float largest = *std::max_element(plain.begin(), plain.end());
       std::size_t at_edges = 0, other = 0;
-      for (int y = 0; y < kSide; ++y)
-        for (int x = 0; x < kSide; ++x) {
-          const auto pixel = static_cast<std::size_t>(y * kSide + x),
-                     first = static_cast<std::size_t>(4 * y * kSide + 2 * x);
+      for (int y = 0; y < kEdgeSide; ++y)
+        for (int x = 0; x < kEdgeSide; ++x) {
+          const auto pixel = static_cast<std::size_t>(y * kEdgeSide + x),
+                     first = static_cast<std::size_t>(4 * y * kEdgeSide + 2 * x);
           if (!at_edge(plain, x, y)) {
             ASSERT_EQ(edges[pixel], plain[pixel]) << c.name << ' ' << x << ' ' << y;
             continue;
           }
           ++at_edges;
           const float mean =
-              (dense[first] + dense[first + 1] + dense[first + 2 * kSide] + dense[first + 2 * kSide + 1]) / 4;
+              (dense[first] + dense[first + 1] + dense[first + 2 * kEdgeSide] + dense[first + 2 * kEdgeSide + 1]) / 4;
           other += !(std::abs(edges[pixel] - mean) <= 1e-5F * largest);
         }
       fmt::print("{} {}: {} of {} pixels are at edges, {} of them are not the mean of four pixels\n",

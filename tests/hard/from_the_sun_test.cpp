@@ -30,7 +30,7 @@
 namespace selenograph::test {
 namespace {
 
-constexpr int kSide = 64, kRaysPerCast = 512;
+constexpr int kSunSide = 64, kRaysPerCast = 512;
 const int kViews = cases(200), kCasts = cases(100);
 constexpr double kAu_m = 1.495978707e11;
 // Lommel-Seeliger at phase 0, where emission is incidence, doesn't know slopes: the whole frame has one radiance.
@@ -45,7 +45,7 @@ struct Area {
 };
 
 // A place, and a Sun over it.
-struct Aim {
+struct SunAim {
   Vec3 target, sun;
 };
 
@@ -62,7 +62,7 @@ class Sunlight {
       : area_(area), renderer_(open_terrain(folder), {1, std::size_t{512} << 20}) {}
 
   // Half of the Suns below 20 degrees, where shadows are.
-  Aim random_aim() {
+  SunAim random_aim() {
     std::uniform_real_distribution<double> unit(0, 1);
     const double lat = area_.south_deg + (area_.north_deg - area_.south_deg) * unit(random_),
                  lon = area_.west_deg + (area_.east_deg - area_.west_deg) * unit(random_);
@@ -75,7 +75,7 @@ class Sunlight {
     std::uniform_real_distribution<double> across(-500, 500);
     Count c;
     for (int k = 0; k < kCasts; ++k) {
-      const Aim aim = random_aim();
+      const SunAim aim = random_aim();
       const Vec3 u = aim.sun.unitOrthogonal(), v = aim.sun.cross(u);
       std::vector<engine::Ray> rays;
       for (int i = 0; i < kRaysPerCast; ++i)
@@ -91,7 +91,7 @@ class Sunlight {
     Count c;
     double uneven = 0;
     for (int k = 0; k < kViews; ++k) {
-      const Aim aim = random_aim();
+      const SunAim aim = random_aim();
       std::uniform_real_distribution<double> decade(0, 1);
       const double width_m = 300 * std::pow(10, decade(random_));
       const double distance_m = k % 2 ? kAu_m : 4e8;
@@ -114,15 +114,15 @@ class Sunlight {
     conclude(fmt::format("{}, frames", name), kViews, c);
     fmt::print("{:<24} radiance of what is lit off the opposition's by at most {:.2f} of what the phase allows\n", "",
                uneven);
-    EXPECT_GT(c.seen, static_cast<std::size_t>(kViews * kSide * kSide / 2));
+    EXPECT_GT(c.seen, static_cast<std::size_t>(kViews * kSunSide * kSunSide / 2));
     EXPECT_LT(uneven, 1);
   }
 
  private:
-  static engine::FrameRequest from_the_sun(const Aim& aim, double width_m, double distance_m) {
+  static engine::FrameRequest from_the_sun(const SunAim& aim, double width_m, double distance_m) {
     engine::FrameRequest q = blank_request();
-    const double f = kSide / width_m * distance_m;
-    q.camera = {kSide, kSide, f, f, (kSide - 1) / 2.0, (kSide - 1) / 2.0, {}};
+    const double f = kSunSide / width_m * distance_m;
+    q.camera = {kSunSide, kSunSide, f, f, (kSunSide - 1) / 2.0, (kSunSide - 1) / 2.0, {}};
     q.pose = looking(aim.target + distance_m * aim.sun, -aim.sun, local_axes(aim.target).north);
     q.sun.direction = aim.sun;
     q.products = engine::kLit | engine::kRadiance | engine::kAngles | engine::kPosition;

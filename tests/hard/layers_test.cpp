@@ -21,21 +21,24 @@ using engine::RayHit;
 using engine::Sun;
 
 constexpr double kBias_m = 60, kSunElevation_deg = 4;
-constexpr double kLat = 20, kLon = 40;  // in the middle of the site
+constexpr double kMiddleLat = 20, kMiddleLon = 40;  // in the middle of the site
 
 // Slopes below 1.5 degrees: nothing of it is shaded by a Sun 4 degrees high. Slow against both layers' posts.
 double truth(double lat_deg, double lon_deg) {
-  return 120 * std::sin(5 * (lat_deg - kLat) + 1) * std::cos(4 * (lon_deg - kLon)) + 60 * std::cos(3 * lon_deg);
+  return 120 * std::sin(5 * (lat_deg - kMiddleLat) + 1) * std::cos(4 * (lon_deg - kMiddleLon)) +
+         60 * std::cos(3 * lon_deg);
 }
 
 // 64 and 1024 posts a degree: a band of 16 posts of the coarser layer is 256 posts, of the site's 1025.
 struct Site {
   Site(double blend_posts, std::optional<double> offset_m, bool fit = false) {
-    write_float_tile(folder.path(), "coarse", {kLat + 1.5, kLon - 1.5, 64, 193, 193}, truth);
+    write_float_tile(folder.path(), "coarse", {kMiddleLat + 1.5, kMiddleLon - 1.5, 64, 193, 193}, truth);
     write_float_tile(
-        folder.path(), "site", {kLat + 0.5, kLon - 0.5, 1024, 1025, 1025},
+        folder.path(), "site", {kMiddleLat + 0.5, kMiddleLon - 0.5, 1024, 1025, 1025},
         [](double lat, double lon) { return truth(lat, lon) + kBias_m; },
-        [](double lat, double lon) { return lat + 0.3 * (lon - kLon) > kLat + 0.45; });  // a slanted end in the north
+        [](double lat, double lon) {
+          return lat + 0.3 * (lon - kMiddleLon) > kMiddleLat + 0.45;
+        });  // a slanted end in the north
     dem::Catalogue catalogue(std::vector<std::string>{folder.path()});
     std::vector<dem::LayerOffset> offsets;
     if (fit || offset_m) offsets.push_back({"site", offset_m});
@@ -48,7 +51,7 @@ struct Site {
   std::unique_ptr<engine::Renderer> renderer;
 };
 
-struct Seen {
+struct SeenLayer {
   int shaded = 0, blended = 0;
   double highest_m = -1e9, lowest_m = 1e9;  // above the truth
   double steepest = 0;                      // of what is above the truth, between neighbouring rays
@@ -56,19 +59,19 @@ struct Seen {
 };
 
 // Rays straight down on lines across each of the four borders.
-Seen looked_at(const Site& site, double azimuth_deg) {
+SeenLayer looked_at(const Site& site, double azimuth_deg) {
   constexpr int kRays = 600;
   constexpr double kStep_deg = 0.0011;
-  const Vec3 middle = to_cartesian({kLat, kLon, 0});
+  const Vec3 middle = to_cartesian({kMiddleLat, kMiddleLon, 0});
   const Sun sun{engine::sun_direction(local_axes(middle), azimuth_deg, kSunElevation_deg), 1, 0, 0};
-  Seen seen;
+  SeenLayer seen;
   for (const auto& [dlat, dlon] : {std::pair{1.0, 0.0}, {-1.0, 0.0}, {0.0, 1.0}, {0.0, -1.0}})
     for (const double aside : {-0.3, -0.02, 0.21}) {
       std::vector<Ray> rays;
       std::vector<Geographic> places;
       for (int i = 0; i < kRays; ++i) {
         const double along = 0.1 + i * kStep_deg;
-        places.push_back({kLat + dlat * along + dlon * aside, kLon + dlon * along + dlat * aside, 0});
+        places.push_back({kMiddleLat + dlat * along + dlon * aside, kMiddleLon + dlon * along + dlat * aside, 0});
         const Vec3 up = to_cartesian(places.back()).normalized();
         rays.push_back({up * (kMoonRadius_m + 5000), -up});
       }
@@ -93,7 +96,7 @@ Seen looked_at(const Site& site, double azimuth_deg) {
   return seen;
 }
 
-void report(const char* name, const Seen& s) {
+void report(const char* name, const SeenLayer& s) {
   fmt::print("{}: {} rays shaded, {:.2f} .. {:.2f} m above the truth, steepest {:.4f}\n", name, s.shaded, s.lowest_m,
              s.highest_m, s.steepest);
 }
@@ -103,7 +106,7 @@ TEST(HardLayers, BiasedSiteHasNoCliffAtItsBorder) {
   int shaded_by_cliff = 0;
   for (const double azimuth_deg : {0.0, 90.0, 180.0, 270.0}) {
     SCOPED_TRACE(azimuth_deg);
-    const Seen before = looked_at(cliff, azimuth_deg), after = looked_at(blended, azimuth_deg);
+    const SeenLayer before = looked_at(cliff, azimuth_deg), after = looked_at(blended, azimuth_deg);
     report("cliff", before), report("blended", after);
     shaded_by_cliff += before.shaded;
     EXPECT_GT(before.steepest, 1) << "otherwise nothing is shown";
@@ -123,7 +126,7 @@ TEST(HardLayers, BiasedSiteHasNoCliffAtItsBorder) {
 
 TEST(HardLayers, FittedOffsetRemovesTheBias) {
   const Site fitted(16, std::nullopt, true);
-  const Seen seen = looked_at(fitted, 90);
+  const SeenLayer seen = looked_at(fitted, 90);
   report("fitted", seen);
   EXPECT_EQ(seen.shaded, 0);
   EXPECT_LT(std::max(std::abs(seen.highest_m), std::abs(seen.lowest_m)), 0.5);

@@ -25,14 +25,13 @@
 namespace selenograph::test {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 // Of a disc whose centre lies h radii above a straight edge. With brightness 1 - u (1 - mu) what a chord at height y
 // holds is (1 - u) 2 sqrt(1 - y^2) + u pi / 2 (1 - y^2), integrated from -h to 1 and over all of pi (1 - u / 3).
 double share_above(double h, double u) {
   if (std::abs(h) >= 1) return h > 0 ? 1 : 0;
-  const double even = kPi - (std::acos(h) - h * std::sqrt(1 - h * h)), dome = kPi / 2 * (2.0 / 3 + h - h * h * h / 3);
-  return ((1 - u) * even + u * dome) / (kPi * (1 - u / 3));
+  const double even = std::numbers::pi - (std::acos(h) - h * std::sqrt(1 - h * h)),
+               dome = std::numbers::pi / 2 * (2.0 / 3 + h - h * h * h / 3);
+  return ((1 - u) * even + u * dome) / (std::numbers::pi * (1 - u / 3));
 }
 
 // Irradiance of a plane over that at normal incidence, its disc's centre at an elevation: (2 / 3 pi) of the radius at
@@ -40,7 +39,7 @@ double share_above(double h, double u) {
 double mean_cosine(double elevation, double radius) {
   const double h = -elevation / radius;
   if (std::abs(h) >= 1) return h > 0 ? 0 : std::sin(elevation);
-  return elevation * share_above(-h, 0) + radius * 2 / (3 * kPi) * std::pow(1 - h * h, 1.5);
+  return elevation * share_above(-h, 0) + radius * 2 / (3 * std::numbers::pi) * std::pow(1 - h * h, 1.5);
 }
 
 struct Off {
@@ -114,7 +113,7 @@ TEST(Penumbra, LevelGroundAtSunsetReceivesTheClosedForm) {
         const Vec3 normal = Vec3(static_cast<double>(p.normal[3 * i]), static_cast<double>(p.normal[3 * i + 1]),
                                  static_cast<double>(p.normal[3 * i + 2]));
         const double up = std::asin(normal.dot(request.sun.direction));
-        const double truth = engine::kSolarConstant_w_m2 * rho / kPi * mean_cosine(up, radius);
+        const double truth = engine::kSolarConstant_w_m2 * rho / std::numbers::pi * mean_cosine(up, radius);
         off.add(std::abs(static_cast<double>(p.radiance[i]) / truth - 1));
         share.add(std::abs(static_cast<double>(p.lit[i]) - share_above(up / radius, 0)));
       }
@@ -236,7 +235,7 @@ void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views) {
             for (std::size_t r = 0; r < kRays; ++r) {
               const double n = static_cast<double>(r),
                            radius = std::tan(0.2666 * kDegree) * std::sqrt((n + 0.5) / kRays),
-                           turn = n * kPi * (3 - std::sqrt(5.0));
+                           turn = n * std::numbers::pi * (3 - std::sqrt(5.0));
               const Vec3 toward =
                   (request.sun.direction + radius * (std::cos(turn) * across + std::sin(turn) * up)).normalized();
               if (!(normal.dot(toward) > 0)) continue;

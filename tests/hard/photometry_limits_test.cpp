@@ -24,7 +24,6 @@ namespace {
 using engine::Reflectance;
 using engine::ReflectanceModel;
 
-constexpr double kPi = std::numbers::pi;
 constexpr double kDenormal = std::numeric_limits<double>::denorm_min();
 constexpr double kSmallest = std::numeric_limits<double>::min();
 constexpr double kJustBelowOne = 1 - 0x1p-53;
@@ -77,13 +76,14 @@ TEST(PhotometryLimits, RadianceIsFiniteAndBoundedWhereReflectanceIsNot) {
       for (const double mu : {0.0, kDenormal, 1e-320, kSmallest, 1e-300, 1e-20, 1e-9, 0.5, 1.0}) {
         const double radiance = test::direct_radiance(model, kIrradiance, mu0, mu, 1);
         const double w = seeliger_share(model);
-        const double bound = kIrradiance * model.rho * (w / (2 * kPi) + (1 - w) * mu0 / kPi) * (1 + 4e-16);
+        const double bound =
+            kIrradiance * model.rho * (w / (2 * std::numbers::pi) + (1 - w) * mu0 / std::numbers::pi) * (1 + 4e-16);
         EXPECT_GE(radiance, 0) << mu0 << ' ' << mu;
         EXPECT_LE(radiance, bound + kIrradiance * kDenormal) << mu0 << ' ' << mu;
         EXPECT_TRUE(std::isfinite(static_cast<float>(radiance))) << mu0 << ' ' << mu;
         largest = std::max(largest, radiance);
       }
-  fmt::print("largest radiance {:.6g} W m-2 sr-1 of {:.6g} possible\n", largest, kIrradiance / kPi);
+  fmt::print("largest radiance {:.6g} W m-2 sr-1 of {:.6g} possible\n", largest, kIrradiance / std::numbers::pi);
 }
 
 // (7) down to grazing incidence. Over mu the integrand bends within mu0 of zero: substituting mu = mu0 (e^t - 1) makes
@@ -98,7 +98,7 @@ double directional_hemispherical(const Reflectance& model, double mu0) {
     const double weight = i == 0 || i == steps ? 1 : i % 2 ? 4 : 2;
     sum += weight * test::brdf(model, mu0, mu) * mu * slope;
   }
-  return 2 * kPi * sum * h / 3;
+  return 2 * std::numbers::pi * sum * h / 3;
 }
 
 TEST(PhotometryLimits, EnergyIsConservedDownToGrazingIncidence) {
@@ -138,7 +138,8 @@ TEST(PhotometryLimits, NoPixelOfTheMoonsDiscIsNotANumber) {
         request.reflectance = model;
         request.products |= engine::kAngles;
         const engine::FrameProducts p = renderer.render(request).products;
-        const double w = seeliger_share(model), most = 1361 * (w / (2 * kPi) + (1 - w) / kPi) * (1 + 1e-6);
+        const double w = seeliger_share(model),
+                     most = 1361 * (w / (2 * std::numbers::pi) + (1 - w) / std::numbers::pi) * (1 + 1e-6);
         for (std::size_t i = 0; i < p.radiance.size(); ++i) {
           ++pixels;
           ASSERT_TRUE(std::isfinite(p.radiance[i]) && !std::signbit(p.radiance[i])) << phase_deg << " pixel " << i;

@@ -24,7 +24,7 @@
 namespace selenograph::test {
 namespace {
 
-const int kSide = full_effort() ? 256 : 160;  // pixels
+const int kReferenceSide = full_effort() ? 256 : 160;  // pixels
 constexpr double kSunElevations_deg[] = {3, 15, 45};
 
 // ---- the judge itself ----------------------------------------------------------------------------------------------
@@ -140,7 +140,7 @@ engine::FrameRequest request_for(const Look& look, double sun_elevation_deg, dou
   const Vec3 position = to_cartesian({look.lat_deg, look.lon_deg, look.height_m});
   const Vec3 boresight = local_direction(position, look.azimuth_deg, look.off_nadir_deg - 90);
   const Vec3 up = look.off_nadir_deg > 0 ? position : local_direction(position, look.azimuth_deg, 0);
-  return square_view(looking(position, boresight, up), kSide, look.fov_deg,
+  return square_view(looking(position, boresight, up), kReferenceSide, look.fov_deg,
                      local_direction(position, sun_azimuth_deg, sun_elevation_deg));
 }
 

@@ -23,8 +23,8 @@ using test::at3;
 using test::kDegree;
 using test::local_sun;
 
-constexpr ProductSet kAll = kRadiance | kImage | kDepth | kRange | kPosition | kGeodetic | kNormal | kAngles | kLit |
-                            kGsd | kSource | kObjectId | kDetail;
+constexpr ProductSet kAllProducts = kRadiance | kImage | kDepth | kRange | kPosition | kGeodetic | kNormal | kAngles |
+                                    kLit | kGsd | kSource | kObjectId | kDetail;
 
 class RowTimes : public test::SampleScenery {
  protected:
@@ -40,7 +40,7 @@ class RowTimes : public test::SampleScenery {
     request.pose = start(30000);
     request.sun = {local_sun(-10, 44, 70, 12), 1, 0};
     request.visibility = Visibility::raytrace;
-    request.products = kAll;
+    request.products = kAllProducts;
     return request;
   }
   static Vec3 north() { return local_axes(start(0).position_m).north; }
@@ -159,7 +159,7 @@ TEST_F(RowTimes, RollingShutterOverALongFlight) {
   moving.image.full_scale_radiance_w_m2_sr = 30;
   moving.shutter.emplace();
   moving.shutter->line_time_s = 0.2;
-  moving.products = kAll & ~kSource;  // the frame as a whole lists more tiles than a row's, in another order
+  moving.products = kAllProducts & ~kSource;  // the frame as a whole lists more tiles than a row's, in another order
   moving.shutter->rates = {Vec3(0, 0, 1), 1600 * north()};
   expect_rows_of_cameras_at_rest(renderer(), moving, {0, 20, 60, 95});
 }

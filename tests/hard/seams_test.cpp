@@ -45,7 +45,7 @@ using dem::kLatTicks;
 using dem::kLonTicks;
 using test::TemporaryFolder;
 
-constexpr double kDegree = std::numbers::pi / 180;
+constexpr double kOneDegree = std::numbers::pi / 180;
 constexpr int kScenes = 6;
 // A quarter of a million rays; slow.seams has ten million.
 std::int64_t rays_per_scene() {
@@ -316,7 +316,7 @@ struct Aim {
 };
 
 using Random = std::mt19937_64;
-double between(Random& random, double low, double high) {
+double random_in(Random& random, double low, double high) {
   return std::uniform_real_distribution<double>(low, high)(random);
 }
 
@@ -324,19 +324,19 @@ double between(Random& random, double low, double high) {
 // 000 km.
 Aim aim_at(const Seam& seam, double highest_m, Random& random) {
   const std::uint64_t kind = random();
-  Vec3 target = kind & 1 ? seam.from : Vec3(seam.from + between(random, 0, 1) * (seam.to - seam.from));
+  Vec3 target = kind & 1 ? seam.from : Vec3(seam.from + random_in(random, 0, 1) * (seam.to - seam.from));
   const EastNorthUp axes = local_axes(target);
   if (kind & 2) {
-    const double reach_m = std::pow(10.0, between(random, -9, -3));
-    target += reach_m * (between(random, -1, 1) * axes.east + between(random, -1, 1) * axes.north);
+    const double reach_m = std::pow(10.0, random_in(random, -9, -3));
+    target += reach_m * (random_in(random, -1, 1) * axes.east + random_in(random, -1, 1) * axes.north);
   }
   const bool steep = kind & 4;
-  const double zenith = between(random, 0, steep ? kSteep_deg : kFlattest_deg) * kDegree,
-               azimuth = between(random, 0, 2 * std::numbers::pi);
+  const double zenith = random_in(random, 0, steep ? kSteep_deg : kFlattest_deg) * kOneDegree,
+               azimuth = random_in(random, 0, 2 * std::numbers::pi);
   const Vec3 back =
       std::cos(zenith) * axes.up + std::sin(zenith) * (std::cos(azimuth) * axes.north + std::sin(azimuth) * axes.east);
   const double climb_m = highest_m - (target.norm() - kMoonRadius_m) +
-                         std::pow(10.0, (kind & 56) == 0 ? between(random, 5, 8.6) : between(random, 2.3, 5));
+                         std::pow(10.0, (kind & 56) == 0 ? random_in(random, 5, 8.6) : random_in(random, 2.3, 5));
   const double distance_m = climb_m / std::cos(zenith);
   const Vec3 origin = target + distance_m * back;
   const Vec3 direction = target - origin;
@@ -532,7 +532,7 @@ TEST_F(SampleSeams, TheMosaicReachesItsRim) {
   EXPECT_EQ(missed, 0u) << "of " << middles.size();
 }
 
-// The test of the test: with two neighbouring blocks left out, rays at the edge that was between them pass.
+// The test of the test: with two neighbouring blocks left out, rays at the edge that was random_in them pass.
 TEST_F(SampleSeams, DetectsMissingBlocks) {
   Selection selection = selection_of(terrain(), blocks_in(9, -11, -9, 43, 45));
   const Scene whole(terrain(), {selection.blocks, anchor_for(middle(), -middle().normalized())}, 0);

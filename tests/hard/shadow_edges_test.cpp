@@ -22,13 +22,13 @@
 namespace selenograph::test {
 namespace {
 
-constexpr double kLat = 10, kLon = 30, kAltitude_m = 60e3, kRadius_deg = 0.1;  // of the mountain: 3 km
-constexpr int kSide = 128;
+constexpr double kPeakLat = 10, kPeakLon = 30, kAltitude_m = 60e3, kRadius_deg = 0.1;  // of the mountain: 3 km
+constexpr int kShadowSide = 128;
 constexpr double kPixel_m = 80;
 
 // Of 1 km, with ribs that coarse posts round off.
 double mountain(double lat_deg, double lon_deg) {
-  const double north = lat_deg - kLat, east = (lon_deg - kLon) * std::cos(kLat * kDegree);
+  const double north = lat_deg - kPeakLat, east = (lon_deg - kPeakLon) * std::cos(kPeakLat * kDegree);
   const double r = std::hypot(north, east) / kRadius_deg;
   if (r >= 1) return 0;
   return (1 - r) * (1000 + 120 * r * std::sin(23 * std::atan2(north, east)) + 40 * std::sin(60 * r));
@@ -58,14 +58,14 @@ Displacement displacement(const engine::FrameProducts& frame, const engine::Fram
 // Pixels `finer` times as small, of about the same terrain: its aims are of so many more of them. The shadow's tip is
 // in the middle, west of the peak.
 engine::FrameRequest over_the_tip(double elevation_deg, int finer, double aim_px) {
-  const int side = finer > 1 ? 2 * kSide : kSide;
+  const int side = finer > 1 ? 2 * kShadowSide : kShadowSide;
   const double focal_px = finer * kAltitude_m / kPixel_m, middle = (side - 1) / 2.0,
                west_deg = 0.9 * 1000 / std::tan(elevation_deg * kDegree) / kMetresPerDegree;
-  const Vec3 from = to_cartesian({kLat, kLon - west_deg, kAltitude_m});
+  const Vec3 from = to_cartesian({kPeakLat, kPeakLon - west_deg, kAltitude_m});
   engine::FrameRequest q = blank_request();
   q.camera = {side, side, focal_px, focal_px, middle, middle, {}};
   q.pose = looking(from, -from, local_axes(from).north);
-  q.sun.direction = local_sun(kLat, kLon, 90, elevation_deg);
+  q.sun.direction = local_sun(kPeakLat, kPeakLon, 90, elevation_deg);
   q.products = engine::kLit | engine::kPosition;
   q.accuracy = {.max_error_px = 1.0 * finer, .max_shadow_error_px = aim_px * finer};
   return q;
@@ -74,7 +74,7 @@ engine::FrameRequest over_the_tip(double elevation_deg, int finer, double aim_px
 TEST(ShadowEdges, AreWithinTheirBoundAndThePixelGrid) {
   const TemporaryFolder folder;
   write_global_tile(folder.path(), 1, [](double, double) { return 0.0; });
-  write_float_tile(folder.path(), "mountain", {kLat + 0.125, kLon - 0.125, 1024, 257, 257}, mountain);
+  write_float_tile(folder.path(), "mountain", {kPeakLat + 0.125, kPeakLon - 0.125, 1024, 257, 257}, mountain);
   const engine::Renderer renderer(open_terrain(folder.path()), engine::RendererOptions{2, std::size_t{512} << 20});
   fmt::print("{:>8} {:>14} {:>9} {:>9} {:>7}\n", "Sun deg", "of each pixel", "bound px", "worst px", "unlike");
   for (const auto& [elevation_deg, aim_px] :

@@ -15,8 +15,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-constexpr double kRadians = kPi / 180;
+constexpr double kRadians = std::numbers::pi / 180;
 
 Reflectance blinn_phong(double p, double rho = 0.3) {
   Reflectance r{ReflectanceModel::blinn_phong};
@@ -83,7 +82,7 @@ Geometry azimuth(double mu0, double mu, double cos_azimuth) {
 }
 double f_r(const Reflectance& r, const Geometry& g) { return Brdf(r)(g.mu0, g.mu, g.cos_phase); }
 double radiance_factor(const Reflectance& r, const Geometry& g) {
-  return kPi * Brdf(r).times_mu0(g.mu0, g.mu, g.cos_phase);
+  return std::numbers::pi * Brdf(r).times_mu0(g.mu0, g.mu, g.cos_phase);
 }
 
 TEST(Brdf, TheLinearModelsAreTheFastOnes) {
@@ -102,12 +101,13 @@ TEST(Brdf, TheLinearModelsAreTheFastOnes) {
 
 // Eq. (11).
 TEST(Brdf, BlinnPhongByHand) {
-  EXPECT_NEAR(f_r(blinn_phong(0), degrees(20, 70, 50)), 0.3 / kPi, 1e-15);  // "becomes Equation (4) for p = 0"
+  EXPECT_NEAR(f_r(blinn_phong(0), degrees(20, 70, 50)), 0.3 / std::numbers::pi,
+              1e-15);  // "becomes Equation (4) for p = 0"
   // Sun and camera 30 degrees to either side: the halfway vector is the normal. (14 * 12) / (10 + 1/32) = 16.747664...
-  EXPECT_NEAR(f_r(blinn_phong(10), degrees(30, 30, 60)), 0.3 / (8 * kPi) * 16.747663551401868, 1e-13);
+  EXPECT_NEAR(f_r(blinn_phong(10), degrees(30, 30, 60)), 0.3 / (8 * std::numbers::pi) * 16.747663551401868, 1e-13);
   // Both at 40 degrees in the same place: halfway there, too.
   EXPECT_NEAR(f_r(blinn_phong(10), degrees(40, 40, 0)),
-              0.3 / (8 * kPi) * 16.747663551401868 * std::pow(std::cos(40 * kRadians), 10), 1e-13);
+              0.3 / (8 * std::numbers::pi) * 16.747663551401868 * std::pow(std::cos(40 * kRadians), 10), 1e-13);
   // Opposite each other on the horizon: no halfway vector, nothing reflected.
   EXPECT_EQ(Brdf(blinn_phong(10)).times_mu0(0, 0, -1), 0);
 }
@@ -164,16 +164,16 @@ double sphere_light(const Reflectance& reflectance, double phase_deg) {
   const double g = phase_deg * kRadians, sx = std::sin(g), sz = std::cos(g);
   double sum = 0;
   // Over the lit part of the visible disc by longitude from the camera and sine of latitude: dA mu.
-  const double from = g - kPi / 2, to = kPi / 2;
+  const double from = g - std::numbers::pi / 2, to = std::numbers::pi / 2;
   for (int i = 0; i < kSteps; ++i) {
     const double longitude = from + (to - from) * (i + 0.5) / kSteps;
     for (int k = 0; k < kSteps; ++k) {
-      const double latitude = kPi / 2 * (k + 0.5) / kSteps, ring = std::cos(latitude);
+      const double latitude = std::numbers::pi / 2 * (k + 0.5) / kSteps, ring = std::cos(latitude);
       const double x = ring * std::sin(longitude), z = ring * std::cos(longitude);
       sum += brdf.times_mu0(x * sx + z * sz, z, sz) * z * ring;
     }
   }
-  return sum * 2 * (to - from) / kSteps * (kPi / 2) / kSteps;
+  return sum * 2 * (to - from) / kSteps * (std::numbers::pi / 2) / kSteps;
 }
 
 TEST(PhaseLaw, TheClosedFormsOfASpheresLight) {
@@ -237,7 +237,7 @@ TEST(Hapke, MeansOverAHemisphere) {
       double sum = 0;
       for (int i = 0; i < kSteps; ++i)
         for (int j = 0; j < kSteps; ++j) {
-          const double down = -(i + 0.5) / kSteps, turn = std::cos(kPi * (j + 0.5) / kSteps);
+          const double down = -(i + 0.5) / kSteps, turn = std::cos(std::numbers::pi * (j + 0.5) / kSteps);
           sum += phase_function(k, x * down + std::sqrt((1 - x * x) * (1 - down * down)) * turn);
         }
       return sum / kSteps / kSteps;
@@ -284,7 +284,7 @@ TEST(Hapke, MultipleScatteringOf2002ByHand) {
     for (const Geometry& g : {degrees(20, 50, 60), degrees(70, 10, 65), degrees(40, 40, 3), degrees(80, 75, 140)}) {
       const double tan_half = std::tan(std::acos(g.cos_phase) / 2);
       const double in = h(g.mu0) - 1, out = h(g.mu) - 1;
-      const double expected = k.w / (4 * kPi) / (g.mu0 + g.mu) *
+      const double expected = k.w / (4 * std::numbers::pi) / (g.mu0 + g.mu) *
                               ((1 + k.b0 / (1 + tan_half / k.h)) * phase_function(k, g.cos_phase) + p.at(g.mu0) * out +
                                p.at(g.mu) * in + p.mean * in * out);
       EXPECT_NEAR(f_r(hapke(k), g), expected, (k.b > 0.5 ? 1e-3 : 1e-5) * expected);
@@ -352,11 +352,11 @@ double directional_hemispherical(const Reflectance& reflectance, double mu0) {
   for (int i = 0; i < kSteps; ++i) {
     const double mu = std::sqrt((i + 0.5) / kSteps);
     for (int k = 0; k < kTurns; ++k) {
-      const Geometry g = azimuth(mu0, mu, std::cos(kPi * (k + 0.5) / kTurns));
+      const Geometry g = azimuth(mu0, mu, std::cos(std::numbers::pi * (k + 0.5) / kTurns));
       sum += brdf(g.mu0, g.mu, g.cos_phase);
     }
   }
-  return kPi * sum / kSteps / kTurns;
+  return std::numbers::pi * sum / kSteps / kTurns;
 }
 
 TEST(Brdf, EnergyEquation7) {

@@ -219,13 +219,13 @@ TEST(BuildQueue, ShutdownCancelsBuildsAndWaiters) {
 // ---- the terrain on it
 // ------------------------------------------------------------------------------------------------
 
-double bumpy(double lat, double lon) { return std::round(300 * std::sin(lat * 300) * std::sin(lon * 200)); }
+double hills(double lat, double lon) { return std::round(300 * std::sin(lat * 300) * std::sin(lon * 200)); }
 
 // Two degrees of 2048 posts each: chunks of a square degree and one of what is coarser, some hundredths of a second
 // each: more than who waits looks up after.
 class ColdTerrain : public ::testing::Test {
  protected:
-  ColdTerrain() { test::write_kaguya_tile(folder_ / "dem", 20, 1, 2, 2048, bumpy); }
+  ColdTerrain() { test::write_kaguya_tile(folder_ / "dem", 20, 1, 2, 2048, hills); }
   std::shared_ptr<PyramidTerrain> open() const { return open_terrain(folder_ / "dem", folder_ / "cache"); }
   static constexpr double kLat = 19.5, kLon = 1.5;
   // A coarse block: all of the tile is beneath it.
@@ -254,7 +254,7 @@ TEST_F(ColdTerrain, DeadlinesHoldAndTheBuildCompletes) {
   std::size_t files = 0;
   for (const auto& entry : fs::recursive_directory_iterator(folder_ / "cache")) files += entry.is_regular_file();
   EXPECT_EQ(terrain->statistics().chunks_built, files) << "something was built twice";
-  EXPECT_NEAR(terrain->height(kLat, kLon).height_m, bumpy(kLat, kLon), 1e-6);
+  EXPECT_NEAR(terrain->height(kLat, kLon).height_m, hills(kLat, kLon), 1e-6);
 }
 
 TEST_F(ColdTerrain, EveryCallHonoursItsDeadline) {

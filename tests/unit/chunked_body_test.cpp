@@ -7,7 +7,7 @@
 namespace selenograph::server {
 namespace {
 
-constexpr std::size_t kMaxBody = 1000;
+constexpr std::size_t kMostContent = 1000;
 using State = ChunkedBody::State;
 
 struct Decoded {
@@ -17,7 +17,7 @@ struct Decoded {
 
 // In pieces of so many bytes.
 Decoded decoded(const std::string& raw, std::size_t piece) {
-  ChunkedBody chunks(kMaxBody);
+  ChunkedBody chunks(kMostContent);
   Decoded out{State::more, {}, {}};
   for (std::size_t at = 0; at < raw.size(); at += piece) {
     std::string_view part = std::string_view(raw).substr(at, piece);
@@ -100,7 +100,7 @@ TEST(ChunkedBody, WhatOthersMayReadOtherwiseIsRefused) {
 }
 
 TEST(ChunkedBody, SizesAreBounded) {
-  const std::string most(kMaxBody, 'x');
+  const std::string most(kMostContent, 'x');
   EXPECT_EQ(decoded("3e8\r\n" + most + "\r\n0\r\n\r\n").body, most);
   EXPECT_EQ(decoded("3e9\r\n" + most + "x\r\n0\r\n\r\n").state, State::too_large);
   EXPECT_EQ(decoded("3e8\r\n" + most + "\r\n1\r\nx\r\n0\r\n\r\n").state, State::too_large);

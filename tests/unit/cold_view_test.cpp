@@ -14,7 +14,7 @@
 namespace selenograph::test {
 namespace {
 
-double bumpy(double lat, double lon) { return std::round(200 * std::sin(lat * 300) * std::sin(lon * 200)); }
+double rolling(double lat, double lon) { return std::round(200 * std::sin(lat * 300) * std::sin(lon * 200)); }
 
 class ColdView : public ::testing::Test {
  protected:
@@ -49,19 +49,19 @@ class ColdView : public ::testing::Test {
 
 // Of a camera low over the western one the other is neither in view nor between it and the Sun, however high it may be.
 TEST_F(ColdView, BuildsVisibleTerrain) {
-  tiles(bumpy);
+  tiles(rolling);
   frame(2.3, 270, 60, 1);
 }
 
 // Under a low Sun in the east: whether the other's hills shade anything in view only its posts tell.
 TEST_F(ColdView, LooksAtLowTerrainAndDoesNotBuildIt) {
-  tiles(bumpy);
+  tiles(rolling);
   const engine::Frame seen = frame(2.8, 90, 20, 1);
   EXPECT_TRUE(std::any_of(seen.products.lit.begin(), seen.products.lit.end(), [](auto lit) { return lit > 0; }));
 }
 
 TEST_F(ColdView, BuildsHighTerrainThatShades) {
-  tiles([](double lat, double lon) { return bumpy(lat, lon) + (lon > 3.1 && lon < 3.2 ? 5000 : 0); });
+  tiles([](double lat, double lon) { return rolling(lat, lon) + (lon > 3.1 && lon < 3.2 ? 5000 : 0); });
   const engine::Frame seen = frame(2.8, 90, 20, 2);
   EXPECT_TRUE(std::all_of(seen.products.lit.begin(), seen.products.lit.end(), [](auto lit) { return lit == 0; }));
 }

@@ -13,7 +13,6 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 constexpr double kRadius_deg = 0.2666;
 
 Sun sun(double limb_darkening) {
@@ -29,9 +28,9 @@ void over_disc(double u, const Work& work) {
   constexpr int kRings = 300, kArcs = 600;
   for (int r = 0; r < kRings; ++r) {
     const double radius = (r + 0.5) / kRings, bright = 1 - u * (1 - std::sqrt(1 - radius * radius));
-    const double light = bright * radius / kRings * 2 * kPi / kArcs / (kPi * (1 - u / 3));
+    const double light = bright * radius / kRings * 2 * std::numbers::pi / kArcs / (std::numbers::pi * (1 - u / 3));
     for (int a = 0; a < kArcs; ++a) {
-      const double turn = 2 * kPi * (a + 0.5) / kArcs;
+      const double turn = 2 * std::numbers::pi * (a + 0.5) / kArcs;
       work(radius * std::cos(turn), radius * std::sin(turn), light);
     }
   }
@@ -65,7 +64,7 @@ TEST(DiscLight, AFacetAloneReceivesTheClosedForm) {
   for (const double u : {0.0, 0.6, 1.0})
     for (int i = 0; i < 60; ++i) {
       const DiscLight disc(sun(u), Vec3::UnitZ());
-      const double r = disc.radius(), turn = kPi * any(random);
+      const double r = disc.radius(), turn = std::numbers::pi * any(random);
       const DiscPlane facet{1.3 * r * any(random), r * std::cos(turn), r * std::sin(turn)};
       DiscPlane shading = facet;
       if (i % 3 == 1) shading.middle += 0.5 * r * any(random);
@@ -89,7 +88,7 @@ TEST(DiscLight, LevelGroundAtSunset) {
   const double r = disc.radius();
   const DiscPlane level{0, 0, r};
   EXPECT_NEAR(disc.alone(level, level).share, 0.5, 1e-12);
-  EXPECT_NEAR(disc.alone(level, level).cosine, 2 / (3 * kPi) * r, 1e-12);
+  EXPECT_NEAR(disc.alone(level, level).cosine, 2 / (3 * std::numbers::pi) * r, 1e-12);
   const DiscPlane above{r, 0, r};
   EXPECT_NEAR(disc.alone(above, above).cosine, r, 1e-12) << "its lower rim on the horizon: the middle's cosine";
 }
@@ -180,7 +179,7 @@ TEST(DiscLight, DirectionsPastAStraightEdge) {
   const DiscLight disc(sun(0), Vec3::UnitZ());
   double sum = 0, worst = 0;
   int n = 0, asked = 0;
-  for (double turn = 0; turn < 2 * kPi; turn += 0.21)
+  for (double turn = 0; turn < 2 * std::numbers::pi; turn += 0.21)
     for (double height = -1.1; height <= 1.1; height += 0.01) {
       DiscLanes turned{};
       float lit[kPacket];
@@ -195,7 +194,8 @@ TEST(DiscLight, DirectionsPastAStraightEdge) {
         return std::cos(turn) * off.dot(x) + std::sin(turn) * off.dot(y) < height ? asking : 0;
       };
       disc.take_out(blocked, 0xffff, turned, lit, incident);
-      const double h = std::clamp(height, -1.0, 1.0), expected = (std::acos(h) - h * std::sqrt(1 - h * h)) / kPi;
+      const double h = std::clamp(height, -1.0, 1.0),
+                   expected = (std::acos(h) - h * std::sqrt(1 - h * h)) / std::numbers::pi;
       const double error = std::abs(static_cast<double>(lit[3]) - expected);
       if (std::abs(height) < 1) sum += error, ++n;
       worst = std::max(worst, error);

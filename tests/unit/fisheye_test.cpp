@@ -13,8 +13,6 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 Camera fisheye_camera(int width, int height, double focal_px, const FisheyeDistortion& d = {}) {
   Camera camera{width, height, focal_px, focal_px, (width - 1) / 2.0, (height - 1) / 2.0, {}};
   camera.model = CameraModel::fisheye, camera.fisheye = d;
@@ -29,7 +27,7 @@ std::optional<PixelXY> imaged(const Camera& camera, const Vec3& direction) {
 TEST(Fisheye, EquidistantImagesAnglesAsRadii) {
   const Camera camera = fisheye_camera(701, 701, 100);
   for (const double theta_deg : {0.0, 1e-6, 30.0, 89.9, 90.0, 135.0, 178.9}) {
-    const double theta = theta_deg * kPi / 180;
+    const double theta = theta_deg * std::numbers::pi / 180;
     const auto p = imaged(camera, Vec3(std::sin(theta) * 0.6, std::sin(theta) * 0.8, std::cos(theta)));
     ASSERT_TRUE(p) << theta_deg;
     EXPECT_NEAR(p->x, 350 + 60 * theta, 1e-11) << theta_deg;

@@ -20,7 +20,7 @@ ObjectShape triangle() {
   return shape;
 }
 
-std::string fault_of(const std::string& answer) {
+std::string fault_in(const std::string& answer) {
   try {
     shape_of_answer(answer);
   } catch (const std::runtime_error& e) {
@@ -40,21 +40,21 @@ TEST(MeshAnswer, RoundTripsTheShape) {
 }
 
 TEST(MeshAnswer, HoldsTheError) {
-  EXPECT_EQ(fault_of(refusal_answer("has no triangle")), "has no triangle");
-  EXPECT_EQ(fault_of(refusal_answer(std::string(5000, 'x'))), std::string(kMaxRefusalBytes, 'x'));
+  EXPECT_EQ(fault_in(refusal_answer("has no triangle")), "has no triangle");
+  EXPECT_EQ(fault_in(refusal_answer(std::string(5000, 'x'))), std::string(kMaxRefusalBytes, 'x'));
 }
 
 TEST(MeshAnswer, RejectsTruncatedAnswers) {
   const std::string whole = shape_answer(triangle());
-  for (std::size_t n = 0; n < whole.size(); ++n) EXPECT_NE(fault_of(whole.substr(0, n)), "") << n;
-  EXPECT_NE(fault_of(whole + "x"), "");
+  for (std::size_t n = 0; n < whole.size(); ++n) EXPECT_NE(fault_in(whole.substr(0, n)), "") << n;
+  EXPECT_NE(fault_in(whole + "x"), "");
 }
 
 TEST(MeshAnswer, RejectsInvalidAnswers) {
   const auto with = [](void (*change)(ObjectShape&)) {
     ObjectShape shape = triangle();
     change(shape);
-    return fault_of(shape_answer(shape));
+    return fault_in(shape_answer(shape));
   };
   EXPECT_NE(with([](ObjectShape& s) { s.corners[1].place.y() = std::nanf(""); }), "");
   EXPECT_NE(with([](ObjectShape& s) { s.corners[1].place.y() = INFINITY; }), "");
@@ -66,7 +66,7 @@ TEST(MeshAnswer, RejectsInvalidAnswers) {
   EXPECT_NE(with([](ObjectShape& s) { s.parts[1] = "gr\xfcn"; }), "");
   // Counts of what isn't there: refused before anything is allocated.
   for (std::size_t count = 4; count < 16; count += 4)
-    EXPECT_NE(fault_of(shape_answer(triangle()).replace(count, 4, "\xff\xff\xff\xff")), "");
+    EXPECT_NE(fault_in(shape_answer(triangle()).replace(count, 4, "\xff\xff\xff\xff")), "");
 }
 
 TEST(Utf8, DetectsInvalidSequences) {

@@ -11,8 +11,6 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 PointSpread gaussian(double sigma_px) {
   PointSpread spread;
   spread.model = PointSpread::Model::gaussian, spread.sigma_px = sigma_px;
@@ -64,14 +62,14 @@ double own_weight(const SpreadKernel& kernel, int x, int y) {
 // Of a circular aperture, Goodman, Introduction to Fourier Optics, 6-32; 1 is its cut-off frequency.
 double aperture_mtf(double frequency) {
   if (frequency >= 1) return 0;
-  return 2 / kPi * (std::acos(frequency) - frequency * std::sqrt(1 - frequency * frequency));
+  return 2 / std::numbers::pi * (std::acos(frequency) - frequency * std::sqrt(1 - frequency * frequency));
 }
-double sinc(double x) { return x == 0 ? 1 : std::sin(kPi * x) / (kPi * x); }
+double sinc(double x) { return x == 0 ? 1 : std::sin(std::numbers::pi * x) / (std::numbers::pi * x); }
 
 // A pixel's share of the light, of a point (x, y) beside its middle: its aperture and that of the optics in the
 // frequency domain, which has an end, in polar coordinates.
 double share_by_frequencies(double lambda_n_px, double x, double y) {
-  const double end = 1 / lambda_n_px, phase = 2 * kPi * end * (std::hypot(x, y) + 1);
+  const double end = 1 / lambda_n_px, phase = 2 * std::numbers::pi * end * (std::hypot(x, y) + 1);
   const int around = 32 + static_cast<int>(phase), outward = 200 + static_cast<int>(phase);
   double sum = 0;
   for (int i = 0; i < outward; ++i) {
@@ -79,12 +77,13 @@ double share_by_frequencies(double lambda_n_px, double x, double y) {
     const double s = (i + 0.5) / outward, place = s * s * (3 - 2 * s), frequency = end * place;
     double ring = 0;
     for (int k = 0; k < around; ++k) {
-      const double angle = kPi * (k + 0.5) / around, fx = frequency * std::cos(angle), fy = frequency * std::sin(angle);
-      ring += sinc(fx) * sinc(fy) * std::cos(2 * kPi * (fx * x + fy * y));
+      const double angle = std::numbers::pi * (k + 0.5) / around, fx = frequency * std::cos(angle),
+                   fy = frequency * std::sin(angle);
+      ring += sinc(fx) * sinc(fy) * std::cos(2 * std::numbers::pi * (fx * x + fy * y));
     }
     sum += aperture_mtf(place) * frequency * ring / around * end * 6 * s * (1 - s) / outward;
   }
-  return 2 * kPi * sum;
+  return 2 * std::numbers::pi * sum;
 }
 
 TEST(PointSpread, AiryDiscsAreIntegratedOverPixels) {
@@ -107,7 +106,7 @@ TEST(PointSpread, AiryEncirclesItsEnergy) {
   };
   for (const double lambda_n_px : {0.0157, 0.016, 0.1, 0.48, 1.0, 2.7, 8.0, 26.0}) {
     const SpreadKernel kernel = airy_of(lambda_n_px);
-    const double half = kPi * (kernel.radius() + 0.5) / lambda_n_px;
+    const double half = std::numbers::pi * (kernel.radius() + 0.5) / lambda_n_px;
     EXPECT_GT(kernel.captured(), encircled(half)) << lambda_n_px;
     EXPECT_LT(kernel.captured(), encircled(half * std::numbers::sqrt2)) << lambda_n_px;
   }
@@ -117,13 +116,14 @@ TEST(PointSpread, AiryEncirclesItsEnergy) {
   for (int y = -14; y <= 14; ++y)
     for (int x = -14; x <= 14; ++x)
       if (std::hypot(x, y) <= 9.76) within += own_weight(kernel, x, y);
-  EXPECT_NEAR(within, encircled(1.22 * kPi), 0.001);  // the first dark ring, 1.22 lambda N, holds 83.8 %
+  EXPECT_NEAR(within, encircled(1.22 * std::numbers::pi), 0.001);  // the first dark ring, 1.22 lambda N, holds 83.8 %
 }
 
 TEST(PointSpread, AiryKernelsAreMadeQuickly) {
   const auto start = std::chrono::steady_clock::now();
-  for (const double unit_px : {0.0, 1e-300, 1e-12, 1e-6, 1e-3, 0.0050001, SpreadKernel::kMaxAiry_px / kPi}) {
-    const SpreadKernel kernel(airy(), 1, 1, unit_px * kPi);
+  for (const double unit_px :
+       {0.0, 1e-300, 1e-12, 1e-6, 1e-3, 0.0050001, SpreadKernel::kMaxAiry_px / std::numbers::pi}) {
+    const SpreadKernel kernel(airy(), 1, 1, unit_px * std::numbers::pi);
     EXPECT_NEAR(sum_of(kernel), 1, 1e-5) << unit_px;
     EXPECT_TRUE(kernel.captured() > 0.7 && kernel.captured() <= 1) << unit_px;
   }
@@ -138,7 +138,7 @@ TEST(PointSpread, StopsAtTheDeadline) {
     EXPECT_LT(Clock::now() - due, std::chrono::milliseconds(450));
   };
   stops([](const StopToken& stop) {
-    for (;;) SpreadKernel(airy(), 1, 1, 0.00501 * kPi, stop);
+    for (;;) SpreadKernel(airy(), 1, 1, 0.00501 * std::numbers::pi, stop);
   });
   PointSpread measured;
   measured.model = PointSpread::Model::kernel;
@@ -209,7 +209,7 @@ TEST(Vignetting, FollowsTheAngle) {
   vignette(cos4, camera, {}, a), vignette(table, camera, {}, b);
   for (int y = 0; y < 81; ++y)
     for (int x = 0; x < 101; ++x) {
-      const double angle = std::atan(std::hypot(x - 50, y - 40) / 60.0), degrees = angle * 180 / kPi;
+      const double angle = std::atan(std::hypot(x - 50, y - 40) / 60.0), degrees = angle * 180 / std::numbers::pi;
       const double expected = degrees < 5    ? 1
                               : degrees < 25 ? 1 - 0.2 * (degrees - 5) / 20
                               : degrees < 35 ? 0.8 - 0.6 * (degrees - 25) / 10
@@ -283,12 +283,12 @@ std::vector<float> spread_by_samples(const PointSpread& spread, int width, int h
 TEST(PointSpread, AnAiryDiscHasTheTransferFunctionOfItsAperture) {
   constexpr double kLambdaN_px = 0.6 * 4 / 5;
   for (const double frequency : {0.125, 0.25, 0.375, 0.5}) {
-    const std::vector<float> image =
-        spread_by_samples(airy(), 64, 1, 4, [&](double x, double) { return 1 + std::cos(2 * kPi * frequency * x); });
+    const std::vector<float> image = spread_by_samples(
+        airy(), 64, 1, 4, [&](double x, double) { return 1 + std::cos(2 * std::numbers::pi * frequency * x); });
     double cosine = 0;
     for (int x = 0; x < 64; ++x)
-      cosine += static_cast<double>(image[static_cast<std::size_t>(x)]) * std::cos(2 * kPi * frequency * x) /
-                (frequency < 0.5 ? 32 : 64);
+      cosine += static_cast<double>(image[static_cast<std::size_t>(x)]) *
+                std::cos(2 * std::numbers::pi * frequency * x) / (frequency < 0.5 ? 32 : 64);
     EXPECT_NEAR(cosine / sinc(frequency), aperture_mtf(frequency * kLambdaN_px), 0.004) << frequency;
   }
 }
@@ -298,12 +298,14 @@ TEST(PointSpread, AnAiryDiscHasTheTransferFunctionOfItsAperture) {
 TEST(PointSpread, OfSamplesHasTheTransferFunctionOfOneAperture) {
   constexpr double kFrequency = 0.25, kSigma = 0.6;
   const std::vector<float> image = spread_by_samples(
-      gaussian(kSigma), 64, 1, 4, [](double x, double) { return 1 + std::cos(2 * kPi * kFrequency * x); });
+      gaussian(kSigma), 64, 1, 4, [](double x, double) { return 1 + std::cos(2 * std::numbers::pi * kFrequency * x); });
   double cosine = 0;
   for (int x = 0; x < 64; ++x)
-    cosine += 2 * static_cast<double>(image[static_cast<std::size_t>(x)]) * std::cos(2 * kPi * kFrequency * x) / 64;
-  const double expected = std::exp(-2 * kPi * kPi * kSigma * kSigma * kFrequency * kFrequency) *
-                          std::sin(kPi * kFrequency) / (kPi * kFrequency);
+    cosine += 2 * static_cast<double>(image[static_cast<std::size_t>(x)]) *
+              std::cos(2 * std::numbers::pi * kFrequency * x) / 64;
+  const double expected =
+      std::exp(-2 * std::numbers::pi * std::numbers::pi * kSigma * kSigma * kFrequency * kFrequency) *
+      std::sin(std::numbers::pi * kFrequency) / (std::numbers::pi * kFrequency);
   EXPECT_NEAR(expected, 0.577, 0.001);
   EXPECT_NEAR(cosine, expected, 0.002);
 }

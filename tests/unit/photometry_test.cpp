@@ -11,19 +11,17 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 TEST(Photometry, ValuesByHand) {
   const Reflectance lambert{ReflectanceModel::lambert, 1, 0.12}, seeliger{ReflectanceModel::lommel_seeliger, 1, 0.12};
   EXPECT_NEAR(test::brdf(lambert, 0.3, 0.9), 0.03819718634205488, 1e-16);  // 0.12 / pi
   // Sun and camera in the zenith: rho / (2 pi) / 2 = 0.12 / (4 pi), a quarter of Lambert.
   EXPECT_NEAR(test::brdf(seeliger, 1, 1), 0.00954929658551372, 1e-16);
-  EXPECT_NEAR(test::brdf(seeliger, 0.5, 1), 0.12 / (2 * kPi) / 1.5, 1e-16);
+  EXPECT_NEAR(test::brdf(seeliger, 0.5, 1), 0.12 / (2 * std::numbers::pi) / 1.5, 1e-16);
   EXPECT_NEAR(test::brdf({ReflectanceModel::lommel_seeliger_lambert, 0.25, 0.12}, 0.5, 1),
-              0.25 * 0.12 / (3 * kPi) + 0.75 * 0.12 / kPi, 1e-16);
+              0.25 * 0.12 / (3 * std::numbers::pi) + 0.75 * 0.12 / std::numbers::pi, 1e-16);
   // Overhead Sun at 1 au, nadir: 1361 * 0.12 / (4 pi) = 12.9966 W m-2 sr-1.
   EXPECT_NEAR(test::direct_radiance(seeliger, 1361, 1, 1, 1), 12.996592652884, 1e-10);
-  EXPECT_NEAR(test::direct_radiance(lambert, 1361, 0.5, 0.2, 0.25), 1361 * 0.5 * 0.12 / kPi * 0.25, 1e-12);
+  EXPECT_NEAR(test::direct_radiance(lambert, 1361, 0.5, 0.2, 0.25), 1361 * 0.5 * 0.12 / std::numbers::pi * 0.25, 1e-12);
 }
 
 TEST(Photometry, TheWeightedAverageHasBothEnds) {

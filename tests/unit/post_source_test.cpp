@@ -1,5 +1,5 @@
-// Layers composed to posts: copied bit for bit where they lie on the lattice, exact for slopes where they don't, voids
-// and seams.
+// LayerFiles composed to posts: copied bit for bit where they lie on the lattice, exact for slopes where they don't,
+// voids and seams.
 #include "dem/posts/post_source.h"
 
 #include <gtest/gtest.h>
@@ -24,13 +24,13 @@ using test::write_kaguya_tile;
 std::int64_t lat_tick(double deg) { return std::llround((deg + 90) * kTicksPerDegree); }
 std::int64_t lon_tick(double deg) { return std::llround((deg + 180) * kTicksPerDegree); }
 
-PostWindow window(int level, double south, double west, int rows, int cols) {
+PostWindow posts_window(int level, double south, double west, int rows, int cols) {
   const std::int32_t step = 1 << (kTickLevel - level);
   return {lat_tick(south), lon_tick(west), step, step, rows, cols};
 }
 
-struct Layers {
-  explicit Layers(const std::string& folder, bool fall_through = false)
+struct LayerFiles {
+  explicit LayerFiles(const std::string& folder, bool fall_through = false)
       : catalogue(std::vector<std::string>{folder}),
         source(catalogue, fall_through,
                [this](const std::string&, const std::string& text) { warnings.push_back(text); }) {}
@@ -49,8 +49,8 @@ TEST(PostSource, LatticePostsAreCopiedBitForBit) {
   const auto noise = [&](double, double) { return static_cast<double>(random() % 20000) - 9000; };
   write_kaguya_tile(folder.path(), 12, 20, 2, 64, noise);
   random.seed(5);
-  Layers layers(folder.path());
-  const Posts posts = layers.source.compose(window(6, 10 + 1.0 / 64, 20, 128, 128));
+  LayerFiles layers(folder.path());
+  const Posts posts = layers.source.compose(posts_window(6, 10 + 1.0 / 64, 20, 128, 128));
   for (int r = 127; r >= 0; --r)  // the file runs from the north
     for (int c = 0; c < 128; ++c) {
       const auto at = static_cast<std::size_t>(r) * 128 + static_cast<std::size_t>(c);
@@ -62,8 +62,8 @@ TEST(PostSource, LatticePostsAreCopiedBitForBit) {
 TEST(PostSource, UncoveredPostsAreNoData) {
   TemporaryFolder folder;
   write_kaguya_tile(folder.path(), 12, 20, 2, 16, slope);
-  Layers layers(folder.path());
-  const Posts posts = layers.source.compose(window(4, 9, 19, 5 * 16, 4 * 16));
+  LayerFiles layers(folder.path());
+  const Posts posts = layers.source.compose(posts_window(4, 9, 19, 5 * 16, 4 * 16));
   for (int r = 0; r < 80; ++r)
     for (int c = 0; c < 64; ++c) {
       const double lat = 9 + r / 16.0, lon = 19 + c / 16.0;
@@ -80,9 +80,9 @@ TEST(PostSource, FinestValidLayerWins) {
   const auto hole = [](double lat, double lon) { return std::abs(lat - 11) < 0.2 && std::abs(lon - 21) < 0.2; };
   write_float_tile(
       folder.path(), "fine", {12, 20, 16, 33, 33}, [](double, double) { return 2.0; }, hole);
-  Layers layers(folder.path());
+  LayerFiles layers(folder.path());
   layers.catalogue.join_layers({0, {}});
-  const Posts posts = layers.source.compose(window(4, 9, 19, 65, 65));
+  const Posts posts = layers.source.compose(posts_window(4, 9, 19, 65, 65));
   for (int r = 0; r < 65; ++r)
     for (int c = 0; c < 65; ++c) {
       const double lat = 9 + r / 16.0, lon = 19 + c / 16.0;
@@ -97,8 +97,8 @@ TEST(PostSource, VoidsInASlopeAreFilledExactlyAndFlagged) {
   TemporaryFolder folder;
   const auto hole = [](double lat, double lon) { return std::abs(lat - 11) < 0.4 && std::abs(lon - 21) < 0.3; };
   write_float_tile(folder.path(), "t", {12, 20, 16, 33, 33}, slope, hole);
-  Layers layers(folder.path());
-  const PostWindow w = window(4, 10, 20, 33, 33);
+  LayerFiles layers(folder.path());
+  const PostWindow w = posts_window(4, 10, 20, 33, 33);
   Posts posts = layers.source.compose(w);
   PostSource::fill_voids(w, posts);
   int filled = 0;
@@ -115,7 +115,7 @@ TEST(PostSource, VoidsInASlopeAreFilledExactlyAndFlagged) {
 }
 
 TEST(PostSource, NoFillingBeyondTheReachOrOutside) {
-  PostWindow w = window(4, 0, 0, 3, 200);
+  PostWindow w = posts_window(4, 0, 0, 3, 200);
   Posts posts{std::vector<float>(w.size(), std::nanf("")), std::vector<SourceMark>(w.size(), kNoSource)};
   const auto put = [&](int c) {
     for (int r = 0; r < 3; ++r)
@@ -135,10 +135,10 @@ TEST(PostSource, OtherLatticesAreExactForSlopes) {
   TemporaryFolder folder;
   // 20 px/deg is no power of two: every post is interpolated.
   write_float_tile(folder.path(), "t", {12, 20, 20, 41, 41}, slope);
-  Layers layers(folder.path());
+  LayerFiles layers(folder.path());
   ASSERT_FALSE(layers.catalogue.rasters()[0].lattice_level);
   EXPECT_EQ(level_needed(layers.catalogue.rasters()[0]), 5);
-  const Posts posts = layers.source.compose(window(5, 10, 20, 65, 65));
+  const Posts posts = layers.source.compose(posts_window(5, 10, 20, 65, 65));
   for (int r = 0; r < 65; ++r)
     for (int c = 0; c < 65; ++c)
       ASSERT_NEAR(posts.heights[static_cast<std::size_t>(r * 65 + c)], slope(10 + r / 32.0, 20 + c / 32.0), 2e-3)
@@ -151,8 +151,8 @@ TEST(PostSource, SeamsOfAnotherLatticeAreClosedAndNotFilled) {
     for (const int west : {20, 21})
       write_kaguya_tile(folder.path(), top, west, 1, 20,
                         [](double lat, double lon) { return std::round(slope(lat, lon) * 20) / 20; });
-  Layers layers(folder.path());
-  const PostWindow w = window(5, 10.25, 20, 49, 56);
+  LayerFiles layers(folder.path());
+  const PostWindow w = posts_window(5, 10.25, 20, 49, 56);
   Posts posts = layers.source.compose(w);
   for (int r = 0; r < w.rows; ++r)
     for (int c = 0; c < w.cols; ++c) {
@@ -168,8 +168,8 @@ TEST(PostSource, AcrossTheDateLine) {
   const auto east_slope = [](double lat, double lon) { return 100 * lat + 10 * (lon < 90 ? lon + 360 : lon); };
   write_kaguya_tile(folder.path(), 2, 178, 2, 16, east_slope);
   write_kaguya_tile(folder.path(), 2, 180, 2, 16, east_slope);
-  Layers layers(folder.path());
-  const Posts posts = layers.source.compose(window(4, 1, 179, 8, 32));
+  LayerFiles layers(folder.path());
+  const Posts posts = layers.source.compose(posts_window(4, 1, 179, 8, 32));
   for (int r = 0; r < 8; ++r)
     for (int c = 0; c < 32; ++c)
       ASSERT_EQ(posts.heights[static_cast<std::size_t>(r * 32 + c)],
@@ -182,9 +182,9 @@ TEST(PostSource, PolesAreOnePointAndRowsGoOnBeyond) {
     return std::abs(lat) > 89.99 ? 7.0 : std::round(100 * std::cos(lon * M_PI / 180) + 10 * (90 - std::abs(lat)));
   };
   test::write_global_tile(folder.path(), 4, height);
-  Layers layers(folder.path());
+  LayerFiles layers(folder.path());
   for (const double pole : {-90.0, 90.0}) {
-    PostWindow w = window(2, pole - 1, 30, 9, 40);
+    PostWindow w = posts_window(2, pole - 1, 30, 9, 40);
     const Posts posts = layers.source.compose(w);
     for (int r = 0; r < 9; ++r)
       for (int c = 0; c < 40; ++c) {
@@ -202,9 +202,9 @@ TEST(PostSource, APoleBetweenPostsIsOnePointToo) {
     return 500 * std::cos(lat * M_PI / 180) * std::cos(lon * M_PI / 180) + 3;
   };
   write_float_tile(folder.path(), "area", {90 - 0.125, 0.125, 4, 720, 1440}, height);
-  Layers layers(folder.path());
+  LayerFiles layers(folder.path());
   for (const double pole : {-90.0, 90.0}) {
-    const PostWindow w = window(2, pole - 1, -180, 9, 1441);
+    const PostWindow w = posts_window(2, pole - 1, -180, 9, 1441);
     const Posts posts = layers.source.compose(w);
     for (int c = 0; c < w.cols; ++c) {
       ASSERT_EQ(posts.heights[static_cast<std::size_t>(4 * w.cols + c)],
@@ -219,8 +219,8 @@ TEST(PostSource, ImpossibleHeightsAreVoidsWithAWarning) {
   TemporaryFolder folder;
   write_float_tile(folder.path(), "t", {12, 20, 16, 17, 17},
                    [](double lat, double lon) { return lat == 11.5 && lon == 20.5 ? 32767.0 : 5.0; });
-  Layers layers(folder.path());
-  const Posts posts = layers.source.compose(window(4, 11, 20, 17, 17));
+  LayerFiles layers(folder.path());
+  const Posts posts = layers.source.compose(posts_window(4, 11, 20, 17, 17));
   for (int i = 0; i < 17 * 17; ++i) EXPECT_EQ(std::isnan(posts.heights[static_cast<std::size_t>(i)]), i == 8 * 17 + 8);
   ASSERT_EQ(layers.warnings.size(), 1U);
   EXPECT_NE(layers.warnings[0].find("t.lbl"), std::string::npos) << layers.warnings[0];
@@ -230,19 +230,19 @@ TEST(PostSource, UnreadableFilesAreErrorsOrFallThrough) {
   TemporaryFolder folder;
   write_float_tile(folder.path(), "below", {14, 18, 8, 49, 49}, [](double, double) { return 1.0; });
   write_float_tile(folder.path(), "above", {12, 20, 16, 33, 33}, [](double, double) { return 2.0; });
-  Layers strict(folder.path()), lenient(folder.path(), true);
+  LayerFiles strict(folder.path()), lenient(folder.path(), true);
   for (const bool vanish : {false, true}) {
     if (vanish)
       std::filesystem::remove(folder / "above.img");
     else
       std::filesystem::resize_file(folder / "above.img", 1000);
     try {
-      strict.source.compose(window(4, 10, 20, 33, 33));
+      strict.source.compose(posts_window(4, 10, 20, 33, 33));
       ADD_FAILURE() << "a damaged file went unnoticed";
     } catch (const DataError& error) {
       EXPECT_NE(std::string(error.what()).find("above"), std::string::npos) << error.what();
     }
-    const Posts posts = lenient.source.compose(window(4, 10, 20, 33, 33));
+    const Posts posts = lenient.source.compose(posts_window(4, 10, 20, 33, 33));
     for (const float h : posts.heights) EXPECT_EQ(h, 1.F);
     ASSERT_EQ(posts.replaced.size(), 1U);
     EXPECT_EQ(lenient.name(posts.replaced[0]), "above");
@@ -267,7 +267,7 @@ TEST(PostSource, TilesOfTheWholeArchiveKeepTheirNumbers) {
   archive.push_back(real);
   const Catalogue catalogue(archive);
   PostSource source(catalogue, false, [](const std::string&, const std::string&) {});
-  const Posts posts = source.compose(window(4, 11, 20, 17, 17));
+  const Posts posts = source.compose(posts_window(4, 11, 20, 17, 17));
   for (std::size_t i = 0; i < posts.heights.size(); ++i) {
     ASSERT_EQ(posts.heights[i], 4.F);
     ASSERT_EQ(posts.sources[i] & kFilledBit, 0U) << "flagged as filled";

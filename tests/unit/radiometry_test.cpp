@@ -18,8 +18,6 @@ namespace {
 using test::TemporaryFolder;
 using Names = std::vector<std::string_view>;
 
-constexpr double kPi = std::numbers::pi;
-
 TEST(RadianceTerms, MoonHasOnlyTheDirectTerm) {
   FrameRequest request;
   request.sun.distance_au = 1.02;
@@ -37,7 +35,7 @@ TEST(RadianceTerms, AWarmSurfaceEmits) {
   const RadianceTerms all = radiance_terms(request);
   EXPECT_EQ(all.names(), (Names{"direct", "emitted"}));
   // 5.670374419e-8 * 390^4 / pi = 417.568..., of which 80 %
-  EXPECT_NEAR(all.base_w_m2_sr(), 0.8 * 5.670374419e-8 * std::pow(390.0, 4) / kPi, 1e-10);
+  EXPECT_NEAR(all.base_w_m2_sr(), 0.8 * 5.670374419e-8 * std::pow(390.0, 4) / std::numbers::pi, 1e-10);
   request.band = Band(10, 0.02);
   EXPECT_NEAR(radiance_terms(request).base_w_m2_sr(), 0.8 * planck_w_m2_sr_um(10, 390) * 0.02, 1e-7);
   request.reflectance.rho = 1;  // a perfect mirror emits nothing

@@ -29,7 +29,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kMoon =
+constexpr const char* kMoonDegrees =
     R"(GEOGCS["Moon",DATUM["Moon",SPHEROID["Moon",1737400,0]],PRIMEM["Reference",0],UNIT["degree",0.0174532925199433]])";
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -132,7 +132,7 @@ std::string tiff(const Tiff& t) {
 
 struct Vrt {
   int width = 16, height = 16;
-  std::string srs = kMoon, transform = "30,0.0625,0,1,0,-0.0625", content = {}, more = {};
+  std::string srs = kMoonDegrees, transform = "30,0.0625,0,1,0,-0.0625", content = {}, more = {};
 };
 
 std::string vrt(const Vrt& v) {
@@ -188,7 +188,7 @@ TEST_F(RefusedFiles, ImpossiblePlanesAtThePole) {
                               R"(PROJCS["p",{},PROJECTION["Polar_Stereographic"],PARAMETER["latitude_of_origin",-90],)"
                               R"(PARAMETER["central_meridian",{}],PARAMETER["scale_factor",{}],)"
                               R"(PARAMETER["false_easting",0],PARAMETER["false_northing",0],UNIT["metre",1]])",
-                              kMoon, lon, scale),
+                              kMoonDegrees, lon, scale),
                           .transform = transform})));
   };
   EXPECT_EQ(polar("1000,100,0,1000,0,-100"), "");

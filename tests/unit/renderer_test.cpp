@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <numbers>
 #include <random>
 
 #include "dem/sample/sample_terrain.h"
@@ -25,8 +26,6 @@ using test::local_sun;
 using test::looking;
 using test::same_bytes;
 using test::TemporaryFolder;
-
-constexpr double kPi = M_PI;
 
 FrameRequest nadir(double lat, double lon, double height_m, int size, double fov_deg) {
   FrameRequest request;
@@ -70,11 +69,12 @@ TEST_F(SmoothMoon, EveryProductHasItsFormula) {
     const Vec3 normal = position.normalized();
     ASSERT_LT((at3(p.normal, i) - normal).norm(), 1e-5);
     const double mu0 = normal.dot(request.sun.direction), mu = -normal.dot(ray) / std::sqrt(a);
-    ASSERT_NEAR(static_cast<double>(p.radiance[i]), 1361 / (1.01 * 1.01) * mu0 * 0.12 / (2 * kPi) / (mu0 + mu), 1e-3);
-    ASSERT_NEAR(static_cast<double>(p.angles[3 * i]), std::acos(mu0) * 180 / kPi, 1e-3);
-    ASSERT_NEAR(std::cos(static_cast<double>(p.angles[3 * i + 1]) * kPi / 180), mu, 1e-5);
+    ASSERT_NEAR(static_cast<double>(p.radiance[i]),
+                1361 / (1.01 * 1.01) * mu0 * 0.12 / (2 * std::numbers::pi) / (mu0 + mu), 1e-3);
+    ASSERT_NEAR(static_cast<double>(p.angles[3 * i]), std::acos(mu0) * 180 / std::numbers::pi, 1e-3);
+    ASSERT_NEAR(std::cos(static_cast<double>(p.angles[3 * i + 1]) * std::numbers::pi / 180), mu, 1e-5);
     ASSERT_NEAR(static_cast<double>(p.angles[3 * i + 2]),
-                std::acos(-ray.normalized().dot(request.sun.direction)) * 180 / kPi, 1e-3);
+                std::acos(-ray.normalized().dot(request.sun.direction)) * 180 / std::numbers::pi, 1e-3);
     ASSERT_EQ(p.lit[i], 1.F);
     ASSERT_EQ(p.source[i], 0);
     ASSERT_NEAR(static_cast<double>(p.gsd[i]), dem::post_spacing_m(8), 1e-3);
@@ -251,7 +251,7 @@ class Mountain : public ::testing::Test {
  protected:
   static constexpr double kLat = 10, kLon = 30;
   static double cone(double height, double lat, double lon) {
-    const double r_deg = std::hypot(lat - kLat, (lon - kLon) * std::cos(kLat * kPi / 180));
+    const double r_deg = std::hypot(lat - kLat, (lon - kLon) * std::cos(kLat * std::numbers::pi / 180));
     return std::max(0.0, height * (1 - r_deg / 0.02));
   }
   // Tiles of four degrees, level 8; the mountain stands a quarter of a degree east of a seam.
@@ -273,7 +273,7 @@ TEST_F(Mountain, ThrowsItsShadowIntoViewFromOutside) {
     ASSERT_GT(root, 0);
     const Vec3 tip = top - sun * (along - std::sqrt(root));
     const double length = (tip - to_cartesian({kLat, kLon, 0})).norm();
-    EXPECT_GT(length, height / std::tan(elevation * kPi / 180));
+    EXPECT_GT(length, height / std::tan(elevation * std::numbers::pi / 180));
     // A camera over the tip that sees 2 km around it, and the mountain nowhere near.
     ASSERT_GT(length, 9000);
     const Geographic g = to_geographic(tip);
@@ -295,7 +295,8 @@ TEST_F(Mountain, ThrowsItsShadowIntoViewFromOutside) {
     EXPECT_LE(farthest, length + 2) << elevation;
     // Towards its tip the shadow gets narrower than a pixel: at this distance, for a cone; a mesh of a few posts is
     // slimmer.
-    const double pixel = 4000.0 / 128, narrow = pixel / (2 * std::tan(elevation * kPi / 180) * 606 / height);
+    const double pixel = 4000.0 / 128,
+                 narrow = pixel / (2 * std::tan(elevation * std::numbers::pi / 180) * 606 / height);
     EXPECT_GE(farthest, length - 2 * narrow - 2 * pixel) << elevation;
   }
 }

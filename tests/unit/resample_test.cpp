@@ -9,7 +9,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr int kWidth = 40, kHeight = 30;
+constexpr int kAcross = 40, kDown = 30;
 constexpr PostRectangle kPosts{100, 200, 25, 20};
 
 double plane(double x, double y) { return 12.5 + 3.25 * x - 1.75 * y; }
@@ -18,9 +18,9 @@ double plane(double x, double y) { return 12.5 + 3.25 * x - 1.75 * y; }
 std::vector<SeenPoint> turned(double spacing) {
   std::vector<SeenPoint> points;
   const double turn = 0.2, c = std::cos(turn), s = std::sin(turn);
-  for (int r = 0; r < kHeight; ++r)
-    for (int col = 0; col < kWidth; ++col) {
-      const double u = spacing * (col - kWidth / 2.0), v = spacing * (r - kHeight / 2.0);
+  for (int r = 0; r < kDown; ++r)
+    for (int col = 0; col < kAcross; ++col) {
+      const double u = spacing * (col - kAcross / 2.0), v = spacing * (r - kDown / 2.0);
       const double x = 112 + c * u - s * v, y = 209.5 + s * u + c * v;
       points.push_back({x, y, plane(x, y)});
     }
@@ -35,7 +35,7 @@ std::size_t covered(const std::vector<double>& heights) {
 
 TEST(Resample, APlaneIsExact) {
   for (const double spacing : {0.31, 0.97, 1.0}) {
-    const std::vector<double> heights = resample(turned(spacing), kWidth, kHeight, kPosts, 4, 4);
+    const std::vector<double> heights = resample(turned(spacing), kAcross, kDown, kPosts, 4, 4);
     ASSERT_EQ(heights.size(), 500u);
     EXPECT_GT(covered(heights), 40u);
     for (int r = 0; r < kPosts.height; ++r)
@@ -49,16 +49,16 @@ TEST(Resample, APlaneIsExact) {
 }
 
 TEST(Resample, NoPostWithinIsLeftOut) {
-  const std::vector<double> heights = resample(turned(1.3), kWidth, kHeight, kPosts, 4, 4);
+  const std::vector<double> heights = resample(turned(1.3), kAcross, kDown, kPosts, 4, 4);
   EXPECT_EQ(covered(heights), heights.size());
 }
 
 // Posts that pixels meet exactly lie on the corners of six triangles, and belong to at least one.
 TEST(Resample, PixelsOnPostsGiveTheirOwnHeights) {
   std::vector<SeenPoint> points;
-  for (int r = 0; r < kHeight; ++r)
-    for (int c = 0; c < kWidth; ++c) points.push_back({98.0 + c, 195.0 + r, std::sin(7.0 * r + 3.0 * c)});
-  const std::vector<double> heights = resample(points, kWidth, kHeight, kPosts, 4, 4);
+  for (int r = 0; r < kDown; ++r)
+    for (int c = 0; c < kAcross; ++c) points.push_back({98.0 + c, 195.0 + r, std::sin(7.0 * r + 3.0 * c)});
+  const std::vector<double> heights = resample(points, kAcross, kDown, kPosts, 4, 4);
   for (int r = 0; r < kPosts.height; ++r)
     for (int c = 0; c < kPosts.width; ++c)
       EXPECT_DOUBLE_EQ(heights[static_cast<std::size_t>(r * kPosts.width + c)],

@@ -98,14 +98,14 @@ TEST(PoseTrack, TwoPosesAreConstantRatesBeyondThemToo) {
 }
 
 // Cameras and how they move, from an orbit: slowly, fast, through poses; lens, fisheye.
-struct Case {
+struct RowCase {
   const char* name;
   Camera camera;
   Shutter shutter;
 };
 
-std::vector<Case> cases() {
-  std::vector<Case> all;
+std::vector<RowCase> row_cases() {
+  std::vector<RowCase> all;
   Camera camera{96, 80, 300, 310, 47.5, 39.5, {}}, lens = camera, fisheye = camera;
   lens.distortion = {-0.2, 0.05, 0, 0.001, -0.002};
   fisheye.model = CameraModel::fisheye, fisheye.fx = fisheye.fy = 30;
@@ -137,7 +137,7 @@ TEST(RowViews, WithoutAShutterThereIsOneView) {
 }
 
 TEST(RowViews, EachRowHasThePoseOfItsTime) {
-  for (const Case& c : cases()) {
+  for (const RowCase& c : row_cases()) {
     SCOPED_TRACE(c.name);
     const RowViews views(c.camera, in_orbit(0), c.shutter);
     const PoseTrack track(in_orbit(0), c.shutter);
@@ -166,7 +166,7 @@ TEST(RowViews, AFirstRowBeforeTheImageIsEarlier) {
 TEST(RowViews, BundlesBoundAllRows) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> share(0, 1);
-  for (const Case& c : cases()) {
+  for (const RowCase& c : row_cases()) {
     SCOPED_TRACE(c.name);
     const RowViews views(c.camera, in_orbit(0), c.shutter);
     EXPECT_LE(views.bundles().size(), 512U);
@@ -211,7 +211,7 @@ TEST(RowViews, WithoutMotionThereIsOneBundleAndThatIsTheView) {
 TEST(RowViews, APointIsFoundInTheRowThatSeesIt) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> share(0, 1);
-  for (const Case& c : cases()) {
+  for (const RowCase& c : row_cases()) {
     SCOPED_TRACE(c.name);
     const RowViews views(c.camera, in_orbit(0), c.shutter);
     for (int k = 0; k < 1000; ++k) {
@@ -236,8 +236,8 @@ TEST(RowViews, APointIsFoundInTheRowThatSeesIt) {
 
 // Cameras that turn by as much as a row or more while a row is read: a point may be on its row several times, in the
 // image and beside it, or come near its row and turn back.
-std::vector<Case> fast_cases() {
-  std::vector<Case> all;
+std::vector<RowCase> fast_cases() {
+  std::vector<RowCase> all;
   Camera camera{96, 64, 130, 130, 47.5, 31.5, {}}, lens = camera, fisheye = camera;
   lens.distortion = {-0.2, 0.05, 0, 0.001, -0.002};
   fisheye.model = CameraModel::fisheye, fisheye.fx = fisheye.fy = 60;
@@ -260,7 +260,7 @@ TEST(RowViews, PointsSeenDuringFastTurnsAreFoundInTheImage) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> share(0, 1);
   int elsewhere = 0, all = 0;
-  for (const Case& c : fast_cases()) {
+  for (const RowCase& c : fast_cases()) {
     SCOPED_TRACE(fmt::format("{} {} s", c.name, c.shutter.line_time_s));
     const RowViews views(c.camera, in_orbit(0), c.shutter);
     const PoseTrack track(in_orbit(0), c.shutter);
@@ -291,7 +291,7 @@ TEST(RowViews, PointsSeenDuringFastTurnsAreFoundInTheImage) {
 }
 
 TEST(RowViews, BundlesAreOfAllRowsInOrder) {
-  for (const Case& c : cases()) {
+  for (const RowCase& c : row_cases()) {
     SCOPED_TRACE(c.name);
     const RowViews views(c.camera, in_orbit(0), c.shutter);
     int next = 0;
@@ -306,7 +306,7 @@ TEST(RowViews, BundlesAreOfAllRowsInOrder) {
 
 // Before the first row and after the last one nothing is seen, though the line would get there.
 TEST(RowViews, PointsBeyondTheStripAreNotSeen) {
-  const Case strip = cases()[4];
+  const RowCase strip = row_cases()[4];
   const RowViews views(strip.camera, in_orbit(0), strip.shutter);
   const auto below = [&](double row) {
     const Pose pose = PoseTrack(in_orbit(0), strip.shutter).at(row * strip.shutter.line_time_s);
@@ -320,7 +320,7 @@ TEST(RowViews, PointsBeyondTheStripAreNotSeen) {
 }
 
 TEST(AimRows, WithoutMotionTheyAreThePacketsRaysBitForBit) {
-  for (const Case& c : cases()) {
+  for (const RowCase& c : row_cases()) {
     if (c.shutter.pushbroom) continue;
     SCOPED_TRACE(c.name);
     const RowViews still(c.camera, in_orbit(0), at_rates(1, {}, false));

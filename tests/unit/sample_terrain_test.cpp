@@ -27,7 +27,7 @@ namespace fs = std::filesystem;
 
 constexpr int kDummy = -9999;
 
-std::string bytes_of(const std::string& path) {
+std::string file_bytes(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   EXPECT_TRUE(file) << path;
   return {std::istreambuf_iterator<char>(file), {}};
@@ -41,7 +41,7 @@ struct Posts {
 
 // Decodes the image as the label says: most significant byte first.
 Posts posts_of(const std::string& path) {
-  const std::string bytes = bytes_of(path);
+  const std::string bytes = file_bytes(path);
   Posts posts;
   posts.size = static_cast<int>(std::lround(std::sqrt(static_cast<double>(bytes.size() / 2))));
   for (std::size_t i = 0; i + 1 < bytes.size(); i += 2) {
@@ -145,16 +145,16 @@ TEST(SampleTerrain, SameOptionsSameBytesAloneOrInAMosaic) {
   write_sample_terrain(other.path(), reseeded);
   const std::string tile = "DTM_MAP_01_S10E044S11E045SC";
   for (const char* extension : {".img", ".lbl"}) {
-    EXPECT_EQ(bytes_of(mosaic / (tile + extension)), bytes_of(again / (tile + extension)));
-    EXPECT_EQ(bytes_of(mosaic / (tile + extension)), bytes_of(alone / (tile + extension)));
+    EXPECT_EQ(file_bytes(mosaic / (tile + extension)), file_bytes(again / (tile + extension)));
+    EXPECT_EQ(file_bytes(mosaic / (tile + extension)), file_bytes(alone / (tile + extension)));
   }
-  EXPECT_NE(bytes_of(mosaic / (tile + ".img")), bytes_of(other / (tile + ".img")));
+  EXPECT_NE(file_bytes(mosaic / (tile + ".img")), file_bytes(other / (tile + ".img")));
 }
 
 TEST(SampleTerrain, LabelIsKaguyasAndTrue) {
   test::TemporaryFolder folder;
   write_sample_terrain(folder.path(), small(-11, 43, 1, 1, 256));
-  const std::string name = "DTM_MAP_01_S10E043S11E044SC", label = bytes_of(folder / (name + ".lbl"));
+  const std::string name = "DTM_MAP_01_S10E043S11E044SC", label = file_bytes(folder / (name + ".lbl"));
   EXPECT_EQ(std::count(label.begin(), label.end(), '\n'), std::count(label.begin(), label.end(), '\r'));
   EXPECT_TRUE(label.ends_with("\r\nEND\r\n"));
   auto m = members_of(label);

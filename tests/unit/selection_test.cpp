@@ -28,7 +28,7 @@ namespace {
 using dem::BlockId;
 using test::TemporaryFolder;
 
-double rough(double lat, double lon) {
+double rough_ground(double lat, double lon) {
   return 1500 * std::sin(lat * 6 + std::cos(lon * 3)) + 400 * std::cos(lon * 31 + lat * 13) +
          90 * std::sin(lon * 171) * std::cos(lat * 203) + 20 * std::sin(lat * 900 + lon * 1100);
 }
@@ -44,7 +44,7 @@ class SelectionTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     folder_ = new TemporaryFolder;
-    test::write_float_tile(folder_->path(), "t", {14, 22, 128, 8 * 128 + 1, 8 * 128 + 1}, rough);
+    test::write_float_tile(folder_->path(), "t", {14, 22, 128, 8 * 128 + 1, 8 * 128 + 1}, rough_ground);
     terrain_ = open();
   }
   static void TearDownTestSuite() {

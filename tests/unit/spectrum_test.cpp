@@ -13,7 +13,6 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 constexpr double kStefanBoltzmann = 5.670374419e-8;  // CODATA 2018, W m-2 K-4
 
 // Radiance of a blackbody from 0 to a wavelength, by the series of the fractional function (Chang & Rhee, Int. Comm.
@@ -28,7 +27,7 @@ double below(double wavelength_um, double temperature_k) {
     sum += term;
     if (term < 1e-18 * sum) break;
   }
-  return kStefanBoltzmann * std::pow(temperature_k, 4) / kPi * 15 / std::pow(kPi, 4) * sum;
+  return kStefanBoltzmann * std::pow(temperature_k, 4) / std::numbers::pi * 15 / std::pow(std::numbers::pi, 4) * sum;
 }
 
 // With 30 digits.
@@ -58,7 +57,7 @@ TEST(Planck, BandsAgreeWithTheClosedForm) {
 // Beyond the last wavelength there are 15 / pi^4 x^3 / 3 = 5.7e-6 of it.
 TEST(Planck, AllWavelengthsAreStefanAndBoltzmann) {
   for (const double kelvin : {100.0, 300.0, 1000.0}) {
-    const double expected = kStefanBoltzmann * std::pow(kelvin, 4) / kPi;
+    const double expected = kStefanBoltzmann * std::pow(kelvin, 4) / std::numbers::pi;
     EXPECT_NEAR(planck_w_m2_sr(Band(500.05 * 300 / kelvin, 999.9 * 300 / kelvin), kelvin), expected, 6e-6 * expected);
   }
 }
@@ -94,7 +93,7 @@ TEST(SolarSpectrum, TheTotalIsTheSolarConstant) {
 TEST(SolarSpectrum, BandsAreThoseOfOtherSpectra) {
   EXPECT_NEAR(solar_irradiance_w_m2(Band(0.55, 0.3)) / kSolarConstant_w_m2, 0.388, 0.004);
   EXPECT_NEAR(solar_irradiance_w_m2(Band(0.25, 0.2999)) / kSolarConstant_w_m2, 0.081, 0.004);
-  const double solid_angle = kPi * std::pow(6.957e8 / 149597870700.0, 2);  // IAU 2015 B3 radius at 1 au
+  const double solid_angle = std::numbers::pi * std::pow(6.957e8 / 149597870700.0, 2);  // IAU 2015 B3 radius at 1 au
   for (const auto& [from, to] : {std::pair{0.45, 0.9}, {0.9, 1.6}, {1.6, 4.0}, {0.2, 20.0}}) {
     const Band band((from + to) / 2, to - from);
     EXPECT_NEAR(solar_irradiance_w_m2(band) / (planck_w_m2_sr(band, 5772) * solid_angle), 1, from < 0.9 ? 0.04 : 0.12)

@@ -13,14 +13,15 @@
 namespace selenograph::engine {
 namespace {
 
-Camera plain() { return {640, 480, 500, 510, 319.5, 239.5, {}}; }
+Camera plain_camera() { return {640, 480, 500, 510, 319.5, 239.5, {}}; }
 
 std::vector<Camera> cameras() {
-  std::vector<Camera> all{plain(), {64, 64, 5000, 5000, 31.5, 31.5, {}}, {1000, 100, 200, 220, 700.25, -30.5, {}}};
+  std::vector<Camera> all{
+      plain_camera(), {64, 64, 5000, 5000, 31.5, 31.5, {}}, {1000, 100, 200, 220, 700.25, -30.5, {}}};
   for (const Distortion& d :
        {Distortion{-0.35, 0.12, -0.02, 0.001, -0.0007}, Distortion{0.4, 0.2, 0.1, -0.01, 0.02},
         Distortion{-0.2, 0, 0, 0.03, 0.03}, Distortion{-0.45, 0, 0, 0, 0}, Distortion{0.1, -0.4, 0, 0, 0}}) {
-    Camera c = plain();
+    Camera c = plain_camera();
     c.distortion = d;
     all.push_back(c);
   }
@@ -119,7 +120,7 @@ TEST(View, MayBeSeenIsConservative) {
 }
 
 TEST(View, PointsFarOutsideAreNotSeen) {
-  const View view(plain(), some_pose());
+  const View view(plain_camera(), some_pose());
   const Eigen::Matrix3d& m = view.moon_from_camera();
   EXPECT_FALSE(view.may_see(view.position() + m * Vec3(0, 0, -1000), 10));
   EXPECT_FALSE(view.may_see(view.position() + m * Vec3(1000, 0, 1000), 100));
@@ -175,7 +176,7 @@ TEST(View, ImpossibleCamerasAreRefused) {
        {Camera{0, 10, 1, 1, 0, 0, {}}, Camera{10, -1, 1, 1, 0, 0, {}}, Camera{10, 10, 0, 1, 0, 0, {}},
         Camera{10, 10, 1, std::nan(""), 0, 0, {}}, Camera{10, 10, 1, 1, INFINITY, 0, {}}})
     EXPECT_THROW(View(bad, pose), ImpossibleRequest);
-  EXPECT_THROW(View(plain(), Pose{{std::nan(""), 0, 0}, Eigen::Quaterniond::Identity()}), ImpossibleRequest);
+  EXPECT_THROW(View(plain_camera(), Pose{{std::nan(""), 0, 0}, Eigen::Quaterniond::Identity()}), ImpossibleRequest);
 }
 
 }  // namespace
