@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -31,7 +32,7 @@ std::string likely_mistake(const engine::Pose& pose) {
   const auto scalar_first = [](const Eigen::Quaterniond& p) { return Eigen::Quaterniond(p.x(), p.y(), p.z(), p.w()); };
   struct Mistake {
     Eigen::Quaterniond meant;
-    const char* words;
+    std::string_view words;
   };
   const char* const last = "are its components in the order x, y, z, w? w is the scalar part";
   const char* const first = "are its components in the order w, x, y, z, and were taken for x, y, z, w?";
@@ -43,16 +44,21 @@ std::string likely_mistake(const engine::Pose& pose) {
       {scalar_last(inverse).conjugate(), last},
       {scalar_first(q), first},
       {scalar_first(inverse).conjugate(), first}};
-  std::vector<std::pair<double, const char*>> found;
-  for (const Mistake& m : mistakes)
-    if (const auto angle = off_nadir(pose.position_m, m.meant)) found.emplace_back(*angle, m.words);
-  std::ranges::stable_sort(found, [](const auto& a, const auto& b) { return a.first < b.first - 1e-9; });
-  std::string text;
-  for (std::size_t i = 0; i < found.size(); ++i)
-    if (std::none_of(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(i),
-                     [&](const auto& before) { return before.second == found[i].second; }))
-      text += fmt::format(
-          "{}{}", text.empty() ? "an attitude of the same numbers would look at the Moon: " : " Or: ", found[i].second);
+  std::vector<std::pair<double, std::string_view>> found;  // each of the words once
+  for (const Mistake& m : mistakes) {
+    const auto angle = off_nadir(pose.position_m, m.meant);
+    if (!angle) continue;
+    const double nano_rad = std::round(*angle * 1e9);  // equal but for rounding: in the order of the table
+    const auto same = std::ranges::find(found, m.words, &std::pair<double, std::string_view>::second);
+    if (same == found.end())
+      found.emplace_back(nano_rad, m.words);
+    else
+      same->first = std::min(same->first, nano_rad);
+  }
+  if (found.empty()) return {};
+  std::ranges::stable_sort(found, {}, &std::pair<double, std::string_view>::first);
+  std::string text = "an attitude of the same numbers would look at the Moon: " + std::string(found[0].second);
+  for (std::size_t i = 1; i < found.size(); ++i) text += " Or: " + std::string(found[i].second);
   return text;
 }
 

@@ -312,13 +312,13 @@ int JsonReader::word_index(const std::vector<std::string_view>& names, WordHints
   if (!given) return -1;
   const auto found = std::find(names.begin(), names.end(), *given);
   if (found != names.end()) return static_cast<int>(found - names.begin());
-  for (const auto& [word, instead] : hints)
-    if (word == *given) {
-      fail("must be " + quoted_list(names, " or ") + "; " + std::string(instead));
-      return -1;
-    }
-  const auto meant = did_you_mean(*given, names);
-  fail("must be " + quoted_list(names, " or ") + (meant ? "; did you mean \"" + std::string(*meant) + "\"?" : ""));
+  const auto hint = std::find_if(hints.begin(), hints.end(), [&](const auto& h) { return h.first == *given; });
+  std::string more;
+  if (hint != hints.end())
+    more = "; " + std::string(hint->second);
+  else if (const auto meant = did_you_mean(*given, names))
+    more = "; did you mean \"" + std::string(*meant) + "\"?";
+  fail("must be " + quoted_list(names, " or ") + more);
   return -1;
 }
 

@@ -172,17 +172,4 @@ void Raster::read(int x0, int y0, int w, int h, float* heights_m) {
 
 bool Raster::current() const { return is_current(impl_->file); }
 
-HeightRange sampled_heights(const RasterInfo& info, std::size_t posts) {
-  Raster raster(info);
-  const int rows = std::clamp(static_cast<int>(posts / static_cast<std::size_t>(info.width)), 1, info.height);
-  std::vector<float> row(static_cast<std::size_t>(info.width));
-  HeightRange range{std::numeric_limits<float>::max(), std::numeric_limits<float>::lowest()};
-  for (int i = 0; i < rows; ++i) {
-    raster.read(0, static_cast<int>((2LL * i + 1) * info.height / (2LL * rows)), info.width, 1, row.data());
-    for (const float height : row)
-      if (!std::isnan(height)) range.low = std::min(range.low, height), range.high = std::max(range.high, height);
-  }
-  return range;
-}
-
 }  // namespace selenograph::dem

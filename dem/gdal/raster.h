@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "dem/files/raster_info.h"
-#include "dem/grid/block.h"
 
 namespace selenograph::dem {
 
@@ -52,9 +51,5 @@ class Raster {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-// Lowest and highest height of whole rows, evenly spread, of about `posts` posts in all; low > high: none is valid.
-// Throws as Raster does.
-HeightRange sampled_heights(const RasterInfo& info, std::size_t posts);
 
 }  // namespace selenograph::dem

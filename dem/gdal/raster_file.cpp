@@ -55,15 +55,15 @@ bool is_possible(double height_m) {
 }
 
 // Heights of a few posts, evenly spread; without no-data.
+constexpr int kAcross = 6, kSamples = kAcross * kAcross;
 std::vector<double> some_heights(RasterFile& s) {
   open_band(s);
-  constexpr int kAcross = 6;
   std::vector<double> heights;
-  for (int i = 0; i < kAcross * kAcross; ++i) {
+  for (int i = 0; i < kSamples; ++i) {
     const auto pick = [](int n, int k) { return static_cast<int>((2LL * k + 1) * n / (2 * kAcross)); };
     double sample = 0;
     read_samples(s, pick(s.file_width, i % kAcross), pick(s.file_height, i / kAcross), 1, 1, &sample);
-    if (!is_void(s, sample) && std::abs(sample) < kUndeclaredVoid) heights.push_back(sample * s.scale + s.offset_m);
+    if (!is_void(s, sample)) heights.push_back(sample * s.scale + s.offset_m);
   }
   return heights;
 }
@@ -75,7 +75,10 @@ bool holds_radii(RasterFile& s) {
   if (narrow && std::abs(s.scale) * 65535 + s.offset_m < kNoRadiusBelow_m) return false;
   std::vector<double> heights = some_heights(s);
   if (heights.empty()) return false;
-  if (std::none_of(heights.begin(), heights.end(), is_possible))
+  const auto impossible = [&](double height_m) {
+    return std::abs((height_m - s.offset_m) / s.scale) < kUndeclaredVoid && !is_possible(height_m);
+  };
+  if (std::count_if(heights.begin(), heights.end(), impossible) == kSamples)
     throw DataError(s.info.path, "its samples can't be heights: " + std::to_string(heights.front()) + " m is one");
   const auto middle = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2);
   std::nth_element(heights.begin(), middle, heights.end());
@@ -86,7 +89,8 @@ bool holds_radii(RasterFile& s) {
 // level besides. (The Moon's heights are -9.1 to 10.8 km, radii 1728 to 1748 km.)
 std::string doubt_of(RasterFile& s) {
   constexpr double kFar_m = 20e3, kHighest_km = 12, kLeastRadius_km = 1725, kLargestRadius_km = 1750;
-  const std::vector<double> heights = some_heights(s);
+  std::vector<double> heights = some_heights(s);
+  std::erase_if(heights, [](double height_m) { return !is_possible(height_m); });
   const double side_m = s.info.post_spacing_m * std::max(s.info.width, s.info.height);
   if (heights.empty() || side_m < kFar_m) return {};
   const auto [low, high] = std::minmax_element(heights.begin(), heights.end());
@@ -94,9 +98,8 @@ std::string doubt_of(RasterFile& s) {
   const bool radii_km = *low >= kLeastRadius_km && *high <= kLargestRadius_km;
   if (*low == *high || !(heights_km || radii_km)) return {};
   return fmt::format(
-      "its values lie between {:.3f} and {:.3f} m over {:.0f} km: are they {} in kilometres? Declare the unit (km) in "
-      "the "
-      "file, or convert them to metres",
+      "its values lie between {:.3f} and {:.3f} m over {:.0f} km: are they {} in kilometres? "
+      "Declare the unit (km) in the file, or convert them to metres",
       *low, *high, side_m / 1e3, radii_km ? "radii" : "heights");
 }
 
@@ -251,7 +254,9 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
   s.flip_x = place.flip_x, s.flip_y = place.flip_y;
   place_posts(s.info, place.grid);
   const bool has_unit = *s.band->GetUnitType() != 0;
-  if (!known && !has_unit && !open.remote && s.info.damage.empty()) s.info.doubt = doubt_of(s);
+  // Whole numbers of kilometres would be no relief. (Reals were looked at for radii already: their blocks are at hand.)
+  const bool whole = is_integer(s.type) && s.scale == 1;
+  if (!known && !has_unit && !whole && !open.remote && s.info.damage.empty()) s.info.doubt = doubt_of(s);
   return s;
 }
 

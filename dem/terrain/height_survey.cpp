@@ -6,6 +6,7 @@
 #include <mutex>
 #include <vector>
 
+#include "dem/gdal/raster.h"
 #include "dem/pyramid/chunk_format.h"
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
@@ -136,6 +137,18 @@ std::optional<HeightRange> survey_heights(const Catalogue& catalogue, const Post
   slack += 2 * static_cast<float>(format::height_step_m(block.level));
   return HeightRange{std::max(found.range.low - slack, kLowestRelief_m),
                      std::min(found.range.high + slack, kHighestRelief_m)};
+}
+
+HeightRange sampled_heights(const RasterInfo& info, std::size_t posts) {
+  Raster raster(info);
+  const int rows = std::clamp(static_cast<int>(posts / static_cast<std::size_t>(info.width)), 1, info.height);
+  std::vector<float> row(static_cast<std::size_t>(info.width));
+  HeightRange range = Survey().range;
+  for (int i = 0; i < rows; ++i) {
+    raster.read(0, static_cast<int>((2LL * i + 1) * info.height / (2LL * rows)), info.width, 1, row.data());
+    extend_range(row.data(), info.width, range);
+  }
+  return range;
 }
 
 }  // namespace selenograph::dem

@@ -17,4 +17,8 @@ namespace selenograph::dem {
 std::optional<HeightRange> survey_heights(const Catalogue& catalogue, const PostSource& source, const BlockId& block,
                                           const StopToken& stop);
 
+// Lowest and highest height of whole rows, evenly spread, of about `posts` posts in all; low > high: none is valid.
+// Throws as Raster does.
+HeightRange sampled_heights(const RasterInfo& info, std::size_t posts);
+
 }  // namespace selenograph::dem

@@ -2,7 +2,6 @@
 // is behind this pair of files.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <string>

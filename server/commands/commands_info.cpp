@@ -6,8 +6,8 @@
 #include <nlohmann/json.hpp>
 
 #include "api/answers/datasets_answer.h"
-#include "dem/gdal/raster.h"
 #include "dem/posts/layer_joins.h"
+#include "dem/terrain/height_survey.h"
 #include "dem/terrain/resampling.h"
 #include "server/commands/commands.h"
 #include "server/commands/start.h"

@@ -17,6 +17,7 @@
 #include "dem/posts/layer_joins.h"
 #include "dem/posts/post_source.h"
 #include "dem/support/error.h"
+#include "dem/terrain/height_survey.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {
