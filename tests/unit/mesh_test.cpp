@@ -259,7 +259,6 @@ TEST_F(MeshTest, ReusedBlocksAreIdentical) {
 
 // Wherever loading is given up, what it leaves in the terrain's memory is what a fresh one would have.
 TEST_F(MeshTest, CancellationLeavesAValidMesh) {
-  using Clock = StopToken::Clock;
   const auto blocks = box(5, 2, 10, 20, 28, [](const BlockId&) { return true; });
   const Mesh right(*terrain_, blocks);
   const auto opened = [&] {
@@ -268,15 +267,15 @@ TEST_F(MeshTest, CancellationLeavesAValidMesh) {
     return terrain;
   };
   auto terrain = opened();
-  const auto start = Clock::now();
+  const auto start = StopToken::Clock::now();
   const Mesh whole(*terrain, blocks);
-  const Clock::duration took = Clock::now() - start;
+  const auto took = StopToken::Clock::now() - start;
   const int trials = 60;
   int given_up = 0;
   for (int trial = 0; trial < trials; ++trial) {
     terrain = opened();
     try {
-      const Mesh part(*terrain, blocks, nullptr, StopToken(Clock::now() + took * trial / trials));
+      const Mesh part(*terrain, blocks, nullptr, StopToken(StopToken::Clock::now() + took * trial / trials));
     } catch (const Cancelled&) {
       ++given_up;
     }

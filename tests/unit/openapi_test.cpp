@@ -1,5 +1,6 @@
 #include "api/document/openapi.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <set>
@@ -102,7 +103,7 @@ TEST(OpenApi, ProductsAndRepresentationsAreThoseOfTheTables) {
   OrderedJson names = OrderedJson::array();
   for (const ProductRow& row : products()) {
     names.push_back(row.name);
-    EXPECT_NE(schema.at("description").get<std::string>().find("`" + std::string(row.name) + "` "), std::string::npos);
+    EXPECT_NE(schema.at("description").get<std::string>().find(fmt::format("`{}` ", row.name)), std::string::npos);
   }
   EXPECT_EQ(schema.at("items").at("enum"), names);
   const auto& content = document().at("paths").at("/v1/frames").at("post").at("responses").at("200").at("content");

@@ -1,4 +1,5 @@
 // Labels only: syntax, and where each dialect puts its first post.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -264,9 +265,10 @@ TEST(PdsLabel, PolarProductsAreSymmetric) {
   for (const char* offset : {"14.5", "15", "15.5"}) {
     LabelText text;
     text.projection = "\"POLAR STEREOGRAPHIC\"";
-    text.map =
-        std::string("CENTER_LATITUDE = -90\nCENTER_LONGITUDE = 0\nMAP_RESOLUTION = 1516.17\nMAP_SCALE = 20 <m/pix>\n") +
-        "LINE_PROJECTION_OFFSET = " + offset + "\nSAMPLE_PROJECTION_OFFSET = " + offset + "\n";
+    text.map = fmt::format(
+        "CENTER_LATITUDE = -90\nCENTER_LONGITUDE = 0\nMAP_RESOLUTION = 1516.17\nMAP_SCALE = 20 <m/pix>\n"
+        "LINE_PROJECTION_OFFSET = {0}\nSAMPLE_PROJECTION_OFFSET = {0}\n",
+        offset);
     const auto g = std::get<PolarGrid>(product.describe(text).grid);
     EXPECT_FALSE(g.north);
     EXPECT_EQ(g.spacing_m, 20);

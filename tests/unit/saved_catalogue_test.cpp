@@ -89,7 +89,7 @@ class SavedCatalogueTest : public ::testing::Test {
     while (stamp_of(path(name))->hash == before);
   }
   void put_tile(const std::string& stem, double west, const char* data = ".img") const {
-    put(stem + ".lbl", tile_label("\"" + fs::path(stem).filename().string() + data + "\"", 0, west));
+    put(stem + ".lbl", tile_label(fmt::format("\"{}{}\"", fs::path(stem).filename().string(), data), 0, west));
     put(stem + data, std::string(128, '\1'));
   }
   void put_tiff(const std::string& name, double west) const {
