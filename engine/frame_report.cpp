@@ -41,10 +41,32 @@ double pixel_rad(const View& view) {
   return left && right ? std::atan2(left->cross(*right).norm(), left->dot(*right)) : 0;
 }
 
+// The phase angle is that between the ray's reverse and the Sun, wherever the ray ends. It is smallest towards the
+// point opposite to the Sun, if that is in view.
+std::optional<std::array<double, 2>> phases_deg(const View& view, const Vec3& sun) {
+  constexpr int kAlong = 8;
+  const Camera& camera = view.camera();
+  std::optional<std::array<double, 2>> range;
+  for (int j = 0; j <= kAlong; ++j)
+    for (int i = 0; i <= kAlong; ++i) {
+      const auto ray = view.ray(i * (camera.width - 1.0) / kAlong, j * (camera.height - 1.0) / kAlong);
+      if (!ray) continue;
+      const double phase_deg = std::atan2(ray->cross(sun).norm(), -ray->dot(sun)) * kDegreesPerRadian;
+      if (!range) range = {phase_deg, phase_deg};
+      (*range)[0] = std::min((*range)[0], phase_deg), (*range)[1] = std::max((*range)[1], phase_deg);
+    }
+  const auto opposition = view.project(view.position() - kMoonRadius_m * sun);
+  if (range && opposition && opposition->x >= -0.5 && opposition->x <= camera.width - 0.5 && opposition->y >= -0.5 &&
+      opposition->y <= camera.height - 0.5)
+    (*range)[0] = 0;
+  return range;
+}
+
 void report_view(const Drawn& drawn, const View& view, const Vec3& sun, const dem::Catalogue& catalogue,
                  ViewReport& out) {
   const Vec3 boresight = view.moon_from_camera().col(2), up = -view.moon_from_camera().col(1);
   const Vec3 down = -view.position();
+  if (sun.norm() > 0) out.phase_deg = phases_deg(view, sun);
   out.off_nadir_deg = std::atan2(boresight.cross(down).norm(), boresight.dot(down)) * kDegreesPerRadian;
   for (std::size_t i = 0; i < out.corners.size(); ++i)
     if (const auto& met = drawn.met[ViewMarks::kFirstCorner + i]) out.corners[i] = to_geographic(met->position_m);

@@ -36,6 +36,7 @@ struct Settings {
   SampleSettings sample;
   VerifyRoundTripSettings verify_round_trip;
   VerifyAccuracySettings verify_accuracy;
+  VerifyMoonSettings verify_moon;
   VerifyMertisSettings verify_mertis;
 };
 
@@ -69,6 +70,7 @@ Work add_commands(CLI::App& app, Settings& s) {
       s.verify_round_trip, verify_round_trip);
   add(verify, work, "accuracy", "Measures speed against error, on named scenes for every setting", s.verify_accuracy,
       verify_accuracy);
+  add(verify, work, "moon", "The Moon's brightness, and real images of it beside frames", s.verify_moon, verify_moon);
   add(verify, work, "mertis", "Flux and signal-to-noise ratio of a thermal imaging spectrometer", s.verify_mertis,
       verify_mertis);
   return work;

@@ -62,6 +62,8 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
                     query.request.sensor->motion.samples ? "motion.samples may be left out or larger"
                                                          : "motion.samples may be larger"));
   add_object_warnings(query, warnings);
+  if (query.request.terrain && products & (engine::kImage | engine::kRadiance))
+    add_reflectance_warnings(query.request, report, warnings);
   if (query.request.terrain) add_view_warnings(query, report, catalogue, warnings);
   return warnings;
 }

@@ -79,10 +79,11 @@ void add_request(Answer<MetadataSource>& a) {
 void add_radiometry(Answer<MetadataSource>& a) {
   using namespace schema;
   a.add(
-      "reflectance", free_object("normalisation: the equation as printed in the paper"),
-      [](const MetadataSource& s) {
-        return OrderedJson{{"normalisation", normalisation(s.request.reflectance.model)}};
-      },
+      "reflectance",
+      free_object("normalisation: the equation as printed in the paper; of a preset of the Moon uncertainty of the "
+                  "disc's irradiance (relative, k = 2), extrapolated_sunlight (share of the band's, beyond 0.35 to 2.5 "
+                  "um) and, of a frame, phase_deg (smallest and largest over the image)"),
+      [](const MetadataSource& s) { return reflectance_metadata(s.request, s.report); },
       [](const MetadataSource& s) { return s.frame ? s.scenery.sun_given : with_light(s); });
   a.add("solar_irradiance", free_object("value_w_m2 at the Moon after 1/r^2, its band and source"), irradiance_json,
         with_light);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <filesystem>
 #include <stdexcept>
@@ -130,12 +131,37 @@ std::shared_ptr<const dem::ValueMap> Assets::map(std::string_view name, const St
               [&](const std::string& path) { return dem::ValueMap(read_map_file(path), map_tiles_); });
 }
 
+namespace {
+
+// {"quantity": "radiance_factor", and the geometry and wavelength of its I/F}; empty: rho, w or kelvin.
+std::optional<dem::RadianceFactor> read_quantity(const JsonReader& in) {
+  constexpr std::array kOf{"incidence_deg", "emission_deg", "phase_deg", "wavelength_um"};
+  if (!in.has("quantity")) {
+    for (const char* name : kOf)
+      if (in.has(name)) in.fail(name, "needs \"quantity\": \"radiance_factor\"");
+    return std::nullopt;
+  }
+  const std::pair<std::string_view, std::monostate> words[] = {{"radiance_factor", {}}};
+  if (!in.at("quantity").word(Words<std::monostate>(words))) return std::nullopt;
+  constexpr Range kSlant{0, 90, false, true};
+  const dem::RadianceFactor at{in.number("incidence_deg", kSlant), in.number("emission_deg", kSlant),
+                               in.number("phase_deg", Range{0, 180, false, true}),
+                               in.number("wavelength_um", Range{0.1, 1000})};
+  if (!in.good()) return std::nullopt;
+  if (at.phase_deg > at.incidence_deg + at.emission_deg || at.phase_deg < std::abs(at.incidence_deg - at.emission_deg))
+    in.fail("phase_deg", "must lie between the difference and the sum of incidence and emission");
+  return at;
+}
+
+}  // namespace
+
 dem::ValueMapOptions read_map_file(const std::string& path) {
   const Json json = read_object_file(path);
   Findings findings;
   const JsonReader in(json, findings);
   dem::ValueMapOptions map;
-  if (in.object({"file", "bands", "extent", "scale", "offset", "no_data", "low", "high", "description"})) {
+  if (in.object({"file", "bands", "extent", "scale", "offset", "exponent", "no_data", "low", "high", "quantity",
+                 "incidence_deg", "emission_deg", "phase_deg", "wavelength_um", "description"})) {
     if (!in.has("file")) in.fail("file", "is required");
     if (in.has("file")) map.path = (fs::path(path).parent_path() / in.at("file").text().value_or("")).string();
     if (in.has("bands"))
@@ -144,6 +170,8 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
       });
     if (in.has("extent")) map.extent = read_extent(in.at("extent"));
     map.scale = in.number("scale", kAnyNumber, map.scale), map.offset = in.number("offset", kAnyNumber, map.offset);
+    map.exponent = in.number("exponent", Range{0.1, 10}, map.exponent);
+    map.radiance_factor = read_quantity(in);
     if (in.has("no_data")) map.no_data = in.number("no_data", kAnyNumber);
     map.low = in.number("low", kAnyNumber, map.low), map.high = in.number("high", kAnyNumber, map.high);
     if (map.low > map.high) in.fail("low", "is above \"high\"");

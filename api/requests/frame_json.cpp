@@ -223,6 +223,7 @@ void check_shutter(const JsonReader& in, FrameQuery& query) {
 void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   const engine::FrameRequest& request = query.request;
   check_shutter(in, query);
+  resolve_preset(query.request, query.surface);
   if (query.request.truth) resolve_truth(in, request.camera, *query.request.truth);
   if (request.sensor && request.band) {
     check_airy(in, *request.sensor, *request.band);

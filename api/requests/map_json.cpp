@@ -221,6 +221,7 @@ const auto view_field =
 
 void check_map(const JsonReader& in, MapQuery& query, const ReadContext& context) {
   require_sun(in, map_products(), query.request.products);
+  resolve_preset(query.look(), query.surface);
   if (!in.good()) return;  // what isn't read has no place
   if (const auto grid = grid_of(in.at("map"), query.area, context.limits)) query.request.grid = *grid;
 }

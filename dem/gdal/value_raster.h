@@ -12,13 +12,20 @@
 
 namespace selenograph::dem {
 
+// The geometry and wavelength at which a map's values are I/F: pi times radiance over the Sun's irradiance.
+struct RadianceFactor {
+  double incidence_deg, emission_deg, phase_deg, wavelength_um;
+};
+
 struct ValueMapOptions {
   std::string path;        // in a format listed in the README
   std::vector<int> bands;  // from 1: the value is their mean; empty: all but alpha
   // For a raster without georeferencing: its outer borders, row 0 in the north.
   std::optional<Footprint> extent;
-  double scale = 1, offset = 0;   // value = scale * sample + offset, after the file's own
+  double scale = 1, offset = 0;   // value = (scale * sample + offset)^exponent, after the file's own
+  double exponent = 1;
   std::optional<double> no_data;  // an additional sample value that means no-data
+  std::optional<RadianceFactor> radiance_factor;  // if values are I/F; empty: rho, Hapke's w, or kelvin
   double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();  // values are clamped
 };
 

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <mutex>
 
 #include "dem/grid/geodesy.h"
 #include "dem/support/cache.h"
@@ -101,7 +102,9 @@ struct ValueMap::Impl {
     texels_per_deg = {1 / file.grid().dx_deg, 1 / file.grid().dy_deg};
     wraps = std::abs(width * file.grid().dx_deg - 360) < 0.5 * file.grid().dx_deg;
     while (std::max(level_width(levels - 1), level_height(levels - 1)) > 1) ++levels;
-    for (int n = 1; n < levels; ++n) overviews.push_back(file.overview_of_size(level_width(n), level_height(n)));
+    // An overview holds means of samples: with an exponent, they are not those of values.
+    for (int n = 1; n < levels; ++n)
+      overviews.push_back(o.exponent == 1 ? file.overview_of_size(level_width(n), level_height(n)) : -1);
   }
 
   Texel texel_of(double lat_deg, double lon_deg) const {
@@ -144,7 +147,8 @@ struct ValueMap::Impl {
     for (int y = 0; y < h; ++y)
       for (int x = 0; x < w; ++x) {
         const auto at = static_cast<std::size_t>(y * kTile + x);
-        const double value = options.scale * samples[at] + options.offset;
+        const double linear = options.scale * samples[at] + options.offset;
+        const double value = options.exponent == 1 ? linear : std::pow(linear, options.exponent);
         if (!std::isnan(value)) out[at] = static_cast<float>(std::clamp(value, options.low, options.high));
       }
   }
@@ -191,6 +195,8 @@ struct ValueMap::Impl {
   std::vector<int> overviews{-1};  // of each level, the file's overview of that size; -1: none
   std::shared_ptr<ValueMapTiles> kept;
   std::uint64_t number;  // of this map among those
+  std::once_flag known;
+  std::optional<double> once;
 };
 
 double ValueMap::Footprint2::cosine(double lat_deg) { return std::cos(lat_deg * kRadiansPerDegree); }
@@ -204,11 +210,22 @@ const std::string& ValueMap::path() const { return impl_->options.path; }
 
 bool ValueMap::current() const { return impl_->file.current(); }
 
+const std::optional<RadianceFactor>& ValueMap::radiance_factor() const { return impl_->options.radiance_factor; }
+
+std::optional<double> ValueMap::once(const std::function<std::optional<double>()>& number) const {
+  std::call_once(impl_->known, [&] { impl_->once = number(); });
+  return impl_->once;
+}
+
 std::uint64_t ValueMap::fingerprint() const {
   const ValueMapOptions& o = impl_->options;
   std::string identity =
       fmt::format("{}:{}:{}:{:a}:{:a}:{:a}:{:a}:{}", o.path, impl_->file.state().bytes, impl_->file.state().modified_ns,
                   o.scale, o.offset, o.low, o.high, fmt::join(impl_->file.bands(), ","));
+  if (o.exponent != 1) identity += fmt::format(":^{:a}", o.exponent);
+  if (const auto& r = o.radiance_factor)
+    identity +=
+        fmt::format(":I/F {:a}:{:a}:{:a}:{:a}", r->incidence_deg, r->emission_deg, r->phase_deg, r->wavelength_um);
   if (o.no_data) identity += fmt::format(":{:a}", *o.no_data);
   if (o.extent)
     identity += fmt::format(":{:a}:{:a}:{:a}:{:a}", o.extent->west_deg, o.extent->east_deg, o.extent->south_deg,

@@ -7,6 +7,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -36,6 +37,10 @@ class ValueMap {
   std::uint64_t fingerprint() const;
   // Whether the file is unchanged since it was opened.
   bool current() const;
+  const std::optional<RadianceFactor>& radiance_factor() const;
+
+  // A number that follows from the map: that of the first call to return, for all callers.
+  std::optional<double> once(const std::function<std::optional<double>()>& number) const;
 
   // Footprint of a pixel: a parallelogram around a place, by its sides in metres (east, north).
   struct Footprint2 {

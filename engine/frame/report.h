@@ -62,6 +62,7 @@ struct ViewReport {
   // At the boresight's intersection with the terrain: compass azimuth of the image's up direction, azimuth and
   // elevation of the Sun over the datum's horizon, and the post spacing of the DEM there in pixels.
   std::optional<double> up_azimuth_deg, sun_azimuth_deg, sun_elevation_deg, post_px;
+  std::optional<std::array<double, 2>> phase_deg;  // smallest and largest phase angle over the image, sky included
 };
 
 struct FrameReport {

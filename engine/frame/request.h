@@ -64,6 +64,9 @@ struct FrameRequest {
   std::optional<TruthGrid> truth;  // subset of pixels for ground-truth products; empty: all
 };
 
+// The band of radiance; null: all wavelengths.
+inline const Band* band_of(const FrameRequest& request) { return request.band ? &*request.band : nullptr; }
+
 // Ground-truth products, to which TruthGrid applies.
 inline constexpr ProductSet kTruth = ~static_cast<ProductSet>(kImage | kRadiance);
 

@@ -12,8 +12,12 @@ enum class ReflectanceModel {
   lommel_seeliger_lambert,  // "lunar": w * Lommel-Seeliger + (1 - w) * Lambert   paper 3.1
   blinn_phong,              // normalised by its exponent                         paper eq. (11)
   lunar_lambert,            // rho / pi (2 L / (mu0 + mu) + 1 - L)                McEwen 1991
-  hapke                     // with the opposition surge and macroscopic roughness  Hapke 1984, 2002
+  hapke,                    // with the opposition surge and macroscopic roughness  Hapke 1984, 2002
+  moon                      // the Moon's own, in absolute units (engine/radiometry/moon.h)
 };
+
+// Ground of `moon`: the mean of the near side, or ground that is darker or brighter by wavelength.
+enum class MoonGround { mean, mare, highlands };
 
 // Phase law of Lommel-Seeliger and lunar-Lambert, which have none of their own: a factor f(g) of the phase angle g,
 // with f(0) = 1, such that the integrated light of a uniform sphere follows that of the whole Moon
@@ -51,14 +55,20 @@ struct HapkeParameters {
 struct Reflectance {
   ReflectanceModel model = ReflectanceModel::lommel_seeliger_lambert;
   double lommel_seeliger_weight = 1.0;  // w of lommel_seeliger_lambert
-  double rho = 0.12;                    // all models but hapke
+  double rho = 0.12;                    // all models but hapke and moon
   double shininess = 100;               // p of blinn_phong
   // L of lunar_lambert. Empty: the Moon's, 1 - 0.019 g + 0.242e-3 g^2 - 1.46e-6 g^3, not below 0, g: phase angle in
   // degrees (McEwen, LPSC XXVII, 841, 1996).
   std::optional<double> limb_darkening{};
   PhaseLaw phase = PhaseLaw::none;  // for lommel_seeliger, lommel_seeliger_lambert, lunar_lambert
   HapkeParameters hapke{};
+  MoonGround ground = MoonGround::mean;  // of moon
 };
+
+// Models without a rho, which emission, B(T) (1 - rho), needs.
+inline bool has_rho(ReflectanceModel model) {
+  return model != ReflectanceModel::hapke && model != ReflectanceModel::moon;
+}
 
 // Reflectance and temperature of a surface.
 struct Material {

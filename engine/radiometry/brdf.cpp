@@ -7,6 +7,7 @@
 #include <variant>
 
 #include "dem/support/vector_targets.h"
+#include "engine/radiometry/moon.h"
 #include "engine/radiometry/phase_law.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -35,15 +36,10 @@ void HapkeLanes(const HapkeLaw& law, const double* mu0, const double* mu, const 
       [&]<bool kLegendre, bool kOf2002>() { Hapke<kLegendre, kOf2002>(law, mu0, mu, cos_phase, albedo, out); });
 }
 
-template <PhaseLaw kLaw>
-void OfPhase(const TermsByPhase& terms, const double* mu0, const double* mu, const double* cos_phase, double* out) {
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) out[i] = terms.at<Math, kLaw>(cos_phase[i]).times_mu0(mu0[i], mu[i]);
-}
-
 void OfPhaseLanes(const TermsByPhase& terms, const double* mu0, const double* mu, const double* cos_phase,
                   double* out) {
-  with_law(terms.law(), [&]<PhaseLaw kLaw>() { OfPhase<kLaw>(terms, mu0, mu, cos_phase, out); });
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) out[i] = terms.at(cos_phase[i]).times_mu0(mu0[i], mu[i]);
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -76,8 +72,7 @@ double lane(const HapkeLaw& law, double mu0, double mu, double cos_phase) {
   });
 }
 double lane(const TermsByPhase& terms, double mu0, double mu, double cos_phase) {
-  return with_law(terms.law(),
-                  [&]<PhaseLaw kLaw>() { return terms.at<ScalarMath, kLaw>(cos_phase).times_mu0(mu0, mu); });
+  return terms.at(cos_phase).times_mu0(mu0, mu);
 }
 double lane(const BlinnPhong& model, double mu0, double mu, double cos_phase) {
   return model.times_mu0(mu0, mu, cos_phase);
@@ -89,17 +84,19 @@ struct Brdf::Model {
   std::variant<BlinnPhong, TermsByPhase, HapkeLaw> is;
 };
 
-Brdf::Brdf(const Reflectance& r) {
+Brdf::Brdf(const Reflectance& r, const Band* band) {
   if (r.model == ReflectanceModel::hapke) {
     model_ = std::make_shared<const Model>(Model{HapkeLaw(r.hapke)});
   } else if (r.model == ReflectanceModel::blinn_phong) {
     const double p = r.shininess;
     model_ = std::make_shared<const Model>(
         Model{BlinnPhong{r.rho * (p + 4) * (p + 2) / (8 * kPi * (p + std::exp2(-p / 2))), p}});  // eq. (11)
-  } else if (const TermsByPhase terms(r); terms.vary()) {
-    model_ = std::make_shared<const Model>(Model{terms});
+  } else if (r.model == ReflectanceModel::moon) {
+    model_ = std::make_shared<const Model>(Model{moon_terms(r.ground, band)});
+  } else if (varies_by_phase(r)) {
+    model_ = std::make_shared<const Model>(Model{TermsByPhase([&](double g) { return terms_at(r, g); })});
   } else {
-    terms_ = terms.at<ScalarMath, PhaseLaw::none>(1);
+    terms_ = terms_at(r, 0);
   }
 }
 

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 
+#include "engine/frame/band.h"
 #include "engine/frame/surface.h"
 #include "engine/radiometry/hapke.h"
 #include "engine/radiometry/photometry.h"
@@ -20,7 +21,8 @@ inline constexpr double kLunarLambertMaxRho = 0.25;
 // camera.
 class Brdf {
  public:
-  explicit Brdf(const Reflectance& reflectance);
+  // `band`: that of the light, which decides what `moon` reflects; null: all wavelengths. Needed during the call only.
+  explicit Brdf(const Reflectance& reflectance, const Band* band = nullptr);
 
   // f_r, sr-1.
   double operator()(double mu0, double mu, double cos_phase) const { return times_mu0(mu0, mu, cos_phase) / mu0; }

@@ -7,6 +7,7 @@
 #include <bit>
 #include <cmath>
 #include <filesystem>
+#include <numbers>
 #include <string>
 
 #include "dem/support/error.h"
@@ -14,6 +15,7 @@
 #include "engine/camera/packet_rays.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/footprint_lanes.h"
+#include "engine/radiometry/moon.h"
 #include "engine/radiometry/radiometry.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -100,26 +102,48 @@ double EmissionTable::operator()(double temperature_k) const {
   return std::exp(log_[at] + share * (log_[at + 1] - log_[at]));
 }
 
+namespace {
+
+// What a map's value is multiplied by.
+double albedo_scale(const dem::ValueMap& map, const Reflectance& reflectance, const StopToken& stop) {
+  if (!map.radiance_factor()) return 1;
+  if (reflectance.model == ReflectanceModel::moon)
+    if (const auto mean = near_side_mean(map, stop)) return 1 / *mean;
+  const dem::RadianceFactor& at = *map.radiance_factor();
+  const auto cosine = [](double degrees) { return std::cos(degrees * kRadiansPerDegree); };
+  const double mu0 = cosine(at.incidence_deg);
+  constexpr double kNarrow_um = 1e-3;
+  const Band band(at.wavelength_um, kNarrow_um);
+  Reflectance whole = reflectance;
+  whole.rho = 1;
+  return 1 / (std::numbers::pi * Brdf(whole, &band).times_mu0(mu0, cosine(at.emission_deg), cosine(at.phase_deg)));
+}
+
 // Samples that are no reflectances: most likely of eight bits.
 [[noreturn]] void refuse_brightness(double value, const dem::ValueMap::Footprint2& at, const FrameRequest& request,
-                                    const StopToken& stop) {
+                                    std::vector<ScaledMap>& maps) {
   std::string name;
-  for (const auto& map : request.albedo_maps)
-    if (name.empty() && dem::ValueMap::Sampler(*map, stop).mean(at).value == value)
-      name = std::filesystem::path(map->path()).filename().string();
+  double sample = value;
+  for (std::size_t i = 0; i < maps.size() && name.empty(); ++i)
+    if (const double mean = maps[i].map.mean(at).value; mean * maps[i].scale == value)
+      sample = mean, name = std::filesystem::path(request.albedo_maps[i]->path()).filename().string();
   throw ImpossibleRequest(
       fmt::format(
           "the map {} has a reflectance of {:.4g} at {:.4f} N, {:.4f} E, more than all light: give it a \"scale\" "
           "(eight bits: 1/255), or \"high\": 1 to cut off",
-          name, value, at.lat_deg, at.lon_deg),
+          name, sample, at.lat_deg, at.lon_deg),
       "albedo_maps");
 }
+
+}  // namespace
 
 MappedSurface::MappedSurface(const FrameRequest& request, const RowViews& views)
     : request_(request), views_(views), path_w_m2_sr_(radiance_terms(request, black(0)).base_w_m2_sr()) {
   const Reflectance& reflectance = request.reflectance;
-  fallback_ = reflectance.model == ReflectanceModel::hapke ? reflectance.hapke.w : reflectance.rho;
-  most_ = reflectance.model == ReflectanceModel::lunar_lambert ? kLunarLambertMaxRho : 1;
+  const bool moon = reflectance.model == ReflectanceModel::moon;
+  fallback_ = moon ? 1 : reflectance.model == ReflectanceModel::hapke ? reflectance.hapke.w : reflectance.rho;
+  most_ = moon ? kMoonMost : reflectance.model == ReflectanceModel::lunar_lambert ? kLunarLambertMaxRho : 1;
+  for (const auto& map : request.albedo_maps) albedo_scales_.push_back(albedo_scale(*map, reflectance, {}));
   if (request.temperature_k > 0 || !request.temperature_maps.empty())
     emission_ = std::make_unique<const EmissionTable>(request);
   steps_ = steps_of(views.reference());
@@ -136,8 +160,9 @@ MappedSurface::Steps MappedSurface::steps_of(const View& view) const {
 MappedSurface::Sampler MappedSurface::sampler(const StopToken& stop) const {
   Sampler sampler;
   sampler.stop = &stop;
-  for (const auto& map : request_.albedo_maps) sampler.albedo.emplace_back(*map, stop);
-  for (const auto& map : request_.temperature_maps) sampler.temperature.emplace_back(*map, stop);
+  for (std::size_t i = 0; i < albedo_scales_.size(); ++i)
+    sampler.albedo.push_back({{*request_.albedo_maps[i], stop}, albedo_scales_[i]});
+  for (const auto& map : request_.temperature_maps) sampler.temperature.push_back({{*map, stop}});
   return sampler;
 }
 
@@ -185,18 +210,18 @@ void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sample
   footprints(points, rays, first_row, pixels);
   alignas(64) double values[kPacket];
   // part(value, share, lane) of each pixel's parts. Of several maps the first decides where it has values.
-  const auto each = [&](std::vector<dem::ValueMap::Sampler>& maps, double fallback, const auto& part) {
-    const std::uint32_t small = maps.empty() ? 0 : maps.front().means_of_small(pixels.all(), first, values);
+  const auto each = [&](std::vector<ScaledMap>& maps, double fallback, const auto& part) {
+    const std::uint32_t small = maps.empty() ? 0 : maps.front().map.means_of_small(pixels.all(), first, values);
     for (int i = 0; i < kPacket; ++i) {
       if (!points.hit[i]) continue;
       if (small >> i & 1)
-        part(values[i], 1.0, i);
+        part(values[i] * maps.front().scale, 1.0, i);
       else
         parts_of(maps, pixels.at(i), fallback, [&](double value, double share) { part(value, share, i); });
     }
   };
   each(sampler.albedo, fallback_, [&](double value, double share, int i) {
-    if (value > most_ + kRounding) refuse_brightness(value, pixels.at(i), request_, *sampler.stop);
+    if (value > most_ + kRounding) refuse_brightness(value, pixels.at(i), request_, sampler.albedo);
     albedo[i] += share * std::clamp(value, 0.0, most_);
   });
   std::fill(base, base + kPacket, static_cast<float>(path_w_m2_sr_));

@@ -25,14 +25,21 @@ class EmissionTable {
   std::vector<double> inverse_k_, log_;
 };
 
+// A map's sampler, and the factor from its values to rho, Hapke's w, the ratio to the mean Moon, or kelvin.
+struct ScaledMap {
+  dem::ValueMap::Sampler map;
+  double scale = 1;
+};
+
 class MappedSurface {
  public:
-  // `request` and `views` must outlive this object.
+  // `request` and `views` must outlive this object. Maps of I/F become rho, or for `moon` ratios to the mean Moon: to
+  // the map's own mean over the near side, so that the disc stays the Moon's; to the preset's I/F if it has none.
   MappedSurface(const FrameRequest& request, const RowViews& views);
 
   // State of one task; `stop` must outlive it.
   struct Sampler {
-    std::vector<dem::ValueMap::Sampler> albedo, temperature;
+    std::vector<ScaledMap> albedo, temperature;
     const StopToken* stop = nullptr;
   };
   Sampler sampler(const StopToken& stop) const;
@@ -59,6 +66,7 @@ class MappedSurface {
 
   const FrameRequest& request_;
   const RowViews& views_;
+  std::vector<double> albedo_scales_;  // of each albedo map
   double path_w_m2_sr_, fallback_, most_;
   std::unique_ptr<const EmissionTable> emission_;
   Steps steps_;  // for the reference view
@@ -67,13 +75,12 @@ class MappedSurface {
 // Visits the parts of a footprint as part(value, share of the footprint): for each part the value of the first map that
 // has one, `fallback` where none has.
 template <typename Part>
-void parts_of(std::vector<dem::ValueMap::Sampler>& maps, const dem::ValueMap::Footprint2& footprint, double fallback,
-              Part&& part) {
+void parts_of(std::vector<ScaledMap>& maps, const dem::ValueMap::Footprint2& footprint, double fallback, Part&& part) {
   double left = 1;
-  for (dem::ValueMap::Sampler& map : maps) {
-    const auto [value, coverage] = map.mean(footprint);
+  for (ScaledMap& map : maps) {
+    const auto [value, coverage] = map.map.mean(footprint);
     if (!(coverage > 0)) continue;
-    part(value, left * coverage);
+    part(value * map.scale, left * coverage);
     left *= 1 - coverage;
     if (!(left > 1e-6)) return;
   }

@@ -1,31 +1,24 @@
 #include "engine/radiometry/solar_spectrum.h"
 
-#include <charconv>
 #include <vector>
 
 #include "engine/radiometry/photometry.h"
+#include "engine/support/csv.h"
 #include "engine/support/interpolate.h"
 
 namespace selenograph::engine {
 namespace {
 
-// The rows of astm_e490.csv after its head.
-std::vector<SpectralSample> read_table(std::string_view text) {
+std::vector<SpectralSample> read_table() {
   std::vector<SpectralSample> table;
-  const char* const end = text.data() + text.size();
-  for (const char* at = text.data() + text.find('\n') + 1; at < end; ++at) {
-    SpectralSample sample{};
-    at = std::from_chars(at, end, sample.wavelength_um).ptr + 1;
-    at = std::from_chars(at, end, sample.irradiance_w_m2_um).ptr;
-    table.push_back(sample);
-  }
+  for (const std::vector<double>& row : csv_rows(astm_e490_csv())) table.push_back({row.at(0), row.at(1)});
   return table;
 }
 
 }  // namespace
 
 std::span<const SpectralSample> astm_e490() {
-  static const std::vector<SpectralSample> table = read_table(astm_e490_csv());
+  static const std::vector<SpectralSample> table = read_table();
   return table;
 }
 

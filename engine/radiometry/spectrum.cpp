@@ -108,11 +108,12 @@ Band in_photons(const Band& band, const std::vector<ResponsePoint>& efficiency) 
   return Band(std::move(response));
 }
 
-double sunlight_wavelength_um(const Band& band, const std::vector<ResponsePoint>& efficiency) {
+double photon_wavelength_um(const Band& band, const std::vector<ResponsePoint>& efficiency,
+                            const std::function<double(const Band&)>& light_w_m2) {
   const Band counted = in_photons(band, efficiency);
-  const double all = solar_irradiance_w_m2(band);
+  const double all = light_w_m2(band);
   if (!(all > 0)) return band.center_um() * counted.width_um() / band.width_um();
-  return band.center_um() * solar_irradiance_w_m2(counted) / all;
+  return band.center_um() * light_w_m2(counted) / all;
 }
 
 }  // namespace selenograph::engine

@@ -33,8 +33,9 @@ double planck_w_m2_sr(const Band& band, double temperature_k);
 // energy, for any spectrum. Accurate to 1e-5. Throws ImpossibleRequest when the resulting response is 0 everywhere.
 Band in_photons(const Band& band, const std::vector<ResponsePoint>& efficiency);
 
-// The wavelength at which the band's sunlight, were it monochromatic, would have the same number of photons, efficiency
-// included.
-double sunlight_wavelength_um(const Band& band, const std::vector<ResponsePoint>& efficiency);
+// The wavelength at which a band's light, were it monochromatic, would have the same number of photons, efficiency
+// included. `light_w_m2`: of the light's spectrum in a band, e.g. solar_irradiance_w_m2.
+double photon_wavelength_um(const Band& band, const std::vector<ResponsePoint>& efficiency,
+                            const std::function<double(const Band&)>& light_w_m2);
 
 }  // namespace selenograph::engine

@@ -11,7 +11,7 @@ namespace selenograph::engine {
 
 // Paper eq. (8): electrons that a quantum detector counts in its integration time, n_el = t pi p^2 / (4 f_#^2) eta L
 // lambda / (h c) Delta lambda, for L Delta lambda = 1 W m-2 sr-1 at wavelength lambda. The equation assumes Delta
-// lambda << lambda; for a wide band lambda is sunlight_wavelength_um, or the band's center if the radiance is counted
+// lambda << lambda; for a wide band lambda is photon_wavelength_um, or the band's center if the radiance is counted
 // in photons (in_photons).
 double electrons_per_radiance(const Optics& optics, const Detector& detector, double wavelength_um);
 

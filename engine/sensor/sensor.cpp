@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "engine/radiometry/moon.h"
 #include "engine/radiometry/spectrum.h"
 
 namespace selenograph::engine {
@@ -27,10 +28,22 @@ double share_above(const std::vector<float>& radiance, double limit) {
   return radiance.empty() ? 0 : static_cast<double>(above) / static_cast<double>(radiance.size());
 }
 
+namespace {
+
+// The spectrum that is counted: the Sun's, or the Moon's where the ground has it.
+double light_w_m2(const FrameRequest& request, const Band& band) {
+  const Reflectance& ground = request.reflectance;
+  return request.terrain && ground.model == ReflectanceModel::moon ? moonlight_w_m2(ground.ground, band)
+                                                                   : solar_irradiance_w_m2(band);
+}
+
+}  // namespace
+
 Sensor::Sensor(const FrameRequest& request, const StopToken& stop)
     : request_(request),
       model_(*request.sensor),
-      wavelength_um_(sunlight_wavelength_um(*request.band, model_.detector.efficiency)),
+      wavelength_um_(photon_wavelength_um(*request.band, model_.detector.efficiency,
+                                          [&](const Band& band) { return light_w_m2(request, band); })),
       kernel_(model_.optics.point_spread, model_.optics.f_number, model_.detector.pixel_pitch_um,
               request.band->center_um(), stop) {}
 

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <charconv>
 #include <fstream>
 
@@ -41,6 +42,16 @@ std::vector<double> csv_numbers(std::string_view line) {
     if (next == end) return numbers;
     at = next + 1;
   }
+}
+
+std::vector<std::vector<double>> csv_rows(std::string_view text) {
+  std::vector<std::vector<double>> rows;
+  for (std::size_t at = text.find('\n') + 1; at < text.size();) {
+    const std::size_t end = std::min(text.find('\n', at), text.size());
+    rows.push_back(csv_numbers(text.substr(at, end - at)));
+    at = end + 1;
+  }
+  return rows;
 }
 
 }  // namespace selenograph::engine

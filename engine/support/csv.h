@@ -22,4 +22,7 @@ void each_csv_line(const std::string& path, const std::function<void(std::string
 // Parses numbers separated by commas. Throws BadLine for anything else in the line.
 std::vector<double> csv_numbers(std::string_view line);
 
+// The rows of a table that is part of the executable: a head, and lines of numbers.
+std::vector<std::vector<double>> csv_rows(std::string_view text);
+
 }  // namespace selenograph::engine

@@ -87,6 +87,18 @@ struct VerifyAccuracySettings {
   std::string output;  // folder
 };
 
+struct VerifyMoonSettings {
+  TerrainSettings terrain;
+  api::Limits limits;
+  std::vector<std::string> albedo_maps;  // names in the assets folder
+  std::string images;                    // folder with views.json and NAME.npy; empty: none
+  std::string center;                    // "LAT,LON": relief there in the place of the whole disc; empty: the disc
+  double width_m = 20e3;                 // of the ground at `center`
+  std::string detail;                    // name in the assets folder; empty: none
+  int size_px = 256;
+  std::string output;  // folder
+};
+
 struct VerifyMertisSettings {
   std::string instrument;  // JSON file; empty: MERTIS with the paper's and assumed values
   std::string output;      // folder
@@ -101,6 +113,7 @@ void add_options(CLI::App& command, InfoSettings& settings);
 void add_options(CLI::App& command, SampleSettings& settings);
 void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
 void add_options(CLI::App& command, VerifyAccuracySettings& settings);
+void add_options(CLI::App& command, VerifyMoonSettings& settings);
 void add_options(CLI::App& command, VerifyMertisSettings& settings);
 
 int serve(const ServeSettings& settings);
@@ -114,6 +127,7 @@ int info(const InfoSettings& settings);
 int sample(const SampleSettings& settings);
 int verify_round_trip(const VerifyRoundTripSettings& settings);
 int verify_accuracy(const VerifyAccuracySettings& settings);
+int verify_moon(const VerifyMoonSettings& settings);
 int verify_mertis(const VerifyMertisSettings& settings);
 
 }  // namespace selenograph::server

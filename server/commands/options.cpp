@@ -202,6 +202,25 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
   add_options(command, s.terrain);
 }
 
+void add_options(CLI::App& command, VerifyMoonSettings& s) {
+  command
+      .add_option("--albedo-maps", s.albedo_maps,
+                  "Maps of radiance factors in the assets folder, the first that covers")
+      ->delimiter(',')
+      ->type_name("NAME");
+  command.add_option("--images", s.images, "Folder with views.json and images: each beside its frame; needs --dem")
+      ->type_name("DIR");
+  add_place(command, "--center", s.center,
+            "Compare terrain there with smooth ground, by incidence, in the place of the whole disc; needs --dem");
+  command.add_option("--width-m", s.width_m, "Of the ground at --center")
+      ->check(CLI::Range(1.0, 1e6))
+      ->capture_default_str();
+  command.add_option("--detail", s.detail, "Detail of the assets folder at --center; without: none")->type_name("NAME");
+  command.add_option("--size-px", s.size_px, "Side of the frames")->check(CLI::Range(32, 4096))->capture_default_str();
+  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
+  add_options(command, s.terrain);
+}
+
 void add_options(CLI::App& command, VerifyMertisSettings& s) {
   command.add_option("--instrument", s.instrument, "JSON as for POST /v1/verify/mertis; without: MERTIS")
       ->type_name("FILE");

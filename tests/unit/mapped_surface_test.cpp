@@ -60,7 +60,8 @@ class MappedGround : public ::testing::Test {
 
   // Two degrees around the place.
   static std::shared_ptr<const dem::ValueMap> map(const std::string& name,
-                                                  const std::function<double(double, double)>& value) {
+                                                  const std::function<double(double, double)>& value,
+                                                  const std::optional<dem::RadianceFactor>& factor = {}) {
     constexpr int kSide = 400;
     std::vector<float> values;
     const double step = 2.0 / kSide, north = kLat + 1 - step / 2, west = kLon - 1 + step / 2;
@@ -68,7 +69,7 @@ class MappedGround : public ::testing::Test {
       for (int x = 0; x < kSide; ++x) values.push_back(static_cast<float>(value(north - y * step, west + x * step)));
     dem::write_geotiff(*folder_ / name, {north, west, step, step, kSide, kSide}, values, "value");
     dem::ValueMapOptions options;
-    options.path = *folder_ / name;
+    options.path = *folder_ / name, options.radiance_factor = factor;
     return std::make_shared<const dem::ValueMap>(options, dem::make_value_map_tiles(std::size_t{128} << 20));
   }
 
@@ -118,6 +119,47 @@ TEST_F(MappedGround, RadianceIsOfTheMapsAlbedo) {
         ASSERT_NEAR(radiance, expected, 3e-5 * expected);
       });
     }
+}
+
+// Maps of I/F become rho, whatever the model; with `moon` ratios to the mean Moon at the map's wavelength.
+TEST_F(MappedGround, RadianceFactorsBecomeAlbedo) {
+  const dem::RadianceFactor at{60, 0, 60, 0.665};
+  const auto cosine = [](double degrees) { return std::cos(degrees * test::kDegree); };
+  for (const ReflectanceModel model : {ReflectanceModel::lambert, ReflectanceModel::lommel_seeliger,
+                                       ReflectanceModel::lunar_lambert, ReflectanceModel::moon}) {
+    FrameRequest r = request(Visibility::zbuffer);
+    r.reflectance.model = model;
+    r.band.emplace(0.8, 0.1);
+    Reflectance whole = r.reflectance;
+    whole.rho = 1;
+    const Band there(at.wavelength_um, 1e-3);
+    const double of_one = std::numbers::pi * Brdf(whole, &there).times_mu0(cosine(60), 1, cosine(60));
+    r.albedo_maps = {map("factor.tif", [&](double lat, double) { return of_one * rho(lat); }, at)};
+    each(r, [&](double lat, double, double mu0, double mu, double cos_phase, double radiance) {
+      const double expected =
+          solar_irradiance_w_m2(*r.band) * rho(lat) * Brdf(whole, &*r.band).times_mu0(mu0, mu, cos_phase);
+      ASSERT_NEAR(radiance, expected, 4e-5 * expected);
+    });
+  }
+}
+
+// A map of the near side is a ratio to its own mean there: its absolute scale does not count.
+TEST_F(MappedGround, TheNearSideOfAMapIsTheMeanMoon) {
+  constexpr int kColumns = 180, kRows = 90;
+  std::vector<float> values;
+  for (int i = 0; i < kColumns * kRows; ++i) values.push_back(0.07F);
+  dem::write_geotiff(*folder_ / "moon.tif", {89, -179, 2, 2, kColumns, kRows}, values, "value");
+  dem::ValueMapOptions options;
+  options.path = *folder_ / "moon.tif", options.radiance_factor = dem::RadianceFactor{60, 0, 60, 0.665};
+  const auto whole = std::make_shared<const dem::ValueMap>(options, dem::make_value_map_tiles(std::size_t{128} << 20));
+  EXPECT_NEAR(near_side_mean(*whole, {}).value_or(0), 0.07, 1e-6);
+  EXPECT_FALSE(near_side_mean(*albedo_, {}));
+  FrameRequest r = request(Visibility::zbuffer);
+  r.reflectance.model = ReflectanceModel::moon;
+  const std::vector<float> plain = renderer_->render(r).products.radiance;
+  r.albedo_maps = {whole};
+  const std::vector<float> mapped = renderer_->render(r).products.radiance;
+  for (std::size_t i = 0; i < plain.size(); ++i) ASSERT_NEAR(mapped[i], plain[i], 2e-6F * plain[i]);
 }
 
 TEST_F(MappedGround, TheGroundEmitsByItsTemperatureAndAlbedo) {

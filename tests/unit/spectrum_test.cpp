@@ -164,6 +164,10 @@ double photons(const Band& band, const std::vector<ResponsePoint>& efficiency, c
   return sum;
 }
 
+double sunlight_wavelength_um(const Band& band, const std::vector<ResponsePoint>& efficiency) {
+  return photon_wavelength_um(band, efficiency, solar_irradiance_w_m2);
+}
+
 // Eq. (8) counts a wide band's photons at its center: 4.9 % too many of sunlight in 0.4 to 0.9 um, 10 % too few of 300
 // K in 3 to 5 um.
 TEST(Photons, AreCountedOverTheBand) {

@@ -7,6 +7,8 @@
 
 #include "api/json/ranges.h"
 #include "engine/radiometry/brdf.h"
+#include "engine/radiometry/moon.h"
+#include "engine/radiometry/sato2014.h"
 
 namespace selenograph::api {
 namespace {
@@ -57,7 +59,22 @@ constexpr std::pair<std::string_view, engine::PhaseLaw> kPhaseLaws[] = {
     {"rolo", engine::PhaseLaw::rolo},
 };
 
-constexpr const char* kNoRho = "the model \"hapke\" has no rho, which emission, B(T) (1 - rho), needs";
+constexpr std::pair<std::string_view, SurfacePreset> kSurfacePresets[] = {
+    {"moon", SurfacePreset::moon},
+    {"moon-mare", SurfacePreset::moon_mare},
+    {"moon-highlands", SurfacePreset::moon_highlands},
+    {"sato2014", SurfacePreset::sato2014},
+    {"sato2014-mare", SurfacePreset::sato2014_mare},
+    {"sato2014-highlands", SurfacePreset::sato2014_highlands},
+};
+
+constexpr std::string_view kMoonNormalisation =
+    "f_r = c(g) (2 L / (mu0 + mu) + 1 - L), L = 1 - 0.019 g + 0.242e-3 g^2 - 1.46e-6 g^3 of the phase angle g in "
+    "degrees, not below 0 (McEwen 1996), per steradian; c(g) such that a uniform sphere has the disc-equivalent "
+    "reflectance of LIME (Toledano et al. 2024; 0.44 to 1.64 um, 2 to 90 degrees), beyond in proportion to ROLO's "
+    "(Kieffer & Stone 2005), averaged over the band's sunlight; radiance = E_sun * mu0 * f_r * lit";
+
+constexpr const char* kNoRho = "\"hapke\" and the presets have no rho, which emission, B(T) (1 - rho), needs";
 
 Words<ReflectanceModel> model_words() {
   static const auto words = [] {
@@ -158,15 +175,78 @@ const Members<Reflectance>& reflectance_members() {
 // The rows of a material, in a form that is one.
 template <typename Form>
 void add_material(Members<Form>& m) {
-  m.add("reflectance", &Form::reflectance, Object{reflectance_members()}, "the BRDF and its parameters");
+  m.add("reflectance", &Form::reflectance, Object{reflectance_members()}, "the BRDF and its parameters")
+      .written_if([](const Form& form) { return form.reflectance.model != ReflectanceModel::moon; });
   m.add("temperature_k", &Form::temperature_k, Number{kTemperature_k, "K"},
-        "thermal emission B(T) (1 - rho) (SENSOR++ eq. 3); 0: none. Cannot be combined with `hapke`, which has no rho")
+        "thermal emission B(T) (1 - rho) (SENSOR++ eq. 3); 0: none. Cannot be combined with `hapke` or a preset, which "
+        "have no rho")
       .written_if([](const Form& form) { return form.temperature_k > 0; });
 }
 
 void check_material(const JsonReader& in, const Material& material) {
-  if (material.temperature_k > 0 && material.reflectance.model == ReflectanceModel::hapke)
-    in.fail("temperature_k", kNoRho);
+  if (material.temperature_k > 0 && !engine::has_rho(material.reflectance.model)) in.fail("temperature_k", kNoRho);
+}
+
+// What `preset` stands for before the band is known.
+Reflectance reflectance_of(SurfacePreset preset) {
+  Reflectance reflectance{ReflectanceModel::hapke};
+  switch (preset) {
+    case SurfacePreset::moon_highlands:
+      reflectance.ground = engine::MoonGround::highlands, reflectance.model = ReflectanceModel::moon;
+      break;
+    case SurfacePreset::moon_mare:
+      reflectance.ground = engine::MoonGround::mare, reflectance.model = ReflectanceModel::moon;
+      break;
+    case SurfacePreset::moon:
+      reflectance.model = ReflectanceModel::moon;
+      break;
+    case SurfacePreset::sato2014:
+    case SurfacePreset::sato2014_mare:
+    case SurfacePreset::sato2014_highlands:
+      break;
+  }
+  return reflectance;
+}
+
+// The preset that the reflectance of `moon` is.
+std::optional<SurfacePreset> preset_of(const Reflectance& reflectance) {
+  if (reflectance.model != ReflectanceModel::moon) return std::nullopt;
+  switch (reflectance.ground) {
+    case engine::MoonGround::mare:
+      return SurfacePreset::moon_mare;
+    case engine::MoonGround::highlands:
+      return SurfacePreset::moon_highlands;
+    case engine::MoonGround::mean:
+      break;
+  }
+  return SurfacePreset::moon;
+}
+
+// Maps hold what the model takes.
+void check_quantities(const JsonReader& in, const Ground& ground) {
+  const ReflectanceModel model = ground.reflectance.model;
+  for (std::size_t i = 0; i < ground.albedo_maps.size(); ++i) {
+    const auto& [name, map] = ground.albedo_maps[i];
+    const bool factor = map->radiance_factor().has_value();
+    if (model == ReflectanceModel::moon && !factor)
+      in.at("albedo_maps")
+          .fail(fmt::format(
+              "maps/{}.json has no \"quantity\": a preset of the Moon takes maps of \"radiance_factor\", not of rho",
+              name));
+    if (model == ReflectanceModel::hapke && factor)
+      in.at("albedo_maps")
+          .fail(fmt::format("maps/{}.json holds \"radiance_factor\"; \"hapke\" takes maps of its w", name));
+  }
+  for (const auto& [name, map] : ground.temperature_maps)
+    if (map->radiance_factor())
+      in.at("temperature_maps").fail(fmt::format("maps/{}.json holds \"radiance_factor\", not kelvin", name));
+}
+
+void check_ground(const JsonReader& in, Ground& ground, const ReadContext&) {
+  if (ground.preset) ground.reflectance = reflectance_of(*ground.preset);
+  check_material(in, ground);
+  if (in.has("temperature_maps") && !engine::has_rho(ground.reflectance.model)) in.fail("temperature_maps", kNoRho);
+  check_quantities(in, ground);
 }
 
 const Asset<dem::ValueMap> kMap{&Assets::map, "map", "maps"};
@@ -176,6 +256,7 @@ const Asset<dem::ValueMap> kMap{&Assets::map, "map", "maps"};
 std::span<const ReflectanceRow> reflectance_models() { return kReflectanceModels; }
 
 std::string_view normalisation(ReflectanceModel model) {
+  if (model == ReflectanceModel::moon) return kMoonNormalisation;
   for (const ReflectanceRow& row : kReflectanceModels)
     if (row.model == model) return row.normalisation;
   return "";
@@ -209,25 +290,30 @@ const Members<Ground>& ground_members() {
       "The ground's reflectance and temperature: constants, or maps from the operator's assets folder. Maps are "
       "averaged over a pixel's footprint.",
       [](auto& m) {
+        m.add("preset", &Ground::preset, Word{kSurfacePresets},
+              "the Moon's own reflectance, in the place of `reflectance`. `moon`, `moon-mare`, `moon-highlands`: in "
+              "absolute units, by phase and wavelength, from its irradiance as LIME and ROLO have it, with McEwen's "
+              "limb darkening; maps vary it from place to place. `sato2014`, `sato2014-mare`, `sato2014-highlands`: "
+              "Hapke's parameters from images of the LROC WAC in the band (Sato et al. 2014; 0.321 to 0.689 um), "
+              "written as `reflectance` in the resolved request")
+            .written_if([](const Ground& ground) { return ground.preset.has_value(); });
+        m.excludes("preset", {"reflectance"});
         add_material(m);
         m.add("albedo_maps", &Ground::albedo_maps, List{kMap, 1, kMaxMaps},
               "names of maps/NAME.json: rho, or w of `hapke`, from the first map that has a value at a place; where "
-              "none has, the constant. At most 0.25 for `lunar_lambert`")
+              "none has, the constant. At most 0.25 for `lunar_lambert`. A map of radiance factors becomes rho by the "
+              "model, or with `moon` a ratio to the map's mean over the near side")
             .written_if([](const Ground& ground) { return !ground.albedo_maps.empty(); });
         m.add("temperature_maps", &Ground::temperature_maps, List{kMap, 1, kMaxMaps, "K"},
               "names of maps/NAME.json: used in the same way; where none has a value, temperature_k")
             .written_if([](const Ground& ground) { return !ground.temperature_maps.empty(); });
-        m.check([](const JsonReader& in, Ground& ground, const ReadContext&) {
-          check_material(in, ground);
-          if (in.has("temperature_maps") && ground.reflectance.model == ReflectanceModel::hapke)
-            in.fail("temperature_maps", kNoRho);
-        });
+        m.check(check_ground);
       });
   return *table;
 }
 
 Ground ground_of(const engine::FrameRequest& request, const SurfaceQuery& query) {
-  Ground ground{{request.reflectance, request.temperature_k}, {}, {}};
+  Ground ground{{request.reflectance, request.temperature_k}, preset_of(request.reflectance), {}, {}};
   for (std::size_t i = 0; i < query.albedo_maps.size(); ++i)
     ground.albedo_maps.push_back({query.albedo_maps[i], request.albedo_maps[i]});
   for (std::size_t i = 0; i < query.temperature_maps.size(); ++i)
@@ -237,10 +323,47 @@ Ground ground_of(const engine::FrameRequest& request, const SurfaceQuery& query)
 
 void set_ground(engine::FrameRequest& request, SurfaceQuery& query, const Ground& ground) {
   request.reflectance = ground.reflectance, request.temperature_k = ground.temperature_k;
+  query.preset = ground.preset;
   for (const auto& [name, map] : ground.albedo_maps)
     query.albedo_maps.push_back(name), request.albedo_maps.push_back(map);
   for (const auto& [name, map] : ground.temperature_maps)
     query.temperature_maps.push_back(name), request.temperature_maps.push_back(map);
+}
+
+void resolve_preset(engine::FrameRequest& request, const SurfaceQuery& query) {
+  if (!query.preset || request.reflectance.model == ReflectanceModel::moon) return;
+  constexpr double kVisible_um = 0.643;  // without a band
+  const auto region = *query.preset == SurfacePreset::sato2014_mare        ? engine::SatoRegion::mare
+                      : *query.preset == SurfacePreset::sato2014_highlands ? engine::SatoRegion::highlands
+                                                                           : engine::SatoRegion::global;
+  request.reflectance.hapke = engine::sato2014(region, request.band ? request.band->center_um() : kVisible_um);
+}
+
+nlohmann::ordered_json reflectance_metadata(const engine::FrameRequest& request, const engine::FrameReport& report) {
+  nlohmann::ordered_json out{{"normalisation", normalisation(request.reflectance.model)}};
+  if (request.reflectance.model != ReflectanceModel::moon) return out;
+  const engine::MoonTrust trust = engine::moon_trust(engine::band_of(request));
+  out["uncertainty"] = trust.uncertainty;
+  out["extrapolated_sunlight"] = trust.extrapolated_share;
+  if (report.view.phase_deg) out["phase_deg"] = *report.view.phase_deg;
+  return out;
+}
+
+void add_reflectance_warnings(const engine::FrameRequest& request, const engine::FrameReport& report,
+                              nlohmann::ordered_json& warnings) {
+  const ReflectanceModel model = request.reflectance.model;
+  if (model == ReflectanceModel::moon) {
+    constexpr double kMuch = 0.1;
+    if (engine::moon_trust(engine::band_of(request)).extrapolated_share > kMuch)
+      warnings.push_back(
+          "the band reaches beyond 0.35 to 2.5 um, where the Moon's reflectance is extrapolated "
+          "(reflectance.extrapolated_sunlight says how much of the light)");
+    if (const auto& phase_deg = report.view.phase_deg;
+        phase_deg && ((*phase_deg)[0] < engine::kLimeFirst_deg || (*phase_deg)[1] > engine::kLimeLast_deg))
+      warnings.push_back(
+          "phase angles in view are beyond the 2 to 90 degrees of the LIME model, where the Moon's reflectance follows "
+          "ROLO's shape and is extrapolated above 97 degrees (reflectance.phase_deg says which)");
+  }
 }
 
 nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceQuery& query) {

@@ -181,7 +181,7 @@ std::vector<ObjectsInFrame::Finish> ObjectsInFrame::finishes_of(const std::vecto
   std::vector<Finish> finishes;
   for (const Material& material : materials) {
     const RadianceTerms terms = radiance_terms(request_, material);
-    finishes.push_back({Brdf(material.reflectance), terms.direct_w_m2, static_cast<float>(terms.base_w_m2_sr())});
+    finishes.push_back({Brdf(material.reflectance, band_of(request_)), terms.direct_w_m2, static_cast<float>(terms.base_w_m2_sr())});
   }
   return finishes;
 }

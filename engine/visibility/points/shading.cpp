@@ -97,7 +97,7 @@ PacketShader::PacketShader(const FrameRequest& request, const RowViews& views, c
     : request_(request),
       irradiance_(terms.direct_w_m2),
       base_(static_cast<float>(terms.base_w_m2_sr())),
-      brdf_(evaluated(request)) {
+      brdf_(evaluated(request), band_of(request)) {
   if (engine::mapped(request)) mapped_.emplace(request, views);
 }
 

@@ -1,0 +1,165 @@
+#include "api/answers/moon_report.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <map>
+
+namespace selenograph::api {
+namespace {
+
+using engine::DiscRow;
+
+std::string number(double value, const char* format = "{:.6g}") {
+  return std::isnan(value) ? std::string() : fmt::format(fmt::runtime(format), value);
+}
+
+std::string quoted(const std::string& text) { return text.find(',') == std::string::npos ? text : "\"" + text + "\""; }
+
+// Largest and smallest ratio to a model over the wavelengths, by preset, ground and phase.
+struct Range {
+  double least = 1e300, largest = 0;
+  void add(double ratio) {
+    if (!std::isnan(ratio)) least = std::min(least, ratio), largest = std::max(largest, ratio);
+  }
+  std::string text() const {
+    if (largest == 0) return "";
+    return largest - least < 5e-4 ? fmt::format("{:.3f}", least) : fmt::format("{:.3f} to {:.3f}", least, largest);
+  }
+};
+
+// Bands in which LIME was fitted and presets are compared.
+bool in_lime(const DiscRow& row) { return row.wavelength_um > 0.4399 && row.wavelength_um < 1.6401; }
+
+std::string disc_table(const MoonReport& report, const std::string& ground, double DiscRow::*model, const char* name) {
+  constexpr double kShown_deg[] = {2, 5, 7, 15, 30, 45, 60, 75, 90};
+  std::map<std::string, std::map<double, Range>> ranges;
+  std::vector<std::string> presets;
+  for (const DiscRow& row : report.discs) {
+    if (row.ground != ground || !in_lime(row)) continue;
+    if (!ranges.contains(row.preset)) presets.push_back(row.preset);
+    ranges[row.preset][row.phase_deg].add(row.reflectance / row.*model);
+  }
+  if (presets.empty()) return {};
+  std::string out = fmt::format("\n| {}, over {} |", ground, name), line = "\n|---|";
+  std::vector<double> phases;
+  for (const double g : kShown_deg)
+    for (const double side : {g, -g})
+      if (ranges[presets.front()].contains(side))
+        phases.push_back(side), out += fmt::format(" {:g} |", side), line += "---|";
+  out += line + "\n";
+  for (const std::string& preset : presets) {
+    out += fmt::format("| {} |", preset);
+    for (const double g : phases) out += fmt::format(" {} |", ranges[preset][g].text());
+    out += "\n";
+  }
+  return out;
+}
+
+void check_discs(const MoonReport& report, std::vector<std::string>& out) {
+  std::map<std::pair<double, double>, std::vector<double>> terrain;  // by wavelength and phase: waxing and waning
+  for (const DiscRow& row : report.discs) {
+    const double g = std::abs(row.phase_deg), ratio = row.reflectance / row.lime;
+    if (row.preset != "moon" || !in_lime(row) || std::isnan(ratio)) continue;
+    if (row.ground == "terrain") terrain[{row.wavelength_um, g}].push_back(ratio);
+    const double bound = g >= 5 ? 0.01 : 0.02;
+    if (row.ground == "sphere" && std::abs(ratio - 1) > bound)
+      out.push_back(fmt::format("moon on a sphere, {:g} um, {:g} degrees: {:.4f} of LIME", row.wavelength_um,
+                                row.phase_deg, ratio));
+  }
+  for (const auto& [at, ratios] : terrain) {
+    double product = 1;
+    for (const double ratio : ratios) product *= ratio;
+    if (const double mean = std::pow(product, 1.0 / static_cast<double>(ratios.size())); std::abs(mean - 1) > 0.03)
+      out.push_back(fmt::format("moon on terrain, {:g} um, {:g} degrees: {:.4f} of LIME", at.first, at.second, mean));
+  }
+}
+
+void check_images(const MoonReport& report, std::vector<std::string>& out) {
+  std::map<std::string, Range> scales;
+  for (const ImageRow& row : report.images) {
+    const engine::DiscComparison& c = row.comparison;
+    const std::string name = row.image + " " + row.channel;
+    if (!(c.correlation >= (row.wavelength_um < 1 ? 0.992 : 0.985)))
+      out.push_back(fmt::format("{}: correlation {:.4f}", name, c.correlation));
+    if (!(std::abs(c.scale - 1) <= 0.1)) out.push_back(fmt::format("{}: scale {:.3f}", name, c.scale));
+    if (!(std::abs(c.limb_px) <= 0.15)) out.push_back(fmt::format("{}: limb off by {:.3f} px", name, c.limb_px));
+    scales[row.channel].add(c.scale);
+  }
+  for (const auto& [channel, range] : scales)
+    if (range.largest / range.least > 1.02)
+      out.push_back(fmt::format("{}: scales from {:.3f} to {:.3f}", channel, range.least, range.largest));
+}
+
+}  // namespace
+
+std::string disc_csv(const MoonReport& report) {
+  std::string out = "preset,wavelength_um,phase_deg,reflectance,rolo,lime,ground\n";
+  for (const DiscRow& row : report.discs)
+    fmt::format_to(std::back_inserter(out), "{},{:g},{:g},{},{},{},{}\n", quoted(row.preset), row.wavelength_um,
+                   row.phase_deg, number(row.reflectance), number(row.rolo), number(row.lime), row.ground);
+  return out;
+}
+
+std::string relief_csv(const MoonReport& report) {
+  std::string out = "incidence_deg,ratio,shadowed,post_spacing_m\n";
+  for (const engine::ReliefRow& row : report.relief)
+    fmt::format_to(std::back_inserter(out), "{:g},{:.5f},{:.5f},{:g}\n", row.incidence_deg, row.ratio, row.shadowed,
+                   row.post_spacing_m);
+  return out;
+}
+
+std::string images_csv(const MoonReport& report) {
+  std::string out = "image,channel,correlation,scale,limb_px,dx_px,dy_px";
+  for (const char* region : engine::kDiscRegions) out += fmt::format(",residual_{}", region);
+  out += "\n";
+  for (const ImageRow& row : report.images) {
+    fmt::format_to(std::back_inserter(out), "{},{},{:.5f},{:.4f},{:.4f},{:g},{:g}", row.image, row.channel,
+                   row.comparison.correlation, row.comparison.scale, row.comparison.limb_px, row.registration.dx_px,
+                   row.registration.dy_px);
+    for (const double residual : row.comparison.residual) out += "," + number(residual, "{:.4f}");
+    out += "\n";
+  }
+  return out;
+}
+
+std::string moon_markdown(const MoonReport& report) {
+  std::string out =
+      "Disc-equivalent reflectance over the model's, by phase angle in degrees (negative: waning); smallest and "
+      "largest\nratio in the bands from 0.44 to 1.64 um.\n";
+  for (const char* ground : {"sphere", "terrain"}) {
+    out += disc_table(report, ground, &DiscRow::lime, "LIME");
+    out += disc_table(report, ground, &DiscRow::rolo, "ROLO");
+  }
+  if (!report.relief.empty()) {
+    out += fmt::format("\n| incidence, degrees | brightness over smooth ground | shadowed |\n|---|---|---|\n");
+    for (const engine::ReliefRow& row : report.relief)
+      out += fmt::format("| {:g} | {:.3f} | {:.3f} |\n", row.incidence_deg, row.ratio, row.shadowed);
+  }
+  if (report.images.empty()) return out;
+  out += fmt::format(
+      "\nPoint spread: {:.2f} pixels (standard deviation), the same for all. Residuals are RMS over the region's "
+      "mean.\n"
+      "\n| image | channel | moved, px | correlation | scale | limb, px | mare | highlands | limb | terminator |\n"
+      "|---|---|---|---|---|---|---|---|---|---|\n",
+      report.point_spread_px);
+  for (const ImageRow& row : report.images) {
+    const engine::DiscComparison& c = row.comparison;
+    out += fmt::format("| {} | {} | {:.2f}, {:.2f} | {:.4f} | {:.3f} | {:.3f} |", row.image, row.channel,
+                       row.registration.dx_px, row.registration.dy_px, c.correlation, c.scale, c.limb_px);
+    for (const double residual : c.residual) out += fmt::format(" {} |", number(residual, "{:.3f}"));
+    out += "\n";
+  }
+  return out;
+}
+
+std::vector<std::string> beyond_bounds(const MoonReport& report) {
+  std::vector<std::string> out;
+  check_discs(report, out);
+  check_images(report, out);
+  return out;
+}
+
+}  // namespace selenograph::api

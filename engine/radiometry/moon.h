@@ -1,0 +1,47 @@
+// The Moon's own reflectance, in absolute units: the model `moon`.
+//
+// f_r = c(g) (2 L(g) / (mu0 + mu) + 1 - L(g)) with McEwen's L(g) (phase_law.h) and such a c(g) that a uniform sphere
+// has the disc-equivalent reflectance A of the real Moon:
+// - LIME's at its six wavelengths, linear between them (disc_models.h), from 2 to 90 degrees of phase;
+// - below 0.44 and above 1.64 um ROLO's, as means of adjacent bands, scaled to LIME's at that wavelength; constant
+//   beyond 0.3525 and 2.317 um;
+// - below 2 and above 90 degrees in proportion to ROLO's (LIME's equation would rise by a third more than the 40 % that
+//   Clementine saw from 4 to 0 degrees; Buratti et al., Icarus 124, 490, 1996), beyond 97 to Allen's, and from 150
+//   degrees on with a constant f_r.
+// Solar longitude and libration are left out: they are what an albedo map brings. Mare and highlands are the mean times
+// the ratio of Sato's Hapke models (sato2014.h) at incidence and phase 30, emission 0 degrees.
+#pragma once
+
+#include "dem/support/stop_token.h"
+#include "dem/value_maps/value_map.h"
+#include "engine/frame/band.h"
+#include "engine/frame/surface.h"
+#include "engine/radiometry/phase_law.h"
+
+namespace selenograph::engine {
+
+// Disc-equivalent reflectance of a uniform sphere.
+double moon_reflectance(MoonGround ground, double wavelength_um, double phase_deg);
+
+// The constants of f_r, weighted by the sunlight in the band; null: all wavelengths.
+TermsByPhase moon_terms(MoonGround ground, const Band* band);
+
+// Integral of E_sun A(30 degrees) over the band at 1 au, W m-2: the spectrum of moonlight.
+double moonlight_w_m2(MoonGround ground, const Band& band);
+
+// How far `moon` is to be trusted in a band.
+struct MoonTrust {
+  double uncertainty;         // of the disc's irradiance, relative, k = 2: LIME's 2 % or ROLO's 10 %
+  double extrapolated_share;  // of the band's sunlight, at wavelengths beyond 0.35 to 2.5 um
+};
+MoonTrust moon_trust(const Band* band);
+inline constexpr double kLimeFirst_deg = 2, kLimeLast_deg = 90;
+
+// The largest ratio to the mean Moon that a map may ask for.
+inline constexpr double kMoonMost = 5;
+
+// A map's mean over the near side, weighted by brightness at 45 degrees of phase, waxing and waning: what the mean Moon
+// has in the map's units. Empty if the map leaves out more than 5 % of the near side. Computed once per map.
+std::optional<double> near_side_mean(const dem::ValueMap& map, const StopToken& stop);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,165 @@
+#include "engine/verify/disc_image.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <optional>
+
+#include "engine/radiometry/brdf.h"
+#include "engine/radiometry/spectrum.h"
+#include "engine/sensor/optics.h"
+
+namespace selenograph::engine {
+namespace {
+
+// Where a pixel's ray meets the sphere.
+std::optional<Vec3> on_sphere(const View& view, double x_px, double y_px) {
+  const auto ray = view.ray(x_px, y_px);
+  if (!ray) return std::nullopt;
+  const Vec3 direction = ray->normalized(), from = view.position();
+  const double along = -from.dot(direction), off2 = from.squaredNorm() - along * along;
+  const double half2 = kMoonRadius_m * kMoonRadius_m - off2;
+  if (!(half2 > 0 && along > 0)) return std::nullopt;
+  return from + (along - std::sqrt(half2)) * direction;
+}
+
+double sample(const DiscImage& image, double x, double y) {
+  const int column = std::clamp(static_cast<int>(std::floor(x)), 0, image.width - 2),
+            row = std::clamp(static_cast<int>(std::floor(y)), 0, image.height - 2);
+  const auto at = [&](int c, int r) {
+    return static_cast<double>(image.radiance[static_cast<std::size_t>(r) * static_cast<std::size_t>(image.width) +
+                                              static_cast<std::size_t>(c)]);
+  };
+  const double fx = std::clamp(x - column, 0.0, 1.0), fy = std::clamp(y - row, 0.0, 1.0);
+  return std::lerp(std::lerp(at(column, row), at(column + 1, row), fx),
+                   std::lerp(at(column, row + 1), at(column + 1, row + 1), fx), fy);
+}
+
+// The distance from the disc's centre at which the light of a ray falls through half of that inside the limb.
+std::optional<double> edge_px(const DiscImage& image, const Eigen::Vector2d& centre, const Eigen::Vector2d& outward,
+                              double radius_px) {
+  constexpr double kInside = 0.95, kOutside = 1.06, kStep_px = 0.05;
+  const auto light = [&](double r) {
+    const Eigen::Vector2d place = centre + r * outward;
+    return sample(image, place.x(), place.y());
+  };
+  double inside = 0;
+  for (double r = 0.9 * radius_px; r < kInside * radius_px; r += kStep_px) inside = std::max(inside, light(r));
+  if (!(inside > 0)) return std::nullopt;
+  for (double r = kOutside * radius_px; r > kInside * radius_px; r -= kStep_px)
+    if (light(r) > inside / 2) return r;
+  return std::nullopt;
+}
+
+// Along the limb within 60 degrees of the Sun's side.
+double limb_px(const DiscImage& observed, const DiscImage& frame, const FrameRequest& request, const View& view) {
+  const auto centre = view.project(Vec3::Zero());
+  if (!centre) return std::nan("");
+  const Vec3 sun = view.moon_from_camera().transpose() * request.sun.direction;
+  const double toward = std::atan2(sun.y(), sun.x());
+  const double radius_px = request.camera.fx * kMoonRadius_m / view.position().norm();
+  double sum = 0;
+  int number = 0;
+  for (int degrees = -60; degrees <= 60; ++degrees) {
+    const double angle = toward + degrees * std::numbers::pi / 180;
+    const Eigen::Vector2d outward(std::cos(angle), std::sin(angle)), at(centre->x, centre->y);
+    const auto seen = edge_px(observed, at, outward, radius_px), drawn = edge_px(frame, at, outward, radius_px);
+    if (seen && drawn) sum += *seen - *drawn, ++number;
+  }
+  return number > 0 ? sum / number : std::nan("");
+}
+
+// Pixels of the disc: which region, and what they have.
+struct Pixel {
+  std::size_t index;
+  int region;  // of kDiscRegions
+};
+
+std::vector<Pixel> disc_pixels(const DiscImage& frame, const FrameRequest& request, const View& view) {
+  constexpr double kLimb = 0.5, kTerminator = 0.3420201433256687, kMare = 0.85;  // cosines of 60 and 70 degrees
+  const Brdf brdf(request.reflectance, band_of(request));
+  const double irradiance_w_m2_um =
+      solar_irradiance_w_m2(*request.band) / request.band->width_um() / std::pow(request.sun.distance_au, 2);
+  std::vector<Pixel> pixels;
+  for (int y = 0; y < frame.height; ++y)
+    for (int x = 0; x < frame.width; ++x) {
+      const auto place = on_sphere(view, x, y);
+      if (!place) continue;
+      const auto index =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.width) + static_cast<std::size_t>(x);
+      const Vec3 up = place->normalized(), toward = (view.position() - *place).normalized();
+      const double mu0 = up.dot(request.sun.direction), mu = up.dot(toward);
+      const double mean = direct_radiance(brdf, irradiance_w_m2_um, mu0, mu, toward.dot(request.sun.direction), 1);
+      const bool dark = static_cast<double>(frame.radiance[index]) < kMare * mean;
+      pixels.push_back({index, mu0 < kTerminator ? 3 : mu < kLimb ? 2 : dark ? 0 : 1});
+    }
+  return pixels;
+}
+
+}  // namespace
+
+DiscImage spread(const DiscImage& image, const Placement& by) {
+  if (!(by.sigma_px > 0)) return image;
+  PointSpread gaussian;
+  gaussian.model = PointSpread::Model::gaussian, gaussian.sigma_px = by.sigma_px;
+  const SpreadKernel kernel = SpreadKernel(gaussian, 1, 1, 1).shifted(gaussian, by.dx_px, by.dy_px);
+  const int r = kernel.radius(), width = image.width + 2 * r;
+  std::vector<float> bordered(static_cast<std::size_t>(width) * static_cast<std::size_t>(image.height + 2 * r), 0.F);
+  for (int y = 0; y < image.height; ++y)
+    std::copy_n(image.radiance.begin() + static_cast<std::ptrdiff_t>(y) * image.width, image.width,
+                bordered.begin() + static_cast<std::ptrdiff_t>(y + r) * width + r);
+  DiscImage out{image.width, image.height, {}};
+  kernel.apply(bordered, image.width, image.height, out.radiance);
+  return out;
+}
+
+double disc_correlation(const DiscImage& observed, const DiscImage& frame, const View& view) {
+  double n = 0, sa = 0, sb = 0, saa = 0, sbb = 0, sab = 0;
+  for (int y = 0; y < frame.height; ++y)
+    for (int x = 0; x < frame.width; ++x) {
+      if (!on_sphere(view, x, y)) continue;
+      const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.width) + static_cast<std::size_t>(x);
+      const double a = static_cast<double>(observed.radiance[i]), b = static_cast<double>(frame.radiance[i]);
+      n += 1, sa += a, sb += b, saa += a * a, sbb += b * b, sab += a * b;
+    }
+  return (n * sab - sa * sb) / std::sqrt((n * saa - sa * sa) * (n * sbb - sb * sb));
+}
+
+Placement registered(const DiscImage& observed, const DiscImage& frame, const View& view, Placement by) {
+  constexpr double kMost_px = 0.5;
+  double best = disc_correlation(observed, spread(frame, by), view);
+  for (double step_px = 0.2; step_px > 0.04; step_px /= 2)
+    for (bool moved = true; moved;) {
+      moved = false;
+      for (const auto& [dx, dy] :
+           {std::pair(step_px, 0.0), std::pair(-step_px, 0.0), std::pair(0.0, step_px), std::pair(0.0, -step_px)}) {
+        const Placement next{by.sigma_px, by.dx_px + dx, by.dy_px + dy};
+        if (std::abs(next.dx_px) > kMost_px || std::abs(next.dy_px) > kMost_px) continue;
+        const double correlation = disc_correlation(observed, spread(frame, next), view);
+        if (correlation > best) best = correlation, by = next, moved = true;
+      }
+    }
+  return by;
+}
+
+DiscComparison compare_disc(const DiscImage& observed, const DiscImage& frame, const FrameRequest& request) {
+  const View view(request.camera, request.pose);
+  const std::vector<Pixel> pixels = disc_pixels(frame, request, view);
+  double seen = 0, drawn = 0;
+  for (const Pixel& p : pixels)
+    seen += static_cast<double>(observed.radiance[p.index]), drawn += static_cast<double>(frame.radiance[p.index]);
+  DiscComparison out{
+      disc_correlation(observed, frame, view), seen / drawn, limb_px(observed, frame, request, view), {}};
+  std::array<double, 4> squares{}, light{}, number{};
+  for (const Pixel& p : pixels) {
+    const auto region = static_cast<std::size_t>(p.region);
+    const double expected = out.scale * static_cast<double>(frame.radiance[p.index]);
+    squares[region] += std::pow(static_cast<double>(observed.radiance[p.index]) - expected, 2);
+    light[region] += expected, number[region] += 1;
+  }
+  for (std::size_t k = 0; k < out.residual.size(); ++k)
+    out.residual[k] = number[k] > 0 ? std::sqrt(squares[k] / number[k]) / (light[k] / number[k]) : std::nan("");
+  return out;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,45 @@
+// A real image of the Moon's disc beside the frame of the same view.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "dem/grid/geodesy.h"
+#include "engine/camera/view.h"
+#include "engine/frame/frame.h"
+#include "engine/frame/request.h"
+
+namespace selenograph::engine {
+
+// Spectral radiance, W m-2 sr-1 um-1, of width x height, row 0 on top.
+struct DiscImage {
+  int width, height;
+  std::vector<float> radiance;
+};
+
+// The same light spread by a Gaussian of sigma_px and moved by (dx, dy), at most half a pixel.
+struct Placement {
+  double sigma_px = 0, dx_px = 0, dy_px = 0;
+};
+DiscImage spread(const DiscImage& image, const Placement& by);
+
+// Correlation over the pixels whose ray meets the sphere.
+double disc_correlation(const DiscImage& observed, const DiscImage& frame, const View& view);
+
+struct DiscComparison {
+  double correlation;
+  double scale;    // observed over frame, of the light of the disc
+  double limb_px;  // mean distance of the observed lit limb outside the frame's
+  // RMS of observed - scale * frame over the frame's mean: mare, highlands, limb (emission above 60 degrees),
+  // terminator (incidence above 70 degrees). Mare is what is darker than 0.85 of the mean Moon in the frame.
+  std::array<double, 4> residual;
+};
+inline constexpr std::array<const char*, 4> kDiscRegions{"mare", "highlands", "limb", "terminator"};
+
+// `by` with the displacement that correlates best, to a twentieth of a pixel: where a real image's disc lies is known
+// from the image alone.
+Placement registered(const DiscImage& observed, const DiscImage& frame, const View& view, Placement by);
+
+DiscComparison compare_disc(const DiscImage& observed, const DiscImage& frame, const FrameRequest& request);
+
+}  // namespace selenograph::engine

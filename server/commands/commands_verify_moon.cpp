@@ -1,0 +1,197 @@
+// `selenograph verify moon`: the Moon's brightness and real images of it, beside what is rendered.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+
+#include "api/answers/moon_report.h"
+#include "api/encode/encode.h"
+#include "api/message/problem.h"
+#include "api/requests/frame_json.h"
+#include "server/commands/commands.h"
+#include "server/commands/output.h"
+#include "server/commands/place.h"
+#include "server/commands/start.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+// Channels of an image's array, in its order, with their nominal bands: MSG SEVIRI (EUMETSAT).
+struct Channel {
+  const char* name;
+  double center_um, width_um;
+};
+constexpr Channel kSeviri[] = {{"VIS006", 0.635, 0.15}, {"VIS008", 0.81, 0.14}, {"NIR016", 1.64, 0.28}};
+
+std::string whole_file(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw std::runtime_error(path.string() + ": can't be read");
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// NumPy's .npy of float32 [channel, row, column] in C order, little-endian.
+std::vector<engine::DiscImage> read_npy(const fs::path& path) {
+  const std::string bytes = whole_file(path);
+  const auto refuse = [&](const char* why) { throw std::runtime_error(path.string() + ": " + why); };
+  constexpr std::size_t kHead = 10;
+  if (bytes.size() < kHead || bytes.compare(0, 6, "\x93NUMPY") != 0) refuse("is not a .npy file");
+  const std::size_t data = kHead + static_cast<unsigned char>(bytes[8]) + 256 * static_cast<unsigned char>(bytes[9]);
+  const std::string head = bytes.substr(kHead, std::min(data, bytes.size()) - kHead);
+  if (head.find("'<f4'") == std::string::npos || head.find("'fortran_order': False") == std::string::npos)
+    refuse("must hold float32, little-endian, in C order");
+  int channels = 0, height = 0, width = 0;
+  const std::size_t shape = head.find("'shape': (");
+  if (shape == std::string::npos ||
+      std::sscanf(head.c_str() + shape, "'shape': (%d, %d, %d)", &channels, &height, &width) != 3 || channels < 1 ||
+      height < 2 || width < 2 || channels > 16 || height > 8192 || width > 8192)
+    refuse("must have three dimensions: channel, row, column");
+  const auto size = static_cast<std::size_t>(height) * static_cast<std::size_t>(width);
+  if (bytes.size() != data + static_cast<std::size_t>(channels) * size * sizeof(float)) refuse("is cut off");
+  std::vector<engine::DiscImage> images;
+  for (std::size_t k = 0; k < static_cast<std::size_t>(channels); ++k) {
+    images.push_back({width, height, std::vector<float>(size)});
+    std::memcpy(images.back().radiance.data(), bytes.data() + data + k * size * sizeof(float), size * sizeof(float));
+  }
+  return images;
+}
+
+json surface_json(const VerifyMoonSettings& settings) {
+  json surface{{"preset", "moon"}};
+  if (!settings.albedo_maps.empty()) surface["albedo_maps"] = settings.albedo_maps;
+  return surface;
+}
+
+engine::FrameRequest read_request(json request, const VerifyMoonSettings& settings, const api::Assets& assets,
+                                  const std::string& what) {
+  request["surface"] = surface_json(settings);
+  try {
+    return api::read_frame(request, settings.limits, assets).request;
+  } catch (const api::RequestError& e) {
+    std::string why = what + ": " + e.what();
+    for (const api::Finding& f : e.findings()) why += fmt::format("\n  {}: {}", f.pointer, f.detail);
+    throw std::runtime_error(why);
+  }
+}
+
+// An image, its frame, and the request that the frame was made from.
+struct Pair {
+  std::string image, channel;
+  engine::FrameRequest request;
+  engine::DiscImage observed, frame;
+};
+
+std::vector<Pair> image_pairs(const VerifyMoonSettings& settings, const engine::Renderer& renderer,
+                              const api::Assets& assets) {
+  const fs::path folder = settings.images;
+  const json views = json::parse(whole_file(folder / "views.json"), nullptr, false);
+  if (!views.is_object()) throw std::runtime_error((folder / "views.json").string() + ": is not a JSON object");
+  std::vector<Pair> pairs;
+  for (const auto& [name, view] : views.items()) {
+    const auto images = read_npy(folder / (name + ".npy"));
+    for (std::size_t k = 0; k < std::min(images.size(), std::size(kSeviri)); ++k) {
+      json body = view;
+      body["band"] = {{"center_um", kSeviri[k].center_um}, {"width_um", kSeviri[k].width_um}};
+      body["accuracy"] = {{"samples_per_pixel", 16}};
+      body["products"] = {"radiance"};
+      Pair pair{name, kSeviri[k].name, read_request(body, settings, assets, "views.json: " + name), images[k], {}};
+      if (pair.request.camera.width != images[k].width || pair.request.camera.height != images[k].height)
+        throw std::runtime_error(name + ": views.json and the .npy file have different sizes");
+      engine::Frame frame = renderer.render(pair.request);
+      // The images hold means over the band, W m-2 sr-1 um-1.
+      for (float& radiance : frame.products.radiance)
+        radiance = static_cast<float>(static_cast<double>(radiance) / kSeviri[k].width_um);
+      pair.frame = {images[k].width, images[k].height, std::move(frame.products.radiance)};
+      pairs.push_back(std::move(pair));
+    }
+  }
+  return pairs;
+}
+
+// One point spread for all images: the standard deviation with the best mean correlation.
+double fitted_spread_px(const std::vector<Pair>& pairs) {
+  double best_px = 0, best = -1;
+  for (double sigma_px = 0.3; sigma_px < 1.25; sigma_px += 0.05) {
+    double sum = 0;
+    for (const Pair& pair : pairs) {
+      const engine::View view(pair.request.camera, pair.request.pose);
+      const engine::Placement by = engine::registered(pair.observed, pair.frame, view, {sigma_px});
+      sum += engine::disc_correlation(pair.observed, engine::spread(pair.frame, by), view);
+    }
+    if (sum > best) best = sum, best_px = sigma_px;
+  }
+  return best_px;
+}
+
+void compare_images(const VerifyMoonSettings& settings, const engine::Renderer& renderer, const api::Assets& assets,
+                    api::MoonReport& report) {
+  const std::vector<Pair> pairs = image_pairs(settings, renderer, assets);
+  report.point_spread_px = fitted_spread_px(pairs);
+  for (const Pair& pair : pairs) {
+    const engine::View view(pair.request.camera, pair.request.pose);
+    const engine::Placement by = engine::registered(pair.observed, pair.frame, view, {report.point_spread_px});
+    const engine::DiscImage frame = engine::spread(pair.frame, by);
+    engine::FrameRequest moved = pair.request;
+    moved.camera.cx += by.dx_px, moved.camera.cy += by.dy_px;
+    report.images.push_back({pair.image, pair.channel, pair.request.band->center_um(),
+                             engine::compare_disc(pair.observed, frame, moved), by});
+    const auto write = [&](const char* what, const engine::DiscImage& image) {
+      const api::ArrayView array{what, api::ElementType::float32, image.height, image.width, 1, image.radiance.data(),
+                                 {}};
+      write_whole((fs::path(settings.output) / fmt::format("{}.{}.{}.npy", pair.image, pair.channel, what)).string(),
+                  api::encode_npy(array));
+    };
+    write("observed", pair.observed), write("frame", frame);
+  }
+}
+
+}  // namespace
+
+int verify_moon(const VerifyMoonSettings& settings) {
+  set_up_log(settings.terrain.log_level);
+  if (settings.terrain.dem.empty() && !(settings.images.empty() && settings.center.empty()))
+    throw std::runtime_error("--images and --center need --dem: a DEM of the whole Moon");
+  fs::create_directories(settings.output);
+  api::MoonReport report;
+  report.discs = engine::discs_on_sphere();
+  if (!settings.terrain.dem.empty()) {
+    const auto renderer = make_renderer(settings.terrain);
+    const api::Assets assets(settings.terrain.assets_dir);
+    json any{{"camera", {{"width", 64}, {"height", 64}, {"fov_deg", 1}}},
+             {"pose", {{"position_m", {384.4e6, 0, 0}}, {"nadir", json::object()}}},
+             {"sun", {{"direction", {1, 0, 0}}}}};
+    if (!settings.detail.empty()) any["detail"] = settings.detail;
+    const engine::FrameRequest surface = read_request(any, settings, assets, "verify moon");
+    if (settings.center.empty()) {
+      const auto rows = engine::discs_on_terrain(*renderer, surface, settings.size_px);
+      report.discs.insert(report.discs.end(), rows.begin(), rows.end());
+    } else {
+      report.relief =
+          engine::relief_at(*renderer, surface, place_of(settings.center).value(), settings.width_m, settings.size_px);
+    }
+    if (!settings.images.empty()) compare_images(settings, *renderer, assets, report);
+  }
+  const fs::path folder = settings.output;
+  write_whole((folder / "disc.csv").string(), api::disc_csv(report));
+  if (!report.relief.empty()) write_whole((folder / "relief.csv").string(), api::relief_csv(report));
+  if (!report.images.empty()) write_whole((folder / "images.csv").string(), api::images_csv(report));
+  const std::string page = api::moon_markdown(report);
+  write_whole((folder / "moon.md").string(), page);
+  write_json((folder / "moon.json").string(),
+             {{"point_spread_px", report.point_spread_px}, {"beyond_bounds", api::beyond_bounds(report)}});
+  fmt::print("{}", page);
+  for (const std::string& what : api::beyond_bounds(report)) fmt::print("beyond its bound: {}\n", what);
+  fmt::print("{0}: disc.csv, moon.md, moon.json; pictures: deploy/plot {0}\n", settings.output);
+  return api::beyond_bounds(report).empty() ? 0 : 1;
+}
+
+}  // namespace selenograph::server
