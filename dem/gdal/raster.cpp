@@ -129,6 +129,16 @@ struct Raster::Impl {
     }
   }
 
+  // Whatever an orthographic map has beyond its limb is not the Moon.
+  void remove_corners(int x0, int y0, int w, int h, float* heights_m) const {
+    if (file.info.projection() != Projection::orthographic) return;
+    const PlanePosts posts(std::get<PlaneGrid>(file.info.grid), file.info.width, file.info.height);
+    for (int j = 0; j < h; ++j)
+      for (int i = 0; i < w; ++i, ++heights_m)
+        if (!posts.on_moon(static_cast<double>(x0) + i, static_cast<double>(y0) + j))
+          *heights_m = std::numeric_limits<float>::quiet_NaN();
+  }
+
   RasterFile file;
   std::optional<std::int64_t> north_mirror, south_mirror;
   std::vector<double> scratch;
@@ -167,6 +177,7 @@ void Raster::read(int x0, int y0, int w, int h, float* heights_m) {
     }
     j += count;
   }
+  impl_->remove_corners(x0, y0, w, h, heights_m);
   if (!current()) throw changed(info().path, "while it was open");
 }
 

@@ -17,12 +17,12 @@ constexpr double kQuarter_m = kMoonRadius_m * std::numbers::pi / 2;
 MapPlane equirectangular(double lon_deg, double standard_parallel_deg) {
   return {MapProjection::equirectangular, 0, lon_deg, standard_parallel_deg};
 }
-MapPlane polar(double lat_deg) { return {MapProjection::polar_stereographic, lat_deg, 0, 0}; }
+MapPlane polar(double lat_deg) { return {MapProjection::stereographic, lat_deg, 0, 0}; }
 MapPlane orthographic(double lat_deg, double lon_deg) { return {MapProjection::orthographic, lat_deg, lon_deg, 0}; }
 
 // Metres on the sphere between where a plane has a point and where that should be.
 double off_m(const MapPlane& plane, const MapPoint& point, double lat_deg, double lon_deg) {
-  const auto direction = MapDirections(plane)(point);
+  const auto direction = MapTransform(plane).direction(point);
   if (!direction) return INFINITY;
   return (*direction * kMoonRadius_m - to_cartesian({lat_deg, lon_deg, 0})).norm();
 }
@@ -34,7 +34,7 @@ TEST(MapPlane, EquirectangularIsLinearInDegrees) {
   EXPECT_LT(off_m(equirectangular(0, 0), {kQuarter_m, kQuarter_m / 2}, 45, 90), kClose_m);
   EXPECT_LT(off_m(equirectangular(180, 0), {kMetresPerDegree, 0}, 0, -179), kClose_m);
   EXPECT_LT(off_m(equirectangular(10, 60), {kMetresPerDegree, 2 * kMetresPerDegree}, 2, 12), kClose_m);
-  EXPECT_FALSE(MapDirections(equirectangular(0, 0))({0, 1.001 * kQuarter_m}));
+  EXPECT_FALSE(MapTransform(equirectangular(0, 0)).direction({0, 1.001 * kQuarter_m}));
 }
 
 // rho = 2 R tan((90 - lat) / 2): the equator is 2 R from the pole. North: longitude 0 points down; south: up.
@@ -54,7 +54,7 @@ TEST(MapPlane, OrthographicIsTheViewFromAfar) {
   EXPECT_LT(off_m(orthographic(0, 30), {kMoonRadius_m / 2, 0}, 0, 60), kClose_m);
   EXPECT_LT(off_m(orthographic(-30, 30), {0, kMoonRadius_m / 2}, 0, 30), kClose_m);
   EXPECT_LT(off_m(orthographic(90, 0), {0, -kMoonRadius_m}, 0, 0), 0.1);  // the limb: rounding under a root
-  EXPECT_FALSE(MapDirections(orthographic(0, 0))({0.8 * kMoonRadius_m, 0.8 * kMoonRadius_m}));
+  EXPECT_FALSE(MapTransform(orthographic(0, 0)).direction({0.8 * kMoonRadius_m, 0.8 * kMoonRadius_m}));
 }
 
 // At a pole y is along the centre's meridian, and x toward the one 90 degrees east of it, as just beside the pole.
@@ -68,8 +68,8 @@ TEST(MapPlane, OrthographicAtAPoleIsAlongItsMeridian) {
     for (const double lon_deg : {-160.0, 20.0, 300.0}) {
       const double beside_deg = pole_deg * (1 - 1e-9), apart_m = 90e-9 * kMetresPerDegree;
       const MapPoint point{3000, -4000};
-      const Vec3 at = *MapDirections(orthographic(pole_deg, lon_deg))(point),
-                 beside = *MapDirections(orthographic(beside_deg, lon_deg))(point);
+      const Vec3 at = *MapTransform(orthographic(pole_deg, lon_deg)).direction(point),
+                 beside = *MapTransform(orthographic(beside_deg, lon_deg)).direction(point);
       EXPECT_NEAR((at - beside).norm() * kMoonRadius_m, apart_m, 1e-3 * apart_m) << pole_deg << " " << lon_deg;
     }
 }
@@ -80,7 +80,7 @@ TEST(MapPlane, ProjectionIsInvertible) {
         orthographic(-90, 0), orthographic(90, 20), orthographic(0, -180)})
     for (double lat = -89.5; lat < 90; lat += 12.3)
       for (double lon = -179.5; lon < 180; lon += 17.1) {
-        const auto point = plane.place(lat, lon);
+        const auto point = MapTransform(plane).place(lat, lon);
         const Vec3 up = to_cartesian({plane.lat_deg, plane.lon_deg, 0}) / kMoonRadius_m;
         const double toward = up.dot(to_cartesian({lat, lon, 0})) / kMoonRadius_m;
         if (plane.projection == MapProjection::orthographic && toward < 0.05) {
@@ -93,9 +93,9 @@ TEST(MapPlane, ProjectionIsInvertible) {
 }
 
 TEST(MapPlane, PlacesOutsideTheProjection) {
-  EXPECT_FALSE(polar(90).place(-90, 0));
-  EXPECT_FALSE(polar(-90).place(90, 0));
-  EXPECT_FALSE(orthographic(0, 0).place(0, 91));
+  EXPECT_FALSE(MapTransform(polar(90)).place(-90, 0));
+  EXPECT_FALSE(MapTransform(polar(-90)).place(90, 0));
+  EXPECT_FALSE(MapTransform(orthographic(0, 0)).place(0, 91));
 }
 
 TEST(MapGrid, PixelsFromTheNorthWest) {
