@@ -82,10 +82,11 @@ std::optional<MapPlane> plane_of(const OGRSpatialReference& srs, const std::stri
   plane.lat_deg = lat_deg, plane.lon_deg = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0);
   plane.scale = srs.GetNormProjParm(SRS_PP_SCALE_FACTOR, 1);
   if (is(SRS_PT_POLAR_STEREOGRAPHIC)) {
-    plane.projection = MapProjection::stereographic;
-    plane.lat_deg = lat_deg < 0 ? -90 : 90;
     // A latitude of true scale short of the pole: k0 = (1 + sin lat) / 2 on the sphere (Snyder 1987, 21-7).
-    plane.scale *= (1 + std::sin(std::abs(lat_deg) * kRadiansPerDegree)) / 2;
+    const double true_lat_deg = srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 90);
+    plane.projection = MapProjection::stereographic;
+    plane.lat_deg = true_lat_deg > 0 ? 90 : -90;
+    plane.scale *= (1 + std::sin(std::abs(true_lat_deg) * kRadiansPerDegree)) / 2;
   } else if (is(SRS_PT_STEREOGRAPHIC) || is(SRS_PT_OBLIQUE_STEREOGRAPHIC)) {
     plane.projection = MapProjection::stereographic;
     if (std::abs(std::abs(lat_deg) - 90) < 1e-9) plane.lat_deg = std::copysign(90, lat_deg);

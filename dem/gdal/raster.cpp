@@ -133,10 +133,12 @@ struct Raster::Impl {
   void remove_corners(int x0, int y0, int w, int h, float* heights_m) const {
     if (file.info.projection() != Projection::orthographic) return;
     const PlanePosts posts(std::get<PlaneGrid>(file.info.grid), file.info.width, file.info.height);
+    const double x = x0, y = y0;
+    if (posts.on_moon(x, y) && posts.on_moon(x + w, y) && posts.on_moon(x, y + h) && posts.on_moon(x + w, y + h))
+      return;  // the disc is convex
     for (int j = 0; j < h; ++j)
       for (int i = 0; i < w; ++i, ++heights_m)
-        if (!posts.on_moon(static_cast<double>(x0) + i, static_cast<double>(y0) + j))
-          *heights_m = std::numeric_limits<float>::quiet_NaN();
+        if (!posts.on_moon(x + i, y + j)) *heights_m = std::numeric_limits<float>::quiet_NaN();
   }
 
   RasterFile file;
