@@ -57,13 +57,13 @@ struct PatchDirections {
 PatchDirections directions_of(const dem::MapGrid& grid, const Patch& patch, const StopToken& stop) {
   PatchDirections out;
   out.all.resize(patch.pixels());
-  const dem::MapDirections direction(grid.plane);
+  const dem::MapTransform map(grid.plane);
   in_parallel_pieces(static_cast<std::size_t>(patch.height), 8, [&](std::size_t first, std::size_t past_last) {
     stop.check();
     for (std::size_t row = first; row < past_last; ++row)
       for (int column = 0; column < patch.width; ++column)
         out.all[row * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(column)] =
-            direction(grid.point(patch.x + column, patch.y + static_cast<int>(row))).value_or(Vec3::Constant(kNaN));
+            map.direction(grid.point(patch.x + column, patch.y + static_cast<int>(row))).value_or(Vec3::Constant(kNaN));
   });
   Vec3 sum = Vec3::Zero();
   for (const Vec3& d : out.all)

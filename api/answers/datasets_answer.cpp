@@ -38,9 +38,11 @@ const Answer<DatasetSource>& dataset_answer() {
     a.add("name", text("what `source` lists"), of(&RasterInfo::name));
     a.add("path", text("as opened"), of(&RasterInfo::path));
     a.add("format", text("e.g. PDS3 Kaguya"), of(&RasterInfo::format));
-    a.add("projection", {{"type", "string"}, {"enum", {"geographic", "polar_stereographic"}}}, [](const S& s) {
-      return s.raster.projection() == dem::Projection::geographic ? "geographic" : "polar_stereographic";
-    });
+    a.add("projection",
+          {{"type", "string"},
+           {"enum",
+            {"geographic", "polar_stereographic", "stereographic", "orthographic", "mercator", "transverse_mercator"}}},
+          [](const S& s) { return dem::name_of(s.raster.projection()); });
     a.add("width", integer(1, 1LL << 31, "posts"), of(&RasterInfo::width));
     a.add("height", integer(1, 1LL << 31, "posts"), of(&RasterInfo::height));
     add_footprint(a);

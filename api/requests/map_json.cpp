@@ -18,7 +18,7 @@ using dem::MapProjection;
 
 constexpr std::pair<std::string_view, MapProjection> kProjections[] = {
     {"equirectangular", MapProjection::equirectangular},
-    {"polar_stereographic", MapProjection::polar_stereographic},
+    {"polar_stereographic", MapProjection::stereographic},
     {"orthographic", MapProjection::orthographic}};
 
 }  // namespace
@@ -113,14 +113,15 @@ Extent extent_of(const MapBounds& b, double gsd_m, dem::MapPlane& plane) {
 
 Extent extent_about(const MapArea& area, dem::MapPlane& plane) {
   const Geographic& center = *area.center;
-  if (plane.projection == MapProjection::polar_stereographic) {
+  if (plane.projection == MapProjection::stereographic) {
     plane.lat_deg = center.lat_deg >= 0 ? 90 : -90;
   } else {
     plane.lon_deg = wrap_lon_deg(center.lon_deg);
     if (plane.projection == MapProjection::orthographic) plane.lat_deg = center.lat_deg;
   }
   const bool at_origin = plane.projection == MapProjection::orthographic;
-  const dem::MapPoint middle = at_origin ? dem::MapPoint() : plane.place(center.lat_deg, center.lon_deg).value();
+  const dem::MapPoint middle =
+      at_origin ? dem::MapPoint() : dem::MapTransform(plane).place(center.lat_deg, center.lon_deg).value();
   const double width_px = std::max(1.0, std::round(*area.width_m / area.gsd_m)),
                height_px = std::max(1.0, std::round(*area.height_m / area.gsd_m));
   return {middle.x_m - width_px * area.gsd_m / 2, middle.y_m + height_px * area.gsd_m / 2, width_px, height_px};

@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 
 constexpr char kMagic[8] = {'S', 'G', 'C', 'A', 'T', 'A', 'L', 'G'};
 // Raised when the same files give other findings, or findings other bytes.
-constexpr std::uint32_t kFormatVersion = 3;
+constexpr std::uint32_t kFormatVersion = 4;
 
 struct Header {
   char magic[8];
@@ -53,7 +53,9 @@ class Writer {
     if (value) put(*value);
   }
   void put(const GeographicGrid& grid) { each_member(grid, *this); }
-  void put(const PolarGrid& grid) { each_member(grid, *this); }
+  void put(MapProjection projection) { put(static_cast<std::uint8_t>(projection)); }
+  void put(const MapPlane& plane) { each_member(plane, *this); }
+  void put(const PlaneGrid& grid) { each_member(grid, *this); }
   void put(const PostGrid& grid) {
     put(static_cast<std::uint8_t>(grid.index()));
     std::visit([&](const auto& g) { put(g); }, grid);
@@ -74,9 +76,12 @@ class Writer {
     if constexpr (std::is_same_v<T, GeographicGrid>) {
       auto& [lat, lon, lat_ppd, lon_ppd] = info;
       visit(lat, lon, lat_ppd, lon_ppd);
-    } else if constexpr (std::is_same_v<T, PolarGrid>) {
-      auto& [north, lon, scale, x, y, spacing] = info;
-      visit(north, lon, scale, x, y, spacing);
+    } else if constexpr (std::is_same_v<T, MapPlane>) {
+      auto& [projection, lat, lon, parallel, scale] = info;
+      visit(projection, lat, lon, parallel, scale);
+    } else if constexpr (std::is_same_v<T, PlaneGrid>) {
+      auto& [plane, x, y, spacing] = info;
+      visit(plane, x, y, spacing);
     } else if constexpr (std::is_same_v<T, Footprint>) {
       auto& [south, north, west, east] = info;
       visit(south, north, west, east);
@@ -118,7 +123,13 @@ class Reader {
     if (there) get(value.emplace());
   }
   void get(GeographicGrid& grid) { Writer::each_member(grid, *this); }
-  void get(PolarGrid& grid) { Writer::each_member(grid, *this); }
+  void get(MapProjection& projection) {
+    std::uint8_t number = 0;
+    get(number);
+    projection = static_cast<MapProjection>(number);
+  }
+  void get(MapPlane& plane) { Writer::each_member(plane, *this); }
+  void get(PlaneGrid& grid) { Writer::each_member(grid, *this); }
   void get(PostGrid& grid) {
     std::uint8_t index = 0;
     get(index);

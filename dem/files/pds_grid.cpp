@@ -142,12 +142,11 @@ double polar_offset(const PdsReader& map, const char* keyword, int count) {
 }
 
 // In the plane the metres per pixel are exact and the pixels per degree rounded (LOLA's DSMAP_POLAR.CAT says so).
-PolarGrid polar_grid(const PdsReader& map, int width, int height) {
-  PolarGrid g;
+PlaneGrid polar_grid(const PdsReader& map, int width, int height) {
+  PlaneGrid g;
   const double pole = map.number("CENTER_LATITUDE");
   if (std::abs(std::abs(pole) - 90) > 1e-9) map.fail("CENTER_LATITUDE of a polar map must be 90 or -90");
-  g.north = pole > 0;
-  g.central_lon_deg = map.maybe("CENTER_LONGITUDE").value_or(0);
+  g.plane = {MapProjection::stereographic, pole > 0 ? 90.0 : -90.0, map.maybe("CENTER_LONGITUDE").value_or(0)};
   const auto scale = map_scale_m(map);
   g.spacing_m = scale ? *scale : kMetresPerDegree / posts_per_degree(map);
   if (!(g.spacing_m > 1e-3 && g.spacing_m < 1e6)) map.fail("MAP_SCALE is impossible");

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <variant>
 
 #include "dem/grid/lattice.h"
@@ -15,10 +16,11 @@ namespace {
 // What a file may say of its grid. Whatever is beyond these is a mistake or an attack, and numbers of posts made from
 // it would not be whole numbers of any type.
 constexpr double kFewestPerDegree = 1.0 / 30, kMostPerDegree = kTicksPerDegree;  // posts 900 km to 3 cm apart
-constexpr double kLongestPosts = 100;            // a post's width by its height, or the other way round
-constexpr int kMostPosts = 1 << 24;              // along a side: the whole Moon has as many at 0.65 m
-constexpr double kFarthestLongitude_deg = 1e4;   // after some turns; precise to far below a post
-constexpr double kFarthestColatitude_deg = 135;  // of a polar raster
+constexpr double kLongestPosts = 100;             // a post's width by its height, or the other way round
+constexpr int kMostPosts = 1 << 24;               // along a side: the whole Moon has as many at 0.65 m
+constexpr double kFarthestLongitude_deg = 1e4;    // after some turns; precise to far below a post
+constexpr double kFarthestFromOrigin_deg = 135;   // of a stereographic raster
+constexpr double kFarthestFromCylinder_deg = 87;  // of a Mercator raster; the scale is 19 there
 
 void check_size(const RasterInfo& info) {
   if (std::max(info.width, info.height) > kMostPosts)
@@ -44,18 +46,50 @@ void check_grid(const RasterInfo& info, const GeographicGrid& g) {
     throw DataError(info.path, fmt::format("begins at an impossible longitude: {:.6g} degrees", g.first_lon_deg));
 }
 
-void check_grid(const RasterInfo& info, const PolarGrid& g) {
-  if (!(g.scale > 0)) throw DataError(info.path, fmt::format("has an impossible scale at its pole: {:.6g}", g.scale));
-  check_spacing(info, kMetresPerDegree * g.scale / g.spacing_m);
-  if (!(std::abs(g.central_lon_deg) <= kFarthestLongitude_deg))
-    throw DataError(info.path, fmt::format("has an impossible central longitude: {:.6g} degrees", g.central_lon_deg));
-  const double farthest_m = 2 * kMoonRadius_m * g.scale * std::tan(kFarthestColatitude_deg / 2 * kRadiansPerDegree);
+// How far from its origin a plane's rows and columns may reach, m.
+MapPoint farthest_of(const MapPlane& plane) {
+  const double radius_m = kMoonRadius_m * plane.scale;
+  const double along_m = radius_m * std::atanh(std::sin(kFarthestFromCylinder_deg * kRadiansPerDegree));
+  const double around_m = 2 * std::numbers::pi * radius_m;
+  switch (plane.projection) {
+    case MapProjection::stereographic: {
+      const double m = 2 * radius_m * std::tan(kFarthestFromOrigin_deg / 2 * kRadiansPerDegree);
+      return {m, m};
+    }
+    case MapProjection::orthographic:
+      return {2 * kMoonRadius_m, 2 * kMoonRadius_m};
+    case MapProjection::mercator:
+      return {around_m, along_m};
+    case MapProjection::transverse_mercator:
+      return {along_m, around_m};
+    case MapProjection::equirectangular:
+      break;  // is a GeographicGrid
+  }
+  return {};
+}
+
+void check_grid(const RasterInfo& info, const PlaneGrid& g) {
+  const MapPlane& plane = g.plane;
+  if (!(plane.scale > 0))
+    throw DataError(info.path, fmt::format("has an impossible scale of its projection: {:.6g}", plane.scale));
+  if (!(std::abs(plane.lat_deg) <= 90 && std::abs(plane.lon_deg) <= kFarthestLongitude_deg))
+    throw DataError(info.path, fmt::format("has an impossible origin of its projection: {:.6g}, {:.6g} degrees",
+                                           plane.lat_deg, plane.lon_deg));
+  const MapPoint farthest = farthest_of(plane);
   const double east_m = g.first_x_m + (info.width - 1) * g.spacing_m;
   const double south_m = g.first_y_m - (info.height - 1) * g.spacing_m;
-  for (const double m : {g.first_x_m, g.first_y_m, east_m, south_m})
-    if (!(std::abs(m) <= farthest_m))
-      throw DataError(info.path, fmt::format("reaches {:.6g} m from its pole, farther than {:.0f} degrees", std::abs(m),
-                                             kFarthestColatitude_deg));
+  const auto check_reach = [&](double m, double most_m) {
+    if (!(std::abs(m) <= most_m))
+      throw DataError(info.path, fmt::format("reaches {:.6g} m from the origin of its projection, where {:.6g} m are "
+                                             "possible",
+                                             std::abs(m), most_m));
+  };
+  for (const double m : {g.first_x_m, east_m}) check_reach(m, farthest.x_m);
+  for (const double m : {g.first_y_m, south_m}) check_reach(m, farthest.y_m);
+  check_spacing(info, PlanePosts(g, info.width, info.height).posts_per_degree());
+  if (plane.projection == MapProjection::orthographic &&
+      !(std::hypot(std::clamp(0.0, g.first_x_m, east_m), std::clamp(0.0, south_m, g.first_y_m)) < kMoonRadius_m))
+    throw DataError(info.path, "lies beyond the limb of its orthographic projection");
 }
 
 // Width of the columns that differ; a product that repeats its first meridian (0 and 360) loses the copy.
@@ -108,36 +142,12 @@ PostXY locate_geographic(const GeographicGrid& g, const RasterInfo& info, double
   return p;
 }
 
-// Where the longitudes of a rectangle that leaves the pole out begin and end: at corners, since it is convex.
-void longitudes_of(const PolarGrid& g, double east_m, double south_m, Footprint& f) {
-  const double middle = place_on(g, (g.first_x_m + east_m) / 2, (g.first_y_m + south_m) / 2).lon_deg;
-  double low = 0, high = 0;
-  for (const double x : {g.first_x_m, east_m})
-    for (const double y : {g.first_y_m, south_m}) {
-      const double away = std::remainder(place_on(g, x, y).lon_deg - middle, 360);
-      low = std::min(low, away);
-      high = std::max(high, away);
-    }
-  f.west_deg = wrap_lon_deg(middle + low);
-  f.east_deg = f.west_deg + (high - low);
-}
-
-Footprint footprint_of(const PolarGrid& g, int width, int height) {
-  const double east_m = g.first_x_m + (width - 1) * g.spacing_m;
-  const double south_m = g.first_y_m - (height - 1) * g.spacing_m;
-  const double far_x = std::max(std::abs(g.first_x_m), std::abs(east_m));
-  const double far_y = std::max(std::abs(g.first_y_m), std::abs(south_m));
-  const double near_x = std::clamp(0.0, g.first_x_m, east_m), near_y = std::clamp(0.0, south_m, g.first_y_m);
-  const double far_lat = place_on(g, far_x, far_y).lat_deg, near_lat = place_on(g, near_x, near_y).lat_deg;
-  Footprint f{std::min(far_lat, near_lat), std::max(far_lat, near_lat), -180, 180};
-  if (near_x != 0 || near_y != 0) longitudes_of(g, east_m, south_m, f);
-  return f;
-}
-
-void set_polar(RasterInfo& info, const PolarGrid& g) {
-  info.posts_per_degree = kMetresPerDegree * g.scale / g.spacing_m;
-  info.post_spacing_m = g.spacing_m / g.scale;
-  info.footprint = footprint_of(g, info.width, info.height);
+void set_plane(RasterInfo& info, PlaneGrid g) {
+  g.plane.lon_deg = wrap_lon_deg(g.plane.lon_deg);
+  const PlanePosts posts(g, info.width, info.height);
+  info.posts_per_degree = posts.posts_per_degree();
+  info.post_spacing_m = kMetresPerDegree / info.posts_per_degree;
+  info.footprint = posts.footprint();
   info.grid = g;
 }
 
@@ -147,7 +157,43 @@ void set_grid(RasterInfo& info, const PostGrid& grid) {
   check_size(info);
   std::visit([&](const auto& g) { check_grid(info, g); }, grid);
   if (const auto* g = std::get_if<GeographicGrid>(&grid)) set_geographic(info, *g);
-  if (const auto* g = std::get_if<PolarGrid>(&grid)) set_polar(info, *g);
+  if (const auto* g = std::get_if<PlaneGrid>(&grid)) set_plane(info, *g);
+}
+
+const char* name_of(Projection projection) {
+  switch (projection) {
+    case Projection::geographic:
+      return "geographic";
+    case Projection::polar_stereographic:
+      return "polar_stereographic";
+    case Projection::stereographic:
+      return "stereographic";
+    case Projection::orthographic:
+      return "orthographic";
+    case Projection::mercator:
+      return "mercator";
+    case Projection::transverse_mercator:
+      return "transverse_mercator";
+  }
+  return "";
+}
+
+Projection RasterInfo::projection() const {
+  const auto* g = std::get_if<PlaneGrid>(&grid);
+  if (!g) return Projection::geographic;
+  switch (g->plane.projection) {
+    case MapProjection::stereographic:
+      return std::abs(g->plane.lat_deg) == 90 ? Projection::polar_stereographic : Projection::stereographic;
+    case MapProjection::orthographic:
+      return Projection::orthographic;
+    case MapProjection::mercator:
+      return Projection::mercator;
+    case MapProjection::transverse_mercator:
+      return Projection::transverse_mercator;
+    case MapProjection::equirectangular:
+      break;
+  }
+  return Projection::geographic;
 }
 
 int level_needed(const RasterInfo& info) {
@@ -160,13 +206,13 @@ int level_needed(const RasterInfo& info) {
 }
 
 PostXY locate(const RasterInfo& info, double lat_deg, double lon_deg) {
-  if (const auto* g = std::get_if<PolarGrid>(&info.grid)) return locate(*g, lat_deg, lon_deg);
+  if (const auto* g = std::get_if<PlaneGrid>(&info.grid))
+    return PlanePosts(*g, info.width, info.height).locate(lat_deg, lon_deg);
   return locate_geographic(std::get<GeographicGrid>(info.grid), info, lat_deg, lon_deg);
 }
 
 Geographic place_of_post(const RasterInfo& info, int x, int y) {
-  if (const auto* g = std::get_if<PolarGrid>(&info.grid))
-    return place_on(*g, g->first_x_m + x * g->spacing_m, g->first_y_m - y * g->spacing_m);
+  if (const auto* g = std::get_if<PlaneGrid>(&info.grid)) return PlanePosts(*g, info.width, info.height).place(x, y);
   const auto& g = std::get<GeographicGrid>(info.grid);
   return {g.first_lat_deg - y / g.lat_posts_per_degree, wrap_lon_deg(g.first_lon_deg + x / g.lon_posts_per_degree), 0};
 }

@@ -14,12 +14,16 @@ namespace selenograph::dem {
 // are read as no-data.
 inline constexpr double kFarthestHeight_m = 1e5;
 
-enum class Projection { geographic, polar_stereographic };
-
-// Footprint in degrees of the area where posts are: south <= north; west in [-180, 180), east in (west, west + 360].
-struct Footprint {
-  double south_deg = 0, north_deg = 0, west_deg = 0, east_deg = 0;
+enum class Projection {
+  geographic,  // equirectangular, too
+  polar_stereographic,
+  stereographic,  // about another place
+  orthographic,
+  mercator,
+  transverse_mercator
 };
+// As above: "geographic".
+const char* name_of(Projection projection);
 
 struct RasterInfo {
   std::string path;    // as opened (for PDS products, the label)
@@ -28,7 +32,7 @@ struct RasterInfo {
   int width = 0, height = 0;
   PostGrid grid;
   // Members from here to lattice_level are derived from size and grid: see set_grid.
-  double posts_per_degree = 0;   // along a meridian; for a projected raster at the centre of projection
+  double posts_per_degree = 0;   // along a meridian; for a projected raster as PlanePosts::posts_per_degree
   double post_spacing_m = 0;     // along a meridian on the sphere
   Footprint footprint;           // tight around the posts (outermost posts are on its border)
   bool wraps_longitude = false;  // covers 360 degrees: x is periodic
@@ -44,9 +48,7 @@ struct RasterInfo {
   std::string damage;                // why the posts of a located file cannot be read; empty: they can
   std::string doubt;                 // why its heights are probably in another unit; empty: no reason
 
-  Projection projection() const {
-    return std::holds_alternative<PolarGrid>(grid) ? Projection::polar_stereographic : Projection::geographic;
-  }
+  Projection projection() const;
 };
 
 // Sets the grid of a raster of known size, and everything derived from it. A geographic grid that repeats its first
@@ -57,10 +59,11 @@ void set_grid(RasterInfo& info, const PostGrid& grid);
 // Lattice level at which a file's posts are (nearly) vertices.
 int level_needed(const RasterInfo& info);
 
-// Post coordinates of a place. For a raster that wraps x is in [0, width).
+// Post coordinates of a place. For a raster that wraps x is in [0, width). For many places of a raster on a plane
+// PlanePosts is faster.
 PostXY locate(const RasterInfo& info, double lat_deg, double lon_deg);
 
-// Inverse of locate(): place of a post; height_m is 0.
+// Inverse of locate(): place of a post; height_m is 0. For posts that are not on the Moon see PlanePosts.
 Geographic place_of_post(const RasterInfo& info, int x, int y);
 
 }  // namespace selenograph::dem

@@ -1,11 +1,18 @@
 #include "dem/gdal/georeference.h"
 
+#include <fmt/format.h>
+
 #include <cmath>
+#include <optional>
+#include <string_view>
 
 #include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {
+
+constexpr std::string_view kWarpIt =
+    "warp it to degrees first: gdalwarp -t_srs '+proj=longlat +R=1737400 +no_defs' -r cubic in.tif out.tif";
 
 void check_sphere(const OGRSpatialReference& srs, const std::string& path) {
   const double a = srs.GetSemiMajor(), b = srs.GetSemiMinor();
@@ -24,7 +31,7 @@ struct Plane {
 Plane find_plane(GDALDataset& dataset, const std::string& path) {
   double t[6];
   if (dataset.GetGeoTransform(t) != CE_None) throw DataError(path, "has no geotransform");
-  if (t[2] != 0 || t[4] != 0) throw DataError(path, "is rotated or sheared; warp it to north-up first");
+  if (t[2] != 0 || t[4] != 0) throw DataError(path, fmt::format("is rotated or sheared; {}", kWarpIt));
   if (!(std::isfinite(t[0]) && std::isfinite(t[3]) && std::abs(t[1]) > 0 && std::abs(t[5]) > 0))
     throw DataError(path, "has an impossible geotransform");
   const bool flip_x = t[1]<0, flip_y = t[5]> 0;
@@ -66,19 +73,44 @@ GeographicGrid grid_in_metres(const OGRSpatialReference& srs, const Plane& p) {
   return g;
 }
 
-PolarGrid grid_on_pole(const OGRSpatialReference& srs, const Plane& p, const std::string& path) {
-  if (std::abs(p.dx / p.dy - 1) > 1e-9) throw DataError(path, "a polar raster must have square pixels");
+// The plane of a projection by GDAL's name; empty: it is none of ours. On the sphere double stereographic ("Oblique")
+// is stereographic.
+std::optional<MapPlane> plane_of(const OGRSpatialReference& srs, const std::string& projection) {
+  const auto is = [&](const char* name) { return EQUAL(projection.c_str(), name); };
+  const double lat_deg = srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 0);
+  MapPlane plane;
+  plane.lat_deg = lat_deg, plane.lon_deg = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0);
+  plane.scale = srs.GetNormProjParm(SRS_PP_SCALE_FACTOR, 1);
+  if (is(SRS_PT_POLAR_STEREOGRAPHIC)) {
+    // A latitude of true scale short of the pole: k0 = (1 + sin lat) / 2 on the sphere (Snyder 1987, 21-7).
+    const double true_lat_deg = srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 90);
+    plane.projection = MapProjection::stereographic;
+    plane.lat_deg = true_lat_deg > 0 ? 90 : -90;
+    plane.scale *= (1 + std::sin(std::abs(true_lat_deg) * kRadiansPerDegree)) / 2;
+  } else if (is(SRS_PT_STEREOGRAPHIC) || is(SRS_PT_OBLIQUE_STEREOGRAPHIC)) {
+    plane.projection = MapProjection::stereographic;
+    if (std::abs(std::abs(lat_deg) - 90) < 1e-9) plane.lat_deg = std::copysign(90, lat_deg);
+  } else if (is(SRS_PT_ORTHOGRAPHIC)) {
+    plane.projection = MapProjection::orthographic;
+    plane.scale = 1;
+  } else if (is(SRS_PT_MERCATOR_1SP) || is(SRS_PT_MERCATOR_2SP)) {
+    if (lat_deg != 0) return std::nullopt;
+    plane.projection = MapProjection::mercator;
+    plane.scale *= std::cos(srs.GetNormProjParm(SRS_PP_STANDARD_PARALLEL_1, 0) * kRadiansPerDegree);
+  } else if (is(SRS_PT_TRANSVERSE_MERCATOR)) {
+    plane.projection = MapProjection::transverse_mercator;
+  } else {
+    return std::nullopt;
+  }
+  return plane;
+}
+
+PlaneGrid grid_on_plane(const OGRSpatialReference& srs, const MapPlane& plane, const Plane& p,
+                        const std::string& path) {
+  if (std::abs(p.dx / p.dy - 1) > 1e-9) throw DataError(path, fmt::format("its pixels are not square; {}", kWarpIt));
   const double unit_m = srs.GetLinearUnits();
-  const double lat = srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 90);
-  PolarGrid g;
-  g.north = lat > 0;
-  // A latitude of true scale short of the pole: k0 = (1 + sin lat) / 2 on the sphere (Snyder 1987, 21-7).
-  g.scale = srs.GetNormProjParm(SRS_PP_SCALE_FACTOR, 1) * (1 + std::sin(std::abs(lat) * kRadiansPerDegree)) / 2;
-  g.central_lon_deg = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0);
-  g.first_x_m = (p.first_x - srs.GetProjParm(SRS_PP_FALSE_EASTING, 0)) * unit_m;
-  g.first_y_m = (p.first_y - srs.GetProjParm(SRS_PP_FALSE_NORTHING, 0)) * unit_m;
-  g.spacing_m = p.dx * unit_m;
-  return g;
+  return {plane, (p.first_x - srs.GetProjParm(SRS_PP_FALSE_EASTING, 0)) * unit_m,
+          (p.first_y - srs.GetProjParm(SRS_PP_FALSE_NORTHING, 0)) * unit_m, p.dx * unit_m};
 }
 
 PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, const std::string& path) {
@@ -91,11 +123,8 @@ PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, const std::
   const char* name = srs.GetAttrValue("PROJECTION");
   const std::string projection = name ? name : "none";
   if (EQUAL(projection.c_str(), SRS_PT_EQUIRECTANGULAR)) return grid_in_metres(srs, plane);
-  const bool at_pole = std::abs(std::abs(srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 0)) - 90) < 1e-9;
-  if (EQUAL(projection.c_str(), SRS_PT_POLAR_STEREOGRAPHIC) ||
-      (EQUAL(projection.c_str(), SRS_PT_STEREOGRAPHIC) && at_pole))
-    return grid_on_pole(srs, plane, path);
-  throw DataError(path, "its projection '" + projection + "' is not supported; warp it to degrees first");
+  if (const std::optional<MapPlane> on = plane_of(srs, projection)) return grid_on_plane(srs, *on, plane, path);
+  throw DataError(path, fmt::format("its projection '{}' is not supported; {}", projection, kWarpIt));
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <filesystem>
 #include <limits>
 #include <memory>
@@ -77,20 +78,33 @@ constexpr int kTile = 256;
 // Names as in the IAU's own definitions (IAU_2015:30110 to 30135), which differ in parameters alone.
 OGRSpatialReference moon(const MapPlane& plane) {
   OGRSpatialReference srs = moon();
-  const std::string name = "Moon (2015) - Sphere / Ocentric / ";
+  const std::string name = "Moon (2015) - Sphere / Ocentric / ",
+                    origin = fmt::format("clat = {:g}, clon = {:g}", plane.lat_deg, plane.lon_deg);
   switch (plane.projection) {
     case MapProjection::equirectangular:
       srs.SetProjCS((name + fmt::format("Equirectangular, clon = {:g}", plane.lon_deg)).c_str());
       srs.SetEquirectangular2(0, plane.lon_deg, plane.standard_parallel_deg, 0, 0);
       break;
-    case MapProjection::polar_stereographic:
-      srs.SetProjCS((name + (plane.lat_deg > 0 ? "North Polar" : "South Polar")).c_str());
-      srs.SetPS(plane.lat_deg, plane.lon_deg, 1, 0, 0);
+    case MapProjection::stereographic:
+      if (std::abs(plane.lat_deg) == 90) {
+        srs.SetProjCS((name + (plane.lat_deg > 0 ? "North Polar" : "South Polar")).c_str());
+        srs.SetPS(plane.lat_deg, plane.lon_deg, plane.scale, 0, 0);
+      } else {
+        srs.SetProjCS((name + "Stereographic, " + origin).c_str());
+        srs.SetStereographic(plane.lat_deg, plane.lon_deg, plane.scale, 0, 0);
+      }
       break;
     case MapProjection::orthographic:
-      srs.SetProjCS(
-          (name + fmt::format("Orthographic, clat = {:g}, clon = {:g}", plane.lat_deg, plane.lon_deg)).c_str());
+      srs.SetProjCS((name + "Orthographic, " + origin).c_str());
       srs.SetOrthographic(plane.lat_deg, plane.lon_deg, 0, 0);
+      break;
+    case MapProjection::mercator:
+      srs.SetProjCS((name + fmt::format("Mercator, clon = {:g}", plane.lon_deg)).c_str());
+      srs.SetMercator(0, plane.lon_deg, plane.scale, 0, 0);
+      break;
+    case MapProjection::transverse_mercator:
+      srs.SetProjCS((name + "Transverse Mercator, " + origin).c_str());
+      srs.SetTM(plane.lat_deg, plane.lon_deg, plane.scale, 0, 0);
       break;
   }
   return srs;

@@ -129,6 +129,18 @@ struct Raster::Impl {
     }
   }
 
+  // Whatever an orthographic map has beyond its limb is not the Moon.
+  void remove_corners(int x0, int y0, int w, int h, float* heights_m) const {
+    if (file.info.projection() != Projection::orthographic) return;
+    const PlanePosts posts(std::get<PlaneGrid>(file.info.grid), file.info.width, file.info.height);
+    const double x = x0, y = y0;
+    if (posts.on_moon(x, y) && posts.on_moon(x + w, y) && posts.on_moon(x, y + h) && posts.on_moon(x + w, y + h))
+      return;  // the disc is convex
+    for (int j = 0; j < h; ++j)
+      for (int i = 0; i < w; ++i, ++heights_m)
+        if (!posts.on_moon(x + i, y + j)) *heights_m = std::numeric_limits<float>::quiet_NaN();
+  }
+
   RasterFile file;
   std::optional<std::int64_t> north_mirror, south_mirror;
   std::vector<double> scratch;
@@ -167,6 +179,7 @@ void Raster::read(int x0, int y0, int w, int h, float* heights_m) {
     }
     j += count;
   }
+  impl_->remove_corners(x0, y0, w, h, heights_m);
   if (!current()) throw changed(info().path, "while it was open");
 }
 

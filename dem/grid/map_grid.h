@@ -1,5 +1,5 @@
 // Map projections of the Moon's sphere. The formulas are Snyder's (Map Projections: A Working Manual, USGS Professional
-// Paper 1395, 1987) on the sphere of 1 737 400 m; dem/gdal/geotiff_writer.h gives GDAL the same definitions.
+// Paper 1395, 1987) on the sphere of 1 737 400 m; dem/gdal gives GDAL the same definitions, and takes them from it.
 #pragma once
 
 #include <optional>
@@ -9,9 +9,11 @@
 namespace selenograph::dem {
 
 enum class MapProjection {
-  equirectangular,      // Snyder 12, true to scale on the standard parallels
-  polar_stereographic,  // Snyder 21, true to scale at the pole; longitude 0 points down in the north, up in the south
-  orthographic          // Snyder 20, true to scale at its centre
+  equirectangular,     // Snyder 12, true to scale on the standard parallels
+  stereographic,       // Snyder 21; from a pole its central meridian points down in the north, up in the south
+  orthographic,        // Snyder 20, true to scale at its centre
+  mercator,            // Snyder 7
+  transverse_mercator  // Snyder 8
 };
 
 // A point on the plane of a projection, m: x to the right, y up.
@@ -21,28 +23,39 @@ struct MapPoint {
 
 struct MapPlane {
   MapProjection projection = MapProjection::equirectangular;
-  // The projection's origin. Equirectangular: latitude 0 and the central meridian; polar: 90 or -90, and 0.
+  // The projection's origin. Equirectangular and Mercator: latitude 0 and the central meridian.
   double lat_deg = 0, lon_deg = 0;
   double standard_parallel_deg = 0;  // for equirectangular
+  // k0, lengths on the plane over lengths on the ground: of stereographic at the origin, of Mercator at the equator, of
+  // transverse Mercator on the central meridian.
+  double scale = 1;
 
-  // Empty on the far side of an orthographic map, and at the other pole of a stereographic one.
-  std::optional<MapPoint> place(double lat_deg, double lon_deg) const;
+  bool operator==(const MapPlane&) const = default;
 };
 
-// Inverse projection.
-class MapDirections {
+// A projection and its inverse.
+class MapTransform {
  public:
-  explicit MapDirections(const MapPlane& plane);
+  explicit MapTransform(const MapPlane& plane);
+
+  // Empty on the far side of an orthographic map, and where another one would be infinitely large: opposite to a
+  // stereographic one's origin, at the poles of Mercator, 90 degrees east and west of transverse Mercator's origin.
+  std::optional<MapPoint> place(double lat_deg, double lon_deg) const;
+  // The same for a place in the direction of a unit vector from the Moon's centre.
+  std::optional<MapPoint> place(const Vec3& direction) const;
+
   // Unit vector from the Moon's centre; empty where the plane has no point of the Moon.
-  std::optional<Vec3> operator()(const MapPoint& point) const;
+  std::optional<Vec3> direction(const MapPoint& point) const;
 
  private:
   std::optional<Vec3> from_equirectangular(const MapPoint& p) const;
   Vec3 from_stereographic(const MapPoint& p) const;
   std::optional<Vec3> from_orthographic(const MapPoint& p) const;
+  Vec3 from_cylinder(double around_m, double along_m, const Vec3& east, const Vec3& axis) const;
 
   MapPlane plane_;
   double metres_per_degree_;  // metres per degree of longitude
+  double radius_m_;           // of the sphere, times k0
   EastNorthUp axes_;          // axes at the projection's origin; at a pole along its central meridian
 };
 

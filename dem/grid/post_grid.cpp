@@ -1,8 +1,11 @@
 #include "dem/grid/post_grid.h"
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <numbers>
+#include <vector>
 
 namespace selenograph::dem {
 
@@ -18,21 +21,143 @@ std::optional<int> lattice_level_of(const GeographicGrid& g, int posts_along) {
   return std::countr_zero(static_cast<std::uint32_t>(ppd));
 }
 
-// Forward, Snyder (1987) 21-5, 21-6, 21-9, 21-10 on the sphere.
-PostXY locate(const PolarGrid& g, double lat_deg, double lon_deg) {
-  const double colatitude = (90 - (g.north ? lat_deg : -lat_deg)) * kRadiansPerDegree;
-  const double rho_m = 2 * kMoonRadius_m * g.scale * std::tan(colatitude / 2);
-  const double turn = (lon_deg - g.central_lon_deg) * kRadiansPerDegree;
-  const double x_m = rho_m * std::sin(turn);
-  const double y_m = (g.north ? -1 : 1) * rho_m * std::cos(turn);
-  return {(x_m - g.first_x_m) / g.spacing_m, (g.first_y_m - y_m) / g.spacing_m};
+namespace {
+
+constexpr double kNowhere = -1e9;
+// Longitudes have a step of 180 degrees where the border runs over a pole, which is therefore taken as outside. (2 um
+// of the plane.)
+constexpr double kLimb_m = kMoonRadius_m * (1 - 1e-12);
+
+bool cylindrical(const MapPlane& plane) {
+  return plane.projection == MapProjection::mercator || plane.projection == MapProjection::transverse_mercator;
 }
 
-// Inverse, Snyder (1987) 21-15 and 20-16 on the sphere.
-Geographic place_on(const PolarGrid& g, double x_m, double y_m) {
-  const double colatitude = 2 * std::atan(std::hypot(x_m, y_m) / (2 * kMoonRadius_m * g.scale)) / kRadiansPerDegree;
-  const double turn = std::atan2(x_m, g.north ? -y_m : y_m) / kRadiansPerDegree;
-  return {g.north ? 90 - colatitude : colatitude - 90, wrap_lon_deg(g.central_lon_deg + turn), 0};
+MapPoint period_of(const MapPlane& plane) {
+  const double around_m = 2 * std::numbers::pi * kMoonRadius_m * plane.scale;
+  if (plane.projection == MapProjection::mercator) return {around_m, 0};
+  if (plane.projection == MapProjection::transverse_mercator) return {0, around_m};
+  return {};
+}
+
+// As near to `middle` as the period allows.
+double turned(double v, double middle, double period) {
+  return period > 0 ? v + period * std::round((middle - v) / period) : v;
+}
+
+// The largest value of a function of the border's samples' numbers, which is smooth or has one corner between samples.
+template <typename Function>
+double highest(int samples, const Function& f) {
+  std::vector<double> values(static_cast<std::size_t>(samples));
+  for (int i = 0; i < samples; ++i) values[static_cast<std::size_t>(i)] = f(i, i);
+  double best = *std::max_element(values.begin(), values.end());
+  for (int i = 0; i < samples; ++i) {
+    const auto value = [&](int k) { return values[static_cast<std::size_t>((k + samples) % samples)]; };
+    // Around the sample it rises by no more than it falls to both of its neighbours.
+    const double rise = 2 * value(i) - value(i - 1) - value(i + 1);
+    if (value(i) < value(i - 1) || value(i) < value(i + 1) || value(i) + rise <= best + 1e-10) continue;
+    constexpr double kGolden = std::numbers::phi - 1;
+    double low = i - 1, high = i + 1;
+    for (int step = 0; step < 50; ++step) {
+      const double a = high - kGolden * (high - low), b = low + kGolden * (high - low);
+      if (f(i, a) < f(i, b))
+        low = a;
+      else
+        high = b;
+    }
+    best = std::max(best, f(i, (low + high) / 2));
+  }
+  return best;
+}
+
+}  // namespace
+
+PlanePosts::PlanePosts(const PlaneGrid& grid, int width, int height)
+    : grid_(grid), columns_(width - 1), rows_(height - 1), transform_(grid.plane), period_(period_of(grid.plane)) {}
+
+PostXY PlanePosts::posts_at(const std::optional<MapPoint>& p) const {
+  if (!p) return {kNowhere, kNowhere};
+  const MapPoint middle = at(columns_ / 2, rows_ / 2);
+  const double x_m = turned(p->x_m, middle.x_m, period_.x_m), y_m = turned(p->y_m, middle.y_m, period_.y_m);
+  // Opposite to a stereographic plane's origin places are nearly infinitely far.
+  const auto bounded = [](double v) { return std::clamp(v, kNowhere, -kNowhere); };
+  return {bounded((x_m - grid_.first_x_m) / grid_.spacing_m), bounded((grid_.first_y_m - y_m) / grid_.spacing_m)};
+}
+
+bool PlanePosts::within_limb(const MapPoint& p) const {
+  return grid_.plane.projection != MapProjection::orthographic || std::hypot(p.x_m, p.y_m) <= kLimb_m;
+}
+
+Geographic PlanePosts::place_at(const MapPoint& p) const {
+  const double shrink = within_limb(p) ? 1 : kLimb_m / std::hypot(p.x_m, p.y_m);
+  Geographic g = to_geographic(*transform_.direction({p.x_m * shrink, p.y_m * shrink}) * kMoonRadius_m);
+  g.height_m = 0;
+  return g;
+}
+
+Geographic PlanePosts::place(double x, double y) const { return place_at(at(x, y)); }
+
+double PlanePosts::posts_per_degree() const {
+  const MapPlane& plane = grid_.plane;
+  const MapPoint middle = at(columns_ / 2, rows_ / 2);
+  // Snyder (7-3), (8-4): the scale is k0 cosh(v / (R k0)), v being the distance from where the cylinder touches.
+  const double v_m = plane.projection == MapProjection::mercator ? middle.y_m : middle.x_m;
+  const double stretch = cylindrical(plane) ? std::cosh(v_m / (kMoonRadius_m * plane.scale)) : 1;
+  return kMetresPerDegree * plane.scale * stretch / grid_.spacing_m;
+}
+
+// Once around the posts that are on the Moon, while t goes from 0 to 4: by one for each side of the raster. What lies
+// beyond the limb is replaced by the limb, as seen from the post that is nearest to the origin. (Both the raster and
+// the disc are convex.)
+Geographic PlanePosts::border(double t) const {
+  const double along = t - 4 * std::floor(t / 4);
+  const auto ramp = [](double v) { return std::clamp(v, 0.0, 1.0); };
+  const MapPoint p = at(columns_ * (ramp(along) - ramp(along - 2)), rows_ * (ramp(along - 1) - ramp(along - 3)));
+  if (within_limb(p)) return place_at(p);
+  const MapPoint first = at(0, 0), last = at(columns_, rows_);
+  const double x_m = std::clamp(0.0, first.x_m, last.x_m), y_m = std::clamp(0.0, last.y_m, first.y_m);
+  // |middle + s (p - middle)| = limb, by the quadratic formula.
+  const double dx = p.x_m - x_m, dy = p.y_m - y_m, a = dx * dx + dy * dy, b = x_m * dx + y_m * dy,
+               c = std::min(0.0, x_m * x_m + y_m * y_m - kLimb_m * kLimb_m);
+  const double s = (std::sqrt(b * b - a * c) - b) / a;
+  return place_at({x_m + s * dx, y_m + s * dy});
+}
+
+bool PlanePosts::contains(double x, double y) const {
+  constexpr double kRounding = 1e-6;
+  return x >= -kRounding && x <= columns_ + kRounding && y >= -kRounding && y <= rows_ + kRounding;
+}
+
+// Latitude and longitude are highest and lowest on the border, but for the poles.
+Footprint PlanePosts::footprint() const {
+  constexpr int kSamples = 128;
+  std::vector<Geographic> samples;
+  for (int i = 0; i < kSamples; ++i) {
+    samples.push_back(border(4.0 * i / kSamples));
+    if (i > 0)
+      samples[static_cast<std::size_t>(i)].lon_deg =
+          samples[static_cast<std::size_t>(i) - 1].lon_deg +
+          std::remainder(samples.back().lon_deg - samples[static_cast<std::size_t>(i) - 1].lon_deg, 360);
+  }
+  const auto lat_deg = [&](int, double t) { return border(4 * t / kSamples).lat_deg; };
+  const auto lon_deg = [&](int i, double t) {
+    const double sample_deg = samples[static_cast<std::size_t>(i)].lon_deg;
+    return sample_deg + std::remainder(border(4 * t / kSamples).lon_deg - sample_deg, 360);
+  };
+  const auto lowest = [&](const auto& f) { return -highest(kSamples, [&](int i, double t) { return -f(i, t); }); };
+  Footprint f{lowest(lat_deg), highest(kSamples, lat_deg), -180, 180};
+  bool pole = false;
+  for (const double lat : {-90.0, 90.0}) {
+    const std::optional<MapPoint> p = transform_.place(lat, 0);
+    const PostXY at = locate(lat, 0);
+    if (!p || !within_limb(*p) || !contains(at.x, at.y)) continue;
+    pole = true;
+    (lat < 0 ? f.south_deg : f.north_deg) = lat;
+  }
+  if (pole) return f;
+  const double west_deg = lowest(lon_deg), across_deg = highest(kSamples, lon_deg) - west_deg;
+  if (across_deg >= 360) return f;
+  f.west_deg = wrap_lon_deg(west_deg), f.east_deg = f.west_deg + across_deg;
+  return f;
 }
 
 }  // namespace selenograph::dem

@@ -1,10 +1,10 @@
-// Grid of a raster's posts: multiples of a step in degrees, or squares on a polar stereographic plane.
+// Grid of a raster's posts: multiples of a step in degrees, or squares on the plane of a map projection.
 #pragma once
 
 #include <optional>
 #include <variant>
 
-#include "dem/grid/geodesy.h"
+#include "dem/grid/map_grid.h"
 
 namespace selenograph::dem {
 
@@ -13,30 +13,67 @@ struct PostXY {
   double x, y;
 };
 
+// Footprint in degrees of the area where posts are: south <= north; west in [-180, 180), east in (west, west + 360].
+struct Footprint {
+  double south_deg = 0, north_deg = 0, west_deg = 0, east_deg = 0;
+};
+
 // Posts at latitude first_lat - row / ppd and longitude first_lon + column / ppd, degrees.
 struct GeographicGrid {
   double first_lat_deg = 0, first_lon_deg = 0;
   double lat_posts_per_degree = 0, lon_posts_per_degree = 0;
 };
 
-// Posts at X = first_x + column * spacing, Y = first_y - row * spacing in a polar stereographic plane of the sphere.
-// Snyder, Map Projections - A Working Manual (USGS PP 1395, 1987), equations 21-5 to 21-12:
-// X = rho sin(lon - lon0), Y = -+ rho cos(lon - lon0) (north -, south +), rho = 2 R k0 tan(colatitude / 2).
-struct PolarGrid {
-  bool north = true;
-  double central_lon_deg = 0;
-  double scale = 1;  // k0, at the pole
+// Posts at x = first_x + column * spacing, y = first_y - row * spacing on a plane (of any projection but
+// equirectangular: that is a GeographicGrid).
+struct PlaneGrid {
+  MapPlane plane;
   double first_x_m = 0, first_y_m = 0, spacing_m = 0;
 };
 
-using PostGrid = std::variant<GeographicGrid, PolarGrid>;
+using PostGrid = std::variant<GeographicGrid, PlaneGrid>;
 
 // n of the 2^-n degree lattice on which all posts lie exactly, if there is one; `posts_along`: posts of the longer
 // side.
 std::optional<int> lattice_level_of(const GeographicGrid& grid, int posts_along);
 
-PostXY locate(const PolarGrid& grid, double lat_deg, double lon_deg);
-// Geographic coordinates of a place on the plane; height_m is 0.
-Geographic place_on(const PolarGrid& grid, double x_m, double y_m);
+// The posts of a raster on a plane.
+class PlanePosts {
+ public:
+  PlanePosts(const PlaneGrid& grid, int width, int height);
+
+  // Where the plane does not show the place: far outside of any raster (-1e9).
+  PostXY locate(double lat_deg, double lon_deg) const { return posts_at(transform_.place(lat_deg, lon_deg)); }
+  // The same for a place in the direction of a unit vector from the Moon's centre.
+  PostXY locate(const Vec3& direction) const { return posts_at(transform_.place(direction)); }
+
+  // Inverse; height_m is 0. Beyond the limb of an orthographic plane: the place on the limb next to it.
+  Geographic place(double x, double y) const;
+
+  // Whether a post is a place on the Moon. Those in the corners of an orthographic map of a hemisphere are not.
+  bool on_moon(double x, double y) const { return within_limb(at(x, y)); }
+
+  // At the origin of an azimuthal projection; of a cylindrical one (Mercator, transverse Mercator) in the raster's
+  // middle, since it may lie far from where the cylinder touches the sphere.
+  double posts_per_degree() const;
+
+  // Of the posts that are on the Moon, at least one.
+  Footprint footprint() const;
+
+ private:
+  MapPoint at(double x, double y) const {
+    return {grid_.first_x_m + x * grid_.spacing_m, grid_.first_y_m - y * grid_.spacing_m};
+  }
+  PostXY posts_at(const std::optional<MapPoint>& p) const;
+  bool within_limb(const MapPoint& p) const;
+  Geographic place_at(const MapPoint& p) const;
+  Geographic border(double t) const;
+  bool contains(double x, double y) const;
+
+  PlaneGrid grid_;
+  double columns_, rows_;  // from the first post to the last
+  MapTransform transform_;
+  MapPoint period_;  // the plane shows a place again after so many m; 0: once
+};
 
 }  // namespace selenograph::dem

@@ -5,6 +5,14 @@
 namespace selenograph::dem {
 namespace {
 
+// Posts of a row around the globe; 0: rows do not run around it.
+double posts_around(const PostGrid& grid) {
+  if (const auto* g = std::get_if<GeographicGrid>(&grid)) return 360 * g->lon_posts_per_degree;
+  const auto& g = std::get<PlaneGrid>(grid);
+  if (g.plane.projection != MapProjection::mercator) return 0;
+  return 360 * kMetresPerDegree * g.plane.scale / g.spacing_m;
+}
+
 void find_sheets(const Catalogue& catalogue, LayerGroups& found) {
   const std::vector<RasterInfo>& rasters = catalogue.rasters();
   const std::size_t n = rasters.size();
@@ -17,10 +25,8 @@ void find_sheets(const Catalogue& catalogue, LayerGroups& found) {
       --s;
     if (!shift) {
       LayerSheet sheet{&rasters[i], begin, 0, {}};
-      if (const auto* g = std::get_if<GeographicGrid>(&rasters[i].grid)) {
-        const double around = 360 * g->lon_posts_per_degree;
-        if (std::abs(around - std::round(around)) < 1e-6) sheet.globe = std::llround(around);
-      }
+      const double around = posts_around(rasters[i].grid);
+      if (std::abs(around - std::round(around)) < 1e-6) sheet.globe = std::llround(around);
       found.sheets.push_back(std::move(sheet));
       s = found.sheets.size();
       shift = {0, 0};
@@ -79,19 +85,30 @@ void gather(const std::vector<RasterInfo>& rasters, const std::vector<int>& firs
 }  // namespace
 
 double widest_post_deg(const RasterInfo& info) {
-  const auto* grid = std::get_if<GeographicGrid>(&info.grid);
-  return 1 / (grid ? std::min(grid->lat_posts_per_degree, grid->lon_posts_per_degree) : info.posts_per_degree);
+  if (const auto* g = std::get_if<GeographicGrid>(&info.grid))
+    return 1 / std::min(g->lat_posts_per_degree, g->lon_posts_per_degree);
+  const auto& g = std::get<PlaneGrid>(info.grid);
+  const Footprint& f = info.footprint;
+  // Posts lie farthest apart at the origin, but towards the limb of an orthographic plane.
+  double per_degree = kMetresPerDegree * g.plane.scale / g.spacing_m;
+  if (g.plane.projection == MapProjection::orthographic) {
+    const double x_m = std::max(std::abs(g.first_x_m), std::abs(g.first_x_m + (info.width - 1) * g.spacing_m)),
+                 y_m = std::max(std::abs(g.first_y_m), std::abs(g.first_y_m - (info.height - 1) * g.spacing_m));
+    const double from_axis = std::hypot(x_m, y_m) / kMoonRadius_m;
+    per_degree *= std::sqrt(std::max(kLeastScale * kLeastScale, 1 - from_axis * from_axis));
+  }
+  if (f.east_deg - f.west_deg >= 360) return 1 / per_degree;
+  const double farthest_lat_deg = std::max(-f.south_deg, f.north_deg);
+  return 1 / (per_degree * std::max(kLeastScale, std::cos(farthest_lat_deg * kRadiansPerDegree)));
 }
 
 std::optional<std::pair<std::int64_t, std::int64_t>> LayerSheet::shift_of(const RasterInfo& info) const {
   constexpr double kTolerance = 1e-3;  // of a post
   double dx = 0, dy = 0;
   if (info.grid.index() != reference->grid.index()) return std::nullopt;
-  if (const auto* a = std::get_if<PolarGrid>(&reference->grid)) {
-    const auto& b = std::get<PolarGrid>(info.grid);
-    if (a->north != b.north || a->scale != b.scale || std::abs(a->spacing_m / b.spacing_m - 1) > 1e-9 ||
-        std::abs(std::remainder(a->central_lon_deg - b.central_lon_deg, 360)) > 1e-12)
-      return std::nullopt;
+  if (const auto* a = std::get_if<PlaneGrid>(&reference->grid)) {
+    const auto& b = std::get<PlaneGrid>(info.grid);
+    if (a->plane != b.plane || std::abs(a->spacing_m / b.spacing_m - 1) > 1e-9) return std::nullopt;
     dx = (b.first_x_m - a->first_x_m) / a->spacing_m, dy = (a->first_y_m - b.first_y_m) / a->spacing_m;
   } else {
     const auto& a2 = std::get<GeographicGrid>(reference->grid);

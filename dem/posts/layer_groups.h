@@ -16,11 +16,12 @@
 
 namespace selenograph::dem {
 
-// Spacing of a file's posts in degrees of latitude or longitude, whichever is larger. For a file that is true to scale
-// at a high latitude that is longitude.
-double widest_post_deg(const RasterInfo& info);
-
 inline constexpr double kLeastScale = 1.0 / 8;  // of longitudes: beyond 83 degrees bands narrow towards the poles
+
+// Spacing of a file's posts in degrees of latitude or longitude, whichever is larger. For a file that is true to scale
+// at a high latitude that is longitude. At most 1 / kLeastScale times as far apart as at the equator, or as at the
+// origin of an orthographic projection.
+double widest_post_deg(const RasterInfo& info);
 
 // A grid common to some files of a layer; its post (0, 0) is the first post of the first file.
 struct LayerSheet {
@@ -29,11 +30,11 @@ struct LayerSheet {
   std::int64_t globe = 0;  // posts around the globe, where they are a whole number; else 0
   std::vector<int> sources;
 
-  bool polar() const { return std::holds_alternative<PolarGrid>(reference->grid); }
+  bool on_plane() const { return std::holds_alternative<PlaneGrid>(reference->grid); }
   // Not wrapped: there is nothing at latitudes beyond a pole.
   Geographic place(double x, double y) const {
-    if (const auto* g = std::get_if<PolarGrid>(&reference->grid))
-      return place_on(*g, g->first_x_m + x * g->spacing_m, g->first_y_m - y * g->spacing_m);
+    if (const auto* g = std::get_if<PlaneGrid>(&reference->grid))
+      return PlanePosts(*g, reference->width, reference->height).place(x, y);
     const auto& g = std::get<GeographicGrid>(reference->grid);
     return {g.first_lat_deg - y / g.lat_posts_per_degree, g.first_lon_deg + x / g.lon_posts_per_degree, 0};
   }

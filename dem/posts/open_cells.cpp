@@ -54,8 +54,23 @@ struct CellTiles::Samples {
         south_deg = std::min(south_deg, p.lat_deg), north_deg = std::max(north_deg, p.lat_deg);
         west_deg = std::min(west_deg, p.lon_deg), east_deg = std::max(east_deg, p.lon_deg);
       }
-    if (sheet.polar()) west_deg = -180, east_deg = 180;
+    if (sheet.on_plane()) find_longitudes();
     south_deg = std::max(south_deg, -90.0), north_deg = std::min(north_deg, 90.0);
+  }
+  // On a plane longitudes are wrapped, and columns turn. A circle around a place that holds all others tells whether
+  // they can be counted from there.
+  void find_longitudes() {
+    west_deg = -180, east_deg = 180;
+    const Geographic& middle = places[places.size() / 2 + kTileCells / 2];
+    const Vec3 toward = to_cartesian(middle).normalized();
+    double cosine = 1, low = 0, high = 0;
+    for (const Geographic& p : places) {
+      cosine = std::min(cosine, toward.dot(to_cartesian(p)) / kMoonRadius_m);
+      const double away_deg = std::remainder(p.lon_deg - middle.lon_deg, 360);
+      low = std::min(low, away_deg), high = std::max(high, away_deg);
+    }
+    const double radius_deg = std::acos(std::max(cosine, -1.0)) * kDegreesPerRadian;
+    if (std::abs(middle.lat_deg) + radius_deg < 90) west_deg = middle.lon_deg + low, east_deg = middle.lon_deg + high;
   }
   bool beyond_pole() const { return south_deg > north_deg; }
   // With a margin for posts that lie between those of other grids.

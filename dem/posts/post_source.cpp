@@ -147,26 +147,38 @@ void PostSource::compose_part(const PostWindow& part, std::size_t offset, const 
   }
 }
 
+namespace {
+
+// Where a file's first post is among another one's columns and rows; empty: not on its grid.
+std::optional<std::pair<std::int64_t, std::int64_t>> first_post_in(const RasterInfo& file, const RasterInfo& of) {
+  const auto* grid = std::get_if<GeographicGrid>(&of.grid);
+  if (!grid) return LayerSheet{&of}.shift_of(file);
+  const auto* beside = std::get_if<GeographicGrid>(&file.grid);
+  if (!beside || std::abs(beside->lat_posts_per_degree / grid->lat_posts_per_degree - 1) > 1e-9 ||
+      std::abs(beside->lon_posts_per_degree / grid->lon_posts_per_degree - 1) > 1e-9)
+    return std::nullopt;
+  const double dx = std::remainder((file.footprint.west_deg - of.footprint.west_deg) * grid->lon_posts_per_degree,
+                                   360 * grid->lon_posts_per_degree);
+  const double dy = (of.footprint.north_deg - file.footprint.north_deg) * grid->lat_posts_per_degree;
+  if (std::abs(dx - std::round(dx)) > 1e-3 || std::abs(dy - std::round(dy)) > 1e-3) return std::nullopt;
+  return std::pair{std::llround(dx), std::llround(dy)};
+}
+
+}  // namespace
+
 // Tiles of one product leave a gap of a post between them. Where posts lie between the file's, the kernel would find no
 // neighbours there, so posts that the patch lacks are taken from the tiles beside it that continue its grid.
 void PostSource::close_gaps(int source, PostPatch& patch) const {
   const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(source)];
-  if (info.projection() != Projection::geographic || info.wraps_longitude) return;
+  if (info.wraps_longitude) return;
   if (std::none_of(patch.posts.begin(), patch.posts.end(), [](float h) { return std::isnan(h); })) return;
   const Footprint& f = info.footprint;
-  const auto& grid = std::get<GeographicGrid>(info.grid);
   for (const int other :
        catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, 4 * widest_post_deg(info))) {
     const RasterInfo& tile = catalogue_.rasters()[static_cast<std::size_t>(other)];
-    const auto* beside = std::get_if<GeographicGrid>(&tile.grid);
-    if (other == source || !beside || std::abs(beside->lat_posts_per_degree / grid.lat_posts_per_degree - 1) > 1e-9 ||
-        std::abs(beside->lon_posts_per_degree / grid.lon_posts_per_degree - 1) > 1e-9)
-      continue;
-    const double dx = std::remainder((tile.footprint.west_deg - f.west_deg) * grid.lon_posts_per_degree,
-                                     360 * grid.lon_posts_per_degree);
-    const double dy = (f.north_deg - tile.footprint.north_deg) * grid.lat_posts_per_degree;
-    if (std::abs(dx - std::round(dx)) > 1e-3 || std::abs(dy - std::round(dy)) > 1e-3) continue;
-    const int ix = static_cast<int>(std::lround(dx)), iy = static_cast<int>(std::lround(dy));
+    const auto first = other == source ? std::nullopt : first_post_in(tile, info);
+    if (!first) continue;
+    const int ix = static_cast<int>(first->first), iy = static_cast<int>(first->second);
     const int x0 = std::max(patch.x0, ix), x1 = std::min(patch.x0 + patch.w, ix + tile.width);
     const int y0 = std::max(patch.y0, iy), y1 = std::min(patch.y0 + patch.h, iy + tile.height);
     if (x0 >= x1 || y0 >= y1) continue;

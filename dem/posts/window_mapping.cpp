@@ -8,12 +8,18 @@ namespace selenograph::dem {
 
 namespace {
 
+double lat_deg_at(const PostWindow& window, int r) {
+  return lat_deg_of(static_cast<std::int32_t>(window.lat0 + static_cast<std::int64_t>(r) * window.lat_step));
+}
+
+// A tile that touches a pole holds the pole in each of its columns: any longitude it covers will do.
+double lon_deg_at(const RasterInfo& info, const PostWindow& window, int c, bool pole) {
+  return pole ? info.footprint.west_deg
+              : lon_deg_of(wrap_lon(window.lon0 + static_cast<std::int64_t>(c) * window.lon_step));
+}
+
 PostXY located(const RasterInfo& info, const PostWindow& window, int r, int c, bool pole) {
-  // A tile that touches a pole holds the pole in each of its columns: any longitude it covers will do.
-  const double lon = pole ? info.footprint.west_deg
-                          : lon_deg_of(wrap_lon(window.lon0 + static_cast<std::int64_t>(c) * window.lon_step));
-  return locate(
-      info, lat_deg_of(static_cast<std::int32_t>(window.lat0 + static_cast<std::int64_t>(r) * window.lat_step)), lon);
+  return locate(info, lat_deg_at(window, r), lon_deg_at(info, window, c, pole));
 }
 
 }  // namespace
@@ -57,13 +63,23 @@ WindowMapping::WindowMapping(const RasterInfo& info, int source, const PostWindo
     for (const double v : ys_) y_.add(v, info.height);
     return;
   }
+  // Sines and cosines are common to a row's and a column's places.
+  const auto unit = [](double lat_deg, double lon_deg) {
+    return Vec3(to_cartesian({lat_deg, lon_deg, 0}) / kMoonRadius_m);
+  };
+  std::vector<Vec3> meridians;
+  for (int c = 0; c < cols(); ++c) meridians.push_back(unit(0, lon_deg_at(info, window, c, pole_)));
+  const PlanePosts posts(std::get<PlaneGrid>(info.grid), info.width, info.height);
   places_.reserve(static_cast<std::size_t>(window_.rows) * static_cast<std::size_t>(cols()));
-  for (int r = 0; r < window_.rows; ++r)
-    for (int c = 0; c < cols(); ++c) {
-      const PostXY q = places_.emplace_back(located(info_, window_, r, c, pole_));
+  for (int r = 0; r < window_.rows; ++r) {
+    const Vec3 parallel = unit(lat_deg_at(window, r), 0);
+    for (const Vec3& meridian : meridians) {
+      const PostXY q = places_.emplace_back(
+          posts.locate(Vec3(parallel.x() * meridian.x(), parallel.x() * meridian.y(), parallel.z())));
       if (q.x > -2 && q.y > -2 && q.x < info_.width + 1 && q.y < info_.height + 1)
         x_.add(q.x, info_.width), y_.add(q.y, info_.height);
     }
+  }
 }
 
 }  // namespace selenograph::dem

@@ -118,7 +118,7 @@ class WindowMapping {
   bool pole_;
   std::shared_ptr<const FileColumns> columns_;  // for a geographic file
   std::vector<double> ys_;
-  std::vector<PostXY> places_;  // for a polar file, each computed once
+  std::vector<PostXY> places_;  // for a file on a plane, each computed once
   PostRange x_, y_;
 };
 

@@ -45,9 +45,10 @@ std::string heights_text(const dem::Catalogue& catalogue, const dem::RasterInfo&
 void print_table(const dem::Catalogue& catalogue, std::size_t posts) {
   fmt::print("{} DEM files, coarse to fine\n", catalogue.rasters().size());
   for (const dem::RasterInfo& r : catalogue.rasters()) {
-    fmt::print("  {:<32} {}  {:8.2f} m/post  {:>6} x {:<6} {}, {}{}{}\n", r.name, box(r.footprint), r.post_spacing_m,
-               r.width, r.height, r.format, r.datum, r.lattice_level ? "" : ", resampled",
-               heights_text(catalogue, r, posts));
+    const bool projected = r.projection() != dem::Projection::geographic;
+    fmt::print("  {:<32} {}  {:8.2f} m/post  {:>6} x {:<6} {}, {}{}{}{}\n", r.name, box(r.footprint), r.post_spacing_m,
+               r.width, r.height, r.format, projected ? dem::name_of(r.projection()) + std::string(", ") : "", r.datum,
+               r.lattice_level ? "" : ", resampled", heights_text(catalogue, r, posts));
     if (!r.doubt.empty()) fmt::print("    {}\n", r.doubt);
   }
   const auto gaps = uncovered(catalogue);

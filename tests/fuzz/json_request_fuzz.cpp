@@ -158,10 +158,10 @@ void check_map(const Json& document) {
   require(grid.width >= 1 && grid.height >= 1 && std::int64_t{grid.width} * grid.height <= kLimits.max_map_pixels,
           "the map is within its limits");
   require(std::isfinite(grid.west_m) && std::isfinite(grid.north_m), "the map lies somewhere");
-  const dem::MapDirections direction(grid.plane);
+  const dem::MapTransform map(grid.plane);
   for (const int column : {0, grid.width - 1})
     for (const int row : {0, grid.height - 1})
-      if (const auto d = direction(grid.point(column, row)))
+      if (const auto d = map.direction(grid.point(column, row)))
         require(std::abs(d->norm() - 1) < 1e-12, "a pixel has a direction");
   if (query.sun_given) check_sun(query.request.look.sun);
   require(!query.request.toward_viewer || is_unit(*query.request.toward_viewer), "the viewer is in a direction");

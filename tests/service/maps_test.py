@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import os
+import re
 import unittest
 
 import numpy as np
@@ -304,6 +305,30 @@ class OfRelief(harness.WithService):
                 ours = self.ok_json(self.service.post("/v1/project", {**request, "points": here}))["points"]
                 off = [math.hypot(a["x_px"] - b["x_px"], a["y_px"] - b["y_px"]) for a, b in zip(seen, ours)]
                 self.assertLess(max(off), 0.01)
+
+    def test_a_map_of_heights_is_a_dem(self):
+        """Read back, it has the heights that it was made of, to what `info --resampling` says."""
+        for name, area in PLACES.items():
+            with self.subTest(name):
+                folder = harness.path("read back", name)
+                os.makedirs(folder)
+                with open(os.path.join(folder, "map.tif"), "wb") as f:
+                    f.write(self.map(map_request(area, "height", accuracy={"max_error_px": 0}), "image/tiff"))
+                told = harness.run("info", "--dem", folder, "--cache-dir", folder + " cache", "--resampling", "2000")
+                self.assertEqual(told.returncode, 0, told.stderr)
+                if area["projection"] != "equirectangular":
+                    self.assertIn(f"GTiff, {area['projection']}, ", told.stdout)
+                found = re.search(r"mesh against (\d+) of its posts: rms ([\d.]+) m, worst ([\d.]+) m", told.stdout)
+                self.assertTrue(found, told.stdout)
+                self.assertGreater(int(found[1]), 1900)
+                self.assertLess(float(found[3]), 0.3)  # of slopes up to 20 m from post to post
+                lat, lon, map_ = self.sampled(area, "height")
+                service = Service(dem=folder, cache="cache " + name)
+                places = [{"lat_deg": a, "lon_deg": b} for a, b in zip(lat, lon)]
+                heights = self.ok_json(service.post("/v1/heights", {"points": places}))["points"]
+                self.assertEqual(service.stop(), 0)
+                np.testing.assert_allclose([p["height_m"] for p in heights], map_["height"], rtol=0,
+                                           atol=1.5 * float(found[3]) + 1e-3)  # of other posts than those compared
 
     def test_lit_and_normal_are_those_of_rays(self):
         seen = set()

@@ -17,12 +17,16 @@ constexpr double kQuarter_m = kMoonRadius_m * std::numbers::pi / 2;
 MapPlane equirectangular(double lon_deg, double standard_parallel_deg) {
   return {MapProjection::equirectangular, 0, lon_deg, standard_parallel_deg};
 }
-MapPlane polar(double lat_deg) { return {MapProjection::polar_stereographic, lat_deg, 0, 0}; }
+MapPlane polar(double lat_deg) { return {MapProjection::stereographic, lat_deg, 0, 0}; }
 MapPlane orthographic(double lat_deg, double lon_deg) { return {MapProjection::orthographic, lat_deg, lon_deg, 0}; }
+MapPlane mercator(double lon_deg, double scale) { return {MapProjection::mercator, 0, lon_deg, 0, scale}; }
+MapPlane transverse(double lat_deg, double lon_deg, double scale) {
+  return {MapProjection::transverse_mercator, lat_deg, lon_deg, 0, scale};
+}
 
 // Metres on the sphere between where a plane has a point and where that should be.
 double off_m(const MapPlane& plane, const MapPoint& point, double lat_deg, double lon_deg) {
-  const auto direction = MapDirections(plane)(point);
+  const auto direction = MapTransform(plane).direction(point);
   if (!direction) return INFINITY;
   return (*direction * kMoonRadius_m - to_cartesian({lat_deg, lon_deg, 0})).norm();
 }
@@ -34,7 +38,7 @@ TEST(MapPlane, EquirectangularIsLinearInDegrees) {
   EXPECT_LT(off_m(equirectangular(0, 0), {kQuarter_m, kQuarter_m / 2}, 45, 90), kClose_m);
   EXPECT_LT(off_m(equirectangular(180, 0), {kMetresPerDegree, 0}, 0, -179), kClose_m);
   EXPECT_LT(off_m(equirectangular(10, 60), {kMetresPerDegree, 2 * kMetresPerDegree}, 2, 12), kClose_m);
-  EXPECT_FALSE(MapDirections(equirectangular(0, 0))({0, 1.001 * kQuarter_m}));
+  EXPECT_FALSE(MapTransform(equirectangular(0, 0)).direction({0, 1.001 * kQuarter_m}));
 }
 
 // rho = 2 R tan((90 - lat) / 2): the equator is 2 R from the pole. North: longitude 0 points down; south: up.
@@ -54,7 +58,36 @@ TEST(MapPlane, OrthographicIsTheViewFromAfar) {
   EXPECT_LT(off_m(orthographic(0, 30), {kMoonRadius_m / 2, 0}, 0, 60), kClose_m);
   EXPECT_LT(off_m(orthographic(-30, 30), {0, kMoonRadius_m / 2}, 0, 30), kClose_m);
   EXPECT_LT(off_m(orthographic(90, 0), {0, -kMoonRadius_m}, 0, 0), 0.1);  // the limb: rounding under a root
-  EXPECT_FALSE(MapDirections(orthographic(0, 0))({0.8 * kMoonRadius_m, 0.8 * kMoonRadius_m}));
+  EXPECT_FALSE(MapTransform(orthographic(0, 0)).direction({0.8 * kMoonRadius_m, 0.8 * kMoonRadius_m}));
+}
+
+// rho = 2 R k0 tan(c / 2), c from the origin.
+TEST(MapPlane, StereographicFromAnyPlace) {
+  const MapPlane plane{MapProjection::stereographic, 30, 20, 0, 0.5};
+  EXPECT_LT(off_m(plane, {0, 0}, 30, 20), kClose_m);
+  EXPECT_LT(off_m(plane, {0, kMoonRadius_m * std::tan(std::numbers::pi / 6)}, 90, 0), kClose_m);
+  EXPECT_LT(off_m(plane, {kMoonRadius_m, 0}, 0, 110), kClose_m);
+  EXPECT_LT(off_m(plane, {0, -kMoonRadius_m}, -60, 20), kClose_m);
+  EXPECT_FALSE(MapTransform({MapProjection::stereographic, 0, 0}).place(0, 180));
+}
+
+// x = R k0 dlon, y = R k0 ln tan(45 degrees + lat / 2).
+TEST(MapPlane, MercatorIsTrueToAngles) {
+  EXPECT_LT(off_m(mercator(20, 1), {kQuarter_m / 3, 0}, 0, 50), kClose_m);
+  const double y_m = kMoonRadius_m * std::log(std::tan(std::numbers::pi / 4 + std::numbers::pi / 6));
+  EXPECT_LT(off_m(mercator(170, 1), {kQuarter_m / 3, y_m}, 60, -160), kClose_m);
+  EXPECT_LT(off_m(mercator(0, 0.5), {-kQuarter_m / 6, -y_m / 2}, -60, -30), kClose_m);
+  EXPECT_FALSE(MapTransform(mercator(0, 1)).place(90, 0));
+}
+
+// On the central meridian y is the distance along it, over the pole and beyond; on the equator x is Mercator's y.
+TEST(MapPlane, TransverseMercatorIsAlongAMeridian) {
+  EXPECT_LT(off_m(transverse(0, 20, 1), {0, kQuarter_m / 3}, 30, 20), kClose_m);
+  EXPECT_LT(off_m(transverse(60, 20, 0.9), {0, 0.9 * kQuarter_m / 3}, 90, 0), kClose_m);
+  EXPECT_LT(off_m(transverse(60, 20, 1), {0, kQuarter_m / 2}, 75, -160), kClose_m);
+  EXPECT_LT(off_m(transverse(0, 170, 1), {kMoonRadius_m * std::atanh(std::sin(std::numbers::pi / 6)), 0}, 0, -160),
+            kClose_m);
+  EXPECT_FALSE(MapTransform(transverse(0, 0, 1)).place(0, 90));
 }
 
 // At a pole y is along the centre's meridian, and x toward the one 90 degrees east of it, as just beside the pole.
@@ -68,8 +101,8 @@ TEST(MapPlane, OrthographicAtAPoleIsAlongItsMeridian) {
     for (const double lon_deg : {-160.0, 20.0, 300.0}) {
       const double beside_deg = pole_deg * (1 - 1e-9), apart_m = 90e-9 * kMetresPerDegree;
       const MapPoint point{3000, -4000};
-      const Vec3 at = *MapDirections(orthographic(pole_deg, lon_deg))(point),
-                 beside = *MapDirections(orthographic(beside_deg, lon_deg))(point);
+      const Vec3 at = *MapTransform(orthographic(pole_deg, lon_deg)).direction(point),
+                 beside = *MapTransform(orthographic(beside_deg, lon_deg)).direction(point);
       EXPECT_NEAR((at - beside).norm() * kMoonRadius_m, apart_m, 1e-3 * apart_m) << pole_deg << " " << lon_deg;
     }
 }
@@ -77,10 +110,11 @@ TEST(MapPlane, OrthographicAtAPoleIsAlongItsMeridian) {
 TEST(MapPlane, ProjectionIsInvertible) {
   for (const MapPlane& plane :
        {equirectangular(0, 0), equirectangular(180, -50), polar(90), polar(-90), orthographic(70, 100),
-        orthographic(-90, 0), orthographic(90, 20), orthographic(0, -180)})
+        orthographic(-90, 0), orthographic(90, 20), orthographic(0, -180), mercator(0, 1), mercator(-170, 0.7),
+        transverse(0, 0, 1), transverse(-89, 100, 1.2), MapPlane{MapProjection::stereographic, -40, 10, 0, 0.9}})
     for (double lat = -89.5; lat < 90; lat += 12.3)
       for (double lon = -179.5; lon < 180; lon += 17.1) {
-        const auto point = plane.place(lat, lon);
+        const auto point = MapTransform(plane).place(lat, lon);
         const Vec3 up = to_cartesian({plane.lat_deg, plane.lon_deg, 0}) / kMoonRadius_m;
         const double toward = up.dot(to_cartesian({lat, lon, 0})) / kMoonRadius_m;
         if (plane.projection == MapProjection::orthographic && toward < 0.05) {
@@ -93,9 +127,9 @@ TEST(MapPlane, ProjectionIsInvertible) {
 }
 
 TEST(MapPlane, PlacesOutsideTheProjection) {
-  EXPECT_FALSE(polar(90).place(-90, 0));
-  EXPECT_FALSE(polar(-90).place(90, 0));
-  EXPECT_FALSE(orthographic(0, 0).place(0, 91));
+  EXPECT_FALSE(MapTransform(polar(90)).place(-90, 0));
+  EXPECT_FALSE(MapTransform(polar(-90)).place(90, 0));
+  EXPECT_FALSE(MapTransform(orthographic(0, 0)).place(0, 91));
 }
 
 TEST(MapGrid, PixelsFromTheNorthWest) {
@@ -111,7 +145,9 @@ TEST(MapGrid, PixelsFromTheNorthWest) {
 TEST(MapGrid, WktNamesProjectionAndSphere) {
   for (const auto& [plane, method] : {std::pair{equirectangular(180, 0), "METHOD[\"Equidistant Cylindrical\""},
                                       {polar(-90), "METHOD[\"Polar Stereographic (variant"},
-                                      {orthographic(26, 3), "METHOD[\"Orthographic\""}}) {
+                                      {orthographic(26, 3), "METHOD[\"Orthographic\""},
+                                      {mercator(3, 1), "METHOD[\"Mercator (variant A)\""},
+                                      {transverse(26, 3, 1), "METHOD[\"Transverse Mercator\""}}) {
     const std::string wkt = wkt_of(plane);
     EXPECT_NE(wkt.find(method), std::string::npos) << wkt;
     EXPECT_NE(wkt.find("ELLIPSOID[\"Moon (2015) - Sphere\",1737400,0"), std::string::npos) << wkt;

@@ -269,8 +269,8 @@ TEST(PdsLabel, PolarProductsAreSymmetric) {
         "CENTER_LATITUDE = -90\nCENTER_LONGITUDE = 0\nMAP_RESOLUTION = 1516.17\nMAP_SCALE = 20 <m/pix>\n"
         "LINE_PROJECTION_OFFSET = {0}\nSAMPLE_PROJECTION_OFFSET = {0}\n",
         offset);
-    const auto g = std::get<PolarGrid>(product.describe(text).grid);
-    EXPECT_FALSE(g.north);
+    const auto g = std::get<PlaneGrid>(product.describe(text).grid);
+    EXPECT_EQ(g.plane, (MapPlane{MapProjection::stereographic, -90}));
     EXPECT_EQ(g.spacing_m, 20);
     EXPECT_EQ(g.first_x_m, -290);
     EXPECT_EQ(g.first_y_m, 290);

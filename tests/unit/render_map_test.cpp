@@ -28,7 +28,7 @@ TEST_F(LevelMap, EachPixelIsTheGroundBelowIt) {
   request.grid = about(10, 20, 1000, 40, 30);
   request.products = kHeight | kNormal | kSlope | kSource;
   const Map map = renderer().map(request);
-  const dem::MapDirections direction(request.grid.plane);
+  const dem::MapTransform map_of(request.grid.plane);
   ASSERT_EQ(map.products.height.size(), 1200U);
   for (int y = 0; y < 30; ++y)
     for (int x = 0; x < 40; ++x) {
@@ -36,7 +36,7 @@ TEST_F(LevelMap, EachPixelIsTheGroundBelowIt) {
       EXPECT_NEAR(map.products.height[at], 0, map.report.lod_error_m + test::kFinestSag_m);
       const float* n = &map.products.normal[3 * at];
       const Vec3 normal(static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2]));
-      EXPECT_LT((normal - *direction(request.grid.point(x, y))).norm(), 1e-6);
+      EXPECT_LT((normal - *map_of.direction(request.grid.point(x, y))).norm(), 1e-6);
       EXPECT_LT(map.products.slope[at], 1e-4);
       EXPECT_EQ(map.products.source[at], 0);
     }

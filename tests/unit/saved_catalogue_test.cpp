@@ -62,8 +62,9 @@ std::string text_of(const Catalogue& c) {
     if (const auto* g = std::get_if<GeographicGrid>(&r.grid))
       text += fmt::format("{} {} {} {}\n", g->first_lat_deg, g->first_lon_deg, g->lat_posts_per_degree,
                           g->lon_posts_per_degree);
-    if (const auto* g = std::get_if<PolarGrid>(&r.grid))
-      text += fmt::format("{} {} {} {} {} {}\n", g->north, g->central_lon_deg, g->scale, g->first_x_m, g->first_y_m,
+    if (const auto* g = std::get_if<PlaneGrid>(&r.grid))
+      text += fmt::format("{} {} {} {} {} {} {} {}\n", static_cast<int>(g->plane.projection), g->plane.lat_deg,
+                          g->plane.lon_deg, g->plane.standard_parallel_deg, g->plane.scale, g->first_x_m, g->first_y_m,
                           g->spacing_m);
   }
   for (const CatalogueProblem& p : c.problems())
