@@ -100,7 +100,7 @@ FrameRequest disc_request(const FrameRequest& surface, double wavelength_um, dou
 
 double sphere_reflectance(const Brdf& brdf, double phase_deg) {
   // Photometric longitude from the terminator to the limb, and latitude; the camera at longitude 0, the Sun at g.
-  constexpr int kLongitudes = 480, kLatitudes = 160;
+  constexpr int kLongitudes = 300, kLatitudes = 100;
   const double g = phase_deg * kRadian, first = g - kPi / 2, span = kPi - g, cos_phase = std::cos(g);
   double sum = 0;
   for (int j = 0; j < kLatitudes; ++j) {
@@ -116,14 +116,20 @@ double sphere_reflectance(const Brdf& brdf, double phase_deg) {
 
 std::vector<DiscRow> discs_on_sphere() {
   std::vector<DiscRow> rows;
-  for (const Model& model : models())
+  for (const Model& model : models()) {
+    const bool spectral = model.region || model.reflectance.model == ReflectanceModel::moon;
+    std::vector<double> discs;  // by phase angle; the same in all bands unless spectral
     for (const double wavelength_um : bands_um()) {
       if (model.region && (wavelength_um < kSatoFirst_um || wavelength_um > kSatoLast_um)) continue;
-      const Brdf brdf = brdf_of(model, wavelength_um);
-      for (const double phase_deg : kPhases_deg)
-        rows.push_back(
-            row_of(model.name, "sphere", wavelength_um, {phase_deg}, phase_deg, sphere_reflectance(brdf, phase_deg)));
+      if (spectral) discs.clear();
+      if (discs.empty()) {
+        const Brdf brdf = brdf_of(model, wavelength_um);
+        for (const double phase_deg : kPhases_deg) discs.push_back(sphere_reflectance(brdf, phase_deg));
+      }
+      for (std::size_t i = 0; i < discs.size(); ++i)
+        rows.push_back(row_of(model.name, "sphere", wavelength_um, {kPhases_deg[i]}, kPhases_deg[i], discs[i]));
     }
+  }
   return rows;
 }
 

@@ -559,6 +559,22 @@ TEST(FrameJson, Reflectances) {
   EXPECT_EQ(later.bc0, 0.3);
 }
 
+// The Moon's own: echoed as it was asked for; Sato's parameters as the reflectance that they are in the band.
+TEST(FrameJson, SurfacePresets) {
+  const auto moon = accepted(R"({"surface": {"preset": "moon-highlands"}})");
+  EXPECT_EQ(moon.reflectance.model, engine::ReflectanceModel::moon);
+  EXPECT_EQ(moon.reflectance.ground, engine::MoonGround::highlands);
+  const auto sato =
+      accepted(R"({"surface": {"preset": "sato2014-mare"}, "band": {"center_um": 0.643, "width_um": 0.1}})");
+  EXPECT_EQ(sato.reflectance.model, engine::ReflectanceModel::hapke);
+  EXPECT_NEAR(sato.reflectance.hapke.w, 0.2545, 1e-9);
+  EXPECT_EQ(refused(R"({"surface": {"preset": "moon", "reflectance": {"model": "lambert"}}})"),
+            "/surface/preset /surface/reflectance");
+  EXPECT_EQ(refused(R"({"surface": {"preset": "mars"}})"), "/surface/preset");
+  EXPECT_EQ(refused(R"({"surface": {"preset": "moon", "temperature_k": 300}})"), "/surface/temperature_k");
+  EXPECT_EQ(refused(R"({"surface": {"reflectance": {"model": "moon"}}})"), "/surface/reflectance/model");
+}
+
 // Every model's members, and no other's.
 TEST(FrameJson, ReflectancesRefuseForeignMembers) {
   const auto refused_in = [](const std::string& json) {

@@ -1,0 +1,140 @@
+#!/usr/bin/env python3
+"""The Moon in absolute units: frames of the preset, maps of radiance factors, `verify moon`, real images."""
+
+import csv
+import json
+import math
+import os
+import unittest
+
+import numpy as np
+
+import harness
+from harness import frame_request
+
+BAND = {"center_um": 0.675, "width_um": 0.02}
+
+
+def setUpModule():
+    harness.set_up()
+    MoonTest.service = harness.service_with_assets()
+
+
+def tearDownModule():
+    harness.tear_down()
+
+
+def moon_kit():
+    """An assets folder with the map of the CGI Moon Kit, from the shared data."""
+    os.makedirs(harness.path("moon-assets", "maps"), exist_ok=True)
+    harness.write("moon-assets/maps/kit.json", {
+        "file": os.path.abspath(os.path.join(harness.shared_data("albedo"), "lunar_surface.jpg")), "bands": [1],
+        "extent": {"south_deg": -90, "north_deg": 90, "west_deg": -180, "east_deg": 180},
+        "scale": 0.24 / 255 / 0.935, "offset": 0.16 / 0.935, "exponent": 2.8, "quantity": "radiance_factor",
+        "incidence_deg": 60, "emission_deg": 0, "phase_deg": 60, "wavelength_um": 0.665})
+    return harness.path("moon-assets")
+
+
+class MoonTest(unittest.TestCase):
+    def frame(self, products=("radiance", "angles", "lit"), **changes):
+        return self.service.arrays(frame_request(list(products), **changes))
+
+    def refusal(self, **changes):
+        status, _, body = self.service.frame(frame_request(["radiance"], **changes))
+        self.assertEqual(status, 422, body[:300])
+        return [(e["pointer"], e["detail"]) for e in json.loads(body)["errors"]]
+
+    def test_radiance_is_mcewens_law_scaled_to_lime(self):
+        f = self.frame(surface={"preset": "moon"}, band=BAND)
+        meta = f["meta"]
+        self.assertEqual(meta["request"]["surface"], {"preset": "moon"})
+        self.assertAlmostEqual(meta["reflectance"]["uncertainty"], 0.02)
+        i, e, g = np.radians(f["angles"].astype(float)).transpose(2, 0, 1)
+        mu0, mu, deg = np.cos(i), np.cos(e), np.degrees(g)
+        # LIME at 0.675 um (Toledano et al. 2024, coefficients of 2025-10-10), written down here once more.
+        a = np.exp(-2.48888105 - 0.371944529 * g - 0.538320411 * g ** 2 + 0.0302795243 * g ** 3 +
+                   0.411763736 * np.exp(-deg / 1.30623603) + 0.62686696 * np.exp(-deg / 18.7713795) -
+                   0.00200868438 * np.cos((deg - 12.3154923) / 8.97332663))
+        limb = 1 - 0.019 * deg + 0.242e-3 * deg ** 2 - 1.46e-6 * deg ** 3
+        seeliger = 1 + np.sin(g / 2) * np.tan(g / 2) * np.log(np.tan(g / 4))
+        lambert = 2 / (3 * np.pi) * (np.sin(g) + (np.pi - g) * np.cos(g))
+        scale = a / (np.pi * (limb * seeliger + (1 - limb) * lambert))
+        expected = meta["solar_irradiance"]["value_w_m2"] * scale * (
+            2 * limb * mu0 / (mu0 + mu) + (1 - limb) * mu0) * f["lit"]
+        sure = (mu0 > 0.02) & (mu > 0.02) & (deg > 2) & (deg < 90)
+        self.assertGreater(sure.mean(), 0.5)
+        # Linear between LIME's wavelengths: its slope over the narrow band is within this.
+        self.assertLess(np.abs(f["radiance"] / np.where(expected > 0, expected, 1) - 1)[sure & (expected > 0)].max(), 2e-3)
+
+    def test_a_resolved_request_gives_the_same_frame(self):
+        for preset in ("moon", "moon-mare", "sato2014"):
+            first = self.frame(surface={"preset": preset}, band=BAND)
+            second = self.service.arrays(first["meta"]["request"])
+            self.assertTrue(np.array_equal(first["radiance"], second["radiance"]), preset)
+
+    def test_what_is_extrapolated_is_said(self):
+        far = self.frame(surface={"preset": "moon"}, band={"center_um": 3.5, "width_um": 0.5})["meta"]
+        self.assertTrue(any("beyond 0.35 to 2.5 um" in w for w in far["warnings"]), far["warnings"])
+        self.assertAlmostEqual(far["reflectance"]["extrapolated_sunlight"], 1)
+        back = self.frame(surface={"preset": "moon"}, band=BAND, sun={"local": {
+            "lat_deg": 0.5, "lon_deg": 30.0, "azimuth_deg": 90, "elevation_deg": 89.9}})["meta"]
+        self.assertLess(back["reflectance"]["phase_deg"][0], 2)
+        self.assertTrue(any("phase angles in view" in w for w in back["warnings"]), back["warnings"])
+
+    def test_maps_that_do_not_fit_are_refused_by_name(self):
+        (pointer, detail), = self.refusal(surface={"preset": "moon", "albedo_maps": ["made-up-albedo"]})
+        self.assertEqual(pointer, "/surface/albedo_maps")
+        self.assertIn("maps/made-up-albedo.json", detail)
+        self.assertIn("radiance_factor", detail)
+
+    def verify(self, *options, status=0):
+        folder = harness.path("moon")
+        done = harness.run("verify", "moon", "-o", folder, *options)
+        self.assertEqual(done.returncode, status, done.stdout + done.stderr)
+        with open(os.path.join(folder, "disc.csv")) as file:
+            return folder, list(csv.DictReader(file))
+
+    def test_the_disc_is_limes(self):
+        folder, rows = self.verify()
+        self.assertEqual(list(rows[0])[:6], ["preset", "wavelength_um", "phase_deg", "reflectance", "rolo", "lime"])
+        moon = [row for row in rows if row["preset"] == "moon" and row["lime"] and
+                0.4399 < float(row["wavelength_um"]) < 1.6401 and float(row["phase_deg"]) >= 5]
+        self.assertGreater(len(moon), 100)
+        worst = max(abs(float(row["reflectance"]) / float(row["lime"]) - 1) for row in moon)
+        self.assertLess(worst, 0.01)
+        with open(os.path.join(folder, "moon.md")) as file:
+            self.assertIn("| moon | 1.000", file.read())
+
+    def test_what_is_missing_is_named(self):
+        done = harness.run("verify", "moon", "-o", harness.path("none"), "--images", harness.path("nowhere"))
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn("--dem", done.stderr)
+
+    def test_real_images(self):
+        if not all(map(harness.shared_data, ("images", "albedo", "global"))):
+            self.skipTest("the images of the Moon are not beside the project (shared/data/images)")
+        folder, rows = self.verify("--dem", harness.shared_data("global"), "--assets-dir", moon_kit(),
+                                   "--albedo-maps", "kit", "--size-px", "64", "--images", harness.shared_data("images"),
+                                   "--cache-dir", harness.path("cache"), "--log-level", "error")
+        with open(os.path.join(folder, "images.csv")) as file:
+            images = list(csv.DictReader(file))
+        self.assertEqual(len(images), 9)
+        for row in images:
+            visible = row["channel"] != "NIR016"
+            self.assertGreater(float(row["correlation"]), 0.992 if visible else 0.985, row)
+            self.assertLess(abs(float(row["scale"]) - 1), 0.1, row)
+        for channel in ("VIS006", "VIS008", "NIR016"):
+            scales = [float(row["scale"]) for row in images if row["channel"] == channel]
+            self.assertLess(max(scales) / min(scales), 1.02, channel)
+        brightness = {row["phase_deg"]: float(row["reflectance"]) for row in rows if row["ground"] == "terrain"}
+        for row in rows:
+            if row["ground"] == "terrain" and float(row["phase_deg"]) > 0:
+                both = math.sqrt(brightness[row["phase_deg"]] * brightness["-" + row["phase_deg"]])
+                lime = [float(r["lime"]) for r in rows if r["ground"] == "sphere" and r["preset"] == "moon" and
+                        r["phase_deg"] == row["phase_deg"] and r["wavelength_um"] == row["wavelength_um"]]
+                if lime:
+                    self.assertLess(abs(both / lime[0] - 1), 0.03, row)
+
+
+if __name__ == "__main__":
+    harness.main()
