@@ -22,6 +22,7 @@ namespace fs = std::filesystem;
 
 constexpr int kMaxAssetDepth = 16;
 constexpr int kMaxBands = 1000;
+constexpr Range kExponent{0.1, 10};  // of a gamma
 constexpr auto kFailureLasts = std::chrono::minutes(1);
 constexpr std::size_t kMaxFailures = 1000;
 
@@ -135,7 +136,7 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
   Findings findings;
   const JsonReader in(json, findings);
   dem::ValueMapOptions map;
-  if (in.object({"file", "bands", "extent", "scale", "offset", "no_data", "low", "high", "description"})) {
+  if (in.object({"file", "bands", "extent", "scale", "offset", "exponent", "no_data", "low", "high", "description"})) {
     if (!in.has("file")) in.fail("file", "is required");
     if (in.has("file")) map.path = (fs::path(path).parent_path() / in.at("file").text().value_or("")).string();
     if (in.has("bands"))
@@ -144,6 +145,7 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
       });
     if (in.has("extent")) map.extent = read_extent(in.at("extent"));
     map.scale = in.number("scale", kAnyNumber, map.scale), map.offset = in.number("offset", kAnyNumber, map.offset);
+    map.exponent = in.number("exponent", kExponent, map.exponent);
     if (in.has("no_data")) map.no_data = in.number("no_data", kAnyNumber);
     map.low = in.number("low", kAnyNumber, map.low), map.high = in.number("high", kAnyNumber, map.high);
     if (map.low > map.high) in.fail("low", "is above \"high\"");

@@ -115,7 +115,7 @@ class Assets {
 //   description's folder
 //    "bands": [1, 2, 3],                   their mean is used; left out: all but alpha
 //    "extent": {"south_deg", "north_deg", "west_deg", "east_deg"},   of a raster without georeferencing
-//    "scale": 1, "offset": 0,              value = scale * sample + offset
+//    "scale": 1, "offset": 0, "exponent": 1,   value = (scale * sample + offset) ^ exponent
 //    "no_data": N,                         another no-data sample, besides the file's own
 //    "low": L, "high": H,                  values are clamped
 //    "description": "..."}

@@ -101,6 +101,7 @@ std::size_t bytes_of(const engine::FrameRequest& request) {
 
 // The engine's refusals are of where the camera is, but for those that name a member.
 constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"},
+                                        {"max_detail_error_px", "/accuracy/max_detail_error_px"},
                                         {"visibility", "/visibility"},
                                         {"shutter", "/shutter"},
                                         {"albedo_maps", "/surface/albedo_maps"}};

@@ -17,7 +17,8 @@ struct ValueMapOptions {
   std::vector<int> bands;  // from 1: the value is their mean; empty: all but alpha
   // For a raster without georeferencing: its outer borders, row 0 in the north.
   std::optional<Footprint> extent;
-  double scale = 1, offset = 0;   // value = scale * sample + offset, after the file's own
+  // value = (scale * sample + offset) ^ exponent, after the file's own scale and offset; the exponent undoes a gamma.
+  double scale = 1, offset = 0, exponent = 1;
   std::optional<double> no_data;  // an additional sample value that means no-data
   double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();  // values are clamped
 };

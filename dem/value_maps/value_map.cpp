@@ -144,7 +144,8 @@ struct ValueMap::Impl {
     for (int y = 0; y < h; ++y)
       for (int x = 0; x < w; ++x) {
         const auto at = static_cast<std::size_t>(y * kTile + x);
-        const double value = options.scale * samples[at] + options.offset;
+        double value = options.scale * samples[at] + options.offset;
+        if (options.exponent != 1) value = std::pow(value, options.exponent);
         if (!std::isnan(value)) out[at] = static_cast<float>(std::clamp(value, options.low, options.high));
       }
   }
@@ -209,6 +210,7 @@ std::uint64_t ValueMap::fingerprint() const {
   std::string identity =
       fmt::format("{}:{}:{}:{:a}:{:a}:{:a}:{:a}:{}", o.path, impl_->file.state().bytes, impl_->file.state().modified_ns,
                   o.scale, o.offset, o.low, o.high, fmt::join(impl_->file.bands(), ","));
+  if (o.exponent != 1) identity += fmt::format(":^{:a}", o.exponent);
   if (o.no_data) identity += fmt::format(":{:a}", *o.no_data);
   if (o.extent)
     identity += fmt::format(":{:a}:{:a}:{:a}:{:a}", o.extent->west_deg, o.extent->east_deg, o.extent->south_deg,

@@ -71,12 +71,12 @@ TEST(SpeedGauge, RefusesWhatIsOutOfReach) {
   const auto token = [](double left_ms) {
     return StopToken(StopToken::Clock::now() + std::chrono::microseconds(static_cast<std::int64_t>(left_ms * 1e3)));
   };
-  EXPECT_NO_THROW(gauge.refuse_hopeless(work, 1, {})) << "no deadline";
-  EXPECT_NO_THROW(gauge.refuse_hopeless(work, 1, token(ms / 3)));
+  EXPECT_NO_THROW(gauge.refuse_hopeless(work, 1, "", {})) << "no deadline";
+  EXPECT_NO_THROW(gauge.refuse_hopeless(work, 1, "", token(ms / 3)));
   EXPECT_EQ(gauge.predicted_ms(work), ms);
-  EXPECT_THROW(gauge.refuse_hopeless(work, 2, token(ms / 3)), TooMuchWork);
+  EXPECT_THROW(gauge.refuse_hopeless(work, 2, "", token(ms / 3)), TooMuchWork);
   EXPECT_LT(gauge.predicted_ms(work), ms) << "and is believed less";
-  EXPECT_NO_THROW(gauge.refuse_hopeless({1e6, 1e6, false}, 1, token(1))) << "what takes moments is tried";
+  EXPECT_NO_THROW(gauge.refuse_hopeless({1e6, 1e6, false}, 1, "", token(1))) << "what takes moments is tried";
 }
 
 TEST(ExpectedError, FinerTerrainWantsMoreSamples) {

@@ -1148,6 +1148,11 @@ class Sun(dict):
         """By epoch: ISO 8601, e.g. "2026-11-20T00:00:00Z", or a datetime with its time zone."""
         return cls(utc=when if isinstance(when, str) else _utc_text(when), **more)
 
+    @classmethod
+    def et(cls, et_s: float, **more: Any) -> Sun:
+        """By SPICE's Ephemeris Time: seconds of TDB since J2000.0, as str2et gives them."""
+        return cls(et_s=float(et_s), **more)
+
 
 def _utc_text(when: datetime.datetime) -> str:
     if when.tzinfo is None:
