@@ -221,9 +221,9 @@ class RayCaster {
     const auto met = select_for_rays(terrain_, some, batch.size() == 1 ? most : most / 4, stop_, above_m);
     auto rocks = met ? rocks_along(some, *met) : std::nullopt;
     if (!rocks && batch.size() == 1)
-      throw TooMuchTerrain(fmt::format("{} runs along more terrain than the {} MB for scenes hold", a_ray_,
-                                       kept_.capacity() >> 20),
-                           "rays");
+      throw TooMuchTerrain(
+          fmt::format("{} runs along more terrain than the {} MB for scenes hold", a_ray_, kept_.capacity() >> 20),
+          "rays");
     if (!rocks || (batch.size() > 1 && far_apart(*rocks))) {
       const auto middle = batch.begin() + static_cast<std::ptrdiff_t>(batch.size() / 2);
       split(rays, {batch.begin(), middle}, work, toward);
@@ -296,7 +296,8 @@ Vec3 look(const RowViews& views, const Vec3& place, Landmark& out) {
 std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<SceneObject>& objects,
                               const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
                               const StopToken& stop) {
-  return RayCaster("a ray, or its way to the Sun,", objects, terrain, kept, stop).cast(rays, sun, RayCaster::Meeting::everything);
+  return RayCaster("a ray, or its way to the Sun,", objects, terrain, kept, stop)
+      .cast(rays, sun, RayCaster::Meeting::everything);
 }
 
 std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,

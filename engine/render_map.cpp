@@ -205,8 +205,8 @@ class MapDrawing {
     const FrameWork work = work_of(frame_, frame_.accuracy, Visibility::raytrace, triangles_of(selection),
                                    /*build=*/!kept_.holds(content));
     const std::size_t times = (pixels_in_all() - drawn_) / patch.pixels();
-    kept_.speed(Visibility::raytrace).refuse_hopeless(work, std::max<std::size_t>(times, 1), "a larger gsd_m or a smaller area takes less",
-                                                         stop_);
+    kept_.speed(Visibility::raytrace)
+        .refuse_hopeless(work, std::max<std::size_t>(times, 1), "a larger gsd_m or a smaller area takes less", stop_);
     Stopwatch watch;
     StageTimes spent;
     {

@@ -268,7 +268,8 @@ std::string utc_of_et(double et_s) {
   }
   if (year < 1960 || year > 2099)
     throw ImpossibleRequest("not an epoch of 1960 to 2099, in seconds of TDB since 2000-01-01T12:00:00");
-  return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:06}Z", year, month, day, time[0], time[1], time[2], time[3]);
+  return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:06}Z", year, month, day, time[0], time[1], time[2],
+                     time[3]);
 }
 
 Eigen::Matrix3d moon_me_from(BodyFrame frame) {

@@ -160,8 +160,55 @@ class View(unittest.TestCase):
     def test_nothing_lit_says_where_the_sun_stands(self):
         sun = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0, "elevation_deg": -12.0}}
         said = self.warned(nadir(), sun=sun)
-        self.assertIn("nothing in view is lit", said)
-        self.assertIn("-12.0", said)
+        self.assertIn("nothing in view is lit (view.sun:", said)
+
+    def test_the_inverse_of_an_attitude_that_sees_the_limb(self):
+        """Most of the image is sky and some of it ground: the inverse attitude is named where it would clearly see more."""
+        there = cartesian(LAT, LON, 20000.0)
+        down, north = -there / np.linalg.norm(there), np.array([0, 0, 1.0])
+        east = np.cross(down, north)
+        named = silent = 0
+        for tilt_deg in range(0, 95, 5):
+            for azimuth_deg in range(0, 360, 30):
+                tilt, azimuth = np.radians(tilt_deg), np.radians(azimuth_deg)
+                aside = np.cos(azimuth) * np.cross(down, east) + np.sin(azimuth) * east
+                right = looking(there, np.cos(tilt) * down + np.sin(tilt) * aside, north)
+                wrong = {"position_m": right["position_m"], "moon_from_camera_matrix": right["camera_from_moon_matrix"]}
+                shares, texts = [], []
+                for pose in (right, wrong):
+                    arrays, meta, _ = self.ask(pose, ("radiance",), camera={"width": 32, "height": 32, "fov_deg": 90.0})
+                    shares.append(meta["hit_fraction"] + meta["missing_fraction"])
+                    texts.append([w for w in meta["warnings"] if "the boresight is in the sky" in w])
+                    sky = meta["view"]["sphere"] is None
+                if not sky or not 0.02 < shares[1] < 0.98:
+                    continue
+                with self.subTest(tilt_deg=tilt_deg, azimuth_deg=azimuth_deg, shares=shares):
+                    self.assertEqual(texts[0], [], "the right attitude looks at the ground")
+                    if shares[0] > 2.2 * shares[1] and tilt_deg < 75:
+                        self.assertRegex("".join(texts[1]), "the inverse attitude would see the ground: is it the inverse")
+                        named += 1
+                    elif shares[0] < 1.8 * shares[1]:
+                        self.assertEqual(texts[1], [])
+                        silent += 1
+        self.assertGreater(named, 3)
+
+    def test_texts_of_warnings_are_constant(self):
+        """Frames of a loop with the same trouble have the same text, so that it can be told once; numbers are data."""
+        for changes in ([{"pose": nadir(lat_deg=lat, lon_deg=lon)} for lat, lon in ((LON, LAT), (LON + 0.1, LAT))],  # no data
+                        [{"pose": nadir(), "sun": {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0,
+                                                             "elevation_deg": up}}} for up in (-12.0, -15.0)],
+                        [{"pose": looking(cartesian(LAT, LON, h), cartesian(LAT, LON + lon, 0), [0, 0, 1])}
+                         for h, lon in ((20000.0, 0.0), (25000.0, 3.0))],  # away from the Moon
+                        [{"pose": nadir(height_m=h)} for h in (800.0, 700.0)],
+                        [{"pose": nadir(), "image": {"full_scale_radiance": s}} for s in (0.5, 0.6)],
+                        [{"pose": nadir(), "band": {"center_um": c, "width_um": 100.0}} for c in (550.0, 650.0)]):
+            texts = [self.ask(products=("image", "radiance"), **one)[1]["warnings"] for one in changes]
+            self.assertTrue(texts[0], changes)
+            self.assertEqual(texts[0], texts[1])
+
+    def test_a_band_in_nanometres(self):
+        self.assertIn("nanometres", self.warned(nadir(), band={"center_um": 550.0, "width_um": 100.0}))
+        self.assertEqual(self.warned(nadir(), band={"center_um": 0.55, "width_um": 0.1}), "")
 
     def test_posts_wider_than_eight_pixels(self):
         self.assertIn("pixels wide", self.warned(nadir(height_m=800.0)))

@@ -92,7 +92,8 @@ const Members<SunForm, Sun>& sun_members() {
         m.add("direction", &SunForm::direction, Vector{kAnyNumber}, "toward the Sun; any length but zero");
         m.add("subsolar", &SunForm::subsolar, Object{place_members()}, "the sub-solar point");
         m.add("local", &SunForm::local, Object{local_members()}, "azimuth and elevation at a place");
-        m.add("utc", &SunForm::utc, Text{}, "epoch, ISO 8601, e.g. 2026-11-20T00:00:00Z or, by day of the year, 2026-324T00:00:00Z");
+        m.add("utc", &SunForm::utc, Text{},
+              "epoch, ISO 8601, e.g. 2026-11-20T00:00:00Z or, by day of the year, 2026-324T00:00:00Z");
         m.add("et_s", &SunForm::et_s, Number{kAnyNumber, "s"}, std::string(kEtMeaning));
         m.add("distance_au", &SunForm::distance_au, Number{kDistance_au, "au"},
               "scales irradiance by 1/r^2; default: 1, with an epoch from the ephemeris");
