@@ -138,6 +138,17 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
                                   warnings_json(query, report, catalogue), &query, nullptr});
 }
 
+std::string warnings_header(const OrderedJson& warnings) {
+  OrderedJson list = OrderedJson::array();
+  for (const OrderedJson& text : warnings) {
+    list.push_back(text);
+    if (compact(list).size() <= kMetaHeaderBytes) continue;
+    list.erase(list.size() - 1);
+    break;
+  }
+  return compact(list);
+}
+
 MetadataHeader metadata_header(OrderedJson metadata) {
   if (std::string text = compact(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), true};
   const std::string hash = metadata.at("content_hash"), place = "/v1/frames/" + hash + "/meta";

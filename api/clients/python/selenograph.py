@@ -1643,8 +1643,8 @@ def _stages(timing: Mapping[str, float]) -> str:
 
 
 def _warn_of(path: str, answer: Answer) -> None:
-    """What the service says against a frame, as far as its format tells."""
-    texts = Frame(answer).warnings if answer.media_type == MEDIA_TYPES[".npz"] else []
+    """What the service says against a frame."""
+    texts = json.loads(answer.headers.get("Selenograph-Warnings", "[]"))
     missing = answer.headers.get("Selenograph-Missing-Fraction")
     if missing:
         texts.append(f"{100 * float(missing):.3g} % of the pixels look at the Moon where there is no data")
