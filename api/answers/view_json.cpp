@@ -39,16 +39,15 @@ std::optional<Geographic> on_sphere(const engine::Pose& pose) {
   return to_geographic(from + (along - std::sqrt(kMoonRadius_m * kMoonRadius_m - below)) * boresight);
 }
 
-// The share of the image that an attitude would fill with the Moon, counted on some lines of sight.
-double share_of_moon(const engine::FrameRequest& request, const Eigen::Quaterniond& camera_from_moon) {
+// The share of an image that the Moon fills, counted on some lines of sight.
+double share_of_moon(const engine::View& view) {
   constexpr int kAcross = 32;
-  const engine::Camera& camera = request.camera;
-  const engine::View view(camera, {request.pose.position_m, camera_from_moon});
+  const engine::Camera& camera = view.camera();
   int seen = 0;
   for (int j = 0; j < kAcross; ++j)
     for (int i = 0; i < kAcross; ++i) {
       const auto ray = view.ray((i + 0.5) / kAcross * camera.width - 0.5, (j + 0.5) / kAcross * camera.height - 0.5);
-      seen += ray && meets_sphere(request.pose.position_m, *ray) ? 1 : 0;
+      seen += ray && meets_sphere(view.position(), ray->normalized()) ? 1 : 0;
     }
   return static_cast<double>(seen) / (kAcross * kAcross);
 }
@@ -57,10 +56,11 @@ double share_of_moon(const engine::FrameRequest& request, const Eigen::Quaternio
 // see clearly more.
 bool inverse_sees_more(const engine::FrameRequest& request) {
   constexpr double kClearly = 2;
-  const engine::Pose& pose = request.pose;
-  const Eigen::Quaterniond inverse = pose.camera_from_moon.conjugate();
-  return !off_nadir(pose.position_m, pose.camera_from_moon) && off_nadir(pose.position_m, inverse) &&
-         share_of_moon(request, inverse) >= kClearly * share_of_moon(request, pose.camera_from_moon);
+  const engine::Pose &pose = request.pose, inverse{pose.position_m, pose.camera_from_moon.conjugate()};
+  if (off_nadir(pose.position_m, pose.camera_from_moon) || !off_nadir(inverse.position_m, inverse.camera_from_moon))
+    return false;
+  const engine::View view(request.camera, pose);
+  return share_of_moon(view.at(inverse)) >= kClearly * share_of_moon(view);
 }
 
 constexpr std::string_view kInverse = "is it the inverse, camera_from_moon and moon_from_camera in each other's place?";
