@@ -195,7 +195,7 @@ void add_view_warnings(const FrameQuery& query, const engine::FrameReport& repor
   const engine::FrameRequest& request = query.request;
   if (!(report.hit_fraction > 0) && !(report.missing_fraction > 0))
     warnings.push_back(why_nothing(request));
-  else if (inverse_sees_more(request))
+  else if (!report.view.boresight && inverse_sees_more(request))
     warnings.push_back(
         fmt::format("the boresight is in the sky, but the inverse attitude would see the ground: {}", kInverse));
   if (report.missing_fraction > kMuchMissing)
