@@ -156,7 +156,7 @@ class Downloads(unittest.TestCase):
 
     def test_sizes_and_labels_are_checked(self):
         self.archive.files[self.image] = self.archive.files[self.image][:-2]
-        self.archive.files[self.label] = b"<html>please log in</html>"
+        self.archive.files[self.label] = b"not a label"
         _, said = self.get(status=1)
         self.assertIn("has 33554430 bytes, expected 33554432", said)
         self.assertIn("is not a PDS3 label", said)
@@ -220,7 +220,8 @@ class Downloads(unittest.TestCase):
             self.archive.files = {MOON_KIT: file.read()}
         self.folder = os.path.join(assets, "maps")
         self.get(product="albedo", region=("--site", "lroc_color_poles_2k"))
-        service = Service("--assets-dir", assets, dem=harness.path("tile"), cache="cache-moon-kit")
+        harness.sample("coarse", "--south-deg", "0", "--west-deg", "30", "--rows", "1", "--columns", "1", "--ppd", "256")
+        service = Service("--assets-dir", assets, dem="coarse", cache="cache-coarse")
         try:
             # Level ground: of two frames with the map and with the constant, the ratio is that of the rhos.
             frames = [service.arrays(frame_request(["radiance"], surface=surface))["radiance"].sum(dtype=float)
