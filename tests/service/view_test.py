@@ -168,12 +168,12 @@ class View(unittest.TestCase):
         up = there / np.linalg.norm(there)
         north = np.array([0, 0, 1.0]) - up[2] * up
         north /= np.linalg.norm(north)
-        east = np.cross(north, up)
+        west = np.cross(up, north)
         for roll_deg, tilt_deg, named in ((30, 0, True), (60, 30, True), (180, 15, True), (60, 60, True),  # 2.4 times as much
                                           (210, 60, False), (150, 75, False), (30, 75, False)):  # 1.8 times or less
             roll, tilt = np.radians(roll_deg), np.radians(tilt_deg)
             boresight = -np.cos(tilt) * up + np.sin(tilt) * north
-            right = looking(there, boresight, np.cos(roll) * (np.cos(tilt) * north + np.sin(tilt) * up) + np.sin(roll) * east)
+            right = looking(there, boresight, np.cos(roll) * (np.cos(tilt) * north + np.sin(tilt) * up) + np.sin(roll) * west)
             wrong = {"position_m": right["position_m"], "moon_from_camera_matrix": right["camera_from_moon_matrix"]}
             shares, texts = [], []
             for pose in (right, wrong):
