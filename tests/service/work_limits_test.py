@@ -45,7 +45,10 @@ LENS = {"model": "pinhole", "width": 4096, "height": 2048, "fx": 900.0,
 
 
 class SmallMemoryTest(WithService):
-    options = ("--scene-mb", "16")
+    @classmethod
+    def setUpClass(cls):
+        harness.sample("fine", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "512")
+        cls.service = harness.Service("--scene-mb", "16", dem="fine", cache="cache-fine")
 
     def test_refusals_name_members_of_their_own_request(self):
         """A map has no camera: what its refusal points at and advises is in a map's request."""
