@@ -67,12 +67,13 @@ void SpeedGauge::learn(const FrameWork& work, const StageTimes& times) {
   }
 }
 
-void SpeedGauge::refuse_hopeless(const FrameWork& work, std::size_t times, const StopToken& stop) {
+void SpeedGauge::refuse_hopeless(const FrameWork& work, std::size_t times, std::string_view remedy,
+                                 const StopToken& stop) {
   const double ms = predicted_ms(work) * static_cast<double>(times);
   if (in_reach(ms, stop.remaining_ms())) return;
   for (std::atomic<double>* value : {&ms_per_ray_, &ms_per_triangle_})
     value->store(value->load(std::memory_order_relaxed) * 7 / 8, std::memory_order_relaxed);
-  throw TooMuchWork(fmt::format("expected to take about {:.0f} s; fewer pixels or samples take less", ms / 1e3), ms);
+  throw TooMuchWork(fmt::format("expected to take about {:.0f} s; {}", ms / 1e3, remedy), ms);
 }
 
 double expected_error(const Accuracy& accuracy) {

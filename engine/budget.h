@@ -7,6 +7,7 @@
 
 #include <array>
 #include <atomic>
+#include <string_view>
 
 #include "dem/support/stop_token.h"
 #include "engine/frame/report.h"
@@ -38,8 +39,9 @@ class SpeedGauge {
   void learn(const FrameWork& work, const StageTimes& times);
   // Throws TooMuchWork when the work, done `times` times, is predicted to take much longer than `stop` allows. A
   // prediction may be wrong by a factor of kDoubt, and work of less than kMoments_ms is always tried. A refusal
-  // measures nothing, so each refusal lowers the estimate it was based on: a wrong estimate recovers.
-  void refuse_hopeless(const FrameWork& work, std::size_t times, const StopToken& stop);
+  // measures nothing, so each refusal lowers the estimate it was based on: a wrong estimate recovers. `remedy`: what
+  // would take less, in the words of the request.
+  void refuse_hopeless(const FrameWork& work, std::size_t times, std::string_view remedy, const StopToken& stop);
   static constexpr double kDoubt = 4, kMoments_ms = 1000;
   static bool in_reach(double predicted_ms, double allowed_ms) {
     return predicted_ms <= kDoubt * allowed_ms + kMoments_ms;

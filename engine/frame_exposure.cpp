@@ -91,6 +91,7 @@ void FrameExposure::capture(Frame& frame) {
   report.integration_time_s = sensor.integration_time_s();
   report.saturated_fraction = sensor.saturated_fraction();
   report.smear_fill = sensor.smear_fill();
+  report.brightest_signal_e = sensor.signal_e(report.brightest_w_m2_sr);
   report.full_scale_radiance_w_m2_sr = sensor.full_scale_radiance_w_m2_sr();
   report.margin_px = sensor.margin_px(), report.captured_fraction = sensor.captured();
 }

@@ -84,7 +84,7 @@ FrameMoment::FrameMoment(const FrameRequest& request, const dem::Terrain& terrai
 void FrameMoment::make_scene(std::size_t draws) {
   work_ = work_of(request_, request_.accuracy, content_.visibility, triangles_of(selection_),
                   /*build=*/!kept_.holds(content_));
-  kept_.speed(content_.visibility).refuse_hopeless(work_, draws, stop_);
+  kept_.speed(content_.visibility).refuse_hopeless(work_, draws, "fewer pixels or samples take less", stop_);
   scene_ = kept_.scene(content_, stop_);
   times_.build_ms = watch_.lap_ms();
   times_.pyramid_ms = waits_.pyramid.ms(), times_.load_ms = waits_.load.ms();

@@ -1,5 +1,7 @@
 #include "engine/ray_queries.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <unordered_map>
@@ -35,9 +37,10 @@ void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
 
 class RayCaster {
  public:
-  RayCaster(const std::vector<SceneObject>& objects, const dem::Terrain& terrain, RenderCache& kept,
+  // `a_ray`: what a ray is in the words of the request.
+  RayCaster(const char* a_ray, const std::vector<SceneObject>& objects, const dem::Terrain& terrain, RenderCache& kept,
             const StopToken& stop)
-      : scenery_(scenery_of(objects)), objects_(scenery_), terrain_(terrain), kept_(kept), stop_(stop) {
+      : a_ray_(a_ray), scenery_(scenery_of(objects)), objects_(scenery_), terrain_(terrain), kept_(kept), stop_(stop) {
     if (terrain.detail() && !terrain.detail()->rocks().empty()) rocks_.emplace(terrain);
   }
 
@@ -217,7 +220,10 @@ class RayCaster {
     const double above_m = rocks_ ? rocks_->largest_m() : 0;
     const auto met = select_for_rays(terrain_, some, batch.size() == 1 ? most : most / 4, stop_, above_m);
     auto rocks = met ? rocks_along(some, *met) : std::nullopt;
-    if (!rocks && batch.size() == 1) throw TooMuchTerrain("a ray runs along more terrain than fits");
+    if (!rocks && batch.size() == 1)
+      throw TooMuchTerrain(
+          fmt::format("{} runs along more terrain than the {} MB for scenes hold", a_ray_, kept_.capacity() >> 20),
+          "rays");
     if (!rocks || (batch.size() > 1 && far_apart(*rocks))) {
       const auto middle = batch.begin() + static_cast<std::ptrdiff_t>(batch.size() / 2);
       split(rays, {batch.begin(), middle}, work, toward);
@@ -255,6 +261,7 @@ class RayCaster {
     return request;
   }
 
+  const char* const a_ray_;
   const FrameRequest scenery_;
   const ObjectsInFrame objects_;
   std::optional<RocksNearRays> rocks_;  // of terrain that has some
@@ -289,7 +296,8 @@ Vec3 look(const RowViews& views, const Vec3& place, Landmark& out) {
 std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<SceneObject>& objects,
                               const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
                               const StopToken& stop) {
-  return RayCaster(objects, terrain, kept, stop).cast(rays, sun, RayCaster::Meeting::everything);
+  return RayCaster("a ray, or its way to the Sun,", objects, terrain, kept, stop)
+      .cast(rays, sun, RayCaster::Meeting::everything);
 }
 
 std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
@@ -298,7 +306,7 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
                                         const StopToken& stop) {
   const RowViews views(camera, pose, shutter, stop);
   refuse_underground(terrain, views, stop);
-  RayCaster caster(objects, terrain, kept, stop);
+  RayCaster caster("the line of sight to a point, or its way to the Sun,", objects, terrain, kept, stop);
   std::vector<Landmark> answers(points.size());
   std::vector<Ray> looks, downs;
   std::vector<Vec3> places;

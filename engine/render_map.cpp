@@ -1,5 +1,7 @@
 #include "engine/render_map.h"
 
+#include <fmt/format.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -185,7 +187,12 @@ class MapDrawing {
       if (gave_way && std::max(patch.width, patch.height) > kSmallPatch_px) return std::nullopt;
       return selection;
     } catch (const TooMuchTerrain&) {
-      if (patch.pixels() == 1) throw;
+      if (patch.pixels() == 1)
+        throw TooMuchTerrain(
+            fmt::format("one pixel of the map needs more terrain than the {} MB for scenes hold: ask for a larger "
+                        "gsd_m or max_error_px",
+                        kept_.capacity() >> 20),
+            "gsd_m");
       return std::nullopt;
     }
   }
@@ -198,7 +205,8 @@ class MapDrawing {
     const FrameWork work = work_of(frame_, frame_.accuracy, Visibility::raytrace, triangles_of(selection),
                                    /*build=*/!kept_.holds(content));
     const std::size_t times = (pixels_in_all() - drawn_) / patch.pixels();
-    kept_.speed(Visibility::raytrace).refuse_hopeless(work, std::max<std::size_t>(times, 1), stop_);
+    kept_.speed(Visibility::raytrace)
+        .refuse_hopeless(work, std::max<std::size_t>(times, 1), "a larger gsd_m or a smaller area takes less", stop_);
     Stopwatch watch;
     StageTimes spent;
     {

@@ -36,31 +36,43 @@ void add_object_warnings(const FrameQuery& query, OrderedJson& warnings) {
   }
 }
 
+// What the sensor makes of a lit scene: too much of it, or nothing.
+void add_sensor_warnings(const engine::SensorModel& sensor, const engine::FrameReport& report, OrderedJson& warnings) {
+  if (sensor.exposure.target_fill > 0 && report.smear_fill >= sensor.exposure.target_fill)
+    warnings.push_back(
+        "exposure.target_fill is out of reach: smear alone fills more of a pixel (exposure.smear_fill); shorten "
+        "detector.smear_time_s");
+  if (report.motion_samples > 0 && report.longest_streak_px > 1.5 * report.motion_samples)
+    warnings.push_back(fmt::format(
+        "the longest streak of motion (motion.longest_streak_px) is averaged over too few moments "
+        "(motion.samples): there are gaps in it; {}",
+        sensor.motion.samples ? "motion.samples may be left out or larger" : "motion.samples may be larger"));
+  const engine::Detector& d = sensor.detector;
+  if (report.brightest_signal_e > 0 && report.brightest_signal_e < std::max(d.read_noise_e, d.gain_e_dn / 2))
+    warnings.push_back(
+        "the signal is below the read noise, or below half a digital number, in every pixel "
+        "(exposure.brightest_signal_e): check the units of the band (um), the pixel pitch (um) and the integration "
+        "time (s)");
+}
+
 OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue) {
   OrderedJson warnings = report.warnings;
   warn_of_aims(query.request.accuracy, report, warnings);
+  warn_of_band(query.request, warnings);
   constexpr double kMuch = 0.01;
   const engine::ProductSet products = query.request.products;
+  const auto& sensor = query.request.sensor;
   if (report.saturated_fraction > kMuch)
-    warnings.push_back(fmt::format("{:.1f} % of the image is saturated: {}", 100 * report.saturated_fraction,
-                                   !query.request.sensor    ? "raise image.full_scale_radiance"
+    warnings.push_back(fmt::format("more than 1 % of the image is saturated ({}saturated_fraction): {}",
+                                   sensor ? "exposure." : "",
+                                   !sensor                  ? "raise image.full_scale_radiance"
                                    : report.smear_fill >= 1 ? "smear alone fills pixels; shorten detector.smear_time_s"
                                                             : "expose shorter"));
-  if (const auto& sensor = query.request.sensor;
-      sensor && sensor->exposure.target_fill > 0 && report.smear_fill >= sensor->exposure.target_fill)
-    warnings.push_back(
-        fmt::format("exposure.target_fill {:g} is out of reach: smear alone fills {:.3g} of a pixel; "
-                    "shorten detector.smear_time_s",
-                    sensor->exposure.target_fill, report.smear_fill));
+  if (sensor) add_sensor_warnings(*sensor, report, warnings);
   if (products & (engine::kImage | engine::kRadiance) && report.hit_fraction > 0 && !(report.brightest_w_m2_sr > 0))
-    warnings.push_back("no signal: nothing in view is lit" + sun_there(report.view));
-  if (report.motion_samples > 0 && report.longest_streak_px > 1.5 * report.motion_samples)
-    warnings.push_back(
-        fmt::format("the longest streak of motion has about {:.0f} px and is averaged over {} moments: "
-                    "there are gaps in it; {}",
-                    report.longest_streak_px, report.motion_samples,
-                    query.request.sensor->motion.samples ? "motion.samples may be left out or larger"
-                                                         : "motion.samples may be larger"));
+    warnings.push_back(report.view.sun_elevation_deg
+                           ? "no signal: nothing in view is lit (view.sun: where the Sun stands)"
+                           : "no signal: nothing in view is lit");
   add_object_warnings(query, warnings);
   if (query.request.terrain && products & (engine::kImage | engine::kRadiance))
     add_reflectance_warnings(query.request, report, warnings);
@@ -106,20 +118,37 @@ void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& repo
   const bool detail_gave_way = report.detail_limit_px > detail_px;
   if (detail_gave_way)
     warnings.push_back(
-        fmt::format("max_detail_error_px was relaxed from {:g} to {:g}: it would take more than {:g} triangles a pixel",
-                    detail_px, report.detail_limit_px, engine::Accuracy::kDetailTrianglesPerPixel));
+        fmt::format("max_detail_error_px was relaxed (detail_limit_px): it would take more than {:g} triangles a pixel",
+                    engine::Accuracy::kDetailTrianglesPerPixel));
   if (gave_way(asked, report.shadow_limits_px))
-    warnings.push_back(fmt::format("max_shadow_error_px was relaxed from {:g} to {:g}: {}", asked.max_shadow_error_px,
-                                   widest(report.shadow_limits_px),
+    warnings.push_back(fmt::format("max_shadow_error_px was relaxed (shadow_limit_px): {}",
                                    detail_gave_way ? "as max_detail_error_px was"
                                                    : "the terrain that it takes does not fit into the service's "
                                                      "memory for scenes"));
+}
+
+void warn_of_band(const engine::FrameRequest& request, OrderedJson& warnings) {
+  constexpr double kBeyondThermal_um = 100;
+  if (request.band && request.band->center_um() > kBeyondThermal_um)
+    warnings.push_back(
+        fmt::format("the band is centred beyond {} um: is it in nanometres? 550 nm are 0.55 um", kBeyondThermal_um));
 }
 
 OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                      const std::string& hash) {
   return metadata_answer().write({query.request, query.request.products, query, report, hash, resolved_json(query),
                                   warnings_json(query, report, catalogue), &query, nullptr});
+}
+
+std::string warnings_header(const OrderedJson& warnings) {
+  OrderedJson list = OrderedJson::array();
+  for (const OrderedJson& text : warnings) {
+    list.push_back(text);
+    if (compact(list).size() <= kMetaHeaderBytes) continue;
+    list.erase(list.size() - 1);
+    break;
+  }
+  return compact(list);
 }
 
 MetadataHeader metadata_header(OrderedJson metadata) {

@@ -28,11 +28,16 @@ std::string content_hash(const std::string& text);
 // True when an If-None-Match header names this hash's entity tag (weak tags count: RFC 9110, 13.1.2), or is "*".
 bool names_etag(const std::string& if_none_match, const std::string& hash);
 
+// Appends a warning where the band is probably given in another unit.
+void warn_of_band(const engine::FrameRequest& request, nlohmann::ordered_json& warnings);
 // Appends a warning for each relaxed target (Accuracy).
 void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& report, nlohmann::ordered_json& warnings);
 
 nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameReport& report,
                                 const dem::Catalogue& catalogue, const std::string& hash);
+
+// Warnings for the header `Selenograph-Warnings`: a list as compact ASCII JSON, as many as fit into kMetaHeaderBytes.
+std::string warnings_header(const nlohmann::ordered_json& warnings);
 
 // The metadata for the header `Selenograph-Meta`: compact, ASCII only, at most kMetaHeaderBytes. If it is longer, the
 // lists of sources and then of warnings are replaced by their lengths ("sources_omitted"), and if that is not enough

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "api/answers/view_json.h"
 #include "api/json/ranges.h"
 #include "api/requests/parts/detail_json.h"
@@ -103,11 +105,18 @@ void add_exposure(Answer<MetadataSource>& a) {
   using namespace schema;
   a.add("full_scale_radiance_w_m2_sr", number(kAnyNumber, "that `image` was made with"),
         reported(&FrameReport::full_scale_radiance_w_m2_sr), with_image);
+  a.add("saturated_fraction", number(kUnitInterval, "share of the pixels of an `image` without a sensor"),
+        reported(&FrameReport::saturated_fraction),
+        [](const MetadataSource& s) { return with_image(s) && !s.request.sensor; });
   a.add(
-      "exposure", free_object("of a sensor: integration_time_s, saturated_fraction of the pixels"),
+      "exposure",
+      free_object("of a sensor: integration_time_s; saturated_fraction of the pixels; smear_fill, the share of a "
+                  "pixel's capacity that smear alone fills; brightest_signal_e, electrons of the brightest radiance"),
       [](const MetadataSource& s) {
         return OrderedJson{{"integration_time_s", s.report.integration_time_s},
-                           {"saturated_fraction", s.report.saturated_fraction}};
+                           {"saturated_fraction", s.report.saturated_fraction},
+                           {"smear_fill", s.report.smear_fill},
+                           {"brightest_signal_e", s.report.brightest_signal_e}};
       },
       by_sensor);
   a.add(
@@ -142,8 +151,12 @@ void add_geometry(Answer<MetadataSource>& a) {
                "bound on how far the mesh's error displaces a shadow's edge on level ground, pixels. The edge's own: "
                "read from the pixels of two frames it may be displaced by up to a pixel's diagonal more"),
         reported(&FrameReport::shadow_error_px));
+  a.add("shadow_limit_px", number(kAnyNumber, "max_shadow_error_px as used; a warning says where it was relaxed"),
+        [](const MetadataSource& s) { return std::ranges::max(s.report.shadow_limits_px); });
   a.add("detail_error_px", number(kAnyNumber, "of lod_error_px, what the detail adds"),
         reported(&FrameReport::detail_error_px), with_detail);
+  a.add("detail_limit_px", number(kAnyNumber, "max_detail_error_px as used; a warning says where it was relaxed"),
+        reported(&FrameReport::detail_limit_px), with_detail);
   a.add("post_spacing_m", free_object("min and max over the mesh in view"), [](const MetadataSource& s) {
     return OrderedJson{{"min", s.report.min_post_spacing_m}, {"max", s.report.max_post_spacing_m}};
   });
@@ -201,7 +214,10 @@ void add_content(Answer<MetadataSource>& a) {
   a.describe("sources_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}});
   a.describe("warnings_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}});
   a.describe("metadata_at", text("in the header only: path of the metadata with what did not fit"));
-  a.add("warnings", array({{"type", "string"}}), [](const MetadataSource& s) { return s.warnings; });
+  a.add("warnings",
+        array({{"type", "string"},
+               {"description", "the same text for the same trouble: numbers are in the member that it names"}}),
+        [](const MetadataSource& s) { return s.warnings; });
 }
 
 }  // namespace

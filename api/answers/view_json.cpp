@@ -11,19 +11,59 @@
 #include <vector>
 
 #include "api/json/ranges.h"
+#include "engine/camera/view.h"
 
 namespace selenograph::api {
 namespace {
 
 constexpr double kWidePost_px = 8, kMuchMissing = 0.5;
 
+bool meets_sphere(const Vec3& position_m, const Vec3& direction) {
+  const double along = -position_m.dot(direction);
+  return along > 0 && position_m.squaredNorm() - along * along < kMoonRadius_m * kMoonRadius_m;
+}
+
 // The angle between the boresight of an attitude and the nadir, radians; empty where it misses the Moon.
 std::optional<double> off_nadir(const Vec3& position_m, const Eigen::Quaterniond& camera_from_moon) {
   const Vec3 boresight = camera_from_moon.conjugate() * Vec3::UnitZ();
-  const double along = -position_m.dot(boresight), aside2 = position_m.squaredNorm() - along * along;
-  if (!(along > 0 && aside2 < kMoonRadius_m * kMoonRadius_m)) return std::nullopt;
-  return std::atan2(std::sqrt(std::max(0.0, aside2)), along);
+  if (!meets_sphere(position_m, boresight)) return std::nullopt;
+  return std::atan2(boresight.cross(position_m).norm(), -position_m.dot(boresight));
 }
+
+// Where the boresight meets the sphere.
+std::optional<Geographic> on_sphere(const engine::Pose& pose) {
+  const Vec3 boresight = pose.camera_from_moon.conjugate() * Vec3::UnitZ();
+  const Vec3& from = pose.position_m;
+  if (!meets_sphere(from, boresight)) return std::nullopt;
+  const double along = -from.dot(boresight), below = from.squaredNorm() - along * along;
+  return to_geographic(from + (along - std::sqrt(kMoonRadius_m * kMoonRadius_m - below)) * boresight);
+}
+
+// The share of an image that the Moon fills, counted on some lines of sight.
+double share_of_moon(const engine::View& view) {
+  constexpr int kAcross = 32;
+  const engine::Camera& camera = view.camera();
+  int seen = 0;
+  for (int j = 0; j < kAcross; ++j)
+    for (int i = 0; i < kAcross; ++i) {
+      const auto ray = view.ray((i + 0.5) / kAcross * camera.width - 0.5, (j + 0.5) / kAcross * camera.height - 0.5);
+      seen += ray && meets_sphere(view.position(), ray->normalized()) ? 1 : 0;
+    }
+  return static_cast<double>(seen) / (kAcross * kAcross);
+}
+
+// Whether the boresight is in the sky although that of the inverse attitude would meet the ground, of which it would
+// see clearly more.
+bool inverse_sees_more(const engine::FrameRequest& request) {
+  constexpr double kClearly = 2;
+  const engine::Pose &pose = request.pose, inverse{pose.position_m, pose.camera_from_moon.conjugate()};
+  if (off_nadir(pose.position_m, pose.camera_from_moon) || !off_nadir(inverse.position_m, inverse.camera_from_moon))
+    return false;
+  const engine::View view(request.camera, pose);
+  return share_of_moon(view.at(inverse)) >= kClearly * share_of_moon(view);
+}
+
+constexpr std::string_view kInverse = "is it the inverse, camera_from_moon and moon_from_camera in each other's place?";
 
 // Which usual mistakes would have made this attitude of one that looks at the Moon, the nearest to its middle first.
 std::string likely_mistake(const engine::Pose& pose) {
@@ -37,7 +77,7 @@ std::string likely_mistake(const engine::Pose& pose) {
   const char* const last = "are its components in the order x, y, z, w? w is the scalar part";
   const char* const first = "are its components in the order w, x, y, z, and were taken for x, y, z, w?";
   const Mistake mistakes[] = {
-      {inverse, "is it the inverse, camera_from_moon and moon_from_camera in each other's place?"},
+      {inverse, kInverse},
       {half_turn * q, "are its axes OpenGL's (+y up, -z boresight)? Then say \"axes\": \"opengl\""},
       {half_turn * inverse, "is it the inverse, with OpenGL's axes (+y up, -z boresight)?"},
       {scalar_last(q), last},
@@ -68,12 +108,8 @@ double moon_px(const engine::FrameRequest& request) {
   return distance_m > kMoonRadius_m ? 2 * request.camera.fx * std::tan(std::asin(kMoonRadius_m / distance_m)) : 1e9;
 }
 
-std::string why_nothing(const engine::FrameRequest& request, const engine::ViewReport& view) {
-  const double distance_m = request.pose.position_m.norm();
-  std::string text = fmt::format(
-      "nothing of the Moon is in view: the boresight is {:.1f} degrees off the nadir, {:.6g} km "
-      "above the sphere",
-      view.off_nadir_deg, (distance_m - kMoonRadius_m) / 1e3);
+std::string why_nothing(const engine::FrameRequest& request) {
+  std::string text = "nothing of the Moon is in view (view.off_nadir_deg: the boresight's angle from the nadir)";
   if (moon_px(request) < 1) return text + "; from there the Moon is smaller than a pixel: lengths are metres";
   if (const std::string mistake = likely_mistake(request.pose); !mistake.empty()) text += "; " + mistake;
   return text;
@@ -83,21 +119,17 @@ bool has_data(const dem::Catalogue& catalogue, double lat_deg, double lon_deg) {
   return !catalogue.touching(lat_deg, lat_deg, lon_deg, lon_deg).empty();
 }
 
-// Where the camera looks at without data; whether there are some where latitude and longitude change places.
+// Whether there are no data where the boresight points to, but some where latitude and longitude change places, or are
+// taken for radians.
 std::string why_missing(const engine::FrameRequest& request, const dem::Catalogue& catalogue) {
-  const Vec3 boresight = request.pose.camera_from_moon.conjugate() * Vec3::UnitZ();
-  const Vec3& from = request.pose.position_m;
-  const double along = -from.dot(boresight), below = from.squaredNorm() - along * along;
-  if (!(along > 0 && below < kMoonRadius_m * kMoonRadius_m)) return {};
-  const Geographic g = to_geographic(from + (along - std::sqrt(kMoonRadius_m * kMoonRadius_m - below)) * boresight);
-  if (has_data(catalogue, g.lat_deg, g.lon_deg)) return {};
-  std::string text = fmt::format(": there are none at latitude {:.4f}, longitude {:.4f}", g.lat_deg, g.lon_deg);
-  if (std::abs(g.lon_deg) <= 90 && has_data(catalogue, g.lon_deg, g.lat_deg))
-    text += fmt::format(", but at latitude {:.4f}, longitude {:.4f}: are they in each other's place?", g.lon_deg,
-                        g.lat_deg);
-  const double lat_deg = g.lat_deg * kDegreesPerRadian, lon_deg = g.lon_deg * kDegreesPerRadian;
+  const std::optional<Geographic> g = on_sphere(request.pose);
+  if (!g || has_data(catalogue, g->lat_deg, g->lon_deg)) return {};
+  std::string text = ": there are none along the boresight (view.sphere)";
+  if (std::abs(g->lon_deg) <= 90 && has_data(catalogue, g->lon_deg, g->lat_deg))
+    text += ", but where latitude and longitude change places: are they in each other's place?";
+  const double lat_deg = g->lat_deg * kDegreesPerRadian, lon_deg = g->lon_deg * kDegreesPerRadian;
   if (std::abs(lat_deg) <= 90 && std::abs(lon_deg) <= 360 && has_data(catalogue, lat_deg, lon_deg))
-    text += fmt::format(", but at latitude {:.4f}, longitude {:.4f}: are they in radians?", lat_deg, lon_deg);
+    text += ", but at so many radians instead of degrees: are they in radians?";
   return text;
 }
 
@@ -118,23 +150,28 @@ const Answer<ViewSource>& view_answer() {
         a.add("lat_deg", number_or_null("where the boresight meets the terrain"), place(&Geographic::lat_deg));
         a.add("lon_deg", number_or_null("the same"), place(&Geographic::lon_deg));
         a.add("height_m", number_or_null("the same"), place(&Geographic::height_m));
+        const OrderedJson place_on_sphere =
+            object("", {{"lat_deg", number(kLatitude_deg, "")}, {"lon_deg", number(kLongitude_deg, "")}},
+                   {"lat_deg", "lon_deg"});
+        const auto place_json = [](const std::optional<Geographic>& at) {
+          return at ? OrderedJson{{"lat_deg", at->lat_deg}, {"lon_deg", at->lon_deg}} : OrderedJson();
+        };
+        a.add("sphere",
+              {{"anyOf", {place_on_sphere, {{"type", "null"}}}},
+               {"description", "where the boresight meets the sphere of 1 737 400 m, with data there or without"}},
+              [place_json](const S& s) { return place_json(on_sphere(s.query.request.pose)); });
         a.add("off_nadir_deg", number(kAnyNumber, "angle between the boresight and the direction of the Moon's centre"),
               [](const S& s) { return s.view.off_nadir_deg; });
         a.add("up_azimuth_deg", number_or_null("compass azimuth there of what is up in the image"),
               [](const S& s) { return s.view.up_azimuth_deg; });
-        const OrderedJson corner =
-            object("", {{"lat_deg", number(kLatitude_deg, "")}, {"lon_deg", number(kLongitude_deg, "")}},
-                   {"lat_deg", "lon_deg"});
-        a.add(
-            "corners",
-            list({{"anyOf", {corner, {{"type", "null"}}}}}, 4,
-                 "what the corner pixels' centres see: upper left, upper right, lower right, lower left"),
-            [](const S& s) {
-              OrderedJson corners = OrderedJson::array();
-              for (const auto& at : s.view.corners)
-                corners.push_back(at ? OrderedJson{{"lat_deg", at->lat_deg}, {"lon_deg", at->lon_deg}} : OrderedJson());
-              return corners;
-            });
+        a.add("corners",
+              list({{"anyOf", {place_on_sphere, {{"type", "null"}}}}}, 4,
+                   "what the corner pixels' centres see: upper left, upper right, lower right, lower left"),
+              [place_json](const S& s) {
+                OrderedJson corners = OrderedJson::array();
+                for (const auto& at : s.view.corners) corners.push_back(place_json(at));
+                return corners;
+              });
         a.add(
             "sun",
             object("The Sun at that place; absent where the request has none.",
@@ -153,19 +190,17 @@ const Answer<ViewSource>& view_answer() {
   return answer;
 }
 
-std::string sun_there(const engine::ViewReport& view) {
-  if (!view.sun_elevation_deg) return {};
-  return fmt::format(", where the Sun stands at an elevation of {:.2f} degrees", *view.sun_elevation_deg);
-}
-
 void add_view_warnings(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                        OrderedJson& warnings) {
   const engine::FrameRequest& request = query.request;
   if (!(report.hit_fraction > 0) && !(report.missing_fraction > 0))
-    warnings.push_back(why_nothing(request, report.view));
+    warnings.push_back(why_nothing(request));
+  else if (!report.view.boresight && inverse_sees_more(request))
+    warnings.push_back(
+        fmt::format("the boresight is in the sky, but the inverse attitude would see the ground: {}", kInverse));
   if (report.missing_fraction > kMuchMissing)
-    warnings.push_back(fmt::format("{:.0f} % of the pixels look at places without data{}",
-                                   100 * report.missing_fraction, why_missing(request, catalogue)));
+    warnings.push_back("most of the pixels look at places without data (missing_fraction)" +
+                       why_missing(request, catalogue));
   if (!query.request.detail && report.view.post_px && *report.view.post_px > kWidePost_px)
     warnings.push_back(fmt::format(
         "the posts of the DEM are more than {} pixels wide in the middle of the image (view.post_px): it has "

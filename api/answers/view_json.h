@@ -2,7 +2,6 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
-#include <string>
 
 #include "api/requests/frame_json.h"
 #include "api/schema/answers.h"
@@ -18,12 +17,9 @@ struct ViewSource {
 };
 const Answer<ViewSource>& view_answer();
 
-// ", where the Sun stands ..."; empty if the boresight meets no terrain.
-std::string sun_there(const engine::ViewReport& view);
-
-// Adds warnings when a frame sees nothing, hardly any data, or posts as large as tiles. They say what is seen and which
-// common mistake would explain it: an inverted attitude, another order of the quaternion, OpenGL axes; swapped latitude
-// and longitude; lengths that are not in metres.
+// Adds warnings when a frame sees nothing, hardly any data, posts as large as tiles, or sky where the inverse attitude
+// would see ground. They say what is seen and which common mistake would explain it: an inverted attitude, another
+// order of the quaternion, OpenGL axes; swapped latitude and longitude; lengths that are not in metres.
 void add_view_warnings(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                        nlohmann::ordered_json& warnings);
 

@@ -23,6 +23,7 @@ namespace fs = std::filesystem;
 
 constexpr int kMaxAssetDepth = 16;
 constexpr int kMaxBands = 1000;
+constexpr Range kExponent{0.1, 10};  // of a gamma
 constexpr auto kFailureLasts = std::chrono::minutes(1);
 constexpr std::size_t kMaxFailures = 1000;
 
@@ -170,7 +171,7 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
       });
     if (in.has("extent")) map.extent = read_extent(in.at("extent"));
     map.scale = in.number("scale", kAnyNumber, map.scale), map.offset = in.number("offset", kAnyNumber, map.offset);
-    map.exponent = in.number("exponent", Range{0.1, 10}, map.exponent);
+    map.exponent = in.number("exponent", kExponent, map.exponent);
     map.radiance_factor = read_quantity(in);
     if (in.has("no_data")) map.no_data = in.number("no_data", kAnyNumber);
     map.low = in.number("low", kAnyNumber, map.low), map.high = in.number("high", kAnyNumber, map.high);

@@ -78,6 +78,9 @@ OrderedJson headers() {
       {"Selenograph-Missing-Fraction", header("Share of pixels that look at the Moon where there is no data; absent "
                                               "when there are none",
                                               "number")},
+      {"Selenograph-Warnings",
+       header("The metadata's warnings, those of several cameras with their names, as compact ASCII "
+              "JSON; absent when there are none")},
       {"Selenograph-Echo", header("The request's `echo`, as compact ASCII JSON; absent when it has none")},
       {"Retry-After", header("Seconds", "integer")},
       {"Allow", header("The methods that the path has")}};

@@ -79,6 +79,11 @@ void add_array_headers(Response& response, const ArrayView& array, MetadataHeade
   response.headers.emplace_back("Selenograph-Meta", std::move(meta.text));
 }
 
+// For whoever sees only the image.
+void add_warnings(Response& response, const OrderedJson& warnings) {
+  if (!warnings.empty()) response.headers.emplace_back("Selenograph-Warnings", warnings_header(warnings));
+}
+
 void remember(const std::string& hash, std::string metadata, LongMetadata& long_metadata) {
   long_metadata.erase(hash);  // of a frame without a file that was replaced, say
   const std::size_t bytes = metadata.size();
@@ -101,6 +106,7 @@ std::size_t bytes_of(const engine::FrameRequest& request) {
 
 // The engine's refusals are of where the camera is, but for those that name a member.
 constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"},
+                                        {"max_detail_error_px", "/accuracy/max_detail_error_px"},
                                         {"visibility", "/visibility"},
                                         {"shutter", "/shutter"},
                                         {"albedo_maps", "/surface/albedo_maps"}};
@@ -157,6 +163,7 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   // Black pixels there look like the sky: whoever sees only the image is told, too.
   if (frame.report.missing_fraction > 0)
     response.headers.emplace_back("Selenograph-Missing-Fraction", fmt::format("{:.6g}", frame.report.missing_fraction));
+  add_warnings(response, meta.at("warnings"));
   return response;
 }
 
@@ -202,14 +209,17 @@ std::string hash_of_all(const std::vector<CameraFrame>& cameras) {
   return content_hash(text);
 }
 
-// Arrays called NAME/PRODUCT, and the metadata of each camera.
-std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, const EndpointContext& context) {
+// Arrays called NAME/PRODUCT, and the metadata of each camera. Adds each camera's warnings to `warnings`.
+std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, const EndpointContext& context,
+                   OrderedJson& warnings) {
   OrderedJson meta{{"content_hash", hash}, {"cameras", OrderedJson::object()}};
   std::vector<ArrayView> arrays;
   std::list<std::string> names;
   for (CameraFrame& camera : cameras) {
     meta["cameras"][camera.name] =
         metadata(camera.query, camera.frame.report, context.renderer.terrain().catalogue(), camera.hash);
+    for (const OrderedJson& text : meta["cameras"][camera.name].at("warnings"))
+      warnings.push_back(camera.name + ": " + text.get<std::string>());
     const engine::FrameRequest& request = camera.query.request;
     for (ArrayView& array : arrays_of(camera.frame, request, request.products, camera.narrowed)) {
       array.name = names.emplace_back(camera.name + "/" + std::string(array.name));
@@ -258,7 +268,9 @@ Response answer_cameras(const EndpointContext& context, const Json& body) {
   response.content_type = npz.media_type;
   response.headers.emplace_back("Vary", "Accept");
   if (!warned) response.headers.emplace_back("ETag", "\"" + hash + "\"");
-  response.body = encode(cameras, hash, context);
+  OrderedJson warnings = OrderedJson::array();
+  response.body = encode(cameras, hash, context, warnings);
+  add_warnings(response, warnings);
   response.headers.emplace_back("Server-Timing",
                                 server_timing(parse_ms, times, ms_since(encode_start), kernel_ms() - kernel_before_ms));
   std::string budgets;
@@ -331,7 +343,7 @@ void describe_frames(Operation& o) {
       {"description", description},
       {"headers", header_references({"ETag", "Vary", "Server-Timing", "Selenograph-Product", "Selenograph-Shape",
                                      "Selenograph-Dtype", "Selenograph-Meta", "Selenograph-Missing-Fraction",
-                                     "Selenograph-Echo"})},
+                                     "Selenograph-Warnings", "Selenograph-Echo"})},
       {"content", content}};
   using namespace schema;
   o.schema("MetadataElsewhere",

@@ -13,8 +13,7 @@
 namespace selenograph::api {
 namespace {
 
-constexpr MemberPointer kRefusableOfMap[] = {{"max_error_px", "/accuracy/max_error_px"},
-                                             {"albedo_maps", "/surface/albedo_maps"}};
+constexpr MemberPointer kRefusableOfMap[] = {{"gsd_m", "/map/gsd_m"}, {"albedo_maps", "/surface/albedo_maps"}};
 
 engine::Map draw(const MapQuery& query, const EndpointContext& context) {
   try {

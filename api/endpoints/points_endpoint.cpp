@@ -46,7 +46,7 @@ Response answer_project(const EndpointContext& context) {
   const ProjectQuery query = read_project(json_body(context), context.limits, context.assets, context.stop);
   need_memory(context, query.points.size(), "/points",
               engine::bytes_of_rows(query.camera, query.shutter) + bytes_of_rocks(query.detail));
-  constexpr MemberPointer kRefusable[] = {{"shutter", "/shutter"}};
+  constexpr MemberPointer kRefusable[] = {{"shutter", "/shutter"}, {"rays", "/points"}};
   const auto landmarks = with_refusals_at(kRefusable, "/pose", [&] {
     return context.renderer.project(query.camera, query.pose, query.shutter, query.points, query.sun, context.stop,
                                     scene_objects(query.objects), query.detail.content);

@@ -22,8 +22,8 @@ struct ValueMapOptions {
   std::vector<int> bands;  // from 1: the value is their mean; empty: all but alpha
   // For a raster without georeferencing: its outer borders, row 0 in the north.
   std::optional<Footprint> extent;
-  double scale = 1, offset = 0;   // value = (scale * sample + offset)^exponent, after the file's own
-  double exponent = 1;
+  // value = (scale * sample + offset) ^ exponent, after the file's own scale and offset; the exponent undoes a gamma.
+  double scale = 1, offset = 0, exponent = 1;
   std::optional<double> no_data;  // an additional sample value that means no-data
   std::optional<RadianceFactor> radiance_factor;  // if values are I/F; empty: rho, Hapke's w, or kelvin
   double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();  // values are clamped

@@ -147,8 +147,8 @@ struct ValueMap::Impl {
     for (int y = 0; y < h; ++y)
       for (int x = 0; x < w; ++x) {
         const auto at = static_cast<std::size_t>(y * kTile + x);
-        const double linear = options.scale * samples[at] + options.offset;
-        const double value = options.exponent == 1 ? linear : std::pow(linear, options.exponent);
+        double value = options.scale * samples[at] + options.offset;
+        if (options.exponent != 1) value = std::pow(value, options.exponent);
         if (!std::isnan(value)) out[at] = static_cast<float>(std::clamp(value, options.low, options.high));
       }
   }

@@ -12,9 +12,9 @@
 
 #include <erfa.h>
 #include <erfam.h>
+#include <fmt/format.h>
 
 #include <Eigen/Geometry>
-#include <array>
 #include <cmath>
 #include <optional>
 #include <string_view>
@@ -74,18 +74,37 @@ std::optional<double> take_fraction(std::string_view& text) {
   return value;
 }
 
+void set_day_of_year(const std::string& utc, int day_of_year, DateTime& t) {
+  JulianDate new_year;
+  int year = 0;
+  double fraction = 0;
+  eraCal2jd(t.year, 1, 1, &new_year.day, &new_year.fraction);
+  eraJd2cal(new_year.day, new_year.fraction + day_of_year - 1, &year, &t.month, &t.day, &fraction);
+  if (year != t.year) reject(utc, "this year has no such day");
+}
+
+// Whether what follows the seconds names a time scale that is not UTC, as SPICE's texts do.
+bool names_other_scale(std::string_view rest) {
+  take(rest, ' ');
+  return rest == "TDB" || rest == "ET" || rest == "TDT" || rest == "TT" || rest == "TAI";
+}
+
 DateTime parse(const std::string& utc) {
-  const char* const form = "expected YYYY-MM-DDThh:mm:ss, a fraction of a second or none, Z or none";
+  const char* const form =
+      "expected YYYY-MM-DDThh:mm:ss or YYYY-DDDThh:mm:ss, a fraction of a second or none, Z or none";
   std::string_view rest = utc;
   DateTime t;
-  const std::array<int*, 5> fields = {&t.year, &t.month, &t.day, &t.hour, &t.minute};
-  constexpr std::array<std::size_t, 5> kDigits = {4, 2, 2, 2, 2};
-  constexpr std::array<char, 5> kSeparators = {'-', '-', 'T', ':', ':'};
-  for (std::size_t i = 0; i < fields.size(); ++i) {
-    const std::optional<int> value = take_digits(rest, kDigits[i]);
-    if (!value || !take(rest, kSeparators[i])) reject(utc, form);
-    *fields[i] = *value;
-  }
+  const auto read = [&](std::size_t digits, char separator) {
+    const std::optional<int> value = take_digits(rest, digits);
+    if (!value || !take(rest, separator)) reject(utc, form);
+    return *value;
+  };
+  t.year = read(4, '-');
+  if (rest.find('T') == 3)
+    set_day_of_year(utc, read(3, 'T'), t);
+  else
+    t.month = read(2, '-'), t.day = read(2, 'T');
+  t.hour = read(2, ':'), t.minute = read(2, ':');
   const std::optional<int> second = take_digits(rest, 2);
   if (!second) reject(utc, form);
   t.second = *second;
@@ -97,6 +116,7 @@ DateTime parse(const std::string& utc) {
   if (!rest.empty() && (rest.front() == '+' || rest.front() == '-')) {
     reject(utc, "local time offsets are not accepted; convert to UTC and end with Z");
   }
+  if (names_other_scale(rest)) reject(utc, "another time scale; give Ephemeris Time, seconds of TDB, as \"et_s\"");
   take(rest, 'Z');
   if (!rest.empty()) reject(utc, form);
   return t;
@@ -144,6 +164,16 @@ JulianDate tt_from(const std::string& utc) {
     reject(utc, "outside the range of the time scales");
   }
   return tt;
+}
+
+JulianDate utc_from_tdb(const JulianDate& tdb) {
+  // At the Earth's centre: on its surface the difference is 2 microseconds at most.
+  const double tdb_minus_tt_s = eraDtdb(tdb.day, tdb.fraction, 0, 0, 0, 0);
+  JulianDate tt, tai, utc;
+  eraTdbtt(tdb.day, tdb.fraction, tdb_minus_tt_s, &tt.day, &tt.fraction);
+  eraTttai(tt.day, tt.fraction, &tai.day, &tai.fraction);
+  eraTaiutc(tai.day, tai.fraction, &utc.day, &utc.fraction);
+  return utc;
 }
 
 // --- Sun and Moon
@@ -225,6 +255,22 @@ SunPosition sun_at(const std::string& utc) {
 }
 
 Eigen::Matrix3d moon_me_from_icrf(const std::string& utc) { return moon_me_from_icrs(tt_from(utc)); }
+
+std::string utc_of_et(double et_s) {
+  load_leap_seconds();
+  const double days = std::floor(et_s / ERFA_DAYSEC);
+  int year = 0, month = 0, day = 0, time[4] = {};
+  // A year far from ours is refused below; a double doesn't count days beyond some million years.
+  if (std::abs(days) < 1e6) {
+    const JulianDate utc = utc_from_tdb({ERFA_DJ00 + days, (et_s - days * ERFA_DAYSEC) / ERFA_DAYSEC});
+    // A double holds the seconds of our time to 0.1 microseconds: whole seconds come out as such.
+    eraD2dtf("UTC", 6, utc.day, utc.fraction, &year, &month, &day, time);
+  }
+  if (year < 1960 || year > 2099)
+    throw ImpossibleRequest("not an epoch of 1960 to 2099, in seconds of TDB since 2000-01-01T12:00:00");
+  return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:06}Z", year, month, day, time[0], time[1], time[2],
+                     time[3]);
+}
 
 Eigen::Matrix3d moon_me_from(BodyFrame frame) {
   switch (frame) {

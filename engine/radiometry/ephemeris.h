@@ -1,4 +1,4 @@
-// Direction of the Sun as seen from the Moon at a UTC epoch, and the constant rotations between lunar body frames.
+// Direction of the Sun as seen from the Moon at an epoch, and the constant rotations between lunar body frames.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,8 +15,8 @@ struct SunPosition {
   double distance_au = 1;  // at the time the light left
 };
 
-// `utc` is ISO 8601 ("2026-11-20T00:00:00Z", fraction optional, Z or none), 1960 to 2099. Throws ImpossibleRequest
-// that says what is wrong with it.
+// `utc` is ISO 8601 ("2026-11-20T00:00:00Z", or by day of the year "2026-324T00:00:00Z"; fraction optional, Z or none),
+// 1960 to 2099. Throws ImpossibleRequest that says what is wrong with it.
 //
 // Accuracy: 0.01 degrees in direction (the Sun's disc is 0.53 degrees wide), 1e-6 au in distance. The error budget is
 // at the definition; nearly all of it is the lunar rotation.
@@ -25,6 +25,10 @@ SunPosition sun_at(const std::string& utc);
 // Rotates vectors of ICRF axes into MOON_ME at a UTC epoch, by the rotation that sun_at uses; errors likewise, and up
 // to 0.01 degrees of rotation.
 Eigen::Matrix3d moon_me_from_icrf(const std::string& utc);
+
+// The UTC epoch, to a microsecond, of Ephemeris Time as SPICE counts it: seconds of TDB since J2000.0. 1960 to 2099;
+// throws ImpossibleRequest outside.
+std::string utc_of_et(double et_s);
 
 enum class BodyFrame { moon_me, moon_pa_de421, moon_pa_de440 };
 

@@ -38,6 +38,8 @@ class Sensor {
   void choose_integration_time(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
                                const StopToken& stop = {});
   double integration_time_s() const { return model_.detector.integration_time_s; }
+  // Electrons that light of a radiance frees in the middle of the field, without noise.
+  double signal_e(double radiance_w_m2_sr) const;
   // Share of saturated pixels of the last image.
   double saturated_fraction() const { return read_out_.saturated_fraction; }
   // Smear alone as a share of a pixel's capacity: maximum over all but the brightest thousandth of the columns.

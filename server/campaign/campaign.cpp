@@ -182,10 +182,13 @@ class Campaign {
     return line.problem ? Answer{Outcome::bad, {}, 0} : frames_.render(line);
   }
 
-  void count(const RenderedFrame& frame) {
+  void count(const RenderedFrame& frame, const Answer& answer) {
+    const api::Json warnings = api::Json::parse(header_of(answer.response, "Selenograph-Warnings"), nullptr, false);
     const std::lock_guard lock(mutex_);
     ++tally_.rendered;
     tally_.outside += frame.missing_fraction.has_value();
+    if (warnings.is_array())
+      for (const api::Json& text : warnings) ++tally_.warnings[text.get<std::string>()];
   }
 
   // Both answer how many lines there are.
@@ -213,7 +216,7 @@ class Campaign {
       if (answer.outcome != Outcome::frame) return note(line, answer), progress.step(line.name);
       const RenderedFrame frame = frame_of(answer);
       folder.put(line, frame);
-      count(frame);
+      count(frame, answer);
       progress.step(line.name);
     });
     return lines.size();
@@ -260,7 +263,7 @@ class Campaign {
         // known.
         const RenderedFrame frame = frame_of(answer);
         tar.put(line, frame);
-        count(frame);
+        count(frame, answer);
       }
       progress.step(line.name);
       turn.done();

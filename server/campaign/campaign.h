@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <cstddef>
+#include <map>
 #include <string>
 
 #include "api/service.h"
@@ -26,10 +27,11 @@ struct CampaignOptions {
 
 // Outcome of a shard's lines.
 struct CampaignTally {
-  std::size_t rendered = 0, kept = 0;  // kept: existed already
-  std::size_t bad = 0;                 // can never become a frame
-  std::size_t failed = 0;              // temporary failure: an unreadable file, no memory
-  std::size_t outside = 0;             // frames with pixels on the Moon outside the data
+  std::size_t rendered = 0, kept = 0;           // kept: existed already
+  std::size_t bad = 0;                          // can never become a frame
+  std::size_t failed = 0;                       // temporary failure: an unreadable file, no memory
+  std::size_t outside = 0;                      // frames with pixels on the Moon outside the data
+  std::map<std::string, std::size_t> warnings;  // how many frames have each
   bool interrupted = false;
 };
 

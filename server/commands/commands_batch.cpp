@@ -78,6 +78,7 @@ void print_tally(const CampaignTally& tally, const std::string& folder) {
   if (tally.outside > 0)
     fmt::print("{} of the frames have pixels that look at the Moon outside the data: black, NaN or 65535 there\n",
                tally.outside);
+  for (const auto& [text, frames] : tally.warnings) fmt::print("warning, of {} frames: {}\n", frames, text);
   if (tally.bad > 0) fmt::print("{} lines can never be a frame: see the journal\n", tally.bad);
   if (tally.failed > 0)
     fmt::print("{} lines could not be rendered now: see the journal, and run again\n", tally.failed);

@@ -130,7 +130,7 @@ api::Json at_epoch(api::Json body, Epoch epoch) {
   api::Json& sun = body["sun"];
   if (sun.is_null()) sun = api::Json::object();
   if (!sun.is_object()) return body;
-  for (const char* other : {"direction", "subsolar", "local"})
+  for (const char* other : {"direction", "subsolar", "local", "et_s"})
     if (sun.contains(other)) {
       const std::string why = std::string("cannot be combined with --utc, which says where the Sun is");
       throw api::RequestError("invalid_request", why, {{std::string("/sun/") + other, why}});

@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "api/encode/negotiate.h"
+#include "api/json/json_reader.h"
 #include "api/service.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
@@ -47,10 +48,14 @@ int render(const RenderSettings& settings) {
   }
   write_whole(settings.output, answer.body);
   fmt::print("{}: {} bytes\n", settings.output, answer.body.size());
-  for (const auto& [name, value] : answer.headers)
+  for (const auto& [name, value] : answer.headers) {
+    if (name == "Selenograph-Warnings")
+      for (const api::Json& text : api::Json::parse(value))
+        fmt::print("{}: warning: {}\n", settings.output, text.get<std::string>());
     if (name == "Selenograph-Missing-Fraction")
       fmt::print("{}: a share of {} of the pixels looks at the Moon outside the data: black, NaN or 65535 there\n",
                  settings.output, value);
+  }
   return 0;
 }
 

@@ -281,7 +281,7 @@ class Campaign(unittest.TestCase):
             log = self.log_of(folder, check)
         if (ended["JobState"], ended["ExitCode"]) != ("COMPLETED", "0:0"):
             lost = {t: text for t, text in self.logs_of_tasks(folder, job).items()
-                    if not re.search(r"rendered, \d+ were there\n[^\n]*\n?$", text)}
+                    if not re.search(r"rendered, \d+ were there\n(?:(?:warning, of|\d+ of the frames) [^\n]*\n)*[^\n]*\n?$", text)}
             with open(self.cluster.path("slurmctld.log")) as file:
                 said = [line for line in file if any(f"{job}_{task}" in line for task in lost)]
             self.fail("\n".join([log[-200:], *lost.values(), *said]))

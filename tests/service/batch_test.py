@@ -159,6 +159,17 @@ class Frames(Batch):
                     self.assertEqual(entry["line"], i + 1)
         service.expect_clean_stop()
 
+    def test_warnings_are_told_once(self):
+        """However many frames have the same trouble; the texts are constant."""
+        suns = [{"local": {"lat_deg": 0, "lon_deg": 30, "azimuth_deg": 90, "elevation_deg": up}} for up in (-20, -21, -22, 30)]
+        lines = [frame_request(["image"], width=16, height=16, sun=sun) for sun in suns]
+        for form in ("npz", "png"):
+            done = batch(manifest(lines, "dark.jsonl"), "dark-" + form, "--format", form)
+            self.assertEqual(done.returncode, DONE, done.stderr)
+            said = [line for line in done.stdout.splitlines() if line.startswith("warning")]
+            self.assertEqual(len(said), 1, done.stdout)
+            self.assertRegex(said[0], "^warning, of 3 frames: no signal")
+
     def test_names_are_the_lines_numbers(self):
         lines = [json.dumps(r) for r in requests(4)]
         self.assert_status(batch(manifest([lines[0], "", lines[1], json.dumps({"name": "b", **next(requests(1))})]), "out"), DONE)

@@ -84,9 +84,9 @@ class Detail(unittest.TestCase):
                 accuracy = {} if aim is None else {"max_detail_error_px": aim}
                 _, meta, _ = self.arrays(self.request(("radiance",), camera=camera, accuracy=accuracy, **view))
                 self.assertLessEqual(meta["detail_error_px"], meta["lod_error_px"])
-                reached = [w for w in meta["warnings"] if w.startswith("max_detail_error_px was relaxed from ")]
-                limit = float(reached[0].split(" to ")[1].split(":")[0]) if reached else aim or 2
-                self.assertLessEqual(meta["detail_error_px"], limit)
+                reached = [w for w in meta["warnings"] if w.startswith("max_detail_error_px was relaxed (detail_limit_px)")]
+                self.assertEqual(meta["detail_limit_px"] > (aim or 2), bool(reached))
+                self.assertLessEqual(meta["detail_error_px"], meta["detail_limit_px"])
                 self.assertEqual(bool(reached), "pose" in view, meta["warnings"])
 
     def test_the_aim_for_detail_is_a_bound(self):

@@ -48,7 +48,8 @@ class ETags(unittest.TestCase):
                 continue
             self.assertEqual(status, 200, tight_body[:300])
             self.assertEqual(headers["ETag"] == tight_headers["ETag"], body == tight_body)
-            warned = [w for w in meta_of(tight_body)["warnings"] if "max_shadow_error_px was relaxed from 0.25 to" in w]
+            warned = [w for w in meta_of(tight_body)["warnings"] if "max_shadow_error_px was relaxed (shadow_limit_px)" in w]
+            self.assertEqual(meta_of(tight_body)["shadow_limit_px"] > 0.25, bool(warned))
             self.assertEqual(len(warned), int(headers["ETag"] != tight_headers["ETag"]))
             gave_way += len(warned)
             same += body == tight_body

@@ -145,7 +145,7 @@ class Documented(unittest.TestCase):
         missing = ("Selenograph-Missing-Fraction",)  # of frames and maps that run off the data
         if operation.path == "/v1/maps":
             return missing
-        missing += ("Selenograph-Echo",)  # of requests with an echo
+        missing += ("Selenograph-Warnings", "Selenograph-Echo")  # of requests with an echo
         if headers.get("Content-Type") not in ("application/x-npy", "application/octet-stream"):
             return missing + ("Selenograph-Product", "Selenograph-Shape", "Selenograph-Dtype", "Selenograph-Meta")
         return missing

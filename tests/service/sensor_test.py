@@ -100,6 +100,25 @@ class SensorTest(unittest.TestCase):
         self.assertTrue(any("no signal" in w for w in night["meta"]["warnings"]), night["meta"]["warnings"])
         self.assertEqual(self.frame()["meta"]["warnings"], [])
 
+    def test_a_signal_below_the_noise_is_warned_of(self):
+        """Nanometres as micrometres, metres as micrometres: an image of noise alone."""
+        noise = {"read_noise_e": 10.0}
+        good = self.frame(detector=noise)["meta"]
+        self.assertEqual(good["warnings"], [])
+        self.assertGreater(good["exposure"]["brightest_signal_e"], 100)
+        pitch_um = SENSOR["detector"]["pixel_pitch_um"]
+        for detector in ({"pixel_pitch_um": pitch_um * 1e-6}, {"integration_time_s": 1e-9}):
+            meta = self.frame(detector={**noise, **detector})["meta"]
+            self.assertRegex("".join(meta["warnings"]), "the signal is below the read noise.*pixel pitch")
+        # At the limit: of pixels of a tenth of the side, a hundredth of the electrons.
+        limit_e = good["exposure"]["brightest_signal_e"] / 100
+        for read_noise_e, warned in ((1.01 * limit_e, True), (0.99 * limit_e, False)):
+            meta = self.frame(detector={"pixel_pitch_um": pitch_um / 10, "read_noise_e": read_noise_e, "gain_e_dn": 1e-3})["meta"]
+            self.assertAlmostEqual(meta["exposure"]["brightest_signal_e"] / limit_e, 1, 6)
+            self.assertEqual(any("below the read noise" in w for w in meta["warnings"]), warned, meta["warnings"])
+        nanometres = self.frame(detector=noise, band={"center_um": 550.0, "width_um": 100.0})["meta"]["warnings"]
+        self.assertTrue(any("read noise" in w for w in nanometres) and any("nanometres" in w for w in nanometres), nanometres)
+
     def test_two_times_or_none_are_refused(self):
         for detector, exposure in (({"integration_time_s": 0.01}, {"target_fill": 0.5}), ({}, None)):
             sensor = copy.deepcopy(SENSOR)

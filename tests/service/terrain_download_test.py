@@ -18,6 +18,9 @@ from harness import REPOSITORY, Service, frame_request
 TOOL = os.path.join(REPOSITORY, "deploy", "terrain")
 NAME = "DTM_MAP_01_N01E030N00E031SC"
 BOUNDS = ("--bounds", "0.1", "0.9", "30.1", "30.9")
+ARCHIVE = "pub/pds3/sln-l-tc-5-sldem2013-v1.0/"
+WAC = "data/LRO-L-LROC-5-RDR-V1.0/LROLRC_2001/DATA/MDR/WAC_EMP/WAC_EMP_643NM_E300N0450_304P.IMG"
+MOON_KIT = "vis/a000000/a004700/a004720/lroc_color_poles_2k.tif"
 
 
 class Archive(http.server.ThreadingHTTPServer):
@@ -100,7 +103,7 @@ def tearDownModule():
 class Downloads(unittest.TestCase):
     def setUp(self):
         self.archive = Archive()
-        self.image, self.label = f"lon030/data/{NAME}.img", f"lon030/data/{NAME}.lbl"
+        self.image, self.label = f"{ARCHIVE}lon030/data/{NAME}.img", f"{ARCHIVE}lon030/data/{NAME}.lbl"
         for path in (self.image, self.label):
             with open(harness.path("tile", os.path.basename(path)), "rb") as file:
                 self.archive.files[path] = file.read()
@@ -153,7 +156,7 @@ class Downloads(unittest.TestCase):
 
     def test_sizes_and_labels_are_checked(self):
         self.archive.files[self.image] = self.archive.files[self.image][:-2]
-        self.archive.files[self.label] = b"<html>please log in</html>"
+        self.archive.files[self.label] = b"not a label"
         _, said = self.get(status=1)
         self.assertIn("has 33554430 bytes, expected 33554432", said)
         self.assertIn("is not a PDS3 label", said)
@@ -198,14 +201,44 @@ class Downloads(unittest.TestCase):
         process.wait()
 
     def test_sites_and_maps(self):
-        self.archive.files = {"WAC_EMP_643NM_E300N0450_304P.IMG": b"pixels"}
-        self.get(product="wac-albedo", region=("--site", "E300N0450"))
+        self.archive.files = {WAC: b"pixels"}
+        self.get(product="albedo", region=("--bounds", "10", "20", "10", "20"))
         with open(os.path.join(self.folder, "WAC_EMP_643NM_E300N0450_304P.json"), encoding="utf-8") as file:
             description = json.load(file)
         # I/F = pi mu0 rho / (2 pi) / (mu0 + mu) at 30 degrees of incidence, 0 of emission.
         self.assertAlmostEqual(1 / description["scale"], 0.5 * 0.8660254 / 1.8660254, places=6)
-        _, said = self.get(product="nac", region=("--site", "../x"), status=1)
+        _, said = self.get(product="nac-dtm", region=("--site", "../x"), status=1)
         self.assertIn("--site ../x: names have letters, digits and _", said)
+
+    def test_a_colour_map_becomes_an_albedo(self):
+        """Fetched into the maps of an assets folder, the Moon Kit is rho as its publisher's equation makes it of the red band."""
+        red, assets = 100, harness.path("assets-moon-kit")
+        picture = b"P6 64 32 255\n" + bytes((red, 200, 50)) * (64 * 32)
+        made = harness.path("moon-kit.tif")
+        subprocess.run(["gdal_translate", "-q", "-of", "GTiff", "/vsistdin/", made], input=picture, check=True)
+        with open(made, "rb") as file:
+            self.archive.files = {MOON_KIT: file.read()}
+        self.folder = os.path.join(assets, "maps")
+        self.get(product="albedo", region=("--site", "lroc_color_poles_2k"))
+        harness.sample("coarse", "--south-deg", "0", "--west-deg", "30", "--rows", "1", "--columns", "1", "--ppd", "256")
+        service = Service("--assets-dir", assets, dem="coarse", cache="cache-coarse")
+        try:
+            # Level ground: of two frames with the map and with the constant, the ratio is that of the rhos.
+            frames = [service.arrays(frame_request(["radiance"], surface=surface))["radiance"].sum(dtype=float)
+                      for surface in ({"albedo_maps": ["lroc_color_poles_2k"]}, {"reflectance": {"rho": 0.12}})]
+        finally:
+            service.stop()
+        radiance_factor = ((0.16 + 0.24 * red / 255) / 0.935) ** 2.8
+        # I/F = pi mu0 rho / (2 pi) / (mu0 + mu) at 60 degrees of incidence, 0 of emission.
+        self.assertAlmostEqual(frames[0] / frames[1], radiance_factor * 2 * 1.5 / 0.5 / 0.12, places=4)
+
+    def test_web_pages_and_folders_that_cannot_be_written(self):
+        self.archive.files = {MOON_KIT: b"<!DOCTYPE html><title>log in</title>"}
+        _, said = self.get(product="albedo", region=("--site", "lroc_color_poles_2k"), status=1)
+        self.assertIn("lroc_color_poles_2k.tif: is a web page", said)
+        self.assertEqual(set(os.listdir(self.folder)), {".terrain.lock"})
+        self.folder = harness.path("tile", NAME + ".lbl")
+        self.assertEqual(self.get(status=1)[1], f"deploy/terrain: -o {self.folder}: File exists\n")
 
 
 class Names(unittest.TestCase):
@@ -226,19 +259,56 @@ class Names(unittest.TestCase):
                          [f"SLDEM2015_512_30S_00S_{x}_FLOAT.{e}" for x in ("000_045", "045_090") for e in ("LBL", "IMG")])
 
     def test_nothing_is_asked_twice(self):
-        for product in ("sldem2013", "kaguya-seamless", "sldem2015"):
-            urls = self.urls(product, "--bounds", "-2", "2", "-180", "180")
-            self.assertEqual(len(urls), len(set(urls)))
+        for product in ("sldem2013", "kaguya-seamless", "sldem2015", "albedo"):
+            for west, east in (("-180", "180"), ("0.5", "360.5")):
+                urls = self.urls(product, "--bounds", "-2", "2", west, east)
+                self.assertEqual(len(urls), len(set(urls)))
+
+    def test_regions_across_the_date_line_and_at_poles(self):
+        for west, east in (("179.5", "-179.5"), ("179.5", "180.5")):
+            self.assertEqual(self.urls("sldem2013", "--bounds", "0.2", "0.8", west, east)[1::2],
+                             ["DTM_MAP_01_N01E179N00E180SC.img", "DTM_MAP_01_N01E180N00E181SC.img"])
+        self.assertEqual(self.urls("sldem2013", "--bounds", "-90", "-89.5", "0", "1")[1], "DTM_MAP_01_S89E000S90E001SC.img")
+        self.assertEqual(self.urls("kaguya-seamless", "--bounds", "83", "90", "0", "1")[1], "DTM_MAPs02_N84E000N81E003SC.img")
+
+    def test_files_that_cover_a_region(self):
+        self.assertEqual(self.urls("lola", "--bounds", "0", "1", "0", "1")[1], "LDEM_128.IMG")
+        self.assertEqual(self.urls("lola-polar", "--bounds", "-90", "-86", "-180", "180")[1], "LDEM_85S_10M.IMG")
+        self.assertEqual(self.urls("lola-polar", "--bounds", "50", "90", "0", "10")[1], "LDEM_45N_400M.IMG")
+        self.assertEqual(self.urls("albedo", "--bounds", "50", "70", "350", "10"),
+                         [f"WAC_EMP_643NM_{tile}_304P.IMG" for tile in ("E300N3150", "E300N0450", "P900N0000")])
+
+    def test_products_and_paths_of_a_mirror(self):
+        done = subprocess.run([sys.executable, TOOL, "list"], capture_output=True, text=True, check=True)
+        self.assertEqual([line.split()[0] for line in done.stdout.splitlines() if line[0] != " "],
+                         ["sldem2013", "kaguya-seamless", "sldem2015", "lola", "lola-polar", "polar-site", "lola-80m", "nac-dtm",
+                          "albedo"])
+        for product, region, path in (
+                ("sldem2013", ("--bounds", "26.2", "26.8", "3.2", "3.8"), ARCHIVE + "lon003/data/DTM_MAP_01_N27E003N26E004SC.lbl"),
+                ("polar-site", ("--site", "Haworth"), "data/LOLA_5mpp/Haworth/Haworth_final_adj_5mpp_surf.tif"),
+                ("albedo", ("--site", "lroc_color_poles_2k"), MOON_KIT)):
+            done = subprocess.run([sys.executable, TOOL, "get", product, *region, "-o", "unused", "--dry-run", "--base-url",
+                                   "http://mirror:1/moon/"], capture_output=True, text=True, check=True)
+            self.assertEqual(done.stdout.split()[0], "http://mirror:1/moon/" + path)
 
     def test_wrong_requests(self):
         for arguments, said in ((("sldem2013", "--site", "A"), "has tiles: give --bounds"),
-                                (("nac", "--bounds", "0", "1", "0", "1"), "has named files: give --site"),
+                                (("nac-dtm", "--bounds", "0", "1", "0", "1"), "has named files: give --site"),
                                 (("lola", "--site", "LDEM_3"), "unknown; known are LDEM_4"),
                                 (("sldem2013", "--bounds", "1", "0", "0", "1"), "south below north"),
+                                (("sldem2013", "--bounds", "0", "1", "4", "3"), "4 is east of 3. Are they in each other's place?"),
+                                (("sldem2013", "--bounds", "0", "1", "5", "5"), "west below east"),
+                                (("sldem2013", "--bounds", "nan", "1", "0", "1"), "south below north"),
+                                (("lola-polar", "--bounds", "-10", "80", "0", "1"), "no file of this product covers the region"),
                                 (("sldem2015", "--bounds", "70", "80", "0", "1"), "ends at 60 degrees")):
             done = subprocess.run([sys.executable, TOOL, "get", *arguments, "-o", "unused", "--dry-run"], capture_output=True, text=True,
                                   check=False)
             self.assertEqual(done.returncode, 1, arguments)
+            self.assertIn(said, done.stderr)
+        for option, value, said in (("--jobs", "0", "0 is not above 0"), ("--base-url", "file:///srv", "does not begin with http")):
+            done = subprocess.run([sys.executable, TOOL, "get", "lola", "--site", "LDEM_4", "-o", "unused", option, value],
+                                  capture_output=True, text=True, check=False)
+            self.assertEqual(done.returncode, 2, option)
             self.assertIn(said, done.stderr)
 
 

@@ -160,8 +160,51 @@ class View(unittest.TestCase):
     def test_nothing_lit_says_where_the_sun_stands(self):
         sun = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0, "elevation_deg": -12.0}}
         said = self.warned(nadir(), sun=sun)
-        self.assertIn("nothing in view is lit", said)
-        self.assertIn("-12.0", said)
+        self.assertIn("nothing in view is lit (view.sun:", said)
+
+    def test_the_inverse_of_an_attitude_that_sees_the_limb(self):
+        """A boresight in the sky and some ground in the image: the inverse is named where it clearly sees more ground."""
+        there = cartesian(LAT, LON, 20000.0)
+        up = there / np.linalg.norm(there)
+        north = np.array([0, 0, 1.0]) - up[2] * up
+        north /= np.linalg.norm(north)
+        west = np.cross(up, north)
+        for roll_deg, tilt_deg, named in ((30, 0, True), (60, 30, True), (180, 15, True), (60, 60, True),  # 2.4 times as much
+                                          (210, 60, False), (150, 75, False), (30, 75, False)):  # 1.8 times or less
+            roll, tilt = np.radians(roll_deg), np.radians(tilt_deg)
+            boresight = -np.cos(tilt) * up + np.sin(tilt) * north
+            right = looking(there, boresight, np.cos(roll) * (np.cos(tilt) * north + np.sin(tilt) * up) + np.sin(roll) * west)
+            wrong = {"position_m": right["position_m"], "moon_from_camera_matrix": right["camera_from_moon_matrix"]}
+            shares, texts = [], []
+            for pose in (right, wrong):
+                _, meta, _ = self.ask(pose, ("radiance",), camera={"width": 64, "height": 64, "fov_deg": 90.0})
+                shares.append(meta["hit_fraction"] + meta["missing_fraction"])
+                texts.append([w for w in meta["warnings"] if "the boresight is in the sky" in w])
+            with self.subTest(roll_deg=roll_deg, tilt_deg=tilt_deg, shares=shares):
+                self.assertTrue(0.05 < shares[1] < 0.6)
+                self.assertIsNone(meta["view"]["sphere"], "the boresight is to be in the sky")
+                self.assertEqual(texts[0], [], "the right attitude looks at the ground")
+                self.assertEqual(len(texts[1]), int(named))
+                if named:
+                    self.assertIn("the inverse attitude would see the ground: is it the inverse", texts[1][0])
+
+    def test_texts_of_warnings_are_constant(self):
+        """Frames of a loop with the same trouble have the same text, so that it can be told once; numbers are data."""
+        for changes in ([{"pose": nadir(lat_deg=lat, lon_deg=lon)} for lat, lon in ((LON, LAT), (LON + 0.1, LAT))],  # no data
+                        [{"pose": nadir(), "sun": {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0,
+                                                             "elevation_deg": up}}} for up in (-12.0, -15.0)],
+                        [{"pose": looking(cartesian(LAT, LON, h), cartesian(LAT, LON + lon, 0), [0, 0, 1])}
+                         for h, lon in ((20000.0, 0.0), (25000.0, 3.0))],  # away from the Moon
+                        [{"pose": nadir(height_m=h)} for h in (800.0, 700.0)],
+                        [{"pose": nadir(), "image": {"full_scale_radiance": s}} for s in (0.5, 0.6)],
+                        [{"pose": nadir(), "band": {"center_um": c, "width_um": 100.0}} for c in (550.0, 650.0)]):
+            texts = [self.ask(products=("image", "radiance"), **one)[1]["warnings"] for one in changes]
+            self.assertTrue(texts[0], changes)
+            self.assertEqual(texts[0], texts[1])
+
+    def test_a_band_in_nanometres(self):
+        self.assertIn("nanometres", self.warned(nadir(), band={"center_um": 550.0, "width_um": 100.0}))
+        self.assertEqual(self.warned(nadir(), band={"center_um": 0.55, "width_um": 0.1}), "")
 
     def test_posts_wider_than_eight_pixels(self):
         self.assertIn("pixels wide", self.warned(nadir(height_m=800.0)))

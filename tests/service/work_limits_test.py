@@ -44,6 +44,24 @@ LENS = {"model": "pinhole", "width": 4096, "height": 2048, "fx": 900.0,
         "distortion": {"model": "brown_conrady", "k1": -0.21, "k2": 0.07, "k3": -0.01, "p1": 0.006, "p2": -0.004}}
 
 
+class SmallMemoryTest(WithService):
+    @classmethod
+    def setUpClass(cls):
+        harness.sample("fine", "--south-deg", "-1", "--west-deg", "29", "--rows", "2", "--columns", "2", "--ppd", "512")
+        cls.service = harness.Service("--scene-mb", "16", dem="fine", cache="cache-fine")
+
+    def test_refusals_name_members_of_their_own_request(self):
+        """A map has no camera: what its refusal points at and advises is in a map's request."""
+        area = {"projection": "orthographic", "center": {"lat_deg": 0.0, "lon_deg": 30.0}, "width_m": 2e5, "height_m": 2e5, "gsd_m": 2e5}
+        asked = {"map": area, "products": ["height"], "accuracy": {"max_error_px": 0}}
+        problem = self.problem(self.service.post("/v1/maps", asked), 422)
+        self.assertEqual([e["pointer"] for e in problem["errors"]], ["/map/gsd_m"])
+        self.assertIn("ask for a larger gsd_m or max_error_px", problem["detail"])
+        high = {"geodetic": {"lat_deg": 0.0, "lon_deg": 30.0, "height_m": 2e5}, "nadir": {}}
+        problem = self.problem(self.service.frame(frame_request(pose=high, accuracy={"max_error_px": 0})), 422)
+        self.assertEqual([e["pointer"] for e in problem["errors"]], ["/accuracy/max_error_px"])
+
+
 class WorkLimitsTest(WithService):
     @classmethod
     def setUpClass(cls):

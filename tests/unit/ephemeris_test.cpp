@@ -101,6 +101,37 @@ TEST(SunAt, LeapSecondsAreSecondsOfTheirOwn) {
   EXPECT_NEAR((after - leap).norm(), 2.46e-6, 0.1e-6);
 }
 
+TEST(SunAt, KnowsDaysOfTheYear) {
+  EXPECT_EQ(sun_at("2026-324T06:30:00.25").direction, sun_at("2026-11-20T06:30:00.25Z").direction);
+  EXPECT_EQ(sun_at("2026-001T00:00:00Z").direction, sun_at("2026-01-01T00:00:00Z").direction);
+  EXPECT_EQ(sun_at("2028-060T00:00:00Z").direction, sun_at("2028-02-29T00:00:00Z").direction);
+  EXPECT_EQ(sun_at("2016-366T23:59:60Z").direction, sun_at("2016-12-31T23:59:60Z").direction);
+}
+
+// NAIF's str2et is within 30 microseconds of ERFA: it has one term of the difference between TDB and TT.
+TEST(UtcOfEt, AgreesWithSpice) {
+  const struct {
+    double et_s;
+    const char* minute;
+    double second;
+  } cases[] = {
+      {0, "2000-01-01T11:58:", 55.816072737},
+      // Half a minute after two that NAIF prints, so that rounding doesn't change the minute.
+      {64.183927284731055 + 30, "2000-01-01T12:00:", 30},  // "Time Required Reading"
+      {140254384.184625 + 30, "2004-06-11T19:32:", 30},    // lesson "Remote Sensing"
+      {536500868.684, "2016-12-31T23:59:", 60.5},          // in a leap second; TDB is TT here to 0.1 ms
+  };
+  for (const auto& c : cases) {
+    const std::string utc = utc_of_et(c.et_s);
+    EXPECT_EQ(utc.size(), 27u) << utc;
+    EXPECT_EQ(utc.substr(0, 17), c.minute) << utc;
+    EXPECT_NEAR(std::stod(utc.substr(17)), c.second, 2e-4) << utc;
+  }
+  for (const double et_s : {-1.3e9, 3.2e9, 1e300, -1e300, std::nan("")})
+    EXPECT_THROW(utc_of_et(et_s), ImpossibleRequest) << et_s;
+  EXPECT_EQ(utc_of_et(3155716800.0 + 69.184 - 1).substr(0, 19), "2099-12-31T23:59:59");
+}
+
 TEST(SunAt, RejectsInvalidEpochs) {
   const struct {
     const char *utc, *complaint;
@@ -124,6 +155,12 @@ TEST(SunAt, RejectsInvalidEpochs) {
       {"2017-12-31T23:59:60Z", "leap second"},
       {"2016-12-31T23:59:61Z", "second"},
       {"2026-11-20T09:00:00+09:00", "offset"},
+      {"2026-11-20T00:01:09.184 TDB", "et_s"},
+      {"2026-11-20T00:01:09.184TT", "et_s"},
+      {"2026-000T00:00:00Z", "no such day"},
+      {"2026-366T00:00:00Z", "no such day"},
+      {"2026-32T00:00:00Z", "expected YYYY"},
+      {"2026-3240T00:00:00Z", "expected YYYY"},
       {"1959-12-31T00:00:00Z", "1960 to 2099"},
       {"2100-01-01T00:00:00Z", "1960 to 2099"},
   };
@@ -134,6 +171,7 @@ TEST(SunAt, RejectsInvalidEpochs) {
   }
   EXPECT_LT(complaint_about(std::string(100000, '7')).size(), 200u);
   EXPECT_EQ(complaint_about("2028-02-29T00:00:00Z"), "accepted");
+  EXPECT_EQ(complaint_about("2028-366T00:00:00Z"), "accepted");
   EXPECT_EQ(complaint_about("1960-01-01T00:00:00Z"), "accepted");
   EXPECT_EQ(complaint_about("2099-12-31T23:59:59.999999Z"), "accepted");
 }

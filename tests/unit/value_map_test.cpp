@@ -274,6 +274,11 @@ TEST_F(ValueMaps, PicturesFollowTheirDescription) {
   told.bands = {3};
   EXPECT_NEAR(mean(opened(told), 0, -5), 0.23, 1e-6);
   EXPECT_NEAR(mean(opened(told), 9.5, 350.5), 0.305, 1e-6);
+  const std::uint64_t linear = opened(told).fingerprint();
+  told.exponent = 2.8;
+  EXPECT_NEAR(mean(opened(told), 0, -5), std::pow(0.23, 2.8), 1e-6);
+  EXPECT_NE(opened(told).fingerprint(), linear);
+  told.exponent = 1;
   const std::uint64_t fingerprint = opened(told).fingerprint();
   told.high = 0.25;
   EXPECT_NEAR(mean(opened(told), 9.5, 350.5), 0.25, 1e-6);

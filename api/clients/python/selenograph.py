@@ -1148,6 +1148,11 @@ class Sun(dict):
         """By epoch: ISO 8601, e.g. "2026-11-20T00:00:00Z", or a datetime with its time zone."""
         return cls(utc=when if isinstance(when, str) else _utc_text(when), **more)
 
+    @classmethod
+    def et(cls, et_s: float, **more: Any) -> Sun:
+        """By SPICE's Ephemeris Time: seconds of TDB since J2000.0, as str2et gives them."""
+        return cls(et_s=float(et_s), **more)
+
 
 def _utc_text(when: datetime.datetime) -> str:
     if when.tzinfo is None:
@@ -1638,8 +1643,8 @@ def _stages(timing: Mapping[str, float]) -> str:
 
 
 def _warn_of(path: str, answer: Answer) -> None:
-    """What the service says against a frame, as far as its format tells."""
-    texts = Frame(answer).warnings if answer.media_type == MEDIA_TYPES[".npz"] else []
+    """What the service says against a frame."""
+    texts = json.loads(answer.headers.get("Selenograph-Warnings", "[]"))
     missing = answer.headers.get("Selenograph-Missing-Fraction")
     if missing:
         texts.append(f"{100 * float(missing):.3g} % of the pixels look at the Moon where there is no data")

@@ -164,6 +164,15 @@ class Frames(WithClient):
             list(self.client.frames([dark]))
         self.assertEqual(caught.filename, __file__)
 
+    def test_a_loop_is_warned_once(self):
+        """Texts are constant: Python's own filter shows the same trouble of many frames once."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("default", selenograph.FrameWarning)
+            for elevation_deg in (-40, -41, -42):
+                sun = Sun.local(lat_deg=-6.5, lon_deg=40, azimuth_deg=90, elevation_deg=elevation_deg)
+                self.client.frame(request_at(0, sun=sun))
+        self.assertEqual(len([w for w in caught if w.category is selenograph.FrameWarning]), 1)
+
 
 class InOrder(WithClient):
     COUNT = 9

@@ -130,25 +130,27 @@ void add_position(Members<Form, Value>& m) {
         "frame of position_m and of the attitude: a body-fixed lunar frame, or ICRF axes at the Moon's centre; J2000 "
         "is taken as ICRF, 0.02 arcsec away");
   m.add("utc", &Form::utc, Text{}, "epoch for ICRF, ISO 8601; left out: the Sun's");
+  m.add("et_s", &Form::et_s, Number{kAnyNumber, "s"}, std::string(kEtMeaning));
   m.add("position_m", &Form::position_m, Vector{kCoordinate_m, "m"}, "Cartesian position");
   m.add("geodetic", &Form::geodetic, Object{geodetic_members()}, "position in MOON_ME; not with another `frame`");
   m.exactly_one({"position_m", "geodetic"});
+  m.excludes("utc", {"et_s"});
 }
 
 // Rotates vectors of the form's frame into MOON_ME.
 std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const PositionForm& form,
                                              const ReadContext& context) {
-  const std::string utc = form.utc.value_or(context.sun_utc);
+  const bool given = form.utc || form.et_s;
   if (form.frame) {
-    if (!form.utc) return engine::moon_me_from(*form.frame);
-    in.fail("utc", "goes with \"frame\": \"ICRF\": the Moon's frames turn with it");
-  } else if (utc.empty()) {
-    in.fail("frame", "ICRF needs an epoch: \"utc\" here, or a Sun given by \"utc\"");
+    if (!given) return engine::moon_me_from(*form.frame);
+    in.fail(form.member(), "goes with \"frame\": \"ICRF\": the Moon's frames turn with it");
+  } else if (!given && context.sun_utc.empty()) {
+    in.fail("frame", "ICRF needs an epoch: \"utc\" or \"et_s\" here, or of the Sun");
   } else {
     try {
-      return engine::moon_me_from_icrf(utc);
+      return engine::moon_me_from_icrf(given ? form.as_utc() : context.sun_utc);
     } catch (const ImpossibleRequest& e) {
-      in.fail("utc", e.what());
+      in.fail(form.member(), e.what());
     }
   }
   return std::nullopt;
@@ -313,6 +315,8 @@ ObjectPoseForm form_of(const ObjectPose& pose) {
 }
 
 }  // namespace
+
+std::string EpochForm::as_utc() const { return et_s ? engine::utc_of_et(*et_s) : utc.value_or(std::string()); }
 
 Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
   if (!is_unit(q.coeffs())) q.normalize();

@@ -26,7 +26,9 @@ inline constexpr std::pair<std::string_view, PoseFrame> kPoseFrames[] = {
 };
 inline constexpr std::pair<std::string_view, std::string_view> kOtherFrames[] = {
     {"MOON_PA", "principal axes belong to an ephemeris: \"MOON_PA_DE421\" or \"MOON_PA_DE440\"? MOON_ME is 860 m away"},
-    {"IAU_MOON", "IAU_MOON agrees with \"MOON_ME\" to 0.01 degrees, 300 m on the ground"},
+    {"IAU_MOON",
+     "IAU_MOON is up to 0.01 degrees, 300 m on the ground, from MOON_ME: rotate the pose (SPICE: pxform(\"IAU_MOON\", "
+     "\"MOON_ME\", et)), or say \"MOON_ME\" where that does not matter"},
     {"EME2000", "EME2000 is \"J2000\""},
 };
 
@@ -54,10 +56,21 @@ struct QuaternionForm {
   double w = 0, x = 0, y = 0, z = 0;
 };
 
-// Position, common to cameras and objects.
-struct PositionForm {
+// An epoch, as UTC or as seconds of TDB since J2000.0.
+struct EpochForm {
+  std::optional<std::string> utc;
+  std::optional<double> et_s;
+  // Name of the member that is given.
+  const char* member() const { return et_s ? "et_s" : "utc"; }
+  // As UTC; empty: none is given. Throws ImpossibleRequest.
+  std::string as_utc() const;
+};
+inline constexpr std::string_view kEtMeaning =
+    "Ephemeris Time as SPICE counts it, seconds of TDB since J2000.0; in place of utc";
+
+// Position, common to cameras and objects; its epoch is ICRF's.
+struct PositionForm : EpochForm {
   PoseFrame frame = engine::BodyFrame::moon_me;
-  std::optional<std::string> utc;  // epoch for ICRF
   std::optional<Vec3> position_m;
   std::optional<Geographic> geodetic;
 };

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include "api/json/ranges.h"
-#include "api/requests/parts/pose_json.h"
 #include "api/schema/member_kinds.h"
 #include "dem/support/error.h"
 #include "engine/radiometry/ephemeris.h"
@@ -37,19 +36,20 @@ std::optional<Sun> resolve_sun(const JsonReader& in, const SunForm& form, const 
   if (form.subsolar) sun.direction = to_cartesian(*form.subsolar).normalized();
   if (const auto& l = form.local)
     sun.direction = engine::sun_direction(local_axes(l->lat_deg, l->lon_deg), l->azimuth_deg, l->elevation_deg);
-  if (form.utc) {
+  const bool by_epoch = form.utc || form.et_s;
+  if (by_epoch) {
     try {
-      const engine::SunPosition position = engine::sun_at(*form.utc);
+      const engine::SunPosition position = engine::sun_at(form.as_utc());
       sun.direction = position.direction;
       sun.distance_au = position.distance_au;
     } catch (const ImpossibleRequest& e) {
-      in.fail("utc", e.what());
+      in.fail(form.member(), e.what());
       return std::nullopt;
     }
   }
   sun.distance_au = form.distance_au.value_or(sun.distance_au);
   // An epoch says what the Sun is like, unless the request does.
-  if (form.angular_radius_deg ? !form.angular_radius_deg->has_value() : form.utc.has_value()) {
+  if (form.angular_radius_deg ? !form.angular_radius_deg->has_value() : by_epoch) {
     sun.angular_radius_deg = engine::sun_radius_deg(sun.distance_au);
     if (sun.angular_radius_deg > kAngularRadius_deg.max) {
       in.fail("angular_radius_deg", fmt::format("is {:.3g} degrees at {} au: at most {}", sun.angular_radius_deg,
@@ -77,26 +77,34 @@ SunForm form_of(const Sun& sun) {
 std::string utc_of_sun(const Json& body) {
   if (!body.is_object() || !body.contains("sun") || !body["sun"].is_object()) return {};
   const Json& sun = body["sun"];
-  return sun.contains("utc") && sun["utc"].is_string() ? sun["utc"].get<std::string>() : std::string();
+  if (sun.contains("utc") && sun["utc"].is_string()) return sun["utc"].get<std::string>();
+  if (!sun.contains("et_s") || !sun["et_s"].is_number()) return {};
+  try {
+    return engine::utc_of_et(sun["et_s"].get<double>());
+  } catch (const ImpossibleRequest&) {
+    return {};  // refused where the Sun is read
+  }
 }
 
 const Members<SunForm, Sun>& sun_members() {
   static const auto table = made<Members<SunForm, Sun>>(
-      "Sun", "Exactly one of direction, subsolar, local, utc is required. Always MOON_ME.", [](auto& m) {
+      "Sun", "Exactly one of direction, subsolar, local, utc, et_s is required. Always MOON_ME.", [](auto& m) {
         m.add("direction", &SunForm::direction, Vector{kAnyNumber}, "toward the Sun; any length but zero");
         m.add("subsolar", &SunForm::subsolar, Object{place_members()}, "the sub-solar point");
         m.add("local", &SunForm::local, Object{local_members()}, "azimuth and elevation at a place");
-        m.add("utc", &SunForm::utc, Text{}, "epoch, ISO 8601, e.g. 2026-11-20T00:00:00Z");
+        m.add("utc", &SunForm::utc, Text{},
+              "epoch, ISO 8601, e.g. 2026-11-20T00:00:00Z or, by day of the year, 2026-324T00:00:00Z");
+        m.add("et_s", &SunForm::et_s, Number{kAnyNumber, "s"}, std::string(kEtMeaning));
         m.add("distance_au", &SunForm::distance_au, Number{kDistance_au, "au"},
-              "scales irradiance by 1/r^2; default: 1, with utc from the ephemeris");
+              "scales irradiance by 1/r^2; default: 1, with an epoch from the ephemeris");
         m.add("angular_radius_deg", &SunForm::angular_radius_deg, NumberOr{kAngularRadius_deg, "sun", "deg"},
               "angular radius of the solar disc; 0: a point Sun with hard shadows; \"sun\": the true radius at "
-              "distance_au; default: 0, with utc \"sun\"");
+              "distance_au; default: 0, with an epoch \"sun\"");
         m.add("limb_darkening", &SunForm::limb_darkening, Number{kUnitInterval},
               "coefficient u of limb darkening, 1 - u (1 - cos), cos: of the angle from the Sun's own vertical; about "
               "0.6 in the visible")
             .written_if([](const SunForm& form) { return form.limb_darkening > 0; });
-        m.exactly_one({"direction", "subsolar", "local", "utc"});
+        m.exactly_one({"direction", "subsolar", "local", "utc", "et_s"});
         m.resolve(resolve_sun);
         m.unresolve([](const Sun& sun) { return form_of(sun); });
       });

@@ -1,9 +1,10 @@
-// "sun": a direction toward the Sun, given in one of four ways.
+// "sun": a direction toward the Sun, given in one of five ways.
 #pragma once
 
 #include <optional>
 #include <string>
 
+#include "api/requests/parts/pose_json.h"
 #include "api/schema/members.h"
 #include "engine/frame/sun.h"
 
@@ -12,18 +13,17 @@ namespace selenograph::api {
 struct SunLocal {
   double lat_deg = 0, lon_deg = 0, azimuth_deg = 0, elevation_deg = 0;
 };
-struct SunForm {
+struct SunForm : EpochForm {
   std::optional<Vec3> direction;
   std::optional<Geographic> subsolar;
   std::optional<SunLocal> local;
-  std::optional<std::string> utc;
   std::optional<double> distance_au;
   std::optional<std::optional<double>> angular_radius_deg;  // the inner one is empty for "sun"
   double limb_darkening = 0;
 };
 const Members<SunForm, engine::Sun>& sun_members();
 
-// The "utc" of a request's "sun" for ReadContext; empty if there is none.
+// The epoch of a request's "sun" for ReadContext, as UTC; empty if there is none.
 std::string utc_of_sun(const Json& body);
 
 }  // namespace selenograph::api
