@@ -205,8 +205,8 @@ class Downloads(unittest.TestCase):
         self.get(product="albedo", region=("--bounds", "10", "20", "10", "20"))
         with open(os.path.join(self.folder, "WAC_EMP_643NM_E300N0450_304P.json"), encoding="utf-8") as file:
             description = json.load(file)
-        # I/F = pi mu0 rho / (2 pi) / (mu0 + mu) at 30 degrees of incidence, 0 of emission.
-        self.assertAlmostEqual(1 / description["scale"], 0.5 * 0.8660254 / 1.8660254, places=6)
+        self.assertEqual([description[name] for name in ("quantity", "incidence_deg", "emission_deg", "phase_deg",
+                                                         "wavelength_um")], ["radiance_factor", 30, 0, 30, 0.643])
         _, said = self.get(product="nac-dtm", region=("--site", "../x"), status=1)
         self.assertIn("--site ../x: names have letters, digits and _", said)
 
