@@ -202,7 +202,7 @@ class InABrowser(unittest.TestCase):
         def check(element):
             return lambda: self.browser.find_element(By.ID, element).click()
 
-        self.browser.execute_script("camera.sun_elevation_deg = 10; camera.height_m = 5000")
+        self.browser.execute_script("camera.sun_elevation_deg = 5")
         self.changes(lambda: self.set("size", "256"))
         for act, member, value in (
                 (lambda: self.set("reflectance", "hapke"), "surface", {"reflectance": {"model": "hapke"}}),
