@@ -805,7 +805,7 @@ class FromSpice(unittest.TestCase):
             self.assertTrue(file.read().startswith(b"\x89PNG"))
 
     def test_what_it_makes_of_spices_answers(self):
-        """By a stand-in with the five functions that the example calls."""
+        """By a stand-in with the four functions that the example calls."""
         self.kernel = "kernels.tm"
         os.makedirs(harness.path("stand-in"), exist_ok=True)
         harness.write("stand-in/spiceypy.py", f"""
