@@ -38,6 +38,7 @@ const Answer<DatasetSource>& dataset_answer() {
     a.add("name", text("what `source` lists"), of(&RasterInfo::name));
     a.add("path", text("as opened"), of(&RasterInfo::path));
     a.add("format", text("e.g. PDS3 Kaguya"), of(&RasterInfo::format));
+    a.add("synthetic", boolean("generated terrain (the sample terrain), not the Moon's"), of(&RasterInfo::synthetic));
     a.add("projection",
           {{"type", "string"},
            {"enum",

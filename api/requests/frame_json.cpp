@@ -193,6 +193,16 @@ void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const e
   model.at("optics").fail("f_number", why), model.at("detector").fail("pixel_pitch_um", why), in.fail("band", why);
 }
 
+// A focal length in millimetres has its pixels from the camera's pitch, the detector its area from the sensor's.
+void check_pitch(const JsonReader& in, const engine::SensorModel& sensor) {
+  if (!in.has("camera")) return;
+  const JsonReader camera = in.at("camera");
+  const double detectors_um = sensor.detector.pixel_pitch_um;
+  if (camera.has("pixel_pitch_um") && camera.at("pixel_pitch_um").value() != detectors_um)
+    camera.fail("pixel_pitch_um",
+                fmt::format("must be that of the sensor: \"sensor.detector.pixel_pitch_um\" is {:g}", detectors_um));
+}
+
 // What is made of an image after it was rendered as if all rows were of one time.
 void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& sensor, const engine::Shutter& shutter) {
   const JsonReader model = in.at("sensor");
@@ -225,6 +235,7 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   check_shutter(in, query);
   resolve_preset(query.request, query.surface);
   if (query.request.truth) resolve_truth(in, request.camera, *query.request.truth);
+  if (request.sensor) check_pitch(in, *request.sensor);
   if (request.sensor && request.band) {
     check_airy(in, *request.sensor, *request.band);
     check_efficiency(in, *request.sensor, *request.band);

@@ -31,6 +31,7 @@ OrderedJson row_schema(const MemberRow& row, const Limits& limits) {
   std::string description = with_unit(row);
   if (json.contains("description")) description.append("\n").append(json["description"].get<std::string>());
   json["description"] = description;
+  if (!row.unit.empty()) json["x-unit"] = row.unit;  // for pages; the description has it for every reader
   if (row.fallback)
     if (const OrderedJson fallback = row.fallback(limits); is_default(fallback)) json["default"] = fallback;
   return json;

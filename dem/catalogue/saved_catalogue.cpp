@@ -87,9 +87,9 @@ class Writer {
       visit(south, north, west, east);
     } else {
       auto& [path, name, format, width, height, grid, ppd, spacing, footprint, wraps, level, datum, quantisation,
-             void_value, bytes, modified, stamp, on_network, damage, doubt] = info;
+             void_value, bytes, modified, stamp, on_network, damage, synthetic, doubt] = info;
       visit(path, name, format, width, height, grid, ppd, spacing, footprint, wraps, level, datum, quantisation,
-            void_value, bytes, modified, stamp, on_network, damage, doubt);
+            void_value, bytes, modified, stamp, on_network, damage, synthetic, doubt);
     }
   }
 

@@ -124,6 +124,7 @@ RawImage describe_pds_image(const PdsObject& label, const std::string& label_pat
 
   RawImage out;
   out.format = format_name(whole);
+  out.synthetic = whole.word("DATA_SET_ID").starts_with("SYNTHETIC");
   out.unit_m = unit_in_metres(image);
   out.width = image.count("LINE_SAMPLES");
   out.height = image.count("LINES");

@@ -24,6 +24,7 @@ struct RawImage {
   double scale = 1, offset = 0, unit_m = 1;
   std::vector<double> voids;  // sample values that mean no-data
   std::string format;         // e.g. "PDS3 Kaguya"
+  bool synthetic = false;     // generated terrain, by its label
   PostGrid grid;
 };
 

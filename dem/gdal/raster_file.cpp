@@ -168,6 +168,7 @@ RasterFile describe_labelled_file(const std::string& label_path, const RasterInf
   s.info.path = label_path;
   s.info.name = fs::path(label_path).stem().string();
   s.info.format = image.format;
+  s.info.synthetic = image.synthetic;
   s.info.width = s.file_width = image.width;
   s.info.height = s.file_height = image.height;
   s.info.bytes = data.bytes;

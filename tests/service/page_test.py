@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """The pages for people: who gets them, and in a real browser that a drag changes the frame and that what is copied gives
-the same bytes. Needs chromium-driver, python3-selenium and python3-scipy for the latter."""
+the same bytes. Needs chromium-driver, python3-selenium and python3-scipy for the latter. SELENOGRAPH_SCREENSHOTS names a
+folder for pictures of the pages."""
 
+import glob
 import hashlib
 import json
 import os
@@ -25,9 +27,14 @@ except ImportError:
     webdriver = None
 
 
+SCREENSHOTS = os.environ.get("SELENOGRAPH_SCREENSHOTS")
+LAPTOP, NARROW = (1366, 768), (600, 900)
+
+
 def setUpModule():
     harness.set_up()
     sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "64")
+    os.makedirs(SCREENSHOTS or harness.path("screenshots"), exist_ok=True)
 
 
 def tearDownModule():
@@ -84,7 +91,7 @@ def browser():
 class InABrowser(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.service = harness.Service()
+        cls.service = harness.Service("--assets-dir", os.path.join(harness.REPOSITORY, "deploy", "assets"))
         cls.browser = browser()
         cls.url = f"http://127.0.0.1:{cls.service.port}"
 
@@ -102,8 +109,17 @@ class InABrowser(unittest.TestCase):
     def data(self, name):
         return self.browser.execute_script(f"return document.body.dataset.{name} || ''")
 
-    def open(self):
-        self.browser.get(self.url + "/")
+    def screenshot(self, name):
+        file = os.path.join(SCREENSHOTS or harness.path("screenshots"), name + ".png")
+        self.assertTrue(self.browser.save_screenshot(file))
+        self.assertGreater(os.path.getsize(file), 10000)
+
+    def at_size(self, size):
+        self.addCleanup(self.browser.set_window_size, 1500, 1400)
+        self.browser.set_window_size(*size)
+
+    def open(self, url=None):
+        self.browser.get((url or self.url) + "/")
         self.wait(lambda: self.data("frames") and self.text("state") == "ready")
 
     def text(self, element):
@@ -135,6 +151,104 @@ class InABrowser(unittest.TestCase):
             "return new Set(Array.from(p)).size")
         self.assertGreater(colours, 20)
         self.assertEqual(self.errors(), [])
+
+    def test_on_a_laptop_the_frame_is_the_largest_and_all_sliders_are_in_sight(self):
+        self.at_size(LAPTOP)
+        self.open()
+        self.wait(lambda: self.data("maps"))
+        boxes, sliders, high = self.browser.execute_script("""
+            const box = e => { const b = e.getBoundingClientRect(); return [b.width * b.height, b.top, b.bottom, b.right]; };
+            return [Object.fromEntries([...document.querySelectorAll('canvas, fieldset')].map(e => [e.id, box(e)])),
+                    [...document.querySelectorAll('input[type=range], #detail, #reflectance, #sensor, #disc, #product')].map(box), innerHeight]""")
+        area, top, bottom, _ = boxes.pop("frame")
+        self.assertTrue(0 <= top and bottom <= high, boxes)
+        self.assertGreater(area, 1.5 * max(other[0] for other in boxes.values()))
+        self.assertEqual(len(sliders), 15)
+        for _, top, bottom, right in sliders:
+            self.assertTrue(0 < top < bottom <= high and right <= LAPTOP[0], (top, bottom, high))
+        self.screenshot("page-laptop")
+        self.at_size(NARROW)
+        self.wait(lambda: self.browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"))
+        self.screenshot("page-narrow")
+
+    def test_synthetic_terrain_is_named_and_only_that(self):
+        self.open()
+        self.assertEqual(self.text("synthetic"), "synthetic terrain: sample terrain")
+        self.assertTrue(self.changes(lambda: self.set("detail", "landing")))
+        self.assertEqual(self.text("synthetic"), 'synthetic terrain: sample terrain, detail "landing"')
+        # As from a survey: at the south pole, so that its box is shown, and no other's.
+        sample("polar", "--south-deg", "-88", "--west-deg", "40", "--rows", "1", "--columns", "1", "--ppd", "64")
+        for label in glob.glob(harness.path("polar", "*.lbl")):
+            with open(label) as file:
+                text = file.read()
+            with open(label, "w") as file:
+                file.write(text.replace("SYNTHETIC-SELENOGRAPH-SAMPLE-TERRAIN-IN-", ""))
+        survey = harness.Service(dem="polar", cache="cache-polar")
+        self.addCleanup(survey.stop)
+        self.open(f"http://127.0.0.1:{survey.port}")
+        self.assertEqual(self.text("synthetic"), "")
+        self.wait(lambda: self.data("maps"))
+        shown = "return document.getElementById(arguments[0]).offsetHeight > 0"
+        self.assertEqual([self.browser.execute_script(shown, pole) for pole in ("north", "south")], [False, True])
+
+    def test_no_box_for_a_pole_without_data(self):
+        self.open()
+        self.wait(lambda: self.data("maps"))
+        self.assertFalse([pole for pole in ("north", "south") if self.browser.find_element(By.ID, pole).is_displayed()])
+
+    def test_ground_sensor_and_sun_have_controls(self):
+        self.open()
+
+        def check(element):
+            return lambda: self.browser.find_element(By.ID, element).click()
+
+        self.browser.execute_script("camera.sun_elevation_deg = 5")
+        self.changes(lambda: self.set("size", "256"))
+        for act, member, value in (
+                (lambda: self.set("reflectance", "hapke"), "surface", {"reflectance": {"model": "hapke"}}),
+                (check("disc"), "sun", {"angular_radius_deg": "sun"}),
+                (lambda: self.set("detail", "highlands"), "detail", "highlands"),
+                (check("sensor"), "sensor", {"exposure": {"target_fill": 0.8}})):
+            self.assertTrue(self.changes(act), member)
+            asked = self.browser.execute_script("return asked")[member]
+            self.assertEqual({k: asked[k] for k in value} if isinstance(value, dict) else asked, value)
+        self.set("detail", "nowhere")
+        self.wait(lambda: "no such detail" in self.text("problem"))
+
+    def test_a_focal_length_is_a_field_of_view(self):
+        self.open()
+        self.set("pitch_um", "10")
+        self.assertTrue(self.changes(lambda: self.set("focal_mm", "2.56")))  # half of 512 pixels of 10 um
+        self.assertAlmostEqual(self.browser.execute_script("return asked.camera.fov_deg"), 90, 9)
+        self.changes(lambda: self.set("fov_deg_number", "53.13010235"))
+        self.assertAlmostEqual(float(self.browser.find_element(By.ID, "focal_mm").get_attribute("value")), 5.12, 4)
+
+    def test_a_day_of_the_sun_plays(self):
+        self.open()
+
+        def elevation(days):
+            self.changes(lambda: self.browser.execute_script("setDay(arguments[0])", days))
+            return self.browser.execute_script("return view.sun.elevation_deg")
+
+        sunrise, noon, night = elevation(0), elevation(7), elevation(22)
+        self.assertTrue(0 < sunrise < 8, sunrise)
+        self.assertGreater(noon, 80)
+        self.assertLess(night, -60)
+        self.set("utc", "2027-01-01T00:00:00Z")
+        self.wait(lambda: self.browser.execute_script("return asked.sun.utc") == "2027-01-01T00:00:00Z")
+        frames = int(self.data("frames"))
+        play = self.browser.find_element(By.ID, "play")
+        play.click()
+        self.wait(lambda: int(self.data("frames")) >= frames + 5)
+        play.click()
+        self.assertEqual(play.text, "play a day")
+        days = float(self.browser.find_element(By.ID, "day").get_attribute("value"))
+        self.assertAlmostEqual(days / (29.5306 / 240) % 1, 0, 6)
+        self.assertGreaterEqual(days, 29.5306 / 240 * 4)
+        self.wait(lambda: self.text("state") == "ready")
+        # The Sun by hand again.
+        self.changes(lambda: self.set("sun_azimuth_deg_number", "45"))
+        self.assertEqual(self.browser.execute_script("return asked.sun.local.azimuth_deg"), 45)
 
     def test_a_drag_on_the_map_moves_the_camera(self):
         self.open()
@@ -233,7 +347,7 @@ class InABrowser(unittest.TestCase):
         self.browser.execute_script("""play(new File([['utc,lat_deg,lon_deg,height_m,tilt_deg',
             '2026-11-20T00:00:00Z,0.1,30.0,20000,5', '2026-11-20T00:10:00Z,0.1,30.1,20000,5'].join('\\n')], 'way.csv'))""")
         self.wait(lambda: int(self.data("frames")) >= frames + 2)
-        self.assertEqual(self.browser.execute_script("return asked.sun"), {"utc": "2026-11-20T00:10:00Z"})
+        self.assertEqual(self.browser.execute_script("return asked.sun.utc"), "2026-11-20T00:10:00Z")
         for wrong, said in (("lat_deg,lon_deg,height_m,pitch\n1,2,3,4", "column pitch is unknown"),
                             ("lat_deg,lon_deg,height_m,camera_from_moon_w\n1,2,3,4", "has not all of"),
                             ("lat_deg,lon_deg,height_m\n1,,3", "line 2: lon_deg is no number"),
@@ -241,16 +355,77 @@ class InABrowser(unittest.TestCase):
             self.browser.execute_script("play(new File([arguments[0]], 'way.csv'))", wrong)
             self.wait(lambda said=said: said in self.text("problem"))
 
-    def test_the_api_document_is_readable(self):
+    def open_docs(self):
         self.browser.get(self.url + "/docs")
-        self.wait(lambda: self.browser.find_elements(By.ID, "object-FrameRequest"))
-        text = self.browser.find_element(By.TAG_NAME, "body").text
-        for said in ("POST /v1/frames", "height_m", "example: nadir"):
+        self.wait(lambda: self.data("ready"))
+
+    def unfold(self):
+        """Opens all details, and those within them; returns what is to be read then."""
+        closed = "return document.querySelectorAll('details:not([open])').length"
+        while self.browser.execute_script(closed):
+            self.browser.execute_script("for (const box of document.querySelectorAll('details:not([open])')) box.open = true")
+            self.wait(lambda: self.browser.execute_script("return [...document.querySelectorAll('details[open]')].every(d => d.children.length > 1)"))
+        return self.browser.find_element(By.TAG_NAME, "body").text
+
+    def test_the_api_document_is_rendered_text(self):
+        for name, size in (("laptop", LAPTOP), ("narrow", NARROW)):
+            self.at_size(size)
+            self.open_docs()
+            self.assertTrue(self.browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), name)
+            self.screenshot("docs-" + name)
+            self.browser.execute_script("document.getElementById('renderFrame').scrollIntoView()")
+            self.screenshot("docs-call-" + name)
+        text = self.unfold()
+        for said in ("POST /v1/frames", "height_m", "example: nadir", "exactly one of fov_deg, fx, focal_length_mm is required"):
             self.assertIn(said, text)
+        for raw in ("##", "|--", "`", "**", "[object", "undefined"):
+            self.assertNotIn(raw, text)
         about = self.browser.find_element(By.CSS_SELECTOR, "h1 + div")
-        self.assertTrue(about.find_elements(By.TAG_NAME, "h2") and about.find_elements(By.TAG_NAME, "li"), "Markdown is rendered")
-        self.assertNotIn("##", text)
+        self.assertTrue(about.find_elements(By.TAG_NAME, "h2") and about.find_elements(By.CSS_SELECTOR, "table td code"))
         self.assertEqual(self.errors(), [])
+
+    def test_the_api_document_has_a_section_for_each_call_with_its_members(self):
+        self.open_docs()
+        document = json.loads(self.service.ask("GET", "/openapi.json")[2])
+        ids = [operation["operationId"] for path in document["paths"].values() for operation in path.values()]
+        for id_ in ids:
+            self.assertTrue(self.browser.find_element(By.ID, id_).text)
+            self.assertTrue(self.browser.find_elements(By.CSS_SELECTOR, f"nav a[href='#{id_}']"), id_)
+        self.unfold()
+        rows = self.browser.execute_script("""
+            const camera = document.querySelector('#object-Camera ~ .scroll table');
+            return [...camera.rows].map(row => [...row.cells].map(cell => cell.innerText))""")
+        self.assertEqual(rows[0], ["member", "type", "range", "unit", "default", "meaning"])
+        fov, = (row for row in rows if row[0] == "fov_deg")
+        self.assertEqual(fov[1:5], ["number", "> 0, \u2264 358", "deg", ""])
+        self.assertEqual([row[4] for row in rows if row[0] in ("model", "width")], ['"pinhole"', "required"])
+
+    def test_the_api_documents_examples_run(self):
+        self.open_docs()
+        # They are moved to where this terrain is.
+        box = self.browser.find_element(By.XPATH, "//details[summary='example: nadir']")
+        self.browser.execute_script("arguments[0].open = true", box)
+        request = box.find_element(By.TAG_NAME, "textarea")
+        self.assertAlmostEqual(json.loads(request.get_attribute("value"))["pose"]["geodetic"]["lon_deg"], 30, delta=1)
+        click = "arguments[0].querySelectorAll('button')[arguments[1]].click()"
+        self.browser.execute_script(click, box, 0)
+        image, = self.wait(lambda: box.find_elements(By.TAG_NAME, "img"))
+        self.wait(lambda: self.browser.execute_script("return arguments[0].naturalWidth", image) == 1024)
+        self.assertIn("200 OK, image/png", box.text)
+        self.browser.execute_script(click, box, 1)
+        words = shlex.split(box.find_element(By.TAG_NAME, "pre").text.replace("\\\n", ""))
+        words[words.index("-o") + 1] = harness.path("answer")
+        subprocess.run(words, check=True, timeout=harness.PATIENCE_S)
+        with open(harness.path("answer"), "rb") as file:
+            self.assertTrue(file.read().startswith(b"\x89PNG"))
+        self.browser.execute_script(click, box, 2)
+        self.addCleanup(os.chdir, os.getcwd())
+        os.chdir(harness.path())
+        exec(box.find_element(By.TAG_NAME, "pre").text, {"print": lambda *said: self.assertEqual(said, ("image/png",))})
+        self.browser.execute_script("arguments[0].value = '{'", request)
+        self.browser.execute_script(click, box, 0)
+        self.wait(lambda: "400" in box.text and "malformed_json" in box.text)
+        self.assertEqual([e for e in self.errors() if "400" not in e["message"]], [])
 
 
 if __name__ == "__main__":

@@ -81,6 +81,38 @@ TEST(CameraJson, IntrinsicsAndTheirDefaults) {
   EXPECT_EQ(full.distortion.p2, -0.01);
 }
 
+TEST(CameraJson, FocalLengthAndPixelPitch) {
+  const char* const request = R"({"camera": {"fov_deg": null, "focal_length_mm": 35, "pixel_pitch_um": 5.5}})";
+  const engine::Camera camera = accepted(request).camera;
+  EXPECT_NEAR(camera.fx, 35000 / 5.5, 1e-9);
+  EXPECT_EQ(camera.fy, camera.fx);
+  EXPECT_EQ(camera.cx, 511.5);
+  EXPECT_EQ(camera.cy, 255.5);
+  const auto resolved = resolved_json(read_frame(patched(request), Limits()))["camera"];
+  EXPECT_EQ(resolved["fx"], camera.fx);
+  EXPECT_FALSE(resolved.contains("focal_length_mm") || resolved.contains("pixel_pitch_um"));
+  // Equidistant: the radius of an angle is the focal length times the angle.
+  EXPECT_NEAR(accepted(R"({"camera": {"model": "fisheye", "fov_deg": null, "focal_length_mm": 1.4,
+                                      "pixel_pitch_um": 2}})")
+                  .camera.fx,
+              700, 1e-9);
+  std::string details;
+  EXPECT_EQ(refused(R"({"camera": {"focal_length_mm": 35, "pixel_pitch_um": 5.5}})", &details),
+            "/camera/focal_length_mm");
+  EXPECT_NE(details.find("\"fov_deg\" and \"focal_length_mm\""), std::string::npos) << details;
+  EXPECT_EQ(refused(R"({"camera": {"fov_deg": null, "fx": 9, "focal_length_mm": 35, "pixel_pitch_um": 5.5}})"),
+            "/camera/focal_length_mm");
+  EXPECT_EQ(refused(R"({"camera": {"fov_deg": null, "cx": 9, "focal_length_mm": 35, "pixel_pitch_um": 5.5}})"),
+            "/camera/cx");
+  EXPECT_EQ(refused(R"({"camera": {"fov_deg": null, "focal_length_mm": 35}})", &details), "/camera/pixel_pitch_um");
+  EXPECT_NE(details.find("\"focal_length_mm\""), std::string::npos) << details;
+  EXPECT_EQ(refused(R"({"camera": {"pixel_pitch_um": 5.5}})"), "/camera/focal_length_mm");
+  EXPECT_EQ(refused(R"({"camera": {"fov_deg": null, "focal_length_mm": 0, "pixel_pitch_um": 5.5}})"),
+            "/camera/focal_length_mm");
+  EXPECT_EQ(refused(R"({"camera": {"fov_deg": null, "focal_length_mm": 1e6, "pixel_pitch_um": 1e-6}})"),
+            "/camera/focal_length_mm");
+}
+
 TEST(CameraJson, Fisheye) {
   const engine::Camera equidistant = accepted(R"({"camera": {"model": "fisheye", "fov_deg": 270}})").camera;
   EXPECT_EQ(equidistant.model, engine::CameraModel::fisheye);
@@ -666,6 +698,18 @@ TEST(FrameJson, Sensors) {
   EXPECT_EQ(resolved_json(read_frame(Json(moved), Limits{})).dump(), moved.dump());
   EXPECT_EQ(moved.at("sensor").at("motion").at("samples"), 5);
   EXPECT_EQ(accepted(moving.dump()).sensor->motion.velocity_m_s, Vec3(1, 2, 3));
+}
+
+TEST(FrameJson, CameraAndDetectorHaveOnePitch) {
+  const auto camera = [](const char* pitch_um) {
+    Json patch = Json::parse(kSensor);
+    patch["camera"] = {{"fov_deg", nullptr}, {"focal_length_mm", 35}, {"pixel_pitch_um", Json::parse(pitch_um)}};
+    return patch.dump();
+  };
+  EXPECT_NEAR(accepted(camera("5.5")).camera.fx, 35000 / 5.5, 1e-9);
+  std::string details;
+  EXPECT_EQ(refused(camera("5.6"), &details), "/camera/pixel_pitch_um");
+  EXPECT_NE(details.find("sensor.detector.pixel_pitch_um"), std::string::npos) << details;
 }
 
 TEST(FrameJson, RefusesSensors) {

@@ -116,6 +116,8 @@ TEST(OpenApi, RangesAreTheParsers) {
   const auto& fov = schemas.at("Camera").at("properties").at("fov_deg");
   EXPECT_EQ(fov.at("exclusiveMinimum"), kFieldOfView_deg.min);
   EXPECT_EQ(fov.at("maximum"), kFisheyeFieldOfView_deg.max);
+  EXPECT_EQ(fov.at("x-unit"), "deg");
+  EXPECT_FALSE(schemas.at("Camera").at("properties").at("model").contains("x-unit"));
   const auto pinhole = std::ranges::find_if(schemas.at("Camera").at("allOf"), [](const auto& rule) {
     return rule.contains("if") && rule.at("if").at("properties").at("model").at("const") == "fisheye";
   });

@@ -182,6 +182,14 @@ TEST(PdsLabel, PrefersResolutionToARoundedScale) {
   EXPECT_EQ(geographic(product.describe(scale)).lat_posts_per_degree, 10);
 }
 
+TEST(PdsLabel, SyntheticTerrainIsToldByItsDataSet) {
+  Product product;
+  LabelText text;
+  EXPECT_FALSE(product.describe(text).synthetic);
+  text.pointer += "\nDATA_SET_ID = \"SYNTHETIC-TERRAIN\"";
+  EXPECT_TRUE(product.describe(text).synthetic);
+}
+
 TEST(PdsLabel, SampleTypes) {
   Product product;
   LabelText text;

@@ -57,6 +57,7 @@ std::string text_of(const Catalogue& c) {
     text += fmt::format("{} {} {} {} {} {} {} {} {} {} {} {} ", r.path, r.name, r.format, r.width, r.height,
                         r.posts_per_degree, r.post_spacing_m, r.footprint.south_deg, r.footprint.north_deg,
                         r.footprint.west_deg, r.footprint.east_deg, r.wraps_longitude);
+    text += fmt::format("{} ", r.synthetic);
     text += fmt::format("{} {} {} {} {} {} {} {} {} ", r.lattice_level.value_or(-1), r.datum, r.quantisation_m,
                         r.void_value.value_or(1e99), r.bytes, r.modified_ns, r.stamp, r.on_network, r.damage);
     if (const auto* g = std::get_if<GeographicGrid>(&r.grid))

@@ -1075,19 +1075,23 @@ class Camera(dict):
     @classmethod
     def pinhole(cls, *, width: int, height: int, fov_deg: Optional[float] = None, fx: Optional[float] = None,
                 fy: Optional[float] = None, cx: Optional[float] = None, cy: Optional[float] = None,
+                focal_length_mm: Optional[float] = None, pixel_pitch_um: Optional[float] = None,
                 distortion: Optional[Mapping[str, Any]] = None) -> Camera:
         """fov_deg: horizontal, full angle (not vertical, not half). Or fx in pixels; fy, cx, cy are optional then:
-        fx, (width - 1) / 2, (height - 1) / 2. distortion: {"k1": .., "k2": .., "k3": .., "p1": .., "p2": ..}."""
+        fx, (width - 1) / 2, (height - 1) / 2. Or focal_length_mm with pixel_pitch_um. distortion: {"k1": .., "k2": .., "k3": .., "p1": .., "p2": ..}."""
         lens = None if distortion is None else {"model": "brown_conrady", **distortion}
-        return cls._made("pinhole", width, height, fov_deg, fx, fy, cx, cy, lens)
+        return cls._made("pinhole", width, height, lens, fov_deg, _given(fx=fx, fy=fy, cx=cx, cy=cy),
+                         _given(focal_length_mm=focal_length_mm, pixel_pitch_um=pixel_pitch_um))
 
     @classmethod
     def fisheye(cls, *, width: int, height: int, fov_deg: Optional[float] = None, fx: Optional[float] = None,
                 fy: Optional[float] = None, cx: Optional[float] = None, cy: Optional[float] = None,
+                focal_length_mm: Optional[float] = None, pixel_pitch_um: Optional[float] = None,
                 distortion: Optional[Mapping[str, Any]] = None) -> Camera:
         """Equidistant (radius = f theta), or with distortion {"k1": .., .. "k4": ..} as OpenCV's fisheye."""
         lens = None if distortion is None else {"model": "kannala_brandt", **distortion}
-        return cls._made("fisheye", width, height, fov_deg, fx, fy, cx, cy, lens)
+        return cls._made("fisheye", width, height, lens, fov_deg, _given(fx=fx, fy=fy, cx=cx, cy=cy),
+                         _given(focal_length_mm=focal_length_mm, pixel_pitch_um=pixel_pitch_um))
 
     @classmethod
     def from_opencv(cls, matrix: Any, distortion: Any = (), *, width: int, height: int,
@@ -1106,15 +1110,14 @@ class Camera(dict):
                     distortion=dict(zip(names, values)) if any(values) else None)
 
     @classmethod
-    def _made(cls, model: str, width: int, height: int, fov_deg: Optional[float], fx: Optional[float],
-              fy: Optional[float], cx: Optional[float], cy: Optional[float],
-              distortion: Optional[Mapping[str, Any]]) -> Camera:
-        focal = {name: float(value) for name, value in _given(fx=fx, fy=fy, cx=cx, cy=cy).items()}
-        if (fov_deg is None) == (not focal):
-            raise ValueError("write either fov_deg (horizontal, full angle) or fx (and fy, cx, cy), in pixels")
-        camera = cls(model=model, width=int(width), height=int(height), **focal)
-        if fov_deg is not None:
-            camera["fov_deg"] = float(fov_deg)
+    def _made(cls, model: str, width: int, height: int, distortion: Optional[Mapping[str, Any]],
+              fov_deg: Optional[float], pixels: Dict[str, float], lengths: Dict[str, float]) -> Camera:
+        given = [way for way in (_given(fov_deg=fov_deg), pixels, lengths) if way]
+        if len(given) != 1 or len(lengths) == 1:
+            raise ValueError("write either fov_deg (horizontal, full angle) or fx (and fy, cx, cy), in pixels, or "
+                             "focal_length_mm and pixel_pitch_um")
+        camera = cls(model=model, width=int(width), height=int(height),
+                     **{name: float(value) for name, value in given[0].items()})
         if distortion is not None:
             camera["distortion"] = dict(distortion)
         return camera

@@ -26,6 +26,11 @@ from unittest import mock
 
 import numpy as np
 
+try:
+    import cv2
+except ImportError:
+    cv2 = None
+
 import harness
 from fake_service import FakeService
 from harness import PATIENCE_S, REPOSITORY, Service, frame_request
@@ -784,6 +789,90 @@ class Examples(unittest.TestCase):
         self.assertIn("200 of 200 shots returned", last)
 
 
+class FromSpice(unittest.TestCase):
+    """examples/from_spice.py: a camera 20 km above 6.5 S 40 E that looks straight down, north up; the Sun 30 degrees high."""
+
+    def setUp(self):
+        lat, lon = math.radians(-6.5), math.radians(40)
+        up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+        east = np.array([-math.sin(lon), math.cos(lon), 0])
+        self.camera_from_moon = np.array([east, np.cross(east, up), -up])  # rows: right, down, boresight
+        self.position_km = (1737.4 + 20) * up
+        self.sun_km = 0.99 * 149597870.7 * (0.5 * up + math.sqrt(0.75) * east)
+
+    def check(self, *path):
+        done = python(os.path.join(FOLDER, "examples", "from_spice.py"), self.kernel, "LANDER", "CAMERA", "2026-11-20T06:00:00",
+                      url(), "spice.png", cwd=harness.path(),
+                      environment={"PYTHONWARNINGS": "ignore::UserWarning", "PYTHONPATH": os.pathsep.join(path)})
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        boresight, sun = done.stdout.splitlines()
+        lat, lon = map(float, selenograph.re.findall(r"-?\d+\.\d+", boresight))
+        self.assertAlmostEqual(lat, -6.5, 3)
+        self.assertAlmostEqual(lon, 40, 3)
+        self.assertAlmostEqual(float(selenograph.re.search(r"[\d.]+", sun)[0]), 30, delta=0.02)
+        with open(harness.path("spice.png"), "rb") as file:
+            self.assertTrue(file.read().startswith(b"\x89PNG"))
+
+    def test_what_it_makes_of_spices_answers(self):
+        """By a stand-in with the four functions that the example calls."""
+        self.kernel = "kernels.tm"
+        os.makedirs(harness.path("stand-in"), exist_ok=True)
+        harness.write("stand-in/spiceypy.py", f"""
+def furnsh(kernel): assert kernel == "kernels.tm"
+def str2et(utc): return {{"2026-11-20T06:00:00": 848426469.18}}[utc]
+def spkpos(target, et, frame, correction, observer):
+    assert (et, frame, observer) == (848426469.18, "MOON_ME", "MOON")
+    return {{("LANDER", "NONE"): {self.position_km.tolist()}, ("SUN", "LT+S"): {self.sun_km.tolist()}}}[target, correction], 0.0
+def pxform(source, target, et):
+    assert (source, target) == ("MOON_ME", "CAMERA")
+    return {self.camera_from_moon.tolist()}
+""")
+        self.check(harness.path("stand-in"))
+
+    @unittest.skipUnless(importlib.util.find_spec("spiceypy"), "spiceypy is not installed")
+    def test_it_reads_kernels(self):
+        import spiceypy
+
+        numbers = lambda m: " ".join(f"{x:.15g}" for x in np.ravel(m))  # noqa: E731
+        lines = ["KPL/FK", "\\begindata", "NAIF_BODY_NAME += 'LANDER'", "NAIF_BODY_CODE += -99999"]
+        # A matrix turns the frame's vectors into J2000 and is listed by columns: those of the inverse are these rows.
+        for name, code, centre, matrix in (("MOON_ME", 1400001, 301, np.eye(3)), ("CAMERA", 1400002, -99999, self.camera_from_moon)):
+            lines += [f"FRAME_{name} = {code}", f"FRAME_{code}_NAME = '{name}'", f"FRAME_{code}_CLASS = 4",
+                      f"FRAME_{code}_CLASS_ID = {code}", f"FRAME_{code}_CENTER = {centre}", f"TKFRAME_{code}_RELATIVE = 'J2000'",
+                      f"TKFRAME_{code}_SPEC = 'MATRIX'", f"TKFRAME_{code}_MATRIX = ("]
+            lines += [numbers(row) for row in matrix] + [")"]
+        harness.write("frames.tf", "\n".join([*lines, "\\begintext", ""]))
+        harness.write("leap.tls", "\n".join([
+            "KPL/LSK", "\\begindata", "DELTET/DELTA_T_A = 32.184", "DELTET/K = 1.657D-3", "DELTET/EB = 1.671D-2",
+            "DELTET/M = ( 6.239996 1.99096871D-7 )", "DELTET/DELTA_AT = ( 37, @2017-JAN-1 )", "\\begintext", ""]))
+        handle = spiceypy.spkopn(harness.path("all.bsp"), "test", 0)
+        for body, centre, place_km in ((301, 0, np.zeros(3)), (10, 0, self.sun_km), (-99999, 301, self.position_km)):
+            states = [[*place_km, 0, 0, 0]] * 2
+            spiceypy.spkw08(handle, body, centre, "J2000", 8e8, 9e8, str(body), 1, 2, states, 8e8, 1e8)
+        spiceypy.spkcls(handle)
+        names = ", ".join(f"'{harness.path(name)}'" for name in ("leap.tls", "frames.tf", "all.bsp"))
+        self.kernel = harness.write("kernels.tm", f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( {names} )\n\\begintext\n")
+        self.check()
+
+
+class FromOpenCv(unittest.TestCase):
+    @unittest.skipUnless(cv2, "python3-opencv is not installed")
+    def test_the_pages_block_agrees_with_opencv(self):
+        with open(os.path.join(FOLDER, "geometry.md")) as file:
+            block, = selenograph.re.findall(r"^```python\n(.*?)^```", file.read(), selenograph.re.M | selenograph.re.S)
+        page = {}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", selenograph.FrameWarning)
+            exec(block.replace("http://127.0.0.1:8080", url()), page)
+        position = page["frame"]["position"]
+        rows, columns = np.mgrid[20:500:60, 20:500:60]
+        points = position[rows, columns].reshape(-1, 3)
+        self.assertTrue(np.isfinite(points).all())
+        pixels, _ = cv2.projectPoints(points, page["rvec"], page["tvec"], page["camera_matrix"], page["dist_coeffs"])
+        np.testing.assert_allclose(pixels[:, 0, 0], columns.ravel(), atol=2e-3)
+        np.testing.assert_allclose(pixels[:, 0, 1], rows.ravel(), atol=2e-3)
+
+
 class Readme(unittest.TestCase):
     def test_its_python_runs(self):
         blocks = []
@@ -807,7 +896,7 @@ class Readme(unittest.TestCase):
     def test_its_links_and_those_of_the_conventions_lead_somewhere(self):
         clients = os.path.dirname(FOLDER)
         for page in ("README.md", "conventions.md", os.path.join("python", "README.md"),
-                     os.path.join("python", "loops.md")):
+                     os.path.join("python", "loops.md"), os.path.join("python", "geometry.md")):
             with open(os.path.join(clients, page)) as file:
                 links = selenograph.re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", file.read())
             for link in links:
@@ -833,7 +922,7 @@ class Package(unittest.TestCase):
         sources = [os.path.join(FOLDER, "selenograph.py")]
         examples = os.path.join(FOLDER, "examples")
         sources += [os.path.join(examples, name) for name in os.listdir(examples) if name.endswith(".py")]
-        self.assertEqual(len(sources), 4)
+        self.assertEqual(len(sources), 5)
         for source in sources:
             with open(source, encoding="utf-8") as file:
                 tree = ast.parse(file.read(), feature_version=(3, 9))

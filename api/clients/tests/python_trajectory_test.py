@@ -180,6 +180,8 @@ class Attitudes(unittest.TestCase):
                 r"\[:3, :3\]": lambda: Pose.from_matrix(np.eye(4), direction="camera_from_moon", **place),
                 "up='north' or up='zenith'": lambda: Pose.look_at(target_lat_deg=0, target_lon_deg=0, up="up", **place),
                 "either fov_deg .horizontal": lambda: Camera.pinhole(width=3, height=3),
+                "focal_length_mm and pixel_pitch_um": lambda: Camera.pinhole(width=3, height=3, focal_length_mm=35),
+                "fx .and fy, cx, cy., in pixels": lambda: Camera.fisheye(width=3, height=3, fx=9, fov_deg=50),
                 "no skew": lambda: Camera.from_opencv([[9, 1, 3], [0, 9, 3], [0, 0, 1]], width=8, height=8),
                 "8 coefficients": lambda: Camera.from_opencv(np.diag([9.0, 9, 1]), [1] * 8, width=8, height=8),
                 "tzinfo=timezone.utc": lambda: Sun.utc(datetime(2026, 11, 20))}.items():
@@ -191,13 +193,16 @@ class Attitudes(unittest.TestCase):
         cameras = [Camera.from_opencv(k, [-0.1, 0.01, 1e-3, 2e-3, 1e-4], width=64, height=48),
                    Camera.from_opencv(k, [[0.01, 0.001, 0, 0]], width=64, height=48, fisheye=True),
                    Camera.from_opencv(k, None, width=64, height=48),
-                   Camera.fisheye(width=64, height=48, fov_deg=150), Camera.pinhole(width=64, height=48, fx=90)]
+                   Camera.fisheye(width=64, height=48, fov_deg=150), Camera.pinhole(width=64, height=48, fx=90),
+                   Camera.pinhole(width=64, height=48, focal_length_mm=8, pixel_pitch_um=5.5)]
         for camera in cameras:
             echoed = self.resolved(camera=camera)["camera"]
             for name, value in camera.items():
                 if name == "distortion":
                     self.assertEqual({k: echoed[name][k] for k in value}, value)
-                elif name != "fov_deg":
+                elif name == "focal_length_mm":
+                    self.assertAlmostEqual(echoed["fx"], 8000 / 5.5, 9)
+                elif name not in ("fov_deg", "pixel_pitch_um"):
                     self.assertEqual(echoed[name], value, (camera, echoed))
         when = datetime(2026, 11, 20, 12, 30, 15, 250000, tzinfo=timezone.utc)
         for sun in (Sun.direction([0, 1, 0.2], distance_au=0.99), Sun.subsolar(lat_deg=1.5, lon_deg=60),

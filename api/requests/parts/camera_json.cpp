@@ -83,13 +83,16 @@ std::optional<Camera> resolve_camera(const JsonReader& in, const CameraForm& for
                         context.limits.max_image_pixels));
   if (form.fov_deg) check_field_of_view(in, camera, *form.fov_deg);
   if (in.faults() != before) return std::nullopt;
-  camera.fx = form.fov_deg ? focal_length_px(camera, *form.fov_deg) : *form.fx;
+  camera.fx = form.fov_deg ? focal_length_px(camera, *form.fov_deg)
+              : form.fx    ? *form.fx
+                           : *form.focal_length_mm * 1000 / *form.pixel_pitch_um;
   camera.fy = form.fy.value_or(camera.fx);
   camera.cx = form.cx.value_or(0.5 * (camera.width - 1));
   camera.cy = form.cy.value_or(0.5 * (camera.height - 1));
   if (!kFocalLength_px.contains(camera.fx))
-    in.fail("fov_deg", fmt::format("gives a focal length of {:.3g} px; must be at least {} and at most {} px",
-                                   camera.fx, kFocalLength_px.min, kFocalLength_px.max));
+    in.fail(form.fov_deg ? "fov_deg" : "focal_length_mm",
+            fmt::format("gives a focal length of {:.3g} px; must be at least {} and at most {} px", camera.fx,
+                        kFocalLength_px.min, kFocalLength_px.max));
   return in.faults() == before ? std::optional(camera) : std::nullopt;
 }
 
@@ -99,7 +102,7 @@ CameraForm form_of(const Camera& c) {
   const DistortionForm distortion = c.model == CameraModel::pinhole
                                         ? DistortionForm{c.model, d.k1, d.k2, d.k3, 0, d.p1, d.p2}
                                         : DistortionForm{c.model, f.k1, f.k2, f.k3, f.k4, 0, 0};
-  return {c.model, c.width, c.height, {}, c.fx, c.fy, c.cx, c.cy, distortion};
+  return {c.model, c.width, c.height, {}, c.fx, c.fy, c.cx, c.cy, {}, {}, distortion};
 }
 
 }  // namespace
@@ -109,7 +112,8 @@ std::int64_t largest_side(const Limits& limits) { return limits.max_image_side; 
 const Members<CameraForm, Camera>& camera_members() {
   static const auto table = made<Members<CameraForm, Camera>>(
       "Camera",
-      "A pinhole or a fisheye, by `fov_deg` or by `fx`, `fy`, `cx`, `cy`. The centre of the top-left pixel is (0, 0). "
+      "A pinhole or a fisheye, by `fov_deg`, by `fx`, `fy`, `cx`, `cy` or by `focal_length_mm` and `pixel_pitch_um`. "
+      "The centre of the top-left pixel is (0, 0). "
       "A fisheye without distortion is equidistant: radius = f theta. It is rendered by ray tracing. The service also "
       "limits width x height.",
       [](auto& m) {
@@ -123,13 +127,20 @@ const Members<CameraForm, Camera>& camera_members() {
         m.add("fy", &CameraForm::fy, Number{kFocalLength_px, "px"}, "focal length; default: fx");
         m.add("cx", &CameraForm::cx, Number{kPrincipalPoint_px, "px"}, "principal point; default: (width-1)/2");
         m.add("cy", &CameraForm::cy, Number{kPrincipalPoint_px, "px"}, "principal point; default: (height-1)/2");
+        m.add("focal_length_mm", &CameraForm::focal_length_mm, Number{{0, 1e6, true, false}, "mm"},
+              "fx = fy = 1000 focal_length_mm / pixel_pitch_um; principal point in the middle");
+        m.add("pixel_pitch_um", &CameraForm::pixel_pitch_um, Number{{0, 1e4, true, false}, "um"},
+              "distance between the centres of neighbouring pixels; with a `sensor`, that of its detector");
         m.add("distortion", &CameraForm::distortion, Object{distortion_members()}, "lens distortion; left out: none");
         m.also([](const Limits&) {
           return OrderedJson{{"if", {{"properties", {{"model", {{"const", "fisheye"}}}}}, {"required", {"model"}}}},
                              {"else", {{"properties", {{"fov_deg", {{"exclusiveMaximum", kFieldOfView_deg.max}}}}}}}};
         });
-        m.exactly_one({"fov_deg", "fx"});
+        m.exactly_one({"fov_deg", "fx", "focal_length_mm"});
         m.excludes("fov_deg", {"fy", "cx", "cy"});
+        m.excludes("focal_length_mm", {"fy", "cx", "cy"});
+        m.needs("focal_length_mm", {"pixel_pitch_um"});
+        m.needs("pixel_pitch_um", {"focal_length_mm"});
         m.resolve(resolve_camera);
         m.unresolve([](const Camera& camera) { return form_of(camera); });
       });

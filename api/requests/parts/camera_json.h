@@ -1,4 +1,4 @@
-// "camera": a pinhole or a fisheye, by field of view or by intrinsics.
+// "camera": a pinhole or a fisheye, by field of view, by intrinsics in pixels, or by focal length and pixel pitch.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@ struct DistortionForm {
 struct CameraForm {
   engine::CameraModel model = engine::CameraModel::pinhole;
   int width = 0, height = 0;
-  std::optional<double> fov_deg, fx, fy, cx, cy;
+  std::optional<double> fov_deg, fx, fy, cx, cy, focal_length_mm, pixel_pitch_um;
   std::optional<DistortionForm> distortion;
 };
 const Members<CameraForm, engine::Camera>& camera_members();
