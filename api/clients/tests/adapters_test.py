@@ -330,7 +330,7 @@ class Ros(Adapter):
         import rospy
         import sensor_msgs.msg
 
-        rospy.init_node("clients_test", disable_signals=True)
+        rospy.init_node("adapters_test", disable_signals=True)
         self.addCleanup(rospy.signal_shutdown, "the test is over")
         images, infos = queue.Queue(), queue.Queue()
         rospy.Subscriber("image_raw", sensor_msgs.msg.Image, images.put)
