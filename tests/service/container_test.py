@@ -161,6 +161,19 @@ class Image(unittest.TestCase):
             run("batch", manifest, "-o", frames, "--shard", f"{shard}/2", "--threads", "1")
         self.assertIn("2 frames are there once and whole", run("batch", "verify", manifest, "-o", frames))
         self.assertEqual(os.stat(os.path.join(frames, "000001.npz")).st_uid, os.getuid())
+        # Slurm's SIGTERM reaches the program inside, which gives up and says so by its exit status.
+        with open(manifest, "w") as file:
+            for _ in range(1000):
+                file.write(json.dumps(frame_request(width=512, height=512, samples=16)) + "\n")
+        more = os.path.join(folder, "more")
+        process = subprocess.Popen([program, "batch", manifest, "-o", more], env=environment, cwd=folder,
+                                   stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        harness.wait_until(lambda: os.path.exists(more) and any(name.endswith(".npz") for name in os.listdir(more)),
+                           "no frame")
+        process.terminate()
+        told = process.communicate(timeout=60)[0]
+        self.assertEqual(process.returncode, 1, told)
+        self.assertIn("interrupted", told)
 
 
 if __name__ == "__main__":
