@@ -6,6 +6,7 @@ No cluster is needed, and none has seen it. Needs python3-yaml; skipped without.
 
 import json
 import os
+import re
 import subprocess
 import unittest
 
@@ -30,6 +31,7 @@ CONTAINER = {
 }
 POD = {
     "restartPolicy": str, "terminationGracePeriodSeconds": int, "containers": [CONTAINER], "nodeSelector": {"": str},
+    "securityContext": {"fsGroup": int, "fsGroupChangePolicy": str, "runAsUser": int, "runAsNonRoot": bool},
     "volumes": [{"name": str, "persistentVolumeClaim": {"claimName": str, "readOnly": bool}, "emptyDir": {}}],
 }
 JOB = {
@@ -101,6 +103,15 @@ class IndexedJob(unittest.TestCase):
                 self.assertEqual(codes["values"], sorted(set(codes["values"])))
         self.assertEqual({m["name"] for m in self.container["volumeMounts"]}, {v["name"] for v in self.pod["volumes"]})
         self.assertEqual(self.environment["SHARDS"], str(self.spec["completions"]))
+
+    def test_the_image(self):
+        """Its version and its user are those of the image that deploy/operation/container builds."""
+        self.assertTrue(self.container["securityContext"]["runAsNonRoot"])
+        with open(os.path.join(REPOSITORY, "deploy", "operation", "container", "Containerfile")) as file:
+            [(user, group)] = re.findall(r"^USER (\d+):(\d+)$", file.read(), re.M)  # a name cannot be told from root's
+        self.assertNotEqual(user, "0")
+        self.assertEqual(self.pod["securityContext"]["fsGroup"], int(group))
+        self.assertEqual(self.container["image"].rpartition(":")[2], run("--version").stdout.split()[-1])
 
     def test_its_command_renders_its_shard(self):
         harness.set_up()

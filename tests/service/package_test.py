@@ -4,6 +4,7 @@ Needs cmake, and for the package dpkg-dev and file (deploy/install-packages pack
 tools check the unit, and the unit's command line is started.
 """
 
+import json
 import os
 import re
 import shutil
@@ -73,6 +74,8 @@ class Works:
 
     def check_files(self, usr):
         for name in ("bin/selenograph", "include/selenograph_client.hpp", "lib/python3/dist-packages/selenograph.py",
+                     *(f"share/cmake/selenograph-client/selenograph-client-{part}.cmake"
+                       for part in ("config", "config-version", "targets")),
                      "share/man/man1/selenograph.1", "share/bash-completion/completions/selenograph",
                      "share/selenograph/assets/objects/satellite.obj", "share/selenograph/haproxy/haproxy.cfg",
                      "share/selenograph/grafana/selenograph.json", "share/selenograph/prometheus/alerts.yml",
@@ -112,10 +115,44 @@ class Installed(Works, unittest.TestCase):
         self.assertIn(self.prefix, done.stdout)
 
     def test_cpp_client(self):
-        example = os.path.join(REPOSITORY, "api", "clients", "cpp", "examples", "one_frame.cpp")
-        done = run("g++", "-std=c++17", "-fsyntax-only", "-DCPPHTTPLIB_OPENSSL_SUPPORT", "-I", os.path.join(self.prefix, "include"),
-                   example)
+        """A project elsewhere finds the client, is built with it, and asks the service; not of a version to come."""
+        prefix = harness.path("moved")  # nothing in it knows where it was installed
+        shutil.copytree(self.prefix, prefix, symlinks=True)
+        os.makedirs(harness.path("consumer"))
+        harness.write(os.path.join("consumer", "CMakeLists.txt"), """
+            cmake_minimum_required(VERSION 3.25)
+            project(consumer CXX)
+            find_package(selenograph-client ${WANTED} REQUIRED)
+            add_executable(consumer main.cpp)
+            target_link_libraries(consumer PRIVATE selenograph::client)
+            """)
+        harness.write(os.path.join("consumer", "main.cpp"), """
+            #include <selenograph_client.hpp>
+            #include <cstdio>
+            int main(int, char** arguments) {
+              selenograph::Client client(arguments[1]);
+              std::printf("%.17g", client.heights({{-0.5, 29.5}}).at(0).height_m);
+            }
+            """)
+
+        def configure(wanted):
+            return run("cmake", "-S", harness.path("consumer"), "-B", harness.path("consumer", "build"),
+                       f"-DCMAKE_PREFIX_PATH={prefix}", f"-DWANTED={wanted}")
+
+        version = re.search(r"[0-9]+[.][0-9]+", run(BINARY, "--version").stdout)[0]
+        refused = configure("99.0")
+        self.assertNotEqual(refused.returncode, 0)
+        self.assertIn("99.0", refused.stdout)
+        done = configure(version)
         self.assertEqual(done.returncode, 0, done.stdout)
+        done = run("cmake", "--build", harness.path("consumer", "build"))
+        self.assertEqual(done.returncode, 0, done.stdout)
+        service = harness.Service()
+        said = run(harness.path("consumer", "build", "consumer"), f"http://{service.host}:{service.port}")
+        asked = json.loads(service.post("/v1/heights", {"points": [{"lat_deg": -0.5, "lon_deg": 29.5}]})[2])
+        service.expect_clean_stop()
+        self.assertEqual(said.returncode, 0, said.stdout)
+        self.assertEqual(float(said.stdout), asked["points"][0]["height_m"])
 
     def test_manual_names_each_command(self):
         with open(os.path.join(self.prefix, "share", "man", "man1", "selenograph.1")) as file:

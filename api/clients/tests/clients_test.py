@@ -1,21 +1,16 @@
 #!/usr/bin/env python3
-"""The clients in api/clients that aren't Python's: their examples against the real service, and faults of a fake one; and
-the adapters for Basilisk and ROS.
+"""The clients in api/clients that aren't Python's: their examples against the real service, and faults of a fake one.
 
-SELENOGRAPH_CPP_EXAMPLES is the folder of the built C++ examples. What needs Octave or ROS (python3-rospy,
-python3-sensor-msgs, python3-rosmaster) is skipped where that isn't installed. NumPy reads the service's own answers.
+SELENOGRAPH_CPP_EXAMPLES is the folder of the built C++ examples. What needs Octave is skipped where that isn't
+installed. NumPy reads the service's own answers.
 """
 
-import importlib.util
 import json
 import os
-import queue
 import re
 import shutil
-import socket
 import subprocess
 import sys
-import types
 import unittest
 
 import numpy
@@ -26,8 +21,6 @@ from harness import PATIENCE_S, REPOSITORY
 
 CLIENTS = os.path.join(REPOSITORY, "api", "clients")
 CPP_EXAMPLES = os.environ.get("SELENOGRAPH_CPP_EXAMPLES", "")
-sys.path.insert(0, os.path.join(CLIENTS, "python"))
-ROSMASTER = shutil.which("rosmaster") if importlib.util.find_spec("rospy") else None
 OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
 PLACE = ("--south-deg", "-8", "--west-deg", "39", "--rows", "3", "--columns", "2", "--ppd", "256")  # what the examples fly over
 SUN = {"subsolar": {"lat_deg": 0.0, "lon_deg": 100.0}}
@@ -285,246 +278,6 @@ class Octave(Examples, WithClients):
         for (expected, statement, _), said in zip(cases, out.splitlines()):
             self.assertTrue(said.startswith(expected), f"{statement}: {said}")
         self.assertEqual(len(out.splitlines()), len(cases))
-
-
-def loaded(*path):
-    """A Python file of api/clients as a module."""
-    name = path[-1][:-len(".py")]
-    spec = importlib.util.spec_from_file_location(name, os.path.join(CLIENTS, *path))
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # where dataclasses look
-    spec.loader.exec_module(module)
-    return module
-
-
-def basilisk_stand_ins():
-    """The parts of Basilisk that the adapter sees, as far as it sees them."""
-
-    class Reader:
-        def __init__(self):
-            self.message = None
-
-        def subscribeTo(self, message):
-            self.message = message
-
-        def isLinked(self):
-            return self.message is not None
-
-        def __call__(self):
-            return self.message
-
-    class SysModel:
-        moduleID = 1
-
-        def __init__(self):
-            self.errors = []
-            self.bskLogger = types.SimpleNamespace(bskLog=lambda level, text: self.errors.append(text))
-
-    architecture = types.ModuleType("Basilisk.architecture")
-    architecture.messaging = types.SimpleNamespace(SCStatesMsgReader=Reader, SpicePlanetStateMsgReader=Reader)
-    architecture.sysModel = types.SimpleNamespace(SysModel=SysModel)
-    architecture.bskLogging = types.SimpleNamespace(BSK_ERROR="error")
-    return {"Basilisk": types.ModuleType("Basilisk"), "Basilisk.architecture": architecture}
-
-
-def rotation(axis, angle):
-    """The matrix that turns vectors, by Rodrigues' formula."""
-    k = numpy.array(axis, float) / numpy.linalg.norm(axis)
-    cross = numpy.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
-    return numpy.eye(3) + numpy.sin(angle) * cross + (1 - numpy.cos(angle)) * cross @ cross
-
-
-def mrp_of(matrix):
-    """Modified Rodrigues parameters of a direction cosine matrix (Schaub and Junkins)."""
-    zeta = numpy.sqrt(numpy.trace(matrix) + 1)
-    axis = [matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]]
-    return numpy.array(axis) / (zeta * (zeta + 2))
-
-
-class Adapter(WithClients):
-    """What the adapters are compared with: a frame of the service's own, straight down."""
-
-    def setUp(self):
-        self.request = {"camera": {"width": 64, "height": 48, "fov_deg": 40, "distortion": {"k1": -0.05, "p1": 1e-3}},
-                        "products": ["image", "range"]}
-        self.right = self.npz({"pose": {"geodetic": {"lat_deg": -6.5, "lon_deg": 40.0, "height_m": 30000.0}, "nadir": {}},
-                               "sun": SUN})
-        resolved = self.right["meta"]["request"]
-        self.position_m = numpy.array(resolved["pose"]["position_m"])
-        self.quaternion = [resolved["pose"]["camera_from_moon"][key] for key in "wxyz"]
-
-    def npz(self, rest):
-        return self.service.arrays(dict(self.request, **rest))
-
-
-class Basilisk(Adapter):
-    def setUp(self):
-        super().setUp()
-        import selenograph
-        sys.modules.update(basilisk_stand_ins())
-        self.client = selenograph.Client(self.url())
-        self.addCleanup(self.client.close)
-        self.module = loaded("basilisk", "selenograph_camera.py")
-
-    def camera(self, height_m=30000.0):
-        """A spacecraft in an inertial frame that has nothing in common with the Moon's, with a camera askew and off its
-        centre, such that the camera is where `right` was taken, or above or below."""
-        w, x, y, z = self.quaternion
-        camera_from_moon = rotation([x, y, z], 2 * numpy.arctan2(numpy.linalg.norm([x, y, z]), w))
-        PN, CB = rotation([1, 2, 3], 0.7), rotation([-3, 1, 1], 0.4)
-        moon_N = numpy.array([3.0e8, -1.2e8, 2.0e7])
-        r_CB_B = numpy.array([1.5, -0.3, 0.7])
-        BN = CB.T @ camera_from_moon @ PN
-        radius_m = numpy.linalg.norm(self.position_m)
-        place = self.position_m * (1 + (height_m - 30000.0) / radius_m)
-        lon = numpy.radians(100.0)
-        model = self.module.SelenographCamera(self.client, self.request)
-        model.sigma_CB, model.r_CB_B, model.cameraID = mrp_of(CB), r_CB_B, 7
-        model.scStateInMsg.subscribeTo(types.SimpleNamespace(
-            r_BN_N=moon_N + PN.T @ place - BN.T @ r_CB_B, sigma_BN=mrp_of(BN)))
-        model.moonInMsg.subscribeTo(types.SimpleNamespace(PositionVector=moon_N, J20002Pfix=PN))
-        model.sunInMsg.subscribeTo(types.SimpleNamespace(
-            PositionVector=moon_N + 149597870700.0 * PN.T @ [numpy.cos(lon), numpy.sin(lon), 0]))
-        return model
-
-    def test_the_image_of_a_state(self):
-        model = self.camera()
-        model.Reset(0)
-        self.assertEqual(model.imageOutMsg().valid, 0)
-        model.UpdateState(5000000000)
-        out = model.imageOutMsg()
-        self.assertEqual(model.errors, [])
-        self.assertEqual((out.timeTag, out.valid, out.cameraID), (5000000000, 1, 7))
-        self.assertEqual(model.imageOutMsg.timeWritten(), 5000000000)
-        self.assertEqual(out.image.shape, (48, 64))
-        self.assertEqual(out.imageBufferLength, out.image.nbytes)
-        # 3e8 m in double are known to 6e-8 m.
-        numpy.testing.assert_allclose(out.frame["range"], self.right["range"], rtol=0, atol=1e-4)
-        self.assertLess(numpy.mean(out.image != self.right["image"]), 0.01)
-        self.assertGreater(len(numpy.unique(out.image)), 5)
-
-    def test_refusals_give_no_image(self):
-        model = self.camera(height_m=-5000.0)
-        model.UpdateState(1)
-        self.assertEqual((model.imageOutMsg().valid, model.imageOutMsg().image), (0, None))
-        self.assertEqual(len(model.errors), 1)
-        self.assertIn("/pose", model.errors[0])
-
-    def test_unlinked_messages_are_reported(self):
-        model = self.module.SelenographCamera(self.client, self.request)
-        model.Reset(0)
-        self.assertEqual(len(model.errors), 3)
-        with self.assertRaises(ValueError):
-            self.module.SelenographCamera(self.client, {"products": ["range"]})
-
-
-class RosConversions(Adapter):
-    """What needs no ROS."""
-
-    def test_a_fisheye_and_a_sun_at_the_stamp(self):
-        node = loaded("ros", "selenograph_node.py")
-        info = types.SimpleNamespace()
-        node.fill_camera_info(info, {"model": "fisheye", "width": 8, "height": 6, "fx": 5.0, "fy": 4.0, "cx": 3.5, "cy": 2.5,
-                                     "distortion": {"k1": 0.1, "k4": 0.4}})
-        self.assertEqual((info.distortion_model, info.D), ("equidistant", [0.1, 0.0, 0.0, 0.4]))
-        self.assertEqual(info.K, [5.0, 0, 3.5, 0, 4.0, 2.5, 0, 0, 1])
-        image = types.SimpleNamespace()
-        node.fill_image(image, numpy.arange(12, dtype=numpy.float32).reshape(2, 2, 3))
-        self.assertEqual((image.encoding, image.step, image.height, image.width), ("32FC3", 24, 2, 2))
-        w, x, y, z = self.quaternion
-        pose = types.SimpleNamespace(position=types.SimpleNamespace(**dict(zip("xyz", self.position_m))),
-                                     orientation=types.SimpleNamespace(w=w, x=-x, y=-y, z=-z))
-        stamp = types.SimpleNamespace(secs=1795132800, nsecs=250000000)
-        message = types.SimpleNamespace(pose=pose, header=types.SimpleNamespace(stamp=stamp))
-        request = node.request_of(message, self.request)
-        self.assertEqual(request["sun"], {"utc": "2026-11-20T00:00:00.250000000Z"})
-        numpy.testing.assert_allclose(self.npz(dict(request))["range"], self.right["range"], rtol=0, atol=1e-6)
-
-
-@unittest.skipUnless(ROSMASTER, "ROS isn't installed: apt-get install python3-rospy python3-sensor-msgs python3-rosmaster")
-class Ros(Adapter):
-    """A ROS master, the node and a subscriber, each for real."""
-
-    def start(self, *command):
-        name = harness.path(os.path.basename(command[0]) + ".log")
-        with open(name, "w") as log:
-            process = subprocess.Popen(command, stdout=log, stderr=log)
-        self.addCleanup(process.wait)
-        self.addCleanup(process.kill)
-        process.log_name = name
-        return process
-
-    def said(self, process):
-        with open(process.log_name, errors="replace") as log:
-            return log.read()
-
-    def serves(self, process, port):
-        self.assertIsNone(process.poll(), self.said(process))
-        with socket.socket() as s:
-            return s.connect_ex(("127.0.0.1", port)) == 0
-
-    def test_images_of_poses(self):
-        port = harness.free_port()
-        os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{port}", ROS_IP="127.0.0.1", ROS_HOME=harness.path("ros"),
-                          ROS_LOG_DIR=harness.path("ros", "log"),
-                          PYTHONPATH=os.pathsep.join([os.path.join(CLIENTS, "python"), os.environ.get("PYTHONPATH", "")]))
-        master = self.start(ROSMASTER, "--core", "-p", str(port))
-        harness.wait_until(lambda: self.serves(master, port), lambda: self.said(master))
-        harness.write("ros-request.json", dict(self.request, sun=SUN))
-        node = self.start(sys.executable, os.path.join(CLIENTS, "ros", "selenograph_node.py"), f"_url:={self.url()}",
-                          "_request:=" + harness.path("ros-request.json"), "pose:=truth")
-        import geometry_msgs.msg
-        import rospy
-        import sensor_msgs.msg
-
-        rospy.init_node("clients_test", disable_signals=True)
-        self.addCleanup(rospy.signal_shutdown, "the test is over")
-        images, infos = queue.Queue(), queue.Queue()
-        rospy.Subscriber("image_raw", sensor_msgs.msg.Image, images.put)
-        rospy.Subscriber("camera_info", sensor_msgs.msg.CameraInfo, infos.put)
-        poses = rospy.Publisher("truth", geometry_msgs.msg.PoseStamped, queue_size=10)
-        message = geometry_msgs.msg.PoseStamped()
-        w, x, y, z = self.quaternion
-        q = message.pose.orientation
-        q.w, q.x, q.y, q.z = w, -x, -y, -z  # moon_from_camera
-
-        def publish(secs, moon_frame="moon_me", scale=1.0):
-            message.header.stamp = rospy.Time(secs, 5)
-            message.header.frame_id = moon_frame
-            p = message.pose.position
-            p.x, p.y, p.z = scale * self.position_m
-            poses.publish(message)
-
-        def following(answers):
-            answer = answers.get(timeout=PATIENCE_S)
-            return answer if answer.header.stamp.secs != 1 else following(answers)
-
-        # What is sent before all are connected is lost.
-        def connected():
-            self.assertIsNone(node.poll(), self.said(node))
-            publish(1)
-            return not (images.empty() or infos.empty())
-
-        harness.wait_until(connected, lambda: self.said(node))
-        publish(100)
-        publish(101, moon_frame="map")
-        publish(102, scale=0.98)
-        publish(103)
-        # 101 is in a frame that isn't the Moon's, 102 is below the ground.
-        for secs in (100, 103):
-            image, info = following(images), following(infos)
-            for header in (image.header, info.header):
-                self.assertEqual((header.stamp.secs, header.stamp.nsecs, header.frame_id), (secs, 5, "camera_optical"))
-            self.assertEqual((image.encoding, image.height, image.width, image.step), ("mono8", 48, 64, 64))
-            values = numpy.frombuffer(image.data, numpy.uint8).reshape(48, 64)
-            self.assertLess(numpy.mean(values != self.right["image"]), 0.01)
-            self.assertEqual((info.height, info.width, info.distortion_model), (48, 64, "plumb_bob"))
-            self.assertEqual(info.D, (-0.05, 0.0, 1e-3, 0.0, 0.0))
-            self.assertAlmostEqual(info.K[0], 32 / numpy.tan(numpy.radians(20)), places=9)
-            self.assertEqual(info.K[2:6:3], (31.5, 23.5))
-        self.assertTrue(images.empty())
-        self.assertIn("pose in frame 'map'", self.said(node))
-        self.assertIn("no image of the pose at 102", self.said(node))
 
 
 if __name__ == "__main__":

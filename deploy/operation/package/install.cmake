@@ -4,6 +4,14 @@ set(share ${CMAKE_INSTALL_DATADIR}/selenograph)
 set(package ${CMAKE_CURRENT_LIST_DIR})
 install(TARGETS selenograph RUNTIME)
 install(FILES api/clients/cpp/selenograph_client.hpp DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+# The C++ client for find_package(selenograph-client).
+include(CMakePackageConfigHelpers)
+set(client ${CMAKE_INSTALL_DATADIR}/cmake/selenograph-client)
+install(TARGETS selenograph_client EXPORT selenograph-client INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(EXPORT selenograph-client NAMESPACE selenograph:: DESTINATION ${client} FILE selenograph-client-targets.cmake)
+write_basic_package_version_file(selenograph-client-config-version.cmake COMPATIBILITY SameMinorVersion ARCH_INDEPENDENT)
+install(FILES api/clients/cpp/selenograph-client-config.cmake
+  ${CMAKE_CURRENT_BINARY_DIR}/selenograph-client-config-version.cmake DESTINATION ${client})
 # Debian's Python looks there in /usr; elsewhere PYTHONPATH has to name it.
 install(FILES api/clients/python/selenograph.py DESTINATION lib/python3/dist-packages)
 install(FILES ${package}/selenograph.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
@@ -45,7 +53,7 @@ set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 # For the service's user.
 set(CPACK_DEBIAN_PACKAGE_DEPENDS "systemd | systemd-standalone-sysusers")
 set(CPACK_DEBIAN_PACKAGE_SUGGESTS
-  "haproxy, python3, python3-numpy, libcpp-httplib-dev, nlohmann-json3-dev, bash-completion")
+  "haproxy, python3, python3-numpy, libcpp-httplib-dev, nlohmann-json3-dev, pkg-config, bash-completion")
 set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 set(CPACK_DEBIAN_PACKAGE_CONTROL_EXTRA ${package}/conffiles ${package}/postinst ${package}/prerm ${package}/postrm)
 include(CPack)
