@@ -10,11 +10,6 @@ namespace {
 
 int lat_step_of(int level) { return 1 << (kTickLevel - level); }
 
-// The node of a stratum at a place.
-BlockId node_at(std::size_t stratum, std::int64_t lat, std::int64_t lon) {
-  return block_at(kStrata[stratum], static_cast<std::int32_t>(lat), wrap_lon(lon));
-}
-
 // Whether a level's posts at a latitude are farther apart than a window's, along meridians or parallels.
 bool is_coarser(const PostWindow& w, int level, std::int64_t lat) {
   const BlockExtent e = extent_of(block_at(level, static_cast<std::int32_t>(lat), 0));
@@ -38,55 +33,74 @@ std::vector<int> files_within(const Catalogue& catalogue, const BlockId& id) {
 LevelBorders::LevelBorders(const Catalogue& catalogue) : catalogue_(catalogue) {
   for (const RasterInfo& info : catalogue.rasters()) levels_.push_back(level_needed(info));
   any_ = std::any_of(levels_.begin(), levels_.end(), [&](int level) { return level != levels_.front(); });
+  if (any_) strata_ = kStrataOfLayers;
 }
 
-ChunkLevels LevelBorders::levels_of(const BlockId& node, std::size_t stratum) const {
+ChunkLevels LevelBorders::levels_of(const BlockId& node) const {
   {
     const std::lock_guard lock(mutex_);
     if (const auto found = known_.find(node); found != known_.end()) return found->second;
   }
+  const ChunkLevels made = found_levels(node);
+  const std::lock_guard lock(mutex_);
+  return known_.emplace(node, made).first->second;
+}
+
+ChunkLevels LevelBorders::found_levels(const BlockId& node) const {
   int needed = node.level;
   for (const int i : files_touching(catalogue_, node, 0))
     needed = std::max(needed, levels_[static_cast<std::size_t>(i)]);
   ChunkLevels made;
   made.exists = !files_within(catalogue_, node).empty();
-  made.direct = needed <= node.level + kChunkOctaves;
-  made.base_level = made.direct ? needed : kStrata[stratum + 1];
-  const std::lock_guard lock(mutex_);
-  return known_.emplace(node, made).first->second;
+  const auto next = std::upper_bound(strata_.begin(), strata_.end(), node.level);
+  // None but the last goes on beyond where those start.
+  const int finest = next == strata_.end() ? kMaxLevel : std::min(node.level + kChunkOctaves, strata_.back());
+  made.direct = needed <= finest;
+  made.base_level = made.direct ? needed : *next;
+  return made;
 }
 
-// Whether the posts of a node, or of the chunk that it is a part of, are finer than those of a level.
-bool LevelBorders::is_finer(const BlockId& node, std::size_t stratum, int level) const {
-  for (std::size_t s = 0;; ++s) {
-    const ChunkLevels here = levels_of(s == stratum ? node : ancestor_of(node, kStrata[s]), s);
-    if (!here.exists) return false;
-    if (here.direct || s == stratum) return !here.direct || here.base_level > level;
+ChunkNode LevelBorders::chunk_of(const BlockId& id) const {
+  const BlockId root = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
+  ChunkNode chunk{root, levels_of(root)};
+  while (!chunk.levels.direct && id.level >= chunk.levels.base_level) {
+    chunk.node = ancestor_of(id, chunk.levels.base_level);
+    chunk.levels = levels_of(chunk.node);
+  }
+  return chunk;
+}
+
+// Adds the parts of an edge of coarser posts that finer ones lie beyond. `outside`: a tick beyond the edge.
+void LevelBorders::add_finer_along(const LevelBorder& edge, std::int64_t outside,
+                                   std::vector<LevelBorder>& found) const {
+  std::int64_t past = -1;  // of the part added last
+  for (std::int64_t at = edge.from; at < edge.to;) {
+    const std::int64_t lat = edge.along_parallel ? outside : at, lon = edge.along_parallel ? at : outside;
+    const ChunkNode beyond = chunk_of(block_at(strata_.back(), static_cast<std::int32_t>(lat), wrap_lon(lon)));
+    const BlockExtent e = extent_of(beyond.node);
+    const std::int64_t from = edge.from + floor_div(at - edge.from, edge.step) * edge.step;
+    at = std::min<std::int64_t>(edge.along_parallel ? e.lon1() : e.lat1(), edge.to);
+    if (!beyond.levels.exists || beyond.levels.base_level <= edge.level) continue;
+    if (from > past) found.push_back(edge), found.back().from = from;
+    found.back().to = past = edge.from - floor_div(edge.from - at, edge.step) * edge.step;
   }
 }
 
 // `level`: of the node's own posts.
-void LevelBorders::add_borders_of(const BlockId& node, std::size_t stratum, int level,
-                                  std::vector<LevelBorder>& found) const {
+void LevelBorders::add_borders_of(const BlockId& node, int level, std::vector<LevelBorder>& found) const {
   const BlockExtent e = extent_of(node);
   const std::int32_t lat_step = lat_step_of(level);
   // Rows nearer the equator have narrower quads.
   const std::int32_t nearest = std::clamp(kLatTicks / 2, e.lat0, e.lat1() - 1);
   const std::int32_t lon_step = extent_of(block_at(level, nearest, e.lon0)).lon_step;
   for (const bool east : {false, true})
-    if (is_finer(node_at(stratum, e.lat0, east ? e.lon1() : std::int64_t{e.lon0} - 1), stratum, level))
-      found.push_back({false, east ? e.lon1() : e.lon0, e.lat0, e.lat1(), level, lat_step, lon_step});
+    add_finer_along({false, east ? e.lon1() : e.lon0, e.lat0, e.lat1(), level, lat_step, lon_step},
+                    east ? e.lon1() : std::int64_t{e.lon0} - 1, found);
   for (const bool north : {false, true}) {
     const std::int32_t at = north ? e.lat1() : e.lat0, inside = north ? at - 1 : at, outside = north ? at : at - 1;
     if (outside < 0 || outside >= kLatTicks) continue;
-    // Blocks beyond may be wider or narrower.
-    for (std::int32_t lon = e.lon0; lon < e.lon1();) {
-      const BlockId beyond = node_at(stratum, outside, lon);
-      const std::int32_t to = std::min(extent_of(beyond).lon1(), e.lon1());
-      if (is_finer(beyond, stratum, level))
-        found.push_back({true, at, lon, to, level, extent_of(block_at(level, inside, lon)).lon_step, lat_step});
-      lon = to;
-    }
+    add_finer_along({true, at, e.lon0, e.lon1(), level, extent_of(block_at(level, inside, e.lon0)).lon_step, lat_step},
+                    outside, found);
   }
 }
 
@@ -95,24 +109,25 @@ std::vector<LevelBorder> LevelBorders::near(const PostWindow& w) const {
   if (!any_) return found;
   const std::int64_t lat1 = w.lat0 + std::int64_t{w.rows - 1} * w.lat_step,
                      lon1 = w.lon0 + std::int64_t{w.cols - 1} * w.lon_step;
-  for (std::size_t s = 0; s < kStrata.size(); ++s) {
-    const std::int32_t quad = lat_step_of(kStrata[s]);
-    const std::int32_t side = quad * quads_per_side(kStrata[s]);
+  for (const int level : strata_) {
+    const std::int32_t quad = lat_step_of(level);
+    const std::int32_t side = quad * quads_per_side(level);
     const std::int64_t south = std::max<std::int64_t>(std::min(w.lat0, lat1) - quad, 0),
                        north = std::min<std::int64_t>(std::max(w.lat0, lat1) + quad, kLatTicks - 1);
     // Posts of such chunks, and of those beneath, are no coarser than the window's.
-    if (!is_coarser(w, kStrata[s], south) && !is_coarser(w, kStrata[s], north)) break;
+    if (!is_coarser(w, level, south) && !is_coarser(w, level, north)) break;
     for (std::int64_t row = south / side; row <= north / side; ++row) {
-      const std::int64_t width = extent_of(node_at(s, row * side, 0)).lon1(), columns = kLonTicks / width;
-      const std::int64_t margin = width / quads_per_side(kStrata[s]);
+      const std::int64_t width = extent_of(block_at(level, static_cast<std::int32_t>(row * side), 0)).lon1(),
+                         columns = kLonTicks / width;
+      const std::int64_t margin = width / quads_per_side(level);
       const std::int64_t first = floor_div(w.lon0 - margin, width), last = floor_div(lon1 + margin, width);
       for (std::int64_t c = first; c <= std::min(last, first + columns - 1); ++c) {
-        const BlockId node = node_at(s, row * side, c * width);
-        if (s > 0 && levels_of(ancestor_of(node, kStrata[s - 1]), s - 1).direct) continue;  // no chunk of its own
-        const ChunkLevels levels = levels_of(node, s);
-        if (levels.exists && levels.direct &&
-            (is_coarser(w, levels.base_level, row * side) || is_coarser(w, levels.base_level, (row + 1) * side - 1)))
-          add_borders_of(node, s, levels.base_level, found);
+        const BlockId node = block_at(level, static_cast<std::int32_t>(row * side), wrap_lon(c * width));
+        const ChunkNode chunk = chunk_of(node);
+        if (chunk.node != node || !chunk.levels.exists || !chunk.levels.direct) continue;  // no posts of its own
+        const int posts = chunk.levels.base_level;
+        if (is_coarser(w, posts, row * side) || is_coarser(w, posts, (row + 1) * side - 1))
+          add_borders_of(node, posts, found);
       }
     }
   }
