@@ -47,15 +47,24 @@ ChunkLevels LevelBorders::levels_of(const BlockId& node) const {
 }
 
 ChunkLevels LevelBorders::found_levels(const BlockId& node) const {
-  int needed = node.level;
-  for (const int i : files_touching(catalogue_, node, 0))
-    needed = std::max(needed, levels_[static_cast<std::size_t>(i)]);
+  const auto finest_at = [&](const BlockId& id) {
+    int finest = 0;
+    for (const int i : files_touching(catalogue_, id, 0))
+      finest = std::max(finest, levels_[static_cast<std::size_t>(i)]);
+    return finest;
+  };
   ChunkLevels made;
   made.exists = !files_within(catalogue_, node).empty();
   const auto next = std::upper_bound(strata_.begin(), strata_.end(), node.level);
   // None but the last goes on beyond where those start.
   const int finest = next == strata_.end() ? kMaxLevel : std::min(node.level + kChunkOctaves, strata_.back());
+  int needed = std::max(node.level, finest_at(node));
   made.direct = needed <= finest;
+  // Beside finer posts those of a coarser layer are so near to each other that each block's corners are on them.
+  if (made.direct && !std::binary_search(kStrata.begin(), kStrata.end(), node.level)) {
+    const int above = *(std::lower_bound(kStrata.begin(), kStrata.end(), node.level) - 1);
+    needed = std::max(needed, std::min(finest_at(ancestor_of(node, above)) - kMostLevelsApart, finest));
+  }
   made.base_level = made.direct ? needed : *next;
   return made;
 }

@@ -28,6 +28,9 @@ inline constexpr std::array<int, 3> kStrata{kRootLevel, 6, 12};
 // area of fine posts is then divided into chunks of its own, as large as possible, and not down to level 12.
 inline constexpr std::array<int, 8> kStrataOfLayers{kRootLevel, 6, 7, 8, 9, 10, 11, 12};
 inline constexpr int kChunkOctaves = 6;
+// Levels that posts beside finer ones within a node of level 6 are coarser by at most. A block's side has 64 quads: its
+// corners are posts of the coarser side, even where the longitude step doubles.
+inline constexpr int kMostLevelsApart = 5;
 
 // Files of a catalogue within `margin_deg` of a block, also across a pole.
 std::vector<int> files_touching(const Catalogue& catalogue, const BlockId& id, double margin_deg);

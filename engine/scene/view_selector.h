@@ -201,8 +201,8 @@ class ViewSelector {
 
   bool must_split(const BlockId& neighbour, const BlockId& id) const;
 
-  // Splits blocks until levels of neighbours differ by at most one, but for those of a coarser layer, so that edges
-  // join vertex by vertex, and until no edge in view exceeds the promised error.
+  // Splits blocks until levels of neighbours differ by at most one, beside a coarser layer's posts by at most five, so
+  // that edges join vertex by vertex, and until no edge in view exceeds the promised error.
   void balance();
 
   // Takes the id by value: it is removed from the set that holds it.

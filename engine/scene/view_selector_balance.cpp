@@ -1,3 +1,4 @@
+#include "dem/posts/level_borders.h"
 #include "engine/scene/view_selector.h"
 
 namespace selenograph::engine {
@@ -24,7 +25,8 @@ bool ViewSelector::of_coarser_layer(const BlockId& neighbour, const BlockId& id)
 }
 
 bool ViewSelector::must_split(const BlockId& neighbour, const BlockId& id) const {
-  if (neighbour.level < id.level - 1 && !of_coarser_layer(neighbour, id)) return true;
+  const int apart = id.level - neighbour.level;
+  if (apart > 1 && (apart > dem::kMostLevelsApart || !of_coarser_layer(neighbour, id))) return true;
   return follows(id, neighbour) && errs(neighbour, in_view_.at(id));
 }
 
