@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <optional>
+#include <tuple>
 #include <utility>
 
 namespace selenograph::dem {
@@ -113,32 +115,77 @@ void LevelBorders::add_borders_of(const BlockId& node, int level, std::vector<Le
   }
 }
 
+namespace {
+
+// Ticks around a window's posts that a node's quads may reach into.
+struct Surroundings {
+  std::int64_t south, north, west, east;
+};
+
+Surroundings around(const PostWindow& w, const BlockExtent& e) {
+  const std::int64_t lat1 = w.lat0 + std::int64_t{w.rows - 1} * w.lat_step,
+                     lon1 = w.lon0 + std::int64_t{w.cols - 1} * w.lon_step;
+  return {std::max<std::int64_t>(std::min(w.lat0, lat1) - e.lat_step, 0),
+          std::min<std::int64_t>(std::max(w.lat0, lat1) + e.lat_step, kLatTicks - 1), w.lon0 - e.lon_step,
+          lon1 + e.lon_step};
+}
+
+// Ticks from the first node that reaches into a window's surroundings eastward; empty for a node that doesn't.
+std::optional<std::int64_t> eastward(const PostWindow& w, const BlockId& node) {
+  const BlockExtent e = extent_of(node);
+  const Surroundings s = around(w, e);
+  if (e.lat0 > s.north || e.lat1() <= s.south) return std::nullopt;
+  const std::int64_t width = e.lon1() - e.lon0, first = floor_div(s.west, width) * width;
+  const std::int64_t from = wrap_lon(e.lon0 - first);
+  return first + from <= s.east ? std::optional(from) : std::nullopt;
+}
+
+// Those of some nodes that reach into a window's surroundings, from south to north and from the window's west eastward.
+std::vector<BlockId> near_window(const PostWindow& w, const std::vector<BlockId>& nodes) {
+  std::vector<std::tuple<int, std::int64_t, BlockId>> found;
+  for (const BlockId& node : nodes)
+    if (const auto from = eastward(w, node)) found.emplace_back(node.row, *from, node);
+  std::sort(found.begin(), found.end());
+  std::vector<BlockId> sorted;
+  for (const auto& [row, from, node] : found) sorted.push_back(node);
+  return sorted;
+}
+
+void add_descendants(const BlockId& node, int level, std::vector<BlockId>& found) {
+  if (node.level == level) return found.push_back(node);
+  for (const BlockId& child : children_of(node)) add_descendants(child, level, found);
+}
+
+std::vector<BlockId> roots_around(const PostWindow& w) {
+  const Surroundings s = around(w, extent_of({kRootLevel, 0, 0}));
+  const std::int64_t side = kLatTicks / rows_of(kRootLevel);
+  std::vector<BlockId> found;
+  for (auto row = static_cast<int>(s.south / side); row <= static_cast<int>(s.north / side); ++row)
+    for (int col = 0; col < columns_of(kRootLevel, row); ++col) found.push_back({kRootLevel, row, col});
+  return found;
+}
+
+}  // namespace
+
 std::vector<LevelBorder> LevelBorders::near(const PostWindow& w) const {
   std::vector<LevelBorder> found;
   if (!any_) return found;
-  const std::int64_t lat1 = w.lat0 + std::int64_t{w.rows - 1} * w.lat_step,
-                     lon1 = w.lon0 + std::int64_t{w.cols - 1} * w.lon_step;
-  for (const int level : strata_) {
-    const std::int32_t quad = lat_step_of(level);
-    const std::int32_t side = quad * quads_per_side(level);
-    const std::int64_t south = std::max<std::int64_t>(std::min(w.lat0, lat1) - quad, 0),
-                       north = std::min<std::int64_t>(std::max(w.lat0, lat1) + quad, kLatTicks - 1);
-    // Posts of such chunks, and of those beneath, are no coarser than the window's.
-    if (!is_coarser(w, level, south) && !is_coarser(w, level, north)) break;
-    for (std::int64_t row = south / side; row <= north / side; ++row) {
-      const std::int64_t width = extent_of(block_at(level, static_cast<std::int32_t>(row * side), 0)).lon1(),
-                         columns = kLonTicks / width;
-      const std::int64_t margin = width / quads_per_side(level);
-      const std::int64_t first = floor_div(w.lon0 - margin, width), last = floor_div(lon1 + margin, width);
-      for (std::int64_t c = first; c <= std::min(last, first + columns - 1); ++c) {
-        const BlockId node = block_at(level, static_cast<std::int32_t>(row * side), wrap_lon(c * width));
-        const ChunkNode chunk = chunk_of(node);
-        if (chunk.node != node || !chunk.levels.exists || !chunk.levels.direct) continue;  // no posts of its own
-        const int posts = chunk.levels.base_level;
-        if (is_coarser(w, posts, row * side) || is_coarser(w, posts, (row + 1) * side - 1))
-          add_borders_of(node, posts, found);
-      }
+  std::vector<BlockId> nodes = roots_around(w);
+  while (!nodes.empty()) {
+    std::vector<BlockId> finer;
+    for (const BlockId& node : near_window(w, nodes)) {
+      // Posts of such chunks, and of those beneath, are no coarser than the window's.
+      const BlockExtent e = extent_of(node);
+      const Surroundings s = around(w, e);
+      if (!is_coarser(w, node.level, s.south) && !is_coarser(w, node.level, s.north)) return found;
+      const ChunkLevels levels = levels_of(node);
+      if (!levels.exists) continue;
+      if (!levels.direct)
+        add_descendants(node, levels.base_level, finer);
+      else if (is_coarser(w, levels.base_level, e.lat0) || is_coarser(w, levels.base_level, e.lat1() - 1))
+        add_borders_of(node, levels.base_level, found);
     }
+    nodes = std::move(finer);
   }
   return found;
 }
