@@ -3,17 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <optional>
+#include <tuple>
 #include <utility>
 
 namespace selenograph::dem {
 namespace {
 
 int lat_step_of(int level) { return 1 << (kTickLevel - level); }
-
-// The node of a stratum at a place.
-BlockId node_at(std::size_t stratum, std::int64_t lat, std::int64_t lon) {
-  return block_at(kStrata[stratum], static_cast<std::int32_t>(lat), wrap_lon(lon));
-}
 
 // Whether a level's posts at a latitude are farther apart than a window's, along meridians or parallels.
 bool is_coarser(const PostWindow& w, int level, std::int64_t lat) {
@@ -38,83 +35,157 @@ std::vector<int> files_within(const Catalogue& catalogue, const BlockId& id) {
 LevelBorders::LevelBorders(const Catalogue& catalogue) : catalogue_(catalogue) {
   for (const RasterInfo& info : catalogue.rasters()) levels_.push_back(level_needed(info));
   any_ = std::any_of(levels_.begin(), levels_.end(), [&](int level) { return level != levels_.front(); });
+  if (any_) strata_ = kStrataOfLayers;
 }
 
-ChunkLevels LevelBorders::levels_of(const BlockId& node, std::size_t stratum) const {
+ChunkLevels LevelBorders::levels_of(const BlockId& node) const {
   {
     const std::lock_guard lock(mutex_);
     if (const auto found = known_.find(node); found != known_.end()) return found->second;
   }
-  int needed = node.level;
-  for (const int i : files_touching(catalogue_, node, 0))
-    needed = std::max(needed, levels_[static_cast<std::size_t>(i)]);
-  ChunkLevels made;
-  made.exists = !files_within(catalogue_, node).empty();
-  made.direct = needed <= node.level + kChunkOctaves;
-  made.base_level = made.direct ? needed : kStrata[stratum + 1];
+  const ChunkLevels made = found_levels(node);
   const std::lock_guard lock(mutex_);
   return known_.emplace(node, made).first->second;
 }
 
-// Whether the posts of a node, or of the chunk that it is a part of, are finer than those of a level.
-bool LevelBorders::is_finer(const BlockId& node, std::size_t stratum, int level) const {
-  for (std::size_t s = 0;; ++s) {
-    const ChunkLevels here = levels_of(s == stratum ? node : ancestor_of(node, kStrata[s]), s);
-    if (!here.exists) return false;
-    if (here.direct || s == stratum) return !here.direct || here.base_level > level;
+ChunkLevels LevelBorders::found_levels(const BlockId& node) const {
+  const auto finest_at = [&](const BlockId& id) {
+    int finest = 0;
+    for (const int i : files_touching(catalogue_, id, 0))
+      finest = std::max(finest, levels_[static_cast<std::size_t>(i)]);
+    return finest;
+  };
+  ChunkLevels made;
+  made.exists = !files_within(catalogue_, node).empty();
+  const auto next = std::upper_bound(strata_.begin(), strata_.end(), node.level);
+  // None but the last goes on beyond where those start.
+  const int finest = next == strata_.end() ? kMaxLevel : std::min(node.level + kChunkOctaves, strata_.back());
+  int needed = std::max(node.level, finest_at(node));
+  made.direct = needed <= finest;
+  // Beside finer posts those of a coarser layer are so near to each other that each block's corners are on them.
+  if (made.direct && !std::binary_search(kStrata.begin(), kStrata.end(), node.level)) {
+    const int above = *(std::lower_bound(kStrata.begin(), kStrata.end(), node.level) - 1);
+    needed = std::max(needed, std::min(finest_at(ancestor_of(node, above)) - kMostLevelsApart, finest));
+  }
+  made.base_level = made.direct ? needed : *next;
+  return made;
+}
+
+ChunkNode LevelBorders::chunk_of(const BlockId& id) const {
+  const BlockId root = id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
+  ChunkNode chunk{root, levels_of(root)};
+  while (!chunk.levels.direct && id.level >= chunk.levels.base_level) {
+    chunk.node = ancestor_of(id, chunk.levels.base_level);
+    chunk.levels = levels_of(chunk.node);
+  }
+  return chunk;
+}
+
+// Adds the parts of an edge of coarser posts that finer ones lie beyond. `outside`: a tick beyond the edge.
+void LevelBorders::add_finer_along(const LevelBorder& edge, std::int64_t outside,
+                                   std::vector<LevelBorder>& found) const {
+  std::int64_t past = -1;  // of the part added last
+  for (std::int64_t at = edge.from; at < edge.to;) {
+    const std::int64_t lat = edge.along_parallel ? outside : at, lon = edge.along_parallel ? at : outside;
+    const ChunkNode beyond = chunk_of(block_at(strata_.back(), static_cast<std::int32_t>(lat), wrap_lon(lon)));
+    const BlockExtent e = extent_of(beyond.node);
+    const std::int64_t from = edge.from + floor_div(at - edge.from, edge.step) * edge.step;
+    at = std::min<std::int64_t>(edge.along_parallel ? e.lon1() : e.lat1(), edge.to);
+    if (!beyond.levels.exists || beyond.levels.base_level <= edge.level) continue;
+    if (from > past) found.push_back(edge), found.back().from = from;
+    found.back().to = past = edge.from - floor_div(edge.from - at, edge.step) * edge.step;
   }
 }
 
 // `level`: of the node's own posts.
-void LevelBorders::add_borders_of(const BlockId& node, std::size_t stratum, int level,
-                                  std::vector<LevelBorder>& found) const {
+void LevelBorders::add_borders_of(const BlockId& node, int level, std::vector<LevelBorder>& found) const {
   const BlockExtent e = extent_of(node);
   const std::int32_t lat_step = lat_step_of(level);
   // Rows nearer the equator have narrower quads.
   const std::int32_t nearest = std::clamp(kLatTicks / 2, e.lat0, e.lat1() - 1);
   const std::int32_t lon_step = extent_of(block_at(level, nearest, e.lon0)).lon_step;
   for (const bool east : {false, true})
-    if (is_finer(node_at(stratum, e.lat0, east ? e.lon1() : std::int64_t{e.lon0} - 1), stratum, level))
-      found.push_back({false, east ? e.lon1() : e.lon0, e.lat0, e.lat1(), level, lat_step, lon_step});
+    add_finer_along({false, east ? e.lon1() : e.lon0, e.lat0, e.lat1(), level, lat_step, lon_step},
+                    east ? e.lon1() : std::int64_t{e.lon0} - 1, found);
   for (const bool north : {false, true}) {
     const std::int32_t at = north ? e.lat1() : e.lat0, inside = north ? at - 1 : at, outside = north ? at : at - 1;
     if (outside < 0 || outside >= kLatTicks) continue;
-    // Blocks beyond may be wider or narrower.
-    for (std::int32_t lon = e.lon0; lon < e.lon1();) {
-      const BlockId beyond = node_at(stratum, outside, lon);
-      const std::int32_t to = std::min(extent_of(beyond).lon1(), e.lon1());
-      if (is_finer(beyond, stratum, level))
-        found.push_back({true, at, lon, to, level, extent_of(block_at(level, inside, lon)).lon_step, lat_step});
-      lon = to;
-    }
+    add_finer_along({true, at, e.lon0, e.lon1(), level, extent_of(block_at(level, inside, e.lon0)).lon_step, lat_step},
+                    outside, found);
   }
 }
+
+namespace {
+
+// Ticks around a window's posts that a node's quads may reach into.
+struct Surroundings {
+  std::int64_t south, north, west, east;
+};
+
+Surroundings around(const PostWindow& w, const BlockExtent& e) {
+  const std::int64_t lat1 = w.lat0 + std::int64_t{w.rows - 1} * w.lat_step,
+                     lon1 = w.lon0 + std::int64_t{w.cols - 1} * w.lon_step;
+  return {std::max<std::int64_t>(std::min(w.lat0, lat1) - e.lat_step, 0),
+          std::min<std::int64_t>(std::max(w.lat0, lat1) + e.lat_step, kLatTicks - 1), w.lon0 - e.lon_step,
+          lon1 + e.lon_step};
+}
+
+// Ticks from the first node that reaches into a window's surroundings eastward; empty for a node that doesn't.
+std::optional<std::int64_t> eastward(const PostWindow& w, const BlockId& node) {
+  const BlockExtent e = extent_of(node);
+  const Surroundings s = around(w, e);
+  if (e.lat0 > s.north || e.lat1() <= s.south) return std::nullopt;
+  const std::int64_t width = e.lon1() - e.lon0, first = floor_div(s.west, width) * width;
+  const std::int64_t from = wrap_lon(e.lon0 - first);
+  return first + from <= s.east ? std::optional(from) : std::nullopt;
+}
+
+// Those of some nodes that reach into a window's surroundings, from south to north and from the window's west eastward.
+std::vector<BlockId> near_window(const PostWindow& w, const std::vector<BlockId>& nodes) {
+  std::vector<std::tuple<int, std::int64_t, BlockId>> found;
+  for (const BlockId& node : nodes)
+    if (const auto from = eastward(w, node)) found.emplace_back(node.row, *from, node);
+  std::sort(found.begin(), found.end());
+  std::vector<BlockId> sorted;
+  for (const auto& [row, from, node] : found) sorted.push_back(node);
+  return sorted;
+}
+
+void add_descendants(const BlockId& node, int level, std::vector<BlockId>& found) {
+  if (node.level == level) return found.push_back(node);
+  for (const BlockId& child : children_of(node)) add_descendants(child, level, found);
+}
+
+std::vector<BlockId> roots_around(const PostWindow& w) {
+  const Surroundings s = around(w, extent_of({kRootLevel, 0, 0}));
+  const std::int64_t side = kLatTicks / rows_of(kRootLevel);
+  std::vector<BlockId> found;
+  for (auto row = static_cast<int>(s.south / side); row <= static_cast<int>(s.north / side); ++row)
+    for (int col = 0; col < columns_of(kRootLevel, row); ++col) found.push_back({kRootLevel, row, col});
+  return found;
+}
+
+}  // namespace
 
 std::vector<LevelBorder> LevelBorders::near(const PostWindow& w) const {
   std::vector<LevelBorder> found;
   if (!any_) return found;
-  const std::int64_t lat1 = w.lat0 + std::int64_t{w.rows - 1} * w.lat_step,
-                     lon1 = w.lon0 + std::int64_t{w.cols - 1} * w.lon_step;
-  for (std::size_t s = 0; s < kStrata.size(); ++s) {
-    const std::int32_t quad = lat_step_of(kStrata[s]);
-    const std::int32_t side = quad * quads_per_side(kStrata[s]);
-    const std::int64_t south = std::max<std::int64_t>(std::min(w.lat0, lat1) - quad, 0),
-                       north = std::min<std::int64_t>(std::max(w.lat0, lat1) + quad, kLatTicks - 1);
-    // Posts of such chunks, and of those beneath, are no coarser than the window's.
-    if (!is_coarser(w, kStrata[s], south) && !is_coarser(w, kStrata[s], north)) break;
-    for (std::int64_t row = south / side; row <= north / side; ++row) {
-      const std::int64_t width = extent_of(node_at(s, row * side, 0)).lon1(), columns = kLonTicks / width;
-      const std::int64_t margin = width / quads_per_side(kStrata[s]);
-      const std::int64_t first = floor_div(w.lon0 - margin, width), last = floor_div(lon1 + margin, width);
-      for (std::int64_t c = first; c <= std::min(last, first + columns - 1); ++c) {
-        const BlockId node = node_at(s, row * side, c * width);
-        if (s > 0 && levels_of(ancestor_of(node, kStrata[s - 1]), s - 1).direct) continue;  // no chunk of its own
-        const ChunkLevels levels = levels_of(node, s);
-        if (levels.exists && levels.direct &&
-            (is_coarser(w, levels.base_level, row * side) || is_coarser(w, levels.base_level, (row + 1) * side - 1)))
-          add_borders_of(node, s, levels.base_level, found);
-      }
+  std::vector<BlockId> nodes = roots_around(w);
+  while (!nodes.empty()) {
+    std::vector<BlockId> finer;
+    for (const BlockId& node : near_window(w, nodes)) {
+      // Posts of such chunks, and of those beneath, are no coarser than the window's.
+      const BlockExtent e = extent_of(node);
+      const Surroundings s = around(w, e);
+      if (!is_coarser(w, node.level, s.south) && !is_coarser(w, node.level, s.north)) return found;
+      const ChunkLevels levels = levels_of(node);
+      if (!levels.exists) continue;
+      if (!levels.direct)
+        add_descendants(node, levels.base_level, finer);
+      else if (is_coarser(w, levels.base_level, e.lat0) || is_coarser(w, levels.base_level, e.lat1() - 1))
+        add_borders_of(node, levels.base_level, found);
     }
+    nodes = std::move(finer);
   }
   return found;
 }

@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <functional>
 #include <mutex>
+#include <span>
 #include <unordered_map>
 #include <vector>
 
@@ -23,7 +24,13 @@ namespace selenograph::dem {
 // A chunk starts at one of these levels and reaches at most kChunkOctaves finer: one file stays below 100 MB, and a
 // frame of a small area of fine posts need not read the 4-degree tile around it.
 inline constexpr std::array<int, 3> kStrata{kRootLevel, 6, 12};
+// Where files have posts of different levels, chunks start at the levels between, too: what is coarse around a small
+// area of fine posts is then divided into chunks of its own, as large as possible, and not down to level 12.
+inline constexpr std::array<int, 8> kStrataOfLayers{kRootLevel, 6, 7, 8, 9, 10, 11, 12};
 inline constexpr int kChunkOctaves = 6;
+// Levels that posts beside finer ones within a node of level 6 are coarser by at most. A block's side has 64 quads: its
+// corners are posts of the coarser side, even where the longitude step doubles.
+inline constexpr int kMostLevelsApart = 5;
 
 // Files of a catalogue within `margin_deg` of a block, also across a pole.
 std::vector<int> files_touching(const Catalogue& catalogue, const BlockId& id, double margin_deg);
@@ -34,6 +41,11 @@ std::vector<int> files_within(const Catalogue& catalogue, const BlockId& id);
 struct ChunkLevels {
   bool exists = false, direct = true;
   int base_level = 0;
+};
+
+struct ChunkNode {
+  BlockId node;
+  ChunkLevels levels;
 };
 
 // Part of a parallel or a meridian with the triangles of coarser posts on one side. It begins and ends at such posts.
@@ -51,20 +63,24 @@ class LevelBorders {
 
   // Whether there are posts of different levels.
   bool any() const { return any_; }
-  // `node`: of level kStrata[stratum].
-  ChunkLevels levels_of(const BlockId& node, std::size_t stratum) const;
+  // `node`: of a level at which chunks start.
+  ChunkLevels levels_of(const BlockId& node) const;
+  // The chunk that holds a block; where the block is finer than the posts, the one that holds its finest ancestor.
+  ChunkNode chunk_of(const BlockId& id) const;
   // Level of a file (level_needed).
   int level_of_file(std::size_t file) const { return levels_[file]; }
   // Borders within `reach` of a window's posts whose coarser side is coarser than the window.
   std::vector<LevelBorder> near(const PostWindow& window) const;
 
  private:
-  bool is_finer(const BlockId& place, std::size_t stratum, int level) const;
-  void add_borders_of(const BlockId& node, std::size_t stratum, int level, std::vector<LevelBorder>& found) const;
+  ChunkLevels found_levels(const BlockId& node) const;
+  void add_borders_of(const BlockId& node, int level, std::vector<LevelBorder>& found) const;
+  void add_finer_along(const LevelBorder& edge, std::int64_t outside, std::vector<LevelBorder>& found) const;
 
   const Catalogue& catalogue_;
   std::vector<int> levels_;  // per file
   bool any_ = false;
+  std::span<const int> strata_ = kStrata;
   mutable std::mutex mutex_;
   mutable std::unordered_map<BlockId, ChunkLevels, BlockIdHash> known_;
 };

@@ -34,7 +34,8 @@ class Chunk {
   using Record = format::Record;
 
   // Input of a chunk that is not direct: the finer chunks' top blocks, null where there is nothing, and the files that
-  // they lack.
+  // they lack. Where a finer chunk's posts are farther apart than the top blocks', the block of its posts instead,
+  // shared by the ids of all that it covers.
   struct Finer {
     std::unordered_map<BlockId, std::shared_ptr<const Block>, BlockIdHash> blocks;
     std::vector<SourceIndex> replaced;

@@ -8,7 +8,7 @@
 namespace selenograph::dem {
 
 // Direct: its base level comes from the sources. Otherwise its base level is the top level of the finer chunks below,
-// which contain that level.
+// which contain that level or posts that are farther apart.
 struct ChunkPlan {
   BlockId node;
   int base_level = 0;

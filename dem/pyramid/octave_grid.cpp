@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <limits>
+#include <unordered_set>
 
 #include "dem/grid/shading_normals.h"
 #include "dem/posts/post_kernels.h"
@@ -13,29 +14,42 @@ namespace selenograph::dem {
 
 namespace {
 
-// Copies a finer chunk's top block into the grid. Near a pole its columns can be wider apart than the grid's: posts
-// between are interpolated along the row.
+// A height within a quad of a block, `t` and `u` of its sides east and north of its corner (r, c): on its triangles.
+float height_within(const Block& block, int r, int c, float t, float u) {
+  const int quads = block.extent.quads, north = std::min(r + 1, quads), east = std::min(c + 1, quads);
+  const auto at = [&](int row, int col) { return block.vertices[block.index(row, col)].height_m; };
+  if (u == 0) return t == 0 ? at(r, c) : at(r, c) + t * (at(r, east) - at(r, c));
+  if (t == 0) return at(r, c) + u * (at(north, c) - at(r, c));
+  if (t + u <= 1) return at(r, c) + t * (at(r, east) - at(r, c)) + u * (at(north, c) - at(r, c));
+  return at(north, east) + (1 - t) * (at(north, c) - at(north, east)) + (1 - u) * (at(r, east) - at(north, east));
+}
+
+// Copies a finer chunk's block into the grid. Its posts can be farther apart than the grid's, those of a coarser layer
+// or, near a pole, in longitude: heights between are those of its triangles.
 void paste(const Block& block, OctaveGrid& grid, std::vector<SourceMark>& marks) {
   const BlockExtent& e = block.extent;
-  const int stride = std::max(e.lon_step / grid.window.lon_step, 1);  // never less
-  const std::int64_t turn = std::llround(static_cast<double>(grid.window.lon0 - e.lon0) / kLonTicks);
-  for (const std::int64_t shift : {turn - 1, turn, turn + 1})
-    for (int r = 0; r <= e.quads; ++r) {
-      const std::int64_t row =
-          (e.lat0 + static_cast<std::int64_t>(r) * e.lat_step - grid.window.lat0) / grid.window.lat_step;
-      if (row < 0 || row >= grid.window.rows) continue;
-      const std::int64_t col0 = (e.lon0 + shift * kLonTicks - grid.window.lon0) / grid.window.lon_step;
-      for (int c = 0; c <= e.quads * stride; ++c) {
-        const std::int64_t col = col0 + c;
-        if (col < 0 || col >= grid.window.cols) continue;
-        const int a = c / stride, b = std::min(a + 1, e.quads);
-        const float t = static_cast<float>(c % stride) / static_cast<float>(stride);
-        const float ha = block.vertices[block.index(r, a)].height_m, hb = block.vertices[block.index(r, b)].height_m;
+  const PostWindow& w = grid.window;
+  const int along = std::max(e.lat_step / w.lat_step, 1), across = std::max(e.lon_step / w.lon_step, 1);  // never less
+  const std::int64_t row0 = (e.lat0 - w.lat0) / w.lat_step;
+  const std::int64_t first_row = std::max<std::int64_t>(0, row0),
+                     last_row = std::min<std::int64_t>(w.rows - 1, row0 + std::int64_t{e.quads} * along);
+  const std::int64_t turn = std::llround(static_cast<double>(w.lon0 - e.lon0) / kLonTicks);
+  for (const std::int64_t shift : {turn - 1, turn, turn + 1}) {
+    const std::int64_t col0 = (e.lon0 + shift * kLonTicks - w.lon0) / w.lon_step;
+    const std::int64_t first_col = std::max<std::int64_t>(0, col0),
+                       last_col = std::min<std::int64_t>(w.cols - 1, col0 + std::int64_t{e.quads} * across);
+    for (std::int64_t row = first_row; row <= last_row; ++row) {
+      const auto r = static_cast<int>(row - row0);
+      const float u = static_cast<float>(r % along) / static_cast<float>(along);
+      for (std::int64_t col = first_col; col <= last_col; ++col) {
+        const auto c = static_cast<int>(col - col0);
+        const float t = static_cast<float>(c % across) / static_cast<float>(across);
         const std::size_t at = grid.index(static_cast<int>(row), static_cast<int>(col));
-        grid.posts.heights[at] = t == 0 ? ha : ha + t * (hb - ha);
-        marks[at] = block.source(r, a);
+        grid.posts.heights[at] = height_within(block, r / along, c / across, t, u);
+        marks[at] = block.source(r / along, c / across);
       }
     }
+  }
 }
 
 // Weighted mean of the valid posts under the 3 x 3 binomial; a position that is void stays void.
@@ -131,12 +145,13 @@ OctaveGrid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, Lef
   grid.posts.heights.assign(grid.window.size(), kNoHeight_m);
   std::vector<SourceMark> marks(grid.window.size(), kNoSource);
   grid.posts.replaced = finer.replaced;
+  std::unordered_set<const Block*> pasted;  // posts that are farther apart stand in several places
   for (const BlockId& id : Chunk::finer_blocks(plan)) {
     stop.check();
-    if (const auto& block = finer.blocks.at(id)) {
-      paste(*block, grid, marks);
-      left_out.add(*block);
-    }
+    const auto& block = finer.blocks.at(id);
+    if (!block || !pasted.insert(block.get()).second) continue;
+    paste(*block, grid, marks);
+    left_out.add(*block);
   }
   grid.posts.sources.reset(grid.window.rows, grid.window.cols);
   for (int r = 0; r < grid.window.rows; ++r) grid.posts.sources.set(r, marks.data() + grid.index(r, 0));

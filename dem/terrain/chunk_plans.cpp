@@ -53,22 +53,22 @@ ChunkPlans::ChunkPlans(const Catalogue& catalogue, const PostSource& source, boo
       if (!files_within(catalogue, {0, row, col}).empty()) roots_.push_back({0, row, col});
 }
 
-ChunkPlan ChunkPlans::plan(const BlockId& node, std::size_t stratum) const {
+ChunkPlan ChunkPlans::plan(const ChunkNode& chunk) const {
   {
     std::lock_guard lock(mutex_);
-    if (const auto found = plans_.find(node); found != plans_.end()) return found->second;
+    if (const auto found = plans_.find(chunk.node); found != plans_.end()) return found->second;
   }
-  const ChunkPlan made = make_plan(node, stratum);
+  const ChunkPlan made = make_plan(chunk);
   std::lock_guard lock(mutex_);
-  return plans_.emplace(node, made).first->second;
+  return plans_.emplace(chunk.node, made).first->second;
 }
 
-ChunkPlan ChunkPlans::make_plan(const BlockId& node, std::size_t stratum) const {
+ChunkPlan ChunkPlans::make_plan(const ChunkNode& chunk) const {
   ChunkPlan plan;
-  plan.node = node;
-  const ChunkLevels levels = source_.borders().levels_of(node, stratum);
+  plan.node = chunk.node;
+  const ChunkLevels& levels = chunk.levels;
   plan.exists = levels.exists, plan.direct = levels.direct, plan.base_level = levels.base_level;
-  plan.on_network = touches_network(node, halo_deg(plan));
+  plan.on_network = touches_network(chunk.node, halo_deg(plan));
   plan.fingerprint = fingerprint_of(plan);
   return plan;
 }
@@ -100,7 +100,8 @@ std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
 
 // The coarser posts beside a chunk, and a mark where there may be such beside the finer chunks that it is made of.
 void ChunkPlans::add_borders(const ChunkPlan& plan, Fingerprint& f) const {
-  constexpr std::uint64_t kLevelsJoined = 2;  // earlier versions left a wall one post wide
+  // Earlier versions left a wall one post wide, then divided coarse posts as finely as fine ones.
+  constexpr std::uint64_t kLevelsJoined = 3;
   if (!plan.direct) f.add(kLevelsJoined);
   const BlockExtent e = extent_of(plan.node);
   const auto margin = static_cast<std::int64_t>(margin_deg(plan) * kTicksPerDegree);
@@ -164,52 +165,37 @@ bool ChunkPlans::reads_network(const BlockId& id) const {
          touches_network(id, kFillReach / std::ldexp(1.0, found.base_level));
 }
 
-ChunkPlan ChunkPlans::plan_for(const BlockId& id) const {
-  for (std::size_t stratum = 0;; ++stratum) {
-    const BlockId node = id.level <= kRootLevel ? root_of(id) : ancestor_of(id, kStrata[stratum]);
-    const ChunkPlan found = plan(node, stratum);
-    if (found.direct || id.level <= found.finest_level()) return found;
-  }
-}
+ChunkPlan ChunkPlans::plan_for(const BlockId& id) const { return plan(source_.borders().chunk_of(id)); }
 
 bool ChunkPlans::has_data(const BlockId& id) const {
-  // At the root level and above it a block is its root's area: the plan knows.
-  return plan(root_of(id), 0).exists && (id.level <= kRootLevel || !files_within(catalogue_, id).empty());
+  // At the root level and above it a block is its root's area.
+  return source_.borders().levels_of(root_of(id)).exists &&
+         (id.level <= kRootLevel || !files_within(catalogue_, id).empty());
 }
 
-int ChunkPlans::posts_level(const BlockId& id) const { return posts_level(root_of(id), 0, id); }
-
-int ChunkPlans::posts_level(const BlockId& node, std::size_t stratum, const BlockId& id) const {
-  const ChunkPlan here = plan(node, stratum);
+int ChunkPlans::posts_level(const BlockId& id) const {
+  const ChunkLevels here = source_.borders().chunk_of(id).levels;
   if (!here.exists) return 0;
   if (here.direct) return here.base_level;
-  if (id.level >= kStrata[stratum + 1]) return posts_level(ancestor_of(id, kStrata[stratum + 1]), stratum + 1, id);
-  int needed = 0;
+  int needed = here.base_level;
   for (const int i : files_touching(catalogue_, id, 0))
-    needed = std::max(needed, level_needed(catalogue_.rasters()[static_cast<std::size_t>(i)]));
-  return std::max(needed, here.base_level);
+    needed = std::max(needed, source_.borders().level_of_file(static_cast<std::size_t>(i)));
+  return needed;
 }
 
 std::vector<ChunkPlan> ChunkPlans::all() const {
   std::vector<ChunkPlan> found;
-  for (const BlockId& root : roots_) add_with_finer(root_of(root), 0, found);
+  for (const BlockId& root : roots_) add_with_finer(root_of(root), found);
   return found;
 }
 
-void ChunkPlans::add_with_finer(const BlockId& node, std::size_t stratum, std::vector<ChunkPlan>& found) const {
-  const ChunkPlan here = plan(node, stratum);
-  if (!here.exists) return;
-  if (!here.direct) {
-    std::vector<BlockId> level{node};
-    while (level[0].level < here.base_level) {
-      std::vector<BlockId> next;
-      for (const BlockId& id : level)
-        for (const BlockId& child : children_of(id)) next.push_back(child);
-      level = std::move(next);
-    }
-    for (const BlockId& child : level) add_with_finer(child, stratum + 1, found);
-  }
-  found.push_back(here);
+// The chunks whose nodes are a block or within it.
+void ChunkPlans::add_with_finer(const BlockId& id, std::vector<ChunkPlan>& found) const {
+  const ChunkNode chunk = source_.borders().chunk_of(id);
+  if (!chunk.levels.exists) return;
+  if (!chunk.levels.direct)
+    for (const BlockId& child : children_of(id)) add_with_finer(child, found);
+  if (chunk.node == id) found.push_back(plan(chunk));
 }
 
 }  // namespace selenograph::dem

@@ -37,14 +37,12 @@ class ChunkPlans {
   std::vector<ChunkPlan> all() const;
 
  private:
-  // `node`: of level kStrata[stratum].
-  ChunkPlan plan(const BlockId& node, std::size_t stratum) const;
-  ChunkPlan make_plan(const BlockId& node, std::size_t stratum) const;
+  ChunkPlan plan(const ChunkNode& chunk) const;
+  ChunkPlan make_plan(const ChunkNode& chunk) const;
   std::uint64_t fingerprint_of(const ChunkPlan& plan) const;
-  int posts_level(const BlockId& node, std::size_t stratum, const BlockId& id) const;
   bool touches_network(const BlockId& id, double around_deg) const;
   std::vector<int> around(const ChunkPlan& plan, double margin) const;
-  void add_with_finer(const BlockId& node, std::size_t stratum, std::vector<ChunkPlan>& found) const;
+  void add_with_finer(const BlockId& id, std::vector<ChunkPlan>& found) const;
 
   class Fingerprint;
   void add_joins(const ChunkPlan& plan, Fingerprint& fingerprint) const;

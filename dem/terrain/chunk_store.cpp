@@ -10,7 +10,6 @@
 
 #include "dem/files/whole_file.h"
 #include "dem/support/wait_clock.h"
-#include "dem/terrain/subdivided.h"
 
 namespace selenograph::dem {
 namespace {
@@ -110,7 +109,11 @@ bool ChunkStore::take_finer(BuildQueue::Work& work, const ChunkPlan& from, const
   if (!finer) finer = kept(from);
   if (!finer) return false;
   try {
-    work.finer.blocks[id] = block_of(*finer, from, id, stop);
+    // Posts that are farther apart are taken as they are, once.
+    const BlockId posts = ancestor_of(id, std::min(id.level, from.finest_level()));
+    auto& blocks = work.finer.blocks;
+    if (!blocks.contains(posts)) blocks.emplace(posts, finer->load(posts, source_, stop));
+    if (posts != id) blocks.emplace(id, std::shared_ptr<const Block>(blocks.at(posts)));
     work.finer.replaced.insert(work.finer.replaced.end(), finer->replaced().begin(), finer->replaced().end());
     return true;
   } catch (const DataError& error) {
@@ -176,14 +179,6 @@ void ChunkStore::write(const ChunkWriter::Job& job) {
   } catch (const std::exception& error) {
     trouble_.log(fmt::format("{} is kept in memory only: {}", job.chunk->name(), error.what()));
   }
-}
-
-// A block from a chunk at hand, or finer than what the chunk holds.
-std::shared_ptr<const Block> ChunkStore::block_of(const Chunk& chunk, const ChunkPlan& plan, const BlockId& id,
-                                                  const StopToken& stop) const {
-  if (id.level <= plan.finest_level()) return chunk.load(id, source_, stop);
-  const auto posts = chunk.load(ancestor_of(id, plan.base_level), source_, stop);
-  return posts ? subdivided(*posts, id) : nullptr;
 }
 
 std::shared_ptr<const Block> ChunkStore::load(const BlockId& id, const ChunkPlan& plan, const StopToken& stop) {

@@ -54,8 +54,6 @@ class ChunkStore {
   bool take_finer(BuildQueue::Work& work, const ChunkPlan& from, const BlockId& id, const StopToken& stop);
   std::shared_ptr<const Chunk> build(const ChunkPlan& plan, const Chunk::Finer& finer, const StopToken& stop);
   void write(const ChunkWriter::Job& job);
-  std::shared_ptr<const Block> block_of(const Chunk& chunk, const ChunkPlan& plan, const BlockId& id,
-                                        const StopToken& stop) const;
   void reject(const ChunkPlan& plan, const Chunk& opened, const DataError& why);
   void distrust(const BlockId& node);
   bool is_distrusted(const BlockId& node) const;

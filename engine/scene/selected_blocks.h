@@ -11,7 +11,8 @@
 namespace selenograph::engine {
 
 struct Selection {
-  std::vector<dem::BlockId> blocks;  // sorted; neighbouring levels differ by at most one
+  // Sorted. Levels of neighbours differ by at most one, beside a coarser layer's posts by at most five.
+  std::vector<dem::BlockId> blocks;
   double error_px = 0, error_m = 0;  // upper bounds over the blocks in view
   double detail_error_px = 0;        // part of it that comes from the terrain's detail
   double detail_limit_px = 0;        // Accuracy::max_detail_error_px as used; 0: no detail

@@ -195,10 +195,14 @@ class ViewSelector {
   // Whether a joined edge follows a coarser neighbour that is out of view. (A neighbour in view has its own bounds.)
   bool follows(const BlockId& id, const BlockId& neighbour) const;
 
+  // Whether a block shows a coarser layer's posts as they are, beside those of a finer layer: split it would be the
+  // same surface, in more triangles.
+  bool of_coarser_layer(const BlockId& neighbour, const BlockId& id) const;
+
   bool must_split(const BlockId& neighbour, const BlockId& id) const;
 
-  // Splits blocks until levels of neighbours differ by at most one, so that edges join vertex by vertex, and until no
-  // edge in view exceeds the promised error.
+  // Splits blocks until levels of neighbours differ by at most one, beside a coarser layer's posts by at most five, so
+  // that edges join vertex by vertex, and until no edge in view exceeds the promised error.
   void balance();
 
   // Takes the id by value: it is removed from the set that holds it.

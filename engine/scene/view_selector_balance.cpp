@@ -1,3 +1,4 @@
+#include "dem/posts/level_borders.h"
 #include "engine/scene/view_selector.h"
 
 namespace selenograph::engine {
@@ -17,8 +18,15 @@ bool ViewSelector::follows(const BlockId& id, const BlockId& neighbour) const {
   return neighbour.level < id.level && in_view_.contains(id) && !in_view_.contains(neighbour);
 }
 
+bool ViewSelector::of_coarser_layer(const BlockId& neighbour, const BlockId& id) const {
+  if (terrain_.detail()) return false;
+  const int posts = terrain_.posts_level(neighbour);
+  return neighbour.level >= posts && posts < terrain_.posts_level(id);
+}
+
 bool ViewSelector::must_split(const BlockId& neighbour, const BlockId& id) const {
-  if (neighbour.level < id.level - 1) return true;
+  const int apart = id.level - neighbour.level;
+  if (apart > 1 && (apart > dem::kMostLevelsApart || !of_coarser_layer(neighbour, id))) return true;
   return follows(id, neighbour) && errs(neighbour, in_view_.at(id));
 }
 
