@@ -117,7 +117,7 @@ class Assets {
 //    "extent": {"south_deg", "north_deg", "west_deg", "east_deg"},   of a raster without georeferencing
 //    "scale": 1, "offset": 0, "exponent": 1,  value = (scale * sample + offset)^exponent
 //    "quantity": "radiance_factor",        values are I/F at
-//    "incidence_deg", "emission_deg", "phase_deg", "wavelength_um",   all four are needed then; left out: rho, w, kelvin
+//    "incidence_deg", "emission_deg", "phase_deg", "wavelength_um",   these, all required; left out: rho, w or kelvin
 //    "no_data": N,                         another no-data sample, besides the file's own
 //    "low": L, "high": H,                  values are clamped
 //    "description": "..."}

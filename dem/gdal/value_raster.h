@@ -24,7 +24,7 @@ struct ValueMapOptions {
   std::optional<Footprint> extent;
   // value = (scale * sample + offset) ^ exponent, after the file's own scale and offset; the exponent undoes a gamma.
   double scale = 1, offset = 0, exponent = 1;
-  std::optional<double> no_data;  // an additional sample value that means no-data
+  std::optional<double> no_data;                  // an additional sample value that means no-data
   std::optional<RadianceFactor> radiance_factor;  // if values are I/F; empty: rho, Hapke's w, or kelvin
   double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();  // values are clamped
 };

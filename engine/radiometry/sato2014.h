@@ -4,8 +4,8 @@
 //
 // sato2014.csv holds four regions, made from the published maps reduced to cells of 32 x 32 degrees (lrowacphomap, USGS
 // ISIS test data, CC0): 0, medians over the cells from 30 S to 30 N; 1, means over those of the near side, weighted as
-// the Earth sees them; 2, the cell at 22 N, 56 W (Oceanus Procellarum); 3, medians over those of the cells of 0 that lie
-// beyond 112 degrees of longitude.
+// the Earth sees them; 2, the cell at 22 N, 56 W (Oceanus Procellarum); 3, medians over those of the cells of 0 that
+// lie beyond 112 degrees of longitude.
 #pragma once
 
 #include <string_view>

@@ -117,16 +117,14 @@ std::vector<Pair> image_pairs(const VerifyMoonSettings& settings, const engine::
   return pairs;
 }
 
-// One point spread for all images: the standard deviation with the best mean correlation.
+// One point spread for all images: the standard deviation with the best mean correlation, before any is moved.
 double fitted_spread_px(const std::vector<Pair>& pairs) {
   double best_px = 0, best = -1;
   for (double sigma_px = 0.3; sigma_px < 1.25; sigma_px += 0.05) {
     double sum = 0;
-    for (const Pair& pair : pairs) {
-      const engine::View view(pair.request.camera, pair.request.pose);
-      const engine::Placement by = engine::registered(pair.observed, pair.frame, view, {sigma_px});
-      sum += engine::disc_correlation(pair.observed, engine::spread(pair.frame, by), view);
-    }
+    for (const Pair& pair : pairs)
+      sum += engine::disc_correlation(pair.observed, engine::spread(pair.frame, {sigma_px}),
+                                      engine::View(pair.request.camera, pair.request.pose));
     if (sum > best) best = sum, best_px = sigma_px;
   }
   return best_px;

@@ -4,11 +4,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 #include <random>
 
 #include "dem/gdal/geotiff_writer.h"
 #include "engine/radiometry/atmosphere.h"
 #include "engine/radiometry/brdf.h"
+#include "engine/radiometry/moon.h"
 #include "engine/radiometry/radiometry.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
@@ -134,7 +136,8 @@ TEST_F(MappedGround, RadianceFactorsBecomeAlbedo) {
     whole.rho = 1;
     const Band there(at.wavelength_um, 1e-3);
     const double of_one = std::numbers::pi * Brdf(whole, &there).times_mu0(cosine(60), 1, cosine(60));
-    r.albedo_maps = {map("factor.tif", [&](double lat, double) { return of_one * rho(lat); }, at)};
+    r.albedo_maps = {map(
+        "factor.tif", [&](double lat, double) { return of_one * rho(lat); }, at)};
     each(r, [&](double lat, double, double mu0, double mu, double cos_phase, double radiance) {
       const double expected =
           solar_irradiance_w_m2(*r.band) * rho(lat) * Brdf(whole, &*r.band).times_mu0(mu0, mu, cos_phase);

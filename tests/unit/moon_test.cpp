@@ -120,8 +120,10 @@ TEST(Moon, MareAndHighlands) {
   for (const double um : {0.4, 0.6, 0.689, 1.64}) {
     const double mare = disc(moon(MoonGround::mare), um, 30), mean = disc(moon(), um, 30),
                  highlands = disc(moon(MoonGround::highlands), um, 30);
-    EXPECT_GT(mare / mean, 0.6), EXPECT_LT(mare / mean, 0.9);
-    EXPECT_GT(highlands / mean, 1.2), EXPECT_LT(highlands / mean, 1.7);
+    EXPECT_GT(mare / mean, 0.6);
+    EXPECT_LT(mare / mean, 0.9);
+    EXPECT_GT(highlands / mean, 1.2);
+    EXPECT_LT(highlands / mean, 1.7);
   }
 }
 
@@ -137,8 +139,12 @@ TEST(Moon, Trust) {
 
 TEST(Sato2014, ItsTable) {
   const HapkeParameters p = sato2014(SatoRegion::mare, 0.643);
-  EXPECT_DOUBLE_EQ(p.w, 0.2545), EXPECT_DOUBLE_EQ(p.b, 0.263), EXPECT_DOUBLE_EQ(p.c, 0.0811);
-  EXPECT_DOUBLE_EQ(p.b0, 1.994), EXPECT_DOUBLE_EQ(p.h, 0.0485), EXPECT_DOUBLE_EQ(p.theta_bar_deg, 23.657);
+  EXPECT_DOUBLE_EQ(p.w, 0.2545);
+  EXPECT_DOUBLE_EQ(p.b, 0.263);
+  EXPECT_DOUBLE_EQ(p.c, 0.0811);
+  EXPECT_DOUBLE_EQ(p.b0, 1.994);
+  EXPECT_DOUBLE_EQ(p.h, 0.0485);
+  EXPECT_DOUBLE_EQ(p.theta_bar_deg, 23.657);
   EXPECT_EQ(sato2014(SatoRegion::mare, 1).w, sato2014(SatoRegion::mare, 0.689).w);
 }
 
