@@ -53,7 +53,7 @@ const AtKnots& reflectances_at_knots() {
     AtKnots out;
     for (std::size_t node = 0; node < kNodes; ++node)
       for (int i = 0; i <= TermsByPhase::kIntervals; ++i)
-        out[node].push_back(node_reflectance(node, std::min(TermsByPhase::knot_phase_deg(i), kAllenLast_deg)));
+        out[node].push_back(node_reflectance(node, TermsByPhase::knot_phase_deg(i)));
     return out;
   }();
   return table;
@@ -149,7 +149,7 @@ TermsByPhase moon_terms(MoonGround ground, const Band* band) {
   for (int i = 0; i <= TermsByPhase::kIntervals; ++i) {
     double reflectance = 0;
     for (std::size_t k = 0; k < kNodes; ++k) reflectance += weights[k] * reflectances[k][static_cast<std::size_t>(i)];
-    const double phase_deg = std::min(TermsByPhase::knot_phase_deg(i), kAllenLast_deg);
+    const double phase_deg = TermsByPhase::knot_phase_deg(i);
     const double l = mcewen_limb_darkening(phase_deg);
     const BrdfTerms shape{2 * l, 1 - l};
     const double c = reflectance / (std::numbers::pi * sphere_light(shape, phase_deg));
@@ -168,7 +168,7 @@ double moonlight_w_m2(MoonGround ground, const Band& band) {
 }
 
 MoonTrust moon_trust(const Band* band) {
-  constexpr double kFirst_um = 0.35, kLast_um = 2.5, kLime = 0.02, kRolo = 0.1;
+  constexpr double kFirst_um = 0.35, kLast_um = 2.5;
   const Band& of = band ? *band : all_wavelengths();
   double all = 0, within = 0, by_lime = 0;
   const std::vector<double> bends = bends_of(of);
@@ -179,8 +179,8 @@ MoonTrust moon_trust(const Band* band) {
     if (middle >= kFirst_um && middle <= kLast_um) within += light;
     if (middle >= kNodes_um[kFirstLime] && middle <= kNodes_um[kLastLime]) by_lime += light;
   }
-  if (!(all > 0)) return {kRolo, 1};
-  return {std::lerp(kRolo, kLime, by_lime / all), 1 - within / all};
+  if (!(all > 0)) return {kRoloUncertainty, 1};
+  return {std::lerp(kRoloUncertainty, kLimeUncertainty, by_lime / all), 1 - within / all};
 }
 
 std::optional<double> near_side_mean(const dem::ValueMap& map, const StopToken& stop) {

@@ -30,8 +30,9 @@ TermsByPhase moon_terms(MoonGround ground, const Band* band);
 double moonlight_w_m2(MoonGround ground, const Band& band);
 
 // How far `moon` is to be trusted in a band.
+inline constexpr double kLimeUncertainty = 0.02, kRoloUncertainty = 0.1;
 struct MoonTrust {
-  double uncertainty;         // of the disc's irradiance, relative, k = 2: LIME's 2 % or ROLO's 10 %
+  double uncertainty;         // of the disc's irradiance, relative, k = 2: LIME's or ROLO's, from 2 to 90 degrees
   double extrapolated_share;  // of the band's sunlight, at wavelengths beyond 0.35 to 2.5 um
 };
 MoonTrust moon_trust(const Band* band);

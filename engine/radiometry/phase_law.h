@@ -29,15 +29,15 @@ double sphere_light(const BrdfTerms& terms, double phase_deg);
 // to 0, and beyond 97 in proportion to Allen's. 1 for `none`.
 double moon_light(PhaseLaw law, double phase_deg);
 
-// The last phase angle of Allen's and of ROLO's observations.
-inline constexpr double kAllenLast_deg = 150, kRoloLast_deg = 97;
+// The last and first phase angles of Allen's and ROLO's observations.
+inline constexpr double kAllenLast_deg = 150, kRoloFirst_deg = 1.55, kRoloLast_deg = 97;
 
-// The two constants of f_r as functions of the phase angle: cubics between knots that are even in sin(g/2), so that
-// neither an arc cosine nor the law itself is computed per pixel. Laws are met to 1e-6.
+// The two constants of f_r as functions of the phase angle: cubics between knots that are evenly spaced in sin(g/2), so
+// that neither an arc cosine nor the law itself is computed per pixel. Laws are met to 1e-6.
 class TermsByPhase {
  public:
   static constexpr int kIntervals = 512;
-  static double knot_phase_deg(int knot);  // knots 0 to kIntervals: 0 to 180 degrees
+  static double knot_phase_deg(int knot);  // knots 0 to kIntervals: 0 to 150 degrees; constant beyond
 
   // `knots`: the law's values at all knots.
   explicit TermsByPhase(const std::vector<BrdfTerms>& knots);
@@ -45,7 +45,7 @@ class TermsByPhase {
 
   SELENOGRAPH_LANE BrdfTerms at(double cos_phase) const {
     const double half = (1 - cos_phase) / 2, low = half > 0 ? half : 0.0;
-    const double place = std::sqrt(low < 1 ? low : 1.0) * kIntervals;
+    const double sine = std::sqrt(low), place = (sine < kLastSine ? sine : kLastSine) * (kIntervals / kLastSine);
     const int interval = static_cast<int>(place < kIntervals - 1 ? place : kIntervals - 1.0);
     const double x = place - interval;
     const double* const c = cubics_.data() + kCoefficients * interval;
@@ -54,6 +54,7 @@ class TermsByPhase {
 
  private:
   static constexpr int kCoefficients = 8;
+  static constexpr double kLastSine = 0.9659258262890683;  // of 75 degrees
   std::vector<double> cubics_;
 };
 

@@ -6,6 +6,7 @@
 
 #include "dem/grid/geodesy.h"
 #include "engine/radiometry/disc_models.h"
+#include "engine/radiometry/moon.h"
 #include "engine/radiometry/phase_law.h"
 #include "engine/radiometry/sato2014.h"
 #include "engine/radiometry/spectrum.h"
@@ -65,7 +66,6 @@ std::vector<double> bands_um() {
 
 DiscRow row_of(const std::string& preset, const std::string& ground, double wavelength_um, const DiscGeometry& at,
                double signed_phase_deg, double reflectance) {
-  constexpr double kRoloFirst_deg = 1.55, kLimeLast_deg = 90;
   const double none = std::numeric_limits<double>::quiet_NaN(), g = at.phase_deg;
   return {preset,
           ground,

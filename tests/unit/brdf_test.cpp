@@ -124,7 +124,7 @@ TEST(Brdf, LunarLambertAgreesWithIsis) {
 // LunarLambertMcEwen there: L(30) = 1 - 0.57 + 0.2178 - 0.03942.
 TEST(Brdf, McEwensWeightFollowsThePhase) {
   const Geometry g = degrees(45, 30, 30);
-  EXPECT_NEAR(f_r(lunar_lambert({}), g), f_r(lunar_lambert(0.60838), g), 1e-14);
+  EXPECT_NEAR(f_r(lunar_lambert({}), g), f_r(lunar_lambert(0.60838), g), 1e-12);  // of a table
   const Geometry opposition = degrees(50, 50, 0);
   EXPECT_NEAR(f_r(lunar_lambert({}), opposition), f_r(lunar_lambert(1), opposition), 1e-14);
   const Geometry forward = degrees(80, 80, 160);  // the polynomial is below 0 beyond 105 degrees

@@ -86,7 +86,7 @@ TEST(Members, ARowIsReaderResolvedTextSchemaAndLineOfTheDocument) {
   EXPECT_FALSE(without->schema(Limits{})["properties"].contains("power_w"));
   EXPECT_EQ(
       with->schema(Limits{})["properties"]["power_w"].dump(),
-      R"json({"type":"number","exclusiveMinimum":0.0,"maximum":100.0,"description":"radiant flux (W)","default":5.0})json");
+      R"json({"type":"number","exclusiveMinimum":0.0,"maximum":100.0,"description":"radiant flux (W)","x-unit":"W","default":5.0})json");
 
   EXPECT_EQ(without->markdown(Limits{}).find("power_w"), std::string::npos);
   EXPECT_NE(with->markdown(Limits{}).find("\n| `power_w` | number > 0, ≤ 100 | W | `5.0` | radiant flux |\n"),

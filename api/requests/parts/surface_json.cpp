@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "api/json/ranges.h"
@@ -339,13 +340,23 @@ void resolve_preset(engine::FrameRequest& request, const SurfaceQuery& query) {
   request.reflectance.hapke = engine::sato2014(region, request.band ? request.band->center_um() : kVisible_um);
 }
 
+namespace {
+
+bool within(const std::array<double, 2>& range, double least, double largest) {
+  return range[0] >= least && range[1] <= largest;
+}
+
+}  // namespace
+
 nlohmann::ordered_json reflectance_metadata(const engine::FrameRequest& request, const engine::FrameReport& report) {
   nlohmann::ordered_json out{{"normalisation", normalisation(request.reflectance.model)}};
   if (request.reflectance.model != ReflectanceModel::moon) return out;
   const engine::MoonTrust trust = engine::moon_trust(engine::band_of(request));
-  out["uncertainty"] = trust.uncertainty;
+  const auto& phase_deg = report.view.phase_deg;
+  const bool by_lime = !phase_deg || within(*phase_deg, engine::kLimeFirst_deg, engine::kLimeLast_deg);
+  out["uncertainty"] = by_lime ? trust.uncertainty : engine::kRoloUncertainty;
   out["extrapolated_sunlight"] = trust.extrapolated_share;
-  if (report.view.phase_deg) out["phase_deg"] = *report.view.phase_deg;
+  if (phase_deg) out["phase_deg"] = *phase_deg;
   return out;
 }
 
@@ -359,10 +370,10 @@ void add_reflectance_warnings(const engine::FrameRequest& request, const engine:
           "the band reaches beyond 0.35 to 2.5 um, where the Moon's reflectance is extrapolated "
           "(reflectance.extrapolated_sunlight says how much of the light)");
     if (const auto& phase_deg = report.view.phase_deg;
-        phase_deg && ((*phase_deg)[0] < engine::kLimeFirst_deg || (*phase_deg)[1] > engine::kLimeLast_deg))
+        phase_deg && !within(*phase_deg, engine::kRoloFirst_deg, engine::kRoloLast_deg))
       warnings.push_back(
-          "phase angles in view are beyond the 2 to 90 degrees of the LIME model, where the Moon's reflectance follows "
-          "ROLO's shape and is extrapolated above 97 degrees (reflectance.phase_deg says which)");
+          "phase angles in view are beyond the 1.55 to 97 degrees of the ROLO model, where the Moon's reflectance is "
+          "extrapolated (reflectance.phase_deg says which)");
   }
 }
 
