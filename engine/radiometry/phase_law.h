@@ -36,7 +36,7 @@ inline constexpr double kAllenLast_deg = 150, kRoloFirst_deg = 1.55, kRoloLast_d
 // that neither an arc cosine nor the law itself is computed per pixel. Laws are met to 1e-6.
 class TermsByPhase {
  public:
-  static constexpr int kIntervals = 512;
+  static constexpr int kIntervals = 1024;
   static double knot_phase_deg(int knot);  // knots 0 to kIntervals: 0 to 150 degrees; constant beyond
 
   // `knots`: the law's values at all knots.

@@ -33,7 +33,7 @@ except ImportError:
 
 import harness
 from fake_service import FakeService
-from harness import PATIENCE_S, REPOSITORY, Service, frame_request
+from harness import BINARY, PATIENCE_S, REPOSITORY, Service, frame_request
 
 FOLDER = os.path.join(REPOSITORY, "api", "clients", "python")
 sys.path.insert(0, FOLDER)
@@ -899,7 +899,7 @@ class Readme(unittest.TestCase):
                      os.path.join("python", "loops.md"), os.path.join("python", "geometry.md")):
             with open(os.path.join(clients, page)) as file:
                 links = selenograph.re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", file.read())
-            for link in links:
+            for link in (link for link in links if not link.startswith("https://")):
                 self.assertTrue(os.path.exists(os.path.join(clients, os.path.dirname(page), link)), (page, link))
 
     def test_the_frames_of_the_conventions_differ(self):
@@ -931,9 +931,8 @@ class Package(unittest.TestCase):
             ast.parse("match x:\n  case 1: pass", feature_version=(3, 9))
 
     def test_it_is_the_services_version(self):
-        with open(os.path.join(REPOSITORY, "CMakeLists.txt")) as file:
-            version = selenograph.re.search(r"project\(selenograph VERSION (\S+)", file.read())[1]
-        self.assertEqual(selenograph.__version__, version)
+        said = subprocess.run([BINARY, "--version"], check=True, capture_output=True, text=True).stdout
+        self.assertIn(selenograph.__version__, said.split())
 
     def test_pip_installs_it(self):
         missing = [name for name in ("pip", "setuptools", "wheel") if importlib.util.find_spec(name) is None]
