@@ -327,8 +327,10 @@ class OfRelief(harness.WithService):
                 places = [{"lat_deg": a, "lon_deg": b} for a, b in zip(lat, lon)]
                 heights = self.ok_json(service.post("/v1/heights", {"points": places}))["points"]
                 self.assertEqual(service.stop(), 0)
-                np.testing.assert_allclose([p["height_m"] for p in heights], map_["height"], rtol=0,
-                                           atol=1.5 * float(found[3]) + 1e-3)  # of other posts than those compared
+                off = np.abs(np.array([p["height_m"] for p in heights]) - map_["height"])
+                # Of other posts than those compared: the same spread, and no worse than the worst that is allowed.
+                self.assertLess(np.sqrt((off ** 2).mean()), 1.5 * float(found[2]) + 1e-3)
+                self.assertLess(off.max(), 0.3)
 
     def test_lit_and_normal_are_those_of_rays(self):
         seen = set()

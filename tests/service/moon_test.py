@@ -114,7 +114,7 @@ class MoonTest(unittest.TestCase):
         if not all(map(harness.shared_data, ("images", "albedo", "global"))):
             self.skipTest("the images of the Moon are not beside the project (shared/data/images)")
         folder, rows = self.verify("--dem", harness.shared_data("global"), "--assets-dir", moon_kit(),
-                                   "--albedo-maps", "kit", "--size-px", "64", "--images", harness.shared_data("images"),
+                                   "--albedo-maps", "kit", "--size-px", "32", "--images", harness.shared_data("images"),
                                    "--cache-dir", harness.path("cache"), "--log-level", "error")
         with open(os.path.join(folder, "images.csv")) as file:
             images = list(csv.DictReader(file))
