@@ -72,7 +72,8 @@ void check_discs(const MoonReport& report, std::vector<std::string>& out) {
   for (const auto& [at, ratios] : terrain) {
     double product = 1;
     for (const double ratio : ratios) product *= ratio;
-    if (const double mean = std::pow(product, 1.0 / static_cast<double>(ratios.size())); std::abs(mean - 1) > 0.03)
+    const double bound = at.second <= 75 ? 0.03 : 0.04;
+    if (const double mean = std::pow(product, 1.0 / static_cast<double>(ratios.size())); std::abs(mean - 1) > bound)
       out.push_back(fmt::format("moon on terrain, {:g} um, {:g} degrees: {:.4f} of LIME", at.first, at.second, mean));
   }
 }

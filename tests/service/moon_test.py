@@ -45,7 +45,8 @@ class MoonTest(unittest.TestCase):
         return [(e["pointer"], e["detail"]) for e in json.loads(body)["errors"]]
 
     def test_radiance_is_mcewens_law_scaled_to_lime(self):
-        f = self.frame(surface={"preset": "moon"}, band=BAND)
+        f = self.frame(surface={"preset": "moon"}, band=BAND, sun={"local": {
+            "lat_deg": 0.0, "lon_deg": 30.0, "azimuth_deg": 90.0, "elevation_deg": 45.0}})
         meta = f["meta"]
         self.assertEqual(meta["request"]["surface"], {"preset": "moon"})
         self.assertAlmostEqual(meta["reflectance"]["uncertainty"], 0.02)
@@ -103,7 +104,7 @@ class MoonTest(unittest.TestCase):
         worst = max(abs(float(row["reflectance"]) / float(row["lime"]) - 1) for row in moon)
         self.assertLess(worst, 0.01)
         with open(os.path.join(folder, "moon.md")) as file:
-            self.assertIn("| moon | 1.000", file.read())
+            self.assertRegex(file.read(), r"\| moon \| 0.999 to 1.000 \| 1.000 \|")  # 2 degrees: LIME's end
 
     def test_what_is_missing_is_named(self):
         done = harness.run("verify", "moon", "-o", harness.path("none"), "--images", harness.path("nowhere"))
@@ -133,7 +134,7 @@ class MoonTest(unittest.TestCase):
                 lime = [float(r["lime"]) for r in rows if r["ground"] == "sphere" and r["preset"] == "moon" and
                         r["phase_deg"] == row["phase_deg"] and r["wavelength_um"] == row["wavelength_um"]]
                 if lime:
-                    self.assertLess(abs(both / lime[0] - 1), 0.03, row)
+                    self.assertLess(abs(both / lime[0] - 1), 0.03 if float(row["phase_deg"]) <= 75 else 0.04, row)
 
 
 if __name__ == "__main__":
