@@ -37,6 +37,7 @@ struct Settings {
   VerifyRoundTripSettings verify_round_trip;
   VerifyAccuracySettings verify_accuracy;
   VerifyMoonSettings verify_moon;
+  VerifyGroundSettings verify_ground;
   VerifyMertisSettings verify_mertis;
 };
 
@@ -71,6 +72,8 @@ Work add_commands(CLI::App& app, Settings& s) {
   add(verify, work, "accuracy", "Measures speed against error, on named scenes for every setting", s.verify_accuracy,
       verify_accuracy);
   add(verify, work, "moon", "The Moon's brightness, and real images of it beside frames", s.verify_moon, verify_moon);
+  add(verify, work, "ground", "Slopes and craters of a detail's ground, beside the laws that it was made for",
+      s.verify_ground, verify_ground);
   add(verify, work, "mertis", "Flux and signal-to-noise ratio of a thermal imaging spectrometer", s.verify_mertis,
       verify_mertis);
   return work;

@@ -184,7 +184,7 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
 
 namespace {
 
-constexpr Range kFeature_m{0.5, 5000};  // 0.5 m is what the finest level of the lattice shows
+constexpr Range kFeature_m{0.25, 5000};  // 0.25 m is what the finest level of the lattice shows
 
 dem::SizeFrequency read_frequency(const JsonReader& in) {
   constexpr std::size_t kMostLaws = 8;
@@ -206,12 +206,10 @@ std::optional<double> denser_from(const dem::SizeFrequency& law, double times, c
 }
 
 void read_craters(const JsonReader& in, dem::CraterLaw& craters) {
-  if (!in.object({"smallest_m", "largest_m", "frequency", "oldest_Ma", "diffusivity_m2_per_Ma"})) return;
+  if (!in.object({"smallest_m", "largest_m", "frequency", "oldest_Ma"})) return;
   craters.smallest_m = in.number("smallest_m", kFeature_m), craters.largest_m = in.number("largest_m", kFeature_m);
   if (in.has("frequency")) craters.frequency = read_frequency(in.at("frequency"));
   craters.oldest_Ma = in.number("oldest_Ma", Range{0, 4500, true, false}, craters.oldest_Ma);
-  craters.diffusivity_m2_per_Ma =
-      in.number("diffusivity_m2_per_Ma", Range{0, 1e4, true, false}, craters.diffusivity_m2_per_Ma);
   if (!in.good()) return;
   if (!(craters.smallest_m < craters.largest_m)) return in.fail("smallest_m", "must be below largest_m");
   // Ten times equilibrium: nothing on the Moon is denser, and time goes with it.
@@ -263,6 +261,16 @@ void read_relief(const JsonReader& in, dem::ReliefLaw& relief) {
   if (in.good() && !(relief.shortest_m < relief.longest_m)) in.fail("shortest_m", "must be below longest_m");
 }
 
+dem::PublishedSlopes read_published(const JsonReader& in) {
+  dem::PublishedSlopes slopes;
+  if (!in.object({"median_slope_deg", "baseline_m", "hurst", "source"})) return slopes;
+  slopes.median_slope_deg = in.number("median_slope_deg", Range{0, 45, true, false});
+  slopes.baseline_m = in.number("baseline_m", Range{0.01, 1e5});
+  slopes.hurst = in.number("hurst", Range{0.1, 1, false, true});
+  in.at("source").text();
+  return slopes;
+}
+
 }  // namespace
 
 std::shared_ptr<const dem::Detail> Assets::detail(std::string_view name, const StopToken&) const {
@@ -275,7 +283,7 @@ dem::DetailPreset read_detail_file(const std::string& path) {
   Findings findings;
   const JsonReader in(json, findings);
   dem::DetailPreset preset;
-  if (in.object({"seed", "region", "craters", "relief", "rocks", "description"})) {
+  if (in.object({"seed", "region", "craters", "relief", "rocks", "published", "description"})) {
     constexpr std::int64_t kLargestSeed = std::int64_t{1} << 53;
     const auto seed = in.has("seed") ? in.at("seed").integer(0, kLargestSeed) : std::optional<std::int64_t>(0);
     preset.craters.seed = static_cast<std::uint64_t>(seed.value_or(0));
@@ -284,6 +292,7 @@ dem::DetailPreset read_detail_file(const std::string& path) {
     if (in.has("craters")) read_craters(in.at("craters"), preset.craters);
     if (in.has("relief")) read_relief(in.at("relief"), preset.relief);
     if (in.has("rocks")) read_rocks(in.at("rocks"), preset.rocks);
+    if (in.has("published")) preset.published = read_published(in.at("published"));
     if (in.has("description")) in.at("description").text();
     if (!in.has("craters") && !in.has("relief") && !in.has("rocks"))
       in.fail("has neither craters nor relief nor rocks");

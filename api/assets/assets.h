@@ -128,15 +128,17 @@ dem::ValueMapOptions read_map_file(const std::string& path);
 //   {"seed": N,
 //    "region": [[lat_deg, lon_deg], ...],            corners of a polygon in order that contains the centres of craters
 //                                                    and rocks; left out: everywhere (dem::Region)
-//    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.5
-//                "frequency": [{"per_m2", "exponent"}, ...],   the minimum of these power laws (cumulative); left out:
-//                                                    equilibrium (Trask 1966)
-//                "oldest_Ma": 3500, "diffusivity_m2_per_Ma": 4},
+//    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.25
+//                "frequency": [{"per_m2", "exponent"}, ...],   the minimum of these power laws (cumulative), of the
+//                craters
+//                                                    that are visible; left out: equilibrium (Trask 1966)
+//                "oldest_Ma": 3500},             of the surface
 //    "relief": {"hurst": 0.9, "deviation_m", "baseline_m", "shortest_m", "longest_m"},   RMS height difference over
 //                                                    a baseline; wavelengths
 //    "rocks": {"smallest_m", "largest_m",            diameters; the smallest at least 0.02
 //              "frequency": [{"per_m2", "exponent"}, ...],   between craters; left out: dem::rocks_of_viper()
 //              "on_ejecta": 5, "half_life_Ma": 60, "smallest_crater_m": 30},   as in dem::RockLaw
+//    "published": {"median_slope_deg", "baseline_m", "hurst", "source"},   measured slopes, for `verify ground`
 //    "description": "..."}
 // Throws DataError naming the description and the member.
 dem::DetailPreset read_detail_file(const std::string& path);

@@ -8,9 +8,6 @@
 
 namespace selenograph::dem {
 
-// A crater reaches 4.8 radii, so that those which reach a place are in its cell or in one beside it.
-static_assert(SizeCells::kCellDiameters > 4.8);
-
 SizeFrequency equilibrium() { return {{{std::pow(10, -1.1), 2}}}; }
 
 double fresh_depth_over_diameter(double diameter_m) {
@@ -29,20 +26,25 @@ double fresh_depth_over_diameter(double diameter_m) {
 }
 
 CraterField::CraterField(const CraterLaw& law, const Region& of_centres)
-    : law_(law), region_(of_centres), cells_(law.seed, law.frequency, law.smallest_m, law.largest_m) {}
+    : law_(law),
+      ages_(law.frequency, law.smallest_m, law.largest_m, law.oldest_Ma),
+      region_(of_centres),
+      cells_(law.seed, law.frequency, law.smallest_m, law.largest_m) {}
 
-Crater CraterField::made(Draws& draws, const Vec3& centre, double diameter_m) const {
-  Crater crater;
-  crater.centre = centre, crater.diameter_m = diameter_m;
-  const double radius2 = diameter_m * diameter_m / 4;
-  const double until_Ma = std::min(law_.oldest_Ma, CraterShape::kOldest * radius2 / law_.diffusivity_m2_per_Ma);
-  crater.age_Ma = draws.uniform() * until_Ma;
-  crater.age = law_.diffusivity_m2_per_Ma * crater.age_Ma / radius2;
-  // Within three standard deviations: what is reported as the deepest is.
-  const double ratio = fresh_depth_over_diameter(diameter_m) + kDepthScatter * std::clamp(draws.normal(), -3.0, 3.0);
-  crater.scale = diameter_m * std::max(0.0, ratio) / CraterShape::kFreshDepth;
-  crater.depth_m = diameter_m * std::max(0.0, ratio) * shape_.depth_left(crater.age);
-  crater.id = draws.bits();
+std::optional<Crater> CraterField::made(Draws& draws, const Vec3& centre, double diameter_m) const {
+  const CraterAges::Life life = ages_.life(diameter_m);
+  const double formed = draws.uniform(), when = draws.uniform();
+  // Within three standard deviations: what is reported as the deepest is. All are visible at first.
+  constexpr double kShallowest = 1.2 * kVisible;
+  const double ratio = std::max(
+      kShallowest, fresh_depth_over_diameter(diameter_m) + kDepthScatter * std::clamp(draws.normal(), -3.0, 3.0));
+  const std::uint64_t id = draws.bits();
+  if (formed > life.share) return std::nullopt;
+  Crater crater{centre, diameter_m, 0, 0, 0, diameter_m * ratio / CraterShape::kFreshDepth, id};
+  const double formed_since = when * life.oldest;
+  crater.age_Ma = age_Ma_of(formed_since);
+  crater.age = formed_since / life.worn_out * shape_.age_of(kVisible / ratio);
+  crater.depth_m = diameter_m * ratio * shape_.depth_left(crater.age);
   return crater;
 }
 
@@ -51,30 +53,31 @@ void CraterField::near(int octave, const Vec3& direction, double radius_m, std::
   const double reach_m = CraterShape::reach(CraterShape::kOldest) * cells_.largest_m(octave) / 2;
   cells_.near(octave, direction, (radius_m + reach_m) / kMoonRadius_m, stop,
               [&](Draws& draws, const Vec3& centre, double diameter_m) {
-                const Crater crater = made(draws, centre, diameter_m);
-                if ((centre - direction).norm() * kMoonRadius_m <= radius_m + crater.reach_m() && region_.holds(centre))
-                  out.push_back(crater);
+                const auto crater = made(draws, centre, diameter_m);
+                if (crater && (centre - direction).norm() * kMoonRadius_m <= radius_m + crater->reach_m() &&
+                    region_.holds(centre))
+                  out.push_back(*crater);
               });
 }
 
 std::vector<Crater> CraterField::within(int octave, const Footprint& box, const StopToken& stop) const {
   std::vector<Crater> out;
   cells_.in_box(octave, box, stop, [&](Draws& draws, const Vec3& centre, double diameter_m) {
-    const Crater crater = made(draws, centre, diameter_m);
-    if (holds(box, to_geographic(centre * kMoonRadius_m)) && region_.holds(centre)) out.push_back(crater);
+    const auto crater = made(draws, centre, diameter_m);
+    if (crater && holds(box, to_geographic(centre * kMoonRadius_m)) && region_.holds(centre)) out.push_back(*crater);
   });
   return out;
 }
 
 double CraterField::deepest_m(int octave) const {
   const double diameter_m = cells_.largest_m(octave);
-  return diameter_m * (fresh_depth_over_diameter(diameter_m) + 3 * kDepthScatter) * 0.228809953 /
+  return diameter_m * (fresh_depth_over_diameter(diameter_m) + 3 * kDepthScatter) * shape_.deepest() /
          CraterShape::kFreshDepth;
 }
 
 double CraterField::highest_m(int octave) const {
   const double diameter_m = cells_.largest_m(octave);
-  return diameter_m * (fresh_depth_over_diameter(diameter_m) + 3 * kDepthScatter) * 0.036822095 /
+  return diameter_m * (fresh_depth_over_diameter(diameter_m) + 3 * kDepthScatter) * shape_.highest() /
          CraterShape::kFreshDepth;
 }
 

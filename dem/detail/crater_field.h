@@ -2,8 +2,11 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
+#include <tuple>
 #include <vector>
 
+#include "dem/detail/crater_ages.h"
 #include "dem/detail/crater_shape.h"
 #include "dem/detail/region.h"
 #include "dem/detail/size_cells.h"
@@ -11,17 +14,19 @@
 
 namespace selenograph::dem {
 
-// Equilibrium (Trask 1966): cumulative 10^-1.1 D^-2 per m^2.
+// Equilibrium (Trask 1966): cumulative 10^-1.1 D^-2 per m^2. Like all such counts it has the craters that people see.
 SizeFrequency equilibrium();
+
+// A crater is visible while its depth from rim to floor is this share of its diameter or more. What is older is part of
+// the relief.
+inline constexpr double kVisible = 0.03;
 
 struct CraterLaw {
   std::uint64_t seed = 0;
-  SizeFrequency frequency = equilibrium();
-  double largest_m = 1, smallest_m = 1;  // diameters; equal: no craters
-  // Impacts occur at a constant rate: ages are uniform up to this, or until CraterShape::kOldest is reached. This is
-  // equilibrium: craters vanish as fast as they form.
+  SizeFrequency frequency = equilibrium();  // of visible craters
+  double largest_m = 1, smallest_m = 1;     // diameters; equal: no craters
+  // Age of the surface. Of sizes that have not reached the law by then, there are as many as have formed.
   double oldest_Ma = 3500;
-  double diffusivity_m2_per_Ma = kDiffusivity_m2_per_Ma;
 };
 
 // Depth from rim to floor over the diameter of fresh craters (Stopar et al. 2017, table of medians by size),
@@ -34,11 +39,16 @@ struct Crater {
   double diameter_m;
   double depth_m;  // present depth, from rim to floor
   double age_Ma;
-  double age;    // as CraterShape takes it
+  double age;    // as CraterShape takes it: kVisible is reached when as many have formed as the law has
   double scale;  // factor of the shape's height, m
   std::uint64_t id;
   double reach_m() const { return CraterShape::reach(age) * diameter_m / 2; }
 };
+
+// The order in which craters replace the ground of their octave.
+inline bool formed_before(const Crater& a, const Crater& b) {
+  return std::tie(b.age_Ma, a.id) < std::tie(a.age_Ma, b.id);
+}
 
 // Thread-safe: const functions may be called concurrently.
 class CraterField {
@@ -64,9 +74,11 @@ class CraterField {
   const CraterShape& shape() const { return shape_; }
 
  private:
-  Crater made(Draws& draws, const Vec3& centre, double diameter_m) const;
+  // Empty: it has not formed yet.
+  std::optional<Crater> made(Draws& draws, const Vec3& centre, double diameter_m) const;
 
   CraterLaw law_;
+  CraterAges ages_;
   Region region_;
   CraterShape shape_;
   SizeCells cells_;

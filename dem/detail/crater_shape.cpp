@@ -49,26 +49,20 @@ double at(const std::vector<double>& annuli, double r) {
   return annuli[i] + f * (annuli[i + 1] - annuli[i]);
 }
 
-double age_of(int row) {
+double age_of_row(int row) {
   const double root = std::sqrt(CraterShape::kOldest) * row / (kAges - 1);
   return root * root;
 }
 
 }  // namespace
 
-double CraterShape::reach(double age) { return 1.5 + 3 * std::sqrt(age); }
-
-CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double age) const {
+CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double age, double scale) const {
   Row row;
-  const double end = reach(age);
-  // What is beyond the reach is taken off smoothly, over the outer third of the way to it.
-  const auto share = [&](double r) {
-    const double t = std::clamp((end - r) / (end / 3), 0.0, 1.0);
-    return t * t * (3 - 2 * t);
-  };
+  const double end = reach(age), from = std::max(1.5, end * 2 / 3);
   double highest = 0, r = 0;
   for (; r < end; r += kStep) {
-    const double h = at(annuli, r) * (age == 0 ? 1 : share(r));
+    // What is beyond the reach is taken off smoothly.
+    const double h = scale * at(annuli, r) * replaced((end - r) / (end - from));
     row.heights.push_back(static_cast<float>(h));
     highest = std::max(highest, h);
   }
@@ -79,14 +73,21 @@ CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double a
 
 CraterShape::CraterShape() {
   Diffusion ageing;
-  double age = 0;
   constexpr int kSteps = 24;  // from row to row
+  const auto go_on = [&](double age) {
+    for (int k = 0; k < kSteps; ++k) ageing.go_on(age / kSteps);
+  };
+  go_on(kRounding);
+  const double scale = kFreshDepth / row_of(ageing.heights, 0, 1).depth;
   for (int i = 0; i < kAges; ++i) {
-    const double until = age_of(i);
-    for (int k = 0; i > 0 && k < kSteps; ++k) ageing.go_on((until - age) / kSteps);
-    age = until;
-    rows_.push_back(row_of(ageing.heights, age));
+    if (i > 0) go_on(age_of_row(i) - age_of_row(i - 1));
+    rows_.push_back(row_of(ageing.heights, age_of_row(i), scale));
   }
+  for (int i = 0; i < kAges; ++i)
+    for (double r = 0; r + kStep < reach(age_of_row(i)); r += kStep) {
+      const double h = height(r, age_of_row(i)) / replaced_at(r, age_of_row(i));
+      deepest_ = std::max(deepest_, -h), highest_ = std::max(highest_, h);
+    }
 }
 
 CraterShape::Between CraterShape::rows_at(double age) const {
@@ -112,6 +113,16 @@ double CraterShape::height(double r, double age) const {
     return low + f * (static_cast<double>(h[i + 1]) - low);
   };
   return (1 - rows.share) * along(a) + rows.share * along(b);
+}
+
+double CraterShape::age_of(double depth_left) const {
+  const double depth = depth_left * rows_[0].depth;
+  std::size_t i = 0;
+  while (i + 2 < rows_.size() && rows_[i + 1].depth > depth) ++i;
+  // Linear from row to row, as depth_left() has it.
+  const double f = std::clamp((rows_[i].depth - depth) / (rows_[i].depth - rows_[i + 1].depth), 0.0, 1.0);
+  const double root = std::sqrt(kOldest) * (static_cast<double>(i) + f) / (kAges - 1);
+  return root * root;
 }
 
 double CraterShape::depth_left(double age) const {

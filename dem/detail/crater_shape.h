@@ -2,9 +2,12 @@
 //
 // Fresh shape: Fassett & Thomson (2014), J. Geophys. Res. Planets 119, eq. 4, fitted to craters of 0.8 to 5 km.
 // Degradation is diffusion of topography, dh/dt = kappa laplace(h), which depends on time as kappa t / R^2 only: one
-// table of solutions serves craters of all sizes.
+// table of solutions serves craters of all sizes. The published profile has a flat rim with two edges: it begins with a
+// little diffusion, which makes the rim round.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <vector>
 
 namespace selenograph::dem {
@@ -26,13 +29,29 @@ class CraterShape {
   Profile profile(double age) const;
   static constexpr int kStepsPerRadius = 96;
   // Radius, in crater radii, beyond which less than 2 % of the remaining depth is omitted.
-  static double reach(double age);
-  // Depth from the highest rim to the floor, relative to that of a fresh crater.
+  static double reach(double age) { return 1.5 + 3 * std::sqrt(age + kRounding); }
+  // Depth from the highest rim to the floor, relative to that of a fresh crater; the age with so much of it left.
   double depth_left(double age) const;
+  double age_of(double depth_left) const;
+
+  // How much of the older ground of its octave a crater replaces, by the distance from its centre in crater radii: all
+  // of it inside, none beyond its reach. `t`: falls from 1 at kReplaces to 0 at the reach.
+  static constexpr double kReplaces = 0.85;
+  template <typename Float>
+  static Float replaced(Float t) {
+    t = std::clamp(t, Float(0), Float(1));
+    return t * t * (3 - 2 * t);
+  }
+  static double replaced_at(double r, double age) { return replaced((reach(age) - r) / (reach(age) - kReplaces)); }
+  // However many craters replace each other, the ground stays between these heights times the largest scale.
+  double deepest() const { return deepest_; }
+  double highest() const { return highest_; }
 
   static constexpr double kFreshDepth = 0.228809953 + 0.036822095;
-  // Largest age: 3 % of the depth remains. Older craters are omitted.
-  static constexpr double kOldest = 1.2;
+  // Largest age: a tenth of the depth remains.
+  static constexpr double kOldest = 0.4;
+  // Age of the shape that counts as fresh.
+  static constexpr double kRounding = 0.001;
 
  private:
   struct Row {
@@ -43,14 +62,10 @@ class CraterShape {
     const Row &younger, &older;
     double share;
   };
-  Row row_of(const std::vector<double>& heights, double age) const;
+  Row row_of(const std::vector<double>& heights, double age, double scale) const;
   Between rows_at(double age) const;
   std::vector<Row> rows_;  // for ages in equal steps of their square root
+  double deepest_ = 0, highest_ = 0;
 };
-
-// kappa of 4.0 m^2 per Ma leaves a crater of 1 km 52 % and one of 300 m 7 % of its depth after 3 Ga, which is what
-// Fassett & Thomson observed. (Their text has about 5.5 at the scale of 1 km; with the profile and the equation above
-// 44 % and 5 % would be left.)
-inline constexpr double kDiffusivity_m2_per_Ma = 4.0;
 
 }  // namespace selenograph::dem

@@ -36,6 +36,12 @@ Around around(const DirectionGrid& grid) {
 
 }  // namespace
 
+double PublishedSlopes::at_deg(double other_baseline_m) const {
+  const double slope =
+      std::tan(median_slope_deg * kRadiansPerDegree) * std::pow(other_baseline_m / baseline_m, hurst - 1);
+  return std::atan(slope) * kDegreesPerRadian;
+}
+
 int Detail::smallest_octave(int level) {
   return static_cast<int>(std::ceil(std::log2(kPostsPerFeature * post_spacing_m(level)) - 1e-9));
 }
@@ -69,6 +75,12 @@ Detail::Detail(const DetailPreset& preset)
   craters_ = CraterField(preset.craters, preset.region);
 }
 
+int Detail::places_in_cell(int octave, int posts_level) {
+  constexpr int kFewest = 3;
+  constexpr double kApart = 0.6;
+  return std::max(kFewest, static_cast<int>(std::ceil(post_spacing_m(posts_level) / std::ldexp(kApart, octave))));
+}
+
 int Detail::finest_level() const {
   int level = 0;
   const auto shows = [&](int smallest, int largest) {
@@ -95,11 +107,17 @@ double Detail::left_out_m(int level, int posts_level) const {
   return sum;
 }
 
+double Detail::left_out_size_m(int octave) const {
+  const bool any = craters_.smallest_octave() < std::min(octave, craters_.largest_octave() + 1) ||
+                   relief_.shortest_octave() < std::min(octave, relief_.longest_octave() + 1);
+  return any ? std::min(std::ldexp(1.0, octave), widest_m()) : 0;
+}
+
 double Detail::beyond_posts_m(int posts_level) const {
-  // Detail lies within a range; so do its means over cells, F. With the interpolation's S (detailed_terrain.cpp) they
-  // are sharpened to F + (1 - S) F, which leaves the middle of the range by 1.701 times as much at most: that is what
-  // the weights' absolute values add up to. Between posts it may be 1.5625 times as much, which are Catmull-Rom's.
-  constexpr double kFarthest = (1 + 1.5625 * 1.701) / 2;  // of the range, with the detail itself
+  // Detail lies within a range; so do its means over cells. Sharpened (DetailedTerrain::make_corrected) these leave the
+  // middle of the range by 2.557 times as much at most: that is what the weights' absolute values add up to. Between
+  // posts it may be 1.5625 times as much, which are Catmull-Rom's.
+  constexpr double kFarthest = (1 + 1.5625 * 2.557) / 2;  // of the range, with the detail itself
   const int in_means = smallest_octave(posts_level + kCellLevels), past = past_largest_octave(posts_level);
   double range = 0;
   for (int k = std::max(in_means, craters_.smallest_octave()); k <= std::min(past - 1, craters_.largest_octave()); ++k)
@@ -111,6 +129,14 @@ double Detail::beyond_posts_m(int posts_level) const {
 }
 
 namespace {
+
+// The rows that a crater may reach: first and past the last. Past a pole sines fall again.
+std::pair<std::size_t, std::size_t> rows_of(const DirectionGrid& grid, const Crater& crater, double reach) {
+  if (grid.cos_lat.front() < 0 || grid.cos_lat.back() < 0) return {0, grid.rows()};
+  const auto first = std::lower_bound(grid.sin_lat.begin(), grid.sin_lat.end(), crater.centre.z() - reach);
+  const auto past = std::upper_bound(first, grid.sin_lat.end(), crater.centre.z() + reach);
+  return {first - grid.sin_lat.begin(), past - grid.sin_lat.begin()};
+}
 
 // The columns that a crater may reach: first and past the last.
 std::pair<std::size_t, std::size_t> columns_of(const DirectionGrid& grid, const Crater& crater, double reach) {
@@ -136,7 +162,8 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
   const Around all = around(grid);
   std::vector<Crater> craters;
   craters_.near(octave, all.direction, all.radius_m, craters, stop);
-  std::vector<float> lowest(rows * columns, 0.F), highest(rows * columns, 0.F);
+  std::sort(craters.begin(), craters.end(), formed_before);
+  std::vector<float> heights(rows * columns, 0.F);
   for (const Crater& crater : craters) {
     stop.check();
     const double reach = crater.reach_m() / kMoonRadius_m;
@@ -146,6 +173,8 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
                        0,
                        reach * reach,
                        kMoonRadius_m / (crater.diameter_m / 2) * CraterShape::kStepsPerRadius,
+                       CraterShape::reach(crater.age) * CraterShape::kStepsPerRadius,
+                       1 / ((CraterShape::reach(crater.age) - CraterShape::kReplaces) * CraterShape::kStepsPerRadius),
                        profile.younger,
                        profile.older,
                        static_cast<float>(profile.share),
@@ -153,7 +182,8 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
     const bool marked = !in_crater.empty() && crater.depth_m >= kWorn * crater.diameter_m;
     const double rim = crater.diameter_m / 2 / kMoonRadius_m, rim2 = rim * rim;
     const auto [first, past_last] = columns_of(grid, crater, reach);
-    for (std::size_t r = 0; r < rows; ++r) {
+    const auto [first_row, past_row] = rows_of(grid, crater, reach);
+    for (std::size_t r = first_row; r < past_row; ++r) {
       const double dz = grid.sin_lat[r] - crater.centre.z();
       // A chord is at least as long as its part along the axis.
       if (dz * dz > over.reach2) continue;
@@ -161,14 +191,13 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
       const bool past_pole = grid.cos_lat[r] < 0;
       const RowUnderCrater places{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first,
                                   past_pole ? columns : past_last};
-      cast_crater(over, places, lowest.data() + r * columns, highest.data() + r * columns);
+      cast_crater(over, places, heights.data() + r * columns);
       if (marked && over.along_axis2 < rim2) mark_crater(over, places, rim2, in_crater.data() + r * columns);
     }
   }
   const double mean = mean_m(octave);
   for (std::size_t i = 0; i < heights_m.size(); ++i)
-    heights_m[i] +=
-        static_cast<double>(lowest[i]) + static_cast<double>(highest[i]) - (shares.empty() ? mean : shares[i] * mean);
+    heights_m[i] += static_cast<double>(heights[i]) - (shares.empty() ? mean : shares[i] * mean);
 }
 
 bool Detail::has_relief(int level, int posts_level) const {
@@ -183,19 +212,33 @@ void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::spa
   const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
   for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
     add_craters(grid, k, shares, heights_m, in_crater, stop);
-  std::vector<double> alone(shares.empty() ? 0 : grid.columns());
   for (int k = std::max(shown, relief_.shortest_octave()); k <= std::min(relief_.longest_octave(), past - 1); ++k)
-    for (std::size_t r = 0; r < grid.rows(); stop.check(), ++r) {
-      const auto row = heights_m.subspan(r * grid.columns(), grid.columns());
-      if (shares.empty()) {
-        relief_.add_row(k, grid, r, row);
-        continue;
-      }
-      // Added the same way wherever it is, so that blocks agree to the bit.
-      std::fill(alone.begin(), alone.end(), 0.0);
-      relief_.add_row(k, grid, r, alone);
-      for (std::size_t c = 0; c < row.size(); ++c) row[c] += shares[r * grid.columns() + c] * alone[c];
+    add_relief(grid, k, shares, heights_m, stop);
+}
+
+void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m,
+                        const StopToken& stop) const {
+  const std::vector<double> shares = shares_of(grid);
+  if (craters_.smallest_octave() <= octave && octave <= craters_.largest_octave())
+    add_craters(grid, octave, shares, heights_m, {}, stop);
+  if (relief_.shortest_octave() <= octave && octave <= relief_.longest_octave())
+    add_relief(grid, octave, shares, heights_m, stop);
+}
+
+void Detail::add_relief(const DirectionGrid& grid, int octave, std::span<const double> shares,
+                        std::span<double> heights_m, const StopToken& stop) const {
+  std::vector<double> alone(shares.empty() ? 0 : grid.columns());
+  for (std::size_t r = 0; r < grid.rows(); stop.check(), ++r) {
+    const auto row = heights_m.subspan(r * grid.columns(), grid.columns());
+    if (shares.empty()) {
+      relief_.add_row(octave, grid, r, row);
+      continue;
     }
+    // Added the same way wherever it is, so that blocks agree to the bit.
+    std::fill(alone.begin(), alone.end(), 0.0);
+    relief_.add_row(octave, grid, r, alone);
+    for (std::size_t c = 0; c < row.size(); ++c) row[c] += shares[r * grid.columns() + c] * alone[c];
+  }
 }
 
 std::vector<double> Detail::shares_of(const DirectionGrid& grid) const {

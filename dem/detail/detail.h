@@ -5,11 +5,13 @@
 // height at a vertex is a function of place, preset and level. Posts of a DEM get octaves of up to about twice their
 // spacing; larger features are in the posts themselves.
 //
-// Craters of one octave are not summed: the deepest cavity and the highest rim count. The contribution of an octave is
-// therefore bounded for any population, and so is what a level omits.
+// Craters of one octave are not summed: in the order of their ages each replaces the ground that older ones left,
+// wholly inside, smoothly less towards its reach. The contribution of an octave is therefore bounded for any
+// population, and so is what a level omits; only a fresh rim is sharp.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -22,12 +24,20 @@
 
 namespace selenograph::dem {
 
+// Slopes that were measured on the ground that a preset is for: the median over a baseline, and how deviations grow.
+struct PublishedSlopes {
+  double median_slope_deg = 0, baseline_m = 0, hurst = 0;
+  // Median slope over another baseline, degrees.
+  double at_deg(double baseline_m) const;
+};
+
 struct DetailPreset {
   std::uint64_t fingerprint = 0;  // of its source
   CraterLaw craters;
   ReliefLaw relief;
   RockLaw rocks;
   Region region;  // where the detail is
+  std::optional<PublishedSlopes> published;
 };
 
 // Thread-safe: const functions may be called concurrently.
@@ -48,6 +58,8 @@ class Detail {
            std::span<float> in_crater = {}, const StopToken& stop = {}) const;
   // Depth over diameter below which it is no longer recognised as a crater.
   static constexpr double kWorn = 0.02;
+  // Adds one octave, which must be none that the posts' level shows.
+  void add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m, const StopToken& stop = {}) const;
   // Whether a level shows relief that the posts' level doesn't.
   bool has_relief(int level, int posts_level) const;
 
@@ -56,10 +68,13 @@ class Detail {
   // The same for all levels finer than the posts, after the mean over each post's cell has been subtracted
   // (DetailedTerrain).
   double beyond_posts_m(int posts_level) const;
-  // Means over a post's cell use kCellPlaces places along each side, and the octaves that are shown kCellLevels levels
-  // below the posts. Eight places were not more accurate (unit.detail), and they took most of the time of a first
-  // frame.
-  static constexpr int kCellLevels = 3, kCellPlaces = 3;
+  // Largest diameter or wavelength below an octave, m; 0: there are none.
+  double left_out_size_m(int octave) const;
+  // Means over a post's cell have the octaves that are shown so many levels below the posts. What is left out is 15 mm
+  // (RMS) of 118 m.
+  static constexpr int kCellLevels = 4;
+  // Places along a cell's side that stand for an octave: 0.6 of its smallest diameter apart or less.
+  static int places_in_cell(int octave, int posts_level);
   // Octaves of diameters and of wavelengths, [2^k, 2^(k+1)) m, added to posts are below this one.
   static int past_largest_octave(int posts_level) { return smallest_octave(posts_level) - 1; }
 
@@ -81,6 +96,8 @@ class Detail {
 
  private:
   std::vector<double> shares_of(const DirectionGrid& grid) const;  // empty: 1 everywhere
+  void add_relief(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
+                  const StopToken& stop) const;
   void add_craters(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
                    std::span<float> in_crater, const StopToken& stop) const;
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dem/detail/crater_shape.h"
 #include "dem/support/noise.h"
 #include "dem/support/vector_targets.h"
 
@@ -31,8 +32,7 @@ HWY_INLINE double distance2(const CraterOverRow& crater, double x, double y) {
 }
 
 // In vectors by hand: compilers don't look up tables in vectors here. The last places are not enough for one.
-void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* HWY_RESTRICT lowest_m,
-                float* HWY_RESTRICT highest_m) {
+void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* HWY_RESTRICT heights_m) {
   const CraterOverRow k = crater;
   const hn::ScalableTag<double> f64;
   const hn::Rebind<float, decltype(f64)> f32;
@@ -55,11 +55,16 @@ void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* H
     };
     const auto h = hn::Mul(hn::Set(f32, k.scale_m), hn::Add(hn::Mul(hn::Set(f32, 1 - k.share), along(k.younger)),
                                                             hn::Mul(hn::Set(f32, k.share), along(k.older))));
+    const auto inside =
+        hn::DemoteTo(f32, hn::Mul(hn::Sub(hn::Set(f64, k.reach_steps), place), hn::Set(f64, k.per_replaced)));
+    const auto t = hn::Min(hn::Max(inside, hn::Zero(f32)), hn::Set(f32, 1));
+    const auto replaced = hn::Mul(hn::Mul(t, t), hn::Sub(hn::Set(f32, 3), hn::Mul(hn::Set(f32, 2), t)));
+    const auto before = hn::LoadU(f32, heights_m + c);
+    const auto after = hn::Add(hn::Mul(before, hn::Sub(hn::Set(f32, 1), replaced)), h);
     // Beyond the reach the profile was looked up at its end.
     const auto within = hn::IfThenElseZero(hn::Lt(away2, reach2), hn::Set(f64, 1));
-    const auto there = hn::IfThenElseZero(hn::Gt(hn::DemoteTo(f32, within), hn::Zero(f32)), h);
-    hn::StoreU(hn::Min(hn::LoadU(f32, lowest_m + c), there), f32, lowest_m + c);
-    hn::StoreU(hn::Max(hn::LoadU(f32, highest_m + c), there), f32, highest_m + c);
+    const auto there = hn::Gt(hn::DemoteTo(f32, within), hn::Zero(f32));
+    hn::StoreU(hn::IfThenElse(there, after, before), f32, heights_m + c);
   }
   for (; c < row.past_last; ++c) {
     const double away2 = distance2(k, row.cos_lat * row.cos_lon[c], row.cos_lat * row.sin_lon[c]);
@@ -69,7 +74,8 @@ void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* H
     const auto f = static_cast<float>(place - i);
     const auto along = [&](const float* profile) { return profile[i] + f * (profile[i + 1] - profile[i]); };
     const float h = k.scale_m * ((1 - k.share) * along(k.younger) + k.share * along(k.older));
-    lowest_m[c] = std::min(lowest_m[c], h), highest_m[c] = std::max(highest_m[c], h);
+    const float replaced = CraterShape::replaced(static_cast<float>((k.reach_steps - place) * k.per_replaced));
+    heights_m[c] = heights_m[c] * (1 - replaced) + h;
   }
 }
 
@@ -96,8 +102,8 @@ void add_noise(const NoisePlaces& places, std::uint32_t seed, double amplitude, 
   HWY_DYNAMIC_DISPATCH(AddNoise)(places, seed, amplitude, heights);
 }
 
-void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* lowest_m, float* highest_m) {
-  HWY_DYNAMIC_DISPATCH(CastCrater)(crater, row, lowest_m, highest_m);
+void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* heights_m) {
+  HWY_DYNAMIC_DISPATCH(CastCrater)(crater, row, heights_m);
 }
 
 void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double within2, float* marks) {

@@ -20,6 +20,8 @@ struct CraterOverRow {
   double along_axis2;            // squared distance along the Moon's axis
   double reach2;                 // squared reach
   double steps;                  // steps of the profiles per unit
+  double reach_steps;            // to the reach
+  double per_replaced;           // 1 over the steps from CraterShape::kReplaces to the reach
   const float *younger, *older;  // profiles to interpolate between
   float share;                   // weight of the older one
   float scale_m;                 // scale of the profiles' heights
@@ -29,8 +31,8 @@ struct RowUnderCrater {
   const double *sin_lon, *cos_lon;
   std::size_t first, past_last;
 };
-// Updates the lowest (<= 0) and highest (>= 0) height so far at each place.
-void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* lowest_m, float* highest_m);
+// Replaces the heights so far, which are those of older craters, by the crater's (CraterShape::replaced).
+void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* heights_m);
 // Sets marks to 1 at places nearer to the centre than the square root of `within2`.
 void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double within2, float* marks);
 

@@ -237,11 +237,17 @@ bool DetailedTerrain::of_coarse_posts_alone(const BlockId& id) const {
          has_detail(id);
 }
 
+double DetailedTerrain::left_out_size_m(const BlockId& id) const {
+  const int shown =
+      id.level > layers_.coarsest(id) ? Detail::smallest_octave(id.level) : std::numeric_limits<int>::max();
+  return detail_->left_out_size_m(std::min(shown, Detail::past_largest_octave(layers_.coarsest(id))));
+}
+
 NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
   if (has_detail(id)) {
     const auto made = block(id, stop);
     if (!made) return {};
-    NodeInfo info{made->error_m, made->min_m, made->max_m, false, {}, made->error_m};
+    NodeInfo info{made->error_m, made->min_m, made->max_m, false, {}, made->error_m, left_out_size_m(id)};
     // Files that can't be used are the exception: then the plain terrain is asked.
     if (of_coarse_posts_alone(id) && !plain_->has_replacements()) return info;
     NodeInfo plain = plain_->node(id, stop);
@@ -262,7 +268,7 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
   else if (posts > 0)
     bend = id.level < posts ? info.error_m : plain_->node(ancestor_of(id, posts - 1), stop).error_m;
   const double beyond = bend + detail_->beyond_posts_m(posts);
-  info.error_m += beyond, info.detail_error_m = beyond;
+  info.error_m += beyond, info.detail_error_m = beyond, info.left_out_size_m = left_out_size_m(id);
   info.min_m -= static_cast<float>(beyond), info.max_m += static_cast<float>(beyond);
   return info;
 }
@@ -329,34 +335,50 @@ std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const S
 }
 
 std::shared_ptr<Block> DetailedTerrain::make_corrected(const Block& posts, const StopToken& stop) const {
-  constexpr int kAround = 2, kPlaces = Detail::kCellPlaces;
+  // Interpolated, means over cells would not have themselves as their means over cells but what Catmull-Rom's weights
+  // integrate to, (-2.5, 18, 161, 18, -2.5) / 192 along each axis: this is the inverse of that, to 1e-3.
+  constexpr std::array kSharpened{1.225297469, -0.143363406, 0.035794135, -0.006376901, 0.001297438};
+  constexpr int kAround = static_cast<int>(kSharpened.size()) - 1;
   const BlockExtent& e = posts.extent;
-  const int side = e.quads + 1 + 2 * kAround;
-  const auto cells = static_cast<std::size_t>(side), places = cells * kPlaces;
-  const Places between(e, 0.5 / kPlaces - 0.5 - kAround, 1.0 / kPlaces, side * kPlaces);
-  std::vector<double> means(cells * cells), heights(places * places);
-  detail_->add(between.grid(), posts.id.level + Detail::kCellLevels, posts.id.level, heights, {}, stop);
-  for (std::size_t r = 0; r < places; ++r)
-    for (std::size_t c = 0; c < places; ++c) means[r / kPlaces * cells + c / kPlaces] += heights[r * places + c];
-  for (double& mean : means) mean /= kPlaces * kPlaces;
-
-  // Interpolated, these means would not have themselves as their means over cells but S of them, which are the
-  // integrals of Catmull-Rom's weights: they are sharpened against that.
-  constexpr std::array<double, 3> kS{161.0 / 192, 18.0 / 192, -2.5 / 192};
-  auto block = std::make_shared<Block>(posts);
-  const auto along = [&](const auto& value) {
-    return kS[0] * value(0) + kS[1] * (value(-1) + value(1)) + kS[2] * (value(-2) + value(2));
+  const auto side = static_cast<std::size_t>(e.quads + 1 + 2 * kAround);
+  const std::vector<double> means = cell_means(posts.id, kAround, stop);
+  // Along rows first, then along columns.
+  std::vector<double> sharp(means), out(means);
+  const auto sharpen = [&](const std::vector<double>& from, std::vector<double>& to, std::size_t step) {
+    for (std::size_t at = kAround * step; at + kAround * step < from.size(); ++at) {
+      to[at] = kSharpened[0] * from[at];
+      for (std::size_t k = 1; k < kSharpened.size(); ++k)
+        to[at] += kSharpened[k] * (from[at - k * step] + from[at + k * step]);
+    }
   };
+  sharpen(means, sharp, 1), sharpen(sharp, out, side);
+  auto block = std::make_shared<Block>(posts);
   for (int r = 0; r <= e.quads; ++r)
     for (int c = 0; c <= e.quads; ++c) {
-      const auto mean = [&](int dr, int dc) {
-        return means[static_cast<std::size_t>(r + kAround + dr) * cells + static_cast<std::size_t>(c + kAround + dc)];
-      };
-      const double smoothed = along([&](int dr) { return along([&](int dc) { return mean(dr, dc); }); });
       float& height_m = block->vertices[block->index(r, c)].height_m;
-      height_m = static_cast<float>(static_cast<double>(height_m) - (2 * mean(0, 0) - smoothed));
+      height_m =
+          static_cast<float>(static_cast<double>(height_m) -
+                             out[static_cast<std::size_t>(r + kAround) * side + static_cast<std::size_t>(c + kAround)]);
     }
   return block;
+}
+
+std::vector<double> DetailedTerrain::cell_means(const BlockId& id, int around, const StopToken& stop) const {
+  const BlockExtent e = extent_of(id);
+  const int side = e.quads + 1 + 2 * around;
+  const auto cells = static_cast<std::size_t>(side);
+  std::vector<double> means(cells * cells), heights;
+  for (int octave = Detail::smallest_octave(id.level + Detail::kCellLevels);
+       octave < Detail::past_largest_octave(id.level); ++octave) {
+    const int places = Detail::places_in_cell(octave, id.level);
+    const auto n = static_cast<std::size_t>(places), wide = cells * n;
+    heights.assign(wide * wide, 0);
+    detail_->add_octave(Places(e, 0.5 / places - 0.5 - around, 1.0 / places, side * places).grid(), octave, heights,
+                        stop);
+    for (std::size_t r = 0; r < wide; ++r)
+      for (std::size_t c = 0; c < wide; ++c) means[r / n * cells + c / n] += heights[r * wide + c] / (places * places);
+  }
+  return means;
 }
 
 // Of a block and of kHalo posts around it, row by row.

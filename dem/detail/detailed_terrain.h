@@ -50,6 +50,7 @@ class DetailedTerrain final : public Terrain {
   // Whether the detail's region, or a crater at its border, reaches a block: decided for whole blocks of posts, so that
   // heights, frames and rays agree on the finest level of a place.
   bool reached(const BlockId& id) const;
+  double left_out_size_m(const BlockId& id) const;
   // Posts of a layer and of the coarser layers only, at a block's vertices: heights and sources. Null if there are
   // none.
   std::shared_ptr<Block> posts_beneath(const BlockId& id, const StopToken& stop) const;
@@ -59,6 +60,8 @@ class DetailedTerrain final : public Terrain {
   std::shared_ptr<const Block> made(const BlockId& id, const StopToken& stop) const;
   // Posts with the detail's means subtracted; null if there are none.
   std::shared_ptr<const Block> corrected(const BlockId& id, const StopToken& stop) const;
+  // Means of the detail over the cells of a block's posts and of so many around it, row by row.
+  std::vector<double> cell_means(const BlockId& id, int around, const StopToken& stop) const;
   std::shared_ptr<Block> make_corrected(const Block& posts, const StopToken& stop) const;
   enum class Kind { made, corrected };
   template <typename Make>

@@ -15,7 +15,6 @@ namespace {
 
 using std::numbers::pi;
 
-constexpr int kRimPoints = 16;
 // A piece's side over the octave's smallest diameter.
 constexpr double kPieceDiameters = 32;
 
@@ -25,7 +24,31 @@ double height_m(const CraterField& field, const Crater& crater, const Vec3& plac
   return crater.scale * field.shape().height(distance_m / (crater.diameter_m / 2), crater.age);
 }
 
+double replaced(const Crater& crater, const Vec3& place) {
+  return CraterShape::replaced_at((place - crater.centre).norm() * kMoonRadius_m / (crater.diameter_m / 2), crater.age);
+}
+
 }  // namespace
+
+// As Detail::add has it: in the order of their ages, on what has been there before.
+CraterRemains remains_of(const CraterField& field, const Crater& crater, std::span<const Crater> candidates) {
+  std::vector<Crater> younger;
+  for (const Crater& other : candidates)
+    if (formed_before(crater, other) &&
+        (other.centre - crater.centre).norm() * kMoonRadius_m < other.reach_m() + crater.diameter_m / 2)
+      younger.push_back(other);
+  std::sort(younger.begin(), younger.end(), formed_before);
+  CraterRemains remains;
+  for (int i = 0; i < CraterRemains::kRimPoints; ++i) {
+    const Vec3 place = CraterSurvey::on_rim(crater, 2 * pi * i / CraterRemains::kRimPoints);
+    const double own_m = height_m(field, crater, place);
+    double now_m = own_m;
+    for (const Crater& other : younger) now_m = now_m * (1 - replaced(other, place)) + height_m(field, other, place);
+    remains.rim[static_cast<std::size_t>(i)] = std::abs(now_m - own_m) <= crater.depth_m / 4;
+  }
+  for (const Crater& other : younger) remains.floor *= 1 - replaced(other, crater.centre);
+  return remains;
+}
 
 double expected_craters(const CraterField& field, const Footprint& region, double smallest_m) {
   const CraterLaw& law = field.law();
@@ -91,35 +114,16 @@ void CraterSurvey::add_if_shown(const Crater& crater, int octave, std::span<cons
   feature.depth_m = share * crater.depth_m;
   place.height_m = plain_.height(place.lat_deg, place.lon_deg, stop).height_m;
   if (std::isnan(place.height_m)) return;
-  std::vector<Crater> others;
-  for (const Crater& other : candidates)
-    if (other.id != crater.id &&
-        (other.centre - crater.centre).norm() * kMoonRadius_m < other.reach_m() + crater.diameter_m / 2)
-      others.push_back(other);
-  const double floor_m = height_m(field_, crater, crater.centre);
-  int undisturbed = 0;
-  for (int i = 0; i < kRimPoints; ++i) {
-    const Vec3 on = on_rim(crater, 2 * pi * i / kRimPoints);
-    const double own_m = height_m(field_, crater, on);
-    if (std::abs(octave_height_m(own_m, on, others) - own_m) > crater.depth_m / 4) continue;
-    const Geographic g = to_geographic(on * kMoonRadius_m);
-    undisturbed += shows(octave, g) && !std::isnan(plain_.height(g.lat_deg, g.lon_deg, stop).height_m);
+  const CraterRemains remains = remains_of(field_, crater, candidates);
+  if (!remains.any()) return;
+  int shown = 0;
+  for (int i = 0; i < CraterRemains::kRimPoints; ++i) {
+    if (!remains.rim[static_cast<std::size_t>(i)]) continue;
+    const Geographic g = to_geographic(on_rim(crater, 2 * pi * i / CraterRemains::kRimPoints) * kMoonRadius_m);
+    shown += shows(octave, g) && !std::isnan(plain_.height(g.lat_deg, g.lon_deg, stop).height_m);
   }
-  feature.rim_share = static_cast<double>(undisturbed) / kRimPoints;
-  const bool deepest = std::none_of(others.begin(), others.end(), [&](const Crater& other) {
-    return height_m(field_, other, crater.centre) < floor_m;
-  });
-  if (deepest || undisturbed > 0) out.push_back(feature);
-}
-
-// As Detail::add has it.
-double CraterSurvey::octave_height_m(double own_m, const Vec3& place, std::span<const Crater> others) const {
-  double cavity = std::min(0.0, own_m), rim = std::max(0.0, own_m);
-  for (const Crater& other : others) {
-    const double h = height_m(field_, other, place);
-    cavity = std::min(cavity, h), rim = std::max(rim, h);
-  }
-  return cavity + rim;
+  feature.rim_share = static_cast<double>(shown) / CraterRemains::kRimPoints;
+  out.push_back(feature);
 }
 
 // In the block of the finest surface: what DetailedTerrain asks.

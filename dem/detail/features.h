@@ -5,6 +5,8 @@
 // between layers (layered_posts.h) ends within it: rim_share gives the part that is left.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <span>
 #include <vector>
 
@@ -20,11 +22,23 @@ struct CraterFeature {
   const Crater& member() const { return crater; }
   int octave = 0;
   Geographic place;  // of the centre; height of the terrain without detail
-  // Share of its rim that the terrain shows: not where posts are finer or missing, nor where other craters of its
-  // octave change it by more than a quarter of its depth. (Craters of one octave do not add up: the deepest counts.)
+  // Share of its rim that the terrain shows: not where posts are finer or missing, nor where younger craters of its
+  // octave change it by more than a quarter of its depth.
   double rim_share = 0;
   double depth_m = 0;  // the crater's, weighted by its layer's share at its centre
 };
+
+// What younger craters of its octave have left of a crater.
+struct CraterRemains {
+  static constexpr int kRimPoints = 16;
+  std::array<bool, kRimPoints> rim{};  // points from north to east: changed by no more than a quarter of the depth
+  double floor = 1;                    // share of the floor's depth
+  bool any() const {
+    return floor > 0.5 || std::any_of(rim.begin(), rim.end(), [](bool left) { return left; });
+  }
+};
+// `candidates`: craters of its octave, at least all that reach its rim; it may be one of them.
+CraterRemains remains_of(const CraterField& field, const Crater& crater, std::span<const Crater> candidates);
 
 // Expected number of craters in a region by the law, before the terrain is considered.
 double expected_craters(const CraterField& field, const Footprint& region, double smallest_m);
@@ -40,8 +54,8 @@ class CraterSurvey {
   std::vector<CraterFeature> within(const Footprint& region, double smallest_m, const StopToken& stop) const;
   // Craters of an octave whose rim may touch a sphere around a place, as given by the field.
   void near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out, const StopToken& stop) const;
-  // Appends the crater to `out` if the terrain shows it: posts are neither finer nor missing at its centre, and other
-  // craters of its octave do not cover both its floor and its rim.
+  // Appends the crater to `out` if the terrain shows it: posts are neither finer nor missing at its centre, and younger
+  // craters of its octave do not replace both its floor and its rim.
   void add_if_shown(const Crater& crater, int octave, std::vector<CraterFeature>& out, const StopToken& stop) const;
 
   const CraterField& field() const { return field_; }
@@ -61,7 +75,6 @@ class CraterSurvey {
   // Share of an octave at a place.
   double share(int octave, const Geographic& place) const;
   bool shows(int octave, const Geographic& place) const { return share(octave, place) > 0.5; }
-  double octave_height_m(double own_m, const Vec3& place, std::span<const Crater> others) const;
 
   const Terrain& plain_;
   const Terrain& detailed_;

@@ -20,7 +20,7 @@
 namespace selenograph::dem {
 
 inline constexpr int kRootLevel = 4;
-inline constexpr int kMaxLevel = 18;  // 0.12 m posts
+inline constexpr int kMaxLevel = 19;  // 0.06 m posts
 inline constexpr int kTickLevel = 20;
 inline constexpr std::int32_t kTicksPerDegree = 1 << kTickLevel;
 inline constexpr std::int32_t kLatTicks = 180 * kTicksPerDegree;

@@ -39,6 +39,8 @@ struct NodeInfo {
   // Unusable files replaced by the next coarser layer or by nothing (fall_through).
   std::vector<SourceIndex> replaced;
   double detail_error_m = 0;  // part of error_m from detail: an upper bound
+  // Largest diameter or wavelength of detail that it leaves out, m; 0: none.
+  double left_out_size_m = 0;
 };
 
 // Share of a layer's detail at a place: at layer borders, several layers contribute.

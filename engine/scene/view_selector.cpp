@@ -186,7 +186,26 @@ bool ViewSelector::errs(const BlockId& id, double pixels_per_metre) const {
   const double error = error_m(id) * pixels_per_metre, allowed = accuracy_.max_error_px;
   if (error <= allowed || !terrain_.detail()) return error > allowed;
   const double of_detail = detail_error_m(id) * pixels_per_metre;
-  return error - of_detail > allowed || error > accuracy_.max_detail_error_px;
+  return error - of_detail > allowed || error > accuracy_.max_detail_error_px || shades_otherwise(id, pixels_per_metre);
+}
+
+bool ViewSelector::shades_otherwise(const BlockId& id, double pixels_per_metre) const {
+  const double size_px = terrain_.node(id, stop_).left_out_size_m * pixels_per_metre,
+               shown_px = 2 * accuracy_.max_detail_error_px;
+  return size_px > shown_px && size_px * foreshortening(id) > shown_px;
+}
+
+double ViewSelector::foreshortening(const BlockId& id) const {
+  const dem::BlockExtent e = dem::extent_of(id);
+  const Geographic middle{dem::lat_deg_of(e.lat0 + (e.lat1() - e.lat0) / 2),
+                          dem::lon_deg_of(e.lon0 + (e.lon1() - e.lon0) / 2),
+                          static_cast<double>(terrain_.node(id, stop_).max_m)};
+  const Vec3 place = to_cartesian(middle), up = place.normalized();
+  // Beyond some 87 degrees slopes face the camera.
+  constexpr double kGrazing = 0.05;
+  double most = kGrazing;
+  for (const ViewBundle& view : views_) most = std::max(most, (view.view.position() - place).normalized().dot(up));
+  return std::sqrt(most);
 }
 
 void ViewSelector::choose(const BlockId& id, const dem::NodeInfo& info) {

@@ -119,6 +119,14 @@ class ViewSelector {
   double error_m(const BlockId& id) const;
 
   double detail_error_m(const BlockId& id) const;
+
+  // Whether detail that a block leaves out would be seen by its shading: the aim is half the size of the smallest that
+  // is shown.
+  bool shades_otherwise(const BlockId& id, double pixels_per_metre) const;
+
+  // How much a size on the ground is foreshortened, as the mean over all directions on it: the root of the cosine of
+  // the emission angle, of the view that sees the block most from above.
+  double foreshortening(const BlockId& id) const;
   bool refine(const BlockId& id, double pixels_per_metre) const;
 
   // Whether the block's error exceeds the limit.

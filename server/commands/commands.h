@@ -99,6 +99,13 @@ struct VerifyMoonSettings {
   std::string output;  // folder
 };
 
+struct VerifyGroundSettings {
+  TerrainSettings terrain;
+  std::string detail;  // name in the assets folder
+  int places = 200;    // squares of 40 x 40 baselines, for each baseline
+  std::string output;  // folder
+};
+
 struct VerifyMertisSettings {
   std::string instrument;  // JSON file; empty: MERTIS with the paper's and assumed values
   std::string output;      // folder
@@ -114,6 +121,7 @@ void add_options(CLI::App& command, SampleSettings& settings);
 void add_options(CLI::App& command, VerifyRoundTripSettings& settings);
 void add_options(CLI::App& command, VerifyAccuracySettings& settings);
 void add_options(CLI::App& command, VerifyMoonSettings& settings);
+void add_options(CLI::App& command, VerifyGroundSettings& settings);
 void add_options(CLI::App& command, VerifyMertisSettings& settings);
 
 int serve(const ServeSettings& settings);
@@ -128,6 +136,7 @@ int sample(const SampleSettings& settings);
 int verify_round_trip(const VerifyRoundTripSettings& settings);
 int verify_accuracy(const VerifyAccuracySettings& settings);
 int verify_moon(const VerifyMoonSettings& settings);
+int verify_ground(const VerifyGroundSettings& settings);
 int verify_mertis(const VerifyMertisSettings& settings);
 
 }  // namespace selenograph::server

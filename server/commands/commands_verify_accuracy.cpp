@@ -7,7 +7,6 @@
 #include <thread>
 
 #include "api/answers/accuracy_report.h"
-#include "api/assets/assets.h"
 #include "api/requests/frame_json.h"
 #include "engine/verify/accuracy_sweep.h"
 #include "server/commands/commands.h"
@@ -56,12 +55,7 @@ Places places_of(const VerifyAccuracySettings& s, const dem::Terrain& terrain) {
 
 std::shared_ptr<const dem::Detail> detail_of(const VerifyAccuracySettings& s) {
   if (s.detail.empty()) return nullptr;
-  auto detail = api::Assets(s.terrain.assets_dir).detail(s.detail);
-  if (!detail)
-    throw std::runtime_error(
-        fmt::format("--detail {}: there is no details/{}.json in the assets folder \"{}\" (--assets-dir)", s.detail,
-                    s.detail, s.terrain.assets_dir));
-  return detail;
+  return detail_of(s.detail, s.terrain);
 }
 
 // "AMD EPYC, 2 cores": what the times belong to.

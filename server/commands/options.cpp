@@ -221,6 +221,15 @@ void add_options(CLI::App& command, VerifyMoonSettings& s) {
   add_options(command, s.terrain);
 }
 
+void add_options(CLI::App& command, VerifyGroundSettings& s) {
+  command.add_option("--detail", s.detail, "Detail of the assets folder")->required()->type_name("NAME");
+  command.add_option("--places", s.places, "Squares of 40 x 40 baselines for each baseline")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
+  add_options(command, s.terrain);
+}
+
 void add_options(CLI::App& command, VerifyMertisSettings& s) {
   command.add_option("--instrument", s.instrument, "JSON as for POST /v1/verify/mertis; without: MERTIS")
       ->type_name("FILE");

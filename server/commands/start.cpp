@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <stdexcept>
 
+#include "api/assets/assets.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/sample/sample_terrain.h"
@@ -92,6 +94,15 @@ std::shared_ptr<const engine::Renderer> make_renderer(const TerrainSettings& set
   options.threads = settings.threads;
   options.scene_bytes = memory_parts(settings.memory).scene_mb << 20;
   return std::make_shared<const engine::Renderer>(open_terrain(settings), options);
+}
+
+std::shared_ptr<const dem::Detail> detail_of(const std::string& name, const TerrainSettings& settings) {
+  auto detail = api::Assets(settings.assets_dir).detail(name);
+  if (!detail)
+    throw std::runtime_error(
+        fmt::format("--detail {0}: there is no details/{0}.json in the assets folder \"{1}\" (--assets-dir)", name,
+                    settings.assets_dir));
+  return detail;
 }
 
 engine::MeshReaderOptions mesh_options(const TerrainSettings& settings) {

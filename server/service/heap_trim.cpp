@@ -17,7 +17,7 @@ namespace selenograph::server {
 namespace {
 
 // In this time a flight takes some tens of megabytes more.
-constexpr std::chrono::milliseconds kLook{50};
+constexpr std::chrono::milliseconds kHeapLook{50};
 
 }  // namespace
 
@@ -47,7 +47,7 @@ HeapTrim::~HeapTrim() {
 
 void HeapTrim::run() {
   std::unique_lock lock(mutex_);
-  while (!stop_.wait_for(lock, kLook, [this] { return stopping_; })) {
+  while (!stop_.wait_for(lock, kHeapLook, [this] { return stopping_; })) {
     try {
       look();
     } catch (const std::exception&) {  // no memory to count with: next time, then

@@ -1,0 +1,65 @@
+#include "api/answers/ground_report.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+namespace selenograph::api {
+namespace {
+
+std::string value(double number, const char* format = "{:.6g}") {
+  return std::isnan(number) ? std::string() : fmt::format(fmt::runtime(format), number);
+}
+
+}  // namespace
+
+std::string slopes_csv(const GroundReport& report) {
+  std::string out = "baseline_m,rms_deg,median_deg,hurst,craters_share,relief_share,published_median_deg\n";
+  for (const engine::SlopeRow& r : report.slopes)
+    out += fmt::format("{:g},{:.4f},{:.4f},{},{:.4f},{:.4f},{}\n", r.baseline_m, r.rms_deg, r.median_deg,
+                       value(r.hurst, "{:.4f}"), r.craters_share, r.relief_share, value(r.published_deg, "{:.4f}"));
+  return out;
+}
+
+std::string craters_csv(const GroundReport& report) {
+  std::string out = "diameter_m,law,listed,visible\n";
+  for (const engine::CraterRow& r : report.craters)
+    out += fmt::format("{:g},{:.6g},{:.6g},{:.6g}\n", r.diameter_m, r.law, r.listed, r.visible);
+  return out;
+}
+
+std::string ground_markdown(const GroundReport& report) {
+  std::string out = fmt::format(
+      "| {}: baseline, m | RMS slope, degrees | median | published median | Hurst exponent | craters' share of the "
+      "variance | relief's |\n|---|---|---|---|---|---|---|\n",
+      report.detail);
+  for (const engine::SlopeRow& r : report.slopes)
+    out +=
+        fmt::format("| {:g} | {:.2f} | {:.2f} | {} | {} | {:.2f} | {:.2f} |\n", r.baseline_m, r.rms_deg, r.median_deg,
+                    value(r.published_deg, "{:.2f}"), value(r.hurst, "{:.2f}"), r.craters_share, r.relief_share);
+  out += "\n| diameters, m | the law's, per km^2 | visible, over the law's |\n|---|---|---|\n";
+  for (const engine::CraterRow& r : report.craters)
+    out += fmt::format("| {:g} to {:g} | {:.4g} | {:.2f} |\n", r.diameter_m,
+                       std::exp2(std::floor(std::log2(r.diameter_m)) + 1), r.law, r.visible / r.law);
+  return out;
+}
+
+std::vector<std::string> beyond_bounds(const GroundReport& report) {
+  std::vector<std::string> out;
+  for (const engine::SlopeRow& r : report.slopes) {
+    if (r.baseline_m > 100) continue;
+    if (std::abs(r.median_deg / r.published_deg - 1) > 0.2)
+      out.push_back(fmt::format("median slope over {:g} m: {:.2f} degrees, published {:.2f}", r.baseline_m,
+                                r.median_deg, r.published_deg));
+    if (r.baseline_m > 1 && (r.hurst < 0.65 || r.hurst > 1))
+      out.push_back(fmt::format("Hurst exponent up to {:g} m: {:.2f}", r.baseline_m, r.hurst));
+  }
+  for (const engine::CraterRow& r : report.craters) {
+    const double ratio = r.visible / r.law;
+    if (r.diameter_m >= 2 && r.diameter_m < 50 && !(ratio > 0.8 && ratio < 1.25))
+      out.push_back(fmt::format("visible craters from {:g} m: {:.2f} of the law's", r.diameter_m, ratio));
+  }
+  return out;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,28 @@
+// Reports of `verify ground`: rows as CSV, and a page of tables.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "engine/verify/ground.h"
+
+namespace selenograph::api {
+
+struct GroundReport {
+  std::string detail;  // its name
+  std::vector<engine::SlopeRow> slopes;
+  std::vector<engine::CraterRow> craters;
+};
+
+// A header line, then one line per row; empty where there is no value. Lengths in m, numbers per km^2.
+std::string slopes_csv(const GroundReport& report);
+std::string craters_csv(const GroundReport& report);
+
+std::string ground_markdown(const GroundReport& report);
+
+// What is outside the stated bounds, a line each; empty: nothing. Median slopes from 0.5 to 100 m within 20 % of the
+// published ones, Hurst exponents from 1 to 100 m within 0.65 to 1, visible craters of octaves from 2 to 50 m within
+// 0.8 to 1.25 of the law.
+std::vector<std::string> beyond_bounds(const GroundReport& report);
+
+}  // namespace selenograph::api

@@ -1,0 +1,140 @@
+#include "engine/verify/ground.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "dem/detail/features.h"
+#include "dem/detail/footprints.h"
+#include "dem/grid/lattice.h"
+#include "dem/support/parallel.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr int kPostsOfSquare = 40;  // posts of a square
+
+// Places by an additive recurrence: even, and the same on every machine. Within 45 degrees of the equator.
+std::pair<double, double> place_rad(int i) {
+  const double a = std::fmod(0.5 + i * 0.7548776662466927, 1.0), b = std::fmod(0.5 + i * 0.5698402909980532, 1.0);
+  return {(a - 0.5) * std::numbers::pi / 2, (b - 0.5) * 2 * std::numbers::pi};
+}
+
+// The coarsest level that shows an octave.
+int level_showing(int octave) {
+  int level = 0;
+  while (level < dem::kMaxLevel && dem::Detail::smallest_octave(level) > octave) ++level;
+  return level;
+}
+
+// Heights at the posts of a square, `apart_m` apart.
+std::vector<double> square(const dem::Detail& detail, int number, double apart_m, const StopToken& stop) {
+  const auto [lat, lon] = place_rad(number);
+  const double lat_step = apart_m / kMoonRadius_m, lon_step = lat_step / std::cos(lat);
+  std::array<std::vector<double>, 4> t;
+  for (int i = 0; i < kPostsOfSquare; ++i) {
+    t[0].push_back(std::sin(lat + i * lat_step)), t[1].push_back(std::cos(lat + i * lat_step));
+    t[2].push_back(std::sin(lon + i * lon_step)), t[3].push_back(std::cos(lon + i * lon_step));
+  }
+  constexpr double kPerBaseline = 8;
+  const int level = level_showing(static_cast<int>(std::floor(std::log2(apart_m / kPerBaseline))));
+  std::vector<double> heights(static_cast<std::size_t>(kPostsOfSquare * kPostsOfSquare));
+  detail.add({t[0], t[1], t[2], t[3], lon, lon_step}, level, 0, heights, {}, stop);
+  return heights;
+}
+
+struct Sums {
+  double craters = 0, relief = 0;  // of squared differences
+  std::vector<double> slopes{};    // sizes
+};
+
+Sums sums_of(const std::vector<double>& craters, const std::vector<double>& relief, double baseline_m) {
+  Sums sums;
+  const auto between = [&](std::size_t a, std::size_t b) {
+    const double c = craters[b] - craters[a], r = relief[b] - relief[a];
+    sums.craters += c * c, sums.relief += r * r;
+    sums.slopes.push_back(std::abs(c + r) / baseline_m);
+  };
+  constexpr std::size_t n = kPostsOfSquare;
+  for (std::size_t r = 0; r + 1 < n; ++r)
+    for (std::size_t c = 0; c + 1 < n; ++c) between(r * n + c, r * n + c + 1), between(r * n + c, (r + 1) * n + c);
+  return sums;
+}
+
+double slope_deg(double slope) { return std::atan(slope) * kDegreesPerRadian; }
+
+}  // namespace
+
+std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places, const StopToken& stop) {
+  dem::DetailPreset one = preset;
+  one.relief = {}, one.rocks = {}, one.region = {};
+  const dem::Detail craters(one);
+  one.craters = {}, one.relief = preset.relief;
+  const dem::Detail relief(one);
+  std::vector<SlopeRow> rows;
+  double rms_before = 0;
+  for (const double baseline_m : {0.5, 1.0, 2.0, 5.0, 10.0, 17.0, 50.0, 100.0, 200.0}) {
+    std::vector<Sums> squares(static_cast<std::size_t>(places));
+    in_parallel(squares.size(), [&](std::size_t i) {
+      stop.check();
+      const int number = static_cast<int>(i);
+      squares[i] =
+          sums_of(square(craters, number, baseline_m, stop), square(relief, number, baseline_m, stop), baseline_m);
+    });
+    Sums all;
+    for (const Sums& s : squares) {
+      all.craters += s.craters, all.relief += s.relief;
+      all.slopes.insert(all.slopes.end(), s.slopes.begin(), s.slopes.end());
+    }
+    const auto middle = all.slopes.begin() + static_cast<std::ptrdiff_t>(all.slopes.size() / 2);
+    std::nth_element(all.slopes.begin(), middle, all.slopes.end());
+    const double variance = all.craters + all.relief,
+                 rms_m = std::sqrt(variance / static_cast<double>(all.slopes.size()));
+    const double hurst = rows.empty() ? std::numeric_limits<double>::quiet_NaN()
+                                      : std::log(rms_m / rms_before) / std::log(baseline_m / rows.back().baseline_m);
+    rows.push_back(
+        {baseline_m, slope_deg(rms_m / baseline_m), slope_deg(*middle), hurst,
+         variance > 0 ? all.craters / variance : 0, variance > 0 ? all.relief / variance : 0,
+         preset.published ? preset.published->at_deg(baseline_m) : std::numeric_limits<double>::quiet_NaN()});
+    rms_before = rms_m;
+  }
+  return rows;
+}
+
+std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset, const StopToken& stop) {
+  const dem::CraterField field(preset.craters);
+  const dem::CraterAges ages(preset.craters.frequency, preset.craters.smallest_m, preset.craters.largest_m,
+                             preset.craters.oldest_Ma);
+  std::vector<CraterRow> rows;
+  for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
+    constexpr int kSquares = 12;
+    constexpr double kDiameters = 96;
+    std::array<CraterRow, kSquares> counts{};
+    double area_km2 = 0;
+    for (int i = 0; i < kSquares; ++i) {
+      const auto [lat, lon] = place_rad(i);
+      const double half_deg = std::ldexp(kDiameters / 2, k) / kMetresPerDegree, lat_deg = lat * kDegreesPerRadian,
+                   lon_deg = lon * kDegreesPerRadian, wide_deg = half_deg / std::cos(lat);
+      const dem::Footprint box{lat_deg - half_deg, lat_deg + half_deg, lon_deg - wide_deg, lon_deg + wide_deg};
+      area_km2 += dem::area_m2(box) / 1e6;
+      const std::vector<dem::Crater> all = field.within(k, dem::around(box, std::ldexp(5.0, k)), stop);
+      for (const dem::Crater& crater : all) {
+        if (!dem::holds(box, to_geographic(crater.centre * kMoonRadius_m)) ||
+            !dem::remains_of(field, crater, all).any())
+          continue;
+        counts[static_cast<std::size_t>(i)].listed += crater.depth_m >= dem::Detail::kWorn * crater.diameter_m;
+        counts[static_cast<std::size_t>(i)].visible += crater.depth_m >= dem::kVisible * crater.diameter_m;
+      }
+    }
+    CraterRow row{std::max(std::ldexp(1.0, k), preset.craters.smallest_m), 0, 0, 0};
+    row.law = 1e6 * ages.number_per_m2(row.diameter_m, field.largest_m(k));
+    for (const CraterRow& count : counts)
+      row.listed += count.listed / area_km2, row.visible += count.visible / area_km2;
+    rows.push_back(row);
+  }
+  return rows;
+}
+
+}  // namespace selenograph::engine

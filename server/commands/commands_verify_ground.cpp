@@ -1,0 +1,34 @@
+// `selenograph verify ground`: slopes and craters of a detail's ground, beside the laws that it was made for.
+#include <fmt/format.h>
+
+#include <filesystem>
+
+#include "api/answers/ground_report.h"
+#include "dem/support/parallel.h"
+#include "server/commands/commands.h"
+#include "server/commands/output.h"
+#include "server/commands/start.h"
+
+namespace selenograph::server {
+
+namespace fs = std::filesystem;
+
+int verify_ground(const VerifyGroundSettings& settings) {
+  const auto detail = detail_of(settings.detail, settings.terrain);
+  api::GroundReport report{settings.detail, {}, {}};
+  where_loops_run([&] {
+    report.slopes = engine::ground_slopes(detail->preset(), settings.places);
+    report.craters = engine::ground_craters(detail->preset());
+  });
+  const fs::path folder = settings.output;
+  fs::create_directories(folder);
+  write_whole((folder / "slopes.csv").string(), api::slopes_csv(report));
+  write_whole((folder / "craters.csv").string(), api::craters_csv(report));
+  fmt::print("{}", api::ground_markdown(report));
+  const std::vector<std::string> beyond = api::beyond_bounds(report);
+  for (const std::string& what : beyond) fmt::print("beyond its bound: {}\n", what);
+  fmt::print("{0}: slopes.csv, craters.csv; picture: deploy/plot {0}\n", settings.output);
+  return beyond.empty() ? 0 : 1;
+}
+
+}  // namespace selenograph::server
