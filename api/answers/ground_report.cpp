@@ -51,7 +51,7 @@ std::vector<std::string> beyond_bounds(const GroundReport& report) {
     if (std::abs(r.median_deg / r.published_deg - 1) > 0.2)
       out.push_back(fmt::format("median slope over {:g} m: {:.2f} degrees, published {:.2f}", r.baseline_m,
                                 r.median_deg, r.published_deg));
-    if (r.baseline_m > 1 && (r.hurst < 0.65 || r.hurst > 1))
+    if (r.baseline_m > 1 && (r.hurst < 0.65 || r.hurst > 1.05))
       out.push_back(fmt::format("Hurst exponent up to {:g} m: {:.2f}", r.baseline_m, r.hurst));
   }
   for (const engine::CraterRow& r : report.craters) {

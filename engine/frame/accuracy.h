@@ -15,11 +15,13 @@ struct Accuracy {
   // reports the value that was used.
   double max_shadow_error_px = kDefaultShadowError_px;
   static constexpr double kDefaultShadowError_px = 16;
-  // Target, in pixels, for the vertical error of terrain with detail, or max_error_px if that is larger. It is relaxed,
-  // together with the shadow target, when a frame would have more than kDetailTrianglesPerPixel triangles of detail per
-  // pixel: the error bound is that of the deepest crater of each size, which few places have.
+  // Target for what is left out of terrain with detail, or max_error_px if that is larger: diameters and wavelengths
+  // from kSmallestShown times as many pixels on are shown, foreshortened as the mean over all directions. What is
+  // smaller moves few points by so many pixels and changes the contrast little. It is relaxed, after the shadow target,
+  // when a frame would have more than kDetailTrianglesPerPixel triangles of detail per pixel.
   double max_detail_error_px = kDefaultDetailError_px;
-  static constexpr double kDefaultDetailError_px = 2;
+  static constexpr double kDefaultDetailError_px = 4;
+  static constexpr double kSmallestShown = 1.25;
   static constexpr double kDetailTrianglesPerPixel = 8;
   // 4: a sample at an edge is replaced by four samples in its part of the pixel (visibility/image/edge_samples.h);
   // requires samples_per_pixel 1 or 4 and no shutter. 1: no edge sampling.

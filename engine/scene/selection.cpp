@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "dem/support/error.h"
 #include "engine/scene/anchor.h"
@@ -52,8 +53,11 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
       if (terrain.detail()) selection.detail_limit_px = asked.max_detail_error_px;
       return selection;
     } catch (const TooMuchDetail&) {
-      asked.max_detail_error_px = std::max(2 * asked.max_detail_error_px, 1.0 / 16);
-      if (sun && asked.max_shadow_error_px < kNoAim_px) relax_shadows();
+      // Shadows give way first: their bound is that of the deepest crater, while coarser ground is seen at once.
+      if (sun && selector.refined_for_shadows() && asked.max_shadow_error_px < kNoAim_px)
+        relax_shadows();
+      else
+        asked.max_detail_error_px = std::max(std::numbers::sqrt2 * asked.max_detail_error_px, 1.0 / 16);
     } catch (const TooMuchTerrain&) {
       if (!selector.refined_for_shadows()) throw;
       relax_shadows();

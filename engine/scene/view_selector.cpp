@@ -186,12 +186,12 @@ bool ViewSelector::errs(const BlockId& id, double pixels_per_metre) const {
   const double error = error_m(id) * pixels_per_metre, allowed = accuracy_.max_error_px;
   if (error <= allowed || !terrain_.detail()) return error > allowed;
   const double of_detail = detail_error_m(id) * pixels_per_metre;
-  return error - of_detail > allowed || error > accuracy_.max_detail_error_px || shades_otherwise(id, pixels_per_metre);
+  return error - of_detail > allowed || shades_otherwise(id, pixels_per_metre);
 }
 
 bool ViewSelector::shades_otherwise(const BlockId& id, double pixels_per_metre) const {
   const double size_px = terrain_.node(id, stop_).left_out_size_m * pixels_per_metre,
-               shown_px = 2 * accuracy_.max_detail_error_px;
+               shown_px = Accuracy::kSmallestShown * accuracy_.max_detail_error_px;
   return size_px > shown_px && size_px * foreshortening(id) > shown_px;
 }
 

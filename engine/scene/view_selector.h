@@ -120,8 +120,7 @@ class ViewSelector {
 
   double detail_error_m(const BlockId& id) const;
 
-  // Whether detail that a block leaves out would be seen by its shading: the aim is half the size of the smallest that
-  // is shown.
+  // Whether detail that a block leaves out would be seen by its shading (Accuracy::kSmallestShown).
   bool shades_otherwise(const BlockId& id, double pixels_per_metre) const;
 
   // How much a size on the ground is foreshortened, as the mean over all directions on it: the root of the cosine of

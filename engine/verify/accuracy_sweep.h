@@ -18,7 +18,7 @@ struct SweepOptions {
   std::vector<int> samples_with_edges = {4};  // of those, measured again with edge samples
   std::vector<Visibility> methods = {Visibility::raytrace, Visibility::zbuffer};
   std::vector<double> max_shadow_errors_px = {64, 4, 1};  // measured with defaults for everything else
-  std::vector<double> max_detail_errors_px = {1, 0.5};    // the same, for scenes with detail
+  std::vector<double> max_detail_errors_px = {2, 1};      // the same, for scenes with detail
   int reference_samples = 256;
   int repetitions = 7;  // per time measurement; the median is reported
 };

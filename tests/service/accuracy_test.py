@@ -102,7 +102,7 @@ class VerifyAccuracy(unittest.TestCase):
         _, rows = self.measured("touchdown", 48, "--scenes", "touchdown", "--detail", "landing", "--assets-dir",
                                 os.path.join(harness.REPOSITORY, "deploy", "assets"))
         self.assertEqual({row["scene"] for row in rows}, {"touchdown"})
-        self.assertEqual({row["max_detail_error_px"] for row in rows}, {"2", "1", "0.5"})
+        self.assertEqual({row["max_detail_error_px"] for row in rows}, {"4", "2", "1"})
         # The finest posts are the truth.
         finest = [row for row in rows if row["max_error_px"] == "0"]
         self.assertTrue(finest)
@@ -121,7 +121,7 @@ class VerifyAccuracy(unittest.TestCase):
         with open(os.path.join(output, "accuracy.json")) as file:
             facts = json.load(file)
         self.assertEqual([scene["name"] for scene in facts["scenes"]], ["nadir", "oblique", "limb", "descent"])
-        self.assertEqual(facts["default"], {"max_error_px": 0.5, "max_detail_error_px": 2, "max_shadow_error_px": 16, "samples_per_pixel": 1, "edge_samples": 1})
+        self.assertEqual(facts["default"], {"max_error_px": 0.5, "max_detail_error_px": 4, "max_shadow_error_px": 16, "samples_per_pixel": 1, "edge_samples": 1})
         with open(os.path.join(output, "accuracy.md")) as file:
             self.assertEqual(file.read().count("\n## "), 4)
 

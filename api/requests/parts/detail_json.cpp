@@ -16,9 +16,11 @@ OrderedJson DetailName::write(const Value& value) const { return value.content ?
 
 std::string detail_aim() {
   return fmt::format(
-      "limit on the error of terrain with detail, or max_error_px where that is larger; it is relaxed when it needs "
-      "more than {:g} triangles per pixel: `detail_error_px` is the value that was reached",
-      engine::Accuracy::kDetailTrianglesPerPixel);
+      "limit on what is left out of terrain with detail, or max_error_px where that is larger: craters and relief of "
+      "{:g} "
+      "times as many pixels and more are shown. It is relaxed when that needs more than {:g} triangles per pixel: "
+      "`detail_limit_px` is the value that was used, `detail_error_px` bounds what it leaves of heights",
+      engine::Accuracy::kSmallestShown, engine::Accuracy::kDetailTrianglesPerPixel);
 }
 
 OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail) {

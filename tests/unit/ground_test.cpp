@@ -1,0 +1,36 @@
+// The shipped presets against the slopes and the numbers that they are made for: what `verify ground` measures.
+#include "engine/verify/ground.h"
+
+#include <gtest/gtest.h>
+
+#include "api/assets/assets.h"
+
+namespace selenograph::engine {
+namespace {
+
+dem::DetailPreset shipped(const std::string& name) {
+  return api::read_detail_file(SELENOGRAPH_SOURCE_DIR "/deploy/assets/details/" + name + ".json");
+}
+
+TEST(Ground, SlopesAreThePublishedOnes) {
+  for (const char* const name : {"mare", "highlands", "polar"})
+    for (const SlopeRow& row : ground_slopes(shipped(name), 60)) {
+      if (row.baseline_m > 100) continue;
+      EXPECT_NEAR(row.median_deg / row.published_deg, 1, 0.2) << name << ' ' << row.baseline_m;
+      if (row.baseline_m > 1) EXPECT_NEAR(row.hurst, 0.85, 0.2) << name << ' ' << row.baseline_m;
+      EXPECT_NEAR(row.craters_share + row.relief_share, 1, 1e-12);
+      if (name == std::string("mare") && row.baseline_m == 1) EXPECT_LT(row.relief_share, 0.4);
+    }
+  EXPECT_EQ(shipped("landing").relief.deviation_m, shipped("mare").relief.deviation_m);
+}
+
+TEST(Ground, CratersAreAsManyAsTheLawHas) {
+  for (const char* const name : {"mare", "polar"})
+    for (const CraterRow& row : ground_craters(shipped(name))) {
+      EXPECT_NEAR(row.visible / row.law, 1, 0.15) << name << ' ' << row.diameter_m;
+      EXPECT_GE(row.listed, row.visible);
+    }
+}
+
+}  // namespace
+}  // namespace selenograph::engine
