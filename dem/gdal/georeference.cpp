@@ -46,18 +46,16 @@ GeographicGrid grid_in_degrees(const Plane& p, double lon0_deg) {
   return {p.first_y, p.first_x + lon0_deg, 1 / p.dy, 1 / p.dx};
 }
 
-// Pixel sizes and origins in metres are degrees that somebody multiplied and rounded. Where whole posts per degree and
-// half posts of position are that near, they were meant: without this no file in metres would wrap or meet its
-// neighbour. (2e-7: sizes of seven digits; 0.02: of a post.)
-void undo_rounding(GeographicGrid& g) {
-  for (double* ppd : {&g.lat_posts_per_degree, &g.lon_posts_per_degree})
-    if (std::abs(*ppd / std::round(*ppd) - 1) < 2e-7) *ppd = std::round(*ppd);
-  const auto to_half_post = [](double& deg, double ppd) {
-    const double nearest = std::round(deg * ppd * 2) / 2;
-    if (std::abs(deg * ppd - nearest) < 0.02) deg = nearest / ppd;
-  };
-  to_half_post(g.first_lat_deg, g.lat_posts_per_degree);
-  to_half_post(g.first_lon_deg, g.lon_posts_per_degree);
+// Pixel sizes and origins in metres are degrees that somebody multiplied and rounded. Where whole posts per degree, or
+// degrees per post, and half posts of position are that near, they were meant: without this no file in metres would
+// wrap or meet its neighbour. (2e-7: sizes of seven digits; 0.02: of a post.) Posts a whole number of metres apart lie
+// where the file says, and near half a post by chance.
+void undo_rounding(double& first_deg, double& posts_per_degree) {
+  const double whole = posts_per_degree > 1 ? std::round(posts_per_degree) : 1 / std::round(1 / posts_per_degree);
+  if (!(std::abs(posts_per_degree / whole - 1) < 2e-7)) return;
+  posts_per_degree = whole;
+  const double nearest = std::round(first_deg * whole * 2) / 2;
+  if (std::abs(first_deg * whole - nearest) < 0.02) first_deg = nearest / whole;
 }
 
 GeographicGrid grid_in_metres(const OGRSpatialReference& srs, const Plane& p) {
@@ -69,7 +67,8 @@ GeographicGrid grid_in_metres(const OGRSpatialReference& srs, const Plane& p) {
   const double y_m = (p.first_y - srs.GetProjParm(SRS_PP_FALSE_NORTHING, 0)) * unit_m;
   GeographicGrid g{lat0 + y_m / kMetresPerDegree, lon0 + x_m / (kMetresPerDegree * shrink),
                    kMetresPerDegree / (p.dy * unit_m), kMetresPerDegree * shrink / (p.dx * unit_m)};
-  undo_rounding(g);
+  undo_rounding(g.first_lat_deg, g.lat_posts_per_degree);
+  undo_rounding(g.first_lon_deg, g.lon_posts_per_degree);
   return g;
 }
 

@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "dem/gdal/dataset.h"
+#include "dem/gdal/warp_rectangle.h"
 #include "dem/support/error.h"
 
 namespace selenograph::dem {
@@ -55,12 +56,22 @@ struct ValueRaster::Impl {
   }
 
   void warp(const OGRSpatialReference& srs) {
+    const OGRSpatialReference degrees = degrees_like(srs);
     char* wkt = nullptr;
-    degrees_like(srs).exportToWkt(&wkt);
+    degrees.exportToWkt(&wkt);
     // Alpha: what the warped rectangle holds beyond the raster is no value.
-    const char* const words[] = {"-of", "VRT", "-t_srs", wkt, "-dstalpha", "-r", "bilinear", nullptr};
+    CPLStringList words;
+    for (const char* word : {"-of", "VRT", "-t_srs", static_cast<const char*>(wkt), "-dstalpha", "-r", "bilinear"})
+      words.AddString(word);
+    if (const auto r = warp_rectangle(*dataset, srs, degrees)) {
+      const auto add = [&](const auto&... word) { (words.AddString(fmt::format("{}", word).c_str()), ...); };
+      add("-te", r->west_deg, r->south_deg, r->east_deg, r->north_deg, "-ts", r->width, r->height);
+      // One sample a pixel: GDAL would take it from the sizes of a block and of the box around it in the raster, which
+      // is far larger where the block is part of a ring around the pole.
+      add("-wo", "XSCALE=1", "-wo", "YSCALE=1");
+    }
     const QuietGdal quiet;
-    GDALWarpAppOptions* how = GDALWarpAppOptionsNew(const_cast<char**>(words), nullptr);
+    GDALWarpAppOptions* how = GDALWarpAppOptionsNew(words.List(), nullptr);
     GDALDatasetH source = dataset.get();
     auto* warped = static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, how, nullptr));
     GDALWarpAppOptionsFree(how);

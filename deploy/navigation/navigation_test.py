@@ -328,6 +328,18 @@ def run(*arguments):
 
 
 class FlightTest(unittest.TestCase):
+    def test_without_shadows_is_the_frame_where_it_is_lit(self):
+        """Shadows are filled by the law that the lit pixels follow; what faces away stays dark."""
+        y, x = np.mgrid[:40, :40] / 40
+        angles = np.stack([60 + 35 * x, 20 * y, 50 + 15 * x - 10 * y], axis=-1)
+        incidence, emission = np.cos(np.radians(angles[..., 0])), np.cos(np.radians(angles[..., 1]))
+        share = 1 - 0.019 * angles[..., 2] + 0.242e-3 * angles[..., 2]**2 - 1.46e-6 * angles[..., 2]**3
+        shade = 2 * share * incidence / (incidence + emission) + (1 - share) * incidence
+        right = np.where(incidence > 0, shade * 12 * np.exp(-0.02 * angles[..., 2]), 0)
+        lit = ((incidence > 0) & (y > 0.3)).astype(np.float32)
+        frame = {"angles": angles, "radiance": np.where(lit == 1, right, 0), "lit": lit}
+        np.testing.assert_allclose(flight.without_shadows(frame), right, rtol=1e-5, atol=1e-6)
+
     def test_a_flight_of_200_frames_converges(self):
         output = harness.path("flight")
         done = run("fly", "--scenario", "short", "-o", output)
@@ -371,7 +383,8 @@ class CampaignTest(unittest.TestCase):
     def test_the_page_has_the_tables_of_what_was_flown(self):
         work, here = pathlib.Path(harness.path("work")), pathlib.Path(harness.path("page"))
         here.mkdir(parents=True)
-        (here / "results.md").write_text("above\n" + report.BEGIN + "old\n" + report.END + "below\n")
+        (here / "results.md").write_text("above\n" + report.BEGIN + "### hadley: 3 flights\n\nkept\n\n"
+                                        "### short: 10 flights\n\nold\n" + report.END + "below\n")
         one = campaign.Campaign(work / "short" / "monte-carlo", 2, 1, 1, False)
         one.begin(campaign.conditions_of(scenarios.short()))
         campaign.write_json(one.folder / "map.json", {"post_spacing_m": 30.0, "gsd_m": [29.0]})
@@ -385,6 +398,8 @@ class CampaignTest(unittest.TestCase):
         report.publish(work, here)
         page = (here / "results.md").read_text()
         self.assertTrue(page.startswith("above\n") and page.endswith("below\n") and "old" not in page, page)
+        self.assertIn("### hadley: 3 flights\n\nkept\n\n### short: 2 flights\n", page)
+        self.assertIn("Reflectance `moon`.", " ".join(page.split()))
         self.assertIn("position RMS 40.0 m", page)
         self.assertTrue((here / "results" / "short-monte-carlo.png").exists())
         report.publish(work, here)

@@ -159,7 +159,6 @@ MappedSurface::Steps MappedSurface::steps_of(const View& view) const {
 
 MappedSurface::Sampler MappedSurface::sampler(const StopToken& stop) const {
   Sampler sampler;
-  sampler.stop = &stop;
   for (std::size_t i = 0; i < albedo_scales_.size(); ++i)
     sampler.albedo.push_back({{*request_.albedo_maps[i], stop}, albedo_scales_[i]});
   for (const auto& map : request_.temperature_maps) sampler.temperature.push_back({{*map, stop}});

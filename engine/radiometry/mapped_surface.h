@@ -37,10 +37,9 @@ class MappedSurface {
   // the map's own mean over the near side, so that the disc stays the Moon's; to the preset's I/F if it has none.
   MappedSurface(const FrameRequest& request, const RowViews& views);
 
-  // State of one task; `stop` must outlive it.
+  // State of one task; the token that it was made with must outlive it.
   struct Sampler {
     std::vector<ScaledMap> albedo, temperature;
-    const StopToken* stop = nullptr;
   };
   Sampler sampler(const StopToken& stop) const;
 

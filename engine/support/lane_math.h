@@ -15,7 +15,6 @@ struct ScalarMath {
   static double exp(double x) { return std::exp(x); }
   static double log(double x) { return std::log(x); }
   static double acos(double x) { return std::acos(x); }
-  static double cos(double x) { return std::cos(x); }
 };
 
 struct LaneMath {
@@ -50,18 +49,6 @@ struct LaneMath {
     sum = sum * q + 1.0 / 17, sum = sum * q + 1.0 / 15, sum = sum * q + 1.0 / 13, sum = sum * q + 1.0 / 11;
     sum = sum * q + 1.0 / 9, sum = sum * q + 1.0 / 7, sum = sum * q + 1.0 / 5, sum = sum * q + 1.0 / 3;
     return exponent * 0.6931471805599453 + 2 * s * (1 + sum * q);
-  }
-
-  // To 1e-14, for arguments up to 1e4: series around the nearest multiple of pi.
-  SELENOGRAPH_LANE static double cos(double x) {
-    constexpr double kPi = 3.141592653589793, kPiRest = 1.2246467991473532e-16, kRound = 0x1.8p52;
-    const double shifted = x / kPi + kRound, k = shifted - kRound;
-    const double r = (x - k * kPi) - k * kPiRest, q = r * r;
-    double sum = -1.0 / 6402373705728000;
-    sum = sum * q + 1.0 / 20922789888000, sum = sum * q - 1.0 / 87178291200, sum = sum * q + 1.0 / 479001600;
-    sum = sum * q - 1.0 / 3628800, sum = sum * q + 1.0 / 40320, sum = sum * q - 1.0 / 720, sum = sum * q + 1.0 / 24;
-    sum = (sum * q - 0.5) * q + 1;
-    return std::bit_cast<double>(std::bit_cast<std::uint64_t>(sum) ^ std::bit_cast<std::uint64_t>(shifted) << 63);
   }
 
   // To 2.1e-8 rad (Abramowitz & Stegun 4.4.46), -1 <= x <= 1.

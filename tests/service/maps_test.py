@@ -329,8 +329,7 @@ class OfRelief(harness.WithService):
                 self.assertEqual(service.stop(), 0)
                 off = np.abs(np.array([p["height_m"] for p in heights]) - map_["height"])
                 # Of other posts than those compared: the same spread, and no worse than the worst that is allowed.
-                if area["projection"] != "equirectangular":  # whose heights come back some centimetres low
-                    self.assertLess(np.sqrt((off ** 2).mean()), 1.5 * float(found[2]) + 1e-3)
+                self.assertLess(np.sqrt((off ** 2).mean()), 1.5 * float(found[2]) + 1e-3)
                 self.assertLess(off.max(), 0.3)
 
     def test_lit_and_normal_are_those_of_rays(self):

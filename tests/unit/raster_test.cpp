@@ -534,19 +534,20 @@ TEST_F(RasterTest, EquirectangularMetres) {
   expect_at(info, 5, -175, 18, 8, 1e-7);
   expect_at(info, -85, -5, 35, 17, 1e-7);
 
-  // A latitude of true scale: GDAL's own transformation is the judge.
-  t.srs = "+proj=eqc +lat_ts=30 +lon_0=20 +R=1737400 +units=m +no_defs";
+  // A latitude of true scale: GDAL's own transformation is the judge. The second one's posts are a hundredth of their
+  // distance from half a post by chance, and were not meant to lie there.
   t.width = t.height = 4;
-  t.dx = 1000;
-  t.dy = -1000;
   t.west = 5000;
-  t.north = 905000;
-  write(file("ts.tif"), t);
-  const OGRSpatialReference from = srs_of(t.srs), to = srs_of(kMoon);
-  const std::unique_ptr<OGRCoordinateTransformation> transform(OGRCreateCoordinateTransformation(&from, &to));
-  double lon = 5000 + 2.5 * 1000, lat = 905000 - 1.5 * 1000;
-  ASSERT_TRUE(transform->Transform(1, &lon, &lat));
-  expect_at(inspect_raster(file("ts.tif")), lat, lon, 2, 1, 1e-6);
+  for (const auto& [ts, post_m, north_m] : {std::tuple(30, 1000.0, 905000.0), {60, 100.0, 1821901.0254489689}}) {
+    t.srs = "+proj=eqc +lat_ts=" + std::to_string(ts) + " +lon_0=20 +R=1737400 +units=m +no_defs";
+    t.dx = post_m, t.dy = -post_m, t.north = north_m;
+    write(file("ts.tif"), t);
+    const OGRSpatialReference from = srs_of(t.srs), to = srs_of(kMoon);
+    const std::unique_ptr<OGRCoordinateTransformation> transform(OGRCreateCoordinateTransformation(&from, &to));
+    double lon = t.west + 2.5 * post_m, lat = north_m - 1.5 * post_m;
+    ASSERT_TRUE(transform->Transform(1, &lon, &lat));
+    expect_at(inspect_raster(file("ts.tif")), lat, lon, 2, 1, 1e-7);
+  }
 }
 
 // Posts along a parallel are then as far apart in degrees as four along a meridian. Two tiles with a post's gap between

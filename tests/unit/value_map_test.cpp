@@ -289,26 +289,33 @@ TEST_F(ValueMaps, PicturesFollowTheirDescription) {
   EXPECT_THROW(opened(told), DataError);
 }
 
-// In metres around the south pole; beyond the square there is nothing.
-TEST_F(ValueMaps, ProjectedRastersAreWarped) {
-  const std::string path = folder_ / "polar.tif";
-  const double half_m = 200e3, spacing_m = 2000;
+// 200 x 200 texels of 2 km around the origin of a projection in metres, by their places there.
+void projected(const std::string& path, const std::string& projection,
+               const std::function<double(double x_m, double y_m)>& value) {
+  constexpr double kHalf_m = 200e3, kSpacing_m = 2000;
   with_gdal("GTiff", path, 200, 200, 1, GDT_Float32, [&](GDALDataset& d) {
     OGRSpatialReference srs;
-    ASSERT_EQ(srs.SetFromUserInput("+proj=stere +lat_0=-90 +lon_0=0 +k=1 +R=1737400 +units=m +no_defs"), OGRERR_NONE);
-    double t[] = {-half_m, spacing_m, 0, half_m, 0, -spacing_m};
+    ASSERT_EQ(srs.SetFromUserInput(("+proj=" + projection + " +R=1737400 +units=m +no_defs").c_str()), OGRERR_NONE);
+    double t[] = {-kHalf_m, kSpacing_m, 0, kHalf_m, 0, -kSpacing_m};
     ASSERT_EQ(d.SetGeoTransform(t), CE_None);
     ASSERT_EQ(d.SetSpatialRef(&srs), CE_None);
     std::vector<float> samples;
     for (int y = 0; y < 200; ++y)
-      for (int x = 0; x < 200; ++x) {
-        const double x_m = -half_m + (x + 0.5) * spacing_m, y_m = half_m - (y + 0.5) * spacing_m;
-        const double colatitude = 2 * std::atan(std::hypot(x_m, y_m) / (2 * kMoonRadius_m));
-        samples.push_back(static_cast<float>(colatitude * 180 / std::numbers::pi * 0.01 + 0.1 * (x_m > 0)));
-      }
+      for (int x = 0; x < 200; ++x)
+        samples.push_back(
+            static_cast<float>(value(-kHalf_m + (x + 0.5) * kSpacing_m, kHalf_m - (y + 0.5) * kSpacing_m)));
     ASSERT_EQ(
         d.GetRasterBand(1)->RasterIO(GF_Write, 0, 0, 200, 200, samples.data(), 200, 200, GDT_Float32, 0, 0, nullptr),
         CE_None);
+  });
+}
+
+// In metres around the south pole; beyond the square there is nothing.
+TEST_F(ValueMaps, ProjectedRastersAreWarped) {
+  const std::string path = folder_ / "polar.tif";
+  projected(path, "stere +lat_0=-90 +lon_0=0 +k=1", [](double x_m, double y_m) {
+    const double colatitude = 2 * std::atan(std::hypot(x_m, y_m) / (2 * kMoonRadius_m));
+    return colatitude * 180 / std::numbers::pi * 0.01 + 0.1 * (x_m > 0);
   });
   const ValueMap map = open(path);
   EXPECT_NEAR(mean(map, -86, 90), 0.14, 1e-3);  // x grows toward 90 E
@@ -316,6 +323,33 @@ TEST_F(ValueMaps, ProjectedRastersAreWarped) {
   EXPECT_NEAR(mean(map, -88.5, 30), 0.115, 1e-3);
   EXPECT_TRUE(std::isnan(mean(map, -80, 45)));
   EXPECT_TRUE(std::isnan(mean(map, 10, 45)));
+}
+
+// Waves of twelve texels keep their height across the date line and around a pole, as they do elsewhere.
+TEST_F(ValueMaps, WarpedRastersAreAsFineAsTheirFiles) {
+  constexpr double kWave_m = 24e3;
+  const auto wave = [](double x_m, double y_m) {
+    return 0.2 + 0.1 * std::sin(x_m * 2 * std::numbers::pi / kWave_m) * std::sin(y_m * 2 * std::numbers::pi / kWave_m);
+  };
+  for (const std::string projection :
+       {"ortho +lat_0=-20 +lon_0=40", "ortho +lat_0=30 +lon_0=178", "eqc +lat_ts=0 +lon_0=-179",
+        "tmerc +lat_0=0 +lon_0=180", "stere +lat_0=90 +lon_0=0 +k=1", "stere +lat_0=-90 +lon_0=30 +k=1",
+        "ortho +lat_0=87 +lon_0=70"}) {
+    SCOPED_TRACE(projection);
+    const std::string path = folder_ / "waves.tif";
+    projected(path, projection, wave);
+    const ValueMap map = open(path);
+    OGRSpatialReference plane, degrees;
+    ASSERT_EQ(plane.SetFromUserInput(("+proj=" + projection + " +R=1737400 +units=m +no_defs").c_str()), OGRERR_NONE);
+    ASSERT_EQ(degrees.SetFromUserInput("+proj=longlat +R=1737400 +no_defs"), OGRERR_NONE);
+    const std::unique_ptr<OGRCoordinateTransformation> there(OGRCreateCoordinateTransformation(&plane, &degrees));
+    for (double x_m = -185e3; x_m < 190e3; x_m += 9.1e3)
+      for (double y_m = -185e3; y_m < 190e3; y_m += 8.3e3) {
+        double lon_deg = x_m, lat_deg = y_m;
+        ASSERT_TRUE(there->Transform(1, &lon_deg, &lat_deg));
+        ASSERT_NEAR(mean(map, lat_deg, lon_deg), wave(x_m, y_m), 0.02) << lat_deg << " N, " << lon_deg << " E";
+      }
+  }
 }
 
 TEST_F(ValueMaps, OtherBodiesAndDamagedFilesAreRefused) {

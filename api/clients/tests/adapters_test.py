@@ -22,28 +22,14 @@ import unittest
 import numpy
 
 import harness
-from harness import PATIENCE_S, REPOSITORY
+from harness import PATIENCE_S
+from one_service import CLIENTS, SUN, OneService, setUpModule, tearDownModule  # noqa: F401
 
-CLIENTS = os.path.join(REPOSITORY, "api", "clients")
 sys.path[:0] = [os.path.join(CLIENTS, "python"), os.path.join(CLIENTS, "ros")]
 import selenograph  # noqa: E402
 import selenograph_ros  # noqa: E402
 
 ROSMASTER = shutil.which("rosmaster") if importlib.util.find_spec("rospy") else None
-PLACE = ("--south-deg", "-8", "--west-deg", "39", "--rows", "3", "--columns", "2", "--ppd", "256")
-SUN = {"subsolar": {"lat_deg": 0.0, "lon_deg": 100.0}}
-
-
-def setUpModule():
-    harness.set_up()
-    harness.sample("dem", *PLACE)
-    Adapter.service = harness.Service()
-
-
-def tearDownModule():
-    code = Adapter.service.stop()
-    harness.tear_down()
-    assert code == 0, f"exit status {code} after SIGTERM"
 
 
 def loaded(*path):
@@ -85,13 +71,8 @@ def in_place(modules):
                 del sys.modules[name]
 
 
-class Adapter(unittest.TestCase):
-    """One service for all tests, and what the adapters are compared with: a frame of its own, straight down."""
-
-    service = None
-
-    def url(self):
-        return "http://%s:%d" % (self.service.host, self.service.port)
+class Adapter(OneService):
+    """Has the frame that the adapters' are compared with: the service's own, straight down."""
 
     def setUp(self):
         self.request = {"camera": {"width": 64, "height": 48, "fov_deg": 40, "distortion": {"k1": -0.05, "p1": 1e-3}},

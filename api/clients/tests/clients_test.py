@@ -17,35 +17,11 @@ import numpy
 
 import harness
 from fake_service import FakeService
-from harness import PATIENCE_S, REPOSITORY
+from harness import PATIENCE_S
+from one_service import CLIENTS, SUN, OneService, setUpModule, tearDownModule  # noqa: F401
 
-CLIENTS = os.path.join(REPOSITORY, "api", "clients")
 CPP_EXAMPLES = os.environ.get("SELENOGRAPH_CPP_EXAMPLES", "")
 OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
-PLACE = ("--south-deg", "-8", "--west-deg", "39", "--rows", "3", "--columns", "2", "--ppd", "256")  # what the examples fly over
-SUN = {"subsolar": {"lat_deg": 0.0, "lon_deg": 100.0}}
-
-
-def setUpModule():
-    harness.set_up()
-    harness.sample("dem", *PLACE)
-    WithClients.service = harness.Service()
-
-
-def tearDownModule():
-    code = WithClients.service.stop()
-    harness.tear_down()
-    assert code == 0, f"exit status {code} after SIGTERM"
-
-
-class WithClients(unittest.TestCase):
-    """One service for all tests."""
-
-    service = None
-
-    def url(self):
-        return "http://%s:%d" % (self.service.host, self.service.port)
-
 
 PROBLEM = (422, {"Content-Type": "application/problem+json"}, json.dumps({
     "type": "urn:selenograph:problem:invalid_request", "title": "Invalid request", "status": 422, "detail": "a fault",
@@ -209,7 +185,7 @@ class Examples:
 
 
 @unittest.skipUnless(CPP_EXAMPLES, "SELENOGRAPH_CPP_EXAMPLES isn't set")
-class Cpp(Examples, WithClients):
+class Cpp(Examples, OneService):
     def run_example(self, name, *arguments):
         done = subprocess.run([os.path.join(CPP_EXAMPLES, name), *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                               text=True, timeout=PATIENCE_S)
@@ -225,7 +201,7 @@ class Cpp(Examples, WithClients):
 
 
 @unittest.skipUnless(OCTAVE, "Octave isn't installed: apt-get install octave")
-class Octave(Examples, WithClients):
+class Octave(Examples, OneService):
     types = {"float32": "single", "float64": "double"}
     last_places = 2
 

@@ -138,7 +138,7 @@ def prepared(scenario, client):
 def conditions_of(scenario):
     return {
         "scenario": scenario.name, "camera_px": scenario.camera.side, "focal_px": scenario.camera.focal,
-        "duration_s": scenario.descent.duration_s, "frame_step_s": scenario.frame_step_s,
+        "duration_s": scenario.descent.duration_s, "frame_step_s": scenario.frame_step_s, "surface": scenario.surface,
         **({"detail": scenario.detail, "map_gsd_m": scenario.map_gsd_m} if scenario.detail else {}),
         "flight_sun": scenario.flight_sun["local"], "map_sun": scenario.map_sun["local"],
         "initial_rms": dataclasses.asdict(INITIAL), "imu": dataclasses.asdict(IMU),

@@ -36,8 +36,8 @@ class Poses:
         self.post_spacing_m = post_spacing_of(scenario, ground)
 
     def frames(self, client, sun, surface):
-        requests = [{"camera": self.scenario.camera.request, "sun": sun, "products": ["radiance"], **surface,
-                     "detail": self.scenario.detail,
+        requests = [{"camera": self.scenario.camera.request, "sun": sun, "products": ["radiance"],
+                     "surface": surface or self.scenario.surface, "detail": self.scenario.detail,
                      "pose": Pose.from_matrix(attitude, direction="moon_from_camera", position_m=position)}
                     for position, attitude in zip(self.positions, self.attitudes)]
         return [frame["radiance"] for frame in client.frames(requests)]
@@ -71,11 +71,11 @@ def explain(scenario, client):
 
     plain = map_of({})
     alike, under_map, under_flight = (poses.frames(client, sun, surface) for sun, surface in (
-        (scenario.map_sun, {"surface": LAMBERT}), (scenario.map_sun, {}), (scenario.flight_sun, {})))
+        (scenario.map_sun, LAMBERT), (scenario.map_sun, None), (scenario.flight_sun, None)))
     seen, cases = noisy(under_flight), []
     for name, images, onboard in (
             ("map's Sun, no detector noise, Lambert in frames and map", alike, map_of({"surface": LAMBERT})),
-            ("map's Sun, no detector noise, Lommel-Seeliger", under_map, plain),
+            ("map's Sun, no detector noise, as the Moon reflects", under_map, plain),
             ("map's Sun", noisy(under_map), plain),
             ("flight's Sun, no detector noise", under_flight, plain), ("flight's Sun: as flown", seen, plain)):
         rows = [found(poses, i, image, onboard, WIDEST) for i, image in enumerate(images)]

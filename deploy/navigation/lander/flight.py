@@ -53,24 +53,31 @@ class Truth:
         self.post_spacing_m = post_spacing_of(scenario, ground)
 
         self.frames, times_ms = [], []
-        product = "radiance" if shadows else "angles"
-        requests = [{"camera": scenario.camera.request, "sun": sun or scenario.flight_sun, "products": [product],
-                     "detail": scenario.detail,
+        products = ["radiance"] if shadows else ["radiance", "angles", "lit"]
+        requests = [{"camera": scenario.camera.request, "sun": sun or scenario.flight_sun, "products": products,
+                     "surface": scenario.surface, "detail": scenario.detail,
                      **({"accuracy": accuracy} if accuracy else {}),
                      "pose": Pose.from_matrix(attitude, direction="moon_from_camera", position_m=position)}
                     for position, attitude in zip(self.positions, self.attitudes)]
         for frame in client.frames(requests):
-            self.frames.append(frame["radiance"] if shadows else without_shadows(frame["angles"]))
+            self.frames.append(frame["radiance"] if shadows else without_shadows(frame))
             times_ms.append(sum(frame.timing.values()))
         self.service_ms = float(np.median(times_ms))
         self.whites = [Detector.white(frame) for frame in self.frames]
 
 
-def without_shadows(angles_deg):
-    """What the service would render if nothing cast a shadow: Lommel-Seeliger, but for a constant."""
-    incidence, emission = (np.cos(np.radians(angles_deg[..., i])) for i in range(2))
-    lit = incidence > 0  # False where it is NaN
-    return np.where(lit, incidence / np.where(lit, incidence + emission, 1), 0).astype(np.float32)
+def without_shadows(frame):
+    """What the service would render if nothing cast a shadow: McEwen's law, as `moon` has it, times the function of the
+    phase angle that the frame has where it is lit."""
+    incidence, emission = (np.cos(np.radians(frame["angles"][..., i])) for i in range(2))
+    phase_deg = frame["angles"][..., 2]
+    towards = incidence > 0  # False where it is NaN
+    seeliger = incidence / np.where(towards, incidence + emission, 1)
+    share = 1 + phase_deg * (-0.019 + phase_deg * (0.242e-3 - 1.46e-6 * phase_deg))  # McEwen (1996)
+    shade = np.where(towards, 2 * share * seeliger + (1 - share) * incidence, 0)
+    seen = (frame["lit"] == 1) & (shade > 0.02)
+    law = np.polynomial.Polynomial.fit(phase_deg[seen], np.log(frame["radiance"][seen] / shade[seen]), 2)
+    return np.where(towards, shade * np.exp(law(np.where(towards, phase_deg, 45.0))), 0).astype(np.float32)
 
 
 def map_levels(scenario, client, post_spacing_m, initial, shift_m=0.0):

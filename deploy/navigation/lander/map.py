@@ -109,7 +109,8 @@ def level_requests(scenario, post_spacing_m, position_sigma_m):
         fitting_m = max(gsd_m, np.sqrt(size["width_m"] * size["height_m"] / MOST_PIXELS), post_spacing_m / 3)
         if not levels or fitting_m < 0.75 * levels[-1]["map"]["gsd_m"]:
             levels.append({"map": {"projection": "equirectangular", "center": center, "gsd_m": fitting_m, **size},
-                           "sun": scenario.map_sun, "detail": scenario.detail, "products": ["radiance", "height"]})
+                           "sun": scenario.map_sun, "surface": scenario.surface, "detail": scenario.detail,
+                           "products": ["radiance", "height"]})
         gsd_m /= 2
         if gsd_m < post_spacing_m / 3 or gsd_m * camera.focal < altitude_m[-1] / 2:
             return levels

@@ -1,6 +1,7 @@
 """Plots and tables of what the other commands wrote."""
 
 import json
+import re
 import textwrap
 
 import matplotlib
@@ -36,9 +37,10 @@ def draw(folder):
 
 
 def publish(work, here):
-    """Plots and tables into results.md, of the scenarios that have been flown."""
+    """Plots and tables into results.md, of the scenarios that have been flown; what the page has of others stays."""
     page = here / "results.md"
     before, rest = page.read_text().split(BEGIN)
+    old, after = rest.split(END)
     text = []
     for folder in sorted(path.parent for path in work.glob("*/report.json")):
         tables = draw(folder)
@@ -51,7 +53,14 @@ def publish(work, here):
                 text += [f"![{folder.name}: {name}]({plot})", ""]
         if tables.get("causes"):
             text += _causes_page(tables["causes"], folder)
-    page.write_text(before + BEGIN + "\n".join(line for long in text for line in _lines(long)) + END + rest.split(END)[1])
+    sections = _sections(old) | _sections("\n".join(line for long in text for line in _lines(long)))
+    page.write_text(before + BEGIN + "\n".join(sections.values()) + END + after)
+
+
+def _sections(text):
+    """By heading, without numbers: "### short: 20 flights" takes the place of ten."""
+    return {re.sub(r"\d+", "", section.split("\n")[0]): section.strip("\n") + "\n"
+            for section in re.split(r"^(?=### )", text, flags=re.M) if section.strip()}
 
 
 def _lines(text):
@@ -222,7 +231,7 @@ def _monte_carlo_page(tables):
         (f"Detail `{conditions['detail']}`" if conditions.get("detail") else f"Posts of {of_map['post_spacing_m']:.0f} m")
         + f", map pixels of {', '.join(f'{gsd:.2g}' for gsd in of_map['gsd_m'])} m. Sun (azimuth, elevation): frames "
         f"{flight['azimuth_deg']:g}, {flight['elevation_deg']:g}; map {over['azimuth_deg']:g}, "
-        f"{over['elevation_deg']:g} degrees. {conditions['frames']} frames of {conditions['camera_px']} x "
+        f"{over['elevation_deg']:g} degrees. Reflectance `{conditions['surface']['preset']}`. {conditions['frames']} frames of {conditions['camera_px']} x "
         f"{conditions['camera_px']}, each {conditions['frame_step_s']:g} s.", "",
         f"- First matches after {tables['acquisition_s']['median']:.0f} s (median), "
         f"{tables['acquisition_s']['largest']:.0f} s (longest); never: {tables['acquisition_s']['never']} flights.",

@@ -17,6 +17,7 @@ class Scenario:
     site: str = ""
     detail: str | None = None  # below the posts, in frames and map: a preset of deploy/assets/details
     map_gsd_m: float = 0.0  # of the finest level, with detail; without it is a third of the posts
+    surface: dict = dataclasses.field(default_factory=lambda: {"preset": "moon"})  # in frames and map
     frame_step_s: float = 1.0
     imu_step_s: float = 0.1
 

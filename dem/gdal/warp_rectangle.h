@@ -1,0 +1,22 @@
+// The rectangle in degrees that a projected raster is warped to. Within dem/gdal/ only.
+#pragma once
+
+#include <optional>
+
+#include "dem/gdal/library.h"
+
+namespace selenograph::dem {
+
+struct WarpRectangle {
+  double west_deg, south_deg, east_deg, north_deg;  // its outer borders, west < east
+  int width, height;                                // pixels
+};
+
+// For a raster that crosses the date line or holds a pole, its rectangle in pixels that are nowhere larger on the
+// ground than the raster's own. GDAL's own choice counts such a raster as 360 degrees wide, and makes its pixels as
+// many times wider. Empty: that choice will do, or part of the raster's border is nowhere on the sphere.
+// `srs`: the raster's; `degrees`: longitude and latitude, in that order.
+std::optional<WarpRectangle> warp_rectangle(GDALDataset& raster, const OGRSpatialReference& srs,
+                                            const OGRSpatialReference& degrees);
+
+}  // namespace selenograph::dem
