@@ -16,7 +16,7 @@ using std::numbers::pi;
 
 // Squares of ground: their side, and steps, in smallest diameters of the octave. A circle of the smallest diameter has
 // a radius of four steps.
-constexpr int kSide = 32, kSteps = 8, kPosts = kSide * kSteps + 1;
+constexpr int kSquareDiameters = 32, kStepsPerDiameter = 8, kSquarePosts = kSquareDiameters * kStepsPerDiameter + 1;
 // Middles of squares, degrees: away from the planes in which the relief's lattice repeats.
 struct Middle {
   double lat_deg, lon_deg;
@@ -26,19 +26,19 @@ constexpr int kOnCircle = 16;
 
 // Heights of an octave alone on a square, row by row, its sides in steps.
 std::vector<double> heights_of(const Detail& detail, int octave, const Middle& middle, const StopToken& stop) {
-  const double step = std::ldexp(1.0, octave) / kSteps / kMoonRadius_m,
-               south = middle.lat_deg * kRadiansPerDegree - step * (kPosts / 2),
+  const double step = std::ldexp(1.0, octave) / kStepsPerDiameter / kMoonRadius_m,
+               south = middle.lat_deg * kRadiansPerDegree - step * (kSquarePosts / 2),
                lon_step = step / std::cos(middle.lat_deg * kRadiansPerDegree),
-               west = middle.lon_deg * kRadiansPerDegree - lon_step * (kPosts / 2);
+               west = middle.lon_deg * kRadiansPerDegree - lon_step * (kSquarePosts / 2);
   std::array<std::vector<double>, 4> table;
-  for (auto& t : table) t.resize(kPosts);
-  for (std::size_t i = 0; i < kPosts; ++i) {
+  for (auto& t : table) t.resize(kSquarePosts);
+  for (std::size_t i = 0; i < kSquarePosts; ++i) {
     const double lat = south + static_cast<double>(i) * step, lon = west + static_cast<double>(i) * lon_step;
     table[0][i] = std::sin(lat), table[1][i] = std::cos(lat), table[2][i] = std::sin(lon), table[3][i] = std::cos(lon);
   }
   // The level that begins to show the octave, over the posts that leave it out as the last.
   const int level = Detail::smallest_octave(0) - octave;
-  std::vector<double> heights(static_cast<std::size_t>(kPosts) * kPosts);
+  std::vector<double> heights(static_cast<std::size_t>(kSquarePosts) * kSquarePosts);
   detail.add({table[0], table[1], table[2], table[3], west, lon_step}, level, level - 2, heights, {}, stop);
   return heights;
 }
@@ -46,8 +46,8 @@ std::vector<double> heights_of(const Detail& detail, int octave, const Middle& m
 double between(const std::vector<double>& heights, double row, double column) {
   const auto r = static_cast<std::size_t>(row), c = static_cast<std::size_t>(column);
   const double y = row - static_cast<double>(r), x = column - static_cast<double>(c);
-  const double* at = &heights[r * kPosts + c];
-  return std::lerp(std::lerp(at[0], at[1], x), std::lerp(at[kPosts], at[kPosts + 1], x), y);
+  const double* at = &heights[r * kSquarePosts + c];
+  return std::lerp(std::lerp(at[0], at[1], x), std::lerp(at[kSquarePosts], at[kSquarePosts + 1], x), y);
 }
 
 // Mean square over places two steps apart of the mean on a circle minus the middle.
@@ -59,12 +59,12 @@ double mean_square(const std::vector<double>& heights, int radius) {
   }
   double sum = 0;
   int places = 0;
-  for (int r = radius; r < kPosts - radius; r += 2)
-    for (int c = radius; c < kPosts - radius; c += 2, ++places) {
+  for (int r = radius; r < kSquarePosts - radius; r += 2)
+    for (int c = radius; c < kSquarePosts - radius; c += 2, ++places) {
       double around = 0;
       for (std::size_t i = 0; i < kOnCircle; ++i) around += between(heights, r + up[i], c + right[i]);
       const double over =
-          around / kOnCircle - heights[static_cast<std::size_t>(r) * kPosts + static_cast<std::size_t>(c)];
+          around / kOnCircle - heights[static_cast<std::size_t>(r) * kSquarePosts + static_cast<std::size_t>(c)];
       sum += over * over;
     }
   return sum / places;
@@ -84,7 +84,7 @@ CraterRoughness::Squares CraterRoughness::measured(const Detail& detail, int oct
   for (const Middle& middle : kMiddles) {
     const std::vector<double> heights = heights_of(detail, octave, middle, stop);
     for (int i = 0; i < kDiameters; ++i)
-      sums[static_cast<std::size_t>(i)] += mean_square(heights, kSteps / 4 << i) / kMiddles.size();
+      sums[static_cast<std::size_t>(i)] += mean_square(heights, kStepsPerDiameter / 4 << i) / kMiddles.size();
   }
   return sums;
 }
