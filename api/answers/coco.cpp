@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "api/answers/crater_answer.h"
 #include "api/answers/metadata.h"
 #include "api/requests/features_json.h"
 #include "api/requests/parts/detail_json.h"
@@ -34,8 +35,6 @@ Polygon clipped(const Polygon& polygon, const std::function<double(const Corner&
   }
   return out;
 }
-
-double thousandths(double x) { return std::round(x * 1000) / 1000; }
 
 Polygon in_image(const std::vector<engine::RimPoint>& outline, double width, double height) {
   Polygon polygon;

@@ -8,8 +8,6 @@
 namespace selenograph::api {
 namespace {
 
-double thousandths(double x) { return std::round(x * 1000) / 1000; }
-
 OrderedJson place_json(const engine::RimPoint& p) { return {thousandths(p.x_px), thousandths(p.y_px)}; }
 
 OrderedJson rim_json(const std::vector<engine::RimPoint>& outline) {
@@ -49,6 +47,8 @@ void add_place(Answer<engine::CraterRim>& a) {
 }
 
 }  // namespace
+
+double thousandths(double x) { return std::round(x * 1000) / 1000; }
 
 const Answer<engine::CraterRim>& crater_answer() {
   static const auto answer = answer_of<engine::CraterRim>(

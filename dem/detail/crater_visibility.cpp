@@ -50,7 +50,7 @@ double between(const std::vector<double>& heights, double row, double column) {
   return std::lerp(std::lerp(at[0], at[1], x), std::lerp(at[kSquarePosts], at[kSquarePosts + 1], x), y);
 }
 
-// Mean square over places two steps apart of the mean on a circle minus the middle.
+// Mean square over places, half a diameter apart, of the mean on a circle minus the middle.
 double mean_square(const std::vector<double>& heights, int radius) {
   std::array<double, kOnCircle> up{}, right{};
   for (std::size_t i = 0; i < kOnCircle; ++i) {
@@ -59,8 +59,8 @@ double mean_square(const std::vector<double>& heights, int radius) {
   }
   double sum = 0;
   int places = 0;
-  for (int r = radius; r < kSquarePosts - radius; r += 2)
-    for (int c = radius; c < kSquarePosts - radius; c += 2, ++places) {
+  for (int r = radius; r < kSquarePosts - radius; r += kStepsPerDiameter / 2)
+    for (int c = radius; c < kSquarePosts - radius; c += kStepsPerDiameter / 2, ++places) {
       double around = 0;
       for (std::size_t i = 0; i < kOnCircle; ++i) around += between(heights, r + up[i], c + right[i]);
       const double over =

@@ -17,8 +17,8 @@ namespace selenograph::dem {
 // Mean squares of that difference, by octaves of detail, which are independent of each other. Immutable.
 class CraterRoughness {
  public:
-  // Measured on the detail's own ground, some thousand places per octave, as if its region were everywhere: tens of
-  // milliseconds. The same detail has the same numbers.
+  // Measured on the detail's own ground, some thousand places per octave, as if its region were everywhere: takes
+  // a tenth of a second and more. The same detail has the same numbers.
   explicit CraterRoughness(const Detail& detail, const StopToken& stop = {});
 
   // What the craters and the relief of an octave (Detail) contribute for a diameter, m^2.
