@@ -232,7 +232,8 @@ std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, c
       arrays.push_back(std::move(array));
     }
   }
-  const bool craters = std::ranges::any_of(cameras, [](const CameraFrame& c) { return c.query.request.craters; });
+  const bool craters =
+      std::ranges::any_of(cameras, [](const CameraFrame& c) { return c.query.request.craters.has_value(); });
   return encode_npz(arrays, metadata_text(meta, craters), context.stop);
 }
 
