@@ -1,20 +1,24 @@
 #include "engine/crater_rims.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
-#include <mutex>
 #include <numbers>
 #include <optional>
-#include <set>
+#include <unordered_map>
 #include <utility>
 
 #include "dem/detail/detail.h"
+#include "dem/detail/footprints.h"
+#include "dem/support/error.h"
 #include "dem/support/parallel.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/camera/row_views.h"
-#include "engine/render_frame.h"
+#include "engine/frame/needs.h"
+#include "engine/scene/node_bounds.h"
 
 namespace selenograph::engine {
 namespace {
@@ -22,41 +26,79 @@ namespace {
 using std::numbers::pi;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-constexpr std::uint16_t kNothing = 65535;
 
-// Where the camera's pixels meet the ground, as the frame has it.
-struct Ground {
-  int width, height;
-  std::vector<double> position, range;
-  std::vector<std::uint16_t> object;  // empty: there are none
+// The first level that shows an octave of craters; its blocks are 64 of the octave's smallest diameters wide.
+int level_of_craters(int octave) { return dem::Detail::smallest_octave(0) - octave; }
+
+// The frame's blocks that may be in view.
+class BlocksInView {
+ public:
+  struct InView {
+    std::shared_ptr<const dem::Block> block;
+    double low_m, high_m;
+    double px_per_m;  // upper bound
+  };
+
+  BlocksInView(const Selection& selection, const RowViews& views, const dem::Terrain& terrain, const StopToken& stop) {
+    std::vector<std::optional<InView>> found(selection.blocks.size());
+    in_parallel_pieces(found.size(), 8, [&](std::size_t first, std::size_t past_last) {
+      for (std::size_t i = first; i < past_last; ++i) found[i] = look_at(selection.blocks[i], views, terrain, stop);
+    });
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      if (!found[i]) continue;
+      const int level = selection.blocks[i].level;
+      coarsest_ = std::min(coarsest_, level), finest_ = std::max(finest_, level);
+      blocks_.emplace(selection.blocks[i], std::move(*found[i]));
+    }
+  }
+
+  const auto& all() const { return blocks_; }
+  // The block at a place; null: none that may be in view.
+  const dem::Block* at(const Geographic& place) const {
+    for (int level = finest_; level >= coarsest_; --level)
+      if (const auto found = blocks_.find(dem::block_at_place(level, place.lat_deg, place.lon_deg));
+          found != blocks_.end())
+        return found->second.block.get();
+    return nullptr;
+  }
+
+ private:
+  static std::optional<InView> look_at(const dem::BlockId& id, const RowViews& views, const dem::Terrain& terrain,
+                                       const StopToken& stop) {
+    stop.check();
+    if (!terrain.has_detail(id)) return std::nullopt;
+    const dem::NodeInfo info = terrain.node(id, stop);
+    if (info.empty) return std::nullopt;
+    const NodeBounds bounds = bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
+    double px_per_m = 0;
+    for (const ViewBundle& bundle : views.bundles())
+      if (bundle.may_see(bounds.points, bounds.bulge_m) &&
+          !below_horizon(bundle.view.position(), bounds, bundle.shift_m))
+        px_per_m = std::max(px_per_m, bundle.pixels_per_metre(bounds.centre, bounds.radius_m, bounds.high_m));
+    if (px_per_m == 0) return std::nullopt;
+    return InView{terrain.block(id, stop), bounds.low_m, bounds.high_m, px_per_m};
+  }
+
+  std::unordered_map<dem::BlockId, InView, dem::BlockIdHash> blocks_;
+  int coarsest_ = dem::kMaxLevel, finest_ = 0;
 };
-
-Ground ground_of(FrameRequest request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
-  request.products = kPosition | kRange;
-  if (!request.objects.empty()) request.products |= kObjectId;
-  request.sensor.reset(), request.truth.reset();
-  request.accuracy.samples_per_pixel = 1;
-  FrameProducts products = render_frame(request, terrain, kept, stop).products;
-  return {request.camera.width, request.camera.height, std::move(products.position), std::move(products.range),
-          std::move(products.object_id)};
-}
 
 class RimFinder {
  public:
-  RimFinder(const FrameRequest& request, const RimOptions& options, const dem::Terrain& terrain, RenderCache& kept,
-            const StopToken& stop)
-      : options_(options),
+  RimFinder(const FrameRequest& request, const Selection& selection, std::span<const double> range_m,
+            const dem::Terrain& terrain, std::shared_ptr<const dem::CraterRoughness> roughness, const StopToken& stop)
+      : options_(*request.craters),
+        width_(request.camera.width),
+        height_(request.camera.height),
+        range_m_(range_m),
         terrain_(terrain),
         stop_(stop),
         views_(request.camera, request.pose, request.shutter, stop),
-        ground_(ground_of(request, terrain, kept, stop)),
-        survey_(terrain) {}
+        blocks_(selection, views_, terrain, stop),
+        survey_(terrain, std::move(roughness)) {}
 
   CraterRims find() const {
-    std::vector<dem::CraterFeature> features;
-    for (int k = survey_.field().smallest_octave(); k <= survey_.field().largest_octave(); ++k)
-      add_features(k, features);
-    features = dem::largest_first(std::move(features));
+    const std::vector<dem::CraterFeature> features = in_view();
     std::vector<std::optional<CraterRim>> rims(features.size());
     std::vector<char> cut_off(features.size(), 0);
     in_parallel_pieces(features.size(), 16, [&](std::size_t first, std::size_t past_last) {
@@ -75,71 +117,70 @@ class RimFinder {
   }
 
  private:
-  Vec3 position(std::size_t pixel) const {
-    return {ground_.position[3 * pixel], ground_.position[3 * pixel + 1], ground_.position[3 * pixel + 2]};
-  }
-
-  // A piece of ground in view: what is in a cube of space.
-  struct Cube {
-    int x, y, z;
-    auto operator<=>(const Cube&) const = default;
-    Vec3 direction() const { return (Vec3(x, y, z) + Vec3::Constant(0.5)).normalized(); }
+  // Ground to be searched for craters of an octave: a block of level_of_craters(octave), and between which heights its
+  // terrain is in view.
+  struct Piece {
+    int octave;
+    dem::BlockId id;
+    auto operator<=>(const Piece&) const = default;
+  };
+  struct Heights {
+    double low_m = std::numeric_limits<double>::infinity(), high_m = -std::numeric_limits<double>::infinity();
   };
 
-  // Where craters of an octave may be large enough.
-  std::set<Cube> cubes(int octave, double side_m) const {
-    const double largest_m = std::ldexp(2.0, octave);
-    std::set<Cube> found;
-    std::mutex mutex;
-    in_parallel_pieces(static_cast<std::size_t>(ground_.height), 16, [&](std::size_t first, std::size_t past_last) {
-      std::set<Cube> some;
-      std::optional<Cube> latest;
-      const auto width = static_cast<std::size_t>(ground_.width);
-      for (std::size_t i = first * width; i < past_last * width; ++i) {
-        if (i % width == 0) stop_.check();
-        if (std::isnan(ground_.range[i]) || (!ground_.object.empty() && ground_.object[i] != kNothing)) continue;
-        const Vec3 at = position(i);
-        if (largest_m * views_.of_pixel(i).pixels_per_metre(at, 0) < options_.least_px) continue;
-        const Vec3 p = at.normalized() * (kMoonRadius_m / side_m);
-        const Cube cube{static_cast<int>(std::floor(p.x())), static_cast<int>(std::floor(p.y())),
-                        static_cast<int>(std::floor(p.z()))};
-        if (cube != latest) some.insert(cube), latest = cube;
+  std::map<Piece, Heights> pieces() const {
+    std::map<Piece, Heights> pieces;
+    const dem::CraterField& field = survey_.field();
+    for (const auto& [id, in_view] : blocks_.all())
+      for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
+        const int level = level_of_craters(k);
+        if (level < dem::kRootLevel || level > id.level || field.largest_m(k) * in_view.px_per_m < options_.least_px)
+          continue;
+        Heights& heights = pieces[{k, dem::ancestor_of(id, level)}];
+        heights.low_m = std::min(heights.low_m, in_view.low_m),
+        heights.high_m = std::max(heights.high_m, in_view.high_m);
       }
-      const std::lock_guard lock(mutex);
-      found.merge(some);
-    });
-    return found;
+    return pieces;
   }
 
-  void add_features(int octave, std::vector<dem::CraterFeature>& out) const {
-    const double side_m = std::ldexp(8.0, octave);
-    const std::set<Cube> found = cubes(octave, side_m);
-    const std::vector<Cube> all(found.begin(), found.end());
-    // From the middle of a cube, moved onto the sphere, to all in it, and to what neighbouring pixels see.
-    const double around_m = (std::numbers::sqrt3 + 1) * side_m;
-    const auto near = gathered_in_parallel<dem::Crater>(all.size(), 8, [&](std::size_t i, auto& some) {
-      stop_.check();
-      survey_.near(octave, all[i].direction(), around_m, some, stop_);
+  // Whether a crater on such ground may touch the image and be large enough.
+  bool may_show(const dem::Crater& crater, const Heights& heights) const {
+    const Vec3 centre = crater.centre * (kMoonRadius_m + (heights.low_m + heights.high_m) / 2);
+    const double radius_m = crater.diameter_m + (heights.high_m - heights.low_m) / 2;
+    return std::any_of(views_.bundles().begin(), views_.bundles().end(), [&](const ViewBundle& bundle) {
+      return bundle.may_see(centre, radius_m) &&
+             crater.diameter_m * bundle.pixels_per_metre(centre, radius_m) >= options_.least_px;
     });
-    std::map<std::uint64_t, dem::Crater> craters;
-    for (const dem::Crater& crater : near)
-      if (crater.depth_m >= options_.least_depth * crater.diameter_m) craters.emplace(crater.id, crater);
-    std::vector<dem::Crater> list;
-    for (const auto& [id, crater] : craters) list.push_back(crater);
-    const auto shown = gathered_in_parallel<dem::CraterFeature>(list.size(), 16, [&](std::size_t i, auto& some) {
-      stop_.check();
-      survey_.add_if_shown(list[i], octave, some, stop_);
+  }
+
+  std::vector<dem::CraterFeature> in_view() const {
+    const std::map<Piece, Heights> map = pieces();
+    const std::vector<std::pair<Piece, Heights>> all(map.begin(), map.end());
+    auto found = gathered_in_parallel<dem::CraterFeature>(all.size(), 1, kMostCraters, [&](std::size_t i, auto& some) {
+      const auto& [piece, heights] = all[i];
+      // With those beside it that reach into it.
+      const dem::Footprint box = dem::around(dem::footprint_of(piece.id), std::ldexp(1.0, piece.octave));
+      survey_.within(
+          piece.octave, box, options_.least_depth, [&](const dem::Crater& crater) { return may_show(crater, heights); },
+          some, stop_);
     });
-    out.insert(out.end(), shown.begin(), shown.end());
+    if (!found)
+      throw ImpossibleRequest(
+          fmt::format("more than {} craters are in view: ask for a larger smallest_px", kMostCraters), "craters");
+    return dem::largest_first(std::move(*found));
   }
 
   struct Seen {
     RimPoint pixel{kNaN, kNaN};
     bool visible = false;
   };
-  Seen look(const Vec3& direction, int level) const {
+  Seen look(const Vec3& direction, int octave) const {
     const Geographic at = to_geographic(direction * kMoonRadius_m);
-    const auto ground = dem::surface_at(terrain_, at.lat_deg, at.lon_deg, level, stop_);
+    const dem::Block* block = blocks_.at(at);
+    const int level = level_of_craters(octave);
+    // Beside the image a level that shows the crater.
+    const auto ground = block ? dem::surface_on(*block, at.lat_deg, at.lon_deg)
+                              : dem::surface_at(terrain_, at.lat_deg, at.lon_deg, level, stop_);
     Seen seen;
     if (!ground) return seen;
     const Vec3 place = direction * (kMoonRadius_m + ground->height_m);
@@ -152,21 +193,21 @@ class RimFinder {
       seen.pixel = {pixel->x, pixel->y};
     }
     const double range_m = (place - camera_m).norm();
-    seen.visible = visible(seen.pixel, range_m - 1 / views_.reference().pixels_per_metre(place, 0));
+    seen.visible = block && block->id.level >= level &&
+                   visible(seen.pixel, range_m - 1 / views_.reference().pixels_per_metre(place, 0));
     return seen;
   }
 
   // Not farther, by more than a pixel's width, than what the pixel or one beside it sees: at the frame's own resolution
   // nothing stands before it.
   bool visible(const RimPoint& at, double range_m) const {
-    if (!(at.x_px >= -0.5 && at.y_px >= -0.5 && at.x_px < ground_.width - 0.5 && at.y_px < ground_.height - 0.5))
-      return false;
+    if (!(at.x_px >= -0.5 && at.y_px >= -0.5 && at.x_px < width_ - 0.5 && at.y_px < height_ - 0.5)) return false;
     const int column = static_cast<int>(std::lround(at.x_px)), row = static_cast<int>(std::lround(at.y_px));
     double farthest_m = 0;
-    for (int y = std::max(0, row - 1); y <= std::min(ground_.height - 1, row + 1); ++y)
-      for (int x = std::max(0, column - 1); x <= std::min(ground_.width - 1, column + 1); ++x) {
-        const double here_m = ground_.range[static_cast<std::size_t>(y) * static_cast<std::size_t>(ground_.width) +
-                                            static_cast<std::size_t>(x)];
+    for (int y = std::max(0, row - 1); y <= std::min(height_ - 1, row + 1); ++y)
+      for (int x = std::max(0, column - 1); x <= std::min(width_ - 1, column + 1); ++x) {
+        const double here_m =
+            range_m_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x)];
         if (std::isnan(here_m)) return true;  // the sky
         farthest_m = std::max(farthest_m, here_m);
       }
@@ -181,18 +222,14 @@ class RimFinder {
       px_per_m = std::max(px_per_m, bundle.pixels_per_metre(centre, radius_m));
     const double radius_px = std::min(radius_m * px_per_m, 1e4);
     if (2 * radius_px < options_.least_px) return std::nullopt;
-    // Posts half a pixel apart, and no farther than what shows the crater; chords within a tenth of a pixel.
-    int level = dem::kRootLevel;
-    while (level < dem::kMaxLevel &&
-           (dem::post_spacing_m(level) * px_per_m > 0.5 || dem::Detail::smallest_octave(level) > feature.octave))
-      ++level;
+    // Chords within a tenth of a pixel.
     const int points = std::clamp(static_cast<int>(std::ceil(pi * std::sqrt(5 * radius_px))), 24, 256);
     CraterRim rim{feature, {kNaN, kNaN}, false, {}, 0};
-    const Seen middle = look(feature.crater.centre, level);
+    const Seen middle = look(feature.crater.centre, feature.octave);
     rim.centre = middle.pixel, rim.centre_visible = middle.visible;
     int seen = 0;
     for (int i = 0; i < points; ++i) {
-      const Seen point = look(dem::CraterSurvey::on_rim(feature.crater, 2 * pi * i / points), level);
+      const Seen point = look(dem::CraterSurvey::on_rim(feature.crater, 2 * pi * i / points), feature.octave);
       seen += point.visible;
       rim.outline.push_back(point.pixel);
     }
@@ -213,19 +250,37 @@ class RimFinder {
     return std::sqrt(2 * std::abs(twice) / pi);
   }
 
-  const RimOptions& options_;
+  const RimOptions options_;
+  const int width_, height_;
+  std::span<const double> range_m_;
   const dem::Terrain& terrain_;
   const StopToken& stop_;
   RowViews views_;
-  Ground ground_;
+  BlocksInView blocks_;
   dem::CraterSurvey survey_;
 };
 
 }  // namespace
 
-CraterRims crater_rims(const FrameRequest& request, const RimOptions& options, const dem::Terrain& terrain,
-                       RenderCache& kept, const StopToken& stop) {
-  return RimFinder(request, options, terrain, kept, stop).find();
+RimEllipse ellipse_of(const std::vector<RimPoint>& outline) {
+  const auto n = static_cast<double>(outline.size());
+  RimPoint mean{0, 0};
+  for (const RimPoint& p : outline) mean.x_px += p.x_px / n, mean.y_px += p.y_px / n;
+  double xx = 0, xy = 0, yy = 0;
+  for (const RimPoint& p : outline) {
+    const double x = p.x_px - mean.x_px, y = p.y_px - mean.y_px;
+    xx += x * x / n, xy += x * y / n, yy += y * y / n;
+  }
+  // Along a principal axis the mean square is half the semi-axis squared.
+  const double middle = (xx + yy) / 2, apart = std::hypot((xx - yy) / 2, xy);
+  return {mean, std::sqrt(2 * (middle + apart)), std::sqrt(2 * std::max(0.0, middle - apart)),
+          std::atan2(2 * xy, xx - yy) / 2 * kDegreesPerRadian};
+}
+
+CraterRims crater_rims(const FrameRequest& request, const Selection& selection, std::span<const double> range_m,
+                       const dem::Terrain& terrain, std::shared_ptr<const dem::CraterRoughness> roughness,
+                       const StopToken& stop) {
+  return RimFinder(request, selection, range_m, terrain, std::move(roughness), stop).find();
 }
 
 }  // namespace selenograph::engine

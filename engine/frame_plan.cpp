@@ -1,7 +1,10 @@
 #include "engine/frame_plan.h"
 
 #include <cmath>
+#include <tuple>
+#include <utility>
 
+#include "engine/frame/needs.h"
 #include "engine/motion_blur.h"
 #include "engine/radiometry/radiometry.h"
 #include "engine/visibility/objects/objects_in_frame.h"
@@ -24,11 +27,46 @@ FrameRequest with_margin_of(const std::optional<Sensor>& sensor, FrameRequest re
   return request;
 }
 
+// Craters are looked for in what each pixel sees: all are drawn, and what was not asked for is removed (thin).
+FrameRequest with_ranges(FrameRequest request) {
+  if (wants_craters(request)) request.products |= kRange, request.truth.reset();
+  return request;
+}
+
+// The pixels of a truth grid.
+template <typename T>
+void thin_array(std::vector<T>& array, const FrameRequest& asked) {
+  const auto width = static_cast<std::size_t>(asked.camera.width);
+  const std::size_t channels = array.size() / (width * static_cast<std::size_t>(asked.camera.height));
+  if (channels == 0) return;
+  const TruthGrid& grid = *asked.truth;
+  std::vector<T> thinned;
+  thinned.reserve(channels * grid.size());
+  for (int r = 0; r < grid.rows(); ++r)
+    for (int c = 0; c < grid.columns(); ++c) {
+      const std::size_t pixel = static_cast<std::size_t>(grid.y + r * grid.every_px) * width +
+                                static_cast<std::size_t>(grid.x + c * grid.every_px);
+      const auto first = array.begin() + static_cast<std::ptrdiff_t>(channels * pixel);
+      thinned.insert(thinned.end(), first, first + static_cast<std::ptrdiff_t>(channels));
+    }
+  array = std::move(thinned);
+}
+
 }  // namespace
+
+void thin(FrameProducts& products, const FrameRequest& asked) {
+  if (!(asked.products & kRange)) products.range = {};
+  if (!asked.truth) return;
+  std::vector<std::uint16_t> image = std::move(products.image);
+  std::vector<float> radiance = std::move(products.radiance);
+  products.image.clear(), products.radiance.clear();
+  std::apply([&](auto&... array) { (thin_array(array, asked), ...); }, all_arrays(products));
+  products.image = std::move(image), products.radiance = std::move(radiance);
+}
 
 FramePlan::FramePlan(const FrameRequest& asked, const StopToken& stop)
     : sensor(sensor_of(asked, stop)),
-      request(with_margin_of(sensor, asked)),
+      request(with_margin_of(sensor, with_ranges(asked))),
       radiance(radiance_terms(request)),
       emits_elsewhere(objects_emit(request.objects) || !request.temperature_maps.empty()) {
   if (!sensor) return;

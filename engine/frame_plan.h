@@ -31,11 +31,15 @@ struct FramePlan {
   bool moving() const { return sensor && !request.sensor->motion.none(); }
 
   std::optional<Sensor> sensor;  // if it makes an image
-  FrameRequest request;          // the request to draw: as asked, with the sensor's margin
+  // The request to draw: as asked, with the sensor's margin and, for craters, the range of every pixel.
+  FrameRequest request;
   RadianceTerms radiance;
   bool emits_elsewhere;  // an object emits, or the ground by a temperature map
   // Request for radiance in the band in which the sensor counts photons, if that differs from the request's band.
   std::optional<FrameRequest> counted;
 };
+
+// Removes what was drawn for the craters alone.
+void thin(FrameProducts& products, const FrameRequest& asked);
 
 }  // namespace selenograph::engine

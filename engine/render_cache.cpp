@@ -191,6 +191,16 @@ void RenderCache::forget(const SceneContent& content) {
   latest_.clear();
 }
 
+std::shared_ptr<const dem::CraterRoughness> RenderCache::roughness(const dem::Terrain& terrain, const StopToken& stop) {
+  using Roughnesses = dem::Cache<int, dem::CraterRoughness>;
+  return roughnesses_.get(
+      terrain.detail_number(),
+      [&] {
+        return Roughnesses::Loaded{std::make_shared<const dem::CraterRoughness>(*terrain.detail(), stop), 1};
+      },
+      stop);
+}
+
 std::shared_ptr<const PixelRays> RenderCache::lens(const Camera& camera, const StopToken& stop) {
   if (camera.rectilinear()) return std::make_shared<const PixelRays>();
   return lenses_.get(

@@ -12,6 +12,7 @@
 #include <mutex>
 #include <unordered_set>
 
+#include "dem/detail/crater_visibility.h"
 #include "dem/support/cache.h"
 #include "dem/support/stop_token.h"
 #include "dem/terrain/terrain.h"
@@ -47,6 +48,9 @@ class RenderCache {
 
   // Directions of the camera's pixels; empty without distortion. Throws Cancelled when `stop` says so.
   std::shared_ptr<const PixelRays> lens(const Camera& camera, const StopToken& stop);
+
+  // Roughness of a terrain's detail, which it must have; measured once.
+  std::shared_ptr<const dem::CraterRoughness> roughness(const dem::Terrain& terrain, const StopToken& stop);
 
   // Keep leases short: memory that is lent is not on the budget.
   Pool<FrameScratch>& scratch() { return scratch_; }
@@ -88,6 +92,8 @@ class RenderCache {
   int threads_;
   dem::Cache<SceneKey, Scene, SceneKeyHash> scenes_;
   dem::Cache<Camera, PixelRays, CameraHash> lenses_;  // pixel directions do not depend on the pose
+  static constexpr std::size_t kMostRoughnesses = 16;
+  dem::Cache<int, dem::CraterRoughness> roughnesses_{kMostRoughnesses};  // by the detail's number
   Pool<FrameScratch> scratch_;
   std::mutex room_mutex_;
   std::size_t being_made_bytes_ = 0;  // scenes being built

@@ -1,16 +1,28 @@
 #include "engine/render_frame.h"
 
+#include "engine/crater_rims.h"
+#include "engine/frame/needs.h"
 #include "engine/frame_exposure.h"
 #include "engine/frame_moment.h"
 #include "engine/frame_plan.h"
 #include "engine/frame_report.h"
 #include "engine/motion_blur.h"
+#include "engine/support/stopwatch.h"
 
 namespace selenograph::engine {
 namespace {
 
 RowViews views_of(const FrameRequest& request, const StopToken& stop) {
   return {request.camera, request.pose, request.shutter, stop};
+}
+
+void list_craters(const FrameRequest& asked, const Selection& selection, const dem::Terrain& terrain, RenderCache& kept,
+                  const StopToken& stop, Frame& frame) {
+  Stopwatch watch;
+  frame.report.craters =
+      crater_rims(asked, selection, frame.products.range, terrain, kept.roughness(terrain, stop), stop);
+  thin(frame.products, asked);
+  frame.times.craters_ms = watch.lap_ms();
 }
 
 // Where the frame decides, what it may decide at most.
@@ -35,6 +47,8 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   exposure.draw_moments(frame);
   // Expose: from radiance to digital numbers.
   exposure.make_image(frame);
+  // Craters: where those of the detail are in the image.
+  if (wants_craters(asked)) list_craters(asked, middle.selection(), terrain, kept, stop, frame);
   // Report: what is known of the frame besides its pixels.
   report_frame(plan, middle, drawn, terrain, frame);
   return frame;

@@ -13,7 +13,6 @@
 #include "dem/detail/features.h"
 #include "dem/support/parallel.h"
 #include "engine/choose_accuracy.h"
-#include "engine/crater_rims.h"
 #include "engine/preparation.h"
 #include "engine/ray_queries.h"
 #include "engine/render_cache.h"
@@ -128,10 +127,12 @@ std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, 
 }
 
 std::vector<dem::CraterFeature> Renderer::craters(const std::shared_ptr<const dem::Detail>& detail,
-                                                  const dem::Footprint& region, double smallest_m,
+                                                  const dem::Footprint& region, double smallest_m, double least_depth,
                                                   const StopToken& stop) const {
-  return impl_->query(
-      detail, [&](const dem::Terrain& terrain) { return dem::CraterSurvey(terrain).within(region, smallest_m, stop); });
+  return impl_->query(detail, [&](const dem::Terrain& terrain) {
+    const dem::CraterSurvey survey(terrain, impl_->kept.roughness(terrain, stop));
+    return survey.within(region, smallest_m, least_depth, stop);
+  });
 }
 
 std::vector<dem::RockFeature> Renderer::rocks(const std::shared_ptr<const dem::Detail>& detail,
@@ -139,12 +140,6 @@ std::vector<dem::RockFeature> Renderer::rocks(const std::shared_ptr<const dem::D
                                               const StopToken& stop) const {
   return impl_->query(
       detail, [&](const dem::Terrain& terrain) { return dem::RockSurvey(terrain).within(region, smallest_m, stop); });
-}
-
-CraterRims Renderer::rims(const FrameRequest& request, const RimOptions& options, const StopToken& stop) const {
-  return impl_->query(request.detail, [&](const dem::Terrain& terrain) {
-    return crater_rims(request, options, terrain, impl_->kept, stop);
-  });
 }
 
 void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name) const {

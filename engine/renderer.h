@@ -16,7 +16,6 @@
 #include "engine/frame/map.h"
 #include "engine/frame/queries.h"
 #include "engine/frame/request.h"
-#include "engine/frame/rims.h"
 #include "engine/preparation.h"
 
 namespace selenograph::engine {
@@ -75,15 +74,14 @@ class Renderer {
                                 const StopToken& stop = {}, const std::vector<SceneObject>& objects = {},
                                 const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
-  // Craters of a detail that the terrain shows in a region (dem/detail/features.h).
+  // Craters of a detail that the terrain shows in a region, as deep as `least_depth` of their diameter
+  // (dem/detail/features.h). Those in a frame: FrameRequest::craters.
   std::vector<dem::CraterFeature> craters(const std::shared_ptr<const dem::Detail>& detail,
-                                          const dem::Footprint& region, double smallest_m,
+                                          const dem::Footprint& region, double smallest_m, double least_depth,
                                           const StopToken& stop = {}) const;
   // Rocks of a detail in a region (dem/detail/rocks_on_ground.h).
   std::vector<dem::RockFeature> rocks(const std::shared_ptr<const dem::Detail>& detail, const dem::Footprint& region,
                                       double smallest_m, const StopToken& stop = {}) const;
-  // Craters of the request's detail that are visible in its frame. Throws as render does.
-  CraterRims rims(const FrameRequest& request, const RimOptions& options, const StopToken& stop = {}) const;
 
   const dem::PyramidTerrain& terrain() const;
   // The terrain with a detail; null: terrain() itself.

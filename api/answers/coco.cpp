@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "api/answers/crater_answer.h"
 #include "api/answers/metadata.h"
 #include "api/requests/features_json.h"
 #include "api/requests/parts/detail_json.h"
@@ -34,8 +35,6 @@ Polygon clipped(const Polygon& polygon, const std::function<double(const Corner&
   }
   return out;
 }
-
-double thousandths(double x) { return std::round(x * 1000) / 1000; }
 
 Polygon in_image(const std::vector<engine::RimPoint>& outline, double width, double height) {
   Polygon polygon;
@@ -131,20 +130,19 @@ OrderedJson annotation(const dem::RockFeature& rock, Mask mask, const engine::Ca
 
 }  // namespace
 
-OrderedJson coco_json(const FrameQuery& query, const engine::CraterRims& rims, const engine::Frame& rocks,
-                      double least_px, const std::string& image) {
+OrderedJson coco_json(const FrameQuery& query, const engine::Frame& frame, double least_px, const std::string& image) {
   const engine::Camera& camera = query.request.camera;
   OrderedJson annotations = OrderedJson::array();
-  for (const engine::CraterRim& rim : rims.rims) {
+  for (const engine::CraterRim& rim : frame.report.craters.rims) {
     const Polygon polygon = in_image(rim.outline, camera.width, camera.height);
     constexpr double kLeastArea_px = 1e-3;
     if (const double area = area_of(polygon); polygon.size() >= 3 && area > kLeastArea_px)
       annotations.push_back(annotation(rim, polygon, area, annotations.size() + 1));
   }
-  std::vector<Mask> masks = masks_of(rocks, camera);
+  std::vector<Mask> masks = masks_of(frame, camera);
   for (std::size_t i = 0; i < masks.size(); ++i)
     if (masks[i].area > 0 && 4 * static_cast<double>(masks[i].area) >= M_PI * least_px * least_px)
-      annotations.push_back(annotation(rocks.rocks[i], std::move(masks[i]), camera, annotations.size() + 1));
+      annotations.push_back(annotation(frame.rocks[i], std::move(masks[i]), camera, annotations.size() + 1));
   return {{"info",
            {{"description", "Craters and rocks of a selenograph frame"},
             {"version", software_version()},

@@ -140,6 +140,10 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
                                   warnings_json(query, report, catalogue), &query, nullptr});
 }
 
+std::string metadata_text(const OrderedJson& metadata, bool with_craters) {
+  return metadata.dump(with_craters ? -1 : 2, ' ', false, OrderedJson::error_handler_t::replace);
+}
+
 std::string warnings_header(const OrderedJson& warnings) {
   OrderedJson list = OrderedJson::array();
   for (const OrderedJson& text : warnings) {
@@ -155,7 +159,8 @@ MetadataHeader metadata_header(OrderedJson metadata) {
   if (std::string text = compact(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), true};
   const std::string hash = metadata.at("content_hash"), place = "/v1/frames/" + hash + "/meta";
   metadata["metadata_at"] = place;
-  for (const char* list : {"sources", "warnings"}) {
+  for (const char* list : {"craters", "sources", "warnings"}) {
+    if (!metadata.contains(list)) continue;
     omit(metadata, list);
     if (std::string text = compact(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), false};
   }

@@ -36,12 +36,15 @@ void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& repo
 nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameReport& report,
                                 const dem::Catalogue& catalogue, const std::string& hash);
 
+// As text: indented or, with a list of craters, which is long, on one line.
+std::string metadata_text(const nlohmann::ordered_json& metadata, bool with_craters);
+
 // Warnings for the header `Selenograph-Warnings`: a list as compact ASCII JSON, as many as fit into kMetaHeaderBytes.
 std::string warnings_header(const nlohmann::ordered_json& warnings);
 
 // The metadata for the header `Selenograph-Meta`: compact, ASCII only, at most kMetaHeaderBytes. If it is longer, the
-// lists of sources and then of warnings are replaced by their lengths ("sources_omitted"), and if that is not enough
-// everything but the hash is omitted. The full metadata are at "metadata_at" for a while.
+// lists of craters, sources and then warnings are replaced by their lengths ("sources_omitted"), and if that is not
+// enough everything but the hash is omitted. The full metadata are at "metadata_at" for a while.
 inline constexpr std::size_t kMetaHeaderBytes = 6000;  // HTTP libraries commonly refuse lines beyond 8192
 struct MetadataHeader {
   std::string text;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "api/answers/crater_answer.h"
 #include "api/answers/view_json.h"
 #include "api/json/ranges.h"
 #include "api/requests/parts/detail_json.h"
@@ -185,6 +186,15 @@ void add_content(Answer<MetadataSource>& a) {
         return OrderedJson{{"number", r.rocks}, {"least_px", r.least_rock_px}, {"fraction", r.rock_fraction}};
       },
       [](const MetadataSource& s) { return s.frame && s.report.least_rock_px > 0; });
+  const auto with_craters = [](const MetadataSource& s) { return s.frame && s.request.craters; };
+  a.add(
+      "craters", array(crater_answer().schema(), "that the frame shows, the largest first, if the request asks"),
+      [](const MetadataSource& s) { return crater_answer().write_all(s.report.craters.rims); }, with_craters);
+  a.add(
+      "craters_cut_off",
+      integer(0, 1'000'000'000, "more in view that are left out: the camera cannot image all of their rim"),
+      [](const MetadataSource& s) { return s.report.craters.cut_off; }, with_craters);
+  a.describe("craters_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}});
   a.add(
       "maps", {{"type", "array"}, {"description", "of each map of the ground: name and version"}},
       [](const MetadataSource& s) { return maps_metadata(s.request, s.scenery.surface); },

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <chrono>
 #include <list>
 
@@ -41,9 +42,10 @@ std::string server_timing(double parse_ms, const engine::StageTimes& times, doub
                         times.shadow_ms);
   return fmt::format(
       "parse;dur={:.3f}, select;dur={:.3f}, build;dur={:.3f}, pyramid;dur={:.3f}, load;dur={:.3f}, "
-      "visibility;dur={:.3f}, {}sensor;dur={:.3f}, encode;dur={:.3f}, touch;dur={:.3f}",
+      "visibility;dur={:.3f}, {}sensor;dur={:.3f}, {}encode;dur={:.3f}, touch;dur={:.3f}",
       parse_ms, times.select_ms, times.build_ms, times.pyramid_ms, times.load_ms, times.visibility_ms, drawn,
-      times.sensor_ms, encode_ms, kernel_ms);
+      times.sensor_ms, times.craters_ms > 0 ? fmt::format("craters;dur={:.3f}, ", times.craters_ms) : "", encode_ms,
+      kernel_ms);
 }
 
 std::string encode(const std::vector<ArrayView>& arrays, Format format, const std::string& meta,
@@ -96,12 +98,15 @@ void remember(const std::string& hash, std::string metadata, LongMetadata& long_
 std::size_t bytes_of(const engine::FrameRequest& request) {
   engine::ProductSet arrays = request.products;
   if (arrays & engine::kImage) arrays |= engine::kRadiance;
-  const engine::ProductSet whole = request.truth ? arrays & ~engine::kTruth : arrays;
+  const bool craters = engine::wants_craters(request);
+  if (craters) arrays |= engine::kRange;
+  const engine::ProductSet whole = request.truth && !craters ? arrays & ~engine::kTruth : arrays;
   const std::size_t answer = bytes_per_pixel(request.products & whole),
                     working = engine::working_bytes_per_pixel(request);
   const std::size_t truth = request.truth ? request.truth->size() * 2 * bytes_per_pixel(arrays & engine::kTruth) : 0;
   return truth + engine::rendered_pixels(request) * (bytes_per_pixel(whole) + std::max(working, answer)) +
-         engine::bytes_of_rows(request.camera, request.shutter) + engine::bytes_of_rocks(request.detail.get());
+         engine::bytes_of_rows(request.camera, request.shutter) + engine::bytes_of_rocks(request.detail.get()) +
+         engine::bytes_of_craters(request);
 }
 
 // The engine's refusals are of where the camera is, but for those that name a member.
@@ -109,7 +114,8 @@ constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px
                                         {"max_detail_error_px", "/accuracy/max_detail_error_px"},
                                         {"visibility", "/visibility"},
                                         {"shutter", "/shutter"},
-                                        {"albedo_maps", "/surface/albedo_maps"}};
+                                        {"albedo_maps", "/surface/albedo_maps"},
+                                        {"craters", "/craters"}};
 
 // OpenEXR's channels have one size.
 void refuse_sizes(const engine::FrameRequest& request, const Representation& representation) {
@@ -153,7 +159,7 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   const nlohmann::ordered_json meta = metadata(query, frame.report, catalogue, hash);
   Narrowed narrowed;
   const std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
-  std::string text = meta.dump(2, ' ', false, Json::error_handler_t::replace);
+  std::string text = metadata_text(meta, query.request.craters.has_value());
   response.body = encode(arrays, representation.format, text, stop);
   if (representation.format == Format::npy || representation.format == Format::raw) {
     MetadataHeader header = metadata_header(meta);
@@ -226,7 +232,9 @@ std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, c
       arrays.push_back(std::move(array));
     }
   }
-  return encode_npz(arrays, meta.dump(2, ' ', false, Json::error_handler_t::replace), context.stop);
+  const bool craters =
+      std::ranges::any_of(cameras, [](const CameraFrame& c) { return c.query.request.craters.has_value(); });
+  return encode_npz(arrays, metadata_text(meta, craters), context.stop);
 }
 
 Response answer_cameras(const EndpointContext& context, const Json& body) {

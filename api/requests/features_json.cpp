@@ -7,6 +7,7 @@
 #include <iterator>
 
 #include "api/assets/assets.h"
+#include "api/json/ranges.h"
 #include "dem/detail/footprints.h"
 
 namespace selenograph::api {
@@ -37,6 +38,12 @@ constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
     {"depth_m",
      "from the highest ring to the floor, today; of the crater alone. Where layers of the DEM meet, what shows of it",
      [](const CraterFeature& f) { return f.depth_m; }},
+    {"depth_over_diameter", "depth_m over diameter_m", [](const CraterFeature& f) { return f.depth_over_diameter(); }},
+    {"visibility",
+     "depth_m over the roughness of the ground at its size: the root mean square, over places of the detail's ground, "
+     "of the difference that a depth is, the mean height on a circle of diameter_m minus that of its middle. Above 1.6 "
+     "a crater is hardly taken for chance (5 % of places are, if differences are normally distributed). At most 1000",
+     [](const CraterFeature& f) { return f.visibility; }},
     {"age_Ma", "since the impact", [](const CraterFeature& f) { return f.crater.age_Ma; }},
     {"rim_share",
      "of the rim, 0 to 1, what the terrain shows: not where the DEM's posts are finer or missing, nor where other "
@@ -158,7 +165,11 @@ const Members<FeaturesQuery>& features_members() {
         m.add("region", &FeaturesQuery::bounds, Object{bounds_members()}, "region of their centres").required();
         m.add("smallest_m", &FeaturesQuery::smallest_m, Number{kDiameter_m, "m"},
               "least diameter; left out: the preset's");
+        m.add("min_depth_over_diameter", &FeaturesQuery::least_depth, Number{kUnitInterval},
+              "least `depth_over_diameter` of craters; 0: all, down to what is no longer recognised as a crater");
         m.check([](const JsonReader& in, FeaturesQuery& query, const ReadContext& context) {
+          if (query.kind == FeatureKind::rocks && in.has("min_depth_over_diameter"))
+            in.fail("min_depth_over_diameter", "is of craters: rocks have no depth");
           if (in.good() && query.detail.content) check_number(in, query, context.limits);
         });
       });
@@ -182,15 +193,17 @@ FeatureList::FeatureList(const FeaturesQuery& query, const engine::Renderer& ren
   if (query.kind == FeatureKind::rocks)
     rocks_ = renderer.rocks(query.detail.content, query.region(), query.least_m(), stop);
   else
-    craters_ = renderer.craters(query.detail.content, query.region(), query.least_m(), stop);
+    craters_ = renderer.craters(query.detail.content, query.region(), query.least_m(), query.least_depth, stop);
 }
 
 std::string FeatureList::json() const {
   const dem::Footprint region = query_.region();
   std::string text = fmt::format(
-      R"({{"detail":{},"region":{{"south_deg":{},"north_deg":{},"west_deg":{},"east_deg":{}}},"smallest_m":{},"{}":[)",
+      R"({{"detail":{},"region":{{"south_deg":{},"north_deg":{},"west_deg":{},"east_deg":{}}},"smallest_m":{},{}"{}":[)",
       detail_metadata(query_.detail.name, *query_.detail.content).dump(), region.south_deg, region.north_deg,
-      region.west_deg, region.east_deg, query_.least_m(), population_of(query_).name);
+      region.west_deg, region.east_deg, query_.least_m(),
+      query_.kind == FeatureKind::craters ? fmt::format(R"("min_depth_over_diameter":{},)", query_.least_depth) : "",
+      population_of(query_).name);
   if (query_.kind == FeatureKind::rocks)
     add_json<RockFeature>(rocks_, kRockColumns, stop_, text);
   else

@@ -23,7 +23,8 @@ struct FeaturesQuery {
   Named<dem::Detail> detail;
   FeatureKind kind = FeatureKind::craters;
   MapBounds bounds;
-  std::optional<double> smallest_m;  // empty: the preset's
+  std::optional<double> smallest_m;         // empty: the preset's
+  double least_depth = dem::Detail::kWorn;  // of craters, over their diameter
 
   dem::Footprint region() const;  // its east is larger than its west
   double least_m() const;

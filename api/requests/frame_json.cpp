@@ -73,6 +73,18 @@ const Members<engine::ImageSettings>& image_members() {
   return *table;
 }
 
+const Members<engine::RimOptions>& craters_members() {
+  using engine::RimOptions;
+  static const auto table = made<Members<RimOptions>>(
+      "CratersInFrame", "Which craters of the request's detail `craters` of the metadata lists.", [](auto& m) {
+        m.add("smallest_px", &RimOptions::least_px, Number{{1, 1e4}, "px"},
+              "least diameter in the image: of a circle with the area within the rim");
+        m.add("min_depth_over_diameter", &RimOptions::least_depth, Number{kUnitInterval},
+              "least `depth_over_diameter`; 0: all, down to what is no longer recognised as a crater");
+      });
+  return *table;
+}
+
 struct AtmosphereForm {
   Named<engine::Atmosphere> table;
 };
@@ -253,7 +265,17 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
     in.fail("visibility", "\"zbuffer\" draws terrain, and there is none");
   if (request.camera.beyond_plane() && request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "a fisheye is rendered by \"raytrace\": \"zbuffer\" draws onto a plane");
+  if (request.craters && in.has("craters")) {
+    if (!in.has("detail")) in.fail("craters", "requires \"detail\": the craters are its");
+    if (!request.terrain) in.fail("craters", "are terrain's, and \"terrain\" is false");
+  }
   require_sun(in, products(), request.products);
+}
+
+// Those of a detail.
+OrderedJson craters_condition(const Limits&) {
+  const OrderedJson none{{"properties", {{"craters", {{"const", false}}}}}};
+  return {{"anyOf", OrderedJson::array({none, {{"required", {"detail"}}}})}};
 }
 
 bool has_image_by_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && q.request.sensor; }
@@ -357,6 +379,10 @@ void add_rendering(Members<FrameQuery>& m) {
       "products", [](auto& q) -> auto& { return q.request.products; }, Products{products()},
       "what to render: arrays of height x width, row 0 on top");
   m.add(
+      "craters", [](auto& q) -> auto& { return q.request.craters; }, FlagOrObject{craters_members()},
+      "lists the craters of `detail` that the frame shows, with their rims in the image, as `craters` of the metadata; "
+      "changes no pixel. true: with all defaults; left out or false: no list");
+  m.add(
        "truth", [](auto& q) -> auto& { return q.request.truth; }, Object{truth_members()},
        "subset of pixels for ground truth; left out: every pixel of every product, positions as float64")
       .written_if([](const FrameQuery& q) { return q.request.truth && q.request.products & engine::kTruth; });
@@ -390,6 +416,7 @@ const Members<FrameQuery>& frame_members() {
         m.needs("atmosphere", {"band", "camera_preset"});
         m.check(check_frame);
         m.also(of_one_camera(pose_condition));
+        m.also(of_one_camera(craters_condition));
         m.also(of_one_camera([](const Limits&) { return sun_where_needed(products()); }));
       });
   return *table;

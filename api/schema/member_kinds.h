@@ -171,6 +171,25 @@ struct Object {
 template <typename M>
 Object(const M&) -> Object<M>;
 
+// An object with its own table, or true for one with all defaults; false: none, an empty value.
+template <typename M>
+struct FlagOrObject {
+  using Value = std::optional<typename M::ValueType>;
+  const M& members;
+  std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
+    if (in.value().is_boolean()) return in.value().template get<bool>() ? Value(std::in_place) : Value();
+    auto value = members.read(in, context);
+    return value ? std::optional<Value>(std::move(*value)) : std::nullopt;
+  }
+  OrderedJson write(const Value& value) const { return value ? members.write(*value) : OrderedJson(); }
+  OrderedJson schema(const Limits&) const {
+    return {{"anyOf", OrderedJson::array({{{"type", "boolean"}}, reference_to(members)})}};
+  }
+  std::vector<const MemberTable*> objects() const { return {&members}; }
+};
+template <typename M>
+FlagOrObject(const M&) -> FlagOrObject<M>;
+
 template <typename Kind>
 struct List {
   using Value = std::vector<typename Kind::Value>;

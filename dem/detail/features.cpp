@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
@@ -14,9 +15,6 @@ namespace selenograph::dem {
 namespace {
 
 using std::numbers::pi;
-
-// A piece's side over the octave's smallest diameter.
-constexpr double kPieceDiameters = 32;
 
 double height_m(const CraterField& field, const Crater& crater, const Vec3& place) {
   const double distance_m = (place - crater.centre).norm() * kMoonRadius_m;
@@ -55,65 +53,58 @@ double expected_craters(const CraterField& field, const Footprint& region, doubl
   return area_m2(region) * law.frequency.between(std::max(smallest_m, law.smallest_m), law.largest_m);
 }
 
-CraterSurvey::CraterSurvey(const Terrain& terrain)
-    : plain_(terrain.plain()), detailed_(terrain), field_(terrain.detail()->craters()) {}
+CraterSurvey::CraterSurvey(const Terrain& terrain, std::shared_ptr<const CraterRoughness> roughness)
+    : plain_(terrain.plain()),
+      detailed_(terrain),
+      field_(terrain.detail()->craters()),
+      roughness_(std::move(roughness)) {}
 
 std::vector<CraterSurvey::Piece> CraterSurvey::pieces(const Footprint& region, double smallest_m) const {
   std::vector<Piece> pieces;
   for (int k = std::max(field_.smallest_octave(), octave_of(smallest_m)); k <= field_.largest_octave(); ++k)
-    for (const Footprint& box : cut(region, std::ldexp(kPieceDiameters, k))) pieces.push_back({k, box});
+    for (const Footprint& box : cut(region, std::ldexp(kBoxDiameters, k))) pieces.push_back({k, box});
   return pieces;
 }
 
-std::vector<CraterFeature> CraterSurvey::within(const Footprint& region, double smallest_m,
+std::vector<CraterFeature> CraterSurvey::within(const Footprint& region, double smallest_m, double least_depth,
                                                 const StopToken& stop) const {
   const std::vector<Piece> all = pieces(region, smallest_m);
+  const auto wanted = [&](const Crater& crater) { return crater.diameter_m >= smallest_m; };
   return largest_first(gathered_in_parallel<CraterFeature>(all.size(), 4, [&](std::size_t i, auto& some) {
     stop.check();
-    survey(all[i], smallest_m, stop, some);
+    within(all[i].octave, all[i].box, least_depth, wanted, some, stop);
   }));
 }
 
-void CraterSurvey::survey(const Piece& piece, double smallest_m, const StopToken& stop,
-                          std::vector<CraterFeature>& out) const {
+void CraterSurvey::within(int octave, const Footprint& box, double least_depth,
+                          const std::function<bool(const Crater&)>& wanted, std::vector<CraterFeature>& out,
+                          const StopToken& stop) const {
   // Those that reach the rim of one with its centre in the box.
-  const double largest_m = std::ldexp(2.0, piece.octave);
+  const double largest_m = std::ldexp(2.0, octave);
   const double margin_m = (CraterShape::reach(CraterShape::kOldest) + 1) * largest_m / 2;
-  const Footprint wide = around(piece.box, margin_m);
-  const std::vector<Crater> all = field_.within(piece.octave, wide, stop);
+  const std::vector<Crater> all = field_.within(octave, around(box, margin_m), stop);
   for (const Crater& crater : all) {
     stop.check();
-    if (crater.diameter_m >= smallest_m && holds(piece.box, to_geographic(crater.centre * kMoonRadius_m)))
-      add_if_shown(crater, piece.octave, all, out, stop);
+    if (crater.depth_m >= least_depth * crater.diameter_m && wanted(crater) &&
+        holds(box, to_geographic(crater.centre * kMoonRadius_m)))
+      add_if_shown(crater, octave, least_depth, all, out, stop);
   }
 }
 
-void CraterSurvey::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out,
-                        const StopToken& stop) const {
-  const std::size_t before = out.size();
-  field_.near(octave, direction, radius_m, out, stop);
-  const auto away = [&](const Crater& c) {
-    return (c.centre - direction).norm() * kMoonRadius_m > radius_m + c.diameter_m / 2;
-  };
-  out.erase(std::remove_if(out.begin() + static_cast<std::ptrdiff_t>(before), out.end(), away), out.end());
-}
-
-void CraterSurvey::add_if_shown(const Crater& crater, int octave, std::vector<CraterFeature>& out,
+void CraterSurvey::add_if_shown(const Crater& crater, int octave, double least_depth,
+                                std::span<const Crater> candidates, std::vector<CraterFeature>& out,
                                 const StopToken& stop) const {
-  std::vector<Crater> others;
-  field_.near(octave, crater.centre, crater.diameter_m / 2, others, stop);
-  add_if_shown(crater, octave, others, out, stop);
-}
-
-void CraterSurvey::add_if_shown(const Crater& crater, int octave, std::span<const Crater> candidates,
-                                std::vector<CraterFeature>& out, const StopToken& stop) const {
   CraterFeature feature{crater, octave, to_geographic(crater.centre * kMoonRadius_m), 0};
   Geographic& place = feature.place;
-  const double share = this->share(octave, place);
+  const std::vector<DetailOfPosts> layers = layers_at(place);
+  const double share = this->share(octave, layers);
   if (!(share > 0.5)) return;
   feature.depth_m = share * crater.depth_m;
+  if (feature.depth_over_diameter() < least_depth) return;
   place.height_m = plain_.height(place.lat_deg, place.lon_deg, stop).height_m;
   if (std::isnan(place.height_m)) return;
+  feature.visibility =
+      std::min(feature.depth_m / roughness_m(crater.diameter_m, layers), CraterRoughness::kMostVisible);
   const CraterRemains remains = remains_of(field_, crater, candidates);
   if (!remains.any()) return;
   int shown = 0;
@@ -127,12 +118,27 @@ void CraterSurvey::add_if_shown(const Crater& crater, int octave, std::span<cons
 }
 
 // In the block of the finest surface: what DetailedTerrain asks.
-double CraterSurvey::share(int octave, const Geographic& place) const {
+std::vector<DetailOfPosts> CraterSurvey::layers_at(const Geographic& place) const {
   const int level = finest_level_at(detailed_, place.lat_deg, place.lon_deg);
+  std::vector<DetailOfPosts> layers = detailed_.detail_at(place.lat_deg, place.lon_deg);
+  std::erase_if(layers, [&](const DetailOfPosts& layer) { return level <= layer.level; });
+  return layers;
+}
+
+double CraterSurvey::share(int octave, std::span<const DetailOfPosts> layers) {
   double share = 0;
-  for (const DetailOfPosts& layer : detailed_.detail_at(place.lat_deg, place.lon_deg))
-    if (level > layer.level && octave < Detail::past_largest_octave(layer.level)) share += layer.share;
+  for (const DetailOfPosts& layer : layers)
+    if (octave < Detail::past_largest_octave(layer.level)) share += layer.share;
   return share;
+}
+
+double CraterSurvey::roughness_m(double diameter_m, std::span<const DetailOfPosts> layers) const {
+  double sum = 0;
+  for (int k = roughness_->smallest_octave(); k <= roughness_->largest_octave(); ++k) {
+    const double part = share(k, layers);
+    sum += part * part * roughness_->mean_square_m2(k, diameter_m);
+  }
+  return std::sqrt(sum);
 }
 
 Vec3 CraterSurvey::on_rim(const Crater& crater, double angle) {

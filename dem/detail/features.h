@@ -7,11 +7,14 @@
 
 #include <algorithm>
 #include <array>
+#include <functional>
+#include <memory>
 #include <span>
 #include <vector>
 
 #include "dem/catalogue/catalogue.h"
 #include "dem/detail/crater_field.h"
+#include "dem/detail/crater_visibility.h"
 #include "dem/support/stop_token.h"
 #include "dem/terrain/terrain.h"
 
@@ -25,7 +28,9 @@ struct CraterFeature {
   // Share of its rim that the terrain shows: not where posts are finer or missing, nor where younger craters of its
   // octave change it by more than a quarter of its depth.
   double rim_share = 0;
-  double depth_m = 0;  // the crater's, weighted by its layer's share at its centre
+  double depth_m = 0;     // the crater's, weighted by its layer's share at its centre
+  double visibility = 0;  // that depth over the roughness of the ground that is shown there (crater_visibility.h)
+  double depth_over_diameter() const { return depth_m / crater.diameter_m; }
 };
 
 // What younger craters of its octave have left of a crater.
@@ -46,17 +51,20 @@ double expected_craters(const CraterField& field, const Footprint& region, doubl
 // Thread-safe: const functions may be called concurrently.
 class CraterSurvey {
  public:
-  // The terrain must have detail and outlive this object.
-  explicit CraterSurvey(const Terrain& terrain);
+  // The terrain must have detail and outlive this object; `roughness` is of that detail.
+  CraterSurvey(const Terrain& terrain, std::shared_ptr<const CraterRoughness> roughness);
 
-  // Craters with their centre in a region (borders included), on all cores of the caller's arena. Largest first.
-  // `east_deg` may exceed 180.
-  std::vector<CraterFeature> within(const Footprint& region, double smallest_m, const StopToken& stop) const;
-  // Craters of an octave whose rim may touch a sphere around a place, as given by the field.
-  void near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out, const StopToken& stop) const;
-  // Appends the crater to `out` if the terrain shows it: posts are neither finer nor missing at its centre, and younger
-  // craters of its octave do not replace both its floor and its rim.
-  void add_if_shown(const Crater& crater, int octave, std::vector<CraterFeature>& out, const StopToken& stop) const;
+  // Craters with their centre in a region (borders included), on all cores of the caller's arena, as deep as
+  // `least_depth` of their diameter. Largest first. `east_deg` may exceed 180.
+  std::vector<CraterFeature> within(const Footprint& region, double smallest_m, double least_depth,
+                                    const StopToken& stop) const;
+  // Appends the craters of an octave with their centre in a box that are `wanted`, in no particular order. Those that
+  // the terrain does not show are left out: whose centre has finer posts or none, and whose floor and rim younger
+  // craters of their octave replaced. The box should be some of the octave's diameters wide.
+  void within(int octave, const Footprint& box, double least_depth, const std::function<bool(const Crater&)>& wanted,
+              std::vector<CraterFeature>& out, const StopToken& stop) const;
+  // Such a box's side over the octave's smallest diameter.
+  static constexpr double kBoxDiameters = 32;
 
   const CraterField& field() const { return field_; }
   // Point of the rim at an angle about the centre, from north to east; a unit vector.
@@ -69,16 +77,18 @@ class CraterSurvey {
     Footprint box;
   };
   std::vector<Piece> pieces(const Footprint& region, double smallest_m) const;
-  void survey(const Piece& piece, double smallest_m, const StopToken& stop, std::vector<CraterFeature>& out) const;
-  void add_if_shown(const Crater& crater, int octave, std::span<const Crater> candidates,
+  void add_if_shown(const Crater& crater, int octave, double least_depth, std::span<const Crater> candidates,
                     std::vector<CraterFeature>& out, const StopToken& stop) const;
-  // Share of an octave at a place.
-  double share(int octave, const Geographic& place) const;
-  bool shows(int octave, const Geographic& place) const { return share(octave, place) > 0.5; }
+  // Layers whose detail is shown at a place.
+  std::vector<DetailOfPosts> layers_at(const Geographic& place) const;
+  static double share(int octave, std::span<const DetailOfPosts> layers);
+  bool shows(int octave, const Geographic& place) const { return share(octave, layers_at(place)) > 0.5; }
+  double roughness_m(double diameter_m, std::span<const DetailOfPosts> layers) const;
 
   const Terrain& plain_;
   const Terrain& detailed_;
   const CraterField& field_;
+  std::shared_ptr<const CraterRoughness> roughness_;
 };
 
 }  // namespace selenograph::dem

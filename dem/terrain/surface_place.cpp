@@ -32,8 +32,12 @@ std::optional<SurfacePlace> surface_at(const Terrain& terrain, double lat_deg, d
                                        const StopToken& stop) {
   const Ticks at = ticks_of(lat_deg, lon_deg);
   const auto block = terrain.block(at.block(std::min(level, terrain.finest_level(at.block(kMaxLevel)))), stop);
-  if (!block) return std::nullopt;
-  const BlockExtent& e = block->extent;
+  return block ? surface_on(*block, lat_deg, lon_deg) : std::nullopt;
+}
+
+std::optional<SurfacePlace> surface_on(const Block& block, double lat_deg, double lon_deg) {
+  const Ticks at = ticks_of(lat_deg, lon_deg);
+  const BlockExtent& e = block.extent;
   const double y = (at.lat - e.lat0) / e.lat_step, x = (at.lon - e.lon0) / e.lon_step;
   const int r = std::clamp(static_cast<int>(y), 0, e.quads - 1), c = std::clamp(static_cast<int>(x), 0, e.quads - 1);
   const Vec3 direction = to_cartesian({lat_deg, lon_deg, 0}).normalized();
@@ -42,8 +46,8 @@ std::optional<SurfacePlace> surface_at(const Terrain& terrain, double lat_deg, d
     for (const bool upper : {false, true}) {
       const QuadVertices q = vertices_of(r, c, upper);
       const auto vertex = [&](int i) {
-        const float height_m = block->vertices[block->index(q.r[i], q.c[i])].height_m;
-        return block->position(q.r[i], q.c[i], static_cast<double>(height_m));
+        const float height_m = block.vertices[block.index(q.r[i], q.c[i])].height_m;
+        return block.position(q.r[i], q.c[i], static_cast<double>(height_m));
       };
       const Triangle t{vertex(0), vertex(1), vertex(2)};
       const auto distance = radial_distance(t, direction, slack);

@@ -18,6 +18,8 @@ BlockId block_at_place(int level, double lat_deg, double lon_deg);
 // Finest level of the terrain at a place.
 int finest_level_at(const Terrain& terrain, double lat_deg, double lon_deg);
 
+// Place on a block's triangles; the block contains it. Empty where a post is missing.
+std::optional<SurfacePlace> surface_on(const Block& block, double lat_deg, double lon_deg);
 // Place on the triangles of a level, or of the finest level there; empty where a post is missing.
 std::optional<SurfacePlace> surface_at(const Terrain& terrain, double lat_deg, double lon_deg, int level,
                                        const StopToken& stop = {});

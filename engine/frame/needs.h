@@ -71,4 +71,22 @@ inline std::size_t bytes_of_rocks(const dem::Detail* detail, std::size_t remembe
   return kMostRocks * kBytesOfRock + dem::RockSurvey::kKeptBytes + remembered * sizeof(dem::RockFeature);
 }
 
+// Craters are the detail's, and the terrain's.
+inline bool wants_craters(const FrameRequest& request) { return request.craters && request.detail && request.terrain; }
+
+// Limit on craters that a frame lists, and memory for that list with its text.
+inline constexpr std::size_t kMostCraters = 100000;
+inline std::size_t bytes_of_craters(const FrameRequest& request) {
+  constexpr double kBytesOfCrater = 8000;
+  if (!wants_craters(request)) return 0;
+  // Larger than D, per square of side D: in an image those of at least least_px, and as many again at a slant.
+  const dem::CraterLaw& law = request.detail->craters().law();
+  double densest = 0;
+  for (double d_m = law.smallest_m; d_m < law.largest_m; d_m *= 2)
+    densest = std::max(densest, law.frequency.above(d_m) * d_m * d_m);
+  const double pixels = static_cast<double>(request.camera.width) * request.camera.height,
+               number = 2 * densest * pixels / (request.craters->least_px * request.craters->least_px);
+  return static_cast<std::size_t>(kBytesOfCrater * std::min(number, static_cast<double>(kMostCraters)));
+}
+
 }  // namespace selenograph::engine

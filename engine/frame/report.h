@@ -44,11 +44,12 @@ struct StageTimes {
   // tracing does all at once.
   double draw_ms = 0, resolve_ms = 0, shadow_ms = 0;
   double sensor_ms = 0;
+  double craters_ms = 0;  // list of craters; 0 without
 
   StageTimes& operator+=(const StageTimes& t) {
     select_ms += t.select_ms, build_ms += t.build_ms, pyramid_ms += t.pyramid_ms, load_ms += t.load_ms;
     visibility_ms += t.visibility_ms, draw_ms += t.draw_ms, resolve_ms += t.resolve_ms, shadow_ms += t.shadow_ms;
-    sensor_ms += t.sensor_ms;
+    sensor_ms += t.sensor_ms, craters_ms += t.craters_ms;
     return *this;
   }
 };
@@ -97,6 +98,7 @@ struct FrameReport {
   int margin_px = 0;             // rendered around the image for the point spread; included in shares of pixels
   double captured_fraction = 1;  // share of a point's light within the point-spread kernel
   ViewReport view;
+  CraterRims craters;  // if requested
   std::vector<SourceTile> sources;
   std::vector<std::string> warnings;  // e.g. a corrupt tile replaced by the layer below
 };

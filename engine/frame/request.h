@@ -12,6 +12,7 @@
 #include "engine/frame/objects.h"
 #include "engine/frame/pose.h"
 #include "engine/frame/products.h"
+#include "engine/frame/rims.h"
 #include "engine/frame/sensor_model.h"
 #include "engine/frame/shutter.h"
 #include "engine/frame/sun.h"
@@ -61,7 +62,8 @@ struct FrameRequest {
   std::optional<SensorModel> sensor;  // sensor model of the image; empty: ImageSettings apply
   Visibility visibility = Visibility::automatic;
   ProductSet products = kRadiance;
-  std::optional<TruthGrid> truth;  // subset of pixels for ground-truth products; empty: all
+  std::optional<RimOptions> craters;  // lists craters of the detail in view; empty: no
+  std::optional<TruthGrid> truth;     // subset of pixels for ground-truth products; empty: all
 };
 
 // The band of radiance; null: all wavelengths.

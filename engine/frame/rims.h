@@ -1,4 +1,4 @@
-// Rims of craters in an image: options and result of Renderer::rims.
+// Craters in an image: ground truth for crater detectors. What a request asks for, and what the report lists.
 #pragma once
 
 #include <cstddef>
@@ -19,12 +19,21 @@ struct RimPoint {
   double x_px, y_px;
 };
 
+// The ellipse of which an outline's points are, as far as they are of one: for points in equal steps around a circle
+// that is seen from afar it is exact, otherwise it has their mean and their covariance.
+struct RimEllipse {
+  RimPoint centre;
+  double semi_major_px, semi_minor_px;
+  double angle_deg;  // from the x axis to the major axis, toward y: in (-90, 90]
+};
+RimEllipse ellipse_of(const std::vector<RimPoint>& outline);
+
 struct CraterRim {
   dem::CraterFeature feature;
   RimPoint centre;  // centre of its floor; NaN: not imaged
   bool centre_visible = false;
   std::vector<RimPoint> outline;  // rim points in order; some may be outside the image
-  double rim_visible = 0;         // share of the rim points that are in the image and visible
+  double rim_visible = 0;         // share of the rim points that the image shows
 };
 
 struct CraterRims {

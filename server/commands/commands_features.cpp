@@ -42,6 +42,7 @@ std::string region_request(const FeaturesSettings& s) {
       {"region",
        {{"south_deg", s.region[0]}, {"north_deg", s.region[1]}, {"west_deg", s.region[2]}, {"east_deg", s.region[3]}}}};
   if (s.smallest_m) request["smallest_m"] = *s.smallest_m;
+  request["min_depth_over_diameter"] = s.rims.least_depth;
   return request.dump();
 }
 
@@ -71,19 +72,19 @@ Written of_frame(const Json& request, const FeaturesSettings& s, const engine::R
                  const api::Assets& assets, const api::Limits& limits) {
   const api::FrameQuery query = api::read_frame(request, limits, assets);
   refuse_without_features(query);
-  const engine::CraterRims rims = renderer.rims(query.request, s.rims);
   const std::string image = !s.image.empty() ? s.image : fs::path(s.frame).stem().string() + ".png";
-  engine::FrameRequest of_rocks = query.request;
-  of_rocks.products = engine::kRock, of_rocks.truth.reset();
-  const engine::Frame rocks = renderer.render(of_rocks);
-  const api::OrderedJson coco = api::coco_json(query, rims, rocks, s.rims.least_px, image);
+  engine::FrameRequest listing = query.request;
+  listing.products = engine::kRock, listing.truth.reset();
+  listing.craters = s.rims;
+  const engine::Frame frame = renderer.render(listing);
+  const api::OrderedJson coco = api::coco_json(query, frame, s.rims.least_px, image);
   const auto& listed = coco["annotations"];
   const auto on_rocks =
       std::count_if(listed.begin(), listed.end(), [](const auto& a) { return a["category_id"] == 2; });
   std::string said = fmt::format("{}: {} craters and {} rocks in {}\n", s.coco,
                                  listed.size() - static_cast<std::size_t>(on_rocks), on_rocks, image);
-  if (rims.cut_off > 0)
-    said += fmt::format("{}: {} more are left out: the camera can't image all of their rim\n", s.coco, rims.cut_off);
+  if (const std::size_t cut_off = frame.report.craters.cut_off; cut_off > 0)
+    said += fmt::format("{}: {} more are left out: the camera can't image all of their rim\n", s.coco, cut_off);
   return {s.coco, coco.dump(-1, ' ', false, api::OrderedJson::error_handler_t::replace) + "\n", said};
 }
 

@@ -68,7 +68,9 @@ void add_options(CLI::App& command, FeaturesSettings& s) {
                   "In a frame: diameter of a circle that is as large as a crater's rim, or as what is seen of a rock")
       ->check(CLI::Range(1.0, 1e4))
       ->capture_default_str();
-  command.add_option("--least-depth", s.rims.least_depth, "In a frame: depth over diameter, today; 0: all")
+  command
+      .add_option("--least-depth", s.rims.least_depth,
+                  "Of craters, but for a REQUEST.json, which has a member for it: depth over diameter, today; 0: all")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   add_options(command, s.terrain);

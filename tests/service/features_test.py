@@ -187,11 +187,11 @@ class Rocks(WithFeatures):
 class Features(WithFeatures):
     def test_what_is_answered(self):
         box = square(LAT, LON, 1000)
-        answer = self.answer("rough", box, smallest_m=8)
+        answer = self.answer("rough", box, smallest_m=8, min_depth_over_diameter=0)
         self.assertEqual(answer["detail"]["name"], "rough")
         self.assertRegex(answer["detail"]["version"], "^[0-9a-f]{16}$")
         self.assertEqual(answer["region"], box)
-        self.assertEqual(answer["smallest_m"], 8)
+        self.assertEqual((answer["smallest_m"], answer["min_depth_over_diameter"]), (8, 0))
         craters = answer["craters"]
         # Equilibrium: 10^-1.1 D^-2 per m^2 above D, of a million m^2.
         expected = 1e6 * 10 ** -1.1 * (8 ** -2 - 100 ** -2)
@@ -206,13 +206,36 @@ class Features(WithFeatures):
             self.assertLess(0, crater["depth_m"])
             self.assertLess(crater["depth_m"], 0.3 * crater["diameter_m"])
             self.assertTrue(0 <= crater["age_Ma"] <= 3500 and 0 <= crater["rim_share"] <= 1)
+            self.assertEqual(crater["depth_over_diameter"], crater["depth_m"] / crater["diameter_m"])
         places = [(c["lat_deg"], c["lon_deg"]) for c in craters]
         np.testing.assert_allclose([c["height_m"] for c in craters], self.heights(places, None), rtol=0, atol=1e-9)
         # Without smallest_m the same and more.
-        more = {c["id"]: c for c in self.craters("rough", square(LAT, LON, 1000))}
+        more = {c["id"]: c for c in self.craters("rough", square(LAT, LON, 1000), min_depth_over_diameter=0)}
         self.assertLess(min(c["diameter_m"] for c in more.values()), 2.1)
         for crater in craters:
             self.assertEqual(more[crater["id"]], crater)
+        # Those that are recognised as craters, unless it is asked for others.
+        for least, asked in ((0.02, {}), (0.08, {"min_depth_over_diameter": 0.08})):
+            answer = self.answer("rough", box, smallest_m=8, **asked)
+            self.assertEqual(answer["min_depth_over_diameter"], least)
+            self.assertEqual(answer["craters"], [c for c in craters if c["depth_over_diameter"] >= least])
+
+    def test_visibility(self):
+        """Depth over the root mean square of what depth is, at other places of the same ground."""
+        side = 1500
+        craters = self.craters("rough", square(LAT, LON, side), min_depth_over_diameter=0, smallest_m=16)
+        random = np.random.default_rng(1)
+        for diameter in (20.0, 60.0):
+            middles = np.column_stack([LAT + random.uniform(-0.5, 0.5, 600) * side / METRES_PER_DEGREE,
+                                       LON + random.uniform(-0.5, 0.5, 600) * side / METRES_PER_DEGREE])
+            places = np.concatenate([middles, *(around(lat, lon, diameter / 2, 12) for lat, lon in middles)])
+            heights = self.heights(places, "rough") - self.heights(places, "none")
+            differences = heights[600:].reshape(600, 12).mean(axis=1) - heights[:600]
+            roughness = np.sqrt(np.mean(differences ** 2))
+            like = [c for c in craters if 0.95 < c["diameter_m"] / diameter < 1.05]
+            self.assertGreater(len(like), 3)
+            ratios = np.array([c["depth_m"] / c["visibility"] / roughness / (c["diameter_m"] / diameter) for c in like])
+            self.assertLess(np.abs(np.log(ratios)).max(), np.log(1.3), (diameter, ratios))
 
     def test_craters_are_in_the_terrain(self):
         """Floor and highest ring at the listed depth and diameter, of craters that nothing else is near."""
@@ -260,11 +283,13 @@ class Features(WithFeatures):
         refused("/region/east_deg", detail="rough", region=region(0, 1, -180, 181))
         refused("/smallest_m", detail="rough", region=box, smallest_m=0)
         refused("/smallest", detail="rough", region=box, smallest=3)
+        refused("/min_depth_over_diameter", detail="rough", region=box, min_depth_over_diameter=-0.1)
+        refused("/min_depth_over_diameter", "rocks", detail="rough", region=box, kind="rocks", min_depth_over_diameter=0.1)
         # Too many: what it says is enough is.
         wide = square(LAT, LON, 20000)
         said = refused("/region", "smaller region", detail="rough", region=wide)
         enough = float(said.split("smallest_m of ")[1].split()[0])
-        number = len(self.craters("rough", wide, smallest_m=enough))
+        number = len(self.craters("rough", wide, smallest_m=enough, min_depth_over_diameter=0))
         self.assertTrue(80000 < number < 100500, number)
         # Few craters, but no end of places to look for them.
         refused("/region", "too large", detail="sparse", region=region(-60, 60, -180, 180))
@@ -307,7 +332,8 @@ class AtThePoles(WithFeatures):
             for kind, expected in (("rocks", area * 0.0003), ("craters", area * 10 ** -1.1 / 100)):
                 found = []
                 smallest = 1 if kind == "rocks" else 10
-                grown = self.peak_mb(lambda: found.extend(self.answer("landing", box, kind=kind, smallest_m=smallest)[kind]))
+                depth = {"min_depth_over_diameter": 0} if kind == "craters" else {}
+                grown = self.peak_mb(lambda: found.extend(self.answer("landing", box, kind=kind, smallest_m=smallest, **depth)[kind]))
                 self.assertLess(grown, self.MOST_MB, (kind, south))
                 # The law's, with more rocks around fresh craters, without craters that others cover.
                 self.assertGreater(len(found), 0.85 * expected, (kind, south))
@@ -321,6 +347,199 @@ class AtThePoles(WithFeatures):
             start = time.monotonic()
             self.problem(self.service.post("/v1/features", body, Request_Timeout_Ms="50"), 504)
             self.assertLess(time.monotonic() - start, 5)  # it goes on for longer where nothing looks at the clock
+
+
+def rim_of(crater, count):
+    """Unit vectors of a rim's points, from north to east."""
+    lat, lon = math.radians(crater["lat_deg"]), math.radians(crater["lon_deg"])
+    up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+    north = np.array([-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)])
+    away, angles = 2 * math.asin(crater["diameter_m"] / 4 / RADIUS_M), 2 * np.pi * np.arange(count)[:, None] / count
+    return math.cos(away) * up + math.sin(away) * (np.cos(angles) * north + np.sin(angles) * np.cross(north, up))
+
+
+def projected(places, request):
+    """By the pinhole of a resolved request."""
+    camera, pose = request["camera"], request["pose"]
+    w, *v = (pose["camera_from_moon"][k] for k in "wxyz")
+    v = np.array(v)
+    from_camera = np.asarray(places) - pose["position_m"]
+    x, y, z = (from_camera + 2 * np.cross(v, np.cross(v, from_camera) + w * from_camera)).T
+    return np.column_stack([camera["cx"] + camera["fx"] * x / z, camera["cy"] + camera["fy"] * y / z])
+
+
+def diameter_px(outline):
+    x, y = np.asarray(outline).T
+    return math.sqrt(2 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / math.pi)
+
+
+class InFrames(WithFeatures):
+    """`craters` of a frame's request."""
+
+    WIDTH, HEIGHT = 320, 240
+
+    def frame(self, height_m=4000.0, **changes):
+        ground = self.heights([(LAT, LON)], None)[0]
+        pose = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": ground + height_m}, "nadir": {"up_azimuth_deg": 30.0}}
+        return frame_request(**{"width": self.WIDTH, "height": self.HEIGHT, "pose": pose, "detail": "large", "craters": True,
+                                **changes})
+
+    def meta(self, request):
+        return self.service.arrays(request)["meta"]
+
+    def heights_at(self, directions, detail):
+        lat, lon = np.degrees(np.arcsin(directions[:, 2])), np.degrees(np.arctan2(directions[:, 1], directions[:, 0]))
+        return self.heights(np.column_stack([lat, lon]), detail)
+
+    def in_image(self, outline):
+        x, y = np.asarray(outline).T
+        return (x >= -0.5) & (x < self.WIDTH - 0.5) & (y >= -0.5) & (y < self.HEIGHT - 0.5)
+
+    def test_they_are_those_of_the_region_projected(self):
+        """To 0.01 px, all of them and no other: with the finest mesh, whose heights POST /v1/heights has."""
+        meta = self.meta(self.frame(accuracy={"max_error_px": 0}, craters={"smallest_px": 5}))
+        found = {c["id"]: c for c in meta["craters"]}
+        self.assertGreater(len(found), 20)
+        self.assertEqual(meta["craters_cut_off"], 0)
+        sizes = [c["diameter_m"] for c in meta["craters"]]
+        self.assertEqual(sizes, sorted(sizes, reverse=True))
+        listed = self.craters("large", square(LAT, LON, 6000))
+        checked = 0
+        for crater in listed:
+            mine = found.pop(crater["id"], None)
+            directions = rim_of(crater, len(mine["rim_px"]) if mine else 24)
+            outline = projected(directions * (RADIUS_M + self.heights_at(directions, "large"))[:, None], meta["request"])
+            inside = self.in_image(outline)
+            if mine is None:
+                self.assertTrue(diameter_px(outline) < 5 or not inside.any(), crater)
+                continue
+            self.assertEqual({name: mine[name] for name in crater}, crater)
+            np.testing.assert_allclose(mine["rim_px"], outline, rtol=0, atol=0.01)
+            self.assertGreaterEqual(diameter_px(outline), 4.999)
+            self.assertAlmostEqual(mine["rim_visible"], inside.mean(), delta=0.2)  # its own wall may hide some
+            self.assertEqual(mine["center_visible"], bool(self.in_image([mine["center_px"]])[0]))
+            checked += 1
+        self.assertEqual(found, {})
+        self.assertGreater(checked, 20)
+
+    def test_ellipses(self):
+        """At a slant a circle is an ellipse: its points are on it, but for what the ground rises and falls."""
+        at = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.heights([(LAT, LON)], None)[0] + 3000},
+              "look_at": {"lat_deg": LAT + 0.08, "lon_deg": LON + 0.03, "up": "zenith"}}
+        craters = self.meta(self.frame(pose=at))["craters"]
+        self.assertGreater(len(craters), 10)
+        flattened = 0
+        for crater in craters:
+            ellipse = crater["rim_ellipse"]
+            a, b = ellipse["semi_axes_px"]
+            self.assertTrue(a >= b > 0 and -90 <= ellipse["angle_deg"] <= 90)
+            flattened += b < 0.8 * a
+            turn = np.exp(-1j * math.radians(ellipse["angle_deg"]))
+            away = np.subtract(crater["rim_px"], ellipse["center_px"])
+            along = (away[:, 0] + 1j * away[:, 1]) * turn
+            radius = np.hypot(along.real / a, along.imag / b)
+            self.assertLess(np.abs(radius - 1).max(), 0.25, crater)
+            self.assertLess(abs(radius.mean() - 1), 0.02, crater)
+        self.assertGreater(flattened, 5)
+
+    def test_no_other_byte_changes(self):
+        products = ["radiance", "range", "position", "source", "detail"]
+        for more in ({}, {"truth": {"region": {"x": 30, "y": 20, "width": 101, "height": 77}, "every_px": 3}},
+                     {"accuracy": {"samples_per_pixel": 4}}, {"visibility": "raytrace"}):
+            with_list = self.service.arrays(self.frame(products=products, **more))
+            without = self.service.arrays(self.frame(products=products, **{**more, "craters": False}))
+            self.assertEqual(set(with_list), set(without))
+            for product in products:
+                np.testing.assert_array_equal(with_list[product], without[product])
+            self.assertNotIn("craters", without["meta"])
+            self.assertGreater(len(with_list["meta"]["craters"]), 10)
+            self.assertNotEqual(with_list["headers"]["ETag"], without["headers"]["ETag"])
+            again = self.service.arrays(self.frame(products=products, **more))
+            self.assertEqual(again["body"], with_list["body"])
+        left_out = self.frame(products=products)
+        del left_out["craters"]
+        self.assertEqual(self.service.arrays(left_out)["body"],
+                         self.service.arrays(self.frame(products=products, craters=False))["body"])
+        # There is one whatever the products, on a mesh that may differ.
+        expected = self.meta(self.frame(products=["radiance"]))["craters"]
+        sensor = {"optics": {"f_number": 5.6, "point_spread": {"model": "gaussian", "sigma_px": 1.5}},
+                  "detector": {"pixel_pitch_um": 5.5, "integration_time_s": 0.002}}
+        for more in ({"products": ["depth"]}, {"truth": {"every_px": 7}, "products": ["range"]},
+                     {"products": ["image"], "sensor": sensor, "band": {"center_um": 0.6, "width_um": 0.1}}):
+            listed = self.meta(self.frame(**more))["craters"]
+            same = {c["id"] for c in listed} & {c["id"] for c in expected}
+            self.assertGreater(len(same), 0.9 * max(len(listed), len(expected)), more)
+
+    def test_what_the_mesh_lacks_is_not_listed(self):
+        fine, coarse = (self.meta(self.frame(accuracy={"max_error_px": error, "max_detail_error_px": error}))["craters"]
+                        for error in (0.5, 16))
+        self.assertLess(len(coarse), 0.7 * len(fine))
+        self.assertLessEqual({c["id"] for c in coarse}, {c["id"] for c in fine})
+
+    def test_choices(self):
+        every = self.meta(self.frame(craters={"min_depth_over_diameter": 0, "smallest_px": 4}))["craters"]
+        deep = self.meta(self.frame(craters={"min_depth_over_diameter": 0.1}))["craters"]
+        self.assertTrue(0 < len(deep) < len(every))
+        self.assertEqual(deep, [c for c in every if c["depth_over_diameter"] >= 0.1])
+        large = self.meta(self.frame(craters={"min_depth_over_diameter": 0, "smallest_px": 20}))["craters"]
+        self.assertEqual([c["id"] for c in large], [c["id"] for c in every if diameter_px(c["rim_px"]) >= 20])
+        self.assertEqual(self.meta(self.frame(craters={}))["request"]["craters"],
+                         {"smallest_px": 4, "min_depth_over_diameter": 0.02})
+
+    def test_answers_without_room(self):
+        """A header has not room for them: where it says that the metadata are."""
+        request = self.frame(products=["range"])
+        status, headers, _ = self.service.post("/v1/frames", request, "application/x-npy")
+        self.assertEqual(status, 200)
+        short = json.loads(headers["Selenograph-Meta"])
+        self.assertEqual(short["craters"], [])
+        whole = json.loads(self.service.ask("GET", short["metadata_at"])[2])
+        self.assertEqual(len(whole["craters"]), short["craters_omitted"])
+        self.assertEqual(whole["craters"], self.meta(request)["craters"])
+
+    def test_several_cameras(self):
+        request = self.frame()
+        camera = request.pop("camera")
+        del request["craters"]
+        meta = self.meta({**request, "cameras": {"labelled": {"camera": camera, "craters": True}, "plain": {"camera": camera}}})
+        self.assertEqual(meta["cameras"]["labelled"]["craters"], self.meta(self.frame())["craters"])
+        self.assertNotIn("craters", meta["cameras"]["plain"])
+
+    def test_refusals(self):
+        def refused(pointer, words="", **changes):
+            request = {k: v for k, v in self.frame(**changes).items() if v is not None}
+            problem = self.problem(self.service.frame(request, "*/*"), 422, pointer)
+            self.assertIn(words, " ".join(e["detail"] for e in problem["errors"]))
+        refused("/craters", "detail", detail=None)
+        refused("/craters", "object", craters=3)
+        refused("/craters/smallest_px", craters={"smallest_px": 0.5})
+        refused("/craters/min_depth_over_diameter", craters={"min_depth_over_diameter": 2})
+        refused("/craters/least", craters={"least": 1})
+        self.service.arrays({k: v for k, v in self.frame(craters=False).items() if k != "detail"})
+
+    def test_a_campaign_labels_its_frames(self):
+        """`batch` needs no more than the member: in .npz and in .png."""
+        request = self.frame(products=["image"])
+        expected = self.meta(request)["craters"]
+        manifest = harness.write("labelled.jsonl", json.dumps({"name": "one", **request}) + "\n")
+        for form in ("png", "npz"):
+            done = run("batch", manifest, "-o", harness.path("labelled-" + form), "--format", form, "--dem", harness.path("dem"),
+                       "--cache-dir", harness.path("cache"), "--assets-dir", harness.path("assets"))
+            self.assertEqual(done.returncode, 0, done.stderr)
+            with open(harness.path("labelled-" + form, "one." + form), "rb") as file:
+                body = file.read()
+            text = harness.meta_of(body) if form == "npz" else self.text_of_png(body)
+            self.assertEqual(text["craters"], expected)
+
+    @staticmethod
+    def text_of_png(body):
+        at = 8
+        while at < len(body):
+            size, kind = int.from_bytes(body[at:at + 4], "big"), body[at + 4:at + 8]
+            if kind == b"tEXt" and body[at + 8:].startswith(b"selenograph\0"):
+                return json.loads(body[at + 20:at + 8 + size])
+            at += size + 12
+        raise AssertionError("no metadata")
 
 
 class CommandLine(WithFeatures):

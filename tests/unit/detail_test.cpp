@@ -396,12 +396,16 @@ TEST(DetailedTerrain, TilesOfALayerHaveNoBorderBetweenThem) {
   }
 }
 
+CraterSurvey survey_of(const Terrain& terrain) {
+  return {terrain, std::make_shared<const CraterRoughness>(*terrain.detail())};
+}
+
 TEST(CraterSurvey, ListsWhatALayerIsTooCoarseFor) {
   const Layered layers;
   const Footprint beside{25.5, 25.55, 3.85, 3.9};
   const auto ids = [&](const Terrain& terrain) {
     std::vector<std::uint64_t> found;
-    for (const CraterFeature& f : CraterSurvey(terrain).within(beside, 30, {})) found.push_back(f.crater.id);
+    for (const CraterFeature& f : survey_of(terrain).within(beside, 30, 0, {})) found.push_back(f.crater.id);
     return found;
   };
   const std::vector<std::uint64_t> listed = ids(layers.both());
@@ -410,8 +414,8 @@ TEST(CraterSurvey, ListsWhatALayerIsTooCoarseFor) {
 
   // Inside the outline the coarse layer's craters fade with its posts, to the middle of the band.
   const Footprint across{25.5, 25.7, 4, 4.3};
-  const std::vector<CraterFeature> whole = CraterSurvey(layers.coarse()).within(across, 100, {}),
-                                   faded = CraterSurvey(layers.both()).within(across, 100, {});
+  const std::vector<CraterFeature> whole = survey_of(layers.coarse()).within(across, 100, 0, {}),
+                                   faded = survey_of(layers.both()).within(across, 100, 0, {});
   ASSERT_GT(faded.size(), 20U);
   EXPECT_LT(faded.size(), whole.size());
   double least = 1, easternmost = 4;
@@ -457,9 +461,9 @@ TEST(DetailedTerrain, DetailIsInItsRegion) {
   EXPECT_GT(inside, 50);
   EXPECT_GT(outside, 100);
   EXPECT_GT(between, 100);
-  const CraterSurvey all(*everywhere.detailed), some(*within.detailed);
+  const CraterSurvey all = survey_of(*everywhere.detailed), some = survey_of(*within.detailed);
   const Footprint box{25.7, 25.9, 3.7, 3.9};
-  const auto listed = all.within(box, 20, {}), listed_here = some.within(box, 20, {});
+  const auto listed = all.within(box, 20, 0, {}), listed_here = some.within(box, 20, 0, {});
   std::vector<std::uint64_t> expected, found;
   for (const CraterFeature& f : listed)
     if (region.holds(f.crater.centre)) expected.push_back(f.crater.id);

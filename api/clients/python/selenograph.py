@@ -417,19 +417,21 @@ class Client:
                   ("source", object), ("filled", bool), ("blended", bool), ("reason", object)]
         return _records(answers, fields, lats.shape)
 
-    def features(self, detail: str, region: Request, kind: str = "craters",
-                 smallest_m: Optional[float] = None) -> np.recarray:
+    def features(self, detail: str, region: Request, kind: str = "craters", smallest_m: Optional[float] = None,
+                 min_depth_over_diameter: Optional[float] = None) -> np.recarray:
         """Craters or rocks ("rocks") of a detail: POST /v1/features, truth for what looks for them.
 
         region is south_deg, north_deg, west_deg and east_deg of their centres. Gives a record array, the largest first:
-        id, lat_deg, lon_deg, height_m, diameter_m, age_Ma, and of craters depth_m and rim_share.
+        id, lat_deg, lon_deg, height_m, diameter_m, age_Ma, and of craters depth_m, depth_over_diameter, visibility and
+        rim_share. min_depth_over_diameter is of craters: left out, 0.02; 0 gives all.
         """
-        document = _given(detail=detail, region=region, kind=kind, smallest_m=smallest_m)
+        document = _given(detail=detail, region=region, kind=kind, smallest_m=smallest_m,
+                          min_depth_over_diameter=min_depth_over_diameter)
         content = self._ask("POST", "/v1/features", _body(document), "application/json", None)[2]
         fields = [("id", object), ("lat_deg", float), ("lon_deg", float), ("height_m", float), ("diameter_m", float),
                   ("age_Ma", float)]
         if kind == "craters":
-            fields += [("depth_m", float), ("rim_share", float)]
+            fields += [("depth_m", float), ("depth_over_diameter", float), ("visibility", float), ("rim_share", float)]
         found = json.loads(content)[kind]
         return _records(found, fields, (len(found),))
 
@@ -804,9 +806,9 @@ class AsyncClient:
     async def heights(self, lat_deg: Any, lon_deg: Any, detail: Optional[str] = None) -> np.recarray:
         return await self._run(self._client.heights, lat_deg, lon_deg, detail)
 
-    async def features(self, detail: str, region: Request, kind: str = "craters",
-                       smallest_m: Optional[float] = None) -> np.recarray:
-        return await self._run(self._client.features, detail, region, kind, smallest_m)
+    async def features(self, detail: str, region: Request, kind: str = "craters", smallest_m: Optional[float] = None,
+                       min_depth_over_diameter: Optional[float] = None) -> np.recarray:
+        return await self._run(self._client.features, detail, region, kind, smallest_m, min_depth_over_diameter)
 
     async def datasets(self) -> Dict[str, Any]:
         return await self._run(self._client.datasets)

@@ -1,0 +1,117 @@
+#include "dem/detail/crater_visibility.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+#include "dem/detail/direction_grid.h"
+#include "dem/grid/lattice.h"
+#include "dem/support/parallel.h"
+
+namespace selenograph::dem {
+namespace {
+
+using std::numbers::pi;
+
+// Squares of ground: their side, and steps, in smallest diameters of the octave. A circle of the smallest diameter has
+// a radius of four steps.
+constexpr int kSquareDiameters = 32, kStepsPerDiameter = 8, kSquarePosts = kSquareDiameters * kStepsPerDiameter + 1;
+// Middles of squares, degrees: away from the planes in which the relief's lattice repeats.
+struct Middle {
+  double lat_deg, lon_deg;
+};
+constexpr std::array<Middle, 4> kMiddles{{{-41.3, -117.7}, {-13.9, 31.1}, {17.3, 101.9}, {37.1, -51.7}}};
+constexpr int kOnCircle = 16;
+
+// Heights of an octave alone on a square, row by row, its sides in steps.
+std::vector<double> heights_of(const Detail& detail, int octave, const Middle& middle, const StopToken& stop) {
+  const double step = std::ldexp(1.0, octave) / kStepsPerDiameter / kMoonRadius_m,
+               south = middle.lat_deg * kRadiansPerDegree - step * (kSquarePosts / 2),
+               lon_step = step / std::cos(middle.lat_deg * kRadiansPerDegree),
+               west = middle.lon_deg * kRadiansPerDegree - lon_step * (kSquarePosts / 2);
+  std::array<std::vector<double>, 4> table;
+  for (auto& t : table) t.resize(kSquarePosts);
+  for (std::size_t i = 0; i < kSquarePosts; ++i) {
+    const double lat = south + static_cast<double>(i) * step, lon = west + static_cast<double>(i) * lon_step;
+    table[0][i] = std::sin(lat), table[1][i] = std::cos(lat), table[2][i] = std::sin(lon), table[3][i] = std::cos(lon);
+  }
+  // The level that begins to show the octave, over the posts that leave it out as the last.
+  const int level = Detail::smallest_octave(0) - octave;
+  std::vector<double> heights(static_cast<std::size_t>(kSquarePosts) * kSquarePosts);
+  detail.add({table[0], table[1], table[2], table[3], west, lon_step}, level, level - 2, heights, {}, stop);
+  return heights;
+}
+
+double between(const std::vector<double>& heights, double row, double column) {
+  const auto r = static_cast<std::size_t>(row), c = static_cast<std::size_t>(column);
+  const double y = row - static_cast<double>(r), x = column - static_cast<double>(c);
+  const double* at = &heights[r * kSquarePosts + c];
+  return std::lerp(std::lerp(at[0], at[1], x), std::lerp(at[kSquarePosts], at[kSquarePosts + 1], x), y);
+}
+
+// Mean square over places, half a diameter apart, of the mean on a circle minus the middle.
+double mean_square(const std::vector<double>& heights, int radius) {
+  std::array<double, kOnCircle> up{}, right{};
+  for (std::size_t i = 0; i < kOnCircle; ++i) {
+    const double angle = 2 * pi * (static_cast<double>(i) + 0.5) / kOnCircle;
+    up[i] = radius * std::cos(angle), right[i] = radius * std::sin(angle);
+  }
+  double sum = 0;
+  int places = 0;
+  for (int r = radius; r < kSquarePosts - radius; r += kStepsPerDiameter / 2)
+    for (int c = radius; c < kSquarePosts - radius; c += kStepsPerDiameter / 2, ++places) {
+      double around = 0;
+      for (std::size_t i = 0; i < kOnCircle; ++i) around += between(heights, r + up[i], c + right[i]);
+      const double over =
+          around / kOnCircle - heights[static_cast<std::size_t>(r) * kSquarePosts + static_cast<std::size_t>(c)];
+      sum += over * over;
+    }
+  return sum / places;
+}
+
+// The same laws everywhere, at the places above, too.
+std::unique_ptr<const Detail> everywhere(const Detail& detail) {
+  DetailPreset preset = detail.preset();
+  preset.region = {};
+  return std::make_unique<const Detail>(preset);
+}
+
+}  // namespace
+
+CraterRoughness::Squares CraterRoughness::measured(const Detail& detail, int octave, const StopToken& stop) {
+  Squares sums{};
+  for (const Middle& middle : kMiddles) {
+    const std::vector<double> heights = heights_of(detail, octave, middle, stop);
+    for (int i = 0; i < kDiameters; ++i)
+      sums[static_cast<std::size_t>(i)] += mean_square(heights, kStepsPerDiameter / 4 << i) / kMiddles.size();
+  }
+  return sums;
+}
+
+CraterRoughness::CraterRoughness(const Detail& detail, const StopToken& stop) {
+  const std::unique_ptr<const Detail> copy = detail.preset().region.everywhere() ? nullptr : everywhere(detail);
+  const Detail& measure = copy ? *copy : detail;
+  const CraterField& craters = measure.craters();
+  const Relief& relief = measure.relief();
+  smallest_ =
+      std::max(std::min(craters.smallest_octave(), relief.shortest_octave()), Detail::smallest_octave(kMaxLevel));
+  const int largest = std::min(std::max(craters.largest_octave(), relief.longest_octave()),
+                               Detail::past_largest_octave(kRootLevel) - 1);
+  octaves_.resize(static_cast<std::size_t>(std::max(0, largest - smallest_ + 1)));
+  in_parallel(octaves_.size(),
+              [&](std::size_t i) { octaves_[i] = measured(measure, smallest_ + static_cast<int>(i), stop); });
+}
+
+double CraterRoughness::mean_square_m2(int octave, double diameter_m) const {
+  if (octave < smallest_octave() || octave > largest_octave()) return 0;
+  const Squares& squares = octaves_[static_cast<std::size_t>(octave - smallest_)];
+  const double ratio = diameter_m / std::ldexp(0.5, octave);
+  if (ratio <= 1) return squares.front() * std::pow(ratio, 4);
+  const double place = std::log2(ratio);
+  const auto below = static_cast<std::size_t>(place);
+  if (below + 1 >= squares.size()) return squares.back();
+  return std::lerp(squares[below], squares[below + 1], place - static_cast<double>(below));
+}
+
+}  // namespace selenograph::dem
