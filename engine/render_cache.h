@@ -1,4 +1,4 @@
-// Data kept from frame to frame, on one memory budget: scenes, lenses, scratch memory; and the measured speed of
+// Data kept from frame to frame, on one memory budget: scenes, lenses, rocks, scratch memory; and the measured speed of
 // frames.
 #pragma once
 
@@ -12,6 +12,7 @@
 #include <mutex>
 #include <unordered_set>
 
+#include "dem/detail/rocks_on_ground.h"
 #include "dem/support/cache.h"
 #include "dem/support/stop_token.h"
 #include "dem/terrain/terrain.h"
@@ -48,9 +49,12 @@ class RenderCache {
   // Directions of the camera's pixels; empty without distortion. Throws Cancelled when `stop` says so.
   std::shared_ptr<const PixelRays> lens(const Camera& camera, const StopToken& stop);
 
+  // Rocks of details, and what surrounds them: on the budget, at most an eighth of it.
+  const std::shared_ptr<dem::RockMemory>& rocks() const { return rocks_; }
+
   // Keep leases short: memory that is lent is not on the budget.
   Pool<FrameScratch>& scratch() { return scratch_; }
-  // Call after a lease has ended. Scratch memory and lenses count towards the scenes' budget. A frame much larger than
+  // Call after a lease has ended. Scratch memory, lenses and rocks count towards the scenes' budget. A frame much larger than
   // the others leaves its scratch memory behind only if that is a small part of the budget.
   void settle();
 
@@ -63,7 +67,7 @@ class RenderCache {
   }
 
   std::size_t capacity() const { return scenes_.capacity(); }
-  std::size_t bytes() const { return scenes_.bytes() + lenses_.bytes() + scratch_.bytes(); }
+  std::size_t bytes() const { return scenes_.bytes() + lenses_.bytes() + rocks_->bytes() + scratch_.bytes(); }
 
  private:
   struct SceneKey {
@@ -88,6 +92,7 @@ class RenderCache {
   int threads_;
   dem::Cache<SceneKey, Scene, SceneKeyHash> scenes_;
   dem::Cache<Camera, PixelRays, CameraHash> lenses_;  // pixel directions do not depend on the pose
+  std::shared_ptr<dem::RockMemory> rocks_;
   Pool<FrameScratch> scratch_;
   std::mutex room_mutex_;
   std::size_t being_made_bytes_ = 0;  // scenes being built
