@@ -218,7 +218,8 @@ void RenderCache::reserve() {
     const std::lock_guard lock(room_mutex_);
     being_made = being_made_bytes_;
   }
-  const std::size_t others = scratch_.bytes() + lenses_.bytes() + rocks_->bytes() + being_made, needed = others + latest_scene_bytes(),
+  const std::size_t others = scratch_.bytes() + lenses_.bytes() + rocks_->bytes() + being_made,
+                    needed = others + latest_scene_bytes(),
                     spare = scenes_.capacity() - std::min(scenes_.capacity(), needed);
   scenes_.reserve(others + std::min(less_.load(), spare));
 }

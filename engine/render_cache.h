@@ -54,8 +54,8 @@ class RenderCache {
 
   // Keep leases short: memory that is lent is not on the budget.
   Pool<FrameScratch>& scratch() { return scratch_; }
-  // Call after a lease has ended. Scratch memory, lenses and rocks count towards the scenes' budget. A frame much larger than
-  // the others leaves its scratch memory behind only if that is a small part of the budget.
+  // Call after a lease has ended. Scratch memory, lenses and rocks count towards the scenes' budget. A frame much
+  // larger than the others leaves its scratch memory behind only if that is a small part of the budget.
   void settle();
 
   // Reduces the budget by memory that is needed elsewhere: less is kept, except for the latest scene. What one frame

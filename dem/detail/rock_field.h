@@ -71,9 +71,9 @@ class RockField {
   void within(int octave, const Footprint& box, std::span<const FreshCrater> fresh, std::vector<Rock>& out,
               const StopToken& stop = {}) const;
 
-  // Sets `worn` and what follows from it and from the rock's form. Whole rocks are 0.6 to 1 diameters high. A new one is
-  // buried by 5 to 35 % of that, as it landed; up to 40 % are added with age, most for some rocks, a little for others.
-  // Above the ground are 0.64 diameters of new rocks, 0.55 of those between craters (0.6 on average, Demidov &
+  // Sets `worn` and what follows from it and from the rock's form. Whole rocks are 0.6 to 1 diameters high. A new one
+  // is buried by 5 to 35 % of that, as it landed; up to 40 % are added with age, most for some rocks, a little for
+  // others. Above the ground are 0.64 diameters of new rocks, 0.55 of those between craters (0.6 on average, Demidov &
   // Basilevsky 2014). Soil is banked against old ones, up to 18 to 30 % of their height above ground and a tenth of
   // their diameter, which is the angle of repose: fillets grow by abrasion of the rock and by ejecta, as the square
   // root of time to begin with, like all that spreads by diffusion (Ruesch et al. 2024 and Apollo's preliminary

@@ -289,8 +289,8 @@ TEST(RockSurvey, FindsTheSameAgainWithoutLooking) {
   };
   const auto same = [](const std::vector<dem::RockFeature>& a, const std::vector<dem::RockFeature>& b) {
     return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](const auto& x, const auto& y) {
-      return x.rock.id == y.rock.id && x.position_m == y.position_m && x.up == y.up;
-    });
+             return x.rock.id == y.rock.id && x.position_m == y.position_m && x.up == y.up;
+           });
   };
   std::size_t all = 0;
   for (const int octave : {-3, -2, 0})
@@ -507,8 +507,9 @@ TEST_F(RocksInFrames, AreWhereTheListHasThem) {
       shaded += frame.products.lit[i] == 0;
       wrong_light += (frame.products.lit[i] == 0) != (blocked < free);
     }
-    fmt::print("{} rocks in view of {}: {} pixels see one, {} soil against it, {} of {} lie in a shadow; wrong: {}, {}\n",
-               frame.report.rocks, rocks.size(), on_rocks, on_soil, shaded, asked_light, wrong, wrong_light);
+    fmt::print(
+        "{} rocks in view of {}: {} pixels see one, {} soil against it, {} of {} lie in a shadow; wrong: {}, {}\n",
+        frame.report.rocks, rocks.size(), on_rocks, on_soil, shaded, asked_light, wrong, wrong_light);
     EXPECT_GT(on_rocks, 300U);
     EXPECT_GT(on_soil, 100U);
     EXPECT_GT(shaded, 100U);

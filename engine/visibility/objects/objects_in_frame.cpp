@@ -165,8 +165,8 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* view
   finishes_.reserve(request.objects.size() + 1);  // they are pointed at
   for (const SceneObject& object : request.objects) {
     const Eigen::Matrix3d turned = object.moon_from_object.toRotationMatrix();
-    Placed p = placed(*object.mesh, object.position_m, object.scale * turned, turned.transpose() / object.scale,
-                      object.scale);
+    Placed p =
+        placed(*object.mesh, object.position_m, object.scale * turned, turned.transpose() / object.scale, object.scale);
     p.number = static_cast<std::uint16_t>(placed_.size()), p.soil = false;
     p.in_view = !views || std::any_of(views->bundles().begin(), views->bundles().end(), [&](const ViewBundle& bundle) {
       return bundle.may_see(p.ball.centre_m, p.ball.radius_m);
@@ -194,7 +194,8 @@ std::vector<ObjectsInFrame::Finish> ObjectsInFrame::finishes_of(const std::vecto
   std::vector<Finish> finishes;
   for (const Material& material : materials) {
     const RadianceTerms terms = radiance_terms(request_, material);
-    finishes.push_back({Brdf(material.reflectance, band_of(request_)), terms.direct_w_m2, static_cast<float>(terms.base_w_m2_sr())});
+    finishes.push_back(
+        {Brdf(material.reflectance, band_of(request_)), terms.direct_w_m2, static_cast<float>(terms.base_w_m2_sr())});
   }
   return finishes;
 }
@@ -227,8 +228,7 @@ std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLan
   std::optional<Cone> cone;
   if (from_one_place_) cone.emplace(rays);
   for (std::size_t k = 0; k < std::min(placed_.size(), first_rock_); ++k)
-    if (placed_[k].in_view && (!cone || cone->may_meet(placed_[k].ball)))
-      look(placed_[k], rays, nearest, out);
+    if (placed_[k].in_view && (!cone || cone->may_meet(placed_[k].ball))) look(placed_[k], rays, nearest, out);
   if (rocks_) look_at_rocks(rays, nearest, out);
   std::uint32_t lanes = 0;
   for (int i = 0; i < kPacket; ++i) {
@@ -362,8 +362,7 @@ void ObjectsInFrame::look_at_rocks(const Rays& rays, double* nearest, ObjectLane
   std::uint32_t rock[kPacket], triangle[kPacket];
   rocks_->intersect(packet, rock, triangle);
   for (int i = 0; i < kPacket; ++i)
-    if (rock[i] != ObjectGroup::kNone)
-      store(placed_[first_rock_ + rock[i]], triangle[i], rays, i, nearest, out);
+    if (rock[i] != ObjectGroup::kNone) store(placed_[first_rock_ + rock[i]], triangle[i], rays, i, nearest, out);
 }
 
 std::uint32_t ObjectsInFrame::blocked_by_rocks(const SurfacePoints& points, const std::uint16_t* own,

@@ -110,8 +110,8 @@ class ObjectsInFrame {
 
   const FrameRequest& request_;
   std::vector<std::vector<Finish>> finishes_;  // per object, then one for all rocks
-  std::vector<Placed> placed_;  // the request's objects, rocks, soil against rocks
-  std::size_t first_rock_ = kNoObject;  // rocks and what follows are traced as one group, relative to the anchor
+  std::vector<Placed> placed_;                 // the request's objects, rocks, soil against rocks
+  std::size_t first_rock_ = kNoObject;         // rocks and what follows are traced as one group, relative to the anchor
   std::optional<ObjectGroup> rocks_;
   Vec3 anchor_m_ = Vec3::Zero();
   double rocks_radius_m_ = 0;  // radius of their bounding sphere around the anchor

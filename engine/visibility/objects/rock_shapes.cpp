@@ -83,7 +83,8 @@ class Waves {
   }
   double at(const Vec3& direction) const {
     double sum = 0;
-    for (std::size_t i = 0; i < kWaves; ++i) sum += std::sin(along_[i].dot(direction) + phase_[i]) / (2.0 + 1.5 * static_cast<double>(i));
+    for (std::size_t i = 0; i < kWaves; ++i)
+      sum += std::sin(along_[i].dot(direction) + phase_[i]) / (2.0 + 1.5 * static_cast<double>(i));
     return sum;
   }
 

@@ -44,7 +44,8 @@ class Finder {
     }
     const dem::RockField& field = survey_.field();
     double expected = 0;
-    for (const Piece& piece : pieces_) expected += expected_of(field, piece.octave, dem::footprint_of(piece.block), piece.smallest_m);
+    for (const Piece& piece : pieces_)
+      expected += expected_of(field, piece.octave, dem::footprint_of(piece.block), piece.smallest_m);
     return expected;
   }
 
