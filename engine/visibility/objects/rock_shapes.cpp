@@ -133,14 +133,14 @@ ObjectShape stone(std::size_t number, std::size_t rounding) {
 // Heights over the distance from the side to the ground, 1 to 0 and below, in heights at the side.
 double fillet_height(double share) {
   if (share > 0) return std::min(1.6, share * (0.3 + 0.7 * share));
-  return share * (0.3 - 4 * share);
+  return share * (0.3 + 6 * share * share);
 }
 
 ObjectShape fillet(int number) {
   constexpr std::uint64_t kFilletShapes = 0x66696c6c;
   constexpr int kAround = 40;
   // Dense where the slope changes.
-  constexpr std::array kRings{0.3, 0.45, 0.55, 0.62, 0.7, 0.78, 0.86, 0.93, 1.0, 1.05, 1.1, 1.15, 1.2};
+  constexpr std::array kRings{0.3, 0.45, 0.55, 0.62, 0.7, 0.78, 0.86, 0.93, 0.97, 1.0, 1.03, 1.06, 1.1, 1.15, 1.2};
   dem::Draws draws(kFilletShapes, 0, number, 0);
   const double two = 2 * pi * draws.uniform(), three = 2 * pi * draws.uniform(), higher = 2 * pi * draws.uniform();
   ObjectShape out;
@@ -190,7 +190,7 @@ Eigen::Affine3d lying(const ObjectShape& shape, const Eigen::Matrix3d& turned) {
                              [&](const Vec3& a, const Vec3& b) { return a.dot(along) < b.dot(along); });
   };
   // The largest of the extents in some directions, and of those along the lines between the corners that these found.
-  constexpr int kDirections = 45;
+  constexpr int kDirections = 12;
   Vec3 across = Vec3::Zero(), middle = Vec3::Zero();
   for (int i = 0; i < kDirections; ++i) {
     Vec3 along(std::cos(pi * i / kDirections), std::sin(pi * i / kDirections), 0);
