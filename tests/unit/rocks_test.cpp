@@ -8,6 +8,7 @@
 #include <cstring>
 #include <limits>
 #include <set>
+#include <tuple>
 
 #include "dem/detail/detail.h"
 #include "dem/detail/detailed_terrain.h"
@@ -320,11 +321,20 @@ TEST(RockSurvey, FindsTheSameAgainWithoutLooking) {
 TEST(RockShapes, AreClosed) {
   for (const auto& mesh : engine::rock_shapes()) {
     const engine::ObjectShape& shape = mesh->shape();
-    std::set<std::pair<std::uint32_t, std::uint32_t>> edges;
+    using Place = std::tuple<float, float, float>;  // triangles have corners of their own
+    std::set<std::pair<Place, Place>> edges;
+    const auto place = [&](std::uint32_t corner) {
+      const Eigen::Vector3f& p = shape.corners[corner].place;
+      return Place(p.x(), p.y(), p.z());
+    };
     double volume = 0;
     for (const engine::ObjectTriangle& t : shape.triangles) {
-      for (std::size_t i = 0; i < 3; ++i) ASSERT_TRUE(edges.emplace(t.corner[i], t.corner[(i + 1) % 3]).second);
+      for (std::size_t i = 0; i < 3; ++i)
+        ASSERT_TRUE(edges.emplace(place(t.corner[i]), place(t.corner[(i + 1) % 3])).second);
       volume += shape.place(t, 0).dot(shape.place(t, 1).cross(shape.place(t, 2))) / 6;
+      const Vec3 facet = (shape.place(t, 1) - shape.place(t, 0)).cross(shape.place(t, 2) - shape.place(t, 0));
+      for (const std::uint32_t corner : t.corner)
+        EXPECT_GT(shape.corners[corner].normal.cast<double>().dot(facet.normalized()), 0.8);
     }
     for (const auto& [a, b] : edges) ASSERT_TRUE(edges.contains({b, a}));
     EXPECT_GT(volume, 0.3);
@@ -375,16 +385,20 @@ TEST(RockShapes, SoilMeetsTheGroundSmoothly) {
       EXPECT_NEAR(n.norm(), 1, 1e-5);
       const double radius = p.head<2>().norm();
       if (std::abs(radius - 0.7) < 1e-3) lowest_at_side = std::min(lowest_at_side, p.z());
-      if (radius > 1.16) highest_outside = std::max(highest_outside, p.z());
-      if (radius > 1.1) continue;
+      if (radius > 1.17) highest_outside = std::max(highest_outside, p.z());
+      if (radius > 1.05) continue;
       EXPECT_GT(n.z(), 0);
-      // As high as soil is heaped, a tenth of the diameter, at 0.6 diameters: the slope of the ground.
-      if (std::abs(p.z()) < 1e-6) steepest = std::max(steepest, std::hypot(n.x(), n.y()) / n.z() * 0.1 / 0.6);
+      // Shaded as the ground is where it meets it.
+      if (p.z() < 1e-6) {
+        EXPECT_EQ(n, Vec3::UnitZ());
+      }
+      // As high as soil is heaped, a tenth of the diameter, at 0.65 diameters.
+      if (radius > 0.65) steepest = std::max(steepest, std::hypot(n.x(), n.y()) / n.z() * 0.1 / 0.65);
     }
     EXPECT_GT(lowest_at_side, 0.7);
     EXPECT_LT(highest_outside, -0.2);
-    EXPECT_GT(steepest, 0);
-    EXPECT_LT(steepest, std::tan(20 * kRadiansPerDegree));
+    EXPECT_GT(steepest, std::tan(20 * kRadiansPerDegree));
+    EXPECT_LT(steepest, std::tan(55 * kRadiansPerDegree));
   }
 }
 

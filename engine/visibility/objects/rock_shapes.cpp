@@ -72,7 +72,7 @@ Vec3 any_direction(dem::Draws& draws) {
 
 // How sharply a stone's planes meet: the minimum of their distances, or its smooth approximation by a mean of such a
 // power (0: the minimum itself).
-constexpr std::array<double, kRoundings> kPowers{0, 14, 5};
+constexpr std::array<double, kRoundings> kPowers{0, 16, 8}, kRoughness{0.02, 0.035, 0.04};
 
 // Roughness of a stone's surface: a few waves across it.
 class Waves {
@@ -94,14 +94,32 @@ class Waves {
   std::array<double, kWaves> phase_;
 };
 
-// Normals for shading, means of the facets around each corner.
-void smooth(ObjectShape& shape) {
-  std::vector<Vec3> sums(shape.corners.size(), Vec3::Zero());
-  for (const ObjectTriangle& t : shape.triangles) {
-    const Vec3 a = shape.place(t, 0), facet = (shape.place(t, 1) - a).cross(shape.place(t, 2) - a);
-    for (const std::uint32_t corner : t.corner) sums[corner] += facet;
+// Normals for shading: for each corner of a triangle the mean of the facets around it that are nearly in its plane, so
+// that faces are smooth and edges are edges. Each triangle gets corners of its own.
+ObjectShape with_edges(const std::vector<Vec3>& places, const std::vector<ObjectTriangle>& triangles) {
+  const double least_cosine = std::cos(30 * kRadiansPerDegree);
+  std::vector<Vec3> facets;
+  std::vector<std::vector<std::size_t>> around(places.size());
+  for (const ObjectTriangle& t : triangles) {
+    for (const std::uint32_t corner : t.corner) around[corner].push_back(facets.size());
+    const auto [a, b, c] = t.corner;
+    facets.push_back((places[b] - places[a]).cross(places[c] - places[a]));
   }
-  for (std::size_t i = 0; i < sums.size(); ++i) shape.corners[i].normal = sums[i].normalized().cast<float>();
+  ObjectShape out;
+  for (std::size_t i = 0; i < triangles.size(); ++i) {
+    ObjectTriangle own{{}, 0};
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t corner = triangles[i].corner[k];
+      Vec3 normal = Vec3::Zero();
+      for (const std::size_t other : around[corner])
+        if (facets[i].dot(facets[other]) >= least_cosine * facets[i].norm() * facets[other].norm())
+          normal += facets[other];
+      own.corner[k] = static_cast<std::uint32_t>(out.corners.size());
+      out.corners.push_back({places[corner].cast<float>(), normal.normalized().cast<float>()});
+    }
+    out.triangles.push_back(own);
+  }
+  return out;
 }
 
 ObjectShape stone(std::size_t number, std::size_t rounding) {
@@ -112,9 +130,8 @@ ObjectShape stone(std::size_t number, std::size_t rounding) {
   std::array<std::pair<Vec3, double>, kPlanes> planes;
   for (auto& [normal, distance] : planes) normal = any_direction(draws), distance = 0.5 + 0.4 * draws.uniform();
   const Waves waves(draws);
-  const double power = kPowers[rounding], rough = rounding == 0 ? 0.015 : 0.03;
-  ObjectShape out;
-  out.parts = {"rock"};
+  const double power = kPowers[rounding], rough = kRoughness[rounding];
+  std::vector<Vec3> places;
   for (const Vec3& direction : s.corners) {
     double sum = 1, nearest = 1;  // of the sphere around it
     for (const auto& [normal, distance] : planes) {
@@ -123,40 +140,43 @@ ObjectShape stone(std::size_t number, std::size_t rounding) {
       nearest = std::min(nearest, 1 / along), sum += std::pow(along, power);
     }
     const double reach = (power > 0 ? std::pow(sum, -1 / power) : nearest) * (1 + rough * waves.at(direction));
-    out.corners.push_back({(reach * direction).cast<float>(), Eigen::Vector3f::Zero()});
+    places.emplace_back(reach * direction);
   }
-  out.triangles = std::move(s.triangles);
-  if (rounding > 0) smooth(out);
+  ObjectShape out = with_edges(places, s.triangles);
+  out.parts = {"rock"};
   return out;
 }
 
 // Heights over the distance from the side to the ground, 1 to 0 and below, in heights at the side.
 double fillet_height(double share) {
-  if (share > 0) return std::min(1.6, share * (0.3 + 0.7 * share));
-  return share * (0.3 + 6 * share * share);
+  if (share > 0) return std::min(1.6, share * (0.12 + 0.88 * share));
+  constexpr double kGentle = -0.4;  // the ground isn't a plane: so far at an angle that most Suns light
+  return 0.5 * share - 100 * std::pow(std::min(0.0, share - kGentle), 2);
 }
 
 ObjectShape fillet(int number) {
   constexpr std::uint64_t kFilletShapes = 0x66696c6c;
   constexpr int kAround = 40;
   // Dense where the slope changes.
-  constexpr std::array kRings{0.3, 0.45, 0.55, 0.62, 0.7, 0.78, 0.86, 0.93, 0.97, 1.0, 1.03, 1.06, 1.1, 1.15, 1.2};
+  constexpr std::array kRings{0.3, 0.45, 0.55, 0.62, 0.7, 0.78, 0.86, 0.92, 0.97, 1.0, 1.04, 1.08, 1.12, 1.14, 1.16};
   dem::Draws draws(kFilletShapes, 0, number, 0);
   const double two = 2 * pi * draws.uniform(), three = 2 * pi * draws.uniform(), higher = 2 * pi * draws.uniform();
   ObjectShape out;
   out.parts = {"soil"};
-  const auto add = [&](double radius, double angle, double height) {
-    out.corners.push_back({Eigen::Vector3d(radius * std::cos(angle), radius * std::sin(angle), height).cast<float>(),
-                           Eigen::Vector3f::Zero()});
+  const auto add = [&](double ring, double angle) {
+    const double wide = 0.04 * std::cos(2 * angle + two) + 0.04 * std::cos(3 * angle + three),
+                 radius = ring * (1 + wide * std::clamp((ring - kSide) / (1 - kSide), 0.0, 1.0)),
+                 high = 1 + 0.25 * std::cos(angle + higher), step = 1e-3;
+    const auto height = [&](double at) { return high * fillet_height((1 - at) / (1 - kSide)); };
+    // Where it meets the ground, and from there on, it is shaded as the ground is: no seam is seen.
+    const double slope = ring < 1 ? (height(ring - step) - height(ring + step)) / (2 * step) : 0;
+    const Vec3 outward(std::cos(angle), std::sin(angle), 0);
+    out.corners.push_back({Vec3(radius * outward + height(ring) * Vec3::UnitZ()).cast<float>(),
+                           Vec3(slope * outward + Vec3::UnitZ()).normalized().cast<float>()});
   };
-  add(0, 0, fillet_height(1 / (1 - kSide)));
+  add(0, 0);
   for (const double ring : kRings)
-    for (int i = 0; i < kAround; ++i) {
-      const double angle = 2 * pi * i / kAround,
-                   wide = 0.04 * std::cos(2 * angle + two) + 0.04 * std::cos(3 * angle + three),
-                   high = fillet_height((1 - ring) / (1 - kSide)) * (1 + 0.25 * std::cos(angle + higher));
-      add(ring * (1 + wide * std::clamp((ring - kSide) / (1 - kSide), 0.0, 1.0)), angle, high);
-    }
+    for (int i = 0; i < kAround; ++i) add(ring, 2 * pi * i / kAround);
   const auto corner = [](std::size_t ring, int i) {
     return static_cast<std::uint32_t>(1 + ring * kAround + static_cast<std::size_t>(i % kAround));
   };
@@ -168,7 +188,6 @@ ObjectShape fillet(int number) {
       out.triangles.push_back({{a, b, c}, 0}), out.triangles.push_back({{a, c, d}, 0});
     }
   }
-  smooth(out);
   return out;
 }
 
@@ -235,7 +254,7 @@ struct Look {
     const double round = rock.worn + 0.6 * (draws.uniform() - 0.5);
     rounding = static_cast<std::size_t>(std::clamp(round * kRoundings, 0.0, kRoundings - 1.0));
     attitude = draws.bits() % (kStones * kAttitudes), fillet = draws.bits();
-    turn = 2 * pi * draws.uniform(), narrow = 0.6 + 0.4 * draws.uniform(), reach = 1.2 + 0.25 * draws.uniform();
+    turn = 2 * pi * draws.uniform(), narrow = 0.6 + 0.4 * draws.uniform(), reach = 1.3 + 0.2 * draws.uniform();
   }
 };
 

@@ -18,7 +18,7 @@ namespace selenograph::engine {
 inline constexpr std::size_t kStones = 8, kRoundings = 3;
 const std::vector<std::shared_ptr<const ObjectMesh>>& rock_shapes();
 // Mounds of soil around a rock, which hides their middle: z is up, 0 is the ground. Their height is about 1 at 0.7 from
-// the axis. They meet the ground at a small angle at about 1, and continue below it to 1.2: where the ground falls away
+// the axis. They meet the ground at a small angle at about 1, and continue below it to 1.16: where the ground falls away
 // they still reach it. Made once.
 const std::vector<std::shared_ptr<const ObjectMesh>>& fillet_shapes();
 
@@ -33,7 +33,7 @@ struct PlacedShape {
 // vertically, by the height, narrowed to 0.6 to 1 of the width across the largest extent, and turned about the
 // vertical. All of it is within a diameter of the rock's position, and so is its fillet.
 PlacedShape placed_rock(const dem::Rock& rock, const Vec3& up);
-// The soil against it, 1.2 to 1.45 times as wide; none against a new rock.
+// The soil against it, 1.3 to 1.5 times as wide; none against a new rock.
 std::optional<PlacedShape> placed_fillet(const dem::Rock& rock, const Vec3& up);
 
 }  // namespace selenograph::engine
