@@ -28,9 +28,9 @@ RowViews views_above_ground(const FrameRequest& request, const dem::Terrain& ter
 }
 
 RocksInView select_rocks(const FrameRequest& request, const RowViews& views, const Selection& selection,
-                         const dem::Terrain& terrain, const StopToken& stop) {
+                         const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop) {
   if (!request.terrain) return {};
-  return rocks_in_view(terrain, views, wants_light(request) ? &request.sun : nullptr, selection.blocks,
+  return rocks_in_view(terrain, kept.rocks(), views, wants_light(request) ? &request.sun : nullptr, selection.blocks,
                        request.accuracy.max_error_px, stop);
 }
 
@@ -74,7 +74,7 @@ FrameMoment::FrameMoment(const FrameRequest& request, const dem::Terrain& terrai
       stop_(stop.counting(waits_)),
       views_(views_above_ground(request, terrain, stop_)),
       selection_(select_blocks(request, views_, request.accuracy, terrain, kept, stop_)),
-      rocks_(select_rocks(request, views_, selection_, terrain, stop_)),
+      rocks_(select_rocks(request, views_, selection_, terrain, kept, stop_)),
       objects_(request, views_, rocks_.rocks, stop_),
       radiance_(radiance_terms(request)),
       content_(content_of(request, views_, selection_, terrain)) {

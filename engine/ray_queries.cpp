@@ -47,7 +47,7 @@ class RayCaster {
   enum class Meeting { terrain_alone, everything };
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, Meeting meeting) {
     std::vector<RayHit> hits(rays.size());
-    std::vector<Vec3> facets(rays.size());  // their normals, as in SurfacePoints
+    std::vector<Facet> facets(rays.size());
     const auto meet = [&](const Scene& scene, const Scenery& on_it, const Batch& batch, std::size_t first, int count) {
       Rays packet;
       for (int i = 0; i < kPacket; ++i) {
@@ -70,8 +70,8 @@ class RayCaster {
                       on_objects.points.position(i),
                       on_objects.shading.normal(i),
                       0,
-                      on_it.rock(on_objects.object[i])};
-          facets[at] = on_objects.points.facet_normal(i);
+                      on_objects.on_soil[i] ? std::nullopt : on_it.rock(on_objects.object[i])};
+          facets[at] = {on_objects.points.facet_normal(i), on_it.rock(on_objects.object[i])};
         }
         if (!points.hit[i]) continue;
         hits[at] = {true,
@@ -80,7 +80,7 @@ class RayCaster {
                     points.position(i),
                     shading_normal(scene.mesh, points, i, packet.direction(i)),
                     0};
-        facets[at] = points.facet_normal(i);
+        facets[at] = {points.facet_normal(i), std::nullopt};
       }
     };
     in_batches({rays.begin(), rays.end()}, meet);
@@ -93,12 +93,16 @@ class RayCaster {
     std::vector<RayHit> all;
     all.reserve(places.size());
     for (const Vec3& place : places) all.push_back({true, std::nullopt, 0, place, sun.direction, 0});
-    light(all, std::vector<Vec3>(all.size(), sun.direction), sun);
+    light(all, std::vector<Facet>(all.size(), {sun.direction, std::nullopt}), sun);
     return all;
   }
 
  private:
   using Batch = std::vector<std::size_t>;  // indices of rays
+  struct Facet {
+    Vec3 normal;                        // as in SurfacePoints
+    std::optional<std::uint64_t> rock;  // whose it is, or of the soil against it
+  };
 
   // What stands on the terrain of a batch: the query's objects, and rocks.
   class Scenery {
@@ -121,9 +125,9 @@ class RayCaster {
     void number_rocks() {
       for (std::size_t i = 0; i < rocks_.size(); ++i) numbers_.emplace(rocks_[i].rock.id, with_->index_of_rock(i));
     }
-    std::uint16_t index_of(const RayHit& hit) const {
-      if (!hit.rock) return hit.object.value_or(kNoObject);
-      const auto found = numbers_.find(*hit.rock);
+    std::uint16_t index_of(const RayHit& hit, const Facet& facet) const {
+      if (!facet.rock) return hit.object.value_or(kNoObject);
+      const auto found = numbers_.find(*facet.rock);
       return found == numbers_.end() ? kNoObject : found->second;
     }
 
@@ -135,7 +139,7 @@ class RayCaster {
   };
 
   // As in frames: by the facet and by the normal that it is shaded by.
-  void light(std::vector<RayHit>& hits, const std::vector<Vec3>& facets, const Sun& sun) {
+  void light(std::vector<RayHit>& hits, const std::vector<Facet>& facets, const Sun& sun) {
     std::vector<Ray> to_sun;
     std::vector<std::size_t> asked;
     // Terrain along the way to the disc's rim matters, too.
@@ -145,7 +149,7 @@ class RayCaster {
     if (disc)
       for (const auto& [x, y] : {std::pair{-1, 0}, {1, 0}, {0, -1}, {0, 1}}) toward.push_back(disc->direction(x, y));
     for (std::size_t i = 0; i < hits.size(); ++i) {
-      const auto faces = [&](const Vec3& d) { return hits[i].normal.dot(d) > 0 && facets[i].dot(d) > 0; };
+      const auto faces = [&](const Vec3& d) { return hits[i].normal.dot(d) > 0 && facets[i].normal.dot(d) > 0; };
       if (hits[i].hit && std::any_of(toward.begin(), toward.end(), faces))
         to_sun.push_back({hits[i].position_m, sun.direction}), asked.push_back(i);
     }
@@ -155,9 +159,10 @@ class RayCaster {
       std::uint32_t asking = 0;
       std::uint16_t own[kPacket];
       for (int i = 0; i < kPacket; ++i) {
-        const RayHit& hit = hits[asked[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]]];
-        own[i] = on_it.index_of(hit);
-        const Vec3& facet = facets[asked[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]]];
+        const std::size_t at = asked[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]];
+        const RayHit& hit = hits[at];
+        const Vec3& facet = facets[at].normal;
+        own[i] = on_it.index_of(hit, facets[at]);
         points.hit[i] = i < count;
         if (points.hit[i] && (disc || facet.dot(sun.direction) > 0)) asking |= 1U << i;
         points.x[i] = hit.position_m.x(), points.y[i] = hit.position_m.y(), points.z[i] = hit.position_m.z();

@@ -20,6 +20,9 @@ namespace selenograph::engine {
 
 namespace {
 
+// More than a frame may have: what is farther away than the next frames is not worth its memory.
+constexpr std::size_t kMostOfRocks = std::size_t{16} << 20;
+
 int detail_of(const SceneContent& content) { return content.terrain ? content.terrain->detail_number() : 0; }
 
 }  // namespace
@@ -87,6 +90,7 @@ RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_
       threads_(threads),
       scenes_(bytes, std::make_unique<PartsOnce>()),
       lenses_(bytes / 8),
+      rocks_(std::make_shared<dem::RockMemory>(std::min(bytes / 8, kMostOfRocks))),
       speed_of_rays_(threads),
       speed_of_zbuffer_(threads) {}
 
@@ -224,7 +228,8 @@ void RenderCache::reserve() {
     const std::lock_guard lock(room_mutex_);
     being_made = being_made_bytes_;
   }
-  const std::size_t others = scratch_.bytes() + lenses_.bytes() + being_made, needed = others + latest_scene_bytes(),
+  const std::size_t others = scratch_.bytes() + lenses_.bytes() + rocks_->bytes() + being_made,
+                    needed = others + latest_scene_bytes(),
                     spare = scenes_.capacity() - std::min(scenes_.capacity(), needed);
   scenes_.reserve(others + std::min(less_.load(), spare));
 }

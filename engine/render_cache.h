@@ -1,4 +1,4 @@
-// Data kept from frame to frame, on one memory budget: scenes, lenses, scratch memory; and the measured speed of
+// Data kept from frame to frame, on one memory budget: scenes, lenses, rocks, scratch memory; and the measured speed of
 // frames.
 #pragma once
 
@@ -13,6 +13,7 @@
 #include <unordered_set>
 
 #include "dem/detail/crater_visibility.h"
+#include "dem/detail/rocks_on_ground.h"
 #include "dem/support/cache.h"
 #include "dem/support/stop_token.h"
 #include "dem/terrain/terrain.h"
@@ -51,11 +52,13 @@ class RenderCache {
 
   // Roughness of a terrain's detail, which it must have; measured once.
   std::shared_ptr<const dem::CraterRoughness> roughness(const dem::Terrain& terrain, const StopToken& stop);
+  // Rocks of details, and what surrounds them: on the budget, at most an eighth of it.
+  const std::shared_ptr<dem::RockMemory>& rocks() const { return rocks_; }
 
   // Keep leases short: memory that is lent is not on the budget.
   Pool<FrameScratch>& scratch() { return scratch_; }
-  // Call after a lease has ended. Scratch memory and lenses count towards the scenes' budget. A frame much larger than
-  // the others leaves its scratch memory behind only if that is a small part of the budget.
+  // Call after a lease has ended. Scratch memory, lenses and rocks count towards the scenes' budget. A frame much
+  // larger than the others leaves its scratch memory behind only if that is a small part of the budget.
   void settle();
 
   // Reduces the budget by memory that is needed elsewhere: less is kept, except for the latest scene. What one frame
@@ -67,7 +70,7 @@ class RenderCache {
   }
 
   std::size_t capacity() const { return scenes_.capacity(); }
-  std::size_t bytes() const { return scenes_.bytes() + lenses_.bytes() + scratch_.bytes(); }
+  std::size_t bytes() const { return scenes_.bytes() + lenses_.bytes() + rocks_->bytes() + scratch_.bytes(); }
 
  private:
   struct SceneKey {
@@ -94,6 +97,7 @@ class RenderCache {
   dem::Cache<Camera, PixelRays, CameraHash> lenses_;  // pixel directions do not depend on the pose
   static constexpr std::size_t kMostRoughnesses = 16;
   dem::Cache<int, dem::CraterRoughness> roughnesses_{kMostRoughnesses};  // by the detail's number
+  std::shared_ptr<dem::RockMemory> rocks_;
   Pool<FrameScratch> scratch_;
   std::mutex room_mutex_;
   std::size_t being_made_bytes_ = 0;  // scenes being built

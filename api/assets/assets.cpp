@@ -228,9 +228,13 @@ void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
   if (!in.good()) return;
   if (!(rocks.smallest_m < rocks.largest_m)) return in.fail("smallest_m", "must be below largest_m");
   // Ten times Haworth's, next to craters, too.
-  const auto m =
-      denser_from(rocks.frequency, 10 / rocks.on_ejecta, dem::rocks_of_haworth(), rocks.smallest_m, rocks.largest_m);
-  if (m)
+  const auto too_dense = [&] {
+    return denser_from(rocks.frequency, 10 / rocks.on_ejecta, dem::rocks_of_haworth(), rocks.smallest_m,
+                       rocks.largest_m);
+  };
+  // Ground as rocky as Haworth's is covered by ejecta already.
+  if (!in.has("on_ejecta") && too_dense()) rocks.on_ejecta = 5;
+  if (const auto m = too_dense())
     in.fail("frequency", fmt::format("has, next to fresh craters, more than ten times the rocks above {:g} m that were "
                                      "counted in Haworth's rocky parts",
                                      *m));

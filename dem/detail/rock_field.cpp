@@ -10,9 +10,9 @@ namespace selenograph::dem {
 namespace {
 
 // So that rocks aren't where craters of the same seed are.
-constexpr std::uint64_t kRocks = 0x9e3779b97f4a7c15;
-// Less than that is none, and so is what is so many radii away.
-constexpr double kLeast = 0.01, kFarthest = 4;
+constexpr std::uint64_t kRocks = 0x9e3779b97f4a7c15, kEjecta = 0xc2b2ae3d27d4eb4f;
+// Fewer rocks than so many times those between craters are none, and so are those so many radii away.
+constexpr double kLeast = 0.05, kFarthest = 8;
 
 }  // namespace
 
@@ -22,7 +22,18 @@ SizeFrequency rocks_of_haworth() { return {{{0.002, 2.6607}}}; }
 RockField::RockField(const RockLaw& law, const Region& of_centres)
     : law_(law),
       region_(of_centres),
-      cells_(law.seed ^ kRocks, law.frequency, law.smallest_m, law.largest_m, std::max(1.0, law.on_ejecta)) {}
+      cells_(law.seed ^ kRocks, law.frequency, law.smallest_m, law.largest_m),
+      ejecta_(law.seed ^ kEjecta, law.frequency, law.smallest_m, law.largest_m, std::max(0.0, law.on_ejecta - 1)) {}
+
+void RockField::settle(Rock& rock) const {
+  Draws draws(rock.form, 0, 0, 0);
+  rock.worn = 1 - std::exp2(-rock.age_Ma / law_.half_life_Ma);
+  const double high = 0.6 + 0.4 * draws.uniform(), landed = 0.05 + 0.3 * draws.uniform(),
+               sunk = 0.05 + 0.35 * draws.uniform(), banked = 0.18 + 0.12 * draws.uniform();
+  rock.buried = landed + sunk * rock.worn;
+  rock.height_m = rock.diameter_m * high * (1 - rock.buried);
+  rock.fillet_m = std::min(rock.height_m * banked * std::sqrt(rock.worn), 0.1 * rock.diameter_m);
+}
 
 double RockField::enriched(double age_Ma, double radii) const {
   if (radii > kFarthest) return 0;
@@ -41,7 +52,7 @@ std::vector<FreshCrater> RockField::fresh(const CraterField& craters, int past_l
     craters.near(k, direction, radius_m + kFarthest * craters.largest_m(k) / 2, near, stop);
     for (const Crater& c : near) {
       const double reach_m = radius_m + kFarthest * c.diameter_m / 2;
-      if (c.diameter_m >= law_.smallest_crater_m && enriched(c.age_Ma, 1) >= kLeast &&
+      if (c.diameter_m >= law_.smallest_crater_m && (law_.on_ejecta - 1) * enriched(c.age_Ma, 1) >= kLeast &&
           (c.centre - direction).norm() * kMoonRadius_m <= reach_m + 1)
         fresh.push_back({c.centre, c.diameter_m / 2, c.age_Ma});
     }
@@ -52,28 +63,32 @@ std::vector<FreshCrater> RockField::fresh(const CraterField& craters, int past_l
 void RockField::within(int octave, const Footprint& box, std::span<const FreshCrater> fresh, std::vector<Rock>& out,
                        const StopToken& stop) const {
   if (empty()) return;
-  const double most = std::max(1.0, law_.on_ejecta);
+  const auto add = [&](Rock& rock) {
+    if (!holds(box, to_geographic(rock.centre * kMoonRadius_m)) || !region_.holds(rock.centre)) return;
+    settle(rock);
+    out.push_back(rock);
+  };
+  cells_.in_box(octave, box, stop, [&](Draws& draws, const Vec3& centre, double diameter_m) {
+    const double survived = draws.uniform();
+    Rock rock{centre, diameter_m, -law_.half_life_Ma * std::log2(survived), draws.bits(), draws.bits()};
+    add(rock);
+  });
   std::vector<FreshCrater> near;
   const Circle reach = circle_around(box);
   std::copy_if(fresh.begin(), fresh.end(), std::back_inserter(near), [&](const FreshCrater& c) {
     return (c.centre - reach.middle).norm() * kMoonRadius_m <= reach.radius_m + 1 + kFarthest * c.radius_m;
   });
+  if (near.empty()) return;
   // All that could be there are drawn, of which those stay that the place is dense enough for.
-  cells_.in_box(octave, box, stop, [&](Draws& draws, const Vec3& centre, double diameter_m) {
-    const double rank = draws.uniform() * most, survived = draws.uniform();
+  ejecta_.in_box(octave, box, stop, [&](Draws& draws, const Vec3& centre, double diameter_m) {
+    const double rank = draws.uniform();
     Rock rock{centre, diameter_m, 0, draws.bits(), draws.bits()};
-    if (!holds(box, to_geographic(centre * kMoonRadius_m)) || !region_.holds(centre)) return;
-    if (rank <= 1) {
-      rock.age_Ma = -law_.half_life_Ma * std::log2(survived);
-    } else {
-      double highest = 0;
-      for (const FreshCrater& crater : near) {
-        const double here = enriched(crater.age_Ma, (centre - crater.centre).norm() * kMoonRadius_m / crater.radius_m);
-        if (here > highest) highest = here, rock.age_Ma = crater.age_Ma;
-      }
-      if (highest * (most - 1) < rank - 1) return;
+    double highest = 0;
+    for (const FreshCrater& crater : near) {
+      const double here = enriched(crater.age_Ma, (centre - crater.centre).norm() * kMoonRadius_m / crater.radius_m);
+      if (here > highest) highest = here, rock.age_Ma = crater.age_Ma;
     }
-    out.push_back(rock);
+    if (highest > rank) add(rock);
   });
 }
 

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <utility>
 
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
@@ -26,7 +28,26 @@ int level_of_surroundings(const RockLaw& law) {
   return level;
 }
 
+// Diameters from which on a block's rocks are kept: a quarter of an octave apart, or a little less.
+constexpr int kSteps = 4;
+int step_of(int octave, double diameter_m) {
+  const double above = std::ldexp(diameter_m, -octave) - 1;
+  return std::clamp(static_cast<int>(std::floor(above * kSteps)), 0, kSteps - 1);
+}
+double diameter_of(int octave, int step) { return std::ldexp(1 + static_cast<double>(step) / kSteps, octave); }
+
+template <typename T>
+std::size_t bytes_of(const std::vector<T>& list) {
+  constexpr std::size_t kBytesOfEntry = 256;
+  return kBytesOfEntry + list.capacity() * sizeof(T);
+}
+
 }  // namespace
+
+std::size_t RockMemory::PlaceHash::operator()(const Place& place) const {
+  const std::size_t numbers = static_cast<std::size_t>((place.detail * 64 + place.octave) * kSteps + place.least);
+  return BlockIdHash()(place.block) ^ numbers * 0x9e3779b97f4a7c15;
+}
 
 double most_rocks(const RockField& field, const Footprint& region, double smallest_m) {
   const RockLaw& law = field.law();
@@ -34,8 +55,11 @@ double most_rocks(const RockField& field, const Footprint& region, double smalle
          law.frequency.between(std::max(smallest_m, law.smallest_m), law.largest_m);
 }
 
-RockSurvey::RockSurvey(const Terrain& terrain)
-    : terrain_(terrain), detail_(*terrain.detail()), field_(detail_.rocks()) {}
+RockSurvey::RockSurvey(const Terrain& terrain, std::shared_ptr<RockMemory> memory)
+    : terrain_(terrain),
+      detail_(*terrain.detail()),
+      field_(detail_.rocks()),
+      memory_(memory ? std::move(memory) : std::make_shared<RockMemory>(kKeptBytes)) {}
 
 BlockId RockSurvey::block_around(double lat_deg, double lon_deg) const {
   return block_at_place(level_of_surroundings(field_.law()), lat_deg, lon_deg);
@@ -54,11 +78,25 @@ std::shared_ptr<const RockSurvey::FreshCraters> RockSurvey::fresh_around(const B
     const Circle reach = circle_around(box);
     auto found = std::make_shared<const FreshCraters>(
         field_.fresh(detail_.craters(), Detail::past_largest_octave(posts), reach.middle, reach.radius_m, stop));
-    constexpr std::size_t kBytesOfEntry = 256;
-    const std::size_t bytes = kBytesOfEntry + found->capacity() * sizeof(FreshCrater);
-    return Cache<BlockId, FreshCraters, BlockIdHash>::Loaded{std::move(found), bytes};
+    const std::size_t bytes = bytes_of(*found);
+    return decltype(memory_->fresh_)::Loaded{std::move(found), bytes};
   };
-  return fresh_.get(id, find, stop);
+  return memory_->fresh_.get({id, terrain_.detail_number()}, find, stop);
+}
+
+void RockSurvey::add(int octave, const BlockId& block, double smallest_m, std::vector<RockFeature>& out,
+                     const StopToken& stop) const {
+  const int least = step_of(octave, smallest_m);
+  const auto find = [&] {
+    std::vector<RockFeature> rocks;
+    add(octave, footprint_of(block), diameter_of(octave, least), rocks, stop);
+    rocks.shrink_to_fit();
+    const std::size_t bytes = bytes_of(rocks);
+    return decltype(memory_->rocks_)::Loaded{std::make_shared<const std::vector<RockFeature>>(std::move(rocks)), bytes};
+  };
+  const auto known = memory_->rocks_.get({block, terrain_.detail_number(), octave, least}, find, stop);
+  std::copy_if(known->begin(), known->end(), std::back_inserter(out),
+               [&](const RockFeature& rock) { return rock.rock.diameter_m >= smallest_m; });
 }
 
 void RockSurvey::add(int octave, const Footprint& box, double smallest_m, std::vector<RockFeature>& out,

@@ -60,12 +60,13 @@ inline std::size_t bytes_of_rows(const Camera& camera, const std::optional<Shutt
   return shutter ? kBytesOfView * static_cast<std::size_t>(camera.height) : 0;
 }
 
-// Limits on rocks of a detail: per frame or batch of rays, as placed shapes for Embree; per search, before it is known
-// whether there are too many; and remembered from batch to batch of rays.
-inline constexpr std::size_t kMostRocks = 32768, kMostNewRocks = 2 * kMostRocks,
-                             kMostRememberedRocks = 100000 + kMostNewRocks;
+// Limits on rocks of a detail: per frame, as placed shapes for Embree, and of those with the soil against them, a shape
+// each; per batch of rays, all with it; per search, before it is known whether there are too many; and remembered from
+// batch to batch of rays.
+inline constexpr std::size_t kMostRocks = 32768, kMostWithSoil = kMostRocks / 4, kMostRocksOfRays = kMostRocks / 2,
+                             kMostNewRocks = 2 * kMostRocks, kMostRememberedRocks = 100000 + kMostNewRocks;
 inline std::size_t bytes_of_rocks(const dem::Detail* detail, std::size_t remembered = 0) {
-  constexpr std::size_t kBytesOfRock = 2000;  // measured: 1600
+  constexpr std::size_t kBytesOfRock = 2000;  // measured: 1600, and as much for a quarter of them
   const bool any = detail && !detail->rocks().empty();
   if (!any) return 0;
   return kMostRocks * kBytesOfRock + dem::RockSurvey::kKeptBytes + remembered * sizeof(dem::RockFeature);

@@ -5,13 +5,16 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <set>
+#include <tuple>
 
 #include "dem/detail/detail.h"
 #include "dem/detail/detailed_terrain.h"
 #include "dem/detail/footprints.h"
 #include "dem/detail/rocks_on_ground.h"
+#include "dem/terrain/surface_place.h"
 #include "engine/camera/view.h"
 #include "engine/renderer.h"
 #include "engine/visibility/objects/object_mesh.h"
@@ -100,7 +103,7 @@ TEST(RockField, FreshCratersHaveMore) {
   EXPECT_EQ(field.enriched(0, 0.5), 1);
   EXPECT_NEAR(field.enriched(0, 2), 1.0 / 8, 1e-12);
   EXPECT_NEAR(field.enriched(60, 1), 0.5, 1e-12);
-  EXPECT_EQ(field.enriched(0, 5), 0);
+  EXPECT_EQ(field.enriched(0, 9), 0);
   const dem::Footprint region = square(10, 20, 900);
   std::vector<dem::Crater> all, fresh;
   craters.near(6, to_cartesian({10, 20, 0}).normalized(), 900, all);
@@ -218,27 +221,184 @@ TEST(RockSurvey, SurroundingsOfSmallCratersAreSmall) {
   }
 }
 
-TEST(RockShapes, AreClosedAndOfTheirSize) {
+// Rocks cover 0.4 % of the Moon (Bandfield et al. 2011), of the rockiest ejecta 0.27 (age / Ma)^-0.46 (Ghent et al.
+// 2014): the default law has so many times as many there.
+TEST(RockField, EjectaAreAsRockyAsPublished) {
+  const dem::RockField field(dem::RockLaw{.frequency = dem::rocks_of_viper(), .largest_m = 8, .smallest_m = 0.05});
+  for (const double age_Ma : {5.0, 10.0, 20.0, 50.0, 100.0, 150.0}) {
+    const double published = 0.27 * std::pow(age_Ma, -0.46) / 0.004,
+                 here = 1 + (field.law().on_ejecta - 1) * field.enriched(age_Ma, 1);
+    EXPECT_GT(here, published / 1.4) << age_Ma;
+    EXPECT_LT(here, published * 1.4) << age_Ma;
+  }
+}
+
+dem::Rock rock_of(const dem::RockField& field, double age_Ma, std::uint64_t number) {
+  dem::Rock rock{Vec3::UnitX(), 2.5, age_Ma, number, dem::Draws(1, 0, static_cast<int>(number), 0).bits()};
+  field.settle(rock);
+  return rock;
+}
+
+TEST(RockField, OldRocksAreBuriedDeeperAndHaveHigherFillets) {
+  const dem::RockField field(law_of(1, 5));
+  constexpr int kRocks = 400;
+  struct Mean {
+    double buried = 0, height = 0, fillet = 0, least = 1, most = 0;
+  };
+  const auto mean_at = [&](double age_Ma) {
+    Mean mean;
+    for (int i = 0; i < kRocks; ++i) {
+      const dem::Rock rock = rock_of(field, age_Ma, static_cast<std::uint64_t>(i));
+      const double whole = rock.height_m / (1 - rock.buried) / rock.diameter_m;
+      EXPECT_GE(whole, 0.6);
+      EXPECT_LE(whole, 1);
+      EXPECT_LE(rock.fillet_m, 0.1 * rock.diameter_m);
+      EXPECT_LE(rock.fillet_m, 0.3 * rock.height_m);
+      mean.buried += rock.buried / kRocks, mean.height += rock.height_m / rock.diameter_m / kRocks;
+      mean.fillet += rock.fillet_m / rock.height_m / kRocks;
+      mean.least = std::min(mean.least, rock.buried), mean.most = std::max(mean.most, rock.buried);
+    }
+    return mean;
+  };
+  const Mean fresh = mean_at(0), middle = mean_at(60), old = mean_at(600);
+  EXPECT_NEAR(fresh.buried, 0.2, 0.02);
+  EXPECT_NEAR(old.buried, 0.425, 0.02);
+  EXPECT_NEAR(fresh.height, 0.64, 0.02);
+  EXPECT_NEAR(middle.height, 0.55, 0.02);
+  EXPECT_EQ(fresh.fillet, 0);
+  EXPECT_GT(middle.fillet, 0.1);
+  EXPECT_GT(old.fillet, 1.2 * middle.fillet);
+  // Each rock by itself.
+  EXPECT_LT(old.least, 0.2);
+  EXPECT_GT(old.most, 0.65);
+}
+
+// Of a block, kept, as of a box, and as without anything kept; nothing is looked for twice.
+TEST(RockSurvey, FindsTheSameAgainWithoutLooking) {
+  const TemporaryFolder folder;
+  test::write_global_tile(folder.path(), 4, [](double, double) { return 0; });
+  dem::DetailPreset preset;
+  preset.craters.smallest_m = 16, preset.craters.largest_m = 500;
+  preset.rocks = law_of(5, 25);
+  const auto plain = open_terrain(folder.path());
+  const auto detail = std::make_shared<const dem::Detail>(preset);
+  const dem::DetailedTerrain terrain(plain, detail);
+  const auto memory = std::make_shared<dem::RockMemory>(std::size_t{4} << 20);
+  const auto found = [&](const dem::RockSurvey& survey, int octave, double smallest_m) {
+    std::vector<dem::RockFeature> rocks;
+    survey.add(octave, dem::block_at_place(14 - octave, 10.003, 20.004), smallest_m, rocks, {});
+    return dem::largest_first(std::move(rocks));
+  };
+  const auto same = [](const std::vector<dem::RockFeature>& a, const std::vector<dem::RockFeature>& b) {
+    return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](const auto& x, const auto& y) {
+             return x.rock.id == y.rock.id && x.position_m == y.position_m && x.up == y.up;
+           });
+  };
+  std::size_t all = 0;
+  for (const int octave : {-3, -2, 0})
+    for (const double smallest_m : {0.0, 1.05, 1.1, 1.3, 1.9}) {
+      const auto first = found(dem::RockSurvey(terrain, memory), octave, std::ldexp(smallest_m, octave));
+      const std::uint64_t misses = memory->misses();
+      EXPECT_TRUE(same(first, found(dem::RockSurvey(terrain, memory), octave, std::ldexp(smallest_m, octave))));
+      EXPECT_EQ(memory->misses(), misses);
+      EXPECT_TRUE(same(first, found(dem::RockSurvey(terrain), octave, std::ldexp(smallest_m, octave))));
+      for (const dem::RockFeature& rock : first) EXPECT_GE(rock.rock.diameter_m, std::ldexp(smallest_m, octave));
+      all += first.size();
+      // A little nearer, it is known already: diameters are a quarter of an octave apart.
+      if (smallest_m == 1.1) {
+        found(dem::RockSurvey(terrain, memory), octave, std::ldexp(1.15, octave));
+        EXPECT_EQ(memory->misses(), misses);
+      }
+    }
+  EXPECT_GT(all, 50U);
+  EXPECT_LE(memory->bytes(), std::size_t{4} << 20);
+  // Another terrain has rocks of its own.
+  preset.rocks.seed = 6;
+  const dem::DetailedTerrain other(plain, std::make_shared<const dem::Detail>(preset));
+  EXPECT_FALSE(same(found(dem::RockSurvey(terrain, memory), -2, 0), found(dem::RockSurvey(other, memory), -2, 0)));
+}
+
+TEST(RockShapes, AreClosed) {
   for (const auto& mesh : engine::rock_shapes()) {
     const engine::ObjectShape& shape = mesh->shape();
-    std::set<std::pair<std::uint32_t, std::uint32_t>> edges;
+    using Place = std::tuple<float, float, float>;  // triangles have corners of their own
+    std::set<std::pair<Place, Place>> edges;
+    const auto place = [&](std::uint32_t corner) {
+      const Eigen::Vector3f& p = shape.corners[corner].place;
+      return Place(p.x(), p.y(), p.z());
+    };
     double volume = 0;
     for (const engine::ObjectTriangle& t : shape.triangles) {
-      for (std::size_t i = 0; i < 3; ++i) ASSERT_TRUE(edges.emplace(t.corner[i], t.corner[(i + 1) % 3]).second);
+      for (std::size_t i = 0; i < 3; ++i)
+        ASSERT_TRUE(edges.emplace(place(t.corner[i]), place(t.corner[(i + 1) % 3])).second);
       volume += shape.place(t, 0).dot(shape.place(t, 1).cross(shape.place(t, 2))) / 6;
+      const Vec3 facet = (shape.place(t, 1) - shape.place(t, 0)).cross(shape.place(t, 2) - shape.place(t, 0));
+      for (const std::uint32_t corner : t.corner)
+        EXPECT_GT(shape.corners[corner].normal.cast<double>().dot(facet.normalized()), 0.8);
     }
     for (const auto& [a, b] : edges) ASSERT_TRUE(edges.contains({b, a}));
-    EXPECT_GT(volume, 0.1);
-    double wide = 0, high = 0, low = 0;
-    for (const auto& a : shape.corners) {
-      const Vec3 place = a.place.cast<double>();
-      high = std::max(high, place.z()), low = std::min(low, place.z());
-      for (const auto& b : shape.corners) wide = std::max(wide, (place - b.place.cast<double>()).head<2>().norm());
+    EXPECT_GT(volume, 0.3);
+  }
+}
+
+std::vector<Vec3> places_of(const engine::PlacedShape& shape) {
+  std::vector<Vec3> places;
+  for (const engine::ObjectCorner& corner : shape.mesh->shape().corners)
+    places.push_back(shape.from_mesh * corner.place.cast<double>());
+  return places;
+}
+
+TEST(RockShapes, LieAsTheListHasThem) {
+  const dem::RockField field(law_of(1, 5));
+  std::set<const engine::ObjectMesh*> meshes;
+  for (std::uint64_t i = 0; i < 150; ++i) {
+    const dem::Rock rock = rock_of(field, static_cast<double>(i), i);
+    const Vec3 up = Vec3(0.9, 0.1, 0.3).normalized(), east = up.unitOrthogonal(), north = up.cross(east);
+    const engine::PlacedShape shape = engine::placed_rock(rock, up);
+    meshes.insert(shape.mesh);
+    double wide2 = 0, high = -1e9, low = 1e9, far = 0;
+    const std::vector<Vec3> places = places_of(shape);
+    for (const Vec3& a : places) {
+      high = std::max(high, a.dot(up)), low = std::min(low, a.dot(up)), far = std::max(far, a.norm());
+      for (const Vec3& b : places)
+        wide2 = std::max(wide2, std::pow((a - b).dot(east), 2) + std::pow((a - b).dot(north), 2));
     }
-    EXPECT_NEAR(wide, 1, 1e-5);
-    EXPECT_GE(high, 0.5 - 1e-5);
-    EXPECT_LE(high, 0.7 + 1e-5);
-    EXPECT_NEAR(low, -high / 3, 1e-5);
+    EXPECT_NEAR(std::sqrt(wide2), rock.diameter_m, 1e-3 * rock.diameter_m);
+    EXPECT_NEAR(high, rock.height_m, 1e-5);
+    EXPECT_NEAR(low, rock.height_m - rock.height_m / (1 - rock.buried), 1e-5);
+    EXPECT_LT(far, rock.diameter_m);
+    const auto soil = engine::placed_fillet(rock, up);
+    ASSERT_EQ(soil.has_value(), i > 0);
+    if (!soil) continue;
+    for (const Vec3& a : places_of(*soil)) EXPECT_LT(a.norm(), rock.diameter_m);
+  }
+  EXPECT_GT(meshes.size(), 15U);
+}
+
+// It falls from its rock's side to the ground, which it meets at a small angle on all sides, and goes on below it.
+TEST(RockShapes, SoilMeetsTheGroundSmoothly) {
+  for (const auto& mesh : engine::fillet_shapes()) {
+    const engine::ObjectShape& shape = mesh->shape();
+    double lowest_at_side = 1e9, highest_outside = -1e9, steepest = 0;
+    for (const engine::ObjectCorner& corner : shape.corners) {
+      const Vec3 p = corner.place.cast<double>(), n = corner.normal.cast<double>();
+      EXPECT_NEAR(n.norm(), 1, 1e-5);
+      const double radius = p.head<2>().norm();
+      if (std::abs(radius - 0.7) < 1e-3) lowest_at_side = std::min(lowest_at_side, p.z());
+      if (radius > 1.17) highest_outside = std::max(highest_outside, p.z());
+      if (radius > 1.05) continue;
+      EXPECT_GT(n.z(), 0);
+      // Shaded as the ground is where it meets it.
+      if (p.z() < 1e-6) {
+        EXPECT_EQ(n, Vec3::UnitZ());
+      }
+      // As high as soil is heaped, a tenth of the diameter, at 0.65 diameters.
+      if (radius > 0.65) steepest = std::max(steepest, std::hypot(n.x(), n.y()) / n.z() * 0.1 / 0.65);
+    }
+    EXPECT_GT(lowest_at_side, 0.7);
+    EXPECT_LT(highest_outside, -0.2);
+    EXPECT_GT(steepest, std::tan(20 * kRadiansPerDegree));
+    EXPECT_LT(steepest, std::tan(55 * kRadiansPerDegree));
   }
 }
 
@@ -284,9 +444,10 @@ class RocksInFrames : public testing::Test {
 
 struct Placed {
   Vec3 position;
-  Eigen::Matrix3d turned;  // with the diameter
+  Eigen::Matrix3d turned;  // and stretched
   const engine::ObjectMesh* mesh;
   double radius_m;
+  bool soil;
 
   // The nearest triangle from `from` on, in double; its distance.
   double meet(const Vec3& from, const Vec3& direction, double nearest) const {
@@ -314,10 +475,14 @@ TEST_F(RocksInFrames, AreWhereTheListHasThem) {
   std::vector<Placed> rocks;
   for (const dem::RockFeature& rock : survey.within(square(kLat, kLon, 260), 0.1, {})) {
     if (rock.rock.diameter_m * view.pixels_per_metre(rock.position_m, 0) < 1) continue;
-    const engine::RockPose pose = engine::rock_pose(rock.rock.form, rock.up);
-    const engine::ObjectMesh& mesh = *engine::rock_shapes()[pose.shape];
-    rocks.push_back(
-        {rock.position_m, rock.rock.diameter_m * pose.moon_from_rock.toRotationMatrix(), &mesh, rock.rock.diameter_m});
+    const auto add = [&](const engine::PlacedShape& shape, bool soil) {
+      rocks.push_back({rock.position_m + shape.from_mesh.translation(), shape.from_mesh.linear(), shape.mesh,
+                       2 * rock.rock.diameter_m, soil});
+    };
+    add(engine::placed_rock(rock.rock, rock.up), false);
+    const double soil_px = rock.rock.fillet_m * view.pixels_per_metre(rock.position_m, 0);
+    const auto soil = engine::placed_fillet(rock.rock, rock.up);
+    if (soil && soil_px >= asked.accuracy.max_error_px / 2) add(*soil, true);
   }
   ASSERT_GT(rocks.size(), 300U);
   for (const engine::Visibility visibility : {engine::Visibility::zbuffer, engine::Visibility::raytrace}) {
@@ -332,7 +497,7 @@ TEST_F(RocksInFrames, AreWhereTheListHasThem) {
     without.detail = std::make_shared<const dem::Detail>(preset);
     const engine::Frame ground = renderer_->render(without);
     EXPECT_EQ(ground.report.rocks, 0U);
-    std::size_t on_rocks = 0, wrong = 0, shaded = 0, wrong_light = 0, asked_light = 0;
+    std::size_t on_rocks = 0, on_soil = 0, wrong = 0, shaded = 0, wrong_light = 0, asked_light = 0;
     const Vec3 eye = asked.pose.position_m;
     for (std::size_t i = 0; i < frame.products.detail.size(); ++i) {
       const auto at = [&](const engine::Frame& f) {
@@ -343,11 +508,17 @@ TEST_F(RocksInFrames, AreWhereTheListHasThem) {
       EXPECT_EQ(frame.products.object_id[i], engine::kNoObject);
       const Vec3 there = at(ground), direction = (there - eye).normalized();
       double nearest = (there - eye).norm();
-      for (const Placed& one : rocks) nearest = one.meet(eye, direction, nearest);
-      const bool meant = nearest < (there - eye).norm();
-      if (meant != rock || std::abs(nearest - frame.products.range[i]) > 1e-4) ++wrong;
+      const Placed* met = nullptr;
+      for (const Placed& one : rocks)
+        if (const double d = one.meet(eye, direction, nearest); d < nearest) nearest = d, met = &one;
+      if ((met && !met->soil) != rock || std::abs(nearest - frame.products.range[i]) > 1e-4) ++wrong;
+      const bool soil = met && met->soil;
+      on_soil += soil;
+      if (soil && !rock) {
+        EXPECT_EQ(frame.products.detail[i], 2);
+      }
       // Shadows: of the ground that is lit without rocks.
-      if (rock || ground.products.lit[i] == 0 || i % 3 != 0) continue;
+      if (rock || soil || ground.products.lit[i] == 0 || i % 3 != 0) continue;
       ++asked_light;
       const double free = std::numeric_limits<double>::infinity();
       double blocked = free;
@@ -355,14 +526,37 @@ TEST_F(RocksInFrames, AreWhereTheListHasThem) {
       shaded += frame.products.lit[i] == 0;
       wrong_light += (frame.products.lit[i] == 0) != (blocked < free);
     }
-    fmt::print("{} rocks in view of {}: {} pixels see one, {} of {} lie in a rock's shadow; wrong: {} and {}\n",
-               frame.report.rocks, rocks.size(), on_rocks, shaded, asked_light, wrong, wrong_light);
+    fmt::print(
+        "{} rocks in view of {}: {} pixels see one, {} soil against it, {} of {} lie in a shadow; wrong: {}, {}\n",
+        frame.report.rocks, rocks.size(), on_rocks, on_soil, shaded, asked_light, wrong, wrong_light);
     EXPECT_GT(on_rocks, 300U);
-    EXPECT_GT(shaded, 100U);
+    EXPECT_GT(on_soil, 100U);
+    EXPECT_GT(shaded, 50U);
     EXPECT_NEAR(frame.report.rock_fraction, static_cast<double>(on_rocks) / 192 / 192, 1e-12);
     // Float chooses the triangle: a line of sight along an outline may miss what it touches.
     EXPECT_LE(wrong, 2U);
     EXPECT_LE(wrong_light, 2U);
+  }
+}
+
+// What was kept of other frames changes nothing.
+TEST_F(RocksInFrames, AreTheSameWhateverWasSeenBefore) {
+  const auto frame_after = [&](const std::vector<double>& heights_m) {
+    const engine::Renderer renderer(terrain_, engine::RendererOptions{1, std::size_t{256} << 20});
+    for (const double height_m : heights_m) renderer.render(request(height_m, 64));
+    return renderer.render(request(40, 128));
+  };
+  const engine::Frame alone = frame_after({});
+  EXPECT_GT(alone.report.rocks, 50U);
+  for (const std::vector<double>& before : {std::vector<double>{40}, {60, 41}, {20, 39}}) {
+    const engine::Frame frame = frame_after(before);
+    EXPECT_EQ(frame.report.rocks, alone.report.rocks);
+    EXPECT_EQ(frame.products.position.size(), alone.products.position.size());
+    EXPECT_EQ(0, std::memcmp(frame.products.position.data(), alone.products.position.data(),
+                             alone.products.position.size() * sizeof(double)));
+    EXPECT_EQ(frame.products.detail, alone.products.detail);
+    EXPECT_EQ(0, std::memcmp(frame.products.lit.data(), alone.products.lit.data(),
+                             alone.products.lit.size() * sizeof(float)));
   }
 }
 

@@ -138,11 +138,12 @@ void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& dire
   if (!wants_geometry_) return;
   const auto to = slot(at);
   if (!to) return;
-  const bool rock = is_rock(lanes.object[i]);
-  if (!out_.object_id.empty() && !rock) out_.object_id[*to] = lanes.object[i];
+  const bool on_rock = is_rock(lanes.object[i]), rock = on_rock && !lanes.on_soil[i];
+  if (!out_.object_id.empty() && !on_rock) out_.object_id[*to] = lanes.object[i];
   if (!out_.rock.empty() && rock)
     out_.rock[*to] = static_cast<std::uint16_t>(lanes.object[i] - request_.objects.size());
-  if (!out_.detail.empty() && rock) out_.detail[*to] = static_cast<std::uint16_t>(dem::Ground::rock);
+  if (!out_.detail.empty() && on_rock)
+    out_.detail[*to] = static_cast<std::uint16_t>(rock ? dem::Ground::rock : dem::Ground::relief);
   store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, at, *to);
 }
 

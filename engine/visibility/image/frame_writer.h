@@ -52,8 +52,9 @@ class FrameWriter {
                       std::size_t pixel) const;
   // Whether an object index is a rock: rocks are numbered after the request's objects.
   bool is_rock(std::uint16_t object) const { return object != kNoObject && object >= request_.objects.size(); }
-  void count_object(std::uint16_t object, PixelCounts& counts) const {
-    ++counts.hit, ++(is_rock(object) ? counts.on_rock : counts.on_object);
+  void count_object(const ObjectLanes& lanes, int lane, PixelCounts& counts) const {
+    ++counts.hit;
+    if (!lanes.on_soil[lane]) ++(is_rock(lanes.object[lane]) ? counts.on_rock : counts.on_object);
   }
   void store_object(const ObjectLanes& lanes, int lane, const Vec3& direction, float lit, std::size_t pixel) const;
 

@@ -7,6 +7,7 @@
 #include <limits>
 #include <optional>
 
+#include "engine/frame/needs.h"
 #include "engine/radiometry/radiometry.h"
 #include "engine/visibility/objects/object_mesh.h"
 #include "engine/visibility/objects/rock_shapes.h"
@@ -67,11 +68,6 @@ class Cone {
   bool empty_ = true;
 };
 
-Ball ball_around(const ObjectMesh& mesh, const Vec3& position_m, const Eigen::Quaterniond& moon_from_object,
-                 double scale) {
-  return {position_m + moon_from_object * Vec3(scale * mesh.centre()), scale * mesh.radius() * (1 + kMargin)};
-}
-
 // Around the points of some lanes.
 Ball ball_around(const SurfacePoints& points, std::uint32_t lanes) {
   Eigen::AlignedBox3d box;
@@ -111,7 +107,9 @@ void fill_idle(RayPacket& packet, std::uint32_t active) {
 std::vector<Ball> balls_around(const std::vector<SceneObject>& objects) {
   std::vector<Ball> balls;
   balls.reserve(objects.size());
-  for (const SceneObject& o : objects) balls.push_back(ball_around(*o.mesh, o.position_m, o.moon_from_object, o.scale));
+  for (const SceneObject& o : objects)
+    balls.push_back({o.position_m + o.moon_from_object * Vec3(o.scale * o.mesh->centre()),
+                     o.scale * o.mesh->radius() * (1 + kMargin)});
   return balls;
 }
 
@@ -125,7 +123,7 @@ bool objects_emit(const std::vector<SceneObject>& objects) {
 ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews& views,
                                std::span<const dem::RockFeature> rocks, const StopToken& stop)
     : ObjectsInFrame(request, &views) {
-  place(rocks, views.reference().position(), stop);
+  place(rocks, views.reference().position(), &views, stop);
 }
 
 ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, std::span<const dem::RockFeature> rocks,
@@ -133,19 +131,31 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, std::span<const dem:
     : ObjectsInFrame(request, nullptr) {
   Eigen::AlignedBox3d box;
   for (const dem::RockFeature& rock : rocks) box.extend(rock.position_m);
-  if (!rocks.empty()) place(rocks, box.center(), stop);
+  if (!rocks.empty()) place(rocks, box.center(), nullptr, stop);
 }
 
-void ObjectsInFrame::place(std::span<const dem::RockFeature> rocks, const Vec3& anchor_m, const StopToken& stop) {
+void ObjectsInFrame::place(std::span<const dem::RockFeature> rocks, const Vec3& anchor_m, const RowViews* views,
+                           const StopToken& stop) {
   if (rocks.empty()) return;
   first_rock_ = placed_.size();
   finishes_.push_back(finishes_of({{request_.reflectance, request_.temperature_k}}));
-  for (const dem::RockFeature& rock : rocks) {
-    const RockPose pose = rock_pose(rock.rock.form, rock.up);
-    Placed p = placed(*rock_shapes()[pose.shape], rock.position_m, pose.moon_from_rock, rock.rock.diameter_m);
-    p.in_view = true, p.finishes = &finishes_.back();
+  const auto add = [&](const PlacedShape& shape, std::size_t number, bool soil) {
+    const Eigen::Matrix3d stretch = shape.from_mesh.linear();
+    Placed p = placed(*shape.mesh, rocks[number].position_m + shape.from_mesh.translation(), stretch, stretch.inverse(),
+                      stretch.norm());  // no less than the largest
+    p.in_view = true, p.number = static_cast<std::uint16_t>(first_rock_ + number), p.soil = soil;
+    p.finishes = &finishes_.back();
     placed_.push_back(std::move(p));
-  }
+  };
+  for (std::size_t i = 0; i < rocks.size(); ++i) add(placed_rock(rocks[i].rock, rocks[i].up), i, false);
+  const auto shown = [&](const dem::RockFeature& rock) {
+    return !views || std::any_of(views->bundles().begin(), views->bundles().end(), [&](const ViewBundle& bundle) {
+      return bundle.pixels_per_metre(rock.position_m, 0) * rock.rock.fillet_m >= request_.accuracy.max_error_px / 2;
+    });
+  };
+  for (std::size_t i = 0; i < (views ? std::min(rocks.size(), kMostWithSoil) : rocks.size()); ++i)
+    if (shown(rocks[i]))
+      if (const auto soil = placed_fillet(rocks[i].rock, rocks[i].up)) add(*soil, i, true);
   any_in_view_ = true;
   group(anchor_m, stop);
 }
@@ -154,7 +164,10 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* view
     : request_(request), from_one_place_(views && !views->vary()) {
   finishes_.reserve(request.objects.size() + 1);  // they are pointed at
   for (const SceneObject& object : request.objects) {
-    Placed p = placed(*object.mesh, object.position_m, object.moon_from_object, object.scale);
+    const Eigen::Matrix3d turned = object.moon_from_object.toRotationMatrix();
+    Placed p =
+        placed(*object.mesh, object.position_m, object.scale * turned, turned.transpose() / object.scale, object.scale);
+    p.number = static_cast<std::uint16_t>(placed_.size()), p.soil = false;
     p.in_view = !views || std::any_of(views->bundles().begin(), views->bundles().end(), [&](const ViewBundle& bundle) {
       return bundle.may_see(p.ball.centre_m, p.ball.radius_m);
     });
@@ -166,14 +179,14 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* view
 }
 
 ObjectsInFrame::Placed ObjectsInFrame::placed(const ObjectMesh& mesh, const Vec3& position_m,
-                                              const Eigen::Quaterniond& moon_from_object, double scale) const {
+                                              const Eigen::Matrix3d& moon_from_object,
+                                              const Eigen::Matrix3d& object_from_moon, double scale) const {
   Placed p;
   p.mesh = &mesh;
-  p.moon_from_object = moon_from_object.toRotationMatrix();
-  p.object_from_moon = p.moon_from_object.transpose() / scale;
+  p.object_from_moon = object_from_moon, p.normals = object_from_moon.transpose();
   p.position = position_m, p.scale = scale;
-  p.middle = position_m + moon_from_object * Vec3(scale * mesh.middle());
-  p.ball = ball_around(mesh, position_m, moon_from_object, scale);
+  p.middle = position_m + moon_from_object * mesh.middle();
+  p.ball = {position_m + moon_from_object * mesh.centre(), scale * mesh.radius() * (1 + kMargin)};
   return p;
 }
 
@@ -181,7 +194,8 @@ std::vector<ObjectsInFrame::Finish> ObjectsInFrame::finishes_of(const std::vecto
   std::vector<Finish> finishes;
   for (const Material& material : materials) {
     const RadianceTerms terms = radiance_terms(request_, material);
-    finishes.push_back({Brdf(material.reflectance, band_of(request_)), terms.direct_w_m2, static_cast<float>(terms.base_w_m2_sr())});
+    finishes.push_back(
+        {Brdf(material.reflectance, band_of(request_)), terms.direct_w_m2, static_cast<float>(terms.base_w_m2_sr())});
   }
   return finishes;
 }
@@ -197,7 +211,7 @@ void ObjectsInFrame::group(const Vec3& anchor_m, const StopToken& stop) {
       [&](std::size_t i) {
         const Placed& p = placed_[first_rock_ + i];
         Eigen::Affine3f place;
-        place.linear() = (p.scale * p.moon_from_object).cast<float>();
+        place.linear() = p.object_from_moon.inverse().cast<float>();
         place.translation() = (p.middle - anchor_m_).cast<float>();
         return ObjectGroup::Instance{&p.mesh->tracer(), place};
       },
@@ -214,8 +228,7 @@ std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLan
   std::optional<Cone> cone;
   if (from_one_place_) cone.emplace(rays);
   for (std::size_t k = 0; k < std::min(placed_.size(), first_rock_); ++k)
-    if (placed_[k].in_view && (!cone || cone->may_meet(placed_[k].ball)))
-      look(placed_[k], static_cast<std::uint16_t>(k), rays, nearest, out);
+    if (placed_[k].in_view && (!cone || cone->may_meet(placed_[k].ball))) look(placed_[k], rays, nearest, out);
   if (rocks_) look_at_rocks(rays, nearest, out);
   std::uint32_t lanes = 0;
   for (int i = 0; i < kPacket; ++i) {
@@ -241,8 +254,7 @@ std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLan
   return lanes;
 }
 
-void ObjectsInFrame::look(const Placed& object, std::uint16_t index, const Rays& rays, double* nearest,
-                          ObjectLanes& out) const {
+void ObjectsInFrame::look(const Placed& object, const Rays& rays, double* nearest, ObjectLanes& out) const {
   RayPacket packet;
   std::uint32_t active = 0;
   for (int i = 0; i < kPacket; ++i) {
@@ -258,12 +270,12 @@ void ObjectsInFrame::look(const Placed& object, std::uint16_t index, const Rays&
   std::uint32_t triangle[kPacket];
   object.mesh->tracer().intersect(packet, triangle);
   for (int i = 0; i < kPacket; ++i)
-    if (triangle[i] != ObjectTracer::kNone) store(object, index, triangle[i], rays, i, nearest, out);
+    if (triangle[i] != ObjectTracer::kNone) store(object, triangle[i], rays, i, nearest, out);
 }
 
 // Where the ray meets the triangle's plane: float chose the triangle.
-void ObjectsInFrame::store(const Placed& object, std::uint16_t index, std::uint32_t triangle, const Rays& rays, int i,
-                           double* nearest, ObjectLanes& out) const {
+void ObjectsInFrame::store(const Placed& object, std::uint32_t triangle, const Rays& rays, int i, double* nearest,
+                           ObjectLanes& out) const {
   const ObjectShape& shape = object.mesh->shape();
   const ObjectTriangle& t = shape.triangles[triangle];
   const Vec3 a = shape.place(t, 0), ab = shape.place(t, 1) - a, ac = shape.place(t, 2) - a, normal = ab.cross(ac);
@@ -279,8 +291,8 @@ void ObjectsInFrame::store(const Placed& object, std::uint16_t index, std::uint3
   const auto corner = [&](std::size_t k) -> Vec3 { return shape.corners[t.corner[k]].normal.cast<double>(); };
   const Vec3 smooth = (1 - v - w) * corner(0) + v * corner(1) + w * corner(2);
 
-  const Vec3 facet = object.moon_from_object * ((toward > 0 ? -1 : 1) * normal.normalized());
-  Vec3 shading = object.moon_from_object * smooth;
+  const Vec3 facet = (object.normals * ((toward > 0 ? -1 : 1) * normal)).normalized();
+  Vec3 shading = object.normals * smooth;
   if (shading.dot(facet) < 0) shading = -shading;  // the other side of a sheet
   const Vec3 looking = rays.direction(i).normalized();
   // As for terrain: what is seen faces the camera.
@@ -295,7 +307,7 @@ void ObjectsInFrame::store(const Placed& object, std::uint16_t index, std::uint3
   out.shading.nx[i] = shading.x(), out.shading.ny[i] = shading.y(), out.shading.nz[i] = shading.z();
   out.shading.mu0[i] = out.shading.incident[i] = shading.dot(request_.sun.direction);
   out.shading.mu[i] = -shading.dot(looking);
-  out.object[i] = index, out.part[i] = t.part;
+  out.object[i] = object.number, out.part[i] = t.part, out.on_soil[i] = object.soil;
 }
 
 std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,
@@ -350,9 +362,7 @@ void ObjectsInFrame::look_at_rocks(const Rays& rays, double* nearest, ObjectLane
   std::uint32_t rock[kPacket], triangle[kPacket];
   rocks_->intersect(packet, rock, triangle);
   for (int i = 0; i < kPacket; ++i)
-    if (rock[i] != ObjectGroup::kNone)
-      store(placed_[first_rock_ + rock[i]], static_cast<std::uint16_t>(first_rock_ + rock[i]), triangle[i], rays, i,
-            nearest, out);
+    if (rock[i] != ObjectGroup::kNone) store(placed_[first_rock_ + rock[i]], triangle[i], rays, i, nearest, out);
 }
 
 std::uint32_t ObjectsInFrame::blocked_by_rocks(const SurfacePoints& points, const std::uint16_t* own,

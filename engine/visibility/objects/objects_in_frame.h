@@ -30,6 +30,8 @@ struct ObjectLanes {
   Shading shading;
   std::uint16_t object[kPacket];  // index into FrameRequest::objects, then into the rocks; or kNoObject
   std::uint32_t part[kPacket];
+  // Whether a lane that hit a rock sees not the rock itself but the soil against it: it is ground.
+  bool on_soil[kPacket];
 };
 
 std::vector<Ball> balls_around(const std::vector<SceneObject>& objects);
@@ -38,7 +40,8 @@ bool objects_emit(const std::vector<SceneObject>& objects);
 
 class ObjectsInFrame {
  public:
-  // `request` must outlive this object. Rocks have the terrain's material.
+  // `request` must outlive this object. Rocks and the soil against them have the terrain's material. Soil is shown from
+  // a height of max_error_px / 2 pixels on, and against the largest kMostWithSoil rocks only (frame/needs.h).
   ObjectsInFrame(const FrameRequest& request, const RowViews& views, std::span<const dem::RockFeature> rocks = {},
                  const StopToken& stop = {});
   // For rays with arbitrary origins; its radiances are not those of a camera.
@@ -77,33 +80,38 @@ class ObjectsInFrame {
   };
   struct Placed {
     const ObjectMesh* mesh;
-    Eigen::Matrix3d moon_from_object, object_from_moon;  // the latter includes the scale
-    Vec3 position, middle;                               // MOON_ME, m; middle: origin of the tracer's rays
+    Eigen::Matrix3d object_from_moon, normals;  // of vectors; of normals from the object's, whose length they change
+    Vec3 position, middle;                      // MOON_ME, m; middle: origin of the tracer's rays
     double scale;
     Ball ball;
     bool in_view;
+    std::uint16_t number;  // ObjectLanes::object
+    bool soil;
     const std::vector<Finish>* finishes;  // per part
     Vec3 inside(const Vec3& place) const { return object_from_moon * (place - position); }
     Vec3 from_middle(const Vec3& place) const { return object_from_moon * (place - middle); }
   };
 
-  Placed placed(const ObjectMesh& mesh, const Vec3& position_m, const Eigen::Quaterniond& moon_from_object,
-                double scale) const;
+  // Of the object's coordinates; `scale`: the largest of a length.
+  Placed placed(const ObjectMesh& mesh, const Vec3& position_m, const Eigen::Matrix3d& moon_from_object,
+                const Eigen::Matrix3d& object_from_moon, double scale) const;
   std::vector<Finish> finishes_of(const std::vector<Material>& materials) const;
-  void place(std::span<const dem::RockFeature> rocks, const Vec3& anchor_m, const StopToken& stop);
+  // `views` null: soil against all of them; else where it is high enough in the image.
+  void place(std::span<const dem::RockFeature> rocks, const Vec3& anchor_m, const RowViews* views,
+             const StopToken& stop);
   void group(const Vec3& anchor_m, const StopToken& stop);
   void look_at_rocks(const Rays& rays, double* nearest, ObjectLanes& out) const;
   std::uint32_t blocked_by_rocks(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,
                                  const Vec3& sun) const;
   bool is_rock(std::uint16_t object) const { return object != kNoObject && object >= first_rock_; }
-  void look(const Placed& object, std::uint16_t index, const Rays& rays, double* nearest, ObjectLanes& out) const;
-  void store(const Placed& object, std::uint16_t index, std::uint32_t triangle, const Rays& rays, int lane,
-             double* nearest, ObjectLanes& out) const;
+  void look(const Placed& object, const Rays& rays, double* nearest, ObjectLanes& out) const;
+  void store(const Placed& object, std::uint32_t triangle, const Rays& rays, int lane, double* nearest,
+             ObjectLanes& out) const;
 
   const FrameRequest& request_;
   std::vector<std::vector<Finish>> finishes_;  // per object, then one for all rocks
-  std::vector<Placed> placed_;
-  std::size_t first_rock_ = kNoObject;  // first rock; rocks are traced as one group, relative to the anchor
+  std::vector<Placed> placed_;                 // the request's objects, rocks, soil against rocks
+  std::size_t first_rock_ = kNoObject;         // rocks and what follows are traced as one group, relative to the anchor
   std::optional<ObjectGroup> rocks_;
   Vec3 anchor_m_ = Vec3::Zero();
   double rocks_radius_m_ = 0;  // radius of their bounding sphere around the anchor

@@ -16,7 +16,8 @@ namespace {
 
 using std::numbers::pi;
 
-constexpr int kShapes = 16;
+// Where a fillet meets its rock, in radii of the fillet.
+constexpr double kSide = 0.7;
 
 struct Sphere {
   std::vector<Vec3> corners;
@@ -69,54 +70,231 @@ Vec3 any_direction(dem::Draws& draws) {
   return {around * std::cos(turn), around * std::sin(turn), z};
 }
 
-ObjectShape shape(int number) {
-  constexpr std::uint64_t kRockShapes = 0x726f636b;
-  dem::Draws draws(kRockShapes, 0, number, 0);
-  Sphere s = sphere(3);
-  constexpr int kPlanes = 16;
-  std::array<std::pair<Vec3, double>, kPlanes> planes;
-  for (auto& [normal, distance] : planes) normal = any_direction(draws), distance = 0.62 + 0.33 * draws.uniform();
-  for (Vec3& corner : s.corners) {
-    double reach = 1;
-    for (const auto& [normal, distance] : planes)
-      if (const double along = normal.dot(corner); along > 0) reach = std::min(reach, distance / along);
-    corner *= reach;
+// How sharply a stone's planes meet: the minimum of their distances, or its smooth approximation by a mean of such a
+// power (0: the minimum itself).
+constexpr std::array<double, kRoundings> kPowers{0, 16, 8}, kRoughness{0.02, 0.035, 0.04};
+
+// Roughness of a stone's surface: a few waves across it.
+class Waves {
+ public:
+  explicit Waves(dem::Draws& draws) {
+    for (std::size_t i = 0; i < kWaves; ++i)
+      along_[i] = (4 + 3 * static_cast<double>(i)) * any_direction(draws), phase_[i] = 2 * pi * draws.uniform();
   }
-  const double narrow = 0.65 + 0.35 * draws.uniform();
-  double wide = 0, high = 0, low = 0;
-  for (Vec3& corner : s.corners) {
-    corner.y() *= narrow;
-    high = std::max(high, corner.z()), low = std::min(low, corner.z());
+  double at(const Vec3& direction) const {
+    double sum = 0;
+    for (std::size_t i = 0; i < kWaves; ++i)
+      sum += std::sin(along_[i].dot(direction) + phase_[i]) / (2.0 + 1.5 * static_cast<double>(i));
+    return sum;
   }
-  for (const Vec3& a : s.corners)
-    for (const Vec3& b : s.corners) wide = std::max(wide, (a - b).head<2>().norm());
-  const double above = 0.5 + 0.2 * draws.uniform(), under = above / 3;
+
+ private:
+  static constexpr std::size_t kWaves = 6;
+  std::array<Vec3, kWaves> along_;
+  std::array<double, kWaves> phase_;
+};
+
+// Normals for shading: for each corner of a triangle the mean of the facets around it that are nearly in its plane, so
+// that faces are smooth and edges are edges. Each triangle gets corners of its own.
+ObjectShape with_edges(const std::vector<Vec3>& places, const std::vector<ObjectTriangle>& triangles) {
+  const double least_cosine = std::cos(30 * kRadiansPerDegree);
+  std::vector<Vec3> facets;
+  std::vector<std::vector<std::size_t>> around(places.size());
+  for (const ObjectTriangle& t : triangles) {
+    for (const std::uint32_t corner : t.corner) around[corner].push_back(facets.size());
+    const auto [a, b, c] = t.corner;
+    facets.push_back((places[b] - places[a]).cross(places[c] - places[a]));
+  }
   ObjectShape out;
-  out.parts = {"rock"};
-  for (const Vec3& c : s.corners) {
-    const double z = (c.z() - low) / (high - low) * (above + under) - under;
-    out.corners.push_back({Eigen::Vector3d(c.x() / wide, c.y() / wide, z).cast<float>(), Eigen::Vector3f::Zero()});
+  for (std::size_t i = 0; i < triangles.size(); ++i) {
+    ObjectTriangle own{{}, 0};
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t corner = triangles[i].corner[k];
+      Vec3 normal = Vec3::Zero();
+      for (const std::size_t other : around[corner])
+        if (facets[i].dot(facets[other]) >= least_cosine * facets[i].norm() * facets[other].norm())
+          normal += facets[other];
+      own.corner[k] = static_cast<std::uint32_t>(out.corners.size());
+      out.corners.push_back({places[corner].cast<float>(), normal.normalized().cast<float>()});
+    }
+    out.triangles.push_back(own);
   }
-  out.triangles = std::move(s.triangles);
   return out;
+}
+
+ObjectShape stone(std::size_t number, std::size_t rounding) {
+  constexpr std::uint64_t kRockShapes = 0x726f636b;
+  dem::Draws draws(kRockShapes, 0, static_cast<int>(number), 0);
+  Sphere s = sphere(3);
+  constexpr int kPlanes = 14;
+  std::array<std::pair<Vec3, double>, kPlanes> planes;
+  for (auto& [normal, distance] : planes) normal = any_direction(draws), distance = 0.5 + 0.4 * draws.uniform();
+  const Waves waves(draws);
+  const double power = kPowers[rounding], rough = kRoughness[rounding];
+  std::vector<Vec3> places;
+  for (const Vec3& direction : s.corners) {
+    double sum = 1, nearest = 1;  // of the sphere around it
+    for (const auto& [normal, distance] : planes) {
+      const double along = normal.dot(direction) / distance;
+      if (along <= 0) continue;
+      nearest = std::min(nearest, 1 / along), sum += std::pow(along, power);
+    }
+    const double reach = (power > 0 ? std::pow(sum, -1 / power) : nearest) * (1 + rough * waves.at(direction));
+    places.emplace_back(reach * direction);
+  }
+  ObjectShape out = with_edges(places, s.triangles);
+  out.parts = {"rock"};
+  return out;
+}
+
+// Heights over the distance from the side to the ground, 1 to 0 and below, in heights at the side.
+double fillet_height(double share) {
+  if (share > 0) return std::min(1.6, share * (0.12 + 0.88 * share));
+  constexpr double kGentle = -0.4;  // the ground isn't a plane: so far at an angle that most Suns light
+  return 0.5 * share - 100 * std::pow(std::min(0.0, share - kGentle), 2);
+}
+
+ObjectShape fillet(int number) {
+  constexpr std::uint64_t kFilletShapes = 0x66696c6c;
+  constexpr int kAround = 40;
+  // Dense where the slope changes.
+  constexpr std::array kRings{0.3, 0.45, 0.55, 0.62, 0.7, 0.78, 0.86, 0.92, 0.97, 1.0, 1.04, 1.08, 1.12, 1.14, 1.16};
+  dem::Draws draws(kFilletShapes, 0, number, 0);
+  const double two = 2 * pi * draws.uniform(), three = 2 * pi * draws.uniform(), higher = 2 * pi * draws.uniform();
+  ObjectShape out;
+  out.parts = {"soil"};
+  const auto add = [&](double ring, double angle) {
+    const double wide = 0.04 * std::cos(2 * angle + two) + 0.04 * std::cos(3 * angle + three),
+                 radius = ring * (1 + wide * std::clamp((ring - kSide) / (1 - kSide), 0.0, 1.0)),
+                 high = 1 + 0.25 * std::cos(angle + higher), step = 1e-3;
+    const auto height = [&](double at) { return high * fillet_height((1 - at) / (1 - kSide)); };
+    // Where it meets the ground, and from there on, it is shaded as the ground is: no seam is seen.
+    const double slope = ring < 1 ? (height(ring - step) - height(ring + step)) / (2 * step) : 0;
+    const Vec3 outward(std::cos(angle), std::sin(angle), 0);
+    out.corners.push_back({Vec3(radius * outward + height(ring) * Vec3::UnitZ()).cast<float>(),
+                           Vec3(slope * outward + Vec3::UnitZ()).normalized().cast<float>()});
+  };
+  add(0, 0);
+  for (const double ring : kRings)
+    for (int i = 0; i < kAround; ++i) add(ring, 2 * pi * i / kAround);
+  const auto corner = [](std::size_t ring, int i) {
+    return static_cast<std::uint32_t>(1 + ring * kAround + static_cast<std::size_t>(i % kAround));
+  };
+  for (int i = 0; i < kAround; ++i) {
+    out.triangles.push_back({{0, corner(0, i), corner(0, i + 1)}, 0});
+    for (std::size_t ring = 1; ring < kRings.size(); ++ring) {
+      const std::uint32_t a = corner(ring - 1, i), b = corner(ring, i), c = corner(ring, i + 1),
+                          d = corner(ring - 1, i + 1);
+      out.triangles.push_back({{a, b, c}, 0}), out.triangles.push_back({{a, c, d}, 0});
+    }
+  }
+  return out;
+}
+
+template <typename Make>
+std::vector<std::shared_ptr<const ObjectMesh>> meshes(std::size_t count, const Make& make) {
+  std::vector<std::shared_ptr<const ObjectMesh>> all;
+  for (std::size_t i = 0; i < count; ++i) all.push_back(std::make_shared<const ObjectMesh>(make(i)));
+  return all;
+}
+
+// A shape turned so that it lies with its largest horizontal extent along x, from -1/2 to 1/2, and from 0 to 1 in z.
+// Whatever it is narrowed by along y, and stretched along z, its largest horizontal extent stays that one.
+Eigen::Affine3d lying(const ObjectShape& shape, const Eigen::Matrix3d& turned) {
+  std::vector<Vec3> places;
+  places.reserve(shape.corners.size());
+  for (const ObjectCorner& corner : shape.corners) places.push_back(turned * corner.place.cast<double>());
+  const auto farthest = [&](const Vec3& along) {
+    return *std::max_element(places.begin(), places.end(),
+                             [&](const Vec3& a, const Vec3& b) { return a.dot(along) < b.dot(along); });
+  };
+  // The largest of the extents in some directions, and of those along the lines between the corners that these found.
+  constexpr int kDirections = 12;
+  Vec3 across = Vec3::Zero(), middle = Vec3::Zero();
+  for (int i = 0; i < kDirections; ++i) {
+    Vec3 along(std::cos(pi * i / kDirections), std::sin(pi * i / kDirections), 0);
+    for (double before = 0;;) {
+      const Vec3 a = farthest(along), b = farthest(-along), chord(a.x() - b.x(), a.y() - b.y(), 0);
+      if (chord.norm() > across.norm()) across = chord, middle = (a + b) / 2;
+      if (chord.norm() <= before) break;
+      before = chord.norm(), along = chord / before;
+    }
+  }
+  const double low = farthest(-Vec3::UnitZ()).z(), high = farthest(Vec3::UnitZ()).z(), wide = across.norm();
+  Eigen::Affine3d out = Eigen::Affine3d::Identity();
+  out.linear() = Vec3(1 / wide, 1 / wide, 1 / (high - low)).asDiagonal() *
+                 Eigen::AngleAxisd(-std::atan2(across.y(), across.x()), Vec3::UnitZ()).toRotationMatrix() * turned;
+  out.translation() = -out.linear() * (turned.transpose() * Vec3(middle.x(), middle.y(), low));
+  return out;
+}
+
+constexpr std::size_t kAttitudes = 24;  // of each shape
+
+const std::vector<Eigen::Affine3d>& attitudes() {
+  static const auto all = [] {
+    constexpr std::uint64_t kSeed = 0x7475726e;
+    std::vector<Eigen::Affine3d> some;
+    for (std::size_t i = 0; i < rock_shapes().size() * kAttitudes; ++i) {
+      dem::Draws draws(kSeed, 0, static_cast<int>(i), 0);
+      const Vec3 up = any_direction(draws);
+      some.push_back(lying(rock_shapes()[i / kAttitudes]->shape(),
+                           Eigen::Quaterniond::FromTwoVectors(up, Vec3::UnitZ()).toRotationMatrix()));
+    }
+    return some;
+  }();
+  return all;
+}
+
+// What of a rock's look is drawn from its form.
+struct Look {
+  std::size_t rounding, attitude, fillet;
+  double turn, narrow, reach;
+  explicit Look(const dem::Rock& rock) {
+    dem::Draws draws(rock.form, 1, 0, 0);
+    const double round = rock.worn + 0.6 * (draws.uniform() - 0.5);
+    rounding = static_cast<std::size_t>(std::clamp(round * kRoundings, 0.0, kRoundings - 1.0));
+    attitude = draws.bits() % (kStones * kAttitudes), fillet = draws.bits();
+    turn = 2 * pi * draws.uniform(), narrow = 0.6 + 0.4 * draws.uniform(), reach = 1.3 + 0.2 * draws.uniform();
+  }
+};
+
+Eigen::Quaterniond moon_from_ground(const Vec3& up, double turn) {
+  return Eigen::Quaterniond::FromTwoVectors(Vec3::UnitZ(), up) * Eigen::AngleAxisd(turn, Vec3::UnitZ());
 }
 
 }  // namespace
 
 const std::vector<std::shared_ptr<const ObjectMesh>>& rock_shapes() {
-  static const auto shapes = [] {
-    std::vector<std::shared_ptr<const ObjectMesh>> all;
-    for (int i = 0; i < kShapes; ++i) all.push_back(std::make_shared<const ObjectMesh>(shape(i)));
-    return all;
-  }();
+  static const auto shapes =
+      meshes(kStones * kRoundings, [](std::size_t i) { return stone(i / kRoundings, i % kRoundings); });
   return shapes;
 }
 
-RockPose rock_pose(std::uint64_t form, const Vec3& up) {
-  constexpr std::uint64_t kTurns = std::uint64_t{1} << 32;
-  const double turn = 2 * pi * static_cast<double>(form % kTurns) / static_cast<double>(kTurns);
-  return {form / kTurns % kShapes,
-          Eigen::Quaterniond::FromTwoVectors(Vec3::UnitZ(), up) * Eigen::AngleAxisd(turn, Vec3::UnitZ())};
+const std::vector<std::shared_ptr<const ObjectMesh>>& fillet_shapes() {
+  constexpr std::size_t kFillets = 4;
+  static const auto shapes = meshes(kFillets, [](std::size_t i) { return fillet(static_cast<int>(i)); });
+  return shapes;
+}
+
+PlacedShape placed_rock(const dem::Rock& rock, const Vec3& up) {
+  const Look look(rock);
+  const std::size_t shape = look.attitude / kAttitudes * kRoundings + look.rounding;
+  const double high_m = rock.height_m / (1 - rock.buried);
+  Eigen::Affine3d place = Eigen::Affine3d::Identity();
+  place.linear() = moon_from_ground(up, look.turn).toRotationMatrix() *
+                   Vec3(rock.diameter_m, look.narrow * rock.diameter_m, high_m).asDiagonal();
+  place.translation() = (rock.height_m - high_m) * up;
+  return {rock_shapes()[shape].get(), place * attitudes()[shape * kAttitudes + look.attitude % kAttitudes]};
+}
+
+std::optional<PlacedShape> placed_fillet(const dem::Rock& rock, const Vec3& up) {
+  if (!(rock.fillet_m > 0)) return std::nullopt;
+  const Look look(rock);
+  const double radius_m = look.reach * rock.diameter_m / 2;
+  Eigen::Affine3d place = Eigen::Affine3d::Identity();
+  place.linear() = moon_from_ground(up, look.turn).toRotationMatrix() *
+                   Vec3(radius_m, look.narrow * radius_m, rock.fillet_m).asDiagonal();
+  return PlacedShape{fillet_shapes()[look.fillet % fillet_shapes().size()].get(), place};
 }
 
 }  // namespace selenograph::engine

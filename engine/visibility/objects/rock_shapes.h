@@ -1,25 +1,39 @@
-// Shapes of rocks: a few meshes, deformed and rotated by hash.
+// Shapes of rocks and of the soil against them: a few meshes, turned, stretched and sunk into the ground rock by rock.
 #pragma once
 
 #include <Eigen/Geometry>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <optional>
 #include <vector>
 
+#include "dem/detail/rock_field.h"
 #include "engine/frame/objects.h"
 
 namespace selenograph::engine {
 
-// Angular stones: a flattened sphere cut by planes. The largest horizontal extent is 1; the origin is at ground level,
-// z is up. They are 0.5 to 0.7 of their diameter high (lunar boulders: 0.6 on average, Demidov & Basilevsky 2014), with
-// a third of the height below ground. Made once.
+// kStones stones in kRoundings states each, stone by stone: cut by planes with sharp edges, with chipped ones, and
+// rounded. Their size is arbitrary, z is not up. Made once.
+inline constexpr std::size_t kStones = 8, kRoundings = 3;
 const std::vector<std::shared_ptr<const ObjectMesh>>& rock_shapes();
+// Mounds of soil around a rock, which hides their middle: z is up, 0 is the ground. Their height is about 1 at 0.7 from
+// the axis. They meet the ground at a small angle at about 1, and continue below it to 1.16: where the ground falls away
+// they still reach it. Made once.
+const std::vector<std::shared_ptr<const ObjectMesh>>& fillet_shapes();
 
-// Shape and orientation of a rock (dem::Rock) where the ground's normal is `up`.
-struct RockPose {
-  std::size_t shape;
-  Eigen::Quaterniond moon_from_rock;
+// A mesh on the ground.
+struct PlacedShape {
+  const ObjectMesh* mesh;
+  Eigen::Affine3d from_mesh;  // axes of MOON_ME, relative to the rock's position, metres
 };
-RockPose rock_pose(std::uint64_t form, const Vec3& up);
+
+// Where the ground's normal is `up`. Its largest horizontal extent is the rock's diameter, its top is height_m above
+// the ground. Any of some hundred attitudes of the shapes is chosen, older rocks are rounder; all are stretched
+// vertically, by the height, narrowed to 0.6 to 1 of the width across the largest extent, and turned about the
+// vertical. All of it is within a diameter of the rock's position, and so is its fillet.
+PlacedShape placed_rock(const dem::Rock& rock, const Vec3& up);
+// The soil against it, 1.3 to 1.5 times as wide; none against a new rock.
+std::optional<PlacedShape> placed_fillet(const dem::Rock& rock, const Vec3& up);
 
 }  // namespace selenograph::engine

@@ -25,8 +25,9 @@ namespace {
 
 class Finder {
  public:
-  Finder(const dem::Terrain& terrain, const RowViews& views, const Sun* sun, const StopToken& stop)
-      : terrain_(terrain), views_(views), survey_(terrain), stop_(stop) {
+  Finder(const dem::Terrain& terrain, std::shared_ptr<dem::RockMemory> memory, const RowViews& views, const Sun* sun,
+         const StopToken& stop)
+      : terrain_(terrain), views_(views), survey_(terrain, std::move(memory)), stop_(stop) {
     if (!sun) return;
     constexpr double kFlattest = 0.03;  // sine of the Sun's elevation, below which shadows aren't followed
     toward_sun_ = sun->direction, flattest_ = kFlattest;
@@ -43,7 +44,8 @@ class Finder {
     }
     const dem::RockField& field = survey_.field();
     double expected = 0;
-    for (const Piece& piece : pieces_) expected += expected_of(field, piece.octave, piece.box, piece.smallest_m);
+    for (const Piece& piece : pieces_)
+      expected += expected_of(field, piece.octave, dem::footprint_of(piece.block), piece.smallest_m);
     return expected;
   }
 
@@ -52,7 +54,7 @@ class Finder {
     auto rocks = gathered_in_parallel<dem::RockFeature>(pieces_.size(), 4, kMostRocks, [&](std::size_t i, auto& some) {
       stop_.check();
       const auto before = static_cast<std::ptrdiff_t>(some.size());
-      survey_.add(pieces_[i].octave, pieces_[i].box, pieces_[i].smallest_m, some, stop_);
+      survey_.add(pieces_[i].octave, pieces_[i].block, pieces_[i].smallest_m, some, stop_);
       some.erase(std::remove_if(some.begin() + before, some.end(), [&](const auto& rock) { return !shown(rock); }),
                  some.end());
     });
@@ -63,7 +65,7 @@ class Finder {
  private:
   struct Piece {
     int octave;
-    dem::Footprint box;
+    dem::BlockId block;
     double smallest_m;
   };
 
@@ -120,7 +122,7 @@ class Finder {
       if (level == id.level || (level < id.level && id.level == chosen_level)) {
         if (may_see(bounds.points,
                     bounds.bulge_m + 2 * field.largest_m(k) + shadow_m(bounds.centre, field.largest_m(k))))
-          pieces_.push_back({k, dem::footprint_of(id), smallest_m});
+          pieces_.push_back({k, id, smallest_m});
       }
       finer |= level > id.level;
     }
@@ -146,11 +148,12 @@ class Finder {
 
 }  // namespace
 
-RocksInView rocks_in_view(const dem::Terrain& terrain, const RowViews& views, const Sun* sun,
-                          const std::vector<dem::BlockId>& blocks, double max_error_px, const StopToken& stop) {
+RocksInView rocks_in_view(const dem::Terrain& terrain, std::shared_ptr<dem::RockMemory> memory, const RowViews& views,
+                          const Sun* sun, const std::vector<dem::BlockId>& blocks, double max_error_px,
+                          const StopToken& stop) {
   RocksInView found;
   if (!terrain.detail() || terrain.detail()->rocks().empty()) return found;
-  Finder finder(terrain, views, sun, stop);
+  Finder finder(terrain, std::move(memory), views, sun, stop);
   for (found.least_px = std::max(kLeastRock_px, 2 * max_error_px);; found.least_px *= 2) {
     // Pieces reach beyond the view: far too many of theirs aren't put onto the ground to be counted.
     constexpr double kFarTooMany = 8;

@@ -1,6 +1,7 @@
 // Selects the rocks of a detail that a frame shows: large enough, and in view themselves or with their shadow.
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "dem/detail/rocks_on_ground.h"
@@ -18,10 +19,11 @@ struct RocksInView {
 
 // Rocks are shown from a diameter of 2 max_error_px pixels, so that omitted rocks are no higher than the mesh's error
 // bound, and of at least kLeastRock_px. If that gives more than kMostRocks (frame/needs.h), the diameter is doubled
-// until it does not. `blocks`: of the frame.
+// until it does not. `blocks`: of the frame. `memory`: what earlier frames have found.
 inline constexpr double kLeastRock_px = 0.5;
-RocksInView rocks_in_view(const dem::Terrain& terrain, const RowViews& views, const Sun* sun,
-                          const std::vector<dem::BlockId>& blocks, double max_error_px, const StopToken& stop);
+RocksInView rocks_in_view(const dem::Terrain& terrain, std::shared_ptr<dem::RockMemory> memory, const RowViews& views,
+                          const Sun* sun, const std::vector<dem::BlockId>& blocks, double max_error_px,
+                          const StopToken& stop);
 
 // Level of the blocks in which an octave's rocks are searched: about 60 of its smallest diameters wide, or the finest
 // level.

@@ -83,7 +83,7 @@ std::optional<dem::Footprint> beneath(const Ray& ray, const Stretch& stretch, do
 
 }  // namespace
 
-// Where rocks are looked for: their expected number is no more than kMostRocks, or there is nothing.
+// Where rocks are looked for: their expected number is no more than kMostRocksOfRays, or there is nothing.
 std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const Ray> rays,
                                                                  std::span<const BlockOnRays> blocks,
                                                                  const StopToken& stop) const {
@@ -97,7 +97,7 @@ std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const
     };
     const NodeBounds bounds = bounds_of(block.id, block.low_m, block.high_m);
     const dem::Footprint footprint = dem::footprint_of(block.id);
-    for (int k = field.smallest_octave(); k <= field.largest_octave() && expected <= kMostRocks; ++k) {
+    for (int k = field.smallest_octave(); k <= field.largest_octave() && expected <= kMostRocksOfRays; ++k) {
       if (block.rays.size() > kFewRays || found.strips.size() > kMostStrips) {
         all_of(k);
         continue;
@@ -123,7 +123,7 @@ std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const
   std::sort(found.pieces.begin(), found.pieces.end());
   found.pieces.erase(std::unique(found.pieces.begin(), found.pieces.end()), found.pieces.end());
   for (const auto& [octave, id] : found.pieces) expected += expected_of(field, octave, dem::footprint_of(id), 0);
-  if (expected > kMostRocks) return std::nullopt;
+  if (expected > kMostRocksOfRays) return std::nullopt;
   return found;
 }
 
@@ -144,7 +144,7 @@ std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<cons
     rocks->insert(rocks->end(), some.begin(), some.end());
   }
   rocks = dem::largest_first(std::move(*rocks));
-  if (rocks->size() > kMostRocks) return std::nullopt;
+  if (rocks->size() > kMostRocksOfRays) return std::nullopt;
   return rocks;
 }
 

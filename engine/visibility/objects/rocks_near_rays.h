@@ -23,8 +23,8 @@ class RocksNearRays {
   explicit RocksNearRays(const dem::Terrain& terrain) : survey_(terrain) {}
 
   double largest_m() const { return survey_.field().law().largest_m; }
-  // Returns the rocks, the largest first; empty when there are more than kMostRocks. `blocks`: the blocks that the rays
-  // may hit (select_for_rays).
+  // Returns the rocks, the largest first; empty when there are more than kMostRocksOfRays. `blocks`: the blocks that
+  // the rays may hit (select_for_rays).
   std::optional<std::vector<dem::RockFeature>> along(std::span<const Ray> rays, std::span<const BlockOnRays> blocks,
                                                      const StopToken& stop);
 

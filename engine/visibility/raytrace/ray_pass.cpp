@@ -133,7 +133,7 @@ void RayPass::write_products(Packet& p) const {
     if (!p.objects.points.hit[i]) continue;
     const std::size_t at = pixel_of(p, i);
     if (p.sample.weight > 0) add_radiance(at, p.sample.weight, p.object_radiance[i]);
-    if (p.sample.count) writer_.count_object(p.objects.object[i], p.task.counts);
+    if (p.sample.count) writer_.count_object(p.objects, i, p.task.counts);
     if (p.sample.store) writer_.store_object(p.objects, i, p.rays.direction(i), p.object_lit[i], at);
   }
 }

@@ -171,7 +171,7 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
     if (!lanes.points.hit[i]) continue;
     const std::size_t at = row.first + static_cast<std::size_t>(i);
     if (sample.weight > 0) row.radiance[i] = radiance[i], row.bases[i] = base[i];
-    if (sample.count) writer_.count_object(lanes.object[i], counts);
+    if (sample.count) writer_.count_object(lanes, i, counts);
     if (sample.store) writer_.store_object(lanes, i, rays.direction(i), lit[i], at);
   }
 }
