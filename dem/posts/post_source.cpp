@@ -152,7 +152,7 @@ namespace {
 // Where a file's first post is among another one's columns and rows; empty: not on its grid.
 std::optional<std::pair<std::int64_t, std::int64_t>> first_post_in(const RasterInfo& file, const RasterInfo& of) {
   const auto* grid = std::get_if<GeographicGrid>(&of.grid);
-  if (!grid) return LayerSheet{&of}.shift_of(file);
+  if (!grid) return LayerSheet{&of, 0, 0, {}}.shift_of(file);
   const auto* beside = std::get_if<GeographicGrid>(&file.grid);
   if (!beside || std::abs(beside->lat_posts_per_degree / grid->lat_posts_per_degree - 1) > 1e-9 ||
       std::abs(beside->lon_posts_per_degree / grid->lon_posts_per_degree - 1) > 1e-9)

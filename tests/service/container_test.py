@@ -32,6 +32,8 @@ def setUpModule():
     if os.geteuid() != 0:
         raise unittest.SkipTest("debootstrap needs root")
     harness.set_up()
+    # Not tearDownModule(): a failed build is cleared away, too. What was added last is done first.
+    unittest.addModuleCleanup(harness.tear_down)
     # runc takes any control groups. Limits that every machine allows: the defaults are higher than some have.
     os.environ.update(
         CONTAINERS_CONF=harness.write("containers.conf", """
@@ -49,14 +51,10 @@ def setUpModule():
             runroot = "{harness.path('run')}"
             """),
         DISABLE_HC_SYSTEMD="true")  # the test asks for the health itself
+    unittest.addModuleCleanup(said, "podman", "rmi", "--all", "--force")
+    unittest.addModuleCleanup(said, "buildah", "rm", "--all")
+    unittest.addModuleCleanup(said, "podman", "rm", "--all", "--force", "--time", "1")
     build()
-
-
-def tearDownModule():
-    said("podman", "rm", "--all", "--force", "--time", "1")
-    said("buildah", "umount", "--all")
-    said("podman", "rmi", "--all", "--force")
-    harness.tear_down()
 
 
 def command(*words, timeout_s=harness.PATIENCE_S, **options):
