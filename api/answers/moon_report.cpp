@@ -12,14 +12,14 @@ namespace {
 
 using engine::DiscRow;
 
-std::string number(double value, const char* format = "{:.6g}") {
+std::string cell(double value, const char* format = "{:.6g}") {
   return std::isnan(value) ? std::string() : fmt::format(fmt::runtime(format), value);
 }
 
 std::string quoted(const std::string& text) { return text.find(',') == std::string::npos ? text : "\"" + text + "\""; }
 
 // Largest and smallest ratio to a model over the wavelengths, by preset, ground and phase.
-struct Range {
+struct RatioRange {
   double least = 1e300, largest = 0;
   void add(double ratio) {
     if (!std::isnan(ratio)) least = std::min(least, ratio), largest = std::max(largest, ratio);
@@ -35,7 +35,7 @@ bool in_lime(const DiscRow& row) { return row.wavelength_um > 0.4399 && row.wave
 
 std::string disc_table(const MoonReport& report, const std::string& ground, double DiscRow::*model, const char* name) {
   constexpr double kShown_deg[] = {2, 5, 7, 15, 30, 45, 60, 75, 90};
-  std::map<std::string, std::map<double, Range>> ranges;
+  std::map<std::string, std::map<double, RatioRange>> ranges;
   std::vector<std::string> presets;
   for (const DiscRow& row : report.discs) {
     if (row.ground != ground || !in_lime(row)) continue;
@@ -79,7 +79,7 @@ void check_discs(const MoonReport& report, std::vector<std::string>& out) {
 }
 
 void check_images(const MoonReport& report, std::vector<std::string>& out) {
-  std::map<std::string, Range> scales;
+  std::map<std::string, RatioRange> scales;
   for (const ImageRow& row : report.images) {
     const engine::DiscComparison& c = row.comparison;
     const std::string name = row.image + " " + row.channel;
@@ -100,7 +100,7 @@ std::string disc_csv(const MoonReport& report) {
   std::string out = "preset,wavelength_um,phase_deg,reflectance,rolo,lime,ground\n";
   for (const DiscRow& row : report.discs)
     fmt::format_to(std::back_inserter(out), "{},{:g},{:g},{},{},{},{}\n", quoted(row.preset), row.wavelength_um,
-                   row.phase_deg, number(row.reflectance), number(row.rolo), number(row.lime), row.ground);
+                   row.phase_deg, cell(row.reflectance), cell(row.rolo), cell(row.lime), row.ground);
   return out;
 }
 
@@ -120,7 +120,7 @@ std::string images_csv(const MoonReport& report) {
     fmt::format_to(std::back_inserter(out), "{},{},{:.5f},{:.4f},{:.4f},{:g},{:g}", row.image, row.channel,
                    row.comparison.correlation, row.comparison.scale, row.comparison.limb_px, row.registration.dx_px,
                    row.registration.dy_px);
-    for (const double residual : row.comparison.residual) out += "," + number(residual, "{:.4f}");
+    for (const double residual : row.comparison.residual) out += "," + cell(residual, "{:.4f}");
     out += "\n";
   }
   return out;
@@ -150,7 +150,7 @@ std::string moon_markdown(const MoonReport& report) {
     const engine::DiscComparison& c = row.comparison;
     out += fmt::format("| {} | {} | {:.2f}, {:.2f} | {:.4f} | {:.3f} | {:.3f} |", row.image, row.channel,
                        row.registration.dx_px, row.registration.dy_px, c.correlation, c.scale, c.limb_px);
-    for (const double residual : c.residual) out += fmt::format(" {} |", number(residual, "{:.3f}"));
+    for (const double residual : c.residual) out += fmt::format(" {} |", cell(residual, "{:.3f}"));
     out += "\n";
   }
   return out;
