@@ -414,7 +414,8 @@ class InFrames(WithFeatures):
                 self.assertTrue(diameter_px(outline) < 5 or not inside.any(), crater)
                 continue
             self.assertEqual({name: mine[name] for name in crater}, crater)
-            np.testing.assert_allclose(mine["rim_px"], outline, rtol=0, atol=0.01)
+            np.testing.assert_allclose(np.array(mine["rim_px"])[inside], outline[inside], rtol=0, atol=0.01)
+            np.testing.assert_allclose(mine["rim_px"], outline, rtol=0, atol=0.5)  # beside the image on a coarser mesh
             self.assertGreaterEqual(diameter_px(outline), 4.999)
             self.assertAlmostEqual(mine["rim_visible"], inside.mean(), delta=0.2)  # its own wall may hide some
             self.assertEqual(mine["center_visible"], bool(self.in_image([mine["center_px"]])[0]))
@@ -463,7 +464,7 @@ class InFrames(WithFeatures):
         # There is one whatever the products, on a mesh that may differ.
         expected = self.meta(self.frame(products=["radiance"]))["craters"]
         sensor = {"optics": {"f_number": 5.6, "point_spread": {"model": "gaussian", "sigma_px": 1.5}},
-                  "detector": {"pixel_pitch_um": 5.5, "integration_time_s": 0.002}}
+                  "detector": {"pixel_pitch_um": 5.5, "integration_time_s": 0.002, "quantum_efficiency": 0.4, "gain_e_dn": 3.4}}
         for more in ({"products": ["depth"]}, {"truth": {"every_px": 7}, "products": ["range"]},
                      {"products": ["image"], "sensor": sensor, "band": {"center_um": 0.6, "width_um": 0.1}}):
             listed = self.meta(self.frame(**more))["craters"]
