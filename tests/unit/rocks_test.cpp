@@ -396,7 +396,7 @@ TEST(RockShapes, SoilMeetsTheGroundSmoothly) {
       if (radius > 0.65) steepest = std::max(steepest, std::hypot(n.x(), n.y()) / n.z() * 0.1 / 0.65);
     }
     EXPECT_GT(lowest_at_side, 0.7);
-    EXPECT_LT(highest_outside, -0.2);
+    EXPECT_LT(highest_outside, -0.1);
     EXPECT_GT(steepest, std::tan(20 * kRadiansPerDegree));
     EXPECT_LT(steepest, std::tan(55 * kRadiansPerDegree));
   }

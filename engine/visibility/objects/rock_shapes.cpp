@@ -209,7 +209,7 @@ Eigen::Affine3d lying(const ObjectShape& shape, const Eigen::Matrix3d& turned) {
                              [&](const Vec3& a, const Vec3& b) { return a.dot(along) < b.dot(along); });
   };
   // The largest of the extents in some directions, and of those along the lines between the corners that these found.
-  constexpr int kDirections = 12;
+  constexpr int kDirections = 30;
   Vec3 across = Vec3::Zero(), middle = Vec3::Zero();
   for (int i = 0; i < kDirections; ++i) {
     Vec3 along(std::cos(pi * i / kDirections), std::sin(pi * i / kDirections), 0);
