@@ -342,9 +342,11 @@ TEST(RockShapes, AreClosed) {
 }
 
 std::vector<Vec3> places_of(const engine::PlacedShape& shape) {
-  std::vector<Vec3> places;
+  std::set<std::tuple<float, float, float>> once;
   for (const engine::ObjectCorner& corner : shape.mesh->shape().corners)
-    places.push_back(shape.from_mesh * corner.place.cast<double>());
+    once.emplace(corner.place.x(), corner.place.y(), corner.place.z());
+  std::vector<Vec3> places;
+  for (const auto& [x, y, z] : once) places.push_back(shape.from_mesh * Eigen::Vector3f(x, y, z).cast<double>());
   return places;
 }
 
