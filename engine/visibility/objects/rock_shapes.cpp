@@ -304,7 +304,8 @@ PlacedShape placed_rock(const dem::Rock& rock, const Vec3& up) {
 }
 
 std::optional<PlacedShape> placed_fillet(const dem::Rock& rock, const Vec3& up) {
-  if (!(rock.fillet_m > 0)) return std::nullopt;
+  constexpr double kLowest = 0.02;  // diameters; the ground differs from a plane by as much
+  if (!(rock.fillet_m > kLowest * rock.diameter_m)) return std::nullopt;
   const Look look(rock);
   const double radius_m = look.reach * rock.diameter_m / 2;
   Eigen::Affine3d place = Eigen::Affine3d::Identity();
