@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <numbers>
 #include <utility>
 
 #include "dem/detail/detail.h"
@@ -51,7 +52,11 @@ std::size_t RockMemory::PlaceHash::operator()(const Place& place) const {
 
 double most_rocks(const RockField& field, const Footprint& region, double smallest_m) {
   const RockLaw& law = field.law();
-  return area_m2(region) * std::max(1.0, law.on_ejecta) *
+  // Mean of the enrichment over a disc as large as the region, by the cube law.
+  constexpr double kLargestRadius_m = 250;
+  const double area = area_m2(region), radii = std::sqrt(area / std::numbers::pi) / kLargestRadius_m,
+               mean = radii <= 1 ? 1 : (3 - 2 / radii) / (radii * radii);
+  return area * (1 + std::max(0.0, law.on_ejecta - 1) * mean) *
          law.frequency.between(std::max(smallest_m, law.smallest_m), law.largest_m);
 }
 

@@ -20,7 +20,8 @@ struct RockFeature {
   Vec3 up;           // the ground's normal, unit
 };
 
-// Expected number of rocks in a region by the law, if all of it were next to fresh craters.
+// Expected number of rocks in a region by the law, if a new crater of 500 m, the largest of most presets, were in its
+// middle.
 double most_rocks(const RockField& field, const Footprint& region, double smallest_m);
 
 // What was found of rocks, kept for whoever asks for the same places next: no answer depends on it. Of any number of

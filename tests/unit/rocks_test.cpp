@@ -342,9 +342,11 @@ TEST(RockShapes, AreClosed) {
 }
 
 std::vector<Vec3> places_of(const engine::PlacedShape& shape) {
-  std::vector<Vec3> places;
+  std::set<std::tuple<float, float, float>> once;
   for (const engine::ObjectCorner& corner : shape.mesh->shape().corners)
-    places.push_back(shape.from_mesh * corner.place.cast<double>());
+    once.emplace(corner.place.x(), corner.place.y(), corner.place.z());
+  std::vector<Vec3> places;
+  for (const auto& [x, y, z] : once) places.push_back(shape.from_mesh * Eigen::Vector3f(x, y, z).cast<double>());
   return places;
 }
 
@@ -368,7 +370,7 @@ TEST(RockShapes, LieAsTheListHasThem) {
     EXPECT_NEAR(low, rock.height_m - rock.height_m / (1 - rock.buried), 1e-5);
     EXPECT_LT(far, rock.diameter_m);
     const auto soil = engine::placed_fillet(rock, up);
-    ASSERT_EQ(soil.has_value(), i > 0);
+    ASSERT_EQ(soil.has_value(), rock.fillet_m > 0.02 * rock.diameter_m);
     if (!soil) continue;
     for (const Vec3& a : places_of(*soil)) EXPECT_LT(a.norm(), rock.diameter_m);
   }
@@ -396,7 +398,7 @@ TEST(RockShapes, SoilMeetsTheGroundSmoothly) {
       if (radius > 0.65) steepest = std::max(steepest, std::hypot(n.x(), n.y()) / n.z() * 0.1 / 0.65);
     }
     EXPECT_GT(lowest_at_side, 0.7);
-    EXPECT_LT(highest_outside, -0.2);
+    EXPECT_LT(highest_outside, -0.1);
     EXPECT_GT(steepest, std::tan(20 * kRadiansPerDegree));
     EXPECT_LT(steepest, std::tan(55 * kRadiansPerDegree));
   }

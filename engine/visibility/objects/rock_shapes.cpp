@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 #include <numbers>
+#include <set>
 #include <utility>
 
 #include "dem/detail/size_cells.h"
@@ -200,16 +201,17 @@ std::vector<std::shared_ptr<const ObjectMesh>> meshes(std::size_t count, const M
 
 // A shape turned so that it lies with its largest horizontal extent along x, from -1/2 to 1/2, and from 0 to 1 in z.
 // Whatever it is narrowed by along y, and stretched along z, its largest horizontal extent stays that one.
-Eigen::Affine3d lying(const ObjectShape& shape, const Eigen::Matrix3d& turned) {
-  std::vector<Vec3> places;
-  places.reserve(shape.corners.size());
-  for (const ObjectCorner& corner : shape.corners) places.push_back(turned * corner.place.cast<double>());
-  const auto farthest = [&](const Vec3& along) {
-    return *std::max_element(places.begin(), places.end(),
-                             [&](const Vec3& a, const Vec3& b) { return a.dot(along) < b.dot(along); });
+using Places = Eigen::Matrix3Xd;
+
+Eigen::Affine3d lying(const Places& shape, const Eigen::Matrix3d& turned) {
+  const Places places = turned * shape;
+  const auto farthest = [&](const Vec3& along) -> Vec3 {
+    Eigen::Index i = 0;
+    (along.transpose() * places).maxCoeff(&i);
+    return places.col(i);
   };
   // The largest of the extents in some directions, and of those along the lines between the corners that these found.
-  constexpr int kDirections = 12;
+  constexpr int kDirections = 30;
   Vec3 across = Vec3::Zero(), middle = Vec3::Zero();
   for (int i = 0; i < kDirections; ++i) {
     Vec3 along(std::cos(pi * i / kDirections), std::sin(pi * i / kDirections), 0);
@@ -230,15 +232,29 @@ Eigen::Affine3d lying(const ObjectShape& shape, const Eigen::Matrix3d& turned) {
 
 constexpr std::size_t kAttitudes = 24;  // of each shape
 
+// Each once: triangles have corners of their own.
+Places places_of(const ObjectShape& shape) {
+  const auto less = [](const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
+    return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
+  };
+  std::set<Eigen::Vector3f, decltype(less)> once(less);
+  for (const ObjectCorner& corner : shape.corners) once.insert(corner.place);
+  Places places(3, static_cast<Eigen::Index>(once.size()));
+  Eigen::Index i = 0;
+  for (const Eigen::Vector3f& place : once) places.col(i++) = place.cast<double>();
+  return places;
+}
+
 const std::vector<Eigen::Affine3d>& attitudes() {
   static const auto all = [] {
     constexpr std::uint64_t kSeed = 0x7475726e;
     std::vector<Eigen::Affine3d> some;
+    Places places;
     for (std::size_t i = 0; i < rock_shapes().size() * kAttitudes; ++i) {
+      if (i % kAttitudes == 0) places = places_of(rock_shapes()[i / kAttitudes]->shape());
       dem::Draws draws(kSeed, 0, static_cast<int>(i), 0);
       const Vec3 up = any_direction(draws);
-      some.push_back(lying(rock_shapes()[i / kAttitudes]->shape(),
-                           Eigen::Quaterniond::FromTwoVectors(up, Vec3::UnitZ()).toRotationMatrix()));
+      some.push_back(lying(places, Eigen::Quaterniond::FromTwoVectors(up, Vec3::UnitZ()).toRotationMatrix()));
     }
     return some;
   }();
@@ -288,7 +304,8 @@ PlacedShape placed_rock(const dem::Rock& rock, const Vec3& up) {
 }
 
 std::optional<PlacedShape> placed_fillet(const dem::Rock& rock, const Vec3& up) {
-  if (!(rock.fillet_m > 0)) return std::nullopt;
+  constexpr double kLowest = 0.02;  // diameters; the ground differs from a plane by as much
+  if (!(rock.fillet_m > kLowest * rock.diameter_m)) return std::nullopt;
   const Look look(rock);
   const double radius_m = look.reach * rock.diameter_m / 2;
   Eigen::Affine3d place = Eigen::Affine3d::Identity();

@@ -33,7 +33,7 @@ struct PlacedShape {
 // vertically, by the height, narrowed to 0.6 to 1 of the width across the largest extent, and turned about the
 // vertical. All of it is within a diameter of the rock's position, and so is its fillet.
 PlacedShape placed_rock(const dem::Rock& rock, const Vec3& up);
-// The soil against it, 1.3 to 1.5 times as wide; none against a new rock.
+// The soil against it, 1.3 to 1.5 times as wide; none where it is lower than 2 % of the diameter.
 std::optional<PlacedShape> placed_fillet(const dem::Rock& rock, const Vec3& up);
 
 }  // namespace selenograph::engine
