@@ -18,8 +18,8 @@ namespace selenograph::engine {
 inline constexpr std::size_t kStones = 8, kRoundings = 3;
 const std::vector<std::shared_ptr<const ObjectMesh>>& rock_shapes();
 // Mounds of soil around a rock, which hides their middle: z is up, 0 is the ground. Their height is about 1 at 0.7 from
-// the axis. They meet the ground at a small angle at about 1, and continue below it to 1.16: where the ground falls away
-// they still reach it. Made once.
+// the axis. They meet the ground at a small angle at about 1, and continue below it to 1.16: where the ground falls
+// away they still reach it. Made once.
 const std::vector<std::shared_ptr<const ObjectMesh>>& fillet_shapes();
 
 // A mesh on the ground.
