@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <optional>
 
@@ -33,6 +34,19 @@ double sample(const DiscImage& image, double x, double y) {
   const double fx = std::clamp(x - column, 0.0, 1.0), fy = std::clamp(y - row, 0.0, 1.0);
   return std::lerp(std::lerp(at(column, row), at(column + 1, row), fx),
                    std::lerp(at(column, row + 1), at(column + 1, row + 1), fx), fy);
+}
+
+// Second differences along columns, squared, of the image whose lines are moved back.
+double roughness(const DiscImage& image, const SpinScan& scan) {
+  std::vector<double> above, middle, below;
+  double sum = 0;
+  for (int y = 0; y < image.height; ++y) {
+    above = std::move(middle), middle = std::move(below), below.clear();
+    for (int x = 0; x < image.width; ++x) below.push_back(sample(image, x + scan.displacement_px(y, image.height), y));
+    if (y < 2) continue;
+    for (std::size_t x = 0; x < below.size(); ++x) sum += std::pow(above[x] - 2 * middle[x] + below[x], 2);
+  }
+  return sum;
 }
 
 // The distance from the disc's centre at which the light of a ray falls through half of that inside the limb.
@@ -98,18 +112,49 @@ std::vector<Pixel> disc_pixels(const DiscImage& frame, const FrameRequest& reque
 
 }  // namespace
 
+double SpinScan::displacement_px(int row, int height) const {
+  const double moved_px = phase_px + step_px * ((height - 1 - row + first) / lines);
+  return moved_px - std::floor(moved_px + 0.5);
+}
+
+SpinScan scan_of(const std::vector<DiscImage>& channels, SpinScan scan) {
+  constexpr int kPhases = 40;
+  SpinScan best = scan;
+  double least = std::numeric_limits<double>::infinity();
+  for (scan.first = 0; scan.first < scan.lines; ++scan.first)
+    for (int k = 0; k < kPhases; ++k) {
+      scan.phase_px = static_cast<double>(k) / kPhases;
+      double rough = 0;
+      for (const DiscImage& image : channels) rough += roughness(image, scan);
+      if (rough < least) least = rough, best = scan;
+    }
+  return best;
+}
+
 DiscImage spread(const DiscImage& image, const Placement& by) {
   if (!(by.sigma_px > 0)) return image;
   PointSpread gaussian;
   gaussian.model = PointSpread::Model::gaussian, gaussian.sigma_px = by.sigma_px;
-  const SpreadKernel kernel = SpreadKernel(gaussian, 1, 1, 1).shifted(gaussian, by.dx_px, by.dy_px);
-  const int r = kernel.radius(), width = image.width + 2 * r;
+  const SpreadKernel kernel(gaussian, 1, 1, 1);
+  // A pixel more on both sides, by which lines are moved whole.
+  const int r = kernel.radius(), inner = image.width + 2 * r, width = inner + 2;
   std::vector<float> bordered(static_cast<std::size_t>(width) * static_cast<std::size_t>(image.height + 2 * r), 0.F);
   for (int y = 0; y < image.height; ++y)
     std::copy_n(image.radiance.begin() + static_cast<std::ptrdiff_t>(y) * image.width, image.width,
-                bordered.begin() + static_cast<std::ptrdiff_t>(y + r) * width + r);
+                bordered.begin() + static_cast<std::ptrdiff_t>(y + r) * width + r + 1);
   DiscImage out{image.width, image.height, {}};
-  kernel.apply(bordered, image.width, image.height, out.radiance);
+  for (int y = 0, past = 0; y < image.height; y = past) {
+    const double moved_px = by.scan.displacement_px(y, image.height);
+    for (past = y + 1; past < image.height && by.scan.displacement_px(past, image.height) == moved_px;) ++past;
+    const double whole_px = std::round(by.dx_px + moved_px);
+    std::vector<float> lines, done;
+    for (int line = y; line < past + 2 * r; ++line) {
+      const auto from = bordered.begin() + static_cast<std::ptrdiff_t>(line) * width + 1 - static_cast<int>(whole_px);
+      lines.insert(lines.end(), from, from + inner);
+    }
+    kernel.shifted(gaussian, by.dx_px + moved_px - whole_px, by.dy_px).apply(lines, image.width, past - y, done);
+    out.radiance.insert(out.radiance.end(), done.begin(), done.end());
+  }
   return out;
 }
 
@@ -133,7 +178,8 @@ Placement registered(const DiscImage& observed, const DiscImage& frame, const Vi
       moved = false;
       for (const auto& [dx, dy] :
            {std::pair(step_px, 0.0), std::pair(-step_px, 0.0), std::pair(0.0, step_px), std::pair(0.0, -step_px)}) {
-        const Placement next{by.sigma_px, by.dx_px + dx, by.dy_px + dy};
+        Placement next = by;
+        next.dx_px += dx, next.dy_px += dy;
         if (std::abs(next.dx_px) > kMost_px || std::abs(next.dy_px) > kMost_px) continue;
         const double correlation = disc_correlation(observed, spread(frame, next), view);
         if (correlation > best) best = correlation, by = next, moved = true;

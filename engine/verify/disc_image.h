@@ -17,9 +17,25 @@ struct DiscImage {
   std::vector<float> radiance;
 };
 
-// The same light spread by a Gaussian of sigma_px and moved by (dx, dy), at most half a pixel.
+// How a spinning scanner displaces lines. It reads `lines` of them in a turn, upwards, and from turn to turn the Moon
+// moves on by step_px to the right. Lines begin at whole pixels, so that half a pixel is the most that is left of it.
+struct SpinScan {
+  int lines = 1;
+  double step_px = 0;
+  // Of the bottom row: its place among the lines of its turn, and its turn's displacement.
+  int first = 0;
+  double phase_px = 0;
+
+  double displacement_px(int row, int height) const;  // to the right, row 0 on top
+};
+// `scan` with the `first` and `phase_px` for which adjacent lines are most alike once they are moved back, to a
+// fortieth of a pixel: from the images alone. `channels`: read at the same time, all of one size.
+SpinScan scan_of(const std::vector<DiscImage>& channels, SpinScan scan);
+
+// The same light spread by a Gaussian of sigma_px and moved by (dx, dy), at most half a pixel, and by the scan.
 struct Placement {
   double sigma_px = 0, dx_px = 0, dy_px = 0;
+  SpinScan scan{};
 };
 DiscImage spread(const DiscImage& image, const Placement& by);
 

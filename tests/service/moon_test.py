@@ -122,7 +122,7 @@ class MoonTest(unittest.TestCase):
         self.assertEqual(len(images), 9)
         for row in images:
             visible = row["channel"] != "NIR016"
-            self.assertGreater(float(row["correlation"]), 0.992 if visible else 0.985, row)
+            self.assertGreater(float(row["correlation"]), 0.994 if visible else 0.985, row)
             self.assertLess(abs(float(row["scale"]) - 1), 0.1, row)
         for channel in ("VIS006", "VIS008", "NIR016"):
             scales = [float(row["scale"]) for row in images if row["channel"] == channel]
