@@ -97,9 +97,10 @@ class Image(unittest.TestCase):
         return said("podman", "run", "--rm", "--network", "none", "--entrypoint", words[0], IMAGE, *words[1:])
 
     def test_what_it_is(self):
-        config = self.inspected()["Config"]
+        image = self.inspected()
+        config = image["Config"]
         self.assertEqual((config["User"], config["Entrypoint"], config["Cmd"]), ("10001:10001", ["selenograph"], ["serve"]))
-        self.assertIn("/health/ready", config["Healthcheck"]["Test"][-1])
+        self.assertIn("/health/ready", image["Healthcheck"]["Test"][-1])
         self.assertIn("SELENOGRAPH_HOST=0.0.0.0", config["Env"])
         self.assertEqual(self.in_image("id", "-u"), "10001")
         self.assertEqual(self.in_image("selenograph", "--version"), harness.run("--version").stdout.strip())
@@ -122,7 +123,7 @@ class Image(unittest.TestCase):
              "--env", f"SELENOGRAPH_PORT={port}", IMAGE)
         log = lambda: command("podman", "logs", "service").stdout  # noqa: E731
         harness.wait_until(lambda: command("podman", "healthcheck", "run", "service").returncode == 0, log)
-        check = self.inspected()["Config"]["Healthcheck"]["Test"]
+        check = self.inspected()["Healthcheck"]["Test"]
         self.assertEqual(check[0], "CMD-SHELL")
         for at, healthy in ((port, True), (harness.free_port(), False)):  # where nothing answers it is not healthy
             done = command("podman", "exec", "--env", f"SELENOGRAPH_PORT={at}", "service", "sh", "-c", check[1])
