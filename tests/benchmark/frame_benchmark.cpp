@@ -223,7 +223,10 @@ const Addition kAdditions[] = {
        add_model(r, engine::ReflectanceModel::hapke);
        r.reflectance.hapke.terms = engine::HapkeTerms::terms_2002, r.reflectance.hapke.bc0 = 0.3;
      }},
+    {"moon", [](engine::FrameRequest& r) { add_model(r, engine::ReflectanceModel::moon); }},
     {"albedo_map", [](engine::FrameRequest& r) { r.albedo_maps = {grey_map()}; }},
+    {"moon_albedo_map",
+     [](engine::FrameRequest& r) { add_model(r, engine::ReflectanceModel::moon), r.albedo_maps = {grey_map()}; }},
     {"object_in_view", [](engine::FrameRequest& r) { r.objects = {box_below(r, 300)}; }},
     {"object_out_of_view", [](engine::FrameRequest& r) { r.objects = {box_below(r, -300)}; }},
     {"noise", [](engine::FrameRequest& r) { r.band.emplace(0.65, 0.3), r.sensor = noisy_sensor(); }},
