@@ -17,9 +17,13 @@ TEST(Ground, SlopesAreThePublishedOnes) {
     for (const SlopeRow& row : ground_slopes(shipped(name), 60)) {
       if (row.baseline_m > 100) continue;
       EXPECT_NEAR(row.median_deg / row.published_deg, 1, 0.2) << name << ' ' << row.baseline_m;
-      if (row.baseline_m > 1) EXPECT_NEAR(row.hurst, 0.85, 0.2) << name << ' ' << row.baseline_m;
+      if (row.baseline_m > 1) {
+        EXPECT_NEAR(row.hurst, 0.85, 0.2) << name << ' ' << row.baseline_m;
+      }
       EXPECT_NEAR(row.craters_share + row.relief_share, 1, 1e-12);
-      if (name == std::string("mare") && row.baseline_m == 1) EXPECT_LT(row.relief_share, 0.4);
+      if (name == std::string("mare") && row.baseline_m == 1) {
+        EXPECT_LT(row.relief_share, 0.4);
+      }
     }
   EXPECT_EQ(shipped("landing").relief.deviation_m, shipped("mare").relief.deviation_m);
 }
