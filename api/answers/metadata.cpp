@@ -115,16 +115,19 @@ bool names_etag(const std::string& if_none_match, const std::string& hash) {
 
 void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& report, OrderedJson& warnings) {
   const double detail_px = asked.detail_aim_px();
-  const bool detail_gave_way = report.detail_limit_px > detail_px;
-  if (detail_gave_way)
+  const bool query_has_detail = report.detail_limit_px > 0;
+  if (report.detail_limit_px > detail_px)
     warnings.push_back(
         fmt::format("max_detail_error_px was relaxed (detail_limit_px): it would take more than {:g} triangles a pixel",
                     engine::Accuracy::kDetailTrianglesPerPixel));
   if (gave_way(asked, report.shadow_limits_px))
-    warnings.push_back(fmt::format("max_shadow_error_px was relaxed (shadow_limit_px): {}",
-                                   detail_gave_way ? "as max_detail_error_px was"
-                                                   : "the terrain that it takes does not fit into the service's "
-                                                     "memory for scenes"));
+    warnings.push_back(
+        query_has_detail
+            ? fmt::format("max_shadow_error_px was relaxed (shadow_limit_px): it would take more than {:g} "
+                          "triangles a pixel, or more terrain than the service's memory for scenes holds",
+                          engine::Accuracy::kDetailTrianglesPerPixel)
+            : std::string("max_shadow_error_px was relaxed (shadow_limit_px): the terrain that it takes does "
+                          "not fit into the service's memory for scenes"));
 }
 
 void warn_of_band(const engine::FrameRequest& request, OrderedJson& warnings) {

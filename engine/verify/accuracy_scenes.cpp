@@ -74,8 +74,8 @@ std::vector<AccuracyScene> accuracy_scenes(const dem::Terrain& terrain, const Ge
 
 AccuracyScene touchdown_scene(const dem::Terrain& detailed, const std::shared_ptr<const dem::Detail>& detail,
                               const Geographic& place, int side_px) {
-  AccuracyScene scene{"touchdown", "straight down from 300, 100, 30 and 10 m, Sun 10 degrees high, with detail", {}};
-  for (const double height_m : {300.0, 100.0, 30.0, 10.0}) {
+  AccuracyScene scene{"touchdown", "straight down from 100, 30, 10 and 3 m, Sun 10 degrees high, with detail", {}};
+  for (const double height_m : {100.0, 30.0, 10.0, 3.0}) {
     scene.frames.push_back(Seat{detailed, place, side_px}.frame(height_m, 0, 90, 10));
     scene.frames.back().detail = detail;
   }

@@ -33,6 +33,7 @@ BODIES = {
         dict(FRAME, camera=dict(FRAME["camera"], model="fisheye", distortion={"model": "kannala_brandt"})),
         dict(FRAME, accuracy={}, truth={}, surface={"reflectance": {}}, objects=[OBJECT], products=["lit", "radiance"]),
         dict(FRAME, accuracy={"budget_ms": 50}),
+        dict(FRAME, detail="highlands", craters={}),
         *(dict(FRAME, surface={"reflectance": {"model": model}}) for model in (
             "lambert", "lommel_seeliger", "blinn_phong", "lunar_lambert", "hapke")),
         dict(FRAME, surface={"reflectance": {"model": "hapke", "terms": "2002"}}),

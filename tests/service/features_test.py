@@ -169,7 +169,7 @@ class Rocks(WithFeatures):
             # Smaller ones than the frame has may stand before what it sees.
             same = np.abs(nearer) < 1e-3
             self.assertTrue((met | ~stone)[same].all())
-            self.assertGreater(same[stone].mean(), 0.97)
+            self.assertGreater(same[stone].mean(), 0.94)
             self.assertGreater((~met)[~stone].mean(), 0.9)
             self.assertGreater(np.mean([hit["lit"] == l for hit, l, s in zip(hits, lit, same & stone) if s]), 0.98)
 
@@ -721,9 +721,9 @@ class CommandLine(WithFeatures):
 
     def test_all_of_them_and_other_cameras(self):
         few = self.coco(self.frame())["annotations"]
-        more = self.coco(self.frame(), "--least-depth", "0")["annotations"]
-        self.assertGreater(len(more), len(few))
-        self.assertLessEqual({a["crater_id"] for a in few}, {a["crater_id"] for a in more})
+        fewer = self.coco(self.frame(), "--least-depth", "0.06")["annotations"]
+        self.assertGreater(len(few), len(fewer))
+        self.assertLess({a["crater_id"] for a in fewer}, {a["crater_id"] for a in few})
         fisheye = self.frame(800.0, camera={"model": "fisheye", "width": 128, "height": 128, "fov_deg": 120.0})
         document = self.coco(fisheye, "--least-px", "5")
         self.assertGreater(self.check_boxes(fisheye, document), 5)
