@@ -53,8 +53,9 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
       if (terrain.detail()) selection.detail_limit_px = asked.max_detail_error_px;
       return selection;
     } catch (const TooMuchDetail&) {
-      // Shadows give way first: their bound is that of the deepest crater, while coarser ground is seen at once.
-      if (sun && selector.refined_for_shadows() && asked.max_shadow_error_px < kNoAim_px)
+      // Shadows give way first, as far as they must: their bound is that of the deepest crater, while coarser ground is
+      // seen at once.
+      if (selector.refined_for_shadows())
         relax_shadows();
       else
         asked.max_detail_error_px = std::max(std::numbers::sqrt2 * asked.max_detail_error_px, 1.0 / 16);
