@@ -101,7 +101,7 @@ class VerifyAccuracy(unittest.TestCase):
     def test_with_detail(self):
         _, rows = self.measured("touchdown", 48, "--scenes", "touchdown", "--detail", "landing", "--assets-dir",
                                 os.path.join(harness.REPOSITORY, "deploy", "assets"),
-                                within=0.999)  # the bound is the mesh's: soil beside rocks is none
+                                within=0.998)  # the bound is the mesh's: soil beside rocks is none
         self.assertEqual({row["scene"] for row in rows}, {"touchdown"})
         self.assertEqual({row["max_detail_error_px"] for row in rows}, {"4", "2", "1"})
         # The finest posts are the truth.
