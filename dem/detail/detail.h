@@ -70,8 +70,8 @@ class Detail {
   double beyond_posts_m(int posts_level) const;
   // Largest diameter or wavelength below an octave, m; 0: there are none.
   double left_out_size_m(int octave) const;
-  // Means over a post's cell have the octaves that are shown so many levels below the posts. What is left out is 15 mm
-  // (RMS) of 118 m.
+  // Means over a post's cell have the octaves that are shown so many levels below the posts (unit.detail measures
+  // what is left).
   static constexpr int kCellLevels = 4;
   // Places along a cell's side that stand for an octave: 0.6 of its smallest diameter apart or less.
   static int places_in_cell(int octave, int posts_level);
