@@ -36,10 +36,8 @@ std::vector<double> heights_of(const Detail& detail, int octave, const Middle& m
     const double lat = south + static_cast<double>(i) * step, lon = west + static_cast<double>(i) * lon_step;
     table[0][i] = std::sin(lat), table[1][i] = std::cos(lat), table[2][i] = std::sin(lon), table[3][i] = std::cos(lon);
   }
-  // The level that begins to show the octave, over the posts that leave it out as the last.
-  const int level = Detail::smallest_octave(0) - octave;
   std::vector<double> heights(static_cast<std::size_t>(kSquarePosts) * kSquarePosts);
-  detail.add({table[0], table[1], table[2], table[3], west, lon_step}, level, level - 2, heights, {}, stop);
+  detail.add_octave({table[0], table[1], table[2], table[3], west, lon_step}, octave, heights, stop);
   return heights;
 }
 

@@ -83,7 +83,7 @@ struct Look {
   const Terrain& terrain;
   Vec3 direction;
   const StopToken& stop;
-  double slack = 1e-9;  // how far beside a triangle, as a share of it
+  double slack;  // how far beside a triangle, as a share of it
 };
 
 // Whether the direction meets a quad of the finest surface; then the answer has its height and sources.
@@ -131,7 +131,6 @@ int Terrain::finest_level(const BlockId& id) const { return std::max(kSmoothLeve
 HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& stop) const {
   stop.check();
   HeightAnswer answer{lat_deg, wrap_lon_deg(lon_deg), std::nan(""), 0, -1, false};
-  Look look{*this, to_cartesian({lat_deg, lon_deg, 0}).normalized(), stop};
   const double lat = (lat_deg + 90) * kTicksPerDegree, lon = (answer.lon_deg + 180) * kTicksPerDegree;
   const BlockId probe = block_at(kMaxLevel, static_cast<std::int32_t>(std::clamp(lat, 0.0, kLatTicks - 1.0)),
                                  wrap_lon(static_cast<std::int64_t>(lon)));
@@ -143,18 +142,20 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& st
   const double y = lat / step, x = lon / step;
   // The quad that the place is in; beside an edge the neighbours too, because the mesh's edges are great circles, not
   // parallels.
-  // The triangles at a pole are slivers a tenth of a millimetre wide, which rounding misses.
-  for (const double slack : {1e-9, 1e-3}) {
-    look.slack = slack;
+  const auto meets = [&](double slack) {
+    const Look look{*this, to_cartesian({lat_deg, lon_deg, 0}).normalized(), stop, slack};
     for (const int dy : {0, -1, 1})
       for (const int dx : {0, -1, 1}) {
         const double row = std::floor(y) + dy, col = std::floor(x) + dx;
         if (row < 0 || row * step >= kLatTicks) continue;
         if (meets_quad_at(look, level, static_cast<std::int32_t>(row * step),
                           wrap_lon(static_cast<std::int64_t>(col * step)), answer))
-          return answer;
+          return true;
       }
-  }
+    return false;
+  };
+  // The triangles at a pole are slivers a tenth of a millimetre wide, which rounding misses.
+  if (!meets(1e-9)) meets(1e-3);
   return answer;
 }
 

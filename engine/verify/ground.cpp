@@ -111,8 +111,8 @@ std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset, const Sto
   for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
     constexpr int kSquares = 12;
     constexpr double kDiameters = 96;
-    std::array<CraterRow, kSquares> counts{};
     double area_km2 = 0;
+    int listed = 0, visible = 0;
     for (int i = 0; i < kSquares; ++i) {
       const auto [lat, lon] = place_rad(i);
       const double half_deg = std::ldexp(kDiameters / 2, k) / kMetresPerDegree, lat_deg = lat * kDegreesPerRadian,
@@ -124,15 +124,13 @@ std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset, const Sto
         if (!dem::holds(box, to_geographic(crater.centre * kMoonRadius_m)) ||
             !dem::remains_of(field, crater, all).any())
           continue;
-        counts[static_cast<std::size_t>(i)].listed += crater.depth_m >= dem::Detail::kWorn * crater.diameter_m;
-        counts[static_cast<std::size_t>(i)].visible += crater.depth_m >= dem::kVisible * crater.diameter_m;
+        listed += crater.depth_m >= dem::Detail::kWorn * crater.diameter_m;
+        visible += crater.depth_m >= dem::kVisible * crater.diameter_m;
       }
     }
-    CraterRow row{std::max(std::ldexp(1.0, k), preset.craters.smallest_m), 0, 0, 0};
-    row.law = 1e6 * ages.number_per_m2(row.diameter_m, field.largest_m(k));
-    for (const CraterRow& count : counts)
-      row.listed += count.listed / area_km2, row.visible += count.visible / area_km2;
-    rows.push_back(row);
+    const double smallest_m = std::max(std::ldexp(1.0, k), preset.craters.smallest_m);
+    rows.push_back(
+        {smallest_m, 1e6 * ages.number_per_m2(smallest_m, field.largest_m(k)), listed / area_km2, visible / area_km2});
   }
   return rows;
 }
