@@ -89,15 +89,20 @@ void FrameMoment::make_scene(std::size_t draws) {
   times_.build_ms = watch_.lap_ms();
   times_.pyramid_ms = waits_.pyramid.ms(), times_.load_ms = waits_.load.ms();
   lens_ = kept_.lens(views_.camera(), stop_);
+  if (!wants_indirect(request_)) return;
+  indirect_.emplace(request_, views_, views_.reference().position(), scene_->mesh, terrain_, radiance_.direct_w_m2,
+                    kept_.light_tiles(), stop_);
+  times_.indirect_ms = watch_.lap_ms();
 }
 
 Drawn FrameMoment::draw(int margin_px, const EachSample& each, FrameProducts& out) {
-  const FrameJob job{request_, views_, *scene_, objects_, radiance_, *lens_, stop_, each};
+  const FrameJob job{request_, views_, *scene_, objects_, radiance_, *lens_, stop_, each,
+                     indirect_ ? &*indirect_ : nullptr};
   const ViewMarks marks(views_, margin_px);
   const bool dense = drawn_at_once(request_, request_.accuracy, content_.visibility) > 1;
   Drawn drawn = dense ? draw_dense(job, marks, out) : draw_centres(job, marks, out);
   drawn.triangles = scene_->triangles, drawn.scene_bytes = scene_->bytes;
-  scene_.reset();  // an exposure's other moments have their own: who waits for room for one holds none
+  indirect_.reset(), scene_.reset();  // an exposure's other moments have their own: who waits for room for one holds none
   kept_.settle();
   times_.visibility_ms = watch_.lap_ms();
   kept_.speed(content_.visibility).learn(work_, times_);
@@ -107,6 +112,7 @@ Drawn FrameMoment::draw(int margin_px, const EachSample& each, FrameProducts& ou
 Drawn FrameMoment::draw_centres(const FrameJob& job, const ViewMarks& marks, FrameProducts& out) {
   FrameWriter writer(job.request, views_, job.scene.mesh, catalogue_size(), out, stop_);
   writer.look_at(marks);
+  writer.set_light({radiance_.direct_w_m2, job.indirect});
   draw_pixels(job, writer);
   return drawn_by(writer, job, out);
 }
@@ -118,7 +124,8 @@ Drawn FrameMoment::draw_dense(const FrameJob& job, const ViewMarks& marks, Frame
   std::optional<Drawn> drawn;
   if (at_centres.products)
     drawn =
-        draw_centres({at_centres, views_, job.scene, objects_, radiance_, job.centres, stop_, job.each}, marks, out);
+        draw_centres({at_centres, views_, job.scene, objects_, radiance_, job.centres, stop_, job.each, job.indirect},
+                     marks, out);
   const std::shared_ptr<const PixelRays> lens = kept_.lens(dense_camera(job.request.camera), stop_);
   DenseSamples samples(job, *lens, catalogue_size());
   samples.writer().look_at(marks.dense());

@@ -86,6 +86,7 @@ class FrameMoment {
   FrameWork work_;
   std::shared_ptr<const Scene> scene_;
   std::shared_ptr<const PixelRays> lens_;
+  std::optional<TerrainLight> indirect_;
 };
 
 }  // namespace selenograph::engine

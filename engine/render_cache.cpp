@@ -91,6 +91,7 @@ RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_
       scenes_(bytes, std::make_unique<PartsOnce>()),
       lenses_(bytes / 8),
       rocks_(std::make_shared<dem::RockMemory>(std::min(bytes / 8, kMostOfRocks))),
+      light_tiles_(bytes / 8),
       speed_of_rays_(threads),
       speed_of_zbuffer_(threads) {}
 
@@ -228,7 +229,7 @@ void RenderCache::reserve() {
     const std::lock_guard lock(room_mutex_);
     being_made = being_made_bytes_;
   }
-  const std::size_t others = scratch_.bytes() + lenses_.bytes() + rocks_->bytes() + being_made,
+  const std::size_t others = scratch_.bytes() + lenses_.bytes() + rocks_->bytes() + light_tiles_.bytes() + being_made,
                     needed = others + latest_scene_bytes(),
                     spare = scenes_.capacity() - std::min(scenes_.capacity(), needed);
   scenes_.reserve(others + std::min(less_.load(), spare));

@@ -19,6 +19,7 @@
 #include "dem/terrain/terrain.h"
 #include "engine/budget.h"
 #include "engine/camera/pixel_rays.h"
+#include "engine/indirect/light_tile.h"
 #include "engine/preparation.h"
 #include "engine/support/pool.h"
 #include "engine/visibility/points/scene.h"
@@ -55,6 +56,9 @@ class RenderCache {
   // Rocks of details, and what surrounds them: on the budget, at most an eighth of it.
   const std::shared_ptr<dem::RockMemory>& rocks() const { return rocks_; }
 
+  // Indirect light of terrain, on the budget: at most an eighth of it.
+  LightTiles& light_tiles() { return light_tiles_; }
+
   // Keep leases short: memory that is lent is not on the budget.
   Pool<FrameScratch>& scratch() { return scratch_; }
   // Call after a lease has ended. Scratch memory, lenses and rocks count towards the scenes' budget. A frame much
@@ -70,7 +74,7 @@ class RenderCache {
   }
 
   std::size_t capacity() const { return scenes_.capacity(); }
-  std::size_t bytes() const { return scenes_.bytes() + lenses_.bytes() + rocks_->bytes() + scratch_.bytes(); }
+  std::size_t bytes() const { return scenes_.bytes() + lenses_.bytes() + rocks_->bytes() + light_tiles_.bytes() + scratch_.bytes(); }
 
  private:
   struct SceneKey {
@@ -98,6 +102,7 @@ class RenderCache {
   static constexpr std::size_t kMostRoughnesses = 16;
   dem::Cache<int, dem::CraterRoughness> roughnesses_{kMostRoughnesses};  // by the detail's number
   std::shared_ptr<dem::RockMemory> rocks_;
+  LightTiles light_tiles_;
   Pool<FrameScratch> scratch_;
   std::mutex room_mutex_;
   std::size_t being_made_bytes_ = 0;  // scenes being built

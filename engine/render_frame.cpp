@@ -77,7 +77,10 @@ std::function<bool()> prepare_frame(const FrameRequest& asked, const dem::Terrai
   const RowViews views = views_of(plan.request, stop);
   const Selection selection = select_blocks(plan.request, views, plan.request.accuracy, terrain, kept, stop);
   const SceneContent content = content_of(plan.request, views, selection, terrain);
-  kept.scene(content, stop, RenderCache::Purpose::preparation);
+  const auto scene = kept.scene(content, stop, RenderCache::Purpose::preparation);
+  if (wants_indirect(plan.request))
+    TerrainLight(plan.request, views, views.reference().position(), scene->mesh, terrain, plan.radiance.direct_w_m2,
+                 kept.light_tiles(), stop);
   return kept.use_of(content);
 }
 

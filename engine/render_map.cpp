@@ -226,9 +226,16 @@ class MapDrawing {
     const ObjectsInFrame objects(frame_, above);
     const PixelRays lens;
     const EachSample each;
-    const FrameJob job{frame_, above, scene, objects, radiance_, lens, stop_, each};
+    std::optional<TerrainLight> indirect;
+    if (wants_indirect(frame_)) {
+      const Vec3 eye = request_.toward_viewer ? Vec3(directions.middle * kMoonRadius_m + *request_.toward_viewer * kFarAway_m)
+                                              : above.reference().position();
+      indirect.emplace(frame_, above, eye, scene.mesh, terrain_, radiance_.direct_w_m2, kept_.light_tiles(), stop_);
+    }
+    const FrameJob job{frame_, above, scene, objects, radiance_, lens, stop_, each, indirect ? &*indirect : nullptr};
     FrameProducts drawn;
     FrameWriter writer(frame_, above, scene.mesh, terrain_.catalogue().rasters().size(), drawn, stop_);
+    writer.set_light({radiance_.direct_w_m2, job.indirect});
     RayPass(job, writer).for_pixels([&](RayPass& pass, RayPass::Packet& packet) {
       aim(patch, directions, packet);
       pass.meet(packet);

@@ -10,7 +10,8 @@ namespace {
 using engine::FrameProducts;
 
 constexpr std::string_view kAxes[] = {"x", "y", "z"}, kPlace[] = {"lat_deg", "lon_deg", "height_m"},
-                           kAngles[] = {"incidence_deg", "emission_deg", "phase_deg"};
+                           kAngles[] = {"incidence_deg", "emission_deg", "phase_deg"},
+                           kLightSources[] = {"direct", "terrain", "earth"};
 
 constexpr ProductRow kTable[] = {
     {engine::kImage,
@@ -54,6 +55,13 @@ constexpr ProductRow kTable[] = {
      true,
      "lit fraction of the solar disc after self-shadowing; NaN where nothing is hit",
      {2, "", "lit fraction of the solar disc, self-shadowing included"}},
+    {engine::kIrradiance,
+     "irradiance",
+     &FrameProducts::irradiance,
+     kLightSources,
+     true,
+     "light that arrives, W m-2: from the Sun directly, from terrain, from the Earth; NaN where nothing is hit",
+     {7, "W m-2", "light that arrives: from the Sun directly, from terrain, from the Earth"}},
     {engine::kGsd,
      "gsd",
      &FrameProducts::gsd,

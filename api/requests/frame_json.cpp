@@ -406,7 +406,7 @@ std::string_view visibility_name(engine::Visibility visibility) { return word_of
 const Members<FrameQuery>& frame_members() {
   static const auto table = made<Members<FrameQuery>>(
       "FrameRequest",
-      "What to render. Unknown members are errors. `sun` is required for image, radiance, angles and lit.",
+      "What to render. Unknown members are errors. `sun` is required for image, radiance, angles, lit, irradiance.",
       [](auto& m) {
         add_scene(m);
         add_rendering(m);

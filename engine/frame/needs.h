@@ -13,7 +13,10 @@
 namespace selenograph::engine {
 
 inline bool wants_radiance(const FrameRequest& request) { return request.products & (kRadiance | kImage); }
-inline bool wants_light(const FrameRequest& request) { return wants_radiance(request) || (request.products & kLit); }
+inline bool wants_light(const FrameRequest& request) { return wants_radiance(request) || (request.products & (kLit | kIrradiance)); }
+inline bool wants_indirect(const FrameRequest& request) {
+  return request.indirect.any() && request.terrain && (wants_radiance(request) || (request.products & kIrradiance));
+}
 inline bool wants_geometry(const FrameRequest& request) { return request.products & kTruth; }
 
 // Number of samples of a pixel that are drawn at once (visibility/image/dense_samples.h): 4 by the z-buffer when the

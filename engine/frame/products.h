@@ -23,6 +23,7 @@ enum Product : std::uint32_t {
   kSource = 1u << 10,
   kObjectId = 1u << 11,
   kDetail = 1u << 12,
+  kIrradiance = 1u << 16,
   // Internal: used to list the rocks of a frame.
   kRock = 1u << 13,
   // Maps only.
@@ -42,6 +43,7 @@ struct FrameProducts {
   std::vector<float> normal;         // 3 per pixel, MOON_ME
   std::vector<float> angles;         // 3 per pixel: incidence, emission, phase, degrees
   std::vector<float> lit;
+  std::vector<float> irradiance;  // 3 per pixel, W m-2: direct, from terrain, from the Earth
   std::vector<float> gsd;  // m
   std::vector<std::uint16_t> source;
   std::vector<std::uint16_t> object_id;  // index into FrameRequest::objects; 65535: terrain, or nothing
@@ -54,10 +56,10 @@ struct FrameProducts {
 // References to all arrays of the products, const or not. A new array that is not listed here does not compile.
 template <typename Products>
 auto all_arrays(Products& products) {
-  auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id, detail, rock,
-         height, slope] = products;
-  return std::tie(image, radiance, depth, range, position, geodetic, normal, angles, lit, gsd, source, object_id,
-                  detail, rock, height, slope);
+  auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, irradiance, gsd, source, object_id,
+         detail, rock, height, slope] = products;
+  return std::tie(image, radiance, depth, range, position, geodetic, normal, angles, lit, irradiance, gsd, source,
+                  object_id, detail, rock, height, slope);
 }
 
 }  // namespace selenograph::engine

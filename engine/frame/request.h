@@ -9,6 +9,7 @@
 #include "engine/frame/accuracy.h"
 #include "engine/frame/band.h"
 #include "engine/frame/camera.h"
+#include "engine/frame/indirect.h"
 #include "engine/frame/objects.h"
 #include "engine/frame/pose.h"
 #include "engine/frame/products.h"
@@ -47,6 +48,7 @@ struct FrameRequest {
   Pose pose;
   std::optional<Shutter> shutter;  // rows exposed one after the other; empty: all at once
   Sun sun;
+  IndirectLight indirect;  // of terrain with a Sun
   Reflectance reflectance;
   std::optional<Band> band;  // integration band of radiance; empty: all wavelengths
   double temperature_k = 0;  // surface temperature; 0: no thermal emission

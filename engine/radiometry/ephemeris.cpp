@@ -254,6 +254,18 @@ SunPosition sun_at(const std::string& utc) {
   return {(moon_me_from_icrs(tdb) * sun_au).normalized(), sun_au.norm()};
 }
 
+Earth earth_at(const std::string& utc) {
+  const JulianDate tdb = tt_from(utc);
+  using Motion = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;  // as in apparent_sun_icrs_au
+  Motion earth_to_moon;
+  eraMoon98(tdb.day, tdb.fraction, reinterpret_cast<double(*)[3]>(earth_to_moon.data()));
+  // Both move together: what is left of aberration is that of the Moon about the Earth, 3.4e-6.
+  const double light_speed_au_per_day = ERFA_DAYSEC / ERFA_AULT;
+  const Vec3 toward = -earth_to_moon.row(0).transpose(), velocity = earth_to_moon.row(1).transpose();
+  const Vec3 apparent = toward.normalized() + velocity / light_speed_au_per_day;
+  return {(moon_me_from_icrs(tdb) * apparent).normalized(), toward.norm() * ERFA_DAU};
+}
+
 Eigen::Matrix3d moon_me_from_icrf(const std::string& utc) { return moon_me_from_icrs(tt_from(utc)); }
 
 std::string utc_of_et(double et_s) {

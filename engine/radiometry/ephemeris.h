@@ -5,6 +5,7 @@
 #include <string>
 
 #include "dem/grid/geodesy.h"
+#include "engine/frame/indirect.h"
 
 namespace selenograph::engine {
 
@@ -21,6 +22,10 @@ struct SunPosition {
 // Accuracy: 0.01 degrees in direction (the Sun's disc is 0.53 degrees wide), 1e-6 au in distance. The error budget is
 // at the definition; nearly all of it is the lunar rotation.
 SunPosition sun_at(const std::string& utc);
+
+// The Earth's centre as seen from the Moon's at a UTC epoch, with aberration. Accuracy: 0.01 degrees in direction, 100 km in
+// distance. Throws as sun_at.
+Earth earth_at(const std::string& utc);
 
 // Rotates vectors of ICRF axes into MOON_ME at a UTC epoch, by the rotation that sun_at uses; errors likewise, and up
 // to 0.01 degrees of rotation.

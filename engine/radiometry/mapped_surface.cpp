@@ -137,6 +137,18 @@ double albedo_scale(const dem::ValueMap& map, const Reflectance& reflectance, co
 
 }  // namespace
 
+std::vector<ScaledMap> albedo_maps_of(const FrameRequest& request, const StopToken& stop) {
+  std::vector<ScaledMap> maps;
+  for (const auto& map : request.albedo_maps)
+    maps.push_back({{*map, stop}, albedo_scale(*map, request.reflectance, stop)});
+  return maps;
+}
+
+double fallback_albedo(const Reflectance& reflectance) {
+  if (reflectance.model == ReflectanceModel::moon) return 1;
+  return reflectance.model == ReflectanceModel::hapke ? reflectance.hapke.w : reflectance.rho;
+}
+
 MappedSurface::MappedSurface(const FrameRequest& request, const RowViews& views)
     : request_(request), views_(views), path_w_m2_sr_(radiance_terms(request, black(0)).base_w_m2_sr()) {
   const Reflectance& reflectance = request.reflectance;

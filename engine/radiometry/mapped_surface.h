@@ -71,6 +71,10 @@ class MappedSurface {
   Steps steps_;  // for the reference view
 };
 
+// The albedo maps of a request with their factors, and the value where none has one: as MappedSurface takes them.
+std::vector<ScaledMap> albedo_maps_of(const FrameRequest& request, const StopToken& stop);
+double fallback_albedo(const Reflectance& reflectance);
+
 // Visits the parts of a footprint as part(value, share of the footprint): for each part the value of the first map that
 // has one, `fallback` where none has.
 template <typename Part>

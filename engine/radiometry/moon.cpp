@@ -13,7 +13,6 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kRadian = std::numbers::pi / 180;
 constexpr std::size_t kNodes = 10;
 // Wavelengths between which the spectrum is linear: means of ROLO's bands, LIME's six, means of ROLO's bands.
 constexpr std::array<double, kNodes> kNodes_um{0.3525, 0.4106, 0.44, 0.5, 0.675, 0.87, 1.02, 1.64, 1.9815, 2.31725};
@@ -64,7 +63,7 @@ double ground_ratio(MoonGround ground, double wavelength_um) {
   if (ground == MoonGround::mean) return 1;
   const auto brightness = [&](SatoRegion region) {
     const HapkeLaw law(sato2014(region, wavelength_um));
-    const double cosine = std::cos(30 * kRadian);
+    const double cosine = std::cos(30 * kRadiansPerDegree);
     return law.with_kind([&]<bool kLegendre, bool kOf2002>() {
       return law.times_mu0<ScalarMath, kLegendre, kOf2002>(cosine, 1, cosine, law.albedo());
     });
@@ -200,10 +199,10 @@ std::optional<double> near_side_mean(const dem::ValueMap& map, const StopToken& 
         const double x = std::sqrt(x2);
         double weight = 0;
         for (const double side : {1.0, -1.0}) {
-          const double mu0 = x * std::cos(kPhase_deg * kRadian) + side * y * std::sin(kPhase_deg * kRadian);
+          const double mu0 = x * std::cos(kPhase_deg * kRadiansPerDegree) + side * y * std::sin(kPhase_deg * kRadiansPerDegree);
           if (mu0 > 0) weight += terms.times_mu0(mu0, x);
         }
-        const double lat_deg = std::asin(z) / kRadian, lon_deg = std::atan2(y, x) / kRadian;
+        const double lat_deg = std::asin(z) / kRadiansPerDegree, lon_deg = std::atan2(y, x) / kRadiansPerDegree;
         const auto [value, coverage] = sampler.mean({lat_deg, lon_deg, {kSide_m, 0}, {0, kSide_m}});
         all += weight;
         if (coverage > 0) sum += weight * coverage * value, covered += weight * coverage;

@@ -8,7 +8,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kPi = std::numbers::pi, kRadian = kPi / 180;
+constexpr double kPi = std::numbers::pi;
 
 double allen(double phase_deg) {
   const double within = std::min(phase_deg, kAllenLast_deg);
@@ -53,12 +53,12 @@ double mcewen_limb_darkening(double g) { return std::max(0.0, 1 + g * (-0.019 + 
 double lommel_seeliger_sphere(double phase_deg) {
   if (phase_deg <= 0) return 1;
   if (phase_deg >= 180) return 0;
-  const double half = phase_deg * kRadian / 2;
+  const double half = phase_deg * kRadiansPerDegree / 2;
   return 1 + std::sin(half) * std::tan(half) * std::log(std::tan(half / 2));
 }
 
 double lambert_sphere(double phase_deg) {
-  const double g = phase_deg * kRadian;
+  const double g = phase_deg * kRadiansPerDegree;
   return 2 / (3 * kPi) * (std::sin(g) + (kPi - g) * std::cos(g));
 }
 
@@ -78,7 +78,7 @@ double moon_light(PhaseLaw law, double phase_deg) {
   return 1;
 }
 
-double TermsByPhase::knot_phase_deg(int knot) { return 2 * std::asin(kLastSine * knot / kIntervals) / kRadian; }
+double TermsByPhase::knot_phase_deg(int knot) { return 2 * std::asin(kLastSine * knot / kIntervals) / kRadiansPerDegree; }
 
 TermsByPhase::TermsByPhase(const std::vector<BrdfTerms>& knots) : cubics_(kCoefficients * kIntervals) {
   for (int i = 0; i < kIntervals; ++i) {

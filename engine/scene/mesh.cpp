@@ -92,11 +92,8 @@ std::size_t MeshBlock::bytes() const {
          mixed.size() * sizeof(std::uint64_t) + 4 * static_cast<std::size_t>(side) * sizeof(float);
 }
 
-namespace {
-
-// Null where there is nothing, as of Terrain::block().
-std::vector<std::shared_ptr<const dem::Block>> load(const dem::Terrain& terrain, const std::vector<BlockId>& ids,
-                                                    const Mesh* before, const StopToken& stop) {
+std::vector<std::shared_ptr<const dem::Block>> load_blocks(const dem::Terrain& terrain, const std::vector<BlockId>& ids,
+                                                           const Mesh* before, const StopToken& stop) {
   std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
   std::vector<std::size_t> here, on_network;
   for (std::size_t i = 0; i < ids.size(); ++i) {
@@ -116,13 +113,11 @@ std::vector<std::shared_ptr<const dem::Block>> load(const dem::Terrain& terrain,
   return loaded;
 }
 
-}  // namespace
-
 Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before, const StopToken& stop) {
   std::vector<std::shared_ptr<const dem::Block>> loaded;
   {
     const Waiting loading(stop.waits(), &Waits::load);
-    loaded = load(terrain, ids, before, stop);
+    loaded = load_blocks(terrain, ids, before, stop);
   }
   if (ids.size() > TriangleId::kMostBlocks)
     throw std::length_error(fmt::format("mesh: {} blocks are more than {}", ids.size(), TriangleId::kMostBlocks));

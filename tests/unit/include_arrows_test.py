@@ -17,7 +17,7 @@ FLOORS = [
     "api/schema", "api/assets", "api/json", "api/message",
     "engine/verify", "engine", "engine/sensor", "engine/visibility/zbuffer", "engine/visibility/raytrace",
     "engine/visibility/image", "engine/visibility/meshes", "engine/visibility/objects", "engine/visibility/points",
-    "engine/visibility/embree", "engine/scene", "engine/radiometry", "engine/camera", "engine/frame", "engine/support",
+    "engine/visibility/embree", "engine/indirect", "engine/scene", "engine/radiometry", "engine/camera", "engine/frame", "engine/support",
     "dem/detail", "dem/terrain", "dem/pyramid", "dem/posts", "dem/catalogue", "dem/value_maps", "dem/sample", "dem/gdal",
     "dem/files", "dem/grid", "dem/support",
 ]

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "api/requests/parts/detail_json.h"
+#include "api/requests/parts/indirect_json.h"
 #include "api/requests/parts/sun_json.h"
 #include "api/requests/parts/surface_json.h"
 
@@ -17,13 +18,17 @@ struct SceneryQuery {
   bool sun_given = false;  // false: no product needs one; the engine's Sun is unused
 };
 
-// Rows "sun", "detail" and "surface", in this order. Query: a SceneryQuery with look().
+// Rows "sun", "indirect", "detail" and "surface", in this order. Query: a SceneryQuery with look().
 template <typename Query>
 void add_scenery(Members<Query>& m) {
   m.add("sun",
         Property{[](const Query& q) { return q.sun_given ? std::optional(q.look().sun) : std::nullopt; },
                  [](Query& q, const engine::Sun& sun) { q.look().sun = sun, q.sun_given = true; }},
         Object{sun_members()}, "direction, distance and size of the Sun");
+  m.add(
+       "indirect", [](auto& q) -> auto& { return q.look().indirect; }, Object{indirect_members()},
+       "light from the terrain around and from the Earth; left out: none")
+      .written_if([](const Query& q) { return q.look().indirect.any(); });
   m.add("detail",
         Property{[](const Query& q) {
                    return q.look().detail ? std::optional(DetailName::Value{q.detail, q.look().detail}) : std::nullopt;

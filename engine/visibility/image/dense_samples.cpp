@@ -41,7 +41,7 @@ DenseSamples::DenseSamples(const FrameJob& job, const PixelRays& lens, std::size
     : asked_(job),
       request_(dense_request(job.request)),
       views_(request_.camera, request_.pose, {}, job.stop),
-      job_{request_, views_, job.scene, job.objects, job.radiance, lens, job.stop, each_},
+      job_{request_, views_, job.scene, job.objects, job.radiance, lens, job.stop, each_, job.indirect},
       writer_(request_, views_, job.scene.mesh, catalogue_size, products_, job.stop) {
   if (job.each)
     each_ = [this](const SubpixelSample& sample, const std::vector<float>& radiance) { split(sample, radiance); };

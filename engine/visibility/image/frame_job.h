@@ -9,6 +9,7 @@
 #include "engine/camera/row_views.h"
 #include "engine/frame/report.h"
 #include "engine/frame/request.h"
+#include "engine/indirect/terrain_light.h"
 #include "engine/visibility/objects/objects_in_frame.h"
 #include "engine/visibility/points/scene.h"
 
@@ -34,6 +35,7 @@ struct FrameJob {
   const PixelRays& centres;       // rays of the pixel centres, for a camera with distortion
   const StopToken& stop;
   const EachSample& each;  // may be empty
+  const TerrainLight* indirect = nullptr;  // null: none
 };
 
 std::vector<SubpixelSample> samples_of(const FrameRequest& request);

@@ -63,6 +63,7 @@ void allocate_products(FrameProducts& out, ProductSet want, std::size_t pixels, 
   allocate(out.normal, want & kNormal, 3 * n, kNaN32);
   allocate(out.angles, want & kAngles, 3 * n, kNaN32);
   allocate(out.lit, want & kLit, n, kNaN32);
+  allocate(out.irradiance, want & kIrradiance, 3 * n, kNaN32);
   allocate(out.gsd, want & kGsd, n, kNaN32);
   allocate(out.source, want & kSource, n, FrameSources::kNone);
   allocate(out.object_id, want & kObjectId, n, kNoObject);
@@ -131,6 +132,9 @@ void FrameWriter::store_geometry(const SurfacePoints& p, int i, const Vec3& dire
   const auto spacing_m = static_cast<float>(dem::post_spacing_m(mesh_.blocks()[p.triangle[i].block()].posts->id.level));
   if (!out_.detail.empty()) out_.detail[*to] = static_cast<std::uint16_t>(ground_at(mesh_, p, i));
   store_point(p, i, direction, shading, lit, spacing_m, at, *to);
+  if (!out_.irradiance.empty())
+    store_irradiance(light_.indirect ? light_.indirect->irradiance(p, i, shading.normal(i)) : IndirectIrradiance(),
+                     shading.incident[i], lit, *to);
 }
 
 void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& direction, float lit,
@@ -145,6 +149,10 @@ void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& dire
   if (!out_.detail.empty() && on_rock)
     out_.detail[*to] = static_cast<std::uint16_t>(rock ? dem::Ground::rock : dem::Ground::relief);
   store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, at, *to);
+  if (!out_.irradiance.empty())
+    store_irradiance(light_.indirect ? light_.indirect->at(lanes.points.position(i)).on(lanes.shading.normal(i))
+                                     : IndirectIrradiance(),
+                     lanes.shading.incident[i], lit, *to);
 }
 
 void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit,
@@ -168,6 +176,13 @@ void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& directi
   }
   if (!out_.lit.empty()) out_.lit[at] = lit;
   if (!out_.gsd.empty()) out_.gsd[at] = spacing_m;
+}
+
+void FrameWriter::store_irradiance(const IndirectIrradiance& indirect, double incident, float lit,
+                                   std::size_t at) const {
+  float* of_pixel = &out_.irradiance[3 * at];
+  of_pixel[0] = static_cast<float>(light_.direct_w_m2 * std::max(incident, 0.0)) * lit;
+  of_pixel[1] = static_cast<float>(indirect.terrain), of_pixel[2] = static_cast<float>(indirect.earth);
 }
 
 void FrameWriter::mark(int x, int y, const SurfacePoints& points, int lane) {

@@ -10,6 +10,7 @@
 #include "engine/camera/row_views.h"
 #include "engine/frame/products.h"
 #include "engine/frame/request.h"
+#include "engine/indirect/terrain_light.h"
 #include "engine/scene/mesh.h"
 #include "engine/support/packet.h"
 #include "engine/visibility/image/frame_sources.h"
@@ -58,6 +59,13 @@ class FrameWriter {
   }
   void store_object(const ObjectLanes& lanes, int lane, const Vec3& direction, float lit, std::size_t pixel) const;
 
+  // Light of the product `irradiance`; without, there is none.
+  struct Light {
+    double direct_w_m2 = 0;
+    const TerrainLight* indirect = nullptr;
+  };
+  void set_light(const Light& light) { light_ = light; }
+
   // Sets the marks: pixels whose hits are recorded.
   void look_at(const ViewMarks& marks) { marks_ = marks; }
   const ViewMarks& marks() const { return marks_; }
@@ -77,10 +85,13 @@ class FrameWriter {
   void store_point(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
                    float spacing_m, std::size_t pixel, std::size_t slot) const;
 
+  void store_irradiance(const IndirectIrradiance& indirect, double incident, float lit, std::size_t at) const;
+
   const FrameRequest& request_;
   const RowViews& views_;
   const Mesh& mesh_;
   FrameProducts& out_;
+  Light light_;
   bool wants_geometry_;
   FrameSources sources_;
   std::mutex mutex_;

@@ -389,16 +389,22 @@ std::uint32_t ObjectsInFrame::blocked_by_rocks(const SurfacePoints& points, cons
   return blocked;
 }
 
-void ObjectsInFrame::radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit, float* out,
-                               float* base) const {
+void ObjectsInFrame::radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit,
+                               const TerrainLight* indirect, float* out, float* base) const {
   for (int i = 0; i < kPacket; ++i) {
     if (!lanes.points.hit[i]) continue;
     const Finish& finish = (*placed_[lanes.object[i]].finishes)[lanes.part[i]];
     const Vec3 direction = rays.direction(i);
     const double cos_phase = -direction.dot(request_.sun.direction) / direction.norm();
     base[i] = finish.base;
+    if (indirect) {
+      // It comes from many sides: as from halfway up.
+      constexpr double kHalfway = 0.5;
+      const IndirectIrradiance light = indirect->at(lanes.points.position(i)).on(lanes.shading.normal(i));
+      base[i] += static_cast<float>((light.terrain + light.earth) * finish.brdf(kHalfway, std::max(lanes.shading.mu[i], 0.0), 0));
+    }
     out[i] =
-        finish.base + static_cast<float>(direct_radiance(finish.brdf, finish.direct_w_m2, lanes.shading.incident[i],
+        base[i] + static_cast<float>(direct_radiance(finish.brdf, finish.direct_w_m2, lanes.shading.incident[i],
                                                          lanes.shading.mu[i], cos_phase, static_cast<double>(lit[i])));
   }
 }

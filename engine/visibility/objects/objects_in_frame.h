@@ -13,6 +13,7 @@
 #include "dem/detail/rocks_on_ground.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/request.h"
+#include "engine/indirect/terrain_light.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/scene/selection.h"
 #include "engine/support/packet.h"
@@ -66,8 +67,9 @@ class ObjectsInFrame {
   std::uint32_t blocked(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,
                         const Vec3& sun) const;
 
-  // Radiance per lane, W m-2 sr-1: with the Sun, and without it.
-  void radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit, float* out, float* base) const;
+  // Radiance per lane, W m-2 sr-1: with the Sun, and without it. `indirect`: may be null.
+  void radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit, const TerrainLight* indirect, float* out,
+                 float* base) const;
 
  private:
   // `views` null: all objects may be seen, by rays without a common origin.

@@ -1,5 +1,6 @@
 #include "engine/visibility/points/shading.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "dem/support/vector_targets.h"
@@ -93,11 +94,13 @@ Reflectance evaluated(const FrameRequest& request) {
 
 }  // namespace
 
-PacketShader::PacketShader(const FrameRequest& request, const RowViews& views, const RadianceTerms& terms)
+PacketShader::PacketShader(const FrameRequest& request, const RowViews& views, const RadianceTerms& terms,
+                           const TerrainLight* indirect)
     : request_(request),
       irradiance_(terms.direct_w_m2),
       base_(static_cast<float>(terms.base_w_m2_sr())),
-      brdf_(evaluated(request), band_of(request)) {
+      brdf_(evaluated(request), band_of(request)),
+      indirect_(indirect) {
   if (engine::mapped(request)) mapped_.emplace(request, views);
 }
 
@@ -107,10 +110,11 @@ void PacketShader::shade(const Facets& facets, const SurfacePoints& points, cons
 
 void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                              Sampler& sampler, float* out, float* base, int first_row) const {
+  alignas(64) double albedo[kPacket];
   if (const BrdfTerms* terms = brdf_.terms(); terms && !mapped_) {
     HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, lit, out);
   } else {
-    alignas(64) double cos_phase[kPacket], mu[kPacket], mu0_brdf[kPacket], albedo[kPacket];
+    alignas(64) double cos_phase[kPacket], mu[kPacket], mu0_brdf[kPacket];
     HWY_DYNAMIC_DISPATCH(Cosines)(rays, shading, request_.sun.direction, cos_phase, mu);
     if (mapped_) mapped_->sample(points, rays, sampler, albedo, base, first_row);
     const bool hapke = request_.reflectance.model == ReflectanceModel::hapke;
@@ -118,7 +122,11 @@ void PacketShader::radiances(const SurfacePoints& points, const Shading& shading
     HWY_DYNAMIC_DISPATCH(ReflectedBy)
     (irradiance_, shading, mu0_brdf, mapped_ && !hapke ? albedo : nullptr, lit, out);
   }
-  if (mapped_) {
+  if (indirect_) {
+    if (!mapped_) std::fill_n(base, kPacket, base_);
+    indirect_->add(points, shading, rays, brdf_, mapped_ ? albedo : nullptr, base);
+  }
+  if (mapped_ || indirect_) {
     for (int i = 0; i < kPacket; ++i) out[i] += points.hit[i] ? base[i] : 0;
   } else if (base_ != 0) {
     for (int i = 0; i < kPacket; ++i) out[i] += base_;  // eq. (1)

@@ -6,6 +6,7 @@
 #include "engine/camera/row_views.h"
 #include "engine/frame/report.h"
 #include "engine/frame/request.h"
+#include "engine/indirect/terrain_light.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/mapped_surface.h"
 #include "engine/support/packet.h"
@@ -15,21 +16,22 @@ namespace selenograph::engine {
 
 class PacketShader {
  public:
-  // `request` and `views` must outlive this object.
-  PacketShader(const FrameRequest& request, const RowViews& views, const RadianceTerms& terms);
+  // The arguments must outlive this object, but for the terms. `indirect`: null if there is none.
+  PacketShader(const FrameRequest& request, const RowViews& views, const RadianceTerms& terms,
+               const TerrainLight* indirect = nullptr);
 
   // Unit normals and cosines to Sun and camera.
   void shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const;
 
   // Radiance per lane, W m-2 sr-1, eq. (1). `lit`: share of the Sun that each point sees. `base`: radiance without the
-  // Sun; written if a map decides it, otherwise it is base_radiance() everywhere. `sampler`: the calling task's own.
+  // Sun; written where it varies, otherwise it is base_radiance() everywhere. `sampler`: the calling task's own.
   // `first_row`: of a square packet, when rows have their own views.
   using Sampler = MappedSurface::Sampler;
   void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                  Sampler& sampler, float* out, float* base, int first_row = 0) const;
   Sampler sampler(const StopToken& stop) const { return mapped_ ? mapped_->sampler(stop) : Sampler(); }
   // Whether base radiance varies from place to place.
-  bool bases_vary() const { return mapped_ && mapped_->emits(); }
+  bool bases_vary() const { return indirect_ || (mapped_ && mapped_->emits()); }
   float base_radiance() const { return base_; }
 
  private:
@@ -38,6 +40,7 @@ class PacketShader {
   float base_;
   Brdf brdf_;
   std::optional<MappedSurface> mapped_;
+  const TerrainLight* indirect_;
 };
 
 }  // namespace selenograph::engine

@@ -7,7 +7,7 @@ RayPass::RayPass(const FrameJob& job, FrameWriter& writer)
       request_(job.request),
       writer_(writer),
       rays_(job.views.reference()),
-      shader_(job.request, job.views, job.radiance) {
+      shader_(job.request, job.views, job.radiance, job.indirect) {
   if (request_.sun.angular_radius_deg > 0) disc_.emplace(request_.sun, job.scene.anchor);
 }
 
@@ -80,7 +80,7 @@ void RayPass::find_radiance(Packet& p, const PacketShader& shader) const {
   if (!(p.sample.weight > 0)) return;
   float base[kPacket];  // what is left without the Sun is of no use here: its light is known
   if (p.on_terrain) shader.radiances(p.points, p.shading, p.rays, p.lit, p.task.sampler, p.radiance, base, p.y);
-  if (p.on_object) job_.objects.radiances(p.objects, p.rays, p.object_lit, p.object_radiance, base);
+  if (p.on_object) job_.objects.radiances(p.objects, p.rays, p.object_lit, job_.indirect, p.object_radiance, base);
 }
 
 // The same stages for samples at edges.

@@ -31,7 +31,7 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
       times_(times),
       tiling_(mesh_, job.views.reference()),
       rays_(job.views.reference()),
-      shader_(job.request, job.views, job.radiance) {
+      shader_(job.request, job.views, job.radiance, job.indirect) {
   if (!wants_light(request_)) return;
   if (request_.sun.angular_radius_deg > 0) {
     disc_.emplace(request_.sun, mesh_.anchor());
@@ -166,7 +166,7 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
   if (job_.objects.meet(rays, points, lanes) == 0) return;
   alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
   if (sample.light) place_under_sun(lanes.points, lanes.object, row.first, lanes.shading, lit, samples);
-  if (sample.weight > 0) job_.objects.radiances(lanes, rays, lit, radiance, base);
+  if (sample.weight > 0) job_.objects.radiances(lanes, rays, lit, job_.indirect, radiance, base);
   for (int i = 0; i < kPacket; ++i) {
     if (!lanes.points.hit[i]) continue;
     const std::size_t at = row.first + static_cast<std::size_t>(i);
@@ -272,9 +272,12 @@ void RasterPass::find_light(Pixels& pixels) {
   if (!sample.light) return;
   shadows_->cast(scratch_.samples, scratch_.light, job_.stop);
   FrameProducts& out = writer_.out();
-  if (!sample.store || out.lit.empty()) return;
+  if (!sample.store || (out.lit.empty() && out.irradiance.empty())) return;
   for_shaded([&](const PartlyLit& left) {
-    if (const auto slot = writer_.slot(left.pixel)) out.lit[*slot] *= left.share;
+    const auto slot = writer_.slot(left.pixel);
+    if (!slot) return;
+    if (!out.lit.empty()) out.lit[*slot] *= left.share;
+    if (!out.irradiance.empty()) out.irradiance[3 * *slot] *= left.cosine;
   });
 }
 

@@ -1,0 +1,88 @@
+#include "api/requests/parts/indirect_json.h"
+
+#include "api/json/ranges.h"
+#include "api/requests/parts/pose_json.h"
+#include "api/schema/member_kinds.h"
+#include "dem/support/error.h"
+#include "engine/radiometry/ephemeris.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::Earth;
+using engine::IndirectLight;
+
+constexpr Range kEarthDistance_m{1e7, 1e12};
+
+std::optional<Earth> resolve_earth(const JsonReader& in, const EarthForm& form, const ReadContext& context) {
+  Earth earth;
+  if (form.direction) {
+    const std::optional<Vec3> direction = direction_of(*form.direction);
+    if (!direction) {
+      in.fail("direction", "is zero: not a direction");
+      return std::nullopt;
+    }
+    earth.direction = *direction;
+  } else if (form.sub_earth) {
+    earth.direction = to_cartesian(*form.sub_earth).normalized();
+  } else if (context.sun_utc.empty()) {
+    in.fail("needs an epoch as \"sun.utc\" or \"sun.et_s\", or {\"direction\": ...} or {\"sub_earth\": ...}");
+    return std::nullopt;
+  } else {
+    try {
+      earth = engine::earth_at(context.sun_utc);
+    } catch (const ImpossibleRequest&) {
+      return std::nullopt;  // refused where the Sun is read
+    }
+  }
+  earth.distance_m = form.distance_m.value_or(earth.distance_m);
+  return earth;
+}
+
+const Members<EarthForm, Earth>& earth_members() {
+  static const auto table = made<Members<EarthForm, Earth>>(
+      "Earth", "Where the Earth is, MOON_ME. Without `direction` and `sub_earth`, it is that of the Sun's epoch.",
+      [](auto& m) {
+        m.add("direction", &EarthForm::direction, Vector{kAnyNumber}, "toward the Earth; any length but zero");
+        m.add("sub_earth", &EarthForm::sub_earth, Object{place_members()}, "the place that has it in the zenith");
+        m.add("distance_m", &EarthForm::distance_m, Number{kEarthDistance_m, "m"},
+              "between the centres; default: 384 400 km, with an epoch from the ephemeris");
+        m.excludes("direction", {"sub_earth"}, "that is a direction, too");
+        m.resolve(resolve_earth);
+        m.unresolve([](const Earth& earth) { return EarthForm{earth.direction, std::nullopt, earth.distance_m}; });
+      });
+  return *table;
+}
+
+// An object, or true for the Earth at the Sun's epoch; false: none.
+struct FlagOrEarth {
+  using Value = std::optional<Earth>;
+  std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
+    if (in.value().is_boolean() && !in.value().get<bool>()) return Value();
+    const auto earth =
+        in.value().is_boolean() ? resolve_earth(in, {}, context) : earth_members().read(in, context);
+    return earth ? std::optional<Value>(earth) : std::nullopt;
+  }
+  OrderedJson write(const Value& earth) const { return earth ? earth_members().write(*earth) : OrderedJson(false); }
+  OrderedJson schema(const Limits&) const {
+    return {{"anyOf", OrderedJson::array({{{"type", "boolean"}}, reference_to(earth_members())})}};
+  }
+  std::vector<const MemberTable*> objects() const { return {&earth_members()}; }
+};
+
+}  // namespace
+
+const Members<IndirectLight>& indirect_members() {
+  static const auto table = made<Members<IndirectLight>>(
+      "IndirectLight", "Light that does not come from the Sun directly. Adds to the radiance of lit and shadowed ground.",
+      [](auto& m) {
+        m.add("terrain", &IndirectLight::terrain, Flag{},
+              "sunlight that the terrain in sight of a point reflects onto it, once, with the frame's reflectance, albedo "
+              "maps and shadows");
+        m.add("earth", &IndirectLight::earth, FlagOrEarth{},
+              "light of the Earth, with shadows; true: the Earth at the epoch of `sun`");
+      });
+  return *table;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,22 @@
+// Light that does not come from the Sun directly: from the terrain around, and from the Earth.
+#pragma once
+
+#include <optional>
+
+#include "dem/grid/geodesy.h"
+
+namespace selenograph::engine {
+
+// The Earth as a source of light: a uniform disc.
+struct Earth {
+  Vec3 direction = Vec3::UnitX();  // unit, from the Moon toward the Earth, MOON_ME
+  double distance_m = 384.4e6;
+};
+
+struct IndirectLight {
+  bool terrain = false;        // sunlight that terrain reflects once
+  std::optional<Earth> earth;  // empty: none
+  bool any() const { return terrain || earth; }
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,126 @@
+#include "engine/indirect/relief.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "dem/support/parallel.h"
+
+namespace selenograph::engine {
+namespace {
+
+Eigen::Matrix3d axes_at(const Vec3& centre) {
+  const EastNorthUp local = local_axes(centre);
+  Eigen::Matrix3d axes;
+  axes.row(0) = local.east, axes.row(1) = local.north, axes.row(2) = local.up;
+  return axes;
+}
+
+}  // namespace
+
+Vec3 Relief::direction(std::size_t grid, std::size_t post, bool middle) const {
+  const Grid& g = grids_[grid];
+  const auto side = static_cast<std::size_t>(g.side);
+  const double add = middle ? 0.5 : 0, column = static_cast<double>(post % side) + add,
+               row = static_cast<double>(post / side) + add;
+  return axes_.transpose() * Vec3(g.place(column), g.place(row), kMoonRadius_m).normalized();
+}
+
+Relief::Relief(const ReliefShape& shape, const ReliefHeights& heights, const StopToken& stop)
+    : shape_(shape), axes_(axes_at(shape.centre)) {
+  // A grid ends where the next one serves, seen from the farthest place.
+  for (double spacing = shape.spacing_m;; spacing *= 2) {
+    const double serves = std::min(2.0 * kPostsPerStep * kStepsPerDistance * spacing, shape.farthest_m);
+    const int half = static_cast<int>(std::ceil((shape.half_m + serves) / spacing)) + 2;
+    Grid& grid = grids_.emplace_back(Grid{2 * half + 1, spacing, {}});
+    grid.heights.resize(static_cast<std::size_t>(grid.side) * static_cast<std::size_t>(grid.side));
+    if (serves >= shape.farthest_m) break;
+  }
+  constexpr std::size_t kPiece = 4096;
+  for (std::size_t g = 0; g < grids_.size(); ++g) {
+    Grid& grid = grids_[g];
+    std::vector<Vec3> directions(grid.heights.size());
+    in_parallel_pieces(directions.size(), kPiece, [&](std::size_t first, std::size_t past_last) {
+      stop.check();
+      for (std::size_t i = first; i < past_last; ++i) directions[i] = direction(g, i);
+    });
+    heights(grid.spacing_m, directions, grid.heights);
+  }
+  const Grid& finest = grids_.front();
+  const float middle = finest.heights[finest.heights.size() / 2];
+  reference_m_ = std::isnan(middle) ? 0 : static_cast<double>(middle);
+  for (Grid& grid : grids_)
+    for (float& h : grid.heights) h -= static_cast<float>(reference_m_);
+}
+
+std::vector<GridView> Relief::views() const {
+  std::vector<GridView> out;
+  for (const Grid& grid : grids_)
+    out.push_back({grid.heights.data(), nullptr, static_cast<float>(grid.place(0)), static_cast<float>(grid.spacing_m),
+                   grid.side, -std::numeric_limits<float>::infinity()});
+  float highest = -std::numeric_limits<float>::infinity();
+  for (std::size_t g = grids_.size(); g-- > 0;) {
+    for (const float h : grids_[g].heights) highest = h > highest ? h : highest;
+    out[g].highest_m = highest;
+  }
+  return out;
+}
+
+Vec3 Relief::at(const Grid& grid, int row, int column) const {
+  const auto post = static_cast<std::size_t>(row) * static_cast<std::size_t>(grid.side) + static_cast<std::size_t>(column);
+  const Vec3 plane(grid.place(column), grid.place(row), kMoonRadius_m);
+  return plane * ((kMoonRadius_m + reference_m_ + static_cast<double>(grid.heights[post])) / plane.norm());
+}
+
+Relief::Cell Relief::cell(std::size_t grid, std::size_t post) const {
+  const Grid& g = grids_[grid];
+  const int row = static_cast<int>(post / static_cast<std::size_t>(g.side)),
+            column = static_cast<int>(post % static_cast<std::size_t>(g.side));
+  if (row + 1 >= g.side || column + 1 >= g.side) return {std::nanf(""), Eigen::Vector3f::Zero()};
+  const Vec3 a = at(g, row, column), b = at(g, row, column + 1), c = at(g, row + 1, column), d = at(g, row + 1, column + 1);
+  const Vec3 normal = (d - a).cross(c - b);
+  const double length = normal.norm();
+  if (!(length > 0)) return {std::nanf(""), Eigen::Vector3f::Zero()};
+  const auto side = static_cast<std::size_t>(g.side);
+  const float* h = &g.heights[post];
+  return {(h[0] + h[1] + h[side] + h[side + 1]) / 4, (normal / length).cast<float>()};
+}
+
+MarchLanes Relief::places(std::span<const Vec3> directions) const {
+  const Grid& g = grids_.front();
+  MarchLanes lanes;
+  for (std::size_t i = 0; i < kPacket; ++i) {
+    const Vec3 d = axes_ * directions[std::min(i, directions.size() - 1)];
+    const double x = kMoonRadius_m * d.x() / d.z(), y = kMoonRadius_m * d.y() / d.z();
+    const double column = (x - g.place(0)) / g.spacing_m, row = (y - g.place(0)) / g.spacing_m;
+    const int c = std::clamp(static_cast<int>(column), 0, g.side - 2), r = std::clamp(static_cast<int>(row), 0, g.side - 2);
+    const auto a = static_cast<float>(column - c), b = static_cast<float>(row - r);
+    const float* h = &g.heights[static_cast<std::size_t>(r) * static_cast<std::size_t>(g.side) + static_cast<std::size_t>(c)];
+    const float south = h[0] + a * (h[1] - h[0]), north = h[g.side] + a * (h[g.side + 1] - h[g.side]);
+    lanes.x[i] = static_cast<float>(x), lanes.y[i] = static_cast<float>(y), lanes.height[i] = south + b * (north - south);
+  }
+  return lanes;
+}
+
+void Relief::ground(std::span<const Vec3> directions, std::span<Cell> out) const {
+  const Grid& g = grids_.front();
+  for (std::size_t at = 0; at < directions.size(); at += kPacket) {
+    const std::size_t count = std::min<std::size_t>(kPacket, directions.size() - at);
+    const MarchLanes lanes = places(directions.subspan(at, count));
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto index = [&](float place) {
+        return static_cast<std::size_t>(std::clamp((static_cast<double>(place) - g.place(0)) / g.spacing_m, 0.0, g.side - 2.0));
+      };
+      out[at + i] = {lanes.height[i], cell(0, index(lanes.y[i]) * static_cast<std::size_t>(g.side) + index(lanes.x[i])).normal};
+    }
+  }
+}
+
+std::size_t Relief::bytes() const {
+  std::size_t sum = sizeof *this;
+  for (const Grid& grid : grids_) sum += grid.heights.capacity() * sizeof(float);
+  return sum;
+}
+
+}  // namespace selenograph::engine

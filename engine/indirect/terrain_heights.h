@@ -1,0 +1,14 @@
+// Heights for reliefs (relief.h) from a terrain's blocks.
+#pragma once
+
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
+#include "engine/indirect/relief.h"
+
+namespace selenograph::engine {
+
+// From the level whose posts are as close as the relief's, or the finest that there is; linear in its triangles. The
+// arguments must outlive the function.
+ReliefHeights heights_of(const dem::Terrain& terrain, const StopToken& stop);
+
+}  // namespace selenograph::engine

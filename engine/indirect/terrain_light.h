@@ -1,0 +1,88 @@
+// Indirect light over a frame's mesh: from the terrain around, and from the Earth.
+//
+// Gathered at posts about kSpacing_px pixels apart (light_tile.h) and interpolated between them. At a point with normal
+// n the irradiance is the dot product of n with the light's vector; the radiance is that of light from one direction
+// with the same irradiance and mean cosine of incidence, times a factor that makes it exact at the posts.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "engine/camera/row_views.h"
+#include "engine/frame/request.h"
+#include "engine/indirect/light_tile.h"
+#include "engine/radiometry/brdf.h"
+#include "engine/scene/mesh.h"
+#include "engine/support/packet.h"
+
+namespace selenograph::engine {
+
+// W m-2.
+struct IndirectIrradiance {
+  double terrain = 0, earth = 0;
+};
+
+class TerrainLight {
+ public:
+  // Distance of the posts in the image. Ground of pixels larger than kLargestPixel_m gets no light from terrain: at
+  // that scale slopes see so little of each other that it is below 1e-3 of the sunlight.
+  static constexpr double kSpacing_px = 8, kLargestPixel_m = 240;
+
+  // `eye_m`: who looks. `direct_w_m2`: the Sun's, at normal incidence. The other arguments must outlive this object.
+  TerrainLight(const FrameRequest& request, const RowViews& views, const Vec3& eye_m, const Mesh& mesh,
+               const dem::Terrain& terrain, double direct_w_m2, LightTiles& tiles, const StopToken& stop);
+
+  // Adds the radiance of the indirect light, W m-2 sr-1, for lanes that hit. `albedo`: null, or what the map says: w of
+  // Hapke's model, otherwise a factor of what the Brdf reflects.
+  void add(const SurfacePoints& points, const Shading& shading, const Rays& rays, const Brdf& brdf,
+           const double* albedo, float* radiance) const;
+  // At a lane, for its normal.
+  IndirectIrradiance irradiance(const SurfacePoints& points, int lane, const Vec3& normal) const;
+
+  // At any place near the mesh, as on an object: above the ground, whose light comes from below.
+  struct Place {
+    Vec3 terrain = Vec3::Zero(), earth = Vec3::Zero();  // vectors of the light, W m-2
+    double ground = 0;                                   // radiosity of the ground below, W m-2
+    Vec3 up = Vec3::UnitZ();
+    IndirectIrradiance on(const Vec3& normal) const;
+  };
+  Place at(const Vec3& place_m) const;
+
+  bool bright() const { return !tiles_.empty(); }
+  std::size_t tiles() const { return tiles_.size(); }
+
+ private:
+  // A post as pixels read it: 32 bytes.
+  struct alignas(32) Post {
+    float x, y, z;  // vector of the light from terrain, W m-2
+    float fluence;  // sum of the sectors' lengths
+    float factor;   // see above
+    float earth;    // W m-2 at normal incidence
+    float ground;   // radiosity of the ground, W m-2
+    float unused;
+  };
+  // From a block's rows and columns to those of its tile.
+  struct Place2 {
+    const Post* posts = nullptr;
+    int side = 0;
+    float row, column, scale_row, scale_column;
+  };
+  struct Tile {
+    std::shared_ptr<const LightTile> light;
+    std::vector<Post> posts;
+  };
+  void link(const std::vector<dem::BlockId>& of_blocks);
+  void fill(Tile& tile, const Vec3& eye_m, const Brdf& brdf) const;
+  Post between(std::uint32_t block, float row, float column) const;
+  Post at_lane(const SurfacePoints& points, int lane) const;
+
+  const FrameRequest& request_;
+  const Mesh& mesh_;
+  double direct_w_m2_, earth_w_m2_ = 0;
+  Vec3 earth_ = Vec3::Zero();
+  std::vector<dem::BlockId> tile_ids_;
+  std::vector<Tile> tiles_;
+  std::vector<Place2> places_;  // per block of the mesh
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,50 @@
+#include "engine/radiometry/earth.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kEarthRadius_m = 6378136.6, kAu_m = 149597870700;
+constexpr double kSun_mag = -26.75, kFullEarth_mag = -3.99, kBondAlbedo = 0.294;
+
+// Relative to phase 0; beyond the fit's last angle, that one's.
+double magnitude_law(double phase_deg) {
+  const double a = std::min(phase_deg, 170.0);
+  return std::pow(10, -0.4 * (-1.060e-3 * a + 2.054e-4 * a * a));
+}
+
+// q = 2 integral of f(a) sin a: Bond albedo over geometric albedo.
+double phase_integral() {
+  static const double q = [] {
+    constexpr int kSteps = 1800;
+    double sum = 0;
+    for (int i = 0; i < kSteps; ++i) {
+      const double deg = (i + 0.5) * 180.0 / kSteps;
+      sum += magnitude_law(deg) * std::sin(deg * kRadiansPerDegree);
+    }
+    return 2 * sum * kRadiansPerDegree * 180 / kSteps;
+  }();
+  return q;
+}
+
+}  // namespace
+
+double earth_radius_deg(double distance_m) {
+  return std::asin(std::min(kEarthRadius_m / distance_m, 1.0)) * kDegreesPerRadian;
+}
+
+double earth_phase_deg(const Earth& earth, const Sun& sun) {
+  // The Sun stands in the same direction for both, to 0.15 degrees.
+  return std::acos(std::clamp(-earth.direction.dot(sun.direction), -1.0, 1.0)) * kDegreesPerRadian;
+}
+
+double earth_over_sun(const Earth& earth, const Sun& sun, const Band* band) {
+  const double law = magnitude_law(earth_phase_deg(earth, sun)), radius = kEarthRadius_m / earth.distance_m;
+  if (!band) return kBondAlbedo / phase_integral() * radius * radius * law;
+  const double au = kAu_m / earth.distance_m;
+  return std::pow(10, -0.4 * (kFullEarth_mag - kSun_mag)) * au * au * law;
+}
+
+}  // namespace selenograph::engine
