@@ -84,17 +84,20 @@ void TangentsAt(const GridView& grid, const MarchSphere& sphere, const MarchLane
   }
 }
 
-// Whether no ground from here on rises above what any lane has.
+// Whether no ground from here on rises above what any lane has, by more than a strip that sends next to nothing.
 bool Over(const GridView& grid, const MarchSphere& sphere, const MarchLanes& lanes, float at_m, const float* has) {
-  bool over = true;
+  constexpr float kStrip = 1.F / 1024;
+  const float radius = sphere.datum_radius_m, highest = grid.highest_m;
+  std::int32_t more = 0;
+  SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const float above = grid.highest_m - lanes.height[i], radius = sphere.datum_radius_m;
+    const float above = highest - lanes.height[i];
     // -|a| / t - t / 2R is largest at t = sqrt(2 R |a|).
-    const float t = above < 0 ? std::max(at_m, std::sqrt(-2 * radius * above)) : at_m;
-    const float bound = (above < 0 ? above / (1.02F * t) : above / (0.98F * t)) - t / (2.1F * radius);
-    over &= !(bound > has[i]);
+    const float turn = std::sqrt(2 * radius * (above < 0 ? -above : 0)), t = turn > at_m ? turn : at_m;
+    const float bound = above / ((above < 0 ? 1.02F : 0.98F) * t) - t / (2.1F * radius);
+    more |= bound > has[i] + kStrip ? 1 : 0;
   }
-  return over;
+  return more == 0;
 }
 
 // What lanes have found, and what the last step added to it: 0 where it added nothing.
@@ -105,11 +108,14 @@ struct alignas(64) Found {
 // Whether the ground between two steps matters: a lane's crest lies there, or a wall.
 bool Refines(const Found& found, const float* here) {
   constexpr float kCrest = 1.F / 256, kWall = 1.F / 32;
-  bool any = false;
-  for (int i = 0; i < kPacket; ++i)
-    any |= (here[i] < found.tangent[i] && found.rise[i] > kCrest) ||
-           (here[i] > found.tangent[i] + kWall && found.tangent[i] > kNothing);
-  return any;
+  std::int32_t any = 0;
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const float has = found.tangent[i], now = here[i];
+    const int crest = (now < has) & (found.rise[i] > kCrest), wall = (now > has + kWall) & (has > kNothing);
+    any |= crest | wall;
+  }
+  return any != 0;
 }
 
 void Rise(const float* here, Found& found) {
@@ -163,10 +169,10 @@ void Horizons(std::span<const GridView> grids, const MarchSphere& sphere, const 
 }
 
 // The integrals over the elevation from tangent a to b > a.
-void Integrals(const float* from, const float* to, std::uint32_t seen, SeenPiece& piece) {
+void Integrals(const float* from, const float* to, SeenPiece& piece) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const bool sees = seen >> i & 1;
+    const bool sees = (to[i] > from[i]) & (from[i] > kNothing);
     const float a = sees ? from[i] : 0, b = sees ? to[i] : 0;
     const float da = 1 / (1 + a * a), db = 1 / (1 + b * b);
     // Between the two, b - a and atan of it differ by 5e-3 at most, where a cliff fills the view.
@@ -195,18 +201,56 @@ void Pieces(std::span<const GridView> grids, const MarchSphere& sphere, const Ma
             std::vector<SeenPiece>& pieces, float* tangent) {
   Found found;
   const auto see = [&](const GridView& grid, float middle_m, const float* here) {
-    std::uint32_t seen = 0;
-    for (int i = 0; i < kPacket; ++i)
-      seen |= here[i] > found.tangent[i] && found.tangent[i] > kNothing ? 1U << i : 0U;
+    std::int32_t seen = 0;
+    SELENOGRAPH_INDEPENDENT_LANES
+    for (int i = 0; i < kPacket; ++i) seen |= (here[i] > found.tangent[i]) & (found.tangent[i] > kNothing);
     if (!seen) return;
     SeenPiece& piece = pieces.emplace_back();
-    piece.seen = seen, piece.light = grid.light;
-    Integrals(found.tangent, here, seen, piece);
+    piece.light = grid.light;
+    Integrals(found.tangent, here, piece);
     CellsBeneath(grid, lanes, middle_m, piece);
   };
   Go(grids, sphere, lanes, found, see,
      [&](const GridView& grid, float at_m) { return Over(grid, sphere, lanes, at_m, found.tangent); });
   for (int i = 0; i < kPacket; ++i) tangent[i] = found.tangent[i];
+}
+
+bool LightPiece(const SeenPiece& piece, const AzimuthLanes& lanes, PieceLight& out) {
+  const GroundLight* light = piece.light;
+  float any = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    const float lit = piece.along[i] > 0 ? light[piece.cell[i]].lit : 0;
+    out.lit[i] = lit, any += lit;
+  }
+  if (!(any > 0)) return false;
+  const float sx = lanes.sun[0], sy = lanes.sun[1], sz = lanes.sun[2];
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const GroundLight& ground = light[piece.cell[i]];
+    const float nx = ground.nx, ny = ground.ny, square = 1 - nx * nx - ny * ny, nz = std::sqrt(square > 0 ? square : 0);
+    const float level = 1 / std::sqrt(1 + piece.tangent[i] * piece.tangent[i]), upward = piece.tangent[i] * level;
+    const float x = level * lanes.along[0][i] + upward * lanes.up[0][i],
+                y = level * lanes.along[1][i] + upward * lanes.up[1][i],
+                z = level * lanes.along[2][i] + upward * lanes.up[2][i];
+    const float mu0 = nx * sx + ny * sy + nz * sz, mu = -(x * nx + y * ny + z * nz);
+    out.mu0[i] = static_cast<double>(mu0 > 1e-9F ? mu0 : 1e-9F), out.mu[i] = static_cast<double>(mu > 0 ? mu : 0);
+    out.cos_phase[i] = static_cast<double>(-(x * sx + y * sy + z * sz));
+    out.albedo[i] = static_cast<double>(ground.albedo);
+  }
+  return true;
+}
+
+void SumPiece(const SeenPiece& piece, const AzimuthLanes& lanes, const PieceLight& light, const double* reflected,
+              bool times_albedo, float (*sum)[kPacket]) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double factor = times_albedo ? light.albedo[i] : 1;
+    const float radiance = light.lit[i] > 0 ? light.lit[i] * static_cast<float>(reflected[i] * factor) : 0;
+    const float along = radiance * piece.along[i], up = radiance * piece.up[i];
+    sum[0][i] += along * lanes.along[0][i] + up * lanes.up[0][i];
+    sum[1][i] += along * lanes.along[1][i] + up * lanes.up[1][i];
+    sum[2][i] += along * lanes.along[2][i] + up * lanes.up[2][i];
+  }
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -217,6 +261,8 @@ namespace selenograph::engine {
 
 HWY_EXPORT(Horizons);
 HWY_EXPORT(Pieces);
+HWY_EXPORT(LightPiece);
+HWY_EXPORT(SumPiece);
 
 void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
                    const float* enough, float* tangent) {
@@ -226,6 +272,15 @@ void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, c
 void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
                  std::vector<SeenPiece>& pieces, float* tangent) {
   HWY_DYNAMIC_DISPATCH(Pieces)(grids, sphere, lanes, pieces, tangent);
+}
+
+bool light_piece(const SeenPiece& piece, const AzimuthLanes& lanes, PieceLight& out) {
+  return HWY_DYNAMIC_DISPATCH(LightPiece)(piece, lanes, out);
+}
+
+void add_piece(const SeenPiece& piece, const AzimuthLanes& lanes, const PieceLight& light, const double* reflected,
+               bool times_albedo, float (*sum)[kPacket]) {
+  HWY_DYNAMIC_DISPATCH(SumPiece)(piece, lanes, light, reflected, times_albedo, sum);
 }
 
 }  // namespace selenograph::engine

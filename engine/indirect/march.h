@@ -53,11 +53,28 @@ struct SeenPiece {
   alignas(64) float tangent[kPacket];  // of the elevation of its middle
   alignas(64) std::int32_t cell[kPacket];  // of the grid, beneath its middle: its south-west post
   const GroundLight* light;
-  std::uint32_t seen;  // one bit per lane
 };
 
 // Appends what is seen, nearest first, to `pieces`; returns in tangent[i] the horizon.
 void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
                  std::vector<SeenPiece>& pieces, float* tangent);
+
+// Light that reaches sixteen places along one azimuth.
+struct alignas(64) AzimuthLanes {
+  float along[3][kPacket], up[3][kPacket];  // unit: level toward the azimuth, and the vertical; the grids' axes
+  float sun[3];                             // unit, the same axes
+};
+
+// Where the ground of a piece is lit: its light (share of the Sun times albedo) and the cosines of incidence, emission
+// and phase toward the places. False: nothing is lit.
+struct alignas(64) PieceLight {
+  double mu0[kPacket], mu[kPacket], cos_phase[kPacket], albedo[kPacket];
+  float lit[kPacket];
+};
+bool light_piece(const SeenPiece& piece, const AzimuthLanes& lanes, PieceLight& out);
+
+// Adds what the ground of a piece sends, of mu0 f_r per unit of light: integrals of radiance times the direction.
+void add_piece(const SeenPiece& piece, const AzimuthLanes& lanes, const PieceLight& light, const double* reflected,
+               bool times_albedo, float (*sum)[kPacket]);
 
 }  // namespace selenograph::engine

@@ -20,6 +20,17 @@ double share_above(double x) {
   return 0.5 - (std::asin(x) + x * std::sqrt(1 - x * x)) / kPi;
 }
 
+// Turns the lanes to an azimuth of the grids.
+void aim(float ux, float uy, MarchLanes& lanes, AzimuthLanes& out) {
+  for (int i = 0; i < kPacket; ++i) {
+    lanes.ux[i] = ux, lanes.uy[i] = uy;
+    const float dot = ux * out.up[0][i] + uy * out.up[1][i];
+    const float x = ux - dot * out.up[0][i], y = uy - dot * out.up[1][i], z = -dot * out.up[2][i];
+    const float length = 1 / std::sqrt(x * x + y * y + z * z);
+    out.along[0][i] = x * length, out.along[1][i] = y * length, out.along[2][i] = z * length;
+  }
+}
+
 }  // namespace
 
 SkyDisc::SkyDisc(const Relief& relief, const Vec3& direction, double angular_radius_deg)
@@ -149,51 +160,27 @@ void SlopeLight::gather_sixteen(std::span<const Vec3> places, std::span<SectorLi
                                 std::vector<SeenPiece>& pieces) const {
   MarchLanes lanes = relief_.places(places);
   alignas(64) float sums[kSectors][3][kPacket] = {};
-  alignas(64) float up[3][kPacket], horizon[kPacket];
+  alignas(64) float horizon[kPacket];
+  AzimuthLanes azimuths;
+  for (int k = 0; k < 3; ++k) azimuths.sun[k] = static_cast<float>(disc_.direction()[k]);
   for (std::size_t i = 0; i < kPacket; ++i) {
     const Vec3 d = relief_.axes() * places[std::min(i, places.size() - 1)];
-    for (int k = 0; k < 3; ++k) up[k][i] = static_cast<float>(d[k]);
+    for (int k = 0; k < 3; ++k) azimuths.up[k][i] = static_cast<float>(d[k]);
   }
-  const auto sx = static_cast<float>(disc_.direction().x()), sy = static_cast<float>(disc_.direction().y()), sz = static_cast<float>(disc_.direction().z());
   constexpr float kAzimuth = static_cast<float>(2 * kPi / kAzimuths);
+  PieceLight light;
+  alignas(64) double reflected[kPacket];
   for (int azimuth = 0; azimuth < kAzimuths; ++azimuth) {
     const double phi = (azimuth + 0.5) * 2 * kPi / kAzimuths;
-    const auto ux = static_cast<float>(std::cos(phi)), uy = static_cast<float>(std::sin(phi));
-    alignas(64) float along[3][kPacket];  // level, in the direction of the march
-    for (int i = 0; i < kPacket; ++i) {
-      lanes.ux[i] = ux, lanes.uy[i] = uy;
-      const float dot = ux * up[0][i] + uy * up[1][i];
-      const float x = ux - dot * up[0][i], y = uy - dot * up[1][i], z = -dot * up[2][i];
-      const float length = 1 / std::sqrt(x * x + y * y + z * z);
-      along[0][i] = x * length, along[1][i] = y * length, along[2][i] = z * length;
-    }
+    aim(static_cast<float>(std::cos(phi)), static_cast<float>(std::sin(phi)), lanes, azimuths);
     pieces.clear();
     find_pieces(grids_, relief_.sphere(), lanes, pieces, horizon);
     auto& sum = sums[azimuth / (kAzimuths / kSectors)];
     for (const SeenPiece& piece : pieces) {
-      alignas(64) float lit[kPacket];
-      alignas(64) double mu0[kPacket], mu[kPacket], cos_phase[kPacket], reflected[kPacket], albedo[kPacket];
-      float any = 0;
-      for (int i = 0; i < kPacket; ++i) any += lit[i] = piece.seen >> i & 1 ? piece.light[piece.cell[i]].lit : 0;
-      if (!(any > 0)) continue;
-      for (int i = 0; i < kPacket; ++i) {
-        const GroundLight& ground = piece.light[piece.cell[i]];
-        const float nz = std::sqrt(std::max(1 - ground.nx * ground.nx - ground.ny * ground.ny, 0.F));
-        const float level = 1 / std::sqrt(1 + piece.tangent[i] * piece.tangent[i]), upward = piece.tangent[i] * level;
-        const float x = level * along[0][i] + upward * up[0][i], y = level * along[1][i] + upward * up[1][i],
-                    z = level * along[2][i] + upward * up[2][i];
-        mu0[i] = static_cast<double>(std::max(ground.nx * sx + ground.ny * sy + nz * sz, 1e-9F));
-        mu[i] = static_cast<double>(std::max(-(x * ground.nx + y * ground.ny + z * nz), 0.F));
-        cos_phase[i] = static_cast<double>(-(x * sx + y * sy + z * sz));
-        albedo[i] = static_cast<double>(ground.albedo);
-        lit[i] *= source_.albedo_is_w ? 1 : ground.albedo;
-      }
-      source_.brdf.times_mu0(mu0, mu, cos_phase, source_.albedo_is_w ? albedo : nullptr, reflected);
-      for (int i = 0; i < kPacket; ++i) {
-        const float radiance = lit[i] > 0 ? lit[i] * static_cast<float>(reflected[i]) : 0;
-        for (int k = 0; k < 3; ++k)
-          sum[k][i] += radiance * (piece.along[i] * along[k][i] + piece.up[i] * up[k][i]);
-      }
+      if (!light_piece(piece, azimuths, light)) continue;
+      source_.brdf.times_mu0(light.mu0, light.mu, light.cos_phase, source_.albedo_is_w ? light.albedo : nullptr,
+                             reflected);
+      add_piece(piece, azimuths, light, reflected, !source_.albedo_is_w, sum);
     }
   }
   const auto scale = static_cast<float>(source_.irradiance_w_m2) * kAzimuth;

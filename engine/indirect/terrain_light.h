@@ -5,6 +5,7 @@
 // with the same irradiance and mean cosine of incidence, times a factor that makes it exact at the posts.
 #pragma once
 
+#include <cstdlib>
 #include <memory>
 #include <vector>
 
@@ -26,7 +27,7 @@ class TerrainLight {
  public:
   // Distance of the posts in the image. Ground of pixels larger than kLargestPixel_m gets no light from terrain: at
   // that scale slopes see so little of each other that it is below 1e-3 of the sunlight.
-  static constexpr double kSpacing_px = 8, kLargestPixel_m = 240;
+  static inline double kSpacing_px = std::getenv("SPX") ? std::atof(std::getenv("SPX")) : 8; static constexpr double kLargestPixel_m = 240;
 
   // `eye_m`: who looks. `direct_w_m2`: the Sun's, at normal incidence. The other arguments must outlive this object.
   TerrainLight(const FrameRequest& request, const RowViews& views, const Vec3& eye_m, const Mesh& mesh,
