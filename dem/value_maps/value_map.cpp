@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <mutex>
 
@@ -283,8 +284,9 @@ ValueMap::Sampler::Sum ValueMap::Sampler::bilinear(double x, double y, int level
   return sum;
 }
 
-std::uint32_t ValueMap::Sampler::means_of_small(const Footprints& footprints, std::size_t first, double* values) {
+std::uint32_t ValueMap::Sampler::means_of_small(const Footprints& footprints, std::uint32_t wanted, double* values) {
   const Impl& map = *map_->impl_;
+  const auto first = static_cast<std::size_t>(std::countr_zero(wanted));
   const Texel middle = map.texel_of(footprints.lat_deg[first], footprints.lon_deg[first]);
   if (!(middle.x >= 0 && middle.y >= 0 && middle.x < map.width && middle.y < map.height)) return 0;
   const int tx = static_cast<int>(middle.x) / kTile, ty = static_cast<int>(middle.y) / kTile;
@@ -292,10 +294,10 @@ std::uint32_t ValueMap::Sampler::means_of_small(const Footprints& footprints, st
   const int columns = std::min(kTile, map.width - tx * kTile), rows = std::min(kTile, map.height - ty * kTile);
   if (of.size() != kTexels || columns < 2 || rows < 2) return 0;
   const auto [per_deg_east, per_deg_south] = map.texels_per_deg;
-  return means_within_texels(
+  return small_means(
       {of.data(), footprints.lon_deg[first] - (middle.x - tx * kTile) / per_deg_east,
        footprints.lat_deg[first] + (middle.y - ty * kTile) / per_deg_south, per_deg_east, per_deg_south, columns, rows},
-      footprints, values);
+      footprints, wanted, values);
 }
 
 ValueMap::Sampler::Mean ValueMap::Sampler::mean(const Footprint2& f) {
