@@ -88,6 +88,18 @@ TEST_F(ValueMaps, SmallFootprintsTogetherHaveTheirOwnMeans) {
   }
   EXPECT_GT(found, 30000) << "those across texels' centres, too";
   EXPECT_GT(beside_voids, 100);
+
+  // Around the corner of four tiles: 128 texels of 0.12 degrees from the map's.
+  double lats[kFootprints], lons[kFootprints], cosines[kFootprints], values[kFootprints];
+  const std::vector<double> side_m(kFootprints, 300.0), none(kFootprints, 0.0);
+  for (std::size_t i = 0; i < kFootprints; ++i) {
+    lats[i] = 12 - 128 * 0.12 + near(random), lons[i] = 168 + 128 * 0.12 + near(random);
+    cosines[i] = std::cos(lats[i] * kRadiansPerDegree);
+  }
+  const Footprints corner{lats, lons, cosines, side_m.data(), none.data(), none.data(), side_m.data()};
+  ASSERT_EQ(sampler.means_of_small(corner, 0xffff, values), 0xffffU);
+  for (std::size_t i = 0; i < kFootprints; ++i)
+    EXPECT_NEAR(values[i], sampler.mean({lats[i], lons[i], {300, 0}, {0, 300}}).value, 3e-4) << i;
 }
 
 TEST_F(ValueMaps, AreLinearBetweenTexels) {
