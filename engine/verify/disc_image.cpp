@@ -113,7 +113,8 @@ std::vector<Pixel> disc_pixels(const DiscImage& frame, const FrameRequest& reque
 }  // namespace
 
 double SpinScan::displacement_px(int row, int height) const {
-  const double moved_px = phase_px + step_px * ((height - 1 - row + first) / lines);
+  const int turn = (height - 1 - row + first) / lines;
+  const double moved_px = phase_px + step_px * turn;
   return moved_px - std::floor(moved_px + 0.5);
 }
 
